@@ -1,0 +1,163 @@
+//! What a renderer is given: plain arrays, no language values. `Slot` names every array that may carry a derivative.
+
+use glam::{Mat3, Vec3};
+
+use crate::mesh::Mesh;
+
+use super::texture::Texture;
+
+/// Index into [`SceneDescription::textures`].
+pub type TextureId = usize;
+
+/// Where a material reads one of its inputs from. Constants are 1×1 textures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Input {
+    Texture(TextureId),
+    /// The mesh's interpolated vertex colours.
+    VertexColor,
+}
+
+/// A surface material: the closed set of scattering models with their inputs.
+/// Scalar inputs (roughness, metallic, …) read the first channel.
+#[derive(Clone, Debug, PartialEq)]
+pub enum MaterialKind {
+    /// Absorbs everything (a light without a material).
+    Black,
+    /// Lambertian reflection.
+    Diffuse { reflectance: Input },
+    /// GGX microfacets, Schlick's Fresnel with normal-incidence `reflectance`; α = roughness².
+    Conductor { reflectance: Input, roughness: Input },
+    /// GGX microfacets, exact conductor Fresnel with per-channel complex index `eta + i k`; α = roughness².
+    ConductorIor { eta: Input, k: Input, roughness: Input },
+    /// Li et al. 2018: Lambert plus normalised Blinn-Phong microfacets, D = (e+2)/2π cosᵉ, e = 2/r − 2,
+    /// Smith G by Walter's rational fit with α = √r, Schlick F.
+    Phong { diffuse: Input, specular: Input, roughness: Input },
+    /// Perfect specular reflection.
+    Mirror { reflectance: Input },
+    /// Metallic-roughness: (1−metallic)·base/π diffuse plus GGX with F0 = mix(0.08·specular, base, metallic).
+    Principled { base_color: Input, metallic: Input, roughness: Input, specular: Input },
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    pub kind: MaterialKind,
+    /// Reflects (and is seen) only on the side of the right-hand-rule normal; the back is black.
+    pub one_sided: bool,
+}
+
+/// Emission of an area light.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Emission {
+    /// Radiance, three channels.
+    pub radiance: Input,
+    /// Emits on both sides; otherwise only on the side of the right-hand-rule normal.
+    pub two_sided: bool,
+}
+
+/// A mesh with its material, and emission if it is a light.
+#[derive(Clone, Debug)]
+pub struct Shape {
+    pub mesh: Mesh,
+    pub material: Material,
+    pub emission: Option<Emission>,
+}
+
+/// Lights without area.
+#[derive(Clone, Debug, PartialEq)]
+pub enum DeltaLight {
+    /// Radiant intensity (W/sr, RGB) at a position.
+    Point { position: Vec3, intensity: Vec3 },
+    /// Light travelling along `direction` (need not be unit length) with perpendicular irradiance.
+    Directional { direction: Vec3, irradiance: Vec3 },
+}
+
+/// Light from infinitely far away: an equirectangular radiance map (u = 0.5 + atan2(d.x, -d.z) / 2π, v = acos(d.y) / π)
+/// looked up in the direction `rotationᵀ · d`. A constant environment is a 1×1 map.
+#[derive(Clone, Debug)]
+pub struct Environment {
+    pub radiance: TextureId,
+    pub rotation: Mat3,
+}
+
+/// Everything that is rendered but the camera.
+#[derive(Clone, Debug, Default)]
+pub struct SceneDescription {
+    pub shapes: Vec<Shape>,
+    pub textures: Vec<Texture>,
+    pub delta_lights: Vec<DeltaLight>,
+    pub environment: Option<Environment>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Projection {
+    /// Ray through film point (x, y) ∈ [−1, 1]²: origin, direction `right·x·scale.x + up·y·scale.y + forward`.
+    Perspective,
+    /// Ray through film point (x, y): origin `+ right·x·scale.x + up·y·scale.y`, direction `forward`.
+    Orthographic,
+}
+
+/// A camera. Pixel (0, 0) is top left: film x grows to the right, film y grows upwards.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    pub projection: Projection,
+    pub origin: Vec3,
+    /// Rows: right, up, forward (world space; orthonormal for an ordinary camera, any invertible triple is allowed).
+    pub frame: [Vec3; 3],
+    /// Perspective: tangents of the half angles (x, y); orthographic: half width and half height of the view.
+    pub scale: [f32; 2],
+    /// Film size in pixels.
+    pub width: usize,
+    pub height: usize,
+}
+
+/// An array of numbers of the scene or the camera that may carry a derivative.
+/// The length of each in `f32`s is in [`SceneDescription::slot_len`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Slot {
+    /// World-space vertices of shape i, `[n][3]`.
+    Vertices(usize),
+    /// Vertex normals of shape i, `[n][3]`.
+    Normals(usize),
+    /// Texture coordinates of shape i, `[n][2]`.
+    Uvs(usize),
+    /// Vertex colours of shape i, `[n][3]`.
+    Colors(usize),
+    /// Texels of texture i, `[height][width][channels]`.
+    Texels(TextureId),
+    /// Position (point) or direction (directional) of delta light i, `[3]`.
+    LightPlacement(usize),
+    /// Intensity or irradiance of delta light i, `[3]`.
+    LightPower(usize),
+    /// Entries of the environment's rotation matrix, row-major, `[3][3]`.
+    EnvironmentRotation,
+    /// `[3]`
+    CameraOrigin,
+    /// Rows right, up, forward: `[3][3]`.
+    CameraFrame,
+    /// `[2]`
+    CameraScale,
+}
+
+impl SceneDescription {
+    /// Number of `f32`s in a slot; 0 if the scene has no such array.
+    pub fn slot_len(&self, slot: Slot) -> usize {
+        let shape = |i: usize| self.shapes.get(i).map(|s| &s.mesh);
+        match slot {
+            Slot::Vertices(i) => shape(i).map_or(0, |m| 3 * m.vertices.len()),
+            Slot::Normals(i) => shape(i).and_then(|m| m.normals.as_ref()).map_or(0, |n| 3 * n.len()),
+            Slot::Uvs(i) => shape(i).and_then(|m| m.uvs.as_ref()).map_or(0, |n| 2 * n.len()),
+            Slot::Colors(i) => shape(i).and_then(|m| m.colors.as_ref()).map_or(0, |n| 3 * n.len()),
+            Slot::Texels(i) => self.textures.get(i).map_or(0, |t| t.data.len()),
+            Slot::LightPlacement(i) | Slot::LightPower(i) => {
+                if i < self.delta_lights.len() {
+                    3
+                } else {
+                    0
+                }
+            }
+            Slot::EnvironmentRotation | Slot::CameraFrame => 9,
+            Slot::CameraOrigin => 3,
+            Slot::CameraScale => 2,
+        }
+    }
+}
