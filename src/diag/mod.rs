@@ -1,1 +1,77 @@
-//! (under construction)
+//! Diagnostics: what is wrong, where, why, and what to write instead. One shape for errors of scripts, of files
+//! and of runs; shown in a terminal ([`render`]), as JSON ([`to_json`]) and by an editor.
+
+mod render;
+mod suggest;
+
+pub use render::{RenderOptions, render, render_all, to_json};
+pub use suggest::{did_you_mean, suggest};
+
+use crate::source::Span;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Severity {
+    Error,
+    Warning,
+}
+
+/// A place and what there is to say about it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Label {
+    pub span: Span,
+    pub text: String,
+}
+
+/// One thing that the user can act upon. The first label is where it is wrong; further labels tell the rest of the story.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Diagnostic {
+    /// `dscene::type::mismatch`: stable, explained by `dsl explain`.
+    pub code: &'static str,
+    pub severity: Severity,
+    /// One sentence, lower-case start, no final stop.
+    pub message: String,
+    pub labels: Vec<Label>,
+    /// What to write instead.
+    pub helps: Vec<String>,
+}
+
+impl Diagnostic {
+    pub fn error(code: &'static str, message: impl Into<String>) -> Diagnostic {
+        Diagnostic { code, severity: Severity::Error, message: message.into(), labels: Vec::new(), helps: Vec::new() }
+    }
+
+    pub fn warning(code: &'static str, message: impl Into<String>) -> Diagnostic {
+        Diagnostic { severity: Severity::Warning, ..Diagnostic::error(code, message) }
+    }
+
+    pub fn label(mut self, span: Span, text: impl Into<String>) -> Diagnostic {
+        self.labels.push(Label { span, text: text.into() });
+        self
+    }
+
+    pub fn help(mut self, text: impl Into<String>) -> Diagnostic {
+        self.helps.push(text.into());
+        self
+    }
+
+    pub fn help_opt(mut self, text: Option<String>) -> Diagnostic {
+        self.helps.extend(text);
+        self
+    }
+
+    pub fn is_error(&self) -> bool {
+        self.severity == Severity::Error
+    }
+
+    /// Where it is wrong.
+    pub fn span(&self) -> Option<Span> {
+        self.labels.first().map(|l| l.span)
+    }
+}
+
+/// Puts diagnostics into source order and drops repetitions.
+pub fn sort(diagnostics: &mut Vec<Diagnostic>) {
+    diagnostics.sort_by_key(|d| d.span().map_or((u32::MAX, 0), |s| (s.source.0, s.start)));
+    let mut seen = std::collections::HashSet::new();
+    diagnostics.retain(|d| seen.insert((d.code, d.span(), d.message.clone())));
+}

@@ -1,1 +1,160 @@
-//! (under construction)
+//! Source files, spans of bytes in them, and the way from an offset to a line and a column.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Index of a file in a [`SourceMap`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct SourceId(pub u32);
+
+/// A range of bytes `start..end` of one source.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Span {
+    pub source: SourceId,
+    pub start: u32,
+    pub end: u32,
+}
+
+impl Span {
+    pub fn new(source: SourceId, start: usize, end: usize) -> Span {
+        Span { source, start: clamp_u32(start), end: clamp_u32(end.max(start)) }
+    }
+
+    /// The smallest span that holds both (of the first one's source).
+    pub fn to(self, other: Span) -> Span {
+        if self.source != other.source {
+            return self;
+        }
+        Span { source: self.source, start: self.start.min(other.start), end: self.end.max(other.end) }
+    }
+
+    /// The empty span at the start of this one.
+    pub fn at_start(self) -> Span {
+        Span { end: self.start, ..self }
+    }
+
+    /// The empty span at the end of this one.
+    pub fn at_end(self) -> Span {
+        Span { start: self.end, ..self }
+    }
+}
+
+fn clamp_u32(n: usize) -> u32 {
+    u32::try_from(n).unwrap_or(u32::MAX)
+}
+
+/// A position for people: both count from 1, columns in characters.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Position {
+    pub line: usize,
+    pub column: usize,
+}
+
+/// One text with the name under which it is shown.
+#[derive(Debug, PartialEq, Eq)]
+pub struct SourceFile {
+    /// As shown in diagnostics: a path as the user gave it, `<repl>`, `std/losses.dscene`.
+    pub name: String,
+    /// Where it lies on disk, if it does: relative paths in it start from this file's folder.
+    pub path: Option<PathBuf>,
+    pub text: String,
+    line_starts: Vec<u32>,
+}
+
+impl SourceFile {
+    /// Line and column of a byte offset; offsets beyond the end mean the end.
+    pub fn position(&self, offset: u32) -> Position {
+        let mut offset = (offset as usize).min(self.text.len());
+        while !self.text.is_char_boundary(offset) {
+            offset -= 1;
+        }
+        let line = self.line_starts.partition_point(|&start| start as usize <= offset).max(1);
+        let start = self.line_starts.get(line - 1).map_or(0, |&s| s as usize);
+        let column = self.text.get(start..offset).map_or(0, |t| t.chars().count()) + 1;
+        Position { line, column }
+    }
+
+    /// The text of line `line` (from 1) without its end of line, and the offset where it begins.
+    pub fn line(&self, line: usize) -> Option<(&str, usize)> {
+        let start = *self.line_starts.get(line.checked_sub(1)?)? as usize;
+        let end = self.line_starts.get(line).map_or(self.text.len(), |&e| e as usize);
+        let text = self.text.get(start..end)?;
+        Some((text.trim_end_matches(['\n', '\r']), start))
+    }
+}
+
+/// All sources of a program. Cheap to clone: the texts are shared.
+#[derive(Clone, Debug, Default)]
+pub struct SourceMap {
+    files: Vec<Arc<SourceFile>>,
+}
+
+impl SourceMap {
+    pub fn new() -> SourceMap {
+        SourceMap::default()
+    }
+
+    /// Adds a text. Only the first 4 GiB can be addressed by spans, which no text that we read exceeds.
+    pub fn add(&mut self, name: impl Into<String>, path: Option<&Path>, text: impl Into<String>) -> SourceId {
+        let text = text.into();
+        let mut line_starts = vec![0];
+        line_starts.extend(text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| clamp_u32(i + 1)));
+        let id = SourceId(clamp_u32(self.files.len()));
+        self.files.push(Arc::new(SourceFile {
+            name: name.into(),
+            path: path.map(Path::to_path_buf),
+            text,
+            line_starts,
+        }));
+        id
+    }
+
+    pub fn get(&self, id: SourceId) -> Option<&Arc<SourceFile>> {
+        self.files.get(id.0 as usize)
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = (SourceId, &Arc<SourceFile>)> {
+        self.files.iter().enumerate().map(|(i, f)| (SourceId(clamp_u32(i)), f))
+    }
+
+    pub fn name(&self, id: SourceId) -> &str {
+        self.get(id).map_or("<unknown>", |f| &f.name)
+    }
+
+    /// The text of a span; empty if the span does not fit its source.
+    pub fn text(&self, span: Span) -> &str {
+        self.get(span.source).and_then(|f| f.text.get(span.start as usize..span.end as usize)).unwrap_or("")
+    }
+
+    /// Where a span begins.
+    pub fn position(&self, span: Span) -> Position {
+        self.get(span.source).map_or(Position { line: 1, column: 1 }, |f| f.position(span.start))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn positions_count_lines_and_characters() {
+        let mut map = SourceMap::new();
+        let id = map.add("a.dscene", None, "let a = 1\nlét b\n");
+        let file = map.get(id).cloned().expect("just added");
+        assert_eq!(file.position(0), Position { line: 1, column: 1 });
+        assert_eq!(file.position(10), Position { line: 2, column: 1 });
+        assert_eq!(file.position(14), Position { line: 2, column: 4 });
+        assert_eq!(file.position(12), file.position(11), "inside a character means before it");
+        assert_eq!(file.position(900), Position { line: 3, column: 1 });
+        assert_eq!(file.line(2), Some(("lét b", 10)));
+        assert_eq!(map.text(Span::new(id, 4, 5)), "a");
+        assert_eq!(map.text(Span::new(id, 4, 500)), "");
+    }
+
+    #[test]
+    fn an_empty_file_has_one_line() {
+        let mut map = SourceMap::new();
+        let id = map.add("e", None, "");
+        assert_eq!(map.position(Span::new(id, 0, 0)), Position { line: 1, column: 1 });
+    }
+}

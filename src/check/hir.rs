@@ -1,0 +1,368 @@
+//! The typed program: names resolved, calls matched to parameters, kind blocks lowered to constructor calls.
+
+use std::sync::Arc;
+
+use super::types::Ty;
+use crate::source::{SourceMap, Span};
+
+/// Index into [`Program::decls`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct DeclId(pub u32);
+
+/// A function parameter, lambda parameter, loop variable or block `let`: unique within a program.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct LocalId(pub u32);
+
+/// A checked program. Declarations are timeless: their order says nothing.
+#[derive(Clone, Debug, Default)]
+pub struct Program {
+    /// The standard library's declarations come first. Replaced declarations (REPL) keep their id.
+    pub decls: Vec<Decl>,
+    /// In the order of the file.
+    pub actions: Vec<Action>,
+    pub sources: SourceMap,
+    /// What `shape`, `light` and `medium` statements declared, in source order: the scene of a `render` without `scene`.
+    pub default_scene: Vec<DeclId>,
+    /// The file's one `integrator` declaration: defaults of every `render`.
+    pub integrator: Option<DeclId>,
+}
+
+impl Program {
+    pub fn decl(&self, id: DeclId) -> &Decl {
+        &self.decls[id.0 as usize]
+    }
+
+    /// The user's (or, failing that, the library's) declaration of that name.
+    pub fn find(&self, name: &str) -> Option<DeclId> {
+        let found = |user: bool| self.ids().find(|&id| self.decl(id).user == user && self.decl(id).name == name);
+        found(true).or_else(|| found(false))
+    }
+
+    pub fn ids(&self) -> impl Iterator<Item = DeclId> + use<> {
+        (0..u32::try_from(self.decls.len()).unwrap_or(u32::MAX)).map(DeclId)
+    }
+
+    /// Params in declaration order.
+    pub fn params(&self) -> impl Iterator<Item = DeclId> + '_ {
+        self.ids().filter(|&id| matches!(self.decl(id).kind, DeclKind::Param(_)))
+    }
+
+    /// Losses in declaration order.
+    pub fn losses(&self) -> impl Iterator<Item = DeclId> + '_ {
+        self.ids().filter(|&id| self.decl(id).user && matches!(self.decl(id).kind, DeclKind::Loss))
+    }
+}
+
+#[derive(Clone, Debug)]
+pub struct Decl {
+    pub id: DeclId,
+    pub name: String,
+    pub kind: DeclKind,
+    /// The `///` lines above it.
+    pub doc: String,
+    /// The whole statement.
+    pub span: Span,
+    pub name_span: Span,
+    pub ty: Ty,
+    /// `None` for functions (see [`DeclKind`]).
+    pub body: Option<Arc<Expr>>,
+    /// Declared by the user's files, not by the standard library.
+    pub user: bool,
+}
+
+#[derive(Clone, Debug)]
+pub enum DeclKind {
+    Let,
+    Param(ParamDecl),
+    /// A `let` by another word: `camera`, `shape`, `light`, … (the word).
+    Kind(&'static str),
+    Loss,
+    Fn(Arc<FnDecl>),
+    Native(Arc<NativeDecl>),
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct ParamDecl {
+    pub bounds: Option<(Expr, Expr)>,
+    pub lr: Option<Expr>,
+    pub scale: Option<Expr>,
+    pub precondition: Option<Expr>,
+    pub frozen: Option<Expr>,
+}
+
+#[derive(Clone, Debug)]
+pub struct FnDecl {
+    pub params: Vec<FnParam>,
+    pub body: Expr,
+}
+
+#[derive(Clone, Debug)]
+pub struct FnParam {
+    pub name: String,
+    pub local: LocalId,
+    pub span: Span,
+    /// Evaluated in the callee's environment (earlier parameters are visible) when the argument is missing.
+    pub default: Option<Expr>,
+}
+
+#[derive(Clone, Debug)]
+pub struct NativeDecl {
+    /// The name under which Rust implements it: the declared name.
+    pub name: String,
+    pub params: Vec<NativeParam>,
+}
+
+#[derive(Clone, Debug)]
+pub struct NativeParam {
+    pub name: String,
+    /// As declared: `color | texture`.
+    pub ty: String,
+    /// May be left out; the argument is then [`Call::args`]' `None` (declared `= none`) or the default's expression.
+    pub optional: bool,
+}
+
+#[derive(Clone, Debug)]
+pub struct Expr {
+    pub kind: ExprKind,
+    pub span: Span,
+    pub ty: Ty,
+}
+
+#[derive(Clone, Debug)]
+pub enum ExprKind {
+    /// A number, percentage or component of a colour.
+    Number(f64),
+    /// An angle in radians.
+    Angle(f64),
+    Bool(bool),
+    /// Interpolated string; enum words (`kind: orthographic`) are plain strings too.
+    Str(Vec<StrPart>),
+    Array(Vec<Expr>),
+    Index {
+        base: Box<Expr>,
+        index: Box<Expr>,
+    },
+    /// `x[a..b]`; either end may be missing and negative ones count from the end.
+    Slice {
+        base: Box<Expr>,
+        start: Option<Box<Expr>>,
+        end: Option<Box<Expr>>,
+        inclusive: bool,
+    },
+    /// A field (`mesh.vertices`, `img.width`) or swizzle (`v.x`, `v.yz`, `c.rgb`); `base.ty` tells which.
+    Field {
+        base: Box<Expr>,
+        name: String,
+    },
+    Unary {
+        op: UnaryOp,
+        operand: Box<Expr>,
+    },
+    Binary {
+        op: BinaryOp,
+        left: Box<Expr>,
+        right: Box<Expr>,
+    },
+    Call(Box<Call>),
+    Lambda(Arc<Lambda>),
+    If {
+        condition: Box<Expr>,
+        then: Box<Expr>,
+        otherwise: Box<Expr>,
+    },
+    /// `[element for a, b in items if condition]`; several `for`s nest left to right.
+    Comprehension(Box<Comprehension>),
+    With {
+        body: Box<Expr>,
+        replacements: Vec<Replacement>,
+    },
+    Range {
+        start: Box<Expr>,
+        end: Box<Expr>,
+        inclusive: bool,
+    },
+    Local(LocalId),
+    /// A declaration's value; a function's name gives a function value.
+    Decl(DeclId),
+    /// `let a = value` in a function's block.
+    Let {
+        local: LocalId,
+        value: Box<Expr>,
+        body: Box<Expr>,
+    },
+    Builtin(Builtin),
+    /// `grad(e, p)`, `jvp(e, p, direction)`, `fd(e, p, step)`, `estimate(e, repeats)`: `of` is not evaluated first.
+    Derivative(Box<Derivative>),
+    /// A number made a vector or colour, a `[h][w][c]` array an image: `shape` is the wanted shape, as the annotation says.
+    Broadcast {
+        value: Box<Expr>,
+        shape: Vec<usize>,
+    },
+    /// Stands for something that was reported; never in a program that is evaluated.
+    Error,
+}
+
+#[derive(Clone, Debug)]
+pub enum StrPart {
+    Text(String),
+    Value { value: Expr, format: Option<StrFormat> },
+}
+
+/// `{step:04}`, `{loss:.3}`, `{x:8.2}`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct StrFormat {
+    pub zero_pad: bool,
+    pub width: usize,
+    pub precision: Option<usize>,
+}
+
+/// Names that change while an `optimize` runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Builtin {
+    /// The step number, from 0; 0 outside `optimize`.
+    Step,
+    /// Step over all steps, 0..1.
+    Progress,
+    /// The loss at this step (only in `stop_when`).
+    Loss,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum UnaryOp {
+    Neg,
+    Not,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum BinaryOp {
+    Add,
+    Sub,
+    Mul,
+    Div,
+    Pow,
+    Eq,
+    Ne,
+    Lt,
+    Le,
+    Gt,
+    Ge,
+    And,
+    Or,
+}
+
+#[derive(Clone, Debug)]
+pub struct Call {
+    pub callee: Callee,
+    /// In parameter order. Natives: a missing argument holds its default's expression, or `None` where the
+    /// declaration says `= none`. Functions of the language: `None` where the argument is missing (evaluate the
+    /// callee's default). Values: positional, all there.
+    pub args: Vec<Option<Expr>>,
+    /// Which of `args` the call itself wrote.
+    pub given: Vec<bool>,
+}
+
+#[derive(Clone, Debug)]
+pub enum Callee {
+    /// The declaration is a [`DeclKind::Native`].
+    Native(DeclId),
+    /// The declaration is a [`DeclKind::Fn`].
+    Decl(DeclId),
+    Value(Expr),
+}
+
+#[derive(Clone, Debug)]
+pub struct Lambda {
+    pub params: Vec<LocalId>,
+    pub body: Expr,
+}
+
+#[derive(Clone, Debug)]
+pub struct Comprehension {
+    pub element: Expr,
+    pub clauses: Vec<ForClause>,
+}
+
+#[derive(Clone, Debug)]
+pub struct ForClause {
+    /// One name takes the item; several take the parts of an item that is itself an array (`zip`).
+    pub locals: Vec<LocalId>,
+    pub items: Expr,
+    pub condition: Option<Expr>,
+}
+
+/// A declaration, or a numeric field of a declaration's value (`lamp.radiance`).
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Target {
+    pub decl: DeclId,
+    pub path: Vec<String>,
+}
+
+#[derive(Clone, Debug)]
+pub struct Replacement {
+    pub target: Target,
+    pub span: Span,
+    pub value: Expr,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum DerivativeKind {
+    Grad,
+    Jvp,
+    FiniteDifference,
+    Estimate,
+}
+
+#[derive(Clone, Debug)]
+pub struct Derivative {
+    pub kind: DerivativeKind,
+    pub of: Expr,
+    /// Empty for `estimate`, and for `grad(loss)` without params: all that reach `of`.
+    pub wrt: Vec<(Target, Span)>,
+    /// `direction` of `jvp`, `step` of `fd`, `repeats` of `estimate`.
+    pub argument: Option<Expr>,
+}
+
+#[derive(Clone, Debug)]
+pub enum Action {
+    Optimize(Box<Optimize>),
+    Save { value: Expr, path: Expr, span: Span },
+    Print { values: Vec<Expr>, span: Span },
+    Plot { values: Vec<Expr>, path: Option<Expr>, span: Span },
+    Expect { condition: Expr, span: Span },
+}
+
+#[derive(Clone, Debug)]
+pub struct Optimize {
+    pub loss: Expr,
+    /// The loss as the user wrote it.
+    pub name: String,
+    /// `None`: every param that reaches the loss and is not frozen ([`super::reaching_params`]).
+    pub over: Option<Vec<(Target, Span)>>,
+    /// Of type optimizer; evaluated at each step (rates may depend on `step` and `progress`).
+    pub using: Option<Expr>,
+    pub steps: Option<Expr>,
+    pub stages: Vec<Stage>,
+    pub stop_when: Option<Expr>,
+    pub every: Vec<Every>,
+    pub correlated: Option<Expr>,
+    /// Other settings, for all stages: `spp`, `film_scale`, `max_bounces`.
+    pub settings: Vec<(String, Expr)>,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub struct Stage {
+    pub name: String,
+    pub steps: Option<Expr>,
+    pub using: Option<Expr>,
+    /// `spp`, `film_scale`, `max_bounces`: replace these arguments of every render of the loss.
+    pub settings: Vec<(String, Expr)>,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub struct Every {
+    pub steps: Expr,
+    pub actions: Vec<Action>,
+    pub span: Span,
+}

@@ -1,0 +1,139 @@
+//! Types: numbers with shapes, angles apart from numbers, and the nouns of a scene.
+
+use std::fmt;
+
+use crate::source::Span;
+
+/// A length that may only be known at run time.
+pub type Dim = Option<usize>;
+
+/// Where a size was decided (a `film:` field), to point at in diagnostics. All are equal: they are not part of the type.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Made(pub Option<Span>);
+
+impl PartialEq for Made {
+    fn eq(&self, _: &Made) -> bool {
+        true
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Default)]
+pub enum Ty {
+    /// Something that was already reported: agrees with everything, silently.
+    #[default]
+    Error,
+    /// Not known before the program runs; agrees with everything.
+    Any,
+    /// A scalar (`[]`), vector (`[3]`), matrix (`[3, 3]`), array (`vec3[4]` is `[4, 3]`), …
+    Num(Vec<Dim>),
+    Angle,
+    Bool,
+    Str,
+    /// Height, width, channels.
+    Image {
+        height: Dim,
+        width: Dim,
+        channels: Dim,
+        made: Made,
+    },
+    Camera {
+        height: Dim,
+        width: Dim,
+        made: Made,
+    },
+    /// Items that are not numbers, or numbers of different shapes.
+    Array(Box<Ty>, Dim),
+    /// A fixed number of things of different types (what `zip` gives).
+    Tuple(Vec<Ty>),
+    Fn(Vec<Ty>, Box<Ty>),
+    Rotation,
+    Transform,
+    Texture,
+    Mesh,
+    Material,
+    Shape,
+    Light,
+    Medium,
+    Scene,
+    Integrator,
+    Optimizer,
+    Preconditioner,
+    /// What `estimate` gives: a mean and a standard error.
+    Estimate(Box<Ty>),
+    /// What `grad(loss)` gives: one entry for each param.
+    Gradients,
+}
+
+impl Ty {
+    pub const SCALAR: Ty = Ty::Num(Vec::new());
+
+    pub fn vector(n: usize) -> Ty {
+        Ty::Num(vec![Some(n)])
+    }
+
+    pub fn is_scalar(&self) -> bool {
+        matches!(self, Ty::Num(shape) if shape.is_empty())
+    }
+
+    /// Silent in further checks.
+    pub fn is_unknown(&self) -> bool {
+        matches!(self, Ty::Error | Ty::Any)
+    }
+}
+
+impl fmt::Display for Ty {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let dim = |d: &Dim| d.map_or(String::new(), |n| n.to_string());
+        let size = |d: &Dim| d.map_or("?".to_owned(), |n| n.to_string());
+        match self {
+            Ty::Error | Ty::Any => f.write_str("any"),
+            Ty::Num(shape) => {
+                let (element, rest) = match shape.as_slice() {
+                    [] => ("scalar".to_owned(), shape.as_slice()),
+                    [rest @ .., Some(n @ 2..=4)] => (format!("vec{n}"), rest),
+                    rest => ("scalar".to_owned(), rest),
+                };
+                f.write_str(&element)?;
+                rest.iter().rev().try_for_each(|d| write!(f, "[{}]", dim(d)))
+            }
+            Ty::Angle => f.write_str("angle"),
+            Ty::Bool => f.write_str("bool"),
+            Ty::Str => f.write_str("string"),
+            Ty::Image { height: None, width: None, .. } => f.write_str("image"),
+            Ty::Image { height, width, channels, .. } => {
+                write!(f, "image {}×{}", size(width), size(height))?;
+                match channels {
+                    Some(n) if *n != 3 => write!(f, " with {n} channel{}", if *n == 1 { "" } else { "s" }),
+                    _ => Ok(()),
+                }
+            }
+            Ty::Camera { .. } => f.write_str("camera"),
+            Ty::Array(item, n) => match **item {
+                Ty::Fn(..) => write!(f, "({item})[{}]", dim(n)),
+                _ => write!(f, "{item}[{}]", dim(n)),
+            },
+            Ty::Tuple(items) => {
+                let items: Vec<String> = items.iter().map(Ty::to_string).collect();
+                write!(f, "({})", items.join(", "))
+            }
+            Ty::Fn(params, result) => {
+                let params: Vec<String> = params.iter().map(Ty::to_string).collect();
+                write!(f, "({}) => {result}", params.join(", "))
+            }
+            Ty::Rotation => f.write_str("rotation"),
+            Ty::Transform => f.write_str("transform"),
+            Ty::Texture => f.write_str("texture"),
+            Ty::Mesh => f.write_str("mesh"),
+            Ty::Material => f.write_str("material"),
+            Ty::Shape => f.write_str("shape"),
+            Ty::Light => f.write_str("light"),
+            Ty::Medium => f.write_str("medium"),
+            Ty::Scene => f.write_str("scene"),
+            Ty::Integrator => f.write_str("integrator"),
+            Ty::Optimizer => f.write_str("optimizer"),
+            Ty::Preconditioner => f.write_str("preconditioner"),
+            Ty::Estimate(of) => write!(f, "estimate of {of}"),
+            Ty::Gradients => f.write_str("gradients"),
+        }
+    }
+}
