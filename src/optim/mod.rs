@@ -1,1 +1,210 @@
-//! (under construction)
+//! Optimisers: solvers (one update rule each), parameter spaces (bounds, scales, rotations), stopping rules.
+//!
+//! Everything works on plain slices of `f64`, one per param. A [`Solver`] knows nothing of params, a [`Space`] nothing of
+//! solvers; [`Optimizer`] joins them and keeps non-finite gradients out.
+
+mod solver;
+mod space;
+mod stopping;
+
+pub use solver::{Solver, State};
+pub use space::{Geometry, Space};
+pub use stopping::{is_plateau, plateau_ratio};
+
+/// Non-finite gradients in a row after which an optimisation gives up.
+pub const MAX_SKIPPED_IN_A_ROW: u64 = 5;
+
+/// What one step did.
+#[derive(Clone, Debug, PartialEq)]
+pub enum StepOutcome {
+    /// The params moved.
+    Moved,
+    /// The gradient of these params (indices) was not finite; nothing moved.
+    Skipped { params: Vec<usize> },
+}
+
+/// Too many steps in a row had to be skipped.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("the gradient was not finite in {in_a_row} steps in a row")]
+pub struct GaveUp {
+    pub in_a_row: u64,
+    /// Indices of the params whose gradient was not finite in the last one.
+    pub params: Vec<usize>,
+}
+
+/// A solver with its memory for a fixed list of params.
+#[derive(Clone, Debug)]
+pub struct Optimizer {
+    solver: Solver,
+    spaces: Vec<Space>,
+    states: Vec<State>,
+    skipped: u64,
+    in_a_row: u64,
+}
+
+impl Optimizer {
+    /// A fresh optimiser; `spaces` holds one entry per param, in the order that [`Optimizer::step`] gets them.
+    pub fn new(solver: Solver, spaces: Vec<Space>) -> Optimizer {
+        let states = spaces.iter().map(|_| State::default()).collect();
+        Optimizer { solver, spaces, states, skipped: 0, in_a_row: 0 }
+    }
+
+    /// Replaces the update rule or its constants (a schedule may vary them); keeps the memory if the rule is the same.
+    pub fn set_solver(&mut self, solver: Solver) {
+        if std::mem::discriminant(&self.solver) != std::mem::discriminant(&solver) {
+            self.states.iter_mut().for_each(|state| *state = State::default());
+        }
+        self.solver = solver;
+    }
+
+    /// Steps skipped so far.
+    pub fn skipped(&self) -> u64 {
+        self.skipped
+    }
+
+    /// Euclidean norm of the gradient over all params that are not frozen, in the coordinates that are optimised.
+    pub fn grad_norm(&self, values: &[Vec<f64>], grads: &[Vec<f64>]) -> f64 {
+        let spaces = self.spaces.iter().zip(values.iter().zip(grads));
+        let squares = spaces.filter(|(space, _)| !space.frozen).map(|(space, (value, grad))| {
+            let tangent = space.tangent_gradient(value, grad);
+            tangent.iter().map(|g| g * g).sum::<f64>()
+        });
+        squares.sum::<f64>().sqrt()
+    }
+
+    /// Moves `values` against `grads` (both one slice per param) at rate `lr`. A gradient with a NaN or an infinity
+    /// moves nothing; [`MAX_SKIPPED_IN_A_ROW`] of them in a row are an error.
+    pub fn step(&mut self, values: &mut [Vec<f64>], grads: &[Vec<f64>], lr: f64) -> Result<StepOutcome, GaveUp> {
+        let is_broken =
+            |(_, (space, grad)): &(usize, (&Space, &Vec<f64>))| !space.frozen && grad.iter().any(|g| !g.is_finite());
+        let broken: Vec<usize> =
+            self.spaces.iter().zip(grads).enumerate().filter(is_broken).map(|(index, _)| index).collect();
+        if !broken.is_empty() || !lr.is_finite() {
+            self.skipped += 1;
+            self.in_a_row += 1;
+            if self.in_a_row >= MAX_SKIPPED_IN_A_ROW {
+                return Err(GaveUp { in_a_row: self.in_a_row, params: broken });
+            }
+            return Ok(StepOutcome::Skipped { params: broken });
+        }
+        self.in_a_row = 0;
+        for ((space, state), (value, grad)) in
+            self.spaces.iter().zip(&mut self.states).zip(values.iter_mut().zip(grads))
+        {
+            if space.frozen {
+                continue;
+            }
+            let tangent = space.tangent_gradient(value, grad);
+            let update = self.solver.update(state, &tangent, lr * space.lr);
+            let stuck = space.retract(value, &update);
+            state.forget_momentum(&stuck);
+        }
+        Ok(StepOutcome::Moved)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Minimises ½ Σ aᵢ (xᵢ − bᵢ)².
+    fn bowl(x: &[f64], a: &[f64], b: &[f64]) -> Vec<f64> {
+        x.iter().zip(a).zip(b).map(|((x, a), b)| a * (x - b)).collect()
+    }
+
+    #[test]
+    fn every_solver_reaches_the_bottom_of_a_bowl() {
+        let solvers = [
+            (Solver::Sgd { momentum: 0.0, nesterov: false }, 0.1),
+            (Solver::Sgd { momentum: 0.9, nesterov: false }, 0.02),
+            (Solver::Sgd { momentum: 0.9, nesterov: true }, 0.02),
+            (Solver::adam(), 0.02),
+            (Solver::AdamUniform { beta1: 0.9, beta2: 0.999, epsilon: 1e-8 }, 0.02),
+        ];
+        for (solver, lr) in solvers {
+            let mut optimizer = Optimizer::new(solver, vec![Space::plain()]);
+            let mut values = vec![vec![3.0, -2.0]];
+            for _ in 0..3000 {
+                let grads = vec![bowl(&values[0], &[1.0, 3.0], &[0.5, 0.25])];
+                optimizer.step(&mut values, &grads, lr).unwrap();
+            }
+            assert!((values[0][0] - 0.5).abs() < 1e-3, "{solver:?}: {values:?}");
+            assert!((values[0][1] - 0.25).abs() < 1e-3, "{solver:?}: {values:?}");
+        }
+    }
+
+    #[test]
+    fn bounds_are_never_left_and_momentum_does_not_stick_to_them() {
+        let space = Space { lower: Some(vec![0.0]), upper: Some(vec![1.0]), ..Space::plain() };
+        let mut optimizer = Optimizer::new(Solver::adam(), vec![space]);
+        let mut values = vec![vec![0.5]];
+        for _ in 0..50 {
+            optimizer.step(&mut values, &[vec![-1.0]], 0.1).unwrap();
+            assert!((0.0..=1.0).contains(&values[0][0]));
+        }
+        assert_eq!(values[0][0], 1.0);
+        optimizer.step(&mut values, &[vec![1.0]], 0.1).unwrap();
+        assert!(values[0][0] < 1.0, "the first gradient that points inwards must be followed");
+    }
+
+    #[test]
+    fn a_scale_is_a_change_of_units() {
+        let scaled = Space { scale: 10.0, ..Space::plain() };
+        let mut optimizer = Optimizer::new(Solver::Sgd { momentum: 0.0, nesterov: false }, vec![scaled]);
+        let mut values = vec![vec![5.0]];
+        // z = x / 10, dL/dz = 10 · 2 = 20, z ← z − 0.1 · 20, x = 10 z.
+        optimizer.step(&mut values, &[vec![2.0]], 0.1).unwrap();
+        assert!((values[0][0] - (5.0 - 20.0)).abs() < 1e-12);
+    }
+
+    #[test]
+    fn frozen_params_and_rate_factors() {
+        let frozen = Space { frozen: true, ..Space::plain() };
+        let half = Space { lr: 0.5, ..Space::plain() };
+        let solver = Solver::Sgd { momentum: 0.0, nesterov: false };
+        let mut optimizer = Optimizer::new(solver, vec![frozen, half]);
+        let mut values = vec![vec![1.0], vec![1.0]];
+        let grads = [vec![f64::NAN], vec![1.0]];
+        assert_eq!(optimizer.step(&mut values, &grads, 0.1), Ok(StepOutcome::Moved));
+        assert_eq!(values, [vec![1.0], vec![0.95]]);
+        assert_eq!(optimizer.grad_norm(&values, &grads), 1.0);
+    }
+
+    #[test]
+    fn broken_gradients_move_nothing_and_five_in_a_row_stop() {
+        let mut optimizer = Optimizer::new(Solver::adam(), vec![Space::plain(), Space::plain()]);
+        let mut values = vec![vec![1.0], vec![2.0]];
+        for round in 0..2 {
+            for _ in 0..4 {
+                let outcome = optimizer.step(&mut values, &[vec![1.0], vec![f64::INFINITY]], 0.1);
+                assert_eq!(outcome, Ok(StepOutcome::Skipped { params: vec![1] }));
+            }
+            if round == 0 {
+                assert_eq!(values, [vec![1.0], vec![2.0]]);
+                assert_eq!(optimizer.step(&mut values, &[vec![1.0], vec![1.0]], 0.1), Ok(StepOutcome::Moved));
+            }
+        }
+        let gave_up = optimizer.step(&mut values, &[vec![f64::NAN], vec![1.0]], 0.1);
+        assert_eq!(gave_up, Err(GaveUp { in_a_row: 5, params: vec![0] }));
+        assert_eq!(optimizer.skipped(), 9);
+        assert!(values.iter().flatten().all(|v| v.is_finite()));
+    }
+
+    #[test]
+    fn a_rotation_finds_its_target_and_stays_a_rotation() {
+        let target = space::rotation_about([0.3, -1.0, 0.5], 1.2);
+        let rotation = Space { geometry: Geometry::Rotation, ..Space::plain() };
+        let mut optimizer = Optimizer::new(Solver::adam(), vec![rotation]);
+        let mut values = vec![vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]];
+        for step in 0..600 {
+            // ½ |R − T|²
+            let grads = vec![values[0].iter().zip(&target).map(|(r, t)| r - t).collect::<Vec<f64>>()];
+            let lr = 0.05 * (1.0 - step as f64 / 600.0);
+            optimizer.step(&mut values, &grads, lr).unwrap();
+            assert!(space::orthonormality_error(&values[0]) < 1e-12);
+        }
+        for (r, t) in values[0].iter().zip(&target) {
+            assert!((r - t).abs() < 1e-3, "{values:?} against {target:?}");
+        }
+    }
+}
