@@ -1,1 +1,288 @@
-//! (under construction)
+//! Reverse and forward mode over one recorded graph of tensor operations.
+//!
+//! A [`Var`] is a value together with how it came about. What no leaf reaches is folded to a constant at once.
+//! [`backward`] and [`forward`] run over the same nodes: the transpose and the tangent of every operation.
+
+mod linalg;
+mod op;
+mod structure;
+mod tensor;
+
+use std::collections::{HashMap, HashSet};
+use std::fmt;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+pub use op::{AxisFilter, Binary, CustomOp, Op, Unary, invert};
+pub use structure::{Slice, crop_table};
+pub use tensor::{Spread, Tensor, broadcast_shapes};
+
+/// Operands that do not fit each other.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+#[error("{0}")]
+pub struct TapeError(pub String);
+
+pub type Result<T, E = TapeError> = std::result::Result<T, E>;
+
+pub(crate) fn fail<T>(message: impl Into<String>) -> Result<T> {
+    Err(TapeError(message.into()))
+}
+
+/// A node of the graph; cloning shares it.
+#[derive(Clone)]
+pub struct Var(Arc<Node>);
+
+struct Node {
+    id: u64,
+    value: Arc<Tensor>,
+    op: Op,
+    inputs: Vec<Var>,
+    /// A leaf reaches it.
+    live: bool,
+}
+
+static NEXT_ID: AtomicU64 = AtomicU64::new(0);
+
+impl Var {
+    fn node(value: Arc<Tensor>, op: Op, inputs: Vec<Var>, live: bool) -> Var {
+        Var(Arc::new(Node { id: NEXT_ID.fetch_add(1, Ordering::Relaxed), value, op, inputs, live }))
+    }
+
+    pub fn constant(value: impl Into<Tensor>) -> Var {
+        Var::node(Arc::new(value.into()), Op::Leaf, vec![], false)
+    }
+
+    /// A value that derivatives can be taken in.
+    pub fn leaf(value: impl Into<Tensor>) -> Var {
+        Var::node(Arc::new(value.into()), Op::Leaf, vec![], true)
+    }
+
+    /// The result of an operation; folded to a constant if no leaf reaches it.
+    fn record(op: Op, inputs: Vec<Var>, value: Tensor) -> Var {
+        if op.is_flat() || !inputs.iter().any(Var::is_live) {
+            return Var::constant(value);
+        }
+        Var::node(Arc::new(value), op, inputs, true)
+    }
+
+    fn apply(op: Op, inputs: Vec<Var>, shape: Vec<usize>) -> Var {
+        let values: Vec<&Tensor> = inputs.iter().map(Var::value).collect();
+        let value = op.forward(&values, shape);
+        Var::record(op, inputs, value)
+    }
+
+    /// An operation defined elsewhere, with its value already computed.
+    pub fn custom(op: Arc<dyn CustomOp>, inputs: Vec<Var>, value: Tensor) -> Var {
+        Var::record(Op::Custom(op), inputs, value)
+    }
+
+    pub fn value(&self) -> &Tensor {
+        &self.0.value
+    }
+
+    /// The value, shared.
+    pub fn tensor(&self) -> Arc<Tensor> {
+        self.0.value.clone()
+    }
+
+    pub fn shape(&self) -> &[usize] {
+        &self.0.value.shape
+    }
+
+    pub fn len(&self) -> usize {
+        self.0.value.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.0.value.is_empty()
+    }
+
+    pub fn item(&self) -> Option<f64> {
+        self.0.value.item()
+    }
+
+    /// Some leaf reaches it.
+    pub fn is_live(&self) -> bool {
+        self.0.live
+    }
+
+    /// Identity of the node.
+    pub fn id(&self) -> u64 {
+        self.0.id
+    }
+
+    pub fn unary(&self, f: Unary) -> Var {
+        Var::apply(Op::Unary(f), vec![self.clone()], self.shape().to_vec())
+    }
+
+    pub fn binary(&self, f: Binary, other: &Var) -> Result<Var> {
+        let Some(shape) = broadcast_shapes(self.shape(), other.shape()) else {
+            return fail(format!(
+                "shapes {} and {} do not fit each other",
+                Tensor::shape_text(self.shape()),
+                Tensor::shape_text(other.shape())
+            ));
+        };
+        // A constant square is by far the commonest power.
+        if f == Binary::Pow && !other.is_live() && other.item() == Some(2.0) && other.shape().is_empty() {
+            return Ok(self.unary(Unary::Square));
+        }
+        Ok(Var::apply(Op::Binary(f), vec![self.clone(), other.clone()], shape))
+    }
+
+    pub fn add(&self, other: &Var) -> Result<Var> {
+        self.binary(Binary::Add, other)
+    }
+
+    pub fn sub(&self, other: &Var) -> Result<Var> {
+        self.binary(Binary::Sub, other)
+    }
+
+    pub fn mul(&self, other: &Var) -> Result<Var> {
+        self.binary(Binary::Mul, other)
+    }
+
+    pub fn div(&self, other: &Var) -> Result<Var> {
+        self.binary(Binary::Div, other)
+    }
+
+    pub fn neg(&self) -> Var {
+        self.unary(Unary::Neg)
+    }
+
+    pub fn scale(&self, s: f64) -> Var {
+        if s == 1.0 {
+            return self.clone();
+        }
+        let s = Var::constant(s);
+        Var::apply(Op::Binary(Binary::Mul), vec![self.clone(), s], self.shape().to_vec())
+    }
+
+    pub fn shift(&self, s: f64) -> Var {
+        let s = Var::constant(s);
+        Var::apply(Op::Binary(Binary::Add), vec![self.clone(), s], self.shape().to_vec())
+    }
+}
+
+impl fmt::Debug for Var {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Var{:?}{}", self.shape(), if self.is_live() { "*" } else { "" })
+    }
+}
+
+impl From<f64> for Var {
+    fn from(x: f64) -> Var {
+        Var::constant(x)
+    }
+}
+
+// A long chain of nodes must not be dropped by recursion.
+impl Drop for Node {
+    fn drop(&mut self) {
+        let mut pending = std::mem::take(&mut self.inputs);
+        while let Some(var) = pending.pop() {
+            if let Ok(mut node) = Arc::try_unwrap(var.0) {
+                pending.append(&mut node.inputs);
+            }
+        }
+    }
+}
+
+/// Nodes between the leaves of `wrt` and `root` that `wrt` reaches, inputs before outputs.
+fn order(root: &Var, wrt: &HashSet<u64>) -> (Vec<Var>, HashSet<u64>) {
+    let mut sorted = Vec::new();
+    let mut seen = HashSet::new();
+    let mut stack = vec![(root.clone(), 0usize)];
+    while let Some((var, next)) = stack.pop() {
+        if next == 0 && !seen.insert(var.id()) {
+            continue;
+        }
+        // Nothing lies upstream of a leaf that was asked for.
+        let stop = wrt.contains(&var.id());
+        match var.0.inputs.get(next).filter(|_| !stop) {
+            Some(input) => {
+                let input = input.clone();
+                stack.push((var, next + 1));
+                if input.is_live() && !seen.contains(&input.id()) {
+                    stack.push((input, 0));
+                }
+            }
+            None => sorted.push(var),
+        }
+    }
+    let mut reached = wrt.clone();
+    for var in &sorted {
+        if var.0.inputs.iter().any(|i| reached.contains(&i.id())) {
+            reached.insert(var.id());
+        }
+    }
+    sorted.retain(|v| reached.contains(&v.id()));
+    (sorted, reached)
+}
+
+/// Reverse mode: d `output` (weighted by `seed`) / d each of `wrt`, zeros where nothing reaches.
+pub fn backward_with(output: &Var, seed: Tensor, wrt: &[Var]) -> Result<Vec<Tensor>> {
+    let ids: HashSet<u64> = wrt.iter().map(Var::id).collect();
+    let (sorted, reached) = order(output, &ids);
+    let mut adjoints: HashMap<u64, Tensor> = HashMap::from([(output.id(), seed)]);
+    for var in sorted.iter().rev() {
+        if ids.contains(&var.id()) || var.0.inputs.is_empty() {
+            continue;
+        }
+        let Some(g) = adjoints.remove(&var.id()) else { continue };
+        let values: Vec<&Tensor> = var.0.inputs.iter().map(Var::value).collect();
+        let wants: Vec<bool> = var.0.inputs.iter().map(|i| reached.contains(&i.id())).collect();
+        let d = var.0.op.vjp(&values, var.value(), &g, &wants).map_err(TapeError)?;
+        for ((input, wanted), d) in var.0.inputs.iter().zip(wants).zip(d) {
+            let (true, Some(d)) = (wanted, d) else { continue };
+            match adjoints.get_mut(&input.id()) {
+                Some(sum) => sum.accumulate(&d),
+                None => {
+                    adjoints.insert(input.id(), d);
+                }
+            }
+        }
+    }
+    Ok(wrt.iter().map(|v| adjoints.get(&v.id()).cloned().unwrap_or_else(|| Tensor::zeros(v.shape()))).collect())
+}
+
+/// Reverse mode of a scalar.
+pub fn backward(loss: &Var, wrt: &[Var]) -> Result<Vec<Tensor>> {
+    if loss.len() != 1 {
+        return fail(format!("a derivative needs a number, this is a {}", Tensor::shape_text(loss.shape())));
+    }
+    backward_with(loss, Tensor::full(loss.shape(), 1.0), wrt)
+}
+
+/// Forward mode: the derivative of `output` along `tangents` of some leaves.
+pub fn forward(output: &Var, tangents: &[(Var, Tensor)]) -> Result<Tensor> {
+    let ids: HashSet<u64> = tangents.iter().map(|(v, _)| v.id()).collect();
+    let (sorted, _) = order(output, &ids);
+    let mut at: HashMap<u64, Tensor> = HashMap::new();
+    for (leaf, t) in tangents {
+        if leaf.len() != t.len() {
+            return fail(format!(
+                "a direction of shape {} for a value of shape {}",
+                Tensor::shape_text(&t.shape),
+                Tensor::shape_text(leaf.shape())
+            ));
+        }
+        let t = Tensor { shape: leaf.shape().to_vec(), data: t.data.clone() };
+        at.entry(leaf.id()).and_modify(|sum| sum.accumulate(&t)).or_insert(t);
+    }
+    for var in sorted.iter().filter(|v| !ids.contains(&v.id())) {
+        let values: Vec<&Tensor> = var.0.inputs.iter().map(Var::value).collect();
+        let t: Vec<Option<&Tensor>> = var.0.inputs.iter().map(|i| at.get(&i.id())).collect();
+        let tangent = var.0.op.jvp(&values, var.value(), &t).map_err(TapeError)?;
+        at.insert(var.id(), tangent);
+    }
+    Ok(at.remove(&output.id()).unwrap_or_else(|| Tensor::zeros(output.shape())))
+}
+
+/// A leaf in `wrt` that reaches `output`.
+pub fn depends(output: &Var, wrt: &Var) -> bool {
+    order(output, &HashSet::from([wrt.id()])).1.contains(&output.id())
+}
+
+#[cfg(test)]
+mod tests;

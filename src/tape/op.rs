@@ -1,0 +1,546 @@
+//! The operations of the graph: each with its forward rule, its transpose (`vjp`) and its tangent (`jvp`).
+
+use std::sync::Arc;
+
+use super::tensor::{Spread, Tensor, for_each_pair};
+
+/// An operation defined outside the tape: a mesh operation, an image operation, rendering.
+pub trait CustomOp: Send + Sync {
+    fn name(&self) -> &str;
+
+    /// Σ d_output · ∂output/∂input for each input with `wants`; `None` stands for zero.
+    fn vjp(
+        &self,
+        inputs: &[&Tensor],
+        output: &Tensor,
+        d_output: &Tensor,
+        wants: &[bool],
+    ) -> Result<Vec<Option<Tensor>>, String>;
+
+    /// Σ ∂output/∂input · tangent over the inputs that have one.
+    fn jvp(&self, inputs: &[&Tensor], output: &Tensor, tangents: &[Option<&Tensor>]) -> Result<Tensor, String>;
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Unary {
+    Neg,
+    Sin,
+    Cos,
+    Tan,
+    Asin,
+    Acos,
+    Atan,
+    Tanh,
+    Exp,
+    Log,
+    Sqrt,
+    Square,
+    Abs,
+    Recip,
+    Sigmoid,
+    Sign,
+    Floor,
+    Ceil,
+    Round,
+    /// Copies the value and cuts the derivative.
+    Stop,
+}
+
+impl Unary {
+    pub fn value(self, x: f64) -> f64 {
+        match self {
+            Unary::Neg => -x,
+            Unary::Sin => x.sin(),
+            Unary::Cos => x.cos(),
+            Unary::Tan => x.tan(),
+            Unary::Asin => x.asin(),
+            Unary::Acos => x.acos(),
+            Unary::Atan => x.atan(),
+            Unary::Tanh => x.tanh(),
+            Unary::Exp => x.exp(),
+            Unary::Log => x.ln(),
+            Unary::Sqrt => x.sqrt(),
+            Unary::Square => x * x,
+            Unary::Abs => x.abs(),
+            Unary::Recip => x.recip(),
+            Unary::Sigmoid => 1.0 / (1.0 + (-x).exp()),
+            Unary::Sign => {
+                if x == 0.0 {
+                    0.0
+                } else {
+                    x.signum()
+                }
+            }
+            Unary::Floor => x.floor(),
+            Unary::Ceil => x.ceil(),
+            Unary::Round => x.round(),
+            Unary::Stop => x,
+        }
+    }
+
+    /// dy/dx at `x` with value `y`; the subgradient 0 at the kink of `abs` and at the end of `sqrt`.
+    pub fn slope(self, x: f64, y: f64) -> f64 {
+        match self {
+            Unary::Neg => -1.0,
+            Unary::Sin => x.cos(),
+            Unary::Cos => -x.sin(),
+            Unary::Tan => 1.0 + y * y,
+            Unary::Asin => (1.0 - x * x).sqrt().recip(),
+            Unary::Acos => -(1.0 - x * x).sqrt().recip(),
+            Unary::Atan => (1.0 + x * x).recip(),
+            Unary::Tanh => 1.0 - y * y,
+            Unary::Exp => y,
+            Unary::Log => x.recip(),
+            Unary::Sqrt => {
+                if y == 0.0 {
+                    0.0
+                } else {
+                    0.5 / y
+                }
+            }
+            Unary::Square => 2.0 * x,
+            Unary::Abs => Unary::Sign.value(x),
+            Unary::Recip => -y * y,
+            Unary::Sigmoid => y * (1.0 - y),
+            Unary::Sign | Unary::Floor | Unary::Ceil | Unary::Round | Unary::Stop => 0.0,
+        }
+    }
+
+    fn is_flat(self) -> bool {
+        matches!(self, Unary::Sign | Unary::Floor | Unary::Ceil | Unary::Round | Unary::Stop)
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Binary {
+    Add,
+    Sub,
+    Mul,
+    Div,
+    Pow,
+    Min,
+    Max,
+    Atan2,
+    /// Remainder with the sign of the divisor.
+    Mod,
+    Eq,
+    Ne,
+    Lt,
+    Le,
+    Gt,
+    Ge,
+}
+
+impl Binary {
+    #[inline]
+    pub fn value(self, x: f64, y: f64) -> f64 {
+        let truth = |b: bool| if b { 1.0 } else { 0.0 };
+        match self {
+            Binary::Add => x + y,
+            Binary::Sub => x - y,
+            Binary::Mul => x * y,
+            Binary::Div => x / y,
+            Binary::Pow => power(x, y),
+            Binary::Min => x.min(y),
+            Binary::Max => x.max(y),
+            Binary::Atan2 => x.atan2(y),
+            Binary::Mod => x - y * (x / y).floor(),
+            Binary::Eq => truth(x == y),
+            Binary::Ne => truth(x != y),
+            Binary::Lt => truth(x < y),
+            Binary::Le => truth(x <= y),
+            Binary::Gt => truth(x > y),
+            Binary::Ge => truth(x >= y),
+        }
+    }
+
+    /// (∂z/∂x, ∂z/∂y) at value `z`.
+    #[inline]
+    fn slopes(self, x: f64, y: f64, z: f64) -> (f64, f64) {
+        match self {
+            Binary::Add => (1.0, 1.0),
+            Binary::Sub => (1.0, -1.0),
+            Binary::Mul => (y, x),
+            Binary::Div => (y.recip(), -z / y),
+            // x^y at x ≤ 0 has no derivative in y; integer exponents need none there.
+            Binary::Pow => {
+                let dx = if y == 0.0 { 0.0 } else { y * power(x, y - 1.0) };
+                (dx, if x > 0.0 { z * x.ln() } else { 0.0 })
+            }
+            Binary::Min => {
+                if x <= y {
+                    (1.0, 0.0)
+                } else {
+                    (0.0, 1.0)
+                }
+            }
+            Binary::Max => {
+                if x >= y {
+                    (1.0, 0.0)
+                } else {
+                    (0.0, 1.0)
+                }
+            }
+            Binary::Atan2 => {
+                let r2 = x * x + y * y;
+                (y / r2, -x / r2)
+            }
+            Binary::Mod => (1.0, -(x / y).floor()),
+            Binary::Eq | Binary::Ne | Binary::Lt | Binary::Le | Binary::Gt | Binary::Ge => (0.0, 0.0),
+        }
+    }
+
+    pub fn is_comparison(self) -> bool {
+        matches!(self, Binary::Eq | Binary::Ne | Binary::Lt | Binary::Le | Binary::Gt | Binary::Ge)
+    }
+}
+
+fn power(x: f64, y: f64) -> f64 {
+    if y == 2.0 {
+        x * x
+    } else if y == 1.0 {
+        x
+    } else if y.fract() == 0.0 && y.abs() <= 32.0 {
+        x.powi(y as i32)
+    } else {
+        x.powf(y)
+    }
+}
+
+/// A linear filter along one axis: `y[j] = Σ_k weights[k] · x[sources[k]]`, k in `starts[j]..starts[j+1]`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct AxisFilter {
+    pub axis: usize,
+    pub starts: Vec<u32>,
+    pub sources: Vec<u32>,
+    pub weights: Vec<f64>,
+}
+
+impl AxisFilter {
+    /// From the taps (source, weight) of each output.
+    pub fn new(axis: usize, taps: impl IntoIterator<Item = Vec<(usize, f64)>>) -> Self {
+        let mut filter = AxisFilter { axis, starts: vec![0], sources: vec![], weights: vec![] };
+        for tap in taps {
+            for (source, weight) in tap {
+                filter.sources.push(source as u32);
+                filter.weights.push(weight);
+            }
+            filter.starts.push(filter.sources.len() as u32);
+        }
+        filter
+    }
+
+    pub fn outputs(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    fn visit(&self, shape: &[usize], mut f: impl FnMut(usize, usize, usize, f64)) {
+        // (outer, source or output, inner): contiguous runs of `inner` elements move together.
+        let outer: usize = shape[..self.axis].iter().product();
+        let inner: usize = shape[self.axis + 1..].iter().product();
+        for o in 0..outer {
+            for j in 0..self.outputs() {
+                for k in self.starts[j] as usize..self.starts[j + 1] as usize {
+                    let from = (o * shape[self.axis] + self.sources[k] as usize) * inner;
+                    let to = (o * self.outputs() + j) * inner;
+                    f(to, from, inner, self.weights[k]);
+                }
+            }
+        }
+    }
+}
+
+/// How a node was made from its inputs.
+#[derive(Clone)]
+pub enum Op {
+    /// A constant, or a leaf that derivatives are asked for.
+    Leaf,
+    Unary(Unary),
+    Binary(Binary),
+    /// Sum of all elements.
+    Sum,
+    /// `y[i] = x[table[i]]`: indexing, slicing, transposing, repeating, minima.
+    Gather(Arc<Vec<u32>>),
+    /// `y[table[i]] += x[i]`: sums over axes, accumulation over faces.
+    Scatter(Arc<Vec<u32>>),
+    Reshape,
+    /// The inputs' elements one after the other.
+    Concat,
+    /// `[n, k] × [k, m]`.
+    MatMul,
+    /// Inverse of an `[n, n]` matrix.
+    Inverse,
+    /// Elements of the first input where the mask is set, of the second elsewhere; all of one shape.
+    Select(Arc<Vec<bool>>),
+    Filter(Arc<AxisFilter>),
+    Custom(Arc<dyn CustomOp>),
+}
+
+impl Op {
+    /// Derivatives do not pass.
+    pub fn is_flat(&self) -> bool {
+        match self {
+            Op::Unary(f) => f.is_flat(),
+            Op::Binary(f) => f.is_comparison(),
+            _ => false,
+        }
+    }
+
+    /// The value, in the given output shape. Shapes have been checked by the builders.
+    pub(super) fn forward(&self, inputs: &[&Tensor], shape: Vec<usize>) -> Tensor {
+        let n: usize = shape.iter().product();
+        let data = match self {
+            Op::Leaf | Op::Reshape => inputs[0].data.clone(),
+            Op::Custom(_) => unreachable!("custom values are computed by their builder"),
+            Op::Unary(f) => {
+                let f = *f;
+                inputs[0].data.iter().map(|&x| f.value(x)).collect()
+            }
+            Op::Binary(f) => {
+                let (a, b) = (inputs[0], inputs[1]);
+                let mut out = vec![0.0; n];
+                let (sa, sb) = (Spread::new(&a.shape, &shape), Spread::new(&b.shape, &shape));
+                // The match on `f` is hoisted out of the loops that matter.
+                macro_rules! run {
+                    ($f:expr) => {
+                        for_each_pair(n, &sa, &sb, |i, p, q| out[i] = $f(a.data[p], b.data[q]))
+                    };
+                }
+                match f {
+                    Binary::Add => run!(|x, y| x + y),
+                    Binary::Sub => run!(|x, y| x - y),
+                    Binary::Mul => run!(|x, y| x * y),
+                    Binary::Div => run!(|x, y| x / y),
+                    other => run!(|x, y| other.value(x, y)),
+                }
+                out
+            }
+            Op::Sum => vec![inputs[0].data.iter().sum()],
+            Op::Gather(table) => table.iter().map(|&i| inputs[0].data[i as usize]).collect(),
+            Op::Scatter(table) => {
+                let mut out = vec![0.0; n];
+                for (&i, &x) in table.iter().zip(&inputs[0].data) {
+                    out[i as usize] += x;
+                }
+                out
+            }
+            Op::Concat => inputs.iter().flat_map(|t| t.data.iter().copied()).collect(),
+            Op::MatMul => matmul(inputs[0], inputs[1]),
+            Op::Inverse => invert(&inputs[0].data, inputs[0].shape[0]).unwrap_or_else(|| vec![f64::NAN; n]),
+            Op::Select(mask) => mask.iter().enumerate().map(|(i, &m)| inputs[usize::from(!m)].data[i]).collect(),
+            Op::Filter(filter) => {
+                let mut out = vec![0.0; n];
+                filter.visit(&inputs[0].shape, |to, from, run, w| {
+                    for c in 0..run {
+                        out[to + c] += w * inputs[0].data[from + c];
+                    }
+                });
+                out
+            }
+        };
+        Tensor { shape, data }
+    }
+
+    /// Derivatives of the inputs that are wanted, from the output's derivative.
+    pub(super) fn vjp(
+        &self,
+        inputs: &[&Tensor],
+        output: &Tensor,
+        g: &Tensor,
+        wants: &[bool],
+    ) -> Result<Vec<Option<Tensor>>, String> {
+        let like = |i: usize, data: Vec<f64>| Some(Tensor { shape: inputs[i].shape.clone(), data });
+        Ok(match self {
+            Op::Leaf => vec![],
+            Op::Custom(op) => op.vjp(inputs, output, g, wants)?,
+            Op::Reshape => vec![like(0, g.data.clone())],
+            Op::Unary(f) => {
+                let x = inputs[0];
+                let d = (0..x.len()).map(|i| g.data[i] * f.slope(x.data[i], output.data[i])).collect();
+                vec![like(0, d)]
+            }
+            Op::Binary(f) => {
+                let (a, b) = (inputs[0], inputs[1]);
+                let (sa, sb) = (Spread::new(&a.shape, &output.shape), Spread::new(&b.shape, &output.shape));
+                let mut d = [vec![0.0; a.len()], vec![0.0; b.len()]];
+                for (side, wanted) in wants.iter().enumerate().take(2) {
+                    if !wanted {
+                        continue;
+                    }
+                    let d = &mut d[side];
+                    for_each_pair(output.len(), &sa, &sb, |i, p, q| {
+                        // An adjoint of zero stays zero next to an infinite slope.
+                        if g.data[i] != 0.0 {
+                            let (dx, dy) = f.slopes(a.data[p], b.data[q], output.data[i]);
+                            if side == 0 { d[p] += g.data[i] * dx } else { d[q] += g.data[i] * dy }
+                        }
+                    });
+                }
+                let [da, db] = d;
+                vec![wants[0].then(|| like(0, da)).flatten(), wants[1].then(|| like(1, db)).flatten()]
+            }
+            Op::Sum => vec![like(0, vec![g.data[0]; inputs[0].len()])],
+            Op::Gather(table) => {
+                let mut d = vec![0.0; inputs[0].len()];
+                for (&i, &x) in table.iter().zip(&g.data) {
+                    d[i as usize] += x;
+                }
+                vec![like(0, d)]
+            }
+            Op::Scatter(table) => vec![like(0, table.iter().map(|&i| g.data[i as usize]).collect())],
+            Op::Concat => {
+                let mut at = 0;
+                (0..inputs.len())
+                    .map(|k| {
+                        let d = g.data[at..at + inputs[k].len()].to_vec();
+                        at += inputs[k].len();
+                        like(k, d)
+                    })
+                    .collect()
+            }
+            Op::MatMul => {
+                let (a, b) = (inputs[0], inputs[1]);
+                vec![
+                    wants[0].then(|| like(0, matmul(g, &transposed(b)))).flatten(),
+                    wants[1].then(|| like(1, matmul(&transposed(a), g))).flatten(),
+                ]
+            }
+            Op::Inverse => {
+                // dX = −Yᵀ G Yᵀ
+                let yt = transposed(output);
+                let left = Tensor { shape: yt.shape.clone(), data: matmul(&yt, g) };
+                vec![like(0, matmul(&left, &yt).iter().map(|x| -x).collect())]
+            }
+            Op::Select(mask) => (0..2)
+                .map(|k| {
+                    let keep = |(m, x): (&bool, &f64)| if *m == (k == 0) { *x } else { 0.0 };
+                    like(k, mask.iter().zip(&g.data).map(keep).collect())
+                })
+                .collect(),
+            Op::Filter(filter) => {
+                let mut d = vec![0.0; inputs[0].len()];
+                filter.visit(&inputs[0].shape, |to, from, run, w| {
+                    for c in 0..run {
+                        d[from + c] += w * g.data[to + c];
+                    }
+                });
+                vec![like(0, d)]
+            }
+        })
+    }
+
+    /// The output's tangent, from the inputs' (missing ones are zero).
+    pub(super) fn jvp(&self, inputs: &[&Tensor], output: &Tensor, t: &[Option<&Tensor>]) -> Result<Tensor, String> {
+        let shape = output.shape.clone();
+        let zero = || Tensor::zeros(&output.shape);
+        Ok(match self {
+            Op::Leaf => zero(),
+            Op::Custom(op) => op.jvp(inputs, output, t)?,
+            Op::Unary(f) => match t[0] {
+                Some(t) => {
+                    let x = inputs[0];
+                    let d = (0..x.len()).map(|i| t.data[i] * f.slope(x.data[i], output.data[i])).collect();
+                    Tensor { shape, data: d }
+                }
+                None => zero(),
+            },
+            Op::Binary(f) => {
+                let (a, b) = (inputs[0], inputs[1]);
+                let (sa, sb) = (Spread::new(&a.shape, &shape), Spread::new(&b.shape, &shape));
+                let mut d = zero();
+                for_each_pair(output.len(), &sa, &sb, |i, p, q| {
+                    let (dx, dy) = f.slopes(a.data[p], b.data[q], output.data[i]);
+                    let (ta, tb) = (t[0].map_or(0.0, |t| t.data[p]), t[1].map_or(0.0, |t| t.data[q]));
+                    if ta != 0.0 {
+                        d.data[i] += ta * dx;
+                    }
+                    if tb != 0.0 {
+                        d.data[i] += tb * dy;
+                    }
+                });
+                d
+            }
+            // Linear in its one input: the same map.
+            Op::Sum | Op::Gather(_) | Op::Scatter(_) | Op::Reshape | Op::Filter(_) => match t[0] {
+                Some(t) => self.forward(&[t], shape),
+                None => zero(),
+            },
+            Op::Concat | Op::Select(_) => {
+                let filled: Vec<Tensor> =
+                    t.iter().zip(inputs).map(|(t, x)| t.cloned().unwrap_or_else(|| Tensor::zeros(&x.shape))).collect();
+                self.forward(&filled.iter().collect::<Vec<_>>(), shape)
+            }
+            Op::MatMul => {
+                let mut d = zero();
+                for (k, x) in t.iter().enumerate() {
+                    let Some(x) = x else { continue };
+                    let data = if k == 0 { matmul(x, inputs[1]) } else { matmul(inputs[0], x) };
+                    d.accumulate(&Tensor { shape: shape.clone(), data });
+                }
+                d
+            }
+            Op::Inverse => match t[0] {
+                Some(t) => {
+                    let left = Tensor { shape: shape.clone(), data: matmul(output, t) };
+                    Tensor { data: matmul(&left, output).iter().map(|x| -x).collect(), shape }
+                }
+                None => zero(),
+            },
+        })
+    }
+}
+
+fn matmul(a: &Tensor, b: &Tensor) -> Vec<f64> {
+    let (n, k, m) = (a.shape[0], a.shape[1], b.shape[1]);
+    let mut out = vec![0.0; n * m];
+    for i in 0..n {
+        for l in 0..k {
+            let x = a.data[i * k + l];
+            for j in 0..m {
+                out[i * m + j] += x * b.data[l * m + j];
+            }
+        }
+    }
+    out
+}
+
+fn transposed(a: &Tensor) -> Tensor {
+    let (n, m) = (a.shape[0], a.shape[1]);
+    let mut out = Tensor::zeros(&[m, n]);
+    for i in 0..n {
+        for j in 0..m {
+            out.data[j * n + i] = a.data[i * m + j];
+        }
+    }
+    out
+}
+
+/// Gauss–Jordan with partial pivoting; `None` for a singular matrix.
+pub fn invert(a: &[f64], n: usize) -> Option<Vec<f64>> {
+    let mut a = a.to_vec();
+    let mut out = Tensor::identity(n).data;
+    let size = a.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+    for col in 0..n {
+        let pivot = (col..n).max_by(|&i, &j| a[i * n + col].abs().total_cmp(&a[j * n + col].abs()))?;
+        let p = a[pivot * n + col];
+        if p.is_nan() || p.abs() <= 1e-14 * size {
+            return None;
+        }
+        for j in 0..n {
+            a.swap(pivot * n + j, col * n + j);
+            out.swap(pivot * n + j, col * n + j);
+        }
+        for j in 0..n {
+            a[col * n + j] /= p;
+            out[col * n + j] /= p;
+        }
+        for i in (0..n).filter(|&i| i != col) {
+            let f = a[i * n + col];
+            for j in 0..n {
+                a[i * n + j] -= f * a[col * n + j];
+                out[i * n + j] -= f * out[col * n + j];
+            }
+        }
+    }
+    Some(out)
+}

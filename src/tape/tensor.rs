@@ -1,0 +1,263 @@
+//! Dense row-major arrays of `f64` and the broadcasting rule.
+
+use crate::image::Image;
+
+/// A dense array, row-major. `shape == []` is a scalar with one element.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tensor {
+    pub shape: Vec<usize>,
+    pub data: Vec<f64>,
+}
+
+impl Tensor {
+    /// `data.len()` must be the product of `shape`.
+    pub fn new(shape: Vec<usize>, data: Vec<f64>) -> Self {
+        assert_eq!(shape.iter().product::<usize>(), data.len(), "shape {shape:?} does not fit the data");
+        Tensor { shape, data }
+    }
+
+    pub fn scalar(x: f64) -> Self {
+        Tensor { shape: vec![], data: vec![x] }
+    }
+
+    pub fn vector(data: Vec<f64>) -> Self {
+        Tensor { shape: vec![data.len()], data }
+    }
+
+    pub fn zeros(shape: &[usize]) -> Self {
+        Tensor::full(shape, 0.0)
+    }
+
+    pub fn full(shape: &[usize], x: f64) -> Self {
+        Tensor { shape: shape.to_vec(), data: vec![x; shape.iter().product()] }
+    }
+
+    pub fn identity(n: usize) -> Self {
+        let mut t = Tensor::zeros(&[n, n]);
+        for i in 0..n {
+            t.data[i * n + i] = 1.0;
+        }
+        t
+    }
+
+    /// Shape `[n, N]` of rows.
+    pub fn rows<const N: usize>(rows: impl IntoIterator<Item = [f64; N]>) -> Self {
+        let data: Vec<f64> = rows.into_iter().flatten().collect();
+        Tensor { shape: vec![data.len() / N.max(1), N], data }
+    }
+
+    /// Shape `[height, width, channels]`.
+    pub fn from_image(image: &Image) -> Self {
+        Tensor {
+            shape: vec![image.height, image.width, image.channels],
+            data: image.data.iter().map(|&x| f64::from(x)).collect(),
+        }
+    }
+
+    /// A rank-3 tensor as an image; a rank-2 one gets a single channel.
+    pub fn to_image(&self) -> Option<Image> {
+        let (height, width, channels) = match self.shape[..] {
+            [h, w, c] => (h, w, c),
+            [h, w] => (h, w, 1),
+            _ => return None,
+        };
+        Some(Image { width, height, channels, data: self.to_f32() })
+    }
+
+    pub fn to_f32(&self) -> Vec<f32> {
+        self.data.iter().map(|&x| x as f32).collect()
+    }
+
+    pub fn len(&self) -> usize {
+        self.data.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.data.is_empty()
+    }
+
+    pub fn rank(&self) -> usize {
+        self.shape.len()
+    }
+
+    /// The value of a one-element tensor of any rank.
+    pub fn item(&self) -> Option<f64> {
+        if let [x] = self.data[..] { Some(x) } else { None }
+    }
+
+    pub fn is_finite(&self) -> bool {
+        self.data.iter().all(|x| x.is_finite())
+    }
+
+    pub fn map(&self, f: impl Fn(f64) -> f64) -> Tensor {
+        Tensor { shape: self.shape.clone(), data: self.data.iter().map(|&x| f(x)).collect() }
+    }
+
+    pub fn scaled(&self, s: f64) -> Tensor {
+        self.map(|x| s * x)
+    }
+
+    /// Elementwise sum into `self`; lengths must agree.
+    pub fn accumulate(&mut self, other: &Tensor) {
+        for (a, b) in self.data.iter_mut().zip(&other.data) {
+            *a += b;
+        }
+    }
+
+    /// Sum of products of the elements.
+    pub fn dot(&self, other: &Tensor) -> f64 {
+        self.data.iter().zip(&other.data).map(|(a, b)| a * b).sum()
+    }
+
+    /// `2×3` (or `number` for a scalar), for messages.
+    pub fn shape_text(shape: &[usize]) -> String {
+        match shape {
+            [] => "number".to_string(),
+            [n] => format!("vector of {n}"),
+            _ => shape.iter().map(usize::to_string).collect::<Vec<_>>().join("×"),
+        }
+    }
+}
+
+impl From<f64> for Tensor {
+    fn from(x: f64) -> Self {
+        Tensor::scalar(x)
+    }
+}
+
+/// The common shape of two operands, aligned at the last axis; sizes agree or one of them is 1.
+pub fn broadcast_shapes(a: &[usize], b: &[usize]) -> Option<Vec<usize>> {
+    let rank = a.len().max(b.len());
+    let at = |s: &[usize], i: usize| (i + s.len()).checked_sub(rank).map_or(1, |j| s[j]);
+    (0..rank)
+        .map(|i| match (at(a, i), at(b, i)) {
+            (x, y) if x == y => Some(x),
+            (1, y) => Some(y),
+            (x, 1) => Some(x),
+            _ => None,
+        })
+        .collect()
+}
+
+/// Where the elements of a broadcast operand lie: output element `i` reads operand element `at(i)`.
+#[derive(Clone, Debug)]
+pub enum Spread {
+    Same,
+    One,
+    /// The operand repeats: `i % n`.
+    Modulo(usize),
+    /// Every operand element serves `n` outputs in a row: `i / n`.
+    Divide(usize),
+    Table(Vec<u32>),
+}
+
+impl Spread {
+    pub fn new(operand: &[usize], out: &[usize]) -> Spread {
+        let n: usize = operand.iter().product();
+        let total: usize = out.iter().product();
+        if n == total {
+            return Spread::Same;
+        }
+        if n == 1 {
+            return Spread::One;
+        }
+        let mut padded = vec![1; out.len() - operand.len()];
+        padded.extend_from_slice(operand);
+        let first = padded.iter().zip(out).position(|(a, b)| a == b && *a != 1).unwrap_or(0);
+        let last = out.len() - padded.iter().zip(out).rev().position(|(a, b)| a == b && *a != 1).unwrap_or(0);
+        let contiguous = padded[first..last] == out[first..last];
+        let (leading, trailing): (usize, usize) = (out[..first].iter().product(), out[last..].iter().product());
+        if contiguous && trailing == 1 {
+            return Spread::Modulo(n);
+        }
+        if contiguous && leading == 1 {
+            return Spread::Divide(trailing);
+        }
+        let mut strides = vec![0usize; out.len()];
+        let mut stride = 1;
+        for axis in (0..out.len()).rev() {
+            if padded[axis] != 1 {
+                strides[axis] = stride;
+            }
+            stride *= padded[axis];
+        }
+        let mut table = Vec::with_capacity(total);
+        let mut index = vec![0usize; out.len()];
+        let mut at = 0usize;
+        for _ in 0..total {
+            table.push(at as u32);
+            for axis in (0..out.len()).rev() {
+                index[axis] += 1;
+                at += strides[axis];
+                if index[axis] < out[axis] {
+                    break;
+                }
+                at -= strides[axis] * out[axis];
+                index[axis] = 0;
+            }
+        }
+        Spread::Table(table)
+    }
+
+    #[inline]
+    pub fn at(&self, i: usize) -> usize {
+        match self {
+            Spread::Same => i,
+            Spread::One => 0,
+            Spread::Modulo(n) => i % n,
+            Spread::Divide(n) => i / n,
+            Spread::Table(t) => t[i] as usize,
+        }
+    }
+}
+
+/// Calls `f(i, index in a, index in b)` for every output element, with tight loops for the common cases.
+#[inline]
+pub fn for_each_pair(n: usize, a: &Spread, b: &Spread, mut f: impl FnMut(usize, usize, usize)) {
+    match (a, b) {
+        (Spread::Same, Spread::Same) => (0..n).for_each(|i| f(i, i, i)),
+        (Spread::Same, Spread::One) => (0..n).for_each(|i| f(i, i, 0)),
+        (Spread::One, Spread::Same) => (0..n).for_each(|i| f(i, 0, i)),
+        _ => (0..n).for_each(|i| f(i, a.at(i), b.at(i))),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shapes_broadcast_from_the_last_axis() {
+        assert_eq!(broadcast_shapes(&[4, 5, 3], &[3]), Some(vec![4, 5, 3]));
+        assert_eq!(broadcast_shapes(&[4, 5, 1], &[4, 5, 3]), Some(vec![4, 5, 3]));
+        assert_eq!(broadcast_shapes(&[], &[2]), Some(vec![2]));
+        assert_eq!(broadcast_shapes(&[4], &[3]), None);
+    }
+
+    #[test]
+    fn every_spread_agrees_with_the_table() {
+        for (operand, out) in [
+            (vec![3], vec![2, 4, 3]),
+            (vec![2, 4, 1], vec![2, 4, 3]),
+            (vec![2, 1, 3], vec![2, 4, 3]),
+            (vec![4, 1], vec![2, 4, 3]),
+            (vec![1, 4, 1], vec![2, 4, 3]),
+            (vec![1, 1, 1], vec![2, 4, 3]),
+            (vec![1, 4, 3], vec![2, 4, 3]),
+        ] {
+            let spread = Spread::new(&operand, &out);
+            let mut padded = vec![1; out.len() - operand.len()];
+            padded.extend(&operand);
+            let mut i = 0;
+            for y in 0..out[0] {
+                for x in 0..out[1] {
+                    for c in 0..out[2] {
+                        let p = [y.min(padded[0] - 1), x.min(padded[1] - 1), c.min(padded[2] - 1)];
+                        assert_eq!(spread.at(i), (p[0] * padded[1] + p[1]) * padded[2] + p[2], "{operand:?}");
+                        i += 1;
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,215 @@
+use super::*;
+
+/// Numbers in (−1, 1), the same at every run.
+fn numbers(shape: &[usize], seed: u64) -> Tensor {
+    let mut state = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) | 1;
+    let n: usize = shape.iter().product();
+    let data = (0..n)
+        .map(|_| {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            (state >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+        })
+        .collect();
+    Tensor::new(shape.to_vec(), data)
+}
+
+/// Kept away from zero, where a quotient is steep.
+fn away(x: &Tensor) -> Tensor {
+    x.map(|x| x + 0.5 * x.signum())
+}
+
+/// ⟨Jv, w⟩ = ⟨v, Jᵀw⟩, and Jv agrees with central differences.
+fn check(name: &str, inputs: &[Tensor], f: impl Fn(&[Var]) -> Var) {
+    let leaves: Vec<Var> = inputs.iter().cloned().map(Var::leaf).collect();
+    let y = f(&leaves);
+    let w = numbers(y.shape(), 77);
+    let grads = backward_with(&y, w.clone(), &leaves).unwrap();
+    let v: Vec<Tensor> = inputs.iter().enumerate().map(|(i, x)| numbers(&x.shape, 100 + i as u64)).collect();
+    let tangents: Vec<(Var, Tensor)> = leaves.iter().cloned().zip(v.iter().cloned()).collect();
+    let jv = forward(&y, &tangents).unwrap();
+    assert_eq!(jv.shape, y.shape(), "{name}");
+    let (left, right) = (jv.dot(&w), grads.iter().zip(&v).map(|(g, v)| g.dot(v)).sum::<f64>());
+    assert!((left - right).abs() < 1e-9 * (1.0 + left.abs()), "{name}: forward {left}, reverse {right}");
+    let h = 1e-5;
+    let at = |s: f64| {
+        let moved: Vec<Var> = inputs
+            .iter()
+            .zip(&v)
+            .map(|(x, v)| {
+                let mut x = x.clone();
+                x.accumulate(&v.scaled(s * h));
+                Var::constant(x)
+            })
+            .collect();
+        f(&moved).value().dot(&w)
+    };
+    let fd = (at(1.0) - at(-1.0)) / (2.0 * h);
+    assert!((left - fd).abs() < 1e-6 * (1.0 + fd.abs()), "{name}: forward {left}, differences {fd}");
+}
+
+#[test]
+fn every_unary_has_its_derivative() {
+    use Unary::*;
+    for f in [Neg, Sin, Cos, Tan, Asin, Acos, Atan, Tanh, Exp, Square, Abs, Recip, Sigmoid, Sign, Floor, Ceil, Round] {
+        check(&format!("{f:?}"), &[numbers(&[7], 3)], |x| x[0].unary(f));
+    }
+    for f in [Log, Sqrt] {
+        check(&format!("{f:?}"), &[numbers(&[7], 3).map(|x| x + 1.5)], |x| x[0].unary(f));
+    }
+    let x = Var::leaf(2.0);
+    assert!(!x.unary(Stop).is_live());
+}
+
+#[test]
+fn every_binary_has_its_derivative_and_broadcasts() {
+    use Binary::*;
+    for f in [Add, Sub, Mul, Div, Min, Max, Atan2, Lt] {
+        for (a, b) in [
+            (vec![2, 3, 3], vec![3]),
+            (vec![2, 3, 3], vec![2, 3, 1]),
+            (vec![], vec![4]),
+            (vec![3, 1], vec![1, 2]),
+            (vec![5], vec![5]),
+        ] {
+            check(&format!("{f:?} {a:?} {b:?}"), &[numbers(&a, 5), away(&numbers(&b, 6))], |x| {
+                x[0].binary(f, &x[1]).unwrap()
+            });
+        }
+    }
+    let positive = numbers(&[4], 1).map(|x| x + 1.5);
+    check("pow", &[positive.clone(), numbers(&[4], 2)], |x| x[0].binary(Pow, &x[1]).unwrap());
+    check("mod", &[numbers(&[4], 9), positive], |x| x[0].binary(Mod, &x[1]).unwrap());
+    check("cube", &[numbers(&[4], 2)], |x| x[0].binary(Pow, &Var::from(3.0)).unwrap());
+    check("square", &[numbers(&[4], 2)], |x| x[0].binary(Pow, &Var::from(2.0)).unwrap());
+}
+
+#[test]
+fn a_square_has_a_derivative_at_zero() {
+    let x = Var::leaf(Tensor::vector(vec![0.0, 3.0]));
+    let y = x.binary(Binary::Pow, &Var::from(2.0)).unwrap().sum();
+    assert_eq!(backward(&y, &[x]).unwrap()[0].data, [0.0, 6.0]);
+}
+
+#[test]
+fn reductions() {
+    let x = numbers(&[3, 4, 2], 8);
+    check("sum", std::slice::from_ref(&x), |x| x[0].sum());
+    check("mean", std::slice::from_ref(&x), |x| x[0].mean().unwrap());
+    check("min", std::slice::from_ref(&x), |x| x[0].min().unwrap());
+    check("max", std::slice::from_ref(&x), |x| x[0].max().unwrap());
+    check("norm", std::slice::from_ref(&x), |x| x[0].norm());
+    for axes in [vec![0], vec![1], vec![2], vec![0, 2], vec![0, 1, 2]] {
+        check("sum_axes", std::slice::from_ref(&x), |x| x[0].sum_axes(&axes).unwrap());
+        check("max_axes", std::slice::from_ref(&x), |x| x[0].max_axes(&axes).unwrap());
+        check("mean_axes", std::slice::from_ref(&x), |x| x[0].mean_axes(&axes).unwrap());
+    }
+    let t = Var::constant(Tensor::new(vec![2, 2], vec![1.0, 2.0, 3.0, 4.0]));
+    assert_eq!(t.sum_axes(&[0]).unwrap().value().data, [4.0, 6.0]);
+    assert_eq!(t.max_axes(&[1]).unwrap().value().data, [2.0, 4.0]);
+}
+
+#[test]
+fn rearrangements() {
+    let x = numbers(&[3, 4, 2], 8);
+    let one = std::slice::from_ref(&x);
+    check("slice", one, |x| x[0].slice(&[Slice::Range(1, -1), Slice::At(-1), Slice::List(vec![1, 0, 1])]).unwrap());
+    check("rows", one, |x| x[0].rows(&[2, 0, 2]).unwrap());
+    check("reshape", one, |x| x[0].reshape(vec![6, 4]).unwrap());
+    check("permute", one, |x| x[0].permute(&[2, 0, 1]).unwrap());
+    check("broadcast", &[numbers(&[2], 1)], |x| x[0].broadcast_to(&[3, 2]).unwrap());
+    check("concat", &[x.clone(), numbers(&[3, 1, 2], 4)], |x| Var::concat(x, 1).unwrap());
+    check("concat 0", &[x.clone(), numbers(&[1, 4, 2], 4)], |x| Var::concat(x, 0).unwrap());
+    check("stack", &[x.clone(), numbers(&[3, 4, 2], 4)], |x| Var::stack(x).unwrap());
+    let table = std::sync::Arc::new((0..24u32).map(|i| i % 5).collect::<Vec<_>>());
+    check("scatter", one, |x| x[0].scatter(table.clone(), vec![5]));
+    check("select", &[x.clone(), numbers(&[2], 9)], |v| {
+        Var::select(&Var::constant(x.map(|x| f64::from(x > 0.0))), &v[0], &v[1]).unwrap()
+    });
+    let taps = vec![vec![(0, 0.25), (1, 0.75)], vec![(3, 2.0)], vec![]];
+    check("filter", one, |x| x[0].filter(AxisFilter::new(1, taps.clone())).unwrap());
+    let t = Var::constant(Tensor::new(vec![2, 3], (0..6).map(f64::from).collect()));
+    assert_eq!(t.transpose().unwrap().value().data, [0.0, 3.0, 1.0, 4.0, 2.0, 5.0]);
+    assert!(t.slice(&[Slice::At(2)]).is_err());
+    assert!(t.slice(&[Slice::Range(1, 5)]).is_err());
+}
+
+#[test]
+fn linear_algebra() {
+    let (m, n) = (numbers(&[3, 3], 1), numbers(&[3, 3], 2));
+    check("matmul", &[numbers(&[5, 3], 3), m.clone()], |x| x[0].matmul(&x[1]).unwrap());
+    check("matrix vector", &[m.clone(), numbers(&[3], 3)], |x| x[0].matmul(&x[1]).unwrap());
+    check("vector matrix", &[numbers(&[3], 3), n], |x| x[0].matmul(&x[1]).unwrap());
+    check("inverse", std::slice::from_ref(&m), |x| x[0].inverse().unwrap());
+    check("determinant", std::slice::from_ref(&m), |x| x[0].determinant3().unwrap());
+    check("cross", &[numbers(&[4, 3], 3), numbers(&[3], 4)], |x| x[0].cross(&x[1]).unwrap());
+    check("dot", &[numbers(&[4, 3], 3), numbers(&[3], 4)], |x| x[0].dot(&x[1]).unwrap());
+    check("normalize", &[numbers(&[4, 3], 3)], |x| x[0].normalize().unwrap());
+    check("exp", &[numbers(&[3], 3)], |x| Var::rotation_exp(&x[0]).unwrap());
+    check("exp at 0", &[numbers(&[3], 3).scaled(1e-9)], |x| Var::rotation_exp(&x[0]).unwrap());
+    check("about", &[numbers(&[3], 3), Tensor::scalar(0.7)], |x| Var::rotation_about(&x[0], &x[1]).unwrap());
+    check("affine", &[m, numbers(&[3], 7)], |x| Var::affine(&x[0], &x[1]).unwrap());
+    let x = Var::constant(Tensor::vector(vec![1.0, 0.0, 0.0]));
+    let y = Var::constant(Tensor::vector(vec![0.0, 1.0, 0.0]));
+    assert_eq!(x.cross(&y).unwrap().value().data, [0.0, 0.0, 1.0]);
+    let quarter =
+        Var::rotation_about(&Var::constant(Tensor::vector(vec![0.0, 0.0, 2.0])), &Var::from(1.570_796_326_794_896_6));
+    let turned = quarter.unwrap().matmul(&x).unwrap();
+    assert!((turned.value().data[1] - 1.0).abs() < 1e-12);
+    assert!(Var::constant(Tensor::zeros(&[3, 3])).inverse().is_err());
+}
+
+/// Twice the input; notes what it was asked for.
+struct Twice(std::sync::Mutex<Vec<Vec<bool>>>);
+
+impl CustomOp for Twice {
+    fn name(&self) -> &str {
+        "twice"
+    }
+
+    fn vjp(&self, _: &[&Tensor], _: &Tensor, g: &Tensor, wants: &[bool]) -> Result<Vec<Option<Tensor>>, String> {
+        self.0.lock().unwrap().push(wants.to_vec());
+        Ok(wants.iter().map(|w| w.then(|| g.scaled(2.0))).collect())
+    }
+
+    fn jvp(&self, _: &[&Tensor], y: &Tensor, t: &[Option<&Tensor>]) -> Result<Tensor, String> {
+        let mut out = Tensor::zeros(&y.shape);
+        t.iter().flatten().for_each(|t| out.accumulate(&t.scaled(2.0)));
+        Ok(out)
+    }
+}
+
+#[test]
+fn custom_operations_are_asked_only_for_what_is_wanted() {
+    let op = std::sync::Arc::new(Twice(std::sync::Mutex::new(vec![])));
+    let make = |x: &[Var]| {
+        let value = x[0].add(&x[1]).unwrap().value().scaled(2.0);
+        Var::custom(op.clone(), x.to_vec(), value)
+    };
+    check("twice", &[numbers(&[3], 1), numbers(&[3], 2)], make);
+    let (a, b) = (Var::leaf(1.0), Var::leaf(2.0));
+    let y = make(&[a, b.clone()]);
+    assert_eq!(backward(&y, &[b]).unwrap()[0], Tensor::scalar(2.0));
+    assert_eq!(op.0.lock().unwrap().last().unwrap(), &vec![false, true]);
+}
+
+#[test]
+fn constants_are_folded_and_shared_nodes_counted_once() {
+    assert!(!Var::from(1.0).add(&Var::from(2.0)).unwrap().is_live());
+    let x = Var::leaf(3.0);
+    let y = x.mul(&x).unwrap();
+    let z = y.add(&y).unwrap();
+    assert_eq!(backward(&z, std::slice::from_ref(&x)).unwrap()[0], Tensor::scalar(12.0));
+    assert!(depends(&z, &x));
+    assert!(!depends(&z, &Var::leaf(1.0)));
+    assert!(backward(&Var::leaf(Tensor::vector(vec![1.0, 2.0])), &[x]).is_err());
+}
+
+#[test]
+fn a_very_long_chain_neither_overflows_nor_leaks() {
+    let x = Var::leaf(1.0);
+    let mut y = x.clone();
+    for _ in 0..200_000 {
+        y = y.shift(1.0);
+    }
+    assert_eq!(backward(&y, &[x]).unwrap()[0], Tensor::scalar(1.0));
+}
