@@ -1,1 +1,290 @@
-//! (under construction)
+//! Equirectangular environment maps: directions to texture coordinates and back, importance sampling.
+
+use std::f32::consts::{FRAC_1_PI, PI, TAU};
+
+use glam::{Vec2, Vec3};
+
+use super::texture::Texture;
+
+/// This share of the samples is spread evenly over the sphere, so that derivatives in black texels are found as well.
+const DEFENSIVE_SHARE: f64 = 0.05;
+
+/// Texture coordinates of a direction (any length): u = 0.5 + atan2(x, −z) / 2π, v = acos(y/|d|) / π.
+pub fn environment_uv(dir: Vec3) -> Vec2 {
+    let u = 0.5 + dir.x.atan2(-dir.z) * (0.5 * FRAC_1_PI);
+    let v = dir.x.hypot(dir.z).atan2(dir.y) * FRAC_1_PI;
+    Vec2::new(u, v)
+}
+
+/// Adjoint of [`environment_uv`]: the derivative in `dir`, perpendicular to it. Zero at the poles, where u has none.
+pub fn d_environment_uv(dir: Vec3, d_uv: Vec2) -> Vec3 {
+    let ring2 = dir.x * dir.x + dir.z * dir.z;
+    let length2 = ring2 + dir.y * dir.y;
+    if ring2 <= 1e-12 * length2 {
+        return Vec3::ZERO;
+    }
+    let ring = ring2.sqrt();
+    let by_u = d_uv.x * 0.5 * FRAC_1_PI / ring2;
+    let by_v = d_uv.y * FRAC_1_PI / length2;
+    let along_ring = by_v * dir.y / ring;
+    Vec3::new(-dir.z * by_u + dir.x * along_ring, -by_v * ring, dir.x * by_u + dir.z * along_ring)
+}
+
+/// Unit direction of texture coordinates; the inverse of [`environment_uv`].
+pub fn environment_direction(uv: Vec2) -> Vec3 {
+    let (sin_phi, cos_phi) = ((uv.x - 0.5) * TAU).sin_cos();
+    let (sin_theta, cos_theta) = (uv.y * PI).sin_cos();
+    Vec3::new(sin_theta * sin_phi, cos_theta, -sin_theta * cos_phi)
+}
+
+/// Samples directions of a map in proportion to its radiance.
+///
+/// The sphere is cut along the lines through texel centres (the pieces of the bilinear surface; a row of half height
+/// at each pole, columns wrapping around). A piece is chosen by mean corner radiance times solid angle and sampled
+/// uniformly in solid angle: the density is positive wherever the lookup is.
+#[derive(Clone, Debug)]
+pub struct EnvironmentTable {
+    columns: usize,
+    /// One more than the map has: row r lies between the centres of texel rows r − 1 and r.
+    rows: usize,
+    /// Cumulative probability up to and including each row.
+    row_cdf: Vec<f32>,
+    /// Per row, cumulative probability within it.
+    column_cdf: Vec<f32>,
+    /// Solid-angle density in each piece.
+    density: Vec<f32>,
+}
+
+impl EnvironmentTable {
+    pub fn new(texture: &Texture) -> EnvironmentTable {
+        let (columns, height) = (texture.width, texture.height);
+        let rows = height + 1;
+        let strength = |x: usize, y: usize| -> f64 {
+            let texel = &texture.data[(y * columns + x) * texture.channels..][..texture.channels];
+            let mean = texel.iter().map(|c| f64::from(c.abs())).sum::<f64>() / texture.channels as f64;
+            if mean.is_finite() { mean } else { 0.0 }
+        };
+
+        // Power of each piece, then mixed with a uniform density.
+        let mut piece_strength = Vec::with_capacity(columns * rows);
+        let mut power = 0.0;
+        for row in 0..rows {
+            let (above, below) = (row.saturating_sub(1), row.min(height - 1));
+            for column in 0..columns {
+                let (left, right) = ((column + columns - 1) % columns, column);
+                let corners = [(left, above), (right, above), (left, below), (right, below)];
+                let mean = corners.iter().map(|&(x, y)| strength(x, y)).sum::<f64>() / 4.0;
+                power += mean * solid_angle(row, rows, columns);
+                piece_strength.push(mean);
+            }
+        }
+        let uniform = 0.25 / std::f64::consts::PI;
+        let share = if power > 0.0 { DEFENSIVE_SHARE } else { 1.0 };
+        let scale = if power > 0.0 { (1.0 - share) / power } else { 0.0 };
+
+        let mut table = EnvironmentTable {
+            columns,
+            rows,
+            row_cdf: Vec::with_capacity(rows),
+            column_cdf: Vec::with_capacity(columns * rows),
+            density: Vec::with_capacity(columns * rows),
+        };
+        let mut total = 0.0;
+        for (row, strengths) in piece_strength.chunks(columns).enumerate() {
+            let row_sum: f64 = strengths.iter().map(|s| s * scale + share * uniform).sum();
+            let mut sum = 0.0;
+            for s in strengths {
+                let density = s * scale + share * uniform;
+                sum += density;
+                table.column_cdf.push((sum / row_sum) as f32);
+                table.density.push(density as f32);
+            }
+            total += row_sum * solid_angle(row, rows, columns);
+            table.row_cdf.push(total as f32);
+        }
+        // Rounding must not leave a gap below one.
+        let rounded = table.row_cdf[rows - 1];
+        table.row_cdf.iter_mut().for_each(|c| *c /= rounded);
+        table
+    }
+
+    /// A unit direction in the map's own frame and its solid-angle density.
+    pub fn sample(&self, u: [f32; 2]) -> (Vec3, f32) {
+        let (row, v) = pick(&self.row_cdf, u[1]);
+        let (column, s) = pick(&self.column_cdf[row * self.columns..][..self.columns], u[0]);
+        // Uniform in cos θ and in φ.
+        let [top, bottom] = row_cosines(row, self.rows).map(|c| c as f32);
+        let y = (top + (bottom - top) * v).clamp(-1.0, 1.0);
+        let ring = (1.0 - y * y).max(0.0).sqrt();
+        let map_u = (column as f32 - 0.5 + s) / self.columns as f32;
+        let (sin_phi, cos_phi) = ((map_u - 0.5) * TAU).sin_cos();
+        let dir = Vec3::new(ring * sin_phi, y, -ring * cos_phi);
+        (dir, self.density[row * self.columns + column])
+    }
+
+    /// Solid-angle density of [`EnvironmentTable::sample`].
+    pub fn pdf(&self, dir: Vec3) -> f32 {
+        let uv = environment_uv(dir);
+        if !uv.is_finite() {
+            return 0.0;
+        }
+        let column = (uv.x * self.columns as f32 + 0.5).floor() as usize % self.columns;
+        let row = ((uv.y * (self.rows - 1) as f32 + 0.5).floor() as usize).min(self.rows - 1);
+        self.density[row * self.columns + column]
+    }
+}
+
+/// Index of the interval of a cumulative distribution that holds `u`, and the position within it in [0, 1).
+fn pick(cdf: &[f32], u: f32) -> (usize, f32) {
+    let index = cdf.partition_point(|&c| c <= u).min(cdf.len() - 1);
+    let start = if index == 0 { 0.0 } else { cdf[index - 1] };
+    let width = cdf[index] - start;
+    let position = if width > 0.0 { (u - start) / width } else { 0.5 };
+    (index, position.clamp(0.0, 0.999_999_94))
+}
+
+/// cos θ at the upper and lower border of a row of pieces.
+fn row_cosines(row: usize, rows: usize) -> [f64; 2] {
+    let height = (rows - 1) as f64;
+    [row as f64 - 0.5, row as f64 + 0.5].map(|y| (std::f64::consts::PI * (y / height).clamp(0.0, 1.0)).cos())
+}
+
+fn solid_angle(row: usize, rows: usize, columns: usize) -> f64 {
+    let [top, bottom] = row_cosines(row, rows);
+    (top - bottom) * std::f64::consts::TAU / columns as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::{Pcg32, uniform_sphere};
+    use crate::render::texture::{Filter, Wrap};
+
+    /// Black but for a few bright texels, among them both poles and the seam.
+    fn spiky_map() -> Texture {
+        let (width, height) = (9, 6);
+        let mut data = vec![0.0; width * height * 3];
+        for (x, y, value) in [(0, 2, 30.0), (8, 4, 5.0), (3, 0, 8.0), (5, 5, 2.0), (4, 3, 100.0)] {
+            data[(y * width + x) * 3..][..3].fill(value);
+        }
+        Texture::new(width, height, 3, data, Wrap::Repeat, Filter::Bilinear).unwrap()
+    }
+
+    fn lookup(map: &Texture, dir: Vec3) -> Vec3 {
+        map.value(&map.environment_footprint(environment_uv(dir)))
+    }
+
+    #[test]
+    fn uv_and_direction_are_inverse() {
+        let mut rng = Pcg32::new(2);
+        for _ in 0..1000 {
+            let dir = uniform_sphere(rng.next_2d());
+            assert!((environment_direction(environment_uv(dir)) - dir).length() < 1e-5);
+            assert!((environment_uv(dir * 3.0) - environment_uv(dir)).length() < 1e-5);
+        }
+        assert!((environment_uv(-Vec3::Z) - Vec2::splat(0.5)).length() < 1e-6);
+        assert!((environment_uv(Vec3::X) - Vec2::new(0.75, 0.5)).length() < 1e-6);
+        assert_eq!(environment_uv(Vec3::Y).y, 0.0);
+    }
+
+    #[test]
+    fn uv_adjoint_matches_differences() {
+        let mut rng = Pcg32::new(4);
+        for _ in 0..200 {
+            let dir = uniform_sphere(rng.next_2d());
+            // Differences need to stay clear of the poles and of the seam.
+            if dir.y.abs() > 0.98 || (dir.z > 0.0 && dir.x.abs() < 0.05) {
+                continue;
+            }
+            let d_uv = Vec2::new(0.8, -1.3);
+            let gradient = d_environment_uv(dir, d_uv);
+            for axis in 0..3 {
+                let mut step = Vec3::ZERO;
+                step[axis] = 2e-3;
+                let fd = d_uv.dot(environment_uv(dir + step) - environment_uv(dir - step)) / 4e-3;
+                assert!((fd - gradient[axis]).abs() < 3e-3 * (1.0 + gradient.length()), "{dir} {fd} {gradient}");
+            }
+        }
+    }
+
+    #[test]
+    fn density_integrates_to_one_and_agrees_with_samples() {
+        for map in [spiky_map(), Texture::constant(Vec3::ONE), Texture::constant(Vec3::ZERO)] {
+            let table = EnvironmentTable::new(&map);
+            let mut rng = Pcg32::new(6);
+            let (mut integral, n) = (0.0, 400);
+            for i in 0..n * n {
+                let u = [(i % n) as f32 + 0.5, (i / n) as f32 + 0.5].map(|x| x / n as f32);
+                integral += f64::from(table.pdf(uniform_sphere(u))) * 4.0 * std::f64::consts::PI / (n * n) as f64;
+            }
+            assert!((integral - 1.0).abs() < 1e-2, "{integral}");
+            let mut mismatches = 0;
+            for _ in 0..10_000 {
+                let (dir, pdf) = table.sample(rng.next_2d());
+                assert!((dir.length() - 1.0).abs() < 1e-5);
+                // Rounding may put a direction just across a border.
+                mismatches += i32::from((table.pdf(dir) - pdf).abs() > 1e-5 * pdf);
+            }
+            assert!(mismatches < 5, "{mismatches}");
+        }
+    }
+
+    #[test]
+    fn a_constant_map_is_sampled_uniformly() {
+        let table = EnvironmentTable::new(&Texture::constant(Vec3::new(0.2, 3.0, 1.0)));
+        for dir in [Vec3::Y, -Vec3::Y, Vec3::X, Vec3::Z, Vec3::new(0.6, -0.48, 0.64)] {
+            assert!((table.pdf(dir) * 4.0 * PI - 1.0).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn samples_follow_the_density() {
+        const COLUMNS: usize = 16;
+        const ROWS: usize = 12;
+        const N: usize = 200_000;
+        let table = EnvironmentTable::new(&spiky_map());
+        // Equal-area bins of the sphere.
+        let bin = |dir: Vec3| {
+            let row = ((0.5 - 0.5 * dir.y) * ROWS as f32) as usize;
+            let column = (environment_uv(dir).x * COLUMNS as f32) as usize;
+            row.min(ROWS - 1) * COLUMNS + column.min(COLUMNS - 1)
+        };
+        let mut expected = vec![0.0; COLUMNS * ROWS];
+        let fine = 1536;
+        for i in 0..fine * fine {
+            let y = 1.0 - 2.0 * ((i / fine) as f32 + 0.5) / fine as f32;
+            let (sin, cos) = (TAU * ((i % fine) as f32 + 0.5) / fine as f32).sin_cos();
+            let ring = (1.0 - y * y).sqrt();
+            let dir = Vec3::new(ring * sin, y, -ring * cos);
+            expected[bin(dir)] += f64::from(table.pdf(dir)) * 4.0 * std::f64::consts::PI / (fine * fine) as f64;
+        }
+        let mut rng = Pcg32::new(8);
+        let mut found = vec![0.0; COLUMNS * ROWS];
+        for _ in 0..N {
+            found[bin(table.sample(rng.next_2d()).0)] += 1.0;
+        }
+        let n = N as f64;
+        let chi2: f64 = expected.iter().zip(&found).map(|(e, f): (&f64, &f64)| (f - e * n).powi(2) / (e * n)).sum();
+        let freedom = (COLUMNS * ROWS - 1) as f64;
+        // Five standard deviations of a chi-squared variable.
+        assert!(chi2 < freedom + 5.0 * (2.0 * freedom).sqrt(), "{chi2} for {freedom}");
+    }
+
+    #[test]
+    fn importance_sampling_estimates_the_mean_radiance() {
+        let map = spiky_map();
+        let table = EnvironmentTable::new(&map);
+        let n = 500;
+        let at = |i: usize| [(i % n) as f32 + 0.5, (i / n) as f32 + 0.5].map(|x| x / n as f32);
+        let uniform: f64 = (0..n * n).map(|i| f64::from(lookup(&map, uniform_sphere(at(i))).x)).sum::<f64>()
+            * 4.0
+            * std::f64::consts::PI;
+        let sampled: f64 = (0..n * n)
+            .map(|i| {
+                let (dir, pdf) = table.sample(at(i));
+                f64::from(lookup(&map, dir).x / pdf)
+            })
+            .sum();
+        assert!((sampled / uniform - 1.0).abs() < 3e-3, "{sampled} {uniform}");
+    }
+}

@@ -1,5 +1,7 @@
 //! Bitmap textures, bilinear, with derivatives in the texels and in uv.
 
+use glam::{Vec2, Vec3};
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wrap {
     Repeat,
@@ -12,7 +14,7 @@ pub enum Filter {
     Nearest,
 }
 
-/// A bitmap; row 0 is the top (v = 0). 1×1 is a constant.
+/// A bitmap; row 0 is the top (v = 0), texel centres lie at (i + 0.5) / n. 1×1 is a constant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     pub width: usize,
@@ -23,4 +25,285 @@ pub struct Texture {
     pub data: Vec<f32>,
     pub wrap: Wrap,
     pub filter: Filter,
+}
+
+/// Why an array is not a texture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum TextureError {
+    #[error("a texture needs at least one texel, this one is {width}×{height}")]
+    Empty { width: usize, height: usize },
+    #[error("a texture has 1 or 3 channels, not {0}")]
+    Channels(usize),
+    #[error("a {width}×{height} texture of {channels} channels holds {expected} numbers, not {found}")]
+    Length { width: usize, height: usize, channels: usize, expected: usize, found: usize },
+}
+
+/// The texels a lookup reads, with weights that sum to one and their derivatives in u and v.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Footprint {
+    /// Index of the texel's first channel in [`Texture::data`].
+    pub texels: [usize; 4],
+    pub weights: [f32; 4],
+    pub d_weights: [Vec2; 4],
+}
+
+impl Texture {
+    /// A colour that is the same everywhere.
+    pub fn constant(rgb: Vec3) -> Texture {
+        Texture {
+            width: 1,
+            height: 1,
+            channels: 3,
+            data: rgb.to_array().to_vec(),
+            wrap: Wrap::Repeat,
+            filter: Filter::Bilinear,
+        }
+    }
+
+    /// A number that is the same everywhere.
+    pub fn constant_scalar(value: f32) -> Texture {
+        Texture { channels: 1, data: vec![value], ..Texture::constant(Vec3::ZERO) }
+    }
+
+    pub fn new(
+        width: usize,
+        height: usize,
+        channels: usize,
+        data: Vec<f32>,
+        wrap: Wrap,
+        filter: Filter,
+    ) -> Result<Texture, TextureError> {
+        if width == 0 || height == 0 {
+            return Err(TextureError::Empty { width, height });
+        }
+        if channels != 1 && channels != 3 {
+            return Err(TextureError::Channels(channels));
+        }
+        let expected = width.saturating_mul(height).saturating_mul(channels);
+        if data.len() != expected {
+            return Err(TextureError::Length { width, height, channels, expected, found: data.len() });
+        }
+        Ok(Texture { width, height, channels, data, wrap, filter })
+    }
+
+    pub fn is_constant(&self) -> bool {
+        self.width == 1 && self.height == 1
+    }
+
+    /// The colour at `uv`; a single channel fills all three.
+    pub fn eval(&self, uv: Vec2) -> Vec3 {
+        if self.is_constant() {
+            return self.texel(0);
+        }
+        self.value(&self.footprint(uv))
+    }
+
+    /// The colour and its derivatives in u and in v (of the bilinear surface; zero for nearest-texel lookups).
+    pub fn eval_with_uv_gradient(&self, uv: Vec2) -> (Vec3, [Vec3; 2]) {
+        if self.is_constant() {
+            return (self.texel(0), [Vec3::ZERO; 2]);
+        }
+        let footprint = self.footprint(uv);
+        (self.value(&footprint), self.uv_gradient(&footprint))
+    }
+
+    /// Visits the texels a lookup reads: index of the first channel in [`Texture::data`], weight.
+    pub fn for_each_texel(&self, uv: Vec2, mut visit: impl FnMut(usize, f32)) {
+        let footprint = self.footprint(uv);
+        for (texel, weight) in footprint.texels.into_iter().zip(footprint.weights) {
+            if weight != 0.0 {
+                visit(texel, weight);
+            }
+        }
+    }
+
+    /// Adjoint of [`Texture::eval`] in the texels: adds `(index into data, derivative)` for the derivative `d` in the colour.
+    pub fn scatter(&self, uv: Vec2, d: Vec3, add: impl FnMut(usize, f32)) {
+        self.scatter_footprint(&self.footprint(uv), d, add);
+    }
+
+    /// [`Texture::scatter`] for a footprint.
+    pub fn scatter_footprint(&self, footprint: &Footprint, d: Vec3, mut add: impl FnMut(usize, f32)) {
+        for (texel, weight) in footprint.texels.into_iter().zip(footprint.weights) {
+            if weight == 0.0 {
+                continue;
+            }
+            if self.channels == 1 {
+                add(texel, weight * d.element_sum());
+            } else {
+                for c in 0..3 {
+                    add(texel + c, weight * d[c]);
+                }
+            }
+        }
+    }
+
+    /// The texels read at `uv`.
+    pub fn footprint(&self, uv: Vec2) -> Footprint {
+        self.footprint_wrapped(uv, self.wrap, self.wrap)
+    }
+
+    /// The texels read at `uv` of an equirectangular map: repeats in u, clamps in v.
+    pub fn environment_footprint(&self, uv: Vec2) -> Footprint {
+        self.footprint_wrapped(uv, Wrap::Repeat, Wrap::Clamp)
+    }
+
+    /// The weighted colour of a footprint.
+    pub fn value(&self, footprint: &Footprint) -> Vec3 {
+        footprint.texels.iter().zip(footprint.weights).map(|(&texel, w)| self.texel(texel) * w).sum()
+    }
+
+    /// Derivatives of [`Texture::value`] in u and in v.
+    pub fn uv_gradient(&self, footprint: &Footprint) -> [Vec3; 2] {
+        let mut gradient = [Vec3::ZERO; 2];
+        for (&texel, d) in footprint.texels.iter().zip(footprint.d_weights) {
+            let color = self.texel(texel);
+            gradient[0] += color * d.x;
+            gradient[1] += color * d.y;
+        }
+        gradient
+    }
+
+    /// The colour whose first channel is `data[index]`.
+    fn texel(&self, index: usize) -> Vec3 {
+        if self.channels == 1 { Vec3::splat(self.data[index]) } else { Vec3::from_slice(&self.data[index..index + 3]) }
+    }
+
+    fn footprint_wrapped(&self, uv: Vec2, wrap_u: Wrap, wrap_v: Wrap) -> Footprint {
+        let index = |x: usize, y: usize| (y * self.width + x) * self.channels;
+        if self.filter == Filter::Nearest {
+            let texel = index(nearest(uv.x, self.width, wrap_u), nearest(uv.y, self.height, wrap_v));
+            return Footprint { texels: [texel; 4], weights: [1.0, 0.0, 0.0, 0.0], d_weights: [Vec2::ZERO; 4] };
+        }
+        let ([x0, x1], fx, dx) = neighbours(uv.x, self.width, wrap_u);
+        let ([y0, y1], fy, dy) = neighbours(uv.y, self.height, wrap_v);
+        Footprint {
+            texels: [index(x0, y0), index(x1, y0), index(x0, y1), index(x1, y1)],
+            weights: [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy],
+            d_weights: [
+                Vec2::new(-dx * (1.0 - fy), -dy * (1.0 - fx)),
+                Vec2::new(dx * (1.0 - fy), -dy * fx),
+                Vec2::new(-dx * fy, dy * (1.0 - fx)),
+                Vec2::new(dx * fy, dy * fx),
+            ],
+        }
+    }
+}
+
+/// The coordinate in [0, 1] that `t` stands for.
+fn into_unit(t: f32, wrap: Wrap) -> f32 {
+    if !t.is_finite() {
+        return 0.0;
+    }
+    match wrap {
+        Wrap::Repeat => t - t.floor(),
+        Wrap::Clamp => t.clamp(0.0, 1.0),
+    }
+}
+
+fn nearest(t: f32, n: usize, wrap: Wrap) -> usize {
+    ((into_unit(t, wrap) * n as f32) as usize).min(n - 1)
+}
+
+/// The two texels around `t` along one axis, the weight of the second, and that weight's derivative in `t`.
+fn neighbours(t: f32, n: usize, wrap: Wrap) -> ([usize; 2], f32, f32) {
+    let x = into_unit(t, wrap) * n as f32 - 0.5;
+    let floor = x.floor();
+    let (i, f) = (floor as i64, x - floor);
+    let last = n as i64 - 1;
+    let texel = |i: i64| match wrap {
+        Wrap::Repeat => i.rem_euclid(n as i64) as usize,
+        Wrap::Clamp => i.clamp(0, last) as usize,
+    };
+    ([texel(i), texel(i + 1)], f, n as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Pcg32;
+
+    fn random_texture(channels: usize, wrap: Wrap, filter: Filter) -> Texture {
+        let mut rng = Pcg32::new(5);
+        let data = (0..5 * 4 * channels).map(|_| rng.next_f32()).collect();
+        Texture::new(5, 4, channels, data, wrap, filter).unwrap()
+    }
+
+    #[test]
+    fn bad_shapes_are_refused() {
+        let make = |w, h, c, n| Texture::new(w, h, c, vec![0.0; n], Wrap::Repeat, Filter::Bilinear).unwrap_err();
+        assert_eq!(make(0, 2, 3, 0), TextureError::Empty { width: 0, height: 2 });
+        assert_eq!(make(1, 1, 2, 2), TextureError::Channels(2));
+        assert!(matches!(make(2, 2, 3, 11), TextureError::Length { expected: 12, found: 11, .. }));
+    }
+
+    #[test]
+    fn texel_centres_return_their_texel_and_row_zero_is_at_v_zero() {
+        for filter in [Filter::Bilinear, Filter::Nearest] {
+            let texture = random_texture(3, Wrap::Repeat, filter);
+            for y in 0..4 {
+                for x in 0..5 {
+                    let uv = Vec2::new((x as f32 + 0.5) / 5.0, (y as f32 + 0.5) / 4.0);
+                    let expected = Vec3::from_slice(&texture.data[(y * 5 + x) * 3..][..3]);
+                    assert!((texture.eval(uv) - expected).length() < 1e-5);
+                    assert!((texture.eval(uv + Vec2::new(-3.0, 2.0)) - expected).length() < 1e-5);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn clamped_lookups_stay_inside_and_bad_numbers_do_not_panic() {
+        let texture = random_texture(1, Wrap::Clamp, Filter::Bilinear);
+        assert_eq!(texture.eval(Vec2::new(-9.0, 7.0)), Vec3::splat(texture.data[15]));
+        for wrap in [Wrap::Repeat, Wrap::Clamp] {
+            for bad in [f32::NAN, f32::INFINITY, -1e30, 1e30, 1.0, 0.99999997] {
+                for filter in [Filter::Bilinear, Filter::Nearest] {
+                    assert!(random_texture(1, wrap, filter).eval(Vec2::splat(bad)).is_finite());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn uv_gradient_matches_differences() {
+        for (channels, wrap) in [(3, Wrap::Repeat), (1, Wrap::Repeat), (3, Wrap::Clamp)] {
+            let texture = random_texture(channels, wrap, Filter::Bilinear);
+            let mut rng = Pcg32::new(9);
+            for _ in 0..200 {
+                let [u, v] = rng.next_2d().map(|x| 1.6 * x - 0.3);
+                let h = 1e-3;
+                // Keep away from the creases at texel centres and from the clamp.
+                let near_crease = |t: f32, n: f32| {
+                    let f = (t * n - 0.5).rem_euclid(1.0);
+                    f < 2e-2 || f > 1.0 - 2e-2 || (t.abs() < 5e-3) || (t - 1.0).abs() < 5e-3
+                };
+                if near_crease(u, 5.0) || near_crease(v, 4.0) {
+                    continue;
+                }
+                let (value, gradient) = texture.eval_with_uv_gradient(Vec2::new(u, v));
+                assert_eq!(value, texture.eval(Vec2::new(u, v)));
+                for (axis, step) in [Vec2::new(h, 0.0), Vec2::new(0.0, h)].into_iter().enumerate() {
+                    let uv = Vec2::new(u, v);
+                    let fd = (texture.eval(uv + step) - texture.eval(uv - step)) / (2.0 * h);
+                    assert!((fd - gradient[axis]).length() < 5e-3, "{wrap:?} {uv} {fd} {}", gradient[axis]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn texel_adjoint_is_the_transpose_of_the_lookup() {
+        for channels in [1, 3] {
+            for filter in [Filter::Bilinear, Filter::Nearest] {
+                let texture = random_texture(channels, Wrap::Repeat, filter);
+                let (uv, d) = (Vec2::new(0.97, 0.36), Vec3::new(0.3, -1.0, 2.0));
+                let (mut sum, mut weights) = (0.0, 0.0);
+                texture.scatter(uv, d, |i, g| sum += g * texture.data[i]);
+                texture.for_each_texel(uv, |_, w| weights += w);
+                assert!((sum - d.dot(texture.eval(uv))).abs() < 1e-5);
+                assert!((weights - 1.0).abs() < 1e-5);
+            }
+        }
+    }
 }

@@ -1,0 +1,214 @@
+use std::f32::consts::{FRAC_1_PI, TAU};
+
+use glam::Vec3;
+
+/// A lobe without its Fresnel term, D G / (4 ci), at n·wi ≥ 0, n·wo > 0 and wi·wo.
+pub trait Microfacets {
+    fn eval(&self, ci: f32, co: f32, io: f32) -> f32;
+    /// The value and its partial derivatives.
+    fn d_eval(&self, ci: f32, co: f32, io: f32) -> Lobe;
+    /// A microfacet normal for the local direction `wi`.
+    fn sample(&self, wi: Vec3, u: [f32; 2]) -> Vec3;
+    /// Solid-angle density of the direction mirrored at [`Microfacets::sample`]'s normal.
+    fn pdf(&self, ci: f32, co: f32, io: f32) -> f32;
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct Lobe {
+    pub value: f32,
+    pub d_ci: f32,
+    pub d_co: f32,
+    pub d_io: f32,
+    /// With respect to the material's own roughness.
+    pub d_roughness: f32,
+}
+
+/// cos²θ of the half vector: (n·wi + n·wo)² / |wi + wo|².
+fn half_cosine_squared(ci: f32, co: f32, io: f32) -> f32 {
+    let sum = ci + co;
+    (sum * sum / length_squared(io)).min(1.0)
+}
+
+/// Partial derivatives of [`half_cosine_squared`] in a cosine (the same for both) and in wi·wo.
+fn d_half_cosine_squared(ci: f32, co: f32, io: f32) -> (f32, f32) {
+    let (sum, q) = (ci + co, length_squared(io));
+    (2.0 * sum / q, -2.0 * sum * sum / (q * q))
+}
+
+/// |wi + wo|²
+fn length_squared(io: f32) -> f32 {
+    (2.0 + 2.0 * io).max(1e-10)
+}
+
+/// GGX with separable Smith shadowing (Walter et al. 2007), α = roughness².
+#[derive(Clone, Copy, Debug)]
+pub struct Ggx {
+    roughness: f32,
+    alpha: f32,
+}
+
+impl Ggx {
+    pub fn new(roughness: f32) -> Ggx {
+        Ggx { roughness, alpha: roughness * roughness }
+    }
+
+    /// D = a / (π (1 + (a − 1) cos²)²) with a = α².
+    fn distribution(&self, cos2: f32) -> f32 {
+        let a = self.alpha * self.alpha;
+        let t = (1.0 - cos2) + a * cos2;
+        a * FRAC_1_PI / (t * t)
+    }
+
+    /// Partial derivatives of the distribution in cos² and in a.
+    fn d_distribution(&self, cos2: f32) -> (f32, f32) {
+        let a = self.alpha * self.alpha;
+        let t = (1.0 - cos2) + a * cos2;
+        let t3 = FRAC_1_PI / (t * t * t);
+        (2.0 * a * (1.0 - a) * t3, (t - 2.0 * a * cos2) * t3)
+    }
+
+    /// √(a + (1 − a) c²), the root in Smith's G1 = 2c / (c + root).
+    fn root(&self, c: f32) -> f32 {
+        let a = self.alpha * self.alpha;
+        (a + (1.0 - a) * c * c).sqrt()
+    }
+}
+
+impl Microfacets for Ggx {
+    fn eval(&self, ci: f32, co: f32, io: f32) -> f32 {
+        let d = self.distribution(half_cosine_squared(ci, co, io));
+        d * co / ((ci + self.root(ci)) * (co + self.root(co)))
+    }
+
+    fn d_eval(&self, ci: f32, co: f32, io: f32) -> Lobe {
+        let a = self.alpha * self.alpha;
+        let cos2 = half_cosine_squared(ci, co, io);
+        let d = self.distribution(cos2);
+        let (d_by_cos2, d_by_a) = self.d_distribution(cos2);
+        let (cos2_by_c, cos2_by_io) = d_half_cosine_squared(ci, co, io);
+        let (root_i, root_o) = (self.root(ci), self.root(co));
+        let (sum_i, sum_o) = (ci + root_i, co + root_o);
+        let shadow = co / (sum_i * sum_o);
+        let value = d * shadow;
+        // d(c + root)/dc = (root + (1 − a) c) / root, d(root)/da = (1 − c²) / (2 root)
+        let by_ci = -(root_i + (1.0 - a) * ci) / (root_i * sum_i);
+        let by_co = 1.0 / co - (root_o + (1.0 - a) * co) / (root_o * sum_o);
+        let by_a = -(1.0 - ci * ci) / (2.0 * root_i * sum_i) - (1.0 - co * co) / (2.0 * root_o * sum_o);
+        let d_a = d_by_a * shadow + value * by_a;
+        Lobe {
+            value,
+            d_ci: value * by_ci + d_by_cos2 * cos2_by_c * shadow,
+            d_co: value * by_co + d_by_cos2 * cos2_by_c * shadow,
+            d_io: d_by_cos2 * cos2_by_io * shadow,
+            d_roughness: d_a * 4.0 * self.alpha * self.roughness,
+        }
+    }
+
+    /// Visible normals, Heitz 2018.
+    fn sample(&self, wi: Vec3, u: [f32; 2]) -> Vec3 {
+        let stretched = Vec3::new(self.alpha * wi.x, self.alpha * wi.y, wi.z).normalize_or(Vec3::Z);
+        let length2 = stretched.x * stretched.x + stretched.y * stretched.y;
+        let t1 = if length2 > 0.0 { Vec3::new(-stretched.y, stretched.x, 0.0) / length2.sqrt() } else { Vec3::X };
+        let t2 = stretched.cross(t1);
+        let r = u[0].sqrt();
+        let phi = TAU * u[1];
+        let p1 = r * phi.cos();
+        let s = 0.5 * (1.0 + stretched.z);
+        let p2 = (1.0 - s) * (1.0 - p1 * p1).max(0.0).sqrt() + s * r * phi.sin();
+        let p3 = (1.0 - p1 * p1 - p2 * p2).max(0.0).sqrt();
+        let n = t1 * p1 + t2 * p2 + stretched * p3;
+        Vec3::new(self.alpha * n.x, self.alpha * n.y, n.z.max(1e-6)).normalize()
+    }
+
+    /// G1(ci) D / (4 ci)
+    fn pdf(&self, ci: f32, co: f32, io: f32) -> f32 {
+        self.distribution(half_cosine_squared(ci, co, io)) / (2.0 * (ci + self.root(ci)))
+    }
+}
+
+/// Normalised Blinn-Phong with Walter's fit to Smith's shadowing: D = cosᵉ / (π r), e = 2/r − 2, α = √r.
+#[derive(Clone, Copy, Debug)]
+pub struct Phong {
+    roughness: f32,
+}
+
+/// Walter's G1(c)/c with a = c / (α sin): value, derivative in c, derivative in α.
+struct Shadowing {
+    value: f32,
+    d_c: f32,
+    d_alpha: f32,
+}
+
+impl Phong {
+    pub fn new(roughness: f32) -> Phong {
+        Phong { roughness }
+    }
+
+    fn distribution(&self, cos2: f32) -> f32 {
+        let half_exponent = 1.0 / self.roughness - 1.0;
+        FRAC_1_PI / self.roughness * (half_exponent * cos2.max(1e-30).ln()).exp()
+    }
+
+    /// Partial derivatives of the distribution in cos² and in the roughness.
+    fn d_distribution(&self, cos2: f32) -> (f32, f32) {
+        let (r, cos2) = (self.roughness, cos2.max(1e-30));
+        let d = self.distribution(cos2);
+        (d * (1.0 / r - 1.0) / cos2, -d / r * (1.0 + cos2.ln() / r))
+    }
+
+    fn shadowing(&self, c: f32) -> Shadowing {
+        let alpha = self.roughness.sqrt();
+        let sin2 = (1.0 - c * c).max(1e-12);
+        let slope = 1.0 / (alpha * sin2.sqrt());
+        let a = c * slope;
+        if a >= 1.6 {
+            return Shadowing { value: 1.0 / c, d_c: -1.0 / (c * c), d_alpha: 0.0 };
+        }
+        let numerator = 3.535 + 2.181 * a;
+        let denominator = 1.0 + 2.276 * a + 2.577 * a * a;
+        let value = slope * numerator / denominator;
+        let by_a = 2.181 / numerator - (2.276 + 5.154 * a) / denominator;
+        // slope depends on c through 1/sin, a on both: da/dc = slope / sin².
+        Shadowing { value, d_c: value * (c / sin2 + by_a * slope / sin2), d_alpha: value * (-1.0 - by_a * a) / alpha }
+    }
+}
+
+impl Microfacets for Phong {
+    fn eval(&self, ci: f32, co: f32, io: f32) -> f32 {
+        let d = self.distribution(half_cosine_squared(ci, co, io));
+        0.25 * d * self.shadowing(ci).value * co * self.shadowing(co).value
+    }
+
+    fn d_eval(&self, ci: f32, co: f32, io: f32) -> Lobe {
+        let cos2 = half_cosine_squared(ci, co, io);
+        let d = self.distribution(cos2);
+        let (d_by_cos2, d_by_r) = self.d_distribution(cos2);
+        let (cos2_by_c, cos2_by_io) = d_half_cosine_squared(ci, co, io);
+        let (gi, go) = (self.shadowing(ci), self.shadowing(co));
+        let shadow = 0.25 * gi.value * co * go.value;
+        let by_alpha = 0.25 * d * co * (gi.d_alpha * go.value + gi.value * go.d_alpha);
+        Lobe {
+            value: d * shadow,
+            d_ci: 0.25 * d * gi.d_c * co * go.value + d_by_cos2 * cos2_by_c * shadow,
+            d_co: 0.25 * d * gi.value * (go.value + co * go.d_c) + d_by_cos2 * cos2_by_c * shadow,
+            d_io: d_by_cos2 * cos2_by_io * shadow,
+            d_roughness: d_by_r * shadow + by_alpha * 0.5 / self.roughness.sqrt(),
+        }
+    }
+
+    /// Normals with density D cos.
+    fn sample(&self, _wi: Vec3, u: [f32; 2]) -> Vec3 {
+        // cos = u^(1/(e + 2)) = u^(r/2); 1 − cos² without cancellation for sharp lobes.
+        let log_cos2 = self.roughness * u[0].max(1e-30).ln();
+        let (sin, cos) = ((-log_cos2.exp_m1()).max(0.0).sqrt(), (0.5 * log_cos2).exp());
+        let phi = TAU * u[1];
+        Vec3::new(sin * phi.cos(), sin * phi.sin(), cos)
+    }
+
+    /// D cos / (4 wi·h)
+    fn pdf(&self, ci: f32, co: f32, io: f32) -> f32 {
+        let cos2 = half_cosine_squared(ci, co, io);
+        // wi·h = |wi + wo| / 2
+        self.distribution(cos2) * cos2.sqrt() / (2.0 * length_squared(io).sqrt())
+    }
+}
