@@ -1,6 +1,12 @@
 //! Triangle meshes: the value type, built-in shapes, operations with their derivatives, files.
 
+pub mod ops;
+pub mod shapes;
+
+mod teapot;
+
 use glam::{Vec2, Vec3};
+use thiserror::Error;
 
 /// An indexed triangle mesh. `normals`, `uvs` and `colors`, where given, have one entry per vertex.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -15,4 +21,81 @@ pub struct Mesh {
     pub uvs: Option<Vec<Vec2>>,
     /// Linear RGB vertex colours.
     pub colors: Option<Vec<Vec3>>,
+}
+
+/// What can be wrong with a mesh, a request for one, or a file that holds one.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum MeshError {
+    /// A number given to a built-in shape makes no such shape.
+    #[error("{name} must be {expected}, not {found}")]
+    Argument { name: &'static str, expected: &'static str, found: String },
+    #[error("face {face} uses vertex {index}, but the mesh has {vertices} vertices (0 to {})", vertices.saturating_sub(1))]
+    IndexOutOfRange { face: usize, index: u32, vertices: usize },
+    #[error("vertex {vertex} is not finite: [{}, {}, {}]", position[0], position[1], position[2])]
+    NotFinite { vertex: usize, position: [f32; 3] },
+    #[error("the mesh has {vertices} vertices but {count} {what}")]
+    AttributeCount { what: &'static str, count: usize, vertices: usize },
+    #[error("{what} of vertex {vertex} are not finite")]
+    AttributeNotFinite { what: &'static str, vertex: usize },
+    /// A mesh of more triangles than an index can name or a machine can hold.
+    #[error("{what} would have {count} elements, more than the limit of {limit}")]
+    TooLarge { what: &'static str, count: u64, limit: u64 },
+    /// A file that could not be read.
+    #[error("{path}: {message}")]
+    File { path: String, message: String },
+    #[error("{path}: files ending in “.{extension}” hold no mesh that can be read here; supported are {}", EXTENSIONS.join(", "))]
+    UnsupportedExtension { path: String, extension: String },
+}
+
+/// Extensions of the mesh files that can be read.
+pub const EXTENSIONS: [&str; 5] = ["obj", "ply", "gltf", "glb", "stl"];
+
+/// The most vertices or faces that a built-in shape or a file may have.
+pub const MAX_ELEMENTS: u64 = 1 << 27;
+
+impl Mesh {
+    /// A mesh of positions and faces alone, checked.
+    pub fn new(vertices: Vec<Vec3>, faces: Vec<[u32; 3]>) -> Result<Mesh, MeshError> {
+        let mesh = Mesh { vertices, faces, ..Mesh::default() };
+        mesh.validate()?;
+        Ok(mesh)
+    }
+
+    /// Indices in range, everything finite, one attribute per vertex. Degenerate triangles are allowed (they have no
+    /// area and are never hit); so is a mesh without any triangle.
+    pub fn validate(&self) -> Result<(), MeshError> {
+        let vertices = self.vertices.len();
+        for (face, indices) in self.faces.iter().enumerate() {
+            if let Some(&index) = indices.iter().find(|&&i| i as usize >= vertices) {
+                return Err(MeshError::IndexOutOfRange { face, index, vertices });
+            }
+        }
+        if let Some(vertex) = self.vertices.iter().position(|p| !p.is_finite()) {
+            return Err(MeshError::NotFinite { vertex, position: self.vertices[vertex].to_array() });
+        }
+        check_attribute("normals", self.normals.as_deref(), vertices, |n| n.is_finite())?;
+        check_attribute("uvs", self.uvs.as_deref(), vertices, |uv| uv.is_finite())?;
+        check_attribute("colors", self.colors.as_deref(), vertices, |c| c.is_finite())
+    }
+
+    /// Corner positions of a face.
+    pub fn triangle(&self, face: usize) -> [Vec3; 3] {
+        self.faces[face].map(|i| self.vertices[i as usize])
+    }
+}
+
+fn check_attribute<T>(
+    what: &'static str,
+    values: Option<&[T]>,
+    vertices: usize,
+    finite: impl Fn(&T) -> bool,
+) -> Result<(), MeshError> {
+    let Some(values) = values else { return Ok(()) };
+    if values.len() != vertices {
+        return Err(MeshError::AttributeCount { what, count: values.len(), vertices });
+    }
+    match values.iter().position(|v| !finite(v)) {
+        Some(vertex) => Err(MeshError::AttributeNotFinite { what, vertex }),
+        None => Ok(()),
+    }
 }
