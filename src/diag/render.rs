@@ -76,7 +76,7 @@ pub fn to_json(diagnostic: &Diagnostic, sources: &SourceMap) -> Value {
 /// miette's view of a diagnostic: labels of the first label's file; those of other files follow as related notes.
 struct Report {
     code: Option<&'static str>,
-    severity: Severity,
+    severity: miette::Severity,
     message: String,
     source: Option<NamedSource<Excerpt>>,
     labels: Vec<LabeledSpan>,
@@ -95,7 +95,7 @@ impl Report {
         }
         let related = others.iter().map(|&id| Report {
             code: None,
-            severity: diagnostic.severity,
+            severity: miette::Severity::Advice,
             message: format!("see also {}", sources.name(id)),
             source: source_of(sources, id),
             labels: labels_in(diagnostic, sources, id),
@@ -104,7 +104,10 @@ impl Report {
         });
         Report {
             code: Some(diagnostic.code),
-            severity: diagnostic.severity,
+            severity: match diagnostic.severity {
+                Severity::Error => miette::Severity::Error,
+                Severity::Warning => miette::Severity::Warning,
+            },
             message: diagnostic.message.clone(),
             source: main.and_then(|id| source_of(sources, id)),
             labels: main.map_or_else(Vec::new, |id| labels_in(diagnostic, sources, id)),
@@ -171,6 +174,13 @@ impl SourceCode for Excerpt {
         let at = file.position(u32::try_from(offset).unwrap_or(u32::MAX));
         let last = file.position(u32::try_from(offset + span.len()).unwrap_or(u32::MAX)).line;
         let long = |line: usize| file.line(line).is_none_or(|(text, _)| text.len() > LONGEST_LINE);
+        if before == 0 && after == 0 {
+            // Asked for the place alone, for the header.
+            let end = (offset + span.len()).min(file.text.len()).min(offset + LONGEST_LINE);
+            let data = file.text.as_bytes().get(offset..end).unwrap_or(&[]);
+            let (line, column) = (at.line - 1, at.column - 1);
+            return Ok(Box::new(miette::MietteSpanContents::new(data, (offset, end - offset).into(), line, column, 1)));
+        }
         let mut first_line = at.line;
         while first_line > 1 && at.line - first_line < before && !long(first_line - 1) {
             first_line -= 1;
@@ -224,10 +234,7 @@ impl miette::Diagnostic for Report {
     }
 
     fn severity(&self) -> Option<miette::Severity> {
-        Some(match self.severity {
-            Severity::Error => miette::Severity::Error,
-            Severity::Warning => miette::Severity::Warning,
-        })
+        Some(self.severity)
     }
 
     fn help<'a>(&'a self) -> Option<Box<dyn fmt::Display + 'a>> {
