@@ -1,1 +1,4 @@
-//! (under construction)
+//! The command line.
+
+pub mod args;
+pub mod out;

@@ -1,0 +1,242 @@
+//! The command line's grammar (clap) and its help.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand};
+
+use crate::session::Override;
+
+/// Inverse rendering in a language of its own: scenes, unknowns, losses, optimisers.
+#[derive(Debug, Parser)]
+#[command(name = "dsl", version, about, disable_help_subcommand = true, arg_required_else_help = true)]
+#[command(after_help = "\
+Examples:
+  dsl run examples/03_shadow_blocker.dscene          pull an occluder into place by its shadow
+  dsl check scene.dscene                             all errors and warnings, nothing rendered
+  dsl render scene.dscene -o out.png --spp 64        one picture
+  dsl grad scene.dscene --repeats 32 --fd            gradients against finite differences
+  dsl repl scene.dscene                              ask it questions
+
+Exit codes: 0 success, 1 the script is wrong or an `expect` failed, 2 bad usage, 130 interrupted.")]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Checks a script, then runs its actions in order; writes a run folder
+    #[command(after_help = "\
+Examples:
+  dsl run scene.dscene                               into runs/scene-TIMESTAMP/
+  dsl run scene.dscene --out result --seed 7         into result/, with other random samples
+  dsl run scene.dscene --set spp=16 --steps 20       override a declaration, shorten the optimisation
+
+The run folder holds run.json (script, imports, overrides, version, seed), log.jsonl (one object per step) and what the
+script saves. Ctrl-C ends after the current step with exit code 130; a second one ends at once.")]
+    Run(RunArgs),
+    /// Reports all errors and warnings without running anything
+    #[command(after_help = "\
+Examples:
+  dsl check scene.dscene other.dscene
+  dsl check --json scene.dscene                      one JSON object per diagnostic
+
+Exits with 1 if there are errors; warnings alone are no failure.")]
+    Check(CheckArgs),
+    /// Renders one image
+    #[command(after_help = "\
+Examples:
+  dsl render scene.dscene                            the file's only camera (or its first), into scene.exr
+  dsl render scene.dscene --camera side --spp 256 -o side.png
+  dsl render scene.dscene --set 'lamp_height=3'      with a declaration overridden
+
+The extension says the format: .exr and .hdr keep linear radiance, .png is sRGB.")]
+    Render(RenderArgs),
+    /// Derivatives of a scalar, with standard errors
+    #[command(after_help = "\
+Examples:
+  dsl grad scene.dscene                              the only loss, every param that reaches it
+  dsl grad scene.dscene --of 'mean(render(eye))' --wrt corners --repeats 32
+  dsl grad scene.dscene --fd --repeats 64            beside central finite differences, with z-scores
+  dsl grad scene.dscene --json                       one JSON object, a stable schema
+  dsl grad scene.dscene --wrt height --image d.exr   the image of ∂pixel/∂height (of the first camera)
+
+Each repeat has its own seed. `std` is the spread of one evaluation, `std_error` that of the mean.")]
+    Grad(GradArgs),
+    /// Prints the value of an expression
+    #[command(after_help = "\
+Examples:
+  dsl eval scene.dscene 'mean(render(eye, spp: 16))'
+  dsl eval scene.dscene corners[0] --json            {\"value\": …, \"type\": \"…\", \"seconds\": …}")]
+    Eval(EvalArgs),
+    /// An interactive session: declarations, expressions, gradients
+    #[command(after_help = "\
+Examples:
+  dsl repl scene.dscene
+  echo 'grad(loss)' | dsl repl scene.dscene
+
+Type :help inside.")]
+    Repl(ReplArgs),
+}
+
+/// What every command takes.
+#[derive(Clone, Debug, Default, Args)]
+pub struct Common {
+    /// Override a declaration; may be repeated
+    #[arg(long = "set", value_name = "NAME=EXPR", value_parser = parse_override)]
+    pub set: Vec<Override>,
+    /// Seed of all random samples
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Worker threads (default: one per core); results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// No progress bar, no notes
+    #[arg(long, short)]
+    pub quiet: bool,
+    /// Machine-readable output
+    #[arg(long)]
+    pub json: bool,
+    /// Folder for what is written
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+#[derive(Debug, Args)]
+pub struct RunArgs {
+    /// The script
+    pub file: PathBuf,
+    /// Steps of each `optimize`, in place of the script's
+    #[arg(long, value_name = "N")]
+    pub steps: Option<u64>,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    /// The scripts
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+#[derive(Debug, Args)]
+pub struct RenderArgs {
+    /// The script
+    pub file: PathBuf,
+    /// Which camera (default: the only one, or the first)
+    #[arg(long, value_name = "NAME")]
+    pub camera: Option<String>,
+    /// Samples a pixel
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub spp: Option<u32>,
+    /// Where to: .exr, .hdr or .png
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+#[derive(Debug, Args)]
+pub struct GradArgs {
+    /// The script
+    pub file: PathBuf,
+    /// The scalar (default: the only loss, or the first)
+    #[arg(long, value_name = "EXPR")]
+    pub of: Option<String>,
+    /// A param, or a numeric field such as `lamp.radiance`; may be repeated (default: all that reach it)
+    #[arg(long, value_name = "NAME")]
+    pub wrt: Vec<String>,
+    /// Independent evaluations, each with its own seed
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub repeats: u32,
+    /// Compare with central finite differences of the value
+    #[arg(long)]
+    pub fd: bool,
+    /// Step of the finite differences
+    #[arg(long, value_name = "H", default_value_t = 0.01, value_parser = parse_step)]
+    pub fd_step: f64,
+    /// Keep learnt sampling tables from repeat to repeat (none are learnt in this version)
+    #[arg(long)]
+    pub warm: bool,
+    /// Write the image of the camera's derivative along all the params instead of a scalar's gradient
+    #[arg(long, value_name = "FILE")]
+    pub image: Option<PathBuf>,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+#[derive(Debug, Args)]
+pub struct EvalArgs {
+    /// The script
+    pub file: PathBuf,
+    /// The expression
+    pub expr: String,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+#[derive(Debug, Args)]
+pub struct ReplArgs {
+    /// A script to start from
+    pub file: Option<PathBuf>,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+fn parse_override(text: &str) -> Result<Override, String> {
+    let (name, value) = text.split_once('=').ok_or("expected NAME=EXPR, such as spp=16")?;
+    let (name, value) = (name.trim(), value.trim());
+    let is_name = |s: &str| {
+        let mut chars = s.chars();
+        chars.next().is_some_and(|c| c.is_ascii_alphabetic() || c == '_')
+            && chars.all(|c| c.is_ascii_alphanumeric() || c == '_')
+    };
+    if !name.split('.').all(is_name) {
+        return Err(format!("`{name}` is not the name of a declaration"));
+    }
+    if value.is_empty() {
+        return Err(format!("`{name}=` lacks a value"));
+    }
+    Ok(Override { name: name.to_owned(), value: value.to_owned() })
+}
+
+fn parse_step(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(step) if step.is_finite() && step > 0.0 => Ok(step),
+        _ => Err("expected a positive number".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_grammar_is_sound() {
+        use clap::CommandFactory;
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn overrides_are_names_and_expressions() {
+        let parsed = parse_override("spp = 4 * 4").unwrap();
+        assert_eq!(parsed, Override { name: "spp".into(), value: "4 * 4".into() });
+        assert_eq!(parse_override("a=b == c").unwrap().value, "b == c");
+        for wrong in ["spp", "=1", "1x=2", "a b=2", "a="] {
+            assert!(parse_override(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn every_command_takes_the_common_options() {
+        for command in ["run f", "check f", "render f", "grad f", "eval f x", "repl"] {
+            let line = format!("dsl {command} --set a=1 --set b=2 --seed 3 --threads 2 --quiet --json --out d");
+            assert!(Cli::try_parse_from(line.split(' ')).is_ok(), "{line}");
+        }
+        assert!(Cli::try_parse_from(["dsl", "run"]).is_err());
+        assert!(Cli::try_parse_from(["dsl", "run", "f", "--threads", "0"]).is_err());
+    }
+}
