@@ -23,16 +23,22 @@ pub struct Lobe {
     pub d_roughness: f32,
 }
 
-/// cos²θ of the half vector: (n·wi + n·wo)² / |wi + wo|².
-fn half_cosine_squared(ci: f32, co: f32, io: f32) -> f32 {
-    let sum = ci + co;
-    (sum * sum / length_squared(io)).min(1.0)
+/// sin²θ of the half vector: 1 − (n·wi + n·wo)² / |wi + wo|². In double precision, as it cancels for narrow lobes.
+fn half_sine_squared(ci: f32, co: f32, io: f32) -> f32 {
+    let sum = f64::from(ci) + f64::from(co);
+    let q = (2.0 + 2.0 * f64::from(io)).max(1e-10);
+    ((q - sum * sum) / q).clamp(0.0, 1.0) as f32
 }
 
-/// Partial derivatives of [`half_cosine_squared`] in a cosine (the same for both) and in wi·wo.
+/// Partial derivatives of cos²θ = 1 − [`half_sine_squared`] in a cosine (the same for both) and in wi·wo.
 fn d_half_cosine_squared(ci: f32, co: f32, io: f32) -> (f32, f32) {
     let (sum, q) = (ci + co, length_squared(io));
     (2.0 * sum / q, -2.0 * sum * sum / (q * q))
+}
+
+/// ln cos²θ
+fn log_cosine_squared(sin2: f32) -> f32 {
+    (-sin2).ln_1p().max(-69.0)
 }
 
 /// |wi + wo|²
@@ -53,16 +59,17 @@ impl Ggx {
     }
 
     /// D = a / (π (1 + (a − 1) cos²)²) with a = α².
-    fn distribution(&self, cos2: f32) -> f32 {
+    fn distribution(&self, sin2: f32) -> f32 {
         let a = self.alpha * self.alpha;
-        let t = (1.0 - cos2) + a * cos2;
+        let t = sin2 + a * (1.0 - sin2);
         a * FRAC_1_PI / (t * t)
     }
 
     /// Partial derivatives of the distribution in cos² and in a.
-    fn d_distribution(&self, cos2: f32) -> (f32, f32) {
+    fn d_distribution(&self, sin2: f32) -> (f32, f32) {
         let a = self.alpha * self.alpha;
-        let t = (1.0 - cos2) + a * cos2;
+        let cos2 = 1.0 - sin2;
+        let t = sin2 + a * cos2;
         let t3 = FRAC_1_PI / (t * t * t);
         (2.0 * a * (1.0 - a) * t3, (t - 2.0 * a * cos2) * t3)
     }
@@ -76,15 +83,15 @@ impl Ggx {
 
 impl Microfacets for Ggx {
     fn eval(&self, ci: f32, co: f32, io: f32) -> f32 {
-        let d = self.distribution(half_cosine_squared(ci, co, io));
+        let d = self.distribution(half_sine_squared(ci, co, io));
         d * co / ((ci + self.root(ci)) * (co + self.root(co)))
     }
 
     fn d_eval(&self, ci: f32, co: f32, io: f32) -> Lobe {
         let a = self.alpha * self.alpha;
-        let cos2 = half_cosine_squared(ci, co, io);
-        let d = self.distribution(cos2);
-        let (d_by_cos2, d_by_a) = self.d_distribution(cos2);
+        let sin2 = half_sine_squared(ci, co, io);
+        let d = self.distribution(sin2);
+        let (d_by_cos2, d_by_a) = self.d_distribution(sin2);
         let (cos2_by_c, cos2_by_io) = d_half_cosine_squared(ci, co, io);
         let (root_i, root_o) = (self.root(ci), self.root(co));
         let (sum_i, sum_o) = (ci + root_i, co + root_o);
@@ -122,7 +129,7 @@ impl Microfacets for Ggx {
 
     /// G1(ci) D / (4 ci)
     fn pdf(&self, ci: f32, co: f32, io: f32) -> f32 {
-        self.distribution(half_cosine_squared(ci, co, io)) / (2.0 * (ci + self.root(ci)))
+        self.distribution(half_sine_squared(ci, co, io)) / (2.0 * (ci + self.root(ci)))
     }
 }
 
@@ -144,16 +151,16 @@ impl Phong {
         Phong { roughness }
     }
 
-    fn distribution(&self, cos2: f32) -> f32 {
+    fn distribution(&self, sin2: f32) -> f32 {
         let half_exponent = 1.0 / self.roughness - 1.0;
-        FRAC_1_PI / self.roughness * (half_exponent * cos2.max(1e-30).ln()).exp()
+        FRAC_1_PI / self.roughness * (half_exponent * log_cosine_squared(sin2)).exp()
     }
 
     /// Partial derivatives of the distribution in cos² and in the roughness.
-    fn d_distribution(&self, cos2: f32) -> (f32, f32) {
-        let (r, cos2) = (self.roughness, cos2.max(1e-30));
-        let d = self.distribution(cos2);
-        (d * (1.0 / r - 1.0) / cos2, -d / r * (1.0 + cos2.ln() / r))
+    fn d_distribution(&self, sin2: f32) -> (f32, f32) {
+        let (r, cos2) = (self.roughness, (1.0 - sin2).max(1e-30));
+        let d = self.distribution(sin2);
+        (d * (1.0 / r - 1.0) / cos2, -d / r * (1.0 + log_cosine_squared(sin2) / r))
     }
 
     fn shadowing(&self, c: f32) -> Shadowing {
@@ -175,14 +182,14 @@ impl Phong {
 
 impl Microfacets for Phong {
     fn eval(&self, ci: f32, co: f32, io: f32) -> f32 {
-        let d = self.distribution(half_cosine_squared(ci, co, io));
+        let d = self.distribution(half_sine_squared(ci, co, io));
         0.25 * d * self.shadowing(ci).value * co * self.shadowing(co).value
     }
 
     fn d_eval(&self, ci: f32, co: f32, io: f32) -> Lobe {
-        let cos2 = half_cosine_squared(ci, co, io);
-        let d = self.distribution(cos2);
-        let (d_by_cos2, d_by_r) = self.d_distribution(cos2);
+        let sin2 = half_sine_squared(ci, co, io);
+        let d = self.distribution(sin2);
+        let (d_by_cos2, d_by_r) = self.d_distribution(sin2);
         let (cos2_by_c, cos2_by_io) = d_half_cosine_squared(ci, co, io);
         let (gi, go) = (self.shadowing(ci), self.shadowing(co));
         let shadow = 0.25 * gi.value * co * go.value;
@@ -207,8 +214,8 @@ impl Microfacets for Phong {
 
     /// D cos / (4 wi·h)
     fn pdf(&self, ci: f32, co: f32, io: f32) -> f32 {
-        let cos2 = half_cosine_squared(ci, co, io);
+        let sin2 = half_sine_squared(ci, co, io);
         // wi·h = |wi + wo| / 2
-        self.distribution(cos2) * cos2.sqrt() / (2.0 * length_squared(io).sqrt())
+        self.distribution(sin2) * (1.0 - sin2).sqrt() / (2.0 * length_squared(io).sqrt())
     }
 }
