@@ -81,9 +81,10 @@ impl<const N: usize> Sub for Dual<N> {
 impl<const N: usize> Mul for Dual<N> {
     type Output = Dual<N>;
 
+    #[allow(clippy::suspicious_arithmetic_impl)] // the product rule has a sum
     fn mul(self, other: Dual<N>) -> Dual<N> {
-        let partials = std::array::from_fn(|i| self.partials[i] * other.value + self.value * other.partials[i]);
-        Dual { value: self.value * other.value, partials }
+        let product_rule = |i: usize| self.partials[i] * other.value + self.value * other.partials[i];
+        Dual { value: self.value * other.value, partials: std::array::from_fn(product_rule) }
     }
 }
 
