@@ -1,5 +1,10 @@
 //! Images: linear, row-major, origin top left; files and filters.
 
+pub mod file;
+pub mod filter;
+
+use thiserror::Error;
+
 /// A `height × width × channels` array of linear values; row 0 is the top row.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Image {
@@ -9,6 +14,26 @@ pub struct Image {
     /// `data[(y * width + x) * channels + c]`.
     pub data: Vec<f32>,
 }
+
+/// What can be wrong with an image, a request for one, or a file that holds one.
+#[derive(Clone, Debug, PartialEq, Error)]
+pub enum ImageError {
+    #[error("{0}")]
+    Argument(String),
+    #[error(
+        "an image of {width}×{height} pixels with {channels} channels would hold more than {} numbers",
+        MAX_NUMBERS
+    )]
+    TooLarge { width: usize, height: usize, channels: usize },
+    /// A file that could not be read or written.
+    #[error("{path}: {message}")]
+    File { path: String, message: String },
+    #[error("{path}: {action} “.{extension}” is not supported; {}", supported(extensions))]
+    UnsupportedExtension { path: String, action: &'static str, extension: String, extensions: &'static [&'static str] },
+}
+
+/// The most numbers an image may hold: a 16384 × 16384 RGB picture.
+pub const MAX_NUMBERS: usize = 3 << 28;
 
 impl Image {
     pub fn new(width: usize, height: usize, channels: usize) -> Self {
@@ -24,4 +49,34 @@ impl Image {
         let i = (y * self.width + x) * self.channels;
         &mut self.data[i..i + self.channels]
     }
+
+    /// At least one pixel and one channel, and as many numbers as that takes.
+    pub fn check(&self) -> Result<(), ImageError> {
+        let Image { width, height, channels, .. } = *self;
+        let expected = check_size(width, height, channels)?;
+        if self.data.len() != expected {
+            let found = self.data.len();
+            return Err(ImageError::Argument(format!(
+                "an image of {width}×{height} pixels with {channels} channels holds {expected} numbers, not {found}"
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// The number of numbers of an image that is neither empty nor too large.
+pub fn check_size(width: usize, height: usize, channels: usize) -> Result<usize, ImageError> {
+    if width == 0 || height == 0 || channels == 0 {
+        return Err(ImageError::Argument(format!(
+            "an image of {width}×{height} pixels with {channels} channels is empty"
+        )));
+    }
+    match width.checked_mul(height).and_then(|n| n.checked_mul(channels)) {
+        Some(n) if n <= MAX_NUMBERS => Ok(n),
+        _ => Err(ImageError::TooLarge { width, height, channels }),
+    }
+}
+
+fn supported(extensions: &[&str]) -> String {
+    format!("supported are {}", extensions.iter().map(|e| format!(".{e}")).collect::<Vec<_>>().join(", "))
 }

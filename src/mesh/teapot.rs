@@ -106,7 +106,7 @@ fn locate(k: usize, n: usize, patches: usize) -> (usize, f32) {
     (patch, (k - patch * n) as f32 / n as f32)
 }
 
-/// A surface of revolution about the y axis; u around, v from the last profile point (0) to the first (1).
+/// A surface of revolution about the y axis; u around, v from the first profile point to the last.
 fn revolve(patches: &mut Patches, profile: &[[ProfilePoint; 4]], n: usize) {
     let (nu, nv) = (4 * n, profile.len() * n);
     patches.grid(nu, nv, |i, j| {
@@ -114,7 +114,9 @@ fn revolve(patches: &mut Patches, profile: &[[ProfilePoint; 4]], n: usize) {
         let (part, t) = locate(nv - j, n, profile.len());
         let control =
             profile[part].map(|[r, q, y]| [vec3(r, y, 0.0), vec3(r, y, -q), vec3(q, y, -r), vec3(0.0, y, -r)]);
-        let (position, ds, dt) = bezier(&control, s, t);
+        let (mut position, ds, dt) = bezier(&control, s, t);
+        // The height does not depend on s; free of its rounding, a pole is one point.
+        position.y = bernstein(t).0.iter().zip(profile[part]).map(|(b, [_, _, y])| b * y).sum();
         // Outward, with u to the right and v up: ∂u × ∂v = ∂s × (−∂t). At a pole ∂s vanishes and the axis is normal.
         let across = dt.cross(ds);
         let normal =
