@@ -1,1 +1,246 @@
-//! (under construction)
+//! The Rust halves of the standard library: one table from declared names to functions on values.
+//!
+//! No spans and no diagnostics here: an error blames an argument by its index, the evaluator knows the place.
+
+mod fields;
+mod images;
+mod meshes;
+mod numbers;
+mod scene;
+pub mod value;
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use crate::tape::{TapeError, Tensor, Var};
+use value::{MeshValue, Value};
+
+pub use fields::{field, fields_of, set_field};
+pub(crate) use scene::{add_to_scene, transform_matrix};
+
+/// What went wrong in a native, and which argument is to blame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NativeError {
+    pub arg: Option<usize>,
+    pub message: String,
+    pub help: Option<String>,
+}
+
+impl NativeError {
+    pub fn new(message: impl Into<String>) -> NativeError {
+        NativeError { arg: None, message: message.into(), help: None }
+    }
+
+    pub fn at(arg: usize, message: impl Into<String>) -> NativeError {
+        NativeError { arg: Some(arg), message: message.into(), help: None }
+    }
+
+    pub fn help(mut self, help: impl Into<String>) -> NativeError {
+        self.help = Some(help.into());
+        self
+    }
+}
+
+impl From<TapeError> for NativeError {
+    fn from(e: TapeError) -> NativeError {
+        NativeError::new(e.0)
+    }
+}
+
+pub type Result<T, E = NativeError> = std::result::Result<T, E>;
+
+/// What natives may know of the world.
+#[derive(Clone, Debug)]
+pub struct Context {
+    /// Relative paths start here.
+    pub base_dir: PathBuf,
+    /// For natives that draw random numbers.
+    pub seed: u64,
+    pub step: u64,
+}
+
+/// The arguments of one call, by the names of the declaration.
+pub struct Args<'a> {
+    pub names: &'a [&'a str],
+    pub values: &'a [Value],
+    pub context: &'a Context,
+}
+
+pub type Native = fn(&Args) -> Result<Value>;
+
+/// The implementation of a declared name.
+pub fn find(name: &str) -> Option<Native> {
+    static TABLE: OnceLock<HashMap<&'static str, Native>> = OnceLock::new();
+    let table = TABLE.get_or_init(|| {
+        [numbers::TABLE, meshes::TABLE, images::TABLE, scene::TABLE].into_iter().flatten().copied().collect()
+    });
+    table.get(name).copied()
+}
+
+/// Every name of the table, in the table's order.
+pub fn names() -> impl Iterator<Item = &'static str> {
+    [numbers::TABLE, meshes::TABLE, images::TABLE, scene::TABLE].into_iter().flatten().map(|(name, _)| *name)
+}
+
+/// Rendering natives, which the evaluator implements: name and what they give.
+pub const RENDERING: &[(&str, crate::grad::Output)] = {
+    use crate::grad::Output;
+    &[
+        ("render", Output::Radiance),
+        ("depth", Output::Depth),
+        ("alpha", Output::Alpha),
+        ("position", Output::Position),
+        ("normal", Output::Normal),
+        ("geometric_normal", Output::GeometricNormal),
+        ("albedo", Output::Albedo),
+        ("uv", Output::Uv),
+        ("shape_index", Output::ShapeIndex),
+    ]
+};
+
+impl<'a> Args<'a> {
+    pub fn len(&self) -> usize {
+        self.values.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.values.is_empty()
+    }
+
+    /// The argument at a position, unless it is missing.
+    pub fn get(&self, index: usize) -> Option<&'a Value> {
+        self.values.get(index).filter(|v| !matches!(v, Value::None))
+    }
+
+    pub fn index(&self, name: &str) -> Option<usize> {
+        self.names.iter().position(|n| *n == name)
+    }
+
+    /// The argument of that name, unless it is missing.
+    pub fn named(&self, name: &str) -> Option<(usize, &'a Value)> {
+        let index = self.index(name)?;
+        self.get(index).map(|v| (index, v))
+    }
+
+    fn missing(&self, name: &str) -> NativeError {
+        NativeError::new(format!("the argument `{name}` is missing"))
+    }
+
+    pub fn value(&self, index: usize) -> Result<&'a Value> {
+        self.get(index).ok_or_else(|| self.missing(self.names.get(index).unwrap_or(&"?")))
+    }
+
+    pub fn need(&self, name: &str) -> Result<(usize, &'a Value)> {
+        self.named(name).ok_or_else(|| self.missing(name))
+    }
+
+    pub fn wrong(&self, index: usize, expected: &str) -> NativeError {
+        let found = self.values.get(index).map_or("nothing", |v| v.kind());
+        let name = self.names.get(index).unwrap_or(&"?");
+        NativeError::at(index, format!("`{name}` must be {expected}, this is {found}"))
+    }
+
+    /// Anything made of numbers.
+    pub fn var(&self, index: usize) -> Result<&'a Var> {
+        match self.value(index)? {
+            Value::Num(v) | Value::Image(v) | Value::Rotation(v) | Value::Transform(v) => Ok(v),
+            _ => Err(self.wrong(index, "made of numbers")),
+        }
+    }
+
+    pub fn named_var(&self, name: &str) -> Result<Option<&'a Var>> {
+        self.named(name).map(|(i, _)| self.var(i)).transpose()
+    }
+
+    /// A vector of `n` numbers; one number counts for all if `broadcast`.
+    pub fn vector(&self, index: usize, n: usize, broadcast: bool) -> Result<Var> {
+        let v = self.var(index)?;
+        if v.shape() == [n] {
+            return Ok(v.clone());
+        }
+        if broadcast && v.len() == 1 {
+            return Ok(v.reshape(vec![])?.broadcast_to(&[n])?);
+        }
+        let what = Tensor::shape_text(v.shape());
+        Err(NativeError::at(index, format!("`{}` must be {n} numbers, this is a {what}", self.names[index])))
+    }
+
+    pub fn scalar(&self, index: usize) -> Result<Var> {
+        let v = self.var(index)?;
+        if v.len() == 1 { Ok(v.reshape(vec![])?) } else { Err(self.wrong(index, "a number")) }
+    }
+
+    pub fn number(&self, index: usize) -> Result<f64> {
+        self.value(index)?.number().ok_or_else(|| self.wrong(index, "a number"))
+    }
+
+    pub fn named_number(&self, name: &str) -> Result<Option<f64>> {
+        self.named(name).map(|(i, _)| self.number(i)).transpose()
+    }
+
+    /// A whole number within `range`.
+    pub fn integer(&self, index: usize, range: std::ops::RangeInclusive<i64>) -> Result<i64> {
+        let x = self.number(index)?;
+        let name = self.names.get(index).unwrap_or(&"?");
+        if x.fract() != 0.0 || !x.is_finite() {
+            return Err(NativeError::at(index, format!("`{name}` must be a whole number, this is {x}")));
+        }
+        if x < *range.start() as f64 || x > *range.end() as f64 {
+            let (lo, hi) = (range.start(), range.end());
+            let bounds = if *hi == i64::MAX { format!("at least {lo}") } else { format!("from {lo} to {hi}") };
+            return Err(NativeError::at(index, format!("`{name}` must be {bounds}, this is {x}")));
+        }
+        Ok(x as i64)
+    }
+
+    pub fn named_integer(&self, name: &str, range: std::ops::RangeInclusive<i64>) -> Result<Option<i64>> {
+        self.named(name).map(|(i, _)| self.integer(i, range)).transpose()
+    }
+
+    pub fn boolean(&self, name: &str) -> Result<Option<bool>> {
+        match self.named(name) {
+            None => Ok(None),
+            Some((_, Value::Bool(b))) => Ok(Some(*b)),
+            Some((i, _)) => Err(self.wrong(i, "`true` or `false`")),
+        }
+    }
+
+    pub fn string(&self, index: usize) -> Result<&'a str> {
+        match self.value(index)? {
+            Value::Str(s) => Ok(s),
+            _ => Err(self.wrong(index, "a string")),
+        }
+    }
+
+    pub fn named_string(&self, name: &str) -> Result<Option<&'a str>> {
+        self.named(name).map(|(i, _)| self.string(i)).transpose()
+    }
+
+    pub fn image(&self, index: usize) -> Result<Var> {
+        match self.value(index)? {
+            Value::Image(v) => Ok(v.clone()),
+            Value::Texture(t) => Ok(t.texels.clone()),
+            Value::Num(v) if v.shape().len() == 3 => Ok(v.clone()),
+            Value::Num(v) if v.shape().len() == 2 => {
+                let shape = [v.shape(), &[1]].concat();
+                Ok(v.reshape(shape)?)
+            }
+            _ => Err(self.wrong(index, "an image")),
+        }
+    }
+
+    pub fn mesh(&self, index: usize) -> Result<&'a MeshValue> {
+        match self.value(index)? {
+            Value::Mesh(m) => Ok(m),
+            Value::Shape(s) => Ok(&s.mesh),
+            _ => Err(self.wrong(index, "a mesh")),
+        }
+    }
+
+    /// A path, relative ones starting from the script's folder.
+    pub fn path(&self, index: usize) -> Result<PathBuf> {
+        let path = Path::new(self.string(index)?);
+        Ok(if path.is_absolute() { path.to_path_buf() } else { self.context.base_dir.join(path) })
+    }
+}

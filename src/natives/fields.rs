@@ -1,0 +1,244 @@
+//! Fields of values: reading (`lamp.radiance`, `v.xz`) and replacing (`with { lamp.radiance: 5 }`).
+
+use std::sync::Arc;
+
+use crate::tape::{Tensor, Var};
+
+use super::scene::rotation_of;
+use super::value::{
+    CameraValue, Input, LightValue, MaterialValue, MeshValue, SettingsValue, ShapeValue, TextureValue, Value,
+};
+use super::{NativeError, Result};
+
+/// A field of a value; `None` if it has none of that name.
+pub fn field(value: &Value, name: &str) -> Option<Value> {
+    match value {
+        Value::Num(v) => swizzle(name, v.shape().last().copied()?).and_then(|which| pick(v, &which).map(Value::Num)),
+        Value::Image(v) => match name {
+            "width" => Some(Value::scalar(v.shape()[1] as f64)),
+            "height" => Some(Value::scalar(v.shape()[0] as f64)),
+            "channels" => Some(Value::scalar(v.shape()[2] as f64)),
+            _ => Some(Value::Image(v.components(&swizzle(name, v.shape()[2])?).ok()?)),
+        },
+        Value::Texture(t) => match name {
+            "texels" => Some(Value::Image(t.texels.clone())),
+            "width" => Some(Value::scalar(t.texels.shape()[1] as f64)),
+            "height" => Some(Value::scalar(t.texels.shape()[0] as f64)),
+            _ => None,
+        },
+        Value::Mesh(m) => mesh_field(m, name),
+        Value::Material(m) => m.input(name).map(input_value),
+        Value::Shape(s) => match name {
+            "mesh" => Some(Value::Mesh(s.mesh.clone())),
+            "material" => Some(Value::Material(s.material.clone())),
+            _ => None,
+        },
+        Value::Light(l) => light_field(l, name),
+        Value::Camera(c) => match (c.field(name), name) {
+            (Some(v), _) => Some(v.clone()),
+            (None, "width") => c.film().map(|f| Value::scalar(f.0 as f64)),
+            _ => None,
+        },
+        Value::Scene(s) => match name {
+            "shapes" => Some(Value::list(s.shapes.iter().cloned().map(Value::Shape).collect())),
+            "lights" => Some(Value::list(s.lights.iter().cloned().map(Value::Light).collect())),
+            _ => None,
+        },
+        Value::Settings(s) => s.field(name).cloned(),
+        Value::Estimate(e) => match name {
+            "mean" => Some(Value::tensor(e.mean.clone())),
+            "std_error" => Some(Value::tensor(e.std_error.clone())),
+            _ => None,
+        },
+        Value::Gradients(all) => all.iter().find(|g| g.name == name).map(|g| Value::tensor(g.gradient.clone())),
+        Value::Rotation(m) | Value::Transform(m) if name == "matrix" => Some(Value::Num(m.clone())),
+        _ => None,
+    }
+}
+
+/// Names of the fields a value has now.
+pub fn fields_of(value: &Value) -> Vec<String> {
+    let words = |w: &[&str]| w.iter().map(|s| s.to_string()).collect::<Vec<_>>();
+    match value {
+        Value::Image(_) => words(&["width", "height", "channels"]),
+        Value::Texture(_) => words(&["texels", "width", "height"]),
+        Value::Mesh(m) => words(&["vertices", "faces", "normals", "uvs", "colors"])
+            .into_iter()
+            .filter(|n| mesh_field(m, n).is_some())
+            .collect(),
+        Value::Material(m) => m.inputs.iter().map(|(n, _)| n.to_string()).collect(),
+        Value::Shape(_) => words(&["mesh", "material"]),
+        Value::Light(l) => words(match **l {
+            LightValue::Area { .. } => &["mesh", "radiance", "two_sided", "material"],
+            LightValue::Point { .. } => &["position", "intensity"],
+            LightValue::Directional { .. } => &["direction", "irradiance"],
+            LightValue::Environment { .. } => &["radiance", "rotation"],
+        }),
+        Value::Camera(c) => c.fields.iter().map(|(n, _)| n.clone()).collect(),
+        Value::Scene(_) => words(&["shapes", "lights"]),
+        Value::Settings(s) => s.fields.iter().map(|(n, _)| n.clone()).collect(),
+        Value::Estimate(_) => words(&["mean", "std_error"]),
+        Value::Gradients(all) => all.iter().map(|g| g.name.clone()).collect(),
+        Value::Rotation(_) | Value::Transform(_) => words(&["matrix"]),
+        _ => vec![],
+    }
+}
+
+/// The value with one field (of a field, …) replaced. Only fields that the value holds as they were given can be.
+pub fn set_field(value: &Value, path: &[String], new: Value) -> Result<Value> {
+    let Some((name, rest)) = path.split_first() else { return Ok(new) };
+    let old = field(value, name).ok_or_else(|| NativeError::new(format!("{} has no field `{name}`", value.kind())))?;
+    let new = if rest.is_empty() { new } else { set_field(&old, rest, new)? };
+    let refuse = || NativeError::new(format!("the field `{name}` of {} cannot be replaced", value.kind()));
+    match value {
+        Value::Num(v) => {
+            let which = swizzle(name, v.shape().last().copied().unwrap_or(0)).ok_or_else(refuse)?;
+            let ([n], Some(x)) = (v.shape(), new.var()) else { return Err(refuse()) };
+            let x = x.broadcast_to(&[which.len()]).or_else(|_| x.reshape(vec![which.len()]))?;
+            let joined = Var::concat(&[v.clone(), x], 0)?;
+            let row = |i: usize| which.iter().position(|w| *w == i).map_or(i, |k| n + k) as u32;
+            Ok(Value::Num(joined.rows(&(0..*n).map(row).collect::<Vec<_>>())?))
+        }
+        Value::Texture(t) if name == "texels" => {
+            let texels = new.var().filter(|v| v.shape().len() == 3).ok_or_else(refuse)?.clone();
+            Ok(Value::Texture(Arc::new(TextureValue { texels, ..(**t).clone() })))
+        }
+        Value::Mesh(m) => {
+            let v = new.var().ok_or_else(refuse)?;
+            if old.var().is_none_or(|o| o.shape() != v.shape()) || name == "faces" {
+                return Err(refuse());
+            }
+            let mut m = (**m).clone();
+            match name.as_str() {
+                "vertices" => m.vertices = v.clone(),
+                "normals" => m.normals = Some(v.clone()),
+                "uvs" => m.uvs = Some(v.clone()),
+                _ => m.colors = Some(v.clone()),
+            }
+            Ok(Value::Mesh(Arc::new(m)))
+        }
+        Value::Material(m) => {
+            let input = as_input(&new).ok_or_else(refuse)?;
+            let inputs =
+                m.inputs.iter().map(|(n, i)| (*n, if n == name { input.clone() } else { i.clone() })).collect();
+            Ok(Value::Material(Arc::new(MaterialValue { inputs, ..(**m).clone() })))
+        }
+        Value::Shape(s) => match new {
+            Value::Mesh(mesh) if name == "mesh" => {
+                Ok(Value::Shape(Arc::new(ShapeValue { mesh, material: s.material.clone() })))
+            }
+            Value::Material(material) if name == "material" => {
+                Ok(Value::Shape(Arc::new(ShapeValue { material, mesh: s.mesh.clone() })))
+            }
+            _ => Err(refuse()),
+        },
+        Value::Light(l) => set_light_field(l, name, &new).ok_or_else(refuse),
+        Value::Camera(c) => Ok(Value::Camera(Arc::new(CameraValue { fields: replaced(&c.fields, name, new) }))),
+        Value::Settings(s) => Ok(Value::Settings(Arc::new(SettingsValue {
+            name: s.name.clone(),
+            fields: replaced(&s.fields, name, new),
+        }))),
+        _ => Err(refuse()),
+    }
+}
+
+fn replaced(fields: &[(String, Value)], name: &str, new: Value) -> Vec<(String, Value)> {
+    fields.iter().map(|(n, v)| (n.clone(), if n == name { new.clone() } else { v.clone() })).collect()
+}
+
+/// `x`, `yz`, `rgb`: places on an axis of length `n`.
+fn swizzle(name: &str, n: usize) -> Option<Vec<usize>> {
+    let place =
+        |letters: &str| -> Option<Vec<usize>> { name.chars().map(|c| letters.find(c).filter(|i| *i < n)).collect() };
+    if name.is_empty() || name.len() > 4 { None } else { place("xyzw").or_else(|| place("rgba")) }
+}
+
+fn pick(v: &Var, which: &[usize]) -> Option<Var> {
+    match which {
+        [one] => v.component(*one).ok(),
+        several => v.components(several).ok(),
+    }
+}
+
+fn mesh_field(m: &MeshValue, name: &str) -> Option<Value> {
+    match name {
+        "vertices" => Some(Value::Num(m.vertices.clone())),
+        "faces" => Some(Value::tensor(Tensor::rows(m.faces.iter().map(|f| f.map(f64::from))))),
+        "normals" => m.normals.clone().map(Value::Num),
+        "uvs" => m.uvs.clone().map(Value::Num),
+        "colors" => m.colors.clone().map(Value::Num),
+        _ => None,
+    }
+}
+
+fn input_value(input: &Input) -> Value {
+    match input {
+        Input::Number(v) => Value::Num(v.clone()),
+        Input::Texture(t) => Value::Texture(t.clone()),
+        Input::VertexColor => Value::Settings(Arc::new(SettingsValue { name: "vertex_color".into(), fields: vec![] })),
+    }
+}
+
+fn as_input(value: &Value) -> Option<Input> {
+    match value {
+        Value::Num(v) if v.len() == 1 => Some(Input::Number(v.reshape(vec![]).ok()?)),
+        Value::Num(v) if v.shape() == [3] => Some(Input::Number(v.clone())),
+        Value::Texture(t) => Some(Input::Texture(t.clone())),
+        Value::Image(v) if matches!(v.shape()[2], 1 | 3) => Some(Input::Texture(Arc::new(TextureValue {
+            texels: v.clone(),
+            wrap: crate::render::texture::Wrap::Repeat,
+            filter: crate::render::texture::Filter::Bilinear,
+        }))),
+        Value::Settings(s) if s.name == "vertex_color" => Some(Input::VertexColor),
+        _ => None,
+    }
+}
+
+fn light_field(light: &LightValue, name: &str) -> Option<Value> {
+    match (light, name) {
+        (LightValue::Area { mesh, .. }, "mesh") => Some(Value::Mesh(mesh.clone())),
+        (LightValue::Area { radiance, .. } | LightValue::Environment { radiance, .. }, "radiance" | "image") => {
+            Some(input_value(radiance))
+        }
+        (LightValue::Area { two_sided, .. }, "two_sided") => Some(Value::Bool(*two_sided)),
+        (LightValue::Area { material: Some(m), .. }, "material") => Some(Value::Material(m.clone())),
+        (LightValue::Point { position, .. }, "position") => Some(Value::Num(position.clone())),
+        (LightValue::Point { intensity, .. }, "intensity") => Some(Value::Num(intensity.clone())),
+        (LightValue::Directional { direction, .. }, "direction") => Some(Value::Num(direction.clone())),
+        (LightValue::Directional { irradiance, .. }, "irradiance") => Some(Value::Num(irradiance.clone())),
+        (LightValue::Environment { rotation, .. }, "rotation") => {
+            let identity = || Var::constant(Tensor::identity(3));
+            Some(Value::Rotation(rotation.clone().unwrap_or_else(identity)))
+        }
+        _ => None,
+    }
+}
+
+fn set_light_field(light: &LightValue, name: &str, new: &Value) -> Option<Value> {
+    let mut light = light.clone();
+    let three = |v: &Value| v.var().and_then(|v| v.broadcast_to(&[3]).ok());
+    match (&mut light, name) {
+        (LightValue::Area { mesh, .. }, "mesh") => match new {
+            Value::Mesh(m) => *mesh = m.clone(),
+            _ => return None,
+        },
+        (LightValue::Area { radiance, .. } | LightValue::Environment { radiance, .. }, "radiance" | "image") => {
+            *radiance = as_input(new)?;
+        }
+        (LightValue::Area { two_sided, .. }, "two_sided") => match new {
+            Value::Bool(b) => *two_sided = *b,
+            _ => return None,
+        },
+        (LightValue::Area { material, .. }, "material") => match new {
+            Value::Material(m) => *material = Some(m.clone()),
+            _ => return None,
+        },
+        (LightValue::Point { position: slot, .. }, "position")
+        | (LightValue::Point { intensity: slot, .. }, "intensity")
+        | (LightValue::Directional { direction: slot, .. }, "direction")
+        | (LightValue::Directional { irradiance: slot, .. }, "irradiance") => *slot = three(new)?,
+        (LightValue::Environment { rotation, .. }, "rotation") => *rotation = Some(rotation_of(new)?),
+        _ => return None,
+    }
+    Some(Value::Light(Arc::new(light)))
+}

@@ -1,0 +1,487 @@
+//! Meshes: shapes whose sizes carry derivatives, files, and operations that move vertices and normals along.
+
+use std::sync::Arc;
+
+use glam::DVec3;
+
+use crate::mesh::{Mesh, MeshError, ops, shapes};
+use crate::tape::{CustomOp, Tensor, Var};
+
+use super::numbers::{about, affine_parts, bounds, euler, identity};
+use super::value::{MeshValue, Value};
+use super::{Args, Native, NativeError, Result};
+
+pub(super) const TABLE: &[(&str, Native)] = &[
+    ("mesh", mesh_from_arrays),
+    ("triangle", |a| {
+        let corners = [a.vector(0, 3, false)?, a.vector(1, 3, false)?, a.vector(2, 3, false)?];
+        give(MeshValue {
+            vertices: Var::stack(&corners)?,
+            faces: Arc::new(vec![[0, 1, 2]]),
+            normals: None,
+            uvs: None,
+            colors: None,
+        })
+    }),
+    ("rectangle", |a| sized(shapes::rectangle(1.0, 1.0), [size(a, "width", 2.0)?, 1.0.into(), size(a, "depth", 2.0)?])),
+    ("cube", |a| {
+        let size = match a.get(0) {
+            Some(_) => a.vector(0, 3, true)?,
+            None => Var::constant(Tensor::full(&[3], 1.0)),
+        };
+        positive(0, "size", &size)?;
+        give(stretched(&(&shapes::cube(1.0).map_err(mesh_error)?).into(), &size)?)
+    }),
+    ("sphere", |a| {
+        let n = a.named_integer("subdivisions", 3..=4096)?.unwrap_or(32) as usize;
+        uniform(shapes::sphere(1.0, n), size(a, "radius", 1.0)?)
+    }),
+    ("icosphere", |a| {
+        let n = a.named_integer("subdivisions", 0..=9)?.unwrap_or(3) as usize;
+        uniform(shapes::icosphere(1.0, n), size(a, "radius", 1.0)?)
+    }),
+    ("disk", |a| {
+        let n = a.named_integer("subdivisions", 3..=1 << 20)?.unwrap_or(32) as usize;
+        uniform(shapes::disk(1.0, n), size(a, "radius", 1.0)?)
+    }),
+    ("cylinder", |a| {
+        let n = a.named_integer("subdivisions", 3..=1 << 20)?.unwrap_or(32) as usize;
+        let r = size(a, "radius", 1.0)?;
+        let open = a.boolean("caps")? == Some(false);
+        let unit = shapes::cylinder(1.0, 1.0, n).map(|m| if open { without_caps(m, |y| y.abs() > 0.25) } else { m });
+        sized(unit, [r.clone(), size(a, "height", 2.0)?, r])
+    }),
+    ("cone", |a| {
+        let n = a.named_integer("subdivisions", 3..=1 << 20)?.unwrap_or(32) as usize;
+        let r = size(a, "radius", 1.0)?;
+        let open = a.boolean("caps")? == Some(false);
+        let unit = shapes::cone(1.0, 1.0, n).map(|m| if open { without_caps(m, |y| y < 0.0) } else { m });
+        sized(unit, [r.clone(), size(a, "height", 2.0)?, r])
+    }),
+    ("torus", torus),
+    ("grid", |a| {
+        let columns = a.named_integer("columns", 1..=1 << 14)?.unwrap_or(16) as usize;
+        let rows = a.named_integer("rows", 1..=1 << 14)?.unwrap_or(16) as usize;
+        let (w, d) = (size(a, "width", 2.0)?, size(a, "depth", 2.0)?);
+        sized(shapes::grid(columns, rows, 1.0, 1.0), [w, 1.0.into(), d])
+    }),
+    ("heightfield", heightfield),
+    ("teapot", |a| {
+        let n = a.named_integer("subdivisions", 1..=256)?.unwrap_or(8) as usize;
+        give((&shapes::teapot(n).map_err(mesh_error)?).into())
+    }),
+    ("translate", |a| {
+        give(MeshValue { vertices: a.mesh(0)?.vertices.add(&a.vector(1, 3, false)?)?, ..a.mesh(0)?.clone() })
+    }),
+    ("rotate", rotate),
+    ("scale", |a| {
+        let factor = a.vector(1, 3, true)?;
+        if factor.value().data.contains(&0.0) {
+            return Err(NativeError::at(1, "a mesh scaled by 0 has no surface"));
+        }
+        give(stretched(a.mesh(0)?, &factor)?)
+    }),
+    ("transform", |a| {
+        let (linear, offset) = affine_parts(a, 1)?;
+        give(moved(a.mesh(0)?, &linear, offset.as_ref(), matches!(a.value(1)?, Value::Rotation(_)), 1)?)
+    }),
+    ("flip", |a| match a.value(0)? {
+        Value::Mesh(m) => give(flipped(m)),
+        _ => super::images::flip(a),
+    }),
+    ("smooth_normals", |a| {
+        let mesh = a.mesh(0)?;
+        give(MeshValue { normals: Some(smooth_normals(mesh)?), ..mesh.clone() })
+    }),
+    ("flat_normals", |a| give(MeshValue { normals: None, ..a.mesh(0)?.clone() })),
+    ("subdivide", subdivide),
+    ("merge", |a| {
+        let parts: Vec<Value> = match (a.value(0)?, a.get(1)) {
+            (Value::List(items), None) => items.to_vec(),
+            (first, None) => vec![first.clone()],
+            (first, Some(second)) => vec![first.clone(), second.clone()],
+        };
+        let meshes: Option<Vec<&MeshValue>> = parts
+            .iter()
+            .map(|p| match p {
+                Value::Mesh(m) => Some(&**m),
+                _ => None,
+            })
+            .collect();
+        give(merged(&meshes.ok_or_else(|| a.wrong(0, "a mesh or an array of meshes"))?)?)
+    }),
+    ("center", |a| give(centered(a.mesh(0)?)?)),
+    ("vertices", |a| Ok(Value::Num(a.mesh(0)?.vertices.clone()))),
+    ("edges", edges),
+    ("laplacian_energy", laplacian_energy),
+    ("edge_length_energy", edge_length_energy),
+    ("normal_consistency", normal_consistency),
+];
+
+fn give(mesh: MeshValue) -> Result<Value> {
+    Ok(Value::Mesh(Arc::new(mesh)))
+}
+
+fn mesh_error(e: MeshError) -> NativeError {
+    NativeError::new(e.to_string())
+}
+
+fn positive(index: usize, name: &str, v: &Var) -> Result<()> {
+    match v.value().data.iter().find(|x| !(x.is_finite() && **x > 0.0)) {
+        Some(x) => Err(NativeError::at(index, format!("`{name}` must be positive, this is {x}"))),
+        None => Ok(()),
+    }
+}
+
+/// A positive length.
+fn size(a: &Args, name: &str, default: f64) -> Result<Var> {
+    match a.named(name) {
+        None => Ok(Var::from(default)),
+        Some((index, _)) => {
+            let v = a.scalar(index)?;
+            positive(index, name, &v)?;
+            Ok(v)
+        }
+    }
+}
+
+fn sized(unit: Result<Mesh, MeshError>, [x, y, z]: [Var; 3]) -> Result<Value> {
+    let unit = MeshValue::from(&unit.map_err(mesh_error)?);
+    give(stretched(&unit, &Var::stack(&[x, y, z])?)?)
+}
+
+/// Scaled alike in all directions: normals stay.
+fn uniform(unit: Result<Mesh, MeshError>, factor: Var) -> Result<Value> {
+    let unit = MeshValue::from(&unit.map_err(mesh_error)?);
+    give(MeshValue { vertices: unit.vertices.mul(&factor)?, ..unit })
+}
+
+/// Scaled along the axes; normals by the inverse.
+fn stretched(mesh: &MeshValue, factor: &Var) -> Result<MeshValue> {
+    let mirrored = factor.value().data.iter().product::<f64>() < 0.0;
+    let normals = match &mesh.normals {
+        Some(n) => {
+            let [x, y, z] = factor.value().data[..] else { return Err(NativeError::new("a scale has 3 factors")) };
+            let alike = !factor.is_live() && x == y && y == z && x > 0.0;
+            Some(if alike { n.clone() } else { n.div(factor)?.normalize()? })
+        }
+        None => None,
+    };
+    let scaled = MeshValue { vertices: mesh.vertices.mul(factor)?, normals, ..mesh.clone() };
+    Ok(if mirrored { reversed(scaled) } else { scaled })
+}
+
+/// Turns the faces round, and leaves the normals: what a reflection needs to keep its outside.
+fn reversed(mesh: MeshValue) -> MeshValue {
+    MeshValue { faces: Arc::new(mesh.faces.iter().map(|&[a, b, c]| [a, c, b]).collect()), ..mesh }
+}
+
+fn flipped(mesh: &MeshValue) -> MeshValue {
+    MeshValue { normals: mesh.normals.as_ref().map(Var::neg), ..reversed(mesh.clone()) }
+}
+
+/// Vertices by `linear · v + offset`, normals by the inverse transpose of `linear`.
+fn moved(mesh: &MeshValue, linear: &Var, offset: Option<&Var>, rigid: bool, blame: usize) -> Result<MeshValue> {
+    let mut vertices = mesh.vertices.matmul(&linear.transpose()?)?;
+    if let Some(offset) = offset {
+        vertices = vertices.add(offset)?;
+    }
+    let normals = match &mesh.normals {
+        // Rows: n' = A⁻ᵀ n, so n'ᵀ = nᵀ A⁻¹; for a rotation A⁻¹ = Aᵀ.
+        Some(n) if rigid => Some(n.matmul(&linear.transpose()?)?),
+        Some(n) => {
+            let inverse = linear.inverse().map_err(|e| NativeError::at(blame, e.0))?;
+            Some(n.matmul(&inverse)?.normalize()?)
+        }
+        None => None,
+    };
+    let moved = MeshValue { vertices, normals, ..mesh.clone() };
+    let mirrored = !rigid && linear.determinant3()?.item().is_some_and(|d| d < 0.0);
+    Ok(if mirrored { reversed(moved) } else { moved })
+}
+
+fn rotate(a: &Args) -> Result<Value> {
+    let mesh = a.mesh(0)?;
+    if let (Some((axis, _)), None) = (a.named("axis"), a.named("angle")) {
+        return Err(NativeError::at(axis, "an axis without an angle").help("write `rotate(axis: …, angle: 30deg)`"));
+    }
+    let mut turn = euler(a)?;
+    let by = a.named("by").map(|(i, _)| affine_parts(a, i)).transpose()?.map(|(linear, _)| linear);
+    for next in [about(a)?, by].into_iter().flatten() {
+        turn = Some(match turn {
+            Some(t) => next.matmul(&t)?,
+            None => next,
+        });
+    }
+    match turn {
+        Some(t) => give(moved(mesh, &t, None, true, 0)?),
+        None => give(mesh.clone()),
+    }
+}
+
+fn mesh_from_arrays(a: &Args) -> Result<Value> {
+    let (vi, _) = a.need("vertices")?;
+    let (fi, _) = a.need("faces")?;
+    let vertices = a.var(vi)?;
+    let &[n, 3] = vertices.shape() else {
+        if vertices.is_empty() {
+            return Err(NativeError::at(vi, "a mesh without vertices"));
+        }
+        return Err(NativeError::at(vi, "vertices are points of 3 numbers: `[[x, y, z], …]`"));
+    };
+    let faces_var = a.var(fi)?;
+    if faces_var.shape().get(1) != Some(&3) || faces_var.shape().len() != 2 {
+        let empty = faces_var.is_empty();
+        return Err(NativeError::at(
+            fi,
+            if empty { "a mesh without faces" } else { "faces are triples of indices: `[[0, 1, 2], …]`" },
+        ));
+    }
+    let mut faces = Vec::with_capacity(faces_var.shape()[0]);
+    for (f, face) in faces_var.value().data.chunks_exact(3).enumerate() {
+        let mut corners = [0u32; 3];
+        for (corner, &x) in corners.iter_mut().zip(face) {
+            if x.fract() != 0.0 || x < 0.0 || x >= n as f64 {
+                let why = format!("face {f} refers to vertex {x}, but there are {n} vertices");
+                return Err(NativeError::at(fi, why).help(format!("indices go from 0 to {}", n.saturating_sub(1))));
+            }
+            *corner = x as u32;
+        }
+        faces.push(corners);
+    }
+    finite(vertices, vi, "vertices")?;
+    let attribute = |name: &str, width: usize| -> Result<Option<Var>> {
+        let Some((i, _)) = a.named(name) else { return Ok(None) };
+        let v = a.var(i)?;
+        if v.shape() != [n, width] {
+            let found = Tensor::shape_text(v.shape());
+            return Err(NativeError::at(
+                i,
+                format!("`{name}` must be {n}×{width}, one row for each vertex; this is {found}"),
+            ));
+        }
+        finite(v, i, name)?;
+        Ok(Some(v.clone()))
+    };
+    give(MeshValue {
+        vertices: vertices.clone(),
+        faces: Arc::new(faces),
+        normals: attribute("normals", 3)?,
+        uvs: attribute("uvs", 2)?,
+        colors: attribute("colors", 3)?,
+    })
+}
+
+fn finite(v: &Var, index: usize, name: &str) -> Result<()> {
+    let width = v.shape().last().copied().unwrap_or(1).max(1);
+    match v.value().data.iter().position(|x| !x.is_finite()) {
+        Some(i) => Err(NativeError::at(index, format!("{name}[{}] is not finite", i / width))),
+        None => Ok(()),
+    }
+}
+
+fn torus(a: &Args) -> Result<Value> {
+    let n = a.named_integer("subdivisions", 3..=2048)?.unwrap_or(32) as usize;
+    let (major, minor) = (size(a, "radius", 1.0)?, size(a, "tube", 0.25)?);
+    // Linear in both radii: the difference of two tori gives the ring.
+    let thin: MeshValue = (&shapes::torus(2.0, 1.0, n, n).map_err(mesh_error)?).into();
+    let wide: MeshValue = (&shapes::torus(3.0, 1.0, n, n).map_err(mesh_error)?).into();
+    let ring = wide.vertices.sub(&thin.vertices)?;
+    let tube = thin.vertices.sub(&ring.scale(2.0))?;
+    give(MeshValue { vertices: ring.mul(&major)?.add(&tube.mul(&minor)?)?, ..thin })
+}
+
+fn heightfield(a: &Args) -> Result<Value> {
+    let heights = a.var(0)?;
+    let (rows, columns) = match *heights.shape() {
+        [r, c] | [r, c, 1] => (r, c),
+        _ => return Err(NativeError::at(0, "heights are rows of numbers, or an image with one channel")),
+    };
+    if rows < 2 || columns < 2 {
+        return Err(NativeError::at(0, "a heightfield needs at least 2 rows of 2 heights"));
+    }
+    let (w, d) = (size(a, "width", 2.0)?, size(a, "depth", 2.0)?);
+    let flat: MeshValue = (&shapes::grid(columns - 1, rows - 1, 1.0, 1.0).map_err(mesh_error)?).into();
+    let n = flat.vertices.shape()[0];
+    if n != rows * columns {
+        return Err(NativeError::new("the grid has another number of vertices than heights"));
+    }
+    let zero = Var::from(0.0);
+    let spread = Var::stack(&[w, zero.clone(), d])?;
+    let up = Var::constant(Tensor::vector(vec![0.0, 1.0, 0.0]));
+    // Vertices run from the near row (+z) to the far one, which is row 0 of the heights.
+    let order: Vec<u32> = (0..rows as u32).rev().collect();
+    let lifted = heights.reshape(vec![rows, columns])?.rows(&order)?.reshape(vec![n, 1])?.mul(&up)?;
+    let lifted = MeshValue { vertices: flat.vertices.mul(&spread)?.add(&lifted)?, normals: None, ..flat };
+    give(MeshValue { normals: Some(smooth_normals(&lifted)?), ..lifted })
+}
+
+/// A closed cylinder or cone without the faces whose corners are all at such a height and whose normal is vertical.
+fn without_caps(mut m: Mesh, at_cap: impl Fn(f32) -> bool) -> Mesh {
+    let vertices = &m.vertices;
+    m.faces.retain(|f| {
+        let [a, b, c] = f.map(|i| vertices[i as usize]);
+        !([a, b, c].iter().all(|v| at_cap(v.y)) && a.y == b.y && b.y == c.y)
+    });
+    m
+}
+
+fn subdivide(a: &Args) -> Result<Value> {
+    let levels = a.named_integer("levels", 0..=8)?.unwrap_or(1);
+    let mut mesh = a.mesh(0)?.clone();
+    for _ in 0..levels {
+        let finer = ops::subdivide(&mesh.to_mesh()).map_err(|e| NativeError::at(0, e.to_string()))?;
+        let half = |v: &Var| -> Result<Var> {
+            let ends: [Vec<u32>; 2] = [0, 1].map(|k| finer.parents.iter().map(|p| p[k]).collect());
+            Ok(v.rows(&ends[0])?.add(&v.rows(&ends[1])?)?.scale(0.5))
+        };
+        mesh = MeshValue {
+            vertices: half(&mesh.vertices)?,
+            faces: Arc::new(finer.mesh.faces),
+            normals: mesh.normals.as_ref().map(half).transpose()?,
+            uvs: mesh.uvs.as_ref().map(half).transpose()?,
+            colors: mesh.colors.as_ref().map(half).transpose()?,
+        };
+    }
+    give(mesh)
+}
+
+fn merged(parts: &[&MeshValue]) -> Result<MeshValue> {
+    if parts.is_empty() {
+        return Err(NativeError::at(0, "no meshes to merge"));
+    }
+    let mut faces = Vec::new();
+    let mut base = 0u32;
+    for part in parts {
+        faces.extend(part.faces.iter().map(|f| f.map(|i| i + base)));
+        base += part.vertices.shape()[0] as u32;
+    }
+    // An attribute survives if every part has it.
+    let join = |of: fn(&MeshValue) -> Option<&Var>| -> Result<Option<Var>> {
+        let all: Option<Vec<Var>> = parts.iter().map(|p| of(p).cloned()).collect();
+        Ok(all.map(|v| Var::concat(&v, 0)).transpose()?)
+    };
+    Ok(MeshValue {
+        vertices: join(|m| Some(&m.vertices))?.unwrap_or_else(identity),
+        faces: Arc::new(faces),
+        normals: join(|m| m.normals.as_ref())?,
+        uvs: join(|m| m.uvs.as_ref())?,
+        colors: join(|m| m.colors.as_ref())?,
+    })
+}
+
+fn centered(mesh: &MeshValue) -> Result<MeshValue> {
+    let (lo, hi) = bounds(mesh)?;
+    Ok(MeshValue { vertices: mesh.vertices.sub(&lo.add(&hi)?.scale(0.5))?, ..mesh.clone() })
+}
+
+/// Centred, the longest side of its bounding box 2 long.
+pub(super) fn normalized(mesh: &MeshValue) -> Result<MeshValue> {
+    let (lo, hi) = bounds(mesh)?;
+    let extent = hi.sub(&lo)?.max()?;
+    if extent.item().is_none_or(|e| e.is_nan() || e <= 0.0) {
+        return Err(NativeError::at(0, "a mesh without extent cannot be normalized"));
+    }
+    let centered = centered(mesh)?;
+    Ok(MeshValue { vertices: centered.vertices.div(&extent)?.scale(2.0), ..centered })
+}
+
+/// Area-weighted vertex normals, as an operation of the tape.
+struct SmoothNormals(Arc<Vec<[u32; 3]>>);
+
+fn points(t: &Tensor) -> Vec<DVec3> {
+    t.data.chunks_exact(3).map(DVec3::from_slice).collect()
+}
+
+fn tensor(points: &[DVec3]) -> Tensor {
+    Tensor::rows(points.iter().map(|p| p.to_array()))
+}
+
+impl CustomOp for SmoothNormals {
+    fn name(&self) -> &str {
+        "smooth_normals"
+    }
+
+    fn vjp(&self, x: &[&Tensor], _: &Tensor, g: &Tensor, _: &[bool]) -> Result<Vec<Option<Tensor>>, String> {
+        let vertices = points(x[0]);
+        let mut d = vec![DVec3::ZERO; vertices.len()];
+        ops::d_smooth_normals(&vertices, &self.0, &points(g), &mut d);
+        Ok(vec![Some(tensor(&d))])
+    }
+
+    fn jvp(&self, x: &[&Tensor], y: &Tensor, t: &[Option<&Tensor>]) -> Result<Tensor, String> {
+        let Some(t) = t[0] else { return Ok(Tensor::zeros(&y.shape)) };
+        Ok(tensor(&ops::jvp_smooth_normals(&points(x[0]), &self.0, &points(t))))
+    }
+}
+
+fn smooth_normals(mesh: &MeshValue) -> Result<Var> {
+    let value = tensor(&ops::smooth_normals(&points(mesh.vertices.value()), &mesh.faces));
+    Ok(Var::custom(Arc::new(SmoothNormals(mesh.faces.clone())), vec![mesh.vertices.clone()], value))
+}
+
+/// Edges by welded position: their two ends (a vertex of each place), and the faces beside them.
+fn welded_edges(mesh: &MeshValue) -> Vec<([u32; 2], Vec<u32>)> {
+    let (place, count) = ops::weld(&points(mesh.vertices.value()));
+    let mut first = vec![0u32; count];
+    for (i, &p) in place.iter().enumerate().rev() {
+        first[p as usize] = i as u32;
+    }
+    ops::edges(&place, &mesh.faces).into_iter().map(|(e, f)| (e.map(|p| first[p as usize]), f)).collect()
+}
+
+/// Pairs of vertices, one row for each edge.
+fn edges(a: &Args) -> Result<Value> {
+    let edges = welded_edges(a.mesh(0)?);
+    Ok(Value::tensor(Tensor::rows(edges.iter().map(|(e, _)| e.map(f64::from)))))
+}
+
+/// Mean over vertices of the squared distance to the mean of their neighbours.
+fn laplacian_energy(a: &Args) -> Result<Value> {
+    let mesh = a.mesh(0)?;
+    let n = mesh.vertices.shape()[0];
+    let mut from = Vec::new();
+    let mut to = Vec::new();
+    let mut degree = vec![0.0f64; n];
+    for ([i, j], _) in welded_edges(mesh) {
+        for (i, j) in [(i, j), (j, i)] {
+            from.push(j);
+            to.push(i);
+            degree[i as usize] += 1.0;
+        }
+    }
+    let scatter: Vec<u32> = to.iter().flat_map(|&i| (0..3).map(move |c| 3 * i + c)).collect();
+    let sums = mesh.vertices.rows(&from)?.scatter(Arc::new(scatter), vec![n, 3]);
+    // Places beyond their first vertex have no edges and count as nothing.
+    let used: Vec<f64> = degree.iter().map(|&d| if d > 0.0 { 1.0 } else { 0.0 }).collect();
+    let inverse: Vec<f64> = degree.iter().map(|&d| 1.0 / d.max(1.0)).collect();
+    let count: f64 = used.iter().sum();
+    let used = Var::constant(Tensor::new(vec![n, 1], used));
+    let means = sums.mul(&Var::constant(Tensor::new(vec![n, 1], inverse)))?;
+    let offset = mesh.vertices.mul(&used)?.sub(&means)?;
+    Ok(Value::Num(offset.mul(&offset)?.sum().scale(1.0 / count.max(1.0))))
+}
+
+/// Mean squared edge length.
+fn edge_length_energy(a: &Args) -> Result<Value> {
+    let mesh = a.mesh(0)?;
+    let edges = welded_edges(mesh);
+    let end = |k: usize| mesh.vertices.rows(&edges.iter().map(|e| e.0[k]).collect::<Vec<_>>());
+    let along = end(0)?.sub(&end(1)?)?;
+    Ok(Value::Num(along.mul(&along)?.sum().scale(1.0 / edges.len().max(1) as f64)))
+}
+
+/// Mean of 1 − cos of the angle between the normals of neighbouring faces.
+fn normal_consistency(a: &Args) -> Result<Value> {
+    let mesh = a.mesh(0)?;
+    let corner = |k: usize| mesh.vertices.rows(&mesh.faces.iter().map(|f| f[k]).collect::<Vec<_>>());
+    let (p, q, r) = (corner(0)?, corner(1)?, corner(2)?);
+    let normals = q.sub(&p)?.cross(&r.sub(&p)?)?.normalize()?;
+    let pairs: Vec<[u32; 2]> =
+        welded_edges(mesh).iter().filter_map(|(_, f)| if let [a, b] = f[..] { Some([a, b]) } else { None }).collect();
+    if pairs.is_empty() {
+        return Ok(Value::scalar(0.0));
+    }
+    let side = |k: usize| normals.rows(&pairs.iter().map(|p| p[k]).collect::<Vec<_>>());
+    Ok(Value::Num(side(0)?.dot(&side(1)?)?.mean()?.neg().shift(1.0)))
+}

@@ -1,0 +1,432 @@
+//! Textures, materials, lights, shapes, cameras, scenes, and the settings of renderers and optimisers.
+
+use std::sync::Arc;
+
+use crate::image::file::{self, Encoding};
+use crate::render::texture::{Filter, Wrap};
+use crate::tape::{Slice, Tensor, Var};
+
+use super::value::{
+    CameraValue, Input, LightValue, MaterialValue, MeshValue, Model, SceneValue, SettingsValue, ShapeValue,
+    TextureValue, Value,
+};
+use super::{Args, Native, NativeError, Result};
+
+pub(super) const TABLE: &[(&str, Native)] = &[
+    ("texture", texture),
+    ("checkerboard", checkerboard),
+    // Its own kind of input: an empty texture stands for it.
+    ("vertex_color", |_| Ok(Value::Settings(settings("vertex_color", vec![])))),
+    ("diffuse", |a| material(a, Model::Diffuse, &[("reflectance", true)])),
+    ("conductor", conductor),
+    ("phong", |a| material(a, Model::Phong, &[("diffuse", true), ("specular", true), ("roughness", false)])),
+    ("mirror", |a| material(a, Model::Mirror, &[("reflectance", true)])),
+    ("principled", |a| {
+        let inputs = [("base_color", true), ("metallic", false), ("roughness", false), ("specular", false)];
+        material(a, Model::Principled, &inputs)
+    }),
+    ("one_sided", |a| {
+        let inner = material_of(a, 0)?;
+        Ok(Value::Material(Arc::new(MaterialValue { one_sided: true, ..(*inner).clone() })))
+    }),
+    ("shape", |a| {
+        let (m, _) = a.need("mesh")?;
+        let material = match a.named("material") {
+            Some((i, _)) => material_of(a, i)?,
+            None => Arc::new(grey()),
+        };
+        Ok(Value::Shape(Arc::new(ShapeValue { mesh: mesh_of(a, m)?, material })))
+    }),
+    ("area", area),
+    ("light", area),
+    ("point", |a| {
+        let (p, _) = a.need("position")?;
+        light(LightValue::Point { position: a.vector(p, 3, false)?, intensity: power(a, "intensity")? })
+    }),
+    ("directional", |a| {
+        let (d, _) = a.need("direction")?;
+        let direction = a.vector(d, 3, false)?;
+        if direction.value().data.iter().all(|x| *x == 0.0) {
+            return Err(NativeError::at(d, "a direction of length 0"));
+        }
+        light(LightValue::Directional { direction, irradiance: power(a, "irradiance")? })
+    }),
+    ("environment", environment),
+    ("constant", |a| light(LightValue::Environment { radiance: Input::Number(power(a, "radiance")?), rotation: None })),
+    ("scene", scene),
+    ("camera", camera),
+    ("integrator", |a| keep(a, "integrator")),
+    ("sgd", |a| keep(a, "sgd")),
+    ("adam", |a| keep(a, "adam")),
+    ("adam_uniform", |a| keep(a, "adam_uniform")),
+    ("rmsprop", |a| keep(a, "rmsprop")),
+    ("laplacian", |a| keep(a, "laplacian")),
+];
+
+fn settings(name: &str, fields: Vec<(String, Value)>) -> Arc<SettingsValue> {
+    Arc::new(SettingsValue { name: name.to_string(), fields })
+}
+
+/// All arguments by name, the missing ones left out.
+fn fields(a: &Args) -> Vec<(String, Value)> {
+    a.names.iter().enumerate().filter_map(|(i, n)| a.get(i).map(|v| (n.to_string(), v.clone()))).collect()
+}
+
+fn keep(a: &Args, name: &str) -> Result<Value> {
+    for (i, field) in a.names.iter().enumerate() {
+        let Some(x) = a.get(i).and_then(Value::number) else { continue };
+        let fault = match *field {
+            "spp" if x < 1.0 => Some("at least 1"),
+            "max_bounces" if x < 0.0 => Some("0 or more"),
+            "lr" | "epsilon" if !(x.is_finite() && x >= 0.0) => Some("a number of at least 0"),
+            "momentum" | "beta1" | "beta2" if !(0.0..1.0).contains(&x) => Some("at least 0 and below 1"),
+            _ => None,
+        };
+        if let Some(expected) = fault {
+            return Err(NativeError::at(i, format!("`{field}` must be {expected}, this is {x}")));
+        }
+    }
+    Ok(Value::Settings(settings(name, fields(a))))
+}
+
+// ---- textures ------------------------------------------------------------------------------------------------------
+
+fn texture(a: &Args) -> Result<Value> {
+    let texels = match a.value(0)? {
+        Value::Str(_) => {
+            let encoding = if a.boolean("srgb")? == Some(false) { Encoding::Linear } else { Encoding::Srgb };
+            let image = file::load(&a.path(0)?, encoding).map_err(|e| NativeError::at(0, e.to_string()))?;
+            Var::constant(Tensor::from_image(&image))
+        }
+        Value::Num(v) if v.shape().is_empty() => v.reshape(vec![1, 1, 1])?,
+        Value::Num(v) if v.shape() == [3] => v.reshape(vec![1, 1, 3])?,
+        _ => a.image(0)?,
+    };
+    let texels = usable_channels(&texels, 0)?;
+    let filter = match a.named_string("filter")?.unwrap_or("bilinear") {
+        "bilinear" => Filter::Bilinear,
+        "nearest" => Filter::Nearest,
+        other => return Err(unknown(a, "filter", other, "`bilinear` or `nearest`")),
+    };
+    let (texels, wrap) = match a.named_string("wrap")?.unwrap_or("repeat") {
+        "repeat" => (texels, Wrap::Repeat),
+        "clamp" => (texels, Wrap::Clamp),
+        other => return Err(unknown(a, "wrap", other, "`repeat` or `clamp`")),
+    };
+    Ok(Value::Texture(Arc::new(TextureValue { texels, wrap, filter })))
+}
+
+fn unknown(a: &Args, argument: &str, found: &str, expected: &str) -> NativeError {
+    NativeError { arg: a.index(argument), message: format!("`{argument}` is {expected}, not `{found}`"), help: None }
+}
+
+/// One or three channels; alpha is dropped, grey with alpha too.
+fn usable_channels(texels: &Var, blame: usize) -> Result<Var> {
+    let &[h, w, c] = texels.shape() else {
+        return Err(NativeError::at(blame, "a texture has rows, columns and channels"));
+    };
+    if h == 0 || w == 0 {
+        return Err(NativeError::at(blame, "a texture without texels"));
+    }
+    match c {
+        1 | 3 => Ok(texels.clone()),
+        2 => Ok(texels.components(&[0])?),
+        4 => Ok(texels.components(&[0, 1, 2])?),
+        _ => Err(NativeError::at(blame, format!("a texture has 1 or 3 channels, this one has {c}"))),
+    }
+}
+
+fn checkerboard(a: &Args) -> Result<Value> {
+    let tiles = a.named_integer("tiles", 1..=4096)?.unwrap_or(8) as usize;
+    let color = |name: &str, or: f64| match a.named(name) {
+        Some((i, _)) => a.vector(i, 3, true),
+        None => Ok(Var::constant(Tensor::full(&[3], or))),
+    };
+    let pair = Var::stack(&[color("a", 0.2)?, color("b", 0.8)?])?;
+    // An even number of tiles repeats without a seam.
+    let order: Vec<u32> = (0..tiles * tiles).map(|i| ((i / tiles + i % tiles) % 2) as u32).collect();
+    let texels = pair.rows(&order)?.reshape(vec![tiles, tiles, 3])?;
+    Ok(Value::Texture(Arc::new(TextureValue { texels, wrap: Wrap::Repeat, filter: Filter::Nearest })))
+}
+
+// ---- materials -----------------------------------------------------------------------------------------------------
+
+/// Reads a number, color or texture; `color` says that three channels make sense.
+fn input(a: &Args, index: usize, color: bool) -> Result<Input> {
+    let name = a.names[index];
+    let texture = |t: &Arc<TextureValue>| Ok(Input::Texture(t.clone()));
+    match a.value(index)? {
+        Value::Texture(t) => texture(t),
+        Value::Settings(s) if s.name == "vertex_color" => Ok(Input::VertexColor),
+        Value::Image(v) => {
+            let texels = usable_channels(v, index)?;
+            texture(&Arc::new(TextureValue { texels, wrap: Wrap::Repeat, filter: Filter::Bilinear }))
+        }
+        Value::Num(v) if v.shape().is_empty() || (color && v.shape() == [3]) => Ok(Input::Number(v.clone())),
+        Value::Num(v) if v.shape() == [1] => Ok(Input::Number(v.reshape(vec![])?)),
+        Value::Num(v) => {
+            let found = Tensor::shape_text(v.shape());
+            let expected = if color { "a number, a color or a texture" } else { "a number or a texture" };
+            Err(NativeError::at(index, format!("`{name}` must be {expected}, this is a {found}")))
+        }
+        _ => Err(a.wrong(index, if color { "a number, a color or a texture" } else { "a number or a texture" })),
+    }
+}
+
+/// The numbers of an input must lie within `range`.
+fn within(a: &Args, index: usize, input: &Input, range: std::ops::RangeInclusive<f64>) -> Result<()> {
+    let values = match input {
+        Input::Number(v) => v.value(),
+        Input::Texture(t) => t.texels.value(),
+        Input::VertexColor => return Ok(()),
+    };
+    match values.data.iter().find(|x| !range.contains(x)) {
+        None => Ok(()),
+        Some(x) => {
+            let (lo, hi) = (range.start(), range.end());
+            let bounds = if hi.is_infinite() { format!("{lo} or more") } else { format!("from {lo} to {hi}") };
+            Err(NativeError::at(index, format!("`{}` must be {bounds}, this is {x}", a.names[index])))
+        }
+    }
+}
+
+fn material(a: &Args, model: Model, wanted: &[(&'static str, bool)]) -> Result<Value> {
+    let mut inputs = Vec::new();
+    for &(name, color) in wanted {
+        let (index, _) = a.need(name)?;
+        let value = input(a, index, color)?;
+        let range = if color || name == "specular" { 0.0..=f64::INFINITY } else { 0.0..=1.0 };
+        within(a, index, &value, range)?;
+        inputs.push((name, value));
+    }
+    Ok(Value::Material(Arc::new(MaterialValue { model, inputs, one_sided: false })))
+}
+
+fn conductor(a: &Args) -> Result<Value> {
+    match (a.named("reflectance"), a.named("eta"), a.named("k")) {
+        (_, None, None) => {
+            let (i, _) = a.need("roughness")?;
+            let roughness = input(a, i, false)?;
+            within(a, i, &roughness, 0.0..=1.0)?;
+            let reflectance = match a.named("reflectance") {
+                Some((i, _)) => {
+                    let r = input(a, i, true)?;
+                    within(a, i, &r, 0.0..=f64::INFINITY)?;
+                    r
+                }
+                None => Input::Number(Var::from(0.9)),
+            };
+            let inputs = vec![("reflectance", reflectance), ("roughness", roughness)];
+            Ok(Value::Material(Arc::new(MaterialValue { model: Model::Conductor, inputs, one_sided: false })))
+        }
+        (None, Some(_), Some(_)) => {
+            material(a, Model::ConductorIor, &[("eta", true), ("k", true), ("roughness", false)])
+        }
+        (Some((i, _)), ..) => Err(NativeError::at(i, "a conductor has a `reflectance` or `eta` and `k`, not both")),
+        (None, Some((i, _)), None) => Err(NativeError::at(i, "`eta` needs `k`")),
+        (None, None, Some((i, _))) => Err(NativeError::at(i, "`k` needs `eta`")),
+    }
+}
+
+fn grey() -> MaterialValue {
+    let inputs = vec![("reflectance", Input::Number(Var::from(0.5)))];
+    MaterialValue { model: Model::Diffuse, inputs, one_sided: false }
+}
+
+fn material_of(a: &Args, index: usize) -> Result<Arc<MaterialValue>> {
+    match a.value(index)? {
+        Value::Material(m) => Ok(m.clone()),
+        _ => Err(a.wrong(index, "a material")),
+    }
+}
+
+fn mesh_of(a: &Args, index: usize) -> Result<Arc<MeshValue>> {
+    let mesh = match a.value(index)? {
+        Value::Mesh(m) => m.clone(),
+        Value::Shape(s) => s.mesh.clone(),
+        _ => return Err(a.wrong(index, "a mesh")),
+    };
+    if mesh.faces.is_empty() {
+        return Err(NativeError::at(index, "the mesh has no triangles"));
+    }
+    Ok(mesh)
+}
+
+// ---- lights --------------------------------------------------------------------------------------------------------
+
+fn light(light: LightValue) -> Result<Value> {
+    Ok(Value::Light(Arc::new(light)))
+}
+
+/// Three numbers of at least 0; 1 where missing.
+fn power(a: &Args, name: &str) -> Result<Var> {
+    let Some((i, _)) = a.named(name) else { return Ok(Var::constant(Tensor::full(&[3], 1.0))) };
+    let v = a.vector(i, 3, true)?;
+    within(a, i, &Input::Number(v.clone()), 0.0..=f64::INFINITY)?;
+    Ok(v)
+}
+
+fn area(a: &Args) -> Result<Value> {
+    let (m, _) = a.need("mesh")?;
+    let radiance = match a.named("radiance") {
+        Some((i, _)) => {
+            let radiance = input(a, i, true)?;
+            within(a, i, &radiance, 0.0..=f64::INFINITY)?;
+            radiance
+        }
+        None => Input::Number(Var::from(1.0)),
+    };
+    let material = a.named("material").map(|(i, _)| material_of(a, i)).transpose()?;
+    let two_sided = a.boolean("two_sided")?.unwrap_or(false);
+    light(LightValue::Area { mesh: mesh_of(a, m)?, radiance, two_sided, material })
+}
+
+fn environment(a: &Args) -> Result<Value> {
+    let mut radiance = match a.value(0)? {
+        Value::Str(_) => {
+            let image = file::load(&a.path(0)?, Encoding::Srgb).map_err(|e| NativeError::at(0, e.to_string()))?;
+            let texels = usable_channels(&Var::constant(Tensor::from_image(&image)), 0)?;
+            Input::Texture(Arc::new(TextureValue { texels, wrap: Wrap::Repeat, filter: Filter::Bilinear }))
+        }
+        _ => input(a, 0, true)?,
+    };
+    within(a, 0, &radiance, 0.0..=f64::INFINITY)?;
+    if matches!(radiance, Input::VertexColor) {
+        return Err(a.wrong(0, "an image or a color"));
+    }
+    if a.named("scale").is_some_and(|(_, v)| v.number() != Some(1.0)) {
+        let scale = power(a, "scale")?;
+        radiance = match radiance {
+            Input::Number(v) => Input::Number(v.mul(&scale)?),
+            Input::Texture(t) => {
+                Input::Texture(Arc::new(TextureValue { texels: t.texels.mul(&scale)?, ..(*t).clone() }))
+            }
+            Input::VertexColor => Input::VertexColor,
+        };
+    }
+    let rotation = a.named("rotation").map(|(i, v)| rotation_of(v).ok_or_else(|| a.wrong(i, "a rotation or an angle")));
+    light(LightValue::Environment { radiance, rotation: rotation.transpose()? })
+}
+
+/// A rotation, or the turn about +y by an angle.
+pub(super) fn rotation_of(v: &Value) -> Option<Var> {
+    match v {
+        Value::Rotation(r) => Some(r.clone()),
+        Value::Num(v) if v.len() == 1 => {
+            let y = Var::constant(Tensor::vector(vec![0.0, 1.0, 0.0]));
+            Var::rotation_about(&y, &v.reshape(vec![]).ok()?).ok()
+        }
+        Value::Num(v) if v.shape() == [3, 3] => Some(v.clone()),
+        _ => None,
+    }
+}
+
+// ---- scenes and cameras --------------------------------------------------------------------------------------------
+
+fn scene(a: &Args) -> Result<Value> {
+    let mut scene = SceneValue::default();
+    for (index, name) in a.names.iter().enumerate() {
+        let Some(value) = a.get(index) else { continue };
+        let items = match value {
+            Value::List(items) => items.to_vec(),
+            Value::Num(v) if v.is_empty() => vec![],
+            one => vec![one.clone()],
+        };
+        for item in items {
+            add_to_scene(&mut scene, &item).ok_or_else(|| {
+                NativeError::at(index, format!("`{name}` of a scene hold shapes and lights, not {}", item.kind()))
+            })?;
+        }
+    }
+    Ok(Value::Scene(Arc::new(scene)))
+}
+
+/// Puts a shape, a light, or an array of them into a scene; `None` for anything else.
+pub(crate) fn add_to_scene(scene: &mut SceneValue, item: &Value) -> Option<()> {
+    match item {
+        Value::Shape(s) => scene.shapes.push(s.clone()),
+        Value::Light(l) => scene.lights.push(l.clone()),
+        Value::List(items) => return items.iter().try_for_each(|i| add_to_scene(scene, i)),
+        Value::Scene(other) => {
+            scene.shapes.extend(other.shapes.iter().cloned());
+            scene.lights.extend(other.lights.iter().cloned());
+        }
+        _ => return None,
+    }
+    Some(())
+}
+
+fn camera(a: &Args) -> Result<Value> {
+    if let (Some(_), Some((i, _))) = (a.named("fov"), a.named("fov_x")) {
+        return Err(NativeError::at(i, "a camera has `fov` or `fov_x`, not both"));
+    }
+    for name in ["fov", "fov_x"] {
+        let Some((i, _)) = a.named(name) else { continue };
+        let degrees = a.number(i)?.to_degrees();
+        if degrees.is_nan() || degrees <= 0.0 || degrees >= 180.0 {
+            let message = format!("a field of view lies between 0deg and 180deg, this is {}deg", short(degrees));
+            return Err(NativeError::at(i, message));
+        }
+    }
+    if let Some((i, _)) = a.named("film") {
+        let film = a.vector(i, 2, false)?;
+        let [w, h] = film.value().data[..] else { return Err(a.wrong(i, "`[width, height]`")) };
+        if w.fract() != 0.0 || h.fract() != 0.0 || w < 1.0 || h < 1.0 {
+            return Err(
+                NativeError::at(i, format!("a film of {w}×{h} pixels")).help("write for instance `film: [256, 256]`")
+            );
+        }
+        if w * h > (1u64 << 28) as f64 {
+            return Err(NativeError::at(i, format!("a film of {w}×{h} pixels is more than 2^28")));
+        }
+    }
+    if let Some((i, _)) = a.named("height") {
+        let h = a.number(i)?;
+        if !(h.is_finite() && h > 0.0) {
+            return Err(NativeError::at(i, format!("`height` must be positive, this is {h}")));
+        }
+    }
+    match a.named_string("kind")?.unwrap_or("perspective") {
+        "perspective" | "orthographic" => {}
+        other => return Err(unknown(a, "kind", other, "`perspective` or `orthographic`")),
+    }
+    if a.named("transform").is_none() {
+        let (Some((p, _)), Some((l, _))) = (a.named("position"), a.named("look_at")) else {
+            return Err(NativeError::new("a camera needs `position` and `look_at`, or `transform`"));
+        };
+        let (position, target) = (a.vector(p, 3, false)?, a.vector(l, 3, false)?);
+        if position.value().data == target.value().data {
+            return Err(NativeError::at(l, "`position` and `look_at` are the same point").help("move one of them"));
+        }
+        if let Some((u, _)) = a.named("up") {
+            let side = target.sub(&position)?.cross(&a.vector(u, 3, false)?)?;
+            if side.value().data.iter().all(|x| x.abs() < 1e-12) {
+                let help = "give another `up`, for instance `up: [0, 0, 1]`";
+                return Err(NativeError::at(u, "`up` points along the view direction").help(help));
+            }
+        }
+    }
+    Ok(Value::Camera(Arc::new(CameraValue { fields: fields(a) })))
+}
+
+/// At most six digits.
+fn short(x: f64) -> String {
+    let text = format!("{x:.4}");
+    text.trim_end_matches('0').trim_end_matches('.').to_string()
+}
+
+/// The 4×4 matrix of a transform, a rotation or a matrix.
+pub(crate) fn transform_matrix(v: &Value) -> Option<Var> {
+    let zero = || Var::constant(Tensor::zeros(&[3]));
+    match v {
+        Value::Transform(m) => Some(m.clone()),
+        Value::Rotation(r) => Var::affine(r, &zero()).ok(),
+        Value::Num(m) if m.shape() == [4, 4] => Some(m.clone()),
+        Value::Num(m) if m.shape() == [3, 3] => Var::affine(m, &zero()).ok(),
+        _ => None,
+    }
+}
+
+pub(crate) fn linear_part(m: &Var) -> Result<Var> {
+    Ok(m.slice(&[Slice::Range(0, 3), Slice::Range(0, 3)])?)
+}

@@ -1,0 +1,333 @@
+//! Values of the language. Numbers are nodes of the tape; a scene's parts hold numbers, so every one of them can be
+//! differentiated.
+
+use std::any::Any;
+use std::sync::Arc;
+
+use crate::render::texture::{Filter, Wrap};
+use crate::tape::{Tensor, Var};
+
+/// What an expression evaluates to.
+#[derive(Clone)]
+pub enum Value {
+    /// A missing argument.
+    None,
+    Bool(bool),
+    Str(Arc<str>),
+    /// Numbers, vectors, matrices, arrays of them; angles in radians.
+    Num(Var),
+    /// `[height, width, channels]`.
+    Image(Var),
+    /// `[3, 3]`
+    Rotation(Var),
+    /// `[4, 4]`, acting on columns.
+    Transform(Var),
+    /// An array of other things, or a tuple.
+    List(Arc<Vec<Value>>),
+    Texture(Arc<TextureValue>),
+    Mesh(Arc<MeshValue>),
+    Material(Arc<MaterialValue>),
+    Shape(Arc<ShapeValue>),
+    Light(Arc<LightValue>),
+    Camera(Arc<CameraValue>),
+    Scene(Arc<SceneValue>),
+    /// An optimizer, integrator, preconditioner: a name with settings.
+    Settings(Arc<SettingsValue>),
+    Estimate(Arc<EstimateValue>),
+    Gradients(Arc<Vec<GradientEntry>>),
+    Function(Function),
+}
+
+/// Something callable; only the evaluator knows what is inside.
+#[derive(Clone)]
+pub struct Function(pub Arc<dyn Any + Send + Sync>);
+
+#[derive(Clone)]
+pub struct TextureValue {
+    /// `[height, width, channels]`, 1 or 3 channels.
+    pub texels: Var,
+    pub wrap: Wrap,
+    pub filter: Filter,
+}
+
+#[derive(Clone)]
+pub struct MeshValue {
+    /// `[n, 3]`
+    pub vertices: Var,
+    pub faces: Arc<Vec<[u32; 3]>>,
+    /// `[n, 3]`
+    pub normals: Option<Var>,
+    /// `[n, 2]`
+    pub uvs: Option<Var>,
+    /// `[n, 3]`
+    pub colors: Option<Var>,
+}
+
+/// An input of a material or a light.
+#[derive(Clone)]
+pub enum Input {
+    /// A number or a color.
+    Number(Var),
+    Texture(Arc<TextureValue>),
+    VertexColor,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Model {
+    Diffuse,
+    Conductor,
+    ConductorIor,
+    Phong,
+    Mirror,
+    Principled,
+}
+
+impl Model {
+    /// The word of the language.
+    pub fn name(self) -> &'static str {
+        match self {
+            Model::Diffuse => "diffuse",
+            Model::Conductor | Model::ConductorIor => "conductor",
+            Model::Phong => "phong",
+            Model::Mirror => "mirror",
+            Model::Principled => "principled",
+        }
+    }
+}
+
+#[derive(Clone)]
+pub struct MaterialValue {
+    pub model: Model,
+    /// By the name of the constructor's argument.
+    pub inputs: Vec<(&'static str, Input)>,
+    pub one_sided: bool,
+}
+
+impl MaterialValue {
+    pub fn input(&self, name: &str) -> Option<&Input> {
+        self.inputs.iter().find(|(n, _)| *n == name).map(|(_, i)| i)
+    }
+}
+
+#[derive(Clone)]
+pub struct ShapeValue {
+    pub mesh: Arc<MeshValue>,
+    pub material: Arc<MaterialValue>,
+}
+
+#[derive(Clone)]
+pub enum LightValue {
+    Area { mesh: Arc<MeshValue>, radiance: Input, two_sided: bool, material: Option<Arc<MaterialValue>> },
+    Point { position: Var, intensity: Var },
+    Directional { direction: Var, irradiance: Var },
+    Environment { radiance: Input, rotation: Option<Var> },
+}
+
+/// A camera as it was written; `lower` turns it into rays.
+#[derive(Clone)]
+pub struct CameraValue {
+    /// By argument name; missing ones are absent.
+    pub fields: Vec<(String, Value)>,
+}
+
+impl CameraValue {
+    pub fn field(&self, name: &str) -> Option<&Value> {
+        self.fields.iter().find(|(n, _)| n == name).map(|(_, v)| v)
+    }
+
+    /// Width and height in pixels.
+    pub fn film(&self) -> Option<(usize, usize)> {
+        match self.field("film") {
+            Some(Value::Num(film)) => match film.value().data[..] {
+                [w, h] if w >= 0.0 && h >= 0.0 => Some((w as usize, h as usize)),
+                _ => None,
+            },
+            _ => None,
+        }
+    }
+}
+
+#[derive(Clone, Default)]
+pub struct SceneValue {
+    pub shapes: Vec<Arc<ShapeValue>>,
+    pub lights: Vec<Arc<LightValue>>,
+}
+
+#[derive(Clone)]
+pub struct SettingsValue {
+    /// The constructor: `adam`, `integrator`, `laplacian`.
+    pub name: String,
+    /// By argument name; missing ones are absent.
+    pub fields: Vec<(String, Value)>,
+}
+
+impl SettingsValue {
+    pub fn field(&self, name: &str) -> Option<&Value> {
+        self.fields.iter().find(|(n, _)| n == name).map(|(_, v)| v)
+    }
+
+    pub fn number(&self, name: &str) -> Option<f64> {
+        self.field(name).and_then(Value::number)
+    }
+
+    pub fn boolean(&self, name: &str) -> Option<bool> {
+        match self.field(name) {
+            Some(Value::Bool(b)) => Some(*b),
+            _ => None,
+        }
+    }
+}
+
+#[derive(Clone)]
+pub struct EstimateValue {
+    pub mean: Tensor,
+    pub std_error: Tensor,
+    pub repeats: usize,
+}
+
+/// One line of what `grad(loss)` gives.
+#[derive(Clone)]
+pub struct GradientEntry {
+    pub name: String,
+    pub value: Tensor,
+    pub gradient: Tensor,
+    /// Where the gradient was repeated.
+    pub std_error: Option<Tensor>,
+}
+
+impl Value {
+    pub fn scalar(x: f64) -> Value {
+        Value::Num(Var::from(x))
+    }
+
+    pub fn tensor(t: Tensor) -> Value {
+        Value::Num(Var::constant(t))
+    }
+
+    pub fn str(s: impl Into<Arc<str>>) -> Value {
+        Value::Str(s.into())
+    }
+
+    pub fn list(items: Vec<Value>) -> Value {
+        Value::List(Arc::new(items))
+    }
+
+    /// The one number that this is.
+    pub fn number(&self) -> Option<f64> {
+        match self {
+            Value::Num(v) | Value::Image(v) => v.item(),
+            Value::Bool(b) => Some(f64::from(u8::from(*b))),
+            _ => None,
+        }
+    }
+
+    /// The tape node of anything made of numbers.
+    pub fn var(&self) -> Option<&Var> {
+        match self {
+            Value::Num(v) | Value::Image(v) | Value::Rotation(v) | Value::Transform(v) => Some(v),
+            Value::Texture(t) => Some(&t.texels),
+            _ => None,
+        }
+    }
+
+    /// The same kind of value around another node.
+    pub fn with_var(&self, var: Var) -> Value {
+        match self {
+            Value::Image(_) => Value::Image(var),
+            Value::Rotation(_) => Value::Rotation(var),
+            Value::Transform(_) => Value::Transform(var),
+            Value::Texture(t) => Value::Texture(Arc::new(TextureValue { texels: var, ..(**t).clone() })),
+            _ => Value::Num(var),
+        }
+    }
+
+    /// An array as its items: numbers along the first axis, or a list.
+    pub fn items(&self) -> Option<Vec<Value>> {
+        match self {
+            Value::List(items) => Some(items.to_vec()),
+            Value::Num(v) => {
+                let n = *v.shape().first()?;
+                (0..n).map(|i| v.slice(&[crate::tape::Slice::At(i as i64)]).ok().map(Value::Num)).collect()
+            }
+            _ => None,
+        }
+    }
+
+    /// An array of items: numbers of equal shape become one tensor.
+    pub fn array(items: Vec<Value>) -> Value {
+        let numbers: Option<Vec<Var>> = items
+            .iter()
+            .map(|v| match v {
+                Value::Num(v) => Some(v.clone()),
+                _ => None,
+            })
+            .collect();
+        match numbers.map(|n| Var::stack(&n)) {
+            Some(Ok(stacked)) if !items.is_empty() => Value::Num(stacked),
+            _ => Value::list(items),
+        }
+    }
+
+    /// What it is, in the words of the language: "a mesh".
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Value::None => "nothing",
+            Value::Bool(_) => "a bool",
+            Value::Str(_) => "a string",
+            Value::Num(v) => match v.shape().len() {
+                0 => "a number",
+                1 => "a vector",
+                _ => "an array of numbers",
+            },
+            Value::Image(_) => "an image",
+            Value::Rotation(_) => "a rotation",
+            Value::Transform(_) => "a transform",
+            Value::List(_) => "an array",
+            Value::Texture(_) => "a texture",
+            Value::Mesh(_) => "a mesh",
+            Value::Material(_) => "a material",
+            Value::Shape(_) => "a shape",
+            Value::Light(_) => "a light",
+            Value::Camera(_) => "a camera",
+            Value::Scene(_) => "a scene",
+            Value::Settings(s) => match s.name.as_str() {
+                "integrator" => "an integrator",
+                "vertex_color" => "a texture",
+                "laplacian" => "a preconditioner",
+                _ => "an optimizer",
+            },
+            Value::Estimate(_) => "an estimate",
+            Value::Gradients(_) => "gradients",
+            Value::Function(_) => "a function",
+        }
+    }
+}
+
+impl From<&crate::mesh::Mesh> for MeshValue {
+    fn from(mesh: &crate::mesh::Mesh) -> MeshValue {
+        let rows3 = |v: &Vec<glam::Vec3>| Var::constant(Tensor::rows(v.iter().map(|v| v.to_array().map(f64::from))));
+        let rows2 = |v: &Vec<glam::Vec2>| Var::constant(Tensor::rows(v.iter().map(|v| v.to_array().map(f64::from))));
+        MeshValue {
+            vertices: rows3(&mesh.vertices),
+            faces: Arc::new(mesh.faces.clone()),
+            normals: mesh.normals.as_ref().map(rows3),
+            uvs: mesh.uvs.as_ref().map(rows2),
+            colors: mesh.colors.as_ref().map(rows3),
+        }
+    }
+}
+
+impl MeshValue {
+    /// The numbers alone.
+    pub fn to_mesh(&self) -> crate::mesh::Mesh {
+        let rows3 = |v: &Var| v.value().data.chunks_exact(3).map(|c| glam::dvec3(c[0], c[1], c[2]).as_vec3()).collect();
+        let rows2 = |v: &Var| v.value().data.chunks_exact(2).map(|c| glam::dvec2(c[0], c[1]).as_vec2()).collect();
+        crate::mesh::Mesh {
+            vertices: rows3(&self.vertices),
+            faces: self.faces.to_vec(),
+            normals: self.normals.as_ref().map(rows3),
+            uvs: self.uvs.as_ref().map(rows2),
+            colors: self.colors.as_ref().map(rows3),
+        }
+    }
+}
