@@ -25,6 +25,18 @@ pub struct Program {
     pub default_scene: Vec<DeclId>,
     /// The file's one `integrator` declaration: defaults of every `render`.
     pub integrator: Option<DeclId>,
+    /// What it was made of, to check further lines against it ([`super::check_line`]).
+    pub origin: Origin,
+}
+
+/// The texts of a program.
+#[derive(Clone, Debug, Default)]
+pub struct Origin {
+    pub main: Option<crate::source::SourceId>,
+    /// `--set NAME=EXPR`: the name and the source of the expression.
+    pub overrides: Vec<(String, crate::source::SourceId)>,
+    /// Lines typed in the REPL, in order.
+    pub lines: Vec<crate::source::SourceId>,
 }
 
 impl Program {

@@ -1,1 +1,193 @@
-//! (under construction)
+//! Text → tree. Parsing never fails: it gives a tree of what could be read, and diagnostics.
+
+pub mod ast;
+mod build;
+mod errors;
+mod grammar;
+mod literal;
+mod scan;
+
+pub use scan::{KINDS, is_incomplete, is_reserved, statement_words};
+
+use pest::Parser;
+
+use crate::diag::{self, Diagnostic};
+use crate::source::{SourceId, SourceMap, Span};
+use build::Builder;
+use grammar::{Grammar, Rule};
+
+/// More diagnostics than this of one file are not told.
+const MAX_DIAGNOSTICS: usize = 100;
+
+/// Reads one source.
+pub fn parse(sources: &SourceMap, source: SourceId) -> (ast::File, Vec<Diagnostic>) {
+    let Some(file) = sources.get(source) else { return (ast::File::default(), Vec::new()) };
+    let scan = scan::scan(source, &file.text);
+    let mut diagnostics = scan.diagnostics;
+    let mut statements = Vec::new();
+    for piece in scan.pieces {
+        let Some(text) = scan.text.get(piece.start..piece.end) else { continue };
+        let span = Span::new(source, piece.start, piece.end);
+        let has_lexical_error =
+            diagnostics.iter().any(|d| d.span().is_some_and(|s| span.start <= s.start && s.start < span.end));
+        match Grammar::parse(Rule::statement, text) {
+            Ok(mut pairs) => {
+                let mut builder = Builder { source, offset: piece.start, level: 0, diagnostics: &mut diagnostics };
+                if let Some(kind) = pairs.next().and_then(|p| builder.statement(p)) {
+                    statements.push(ast::Statement { kind, doc: piece.doc, span });
+                }
+            }
+            Err(_) if has_lexical_error => {}
+            Err(error) => diagnostics.push(errors::explain(&error, text, source, piece.start)),
+        }
+        if diagnostics.len() > MAX_DIAGNOSTICS {
+            break;
+        }
+    }
+    diag::sort(&mut diagnostics);
+    diagnostics.truncate(MAX_DIAGNOSTICS);
+    (ast::File { statements }, diagnostics)
+}
+
+/// Reads a source that holds a single expression (`--set NAME=EXPR`, `dsl eval`, the REPL).
+pub fn parse_expr(sources: &SourceMap, source: SourceId) -> (Option<ast::Expr>, Vec<Diagnostic>) {
+    let Some(file) = sources.get(source) else { return (None, Vec::new()) };
+    let scan = scan::scan(source, &file.text);
+    let mut diagnostics = scan.diagnostics;
+    if !diagnostics.is_empty() {
+        return (None, diagnostics);
+    }
+    let parsed =
+        Grammar::parse(Rule::line, &scan.text).map(|mut pairs| pairs.next().and_then(|p| p.into_inner().next()));
+    let expr = match parsed {
+        Ok(pair) => {
+            let mut builder = Builder { source, offset: 0, level: 0, diagnostics: &mut diagnostics };
+            pair.map(|p| builder.expr(p))
+        }
+        Err(error) => {
+            diagnostics.push(errors::explain(&error, &scan.text, source, 0));
+            None
+        }
+    };
+    (expr.filter(|_| diagnostics.is_empty()), diagnostics)
+}
+
+/// Whether a line of the REPL is a statement (else it is an expression).
+pub fn is_statement(text: &str) -> bool {
+    let scan = scan::scan(SourceId(0), text);
+    let Some(piece) = scan.pieces.first() else { return false };
+    let words: Vec<&str> = scan.text[piece.start..piece.end].split_whitespace().take(2).collect();
+    let first = words.first().copied().unwrap_or("");
+    let word = |w: &str| w.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+    is_reserved(first) && statement_words().any(|w| w == first)
+        || KINDS.contains(&first) && words.get(1).is_some_and(|w| word(w.trim_end_matches(['{', '=', ':'])))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ast::{ExprKind, StatementKind};
+    use super::*;
+
+    fn parse_text(text: &str) -> (ast::File, Vec<Diagnostic>) {
+        let mut sources = SourceMap::new();
+        let id = sources.add("test.dscene", None, text);
+        parse(&sources, id)
+    }
+
+    /// The expression with all its brackets.
+    fn show(e: &ast::Expr) -> String {
+        match &e.kind {
+            ExprKind::Number(x) => x.to_string(),
+            ExprKind::Name(n) => n.clone(),
+            ExprKind::Unary { op, operand } => format!("({op:?} {})", show(operand)),
+            ExprKind::Binary { op, left, right, .. } => format!("({} {op:?} {})", show(left), show(right)),
+            ExprKind::Range { start, end, .. } => format!("({} .. {})", show(start), show(end)),
+            ExprKind::Call { callee, args } => {
+                let args: Vec<String> = args.iter().map(|a| show(&a.value)).collect();
+                format!("{}({})", show(callee), args.join(" "))
+            }
+            ExprKind::Member { base, name } => format!("{}.{}", show(base), name.text),
+            ExprKind::Index { base, index } => format!("{}[{}]", show(base), show(index)),
+            ExprKind::Array(items) => format!("[{}]", items.iter().map(show).collect::<Vec<_>>().join(" ")),
+            ExprKind::If { condition, then, otherwise } => {
+                format!("if({} {} {})", show(condition), show(then), show(otherwise))
+            }
+            ExprKind::Lambda { params, body } => format!("fn{}({})", params.len(), show(body)),
+            ExprKind::With { body, replacements } => format!("with({} {})", show(body), replacements.len()),
+            other => format!("{other:?}"),
+        }
+    }
+
+    fn shown(text: &str) -> String {
+        let (file, diagnostics) = parse_text(&format!("let a = {text}"));
+        assert!(diagnostics.is_empty(), "{text}: {diagnostics:?}");
+        match file.statements.first().map(|s| &s.kind) {
+            Some(StatementKind::Let { value, .. }) => show(value),
+            other => panic!("{text}: {other:?}"),
+        }
+    }
+
+    #[test]
+    fn operators_bind_as_the_language_says() {
+        assert_eq!(shown("1 + 2 * 3"), "(1 Add (2 Mul 3))");
+        assert_eq!(shown("-x ^ 2"), "(Neg (x Pow 2))");
+        assert_eq!(shown("2 ^ -x ^ 3"), "(2 Pow (Neg (x Pow 3)))");
+        assert_eq!(shown("a - b - c"), "((a Sub b) Sub c)");
+        assert_eq!(shown("-a * b"), "((Neg a) Mul b)");
+        assert_eq!(shown("not a == b and c or d"), "(((Not (a Eq b)) And c) Or d)");
+        assert_eq!(shown("0..len(p) - 1"), "(0 .. (len(p) Sub 1))");
+        assert_eq!(shown("android and orange"), "(android And orange)");
+        assert_eq!(shown("x |> f(y) |> g"), "g(f(x y))");
+        assert_eq!(shown("if a then b else c |> f"), "f(if(a b c))");
+        assert_eq!(shown("x => x + 1"), "fn1((x Add 1))");
+        assert_eq!(shown("f(a) with { b: 1, c.d: 2 }"), "with(f(a) 2)");
+        assert_eq!(shown("m[0].xy[-1]"), "m[0].xy[(Neg 1)]");
+        assert_eq!(shown("[[1, -2], [a, 3,],]"), "[[1 (Neg 2)] [a 3]]");
+    }
+
+    #[test]
+    fn a_bracket_on_a_new_line_is_not_an_index() {
+        let (file, diagnostics) = parse_text("fn f(x) {\n let a = x\n [a, a]\n}\nlet m = a\n  .b");
+        assert!(diagnostics.is_empty(), "{diagnostics:?}");
+        assert_eq!(file.statements.len(), 2);
+    }
+
+    #[test]
+    fn long_and_deep_input_ends() {
+        let chains = [
+            format!("let a = 1{}", " + 1".repeat(10_000)),
+            format!("let a = 2{}", " ^ 2".repeat(10_000)),
+            format!("let a = {}1", "-".repeat(10_000)),
+            format!("let a = {}1", "x => ".repeat(10_000)),
+            format!("let a = x{}", ".y".repeat(10_000)),
+            format!("let a = x{}", " |> f".repeat(10_000)),
+            format!("let a = {}1{}", "(".repeat(10_000), ")".repeat(10_000)),
+            format!("let a = {}1", "if a then b else ".repeat(10_000)),
+            format!("let a = {}", "\"{".repeat(10_000)),
+            format!("let a = {}", "[".repeat(10_000)),
+            "/*".repeat(10_000),
+            format!("let a = {}1{}", "[f(".repeat(49), ")]".repeat(49)),
+        ];
+        for (i, text) in chains.iter().enumerate() {
+            let (_, diagnostics) = parse_text(text);
+            assert_eq!(diagnostics.is_empty(), i == chains.len() - 1, "{}", &text[..40]);
+        }
+    }
+
+    #[test]
+    fn several_mistakes_are_all_told() {
+        let (file, diagnostics) =
+            parse_text("let a = \nlet b = 1 +\ncamra eye { fov: 45degs }\nlet c = 4\nlet d = 1 < 2 < 3");
+        let codes: Vec<&str> = diagnostics.iter().map(|d| d.code).collect();
+        assert_eq!(
+            codes,
+            [
+                "dscene::syntax::unexpected",
+                "dscene::syntax::unexpected",
+                "dscene::syntax::unknown_statement",
+                "dscene::syntax::chained_comparison"
+            ]
+        );
+        assert_eq!(file.statements.len(), 2);
+    }
+}

@@ -1,0 +1,98 @@
+//! What other systems call our things: for "did you mean".
+
+/// The field or argument that `name` is called here, given what the callee has.
+pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
+    let candidates: &[&'static str] = match name.to_lowercase().as_str() {
+        "albedo" | "kd" | "rho" | "diffuse_reflectance" | "base_colour" | "basecolor" => &["reflectance", "diffuse", "base_color"],
+        "color" | "colour" => &["reflectance", "base_color", "radiance", "intensity", "irradiance", "diffuse"],
+        "ks" | "specular_reflectance" => &["specular", "reflectance"],
+        "alpha" | "glossiness" | "shininess" | "exponent" => &["roughness"],
+        "bsdf" | "brdf" | "shader" => &["material"],
+        "geometry" | "shape" | "primitive" | "model" => &["mesh"],
+        "lookat" | "target" | "center" | "at" | "focus_point" => &["look_at"],
+        "origin" | "eye" | "pos" | "location" | "from" => &["position"],
+        "sensor" | "resolution" | "size" | "pixels" | "image_size" => &["film", "camera"],
+        "fovy" | "field_of_view" | "angle" | "fov_y" => &["fov"],
+        "fovx" => &["fov_x"],
+        "type" | "projection" | "model_type" => &["kind"],
+        "to_world" | "matrix" | "pose" => &["transform"],
+        "emission" | "power" | "intensity" | "energy" | "strength" | "le" => &["radiance", "intensity", "irradiance"],
+        "emitters" | "lamps" => &["lights"],
+        "objects" | "meshes" => &["shapes"],
+        "samples" | "sample_count" | "samples_per_pixel" | "num_samples" => &["spp"],
+        "max_depth" | "depth" | "bounces" | "maxdepth" => &["max_bounces"],
+        "learning_rate" | "rate" | "step_size" | "stepsize" => &["lr"],
+        "beta_1" => &["beta1"],
+        "beta_2" => &["beta2"],
+        "eps" => &["epsilon"],
+        "optimizer" | "optimiser" | "with" | "solver" | "method" => &["using"],
+        "iterations" | "epochs" | "iters" | "max_steps" => &["steps"],
+        "params" | "parameters" | "wrt" | "variables" => &["over"],
+        "indices" | "triangles" | "tris" => &["faces"],
+        "points" | "positions" | "verts" => &["vertices"],
+        "texcoords" | "uv" | "st" => &["uvs"],
+        "filename" | "file" => &["path", "source", "image"],
+        "r" => &["radius"],
+        "w" => &["width"],
+        "h" => &["height"],
+        "length" => &["depth", "height"],
+        "segments" | "resolution_u" | "detail" | "level" | "levels" | "sides" => &["subdivisions"],
+        "by" | "amount" | "vector" | "translation" => &["offset", "factor"],
+        _ => &[],
+    };
+    candidates.iter().find(|c| known.contains(c)).copied()
+}
+
+/// The function that `name` is called here.
+pub fn function(name: &str) -> Option<&'static str> {
+    Some(match name.to_lowercase().as_str() {
+        "lambertian" | "lambert" | "matte" => "diffuse",
+        "metal" | "roughconductor" | "ggx" => "conductor",
+        "plane" | "quad" | "rect" | "square" => "rectangle",
+        "box" => "cube",
+        "envmap" | "environment_map" | "infinite" | "sky" | "ibl" => "environment",
+        "emitter" | "area_light" | "arealight" => "area",
+        "sun" | "distant" => "directional",
+        "pointlight" | "point_light" => "point",
+        "perspective" | "sensor" | "pinhole" => "camera",
+        "obj" | "ply" | "load_mesh" | "load_obj" | "import_mesh" => "load",
+        "imread" | "read_image" | "open" => "load_image",
+        "bitmap" | "image_texture" => "texture",
+        "gaussian" | "gaussian_blur" => "blur",
+        "average" | "avg" => "mean",
+        "lerp" => "mix",
+        "ln" => "log",
+        "sqr" | "square_root" => "sqrt",
+        "arcsin" => "asin",
+        "arccos" => "acos",
+        "arctan" => "atan",
+        "arctan2" => "atan2",
+        "l2_loss" | "mean_squared_error" => "mse",
+        "l1_loss" | "mae" => "l1",
+        "gradient_descent" => "sgd",
+        "backward" | "gradients" => "grad",
+        "move" | "shift" => "translate",
+        "turn" => "rotate",
+        "length_of" | "size" | "count" => "len",
+        _ => return None,
+    })
+}
+
+/// The type that `name` is called here.
+pub fn type_name(name: &str) -> Option<&'static str> {
+    Some(match name.to_lowercase().as_str() {
+        "float" | "double" | "real" | "f32" | "f64" | "num" => "scalar",
+        "integer" | "i32" | "usize" => "int",
+        "boolean" => "bool",
+        "str" | "text" => "string",
+        "rgb" | "colour" | "spectrum" => "color",
+        "point3" | "vector3" | "float3" | "vector" | "point" => "vec3",
+        "point2" | "float2" | "vector2" => "vec2",
+        "matrix" | "mat" => "mat4",
+        "bsdf" | "brdf" => "material",
+        "emitter" => "light",
+        "sensor" => "camera",
+        "quaternion" | "quat" => "rotation",
+        _ => return None,
+    })
+}

@@ -1,0 +1,245 @@
+//! What a parameter accepts: `color | texture`, `vec3[]`, `"perspective" | "orthographic"`, `T`.
+
+use std::fmt;
+
+use super::types::{Dim, Ty};
+
+#[derive(Clone, Debug, PartialEq)]
+pub enum Sig {
+    Is(Ty),
+    /// A whole number, or an array of such of that shape.
+    Int(Vec<Dim>),
+    /// A number (grey) or three.
+    Color,
+    /// Any number, array of numbers, or image.
+    Number,
+    Any,
+    /// The same type wherever the letter stands.
+    Var(char),
+    /// One of the words that an argument may be.
+    Word(String),
+    Union(Vec<Sig>),
+    /// Things that are no numbers.
+    List(Box<Sig>, Dim),
+    Fn(Vec<Sig>, Box<Sig>),
+}
+
+/// A value known before the program runs.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Const {
+    Num(f64),
+    Angle(f64),
+    Bool(bool),
+    Str(String),
+    List(Vec<Const>),
+}
+
+impl Const {
+    pub fn number(&self) -> Option<f64> {
+        match self {
+            Const::Num(x) => Some(*x),
+            _ => None,
+        }
+    }
+
+    /// A whole number that can count things.
+    pub fn count(&self) -> Option<usize> {
+        self.number().filter(|x| x.fract() == 0.0 && (0.0..1e9).contains(x)).map(|x| x as usize)
+    }
+
+    fn is_whole(&self) -> bool {
+        match self {
+            Const::Num(x) => x.fract() == 0.0,
+            Const::List(items) => items.iter().all(Const::is_whole),
+            _ => false,
+        }
+    }
+}
+
+impl Sig {
+    /// The type itself, as far as it is known.
+    pub fn ty(&self) -> Ty {
+        match self {
+            Sig::Is(ty) => ty.clone(),
+            Sig::Int(shape) => Ty::Num(shape.clone()),
+            Sig::Color => Ty::vector(3),
+            Sig::Word(_) => Ty::Str,
+            Sig::List(item, n) => Ty::Array(Box::new(item.ty()), *n),
+            Sig::Fn(params, result) => Ty::Fn(params.iter().map(Sig::ty).collect(), Box::new(result.ty())),
+            Sig::Number | Sig::Any | Sig::Var(_) => Ty::Any,
+            Sig::Union(choices) => match choices.as_slice() {
+                [one] => one.ty(),
+                all if all.iter().all(|c| matches!(c, Sig::Word(_))) => Ty::Str,
+                _ => Ty::Any,
+            },
+        }
+    }
+
+    /// The words that an argument may be.
+    pub fn words(&self) -> Vec<&str> {
+        match self {
+            Sig::Word(word) => vec![word],
+            Sig::Union(choices) => choices.iter().flat_map(Sig::words).collect(),
+            _ => Vec::new(),
+        }
+    }
+
+    pub fn accepts(&self, ty: &Ty, value: Option<&Const>) -> bool {
+        if ty.is_unknown() {
+            return true;
+        }
+        match self {
+            Sig::Any | Sig::Var(_) => true,
+            Sig::Is(wanted) => fits(wanted, ty),
+            Sig::Int(shape) => fits(&Ty::Num(shape.clone()), ty) && value.is_none_or(Const::is_whole),
+            Sig::Color => matches!(ty, Ty::Num(s) if s.is_empty() || matches!(s.as_slice(), [None | Some(3)])),
+            Sig::Number => matches!(ty, Ty::Num(_) | Ty::Image { .. }) || is_empty_list(ty),
+            Sig::Word(word) => match value {
+                Some(Const::Str(s)) => s == word,
+                _ => *ty == Ty::Str,
+            },
+            Sig::Union(choices) => choices.iter().any(|c| c.accepts(ty, value)),
+            Sig::List(item, n) => match ty {
+                Ty::Array(found, m) => item.accepts(found, None) && dims_agree(*n, *m),
+                Ty::Tuple(items) => items.iter().all(|i| item.accepts(i, None)) && dims_agree(*n, Some(items.len())),
+                _ => false,
+            },
+            Sig::Fn(params, _) => match ty {
+                Ty::Fn(found, _) => found.len() == params.len() || found.len() > params.len(),
+                _ => false,
+            },
+        }
+    }
+
+    /// Shape to which a scalar is spread when this is the declared type of a declaration.
+    pub fn spread(&self, ty: &Ty) -> Option<Vec<usize>> {
+        (matches!(self, Sig::Color) && ty.is_scalar()).then(|| vec![3])
+    }
+}
+
+/// `found` may stand where `wanted` is asked for; unknown lengths agree with all.
+pub fn fits(wanted: &Ty, found: &Ty) -> bool {
+    match (wanted, found) {
+        (Ty::Error | Ty::Any, _) | (_, Ty::Error | Ty::Any) => true,
+        (Ty::Num(a), Ty::Num(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| dims_agree(*a, *b)),
+        (Ty::Num(shape), Ty::Array(item, n)) => match shape.split_first() {
+            Some((first, rest)) => dims_agree(*first, *n) && fits(&Ty::Num(rest.to_vec()), item),
+            None => false,
+        },
+        (Ty::Image { height, width, channels, .. }, Ty::Image { height: h, width: w, channels: c, .. }) => {
+            dims_agree(*height, *h) && dims_agree(*width, *w) && dims_agree(*channels, *c)
+        }
+        (Ty::Camera { .. }, Ty::Camera { .. }) => true,
+        (Ty::Array(a, n), Ty::Array(b, m)) => dims_agree(*n, *m) && (fits(a, b) || *m == Some(0)),
+        (Ty::Tuple(a), Ty::Tuple(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| fits(a, b)),
+        (Ty::Array(a, n), Ty::Tuple(b)) => dims_agree(*n, Some(b.len())) && b.iter().all(|b| fits(a, b)),
+        (Ty::Fn(a, _), Ty::Fn(b, _)) => b.len() >= a.len(),
+        (Ty::Estimate(a), Ty::Estimate(b)) => fits(a, b),
+        _ => wanted == found,
+    }
+}
+
+fn is_empty_list(ty: &Ty) -> bool {
+    matches!(ty, Ty::Array(item, _) if item.is_unknown())
+}
+
+pub fn dims_agree(a: Dim, b: Dim) -> bool {
+    match (a, b) {
+        (Some(a), Some(b)) => a == b,
+        _ => true,
+    }
+}
+
+impl fmt::Display for Sig {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Sig::Is(ty) => write!(f, "{ty}"),
+            Sig::Int(shape) => {
+                f.write_str("int")?;
+                let dims = |d: &Dim| d.map_or(String::new(), |n| n.to_string());
+                shape.iter().rev().try_for_each(|d| write!(f, "[{}]", dims(d)))
+            }
+            Sig::Color => f.write_str("color"),
+            Sig::Number => f.write_str("number"),
+            Sig::Any => f.write_str("any"),
+            Sig::Var(c) => write!(f, "{c}"),
+            Sig::Word(word) => f.write_str(word),
+            Sig::Union(choices) => {
+                let choices: Vec<String> = choices.iter().map(Sig::to_string).collect();
+                f.write_str(&choices.join(" | "))
+            }
+            Sig::List(item, n) => write!(f, "{item}[{}]", n.map_or(String::new(), |n| n.to_string())),
+            Sig::Fn(params, result) => {
+                let params: Vec<String> = params.iter().map(Sig::to_string).collect();
+                write!(f, "({}) => {result}", params.join(", "))
+            }
+        }
+    }
+}
+
+/// The names of types that annotations may use.
+pub const TYPE_NAMES: [&str; 27] = [
+    "scalar", "int", "bool", "string", "angle", "vec2", "vec3", "vec4", "color", "mat3", "mat4", "rotation",
+    "transform", "image", "texture", "mesh", "material", "shape", "light", "medium", "camera", "scene", "integrator",
+    "optimizer", "number", "any", "preconditioner",
+];
+
+/// The type of that name.
+pub fn named(name: &str) -> Option<Sig> {
+    let is = |ty: Ty| Some(Sig::Is(ty));
+    match name {
+        "scalar" => is(Ty::SCALAR),
+        "int" => Some(Sig::Int(Vec::new())),
+        "bool" => is(Ty::Bool),
+        "string" => is(Ty::Str),
+        "angle" => is(Ty::Angle),
+        "vec2" => is(Ty::vector(2)),
+        "vec3" => is(Ty::vector(3)),
+        "vec4" => is(Ty::vector(4)),
+        "color" => Some(Sig::Color),
+        "mat3" => is(Ty::Num(vec![Some(3), Some(3)])),
+        "mat4" => is(Ty::Num(vec![Some(4), Some(4)])),
+        "rotation" => is(Ty::Rotation),
+        "transform" => is(Ty::Transform),
+        "image" => is(any_image()),
+        "texture" => is(Ty::Texture),
+        "mesh" => is(Ty::Mesh),
+        "material" => is(Ty::Material),
+        "shape" => is(Ty::Shape),
+        "light" => is(Ty::Light),
+        "medium" => is(Ty::Medium),
+        "camera" => is(Ty::Camera { height: None, width: None, made: Default::default() }),
+        "scene" => is(Ty::Scene),
+        "integrator" => is(Ty::Integrator),
+        "optimizer" => is(Ty::Optimizer),
+        "preconditioner" => is(Ty::Preconditioner),
+        "number" => Some(Sig::Number),
+        "any" => Some(Sig::Any),
+        _ => {
+            let mut chars = name.chars();
+            match (chars.next(), chars.next()) {
+                (Some(c), None) if c.is_ascii_uppercase() => Some(Sig::Var(c)),
+                _ => None,
+            }
+        }
+    }
+}
+
+pub fn any_image() -> Ty {
+    Ty::Image { height: None, width: None, channels: None, made: Default::default() }
+}
+
+/// `item[n]`: numbers become one tensor, other things a list.
+pub fn array_of(item: Sig, n: Dim) -> Sig {
+    let grow = |shape: Vec<Dim>| {
+        let mut all = vec![n];
+        all.extend(shape);
+        all
+    };
+    match item {
+        Sig::Is(Ty::Num(shape)) => Sig::Is(Ty::Num(grow(shape))),
+        Sig::Int(shape) => Sig::Int(grow(shape)),
+        Sig::Color => Sig::Is(Ty::Num(grow(vec![Some(3)]))),
+        other => Sig::List(Box::new(other), n),
+    }
+}

@@ -1,0 +1,258 @@
+//! The tree of a file as written: names unresolved, every node with its span.
+
+use crate::source::Span;
+
+#[derive(Clone, Debug, Default)]
+pub struct File {
+    pub statements: Vec<Statement>,
+}
+
+#[derive(Clone, Debug)]
+pub struct Statement {
+    pub kind: StatementKind,
+    /// The `///` lines above it, without the slashes.
+    pub doc: String,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Name {
+    pub text: String,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub enum StatementKind {
+    Import(Import),
+    Let {
+        name: Name,
+        ty: Option<Type>,
+        value: Expr,
+    },
+    Loss {
+        name: Name,
+        value: Expr,
+    },
+    Param(Box<Param>),
+    Fn(Box<Fn>),
+    /// `camera eye { … }` or `camera eye = …`.
+    Kind {
+        kind: Name,
+        name: Name,
+        ty: Option<Type>,
+        body: KindBody,
+    },
+    Action(Action),
+}
+
+#[derive(Clone, Debug)]
+pub struct Import {
+    pub from: ImportFrom,
+    pub alias: Option<Name>,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub enum ImportFrom {
+    File(String),
+    /// `std.studio`
+    Module(String),
+}
+
+#[derive(Clone, Debug)]
+pub enum KindBody {
+    Fields(Vec<Field>),
+    Value(Expr),
+}
+
+#[derive(Clone, Debug)]
+pub struct Param {
+    pub name: Name,
+    pub ty: Option<Type>,
+    pub value: Expr,
+    pub bounds: Option<Expr>,
+    pub settings: Vec<Field>,
+}
+
+#[derive(Clone, Debug)]
+pub struct Fn {
+    pub name: Name,
+    pub params: Vec<FnParam>,
+    pub result: Option<Type>,
+    /// `None` for a `native fn`.
+    pub body: Option<Expr>,
+}
+
+#[derive(Clone, Debug)]
+pub struct FnParam {
+    pub name: Name,
+    pub ty: Option<Type>,
+    pub default: Option<Expr>,
+}
+
+#[derive(Clone, Debug)]
+pub struct Field {
+    pub name: Name,
+    pub value: Expr,
+}
+
+#[derive(Clone, Debug)]
+pub enum Action {
+    Optimize(Box<Optimize>),
+    Save { value: Expr, path: Expr, span: Span },
+    Print { values: Vec<Expr>, span: Span },
+    Plot { values: Vec<Expr>, path: Option<Expr>, span: Span },
+    Expect { condition: Expr, span: Span },
+}
+
+#[derive(Clone, Debug)]
+pub struct Optimize {
+    pub loss: Expr,
+    pub fields: Vec<Field>,
+    pub stages: Vec<Stage>,
+    pub every: Vec<Every>,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub struct Stage {
+    pub name: Name,
+    pub fields: Vec<Field>,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub struct Every {
+    pub steps: Expr,
+    pub actions: Vec<Action>,
+    pub span: Span,
+}
+
+/// `color | texture`
+#[derive(Clone, Debug)]
+pub struct Type {
+    pub choices: Vec<TypeAtom>,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub struct TypeAtom {
+    pub kind: TypeKind,
+    /// `vec3[4][]`: innermost first.
+    pub lens: Vec<Option<usize>>,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub enum TypeKind {
+    Named(String),
+    /// `"perspective"`: one of the words that an argument may be.
+    Word(String),
+    Fn(Vec<Type>, Box<Type>),
+}
+
+#[derive(Clone, Debug)]
+pub struct Expr {
+    pub kind: ExprKind,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub enum ExprKind {
+    Number(f64),
+    Percent(f64),
+    /// Radians.
+    Angle(f64),
+    /// Linear RGB, or RGBA.
+    Color(Vec<f64>),
+    Bool(bool),
+    Str(Vec<StrPart>),
+    Name(String),
+    Array(Vec<Expr>),
+    Comprehension {
+        element: Box<Expr>,
+        clauses: Vec<ForClause>,
+    },
+    Call {
+        callee: Box<Expr>,
+        args: Vec<Argument>,
+    },
+    Index {
+        base: Box<Expr>,
+        index: Box<Expr>,
+    },
+    Slice {
+        base: Box<Expr>,
+        start: Option<Box<Expr>>,
+        end: Option<Box<Expr>>,
+        inclusive: bool,
+    },
+    Member {
+        base: Box<Expr>,
+        name: Name,
+    },
+    Unary {
+        op: UnaryOp,
+        operand: Box<Expr>,
+    },
+    Binary {
+        op: BinaryOp,
+        op_span: Span,
+        left: Box<Expr>,
+        right: Box<Expr>,
+    },
+    Range {
+        start: Box<Expr>,
+        end: Box<Expr>,
+        inclusive: bool,
+    },
+    If {
+        condition: Box<Expr>,
+        then: Box<Expr>,
+        otherwise: Box<Expr>,
+    },
+    Lambda {
+        params: Vec<Name>,
+        body: Box<Expr>,
+    },
+    With {
+        body: Box<Expr>,
+        replacements: Vec<Replacement>,
+    },
+    /// A function's `{ let … let … e }`.
+    Block {
+        lets: Vec<(Name, Option<Type>, Expr)>,
+        body: Box<Expr>,
+    },
+    /// Stands where something was reported.
+    Error,
+}
+
+pub use crate::check::hir::{BinaryOp, StrFormat, UnaryOp};
+
+#[derive(Clone, Debug)]
+pub enum StrPart {
+    Text(String),
+    Value { value: Expr, format: Option<StrFormat> },
+}
+
+#[derive(Clone, Debug)]
+pub struct Argument {
+    pub name: Option<Name>,
+    pub value: Expr,
+}
+
+#[derive(Clone, Debug)]
+pub struct ForClause {
+    pub names: Vec<Name>,
+    pub items: Expr,
+    pub condition: Option<Expr>,
+}
+
+#[derive(Clone, Debug)]
+pub struct Replacement {
+    /// `lamp`, or `lamp.radiance`.
+    pub path: Vec<Name>,
+    pub span: Span,
+    pub value: Expr,
+}

@@ -1,0 +1,507 @@
+//! Cuts a file into statements before pest sees it: pest stops at the first mistake, a file should not.
+//!
+//! Also blanks comments out, collects documentation, and finds unclosed brackets and strings and what is nested too deeply.
+
+use crate::diag::Diagnostic;
+use crate::source::{SourceId, Span};
+
+/// Deeper nesting than this is refused: no person writes it, and it would exhaust the stack.
+pub const MAX_DEPTH: usize = 100;
+
+/// Words that only begin statements.
+const STATEMENTS: [&str; 10] =
+    ["import", "let", "param", "fn", "native", "optimize", "save", "print", "plot", "expect"];
+
+/// Words that begin a statement before a name.
+pub const KINDS: [&str; 10] =
+    ["camera", "material", "texture", "mesh", "shape", "light", "medium", "scene", "integrator", "loss"];
+
+const RESERVED: [&str; 25] = [
+    "import", "as", "let", "param", "fn", "native", "optimize", "stage", "every", "save", "print", "plot", "expect",
+    "with", "in", "to", "for", "if", "then", "else", "and", "or", "not", "true", "false",
+];
+
+/// One statement's place in the text, and the documentation above it.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Piece {
+    pub start: usize,
+    pub end: usize,
+    pub doc: String,
+}
+
+pub struct Scan {
+    /// The text with comments (and nothing else) turned to blanks, byte for byte.
+    pub text: String,
+    pub pieces: Vec<Piece>,
+    pub diagnostics: Vec<Diagnostic>,
+}
+
+pub fn is_reserved(word: &str) -> bool {
+    RESERVED.contains(&word)
+}
+
+pub fn statement_words() -> impl Iterator<Item = &'static str> + Clone {
+    STATEMENTS.into_iter().chain(KINDS)
+}
+
+/// Scans a whole text.
+pub fn scan(source: SourceId, text: &str) -> Scan {
+    let mut lexer = Lexer {
+        source,
+        text,
+        bytes: text.as_bytes(),
+        at: 0,
+        tokens: Vec::new(),
+        blanks: Vec::new(),
+        docs: Vec::new(),
+        diagnostics: Vec::new(),
+    };
+    lexer.run();
+    let Lexer { tokens, blanks, docs, mut diagnostics, .. } = lexer;
+    let mut blanked = text.as_bytes().to_vec();
+    for &(start, end) in &blanks {
+        for byte in &mut blanked[start..end] {
+            if *byte != b'\n' {
+                *byte = b' ';
+            }
+        }
+    }
+    let text_out = String::from_utf8(blanked).unwrap_or_else(|_| text.to_owned());
+    let mut pieces = split(source, text, &tokens, &mut diagnostics);
+    attach_docs(&mut pieces, &docs);
+    pieces.retain(|p| depth_is_fine(source, text, &tokens, p, &mut diagnostics));
+    Scan { text: text_out, pieces, diagnostics }
+}
+
+/// Whether a text has brackets or a string still open: the REPL then asks for another line.
+pub fn is_incomplete(text: &str) -> bool {
+    let scan = scan(SourceId(0), text);
+    scan.diagnostics.iter().any(|d| d.code == "dscene::syntax::unclosed")
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum TokenKind {
+    Word,
+    Open,
+    Close,
+    /// A string, number or operator.
+    Other,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Token {
+    kind: TokenKind,
+    start: usize,
+    end: usize,
+}
+
+struct Lexer<'a> {
+    source: SourceId,
+    text: &'a str,
+    bytes: &'a [u8],
+    at: usize,
+    tokens: Vec<Token>,
+    blanks: Vec<(usize, usize)>,
+    docs: Vec<(usize, usize, String)>,
+    diagnostics: Vec<Diagnostic>,
+}
+
+impl Lexer<'_> {
+    fn run(&mut self) {
+        while let Some(&byte) = self.bytes.get(self.at) {
+            let start = self.at;
+            match byte {
+                b'/' if self.bytes.get(start + 1) == Some(&b'/') => self.line_comment(),
+                b'/' if self.bytes.get(start + 1) == Some(&b'*') => self.block_comment(),
+                b'"' => {
+                    self.string();
+                    self.push(TokenKind::Other, start);
+                }
+                b'(' | b'[' | b'{' => {
+                    self.at += 1;
+                    self.push(TokenKind::Open, start);
+                }
+                b')' | b']' | b'}' => {
+                    self.at += 1;
+                    self.push(TokenKind::Close, start);
+                }
+                b'a'..=b'z' | b'A'..=b'Z' | b'_' => {
+                    self.word();
+                    self.push(TokenKind::Word, start);
+                }
+                b'0'..=b'9' | b'#' => {
+                    self.at += 1;
+                    self.word();
+                    self.push(TokenKind::Other, start);
+                }
+                b if b.is_ascii_whitespace() => self.at += 1,
+                _ => {
+                    self.at += 1;
+                    while !self.text.is_char_boundary(self.at) {
+                        self.at += 1;
+                    }
+                    self.push(TokenKind::Other, start);
+                }
+            }
+        }
+    }
+
+    fn push(&mut self, kind: TokenKind, start: usize) {
+        self.tokens.push(Token { kind, start, end: self.at });
+    }
+
+    fn word(&mut self) {
+        while self.bytes.get(self.at).is_some_and(|b| b.is_ascii_alphanumeric() || *b == b'_') {
+            self.at += 1;
+        }
+    }
+
+    fn line_comment(&mut self) {
+        let start = self.at;
+        let end = self.text[start..].find('\n').map_or(self.bytes.len(), |n| start + n);
+        let line = &self.text[start..end];
+        if let Some(doc) = line.strip_prefix("///").filter(|d| !d.starts_with('/')) {
+            self.docs.push((start, end, doc.strip_prefix(' ').unwrap_or(doc).trim_end().to_owned()));
+        }
+        self.blanks.push((start, end));
+        self.at = end;
+    }
+
+    fn block_comment(&mut self) {
+        let start = self.at;
+        let mut depth = 0usize;
+        loop {
+            match (self.bytes.get(self.at), self.bytes.get(self.at + 1)) {
+                (Some(b'/'), Some(b'*')) => {
+                    depth += 1;
+                    self.at += 2;
+                }
+                (Some(b'*'), Some(b'/')) => {
+                    depth -= 1;
+                    self.at += 2;
+                    if depth == 0 {
+                        break;
+                    }
+                }
+                (Some(_), _) => self.at += 1,
+                (None, _) => {
+                    let span = Span::new(self.source, start, start + 2);
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::syntax::unclosed", "this comment is never closed")
+                            .label(span, "the comment begins here")
+                            .help("close it with `*/` (each `/*` in it needs its own)"),
+                    );
+                    break;
+                }
+            }
+        }
+        self.blanks.push((start, self.at));
+    }
+
+    /// A string with its interpolations, which may hold strings again. Ends at the latest with its line.
+    fn string(&mut self) {
+        let start = self.at;
+        // One entry per open `"` (brace depth inside its interpolation, 0 outside of one).
+        let mut open: Vec<usize> = Vec::new();
+        open.push(0);
+        self.at += 1;
+        while let Some(&byte) = self.bytes.get(self.at) {
+            let Some(braces) = open.last_mut() else { return };
+            match byte {
+                b'\n' => break,
+                b'\\' if *braces == 0 => {
+                    self.at += 1 + usize::from(self.bytes.get(self.at + 1).is_some_and(|b| *b != b'\n'))
+                }
+                b'{' if *braces == 0 && self.bytes.get(self.at + 1) == Some(&b'{') => self.at += 2,
+                b'{' => {
+                    *braces += 1;
+                    self.at += 1;
+                }
+                b'}' => {
+                    *braces = braces.saturating_sub(1);
+                    self.at += 1;
+                }
+                b'"' => {
+                    self.at += 1;
+                    if *braces == 0 {
+                        open.pop();
+                        if open.is_empty() {
+                            return;
+                        }
+                    } else {
+                        open.push(0);
+                    }
+                }
+                _ => self.at += 1,
+            }
+        }
+        while !self.text.is_char_boundary(self.at.min(self.bytes.len())) {
+            self.at += 1;
+        }
+        self.at = self.at.min(self.bytes.len());
+        let end = self.at;
+        self.diagnostics.push(
+            Diagnostic::error("dscene::syntax::unclosed_string", "this string is not closed on its line")
+                .label(Span::new(self.source, start, end), "begins here, and the line ends before the closing `\"`")
+                .help("end it with `\"`; write `\\n` for a line break and `{{` for a brace"),
+        );
+    }
+}
+
+/// Cuts at words that begin statements, at bracket depth 0.
+fn split(source: SourceId, text: &str, tokens: &[Token], diagnostics: &mut Vec<Diagnostic>) -> Vec<Piece> {
+    let balanced = is_balanced(text, tokens);
+    let word = |i: usize| tokens.get(i).filter(|t| t.kind == TokenKind::Word).map(|t| &text[t.start..t.end]);
+    let mut starts: Vec<usize> = Vec::new();
+    let mut open: Vec<Token> = Vec::new();
+    // Brackets that were reported; their statement is not parsed.
+    let mut broken: Vec<usize> = Vec::new();
+    for (i, token) in tokens.iter().enumerate() {
+        match token.kind {
+            TokenKind::Open => open.push(*token),
+            TokenKind::Close => match open.last() {
+                Some(o) if closes(text, o, token) => {
+                    open.pop();
+                }
+                Some(o) => {
+                    let (found, wanted) = (&text[token.start..token.end], closing(text, o));
+                    diagnostics.push(
+                        Diagnostic::error("dscene::syntax::unclosed", format!("expected `{wanted}`, found `{found}`"))
+                            .label(Span::new(source, token.start, token.end), format!("should be `{wanted}`"))
+                            .label(Span::new(source, o.start, o.end), "to close this bracket"),
+                    );
+                    broken.push(token.start);
+                    // Whichever of the two is missing: if an outer bracket fits, the inner one was forgotten.
+                    if let Some(n) = open.iter().rposition(|o| closes(text, o, token)) {
+                        open.truncate(n);
+                    } else {
+                        open.pop();
+                    }
+                }
+                None => {
+                    diagnostics.push(
+                        Diagnostic::error(
+                            "dscene::syntax::unexpected",
+                            format!("`{}` closes nothing", &text[token.start..token.end]),
+                        )
+                        .label(Span::new(source, token.start, token.end), "no bracket is open here"),
+                    );
+                    broken.push(token.start);
+                }
+            },
+            TokenKind::Word => {
+                let begins = begins_statement(tokens, i, &word, text);
+                let at_margin = token.start == 0 || text.as_bytes()[token.start - 1] == b'\n';
+                if begins && open.is_empty() {
+                    starts.push(token.start);
+                } else if begins && !balanced && at_margin {
+                    // A statement at the margin inside brackets of a file that does not balance: the bracket was forgotten.
+                    report_unclosed(source, text, &mut open, &mut broken, diagnostics);
+                    starts.push(token.start);
+                }
+            }
+            TokenKind::Other => {}
+        }
+        if starts.is_empty() {
+            starts.push(token.start);
+        }
+    }
+    report_unclosed(source, text, &mut open, &mut broken, diagnostics);
+    let mut pieces = Vec::new();
+    let mut last_end = starts.iter().copied().skip(1).peekable();
+    let mut token = 0;
+    for &start in &starts {
+        let limit = last_end.next().unwrap_or(text.len());
+        let mut end = start;
+        while let Some(t) = tokens.get(token).filter(|t| t.start < limit) {
+            end = t.end;
+            token += 1;
+        }
+        if !broken.iter().any(|&b| (start..limit).contains(&b)) {
+            pieces.push(Piece { start, end, doc: String::new() });
+        }
+    }
+    pieces
+}
+
+fn report_unclosed(
+    source: SourceId,
+    text: &str,
+    open: &mut Vec<Token>,
+    broken: &mut Vec<usize>,
+    diagnostics: &mut Vec<Diagnostic>,
+) {
+    if let Some(first) = open.first() {
+        let (bracket, wanted) = (&text[first.start..first.end], closing(text, first));
+        diagnostics.push(
+            Diagnostic::error("dscene::syntax::unclosed", format!("this `{bracket}` is never closed"))
+                .label(Span::new(source, first.start, first.end), "opened here")
+                .help(format!("add the missing `{wanted}`")),
+        );
+        broken.extend(open.iter().map(|o| o.start));
+    }
+    open.clear();
+}
+
+fn closing(text: &str, open: &Token) -> char {
+    match text.as_bytes()[open.start] {
+        b'(' => ')',
+        b'[' => ']',
+        _ => '}',
+    }
+}
+
+fn closes(text: &str, open: &Token, close: &Token) -> bool {
+    text[close.start..close.end].starts_with(closing(text, open))
+}
+
+fn is_balanced(text: &str, tokens: &[Token]) -> bool {
+    let mut open: Vec<&Token> = Vec::new();
+    for token in tokens {
+        match token.kind {
+            TokenKind::Open => open.push(token),
+            TokenKind::Close if open.pop().is_none_or(|o| !closes(text, o, token)) => return false,
+            _ => {}
+        }
+    }
+    open.is_empty()
+}
+
+/// A statement's keyword, a kind before a name and its `{`, `=` or `:`, or two names side by side (which no expression has).
+fn begins_statement<'a>(
+    tokens: &[Token],
+    i: usize,
+    word: &impl std::ops::Fn(usize) -> Option<&'a str>,
+    text: &str,
+) -> bool {
+    let Some(first) = word(i) else { return false };
+    let after_dot = i > 0 && matches!(&text[tokens[i - 1].start..tokens[i - 1].end], "." | "#");
+    let a_field = tokens.get(i + 1).is_some_and(|t| &text[t.start..t.end] == ":");
+    if after_dot || a_field {
+        return false;
+    }
+    // `native fn` and `KIND let` are one statement.
+    let previous = i.checked_sub(1).and_then(word);
+    if first == "fn" && previous == Some("native") {
+        return false;
+    }
+    if STATEMENTS.contains(&first) {
+        return true;
+    }
+    if is_reserved(first) {
+        return false;
+    }
+    let Some(second) = word(i + 1) else { return false };
+    if is_reserved(second) || previous.is_some_and(|p| STATEMENTS.contains(&p) && p != "save" && p != "print") {
+        return false;
+    }
+    let next = tokens.get(i + 2).map_or("", |t| &text[t.start..t.end]);
+    KINDS.contains(&first) && matches!(next, "{" | "=" | ":") || matches!(next, "{" | "=" | ":" | "(")
+}
+
+fn attach_docs(pieces: &mut [Piece], docs: &[(usize, usize, String)]) {
+    let mut from = 0;
+    let mut docs = docs.iter().peekable();
+    for piece in pieces {
+        let mut lines: Vec<&str> = Vec::new();
+        while let Some((start, _, line)) = docs.next_if(|(start, ..)| *start < piece.start) {
+            if *start >= from {
+                lines.push(line);
+            }
+        }
+        piece.doc = lines.join("\n");
+        from = piece.end;
+    }
+}
+
+fn depth_is_fine(
+    source: SourceId,
+    text: &str,
+    tokens: &[Token],
+    piece: &Piece,
+    diagnostics: &mut Vec<Diagnostic>,
+) -> bool {
+    let first = tokens.partition_point(|t| t.start < piece.start);
+    let (mut depth, mut nested_words) = (0usize, 0usize);
+    for token in tokens[first..].iter().take_while(|t| t.start < piece.end) {
+        let mut inside = 0;
+        match token.kind {
+            TokenKind::Open => depth += 1,
+            TokenKind::Close => depth = depth.saturating_sub(1),
+            TokenKind::Word if matches!(&text[token.start..token.end], "if" | "else" | "with") => nested_words += 1,
+            TokenKind::Other if text[token.start..].starts_with("=>") => nested_words += 1,
+            TokenKind::Other if text[token.start..].starts_with('"') => {
+                inside = brackets_in(&text[token.start..token.end])
+            }
+            _ => {}
+        }
+        if depth + inside > MAX_DEPTH || nested_words > 2 * MAX_DEPTH {
+            diagnostics.push(
+                Diagnostic::error("dscene::syntax::too_deep", "this is nested too deeply to be read")
+                    .label(Span::new(source, token.start, token.end), format!("more than {MAX_DEPTH} levels deep here"))
+                    .help("split it into several `let` declarations"),
+            );
+            return false;
+        }
+    }
+    true
+}
+
+/// How deep the brackets of a string's interpolations go.
+fn brackets_in(string: &str) -> usize {
+    let (mut depth, mut deepest) = (0usize, 0usize);
+    for byte in string.bytes() {
+        match byte {
+            b'(' | b'[' | b'{' => depth += 1,
+            b')' | b']' | b'}' => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        deepest = deepest.max(depth);
+    }
+    deepest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn pieces(text: &str) -> Vec<String> {
+        scan(SourceId(0), text).pieces.iter().map(|p| text[p.start..p.end].to_owned()).collect()
+    }
+
+    #[test]
+    fn statements_are_cut_at_their_keywords() {
+        let text = "let a = mesh(b) camera eye { fov: 3 }\n// c\nlight l = x\nsave a to \"let {f(\"x\")}\" expect a";
+        assert_eq!(
+            pieces(text),
+            ["let a = mesh(b)", "camera eye { fov: 3 }", "light l = x", "save a to \"let {f(\"x\")}\"", "expect a"]
+        );
+        assert_eq!(pieces("native fn f(x: T): T\nlet b = 1"), ["native fn f(x: T): T", "let b = 1"]);
+        assert_eq!(pieces("let a = 1\nlte b = 2"), ["let a = 1", "lte b = 2"]);
+        assert_eq!(pieces("// only /* comments\n/* /* nested */ */").len(), 0);
+        assert_eq!(pieces("").len(), 0);
+    }
+
+    #[test]
+    fn documentation_belongs_to_the_statement_below() {
+        let scan = scan(SourceId(0), "/// one\n/// two\nlet a = 1\nlet b = 2\n/// three\nlet c = 3");
+        let docs: Vec<&str> = scan.pieces.iter().map(|p| p.doc.as_str()).collect();
+        assert_eq!(docs, ["one\ntwo", "", "three"]);
+    }
+
+    #[test]
+    fn a_forgotten_brace_costs_one_statement() {
+        let text = "camera eye {\n  fov: 45deg\nlet a = 1\nlet b = 2\n";
+        let scan = scan(SourceId(0), text);
+        assert_eq!(scan.diagnostics.len(), 1);
+        assert_eq!(scan.pieces.len(), 2);
+    }
+
+    #[test]
+    fn deep_nesting_is_refused() {
+        let text = format!("let a = {}1{}", "[".repeat(10_000), "]".repeat(10_000));
+        let scan = scan(SourceId(0), &text);
+        assert_eq!(scan.diagnostics.iter().map(|d| d.code).collect::<Vec<_>>(), ["dscene::syntax::too_deep"]);
+        assert!(is_incomplete("camera eye {") && !is_incomplete("let a = 1"));
+    }
+}
