@@ -1,101 +1,127 @@
 //! Derivatives of rendered images: interior and boundary estimators, forward and reverse mode.
+//!
+//! The derivative of a pixel is the sum of an *interior* term (paths move smoothly, `interior`) and *boundary* terms
+//! (something passes behind an edge: `primary` as the camera sees it, `shadow` as a light sees it, `secondary` as any
+//! other path vertex sees it). All use one parametrisation per radiance component (`algorithms.md` §0): emission is
+//! material-fixed, everything else direction-fixed.
+
+pub mod edges;
+pub mod estimate;
+pub mod interior;
+pub mod primary;
+pub mod shadow;
+pub mod sink;
+pub mod viewpoint;
 
 use crate::image::Image;
-use crate::render::{Camera, SceneDescription, Slot};
+use crate::render::sampler::hash;
+pub use crate::render::{Camera, Output, Scene, SceneError, Settings, Slot, render, validate_camera};
 
-/// What an image holds: radiance, or a property of the first hit.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Output {
-    /// 3 channels.
-    Radiance,
-    /// 1 channel: distance along the camera's forward axis; 0 where nothing is hit.
-    Depth,
-    /// 1 channel: coverage.
-    Alpha,
-    /// 3 channels, world space.
-    Position,
-    /// 3 channels, unit shading normal, world space.
-    Normal,
-    /// 3 channels, unit geometric normal, world space.
-    GeometricNormal,
-    /// 3 channels.
-    Albedo,
-    /// 2 channels.
-    Uv,
-    /// 1 channel: index of the shape + 1; 0 where nothing is hit.
-    ShapeIndex,
-}
-
-impl Output {
-    pub fn channels(self) -> usize {
-        match self {
-            Output::Radiance | Output::Position | Output::Normal | Output::GeometricNormal | Output::Albedo => 3,
-            Output::Uv => 2,
-            Output::Depth | Output::Alpha | Output::ShapeIndex => 1,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Settings {
-    pub output: Output,
-    /// Camera samples a pixel.
-    pub spp: u32,
-    /// Scattering events: 0 emitters only, 1 direct light, 2 one interreflection.
-    pub max_bounces: u32,
-    pub seed: u64,
-    /// Include the boundary (visibility) terms of derivatives.
-    pub boundary: bool,
-}
-
-/// A scene made ready for rendering (ray tree, light tables, edge table); built once, used by many passes.
-pub struct Scene {
-    pub description: SceneDescription,
-}
-
-/// Why a scene cannot be rendered; `shape` etc. are indices, the evaluator finds the place in the script.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum SceneError {
-    #[error("{what}")]
-    Shape { shape: usize, what: String },
-    #[error("{what}")]
-    Camera { what: String },
-    #[error("{what}")]
-    Light { light: usize, what: String },
-    #[error("{what}")]
-    Environment { what: String },
-}
-
-impl Scene {
-    /// Checks the description and builds the acceleration structures.
-    pub fn new(_description: SceneDescription) -> Result<Scene, SceneError> {
-        todo!()
-    }
-}
-
-/// Renders an image of `settings.output`.
-pub fn render(_scene: &Scene, _camera: &Camera, _settings: &Settings) -> Result<Image, SceneError> {
-    todo!()
-}
+use self::estimate::Pass;
+use self::interior::Interior;
+use self::primary::PrimaryEdges;
+use self::shadow::Shadows;
+use self::sink::Layout;
+use self::viewpoint::{Viewpoint, mirror_planes};
 
 /// Reverse mode: Σ d_image · ∂image/∂slot for every slot of `wrt`, in the slot's own layout. Uses samples independent
 /// of [`render`]'s with the same settings.
 pub fn render_backward(
-    _scene: &Scene,
-    _camera: &Camera,
-    _settings: &Settings,
-    _d_image: &Image,
-    _wrt: &[Slot],
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    d_image: &Image,
+    wrt: &[Slot],
 ) -> Result<Vec<Vec<f64>>, SceneError> {
-    todo!()
+    check(camera, settings, d_image)?;
+    let layout = Layout::new(scene, wrt);
+    let mut total = vec![0.0; layout.len()];
+    struct Run<'a>(&'a Scene, &'a Layout, &'a Image, &'a mut [f64]);
+    impl Visit for Run<'_> {
+        fn pass(&mut self, pass: &impl Pass) {
+            estimate::reverse(self.0, self.1, self.2, pass, self.3);
+        }
+    }
+    passes(scene, camera, settings, &layout, Some(d_image), &mut Run(scene, &layout, d_image, &mut total));
+    Ok(layout.starts.windows(2).map(|w| total[w[0]..w[1]].to_vec()).collect())
 }
 
 /// Forward mode: the derivative of the image along `tangents`.
 pub fn render_forward(
-    _scene: &Scene,
-    _camera: &Camera,
-    _settings: &Settings,
-    _tangents: &[(Slot, Vec<f32>)],
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    tangents: &[(Slot, Vec<f32>)],
 ) -> Result<Image, SceneError> {
-    todo!()
+    validate_camera(camera)?;
+    let channels = settings.output.channels();
+    let mut image = Image::new(camera.width, camera.height, channels);
+    let slots: Vec<Slot> = tangents.iter().map(|t| t.0).collect();
+    let layout = Layout::new(scene, &slots);
+    let mut tangent = vec![0.0; layout.len()];
+    for ((_, values), w) in tangents.iter().zip(layout.starts.windows(2)) {
+        for (t, v) in tangent[w[0]..w[1]].iter_mut().zip(values) {
+            *t = *v;
+        }
+    }
+    let mut total = vec![0.0; image.data.len()];
+    struct Run<'a>(&'a Scene, &'a Layout, &'a [f32], &'a mut [f64], usize);
+    impl Visit for Run<'_> {
+        fn pass(&mut self, pass: &impl Pass) {
+            estimate::forward(self.0, self.1, self.2, pass, self.3, self.4);
+        }
+    }
+    passes(scene, camera, settings, &layout, None, &mut Run(scene, &layout, &tangent, &mut total, channels));
+    for (p, t) in image.data.iter_mut().zip(total) {
+        *p = t as f32;
+    }
+    Ok(image)
+}
+
+trait Visit {
+    fn pass(&mut self, pass: &impl Pass);
+}
+
+/// All estimators whose terms can be non-zero for what is asked, in a fixed order.
+fn passes(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    layout: &Layout,
+    weight_image: Option<&Image>,
+    visit: &mut impl Visit,
+) {
+    if layout.len() == 0 {
+        return;
+    }
+    let seed = hash(settings.seed, 0x61_646a_6f69_6e74);
+    visit.pass(&Interior { scene, camera, settings, seed });
+    if !settings.boundary || !layout.moves_visibility() {
+        return;
+    }
+    let mirrors = mirror_planes(scene).unwrap_or_default();
+    let mirrors = if settings.output == Output::Radiance && settings.max_bounces > 0 { &mirrors[..] } else { &[] };
+    let viewpoints = Viewpoint::all(scene, camera, mirrors);
+    visit.pass(&PrimaryEdges::new(&viewpoints, settings, weight_image, seed));
+    if settings.output == Output::Radiance {
+        let pixels = (camera.width * camera.height) as u32;
+        let count = settings.spp.max(1).saturating_mul((pixels / 16).clamp(1024, 65536));
+        visit.pass(&Shadows::new(scene, &viewpoints, settings, count, seed));
+    }
+}
+
+fn check(camera: &Camera, settings: &Settings, d_image: &Image) -> Result<(), SceneError> {
+    validate_camera(camera)?;
+    let channels = settings.output.channels();
+    if (d_image.width, d_image.height, d_image.channels) != (camera.width, camera.height, channels)
+        || d_image.data.len() != camera.width * camera.height * channels
+    {
+        return Err(SceneError::Camera {
+            what: format!(
+                "the adjoint image is {}×{}×{}, the film {}×{}×{channels}",
+                d_image.width, d_image.height, d_image.channels, camera.width, camera.height
+            ),
+        });
+    }
+    Ok(())
 }

@@ -1,8 +1,18 @@
 //! The primal path tracer: scene description, ray queries, materials, lights, cameras, integrator.
 
+pub mod accel;
 pub mod bsdf;
 pub mod environment;
+pub mod film;
+pub mod integrator;
+pub mod interaction;
+pub mod light;
+pub mod sampler;
 pub mod scene;
+pub mod sensor;
 pub mod texture;
+pub mod world;
 
+pub use film::{Output, Settings, render};
 pub use scene::*;
+pub use world::{Scene, SceneError, validate_camera};

@@ -1,0 +1,323 @@
+//! Boundary term of what the camera sees directly (or in a planar mirror): silhouettes and creases in the image.
+//!
+//! dJ = Σ_edges ∫ δ(u) (L_fg − L_bg) n·u̇ dℓ over projected edges, with u̇ the velocity of the projected edge point and n the
+//! image normal from covering to uncovered side: (P) of `algorithms.md` §2.1 in the image plane, the same for every
+//! projection. Unbiased; visibility of each sampled edge point is tested by a ray, the covering side is shaded from the
+//! known face, the uncovered side by a ray that ignores the edge's own faces.
+
+use glam::{DVec2, Vec2, Vec3};
+
+use super::edges::Edge;
+use super::estimate::{Estimate, Pass};
+use super::viewpoint::{Seen, Viewpoint};
+use crate::image::Image;
+use crate::render::accel::PrimId;
+use crate::render::film::first_hit;
+use crate::render::integrator::{NoRecord, Options, Start, trace};
+use crate::render::sampler::{Discrete, Sampler, hash};
+use crate::render::{Output, Scene, Settings};
+
+/// Distance in pixels between an edge and the ray that looks past it.
+const NUDGE: f32 = 1e-3;
+/// Longest piece of an edge with one sampling weight, in pixels.
+const PIECE: f64 = 8.0;
+/// Sampling weight of edges between smoothly shaded faces relative to a silhouette: only the shadow terminator jumps there.
+const SMOOTH_CREASE: f64 = 0.05;
+
+/// A piece of a projected edge on the film.
+#[derive(Clone, Copy)]
+struct Piece {
+    edge: u32,
+    viewpoint: u32,
+    /// Film positions of its ends, in pixels, and the edge parameters they belong to.
+    a: DVec2,
+    b: DVec2,
+    /// Depths of the whole (near-clipped) segment's ends with their parameters, to undo perspective.
+    za: f64,
+    zb: f64,
+    sa: f64,
+    sb: f64,
+    ta: f64,
+    tb: f64,
+}
+
+/// Samples of primary edges: all pieces turned the right way, with their distribution.
+pub struct PrimaryEdges<'a> {
+    viewpoints: &'a [Viewpoint<'a>],
+    settings: &'a Settings,
+    seed: u64,
+    count: u32,
+    pieces: Vec<Piece>,
+    pmf: Discrete,
+}
+
+/// An edge point chosen for a primary boundary sample.
+struct Chosen<'a> {
+    edge: &'a Edge,
+    viewpoint: &'a Viewpoint<'a>,
+    s: f32,
+    /// Per pixel of arc length.
+    pdf: f64,
+    tangent: Vec2,
+}
+
+impl<'a> PrimaryEdges<'a> {
+    /// Collects, clips and weights. `weight_image`, if given, is the adjoint image: samples go where it is large.
+    pub fn new(
+        viewpoints: &'a [Viewpoint<'a>],
+        settings: &'a Settings,
+        weight_image: Option<&Image>,
+        seed: u64,
+    ) -> PrimaryEdges<'a> {
+        let mut pieces = Vec::new();
+        let mut weights = Vec::new();
+        let mean = weight_image.map_or(0.0, |w| {
+            w.data.iter().map(|v| f64::from(v.abs())).sum::<f64>() / (w.width * w.height).max(1) as f64
+        });
+        for (v, viewpoint) in viewpoints.iter().enumerate() {
+            for (e, edge) in viewpoint.scene.edges().edges.iter().enumerate() {
+                let Some(class) = classify(viewpoint, edge, settings.output) else { continue };
+                let Some(segment) = clip(viewpoint, edge) else { continue };
+                let length = segment.a.distance(segment.b);
+                let count = (length / PIECE).ceil().max(1.0) as usize;
+                for i in 0..count {
+                    let (x, y) = (i as f64 / count as f64, (i + 1) as f64 / count as f64);
+                    let (a, b) = (segment.a.lerp(segment.b, x), segment.a.lerp(segment.b, y));
+                    let importance = match weight_image {
+                        Some(w) => local_weight(w, a, b) + 0.1 * mean,
+                        None => 1.0,
+                    };
+                    weights.push(class * a.distance(b) * importance);
+                    pieces.push(Piece {
+                        edge: e as u32,
+                        viewpoint: v as u32,
+                        a,
+                        b,
+                        ta: segment.ta + (segment.tb - segment.ta) * x,
+                        tb: segment.ta + (segment.tb - segment.ta) * y,
+                        ..segment
+                    });
+                }
+            }
+        }
+        let length: f64 = pieces.iter().map(|p: &Piece| p.a.distance(p.b)).sum();
+        // As many samples a pixel of edge as the image has a pixel, but never so few that a small edge is left to chance.
+        let count = (length * f64::from(settings.spp)).clamp(1024.0, 1e7) as u32;
+        PrimaryEdges { viewpoints, settings, seed, count, pieces, pmf: Discrete::new(weights) }
+    }
+
+    fn choose(&self, u: f32) -> Option<Chosen<'_>> {
+        let (i, pmf, rest) = self.pmf.sample(f64::from(u));
+        let piece = &self.pieces[i];
+        let length = piece.a.distance(piece.b);
+        if length <= 0.0 {
+            return None;
+        }
+        let viewpoint = &self.viewpoints[piece.viewpoint as usize];
+        // Position along the projected segment → along the edge in space.
+        let t = piece.ta + (piece.tb - piece.ta) * rest;
+        let s = t * piece.za / ((1.0 - t) * piece.zb + t * piece.za);
+        let s = piece.sa + (piece.sb - piece.sa) * s;
+        let edge = &viewpoint.scene.edges().edges[piece.edge as usize];
+        let tangent = ((piece.b - piece.a) / length).as_vec2();
+        Some(Chosen { edge, viewpoint, s: s as f32, pdf: pmf / length, tangent })
+    }
+
+    /// One boundary sample.
+    fn sample(&self, sampler: &mut Sampler, out: &mut impl Estimate) {
+        let Some(chosen) = self.choose(sampler.next_1d()) else { return };
+        let Chosen { edge, viewpoint, s, pdf, tangent } = chosen;
+        let p = edge.point(s);
+        let prims = edge.prims();
+        let Some(view) = edge.view(viewpoint.direction_to(p)) else { return };
+        let Some(seen) = viewpoint.see(p, &prims) else { return };
+        let pixel = seen.pixel_index(viewpoint.camera);
+        if out.skips(pixel) {
+            return;
+        }
+
+        // Image normal from the covering to the uncovered side.
+        let [gx, gy] = viewpoint.projection_gradient(&seen);
+        let normal_2d = Vec2::new(tangent.y, -tangent.x);
+        let side = normal_2d.x * gx.dot(view.normal) + normal_2d.y * gy.dot(view.normal);
+        let normal_2d = if side < 0.0 { -normal_2d } else { normal_2d };
+
+        let value = Values { scene: viewpoint.scene, settings: self.settings, viewpoint, edge, seen: &seen, s, prims: &prims };
+        let foreground = value.face(view.foreground, &mut sampler.clone());
+        let background = match view.background {
+            Some(face) => value.face(face, &mut sampler.clone()),
+            None => value.past(seen.projected.pixel + normal_2d * NUDGE, &mut sampler.clone()),
+        };
+        let jump = foreground - background;
+        if jump == Vec3::ZERO || !jump.is_finite() {
+            return;
+        }
+
+        let face = &edge.faces[view.foreground];
+        let scale = (1.0 / (pdf * f64::from(self.count))) as f32;
+        out.pixel(pixel, |d, out| {
+            let d_pixel = normal_2d * (d.dot(jump) * scale);
+            let d_p = viewpoint.d_position(out, p, &seen, d_pixel);
+            out.vertex(face.shape, face.v[0], d_p * (1.0 - s));
+            out.vertex(face.shape, face.v[1], d_p * s);
+        });
+    }
+}
+
+impl Pass for PrimaryEdges<'_> {
+    fn items(&self) -> usize {
+        if self.pmf.is_empty() { 0 } else { self.count as usize }
+    }
+
+    fn run(&self, items: std::ops::Range<usize>, out: &mut impl Estimate) {
+        let seed = hash(self.seed, 0x7072_696d_6172_79);
+        for i in items {
+            self.sample(&mut Sampler::new(seed, i as u32), out);
+        }
+    }
+}
+
+/// What is seen on either side of an edge point.
+struct Values<'a> {
+    scene: &'a Scene,
+    settings: &'a Settings,
+    viewpoint: &'a Viewpoint<'a>,
+    edge: &'a Edge,
+    seen: &'a Seen,
+    s: f32,
+    prims: &'a [PrimId],
+}
+
+impl Values<'_> {
+    /// On one of the edge's own faces, a hair's breadth inside of it.
+    fn face(&self, face: usize, sampler: &mut Sampler) -> Vec3 {
+        let f = &self.edge.faces[face];
+        let b = self.edge.barycentric(face, self.s, inset(self.edge, face, self.seen.distance));
+        let si = self.scene.interaction(f.prim, b, -self.seen.dir);
+        match self.settings.output {
+            Output::Radiance => {
+                let options = Options::new(self.settings.max_bounces.saturating_sub(self.viewpoint.bounces()));
+                self.seen.throughput * trace(self.scene, Start::Surface(si), sampler, &options, &mut NoRecord)
+            }
+            output => first_hit(output, self.viewpoint.camera, &si),
+        }
+    }
+
+    /// Past the edge, through a film position just beside it.
+    fn past(&self, pixel: Vec2, sampler: &mut Sampler) -> Vec3 {
+        let Some((ray, start, throughput)) = self.viewpoint.ray(pixel) else { return Vec3::ZERO };
+        let skip: Vec<PrimId> = self.prims.iter().copied().chain(start).collect();
+        match self.settings.output {
+            Output::Radiance => {
+                let options = Options::new(self.settings.max_bounces.saturating_sub(self.viewpoint.bounces()));
+                throughput * trace(self.scene, Start::Ray(ray, &skip), sampler, &options, &mut NoRecord)
+            }
+            output => match self.scene.intersect(&ray, &skip) {
+                Some((si, _)) => first_hit(output, self.viewpoint.camera, &si),
+                None => Vec3::ZERO,
+            },
+        }
+    }
+}
+
+/// Fraction of a face's height by which a point of its edge is moved inside: a few 1e-5 of the viewing distance.
+pub fn inset(edge: &Edge, face: usize, distance: f32) -> f32 {
+    let o = edge.faces[face].opposite - edge.p[0];
+    let e = edge.direction();
+    let height = (o - e * o.dot(e)).length();
+    (3e-5 * distance / height).clamp(1e-6, 1e-2)
+}
+
+/// Sampling weight by kind of edge; `None` if nothing can jump there.
+fn classify(viewpoint: &Viewpoint, edge: &Edge, output: Output) -> Option<f64> {
+    let view = edge.view(viewpoint.direction_to(edge.point(0.5)))?;
+    if view.background.is_none() || edge.sharp {
+        return Some(1.0);
+    }
+    matches!(output, Output::Radiance | Output::GeometricNormal).then_some(SMOOTH_CREASE)
+}
+
+fn local_weight(image: &Image, a: DVec2, b: DVec2) -> f64 {
+    let steps = a.distance(b).ceil().max(1.0) as usize;
+    let mut sum = 0.0;
+    for i in 0..steps {
+        let p = a.lerp(b, (i as f64 + 0.5) / steps as f64);
+        let x = (p.x.max(0.0) as usize).min(image.width - 1);
+        let y = (p.y.max(0.0) as usize).min(image.height - 1);
+        sum += image.pixel(x, y).iter().map(|v| f64::from(v.abs())).sum::<f64>();
+    }
+    sum / steps as f64
+}
+
+/// Clips an edge to the space before the camera (and before the mirror) and to the film.
+fn clip(viewpoint: &Viewpoint, edge: &Edge) -> Option<Piece> {
+    let camera = viewpoint.camera;
+    let (mut s0, mut s1) = (0.0f64, 1.0f64);
+    let mut keep = |d0: f64, d1: f64| {
+        // Keep where lerp(d0, d1, s) >= 0.
+        if d0 < 0.0 && d1 < 0.0 {
+            s1 = -1.0;
+        } else if d0 < 0.0 {
+            s0 = s0.max(d0 / (d0 - d1));
+        } else if d1 < 0.0 {
+            s1 = s1.min(d0 / (d0 - d1));
+        }
+    };
+    let frame = glam::DMat3::from_cols(
+        camera.frame[0].as_dvec3(),
+        camera.frame[1].as_dvec3(),
+        camera.frame[2].as_dvec3(),
+    )
+    .inverse();
+    let local = |p: Vec3| frame * (viewpoint.image(p).as_dvec3() - camera.origin.as_dvec3());
+    let (l0, l1) = (local(edge.p[0]), local(edge.p[1]));
+    let perspective = camera.projection == crate::render::Projection::Perspective;
+    let near = 1e-5 * f64::from(viewpoint.scene.radius);
+    keep(l0.z - near, l1.z - near);
+    if let Some(m) = viewpoint.mirror {
+        let side = match camera.projection {
+            crate::render::Projection::Perspective => m.n.dot(camera.origin) - m.c,
+            crate::render::Projection::Orthographic => -m.n.dot(camera.frame[2]),
+        };
+        let distance = |p: Vec3| f64::from((m.n.dot(p) - m.c) * side.signum());
+        keep(distance(edge.p[0]), distance(edge.p[1]));
+    }
+    if s0 >= s1 {
+        return None;
+    }
+    let (q0, q1) = (l0.lerp(l1, s0), l0.lerp(l1, s1));
+    let to_film = |q: glam::DVec3| {
+        let w = if perspective { q.z } else { 1.0 };
+        let x = q.x / (w * f64::from(camera.scale[0]));
+        let y = q.y / (w * f64::from(camera.scale[1]));
+        DVec2::new((x + 1.0) * 0.5 * camera.width as f64, (1.0 - y) * 0.5 * camera.height as f64)
+    };
+    let (a, b) = (to_film(q0), to_film(q1));
+    if !a.is_finite() || !b.is_finite() {
+        return None;
+    }
+    // Liang-Barsky against the film.
+    let (mut t0, mut t1) = (0.0f64, 1.0f64);
+    let d = b - a;
+    for (p, q) in [
+        (-d.x, a.x),
+        (d.x, camera.width as f64 - a.x),
+        (-d.y, a.y),
+        (d.y, camera.height as f64 - a.y),
+    ] {
+        if p == 0.0 {
+            if q < 0.0 {
+                return None;
+            }
+        } else if p < 0.0 {
+            t0 = t0.max(q / p);
+        } else {
+            t1 = t1.min(q / p);
+        }
+    }
+    if t0 >= t1 {
+        return None;
+    }
+    let (za, zb) = if perspective { (q0.z, q1.z) } else { (1.0, 1.0) };
+    Some(Piece { edge: 0, viewpoint: 0, a: a.lerp(b, t0), b: a.lerp(b, t1), za, zb, sa: s0, sb: s1, ta: t0, tb: t1 })
+}

@@ -1,0 +1,186 @@
+//! Boundary term of direct light: edge-first sampling of shadows of area, point and directional lights.
+//!
+//! Choose an edge point p, a light point y, and find the receiver x behind p; then connect x to the camera, directly, in a
+//! mirror, or through further bounces. With the emission material-fixed only the covered side counts and (E) of
+//! `algorithms.md` becomes
+//!
+//!   −∫dl ∫dA(y) cosθ_y/|y−p|² L_e sinφ f_s(x) W(x) N̂·(ṗ − (1−τ)ẋ − τẏ),  τ = |p−x|/|y−x|,
+//!
+//! W(x) the importance of x (pixels per area, adjoint of the pixel). Unbiased, every bounce; a receiver seen only through
+//! a curved mirror is not found (see [`super::uncovered`]).
+
+use glam::Vec3;
+
+use super::estimate::{Estimate, Pass};
+use super::interior::{RayAdjoint, VertexAdjoint, d_direction, slide};
+use super::viewpoint::Viewpoint;
+use crate::math::Frame;
+use crate::render::accel::{PrimId, Ray};
+use crate::render::interaction::SurfaceInteraction;
+use crate::render::light::LightKind;
+use crate::render::sampler::{Discrete, Sampler, hash};
+use crate::render::{Scene, Settings};
+
+/// Edge-first shadow samples.
+pub struct Shadows<'a> {
+    pub scene: &'a Scene,
+    pub viewpoints: &'a [Viewpoint<'a>],
+    pub max_bounces: u32,
+    pub count: u32,
+    pub seed: u64,
+    edges: Discrete,
+}
+
+impl<'a> Shadows<'a> {
+    pub fn new(scene: &'a Scene, viewpoints: &'a [Viewpoint<'a>], settings: &Settings, count: u32, seed: u64) -> Self {
+        let edges = Discrete::new(scene.edges().edges.iter().map(|e| f64::from(e.length())));
+        Shadows { scene, viewpoints, max_bounces: settings.max_bounces, count, seed, edges }
+    }
+
+    fn sample(&self, sampler: &mut Sampler, out: &mut impl Estimate) {
+        let scene = self.scene;
+        let u = sampler.next_3d();
+        let (e, pmf, rest) = self.edges.sample(f64::from(u[0]));
+        let edge = &scene.edges().edges[e];
+        let s = rest as f32;
+        let p = edge.point(s);
+        let u_light = [sampler.next_1d(), u[1], u[2]];
+        let Some(light) = scene.sample_local_light(u_light) else { return };
+        let Some(arrival) = light.arrive(p) else { return };
+        let dir = arrival.dir; // from p towards the light
+
+        // The edge must hide something from the light: all its faces on one side.
+        let Some(view) = edge.view(-dir) else { return };
+        if view.background.is_some() {
+            return;
+        }
+        // As seen from the receiver the covered side is the same.
+        let normal = view.normal;
+        let prims = edge.prims();
+        let scale = scene.radius;
+        let to_light = Ray { t_max: arrival.distance * (1.0 - 1e-5), t_min: 2e-6 * scale, ..Ray::new(p, dir) };
+        let skip: Vec<PrimId> = prims.iter().copied().chain([light.prim]).collect();
+        if scene.accel.occluded(&to_light, &skip) {
+            return;
+        }
+        let Some(hit) = scene.accel.closest(&Ray::new(p, -dir), &prims) else { return };
+        if hit.t < 1e-5 * scale {
+            return; // the edge lies on the receiver: the shadow starts under the edge itself
+        }
+        let q = hit.t;
+        let tau = match light.kind {
+            LightKind::Area | LightKind::Point(_) => q / (q + arrival.distance),
+            _ => 0.0,
+        };
+        let sin_phi = edge.direction().cross(dir).length();
+        let density = pmf as f32 / edge.length() * light.pdf;
+        let power = light.power * (-arrival.geometry * sin_phi / (density * self.count as f32));
+
+        let mut walk = Walk { vertices: Vec::with_capacity(4), weight: power };
+        let mut towards = dir; // direction in which the light leaves backwards: from the surface towards where it came
+        let (mut prim, mut b) = (hit.prim, hit.b);
+        for bounce in 1..=self.max_bounces {
+            // Connect the current vertex to every viewpoint.
+            for viewpoint in self.viewpoints {
+                if bounce + viewpoint.bounces() > self.max_bounces {
+                    continue;
+                }
+                let position = scene.interaction(prim, b, towards).p;
+                let Some(seen) = viewpoint.see(position, &[prim]) else { continue };
+                let pixel = seen.pixel_index(viewpoint.camera);
+                if out.skips(pixel) {
+                    continue;
+                }
+                let si = scene.interaction(prim, b, -seen.dir);
+                let Some(ratio) = scatter(&si, towards) else { continue };
+                let area = viewpoint.pixels_per_area(&seen, si.ng);
+                let m = walk.weight * seen.throughput * ratio * area;
+                if !m.is_finite() || m == Vec3::ZERO {
+                    continue;
+                }
+                out.pixel(pixel, |d, out| {
+                    let m = d.dot(m);
+                    let face = &edge.faces[view.foreground];
+                    out.vertex(face.shape, face.v[0], normal * (m * (1.0 - s)));
+                    out.vertex(face.shape, face.v[1], normal * (m * s));
+                    match light.kind {
+                        LightKind::Area => out.material_point(light.prim, light.b, normal * (-tau * m)),
+                        LightKind::Point(i) => out.light_placement(i, normal * (-tau * m)),
+                        LightKind::Directional(i) => d_direction(out, i, normal * (-q * m)),
+                        LightKind::Environment => {}
+                    }
+                    // The receiver slides along the chain of direction-fixed segments that ends in the camera.
+                    let mut ray = RayAdjoint { origin: normal * (-(1.0 - tau) * m), dir: Vec3::ZERO };
+                    for v in &walk.vertices {
+                        let adj = VertexAdjoint { p: ray.origin, ..Default::default() };
+                        ray = slide(out, v, 0.0, adj);
+                    }
+                    let adj = VertexAdjoint { p: ray.origin, ..Default::default() };
+                    let ray = slide(out, &si, seen.distance, adj);
+                    viewpoint.d_ray(out, &seen, ray);
+                });
+            }
+            if bounce == self.max_bounces {
+                break;
+            }
+            // Go on backwards, towards the camera: choose the direction the light is scattered into.
+            let si = scene.interaction(prim, b, towards);
+            if si.bsdf.is_black() || si.bsdf.is_delta() {
+                break;
+            }
+            let frame = Frame::from_normal(si.ns);
+            let local = frame.to_local(towards);
+            let Some(choice) = si.bsdf.sample(Vec3::new(local.x, local.y, local.z.abs()), sampler.next_3d()) else {
+                break;
+            };
+            let away = frame.to_world(choice.wo).normalize();
+            if si.ng.dot(away) <= 0.0 || choice.pdf <= 0.0 {
+                break;
+            }
+            let si = scene.interaction(prim, b, away);
+            let Some(ratio) = scatter(&si, towards) else { break };
+            let survival = if bounce > 3 { 0.7 } else { 1.0 };
+            if bounce > 3 && sampler.next_1d() >= survival {
+                break;
+            }
+            let Some(next) = scene.accel.closest(&si.spawn_ray(away), &[prim]) else { break };
+            // Solid angle at this vertex → the camera-side measure of direction-fixed segments.
+            walk.weight *= ratio * (si.ng.dot(away) / (choice.pdf * survival));
+            walk.vertices.push(si);
+            (prim, b) = (next.prim, next.b);
+            towards = -away;
+        }
+    }
+}
+
+/// A chain of vertices from the shadow receiver towards the camera.
+struct Walk {
+    vertices: Vec<SurfaceInteraction>,
+    weight: Vec3,
+}
+
+/// f·cosθ_s / cosθ_g towards `wo`: the BSDF with the cosine of the geometric measure divided out.
+fn scatter(si: &SurfaceInteraction, wo: Vec3) -> Option<Vec3> {
+    let cos = si.ng.dot(wo);
+    if cos <= 0.0 || si.bsdf.is_delta() {
+        return None;
+    }
+    let f = si.eval(wo);
+    (f != Vec3::ZERO).then(|| f / cos)
+}
+
+impl Pass for Shadows<'_> {
+    fn items(&self) -> usize {
+        if self.edges.is_empty() || self.max_bounces == 0 || !self.scene.lights.has_local_lights() {
+            return 0;
+        }
+        self.count as usize
+    }
+
+    fn run(&self, items: std::ops::Range<usize>, out: &mut impl Estimate) {
+        let seed = hash(self.seed, 0x7368_6164_6f77);
+        for i in items {
+            self.sample(&mut Sampler::new(seed, i as u32), out);
+        }
+    }
+}

@@ -1,0 +1,356 @@
+//! Where derivatives go: a flat array of all requested slots, filled (reverse mode) or contracted with a tangent
+//! (forward mode).
+
+use glam::{Vec2, Vec3};
+
+use crate::render::accel::PrimId;
+use crate::render::sensor::CameraAdjoint;
+use crate::render::{Input, Scene, Slot};
+
+/// "Nobody asked for this slot."
+const NONE: u32 = u32::MAX;
+
+/// Positions of the requested slots in one flat array.
+#[derive(Clone, Debug)]
+pub struct Layout {
+    pub slots: Vec<Slot>,
+    /// Start of each slot, and the end of the last.
+    pub starts: Vec<usize>,
+    vertices: Vec<u32>,
+    normals: Vec<u32>,
+    uvs: Vec<u32>,
+    colors: Vec<u32>,
+    texels: Vec<u32>,
+    light_placement: Vec<u32>,
+    light_power: Vec<u32>,
+    environment_rotation: u32,
+    camera_origin: u32,
+    camera_frame: u32,
+    camera_scale: u32,
+}
+
+impl Layout {
+    pub fn new(scene: &Scene, slots: &[Slot]) -> Layout {
+        let d = &scene.description;
+        let shapes = vec![NONE; d.shapes.len()];
+        let lights = vec![NONE; d.delta_lights.len()];
+        let mut layout = Layout {
+            slots: slots.to_vec(),
+            starts: vec![0],
+            vertices: shapes.clone(),
+            normals: shapes.clone(),
+            uvs: shapes.clone(),
+            colors: shapes,
+            texels: vec![NONE; d.textures.len()],
+            light_placement: lights.clone(),
+            light_power: lights,
+            environment_rotation: NONE,
+            camera_origin: NONE,
+            camera_frame: NONE,
+            camera_scale: NONE,
+        };
+        let mut start = 0;
+        for slot in slots {
+            let len = d.slot_len(*slot);
+            if len > 0 {
+                *layout.entry(*slot) = start as u32;
+            }
+            start += len;
+            layout.starts.push(start);
+        }
+        layout
+    }
+
+    fn entry(&mut self, slot: Slot) -> &mut u32 {
+        match slot {
+            Slot::Vertices(i) => &mut self.vertices[i],
+            Slot::Normals(i) => &mut self.normals[i],
+            Slot::Uvs(i) => &mut self.uvs[i],
+            Slot::Colors(i) => &mut self.colors[i],
+            Slot::Texels(i) => &mut self.texels[i],
+            Slot::LightPlacement(i) => &mut self.light_placement[i],
+            Slot::LightPower(i) => &mut self.light_power[i],
+            Slot::EnvironmentRotation => &mut self.environment_rotation,
+            Slot::CameraOrigin => &mut self.camera_origin,
+            Slot::CameraFrame => &mut self.camera_frame,
+            Slot::CameraScale => &mut self.camera_scale,
+        }
+    }
+
+    /// Number of derivatives in all.
+    pub fn len(&self) -> usize {
+        self.starts.last().copied().unwrap_or(0)
+    }
+
+    /// Whether anything asked for can move a silhouette or a shadow.
+    pub fn moves_visibility(&self) -> bool {
+        self.slots.iter().any(|s| {
+            matches!(
+                s,
+                Slot::Vertices(_)
+                    | Slot::LightPlacement(_)
+                    | Slot::CameraOrigin
+                    | Slot::CameraFrame
+                    | Slot::CameraScale
+            )
+        })
+    }
+
+    /// Whether the vertices of a shape are asked for.
+    pub fn wants_vertices(&self, shape: u32) -> bool {
+        self.vertices[shape as usize] != NONE
+    }
+
+    /// Whether a light's placement or the camera is asked for.
+    pub fn wants_camera(&self) -> bool {
+        self.camera_origin != NONE || self.camera_frame != NONE || self.camera_scale != NONE
+    }
+}
+
+/// Takes derivatives one number at a time.
+pub trait Sink {
+    fn add(&mut self, index: usize, value: f32);
+}
+
+/// Reverse mode: sums everything into its place.
+pub struct Dense {
+    pub data: Vec<f64>,
+}
+
+impl Sink for Dense {
+    #[inline]
+    fn add(&mut self, index: usize, value: f32) {
+        self.data[index] += f64::from(value);
+    }
+}
+
+/// Forward mode: Σ derivative · tangent.
+pub struct Contraction<'a> {
+    pub tangent: &'a [f32],
+    pub sum: f64,
+}
+
+impl Sink for Contraction<'_> {
+    #[inline]
+    fn add(&mut self, index: usize, value: f32) {
+        self.sum += f64::from(value) * f64::from(self.tangent[index]);
+    }
+}
+
+/// A sink that knows the scene: adjoints of scene quantities by name.
+pub struct Adjoints<'a, S: Sink> {
+    pub scene: &'a Scene,
+    pub layout: &'a Layout,
+    pub sink: S,
+    pub camera: CameraAdjoint,
+}
+
+impl<'a, S: Sink> Adjoints<'a, S> {
+    pub fn new(scene: &'a Scene, layout: &'a Layout, sink: S) -> Self {
+        Adjoints { scene, layout, sink, camera: CameraAdjoint::default() }
+    }
+
+    #[inline]
+    fn add3(&mut self, start: u32, i: usize, d: Vec3) {
+        if start != NONE {
+            let at = start as usize + 3 * i;
+            self.sink.add(at, d.x);
+            self.sink.add(at + 1, d.y);
+            self.sink.add(at + 2, d.z);
+        }
+    }
+
+    /// Adjoint of one vertex position.
+    #[inline]
+    pub fn vertex(&mut self, shape: u32, vertex: u32, d: Vec3) {
+        self.add3(self.layout.vertices[shape as usize], vertex as usize, d);
+    }
+
+    #[inline]
+    pub fn wants_vertices(&self, shape: u32) -> bool {
+        self.layout.vertices[shape as usize] != NONE
+    }
+
+    /// Adjoint of a material point of a primitive (fixed barycentric coordinates).
+    #[inline]
+    pub fn material_point(&mut self, prim: PrimId, b: [f32; 3], d: Vec3) {
+        let id = self.scene.prims[prim as usize];
+        if !self.wants_vertices(id.shape) {
+            return;
+        }
+        let face = self.scene.description.shapes[id.shape as usize].mesh.faces[id.face as usize];
+        for (v, b) in face.into_iter().zip(b) {
+            self.vertex(id.shape, v, d * b);
+        }
+    }
+
+    /// Adjoints of the three corners of a primitive.
+    #[inline]
+    pub fn corners(&mut self, prim: PrimId, d: [Vec3; 3]) {
+        let id = self.scene.prims[prim as usize];
+        let face = self.scene.description.shapes[id.shape as usize].mesh.faces[id.face as usize];
+        for (v, d) in face.into_iter().zip(d) {
+            self.vertex(id.shape, v, d);
+        }
+    }
+
+    /// Adjoint of a primitive's unit right-hand-rule normal.
+    pub fn geometric_normal(&mut self, prim: PrimId, d_n: Vec3) {
+        let id = self.scene.prims[prim as usize];
+        if d_n == Vec3::ZERO || !self.wants_vertices(id.shape) {
+            return;
+        }
+        let [p0, p1, p2] = self.scene.corners(prim);
+        let n = (p1 - p0).cross(p2 - p0);
+        let length = n.length();
+        if length <= 0.0 {
+            return;
+        }
+        let unit = n / length;
+        let m = (d_n - unit * unit.dot(d_n)) / length;
+        let d1 = (p2 - p0).cross(m);
+        let d2 = m.cross(p1 - p0);
+        self.corners(prim, [-d1 - d2, d1, d2]);
+    }
+
+    /// Adjoint of a primitive's area: ∂A/∂v_i = ½ n × (v_{i+2} − v_{i+1}).
+    pub fn area(&mut self, prim: PrimId, d_area: f32) {
+        let id = self.scene.prims[prim as usize];
+        if !self.wants_vertices(id.shape) {
+            return;
+        }
+        let [p0, p1, p2] = self.scene.corners(prim);
+        let n = (p1 - p0).cross(p2 - p0).normalize_or_zero() * (0.5 * d_area);
+        self.corners(prim, [n.cross(p2 - p1), n.cross(p0 - p2), n.cross(p1 - p0)]);
+    }
+
+    /// Adjoint of interpolated vertex normals, Σ b_i n_i before normalisation; returns the adjoint of b.
+    pub fn interpolated_normal(&mut self, prim: PrimId, b: [f32; 3], d: Vec3) -> [f32; 3] {
+        let id = self.scene.prims[prim as usize];
+        let mesh = &self.scene.description.shapes[id.shape as usize].mesh;
+        let Some(normals) = &mesh.normals else { return [0.0; 3] };
+        let face = mesh.faces[id.face as usize];
+        let start = self.layout.normals[id.shape as usize];
+        for (v, b) in face.into_iter().zip(b) {
+            self.add3(start, v as usize, d * b);
+        }
+        face.map(|v| normals[v as usize].dot(d))
+    }
+
+    /// Adjoint of texture coordinates; returns the adjoint of b.
+    pub fn uv(&mut self, prim: PrimId, b: [f32; 3], d: Vec2) -> [f32; 3] {
+        let id = self.scene.prims[prim as usize];
+        let mesh = &self.scene.description.shapes[id.shape as usize].mesh;
+        let Some(uvs) = &mesh.uvs else { return [0.0, d.x, d.y] };
+        let face = mesh.faces[id.face as usize];
+        let start = self.layout.uvs[id.shape as usize];
+        if start != NONE {
+            for (v, b) in face.into_iter().zip(b) {
+                let at = start as usize + 2 * v as usize;
+                self.sink.add(at, d.x * b);
+                self.sink.add(at + 1, d.y * b);
+            }
+        }
+        face.map(|v| uvs[v as usize].dot(d))
+    }
+
+    /// Adjoint of an input's value at a point. Returns the adjoint of b where the point slides over the surface.
+    pub fn input(&mut self, input: Input, prim: PrimId, b: [f32; 3], d: Vec3, slides: bool) -> [f32; 3] {
+        match input {
+            Input::Texture(t) => {
+                let texture = &self.scene.description.textures[t];
+                let start = self.layout.texels[t];
+                if texture.is_constant() {
+                    if start != NONE {
+                        let at = start as usize;
+                        if texture.channels == 1 {
+                            self.sink.add(at, d.x + d.y + d.z);
+                        } else {
+                            self.add3(start, 0, d);
+                        }
+                    }
+                    return [0.0; 3];
+                }
+                let uv = self.scene.uv(prim, b);
+                let footprint = texture.footprint(uv);
+                if start != NONE {
+                    let sink = &mut self.sink;
+                    texture.scatter_footprint(&footprint, d, |i, v| sink.add(start as usize + i, v));
+                }
+                if !slides {
+                    let shape = self.scene.prims[prim as usize].shape as usize;
+                    if self.layout.uvs[shape] == NONE {
+                        return [0.0; 3];
+                    }
+                }
+                let [du, dv] = texture.uv_gradient(&footprint);
+                self.uv(prim, b, Vec2::new(du.dot(d), dv.dot(d)))
+            }
+            Input::VertexColor => {
+                let id = self.scene.prims[prim as usize];
+                let mesh = &self.scene.description.shapes[id.shape as usize].mesh;
+                let Some(colors) = &mesh.colors else { return [0.0; 3] };
+                let face = mesh.faces[id.face as usize];
+                let start = self.layout.colors[id.shape as usize];
+                for (v, b) in face.into_iter().zip(b) {
+                    self.add3(start, v as usize, d * b);
+                }
+                face.map(|v| colors[v as usize].dot(d))
+            }
+        }
+    }
+
+    /// Adjoint of the environment's radiance in world direction `dir`; returns the direction's adjoint.
+    pub fn environment(&mut self, dir: Vec3, d: Vec3) -> Vec3 {
+        use crate::render::environment::{d_environment_uv, environment_uv};
+        let Some(e) = &self.scene.description.environment else { return Vec3::ZERO };
+        let texture = &self.scene.description.textures[e.radiance];
+        let start = self.layout.texels[e.radiance];
+        if texture.is_constant() {
+            self.add3(start, 0, d);
+            return Vec3::ZERO;
+        }
+        let local = e.rotation.transpose() * dir;
+        let footprint = texture.environment_footprint(environment_uv(local));
+        if start != NONE {
+            let sink = &mut self.sink;
+            texture.scatter_footprint(&footprint, d, |i, v| sink.add(start as usize + i, v));
+        }
+        let [du, dv] = texture.uv_gradient(&footprint);
+        let d_local = d_environment_uv(local, Vec2::new(du.dot(d), dv.dot(d)));
+        if self.layout.environment_rotation != NONE {
+            // local_j = Σ_i R_ij dir_i
+            let at = self.layout.environment_rotation as usize;
+            for (i, dir_i) in dir.to_array().into_iter().enumerate() {
+                for (j, d_j) in d_local.to_array().into_iter().enumerate() {
+                    self.sink.add(at + 3 * i + j, dir_i * d_j);
+                }
+            }
+        }
+        e.rotation * d_local
+    }
+
+    /// Adjoint of a delta light's position or (not normalised) direction.
+    pub fn light_placement(&mut self, light: u32, d: Vec3) {
+        self.add3(self.layout.light_placement[light as usize], 0, d);
+    }
+
+    /// Adjoint of a delta light's intensity or irradiance.
+    pub fn light_power(&mut self, light: u32, d: Vec3) {
+        self.add3(self.layout.light_power[light as usize], 0, d);
+    }
+
+    /// Moves the collected camera adjoint into the sink.
+    pub fn flush_camera(&mut self) {
+        let c = std::mem::take(&mut self.camera);
+        self.add3(self.layout.camera_origin, 0, c.origin);
+        for (i, row) in c.frame.into_iter().enumerate() {
+            self.add3(self.layout.camera_frame, i, row);
+        }
+        if self.layout.camera_scale != NONE {
+            for (i, v) in c.scale.into_iter().enumerate() {
+                self.sink.add(self.layout.camera_scale as usize + i, v);
+            }
+        }
+    }
+}

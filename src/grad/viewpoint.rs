@@ -1,0 +1,239 @@
+//! Where the camera sees the scene from: its own centre, and its mirror image behind every planar mirror.
+//!
+//! What is seen in a planar mirror is exactly what a reflected camera sees through the mirror's outline, so silhouettes and
+//! shadows in mirrors need no estimators of their own (`algorithms.md` §3.4).
+
+use glam::{Vec2, Vec3};
+
+use super::interior::{RayAdjoint, VertexAdjoint, slide};
+use super::sink::{Adjoints, Sink};
+use crate::render::accel::PrimId;
+use crate::render::interaction::SurfaceInteraction;
+use crate::render::sensor::Projected;
+use crate::render::{Camera, MaterialKind, Projection, Scene};
+
+/// More distinct mirror planes than this are a curved mirror: not covered.
+const MAX_MIRROR_PLANES: usize = 32;
+
+/// A plane of mirror triangles: n·x = c.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MirrorPlane {
+    pub n: Vec3,
+    pub c: f32,
+}
+
+impl MirrorPlane {
+    fn reflect_point(&self, p: Vec3) -> Vec3 {
+        p - self.n * (2.0 * (self.n.dot(p) - self.c))
+    }
+
+    fn contains(&self, n: Vec3, p: Vec3, scale: f32) -> bool {
+        n.dot(self.n).abs() > 1.0 - 1e-6 && (self.n.dot(p) - self.c).abs() < 1e-5 * scale
+    }
+}
+
+/// The distinct planes of all flat-shaded mirror triangles; `None` if they are too many to be planar mirrors.
+pub fn mirror_planes(scene: &Scene) -> Option<Vec<MirrorPlane>> {
+    let mut planes: Vec<MirrorPlane> = Vec::new();
+    for (prim, id) in scene.prims.iter().enumerate() {
+        let shape = &scene.description.shapes[id.shape as usize];
+        if !matches!(shape.material.kind, MaterialKind::Mirror { .. }) {
+            continue;
+        }
+        let [a, b, c] = scene.corners(prim as PrimId);
+        let n = (b - a).cross(c - a).normalize_or_zero();
+        if n == Vec3::ZERO || planes.iter().any(|p| p.contains(n, a, scene.radius)) {
+            continue;
+        }
+        if planes.len() == MAX_MIRROR_PLANES || (shape.mesh.normals.is_some() && !is_flat_shaded(scene, prim as PrimId)) {
+            return None;
+        }
+        planes.push(MirrorPlane { n, c: n.dot(a) });
+    }
+    Some(planes)
+}
+
+/// Shading normals that all agree with the face's own.
+fn is_flat_shaded(scene: &Scene, prim: PrimId) -> bool {
+    let id = scene.prims[prim as usize];
+    let mesh = &scene.description.shapes[id.shape as usize].mesh;
+    let [a, b, c] = scene.corners(prim);
+    let n = (b - a).cross(c - a).normalize_or_zero();
+    mesh.normals
+        .as_ref()
+        .is_none_or(|ns| mesh.faces[id.face as usize].iter().all(|&v| ns[v as usize].normalize_or_zero().dot(n).abs() > 0.9999))
+}
+
+/// The camera, directly or in one mirror.
+#[derive(Clone, Copy)]
+pub struct Viewpoint<'a> {
+    pub scene: &'a Scene,
+    pub camera: &'a Camera,
+    pub mirror: Option<MirrorPlane>,
+}
+
+/// A scene point as the camera sees it.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen {
+    pub projected: Projected,
+    /// The mirror vertex on the way and its distance from the camera.
+    pub mirror: Option<(SurfaceInteraction, f32)>,
+    /// Last point before the seen one (camera or mirror) and unit direction from there.
+    pub origin: Vec3,
+    pub dir: Vec3,
+    pub distance: f32,
+    /// Reflectance on the way.
+    pub throughput: Vec3,
+}
+
+impl Seen {
+    /// Index of the pixel.
+    pub fn pixel_index(&self, camera: &Camera) -> usize {
+        self.projected.pixel.y as usize * camera.width + self.projected.pixel.x as usize
+    }
+}
+
+impl<'a> Viewpoint<'a> {
+    /// All viewpoints of a camera.
+    pub fn all(scene: &'a Scene, camera: &'a Camera, mirrors: &[MirrorPlane]) -> Vec<Viewpoint<'a>> {
+        let direct = Viewpoint { scene, camera, mirror: None };
+        let reflected = mirrors.iter().map(|m| Viewpoint { scene, camera, mirror: Some(*m) });
+        std::iter::once(direct).chain(reflected).collect()
+    }
+
+    /// Scattering events spent before the first seen surface.
+    pub fn bounces(&self) -> u32 {
+        u32::from(self.mirror.is_some())
+    }
+
+    /// Where the point appears: its mirror image for a mirror.
+    pub fn image(&self, p: Vec3) -> Vec3 {
+        self.mirror.map_or(p, |m| m.reflect_point(p))
+    }
+
+    /// Unit direction in which the (reflected) camera looks at a world point.
+    pub fn direction_to(&self, p: Vec3) -> Vec3 {
+        let dir = -self.camera.towards(self.image(p)).0;
+        self.mirror.map_or(dir, |m| dir - m.n * (2.0 * m.n.dot(dir)))
+    }
+
+    /// Whether both points lie on the camera's side of the mirror (always true without one).
+    pub fn in_front(&self, p: Vec3) -> bool {
+        self.mirror.is_none_or(|m| {
+            let viewer = match self.camera.projection {
+                Projection::Perspective => m.n.dot(self.camera.origin) - m.c,
+                Projection::Orthographic => -m.n.dot(self.camera.frame[2]),
+            };
+            viewer * (m.n.dot(p) - m.c) > 0.0
+        })
+    }
+
+    /// Sees a world point, if it is on film and nothing but `skip` hides it.
+    pub fn see(&self, p: Vec3, skip: &[PrimId]) -> Option<Seen> {
+        if !self.in_front(p) {
+            return None;
+        }
+        let projected = self.camera.project(self.image(p))?;
+        if !self.camera.on_film(projected.pixel) {
+            return None;
+        }
+        let (mirror, origin, throughput) = match self.mirror {
+            None => {
+                let (back, distance) = self.camera.towards(p);
+                if distance <= 0.0 {
+                    return None;
+                }
+                (None, p + back * distance, Vec3::ONE)
+            }
+            Some(_) => {
+                let (si, t) = self.mirror_hit(projected.pixel)?;
+                (Some((si, t)), si.p, si.bsdf.mirror_reflectance())
+            }
+        };
+        let d = p - origin;
+        let distance = d.length();
+        if distance <= 0.0 {
+            return None;
+        }
+        let dir = d / distance;
+        let mut ray = crate::render::accel::Ray::new(origin, dir);
+        ray.t_max = distance * (1.0 - 2e-5);
+        let blocked = match &mirror {
+            None => self.scene.accel.occluded(&ray, skip),
+            Some((si, _)) => {
+                ray.t_min = 1e-5 * self.scene.radius;
+                let all: Vec<PrimId> = skip.iter().copied().chain([si.prim]).collect();
+                self.scene.accel.occluded(&ray, &all)
+            }
+        };
+        (!blocked).then_some(Seen { projected, mirror, origin, dir, distance, throughput })
+    }
+
+    /// The mirror vertex behind a pixel position, if the first surface there is part of this mirror.
+    fn mirror_hit(&self, pixel: Vec2) -> Option<(SurfaceInteraction, f32)> {
+        let plane = self.mirror?;
+        let (si, t) = self.scene.intersect(&self.camera.ray(pixel), &[])?;
+        let ours = si.bsdf.is_delta() && plane.contains(si.ng, si.p, self.scene.radius);
+        ours.then_some((si, t))
+    }
+
+    /// The ray that looks past the mirror (or straight from the camera) through a pixel position, with the primitive it
+    /// starts on and the reflectance so far.
+    pub fn ray(&self, pixel: Vec2) -> Option<(crate::render::accel::Ray, Option<PrimId>, Vec3)> {
+        match self.mirror {
+            None => Some((self.camera.ray(pixel), None, Vec3::ONE)),
+            Some(_) => {
+                let (si, _) = self.mirror_hit(pixel)?;
+                let dir = si.ns * (2.0 * si.ns.dot(si.wi)) - si.wi;
+                Some((si.spawn_ray(dir.normalize()), Some(si.prim), si.bsdf.mirror_reflectance()))
+            }
+        }
+    }
+
+    /// Pixels per unit area of a surface with unit normal `n` at a seen point.
+    pub fn pixels_per_area(&self, seen: &Seen, n: Vec3) -> f32 {
+        let n = self.mirror.map_or(n, |m| n - m.n * (2.0 * m.n.dot(n)));
+        self.camera.pixels_per_area(&seen.projected, n)
+    }
+
+    /// Gradients of the pixel coordinates in the seen point.
+    pub fn projection_gradient(&self, seen: &Seen) -> [Vec3; 2] {
+        let g = self.camera.projection_gradient(&seen.projected);
+        match self.mirror {
+            None => g,
+            Some(m) => g.map(|v| v - m.n * (2.0 * m.n.dot(v))),
+        }
+    }
+
+    /// Adjoint of the pixel position of a seen point that moves freely: returns the point's, adds mirror's and camera's.
+    pub fn d_position<S: Sink>(&self, out: &mut Adjoints<S>, p: Vec3, seen: &Seen, d_pixel: Vec2) -> Vec3 {
+        let d_image = self.camera.d_project(&seen.projected, d_pixel, &mut out.camera);
+        let Some((si, _)) = &seen.mirror else { return d_image };
+        // image = p − 2 n (n·(p − m)), m a material point of the mirror, n its unit normal.
+        let n = si.ng;
+        let offset = p - si.p;
+        out.material_point(si.prim, si.b, n * (2.0 * n.dot(d_image)));
+        let d_n = (d_image * n.dot(offset) + offset * n.dot(d_image)) * -2.0;
+        out.geometric_normal(si.prim, d_n * si.flip);
+        d_image - n * (2.0 * n.dot(d_image))
+    }
+
+    /// Adjoint of the ray that sees a point through a fixed pixel position, on to mirror and camera.
+    pub fn d_ray<S: Sink>(&self, out: &mut Adjoints<S>, seen: &Seen, ray: RayAdjoint) {
+        let ray = match &seen.mirror {
+            None => ray,
+            Some((si, t)) => {
+                let n_wi = si.ns.dot(si.wi);
+                let n_d = si.ns.dot(ray.dir);
+                let adj = VertexAdjoint {
+                    p: ray.origin,
+                    ns: (si.wi * n_d + ray.dir * n_wi) * 2.0,
+                    wi: si.ns * (2.0 * n_d) - ray.dir,
+                    ..Default::default()
+                };
+                slide(out, si, *t, adj)
+            }
+        };
+        self.camera.d_ray(seen.projected.pixel, ray.origin, ray.dir, &mut out.camera);
+    }
+}

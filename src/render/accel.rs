@@ -1,0 +1,208 @@
+//! Ray queries: obvhs's compressed wide BVH with a watertight triangle test and skipping by primitive id.
+//!
+//! Edge sampling sends rays that graze shared edges, so neighbouring triangles must agree about which of them an edge ray
+//! hits: the Plücker edge functions below give the same value up to sign for both (Davis & Wald 2016, as in Embree's
+//! robust mode), except that no tolerance is added: triangles are never enlarged.
+
+use glam::{Vec3, Vec3A};
+use obvhs::BvhBuildParams;
+use obvhs::cwbvh::CwBvh;
+use obvhs::cwbvh::builder::build_cwbvh_from_tris;
+use obvhs::ray::{Ray as ObvhsRay, RayHit};
+use obvhs::triangle::Triangle;
+
+/// Index of a triangle over all shapes of a scene.
+pub type PrimId = u32;
+
+/// "No primitive": skips nothing.
+pub const NO_PRIM: PrimId = u32::MAX;
+
+/// A ray query. `dir` is a unit vector; hits closer than `t_min` or not before `t_max` do not count.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    pub origin: Vec3,
+    pub dir: Vec3,
+    pub t_min: f32,
+    pub t_max: f32,
+}
+
+impl Ray {
+    pub fn new(origin: Vec3, dir: Vec3) -> Ray {
+        Ray { origin, dir, t_min: 0.0, t_max: f32::INFINITY }
+    }
+}
+
+/// The closest hit: where on which triangle.
+#[derive(Clone, Copy, Debug)]
+pub struct Hit {
+    pub t: f32,
+    pub prim: PrimId,
+    /// Barycentric coordinates of the triangle's three vertices.
+    pub b: [f32; 3],
+}
+
+#[derive(Clone, Copy)]
+struct Tri {
+    v: [Vec3A; 3],
+    prim: PrimId,
+}
+
+/// The acceleration structure of one scene.
+pub struct Accel {
+    bvh: Option<CwBvh>,
+    /// In leaf order.
+    tris: Vec<Tri>,
+}
+
+impl Accel {
+    /// Builds over triangles given by their corners; finite coordinates are the caller's duty.
+    pub fn new(corners: &[[Vec3; 3]]) -> Accel {
+        if corners.is_empty() {
+            return Accel { bvh: None, tris: Vec::new() };
+        }
+        let triangles: Vec<Triangle> =
+            corners.iter().map(|t| Triangle { v0: t[0].into(), v1: t[1].into(), v2: t[2].into() }).collect();
+        let params = BvhBuildParams { pre_split: false, ..BvhBuildParams::medium_build() };
+        let bvh = build_cwbvh_from_tris(&triangles, params, &mut Default::default());
+        let tris = bvh
+            .primitive_indices
+            .iter()
+            .map(|&i| {
+                let t = &triangles[i as usize];
+                Tri { v: [t.v0, t.v1, t.v2], prim: i }
+            })
+            .collect();
+        Accel { bvh: Some(bvh), tris }
+    }
+
+    /// The closest hit whose primitive is not in `skip`.
+    pub fn closest(&self, ray: &Ray, skip: &[PrimId]) -> Option<Hit> {
+        let bvh = self.bvh.as_ref()?;
+        let mut best_b = [0.0; 3];
+        let mut hit = RayHit::none();
+        let found = bvh.ray_traverse(to_obvhs(ray), &mut hit, |r, i| {
+            let tri = &self.tris[i];
+            match intersect(tri, r) {
+                Some((t, b)) if !skip.contains(&tri.prim) => {
+                    best_b = b;
+                    t
+                }
+                _ => f32::INFINITY,
+            }
+        });
+        found.then(|| Hit { t: hit.t, prim: self.tris[hit.primitive_id as usize].prim, b: best_b })
+    }
+
+    /// Whether anything not in `skip` lies on the ray.
+    pub fn occluded(&self, ray: &Ray, skip: &[PrimId]) -> bool {
+        let Some(bvh) = self.bvh.as_ref() else { return false };
+        !bvh.ray_traverse_miss(to_obvhs(ray), |r, i| {
+            let tri = &self.tris[i];
+            match intersect(tri, r) {
+                Some((t, _)) if !skip.contains(&tri.prim) => t,
+                _ => f32::INFINITY,
+            }
+        })
+    }
+}
+
+fn to_obvhs(ray: &Ray) -> ObvhsRay {
+    // Built by hand: obvhs's constructor turns tiny components into a huge but inexact inverse; only the boxes use it.
+    ObvhsRay::new(ray.origin.into(), ray.dir.into(), ray.t_min, ray.t_max)
+}
+
+/// Watertight ray-triangle test; `None` unless `t_min <= t < t_max` of the ray.
+#[inline(always)]
+fn intersect(tri: &Tri, ray: &ObvhsRay) -> Option<(f32, [f32; 3])> {
+    let d = ray.direction;
+    let a = tri.v[0] - ray.origin;
+    let b = tri.v[1] - ray.origin;
+    let c = tri.v[2] - ray.origin;
+    // Plücker products of the ray with the edges opposite to a, b, c: (p − q) × (p + q) · d changes only its sign
+    // when p and q swap.
+    let u = (c - b).cross(c + b).dot(d);
+    let v = (a - c).cross(a + c).dot(d);
+    let w = (b - a).cross(b + a).dot(d);
+    let inside = (u >= 0.0 && v >= 0.0 && w >= 0.0) || (u <= 0.0 && v <= 0.0 && w <= 0.0);
+    if !inside {
+        return None;
+    }
+    let n = (b - a).cross(c - a);
+    let den = n.dot(d);
+    let sum = u + v + w;
+    if den == 0.0 || sum == 0.0 {
+        return None;
+    }
+    let t = n.dot(a) / den;
+    if !(t >= ray.tmin && t < ray.tmax) {
+        return None;
+    }
+    let inv = 1.0 / sum;
+    Some((t, [u * inv, v * inv, w * inv]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Pcg32;
+
+    fn random_vec(rng: &mut Pcg32) -> Vec3 {
+        Vec3::new(rng.next_f32(), rng.next_f32(), rng.next_f32()) * 2.0 - 1.0
+    }
+
+    #[test]
+    fn agrees_with_brute_force() {
+        let mut rng = Pcg32::new(7);
+        let corners: Vec<[Vec3; 3]> = (0..200)
+            .map(|_| {
+                let p = random_vec(&mut rng);
+                [p, p + 0.3 * random_vec(&mut rng), p + 0.3 * random_vec(&mut rng)]
+            })
+            .collect();
+        let accel = Accel::new(&corners);
+        let mut hits = 0;
+        for _ in 0..2000 {
+            let ray = Ray::new(2.0 * random_vec(&mut rng), random_vec(&mut rng).normalize());
+            let skip = [(rng.next_f32() * 200.0) as u32];
+            let brute = (0..200u32)
+                .filter(|i| !skip.contains(i))
+                .filter_map(|i| {
+                    let v = corners[i as usize].map(Vec3A::from);
+                    intersect(&Tri { v, prim: i }, &to_obvhs(&ray)).map(|(t, _)| (t, i))
+                })
+                .min_by(|a, b| a.0.total_cmp(&b.0));
+            let hit = accel.closest(&ray, &skip);
+            assert_eq!(hit.map(|h| h.prim), brute.map(|b| b.1));
+            assert_eq!(accel.occluded(&ray, &skip), brute.is_some());
+            if let Some(h) = hit {
+                hits += 1;
+                let v = corners[h.prim as usize];
+                let p = v[0] * h.b[0] + v[1] * h.b[1] + v[2] * h.b[2];
+                assert!(p.distance(ray.origin + ray.dir * h.t) < 1e-4);
+            }
+        }
+        assert!(hits > 200);
+    }
+
+    #[test]
+    fn no_gap_at_shared_edges() {
+        // A fan of slivers: rays at points of the shared edges must hit one of the two neighbours.
+        let mut rng = Pcg32::new(3);
+        let n = 64;
+        let rim: Vec<Vec3> = (0..n)
+            .map(|i| {
+                let a = i as f32 / n as f32 * std::f32::consts::TAU;
+                Vec3::new(a.cos(), a.sin(), 0.1 * (3.0 * a).sin())
+            })
+            .collect();
+        let centre = Vec3::new(0.03, -0.02, 0.3);
+        let corners: Vec<[Vec3; 3]> = (0..n).map(|i| [centre, rim[i], rim[(i + 1) % n]]).collect();
+        let accel = Accel::new(&corners);
+        for _ in 0..20000 {
+            let i = (rng.next_f32() * n as f32) as usize % n;
+            let target = centre.lerp(rim[i], 0.01 + 0.98 * rng.next_f32());
+            let origin = Vec3::new(0.2 * rng.next_f32(), 0.2 * rng.next_f32(), 5.0);
+            assert!(accel.closest(&Ray::new(origin, (target - origin).normalize()), &[]).is_some());
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! Images from scenes: radiance, or a property of the first hit, averaged over each pixel (box filter).
+
+use glam::{Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::integrator::{NoRecord, Options, Start, trace};
+use super::interaction::SurfaceInteraction;
+use super::sampler::{Sampler, hash};
+use super::scene::Camera;
+use super::world::{Scene, SceneError, validate_camera};
+use crate::image::Image;
+
+/// What an image holds: radiance, or a property of the first hit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// 3 channels.
+    Radiance,
+    /// 1 channel: distance along the camera's forward axis; 0 where nothing is hit.
+    Depth,
+    /// 1 channel: coverage.
+    Alpha,
+    /// 3 channels, world space.
+    Position,
+    /// 3 channels, unit shading normal, world space.
+    Normal,
+    /// 3 channels, unit geometric normal, world space.
+    GeometricNormal,
+    /// 3 channels.
+    Albedo,
+    /// 2 channels.
+    Uv,
+    /// 1 channel: index of the shape + 1; 0 where nothing is hit.
+    ShapeIndex,
+}
+
+impl Output {
+    pub fn channels(self) -> usize {
+        match self {
+            Output::Radiance | Output::Position | Output::Normal | Output::GeometricNormal | Output::Albedo => 3,
+            Output::Uv => 2,
+            Output::Depth | Output::Alpha | Output::ShapeIndex => 1,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Settings {
+    pub output: Output,
+    /// Camera samples a pixel.
+    pub spp: u32,
+    /// Scattering events: 0 emitters only, 1 direct light, 2 one interreflection.
+    pub max_bounces: u32,
+    pub seed: u64,
+    /// Include the boundary (visibility) terms of derivatives.
+    pub boundary: bool,
+}
+
+/// Renders an image of `settings.output`.
+pub fn render(scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Image, SceneError> {
+    validate_camera(camera)?;
+    let channels = settings.output.channels();
+    let mut image = Image::new(camera.width, camera.height, channels);
+    let seed = hash(settings.seed, 0x7072_696d_616c);
+    let options = Options::new(settings.max_bounces);
+    let spp = settings.spp.max(1);
+    image.data.par_chunks_mut(camera.width * channels).enumerate().for_each(|(y, row)| {
+        for (x, pixel) in row.chunks_mut(channels).enumerate() {
+            let sequence = hash(seed, (y * camera.width + x) as u64);
+            let mut sum = Vec3::ZERO;
+            for i in 0..spp {
+                let mut sampler = Sampler::new(sequence, i);
+                let position = Vec2::new(x as f32, y as f32) + sampler.next_2d();
+                let ray = camera.ray(position);
+                sum += if settings.output == Output::Radiance {
+                    trace(scene, Start::Ray(ray, &[]), &mut sampler, &options, &mut NoRecord)
+                } else {
+                    match scene.intersect(&ray, &[]) {
+                        Some((si, _)) => first_hit(settings.output, camera, &si),
+                        None => Vec3::ZERO,
+                    }
+                };
+            }
+            pixel.copy_from_slice(&(sum / spp as f32).to_array()[..channels]);
+        }
+    });
+    Ok(image)
+}
+
+/// The value of a first-hit channel (unused components are zero).
+pub(crate) fn first_hit(output: Output, camera: &Camera, si: &SurfaceInteraction) -> Vec3 {
+    match output {
+        Output::Radiance => Vec3::ZERO,
+        Output::Depth => Vec3::X * camera.frame[2].normalize().dot(si.p - camera.origin),
+        Output::Alpha => Vec3::X,
+        Output::Position => si.p,
+        Output::Normal => si.ns,
+        Output::GeometricNormal => si.ng,
+        Output::Albedo => si.bsdf.albedo(),
+        Output::Uv => si.uv.extend(0.0),
+        Output::ShapeIndex => Vec3::X * (si.shape + 1) as f32,
+    }
+}

@@ -1,0 +1,233 @@
+//! The path tracer: next-event estimation and BSDF sampling, combined with the balance heuristic.
+//!
+//! One function walks a path, for the primal and for derivatives alike: a [`Recorder`] is told each vertex and each light
+//! connection with the numbers that were used, so that the derivative code re-uses exactly this transport.
+
+use glam::Vec3;
+
+use super::accel::{PrimId, Ray};
+use super::interaction::SurfaceInteraction;
+use super::light::{LightKind, LightSample};
+use super::sampler::Sampler;
+use super::world::Scene;
+use crate::math::Frame;
+
+/// Paths are never longer than this, whatever `max_bounces` says.
+pub const MAX_DEPTH: u32 = 64;
+
+/// Scattering events before Russian roulette starts.
+const ROULETTE_START: u32 = 3;
+
+/// Where a path starts.
+pub enum Start<'a> {
+    Ray(Ray, &'a [PrimId]),
+    Surface(SurfaceInteraction),
+}
+
+/// What the first segment may see; later segments see everything.
+#[derive(Clone, Copy, Debug)]
+pub struct Options {
+    pub max_bounces: u32,
+    /// Count what the first surface emits itself.
+    pub first_emission: bool,
+    /// Count the environment if the first ray leaves the scene.
+    pub first_environment: bool,
+    /// Keep walking where the throughput is zero: a black albedo has derivatives too.
+    pub keep_black: bool,
+}
+
+impl Options {
+    pub fn new(max_bounces: u32) -> Options {
+        Options { max_bounces: max_bounces.min(MAX_DEPTH), first_emission: true, first_environment: true, keep_black: false }
+    }
+}
+
+/// Light found by next-event estimation at a vertex.
+#[derive(Clone, Copy, Debug)]
+pub struct Connection {
+    pub light: LightSample,
+    /// Direction and distance to the light, geometry factor as in [`LightSample::arrive`].
+    pub dir: Vec3,
+    pub distance: f32,
+    pub geometry: f32,
+    /// MIS weight over density: the contribution is f·cos · power · geometry · weight.
+    pub weight: f32,
+    /// f·cos of the vertex towards the light.
+    pub f: Vec3,
+}
+
+/// The sampled continuation of a vertex.
+#[derive(Clone, Copy, Debug)]
+pub struct Continuation {
+    pub dir: Vec3,
+    /// 1 / (solid-angle density · survival probability); for a delta lobe 1 / survival.
+    pub inv_pdf: f32,
+    /// f·cos, or a delta lobe's reflectance.
+    pub f: Vec3,
+    pub delta: bool,
+    /// Distance travelled, infinite if nothing was hit.
+    pub t: f32,
+    /// MIS weight of emission found at the end of this segment.
+    pub emission_weight: f32,
+    /// If the segment ends on an emitter: that point as a light sample (its pdf is the density of this very technique).
+    pub hit_light: Option<LightSample>,
+    /// If the segment leaves the scene: the environment's radiance.
+    pub escaped: Option<Vec3>,
+}
+
+/// Watches a path being built, in order.
+pub trait Recorder {
+    /// A vertex reached with `throughput` (before scattering), at distance `t` from the previous one.
+    fn vertex(&mut self, _si: &SurfaceInteraction, _throughput: Vec3, _t: f32) {}
+    /// An unoccluded light connection of the latest vertex.
+    fn connect(&mut self, _connection: &Connection) {}
+    /// The continuation of the latest vertex.
+    fn advance(&mut self, _continuation: &Continuation) {}
+}
+
+/// Records nothing: the primal.
+pub struct NoRecord;
+impl Recorder for NoRecord {}
+
+/// One-sample estimate of the radiance along a path's first segment, towards its start.
+pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Options, rec: &mut impl Recorder) -> Vec3 {
+    let mut radiance = Vec3::ZERO;
+    let mut throughput = Vec3::ONE;
+    let mut si = match start {
+        Start::Surface(si) => {
+            rec.vertex(&si, throughput, 0.0);
+            si
+        }
+        Start::Ray(ray, skip) => match scene.intersect(&ray, skip) {
+            Some((si, t)) => {
+                rec.vertex(&si, throughput, t);
+                si
+            }
+            None if options.first_environment => return scene.environment_radiance(ray.dir),
+            None => return Vec3::ZERO,
+        },
+    };
+    if options.first_emission {
+        radiance += si.emission;
+    }
+
+    for bounce in 0..options.max_bounces {
+        if si.bsdf.is_black() {
+            break;
+        }
+        // Light arriving directly.
+        if !si.bsdf.is_delta()
+            && let Some(c) = connect(scene, &si, sampler, options.keep_black)
+        {
+            radiance += throughput * c.f * c.light.power * (c.geometry * c.weight);
+            rec.connect(&c);
+        }
+
+        // Choose where the path goes on.
+        let frame = Frame::from_normal(si.ns);
+        let wi = frame.to_local(si.wi);
+        let wi = Vec3::new(wi.x, wi.y, wi.z.abs());
+        let u = sampler.next_3d();
+        let roulette = sampler.next_1d();
+        let Some(sample) = si.bsdf.sample(wi, u) else { break };
+        let dir = frame.to_world(sample.wo).normalize();
+        let f = if sample.delta { sample.weight } else { si.eval(dir) };
+        if !options.keep_black && f == Vec3::ZERO {
+            break;
+        }
+        if si.ng.dot(dir) <= 0.0 {
+            break; // below the surface: `eval` is zero there
+        }
+        let mut inv_pdf = if sample.delta { 1.0 } else { 1.0 / sample.pdf };
+        if bounce >= ROULETTE_START {
+            let survival = (throughput * f * inv_pdf).max_element().clamp(0.05, 1.0);
+            if roulette >= survival {
+                break;
+            }
+            inv_pdf /= survival;
+        }
+
+        // Follow it.
+        let ray = si.spawn_ray(dir);
+        let next = scene.intersect(&ray, &[si.prim]);
+        let mut continuation = Continuation {
+            dir,
+            inv_pdf,
+            f,
+            delta: sample.delta,
+            t: f32::INFINITY,
+            emission_weight: 1.0,
+            hit_light: None,
+            escaped: None,
+        };
+        let step = f * inv_pdf;
+        match next {
+            None => {
+                let sky = scene.environment_radiance(dir);
+                if scene.environment.is_some() {
+                    if !sample.delta {
+                        continuation.emission_weight = balance(sample.pdf, scene.environment_pdf(dir));
+                    }
+                    continuation.escaped = Some(sky);
+                }
+                radiance += throughput * step * sky * continuation.emission_weight;
+                rec.advance(&continuation);
+                break;
+            }
+            Some((hit, t)) => {
+                continuation.t = t;
+                if hit.emission != Vec3::ZERO || (options.keep_black && emits(scene, &hit)) {
+                    let cos = hit.ng.dot(hit.wi);
+                    // Solid angle to area: this technique's density as if it had chosen the emitter's point.
+                    let to_area = cos / (t * t);
+                    if !sample.delta {
+                        let other = scene.lights.area_pdf(hit.prim) / to_area;
+                        continuation.emission_weight = balance(sample.pdf, other);
+                    }
+                    continuation.hit_light = scene.area_sample(hit.prim, hit.b, to_area / inv_pdf);
+                }
+                radiance += throughput * step * hit.emission * continuation.emission_weight;
+                rec.advance(&continuation);
+                throughput *= step;
+                rec.vertex(&hit, throughput, t);
+                si = hit;
+            }
+        }
+    }
+    radiance
+}
+
+fn emits(scene: &Scene, si: &SurfaceInteraction) -> bool {
+    let emission = &scene.description.shapes[si.shape as usize].emission;
+    emission.as_ref().is_some_and(|e| e.two_sided || si.flip > 0.0)
+}
+
+fn balance(a: f32, b: f32) -> f32 {
+    a / (a + b)
+}
+
+/// Samples one light and tests whether it is visible.
+fn connect(scene: &Scene, si: &SurfaceInteraction, sampler: &mut Sampler, keep_black: bool) -> Option<Connection> {
+    let light = scene.sample_light(sampler.next_3d())?;
+    let arrival = light.arrive(si.p)?;
+    if si.ng.dot(arrival.dir) <= 0.0 {
+        return None;
+    }
+    let f = si.eval(arrival.dir);
+    if f == Vec3::ZERO && !(keep_black && si.ns.dot(arrival.dir) > 0.0) {
+        return None;
+    }
+    let mut weight = 1.0 / light.pdf;
+    if !light.is_delta() {
+        let frame = Frame::from_normal(si.ns);
+        let wi = frame.to_local(si.wi);
+        let bsdf_pdf = si.bsdf.pdf(Vec3::new(wi.x, wi.y, wi.z.abs()), frame.to_local(arrival.dir));
+        let light_pdf = if light.kind == LightKind::Area { light.pdf / arrival.geometry } else { light.pdf };
+        weight *= balance(light_pdf, bsdf_pdf);
+    }
+    let ray = si.spawn_ray_to(arrival.dir, arrival.distance);
+    if scene.accel.occluded(&ray, &[si.prim, light.prim]) {
+        return None;
+    }
+    Some(Connection { light, dir: arrival.dir, distance: arrival.distance, geometry: arrival.geometry, weight, f })
+}

@@ -1,0 +1,195 @@
+//! A point on a surface with everything shading needs.
+
+use glam::{Vec2, Vec3};
+
+use super::accel::{PrimId, Ray};
+use super::bsdf::{Bsdf, MAX_INPUTS};
+use super::environment::environment_uv;
+use super::scene::{Input, MaterialKind};
+use super::world::Scene;
+
+/// A surface point seen from the direction `wi`.
+#[derive(Clone, Copy, Debug)]
+pub struct SurfaceInteraction {
+    pub prim: PrimId,
+    pub shape: u32,
+    /// Barycentric coordinates.
+    pub b: [f32; 3],
+    pub p: Vec3,
+    /// Unit geometric normal on the side of `wi`.
+    pub ng: Vec3,
+    /// Unit shading normal on the side of `wi` (as the geometric normal has it).
+    pub ns: Vec3,
+    /// The right-hand-rule normal is `ng · flip`.
+    pub flip: f32,
+    /// The interpolated vertex normal is `ns · shading_flip` (before normalisation); 0 for flat shading.
+    pub shading_flip: f32,
+    pub uv: Vec2,
+    /// Unit direction towards the previous vertex.
+    pub wi: Vec3,
+    pub bsdf: Bsdf,
+    /// Emitted radiance towards `wi`.
+    pub emission: Vec3,
+}
+
+impl Scene {
+    /// Texture coordinates of a point; without uvs, the face's own (0,0), (1,0), (0,1).
+    pub(crate) fn uv(&self, prim: PrimId, b: [f32; 3]) -> Vec2 {
+        let id = self.prims[prim as usize];
+        let mesh = &self.description.shapes[id.shape as usize].mesh;
+        match &mesh.uvs {
+            Some(uvs) => {
+                let [i, j, k] = mesh.faces[id.face as usize].map(|v| uvs[v as usize]);
+                i * b[0] + j * b[1] + k * b[2]
+            }
+            None => Vec2::new(b[1], b[2]),
+        }
+    }
+
+    /// Value of an input at a point (one-channel textures are splat).
+    pub(crate) fn lookup(&self, input: Input, prim: PrimId, b: [f32; 3]) -> Vec3 {
+        match input {
+            Input::Texture(t) => {
+                let texture = &self.description.textures[t];
+                if texture.data.len() == 3 {
+                    Vec3::new(texture.data[0], texture.data[1], texture.data[2])
+                } else {
+                    texture.eval(self.uv(prim, b))
+                }
+            }
+            Input::VertexColor => {
+                let id = self.prims[prim as usize];
+                let mesh = &self.description.shapes[id.shape as usize].mesh;
+                match &mesh.colors {
+                    Some(colors) => {
+                        let [i, j, k] = mesh.faces[id.face as usize].map(|v| colors[v as usize]);
+                        i * b[0] + j * b[1] + k * b[2]
+                    }
+                    None => Vec3::ONE,
+                }
+            }
+        }
+    }
+
+    /// The interaction at a point of a primitive seen along `wi` (unit, away from the surface).
+    pub(crate) fn interaction(&self, prim: PrimId, b: [f32; 3], wi: Vec3) -> SurfaceInteraction {
+        let id = self.prims[prim as usize];
+        let shape = &self.description.shapes[id.shape as usize];
+        let mesh = &shape.mesh;
+        let face = mesh.faces[id.face as usize];
+        let [p0, p1, p2] = face.map(|v| mesh.vertices[v as usize]);
+        let p = p0 * b[0] + p1 * b[1] + p2 * b[2];
+        let right_hand = (p1 - p0).cross(p2 - p0).normalize_or_zero();
+        let flip = if right_hand.dot(wi) < 0.0 { -1.0 } else { 1.0 };
+        let ng = right_hand * flip;
+        let (ns, shading_flip) = match &mesh.normals {
+            Some(normals) => {
+                let [i, j, k] = face.map(|v| normals[v as usize]);
+                let n = (i * b[0] + j * b[1] + k * b[2]).normalize_or_zero();
+                if n == Vec3::ZERO {
+                    (ng, 0.0)
+                } else {
+                    let s = if n.dot(ng) < 0.0 { -1.0 } else { 1.0 };
+                    (n * s, s)
+                }
+            }
+            None => (ng, 0.0),
+        };
+        let hidden = shape.material.one_sided && flip < 0.0;
+        let bsdf = if hidden { Bsdf::Black } else { self.bsdf(&shape.material.kind, prim, b) };
+        let emission = match &shape.emission {
+            Some(e) if e.two_sided || flip > 0.0 => self.lookup(e.radiance, prim, b),
+            _ => Vec3::ZERO,
+        };
+        let uv = self.uv(prim, b);
+        SurfaceInteraction { prim, shape: id.shape, b, p, ng, ns, flip, shading_flip, uv, wi, bsdf, emission }
+    }
+
+    fn bsdf(&self, kind: &MaterialKind, prim: PrimId, b: [f32; 3]) -> Bsdf {
+        let (inputs, count) = kind.inputs();
+        let mut values = [Vec3::ZERO; MAX_INPUTS];
+        for (value, input) in values.iter_mut().zip(&inputs[..count]) {
+            *value = self.lookup(*input, prim, b);
+        }
+        Bsdf::new(kind, &values)
+    }
+
+    /// The closest surface along a ray.
+    pub(crate) fn intersect(&self, ray: &Ray, skip: &[PrimId]) -> Option<(SurfaceInteraction, f32)> {
+        let hit = self.accel.closest(ray, skip)?;
+        Some((self.interaction(hit.prim, hit.b, -ray.dir), hit.t))
+    }
+
+    /// Radiance arriving from infinity against world direction `dir`.
+    pub(crate) fn environment_radiance(&self, dir: Vec3) -> Vec3 {
+        match &self.description.environment {
+            Some(e) => {
+                let texture = &self.description.textures[e.radiance];
+                if texture.data.len() == 3 {
+                    Vec3::new(texture.data[0], texture.data[1], texture.data[2])
+                } else {
+                    texture.value(&texture.environment_footprint(environment_uv(e.rotation.transpose() * dir)))
+                }
+            }
+            None => Vec3::ZERO,
+        }
+    }
+}
+
+impl SurfaceInteraction {
+    /// A ray leaving the surface. Its own triangle is skipped by id; the small start offset, a few ulps of the coordinates,
+    /// only keeps neighbouring triangles from being hit at distance zero.
+    #[inline]
+    pub fn spawn_ray(&self, dir: Vec3) -> Ray {
+        Ray { origin: self.p, dir, t_min: self.offset(), t_max: f32::INFINITY }
+    }
+
+    /// A ray to a point at `distance` along `dir`, stopping just before it.
+    #[inline]
+    pub fn spawn_ray_to(&self, dir: Vec3, distance: f32) -> Ray {
+        let t_min = self.offset();
+        Ray { origin: self.p, dir, t_min, t_max: distance * (1.0 - 1e-5) - t_min }
+    }
+
+    #[inline]
+    fn offset(&self) -> f32 {
+        4e-6 * self.p.abs().max_element()
+    }
+
+    /// f·cos θ towards `wo`, made continuous at the geometric horizon (see [`terminator`]).
+    #[inline]
+    pub fn eval(&self, wo: Vec3) -> Vec3 {
+        let co = self.ns.dot(wo);
+        if co <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let f = self.bsdf.eval(self.ns.dot(self.wi), co, self.wi.dot(wo));
+        if self.shading_flip == 0.0 { f } else { f * terminator(self.ng.dot(wo), co, self.ng.dot(self.ns)) }
+    }
+}
+
+/// Softens the jump at the horizon of the geometric normal where a shading normal still sees the light (Chiang et al. 2019,
+/// "Taming the Shadow Terminator"): g = (n_g·ω) / ((n_s·ω)(n_g·n_s)) clamped to [0, 1], G = −g³ + g² + g. Without it a smooth
+/// mesh has discontinuities that no edge accounts for, and derivatives would be biased.
+#[inline]
+pub fn terminator(ng_wo: f32, ns_wo: f32, ng_ns: f32) -> f32 {
+    let g = ng_wo / (ns_wo * ng_ns);
+    if g >= 1.0 {
+        1.0
+    } else if g <= 0.0 || g.is_nan() {
+        0.0
+    } else {
+        g * (1.0 + g - g * g)
+    }
+}
+
+/// Adjoint of [`terminator`]: derivatives in its three arguments times `d_g`.
+#[inline]
+pub fn d_terminator(ng_wo: f32, ns_wo: f32, ng_ns: f32, d_value: f32) -> (f32, f32, f32) {
+    let g = ng_wo / (ns_wo * ng_ns);
+    if !(g > 0.0 && g < 1.0) {
+        return (0.0, 0.0, 0.0);
+    }
+    let d_g = d_value * (1.0 + 2.0 * g - 3.0 * g * g);
+    (d_g / (ns_wo * ng_ns), -d_g * g / ns_wo, -d_g * g / ng_ns)
+}

@@ -1,0 +1,270 @@
+//! Choosing a light and a point on it.
+
+use glam::Vec3;
+
+use super::accel::{NO_PRIM, PrimId};
+use crate::math::luminance;
+use super::sampler::Discrete;
+use super::scene::{DeltaLight, Input, SceneDescription};
+use super::world::{Prim, Scene};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LightKind {
+    /// A point on an emissive triangle.
+    Area,
+    /// Delta light of this index.
+    Point(u32),
+    Directional(u32),
+    Environment,
+}
+
+/// A point (or direction) on a light, chosen without regard to who asks.
+#[derive(Clone, Copy, Debug)]
+pub struct LightSample {
+    pub kind: LightKind,
+    /// Area, point: the position. Directional, environment: the unit direction towards the light.
+    pub y: Vec3,
+    /// Area: right-hand-rule unit normal.
+    pub n: Vec3,
+    /// Radiance (area, environment), intensity (point) or perpendicular irradiance (directional), geometry apart.
+    pub power: Vec3,
+    /// Area: per unit area; environment: per steradian; delta lights: probability.
+    pub pdf: f32,
+    pub prim: PrimId,
+    pub b: [f32; 3],
+    pub two_sided: bool,
+}
+
+/// A light as it arrives at a point: `power · geometry` is what the BSDF is to be multiplied with before dividing by the pdf.
+#[derive(Clone, Copy, Debug)]
+pub struct Arrival {
+    /// Unit direction towards the light.
+    pub dir: Vec3,
+    pub distance: f32,
+    /// cos θ_y / r² (area), 1 / r² (point), 1 (distant).
+    pub geometry: f32,
+}
+
+impl LightSample {
+    /// Seen from `x`, without visibility; `None` if the light does not shine that way.
+    #[inline]
+    pub fn arrive(&self, x: Vec3) -> Option<Arrival> {
+        match self.kind {
+            LightKind::Area | LightKind::Point(_) => {
+                let d = self.y - x;
+                let r2 = d.length_squared();
+                if r2 <= 0.0 {
+                    return None;
+                }
+                let r = r2.sqrt();
+                let dir = d / r;
+                let cos = if self.kind == LightKind::Area {
+                    let c = -self.n.dot(dir);
+                    if self.two_sided { c.abs() } else { c }
+                } else {
+                    1.0
+                };
+                (cos > 0.0).then_some(Arrival { dir, distance: r, geometry: cos / r2 })
+            }
+            LightKind::Directional(_) | LightKind::Environment => {
+                Some(Arrival { dir: self.y, distance: f32::INFINITY, geometry: 1.0 })
+            }
+        }
+    }
+
+    pub fn is_delta(&self) -> bool {
+        matches!(self.kind, LightKind::Point(_) | LightKind::Directional(_))
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Entry {
+    Triangle { prim: PrimId, area: f32 },
+    Delta(u32),
+    Environment,
+}
+
+/// All lights with the probability of choosing each, proportional to power with a uniform share.
+#[derive(Clone, Debug, Default)]
+pub struct LightTable {
+    entries: Vec<Entry>,
+    pmf: Discrete,
+    /// Without the environment, for edge-first shadow sampling.
+    local_entries: Vec<Entry>,
+    local_pmf: Discrete,
+    /// Probability per unit area of a primitive, 0 if it does not emit.
+    area_pdf: Vec<f32>,
+    environment_pmf: f32,
+}
+
+fn mean_luminance(description: &SceneDescription, input: Input) -> f64 {
+    match input {
+        Input::Texture(t) => {
+            let t = &description.textures[t];
+            let sum: f64 = match t.channels {
+                3 => t.data.chunks_exact(3).map(|c| f64::from(luminance(Vec3::new(c[0], c[1], c[2])).abs())).sum(),
+                _ => t.data.iter().map(|&v| f64::from(v.abs())).sum(),
+            };
+            sum / (t.width * t.height).max(1) as f64
+        }
+        Input::VertexColor => 1.0,
+    }
+}
+
+impl LightTable {
+    pub fn new(description: &SceneDescription, prims: &[Prim], radius: f32) -> LightTable {
+        let mut entries = Vec::new();
+        let mut weights = Vec::new();
+        let per_shape: Vec<f64> = description
+            .shapes
+            .iter()
+            .map(|s| s.emission.as_ref().map_or(0.0, |e| mean_luminance(description, e.radiance)))
+            .collect();
+        for (i, prim) in prims.iter().enumerate() {
+            let shape = &description.shapes[prim.shape as usize];
+            if shape.emission.is_none() {
+                continue;
+            }
+            let [a, b, c] = shape.mesh.faces[prim.face as usize].map(|v| shape.mesh.vertices[v as usize]);
+            let area = 0.5 * (b - a).cross(c - a).length();
+            if area > 0.0 {
+                entries.push(Entry::Triangle { prim: i as u32, area });
+                weights.push(std::f64::consts::PI * f64::from(area) * per_shape[prim.shape as usize]);
+            }
+        }
+        for (i, light) in description.delta_lights.iter().enumerate() {
+            entries.push(Entry::Delta(i as u32));
+            weights.push(match light {
+                DeltaLight::Point { intensity, .. } => 4.0 * std::f64::consts::PI * f64::from(luminance(*intensity).abs()),
+                DeltaLight::Directional { irradiance, .. } => {
+                    std::f64::consts::PI * f64::from(radius).powi(2) * f64::from(luminance(*irradiance).abs())
+                }
+            });
+        }
+        let local_entries = entries.clone();
+        let local_pmf = Discrete::new(defensive(&weights));
+        if let Some(e) = &description.environment {
+            entries.push(Entry::Environment);
+            let mean = mean_luminance(description, Input::Texture(e.radiance));
+            weights.push(std::f64::consts::PI.powi(2) * f64::from(radius).powi(2) * mean);
+        }
+        let pmf = Discrete::new(defensive(&weights));
+        let mut area_pdf = vec![0.0; prims.len()];
+        let mut environment_pmf = 0.0;
+        for (i, entry) in entries.iter().enumerate() {
+            let p = if pmf.is_empty() { 0.0 } else { pmf.pmf(i) as f32 };
+            match entry {
+                Entry::Triangle { prim, area } => area_pdf[*prim as usize] = p / area,
+                Entry::Environment => environment_pmf = p,
+                Entry::Delta(_) => {}
+            }
+        }
+        LightTable { entries, pmf, local_entries, local_pmf, area_pdf, environment_pmf }
+    }
+
+    /// Probability per unit area with which [`Scene::sample_light`] finds points of an emissive primitive.
+    #[inline]
+    pub fn area_pdf(&self, prim: PrimId) -> f32 {
+        self.area_pdf[prim as usize]
+    }
+
+    /// Probability of choosing the environment.
+    #[inline]
+    pub fn environment_pmf(&self) -> f32 {
+        self.environment_pmf
+    }
+
+    /// Whether there is any light but the environment.
+    pub fn has_local_lights(&self) -> bool {
+        !self.local_pmf.is_empty()
+    }
+}
+
+/// Power-proportional with a tenth shared equally: a light estimated as dark (a texture of zeros that is being optimised)
+/// is still found.
+fn defensive(weights: &[f64]) -> Vec<f64> {
+    let total: f64 = weights.iter().filter(|w| w.is_finite()).sum();
+    let share = if total > 0.0 { 0.1 * total / weights.len() as f64 } else { 1.0 };
+    weights.iter().map(|w| w + share).collect()
+}
+
+impl Scene {
+    /// Chooses a light and a point on it; `None` without lights.
+    pub(crate) fn sample_light(&self, u: [f32; 3]) -> Option<LightSample> {
+        self.sample_from(&self.lights.entries, &self.lights.pmf, u)
+    }
+
+    /// As [`Scene::sample_light`], never the environment.
+    pub(crate) fn sample_local_light(&self, u: [f32; 3]) -> Option<LightSample> {
+        self.sample_from(&self.lights.local_entries, &self.lights.local_pmf, u)
+    }
+
+    fn sample_from(&self, entries: &[Entry], pmf: &Discrete, u: [f32; 3]) -> Option<LightSample> {
+        if pmf.is_empty() {
+            return None;
+        }
+        let (i, p, _) = pmf.sample(f64::from(u[0]));
+        let p = p as f32;
+        let base = LightSample {
+            kind: LightKind::Area,
+            y: Vec3::ZERO,
+            n: Vec3::ZERO,
+            power: Vec3::ZERO,
+            pdf: p,
+            prim: NO_PRIM,
+            b: [0.0; 3],
+            two_sided: false,
+        };
+        Some(match entries[i] {
+            Entry::Triangle { prim, area } => {
+                // Uniform over the triangle (Turk): low-distortion enough and keeps Sobol's strata connected.
+                let s = u[1].sqrt();
+                let b = [1.0 - s, s * (1.0 - u[2]), s * u[2]];
+                self.area_sample(prim, b, p / area)?
+            }
+            Entry::Delta(i) => match self.description.delta_lights[i as usize] {
+                DeltaLight::Point { position, intensity } => {
+                    LightSample { kind: LightKind::Point(i), y: position, power: intensity, ..base }
+                }
+                DeltaLight::Directional { direction, irradiance } => {
+                    let y = -direction.normalize();
+                    LightSample { kind: LightKind::Directional(i), y, power: irradiance, ..base }
+                }
+            },
+            Entry::Environment => {
+                let rotation = self.description.environment.as_ref()?.rotation;
+                let (local, pdf) = self.environment.as_ref()?.sample([u[1], u[2]]);
+                let y = (rotation * local).normalize();
+                let power = self.environment_radiance(y);
+                LightSample { kind: LightKind::Environment, y, power, pdf: p * pdf, ..base }
+            }
+        })
+    }
+
+    /// The light sample of a given point of an emissive primitive.
+    pub(crate) fn area_sample(&self, prim: PrimId, b: [f32; 3], pdf: f32) -> Option<LightSample> {
+        let shape = &self.description.shapes[self.prims[prim as usize].shape as usize];
+        let emission = shape.emission.as_ref()?;
+        let [p0, p1, p2] = self.corners(prim);
+        Some(LightSample {
+            kind: LightKind::Area,
+            y: p0 * b[0] + p1 * b[1] + p2 * b[2],
+            n: (p1 - p0).cross(p2 - p0).normalize_or_zero(),
+            power: self.lookup(emission.radiance, prim, b),
+            pdf,
+            prim,
+            b,
+            two_sided: emission.two_sided,
+        })
+    }
+
+    /// Solid-angle density of finding world direction `dir` on the environment by light sampling.
+    pub(crate) fn environment_pdf(&self, dir: Vec3) -> f32 {
+        match (&self.environment, &self.description.environment) {
+            (Some(table), Some(e)) => {
+                self.lights.environment_pmf * table.pdf((e.rotation.transpose() * dir).normalize())
+            }
+            _ => 0.0,
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! Random numbers: Owen-scrambled Sobol points for the dimensions of one path, and discrete choices.
+
+use glam::Vec2;
+
+/// Mixes two words into a well distributed one (xxHash/murmur finaliser style).
+#[inline]
+pub fn hash(a: u64, b: u64) -> u64 {
+    let mut x = a ^ b.wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
+    x ^= x >> 32;
+    x = x.wrapping_mul(0xd6e8_feb8_6659_fd93);
+    x ^= x >> 32;
+    x = x.wrapping_mul(0xd6e8_feb8_6659_fd93);
+    x ^ (x >> 32)
+}
+
+/// Points of a scrambled Sobol sequence (Burley 2020): sample `index` of the sequence `seed`. Dimensions come in groups of
+/// four, each group with a scramble of its own, so any number may be drawn.
+#[derive(Clone, Debug)]
+pub struct Sampler {
+    seed: u64,
+    index: u32,
+    group: u32,
+    buffer: [f32; 4],
+    left: u32,
+}
+
+impl Sampler {
+    /// Sample `index` of sequence `seed`. Sequences are independent between seeds, stratified within one.
+    #[inline]
+    pub fn new(seed: u64, index: u32) -> Sampler {
+        // The generator's sequences are 2^16 long; longer ones continue with a fresh scramble.
+        let seed = if index >> 16 == 0 { seed } else { hash(seed, u64::from(index >> 16)) };
+        Sampler { seed, index: index & 0xffff, group: 0, buffer: [0.0; 4], left: 0 }
+    }
+
+    #[inline]
+    pub fn next_1d(&mut self) -> f32 {
+        if self.left == 0 {
+            let scramble = hash(self.seed, u64::from(self.group) + 1) as u32;
+            self.buffer = sobol_burley::sample_4d(self.index, 0, scramble);
+            self.group += 1;
+            self.left = 4;
+        }
+        let x = self.buffer[4 - self.left as usize];
+        self.left -= 1;
+        x.min(ONE_MINUS_EPSILON)
+    }
+
+    /// Two dimensions of one group.
+    #[inline]
+    pub fn next_2d(&mut self) -> Vec2 {
+        if self.left == 1 {
+            self.left = 0;
+        }
+        Vec2::new(self.next_1d(), self.next_1d())
+    }
+
+    /// Three dimensions of one group.
+    #[inline]
+    pub fn next_3d(&mut self) -> [f32; 3] {
+        if self.left < 3 {
+            self.left = 0;
+        }
+        [self.next_1d(), self.next_1d(), self.next_1d()]
+    }
+}
+
+/// The largest `f32` below 1.
+pub const ONE_MINUS_EPSILON: f32 = 1.0 - f32::EPSILON / 2.0;
+
+/// A discrete distribution over `0..n`, sampled by inverting its cumulative sums.
+#[derive(Clone, Debug, Default)]
+pub struct Discrete {
+    /// Cumulative probabilities, last entry 1.
+    cdf: Vec<f64>,
+    total: f64,
+}
+
+impl Discrete {
+    /// From non-negative weights; empty if they are all zero.
+    pub fn new(weights: impl IntoIterator<Item = f64>) -> Discrete {
+        let mut total = 0.0;
+        let mut cdf: Vec<f64> = weights
+            .into_iter()
+            .map(|w| {
+                total += if w.is_finite() { w.max(0.0) } else { 0.0 };
+                total
+            })
+            .collect();
+        if total <= 0.0 {
+            return Discrete::default();
+        }
+        cdf.iter_mut().for_each(|c| *c /= total);
+        Discrete { cdf, total }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.cdf.is_empty()
+    }
+
+    /// The sum of the weights.
+    pub fn total(&self) -> f64 {
+        self.total
+    }
+
+    /// Probability of entry `i`.
+    #[inline]
+    pub fn pmf(&self, i: usize) -> f64 {
+        if i == 0 { self.cdf[0] } else { self.cdf[i] - self.cdf[i - 1] }
+    }
+
+    /// An index, its probability, and `u` stretched to be uniform again within the chosen cell.
+    #[inline]
+    pub fn sample(&self, u: f64) -> (usize, f64, f64) {
+        let mut i = self.cdf.partition_point(|&c| c <= u).min(self.cdf.len() - 1);
+        while self.pmf(i) <= 0.0 && i > 0 {
+            i -= 1; // u rounded up to 1 with trailing zero weights
+        }
+        let low = if i == 0 { 0.0 } else { self.cdf[i - 1] };
+        let pmf = self.cdf[i] - low;
+        (i, pmf, ((u - low) / pmf).clamp(0.0, 1.0 - f64::EPSILON))
+    }
+}

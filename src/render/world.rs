@@ -1,0 +1,168 @@
+//! A scene made ready for rendering: flattened triangles, ray tree, light table.
+
+use std::sync::OnceLock;
+
+use glam::Vec3;
+
+use super::accel::{Accel, PrimId};
+use super::environment::EnvironmentTable;
+use super::light::LightTable;
+use super::scene::{Camera, DeltaLight, Input, SceneDescription};
+use crate::grad::edges::EdgeTable;
+
+/// Why a scene cannot be rendered; `shape` etc. are indices, the evaluator finds the place in the script.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SceneError {
+    #[error("{what}")]
+    Shape { shape: usize, what: String },
+    #[error("{what}")]
+    Camera { what: String },
+    #[error("{what}")]
+    Light { light: usize, what: String },
+    #[error("{what}")]
+    Environment { what: String },
+}
+
+/// A triangle of a shape.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Prim {
+    pub shape: u32,
+    pub face: u32,
+}
+
+/// Built once from a description, used by many passes.
+pub struct Scene {
+    pub description: SceneDescription,
+    pub(crate) accel: Accel,
+    pub(crate) prims: Vec<Prim>,
+    /// First primitive of each shape.
+    pub(crate) first_prim: Vec<PrimId>,
+    pub(crate) lights: LightTable,
+    pub(crate) environment: Option<EnvironmentTable>,
+    /// Half the diagonal of the bounding box.
+    pub(crate) radius: f32,
+    /// Built when first asked for: the primal needs none.
+    pub(crate) edges: OnceLock<EdgeTable>,
+}
+
+impl Scene {
+    /// Checks the description and builds the acceleration structures.
+    pub fn new(description: SceneDescription) -> Result<Scene, SceneError> {
+        validate(&description)?;
+        let mut prims = Vec::new();
+        let mut corners = Vec::new();
+        let mut first_prim = Vec::new();
+        for (i, shape) in description.shapes.iter().enumerate() {
+            first_prim.push(prims.len() as PrimId);
+            for (face, indices) in shape.mesh.faces.iter().enumerate() {
+                prims.push(Prim { shape: i as u32, face: face as u32 });
+                corners.push(indices.map(|v| shape.mesh.vertices[v as usize]));
+            }
+        }
+        let points = corners.iter().flatten();
+        let (lo, hi) = points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
+        let radius = if prims.is_empty() { 1.0 } else { 0.5 * (hi - lo).length() };
+        let environment =
+            description.environment.as_ref().map(|e| EnvironmentTable::new(&description.textures[e.radiance]));
+        let lights = LightTable::new(&description, &prims, radius);
+        Ok(Scene {
+            accel: Accel::new(&corners),
+            description,
+            prims,
+            first_prim,
+            lights,
+            environment,
+            radius,
+            edges: OnceLock::new(),
+        })
+    }
+
+    /// World-space corners of a primitive.
+    #[inline]
+    pub(crate) fn corners(&self, prim: PrimId) -> [Vec3; 3] {
+        let Prim { shape, face } = self.prims[prim as usize];
+        let mesh = &self.description.shapes[shape as usize].mesh;
+        mesh.faces[face as usize].map(|v| mesh.vertices[v as usize])
+    }
+
+    pub(crate) fn edges(&self) -> &EdgeTable {
+        self.edges.get_or_init(|| EdgeTable::new(self))
+    }
+}
+
+/// Refuses cameras no image can be made with.
+pub fn validate_camera(camera: &Camera) -> Result<(), SceneError> {
+    let fail = |what: String| Err(SceneError::Camera { what });
+    if camera.width == 0 || camera.height == 0 {
+        return fail(format!("a film of {}×{} pixels has no pixel", camera.width, camera.height));
+    }
+    if camera.width.saturating_mul(camera.height) > 1 << 28 {
+        return fail(format!("a film of {}×{} pixels is too large (at most 2^28)", camera.width, camera.height));
+    }
+    let frame = glam::Mat3::from_cols(camera.frame[0], camera.frame[1], camera.frame[2]);
+    if !camera.origin.is_finite() || !frame.is_finite() || frame.determinant().abs() < 1e-12 {
+        return fail("the camera's position and orientation do not make a frame (does it look along `up`, or at its own position?)".into());
+    }
+    if !camera.scale.iter().all(|s| s.is_finite() && *s > 0.0) {
+        return fail("the camera's field of view must be above zero and below 180 degrees".into());
+    }
+    Ok(())
+}
+
+fn validate(description: &SceneDescription) -> Result<(), SceneError> {
+    for (i, shape) in description.shapes.iter().enumerate() {
+        let fail = |what: String| Err(SceneError::Shape { shape: i, what });
+        let mesh = &shape.mesh;
+        if let Some(v) = mesh.vertices.iter().position(|v| !v.is_finite()) {
+            return fail(format!("vertex {v} is not finite: {}", mesh.vertices[v]));
+        }
+        let n = mesh.vertices.len();
+        if let Some(f) = mesh.faces.iter().position(|f| f.iter().any(|&v| v as usize >= n)) {
+            return fail(format!("face {f} is {:?}, but the mesh has only {n} vertices (0 to {})", mesh.faces[f], n.max(1) - 1));
+        }
+        let lengths = [
+            ("normals", mesh.normals.as_ref().map(Vec::len)),
+            ("uvs", mesh.uvs.as_ref().map(Vec::len)),
+            ("colors", mesh.colors.as_ref().map(Vec::len)),
+        ];
+        for (what, len) in lengths {
+            if let Some(len) = len.filter(|&len| len != n) {
+                return fail(format!("{len} {what} for {n} vertices"));
+            }
+        }
+        if mesh.normals.iter().flatten().any(|v| !v.is_finite()) || mesh.uvs.iter().flatten().any(|v| !v.is_finite()) {
+            return fail("normals and uvs must be finite".into());
+        }
+        let (inputs, count) = shape.material.kind.inputs();
+        let emission = shape.emission.iter().map(|e| e.radiance);
+        for input in inputs[..count].iter().copied().chain(emission) {
+            match input {
+                Input::VertexColor if mesh.colors.is_none() => {
+                    return fail("the material reads vertex colours, but the mesh has none".into());
+                }
+                Input::Texture(t) if t >= description.textures.len() => {
+                    return fail(format!("texture {t} does not exist"));
+                }
+                _ => {}
+            }
+        }
+    }
+    for (i, light) in description.delta_lights.iter().enumerate() {
+        let (placement, power, directional) = match light {
+            DeltaLight::Point { position, intensity } => (*position, *intensity, false),
+            DeltaLight::Directional { direction, irradiance } => (*direction, *irradiance, true),
+        };
+        if !placement.is_finite() || !power.is_finite() {
+            return Err(SceneError::Light { light: i, what: "the light's numbers must be finite".into() });
+        }
+        if directional && placement.length_squared() == 0.0 {
+            return Err(SceneError::Light { light: i, what: "a directional light needs a direction".into() });
+        }
+    }
+    if let Some(e) = &description.environment
+        && (e.radiance >= description.textures.len() || !e.rotation.is_finite())
+    {
+        return Err(SceneError::Environment { what: "the environment's map or rotation is not usable".into() });
+    }
+    Ok(())
+}
