@@ -1,8 +1,12 @@
 //! Triangle meshes: the value type, built-in shapes, operations with their derivatives, files.
 
+pub mod load;
 pub mod ops;
 pub mod shapes;
 
+mod gltf;
+mod ply;
+mod stl;
 mod teapot;
 
 use glam::{Vec2, Vec3};
@@ -43,12 +47,9 @@ pub enum MeshError {
     /// A file that could not be read.
     #[error("{path}: {message}")]
     File { path: String, message: String },
-    #[error("{path}: files ending in “.{extension}” hold no mesh that can be read here; supported are {}", EXTENSIONS.join(", "))]
+    #[error("{path}: files ending in “.{extension}” hold no mesh that can be read here; supported are {}", load::EXTENSIONS.map(|e| format!(".{e}")).join(", "))]
     UnsupportedExtension { path: String, extension: String },
 }
-
-/// Extensions of the mesh files that can be read.
-pub const EXTENSIONS: [&str; 5] = ["obj", "ply", "gltf", "glb", "stl"];
 
 /// The most vertices or faces that a built-in shape or a file may have.
 pub const MAX_ELEMENTS: u64 = 1 << 27;
