@@ -8,6 +8,7 @@
 use glam::{Vec2, Vec3};
 
 use super::estimate::{Estimate, Pass};
+use super::secondary::Secondary;
 use super::sink::{Adjoints, Sink};
 use crate::render::accel::PrimId;
 use crate::render::bsdf::MAX_INPUTS;
@@ -379,8 +380,9 @@ pub fn d_first_hit<S: Sink>(
     slide(out, si, t, adj)
 }
 
-/// The interior pass: every pixel's paths, swept backwards.
+/// The interior pass: every pixel's paths, swept backwards, each with a boundary sample at one of its vertices.
 pub struct Interior<'a> {
+    pub secondary: Option<Secondary<'a>>,
     pub scene: &'a Scene,
     pub camera: &'a Camera,
     pub settings: &'a Settings,
@@ -408,11 +410,21 @@ impl Pass for Interior<'_> {
                 if self.settings.output == Output::Radiance {
                     path.vertices.clear();
                     trace(self.scene, Start::Ray(ray, &[]), &mut sampler, &options, &mut path);
+                    let boundary =
+                        self.secondary.as_ref().and_then(|s| s.sample(&path, &mut sampler).map(|b| (s, b)));
                     out.pixel(pixel, |d, out| {
+                        let d = d * inv_spp;
+                        let injection = boundary.as_ref().map(|(secondary, b)| {
+                            let d_p = b.normal * d.dot(b.weight);
+                            let (shape, v) = secondary.edge_vertices(b);
+                            out.vertex(shape, v[0], d_p * (1.0 - b.s));
+                            out.vertex(shape, v[1], d_p * b.s);
+                            Injection { vertex: b.vertex, d_p: -d_p }
+                        });
                         let ray_adjoint = if path.vertices.is_empty() {
-                            RayAdjoint { origin: Vec3::ZERO, dir: out.environment(ray.dir, d * inv_spp) }
+                            RayAdjoint { origin: Vec3::ZERO, dir: out.environment(ray.dir, d) }
                         } else {
-                            sweep(out, &path, d * inv_spp, None)
+                            sweep(out, &path, d, injection)
                         };
                         self.camera.d_ray(position, ray_adjoint.origin, ray_adjoint.dir, &mut out.camera);
                     });

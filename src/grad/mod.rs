@@ -5,10 +5,12 @@
 //! other path vertex sees it). All use one parametrisation per radiance component (`algorithms.md` §0): emission is
 //! material-fixed, everything else direction-fixed.
 
+pub mod edge_tree;
 pub mod edges;
 pub mod estimate;
 pub mod interior;
 pub mod primary;
+pub mod secondary;
 pub mod shadow;
 pub mod sink;
 pub mod viewpoint;
@@ -20,6 +22,7 @@ pub use crate::render::{Camera, Output, Scene, SceneError, Settings, Slot, rende
 use self::estimate::Pass;
 use self::interior::Interior;
 use self::primary::PrimaryEdges;
+use self::secondary::Secondary;
 use self::shadow::Shadows;
 use self::sink::Layout;
 use self::viewpoint::{Viewpoint, mirror_planes};
@@ -95,8 +98,14 @@ fn passes(
         return;
     }
     let seed = hash(settings.seed, 0x61_646a_6f69_6e74);
-    visit.pass(&Interior { scene, camera, settings, seed });
-    if !settings.boundary || !layout.moves_visibility() {
+    let boundary = settings.boundary && layout.moves_visibility();
+    let secondary = if boundary && settings.output == Output::Radiance {
+        Secondary::new(scene, settings.max_bounces)
+    } else {
+        None
+    };
+    visit.pass(&Interior { secondary, scene, camera, settings, seed });
+    if !boundary {
         return;
     }
     let mirrors = mirror_planes(scene).unwrap_or_default();

@@ -1,0 +1,303 @@
+//! Choosing an edge for a shading point: a binary tree over edges with conservative rejection and lobe-aware importance.
+//!
+//! A node can be skipped for certain if none of its edges can be a contour for the query: the planes (n, m = n·v) of all
+//! adjacent faces, relative to the node's own origin, are bounded by a box; without a sign change of n·q − m over that box
+//! every face shows the same side (`algorithms.md` §2.4). Edges whose faces show a radiance jump (sharp) always count.
+
+use glam::{Vec3, Vec4, Vec4Swizzles};
+
+use super::edges::EdgeTable;
+use crate::render::interaction::SurfaceInteraction;
+
+const LEAF: usize = 6;
+
+/// Bounding volume tree over the edges of a table.
+pub struct EdgeTree {
+    nodes: Vec<Node>,
+    /// Edge numbers in leaf order.
+    order: Vec<u32>,
+}
+
+struct Node {
+    lo: Vec3,
+    hi: Vec3,
+    length: f32,
+    /// Plane bounds relative to the centre; an empty box never rejects.
+    plane_lo: Vec4,
+    plane_hi: Vec4,
+    always: bool,
+    /// Leaf: range in `order`. Inner: the second child; the first one follows the node.
+    start: u32,
+    count: u32,
+    second: u32,
+}
+
+/// Where light may come from at a shading point.
+pub struct Query {
+    p: Vec3,
+    ng: Vec3,
+    /// Mirror direction and angular width of the glossy lobe, if there is one.
+    lobe: Option<(Vec3, f32)>,
+}
+
+/// A point on an edge chosen for a shading point.
+#[derive(Clone, Copy, Debug)]
+pub struct EdgePoint {
+    pub edge: usize,
+    pub s: f32,
+    /// Probability density per unit length.
+    pub pdf: f32,
+}
+
+impl Query {
+    pub fn new(si: &SurfaceInteraction) -> Query {
+        let lobe = si.bsdf.roughness_alpha().map(|alpha| {
+            let mirror = si.ns * (2.0 * si.ns.dot(si.wi)) - si.wi;
+            (mirror.normalize(), (2.0 * alpha).max(1e-3))
+        });
+        Query { p: si.p, ng: si.ng, lobe }
+    }
+}
+
+/// An edge in polar coordinates around a query point: angle ψ from the foot of the perpendicular.
+struct Polar {
+    d: f32,
+    psi: [f32; 2],
+    /// Position of the foot along the edge from its start.
+    foot: f32,
+    length: f32,
+    diffuse: f32,
+    glossy: f32,
+    /// Centre, width and captured mass of the Cauchy density that follows the lobe.
+    peak: (f32, f32, f32),
+}
+
+impl Polar {
+    fn new(query: &Query, p0: Vec3, p1: Vec3) -> Option<Polar> {
+        let length = p0.distance(p1);
+        let e = (p1 - p0) / length;
+        let a = p0 - query.p;
+        // Clip to the horizon of the geometric normal.
+        let (h0, h1) = (query.ng.dot(a), query.ng.dot(p1 - query.p));
+        let (mut l0, mut l1) = (0.0, length);
+        if h0 <= 0.0 && h1 <= 0.0 {
+            return None;
+        } else if h0 < 0.0 {
+            l0 = length * h0 / (h0 - h1);
+        } else if h1 < 0.0 {
+            l1 = length * h0 / (h0 - h1);
+        }
+        let foot = -a.dot(e);
+        let to_foot = a + e * foot;
+        let d = to_foot.length();
+        if d < 1e-6 * (a.length() + length) || l1 <= l0 {
+            return None;
+        }
+        let psi = [((l0 - foot) / d).atan(), ((l1 - foot) / d).atan()];
+        if psi[1] - psi[0] < 1e-9 {
+            return None;
+        }
+        let u = to_foot / d;
+        let middle = 0.5 * (psi[0] + psi[1]);
+        let cos = query.ng.dot(u * middle.cos() + e * middle.sin()).max(0.05);
+        let diffuse = cos * (psi[1].sin() - psi[0].sin()) / d;
+        let mut polar =
+            Polar { d, psi, foot, length, diffuse: diffuse / std::f32::consts::PI, glossy: 0.0, peak: (0.0, 1.0, 1.0) };
+        if let Some((mirror, width)) = query.lobe {
+            let out_of_plane = mirror.dot(u.cross(e)).clamp(-1.0, 1.0).asin();
+            let psi_peak = mirror.dot(e).atan2(mirror.dot(u));
+            let w = width.hypot(out_of_plane);
+            let mass = cauchy(psi[1], psi_peak, w) - cauchy(psi[0], psi_peak, w);
+            if mass > 1e-9 {
+                let at = psi_peak.clamp(psi[0], psi[1]);
+                polar.glossy = 0.5 * width * width / (w * w * w) * mass * at.cos() / d;
+                polar.peak = (psi_peak, w, mass);
+            }
+            polar.diffuse *= 0.3;
+        }
+        Some(polar)
+    }
+
+    fn importance(&self) -> f32 {
+        self.diffuse + self.glossy
+    }
+
+    /// A position along the edge (from its start) and its density.
+    fn sample(&self, u: f32) -> (f32, f32) {
+        let q = self.glossy / (self.diffuse + self.glossy);
+        let (centre, w, mass) = self.peak;
+        let range = self.psi[1] - self.psi[0];
+        let psi = if u < q {
+            let x = cauchy(self.psi[0], centre, w) + mass * (u / q);
+            centre + w * (std::f32::consts::PI * (x - 0.5)).tan()
+        } else {
+            self.psi[0] + range * ((u - q) / (1.0 - q)).min(1.0)
+        };
+        let psi = psi.clamp(self.psi[0], self.psi[1]);
+        let t = (psi - centre) / w;
+        let pdf_psi = (1.0 - q) / range + q / (std::f32::consts::PI * w * (1.0 + t * t) * mass);
+        let l = self.d * psi.tan();
+        (l + self.foot, pdf_psi * self.d / (self.d * self.d + l * l))
+    }
+}
+
+fn cauchy(x: f32, centre: f32, w: f32) -> f32 {
+    0.5 + ((x - centre) / w).atan() / std::f32::consts::PI
+}
+
+impl EdgeTree {
+    pub fn new(table: &EdgeTable) -> EdgeTree {
+        let mut order: Vec<u32> = (0..table.edges.len() as u32).collect();
+        let mut tree = EdgeTree { nodes: Vec::new(), order: Vec::new() };
+        if !order.is_empty() {
+            tree.build(table, &mut order, 0);
+        }
+        tree.order = order;
+        tree
+    }
+
+    fn build(&mut self, table: &EdgeTable, order: &mut [u32], offset: u32) -> u32 {
+        let points = || order.iter().flat_map(|&e| table.edges[e as usize].p);
+        let lo = points().fold(Vec3::INFINITY, Vec3::min);
+        let hi = points().fold(Vec3::NEG_INFINITY, Vec3::max);
+        let centre = 0.5 * (lo + hi);
+        let (mut plane_lo, mut plane_hi) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
+        let mut always = false;
+        let mut length = 0.0;
+        for &e in order.iter() {
+            let edge = &table.edges[e as usize];
+            length += edge.length();
+            always |= edge.sharp;
+            for f in &edge.faces {
+                let n = (edge.p[1] - edge.p[0]).cross(f.opposite - edge.p[0]).normalize_or_zero();
+                // Orient like its face, so that a closed smooth patch has planes on one side.
+                let n = if (f.corners[1] + 3 - f.corners[0]) % 3 == 1 { n } else { -n };
+                let plane = n.extend(n.dot(edge.p[0] - centre));
+                plane_lo = plane_lo.min(plane);
+                plane_hi = plane_hi.max(plane);
+            }
+        }
+        let at = self.nodes.len();
+        self.nodes.push(Node {
+            lo,
+            hi,
+            length,
+            plane_lo,
+            plane_hi,
+            always,
+            start: offset,
+            count: order.len() as u32,
+            second: 0,
+        });
+        if order.len() > LEAF {
+            let axis = (hi - lo).max_position();
+            let middle = order.len() / 2;
+            let key = |e: &u32| {
+                let p = table.edges[*e as usize].p;
+                p[0][axis] + p[1][axis]
+            };
+            order.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
+            let (left, right) = order.split_at_mut(middle);
+            self.build(table, left, offset);
+            let second = self.build(table, right, offset + middle as u32);
+            self.nodes[at].second = second;
+        }
+        at as u32
+    }
+
+    /// Chooses an edge and a point on it, with probability roughly proportional to what it may contribute; `None` if no
+    /// edge can.
+    pub fn sample(&self, table: &EdgeTable, query: &Query, mut u: f32, u_position: f32) -> Option<EdgePoint> {
+        let mut probability = 1.0;
+        let mut at = 0usize;
+        self.nodes.first()?;
+        loop {
+            let node = &self.nodes[at];
+            if node.second == 0 {
+                break;
+            }
+            let (a, b) = (at + 1, node.second as usize);
+            let (wa, wb) = (self.nodes[a].importance(query), self.nodes[b].importance(query));
+            let sum = wa + wb;
+            if !(sum > 0.0 && sum.is_finite()) {
+                return None;
+            }
+            let p = wa / sum;
+            if u < p {
+                u /= p;
+                probability *= p;
+                at = a;
+            } else {
+                u = ((u - p) / (1.0 - p)).min(1.0 - f32::EPSILON);
+                probability *= 1.0 - p;
+                at = b;
+            }
+        }
+        let node = &self.nodes[at];
+        let range = node.start as usize..(node.start + node.count) as usize;
+        let mut candidates: [(usize, Option<Polar>); LEAF] = std::array::from_fn(|_| (0, None));
+        let mut total = 0.0;
+        for (slot, &e) in candidates.iter_mut().zip(&self.order[range]) {
+            let edge = &table.edges[e as usize];
+            let polar = Polar::new(query, edge.p[0], edge.p[1]).filter(|_| {
+                let contour = edge.view(edge.point(0.5) - query.p).is_some_and(|v| v.background.is_none());
+                contour || edge.sharp
+            });
+            total += polar.as_ref().map_or(0.0, Polar::importance);
+            *slot = (e as usize, polar);
+        }
+        let mut x = u * total;
+        let mut chosen = None;
+        for (e, polar) in candidates.iter().filter_map(|(e, p)| p.as_ref().map(|p| (*e, p))) {
+            chosen = Some((e, polar));
+            x -= polar.importance();
+            if x < 0.0 {
+                break;
+            }
+        }
+        let (edge, polar) = chosen?;
+        let (l, pdf) = polar.sample(u_position);
+        let pdf = pdf * probability * polar.importance() / total;
+        let s = (l / polar.length).clamp(0.0, 1.0);
+        (pdf > 0.0 && pdf.is_finite()).then_some(EdgePoint { edge, s, pdf })
+    }
+}
+
+impl Node {
+    /// Zero only if no edge below can contribute.
+    fn importance(&self, query: &Query) -> f32 {
+        // Below the horizon: the corner furthest along the normal.
+        let corner = Vec3::select(query.ng.cmpgt(Vec3::ZERO), self.hi, self.lo);
+        if query.ng.dot(corner - query.p) <= 0.0 {
+            return 0.0;
+        }
+        let centre = 0.5 * (self.lo + self.hi);
+        let q = query.p - centre;
+        if !self.always {
+            let (a, b) = (self.plane_lo.xyz() * q, self.plane_hi.xyz() * q);
+            let slack = 1e-5 * (q.length() + 1.0);
+            let lowest = a.min(b).element_sum() - self.plane_hi.w - slack;
+            let highest = a.max(b).element_sum() - self.plane_lo.w + slack;
+            if lowest > 0.0 || highest < 0.0 {
+                return 0.0;
+            }
+        }
+        let radius = 0.5 * (self.hi - self.lo).length();
+        let distance = q.length();
+        let near = distance.max(radius).max(1e-20);
+        let mut lobe = 1.0 / std::f32::consts::PI;
+        if let Some((mirror, width)) = query.lobe {
+            let glossy = if distance <= radius {
+                1.0
+            } else {
+                let angle = (-q / distance).dot(mirror).clamp(-1.0, 1.0).acos();
+                let gap = (angle - (radius / distance).asin()).max(0.0);
+                let x = 1.0 + (gap / width).powi(2);
+                let covered = width.max((radius / distance).asin());
+                (width / covered) / (x * x)
+            };
+            lobe = 0.3 * lobe + glossy / (2.0 * width);
+        }
+        self.length * lobe / (near * near)
+    }
+}

@@ -1,0 +1,270 @@
+//! Scenes of one number θ, and the comparison of their derivatives with finite differences.
+#![allow(dead_code)]
+
+use dscene::grad::{render, render_backward};
+use dscene::image::Image;
+use dscene::mesh::Mesh;
+use dscene::render::texture::Texture;
+use dscene::render::*;
+use glam::{Mat3, Vec3, vec3};
+
+/// A scene under construction.
+#[derive(Clone, Default)]
+pub struct Builder {
+    pub scene: SceneDescription,
+}
+
+impl Builder {
+    pub fn constant(&mut self, rgb: Vec3) -> Input {
+        self.scene.textures.push(Texture::constant(rgb));
+        Input::Texture(self.scene.textures.len() - 1)
+    }
+
+    pub fn scalar(&mut self, v: f32) -> Input {
+        self.scene.textures.push(Texture::constant_scalar(v));
+        Input::Texture(self.scene.textures.len() - 1)
+    }
+
+    pub fn diffuse(&mut self, rgb: Vec3) -> Material {
+        let reflectance = self.constant(rgb);
+        Material { kind: MaterialKind::Diffuse { reflectance }, one_sided: false }
+    }
+
+    pub fn shape(&mut self, mesh: Mesh, material: Material) {
+        self.scene.shapes.push(Shape { mesh, material, emission: None });
+    }
+
+    /// An area light that reflects nothing.
+    pub fn light(&mut self, mesh: Mesh, radiance: Vec3) {
+        let radiance = self.constant(radiance);
+        let emission = Some(Emission { radiance, two_sided: false });
+        let material = Material { kind: MaterialKind::Black, one_sided: false };
+        self.scene.shapes.push(Shape { mesh, material, emission });
+    }
+}
+
+pub fn mesh(vertices: Vec<Vec3>, faces: Vec<[u32; 3]>) -> Mesh {
+    Mesh { vertices, faces, ..Default::default() }
+}
+
+/// A quad with corners a, b, c, d in order.
+pub fn quad(a: Vec3, b: Vec3, c: Vec3, d: Vec3) -> Mesh {
+    mesh(vec![a, b, c, d], vec![[0, 1, 2], [0, 2, 3]])
+}
+
+/// Horizontal square of half size `r` around `c`, facing up.
+pub fn floor(c: Vec3, r: f32) -> Mesh {
+    quad(c + vec3(-r, 0., r), c + vec3(r, 0., r), c + vec3(r, 0., -r), c + vec3(-r, 0., -r))
+}
+
+/// Horizontal square facing down.
+pub fn ceiling(c: Vec3, r: f32) -> Mesh {
+    quad(c + vec3(-r, 0., -r), c + vec3(r, 0., -r), c + vec3(r, 0., r), c + vec3(-r, 0., r))
+}
+
+/// A box with half extents, rotated about y, centred at `c`.
+pub fn cuboid(c: Vec3, h: Vec3, angle: f32) -> Mesh {
+    let r = Mat3::from_rotation_y(angle);
+    let v = |x: f32, y: f32, z: f32| c + r * (h * vec3(x, y, z));
+    let vertices = vec![
+        v(-1., -1., -1.),
+        v(1., -1., -1.),
+        v(1., 1., -1.),
+        v(-1., 1., -1.),
+        v(-1., -1., 1.),
+        v(1., -1., 1.),
+        v(1., 1., 1.),
+        v(-1., 1., 1.),
+    ];
+    let quads = [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [3, 7, 6, 2], [0, 4, 7, 3], [1, 2, 6, 5]];
+    let faces = quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect();
+    mesh(vertices, faces)
+}
+
+pub fn look_at(position: Vec3, target: Vec3, fov_degrees: f32, film: usize) -> Camera {
+    let forward = (target - position).normalize();
+    let up = if forward.y.abs() > 0.99 { Vec3::Z } else { Vec3::Y };
+    let right = forward.cross(up).normalize();
+    let t = (0.5 * fov_degrees.to_radians()).tan();
+    Camera {
+        projection: Projection::Perspective,
+        origin: position,
+        frame: [right, right.cross(forward), forward],
+        scale: [t, t],
+        width: film,
+        height: film,
+    }
+}
+
+/// All slots that exist, with their values.
+pub fn all_slots(d: &SceneDescription, c: &Camera) -> Vec<(Slot, Vec<f32>)> {
+    let mut out = Vec::new();
+    let flat = |v: &[Vec3]| v.iter().flat_map(|p| p.to_array()).collect::<Vec<f32>>();
+    for (i, s) in d.shapes.iter().enumerate() {
+        out.push((Slot::Vertices(i), flat(&s.mesh.vertices)));
+        if let Some(n) = &s.mesh.normals {
+            out.push((Slot::Normals(i), flat(n)));
+        }
+        if let Some(n) = &s.mesh.uvs {
+            out.push((Slot::Uvs(i), n.iter().flat_map(|p| p.to_array()).collect()));
+        }
+        if let Some(n) = &s.mesh.colors {
+            out.push((Slot::Colors(i), flat(n)));
+        }
+    }
+    for (i, t) in d.textures.iter().enumerate() {
+        out.push((Slot::Texels(i), t.data.clone()));
+    }
+    for (i, l) in d.delta_lights.iter().enumerate() {
+        let (a, b) = match l {
+            DeltaLight::Point { position, intensity } => (*position, *intensity),
+            DeltaLight::Directional { direction, irradiance } => (*direction, *irradiance),
+        };
+        out.push((Slot::LightPlacement(i), a.to_array().to_vec()));
+        out.push((Slot::LightPower(i), b.to_array().to_vec()));
+    }
+    if let Some(e) = &d.environment {
+        out.push((Slot::EnvironmentRotation, e.rotation.transpose().to_cols_array().to_vec()));
+    }
+    out.push((Slot::CameraOrigin, c.origin.to_array().to_vec()));
+    out.push((Slot::CameraFrame, flat(&c.frame)));
+    out.push((Slot::CameraScale, c.scale.to_vec()));
+    out
+}
+
+/// Velocities of all slots at θ = 0, without those that stand still.
+pub fn tangents(build: &dyn Fn(f32) -> (SceneDescription, Camera), h: f32) -> Vec<(Slot, Vec<f32>)> {
+    let (up, down) = (build(h), build(-h));
+    let (up, down) = (all_slots(&up.0, &up.1), all_slots(&down.0, &down.1));
+    let velocity = up.into_iter().zip(down).map(|((slot, u), (_, d))| {
+        (slot, u.iter().zip(&d).map(|(u, d)| (u - d) / (2.0 * h)).collect::<Vec<f32>>())
+    });
+    velocity.filter(|(_, v)| v.iter().any(|x| *x != 0.0)).collect()
+}
+
+/// A smooth weight image, different in every channel: the loss is Σ w·I.
+pub fn weights(camera: &Camera, channels: usize) -> Image {
+    let mut w = Image::new(camera.width, camera.height, channels);
+    for y in 0..w.height {
+        for x in 0..w.width {
+            let (u, v) = (x as f32 / w.width as f32, y as f32 / w.height as f32);
+            for c in 0..channels {
+                w.pixel_mut(x, y)[c] = 0.3 + 1.5 * (8.0 * u + c as f32).sin() * (7.0 * v + 0.5).cos() + v;
+            }
+        }
+    }
+    w
+}
+
+pub fn dot(a: &[f32], b: &[f32]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum()
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct Measured {
+    pub mean: f64,
+    pub error: f64,
+}
+
+pub fn statistics(x: &[f64]) -> Measured {
+    let n = x.len() as f64;
+    let mean = x.iter().sum::<f64>() / n;
+    let var = x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
+    Measured { mean, error: (var / n).sqrt() }
+}
+
+/// How a comparison is to be run.
+#[derive(Clone, Copy, Debug)]
+pub struct Plan {
+    pub output: Output,
+    pub max_bounces: u32,
+    /// Samples a pixel of one gradient, and how many independent ones.
+    pub spp: u32,
+    pub seeds: u64,
+    /// Samples a pixel of one finite difference, and how many; half the step.
+    pub fd_spp: u32,
+    pub fd_seeds: u64,
+    pub h: f32,
+}
+
+impl Default for Plan {
+    fn default() -> Self {
+        Plan { output: Output::Radiance, max_bounces: 1, spp: 16, seeds: 16, fd_spp: 256, fd_seeds: 16, h: 0.01 }
+    }
+}
+
+/// Mean and error of the derivative of Σ w·I in θ, by reverse mode.
+pub fn gradient(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) -> Measured {
+    let (description, camera) = build(0.0);
+    let w = weights(&camera, plan.output.channels());
+    let tangents = tangents(build, plan.h);
+    let scene = Scene::new(description).unwrap();
+    let slots: Vec<Slot> = tangents.iter().map(|t| t.0).collect();
+    let values: Vec<f64> = (0..plan.seeds)
+        .map(|seed| {
+            let settings = Settings {
+                output: plan.output,
+                spp: plan.spp,
+                max_bounces: plan.max_bounces,
+                seed: 1000 + seed,
+                boundary: true,
+            };
+            let g = render_backward(&scene, &camera, &settings, &w, &slots).unwrap();
+            g.iter().zip(&tangents).flat_map(|(g, t)| g.iter().zip(&t.1)).map(|(g, t)| g * f64::from(*t)).sum()
+        })
+        .collect();
+    statistics(&values)
+}
+
+/// Central differences of Σ w·I with common random numbers, at steps h and 2h, extrapolated to zero (Richardson).
+pub fn finite_difference(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) -> Measured {
+    let fine = central_differences(build, plan, plan.h);
+    let coarse = central_differences(build, plan, 2.0 * plan.h);
+    statistics(&fine.iter().zip(coarse).map(|(f, c)| (4.0 * f - c) / 3.0).collect::<Vec<_>>())
+}
+
+fn central_differences(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan, h: f32) -> Vec<f64> {
+    let (up, down) = (build(h), build(-h));
+    let w = weights(&up.1, plan.output.channels());
+    let (up_scene, down_scene) = (Scene::new(up.0).unwrap(), Scene::new(down.0).unwrap());
+    (0..plan.fd_seeds)
+        .map(|seed| {
+            let settings = Settings {
+                output: plan.output,
+                spp: plan.fd_spp,
+                max_bounces: plan.max_bounces,
+                seed: 77 + seed,
+                boundary: false,
+            };
+            let a = render(&up_scene, &up.1, &settings).unwrap();
+            let b = render(&down_scene, &down.1, &settings).unwrap();
+            (dot(&a.data, &w.data) - dot(&b.data, &w.data)) / (2.0 * f64::from(h))
+        })
+        .collect()
+}
+
+/// Compares and prints; fails if they differ by more than three combined standard errors, or if the errors are too large
+/// (relative to the value, or to `scale` where the value itself is near zero) for the comparison to mean anything.
+pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan, scale: f64) {
+    let start = std::time::Instant::now();
+    let g = gradient(build, plan);
+    let t1 = start.elapsed().as_secs_f64();
+    let fd = finite_difference(build, plan);
+    let t2 = start.elapsed().as_secs_f64() - t1;
+    let error = g.error.hypot(fd.error);
+    let z = (g.mean - fd.mean) / error;
+    let relative = error / fd.mean.abs().max(scale);
+    println!(
+        "{name:34} grad {:11.4} ± {:8.4} ({t1:5.2} s)  fd {:11.4} ± {:8.4} ({t2:5.2} s)  z {z:6.2}  error {:5.2} %",
+        g.mean,
+        g.error,
+        fd.mean,
+        fd.error,
+        100.0 * relative
+    );
+    if std::env::var_os("DSCENE_TABLE").is_some() {
+        return;
+    }
+    assert!(z.abs() < 3.0, "{name}: gradient {g:?}, finite difference {fd:?}: {z:.2} standard errors apart");
+    assert!(relative < 0.02, "{name}: combined error {:.2} % says nothing", 100.0 * relative);
+}

@@ -1,0 +1,279 @@
+//! The paper's table: derivatives of whole renderings against central differences of the primal, scene by scene.
+
+mod common;
+
+use common::*;
+use dscene::render::*;
+use glam::{Vec3, vec3};
+
+fn single_triangle(v: impl Fn(f32) -> [Vec3; 3]) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut b = Builder::default();
+        let grey = b.diffuse(vec3(0.5, 0.4, 0.6));
+        b.shape(mesh(v(t).to_vec(), vec![[0, 1, 2]]), grey);
+        let light = quad(vec3(-1., -1., -7.), vec3(1., -1., -7.), vec3(1., 1., -7.), vec3(-1., 1., -7.));
+        b.light(light, Vec3::splat(20.));
+        (b.scene, look_at(vec3(0., 0., -5.), Vec3::ZERO, 45., 32))
+    }
+}
+
+#[test]
+fn triangle() {
+    let base = [vec3(-1.7, 1.0, 0.0), vec3(1.0, 1.0, 0.0), vec3(-0.5, -1.0, 0.3)];
+    for (name, i, d) in [("x", 0, Vec3::X), ("y", 1, Vec3::Y), ("z", 2, Vec3::Z)] {
+        let build = single_triangle(move |t| {
+            let mut v = base;
+            v[i] += d * t;
+            v
+        });
+        agree(&format!("triangle v{i}.{name}"), &build, &Plan::default(), 1.0);
+    }
+}
+
+/// Li et al.'s shadow blocker: floor, small light above, a quad between; `f` moves things.
+#[derive(Clone)]
+struct Blocker {
+    floor: f32,
+    light: Vec3,
+    light_size: f32,
+    blocker: [Vec3; 4],
+    eye: Vec3,
+    target: Vec3,
+}
+
+impl Default for Blocker {
+    fn default() -> Self {
+        Blocker {
+            floor: 0.0,
+            light: vec3(0., 5., 0.),
+            light_size: 0.1,
+            blocker: [vec3(-0.5, 3., -0.5), vec3(-0.5, 3., 0.5), vec3(0.5, 3., -0.5), vec3(0.5, 3., 0.5)],
+            eye: vec3(0., 2., -5.),
+            target: Vec3::ZERO,
+        }
+    }
+}
+
+fn blocker(f: impl Fn(f32, &mut Blocker)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut s = Blocker::default();
+        f(t, &mut s);
+        let mut b = Builder::default();
+        let grey = b.diffuse(Vec3::splat(0.5));
+        b.shape(floor(vec3(0., s.floor, 0.), 2.0), grey.clone());
+        b.shape(mesh(s.blocker.to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
+        b.light(ceiling(s.light, s.light_size), Vec3::splat(1000.));
+        (b.scene, look_at(s.eye, s.target, 45., 32))
+    }
+}
+
+#[test]
+fn shadow_blocker() {
+    let plan = Plan { h: 0.03, ..Plan::default() };
+    agree("blocker all.x", &blocker(|t, s| s.blocker.iter_mut().for_each(|v| v.x += t)), &plan, 1.0);
+    agree("blocker v0.x", &blocker(|t, s| s.blocker[0].x += t), &plan, 1.0);
+    agree("blocker v0.y", &blocker(|t, s| s.blocker[0].y += t), &plan, 1.0);
+    agree("blocker v3.z", &blocker(|t, s| s.blocker[3].z += t), &plan, 1.0);
+}
+
+#[test]
+fn shadow_receiver() {
+    let plan = Plan { h: 0.03, ..Plan::default() };
+    agree("receiver along its normal", &blocker(|t, s| s.floor += t), &plan, 1.0);
+}
+
+#[test]
+fn shadow_light() {
+    let plan = Plan { h: 0.03, ..Plan::default() };
+    agree("light x", &blocker(|t, s| s.light.x += t), &plan, 1.0);
+    agree("light y", &blocker(|t, s| s.light.y += t), &plan, 1.0);
+    agree("light z", &blocker(|t, s| s.light.z += t), &plan, 1.0);
+    agree("light size", &blocker(|t, s| s.light_size += t), &plan, 1.0);
+}
+
+#[test]
+fn shadow_camera() {
+    let plan = Plan { h: 0.03, ..Plan::default() };
+    agree("camera x", &blocker(|t, s| s.eye.x += t), &plan, 1.0);
+    agree("camera y", &blocker(|t, s| s.eye.y += t), &plan, 1.0);
+    agree("camera target z", &blocker(|t, s| s.target.z += t), &plan, 1.0);
+}
+
+fn environment_shadow(f: impl Fn(f32, &mut Blocker)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut s = Blocker { blocker: Blocker::default().blocker.map(|v| v - vec3(0., 2.2, 0.)), ..Blocker::default() };
+        f(t, &mut s);
+        let mut b = Builder::default();
+        let grey = b.diffuse(Vec3::splat(0.5));
+        b.shape(floor(vec3(0., s.floor, 0.), 2.0), grey.clone());
+        b.shape(mesh(s.blocker.to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
+        // A sky brighter in the middle of the map.
+        let (w, h) = (8, 4);
+        let data = (0..w * h)
+            .flat_map(|i| {
+                let (x, y) = ((i % w) as f32, (i / w) as f32);
+                let v = 0.4 + (0.8 * x).sin().powi(2) + 0.3 * y;
+                [v, 0.9 * v, 0.8]
+            })
+            .collect();
+        let wrap = dscene::render::texture::Wrap::Repeat;
+        let filter = dscene::render::texture::Filter::Bilinear;
+        let map = dscene::render::texture::Texture { width: w, height: h, channels: 3, data, wrap, filter };
+        b.scene.textures.push(map);
+        let radiance = b.scene.textures.len() - 1;
+        let rotation = glam::Mat3::from_rotation_y(s.light.x) * glam::Mat3::from_rotation_x(s.light.z);
+        b.scene.environment = Some(Environment { radiance, rotation });
+        (b.scene, look_at(s.eye, s.target, 45., 32))
+    }
+}
+
+#[test]
+fn environment() {
+    let plan = Plan { h: 0.02, spp: 64, ..Plan::default() };
+    agree("env blocker x", &environment_shadow(|t, s| s.blocker.iter_mut().for_each(|v| v.x += t)), &plan, 1.0);
+    agree("env blocker y", &environment_shadow(|t, s| s.blocker.iter_mut().for_each(|v| v.y += t)), &plan, 1.0);
+    agree("env receiver y", &environment_shadow(|t, s| s.floor += t), &plan, 1.0);
+    agree("env camera y", &environment_shadow(|t, s| s.eye.y += t), &plan, 1.0);
+    agree("env rotation y", &environment_shadow(|t, s| s.light.x += t), &plan, 1.0);
+    agree("env rotation x", &environment_shadow(|t, s| s.light.z += t), &plan, 1.0);
+}
+
+#[test]
+fn two_triangles() {
+    let build = |f: fn(f32, &mut [Vec3; 6])| {
+        move |t: f32| {
+            let mut v = [
+                vec3(-1.7, 1.0, 0.0),
+                vec3(1.0, 1.0, 0.0),
+                vec3(-0.5, -1.0, 0.0),
+                vec3(-1.0, 1.5, 0.3),
+                vec3(1.2, 1.3, 0.3),
+                vec3(0.2, -1.5, 0.3),
+            ];
+            f(t, &mut v);
+            let mut b = Builder::default();
+            let red = b.diffuse(vec3(0.35, 0.05, 0.05));
+            let green = b.diffuse(vec3(0.05, 0.35, 0.05));
+            b.shape(mesh(v[..3].to_vec(), vec![[0, 1, 2]]), red);
+            b.shape(mesh(v[3..].to_vec(), vec![[0, 1, 2]]), green);
+            b.light(quad(vec3(-1., -1., -7.), vec3(1., -1., -7.), vec3(1., 1., -7.), vec3(-1., 1., -7.)), Vec3::splat(20.));
+            (b.scene, look_at(vec3(0., 0., -5.), Vec3::ZERO, 45., 32))
+        }
+    };
+    let plan = Plan::default();
+    agree("front triangle v0.x", &build(|t, v| v[0].x += t), &plan, 1.0);
+    agree("front triangle z", &build(|t, v| v[..3].iter_mut().for_each(|p| p.z += t)), &plan, 1.0);
+    agree("back triangle v4.y", &build(|t, v| v[4].y += t), &plan, 1.0);
+}
+
+/// Blocker seen in a floor of some material, lit by a wall of light.
+fn reflection(material: fn(&mut Builder) -> Material, f: impl Fn(f32, &mut Blocker)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut s = Blocker {
+            blocker: [vec3(-0.6, 0.5, 0.3), vec3(-0.5, 1.6, 0.3), vec3(0.6, 0.4, 0.5), vec3(0.4, 1.5, 0.3)],
+            eye: vec3(0.3, 2.5, -5.0),
+            target: vec3(0., 0., 0.5),
+            ..Blocker::default()
+        };
+        f(t, &mut s);
+        let mut b = Builder::default();
+        let glossy = material(&mut b);
+        b.shape(floor(vec3(0., s.floor, 0.), 2.5), glossy);
+        let grey = b.diffuse(vec3(0.3, 0.5, 0.4));
+        b.shape(mesh(s.blocker.to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
+        let z = 4.0;
+        let wall = quad(vec3(-3., 0.2, z), vec3(3., 0.2, z), vec3(3., 5., z), vec3(-3., 5., z));
+        let wall = Mesh { faces: wall.faces.iter().map(|f| [f[0], f[2], f[1]]).collect(), ..wall };
+        b.light(wall, Vec3::splat(2.));
+        b.light(ceiling(vec3(s.light.x, 4.0, -2.0), 1.0), Vec3::splat(8.));
+        (b.scene, look_at(s.eye, s.target, 45., 32))
+    }
+}
+
+#[test]
+fn glossy() {
+    let material: fn(&mut Builder) -> Material = |b| {
+        let (diffuse, specular) = (b.constant(Vec3::splat(0.1)), b.constant(Vec3::splat(0.7)));
+        let roughness = b.scalar(0.03);
+        Material { kind: MaterialKind::Phong { diffuse, specular, roughness }, one_sided: false }
+    };
+    let plan = Plan { max_bounces: 2, h: 0.02, spp: 64, ..Plan::default() };
+    agree("glossy blocker x", &reflection(material, |t, s| s.blocker.iter_mut().for_each(|v| v.x += t)), &plan, 1.0);
+    agree("glossy blocker v1.y", &reflection(material, |t, s| s.blocker[1].y += t), &plan, 1.0);
+    agree("glossy floor y", &reflection(material, |t, s| s.floor += t), &plan, 1.0);
+    agree("glossy camera x", &reflection(material, |t, s| s.eye.x += t), &plan, 1.0);
+    agree("glossy light x", &reflection(material, |t, s| s.light.x += t), &plan, 1.0);
+}
+
+#[test]
+fn mirror() {
+    let material: fn(&mut Builder) -> Material = |b| {
+        let reflectance = b.constant(Vec3::splat(0.9));
+        Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false }
+    };
+    let plan = Plan { max_bounces: 2, h: 0.02, ..Plan::default() };
+    agree("mirror blocker x", &reflection(material, |t, s| s.blocker.iter_mut().for_each(|v| v.x += t)), &plan, 1.0);
+    agree("mirror blocker v1.y", &reflection(material, |t, s| s.blocker[1].y += t), &plan, 1.0);
+    agree("mirror floor y", &reflection(material, |t, s| s.floor += t), &plan, 1.0);
+    agree("mirror camera y", &reflection(material, |t, s| s.eye.y += t), &plan, 1.0);
+}
+
+struct Cornell {
+    small: Vec3,
+    angle: f32,
+    tall: Vec3,
+    light: Vec3,
+    red: f32,
+    eye: Vec3,
+}
+
+fn cornell(f: impl Fn(f32, &mut Cornell)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut s = Cornell {
+            small: vec3(1.85, 0.83, 1.69),
+            angle: 0.3,
+            tall: vec3(3.68, 1.65, 3.51),
+            light: vec3(2.78, 5.48, 2.8),
+            red: 0.57,
+            eye: vec3(2.78, 2.73, -8.0),
+        };
+        f(t, &mut s);
+        let mut b = Builder::default();
+        let white = b.diffuse(Vec3::splat(0.73));
+        let red = b.diffuse(vec3(s.red, 0.04, 0.04));
+        let green = b.diffuse(vec3(0.12, 0.45, 0.15));
+        let (w, h, d) = (5.56, 5.49, 5.59);
+        let p = |x: f32, y: f32, z: f32| vec3(x * w, y * h, z * d);
+        b.shape(quad(p(0., 0., 0.), p(1., 0., 0.), p(1., 0., 1.), p(0., 0., 1.)), white.clone());
+        b.shape(quad(p(0., 1., 0.), p(1., 1., 0.), p(1., 1., 1.), p(0., 1., 1.)), white.clone());
+        b.shape(quad(p(0., 0., 1.), p(1., 0., 1.), p(1., 1., 1.), p(0., 1., 1.)), white.clone());
+        b.shape(quad(p(0., 0., 0.), p(0., 0., 1.), p(0., 1., 1.), p(0., 1., 0.)), green);
+        b.shape(quad(p(1., 0., 0.), p(1., 0., 1.), p(1., 1., 1.), p(1., 1., 0.)), red);
+        b.shape(cuboid(s.small, vec3(0.82, 0.83, 0.82), s.angle), white.clone());
+        b.shape(cuboid(s.tall, vec3(0.82, 1.65, 0.82), -0.3), white);
+        b.light(ceiling(s.light, 0.65), vec3(18., 12., 5.));
+        (b.scene, look_at(s.eye, vec3(2.78, 2.73, 0.), 39., 32))
+    }
+}
+
+#[test]
+fn cornell_direct() {
+    let plan = Plan { max_bounces: 1, h: 0.02, spp: 32, ..Plan::default() };
+    agree("cornell 1 small box x", &cornell(|t, s| s.small.x += t), &plan, 1.0);
+    agree("cornell 1 small box turned", &cornell(|t, s| s.angle += t), &plan, 1.0);
+    agree("cornell 1 tall box z", &cornell(|t, s| s.tall.z += t), &plan, 1.0);
+    agree("cornell 1 light y", &cornell(|t, s| s.light.y -= t + 0.1), &plan, 1.0);
+    agree("cornell 1 red", &cornell(|t, s| s.red += t), &plan, 1.0);
+    agree("cornell 1 camera x", &cornell(|t, s| s.eye.x += t), &plan, 1.0);
+}
+
+#[test]
+fn cornell_global() {
+    let plan = Plan { max_bounces: 4, h: 0.02, spp: 64, ..Plan::default() };
+    agree("cornell 4 small box x", &cornell(|t, s| s.small.x += t), &plan, 1.0);
+    agree("cornell 4 small box turned", &cornell(|t, s| s.angle += t), &plan, 1.0);
+    agree("cornell 4 tall box z", &cornell(|t, s| s.tall.z += t), &plan, 1.0);
+    agree("cornell 4 light y", &cornell(|t, s| s.light.y -= t + 0.1), &plan, 1.0);
+    agree("cornell 4 red", &cornell(|t, s| s.red += t), &plan, 1.0);
+    agree("cornell 4 camera x", &cornell(|t, s| s.eye.x += t), &plan, 1.0);
+}
