@@ -1,1 +1,605 @@
-//! (under construction)
+//! The demand-driven evaluator. Declarations are nodes of a dataflow graph: each is evaluated when something needs it,
+//! kept, and dropped only when a param, the step or the sample seed that it depends on changes.
+//!
+//! * [`Engine`] owns the program, the params' values and the cache.
+//! * `with` opens a *world*: a layer of replaced declarations. What the replacements do not reach is shared with the
+//!   layer below.
+//! * `lower` is where values become a scene with slots; rendering is one operation of the tape.
+
+mod call;
+mod derivative;
+mod error;
+mod expr;
+mod lower;
+mod reach;
+mod render;
+mod show;
+
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use crate::check::hir::{self, Decl, DeclId, DeclKind, LocalId, Target};
+use crate::check::types::Ty;
+use crate::diag::Diagnostic;
+use crate::natives::{self, value::Value};
+use crate::tape::{Tensor, Var};
+
+use reach::Reach;
+
+pub use crate::natives::value;
+pub use derivative::Gradient;
+pub use error::INTERRUPTED;
+pub use render::RenderOverrides;
+pub use show::{brief, number_text, show, to_json};
+
+pub type Result<T, E = Diagnostic> = std::result::Result<T, E>;
+
+/// Nested evaluations on a stack made by [`on_large_stack`], and elsewhere.
+const MAX_DEPTH: usize = 20_000;
+const MAX_DEPTH_SMALL_STACK: usize = 150;
+const STACK_BYTES: usize = 512 << 20;
+
+#[derive(Clone, Debug, Default)]
+pub struct EngineOptions {
+    /// Everything random follows from it.
+    pub seed: u64,
+    /// Relative paths of the script start here.
+    pub base_dir: PathBuf,
+    /// Set from outside to stop an evaluation: it ends with a diagnostic of code [`INTERRUPTED`].
+    pub interrupt: Option<Arc<AtomicBool>>,
+}
+
+/// How a param moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ParamKind {
+    Plain,
+    /// Radians.
+    Angle,
+    /// Value: a 3×3 matrix R. Gradients are 3 numbers: of ω in exp([ω]×) · R at ω = 0.
+    Rotation,
+}
+
+#[derive(Clone, Debug)]
+pub struct ParamInfo {
+    pub id: DeclId,
+    pub name: String,
+    /// Of the value.
+    pub shape: Vec<usize>,
+    pub kind: ParamKind,
+    pub bounds: Option<(Tensor, Tensor)>,
+    pub lr: Option<f64>,
+    pub scale: Option<f64>,
+    pub frozen: bool,
+}
+
+/// How much work was done, for tests and curiosity.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Statistics {
+    pub renders: u64,
+    /// Scenes built (ray trees).
+    pub scenes: u64,
+    /// Declarations evaluated.
+    pub declarations: u64,
+}
+
+/// What a cached value depends on, beyond the program.
+#[derive(Clone, Debug, Default)]
+struct Deps {
+    params: Vec<DeclId>,
+    /// `step` or `progress`.
+    step: bool,
+    /// Random samples that are drawn afresh.
+    sample: bool,
+    /// Overrides of render settings.
+    settings: bool,
+}
+
+impl Deps {
+    fn merge(&mut self, other: &Deps) {
+        for &p in &other.params {
+            self.param(p);
+        }
+        self.step |= other.step;
+        self.sample |= other.sample;
+        self.settings |= other.settings;
+    }
+
+    fn param(&mut self, id: DeclId) {
+        if !self.params.contains(&id) {
+            self.params.push(id);
+        }
+    }
+}
+
+struct Entry {
+    value: Value,
+    deps: Deps,
+}
+
+/// A layer of replaced declarations and fields; the first one replaces nothing.
+struct World {
+    parent: Option<usize>,
+    overrides: Vec<(Target, Value)>,
+    /// Everything is evaluated anew in it.
+    fresh: bool,
+    cache: HashMap<DeclId, Entry>,
+    /// Seeds of what is evaluated in it follow from this.
+    path: u64,
+}
+
+struct ParamState {
+    value: Tensor,
+    /// What derivatives are taken in: the value, or the tangent of a rotation.
+    leaf: Var,
+    shown: Value,
+}
+
+/// A program with its state: values of params, the step, what has been computed.
+pub struct Engine {
+    program: Arc<hir::Program>,
+    reach: Arc<Reach>,
+    options: EngineOptions,
+    params: HashMap<DeclId, ParamState>,
+    step: u64,
+    total: u64,
+    sample_seed: u64,
+    loss: f64,
+    overrides: RenderOverrides,
+    statistics: Statistics,
+    worlds: Vec<World>,
+    /// Dependencies of what is being evaluated, innermost last.
+    frames: Vec<Deps>,
+    evaluating: Vec<(usize, DeclId)>,
+    locals: Vec<(LocalId, Value)>,
+    /// Locals of the function being evaluated start here.
+    base: usize,
+    world: usize,
+    path: u64,
+    depth: usize,
+    scenes: lower::SceneCache,
+}
+
+impl Engine {
+    pub fn new(program: hir::Program, options: EngineOptions) -> Engine {
+        let reach = Arc::new(Reach::new(&program));
+        let root = World { parent: None, overrides: vec![], fresh: false, cache: HashMap::new(), path: 0x5CE7E };
+        Engine {
+            program: Arc::new(program),
+            reach,
+            options,
+            params: HashMap::new(),
+            step: 0,
+            total: 0,
+            sample_seed: 0,
+            loss: f64::NAN,
+            overrides: RenderOverrides::default(),
+            statistics: Statistics::default(),
+            worlds: vec![root],
+            frames: vec![],
+            evaluating: vec![],
+            locals: vec![],
+            base: 0,
+            world: 0,
+            path: 0,
+            depth: 0,
+            scenes: lower::SceneCache::default(),
+        }
+    }
+
+    pub fn program(&self) -> &hir::Program {
+        &self.program
+    }
+
+    pub fn options(&self) -> &EngineOptions {
+        &self.options
+    }
+
+    pub fn statistics(&self) -> Statistics {
+        self.statistics
+    }
+
+    /// Takes an edited program (its declarations keep their ids). Params whose declaration is unchanged keep their
+    /// values, everything else that the edit does not reach stays computed.
+    pub fn update(&mut self, program: hir::Program) {
+        let changed: Vec<DeclId> = program.ids().filter(|&id| !same_decl(&self.program, &program, id)).collect();
+        let same_scene = self.program.default_scene == program.default_scene;
+        let same_scene = same_scene && self.program.integrator == program.integrator;
+        self.reach = Arc::new(Reach::new(&program));
+        let reach = self.reach.clone();
+        let stale = |id: DeclId| changed.iter().any(|&c| reach.reaches(id, c)) || (!same_scene && reach.renders(id));
+        self.params.retain(|id, _| !changed.contains(id));
+        self.worlds[0].cache.retain(|id, _| !stale(*id));
+        self.program = Arc::new(program);
+    }
+
+    /// `step` and `progress` of expressions. A new step draws fresh samples.
+    pub fn set_step(&mut self, step: u64, total: u64) {
+        if (step, total) != (self.step, self.total) {
+            (self.step, self.total) = (step, total);
+            self.forget(|d| d.step || d.sample);
+        }
+    }
+
+    /// Fresh samples for everything that params reach; independent of the step's.
+    pub fn set_sample_seed(&mut self, seed: u64) {
+        if seed != self.sample_seed {
+            self.sample_seed = seed;
+            self.forget(|d| d.sample);
+        }
+    }
+
+    /// The value of `loss` in `stop_when`.
+    pub fn set_loss(&mut self, loss: f64) {
+        self.loss = loss;
+        self.forget(|d| d.step);
+    }
+
+    /// Settings that replace arguments of renders, as stages do.
+    pub fn set_render_overrides(&mut self, overrides: RenderOverrides) {
+        if overrides != self.overrides {
+            self.overrides = overrides;
+            self.forget(|d| d.settings);
+        }
+    }
+
+    /// All params in declaration order; evaluates their initial values.
+    pub fn params(&mut self) -> Result<Vec<ParamInfo>> {
+        let ids: Vec<DeclId> = self.program.params().collect();
+        ids.into_iter().map(|id| self.param_info(id)).collect()
+    }
+
+    pub fn param_info(&mut self, id: DeclId) -> Result<ParamInfo> {
+        self.on_stack(|e| e.param_info_inner(id))
+    }
+
+    fn param_info_inner(&mut self, id: DeclId) -> Result<ParamInfo> {
+        self.ensure_param(id)?;
+        let program = self.program.clone();
+        let decl = program.decl(id);
+        let DeclKind::Param(p) = &decl.kind else { return Err(error::internal("not a param", decl.name_span)) };
+        let shape = self.params.get(&id).map(|s| s.value.shape.clone()).unwrap_or_default();
+        let kind = match (&self.params.get(&id).map(|s| &s.shown), &decl.ty) {
+            (Some(Value::Rotation(_)), _) => ParamKind::Rotation,
+            (_, Ty::Angle) => ParamKind::Angle,
+            _ => ParamKind::Plain,
+        };
+        let bounds = match &p.bounds {
+            Some((lo, hi)) => {
+                let mut side = |e: &hir::Expr| -> Result<Tensor> {
+                    let v = self.at_root(e)?;
+                    let Some(v) = v.var() else { return Err(error::value("a bound must be made of numbers", e.span)) };
+                    v.broadcast_to(&shape)
+                        .map(|v| v.value().clone())
+                        .map_err(|_| error::value("the bound does not fit the param's shape", e.span))
+                };
+                Some((side(lo)?, side(hi)?))
+            }
+            None => None,
+        };
+        let mut number = |e: &Option<hir::Expr>| -> Result<Option<f64>> {
+            let Some(e) = e else { return Ok(None) };
+            match self.at_root(e)?.number() {
+                Some(x) => Ok(Some(x)),
+                None => Err(error::value("this must be a number", e.span)),
+            }
+        };
+        Ok(ParamInfo {
+            id,
+            name: decl.name.clone(),
+            kind,
+            lr: number(&p.lr)?,
+            scale: number(&p.scale)?,
+            frozen: number(&p.frozen)?.is_some_and(|x| x != 0.0),
+            shape,
+            bounds,
+        })
+    }
+
+    /// The current value of a param (a rotation: its matrix).
+    pub fn param_value(&mut self, id: DeclId) -> Result<Tensor> {
+        self.on_stack(|e| e.ensure_param(id))?;
+        Ok(self.params.get(&id).map_or_else(|| Tensor::scalar(f64::NAN), |s| s.value.clone()))
+    }
+
+    /// Moves a param; `value` must have its shape.
+    pub fn set_param(&mut self, id: DeclId, value: Tensor) -> Result<()> {
+        self.on_stack(|e| e.ensure_param(id))?;
+        let span = self.program.decl(id).name_span;
+        let Some(state) = self.params.get_mut(&id) else { return Err(error::internal("not a param", span)) };
+        if state.value.len() != value.len() {
+            let (old, new) = (Tensor::shape_text(&state.value.shape), Tensor::shape_text(&value.shape));
+            return Err(error::value(format!("the param is a {old}, the new value a {new}"), span));
+        }
+        if state.value.data == value.data {
+            return Ok(());
+        }
+        let value = Tensor { shape: state.value.shape.clone(), data: value.data };
+        *state = ParamState::new(&state.shown, value).map_err(|e| error::value(e, span))?;
+        self.forget(|d| d.params.contains(&id));
+        Ok(())
+    }
+
+    /// Back to the initial value.
+    pub fn reset_param(&mut self, id: DeclId) {
+        if self.params.remove(&id).is_some() {
+            self.forget(|d| d.params.contains(&id));
+        }
+    }
+
+    /// The value of an expression in the program's world.
+    pub fn eval(&mut self, e: &hir::Expr) -> Result<Value> {
+        self.on_stack(|engine| engine.at_root(e))
+    }
+
+    /// The value of a declaration.
+    pub fn eval_decl(&mut self, id: DeclId) -> Result<Value> {
+        self.on_stack(|e| e.fresh_frame(|e| e.decl(id)))
+    }
+
+    fn at_root(&mut self, e: &hir::Expr) -> Result<Value> {
+        self.fresh_frame(|engine| engine.expr(e))
+    }
+
+    /// Runs `f` with no locals, in the first world.
+    fn fresh_frame<T>(&mut self, f: impl FnOnce(&mut Engine) -> Result<T>) -> Result<T> {
+        let saved = (self.base, self.world, self.path, self.locals.len(), self.frames.len(), self.depth);
+        (self.base, self.world, self.path) = (self.locals.len(), 0, 0);
+        let nested = self.evaluating.len();
+        let result = f(self);
+        // An error may leave any of the stacks higher than it was.
+        self.evaluating.truncate(nested);
+        self.locals.truncate(saved.3);
+        self.frames.truncate(saved.4);
+        (self.base, self.world, self.path, self.depth) = (saved.0, saved.1, saved.2, saved.5);
+        if saved.1 == 0 && saved.4 == 0 {
+            self.worlds.truncate(1);
+        }
+        result
+    }
+
+    fn forget(&mut self, stale: impl Fn(&Deps) -> bool) {
+        for world in &mut self.worlds {
+            world.cache.retain(|_, entry| !stale(&entry.deps));
+        }
+    }
+
+    /// Some world around the current one evaluates everything anew.
+    fn is_fresh(&self) -> bool {
+        let mut at = Some(self.world);
+        while let Some(i) = at {
+            if self.worlds[i].fresh {
+                return true;
+            }
+            at = self.worlds[i].parent;
+        }
+        false
+    }
+
+    fn check_interrupt(&self, span: crate::source::Span) -> Result<()> {
+        match &self.options.interrupt {
+            Some(flag) if flag.load(Ordering::Relaxed) => Err(error::interrupted(span)),
+            _ => Ok(()),
+        }
+    }
+
+    fn context(&self) -> natives::Context {
+        natives::Context { base_dir: self.options.base_dir.clone(), seed: self.options.seed, step: self.step }
+    }
+
+    /// Notes a dependency of everything that is being evaluated.
+    fn depends(&mut self, f: impl Fn(&mut Deps)) {
+        if let Some(frame) = self.frames.last_mut() {
+            f(frame);
+        }
+    }
+
+    // ---- declarations ----------------------------------------------------------------------------------------------
+
+    /// The innermost world in which a declaration differs from the world below.
+    fn home(&self, id: DeclId) -> usize {
+        let mut at = self.world;
+        loop {
+            let world = &self.worlds[at];
+            let affected = world.fresh || world.overrides.iter().any(|(t, _)| self.reach.reaches(id, t.decl));
+            match world.parent {
+                Some(parent) if !affected => at = parent,
+                _ => return at,
+            }
+        }
+    }
+
+    /// The value of a declaration in the current world.
+    fn decl(&mut self, id: DeclId) -> Result<Value> {
+        let program = self.program.clone();
+        let decl = program.decl(id);
+        if let DeclKind::Fn(_) | DeclKind::Native(_) = decl.kind {
+            return Ok(call::function(call::Closure::Decl(id)));
+        }
+        let home = self.home(id);
+        if let Some(entry) = self.worlds[home].cache.get(&id) {
+            let (value, deps) = (entry.value.clone(), entry.deps.clone());
+            self.depends(|d| d.merge(&deps));
+            return Ok(value);
+        }
+        if self.evaluating.contains(&(home, id)) {
+            return Err(error::cycle(&decl.name, decl.name_span));
+        }
+        self.evaluating.push((home, id));
+        self.frames.push(Deps::default());
+        let saved = (self.world, self.base, self.path);
+        (self.world, self.base) = (home, self.locals.len());
+        self.path = mix(self.worlds[home].path, 0x1000_0000 + u64::from(id.0));
+        let value = self.decl_value(decl);
+        (self.world, self.base, self.path) = saved;
+        self.evaluating.pop();
+        let deps = self.frames.pop().unwrap_or_default();
+        let value = value?;
+        self.depends(|d| d.merge(&deps));
+        self.worlds[home].cache.insert(id, Entry { value: value.clone(), deps });
+        Ok(value)
+    }
+
+    fn decl_value(&mut self, decl: &Decl) -> Result<Value> {
+        // The innermost replacement of the whole, then those of fields further in.
+        let mut fields: Vec<(Target, Value)> = Vec::new();
+        let mut whole = None;
+        let mut at = Some(self.world);
+        while let (Some(i), None) = (at, &whole) {
+            for (target, value) in self.worlds[i].overrides.iter().rev().filter(|(t, _)| t.decl == decl.id) {
+                if target.path.is_empty() {
+                    whole = Some(value.clone());
+                    break;
+                }
+                fields.push((target.clone(), value.clone()));
+            }
+            at = self.worlds[i].parent;
+        }
+        let mut value = match whole {
+            Some(value) => value,
+            None => self.own_value(decl)?,
+        };
+        for (target, new) in fields.into_iter().rev() {
+            value = natives::set_field(&value, &target.path, new)
+                .map_err(|e| error::native(&e, decl.name_span, &[], &decl.name))?;
+        }
+        Ok(value)
+    }
+
+    fn own_value(&mut self, decl: &Decl) -> Result<Value> {
+        if let DeclKind::Param(_) = decl.kind {
+            self.ensure_param(decl.id)?;
+            self.depends(|d| d.param(decl.id));
+            let shown = self.params.get(&decl.id).map(|s| s.shown.clone());
+            return shown.ok_or_else(|| error::internal("a param without value", decl.name_span));
+        }
+        self.statistics.declarations += 1;
+        match &decl.body {
+            Some(body) => self.expr(body),
+            None => Err(error::internal("a declaration without a value", decl.name_span)),
+        }
+    }
+
+    /// Evaluates the initial value of a param, once.
+    fn ensure_param(&mut self, id: DeclId) -> Result<()> {
+        if self.params.contains_key(&id) {
+            return Ok(());
+        }
+        let program = self.program.clone();
+        let decl = program.decl(id);
+        let Some(body) = &decl.body else { return Err(error::internal("a param without value", decl.name_span)) };
+        let initial = self.fresh_frame(|e| {
+            e.frames.push(Deps::default());
+            e.deeper(body.span, |e| e.expr(body))
+        })?;
+        let Some(var) = initial.var() else {
+            return Err(error::value(format!("{} cannot be a param", initial.kind()), body.span)
+                .help("params are numbers, vectors, arrays, images, textures, angles and rotations"));
+        };
+        if !var.value().is_finite() {
+            return Err(error::value(format!("the initial value of `{}` is not finite", decl.name), body.span));
+        }
+        let value = var.value().clone();
+        let state = ParamState::new(&initial, value).map_err(|e| error::value(e, body.span))?;
+        self.params.insert(id, state);
+        Ok(())
+    }
+
+    // ---- stacks ----------------------------------------------------------------------------------------------------
+
+    /// Evaluation recurses over the program; give it room.
+    fn on_stack<T: Send>(&mut self, f: impl FnOnce(&mut Engine) -> T + Send) -> T {
+        on_large_stack(|| f(self))
+    }
+
+    /// Counts nesting, so that runaway recursion ends in a diagnostic.
+    fn deeper<T>(&mut self, span: crate::source::Span, f: impl FnOnce(&mut Engine) -> Result<T>) -> Result<T> {
+        let limit = if is_large_stack() { MAX_DEPTH } else { MAX_DEPTH_SMALL_STACK };
+        if self.depth >= limit {
+            return Err(error::recursion(span));
+        }
+        self.depth += 1;
+        let result = f(self);
+        self.depth = self.depth.saturating_sub(1);
+        result
+    }
+}
+
+impl ParamState {
+    /// A param that shows itself as `like` does.
+    fn new(like: &Value, value: Tensor) -> std::result::Result<ParamState, String> {
+        match like {
+            Value::Rotation(_) => {
+                // R(ω) = exp([ω]×) · R at ω = 0.
+                let leaf = Var::leaf(Tensor::zeros(&[3]));
+                let turned = Var::rotation_exp(&leaf).and_then(|e| e.matmul(&Var::constant(value.clone())));
+                let shown = Value::Rotation(turned.map_err(|e| e.0)?);
+                Ok(ParamState { value, leaf, shown })
+            }
+            Value::Transform(_) => Err("a transform cannot be a param; make its offset and rotation params".into()),
+            other => {
+                let leaf = Var::leaf(value.clone());
+                Ok(ParamState { value, shown: other.with_var(leaf.clone()), leaf })
+            }
+        }
+    }
+}
+
+/// The same declaration in two versions of a program.
+fn same_decl(old: &hir::Program, new: &hir::Program, id: DeclId) -> bool {
+    let Some(a) = old.decls.get(id.0 as usize) else { return false };
+    let b = new.decl(id);
+    let same_body = match (&a.body, &b.body) {
+        (Some(x), Some(y)) => Arc::ptr_eq(x, y),
+        (None, None) => true,
+        _ => false,
+    };
+    let same_kind = match (&a.kind, &b.kind) {
+        (DeclKind::Fn(x), DeclKind::Fn(y)) => Arc::ptr_eq(x, y),
+        (x, y) => std::mem::discriminant(x) == std::mem::discriminant(y),
+    };
+    same_body && same_kind && a.name == b.name
+}
+
+/// A well-mixed function of two numbers.
+pub(crate) fn mix(a: u64, b: u64) -> u64 {
+    let mut x = a.rotate_left(25) ^ b.wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    x = (x ^ (x >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    x = (x ^ (x >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    x ^ (x >> 31)
+}
+
+thread_local! {
+    static LARGE_STACK: std::cell::Cell<bool> = const { std::cell::Cell::new(false) };
+}
+
+fn is_large_stack() -> bool {
+    LARGE_STACK.with(std::cell::Cell::get)
+}
+
+/// Runs `f` on a thread with a large stack, unless this is one. Callers that evaluate a lot may wrap their whole work
+/// in it, to save the threads.
+pub fn on_large_stack<T: Send>(f: impl FnOnce() -> T + Send) -> T {
+    // Inside a thread pool the work stays in that pool.
+    if is_large_stack() || rayon::current_thread_index().is_some() {
+        return f();
+    }
+    let run = std::sync::Mutex::new(Some(f));
+    let take = || run.lock().ok().and_then(|mut f| f.take());
+    let body = || {
+        LARGE_STACK.with(|l| l.set(true));
+        take().map(|f| f())
+    };
+    let result = std::thread::scope(|scope| {
+        match std::thread::Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, body) {
+            Ok(handle) => handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)),
+            // No thread to be had: on this stack, with the small limit.
+            Err(_) => take().map(|f| f()),
+        }
+    });
+    match result {
+        Some(value) => value,
+        None => unreachable!("the closure runs exactly once"),
+    }
+}

@@ -1,0 +1,171 @@
+//! Calls: natives, functions of the language, function values.
+
+use std::sync::Arc;
+
+use crate::check::hir::{Call, Callee, DeclId, DeclKind, Expr, FnDecl, Lambda, LocalId, NativeDecl};
+use crate::natives::{
+    self, Args,
+    value::{Function, Value},
+};
+use crate::source::Span;
+
+use super::{Engine, Result, error, mix};
+
+/// What a function value holds.
+pub(super) enum Closure {
+    Decl(DeclId),
+    Lambda { lambda: Arc<Lambda>, captured: Vec<(LocalId, Value)> },
+}
+
+pub(super) fn function(closure: Closure) -> Value {
+    Value::Function(Function(Arc::new(closure)))
+}
+
+impl Engine {
+    pub(super) fn call(&mut self, call: &Call, e: &Expr) -> Result<Value> {
+        match &call.callee {
+            Callee::Native(id) => {
+                let program = self.shared();
+                let decl = program.decl(*id);
+                let DeclKind::Native(native) = &decl.kind else {
+                    return Err(error::internal(format!("`{}` is not a native", decl.name), e.span));
+                };
+                let mut values = Vec::with_capacity(call.args.len());
+                for arg in &call.args {
+                    values.push(match arg {
+                        Some(arg) => self.expr(arg)?,
+                        None => Value::None,
+                    });
+                }
+                let spans: Vec<Option<Span>> = call
+                    .args
+                    .iter()
+                    .zip(&call.given)
+                    .map(|(a, given)| a.as_ref().filter(|_| *given).map(|a| a.span))
+                    .collect();
+                self.native(native, &values, &call.given, &spans, e.span)
+            }
+            Callee::Decl(id) => {
+                let program = self.shared();
+                let decl = program.decl(*id);
+                let DeclKind::Fn(f) = &decl.kind else {
+                    return Err(error::internal(format!("`{}` is not a function", decl.name), e.span));
+                };
+                let mut values = Vec::with_capacity(call.args.len());
+                for arg in &call.args {
+                    values.push(match arg {
+                        Some(arg) => Some(self.expr(arg)?),
+                        None => None,
+                    });
+                }
+                self.language_function(f, values, e.span)
+            }
+            Callee::Value(f) => {
+                let f_value = self.expr(f)?;
+                let mut values = Vec::with_capacity(call.args.len());
+                for arg in call.args.iter().flatten() {
+                    values.push(self.expr(arg)?);
+                }
+                self.apply(&f_value, values, e.span, f.span)
+            }
+        }
+    }
+
+    fn native(
+        &mut self,
+        native: &NativeDecl,
+        values: &[Value],
+        given: &[bool],
+        spans: &[Option<Span>],
+        span: Span,
+    ) -> Result<Value> {
+        self.check_interrupt(span)?;
+        if let Some((_, output)) = natives::RENDERING.iter().find(|(name, _)| *name == native.name) {
+            return self.render(native, *output, values, given, spans, span);
+        }
+        let Some(f) = natives::find(&native.name) else {
+            return Err(error::internal(format!("`{}` is declared but not implemented", native.name), span));
+        };
+        if native.name == "minibatch" {
+            self.depends(|d| d.step = true);
+        }
+        let names: Vec<&str> = native.params.iter().map(|p| p.name.as_str()).collect();
+        let context = self.context();
+        f(&Args { names: &names, values, context: &context }).map_err(|e| error::native(&e, span, spans, &native.name))
+    }
+
+    fn language_function(&mut self, f: &FnDecl, args: Vec<Option<Value>>, span: Span) -> Result<Value> {
+        self.check_interrupt(span)?;
+        let saved = (self.base, self.locals.len(), self.path);
+        self.base = saved.1;
+        self.path = mix(mix(saved.2, u64::from(span.start)), u64::from(span.source.0));
+        let result = self.bind_and_run(f, args, span);
+        self.locals.truncate(saved.1);
+        (self.base, self.path) = (saved.0, saved.2);
+        result
+    }
+
+    fn bind_and_run(&mut self, f: &FnDecl, args: Vec<Option<Value>>, span: Span) -> Result<Value> {
+        let mut args = args.into_iter();
+        for p in &f.params {
+            let value = match (args.next().flatten(), &p.default) {
+                (Some(value), _) => value,
+                (None, Some(default)) => self.expr(default)?,
+                (None, None) => return Err(error::value(format!("the argument `{}` is missing", p.name), span)),
+            };
+            self.bind(p.local, value);
+        }
+        self.expr(&f.body)
+    }
+
+    /// Calls a function value with positional arguments.
+    pub(super) fn apply(&mut self, f: &Value, args: Vec<Value>, span: Span, f_span: Span) -> Result<Value> {
+        let closure = match f {
+            Value::Function(f) => f.0.downcast_ref::<Closure>(),
+            _ => None,
+        };
+        match closure {
+            Some(Closure::Decl(id)) => {
+                let program = self.shared();
+                match &program.decl(*id).kind {
+                    DeclKind::Fn(f) => {
+                        if args.len() > f.params.len() {
+                            return Err(error::value(format!("{} arguments for {}", args.len(), f.params.len()), span));
+                        }
+                        self.language_function(f, args.into_iter().map(Some).collect(), span)
+                    }
+                    DeclKind::Native(native) => {
+                        if args.len() > native.params.len() {
+                            return Err(error::value(
+                                format!("{} arguments for {}", args.len(), native.params.len()),
+                                span,
+                            ));
+                        }
+                        let given: Vec<bool> = (0..native.params.len()).map(|i| i < args.len()).collect();
+                        let mut values = args;
+                        values.resize(native.params.len(), Value::None);
+                        let spans = vec![Some(span); values.len()];
+                        self.native(native, &values, &given, &spans, span)
+                    }
+                    _ => Err(error::value("this is not a function", f_span)),
+                }
+            }
+            Some(Closure::Lambda { lambda, captured }) => {
+                if lambda.params.len() != args.len() {
+                    let message = format!("{} arguments for a function of {}", args.len(), lambda.params.len());
+                    return Err(error::value(message, span));
+                }
+                let saved = (self.base, self.locals.len(), self.path);
+                self.base = saved.1;
+                self.path = mix(mix(saved.2, u64::from(span.start)), u64::from(span.source.0));
+                self.locals.extend(captured.iter().cloned());
+                self.locals.extend(lambda.params.iter().copied().zip(args));
+                let result = self.expr(&lambda.body);
+                self.locals.truncate(saved.1);
+                (self.base, self.path) = (saved.0, saved.2);
+                result
+            }
+            None => Err(error::value(format!("{} cannot be called", f.kind()), f_span)),
+        }
+    }
+}

@@ -1,0 +1,364 @@
+//! Derivatives as expressions and as the optimiser asks for them.
+
+use std::sync::Arc;
+
+use crate::check::hir::{DeclId, DeclKind, Derivative, DerivativeKind, Expr, Target};
+use crate::check::types::Ty;
+use crate::diag::Diagnostic;
+use crate::natives::{
+    self,
+    value::{EstimateValue, GradientEntry, Value},
+};
+use crate::source::Span;
+use crate::tape::{self, Tensor, Var};
+
+use super::{Deps, Engine, Result, error, mix};
+
+/// A scalar with its derivatives.
+#[derive(Clone, Debug)]
+pub struct Gradient {
+    pub value: f64,
+    /// In the order asked for; a rotation's has 3 numbers.
+    pub grads: Vec<Tensor>,
+}
+
+impl Gradient {
+    /// The first derivative that is NaN or infinite: which of those asked for, and its element.
+    pub fn first_non_finite(&self) -> Option<(usize, usize)> {
+        let found = |(i, g): (usize, &Tensor)| g.data.iter().position(|x| !x.is_finite()).map(|k| (i, k));
+        self.grads.iter().enumerate().find_map(found)
+    }
+}
+
+/// The default step of central differences, relative to a size of 1.
+const FD_STEP: f64 = 1e-2;
+const ESTIMATE_REPEATS: usize = 16;
+
+impl Engine {
+    /// A scalar and its derivatives in reverse mode.
+    pub fn gradient(&mut self, of: &Expr, wrt: &[Target]) -> Result<Gradient> {
+        self.on_stack(|e| e.fresh_frame(|e| e.gradient_here(of, wrt)))
+    }
+
+    /// The same for params.
+    pub fn gradient_of_params(&mut self, of: &Expr, wrt: &[DeclId]) -> Result<Gradient> {
+        let targets: Vec<Target> = wrt.iter().map(|&decl| Target { decl, path: vec![] }).collect();
+        self.gradient(of, &targets)
+    }
+
+    /// Central differences of a scalar with common random numbers, one element after the other.
+    pub fn finite_difference(&mut self, of: &Expr, wrt: &Target, step: f64) -> Result<Tensor> {
+        self.on_stack(|e| e.fresh_frame(|e| e.differences(of, wrt, step, of.span)))
+    }
+
+    /// Params that reach an expression, in declaration order, frozen ones too.
+    pub fn reaching_params(&mut self, of: &Expr) -> Result<Vec<DeclId>> {
+        self.on_stack(|e| {
+            e.fresh_frame(|e| {
+                e.frames.push(Deps::default());
+                e.expr(of)?;
+                let found = e.frames.pop().unwrap_or_default().params;
+                Ok(e.program.params().filter(|p| found.contains(p)).collect())
+            })
+        })
+    }
+
+    fn gradient_here(&mut self, of: &Expr, wrt: &[Target]) -> Result<Gradient> {
+        self.with_leaves(wrt, of.span, |engine, leaves| {
+            let (_, loss) = engine.numbers(of)?;
+            if loss.len() != 1 {
+                let found = Tensor::shape_text(loss.shape());
+                return Err(error::gradient(format!("only a number has a gradient, this is a {found}"), of.span)
+                    .help("`jvp` differentiates images and arrays; or take a `mean(…)`"));
+            }
+            let grads = tape::backward(&loss, leaves).map_err(|e| error::gradient(e.0, of.span))?;
+            Ok(Gradient { value: loss.item().unwrap_or(f64::NAN), grads })
+        })
+    }
+
+    fn numbers(&mut self, e: &Expr) -> Result<(Value, Var)> {
+        let value = self.expr(e)?;
+        match value.var() {
+            Some(v) => Ok((value.clone(), v.clone())),
+            None => Err(error::gradient(format!("{} has no derivative", value.kind()), e.span)),
+        }
+    }
+
+    /// Runs `f` with a leaf for each target: a param's own, or a temporary one in place of a field or declaration.
+    fn with_leaves<T>(
+        &mut self,
+        targets: &[Target],
+        span: Span,
+        f: impl FnOnce(&mut Engine, &[Var]) -> Result<T>,
+    ) -> Result<T> {
+        let mut leaves = Vec::with_capacity(targets.len());
+        let mut overrides = Vec::new();
+        for target in targets {
+            if let Some(leaf) = self.param_leaf(target)? {
+                leaves.push(leaf);
+                continue;
+            }
+            let value = self.target_value(target, span)?;
+            let (leaf, shown) = temporary(&value, |v| Var::leaf(v), span)?;
+            leaves.push(leaf);
+            overrides.push((target.clone(), shown));
+        }
+        if overrides.is_empty() {
+            return f(self, &leaves);
+        }
+        // The samples are those of the world outside, so that values agree.
+        self.in_world(overrides, 0, |engine| f(engine, &leaves))
+    }
+
+    /// The leaf of a param that no `with` replaces here.
+    fn param_leaf(&mut self, target: &Target) -> Result<Option<Var>> {
+        let is_param = matches!(self.program.decl(target.decl).kind, DeclKind::Param(_));
+        if !is_param || !target.path.is_empty() || self.is_replaced(target.decl) {
+            return Ok(None);
+        }
+        self.ensure_param(target.decl)?;
+        Ok(self.params.get(&target.decl).map(|s| s.leaf.clone()))
+    }
+
+    fn is_replaced(&self, id: DeclId) -> bool {
+        let mut at = Some(self.world);
+        while let Some(i) = at {
+            if self.worlds[i].overrides.iter().any(|(t, _)| t.decl == id) {
+                return true;
+            }
+            at = self.worlds[i].parent;
+        }
+        false
+    }
+
+    /// The current value of a target.
+    fn target_value(&mut self, target: &Target, span: Span) -> Result<Value> {
+        let mut value = self.decl(target.decl)?;
+        for name in &target.path {
+            value = natives::field(&value, name)
+                .ok_or_else(|| error::value(format!("{} has no field `{name}`", value.kind()), span))?;
+        }
+        Ok(value)
+    }
+
+    /// The value that a target has, as a tensor (a rotation's matrix).
+    pub fn target_tensor(&mut self, target: &Target) -> Result<Tensor> {
+        let span = self.program.decl(target.decl).name_span;
+        self.on_stack(|e| {
+            e.fresh_frame(|e| {
+                let value = e.target_value(target, span)?;
+                match value.var() {
+                    Some(v) => Ok(v.value().clone()),
+                    None => Err(error::value(format!("{} is not made of numbers", value.kind()), span)),
+                }
+            })
+        })
+    }
+
+    /// The name of a target as the user writes it.
+    pub fn target_name(&self, target: &Target) -> String {
+        let mut name = self.program.decl(target.decl).name.clone();
+        for field in &target.path {
+            name.push('.');
+            name.push_str(field);
+        }
+        name
+    }
+
+    // ---- as expressions --------------------------------------------------------------------------------------------
+
+    pub(super) fn derivative(&mut self, d: &Derivative, e: &Expr) -> Result<Value> {
+        match d.kind {
+            DerivativeKind::Grad => self.grad(d, e),
+            DerivativeKind::Jvp => self.jvp(d, e),
+            DerivativeKind::FiniteDifference => {
+                let step = match &d.argument {
+                    Some(step) => self.positive(step)?,
+                    None => FD_STEP,
+                };
+                let [(target, span)] = &d.wrt[..] else {
+                    return Err(error::gradient("`fd` needs one param", e.span));
+                };
+                let result = self.differences(&d.of, target, step, *span)?;
+                Ok(like(&d.of.ty, Var::constant(result)))
+            }
+            DerivativeKind::Estimate => self.estimate(d),
+        }
+    }
+
+    fn positive(&mut self, e: &Expr) -> Result<f64> {
+        match self.expr(e)?.number() {
+            Some(x) if x.is_finite() && x > 0.0 => Ok(x),
+            _ => Err(error::value("this must be a positive number", e.span)),
+        }
+    }
+
+    fn grad(&mut self, d: &Derivative, e: &Expr) -> Result<Value> {
+        if d.wrt.is_empty() {
+            self.frames.push(Deps::default());
+            let value = self.expr(&d.of);
+            let deps = self.frames.pop().unwrap_or_default();
+            self.depends(|d| d.merge(&deps));
+            value?;
+            let ids: Vec<DeclId> = self.program.params().filter(|p| deps.params.contains(p)).collect();
+            let targets: Vec<Target> = ids.iter().map(|&decl| Target { decl, path: vec![] }).collect();
+            let found = self.gradient_here(&d.of, &targets)?;
+            let mut entries = Vec::with_capacity(ids.len());
+            for (target, gradient) in targets.iter().zip(found.grads) {
+                let value = match self.decl(target.decl)?.var() {
+                    Some(v) => v.value().clone(),
+                    None => Tensor::zeros(&gradient.shape),
+                };
+                let name = self.target_name(target);
+                entries.push(GradientEntry { name, value, gradient, std_error: None });
+            }
+            return Ok(Value::Gradients(Arc::new(entries)));
+        }
+        let targets: Vec<Target> = d.wrt.iter().map(|(t, _)| t.clone()).collect();
+        let found = self.gradient_here(&d.of, &targets)?;
+        if let Some((i, k)) = found.first_non_finite() {
+            let name = self.target_name(&targets[i]);
+            let message = format!("the derivative with respect to `{name}` is not finite (element {k})");
+            return Err(error::gradient(message, e.span));
+        }
+        let grads: Vec<Value> = found.grads.into_iter().map(Value::tensor).collect();
+        Ok(match <[Value; 1]>::try_from(grads) {
+            Ok([one]) => one,
+            Err(several) => Value::list(several),
+        })
+    }
+
+    fn jvp(&mut self, d: &Derivative, e: &Expr) -> Result<Value> {
+        let direction = match &d.argument {
+            Some(argument) => Some((self.numbers(argument)?.1, argument.span)),
+            None => None,
+        };
+        let targets: Vec<Target> = d.wrt.iter().map(|(t, _)| t.clone()).collect();
+        let (value, tangent) = self.with_leaves(&targets, e.span, |engine, leaves| {
+            let (value, output) = engine.numbers(&d.of)?;
+            let mut tangents = Vec::with_capacity(leaves.len());
+            for leaf in leaves {
+                let along = match &direction {
+                    Some((v, span)) => v
+                        .broadcast_to(leaf.shape())
+                        .map_err(|_| error::shape("the direction does not have the param's shape", *span))?
+                        .value()
+                        .clone(),
+                    None => Tensor::full(leaf.shape(), 1.0),
+                };
+                tangents.push((leaf.clone(), along));
+            }
+            let tangent = tape::forward(&output, &tangents).map_err(|m| error::gradient(m.0, e.span))?;
+            Ok((value, tangent))
+        })?;
+        // The derivative of a rotation is a matrix, not a rotation.
+        Ok(match value {
+            Value::Image(_) => Value::Image(Var::constant(tangent)),
+            _ => Value::tensor(tangent),
+        })
+    }
+
+    /// (e(p + h) − e(p − h)) / 2h for each element of p; of anything made of numbers if p is one number.
+    fn differences(&mut self, of: &Expr, target: &Target, step: f64, span: Span) -> Result<Tensor> {
+        let value = self.target_value(target, span)?;
+        let (leaf, _) = temporary(&value, |v| Var::leaf(v), span)?;
+        let n = leaf.len();
+        let mut result: Option<Tensor> = None;
+        for k in 0..n {
+            self.check_interrupt(span)?;
+            let mut side = |h: f64| -> Result<Tensor> {
+                let moved = |mut t: Tensor| {
+                    t.data[k] += h;
+                    // Live, so that its samples vary as the value's do.
+                    Var::leaf(t)
+                };
+                let (_, shown) = temporary(&value, moved, span)?;
+                self.in_world(vec![(target.clone(), shown)], 0, |e| Ok(e.numbers(of)?.1.value().clone()))
+            };
+            let (up, down) = (side(step)?, side(-step)?);
+            if up.shape != down.shape {
+                return Err(error::gradient("the expression changes its size with the param", of.span));
+            }
+            let data = up.data.iter().zip(&down.data).map(|(u, d)| (u - d) / (2.0 * step)).collect();
+            let slope = Tensor { shape: up.shape, data };
+            if n == 1 && leaf.shape().is_empty() {
+                return Ok(slope);
+            }
+            let Some(x) = slope.item() else {
+                return Err(error::gradient("`fd` of an image or array needs a param that is one number", of.span));
+            };
+            result.get_or_insert_with(|| Tensor::zeros(leaf.shape())).data[k] = x;
+        }
+        Ok(result.unwrap_or_else(|| Tensor::zeros(leaf.shape())))
+    }
+
+    /// Mean and standard error over independent samples.
+    fn estimate(&mut self, d: &Derivative) -> Result<Value> {
+        let repeats = match &d.argument {
+            Some(e) => match self.expr(e)?.number() {
+                Some(x) if (2.0..=1e6).contains(&x) && x.fract() == 0.0 => x as usize,
+                _ => return Err(error::value("repeats are a whole number of at least 2", e.span)),
+            },
+            None => ESTIMATE_REPEATS,
+        };
+        // Samples that do not vary from step to step must vary here.
+        self.frames.push(Deps::default());
+        let first = self.numbers(&d.of);
+        let deps = self.frames.pop().unwrap_or_default();
+        first?;
+        let saved = self.sample_seed;
+        let result = self.repeated(&d.of, repeats, !deps.sample, saved);
+        self.set_sample_seed(saved);
+        self.depends(|d| {
+            d.merge(&deps);
+            d.sample = true;
+        });
+        result
+    }
+
+    fn repeated(&mut self, of: &Expr, repeats: usize, fresh: bool, seed: u64) -> Result<Value> {
+        // Welford's running mean and sum of squared deviations.
+        let mut mean: Option<Tensor> = None;
+        let mut squares = Tensor::scalar(0.0);
+        for r in 0..repeats {
+            self.check_interrupt(of.span)?;
+            self.set_sample_seed(mix(seed, 0xE57 + r as u64));
+            let x = if fresh { self.in_world(vec![], r as u64, |e| e.numbers(of))?.1 } else { self.numbers(of)?.1 };
+            let m = mean.get_or_insert_with(|| {
+                squares = Tensor::zeros(x.shape());
+                Tensor::zeros(x.shape())
+            });
+            for ((m, s), x) in m.data.iter_mut().zip(&mut squares.data).zip(&x.value().data) {
+                let delta = x - *m;
+                *m += delta / (r + 1) as f64;
+                *s += delta * (x - *m);
+            }
+        }
+        let n = repeats as f64;
+        let std_error = squares.map(|s| (s / (n * (n - 1.0))).sqrt());
+        let mean = mean.unwrap_or_else(|| Tensor::scalar(f64::NAN));
+        Ok(Value::Estimate(Arc::new(EstimateValue { mean, std_error, repeats })))
+    }
+}
+
+/// A value like `value` over a new node of its numbers (a rotation: of its tangent), and that node.
+fn temporary(value: &Value, leaf: impl Fn(Tensor) -> Var, span: Span) -> Result<(Var, Value), Diagnostic> {
+    match value {
+        Value::Rotation(r) => {
+            let omega = leaf(Tensor::zeros(&[3]));
+            let turned = Var::rotation_exp(&omega).and_then(|e| e.matmul(&Var::constant(r.value().clone())));
+            Ok((omega, Value::Rotation(turned.map_err(|e| error::gradient(e.0, span))?)))
+        }
+        other => match other.var() {
+            Some(v) => {
+                let leaf = leaf(v.value().clone());
+                Ok((leaf.clone(), other.with_var(leaf)))
+            }
+            None => Err(error::gradient(format!("{} has no numbers to differentiate in", other.kind()), span)),
+        },
+    }
+}
+
+fn like(ty: &Ty, v: Var) -> Value {
+    if matches!(ty, Ty::Image { .. }) && v.shape().len() == 3 { Value::Image(v) } else { Value::Num(v) }
+}

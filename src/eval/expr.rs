@@ -1,0 +1,504 @@
+//! Expressions.
+
+use std::sync::Arc;
+
+use crate::check::hir::{BinaryOp, Builtin, Comprehension, Expr, ExprKind, Replacement, StrFormat, StrPart, UnaryOp};
+use crate::check::types::Ty;
+use crate::natives::{self, value::Value};
+use crate::source::Span;
+use crate::tape::{Binary, Slice, Tensor, Var};
+
+use super::call::{Closure, function};
+use super::{Engine, Result, World, error, mix, show};
+
+/// Items of a range or comprehension, at most.
+const MAX_ITEMS: f64 = (1u64 << 24) as f64;
+
+impl Engine {
+    pub(super) fn expr(&mut self, e: &Expr) -> Result<Value> {
+        self.deeper(e.span, |engine| engine.expr_inner(e))
+    }
+
+    /// Kept small: its frame counts at every level of nesting.
+    fn expr_inner(&mut self, e: &Expr) -> Result<Value> {
+        match &e.kind {
+            ExprKind::Number(x) | ExprKind::Angle(x) => Ok(Value::scalar(*x)),
+            ExprKind::Bool(b) => Ok(Value::Bool(*b)),
+            ExprKind::Str(parts) => self.string(parts),
+            ExprKind::Array(items) => self.array(items),
+            ExprKind::Index { base, index } => self.index(base, index),
+            ExprKind::Slice { base, start, end, inclusive } => {
+                self.slice(base, start.as_deref(), end.as_deref(), *inclusive, e.span)
+            }
+            ExprKind::Field { base, name } => self.field(base, name, e.span),
+            ExprKind::Unary { op, operand } => self.unary(*op, operand),
+            ExprKind::Binary { op, left, right } => self.binary(*op, left, right, e.span),
+            ExprKind::Call(call) => self.call(call, e),
+            ExprKind::Lambda(lambda) => {
+                let captured = self.locals[self.base..].to_vec();
+                Ok(function(Closure::Lambda { lambda: lambda.clone(), captured }))
+            }
+            ExprKind::If { condition, then, otherwise } => self.conditional(condition, then, otherwise, e.span),
+            ExprKind::Comprehension(c) => self.comprehension(c, e.span),
+            ExprKind::With { body, replacements } => self.with(body, replacements, e.span),
+            ExprKind::Range { start, end, inclusive } => self.range(start, end, *inclusive, e.span),
+            ExprKind::Local(id) => match self.locals[self.base..].iter().rev().find(|(l, _)| l == id) {
+                Some((_, value)) => Ok(value.clone()),
+                None => Err(error::internal("a name without a value", e.span)),
+            },
+            ExprKind::Decl(id) => self.decl(*id),
+            ExprKind::Let { local, value, body } => {
+                let value = self.expr(value)?;
+                let top = self.locals.len();
+                self.locals.push((*local, value));
+                let result = self.expr(body);
+                self.locals.truncate(top);
+                result
+            }
+            ExprKind::Builtin(b) => Ok(self.builtin(*b)),
+            ExprKind::Derivative(d) => self.derivative(d, e),
+            ExprKind::Broadcast { value, shape } => self.broadcast(value, shape, e),
+            ExprKind::Error => Err(error::internal("a program with errors was run", e.span)),
+        }
+    }
+
+    fn builtin(&mut self, b: Builtin) -> Value {
+        self.depends(|d| d.step = true);
+        Value::scalar(match b {
+            Builtin::Step => self.step as f64,
+            Builtin::Progress if self.total <= 1 => 0.0,
+            Builtin::Progress => self.step as f64 / (self.total - 1) as f64,
+            Builtin::Loss => self.loss,
+        })
+    }
+
+    fn string(&mut self, parts: &[StrPart]) -> Result<Value> {
+        let mut text = String::new();
+        for part in parts {
+            match part {
+                StrPart::Text(t) => text.push_str(t),
+                StrPart::Value { value, format } => {
+                    let v = self.expr(value)?;
+                    text.push_str(&formatted(&v, &value.ty, *format));
+                }
+            }
+        }
+        Ok(Value::str(text))
+    }
+
+    fn array(&mut self, items: &[Expr]) -> Result<Value> {
+        // Plain numbers, the common case, without a node for each.
+        if let Some(data) = literal(items) {
+            return Ok(Value::tensor(data));
+        }
+        let values = items.iter().map(|i| self.expr(i)).collect::<Result<Vec<_>>>()?;
+        Ok(Value::array(values))
+    }
+
+    fn whole(&self, value: &Value, span: Span) -> Result<i64> {
+        match value.number() {
+            Some(x) if x.fract() == 0.0 && x.abs() < 1e15 => Ok(x as i64),
+            Some(x) => Err(error::value(format!("an index is a whole number, this is {x}"), span)),
+            None => Err(error::value(format!("an index is a whole number, this is {}", value.kind()), span)),
+        }
+    }
+
+    fn index(&mut self, base: &Expr, index: &Expr) -> Result<Value> {
+        let value = self.expr(base)?;
+        let at = self.expr(index)?;
+        let out = |e: crate::tape::TapeError| error::index(e.0, index.span);
+        // An array of indices gathers.
+        if let (Value::Num(v), Value::Num(which)) = (&value, &at) {
+            if which.shape().len() == 1 {
+                let n = v.shape().first().copied().unwrap_or(0) as i64;
+                let mut rows = Vec::with_capacity(which.len());
+                for &x in &which.value().data {
+                    let i = self.whole(&Value::scalar(x), index.span)?;
+                    let i = if i < 0 { i + n } else { i };
+                    rows.push(
+                        u32::try_from(i).map_err(|_| error::index(format!("index {x} is out of range"), index.span))?,
+                    );
+                }
+                return v.rows(&rows).map(Value::Num).map_err(out);
+            }
+        }
+        let i = self.whole(&at, index.span)?;
+        match &value {
+            Value::List(items) => {
+                let n = items.len() as i64;
+                let wrapped = if i < 0 { i + n } else { i };
+                let item = usize::try_from(wrapped).ok().and_then(|i| items.get(i));
+                item.cloned()
+                    .ok_or_else(|| error::index(format!("index {i} is out of range for {n} items"), index.span))
+            }
+            Value::Num(v) | Value::Image(v) | Value::Rotation(v) | Value::Transform(v) => {
+                v.slice(&[Slice::At(i)]).map(Value::Num).map_err(out)
+            }
+            other => Err(error::value(format!("{} has no elements", other.kind()), base.span)),
+        }
+    }
+
+    fn slice(
+        &mut self,
+        base: &Expr,
+        start: Option<&Expr>,
+        end: Option<&Expr>,
+        inclusive: bool,
+        span: Span,
+    ) -> Result<Value> {
+        let value = self.expr(base)?;
+        let mut bound = |e: Option<&Expr>| -> Result<Option<i64>> {
+            let Some(e) = e else { return Ok(None) };
+            let v = self.expr(e)?;
+            self.whole(&v, e.span).map(Some)
+        };
+        let (start, end) = (bound(start)?, bound(end)?);
+        let n = match &value {
+            Value::List(items) => items.len(),
+            Value::Num(v) | Value::Image(v) => v.shape().first().copied().unwrap_or(0),
+            other => return Err(error::value(format!("{} cannot be sliced", other.kind()), base.span)),
+        } as i64;
+        let wrap = |i: i64| if i < 0 { i + n } else { i };
+        let first = wrap(start.unwrap_or(0));
+        let last = match end {
+            Some(i) if inclusive => wrap(i) + 1,
+            Some(i) => wrap(i),
+            None => n,
+        };
+        if first < 0 || last > n || first > last {
+            return Err(error::index(format!("{first}..{last} is out of range for {n} items"), span));
+        }
+        match value {
+            Value::List(items) => Ok(Value::list(items[first as usize..last as usize].to_vec())),
+            Value::Image(v) => {
+                v.slice(&[Slice::Range(first, last)]).map(Value::Image).map_err(|e| error::index(e.0, span))
+            }
+            other => match other.var() {
+                Some(v) => v.slice(&[Slice::Range(first, last)]).map(Value::Num).map_err(|e| error::index(e.0, span)),
+                None => Err(error::value("this cannot be sliced", base.span)),
+            },
+        }
+    }
+
+    fn field(&mut self, base: &Expr, name: &str, span: Span) -> Result<Value> {
+        let value = self.expr(base)?;
+        natives::field(&value, name).ok_or_else(|| {
+            let all = natives::fields_of(&value);
+            let help = if all.is_empty() { None } else { Some(format!("it has: {}", all.join(", "))) };
+            error::value(format!("{} has no field `{name}`", value.kind()), span).help_opt(help)
+        })
+    }
+
+    fn unary(&mut self, op: UnaryOp, operand: &Expr) -> Result<Value> {
+        let value = self.expr(operand)?;
+        match (op, &value) {
+            (UnaryOp::Not, Value::Bool(b)) => Ok(Value::Bool(!b)),
+            (UnaryOp::Not, Value::Num(v)) => {
+                v.binary(Binary::Eq, &Var::from(0.0)).map(Value::Num).map_err(|e| error::shape(e.0, operand.span))
+            }
+            (UnaryOp::Neg, Value::Num(v) | Value::Image(v)) => Ok(value.with_var(v.neg())),
+            (_, other) => Err(error::value(format!("{} has no such operation", other.kind()), operand.span)),
+        }
+    }
+
+    fn binary(&mut self, op: BinaryOp, left: &Expr, right: &Expr, span: Span) -> Result<Value> {
+        let x = self.expr(left)?;
+        if let (BinaryOp::And | BinaryOp::Or, Value::Bool(b)) = (op, &x) {
+            if *b == (op == BinaryOp::Or) {
+                return Ok(x);
+            }
+            return self.expr(right);
+        }
+        let y = self.expr(right)?;
+        arithmetic(op, &x, &y)
+            .map_err(|message| error::shape(message, span).label(left.span, x.kind()).label(right.span, y.kind()))
+    }
+
+    fn conditional(&mut self, condition: &Expr, then: &Expr, otherwise: &Expr, span: Span) -> Result<Value> {
+        match self.expr(condition)? {
+            Value::Bool(c) => self.expr(if c { then } else { otherwise }),
+            // A mask chooses element by element.
+            Value::Num(mask) | Value::Image(mask) if !mask.shape().is_empty() => {
+                let (a, b) = (self.expr(then)?, self.expr(otherwise)?);
+                let (Some(x), Some(y)) = (a.var(), b.var()) else {
+                    return Err(error::value("both branches must be numbers here", span));
+                };
+                let picked = Var::select(&mask, x, y).map_err(|e| error::shape(e.0, span))?;
+                let image = matches!(a, Value::Image(_)) || matches!(b, Value::Image(_));
+                Ok(if image { Value::Image(picked) } else { Value::Num(picked) })
+            }
+            Value::Num(c) => self.expr(if c.item() != Some(0.0) { then } else { otherwise }),
+            other => {
+                Err(error::value(format!("a condition is true or false, this is {}", other.kind()), condition.span))
+            }
+        }
+    }
+
+    fn range(&mut self, start: &Expr, end: &Expr, inclusive: bool, span: Span) -> Result<Value> {
+        let (first, last) = (self.expr(start)?, self.expr(end)?);
+        let (Some(a), Some(b)) = (first.number(), last.number()) else {
+            return Err(error::value("a range goes from a number to a number", span));
+        };
+        let b = if inclusive { b + 1.0 } else { b };
+        let count = (b - a).ceil().max(0.0);
+        if count.is_nan() || count > MAX_ITEMS {
+            return Err(error::value(format!("a range of {count} items is too long"), span));
+        }
+        Ok(Value::tensor(Tensor::vector((0..count as usize).map(|i| a + i as f64).collect())))
+    }
+
+    fn comprehension(&mut self, c: &Comprehension, span: Span) -> Result<Value> {
+        let mut out = Vec::new();
+        let saved = (self.locals.len(), self.path);
+        let result = self.clause(c, 0, &mut out, span);
+        self.locals.truncate(saved.0);
+        self.path = saved.1;
+        result?;
+        Ok(Value::array(out))
+    }
+
+    fn clause(&mut self, c: &Comprehension, depth: usize, out: &mut Vec<Value>, span: Span) -> Result<()> {
+        let Some(clause) = c.clauses.get(depth) else {
+            if out.len() as f64 >= MAX_ITEMS {
+                return Err(error::value("this makes too many items", span));
+            }
+            out.push(self.expr(&c.element)?);
+            return Ok(());
+        };
+        let items = self.expr(&clause.items)?;
+        let Some(items) = items.items() else {
+            return Err(error::value(format!("{} has no items to go through", items.kind()), clause.items.span));
+        };
+        let path = self.path;
+        for (i, item) in items.into_iter().enumerate() {
+            self.check_interrupt(span)?;
+            let top = self.locals.len();
+            self.path = mix(path, i as u64 + 1);
+            match &clause.locals[..] {
+                [one] => self.locals.push((*one, item)),
+                several => {
+                    let parts = item.items().filter(|p| p.len() == several.len()).ok_or_else(|| {
+                        let message = format!("an item of {} does not have {} parts", item.kind(), several.len());
+                        error::value(message, clause.items.span)
+                    })?;
+                    self.locals.extend(several.iter().copied().zip(parts));
+                }
+            }
+            let keep = match &clause.condition {
+                Some(condition) => match self.expr(condition)? {
+                    Value::Bool(b) => b,
+                    other => other.number() != Some(0.0),
+                },
+                None => true,
+            };
+            if keep {
+                self.clause(c, depth + 1, out, span)?;
+            }
+            self.locals.truncate(top);
+        }
+        self.path = path;
+        Ok(())
+    }
+
+    fn with(&mut self, body: &Expr, replacements: &[Replacement], span: Span) -> Result<Value> {
+        let mut overrides = Vec::with_capacity(replacements.len());
+        for r in replacements {
+            overrides.push((r.target.clone(), self.expr(&r.value)?));
+        }
+        let seed = u64::from(span.start) << 8 | u64::from(span.source.0);
+        self.in_world(overrides, seed, |engine| engine.expr(body))
+    }
+
+    /// Evaluates in a new layer of replacements over the current world.
+    pub(super) fn in_world<T>(
+        &mut self,
+        overrides: Vec<(crate::check::hir::Target, Value)>,
+        seed: u64,
+        f: impl FnOnce(&mut Engine) -> Result<T>,
+    ) -> Result<T> {
+        let (parent, path) = (self.world, self.path);
+        // With no replacement at all everything is evaluated anew.
+        let fresh = overrides.is_empty();
+        self.worlds.push(World {
+            parent: Some(parent),
+            overrides,
+            fresh,
+            cache: std::collections::HashMap::new(),
+            // Seed 0 keeps the samples of the world outside.
+            path: if seed == 0 { self.worlds[parent].path } else { mix(mix(self.worlds[parent].path, path), seed) },
+        });
+        self.world = self.worlds.len() - 1;
+        let count = self.worlds.len();
+        let result = f(self);
+        self.worlds.truncate(count - 1);
+        self.world = parent;
+        result
+    }
+
+    fn broadcast(&mut self, value: &Expr, shape: &[usize], e: &Expr) -> Result<Value> {
+        let v = self.expr(value)?;
+        let image = matches!(e.ty, Ty::Image { .. });
+        match &v {
+            Value::Num(x) if image => {
+                let x = if x.shape().len() == 2 { x.reshape([x.shape(), &[1]].concat()) } else { Ok(x.clone()) };
+                let wide = x.and_then(|x| if shape.is_empty() { Ok(x) } else { x.broadcast_to(shape) });
+                wide.map(Value::Image).map_err(|m| error::shape(m.0, e.span))
+            }
+            Value::Num(x) => x.broadcast_to(shape).map(Value::Num).map_err(|m| error::shape(m.0, e.span)),
+            _ => Ok(v),
+        }
+    }
+}
+
+/// Nested arrays of plain numbers.
+fn literal(items: &[Expr]) -> Option<Tensor> {
+    fn fill(items: &[Expr], shape: &mut Vec<usize>, depth: usize, data: &mut Vec<f64>) -> Option<()> {
+        if items.is_empty() || depth > 16 {
+            return None;
+        }
+        if shape.len() == depth {
+            shape.push(items.len());
+        }
+        if shape[depth] != items.len() {
+            return None;
+        }
+        for item in items {
+            match &item.kind {
+                ExprKind::Number(x) | ExprKind::Angle(x) if shape.len() == depth + 1 => data.push(*x),
+                ExprKind::Unary { op: UnaryOp::Neg, operand } if shape.len() == depth + 1 => match operand.kind {
+                    ExprKind::Number(x) | ExprKind::Angle(x) => data.push(-x),
+                    _ => return None,
+                },
+                ExprKind::Array(inner) if data.is_empty() || shape.len() > depth + 1 => {
+                    fill(inner, shape, depth + 1, data)?;
+                }
+                _ => return None,
+            }
+        }
+        Some(())
+    }
+    let (mut shape, mut data) = (Vec::new(), Vec::new());
+    fill(items, &mut shape, 0, &mut data)?;
+    (shape.iter().product::<usize>() == data.len()).then_some(Tensor { shape, data })
+}
+
+/// A binary operation on values; the error is a message.
+pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Result<Value, String> {
+    let f = match op {
+        BinaryOp::Add => Binary::Add,
+        BinaryOp::Sub => Binary::Sub,
+        BinaryOp::Mul => Binary::Mul,
+        BinaryOp::Div => Binary::Div,
+        BinaryOp::Pow => Binary::Pow,
+        BinaryOp::Eq => Binary::Eq,
+        BinaryOp::Ne => Binary::Ne,
+        BinaryOp::Lt => Binary::Lt,
+        BinaryOp::Le => Binary::Le,
+        BinaryOp::Gt => Binary::Gt,
+        BinaryOp::Ge => Binary::Ge,
+        BinaryOp::And => Binary::Min,
+        BinaryOp::Or => Binary::Max,
+    };
+    match (x, y) {
+        (Value::Num(a), Value::Num(b)) => {
+            let z = a.binary(f, b).map_err(|e| e.0)?;
+            let truth = f.is_comparison() && z.shape().is_empty();
+            Ok(if truth { Value::Bool(z.item() == Some(1.0)) } else { Value::Num(z) })
+        }
+        (Value::Image(a), Value::Image(b)) | (Value::Image(a), Value::Num(b)) | (Value::Num(a), Value::Image(b)) => {
+            Ok(Value::Image(a.binary(f, b).map_err(|e| sizes(a, b, e.0))?))
+        }
+        (Value::Texture(t), Value::Num(_)) => arithmetic(op, &Value::Image(t.texels.clone()), y).map(|v| texture(x, v)),
+        (Value::Num(_), Value::Texture(t)) => arithmetic(op, x, &Value::Image(t.texels.clone())).map(|v| texture(y, v)),
+        (Value::Texture(_), Value::Texture(t)) => arithmetic(op, x, &Value::Image(t.texels.clone())),
+        (Value::Texture(t), Value::Image(_)) => {
+            arithmetic(op, &Value::Image(t.texels.clone()), y).map(|v| texture(x, v))
+        }
+        (Value::Image(_), Value::Texture(t)) => arithmetic(op, x, &Value::Image(t.texels.clone())),
+        (Value::Rotation(a), Value::Rotation(b)) if op == BinaryOp::Mul => {
+            a.matmul(b).map(Value::Rotation).map_err(|e| e.0)
+        }
+        (Value::Rotation(_) | Value::Transform(_), Value::Rotation(_) | Value::Transform(_)) if op == BinaryOp::Mul => {
+            match (natives::transform_matrix(x), natives::transform_matrix(y)) {
+                (Some(a), Some(b)) => a.matmul(&b).map(Value::Transform).map_err(|e| e.0),
+                _ => Err("these do not multiply".into()),
+            }
+        }
+        (Value::Rotation(a), Value::Num(b)) if op == BinaryOp::Mul && b.shape() == [3] => {
+            a.matmul(b).map(Value::Num).map_err(|e| e.0)
+        }
+        (Value::Bool(a), Value::Bool(b)) => match op {
+            BinaryOp::Eq => Ok(Value::Bool(a == b)),
+            BinaryOp::Ne => Ok(Value::Bool(a != b)),
+            BinaryOp::And => Ok(Value::Bool(*a && *b)),
+            BinaryOp::Or => Ok(Value::Bool(*a || *b)),
+            _ => Err("`true` and `false` have no arithmetic".into()),
+        },
+        (Value::Str(a), Value::Str(b)) => match op {
+            BinaryOp::Add => Ok(Value::str(format!("{a}{b}"))),
+            BinaryOp::Eq => Ok(Value::Bool(a == b)),
+            BinaryOp::Ne => Ok(Value::Bool(a != b)),
+            _ => Err("strings have no such operation".into()),
+        },
+        (Value::List(_), _) | (_, Value::List(_)) => {
+            Err("arrays of different things have no arithmetic; go through them with `[… for x in xs]`".into())
+        }
+        _ => Err(format!("{} and {} do not go together here", x.kind(), y.kind())),
+    }
+}
+
+fn texture(like: &Value, v: Value) -> Value {
+    match v.var() {
+        Some(var) => like.with_var(var.clone()),
+        None => v,
+    }
+}
+
+fn sizes(a: &Var, b: &Var, or: String) -> String {
+    match (a.shape(), b.shape()) {
+        ([h, w, _], [k, v, _]) if (h, w) != (k, v) => {
+            format!("images of {w}×{h} and {v}×{k} pixels do not fit each other")
+        }
+        _ => or,
+    }
+}
+
+/// A value inside a string.
+fn formatted(v: &Value, ty: &Ty, format: Option<StrFormat>) -> String {
+    let Some(format) = format else {
+        return match v {
+            Value::Str(s) => s.to_string(),
+            other => show::brief(other, ty),
+        };
+    };
+    let text = match (v.number(), v) {
+        (Some(x), Value::Num(_) | Value::Image(_)) => {
+            let x = if matches!(ty, Ty::Angle) { x.to_degrees() } else { x };
+            match format.precision {
+                Some(p) => format!("{x:.*}", p.min(40)),
+                None => show::number_text(x),
+            }
+        }
+        (_, Value::Str(s)) => s.to_string(),
+        _ => show::brief(v, ty),
+    };
+    let width = format.width.min(200);
+    let missing = width.saturating_sub(text.chars().count());
+    match (format.zero_pad, text.strip_prefix('-')) {
+        (true, Some(digits)) => format!("-{}{digits}", "0".repeat(missing)),
+        (true, None) => format!("{}{text}", "0".repeat(missing)),
+        (false, _) => format!("{}{text}", " ".repeat(missing)),
+    }
+}
+
+impl Engine {
+    /// A function's or lambda's parameter gets its value.
+    pub(super) fn bind(&mut self, local: crate::check::hir::LocalId, value: Value) {
+        self.locals.push((local, value));
+    }
+
+    /// The program, shared, so that evaluation may borrow the engine.
+    pub(super) fn shared(&self) -> Arc<crate::check::hir::Program> {
+        self.program.clone()
+    }
+}

@@ -1,0 +1,339 @@
+//! Lowering: values become a scene description, and every array of it that derivatives may reach a slot with its node.
+
+use std::collections::{HashMap, VecDeque};
+use std::sync::Arc;
+
+use glam::{Mat3, Vec3};
+
+use crate::grad::{Scene, SceneError};
+use crate::natives::transform_matrix;
+use crate::natives::value::{
+    CameraValue, Input, LightValue, MaterialValue, MeshValue, Model, SceneValue, ShapeValue, Value,
+};
+use crate::render::texture::{Filter, Texture, Wrap};
+use crate::render::{
+    Camera, DeltaLight, Emission, Environment, Input as RenderInput, Material, MaterialKind, Projection,
+    SceneDescription, Shape, Slot, TextureId,
+};
+use crate::tape::{Slice, TapeError, Tensor, Unary, Var};
+
+/// A scene ready to render, with the nodes that feed it.
+pub(super) struct Lowered {
+    pub scene: Scene,
+    /// Only slots that a leaf reaches.
+    pub slots: Vec<(Slot, Var)>,
+}
+
+/// Why values do not make a scene.
+pub(super) enum LowerError {
+    Scene(SceneError),
+    Tape(String),
+}
+
+impl From<TapeError> for LowerError {
+    fn from(e: TapeError) -> LowerError {
+        LowerError::Tape(e.0)
+    }
+}
+
+/// A camera ready to render, with the nodes that feed it.
+pub(super) struct LoweredCamera {
+    pub camera: Camera,
+    pub slots: Vec<(Slot, Var)>,
+}
+
+/// The last few scenes: several renders of one step look at the same one.
+#[derive(Default)]
+pub(super) struct SceneCache(VecDeque<(SceneValue, Arc<Lowered>)>);
+
+const KEPT_SCENES: usize = 4;
+
+impl SceneCache {
+    pub(super) fn get(&self, scene: &SceneValue) -> Option<Arc<Lowered>> {
+        let same = |s: &SceneValue| {
+            s.shapes.len() == scene.shapes.len()
+                && s.lights.len() == scene.lights.len()
+                && s.shapes.iter().zip(&scene.shapes).all(|(a, b)| Arc::ptr_eq(a, b))
+                && s.lights.iter().zip(&scene.lights).all(|(a, b)| Arc::ptr_eq(a, b))
+        };
+        self.0.iter().find(|(s, _)| same(s)).map(|(_, lowered)| lowered.clone())
+    }
+
+    pub(super) fn insert(&mut self, scene: SceneValue, lowered: Arc<Lowered>) {
+        if self.0.len() >= KEPT_SCENES {
+            self.0.pop_front();
+        }
+        self.0.push_back((scene, lowered));
+    }
+}
+
+#[derive(Default)]
+struct Builder {
+    description: SceneDescription,
+    slots: Vec<(Slot, Var)>,
+    textures: HashMap<(u64, usize, bool, bool), TextureId>,
+}
+
+/// Shapes first, then area lights; delta lights in order.
+pub(super) fn lower_scene(scene: &SceneValue) -> Result<Lowered, LowerError> {
+    let mut b = Builder::default();
+    for shape in &scene.shapes {
+        b.shape(shape)?;
+    }
+    for (index, light) in scene.lights.iter().enumerate() {
+        b.light(light, index)?;
+    }
+    let scene = Scene::new(b.description).map_err(LowerError::Scene)?;
+    Ok(Lowered { scene, slots: b.slots })
+}
+
+/// The light of an index among [`SceneDescription::delta_lights`], as an index into the scene's lights.
+pub(super) fn delta_light(scene: &SceneValue, delta: usize) -> Option<usize> {
+    let is_delta = |l: &LightValue| matches!(l, LightValue::Point { .. } | LightValue::Directional { .. });
+    scene.lights.iter().enumerate().filter(|(_, l)| is_delta(l)).nth(delta).map(|(i, _)| i)
+}
+
+/// The light behind a shape index beyond the scene's own shapes.
+pub(super) fn area_light(scene: &SceneValue, shape: usize) -> Option<usize> {
+    let nth = shape.checked_sub(scene.shapes.len())?;
+    let is_area = |l: &LightValue| matches!(l, LightValue::Area { .. });
+    scene.lights.iter().enumerate().filter(|(_, l)| is_area(l)).nth(nth).map(|(i, _)| i)
+}
+
+fn vec3(t: &Tensor) -> Vec3 {
+    match t.data[..] {
+        [x, y, z] => Vec3::new(x as f32, y as f32, z as f32),
+        _ => Vec3::NAN,
+    }
+}
+
+impl Builder {
+    /// Notes which node feeds a slot, if a leaf reaches it.
+    fn feed(&mut self, slot: Slot, var: &Var) {
+        if var.is_live() {
+            self.slots.push((slot, var.clone()));
+        }
+    }
+
+    fn shape(&mut self, shape: &ShapeValue) -> Result<(), LowerError> {
+        let material = self.material(&shape.material)?;
+        self.mesh(&shape.mesh, material, None);
+        Ok(())
+    }
+
+    fn mesh(&mut self, mesh: &MeshValue, material: Material, emission: Option<Emission>) {
+        let index = self.description.shapes.len();
+        self.feed(Slot::Vertices(index), &mesh.vertices);
+        for (slot, attribute) in
+            [(Slot::Normals(index), &mesh.normals), (Slot::Uvs(index), &mesh.uvs), (Slot::Colors(index), &mesh.colors)]
+        {
+            if let Some(var) = attribute {
+                self.feed(slot, var);
+            }
+        }
+        self.description.shapes.push(Shape { mesh: mesh.to_mesh(), material, emission });
+    }
+
+    fn light(&mut self, light: &LightValue, index: usize) -> Result<(), LowerError> {
+        match light {
+            LightValue::Area { mesh, radiance, two_sided, material } => {
+                let radiance = self.input(radiance, true)?;
+                let material = match material {
+                    Some(m) => self.material(m)?,
+                    None => Material { kind: MaterialKind::Black, one_sided: false },
+                };
+                self.mesh(mesh, material, Some(Emission { radiance, two_sided: *two_sided }));
+            }
+            LightValue::Point { position, intensity } => {
+                self.delta(position, intensity, |position, intensity| DeltaLight::Point { position, intensity });
+            }
+            LightValue::Directional { direction, irradiance } => {
+                self.delta(direction, irradiance, |direction, irradiance| DeltaLight::Directional {
+                    direction,
+                    irradiance,
+                });
+            }
+            LightValue::Environment { radiance, rotation } => {
+                if self.description.environment.is_some() {
+                    let what = "a scene has at most one environment".to_string();
+                    return Err(LowerError::Scene(SceneError::Light { light: index, what }));
+                }
+                let RenderInput::Texture(radiance) = self.input(radiance, true)? else {
+                    return Err(LowerError::Scene(SceneError::Environment {
+                        what: "an environment is an image or a color".into(),
+                    }));
+                };
+                let mut matrix = Mat3::IDENTITY;
+                if let Some(rotation) = rotation {
+                    let m = Tensor { shape: vec![9], data: rotation.value().data.clone() }.to_f32();
+                    // The tensor's rows are the matrix's rows.
+                    matrix = Mat3::from_cols_slice(&m).transpose();
+                    self.feed(Slot::EnvironmentRotation, rotation);
+                }
+                self.description.environment = Some(Environment { radiance, rotation: matrix });
+            }
+        }
+        Ok(())
+    }
+
+    fn delta(&mut self, placement: &Var, power: &Var, make: impl Fn(Vec3, Vec3) -> DeltaLight) {
+        let index = self.description.delta_lights.len();
+        self.feed(Slot::LightPlacement(index), placement);
+        self.feed(Slot::LightPower(index), power);
+        self.description.delta_lights.push(make(vec3(placement.value()), vec3(power.value())));
+    }
+
+    fn material(&mut self, material: &MaterialValue) -> Result<Material, LowerError> {
+        let mut get = |name: &str, color: bool| match material.input(name) {
+            Some(input) => self.input(input, color),
+            None => Err(LowerError::Tape(format!("the material has no `{name}`"))),
+        };
+        let kind = match material.model {
+            Model::Diffuse => MaterialKind::Diffuse { reflectance: get("reflectance", true)? },
+            Model::Conductor => {
+                MaterialKind::Conductor { reflectance: get("reflectance", true)?, roughness: get("roughness", false)? }
+            }
+            Model::ConductorIor => MaterialKind::ConductorIor {
+                eta: get("eta", true)?,
+                k: get("k", true)?,
+                roughness: get("roughness", false)?,
+            },
+            Model::Phong => MaterialKind::Phong {
+                diffuse: get("diffuse", true)?,
+                specular: get("specular", true)?,
+                roughness: get("roughness", false)?,
+            },
+            Model::Mirror => MaterialKind::Mirror { reflectance: get("reflectance", true)? },
+            Model::Principled => MaterialKind::Principled {
+                base_color: get("base_color", true)?,
+                metallic: get("metallic", false)?,
+                roughness: get("roughness", false)?,
+                specular: get("specular", false)?,
+            },
+        };
+        Ok(Material { kind, one_sided: material.one_sided })
+    }
+
+    /// Texels of an input: three channels if it is a color. The same node is one texture.
+    fn input(&mut self, input: &Input, color: bool) -> Result<RenderInput, LowerError> {
+        let (var, wrap, filter) = match input {
+            Input::VertexColor => return Ok(RenderInput::VertexColor),
+            Input::Number(v) => (v, Wrap::Clamp, Filter::Nearest),
+            Input::Texture(t) => (&t.texels, t.wrap, t.filter),
+        };
+        let shape: &[usize] = match var.shape() {
+            [h, w, c] => &[*h, *w, if color { 3 } else { *c }],
+            _ => &[1, 1, if color { 3 } else { 1 }],
+        };
+        let &[height, width, channels] = shape else { return Err(LowerError::Tape("a texture of no size".into())) };
+        let key = (var.id(), channels, wrap == Wrap::Repeat, filter == Filter::Bilinear);
+        if let Some(&id) = self.textures.get(&key) {
+            return Ok(RenderInput::Texture(id));
+        }
+        let texels = match var.shape() {
+            [_, _, _] => var.broadcast_to(shape)?,
+            [_] => var.reshape(vec![1, 1, var.len()])?.broadcast_to(shape)?,
+            _ => var.broadcast_to(shape)?,
+        };
+        let id = self.description.textures.len();
+        let data = texels.value().to_f32();
+        self.description.textures.push(Texture { width, height, channels, data, wrap, filter });
+        self.feed(Slot::Texels(id), &texels);
+        self.textures.insert(key, id);
+        Ok(RenderInput::Texture(id))
+    }
+}
+
+/// A camera's rays. `film_scale` shrinks the film.
+pub(super) fn lower_camera(camera: &CameraValue, film_scale: f64) -> Result<LoweredCamera, LowerError> {
+    let bad = |what: &str| LowerError::Scene(SceneError::Camera { what: what.to_string() });
+    let number = |name: &str| -> Result<Option<Var>, LowerError> {
+        match camera.field(name) {
+            Some(Value::Num(v)) if v.len() == 1 => Ok(Some(v.reshape(vec![])?)),
+            Some(_) => Err(bad(&format!("`{name}` of a camera must be a number"))),
+            None => Ok(None),
+        }
+    };
+    let point = |name: &str, or: [f64; 3]| match camera.field(name) {
+        Some(Value::Num(v)) if v.shape() == [3] => Ok(v.clone()),
+        Some(_) => Err(bad(&format!("`{name}` of a camera must be 3 numbers"))),
+        None => Ok(Var::constant(Tensor::vector(or.to_vec()))),
+    };
+
+    let (width, height) = match camera.field("film") {
+        Some(_) => camera.film().ok_or_else(|| bad("`film` must be `[width, height]`"))?,
+        None => (256, 256),
+    };
+    if width == 0 || height == 0 || width.saturating_mul(height) > 1 << 28 {
+        return Err(bad(&format!("a film of {width}×{height} pixels")));
+    }
+    let scaled = |n: usize| ((n as f64 * film_scale).round() as usize).max(1);
+    let (width, height) = (scaled(width), scaled(height));
+    let aspect = width as f64 / height as f64;
+
+    let (origin, frame) = match camera.field("transform") {
+        Some(t) => {
+            // Columns x (left), y (up), z (forward), position.
+            let m = transform_matrix(t).ok_or_else(|| bad("`transform` must be a transform"))?;
+            let column = |i: i64| m.slice(&[Slice::Range(0, 3), Slice::At(i)]);
+            let rows = [column(0)?.normalize()?.neg(), column(1)?.normalize()?, column(2)?.normalize()?];
+            (column(3)?, Var::stack(&rows)?)
+        }
+        None => {
+            let origin = point("position", [0.0, 0.0, 5.0])?;
+            let towards = point("look_at", [0.0; 3])?.sub(&origin)?;
+            if towards.value().data.iter().all(|x| *x == 0.0) {
+                return Err(bad("`position` and `look_at` are the same point"));
+            }
+            let forward = towards.normalize()?;
+            let side = forward.cross(&point("up", [0.0, 1.0, 0.0])?)?;
+            if side.value().data.iter().all(|x| x.abs() < 1e-9) {
+                return Err(bad("`up` points along the view direction"));
+            }
+            let right = side.normalize()?;
+            let up = right.cross(&forward)?;
+            (origin, Var::stack(&[right, up, forward])?)
+        }
+    };
+
+    let orthographic = matches!(camera.field("kind"), Some(Value::Str(s)) if &**s == "orthographic");
+    let (projection, scale) = if orthographic {
+        let half = number("height")?.unwrap_or_else(|| Var::from(2.0)).scale(0.5);
+        (Projection::Orthographic, Var::stack(&[half.scale(aspect), half])?)
+    } else {
+        let tangent = |angle: Var| angle.scale(0.5).unary(Unary::Tan);
+        let scale = match (number("fov")?, number("fov_x")?) {
+            (None, Some(fov_x)) => {
+                let x = tangent(fov_x);
+                Var::stack(&[x.clone(), x.scale(1.0 / aspect)])?
+            }
+            (fov, _) => {
+                let y = tangent(fov.unwrap_or_else(|| Var::from(std::f64::consts::FRAC_PI_4)));
+                Var::stack(&[y.scale(aspect), y])?
+            }
+        };
+        (Projection::Perspective, scale)
+    };
+    if scale.value().data.iter().any(|s| !(s.is_finite() && *s > 0.0 && *s < 1e6)) {
+        return Err(bad("the field of view must lie between 0deg and 180deg"));
+    }
+    for (what, v) in [("position", &origin), ("orientation", &frame)] {
+        if !v.value().is_finite() {
+            return Err(bad(&format!("the camera's {what} is not finite")));
+        }
+    }
+
+    let rows = frame.value().to_f32();
+    let row = |i: usize| Vec3::new(rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]);
+    let s = scale.value().to_f32();
+    let lowered = Camera {
+        projection,
+        origin: vec3(origin.value()),
+        frame: [row(0), row(1), row(2)],
+        scale: [s[0], s[1]],
+        width,
+        height,
+    };
+    let slots = [(Slot::CameraOrigin, origin), (Slot::CameraFrame, frame), (Slot::CameraScale, scale)];
+    Ok(LoweredCamera { camera: lowered, slots: slots.into_iter().filter(|(_, v)| v.is_live()).collect() })
+}

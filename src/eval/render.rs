@@ -1,0 +1,236 @@
+//! Rendering as one operation of the tape: its value is an image, its derivatives are the estimators of `grad`.
+
+use std::sync::Arc;
+
+use crate::check::hir::NativeDecl;
+use crate::grad::{self, Output, SceneError, Settings};
+use crate::image::Image;
+use crate::natives::{
+    add_to_scene,
+    value::{SceneValue, Value},
+};
+use crate::render::{Camera, Slot};
+use crate::source::Span;
+use crate::tape::{CustomOp, Tensor, Var};
+
+use super::lower::{self, LowerError, Lowered};
+use super::{Engine, Result, error, mix};
+
+/// Settings of a stage, in place of the arguments of every render. What no param reaches keeps its own `spp`.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RenderOverrides {
+    pub spp: Option<u32>,
+    pub max_bounces: Option<u32>,
+    /// Factor on the film's width and height.
+    pub film_scale: Option<f64>,
+}
+
+/// One render call: inputs are the nodes of the slots that a leaf reaches.
+struct RenderOp {
+    scene: Arc<Lowered>,
+    camera: Camera,
+    settings: Settings,
+    slots: Vec<Slot>,
+}
+
+impl CustomOp for RenderOp {
+    fn name(&self) -> &str {
+        "render"
+    }
+
+    fn vjp(
+        &self,
+        inputs: &[&Tensor],
+        output: &Tensor,
+        g: &Tensor,
+        wants: &[bool],
+    ) -> Result<Vec<Option<Tensor>>, String> {
+        let wanted: Vec<Slot> = self.slots.iter().zip(wants).filter(|(_, w)| **w).map(|(s, _)| *s).collect();
+        let mut d_image = Image::new(output.shape[1], output.shape[0], output.shape[2]);
+        d_image.data.iter_mut().zip(&g.data).for_each(|(d, g)| *d = *g as f32);
+        let found = grad::render_backward(&self.scene.scene, &self.camera, &self.settings, &d_image, &wanted)
+            .map_err(|e| e.to_string())?;
+        let mut found = found.into_iter();
+        wants
+            .iter()
+            .zip(inputs)
+            .map(|(wanted, input)| {
+                if !wanted {
+                    return Ok(None);
+                }
+                let data = found.next().filter(|d| d.len() == input.len()).ok_or("a derivative of the wrong size")?;
+                Ok(Some(Tensor { shape: input.shape.clone(), data }))
+            })
+            .collect()
+    }
+
+    fn jvp(&self, _: &[&Tensor], _: &Tensor, tangents: &[Option<&Tensor>]) -> Result<Tensor, String> {
+        let along: Vec<(Slot, Vec<f32>)> =
+            self.slots.iter().zip(tangents).filter_map(|(s, t)| t.map(|t| (*s, t.to_f32()))).collect();
+        let image = grad::render_forward(&self.scene.scene, &self.camera, &self.settings, &along);
+        image.map(|i| Tensor::from_image(&i)).map_err(|e| e.to_string())
+    }
+}
+
+impl Engine {
+    /// `render(camera, scene, spp, …)` and its kin.
+    pub(super) fn render(
+        &mut self,
+        native: &NativeDecl,
+        output: Output,
+        values: &[Value],
+        given: &[bool],
+        spans: &[Option<Span>],
+        span: Span,
+    ) -> Result<Value> {
+        self.check_interrupt(span)?;
+        let place = |name: &str| native.params.iter().position(|p| p.name == name);
+        let is_given = |name: &str| place(name).is_some_and(|i| given.get(i) == Some(&true));
+        let at = |name: &str| place(name).and_then(|i| spans.get(i).copied().flatten()).unwrap_or(span);
+        let argument = |name: &str| place(name).and_then(|i| values.get(i)).filter(|v| !matches!(v, Value::None));
+
+        // Defaults come from the file's integrator.
+        let program = self.shared();
+        let defaults = match program.integrator {
+            Some(id) => match self.decl(id)? {
+                Value::Settings(s) => Some(s),
+                _ => None,
+            },
+            None => None,
+        };
+        let setting = |name: &str| {
+            let default = defaults.as_ref().filter(|_| !is_given(name)).and_then(|d| d.field(name).cloned());
+            default.or_else(|| argument(name).cloned())
+        };
+        let count = |name: &str, or: u32, least: u32| -> Result<u32> {
+            let Some(v) = setting(name) else { return Ok(or) };
+            match v.number() {
+                Some(x) if x.fract() == 0.0 && x >= f64::from(least) && x <= 1e9 => Ok(x as u32),
+                Some(x) => Err(error::value(
+                    format!("`{name}` must be a whole number of at least {least}, this is {x}"),
+                    at(name),
+                )),
+                None => Err(error::value(format!("`{name}` must be a whole number"), at(name))),
+            }
+        };
+        let spp = count("spp", 16, 1)?;
+        let max_bounces = count("max_bounces", 8, 0)?;
+        let boundary = !matches!(setting("boundary"), Some(Value::Bool(false)));
+        let own_seed = setting("seed").and_then(|v| v.number());
+
+        self.depends(|d| d.settings = true);
+        let overrides = self.overrides;
+        let Some(Value::Camera(camera_value)) = argument("camera") else {
+            return Err(error::value("the first argument must be a camera", at("camera")));
+        };
+        let camera = lower::lower_camera(camera_value, overrides.film_scale.unwrap_or(1.0))
+            .map_err(|e| self.scene_error(e, &SceneValue::default(), &[], at("camera")))?;
+
+        let (scene, origins) = match argument("scene") {
+            Some(Value::Scene(s)) => ((**s).clone(), vec![]),
+            Some(_) => return Err(error::value("`scene` must be a scene", at("scene"))),
+            None => self.default_scene(span)?,
+        };
+        let lowered = match self.scenes.get(&scene) {
+            Some(lowered) => lowered,
+            None => {
+                self.statistics.scenes += 1;
+                let lowered = lower::lower_scene(&scene).map_err(|e| self.scene_error(e, &scene, &origins, span))?;
+                let lowered = Arc::new(lowered);
+                self.scenes.insert(scene.clone(), lowered.clone());
+                lowered
+            }
+        };
+
+        let (slots, inputs): (Vec<Slot>, Vec<Var>) = lowered.slots.iter().chain(&camera.slots).cloned().unzip();
+        let is_live = !slots.is_empty();
+        // What params reach is seen with fresh samples at every step; the rest is rendered once.
+        let varies = is_live || self.is_fresh();
+        let mut seed = mix(self.options.seed, own_seed.map_or(0, |s| s.to_bits()));
+        if own_seed.is_none() {
+            seed = mix(mix(mix(seed, self.path), u64::from(span.start)), u64::from(span.source.0));
+        }
+        if varies {
+            self.depends(|d| d.sample = true);
+            seed = mix(mix(seed, self.sample_seed), self.step);
+        }
+        let settings = Settings {
+            output,
+            spp: overrides.spp.filter(|_| is_live).unwrap_or(spp),
+            max_bounces: overrides.max_bounces.unwrap_or(max_bounces),
+            seed,
+            boundary,
+        };
+        self.statistics.renders += 1;
+        let image = grad::render(&lowered.scene, &camera.camera, &settings)
+            .map_err(|e| self.scene_error(LowerError::Scene(e), &scene, &origins, span))?;
+        let value = Tensor::from_image(&image);
+        let op = RenderOp { scene: lowered, camera: camera.camera, settings, slots };
+        Ok(Value::Image(Var::custom(Arc::new(op), inputs, value)))
+    }
+
+    /// The shapes and lights that the file declares, with the places of their declarations.
+    fn default_scene(&mut self, span: Span) -> Result<(SceneValue, Vec<Origin>)> {
+        let program = self.shared();
+        let mut scene = SceneValue::default();
+        let mut origins = Vec::new();
+        for &id in &program.default_scene {
+            let value = self.decl(id)?;
+            let decl = program.decl(id);
+            let before = (scene.shapes.len(), scene.lights.len());
+            add_to_scene(&mut scene, &value).ok_or_else(|| {
+                error::value(format!("`{}` is {}, not a shape or a light", decl.name, value.kind()), decl.name_span)
+            })?;
+            let origin = |is_light: bool| Origin { is_light, span: decl.name_span, name: decl.name.clone() };
+            origins.extend((before.0..scene.shapes.len()).map(|_| origin(false)));
+            origins.extend((before.1..scene.lights.len()).map(|_| origin(true)));
+        }
+        if scene.shapes.is_empty() && scene.lights.is_empty() && program.default_scene.is_empty() {
+            return Err(error::scene(
+                "there is nothing to render: the file declares no shape and no light",
+                span,
+                "renders the file's scene",
+            )
+            .help("add for instance `shape ball { mesh: sphere() }` and `light sky = constant(1)`"));
+        }
+        Ok((scene, origins))
+    }
+
+    fn scene_error(
+        &self,
+        e: LowerError,
+        scene: &SceneValue,
+        origins: &[Origin],
+        span: Span,
+    ) -> crate::diag::Diagnostic {
+        let find = |is_light: bool, index: usize| origins.iter().filter(|o| o.is_light == is_light).nth(index);
+        let (what, origin) = match e {
+            LowerError::Tape(message) => return error::shape(message, span),
+            LowerError::Scene(SceneError::Camera { what }) => return error::scene(what, span, "seen by this camera"),
+            LowerError::Scene(SceneError::Environment { what }) => (what, None),
+            LowerError::Scene(SceneError::Light { light, what }) => {
+                (what, find(true, lower::delta_light(scene, light).unwrap_or(light)))
+            }
+            LowerError::Scene(SceneError::Shape { shape, what }) => {
+                let origin = match lower::area_light(scene, shape) {
+                    Some(light) => find(true, light),
+                    None => find(false, shape),
+                };
+                (what, origin)
+            }
+        };
+        match origin {
+            Some(o) => {
+                error::scene(format!("`{}`: {what}", o.name), o.span, "declared here").label(span, "rendered here")
+            }
+            None => error::scene(what, span, "while rendering this"),
+        }
+    }
+}
+
+/// The declaration that put a shape or a light into the default scene.
+pub(super) struct Origin {
+    is_light: bool,
+    span: Span,
+    name: String,
+}

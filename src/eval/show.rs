@@ -1,0 +1,252 @@
+//! Values as text for people, and as JSON.
+
+use serde_json::{Map, Value as Json, json};
+
+use crate::check::types::Ty;
+use crate::natives::value::{Input, LightValue, Value};
+use crate::natives::{field, fields_of};
+use crate::tape::Tensor;
+
+/// Elements of an array that are written out.
+const SHOWN: usize = 64;
+
+/// A number as a script would write it, with at most seven significant digits.
+pub fn number_text(x: f64) -> String {
+    if x == 0.0 {
+        return "0".into();
+    }
+    if !x.is_finite() {
+        return if x.is_nan() { "NaN".into() } else { format!("{}infinity", if x < 0.0 { "-" } else { "" }) };
+    }
+    if x.fract() == 0.0 && x.abs() < 1e15 {
+        return format!("{x}");
+    }
+    let size = x.abs();
+    if !(1e-4..1e9).contains(&size) {
+        let text = format!("{x:.6e}");
+        return match text.split_once('e') {
+            Some((m, e)) => format!("{}e{e}", m.trim_end_matches('0').trim_end_matches('.')),
+            None => text,
+        };
+    }
+    let digits = (6 - size.log10().floor() as i32).clamp(0, 12) as usize;
+    let text = format!("{x:.digits$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_string() } else { text }
+}
+
+fn numbers(t: &Tensor, one: &impl Fn(f64) -> String) -> String {
+    if t.shape.is_empty() {
+        return t.data.first().map_or_else(String::new, |x| one(*x));
+    }
+    let run: usize = t.shape[1..].iter().product();
+    let items: Vec<String> = t
+        .data
+        .chunks(run.max(1))
+        .take(t.shape[0])
+        .map(|c| numbers(&Tensor { shape: t.shape[1..].to_vec(), data: c.to_vec() }, one))
+        .collect();
+    format!("[{}]", items.join(", "))
+}
+
+/// One line: what the value is, numbers written out if they are few.
+pub fn brief(value: &Value, ty: &Ty) -> String {
+    match value {
+        Value::None => "none".into(),
+        Value::Bool(b) => b.to_string(),
+        Value::Str(s) => format!("{s:?}"),
+        Value::Num(v) if matches!(ty, Ty::Angle) => {
+            numbers(v.value(), &|x| format!("{}deg", number_text(x.to_degrees())))
+        }
+        Value::Num(v) if v.len() <= SHOWN => numbers(v.value(), &number_text),
+        Value::Num(v) => format!("array {} ({})", sizes(v.shape()), spread(v.value())),
+        Value::Image(v) => {
+            let [h, w, c] = v.shape() else { return format!("image ({})", spread(v.value())) };
+            format!("image {w}×{h}, {c} channel{} ({})", if *c == 1 { "" } else { "s" }, spread(v.value()))
+        }
+        Value::Rotation(v) => format!("rotation {}", numbers(v.value(), &number_text)),
+        Value::Transform(v) => format!("transform {}", numbers(v.value(), &number_text)),
+        Value::List(items) => {
+            let (inner, n) = match ty {
+                Ty::Array(inner, _) => ((**inner).clone(), items.len()),
+                _ => (Ty::Any, items.len()),
+            };
+            let mut parts: Vec<String> = items.iter().take(8).map(|i| brief(i, &inner)).collect();
+            if n > 8 {
+                parts.push(format!("… {} more", n - 8));
+            }
+            format!("[{}]", parts.join(", "))
+        }
+        Value::Texture(t) => {
+            let [h, w, c] = t.texels.shape() else { return "texture".into() };
+            format!("texture {w}×{h}, {c} channel{}", if *c == 1 { "" } else { "s" })
+        }
+        Value::Mesh(m) => {
+            let count = |n: usize, one: &str, many: &str| format!("{n} {}", if n == 1 { one } else { many });
+            let vertices = count(m.vertices.shape()[0], "vertex", "vertices");
+            let mut text = format!("mesh of {vertices} and {}", count(m.faces.len(), "face", "faces"));
+            let extras: Vec<&str> = [("normals", &m.normals), ("uvs", &m.uvs), ("colors", &m.colors)]
+                .iter()
+                .filter(|(_, v)| v.is_some())
+                .map(|(n, _)| *n)
+                .collect();
+            if !extras.is_empty() {
+                text.push_str(&format!(", with {}", extras.join(", ")));
+            }
+            text
+        }
+        Value::Material(m) => {
+            let inputs: Vec<String> = m.inputs.iter().map(|(n, i)| format!("{n}: {}", input(i))).collect();
+            let inner = format!("{}({})", m.model.name(), inputs.join(", "));
+            if m.one_sided { format!("one_sided({inner})") } else { inner }
+        }
+        Value::Shape(s) => {
+            let (mesh, material) = (Value::Mesh(s.mesh.clone()), Value::Material(s.material.clone()));
+            format!("shape {{ mesh: {}, material: {} }}", brief(&mesh, &Ty::Mesh), brief(&material, &Ty::Material))
+        }
+        Value::Light(l) => light(l),
+        Value::Camera(c) => {
+            let fields: Vec<String> = c.fields.iter().map(|(n, v)| format!("{n}: {}", camera_field(n, v))).collect();
+            format!("camera({})", fields.join(", "))
+        }
+        Value::Scene(s) => format!("scene of {} shapes and {} lights", s.shapes.len(), s.lights.len()),
+        Value::Settings(s) => {
+            let fields: Vec<String> = s.fields.iter().map(|(n, v)| format!("{n}: {}", brief(v, &Ty::Any))).collect();
+            format!("{}({})", s.name, fields.join(", "))
+        }
+        Value::Estimate(e) if e.mean.len() <= SHOWN => {
+            let pairs = numbers(&e.mean, &number_text);
+            format!("{pairs} ± {} ({} repeats)", numbers(&e.std_error, &number_text), e.repeats)
+        }
+        Value::Estimate(e) => {
+            format!("estimate {} over {} repeats ({})", sizes(&e.mean.shape), e.repeats, spread(&e.mean))
+        }
+        Value::Gradients(all) => {
+            let lines: Vec<String> = all
+                .iter()
+                .map(|g| format!("{}: {}", g.name, brief(&Value::tensor(g.gradient.clone()), &Ty::Any)))
+                .collect();
+            format!("{{ {} }}", lines.join(", "))
+        }
+        Value::Function(_) => match ty {
+            Ty::Fn(..) => format!("function {ty}"),
+            _ => "function".into(),
+        },
+    }
+}
+
+/// Several lines where that reads better: fields of things, rows of arrays.
+pub fn show(value: &Value, ty: &Ty) -> String {
+    match value {
+        Value::Str(s) => s.to_string(),
+        Value::Num(v) if v.shape().len() >= 2 && v.len() <= SHOWN && !matches!(ty, Ty::Angle) => {
+            let run: usize = v.shape()[1..].iter().product();
+            let rows: Vec<String> = v
+                .value()
+                .data
+                .chunks(run.max(1))
+                .map(|r| numbers(&Tensor { shape: v.shape()[1..].to_vec(), data: r.to_vec() }, &number_text))
+                .collect();
+            format!("[{}]", rows.join(",\n "))
+        }
+        Value::Gradients(all) => {
+            let width = all.iter().map(|g| g.name.chars().count()).max().unwrap_or(0);
+            let line = |g: &crate::natives::value::GradientEntry| {
+                format!("{:width$}  {}", g.name, brief(&Value::tensor(g.gradient.clone()), &Ty::Any))
+            };
+            all.iter().map(line).collect::<Vec<_>>().join("\n")
+        }
+        other => brief(other, ty),
+    }
+}
+
+fn camera_field(name: &str, v: &Value) -> String {
+    brief(v, if name.starts_with("fov") { &Ty::Angle } else { &Ty::Any })
+}
+
+fn input(i: &Input) -> String {
+    match i {
+        Input::Number(v) => numbers(v.value(), &number_text),
+        Input::Texture(t) => brief(&Value::Texture(t.clone()), &Ty::Texture),
+        Input::VertexColor => "vertex_color()".into(),
+    }
+}
+
+fn light(l: &LightValue) -> String {
+    let n = |v: &crate::tape::Var| numbers(v.value(), &number_text);
+    match l {
+        LightValue::Area { mesh, radiance, .. } => {
+            format!("area({}, radiance: {})", brief(&Value::Mesh(mesh.clone()), &Ty::Mesh), input(radiance))
+        }
+        LightValue::Point { position, intensity } => {
+            format!("point(position: {}, intensity: {})", n(position), n(intensity))
+        }
+        LightValue::Directional { direction, irradiance } => {
+            format!("directional(direction: {}, irradiance: {})", n(direction), n(irradiance))
+        }
+        LightValue::Environment { radiance, .. } => format!("environment({})", input(radiance)),
+    }
+}
+
+fn sizes(shape: &[usize]) -> String {
+    shape.iter().map(usize::to_string).collect::<Vec<_>>().join("×")
+}
+
+fn spread(t: &Tensor) -> String {
+    if t.data.is_empty() {
+        return "empty".into();
+    }
+    let (mut lo, mut hi, mut sum) = (f64::INFINITY, f64::NEG_INFINITY, 0.0);
+    for &x in &t.data {
+        lo = lo.min(x);
+        hi = hi.max(x);
+        sum += x;
+    }
+    let mean = sum / t.data.len() as f64;
+    format!("{} to {}, mean {}", number_text(lo), number_text(hi), number_text(mean))
+}
+
+fn tensor_json(t: &Tensor) -> Json {
+    if t.shape.is_empty() {
+        // JSON has no NaN.
+        return t.data.first().map_or(Json::Null, |x| json!(x));
+    }
+    let run: usize = t.shape[1..].iter().product();
+    let part = |i: usize| Tensor { shape: t.shape[1..].to_vec(), data: t.data[i * run..(i + 1) * run].to_vec() };
+    Json::Array((0..t.shape[0]).map(|i| tensor_json(&part(i))).collect())
+}
+
+/// Numbers as (nested) arrays, things as objects of their fields, angles in radians.
+pub fn to_json(value: &Value) -> Json {
+    match value {
+        Value::None | Value::Function(_) => Json::Null,
+        Value::Bool(b) => json!(b),
+        Value::Str(s) => json!(&**s),
+        Value::Num(v) | Value::Image(v) | Value::Rotation(v) | Value::Transform(v) => tensor_json(v.value()),
+        Value::List(items) => Json::Array(items.iter().map(to_json).collect()),
+        Value::Estimate(e) => json!({
+            "mean": tensor_json(&e.mean), "std_error": tensor_json(&e.std_error), "repeats": e.repeats,
+        }),
+        Value::Gradients(all) => {
+            let mut map = Map::new();
+            for g in all.iter() {
+                map.insert(g.name.clone(), tensor_json(&g.gradient));
+            }
+            Json::Object(map)
+        }
+        other => {
+            let mut map = Map::new();
+            if let Value::Settings(s) = other {
+                map.insert("kind".into(), json!(s.name));
+            }
+            if let Value::Material(m) = other {
+                map.insert("kind".into(), json!(m.model.name()));
+            }
+            for name in fields_of(other) {
+                if let Some(v) = field(other, &name) {
+                    map.insert(name, to_json(&v));
+                }
+            }
+            Json::Object(map)
+        }
+    }
+}
