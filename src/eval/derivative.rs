@@ -132,7 +132,7 @@ impl Engine {
     }
 
     /// The current value of a target.
-    fn target_value(&mut self, target: &Target, span: Span) -> Result<Value> {
+    pub(super) fn target_value(&mut self, target: &Target, span: Span) -> Result<Value> {
         let mut value = self.decl(target.decl)?;
         for name in &target.path {
             value = natives::field(&value, name)

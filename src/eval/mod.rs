@@ -14,6 +14,7 @@ mod lower;
 mod reach;
 mod render;
 mod show;
+mod target;
 
 use std::collections::HashMap;
 use std::path::PathBuf;
