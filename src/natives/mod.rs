@@ -244,3 +244,6 @@ impl<'a> Args<'a> {
         Ok(if path.is_absolute() { path.to_path_buf() } else { self.context.base_dir.join(path) })
     }
 }
+
+#[cfg(test)]
+mod tests;

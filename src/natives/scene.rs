@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::image::file::{self, Encoding};
+use crate::mesh::load::{LoadedPart, load};
 use crate::render::texture::{Filter, Wrap};
 use crate::tape::{Slice, Tensor, Var};
 
@@ -55,6 +56,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("constant", |a| light(LightValue::Environment { radiance: Input::Number(power(a, "radiance")?), rotation: None })),
     ("scene", scene),
     ("camera", camera),
+    ("load_shapes", load_shapes),
     ("integrator", |a| keep(a, "integrator")),
     ("sgd", |a| keep(a, "sgd")),
     ("adam", |a| keep(a, "adam")),
@@ -429,4 +431,42 @@ pub(crate) fn transform_matrix(v: &Value) -> Option<Var> {
 
 pub(crate) fn linear_part(m: &Var) -> Result<Var> {
     Ok(m.slice(&[Slice::Range(0, 3), Slice::Range(0, 3)])?)
+}
+
+// ---- files with materials ------------------------------------------------------------------------------------------
+
+/// The parts of a mesh file; those that emit light are lights.
+fn load_shapes(a: &Args) -> Result<Value> {
+    let loaded = load(&a.path(0)?).map_err(|e| NativeError::at(0, e.to_string()))?;
+    let parts = loaded.parts.iter().filter(|p| !p.mesh.faces.is_empty());
+    let shapes: Vec<Value> = parts.map(part).collect();
+    if shapes.is_empty() {
+        return Err(NativeError::at(0, "the file has no triangles"));
+    }
+    Ok(Value::list(shapes))
+}
+
+fn part(part: &LoadedPart) -> Value {
+    let mesh = Arc::new(MeshValue::from(&part.mesh));
+    let Some(loaded) = &part.material else {
+        return Value::Shape(Arc::new(ShapeValue { mesh, material: Arc::new(grey()) }));
+    };
+    let texels = |image: crate::image::Image| {
+        let texels = Var::constant(Tensor::from_image(&image));
+        Input::Texture(Arc::new(TextureValue { texels, wrap: Wrap::Repeat, filter: Filter::Bilinear }))
+    };
+    let inputs = vec![
+        ("base_color", texels(loaded.base_color_texels())),
+        ("metallic", texels(loaded.metallic_texels())),
+        ("roughness", texels(loaded.roughness_texels())),
+        ("specular", Input::Number(Var::from(0.5 * f64::from(loaded.specular)))),
+    ];
+    let material = Arc::new(MaterialValue { model: Model::Principled, inputs, one_sided: !loaded.double_sided });
+    match loaded.emissive_texels() {
+        Some(image) => {
+            let (radiance, two_sided) = (texels(image), loaded.double_sided);
+            Value::Light(Arc::new(LightValue::Area { mesh, radiance, two_sided, material: Some(material) }))
+        }
+        None => Value::Shape(Arc::new(ShapeValue { mesh, material })),
+    }
 }
