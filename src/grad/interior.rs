@@ -239,7 +239,8 @@ fn d_arriving<S: Sink>(
 
 /// Adjoint of the unit direction towards a directional light → its `direction` (which points the other way).
 pub fn d_direction<S: Sink>(out: &mut Adjoints<S>, light: u32, d_towards: Vec3) {
-    if let crate::render::DeltaLight::Directional { direction, .. } = out.scene.description.delta_lights[light as usize]
+    if let crate::render::DeltaLight::Directional { direction, .. } =
+        out.scene.description.delta_lights[light as usize]
     {
         out.light_placement(light, crate::math::d_normalize(direction, -d_towards));
     }
@@ -409,7 +410,8 @@ impl Pass for Interior<'_> {
                 if self.settings.output == Output::Radiance {
                     path.vertices.clear();
                     trace(self.scene, Start::Ray(ray, &[]), &mut sampler, &options, &mut path);
-                    let boundary = self.secondary.as_ref().and_then(|s| s.sample(&path, &mut sampler).map(|b| (s, b)));
+                    let boundary =
+                        self.secondary.as_ref().and_then(|s| s.sample(&path, &mut sampler).map(|b| (s, b)));
                     out.pixel(pixel, |d, out| {
                         let d = d * inv_spp;
                         let injection = boundary.as_ref().map(|(secondary, b)| {
