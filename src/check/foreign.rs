@@ -3,7 +3,9 @@
 /// The field or argument that `name` is called here, given what the callee has.
 pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
     let candidates: &[&'static str] = match name.to_lowercase().as_str() {
-        "albedo" | "kd" | "rho" | "diffuse_reflectance" | "base_colour" | "basecolor" => &["reflectance", "diffuse", "base_color"],
+        "albedo" | "kd" | "rho" | "diffuse_reflectance" | "base_colour" | "basecolor" => {
+            &["reflectance", "diffuse", "base_color"]
+        }
         "color" | "colour" => &["reflectance", "base_color", "radiance", "intensity", "irradiance", "diffuse"],
         "ks" | "specular_reflectance" => &["specular", "reflectance"],
         "alpha" | "glossiness" | "shininess" | "exponent" => &["roughness"],

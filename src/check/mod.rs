@@ -1,4 +1,164 @@
 //! From trees to a typed program: names, imports, types, units, shapes, dataflow.
+//!
+//! Types are inferred by running the program on types: every declaration is checked when it is first needed, and the
+//! body of a function once for each combination of argument types.
 
+mod actions;
+mod arith;
+mod call;
+mod declare;
+mod fields;
+mod flow;
+mod foreign;
 pub mod hir;
+mod infer;
+mod modules;
+mod results;
+mod signature;
 pub mod types;
+
+use std::io;
+use std::path::Path;
+
+use crate::diag::{self, Diagnostic};
+use crate::source::SourceMap;
+
+pub use flow::{reaching_params, reaching_params_of};
+use modules::Checker;
+
+/// The outside world as the checker sees it.
+pub trait Loader {
+    fn read(&self, path: &Path) -> io::Result<String>;
+    fn exists(&self, path: &Path) -> bool;
+}
+
+/// Files on disk.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Disk;
+
+impl Loader for Disk {
+    fn read(&self, path: &Path) -> io::Result<String> {
+        let bytes = std::fs::read(path)?;
+        String::from_utf8(bytes).map_err(|e| io::Error::new(io::ErrorKind::InvalidData, e.utf8_error().to_string()))
+    }
+
+    fn exists(&self, path: &Path) -> bool {
+        path.exists()
+    }
+}
+
+/// What checking gives: the program if there are no errors, all diagnostics in source order, and the texts they point into.
+pub struct Checked {
+    pub program: Option<hir::Program>,
+    pub diagnostics: Vec<Diagnostic>,
+    pub sources: SourceMap,
+}
+
+/// Checks a file. `overrides` are `--set NAME=EXPR`: they replace the values of declarations of the file.
+pub fn check(path: &Path, overrides: &[(String, String)], loader: &(dyn Loader + Sync)) -> Checked {
+    match loader.read(path) {
+        Ok(text) => check_text(&path.display().to_string(), Some(path), text, overrides, loader),
+        Err(error) => {
+            let shown = path.display();
+            let reason = match error.kind() {
+                io::ErrorKind::NotFound => "there is no such file".to_owned(),
+                io::ErrorKind::InvalidData => "it is not a text (not valid UTF-8)".to_owned(),
+                _ => error.to_string(),
+            };
+            let diagnostic = Diagnostic::error("dscene::file::unreadable", format!("cannot read `{shown}`: {reason}"));
+            Checked { program: None, diagnostics: vec![diagnostic], sources: SourceMap::new() }
+        }
+    }
+}
+
+/// Checks a text. `path` is where it lies, if it does: imports and files are looked up beside it.
+pub fn check_text(
+    name: &str,
+    path: Option<&Path>,
+    text: impl Into<String>,
+    overrides: &[(String, String)],
+    loader: &(dyn Loader + Sync),
+) -> Checked {
+    let mut sources = SourceMap::new();
+    let main = sources.add(name, path, text);
+    let overrides = overrides
+        .iter()
+        .map(|(name, expr)| (name.clone(), sources.add(format!("--set {name}"), path, expr.as_str())))
+        .collect();
+    let origin = hir::Origin { main: Some(main), overrides, lines: Vec::new() };
+    with_deep_stack(move || {
+        let mut checker = Checker::new(sources, loader);
+        checker.run(origin);
+        let (program, mut diagnostics, sources) = checker.finish();
+        diag::sort(&mut diagnostics);
+        let failed = diagnostics.iter().any(Diagnostic::is_error);
+        Checked { program: (!failed).then_some(program), diagnostics, sources }
+    })
+}
+
+/// What a line of the REPL turned out to be.
+#[derive(Clone, Debug)]
+pub enum Line {
+    /// It declared or replaced something; the program has it. The ids of what is new or changed.
+    Declared(Vec<hir::DeclId>),
+    Action(hir::Action),
+    Expr(hir::Expr),
+    /// Nothing but white space and comments.
+    Empty,
+}
+
+/// Checks a line (a declaration, an action or an expression) against a program. Declarations of the same name are
+/// replaced and keep their id. The program is changed only if there are no errors, but it always gets the line's source.
+pub fn check_line(program: &mut hir::Program, text: &str) -> (Option<Line>, Vec<Diagnostic>) {
+    let mut sources = program.sources.clone();
+    let path = program.origin.main.and_then(|id| sources.get(id)).and_then(|f| f.path.clone());
+    let line = sources.add("<line>", path.as_deref(), text);
+    program.sources = sources.clone();
+    let mut origin = program.origin.clone();
+    let (new_program, result, mut diagnostics) = with_deep_stack(move || {
+        let mut checker = Checker::new(sources, &Disk);
+        checker.quiet = true;
+        let result = if crate::syntax::is_statement(text) {
+            origin.lines.push(line);
+            checker.run(origin);
+            checker.line_result(line)
+        } else {
+            checker.run(origin);
+            checker.line_expr(line)
+        };
+        let (program, diagnostics, _) = checker.finish();
+        (program, result, diagnostics)
+    });
+    diag::sort(&mut diagnostics);
+    // Warnings about the rest of the file were told when it was checked.
+    diagnostics.retain(|d| d.is_error() || d.span().is_some_and(|s| s.source == line));
+    if diagnostics.iter().any(Diagnostic::is_error) {
+        return (None, diagnostics);
+    }
+    if let Line::Declared(_) = result {
+        *program = new_program;
+    }
+    (Some(result), diagnostics)
+}
+
+/// The declarations of the standard library (and nothing else), for documentation and completion.
+pub fn library() -> hir::Program {
+    let checked = check_text("<empty>", None, "", &[], &Disk);
+    checked.program.unwrap_or_default()
+}
+
+/// Trees may be as deep as the parser lets them be; the checker walks them on a stack that suffices.
+fn with_deep_stack<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+    const STACK: usize = 256 << 20;
+    std::thread::scope(|scope| match std::thread::Builder::new().stack_size(STACK).spawn_scoped(scope, work) {
+        Ok(handle) => match handle.join() {
+            Ok(result) => result,
+            Err(panic) => std::panic::resume_unwind(panic),
+        },
+        // No thread to be had: nothing can run at all.
+        Err(error) => std::panic::panic_any(format!("cannot start the checker's thread: {error}")),
+    })
+}
+
+#[cfg(test)]
+mod tests;

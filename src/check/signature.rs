@@ -179,9 +179,33 @@ impl fmt::Display for Sig {
 
 /// The names of types that annotations may use.
 pub const TYPE_NAMES: [&str; 27] = [
-    "scalar", "int", "bool", "string", "angle", "vec2", "vec3", "vec4", "color", "mat3", "mat4", "rotation",
-    "transform", "image", "texture", "mesh", "material", "shape", "light", "medium", "camera", "scene", "integrator",
-    "optimizer", "number", "any", "preconditioner",
+    "scalar",
+    "int",
+    "bool",
+    "string",
+    "angle",
+    "vec2",
+    "vec3",
+    "vec4",
+    "color",
+    "mat3",
+    "mat4",
+    "rotation",
+    "transform",
+    "image",
+    "texture",
+    "mesh",
+    "material",
+    "shape",
+    "light",
+    "medium",
+    "camera",
+    "scene",
+    "integrator",
+    "optimizer",
+    "number",
+    "any",
+    "preconditioner",
 ];
 
 /// The type of that name.

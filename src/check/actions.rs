@@ -1,0 +1,206 @@
+//! Actions: `optimize`, `save`, `print`, `plot`, `expect`.
+
+use super::hir;
+use super::modules::Checker;
+use super::signature::{Const, Sig};
+use super::types::Ty;
+use crate::diag::{Diagnostic, did_you_mean};
+use crate::syntax::ast;
+
+/// Fields of `optimize`.
+const OPTIMIZE: [&str; 8] = ["over", "using", "steps", "stop_when", "correlated", "spp", "film_scale", "max_bounces"];
+/// Fields of a `stage`.
+const STAGE: [&str; 5] = ["steps", "using", "spp", "film_scale", "max_bounces"];
+
+impl Checker<'_> {
+    pub fn top_action(&mut self, action: &ast::Action) {
+        let action = self.action(action);
+        self.actions.push(action);
+    }
+
+    fn action(&mut self, action: &ast::Action) -> hir::Action {
+        match action {
+            ast::Action::Optimize(o) => hir::Action::Optimize(Box::new(self.optimize(o))),
+            ast::Action::Save { value, path, span } => {
+                let value = self.expr(value, None).expr;
+                let savable =
+                    matches!(value.ty, Ty::Image { .. } | Ty::Mesh | Ty::Num(_) | Ty::Texture) || value.ty.is_unknown();
+                if !savable {
+                    let help = matches!(value.ty, Ty::Camera { .. })
+                        .then(|| format!("render it: `save render({}) to …`", self.sources.text(value.span)));
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::type::mismatch", format!("a `{}` cannot be saved", value.ty))
+                            .label(value.span, format!("this is `{}`", value.ty))
+                            .help(
+                                help.unwrap_or_else(|| "images, meshes and arrays of numbers can be saved".to_owned()),
+                            ),
+                    );
+                }
+                hir::Action::Save { path: self.path(path, &value.ty), value, span: *span }
+            }
+            ast::Action::Print { values, span } => {
+                hir::Action::Print { values: values.iter().map(|v| self.expr(v, None).expr).collect(), span: *span }
+            }
+            ast::Action::Plot { values, path, span } => hir::Action::Plot {
+                values: values.iter().map(|v| self.expr(v, None).expr).collect(),
+                path: path.as_ref().map(|p| self.path(p, &Ty::Any)),
+                span: *span,
+            },
+            ast::Action::Expect { condition, span } => {
+                hir::Action::Expect { condition: self.condition(condition), span: *span }
+            }
+        }
+    }
+
+    fn path(&mut self, path: &ast::Expr, saved: &Ty) -> hir::Expr {
+        let typed = self.expr(path, None);
+        if !typed.expr.ty.is_unknown() && typed.expr.ty != Ty::Str {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::mismatch", format!("a path is a string, not `{}`", typed.expr.ty))
+                    .label(path.span, format!("this is `{}`", typed.expr.ty)),
+            );
+        }
+        // The ending is known even where the name is interpolated.
+        let ending = match &typed.expr.kind {
+            hir::ExprKind::Str(parts) => match parts.last() {
+                Some(hir::StrPart::Text(text)) => text.rsplit_once('.').map(|(_, e)| e.to_lowercase()),
+                _ => None,
+            },
+            _ => None,
+        };
+        let known: &[&str] = match saved {
+            Ty::Image { .. } | Ty::Texture => &["png", "exr", "hdr", "jpg", "jpeg"],
+            Ty::Mesh => &["obj", "ply"],
+            _ => &[],
+        };
+        if let Some(ending) = ending
+            && !known.is_empty()
+            && !known.contains(&ending.as_str())
+        {
+            let known: Vec<String> = known.iter().map(|k| format!("`.{k}`")).collect();
+            self.diagnostics.push(
+                Diagnostic::error("dscene::file::format", format!("a `{saved}` cannot be saved as `.{ending}`"))
+                    .label(path.span, "unknown ending")
+                    .help(format!("the endings are: {}", known.join(", "))),
+            );
+        }
+        typed.expr
+    }
+
+    fn optimize(&mut self, o: &ast::Optimize) -> hir::Optimize {
+        let loss = self.expr(&o.loss, None).expr;
+        if !loss.ty.is_unknown() && !loss.ty.is_scalar() {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::loss", "what is optimised is not a scalar")
+                    .label(o.loss.span, format!("this is `{}`", loss.ty))
+                    .help("optimise one number, such as `mse(image, target)`"),
+            );
+        }
+        let mut out = hir::Optimize {
+            name: self.sources.text(o.loss.span).to_owned(),
+            loss,
+            over: None,
+            using: None,
+            steps: None,
+            stages: Vec::new(),
+            stop_when: None,
+            every: Vec::new(),
+            correlated: None,
+            settings: Vec::new(),
+            span: o.span,
+        };
+        let mut seen: Vec<&ast::Name> = Vec::new();
+        for field in &o.fields {
+            if let Some(first) = seen.iter().find(|n| n.text == field.name.text) {
+                self.report_twice(&field.name, first.span);
+                continue;
+            }
+            seen.push(&field.name);
+            match field.name.text.as_str() {
+                "over" => out.over = Some(self.over(&field.value)),
+                "using" => out.using = Some(self.checked_field(field, &Sig::Is(Ty::Optimizer))),
+                "steps" => out.steps = Some(self.steps(field)),
+                "correlated" => out.correlated = Some(self.checked_field(field, &Sig::Is(Ty::Bool))),
+                "stop_when" => {
+                    self.in_stop_when = true;
+                    out.stop_when = Some(self.condition(&field.value));
+                    self.in_stop_when = false;
+                }
+                _ => out.settings.extend(self.setting(field, "optimize", &OPTIMIZE)),
+            }
+        }
+        for stage in &o.stages {
+            let mut lowered = hir::Stage {
+                name: stage.name.text.clone(),
+                steps: None,
+                using: None,
+                settings: Vec::new(),
+                span: stage.span,
+            };
+            for field in &stage.fields {
+                match field.name.text.as_str() {
+                    "using" => lowered.using = Some(self.checked_field(field, &Sig::Is(Ty::Optimizer))),
+                    "steps" => lowered.steps = Some(self.steps(field)),
+                    _ => lowered.settings.extend(self.setting(field, "a stage", &STAGE)),
+                }
+            }
+            out.stages.push(lowered);
+        }
+        for every in &o.every {
+            let steps = self.expr(&every.steps, None);
+            let fine = steps.expr.ty.is_unknown()
+                || steps.expr.ty.is_scalar() && steps.value.as_ref().is_none_or(|v| v.count().is_some_and(|n| n > 0));
+            if !fine {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::type::mismatch", "`every` counts steps: a whole number from 1")
+                        .label(every.steps.span, "not a number of steps"),
+                );
+            }
+            let actions = every.actions.iter().map(|a| self.action(a)).collect();
+            out.every.push(hir::Every { steps: steps.expr, actions, span: every.span });
+        }
+        out
+    }
+
+    fn steps(&mut self, field: &ast::Field) -> hir::Expr {
+        self.checked_field(field, &Sig::Int(Vec::new()))
+    }
+
+    fn setting(&mut self, field: &ast::Field, what: &str, known: &[&'static str]) -> Option<(String, hir::Expr)> {
+        let name = field.name.text.as_str();
+        let wanted = match name {
+            "spp" | "max_bounces" => Sig::Int(Vec::new()),
+            "film_scale" => Sig::Is(Ty::SCALAR),
+            _ => {
+                let foreign = super::foreign::field(name, known).map(|f| format!("did you mean `{f}`?"));
+                let help = foreign.or_else(|| did_you_mean(name, "its fields are", known.iter().copied()));
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::name::field", format!("{what} has no field `{name}`"))
+                        .label(field.name.span, "unknown field")
+                        .help_opt(help),
+                );
+                self.expr(&field.value, None);
+                return None;
+            }
+        };
+        let value = self.checked_field(field, &wanted);
+        if let hir::ExprKind::Number(x) = value.kind
+            && Const::Num(x).number().is_some_and(|x| x <= 0.0)
+            && name != "max_bounces"
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::value::range", format!("`{name}` must be positive"))
+                    .label(value.span, "not positive"),
+            );
+        }
+        Some((name.to_owned(), value))
+    }
+
+    fn over(&mut self, value: &ast::Expr) -> Vec<(hir::Target, crate::source::Span)> {
+        let items = match &value.kind {
+            ast::ExprKind::Array(items) => items.as_slice(),
+            _ => std::slice::from_ref(value),
+        };
+        items.iter().filter_map(|item| self.wrt(item).map(|(target, _)| (target, item.span))).collect()
+    }
+}

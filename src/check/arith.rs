@@ -1,0 +1,285 @@
+//! Operators: broadcasting, units, comparison.
+
+use super::declare::broken;
+use super::hir::{BinaryOp, ExprKind, UnaryOp};
+use super::infer::{Typed, typed};
+use super::modules::Checker;
+use super::signature::Const;
+use super::types::{Dim, Ty};
+use crate::diag::Diagnostic;
+use crate::source::Span;
+use crate::syntax::ast;
+
+impl Checker<'_> {
+    pub fn unary(&mut self, op: UnaryOp, operand: &ast::Expr, span: Span) -> Typed {
+        let operand = self.expr(operand, None);
+        let ty = operand.expr.ty.clone();
+        let fine = ty.is_unknown()
+            || match op {
+                UnaryOp::Neg => matches!(ty, Ty::Num(_) | Ty::Angle | Ty::Image { .. }),
+                UnaryOp::Not => ty == Ty::Bool,
+            };
+        if !fine {
+            let (sign, wanted) = if op == UnaryOp::Neg { ("-", "a number or an angle") } else { ("not", "a `bool`") };
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::mismatch", format!("`{sign}` needs {wanted}, not `{ty}`"))
+                    .label(operand.expr.span, format!("this is `{ty}`")),
+            );
+            return broken(span);
+        }
+        let value = match (op, &operand.value) {
+            (UnaryOp::Neg, Some(value)) => negate(value),
+            (UnaryOp::Not, Some(Const::Bool(b))) => Some(Const::Bool(!b)),
+            _ => None,
+        };
+        Typed { value, ..typed(ExprKind::Unary { op, operand: Box::new(operand.expr) }, span, ty) }
+    }
+
+    pub fn binary(&mut self, op: BinaryOp, op_span: Span, left: &ast::Expr, right: &ast::Expr, span: Span) -> Typed {
+        let (left, right) = (self.expr(left, None), self.expr(right, None));
+        let (a, b) = (&left.expr.ty, &right.expr.ty);
+        if *a == Ty::Error || *b == Ty::Error {
+            return broken(span);
+        }
+        match result_type(op, a, b) {
+            Ok(ty) => {
+                let value = match (&left.value, &right.value) {
+                    (Some(a), Some(b)) => compute(op, a, b),
+                    _ => None,
+                };
+                let kind = ExprKind::Binary { op, left: Box::new(left.expr), right: Box::new(right.expr) };
+                Typed { value, ..typed(kind, span, ty) }
+            }
+            Err(help) => {
+                let sizes = image_sizes(a).zip(image_sizes(b)).filter(|(a, b)| a != b);
+                let mut diagnostic = match &sizes {
+                    Some((a, b)) => Diagnostic::error(
+                        "dscene::type::shape",
+                        format!("`{}` of images of different sizes: {a} and {b}", sign(op)),
+                    ),
+                    None => {
+                        let code = if matches!((a, b), (Ty::Num(_) | Ty::Image { .. }, Ty::Num(_) | Ty::Image { .. })) {
+                            "dscene::type::shape"
+                        } else {
+                            "dscene::type::mismatch"
+                        };
+                        Diagnostic::error(code, format!("`{}` does not go with `{a}` and `{b}`", sign(op)))
+                    }
+                }
+                .label(op_span, "this operator")
+                .label(left.expr.span, format!("this is `{a}`"))
+                .label(right.expr.span, format!("this is `{b}`"));
+                for ty in [a, b] {
+                    if let (Ty::Image { made, .. }, true) = (ty, sizes.is_some())
+                        && let (Some(made), Some(size)) = (made.0, image_sizes(ty))
+                    {
+                        diagnostic = diagnostic.label(made, format!("{size} comes from here"));
+                    }
+                }
+                let help = if help.is_empty() { self.unit_help(op, &left, &right) } else { Some(help) };
+                self.diagnostics.push(diagnostic.help_opt(help));
+                broken(span)
+            }
+        }
+    }
+
+    /// A number beside an angle: propose the unit.
+    fn unit_help(&self, op: BinaryOp, left: &Typed, right: &Typed) -> Option<String> {
+        let number = match (&left.expr.ty, &right.expr.ty) {
+            (Ty::Angle, Ty::Num(_)) => right,
+            (Ty::Num(_), Ty::Angle) => left,
+            _ => return None,
+        };
+        if matches!(op, BinaryOp::Mul | BinaryOp::Div | BinaryOp::Pow) {
+            return Some("divide an angle by `1rad` (or `1deg`) to get a number".to_owned());
+        }
+        let text = self.sources.text(number.expr.span);
+        Some(match number.expr.kind {
+            ExprKind::Number(_) => format!("give it a unit: `{text}deg` or `{text}rad`"),
+            _ => format!("multiply the number by a unit: `({text}) * 1deg`"),
+        })
+    }
+}
+
+fn sign(op: BinaryOp) -> &'static str {
+    match op {
+        BinaryOp::Add => "+",
+        BinaryOp::Sub => "-",
+        BinaryOp::Mul => "*",
+        BinaryOp::Div => "/",
+        BinaryOp::Pow => "^",
+        BinaryOp::Eq => "==",
+        BinaryOp::Ne => "!=",
+        BinaryOp::Lt => "<",
+        BinaryOp::Le => "<=",
+        BinaryOp::Gt => ">",
+        BinaryOp::Ge => ">=",
+        BinaryOp::And => "and",
+        BinaryOp::Or => "or",
+    }
+}
+
+/// `256×256`, if known.
+pub fn image_sizes(ty: &Ty) -> Option<String> {
+    match ty {
+        Ty::Image { height: Some(h), width: Some(w), .. } => Some(format!("{w}×{h}")),
+        _ => None,
+    }
+}
+
+/// The type of `a op b`, or a help text (maybe empty).
+fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
+    use BinaryOp::*;
+    let bad = || Err(String::new());
+    match op {
+        And | Or => match (a, b) {
+            (Ty::Bool | Ty::Any, Ty::Bool | Ty::Any) => Ok(Ty::Bool),
+            _ => Err(format!("`{}` joins conditions (`bool`)", sign(op))),
+        },
+        Eq | Ne => match (a, b) {
+            (Ty::Any, _) | (_, Ty::Any) => Ok(Ty::Bool),
+            (Ty::Str, Ty::Str) | (Ty::Bool, Ty::Bool) | (Ty::Angle, Ty::Angle) => Ok(Ty::Bool),
+            (Ty::Num(_), Ty::Num(_)) if broadcast(a, b).is_some() => Ok(Ty::Bool),
+            _ => bad(),
+        },
+        Lt | Le | Gt | Ge => match (a, b) {
+            (Ty::Any, other) | (other, Ty::Any) if other.is_unknown() || other.is_scalar() || *other == Ty::Angle => {
+                Ok(Ty::Bool)
+            }
+            (Ty::Angle, Ty::Angle) => Ok(Ty::Bool),
+            _ if a.is_scalar() && b.is_scalar() => Ok(Ty::Bool),
+            (Ty::Num(_) | Ty::Image { .. }, Ty::Num(_) | Ty::Image { .. }) => {
+                Err("compare single numbers: reduce arrays first, for instance with `max(…)` or `mean(…)`".to_owned())
+            }
+            (Ty::Estimate(_), other) | (other, Ty::Estimate(_)) if other.is_scalar() => {
+                Err("take the estimate's `.mean`".to_owned())
+            }
+            _ => bad(),
+        },
+        Add | Sub => match (a, b) {
+            (Ty::Angle, Ty::Angle | Ty::Any) | (Ty::Any, Ty::Angle) => Ok(Ty::Angle),
+            (Ty::Str, Ty::Str) => Err("join texts by interpolation: `\"{a}{b}\"`".to_owned()),
+            _ => broadcast(a, b).ok_or_else(String::new),
+        },
+        Mul => match (a, b) {
+            (Ty::Angle, other) | (other, Ty::Angle) if other.is_scalar() || *other == Ty::Any => Ok(Ty::Angle),
+            (Ty::Rotation | Ty::Transform, Ty::Rotation | Ty::Transform) => {
+                Err("join them with `compose(first, second)`".to_owned())
+            }
+            (Ty::Mesh, _) | (_, Ty::Mesh) => Err("scale a mesh with `|> scale(2)`".to_owned()),
+            _ => broadcast(a, b).ok_or_else(String::new),
+        },
+        Div => match (a, b) {
+            (Ty::Angle, Ty::Angle) => Ok(Ty::SCALAR),
+            (Ty::Angle, other) if other.is_scalar() => Ok(Ty::Angle),
+            (Ty::Angle, Ty::Any) | (Ty::Any, Ty::Angle) => Ok(Ty::Any),
+            _ => broadcast(a, b).ok_or_else(String::new),
+        },
+        Pow => broadcast(a, b).ok_or_else(String::new),
+    }
+}
+
+/// Shapes are aligned at their last axes; a length of 1 is repeated. Images go with numbers for all pixels or channels.
+pub fn broadcast(a: &Ty, b: &Ty) -> Option<Ty> {
+    match (a, b) {
+        (Ty::Any, Ty::Num(_) | Ty::Image { .. } | Ty::Any) => {
+            Some(if matches!(b, Ty::Image { .. }) { b.clone() } else { Ty::Any })
+        }
+        (Ty::Num(_) | Ty::Image { .. }, Ty::Any) => {
+            Some(if matches!(a, Ty::Image { .. }) { a.clone() } else { Ty::Any })
+        }
+        (Ty::Num(x), Ty::Num(y)) => {
+            let n = x.len().max(y.len());
+            let at = |s: &[Dim], i: usize| (i + s.len()).checked_sub(n).map_or(Some(1), |i| s[i]);
+            let dims: Option<Vec<Dim>> = (0..n).map(|i| dim(at(x, i), at(y, i))).collect();
+            dims.map(Ty::Num)
+        }
+        (Ty::Image { height, width, channels, made }, Ty::Image { height: h, width: w, channels: c, made: m }) => {
+            let same = |a: Dim, b: Dim| match (a, b) {
+                (Some(a), Some(b)) if a != b => None,
+                (a, b) => Some(a.or(b)),
+            };
+            Some(Ty::Image {
+                height: same(*height, *h)?,
+                width: same(*width, *w)?,
+                channels: dim(*channels, *c)?,
+                made: if made.0.is_some() { *made } else { *m },
+            })
+        }
+        (Ty::Image { height, width, channels, made }, Ty::Num(s))
+        | (Ty::Num(s), Ty::Image { height, width, channels, made }) => {
+            let channels = match s.as_slice() {
+                [] => *channels,
+                [n] => dim(*channels, *n)?,
+                _ => return None,
+            };
+            Some(Ty::Image { height: *height, width: *width, channels, made: *made })
+        }
+        (Ty::Array(item, n), other) | (other, Ty::Array(item, n)) if matches!(**item, Ty::Any) => {
+            matches!(other, Ty::Num(_) | Ty::Array(..)).then(|| Ty::Array(Box::new(Ty::Any), *n))
+        }
+        _ => None,
+    }
+}
+
+fn dim(a: Dim, b: Dim) -> Option<Dim> {
+    match (a, b) {
+        (Some(1), other) | (other, Some(1)) => Some(other),
+        (Some(a), Some(b)) if a != b => None,
+        (a, b) => Some(a.or(b)),
+    }
+}
+
+fn negate(value: &Const) -> Option<Const> {
+    Some(match value {
+        Const::Num(x) => Const::Num(-x),
+        Const::Angle(x) => Const::Angle(-x),
+        Const::List(items) => Const::List(items.iter().map(negate).collect::<Option<_>>()?),
+        _ => return None,
+    })
+}
+
+/// What is known of both sides is computed; sizes, bounds and indices need it.
+fn compute(op: BinaryOp, a: &Const, b: &Const) -> Option<Const> {
+    use BinaryOp::*;
+    Some(match (a, b) {
+        (Const::Num(x), Const::Num(y)) => match op {
+            Add => Const::Num(x + y),
+            Sub => Const::Num(x - y),
+            Mul => Const::Num(x * y),
+            Div => Const::Num(x / y),
+            Pow => Const::Num(x.powf(*y)),
+            Eq => Const::Bool(x == y),
+            Ne => Const::Bool(x != y),
+            Lt => Const::Bool(x < y),
+            Le => Const::Bool(x <= y),
+            Gt => Const::Bool(x > y),
+            Ge => Const::Bool(x >= y),
+            And | Or => return None,
+        },
+        (Const::Angle(x), Const::Angle(y)) => match op {
+            Add => Const::Angle(x + y),
+            Sub => Const::Angle(x - y),
+            Div => Const::Num(x / y),
+            _ => return None,
+        },
+        (Const::Angle(x), Const::Num(y)) if op == Mul => Const::Angle(x * y),
+        (Const::Num(x), Const::Angle(y)) if op == Mul => Const::Angle(x * y),
+        (Const::Angle(x), Const::Num(y)) if op == Div => Const::Angle(x / y),
+        (Const::Bool(x), Const::Bool(y)) => match op {
+            And => Const::Bool(*x && *y),
+            Or => Const::Bool(*x || *y),
+            _ => return None,
+        },
+        (Const::List(x), Const::List(y)) if x.len() == y.len() && !matches!(op, Eq | Ne) => {
+            Const::List(x.iter().zip(y).map(|(x, y)| compute(op, x, y)).collect::<Option<_>>()?)
+        }
+        (Const::List(x), y @ (Const::Num(_) | Const::Angle(_))) => {
+            Const::List(x.iter().map(|x| compute(op, x, y)).collect::<Option<_>>()?)
+        }
+        (x @ (Const::Num(_) | Const::Angle(_)), Const::List(y)) => {
+            Const::List(y.iter().map(|y| compute(op, x, y)).collect::<Option<_>>()?)
+        }
+        _ => return None,
+    })
+}

@@ -1,0 +1,763 @@
+//! Calls: arguments to parameters, type variables, one check of a function's body for each combination of argument types.
+
+use std::sync::Arc;
+
+use super::arith::{broadcast, image_sizes};
+use super::declare::broken;
+use super::hir::{self, Callee, DeclId, DerivativeKind, ExprKind};
+use super::infer::{Typed, typed};
+use super::modules::{Checker, Instance, Signature, State};
+use super::results;
+use super::signature::{Const, Sig, fits};
+use super::types::Ty;
+use crate::diag::{Diagnostic, Label, did_you_mean};
+use crate::source::Span;
+use crate::syntax::ast::{self, StatementKind};
+
+/// Functions call functions at most so deep.
+const MAX_CALL_DEPTH: usize = 48;
+
+/// What is called, in words: a function with arguments or a kind with fields.
+#[derive(Clone, Copy)]
+struct Site<'a> {
+    name: &'a str,
+    /// Label for what is missing.
+    span: Span,
+    is_kind: bool,
+}
+
+impl Site<'_> {
+    fn noun(&self) -> &'static str {
+        if self.is_kind { "field" } else { "argument" }
+    }
+}
+
+struct Given<'a> {
+    name: Option<ast::Name>,
+    value: &'a ast::Expr,
+}
+
+impl Checker<'_> {
+    pub fn call(&mut self, callee: &ast::Expr, args: &[ast::Argument], span: Span, wanted: Option<&Sig>) -> Typed {
+        let given: Vec<Given> = args.iter().map(|a| Given { name: a.name.clone(), value: &a.value }).collect();
+        let decl = match &callee.kind {
+            ast::ExprKind::Name(name) if !self.locals.iter().any(|l| l.name == *name) => self.lookup(name),
+            ast::ExprKind::Member { base, name } => match self.module_member(base, name) {
+                Some(Ok(id)) => Some(id),
+                Some(Err(())) => return self.after_error(&given, span),
+                None => None,
+            },
+            _ => None,
+        };
+        let Some(mut id) = decl.filter(|id| matches!(self.slot(*id).statement.kind, StatementKind::Fn(_))) else {
+            return self.call_value(callee, &given, span);
+        };
+        let mut name = self.slot(id).name.text.clone();
+        if !self.is_user(id) {
+            let kind = match name.as_str() {
+                "grad" => Some(DerivativeKind::Grad),
+                "jvp" => Some(DerivativeKind::Jvp),
+                "fd" => Some(DerivativeKind::FiniteDifference),
+                "estimate" => Some(DerivativeKind::Estimate),
+                _ => None,
+            };
+            if let Some(kind) = kind {
+                return self.derivative(kind, &name, &given, callee.span, span);
+            }
+            // `constant` is a light, and where a number is wanted a schedule.
+            let number = matches!(wanted, Some(Sig::Is(Ty::Num(_)) | Sig::Int(_) | Sig::Number));
+            if name == "constant"
+                && number
+                && let Some(rate) = self.builtin("constant_rate")
+            {
+                id = rate;
+                name = "constant".to_owned();
+            }
+        }
+        let site = Site { name: &name, span: callee.span, is_kind: false };
+        self.call_decl(id, &given, site, span)
+    }
+
+    /// `KIND NAME { fields }`.
+    pub fn construct(&mut self, kind: &ast::Name, fields: &[ast::Field], span: Span) -> Typed {
+        let given: Vec<Given> = fields.iter().map(|f| Given { name: Some(f.name.clone()), value: &f.value }).collect();
+        let Some(id) = self.builtin(&kind.text) else {
+            let help = match kind.text.as_str() {
+                "material" => "materials have several models: `material NAME = diffuse(…)`, `conductor(…)`, `phong(…)`, `principled(…)`, `mirror(…)`".to_owned(),
+                other => format!("write `{other} NAME = …`"),
+            };
+            self.diagnostics.push(
+                Diagnostic::error("dscene::name::unknown", format!("a {} cannot be written as fields", kind.text))
+                    .label(kind.span, "needs a constructor")
+                    .help(help),
+            );
+            return self.after_error(&given, span);
+        };
+        let all = fields.last().map_or(span, |f| span.to(f.value.span));
+        let site = Site { name: &kind.text, span, is_kind: true };
+        self.call_decl(id, &given, site, all)
+    }
+
+    /// The arguments are still worth checking.
+    fn after_error(&mut self, given: &[Given], span: Span) -> Typed {
+        for given in given {
+            self.expr(given.value, None);
+        }
+        broken(span)
+    }
+
+    fn call_value(&mut self, callee: &ast::Expr, given: &[Given], span: Span) -> Typed {
+        let callee = self.expr(callee, None);
+        let (params, result) = match &callee.expr.ty {
+            Ty::Fn(params, result) => (Some(params.clone()), (**result).clone()),
+            ty if ty.is_unknown() => (None, ty.clone()),
+            ty => {
+                let text = self.sources.text(callee.expr.span);
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::call::not_a_function", format!("a `{ty}` cannot be called"))
+                        .label(callee.expr.span, format!("this is `{ty}`"))
+                        .help(format!("write `{text}` without arguments")),
+                );
+                return self.after_error(given, span);
+            }
+        };
+        if let Some(params) = &params
+            && params.len() != given.len()
+        {
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::call::count",
+                    format!(
+                        "this function takes {} argument{}, not {}",
+                        params.len(),
+                        plural(params.len()),
+                        given.len()
+                    ),
+                )
+                .label(span, format!("{} given", given.len()))
+                .label(callee.expr.span, format!("this is `{}`", callee.expr.ty)),
+            );
+        }
+        let args: Vec<Option<hir::Expr>> = given.iter().map(|g| Some(self.expr(g.value, None).expr)).collect();
+        if let Some(named) = given.iter().find_map(|g| g.name.as_ref()) {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::call::unknown_argument", "function values take their arguments by position")
+                    .label(named.span, "named here"),
+            );
+        }
+        let count = args.len();
+        let call = hir::Call { callee: Callee::Value(callee.expr), args, given: vec![true; count] };
+        typed(ExprKind::Call(Box::new(call)), span, result)
+    }
+
+    fn call_decl(&mut self, id: DeclId, given: &[Given], site: Site, span: Span) -> Typed {
+        self.declare(id);
+        let Some(signature) = self.signature(id) else { return self.after_error(given, span) };
+        let errors = self.error_count();
+        let args = self.match_arguments(&signature, given, site, id);
+        let mut found: Vec<Option<Typed>> = Vec::new();
+        let mut bound: Vec<(char, usize, Ty)> = Vec::new();
+        for (i, arg) in args.iter().enumerate() {
+            let Some(given) = arg.map(|a| &given[a]) else {
+                found.push(None);
+                continue;
+            };
+            let sig = &signature.params[i].sig;
+            let arg = self.expr(given.value, Some(sig));
+            let arg = if sig.accepts(&arg.expr.ty, arg.value.as_ref()) {
+                self.bind_variable(sig, i, &arg, &found, &mut bound, site);
+                self.coerce(sig, arg)
+            } else {
+                self.report_argument(sig, &signature.params[i].name, &arg, site);
+                Typed { expr: hir::Expr { ty: Ty::Error, ..arg.expr }, value: None }
+            };
+            found.push(Some(arg));
+        }
+        if self.slot(id).state == State::Busy {
+            return broken(span);
+        }
+        let failed = self.error_count() > errors;
+        let given_flags: Vec<bool> = found.iter().map(Option::is_some).collect();
+        let native = matches!(self.slot(id).hir.kind, hir::DeclKind::Native(_));
+        let (ty, value) = if failed {
+            (signature.result.as_ref().map_or(Ty::Error, |r| unknown_as_error(r.ty())), None)
+        } else if native {
+            self.check_native(id, site.name, &found);
+            let name = self.slot(id).name.text.clone();
+            let ty = results::native(&name, &signature, &found, &bound);
+            (ty, results::known(&name, &found))
+        } else {
+            self.instance(id, &signature, &found, span, site)
+        };
+        let mut args = Vec::new();
+        for (i, arg) in found.into_iter().enumerate() {
+            args.push(match arg {
+                Some(arg) => Some(arg.expr),
+                None if native => self.native_default(id, i),
+                None => None,
+            });
+        }
+        let callee = if native { Callee::Native(id) } else { Callee::Decl(id) };
+        let kind = ExprKind::Call(Box::new(hir::Call { callee, args, given: given_flags }));
+        Typed { value, ..typed(kind, span, ty) }
+    }
+
+    /// For each parameter, which of the given arguments it takes.
+    fn match_arguments(
+        &mut self,
+        signature: &Signature,
+        given: &[Given],
+        site: Site,
+        id: DeclId,
+    ) -> Vec<Option<usize>> {
+        let params = &signature.params;
+        let mut out: Vec<Option<usize>> = vec![None; params.len()];
+        let mut named = false;
+        for (i, arg) in given.iter().enumerate() {
+            let Some(name) = &arg.name else {
+                if named {
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::call::order", "positional arguments come before named ones")
+                            .label(arg.value.span, "has no name")
+                            .help("give it a name, or move it to the front"),
+                    );
+                    self.expr(arg.value, None);
+                } else if i < out.len() {
+                    out[i] = Some(i);
+                } else {
+                    if i == out.len() {
+                        let shown = self.show_signature(id, signature);
+                        self.diagnostics.push(
+                            Diagnostic::error(
+                                "dscene::call::count",
+                                format!(
+                                    "`{}` takes {} argument{}, not {}",
+                                    site.name,
+                                    params.len(),
+                                    plural(params.len()),
+                                    given.len()
+                                ),
+                            )
+                            .label(arg.value.span, "one too many")
+                            .help(format!("it is `{shown}`")),
+                        );
+                    }
+                    self.expr(arg.value, None);
+                }
+                continue;
+            };
+            named = true;
+            match params.iter().position(|p| p.name == name.text) {
+                Some(slot) => match out[slot] {
+                    Some(first) => {
+                        let first = given[first].name.as_ref().map_or(given[first].value.span, |n| n.span);
+                        self.report_twice(name, first);
+                        self.expr(arg.value, None);
+                    }
+                    None => out[slot] = Some(i),
+                },
+                None => {
+                    let known: Vec<&str> = params.iter().map(|p| p.name.as_str()).collect();
+                    let foreign = super::foreign::field(&name.text, &known).map(|f| format!("did you mean `{f}`?"));
+                    let what = format!("its {}s are", site.noun());
+                    let help = foreign.or_else(|| did_you_mean(&name.text, &what, known));
+                    let (code, message) = if site.is_kind {
+                        ("dscene::name::field", format!("a {} has no field `{}`", site.name, name.text))
+                    } else {
+                        ("dscene::call::unknown_argument", format!("`{}` has no argument `{}`", site.name, name.text))
+                    };
+                    self.diagnostics.push(
+                        Diagnostic::error(code, message)
+                            .label(name.span, format!("unknown {}", site.noun()))
+                            .help_opt(help),
+                    );
+                    self.expr(arg.value, None);
+                }
+            }
+        }
+        let missing: Vec<usize> = (0..params.len()).filter(|i| out[*i].is_none() && !params[*i].has_default).collect();
+        if !missing.is_empty() {
+            let names: Vec<String> = missing.iter().map(|i| format!("`{}`", params[*i].name)).collect();
+            let fields: Vec<String> = missing.iter().map(|i| format!("{}: …", params[*i].name)).collect();
+            let s = if missing.len() == 1 { "" } else { "s" };
+            let shown = self.show_signature(id, signature);
+            let help = if site.is_kind {
+                format!("add `{}`", fields.join(", "))
+            } else {
+                format!("add `{}`; it is `{shown}`", fields.join(", "))
+            };
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::call::missing",
+                    format!("`{}` needs the {}{s} {}", site.name, site.noun(), names.join(", ")),
+                )
+                .label(site.span, format!("missing {}", names.join(", ")))
+                .help(help),
+            );
+        }
+        out
+    }
+
+    /// `area(mesh: mesh, radiance: color | texture = …)`
+    fn show_signature(&self, id: DeclId, signature: &Signature) -> String {
+        let param = |p: &super::modules::SigParam| {
+            let optional = if p.has_default { "?" } else { "" };
+            format!("{}{optional}: {}", p.name, p.sig)
+        };
+        let params: Vec<String> = signature.params.iter().map(param).collect();
+        format!("{}({})", self.slot(id).name.text, params.join(", "))
+    }
+
+    /// Arguments of one type variable must go together.
+    fn bind_variable(
+        &mut self,
+        sig: &Sig,
+        index: usize,
+        arg: &Typed,
+        found: &[Option<Typed>],
+        bound: &mut Vec<(char, usize, Ty)>,
+        site: Site,
+    ) {
+        let Sig::Var(letter) = sig else { return };
+        let ty = &arg.expr.ty;
+        if ty.is_unknown() {
+            return;
+        }
+        let Some((_, first, known)) = bound.iter().find(|(c, ..)| c == letter) else {
+            bound.push((*letter, index, ty.clone()));
+            return;
+        };
+        if known == ty || fits(known, ty) || broadcast(known, ty).is_some() {
+            return;
+        }
+        let (first, known) = (*first, known.clone());
+        let (a, b) = (image_sizes(&known), image_sizes(ty));
+        let mut diagnostic = match (&a, &b) {
+            (Some(a), Some(b)) if a != b => Diagnostic::error(
+                "dscene::type::shape",
+                format!("`{}` compares images of different sizes: {a} and {b}", site.name),
+            ),
+            _ => Diagnostic::error(
+                "dscene::type::shape",
+                format!("`{}` does not go with `{known}` and `{ty}`", site.name),
+            ),
+        };
+        let shown =
+            |size: Option<&String>, ty: &Ty| size.map_or_else(|| format!("this is `{ty}`"), |s| format!("this is {s}"));
+        diagnostic = diagnostic.label(arg.expr.span, shown(b.as_ref(), ty));
+        if let Some(Some(first)) = found.get(first) {
+            diagnostic = diagnostic.label(first.expr.span, shown(a.as_ref(), &known));
+        }
+        for ty in [&known, ty] {
+            if let Ty::Image { made, .. } = ty
+                && let (Some(made), Some(size)) = (made.0, image_sizes(ty))
+            {
+                diagnostic = diagnostic.label(made, format!("{size} comes from here"));
+            }
+        }
+        let help = if a.is_some() && b.is_some() {
+            "render both with the same `film:`, or use `resize(…)`"
+        } else {
+            "both must have the same shape"
+        };
+        self.diagnostics.push(diagnostic.help(help));
+    }
+
+    fn report_argument(&mut self, sig: &Sig, param: &str, arg: &Typed, site: Site) {
+        let help = self.conversion_help(sig, arg, arg.expr.span);
+        let ty = &arg.expr.ty;
+        let noun = site.noun();
+        if let (Some(Const::Str(word)), false) = (&arg.value, sig.words().is_empty()) {
+            let help = did_you_mean(word, "choose one of", sig.words());
+            self.diagnostics.push(
+                Diagnostic::error("dscene::name::unknown", format!("`{param}` cannot be `{word}`"))
+                    .label(arg.expr.span, "not one of the choices")
+                    .help_opt(help),
+            );
+            return;
+        }
+        let whole = matches!(sig, Sig::Int(_)) && matches!(ty, Ty::Num(_)) && fits(&sig.ty(), ty);
+        let unit = matches!(
+            (sig, ty),
+            (Sig::Is(Ty::Angle), Ty::Num(_)) | (Sig::Is(Ty::Num(_)), Ty::Angle) | (Sig::Number, Ty::Angle)
+        );
+        let (code, message, label) = if whole {
+            let message = format!("the {noun} `{param}` of `{}` is a whole number", site.name);
+            ("dscene::type::mismatch", message, "not whole".to_owned())
+        } else {
+            let message = format!("the {noun} `{param}` of `{}` is `{sig}`, found `{ty}`", site.name);
+            (if unit { "dscene::type::unit" } else { "dscene::type::mismatch" }, message, format!("this is `{ty}`"))
+        };
+        self.diagnostics.push(Diagnostic::error(code, message).label(arg.expr.span, label).help_opt(help));
+    }
+
+    /// What to write instead, where one type is commonly taken for another.
+    pub fn conversion_help(&self, wanted: &Sig, found: &Typed, span: Span) -> Option<String> {
+        let text = self.sources.text(span);
+        let short = if text.len() <= 40 && !text.contains('\n') { text } else { "…" };
+        let literal = matches!(found.expr.kind, ExprKind::Number(_) | ExprKind::Unary { .. });
+        let accepts = |ty: Ty| wanted.accepts(&ty, None) && !matches!(wanted, Sig::Any | Sig::Var(_));
+        let is = |ty: Ty| {
+            let sig = Sig::Is(ty);
+            *wanted == sig || matches!(wanted, Sig::Union(choices) if choices.contains(&sig))
+        };
+        Some(match &found.expr.ty {
+            Ty::Num(shape) if is(Ty::Angle) && shape.is_empty() => {
+                if literal {
+                    format!("write `{short}deg` or `{short}rad`")
+                } else {
+                    format!("angles have a unit: `({short}) * 1deg`")
+                }
+            }
+            Ty::Angle if accepts(Ty::SCALAR) => format!("divide by a unit to get a number: `{short} / 1deg`"),
+            Ty::Angle if is(Ty::Rotation) => format!("write `rotation(angle: {short})`"),
+            Ty::Num(_) if matches!(wanted, Sig::Int(_)) && found.value.is_some() => {
+                let x = found.value.as_ref().and_then(Const::number)?;
+                format!("write `{}`", x.round())
+            }
+            Ty::Num(shape) if shape.is_empty() && accepts(Ty::vector(3)) => {
+                format!("write `[{short}, {short}, {short}]`")
+            }
+            Ty::Num(_) if is(Ty::Material) => format!("write `diffuse(reflectance: {short})`"),
+            Ty::Num(_) if is(Ty::Optimizer) => format!("write `adam(lr: {short})`"),
+            Ty::Num(_) | Ty::Texture if accepts(super::signature::any_image()) => format!("write `image({short})`"),
+            Ty::Texture if is(Ty::Material) => format!("write `diffuse(reflectance: {short})`"),
+            Ty::Image { .. } if is(Ty::Texture) => format!("write `texture({short})`"),
+            Ty::Image { .. } if accepts(Ty::SCALAR) => format!("reduce the image to one number: `mean({short})`"),
+            Ty::Str if is(Ty::Texture) => format!("write `texture({short})`"),
+            Ty::Str if is(Ty::Mesh) => format!("write `load({short})`"),
+            Ty::Str if accepts(super::signature::any_image()) => format!("write `load_image({short})`"),
+            Ty::Mesh if is(Ty::Shape) => format!("write `shape(mesh: {short})`"),
+            Ty::Mesh if is(Ty::Light) => format!("write `area({short}, radiance: 10)`"),
+            Ty::Shape if is(Ty::Mesh) => format!("take its mesh: `{short}.mesh`"),
+            Ty::Camera { .. } if accepts(super::signature::any_image()) => format!("render it: `render({short})`"),
+            Ty::Estimate(_) => format!("take its mean: `{short}.mean`"),
+            Ty::Fn(..) => format!("call it: `{short}(…)`"),
+            found => match wanted {
+                Sig::List(item, _) if item.accepts(found, None) => format!("write `[{short}]`"),
+                _ => return None,
+            },
+        })
+    }
+
+    /// Checks a function's body for these argument types; its errors are told with the call that leads to them.
+    fn instance(
+        &mut self,
+        id: DeclId,
+        signature: &Signature,
+        args: &[Option<Typed>],
+        span: Span,
+        site: Site,
+    ) -> (Ty, Option<Const>) {
+        let statement: Arc<ast::Statement> = self.slot(id).statement.clone();
+        let StatementKind::Fn(f) = &statement.kind else { return (Ty::Error, None) };
+        let Some(body) = &f.body else { return (Ty::Error, None) };
+        let small = |c: &Const| !matches!(c, Const::List(items) if items.len() > 16);
+        let facts: Vec<_> =
+            args.iter().map(|a| a.as_ref().map(|a| (a.expr.ty.clone(), a.value.clone().filter(small)))).collect();
+        let key = format!("{} {facts:?}", id.0);
+        if let Some(known) = self.instances.get(&key) {
+            return (known.ty.clone(), known.value.clone());
+        }
+        if self.stack.len() > MAX_CALL_DEPTH {
+            return (Ty::Any, None);
+        }
+        // Stands for itself should it be called from within.
+        let nothing = Instance { ty: Ty::Error, value: None };
+        self.instances.insert(key.clone(), nothing);
+        let outer = std::mem::take(&mut self.diagnostics);
+        let locals = std::mem::take(&mut self.locals);
+        let module = self.enter_module_of(id);
+        self.stack.push(id);
+        for (i, param) in signature.params.iter().enumerate() {
+            let (ty, value) = match (&facts[i], &f.params[i].default) {
+                (Some((ty, value)), _) if !ty.is_unknown() => (ty.clone(), value.clone()),
+                (None, Some(default)) => {
+                    let default = self.expr(default, Some(&param.sig));
+                    (default.expr.ty, default.value)
+                }
+                _ => (param.sig.ty(), None),
+            };
+            self.new_local(&param.name, ty, value);
+        }
+        let mut result = self.expr(body, signature.result.as_ref());
+        if let Some(wanted) = &signature.result {
+            let refined = wanted.accepts(&result.expr.ty, result.value.as_ref()) && !result.expr.ty.is_unknown();
+            if !refined {
+                result.expr.ty = wanted.ty();
+            }
+            result = self.coerce(wanted, result);
+        }
+        self.stack.pop();
+        self.module = module;
+        self.locals = locals;
+        let inner = std::mem::replace(&mut self.diagnostics, outer);
+        let user = self.is_user(id);
+        for diagnostic in inner.iter().filter(|d| d.is_error()) {
+            let known = self.diagnostics.iter().any(|d| d.code == diagnostic.code && d.span() == diagnostic.span());
+            if known {
+                continue;
+            }
+            let mut shown = diagnostic.clone();
+            if user {
+                shown.labels.push(Label { span, text: format!("in this call of `{}`", site.name) });
+            } else {
+                // The library's inside is none of the user's business.
+                shown.message = format!("`{}` does not go with these arguments: {}", site.name, shown.message);
+                shown.labels.retain(|l| self.modules[self.module].user && l.span.source == span.source);
+                shown.labels.insert(0, Label { span, text: "in this call".to_owned() });
+            }
+            self.diagnostics.push(shown);
+        }
+        let out = Instance { ty: result.expr.ty.clone(), value: result.value.clone() };
+        self.instances.insert(key, out);
+        (result.expr.ty, result.value)
+    }
+
+    /// The default of a native's parameter; `None` for `= none`.
+    fn native_default(&mut self, id: DeclId, index: usize) -> Option<hir::Expr> {
+        let statement = self.slot(id).statement.clone();
+        let StatementKind::Fn(f) = &statement.kind else { return None };
+        let default = f.params.get(index)?.default.as_ref()?;
+        if matches!(&default.kind, ast::ExprKind::Name(n) if n == "none") {
+            return None;
+        }
+        let sig = self.slot(id).signature.as_ref().map(|s| s.params[index].sig.clone())?;
+        let locals = std::mem::take(&mut self.locals);
+        let module = self.enter_module_of(id);
+        let typed = self.expr(default, Some(&sig));
+        let typed = self.coerce(&sig, typed);
+        self.module = module;
+        self.locals = locals;
+        Some(typed.expr)
+    }
+
+    fn error_count(&self) -> usize {
+        self.diagnostics.iter().filter(|d| d.is_error()).count()
+    }
+
+    /// `grad(e, p)` and its kin.
+    fn derivative(&mut self, kind: DerivativeKind, name: &str, given: &[Given], callee: Span, span: Span) -> Typed {
+        let params: &[&str] = match kind {
+            DerivativeKind::Grad => &["of", "wrt"],
+            DerivativeKind::Jvp => &["of", "wrt", "direction"],
+            DerivativeKind::FiniteDifference => &["of", "wrt", "step"],
+            DerivativeKind::Estimate => &["of", "repeats"],
+        };
+        let Some(id) = self.builtin(name) else { return broken(span) };
+        let Some(signature) = self.signature(id) else { return broken(span) };
+        let errors = self.error_count();
+        let site = Site { name, span: callee, is_kind: false };
+        let slots = self.match_arguments(&signature, given, site, id);
+        if self.error_count() > errors {
+            return broken(span);
+        }
+        let arg = |name: &str| {
+            params.iter().position(|p| *p == name).and_then(|i| slots.get(i).copied().flatten()).map(|i| given[i].value)
+        };
+        let Some(of) = arg("of") else { return broken(span) };
+        let of = self.expr(of, None).expr;
+        if matches!(kind, DerivativeKind::Grad | DerivativeKind::FiniteDifference)
+            && !of.ty.is_unknown()
+            && !of.ty.is_scalar()
+        {
+            let help = match kind {
+                DerivativeKind::Grad => "reduce it to a scalar, or take a directional derivative: `jvp(e, p)`",
+                _ => "reduce it to a scalar first: `mean(…)`",
+            };
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::loss", format!("`{name}` needs a scalar, found `{}`", of.ty))
+                    .label(of.span, format!("this is `{}`", of.ty))
+                    .help(help),
+            );
+        }
+        let mut wrt = Vec::new();
+        let mut ty = Ty::Gradients;
+        match arg("wrt").map(|w| (&w.kind, w)) {
+            None => {}
+            Some((ast::ExprKind::Array(items), _)) if kind == DerivativeKind::Grad => {
+                for item in items {
+                    wrt.extend(self.wrt(item).map(|(target, _)| (target, item.span)));
+                }
+            }
+            Some((_, w)) => match self.wrt(w) {
+                Some((target, found)) => {
+                    ty = found;
+                    wrt.push((target, w.span));
+                }
+                None => return broken(span),
+            },
+        }
+        let argument = match kind {
+            DerivativeKind::Grad => None,
+            DerivativeKind::Jvp => arg("direction").map(|d| {
+                let direction = self.expr(d, None).expr;
+                if !fits(&ty, &direction.ty) && !direction.ty.is_scalar() {
+                    self.diagnostics.push(
+                        Diagnostic::error(
+                            "dscene::type::shape",
+                            format!("the direction is `{}`, the param `{ty}`", direction.ty),
+                        )
+                        .label(d.span, format!("this is `{}`", direction.ty))
+                        .help("a direction has the shape of the param"),
+                    );
+                }
+                direction
+            }),
+            DerivativeKind::FiniteDifference => arg("step").map(|s| self.expr(s, None).expr),
+            DerivativeKind::Estimate => {
+                let value = arg("repeats").map(|r| self.expr(r, None).expr);
+                value.or_else(|| self.native_default(id, 1))
+            }
+        };
+        let result = match kind {
+            DerivativeKind::Grad | DerivativeKind::FiniteDifference => ty,
+            DerivativeKind::Jvp => of.ty.clone(),
+            DerivativeKind::Estimate => Ty::Estimate(Box::new(of.ty.clone())),
+        };
+        let result = if result == Ty::Angle { Ty::SCALAR } else { result };
+        typed(ExprKind::Derivative(Box::new(hir::Derivative { kind, of, wrt, argument })), span, result)
+    }
+
+    /// What a derivative is taken with respect to: a param or a numeric field of a declaration.
+    pub fn wrt(&mut self, e: &ast::Expr) -> Option<(hir::Target, Ty)> {
+        let Some(path) = path_of(e) else {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::param", "derivatives are taken with respect to a param or a field")
+                    .label(e.span, "neither a param nor a field")
+                    .help("name a `param`, or a numeric field such as `lamp.radiance`"),
+            );
+            self.expr(e, None);
+            return None;
+        };
+        let (target, ty) = self.target(&path)?;
+        let is_param = matches!(self.slot(target.decl).statement.kind, StatementKind::Param(_));
+        let numeric =
+            matches!(ty, Ty::Num(_) | Ty::Angle | Ty::Rotation | Ty::Image { .. } | Ty::Texture) || ty.is_unknown();
+        if (!is_param && target.path.is_empty()) || !numeric {
+            let name = self.slot(target.decl).name.clone();
+            let (message, help) = if numeric {
+                (format!("`{}` is not a param", name.text), format!("declare it with `param {} = …`", name.text))
+            } else {
+                let fields: Vec<String> =
+                    super::fields::fields_of(&ty).iter().map(|f| format!("`{}.{f}`", name.text)).collect();
+                let help = if fields.is_empty() {
+                    "name a `param`".to_owned()
+                } else {
+                    format!("name a numeric field: {}", fields.join(", "))
+                };
+                (format!("`{}` is `{ty}`, not a number", self.sources.text(e.span)), help)
+            };
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::param", message)
+                    .label(e.span, format!("this is `{ty}`"))
+                    .label(name.span, "declared here")
+                    .help(help),
+            );
+            return None;
+        }
+        Some((target, ty))
+    }
+
+    /// Files that are named literally must exist; sizes must make sense.
+    fn check_native(&mut self, id: DeclId, name: &str, found: &[Option<Typed>]) {
+        let is_file = matches!(
+            self.slot(id).name.text.as_str(),
+            "load" | "load_shapes" | "load_image" | "texture" | "environment"
+        );
+        if is_file && let Some(Some(Typed { value: Some(Const::Str(path)), expr })) = found.first() {
+            let full = self.folder().join(path);
+            let written = self.sources.text(expr.span).to_owned();
+            if !self.loader.exists(&full) {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::file::missing", format!("there is no file `{path}`"))
+                        .label(expr.span, format!("looked for {}", full.display()))
+                        .help(format!("paths start from the folder of the script; check the spelling of {written}")),
+                );
+            }
+        }
+        if name == "camera"
+            && let Some(film) = camera_film(found)
+        {
+            let (w, h, span) = film;
+            let bad = if w == 0 || h == 0 {
+                Some(("has no pixels", "give a width and a height of at least 1: `film: [256, 256]`"))
+            } else if w.saturating_mul(h) > 1 << 28 {
+                Some(("is larger than 268 million pixels", "render parts of it with cameras of their own"))
+            } else {
+                None
+            };
+            if let Some((what, help)) = bad {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::value::film", format!("a film of {w}×{h} {what}"))
+                        .label(span, "this film")
+                        .help(help),
+                );
+            }
+        }
+        if name == "camera" {
+            for i in [3, 4] {
+                if let Some(Some(Typed { value: Some(Const::Angle(a)), expr })) = found.get(i)
+                    && !(*a > 0.0 && *a < std::f64::consts::PI)
+                {
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::value::fov", "a field of view lies between 0deg and 180deg")
+                            .label(expr.span, "out of range")
+                            .help("45deg is a common choice"),
+                    );
+                }
+            }
+            if let (Some(Some(p)), Some(Some(l))) = (found.first(), found.get(1))
+                && p.value.is_some()
+                && p.value == l.value
+            {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::value::look_at", "the camera looks at where it stands")
+                        .label(l.expr.span, "the same point")
+                        .label(p.expr.span, "as this"),
+                );
+            }
+        }
+        let spp = if name == "render" || results::is_channel(name) { found.get(2) } else { None };
+        if let Some(Some(Typed { value: Some(Const::Num(n)), expr })) = spp
+            && *n < 1.0
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::value::spp", "a render needs at least one sample per pixel")
+                    .label(expr.span, format!("{n} samples"))
+                    .help("write `spp: 1` or more"),
+            );
+        }
+    }
+}
+
+/// Width, height and the place of a camera's film, if known.
+pub fn camera_film(found: &[Option<Typed>]) -> Option<(usize, usize, Span)> {
+    let film = found.get(5)?.as_ref()?;
+    let Some(Const::List(items)) = &film.value else { return None };
+    match items.as_slice() {
+        [w, h] => Some((w.count()?, h.count()?, film.expr.span)),
+        _ => None,
+    }
+}
+
+/// `a.b.c` as names.
+fn path_of(e: &ast::Expr) -> Option<Vec<ast::Name>> {
+    match &e.kind {
+        ast::ExprKind::Name(name) => Some(vec![ast::Name { text: name.clone(), span: e.span }]),
+        ast::ExprKind::Member { base, name } => {
+            let mut path = path_of(base)?;
+            path.push(name.clone());
+            Some(path)
+        }
+        _ => None,
+    }
+}
+
+fn unknown_as_error(ty: Ty) -> Ty {
+    if ty.is_unknown() { Ty::Error } else { ty }
+}
+
+fn plural(n: usize) -> &'static str {
+    if n == 1 { "" } else { "s" }
+}

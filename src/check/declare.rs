@@ -1,0 +1,517 @@
+//! Declarations: `let`, `param`, `fn`, kinds, losses.
+
+use std::sync::Arc;
+
+use super::hir::{self, DeclId, DeclKind};
+use super::infer::{Typed, error_expr};
+use super::modules::{Checker, Local, SigParam, Signature, State};
+use super::signature::{self, Const, Sig};
+use super::types::Ty;
+use crate::diag::{Diagnostic, did_you_mean};
+use crate::source::Span;
+use crate::syntax::ast::{self, KindBody, StatementKind};
+
+/// Settings of a param.
+const PARAM_SETTINGS: [&str; 4] = ["lr", "scale", "precondition", "frozen"];
+
+impl Checker<'_> {
+    /// Checks a declaration if that was not done yet. A cycle is reported and gives the error type.
+    pub fn declare(&mut self, id: DeclId) {
+        match self.slot(id).state {
+            State::Done => return,
+            State::Busy => return self.report_cycle(id),
+            State::Waiting => {}
+        }
+        self.slot_mut(id).state = State::Busy;
+        self.stack.push(id);
+        let locals = std::mem::take(&mut self.locals);
+        let module = self.enter_module_of(id);
+        let in_stop_when = std::mem::replace(&mut self.in_stop_when, false);
+        let statement = self.slot(id).statement.clone();
+        let replaced = self.slot(id).replaced.clone();
+        match &statement.kind {
+            StatementKind::Let { ty, value, .. } => {
+                let typed = self.annotated(ty.as_ref(), replaced.as_deref().unwrap_or(value));
+                self.set_value(id, DeclKind::Let, typed);
+            }
+            StatementKind::Loss { name, value } => self.loss(id, name, replaced.as_deref().unwrap_or(value)),
+            StatementKind::Param(param) => self.param(id, param, replaced.as_deref()),
+            StatementKind::Kind { kind, ty, body, .. } => self.kind(id, kind, ty.as_ref(), body, replaced.as_deref()),
+            StatementKind::Fn(f) => self.function(id, f),
+            StatementKind::Import(_) | StatementKind::Action(_) => {}
+        }
+        self.locals = locals;
+        self.module = module;
+        self.in_stop_when = in_stop_when;
+        self.stack.pop();
+        self.slot_mut(id).state = State::Done;
+    }
+
+    /// The parameters of a function, without checking its body.
+    pub fn signature(&mut self, id: DeclId) -> Option<Arc<Signature>> {
+        if let Some(signature) = &self.slot(id).signature {
+            return Some(signature.clone());
+        }
+        let statement = self.slot(id).statement.clone();
+        let StatementKind::Fn(f) = &statement.kind else { return None };
+        let module = self.enter_module_of(id);
+        let params = f.params.iter().map(|p| SigParam {
+            name: p.name.text.clone(),
+            sig: p.ty.as_ref().map_or(Sig::Any, |t| self.sig(t)),
+            has_default: p.default.is_some(),
+        });
+        let params = params.collect();
+        let result = f.result.as_ref().map(|t| self.sig(t));
+        self.module = module;
+        let signature = Arc::new(Signature { params, result });
+        self.slot_mut(id).signature = Some(signature.clone());
+        Some(signature)
+    }
+
+    /// An annotation's type.
+    pub fn sig(&mut self, ty: &ast::Type) -> Sig {
+        let mut choices: Vec<Sig> = ty.choices.iter().map(|c| self.sig_atom(c)).collect();
+        if choices.len() == 1 { choices.pop().unwrap_or(Sig::Any) } else { Sig::Union(choices) }
+    }
+
+    fn sig_atom(&mut self, atom: &ast::TypeAtom) -> Sig {
+        let mut sig = match &atom.kind {
+            ast::TypeKind::Word(word) => Sig::Word(word.clone()),
+            ast::TypeKind::Fn(params, result) => {
+                let params = params.iter().map(|p| self.sig(p)).collect();
+                Sig::Fn(params, Box::new(self.sig(result)))
+            }
+            ast::TypeKind::Named(name) => signature::named(name).unwrap_or_else(|| {
+                let foreign = super::foreign::type_name(name).map(|t| format!("did you mean `{t}`?"));
+                let help = foreign.or_else(|| did_you_mean(name, "the types are", signature::TYPE_NAMES));
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::type::unknown", format!("there is no type `{name}`"))
+                        .label(atom.span, "unknown type")
+                        .help_opt(help),
+                );
+                Sig::Any
+            }),
+        };
+        for n in &atom.lens {
+            sig = signature::array_of(sig, *n);
+        }
+        sig
+    }
+
+    /// A value checked against its annotation.
+    fn annotated(&mut self, ty: Option<&ast::Type>, value: &ast::Expr) -> Typed {
+        let Some(ty) = ty else { return self.expr(value, None) };
+        let sig = self.sig(ty);
+        let typed = self.expr(value, Some(&sig));
+        if !sig.accepts(&typed.expr.ty, typed.value.as_ref()) {
+            let mut diagnostic =
+                Diagnostic::error("dscene::type::mismatch", format!("expected `{sig}`, found `{}`", typed.expr.ty))
+                    .label(value.span, format!("this is `{}`", typed.expr.ty))
+                    .label(ty.span, format!("declared as `{sig}`"));
+            diagnostic = diagnostic.help_opt(self.conversion_help(&sig, &typed, value.span));
+            self.diagnostics.push(diagnostic);
+            return Typed { expr: hir::Expr { ty: sig.ty(), ..typed.expr }, value: None };
+        }
+        self.coerce(&sig, typed)
+    }
+
+    /// Spreads a scalar over a declared `color`, and sharpens or blurs the type to what is known.
+    pub fn coerce(&mut self, sig: &Sig, mut typed: Typed) -> Typed {
+        if let Some(shape) = sig.spread(&typed.expr.ty) {
+            let span = typed.expr.span;
+            let ty = Ty::Num(shape.iter().map(|n| Some(*n)).collect());
+            let value = typed.value.take().map(|v| Const::List(vec![v; 3]));
+            let kind = hir::ExprKind::Broadcast { value: Box::new(typed.expr), shape };
+            return Typed { expr: hir::Expr { kind, span, ty }, value };
+        }
+        if typed.expr.ty.is_unknown() {
+            typed.expr.ty = sig.ty();
+        }
+        typed
+    }
+
+    fn set_value(&mut self, id: DeclId, kind: DeclKind, typed: Typed) {
+        let slot = self.slot_mut(id);
+        slot.hir.kind = kind;
+        slot.hir.ty = typed.expr.ty.clone();
+        slot.hir.body = Some(Arc::new(typed.expr));
+        slot.value = typed.value;
+    }
+
+    fn loss(&mut self, id: DeclId, name: &ast::Name, value: &ast::Expr) {
+        let typed = self.expr(value, None);
+        let ty = &typed.expr.ty;
+        if !ty.is_unknown() && !ty.is_scalar() {
+            let help = match ty {
+                Ty::Image { .. } => {
+                    "compare it with a target, `mse(image, target)`, or reduce it: `mean(…)`".to_owned()
+                }
+                Ty::Num(_) => "reduce it to one number: `mean(…)`, `sum(…)` or `norm(…)`".to_owned(),
+                _ => "a loss is one number, such as `mse(render(eye), target)`".to_owned(),
+            };
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::loss", format!("the loss `{}` is not a scalar", name.text))
+                    .label(value.span, format!("this is `{ty}`"))
+                    .help(help),
+            );
+        }
+        self.set_value(id, DeclKind::Loss, typed);
+    }
+
+    fn param(&mut self, id: DeclId, param: &ast::Param, replaced: Option<&ast::Expr>) {
+        let initial = replaced.unwrap_or(&param.value);
+        let typed = self.annotated(param.ty.as_ref(), initial);
+        let ty = typed.expr.ty.clone();
+        let may_move = matches!(ty, Ty::Num(_) | Ty::Angle | Ty::Rotation | Ty::Image { .. }) || ty.is_unknown();
+        if !may_move {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::param", format!("a param cannot be a {ty}"))
+                    .label(initial.span, format!("this is `{ty}`"))
+                    .help(
+                        "params are numbers, arrays of numbers, angles, rotations or images; build the rest from them",
+                    ),
+            );
+        }
+        let mut decl = hir::ParamDecl::default();
+        if let Some(bounds) = &param.bounds {
+            decl.bounds = self.bounds(bounds, &ty, typed.value.as_ref(), initial.span, &param.name.text);
+        }
+        let mut seen: Vec<&ast::Name> = Vec::new();
+        for field in &param.settings {
+            if let Some(first) = seen.iter().find(|n| n.text == field.name.text) {
+                self.report_twice(&field.name, first.span);
+                continue;
+            }
+            seen.push(&field.name);
+            let wanted = match field.name.text.as_str() {
+                "lr" => Sig::Is(Ty::SCALAR),
+                "scale" => Sig::Number,
+                "frozen" => Sig::Is(Ty::Bool),
+                "precondition" => Sig::Is(Ty::Preconditioner),
+                name => {
+                    let foreign = super::foreign::field(name, &PARAM_SETTINGS).map(|f| format!("did you mean `{f}`?"));
+                    let help = foreign.or_else(|| did_you_mean(name, "the settings are", PARAM_SETTINGS));
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::name::field", format!("a param has no setting `{name}`"))
+                            .label(field.name.span, "unknown setting")
+                            .help_opt(help),
+                    );
+                    continue;
+                }
+            };
+            let value = Some(self.checked_field(field, &wanted));
+            match field.name.text.as_str() {
+                "lr" => decl.lr = value,
+                "scale" => decl.scale = value,
+                "frozen" => decl.frozen = value,
+                _ => decl.precondition = value,
+            }
+        }
+        self.set_value(id, DeclKind::Param(decl), typed);
+        // The value moves: nothing may be computed from its start.
+        self.slot_mut(id).value = None;
+    }
+
+    /// `name: value` with a wanted type.
+    pub fn checked_field(&mut self, field: &ast::Field, wanted: &Sig) -> hir::Expr {
+        let typed = self.expr(&field.value, Some(wanted));
+        if !wanted.accepts(&typed.expr.ty, typed.value.as_ref()) {
+            let help = self.conversion_help(wanted, &typed, field.value.span);
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::type::mismatch",
+                    format!("`{}` is `{wanted}`, found `{}`", field.name.text, typed.expr.ty),
+                )
+                .label(field.value.span, format!("this is `{}`", typed.expr.ty))
+                .help_opt(help),
+            );
+        }
+        self.coerce(wanted, typed).expr
+    }
+
+    fn bounds(
+        &mut self,
+        bounds: &ast::Expr,
+        ty: &Ty,
+        initial: Option<&Const>,
+        initial_span: Span,
+        name: &str,
+    ) -> Option<(hir::Expr, hir::Expr)> {
+        let ast::ExprKind::Range { start, end, .. } = &bounds.kind else {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::bounds", "bounds are a range `lo..hi`")
+                    .label(bounds.span, "not a range")
+                    .help("write `in 0..1`"),
+            );
+            return None;
+        };
+        let (low, high) = (self.expr(start, None), self.expr(end, None));
+        for (side, span) in [(&low, start.span), (&high, end.span)] {
+            let side_ty = &side.expr.ty;
+            let fine = side_ty.is_unknown()
+                || ty.is_unknown()
+                || match ty {
+                    Ty::Num(_) | Ty::Image { .. } => {
+                        side_ty.is_scalar() || signature::fits(ty, side_ty) || last_dim_fits(ty, side_ty)
+                    }
+                    _ => ty == side_ty,
+                };
+            if !fine {
+                let help = (*ty == Ty::Angle && side_ty.is_scalar())
+                    .then(|| format!("write `{}deg`", self.sources.text(span)));
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::type::bounds", format!("bounds of a `{ty}` cannot be `{side_ty}`"))
+                        .label(span, format!("this is `{side_ty}`"))
+                        .label(initial_span, format!("`{name}` is `{ty}`"))
+                        .help_opt(help),
+                );
+                return None;
+            }
+        }
+        if let (Some(low), Some(high)) = (&low.value, &high.value) {
+            if compare_any(low, high, &|l, h| l >= h) {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::type::bounds", "the lower bound is not below the upper one")
+                        .label(bounds.span, "an empty range")
+                        .help("write `in lo..hi` with lo < hi"),
+                );
+            } else if let Some(initial) = initial
+                && (compare_any(initial, low, &|x, l| x < l) || compare_any(initial, high, &|x, h| x > h))
+            {
+                self.diagnostics.push(
+                    Diagnostic::error(
+                        "dscene::type::bounds",
+                        format!("the initial value of `{name}` is out of its bounds"),
+                    )
+                    .label(initial_span, "starts here")
+                    .label(bounds.span, "but must stay in here")
+                    .help("widen the bounds or start inside them"),
+                );
+            }
+        }
+        Some((low.expr, high.expr))
+    }
+
+    fn kind(
+        &mut self,
+        id: DeclId,
+        kind: &ast::Name,
+        ty: Option<&ast::Type>,
+        body: &KindBody,
+        replaced: Option<&ast::Expr>,
+    ) {
+        let word = crate::syntax::KINDS.iter().find(|k| **k == kind.text).copied().unwrap_or("let");
+        let wanted = signature::named(word).unwrap_or(Sig::Any);
+        let typed = match (replaced, body) {
+            (None, KindBody::Fields(fields)) => {
+                let span = kind.span;
+                self.construct(kind, fields, span)
+            }
+            (Some(value), _) | (None, KindBody::Value(value)) => {
+                let typed = self.annotated(ty, value);
+                let several = matches!((word, &typed.expr.ty), ("shape", Ty::Array(item, _)) if **item == Ty::Shape)
+                    || matches!((word, &typed.expr.ty), ("light", Ty::Array(item, _)) if **item == Ty::Light);
+                if !several && !wanted.accepts(&typed.expr.ty, None) {
+                    let help = match (word, &typed.expr.ty) {
+                        ("shape", Ty::Mesh) => {
+                            Some("give it a material: `shape NAME { mesh: …, material: … }`".to_owned())
+                        }
+                        ("light", Ty::Mesh) => Some("make it emit: `area(…, radiance: 10)`".to_owned()),
+                        (_, found) if crate::syntax::KINDS.contains(&found.to_string().as_str()) => {
+                            Some(format!("declare it with `{found}`, or with `let`"))
+                        }
+                        _ => None,
+                    };
+                    self.diagnostics.push(
+                        Diagnostic::error(
+                            "dscene::type::mismatch",
+                            format!("expected a `{word}`, found `{}`", typed.expr.ty),
+                        )
+                        .label(value.span, format!("this is `{}`", typed.expr.ty))
+                        .label(kind.span, format!("declared as a {word}"))
+                        .help_opt(help),
+                    );
+                }
+                typed
+            }
+        };
+        self.set_value(id, DeclKind::Kind(word), typed);
+        if matches!(word, "shape" | "light" | "medium") && self.is_user(id) {
+            self.default_scene.push(id);
+        }
+        if word == "integrator" && self.is_user(id) {
+            if let Some(first) = self.integrator {
+                let (name, first) = (self.slot(id).name.span, self.slot(first).name.span);
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::name::duplicate", "a file has one integrator")
+                        .label(name, "a second one")
+                        .label(first, "the first one")
+                        .help("settings of single renders are arguments: `render(eye, max_bounces: 1)`"),
+                );
+            } else {
+                self.integrator = Some(id);
+            }
+        }
+    }
+
+    /// Source order, whatever order the declarations were needed in; the scene's parts may not look at the scene.
+    pub fn check_default_scene(&mut self) {
+        let slots = &self.slots;
+        self.default_scene.sort_by_key(|id| id.0);
+        self.default_scene.retain(|id| slots[id.0 as usize].state == State::Done);
+    }
+
+    fn function(&mut self, id: DeclId, f: &ast::Fn) {
+        let Some(signature) = self.signature(id) else { return };
+        for (i, param) in f.params.iter().enumerate() {
+            if let Some(first) = f.params[..i].iter().find(|p| p.name.text == param.name.text) {
+                self.diagnostics.push(
+                    Diagnostic::error(
+                        "dscene::name::duplicate",
+                        format!("two parameters are called `{}`", param.name.text),
+                    )
+                    .label(param.name.span, "again here")
+                    .label(first.name.span, "first here"),
+                );
+            }
+        }
+        let params_ty: Vec<Ty> = signature.params.iter().map(|p| p.sig.ty()).collect();
+        let declared = signature.result.as_ref().map_or(Ty::Any, Sig::ty);
+        let Some(body) = &f.body else {
+            if self.is_user(id) {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::name::native", "only the standard library has `native` functions")
+                        .label(f.name.span, "this has no body")
+                        .help("write `fn NAME(…) = EXPR`"),
+                );
+            }
+            let params = f.params.iter().zip(&signature.params);
+            let params = params
+                .map(|(p, s)| hir::NativeParam {
+                    name: s.name.clone(),
+                    ty: s.sig.to_string(),
+                    optional: p.default.is_some(),
+                })
+                .collect();
+            let native = hir::NativeDecl { name: f.name.text.clone(), params };
+            let slot = self.slot_mut(id);
+            slot.hir.kind = DeclKind::Native(Arc::new(native));
+            slot.hir.ty = Ty::Fn(params_ty, Box::new(declared));
+            return;
+        };
+        let mut params = Vec::new();
+        for (param, declared) in f.params.iter().zip(&signature.params) {
+            let default = param.default.as_ref().map(|d| {
+                let typed = self.expr(d, Some(&declared.sig));
+                if !declared.sig.accepts(&typed.expr.ty, typed.value.as_ref()) {
+                    let help = self.conversion_help(&declared.sig, &typed, d.span);
+                    self.diagnostics.push(
+                        Diagnostic::error(
+                            "dscene::type::mismatch",
+                            format!(
+                                "the default of `{}` is `{}`, not `{}`",
+                                declared.name, typed.expr.ty, declared.sig
+                            ),
+                        )
+                        .label(d.span, format!("this is `{}`", typed.expr.ty))
+                        .label(param.name.span, format!("declared as `{}`", declared.sig))
+                        .help_opt(help),
+                    );
+                }
+                self.coerce(&declared.sig, typed).expr
+            });
+            let local = self.new_local(&param.name.text, declared.sig.ty(), None);
+            params.push(hir::FnParam { name: param.name.text.clone(), local, span: param.name.span, default });
+        }
+        let typed = self.expr(body, signature.result.as_ref());
+        let mut result_ty = typed.expr.ty.clone();
+        if let Some(wanted) = &signature.result {
+            if !wanted.accepts(&result_ty, typed.value.as_ref()) {
+                let span = match &body.kind {
+                    ast::ExprKind::Block { body, .. } => body.span,
+                    _ => body.span,
+                };
+                let annotation = f.result.as_ref().map_or(span, |t| t.span);
+                self.diagnostics.push(
+                    Diagnostic::error(
+                        "dscene::type::mismatch",
+                        format!("`{}` gives `{result_ty}`, but is declared to give `{wanted}`", f.name.text),
+                    )
+                    .label(span, format!("this is `{result_ty}`"))
+                    .label(annotation, "declared here"),
+                );
+            }
+            if result_ty.is_unknown() {
+                result_ty = wanted.ty();
+            }
+        }
+        let slot = self.slot_mut(id);
+        slot.hir.kind = DeclKind::Fn(Arc::new(hir::FnDecl { params, body: typed.expr }));
+        slot.hir.ty = Ty::Fn(params_ty, Box::new(result_ty));
+    }
+
+    pub fn new_local(&mut self, name: &str, ty: Ty, value: Option<Const>) -> hir::LocalId {
+        let id = hir::LocalId(self.next_local);
+        self.next_local += 1;
+        self.locals.push(Local { name: name.to_owned(), id, ty, value });
+        id
+    }
+
+    pub fn report_twice(&mut self, name: &ast::Name, first: Span) {
+        self.diagnostics.push(
+            Diagnostic::error("dscene::call::duplicate", format!("`{}` is given twice", name.text))
+                .label(name.span, "again here")
+                .label(first, "first here"),
+        );
+    }
+
+    fn report_cycle(&mut self, id: DeclId) {
+        let from = self.stack.iter().position(|s| *s == id).unwrap_or(0);
+        let cycle: Vec<DeclId> = self.stack[from..].to_vec();
+        let names: Vec<String> = cycle.iter().map(|c| format!("`{}`", self.slot(*c).name.text)).collect();
+        let first = names.first().cloned().unwrap_or_default();
+        let path = names.iter().chain([&first]).cloned().collect::<Vec<_>>().join(" → ");
+        let is_fn = cycle.iter().any(|c| matches!(self.slot(*c).statement.kind, StatementKind::Fn(_)));
+        let help = if is_fn {
+            "functions cannot call themselves; repeat with a comprehension: `[… for i in 0..n]`"
+        } else {
+            "declarations are a graph of values: break the circle with a `param` or another value"
+        };
+        let mut diagnostic = Diagnostic::error("dscene::name::cycle", format!("{first} depends on itself: {path}"));
+        for (i, decl) in cycle.iter().enumerate() {
+            let next = &names[(i + 1) % names.len()];
+            diagnostic = diagnostic.label(self.slot(*decl).name.span, format!("needs {next}"));
+        }
+        self.diagnostics.push(diagnostic.help(help));
+    }
+}
+
+/// Bounds for each component of an array of vectors.
+fn last_dim_fits(ty: &Ty, side: &Ty) -> bool {
+    match (ty, side) {
+        (Ty::Num(shape), Ty::Num(side)) => {
+            side.len() < shape.len()
+                && signature::fits(&Ty::Num(shape[shape.len() - side.len()..].to_vec()), &Ty::Num(side.clone()))
+        }
+        (Ty::Image { channels, .. }, Ty::Num(side)) => {
+            matches!(side.as_slice(), [n] if signature::dims_agree(*channels, *n))
+        }
+        _ => false,
+    }
+}
+
+/// Whether any pair of elements satisfies the test; scalars meet every element.
+fn compare_any(a: &Const, b: &Const, test: &dyn Fn(f64, f64) -> bool) -> bool {
+    match (a, b) {
+        (Const::Num(a), Const::Num(b)) | (Const::Angle(a), Const::Angle(b)) => test(*a, *b),
+        (Const::List(a), Const::List(b)) if a.len() == b.len() => a.iter().zip(b).any(|(a, b)| compare_any(a, b, test)),
+        (Const::List(a), b) => a.iter().any(|a| compare_any(a, b, test)),
+        (a, Const::List(b)) => b.iter().any(|b| compare_any(a, b, test)),
+        _ => false,
+    }
+}
+
+/// An expression that was reported.
+pub fn broken(span: Span) -> Typed {
+    Typed { expr: error_expr(span), value: None }
+}

@@ -1,0 +1,150 @@
+//! `v.xy`, `mesh.vertices`, `lamp.radiance`, `studio.three_point`.
+
+use super::hir::ExprKind;
+use super::infer::{Typed, typed};
+use super::modules::Checker;
+use super::types::{Dim, Ty};
+use crate::diag::{Diagnostic, did_you_mean};
+use crate::source::Span;
+use crate::syntax::ast;
+
+impl Checker<'_> {
+    pub fn member(&mut self, base: &ast::Expr, name: &ast::Name, span: Span) -> Typed {
+        if let Some(id) = self.module_member(base, name) {
+            return match id {
+                Ok(id) => self.decl_value(id, span),
+                Err(()) => super::declare::broken(span),
+            };
+        }
+        let base = self.expr(base, None);
+        self.field_of(base, name, span)
+    }
+
+    /// `studio.three_point`: the declaration, or an error that was reported; `None` if `base` is no module.
+    pub fn module_member(&mut self, base: &ast::Expr, name: &ast::Name) -> Option<Result<super::hir::DeclId, ()>> {
+        let ast::ExprKind::Name(alias) = &base.kind else { return None };
+        if self.locals.iter().any(|l| l.name == *alias) {
+            return None;
+        }
+        let &module = self.modules[self.module].aliases.get(alias)?;
+        if let Some(&id) = self.modules[module].names.get(&name.text) {
+            return Some(Ok(id));
+        }
+        let names: Vec<&str> = self.modules[module].names.keys().map(String::as_str).collect();
+        let help = did_you_mean(&name.text, "it has", names);
+        self.diagnostics.push(
+            Diagnostic::error("dscene::name::unknown", format!("`{alias}` has no `{}`", name.text))
+                .label(name.span, "not found")
+                .help_opt(help),
+        );
+        Some(Err(()))
+    }
+
+    /// A field or swizzle of a value.
+    pub fn field_of(&mut self, base: Typed, name: &ast::Name, span: Span) -> Typed {
+        let ty = match field_type(&base.expr.ty, &name.text) {
+            Some(ty) => ty,
+            None => {
+                let ty = &base.expr.ty;
+                let known = fields_of(ty);
+                let foreign = super::foreign::field(&name.text, &known).map(|f| format!("did you mean `{f}`?"));
+                let help = foreign.or_else(|| did_you_mean(&name.text, "the fields are", known));
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::name::field", format!("a `{ty}` has no field `{}`", name.text))
+                        .label(name.span, "unknown field")
+                        .label(base.expr.span, format!("this is `{ty}`"))
+                        .help_opt(help),
+                );
+                Ty::Error
+            }
+        };
+        let value = match &base.value {
+            Some(super::signature::Const::List(items))
+                if name.text.len() == 1 && matches!(&base.expr.ty, Ty::Num(s) if s.len() == 1) =>
+            {
+                "xyzw".find(&name.text).or("rgba".find(&name.text)).and_then(|i| items.get(i).cloned())
+            }
+            _ => None,
+        };
+        Typed { value, ..typed(ExprKind::Field { base: Box::new(base.expr), name: name.text.clone() }, span, ty) }
+    }
+}
+
+/// The fields that a value has, for "did you mean".
+pub fn fields_of(ty: &Ty) -> Vec<&'static str> {
+    match ty {
+        Ty::Num(shape) if !shape.is_empty() => vec!["x", "y", "z", "w", "r", "g", "b", "a"],
+        Ty::Image { .. } => vec!["width", "height", "channels", "r", "g", "b", "a", "x", "y", "z"],
+        Ty::Mesh => vec!["vertices", "faces", "normals", "uvs", "colors"],
+        Ty::Camera { .. } => vec!["position", "look_at", "up", "fov", "fov_x", "film", "kind", "height", "transform"],
+        Ty::Shape => vec!["mesh", "material"],
+        Ty::Light => {
+            vec![
+                "radiance",
+                "mesh",
+                "two_sided",
+                "material",
+                "position",
+                "intensity",
+                "direction",
+                "irradiance",
+                "image",
+                "rotation",
+                "scale",
+            ]
+        }
+        Ty::Material => {
+            vec!["reflectance", "roughness", "eta", "k", "diffuse", "specular", "base_color", "metallic", "material"]
+        }
+        Ty::Texture => vec!["source", "filter", "wrap", "srgb", "a", "b", "tiles"],
+        Ty::Scene => vec!["shapes", "lights"],
+        Ty::Estimate(_) => vec!["mean", "std_error"],
+        _ => Vec::new(),
+    }
+}
+
+fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
+    if ty.is_unknown() {
+        return Some(ty.clone());
+    }
+    let vec3s = || Ty::Num(vec![None, Some(3)]);
+    Some(match (ty, name) {
+        (Ty::Num(shape), _) => {
+            let (last, rest) = shape.split_last()?;
+            let count = swizzle(name, *last)?;
+            let mut shape: Vec<Dim> = rest.to_vec();
+            if count > 1 {
+                shape.push(Some(count));
+            }
+            Ty::Num(shape)
+        }
+        (Ty::Image { .. }, "width" | "height" | "channels") => Ty::SCALAR,
+        (Ty::Image { height, width, channels, made }, _) => {
+            let count = swizzle(name, *channels)?;
+            Ty::Image { height: *height, width: *width, channels: Some(count), made: *made }
+        }
+        (Ty::Mesh, "vertices" | "faces" | "normals" | "colors") => vec3s(),
+        (Ty::Mesh, "uvs") => Ty::Num(vec![None, Some(2)]),
+        (Ty::Camera { .. }, "position" | "look_at" | "up") => Ty::vector(3),
+        (Ty::Camera { .. }, "fov" | "fov_x") => Ty::Angle,
+        (Ty::Camera { .. }, "film") => Ty::vector(2),
+        (Ty::Camera { .. }, "height") => Ty::SCALAR,
+        (Ty::Camera { .. }, "kind") => Ty::Str,
+        (Ty::Camera { .. }, "transform") => Ty::Any,
+        (Ty::Shape | Ty::Light, "mesh") => Ty::Mesh,
+        (Ty::Shape | Ty::Light | Ty::Material, "material") => Ty::Material,
+        (Ty::Light, "position" | "direction") => Ty::vector(3),
+        (Ty::Light, "two_sided") => Ty::Bool,
+        (Ty::Scene, "shapes") => Ty::Array(Box::new(Ty::Shape), None),
+        (Ty::Scene, "lights") => Ty::Array(Box::new(Ty::Light), None),
+        (Ty::Estimate(of), "mean" | "std_error") => (**of).clone(),
+        (Ty::Light | Ty::Material | Ty::Texture, _) if fields_of(ty).contains(&name) => Ty::Any,
+        _ => return None,
+    })
+}
+
+/// The number of components of `xyz` or `rg`, if all of them exist.
+fn swizzle(name: &str, available: Dim) -> Option<usize> {
+    let in_set = |set: &str| name.chars().all(|c| set.find(c).is_some_and(|i| available.is_none_or(|n| i < n)));
+    (!name.is_empty() && name.len() <= 4 && (in_set("xyzw") || in_set("rgba"))).then_some(name.len())
+}

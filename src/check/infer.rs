@@ -1,0 +1,738 @@
+//! Expressions: names, literals, arrays, indexing, comprehensions, `with`.
+
+use std::sync::Arc;
+
+use super::declare::broken;
+use super::hir::{self, Builtin, ExprKind};
+use super::modules::{Checker, State};
+use super::signature::{Const, Sig, fits};
+use super::types::{Dim, Ty};
+use crate::diag::{Diagnostic, did_you_mean, suggest};
+use crate::source::Span;
+use crate::syntax::ast;
+
+/// A typed expression and, if known before the program runs, its value.
+#[derive(Clone, Debug)]
+pub struct Typed {
+    pub expr: hir::Expr,
+    pub value: Option<Const>,
+}
+
+/// Lists with more elements than this are not followed as constants.
+const MAX_CONST: usize = 1024;
+
+pub fn error_expr(span: Span) -> hir::Expr {
+    hir::Expr { kind: ExprKind::Error, span, ty: Ty::Error }
+}
+
+pub fn typed(kind: ExprKind, span: Span, ty: Ty) -> Typed {
+    Typed { expr: hir::Expr { kind, span, ty }, value: None }
+}
+
+impl Checker<'_> {
+    /// Checks an expression. `wanted` helps (words of an argument, types of lambda parameters); it is not enforced here.
+    pub fn expr(&mut self, e: &ast::Expr, wanted: Option<&Sig>) -> Typed {
+        let span = e.span;
+        match &e.kind {
+            ast::ExprKind::Number(x) => {
+                Typed { value: Some(Const::Num(*x)), ..typed(ExprKind::Number(*x), span, Ty::SCALAR) }
+            }
+            ast::ExprKind::Percent(x) => {
+                let x = x / 100.0;
+                Typed { value: Some(Const::Num(x)), ..typed(ExprKind::Number(x), span, Ty::SCALAR) }
+            }
+            ast::ExprKind::Angle(x) => {
+                Typed { value: Some(Const::Angle(*x)), ..typed(ExprKind::Angle(*x), span, Ty::Angle) }
+            }
+            ast::ExprKind::Color(parts) => {
+                let items = parts.iter().map(|x| typed(ExprKind::Number(*x), span, Ty::SCALAR).expr).collect();
+                let value = Const::List(parts.iter().map(|x| Const::Num(*x)).collect());
+                Typed { value: Some(value), ..typed(ExprKind::Array(items), span, Ty::vector(parts.len())) }
+            }
+            ast::ExprKind::Bool(b) => {
+                Typed { value: Some(Const::Bool(*b)), ..typed(ExprKind::Bool(*b), span, Ty::Bool) }
+            }
+            ast::ExprKind::Str(parts) => self.string(parts, span),
+            ast::ExprKind::Name(name) => self.name(name, span, wanted),
+            ast::ExprKind::Array(items) => self.array(items, span, wanted),
+            ast::ExprKind::Comprehension { element, clauses } => self.comprehension(element, clauses, span),
+            ast::ExprKind::Call { callee, args } => self.call(callee, args, span, wanted),
+            ast::ExprKind::Index { base, index } => self.index(base, index, span),
+            ast::ExprKind::Slice { base, start, end, inclusive } => {
+                self.slice(base, start.as_deref(), end.as_deref(), *inclusive, span)
+            }
+            ast::ExprKind::Member { base, name } => self.member(base, name, span),
+            ast::ExprKind::Unary { op, operand } => self.unary(*op, operand, span),
+            ast::ExprKind::Binary { op, op_span, left, right } => self.binary(*op, *op_span, left, right, span),
+            ast::ExprKind::Range { start, end, inclusive } => self.range(start, end, *inclusive, span),
+            ast::ExprKind::If { condition, then, otherwise } => self.if_(condition, then, otherwise, span, wanted),
+            ast::ExprKind::Lambda { params, body } => self.lambda(params, body, span, wanted),
+            ast::ExprKind::With { body, replacements } => self.with(body, replacements, span, wanted),
+            ast::ExprKind::Block { lets, body } => self.block(lets, body, span, wanted),
+            ast::ExprKind::Error => broken(span),
+        }
+    }
+
+    fn string(&mut self, parts: &[ast::StrPart], span: Span) -> Typed {
+        let mut out = Vec::new();
+        let mut value = Some(String::new());
+        for part in parts {
+            match part {
+                ast::StrPart::Text(text) => {
+                    if let Some(value) = &mut value {
+                        value.push_str(text);
+                    }
+                    out.push(hir::StrPart::Text(text.clone()));
+                }
+                ast::StrPart::Value { value: inner, format } => {
+                    value = None;
+                    let inner = self.expr(inner, None).expr;
+                    let printable = matches!(
+                        inner.ty,
+                        Ty::Num(_) | Ty::Str | Ty::Bool | Ty::Angle | Ty::Estimate(_) | Ty::Array(..) | Ty::Tuple(_)
+                    ) || inner.ty.is_unknown();
+                    if !printable {
+                        self.diagnostics.push(
+                            Diagnostic::error(
+                                "dscene::type::mismatch",
+                                format!("a `{}` cannot stand in a text", inner.ty),
+                            )
+                            .label(inner.span, format!("this is `{}`", inner.ty))
+                            .help("interpolate numbers, strings, angles and arrays of them"),
+                        );
+                    }
+                    out.push(hir::StrPart::Value { value: inner, format: *format });
+                }
+            }
+        }
+        Typed { value: value.map(Const::Str), ..typed(ExprKind::Str(out), span, Ty::Str) }
+    }
+
+    fn name(&mut self, name: &str, span: Span, wanted: Option<&Sig>) -> Typed {
+        if let Some(local) = self.locals.iter().rev().find(|l| l.name == name) {
+            let out = typed(ExprKind::Local(local.id), span, local.ty.clone());
+            return Typed { value: local.value.clone(), ..out };
+        }
+        // A word of the argument: `kind: orthographic`.
+        if wanted.is_some_and(|w| w.words().contains(&name)) {
+            let kind = ExprKind::Str(vec![hir::StrPart::Text(name.to_owned())]);
+            return Typed { value: Some(Const::Str(name.to_owned())), ..typed(kind, span, Ty::Str) };
+        }
+        if self.in_stop_when && name == "loss" {
+            return typed(ExprKind::Builtin(Builtin::Loss), span, Ty::SCALAR);
+        }
+        let id = self.lookup(name);
+        if id.is_none_or(|id| !self.is_user(id)) {
+            let builtin = match name {
+                "step" => Some(Builtin::Step),
+                "progress" => Some(Builtin::Progress),
+                _ => None,
+            };
+            if let Some(builtin) = builtin {
+                return typed(ExprKind::Builtin(builtin), span, Ty::SCALAR);
+            }
+        }
+        match id {
+            Some(id) => self.decl_value(id, span),
+            None => {
+                self.report_unknown(name, span, wanted);
+                broken(span)
+            }
+        }
+    }
+
+    /// The value of a declaration, checked first if that was not done.
+    pub fn decl_value(&mut self, id: hir::DeclId, span: Span) -> Typed {
+        self.declare(id);
+        let slot = self.slot(id);
+        if slot.state == State::Busy {
+            return broken(span);
+        }
+        let ty = slot.hir.ty.clone();
+        Typed { value: slot.value.clone(), ..typed(ExprKind::Decl(id), span, ty) }
+    }
+
+    fn report_unknown(&mut self, name: &str, span: Span, wanted: Option<&Sig>) {
+        let words = wanted.map(Sig::words).unwrap_or_default();
+        if !words.is_empty() {
+            let help = did_you_mean(name, "choose one of", words);
+            self.diagnostics.push(
+                Diagnostic::error("dscene::name::unknown", format!("there is no choice `{name}` here"))
+                    .label(span, "not one of the choices")
+                    .help_opt(help),
+            );
+            return;
+        }
+        if self.modules[self.module].aliases.contains_key(name) {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::name::unknown", format!("`{name}` is a module, not a value"))
+                    .label(span, "a module")
+                    .help(format!("take something from it: `{name}.NAME`")),
+            );
+            return;
+        }
+        let mut names: Vec<&str> = self.locals.iter().map(|l| l.name.as_str()).collect();
+        names.extend(self.modules[self.module].names.keys().map(String::as_str));
+        names.sort_unstable();
+        let own = suggest(name, names.iter().copied()).map(str::to_owned);
+        let mut library: Vec<&str> = self.modules[super::modules::PRELUDE].names.keys().map(String::as_str).collect();
+        library.sort_unstable();
+        let guess = own
+            .or_else(|| super::foreign::function(name).map(str::to_owned))
+            .or_else(|| suggest(name, library.iter().copied()).map(str::to_owned));
+        let help = match guess {
+            Some(found) => format!("did you mean `{found}`?"),
+            None => format!("declare it: `let {name} = …`"),
+        };
+        self.diagnostics.push(
+            Diagnostic::error("dscene::name::unknown", format!("`{name}` is not declared"))
+                .label(span, "not found")
+                .help(help),
+        );
+    }
+
+    fn array(&mut self, items: &[ast::Expr], span: Span, wanted: Option<&Sig>) -> Typed {
+        let inner = wanted.and_then(element_sig);
+        let items: Vec<Typed> = items.iter().map(|i| self.expr(i, inner.as_ref())).collect();
+        let n = items.len();
+        let ty = self.array_type(&items, wanted);
+        let values: Option<Vec<Const>> =
+            if n <= MAX_CONST { items.iter().map(|i| i.value.clone()).collect() } else { None };
+        let value = values.filter(|v| size(v) <= MAX_CONST).map(Const::List);
+        let kind = ExprKind::Array(items.into_iter().map(|i| i.expr).collect());
+        Typed { value, ..typed(kind, span, ty) }
+    }
+
+    /// Items of one numeric shape are a tensor; items of one other type a list; mixed ones a tuple.
+    fn array_type(&mut self, items: &[Typed], wanted: Option<&Sig>) -> Ty {
+        let n = Some(items.len());
+        let Some(first) = items.iter().find(|i| !i.expr.ty.is_unknown()) else {
+            return Ty::Array(Box::new(Ty::Any), n);
+        };
+        let mut joined = first.expr.ty.clone();
+        for item in items {
+            let ty = &item.expr.ty;
+            if ty.is_unknown() {
+                continue;
+            }
+            match join(&joined, ty) {
+                Some(both) => joined = both,
+                None => {
+                    let numbers = matches!((&joined, ty), (Ty::Num(_), Ty::Num(_)));
+                    let wants_numbers =
+                        matches!(wanted, Some(Sig::Is(Ty::Num(_)) | Sig::Int(_) | Sig::Color | Sig::Number));
+                    if numbers && (wants_numbers || wanted.is_none()) {
+                        self.diagnostics.push(
+                            Diagnostic::error(
+                                "dscene::type::shape",
+                                "the elements of this array have different shapes",
+                            )
+                            .label(item.expr.span, format!("this is `{ty}`"))
+                            .label(first.expr.span, format!("but this is `{}`", first.expr.ty))
+                            .help("give every element the same shape"),
+                        );
+                        return Ty::Error;
+                    }
+                    if matches!((&joined, ty), (Ty::Num(_), Ty::Angle) | (Ty::Angle, Ty::Num(_))) {
+                        self.diagnostics.push(
+                            Diagnostic::error("dscene::type::mismatch", "this array mixes angles and numbers")
+                                .label(item.expr.span, format!("this is `{ty}`"))
+                                .label(first.expr.span, format!("but this is `{}`", first.expr.ty))
+                                .help("angles have a unit: `45deg`, `0.5rad`"),
+                        );
+                        return Ty::Error;
+                    }
+                    return Ty::Tuple(items.iter().map(|i| i.expr.ty.clone()).collect());
+                }
+            }
+        }
+        if items.iter().any(|i| i.expr.ty.is_unknown()) && !matches!(joined, Ty::Num(_)) {
+            return Ty::Array(Box::new(joined), n);
+        }
+        stack(joined, n)
+    }
+
+    fn comprehension(&mut self, element: &ast::Expr, clauses: &[ast::ForClause], span: Span) -> Typed {
+        let depth = self.locals.len();
+        let mut out = Vec::new();
+        let mut count: Dim = Some(1);
+        for clause in clauses {
+            let items = self.expr(&clause.items, None);
+            let (item, n) = match item_of(&items.expr.ty) {
+                Some(found) => found,
+                None => {
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::type::mismatch", format!("cannot go through a `{}`", items.expr.ty))
+                            .label(clause.items.span, format!("this is `{}`", items.expr.ty))
+                            .help("go through an array or a range: `for i in 0..8`"),
+                    );
+                    (Ty::Error, None)
+                }
+            };
+            count = match (count, n, &clause.condition) {
+                (Some(a), Some(b), None) => a.checked_mul(b),
+                _ => None,
+            };
+            let locals = self.bind(&clause.names, &item, clause.items.span);
+            let condition = clause.condition.as_ref().map(|c| self.condition(c));
+            out.push(hir::ForClause { locals, items: items.expr, condition });
+        }
+        let element = self.expr(element, None).expr;
+        self.locals.truncate(depth);
+        let ty = match &element.ty {
+            Ty::Error => Ty::Error,
+            Ty::Any => Ty::Array(Box::new(Ty::Any), count),
+            ty => stack(ty.clone(), count),
+        };
+        typed(ExprKind::Comprehension(Box::new(hir::Comprehension { element, clauses: out })), span, ty)
+    }
+
+    /// Loop variables: one for the item, or one for each part of it.
+    fn bind(&mut self, names: &[ast::Name], item: &Ty, span: Span) -> Vec<hir::LocalId> {
+        if let [name] = names {
+            return vec![self.new_local(&name.text, item.clone(), None)];
+        }
+        let parts: Vec<Ty> = match item {
+            Ty::Tuple(parts) => parts.clone(),
+            Ty::Array(part, n) => vec![(**part).clone(); n.unwrap_or(names.len()).min(64)],
+            Ty::Num(shape) if !shape.is_empty() => {
+                vec![Ty::Num(shape[1..].to_vec()); shape[0].unwrap_or(names.len()).min(64)]
+            }
+            ty if ty.is_unknown() => vec![ty.clone(); names.len()],
+            _ => vec![item.clone()],
+        };
+        if parts.len() != names.len()
+            && let (Some(first), Some(last)) = (names.first(), names.last())
+        {
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::type::mismatch",
+                    format!("{} names for items of {} parts", names.len(), parts.len()),
+                )
+                .label(first.span.to(last.span), format!("{} names", names.len()))
+                .label(span, format!("each item is `{item}`"))
+                .help("go through two arrays at once with `for a, b in zip(xs, ys)`"),
+            );
+        }
+        let part = |i: usize| parts.get(i).cloned().unwrap_or(Ty::Error);
+        names.iter().enumerate().map(|(i, n)| self.new_local(&n.text, part(i), None)).collect()
+    }
+
+    fn index(&mut self, base: &ast::Expr, index: &ast::Expr, span: Span) -> Typed {
+        let base = self.expr(base, None);
+        let index = self.expr(index, None);
+        if !index.expr.ty.is_unknown() && !index.expr.ty.is_scalar() {
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::type::mismatch",
+                    format!("an index is a whole number, not `{}`", index.expr.ty),
+                )
+                .label(index.expr.span, format!("this is `{}`", index.expr.ty)),
+            );
+        }
+        let at = index.value.as_ref().and_then(Const::number);
+        if let Some(x) = at.filter(|x| x.fract() != 0.0) {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::mismatch", format!("an index is a whole number, not {x}"))
+                    .label(index.expr.span, "not a whole number"),
+            );
+        }
+        let (item, n) = match (&base.expr.ty, item_of(&base.expr.ty)) {
+            (Ty::Tuple(parts), _) => match at.and_then(|x| position(x, parts.len())) {
+                Some(i) => (parts[i].clone(), Some(parts.len())),
+                None => (Ty::Any, Some(parts.len())),
+            },
+            (_, Some(found)) => found,
+            (ty, None) => {
+                let mut diagnostic =
+                    Diagnostic::error("dscene::type::mismatch", format!("a `{ty}` has no elements to index"))
+                        .label(base.expr.span, format!("this is `{ty}`"));
+                if matches!(ty, Ty::Image { .. }) {
+                    diagnostic =
+                        diagnostic.help("take a part of an image with `crop(img, x: …, y: …, width: …, height: …)`");
+                }
+                self.diagnostics.push(diagnostic);
+                return broken(span);
+            }
+        };
+        if let (Some(x), Some(n)) = (at, n)
+            && x.fract() == 0.0
+            && position(x, n).is_none()
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::index", format!("index {x} is outside of an array of {n}"))
+                    .label(index.expr.span, "out of range")
+                    .label(base.expr.span, format!("has {n} element{}", if n == 1 { "" } else { "s" }))
+                    .help("indices count from 0; -1 is the last element"),
+            );
+        }
+        let value = match (&base.value, at, n) {
+            (Some(Const::List(items)), Some(x), Some(n)) => position(x, n).and_then(|i| items.get(i).cloned()),
+            _ => None,
+        };
+        let kind = ExprKind::Index { base: Box::new(base.expr), index: Box::new(index.expr) };
+        Typed { value, ..typed(kind, span, item) }
+    }
+
+    fn slice(
+        &mut self,
+        base: &ast::Expr,
+        start: Option<&ast::Expr>,
+        end: Option<&ast::Expr>,
+        inclusive: bool,
+        span: Span,
+    ) -> Typed {
+        let base = self.expr(base, None);
+        let ends = [start, end].map(|e| {
+            e.map(|e| {
+                let typed = self.expr(e, None);
+                if !typed.expr.ty.is_unknown() && !typed.expr.ty.is_scalar() {
+                    self.diagnostics.push(
+                        Diagnostic::error(
+                            "dscene::type::mismatch",
+                            format!("an index is a whole number, not `{}`", typed.expr.ty),
+                        )
+                        .label(e.span, format!("this is `{}`", typed.expr.ty)),
+                    );
+                }
+                typed
+            })
+        });
+        let known = |i: usize, n: usize, default: usize| match &ends[i] {
+            None => Some(default),
+            Some(t) => t.value.as_ref().and_then(Const::number).map(|x| {
+                let x = if x < 0.0 { x + n as f64 } else { x };
+                x.clamp(0.0, n as f64) as usize
+            }),
+        };
+        let Some((item, n)) = item_of(&base.expr.ty) else {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::mismatch", format!("a `{}` has no elements to slice", base.expr.ty))
+                    .label(base.expr.span, format!("this is `{}`", base.expr.ty)),
+            );
+            return broken(span);
+        };
+        let count = n.and_then(|n| {
+            let (a, b) = (known(0, n, 0)?, known(1, n, n)? + usize::from(inclusive && ends[1].is_some()));
+            Some(b.min(n).saturating_sub(a))
+        });
+        let [start, end] = ends.map(|e| e.map(|t| Box::new(t.expr)));
+        let ty = if item.is_unknown() { base.expr.ty.clone() } else { stack(item, count) };
+        typed(ExprKind::Slice { base: Box::new(base.expr), start, end, inclusive }, span, ty)
+    }
+
+    fn range(&mut self, start: &ast::Expr, end: &ast::Expr, inclusive: bool, span: Span) -> Typed {
+        let (start, end) = (self.expr(start, None), self.expr(end, None));
+        for side in [&start, &end] {
+            if !side.expr.ty.is_unknown() && !side.expr.ty.is_scalar() {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::type::mismatch", "a range goes from one whole number to another")
+                        .label(side.expr.span, format!("this is `{}`", side.expr.ty)),
+                );
+            }
+        }
+        let number = |t: &Typed| t.value.as_ref().and_then(Const::number);
+        let count = match (number(&start), number(&end)) {
+            (Some(a), Some(b)) if (b - a) < 1e9 => {
+                Some(((b - a).ceil().max(0.0)) as usize + usize::from(inclusive && b >= a))
+            }
+            _ => None,
+        };
+        let kind = ExprKind::Range { start: Box::new(start.expr), end: Box::new(end.expr), inclusive };
+        typed(kind, span, Ty::Num(vec![count]))
+    }
+
+    /// A condition: a bool.
+    pub fn condition(&mut self, e: &ast::Expr) -> hir::Expr {
+        let condition = self.expr(e, None).expr;
+        if !condition.ty.is_unknown() && condition.ty != Ty::Bool {
+            let help = condition.ty.is_scalar().then(|| format!("compare it: `{} > 0`", self.sources.text(e.span)));
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::mismatch", format!("a condition is a `bool`, not `{}`", condition.ty))
+                    .label(e.span, format!("this is `{}`", condition.ty))
+                    .help_opt(help),
+            );
+        }
+        condition
+    }
+
+    fn if_(
+        &mut self,
+        condition: &ast::Expr,
+        then: &ast::Expr,
+        otherwise: &ast::Expr,
+        span: Span,
+        wanted: Option<&Sig>,
+    ) -> Typed {
+        let test = self.expr(condition, None);
+        let known = match test.value {
+            Some(Const::Bool(b)) => Some(b),
+            _ => None,
+        };
+        let condition =
+            if test.expr.ty == Ty::Bool || test.expr.ty.is_unknown() { test.expr } else { self.condition(condition) };
+        let (then, otherwise) = (self.expr(then, wanted), self.expr(otherwise, wanted));
+        let ty = match join(&then.expr.ty, &otherwise.expr.ty) {
+            Some(ty) => ty,
+            None => {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::type::mismatch", "the branches of this `if` have different types")
+                        .label(otherwise.expr.span, format!("this is `{}`", otherwise.expr.ty))
+                        .label(then.expr.span, format!("but this is `{}`", then.expr.ty)),
+                );
+                Ty::Error
+            }
+        };
+        let value = known.and_then(|b| if b { then.value.clone() } else { otherwise.value.clone() });
+        let kind = ExprKind::If {
+            condition: Box::new(condition),
+            then: Box::new(then.expr),
+            otherwise: Box::new(otherwise.expr),
+        };
+        Typed { value, ..typed(kind, span, ty) }
+    }
+
+    fn lambda(&mut self, params: &[ast::Name], body: &ast::Expr, span: Span, wanted: Option<&Sig>) -> Typed {
+        let types: Vec<Ty> = match wanted {
+            Some(Sig::Fn(wanted, _)) => wanted.iter().map(Sig::ty).collect(),
+            _ => Vec::new(),
+        };
+        let depth = self.locals.len();
+        let ty = |i: usize| types.get(i).cloned().unwrap_or(Ty::Any);
+        let locals = params.iter().enumerate().map(|(i, p)| self.new_local(&p.text, ty(i), None)).collect();
+        let body = self.expr(body, None).expr;
+        self.locals.truncate(depth);
+        let ty = Ty::Fn((0..params.len()).map(ty).collect(), Box::new(body.ty.clone()));
+        typed(ExprKind::Lambda(Arc::new(hir::Lambda { params: locals, body })), span, ty)
+    }
+
+    fn block(
+        &mut self,
+        lets: &[(ast::Name, Option<ast::Type>, ast::Expr)],
+        body: &ast::Expr,
+        span: Span,
+        wanted: Option<&Sig>,
+    ) -> Typed {
+        let depth = self.locals.len();
+        let mut bound = Vec::new();
+        for (name, ty, value) in lets {
+            let sig = ty.as_ref().map(|t| self.sig(t));
+            let mut value = self.expr(value, sig.as_ref());
+            if let (Some(sig), Some(ty)) = (&sig, ty) {
+                if !sig.accepts(&value.expr.ty, value.value.as_ref()) {
+                    let help = self.conversion_help(sig, &value, value.expr.span);
+                    self.diagnostics.push(
+                        Diagnostic::error(
+                            "dscene::type::mismatch",
+                            format!("expected `{sig}`, found `{}`", value.expr.ty),
+                        )
+                        .label(value.expr.span, format!("this is `{}`", value.expr.ty))
+                        .label(ty.span, format!("declared as `{sig}`"))
+                        .help_opt(help),
+                    );
+                    value.expr.ty = Ty::Error;
+                }
+                value = self.coerce(sig, value);
+            }
+            let local = self.new_local(&name.text, value.expr.ty.clone(), value.value.clone());
+            bound.push((local, value.expr));
+        }
+        let body = self.expr(body, wanted);
+        self.locals.truncate(depth);
+        let value = body.value;
+        let mut expr = body.expr;
+        for (local, value) in bound.into_iter().rev() {
+            let ty = expr.ty.clone();
+            expr = hir::Expr { kind: ExprKind::Let { local, value: Box::new(value), body: Box::new(expr) }, span, ty };
+        }
+        Typed { expr, value }
+    }
+
+    fn with(&mut self, body: &ast::Expr, replacements: &[ast::Replacement], span: Span, wanted: Option<&Sig>) -> Typed {
+        let body = self.expr(body, wanted);
+        let mut out: Vec<hir::Replacement> = Vec::new();
+        let mut reshaped = false;
+        for replacement in replacements {
+            let target = self.target(&replacement.path);
+            let value = self.expr(&replacement.value, None);
+            let Some((target, ty)) = target else { continue };
+            if let Some(first) = out.iter().find(|r| r.target == target) {
+                let name = ast::Name { text: self.sources.text(replacement.span).to_owned(), span: replacement.span };
+                self.report_twice(&name, first.span);
+                continue;
+            }
+            let fine = replaces(&ty, &value.expr.ty);
+            if !fine {
+                let decl = self.slot(target.decl).name.span;
+                let text = self.sources.text(replacement.span).to_owned();
+                let help = (ty == Ty::Angle && value.expr.ty.is_scalar())
+                    .then(|| format!("write `{}deg`", self.sources.text(value.expr.span)));
+                self.diagnostics.push(
+                    Diagnostic::error(
+                        "dscene::type::mismatch",
+                        format!("`{text}` is `{ty}`, its replacement `{}`", value.expr.ty),
+                    )
+                    .label(value.expr.span, format!("this is `{}`", value.expr.ty))
+                    .label(decl, format!("`{}` is declared here", self.slot(target.decl).name.text))
+                    .help_opt(help),
+                );
+            }
+            reshaped |= !fits(&value.expr.ty, &ty) || size_of(&ty) != size_of(&value.expr.ty);
+            let mut value = value.expr;
+            if let (Ty::Num(shape), true) = (&ty, value.ty.is_scalar())
+                && let Some(shape) = shape.iter().copied().collect::<Option<Vec<usize>>>()
+                && !shape.is_empty()
+            {
+                let span = value.span;
+                value = hir::Expr { kind: ExprKind::Broadcast { value: Box::new(value), shape }, span, ty: ty.clone() };
+            }
+            out.push(hir::Replacement { target, span: replacement.span, value });
+        }
+        let ty = if reshaped { blur(&body.expr.ty) } else { body.expr.ty.clone() };
+        typed(ExprKind::With { body: Box::new(body.expr), replacements: out }, span, ty)
+    }
+
+    /// `lamp` or `lamp.radiance`: a declaration and the fields that lead to a part of its value, with the part's type.
+    pub fn target(&mut self, path: &[ast::Name]) -> Option<(hir::Target, Ty)> {
+        let (first, rest) = path.split_first()?;
+        let (decl, mut rest) = match self.lookup(&first.text) {
+            Some(decl) => (decl, rest),
+            None => match (self.modules[self.module].aliases.get(&first.text).copied(), rest.split_first()) {
+                (Some(module), Some((name, rest))) => {
+                    let Some(&decl) = self.modules[module].names.get(&name.text) else {
+                        self.report_unknown(&name.text, name.span, None);
+                        return None;
+                    };
+                    (decl, rest)
+                }
+                _ => {
+                    self.report_unknown(&first.text, first.span, None);
+                    return None;
+                }
+            },
+        };
+        let mut current = self.decl_value(decl, first.span);
+        if matches!(current.expr.ty, Ty::Fn(..)) || !self.is_user(decl) {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::mismatch", format!("`{}` is no declaration of yours", first.text))
+                    .label(first.span, "belongs to the library or is a function")
+                    .help("name a param, a declaration or a field of one, such as `lamp.radiance`"),
+            );
+            return None;
+        }
+        let mut names = Vec::new();
+        while let Some((name, tail)) = rest.split_first() {
+            current = self.field_of(current, name, name.span);
+            names.push(name.text.clone());
+            rest = tail;
+        }
+        Some((hir::Target { decl, path: names }, current.expr.ty))
+    }
+}
+
+/// What an array of `wanted` asks of each element.
+fn element_sig(wanted: &Sig) -> Option<Sig> {
+    match wanted {
+        Sig::List(item, _) => Some((**item).clone()),
+        Sig::Is(Ty::Num(shape)) if !shape.is_empty() => Some(Sig::Is(Ty::Num(shape[1..].to_vec()))),
+        Sig::Union(choices) => choices.iter().find_map(element_sig),
+        _ => None,
+    }
+}
+
+fn size(items: &[Const]) -> usize {
+    items.iter().map(|i| if let Const::List(items) = i { size(items) } else { 1 }).sum()
+}
+
+fn position(x: f64, n: usize) -> Option<usize> {
+    let x = if x < 0.0 { x + n as f64 } else { x };
+    (x >= 0.0 && x < n as f64).then_some(x as usize)
+}
+
+/// `n` items of a type.
+pub fn stack(item: Ty, n: Dim) -> Ty {
+    match item {
+        Ty::Num(shape) => {
+            let mut all = vec![n];
+            all.extend(shape);
+            Ty::Num(all)
+        }
+        Ty::Error => Ty::Error,
+        other => Ty::Array(Box::new(other), n),
+    }
+}
+
+/// What an array's items are, and how many there are.
+pub fn item_of(ty: &Ty) -> Option<(Ty, Dim)> {
+    match ty {
+        Ty::Num(shape) => shape.split_first().map(|(n, rest)| (Ty::Num(rest.to_vec()), *n)),
+        Ty::Array(item, n) => Some(((**item).clone(), *n)),
+        Ty::Tuple(items) => {
+            let all = items.iter().try_fold(Ty::Any, |a, b| join(&a, b)).unwrap_or(Ty::Any);
+            Some((all, Some(items.len())))
+        }
+        Ty::Error => Some((Ty::Error, None)),
+        Ty::Any => Some((Ty::Any, None)),
+        _ => None,
+    }
+}
+
+/// The type of something that is one or the other.
+pub fn join(a: &Ty, b: &Ty) -> Option<Ty> {
+    let dims = |a: &Dim, b: &Dim| if a == b { *a } else { None };
+    Some(match (a, b) {
+        (Ty::Error | Ty::Any, other) | (other, Ty::Error | Ty::Any) => other.clone(),
+        (Ty::Num(x), Ty::Num(y)) if fits(a, b) => Ty::Num(x.iter().zip(y).map(|(x, y)| dims(x, y)).collect()),
+        (Ty::Image { height, width, channels, made }, Ty::Image { height: h, width: w, channels: c, .. }) => {
+            Ty::Image { height: dims(height, h), width: dims(width, w), channels: dims(channels, c), made: *made }
+        }
+        (Ty::Camera { height, width, made }, Ty::Camera { height: h, width: w, .. }) => {
+            Ty::Camera { height: dims(height, h), width: dims(width, w), made: *made }
+        }
+        (Ty::Array(x, n), Ty::Array(y, m)) => Ty::Array(Box::new(join(x, y)?), dims(n, m)),
+        (Ty::Tuple(x), Ty::Tuple(y)) if x.len() == y.len() => {
+            Ty::Tuple(x.iter().zip(y).map(|(x, y)| join(x, y)).collect::<Option<Vec<Ty>>>()?)
+        }
+        (Ty::Fn(x, r), Ty::Fn(y, s)) if x.len() == y.len() => {
+            Ty::Fn(x.clone(), Box::new(join(r, s).unwrap_or(Ty::Any)))
+        }
+        _ if a == b => a.clone(),
+        _ => return None,
+    })
+}
+
+/// Whether a value of type `new` may stand for one of type `old` in a `with`.
+fn replaces(old: &Ty, new: &Ty) -> bool {
+    match (old, new) {
+        (Ty::Image { .. }, Ty::Image { .. }) => true,
+        (Ty::Num(_), Ty::Num(shape)) if shape.is_empty() => true,
+        (Ty::Num(a), Ty::Num(b)) => {
+            a.len() == b.len()
+                && a.last().zip(b.last()).is_none_or(|(a, b)| super::signature::dims_agree(*a, *b) || a.is_none())
+        }
+        _ => fits(old, new),
+    }
+}
+
+fn size_of(ty: &Ty) -> (Dim, Dim) {
+    match ty {
+        Ty::Image { height, width, .. } | Ty::Camera { height, width, .. } => (*height, *width),
+        Ty::Num(shape) => (shape.first().copied().flatten(), None),
+        _ => (None, None),
+    }
+}
+
+/// The type without its sizes.
+fn blur(ty: &Ty) -> Ty {
+    match ty {
+        Ty::Image { channels, .. } => {
+            Ty::Image { height: None, width: None, channels: *channels, made: Default::default() }
+        }
+        Ty::Camera { .. } => Ty::Camera { height: None, width: None, made: Default::default() },
+        Ty::Num(shape) => Ty::Num(
+            shape.iter().enumerate().map(|(i, d)| if i + 1 == shape.len() && i > 0 { *d } else { None }).collect(),
+        ),
+        Ty::Array(item, _) => Ty::Array(Box::new(blur(item)), None),
+        other => other.clone(),
+    }
+}

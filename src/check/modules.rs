@@ -1,0 +1,495 @@
+//! Files as modules: the standard library, imports, and who sees which names.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::hir::{self, DeclId, LocalId, Origin, Program};
+use super::signature::{Const, Sig};
+use super::types::Ty;
+use super::{Line, Loader};
+use crate::diag::{Diagnostic, did_you_mean, suggest};
+use crate::source::{SourceId, SourceMap, Span};
+use crate::syntax::ast::{self, StatementKind};
+use crate::syntax::{self};
+
+/// The standard library: module name and text. The `prelude` ones are visible everywhere, the others by `import std.NAME`.
+const LIBRARY: [(&str, bool, &str); 9] = [
+    ("math", true, include_str!("../../stdlib/math.dscene")),
+    ("mesh", true, include_str!("../../stdlib/mesh.dscene")),
+    ("material", true, include_str!("../../stdlib/material.dscene")),
+    ("scene", true, include_str!("../../stdlib/scene.dscene")),
+    ("image", true, include_str!("../../stdlib/image.dscene")),
+    ("loss", true, include_str!("../../stdlib/loss.dscene")),
+    ("optimize", true, include_str!("../../stdlib/optimize.dscene")),
+    ("derivative", true, include_str!("../../stdlib/derivative.dscene")),
+    ("studio", false, include_str!("../../stdlib/studio.dscene")),
+];
+
+pub type ModuleId = usize;
+
+/// Module 0 is the prelude.
+pub const PRELUDE: ModuleId = 0;
+
+#[derive(Default)]
+pub struct Module {
+    pub names: HashMap<String, DeclId>,
+    pub aliases: HashMap<String, ModuleId>,
+    pub path: Option<PathBuf>,
+    pub user: bool,
+    /// Own declarations in order (imported names are in `names` only).
+    pub own: Vec<DeclId>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    Waiting,
+    Busy,
+    Done,
+}
+
+/// A declaration on its way from tree to typed program.
+pub struct Slot {
+    pub name: ast::Name,
+    pub module: ModuleId,
+    pub statement: Arc<ast::Statement>,
+    /// `--set`: replaces the value.
+    pub replaced: Option<Arc<ast::Expr>>,
+    pub state: State,
+    pub hir: hir::Decl,
+    pub value: Option<Const>,
+    /// Functions: what the parameters accept, which have defaults, and the declared result.
+    pub signature: Option<Arc<Signature>>,
+}
+
+#[derive(Debug)]
+pub struct Signature {
+    pub params: Vec<SigParam>,
+    pub result: Option<Sig>,
+}
+
+#[derive(Debug)]
+pub struct SigParam {
+    pub name: String,
+    pub sig: Sig,
+    pub has_default: bool,
+}
+
+pub struct Local {
+    pub name: String,
+    pub id: LocalId,
+    pub ty: Ty,
+    pub value: Option<Const>,
+}
+
+/// What a function's body gives for certain argument types.
+#[derive(Clone)]
+pub struct Instance {
+    pub ty: Ty,
+    pub value: Option<Const>,
+}
+
+pub struct Checker<'l> {
+    pub sources: SourceMap,
+    pub loader: &'l (dyn Loader + Sync),
+    pub diagnostics: Vec<Diagnostic>,
+    pub modules: Vec<Module>,
+    pub slots: Vec<Slot>,
+    pub locals: Vec<Local>,
+    /// The module whose names are visible.
+    pub module: ModuleId,
+    pub main: ModuleId,
+    /// Declarations that are being checked, outermost first.
+    pub stack: Vec<DeclId>,
+    pub next_local: u32,
+    pub instances: HashMap<String, Instance>,
+    pub actions: Vec<hir::Action>,
+    pub default_scene: Vec<DeclId>,
+    pub integrator: Option<DeclId>,
+    pub origin: Origin,
+    /// The name `loss` means the running loss (in `stop_when`).
+    pub in_stop_when: bool,
+    /// No dataflow warnings (REPL lines).
+    pub quiet: bool,
+    pending_actions: Vec<(ModuleId, Arc<ast::Statement>)>,
+    files: HashMap<PathBuf, ModuleId>,
+    parsed: HashMap<SourceId, Vec<Arc<ast::Statement>>>,
+    library: HashMap<&'static str, ModuleId>,
+}
+
+impl<'l> Checker<'l> {
+    pub fn new(sources: SourceMap, loader: &'l (dyn Loader + Sync)) -> Checker<'l> {
+        Checker {
+            sources,
+            loader,
+            diagnostics: Vec::new(),
+            modules: vec![Module::default()],
+            slots: Vec::new(),
+            locals: Vec::new(),
+            module: PRELUDE,
+            main: PRELUDE,
+            stack: Vec::new(),
+            next_local: 0,
+            instances: HashMap::new(),
+            actions: Vec::new(),
+            default_scene: Vec::new(),
+            integrator: None,
+            origin: Origin::default(),
+            in_stop_when: false,
+            quiet: false,
+            pending_actions: Vec::new(),
+            files: HashMap::new(),
+            parsed: HashMap::new(),
+            library: HashMap::new(),
+        }
+    }
+
+    /// Reads and checks everything.
+    pub fn run(&mut self, origin: Origin) {
+        self.origin = origin.clone();
+        self.load_library();
+        let Some(main) = origin.main else { return };
+        let path = self.sources.get(main).and_then(|f| f.path.clone());
+        self.main = self.new_module(path.clone(), true);
+        if let Some(path) = path {
+            self.files.insert(normal(&path), self.main);
+        }
+        let mut statements = self.parse(main);
+        let lines: Vec<SourceId> = origin.lines.clone();
+        for line in &lines {
+            statements.extend(self.parse(*line));
+        }
+        self.add_statements(self.main, statements, &lines);
+        for (name, source) in origin.overrides {
+            self.override_value(&name, source);
+        }
+        for i in 0..self.slots.len() {
+            self.declare(DeclId(i as u32));
+        }
+        for (module, statement) in std::mem::take(&mut self.pending_actions) {
+            self.module = module;
+            if let StatementKind::Action(action) = &statement.kind {
+                self.top_action(action);
+            }
+        }
+        self.module = self.main;
+        self.check_default_scene();
+    }
+
+    /// The program (not to be used if there are errors), the diagnostics and the sources.
+    pub fn finish(mut self) -> (Program, Vec<Diagnostic>, SourceMap) {
+        let decls = self.slots.into_iter().map(|s| s.hir).collect();
+        let program = Program {
+            decls,
+            actions: self.actions,
+            sources: self.sources.clone(),
+            default_scene: self.default_scene,
+            integrator: self.integrator,
+            origin: self.origin,
+        };
+        if !self.diagnostics.iter().any(Diagnostic::is_error) {
+            self.diagnostics.extend(super::flow::check(&program, self.quiet));
+        }
+        (program, self.diagnostics, self.sources)
+    }
+
+    /// What the statement of a REPL line declared.
+    pub fn line_result(&mut self, line: SourceId) -> Line {
+        let declared: Vec<DeclId> =
+            self.slots.iter().filter(|s| s.statement.span.source == line).map(|s| s.hir.id).collect();
+        let of_line = |a: &hir::Action| action_span(a).source == line;
+        if declared.is_empty()
+            && let Some(at) = self.actions.iter().rposition(of_line)
+        {
+            return Line::Action(self.actions.remove(at));
+        }
+        // An import declares nothing of its own.
+        Line::Declared(declared)
+    }
+
+    /// A REPL line that is an expression.
+    pub fn line_expr(&mut self, line: SourceId) -> Line {
+        let (expr, diagnostics) = syntax::parse_expr(&self.sources, line);
+        self.diagnostics.extend(diagnostics);
+        let blank = self.sources.get(line).is_none_or(|f| f.text.trim().is_empty());
+        if blank {
+            self.diagnostics.retain(|d| d.span().is_none_or(|s| s.source != line));
+            return Line::Empty;
+        }
+        self.module = self.main;
+        match expr {
+            Some(expr) => Line::Expr(self.expr(&expr, None).expr),
+            None => Line::Empty,
+        }
+    }
+
+    pub fn slot(&self, id: DeclId) -> &Slot {
+        &self.slots[id.0 as usize]
+    }
+
+    pub fn slot_mut(&mut self, id: DeclId) -> &mut Slot {
+        &mut self.slots[id.0 as usize]
+    }
+
+    pub fn is_user(&self, id: DeclId) -> bool {
+        self.modules[self.slot(id).module].user
+    }
+
+    /// Makes the names of a declaration's module visible; gives the module to return to.
+    pub fn enter_module_of(&mut self, id: DeclId) -> ModuleId {
+        let module = self.slot(id).module;
+        std::mem::replace(&mut self.module, module)
+    }
+
+    /// The declaration that a name means in the present module.
+    pub fn lookup(&self, name: &str) -> Option<DeclId> {
+        let own = self.modules[self.module].names.get(name);
+        own.or_else(|| self.modules[PRELUDE].names.get(name)).copied()
+    }
+
+    /// The library's declaration of that name.
+    pub fn builtin(&self, name: &str) -> Option<DeclId> {
+        self.modules[PRELUDE].names.get(name).copied()
+    }
+
+    /// Where relative paths of the present module start.
+    pub fn folder(&self) -> PathBuf {
+        self.modules[self.module].path.as_deref().and_then(Path::parent).map(Path::to_path_buf).unwrap_or_default()
+    }
+
+    fn load_library(&mut self) {
+        for (name, prelude, text) in LIBRARY {
+            let shown = format!("std/{name}.dscene");
+            // A program that is checked again (REPL) already has these sources.
+            let known = self.sources.iter().find(|(_, f)| f.name == shown && f.path.is_none()).map(|(id, _)| id);
+            let source = known.unwrap_or_else(|| self.sources.add(shown, None, text));
+            let module = if prelude { PRELUDE } else { self.new_module(None, false) };
+            if !prelude {
+                self.library.insert(name, module);
+            }
+            let statements = self.parse(source);
+            self.add_statements(module, statements, &[]);
+        }
+    }
+
+    fn new_module(&mut self, path: Option<PathBuf>, user: bool) -> ModuleId {
+        self.modules.push(Module { path, user, ..Module::default() });
+        self.modules.len() - 1
+    }
+
+    fn parse(&mut self, source: SourceId) -> Vec<Arc<ast::Statement>> {
+        if let Some(parsed) = self.parsed.get(&source) {
+            return parsed.clone();
+        }
+        let (file, diagnostics) = syntax::parse(&self.sources, source);
+        self.diagnostics.extend(diagnostics);
+        let statements: Vec<Arc<ast::Statement>> = file.statements.into_iter().map(Arc::new).collect();
+        self.parsed.insert(source, statements.clone());
+        statements
+    }
+
+    /// Enters declarations into a module; statements of `lines` replace earlier ones of the same name.
+    fn add_statements(&mut self, module: ModuleId, statements: Vec<Arc<ast::Statement>>, lines: &[SourceId]) {
+        let mut imports = Vec::new();
+        for statement in statements {
+            match &statement.kind {
+                StatementKind::Import(_) => imports.push(statement),
+                StatementKind::Action(_) => self.pending_actions.push((module, statement)),
+                _ => self.add_declaration(module, statement, lines),
+            }
+        }
+        for statement in imports {
+            if let StatementKind::Import(import) = &statement.kind {
+                self.import(module, import);
+            }
+        }
+    }
+
+    fn add_declaration(&mut self, module: ModuleId, statement: Arc<ast::Statement>, lines: &[SourceId]) {
+        let name = match &statement.kind {
+            StatementKind::Let { name, .. } | StatementKind::Loss { name, .. } | StatementKind::Kind { name, .. } => {
+                name
+            }
+            StatementKind::Param(param) => &param.name,
+            StatementKind::Fn(f) => &f.name,
+            _ => return,
+        };
+        let name = name.clone();
+        let own = self.modules[module].names.get(&name.text).copied();
+        if let Some(first) = own {
+            if lines.contains(&statement.span.source) {
+                let slot = self.slot_mut(first);
+                slot.hir.doc = statement.doc.clone();
+                (slot.name, slot.statement) = (name, statement);
+                return;
+            }
+            let first = self.slot(first).name.span;
+            self.diagnostics.push(
+                Diagnostic::error("dscene::name::duplicate", format!("`{}` is declared twice", name.text))
+                    .label(name.span, "declared again here")
+                    .label(first, "first declared here")
+                    .help("declarations are values, not variables: give the second one another name"),
+            );
+            return;
+        }
+        let id = DeclId(u32::try_from(self.slots.len()).unwrap_or(u32::MAX));
+        let user = self.modules[module].user;
+        let hir = hir::Decl {
+            id,
+            name: name.text.clone(),
+            kind: hir::DeclKind::Let,
+            doc: statement.doc.clone(),
+            span: statement.span,
+            name_span: name.span,
+            ty: Ty::Error,
+            body: None,
+            user,
+        };
+        self.modules[module].names.insert(name.text.clone(), id);
+        self.modules[module].own.push(id);
+        self.slots.push(Slot {
+            name,
+            module,
+            statement,
+            replaced: None,
+            state: State::Waiting,
+            hir,
+            value: None,
+            signature: None,
+        });
+    }
+
+    fn import(&mut self, module: ModuleId, import: &ast::Import) {
+        let target = match &import.from {
+            ast::ImportFrom::Module(name) => self.library_module(name, import.span),
+            ast::ImportFrom::File(path) => self.file_module(module, path, import.span),
+        };
+        let Some(target) = target else { return };
+        if let Some(alias) = &import.alias {
+            self.modules[module].aliases.insert(alias.text.clone(), target);
+            return;
+        }
+        for id in self.modules[target].own.clone() {
+            let name = self.slot(id).name.clone();
+            if let Some(&known) = self.modules[module].names.get(&name.text) {
+                if known != id {
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::name::duplicate", format!("`{}` is declared twice", name.text))
+                            .label(import.span, format!("this import brings a `{}`", name.text))
+                            .label(self.slot(known).name.span, "and here is another one")
+                            .help("import the file under a name: `import \"…\" as lib`, then `lib.NAME`"),
+                    );
+                }
+                continue;
+            }
+            self.modules[module].names.insert(name.text, id);
+        }
+    }
+
+    fn library_module(&mut self, name: &str, span: Span) -> Option<ModuleId> {
+        let short = name.strip_prefix("std.").unwrap_or(name);
+        if let Some(&module) = self.library.get(short).filter(|_| short != name) {
+            return Some(module);
+        }
+        if name == "std" || LIBRARY.iter().any(|(n, prelude, _)| *prelude && *n == short && short != name) {
+            return Some(PRELUDE);
+        }
+        let names: Vec<String> = LIBRARY.iter().map(|(n, ..)| format!("std.{n}")).collect();
+        let help = match suggest(name, names.iter().map(String::as_str)) {
+            Some(found) => format!("did you mean `{found}`?"),
+            None => format!("files are imported by path: `import \"{name}.dscene\"`; the library has `std.studio`"),
+        };
+        self.diagnostics.push(
+            Diagnostic::error("dscene::import::missing", format!("there is no module `{name}`"))
+                .label(span, "not found")
+                .help(help),
+        );
+        None
+    }
+
+    fn file_module(&mut self, from: ModuleId, path: &str, span: Span) -> Option<ModuleId> {
+        let folder =
+            self.modules[from].path.as_deref().and_then(Path::parent).map(Path::to_path_buf).unwrap_or_default();
+        let full = folder.join(path);
+        let key = normal(&full);
+        if let Some(&module) = self.files.get(&key) {
+            return Some(module);
+        }
+        let known = self.sources.iter().find(|(_, f)| f.path.as_deref() == Some(&full)).map(|(id, _)| id);
+        let source = match known {
+            Some(source) => source,
+            None => match self.loader.read(&full) {
+                Ok(text) => self.sources.add(full.display().to_string(), Some(&full), text),
+                Err(error) => {
+                    let reason = if error.kind() == std::io::ErrorKind::NotFound {
+                        "there is no such file".to_owned()
+                    } else {
+                        error.to_string()
+                    };
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::import::missing", format!("cannot import `{path}`: {reason}"))
+                            .label(span, format!("looked for {}", full.display()))
+                            .help("paths start from the folder of the file that imports"),
+                    );
+                    return None;
+                }
+            },
+        };
+        let module = self.new_module(Some(full), true);
+        self.files.insert(key, module);
+        let statements = self.parse(source);
+        self.add_statements(module, statements, &[]);
+        Some(module)
+    }
+
+    fn override_value(&mut self, name: &str, source: SourceId) {
+        let (expr, diagnostics) = syntax::parse_expr(&self.sources, source);
+        self.diagnostics.extend(diagnostics);
+        let all = |c: &Self| Span::new(source, 0, c.sources.get(source).map_or(0, |f| f.text.len()));
+        let Some(&id) = self.modules[self.main].names.get(name) else {
+            let names: Vec<&str> = self.modules[self.main].names.keys().map(String::as_str).collect();
+            let help = did_you_mean(name, "the declarations are", names);
+            let span = all(self);
+            self.diagnostics.push(
+                Diagnostic::error("dscene::name::unknown", format!("`--set {name}`: the file declares no `{name}`"))
+                    .label(span, "its value would be this")
+                    .help_opt(help),
+            );
+            return;
+        };
+        if matches!(self.slot(id).statement.kind, StatementKind::Fn(_)) {
+            let span = all(self);
+            self.diagnostics.push(
+                Diagnostic::error("dscene::name::unknown", format!("`--set {name}`: `{name}` is a function"))
+                    .label(span, "only values can be replaced"),
+            );
+            return;
+        }
+        self.slot_mut(id).replaced = expr.map(Arc::new);
+    }
+}
+
+pub fn action_span(action: &hir::Action) -> Span {
+    match action {
+        hir::Action::Optimize(o) => o.span,
+        hir::Action::Save { span, .. }
+        | hir::Action::Print { span, .. }
+        | hir::Action::Plot { span, .. }
+        | hir::Action::Expect { span, .. } => *span,
+    }
+}
+
+/// `a/./b/../c` and `a/c` are one file.
+fn normal(path: &Path) -> PathBuf {
+    let mut out = PathBuf::new();
+    for part in path.components() {
+        match part {
+            std::path::Component::CurDir => {}
+            std::path::Component::ParentDir if out.file_name().is_some() => {
+                out.pop();
+            }
+            part => out.push(part),
+        }
+    }
+    out
+}
