@@ -88,9 +88,7 @@ impl Edge {
         match best {
             [Some((f, _)), None] => Some(EdgeView { normal: n.as_vec3(), foreground: f, background: None }),
             [None, Some((f, _))] => Some(EdgeView { normal: -n.as_vec3(), foreground: f, background: None }),
-            [Some((f, _)), Some((b, _))] => {
-                Some(EdgeView { normal: n.as_vec3(), foreground: f, background: Some(b) })
-            }
+            [Some((f, _)), Some((b, _))] => Some(EdgeView { normal: n.as_vec3(), foreground: f, background: Some(b) }),
             [None, None] => None,
         }
     }
@@ -179,8 +177,7 @@ fn is_sharp(scene: &Scene, edge: &Edge) -> bool {
     let [a, b] = edge.faces.as_slice() else {
         return true;
     };
-    let (sa, sb) =
-        (&scene.description.shapes[a.shape as usize], &scene.description.shapes[b.shape as usize]);
+    let (sa, sb) = (&scene.description.shapes[a.shape as usize], &scene.description.shapes[b.shape as usize]);
     if sa.material != sb.material || sa.emission != sb.emission {
         return true;
     }

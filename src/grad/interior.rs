@@ -239,8 +239,7 @@ fn d_arriving<S: Sink>(
 
 /// Adjoint of the unit direction towards a directional light → its `direction` (which points the other way).
 pub fn d_direction<S: Sink>(out: &mut Adjoints<S>, light: u32, d_towards: Vec3) {
-    if let crate::render::DeltaLight::Directional { direction, .. } =
-        out.scene.description.delta_lights[light as usize]
+    if let crate::render::DeltaLight::Directional { direction, .. } = out.scene.description.delta_lights[light as usize]
     {
         out.light_placement(light, crate::math::d_normalize(direction, -d_towards));
     }

@@ -142,7 +142,8 @@ impl<'a> PrimaryEdges<'a> {
         let side = normal_2d.x * gx.dot(view.normal) + normal_2d.y * gy.dot(view.normal);
         let normal_2d = if side < 0.0 { -normal_2d } else { normal_2d };
 
-        let value = Values { scene: viewpoint.scene, settings: self.settings, viewpoint, edge, seen: &seen, s, prims: &prims };
+        let value =
+            Values { scene: viewpoint.scene, settings: self.settings, viewpoint, edge, seen: &seen, s, prims: &prims };
         let foreground = value.face(view.foreground, &mut sampler.clone());
         let background = match view.background {
             Some(face) => value.face(face, &mut sampler.clone()),
@@ -263,12 +264,9 @@ fn clip(viewpoint: &Viewpoint, edge: &Edge) -> Option<Piece> {
             s1 = s1.min(d0 / (d0 - d1));
         }
     };
-    let frame = glam::DMat3::from_cols(
-        camera.frame[0].as_dvec3(),
-        camera.frame[1].as_dvec3(),
-        camera.frame[2].as_dvec3(),
-    )
-    .inverse();
+    let frame =
+        glam::DMat3::from_cols(camera.frame[0].as_dvec3(), camera.frame[1].as_dvec3(), camera.frame[2].as_dvec3())
+            .inverse();
     let local = |p: Vec3| frame * (viewpoint.image(p).as_dvec3() - camera.origin.as_dvec3());
     let (l0, l1) = (local(edge.p[0]), local(edge.p[1]));
     let perspective = camera.projection == crate::render::Projection::Perspective;
@@ -299,12 +297,7 @@ fn clip(viewpoint: &Viewpoint, edge: &Edge) -> Option<Piece> {
     // Liang-Barsky against the film.
     let (mut t0, mut t1) = (0.0f64, 1.0f64);
     let d = b - a;
-    for (p, q) in [
-        (-d.x, a.x),
-        (d.x, camera.width as f64 - a.x),
-        (-d.y, a.y),
-        (d.y, camera.height as f64 - a.y),
-    ] {
+    for (p, q) in [(-d.x, a.x), (d.x, camera.width as f64 - a.x), (-d.y, a.y), (d.y, camera.height as f64 - a.y)] {
         if p == 0.0 {
             if q < 0.0 {
                 return None;

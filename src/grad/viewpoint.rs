@@ -45,7 +45,8 @@ pub fn mirror_planes(scene: &Scene) -> Option<Vec<MirrorPlane>> {
         if n == Vec3::ZERO || planes.iter().any(|p| p.contains(n, a, scene.radius)) {
             continue;
         }
-        if planes.len() == MAX_MIRROR_PLANES || (shape.mesh.normals.is_some() && !is_flat_shaded(scene, prim as PrimId)) {
+        if planes.len() == MAX_MIRROR_PLANES || (shape.mesh.normals.is_some() && !is_flat_shaded(scene, prim as PrimId))
+        {
             return None;
         }
         planes.push(MirrorPlane { n, c: n.dot(a) });
@@ -59,9 +60,9 @@ fn is_flat_shaded(scene: &Scene, prim: PrimId) -> bool {
     let mesh = &scene.description.shapes[id.shape as usize].mesh;
     let [a, b, c] = scene.corners(prim);
     let n = (b - a).cross(c - a).normalize_or_zero();
-    mesh.normals
-        .as_ref()
-        .is_none_or(|ns| mesh.faces[id.face as usize].iter().all(|&v| ns[v as usize].normalize_or_zero().dot(n).abs() > 0.9999))
+    mesh.normals.as_ref().is_none_or(|ns| {
+        mesh.faces[id.face as usize].iter().all(|&v| ns[v as usize].normalize_or_zero().dot(n).abs() > 0.9999)
+    })
 }
 
 /// The camera, directly or in one mirror.

@@ -38,7 +38,12 @@ pub struct Options {
 
 impl Options {
     pub fn new(max_bounces: u32) -> Options {
-        Options { max_bounces: max_bounces.min(MAX_DEPTH), first_emission: true, first_environment: true, keep_black: false }
+        Options {
+            max_bounces: max_bounces.min(MAX_DEPTH),
+            first_emission: true,
+            first_environment: true,
+            keep_black: false,
+        }
     }
 }
 

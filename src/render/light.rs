@@ -3,10 +3,10 @@
 use glam::Vec3;
 
 use super::accel::{NO_PRIM, PrimId};
-use crate::math::luminance;
 use super::sampler::Discrete;
 use super::scene::{DeltaLight, Input, SceneDescription};
 use super::world::{Prim, Scene};
+use crate::math::luminance;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightKind {
@@ -135,7 +135,9 @@ impl LightTable {
         for (i, light) in description.delta_lights.iter().enumerate() {
             entries.push(Entry::Delta(i as u32));
             weights.push(match light {
-                DeltaLight::Point { intensity, .. } => 4.0 * std::f64::consts::PI * f64::from(luminance(*intensity).abs()),
+                DeltaLight::Point { intensity, .. } => {
+                    4.0 * std::f64::consts::PI * f64::from(luminance(*intensity).abs())
+                }
                 DeltaLight::Directional { irradiance, .. } => {
                     std::f64::consts::PI * f64::from(radius).powi(2) * f64::from(luminance(*irradiance).abs())
                 }

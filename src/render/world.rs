@@ -118,7 +118,11 @@ fn validate(description: &SceneDescription) -> Result<(), SceneError> {
         }
         let n = mesh.vertices.len();
         if let Some(f) = mesh.faces.iter().position(|f| f.iter().any(|&v| v as usize >= n)) {
-            return fail(format!("face {f} is {:?}, but the mesh has only {n} vertices (0 to {})", mesh.faces[f], n.max(1) - 1));
+            return fail(format!(
+                "face {f} is {:?}, but the mesh has only {n} vertices (0 to {})",
+                mesh.faces[f],
+                n.max(1) - 1
+            ));
         }
         let lengths = [
             ("normals", mesh.normals.as_ref().map(Vec::len)),

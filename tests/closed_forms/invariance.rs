@@ -1,0 +1,151 @@
+//! What cannot change: furnaces and rigid motions.
+
+use dscene::image::Image;
+use dscene::math::{Pcg32, uniform_sphere};
+use dscene::mesh::{Mesh, shapes};
+use dscene::render::texture::Texture;
+use dscene::render::{DeltaLight, Emission, MaterialKind, Projection, Slot};
+use glam::{DVec3, Vec3};
+
+use crate::support::*;
+
+fn random_vector(rng: &mut Pcg32) -> Vec3 {
+    uniform_sphere(rng.next_2d()) * rng.next_f32().cbrt()
+}
+
+/// An icosphere with jittered vertices.
+fn blob(center: Vec3, radius: f32, jitter: f32, rng: &mut Pcg32) -> Mesh {
+    let mut mesh = shapes::icosphere(radius, 1).unwrap();
+    mesh.normals = None;
+    mesh.vertices.iter_mut().for_each(|v| *v = center + *v * (1.0 + jitter * (rng.next_f32() - 0.5)));
+    mesh
+}
+
+/// T8: in a closed room where everything glows and reflects alike, no motion changes anything.
+#[test]
+fn furnace_of_random_geometry() {
+    const RHO: f32 = 0.5;
+    for (seed, bounces) in [(1, 1), (2, 2), (3, 3)] {
+        let mut rng = Pcg32::new(seed);
+        let mut b = Builder::default();
+        let texture = b.texture(Texture::constant(Vec3::splat(RHO)));
+        let radiance = b.gray(1.0);
+        // Direct light in a jagged room. With interreflections a convex one: where everything glows, light close to an
+        // edge makes 1/r² tails that only many samples would average out.
+        let mut room = blob(Vec3::ZERO, 3.0, if bounces == 1 { 0.4 } else { 0.0 }, &mut rng);
+        let squeeze = Vec3::from_array(rng.next_3d().map(|x| 0.8 + 0.4 * x));
+        room.vertices.iter_mut().for_each(|v| *v *= squeeze);
+        let mut meshes = vec![room];
+        for _ in 0..3 {
+            // Away from the camera in the middle.
+            let center = uniform_sphere(rng.next_2d()) * 1.5;
+            meshes.push(triangle(std::array::from_fn(|_| center + 0.6 * random_vector(&mut rng))));
+        }
+        let center = uniform_sphere(rng.next_2d()) * 1.5;
+        meshes.push(blob(center, 0.4, if bounces == 1 { 0.5 } else { 0.1 }, &mut rng));
+        for mesh in &meshes {
+            let kind = MaterialKind::Diffuse { reflectance: dscene::render::Input::Texture(texture) };
+            b.shape(mesh.clone(), kind, Some(Emission { radiance, two_sided: true }));
+        }
+        let scene = b.build();
+        let forward = uniform_sphere(rng.next_2d());
+        let camera = camera(Projection::Perspective, Vec3::ZERO, forward, 1.2, 2);
+        let measured = Measured { scene: &scene, camera: &camera, settings: settings(512, bounces) };
+
+        let rho = f64::from(RHO);
+        let value: f64 = (0..=bounces as i32).map(|i| rho.powi(i)).sum();
+        let slope: f64 = (1..=bounces as i32).map(|i| f64::from(i) * rho.powi(i - 1)).sum();
+        let pixels = 4.0;
+        measured.values(8).check("T8 value", &[pixels * value], 0.01);
+        let by_rho = estimate(8, |seed| vec![measured.gradient(seed, &[Slot::Texels(texture)])[0].iter().sum()]);
+        by_rho.check("T8 reflectance", &[pixels * slope], 0.01);
+
+        // Random motions of each shape.
+        let slots: Vec<Slot> = (0..meshes.len()).map(Slot::Vertices).collect();
+        let motions: Vec<Vec<Vec3>> =
+            meshes.iter().map(|m| m.vertices.iter().map(|_| random_vector(&mut rng)).collect()).collect();
+        let geometry = estimate(16, |seed| {
+            let gradients = measured.gradient(seed, &slots);
+            gradients.iter().zip(&motions).map(|(g, m)| contract(g, m)).collect()
+        });
+        geometry.check_zero("T8 geometry", 0.2);
+    }
+}
+
+/// T9: a white convex body under a white sky is invisible.
+#[test]
+fn white_furnace() {
+    let mut rng = Pcg32::new(11);
+    let mut b = Builder::default();
+    let mut body = shapes::icosphere(1.0, 1).unwrap();
+    body.normals = None;
+    body.vertices.iter_mut().for_each(|v| *v *= Vec3::new(1.0, 0.7, 1.2));
+    let count = body.vertices.len();
+    let shape = b.diffuse(body, 1.0);
+    b.environment(Texture::constant(Vec3::ONE));
+    let scene = b.build();
+    let camera = camera(Projection::Perspective, Vec3::new(0.5, 1.0, 3.0), Vec3::new(-0.15, -0.3, -1.0), 0.6, 4);
+    let measured = Measured { scene: &scene, camera: &camera, settings: settings(256, 2) };
+    measured.values(8).check("T9 value", &[16.0], 0.01);
+    let motions: Vec<Vec<Vec3>> = (0..4).map(|_| (0..count).map(|_| random_vector(&mut rng)).collect()).collect();
+    measured.along(16, Slot::Vertices(shape), &motions).check_zero("T9", 0.1);
+    measured.gradients(16, Slot::CameraOrigin).check_zero("T9 camera", 0.02);
+}
+
+/// T15: moving, turning and scaling the whole world with its camera changes no image.
+#[test]
+fn the_world_moves_as_one() {
+    let mut b = Builder::default();
+    let mut rng = Pcg32::new(13);
+    b.diffuse(floor(Vec3::ZERO, 3.0), 0.7);
+    b.diffuse(blob(Vec3::new(0.3, 0.8, -0.2), 0.5, 0.3, &mut rng), 0.5);
+    b.black(triangle([Vec3::new(-1.0, 1.2, 0.3), Vec3::new(0.0, 1.5, 0.1), Vec3::new(-0.6, 1.4, -0.8)]));
+    b.light(floor(Vec3::new(0.4, 3.0, 0.5), 0.5), 6.0);
+    let shapes = b.description.shapes.len();
+    let direction = Vec3::new(0.4, -1.0, 0.3);
+    b.description.delta_lights.push(DeltaLight::Directional { direction, irradiance: Vec3::splat(0.8) });
+    let area_and_sun = b.build();
+
+    let camera = camera(Projection::Perspective, Vec3::new(0.0, 2.0, 4.0), Vec3::new(0.0, -0.4, -1.0), 0.6, 8);
+    let mut d_image = Image::new(8, 8, 3);
+    d_image.data.iter_mut().for_each(|d| *d = 0.5 + rng.next_f32());
+
+    let mut slots: Vec<Slot> = (0..shapes).map(Slot::Vertices).collect();
+    slots.extend([Slot::CameraOrigin, Slot::CameraFrame, Slot::LightPlacement(0)]);
+    for bounces in [1, 2] {
+        let measured = Measured { scene: &area_and_sun, camera: &camera, settings: settings(64, bounces) };
+        let mut magnitudes = [0.0f64; 3];
+        let invariants = estimate(12, |seed| {
+            let gradients = measured.gradient_of(seed, &slots, &d_image);
+            let (mut shift, mut turn, mut scale) = (DVec3::ZERO, DVec3::ZERO, 0.0);
+            let mut sums = [0.0; 3];
+            let mut at = |p: Vec3, g: DVec3| {
+                let p = p.as_dvec3();
+                shift += g;
+                turn += p.cross(g);
+                scale += p.dot(g);
+                sums = [sums[0] + g.length(), sums[1] + p.cross(g).length(), sums[2] + p.dot(g).abs()];
+            };
+            for (shape, gradient) in measured.scene.description.shapes.iter().zip(&gradients) {
+                for (&p, g) in shape.mesh.vertices.iter().zip(gradient.chunks(3)) {
+                    at(p, vector(g));
+                }
+            }
+            at(camera.origin, vector(&gradients[shapes]));
+            for (row, g) in camera.frame.iter().zip(gradients[shapes + 1].chunks(3)) {
+                turn += row.as_dvec3().cross(vector(g));
+            }
+            turn += direction.as_dvec3().cross(vector(&gradients[shapes + 2]));
+            magnitudes = std::array::from_fn(|i| magnitudes[i].max(sums[i]));
+            vec![shift.x, shift.y, shift.z, turn.x, turn.y, turn.z, scale]
+        });
+        let part = |range: std::ops::Range<usize>| Estimate {
+            mean: invariants.mean[range.clone()].to_vec(),
+            error: invariants.error[range].to_vec(),
+        };
+        // Shifts and scalings cancel sample by sample; turns do in the mean, as sampled directions do not turn along.
+        part(0..3).check_scaled("T15 shift", &[0.0; 3], 1e-3, magnitudes[0]);
+        part(3..6).check_scaled("T15 turn", &[0.0; 3], 0.02, magnitudes[1]);
+        part(6..7).check_scaled("T15 scale", &[0.0], 1e-3, magnitudes[2]);
+    }
+}

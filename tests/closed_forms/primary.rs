@@ -1,0 +1,257 @@
+//! What the camera sees directly: outlines, creases, camera parameters.
+
+use std::f64::consts::PI;
+
+use dscene::math::Dual;
+use dscene::mesh::shapes;
+use dscene::render::{DeltaLight, Projection, Slot};
+use glam::{DVec2, Vec3};
+
+use crate::support::*;
+
+/// T1: a half-plane n·x < c over one pixel.
+#[test]
+fn half_plane_over_a_pixel() {
+    let (c, t) = (0.23f32, 0.5f32);
+    let (n, tangent) = (Vec3::new(t.cos(), t.sin(), 0.0), Vec3::new(-t.sin(), t.cos(), 0.0));
+    let corners = [(c, -3.0), (c, 3.0), (c - 6.0, 3.0), (c - 6.0, -3.0)];
+    let corners = corners.map(|(along, across)| n * along + tangent * across - Vec3::Z);
+    let mut b = Builder::default();
+    let shape = b.light(quad(corners), 1.0);
+    let scene = b.build();
+    let camera = camera(Projection::Orthographic, Vec3::ZERO, -Vec3::Z, 0.5, 1);
+
+    // The chord: the line c·n + s·t clipped to the pixel [−½, ½]².
+    let (mut from, mut to) = (f64::NEG_INFINITY, f64::INFINITY);
+    for axis in 0..2 {
+        let (p, d) = (f64::from(c * n[axis]), f64::from(tangent[axis]));
+        let (a, b) = ((-0.5 - p) / d, (0.5 - p) / d);
+        from = from.max(a.min(b));
+        to = to.min(a.max(b));
+    }
+    let (chord, middle) = (to - from, 0.5 * (from + to));
+
+    // Shift along n; turn about the pixel's centre (the two vertices of the edge only).
+    let shift = vec![n, n, Vec3::ZERO, Vec3::ZERO];
+    let turn = (0..4).map(|i| if i < 2 { Vec3::Z.cross(corners[i]) } else { Vec3::ZERO }).collect();
+    let measured = Measured { scene: &scene, camera: &camera, settings: settings(256, 0) };
+    measured.along(12, Slot::Vertices(shape), &[shift, turn]).check("T1", &[chord, -middle * chord], 0.02);
+}
+
+/// T2: a projected triangle, all in frame: the sum of the image is its area in pixels.
+#[test]
+fn area_of_a_projected_triangle() {
+    let v = [Vec3::new(-0.7, 0.5, -2.1), Vec3::new(0.1, -0.8, -2.4), Vec3::new(0.9, 0.4, -1.7)];
+    let scale = 0.8f32;
+    for size in [16, 33] {
+        let mut b = Builder::default();
+        let shape = b.light(triangle(v), 2.5);
+        let scene = b.build();
+        let camera = camera(Projection::Perspective, Vec3::ZERO, -Vec3::Z, scale, size);
+
+        type D = Dual<9>;
+        let p: Vec<[D; 2]> = (0..3)
+            .map(|i| {
+                let [x, y, z] = [0, 1, 2].map(|c| D::variable(f64::from(v[i][c]), 3 * i + c));
+                let focal = 0.5 * size as f64 / f64::from(scale);
+                [focal * x / (-z), focal * y / (-z)]
+            })
+            .collect();
+        let area = 0.5 * ((p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) - (p[1][1] - p[0][1]) * (p[2][0] - p[0][0]));
+        let exact = area * 2.5;
+
+        let measured = Measured { scene: &scene, camera: &camera, settings: settings(64, 0) };
+        measured.values(8).check("T2 value", &[exact.value], 0.01);
+        measured.gradients(12, Slot::Vertices(shape)).check("T2", &exact.partials, 0.02);
+    }
+}
+
+/// T3: field of view, dolly, and the radius of an n-gon.
+#[test]
+fn camera_and_polygon_areas() {
+    let (half, distance, scale, size) = (0.6f32, 2.5f32, 0.7f32, 16);
+    let mut b = Builder::default();
+    let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
+    b.light(quad(corners.map(|[x, y]| Vec3::new(x * half, y * half, -distance))), 1.0);
+    let scene = b.build();
+    let perspective = camera(Projection::Perspective, Vec3::ZERO, -Vec3::Z, scale, size);
+    let side = f64::from(half / (distance * scale)) * size as f64;
+    let area = side * side;
+    let measured = Measured { scene: &scene, camera: &perspective, settings: settings(64, 0) };
+    let by_scale = -area / f64::from(scale);
+    measured.gradients(12, Slot::CameraScale).check("T3 field of view", &[by_scale; 2], 0.02);
+    let by_origin = [0.0, 0.0, -2.0 * area / f64::from(distance)];
+    measured.gradients(12, Slot::CameraOrigin).check("T3 dolly", &by_origin, 0.02);
+
+    // Fan of n triangles around the centre.
+    let (n, r) = (7usize, 0.62f64);
+    let rim = |i: usize| {
+        let angle = 2.0 * PI * i as f64 / n as f64;
+        Vec3::new(angle.cos() as f32, angle.sin() as f32, 0.0)
+    };
+    let vertices: Vec<Vec3> = (0..=n).map(|i| if i == n { -Vec3::Z } else { rim(i) * r as f32 - Vec3::Z }).collect();
+    let faces: Vec<[u32; 3]> = (0..n as u32).map(|i| [n as u32, i, (i + 1) % n as u32]).collect();
+    let mut b = Builder::default();
+    let shape = b.light(mesh(&vertices, &faces), 1.0);
+    let scene = b.build();
+    let orthographic = camera(Projection::Orthographic, Vec3::ZERO, -Vec3::Z, 1.0, size);
+    let grow = (0..=n).map(|i| if i == n { Vec3::ZERO } else { rim(i) }).collect();
+    let pixels = (size * size) as f64 / 4.0;
+    let measured = Measured { scene: &scene, camera: &orthographic, settings: settings(64, 0) };
+    let exact = n as f64 * r * (2.0 * PI / n as f64).sin() * pixels;
+    measured.along(12, Slot::Vertices(shape), &[grow]).check("T3 polygon radius", &[exact], 0.02);
+}
+
+/// Areas of what two glowing triangles show of themselves, one before the other.
+#[test]
+fn one_triangle_before_another() {
+    let far = [Vec3::new(-0.8, -0.7, -2.0), Vec3::new(0.8, -0.6, -2.0), Vec3::new(0.0, 0.8, -2.0)];
+    let near = [Vec3::new(-0.1, -0.2, -1.0), Vec3::new(0.9, 0.0, -1.0), Vec3::new(0.3, 0.7, -1.0)];
+    let (l_far, l_near) = (1.0, 3.0);
+    let mut b = Builder::default();
+    b.light(triangle(far), l_far);
+    let shape = b.light(triangle(near), l_near);
+    let scene = b.build();
+    let size = 16;
+    let camera = camera(Projection::Orthographic, Vec3::ZERO, -Vec3::Z, 1.0, size);
+    let pixels = (size * size) as f64 / 4.0;
+    let value = |corners: [DVec2; 3]| {
+        let far = far.map(|p| p.truncate().as_dvec2());
+        let overlap = area(&clip(&far, &corners));
+        (f64::from(l_far) * (area(&far) - overlap) + f64::from(l_near) * area(&corners)) * pixels
+    };
+    let exact: Vec<f64> = (0..9)
+        .map(|i| {
+            difference(|h| {
+                let mut corners = near.map(|p| p.truncate().as_dvec2());
+                if i % 3 < 2 {
+                    corners[i / 3][i % 3] += h;
+                }
+                value(corners)
+            })
+        })
+        .collect();
+    let measured = Measured { scene: &scene, camera: &camera, settings: settings(64, 0) };
+    measured.gradients(12, Slot::Vertices(shape)).check("two triangles", &exact, 0.02);
+}
+
+fn area(polygon: &[DVec2]) -> f64 {
+    let n = polygon.len();
+    0.5 * (0..n).map(|i| polygon[i].perp_dot(polygon[(i + 1) % n])).sum::<f64>().abs()
+}
+
+/// The part of a polygon inside a counter-clockwise triangle.
+fn clip(polygon: &[DVec2], triangle: &[DVec2; 3]) -> Vec<DVec2> {
+    let mut kept = polygon.to_vec();
+    for i in 0..3 {
+        let (a, b) = (triangle[i], triangle[(i + 1) % 3]);
+        let inside = |p: DVec2| (b - a).perp_dot(p - a);
+        let mut next = Vec::new();
+        for j in 0..kept.len() {
+            let (p, q) = (kept[j], kept[(j + 1) % kept.len()]);
+            let (dp, dq) = (inside(p), inside(q));
+            if dp >= 0.0 {
+                next.push(p);
+            }
+            if (dp >= 0.0) != (dq >= 0.0) {
+                next.push(p + (q - p) * (dp / (dp - dq)));
+            }
+        }
+        kept = next;
+    }
+    kept
+}
+
+/// T13, its material part: where surfaces of equal radiance cut each other, nothing changes as they move.
+#[test]
+fn surfaces_of_equal_brightness_cut_each_other_unseen() {
+    let mut b = Builder::default();
+    let back = b.light(floor(Vec3::ZERO, 4.0), 1.0);
+    let tilted = floor(Vec3::ZERO, 0.5).vertices.iter().map(|&p| p + Vec3::Y * (0.4 * p.x)).collect::<Vec<_>>();
+    let front = b.light(mesh(&tilted, &[[0, 1, 2], [0, 2, 3]]), 1.0);
+    let scene = b.build();
+    let camera = camera(Projection::Orthographic, Vec3::Y * 2.0, -Vec3::Y, 1.0, 8);
+    let measured = Measured { scene: &scene, camera: &camera, settings: settings(32, 0) };
+    for shape in [back, front] {
+        measured.gradients(6, Slot::Vertices(shape)).check_scaled("T13", &[0.0; 12], 1e-3, 16.0);
+    }
+}
+
+/// T16: a flat-shaded roof under a directional light, its ridge moving.
+#[test]
+fn moving_ridge_of_a_flat_shaded_roof() {
+    let (ridge, height) = (0.2f64, 0.5f64);
+    let direction = Vec3::new(0.5, -1.0, 0.1);
+    let x = |x: f64, y: f64, z: f64| Vec3::new(x as f32, y as f32, z as f32);
+    let vertices = [
+        x(-1.0, 0.0, 1.0),
+        x(-1.0, 0.0, -1.0),
+        x(ridge, height, -1.0),
+        x(ridge, height, 1.0),
+        x(1.0, 0.0, -1.0),
+        x(1.0, 0.0, 1.0),
+    ];
+    let mut b = Builder::default();
+    let roof = b.diffuse(mesh(&vertices, &[[0, 3, 2], [0, 2, 1], [3, 5, 4], [3, 4, 2]]), 0.8);
+    b.description.delta_lights.push(DeltaLight::Directional { direction, irradiance: Vec3::splat(3.0) });
+    let scene = b.build();
+    // The view is narrower than the roof in z, so that its gables stay out of sight, and as wide in x.
+    let size = 16;
+    let mut camera = camera(Projection::Orthographic, Vec3::Y * 3.0, -Vec3::Y, 1.0, size);
+    let along_x = camera.frame[0].x.abs() > 0.5;
+    camera.scale = if along_x { [1.2, 0.5] } else { [0.5, 1.2] };
+
+    let to_light = -direction.as_dvec3().normalize();
+    let radiance = |run: f64, side: f64| {
+        let normal = glam::DVec3::new(side * height, run, 0.0).normalize();
+        0.8 / PI * 3.0 * normal.dot(to_light).max(0.0)
+    };
+    let (half_x, half_z) = (1.2, 0.5);
+    let pixels = (size * size) as f64 / (4.0 * half_x * half_z);
+    let value =
+        |s: f64| ((1.0 + s) * radiance(1.0 + s, -1.0) + (1.0 - s) * radiance(1.0 - s, 1.0)) * 2.0 * half_z * pixels;
+    let exact = difference(|h| value(ridge + h));
+
+    let mut motion = vec![Vec3::ZERO; 6];
+    motion[2] = Vec3::X;
+    motion[3] = Vec3::X;
+    let measured = Measured { scene: &scene, camera: &camera, settings: settings(128, 1) };
+    measured.values(6).check("T16 value", &[value(ridge)], 0.01);
+    measured.along(16, Slot::Vertices(roof), &[motion]).check("T16", &[exact], 0.02);
+}
+
+/// T18: cutting a mesh along a seam (as uv seams do) changes no derivative.
+#[test]
+fn welded_and_split_meshes_agree() {
+    let round = shapes::icosphere(0.6, 1).unwrap();
+    let welded = mesh(&round.vertices, &round.faces);
+    let split = {
+        let vertices: Vec<Vec3> = welded.faces.iter().flatten().map(|&i| welded.vertices[i as usize]).collect();
+        let faces: Vec<[u32; 3]> = (0..welded.faces.len() as u32).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect();
+        mesh(&vertices, &faces)
+    };
+    let spin = |m: &dscene::mesh::Mesh| -> Vec<Vec<Vec3>> {
+        [Vec3::X, Vec3::Y, Vec3::new(0.3, -0.5, 0.8)]
+            .map(|axis| m.vertices.iter().map(|&v| axis.cross(v) + axis * v.x).collect())
+            .to_vec()
+    };
+    let run = |m: dscene::mesh::Mesh, seeds| {
+        let mut b = Builder::default();
+        b.diffuse(floor(Vec3::new(0.0, -0.8, 0.0), 2.0), 0.7);
+        let motions = spin(&m);
+        let shape = b.diffuse(m, 0.6);
+        b.light(floor(Vec3::new(0.8, 2.5, 0.4), 0.4), 8.0);
+        let scene = b.build();
+        let camera = camera(Projection::Perspective, Vec3::new(0.0, 1.0, 3.0), Vec3::new(0.0, -0.4, -1.0), 0.5, 12);
+        let measured = Measured { scene: &scene, camera: &camera, settings: settings(64, 1) };
+        measured.along(seeds, Slot::Vertices(shape), &motions)
+    };
+    let (a, b) = (run(welded, 10), run(split, 10));
+    let scale = a.mean.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+    for i in 0..a.mean.len() {
+        let error = a.error[i].hypot(b.error[i]);
+        println!("T18: {} ± {} and {} ± {}", a.mean[i], a.error[i], b.mean[i], b.error[i]);
+        assert!((a.mean[i] - b.mean[i]).abs() < 4.0 * error + 1e-3 * scale);
+        assert!(error < 0.03 * scale);
+    }
+}

@@ -1,0 +1,231 @@
+//! Irradiance at a point: area lights, skies, and what stands in their way.
+
+use std::f64::consts::PI;
+
+use dscene::render::texture::Texture;
+use dscene::render::{Camera, Slot};
+use glam::{DVec3, Vec3};
+
+use crate::support::*;
+
+/// Reflectance of all receivers: radiance = irradiance · RHO / π.
+const RHO: f64 = 0.6;
+/// Samples of a single pixel that sees a penumbra: for its value and for derivatives.
+const VALUE_SPP: u32 = 8192;
+const SPP: u32 = 512;
+
+fn values(measured: &Measured) -> Estimate {
+    Measured { settings: settings(VALUE_SPP, 1), ..*measured }.values(8)
+}
+
+fn fan(center: Vec3, radius: f32, n: usize) -> (dscene::mesh::Mesh, Vec<Vec3>) {
+    let rim = |i: usize| {
+        let angle = 2.0 * PI * i as f64 / n as f64;
+        Vec3::new(angle.cos() as f32, 0.0, angle.sin() as f32)
+    };
+    let vertices: Vec<Vec3> = (0..=n).map(|i| if i == n { center } else { center + rim(i) * radius }).collect();
+    let faces: Vec<[u32; 3]> = (0..n as u32).map(|i| [n as u32, i, (i + 1) % n as u32]).collect();
+    (mesh(&vertices, &faces), (0..=n).map(|i| if i == n { Vec3::ZERO } else { rim(i) }).collect())
+}
+
+/// T4: a small disk light half covered by a straight edge, averaged over a small patch.
+#[test]
+fn penumbra_of_a_disk_light() {
+    let (a, height, s, patch) = (0.05f64, 2.0f64, -0.008f64, 0.015f64);
+    let mut b = Builder::default();
+    b.diffuse(floor(Vec3::ZERO, 0.1), RHO as f32);
+    let (disk, _) = fan(Vec3::Y * height as f32, a as f32, 128);
+    b.light(disk, 100.0);
+    // Halfway up, covers everything beyond x = s.
+    let (x, y) = (s as f32, 0.5 * height as f32);
+    let blocker = [[x, -0.06], [x, 0.06], [0.12, 0.06], [0.12, -0.06]].map(|[x, z]| Vec3::new(x, y, z));
+    let shape = b.black(quad(blocker));
+    let scene = b.build();
+    let mut camera = probe(Vec3::ZERO, Vec3::new(0.0, -1.0, -1.5), 1.0);
+    camera.scale = [patch as f32; 2];
+
+    // The edge at x = s seen from (x, 0, 0) lies at 2s − x on the light.
+    let full = RHO * 100.0 * a * a / (a * a + height * height);
+    let value = |s: f64| {
+        let n = 400;
+        let at = |i: usize| {
+            let x = patch * (2.0 * (i as f64 + 0.5) / n as f64 - 1.0);
+            let t: f64 = (2.0 * s - x) / a;
+            full * (0.5 + (t * (1.0 - t * t).sqrt() + t.asin()) / PI)
+        };
+        (0..n).map(at).sum::<f64>() / n as f64
+    };
+    let slope = difference(|h| value(s + h));
+    let measured = Measured { scene: &scene, camera: &camera, settings: settings(SPP, 1) };
+    values(&measured).check("T4 value", &[value(s)], 0.02);
+    let motion = vec![Vec3::X, Vec3::X, Vec3::ZERO, Vec3::ZERO];
+    measured.along(16, Slot::Vertices(shape), &[motion]).check("T4", &[slope], 0.02);
+}
+
+/// T5: a long wall before a constant sky.
+#[test]
+fn wall_before_the_sky() {
+    let (height, distance) = (1.3f64, 2.0f64);
+    let mut b = Builder::default();
+    b.diffuse(floor(Vec3::ZERO, 0.5), RHO as f32);
+    let (h, d) = (height as f32, distance as f32);
+    let wall = [[0.0, -60.0], [0.0, 60.0], [h, 60.0], [h, -60.0]].map(|[y, z]| Vec3::new(d, y, z));
+    let shape = b.black(quad(wall));
+    b.environment(Texture::constant(Vec3::ONE));
+    let scene = b.build();
+    let camera = probe(Vec3::ZERO, Vec3::new(0.4, -1.0, 0.2), 1.0);
+
+    let beta = height.atan2(distance);
+    let value = RHO * (1.0 + beta.cos()) / 2.0;
+    let by_height = -RHO / 2.0 * beta.sin() * beta.cos().powi(2) / distance;
+    let by_distance = RHO / 2.0 * beta.sin().powi(2) * beta.cos() / distance;
+    let measured = Measured { scene: &scene, camera: &camera, settings: settings(2048, 1) };
+    measured.values(8).check("T5 value", &[value], 0.02);
+    let grow = vec![Vec3::ZERO, Vec3::ZERO, Vec3::Y, Vec3::Y];
+    let recede = vec![Vec3::X; 4];
+    measured.along(16, Slot::Vertices(shape), &[grow, recede]).check("T5", &[by_height, by_distance], 0.03);
+}
+
+/// T6: a coaxial disk light: no boundary at all, its outline moves with the emission.
+#[test]
+fn coaxial_disk_light() {
+    let (a, z, l) = (0.6f64, 1.4f64, 2.0f64);
+    let mut b = Builder::default();
+    b.diffuse(floor(Vec3::ZERO, 0.5), RHO as f32);
+    let (disk, radial) = fan(Vec3::Y * z as f32, a as f32, 200);
+    let n = radial.len();
+    let shape = b.light(disk, l as f32);
+    let scene = b.build();
+    // Below the light and beside it.
+    let camera = probe(Vec3::ZERO, Vec3::new(0.0, -0.5, -1.5), 0.9);
+    let s = a * a + z * z;
+    let scale = RHO * l;
+    let exact = [2.0 * scale * a * z * z / (s * s), -2.0 * scale * a * a * z / (s * s), 0.0];
+    let measured = Measured { scene: &scene, camera: &camera, settings: settings(1024, 1) };
+    measured.values(8).check("T6 value", &[scale * a * a / s], 0.01);
+    let motions = [radial, vec![Vec3::Y; n], vec![Vec3::X; n]];
+    measured.along(16, Slot::Vertices(shape), &motions).check("T6", &exact, 0.01);
+}
+
+/// A receiver, a parallelogram light and a triangle between them, with the exact irradiance.
+#[derive(Clone)]
+struct Penumbra {
+    x: DVec3,
+    n: DVec3,
+    light: [DVec3; 4],
+    blocker: [DVec3; 3],
+}
+
+impl Penumbra {
+    fn new() -> Penumbra {
+        let (a, b, d) = (DVec3::new(-0.6, 3.0, 0.5), DVec3::new(0.7, 3.1, 0.5), DVec3::new(-0.6, 3.0, -0.5));
+        Penumbra {
+            x: DVec3::new(0.1, 0.0, 0.05),
+            n: DVec3::Y,
+            light: [a, b, b + d - a, d],
+            blocker: [DVec3::new(-0.15, 1.5, 0.2), DVec3::new(0.35, 1.4, 0.1), DVec3::new(0.05, 1.6, -0.4)],
+        }
+    }
+
+    /// Mean irradiance of the patch that an orthographic camera sees around `x`.
+    fn patch_irradiance(&self, camera: &Camera) -> f64 {
+        const N: usize = 40;
+        let [right, up, forward] = camera.frame.map(|v| v.as_dvec3());
+        let film = |i: usize| f64::from(camera.scale[0]) * (2.0 * (i as f64 + 0.5) / N as f64 - 1.0);
+        let at = |i: usize| {
+            let offset = right * film(i % N) + up * film(i / N);
+            let x = self.x + offset - forward * (self.n.dot(offset) / self.n.dot(forward));
+            Penumbra { x, ..self.clone() }.irradiance()
+        };
+        (0..N * N).map(at).sum::<f64>() / (N * N) as f64
+    }
+
+    /// Irradiance at `x`.
+    fn irradiance(&self) -> f64 {
+        let center = self.blocker.iter().sum::<DVec3>() / 3.0;
+        let mut hidden = self.light.to_vec();
+        for i in 0..3 {
+            let normal = (self.blocker[i] - self.x).cross(self.blocker[(i + 1) % 3] - self.x);
+            let normal = if normal.dot(center - self.x) < 0.0 { -normal } else { normal };
+            hidden = self.clip(&hidden, normal);
+        }
+        self.lambert(&self.light) - self.lambert(&hidden)
+    }
+
+    fn clip(&self, polygon: &[DVec3], normal: DVec3) -> Vec<DVec3> {
+        let mut kept = Vec::new();
+        for (i, &p) in polygon.iter().enumerate() {
+            let q = polygon[(i + 1) % polygon.len()];
+            let (dp, dq) = (normal.dot(p - self.x), normal.dot(q - self.x));
+            if dp >= 0.0 {
+                kept.push(p);
+            }
+            if (dp >= 0.0) != (dq >= 0.0) {
+                kept.push(p + (q - p) * (dp / (dp - dq)));
+            }
+        }
+        kept
+    }
+
+    /// Lambert: E = ½ Σ Θᵢ n·(a × b)/|a × b|.
+    fn lambert(&self, polygon: &[DVec3]) -> f64 {
+        let mut sum = 0.0;
+        for (i, &p) in polygon.iter().enumerate() {
+            let (a, b) = (p - self.x, polygon[(i + 1) % polygon.len()] - self.x);
+            let cross = a.cross(b);
+            if cross.length() > 1e-300 {
+                sum += cross.length().atan2(a.dot(b)) * cross.dot(self.n) / cross.length();
+            }
+        }
+        0.5 * sum.abs()
+    }
+}
+
+/// T7 and T17: derivatives in the blocker, in the light, and in the receiver moving along and across its normal.
+#[test]
+fn polygon_light_behind_a_triangle() {
+    let exact = Penumbra::new();
+    let mut b = Builder::default();
+    let receiver = b.diffuse(floor(exact.x.as_vec3(), 0.8), RHO as f32);
+    let light = b.light(quad(exact.light.map(|p| p.as_vec3())), 1.0);
+    let blocker = b.black(triangle(exact.blocker.map(|p| p.as_vec3())));
+    let scene = b.build();
+    let forward = Vec3::new(0.3, -1.0, -1.2).normalize();
+    let mut camera = probe(exact.x.as_vec3(), forward, 1.0);
+    camera.scale = [0.25; 2];
+    let measured = Measured { scene: &scene, camera: &camera, settings: settings(SPP, 1) };
+    let scale = RHO / PI;
+    values(&measured).check("T7 value", &[scale * exact.patch_irradiance(&camera)], 0.01);
+
+    let along = |set: &dyn Fn(&mut Penumbra, f64)| {
+        difference(|h| {
+            let mut moved = exact.clone();
+            set(&mut moved, h);
+            scale * moved.patch_irradiance(&camera)
+        })
+    };
+    let by_blocker: Vec<f64> = (0..9).map(|i| along(&|p, h| p.blocker[i / 3][i % 3] += h)).collect();
+    measured.gradients(16, Slot::Vertices(blocker)).check("T7 blocker", &by_blocker, 0.03);
+
+    // The light stays a parallelogram: translations, and one side growing.
+    let translations = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| vec![axis; 4]);
+    let grow = vec![Vec3::ZERO, Vec3::X, Vec3::X, Vec3::ZERO];
+    let motions: Vec<Vec<Vec3>> = translations.into_iter().chain([grow]).collect();
+    let by_light: Vec<f64> = motions
+        .iter()
+        .map(|motion| along(&|p, h| (0..4).for_each(|i| p.light[i] += h * motion[i].as_dvec3())))
+        .collect();
+    measured.along(16, Slot::Vertices(light), &motions).check("T7 light", &by_light, 0.02);
+
+    // The camera's ray is fixed: a receiver moving along its normal slides the seen point along the ray.
+    let slide = forward.as_dvec3() / exact.n.dot(forward.as_dvec3());
+    let by_receiver = [along(&|p, h| p.x += h * slide), 0.0, 0.0];
+    let motions = [Vec3::Y, Vec3::X, Vec3::Z].map(|axis| vec![axis; 4]);
+    measured.along(16, Slot::Vertices(receiver), &motions).check("T17 receiver", &by_receiver, 0.03);
+
+    // An orthographic camera that moves takes the seen point with it.
+    let forward = forward.as_dvec3();
+    let by_camera: Vec<f64> =
+        DVec3::AXES.iter().map(|&axis| along(&|p, h| p.x += h * (axis - forward * (axis.y / forward.y)))).collect();
+    measured.gradients(16, Slot::CameraOrigin).check("T17 camera", &by_camera, 0.03);
+}

@@ -1,0 +1,200 @@
+use dscene::grad::{Output, Scene, Settings, render, render_backward};
+use dscene::image::Image;
+use dscene::mesh::Mesh;
+use dscene::render::texture::Texture;
+use dscene::render::{
+    Camera, Emission, Environment, Input, Material, MaterialKind, Projection, SceneDescription, Shape, Slot,
+};
+use glam::{Mat3, Vec3};
+
+/// Assembles a scene description from meshes and constants.
+#[derive(Default)]
+pub struct Builder {
+    pub description: SceneDescription,
+}
+
+impl Builder {
+    pub fn texture(&mut self, texture: Texture) -> usize {
+        self.description.textures.push(texture);
+        self.description.textures.len() - 1
+    }
+
+    pub fn color(&mut self, rgb: Vec3) -> Input {
+        Input::Texture(self.texture(Texture::constant(rgb)))
+    }
+
+    pub fn gray(&mut self, value: f32) -> Input {
+        self.color(Vec3::splat(value))
+    }
+
+    pub fn shape(&mut self, mesh: Mesh, kind: MaterialKind, emission: Option<Emission>) -> usize {
+        let material = Material { kind, one_sided: false };
+        self.description.shapes.push(Shape { mesh, material, emission });
+        self.description.shapes.len() - 1
+    }
+
+    /// A black shape that glows with the given radiance on both sides.
+    pub fn light(&mut self, mesh: Mesh, radiance: f32) -> usize {
+        let radiance = self.gray(radiance);
+        self.shape(mesh, MaterialKind::Black, Some(Emission { radiance, two_sided: true }))
+    }
+
+    pub fn diffuse(&mut self, mesh: Mesh, reflectance: f32) -> usize {
+        let reflectance = self.gray(reflectance);
+        self.shape(mesh, MaterialKind::Diffuse { reflectance }, None)
+    }
+
+    pub fn black(&mut self, mesh: Mesh) -> usize {
+        self.shape(mesh, MaterialKind::Black, None)
+    }
+
+    pub fn environment(&mut self, texture: Texture) -> usize {
+        let radiance = self.texture(texture);
+        self.description.environment = Some(Environment { radiance, rotation: Mat3::IDENTITY });
+        radiance
+    }
+
+    pub fn build(self) -> Scene {
+        Scene::new(self.description).unwrap()
+    }
+}
+
+pub fn mesh(vertices: &[Vec3], faces: &[[u32; 3]]) -> Mesh {
+    Mesh { vertices: vertices.to_vec(), faces: faces.to_vec(), ..Mesh::default() }
+}
+
+pub fn triangle(vertices: [Vec3; 3]) -> Mesh {
+    mesh(&vertices, &[[0, 1, 2]])
+}
+
+/// A quadrilateral with its corners in order.
+pub fn quad(corners: [Vec3; 4]) -> Mesh {
+    mesh(&corners, &[[0, 1, 2], [0, 2, 3]])
+}
+
+/// Horizontal square of half side `half` around a point, facing up.
+pub fn floor(center: Vec3, half: f32) -> Mesh {
+    quad([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]].map(|[x, z]| center + Vec3::new(x, 0.0, z) * half))
+}
+
+pub fn camera(projection: Projection, origin: Vec3, forward: Vec3, scale: f32, size: usize) -> Camera {
+    let forward = forward.normalize();
+    let hint = if forward.y.abs() > 0.9 { Vec3::Z } else { Vec3::Y };
+    let right = forward.cross(hint).normalize();
+    let frame = [right, right.cross(forward), forward];
+    Camera { projection, origin, frame, scale: [scale; 2], width: size, height: size }
+}
+
+/// One pixel that looks at a tiny patch around `target` along `forward`: radiance at a point.
+pub fn probe(target: Vec3, forward: Vec3, distance: f32) -> Camera {
+    let forward = forward.normalize();
+    camera(Projection::Orthographic, target - forward * distance, forward, 1e-3, 1)
+}
+
+pub fn settings(spp: u32, max_bounces: u32) -> Settings {
+    Settings { output: Output::Radiance, spp, max_bounces, seed: 0, boundary: true }
+}
+
+/// Means over seeds with their standard errors.
+pub struct Estimate {
+    pub mean: Vec<f64>,
+    pub error: Vec<f64>,
+}
+
+pub fn estimate(seeds: u64, mut sample: impl FnMut(u64) -> Vec<f64>) -> Estimate {
+    let runs: Vec<Vec<f64>> = (0..seeds).map(|seed| sample(seed + 1)).collect();
+    let n = seeds as f64;
+    let mean: Vec<f64> = (0..runs[0].len()).map(|i| runs.iter().map(|r| r[i]).sum::<f64>() / n).collect();
+    let error = (0..mean.len())
+        .map(|i| (runs.iter().map(|r| (r[i] - mean[i]).powi(2)).sum::<f64>() / (n * (n - 1.0))).sqrt())
+        .collect();
+    Estimate { mean, error }
+}
+
+impl Estimate {
+    /// Every mean lies within four standard errors of `exact`, and these are below `relative` of `scale`.
+    pub fn check_scaled(&self, name: &str, exact: &[f64], relative: f64, scale: f64) {
+        assert_eq!(self.mean.len(), exact.len());
+        let line = |i: usize| format!("{:.6} ± {:.6} (exact {:.6})", self.mean[i], self.error[i], exact[i]);
+        let table = (0..exact.len()).map(line).collect::<Vec<_>>().join("\n  ");
+        println!("{name}:\n  {table}");
+        for (i, expected) in exact.iter().enumerate() {
+            let off = (self.mean[i] - expected).abs();
+            assert!(self.mean[i].is_finite(), "{name}[{i}] is not finite:\n  {table}");
+            assert!(self.error[i] <= relative * scale, "{name}[{i}] is too noisy:\n  {table}");
+            let allowed = 4.0 * self.error[i] + 0.1 * relative * scale;
+            assert!(off <= allowed, "{name}[{i}] is biased by {:.1} standard errors:\n  {table}", off / self.error[i]);
+        }
+    }
+
+    /// Every mean lies within four standard errors of zero, and these are below `limit`.
+    pub fn check_zero(&self, name: &str, limit: f64) {
+        for (i, (mean, error)) in self.mean.iter().zip(&self.error).enumerate() {
+            println!("{name}[{i}]: {mean:.6} ± {error:.6}");
+            assert!(*error <= limit, "{name}[{i}] is too noisy: {mean} ± {error}");
+            assert!(mean.abs() <= 4.0 * error + 1e-6, "{name}[{i}] is not zero: {mean} ± {error}");
+        }
+    }
+
+    /// [`Estimate::check_scaled`] against the largest of the exact values.
+    pub fn check(&self, name: &str, exact: &[f64], relative: f64) {
+        let scale = exact.iter().fold(0.0, |m: f64, e| m.max(e.abs()));
+        self.check_scaled(name, exact, relative, scale);
+    }
+}
+
+/// The scene as a function of its seed: value and derivatives of the sum of the image's first channel.
+pub struct Measured<'a> {
+    pub scene: &'a Scene,
+    pub camera: &'a Camera,
+    pub settings: Settings,
+}
+
+impl Measured<'_> {
+    pub fn value(&self, seed: u64) -> f64 {
+        let image = render(self.scene, self.camera, &Settings { seed, ..self.settings }).unwrap();
+        image.data.chunks(3).map(|p| f64::from(p[0])).sum()
+    }
+
+    pub fn gradient(&self, seed: u64, wrt: &[Slot]) -> Vec<Vec<f64>> {
+        let mut d_image = Image::new(self.camera.width, self.camera.height, 3);
+        d_image.data.chunks_mut(3).for_each(|p| p[0] = 1.0);
+        self.gradient_of(seed, wrt, &d_image)
+    }
+
+    pub fn gradient_of(&self, seed: u64, wrt: &[Slot], d_image: &Image) -> Vec<Vec<f64>> {
+        let settings = Settings { seed, ..self.settings };
+        render_backward(self.scene, self.camera, &settings, d_image, wrt).unwrap()
+    }
+
+    pub fn values(&self, seeds: u64) -> Estimate {
+        estimate(seeds, |seed| vec![self.value(seed)])
+    }
+
+    pub fn gradients(&self, seeds: u64, slot: Slot) -> Estimate {
+        estimate(seeds, |seed| self.gradient(seed, &[slot]).remove(0))
+    }
+
+    /// Derivatives along several motions of the slot's numbers.
+    pub fn along(&self, seeds: u64, slot: Slot, motions: &[Vec<Vec3>]) -> Estimate {
+        estimate(seeds, |seed| {
+            let gradient = self.gradient(seed, &[slot]).remove(0);
+            motions.iter().map(|motion| contract(&gradient, motion)).collect()
+        })
+    }
+}
+
+pub fn contract(gradient: &[f64], motion: &[Vec3]) -> f64 {
+    assert_eq!(gradient.len(), 3 * motion.len());
+    gradient.chunks(3).zip(motion).map(|(g, v)| vector(g).dot(v.as_dvec3())).sum()
+}
+
+pub fn vector(g: &[f64]) -> glam::DVec3 {
+    glam::DVec3::new(g[0], g[1], g[2])
+}
+
+/// Central difference of an exact function.
+pub fn difference(f: impl Fn(f64) -> f64) -> f64 {
+    let h = 1e-5;
+    (f(h) - f(-h)) / (2.0 * h)
+}
