@@ -189,7 +189,6 @@ fn decode_obj(bytes: &[u8], folder: &Path) -> Result<Loaded, String> {
         single_index: true,
         ignore_points: true,
         ignore_lines: true,
-        ..Default::default()
     };
     let mut warnings = Vec::new();
     let missing = RefCell::new(Vec::new());
