@@ -184,12 +184,7 @@ pub(super) fn downwards(u: f32, v: f32) -> Vec2 {
 }
 
 fn decode_obj(bytes: &[u8], folder: &Path) -> Result<Loaded, String> {
-    let options = tobj::LoadOptions {
-        triangulate: true,
-        single_index: true,
-        ignore_points: true,
-        ignore_lines: true,
-    };
+    let options = tobj::LoadOptions { triangulate: true, single_index: true, ignore_points: true, ignore_lines: true };
     let mut warnings = Vec::new();
     let missing = RefCell::new(Vec::new());
     // Absent materials are no reason to refuse the shape.
