@@ -3,6 +3,7 @@
 mod common;
 
 use common::*;
+use dscene::mesh::Mesh;
 use dscene::render::*;
 use glam::{Vec3, vec3};
 

@@ -81,6 +81,26 @@ pub fn render_forward(
     Ok(image)
 }
 
+/// Terms that are missing from the derivatives in `wrt`, in words; empty if they are complete.
+pub fn coverage_gaps(scene: &Scene, settings: &Settings, wrt: &[Slot]) -> Vec<&'static str> {
+    let mut gaps = Vec::new();
+    if settings.output != Output::Radiance || settings.max_bounces == 0 || !Layout::new(scene, wrt).moves_visibility() {
+        return gaps;
+    }
+    if !settings.boundary {
+        gaps.push("boundary terms are switched off: silhouettes and shadows have no derivative");
+        return gaps;
+    }
+    match mirror_planes(scene) {
+        None => gaps.push("silhouettes and shadows seen in a curved mirror have no derivative"),
+        Some(planes) if !planes.is_empty() && settings.max_bounces > 2 => {
+            gaps.push("silhouettes and shadows seen in a mirror after another bounce have no derivative");
+        }
+        Some(_) => {}
+    }
+    gaps
+}
+
 trait Visit {
     fn pass(&mut self, pass: &impl Pass);
 }
