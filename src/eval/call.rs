@@ -5,9 +5,10 @@ use std::sync::Arc;
 use crate::check::hir::{Call, Callee, DeclId, DeclKind, Expr, FnDecl, Lambda, LocalId, NativeDecl};
 use crate::natives::{
     self, Args,
-    value::{Function, Value},
+    value::{CameraValue, Function, Value},
 };
 use crate::source::Span;
+use crate::tape::Tensor;
 
 use super::{Engine, Result, error, mix};
 
@@ -91,7 +92,24 @@ impl Engine {
         }
         let names: Vec<&str> = native.params.iter().map(|p| p.name.as_str()).collect();
         let context = self.context();
-        f(&Args { names: &names, values, context: &context }).map_err(|e| error::native(&e, span, spans, &native.name))
+        let args = Args { names: &names, values, context: &context };
+        let value = f(&args).map_err(|e| error::native(&e, span, spans, &native.name))?;
+        match &value {
+            Value::Camera(camera) if native.name == "camera" => Ok(self.scaled_film(camera).unwrap_or(value)),
+            _ => Ok(value),
+        }
+    }
+
+    /// The camera with the film that a stage's `film_scale` asks for.
+    fn scaled_film(&mut self, camera: &CameraValue) -> Option<Value> {
+        self.depends(|d| d.settings = true);
+        let scale = self.overrides.film_scale?;
+        let (width, height) = camera.film()?;
+        let scaled = |n: usize| (n as f64 * scale).round().max(1.0);
+        let film = Value::tensor(Tensor::vector(vec![scaled(width), scaled(height)]));
+        let keep =
+            |(name, value): &(String, Value)| (name.clone(), if name == "film" { film.clone() } else { value.clone() });
+        Some(Value::Camera(Arc::new(CameraValue { fields: camera.fields.iter().map(keep).collect() })))
     }
 
     fn language_function(&mut self, f: &FnDecl, args: Vec<Option<Value>>, span: Span) -> Result<Value> {

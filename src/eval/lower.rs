@@ -244,8 +244,8 @@ impl Builder {
     }
 }
 
-/// A camera's rays. `film_scale` shrinks the film.
-pub(super) fn lower_camera(camera: &CameraValue, film_scale: f64) -> Result<LoweredCamera, LowerError> {
+/// A camera's rays.
+pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerError> {
     let bad = |what: &str| LowerError::Scene(SceneError::Camera { what: what.to_string() });
     let number = |name: &str| -> Result<Option<Var>, LowerError> {
         match camera.field(name) {
@@ -267,8 +267,6 @@ pub(super) fn lower_camera(camera: &CameraValue, film_scale: f64) -> Result<Lowe
     if width == 0 || height == 0 || width.saturating_mul(height) > 1 << 28 {
         return Err(bad(&format!("a film of {width}×{height} pixels")));
     }
-    let scaled = |n: usize| ((n as f64 * film_scale).round() as usize).max(1);
-    let (width, height) = (scaled(width), scaled(height));
     let aspect = width as f64 / height as f64;
 
     let (origin, frame) = match camera.field("transform") {

@@ -123,7 +123,7 @@ impl Engine {
         let Some(Value::Camera(camera_value)) = argument("camera") else {
             return Err(error::value("the first argument must be a camera", at("camera")));
         };
-        let camera = lower::lower_camera(camera_value, overrides.film_scale.unwrap_or(1.0))
+        let camera = lower::lower_camera(camera_value)
             .map_err(|e| self.scene_error(e, &SceneValue::default(), &[], at("camera")))?;
 
         let (scene, origins) = match argument("scene") {

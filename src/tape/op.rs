@@ -362,22 +362,31 @@ impl Op {
             Op::Binary(f) => {
                 let (a, b) = (inputs[0], inputs[1]);
                 let (sa, sb) = (Spread::new(&a.shape, &output.shape), Spread::new(&b.shape, &output.shape));
-                let mut d = [vec![0.0; a.len()], vec![0.0; b.len()]];
-                for (side, wanted) in wants.iter().enumerate().take(2) {
-                    if !wanted {
-                        continue;
+                // One side after the other; the match on `f` is hoisted out of the loops that matter.
+                let side = |first: bool| {
+                    let mut d = vec![0.0; if first { a.len() } else { b.len() }];
+                    macro_rules! run {
+                        ($slope:expr) => {
+                            for_each_pair(output.len(), &sa, &sb, |i, p, q| {
+                                let at = if first { p } else { q };
+                                // An adjoint of zero stays zero next to an infinite slope.
+                                if g.data[i] != 0.0 {
+                                    d[at] += g.data[i] * $slope(a.data[p], b.data[q], output.data[i]);
+                                }
+                            })
+                        };
                     }
-                    let d = &mut d[side];
-                    for_each_pair(output.len(), &sa, &sb, |i, p, q| {
-                        // An adjoint of zero stays zero next to an infinite slope.
-                        if g.data[i] != 0.0 {
-                            let (dx, dy) = f.slopes(a.data[p], b.data[q], output.data[i]);
-                            if side == 0 { d[p] += g.data[i] * dx } else { d[q] += g.data[i] * dy }
-                        }
-                    });
-                }
-                let [da, db] = d;
-                vec![wants[0].then(|| like(0, da)).flatten(), wants[1].then(|| like(1, db)).flatten()]
+                    match (f, first) {
+                        (Binary::Add, _) | (Binary::Sub, true) => run!(|_, _, _| 1.0),
+                        (Binary::Sub, false) => run!(|_, _, _| -1.0),
+                        (Binary::Mul, true) => run!(|_, y: f64, _| y),
+                        (Binary::Mul, false) => run!(|x: f64, _, _| x),
+                        (_, true) => run!(|x, y, z| f.slopes(x, y, z).0),
+                        (_, false) => run!(|x, y, z| f.slopes(x, y, z).1),
+                    }
+                    d
+                };
+                vec![wants[0].then(|| like(0, side(true))).flatten(), wants[1].then(|| like(1, side(false))).flatten()]
             }
             Op::Sum => vec![like(0, vec![g.data[0]; inputs[0].len()])],
             Op::Gather(table) => {

@@ -1,0 +1,417 @@
+//! The language, through text: values, `with`, caching, derivatives.
+
+use std::path::Path;
+
+use dscene::check::{self, Checked, Disk, Line, hir};
+use dscene::diag::Diagnostic;
+use dscene::eval::value::Value;
+use dscene::eval::{Engine, EngineOptions, brief, on_large_stack, to_json};
+use dscene::tape::Tensor;
+use serde_json::json;
+
+/// A checked program, ready to evaluate.
+fn engine(text: &str) -> Engine {
+    let Checked { program, diagnostics, .. } = check::check_text("test.dscene", None, text, &[], &Disk);
+    let errors: Vec<&Diagnostic> = diagnostics.iter().filter(|d| d.is_error()).collect();
+    assert!(errors.is_empty(), "{text}\n{errors:#?}");
+    Engine::new(program.expect("a program"), EngineOptions { base_dir: ".".into(), ..Default::default() })
+}
+
+fn expr(engine: &Engine, text: &str) -> hir::Expr {
+    let mut program = engine.program().clone();
+    match check::check_line(&mut program, text) {
+        (Some(Line::Expr(e)), _) => e,
+        (_, diagnostics) => panic!("{text}: {diagnostics:#?}"),
+    }
+}
+
+fn try_eval(engine: &mut Engine, text: &str) -> Result<Value, Diagnostic> {
+    let e = expr(engine, text);
+    engine.eval(&e)
+}
+
+fn eval(engine: &mut Engine, text: &str) -> Value {
+    try_eval(engine, text).unwrap_or_else(|e| panic!("{text}: {e:#?}"))
+}
+
+fn numbers(engine: &mut Engine, text: &str) -> Vec<f64> {
+    match eval(engine, text).var() {
+        Some(v) => v.value().data.clone(),
+        None => panic!("{text} is not made of numbers"),
+    }
+}
+
+/// `text` evaluates to this JSON, within a file of `declarations`.
+#[track_caller]
+fn check(declarations: &str, text: &str, expected: serde_json::Value) {
+    fn close(a: &serde_json::Value, b: &serde_json::Value) -> bool {
+        match (a, b) {
+            (serde_json::Value::Array(a), serde_json::Value::Array(b)) => {
+                a.len() == b.len() && a.iter().zip(b).all(|(a, b)| close(a, b))
+            }
+            (serde_json::Value::Number(a), serde_json::Value::Number(b)) => {
+                let (a, b) = (a.as_f64().unwrap(), b.as_f64().unwrap());
+                (a - b).abs() <= 1e-9 * (1.0 + b.abs())
+            }
+            _ => a == b,
+        }
+    }
+    let found = to_json(&eval(&mut engine(declarations), text));
+    assert!(close(&found, &expected), "{text} is {found}, not {expected}");
+}
+
+#[test]
+fn arithmetic_and_precedence() {
+    check("", "1 + 2 * 3 ^ 2", json!(19));
+    check("", "-2 ^ 2", json!(-4));
+    check("", "2 ^ 3 ^ 2", json!(512));
+    check("", "[1, 2, 3] * 2 + [1, 0, 0]", json!([3, 4, 6]));
+    check("", "7 / 2", json!(3.5));
+    check("", "30%", json!(0.3));
+    check("", "sin(30deg) + cos(0.5turn)", json!(-0.5));
+    check("", "180deg / 90deg", json!(2));
+    check("", "1 < 2 and not (2 < 1) or false", json!(true));
+    check("", "if 1 < 2 then 10 else 20", json!(10));
+    check("", "\"a\" == \"a\"", json!(true));
+}
+
+#[test]
+fn arrays_indices_swizzles_comprehensions() {
+    check("", "[[0,0,0],[1,0,0]][1]", json!([1, 0, 0]));
+    check("", "[1,2,3][-1]", json!(3));
+    check("", "[1,2,3,4][1..3]", json!([2, 3]));
+    check("let v = [1, 2, 3]", "v.zy", json!([3, 2]));
+    check("let v = [1, 2, 3]", "v.r + v.b", json!(4));
+    check("", "[i * i for i in 0..5 if i > 1]", json!([4, 9, 16]));
+    check("", "sum([i * j for i in 0..3 for j in 0..=2])", json!(9));
+    check("", "[a + b for a, b in zip([1, 2], [10, 20])]", json!([11, 22]));
+    check("", "len(0..7)", json!(7));
+    check("", "mean([1, 2, 6])", json!(3));
+    check("", "max([1, 5, 2]) + min(3, 2)", json!(7));
+    check("", "concat([1, 2], [3])", json!([1, 2, 3]));
+    check("", "reshape([1, 2, 3, 4], [2, 2])", json!([[1, 2], [3, 4]]));
+}
+
+#[test]
+fn functions_lambdas_pipes_strings() {
+    check("fn twice(x, k = 2) = x * k", "3 |> twice()", json!(6));
+    check("fn twice(x, k = 2) = x * k", "twice(3, k: 5)", json!(15));
+    check("fn apply(f, x) = f(f(x))", "apply(x => x + 1, 5)", json!(7));
+    check("fn f(x) { let y = x + 1 let z = y * 2 z - 1 }", "f(2)", json!(5));
+    check("let name = \"ball\"", "\"{name} {1 + 1:04} {3.14159:.2} {7:3}\"", json!("ball 0002 3.14   7"));
+    check("let a = b + 1\nlet b = 2", "a", json!(3));
+    check("", "dot([1, 2, 3], [4, 5, 6])", json!(32));
+    check("", "cross([1, 0, 0], [0, 1, 0])", json!([0, 0, 1]));
+    check("", "mix(0, 10, 0.25)", json!(2.5));
+    check("", "linspace(0, 1, 3)", json!([0, 0.5, 1]));
+}
+
+#[test]
+fn with_replaces_what_it_reaches_and_nothing_else() {
+    let text = "let a = 1\nlet b = a + 1\nlet c = 10\nfn f(x) = x + b\n";
+    check(text, "b with { a: 5 }", json!(6));
+    check(text, "[b, b with { a: 5 }, b]", json!([2, 6, 2]));
+    check(text, "f(1) with { a: 5 }", json!(7));
+    check(text, "(b with { a: 5 }) + c with { c: 20 }", json!(26));
+    check(text, "(b with { a: a + 1 }) with { a: 10 }", json!(12));
+    let lamp = "light lamp = area(rectangle(), radiance: 3)\nlet twice = lamp.radiance * 2";
+    check(lamp, "twice with { lamp.radiance: 5 }", json!(10));
+    check(
+        "camera eye { position: [0, 0, 5], look_at: [0, 0, 0], film: [8, 4] }",
+        "eye.film with { eye.film: [2, 2] }",
+        json!([2, 2]),
+    );
+}
+
+#[test]
+fn gradients_of_analytic_expressions() {
+    let text = "param p = [1, 2, 3]\nparam s = 2\nparam a = 30deg\nlet y = sum(p ^ 2) * s\n";
+    check(text, "grad(y, p)", json!([4, 8, 12]));
+    check(text, "grad(y, s)", json!(14));
+    check(text, "grad(y with { s: s * s }, s)", json!(56));
+    check(text, "jvp(p * s, s)", json!([1, 2, 3]));
+    check(text, "jvp(y, p, [1, 0, 0])", json!(4));
+    check(text, "grad(sin(a), a)", json!((std::f64::consts::PI / 6.0).cos()));
+    check(text, "fd(y, s)", json!(14));
+    check(text, "grad(max(p), p)", json!([0, 0, 1]));
+    check(text, "grad(if s > 1 then s ^ 2 else 0, s)", json!(4));
+    check(text, "grad(length(p), p) * length(p)", json!([1, 2, 3]));
+    check("light lamp = area(rectangle(), radiance: 3)\nlet e = lamp.radiance ^ 2", "grad(e, lamp.radiance)", json!(6));
+    // A mesh carries derivatives of its vertices.
+    let mesh = "param d = [0, 1, 0]\nlet m = cube() |> translate(d) |> scale(2)";
+    check(mesh, "grad(mean(m.vertices), d)", json!([2.0 / 3.0, 2.0 / 3.0, 2.0 / 3.0]));
+}
+
+#[test]
+fn gradients_agree_with_differences_everywhere() {
+    let text = "
+param p = [0.3, -0.2, 0.9]
+param w = 0.7
+param turn: rotation = euler(x: 20deg, y: 10deg)
+let m = cube() |> rotate(by: turn) |> translate(p) |> scale([1, 2, w])
+let img = image([[[0.1, 0.2, w], [0.3, w * w, 0.1]], [[0, 0.2, 0.1], [1, 0.5, p.x]]])
+let l1_ = huber(img * p, 0.2 * img, delta: 0.1)
+let l2_ = ssim(blur(img, 0.7), img) + mean(pyramid(img, 2)[1] * 3)
+let l3_ = sum((m |> smooth_normals()).vertices ^ 2) + sum((m |> smooth_normals()).normals * [1, 2, 3])
+let l4_ = exp(-norm(cross(p, [1, 2, 3]))) + sum([sqrt(i + w) for i in 0..4]) + clamp(w, 0, 0.5)
+";
+    for loss in ["l1_", "l2_", "l3_", "l4_"] {
+        for param in ["p", "w", "turn"] {
+            let mut e = engine(text);
+            let gradient = numbers(&mut e, &format!("grad({loss}, {param})"));
+            let differences = numbers(&mut e, &format!("fd({loss}, {param}, 1e-5)"));
+            for (g, d) in gradient.iter().zip(&differences) {
+                assert!((g - d).abs() < 1e-5 * (1.0 + d.abs()), "{loss} by {param}: {gradient:?}, {differences:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn params_have_bounds_scales_and_kinds() {
+    let mut e = engine(
+        "param a = 3 in 0..10 { lr: 0.5, scale: 2 }\nparam b: vec3[2] = [[0,0,0],[1,1,1]]\nparam r: rotation = euler(x: 10deg)\nparam t = 20deg { frozen: true }",
+    );
+    let all = e.params().unwrap();
+    assert_eq!(all.iter().map(|p| p.name.as_str()).collect::<Vec<_>>(), ["a", "b", "r", "t"]);
+    assert_eq!((all[0].lr, all[0].scale), (Some(0.5), Some(2.0)));
+    assert_eq!(all[0].bounds.as_ref().unwrap().1, Tensor::scalar(10.0));
+    assert_eq!(all[1].shape, [2, 3]);
+    assert_eq!(all[2].kind, dscene::eval::ParamKind::Rotation);
+    assert_eq!(all[3].kind, dscene::eval::ParamKind::Angle);
+    assert!(all[3].frozen);
+    let id = all[0].id;
+    e.set_param(id, Tensor::scalar(4.0)).unwrap();
+    assert_eq!(numbers(&mut e, "a * 2"), [8.0]);
+    assert!(e.set_param(id, Tensor::zeros(&[2])).is_err());
+    e.reset_param(id);
+    assert_eq!(numbers(&mut e, "a"), [3.0]);
+}
+
+#[test]
+fn step_and_progress_move_schedules() {
+    let mut e = engine("let rate = linear(1, 0)");
+    e.set_step(0, 11);
+    assert_eq!(numbers(&mut e, "rate"), [1.0]);
+    e.set_step(5, 11);
+    assert_eq!(numbers(&mut e, "rate"), [0.5]);
+    e.set_step(10, 11);
+    assert_eq!(numbers(&mut e, "[rate, step]"), [0.0, 10.0]);
+    e.set_step(3, 11);
+    assert!(numbers(&mut e, "piecewise([[0, 1], [2, 5], [4, 6]])")[0] == 5.5);
+}
+
+const SCENE: &str = "
+camera eye { position: [0, 1, -4], look_at: [0, 0, 0], film: [12, 8] }
+param height = 1.5
+param corners: vec3[3] = [[-1, 0.5, 0], [1, 0.5, 0], [0, 0.5, 1]]
+shape ground { mesh: rectangle(width: 4, depth: 4) }
+shape blocker { mesh: mesh(vertices: corners, faces: [[0, 1, 2]]) }
+light lamp = area(rectangle(width: 0.5, depth: 0.5) |> flip() |> translate([0, height, 0]), radiance: 10)
+let target = render(eye, spp: 2, max_bounces: 1) with { corners: corners_true, height: 2 }
+let corners_true = [[-1, 0.6, 0], [1, 0.5, 0], [0, 0.5, 1]]
+loss fit = mse(render(eye, spp: 2, max_bounces: 1), target)
+";
+
+#[test]
+fn what_no_param_reaches_is_rendered_once() {
+    let mut e = engine(SCENE);
+    let loss = expr(&e, "fit");
+    e.eval(&loss).unwrap();
+    assert_eq!(e.statistics().renders, 2);
+    e.eval(&loss).unwrap();
+    assert_eq!(e.statistics().renders, 2, "nothing changed");
+    for step in 1..4 {
+        e.set_step(step, 10);
+        e.eval(&loss).unwrap();
+        assert_eq!(e.statistics().renders, 2 + step, "only the guess is rendered anew");
+    }
+    let id = e.program().find("height").unwrap();
+    e.set_param(id, Tensor::scalar(1.7)).unwrap();
+    e.gradient_of_params(&loss, &[id]).unwrap();
+    assert_eq!(e.statistics().renders, 6);
+    e.set_sample_seed(9);
+    e.eval(&loss).unwrap();
+    assert_eq!(e.statistics().renders, 7);
+}
+
+#[test]
+fn fresh_samples_differ_and_seeds_repeat() {
+    let mut e = engine(SCENE);
+    let first = numbers(&mut e, "fit");
+    e.set_step(1, 10);
+    let second = numbers(&mut e, "fit");
+    assert_ne!(first, second);
+    e.set_step(0, 10);
+    assert_eq!(first, numbers(&mut e, "fit"));
+    let mut twin = engine(SCENE);
+    assert_eq!(first, numbers(&mut twin, "fit"));
+    // Two calls at different places draw different samples.
+    assert_ne!(numbers(&mut e, "mean(render(eye, spp: 1)) - mean(render(eye, spp: 1))"), [0.0]);
+}
+
+#[test]
+fn one_scene_serves_all_renders_of_a_step() {
+    let mut e = engine(SCENE);
+    eval(&mut e, "mean(render(eye, spp: 1)) + mean(depth(eye)) + mean(alpha(eye))");
+    assert_eq!((e.statistics().renders, e.statistics().scenes), (3, 1));
+}
+
+#[test]
+fn estimates_have_errors_with_and_without_params() {
+    let mut e = engine(SCENE);
+    let Value::Estimate(with_params) = eval(&mut e, "estimate(mean(render(eye, spp: 1)), 8)") else {
+        panic!("no estimate")
+    };
+    assert!(with_params.std_error.data[0] > 0.0);
+    let Value::Estimate(without) =
+        eval(&mut e, "estimate(mean(render(eye, spp: 1)) with { height: 2, corners: corners_true }, 8)")
+    else {
+        panic!("no estimate")
+    };
+    assert!(without.std_error.data[0] > 0.0);
+    let Value::Estimate(exact) = eval(&mut e, "estimate(height * 2)") else { panic!("no estimate") };
+    assert_eq!((exact.mean.data[0], exact.std_error.data[0]), (3.0, 0.0));
+}
+
+#[test]
+fn render_gradients_agree_with_jvp_and_differences() {
+    // A light straight over a ground: no silhouettes, so few samples suffice.
+    let text = "
+camera eye { position: [0, 3, -4], look_at: [0, 0, 0], film: [8, 8] }
+param power = 2
+param shade = 0.5
+shape ground { mesh: rectangle(width: 20, depth: 20), material: diffuse(reflectance: shade) }
+light sun = directional(direction: [0, -1, 0], irradiance: power)
+let y = mean(render(eye, spp: 4, max_bounces: 1) ^ 2)
+";
+    let mut e = engine(text);
+    for p in ["power", "shade"] {
+        let g = numbers(&mut e, &format!("grad(y, {p})"))[0];
+        let j = numbers(&mut e, &format!("jvp(y, {p})"))[0];
+        let f = numbers(&mut e, &format!("fd(y, {p}, 1e-2)"))[0];
+        assert!((g - j).abs() < 1e-4 * g.abs(), "{p}: {g} {j}");
+        assert!((g - f).abs() < 2e-2 * g.abs(), "{p}: {g} {f}");
+    }
+    let g = numbers(&mut e, "grad(y, sun.irradiance)");
+    assert_eq!(g.len(), 3);
+    let total: f64 = g.iter().sum();
+    let expected = numbers(&mut e, "grad(y, power)")[0];
+    assert!((total - expected).abs() < 1e-4 * expected.abs(), "{total} {expected}");
+}
+
+#[test]
+fn errors_point_at_the_argument() {
+    let mut e = engine("let n = 0 - 4\nlet w = 0\nparam p = [1, 2]");
+    let span_text = |e: &Engine, text: &str, d: &Diagnostic| {
+        let _ = e;
+        let span = d.span().expect("a span");
+        text.get(span.start as usize..span.end as usize).unwrap_or("").to_string()
+    };
+    for (text, at, code) in [
+        ("sqrt(n)", "n", "dscene::run::value"),
+        ("[1, 2, 3][w + 7]", "w + 7", "dscene::run::index"),
+        ("rectangle(width: 1, depth: w)", "w", "dscene::run::value"),
+        ("load_image(\"no/such.png\")", "\"no/such.png\"", "dscene::run::value"),
+        ("diffuse(reflectance: n)", "n", "dscene::run::value"),
+        ("camera(position: [1, w, 1], look_at: [1, w, 1])", "[1, w, 1]", "dscene::run::value"),
+    ] {
+        let d = try_eval(&mut e, text).err().unwrap_or_else(|| panic!("{text} should fail"));
+        assert_eq!((d.code, span_text(&e, text, &d).as_str()), (code, at), "{text}: {d:#?}");
+    }
+}
+
+#[test]
+fn an_empty_scene_is_a_diagnostic() {
+    let mut e = engine("camera eye { position: [0, 0, 5], look_at: [0, 0, 0], film: [4, 4] }");
+    assert_eq!(try_eval(&mut e, "render(eye)").err().map(|d| d.code), Some("dscene::run::scene"));
+}
+
+#[test]
+fn a_camera_that_moves_onto_its_target_is_a_diagnostic() {
+    let mut e = engine(
+        "param z = 1\ncamera eye { position: [0, 0, z], look_at: [0, 0, 0], film: [4, 4] }\nlight sky = constant(1)\nshape s { mesh: sphere() }",
+    );
+    let id = e.program().find("z").unwrap();
+    eval(&mut e, "render(eye, spp: 1)");
+    e.set_param(id, Tensor::scalar(0.0)).unwrap();
+    assert!(try_eval(&mut e, "render(eye, spp: 1)").is_err());
+    e.set_param(id, Tensor::scalar(2.0)).unwrap();
+    eval(&mut e, "render(eye, spp: 1)");
+}
+
+#[test]
+fn runaway_recursion_ends() {
+    let Checked { program, diagnostics, .. } = check::check_text(
+        "t",
+        None,
+        "fn f(n): scalar = if n < 1 then 0 else 1 + f(n - 1)\nlet shallow = f(200)\nlet deep = f(1e9)",
+        &[],
+        &Disk,
+    );
+    // The checker may refuse recursion; if it does not, the evaluator must survive it.
+    let Some(program) = program else {
+        assert!(diagnostics.iter().any(Diagnostic::is_error));
+        return;
+    };
+    let mut e = Engine::new(program, EngineOptions::default());
+    assert_eq!(numbers(&mut e, "shallow"), [200.0]);
+    assert_eq!(try_eval(&mut e, "deep").err().map(|d| d.code), Some("dscene::run::recursion"));
+    assert_eq!(on_large_stack(|| try_eval(&mut e, "deep").err().map(|d| d.code)), Some("dscene::run::recursion"));
+}
+
+#[test]
+fn an_edit_keeps_what_it_does_not_touch() {
+    let mut e = engine(SCENE);
+    eval(&mut e, "target");
+    let renders = e.statistics().renders;
+    let mut program = e.program().clone();
+    let (line, diagnostics) = check::check_line(&mut program, "let extra = 5");
+    assert!(matches!(line, Some(Line::Declared(_))), "{diagnostics:#?}");
+    e.update(program);
+    eval(&mut e, "[mean(target), extra]");
+    assert_eq!(e.statistics().renders, renders);
+    let mut program = e.program().clone();
+    check::check_line(&mut program, "let corners_true = [[-1, 0.9, 0], [1, 0.5, 0], [0, 0.5, 1]]");
+    e.update(program);
+    eval(&mut e, "target");
+    assert_eq!(e.statistics().renders, renders + 1);
+}
+
+#[test]
+fn values_show_what_they_are() {
+    let mut e = engine(SCENE);
+    let mut shown = |text: &str| {
+        let x = expr(&e, text);
+        let v = e.eval(&x).unwrap();
+        brief(&v, &x.ty)
+    };
+    assert_eq!(shown("45deg"), "45deg");
+    assert_eq!(shown("[1, 2.5]"), "[1, 2.5]");
+    assert_eq!(shown("rectangle()"), "mesh of 4 vertices and 2 faces, with uvs");
+    assert!(shown("target").starts_with("image 12×8, 3 channels (0 to "), "{}", shown("target"));
+    assert_eq!(shown("diffuse(reflectance: 0.5)"), "diffuse(reflectance: 0.5)");
+    assert_eq!(shown("1 / 3"), "0.3333333");
+}
+
+#[test]
+fn every_native_is_declared_and_every_declaration_implemented() {
+    let library = check::library();
+    let declared: Vec<&str> = library
+        .ids()
+        .map(|id| library.decl(id))
+        .filter(|d| matches!(d.kind, hir::DeclKind::Native(_)))
+        .map(|d| d.name.as_str())
+        .collect();
+    assert!(declared.len() > 50);
+    // The evaluator itself renders and differentiates.
+    let rendering = dscene::natives::RENDERING.iter().map(|r| r.0).chain(["grad", "jvp", "fd", "estimate"]);
+    let missing: Vec<&&str> = declared
+        .iter()
+        .filter(|n| dscene::natives::find(n).is_none() && !rendering.clone().any(|r| r == **n))
+        .collect();
+    assert!(missing.is_empty(), "declared but not implemented: {missing:?}");
+    let unknown: Vec<&str> = dscene::natives::names().filter(|n| !declared.contains(n)).collect();
+    assert!(unknown.is_empty(), "implemented but not declared: {unknown:?}");
+    let _ = Path::new(".");
+}
