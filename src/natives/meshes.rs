@@ -14,16 +14,6 @@ use super::{Args, Native, NativeError, Result};
 
 pub(super) const TABLE: &[(&str, Native)] = &[
     ("mesh", mesh_from_arrays),
-    ("triangle", |a| {
-        let corners = [a.vector(0, 3, false)?, a.vector(1, 3, false)?, a.vector(2, 3, false)?];
-        give(MeshValue {
-            vertices: Var::stack(&corners)?,
-            faces: Arc::new(vec![[0, 1, 2]]),
-            normals: None,
-            uvs: None,
-            colors: None,
-        })
-    }),
     ("rectangle", |a| sized(shapes::rectangle(1.0, 1.0), [size(a, "width", 2.0)?, 1.0.into(), size(a, "depth", 2.0)?])),
     ("cube", |a| {
         let size = match a.get(0) {
@@ -119,8 +109,6 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         give(merged(&meshes.ok_or_else(|| a.wrong(0, "a mesh or an array of meshes"))?)?)
     }),
     ("center", |a| give(centered(a.mesh(0)?)?)),
-    ("vertices", |a| Ok(Value::Num(a.mesh(0)?.vertices.clone()))),
-    ("edges", edges),
     ("laplacian_energy", laplacian_energy),
     ("edge_length_energy", edge_length_energy),
     ("normal_consistency", normal_consistency),
@@ -436,12 +424,6 @@ fn welded_edges(mesh: &MeshValue) -> Vec<([u32; 2], Vec<u32>)> {
         first[p as usize] = i as u32;
     }
     ops::edges(&place, &mesh.faces).into_iter().map(|(e, f)| (e.map(|p| first[p as usize]), f)).collect()
-}
-
-/// Pairs of vertices, one row for each edge.
-fn edges(a: &Args) -> Result<Value> {
-    let edges = welded_edges(a.mesh(0)?);
-    Ok(Value::tensor(Tensor::rows(edges.iter().map(|(e, _)| e.map(f64::from)))))
 }
 
 /// Mean over vertices of the squared distance to the mean of their neighbours.

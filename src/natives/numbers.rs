@@ -17,7 +17,6 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("round", |a| elementwise(a, Unary::Round)),
     ("exp", |a| elementwise(a, Unary::Exp)),
     ("tanh", |a| elementwise(a, Unary::Tanh)),
-    ("sigmoid", |a| elementwise(a, Unary::Sigmoid)),
     ("stop_gradient", |a| elementwise(a, Unary::Stop)),
     ("log", log),
     ("sqrt", sqrt),
@@ -29,7 +28,6 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("acos", |a| arc(a, Unary::Acos)),
     ("atan", |a| elementwise(a, Unary::Atan)),
     ("atan2", |a| binary(a, Binary::Atan2)),
-    ("mod", |a| binary(a, Binary::Mod)),
     ("dot", dot),
     ("cross", |a| Ok(Value::Num(a.vector(0, 3, false)?.cross(&a.vector(1, 3, false)?)?))),
     ("length", |a| Ok(Value::Num(a.var(0)?.norm()))),
@@ -60,11 +58,6 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     }),
     ("look_at", look_at),
     ("compose", compose),
-    ("inverse", |a| {
-        let v = a.value(0)?;
-        let Some(m) = v.var() else { return Err(a.wrong(0, "a transform, rotation or matrix")) };
-        Ok(v.with_var(m.inverse().map_err(|e| NativeError::at(0, e.0))?))
-    }),
     ("matrix", |a| Ok(Value::Num(a.var(0)?.clone()))),
 ];
 

@@ -62,7 +62,6 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("adam", |a| keep(a, "adam")),
     ("adam_uniform", |a| keep(a, "adam_uniform")),
     ("rmsprop", |a| keep(a, "rmsprop")),
-    ("laplacian", |a| keep(a, "laplacian")),
 ];
 
 fn settings(name: &str, fields: Vec<(String, Value)>) -> Arc<SettingsValue> {

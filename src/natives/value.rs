@@ -293,7 +293,6 @@ impl Value {
             Value::Settings(s) => match s.name.as_str() {
                 "integrator" => "an integrator",
                 "vertex_color" => "a texture",
-                "laplacian" => "a preconditioner",
                 _ => "an optimizer",
             },
             Value::Estimate(_) => "an estimate",

@@ -232,7 +232,7 @@ pub fn backward_with(output: &Var, seed: Tensor, wrt: &[Var]) -> Result<Vec<Tens
         let Some(g) = adjoints.remove(&var.id()) else { continue };
         let values: Vec<&Tensor> = var.0.inputs.iter().map(Var::value).collect();
         let wants: Vec<bool> = var.0.inputs.iter().map(|i| reached.contains(&i.id())).collect();
-        let d = var.0.op.vjp(&values, var.value(), &g, &wants).map_err(TapeError)?;
+        let d = var.0.op.vjp_in_place(&values, var.value(), g, &wants).map_err(TapeError)?;
         for ((input, wanted), d) in var.0.inputs.iter().zip(wants).zip(d) {
             let (true, Some(d)) = (wanted, d) else { continue };
             match adjoints.get_mut(&input.id()) {

@@ -341,8 +341,55 @@ impl Op {
         Tensor { shape, data }
     }
 
+    /// As [`Op::vjp`], reusing the output's derivative where its place is all that is needed.
+    pub(super) fn vjp_in_place(
+        &self,
+        inputs: &[&Tensor],
+        output: &Tensor,
+        mut g: Tensor,
+        wants: &[bool],
+    ) -> Result<Vec<Option<Tensor>>, String> {
+        match self {
+            Op::Reshape => {
+                g.shape = inputs[0].shape.clone();
+                Ok(vec![Some(g)])
+            }
+            Op::Unary(f) => {
+                for ((g, x), y) in g.data.iter_mut().zip(&inputs[0].data).zip(&output.data) {
+                    // An adjoint of zero stays zero next to an infinite slope.
+                    if *g != 0.0 {
+                        *g *= f.slope(*x, *y);
+                    }
+                }
+                Ok(vec![Some(g)])
+            }
+            Op::Binary(f @ (Binary::Add | Binary::Sub | Binary::Mul)) if wants.iter().filter(|w| **w).count() == 1 => {
+                let first = wants[0];
+                let (own, other) = if first { (inputs[0], inputs[1]) } else { (inputs[1], inputs[0]) };
+                if own.len() != output.len() {
+                    return self.vjp(inputs, output, &g, wants);
+                }
+                match f {
+                    Binary::Sub if !first => g.data.iter_mut().for_each(|g| *g = -*g),
+                    Binary::Mul => {
+                        let spread = Spread::new(&other.shape, &output.shape);
+                        for_each_pair(output.len(), &Spread::Same, &spread, |i, _, q| {
+                            if g.data[i] != 0.0 {
+                                g.data[i] *= other.data[q];
+                            }
+                        });
+                    }
+                    _ => {}
+                }
+                g.shape = own.shape.clone();
+                Ok(if first { vec![Some(g), None] } else { vec![None, Some(g)] })
+            }
+            _ => self.vjp(inputs, output, &g, wants),
+        }
+    }
+
     /// Derivatives of the inputs that are wanted, from the output's derivative.
-    pub(super) fn vjp(
+    fn vjp(
         &self,
         inputs: &[&Tensor],
         output: &Tensor,
@@ -353,12 +400,7 @@ impl Op {
         Ok(match self {
             Op::Leaf => vec![],
             Op::Custom(op) => op.vjp(inputs, output, g, wants)?,
-            Op::Reshape => vec![like(0, g.data.clone())],
-            Op::Unary(f) => {
-                let x = inputs[0];
-                let d = (0..x.len()).map(|i| g.data[i] * f.slope(x.data[i], output.data[i])).collect();
-                vec![like(0, d)]
-            }
+            Op::Reshape | Op::Unary(_) => return self.vjp_in_place(inputs, output, g.clone(), wants),
             Op::Binary(f) => {
                 let (a, b) = (inputs[0], inputs[1]);
                 let (sa, sb) = (Spread::new(&a.shape, &output.shape), Spread::new(&b.shape, &output.shape));
