@@ -1,4 +1,5 @@
-//! Scenes of the benches.
+//! Scenes of the benches; each bench uses some of them.
+#![allow(dead_code)]
 
 use dscene::mesh::Mesh;
 use dscene::render::texture::Texture;

@@ -270,3 +270,123 @@ impl Scene {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f32::consts::TAU;
+
+    use glam::Mat3;
+
+    use super::*;
+    use crate::math::Pcg32;
+    use crate::mesh::Mesh;
+    use crate::render::scene::{Emission, Environment, Material, MaterialKind, Shape};
+    use crate::render::texture::{Filter, Texture, Wrap};
+
+    const ROWS: usize = 10;
+    const COLUMNS: usize = 12;
+
+    /// Two glowing meshes of very different power, a point light, a sun, a sky with one bright spot, turned.
+    fn scene() -> Scene {
+        let mut d = SceneDescription::default();
+        let glow = |d: &mut SceneDescription, vertices: Vec<Vec3>, faces: Vec<[u32; 3]>, radiance: f32| {
+            d.textures.push(Texture::constant(Vec3::splat(radiance)));
+            let radiance = Input::Texture(d.textures.len() - 1);
+            d.shapes.push(Shape {
+                mesh: Mesh { vertices, faces, ..Mesh::default() },
+                material: Material { kind: MaterialKind::Black, one_sided: false },
+                emission: Some(Emission { radiance, two_sided: true }),
+            });
+        };
+        let v = Vec3::new;
+        let quad = vec![v(0.0, 0.0, 0.0), v(2.0, 0.0, 0.0), v(2.5, 1.0, 0.3), v(0.0, 0.7, 0.0)];
+        glow(&mut d, quad, vec![[0, 1, 2], [0, 2, 3]], 1.0);
+        glow(&mut d, vec![v(0.0, 2.0, 0.0), v(0.1, 2.0, 0.0), v(0.0, 2.0, 0.3)], vec![[0, 1, 2]], 40.0);
+        d.delta_lights.push(DeltaLight::Point { position: v(1.0, 1.0, 1.0), intensity: Vec3::splat(0.5) });
+        d.delta_lights.push(DeltaLight::Directional { direction: v(0.0, -2.0, 1.0), irradiance: Vec3::splat(0.3) });
+        let mut sky = vec![0.02; 8 * 4 * 3];
+        sky[(8 + 7) * 3..][..3].fill(3.0);
+        d.textures.push(Texture::new(8, 4, 3, sky, Wrap::Repeat, Filter::Bilinear).unwrap());
+        let rotation = Mat3::from_rotation_x(0.7) * Mat3::from_rotation_y(1.9);
+        d.environment = Some(Environment { radiance: d.textures.len() - 1, rotation });
+        Scene::new(d).unwrap()
+    }
+
+    fn sky_bin(dir: Vec3) -> usize {
+        let row = ((0.5 - 0.5 * dir.y) * ROWS as f32) as usize;
+        let column = ((dir.x.atan2(dir.z) / TAU + 0.5) * COLUMNS as f32) as usize;
+        row.min(ROWS - 1) * COLUMNS + column.min(COLUMNS - 1)
+    }
+
+    /// The corner of its triangle a point belongs to, or the middle: four parts of equal area.
+    fn quarter(b: [f32; 3]) -> usize {
+        b.iter().position(|&b| b > 0.5).unwrap_or(3)
+    }
+
+    #[test]
+    fn samples_follow_the_densities() {
+        const N: usize = 200_000;
+        let scene = scene();
+        let prims = scene.prims.len();
+        let sky = prims * 4 + scene.description.delta_lights.len();
+        let mut found = vec![0.0; sky + ROWS * COLUMNS];
+        let mut expected = found.clone();
+        for prim in 0..prims {
+            let [a, b, c] = scene.corners(prim as u32);
+            let area = 0.5 * (b - a).cross(c - a).length();
+            expected[4 * prim..4 * prim + 4].fill(f64::from(scene.lights.area_pdf(prim as u32) * area) / 4.0);
+        }
+        let fine = 960;
+        for i in 0..fine * fine {
+            let y = 1.0 - 2.0 * ((i / fine) as f32 + 0.5) / fine as f32;
+            let (sin, cos) = (TAU * ((i % fine) as f32 + 0.5) / fine as f32).sin_cos();
+            let ring = (1.0 - y * y).sqrt();
+            let dir = Vec3::new(ring * sin, y, ring * cos);
+            let area = 4.0 * std::f64::consts::PI / (fine * fine) as f64;
+            expected[sky + sky_bin(dir)] += f64::from(scene.environment_pdf(dir)) * area;
+        }
+        let mut rng = Pcg32::new(17);
+        for _ in 0..N {
+            let light = scene.sample_light(rng.next_3d()).unwrap();
+            let (bin, pdf) = match light.kind {
+                LightKind::Area => (4 * light.prim as usize + quarter(light.b), scene.lights.area_pdf(light.prim)),
+                LightKind::Point(i) | LightKind::Directional(i) => {
+                    expected[4 * prims + i as usize] = f64::from(light.pdf);
+                    (4 * prims + i as usize, light.pdf)
+                }
+                LightKind::Environment => (sky + sky_bin(light.y), scene.environment_pdf(light.y)),
+            };
+            // A direction may round across a border of the map's pieces.
+            assert!((light.pdf - pdf).abs() < 1e-4 * pdf || light.kind == LightKind::Environment);
+            found[bin] += 1.0;
+        }
+        let total: f64 = expected.iter().sum();
+        assert!((total - 1.0).abs() < 2e-3, "the densities integrate to {total}");
+        let (mut chi2, mut freedom) = (0.0, -1.0f64);
+        for (e, f) in expected.iter().map(|e| e * N as f64).zip(&found) {
+            assert!(e > 5.0, "a bin expects only {e} samples");
+            chi2 += (f - e).powi(2) / e;
+            freedom += 1.0;
+        }
+        assert!(chi2 < freedom + 5.0 * (2.0 * freedom).sqrt(), "chi² {chi2:.1} for {freedom} degrees of freedom");
+    }
+
+    #[test]
+    fn arriving_light_has_the_geometry_factor_of_its_kind() {
+        let scene = scene();
+        let mut rng = Pcg32::new(19);
+        let x = Vec3::new(0.3, -1.0, 0.4);
+        for _ in 0..200 {
+            let light = scene.sample_light(rng.next_3d()).unwrap();
+            let Some(arrival) = light.arrive(x) else { continue };
+            assert!((arrival.dir.length() - 1.0).abs() < 1e-5);
+            let d = light.y - x;
+            let expected = match light.kind {
+                LightKind::Area => light.n.dot(d.normalize()).abs() / d.length_squared(),
+                LightKind::Point(_) => 1.0 / d.length_squared(),
+                _ => 1.0,
+            };
+            assert!((arrival.geometry - expected).abs() < 1e-4 * expected);
+        }
+    }
+}
