@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use dscene::math::Dual;
 use dscene::mesh::shapes;
-use dscene::render::{DeltaLight, Projection, Slot};
+use dscene::render::{DeltaLight, MaterialKind, Projection, Slot};
 use glam::{DVec2, Vec3};
 
 use crate::support::*;
@@ -175,6 +175,40 @@ fn surfaces_of_equal_brightness_cut_each_other_unseen() {
     for shape in [back, front] {
         measured.gradients(6, Slot::Vertices(shape)).check_scaled("T13", &[0.0; 12], 1e-3, 16.0);
     }
+}
+
+/// T10: a glowing triangle seen in a planar mirror; moving the mirror by h along its normal moves the image by 2h.
+#[test]
+fn triangle_in_a_mirror() {
+    let v = [Vec3::new(-0.5, 0.4, -3.2), Vec3::new(0.1, 1.1, -2.9), Vec3::new(0.6, 0.5, -3.4)];
+    let (eye, forward, scale, size) = (Vec3::new(0.1, 1.5, 0.5), Vec3::new(0.0, -0.9, -1.0), 0.4f32, 16);
+    let mut b = Builder::default();
+    let shape = b.light(triangle(v), 1.5);
+    let reflectance = b.gray(0.8);
+    let mirror = b.shape(floor(Vec3::new(0.0, 0.0, -2.0), 4.0), MaterialKind::Mirror { reflectance }, None);
+    let scene = b.build();
+    let camera = camera(Projection::Perspective, eye, forward, scale, size);
+
+    // Vertices, then the mirror's height.
+    type D = Dual<10>;
+    let height = D::variable(0.0, 9);
+    let p = [0, 1, 2].map(|i| {
+        let [x, y, z] = [0, 1, 2].map(|c| D::variable(f64::from(v[i][c]), 3 * i + c));
+        let d = [x - f64::from(eye.x), 2.0 * height - y - f64::from(eye.y), z - f64::from(eye.z)];
+        let along = |axis: Vec3| d[0] * f64::from(axis.x) + d[1] * f64::from(axis.y) + d[2] * f64::from(axis.z);
+        let [right, up, forward] = camera.frame.map(along);
+        let film = [right / forward / f64::from(scale), up / forward / f64::from(scale)];
+        assert!(film.iter().all(|f| f.value.abs() < 0.98), "the image of vertex {i} is out of view: {film:?}");
+        film.map(|f| f * (0.5 * size as f64))
+    });
+    let area = 0.5 * ((p[1][0] - p[0][0]) * (p[2][1] - p[0][1]) - (p[1][1] - p[0][1]) * (p[2][0] - p[0][0]));
+    let exact = area.abs() * (1.5 * f64::from(0.8f32));
+
+    let measured = Measured { scene: &scene, camera: &camera, settings: settings(64, 1) };
+    measured.values(8).check("T10 value", &[exact.value], 0.02);
+    measured.gradients(12, Slot::Vertices(shape)).check("T10 triangle", &exact.partials[..9], 0.02);
+    let lift = vec![Vec3::Y; 4];
+    measured.along(12, Slot::Vertices(mirror), &[lift]).check("T10 mirror", &exact.partials[9..], 0.02);
 }
 
 /// T16: a flat-shaded roof under a directional light, its ridge moving.
