@@ -1,4 +1,92 @@
 //! The command line.
 
 pub mod args;
+mod check;
+mod eval;
+mod grad;
+mod load;
 pub mod out;
+mod render;
+mod run;
+mod world;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+use args::{Cli, Command, Common};
+
+pub use load::{Loaded, check_file, engine_options, load};
+pub use render::choose_camera;
+pub use world::{Terminal, render_options};
+
+/// The script is wrong, or an `expect` failed.
+pub const EXIT_WRONG: u8 = 1;
+/// Bad usage.
+pub const EXIT_USAGE: u8 = 2;
+/// Ended by Ctrl-C.
+pub const EXIT_INTERRUPTED: u8 = crate::session::world::EXIT_INTERRUPTED;
+
+/// Parses the process's arguments and does what they say.
+pub fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Help and version are errors to clap; they go to standard output and are a success.
+            let is_help = !error.use_stderr();
+            if is_help {
+                out::print(&error.render().to_string());
+                return ExitCode::SUCCESS;
+            }
+            out::error_line(error.render().to_string().trim_end());
+            return ExitCode::from(EXIT_USAGE);
+        }
+    };
+    install_panic_hook();
+    // Evaluations nest as deeply as scripts do: one large stack for all of them.
+    ExitCode::from(crate::eval::on_large_stack(move || dispatch(cli)))
+}
+
+fn dispatch(cli: Cli) -> u8 {
+    let common = match &cli.command {
+        Command::Run(a) => &a.common,
+        Command::Check(a) => &a.common,
+        Command::Render(a) => &a.common,
+        Command::Grad(a) => &a.common,
+        Command::Eval(a) => &a.common,
+        Command::Repl(a) => &a.common,
+    };
+    start_threads(common);
+    match cli.command {
+        Command::Run(args) => run::run(&args),
+        Command::Check(args) => check::run(&args),
+        Command::Render(args) => render::run(&args),
+        Command::Grad(args) => grad::run(&args),
+        Command::Eval(args) => eval::run(&args),
+        Command::Repl(args) => crate::repl::run(&args),
+    }
+}
+
+/// Worker threads have large stacks too: nothing a script can nest may overflow them.
+fn start_threads(common: &Common) {
+    let threads = common.threads.map_or(0, usize::from);
+    // The pool exists already only if something ran before, which nothing does.
+    let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).stack_size(16 << 20).build_global();
+}
+
+/// A panic is our error, not the user's: say so and ask for a report.
+fn install_panic_hook() {
+    std::panic::set_hook(Box::new(|panic| {
+        let what = panic.payload();
+        let what = what.downcast_ref::<&str>().map(|s| (*s).to_owned()).or(what.downcast_ref::<String>().cloned());
+        let place = panic.location().map_or(String::new(), |l| format!(" at {}:{}", l.file(), l.line()));
+        out::error_line(&format!(
+            "dscene::internal: {}{place}\n\n  This is a fault of dscene {}, not of your script. Please report it with the script and the command line.",
+            what.unwrap_or_else(|| "something impossible happened".to_owned()),
+            env!("CARGO_PKG_VERSION"),
+        ));
+        if std::env::var_os("RUST_BACKTRACE").is_some_and(|v| v != "0") {
+            out::error_line(&std::backtrace::Backtrace::force_capture().to_string());
+        }
+    }));
+}

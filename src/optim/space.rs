@@ -30,7 +30,8 @@ impl Space {
         Space { geometry: Geometry::Plain, lower: None, upper: None, scale: 1.0, lr: 1.0, frozen: false }
     }
 
-    /// The gradient in the coordinates that are optimised: as many numbers as `value` (plain) or 3 (rotation).
+    /// The gradient in the coordinates that are optimised: as many numbers as `value` (plain) or 3 (rotation, from a
+    /// gradient of the 9 entries of R or of ω itself).
     pub fn tangent_gradient(&self, value: &[f64], grad: &[f64]) -> Vec<f64> {
         match self.geometry {
             Geometry::Rotation if value.len() == 9 && grad.len() == 9 => {

@@ -1,1 +1,300 @@
-//! (under construction)
+//! The REPL: declarations, expressions and actions against a living program.
+
+mod commands;
+mod editor;
+pub mod input;
+pub mod picture;
+
+use std::io::{IsTerminal, Read};
+use std::path::{Path, PathBuf};
+
+use crate::check::{self, Line, hir};
+use crate::cli::args::{Common, ReplArgs};
+use crate::cli::{EXIT_WRONG, Terminal, engine_options, out};
+use crate::diag::Diagnostic;
+use crate::eval::{self, Engine};
+use crate::session::line::check_line;
+use crate::session::measure::repeat_seed;
+use crate::session::stats::Moments;
+use crate::session::world::{catch_interrupts, clear_interrupt, interrupted};
+use crate::session::{MeasureOptions, Optimization, Runner, World, measure, show};
+
+use editor::{Input, LineEditor, Words};
+
+/// Repeats behind the standard errors of `grad(loss)` and of noisy numbers.
+const REPEATS: u32 = 8;
+/// Noisy numbers are not repeated for longer than this (seconds).
+const PATIENCE: f64 = 2.0;
+
+/// Whether to read another line.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Next {
+    Read,
+    Quit,
+}
+
+/// A living program with its world.
+pub struct Repl<'w> {
+    engine: Engine,
+    world: &'w mut dyn World,
+    common: Common,
+    file: Option<PathBuf>,
+    /// The optimisation that `:step` advances.
+    optimization: Option<Optimization>,
+    /// Declarations typed so far, for `:save`.
+    typed: Vec<String>,
+    /// Draw images as characters.
+    pictures: bool,
+    failed: bool,
+}
+
+/// `dsl repl`
+pub fn run(args: &ReplArgs) -> u8 {
+    let mut terminal = Terminal::new(&args.common);
+    let is_interactive = std::io::stdin().is_terminal();
+    let mut repl = Repl::new(args.common.clone(), &mut terminal);
+    repl.pictures = std::io::stdout().is_terminal();
+    catch_interrupts();
+    if let Some(file) = &args.file {
+        repl.load(file);
+    }
+    if is_interactive { repl.interact() } else { repl.read_piped() }
+}
+
+impl<'w> Repl<'w> {
+    /// An empty program: only the standard library.
+    pub fn new(common: Common, world: &'w mut dyn World) -> Repl<'w> {
+        let engine = Engine::new(check::library(), engine_options(&common, Path::new("")));
+        Repl {
+            engine,
+            world,
+            common,
+            file: None,
+            optimization: None,
+            typed: Vec::new(),
+            pictures: false,
+            failed: false,
+        }
+    }
+
+    fn interact(&mut self) -> u8 {
+        let mut editor = match LineEditor::new() {
+            Ok(editor) => editor,
+            Err(error) => {
+                out::error_line(&format!("cannot read from this terminal: {error}"));
+                return EXIT_WRONG;
+            }
+        };
+        self.world.note(&format!("dscene {} · :help for help, Ctrl-D to leave", env!("CARGO_PKG_VERSION")));
+        loop {
+            editor.set_words(self.words());
+            match editor.read() {
+                Ok(Input::Text(text)) => {
+                    clear_interrupt();
+                    if self.line(&text) == Next::Quit {
+                        break;
+                    }
+                }
+                Ok(Input::Interrupted) => {}
+                Ok(Input::End) => break,
+                Err(error) => {
+                    out::error_line(&format!("cannot read: {error}"));
+                    break;
+                }
+            }
+        }
+        editor.save_history();
+        0
+    }
+
+    /// Input from a pipe: each complete piece of text in turn; fails if any of them did.
+    fn read_piped(&mut self) -> u8 {
+        let mut bytes = Vec::new();
+        if let Err(error) = std::io::stdin().read_to_end(&mut bytes) {
+            out::error_line(&format!("cannot read standard input: {error}"));
+            return EXIT_WRONG;
+        }
+        for text in input::split_inputs(&String::from_utf8_lossy(&bytes)) {
+            if self.line(&text) == Next::Quit || interrupted() {
+                break;
+            }
+        }
+        if self.failed { EXIT_WRONG } else { 0 }
+    }
+
+    fn words(&self) -> Words {
+        let program = self.engine.program();
+        let names = program.ids().map(|id| program.decl(id).name.clone()).collect();
+        Words { names, commands: commands::NAMES.iter().map(|(name, ..)| format!(":{name}")).collect() }
+    }
+
+    /// One complete input: a `:command`, declarations, actions or an expression.
+    pub fn line(&mut self, text: &str) -> Next {
+        let text = text.trim();
+        if text.is_empty() {
+            return Next::Read;
+        }
+        if let Some(command) = text.strip_prefix(':') {
+            return self.command(command);
+        }
+        if let Some(line) = self.check(text) {
+            let outcome = self.evaluate(text, line);
+            self.report(outcome);
+        }
+        Next::Read
+    }
+
+    fn report(&mut self, outcome: Result<(), Diagnostic>) {
+        if let Err(diagnostic) = outcome {
+            self.failed = true;
+            self.world.progress_done();
+            let sources = self.engine.program().sources.clone();
+            self.world.diagnostic(&diagnostic, &sources);
+        }
+    }
+
+    /// Checks a line against the program and reports what is wrong with it.
+    fn check(&mut self, text: &str) -> Option<Line> {
+        let (line, diagnostics) = check_line(&mut self.engine, text);
+        let sources = self.engine.program().sources.clone();
+        for diagnostic in &diagnostics {
+            self.world.diagnostic(diagnostic, &sources);
+        }
+        self.failed |= line.is_none();
+        line
+    }
+
+    /// The expression that a command's argument is.
+    fn expression(&mut self, text: &str) -> Option<hir::Expr> {
+        match self.check(text)? {
+            Line::Expr(expr) => Some(expr),
+            _ => {
+                self.report(Err(Diagnostic::error("dscene::repl::expression", "expected an expression")));
+                None
+            }
+        }
+    }
+
+    fn evaluate(&mut self, text: &str, line: Line) -> Result<(), Diagnostic> {
+        match line {
+            Line::Declared(ids) => {
+                self.typed.push(text.to_owned());
+                // What is being optimised may have changed its meaning.
+                self.optimization = None;
+                for id in ids {
+                    let decl = self.engine.program().decl(id);
+                    let text = format!("{} : {}", decl.name, decl.ty);
+                    self.world.print(&text);
+                }
+                Ok(())
+            }
+            Line::Action(action) => {
+                let mut runner = Runner::new(&mut self.engine, &mut *self.world);
+                let flow = runner.run(&[action]);
+                self.failed |= runner.report.failed_expects > 0;
+                flow.map(|_| ())
+            }
+            Line::Expr(expr) => self.show(&expr),
+            Line::Empty => Ok(()),
+        }
+    }
+
+    /// Prints an expression's value and type.
+    fn show(&mut self, expr: &hir::Expr) -> Result<(), Diagnostic> {
+        if let hir::ExprKind::Derivative(derivative) = &expr.kind
+            && derivative.kind == hir::DerivativeKind::Grad
+            && derivative.wrt.is_empty()
+        {
+            let name = self.engine.program().sources.text(derivative.of.span).to_owned();
+            return self.gradients(&name, &derivative.of, None);
+        }
+        self.engine.set_sample_seed(repeat_seed(self.common.seed, 0));
+        let started = std::time::Instant::now();
+        let value = self.engine.eval(expr)?;
+        if self.pictures
+            && let Some(image) = crate::session::run::image_of(&value)
+            && matches!(value, crate::natives::value::Value::Image(_))
+        {
+            self.world.print(picture::half_blocks(&image, 64).trim_end());
+        }
+        let text = match value.number() {
+            Some(first) if expr.ty.is_scalar() => {
+                let seconds = started.elapsed().as_secs_f64();
+                self.noisy(expr, first, seconds)?.unwrap_or_else(|| eval::show(&value, &expr.ty))
+            }
+            _ => eval::show(&value, &expr.ty),
+        };
+        self.world.print(&format!("{text}   : {}", expr.ty));
+        Ok(())
+    }
+
+    /// A number that depends on the seed, as mean and standard error; `None` if it does not.
+    fn noisy(&mut self, expr: &hir::Expr, first: f64, seconds: f64) -> Result<Option<String>, Diagnostic> {
+        let affordable = (PATIENCE / seconds.max(1e-9)).min(f64::from(REPEATS)) as u64;
+        let mut moments = Moments::default();
+        moments.add(&[first]);
+        for repeat in 1..affordable.max(2) {
+            if interrupted() || (repeat == 1 && seconds > 2.0 * PATIENCE) {
+                break;
+            }
+            self.engine.set_sample_seed(repeat_seed(self.common.seed, repeat));
+            let Some(x) = self.engine.eval(expr)?.number() else {
+                break;
+            };
+            if repeat == 1 && x.to_bits() == first.to_bits() {
+                break;
+            }
+            moments.add(&[x]);
+        }
+        self.engine.set_sample_seed(repeat_seed(self.common.seed, 0));
+        let error = moments.std_error().first().copied().unwrap_or(0.0);
+        Ok((error > 0.0).then(|| show::plus_minus(moments.mean()[0], error)))
+    }
+
+    /// The table of all params that reach a scalar.
+    fn gradients(&mut self, name: &str, of: &hir::Expr, fd_step: Option<f64>) -> Result<(), Diagnostic> {
+        let ids = self.engine.reaching_params(of)?;
+        let program = self.engine.program();
+        let target = |id: &hir::DeclId| hir::Target { decl: *id, path: Vec::new() };
+        let wrt: Vec<(String, hir::Target)> =
+            ids.iter().map(|id| (program.decl(*id).name.clone(), target(id))).collect();
+        if wrt.is_empty() {
+            return Err(Diagnostic::error("dscene::repl::gradient", format!("no param reaches `{name}`"))
+                .label(of.span, "does not depend on any param"));
+        }
+        let options = MeasureOptions { repeats: REPEATS, seed: self.common.seed, fd_step };
+        match measure(&mut self.engine, of, &wrt, options, &interrupted)? {
+            Some(measurement) => self.world.print(&measurement.to_text(name)),
+            None => self.world.note("interrupted"),
+        }
+        Ok(())
+    }
+
+    /// Replaces the program by a file's; keeps the old one if the file is wrong.
+    fn load(&mut self, file: &Path) -> bool {
+        let checked = crate::cli::check_file(file, &self.common);
+        for diagnostic in &checked.diagnostics {
+            self.world.diagnostic(diagnostic, &checked.sources);
+        }
+        let has_errors = checked.diagnostics.iter().any(Diagnostic::is_error);
+        let Some(program) = checked.program.filter(|_| !has_errors) else {
+            self.failed = true;
+            return false;
+        };
+        self.engine = Engine::new(program, engine_options(&self.common, file));
+        self.file = Some(file.to_path_buf());
+        self.optimization = None;
+        self.typed.clear();
+        let program = self.engine.program();
+        let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
+        let params = count(program.params().count(), "param");
+        let losses = program.losses().count();
+        let losses = if losses == 1 { "1 loss".to_owned() } else { format!("{losses} losses") };
+        self.world.note(&format!(
+            "loaded {}: {params}, {losses}, {}",
+            file.display(),
+            count(program.actions.len(), "action")
+        ));
+        true
+    }
+}

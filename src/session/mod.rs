@@ -2,8 +2,18 @@
 
 pub mod clock;
 pub mod folder;
+pub mod line;
+pub mod measure;
+pub mod optimization;
+pub mod plot;
+pub mod run;
+pub mod show;
+pub mod solver;
 pub mod stats;
 pub mod world;
 
 pub use folder::{Override, RunFolder, RunInfo};
+pub use measure::{MeasureOptions, Measurement, measure};
+pub use optimization::Optimization;
+pub use run::{Flow, RunReport, Runner};
 pub use world::{Progress, Recorder, World};

@@ -1,6 +1,7 @@
 //! The outside world, as a session sees it: something to print to, to show progress on, and that may ask to stop.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, OnceLock};
 
 use crate::diag::Diagnostic;
 use crate::source::SourceMap;
@@ -69,17 +70,23 @@ impl World for Recorder {
     }
 }
 
-static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 static PRESSES: AtomicUsize = AtomicUsize::new(0);
 
 /// Exit code of a process that Ctrl-C ended.
 pub const EXIT_INTERRUPTED: u8 = 130;
 
+/// Set by Ctrl-C; evaluations look at it.
+pub fn interrupt_flag() -> Arc<AtomicBool> {
+    static FLAG: OnceLock<Arc<AtomicBool>> = OnceLock::new();
+    FLAG.get_or_init(|| Arc::new(AtomicBool::new(false))).clone()
+}
+
 /// From now on the first Ctrl-C sets the flag of [`interrupted`], and a second one ends the process.
 pub fn catch_interrupts() {
+    let flag = interrupt_flag();
     // Without a handler Ctrl-C simply ends the process: nothing to report.
-    let _ = ctrlc::set_handler(|| {
-        INTERRUPTED.store(true, Ordering::SeqCst);
+    let _ = ctrlc::set_handler(move || {
+        flag.store(true, Ordering::SeqCst);
         if PRESSES.fetch_add(1, Ordering::SeqCst) > 0 {
             std::process::exit(i32::from(EXIT_INTERRUPTED));
         }
@@ -88,11 +95,11 @@ pub fn catch_interrupts() {
 
 /// Ctrl-C was pressed since the last [`clear_interrupt`].
 pub fn interrupted() -> bool {
-    INTERRUPTED.load(Ordering::SeqCst)
+    interrupt_flag().load(Ordering::SeqCst)
 }
 
 /// Forgets a Ctrl-C: the REPL starts the next line afresh.
 pub fn clear_interrupt() {
-    INTERRUPTED.store(false, Ordering::SeqCst);
+    interrupt_flag().store(false, Ordering::SeqCst);
     PRESSES.store(0, Ordering::SeqCst);
 }

@@ -1,0 +1,37 @@
+//! `dsl eval`
+
+use serde_json::json;
+
+use super::args::EvalArgs;
+use super::{EXIT_WRONG, Terminal, load, out};
+use crate::eval;
+use crate::session::World;
+use crate::session::clock::Stopwatch;
+
+pub fn run(args: &EvalArgs) -> u8 {
+    let mut terminal = Terminal::new(&args.common);
+    let Some(mut loaded) = load(&args.file, &args.common, &mut terminal) else {
+        return EXIT_WRONG;
+    };
+    let Some(expr) = loaded.expression(&args.expr, "EXPR", &mut terminal) else {
+        return EXIT_WRONG;
+    };
+    let watch = Stopwatch::start();
+    match loaded.engine.eval(&expr) {
+        Ok(value) => {
+            let seconds = watch.elapsed().wall;
+            if args.common.json {
+                let value = eval::to_json(&value);
+                let object = json!({"value": value, "type": expr.ty.to_string(), "seconds": seconds});
+                out::line(&object.to_string());
+            } else {
+                out::line(&eval::show(&value, &expr.ty));
+            }
+            0
+        }
+        Err(diagnostic) => {
+            terminal.diagnostic(&diagnostic, &loaded.engine.program().sources.clone());
+            EXIT_WRONG
+        }
+    }
+}

@@ -1,0 +1,152 @@
+//! `dsl grad`
+
+use std::path::{Path, PathBuf};
+
+use super::args::GradArgs;
+use super::render::{cannot_save, choose_camera};
+use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load, out};
+use crate::check::hir;
+use crate::diag::{self, Diagnostic};
+use crate::session::run::save_value;
+use crate::session::{MeasureOptions, World, measure, world};
+
+pub fn run(args: &GradArgs) -> u8 {
+    let mut terminal = Terminal::new(&args.common);
+    let Some(mut loaded) = load(&args.file, &args.common, &mut terminal) else {
+        return EXIT_WRONG;
+    };
+    world::catch_interrupts();
+    let result = match &args.image {
+        Some(path) => gradient_images(args, path, &mut loaded, &mut terminal),
+        None => gradients(args, &mut loaded, &mut terminal),
+    };
+    match result {
+        Ok(code) => code,
+        Err(diagnostic) => {
+            let sources = loaded.engine.program().sources.clone();
+            terminal.diagnostic(&diagnostic, &sources);
+            EXIT_WRONG
+        }
+    }
+}
+
+fn gradients(args: &GradArgs, loaded: &mut Loaded, terminal: &mut Terminal) -> Result<u8, Diagnostic> {
+    let of = match &args.of {
+        Some(of) => of.clone(),
+        None => default_loss(loaded, terminal)?,
+    };
+    let Some(expr) = loaded.expression(&of, "--of", terminal) else {
+        return Ok(EXIT_WRONG);
+    };
+    if !(expr.ty.is_scalar() || expr.ty.is_unknown()) {
+        let message = format!("a gradient is of a scalar, `{of}` is of type {}", expr.ty);
+        return Err(Diagnostic::error("dscene::cli::of", message)
+            .label(expr.span, "not a scalar")
+            .help(format!("reduce it: `mean({of})`, or write the derivative image with --image OUT.exr")));
+    }
+    let wrt = targets(args, loaded, &expr)?;
+    if wrt.is_empty() {
+        return Err(Diagnostic::error("dscene::cli::wrt", format!("no param reaches `{of}`"))
+            .help("name one with --wrt, or a numeric field such as --wrt lamp.radiance"));
+    }
+    let options =
+        MeasureOptions { repeats: args.repeats, seed: args.common.seed, fd_step: args.fd.then_some(args.fd_step) };
+    let Some(measurement) = measure(&mut loaded.engine, &expr, &wrt, options, &world::interrupted)? else {
+        return Ok(EXIT_INTERRUPTED);
+    };
+    if args.common.json {
+        let file = args.file.display().to_string();
+        let object = measurement.to_json(&file, &of, args.common.seed, rayon::current_num_threads());
+        out::line(&object.to_string());
+    } else {
+        out::line(&measurement.to_text(&of));
+        let (primal, gradient) = (measurement.primal.wall, measurement.gradient.wall);
+        terminal.note(&format!(
+            "\nvalue {}, value and gradient {}",
+            crate::session::clock::human_seconds(primal),
+            crate::session::clock::human_seconds(gradient)
+        ));
+    }
+    Ok(0)
+}
+
+/// The only loss, or the first with a note.
+fn default_loss(loaded: &Loaded, terminal: &mut Terminal) -> Result<String, Diagnostic> {
+    let program = loaded.engine.program();
+    let losses: Vec<String> = program.losses().map(|id| program.decl(id).name.clone()).collect();
+    match losses.as_slice() {
+        [] => Err(Diagnostic::error("dscene::cli::of", "the script declares no loss")
+            .help("say what to differentiate: --of 'mean(render(eye))'")),
+        [only] => Ok(only.clone()),
+        [first, ..] => {
+            terminal.note(&format!("the script has {} losses; this is `{first}` (choose with --of)", losses.len()));
+            Ok(first.clone())
+        }
+    }
+}
+
+/// The `--wrt` names; by default every param that reaches the expression.
+fn targets(args: &GradArgs, loaded: &mut Loaded, of: &hir::Expr) -> Result<Vec<(String, hir::Target)>, Diagnostic> {
+    if args.wrt.is_empty() {
+        let reaching = loaded.engine.reaching_params(of)?;
+        let program = loaded.engine.program();
+        let target = |id: &hir::DeclId| hir::Target { decl: *id, path: Vec::new() };
+        return Ok(reaching.iter().map(|id| (program.decl(*id).name.clone(), target(id))).collect());
+    }
+    args.wrt.iter().map(|name| Ok((name.clone(), find_target(loaded.engine.program(), name)?))).collect()
+}
+
+/// `NAME` or `NAME.FIELD…`.
+pub fn find_target(program: &hir::Program, text: &str) -> Result<hir::Target, Diagnostic> {
+    let mut parts = text.trim().split('.').map(str::to_owned);
+    let name = parts.next().unwrap_or_default();
+    let found = program.ids().find(|&id| program.decl(id).user && program.decl(id).name == name);
+    let Some(decl) = found else {
+        let names = program.ids().filter(|&id| program.decl(id).user).map(|id| program.decl(id).name.as_str());
+        return Err(Diagnostic::error("dscene::name::unknown", format!("there is no `{name}`"))
+            .help_opt(diag::did_you_mean(&name, "the script declares", names.collect::<Vec<&str>>())));
+    };
+    Ok(hir::Target { decl, path: parts.collect() })
+}
+
+/// `--image`: ∂image/∂param for each param, forward mode. Several params make several files.
+fn gradient_images(
+    args: &GradArgs,
+    path: &Path,
+    loaded: &mut Loaded,
+    terminal: &mut Terminal,
+) -> Result<u8, Diagnostic> {
+    let of = match &args.of {
+        Some(of) => of.clone(),
+        None => format!("render({})", choose_camera(loaded.engine.program(), None)?),
+    };
+    let Some(expr) = loaded.expression(&of, "--of", terminal) else {
+        return Ok(EXIT_WRONG);
+    };
+    let names: Vec<String> = targets(args, loaded, &expr)?.into_iter().map(|(name, _)| name).collect();
+    if names.is_empty() {
+        return Err(Diagnostic::error("dscene::cli::wrt", format!("no param reaches `{of}`"))
+            .help("name one with --wrt, or a numeric field such as --wrt lamp.radiance"));
+    }
+    for name in &names {
+        if world::interrupted() {
+            return Ok(EXIT_INTERRUPTED);
+        }
+        let Some(derivative) = loaded.expression(&format!("jvp({of}, {name})"), "--wrt", terminal) else {
+            return Ok(EXIT_WRONG);
+        };
+        let value = loaded.engine.eval(&derivative)?;
+        let path = if names.len() == 1 { path.to_path_buf() } else { with_suffix(path, name) };
+        let path = args.common.out.as_ref().map_or(path.clone(), |folder| folder.join(&path));
+        save_value(&value, &derivative.ty, &path).map_err(|e| cannot_save(&path, e))?;
+        terminal.note(&format!("saved {}: ∂({of})/∂{name}", path.display()));
+    }
+    Ok(0)
+}
+
+/// `d.exr` → `d-height.exr`
+fn with_suffix(path: &Path, suffix: &str) -> PathBuf {
+    let stem = path.file_stem().map_or(String::new(), |s| s.to_string_lossy().into_owned());
+    let extension = path.extension().map_or(String::new(), |e| format!(".{}", e.to_string_lossy()));
+    path.with_file_name(format!("{stem}-{suffix}{extension}"))
+}

@@ -1,0 +1,61 @@
+//! From a file on the command line to an engine.
+
+use std::path::Path;
+
+use super::args::Common;
+use crate::check::{self, Checked, Line, hir};
+use crate::diag::Diagnostic;
+use crate::eval::{Engine, EngineOptions};
+use crate::session::line::check_line;
+use crate::session::{World, world};
+
+/// A script that may run.
+pub struct Loaded {
+    pub engine: Engine,
+}
+
+/// Reads and checks a file with the `--set` overrides.
+pub fn check_file(file: &Path, common: &Common) -> Checked {
+    let overrides: Vec<(String, String)> = common.set.iter().map(|o| (o.name.clone(), o.value.clone())).collect();
+    check::check(file, &overrides, &check::Disk)
+}
+
+/// Checks a file and reports what is wrong; `None` if it cannot run.
+pub fn load(file: &Path, common: &Common, world: &mut dyn World) -> Option<Loaded> {
+    let checked = check_file(file, common);
+    for diagnostic in &checked.diagnostics {
+        world.diagnostic(diagnostic, &checked.sources);
+    }
+    if checked.diagnostics.iter().any(Diagnostic::is_error) {
+        return None;
+    }
+    let options = engine_options(common, file);
+    Some(Loaded { engine: Engine::new(checked.program?, options) })
+}
+
+/// The seed, the folder that relative paths start from, and Ctrl-C.
+pub fn engine_options(common: &Common, file: &Path) -> EngineOptions {
+    let base_dir = file.parent().map(Path::to_path_buf).unwrap_or_default();
+    EngineOptions { seed: common.seed, base_dir, interrupt: Some(world::interrupt_flag()) }
+}
+
+impl Loaded {
+    /// An expression against the script; reports what is wrong with it.
+    pub fn expression(&mut self, text: &str, name: &str, world: &mut dyn World) -> Option<hir::Expr> {
+        let (line, diagnostics) = check_line(&mut self.engine, text);
+        let sources = self.engine.program().sources.clone();
+        for diagnostic in &diagnostics {
+            world.diagnostic(diagnostic, &sources);
+        }
+        match line? {
+            Line::Expr(expr) => Some(expr),
+            _ => {
+                let message = format!("{name} must be an expression");
+                let diagnostic = Diagnostic::error("dscene::cli::expression", message)
+                    .help("statements belong into the script, or into `dsl repl`");
+                world.diagnostic(&diagnostic, &sources);
+                None
+            }
+        }
+    }
+}

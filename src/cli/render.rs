@@ -1,0 +1,94 @@
+//! `dsl render`
+
+use std::path::{Path, PathBuf};
+
+use super::args::RenderArgs;
+use super::{EXIT_WRONG, Terminal, load};
+use crate::check::hir::{self, DeclKind};
+use crate::diag::{self, Diagnostic};
+use crate::eval;
+use crate::session::World;
+use crate::session::clock::{Stopwatch, human_seconds};
+use crate::session::run::{SaveError, save_value};
+
+pub fn run(args: &RenderArgs) -> u8 {
+    let mut terminal = Terminal::new(&args.common);
+    let Some(mut loaded) = load(&args.file, &args.common, &mut terminal) else {
+        return EXIT_WRONG;
+    };
+    let sources = loaded.engine.program().sources.clone();
+    let camera = match choose_camera(loaded.engine.program(), args.camera.as_deref()) {
+        Ok(camera) => camera,
+        Err(diagnostic) => {
+            terminal.diagnostic(&diagnostic, &sources);
+            return EXIT_WRONG;
+        }
+    };
+    let spp = args.spp.map_or(String::new(), |n| format!(", spp: {n}"));
+    let Some(expr) = loaded.expression(&format!("render({camera}{spp})"), "render", &mut terminal) else {
+        return EXIT_WRONG;
+    };
+    let path = output(args);
+    let watch = Stopwatch::start();
+    let result = loaded.engine.eval(&expr).and_then(|value| {
+        let text = eval::brief(&value, &expr.ty);
+        save_value(&value, &expr.ty, &path).map_err(|e| cannot_save(&path, e))?;
+        Ok(text)
+    });
+    match result {
+        Ok(text) => {
+            terminal.note(&format!("{text}\nsaved {} in {}", path.display(), human_seconds(watch.elapsed().wall)));
+            0
+        }
+        Err(diagnostic) => {
+            let sources = loaded.engine.program().sources.clone();
+            terminal.diagnostic(&diagnostic, &sources);
+            EXIT_WRONG
+        }
+    }
+}
+
+/// The `-o` file (below `--out` if that is given), by default the script's name with `.exr`.
+fn output(args: &RenderArgs) -> PathBuf {
+    let file = args.output.clone().unwrap_or_else(|| {
+        let stem = args.file.file_stem().unwrap_or_else(|| "out".as_ref());
+        Path::new(stem).with_extension("exr")
+    });
+    match &args.common.out {
+        Some(folder) => folder.join(file),
+        None => file,
+    }
+}
+
+/// A failed [`save_value`] as a diagnostic without a place in the script.
+pub fn cannot_save(path: &Path, error: SaveError) -> Diagnostic {
+    match error {
+        SaveError::Io(e) => Diagnostic::error("dscene::run::write", format!("cannot write `{}`: {e}", path.display())),
+        SaveError::Other { message, help } => Diagnostic::error("dscene::run::save", message).help(help),
+    }
+}
+
+/// The camera of that name; without one, the file's first.
+pub fn choose_camera(program: &hir::Program, wanted: Option<&str>) -> Result<String, Diagnostic> {
+    let is_camera = |id: &_| {
+        let decl = program.decl(*id);
+        decl.user && matches!(decl.kind, DeclKind::Kind("camera"))
+    };
+    let cameras: Vec<String> = program.ids().filter(is_camera).map(|id| program.decl(id).name.clone()).collect();
+    match (wanted, cameras.first()) {
+        (Some(name), _) if cameras.iter().any(|c| c == name) => Ok(name.to_owned()),
+        (Some(name), _) => {
+            let message = format!("there is no camera `{name}`");
+            let names = cameras.iter().map(String::as_str);
+            Err(Diagnostic::error("dscene::cli::camera", message).help_opt(diag::did_you_mean(
+                name,
+                "the cameras are",
+                names,
+            )))
+        }
+        (None, Some(first)) => Ok(first.clone()),
+        (None, None) => Err(Diagnostic::error("dscene::cli::camera", "the script declares no camera").help(
+            "declare one: `camera eye { position: [0, 2, -5], look_at: [0, 0, 0], fov: 45deg, film: [256, 256] }`",
+        )),
+    }
+}

@@ -1,0 +1,107 @@
+//! The command line's world: standard output, notes and a progress bar on standard error.
+
+use std::io::IsTerminal;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use serde_json::json;
+
+use super::args::Common;
+use super::out;
+use crate::diag::{self, Diagnostic, RenderOptions};
+use crate::session::clock::human_seconds;
+use crate::session::show::significant;
+use crate::session::{Progress, World, world};
+use crate::source::SourceMap;
+
+/// Prints to the terminal.
+pub struct Terminal {
+    quiet: bool,
+    json: bool,
+    bar: Option<ProgressBar>,
+}
+
+impl Terminal {
+    pub fn new(common: &Common) -> Terminal {
+        Terminal { quiet: common.quiet, json: common.json, bar: None }
+    }
+
+    /// Writes a line to standard error, above the progress bar if there is one.
+    fn above_bar(&self, text: &str) {
+        match &self.bar {
+            Some(bar) => bar.suspend(|| out::error_line(text)),
+            None => out::error_line(text),
+        }
+    }
+}
+
+/// How diagnostics look on standard error.
+pub fn render_options() -> RenderOptions {
+    RenderOptions { color: out::colors_on_stderr(), width: out::width() }
+}
+
+impl World for Terminal {
+    fn print(&mut self, text: &str) {
+        let print = || {
+            if self.json {
+                out::line(&json!({"event": "print", "text": text}).to_string());
+            } else {
+                out::line(text);
+            }
+        };
+        match &self.bar {
+            Some(bar) => bar.suspend(print),
+            None => print(),
+        }
+    }
+
+    fn note(&mut self, text: &str) {
+        if !self.quiet && !self.json {
+            self.above_bar(text);
+        }
+    }
+
+    fn diagnostic(&mut self, diagnostic: &Diagnostic, sources: &SourceMap) {
+        if self.quiet && !diagnostic.is_error() {
+            return;
+        }
+        if self.json {
+            self.above_bar(&diag::to_json(diagnostic, sources).to_string());
+        } else {
+            self.above_bar(diag::render(diagnostic, sources, render_options()).trim_end());
+        }
+    }
+
+    fn progress(&mut self, progress: Progress<'_>) {
+        if self.quiet || self.json || !std::io::stderr().is_terminal() {
+            return;
+        }
+        let bar = self.bar.get_or_insert_with(|| {
+            let bar = ProgressBar::with_draw_target(Some(progress.total), ProgressDrawTarget::stderr_with_hz(8));
+            let template = "{prefix} {bar:28.cyan/blue} {pos}/{len}  {msg}";
+            // A template that does not parse costs the looks, not the run.
+            let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+            bar.set_style(style.progress_chars("━╸─"));
+            bar
+        });
+        let left = progress.total.saturating_sub(progress.done) as f64 * progress.seconds_per_step;
+        bar.set_length(progress.total);
+        bar.set_prefix(progress.name.to_owned());
+        bar.set_message(format!(
+            "loss {}  {} a step  {} left",
+            significant(progress.loss, 4),
+            human_seconds(progress.seconds_per_step),
+            human_seconds(left)
+        ));
+        bar.set_position(progress.done);
+    }
+
+    fn progress_done(&mut self) {
+        if let Some(bar) = self.bar.take() {
+            bar.abandon();
+        }
+    }
+
+    fn interrupted(&self) -> bool {
+        world::interrupted() || (out::is_closed() && !self.json)
+    }
+}

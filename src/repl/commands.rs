@@ -1,0 +1,316 @@
+//! The `:commands` of the REPL.
+
+use std::path::{Path, PathBuf};
+
+use super::{Next, Repl};
+use crate::check::hir;
+use crate::diag::{self, Diagnostic};
+use crate::eval;
+use crate::session::clock::{Stopwatch, human_seconds};
+use crate::session::folder::write_atomically;
+use crate::session::{Optimization, Runner, show};
+
+/// Name, arguments and what it does, in the order of `:help`.
+pub const NAMES: &[(&str, &str, &str)] = &[
+    ("help", "[NAME]", "this list, or what is known of a name"),
+    ("params", "", "every param: value, bounds, rate"),
+    ("set", "NAME EXPR", "gives a param a value, or replaces a declaration"),
+    ("step", "[N]", "N steps (default 1) of the script's first `optimize`"),
+    ("reset", "", "params back to their initial values"),
+    ("render", "[CAMERA] [SPP]", "a picture from a camera"),
+    ("type", "EXPR", "the type of an expression, without evaluating it"),
+    ("time", "EXPR", "evaluates an expression and says how long it took"),
+    ("fd", "[EXPR]", "gradient of a scalar beside finite differences"),
+    ("load", "FILE", "starts over with a script"),
+    ("reload", "", "reads the script again"),
+    ("save", "FILE", "writes the script with your declarations and the params' values"),
+    ("quit", "", "leaves (also Ctrl-D)"),
+];
+
+impl Repl<'_> {
+    pub(super) fn command(&mut self, text: &str) -> Next {
+        let (name, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+        let rest = rest.trim();
+        let outcome = match name {
+            "quit" | "q" | "exit" => return Next::Quit,
+            "help" | "h" | "?" => self.help(rest),
+            "params" => self.list_params(),
+            "set" => self.set(rest),
+            "step" => self.step(rest),
+            "reset" => self.reset(),
+            "render" => self.render(rest),
+            "type" | "t" => {
+                if let Some(expr) = self.expression(rest) {
+                    self.world.print(&expr.ty.to_string());
+                }
+                Ok(())
+            }
+            "time" => self.time(rest),
+            "fd" => self.finite_differences(rest),
+            "load" => self.load_file(rest),
+            "reload" => match self.file.clone() {
+                Some(file) => {
+                    self.load(&file);
+                    Ok(())
+                }
+                None => Err(usage("there is no file to read again", "start with `:load FILE`")),
+            },
+            "save" => self.save(rest),
+            _ => {
+                let names: Vec<&str> = NAMES.iter().map(|(name, ..)| *name).collect();
+                let error = Diagnostic::error("dscene::repl::command", format!("there is no command `:{name}`"));
+                Err(error
+                    .help_opt(diag::suggest(name, names).map(|n| format!("did you mean `:{n}`?")))
+                    .help("`:help` lists them"))
+            }
+        };
+        self.report(outcome);
+        Next::Read
+    }
+
+    fn help(&mut self, name: &str) -> Result<(), Diagnostic> {
+        if name.is_empty() {
+            let rows: Vec<String> =
+                NAMES.iter().map(|(name, args, what)| format!("  {:<24} {what}", format!(":{name} {args}"))).collect();
+            let text = format!(
+                "Type an expression to see its value, a declaration to add or replace it, an action to run it.\n\
+                 `grad(loss)` shows the derivative with respect to every param.\n\n{}",
+                rows.join("\n")
+            );
+            self.world.print(&text);
+            return Ok(());
+        }
+        let name = name.trim_start_matches(':');
+        if let Some((name, args, what)) = NAMES.iter().find(|(n, ..)| *n == name) {
+            self.world.print(&format!(":{name} {args}\n  {what}"));
+            return Ok(());
+        }
+        let program = self.engine.program();
+        let Some(id) = program.find(name) else {
+            let names = program.ids().map(|id| program.decl(id).name.as_str());
+            return Err(Diagnostic::error("dscene::name::unknown", format!("there is no `{name}`"))
+                .help_opt(diag::suggest(name, names).map(|n| format!("did you mean `{n}`?"))));
+        };
+        let decl = program.decl(id);
+        let head = match program.sources.text(decl.span).lines().next() {
+            Some(line) if !line.trim().is_empty() => line.trim_end().to_owned(),
+            _ => format!("{} : {}", decl.name, decl.ty),
+        };
+        let text = if decl.doc.trim().is_empty() { head } else { format!("{head}\n\n{}", decl.doc.trim_end()) };
+        self.world.print(&text);
+        Ok(())
+    }
+
+    fn list_params(&mut self) -> Result<(), Diagnostic> {
+        let mut rows = vec![["param", "type", "value", "bounds", ""].map(str::to_owned).to_vec()];
+        for info in self.engine.params()? {
+            let value = self.engine.param_value(info.id)?;
+            let ty = self.engine.program().decl(info.id).ty.to_string();
+            let bounds = info
+                .bounds
+                .as_ref()
+                .map_or(String::new(), |(lo, hi)| format!("{}..{}", show::tensor(lo), show::tensor(hi)));
+            let mut notes = Vec::new();
+            notes.extend(info.frozen.then(|| "frozen".to_owned()));
+            notes.extend(info.lr.map(|lr| format!("lr × {}", show::digits(lr))));
+            notes.extend(info.scale.map(|scale| format!("scale {}", show::digits(scale))));
+            rows.push(vec![info.name.clone(), ty, show::tensor(&value), bounds, notes.join(", ")]);
+        }
+        if rows.len() == 1 {
+            self.world.note("no params: declare one with `param name = value`");
+        } else {
+            self.world.print(&show::table(&rows));
+        }
+        Ok(())
+    }
+
+    /// `:set NAME EXPR` or `:set NAME = EXPR`.
+    fn set(&mut self, text: &str) -> Result<(), Diagnostic> {
+        let end = text.find(|c: char| !(c.is_alphanumeric() || c == '_')).unwrap_or(text.len());
+        let (name, rest) = text.split_at(end);
+        let value = rest.trim_start().strip_prefix('=').unwrap_or(rest).trim();
+        if name.is_empty() || value.is_empty() {
+            return Err(usage("`:set` needs a name and a value", "type `:set NAME EXPR`"));
+        }
+        let program = self.engine.program();
+        let param = program.params().find(|&id| program.decl(id).name == name);
+        let Some(id) = param else {
+            // Anything else is replaced by a declaration of the same name.
+            self.line(&format!("let {name} = {value}"));
+            return Ok(());
+        };
+        let Some(expr) = self.expression(value) else {
+            return Ok(());
+        };
+        let found = self.engine.eval(&expr)?;
+        let current = self.engine.param_value(id)?;
+        let tensor = found.var().map(|v| v.value().clone());
+        let Some(tensor) = tensor.filter(|t| t.shape == current.shape) else {
+            let declared = self.engine.program().decl(id).ty.to_string();
+            let message = format!("`{name}` is of type {declared}, this is of type {}", expr.ty);
+            return Err(Diagnostic::error("dscene::type::mismatch", message).label(expr.span, expr.ty.to_string()));
+        };
+        self.engine.set_param(id, tensor)?;
+        let text = show::tensor(&self.engine.param_value(id)?);
+        self.world.print(&format!("{name} = {text}"));
+        Ok(())
+    }
+
+    fn step(&mut self, text: &str) -> Result<(), Diagnostic> {
+        let count = match text {
+            "" => 1,
+            n => match n.parse::<u64>() {
+                Ok(n) if n > 0 => n,
+                _ => return Err(usage("`:step` needs a number of steps", "type `:step 10`")),
+            },
+        };
+        let mut optimization = match self.optimization.take() {
+            Some(optimization) => optimization,
+            None => {
+                let optimize = self.engine.program().actions.iter().find_map(|action| match action {
+                    hir::Action::Optimize(optimize) => Some(optimize.clone()),
+                    _ => None,
+                });
+                let Some(optimize) = optimize else {
+                    return Err(usage("the script has no `optimize`", "type one: `optimize loss { steps: 10 }`"));
+                };
+                Optimization::new(&mut self.engine, &optimize, None)?
+            }
+        };
+        if optimization.done() >= optimization.total() {
+            self.world.note("the optimisation is complete; `:reset` starts it again");
+            self.optimization = Some(optimization);
+            return Ok(());
+        }
+        let mut runner = Runner::new(&mut self.engine, &mut *self.world);
+        let flow = runner.advance(&mut optimization, count);
+        self.world.progress_done();
+        optimization.leave(&mut self.engine);
+        let (done, total) = (optimization.done(), optimization.total());
+        let loss = optimization.last_loss().map_or("–".to_owned(), show::digits);
+        self.world.print(&format!("step {done} of {total}: {} = {loss}", optimization.name()));
+        self.optimization = Some(optimization);
+        flow.map(|_| ())
+    }
+
+    fn reset(&mut self) -> Result<(), Diagnostic> {
+        for id in self.engine.program().params().collect::<Vec<_>>() {
+            self.engine.reset_param(id);
+        }
+        self.engine.reset_fields();
+        self.optimization = None;
+        self.world.note("params are back at their initial values");
+        Ok(())
+    }
+
+    fn render(&mut self, text: &str) -> Result<(), Diagnostic> {
+        let mut words = text.split_whitespace().peekable();
+        let camera = match words.next_if(|w| w.parse::<u32>().is_err()) {
+            Some(name) => name.to_owned(),
+            None => crate::cli::choose_camera(self.engine.program(), None)?,
+        };
+        let camera = crate::cli::choose_camera(self.engine.program(), Some(&camera))?;
+        let spp = words.next().map(|n| n.parse::<u32>());
+        let call = match spp {
+            None => format!("render({camera})"),
+            Some(Ok(spp)) if spp > 0 => format!("render({camera}, spp: {spp})"),
+            Some(_) => return Err(usage("samples are a positive number", "type `:render eye 16`")),
+        };
+        match self.expression(&call) {
+            Some(expr) => self.show(&expr),
+            None => Ok(()),
+        }
+    }
+
+    fn time(&mut self, text: &str) -> Result<(), Diagnostic> {
+        let Some(expr) = self.expression(text) else {
+            return Ok(());
+        };
+        let watch = Stopwatch::start();
+        let value = self.engine.eval(&expr)?;
+        let elapsed = watch.elapsed();
+        let text = eval::brief(&value, &expr.ty);
+        self.world.print(&format!("{text}\n{} (CPU {})", human_seconds(elapsed.wall), human_seconds(elapsed.cpu)));
+        Ok(())
+    }
+
+    fn finite_differences(&mut self, text: &str) -> Result<(), Diagnostic> {
+        let text = if text.is_empty() {
+            let program = self.engine.program();
+            match program.losses().next() {
+                Some(id) => program.decl(id).name.clone(),
+                None => return Err(usage("the script has no loss", "type `:fd EXPR`")),
+            }
+        } else {
+            text.to_owned()
+        };
+        match self.expression(&text) {
+            Some(expr) => self.gradients(&text, &expr, Some(0.01)),
+            None => Ok(()),
+        }
+    }
+
+    fn load_file(&mut self, text: &str) -> Result<(), Diagnostic> {
+        if text.is_empty() {
+            return Err(usage("`:load` needs a file", "type `:load scene.dscene`"));
+        }
+        self.load(Path::new(text.trim_matches('"')));
+        Ok(())
+    }
+
+    /// The script's text with the params' initial values replaced by the present ones, and what was typed.
+    fn save(&mut self, text: &str) -> Result<(), Diagnostic> {
+        if text.is_empty() {
+            return Err(usage(
+                "`:save` needs a file",
+                "type `:save found.dscene`; `save EXPR to \"x.png\"` saves a value",
+            ));
+        }
+        let path = PathBuf::from(text.trim_matches('"'));
+        let script = self.script()?;
+        write_atomically(&path, script.as_bytes())
+            .map_err(|e| Diagnostic::error("dscene::run::write", format!("cannot write `{}`: {e}", path.display())))?;
+        self.world.note(&format!("saved {}", path.display()));
+        Ok(())
+    }
+
+    fn script(&mut self) -> Result<String, Diagnostic> {
+        let sources = self.engine.program().sources.clone();
+        let root = sources.iter().find(|(_, f)| f.path.is_some() && f.path == self.file);
+        let mut text = root.map_or(String::new(), |(_, f)| f.text.clone());
+        let mut edits: Vec<(usize, usize, String)> = Vec::new();
+        let mut later = String::new();
+        for id in self.engine.program().params().collect::<Vec<_>>() {
+            let value = full(&self.engine.param_value(id)?);
+            let decl = self.engine.program().decl(id);
+            let Some(body) = &decl.body else { continue };
+            if root.is_some_and(|(id, _)| id == body.span.source) {
+                edits.push((body.span.start as usize, body.span.end as usize, value));
+            } else {
+                later.push_str(&format!("// {} = {value}\n", decl.name));
+            }
+        }
+        edits.sort_by_key(|edit| std::cmp::Reverse(edit.0));
+        for (start, end, value) in edits {
+            if text.get(start..end).is_some() {
+                text.replace_range(start..end, &value);
+            }
+        }
+        if !self.typed.is_empty() {
+            text.push_str(&format!("\n{}\n", self.typed.join("\n")));
+        }
+        if !later.is_empty() {
+            text.push_str(&format!("\n// Values of params that other files declare:\n{later}"));
+        }
+        Ok(text)
+    }
+}
+
+/// Every number to its last digit, as an expression.
+fn full(t: &crate::tape::Tensor) -> String {
+    crate::session::folder::nested(&t.shape, &t.data).to_string().replace(',', ", ").replace('"', "")
+}
+
+fn usage(message: &str, help: &str) -> Diagnostic {
+    Diagnostic::error("dscene::repl::usage", message).help(help)
+}

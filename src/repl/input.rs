@@ -1,0 +1,108 @@
+//! Whether a text is complete or waits for more lines.
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Completeness {
+    Complete,
+    /// A bracket, a string's interpolation or a comment is still open.
+    Open,
+}
+
+/// Looks at brackets, strings and comments only; an empty last line ends any input.
+pub fn completeness(text: &str) -> Completeness {
+    if text.trim_start().starts_with(':') || text.ends_with("\n\n") || (text.ends_with('\n') && text.trim().is_empty())
+    {
+        return Completeness::Complete;
+    }
+    let mut open: usize = 0;
+    let mut comments: usize = 0;
+    let mut chars = text.chars().peekable();
+    let mut previous = ' ';
+    while let Some(c) = chars.next() {
+        if comments > 0 {
+            match (c, chars.peek()) {
+                ('*', Some('/')) => {
+                    chars.next();
+                    comments -= 1;
+                }
+                ('/', Some('*')) => {
+                    chars.next();
+                    comments += 1;
+                }
+                _ => {}
+            }
+            continue;
+        }
+        match (c, chars.peek()) {
+            ('/', Some('/')) => while chars.next_if(|c| *c != '\n').is_some() {},
+            ('/', Some('*')) => {
+                chars.next();
+                comments += 1;
+            }
+            ('"', _) => skip_string(&mut chars),
+            ('(' | '[' | '{', _) => open += 1,
+            (')' | ']' | '}', _) => open = open.saturating_sub(1),
+            _ => {}
+        }
+        if !c.is_whitespace() {
+            previous = c;
+        }
+    }
+    // An expression that ends in an operator goes on in the next line.
+    let dangling = matches!(previous, '=' | '+' | '*' | ',' | '|');
+    if open > 0 || comments > 0 || dangling { Completeness::Open } else { Completeness::Complete }
+}
+
+/// Up to the closing quote, or the end of the line: an unclosed string is the checker's to report.
+fn skip_string(chars: &mut std::iter::Peekable<std::str::Chars<'_>>) {
+    while let Some(c) = chars.next() {
+        match c {
+            '\\' => {
+                chars.next();
+            }
+            '"' | '\n' => return,
+            _ => {}
+        }
+    }
+}
+
+/// Cuts piped text into inputs, each of whole lines and complete (the last one may be open).
+pub fn split_inputs(text: &str) -> Vec<String> {
+    let mut inputs = Vec::new();
+    let mut current = String::new();
+    for line in text.lines() {
+        current.push_str(line);
+        if completeness(&current) == Completeness::Complete {
+            inputs.push(std::mem::take(&mut current));
+        } else {
+            current.push('\n');
+        }
+    }
+    if !current.trim().is_empty() {
+        inputs.push(current);
+    }
+    inputs.retain(|i| !i.trim().is_empty());
+    inputs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn open_brackets_wait_for_more() {
+        for open in ["camera eye {", "f(1,", "let a =", "/* what", "[[1, 2], [3", "let s = \"}\" + f("] {
+            assert_eq!(completeness(open), Completeness::Open, "{open}");
+        }
+        for complete in
+            ["1 + 2", "f(\")(\")", "a // (", "}", ":load (", "camera eye {\n\n", "\"unclosed", "f(1) |> g()"]
+        {
+            assert_eq!(completeness(complete), Completeness::Complete, "{complete}");
+        }
+    }
+
+    #[test]
+    fn piped_text_is_cut_into_inputs() {
+        let text = "let a = 1\n\ncamera eye {\n  fov: 45deg\n}\na + 1\nf(";
+        assert_eq!(split_inputs(text), ["let a = 1", "camera eye {\n  fov: 45deg\n}", "a + 1", "f(\n"]);
+    }
+}

@@ -1,0 +1,330 @@
+//! One `optimize`, step by step.
+
+use super::clock::Stopwatch;
+use super::solver::solver_from;
+use crate::check::hir;
+use crate::diag::Diagnostic;
+use crate::eval::{Engine, ParamInfo, ParamKind, RenderOverrides};
+use crate::natives::value::Value;
+use crate::optim::{Geometry, Optimizer, Solver, Space, StepOutcome};
+use crate::source::Span;
+use crate::tape::Tensor;
+
+/// Steps when the script says nothing.
+pub const DEFAULT_STEPS: u64 = 100;
+
+/// An optimisation that can be advanced a step at a time; the params themselves live in the engine.
+pub struct Optimization {
+    optimize: hir::Optimize,
+    stages: Vec<Plan>,
+    total: u64,
+    done: u64,
+    params: Vec<Moved>,
+    optimizer: Optimizer,
+    losses: Vec<f64>,
+}
+
+/// A stage with its share of the steps.
+struct Plan {
+    name: Option<String>,
+    /// Steps of this stage and of all before it.
+    until: u64,
+    using: Option<hir::Expr>,
+    overrides: RenderOverrides,
+}
+
+struct Moved {
+    name: String,
+    target: hir::Target,
+}
+
+/// What happened in one step.
+#[derive(Clone, Debug)]
+pub struct StepReport {
+    /// From 0.
+    pub step: u64,
+    pub stage: Option<String>,
+    pub loss: f64,
+    pub lr: f64,
+    pub grad_norm: f64,
+    /// Names of the params whose gradient was not finite: nothing moved.
+    pub skipped: Option<Vec<String>>,
+    /// Wall time of value, derivative and update.
+    pub seconds: f64,
+    /// The params at which the loss was taken: name, shape, numbers.
+    pub params: Vec<(String, Vec<usize>, Vec<f64>)>,
+    /// The script's `stop_when` holds.
+    pub stop: bool,
+}
+
+impl Optimization {
+    /// `steps` replaces the script's number of steps (stages keep their proportions).
+    pub fn new(engine: &mut Engine, optimize: &hir::Optimize, steps: Option<u64>) -> Result<Optimization, Diagnostic> {
+        let (params, spaces) = moved_params(engine, optimize)?;
+        let stages = plan(engine, optimize, steps)?;
+        Ok(Optimization {
+            optimize: optimize.clone(),
+            total: stages.last().map_or(0, |s| s.until),
+            stages,
+            done: 0,
+            params,
+            optimizer: Optimizer::new(Solver::adam(), spaces),
+            losses: Vec::new(),
+        })
+    }
+
+    pub fn name(&self) -> &str {
+        &self.optimize.name
+    }
+
+    pub fn every(&self) -> &[hir::Every] {
+        &self.optimize.every
+    }
+
+    pub fn done(&self) -> u64 {
+        self.done
+    }
+
+    pub fn total(&self) -> u64 {
+        self.total
+    }
+
+    /// The loss at the last step taken.
+    pub fn last_loss(&self) -> Option<f64> {
+        self.losses.last().copied()
+    }
+
+    /// Steps skipped because of gradients that were not finite.
+    pub fn skipped(&self) -> u64 {
+        self.optimizer.skipped()
+    }
+
+    /// Makes `step` and `progress` those of the next step and applies its stage's settings.
+    pub fn enter_step(&self, engine: &mut Engine) {
+        engine.set_step(self.done, self.total);
+        let overrides = self.stage().map(|s| s.overrides).unwrap_or_default();
+        engine.set_render_overrides(overrides);
+    }
+
+    /// Outside `optimize` renders are as the script says again.
+    pub fn leave(&self, engine: &mut Engine) {
+        engine.set_render_overrides(RenderOverrides::default());
+    }
+
+    fn stage(&self) -> Option<&Plan> {
+        self.stages.iter().find(|s| self.done < s.until).or(self.stages.last())
+    }
+
+    /// One step. Beyond the last one the schedule stands still at its end.
+    pub fn step(&mut self, engine: &mut Engine) -> Result<StepReport, Diagnostic> {
+        let watch = Stopwatch::start();
+        self.enter_step(engine);
+        let stage_name = self.stage().and_then(|s| s.name.clone());
+        let using = self.stage().and_then(|s| s.using.clone());
+        let (solver, lr) = match &using {
+            None => (Solver::adam(), super::solver::DEFAULT_RATE),
+            Some(using) => {
+                let value = engine.eval(using)?;
+                solver_from(&value).map_err(|message| {
+                    Diagnostic::error("dscene::run::optimizer", message).label(using.span, "not an optimizer")
+                })?
+            }
+        };
+        self.optimizer.set_solver(solver);
+
+        let targets: Vec<hir::Target> = self.params.iter().map(|p| p.target.clone()).collect();
+        let gradient = engine.gradient(&self.optimize.loss, &targets)?;
+        let before: Vec<Tensor> = targets.iter().map(|t| engine.target_tensor(t)).collect::<Result<_, _>>()?;
+        let mut values: Vec<Vec<f64>> = before.iter().map(|t| t.data.clone()).collect();
+        let grads: Vec<Vec<f64>> = gradient.grads.into_iter().map(|t| t.data).collect();
+        let grad_norm = self.optimizer.grad_norm(&values, &grads);
+        let outcome = self.optimizer.step(&mut values, &grads, lr);
+        let names = |indices: &[usize]| -> Vec<String> {
+            indices.iter().filter_map(|&i| self.params.get(i)).map(|p| p.name.clone()).collect()
+        };
+        let skipped = match outcome {
+            Ok(StepOutcome::Moved) => None,
+            Ok(StepOutcome::Skipped { params }) => Some(names(&params)),
+            Err(gave_up) => return Err(self.gave_up(&gave_up, &names(&gave_up.params))),
+        };
+        if skipped.is_none() {
+            for ((target, old), data) in targets.iter().zip(&before).zip(values) {
+                engine.set_target(target, Tensor { shape: old.shape.clone(), data })?;
+            }
+        }
+        let seconds = watch.elapsed().wall;
+
+        self.losses.push(gradient.value);
+        let stop = self.should_stop(engine, gradient.value)?;
+        let logged = self.params.iter().zip(before).map(|(p, t)| (p.name.clone(), t.shape, t.data)).collect();
+        let report = StepReport {
+            step: self.done,
+            stage: stage_name,
+            loss: gradient.value,
+            lr,
+            grad_norm,
+            skipped,
+            seconds,
+            params: logged,
+            stop,
+        };
+        self.done += 1;
+        Ok(report)
+    }
+
+    fn should_stop(&self, engine: &mut Engine, loss: f64) -> Result<bool, Diagnostic> {
+        let Some(condition) = &self.optimize.stop_when else {
+            return Ok(false);
+        };
+        engine.set_loss(loss);
+        Ok(matches!(engine.eval(condition)?, Value::Bool(true)))
+    }
+
+    fn gave_up(&self, gave_up: &crate::optim::GaveUp, names: &[String]) -> Diagnostic {
+        let whose: Vec<String> = names.iter().map(|n| format!("`{n}`")).collect();
+        let whose = if whose.is_empty() { "learning rate".to_owned() } else { whose.join(", ") };
+        let message = if names.is_empty() {
+            format!("the {whose} was not finite in {} steps in a row, up to step {}", gave_up.in_a_row, self.done)
+        } else {
+            let many = gave_up.in_a_row;
+            format!(
+                "the gradient with respect to {whose} was not finite in {many} steps in a row, up to step {}",
+                self.done
+            )
+        };
+        Diagnostic::error("dscene::run::non_finite_gradient", message)
+            .label(self.optimize.span, "stopped here")
+            .help("lower the learning rate, or bound the param with `in lo..hi`")
+    }
+}
+
+/// Which params move, and how.
+fn moved_params(engine: &mut Engine, optimize: &hir::Optimize) -> Result<(Vec<Moved>, Vec<Space>), Diagnostic> {
+    let infos: Vec<ParamInfo> = engine.params()?;
+    let targets: Vec<(hir::Target, Span)> = match &optimize.over {
+        Some(over) => over.clone(),
+        None => {
+            let reaching = engine.reaching_params(&optimize.loss)?;
+            let wanted = infos.iter().filter(|info| reaching.contains(&info.id) && !info.frozen);
+            wanted.map(|info| (hir::Target { decl: info.id, path: Vec::new() }, optimize.span)).collect()
+        }
+    };
+    if targets.is_empty() {
+        return Err(Diagnostic::error("dscene::run::nothing_to_optimize", "no param that may move reaches this loss")
+            .label(optimize.loss.span, "does not depend on any param")
+            .help("declare an unknown with `param name = value` and use it in what the loss renders"));
+    }
+    let mut moved = Vec::new();
+    let mut spaces = Vec::new();
+    for (target, _) in targets {
+        let info = infos.iter().find(|info| info.id == target.decl && target.path.is_empty());
+        spaces.push(info.map_or_else(Space::plain, space_of));
+        moved.push(Moved { name: engine.target_name(&target), target });
+    }
+    Ok((moved, spaces))
+}
+
+fn space_of(info: &ParamInfo) -> Space {
+    let (lower, upper) = match &info.bounds {
+        Some((lower, upper)) => (Some(lower.data.clone()), Some(upper.data.clone())),
+        None => (None, None),
+    };
+    Space {
+        geometry: if info.kind == ParamKind::Rotation { Geometry::Rotation } else { Geometry::Plain },
+        lower,
+        upper,
+        scale: info.scale.unwrap_or(1.0),
+        lr: info.lr.unwrap_or(1.0),
+        frozen: false,
+    }
+}
+
+fn plan(engine: &mut Engine, optimize: &hir::Optimize, steps: Option<u64>) -> Result<Vec<Plan>, Diagnostic> {
+    let own_steps = match &optimize.steps {
+        Some(expr) => Some(whole_number(engine, expr, "`steps`")?),
+        None => None,
+    };
+    let own_overrides = overrides(engine, RenderOverrides::default(), &optimize.settings)?;
+    if optimize.stages.is_empty() {
+        let until = steps.or(own_steps).unwrap_or(DEFAULT_STEPS);
+        return Ok(vec![Plan { name: None, until, using: optimize.using.clone(), overrides: own_overrides }]);
+    }
+    let mut plans = Vec::new();
+    let mut until: u64 = 0;
+    for stage in &optimize.stages {
+        let count = match &stage.steps {
+            Some(expr) => whole_number(engine, expr, "`steps`")?,
+            None => own_steps.unwrap_or(DEFAULT_STEPS),
+        };
+        until = until.saturating_add(count);
+        plans.push(Plan {
+            name: Some(stage.name.clone()),
+            until,
+            using: stage.using.clone().or_else(|| optimize.using.clone()),
+            overrides: overrides(engine, own_overrides, &stage.settings)?,
+        });
+    }
+    if let Some(steps) = steps {
+        let all = u128::from(until.max(1));
+        for plan in &mut plans {
+            plan.until = u64::try_from(u128::from(plan.until) * u128::from(steps) / all).unwrap_or(steps);
+        }
+    }
+    Ok(plans)
+}
+
+fn overrides(
+    engine: &mut Engine,
+    base: RenderOverrides,
+    settings: &[(String, hir::Expr)],
+) -> Result<RenderOverrides, Diagnostic> {
+    let mut found = base;
+    for (name, expr) in settings {
+        match name.as_str() {
+            "spp" => found.spp = Some(at_least_one(engine, expr, "`spp`")?),
+            "max_bounces" => {
+                let bounces = whole_number(engine, expr, "`max_bounces`")?;
+                found.max_bounces = Some(u32::try_from(bounces).unwrap_or(u32::MAX));
+            }
+            "film_scale" => found.film_scale = Some(film_scale(engine, expr)?),
+            _ => {
+                return Err(Diagnostic::error(
+                    "dscene::run::setting",
+                    format!("`{name}` is not a setting of `optimize`"),
+                )
+                .label(expr.span, "this one")
+                .help("the settings are `spp`, `max_bounces` and `film_scale`"));
+            }
+        }
+    }
+    Ok(found)
+}
+
+fn at_least_one(engine: &mut Engine, expr: &hir::Expr, what: &str) -> Result<u32, Diagnostic> {
+    let n = whole_number(engine, expr, what)?;
+    match u32::try_from(n) {
+        Ok(n) if n > 0 => Ok(n),
+        _ => Err(out_of_range(expr, what, n as f64, "must be at least 1")),
+    }
+}
+
+fn film_scale(engine: &mut Engine, expr: &hir::Expr) -> Result<f64, Diagnostic> {
+    match engine.eval(expr)?.number() {
+        Some(x) if x > 0.0 && x <= 16.0 => Ok(x),
+        x => Err(out_of_range(expr, "`film_scale`", x.unwrap_or(f64::NAN), "must be above 0 and at most 16")),
+    }
+}
+
+/// The value of an expression that counts something.
+pub fn whole_number(engine: &mut Engine, expr: &hir::Expr, what: &str) -> Result<u64, Diagnostic> {
+    let x = engine.eval(expr)?.number().unwrap_or(f64::NAN);
+    if x >= 0.0 && x.fract() == 0.0 && x <= 1e12 {
+        return Ok(x as u64);
+    }
+    Err(out_of_range(expr, what, x, "must be a whole number, at least 0"))
+}
+
+fn out_of_range(expr: &hir::Expr, what: &str, x: f64, rule: &str) -> Diagnostic {
+    Diagnostic::error("dscene::run::out_of_range", format!("{what} {rule}"))
+        .label(expr.span, format!("this is {}", super::show::digits(x)))
+}

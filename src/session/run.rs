@@ -1,0 +1,388 @@
+//! Actions, in order: optimise, save, print, plot, expect.
+
+use std::path::{Path, PathBuf};
+
+use super::folder::{LogEntry, RunFolder, output_path, write_atomically};
+use super::optimization::{Optimization, whole_number};
+use super::plot;
+use super::world::{Progress, World};
+use crate::check::hir;
+use crate::check::types::Ty;
+use crate::diag::Diagnostic;
+use crate::eval::{self, Engine};
+use crate::image::Image;
+use crate::natives::value::Value;
+use crate::source::Span;
+use crate::tape::Tensor;
+
+/// Whether to go on with the next action.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[must_use]
+pub enum Flow {
+    Continue,
+    Interrupted,
+}
+
+/// What became of a run.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct RunReport {
+    pub interrupted: bool,
+    pub expects: u64,
+    pub failed_expects: u64,
+    pub saved: Vec<PathBuf>,
+    pub steps: u64,
+}
+
+/// Runs actions against an engine and the world.
+pub struct Runner<'a> {
+    pub engine: &'a mut Engine,
+    pub world: &'a mut dyn World,
+    /// Where the log and the outputs go. Without one (REPL) outputs go below the current folder and nothing is logged.
+    pub folder: Option<&'a mut RunFolder>,
+    /// Replaces the steps of every `optimize`.
+    pub steps: Option<u64>,
+    pub report: RunReport,
+}
+
+impl<'a> Runner<'a> {
+    pub fn new(engine: &'a mut Engine, world: &'a mut dyn World) -> Runner<'a> {
+        Runner { engine, world, folder: None, steps: None, report: RunReport::default() }
+    }
+
+    /// All of them, until one fails or the user interrupts. A failed `expect` is reported and the run goes on.
+    pub fn run(&mut self, actions: &[hir::Action]) -> Result<Flow, Diagnostic> {
+        for action in actions {
+            if self.world.interrupted() || self.action(action)? == Flow::Interrupted {
+                self.report.interrupted = true;
+                return Ok(Flow::Interrupted);
+            }
+        }
+        Ok(Flow::Continue)
+    }
+
+    fn action(&mut self, action: &hir::Action) -> Result<Flow, Diagnostic> {
+        match action {
+            hir::Action::Optimize(optimize) => return self.optimize(optimize),
+            hir::Action::Save { value, path, span } => self.save(value, path, *span)?,
+            hir::Action::Print { values, .. } => {
+                let texts: Vec<String> = values
+                    .iter()
+                    .map(|e| Ok(printed(&self.engine.eval(e)?, &e.ty)))
+                    .collect::<Result<_, Diagnostic>>()?;
+                self.world.print(&texts.join(" "));
+            }
+            hir::Action::Plot { values, path, span } => self.plot(values, path.as_ref(), *span)?,
+            hir::Action::Expect { condition, span } => self.expect(condition, *span)?,
+        }
+        Ok(Flow::Continue)
+    }
+
+    fn optimize(&mut self, optimize: &hir::Optimize) -> Result<Flow, Diagnostic> {
+        let mut optimization = Optimization::new(self.engine, optimize, self.steps)?;
+        if let Some(correlated) = &optimize.correlated
+            && is_true(&self.engine.eval(correlated)?)
+        {
+            let message = "`correlated: true` has no effect: a loss and its derivative always use independent samples";
+            let diagnostic = Diagnostic::warning("dscene::run::correlated", message).label(correlated.span, "ignored");
+            let sources = self.engine.program().sources.clone();
+            self.world.diagnostic(&diagnostic, &sources);
+        }
+        let flow = self.advance(&mut optimization, u64::MAX);
+        self.world.progress_done();
+        optimization.leave(self.engine);
+        flow
+    }
+
+    /// Up to `count` more steps of an optimisation.
+    pub fn advance(&mut self, optimization: &mut Optimization, count: u64) -> Result<Flow, Diagnostic> {
+        let mut seconds = 0.0;
+        let mut taken: u64 = 0;
+        while optimization.done() < optimization.total() && taken < count {
+            if self.world.interrupted() {
+                self.world.progress_done();
+                let (done, total) = (optimization.done(), optimization.total());
+                self.world.note(&format!("interrupted after {done} of {total} steps of `{}`", optimization.name()));
+                self.report.interrupted = true;
+                return Ok(Flow::Interrupted);
+            }
+            self.every(optimization)?;
+            let report = optimization.step(self.engine)?;
+            taken += 1;
+            seconds += report.seconds;
+            self.report.steps += 1;
+            if let Some(names) = &report.skipped {
+                let whose = if names.is_empty() { "the learning rate".to_owned() } else { names.join(", ") };
+                let seed = self.engine.options().seed;
+                let step = report.step;
+                self.world.note(&format!("step {step}: not finite: {whose}; step skipped (seed {seed})"));
+            }
+            if let Some(folder) = &mut self.folder {
+                let entry = LogEntry {
+                    step: report.step,
+                    of: optimization.name(),
+                    stage: report.stage.as_deref(),
+                    loss: report.loss,
+                    lr: report.lr,
+                    grad_norm: report.grad_norm,
+                    skipped: report.skipped.is_some(),
+                    seconds: report.seconds,
+                    params: &report.params,
+                };
+                folder.log(&entry).map_err(|e| cannot_write(&folder.path().join("log.jsonl"), &e, None))?;
+            }
+            let name = match &report.stage {
+                Some(stage) => format!("{} · {stage}", optimization.name()),
+                None => optimization.name().to_owned(),
+            };
+            self.world.progress(Progress {
+                name: &name,
+                done: optimization.done(),
+                total: optimization.total(),
+                loss: report.loss,
+                seconds_per_step: seconds / taken as f64,
+            });
+            if report.stop {
+                self.world.progress_done();
+                self.world.note(&format!(
+                    "`stop_when` holds: `{}` stops after step {}",
+                    optimization.name(),
+                    report.step
+                ));
+                break;
+            }
+        }
+        Ok(Flow::Continue)
+    }
+
+    /// The `every N { … }` blocks that are due before the next step: at steps 0, N, 2N, … with the params of that step.
+    fn every(&mut self, optimization: &Optimization) -> Result<(), Diagnostic> {
+        for every in optimization.every() {
+            optimization.enter_step(self.engine);
+            let period = whole_number(self.engine, &every.steps, "the period of `every`")?;
+            if period == 0 {
+                return Err(Diagnostic::error("dscene::run::out_of_range", "the period of `every` must be at least 1")
+                    .label(every.steps.span, "this is 0"));
+            }
+            if optimization.done().is_multiple_of(period) {
+                // Pictures are taken as the script says, not at the stage's resolution.
+                optimization.leave(self.engine);
+                for action in &every.actions {
+                    // An interruption is seen before the next step.
+                    let _ = self.action(action)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn save(&mut self, value: &hir::Expr, path: &hir::Expr, span: Span) -> Result<(), Diagnostic> {
+        let Value::Str(name) = self.engine.eval(path)? else {
+            return Err(Diagnostic::error("dscene::run::save", "a file name must be a string").label(path.span, "this"));
+        };
+        let target = self.output_path(&name, path.span)?;
+        let ty = &value.ty;
+        let value_span = value.span;
+        let value = self.engine.eval(value)?;
+        save_value(&value, ty, &target).map_err(|problem| match problem {
+            SaveError::Io(e) => cannot_write(&target, &e, Some(path.span)),
+            SaveError::Other { message, help } => {
+                Diagnostic::error("dscene::run::save", message).label(value_span, "cannot be saved so").help(help)
+            }
+        })?;
+        let _ = span;
+        self.saved(target);
+        Ok(())
+    }
+
+    fn saved(&mut self, path: PathBuf) {
+        if !self.report.saved.contains(&path) {
+            self.world.note(&format!("saved {}", path.display()));
+            self.report.saved.push(path);
+        }
+    }
+
+    fn output_path(&self, name: &str, span: Span) -> Result<PathBuf, Diagnostic> {
+        let path = match &self.folder {
+            Some(folder) => folder.output_path(name),
+            None => output_path(Path::new("."), name),
+        };
+        path.map_err(|e| cannot_write(Path::new(name), &e, Some(span)))
+    }
+
+    fn plot(&mut self, values: &[hir::Expr], path: Option<&hir::Expr>, span: Span) -> Result<(), Diagnostic> {
+        let mut series = Vec::new();
+        for expr in values {
+            let value = self.engine.eval(expr)?;
+            let numbers = value.var().map(|v| v.value().data.clone()).ok_or_else(|| {
+                let message = format!("`plot` needs numbers, this is {}", value.kind());
+                Diagnostic::error("dscene::run::plot", message).label(expr.span, "not numbers")
+            })?;
+            let name = self.engine.program().sources.text(expr.span).to_owned();
+            series.push((name, numbers));
+        }
+        match path {
+            None => {
+                for (name, numbers) in &series {
+                    self.world.print(&format!("{name}  {}", plot::sparkline(numbers, 60)));
+                }
+            }
+            Some(path) => {
+                let Value::Str(name) = self.engine.eval(path)? else {
+                    return Err(
+                        Diagnostic::error("dscene::run::plot", "a file name must be a string").label(span, "here")
+                    );
+                };
+                let target = self.output_path(&name, path.span)?;
+                write_atomically(&target, plot::svg(&series).as_bytes())
+                    .map_err(|e| cannot_write(&target, &e, Some(path.span)))?;
+                self.saved(target);
+            }
+        }
+        Ok(())
+    }
+
+    fn expect(&mut self, condition: &hir::Expr, span: Span) -> Result<(), Diagnostic> {
+        self.report.expects += 1;
+        let Some(failure) = self.failure(condition)? else {
+            let text = self.engine.program().sources.text(condition.span).to_owned();
+            self.world.note(&format!("expect holds: {}", shortened(&text)));
+            return Ok(());
+        };
+        self.report.failed_expects += 1;
+        self.world.progress_done();
+        let mut diagnostic = Diagnostic::error("dscene::run::expect", failure.message);
+        if failure.labels.is_empty() {
+            diagnostic = diagnostic.label(span, "is false");
+        }
+        for (span, text) in failure.labels {
+            diagnostic = diagnostic.label(span, text);
+        }
+        let sources = self.engine.program().sources.clone();
+        self.world.diagnostic(&diagnostic, &sources);
+        Ok(())
+    }
+
+    /// Why a condition does not hold, with the values of both sides of the comparison to blame.
+    fn failure(&mut self, condition: &hir::Expr) -> Result<Option<Failure>, Diagnostic> {
+        use hir::BinaryOp::{And, Eq, Ge, Gt, Le, Lt, Ne};
+        if let hir::ExprKind::Binary { op, left, right } = &condition.kind {
+            match op {
+                And => {
+                    return match self.failure(left)? {
+                        Some(failure) => Ok(Some(failure)),
+                        None => self.failure(right),
+                    };
+                }
+                Eq | Ne | Lt | Le | Gt | Ge => {
+                    if is_true(&self.engine.eval(condition)?) {
+                        return Ok(None);
+                    }
+                    let (a, b) = (self.engine.eval(left)?, self.engine.eval(right)?);
+                    let (a, b) = (eval::brief(&a, &left.ty), eval::brief(&b, &right.ty));
+                    let symbol = match op {
+                        Eq => "==",
+                        Ne => "!=",
+                        Lt => "<",
+                        Le => "<=",
+                        Gt => ">",
+                        _ => ">=",
+                    };
+                    let message = format!("expectation failed: {} {symbol} {} is false", shortened(&a), shortened(&b));
+                    let mut labels = Vec::new();
+                    for (side, text) in [(left, &a), (right, &b)] {
+                        if self.engine.program().sources.text(side.span).trim() != text {
+                            labels.push((side.span, format!("this is {}", shortened(text))));
+                        }
+                    }
+                    return Ok(Some(Failure { message, labels }));
+                }
+                _ => {}
+            }
+        }
+        if is_true(&self.engine.eval(condition)?) {
+            return Ok(None);
+        }
+        let labels = vec![(condition.span, "is false".to_owned())];
+        Ok(Some(Failure { message: "expectation failed".to_owned(), labels }))
+    }
+}
+
+struct Failure {
+    message: String,
+    labels: Vec<(Span, String)>,
+}
+
+/// On one line, strings bare.
+fn printed(value: &Value, ty: &Ty) -> String {
+    match value {
+        Value::Str(s) => s.to_string(),
+        _ => eval::brief(value, ty),
+    }
+}
+
+fn is_true(value: &Value) -> bool {
+    matches!(value, Value::Bool(true))
+}
+
+/// At most about 60 characters, on one line.
+fn shortened(text: &str) -> String {
+    let line = text.split_whitespace().collect::<Vec<&str>>().join(" ");
+    if line.chars().count() <= 60 { line } else { format!("{}…", line.chars().take(59).collect::<String>()) }
+}
+
+/// Why a value could not be saved.
+pub enum SaveError {
+    Io(std::io::Error),
+    Other { message: String, help: String },
+}
+
+/// Writes a value by its file's extension: images as PNG, EXR or HDR; anything as JSON or text.
+pub fn save_value(value: &Value, ty: &Ty, path: &Path) -> Result<(), SaveError> {
+    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
+    match extension.as_str() {
+        "json" => {
+            let text = format!("{}\n", eval::to_json(value));
+            write_atomically(path, text.as_bytes()).map_err(SaveError::Io)
+        }
+        "txt" => write_atomically(path, format!("{}\n", eval::show(value, ty)).as_bytes()).map_err(SaveError::Io),
+        "png" | "exr" | "hdr" => {
+            let image = image_of(value).ok_or_else(|| SaveError::Other {
+                message: format!("an image file holds an image, this is {}", value.kind()),
+                help: "save a `render(…)`, or give the file the extension .json".to_owned(),
+            })?;
+            crate::image::file::save(path, &image).map_err(|e| SaveError::Other {
+                message: format!("cannot write `{}`: {e}", path.display()),
+                help: "check the folder, the space on the disk and the extension".to_owned(),
+            })
+        }
+        other => Err(SaveError::Other {
+            message: if other.is_empty() {
+                format!("`{}` has no extension, which would tell the format", path.display())
+            } else {
+                format!("`.{other}` is not a format that can be written")
+            },
+            help: "use .png, .exr or .hdr for images, .json or .txt for other values".to_owned(),
+        }),
+    }
+}
+
+/// The picture that a value is, or that its numbers make: `[height, width]` or `[height, width, channels ≤ 4]`.
+pub fn image_of(value: &Value) -> Option<Image> {
+    let tensor: &Tensor = value.var()?.value();
+    let (height, width, channels) = match (value, &tensor.shape[..]) {
+        (_, &[h, w, c]) if (1..=4).contains(&c) => (h, w, c),
+        (Value::Num(_), &[h, w]) => (h, w, 1),
+        _ => return None,
+    };
+    let data = tensor.data.iter().map(|x| *x as f32).collect();
+    Some(Image { width, height, channels, data })
+}
+
+fn cannot_write(path: &Path, error: &std::io::Error, span: Option<Span>) -> Diagnostic {
+    let message = format!("cannot write `{}`: {error}", path.display());
+    let diagnostic = Diagnostic::error("dscene::run::write", message);
+    match span {
+        Some(span) => diagnostic.label(span, "this file"),
+        None => diagnostic,
+    }
+}

@@ -1,0 +1,80 @@
+//! From an optimizer of the language (`adam(lr: 0.01)`) to a solver and its rate.
+
+use crate::natives::value::{SettingsValue, Value};
+use crate::optim::Solver;
+
+/// The rate when the script says nothing.
+pub const DEFAULT_RATE: f64 = 0.01;
+
+/// The solver that a value describes, and its learning rate; else what is wrong with it.
+pub fn solver_from(value: &Value) -> Result<(Solver, f64), String> {
+    let Value::Settings(settings) = value else {
+        return Err(format!("`using` needs an optimizer such as `adam(lr: 0.01)`, this is {}", value.kind()));
+    };
+    let settings: &SettingsValue = settings;
+    let number = |name: &str, default: f64| settings.number(name).unwrap_or(default);
+    let fraction = |name: &str, default: f64| {
+        let x = number(name, default);
+        if (0.0..1.0).contains(&x) { Ok(x) } else { Err(format!("`{name}` must be at least 0 and below 1, it is {x}")) }
+    };
+    let positive = |name: &str, default: f64| {
+        let x = number(name, default);
+        if x > 0.0 { Ok(x) } else { Err(format!("`{name}` must be positive, it is {x}")) }
+    };
+    let lr = number("lr", DEFAULT_RATE);
+    if lr < 0.0 {
+        return Err(format!("the rate `lr` must not be negative, it is {lr}"));
+    }
+    let solver = match settings.name.as_str() {
+        "sgd" => Solver::Sgd {
+            momentum: fraction("momentum", 0.0)?,
+            nesterov: settings.boolean("nesterov").unwrap_or(false),
+        },
+        "adam" => Solver::Adam {
+            beta1: fraction("beta1", 0.9)?,
+            beta2: fraction("beta2", 0.999)?,
+            epsilon: positive("epsilon", 1e-8)?,
+        },
+        "adam_uniform" => Solver::AdamUniform {
+            beta1: fraction("beta1", 0.9)?,
+            beta2: fraction("beta2", 0.999)?,
+            epsilon: positive("epsilon", 1e-8)?,
+        },
+        "rmsprop" => Solver::RmsProp {
+            decay: fraction("decay", 0.99)?,
+            epsilon: positive("epsilon", 1e-8)?,
+            momentum: fraction("momentum", 0.0)?,
+        },
+        other => return Err(format!("`using` needs an optimizer such as `adam(lr: 0.01)`, this is `{other}(…)`")),
+    };
+    Ok((solver, lr))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+
+    fn settings(name: &str, fields: &[(&str, f64)]) -> Value {
+        let fields = fields.iter().map(|(n, x)| ((*n).to_owned(), Value::scalar(*x))).collect();
+        Value::Settings(Arc::new(SettingsValue { name: name.into(), fields }))
+    }
+
+    #[test]
+    fn settings_become_solvers() {
+        let (solver, lr) = solver_from(&settings("adam", &[("lr", 0.5), ("beta1", 0.8)])).unwrap();
+        assert_eq!((solver, lr), (Solver::Adam { beta1: 0.8, beta2: 0.999, epsilon: 1e-8 }, 0.5));
+        assert_eq!(solver_from(&settings("sgd", &[])).unwrap().1, DEFAULT_RATE);
+    }
+
+    #[test]
+    fn nonsense_is_refused() {
+        for (name, field, x) in
+            [("adam", "beta1", 1.0), ("sgd", "momentum", -0.1), ("sgd", "lr", -1.0), ("integrator", "a", 1.0)]
+        {
+            assert!(solver_from(&settings(name, &[(field, x)])).is_err(), "{name} {field}");
+        }
+        assert!(solver_from(&Value::scalar(1.0)).is_err());
+    }
+}
