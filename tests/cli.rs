@@ -178,7 +178,7 @@ fn stages_schedules_and_stop_when() {
 #[test]
 fn a_gradient_that_is_never_finite_stops_with_a_diagnostic() {
     let place = Place::new();
-    place.write("a.dscene", "param x = 0\nloss l = sqrt(x)\noptimize l { using: sgd(lr: 0.1), steps: 50 }\n");
+    place.write("a.dscene", "param x = 0\nloss l = 1 / x\noptimize l { using: sgd(lr: 0.1), steps: 50 }\n");
     let output = place.dsl(&["run", "a.dscene", "--out", "r"]);
     assert_diagnosed(&output);
     assert!(stderr(&output).contains("`x`"), "{}", stderr(&output));

@@ -3,10 +3,10 @@
 use serde_json::json;
 
 use super::args::EvalArgs;
-use super::{EXIT_WRONG, Terminal, load, out};
+use super::{EXIT_INTERRUPTED, EXIT_WRONG, Terminal, load, out};
 use crate::eval;
-use crate::session::World;
 use crate::session::clock::Stopwatch;
+use crate::session::{World, world};
 
 pub fn run(args: &EvalArgs) -> u8 {
     let mut terminal = Terminal::new(&args.common);
@@ -16,6 +16,7 @@ pub fn run(args: &EvalArgs) -> u8 {
     let Some(expr) = loaded.expression(&args.expr, "EXPR", &mut terminal) else {
         return EXIT_WRONG;
     };
+    world::catch_interrupts();
     let watch = Stopwatch::start();
     match loaded.engine.eval(&expr) {
         Ok(value) => {
@@ -29,6 +30,7 @@ pub fn run(args: &EvalArgs) -> u8 {
             }
             0
         }
+        Err(diagnostic) if diagnostic.code == eval::INTERRUPTED => EXIT_INTERRUPTED,
         Err(diagnostic) => {
             terminal.diagnostic(&diagnostic, &loaded.engine.program().sources.clone());
             EXIT_WRONG

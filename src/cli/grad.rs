@@ -22,6 +22,7 @@ pub fn run(args: &GradArgs) -> u8 {
     };
     match result {
         Ok(code) => code,
+        Err(diagnostic) if diagnostic.code == crate::eval::INTERRUPTED => EXIT_INTERRUPTED,
         Err(diagnostic) => {
             let sources = loaded.engine.program().sources.clone();
             terminal.diagnostic(&diagnostic, &sources);

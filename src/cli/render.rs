@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 
 use super::args::RenderArgs;
-use super::{EXIT_WRONG, Terminal, load};
+use super::{EXIT_INTERRUPTED, EXIT_WRONG, Terminal, load};
 use crate::check::hir::{self, DeclKind};
 use crate::diag::{self, Diagnostic};
 use crate::eval;
-use crate::session::World;
 use crate::session::clock::{Stopwatch, human_seconds};
 use crate::session::run::{SaveError, save_value};
+use crate::session::{World, world};
 
 pub fn run(args: &RenderArgs) -> u8 {
     let mut terminal = Terminal::new(&args.common);
@@ -29,6 +29,7 @@ pub fn run(args: &RenderArgs) -> u8 {
         return EXIT_WRONG;
     };
     let path = output(args);
+    world::catch_interrupts();
     let watch = Stopwatch::start();
     let result = loaded.engine.eval(&expr).and_then(|value| {
         let text = eval::brief(&value, &expr.ty);
@@ -40,6 +41,7 @@ pub fn run(args: &RenderArgs) -> u8 {
             terminal.note(&format!("{text}\nsaved {} in {}", path.display(), human_seconds(watch.elapsed().wall)));
             0
         }
+        Err(diagnostic) if diagnostic.code == eval::INTERRUPTED => EXIT_INTERRUPTED,
         Err(diagnostic) => {
             let sources = loaded.engine.program().sources.clone();
             terminal.diagnostic(&diagnostic, &sources);

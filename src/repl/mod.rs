@@ -146,6 +146,11 @@ impl<'w> Repl<'w> {
 
     fn report(&mut self, outcome: Result<(), Diagnostic>) {
         if let Err(diagnostic) = outcome {
+            if diagnostic.code == eval::INTERRUPTED {
+                self.world.progress_done();
+                self.world.note("interrupted");
+                return;
+            }
             self.failed = true;
             self.world.progress_done();
             let sources = self.engine.program().sources.clone();

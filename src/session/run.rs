@@ -52,9 +52,15 @@ impl<'a> Runner<'a> {
     /// All of them, until one fails or the user interrupts. A failed `expect` is reported and the run goes on.
     pub fn run(&mut self, actions: &[hir::Action]) -> Result<Flow, Diagnostic> {
         for action in actions {
-            if self.world.interrupted() || self.action(action)? == Flow::Interrupted {
-                self.report.interrupted = true;
-                return Ok(Flow::Interrupted);
+            let flow = if self.world.interrupted() { Ok(Flow::Interrupted) } else { self.action(action) };
+            match flow {
+                Ok(Flow::Continue) => {}
+                // An evaluation that Ctrl-C stopped half-way.
+                Err(diagnostic) if diagnostic.code != eval::INTERRUPTED => return Err(diagnostic),
+                Ok(Flow::Interrupted) | Err(_) => {
+                    self.report.interrupted = true;
+                    return Ok(Flow::Interrupted);
+                }
             }
         }
         Ok(Flow::Continue)
@@ -105,8 +111,11 @@ impl<'a> Runner<'a> {
                 self.report.interrupted = true;
                 return Ok(Flow::Interrupted);
             }
-            self.every(optimization)?;
-            let report = optimization.step(self.engine)?;
+            let report = match self.every(optimization).and_then(|()| optimization.step(self.engine)) {
+                // The next turn says so.
+                Err(diagnostic) if diagnostic.code == eval::INTERRUPTED && self.world.interrupted() => continue,
+                other => other?,
+            };
             taken += 1;
             seconds += report.seconds;
             self.report.steps += 1;
