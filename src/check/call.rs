@@ -139,7 +139,9 @@ impl Checker<'_> {
             );
         }
         let args: Vec<Option<hir::Expr>> = given.iter().map(|g| Some(self.expr(g.value, None).expr)).collect();
-        if let Some(named) = given.iter().find_map(|g| g.name.as_ref()) {
+        if let Some(named) = given.iter().find_map(|g| g.name.as_ref())
+            && callee.expr.ty != Ty::Error
+        {
             self.diagnostics.push(
                 Diagnostic::error("dscene::call::unknown_argument", "function values take their arguments by position")
                     .label(named.span, "named here"),

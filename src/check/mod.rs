@@ -39,7 +39,10 @@ pub struct Disk;
 impl Loader for Disk {
     fn read(&self, path: &Path) -> io::Result<String> {
         let bytes = std::fs::read(path)?;
-        String::from_utf8(bytes).map_err(|e| io::Error::new(io::ErrorKind::InvalidData, e.utf8_error().to_string()))
+        // Some editors put a byte order mark in front, which is not part of the text.
+        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
+        let text = std::str::from_utf8(bytes).map_err(|e| io::Error::new(io::ErrorKind::InvalidData, e.to_string()))?;
+        Ok(text.to_owned())
     }
 
     fn exists(&self, path: &Path) -> bool {
