@@ -577,7 +577,8 @@ impl Checker<'_> {
                     .help_opt(help),
                 );
             }
-            reshaped |= !fits(&value.expr.ty, &ty) || size_of(&ty) != size_of(&value.expr.ty);
+            let spread = value.expr.ty.is_scalar();
+            reshaped |= !spread && (!fits(&value.expr.ty, &ty) || size_of(&ty) != size_of(&value.expr.ty));
             let mut value = value.expr;
             if let (Ty::Num(shape), true) = (&ty, value.ty.is_scalar())
                 && let Some(shape) = shape.iter().copied().collect::<Option<Vec<usize>>>()

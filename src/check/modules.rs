@@ -211,7 +211,7 @@ impl<'l> Checker<'l> {
     pub fn line_expr(&mut self, line: SourceId) -> Line {
         let (expr, diagnostics) = syntax::parse_expr(&self.sources, line);
         self.diagnostics.extend(diagnostics);
-        let blank = self.sources.get(line).is_none_or(|f| f.text.trim().is_empty());
+        let blank = self.sources.get(line).is_none_or(|f| syntax::is_blank(&f.text));
         if blank {
             self.diagnostics.retain(|d| d.span().is_none_or(|s| s.source != line));
             return Line::Empty;

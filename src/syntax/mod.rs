@@ -7,7 +7,7 @@ mod grammar;
 mod literal;
 mod scan;
 
-pub use scan::{KINDS, is_incomplete, is_reserved, statement_words};
+pub use scan::{KINDS, is_blank, is_incomplete, is_reserved, statement_words};
 
 use pest::Parser;
 

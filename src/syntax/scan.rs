@@ -79,6 +79,12 @@ pub fn is_incomplete(text: &str) -> bool {
     scan.diagnostics.iter().any(|d| d.code == "dscene::syntax::unclosed")
 }
 
+/// Whether a text has nothing but white space and comments.
+pub fn is_blank(text: &str) -> bool {
+    let scan = scan(SourceId(0), text);
+    scan.diagnostics.is_empty() && scan.text.trim().is_empty()
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum TokenKind {
     Word,
