@@ -385,7 +385,7 @@ impl Checker<'_> {
         );
         let (code, message, label) = if whole {
             let message = format!("the {noun} `{param}` of `{}` is a whole number", site.name);
-            ("dscene::type::mismatch", message, "not whole".to_owned())
+            ("dscene::type::mismatch", message, "not whole: a count or size has no fraction".to_owned())
         } else {
             let message = format!("the {noun} `{param}` of `{}` is `{sig}`, found `{ty}`", site.name);
             (if unit { "dscene::type::unit" } else { "dscene::type::mismatch" }, message, format!("this is `{ty}`"))
@@ -422,13 +422,13 @@ impl Checker<'_> {
             }
             Ty::Num(_) if is(Ty::Material) => format!("write `diffuse(reflectance: {short})`"),
             Ty::Num(_) if is(Ty::Optimizer) => format!("write `adam(lr: {short})`"),
-            Ty::Num(_) | Ty::Texture if accepts(super::signature::any_image()) => format!("write `image({short})`"),
+            Ty::Num(_) | Ty::Texture if is(super::signature::any_image()) => format!("write `image({short})`"),
             Ty::Texture if is(Ty::Material) => format!("write `diffuse(reflectance: {short})`"),
             Ty::Image { .. } if is(Ty::Texture) => format!("write `texture({short})`"),
             Ty::Image { .. } if accepts(Ty::SCALAR) => format!("reduce the image to one number: `mean({short})`"),
             Ty::Str if is(Ty::Texture) => format!("write `texture({short})`"),
             Ty::Str if is(Ty::Mesh) => format!("write `load({short})`"),
-            Ty::Str if accepts(super::signature::any_image()) => format!("write `load_image({short})`"),
+            Ty::Str if is(super::signature::any_image()) => format!("write `load_image({short})`"),
             Ty::Mesh if is(Ty::Shape) => format!("write `shape(mesh: {short})`"),
             Ty::Mesh if is(Ty::Light) => format!("write `area({short}, radiance: 10)`"),
             Ty::Shape if is(Ty::Mesh) => format!("take its mesh: `{short}.mesh`"),

@@ -14,13 +14,21 @@ pub fn explain(error: &Error<Rule>, text: &str, source: SourceId, offset: usize)
     };
     let rest = text.get(at..).unwrap_or("");
     let at = at + (rest.len() - rest.trim_start().len());
-    let (at, found) = token_at(text, at);
+    let (mut at, mut found) = token_at(text, at);
+    // `fov = 45deg`: the word is fine, the sign after it is not.
+    let after = at + found.len();
+    let next = after + text.get(after..).map_or(0, |t| t.len() - t.trim_start().len());
+    let wants_field = matches!(&error.variant, ErrorVariant::ParsingError { positives, .. } if positives.contains(&Rule::field));
+    if wants_field && found.starts_with(|c: char| c.is_ascii_alphabetic()) && token_at(text, next).1 == "=" {
+        (at, found) = (next, "=".to_owned());
+    }
     let span = Span::new(source, offset + at, offset + at + found.len());
     let expected = expected(error);
     if let Some(diagnostic) = statement_word(text, at, span) {
         return diagnostic;
     }
     let what = if found.is_empty() { "the statement ends here".to_owned() } else { format!("found `{found}`") };
+    let expected = if found == "=" && wants_field { "`:`".to_owned() } else { expected };
     let message = match expected.as_str() {
         "" => format!("this does not fit here: {what}"),
         wanted => format!("expected {wanted}, but {what}"),
@@ -96,6 +104,7 @@ fn help(text: &str, at: usize, found: &str) -> Option<String> {
         "**" => "write `^` for a power",
         "->" => "write `=>` for a function value, `:` before a result's type",
         "%" => "there is no remainder; a percentage has no space: `30%`",
+        "," if before.contains('(') => "values side by side are an array, in square brackets: `[a, b]`",
         ";" => "statements need no semicolon",
         "'" => "strings have double quotes: `\"…\"`",
         "?" => "write `if c then a else b`",

@@ -1,0 +1,421 @@
+//! Wrong scripts: each gives the right code at the right place with the right help, and looks right in a terminal.
+//! `UPDATE_EXPECT=1 cargo test --test diagnostics` rewrites the pictures in `tests/diagnostics/`.
+
+use std::path::Path;
+
+use dscene::check::{Disk, check_text};
+use dscene::diag::{RenderOptions, render_all};
+
+/// A scene that the scripts build on, where they need one.
+const SCENE: &str = "\
+camera eye { position: [0, 1, -4], look_at: [0, 0, 0], fov: 45deg, film: [64, 64] }
+material grey = diffuse(reflectance: 0.5)
+param size = 1
+shape ball { mesh: sphere(radius: size), material: grey }
+light lamp = area(rectangle() |> flip() |> translate([0, 3, 0]), radiance: 10)
+let target = render(eye, spp: 64) with { size: 0.5 }
+loss fit = mse(render(eye), target)
+";
+
+struct Case {
+    name: &'static str,
+    /// Put before the script.
+    prelude: &'static str,
+    script: &'static str,
+    /// Code, text under the first label, part of a help: one entry for each diagnostic, in order.
+    wanted: &'static [(&'static str, &'static str, &'static str)],
+}
+
+const CASES: &[Case] = &[
+    Case {
+        name: "unknown_name",
+        prelude: SCENE,
+        script: "loss other = mse(render(eye), tarqet)",
+        wanted: &[("dscene::name::unknown", "tarqet", "did you mean `target`?")],
+    },
+    Case {
+        name: "unknown_field",
+        prelude: SCENE,
+        script: "camera side { positon: [4, 0, 0], fov: 45deg }",
+        wanted: &[("dscene::name::field", "positon", "did you mean `position`?")],
+    },
+    Case {
+        name: "foreign_field",
+        prelude: "",
+        script: "shape a { mesh: cube(), bsdf: diffuse(albedo: 0.5) }\nlight l = area(disk(), emission: 4)",
+        wanted: &[
+            ("dscene::name::field", "bsdf", "did you mean `material`?"),
+            ("dscene::call::unknown_argument", "albedo", "did you mean `reflectance`?"),
+            ("dscene::call::unknown_argument", "emission", "did you mean `radiance`?"),
+        ],
+    },
+    Case {
+        name: "missing_unit",
+        prelude: "",
+        script: "camera eye { position: [0, 0, 5], fov: 45 }",
+        wanted: &[("dscene::type::unit", "45", "`45deg`")],
+    },
+    Case {
+        name: "unknown_unit",
+        prelude: "",
+        script: "let a = 45degrees",
+        wanted: &[("dscene::syntax::unit", "45degrees", "write `45deg`")],
+    },
+    Case {
+        name: "angle_for_a_number",
+        prelude: "",
+        script: "let a = sqrt(2) + 45deg\nmesh ball = sphere(radius: 45deg)",
+        wanted: &[("dscene::type::mismatch", "+", "1deg"), ("dscene::type::unit", "45deg", "45deg / 1deg")],
+    },
+    Case {
+        name: "image_sizes",
+        prelude: "",
+        script: "\
+camera small { film: [256, 256], fov: 45deg }
+camera large { film: [512, 512], fov: 45deg }
+param height = 1
+shape ball { mesh: sphere() |> translate([0, height, 0]) }
+light sky = constant(1)
+let target = render(large, spp: 64) with { height: 0 }
+loss fit = mse(render(small), target)",
+        wanted: &[("dscene::type::shape", "target", "same `film:`")],
+    },
+    Case {
+        name: "image_sizes_in_an_operator",
+        prelude: SCENE,
+        script: "camera wide { film: [128, 64], fov: 45deg }\nlet d = render(eye) - render(wide)",
+        wanted: &[("dscene::type::shape", "-", "")],
+    },
+    Case {
+        name: "cycle",
+        prelude: "",
+        script: "let a = b + 1\nlet b = c * 2\nlet c = a",
+        wanted: &[("dscene::name::cycle", "a", "graph of values")],
+    },
+    Case {
+        name: "recursive_function",
+        prelude: "",
+        script: "fn fact(n) = if n < 2 then 1 else n * fact(n - 1)",
+        wanted: &[("dscene::name::cycle", "fact", "comprehension")],
+    },
+    Case {
+        name: "scene_that_renders_itself",
+        prelude: SCENE,
+        script: "shape screen { mesh: rectangle(), material: diffuse(reflectance: texture(render(eye))) }",
+        wanted: &[("dscene::name::cycle", "screen", "scene of its own")],
+    },
+    Case {
+        name: "loss_is_an_image",
+        prelude: SCENE,
+        script: "loss bad = render(eye) - target",
+        wanted: &[("dscene::type::loss", "render(eye) - target", "mse(image, target)")],
+    },
+    Case {
+        name: "unused_param",
+        prelude: SCENE,
+        script: "param roughness = 0.3\nmaterial metal = conductor(roughness: roughness)",
+        wanted: &[("dscene::flow::unused_param", "roughness", "`roughness` feeds `metal`, but no shape uses `metal`")],
+    },
+    Case {
+        name: "param_used_by_nothing",
+        prelude: SCENE,
+        script: "param shift = [0, 0, 0]",
+        wanted: &[("dscene::flow::unused_param", "shift", "nothing uses `shift`")],
+    },
+    Case {
+        name: "loss_without_params",
+        prelude: "",
+        script: "camera eye { fov: 45deg }\nshape ball { mesh: sphere() }\nloss fit = mean(render(eye))",
+        wanted: &[("dscene::flow::constant_loss", "fit", "param NAME")],
+    },
+    Case {
+        name: "bounds_exclude_the_start",
+        prelude: "",
+        script: "param albedo: color = [0.5, 1.5, 0.2] in 0..1",
+        wanted: &[("dscene::type::bounds", "[0.5, 1.5, 0.2]", "start inside")],
+    },
+    Case {
+        name: "empty_bounds",
+        prelude: "",
+        script: "param a = 0.5 in 1..0\nparam turn = 10deg in 0..90",
+        wanted: &[("dscene::type::bounds", "1..0", "lo < hi"), ("dscene::type::bounds", "0", "write `0deg`")],
+    },
+    Case {
+        name: "missing_file",
+        prelude: "",
+        script: "mesh bunny = load(\"meshes/bunny.obj\")\nlet photo = load_image(\"photo.png\")",
+        wanted: &[
+            ("dscene::file::missing", "\"meshes/bunny.obj\"", "folder of the script"),
+            ("dscene::file::missing", "\"photo.png\"", "folder of the script"),
+        ],
+    },
+    Case {
+        name: "missing_import",
+        prelude: "",
+        script: "import \"lib/nothing.dscene\"\nimport std.studoi",
+        wanted: &[
+            ("dscene::import::missing", "import \"lib/nothing.dscene\"", ""),
+            ("dscene::import::missing", "import std.studoi", "`std.studio`"),
+        ],
+    },
+    Case {
+        name: "unclosed_brace",
+        prelude: "",
+        script: "camera eye {\n  position: [0, 0, 5]\n  fov: 45deg\n\nshape ball { mesh: sphere() }\nlet a = nothing",
+        wanted: &[
+            ("dscene::syntax::unclosed", "{", "add the missing `}`"),
+            ("dscene::name::unknown", "nothing", "declare it"),
+        ],
+    },
+    Case {
+        name: "wrong_closing_bracket",
+        prelude: "",
+        script: "let a = [1, 2, 3)\nlet b = 1",
+        wanted: &[("dscene::syntax::unclosed", ")", "")],
+    },
+    Case {
+        name: "unclosed_string",
+        prelude: "",
+        script: "let a = \"abc\nlet b = 1",
+        wanted: &[("dscene::syntax::unclosed_string", "\"abc", "end it with `\"`")],
+    },
+    Case {
+        name: "wrong_argument",
+        prelude: "",
+        script: "mesh a = sphere(radius: \"big\")\nshape b { mesh: sphere(), material: 0.5 }\nlet c = render(sphere())",
+        wanted: &[
+            ("dscene::type::mismatch", "\"big\"", ""),
+            ("dscene::type::mismatch", "0.5", "diffuse(reflectance: 0.5)"),
+            ("dscene::type::mismatch", "sphere()", ""),
+        ],
+    },
+    Case {
+        name: "missing_argument",
+        prelude: "",
+        script: "light l = point(intensity: 4)\nshape s { material: mirror() }",
+        wanted: &[
+            ("dscene::call::missing", "point", "position: …"),
+            ("dscene::call::missing", "shape", "add `mesh: …`"),
+        ],
+    },
+    Case {
+        name: "too_many_arguments",
+        prelude: "",
+        script: "let a = sin(1deg, 2deg)",
+        wanted: &[("dscene::call::count", "2deg", "sin(x: angle)")],
+    },
+    Case {
+        name: "duplicate_argument",
+        prelude: "",
+        script: "camera eye { fov: 45deg, film: [8, 8], fov: 30deg }\nlet a = sphere(1, radius: 2)",
+        wanted: &[("dscene::call::duplicate", "fov", ""), ("dscene::call::duplicate", "radius", "")],
+    },
+    Case {
+        name: "duplicate_declaration",
+        prelude: "",
+        script: "let a = 1\nlet a = 2",
+        wanted: &[("dscene::name::duplicate", "a", "another name")],
+    },
+    Case {
+        name: "annotation_differs",
+        prelude: "",
+        script: "param corners: vec3[4] = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]",
+        wanted: &[("dscene::type::mismatch", "[[0, 0, 0], [1, 0, 0], [0, 1, 0]]", "")],
+    },
+    Case {
+        name: "ragged_array",
+        prelude: "",
+        script: "let a = [[0, 0, 0], [1, 0], [0, 1, 0]]",
+        wanted: &[("dscene::type::shape", "[1, 0]", "same shape")],
+    },
+    Case {
+        name: "chained_comparison",
+        prelude: "",
+        script: "let x = 0.5\nexpect 0 < x < 1",
+        wanted: &[("dscene::syntax::chained_comparison", "<", "a < b and b < c")],
+    },
+    Case {
+        name: "unknown_statement",
+        prelude: "",
+        script: "camra eye { fov: 45deg }\nvar x = 1\nlet y = 2",
+        wanted: &[
+            ("dscene::syntax::unknown_statement", "camra", "did you mean `camera`?"),
+            ("dscene::syntax::unknown_statement", "var", "did you mean `let`?"),
+        ],
+    },
+    Case {
+        name: "missing_expression",
+        prelude: "",
+        script: "let a =\nlet b = 1 +\nlet c = (1, 2)",
+        wanted: &[
+            ("dscene::syntax::unexpected", "", "expression is missing"),
+            ("dscene::syntax::unexpected", "", "expression is missing"),
+            ("dscene::syntax::unexpected", ",", ""),
+        ],
+    },
+    Case {
+        name: "equals_for_a_colon",
+        prelude: "",
+        script: "camera eye { fov = 45deg }",
+        wanted: &[("dscene::syntax::unexpected", "=", "name: value")],
+    },
+    Case {
+        name: "unknown_type",
+        prelude: "",
+        script: "let a: float = 1\nfn f(x: vec5) = x",
+        wanted: &[
+            ("dscene::type::unknown", "float", "did you mean `scalar`?"),
+            ("dscene::type::unknown", "vec5", "did you mean"),
+        ],
+    },
+    Case {
+        name: "index_out_of_range",
+        prelude: "",
+        script: "let a = [1, 2, 3]\nlet b = a[3]\nlet c = a.w",
+        wanted: &[("dscene::type::index", "3", "count from 0"), ("dscene::name::field", "w", "")],
+    },
+    Case {
+        name: "kind_is_another",
+        prelude: "",
+        script: "shape a = sphere()\nmaterial b = area(disk())\nmaterial c { reflectance: 0.5 }",
+        wanted: &[
+            ("dscene::type::mismatch", "sphere()", "give it a material"),
+            ("dscene::type::mismatch", "area(disk())", "declare it with `light`"),
+            ("dscene::name::unknown", "material", "diffuse(…)"),
+        ],
+    },
+    Case {
+        name: "optimize_fields",
+        prelude: SCENE,
+        script: "optimize fit { optimizer: adam(learning_rate: 0.1), iterations: 10, over: [target] }",
+        wanted: &[
+            ("dscene::name::field", "optimizer", "did you mean `using`?"),
+            ("dscene::call::unknown_argument", "learning_rate", "did you mean `lr`?"),
+            ("dscene::name::field", "iterations", "did you mean `steps`?"),
+            ("dscene::type::param", "target", "param target"),
+        ],
+    },
+    Case {
+        name: "wrong_choice",
+        prelude: "",
+        script: "camera eye { kind: orthografic }",
+        wanted: &[("dscene::name::unknown", "orthografic", "did you mean `orthographic`?")],
+    },
+    Case {
+        name: "gradient_of_an_image",
+        prelude: SCENE,
+        script: "print grad(render(eye), size), grad(fit, lamp), grad(fit, sized)",
+        wanted: &[
+            ("dscene::type::loss", "render(eye)", "jvp(e, p)"),
+            ("dscene::type::param", "lamp", "`lamp.radiance`"),
+            ("dscene::name::unknown", "sized", "did you mean `size`?"),
+        ],
+    },
+    Case {
+        name: "with_of_nothing",
+        prelude: SCENE,
+        script: "let a = render(eye) with { radius: 2, lamp.power: 3, eye: 4 }",
+        wanted: &[
+            ("dscene::name::unknown", "radius", ""),
+            ("dscene::name::field", "power", "did you mean `radiance`?"),
+            ("dscene::type::mismatch", "4", ""),
+        ],
+    },
+    Case {
+        name: "values_that_cannot_be",
+        prelude: "",
+        script: "camera a { film: [0, 64], fov: 180deg }\ncamera b { film: [100000, 100000], position: [0, 0, 0] }\nlet c = render(a, spp: 0)",
+        wanted: &[
+            ("dscene::value::film", "[0, 64]", "at least 1"),
+            ("dscene::value::fov", "180deg", ""),
+            ("dscene::value::film", "[100000, 100000]", ""),
+            ("dscene::value::spp", "0", "spp: 1"),
+        ],
+    },
+    Case {
+        name: "error_in_a_function",
+        prelude: "",
+        script: "fn twice(x) = x + [1, 2]\nlet a = twice([1, 2, 3])\nlet b: scalar = mix(1, \"a\", 0.5)",
+        wanted: &[("dscene::type::shape", "+", ""), ("dscene::type::mismatch", "\"a\"", "")],
+    },
+    Case {
+        name: "saving",
+        prelude: SCENE,
+        script: "save eye to \"a.png\"\nsave render(eye) to \"a.bmp\"\nsave render(eye) to 3",
+        wanted: &[
+            ("dscene::type::mismatch", "eye", "save render(eye)"),
+            ("dscene::file::format", "\"a.bmp\"", "`.png`"),
+            ("dscene::type::mismatch", "3", ""),
+        ],
+    },
+    Case {
+        name: "many_at_once",
+        prelude: "",
+        script: "\
+camera eye { fov: 45, film: [64, 64.5] }
+let a = undefined + 1
+let b = a + also_undefined
+let c = b * 2
+shape s { mesh: spere(), material: diffuse(reflectance: \"red.png\") }
+expect 3",
+        wanted: &[
+            ("dscene::type::unit", "45", "45deg"),
+            ("dscene::type::mismatch", "[64, 64.5]", ""),
+            ("dscene::name::unknown", "undefined", ""),
+            ("dscene::name::unknown", "also_undefined", ""),
+            ("dscene::name::unknown", "spere", "did you mean `sphere`?"),
+            ("dscene::type::mismatch", "\"red.png\"", "texture(\"red.png\")"),
+            ("dscene::type::mismatch", "3", "3 > 0"),
+        ],
+    },
+];
+
+#[test]
+fn wrong_scripts_are_told_what_is_wrong_where_and_what_to_write() {
+    let mut failures = Vec::new();
+    for case in CASES {
+        let text = format!("{}{}\n", case.prelude, case.script);
+        let checked = check_text(&format!("{}.dscene", case.name), None, text, &[], &Disk);
+        let found: Vec<(&str, &str, String)> = checked
+            .diagnostics
+            .iter()
+            .map(|d| (d.code, d.span().map_or("", |s| checked.sources.text(s)), d.helps.join("\n")))
+            .collect();
+        let same = found.len() == case.wanted.len()
+            && found.iter().zip(case.wanted).all(|(f, w)| f.0 == w.0 && f.1 == w.1 && f.2.contains(w.2));
+        let rendered = render_all(&checked.diagnostics, &checked.sources, RenderOptions::plain());
+        if !same {
+            failures.push(format!("{}: wanted {:#?}\nfound {found:#?}\n{rendered}", case.name, case.wanted));
+        }
+        if let Err(difference) = expect_file(case.name, &rendered) {
+            failures.push(difference);
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n\n"));
+}
+
+#[test]
+fn no_label_points_into_the_library() {
+    for case in CASES {
+        let text = format!("{}{}\n", case.prelude, case.script);
+        let checked = check_text("script.dscene", None, text, &[], &Disk);
+        for diagnostic in &checked.diagnostics {
+            for label in &diagnostic.labels {
+                assert_eq!(checked.sources.name(label.span.source), "script.dscene", "{}: {diagnostic:?}", case.name);
+            }
+        }
+    }
+}
+
+/// Compares with the stored text, or stores it.
+fn expect_file(name: &str, found: &str) -> Result<(), String> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/diagnostics").join(format!("{name}.txt"));
+    if std::env::var_os("UPDATE_EXPECT").is_some() {
+        return std::fs::write(&path, found).map_err(|e| e.to_string());
+    }
+    let wanted = std::fs::read_to_string(&path).unwrap_or_default();
+    if wanted == found {
+        return Ok(());
+    }
+    Err(format!("{name}: the picture differs; it is now\n{found}and was\n{wanted}"))
+}
