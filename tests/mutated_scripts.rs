@@ -18,22 +18,86 @@ impl Random {
 }
 
 const SCRAPS: &[&str] = &[
-    "{", "}", "[", "]", "(", ")", "\"", "\\", "{{", "|>", "=>", "..", "..=", "=", "==", ":", ",", ".", "-", "^", "#", "#f80", "/*",
-    "*/", "//", "///", "\n", "\0", "é", "🫖", "1e999", "45deg", "30%", "0x", "if ", "then ", "else ", "with { ", "for i in ", "param ",
-    "let ", "fn f(x) = ", "shape ", "loss ", "optimize ", "every 3 {", "save ", " to ", "step", "grad(", "render(", "[[[[", "not ",
-    "none", "import ", "native fn ", "T", "x", "eye", "std.", " as ", "true", "-1", "[0]", "[1..]", ".xyzw", "{x:.3}",
+    "{",
+    "}",
+    "[",
+    "]",
+    "(",
+    ")",
+    "\"",
+    "\\",
+    "{{",
+    "|>",
+    "=>",
+    "..",
+    "..=",
+    "=",
+    "==",
+    ":",
+    ",",
+    ".",
+    "-",
+    "^",
+    "#",
+    "#f80",
+    "/*",
+    "*/",
+    "//",
+    "///",
+    "\n",
+    "\0",
+    "é",
+    "🫖",
+    "1e999",
+    "45deg",
+    "30%",
+    "0x",
+    "if ",
+    "then ",
+    "else ",
+    "with { ",
+    "for i in ",
+    "param ",
+    "let ",
+    "fn f(x) = ",
+    "shape ",
+    "loss ",
+    "optimize ",
+    "every 3 {",
+    "save ",
+    " to ",
+    "step",
+    "grad(",
+    "render(",
+    "[[[[",
+    "not ",
+    "none",
+    "import ",
+    "native fn ",
+    "T",
+    "x",
+    "eye",
+    "std.",
+    " as ",
+    "true",
+    "-1",
+    "[0]",
+    "[1..]",
+    ".xyzw",
+    "{x:.3}",
 ];
 
 fn scripts() -> Vec<String> {
     let mut scripts = vec![
-        "param a = 1\ncamera c { film: [4, 4] }\nfn f(x, k = 2) { let b = x * k [b, a] }\nloss l = mean(f(a)) + if a > 1 then a else 0\n\
+        "param a = 1\ncamera c { film: [4, 4] }\nfn f(x, k = 2) { let b = x * k\n [b, a] }\nloss l = mean(f(a)) + if a > 1 then a else 0\n\
          print \"{a:.2} {f(3)}\", [i for i in 0..3 if i > 1]\nlet m = render(c) with { a: 2 }\noptimize l { every 2 { print l } }\n"
             .to_owned(),
     ];
     let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
     for place in ["examples", "stdlib"] {
         let Ok(entries) = std::fs::read_dir(folder.join(place)) else { continue };
-        let mut paths: Vec<_> = entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "dscene")).collect();
+        let mut paths: Vec<_> =
+            entries.flatten().map(|e| e.path()).filter(|p| p.extension().is_some_and(|e| e == "dscene")).collect();
         paths.sort();
         scripts.extend(paths.iter().filter_map(|p| std::fs::read_to_string(p).ok()));
     }
@@ -89,7 +153,10 @@ fn damaged_scripts_are_checked_without_a_panic() {
             assert!(!diagnostic.message.is_empty() && to_json(diagnostic, &checked.sources)["code"].is_string());
             for label in &diagnostic.labels {
                 let length = checked.sources.get(label.span.source).map_or(0, |f| f.text.len());
-                assert!(label.span.start <= label.span.end && label.span.end as usize <= length, "{diagnostic:?} in {text}");
+                assert!(
+                    label.span.start <= label.span.end && label.span.end as usize <= length,
+                    "{diagnostic:?} in {text}"
+                );
             }
         }
     }
@@ -99,8 +166,10 @@ fn damaged_scripts_are_checked_without_a_panic() {
 fn damaged_lines_are_checked_without_a_panic() {
     let mut random = Random(77);
     let scripts = scripts();
-    let mut program = check_text("start.dscene", None, scripts[0].as_str(), &[], &Disk).program.expect("a right script");
-    let lines: Vec<String> = scripts.iter().flat_map(|s| s.lines().map(str::to_owned)).filter(|l| !l.trim().is_empty()).collect();
+    let mut program =
+        check_text("start.dscene", None, scripts[0].as_str(), &[], &Disk).program.expect("a right script");
+    let lines: Vec<String> =
+        scripts.iter().flat_map(|s| s.lines().map(str::to_owned)).filter(|l| !l.trim().is_empty()).collect();
     for _ in 0..300 {
         let line = damage(&lines[random.below(lines.len())], &mut random);
         let (_, diagnostics) = check_line(&mut program.clone(), &line);
@@ -117,7 +186,11 @@ fn huge_and_odd_files_end() {
     let garbage = "@%&!~ ".repeat(500_000);
     let quotes = "\"".repeat(200_000);
     let words = "word ".repeat(500_000);
-    let lambda: String = (0..40).map(|i| format!("fn f{i}(x) = {}\n", if i == 0 { "x".to_owned() } else { format!("f{}(x) + f{}(x)", i - 1, i - 1) })).collect();
+    let lambda: String = (0..40)
+        .map(|i| {
+            format!("fn f{i}(x) = {}\n", if i == 0 { "x".to_owned() } else { format!("f{}(x) + f{}(x)", i - 1, i - 1) })
+        })
+        .collect();
     let doubling = format!("{lambda}let y = f39(1)\n");
     for (name, text, fine) in [
         ("numbers", &numbers, true),

@@ -340,6 +340,8 @@ impl Builder<'_> {
             let operand = self.climb(items, power)?;
             let span = start.to(operand.span);
             Expr { kind: ExprKind::Unary { op, operand: Box::new(operand) }, span }
+        } else if first.as_rule() == Rule::if_ {
+            self.choice(first)
         } else {
             self.operand(first)
         };

@@ -18,7 +18,7 @@ pub fn explain(error: &Error<Rule>, text: &str, source: SourceId, offset: usize)
     // `fov = 45deg`: the word is fine, the sign after it is not.
     let after = at + found.len();
     let next = after + text.get(after..).map_or(0, |t| t.len() - t.trim_start().len());
-    let wants_field = matches!(&error.variant, ErrorVariant::ParsingError { positives, .. } if positives.contains(&Rule::field));
+    let wants_field = matches!(&error.variant, ErrorVariant::ParsingError { positives, .. } if positives.iter().any(|r| matches!(r, Rule::field | Rule::word)));
     if wants_field && found.starts_with(|c: char| c.is_ascii_alphabetic()) && token_at(text, next).1 == "=" {
         (at, found) = (next, "=".to_owned());
     }
