@@ -102,8 +102,7 @@ fn shadow_camera() {
 
 fn environment_shadow(f: impl Fn(f32, &mut Blocker)) -> impl Fn(f32) -> (SceneDescription, Camera) {
     move |t| {
-        let mut s =
-            Blocker { blocker: Blocker::default().blocker.map(|v| v - vec3(0., 2.2, 0.)), ..Blocker::default() };
+        let mut s = Blocker { blocker: Blocker::default().blocker.map(|v| v - vec3(0., 2.2, 0.)), ..Blocker::default() };
         f(t, &mut s);
         let mut b = Builder::default();
         let grey = b.diffuse(Vec3::splat(0.5));
@@ -158,10 +157,7 @@ fn two_triangles() {
             let green = b.diffuse(vec3(0.05, 0.35, 0.05));
             b.shape(mesh(v[..3].to_vec(), vec![[0, 1, 2]]), red);
             b.shape(mesh(v[3..].to_vec(), vec![[0, 1, 2]]), green);
-            b.light(
-                quad(vec3(-1., -1., -7.), vec3(1., -1., -7.), vec3(1., 1., -7.), vec3(-1., 1., -7.)),
-                Vec3::splat(20.),
-            );
+            b.light(quad(vec3(-1., -1., -7.), vec3(1., -1., -7.), vec3(1., 1., -7.), vec3(-1., 1., -7.)), Vec3::splat(20.));
             (b.scene, look_at(vec3(0., 0., -5.), Vec3::ZERO, 45., 32))
         }
     };
@@ -172,10 +168,7 @@ fn two_triangles() {
 }
 
 /// Blocker seen in a floor of some material, lit by a wall of light.
-fn reflection(
-    material: fn(&mut Builder) -> Material,
-    f: impl Fn(f32, &mut Blocker),
-) -> impl Fn(f32) -> (SceneDescription, Camera) {
+fn reflection(material: fn(&mut Builder) -> Material, f: impl Fn(f32, &mut Blocker)) -> impl Fn(f32) -> (SceneDescription, Camera) {
     move |t| {
         let mut s = Blocker {
             blocker: [vec3(-0.6, 0.5, 0.3), vec3(-0.5, 1.6, 0.3), vec3(0.6, 0.4, 0.5), vec3(0.4, 1.5, 0.3)],

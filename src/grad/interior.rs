@@ -409,7 +409,8 @@ impl Pass for Interior<'_> {
                 if self.settings.output == Output::Radiance {
                     path.vertices.clear();
                     trace(self.scene, Start::Ray(ray, &[]), &mut sampler, &options, &mut path);
-                    let boundary = self.secondary.as_ref().and_then(|s| s.sample(&path, &mut sampler).map(|b| (s, b)));
+                    let boundary =
+                        self.secondary.as_ref().and_then(|s| s.sample(&path, &mut sampler).map(|b| (s, b)));
                     out.pixel(pixel, |d, out| {
                         let d = d * inv_spp;
                         let injection = boundary.as_ref().map(|(secondary, b)| {

@@ -137,10 +137,9 @@ pub fn all_slots(d: &SceneDescription, c: &Camera) -> Vec<(Slot, Vec<f32>)> {
 pub fn tangents(build: &dyn Fn(f32) -> (SceneDescription, Camera), h: f32) -> Vec<(Slot, Vec<f32>)> {
     let (up, down) = (build(h), build(-h));
     let (up, down) = (all_slots(&up.0, &up.1), all_slots(&down.0, &down.1));
-    let velocity = up
-        .into_iter()
-        .zip(down)
-        .map(|((slot, u), (_, d))| (slot, u.iter().zip(&d).map(|(u, d)| (u - d) / (2.0 * h)).collect::<Vec<f32>>()));
+    let velocity = up.into_iter().zip(down).map(|((slot, u), (_, d))| {
+        (slot, u.iter().zip(&d).map(|(u, d)| (u - d) / (2.0 * h)).collect::<Vec<f32>>())
+    });
     velocity.filter(|(_, v)| v.iter().any(|x| *x != 0.0)).collect()
 }
 
