@@ -118,14 +118,14 @@ impl<'a> Viewpoint<'a> {
         self.mirror.map_or(dir, |m| dir - m.n * (2.0 * m.n.dot(dir)))
     }
 
-    /// Whether both points lie on the camera's side of the mirror (always true without one).
+    /// Whether a point lies on the camera's side of the mirror and not in its plane (always true without one).
     pub fn in_front(&self, p: Vec3) -> bool {
         self.mirror.is_none_or(|m| {
             let viewer = match self.camera.projection {
                 Projection::Perspective => m.n.dot(self.camera.origin) - m.c,
                 Projection::Orthographic => -m.n.dot(self.camera.frame[2]),
             };
-            viewer * (m.n.dot(p) - m.c) > 0.0
+            viewer.signum() * (m.n.dot(p) - m.c) > 1e-5 * self.scene.radius
         })
     }
 

@@ -245,8 +245,8 @@ fn central_differences(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: 
 }
 
 /// Compares and prints; fails if they differ by more than three combined standard errors, or if the errors are too large
-/// (relative to the value, or to `scale` where the value itself is near zero) for the comparison to mean anything.
-pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan, scale: f64) {
+/// (relative to the value) for the comparison to mean anything.
+pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) {
     let start = std::time::Instant::now();
     let g = gradient(build, plan);
     let t1 = start.elapsed().as_secs_f64();
@@ -254,7 +254,7 @@ pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan
     let t2 = start.elapsed().as_secs_f64() - t1;
     let error = g.error.hypot(fd.error);
     let z = (g.mean - fd.mean) / error;
-    let relative = error / fd.mean.abs().max(scale);
+    let relative = error / fd.mean.abs();
     println!(
         "{name:34} grad {:11.4} ± {:8.4} ({t1:5.2} s)  fd {:11.4} ± {:8.4} ({t2:5.2} s)  z {z:6.2}  error {:5.2} %",
         g.mean,
