@@ -12,7 +12,7 @@ use super::call::{Closure, function};
 use super::{Engine, Result, World, error, mix, show};
 
 /// Items of a range or comprehension, at most.
-const MAX_ITEMS: f64 = (1u64 << 24) as f64;
+const MAX_ITEMS: f64 = (1u64 << 22) as f64;
 
 impl Engine {
     pub(super) fn expr(&mut self, e: &Expr) -> Result<Value> {

@@ -217,17 +217,16 @@ impl<'a> Args<'a> {
         self.named(name).map(|(i, _)| self.string(i)).transpose()
     }
 
+    /// An image with at least one pixel.
     pub fn image(&self, index: usize) -> Result<Var> {
-        match self.value(index)? {
-            Value::Image(v) => Ok(v.clone()),
-            Value::Texture(t) => Ok(t.texels.clone()),
-            Value::Num(v) if v.shape().len() == 3 => Ok(v.clone()),
-            Value::Num(v) if v.shape().len() == 2 => {
-                let shape = [v.shape(), &[1]].concat();
-                Ok(v.reshape(shape)?)
-            }
-            _ => Err(self.wrong(index, "an image")),
-        }
+        let image = match self.value(index)? {
+            Value::Image(v) => v.clone(),
+            Value::Texture(t) => t.texels.clone(),
+            Value::Num(v) if v.shape().len() == 3 => v.clone(),
+            Value::Num(v) if v.shape().len() == 2 => v.reshape([v.shape(), &[1]].concat())?,
+            _ => return Err(self.wrong(index, "an image")),
+        };
+        if image.is_empty() { Err(NativeError::at(index, "an image without pixels")) } else { Ok(image) }
     }
 
     pub fn mesh(&self, index: usize) -> Result<&'a MeshValue> {

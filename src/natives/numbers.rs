@@ -7,7 +7,7 @@ use super::value::{MeshValue, Value};
 use super::{Args, Native, NativeError, Result, meshes};
 
 /// Numbers in the arrays that `noise` and `uniform` make, at most.
-const MAX_NUMBERS: i64 = 1 << 26;
+const MAX_NUMBERS: i64 = 1 << 24;
 
 pub(super) const TABLE: &[(&str, Native)] = &[
     ("abs", |a| elementwise(a, Unary::Abs)),

@@ -1,0 +1,164 @@
+//! Every array of a scene that can carry derivatives, reached from the language: reverse mode against central
+//! differences of the same expression, over independent seeds.
+
+use dscene::check::{self, Disk, Line};
+use dscene::eval::{Engine, EngineOptions};
+
+const REPEATS: u64 = 40;
+
+struct Case {
+    name: &'static str,
+    param: &'static str,
+    scene: &'static str,
+    step: f64,
+}
+
+const CASES: &[Case] = &[
+    Case {
+        name: "vertices, and a silhouette",
+        param: "param p = [0.1, 0.2, 0]",
+        scene: "shape s { mesh: triangle([-1, -1, 0], [1, -0.8, 0], [0, 1, 0.3]) |> translate(p) }\nlight l = constant(1)",
+        step: 0.05,
+    },
+    Case {
+        name: "a rotation",
+        param: "param p: rotation = euler(y: 20deg)",
+        scene: "shape s { mesh: cube() |> rotate(by: p) }\nlight l = directional(direction: [0.3, -1, -2], irradiance: 3)",
+        step: 0.03,
+    },
+    Case {
+        name: "normals",
+        param: "param p = [0.1, 0.3, 1]",
+        scene: "let n = normalize(p)\nshape s { mesh: mesh(vertices: [[-3,-3,0],[3,-3,0],[0,4,0]], faces: [[0,1,2]], normals: [n, [0,0,1], [0,0,1]]) }\nlight l = point(position: [1, 1, 3], intensity: 10)",
+        step: 0.02,
+    },
+    Case {
+        name: "uvs",
+        param: "param p = [0.2, 0.3]",
+        scene: "let t = texture([[0.1, 0.9], [0.3, 0.5]], wrap: clamp)\nshape s { mesh: mesh(vertices: [[-3,-3,0],[3,-3,0],[0,4,0]], faces: [[0,1,2]], uvs: [p, [0.8, 0.4], [0.5, 0.7]]), material: diffuse(reflectance: t) }\nlight l = constant(1)",
+        step: 0.02,
+    },
+    Case {
+        name: "vertex colours",
+        param: "param p = [0.2, 0.5, 0.7]",
+        scene: "shape s { mesh: mesh(vertices: [[-3,-3,0],[3,-3,0],[0,4,0]], faces: [[0,1,2]], colors: [p, [1,0,0], [0,1,0]]), material: diffuse(reflectance: vertex_color()) }\nlight l = constant(1)",
+        step: 0.05,
+    },
+    Case {
+        name: "texels",
+        param: "param p = [[0.2, 0.5], [0.7, 0.4]]",
+        scene: "shape s { mesh: rectangle(width: 4, depth: 4) |> rotate(x: 90deg), material: diffuse(reflectance: texture(p)) }\nlight l = constant(1)",
+        step: 0.05,
+    },
+    Case {
+        name: "a point light",
+        param: "param p = [0.3, 0.5, 2.5]",
+        scene: "shape s { mesh: rectangle(width: 4, depth: 4) |> rotate(x: 90deg) }\nlight l = point(position: p, intensity: 9 * p.z)",
+        step: 0.02,
+    },
+    Case {
+        name: "a directional light",
+        param: "param p = [0.3, 0.5, -1]",
+        scene: "shape s { mesh: rectangle(width: 4, depth: 4) |> rotate(x: 90deg) }\nlight l = directional(direction: p, irradiance: [1, 2, 3] * p.y)",
+        step: 0.02,
+    },
+    Case {
+        name: "an environment's rotation and texels",
+        param: "param p = 0.3",
+        scene: "let sky = image([[[1 + sin(i * 45deg), 1, p] for i in 0..8] for j in 0..4])\nlight l = environment(sky, rotation: rotation(axis: [0, 1, 0], angle: p * 1rad))\nshape s { mesh: sphere(subdivisions: 12) }",
+        step: 0.05,
+    },
+    Case {
+        name: "an area light's size, place and radiance",
+        param: "param p = [1, 0.2, 2]",
+        scene: "shape s { mesh: rectangle(width: 4, depth: 4) |> rotate(x: 90deg) }\nlight l = area(rectangle(width: p.x, depth: 1) |> rotate(x: -90deg) |> translate([0, p.y, p.z]), radiance: 3 * p.x)",
+        step: 0.02,
+    },
+    Case {
+        name: "material numbers",
+        param: "param p = [0.4, 0.3]",
+        scene: "shape s { mesh: sphere(subdivisions: 16), material: phong(diffuse: p.x, specular: [0.2, 0.3, p.x], roughness: p.y) }\nlight l = directional(direction: [0.3, -0.5, -1], irradiance: 3)",
+        step: 0.02,
+    },
+];
+
+/// Cameras over the same scene of a textured ground and a box.
+const CAMERAS: &[(&str, &str, &str, f64)] = &[
+    ("position", "param p = [0.2, 1, 4]", "position: p, look_at: [0, 0, 0]", 0.05),
+    ("look_at", "param p = [0.2, 0.1, 0]", "position: [0, 1, 4], look_at: p", 0.05),
+    ("fov", "param p = 40deg", "position: [0, 1, 4], look_at: [0, 0, 0], fov: p", 0.03),
+    ("fov_x", "param p = 55deg", "position: [0, 1, 4], look_at: [0, 0, 0], fov_x: p", 0.03),
+    ("height", "param p = 3", "position: [0, 1, 4], look_at: [0, 0, 0], kind: orthographic, height: p", 0.1),
+    ("transform", "param p = [0.2, 1, 4]", "transform: look_at(p, [0, 0, 0])", 0.05),
+];
+
+const LOSS: &str =
+    "let y = mean(render(eye, spp: 8, max_bounces: 1) * (pixels(eye).x + 2 * pixels(eye).y) * [1, 0.5, 0.25])\n";
+
+/// Means agree within 4.5 combined standard errors, all elements of the param together within a looser share.
+fn agree(name: &str, text: &str, step: f64) {
+    let checked = check::check_text(name, None, text, &[], &Disk);
+    let errors: Vec<_> = checked.diagnostics.iter().filter(|d| d.is_error()).collect();
+    assert!(errors.is_empty(), "{name}: {errors:#?}");
+    let mut engine = Engine::new(checked.program.unwrap(), EngineOptions::default());
+    let mut program = engine.program().clone();
+    let Some(Line::Expr(y)) = check::check_line(&mut program, "y").0 else { panic!("{name}: no y") };
+    let target = check::hir::Target { decl: engine.program().find("p").unwrap(), path: vec![] };
+    let (mut sums, mut squares): (Vec<[f64; 2]>, Vec<[f64; 2]>) = (vec![], vec![]);
+    for r in 0..REPEATS {
+        engine.set_sample_seed(r + 1);
+        let found = engine.gradient(&y, std::slice::from_ref(&target)).unwrap_or_else(|e| panic!("{name}: {e:#?}"));
+        let differences = engine.finite_difference(&y, &target, step).unwrap_or_else(|e| panic!("{name}: {e:#?}"));
+        let n = differences.len();
+        assert_eq!(found.grads[0].len(), n, "{name}");
+        sums.resize(n, [0.0; 2]);
+        squares.resize(n, [0.0; 2]);
+        for k in 0..n {
+            for (side, x) in [found.grads[0].data[k], differences.data[k]].into_iter().enumerate() {
+                sums[k][side] += x;
+                squares[k][side] += x * x;
+            }
+        }
+    }
+    let r = REPEATS as f64;
+    let largest = sums.iter().map(|s| (s[1] / r).abs()).fold(0.0, f64::max);
+    assert!(largest > 0.0, "{name}: nothing moves");
+    for (k, (s, q)) in sums.iter().zip(&squares).enumerate() {
+        let mean = s.map(|x| x / r);
+        let variance = |i: usize| ((q[i] / r - mean[i] * mean[i]).max(0.0)) / (r - 1.0);
+        let error = (variance(0) + variance(1)).sqrt();
+        let off = (mean[0] - mean[1]).abs();
+        // A little for the curvature of differences.
+        assert!(
+            off <= 4.5 * error + 0.01 * largest,
+            "{name}, element {k}: gradient {} ± {}, differences {} ± {}",
+            mean[0],
+            variance(0).sqrt(),
+            mean[1],
+            variance(1).sqrt()
+        );
+        assert!(error < 0.25 * largest, "{name}, element {k}: too noisy to tell ({mean:?} ± {error})");
+    }
+}
+
+#[test]
+fn every_slot_of_a_scene() {
+    for case in CASES {
+        let camera = "camera eye { position: [0, 0, 5], look_at: [0, 0, 0], fov: 40deg, film: [16, 12] }";
+        agree(case.name, &format!("{}\n{}\n{camera}\n{LOSS}", case.param, case.scene), case.step);
+    }
+}
+
+#[test]
+fn every_slot_of_a_camera() {
+    let scene = "
+shape ground { mesh: rectangle(width: 9, depth: 9) |> translate([0, -1, 0]), material: diffuse(reflectance: texture([[0.1, 0.8], [0.4, 0.2]])) }
+shape box { mesh: cube() |> rotate(y: 30deg), material: diffuse(reflectance: 0.9) }
+light l = directional(direction: [0.3, -1, -0.5], irradiance: 3)";
+    for (name, param, fields, step) in CAMERAS {
+        let camera = format!("camera eye {{ {fields}, film: [16, 12] }}");
+        // Silhouettes in differences are noisy: more samples.
+        let loss = LOSS.replace("spp: 8", "spp: 32");
+        agree(name, &format!("{param}\n{scene}\n{camera}\n{loss}"), *step);
+    }
+}
