@@ -77,7 +77,7 @@ impl Accel {
 
     /// The closest hit whose primitive is not in `skip`.
     pub fn closest(&self, ray: &Ray, skip: &[PrimId]) -> Option<Hit> {
-        let bvh = self.bvh.as_ref()?;
+        let bvh = self.bvh.as_ref().filter(|_| is_finite(ray))?;
         let mut best_b = [0.0; 3];
         let mut hit = RayHit::none();
         let found = bvh.ray_traverse(to_obvhs(ray), &mut hit, |r, i| {
@@ -93,9 +93,12 @@ impl Accel {
         found.then(|| Hit { t: hit.t, prim: self.tris[hit.primitive_id as usize].prim, b: best_b })
     }
 
-    /// Whether anything not in `skip` lies on the ray.
+    /// Whether anything not in `skip` lies on the ray. Nothing is seen along a ray that is not finite.
     pub fn occluded(&self, ray: &Ray, skip: &[PrimId]) -> bool {
         let Some(bvh) = self.bvh.as_ref() else { return false };
+        if !is_finite(ray) {
+            return true;
+        }
         !bvh.ray_traverse_miss(to_obvhs(ray), |r, i| {
             let tri = &self.tris[i];
             match intersect(tri, r) {
@@ -104,6 +107,11 @@ impl Accel {
             }
         })
     }
+}
+
+/// Positions of the order of 1e19 and more overflow in the arithmetic of single precision.
+fn is_finite(ray: &Ray) -> bool {
+    ray.origin.is_finite() && ray.dir.is_finite()
 }
 
 fn to_obvhs(ray: &Ray) -> ObvhsRay {

@@ -90,6 +90,13 @@ impl Scene {
     }
 }
 
+/// Coordinates beyond this overflow in single precision when areas are squared.
+const FARTHEST: f32 = 1e9;
+
+fn is_too_far(p: Vec3) -> bool {
+    p.abs().max_element() > FARTHEST
+}
+
 /// Refuses cameras no image can be made with.
 pub fn validate_camera(camera: &Camera) -> Result<(), SceneError> {
     let fail = |what: String| Err(SceneError::Camera { what });
@@ -103,6 +110,9 @@ pub fn validate_camera(camera: &Camera) -> Result<(), SceneError> {
     if !camera.origin.is_finite() || !frame.is_finite() || frame.determinant().abs() < 1e-12 {
         return fail("the camera's position and orientation do not make a frame (does it look along `up`, or at its own position?)".into());
     }
+    if is_too_far(camera.origin) {
+        return fail(format!("the camera is too far out: {} (at most 1e9 from the origin)", camera.origin));
+    }
     if !camera.scale.iter().all(|s| s.is_finite() && *s > 0.0) {
         return fail("the camera's field of view must be above zero and below 180 degrees".into());
     }
@@ -115,6 +125,9 @@ fn validate(description: &SceneDescription) -> Result<(), SceneError> {
         let mesh = &shape.mesh;
         if let Some(v) = mesh.vertices.iter().position(|v| !v.is_finite()) {
             return fail(format!("vertex {v} is not finite: {}", mesh.vertices[v]));
+        }
+        if let Some(v) = mesh.vertices.iter().position(|v| is_too_far(*v)) {
+            return fail(format!("vertex {v} is too far out: {} (at most 1e9 from the origin)", mesh.vertices[v]));
         }
         let n = mesh.vertices.len();
         if let Some(f) = mesh.faces.iter().position(|f| f.iter().any(|&v| v as usize >= n)) {
@@ -158,6 +171,9 @@ fn validate(description: &SceneDescription) -> Result<(), SceneError> {
         };
         if !placement.is_finite() || !power.is_finite() {
             return Err(SceneError::Light { light: i, what: "the light's numbers must be finite".into() });
+        }
+        if !directional && is_too_far(placement) {
+            return Err(SceneError::Light { light: i, what: "the light is too far out (at most 1e9 from the origin)".into() });
         }
         if directional && placement.length_squared() == 0.0 {
             return Err(SceneError::Light { light: i, what: "a directional light needs a direction".into() });

@@ -80,13 +80,15 @@ impl Repl<'_> {
             self.world.print(&text);
             return Ok(());
         }
-        let name = name.trim_start_matches(':');
-        if let Some((name, args, what)) = NAMES.iter().find(|(n, ..)| *n == name) {
+        let program = self.engine.program();
+        let found = program.find(name);
+        // `:help render` is the function, `:help :render` the command.
+        let bare = name.trim_start_matches(':');
+        if let (None, Some((name, args, what))) = (found, NAMES.iter().find(|(n, ..)| *n == bare)) {
             self.world.print(&format!(":{name} {args}\n  {what}"));
             return Ok(());
         }
-        let program = self.engine.program();
-        let Some(id) = program.find(name) else {
+        let Some(id) = found else {
             let names = program.ids().map(|id| program.decl(id).name.as_str());
             return Err(Diagnostic::error("dscene::name::unknown", format!("there is no `{name}`"))
                 .help_opt(diag::suggest(name, names).map(|n| format!("did you mean `{n}`?"))));
@@ -102,7 +104,7 @@ impl Repl<'_> {
     }
 
     fn list_params(&mut self) -> Result<(), Diagnostic> {
-        let mut rows = vec![["param", "type", "value", "bounds", ""].map(str::to_owned).to_vec()];
+        let mut rows = vec![["param", "type", "bounds", "", "value"].map(str::to_owned).to_vec()];
         for info in self.engine.params()? {
             let value = self.engine.param_value(info.id)?;
             let ty = self.engine.program().decl(info.id).ty.to_string();
@@ -114,7 +116,13 @@ impl Repl<'_> {
             notes.extend(info.frozen.then(|| "frozen".to_owned()));
             notes.extend(info.lr.map(|lr| format!("lr × {}", show::digits(lr))));
             notes.extend(info.scale.map(|scale| format!("scale {}", show::digits(scale))));
-            rows.push(vec![info.name.clone(), ty, show::tensor(&value), bounds, notes.join(", ")]);
+            rows.push(vec![
+                info.name.clone(),
+                ty,
+                bounds,
+                notes.join(", "),
+                crate::session::run::shortened(&show::tensor(&value)),
+            ]);
         }
         if rows.len() == 1 {
             self.world.note("no params: declare one with `param name = value`");
@@ -183,6 +191,7 @@ impl Repl<'_> {
             return Ok(());
         }
         let mut runner = Runner::new(&mut self.engine, &mut *self.world);
+        runner.outputs = self.common.out.clone().unwrap_or_default();
         let flow = runner.advance(&mut optimization, count);
         self.world.progress_done();
         optimization.leave(&mut self.engine);

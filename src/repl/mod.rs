@@ -195,6 +195,7 @@ impl<'w> Repl<'w> {
             }
             Line::Action(action) => {
                 let mut runner = Runner::new(&mut self.engine, &mut *self.world);
+                runner.outputs = self.common.out.clone().unwrap_or_default();
                 let flow = runner.run(&[action]);
                 self.failed |= runner.report.failed_expects > 0;
                 flow.map(|_| ())

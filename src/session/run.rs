@@ -37,8 +37,10 @@ pub struct RunReport {
 pub struct Runner<'a> {
     pub engine: &'a mut Engine,
     pub world: &'a mut dyn World,
-    /// Where the log and the outputs go. Without one (REPL) outputs go below the current folder and nothing is logged.
+    /// Where the log and the outputs go. Without one (REPL) nothing is logged.
     pub folder: Option<&'a mut RunFolder>,
+    /// Where outputs go if there is no run folder; by default the current folder.
+    pub outputs: PathBuf,
     /// Replaces the steps of every `optimize`.
     pub steps: Option<u64>,
     pub report: RunReport,
@@ -46,7 +48,7 @@ pub struct Runner<'a> {
 
 impl<'a> Runner<'a> {
     pub fn new(engine: &'a mut Engine, world: &'a mut dyn World) -> Runner<'a> {
-        Runner { engine, world, folder: None, steps: None, report: RunReport::default() }
+        Runner { engine, world, folder: None, outputs: PathBuf::new(), steps: None, report: RunReport::default() }
     }
 
     /// All of them, until one fails or the user interrupts. A failed `expect` is reported and the run goes on.
@@ -213,7 +215,7 @@ impl<'a> Runner<'a> {
     fn output_path(&self, name: &str, span: Span) -> Result<PathBuf, Diagnostic> {
         let path = match &self.folder {
             Some(folder) => folder.output_path(name),
-            None => output_path(Path::new("."), name),
+            None => output_path(&self.outputs, name),
         };
         path.map_err(|e| cannot_write(Path::new(name), &e, Some(span)))
     }
@@ -334,7 +336,7 @@ fn is_true(value: &Value) -> bool {
 }
 
 /// At most about 60 characters, on one line.
-fn shortened(text: &str) -> String {
+pub fn shortened(text: &str) -> String {
     let line = text.split_whitespace().collect::<Vec<&str>>().join(" ");
     if line.chars().count() <= 60 { line } else { format!("{}…", line.chars().take(59).collect::<String>()) }
 }
