@@ -184,7 +184,7 @@ impl Checker<'_> {
         let (ty, value) = if failed {
             (signature.result.as_ref().map_or(Ty::Error, |r| unknown_as_error(r.ty())), None)
         } else if native {
-            self.check_native(id, site.name, &found);
+            self.check_native(id, site.name, &mut found);
             let name = self.slot(id).name.text.clone();
             let ty = results::native(&name, &signature, &found, &bound);
             (ty, results::known(&name, &found))
@@ -662,13 +662,14 @@ impl Checker<'_> {
     }
 
     /// Files that are named literally must exist; sizes must make sense.
-    fn check_native(&mut self, id: DeclId, name: &str, found: &[Option<Typed>]) {
+    fn check_native(&mut self, id: DeclId, name: &str, found: &mut [Option<Typed>]) {
         let is_file = matches!(
             self.slot(id).name.text.as_str(),
             "load" | "load_shapes" | "load_image" | "texture" | "environment"
         );
-        if is_file && let Some(Some(Typed { value: Some(Const::Str(path)), expr })) = found.first() {
-            let full = self.folder().join(path);
+        if is_file && let Some(Some(Typed { value: Some(Const::Str(path)), expr })) = found.first_mut() {
+            let folder = self.folder();
+            let full = folder.join(path.as_str());
             let written = self.sources.text(expr.span).to_owned();
             if !self.loader.exists(&full) {
                 self.diagnostics.push(
@@ -676,6 +677,11 @@ impl Checker<'_> {
                         .label(expr.span, format!("looked for {}", full.display()))
                         .help(format!("paths start from the folder of the script; check the spelling of {written}")),
                 );
+            } else if folder != self.main_folder()
+                && let Ok(absolute) = std::path::absolute(&full)
+            {
+                // Paths in an imported file start from its own folder, at run time too.
+                expr.kind = ExprKind::Str(vec![hir::StrPart::Text(absolute.display().to_string())]);
             }
         }
         if name == "camera"

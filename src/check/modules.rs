@@ -254,7 +254,16 @@ impl<'l> Checker<'l> {
 
     /// Where relative paths of the present module start.
     pub fn folder(&self) -> PathBuf {
-        self.modules[self.module].path.as_deref().and_then(Path::parent).map(Path::to_path_buf).unwrap_or_default()
+        self.folder_of(self.module)
+    }
+
+    /// Where relative paths of the program's own file start.
+    pub fn main_folder(&self) -> PathBuf {
+        self.folder_of(self.main)
+    }
+
+    fn folder_of(&self, module: ModuleId) -> PathBuf {
+        self.modules[module].path.as_deref().and_then(Path::parent).map(Path::to_path_buf).unwrap_or_default()
     }
 
     fn load_library(&mut self) {

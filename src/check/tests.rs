@@ -244,3 +244,51 @@ fn overrides_replace_values() {
     let checked = check_text("t", None, SHADOW, &set("corners", "1 +"), &Disk);
     assert!(checked.program.is_none() && !checked.diagnostics.is_empty());
 }
+
+#[test]
+fn imports_bring_names_files_and_errors_of_their_own() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::create_dir_all(path.parent().expect("a parent")).expect("created");
+        std::fs::write(&path, text).expect("written");
+        path
+    };
+    let obj = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    write("lib/a.obj", obj);
+    write(
+        "lib/studio.dscene",
+        "import \"more.dscene\"\nlet height = base + 1\nfn wall(z) = load(\"a.obj\") |> translate([0, 0, z])\nshape back { mesh: wall(3) }\n",
+    );
+    write("lib/more.dscene", "import \"../main.dscene\" as main\nlet base = main.offset\n");
+    let main = write(
+        "main.dscene",
+        "import \"lib/studio.dscene\" as studio\nlet offset = 2\nlet h = studio.height + 1\nlet w = studio.wall(1)\nlet b = studio.back.mesh\n",
+    );
+    let checked = check(&main, &[], &Disk);
+    let shown = render_all(&checked.diagnostics, &checked.sources, RenderOptions::plain());
+    let program = checked.program.unwrap_or_else(|| panic!("{shown}"));
+    assert_eq!(ty(&program, "h"), "scalar");
+    assert_eq!(program.default_scene.len(), 1, "shapes of imported files are in the scene");
+    let wall = program.decl(program.find("wall").expect("declared"));
+    let DeclKind::Fn(f) = &wall.kind else { panic!("a function") };
+    let mut paths = Vec::new();
+    flow::walk(&f.body, &mut |e| {
+        if let ExprKind::Str(parts) = &e.kind
+            && let Some(hir::StrPart::Text(path)) = parts.first()
+        {
+            paths.push(path.clone());
+        }
+    });
+    assert!(paths.iter().any(|p| Path::new(p).is_absolute() && p.ends_with("a.obj")), "{paths:?}");
+
+    write("lib/more.dscene", "let base = nowhere\n");
+    let checked = check(&main, &[], &Disk);
+    let names: Vec<&str> =
+        checked.diagnostics.iter().filter_map(|d| d.span()).map(|s| checked.sources.name(s.source)).collect();
+    assert!(names.len() == 1 && names[0].ends_with("more.dscene"), "{names:?}");
+    assert!(check(&folder.path().join("none.dscene"), &[], &Disk).program.is_none());
+    let binary = folder.path().join("binary.dscene");
+    std::fs::write(&binary, [0xff, 0xfe, 0x00]).expect("written");
+    assert_eq!(check(&binary, &[], &Disk).diagnostics.first().map(|d| d.code), Some("dscene::file::unreadable"));
+}

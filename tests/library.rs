@@ -1,0 +1,183 @@
+//! The standard library: every example evaluates, and what the checker says of a value's type is true of the value.
+
+use dscene::check::types::{Dim, Ty};
+use dscene::check::{Disk, Line, check_line, check_text};
+use dscene::diag::{RenderOptions, render, render_all};
+use dscene::eval::value::Value;
+use dscene::eval::{Engine, EngineOptions, on_large_stack};
+
+/// What the examples may use.
+const FIXTURE: &str = "
+import std.studio as studio
+camera eye { position: [0, 0, 5], fov: 45deg, film: [16, 16] }
+param size = 1
+param turn = 10deg
+param pose: rotation = rotation(angle: 20deg)
+param tint: color = 0.5
+shape ball { mesh: icosphere(radius: size, subdivisions: 1), material: diffuse(reflectance: tint) }
+light sky = constant(1)
+light lamp = area(rectangle() |> flip() |> translate([0, 4, 0]), radiance: 5)
+let img = render(eye, spp: 1)
+loss fit = mse(render(eye, spp: 1), img + 0.1)
+fn ring(n: int, r: scalar = 1) {
+  let part = 360deg / n
+  [[r * cos(part * i), 0, r * sin(part * i)] for i in 0..n]
+}
+";
+
+/// Expressions whose sizes are inferred in ways of their own.
+const SIZES: &[&str] = &[
+    "ring(5)",
+    "[[1, 2], [3, 4]][0]",
+    "[1, 2, 3, 4][1..-1]",
+    "[1, 2, 3][..=1]",
+    "[[1, 2, 3], [4, 5, 6]].xy",
+    "[[1, 2, 3], [4, 5, 6]] + [1, 1, 1]",
+    "[[1], [2]] * [[1, 2, 3]]",
+    "(0..7)",
+    "[i for i in 0..4 if i > 1]",
+    "[a * b for a in [1, 2] for b in 0..=2]",
+    "crop(img, x: 1, y: 2, width: 5, height: 3)",
+    "resize(img, width: 5, height: 3)",
+    "downsample(img)",
+    "downsample(img, factor: 3)",
+    "downsample(crop(img, width: 7, height: 5), factor: 2)",
+    "gradient(img)",
+    "luminance(img)",
+    "luminance([0.1, 0.2, 0.3])",
+    "pyramid(img, levels: 2)",
+    "pixels(eye)",
+    "pixels(eye).x + img",
+    "img.rg",
+    "img * [1, 0.5, 0]",
+    "max(img, 0.5)",
+    "max([1, 2, 3])",
+    "image([[0, 1], [1, 0]])",
+    "transpose([[1, 2, 3], [4, 5, 6]])",
+    "reshape([1, 2, 3, 4, 5, 6], [3, 2])",
+    "noise(4)",
+    "noise([2, 3])",
+    "concat([[1, 2, 3]], [[4, 5, 6], [7, 8, 9]])",
+    "zip([1, 2], [[1, 2], [3, 4]])",
+    "matrix(rotation())",
+    "matrix(translation([1, 2, 3]))",
+    "ball.mesh.vertices",
+    "img.width",
+    "grad(fit, tint)",
+    "grad(fit, turn)",
+    "jvp(render(eye, spp: 1), size)",
+    "fd(fit, size)",
+    "render(eye, spp: 1) with { tint: 0.2 }",
+    "render(eye, spp: 1) with { eye: camera(film: [8, 4]) }",
+    "if size > 0 then [1, 2] else [3, 4]",
+    "turn / 1deg",
+    "atan2(1, 2)",
+    "euler(x: 20deg)",
+    "point(position: [1, 2, 3]).position",
+    "eye.fov",
+    "eye.film",
+    "eye.position",
+    "lamp.radiance",
+    "concat([1, 2], 0..3)",
+    "mix([0, 0, 0], [1, 2, 4], 0.5)",
+    "x => x + 1",
+    "[eye, eye]",
+    "[1, \"a\"]",
+    "estimate(fit, repeats: 2)",
+    "grad(fit)",
+];
+
+fn engine() -> Engine {
+    let checked = check_text("fixture.dscene", None, FIXTURE, &[], &Disk);
+    let shown = render_all(&checked.diagnostics, &checked.sources, RenderOptions::plain());
+    let Some(program) = checked.program else { panic!("{shown}") };
+    Engine::new(program, EngineOptions { base_dir: ".".into(), ..Default::default() })
+}
+
+/// Checks and evaluates; what is wrong, if anything is.
+fn faults(engine: &mut Engine, text: &str) -> Option<String> {
+    let mut program = engine.program().clone();
+    let (line, diagnostics) = check_line(&mut program, text);
+    let Some(Line::Expr(e)) = line else {
+        return Some(format!("{text}: {}", render_all(&diagnostics, &program.sources, RenderOptions::plain())));
+    };
+    match engine.eval(&e) {
+        Err(d) => Some(format!("{text}: {}", render(&d, &program.sources, RenderOptions::plain()))),
+        Ok(value) => disagreement(&e.ty, &value).map(|why| format!("{text}: `{}` but {why}", e.ty)),
+    }
+}
+
+/// How a value contradicts its static type.
+fn disagreement(ty: &Ty, value: &Value) -> Option<String> {
+    let shape_of = |wanted: &[Dim], found: &[usize]| {
+        let same = wanted.len() == found.len() && wanted.iter().zip(found).all(|(w, f)| w.is_none_or(|w| w == *f));
+        (!same).then(|| format!("its shape is {found:?}"))
+    };
+    match (ty, value) {
+        (Ty::Any, _) => None,
+        (Ty::Num(shape), Value::Num(v)) => shape_of(shape, v.shape()),
+        (Ty::Angle, Value::Num(v)) => shape_of(&[], v.shape()),
+        (Ty::Image { height, width, channels, .. }, Value::Image(v)) => {
+            shape_of(&[*height, *width, *channels], v.shape())
+        }
+        (Ty::Array(item, n), Value::List(items)) => {
+            if n.is_some_and(|n| n != items.len()) {
+                return Some(format!("it has {} items", items.len()));
+            }
+            items.iter().find_map(|i| disagreement(item, i))
+        }
+        (Ty::Array(item, n), Value::Num(v)) => {
+            let fine = n.is_none_or(|n| v.shape().first() == Some(&n))
+                && matches!(**item, Ty::Num(_) | Ty::Any | Ty::Tuple(_) | Ty::Angle);
+            (!fine).then(|| format!("it is numbers of shape {:?}", v.shape()))
+        }
+        (Ty::Tuple(types), Value::List(items)) => {
+            if types.len() != items.len() {
+                return Some(format!("it has {} items", items.len()));
+            }
+            types.iter().zip(items.iter()).find_map(|(t, i)| disagreement(t, i))
+        }
+        (Ty::Bool, Value::Bool(_))
+        | (Ty::Str, Value::Str(_))
+        | (Ty::Rotation, Value::Rotation(_))
+        | (Ty::Transform, Value::Transform(_))
+        | (Ty::Texture, Value::Texture(_))
+        | (Ty::Mesh, Value::Mesh(_))
+        | (Ty::Material, Value::Material(_))
+        | (Ty::Shape, Value::Shape(_))
+        | (Ty::Light, Value::Light(_))
+        | (Ty::Camera { .. }, Value::Camera(_))
+        | (Ty::Scene, Value::Scene(_))
+        | (Ty::Integrator | Ty::Optimizer | Ty::Preconditioner, Value::Settings(_))
+        | (Ty::Estimate(_), Value::Estimate(_))
+        | (Ty::Gradients, Value::Gradients(_))
+        | (Ty::Fn(..), Value::Function(_)) => None,
+        _ => Some("its value is of another kind".to_owned()),
+    }
+}
+
+#[test]
+fn every_example_of_the_library_evaluates_to_what_its_type_says() {
+    on_large_stack(|| {
+        let mut engine = engine();
+        let examples: Vec<String> = engine
+            .program()
+            .decls
+            .iter()
+            .filter(|d| !d.user && !matches!(d.name.as_str(), "load" | "load_shapes" | "load_image"))
+            .filter_map(|d| d.doc.split_once("Example: ").map(|(_, example)| example.to_owned()))
+            .collect();
+        assert!(examples.len() > 90, "{}", examples.len());
+        let wrong: Vec<String> = examples.iter().filter_map(|e| faults(&mut engine, e)).collect();
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    });
+}
+
+#[test]
+fn inferred_sizes_are_the_real_ones() {
+    on_large_stack(|| {
+        let mut engine = engine();
+        let wrong: Vec<String> = SIZES.iter().filter_map(|e| faults(&mut engine, e)).collect();
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    });
+}
