@@ -83,14 +83,16 @@ impl World for Terminal {
             bar.set_style(style.progress_chars("━╸─"));
             bar
         });
-        let left = progress.total.saturating_sub(progress.done) as f64 * progress.seconds_per_step;
+        let left = match progress.total.saturating_sub(progress.done) {
+            0 => "done".to_owned(),
+            steps => format!("{} left", human_seconds(steps as f64 * progress.seconds_per_step)),
+        };
         bar.set_length(progress.total);
         bar.set_prefix(progress.name.to_owned());
         bar.set_message(format!(
-            "loss {}  {} a step  {} left",
+            "loss {}  {} a step  {left}",
             significant(progress.loss, 4),
-            human_seconds(progress.seconds_per_step),
-            human_seconds(left)
+            human_seconds(progress.seconds_per_step)
         ));
         bar.set_position(progress.done);
     }

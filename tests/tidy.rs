@@ -1,0 +1,92 @@
+//! The house rules that a machine can check.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+fn files(folder: &str, extension: &str) -> Vec<PathBuf> {
+    let mut found = Vec::new();
+    let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|e| e == extension) {
+                found.push(path);
+            }
+        }
+    }
+    assert!(!found.is_empty(), "no .{extension} in {folder}");
+    found.sort();
+    found
+}
+
+#[test]
+fn no_file_is_too_long_to_take_in() {
+    const LONGEST: usize = 800;
+    let long: Vec<String> = ["src", "tests"]
+        .iter()
+        .flat_map(|folder| files(folder, "rs"))
+        .map(|path| (fs::read_to_string(&path).unwrap().lines().count(), path))
+        .filter(|(lines, _)| *lines > LONGEST)
+        .map(|(lines, path)| format!("{} has {lines} lines", path.display()))
+        .collect();
+    assert!(long.is_empty(), "{}", long.join("\n"));
+}
+
+#[test]
+fn nothing_is_left_undone() {
+    let words = ["todo!", "unimplemented!", "dbg!"].map(|w| format!("{w}("));
+    for path in files("src", "rs") {
+        let text = fs::read_to_string(&path).unwrap();
+        for word in &words {
+            assert!(!text.contains(word), "{word}) in {}", path.display());
+        }
+    }
+}
+
+/// Lower floors know nothing of scripts: no spans, no diagnostics.
+#[test]
+fn lower_floors_do_not_look_up() {
+    for module in ["math", "image", "mesh", "render", "grad", "tape", "optim", "natives"] {
+        for path in files(&format!("src/{module}"), "rs") {
+            let text = fs::read_to_string(&path).unwrap();
+            let code = text.lines().filter(|l| !l.trim_start().starts_with("//")).collect::<Vec<&str>>().join("\n");
+            for upper in
+                ["crate::diag", "crate::source", "crate::syntax", "crate::check::hir", "crate::session", "crate::cli"]
+            {
+                assert!(!code.contains(upper), "{} uses {upper}", path.display());
+            }
+        }
+    }
+}
+
+#[test]
+fn examples_are_short_and_say_what_they_show() {
+    for path in files("examples", "dscene") {
+        let text = fs::read_to_string(&path).unwrap();
+        let name = path.display();
+        assert!(text.lines().count() < 60, "{name} is too long for an example");
+        assert!(text.starts_with("///"), "{name} does not begin with what it shows");
+        assert!(text.contains("\nexpect "), "{name} does not expect anything");
+    }
+}
+
+/// Every script in the documents checks without an error.
+#[test]
+fn scripts_in_documents_check() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut count = 0;
+    for document in ["README.md", "CONTRIBUTING.md", "ARCHITECTURE.md"] {
+        let text = fs::read_to_string(root.join(document)).unwrap();
+        for block in text.split("```dscene\n").skip(1) {
+            let script = block.split("```").next().unwrap();
+            let checked = dscene::check::check_text(document, None, script, &[], &dscene::check::Disk);
+            let errors: Vec<&str> =
+                checked.diagnostics.iter().filter(|d| d.is_error()).map(|d| d.message.as_str()).collect();
+            assert!(errors.is_empty(), "{document}: {errors:?}\n{script}");
+            count += 1;
+        }
+    }
+    assert!(count > 0);
+}
