@@ -176,6 +176,17 @@ fn stages_schedules_and_stop_when() {
 }
 
 #[test]
+fn a_plateau_stops_the_optimisation() {
+    let place = Place::new();
+    let script = "param x = 4\nloss l = 1 + x ^ 2\n\
+                  optimize l { using: sgd(lr: 0.25), steps: 500, stop_when: plateau(window: 5, tolerance: 1%) or loss < 0 }\n";
+    place.write("a.dscene", script);
+    assert_code(&place.dsl(&["run", "a.dscene", "--out", "r"]), 0);
+    let steps = fs::read_to_string(place.path("r/log.jsonl")).unwrap().lines().count();
+    assert!((10..30).contains(&steps), "{steps}");
+}
+
+#[test]
 fn a_gradient_that_is_never_finite_stops_with_a_diagnostic() {
     let place = Place::new();
     place.write("a.dscene", "param x = 0\nloss l = 1 / x\noptimize l { using: sgd(lr: 0.1), steps: 50 }\n");

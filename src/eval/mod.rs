@@ -147,6 +147,7 @@ pub struct Engine {
     total: u64,
     sample_seed: u64,
     loss: f64,
+    losses: Arc<Vec<f64>>,
     overrides: RenderOverrides,
     statistics: Statistics,
     worlds: Vec<World>,
@@ -175,6 +176,7 @@ impl Engine {
             total: 0,
             sample_seed: 0,
             loss: f64::NAN,
+            losses: Arc::default(),
             overrides: RenderOverrides::default(),
             statistics: Statistics::default(),
             worlds: vec![root],
@@ -231,9 +233,17 @@ impl Engine {
         }
     }
 
-    /// The value of `loss` in `stop_when`.
+    /// An optimisation begins: there are no losses yet.
+    pub fn clear_losses(&mut self) {
+        self.loss = f64::NAN;
+        self.losses = Arc::default();
+        self.forget(|d| d.step);
+    }
+
+    /// The value of `loss` in `stop_when`, and the last of the losses that `plateau` looks at.
     pub fn set_loss(&mut self, loss: f64) {
         self.loss = loss;
+        Arc::make_mut(&mut self.losses).push(loss);
         self.forget(|d| d.step);
     }
 
@@ -386,7 +396,8 @@ impl Engine {
     }
 
     fn context(&self) -> natives::Context {
-        natives::Context { base_dir: self.options.base_dir.clone(), seed: self.options.seed, step: self.step }
+        let losses = self.losses.clone();
+        natives::Context { base_dir: self.options.base_dir.clone(), seed: self.options.seed, step: self.step, losses }
     }
 
     /// Notes a dependency of everything that is being evaluated.

@@ -58,6 +58,8 @@ pub struct Context {
     /// For natives that draw random numbers.
     pub seed: u64,
     pub step: u64,
+    /// The losses of the optimisation that is running, oldest first.
+    pub losses: std::sync::Arc<Vec<f64>>,
 }
 
 /// The arguments of one call, by the names of the declaration.

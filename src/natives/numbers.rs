@@ -49,6 +49,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         random(a, bound("low", 0.0)?, bound("high", 1.0)?, false)
     }),
     ("minibatch", minibatch),
+    ("plateau", plateau),
     ("rotation", rotation),
     ("euler", |a| Ok(Value::Rotation(euler(a)?.unwrap_or_else(identity)))),
     ("translation", |a| Ok(Value::Transform(Var::affine(&identity(), &a.vector(0, 3, false)?)?))),
@@ -285,6 +286,12 @@ fn random(a: &Args, low: f64, high: f64, normal: bool) -> Result<Value> {
         .collect();
     // One number as the shape gives a vector; a scalar comes from an empty shape.
     Ok(Value::tensor(Tensor::new(shape, data)))
+}
+
+/// Whether the loss no longer falls.
+fn plateau(a: &Args) -> Result<Value> {
+    let window = a.integer(0, 1..=1_000_000_000)? as usize;
+    Ok(Value::Bool(crate::optim::is_plateau(&a.context.losses, window, a.number(1)?)))
 }
 
 /// `count` different items, drawn afresh at every step.

@@ -61,6 +61,7 @@ impl Optimization {
     /// `steps` replaces the script's number of steps (stages keep their proportions).
     pub fn new(engine: &mut Engine, optimize: &hir::Optimize, steps: Option<u64>) -> Result<Optimization, Diagnostic> {
         let (params, spaces) = moved_params(engine, optimize)?;
+        engine.clear_losses();
         let stages = plan(engine, optimize, steps)?;
         Ok(Optimization {
             optimize: optimize.clone(),
