@@ -43,12 +43,8 @@ fn forward_is_the_transpose_of_reverse() {
         let ones = Image { data: vec![1.0; forward.data.len()], ..forward.clone() };
         let reverse = render_backward(&scene, &camera, &settings, &ones, &wrt).unwrap();
         let jv: f64 = forward.data.iter().map(|v| f64::from(*v)).sum();
-        let jtw: f64 = reverse
-            .iter()
-            .zip(&tangents)
-            .flat_map(|(g, t)| g.iter().zip(&t.1))
-            .map(|(g, t)| g * f64::from(*t))
-            .sum();
+        let jtw: f64 =
+            reverse.iter().zip(&tangents).flat_map(|(g, t)| g.iter().zip(&t.1)).map(|(g, t)| g * f64::from(*t)).sum();
         let size: f64 = forward.data.iter().map(|v| f64::from(v.abs())).sum();
         println!("{output:?}: {jv} {jtw} of {size}");
         assert!(size > 0.0 && (jv - jtw).abs() < 1e-4 * size, "{output:?}: ⟨Jv, 1⟩ = {jv}, ⟨v, Jᵀ1⟩ = {jtw}");

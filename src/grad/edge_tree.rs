@@ -7,6 +7,7 @@
 use glam::{Vec3, Vec4, Vec4Swizzles};
 
 use super::edges::EdgeTable;
+use super::viewpoint::MirrorPlane;
 use crate::render::interaction::SurfaceInteraction;
 
 const LEAF: usize = 6;
@@ -56,6 +57,15 @@ impl Query {
             (mirror.normalize(), (2.0 * alpha).max(1e-3))
         });
         Query { p: si.p, ng: si.ng, lobe }
+    }
+
+    /// The same point's image in a mirror: what it sees there, it sees directly.
+    pub fn reflected(self, mirror: &MirrorPlane) -> Query {
+        Query {
+            p: mirror.reflect_point(self.p),
+            ng: mirror.reflect(self.ng),
+            lobe: self.lobe.map(|(dir, width)| (mirror.reflect(dir), width)),
+        }
     }
 }
 

@@ -409,17 +409,10 @@ impl Pass for Interior<'_> {
                 if self.settings.output == Output::Radiance {
                     path.vertices.clear();
                     trace(self.scene, Start::Ray(ray, &[]), &mut sampler, &options, &mut path);
-                    let boundary =
-                        self.secondary.as_ref().and_then(|s| s.sample(&path, &mut sampler).map(|b| (s, b)));
+                    let boundary = self.secondary.as_ref().and_then(|s| s.sample(&path, &mut sampler).map(|b| (s, b)));
                     out.pixel(pixel, |d, out| {
                         let d = d * inv_spp;
-                        let injection = boundary.as_ref().map(|(secondary, b)| {
-                            let d_p = b.normal * d.dot(b.weight);
-                            let (shape, v) = secondary.edge_vertices(b);
-                            out.vertex(shape, v[0], d_p * (1.0 - b.s));
-                            out.vertex(shape, v[1], d_p * b.s);
-                            Injection { vertex: b.vertex, d_p: -d_p }
-                        });
+                        let injection = boundary.as_ref().map(|(secondary, b)| secondary.scatter(out, b, d));
                         let ray_adjoint = if path.vertices.is_empty() {
                             RayAdjoint { origin: Vec3::ZERO, dir: out.environment(ray.dir, d) }
                         } else {

@@ -93,8 +93,8 @@ pub fn coverage_gaps(scene: &Scene, settings: &Settings, wrt: &[Slot]) -> Vec<&'
     }
     match mirror_planes(scene) {
         None => gaps.push("silhouettes and shadows seen in a curved mirror have no derivative"),
-        Some(planes) if !planes.is_empty() && settings.max_bounces > 2 => {
-            gaps.push("silhouettes and shadows seen in a mirror after another bounce have no derivative");
+        Some(planes) if planes.len() > 1 && settings.max_bounces > 2 => {
+            gaps.push("silhouettes seen in one mirror by way of another have no derivative");
         }
         Some(_) => {}
     }
@@ -119,23 +119,21 @@ fn passes(
     }
     let seed = hash(settings.seed, 0x61_646a_6f69_6e74);
     let boundary = settings.boundary && layout.moves_visibility();
-    let secondary = if boundary && settings.output == Output::Radiance {
-        Secondary::new(scene, settings.max_bounces)
-    } else {
-        None
-    };
+    let lights = settings.output == Output::Radiance && settings.max_bounces > 0;
+    let planes = if boundary && lights { mirror_planes(scene) } else { Some(Vec::new()) };
+    let planar_mirrors = planes.is_some();
+    let mirrors = planes.unwrap_or_default();
+    let secondary = if boundary && lights { Secondary::new(scene, &mirrors, settings.max_bounces) } else { None };
     visit.pass(&Interior { secondary, scene, camera, settings, seed });
     if !boundary {
         return;
     }
-    let mirrors = mirror_planes(scene).unwrap_or_default();
-    let mirrors = if settings.output == Output::Radiance && settings.max_bounces > 0 { &mirrors[..] } else { &[] };
-    let viewpoints = Viewpoint::all(scene, camera, mirrors);
+    let viewpoints = Viewpoint::all(scene, camera, &mirrors);
     visit.pass(&PrimaryEdges::new(&viewpoints, settings, weight_image, seed));
-    if settings.output == Output::Radiance {
+    if lights {
         let pixels = (camera.width * camera.height) as u32;
         let count = settings.spp.max(1).saturating_mul((pixels / 16).clamp(1024, 65536));
-        visit.pass(&Shadows::new(scene, &viewpoints, settings, count, seed));
+        visit.pass(&Shadows::new(scene, &viewpoints, settings, planar_mirrors, count, seed));
     }
 }
 

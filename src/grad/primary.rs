@@ -274,10 +274,10 @@ fn clip(viewpoint: &Viewpoint, edge: &Edge) -> Option<Piece> {
     keep(l0.z - near, l1.z - near);
     if let Some(m) = viewpoint.mirror {
         let side = match camera.projection {
-            crate::render::Projection::Perspective => m.n.dot(camera.origin) - m.c,
+            crate::render::Projection::Perspective => m.height(camera.origin),
             crate::render::Projection::Orthographic => -m.n.dot(camera.frame[2]),
         };
-        let distance = |p: Vec3| f64::from((m.n.dot(p) - m.c) * side.signum());
+        let distance = |p: Vec3| f64::from(m.height(p) * side.signum());
         keep(distance(edge.p[0]), distance(edge.p[1]));
     }
     if s0 >= s1 {

@@ -4,17 +4,21 @@
 //! Receiver-first, one vertex a path: choose a vertex x, an edge point p for it, and add
 //! sinφ/|q|² f cosθ (L_fg − L_bg) N̂·(ṗ − ẋ) ((E) of `algorithms.md` with direction-fixed radiance on both sides). The part
 //! that moves x enters the backward sweep of the very path. Emission of area lights is material-fixed and not seen
-//! here: its boundary is [`super::shadow`]'s.
+//! here: its boundary is [`super::shadow`]'s. What the point sees in a planar mirror, its mirror image sees directly: the same
+//! estimator from there, with emission on both sides.
 
 use glam::Vec3;
 
 use super::edge_tree::{EdgeTree, Query};
 use super::edges::EdgeTable;
-use super::interior::Path;
+use super::interior::{Injection, Path};
 use super::primary::inset;
+use super::sink::{Adjoints, Sink};
+use super::viewpoint::{MirrorPlane, d_mirror_image};
 use crate::render::Scene;
 use crate::render::accel::{PrimId, Ray};
 use crate::render::integrator::{NoRecord, Options, Start, trace};
+use crate::render::interaction::SurfaceInteraction;
 use crate::render::sampler::Sampler;
 
 /// Angle between an edge and the ray that looks past it.
@@ -23,6 +27,7 @@ const NUDGE: f32 = 2e-5;
 /// Receiver-first sampling for the paths of one pass.
 pub struct Secondary<'a> {
     scene: &'a Scene,
+    mirrors: &'a [MirrorPlane],
     table: &'a EdgeTable,
     tree: EdgeTree,
     max_bounces: u32,
@@ -38,17 +43,22 @@ pub struct SecondarySample {
     pub edge: usize,
     pub foreground: usize,
     pub s: f32,
+    /// The edge point.
+    pub p: Vec3,
+    /// From covering to uncovered side, of the edge as x sees it (in the mirror, if there is one).
     pub normal: Vec3,
+    pub mirror: Option<SurfaceInteraction>,
     pub weight: Vec3,
 }
 
 impl<'a> Secondary<'a> {
     /// `None` if no path vertex can see anything but lights.
-    pub fn new(scene: &'a Scene, max_bounces: u32) -> Option<Secondary<'a>> {
+    pub fn new(scene: &'a Scene, mirrors: &'a [MirrorPlane], max_bounces: u32) -> Option<Secondary<'a>> {
         let reach = if scene.environment.is_some() { 1 } else { 2 };
         let table = scene.edges();
         (max_bounces >= reach && !table.edges.is_empty()).then(|| Secondary {
             scene,
+            mirrors,
             table,
             tree: EdgeTree::new(table),
             max_bounces,
@@ -67,7 +77,8 @@ impl<'a> Secondary<'a> {
 
         // Choose a vertex with probability proportional to what it passes on.
         let events_left = |k: usize| self.max_bounces.saturating_sub(k as u32 + 1);
-        let least = u32::from(self.scene.environment.is_none());
+        let least_direct = u32::from(self.scene.environment.is_none());
+        let least = if self.mirrors.is_empty() { least_direct } else { least_direct.min(1) };
         let weight = |k: usize| {
             let v = &path.vertices[k];
             let useless = v.si.bsdf.is_black() || v.si.bsdf.is_delta() || k as u32 >= self.max_bounces;
@@ -86,58 +97,132 @@ impl<'a> Secondary<'a> {
         let vertex = &path.vertices[k];
         let si = &vertex.si;
 
-        let point = self.tree.sample(self.table, &Query::new(si), u[0], u[1])?;
+        // Look directly, or into one of the mirrors.
+        let mirrors = if events_left(k) >= 1 { self.mirrors.len() } else { 0 };
+        let choice = (sampler.next_1d() * (mirrors + 1) as f32) as usize;
+        let mirror = choice.checked_sub(1).and_then(|i| self.mirrors.get(i));
+        if mirror.is_none() && events_left(k) < least_direct {
+            return None;
+        }
+        let query = Query::new(si);
+        let query = match mirror {
+            Some(m) => query.reflected(m),
+            None => query,
+        };
+        let point = self.tree.sample(self.table, &query, u[0], u[1])?;
         let edge = &self.table.edges[point.edge];
         let p = edge.point(point.s);
-        let q = p - si.p;
+        let q = mirror.map_or(p, |m| m.reflect_point(p)) - si.p;
         let distance = q.length();
         let dir = q / distance;
         let f = si.eval(dir);
         if f == Vec3::ZERO || si.ng.dot(dir) <= 0.0 {
             return None;
         }
-        let view = edge.view(dir)?;
+        let sight = self.sight(si, mirror, p, dir, distance)?;
+        let view = edge.view(sight.dir)?;
         if view.background.is_some() && !edge.sharp {
             return None;
         }
         let mut skip: Vec<PrimId> = edge.prims();
-        skip.push(si.prim);
-        let mut to_edge = si.spawn_ray(dir);
-        to_edge.t_max = distance * (1.0 - 2e-5);
+        skip.push(sight.prim);
+        let to_edge = Ray { t_max: sight.distance * (1.0 - 2e-5), ..sight.ray };
         if self.scene.accel.occluded(&to_edge, &skip) {
             return None;
         }
 
-        let options = Options { first_emission: false, ..Options::new(events_left(k)) };
+        // Behind a mirror emission is direction-fixed too.
+        let options =
+            Options { first_emission: mirror.is_some(), ..Options::new(events_left(k) - u32::from(mirror.is_some())) };
         let face = |i: usize, sampler: &mut Sampler| {
             let b = edge.barycentric(i, point.s, inset(edge, i, distance));
-            let si = self.scene.interaction(edge.faces[i].prim, b, -dir);
+            let si = self.scene.interaction(edge.faces[i].prim, b, -sight.dir);
             trace(self.scene, Start::Surface(si), sampler, &options, &mut NoRecord)
         };
+        let normal = mirror.map_or(view.normal, |m| m.reflect(view.normal));
         let foreground = face(view.foreground, &mut sampler.clone());
         let background = match view.background {
             Some(i) => face(i, &mut sampler.clone()),
             None => {
-                let past = Ray { dir: (dir + view.normal * NUDGE).normalize(), ..si.spawn_ray(dir) };
-                trace(self.scene, Start::Ray(past, &skip), &mut sampler.clone(), &options, &mut NoRecord)
+                let past = (dir + normal * NUDGE).normalize();
+                match self.sight(si, mirror, p, past, distance) {
+                    Some(past) => {
+                        trace(self.scene, Start::Ray(past.ray, &skip), &mut sampler.clone(), &options, &mut NoRecord)
+                    }
+                    None => Vec3::ZERO,
+                }
             }
         };
-        let sin_phi = edge.direction().cross(dir).length();
-        let pdf = point.pdf * self.rate * weight(k) / total;
-        let weight = vertex.throughput * f * (foreground - background) * (sin_phi / (distance * distance * pdf));
+        let sin_phi = edge.direction().cross(sight.dir).length();
+        let pdf = point.pdf * self.rate * weight(k) / (total * (mirrors + 1) as f32);
+        let step = f * sight.reflectance;
+        let weight = vertex.throughput * step * (foreground - background) * (sin_phi / (distance * distance * pdf));
         (weight != Vec3::ZERO && weight.is_finite()).then_some(SecondarySample {
             vertex: k,
             edge: point.edge,
             foreground: view.foreground,
             s: point.s,
-            normal: view.normal,
+            p,
+            normal,
+            mirror: sight.mirror,
             weight,
         })
     }
 
-    /// Shape and vertices that move with an edge's foreground face.
-    pub fn edge_vertices(&self, sample: &SecondarySample) -> (u32, [u32; 2]) {
-        let face = &self.table.edges[sample.edge].faces[sample.foreground];
-        (face.shape, face.v)
+    /// The last segment of the way from a shading point to an edge point in direction `dir`, past a mirror if there is one.
+    fn sight(
+        &self,
+        si: &SurfaceInteraction,
+        mirror: Option<&MirrorPlane>,
+        p: Vec3,
+        dir: Vec3,
+        distance: f32,
+    ) -> Option<Sight> {
+        let ray = si.spawn_ray(dir);
+        let Some(plane) = mirror else {
+            return Some(Sight { ray, dir, distance, prim: si.prim, reflectance: Vec3::ONE, mirror: None });
+        };
+        let least = 1e-5 * self.scene.radius;
+        let (here, there) = (plane.height(si.p), plane.height(p));
+        if here * there <= 0.0 || here.abs() < least || there.abs() < least {
+            return None;
+        }
+        let (hit, t) = self.scene.intersect(&ray, &[si.prim])?;
+        if !hit.bsdf.is_delta() || !plane.contains(hit.ng, hit.p, self.scene.radius) || t >= distance {
+            return None;
+        }
+        let dir = plane.reflect(dir);
+        Some(Sight {
+            ray: hit.spawn_ray(dir),
+            dir,
+            distance: distance - t,
+            prim: hit.prim,
+            reflectance: hit.bsdf.mirror_reflectance(),
+            mirror: Some(hit),
+        })
     }
+
+    /// Adds the derivatives of a sample's edge and mirror; returns the adjoint of the path vertex's position.
+    pub fn scatter<S: Sink>(&self, out: &mut Adjoints<S>, sample: &SecondarySample, d: Vec3) -> Injection {
+        let d_image = sample.normal * d.dot(sample.weight);
+        let d_p = match &sample.mirror {
+            Some(mirror) => d_mirror_image(out, mirror, sample.p, d_image),
+            None => d_image,
+        };
+        let face = &self.table.edges[sample.edge].faces[sample.foreground];
+        out.vertex(face.shape, face.v[0], d_p * (1.0 - sample.s));
+        out.vertex(face.shape, face.v[1], d_p * sample.s);
+        Injection { vertex: sample.vertex, d_p: -d_image }
+    }
+}
+
+/// A line of sight to an edge.
+struct Sight {
+    ray: Ray,
+    dir: Vec3,
+    distance: f32,
+    /// Where it starts.
+    prim: PrimId,
+    reflectance: Vec3,
+    mirror: Option<SurfaceInteraction>,
 }

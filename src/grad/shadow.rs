@@ -13,7 +13,7 @@ use glam::Vec3;
 
 use super::estimate::{Estimate, Pass};
 use super::interior::{RayAdjoint, VertexAdjoint, d_direction, slide};
-use super::viewpoint::Viewpoint;
+use super::viewpoint::{Viewpoint, d_reflected_ray};
 use crate::math::Frame;
 use crate::render::accel::{PrimId, Ray};
 use crate::render::interaction::SurfaceInteraction;
@@ -28,13 +28,22 @@ pub struct Shadows<'a> {
     pub max_bounces: u32,
     pub count: u32,
     pub seed: u64,
+    /// All mirrors are planar: paths may go through them.
+    pub planar_mirrors: bool,
     edges: Discrete,
 }
 
 impl<'a> Shadows<'a> {
-    pub fn new(scene: &'a Scene, viewpoints: &'a [Viewpoint<'a>], settings: &Settings, count: u32, seed: u64) -> Self {
+    pub fn new(
+        scene: &'a Scene,
+        viewpoints: &'a [Viewpoint<'a>],
+        settings: &Settings,
+        planar_mirrors: bool,
+        count: u32,
+        seed: u64,
+    ) -> Self {
         let edges = Discrete::new(scene.edges().edges.iter().map(|e| f64::from(e.length())));
-        Shadows { scene, viewpoints, max_bounces: settings.max_bounces, count, seed, edges }
+        Shadows { scene, viewpoints, max_bounces: settings.max_bounces, count, seed, planar_mirrors, edges }
     }
 
     fn sample(&self, sampler: &mut Sampler, out: &mut impl Estimate) {
@@ -111,9 +120,12 @@ impl<'a> Shadows<'a> {
                     }
                     // The receiver slides along the chain of direction-fixed segments that ends in the camera.
                     let mut ray = RayAdjoint { origin: normal * (-(1.0 - tau) * m), dir: Vec3::ZERO };
-                    for v in &walk.vertices {
-                        let adj = VertexAdjoint { p: ray.origin, ..Default::default() };
-                        ray = slide(out, v, 0.0, adj);
+                    for (v, t) in &walk.vertices {
+                        ray = if v.bsdf.is_delta() {
+                            d_reflected_ray(out, v, *t, ray)
+                        } else {
+                            slide(out, v, *t, VertexAdjoint { p: ray.origin, ..Default::default() })
+                        };
                     }
                     let adj = VertexAdjoint { p: ray.origin, ..Default::default() };
                     let ray = slide(out, &si, seen.distance, adj);
@@ -125,28 +137,37 @@ impl<'a> Shadows<'a> {
             }
             // Go on backwards, towards the camera: choose the direction the light is scattered into.
             let si = scene.interaction(prim, b, towards);
-            if si.bsdf.is_black() || si.bsdf.is_delta() {
+            if si.bsdf.is_black() {
                 break;
             }
-            let frame = Frame::from_normal(si.ns);
-            let local = frame.to_local(towards);
-            let Some(choice) = si.bsdf.sample(Vec3::new(local.x, local.y, local.z.abs()), sampler.next_3d()) else {
-                break;
+            let (si, away, step) = if si.bsdf.is_delta() {
+                // Solid angles go through a planar mirror unchanged.
+                if !self.planar_mirrors || bounce == 1 {
+                    break;
+                }
+                let away = (si.ns * (2.0 * si.ns.dot(towards)) - towards).normalize();
+                (scene.interaction(prim, b, away), away, si.bsdf.mirror_reflectance())
+            } else {
+                let frame = Frame::from_normal(si.ns);
+                let local = frame.to_local(towards);
+                let local = Vec3::new(local.x, local.y, local.z.abs());
+                let Some(choice) = si.bsdf.sample(local, sampler.next_3d()) else { break };
+                let away = frame.to_world(choice.wo).normalize();
+                if si.ng.dot(away) <= 0.0 || choice.pdf <= 0.0 {
+                    break;
+                }
+                let si = scene.interaction(prim, b, away);
+                let Some(ratio) = scatter(&si, towards) else { break };
+                // Solid angle at this vertex → the camera-side measure of direction-fixed segments.
+                (si, away, ratio * (si.ng.dot(away) / choice.pdf))
             };
-            let away = frame.to_world(choice.wo).normalize();
-            if si.ng.dot(away) <= 0.0 || choice.pdf <= 0.0 {
-                break;
-            }
-            let si = scene.interaction(prim, b, away);
-            let Some(ratio) = scatter(&si, towards) else { break };
             let survival = if bounce > 3 { 0.7 } else { 1.0 };
             if bounce > 3 && sampler.next_1d() >= survival {
                 break;
             }
             let Some(next) = scene.accel.closest(&si.spawn_ray(away), &[prim]) else { break };
-            // Solid angle at this vertex → the camera-side measure of direction-fixed segments.
-            walk.weight *= ratio * (si.ng.dot(away) / (choice.pdf * survival));
-            walk.vertices.push(si);
+            walk.weight *= step / survival;
+            walk.vertices.push((si, next.t));
             (prim, b) = (next.prim, next.b);
             towards = -away;
         }
@@ -155,7 +176,8 @@ impl<'a> Shadows<'a> {
 
 /// A chain of vertices from the shadow receiver towards the camera.
 struct Walk {
-    vertices: Vec<SurfaceInteraction>,
+    /// With the distance to the next vertex.
+    vertices: Vec<(SurfaceInteraction, f32)>,
     weight: Vec3,
 }
 

@@ -23,13 +23,52 @@ pub struct MirrorPlane {
 }
 
 impl MirrorPlane {
-    fn reflect_point(&self, p: Vec3) -> Vec3 {
-        p - self.n * (2.0 * (self.n.dot(p) - self.c))
+    /// Mirror image of a point.
+    pub fn reflect_point(&self, p: Vec3) -> Vec3 {
+        p - self.n * (2.0 * self.height(p))
     }
 
-    fn contains(&self, n: Vec3, p: Vec3, scale: f32) -> bool {
+    /// Mirror image of a direction.
+    pub fn reflect(&self, v: Vec3) -> Vec3 {
+        v - self.n * (2.0 * self.n.dot(v))
+    }
+
+    /// Signed distance from the plane.
+    pub fn height(&self, p: Vec3) -> f32 {
+        self.n.dot(p) - self.c
+    }
+
+    pub fn contains(&self, n: Vec3, p: Vec3, scale: f32) -> bool {
         n.dot(self.n).abs() > 1.0 - 1e-6 && (self.n.dot(p) - self.c).abs() < 1e-5 * scale
     }
+}
+
+/// Adjoint of a point's mirror image, image = p − 2 n (n·(p − m)), with m a material point and n the unit normal of the mirror:
+/// returns the point's, adds the mirror's.
+pub fn d_mirror_image<S: Sink>(out: &mut Adjoints<S>, mirror: &SurfaceInteraction, p: Vec3, d_image: Vec3) -> Vec3 {
+    let n = mirror.ng;
+    let offset = p - mirror.p;
+    out.material_point(mirror.prim, mirror.b, n * (2.0 * n.dot(d_image)));
+    let d_n = (d_image * n.dot(offset) + offset * n.dot(d_image)) * -2.0;
+    out.geometric_normal(mirror.prim, d_n * mirror.flip);
+    d_image - n * (2.0 * n.dot(d_image))
+}
+
+/// Adjoint of a ray reflected by a mirror vertex (at distance `t` along the ray that found it) → adjoint of that ray.
+pub fn d_reflected_ray<S: Sink>(
+    out: &mut Adjoints<S>,
+    mirror: &SurfaceInteraction,
+    t: f32,
+    ray: RayAdjoint,
+) -> RayAdjoint {
+    let n_d = mirror.ns.dot(ray.dir);
+    let adj = VertexAdjoint {
+        p: ray.origin,
+        ns: (mirror.wi * n_d + ray.dir * mirror.ns.dot(mirror.wi)) * 2.0,
+        wi: mirror.ns * (2.0 * n_d) - ray.dir,
+        ..Default::default()
+    };
+    slide(out, mirror, t, adj)
 }
 
 /// The distinct planes of all flat-shaded mirror triangles; `None` if they are too many to be planar mirrors.
@@ -115,17 +154,17 @@ impl<'a> Viewpoint<'a> {
     /// Unit direction in which the (reflected) camera looks at a world point.
     pub fn direction_to(&self, p: Vec3) -> Vec3 {
         let dir = -self.camera.towards(self.image(p)).0;
-        self.mirror.map_or(dir, |m| dir - m.n * (2.0 * m.n.dot(dir)))
+        self.mirror.map_or(dir, |m| m.reflect(dir))
     }
 
     /// Whether a point lies on the camera's side of the mirror and not in its plane (always true without one).
     pub fn in_front(&self, p: Vec3) -> bool {
         self.mirror.is_none_or(|m| {
             let viewer = match self.camera.projection {
-                Projection::Perspective => m.n.dot(self.camera.origin) - m.c,
+                Projection::Perspective => m.height(self.camera.origin),
                 Projection::Orthographic => -m.n.dot(self.camera.frame[2]),
             };
-            viewer.signum() * (m.n.dot(p) - m.c) > 1e-5 * self.scene.radius
+            viewer.signum() * m.height(p) > 1e-5 * self.scene.radius
         })
     }
 
@@ -193,7 +232,7 @@ impl<'a> Viewpoint<'a> {
 
     /// Pixels per unit area of a surface with unit normal `n` at a seen point.
     pub fn pixels_per_area(&self, seen: &Seen, n: Vec3) -> f32 {
-        let n = self.mirror.map_or(n, |m| n - m.n * (2.0 * m.n.dot(n)));
+        let n = self.mirror.map_or(n, |m| m.reflect(n));
         self.camera.pixels_per_area(&seen.projected, n)
     }
 
@@ -202,7 +241,7 @@ impl<'a> Viewpoint<'a> {
         let g = self.camera.projection_gradient(&seen.projected);
         match self.mirror {
             None => g,
-            Some(m) => g.map(|v| v - m.n * (2.0 * m.n.dot(v))),
+            Some(m) => g.map(|v| m.reflect(v)),
         }
     }
 
@@ -210,30 +249,14 @@ impl<'a> Viewpoint<'a> {
     pub fn d_position<S: Sink>(&self, out: &mut Adjoints<S>, p: Vec3, seen: &Seen, d_pixel: Vec2) -> Vec3 {
         let d_image = self.camera.d_project(&seen.projected, d_pixel, &mut out.camera);
         let Some((si, _)) = &seen.mirror else { return d_image };
-        // image = p − 2 n (n·(p − m)), m a material point of the mirror, n its unit normal.
-        let n = si.ng;
-        let offset = p - si.p;
-        out.material_point(si.prim, si.b, n * (2.0 * n.dot(d_image)));
-        let d_n = (d_image * n.dot(offset) + offset * n.dot(d_image)) * -2.0;
-        out.geometric_normal(si.prim, d_n * si.flip);
-        d_image - n * (2.0 * n.dot(d_image))
+        d_mirror_image(out, si, p, d_image)
     }
 
     /// Adjoint of the ray that sees a point through a fixed pixel position, on to mirror and camera.
     pub fn d_ray<S: Sink>(&self, out: &mut Adjoints<S>, seen: &Seen, ray: RayAdjoint) {
         let ray = match &seen.mirror {
             None => ray,
-            Some((si, t)) => {
-                let n_wi = si.ns.dot(si.wi);
-                let n_d = si.ns.dot(ray.dir);
-                let adj = VertexAdjoint {
-                    p: ray.origin,
-                    ns: (si.wi * n_d + ray.dir * n_wi) * 2.0,
-                    wi: si.ns * (2.0 * n_d) - ray.dir,
-                    ..Default::default()
-                };
-                slide(out, si, *t, adj)
-            }
+            Some((si, t)) => d_reflected_ray(out, si, *t, ray),
         };
         self.camera.d_ray(seen.projected.pixel, ray.origin, ray.dir, &mut out.camera);
     }

@@ -35,8 +35,6 @@ pub struct Scene {
     pub description: SceneDescription,
     pub(crate) accel: Accel,
     pub(crate) prims: Vec<Prim>,
-    /// First primitive of each shape.
-    pub(crate) first_prim: Vec<PrimId>,
     pub(crate) lights: LightTable,
     pub(crate) environment: Option<EnvironmentTable>,
     /// Half the diagonal of the bounding box.
@@ -51,9 +49,7 @@ impl Scene {
         validate(&description)?;
         let mut prims = Vec::new();
         let mut corners = Vec::new();
-        let mut first_prim = Vec::new();
         for (i, shape) in description.shapes.iter().enumerate() {
-            first_prim.push(prims.len() as PrimId);
             for (face, indices) in shape.mesh.faces.iter().enumerate() {
                 prims.push(Prim { shape: i as u32, face: face as u32 });
                 corners.push(indices.map(|v| shape.mesh.vertices[v as usize]));
@@ -69,7 +65,6 @@ impl Scene {
             accel: Accel::new(&corners),
             description,
             prims,
-            first_prim,
             lights,
             environment,
             radius,
@@ -173,7 +168,10 @@ fn validate(description: &SceneDescription) -> Result<(), SceneError> {
             return Err(SceneError::Light { light: i, what: "the light's numbers must be finite".into() });
         }
         if !directional && is_too_far(placement) {
-            return Err(SceneError::Light { light: i, what: "the light is too far out (at most 1e9 from the origin)".into() });
+            return Err(SceneError::Light {
+                light: i,
+                what: "the light is too far out (at most 1e9 from the origin)".into(),
+            });
         }
         if directional && placement.length_squared() == 0.0 {
             return Err(SceneError::Light { light: i, what: "a directional light needs a direction".into() });

@@ -137,9 +137,10 @@ pub fn all_slots(d: &SceneDescription, c: &Camera) -> Vec<(Slot, Vec<f32>)> {
 pub fn tangents(build: &dyn Fn(f32) -> (SceneDescription, Camera), h: f32) -> Vec<(Slot, Vec<f32>)> {
     let (up, down) = (build(h), build(-h));
     let (up, down) = (all_slots(&up.0, &up.1), all_slots(&down.0, &down.1));
-    let velocity = up.into_iter().zip(down).map(|((slot, u), (_, d))| {
-        (slot, u.iter().zip(&d).map(|(u, d)| (u - d) / (2.0 * h)).collect::<Vec<f32>>())
-    });
+    let velocity = up
+        .into_iter()
+        .zip(down)
+        .map(|((slot, u), (_, d))| (slot, u.iter().zip(&d).map(|(u, d)| (u - d) / (2.0 * h)).collect::<Vec<f32>>()));
     velocity.filter(|(_, v)| v.iter().any(|x| *x != 0.0)).collect()
 }
 
@@ -248,6 +249,8 @@ fn central_differences(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: 
 /// (relative to the value) for the comparison to mean anything.
 pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) {
     let start = std::time::Instant::now();
+    let more = std::env::var("DSCENE_SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(1);
+    let plan = &Plan { seeds: plan.seeds * more, ..*plan };
     let g = gradient(build, plan);
     let t1 = start.elapsed().as_secs_f64();
     let fd = finite_difference(build, plan);
