@@ -119,6 +119,36 @@ fn a_failed_expect_shows_both_sides_and_fails_the_run() {
 }
 
 #[test]
+fn run_json_prints_one_object_a_line() {
+    let place = Place::new();
+    place.write("bowl.dscene", BOWL);
+    let output = place.dsl(&["run", "bowl.dscene", "--json", "--out", "r"]);
+    assert_code(&output, 0);
+    let objects: Vec<Value> = stdout(&output).lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    assert_eq!(objects[0], serde_json::json!({"event": "print", "text": "x is 1.000"}));
+    let done = objects.last().unwrap();
+    assert_eq!((&done["event"], &done["exit"], &done["steps"]), (&"done".into(), &0.into(), &60.into()));
+    assert_eq!((&done["expects"], &done["failed_expects"]), (&1.into(), &0.into()));
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let place = Place::new();
+    place.write("many.dscene", "print \"line\"\n".repeat(5000) + "save 1 to \"end.json\"\n");
+    let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin!("dsl"))
+        .args(["run", "many.dscene", "--out", "r"])
+        .current_dir(place.folder.path())
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_code(&output, 0);
+    assert!(place.path("r/end.json").is_file(), "the run goes on without its reader");
+}
+
+#[test]
 fn overrides_steps_and_out_are_obeyed() {
     let place = Place::new();
     place.write("bowl.dscene", BOWL);

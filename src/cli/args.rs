@@ -33,7 +33,8 @@ Examples:
   dsl run scene.dscene --set spp=16 --steps 20       override a declaration, shorten the optimisation
 
 The run folder holds run.json (script, imports, overrides, version, seed), log.jsonl (one object per step) and what the
-script saves. Ctrl-C ends after the current step with exit code 130; a second one ends at once.")]
+script saves. With --json, each line of standard output is one object: {\"event\": \"print\", \"text\": …}, and at the end
+{\"event\": \"done\", \"exit\": …, \"out\": …, \"steps\": …, \"saved\": […], …}. Ctrl-C ends after the current step with exit code 130; a second one ends at once.")]
     Run(RunArgs),
     /// Reports all errors and warnings without running anything
     #[command(after_help = "\

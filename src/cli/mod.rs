@@ -10,6 +10,7 @@ mod render;
 mod run;
 mod world;
 
+use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -44,7 +45,9 @@ pub fn main() -> ExitCode {
     };
     install_panic_hook();
     // Evaluations nest as deeply as scripts do: one large stack for all of them.
-    ExitCode::from(crate::eval::on_large_stack(move || dispatch(cli)))
+    let work = AssertUnwindSafe(|| crate::eval::on_large_stack(move || dispatch(cli)));
+    // The hook has told about it.
+    ExitCode::from(std::panic::catch_unwind(work).unwrap_or(EXIT_WRONG))
 }
 
 fn dispatch(cli: Cli) -> u8 {

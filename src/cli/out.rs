@@ -27,11 +27,6 @@ pub fn error_line(text: &str) {
     let _ = writeln!(err, "{text}");
 }
 
-/// Nobody reads our standard output any more.
-pub fn is_closed() -> bool {
-    CLOSED.load(Ordering::Relaxed)
-}
-
 /// Colours for standard error: a terminal that did not ask for none (`NO_COLOR`).
 pub fn colors_on_stderr() -> bool {
     io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())

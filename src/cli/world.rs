@@ -104,6 +104,6 @@ impl World for Terminal {
     }
 
     fn interrupted(&self) -> bool {
-        world::interrupted() || (out::is_closed() && !self.json)
+        world::interrupted()
     }
 }
