@@ -41,7 +41,7 @@ impl Checker<'_> {
     pub fn call(&mut self, callee: &ast::Expr, args: &[ast::Argument], span: Span, wanted: Option<&Sig>) -> Typed {
         let given: Vec<Given> = args.iter().map(|a| Given { name: a.name.clone(), value: &a.value }).collect();
         let decl = match &callee.kind {
-            ast::ExprKind::Name(name) if !self.locals.iter().any(|l| l.name == *name) => self.lookup(name),
+            ast::ExprKind::Name(name) => self.called(name),
             ast::ExprKind::Member { base, name } => match self.module_member(base, name) {
                 Some(Ok(id)) => Some(id),
                 Some(Err(())) => return self.after_error(&given, span),
@@ -76,6 +76,32 @@ impl Checker<'_> {
         }
         let site = Site { name: &name, span: callee.span, is_kind: false };
         self.call_decl(id, &given, site, span)
+    }
+
+    /// The function that a name means before `(`. A value of yours hides a function of the library only where it can
+    /// itself be called: `let depth = depth(eye)` is fine.
+    fn called(&self, name: &str) -> Option<DeclId> {
+        let is_function = |id: &DeclId| matches!(self.slot(*id).statement.kind, StatementKind::Fn(_));
+        let library = || self.builtin(name).filter(is_function);
+        if let Some(local) = self.locals.iter().rev().find(|l| l.name == name) {
+            let callable = matches!(local.ty, Ty::Fn(..)) || local.ty.is_unknown();
+            return if callable { None } else { library() };
+        }
+        let id = self.lookup(name)?;
+        let plain_value = match &self.slot(id).statement.kind {
+            StatementKind::Let { value, .. } => {
+                matches!(
+                    value.kind,
+                    ast::ExprKind::Call { .. }
+                        | ast::ExprKind::Array(_)
+                        | ast::ExprKind::Number(_)
+                        | ast::ExprKind::With { .. }
+                )
+            }
+            StatementKind::Fn(_) => false,
+            _ => true,
+        };
+        if plain_value { library().or(Some(id)) } else { Some(id) }
     }
 
     /// `KIND NAME { fields }`.

@@ -207,7 +207,7 @@ impl Checker<'_> {
                 _ => decl.precondition = value,
             }
         }
-        self.set_value(id, DeclKind::Param(decl), typed);
+        self.set_value(id, DeclKind::Param(Box::new(decl)), typed);
         // The value moves: nothing may be computed from its start.
         self.slot_mut(id).value = None;
     }

@@ -85,7 +85,7 @@ pub struct Decl {
 #[derive(Clone, Debug)]
 pub enum DeclKind {
     Let,
-    Param(ParamDecl),
+    Param(Box<ParamDecl>),
     /// A `let` by another word: `camera`, `shape`, `light`, … (the word).
     Kind(&'static str),
     Loss,

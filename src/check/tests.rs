@@ -292,3 +292,14 @@ fn imports_bring_names_files_and_errors_of_their_own() {
     std::fs::write(&binary, [0xff, 0xfe, 0x00]).expect("written");
     assert_eq!(check(&binary, &[], &Disk).diagnostics.first().map(|d| d.code), Some("dscene::file::unreadable"));
 }
+
+#[test]
+fn a_value_does_not_hide_the_function_of_its_name() {
+    let program = program(
+        "camera camera { film: [8, 8] }\nshape floor { mesh: rectangle() }\nlet depth = depth(camera)\n\
+         param scale = 2\nlet big = cube() |> scale(floor(scale))\nlet mix = (a, b) => a + b\nlet c = mix(1, 2)\n\
+         loss length = mean(render(camera) with { scale: 2 }) * scale + length([scale, 1])\n",
+    );
+    assert_eq!(ty(&program, "depth"), "image 8×8 with 1 channel");
+    assert_eq!(ty(&program, "c"), "any", "the function value of the script is called");
+}
