@@ -55,6 +55,10 @@ fn gradients(args: &GradArgs, loaded: &mut Loaded, terminal: &mut Terminal) -> R
     let Some(measurement) = measure(&mut loaded.engine, &expr, &wrt, options, &world::interrupted)? else {
         return Ok(EXIT_INTERRUPTED);
     };
+    let sources = loaded.engine.program().sources.clone();
+    for warning in loaded.engine.take_warnings() {
+        terminal.diagnostic(&warning, &sources);
+    }
     if args.common.json {
         let file = args.file.display().to_string();
         let object = measurement.to_json(&file, &of, args.common.seed, rayon::current_num_threads());

@@ -16,7 +16,7 @@ mod render;
 mod show;
 mod target;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -25,6 +25,7 @@ use crate::check::hir::{self, Decl, DeclId, DeclKind, LocalId, Target};
 use crate::check::types::Ty;
 use crate::diag::Diagnostic;
 use crate::natives::{self, value::Value};
+use crate::source::Span;
 use crate::tape::{Tensor, Var};
 
 use reach::Reach;
@@ -161,6 +162,9 @@ pub struct Engine {
     path: u64,
     depth: usize,
     scenes: lower::SceneCache,
+    /// Things to know about results, each said once.
+    warnings: Vec<Diagnostic>,
+    said: HashSet<(Span, &'static str)>,
 }
 
 impl Engine {
@@ -188,6 +192,8 @@ impl Engine {
             path: 0,
             depth: 0,
             scenes: lower::SceneCache::default(),
+            warnings: Vec::new(),
+            said: HashSet::new(),
         }
     }
 
@@ -337,6 +343,11 @@ impl Engine {
         if self.params.remove(&id).is_some() {
             self.forget(|d| d.params.contains(&id));
         }
+    }
+
+    /// Warnings since the last call: derivatives that lack a term.
+    pub fn take_warnings(&mut self) -> Vec<Diagnostic> {
+        std::mem::take(&mut self.warnings)
     }
 
     /// The value of an expression in the program's world.

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::check::hir::NativeDecl;
+use crate::diag::Diagnostic;
 use crate::grad::{self, Output, SceneError, Settings};
 use crate::image::Image;
 use crate::natives::{
@@ -161,6 +162,17 @@ impl Engine {
             seed,
             boundary,
         };
+        for gap in grad::coverage_gaps(&lowered.scene, &settings, &slots) {
+            if self.said.insert((span, gap)) {
+                self.warnings.push(
+                    Diagnostic::warning(
+                        "dscene::gradient::incomplete",
+                        format!("a term of the derivative is missing: {gap}"),
+                    )
+                    .label(span, "this rendering"),
+                );
+            }
+        }
         self.statistics.renders += 1;
         let image = grad::render(&lowered.scene, &camera.camera, &settings)
             .map_err(|e| self.scene_error(LowerError::Scene(e), &scene, &origins, span))?;

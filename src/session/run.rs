@@ -118,6 +118,10 @@ impl<'a> Runner<'a> {
                 Err(diagnostic) if diagnostic.code == eval::INTERRUPTED && self.world.interrupted() => continue,
                 other => other?,
             };
+            let sources = self.engine.program().sources.clone();
+            for warning in self.engine.take_warnings() {
+                self.world.diagnostic(&warning, &sources);
+            }
             taken += 1;
             seconds += report.seconds;
             self.report.steps += 1;
