@@ -376,6 +376,37 @@ fn grad_of_a_closed_form_is_exact_and_fields_can_be_asked_for() {
 }
 
 #[test]
+fn fields_and_rotations_have_gradients_and_can_be_optimised() {
+    let place = Place::new();
+    place.write(
+        "f.dscene",
+        r#"camera eye { position: [0, 0, -4], look_at: [0, 0, 0], fov: 45deg, film: [16, 16] }
+param turn: rotation = rotation(axis: [0, 0, 1], angle: 20deg)
+shape panel { mesh: cube() |> scale([1, 0.5, 1]) |> transform(turn), material: diffuse(reflectance: 0.5) }
+light lamp = point(position: [0, 2, -4], intensity: 5)
+let target = render(eye, spp: 32) with { lamp.intensity: 9, turn: rotation(axis: [0, 0, 1], angle: 0deg) }
+loss fit = mse(render(eye, spp: 4), target)
+optimize fit { over: [lamp.intensity], using: adam(lr: 0.3), steps: 60 }
+expect lamp.intensity.x > 7
+optimize fit { over: [turn], using: adam(lr: 0.02), steps: 60 }
+expect fit < 3e-5
+"#,
+    );
+    assert_code(&place.dsl(&["run", "f.dscene", "--out", "r"]), 0);
+    let arguments =
+        ["grad", "f.dscene", "--wrt", "lamp.intensity", "--wrt", "turn", "--repeats", "4", "--fd", "--json"];
+    let object: Value = serde_json::from_str(&stdout(&place.dsl(&arguments))).unwrap();
+    assert_eq!(object["wrt"]["turn"]["shape"], serde_json::json!([3]), "a rotation moves in its tangent space");
+    let of = |figure: &str| object["wrt"]["lamp.intensity"][figure][0].as_f64().unwrap();
+    let fd = object["wrt"]["lamp.intensity"]["fd"]["mean"][0].as_f64().unwrap();
+    assert!(of("mean") < 0.0 && (of("mean") - fd).abs() < 0.2 * fd.abs(), "{object}");
+    let output = place.dsl(&["grad", "f.dscene", "--wrt", "lamp.intensty"]);
+    assert_diagnosed(&output);
+    assert!(stderr(&output).contains("did you mean `intensity`"), "{}", stderr(&output));
+    assert_diagnosed(&place.dsl(&["grad", "f.dscene", "--wrt", "lamp"]));
+}
+
+#[test]
 fn grad_image_writes_the_derivative_of_a_picture() {
     let place = Place::new();
     place.write("t.dscene", TRIANGLE);

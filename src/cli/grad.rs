@@ -45,7 +45,9 @@ fn gradients(args: &GradArgs, loaded: &mut Loaded, terminal: &mut Terminal) -> R
             .label(expr.span, "not a scalar")
             .help(format!("reduce it: `mean({of})`, or write the derivative image with --image OUT.exr")));
     }
-    let wrt = targets(args, loaded, &expr)?;
+    let Some(wrt) = targets(args, loaded, &expr, terminal)? else {
+        return Ok(EXIT_WRONG);
+    };
     if wrt.is_empty() {
         return Err(Diagnostic::error("dscene::cli::wrt", format!("no param reaches `{of}`"))
             .help("name one with --wrt, or a numeric field such as --wrt lamp.radiance"));
@@ -90,15 +92,31 @@ fn default_loss(loaded: &Loaded, terminal: &mut Terminal) -> Result<String, Diag
     }
 }
 
-/// The `--wrt` names; by default every param that reaches the expression.
-fn targets(args: &GradArgs, loaded: &mut Loaded, of: &hir::Expr) -> Result<Vec<(String, hir::Target)>, Diagnostic> {
+/// Names with what they stand for.
+type Targets = Vec<(String, hir::Target)>;
+
+/// The `--wrt` names; by default every param that reaches the expression. `None` if a name is wrong, which is reported.
+fn targets(
+    args: &GradArgs,
+    loaded: &mut Loaded,
+    of: &hir::Expr,
+    terminal: &mut Terminal,
+) -> Result<Option<Targets>, Diagnostic> {
     if args.wrt.is_empty() {
         let reaching = loaded.engine.reaching_params(of)?;
         let program = loaded.engine.program();
         let target = |id: &hir::DeclId| hir::Target { decl: *id, path: Vec::new() };
-        return Ok(reaching.iter().map(|id| (program.decl(*id).name.clone(), target(id))).collect());
+        return Ok(Some(reaching.iter().map(|id| (program.decl(*id).name.clone(), target(id))).collect()));
     }
-    args.wrt.iter().map(|name| Ok((name.clone(), find_target(loaded.engine.program(), name)?))).collect()
+    let mut found = Vec::new();
+    for name in &args.wrt {
+        // The checker knows best what is wrong with a name.
+        if loaded.expression(name, "--wrt", terminal).is_none() {
+            return Ok(None);
+        }
+        found.push((name.trim().to_owned(), find_target(loaded.engine.program(), name)?));
+    }
+    Ok(Some(found))
 }
 
 /// `NAME` or `NAME.FIELD…`.
@@ -128,7 +146,10 @@ fn gradient_images(
     let Some(expr) = loaded.expression(&of, "--of", terminal) else {
         return Ok(EXIT_WRONG);
     };
-    let names: Vec<String> = targets(args, loaded, &expr)?.into_iter().map(|(name, _)| name).collect();
+    let Some(wrt) = targets(args, loaded, &expr, terminal)? else {
+        return Ok(EXIT_WRONG);
+    };
+    let names: Vec<String> = wrt.into_iter().map(|(name, _)| name).collect();
     if names.is_empty() {
         return Err(Diagnostic::error("dscene::cli::wrt", format!("no param reaches `{of}`"))
             .help("name one with --wrt, or a numeric field such as --wrt lamp.radiance"));
