@@ -730,9 +730,12 @@ impl Checker<'_> {
             }
         }
         if name == "camera" {
+            let kind = found.get(6).and_then(|k| k.as_ref()).and_then(|k| k.value.as_ref());
+            let whole_turn = matches!(kind, Some(Const::Str(k)) if k == "fisheye" || k == "panorama");
             for i in [3, 4] {
                 if let Some(Some(Typed { value: Some(Const::Angle(a)), expr })) = found.get(i)
                     && !(*a > 0.0 && *a < std::f64::consts::PI)
+                    && !(whole_turn && *a > 0.0 && *a <= std::f64::consts::TAU)
                 {
                     self.diagnostics.push(
                         Diagnostic::error("dscene::value::fov", "a field of view lies between 0deg and 180deg")

@@ -1,6 +1,7 @@
 //! Lowering: values become a scene description, and every array of it that derivatives may reach a slot with its node.
 
 use std::collections::{HashMap, VecDeque};
+use std::f64::consts::{FRAC_PI_4, PI};
 use std::sync::Arc;
 
 use glam::{Mat3, Vec3};
@@ -294,23 +295,36 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
         }
     };
 
-    let orthographic = matches!(camera.field("kind"), Some(Value::Str(s)) if &**s == "orthographic");
-    let (projection, scale) = if orthographic {
-        let half = number("height")?.unwrap_or_else(|| Var::from(2.0)).scale(0.5);
-        (Projection::Orthographic, Var::stack(&[half.scale(aspect), half])?)
-    } else {
-        let tangent = |angle: Var| angle.scale(0.5).unary(Unary::Tan);
-        let scale = match (number("fov")?, number("fov_x")?) {
+    let kind = match camera.field("kind") {
+        Some(Value::Str(s)) => s.to_string(),
+        _ => "perspective".to_string(),
+    };
+    let angles = (number("fov")?, number("fov_x")?);
+    // Half the field of view in both directions: as an angle, or its tangent.
+    let halves = |tangent: bool, default: f64| {
+        let half = |angle: Var| if tangent { angle.scale(0.5).unary(Unary::Tan) } else { angle.scale(0.5) };
+        match angles.clone() {
             (None, Some(fov_x)) => {
-                let x = tangent(fov_x);
-                Var::stack(&[x.clone(), x.scale(1.0 / aspect)])?
+                let x = half(fov_x);
+                Var::stack(&[x.clone(), x.scale(1.0 / aspect)])
             }
             (fov, _) => {
-                let y = tangent(fov.unwrap_or_else(|| Var::from(std::f64::consts::FRAC_PI_4)));
-                Var::stack(&[y.scale(aspect), y])?
+                let y = half(fov.unwrap_or_else(|| Var::from(default)));
+                Var::stack(&[y.scale(aspect), y])
             }
-        };
-        (Projection::Perspective, scale)
+        }
+    };
+    let (projection, scale) = match &*kind {
+        "orthographic" => {
+            let half = number("height")?.unwrap_or_else(|| Var::from(2.0)).scale(0.5);
+            (Projection::Orthographic, Var::stack(&[half.scale(aspect), half])?)
+        }
+        "fisheye" => (Projection::Fisheye, halves(false, PI)?),
+        "panorama" if angles.0.is_none() && angles.1.is_none() => {
+            (Projection::Panorama, Var::stack(&[Var::from(PI), Var::from(0.5 * PI)])?)
+        }
+        "panorama" => (Projection::Panorama, halves(false, PI)?),
+        _ => (Projection::Perspective, halves(true, FRAC_PI_4)?),
     };
     if scale.value().data.iter().any(|s| !(s.is_finite() && *s > 0.0 && *s < 1e6)) {
         return Err(bad("the field of view must lie between 0deg and 180deg"));

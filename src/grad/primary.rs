@@ -56,9 +56,15 @@ struct Chosen<'a> {
     edge: &'a Edge,
     viewpoint: &'a Viewpoint<'a>,
     s: f32,
-    /// Per pixel of arc length.
-    pdf: f64,
-    tangent: Vec2,
+    density: Density,
+}
+
+/// Probability density of a chosen edge point.
+enum Density {
+    /// Per pixel of arc length on film.
+    Pixel(f64),
+    /// Per unit of the edge parameter s.
+    Parameter(f64),
 }
 
 impl<'a> PrimaryEdges<'a> {
@@ -77,6 +83,18 @@ impl<'a> PrimaryEdges<'a> {
         for (v, viewpoint) in viewpoints.iter().enumerate() {
             for (e, edge) in viewpoint.scene.edges().edges.iter().enumerate() {
                 let Some(class) = classify(viewpoint, edge, settings.output) else { continue };
+                if !viewpoint.camera.keeps_lines() {
+                    for piece in curved(viewpoint, edge, e as u32, v as u32) {
+                        let importance = match weight_image {
+                            Some(w) => local_weight(w, piece.a, piece.b) + 0.1 * mean,
+                            None => 1.0,
+                        };
+                        // Never zero: the middle may be off film where the ends are not.
+                        weights.push(class * (piece.a.distance(piece.b) + 1e-3) * importance);
+                        pieces.push(piece);
+                    }
+                    continue;
+                }
                 let Some(segment) = clip(viewpoint, edge) else { continue };
                 let length = segment.a.distance(segment.b);
                 let count = (length / PIECE).ceil().max(1.0) as usize;
@@ -110,23 +128,24 @@ impl<'a> PrimaryEdges<'a> {
         let (i, pmf, rest) = self.pmf.sample(f64::from(u));
         let piece = &self.pieces[i];
         let length = piece.a.distance(piece.b);
-        if length <= 0.0 {
-            return None;
-        }
         let viewpoint = &self.viewpoints[piece.viewpoint as usize];
+        let edge = &viewpoint.scene.edges().edges[piece.edge as usize];
+        if !viewpoint.camera.keeps_lines() {
+            let range = piece.sb - piece.sa;
+            let s = (piece.sa + range * rest) as f32;
+            return Some(Chosen { edge, viewpoint, s, density: Density::Parameter(pmf / range) });
+        }
         // Position along the projected segment → along the edge in space.
         let t = piece.ta + (piece.tb - piece.ta) * rest;
         let s = t * piece.za / ((1.0 - t) * piece.zb + t * piece.za);
         let s = piece.sa + (piece.sb - piece.sa) * s;
-        let edge = &viewpoint.scene.edges().edges[piece.edge as usize];
-        let tangent = ((piece.b - piece.a) / length).as_vec2();
-        Some(Chosen { edge, viewpoint, s: s as f32, pdf: pmf / length, tangent })
+        (length > 0.0).then(|| Chosen { edge, viewpoint, s: s as f32, density: Density::Pixel(pmf / length) })
     }
 
     /// One boundary sample.
     fn sample(&self, sampler: &mut Sampler, out: &mut impl Estimate) {
         let Some(chosen) = self.choose(sampler.next_1d()) else { return };
-        let Chosen { edge, viewpoint, s, pdf, tangent } = chosen;
+        let Chosen { edge, viewpoint, s, density } = chosen;
         let p = edge.point(s);
         let prims = edge.prims();
         let Some(view) = edge.view(viewpoint.direction_to(p)) else { return };
@@ -138,6 +157,17 @@ impl<'a> PrimaryEdges<'a> {
 
         // Image normal from the covering to the uncovered side.
         let [gx, gy] = viewpoint.projection_gradient(&seen);
+        let along = edge.p[1] - edge.p[0];
+        let along = Vec2::new(gx.dot(along), gy.dot(along));
+        let speed = along.length();
+        if !(speed > 0.0 && speed.is_finite()) {
+            return;
+        }
+        let tangent = along / speed;
+        let pdf = match density {
+            Density::Pixel(pdf) => pdf,
+            Density::Parameter(pdf) => pdf / f64::from(speed),
+        };
         let normal_2d = Vec2::new(tangent.y, -tangent.x);
         let side = normal_2d.x * gx.dot(view.normal) + normal_2d.y * gy.dot(view.normal);
         let normal_2d = if side < 0.0 { -normal_2d } else { normal_2d };
@@ -250,6 +280,25 @@ fn local_weight(image: &Image, a: DVec2, b: DVec2) -> f64 {
     sum / steps as f64
 }
 
+/// Pieces of an edge for a projection that bends lines: equal steps of the edge parameter, on or near the film.
+fn curved(viewpoint: &Viewpoint, edge: &Edge, e: u32, v: u32) -> Vec<Piece> {
+    const STEPS: usize = 32;
+    let camera = viewpoint.camera;
+    let film = |s: f64| camera.project(viewpoint.image(edge.point(s as f32))).map(|q| q.pixel.as_dvec2());
+    let size = DVec2::new(camera.width as f64, camera.height as f64);
+    (0..STEPS)
+        .filter_map(|i| {
+            let (sa, sb) = (i as f64 / STEPS as f64, (i + 1) as f64 / STEPS as f64);
+            let (a, b) = (film(sa)?, film(sb)?);
+            // A step may jump from one side of a panorama to the other: then its length says nothing.
+            let reach = DVec2::splat(a.distance(b) + 4.0);
+            let outside = |p: DVec2| p.cmplt(-reach).any() || p.cmpgt(size + reach).any();
+            let piece = Piece { edge: e, viewpoint: v, a, b, za: 1.0, zb: 1.0, sa, sb, ta: 0.0, tb: 1.0 };
+            (!(outside(a) && outside(b))).then_some(piece)
+        })
+        .collect()
+}
+
 /// Clips an edge to the space before the camera (and before the mirror) and to the film.
 fn clip(viewpoint: &Viewpoint, edge: &Edge) -> Option<Piece> {
     let camera = viewpoint.camera;
@@ -273,11 +322,8 @@ fn clip(viewpoint: &Viewpoint, edge: &Edge) -> Option<Piece> {
     let near = 1e-5 * f64::from(viewpoint.scene.radius);
     keep(l0.z - near, l1.z - near);
     if let Some(m) = viewpoint.mirror {
-        let side = match camera.projection {
-            crate::render::Projection::Perspective => m.height(camera.origin),
-            crate::render::Projection::Orthographic => -m.n.dot(camera.frame[2]),
-        };
-        let distance = |p: Vec3| f64::from(m.height(p) * side.signum());
+        let side = viewpoint.side(&m);
+        let distance = |p: Vec3| f64::from(m.height(p) * side);
         keep(distance(edge.p[0]), distance(edge.p[1]));
     }
     if s0 >= s1 {

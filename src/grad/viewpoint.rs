@@ -10,7 +10,7 @@ use super::sink::{Adjoints, Sink};
 use crate::render::accel::PrimId;
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::sensor::Projected;
-use crate::render::{Camera, MaterialKind, Projection, Scene};
+use crate::render::{Camera, MaterialKind, Scene};
 
 /// More distinct mirror planes than this are a curved mirror: not covered.
 const MAX_MIRROR_PLANES: usize = 32;
@@ -159,13 +159,14 @@ impl<'a> Viewpoint<'a> {
 
     /// Whether a point lies on the camera's side of the mirror and not in its plane (always true without one).
     pub fn in_front(&self, p: Vec3) -> bool {
-        self.mirror.is_none_or(|m| {
-            let viewer = match self.camera.projection {
-                Projection::Perspective => m.height(self.camera.origin),
-                Projection::Orthographic => -m.n.dot(self.camera.frame[2]),
-            };
-            viewer.signum() * m.height(p) > 1e-5 * self.scene.radius
-        })
+        self.mirror.is_none_or(|m| self.side(&m) * m.height(p) > 1e-5 * self.scene.radius)
+    }
+
+    /// Which side of a mirror the camera is on.
+    pub fn side(&self, m: &MirrorPlane) -> f32 {
+        let viewer =
+            if self.camera.is_central() { m.height(self.camera.origin) } else { -m.n.dot(self.camera.frame[2]) };
+        viewer.signum()
     }
 
     /// Sees a world point, if it is on film and nothing but `skip` hides it.

@@ -361,11 +361,14 @@ fn camera(a: &Args) -> Result<Value> {
     if let (Some(_), Some((i, _))) = (a.named("fov"), a.named("fov_x")) {
         return Err(NativeError::at(i, "a camera has `fov` or `fov_x`, not both"));
     }
+    let whole_turn = matches!(a.named_string("kind")?, Some("fisheye" | "panorama"));
     for name in ["fov", "fov_x"] {
         let Some((i, _)) = a.named(name) else { continue };
         let degrees = a.number(i)?.to_degrees();
-        if degrees.is_nan() || degrees <= 0.0 || degrees >= 180.0 {
-            let message = format!("a field of view lies between 0deg and 180deg, this is {}deg", short(degrees));
+        let inside = if whole_turn { degrees <= 360.0 } else { degrees < 180.0 };
+        if !(degrees > 0.0 && inside) {
+            let most = if whole_turn { "360deg" } else { "180deg" };
+            let message = format!("a field of view lies between 0deg and {most}, this is {}deg", short(degrees));
             return Err(NativeError::at(i, message));
         }
     }
@@ -388,8 +391,10 @@ fn camera(a: &Args) -> Result<Value> {
         }
     }
     match a.named_string("kind")?.unwrap_or("perspective") {
-        "perspective" | "orthographic" => {}
-        other => return Err(unknown(a, "kind", other, "`perspective` or `orthographic`")),
+        "perspective" | "orthographic" | "fisheye" | "panorama" => {}
+        other => {
+            return Err(unknown(a, "kind", other, "`perspective`, `orthographic`, `fisheye` or `panorama`"));
+        }
     }
     if a.named("transform").is_none() {
         let (Some((p, _)), Some((l, _))) = (a.named("position"), a.named("look_at")) else {

@@ -94,6 +94,11 @@ pub enum Projection {
     Perspective,
     /// Ray through film point (x, y): origin `+ right·x·scale.x + up·y·scale.y`, direction `forward`.
     Orthographic,
+    /// Equidistant: the angle from `forward` grows in proportion to the distance from the film's centre;
+    /// (x·scale.x, y·scale.y) is that angle's vector, in radians.
+    Fisheye,
+    /// Equirectangular: longitude x·scale.x about `up` from `forward` to `right`, latitude y·scale.y, in radians.
+    Panorama,
 }
 
 /// A camera. Pixel (0, 0) is top left: film x grows to the right, film y grows upwards.
@@ -103,7 +108,8 @@ pub struct Camera {
     pub origin: Vec3,
     /// Rows: right, up, forward (world space; orthonormal for an ordinary camera, any invertible triple is allowed).
     pub frame: [Vec3; 3],
-    /// Perspective: tangents of the half angles (x, y); orthographic: half width and half height of the view.
+    /// Perspective: tangents of the half angles (x, y); orthographic: half width and half height of the view;
+    /// fisheye, panorama: half angles in radians.
     pub scale: [f32; 2],
     /// Film size in pixels.
     pub width: usize,

@@ -33,37 +33,76 @@ impl Camera {
         Vec2::new(0.5 * self.width as f32, -0.5 * self.height as f32)
     }
 
+    /// Whether all rays leave one centre.
+    pub fn is_central(&self) -> bool {
+        self.projection != Projection::Orthographic
+    }
+
+    /// Whether straight edges are straight on film.
+    pub fn keeps_lines(&self) -> bool {
+        matches!(self.projection, Projection::Perspective | Projection::Orthographic)
+    }
+
+    /// Direction in the camera's frame for scaled film coordinates (central projections), and its derivatives in both.
+    fn local_direction(&self, x: f32, y: f32) -> (Vec3, [Vec3; 2]) {
+        match self.projection {
+            Projection::Perspective => (Vec3::new(x, y, 1.0), [Vec3::X, Vec3::Y]),
+            Projection::Orthographic => (Vec3::Z, [Vec3::ZERO; 2]),
+            Projection::Fisheye => {
+                let angle = x.hypot(y);
+                let (sin, cos) = angle.sin_cos();
+                if angle < 1e-4 {
+                    return (Vec3::new(x, y, cos), [Vec3::new(1.0, 0.0, -x), Vec3::new(0.0, 1.0, -y)]);
+                }
+                let (u, v, sinc) = (x / angle, y / angle, sin / angle);
+                let dx = Vec3::new(u * u * cos + v * v * sinc, u * v * (cos - sinc), -u * sin);
+                let dy = Vec3::new(u * v * (cos - sinc), v * v * cos + u * u * sinc, -v * sin);
+                (Vec3::new(u * sin, v * sin, cos), [dx, dy])
+            }
+            Projection::Panorama => {
+                let ((sx, cx), (sy, cy)) = (x.sin_cos(), y.sin_cos());
+                let dx = Vec3::new(cy * cx, 0.0, -cy * sx);
+                let dy = Vec3::new(-sy * sx, cy, -sy * cx);
+                (Vec3::new(cy * sx, sy, cy * cx), [dx, dy])
+            }
+        }
+    }
+
     /// The ray through a pixel position.
     pub fn ray(&self, pixel: Vec2) -> Ray {
         let film = self.film(pixel);
-        let offset = self.frame[0] * (film.x * self.scale[0]) + self.frame[1] * (film.y * self.scale[1]);
-        match self.projection {
-            Projection::Perspective => Ray::new(self.origin, (offset + self.frame[2]).normalize()),
-            Projection::Orthographic => Ray::new(self.origin + offset, self.frame[2].normalize()),
+        let (x, y) = (film.x * self.scale[0], film.y * self.scale[1]);
+        if self.projection == Projection::Orthographic {
+            let origin = self.origin + self.frame[0] * x + self.frame[1] * y;
+            return Ray::new(origin, self.frame[2].normalize());
         }
+        let l = self.local_direction(x, y).0;
+        Ray::new(self.origin, (self.frame[0] * l.x + self.frame[1] * l.y + self.frame[2] * l.z).normalize())
     }
 
     /// Adjoint of [`Camera::ray`] at a fixed pixel position.
     pub fn d_ray(&self, pixel: Vec2, d_origin: Vec3, d_dir: Vec3, adjoint: &mut CameraAdjoint) {
         let film = self.film(pixel);
         let (x, y) = (film.x * self.scale[0], film.y * self.scale[1]);
-        let unnormalised = match self.projection {
-            Projection::Perspective => self.frame[0] * x + self.frame[1] * y + self.frame[2],
-            Projection::Orthographic => self.frame[2],
-        };
+        let (l, [lx, ly]) = self.local_direction(x, y);
+        let unnormalised = self.frame[0] * l.x + self.frame[1] * l.y + self.frame[2] * l.z;
         let length = unnormalised.length();
         let dir = unnormalised / length;
         let d_unnormalised = (d_dir - dir * dir.dot(d_dir)) / length;
         adjoint.origin += d_origin;
-        adjoint.frame[2] += d_unnormalised;
-        let d_offset = match self.projection {
-            Projection::Perspective => d_unnormalised,
-            Projection::Orthographic => d_origin,
-        };
-        adjoint.frame[0] += d_offset * x;
-        adjoint.frame[1] += d_offset * y;
-        adjoint.scale[0] += film.x * self.frame[0].dot(d_offset);
-        adjoint.scale[1] += film.y * self.frame[1].dot(d_offset);
+        for (row, l) in adjoint.frame.iter_mut().zip(l.to_array()) {
+            *row += d_unnormalised * l;
+        }
+        let mut d_local = Vec3::from_array(self.frame.map(|row| row.dot(d_unnormalised)));
+        let (mut d_x, mut d_y) = (lx.dot(d_local), ly.dot(d_local));
+        if self.projection == Projection::Orthographic {
+            adjoint.frame[0] += d_origin * x;
+            adjoint.frame[1] += d_origin * y;
+            d_local = Vec3::from_array(self.frame.map(|row| row.dot(d_origin)));
+            (d_x, d_y) = (d_local.x, d_local.y);
+        }
+        adjoint.scale[0] += film.x * d_x;
+        adjoint.scale[1] += film.y * d_y;
     }
 
     /// Columns right, up, forward, inverted: world offsets to camera coordinates.
@@ -71,14 +110,22 @@ impl Camera {
         Mat3::from_cols(self.frame[0], self.frame[1], self.frame[2]).inverse()
     }
 
-    /// Projects a point; `None` behind (or at) a perspective camera.
+    /// Projects a point; `None` behind (or at) a perspective camera. A central projection of a
+    /// seen point inverts [`Camera::ray`].
     pub fn project(&self, p: Vec3) -> Option<Projected> {
         let local = self.inverse_frame() * (p - self.origin);
         let (x, y) = match self.projection {
             Projection::Perspective if local.z <= 0.0 => return None,
-            Projection::Perspective => (local.x / (local.z * self.scale[0]), local.y / (local.z * self.scale[1])),
-            Projection::Orthographic => (local.x / self.scale[0], local.y / self.scale[1]),
+            Projection::Perspective => (local.x / local.z, local.y / local.z),
+            Projection::Orthographic => (local.x, local.y),
+            Projection::Fisheye => {
+                let rho = local.x.hypot(local.y);
+                let stretch = if rho > 0.0 { rho.atan2(local.z) / rho } else { 1.0 / local.z };
+                (local.x * stretch, local.y * stretch)
+            }
+            Projection::Panorama => (local.x.atan2(local.z), local.y.atan2(local.x.hypot(local.z))),
         };
+        let (x, y) = (x / self.scale[0], y / self.scale[1]);
         let pixel = Vec2::new((x + 1.0) * 0.5 * self.width as f32, (1.0 - y) * 0.5 * self.height as f32);
         (pixel.is_finite()).then_some(Projected { pixel, local })
     }
@@ -94,14 +141,28 @@ impl Camera {
         let to_pixel = self.film_to_pixel();
         let q = projected.local;
         let (gx, gy) = match self.projection {
-            Projection::Perspective => (
-                Vec3::new(1.0, 0.0, -q.x / q.z) / (q.z * self.scale[0]),
-                Vec3::new(0.0, 1.0, -q.y / q.z) / (q.z * self.scale[1]),
-            ),
-            Projection::Orthographic => (Vec3::X / self.scale[0], Vec3::Y / self.scale[1]),
+            Projection::Perspective => (Vec3::new(1.0, 0.0, -q.x / q.z) / q.z, Vec3::new(0.0, 1.0, -q.y / q.z) / q.z),
+            Projection::Orthographic => (Vec3::X, Vec3::Y),
+            Projection::Fisheye => {
+                let (rho, r2) = (q.x.hypot(q.y), q.length_squared());
+                if rho < 1e-6 * q.z.abs() {
+                    (Vec3::X / q.z, Vec3::Y / q.z)
+                } else {
+                    // (x, y) = θ (q.x, q.y) / ρ with θ = atan2(ρ, z).
+                    let (u, v, stretch) = (q.x / rho, q.y / rho, rho.atan2(q.z) / rho);
+                    let radial = Vec3::new(q.z * u, q.z * v, -rho) / r2;
+                    let around = Vec3::new(v, -u, 0.0) * stretch;
+                    (radial * u + around * v, radial * v - around * u)
+                }
+            }
+            Projection::Panorama => {
+                let (rho2, r2) = ((q.x * q.x + q.z * q.z).max(1e-20), q.length_squared());
+                let rho = rho2.sqrt();
+                (Vec3::new(q.z, 0.0, -q.x) / rho2, Vec3::new(-q.y * q.x / rho, rho, -q.y * q.z / rho) / r2)
+            }
         };
         let transposed = inverse.transpose();
-        [transposed * gx * to_pixel.x, transposed * gy * to_pixel.y]
+        [transposed * gx * (to_pixel.x / self.scale[0]), transposed * gy * (to_pixel.y / self.scale[1])]
     }
 
     /// Adjoint of [`Camera::project`]: returns the point's, adds the camera's.
@@ -126,18 +187,15 @@ impl Camera {
         gx.cross(gy).dot(n).abs()
     }
 
-    /// Unit direction from the point towards the camera, and its distance (perspective) or depth (orthographic).
+    /// Unit direction from the point towards the camera, and its distance (or depth, orthographic).
     pub fn towards(&self, p: Vec3) -> (Vec3, f32) {
-        match self.projection {
-            Projection::Perspective => {
-                let v = self.origin - p;
-                let length = v.length();
-                (v / length, length)
-            }
-            Projection::Orthographic => {
-                let forward = self.frame[2].normalize();
-                (-forward, (p - self.origin).dot(forward))
-            }
+        if self.is_central() {
+            let v = self.origin - p;
+            let length = v.length();
+            (v / length, length)
+        } else {
+            let forward = self.frame[2].normalize();
+            (-forward, (p - self.origin).dot(forward))
         }
     }
 }
@@ -159,11 +217,13 @@ mod tests {
         }
     }
 
+    const ALL: [Projection; 4] =
+        [Projection::Perspective, Projection::Orthographic, Projection::Fisheye, Projection::Panorama];
     const NUMBERS: [f32; 14] = [0.1, 0.2, -3.0, 0.9, 0.1, 0.2, -0.1, 1.1, 0.05, -0.2, 0.02, 1.0, 0.4, 0.3];
 
     #[test]
     fn projection_inverts_rays() {
-        for projection in [Projection::Perspective, Projection::Orthographic] {
+        for projection in ALL {
             let camera = camera(projection, &NUMBERS);
             let mut rng = Pcg32::new(1);
             for _ in 0..50 {
@@ -178,7 +238,7 @@ mod tests {
     #[test]
     fn adjoints_match_finite_differences() {
         let mut rng = Pcg32::new(2);
-        for projection in [Projection::Perspective, Projection::Orthographic] {
+        for projection in ALL {
             let pixel = Vec2::new(11.0, 7.0);
             let p = Vec3::new(0.3, -0.2, 1.0);
             let mut random = || Vec3::new(rng.next_f32() - 0.5, rng.next_f32() - 0.5, rng.next_f32() - 0.5);

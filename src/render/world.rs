@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::accel::{Accel, PrimId};
 use super::environment::EnvironmentTable;
 use super::light::LightTable;
-use super::scene::{Camera, DeltaLight, Input, SceneDescription};
+use super::scene::{Camera, DeltaLight, Input, Projection, SceneDescription};
 use crate::grad::edges::EdgeTable;
 
 /// Why a scene cannot be rendered; `shape` etc. are indices, the evaluator finds the place in the script.
@@ -111,7 +111,15 @@ pub fn validate_camera(camera: &Camera) -> Result<(), SceneError> {
     if !camera.scale.iter().all(|s| s.is_finite() && *s > 0.0) {
         return fail("the camera's field of view must be above zero and below 180 degrees".into());
     }
-    Ok(())
+    let [x, y] = camera.scale;
+    let pi = std::f32::consts::PI * (1.0 + 1e-5);
+    match camera.projection {
+        Projection::Fisheye if x.hypot(y) > pi => {
+            fail("a fisheye film must not see beyond 180 degrees from its axis in the corners".into())
+        }
+        Projection::Panorama if x > pi || y > 0.5 * pi => fail("a panorama sees at most 360 by 180 degrees".into()),
+        _ => Ok(()),
+    }
 }
 
 fn validate(description: &SceneDescription) -> Result<(), SceneError> {

@@ -1,0 +1,99 @@
+//! T19: the area of an emissive triangle in the image of every camera, against the outline projected in double precision.
+
+mod common;
+
+use common::*;
+use dscene::grad::render_backward;
+use dscene::image::Image;
+use dscene::render::*;
+use glam::{DMat3, DVec2, DVec3, Vec3, vec3};
+
+/// Film position in pixels of a point, written anew in double precision.
+fn project(projection: Projection, frame: &DMat3, origin: DVec3, scale: [f64; 2], size: f64, p: DVec3) -> DVec2 {
+    let q = frame.transpose() * (p - origin);
+    let (x, y) = match projection {
+        Projection::Perspective => (q.x / q.z, q.y / q.z),
+        Projection::Orthographic => (q.x, q.y),
+        Projection::Fisheye => {
+            let direction = DVec2::new(q.x, q.y).normalize() * (q.z / q.length()).acos();
+            (direction.x, direction.y)
+        }
+        Projection::Panorama => (q.x.atan2(q.z), (q.y / q.length()).asin()),
+    };
+    DVec2::new(0.5 * size * (1.0 + x / scale[0]), 0.5 * size * (1.0 - y / scale[1]))
+}
+
+/// Area in pixels² inside the projected outline.
+fn area(projection: Projection, camera: &Camera, v: &[Vec3], shift: DVec3, roll: f64) -> f64 {
+    let [r, u, f] = camera.frame.map(|v| v.as_dvec3());
+    let turn = DMat3::from_axis_angle(r, roll);
+    let frame = DMat3::from_cols(r, turn * u, turn * f);
+    let scale = camera.scale.map(f64::from);
+    let mut points = Vec::new();
+    for i in 0..3 {
+        let (a, b) = (v[i].as_dvec3(), v[(i + 1) % 3].as_dvec3());
+        for k in 0..4000 {
+            let p = a.lerp(b, k as f64 / 4000.0);
+            points.push(project(projection, &frame, camera.origin.as_dvec3() + shift, scale, camera.width as f64, p));
+        }
+    }
+    let n = points.len();
+    (0.5 * (0..n).map(|i| points[i].perp_dot(points[(i + 1) % n])).sum::<f64>()).abs()
+}
+
+#[test]
+fn area_of_a_triangle_in_every_camera() {
+    for projection in [Projection::Perspective, Projection::Orthographic, Projection::Fisheye, Projection::Panorama] {
+        for z in [2.0, 5.0] {
+            let v = [vec3(-1.0, -0.8, 0.2), vec3(1.1, -0.5, -0.3), vec3(0.1, 1.0, 0.4)];
+            let mut camera = look_at(vec3(0.3, 0.2, -z), vec3(0.1, 0., 0.), 60., 48);
+            camera.projection = projection;
+            camera.scale = match projection {
+                Projection::Perspective => [1.1, 1.1],
+                Projection::Orthographic => [2.0, 2.0],
+                Projection::Fisheye => [1.5, 1.5],
+                Projection::Panorama => [3.0, 1.5],
+            };
+            let mut b = Builder::default();
+            b.light(mesh(v.to_vec(), vec![[0, 2, 1]]), Vec3::ONE);
+            let emission = b.scene.shapes[0].emission.as_mut().unwrap();
+            emission.two_sided = true;
+            let scene = Scene::new(b.scene).unwrap();
+            let settings = Settings { output: Output::Radiance, spp: 1024, max_bounces: 0, seed: 1, boundary: true };
+            let mut d_image = Image::new(48, 48, 3);
+            d_image.data.iter_mut().step_by(3).for_each(|d| *d = 1.0);
+            let wrt = [Slot::Vertices(0), Slot::CameraOrigin, Slot::CameraFrame];
+            let g = render_backward(&scene, &camera, &settings, &d_image, &wrt).unwrap();
+
+            let h = 1e-4;
+            let moved = |f: &dyn Fn(f64) -> f64| (f(h) - f(-h)) / (2.0 * h);
+            let mut expected = Vec::new();
+            let mut found = Vec::new();
+            for i in 0..9 {
+                expected.push(moved(&|t| {
+                    let mut w = v;
+                    w[i / 3][i % 3] += t as f32;
+                    let exact = f64::from(w[i / 3][i % 3]) - f64::from(v[i / 3][i % 3]);
+                    let base = area(projection, &camera, &v, DVec3::ZERO, 0.0);
+                    base + (area(projection, &camera, &w, DVec3::ZERO, 0.0) - base) * t / exact
+                }));
+                found.push(g[0][i]);
+            }
+            for i in 0..3 {
+                expected.push(moved(&|t| area(projection, &camera, &v, DVec3::AXES[i] * t, 0.0)));
+                found.push(g[1][i]);
+            }
+            // Tilting: up and forward turn about right.
+            expected.push(moved(&|t| area(projection, &camera, &v, DVec3::ZERO, t)));
+            let r = camera.frame[0];
+            let turned = [Vec3::ZERO, r.cross(camera.frame[1]), r.cross(camera.frame[2])];
+            let rows = turned.iter().flat_map(|v| v.to_array());
+            found.push(g[2].iter().zip(rows).map(|(g, t)| g * f64::from(t)).sum());
+
+            let size = expected.iter().fold(0.0f64, |m, e| m.max(e.abs()));
+            for (i, (e, f)) in expected.iter().zip(&found).enumerate() {
+                assert!((e - f).abs() < 3e-3 * size, "{projection:?} at {z}, {i}: {f} instead of {e} (of {size})");
+            }
+        }
+    }
+}
