@@ -99,7 +99,7 @@ impl Engine {
                 continue;
             }
             let value = self.target_value(target, span)?;
-            let (leaf, shown) = temporary(&value, |v| Var::leaf(v), span)?;
+            let (leaf, shown) = temporary(&value, Var::leaf, span)?;
             leaves.push(leaf);
             overrides.push((target.clone(), shown));
         }
@@ -261,7 +261,7 @@ impl Engine {
     /// (e(p + h) − e(p − h)) / 2h for each element of p; of anything made of numbers if p is one number.
     fn differences(&mut self, of: &Expr, target: &Target, step: f64, span: Span) -> Result<Tensor> {
         let value = self.target_value(target, span)?;
-        let (leaf, _) = temporary(&value, |v| Var::leaf(v), span)?;
+        let (leaf, _) = temporary(&value, Var::leaf, span)?;
         let n = leaf.len();
         let mut result: Option<Tensor> = None;
         for k in 0..n {

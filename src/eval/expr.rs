@@ -108,19 +108,18 @@ impl Engine {
         let at = self.expr(index)?;
         let out = |e: crate::tape::TapeError| error::index(e.0, index.span);
         // An array of indices gathers.
-        if let (Value::Num(v), Value::Num(which)) = (&value, &at) {
-            if which.shape().len() == 1 {
-                let n = v.shape().first().copied().unwrap_or(0) as i64;
-                let mut rows = Vec::with_capacity(which.len());
-                for &x in &which.value().data {
-                    let i = self.whole(&Value::scalar(x), index.span)?;
-                    let i = if i < 0 { i + n } else { i };
-                    rows.push(
-                        u32::try_from(i).map_err(|_| error::index(format!("index {x} is out of range"), index.span))?,
-                    );
-                }
-                return v.rows(&rows).map(Value::Num).map_err(out);
+        if let (Value::Num(v), Value::Num(which)) = (&value, &at)
+            && which.shape().len() == 1
+        {
+            let n = v.shape().first().copied().unwrap_or(0) as i64;
+            let mut rows = Vec::with_capacity(which.len());
+            for &x in &which.value().data {
+                let i = self.whole(&Value::scalar(x), index.span)?;
+                let i = if i < 0 { i + n } else { i };
+                let row = u32::try_from(i);
+                rows.push(row.map_err(|_| error::index(format!("index {x} is out of range"), index.span))?);
             }
+            return v.rows(&rows).map(Value::Num).map_err(out);
         }
         let i = self.whole(&at, index.span)?;
         match &value {

@@ -151,8 +151,10 @@ fn linear_algebra() {
     let x = Var::constant(Tensor::vector(vec![1.0, 0.0, 0.0]));
     let y = Var::constant(Tensor::vector(vec![0.0, 1.0, 0.0]));
     assert_eq!(x.cross(&y).unwrap().value().data, [0.0, 0.0, 1.0]);
-    let quarter =
-        Var::rotation_about(&Var::constant(Tensor::vector(vec![0.0, 0.0, 2.0])), &Var::from(1.570_796_326_794_896_6));
+    let quarter = Var::rotation_about(
+        &Var::constant(Tensor::vector(vec![0.0, 0.0, 2.0])),
+        &Var::from(std::f64::consts::FRAC_PI_2),
+    );
     let turned = quarter.unwrap().matmul(&x).unwrap();
     assert!((turned.value().data[1] - 1.0).abs() < 1e-12);
     assert!(Var::constant(Tensor::zeros(&[3, 3])).inverse().is_err());
