@@ -470,15 +470,16 @@ fn formatted(v: &Value, ty: &Ty, format: Option<StrFormat>) -> String {
             other => show::brief(other, ty),
         };
     };
-    let text = match (v.number(), v) {
-        (Some(x), Value::Num(_) | Value::Image(_)) => {
-            let x = if matches!(ty, Ty::Angle) { x.to_degrees() } else { x };
-            match format.precision {
-                Some(p) => format!("{x:.*}", p.min(40)),
-                None => show::number_text(x),
-            }
+    let one = |x: f64| {
+        let x = if matches!(ty, Ty::Angle) { x.to_degrees() } else { x };
+        match format.precision {
+            Some(p) => format!("{x:.*}", p.min(40)),
+            None => show::number_text(x),
         }
-        (_, Value::Str(s)) => s.to_string(),
+    };
+    let text = match v {
+        Value::Num(n) if n.len() <= 64 => show::numbers(n.value(), &one),
+        Value::Str(s) => s.to_string(),
         _ => show::brief(v, ty),
     };
     let width = format.width.min(200);

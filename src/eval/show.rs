@@ -34,7 +34,7 @@ pub fn number_text(x: f64) -> String {
     if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_string() } else { text }
 }
 
-fn numbers(t: &Tensor, one: &impl Fn(f64) -> String) -> String {
+pub(super) fn numbers(t: &Tensor, one: &impl Fn(f64) -> String) -> String {
     if t.shape.is_empty() {
         return t.data.first().map_or_else(String::new, |x| one(*x));
     }

@@ -1,0 +1,133 @@
+//! Every number of some scripts replaced by numbers that nobody meant: whatever passes the checker ends in a value or in a
+//! diagnostic, never in a panic.
+
+use dscene::check::{self, Disk, hir};
+use dscene::eval::{Engine, EngineOptions};
+
+const SCRIPTS: &[&str] = &[
+    "camera eye { position: [0, 2, -5], look_at: [0, 0, 0], up: [0, 1, 0], fov: 45deg, film: [6, 4] }
+material grey = diffuse(reflectance: 0.5)
+param corners: vec3[4] = [[-0.2, 3.5, -0.8], [-0.8, 3.0, 0.3], [0.4, 2.8, -0.8], [0.3, 3.2, 1.0]]
+shape ground { mesh: rectangle(width: 4, depth: 4), material: grey }
+shape blocker { mesh: mesh(vertices: corners, faces: [[0, 1, 2], [1, 3, 2]]), material: grey }
+light lamp = area(rectangle(width: 0.2, depth: 0.2) |> flip() |> translate([0, 5, 0]), radiance: 1000)
+loss y = mean(render(eye, max_bounces: 2))",
+    "camera eye { position: [0, 1, -4], look_at: [0, 0, 0], kind: orthographic, height: 3, film: [5, 5] }
+param size = 1.5
+param turn: rotation = euler(x: 10deg, y: 20deg)
+shape pot { mesh: cylinder(radius: size, height: 0.5, subdivisions: 5) |> rotate(by: turn) |> scale([1, 2, 0.5]), material: phong(diffuse: 0.3, specular: 0.4, roughness: 0.2) }
+shape ring { mesh: torus(radius: 2, tube: 0.1, subdivisions: 4) |> smooth_normals(), material: mirror(reflectance: 0.9) }
+light sky = environment(image([[1, 2], [0.5, 3]]), rotation: 30deg, scale: 0.7)
+light spot = point(position: [1, 2, -3], intensity: 4)
+light sun = directional(direction: [1, -2, 0.5], irradiance: 2)
+loss y = mean(render(eye, max_bounces: 3)) + mean(depth(eye)) + mean(alpha(eye))",
+    "camera eye { position: [0, 0, 4], look_at: [0, 0, 0], fov_x: 50deg, film: [4, 4] }
+param texels = [[[0.5, 0.2, 0.1], [0.1, 0.9, 0.4]]]
+let tex = texture(texels, filter: nearest)
+shape ball { mesh: icosphere(radius: 1, subdivisions: 1), material: principled(base_color: tex, metallic: 0.5, roughness: 0.3, specular: 0.4) }
+shape hill { mesh: heightfield([[0, 0.5], [0.3, 0.1]], width: 3, depth: 2) |> translate([0, -1, 0]), material: conductor(roughness: 0.3, eta: 0.2, k: 3) }
+light sky = constant(0.8)
+let image_ = render(eye, max_bounces: 2)
+loss y = pyramid_loss(blur(image_, 0.8), resize(image_, width: 4, height: 4) * 0.5, levels: 2) + total_variation(downsample(image_, factor: 2))",
+    "let xs = linspace(0, 1, 5)
+let v = normalize([1, 2, 2]) * length([3, 4])
+param p = 0.4 in 0..1
+let m = cube(size: 2) |> subdivide(levels: 1) |> center() |> normalize()
+loss y = huber(p * xs, 0.3 * xs, delta: 0.1) + sum(v[0..2]) + sqrt(p + 0.1) + log(p + 2) + acos(p / 4) / 1deg + laplacian_energy(m) * p + sum(uniform(3, low: 0, high: 1, seed: 4)) + p ^ 0.5 + mean(crop(image([[1, 2, 3], [4, 5, 6]]), x: 1, y: 0, width: 2, height: 1)) * p",
+];
+
+const HOSTILE: &[&str] = &["0", "(-1)", "1e-30", "1e30", "3.7", "(0/0)", "(1/0)", "1000003", "[]", "\"x\""];
+
+/// Byte ranges of the number literals of a text, without their units.
+fn literals(text: &str) -> Vec<(usize, usize)> {
+    let bytes = text.as_bytes();
+    let mut found = Vec::new();
+    let mut i = 0;
+    while i < bytes.len() {
+        let part_of_name = i > 0 && (bytes[i - 1].is_ascii_alphanumeric() || bytes[i - 1] == b'_');
+        if bytes[i].is_ascii_digit() && !part_of_name {
+            let start = i;
+            let is_more = |j: usize| {
+                bytes[j].is_ascii_digit() || (bytes[j] == b'.' && bytes.get(j + 1).is_some_and(u8::is_ascii_digit))
+            };
+            while i < bytes.len() && is_more(i) {
+                i += 1;
+            }
+            found.push((start, i));
+        } else {
+            i += 1;
+        }
+    }
+    found
+}
+
+/// Evaluates every declaration, and the loss with its gradient.
+fn run(text: &str) {
+    let checked = check::check_text("hostile", None, text, &[], &Disk);
+    let Some(program) = checked.program else { return };
+    let mut engine = Engine::new(program, EngineOptions { base_dir: ".".into(), ..Default::default() });
+    let program = engine.program().clone();
+    for id in program.ids().filter(|&id| program.decl(id).user) {
+        let _ = engine.eval_decl(id);
+    }
+    let _ = engine.params();
+    for loss in program.losses() {
+        let Some(body) = program.decl(loss).body.clone() else { continue };
+        let params: Vec<hir::DeclId> = program.params().collect();
+        let _ = engine.gradient_of_params(&body, &params);
+    }
+}
+
+fn mutate(script: &str) {
+    // Few samples: the point is what happens, not how it looks.
+    let script = script.replace("(eye", "(eye, spp: spp_");
+    let script = format!("{script}\nlet spp_ = 2");
+    run(&script);
+    for (start, end) in literals(&script) {
+        // The samples themselves stay few.
+        if script[..start].ends_with("spp_ = ") {
+            continue;
+        }
+        for hostile in HOSTILE {
+            // A huge number of bounces is slow, not wrong.
+            if script[..start].ends_with("max_bounces: ") && hostile.starts_with("1") {
+                continue;
+            }
+            run(&format!("{}{hostile}{}", &script[..start], &script[end..]));
+        }
+    }
+}
+
+#[test]
+fn a_shadow() {
+    mutate(SCRIPTS[0]);
+}
+
+#[test]
+fn every_light_and_a_mirror() {
+    mutate(SCRIPTS[1]);
+}
+
+#[test]
+fn textures_and_image_filters() {
+    mutate(SCRIPTS[2]);
+}
+
+#[test]
+fn numbers_and_meshes() {
+    mutate(SCRIPTS[3]);
+}
+
+#[test]
+fn the_scripts_themselves_are_right() {
+    for script in SCRIPTS {
+        let checked = check::check_text("hostile", None, *script, &[], &Disk);
+        assert!(checked.program.is_some(), "{script}\n{:#?}", checked.diagnostics);
+        let mut engine = Engine::new(checked.program.unwrap(), EngineOptions::default());
+        let program = engine.program().clone();
+        for id in program.ids().filter(|&id| program.decl(id).user) {
+            let value = engine.eval_decl(id);
+            assert!(value.is_ok(), "{}: {:#?}", program.decl(id).name, value.err());
+        }
+    }
+}
