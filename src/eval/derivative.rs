@@ -71,7 +71,10 @@ impl Engine {
                 return Err(error::gradient(format!("only a number has a gradient, this is a {found}"), of.span)
                     .help("`jvp` differentiates images and arrays; or take a `mean(…)`"));
             }
-            let grads = tape::backward(&loss, leaves).map_err(|e| error::gradient(e.0, of.span))?;
+            let grads = tape::backward(&loss, leaves);
+            // A rendering that was stopped half-way leaves numbers that mean nothing.
+            engine.check_interrupt(of.span)?;
+            let grads = grads.map_err(|e| error::gradient(e.0, of.span))?;
             Ok(Gradient { value: loss.item().unwrap_or(f64::NAN), grads })
         })
     }
@@ -248,7 +251,9 @@ impl Engine {
                 };
                 tangents.push((leaf.clone(), along));
             }
-            let tangent = tape::forward(&output, &tangents).map_err(|m| error::gradient(m.0, e.span))?;
+            let tangent = tape::forward(&output, &tangents);
+            engine.check_interrupt(e.span)?;
+            let tangent = tangent.map_err(|m| error::gradient(m.0, e.span))?;
             Ok((value, tangent))
         })?;
         // The derivative of a rotation is a matrix, not a rotation.

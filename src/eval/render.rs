@@ -1,6 +1,7 @@
 //! Rendering as one operation of the tape: its value is an image, its derivatives are the estimators of `grad`.
 
 use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use crate::check::hir::NativeDecl;
 use crate::diag::Diagnostic;
@@ -32,6 +33,8 @@ struct RenderOp {
     camera: Camera,
     settings: Settings,
     slots: Vec<Slot>,
+    /// Set from outside to end it early.
+    stop: Arc<AtomicBool>,
 }
 
 impl CustomOp for RenderOp {
@@ -49,8 +52,9 @@ impl CustomOp for RenderOp {
         let wanted: Vec<Slot> = self.slots.iter().zip(wants).filter(|(_, w)| **w).map(|(s, _)| *s).collect();
         let mut d_image = Image::new(output.shape[1], output.shape[0], output.shape[2]);
         d_image.data.iter_mut().zip(&g.data).for_each(|(d, g)| *d = *g as f32);
-        let found = grad::render_backward(&self.scene.scene, &self.camera, &self.settings, &d_image, &wanted)
-            .map_err(|e| e.to_string())?;
+        let found =
+            grad::render_backward_until(&self.scene.scene, &self.camera, &self.settings, &d_image, &wanted, &self.stop)
+                .map_err(|e| e.to_string())?;
         let mut found = found.into_iter();
         wants
             .iter()
@@ -68,7 +72,7 @@ impl CustomOp for RenderOp {
     fn jvp(&self, _: &[&Tensor], _: &Tensor, tangents: &[Option<&Tensor>]) -> Result<Tensor, String> {
         let along: Vec<(Slot, Vec<f32>)> =
             self.slots.iter().zip(tangents).filter_map(|(s, t)| t.map(|t| (*s, t.to_f32()))).collect();
-        let image = grad::render_forward(&self.scene.scene, &self.camera, &self.settings, &along);
+        let image = grad::render_forward_until(&self.scene.scene, &self.camera, &self.settings, &along, &self.stop);
         image.map(|i| Tensor::from_image(&i)).map_err(|e| e.to_string())
     }
 }
@@ -174,10 +178,12 @@ impl Engine {
             }
         }
         self.statistics.renders += 1;
-        let image = grad::render(&lowered.scene, &camera.camera, &settings)
+        let stop = self.options.interrupt.clone().unwrap_or_default();
+        let image = grad::render_until(&lowered.scene, &camera.camera, &settings, &stop)
             .map_err(|e| self.scene_error(LowerError::Scene(e), &scene, &origins, span))?;
+        self.check_interrupt(span)?;
         let value = Tensor::from_image(&image);
-        let op = RenderOp { scene: lowered, camera: camera.camera, settings, slots };
+        let op = RenderOp { scene: lowered, camera: camera.camera, settings, slots, stop };
         Ok(Value::Image(Var::custom(Arc::new(op), inputs, value)))
     }
 

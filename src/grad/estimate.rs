@@ -1,8 +1,9 @@
 //! Modes of differentiation: the same samples, contracted with an adjoint image (reverse) or with tangents (forward).
 
 use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
 use super::sink::{Adjoints, Contraction, Dense, Layout, Sink};
@@ -67,7 +68,8 @@ pub struct Forward<'a> {
     layout: &'a Layout,
     tangent: &'a [f32],
     channels: usize,
-    samples: Vec<(usize, Vec3)>,
+    /// Sums over runs of samples of the same pixel.
+    samples: Vec<(usize, DVec3)>,
 }
 
 impl<'a> Estimate for Forward<'a> {
@@ -82,7 +84,10 @@ impl<'a> Estimate for Forward<'a> {
             out.flush_camera();
             value[c] = out.sink.sum as f32;
         }
-        self.samples.push((pixel, value));
+        match self.samples.last_mut() {
+            Some((last, sum)) if *last == pixel => *sum += value.as_dvec3(),
+            _ => self.samples.push((pixel, value.as_dvec3())),
+        }
     }
 
     fn skips(&self, _pixel: usize) -> bool {
@@ -97,13 +102,32 @@ fn chunks(items: usize, len: usize) -> Vec<Range<usize>> {
     (0..n).map(|i| items * i / n..items * (i + 1) / n).collect()
 }
 
-/// Runs a pass in reverse mode, adding to `total` (flat, in the layout's order).
-pub fn reverse(scene: &Scene, layout: &Layout, d_image: &Image, pass: &impl Pass, total: &mut [f64]) {
+/// Draws a range of items, in blocks until `stop` is set.
+fn run(pass: &impl Pass, range: Range<usize>, out: &mut impl Estimate, stop: &AtomicBool) {
+    const BLOCK: usize = 256;
+    for start in range.clone().step_by(BLOCK) {
+        if stop.load(Ordering::Relaxed) {
+            return;
+        }
+        pass.run(start..(start + BLOCK).min(range.end), out);
+    }
+}
+
+/// Runs a pass in reverse mode, adding to `total` (flat, in the layout's order). Once `stop` is set it ends soon and
+/// `total` is good for nothing.
+pub fn reverse(
+    scene: &Scene,
+    layout: &Layout,
+    d_image: &Image,
+    pass: &impl Pass,
+    total: &mut [f64],
+    stop: &AtomicBool,
+) {
     let parts: Vec<Vec<f64>> = chunks(pass.items(), layout.len())
         .into_par_iter()
         .map(|range| {
             let mut mode = Reverse::new(scene, layout, d_image);
-            pass.run(range, &mut mode);
+            run(pass, range, &mut mode, stop);
             mode.out.sink.data
         })
         .collect();
@@ -114,19 +138,27 @@ pub fn reverse(scene: &Scene, layout: &Layout, d_image: &Image, pass: &impl Pass
     }
 }
 
-/// Runs a pass in forward mode, adding to `image`.
-pub fn forward(scene: &Scene, layout: &Layout, tangent: &[f32], pass: &impl Pass, image: &mut [f64], channels: usize) {
-    let parts: Vec<Vec<(usize, Vec3)>> = chunks(pass.items(), 0)
+/// Runs a pass in forward mode, adding to `image`. `stop` as in [`reverse`].
+pub fn forward(
+    scene: &Scene,
+    layout: &Layout,
+    tangent: &[f32],
+    pass: &impl Pass,
+    image: &mut [f64],
+    channels: usize,
+    stop: &AtomicBool,
+) {
+    let parts: Vec<Vec<(usize, DVec3)>> = chunks(pass.items(), 0)
         .into_par_iter()
         .map(|range| {
             let mut mode = Forward { scene, layout, tangent, channels, samples: Vec::new() };
-            pass.run(range, &mut mode);
+            run(pass, range, &mut mode, stop);
             mode.samples
         })
         .collect();
     for (pixel, value) in parts.into_iter().flatten() {
         for c in 0..channels {
-            image[pixel * channels + c] += f64::from(value[c]);
+            image[pixel * channels + c] += value[c];
         }
     }
 }

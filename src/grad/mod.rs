@@ -15,9 +15,13 @@ pub mod shadow;
 pub mod sink;
 pub mod viewpoint;
 
+use std::sync::atomic::AtomicBool;
+
 use crate::image::Image;
 use crate::render::sampler::hash;
-pub use crate::render::{Camera, Output, Scene, SceneError, Settings, Slot, render, validate_camera};
+pub use crate::render::{
+    Camera, NEVER, Output, Scene, SceneError, Settings, Slot, render, render_until, validate_camera,
+};
 
 use self::estimate::Pass;
 use self::interior::Interior;
@@ -36,16 +40,28 @@ pub fn render_backward(
     d_image: &Image,
     wrt: &[Slot],
 ) -> Result<Vec<Vec<f64>>, SceneError> {
+    render_backward_until(scene, camera, settings, d_image, wrt, &NEVER)
+}
+
+/// [`render_backward`], but once `stop` is set it returns soon, with numbers that are good for nothing.
+pub fn render_backward_until(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    d_image: &Image,
+    wrt: &[Slot],
+    stop: &AtomicBool,
+) -> Result<Vec<Vec<f64>>, SceneError> {
     check(camera, settings, d_image)?;
     let layout = Layout::new(scene, wrt);
     let mut total = vec![0.0; layout.len()];
-    struct Run<'a>(&'a Scene, &'a Layout, &'a Image, &'a mut [f64]);
+    struct Run<'a>(&'a Scene, &'a Layout, &'a Image, &'a mut [f64], &'a AtomicBool);
     impl Visit for Run<'_> {
         fn pass(&mut self, pass: &impl Pass) {
-            estimate::reverse(self.0, self.1, self.2, pass, self.3);
+            estimate::reverse(self.0, self.1, self.2, pass, self.3, self.4);
         }
     }
-    passes(scene, camera, settings, &layout, Some(d_image), &mut Run(scene, &layout, d_image, &mut total));
+    passes(scene, camera, settings, &layout, Some(d_image), &mut Run(scene, &layout, d_image, &mut total, stop));
     Ok(layout.starts.windows(2).map(|w| total[w[0]..w[1]].to_vec()).collect())
 }
 
@@ -55,6 +71,17 @@ pub fn render_forward(
     camera: &Camera,
     settings: &Settings,
     tangents: &[(Slot, Vec<f32>)],
+) -> Result<Image, SceneError> {
+    render_forward_until(scene, camera, settings, tangents, &NEVER)
+}
+
+/// [`render_forward`] with the `stop` of [`render_backward_until`].
+pub fn render_forward_until(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    tangents: &[(Slot, Vec<f32>)],
+    stop: &AtomicBool,
 ) -> Result<Image, SceneError> {
     validate_camera(camera)?;
     let channels = settings.output.channels();
@@ -68,13 +95,13 @@ pub fn render_forward(
         }
     }
     let mut total = vec![0.0; image.data.len()];
-    struct Run<'a>(&'a Scene, &'a Layout, &'a [f32], &'a mut [f64], usize);
+    struct Run<'a>(&'a Scene, &'a Layout, &'a [f32], &'a mut [f64], usize, &'a AtomicBool);
     impl Visit for Run<'_> {
         fn pass(&mut self, pass: &impl Pass) {
-            estimate::forward(self.0, self.1, self.2, pass, self.3, self.4);
+            estimate::forward(self.0, self.1, self.2, pass, self.3, self.4, self.5);
         }
     }
-    passes(scene, camera, settings, &layout, None, &mut Run(scene, &layout, &tangent, &mut total, channels));
+    passes(scene, camera, settings, &layout, None, &mut Run(scene, &layout, &tangent, &mut total, channels, stop));
     for (p, t) in image.data.iter_mut().zip(total) {
         *p = t as f32;
     }

@@ -1,5 +1,7 @@
 //! Images from scenes: radiance, or a property of the first hit, averaged over each pixel (box filter).
 
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -55,8 +57,24 @@ pub struct Settings {
     pub boundary: bool,
 }
 
+/// The `stop` of work that nobody interrupts.
+pub static NEVER: AtomicBool = AtomicBool::new(false);
+
+/// Samples between two looks at `stop`.
+const STOP_PERIOD: u32 = 256;
+
 /// Renders an image of `settings.output`.
 pub fn render(scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Image, SceneError> {
+    render_until(scene, camera, settings, &NEVER)
+}
+
+/// [`render`], but once `stop` is set it returns soon, with an image that is good for nothing.
+pub fn render_until(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    stop: &AtomicBool,
+) -> Result<Image, SceneError> {
     validate_camera(camera)?;
     let channels = settings.output.channels();
     let mut image = Image::new(camera.width, camera.height, channels);
@@ -68,6 +86,9 @@ pub fn render(scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Ima
             let sequence = hash(seed, (y * camera.width + x) as u64);
             let mut sum = Vec3::ZERO;
             for i in 0..spp {
+                if i % STOP_PERIOD == 0 && stop.load(Ordering::Relaxed) {
+                    return;
+                }
                 let mut sampler = Sampler::new(sequence, i);
                 let position = Vec2::new(x as f32, y as f32) + sampler.next_2d();
                 let ray = camera.ray(position);

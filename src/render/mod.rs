@@ -13,6 +13,6 @@ pub mod sensor;
 pub mod texture;
 pub mod world;
 
-pub use film::{Output, Settings, render};
+pub use film::{NEVER, Output, Settings, render, render_until};
 pub use scene::*;
 pub use world::{Scene, SceneError, validate_camera};
