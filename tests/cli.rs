@@ -643,7 +643,9 @@ fn a_full_disk_is_diagnosed() {
     let mut command = std::process::Command::new(assert_cmd::cargo::cargo_bin!("dsl"));
     let status =
         command.args(["run", "a.dscene", "--out", "r"]).current_dir(place.folder.path()).stdout(full).output().unwrap();
-    assert!(!String::from_utf8_lossy(&status.stderr).contains("internal"));
+    let text = String::from_utf8_lossy(&status.stderr);
+    assert!(!text.contains("internal") && text.contains("cannot write to standard output"), "{text}");
+    assert_eq!(status.status.code(), Some(1));
     // A run folder that cannot be made.
     place.write("taken", "a file");
     assert_diagnosed(&place.dsl(&["run", "a.dscene", "--out", "taken"]));
@@ -679,4 +681,50 @@ fn an_interrupted_run_ends_cleanly_with_130() {
     assert_eq!(status.code(), Some(130));
     let text = fs::read_to_string(&log).unwrap();
     assert!(text.ends_with('\n') && text.lines().all(|l| serde_json::from_str::<Value>(l).is_ok()));
+}
+
+#[test]
+fn a_long_rendering_is_interrupted_half_way() {
+    if cfg!(windows) {
+        return;
+    }
+    let place = Place::new();
+    let slow = TRIANGLE.replace("[16, 16]", "[2000, 2000]").replace("let target", "// ");
+    place.write("slow.dscene", slow.replace("loss fit", "// ") + "print 1\nprint mean(render(eye, spp: 1000000))\n");
+    let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin!("dsl"))
+        .args(["run", "slow.dscene", "--out", "r"])
+        .current_dir(place.folder.path())
+        .stdout(std::process::Stdio::piped())
+        .stderr(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Once the first line is printed, Ctrl-C is being watched for.
+    let mut line = [0];
+    std::io::Read::read_exact(child.stdout.as_mut().unwrap(), &mut line).unwrap();
+    std::thread::sleep(Duration::from_millis(200));
+    let kill = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(kill.success());
+    let begun = std::time::Instant::now();
+    assert_eq!(child.wait().unwrap().code(), Some(130));
+    assert!(begun.elapsed() < Duration::from_secs(20), "it took {:?}", begun.elapsed());
+}
+
+#[test]
+fn in_the_repl_loss_is_the_first_loss() {
+    let place = Place::new();
+    place.write("b.dscene", BOWL);
+    let output = repl(&place, &["b.dscene"], "grad(loss)\nlet loss = 3\nloss\n");
+    assert_code(&output, 0);
+    let text = stdout(&output);
+    assert!(text.contains("y.y") || text.contains("y[1]"), "{text}");
+    assert!(text.trim_end().ends_with("3   : scalar"), "{text}");
+}
+
+#[test]
+fn a_diagnostic_of_an_endless_line_is_short() {
+    let place = Place::new();
+    place.write("long.dscene", format!("let v = {}", ["1"; 100_000].join(" + ")));
+    let output = place.dsl(&["check", "long.dscene"]);
+    assert_diagnosed(&output);
+    assert!(stderr(&output).len() < 4000, "{} bytes", stderr(&output).len());
 }

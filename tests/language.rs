@@ -412,3 +412,37 @@ fn every_native_is_declared_and_every_declaration_implemented() {
     let unknown: Vec<&str> = dscene::natives::names().filter(|n| !declared.contains(n)).collect();
     assert!(unknown.is_empty(), "implemented but not declared: {unknown:?}");
 }
+
+#[test]
+fn black_images_say_why() {
+    const CAMERA: &str = "camera eye { position: [0, 2, -5], look_at: [0, 0, 0], fov: 45deg, film: [8, 8] }\n";
+    let floor = "shape floor { mesh: rectangle(), material: diffuse(reflectance: 0.5) }\n";
+    let lamp = "light lamp = area(rectangle() |> flip() |> translate([0, 5, 0]), radiance: 3)\n";
+    let warnings = |rest: &str| {
+        let mut engine = engine(&format!("{CAMERA}{rest}"));
+        eval(&mut engine, "render(eye, spp: 1)");
+        engine.take_warnings().into_iter().map(|w| w.message).collect::<Vec<String>>()
+    };
+    let ball = "shape ball { mesh: sphere() |> translate([0, 2, -5]), material: diffuse(reflectance: 0.5) }";
+    let cases = [
+        (floor.to_owned(), "the scene has no light"),
+        (format!("{floor}{}", lamp.replace("radiance: 3", "radiance: 0")), "zero power"),
+        (format!("{floor}light l = point(position: [0, 1, 0], intensity: 0)"), "zero power"),
+        (format!("{floor}{lamp}{ball}"), "the camera is inside `ball`"),
+        (lamp.replace("[0, 5, 0]", "[0, 50, 0]"), "nothing is in view"),
+        (format!("{floor}{}", lamp.replace(" |> flip()", "")), "no light reaches what the camera sees"),
+    ];
+    for (text, expected) in cases {
+        let found = warnings(&text);
+        assert!(found.len() == 1 && found[0].contains(expected), "{expected}: {found:?}\n{text}");
+    }
+    assert_eq!(warnings(&format!("{floor}{lamp}")), Vec::<String>::new());
+}
+
+#[test]
+fn a_mesh_without_triangles_is_refused_in_words() {
+    for (vertices, faces, what) in [("[[0, 0, 0]]", "[]", "faces"), ("[]", "[]", "vertices")] {
+        let error = try_eval(&mut engine(""), &format!("mesh(vertices: {vertices}, faces: {faces})")).unwrap_err();
+        assert!(error.message.contains(&format!("a mesh without {what}")), "{}", error.message);
+    }
+}

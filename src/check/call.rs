@@ -716,8 +716,8 @@ impl Checker<'_> {
             let (w, h, span) = film;
             let bad = if w == 0 || h == 0 {
                 Some(("has no pixels", "give a width and a height of at least 1: `film: [256, 256]`"))
-            } else if w.saturating_mul(h) > 1 << 28 {
-                Some(("is larger than 268 million pixels", "render parts of it with cameras of their own"))
+            } else if w.saturating_mul(h) > 1 << 26 {
+                Some(("is larger than 67 million pixels", "render parts of it with cameras of their own"))
             } else {
                 None
             };

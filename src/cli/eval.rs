@@ -6,6 +6,7 @@ use super::args::EvalArgs;
 use super::{EXIT_INTERRUPTED, EXIT_WRONG, Terminal, load, out};
 use crate::eval;
 use crate::session::clock::Stopwatch;
+use crate::session::run::tell_warnings;
 use crate::session::{World, world};
 
 pub fn run(args: &EvalArgs) -> u8 {
@@ -18,9 +19,11 @@ pub fn run(args: &EvalArgs) -> u8 {
     };
     world::catch_interrupts();
     let watch = Stopwatch::start();
-    match loaded.engine.eval(&expr) {
+    let result = loaded.engine.eval(&expr);
+    let seconds = watch.elapsed().wall;
+    tell_warnings(&mut loaded.engine, &mut terminal, false);
+    match result {
         Ok(value) => {
-            let seconds = watch.elapsed().wall;
             if args.common.json {
                 let value = eval::to_json(&value);
                 let object = json!({"value": value, "type": expr.ty.to_string(), "seconds": seconds});

@@ -6,8 +6,9 @@ use super::args::GradArgs;
 use super::render::{cannot_save, choose_camera};
 use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load, out};
 use crate::check::hir;
+use crate::check::types::Ty;
 use crate::diag::{self, Diagnostic};
-use crate::session::run::save_value;
+use crate::session::run::{save_value, tell_warnings};
 use crate::session::{MeasureOptions, World, measure, world};
 
 pub fn run(args: &GradArgs) -> u8 {
@@ -20,6 +21,7 @@ pub fn run(args: &GradArgs) -> u8 {
         Some(path) => gradient_images(args, path, &mut loaded, &mut terminal),
         None => gradients(args, &mut loaded, &mut terminal),
     };
+    tell_warnings(&mut loaded.engine, &mut terminal, true);
     match result {
         Ok(code) => code,
         Err(diagnostic) if diagnostic.code == crate::eval::INTERRUPTED => EXIT_INTERRUPTED,
@@ -41,9 +43,13 @@ fn gradients(args: &GradArgs, loaded: &mut Loaded, terminal: &mut Terminal) -> R
     };
     if !(expr.ty.is_scalar() || expr.ty.is_unknown()) {
         let message = format!("a gradient is of a scalar, `{of}` is of type {}", expr.ty);
-        return Err(Diagnostic::error("dscene::cli::of", message)
-            .label(expr.span, "not a scalar")
-            .help(format!("reduce it: `mean({of})`, or write the derivative image with --image OUT.exr")));
+        return Err(Diagnostic::error("dscene::cli::of", message).label(expr.span, "not a scalar").help(
+            match expr.ty {
+                Ty::Angle => format!("divide by a unit: `({of}) / 1rad`"),
+                Ty::Bool | Ty::Str => "give an expression whose value is a number".to_owned(),
+                _ => format!("reduce it: `mean({of})`, or write the derivative image with --image OUT.exr"),
+            },
+        ));
     }
     let Some(wrt) = targets(args, loaded, &expr, terminal)? else {
         return Ok(EXIT_WRONG);
@@ -57,10 +63,6 @@ fn gradients(args: &GradArgs, loaded: &mut Loaded, terminal: &mut Terminal) -> R
     let Some(measurement) = measure(&mut loaded.engine, &expr, &wrt, options, &world::interrupted)? else {
         return Ok(EXIT_INTERRUPTED);
     };
-    let sources = loaded.engine.program().sources.clone();
-    for warning in loaded.engine.take_warnings() {
-        terminal.diagnostic(&warning, &sources);
-    }
     if args.common.json {
         let file = args.file.display().to_string();
         let object = measurement.to_json(&file, &of, args.common.seed, rayon::current_num_threads());

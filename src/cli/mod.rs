@@ -37,7 +37,7 @@ pub fn main() -> ExitCode {
             let is_help = !error.use_stderr();
             if is_help {
                 out::print(&error.render().to_string());
-                return ExitCode::SUCCESS;
+                return ended(0);
             }
             out::error_line(error.render().to_string().trim_end());
             return ExitCode::from(EXIT_USAGE);
@@ -47,7 +47,18 @@ pub fn main() -> ExitCode {
     // Evaluations nest as deeply as scripts do: one large stack for all of them.
     let work = AssertUnwindSafe(|| crate::eval::on_large_stack(move || dispatch(cli)));
     // The hook has told about it.
-    ExitCode::from(std::panic::catch_unwind(work).unwrap_or(EXIT_WRONG))
+    ended(std::panic::catch_unwind(work).unwrap_or(EXIT_WRONG))
+}
+
+/// The exit code, unless what was to be printed could not be.
+fn ended(code: u8) -> ExitCode {
+    match out::failure() {
+        Some(why) => {
+            out::error_line(&format!("error: cannot write to standard output: {why}"));
+            ExitCode::from(EXIT_WRONG)
+        }
+        None => ExitCode::from(code),
+    }
 }
 
 fn dispatch(cli: Cli) -> u8 {

@@ -1,19 +1,34 @@
 //! Standard output and error that survive a closed pipe (`dsl … | head`).
 
 use std::io::{self, IsTerminal, Write};
+use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 static CLOSED: AtomicBool = AtomicBool::new(false);
+static FAILURE: OnceLock<String> = OnceLock::new();
 
-/// Writes to standard output. A reader that went away is not an error: nothing more is written to it.
+/// Writes to standard output. A reader that went away is not an error: nothing more is written to it. Any other
+/// failure (a full disk) is kept for [`failure`].
 pub fn print(text: &str) {
     if CLOSED.load(Ordering::Relaxed) {
         return;
     }
     let mut out = io::stdout().lock();
-    if out.write_all(text.as_bytes()).and_then(|()| out.flush()).is_err() {
+    if let Err(error) = out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        if error.kind() != io::ErrorKind::BrokenPipe {
+            let _ = FAILURE.set(if error.kind() == io::ErrorKind::StorageFull {
+                "the disk is full".to_owned()
+            } else {
+                error.to_string()
+            });
+        }
         CLOSED.store(true, Ordering::Relaxed);
     }
+}
+
+/// Why standard output could not be written, if that ever happened.
+pub fn failure() -> Option<&'static str> {
+    FAILURE.get().map(String::as_str)
 }
 
 /// [`print`] with a newline.

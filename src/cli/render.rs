@@ -8,7 +8,7 @@ use crate::check::hir::{self, DeclKind};
 use crate::diag::{self, Diagnostic};
 use crate::eval;
 use crate::session::clock::{Stopwatch, human_seconds};
-use crate::session::run::{SaveError, save_value};
+use crate::session::run::{SaveError, save_value, tell_warnings};
 use crate::session::{World, world};
 
 pub fn run(args: &RenderArgs) -> u8 {
@@ -36,6 +36,7 @@ pub fn run(args: &RenderArgs) -> u8 {
         save_value(&value, &expr.ty, &path).map_err(|e| cannot_save(&path, e))?;
         Ok(text)
     });
+    tell_warnings(&mut loaded.engine, &mut terminal, false);
     match result {
         Ok(text) => {
             terminal.note(&format!("{text}\nsaved {} in {}", path.display(), human_seconds(watch.elapsed().wall)));

@@ -7,6 +7,7 @@
 //! * `lower` is where values become a scene with slots; rendering is one operation of the tape.
 
 mod call;
+mod dark;
 mod derivative;
 mod error;
 mod expr;
@@ -345,7 +346,7 @@ impl Engine {
         }
     }
 
-    /// Warnings since the last call: derivatives that lack a term.
+    /// Warnings since the last call: derivatives that lack a term, images that came out black.
     pub fn take_warnings(&mut self) -> Vec<Diagnostic> {
         std::mem::take(&mut self.warnings)
     }

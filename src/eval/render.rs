@@ -15,6 +15,7 @@ use crate::render::{Camera, Slot};
 use crate::source::Span;
 use crate::tape::{CustomOp, Tensor, Var};
 
+use super::dark::{self, Darkness};
 use super::lower::{self, LowerError, Lowered};
 use super::{Engine, Result, error, mix};
 
@@ -182,6 +183,13 @@ impl Engine {
         let image = grad::render_until(&lowered.scene, &camera.camera, &settings, &stop)
             .map_err(|e| self.scene_error(LowerError::Scene(e), &scene, &origins, span))?;
         self.check_interrupt(span)?;
+        if output == Output::Radiance && image.data.iter().all(|x| *x == 0.0) {
+            let why = dark::reason(&lowered.scene, &camera.camera);
+            let warning = black(why, &scene, &origins, span);
+            if self.said.insert((span, "black")) {
+                self.warnings.push(warning);
+            }
+        }
         let value = Tensor::from_image(&image);
         let op = RenderOp { scene: lowered, camera: camera.camera, settings, slots, stop };
         Ok(Value::Image(Var::custom(Arc::new(op), inputs, value)))
@@ -214,13 +222,7 @@ impl Engine {
         Ok((scene, origins))
     }
 
-    fn scene_error(
-        &self,
-        e: LowerError,
-        scene: &SceneValue,
-        origins: &[Origin],
-        span: Span,
-    ) -> crate::diag::Diagnostic {
+    fn scene_error(&self, e: LowerError, scene: &SceneValue, origins: &[Origin], span: Span) -> Diagnostic {
         let find = |is_light: bool, index: usize| origins.iter().filter(|o| o.is_light == is_light).nth(index);
         let (what, origin) = match e {
             LowerError::Tape(message) => return error::shape(message, span),
@@ -243,6 +245,41 @@ impl Engine {
             }
             None => error::scene(what, span, "while rendering this"),
         }
+    }
+}
+
+/// A black picture is rarely what was meant.
+fn black(why: Darkness, scene: &SceneValue, origins: &[Origin], span: Span) -> Diagnostic {
+    let mut place = None;
+    let (what, help) = match why {
+        Darkness::NoLight => {
+            ("the scene has no light".to_owned(), "add one, for instance `light sky = constant(radiance: 1)`")
+        }
+        Darkness::LightsOff => {
+            ("every light of the scene has zero power".to_owned(), "give one of them a `radiance` above 0")
+        }
+        Darkness::Inside(shape) => {
+            let (is_light, index) = match lower::area_light(scene, shape) {
+                Some(light) => (true, light),
+                None => (false, shape),
+            };
+            place = origins.iter().filter(|o| o.is_light == is_light).nth(index);
+            let name = place.map_or("a mesh".to_owned(), |o| format!("`{}`", o.name));
+            (format!("the camera is inside {name}"), "move the camera or the mesh, or put a light inside too")
+        }
+        Darkness::NothingInView => ("nothing is in view".to_owned(), "check the camera's `position` and `look_at`"),
+        Darkness::Unlit => (
+            "no light reaches what the camera sees".to_owned(),
+            "an area light shines along its normal (`|> flip()` turns it round); materials may be black, \
+             and `max_bounces: 0` shows emitters only",
+        ),
+    };
+    let warning = Diagnostic::warning("dscene::run::black", format!("this image is black: {what}"))
+        .label(span, "renders black")
+        .help(help);
+    match place {
+        Some(origin) => warning.label(origin.span, "around the camera"),
+        None => warning,
     }
 }
 

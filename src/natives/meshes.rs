@@ -218,10 +218,16 @@ fn rotate(a: &Args) -> Result<Value> {
 fn mesh_from_arrays(a: &Args) -> Result<Value> {
     let (vi, _) = a.need("vertices")?;
     let (fi, _) = a.need("faces")?;
+    for (i, what) in [(vi, "vertices"), (fi, "faces")] {
+        if matches!(a.value(i)?, Value::List(items) if items.is_empty()) {
+            return Err(NativeError::at(i, format!("a mesh without {what} has nothing to show"))
+                .help("leave the shape out of the scene instead"));
+        }
+    }
     let vertices = a.var(vi)?;
     let &[n, 3] = vertices.shape() else {
         if vertices.is_empty() {
-            return Err(NativeError::at(vi, "a mesh without vertices"));
+            return Err(NativeError::at(vi, "a mesh without vertices has nothing to show"));
         }
         return Err(NativeError::at(vi, "vertices are points of 3 numbers: `[[x, y, z], …]`"));
     };
@@ -230,7 +236,11 @@ fn mesh_from_arrays(a: &Args) -> Result<Value> {
         let empty = faces_var.is_empty();
         return Err(NativeError::at(
             fi,
-            if empty { "a mesh without faces" } else { "faces are triples of indices: `[[0, 1, 2], …]`" },
+            if empty {
+                "a mesh without faces has nothing to show"
+            } else {
+                "faces are triples of indices: `[[0, 1, 2], …]`"
+            },
         ));
     }
     let mut faces = Vec::with_capacity(faces_var.shape()[0]);

@@ -140,11 +140,23 @@ impl<'w> Repl<'w> {
         if let Some(line) = self.check(text) {
             let outcome = self.evaluate(text, line);
             self.report(outcome);
+            self.name_the_loss();
         }
         Next::Read
     }
 
+    /// Makes `loss` mean the script's first loss, unless it means something else already.
+    fn name_the_loss(&mut self) {
+        let program = self.engine.program();
+        let is_taken = program.ids().any(|id| program.decl(id).name == "loss");
+        let first = program.losses().next().map(|id| program.decl(id).name.clone());
+        if let (false, Some(first)) = (is_taken, first) {
+            let _ = check_line(&mut self.engine, &format!("let loss = {first}"));
+        }
+    }
+
     fn report(&mut self, outcome: Result<(), Diagnostic>) {
+        crate::session::run::tell_warnings(&mut self.engine, self.world, false);
         if let Err(diagnostic) = outcome {
             if diagnostic.code == eval::INTERRUPTED {
                 self.world.progress_done();
@@ -291,6 +303,7 @@ impl<'w> Repl<'w> {
         self.file = Some(file.to_path_buf());
         self.optimization = None;
         self.typed.clear();
+        self.name_the_loss();
         let program = self.engine.program();
         let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
         let params = count(program.params().count(), "param");

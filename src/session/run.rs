@@ -55,6 +55,7 @@ impl<'a> Runner<'a> {
     pub fn run(&mut self, actions: &[hir::Action]) -> Result<Flow, Diagnostic> {
         for action in actions {
             let flow = if self.world.interrupted() { Ok(Flow::Interrupted) } else { self.action(action) };
+            tell_warnings(self.engine, self.world, false);
             match flow {
                 Ok(Flow::Continue) => {}
                 // An evaluation that Ctrl-C stopped half-way.
@@ -118,10 +119,7 @@ impl<'a> Runner<'a> {
                 Err(diagnostic) if diagnostic.code == eval::INTERRUPTED && self.world.interrupted() => continue,
                 other => other?,
             };
-            let sources = self.engine.program().sources.clone();
-            for warning in self.engine.take_warnings() {
-                self.world.diagnostic(&warning, &sources);
-            }
+            tell_warnings(self.engine, self.world, true);
             taken += 1;
             seconds += report.seconds;
             self.report.steps += 1;
@@ -319,6 +317,16 @@ impl<'a> Runner<'a> {
         }
         let labels = vec![(condition.span, "is false".to_owned())];
         Ok(Some(Failure { message: "expectation failed".to_owned(), labels }))
+    }
+}
+
+/// Passes on what evaluations warned of; what concerns derivatives only if some were asked for.
+pub fn tell_warnings(engine: &mut Engine, world: &mut dyn World, derivatives: bool) {
+    let mut warnings = engine.take_warnings();
+    warnings.retain(|w| derivatives || w.code != "dscene::gradient::incomplete");
+    if !warnings.is_empty() {
+        let sources = engine.program().sources.clone();
+        warnings.iter().for_each(|warning| world.diagnostic(warning, &sources));
     }
 }
 

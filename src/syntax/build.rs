@@ -122,9 +122,11 @@ impl Builder<'_> {
     fn deeper(&mut self, n: usize, span: Span) -> Option<usize> {
         let level = self.level;
         if level + n > MAX_LEVEL {
+            // Only its beginning: the whole of it would fill the screen.
+            let beginning = Span { end: span.end.min(span.start + 1), ..span };
             self.diagnostics.push(
                 Diagnostic::error("dscene::syntax::too_deep", "this expression is too long to be read")
-                    .label(span, format!("more than {MAX_LEVEL} operators and brackets in one another"))
+                    .label(beginning, format!("more than {MAX_LEVEL} operators and brackets in one another"))
                     .help("split it into several `let` declarations, or use `sum([…])`"),
             );
             return None;
