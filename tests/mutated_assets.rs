@@ -4,7 +4,7 @@ use std::fs;
 use std::time::{Duration, Instant};
 
 use dscene::image::Image;
-use dscene::image::file::{load_image, save_image};
+use dscene::image::file::{self, Encoding};
 use dscene::mesh::load::load;
 
 const OBJ: &str = "v 0 1 0\nv 1 1 0\nv 0 1 1\nv 1 1 1\nvt 0 0\nvt 1 0\nvt 0 1\nvn 0 1 0\n\
@@ -67,7 +67,7 @@ fn damaged_assets_load_or_are_refused() {
         .collect();
     for name in ["a.png", "a.exr", "a.hdr"] {
         let path = folder.path().join(name);
-        save_image(&picture, &path).unwrap();
+        file::save(&path, &picture).unwrap();
         files.push((name.to_owned(), fs::read(&path).unwrap()));
     }
     let mut dice = Dice(0x5eed_a55e);
@@ -75,7 +75,7 @@ fn damaged_assets_load_or_are_refused() {
         let path = folder.path().join(name);
         let is_image = ["png", "exr", "hdr"].iter().any(|e| name.ends_with(e));
         let read = || match is_image {
-            true => load_image(&path).map(|_| ()).map_err(|e| e.to_string()),
+            true => file::load(&path, Encoding::Srgb).map(|_| ()).map_err(|e| e.to_string()),
             false => load(&path).map(|_| ()).map_err(|e| e.to_string()),
         };
         fs::write(&path, whole).unwrap();
