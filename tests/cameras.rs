@@ -79,9 +79,9 @@ fn area_of_a_triangle_in_every_camera() {
                 }));
                 found.push(g[0][i]);
             }
-            for i in 0..3 {
-                expected.push(moved(&|t| area(projection, &camera, &v, DVec3::AXES[i] * t, 0.0)));
-                found.push(g[1][i]);
+            for (axis, found_here) in DVec3::AXES.into_iter().zip(&g[1]) {
+                expected.push(moved(&|t| area(projection, &camera, &v, axis * t, 0.0)));
+                found.push(*found_here);
             }
             // Tilting: up and forward turn about right.
             expected.push(moved(&|t| area(projection, &camera, &v, DVec3::ZERO, t)));

@@ -38,7 +38,7 @@ pub struct Reverse<'a> {
 
 impl<'a> Reverse<'a> {
     fn new(scene: &'a Scene, layout: &'a Layout, d_image: &'a Image) -> Self {
-        Reverse { d_image, out: Adjoints::new(scene, layout, Dense { data: vec![0.0; layout.len()] }) }
+        Reverse { d_image, out: Adjoints::new(scene, layout, Dense { data: vec![0.0; layout.size()] }) }
     }
 
     fn adjoint(&self, pixel: usize) -> Vec3 {
@@ -123,7 +123,7 @@ pub fn reverse(
     total: &mut [f64],
     stop: &AtomicBool,
 ) {
-    let parts: Vec<Vec<f64>> = chunks(pass.items(), layout.len())
+    let parts: Vec<Vec<f64>> = chunks(pass.items(), layout.size())
         .into_par_iter()
         .map(|range| {
             let mut mode = Reverse::new(scene, layout, d_image);

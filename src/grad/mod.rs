@@ -54,7 +54,7 @@ pub fn render_backward_until(
 ) -> Result<Vec<Vec<f64>>, SceneError> {
     check(camera, settings, d_image)?;
     let layout = Layout::new(scene, wrt);
-    let mut total = vec![0.0; layout.len()];
+    let mut total = vec![0.0; layout.size()];
     struct Run<'a>(&'a Scene, &'a Layout, &'a Image, &'a mut [f64], &'a AtomicBool);
     impl Visit for Run<'_> {
         fn pass(&mut self, pass: &impl Pass) {
@@ -88,7 +88,7 @@ pub fn render_forward_until(
     let mut image = Image::new(camera.width, camera.height, channels);
     let slots: Vec<Slot> = tangents.iter().map(|t| t.0).collect();
     let layout = Layout::new(scene, &slots);
-    let mut tangent = vec![0.0; layout.len()];
+    let mut tangent = vec![0.0; layout.size()];
     for ((_, values), w) in tangents.iter().zip(layout.starts.windows(2)) {
         for (t, v) in tangent[w[0]..w[1]].iter_mut().zip(values) {
             *t = *v;
@@ -141,7 +141,7 @@ fn passes(
     weight_image: Option<&Image>,
     visit: &mut impl Visit,
 ) {
-    if layout.len() == 0 {
+    if layout.size() == 0 {
         return;
     }
     let seed = hash(settings.seed, 0x61_646a_6f69_6e74);

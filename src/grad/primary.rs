@@ -201,7 +201,7 @@ impl Pass for PrimaryEdges<'_> {
     }
 
     fn run(&self, items: std::ops::Range<usize>, out: &mut impl Estimate) {
-        let seed = hash(self.seed, 0x7072_696d_6172_79);
+        let seed = hash(self.seed, 0x7072_696d_6172);
         for i in items {
             self.sample(&mut Sampler::new(seed, i as u32), out);
         }

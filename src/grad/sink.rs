@@ -78,7 +78,7 @@ impl Layout {
     }
 
     /// Number of derivatives in all.
-    pub fn len(&self) -> usize {
+    pub fn size(&self) -> usize {
         self.starts.last().copied().unwrap_or(0)
     }
 
