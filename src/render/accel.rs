@@ -5,17 +5,23 @@
 //! robust mode), except that no tolerance is added: triangles are never enlarged.
 
 use glam::{Vec3, Vec3A};
-use obvhs::BvhBuildParams;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::cwbvh::CwBvh;
-use obvhs::cwbvh::builder::build_cwbvh_from_tris;
+use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
+use obvhs::ploc::PlocBuilder;
 use obvhs::ray::{Ray as ObvhsRay, RayHit};
 use obvhs::triangle::Triangle;
+use obvhs::{Boundable, BvhBuildParams};
 
 /// Index of a triangle over all shapes of a scene.
 pub type PrimId = u32;
 
 /// "No primitive": skips nothing.
 pub const NO_PRIM: PrimId = u32::MAX;
+
+/// Levels of nodes that obvhs's traversal has room for.
+const MAX_DEPTH: usize = 31;
 
 /// A ray query. `dir` is a unit vector; hits closer than `t_min` or not before `t_max` do not count.
 #[derive(Clone, Copy, Debug)]
@@ -60,16 +66,22 @@ impl Accel {
         if corners.is_empty() {
             return Accel { bvh: None, tris: Vec::new() };
         }
-        let triangles: Vec<Triangle> =
-            corners.iter().map(|t| Triangle { v0: t[0].into(), v1: t[1].into(), v2: t[2].into() }).collect();
-        let params = BvhBuildParams { pre_split: false, ..BvhBuildParams::medium_build() };
-        let bvh = build_cwbvh_from_tris(&triangles, params, &mut Default::default());
+        // Triangles without area are never hit, and many of them in one place make a tree like a chain.
+        let (prims, triangles): (Vec<PrimId>, Vec<Triangle>) = (0..)
+            .zip(corners)
+            .filter(|(_, t)| has_area(t))
+            .map(|(i, t)| (i, Triangle { v0: t[0].into(), v1: t[1].into(), v2: t[2].into() }))
+            .unzip();
+        if triangles.is_empty() {
+            return Accel { bvh: None, tris: Vec::new() };
+        }
+        let bvh = build(&triangles);
         let tris = bvh
             .primitive_indices
             .iter()
             .map(|&i| {
                 let t = &triangles[i as usize];
-                Tri { v: [t.v0, t.v1, t.v2], prim: i }
+                Tri { v: [t.v0, t.v1, t.v2], prim: prims[i as usize] }
             })
             .collect();
         Accel { bvh: Some(bvh), tris }
@@ -112,6 +124,54 @@ impl Accel {
 /// Positions of the order of 1e19 and more overflow in the arithmetic of single precision.
 fn is_finite(ray: &Ray) -> bool {
     ray.origin.is_finite() && ray.dir.is_finite()
+}
+
+fn has_area([a, b, c]: &[Vec3; 3]) -> bool {
+    let (a, b, c) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
+    (b - a).cross(c - a).length() > 1e-30
+}
+
+/// What obvhs calls a medium build. Its builder is not called itself because in debug builds that panics over a tree deeper
+/// than the traversal's stack, and in release builds the traversal would lose parts of it.
+fn build(triangles: &[Triangle]) -> CwBvh {
+    let params = BvhBuildParams::medium_build();
+    let mut boxes: Vec<Aabb> = triangles.iter().map(Boundable::aabb).collect();
+    let make = |boxes: &[Aabb]| {
+        let mut tree = PlocBuilder::with_capacity(boxes.len()).build(
+            params.ploc_search_distance,
+            boxes,
+            (0..boxes.len() as u32).collect(),
+            params.sort_precision,
+            params.search_depth_threshold,
+        );
+        ReinsertionOptimizer::default().run(&mut tree, params.reinsertion_batch_ratio, None);
+        bvh2_to_cwbvh(&tree, params.max_prims_per_leaf.clamp(1, 3), true, false)
+    };
+    let tree = make(&boxes);
+    if depth(&tree) < MAX_DEPTH {
+        return tree;
+    }
+    // Boxes in one place are all equally near to each other, which makes a chain. Larger ones, each in its own way, are not.
+    for (i, b) in boxes.iter_mut().enumerate() {
+        let share = (i as u32).wrapping_mul(0x9E37_79B9) as f32 / u32::MAX as f32;
+        let margin = 0.01 * b.diagonal().max_element();
+        b.min -= Vec3A::splat(margin * share);
+        b.max += Vec3A::splat(margin * (1.0 - share));
+    }
+    make(&boxes)
+}
+
+/// Levels of nodes.
+fn depth(bvh: &CwBvh) -> usize {
+    let mut deepest = 0;
+    let mut pending = vec![(0usize, 1usize)];
+    while let Some((index, level)) = pending.pop() {
+        let Some(node) = bvh.nodes.get(index) else { continue };
+        deepest = deepest.max(level);
+        let children = node.imask.count_ones() as usize;
+        pending.extend((0..children).map(|k| (node.child_base_idx as usize + k, level + 1)));
+    }
+    deepest
 }
 
 fn to_obvhs(ray: &Ray) -> ObvhsRay {
@@ -157,6 +217,23 @@ mod tests {
 
     fn random_vec(rng: &mut Pcg32) -> Vec3 {
         Vec3::new(rng.next_f32(), rng.next_f32(), rng.next_f32()) * 2.0 - 1.0
+    }
+
+    #[test]
+    fn heaps_of_triangles_in_one_place_do_not_make_a_chain() {
+        for size in [1.0f32, 1e-12, 1e-25, 0.0] {
+            let one = [Vec3::ZERO, Vec3::X * size, Vec3::Y * size];
+            let mut corners = vec![one; 2000];
+            corners.push([vec3_at(-9.0), vec3_at(-9.0) + Vec3::X, vec3_at(-9.0) + Vec3::Y]);
+            let accel = Accel::new(&corners);
+            assert!(depth(accel.bvh.as_ref().unwrap()) < MAX_DEPTH, "size {size}");
+            let hit = accel.closest(&Ray::new(Vec3::new(0.2, 0.2, -20.0), Vec3::Z), &[]).unwrap();
+            assert_eq!(hit.prim, 2000, "size {size}");
+        }
+    }
+
+    fn vec3_at(z: f32) -> Vec3 {
+        Vec3::new(0.0, 0.0, z)
     }
 
     #[test]
