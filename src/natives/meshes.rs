@@ -24,7 +24,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         give(stretched(&(&shapes::cube(1.0).map_err(mesh_error)?).into(), &size)?)
     }),
     ("sphere", |a| {
-        let n = a.named_integer("subdivisions", 3..=4096)?.unwrap_or(32) as usize;
+        let n = a.named_integer("subdivisions", 3..=2048)?.unwrap_or(32) as usize;
         uniform(shapes::sphere(1.0, n), size(a, "radius", 1.0)?)
     }),
     ("icosphere", |a| {
@@ -32,18 +32,18 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         uniform(shapes::icosphere(1.0, n), size(a, "radius", 1.0)?)
     }),
     ("disk", |a| {
-        let n = a.named_integer("subdivisions", 3..=1 << 20)?.unwrap_or(32) as usize;
+        let n = a.named_integer("subdivisions", 3..=1 << 16)?.unwrap_or(32) as usize;
         uniform(shapes::disk(1.0, n), size(a, "radius", 1.0)?)
     }),
     ("cylinder", |a| {
-        let n = a.named_integer("subdivisions", 3..=1 << 20)?.unwrap_or(32) as usize;
+        let n = a.named_integer("subdivisions", 3..=1 << 16)?.unwrap_or(32) as usize;
         let r = size(a, "radius", 1.0)?;
         let open = a.boolean("caps")? == Some(false);
         let unit = shapes::cylinder(1.0, 1.0, n).map(|m| if open { without_caps(m, |y| y.abs() > 0.25) } else { m });
         sized(unit, [r.clone(), size(a, "height", 2.0)?, r])
     }),
     ("cone", |a| {
-        let n = a.named_integer("subdivisions", 3..=1 << 20)?.unwrap_or(32) as usize;
+        let n = a.named_integer("subdivisions", 3..=1 << 16)?.unwrap_or(32) as usize;
         let r = size(a, "radius", 1.0)?;
         let open = a.boolean("caps")? == Some(false);
         let unit = shapes::cone(1.0, 1.0, n).map(|m| if open { without_caps(m, |y| y < 0.0) } else { m });
@@ -287,7 +287,7 @@ fn finite(v: &Var, index: usize, name: &str) -> Result<()> {
 }
 
 fn torus(a: &Args) -> Result<Value> {
-    let n = a.named_integer("subdivisions", 3..=2048)?.unwrap_or(32) as usize;
+    let n = a.named_integer("subdivisions", 3..=1024)?.unwrap_or(32) as usize;
     let (major, minor) = (size(a, "radius", 1.0)?, size(a, "tube", 0.25)?);
     // Linear in both radii: the difference of two tori gives the ring.
     let thin: MeshValue = (&shapes::torus(2.0, 1.0, n, n).map_err(mesh_error)?).into();
