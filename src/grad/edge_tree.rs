@@ -6,8 +6,8 @@
 
 use glam::{Vec3, Vec4, Vec4Swizzles};
 
-use super::edges::EdgeTable;
 use super::viewpoint::MirrorPlane;
+use crate::render::edges::EdgeTable;
 use crate::render::interaction::SurfaceInteraction;
 
 const LEAF: usize = 6;

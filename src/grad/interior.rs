@@ -1,6 +1,6 @@
 //! The interior term: one backward sweep over a recorded path with closed-form local adjoints.
 //!
-//! Parametrisation (see `ARCHITECTURE.md`, "one parametrisation per radiance component"): camera rays and reflected radiance
+//! Parametrisation (the table in `ARCHITECTURE.md`): camera rays and reflected radiance
 //! are direction-fixed (a hit point slides over its surface as things move), emission is material-fixed (a point of a
 //! light keeps its barycentric coordinates), perfect mirrors are attached (their direction follows the normal). Sampling
 //! densities, MIS weights and Russian roulette are constants.

@@ -6,7 +6,6 @@
 //! material-fixed, everything else direction-fixed.
 
 pub mod edge_tree;
-pub mod edges;
 pub mod estimate;
 pub mod interior;
 pub mod primary;

@@ -7,11 +7,11 @@
 
 use glam::{DVec2, Vec2, Vec3};
 
-use super::edges::Edge;
 use super::estimate::{Estimate, Pass};
 use super::viewpoint::{Seen, Viewpoint};
 use crate::image::Image;
 use crate::render::accel::PrimId;
+use crate::render::edges::Edge;
 use crate::render::film::first_hit;
 use crate::render::integrator::{NoRecord, Options, Start, trace};
 use crate::render::sampler::{Discrete, Sampler, hash};

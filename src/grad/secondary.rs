@@ -10,13 +10,13 @@
 use glam::Vec3;
 
 use super::edge_tree::{EdgeTree, Query};
-use super::edges::EdgeTable;
 use super::interior::{Injection, Path};
 use super::primary::inset;
 use super::sink::{Adjoints, Sink};
 use super::viewpoint::{MirrorPlane, d_mirror_image};
 use crate::render::Scene;
 use crate::render::accel::{PrimId, Ray};
+use crate::render::edges::EdgeTable;
 use crate::render::integrator::{NoRecord, Options, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::sampler::Sampler;

@@ -5,10 +5,10 @@ use std::sync::OnceLock;
 use glam::Vec3;
 
 use super::accel::{Accel, PrimId};
+use super::edges::EdgeTable;
 use super::environment::EnvironmentTable;
 use super::light::LightTable;
 use super::scene::{Camera, DeltaLight, Input, Projection, SceneDescription};
-use crate::grad::edges::EdgeTable;
 
 /// Why a scene cannot be rendered; `shape` etc. are indices, the evaluator finds the place in the script.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]

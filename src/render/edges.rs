@@ -8,8 +8,9 @@ use std::collections::HashMap;
 
 use glam::{DVec3, Vec3};
 
-use crate::render::accel::PrimId;
-use crate::render::{Input, Material, MaterialKind, Scene};
+use super::accel::PrimId;
+use super::scene::{Input, Material, MaterialKind};
+use super::world::Scene;
 
 /// A face at an edge: its primitive, and which of its vertices are the edge's ends in the edge's own order.
 #[derive(Clone, Copy, Debug, PartialEq)]
