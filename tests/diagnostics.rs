@@ -168,6 +168,16 @@ loss fit = mse(render(small), target)",
         ],
     },
     Case {
+        name: "unread_declarations_are_not_missed",
+        prelude: "",
+        script: "let a = (1 + 2\nlet b = [1, 2\nlet c = b + d * a",
+        wanted: &[
+            ("dscene::syntax::unclosed", "(", "add the missing `)`"),
+            ("dscene::syntax::unclosed", "[", "add the missing `]`"),
+            ("dscene::name::unknown", "d", ""),
+        ],
+    },
+    Case {
         name: "wrong_closing_bracket",
         prelude: "",
         script: "let a = [1, 2, 3)\nlet b = 1",

@@ -153,6 +153,9 @@ impl Checker<'_> {
     }
 
     fn report_unknown(&mut self, name: &str, span: Span, wanted: Option<&Sig>) {
+        if self.unread.contains(name) {
+            return;
+        }
         let words = wanted.map(Sig::words).unwrap_or_default();
         if !words.is_empty() {
             let help = did_you_mean(name, "choose one of", words);

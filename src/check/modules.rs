@@ -1,6 +1,6 @@
 //! Files as modules: the standard library, imports, and who sees which names.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -109,6 +109,8 @@ pub struct Checker<'l> {
     pub origin: Origin,
     /// The name `loss` means the running loss (in `stop_when`).
     pub in_stop_when: bool,
+    /// Names whose declarations could not be read: their uses are not reported.
+    pub unread: HashSet<String>,
     /// No dataflow warnings (REPL lines).
     pub quiet: bool,
     pending_actions: Vec<(ModuleId, Arc<ast::Statement>)>,
@@ -136,6 +138,7 @@ impl<'l> Checker<'l> {
             integrator: None,
             origin: Origin::default(),
             in_stop_when: false,
+            unread: HashSet::new(),
             quiet: false,
             pending_actions: Vec::new(),
             files: HashMap::new(),
@@ -292,6 +295,7 @@ impl<'l> Checker<'l> {
         }
         let (file, diagnostics) = syntax::parse(&self.sources, source);
         self.diagnostics.extend(diagnostics);
+        self.unread.extend(file.unread);
         let statements: Vec<Arc<ast::Statement>> = file.statements.into_iter().map(Arc::new).collect();
         self.parsed.insert(source, statements.clone());
         statements
@@ -373,7 +377,10 @@ impl<'l> Checker<'l> {
             ast::ImportFrom::Module(name) => self.library_module(name, import.span),
             ast::ImportFrom::File(path) => self.file_module(module, path, import.span),
         };
-        let Some(target) = target else { return };
+        let Some(target) = target else {
+            self.unread.extend(import.alias.iter().map(|a| a.text.clone()));
+            return;
+        };
         if let Some(alias) = &import.alias {
             self.modules[module].aliases.insert(alias.text.clone(), target);
             return;

@@ -5,6 +5,8 @@ use crate::source::Span;
 #[derive(Clone, Debug, Default)]
 pub struct File {
     pub statements: Vec<Statement>,
+    /// Names of statements that could not be read: whatever uses them is not to blame.
+    pub unread: Vec<String>,
 }
 
 #[derive(Clone, Debug)]

@@ -24,9 +24,14 @@ pub fn parse(sources: &SourceMap, source: SourceId) -> (ast::File, Vec<Diagnosti
     let Some(file) = sources.get(source) else { return (ast::File::default(), Vec::new()) };
     let scan = scan::scan(source, &file.text);
     let mut diagnostics = scan.diagnostics;
-    let mut statements = Vec::new();
+    let mut tree = ast::File::default();
     for piece in scan.pieces {
         let Some(text) = scan.text.get(piece.start..piece.end) else { continue };
+        let read = tree.statements.len();
+        if piece.broken || diagnostics.len() > MAX_DIAGNOSTICS {
+            tree.unread.extend(scan::declared_name(text).map(str::to_owned));
+            continue;
+        }
         let span = Span::new(source, piece.start, piece.end);
         let has_lexical_error =
             diagnostics.iter().any(|d| d.span().is_some_and(|s| span.start <= s.start && s.start < span.end));
@@ -34,19 +39,19 @@ pub fn parse(sources: &SourceMap, source: SourceId) -> (ast::File, Vec<Diagnosti
             Ok(mut pairs) => {
                 let mut builder = Builder { source, offset: piece.start, level: 0, diagnostics: &mut diagnostics };
                 if let Some(kind) = pairs.next().and_then(|p| builder.statement(p)) {
-                    statements.push(ast::Statement { kind, doc: piece.doc, span });
+                    tree.statements.push(ast::Statement { kind, doc: piece.doc, span });
                 }
             }
             Err(_) if has_lexical_error => {}
             Err(error) => diagnostics.push(errors::explain(&error, text, source, piece.start)),
         }
-        if diagnostics.len() > MAX_DIAGNOSTICS {
-            break;
+        if tree.statements.len() == read {
+            tree.unread.extend(scan::declared_name(text).map(str::to_owned));
         }
     }
     diag::sort(&mut diagnostics);
     diagnostics.truncate(MAX_DIAGNOSTICS);
-    (ast::File { statements }, diagnostics)
+    (tree, diagnostics)
 }
 
 /// Reads a source that holds a single expression (`--set NAME=EXPR`, `dsl eval`, the REPL).

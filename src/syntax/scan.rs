@@ -27,6 +27,8 @@ pub struct Piece {
     pub start: usize,
     pub end: usize,
     pub doc: String,
+    /// Something was reported that keeps it from being read.
+    pub broken: bool,
 }
 
 pub struct Scan {
@@ -69,7 +71,9 @@ pub fn scan(source: SourceId, text: &str) -> Scan {
     let text_out = String::from_utf8(blanked).unwrap_or_else(|_| text.to_owned());
     let mut pieces = split(source, text, &tokens, &mut diagnostics);
     attach_docs(&mut pieces, &docs);
-    pieces.retain(|p| depth_is_fine(source, text, &tokens, p, &mut diagnostics));
+    for piece in &mut pieces {
+        piece.broken |= !depth_is_fine(source, text, &tokens, piece, &mut diagnostics);
+    }
     Scan { text: text_out, pieces, diagnostics }
 }
 
@@ -77,6 +81,14 @@ pub fn scan(source: SourceId, text: &str) -> Scan {
 pub fn is_incomplete(text: &str) -> bool {
     let scan = scan(SourceId(0), text);
     scan.diagnostics.iter().any(|d| d.code == "dscene::syntax::unclosed")
+}
+
+/// The name that a statement declares, as far as its first words tell.
+pub fn declared_name(text: &str) -> Option<&str> {
+    let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let mut words = text.split(|c: char| !is_word(c)).filter(|w| !w.is_empty());
+    words.next()?;
+    words.find(|w| !is_reserved(w))
 }
 
 /// Whether a text has nothing but white space and comments.
@@ -323,9 +335,8 @@ fn split(source: SourceId, text: &str, tokens: &[Token], diagnostics: &mut Vec<D
             end = t.end;
             token += 1;
         }
-        if !broken.iter().any(|&b| (start..limit).contains(&b)) {
-            pieces.push(Piece { start, end, doc: String::new() });
-        }
+        let broken = broken.iter().any(|&b| (start..limit).contains(&b));
+        pieces.push(Piece { start, end, doc: String::new(), broken });
     }
     pieces
 }
@@ -500,7 +511,8 @@ mod tests {
         let text = "camera eye {\n  fov: 45deg\nlet a = 1\nlet b = 2\n";
         let scan = scan(SourceId(0), text);
         assert_eq!(scan.diagnostics.len(), 1);
-        assert_eq!(scan.pieces.len(), 2);
+        let broken: Vec<bool> = scan.pieces.iter().map(|p| p.broken).collect();
+        assert_eq!(broken, [true, false, false]);
     }
 
     #[test]
