@@ -59,11 +59,18 @@ fn area_of_a_triangle_in_every_camera() {
             let emission = b.scene.shapes[0].emission.as_mut().unwrap();
             emission.two_sided = true;
             let scene = Scene::new(b.scene).unwrap();
-            let settings = Settings { output: Output::Radiance, spp: 1024, max_bounces: 0, seed: 1, boundary: true };
             let mut d_image = Image::new(48, 48, 3);
             d_image.data.iter_mut().step_by(3).for_each(|d| *d = 1.0);
             let wrt = [Slot::Vertices(0), Slot::CameraOrigin, Slot::CameraFrame];
-            let g = render_backward(&scene, &camera, &settings, &d_image, &wrt).unwrap();
+            // Averaged: a tilt moves the whole outline and nearly cancels, so that one run's error shows.
+            let mut g = vec![vec![0.0; 9], vec![0.0; 3], vec![0.0; 9]];
+            for seed in 0..8 {
+                let settings = Settings { output: Output::Radiance, spp: 1024, max_bounces: 0, seed, boundary: true };
+                let run = render_backward(&scene, &camera, &settings, &d_image, &wrt).unwrap();
+                for (sum, x) in g.iter_mut().flatten().zip(run.iter().flatten()) {
+                    *sum += x / 8.0;
+                }
+            }
 
             let h = 1e-4;
             let moved = |f: &dyn Fn(f64) -> f64| (f(h) - f(-h)) / (2.0 * h);
@@ -92,9 +99,7 @@ fn area_of_a_triangle_in_every_camera() {
 
             let size = expected.iter().fold(0.0f64, |m, e| m.max(e.abs()));
             for (i, (e, f)) in expected.iter().zip(&found).enumerate() {
-                // Tilting moves the whole outline, and nearly cancels: compared with that motion 1e-2 here is 2e-4.
-                let tolerance = if i == 12 { 1e-2 } else { 3e-3 };
-                assert!((e - f).abs() < tolerance * size, "{projection:?} at {z}, {i}: {f} instead of {e} (of {size})");
+                assert!((e - f).abs() < 3e-3 * size, "{projection:?} at {z}, {i}: {f} instead of {e} (of {size})");
             }
         }
     }
