@@ -63,7 +63,7 @@ fn area_of_a_triangle_in_every_camera() {
             d_image.data.iter_mut().step_by(3).for_each(|d| *d = 1.0);
             let wrt = [Slot::Vertices(0), Slot::CameraOrigin, Slot::CameraFrame];
             // Averaged: a tilt moves the whole outline and nearly cancels, so that one run's error shows.
-            let mut g = vec![vec![0.0; 9], vec![0.0; 3], vec![0.0; 9]];
+            let mut g = [vec![0.0; 9], vec![0.0; 3], vec![0.0; 9]];
             for seed in 0..8 {
                 let settings = Settings { output: Output::Radiance, spp: 1024, max_bounces: 0, seed, boundary: true };
                 let run = render_backward(&scene, &camera, &settings, &d_image, &wrt).unwrap();
