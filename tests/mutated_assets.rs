@@ -1,11 +1,16 @@
 //! Asset files with random damage: each loads or is refused in words, and nothing panics or takes long.
 
+#[path = "common/dice.rs"]
+mod dice;
+
 use std::fs;
 use std::time::{Duration, Instant};
 
 use dscene::image::Image;
 use dscene::image::file::{self, Encoding};
 use dscene::mesh::load::load;
+
+use dice::Dice;
 
 const OBJ: &str = "v 0 1 0\nv 1 1 0\nv 0 1 1\nv 1 1 1\nvt 0 0\nvt 1 0\nvt 0 1\nvn 0 1 0\n\
                    f 1/1/1 2/2/1 3/3/1\nf -3/2/1 -1/1/1 -2/3/1\n";
@@ -20,18 +25,6 @@ const GLTF: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0
 "bufferViews":[{"buffer":0,"byteOffset":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":6}],
 "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,1,0],"max":[1,1,1]},
 {"bufferView":1,"componentType":5123,"count":3,"type":"SCALAR"}]}"#;
-
-/// A small generator of our own (xorshift), so that failures can be repeated.
-struct Dice(u64);
-
-impl Dice {
-    fn below(&mut self, n: usize) -> usize {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 % n.max(1) as u64) as usize
-    }
-}
 
 /// Flips, drops, doubles or cuts bytes, or puts a number that hurts in place of a digit.
 fn mutated(bytes: &[u8], dice: &mut Dice) -> Vec<u8> {

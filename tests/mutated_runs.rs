@@ -1,5 +1,8 @@
 //! Scripts with random damage that still check are run: whatever they do, they end in values or diagnostics.
 
+#[path = "common/dice.rs"]
+mod dice;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -7,6 +10,8 @@ use std::time::{Duration, Instant};
 use dscene::check::{self, hir};
 use dscene::eval::{Engine, EngineOptions, on_large_stack};
 use dscene::session::{Recorder, Runner};
+
+use dice::Dice;
 
 const SCRIPTS: &[&str] = &[
     r#"camera eye { position: [0, 1, -4], look_at: [0, 0, 0], fov: 45deg, film: [12, 12] }
@@ -43,18 +48,6 @@ print mean(picture), mean(depth(eye, spp: 1)), mean(alpha(eye, spp: 1)), blur(pi
 print estimate(mean(picture), 3), mean(jvp(picture * t, t))
 "#,
 ];
-
-/// A small generator of our own (xorshift), so that failures can be repeated.
-struct Dice(u64);
-
-impl Dice {
-    fn below(&mut self, n: usize) -> usize {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        (self.0 % n.max(1) as u64) as usize
-    }
-}
 
 /// Words, numbers and signs, with what lies between them.
 fn tokens(text: &str) -> Vec<String> {

@@ -1,21 +1,14 @@
 //! Scripts with random damage: checking them ends, without a panic, and every diagnostic can be drawn.
 
+#[path = "common/dice.rs"]
+mod dice;
+
 use std::path::Path;
 
 use dscene::check::{Disk, check_line, check_text};
 use dscene::diag::{RenderOptions, render_all, to_json};
 
-/// xorshift64*: the same damage on every machine.
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, n: usize) -> usize {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        (self.0.wrapping_mul(0x2545_F491_4F6C_DD1D) >> 33) as usize % n.max(1)
-    }
-}
+use dice::Dice;
 
 const SCRAPS: &[&str] = &[
     "{",
@@ -104,7 +97,7 @@ fn scripts() -> Vec<String> {
     scripts
 }
 
-fn damage(text: &str, random: &mut Random) -> String {
+fn damage(text: &str, random: &mut Dice) -> String {
     let mut chars: Vec<char> = text.chars().collect();
     for _ in 0..=random.below(4) {
         let at = random.below(chars.len() + 1);
@@ -138,7 +131,7 @@ fn damage(text: &str, random: &mut Random) -> String {
 
 #[test]
 fn damaged_scripts_are_checked_without_a_panic() {
-    let mut random = Random(0x5eed);
+    let mut random = Dice(0x5eed);
     let scripts = scripts();
     for round in 0..1200 {
         let text = damage(&scripts[round % scripts.len()], &mut random);
@@ -164,7 +157,7 @@ fn damaged_scripts_are_checked_without_a_panic() {
 
 #[test]
 fn damaged_lines_are_checked_without_a_panic() {
-    let mut random = Random(77);
+    let mut random = Dice(77);
     let scripts = scripts();
     let mut program =
         check_text("start.dscene", None, scripts[0].as_str(), &[], &Disk).program.expect("a right script");
