@@ -1,13 +1,16 @@
 //! The command line from outside: exit codes, the JSON contract, determinism, bad input.
 
+#[path = "common/place.rs"]
+mod place;
+
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::Output;
 use std::time::Duration;
 
-use assert_cmd::Command;
 use serde_json::Value;
-use tempfile::TempDir;
+
+use place::{Place, assert_code, assert_diagnosed, stderr, stdout};
 
 /// A small world: a lit triangle whose vertices and brightness are unknown.
 const TRIANGLE: &str = r#"
@@ -29,57 +32,6 @@ optimize bowl { using: sgd(lr: 0.2), steps: 60 }
 expect bowl < 1e-6
 print "x is {x:.3}"
 "#;
-
-struct Place {
-    folder: TempDir,
-}
-
-impl Place {
-    fn new() -> Place {
-        Place { folder: tempfile::tempdir().unwrap() }
-    }
-
-    fn write(&self, name: &str, text: impl AsRef<[u8]>) -> PathBuf {
-        let path = self.folder.path().join(name);
-        fs::write(&path, text).unwrap();
-        path
-    }
-
-    fn path(&self, name: &str) -> PathBuf {
-        self.folder.path().join(name)
-    }
-
-    fn command(&self, arguments: &[&str]) -> Command {
-        let mut command = Command::new(assert_cmd::cargo::cargo_bin!("dsl"));
-        command.args(arguments).current_dir(self.folder.path()).env("NO_COLOR", "1").timeout(Duration::from_secs(120));
-        command
-    }
-
-    fn dsl(&self, arguments: &[&str]) -> Output {
-        self.command(arguments).output().unwrap()
-    }
-}
-
-fn stdout(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stdout).into_owned()
-}
-
-fn stderr(output: &Output) -> String {
-    String::from_utf8_lossy(&output.stderr).into_owned()
-}
-
-#[track_caller]
-fn assert_code(output: &Output, code: i32) {
-    assert_eq!(output.status.code(), Some(code), "stdout:\n{}\nstderr:\n{}", stdout(output), stderr(output));
-}
-
-/// The script ended with a diagnostic: exit 1, and not because something broke.
-#[track_caller]
-fn assert_diagnosed(output: &Output) {
-    assert_code(output, 1);
-    let text = stderr(output);
-    assert!(text.contains("dscene::") && !text.contains("dscene::internal") && !text.contains("panicked"), "{text}");
-}
 
 // ---- run -----------------------------------------------------------------------------------------------------------
 
@@ -303,6 +255,52 @@ fn render_writes_the_format_that_the_name_says() {
 }
 
 #[test]
+fn render_json_says_what_was_written() {
+    let place = Place::new();
+    place.write("t.dscene", TRIANGLE);
+    let output = place.dsl(&["render", "t.dscene", "--json", "--out", "deep/pictures", "--set", "eye.film=[8, 4]"]);
+    assert_code(&output, 0);
+    let object: Value = serde_json::from_str(stdout(&output).trim()).unwrap();
+    assert_eq!((&object["file"], &object["camera"]), (&"t.dscene".into(), &"eye".into()));
+    assert_eq!(object["saved"], serde_json::json!(["deep/pictures/t.exr"]));
+    assert_eq!(object["shape"], serde_json::json!([4, 8, 3]));
+    assert!(object["seconds"].as_f64().unwrap() > 0.0);
+    assert!(place.path("deep/pictures/t.exr").is_file());
+    let output = place.dsl(&["render", "t.dscene", "--json", "--camera", "eyes"]);
+    assert_code(&output, 1);
+    let problem: Value = serde_json::from_str(stderr(&output).trim()).unwrap();
+    assert_eq!(problem["code"], "dscene::cli::camera");
+    assert!(stdout(&output).is_empty());
+}
+
+#[test]
+fn fields_can_be_overridden_with_their_units() {
+    let place = Place::new();
+    place.write("t.dscene", format!("{TRIANGLE}let lamp = area(disk(), 5, two_sided: true)\n"));
+    for (field, value, query, shown) in [
+        ("eye.fov", "30deg", "eye.fov", "30deg"),
+        ("eye.up", "[1, 0, 0]", "eye.up", "[1, 0, 0]"),
+        ("sky.radiance", "3", "sky.radiance", "[3, 3, 3]"),
+        ("lamp.radiance", "glow * 4", "lamp.radiance", "2"),
+        ("lamp.two_sided", "false", "lamp.two_sided", "false"),
+    ] {
+        let output = place.dsl(&["eval", "t.dscene", query, "--set", &format!("{field}={value}")]);
+        assert_code(&output, 0);
+        assert_eq!(stdout(&output).trim(), shown, "{field}");
+    }
+    for (wrong, help) in [
+        ("eye.fov=30", "`30deg`"),
+        ("eye.fild=[8, 8]", "did you mean `film`?"),
+        ("glow.x=1", "--set glow="),
+        ("eie.fov=30deg", "did you mean `eye`?"),
+    ] {
+        let output = place.dsl(&["eval", "t.dscene", "1", "--set", wrong]);
+        assert_diagnosed(&output);
+        assert!(stderr(&output).contains(help), "{wrong}: {}", stderr(&output));
+    }
+}
+
+#[test]
 fn eval_prints_values_and_json() {
     let place = Place::new();
     place.write("t.dscene", TRIANGLE);
@@ -317,6 +315,9 @@ fn eval_prints_values_and_json() {
     assert_eq!(value.as_object().unwrap().len(), 3);
     assert_diagnosed(&place.dsl(&["eval", "t.dscene", "nothing_here"]));
     assert_diagnosed(&place.dsl(&["eval", "t.dscene", "("]));
+    let output = place.dsl(&["eval", "t.dscene", "1 +"]);
+    assert_diagnosed(&output);
+    assert!(stderr(&output).contains("expected an expression, but the expression ends here"), "{}", stderr(&output));
 }
 
 // ---- grad ----------------------------------------------------------------------------------------------------------
@@ -435,6 +436,18 @@ fn the_repl_keeps_declarations_and_answers_in_order() {
     let values: Vec<&str> = values.iter().map(|l| l.split("   : ").next().unwrap()).collect();
     assert_eq!(values, ["6", "15", "6"], "{text}");
     assert!(text.trim_end().ends_with("scalar"), "{text}");
+}
+
+#[test]
+fn the_repl_waits_for_what_is_missing() {
+    let place = Place::new();
+    let output = repl(&place, &[], "1 +\n2\n10 -\n3\n12 /\n4\n1 <\n2 and\ntrue\n");
+    assert_code(&output, 0);
+    let values: Vec<String> = stdout(&output).lines().map(|l| l.split("   : ").next().unwrap().to_owned()).collect();
+    assert_eq!(values, ["3", "7", "3", "true"]);
+    let output = repl(&place, &[], "1 +");
+    assert_diagnosed(&output);
+    assert!(stderr(&output).contains("the expression ends here"), "{}", stderr(&output));
 }
 
 #[test]
@@ -691,22 +704,28 @@ fn a_long_rendering_is_interrupted_half_way() {
     let place = Place::new();
     let slow = TRIANGLE.replace("[16, 16]", "[2000, 2000]").replace("let target", "// ");
     place.write("slow.dscene", slow.replace("loss fit", "// ") + "print 1\nprint mean(render(eye, spp: 1000000))\n");
-    let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin!("dsl"))
-        .args(["run", "slow.dscene", "--out", "r"])
-        .current_dir(place.folder.path())
-        .stdout(std::process::Stdio::piped())
-        .stderr(std::process::Stdio::piped())
-        .spawn()
-        .unwrap();
-    // Once the first line is printed, Ctrl-C is being watched for.
-    let mut line = [0];
-    std::io::Read::read_exact(child.stdout.as_mut().unwrap(), &mut line).unwrap();
-    std::thread::sleep(Duration::from_millis(200));
-    let kill = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
-    assert!(kill.success());
-    let begun = std::time::Instant::now();
-    assert_eq!(child.wait().unwrap().code(), Some(130));
-    assert!(begun.elapsed() < Duration::from_secs(20), "it took {:?}", begun.elapsed());
+    for arguments in [&["run", "slow.dscene", "--out", "r"][..], &["repl", "slow.dscene"]] {
+        place.write("lines", "print 1\nmean(render(eye, spp: 1000000))\nprint 2\n");
+        let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin!("dsl"))
+            .args(arguments)
+            .current_dir(place.folder.path())
+            .stdin(fs::File::open(place.path("lines")).unwrap())
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        // Once the first line is printed, Ctrl-C is being watched for.
+        let mut line = [0];
+        std::io::Read::read_exact(child.stdout.as_mut().unwrap(), &mut line).unwrap();
+        std::thread::sleep(Duration::from_millis(200));
+        let kill = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+        assert!(kill.success());
+        let begun = std::time::Instant::now();
+        let output = child.wait_with_output().unwrap();
+        assert_code(&output, 130);
+        assert!(stderr(&output).contains("interrupted"), "{}", stderr(&output));
+        assert!(begun.elapsed() < Duration::from_secs(20), "it took {:?}", begun.elapsed());
+    }
 }
 
 #[test]

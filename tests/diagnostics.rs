@@ -258,8 +258,8 @@ loss fit = mse(render(small), target)",
         prelude: "",
         script: "let a =\nlet b = 1 +\nlet c = (1, 2)",
         wanted: &[
-            ("dscene::syntax::unexpected", "", "expression is missing"),
-            ("dscene::syntax::unexpected", "", "expression is missing"),
+            ("dscene::syntax::unexpected", "=", "expression is missing"),
+            ("dscene::syntax::unexpected", "+", "expression is missing"),
             ("dscene::syntax::unexpected", ",", ""),
         ],
     },
@@ -356,6 +356,87 @@ loss fit = mse(render(small), target)",
             ("dscene::type::mismatch", "eye", "save render(eye)"),
             ("dscene::file::format", "\"a.bmp\"", "`.png`"),
             ("dscene::type::mismatch", "3", ""),
+        ],
+    },
+    Case {
+        name: "two_fields_of_view",
+        prelude: "",
+        script: "camera eye { fov: 45deg, fov_x: 60deg }",
+        wanted: &[("dscene::value::fov", "60deg", "leave one of them out")],
+    },
+    Case {
+        name: "too_many_triangles",
+        prelude: "",
+        script: "let ball = sphere(subdivisions: 4096)\nlet land = grid(columns: 10000, rows: 10000)\nlet fine = grid(columns: 2000, rows: 2000)",
+        wanted: &[
+            ("dscene::value::triangles", "4096", "coarser"),
+            ("dscene::value::triangles", "10000, rows: 10000", ""),
+        ],
+    },
+    Case {
+        name: "not_available_yet",
+        prelude: SCENE,
+        script: "param p = [[0, 0, 0]] { precondition: laplacian(lambda: 19) }\nmaterial glass = dielectric(ior: 1.5)\n\
+                 optimize fit { correlated: true }\noptimize fit { correlated: false, using: lbfgs() }",
+        wanted: &[
+            ("dscene::feature::unavailable", "precondition", "laplacian_energy"),
+            ("dscene::feature::unavailable", "dielectric", ""),
+            ("dscene::feature::unavailable", "correlated", "independent samples"),
+            ("dscene::feature::unavailable", "lbfgs", ""),
+        ],
+    },
+    Case {
+        name: "function_values",
+        prelude: "",
+        script: "\
+let double = x => x * 2
+fn twice(f, x) = f(f(x))
+let right: scalar = double(3) + twice(double, 1) + twice(y => y + double(y), 1)
+let wrong = double(\"a\")
+camera eye { fov: twice(double, 5) }
+loss vector = double([1, 2])
+let count = double(1, 2)",
+        wanted: &[
+            ("dscene::type::mismatch", "*", ""),
+            ("dscene::type::unit", "twice(double, 5)", "* 1deg"),
+            ("dscene::type::loss", "double([1, 2])", "mean"),
+            ("dscene::call::count", "double(1, 2)", ""),
+        ],
+    },
+    Case {
+        name: "statements_without_names",
+        prelude: SCENE,
+        script: "camera { fov: 45deg }\nparam = 3\nloss mse(render(eye), target)\nlet z = 1\nfor i in 0..3 { print i }\nlet x\nlet y {\nfov: 3 }",
+        wanted: &[
+            ("dscene::syntax::unexpected", "camera", "camera NAME { … }"),
+            ("dscene::syntax::unexpected", "param", "param NAME = …"),
+            ("dscene::syntax::unexpected", "loss", "loss NAME = mse"),
+            ("dscene::syntax::unexpected", "for", "`[… for i in 0..n]`"),
+            ("dscene::syntax::unexpected", "x", "let x = …"),
+            ("dscene::syntax::unexpected", "{", "`let` has `=`"),
+        ],
+    },
+    Case {
+        name: "other_languages",
+        prelude: SCENE,
+        script: "\
+let moved = ball.mesh.translate([0, 1, 0])
+let bright = np.mean(target)
+save target to out.png
+light sun { direction: [0, -1, 0] }
+environment sky { }
+let f = x -> x + 1
+let w = moved.vertices[0].w
+save target \"a.png\"",
+        wanted: &[
+            ("dscene::name::field", "translate", "`ball.mesh |> translate(…)`"),
+            ("dscene::name::unknown", "np", "`mean(…)`"),
+            ("dscene::type::mismatch", "out.png", "`\"out.png\"`"),
+            ("dscene::call::missing", "light", ""),
+            ("dscene::name::field", "direction", "light NAME = directional(direction: …)"),
+            ("dscene::syntax::unknown_statement", "environment", "did you mean `light`?"),
+            ("dscene::syntax::unexpected", ">", "x => x + 1"),
+            ("dscene::syntax::unexpected", "\"", "save EXPR to"),
         ],
     },
     Case {

@@ -98,6 +98,7 @@ fn functions_lambdas_pipes_strings() {
     check("fn f(x) { let y = x + 1 let z = y * 2 z - 1 }", "f(2)", json!(5));
     check("let name = \"ball\"", "\"{name} {1 + 1:04} {3.14159:.2} {7:3}\"", json!("ball 0002 3.14   7"));
     check("", "\"{[1, 2.345]:.1}\"", json!("[1.0, 2.3]"));
+    check("", "\"{0.00012345:.2e} {20:e}\"", json!("1.23e-4 2e1"));
     check("let a = b + 1\nlet b = 2", "a", json!(3));
     check("", "dot([1, 2, 3], [4, 5, 6])", json!(32));
     check("", "cross([1, 0, 0], [0, 1, 0])", json!([0, 0, 1]));

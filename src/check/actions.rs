@@ -8,7 +8,7 @@ use crate::diag::{Diagnostic, did_you_mean};
 use crate::syntax::ast;
 
 /// Fields of `optimize`.
-const OPTIMIZE: [&str; 8] = ["over", "using", "steps", "stop_when", "correlated", "spp", "film_scale", "max_bounces"];
+const OPTIMIZE: [&str; 7] = ["over", "using", "steps", "stop_when", "spp", "film_scale", "max_bounces"];
 /// Fields of a `stage`.
 const STAGE: [&str; 5] = ["steps", "using", "spp", "film_scale", "max_bounces"];
 
@@ -29,7 +29,7 @@ impl Checker<'_> {
                     let help = matches!(value.ty, Ty::Camera { .. })
                         .then(|| format!("render it: `save render({}) to …`", self.sources.text(value.span)));
                     self.diagnostics.push(
-                        Diagnostic::error("dscene::type::mismatch", format!("a `{}` cannot be saved", value.ty))
+                        Diagnostic::error("dscene::type::mismatch", format!("{} cannot be saved", value.ty.a()))
                             .label(value.span, format!("this is `{}`", value.ty))
                             .help(
                                 help.unwrap_or_else(|| "images, meshes and arrays of numbers can be saved".to_owned()),
@@ -52,7 +52,23 @@ impl Checker<'_> {
         }
     }
 
+    /// `image.png` without quotes.
+    fn unquoted(&self, path: &ast::Expr) -> Option<String> {
+        let ast::ExprKind::Member { base, name } = &path.kind else { return None };
+        let ast::ExprKind::Name(stem) = &base.kind else { return None };
+        let known = self.lookup(stem).is_some() || self.locals.iter().any(|l| l.name == *stem);
+        (!known).then(|| format!("{stem}.{}", name.text))
+    }
+
     fn path(&mut self, path: &ast::Expr, saved: &Ty) -> hir::Expr {
+        if let Some(name) = self.unquoted(path) {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::mismatch", "a path is a string")
+                    .label(path.span, "not a string")
+                    .help(format!("write `\"{name}\"`")),
+            );
+            return super::infer::error_expr(path.span);
+        }
         let typed = self.expr(path, None);
         if !typed.expr.ty.is_unknown() && typed.expr.ty != Ty::Str {
             self.diagnostics.push(
@@ -69,8 +85,9 @@ impl Checker<'_> {
             _ => None,
         };
         let known: &[&str] = match saved {
-            Ty::Image { .. } | Ty::Texture => &["png", "exr", "hdr", "jpg", "jpeg"],
-            Ty::Mesh => &["obj", "ply"],
+            Ty::Num(shape) if shape.len() < 2 => &["json", "txt"],
+            Ty::Image { .. } | Ty::Num(_) | Ty::Texture => &["png", "exr", "hdr", "json", "txt"],
+            Ty::Mesh => &["obj", "ply", "json", "txt"],
             _ => &[],
         };
         if let Some(ending) = ending
@@ -79,7 +96,7 @@ impl Checker<'_> {
         {
             let known: Vec<String> = known.iter().map(|k| format!("`.{k}`")).collect();
             self.diagnostics.push(
-                Diagnostic::error("dscene::file::format", format!("a `{saved}` cannot be saved as `.{ending}`"))
+                Diagnostic::error("dscene::file::format", format!("{} cannot be saved as `.{ending}`", saved.a()))
                     .label(path.span, "unknown ending")
                     .help(format!("the endings are: {}", known.join(", "))),
             );
@@ -105,7 +122,6 @@ impl Checker<'_> {
             stages: Vec::new(),
             stop_when: None,
             every: Vec::new(),
-            correlated: None,
             settings: Vec::new(),
             span: o.span,
         };
@@ -120,7 +136,13 @@ impl Checker<'_> {
                 "over" => out.over = Some(self.over(&field.value)),
                 "using" => out.using = Some(self.checked_field(field, &Sig::Is(Ty::Optimizer))),
                 "steps" => out.steps = Some(self.steps(field)),
-                "correlated" => out.correlated = Some(self.checked_field(field, &Sig::Is(Ty::Bool))),
+                "correlated" => {
+                    let value = self.checked_field(field, &Sig::Is(Ty::Bool));
+                    if !matches!(value.kind, hir::ExprKind::Bool(false)) {
+                        let help = "leave it out: a loss and its derivative use independent samples, which keeps the gradient unbiased";
+                        self.diagnostics.push(super::foreign::unavailable("correlated", field.name.span).help(help));
+                    }
+                }
                 "stop_when" => {
                     self.in_stop_when = true;
                     out.stop_when = Some(self.condition(&field.value));

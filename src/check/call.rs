@@ -1,29 +1,27 @@
 //! Calls: arguments to parameters, type variables, one check of a function's body for each combination of argument types.
 
-use std::sync::Arc;
-
 use super::arith::{broadcast, image_sizes};
 use super::declare::broken;
 use super::hir::{self, Callee, DeclId, DerivativeKind, ExprKind};
 use super::infer::{Typed, typed};
-use super::modules::{Checker, Instance, Signature, State};
+use super::modules::{Checker, Signature, State};
 use super::results;
 use super::signature::{Const, Sig, fits};
 use super::types::Ty;
-use crate::diag::{Diagnostic, Label, did_you_mean};
+use crate::diag::{Diagnostic, did_you_mean};
 use crate::source::Span;
 use crate::syntax::ast::{self, StatementKind};
 
 /// Functions call functions at most so deep.
-const MAX_CALL_DEPTH: usize = 48;
+pub const MAX_CALL_DEPTH: usize = 48;
 
 /// What is called, in words: a function with arguments or a kind with fields.
 #[derive(Clone, Copy)]
-struct Site<'a> {
-    name: &'a str,
+pub struct Site<'a> {
+    pub name: &'a str,
     /// Label for what is missing.
-    span: Span,
-    is_kind: bool,
+    pub span: Span,
+    pub is_kind: bool,
 }
 
 impl Site<'_> {
@@ -32,9 +30,9 @@ impl Site<'_> {
     }
 }
 
-struct Given<'a> {
-    name: Option<ast::Name>,
-    value: &'a ast::Expr,
+pub struct Given<'a> {
+    pub name: Option<ast::Name>,
+    pub value: &'a ast::Expr,
 }
 
 impl Checker<'_> {
@@ -125,57 +123,11 @@ impl Checker<'_> {
     }
 
     /// The arguments are still worth checking.
-    fn after_error(&mut self, given: &[Given], span: Span) -> Typed {
+    pub fn after_error(&mut self, given: &[Given], span: Span) -> Typed {
         for given in given {
             self.expr(given.value, None);
         }
         broken(span)
-    }
-
-    fn call_value(&mut self, callee: &ast::Expr, given: &[Given], span: Span) -> Typed {
-        let callee = self.expr(callee, None);
-        let (params, result) = match &callee.expr.ty {
-            Ty::Fn(params, result) => (Some(params.clone()), (**result).clone()),
-            ty if ty.is_unknown() => (None, ty.clone()),
-            ty => {
-                let text = self.sources.text(callee.expr.span);
-                self.diagnostics.push(
-                    Diagnostic::error("dscene::call::not_a_function", format!("a `{ty}` cannot be called"))
-                        .label(callee.expr.span, format!("this is `{ty}`"))
-                        .help(format!("write `{text}` without arguments")),
-                );
-                return self.after_error(given, span);
-            }
-        };
-        if let Some(params) = &params
-            && params.len() != given.len()
-        {
-            self.diagnostics.push(
-                Diagnostic::error(
-                    "dscene::call::count",
-                    format!(
-                        "this function takes {} argument{}, not {}",
-                        params.len(),
-                        plural(params.len()),
-                        given.len()
-                    ),
-                )
-                .label(span, format!("{} given", given.len()))
-                .label(callee.expr.span, format!("this is `{}`", callee.expr.ty)),
-            );
-        }
-        let args: Vec<Option<hir::Expr>> = given.iter().map(|g| Some(self.expr(g.value, None).expr)).collect();
-        if let Some(named) = given.iter().find_map(|g| g.name.as_ref())
-            && callee.expr.ty != Ty::Error
-        {
-            self.diagnostics.push(
-                Diagnostic::error("dscene::call::unknown_argument", "function values take their arguments by position")
-                    .label(named.span, "named here"),
-            );
-        }
-        let count = args.len();
-        let call = hir::Call { callee: Callee::Value(callee.expr), args, given: vec![true; count] };
-        typed(ExprKind::Call(Box::new(call)), span, result)
     }
 
     fn call_decl(&mut self, id: DeclId, given: &[Given], site: Site, span: Span) -> Typed {
@@ -288,7 +240,18 @@ impl Checker<'_> {
                     let known: Vec<&str> = params.iter().map(|p| p.name.as_str()).collect();
                     let foreign = super::foreign::field(&name.text, &known).map(|f| format!("did you mean `{f}`?"));
                     let what = format!("its {}s are", site.noun());
-                    let help = foreign.or_else(|| did_you_mean(&name.text, &what, known));
+                    if foreign.is_none() && super::foreign::is_planned(&name.text) {
+                        self.diagnostics.push(super::foreign::unavailable(&name.text, name.span));
+                        self.expr(arg.value, None);
+                        continue;
+                    }
+                    let other = (site.is_kind && site.name == "light")
+                        .then(|| super::foreign::light_with(&name.text))
+                        .flatten()
+                        .map(|light| {
+                            format!("an area light has fields; write `light NAME = {light}({}: …)`", name.text)
+                        });
+                    let help = other.or(foreign).or_else(|| did_you_mean(&name.text, &what, known));
                     let (code, message) = if site.is_kind {
                         ("dscene::name::field", format!("a {} has no field `{}`", site.name, name.text))
                     } else {
@@ -337,7 +300,7 @@ impl Checker<'_> {
     }
 
     /// Arguments of one type variable must go together.
-    fn bind_variable(
+    pub fn bind_variable(
         &mut self,
         sig: &Sig,
         index: usize,
@@ -391,7 +354,7 @@ impl Checker<'_> {
         self.diagnostics.push(diagnostic.help(help));
     }
 
-    fn report_argument(&mut self, sig: &Sig, param: &str, arg: &Typed, site: Site) {
+    pub fn report_argument(&mut self, sig: &Sig, param: &str, arg: &Typed, site: Site) {
         let help = self.conversion_help(sig, arg, arg.expr.span);
         let ty = &arg.expr.ty;
         let noun = site.noun();
@@ -468,80 +431,6 @@ impl Checker<'_> {
         })
     }
 
-    /// Checks a function's body for these argument types; its errors are told with the call that leads to them.
-    fn instance(
-        &mut self,
-        id: DeclId,
-        signature: &Signature,
-        args: &[Option<Typed>],
-        span: Span,
-        site: Site,
-    ) -> (Ty, Option<Const>) {
-        let statement: Arc<ast::Statement> = self.slot(id).statement.clone();
-        let StatementKind::Fn(f) = &statement.kind else { return (Ty::Error, None) };
-        let Some(body) = &f.body else { return (Ty::Error, None) };
-        let small = |c: &Const| !matches!(c, Const::List(items) if items.len() > 16);
-        let facts: Vec<_> =
-            args.iter().map(|a| a.as_ref().map(|a| (a.expr.ty.clone(), a.value.clone().filter(small)))).collect();
-        let key = format!("{} {facts:?}", id.0);
-        if let Some(known) = self.instances.get(&key) {
-            return (known.ty.clone(), known.value.clone());
-        }
-        if self.stack.len() > MAX_CALL_DEPTH {
-            return (Ty::Any, None);
-        }
-        // Stands for itself should it be called from within.
-        let nothing = Instance { ty: Ty::Error, value: None };
-        self.instances.insert(key.clone(), nothing);
-        let outer = std::mem::take(&mut self.diagnostics);
-        let locals = std::mem::take(&mut self.locals);
-        let module = self.enter_module_of(id);
-        self.stack.push(id);
-        for (i, param) in signature.params.iter().enumerate() {
-            let (ty, value) = match (&facts[i], &f.params[i].default) {
-                (Some((ty, value)), _) if !ty.is_unknown() => (ty.clone(), value.clone()),
-                (None, Some(default)) => {
-                    let default = self.expr(default, Some(&param.sig));
-                    (default.expr.ty, default.value)
-                }
-                _ => (param.sig.ty(), None),
-            };
-            self.new_local(&param.name, ty, value);
-        }
-        let mut result = self.expr(body, signature.result.as_ref());
-        if let Some(wanted) = &signature.result {
-            let refined = wanted.accepts(&result.expr.ty, result.value.as_ref()) && !result.expr.ty.is_unknown();
-            if !refined {
-                result.expr.ty = wanted.ty();
-            }
-            result = self.coerce(wanted, result);
-        }
-        self.stack.pop();
-        self.module = module;
-        self.locals = locals;
-        let inner = std::mem::replace(&mut self.diagnostics, outer);
-        let user = self.is_user(id);
-        for diagnostic in inner.iter().filter(|d| d.is_error()) {
-            let known = self.diagnostics.iter().any(|d| d.code == diagnostic.code && d.span() == diagnostic.span());
-            if known {
-                continue;
-            }
-            let mut shown = diagnostic.clone();
-            if user {
-                shown.labels.push(Label { span, text: format!("in this call of `{}`", site.name) });
-            } else {
-                // The library's inside is none of the user's business.
-                shown.message = format!("`{}` does not go with these arguments: {}", site.name, shown.message);
-                shown.labels.retain(|l| self.modules[self.module].user && l.span.source == span.source);
-                shown.labels.insert(0, Label { span, text: "in this call".to_owned() });
-            }
-            self.diagnostics.push(shown);
-        }
-        let out = Instance { ty: result.expr.ty.clone(), value: result.value.clone() };
-        self.instances.insert(key, out);
-        (result.expr.ty, result.value)
-    }
-
     /// The default of a native's parameter; `None` for `= none`.
     fn native_default(&mut self, id: DeclId, index: usize) -> Option<hir::Expr> {
         let statement = self.slot(id).statement.clone();
@@ -560,7 +449,7 @@ impl Checker<'_> {
         Some(typed.expr)
     }
 
-    fn error_count(&self) -> usize {
+    pub fn error_count(&self) -> usize {
         self.diagnostics.iter().filter(|d| d.is_error()).count()
     }
 
@@ -686,96 +575,6 @@ impl Checker<'_> {
         }
         Some((target, ty))
     }
-
-    /// Files that are named literally must exist; sizes must make sense.
-    fn check_native(&mut self, id: DeclId, name: &str, found: &mut [Option<Typed>]) {
-        let is_file = matches!(
-            self.slot(id).name.text.as_str(),
-            "load" | "load_shapes" | "load_image" | "texture" | "environment"
-        );
-        if is_file && let Some(Some(Typed { value: Some(Const::Str(path)), expr })) = found.first_mut() {
-            let folder = self.folder();
-            let full = folder.join(path.as_str());
-            let written = self.sources.text(expr.span).to_owned();
-            if !self.loader.exists(&full) {
-                self.diagnostics.push(
-                    Diagnostic::error("dscene::file::missing", format!("there is no file `{path}`"))
-                        .label(expr.span, format!("looked for {}", full.display()))
-                        .help(format!("paths start from the folder of the script; check the spelling of {written}")),
-                );
-            } else if folder != self.main_folder()
-                && let Ok(absolute) = std::path::absolute(&full)
-            {
-                // Paths in an imported file start from its own folder, at run time too.
-                expr.kind = ExprKind::Str(vec![hir::StrPart::Text(absolute.display().to_string())]);
-            }
-        }
-        if name == "camera"
-            && let Some(film) = camera_film(found)
-        {
-            let (w, h, span) = film;
-            let bad = if w == 0 || h == 0 {
-                Some(("has no pixels", "give a width and a height of at least 1: `film: [256, 256]`"))
-            } else if w.saturating_mul(h) > 1 << 26 {
-                Some(("is larger than 67 million pixels", "render parts of it with cameras of their own"))
-            } else {
-                None
-            };
-            if let Some((what, help)) = bad {
-                self.diagnostics.push(
-                    Diagnostic::error("dscene::value::film", format!("a film of {w}×{h} {what}"))
-                        .label(span, "this film")
-                        .help(help),
-                );
-            }
-        }
-        if name == "camera" {
-            let kind = found.get(6).and_then(|k| k.as_ref()).and_then(|k| k.value.as_ref());
-            let whole_turn = matches!(kind, Some(Const::Str(k)) if k == "fisheye" || k == "panorama");
-            for i in [3, 4] {
-                if let Some(Some(Typed { value: Some(Const::Angle(a)), expr })) = found.get(i)
-                    && !(*a > 0.0 && *a < std::f64::consts::PI)
-                    && !(whole_turn && *a > 0.0 && *a <= std::f64::consts::TAU)
-                {
-                    self.diagnostics.push(
-                        Diagnostic::error("dscene::value::fov", "a field of view lies between 0deg and 180deg")
-                            .label(expr.span, "out of range")
-                            .help("45deg is a common choice"),
-                    );
-                }
-            }
-            if let (Some(Some(p)), Some(Some(l))) = (found.first(), found.get(1))
-                && p.value.is_some()
-                && p.value == l.value
-            {
-                self.diagnostics.push(
-                    Diagnostic::error("dscene::value::look_at", "the camera looks at where it stands")
-                        .label(l.expr.span, "the same point")
-                        .label(p.expr.span, "as this"),
-                );
-            }
-        }
-        let spp = if name == "render" || results::is_channel(name) { found.get(2) } else { None };
-        if let Some(Some(Typed { value: Some(Const::Num(n)), expr })) = spp
-            && *n < 1.0
-        {
-            self.diagnostics.push(
-                Diagnostic::error("dscene::value::spp", "a render needs at least one sample per pixel")
-                    .label(expr.span, format!("{n} samples"))
-                    .help("write `spp: 1` or more"),
-            );
-        }
-    }
-}
-
-/// Width, height and the place of a camera's film, if known.
-pub fn camera_film(found: &[Option<Typed>]) -> Option<(usize, usize, Span)> {
-    let film = found.get(5)?.as_ref()?;
-    let Some(Const::List(items)) = &film.value else { return None };
-    match items.as_slice() {
-        [w, h] => Some((w.count()?, h.count()?, film.expr.span)),
-        _ => None,
-    }
 }
 
 /// `a.b.c` as names.
@@ -795,6 +594,6 @@ fn unknown_as_error(ty: Ty) -> Ty {
     if ty.is_unknown() { Ty::Error } else { ty }
 }
 
-fn plural(n: usize) -> &'static str {
+pub fn plural(n: usize) -> &'static str {
     if n == 1 { "" } else { "s" }
 }

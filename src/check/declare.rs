@@ -5,14 +5,14 @@ use std::sync::Arc;
 use super::hir::{self, DeclId, DeclKind};
 use super::infer::{Typed, error_expr};
 use super::modules::{Checker, Local, SigParam, Signature, State};
-use super::signature::{self, Const, Sig};
+use super::signature::{self, Const, Function, Sig};
 use super::types::Ty;
 use crate::diag::{Diagnostic, did_you_mean};
 use crate::source::Span;
 use crate::syntax::ast::{self, KindBody, StatementKind};
 
 /// Settings of a param.
-const PARAM_SETTINGS: [&str; 4] = ["lr", "scale", "precondition", "frozen"];
+const PARAM_SETTINGS: [&str; 3] = ["lr", "scale", "frozen"];
 
 impl Checker<'_> {
     /// Checks a declaration if that was not done yet. A cycle is reported and gives the error type.
@@ -187,7 +187,12 @@ impl Checker<'_> {
                 "lr" => Sig::Is(Ty::SCALAR),
                 "scale" => Sig::Number,
                 "frozen" => Sig::Is(Ty::Bool),
-                "precondition" => Sig::Is(Ty::Preconditioner),
+                "precondition" => {
+                    let help =
+                        "leave it out; smooth shapes can be asked for in the loss: `+ 0.01 * laplacian_energy(mesh)`";
+                    self.diagnostics.push(super::foreign::unavailable("precondition", field.name.span).help(help));
+                    continue;
+                }
                 name => {
                     let foreign = super::foreign::field(name, &PARAM_SETTINGS).map(|f| format!("did you mean `{f}`?"));
                     let help = foreign.or_else(|| did_you_mean(name, "the settings are", PARAM_SETTINGS));
@@ -203,8 +208,7 @@ impl Checker<'_> {
             match field.name.text.as_str() {
                 "lr" => decl.lr = value,
                 "scale" => decl.scale = value,
-                "frozen" => decl.frozen = value,
-                _ => decl.precondition = value,
+                _ => decl.frozen = value,
             }
         }
         self.set_value(id, DeclKind::Param(Box::new(decl)), typed);
@@ -395,6 +399,7 @@ impl Checker<'_> {
                 .collect();
             let native = hir::NativeDecl { name: f.name.text.clone(), params };
             let slot = self.slot_mut(id);
+            slot.value = Some(Const::Function(Arc::new(Function::Declared(id))));
             slot.hir.kind = DeclKind::Native(Arc::new(native));
             slot.hir.ty = Ty::Fn(params_ty, Box::new(declared));
             return;
@@ -446,6 +451,7 @@ impl Checker<'_> {
             }
         }
         let slot = self.slot_mut(id);
+        slot.value = Some(Const::Function(Arc::new(Function::Declared(id))));
         slot.hir.kind = DeclKind::Fn(Arc::new(hir::FnDecl { params, body: typed.expr }));
         slot.hir.ty = Ty::Fn(params_ty, Box::new(result_ty));
     }

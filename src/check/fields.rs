@@ -4,7 +4,7 @@ use super::hir::ExprKind;
 use super::infer::{Typed, typed};
 use super::modules::Checker;
 use super::types::{Dim, Ty};
-use crate::diag::{Diagnostic, did_you_mean};
+use crate::diag::{Diagnostic, did_you_mean, suggest};
 use crate::source::Span;
 use crate::syntax::ast;
 
@@ -48,9 +48,13 @@ impl Checker<'_> {
                 let ty = &base.expr.ty;
                 let known = fields_of(ty);
                 let foreign = super::foreign::field(&name.text, &known).map(|f| format!("did you mean `{f}`?"));
-                let help = foreign.or_else(|| did_you_mean(&name.text, "the fields are", known));
+                let near = suggest(&name.text, known.iter().copied()).map(|f| format!("did you mean `{f}`?"));
+                let help = foreign
+                    .or(near)
+                    .or_else(|| self.as_pipe(&base, &name.text))
+                    .or_else(|| did_you_mean(&name.text, "the fields are", known));
                 self.diagnostics.push(
-                    Diagnostic::error("dscene::name::field", format!("a `{ty}` has no field `{}`", name.text))
+                    Diagnostic::error("dscene::name::field", format!("{} has no field `{}`", ty.a(), name.text))
                         .label(name.span, "unknown field")
                         .label(base.expr.span, format!("this is `{ty}`"))
                         .help_opt(help),
@@ -68,12 +72,26 @@ impl Checker<'_> {
         };
         Typed { value, ..typed(ExprKind::Field { base: Box::new(base.expr), name: name.text.clone() }, span, ty) }
     }
+
+    /// `cube().translate(p)`, as other languages write it, is a pipe here.
+    fn as_pipe(&self, base: &Typed, name: &str) -> Option<String> {
+        let id = self.lookup(name)?;
+        if !matches!(self.slot(id).statement.kind, ast::StatementKind::Fn(_)) {
+            return None;
+        }
+        let text = self.sources.text(base.expr.span);
+        let short = if text.len() <= 40 && !text.contains('\n') { text } else { "…" };
+        Some(format!("`{name}` is a function: write `{short} |> {name}(…)`"))
+    }
 }
 
 /// The fields that a value has, for "did you mean".
 pub fn fields_of(ty: &Ty) -> Vec<&'static str> {
     match ty {
-        Ty::Num(shape) if !shape.is_empty() => vec!["x", "y", "z", "w", "r", "g", "b", "a"],
+        Ty::Num(shape) if !shape.is_empty() => {
+            let n = shape.last().copied().flatten().unwrap_or(4).min(4);
+            [&["x", "y", "z", "w"][..n], &["r", "g", "b", "a"][..n]].concat()
+        }
         Ty::Image { .. } => vec!["width", "height", "channels", "r", "g", "b", "a", "x", "y", "z"],
         Ty::Mesh => vec!["vertices", "faces", "normals", "uvs", "colors"],
         Ty::Camera { .. } => vec!["position", "look_at", "up", "fov", "fov_x", "film", "kind", "height", "transform"],

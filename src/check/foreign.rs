@@ -1,4 +1,7 @@
-//! What other systems call our things: for "did you mean".
+//! What other systems call our things, for "did you mean"; and what is planned but not there.
+
+use crate::diag::Diagnostic;
+use crate::source::Span;
 
 /// The field or argument that `name` is called here, given what the callee has.
 pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
@@ -43,6 +46,16 @@ pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
         _ => &[],
     };
     candidates.iter().find(|c| known.contains(c)).copied()
+}
+
+/// The light that has such an argument, which the fields of `light NAME { … }` (an area light) have not.
+pub fn light_with(argument: &str) -> Option<&'static str> {
+    Some(match argument {
+        "position" | "intensity" => "point",
+        "direction" | "irradiance" => "directional",
+        "image" | "rotation" => "environment",
+        _ => return None,
+    })
 }
 
 /// The function that `name` is called here.
@@ -97,4 +110,18 @@ pub fn type_name(name: &str) -> Option<&'static str> {
         "quaternion" | "quat" => "rotation",
         _ => return None,
     })
+}
+
+/// What the language will have and this version has not.
+pub fn is_planned(name: &str) -> bool {
+    const FUNCTIONS: &str = "dielectric plastic emissive blend mask normal_map bump spot motion decimate unwrap \
+                             lbfgs gauss_newton levenberg_marquardt classifier laplacian medium";
+    const FIELDS: &str = "focal sensor_width aperture focus distortion crop filter";
+    FUNCTIONS.split_whitespace().chain(FIELDS.split_whitespace()).any(|planned| planned == name)
+}
+
+/// Something that is planned was used.
+pub fn unavailable(name: &str, span: Span) -> Diagnostic {
+    Diagnostic::error("dscene::feature::unavailable", format!("`{name}` is not available yet"))
+        .label(span, "not in this version")
 }

@@ -98,7 +98,6 @@ pub struct ParamDecl {
     pub bounds: Option<(Expr, Expr)>,
     pub lr: Option<Expr>,
     pub scale: Option<Expr>,
-    pub precondition: Option<Expr>,
     pub frozen: Option<Expr>,
 }
 
@@ -220,12 +219,14 @@ pub enum StrPart {
     Value { value: Expr, format: Option<StrFormat> },
 }
 
-/// `{step:04}`, `{loss:.3}`, `{x:8.2}`.
+/// `{step:04}`, `{loss:.3}`, `{x:8.2}`, `{loss:.3e}`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
 pub struct StrFormat {
     pub zero_pad: bool,
     pub width: usize,
     pub precision: Option<usize>,
+    /// With a power of ten.
+    pub exponent: bool,
 }
 
 /// Names that change while an `optimize` runs.
@@ -356,7 +357,6 @@ pub struct Optimize {
     pub stages: Vec<Stage>,
     pub stop_when: Option<Expr>,
     pub every: Vec<Every>,
-    pub correlated: Option<Expr>,
     /// Other settings, for all stages: `spp`, `film_scale`, `max_bounces`.
     pub settings: Vec<(String, Expr)>,
     pub span: Span,

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::declare::broken;
 use super::hir::{self, Builtin, ExprKind};
 use super::modules::{Checker, State};
-use super::signature::{Const, Sig, fits};
+use super::signature::{Const, Function, Sig, fits};
 use super::types::{Dim, Ty};
 use crate::diag::{Diagnostic, did_you_mean, suggest};
 use crate::source::Span;
@@ -95,7 +95,7 @@ impl Checker<'_> {
                         self.diagnostics.push(
                             Diagnostic::error(
                                 "dscene::type::mismatch",
-                                format!("a `{}` cannot stand in a text", inner.ty),
+                                format!("{} cannot stand in a text", inner.ty.a()),
                             )
                             .label(inner.span, format!("this is `{}`", inner.ty))
                             .help("interpolate numbers, strings, angles and arrays of them"),
@@ -183,7 +183,14 @@ impl Checker<'_> {
         let guess = own
             .or_else(|| super::foreign::function(name).map(str::to_owned))
             .or_else(|| suggest(name, library.iter().copied()).map(str::to_owned));
+        if super::foreign::is_planned(name) {
+            self.diagnostics.push(super::foreign::unavailable(name, span));
+            return;
+        }
         let help = match guess {
+            _ if matches!(name, "np" | "numpy" | "torch" | "math" | "jnp") => {
+                "functions need no module: `mean(…)`, `sin(…)`".to_owned()
+            }
             Some(found) => format!("did you mean `{found}`?"),
             None => format!("declare it: `let {name} = …`"),
         };
@@ -265,7 +272,7 @@ impl Checker<'_> {
                 Some(found) => found,
                 None => {
                     self.diagnostics.push(
-                        Diagnostic::error("dscene::type::mismatch", format!("cannot go through a `{}`", items.expr.ty))
+                        Diagnostic::error("dscene::type::mismatch", format!("cannot go through {}", items.expr.ty.a()))
                             .label(clause.items.span, format!("this is `{}`", items.expr.ty))
                             .help("go through an array or a range: `for i in 0..8`"),
                     );
@@ -348,7 +355,7 @@ impl Checker<'_> {
             (_, Some(found)) => found,
             (ty, None) => {
                 let mut diagnostic =
-                    Diagnostic::error("dscene::type::mismatch", format!("a `{ty}` has no elements to index"))
+                    Diagnostic::error("dscene::type::mismatch", format!("{} has no elements to index", ty.a()))
                         .label(base.expr.span, format!("this is `{ty}`"));
                 if matches!(ty, Ty::Image { .. }) {
                     diagnostic =
@@ -410,7 +417,7 @@ impl Checker<'_> {
         };
         let Some((item, n)) = item_of(&base.expr.ty) else {
             self.diagnostics.push(
-                Diagnostic::error("dscene::type::mismatch", format!("a `{}` has no elements to slice", base.expr.ty))
+                Diagnostic::error("dscene::type::mismatch", format!("{} has no elements to slice", base.expr.ty.a()))
                     .label(base.expr.span, format!("this is `{}`", base.expr.ty)),
             );
             return broken(span);
@@ -502,11 +509,18 @@ impl Checker<'_> {
         };
         let depth = self.locals.len();
         let ty = |i: usize| types.get(i).cloned().unwrap_or(Ty::Any);
+        let known = Function::Lambda {
+            params: params.to_vec(),
+            body: body.clone(),
+            module: self.module,
+            locals: self.locals.clone(),
+        };
         let locals = params.iter().enumerate().map(|(i, p)| self.new_local(&p.text, ty(i), None)).collect();
         let body = self.expr(body, None).expr;
         self.locals.truncate(depth);
         let ty = Ty::Fn((0..params.len()).map(ty).collect(), Box::new(body.ty.clone()));
-        typed(ExprKind::Lambda(Arc::new(hir::Lambda { params: locals, body })), span, ty)
+        let kind = ExprKind::Lambda(Arc::new(hir::Lambda { params: locals, body }));
+        Typed { value: Some(Const::Function(Arc::new(known))), ..typed(kind, span, ty) }
     }
 
     fn block(
@@ -555,6 +569,7 @@ impl Checker<'_> {
         let body = self.expr(body, wanted);
         let mut out: Vec<hir::Replacement> = Vec::new();
         let mut reshaped = false;
+        let mut replaced_function = false;
         for replacement in replacements {
             let target = self.target(&replacement.path);
             let value = self.expr(&replacement.value, None);
@@ -581,6 +596,8 @@ impl Checker<'_> {
                 );
             }
             let spread = value.expr.ty.is_scalar();
+            // What a function gave may be anything now.
+            replaced_function |= matches!(ty, Ty::Fn(..));
             reshaped |= !spread && (!fits(&value.expr.ty, &ty) || size_of(&ty) != size_of(&value.expr.ty));
             let mut value = value.expr;
             if let (Ty::Num(shape), true) = (&ty, value.ty.is_scalar())
@@ -592,7 +609,11 @@ impl Checker<'_> {
             }
             out.push(hir::Replacement { target, span: replacement.span, value });
         }
-        let ty = if reshaped { blur(&body.expr.ty) } else { body.expr.ty.clone() };
+        let ty = match (replaced_function, reshaped) {
+            (true, _) => Ty::Any,
+            (false, true) => blur(&body.expr.ty),
+            (false, false) => body.expr.ty.clone(),
+        };
         typed(ExprKind::With { body: Box::new(body.expr), replacements: out }, span, ty)
     }
 

@@ -4,6 +4,7 @@
 //! body of a function once for each combination of argument types.
 
 mod actions;
+mod apply;
 mod arith;
 mod call;
 mod declare;
@@ -12,6 +13,7 @@ mod flow;
 mod foreign;
 pub mod hir;
 mod infer;
+mod known;
 mod modules;
 mod results;
 mod signature;

@@ -75,6 +75,7 @@ pub struct SigParam {
     pub has_default: bool,
 }
 
+#[derive(Clone)]
 pub struct Local {
     pub name: String,
     pub id: LocalId,
@@ -102,6 +103,8 @@ pub struct Checker<'l> {
     /// Declarations that are being checked, outermost first.
     pub stack: Vec<DeclId>,
     pub next_local: u32,
+    /// How deep calls of function values are nested.
+    pub applied: usize,
     pub instances: HashMap<String, Instance>,
     pub actions: Vec<hir::Action>,
     pub default_scene: Vec<DeclId>,
@@ -132,6 +135,7 @@ impl<'l> Checker<'l> {
             main: PRELUDE,
             stack: Vec::new(),
             next_local: 0,
+            applied: 0,
             instances: HashMap::new(),
             actions: Vec::new(),
             default_scene: Vec::new(),
@@ -458,10 +462,12 @@ impl<'l> Checker<'l> {
         Some(module)
     }
 
-    fn override_value(&mut self, name: &str, source: SourceId) {
+    /// `--set NAME=EXPR` replaces a declaration's value, `--set NAME.FIELD=EXPR` a field or named argument of it.
+    fn override_value(&mut self, path: &str, source: SourceId) {
         let (expr, diagnostics) = syntax::parse_expr(&self.sources, source);
         self.diagnostics.extend(diagnostics);
         let all = |c: &Self| Span::new(source, 0, c.sources.get(source).map_or(0, |f| f.text.len()));
+        let (name, field) = path.split_once('.').map_or((path, None), |(name, field)| (name, Some(field)));
         let Some(&id) = self.modules[self.main].names.get(name) else {
             let names: Vec<&str> = self.modules[self.main].names.keys().map(String::as_str).collect();
             let help = did_you_mean(name, "the declarations are", names);
@@ -481,8 +487,70 @@ impl<'l> Checker<'l> {
             );
             return;
         }
-        self.slot_mut(id).replaced = expr.map(Arc::new);
+        let Some(field) = field else {
+            self.slot_mut(id).replaced = expr.map(Arc::new);
+            return;
+        };
+        let Some(value) = expr else { return };
+        let span = all(self);
+        let field = ast::Name { text: field.to_owned(), span };
+        let parameters = self.parameters_of_value(id);
+        let mut statement = (*self.slot(id).statement).clone();
+        if override_field(&mut statement.kind, field, value, &parameters) {
+            self.slot_mut(id).statement = Arc::new(statement);
+            return;
+        }
+        self.diagnostics.push(
+            Diagnostic::error("dscene::name::field", format!("`--set {path}`: `{name}` has no fields to replace"))
+                .label(span, "its value would be this")
+                .label(self.slot(id).name.span, "declared here")
+                .help(format!("replace all of it: `--set {name}=…`")),
+        );
     }
+
+    /// If a declaration is a call, the names of the function's parameters.
+    fn parameters_of_value(&mut self, id: DeclId) -> Vec<String> {
+        let statement = self.slot(id).statement.clone();
+        let Some(ast::ExprKind::Call { callee, .. }) = value_of(&statement.kind).map(|v| &v.kind) else {
+            return Vec::new();
+        };
+        let ast::ExprKind::Name(function) = &callee.kind else { return Vec::new() };
+        let function = self.modules[self.main].names.get(function).copied().or_else(|| self.builtin(function));
+        let signature = function.and_then(|f| self.signature(f));
+        signature.map_or(Vec::new(), |s| s.params.iter().map(|p| p.name.clone()).collect())
+    }
+}
+
+/// The expression that a declaration is, if it is no list of fields.
+fn value_of(kind: &StatementKind) -> Option<&ast::Expr> {
+    match kind {
+        StatementKind::Let { value, .. } | StatementKind::Kind { body: ast::KindBody::Value(value), .. } => Some(value),
+        _ => None,
+    }
+}
+
+/// Puts a value in the place of a field of `KIND NAME { … }`, or of an argument of `NAME = f(…)`.
+fn override_field(kind: &mut StatementKind, field: ast::Name, value: ast::Expr, parameters: &[String]) -> bool {
+    let call = match kind {
+        StatementKind::Kind { body: ast::KindBody::Fields(fields), .. } => {
+            match fields.iter_mut().find(|f| f.name.text == field.text) {
+                Some(known) => known.value = value,
+                None => fields.push(ast::Field { name: field, value }),
+            }
+            return true;
+        }
+        StatementKind::Let { value, .. } | StatementKind::Kind { body: ast::KindBody::Value(value), .. } => value,
+        _ => return false,
+    };
+    let ast::ExprKind::Call { args, .. } = &mut call.kind else { return false };
+    let position = parameters.iter().position(|p| *p == field.text);
+    let positional = position.filter(|i| args.get(*i).is_some_and(|a| a.name.is_none()));
+    let named = || args.iter().position(|a| a.name.as_ref().is_some_and(|n| n.text == field.text));
+    match positional.or_else(named) {
+        Some(known) => args[known].value = value,
+        None => args.push(ast::Argument { name: Some(field), value }),
+    }
+    true
 }
 
 pub fn action_span(action: &hir::Action) -> Span {

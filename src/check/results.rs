@@ -1,8 +1,8 @@
 //! Result types of natives, sharper than their declarations can say: sizes of images and arrays.
 
 use super::arith::broadcast;
-use super::call::camera_film;
 use super::infer::{Typed, item_of, join, stack};
+use super::known::camera_film;
 use super::modules::Signature;
 use super::signature::{Const, any_image};
 use super::types::{Dim, Made, Ty};

@@ -1,8 +1,12 @@
 //! What a parameter accepts: `color | texture`, `vec3[]`, `"perspective" | "orthographic"`, `T`.
 
 use std::fmt;
+use std::sync::Arc;
 
+use super::hir::DeclId;
+use super::modules::{Local, ModuleId};
 use super::types::{Dim, Ty};
+use crate::syntax::ast;
 
 #[derive(Clone, Debug, PartialEq)]
 pub enum Sig {
@@ -32,6 +36,38 @@ pub enum Const {
     Bool(bool),
     Str(String),
     List(Vec<Const>),
+    Function(Arc<Function>),
+}
+
+/// A function value whose body is known, so that the type of a call's result is.
+pub enum Function {
+    Declared(DeclId),
+    /// `x => …`, with the names that it sees.
+    Lambda {
+        params: Vec<ast::Name>,
+        body: ast::Expr,
+        module: ModuleId,
+        locals: Vec<Local>,
+    },
+}
+
+/// Says which function it is, and what it sees of which type: all that its result depends on.
+impl fmt::Debug for Function {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Function::Declared(id) => write!(f, "fn {}", id.0),
+            Function::Lambda { body, locals, .. } => {
+                let seen: Vec<_> = locals.iter().map(|l| (&l.name, &l.ty, &l.value)).collect();
+                write!(f, "fn {:?} {seen:?}", body.span)
+            }
+        }
+    }
+}
+
+impl PartialEq for Function {
+    fn eq(&self, other: &Function) -> bool {
+        format!("{self:?}") == format!("{other:?}")
+    }
 }
 
 impl Const {
@@ -178,7 +214,7 @@ impl fmt::Display for Sig {
 }
 
 /// The names of types that annotations may use.
-pub const TYPE_NAMES: [&str; 27] = [
+pub const TYPE_NAMES: [&str; 26] = [
     "scalar",
     "int",
     "bool",
@@ -205,7 +241,6 @@ pub const TYPE_NAMES: [&str; 27] = [
     "optimizer",
     "number",
     "any",
-    "preconditioner",
 ];
 
 /// The type of that name.
@@ -236,7 +271,6 @@ pub fn named(name: &str) -> Option<Sig> {
         "scene" => is(Ty::Scene),
         "integrator" => is(Ty::Integrator),
         "optimizer" => is(Ty::Optimizer),
-        "preconditioner" => is(Ty::Preconditioner),
         "number" => Some(Sig::Number),
         "any" => Some(Sig::Any),
         _ => {

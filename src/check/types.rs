@@ -57,7 +57,6 @@ pub enum Ty {
     Scene,
     Integrator,
     Optimizer,
-    Preconditioner,
     /// What `estimate` gives: a mean and a standard error.
     Estimate(Box<Ty>),
     /// What `grad(loss)` gives: one entry for each param.
@@ -73,6 +72,13 @@ impl Ty {
 
     pub fn is_scalar(&self) -> bool {
         matches!(self, Ty::Num(shape) if shape.is_empty())
+    }
+
+    /// With its article: a `mesh`, an `angle`.
+    pub fn a(&self) -> String {
+        let shown = self.to_string();
+        let article = if shown.starts_with(['a', 'e', 'i', 'o']) { "an" } else { "a" };
+        format!("{article} `{shown}`")
     }
 
     /// Silent in further checks.
@@ -131,7 +137,6 @@ impl fmt::Display for Ty {
             Ty::Scene => f.write_str("scene"),
             Ty::Integrator => f.write_str("integrator"),
             Ty::Optimizer => f.write_str("optimizer"),
-            Ty::Preconditioner => f.write_str("preconditioner"),
             Ty::Estimate(of) => write!(f, "estimate of {of}"),
             Ty::Gradients => f.write_str("gradients"),
         }

@@ -49,9 +49,11 @@ Exits with 1 if there are errors; warnings alone are no failure.")]
 Examples:
   dsl render scene.dscene                            the file's only camera (or its first), into scene.exr
   dsl render scene.dscene --camera side --spp 256 -o side.png
-  dsl render scene.dscene --set 'lamp_height=3'      with a declaration overridden
+  dsl render scene.dscene --set eye.film='[64, 64]'  with a field overridden
 
-The extension says the format: .exr and .hdr keep linear radiance, .png is sRGB.")]
+The extension says the format: .exr and .hdr keep linear radiance, .png is sRGB. With --json, standard output gets one
+object: {\"file\": …, \"camera\": …, \"saved\": [FILE], \"shape\": [height, width, channels], \"seconds\": …}, or standard error
+one object for each diagnostic.")]
     Render(RenderArgs),
     /// Derivatives of a scalar, with standard errors
     #[command(after_help = "\
@@ -83,7 +85,7 @@ Type :help inside.")]
 /// What every command takes.
 #[derive(Clone, Debug, Default, Args)]
 pub struct Common {
-    /// Override a declaration; may be repeated
+    /// Override a declaration, or a field of one (`eye.fov=30deg`); may be repeated
     #[arg(long = "set", value_name = "NAME=EXPR", value_parser = parse_override)]
     pub set: Vec<Override>,
     /// Seed of all random samples

@@ -3,7 +3,7 @@
 use serde_json::json;
 
 use super::args::EvalArgs;
-use super::{EXIT_INTERRUPTED, EXIT_WRONG, Terminal, load, out};
+use super::{EXIT_WRONG, Terminal, load, out};
 use crate::eval;
 use crate::session::clock::Stopwatch;
 use crate::session::run::tell_warnings;
@@ -33,7 +33,7 @@ pub fn run(args: &EvalArgs) -> u8 {
             }
             0
         }
-        Err(diagnostic) if diagnostic.code == eval::INTERRUPTED => EXIT_INTERRUPTED,
+        Err(diagnostic) if diagnostic.code == eval::INTERRUPTED => super::render::interrupted(&mut terminal),
         Err(diagnostic) => {
             terminal.diagnostic(&diagnostic, &loaded.engine.program().sources.clone());
             EXIT_WRONG

@@ -2,12 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
+use serde_json::json;
+
 use super::args::GradArgs;
-use super::render::{cannot_save, choose_camera};
-use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load, out};
+use super::render::{cannot_save, choose_camera, in_folder, interrupted};
+use super::{EXIT_WRONG, Loaded, Terminal, load, out};
 use crate::check::hir;
 use crate::check::types::Ty;
 use crate::diag::{self, Diagnostic};
+use crate::session::clock::Stopwatch;
 use crate::session::run::{save_value, tell_warnings};
 use crate::session::{MeasureOptions, World, measure, world};
 
@@ -24,7 +27,7 @@ pub fn run(args: &GradArgs) -> u8 {
     tell_warnings(&mut loaded.engine, &mut terminal, true);
     match result {
         Ok(code) => code,
-        Err(diagnostic) if diagnostic.code == crate::eval::INTERRUPTED => EXIT_INTERRUPTED,
+        Err(diagnostic) if diagnostic.code == crate::eval::INTERRUPTED => interrupted(&mut terminal),
         Err(diagnostic) => {
             let sources = loaded.engine.program().sources.clone();
             terminal.diagnostic(&diagnostic, &sources);
@@ -61,7 +64,7 @@ fn gradients(args: &GradArgs, loaded: &mut Loaded, terminal: &mut Terminal) -> R
     let options =
         MeasureOptions { repeats: args.repeats, seed: args.common.seed, fd_step: args.fd.then_some(args.fd_step) };
     let Some(measurement) = measure(&mut loaded.engine, &expr, &wrt, options, &world::interrupted)? else {
-        return Ok(EXIT_INTERRUPTED);
+        return Ok(interrupted(terminal));
     };
     if args.common.json {
         let file = args.file.display().to_string();
@@ -156,18 +159,26 @@ fn gradient_images(
         return Err(Diagnostic::error("dscene::cli::wrt", format!("no param reaches `{of}`"))
             .help("name one with --wrt, or a numeric field such as --wrt lamp.radiance"));
     }
+    let watch = Stopwatch::start();
+    let mut saved: Vec<String> = Vec::new();
     for name in &names {
         if world::interrupted() {
-            return Ok(EXIT_INTERRUPTED);
+            return Ok(interrupted(terminal));
         }
         let Some(derivative) = loaded.expression(&format!("jvp({of}, {name})"), "--wrt", terminal) else {
             return Ok(EXIT_WRONG);
         };
         let value = loaded.engine.eval(&derivative)?;
         let path = if names.len() == 1 { path.to_path_buf() } else { with_suffix(path, name) };
-        let path = args.common.out.as_ref().map_or(path.clone(), |folder| folder.join(&path));
+        let path = in_folder(args.common.out.as_deref(), &path)?;
         save_value(&value, &derivative.ty, &path).map_err(|e| cannot_save(&path, e))?;
         terminal.note(&format!("saved {}: ∂({of})/∂{name}", path.display()));
+        saved.push(path.display().to_string());
+    }
+    if args.common.json {
+        let seconds = watch.elapsed().wall;
+        let object = json!({"file": args.file.display().to_string(), "of": of, "saved": saved, "seconds": seconds});
+        out::line(&object.to_string());
     }
     Ok(0)
 }

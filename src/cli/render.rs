@@ -2,11 +2,14 @@
 
 use std::path::{Path, PathBuf};
 
+use serde_json::json;
+
 use super::args::RenderArgs;
-use super::{EXIT_INTERRUPTED, EXIT_WRONG, Terminal, load};
+use super::{EXIT_INTERRUPTED, EXIT_WRONG, Terminal, load, out};
 use crate::check::hir::{self, DeclKind};
 use crate::diag::{self, Diagnostic};
 use crate::eval;
+use crate::image::file::describe_io;
 use crate::session::clock::{Stopwatch, human_seconds};
 use crate::session::run::{SaveError, save_value, tell_warnings};
 use crate::session::{World, world};
@@ -28,21 +31,31 @@ pub fn run(args: &RenderArgs) -> u8 {
     let Some(expr) = loaded.expression(&format!("render({camera}{spp})"), "render", &mut terminal) else {
         return EXIT_WRONG;
     };
-    let path = output(args);
     world::catch_interrupts();
     let watch = Stopwatch::start();
-    let result = loaded.engine.eval(&expr).and_then(|value| {
-        let text = eval::brief(&value, &expr.ty);
+    let result = output(args).and_then(|path| {
+        let value = loaded.engine.eval(&expr)?;
         save_value(&value, &expr.ty, &path).map_err(|e| cannot_save(&path, e))?;
-        Ok(text)
+        Ok((value, path))
     });
+    let seconds = watch.elapsed().wall;
     tell_warnings(&mut loaded.engine, &mut terminal, false);
     match result {
-        Ok(text) => {
-            terminal.note(&format!("{text}\nsaved {} in {}", path.display(), human_seconds(watch.elapsed().wall)));
+        Ok((value, path)) => {
+            if args.common.json {
+                let shape = value.var().map_or(Vec::new(), |v| v.shape().to_vec());
+                let object = json!({
+                    "file": args.file.display().to_string(), "camera": camera, "saved": [path.display().to_string()],
+                    "shape": shape, "seconds": seconds,
+                });
+                out::line(&object.to_string());
+            } else {
+                let text = eval::brief(&value, &expr.ty);
+                terminal.note(&format!("{text}\nsaved {} in {}", path.display(), human_seconds(seconds)));
+            }
             0
         }
-        Err(diagnostic) if diagnostic.code == eval::INTERRUPTED => EXIT_INTERRUPTED,
+        Err(diagnostic) if diagnostic.code == eval::INTERRUPTED => interrupted(&mut terminal),
         Err(diagnostic) => {
             let sources = loaded.engine.program().sources.clone();
             terminal.diagnostic(&diagnostic, &sources);
@@ -52,21 +65,33 @@ pub fn run(args: &RenderArgs) -> u8 {
 }
 
 /// The `-o` file (below `--out` if that is given), by default the script's name with `.exr`.
-fn output(args: &RenderArgs) -> PathBuf {
+fn output(args: &RenderArgs) -> Result<PathBuf, Diagnostic> {
     let file = args.output.clone().unwrap_or_else(|| {
         let stem = args.file.file_stem().unwrap_or_else(|| "out".as_ref());
         Path::new(stem).with_extension("exr")
     });
-    match &args.common.out {
-        Some(folder) => folder.join(file),
-        None => file,
-    }
+    in_folder(args.common.out.as_deref(), &file)
+}
+
+/// A file below the `--out` folder, which is made if it is not there.
+pub fn in_folder(folder: Option<&Path>, file: &Path) -> Result<PathBuf, Diagnostic> {
+    let Some(folder) = folder else { return Ok(file.to_path_buf()) };
+    std::fs::create_dir_all(folder).map_err(|e| cannot_save(folder, SaveError::Io(e)))?;
+    Ok(folder.join(file))
+}
+
+/// What Ctrl-C leaves to say.
+pub fn interrupted(terminal: &mut Terminal) -> u8 {
+    terminal.note("interrupted");
+    EXIT_INTERRUPTED
 }
 
 /// A failed [`save_value`] as a diagnostic without a place in the script.
 pub fn cannot_save(path: &Path, error: SaveError) -> Diagnostic {
     match error {
-        SaveError::Io(e) => Diagnostic::error("dscene::run::write", format!("cannot write `{}`: {e}", path.display())),
+        SaveError::Io(e) => {
+            Diagnostic::error("dscene::run::write", format!("cannot write `{}`: {}", path.display(), describe_io(&e)))
+        }
         SaveError::Other { message, help } => Diagnostic::error("dscene::run::save", message).help(help),
     }
 }

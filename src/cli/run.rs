@@ -5,6 +5,7 @@ use serde_json::json;
 use super::args::RunArgs;
 use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load, out};
 use crate::diag::Diagnostic;
+use crate::image::file::describe_io;
 use crate::session::clock::{Date, Stopwatch, human_seconds};
 use crate::session::folder::SourceText;
 use crate::session::{Flow, RunFolder, RunInfo, Runner, World, world};
@@ -21,7 +22,8 @@ pub fn run(args: &RunArgs) -> u8 {
     let mut folder = match RunFolder::create(&path, &info) {
         Ok(folder) => folder,
         Err(error) => {
-            let message = format!("cannot write the run folder `{}`: {error}", path.display());
+            let why = if path.is_file() { "it is a file".to_owned() } else { describe_io(&error) };
+            let message = format!("cannot write the run folder `{}`: {why}", path.display());
             let diagnostic = Diagnostic::error("dscene::run::folder", message).help("choose another with --out DIR");
             terminal.diagnostic(&diagnostic, &loaded.engine.program().sources.clone());
             return EXIT_WRONG;
@@ -63,7 +65,8 @@ pub fn run(args: &RunArgs) -> u8 {
             (n, 0) => format!(", {n} of {n} expects hold"),
             (n, failed) => format!(", {failed} of {n} expects failed"),
         };
-        terminal.note(&format!("{} in {}{expects}", path.display(), human_seconds(seconds)));
+        let how = if report.interrupted { "interrupted: " } else { "" };
+        terminal.note(&format!("{how}{} in {}{expects}", path.display(), human_seconds(seconds)));
     }
     code
 }

@@ -16,7 +16,9 @@ pub fn suggest<'a>(name: &str, candidates: impl IntoIterator<Item = &'a str>) ->
         } else {
             strsim::damerau_levenshtein(&name.to_lowercase(), &candidate.to_lowercase())
         };
-        if distance <= limit && best.is_none_or(|(d, _)| distance < d) {
+        // Of a name of one letter nothing would be left.
+        let similar = distance <= limit && distance < name.chars().count();
+        if similar && best.is_none_or(|(d, _)| distance < d) {
             best = Some((distance, candidate));
         }
     }
@@ -50,6 +52,7 @@ mod tests {
     fn case_comes_before_distance() {
         assert_eq!(suggest("Lookat", ["lookas", "look_at"]), Some("look_at"));
         assert_eq!(suggest("positon", ["position", "up"]), Some("position"));
+        assert_eq!(suggest("w", ["x", "y"]), None);
         assert_eq!(suggest("xyzzy", ["position", "up"]), None);
         assert_eq!(did_you_mean("q", "the fields are", ["ab", "cd"]), Some("the fields are: `ab`, `cd`".into()));
     }

@@ -209,8 +209,15 @@ impl Engine {
             return self.expr(right);
         }
         let y = self.expr(right)?;
-        arithmetic(op, &x, &y)
-            .map_err(|message| error::shape(message, span).label(left.span, x.kind()).label(right.span, y.kind()))
+        arithmetic(op, &x, &y).map_err(|message| {
+            let diagnostic = error::shape(message, span).label(left.span, x.kind()).label(right.span, y.kind());
+            let images = matches!((&x, &y), (Value::Image(_), Value::Image(_)));
+            diagnostic.help_opt((images && self.overrides.film_scale.is_some()).then(|| {
+                "this stage's `film_scale` shrinks what cameras see, but no image from a file: compare with \
+                 `resize(photo, width: eye.film.x, height: eye.film.y)`, which follows it"
+                    .to_owned()
+            }))
+        })
     }
 
     fn conditional(&mut self, condition: &Expr, then: &Expr, otherwise: &Expr, span: Span) -> Result<Value> {
@@ -472,9 +479,11 @@ fn formatted(v: &Value, ty: &Ty, format: Option<StrFormat>) -> String {
     };
     let one = |x: f64| {
         let x = if matches!(ty, Ty::Angle) { x.to_degrees() } else { x };
-        match format.precision {
-            Some(p) => format!("{x:.*}", p.min(40)),
-            None => show::number_text(x),
+        match (format.precision, format.exponent) {
+            (Some(p), true) => format!("{x:.*e}", p.min(40)),
+            (None, true) => format!("{x:e}"),
+            (Some(p), false) => format!("{x:.*}", p.min(40)),
+            (None, false) => show::number_text(x),
         }
     };
     let text = match v {

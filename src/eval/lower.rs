@@ -265,7 +265,7 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
         Some(_) => camera.film().ok_or_else(|| bad("`film` must be `[width, height]`"))?,
         None => (256, 256),
     };
-    if width == 0 || height == 0 || width.saturating_mul(height) > 1 << 26 {
+    if width == 0 || height == 0 || width.saturating_mul(height) > crate::image::MAX_FILM_PIXELS {
         return Err(bad(&format!("a film of {width}×{height} pixels")));
     }
     let aspect = width as f64 / height as f64;

@@ -35,6 +35,9 @@ pub enum ImageError {
 /// The most numbers an image may hold: a 16384 × 16384 RGB picture.
 pub const MAX_NUMBERS: usize = 3 << 28;
 
+/// The most pixels of a camera's film: 8192 × 8192.
+pub const MAX_FILM_PIXELS: usize = 1 << 26;
+
 impl Image {
     pub fn new(width: usize, height: usize, channels: usize) -> Self {
         Image { width, height, channels, data: vec![0.0; width * height * channels] }

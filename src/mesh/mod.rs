@@ -2,6 +2,7 @@
 
 pub mod load;
 pub mod ops;
+pub mod save;
 pub mod shapes;
 
 mod gltf;
@@ -41,8 +42,8 @@ pub enum MeshError {
     AttributeCount { what: &'static str, count: usize, vertices: usize },
     #[error("{what} of vertex {vertex} are not finite")]
     AttributeNotFinite { what: &'static str, vertex: usize },
-    /// A mesh of more triangles than an index can name or a machine can hold.
-    #[error("{what} would have {count} elements, more than the limit of {limit}")]
+    /// A mesh of more triangles (or vertices) than an index can name or a machine can hold.
+    #[error("{what} would have {count} triangles, more than the limit of {limit}")]
     TooLarge { what: &'static str, count: u64, limit: u64 },
     /// A file that could not be read.
     #[error("{path}: {message}")]
@@ -51,8 +52,11 @@ pub enum MeshError {
     UnsupportedExtension { path: String, extension: String },
 }
 
-/// The most vertices or faces that a built-in shape or a file may have.
+/// The most vertices or faces that a file, or meshes merged, may have.
 pub const MAX_ELEMENTS: u64 = 1 << 27;
+
+/// The most triangles of a built-in or subdivided mesh: more would only exhaust the memory.
+pub const MAX_BUILT: u64 = 10_000_000;
 
 impl Mesh {
     /// A mesh of positions and faces alone, checked.

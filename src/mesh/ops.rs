@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use glam::{DVec3, Vec3};
 
 use super::shapes::limit;
-use super::{Mesh, MeshError};
+use super::{MAX_ELEMENTS, Mesh, MeshError};
 
 /// Reverses every face and, where given, every normal.
 pub fn flip(mut mesh: Mesh) -> Mesh {
@@ -21,7 +21,10 @@ pub fn flip(mut mesh: Mesh) -> Mesh {
 pub fn merge<'a>(parts: impl IntoIterator<Item = &'a Mesh>) -> Result<Mesh, MeshError> {
     let parts: Vec<&Mesh> = parts.into_iter().filter(|m| !m.vertices.is_empty()).collect();
     let vertices: u64 = parts.iter().map(|m| m.vertices.len() as u64).sum();
-    limit("the merged mesh", vertices.max(parts.iter().map(|m| m.faces.len() as u64).sum()))?;
+    let count = vertices.max(parts.iter().map(|m| m.faces.len() as u64).sum());
+    if count > MAX_ELEMENTS {
+        return Err(MeshError::TooLarge { what: "the merged mesh", count, limit: MAX_ELEMENTS });
+    }
     let mut mesh = Mesh::default();
     for part in &parts {
         let base = mesh.vertices.len() as u32;

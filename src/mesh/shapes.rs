@@ -7,7 +7,7 @@ use std::f32::consts::PI;
 use glam::{Vec2, Vec3, vec2, vec3};
 
 use super::ops::{finish_smooth, to_f64};
-use super::{MAX_ELEMENTS, Mesh, MeshError};
+use super::{MAX_BUILT, Mesh, MeshError};
 
 pub use super::teapot::teapot;
 
@@ -104,7 +104,7 @@ pub fn sphere(radius: f32, segments: usize) -> Result<Mesh, MeshError> {
 pub fn icosphere(radius: f32, subdivisions: usize) -> Result<Mesh, MeshError> {
     positive("radius", radius)?;
     let faces = 20u64.saturating_mul(4u64.saturating_pow(subdivisions.min(64) as u32));
-    limit("icosphere", faces)?;
+    limit("the icosphere", faces)?;
     let golden = (1.0 + 5f32.sqrt()) / 2.0;
     let mut mesh = Mesh::default();
     for (a, b) in [(1.0, golden), (-1.0, golden), (1.0, -golden), (-1.0, -golden)] {
@@ -139,7 +139,7 @@ pub fn icosphere(radius: f32, subdivisions: usize) -> Result<Mesh, MeshError> {
 pub fn disk(radius: f32, segments: usize) -> Result<Mesh, MeshError> {
     positive("radius", radius)?;
     count("segments", segments, 3)?;
-    limit("disk", segments as u64)?;
+    limit("the disk", segments as u64)?;
     let mut patches = Patches::new((segments + 1, segments));
     patches.fan(0.0, radius, segments, Vec3::Y);
     Ok(Mesh { normals: None, ..patches.mesh() })
@@ -150,7 +150,7 @@ pub fn cylinder(radius: f32, height: f32, segments: usize) -> Result<Mesh, MeshE
     positive("radius", radius)?;
     positive("height", height)?;
     count("segments", segments, 3)?;
-    limit("cylinder", 4 * segments as u64)?;
+    limit("the cylinder", 4 * segments as u64)?;
     let mut patches = Patches::new((4 * (segments + 1), 4 * segments));
     patches.grid(segments, 1, |i, j| {
         let (x, z) = circle(i, segments);
@@ -168,7 +168,7 @@ pub fn cone(radius: f32, height: f32, segments: usize) -> Result<Mesh, MeshError
     positive("radius", radius)?;
     positive("height", height)?;
     count("segments", segments, 3)?;
-    limit("cone", 3 * segments as u64)?;
+    limit("the cone", 3 * segments as u64)?;
     let mut patches = Patches::new((3 * (segments + 1), 2 * segments));
     patches.grid(segments, 1, |i, j| {
         let (x, z) = circle(i, segments);
@@ -349,8 +349,8 @@ pub(super) fn count(name: &'static str, value: usize, least: usize) -> Result<()
 }
 
 pub(super) fn limit(what: &'static str, count: u64) -> Result<(), MeshError> {
-    if count > MAX_ELEMENTS {
-        return Err(MeshError::TooLarge { what, count, limit: MAX_ELEMENTS });
+    if count > MAX_BUILT {
+        return Err(MeshError::TooLarge { what, count, limit: MAX_BUILT });
     }
     Ok(())
 }
@@ -364,7 +364,7 @@ fn positive(name: &'static str, value: f32) -> Result<(), MeshError> {
 
 fn grid_size(nu: usize, nv: usize) -> Result<(usize, usize), MeshError> {
     let faces = (nu as u64).saturating_mul(nv as u64).saturating_mul(2);
-    limit("a grid", faces.max(nu as u64).max(nv as u64))?;
+    limit("the mesh", faces.max(nu as u64).max(nv as u64))?;
     Ok(((nu + 1) * (nv + 1), faces as usize))
 }
 

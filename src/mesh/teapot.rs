@@ -14,7 +14,7 @@ use super::{Mesh, MeshError};
 pub fn teapot(subdivisions: usize) -> Result<Mesh, MeshError> {
     count("subdivisions", subdivisions, 1)?;
     let cells = 64u64.saturating_mul(subdivisions as u64).saturating_mul(subdivisions as u64);
-    limit("teapot", cells.max(subdivisions as u64))?;
+    limit("the teapot", cells.max(subdivisions as u64))?;
     let n = subdivisions;
     let mut patches = Patches::new((32 * (n + 1) * (n + 1), cells as usize));
     revolve(&mut patches, &BODY, n);

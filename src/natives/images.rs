@@ -103,7 +103,7 @@ fn pixels(a: &Args) -> Result<Value> {
         Value::Image(v) => (v.shape()[1], v.shape()[0]),
         _ => return Err(a.wrong(0, "a camera")),
     };
-    if width == 0 || height == 0 || width.saturating_mul(height) > 1 << 26 {
+    if width == 0 || height == 0 || width.saturating_mul(height) > crate::image::MAX_FILM_PIXELS {
         return Err(NativeError::at(0, format!("a film of {width}×{height} pixels")));
     }
     let mut data = Vec::with_capacity(width * height * 2);

@@ -24,11 +24,11 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         give(stretched(&(&shapes::cube(1.0).map_err(mesh_error)?).into(), &size)?)
     }),
     ("sphere", |a| {
-        let n = a.named_integer("subdivisions", 3..=2048)?.unwrap_or(32) as usize;
+        let n = a.named_integer("subdivisions", 3..=1 << 16)?.unwrap_or(32) as usize;
         uniform(shapes::sphere(1.0, n), size(a, "radius", 1.0)?)
     }),
     ("icosphere", |a| {
-        let n = a.named_integer("subdivisions", 0..=9)?.unwrap_or(3) as usize;
+        let n = a.named_integer("subdivisions", 0..=30)?.unwrap_or(3) as usize;
         uniform(shapes::icosphere(1.0, n), size(a, "radius", 1.0)?)
     }),
     ("disk", |a| {
@@ -51,14 +51,14 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     }),
     ("torus", torus),
     ("grid", |a| {
-        let columns = a.named_integer("columns", 1..=1 << 14)?.unwrap_or(16) as usize;
-        let rows = a.named_integer("rows", 1..=1 << 14)?.unwrap_or(16) as usize;
+        let columns = a.named_integer("columns", 1..=1 << 24)?.unwrap_or(16) as usize;
+        let rows = a.named_integer("rows", 1..=1 << 24)?.unwrap_or(16) as usize;
         let (w, d) = (size(a, "width", 2.0)?, size(a, "depth", 2.0)?);
         sized(shapes::grid(columns, rows, 1.0, 1.0), [w, 1.0.into(), d])
     }),
     ("heightfield", heightfield),
     ("teapot", |a| {
-        let n = a.named_integer("subdivisions", 1..=256)?.unwrap_or(8) as usize;
+        let n = a.named_integer("subdivisions", 1..=1 << 16)?.unwrap_or(8) as usize;
         give((&shapes::teapot(n).map_err(mesh_error)?).into())
     }),
     ("load", |a| {
@@ -287,7 +287,7 @@ fn finite(v: &Var, index: usize, name: &str) -> Result<()> {
 }
 
 fn torus(a: &Args) -> Result<Value> {
-    let n = a.named_integer("subdivisions", 3..=1024)?.unwrap_or(32) as usize;
+    let n = a.named_integer("subdivisions", 3..=1 << 16)?.unwrap_or(32) as usize;
     let (major, minor) = (size(a, "radius", 1.0)?, size(a, "tube", 0.25)?);
     // Linear in both radii: the difference of two tori gives the ring.
     let thin: MeshValue = (&shapes::torus(2.0, 1.0, n, n).map_err(mesh_error)?).into();

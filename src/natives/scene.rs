@@ -56,7 +56,9 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("constant", |a| light(LightValue::Environment { radiance: Input::Number(power(a, "radiance")?), rotation: None })),
     ("scene", scene),
     ("camera", camera),
-    ("load_shapes", load_shapes),
+    ("load_scene", |a| Ok(Value::Scene(Arc::new(load_scene(a)?)))),
+    ("load_shapes", |a| Ok(Value::list(load_scene(a)?.shapes.into_iter().map(Value::Shape).collect()))),
+    ("load_lights", |a| Ok(Value::list(load_scene(a)?.lights.into_iter().map(Value::Light).collect()))),
     ("integrator", |a| keep(a, "integrator")),
     ("sgd", |a| keep(a, "sgd")),
     ("adam", |a| keep(a, "adam")),
@@ -380,8 +382,9 @@ fn camera(a: &Args) -> Result<Value> {
                 NativeError::at(i, format!("a film of {w}×{h} pixels")).help("write for instance `film: [256, 256]`")
             );
         }
-        if w * h > (1u64 << 28) as f64 {
-            return Err(NativeError::at(i, format!("a film of {w}×{h} pixels is more than 2^28")));
+        if w * h > crate::image::MAX_FILM_PIXELS as f64 {
+            let message = format!("a film of {w}×{h} is larger than 67 million pixels");
+            return Err(NativeError::at(i, message).help("render parts of it with cameras of their own"));
         }
     }
     if let Some((i, _)) = a.named("height") {
@@ -440,14 +443,17 @@ pub(crate) fn linear_part(m: &Var) -> Result<Var> {
 // ---- files with materials ------------------------------------------------------------------------------------------
 
 /// The parts of a mesh file; those that emit light are lights.
-fn load_shapes(a: &Args) -> Result<Value> {
+fn load_scene(a: &Args) -> Result<SceneValue> {
     let loaded = load(&a.path(0)?).map_err(|e| NativeError::at(0, e.to_string()))?;
-    let parts = loaded.parts.iter().filter(|p| !p.mesh.faces.is_empty());
-    let shapes: Vec<Value> = parts.map(part).collect();
-    if shapes.is_empty() {
+    let mut scene = SceneValue::default();
+    for part in loaded.parts.iter().filter(|p| !p.mesh.faces.is_empty()).map(part) {
+        // Every part is a shape or a light.
+        let _ = add_to_scene(&mut scene, &part);
+    }
+    if scene.shapes.is_empty() && scene.lights.is_empty() {
         return Err(NativeError::at(0, "the file has no triangles"));
     }
-    Ok(Value::list(shapes))
+    Ok(scene)
 }
 
 fn part(part: &LoadedPart) -> Value {

@@ -31,7 +31,7 @@ pub enum Value {
     Light(Arc<LightValue>),
     Camera(Arc<CameraValue>),
     Scene(Arc<SceneValue>),
-    /// An optimizer, integrator, preconditioner: a name with settings.
+    /// An optimizer or integrator: a name with settings.
     Settings(Arc<SettingsValue>),
     Estimate(Arc<EstimateValue>),
     Gradients(Arc<Vec<GradientEntry>>),

@@ -98,8 +98,8 @@ pub fn validate_camera(camera: &Camera) -> Result<(), SceneError> {
     if camera.width == 0 || camera.height == 0 {
         return fail(format!("a film of {}×{} pixels has no pixel", camera.width, camera.height));
     }
-    if camera.width.saturating_mul(camera.height) > 1 << 26 {
-        return fail(format!("a film of {}×{} pixels is too large (at most 2^26)", camera.width, camera.height));
+    if camera.width.saturating_mul(camera.height) > crate::image::MAX_FILM_PIXELS {
+        return fail(format!("a film of {}×{} pixels is larger than 67 million pixels", camera.width, camera.height));
     }
     let frame = glam::Mat3::from_cols(camera.frame[0], camera.frame[1], camera.frame[2]);
     if !camera.origin.is_finite() || !frame.is_finite() || frame.determinant().abs() < 1e-12 {

@@ -7,6 +7,12 @@ pub enum Completeness {
     Open,
 }
 
+/// No input ends in one of these words.
+const GO_ON: [&str; 17] = [
+    "and", "or", "not", "if", "then", "else", "with", "in", "to", "for", "as", "let", "param", "fn", "save", "expect",
+    "optimize",
+];
+
 /// Looks at brackets, strings and comments only; an empty last line ends any input.
 pub fn completeness(text: &str) -> Completeness {
     if text.trim_start().starts_with(':') || text.ends_with("\n\n") || (text.ends_with('\n') && text.trim().is_empty())
@@ -17,6 +23,9 @@ pub fn completeness(text: &str) -> Completeness {
     let mut comments: usize = 0;
     let mut chars = text.chars().peekable();
     let mut previous = ' ';
+    // The word that ends here; of a new one once something else has come.
+    let mut word = String::new();
+    let mut ended = false;
     while let Some(c) = chars.next() {
         if comments > 0 {
             match (c, chars.peek()) {
@@ -33,22 +42,35 @@ pub fn completeness(text: &str) -> Completeness {
             continue;
         }
         match (c, chars.peek()) {
-            ('/', Some('/')) => while chars.next_if(|c| *c != '\n').is_some() {},
+            ('/', Some('/')) => {
+                while chars.next_if(|c| *c != '\n').is_some() {}
+                continue;
+            }
             ('/', Some('*')) => {
                 chars.next();
                 comments += 1;
+                continue;
             }
             ('"', _) => skip_string(&mut chars),
             ('(' | '[' | '{', _) => open += 1,
             (')' | ']' | '}', _) => open = open.saturating_sub(1),
             _ => {}
         }
+        let in_word = c.is_alphanumeric() || c == '_';
+        if (in_word && ended) || !(in_word || c.is_whitespace()) {
+            word.clear();
+        }
+        if in_word {
+            word.push(c);
+        }
+        ended = !in_word;
         if !c.is_whitespace() {
             previous = c;
         }
     }
     // An expression that ends in an operator goes on in the next line.
-    let dangling = matches!(previous, '=' | '+' | '*' | ',' | '|');
+    let dangling =
+        matches!(previous, '=' | '+' | '-' | '*' | '/' | '^' | '<' | '>' | ',' | '|') || GO_ON.contains(&&*word);
     if open > 0 || comments > 0 || dangling { Completeness::Open } else { Completeness::Complete }
 }
 
@@ -90,19 +112,43 @@ mod tests {
 
     #[test]
     fn open_brackets_wait_for_more() {
-        for open in ["camera eye {", "f(1,", "let a =", "/* what", "[[1, 2], [3", "let s = \"}\" + f("] {
+        for open in [
+            "camera eye {",
+            "f(1,",
+            "let a =",
+            "/* what",
+            "[[1, 2], [3",
+            "let s = \"}\" + f(",
+            "1+",
+            "1 -",
+            "a /",
+            "x <",
+            "a and",
+            "not",
+        ] {
             assert_eq!(completeness(open), Completeness::Open, "{open}");
         }
-        for complete in
-            ["1 + 2", "f(\")(\")", "a // (", "}", ":load (", "camera eye {\n\n", "\"unclosed", "f(1) |> g()"]
-        {
+        for complete in [
+            "1 + 2",
+            "f(\")(\")",
+            "brand",
+            "\"and\"",
+            "x[1..]",
+            "a // and",
+            "a // (",
+            "}",
+            ":load (",
+            "camera eye {\n\n",
+            "\"unclosed",
+            "f(1) |> g()",
+        ] {
             assert_eq!(completeness(complete), Completeness::Complete, "{complete}");
         }
     }
 
     #[test]
     fn piped_text_is_cut_into_inputs() {
-        let text = "let a = 1\n\ncamera eye {\n  fov: 45deg\n}\na + 1\nf(";
-        assert_eq!(split_inputs(text), ["let a = 1", "camera eye {\n  fov: 45deg\n}", "a + 1", "f(\n"]);
+        let text = "let a = 1\n\ncamera eye {\n  fov: 45deg\n}\na -\n1\nf(";
+        assert_eq!(split_inputs(text), ["let a = 1", "camera eye {\n  fov: 45deg\n}", "a -\n1", "f(\n"]);
     }
 }

@@ -16,7 +16,7 @@ use crate::eval::{self, Engine};
 use crate::session::line::check_line;
 use crate::session::measure::repeat_seed;
 use crate::session::stats::Moments;
-use crate::session::world::{catch_interrupts, clear_interrupt, interrupted};
+use crate::session::world::{EXIT_INTERRUPTED, catch_interrupts, clear_interrupt, interrupted};
 use crate::session::{MeasureOptions, Optimization, Runner, World, measure, show};
 
 use editor::{Input, LineEditor, Words};
@@ -115,7 +115,11 @@ impl<'w> Repl<'w> {
             return EXIT_WRONG;
         }
         for text in input::split_inputs(&String::from_utf8_lossy(&bytes)) {
-            if self.line(&text) == Next::Quit || interrupted() {
+            let next = self.line(&text);
+            if interrupted() {
+                return EXIT_INTERRUPTED;
+            }
+            if next == Next::Quit {
                 break;
             }
         }

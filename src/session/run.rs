@@ -1,5 +1,6 @@
 //! Actions, in order: optimise, save, print, plot, expect.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use super::folder::{LogEntry, RunFolder, output_path, write_atomically};
@@ -10,7 +11,8 @@ use crate::check::hir;
 use crate::check::types::Ty;
 use crate::diag::Diagnostic;
 use crate::eval::{self, Engine};
-use crate::image::Image;
+use crate::image::file::describe_io;
+use crate::image::{Image, ImageError};
 use crate::natives::value::Value;
 use crate::source::Span;
 use crate::tape::Tensor;
@@ -44,11 +46,14 @@ pub struct Runner<'a> {
     /// Replaces the steps of every `optimize`.
     pub steps: Option<u64>,
     pub report: RunReport,
+    /// What each `plot` has shown so far.
+    curves: HashMap<Span, Vec<f64>>,
 }
 
 impl<'a> Runner<'a> {
     pub fn new(engine: &'a mut Engine, world: &'a mut dyn World) -> Runner<'a> {
-        Runner { engine, world, folder: None, outputs: PathBuf::new(), steps: None, report: RunReport::default() }
+        let (outputs, report, curves) = (PathBuf::new(), RunReport::default(), HashMap::new());
+        Runner { engine, world, folder: None, outputs, steps: None, report, curves }
     }
 
     /// All of them, until one fails or the user interrupts. A failed `expect` is reported and the run goes on.
@@ -88,14 +93,6 @@ impl<'a> Runner<'a> {
 
     fn optimize(&mut self, optimize: &hir::Optimize) -> Result<Flow, Diagnostic> {
         let mut optimization = Optimization::new(self.engine, optimize, self.steps)?;
-        if let Some(correlated) = &optimize.correlated
-            && is_true(&self.engine.eval(correlated)?)
-        {
-            let message = "`correlated: true` has no effect: a loss and its derivative always use independent samples";
-            let diagnostic = Diagnostic::warning("dscene::run::correlated", message).label(correlated.span, "ignored");
-            let sources = self.engine.program().sources.clone();
-            self.world.diagnostic(&diagnostic, &sources);
-        }
         let flow = self.advance(&mut optimization, u64::MAX);
         self.world.progress_done();
         optimization.leave(self.engine);
@@ -231,7 +228,14 @@ impl<'a> Runner<'a> {
                 Diagnostic::error("dscene::run::plot", message).label(expr.span, "not numbers")
             })?;
             let name = self.engine.program().sources.text(expr.span).to_owned();
-            series.push((name, numbers));
+            // A number that is plotted again and again (in `every`) makes a curve.
+            let is_scalar = value.var().is_some_and(|v| v.shape().is_empty());
+            let curve = self.curves.entry(expr.span).or_default();
+            if !is_scalar {
+                curve.clear();
+            }
+            curve.extend(numbers);
+            series.push((name, curve.clone()));
         }
         match path {
             None => {
@@ -359,7 +363,7 @@ pub enum SaveError {
     Other { message: String, help: String },
 }
 
-/// Writes a value by its file's extension: images as PNG, EXR or HDR; anything as JSON or text.
+/// Writes a value by its file's extension: images as PNG, EXR or HDR, meshes as OBJ or PLY; anything as JSON or text.
 pub fn save_value(value: &Value, ty: &Ty, path: &Path) -> Result<(), SaveError> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
     match extension.as_str() {
@@ -374,9 +378,22 @@ pub fn save_value(value: &Value, ty: &Ty, path: &Path) -> Result<(), SaveError> 
                 help: "save a `render(…)`, or give the file the extension .json".to_owned(),
             })?;
             crate::image::file::save(path, &image).map_err(|e| SaveError::Other {
-                message: format!("cannot write `{}`: {e}", path.display()),
+                message: match e {
+                    ImageError::File { message, .. } => format!("cannot write `{}`: {message}", path.display()),
+                    other => format!("cannot write `{}`: {other}", path.display()),
+                },
                 help: "check the folder, the space on the disk and the extension".to_owned(),
             })
+        }
+        "obj" | "ply" => {
+            let Value::Mesh(mesh) = value else {
+                return Err(SaveError::Other {
+                    message: format!("a mesh file holds a mesh, this is {}", value.kind()),
+                    help: "save for instance `ball.mesh`, or give the file another extension".to_owned(),
+                });
+            };
+            let bytes = crate::mesh::save::encode(&mesh.to_mesh(), &extension).unwrap_or_default();
+            write_atomically(path, &bytes).map_err(SaveError::Io)
         }
         other => Err(SaveError::Other {
             message: if other.is_empty() {
@@ -384,7 +401,7 @@ pub fn save_value(value: &Value, ty: &Ty, path: &Path) -> Result<(), SaveError> 
             } else {
                 format!("`.{other}` is not a format that can be written")
             },
-            help: "use .png, .exr or .hdr for images, .json or .txt for other values".to_owned(),
+            help: "use .png, .exr or .hdr for images, .obj or .ply for meshes, .json or .txt for any value".to_owned(),
         }),
     }
 }
@@ -402,7 +419,7 @@ pub fn image_of(value: &Value) -> Option<Image> {
 }
 
 fn cannot_write(path: &Path, error: &std::io::Error, span: Option<Span>) -> Diagnostic {
-    let message = format!("cannot write `{}`: {error}", path.display());
+    let message = format!("cannot write `{}`: {}", path.display(), describe_io(error));
     let diagnostic = Diagnostic::error("dscene::run::write", message);
     match span {
         Some(span) => diagnostic.label(span, "this file"),

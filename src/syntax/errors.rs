@@ -7,54 +7,151 @@ use super::scan::{is_reserved, statement_words};
 use crate::diag::{Diagnostic, suggest};
 use crate::source::{SourceId, Span};
 
-/// What stopped the parser, where, and what was expected there.
+/// What stopped the parser in a statement, where, and what was expected there.
 pub fn explain(error: &Error<Rule>, text: &str, source: SourceId, offset: usize) -> Diagnostic {
+    let span = |start: usize, end: usize| Span::new(source, offset + start, offset + end);
+    if let Some(diagnostic) = head(text, &span) {
+        return diagnostic;
+    }
+    unexpected(error, text, "the statement", &span)
+}
+
+/// What stopped the parser in a lone expression.
+pub fn explain_expr(error: &Error<Rule>, text: &str, source: SourceId) -> Diagnostic {
+    let span = |start: usize, end: usize| Span::new(source, start, end);
+    // Two words side by side are no expression: someone meant a statement.
+    let first = token_at(text, skip_space(text, 0));
+    let second = token_at(text, skip_space(text, first.0 + first.1.len()));
+    if is_name(&first.1)
+        && is_name(&second.1)
+        && let Some(diagnostic) = head(text, &span)
+    {
+        return diagnostic;
+    }
+    unexpected(error, text, "the expression", &span)
+}
+
+fn unexpected(
+    error: &Error<Rule>,
+    text: &str,
+    whole: &str,
+    span: &dyn std::ops::Fn(usize, usize) -> Span,
+) -> Diagnostic {
     let at = match error.location {
         InputLocation::Pos(at) | InputLocation::Span((at, _)) => at.min(text.len()),
     };
-    let rest = text.get(at..).unwrap_or("");
-    let at = at + (rest.len() - rest.trim_start().len());
-    let (mut at, mut found) = token_at(text, at);
+    let (mut at, mut found) = token_at(text, skip_space(text, at));
     // `fov = 45deg`: the word is fine, the sign after it is not.
-    let after = at + found.len();
-    let next = after + text.get(after..).map_or(0, |t| t.len() - t.trim_start().len());
+    let next = skip_space(text, at + found.len());
     let wants_field = matches!(&error.variant, ErrorVariant::ParsingError { positives, .. } if positives.iter().any(|r| matches!(r, Rule::field | Rule::word)));
     if wants_field && found.starts_with(|c: char| c.is_ascii_alphabetic()) && token_at(text, next).1 == "=" {
         (at, found) = (next, "=".to_owned());
     }
-    let span = Span::new(source, offset + at, offset + at + found.len());
-    let expected = expected(error);
-    if let Some(diagnostic) = statement_word(text, at, span) {
-        return diagnostic;
+    let expected = if found == "=" && wants_field { "`:`".to_owned() } else { expected(error) };
+    let help = help(text, at, &found);
+    if found.is_empty() {
+        return ends_early(text, whole, &expected, span).help_opt(help);
     }
-    let what = if found.is_empty() { "the statement ends here".to_owned() } else { format!("found `{found}`") };
-    let expected = if found == "=" && wants_field { "`:`".to_owned() } else { expected };
-    let message = match expected.as_str() {
-        "" => format!("this does not fit here: {what}"),
-        wanted => format!("expected {wanted}, but {what}"),
+    let (message, label) = match expected.as_str() {
+        "" => (format!("this does not fit here: found `{found}`"), "unexpected".to_owned()),
+        wanted => (format!("expected {wanted}, but found `{found}`"), format!("expected {wanted}")),
     };
-    let label = if expected.is_empty() { "unexpected".to_owned() } else { format!("expected {expected}") };
-    Diagnostic::error("dscene::syntax::unexpected", message).label(span, label).help_opt(help(text, at, &found))
+    Diagnostic::error("dscene::syntax::unexpected", message).label(span(at, at + found.len()), label).help_opt(help)
+}
+
+/// The text ends where something was expected: its last token shows where.
+fn ends_early(text: &str, whole: &str, expected: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Diagnostic {
+    let end = text.trim_end().len();
+    let before = text.get(..end).unwrap_or("");
+    let word = before.trim_end_matches(|c: char| c.is_ascii_alphanumeric() || c == '_').len();
+    let sign = before.char_indices().next_back().map_or(0, |(i, _)| i);
+    let start = if word < end { word } else { sign };
+    let wanted = if expected.is_empty() { "more" } else { expected };
+    Diagnostic::error("dscene::syntax::unexpected", format!("expected {wanted}, but {whole} ends here"))
+        .label(span(start, end.max(start)), format!("expected {wanted} after this"))
+}
+
+/// What is wrong with the first words of a statement: what it is, what it is called, and how it goes on.
+fn head(text: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Option<Diagnostic> {
+    let (at, word) = token_at(text, skip_space(text, 0));
+    if !statement_words().any(|w| w == word) {
+        return (!is_reserved(&word)).then(|| unknown_word(text, at, &word, span));
+    }
+    let form = match word.as_str() {
+        "let" | "loss" => "= …",
+        "param" => "= …",
+        "fn" => "(…) = …",
+        w if super::KINDS.contains(&w) => "{ … }",
+        _ => return None,
+    };
+    let (name_at, name) = token_at(text, skip_space(text, at + word.len()));
+    let (next_at, next) = token_at(text, skip_space(text, name_at + name.len()));
+    let spaced = if word == "fn" { String::new() } else { " ".to_owned() };
+    if !is_name(&name) || (word == "loss" && matches!(next.as_str(), "(" | "." | "+" | "-" | "*" | "/")) {
+        if is_reserved(&name) {
+            return None;
+        }
+        let shown = match word.as_str() {
+            "loss" if is_name(&name) => format!("loss NAME = {name}…"),
+            _ => format!("{word} NAME{spaced}{form}"),
+        };
+        let diagnostic = Diagnostic::error("dscene::syntax::unexpected", format!("this `{word}` has no name"))
+            .label(span(at, at + word.len()), "needs a name")
+            .help(format!("write `{shown}`"));
+        return Some(diagnostic);
+    }
+    if is_reserved(&name) {
+        return None;
+    }
+    let wanted = match word.as_str() {
+        "fn" => "`(`",
+        "let" | "param" | "loss" => "`=`",
+        _ => "`{` or `=`",
+    };
+    let fits = match next.as_str() {
+        ":" => word != "fn" && word != "loss",
+        "=" => word != "fn",
+        "{" => wanted.starts_with("`{"),
+        "(" => word == "fn",
+        _ => false,
+    };
+    if fits {
+        return None;
+    }
+    let help =
+        (next == "{" && word == "let").then_some("`let` has `=`; braces belong to `camera`, `shape`, `light`, …");
+    let help = help.map_or_else(|| format!("write `{word} {name}{spaced}{form}`"), str::to_owned);
+    let diagnostic = if next.is_empty() {
+        ends_early(text, "the statement", wanted, span)
+    } else {
+        Diagnostic::error("dscene::syntax::unexpected", format!("expected {wanted}, but found `{next}`"))
+            .label(span(next_at, next_at + next.len()), format!("expected {wanted}"))
+    };
+    Some(diagnostic.help(help))
+}
+
+fn skip_space(text: &str, at: usize) -> usize {
+    let rest = text.get(at..).unwrap_or("");
+    at + (rest.len() - rest.trim_start().len())
+}
+
+fn is_name(token: &str) -> bool {
+    token.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
 }
 
 /// A first word that begins no statement.
-fn statement_word(text: &str, at: usize, span: Span) -> Option<Diagnostic> {
-    let first: String = text.chars().take_while(|c| c.is_ascii_alphanumeric() || *c == '_').collect();
-    let known = statement_words().any(|w| w == first);
-    if known || at > 0 && (is_reserved(&first) || first.is_empty()) {
-        return None;
-    }
-    let start = span.start - u32::try_from(at).ok()?;
-    let span = Span { start, end: start + u32::try_from(first.len().max(1)).ok()?, ..span };
-    let shown = if first.is_empty() { text.chars().take(1).collect() } else { first.clone() };
-    let foreign = match first.as_str() {
+fn unknown_word(text: &str, at: usize, word: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Diagnostic {
+    let shown: String = if word.is_empty() { text.trim_start().chars().take(1).collect() } else { word.to_owned() };
+    let length = shown.len();
+    let foreign = match word {
         "var" | "const" | "val" | "auto" | "set" => Some("let"),
         "def" | "func" | "function" | "fun" => Some("fn"),
         "parameter" | "variable" | "unknown" => Some("param"),
         "sensor" => Some("camera"),
-        "bsdf" | "brdf" => Some("material"),
+        "bsdf" | "brdf" | "diffuse" | "conductor" | "phong" | "principled" => Some("material"),
         "emitter" => Some("light"),
-        "object" | "geometry" => Some("shape"),
+        "object" | "geometry" | "sphere" | "cube" | "rectangle" => Some("shape"),
+        "environment" | "area" | "point" | "directional" | "constant" => Some("light"),
         "objective" | "cost" => Some("loss"),
         "minimize" | "minimise" | "optimise" | "fit" => Some("optimize"),
         "assert" | "check" => Some("expect"),
@@ -63,7 +160,7 @@ fn statement_word(text: &str, at: usize, span: Span) -> Option<Diagnostic> {
         "use" | "include" | "from" => Some("import"),
         _ => None,
     };
-    let guess = foreign.or_else(|| suggest(&first, statement_words()));
+    let guess = foreign.or_else(|| suggest(word, statement_words()));
     let help = match guess {
         Some(word) => format!("did you mean `{word}`?"),
         None => {
@@ -72,11 +169,9 @@ fn statement_word(text: &str, at: usize, span: Span) -> Option<Diagnostic> {
                 .to_owned()
         }
     };
-    Some(
-        Diagnostic::error("dscene::syntax::unknown_statement", format!("no statement begins with `{shown}`"))
-            .label(span, "expected a statement here")
-            .help(help),
-    )
+    Diagnostic::error("dscene::syntax::unknown_statement", format!("no statement begins with `{shown}`"))
+        .label(span(at, at + length), "expected a statement here")
+        .help(help)
 }
 
 /// The token at an offset, so that the label covers what people see as one thing.
@@ -102,6 +197,7 @@ fn help(text: &str, at: usize, found: &str) -> Option<String> {
         "||" => "write `or`",
         "!" => "write `not`",
         "**" => "write `^` for a power",
+        ">" if before.ends_with('-') => "write `=>` for a function value: `x => x + 1`",
         "->" => "write `=>` for a function value, `:` before a result's type",
         "%" => "there is no remainder; a percentage has no space: `30%`",
         "," if before.contains('(') => "values side by side are an array, in square brackets: `[a, b]`",
@@ -112,11 +208,17 @@ fn help(text: &str, at: usize, found: &str) -> Option<String> {
             "fields and named arguments have a colon: `name: value`"
         }
         ":" => "a name before `:` names a field or an argument; a `let` has `=`",
-        "{" if text.trim_start().starts_with("let ") => "`let` has `=`; braces belong to `camera`, `shape`, `light`, …",
         "then" | "else" => "`if` needs all three: `if c then a else b`",
+        "for" => "there are no loops: an array is built by `[… for i in 0..n]`",
+        "while" | "return" => "there are no loops and no `return`: everything is an expression",
+        "if" => "`if` is part of an expression: `let a = if c then x else y`",
+        "\"" if text.trim_start().starts_with("save") => "write `save EXPR to \"image.png\"`",
+        "lambda" => "a function value is `x => …`",
         word if is_reserved(word) => return Some(format!("`{word}` is a word of the language and cannot be a name")),
         "" => match before.chars().last() {
-            Some('=' | '+' | '-' | '*' | '/' | '^' | '(' | ',' | ':' | '>') => "an expression is missing at the end",
+            Some('=' | '+' | '-' | '*' | '/' | '^' | '(' | ',' | ':' | '<' | '>') => {
+                "an expression is missing at the end"
+            }
             _ => return None,
         },
         word if word.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') => {
@@ -145,7 +247,7 @@ fn expected(error: &Error<Rule>) -> String {
     }
     // Where an expression may begin, nothing smaller is worth naming; where one may go on, its end matters more.
     if names.contains(&"an expression") {
-        names.retain(|n| !matches!(*n, "`-` or `not`" | "an operator"));
+        names.retain(|n| !matches!(*n, "`-` or `not`" | "an operator" | "`if`"));
     }
     if names.len() > 1 {
         names.retain(|n| *n != "an operator");

@@ -120,23 +120,25 @@ pub fn escape(text: &str) -> Result<char, Wrong> {
     })
 }
 
-/// `04`, `.3`, `8.2`.
+/// `04`, `.3`, `8.2`, `.3e`.
 pub fn format(text: &str) -> Option<StrFormat> {
     let text = text.trim();
+    let (text, exponent) = text.strip_suffix('e').map_or((text, false), |t| (t, true));
     let (width, precision) = match text.split_once('.') {
         Some((width, precision)) => (width, Some(precision.parse().ok().filter(|p| *p <= 30)?)),
         None => (text, None),
     };
     let width_value = if width.is_empty() { 0 } else { width.parse().ok().filter(|w| *w <= 100)? };
-    if width.is_empty() && precision.is_none() {
+    if width.is_empty() && precision.is_none() && !exponent {
         return None;
     }
-    Some(StrFormat { zero_pad: width.len() > 1 && width.starts_with('0'), width: width_value, precision })
+    Some(StrFormat { zero_pad: width.len() > 1 && width.starts_with('0'), width: width_value, precision, exponent })
 }
 
 pub fn bad_format(text: &str) -> Wrong {
     let help = Some(
-        "formats are: `{x:04}` (width, padded with zeros), `{x:.3}` (digits after the point), `{x:8.2}`".to_owned(),
+        "formats are: `{x:04}` (width, padded with zeros), `{x:.3}` (digits after the point), `{x:8.2}`, `{x:.3e}`"
+            .to_owned(),
     );
     wrong("dscene::syntax::format", format!("`{text}` is no format"), "cannot be read as a format", help)
 }

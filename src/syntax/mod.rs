@@ -70,7 +70,7 @@ pub fn parse_expr(sources: &SourceMap, source: SourceId) -> (Option<ast::Expr>, 
             pair.map(|p| builder.expr(p))
         }
         Err(error) => {
-            diagnostics.push(errors::explain(&error, &scan.text, source, 0));
+            diagnostics.push(errors::explain_expr(&error, &scan.text, source));
             None
         }
     };

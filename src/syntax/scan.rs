@@ -408,12 +408,23 @@ fn begins_statement<'a>(
     if is_reserved(first) {
         return false;
     }
-    let Some(second) = word(i + 1) else { return false };
+    let Some(second) = word(i + 1) else { return nameless(tokens, i, text) };
     if is_reserved(second) || previous.is_some_and(|p| STATEMENTS.contains(&p) && p != "save" && p != "print") {
         return false;
     }
     let next = tokens.get(i + 2).map_or("", |t| &text[t.start..t.end]);
     KINDS.contains(&first) && matches!(next, "{" | "=" | ":") || matches!(next, "{" | "=" | ":" | "(")
+}
+
+/// `camera {` or `param =` at the beginning of a line: a statement whose name was forgotten.
+fn nameless(tokens: &[Token], i: usize, text: &str) -> bool {
+    let shown = |t: &Token| &text[t.start..t.end];
+    let line = text[..tokens[i].start].rsplit('\n').next().unwrap_or("");
+    let goes_on = i > 0 && matches!(shown(&tokens[i - 1]), ":" | "|" | ">" | "=" | "with");
+    KINDS.contains(&shown(&tokens[i]))
+        && line.trim().is_empty()
+        && !goes_on
+        && tokens.get(i + 1).is_some_and(|t| matches!(shown(t), "{" | "="))
 }
 
 fn attach_docs(pieces: &mut [Piece], docs: &[(usize, usize, String)]) {
@@ -495,6 +506,8 @@ mod tests {
         );
         assert_eq!(pieces("native fn f(x: T): T\nlet b = 1"), ["native fn f(x: T): T", "let b = 1"]);
         assert_eq!(pieces("let a = 1\nlte b = 2"), ["let a = 1", "lte b = 2"]);
+        assert_eq!(pieces("let a = f(x)\ncamera { fov: 3 }"), ["let a = f(x)", "camera { fov: 3 }"]);
+        assert_eq!(pieces("fn f(x):\n camera { x }").len(), 1);
         assert_eq!(pieces("// only /* comments\n/* /* nested */ */").len(), 0);
         assert_eq!(pieces("").len(), 0);
     }

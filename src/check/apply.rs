@@ -1,0 +1,237 @@
+//! What a call gives: the body of a function, checked once for each combination of argument types; function values.
+
+use std::sync::Arc;
+
+use super::call::{Given, MAX_CALL_DEPTH, Site, plural};
+use super::hir::{self, Callee, DeclId, ExprKind};
+use super::infer::{Typed, typed};
+use super::modules::{Checker, Instance, Signature, State};
+use super::results;
+use super::signature::{Const, Function};
+use super::types::Ty;
+use crate::diag::{Diagnostic, Label};
+use crate::source::Span;
+use crate::syntax::ast::{self, StatementKind};
+
+/// What is known of an argument: its type, and its value unless that is long.
+type Fact = Option<(Ty, Option<Const>)>;
+
+impl Checker<'_> {
+    pub fn call_value(&mut self, callee: &ast::Expr, given: &[Given], span: Span) -> Typed {
+        let callee = self.expr(callee, None);
+        let (params, result) = match &callee.expr.ty {
+            Ty::Fn(params, result) => (Some(params.clone()), (**result).clone()),
+            ty if ty.is_unknown() => (None, ty.clone()),
+            ty => {
+                let text = self.sources.text(callee.expr.span);
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::call::not_a_function", format!("{} cannot be called", ty.a()))
+                        .label(callee.expr.span, format!("this is `{ty}`"))
+                        .help(format!("write `{text}` without arguments")),
+                );
+                return self.after_error(given, span);
+            }
+        };
+        let required = match &callee.value {
+            Some(Const::Function(function)) => self.required(function),
+            _ => None,
+        };
+        let fits = params.as_ref().is_none_or(|p| (required.unwrap_or(p.len())..=p.len()).contains(&given.len()));
+        if let Some(params) = &params
+            && !fits
+        {
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::call::count",
+                    format!(
+                        "this function takes {} argument{}, not {}",
+                        params.len(),
+                        plural(params.len()),
+                        given.len()
+                    ),
+                )
+                .label(span, format!("{} given", given.len()))
+                .label(callee.expr.span, format!("this is `{}`", callee.expr.ty)),
+            );
+        }
+        let args: Vec<Typed> = given.iter().map(|g| self.expr(g.value, None)).collect();
+        if let Some(named) = given.iter().find_map(|g| g.name.as_ref())
+            && callee.expr.ty != Ty::Error
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::call::unknown_argument", "function values take their arguments by position")
+                    .label(named.span, "named here"),
+            );
+        }
+        let (result, value) = match &callee.value {
+            Some(Const::Function(function)) if fits && callee.expr.ty != Ty::Error => {
+                self.applied(function, &args, callee.expr.span, span)
+            }
+            _ => (result, None),
+        };
+        let given = vec![true; args.len()];
+        let args = args.into_iter().map(|a| Some(a.expr)).collect();
+        let call = hir::Call { callee: Callee::Value(callee.expr), args, given };
+        Typed { value, ..typed(ExprKind::Call(Box::new(call)), span, result) }
+    }
+
+    /// How many arguments a known function needs.
+    fn required(&mut self, function: &Function) -> Option<usize> {
+        match function {
+            Function::Declared(id) => Some(self.signature(*id)?.params.iter().filter(|p| !p.has_default).count()),
+            Function::Lambda { params, .. } => Some(params.len()),
+        }
+    }
+
+    /// What a known function value gives for these arguments, as many as it has parameters.
+    fn applied(&mut self, function: &Arc<Function>, args: &[Typed], callee: Span, span: Span) -> (Ty, Option<Const>) {
+        match &**function {
+            Function::Declared(id) => self.applied_declaration(*id, args, callee, span),
+            Function::Lambda { params, body, module, locals } => {
+                let key = format!("{function:?} {:?}", facts(args.iter().map(Some)));
+                let name = self.sources.text(callee).to_owned();
+                if self.applied > MAX_CALL_DEPTH {
+                    return (Ty::Any, None);
+                }
+                self.applied += 1;
+                let result = self.once(key, true, &name, span, |checker| {
+                    let module = std::mem::replace(&mut checker.module, *module);
+                    checker.locals = locals.clone();
+                    for (param, arg) in params.iter().zip(args) {
+                        checker.new_local(&param.text, arg.expr.ty.clone(), arg.value.clone());
+                    }
+                    let result = checker.expr(body, None);
+                    checker.module = module;
+                    (result.expr.ty, result.value)
+                });
+                self.applied -= 1;
+                result
+            }
+        }
+    }
+
+    fn applied_declaration(&mut self, id: DeclId, args: &[Typed], callee: Span, span: Span) -> (Ty, Option<Const>) {
+        let name = self.slot(id).name.text.clone();
+        let unknown = (Ty::Any, None);
+        let Some(signature) = self.signature(id).filter(|_| self.slot(id).state == State::Done) else { return unknown };
+        if !self.is_user(id) && matches!(name.as_str(), "grad" | "jvp" | "fd" | "estimate") {
+            return unknown;
+        }
+        let site = Site { name: &name, span: callee, is_kind: false };
+        let errors = self.error_count();
+        let mut found: Vec<Option<Typed>> = Vec::new();
+        let mut bound = Vec::new();
+        for (i, (param, arg)) in signature.params.iter().zip(args).enumerate() {
+            if param.sig.accepts(&arg.expr.ty, arg.value.as_ref()) {
+                self.bind_variable(&param.sig, i, arg, &found, &mut bound, site);
+                let arg = self.coerce(&param.sig, arg.clone());
+                found.push(Some(arg));
+            } else {
+                self.report_argument(&param.sig, &param.name, arg, site);
+                found.push(None);
+            }
+        }
+        found.resize_with(signature.params.len(), || None);
+        if self.error_count() > errors {
+            return (Ty::Error, None);
+        }
+        match self.slot(id).hir.kind {
+            hir::DeclKind::Native(_) => {
+                (results::native(&name, &signature, &found, &bound), results::known(&name, &found))
+            }
+            _ => self.instance(id, &signature, &found, span, site),
+        }
+    }
+
+    /// Checks a function's body for these argument types; its errors are told with the call that leads to them.
+    pub fn instance(
+        &mut self,
+        id: DeclId,
+        signature: &Signature,
+        args: &[Option<Typed>],
+        span: Span,
+        site: Site,
+    ) -> (Ty, Option<Const>) {
+        let statement: Arc<ast::Statement> = self.slot(id).statement.clone();
+        let StatementKind::Fn(f) = &statement.kind else { return (Ty::Error, None) };
+        let Some(body) = &f.body else { return (Ty::Error, None) };
+        let facts = facts(args.iter().map(Option::as_ref));
+        if self.stack.len() > MAX_CALL_DEPTH {
+            return (Ty::Any, None);
+        }
+        let key = format!("{} {facts:?}", id.0);
+        let user = self.is_user(id);
+        self.once(key, user, site.name, span, |checker| {
+            let module = checker.enter_module_of(id);
+            checker.stack.push(id);
+            for (i, param) in signature.params.iter().enumerate() {
+                let (ty, value) = match (&facts[i], &f.params[i].default) {
+                    (Some((ty, value)), _) if !ty.is_unknown() => (ty.clone(), value.clone()),
+                    (None, Some(default)) => {
+                        let default = checker.expr(default, Some(&param.sig));
+                        (default.expr.ty, default.value)
+                    }
+                    _ => (param.sig.ty(), None),
+                };
+                checker.new_local(&param.name, ty, value);
+            }
+            let mut result = checker.expr(body, signature.result.as_ref());
+            if let Some(wanted) = &signature.result {
+                let refined = wanted.accepts(&result.expr.ty, result.value.as_ref()) && !result.expr.ty.is_unknown();
+                if !refined {
+                    result.expr.ty = wanted.ty();
+                }
+                result = checker.coerce(wanted, result);
+            }
+            checker.stack.pop();
+            checker.module = module;
+            (result.expr.ty, result.value)
+        })
+    }
+
+    /// Checks a body without the locals of the caller, once for each `key`; its errors are told with the call in `span`.
+    fn once(
+        &mut self,
+        key: String,
+        user: bool,
+        name: &str,
+        span: Span,
+        body: impl FnOnce(&mut Self) -> (Ty, Option<Const>),
+    ) -> (Ty, Option<Const>) {
+        if let Some(known) = self.instances.get(&key) {
+            return (known.ty.clone(), known.value.clone());
+        }
+        // Stands for itself should it be called from within.
+        let nothing = Instance { ty: Ty::Error, value: None };
+        self.instances.insert(key.clone(), nothing);
+        let outer = std::mem::take(&mut self.diagnostics);
+        let locals = std::mem::take(&mut self.locals);
+        let (ty, value) = body(self);
+        self.locals = locals;
+        let inner = std::mem::replace(&mut self.diagnostics, outer);
+        for diagnostic in inner.iter().filter(|d| d.is_error()) {
+            let known = self.diagnostics.iter().any(|d| d.code == diagnostic.code && d.span() == diagnostic.span());
+            if known {
+                continue;
+            }
+            let mut shown = diagnostic.clone();
+            if user {
+                shown.labels.push(Label { span, text: format!("in this call of `{name}`") });
+            } else {
+                // The library's inside is none of the user's business.
+                shown.message = format!("`{name}` does not go with these arguments: {}", shown.message);
+                shown.labels.retain(|l| self.modules[self.module].user && l.span.source == span.source);
+                shown.labels.insert(0, Label { span, text: "in this call".to_owned() });
+            }
+            self.diagnostics.push(shown);
+        }
+        self.instances.insert(key, Instance { ty: ty.clone(), value: value.clone() });
+        (ty, value)
+    }
+}
+
+/// What is known of arguments: types, and values unless they are long.
+fn facts<'a>(args: impl Iterator<Item = Option<&'a Typed>>) -> Vec<Fact> {
+    let small = |c: &Const| !matches!(c, Const::List(items) if items.len() > 16);
+    args.map(|a| a.map(|a| (a.expr.ty.clone(), a.value.clone().filter(small)))).collect()
+}

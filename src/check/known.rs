@@ -1,0 +1,136 @@
+//! Arguments of natives that can be seen to be wrong before anything runs: missing files, impossible sizes.
+
+use super::hir::{DeclId, ExprKind, StrPart};
+use super::infer::Typed;
+use super::modules::Checker;
+use super::results;
+use super::signature::Const;
+use crate::diag::Diagnostic;
+use crate::source::Span;
+
+impl Checker<'_> {
+    /// Files that are named literally must exist; sizes must make sense.
+    pub fn check_native(&mut self, id: DeclId, name: &str, found: &mut [Option<Typed>]) {
+        let is_file = matches!(
+            self.slot(id).name.text.as_str(),
+            "load" | "load_scene" | "load_shapes" | "load_lights" | "load_image" | "texture" | "environment"
+        );
+        if is_file && let Some(Some(Typed { value: Some(Const::Str(path)), expr })) = found.first_mut() {
+            let folder = self.folder();
+            let full = folder.join(path.as_str());
+            let written = self.sources.text(expr.span).to_owned();
+            if !self.loader.exists(&full) {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::file::missing", format!("there is no file `{path}`"))
+                        .label(expr.span, format!("looked for {}", full.display()))
+                        .help(format!("paths start from the folder of the script; check the spelling of {written}")),
+                );
+            } else if folder != self.main_folder()
+                && let Ok(absolute) = std::path::absolute(&full)
+            {
+                // Paths in an imported file start from its own folder, at run time too.
+                expr.kind = ExprKind::Str(vec![StrPart::Text(absolute.display().to_string())]);
+            }
+        }
+        if name == "camera"
+            && let Some(film) = camera_film(found)
+        {
+            let (w, h, span) = film;
+            let bad = if w == 0 || h == 0 {
+                Some(("has no pixels", "give a width and a height of at least 1: `film: [256, 256]`"))
+            } else if w.saturating_mul(h) > crate::image::MAX_FILM_PIXELS {
+                Some(("is larger than 67 million pixels", "render parts of it with cameras of their own"))
+            } else {
+                None
+            };
+            if let Some((what, help)) = bad {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::value::film", format!("a film of {w}×{h} {what}"))
+                        .label(span, "this film")
+                        .help(help),
+                );
+            }
+        }
+        if name == "camera" {
+            let kind = found.get(6).and_then(|k| k.as_ref()).and_then(|k| k.value.as_ref());
+            let whole_turn = matches!(kind, Some(Const::Str(k)) if k == "fisheye" || k == "panorama");
+            if let (Some(Some(fov)), Some(Some(fov_x))) = (found.get(3), found.get(4)) {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::value::fov", "a camera has `fov` or `fov_x`, not both")
+                        .label(fov_x.expr.span, "the horizontal field of view")
+                        .label(fov.expr.span, "the vertical one: each follows from the other and the film")
+                        .help("leave one of them out"),
+                );
+            }
+            for i in [3, 4] {
+                if let Some(Some(Typed { value: Some(Const::Angle(a)), expr })) = found.get(i)
+                    && !(*a > 0.0 && *a < std::f64::consts::PI)
+                    && !(whole_turn && *a > 0.0 && *a <= std::f64::consts::TAU)
+                {
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::value::fov", "a field of view lies between 0deg and 180deg")
+                            .label(expr.span, "out of range")
+                            .help("45deg is a common choice"),
+                    );
+                }
+            }
+            if let (Some(Some(p)), Some(Some(l))) = (found.first(), found.get(1))
+                && p.value.is_some()
+                && p.value == l.value
+            {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::value::look_at", "the camera looks at where it stands")
+                        .label(l.expr.span, "the same point")
+                        .label(p.expr.span, "as this"),
+                );
+            }
+        }
+        if let Some(triangles) = triangles(name, found)
+            && triangles > crate::mesh::MAX_BUILT as f64
+            && let Some(place) = found.iter().flatten().map(|a| a.expr.span).reduce(Span::to)
+        {
+            let (count, most) = (triangles / 1e6, crate::mesh::MAX_BUILT / 1_000_000);
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::value::triangles",
+                    format!("this `{name}` would have {count:.0} million triangles, the limit is {most} million"),
+                )
+                .label(place, "too fine")
+                .help("a film has fewer pixels than that; smooth normals hide the facets of a coarser mesh"),
+            );
+        }
+        let spp = if name == "render" || results::is_channel(name) { found.get(2) } else { None };
+        if let Some(Some(Typed { value: Some(Const::Num(n)), expr })) = spp
+            && *n < 1.0
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::value::spp", "a render needs at least one sample per pixel")
+                    .label(expr.span, format!("{n} samples"))
+                    .help("write `spp: 1` or more"),
+            );
+        }
+    }
+}
+
+/// How many triangles a built-in mesh will have, if its arguments are known.
+fn triangles(name: &str, found: &[Option<Typed>]) -> Option<f64> {
+    let count = |i: usize| found.get(i)?.as_ref()?.value.as_ref()?.number();
+    Some(match name {
+        "sphere" => count(1)?.powi(2),
+        "icosphere" => 20.0 * 4_f64.powf(count(1)?),
+        "torus" => 2.0 * count(2)?.powi(2),
+        "grid" => 2.0 * count(2).unwrap_or(16.0) * count(3).unwrap_or(16.0),
+        "teapot" => 64.0 * count(0)?.powi(2),
+        _ => return None,
+    })
+}
+
+/// Width, height and the place of a camera's film, if known.
+pub fn camera_film(found: &[Option<Typed>]) -> Option<(usize, usize, Span)> {
+    let film = found.get(5)?.as_ref()?;
+    let Some(Const::List(items)) = &film.value else { return None };
+    match items.as_slice() {
+        [w, h] => Some((w.count()?, h.count()?, film.expr.span)),
+        _ => None,
+    }
+}
