@@ -15,9 +15,9 @@ fn triangles(mesh: &dscene::mesh::Mesh) -> impl Iterator<Item = [Vec3; 3]> + '_ 
     mesh.faces.iter().map(|f| f.map(|i| mesh.vertices[i as usize]))
 }
 
-/// A bumpy sphere of about 200 000 triangles.
-fn large_mesh() -> (Triangles, Camera) {
-    let mut mesh = shapes::sphere(1.0, 224).unwrap();
+/// A bumpy sphere of 4 n² triangles.
+fn sphere(n: usize) -> (Triangles, Camera) {
+    let mut mesh = shapes::sphere(1.0, n).unwrap();
     for v in &mut mesh.vertices {
         *v *= 1.0 + 0.03 * (25.0 * v.x).sin() * (23.0 * v.y).sin() * (21.0 * v.z).sin();
     }
@@ -51,7 +51,7 @@ fn bounce_rays(accel: &Accel, triangles: &Triangles, primary: &[Ray]) -> Vec<Ray
 }
 
 fn rays(c: &mut Criterion) {
-    for (name, (triangles, camera)) in [("mesh", large_mesh()), ("cornell", cornell())] {
+    for (name, (triangles, camera)) in [("cornell", cornell()), ("sphere", sphere(143)), ("sphere", sphere(570))] {
         let accel = Accel::new(&triangles);
         let primary = primary_rays(&camera);
         let bounce = bounce_rays(&accel, &triangles, &primary);

@@ -1,0 +1,143 @@
+//! Ray queries: a tree of eight boxes a node, with a watertight triangle test and skipping by primitive id.
+//!
+//! Edge sampling sends rays that graze shared edges, so neighbouring triangles must agree about which of them an edge ray
+//! hits; triangles are never enlarged. The walk (`traverse`) is written once over lanes of numbers; `avx2` is chosen at run
+//! time where the processor has it, `portable` elsewhere, and both return the same bits.
+
+#[cfg(target_arch = "x86_64")]
+mod avx2;
+mod portable;
+mod traverse;
+mod tree;
+
+#[cfg(test)]
+mod tests;
+
+use glam::Vec3;
+
+use portable::Portable;
+use traverse::traverse;
+use tree::Tree;
+
+/// Index of a triangle over all shapes of a scene.
+pub type PrimId = u32;
+
+/// "No primitive": skips nothing.
+pub const NO_PRIM: PrimId = u32::MAX;
+
+/// A ray query. `dir` is a unit vector; hits closer than `t_min` (not negative) or not before `t_max` do not count.
+#[derive(Clone, Copy, Debug)]
+pub struct Ray {
+    pub origin: Vec3,
+    pub dir: Vec3,
+    pub t_min: f32,
+    pub t_max: f32,
+}
+
+impl Ray {
+    pub fn new(origin: Vec3, dir: Vec3) -> Ray {
+        Ray { origin, dir, t_min: 0.0, t_max: f32::INFINITY }
+    }
+}
+
+/// The closest hit: where on which triangle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    pub t: f32,
+    pub prim: PrimId,
+    /// Barycentric coordinates of the triangle's three vertices.
+    pub b: [f32; 3],
+}
+
+/// The acceleration structure of one scene.
+#[derive(Clone)]
+pub struct Accel {
+    tree: Tree,
+    instructions: Instructions,
+    /// Number of triangles given, and which of them have no area: they are never hit, and many of them in one place make a
+    /// poor tree.
+    count: usize,
+    left_out: Vec<PrimId>,
+    /// Of the tree when it was built.
+    cost: f64,
+}
+
+#[derive(Clone, Copy)]
+enum Instructions {
+    #[cfg(target_arch = "x86_64")]
+    Avx2(avx2::Avx2),
+    Portable,
+}
+
+impl Accel {
+    /// Builds over triangles given by their corners; finite coordinates are the caller's duty.
+    pub fn new(corners: &[[Vec3; 3]]) -> Accel {
+        let ids = 0..corners.len() as PrimId;
+        let (prims, left_out): (Vec<PrimId>, Vec<PrimId>) = ids.partition(|&i| has_area(&corners[i as usize]));
+        let tree = Tree::new(corners, &prims);
+        let cost = tree.cost();
+        Accel { tree, instructions: Instructions::best(), count: corners.len(), left_out, cost }
+    }
+
+    /// Moves the triangles without rebuilding the tree, which takes a fraction of the time. Returns how much more an average
+    /// ray costs than when the tree was built, 1 if nothing changed: above 1.3 or so a new one is worth its time. If there are
+    /// more or fewer triangles than before, or some that had no area now have one, the tree is built anew.
+    pub fn refit(&mut self, corners: &[[Vec3; 3]]) -> f32 {
+        if corners.len() != self.count || self.left_out.iter().any(|&i| has_area(&corners[i as usize])) {
+            *self = Accel::new(corners);
+            return 1.0;
+        }
+        if self.tree.nodes.is_empty() {
+            return 1.0;
+        }
+        self.tree.refit(corners);
+        (self.tree.cost() / self.cost) as f32
+    }
+
+    /// The closest hit whose primitive is not in `skip`; of hits at the same distance, that of the lowest primitive.
+    pub fn closest(&self, ray: &Ray, skip: &[PrimId]) -> Option<Hit> {
+        if self.tree.nodes.is_empty() || !is_finite(ray) {
+            return None;
+        }
+        match self.instructions {
+            #[cfg(target_arch = "x86_64")]
+            Instructions::Avx2(avx2) => avx2.closest(&self.tree, ray, skip),
+            Instructions::Portable => traverse::<Portable, false>(&self.tree, ray, skip),
+        }
+    }
+
+    /// Whether anything not in `skip` lies on the ray. Nothing is seen along a ray that is not finite.
+    pub fn occluded(&self, ray: &Ray, skip: &[PrimId]) -> bool {
+        if self.tree.nodes.is_empty() {
+            return false;
+        }
+        if !is_finite(ray) {
+            return true;
+        }
+        match self.instructions {
+            #[cfg(target_arch = "x86_64")]
+            Instructions::Avx2(avx2) => avx2.any(&self.tree, ray, skip),
+            Instructions::Portable => traverse::<Portable, true>(&self.tree, ray, skip).is_some(),
+        }
+    }
+}
+
+impl Instructions {
+    fn best() -> Instructions {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(avx2) = avx2::Avx2::detect() {
+            return Instructions::Avx2(avx2);
+        }
+        Instructions::Portable
+    }
+}
+
+/// Positions of the order of 1e19 and more overflow in the arithmetic of single precision.
+fn is_finite(ray: &Ray) -> bool {
+    ray.origin.is_finite() && ray.dir.is_finite()
+}
+
+fn has_area([a, b, c]: &[Vec3; 3]) -> bool {
+    let (a, b, c) = (a.as_dvec3(), b.as_dvec3(), c.as_dvec3());
+    (b - a).cross(c - a).length() > 1e-30
+}

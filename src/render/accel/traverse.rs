@@ -1,0 +1,298 @@
+//! The walk through the tree, written once for all instruction sets.
+//!
+//! Every operation on lanes is a single one of IEEE 754 (no fused multiply-add), in the same order everywhere: all instruction
+//! sets return the same bits.
+
+use std::ops::{Add, Div, Mul, Sub};
+
+use super::tree::{Block, Child, Node, Tree, WIDTH};
+use super::{Hit, PrimId, Ray};
+
+/// Numbers as wide as the tree. Where one of two operands is not a number, comparisons are false and `min`, `max` return the
+/// second.
+pub trait Lanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> {
+    fn splat(x: f32) -> Self;
+    fn load(x: &[f32; WIDTH]) -> Self;
+    fn to_array(self) -> [f32; WIDTH];
+    fn min(self, other: Self) -> Self;
+    fn max(self, other: Self) -> Self;
+    /// A bit for each lane, the first lowest.
+    fn less_or_equal(self, other: Self) -> u32;
+    fn less(self, other: Self) -> u32;
+}
+
+/// How far boxes are enlarged, relative to the distance: a dozen roundings, more than those of the box test and of the
+/// triangle test together. What the triangle test hits is never lost to a box.
+const MARGIN: f32 = 1e-6;
+
+/// The closest hit, or the first that is found if `ANY`. Of hits at the same distance the lowest primitive wins.
+#[inline(always)]
+pub fn traverse<L: Lanes, const ANY: bool>(tree: &Tree, ray: &Ray, skip: &[PrimId]) -> Option<Hit> {
+    let boxes = BoxTest::<L>::new(ray);
+    let triangles = TriangleTest::<L>::new(ray);
+    // No primitive is lower than 0: at `t_max` itself nothing counts.
+    let mut best = Hit { t: ray.t_max, prim: 0, b: [0.0; 3] };
+    let mut found = false;
+    let mut limit = later(best.t);
+    let mut stack = Stack::new();
+    let mut current = Child(0);
+    loop {
+        if let Some(index) = current.node() {
+            let node = &tree.nodes[index];
+            let (near, hits) = boxes.hits(node, L::splat(limit));
+            if hits != 0 {
+                current = stack.push::<ANY>(node, &near, hits);
+                continue;
+            }
+        } else {
+            for block in &tree.blocks[current.blocks()] {
+                let Some((t, b, mut hits)) = triangles.hits::<ANY>(block, best.t) else { continue };
+                while hits != 0 {
+                    let lane = hits.trailing_zeros() as usize % WIDTH;
+                    hits &= hits - 1;
+                    let (t, prim) = (t[lane], block.prims[lane]);
+                    let closer = ANY || t < best.t || (t == best.t && prim < best.prim);
+                    if closer && !skip.contains(&prim) {
+                        best = Hit { t, prim, b: [b[0][lane], b[1][lane], b[2][lane]] };
+                        if ANY {
+                            return Some(best);
+                        }
+                        found = true;
+                        limit = later(t);
+                    }
+                }
+            }
+        }
+        loop {
+            let Some((child, near)) = stack.pop() else { return found.then_some(best) };
+            if near <= limit {
+                current = child;
+                break;
+            }
+        }
+    }
+}
+
+fn later(t: f32) -> f32 {
+    t + t.abs() * MARGIN
+}
+
+/// The same number in all lanes, for each of three numbers. (Neither here nor below is there a closure over lanes: closures
+/// and the library's `map` are not inlined always, and then they are compiled without the instructions.)
+#[inline(always)]
+fn splat<L: Lanes>(v: [f32; 3]) -> [L; 3] {
+    [L::splat(v[0]), L::splat(v[1]), L::splat(v[2])]
+}
+
+/// One ray against eight boxes (the slab test, made conservative as by Ize 2013).
+struct BoxTest<L> {
+    origin: [L; 3],
+    inv_near: [L; 3],
+    inv_far: [L; 3],
+    /// Which side of a box the ray enters, per axis.
+    enters: [usize; 3],
+    t_min: L,
+}
+
+impl<L: Lanes> BoxTest<L> {
+    #[inline(always)]
+    fn new(ray: &Ray) -> Self {
+        let inv = ray.dir.recip();
+        BoxTest {
+            origin: splat(ray.origin.to_array()),
+            inv_near: splat(inv.to_array()),
+            inv_far: splat((inv * (1.0 + MARGIN)).to_array()),
+            enters: inv.to_array().map(|x| x.is_sign_negative() as usize),
+            t_min: L::splat(ray.t_min * (1.0 - MARGIN)),
+        }
+    }
+
+    /// Where the ray enters the boxes, and which of them it hits before `limit`.
+    #[inline(always)]
+    fn hits(&self, node: &Node, limit: L) -> ([f32; WIDTH], u32) {
+        // A ray in the plane of a box's side gives 0 · ∞ there, which is not a number. As the first operand it is passed over,
+        // and at the end of each line the second one always is a number.
+        let enter = self.near(node, 0).max(self.near(node, 1)).max(self.near(node, 2).max(self.t_min));
+        let leave = self.far(node, 0).min(self.far(node, 1)).min(self.far(node, 2).min(limit));
+        (enter.to_array(), enter.less_or_equal(leave))
+    }
+
+    #[inline(always)]
+    fn near(&self, node: &Node, axis: usize) -> L {
+        let side = L::load(&node.bounds[axis][self.enters[axis] & 1]);
+        (side - self.origin[axis]) * self.inv_near[axis]
+    }
+
+    #[inline(always)]
+    fn far(&self, node: &Node, axis: usize) -> L {
+        let side = L::load(&node.bounds[axis][self.enters[axis] & 1 ^ 1]);
+        (side - self.origin[axis]) * self.inv_far[axis]
+    }
+}
+
+/// One ray against eight triangles (Woop et al. 2013): the ray is turned and sheared into the z axis, where the edge functions
+/// of an edge are the same up to sign for both its triangles, and have the right sign or vanish. So no ray slips through
+/// between triangles that share an edge or a vertex. Nothing is enlarged.
+struct TriangleTest<L> {
+    /// The axes, the ray's steepest last.
+    axes: [usize; 3],
+    origin: [L; 3],
+    shear: [L; 3],
+    t_min: L,
+}
+
+/// Per lane: distances, barycentric coordinates, and a bit for each hit.
+type TriangleHits = ([f32; WIDTH], [[f32; WIDTH]; 3], u32);
+
+impl<L: Lanes> TriangleTest<L> {
+    #[inline(always)]
+    fn new(ray: &Ray) -> Self {
+        let (o, d) = (ray.origin.to_array(), ray.dir.to_array());
+        let size = ray.dir.abs();
+        let first = (size.x > size.y) & (size.x > size.z);
+        let [x, y, z] = [[0, 1, 2], [2, 0, 1], [1, 2, 0]][if first { 2 } else { usize::from(size.y > size.z) }];
+        let inv = 1.0 / d[z];
+        TriangleTest {
+            axes: [x, y, z],
+            origin: splat([o[x], o[y], o[z]]),
+            shear: splat([d[x] * inv, d[y] * inv, inv]),
+            t_min: L::splat(ray.t_min),
+        }
+    }
+
+    /// Those with `t_min <= t <= t_max`, but less than `t_max` if `ANY`.
+    #[inline(always)]
+    fn hits<const ANY: bool>(&self, block: &Block, t_max: f32) -> Option<TriangleHits> {
+        let (a, b, c) = (self.corner(block, 0), self.corner(block, 1), self.corner(block, 2));
+        let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
+        let zero = L::splat(0.0);
+        let inside = zero.less_or_equal(u.min(v).min(w)) | u.max(v).max(w).less_or_equal(zero);
+        if inside == 0 {
+            return None;
+        }
+        let det = u + v + w;
+        let inv = L::splat(1.0) / det;
+        let (u, v, w) = (u * inv, v * inv, w * inv);
+        // Where the determinant is zero or not a number the distance is not one either, and comparisons are false.
+        let t = (u * a[2] + v * b[2] + w * c[2]) * self.shear[2];
+        let finite = det.less(L::splat(f32::INFINITY)) & L::splat(f32::NEG_INFINITY).less(det);
+        let t_max = L::splat(t_max);
+        let before = if ANY { t.less(t_max) } else { t.less_or_equal(t_max) };
+        let hits = inside & finite & before & self.t_min.less_or_equal(t);
+        if hits == 0 {
+            return None;
+        }
+        Some((t.to_array(), [u.to_array(), v.to_array(), w.to_array()], hits))
+    }
+
+    /// A corner of each triangle, seen along the ray.
+    #[inline(always)]
+    fn corner(&self, block: &Block, vertex: usize) -> [L; 3] {
+        let [x, y, z] = self.axes;
+        let corner = &block.corners[vertex];
+        let z = L::load(&corner[z % 3]) - self.origin[2];
+        let x = L::load(&corner[x % 3]) - self.origin[0] - self.shear[0] * z;
+        let y = L::load(&corner[y % 3]) - self.origin[1] - self.shear[1] * z;
+        [x, y, z]
+    }
+}
+
+/// Twice the area that is spanned with the ray; swapping the ends changes its sign and nothing else.
+#[inline(always)]
+fn edge<L: Lanes>(p: [L; 3], q: [L; 3]) -> L {
+    p[0] * q[1] - p[1] * q[0]
+}
+
+/// Children that wait for their turn, as keys: the bits of a distance that is not negative (they are ordered like the distance)
+/// above those of the child. Grows if it must.
+struct Stack {
+    len: usize,
+    keys: [u64; Stack::ROOM],
+    /// The bottom of the stack if it is higher than the room.
+    spilled: Vec<u64>,
+}
+
+/// Of the first child that is hit.
+#[inline(always)]
+fn key(node: &Node, near: &[f32; WIDTH], hits: u32) -> u64 {
+    let place = hits.trailing_zeros() as usize % WIDTH;
+    u64::from(near[place].to_bits()) << 32 | u64::from(node.children[place].0)
+}
+
+impl Stack {
+    const ROOM: usize = 32;
+
+    #[inline(always)]
+    fn new() -> Stack {
+        Stack { len: 0, keys: [0; Stack::ROOM], spilled: Vec::new() }
+    }
+
+    /// Pushes the children that are hit, the closest last, but returns that one instead. The order of the others does not matter
+    /// if any hit will do.
+    #[inline(always)]
+    fn push<const ANY: bool>(&mut self, node: &Node, near: &[f32; WIDTH], mut hits: u32) -> Child {
+        if self.len + WIDTH > Stack::ROOM {
+            self.spill();
+        }
+        let mut closest = key(node, near, hits);
+        let base = self.len;
+        hits &= hits - 1;
+        while hits != 0 {
+            let key = key(node, near, hits);
+            hits &= hits - 1;
+            let farther = key.max(closest);
+            closest = key.min(closest);
+            let mut place = self.len;
+            self.len += 1;
+            if !ANY {
+                while place > base && self.keys[place - 1] < farther {
+                    self.keys[place] = self.keys[place - 1];
+                    place -= 1;
+                }
+            }
+            self.keys[place] = farther;
+        }
+        Child(closest as u32)
+    }
+
+    #[inline(always)]
+    fn pop(&mut self) -> Option<(Child, f32)> {
+        let key = if self.len > 0 {
+            self.len -= 1;
+            self.keys[self.len % Stack::ROOM]
+        } else {
+            self.spilled.pop()?
+        };
+        Some((Child(key as u32), f32::from_bits((key >> 32) as u32)))
+    }
+
+    #[cold]
+    fn spill(&mut self) {
+        self.spilled.extend_from_slice(&self.keys[..self.len]);
+        self.len = 0;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_stack_grows_and_gives_back_the_closest_first() {
+        let mut stack = Stack::new();
+        let mut node = Node { bounds: [[[0.0; WIDTH]; 2]; 3], children: [Child(0); WIDTH] };
+        let rounds = 40;
+        for round in 0..rounds {
+            node.children = std::array::from_fn(|i| Child(round * 8 + i as u32));
+            let near = std::array::from_fn(|i| ((i * 3) % WIDTH) as f32);
+            assert_eq!(stack.push::<false>(&node, &near, 0xff), Child(round * 8));
+        }
+        for round in (0..rounds).rev() {
+            for distance in 1..WIDTH {
+                let place = (0..WIDTH).find(|i| (i * 3) % WIDTH == distance).unwrap();
+                assert_eq!(stack.pop(), Some((Child(round * 8 + place as u32), distance as f32)));
+            }
+        }
+        assert_eq!(stack.pop(), None);
+    }
+}
