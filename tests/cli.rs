@@ -360,6 +360,24 @@ fn grad_json_keeps_its_contract() {
 }
 
 #[test]
+fn one_repeat_tells_no_error() {
+    let place = Place::new();
+    place.write("t.dscene", TRIANGLE);
+    let output = place.dsl(&["grad", "t.dscene", "--json", "--repeats", "1", "--fd"]);
+    assert_code(&output, 0);
+    let object: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    assert!(object["value"]["mean"].is_number());
+    assert_eq!(object["value"]["std_error"], Value::Null);
+    for param in ["corners", "glow"] {
+        let figures = &object["wrt"][param];
+        assert!(!figures["mean"].is_null() && !figures["fd"]["mean"].is_null(), "{figures}");
+        for spread in [&figures["std_error"], &figures["std"], &figures["fd"]["std_error"]] {
+            assert_eq!(spread, &Value::Null, "{figures}");
+        }
+    }
+}
+
+#[test]
 fn grad_of_a_closed_form_is_exact_and_fields_can_be_asked_for() {
     let place = Place::new();
     place.write("bowl.dscene", BOWL);

@@ -64,7 +64,8 @@ Examples:
   dsl grad scene.dscene --json                       one JSON object, a stable schema
   dsl grad scene.dscene --wrt height --image d.exr   the image of ∂pixel/∂height (of the first camera)
 
-Each repeat has its own seed. `std` is the spread of one evaluation, `std_error` that of the mean.")]
+Each repeat has its own seed. `std` is the spread of one evaluation, `std_error` that of the mean;
+one repeat knows neither.")]
     Grad(GradArgs),
     /// Prints the value of an expression
     #[command(after_help = "\

@@ -1,0 +1,159 @@
+//! The table, for the terminal and as a page.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::Deserialize;
+
+use crate::measure::{Forward, Reference, Row};
+use crate::scenes::NOT_COVERED;
+
+pub const HEADER: &str = "scene / parameter                                              value    reference      z  \
+                          rel. std   CPU s  primal  1/(var·CPU s)";
+
+fn or_dash(x: Option<f64>, show: impl Fn(f64) -> String) -> String {
+    x.filter(|x| x.is_finite()).map_or("–".into(), show)
+}
+
+fn percent(x: f64) -> String {
+    if x < 0.1 { format!("{:.2} %", 100.0 * x) } else { format!("{:.0} %", 100.0 * x) }
+}
+
+pub fn line(row: &Row) -> String {
+    let name = format!("{} / {}", row.scene, row.param);
+    let reference = or_dash(row.reference.as_ref().map(|r| r.value), |x| format!("{x:.4e}"));
+    let z = or_dash(row.z(), |z| format!("{z:.1}"));
+    let relative = or_dash(row.relative_std(), percent);
+    format!(
+        "{name:55} {:>12.4e} {reference:>12} {z:>6} {relative:>9} {:>7.3} {:>7.3} {:>14.3e}",
+        row.value,
+        row.cpu_seconds,
+        row.primal_cpu_seconds,
+        row.efficiency()
+    )
+}
+
+/// What another renderer measured: the best of its settings.
+#[derive(Clone, Debug, Deserialize)]
+struct PeerRow {
+    scene: String,
+    param: String,
+    /// Why it could not.
+    error: Option<String>,
+    #[serde(default)]
+    setting: String,
+    #[serde(default)]
+    loss: f64,
+    #[serde(default)]
+    value: f64,
+    #[serde(default)]
+    std: f64,
+    #[serde(default)]
+    seeds: u64,
+    #[serde(default)]
+    cpu_seconds: f64,
+    reference: Option<Reference>,
+}
+
+#[derive(Deserialize)]
+#[serde(untagged)]
+enum Line<R> {
+    Row(R),
+    Forward { forward: Forward },
+    Other(serde_json::Value),
+}
+
+fn read<R: for<'a> Deserialize<'a>>(path: &Path) -> std::io::Result<(Vec<R>, Option<Forward>)> {
+    let text = std::fs::read_to_string(path)?;
+    let (mut rows, mut forward) = (Vec::new(), None);
+    for line in text.lines().filter(|line| line.starts_with('{')) {
+        match serde_json::from_str(line)? {
+            Line::Row(row) => rows.push(row),
+            Line::Forward { forward: f } => forward = Some(f),
+            Line::Other(value) => eprintln!("skipped in {}: {value}", path.display()),
+        }
+    }
+    Ok((rows, forward))
+}
+
+/// Prints the page's tables (Markdown) from our rows and a peer's, both as JSON lines.
+pub fn side_by_side(ours: &Path, peer: &Path) -> std::io::Result<()> {
+    let (rows, our_forward) = read::<Row>(ours)?;
+    let (peer, peer_forward) = read::<PeerRow>(peer)?;
+    // Of several runs the last counts.
+    let peer: BTreeMap<(&str, &str), &PeerRow> =
+        peer.iter().map(|row| ((row.scene.as_str(), row.param.as_str()), row)).collect();
+    println!(
+        "| scene | parameter | value | z | rel. std | CPU s | 1/(var·CPU s) | Mitsuba: setting | z | rel. std | CPU s | 1/(var·CPU s) | ratio |"
+    );
+    println!("|---|---|--:|--:|--:|--:|--:|---|--:|--:|--:|--:|--:|");
+    let mut ratios: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+    for row in &rows {
+        let ours = format!(
+            "| {} | {} | {:.3e} | {} | {} | {:.3} | {:.2e} |",
+            row.scene,
+            row.param,
+            row.value,
+            or_dash(row.z(), |z| format!("{z:.1}")),
+            or_dash(row.relative_std(), percent),
+            row.cpu_seconds,
+            row.efficiency()
+        );
+        match peer.get(&(row.scene.as_str(), row.param.as_str())) {
+            Some(PeerRow { error: Some(why), .. }) => println!("{ours} {why} | | | | | |"),
+            Some(theirs) => {
+                let (columns, ratio) = their_columns(row, theirs);
+                println!("{ours} {columns}");
+                ratios.entry(&row.kind).or_default().extend(ratio);
+            }
+            None => println!("{ours} not run | | | | | |"),
+        }
+    }
+    NOT_COVERED.iter().for_each(|(scene, why)| println!("| {scene} | not covered: {why} | | | | | | | | | | | |"));
+    println!("\n| class | rows | smallest ratio | median | largest |\n|---|--:|--:|--:|--:|");
+    for (kind, mut ratios) in ratios {
+        ratios.sort_by(f64::total_cmp);
+        let (Some(first), Some(last)) = (ratios.first(), ratios.last()) else { continue };
+        let middle = ratios[ratios.len() / 2];
+        println!("| {kind} | {} | {} | {} | {} |", ratios.len(), times(*first), times(middle), times(*last));
+    }
+    if let (Some(a), Some(b)) = (our_forward, peer_forward) {
+        let (a, b) = (a.samples_per_cpu_second / 1e6, b.samples_per_cpu_second / 1e6);
+        println!(
+            "\nForward path tracing of the Cornell box (path length 5): {a:.2} million samples a CPU second, Mitsuba {b:.2}: {:.2}×.",
+            a / b
+        );
+    }
+    Ok(())
+}
+
+fn times(x: f64) -> String {
+    if x >= 10.0 { format!("{x:.0}×") } else { format!("{x:.2}×") }
+}
+
+/// A peer's columns, and how many times more efficient we are if it has a variance at all.
+fn their_columns(row: &Row, theirs: &PeerRow) -> (String, Option<f64>) {
+    let loss_off = (theirs.loss / row.loss - 1.0).abs();
+    // A loss that is not ours is another scene: its derivative is not compared with our reference.
+    let same = loss_off < 0.01;
+    let measured = Row {
+        value: theirs.value,
+        std: theirs.std,
+        seeds: theirs.seeds,
+        cpu_seconds: theirs.cpu_seconds,
+        reference: theirs.reference.clone().or_else(|| row.reference.clone().filter(|_| same)),
+        ..row.clone()
+    };
+    let ratio = (theirs.std > 0.0).then(|| row.efficiency() / measured.efficiency());
+    let note = if same { String::new() } else { format!(" (loss {} off)", percent(loss_off)) };
+    let text = format!(
+        "{}{note} | {} | {} | {:.2} | {} | {} |",
+        theirs.setting,
+        or_dash(measured.z(), |z| format!("{z:.1}")),
+        or_dash(measured.relative_std(), percent),
+        theirs.cpu_seconds,
+        or_dash(Some(measured.efficiency()), |x| format!("{x:.2e}")),
+        or_dash(ratio, times)
+    );
+    (text, ratio)
+}

@@ -1,0 +1,676 @@
+//! The benchmark's scenes: each is a function of one number θ, to be differentiated at 0.
+//!
+//! The loss is linear: the mean over pixels and channels of image × ramp, a ramp of (column + ½) / width or of rows.
+
+use std::f32::consts::PI;
+
+use dscene::mesh::{Mesh, ops, shapes};
+use dscene::render::texture::{Filter, Texture, Wrap};
+use dscene::render::{
+    Camera, DeltaLight, Emission, Environment, Input, Material, MaterialKind, Output, Projection, SceneDescription,
+    Shape,
+};
+use glam::{DVec3, Mat3, Vec3, vec3};
+
+use crate::closed::{grey, intersection, moment, outline};
+use crate::common::{Builder, ceiling, cuboid, floor, mesh, quad};
+
+/// Width and height of all images.
+pub const SIZE: usize = 256;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Ramp {
+    X,
+    Y,
+}
+
+/// What a row of the table stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    Silhouette,
+    SmallLight,
+    SoftShadow,
+    EnvironmentShadow,
+    Glossy,
+    Cornell,
+    Material,
+    /// Receivers, creases, seams, cameras, lights, mirrors, channels.
+    Special,
+}
+
+impl Kind {
+    pub fn name(self) -> &'static str {
+        match self {
+            Kind::Silhouette => "silhouette",
+            Kind::SmallLight => "small-light shadow",
+            Kind::SoftShadow => "soft shadow",
+            Kind::EnvironmentShadow => "environment shadow",
+            Kind::Glossy => "glossy reflection",
+            Kind::Cornell => "Cornell geometry",
+            Kind::Material => "material",
+            Kind::Special => "special",
+        }
+    }
+}
+
+pub type Build = Box<dyn Fn(f32) -> (SceneDescription, Camera)>;
+
+pub struct Case {
+    pub kind: Kind,
+    pub scene: &'static str,
+    pub param: &'static str,
+    pub build: Build,
+    pub output: Output,
+    pub bounces: u32,
+    pub spp: u32,
+    pub ramp: Ramp,
+    /// The smaller step of finite differences.
+    pub step: f32,
+    /// How many times the ordinary number of samples finite differences take.
+    pub effort: u32,
+    /// The loss in closed form.
+    pub exact: Option<Box<dyn Fn(f64) -> f64>>,
+}
+
+impl Case {
+    fn new(
+        kind: Kind,
+        scene: &'static str,
+        param: &'static str,
+        build: impl Fn(f32) -> (SceneDescription, Camera) + 'static,
+    ) -> Case {
+        Case {
+            kind,
+            scene,
+            param,
+            build: Box::new(build),
+            output: Output::Radiance,
+            bounces: 1,
+            spp: 4,
+            ramp: Ramp::X,
+            step: 0.02,
+            effort: 1,
+            exact: None,
+        }
+    }
+
+    pub fn id(&self) -> String {
+        format!("{} / {}", self.scene, self.param)
+    }
+}
+
+/// What the renderer has no feature for yet: scene, reason.
+pub const NOT_COVERED: [(&str, &str); 2] = [
+    ("15 sphere mirror", "silhouettes seen in a curved mirror have no derivative"),
+    ("19 interpenetrating meshes", "curves of intersection are not edges"),
+];
+
+fn camera(origin: Vec3, target: Vec3, fov_degrees: f32) -> Camera {
+    let forward = (target - origin).normalize();
+    let up = if forward.y.abs() > 0.99 { Vec3::Z } else { Vec3::Y };
+    let right = forward.cross(up).normalize();
+    let t = (0.5 * fov_degrees.to_radians()).tan();
+    Camera {
+        projection: Projection::Perspective,
+        origin,
+        frame: [right, right.cross(forward), forward],
+        scale: [t; 2],
+        width: SIZE,
+        height: SIZE,
+    }
+}
+
+fn exact3(v: [Vec3; 3], index: usize, direction: DVec3) -> impl Fn(f64) -> [DVec3; 3] {
+    move |t| {
+        let mut v = v.map(|p| p.as_dvec3());
+        v[index] += direction * t;
+        v
+    }
+}
+
+pub fn all() -> Vec<Case> {
+    let mut cases = Vec::new();
+    emissive_triangles(&mut cases);
+    triangles(&mut cases);
+    roof_and_channels(&mut cases);
+    blockers(&mut cases);
+    environments(&mut cases);
+    mirrors(&mut cases);
+    cornell_box(&mut cases);
+    furnace(&mut cases);
+    textures(&mut cases);
+    seams(&mut cases);
+    cases
+}
+
+const TRIANGLE: [Vec3; 3] = [vec3(-1.0, -0.8, 0.0), vec3(1.1, -0.6, 0.0), vec3(-0.2, 1.2, 0.3)];
+const WARM: Vec3 = vec3(1.0, 0.8, 0.6);
+
+fn emissive_triangles(cases: &mut Vec<Case>) {
+    let triangle = |v: [Vec3; 3], camera: Camera| {
+        move |t: f32| {
+            let mut v = v;
+            v[2].y += t;
+            let mut b = Builder::default();
+            b.light(mesh(v.to_vec(), vec![[0, 1, 2]]), WARM);
+            (b.scene, camera.clone())
+        }
+    };
+    let mut add = |kind, scene, v: [Vec3; 3], camera: Camera| {
+        let moving = exact3(v, 2, DVec3::Y);
+        let build = triangle(v, camera.clone());
+        cases.push(Case {
+            bounces: 0,
+            exact: Some(Box::new(move |t| grey(WARM) * moment(&outline(&camera, &moving(t)), Ramp::X))),
+            ..Case::new(kind, scene, "vertex 2 y", build)
+        });
+    };
+    let eye = camera(vec3(0., 0., 5.), Vec3::ZERO, 45.0);
+    add(Kind::Silhouette, "01 emissive triangle", TRIANGLE, eye.clone());
+    for (scene, z) in [("04 fisheye, z = 2", 2.0), ("04 fisheye, z = 5", 5.0), ("04 fisheye, z = 10", 10.0)] {
+        let fisheye = Camera {
+            projection: Projection::Fisheye,
+            origin: vec3(0.3, -0.2, z),
+            scale: [80f32.to_radians(); 2],
+            ..eye.clone()
+        };
+        add(Kind::Special, scene, TRIANGLE, fisheye);
+    }
+    let panorama =
+        Camera { projection: Projection::Panorama, origin: vec3(0.3, -0.2, 2.0), scale: [PI, 0.5 * PI], ..eye.clone() };
+    add(Kind::Special, "04 panorama, z = 2", TRIANGLE, panorama);
+}
+
+fn triangles(cases: &mut Vec<Case>) {
+    cases.push(Case {
+        ramp: Ramp::Y,
+        ..Case::new(Kind::Silhouette, "02 lit triangle, small light", "vertex 1 x", |t| {
+            let mut b = Builder::default();
+            let grey = b.diffuse(vec3(0.5, 0.4, 0.6));
+            let v = vec![vec3(-1.7, 1.0, 0.0), vec3(1.0 + t, 1.0, 0.0), vec3(-0.5, -1.0, 0.0)];
+            b.shape(mesh(v, vec![[0, 1, 2]]), grey);
+            let (x, y, z) = (1.0, 1.0, -7.0);
+            let light = quad(vec3(-x, -y, z), vec3(x, -y, z), vec3(x, y, z), vec3(-x, y, z));
+            let light = Mesh { vertices: light.vertices.iter().map(|p| *p * vec3(0.1, 0.1, 1.0)).collect(), ..light };
+            b.light(light, Vec3::splat(2000.0));
+            (b.scene, camera(vec3(0., 0., -5.), Vec3::ZERO, 45.0))
+        })
+    });
+
+    const BACK: [Vec3; 3] = [vec3(-1.0, -0.8, 0.0), vec3(1.1, -0.6, 0.0), vec3(-0.2, 1.2, 0.0)];
+    const FRONT: [Vec3; 3] = [vec3(0.0, -0.3, 1.0), vec3(1.2, 0.1, 1.0), vec3(0.3, 0.9, 1.0)];
+    const COLD: Vec3 = vec3(0.2, 0.5, 0.9);
+    let eye = camera(vec3(0., 0., 5.), Vec3::ZERO, 45.0);
+    let exact_eye = eye.clone();
+    cases.push(Case {
+        bounces: 0,
+        exact: Some(Box::new(move |t| {
+            let back = outline(&exact_eye, &BACK.map(|v| v.as_dvec3()));
+            let front = outline(&exact_eye, &FRONT.map(|v| v.as_dvec3() + DVec3::X * t));
+            let hidden = moment(&intersection(&back, &front), Ramp::X);
+            grey(WARM) * (moment(&back, Ramp::X) - hidden) + grey(COLD) * moment(&front, Ramp::X)
+        })),
+        ..Case::new(Kind::Silhouette, "03 two triangles", "front triangle x", move |t| {
+            let mut b = Builder::default();
+            b.light(mesh(BACK.to_vec(), vec![[0, 1, 2]]), WARM);
+            b.light(mesh(FRONT.map(|v| v + Vec3::X * t).to_vec(), vec![[0, 1, 2]]), COLD);
+            (b.scene, eye.clone())
+        })
+    });
+}
+
+/// A sphere with bumps: 20·4ⁿ triangles, smooth normals.
+fn blob(radius: f32, subdivisions: usize) -> Mesh {
+    let mut mesh = shapes::icosphere(1.0, subdivisions).unwrap_or_default();
+    for v in &mut mesh.vertices {
+        let d = *v;
+        *v = d * radius * (1.0 + 0.12 * (6.0 * d.x + 1.0).sin() * (5.0 * d.y).sin() + 0.08 * (7.0 * d.z).cos());
+    }
+    mesh.uvs = None;
+    ops::with_smooth_normals(mesh).unwrap_or_default()
+}
+
+fn turned(mesh: &Mesh, turn: Mat3, shift: Vec3) -> Mesh {
+    Mesh {
+        vertices: mesh.vertices.iter().map(|v| turn * *v + shift).collect(),
+        normals: mesh.normals.as_ref().map(|n| n.iter().map(|n| turn * *n).collect()),
+        ..mesh.clone()
+    }
+}
+
+fn black() -> Material {
+    Material { kind: MaterialKind::Black, one_sided: false }
+}
+
+fn roof_and_channels(cases: &mut Vec<Case>) {
+    let eye = camera(vec3(0.1, 5., -0.5), Vec3::ZERO, 35.0);
+    let sun = vec3(1.0, -1.5, 0.2);
+    let exact_eye = eye.clone();
+    let ridge = move |t: f64| 0.2 + t;
+    cases.push(Case {
+        // Both sides stay lit and seen: radiance times projected area of each, both depending on the ridge.
+        exact: Some(Box::new(move |t| {
+            let side = |base: f64| {
+                let x = ridge(t);
+                let p =
+                    [(base, 0., -1.), (x, 1., -1.), (x, 1., 1.), (base, 0., 1.)].map(|(x, y, z)| DVec3::new(x, y, z));
+                let normal = (p[1] - p[0]).cross(p[3] - p[0]).normalize();
+                let cosine = (normal * normal.y.signum()).dot(-sun.as_dvec3().normalize());
+                f64::from(0.8_f32) / std::f64::consts::PI * 3.0 * cosine * moment(&outline(&exact_eye, &p), Ramp::X)
+            };
+            side(-1.0) + side(1.0)
+        })),
+        ..Case::new(Kind::Special, "05 flat-shaded roof", "ridge x (crease)", move |t| {
+            let mut b = Builder::default();
+            let grey = b.diffuse(Vec3::splat(0.8));
+            let x = 0.2 + t;
+            let v = vec![
+                vec3(-1., 0., -1.),
+                vec3(x, 1., -1.),
+                vec3(1., 0., -1.),
+                vec3(-1., 0., 1.),
+                vec3(x, 1., 1.),
+                vec3(1., 0., 1.),
+            ];
+            b.shape(mesh(v, vec![[0, 3, 4], [0, 4, 1], [1, 4, 5], [1, 5, 2]]), grey);
+            b.scene.delta_lights.push(DeltaLight::Directional { direction: sun, irradiance: Vec3::splat(3.0) });
+            (b.scene, eye.clone())
+        })
+    });
+
+    let shape = blob(1.0, 6);
+    cases.push(Case {
+        output: Output::Normal,
+        step: 0.01,
+        ..Case::new(Kind::Special, "06 blob of 82k triangles, normals", "rotation", move |t| {
+            let mut b = Builder::default();
+            let turn = Mat3::from_axis_angle(vec3(1.0, 2.0, 0.5).normalize(), t);
+            let moved = turned(&shape, turn, Vec3::ZERO);
+            b.shape(moved, black());
+            (b.scene, camera(vec3(0.5, 1., -4.), Vec3::ZERO, 40.0))
+        })
+    });
+}
+
+/// Floor, quadrilateral above it, square lights above that (Li et al. 2018).
+#[derive(Clone)]
+struct Shadow {
+    floor: f32,
+    /// Centre and half size.
+    lights: Vec<(Vec3, f32)>,
+    /// The blocker's centre; half size ½. `None` without a blocker.
+    blocker: Option<Vec3>,
+    /// One of its corners moves by this.
+    corner: Vec3,
+    eye: Vec3,
+}
+
+impl Shadow {
+    fn one(half: f32) -> Shadow {
+        Shadow {
+            floor: 0.0,
+            lights: vec![(vec3(0., 5., 0.), half)],
+            blocker: Some(vec3(0., 3., 0.)),
+            corner: Vec3::ZERO,
+            eye: vec3(0., 2., -5.),
+        }
+    }
+
+    fn many() -> Shadow {
+        let light = |i: usize| {
+            let (x, z) = ((i % 4) as f32 - 1.5, (i / 4) as f32 - 1.5);
+            (vec3(0.9 * x, 4.6 + 0.05 * i as f32, 0.9 * z), 0.02 * 1.24f32.powi(i as i32))
+        };
+        Shadow { lights: (0..16).map(light).collect(), ..Shadow::one(0.0) }
+    }
+
+    fn build(&self) -> (SceneDescription, Camera) {
+        let mut b = Builder::default();
+        let grey = b.diffuse(Vec3::splat(0.5));
+        b.shape(floor(Vec3::Y * self.floor, 2.0), grey.clone());
+        if let Some(c) = self.blocker {
+            let mut blocker = floor(c, 0.5);
+            blocker.vertices[1] += self.corner;
+            b.shape(blocker, grey);
+        }
+        for &(c, half) in &self.lights {
+            let power = 40.0 / self.lights.len() as f32;
+            b.light(ceiling(c, half), Vec3::splat(power / (4.0 * half * half)));
+        }
+        (b.scene, camera(self.eye, Vec3::ZERO, 45.0))
+    }
+}
+
+fn blockers(cases: &mut Vec<Case>) {
+    let shadow = |base: Shadow, change: fn(f32, &mut Shadow)| {
+        move |t: f32| {
+            let mut s = base.clone();
+            change(t, &mut s);
+            s.build()
+        }
+    };
+    let blocker_x: fn(f32, &mut Shadow) = |t, s| s.blocker = s.blocker.map(|c| c + Vec3::X * t);
+    let corner_z: fn(f32, &mut Shadow) = |t, s| s.corner.z = t;
+    let light_x: fn(f32, &mut Shadow) = |t, s| s.lights[0].0.x += t;
+    let light_y: fn(f32, &mut Shadow) = |t, s| s.lights[0].0.y += t;
+    let small = Kind::SmallLight;
+    let step = 0.04;
+    for (kind, scene, base) in [
+        (small, "07 shadow, light 0.2", Shadow::one(0.1)),
+        (Kind::SoftShadow, "08 shadow, light 2", Shadow::one(1.0)),
+        (Kind::SoftShadow, "09 shadow, 16 lights", Shadow::many()),
+    ] {
+        cases.push(Case { step, ..Case::new(kind, scene, "blocker x", shadow(base.clone(), blocker_x)) });
+        let corner = shadow(base, corner_z);
+        cases.push(Case { step, ramp: Ramp::Y, ..Case::new(kind, scene, "blocker corner z", corner) });
+    }
+    cases.push(Case {
+        bounces: 1,
+        spp: 16,
+        ..Case::new(Kind::SoftShadow, "08 soft shadow, blocker out of view", "blocker x", |t| {
+            let mut b = Builder::default();
+            let grey = b.diffuse(Vec3::splat(0.7));
+            b.shape(floor(Vec3::ZERO, 6.0), grey);
+            b.shape(floor(vec3(0.6 + t, 2., 0.), 0.5), black());
+            b.light(ceiling(vec3(0., 4., 0.), 0.5), vec3(20., 18., 15.));
+            (b.scene, camera(vec3(0., 3., 5.), Vec3::ZERO, 30.0))
+        })
+    });
+    let bare = Shadow { blocker: None, ..Shadow::one(0.1) };
+    cases.push(Case { step, ..Case::new(Kind::Special, "10 no blocker", "light x", shadow(bare.clone(), light_x)) });
+    cases.push(Case { step, ..Case::new(Kind::Special, "10 no blocker", "light y", shadow(bare, light_y)) });
+    let lit = || Shadow::one(0.1);
+    cases.push(Case { step, ..Case::new(small, "10 with blocker", "light x", shadow(lit(), light_x)) });
+    cases.push(Case { step, ..Case::new(small, "10 with blocker", "light y", shadow(lit(), light_y)) });
+    let receiver = shadow(lit(), |t, s| s.floor += t);
+    cases.push(Case { step, ..Case::new(small, "11 receiver along its normal", "floor y", receiver) });
+    let eye = shadow(lit(), |t, s| s.eye.x += t);
+    cases.push(Case { step, ..Case::new(Kind::Special, "12 camera, blocker in view", "camera x", eye) });
+    cases.push(Case {
+        step: 0.1,
+        ..Case::new(Kind::Special, "12 camera, blocker out of view", "camera x", |t| {
+            let mut b = Builder::default();
+            let grey = b.diffuse(Vec3::splat(0.5));
+            b.shape(floor(Vec3::ZERO, 20.0), grey.clone());
+            b.shape(floor(vec3(0., 10., 0.), 0.5), grey);
+            b.light(ceiling(vec3(0., 15., 0.), 0.1), Vec3::splat(5000.0));
+            (b.scene, camera(vec3(t, 9., 0.), vec3(t, 0., 0.), 45.0))
+        })
+    });
+}
+
+/// A sky, brighter near the horizon, with a sun: a lobe exp(κ (cos − 1)).
+fn sky(width: usize, height: usize, sun: Vec3, peak: f32, sharpness: f32) -> Texture {
+    let radiance = |i: usize| {
+        let (u, v) = ((i % width) as f32 + 0.5, (i / width) as f32 + 0.5);
+        let d = dscene::render::environment::environment_direction(glam::vec2(u / width as f32, v / height as f32));
+        let sky = vec3(0.35, 0.5, 0.9) * (0.4 + 0.6 * (1.0 - d.y.max(0.0)));
+        let lobe = peak * (sharpness * (d.dot(sun) - 1.0)).exp();
+        (sky + vec3(1.0, 0.9, 0.7) * lobe).to_array()
+    };
+    let data = (0..width * height).flat_map(radiance).collect();
+    Texture { width, height, channels: 3, data, wrap: Wrap::Repeat, filter: Filter::Bilinear }
+}
+
+fn environments(cases: &mut Vec<Case>) {
+    let kind = Kind::EnvironmentShadow;
+    let lit = |b: &mut Builder, texture: Texture, rotation: Mat3| {
+        b.scene.textures.push(texture);
+        b.scene.environment = Some(Environment { radiance: b.scene.textures.len() - 1, rotation });
+    };
+    for (param, ramp, slide, raise) in [("blocker x", Ramp::X, 1.0, 0.0), ("blocker y", Ramp::Y, 0.0, 1.0)] {
+        cases.push(Case {
+            ramp,
+            step: 0.03,
+            effort: 2,
+            ..Case::new(kind, "13 constant environment", param, move |t| {
+                let mut b = Builder::default();
+                let grey = b.diffuse(Vec3::splat(0.5));
+                b.shape(floor(Vec3::ZERO, 2.0), grey);
+                let c = vec3(0.1 + slide * t, 0.7 + raise * t, 0.0);
+                b.shape(floor(c, 0.5), black());
+                lit(&mut b, Texture::constant(Vec3::splat(0.8)), Mat3::IDENTITY);
+                (b.scene, camera(vec3(0., 2.5, -5.), Vec3::ZERO, 45.0))
+            })
+        });
+    }
+    let teapot = Mesh { normals: None, uvs: None, ..shapes::teapot(8).unwrap_or_default() };
+    let sun = vec3(0.5, 0.8, -0.4).normalize();
+    let sunny = sky(512, 256, sun, 300.0, 2000.0);
+    for (param, slide, turn) in [("teapot x", 1.0, 0.0), ("sun's azimuth", 0.0, 1.0)] {
+        let (teapot, sunny) = (teapot.clone(), sunny.clone());
+        cases.push(Case {
+            step: 0.02,
+            effort: 2,
+            ..Case::new(kind, "14 sun, sky and teapot", param, move |t| {
+                let mut b = Builder::default();
+                let grey = b.diffuse(vec3(0.5, 0.45, 0.4));
+                b.shape(floor(Vec3::ZERO, 3.0), grey);
+                let shift = vec3(slide * t, 0.02, 0.0);
+                b.shape(turned(&teapot, Mat3::from_diagonal(Vec3::splat(0.35)), shift), black());
+                lit(&mut b, sunny.clone(), Mat3::from_rotation_y(turn * t));
+                (b.scene, camera(vec3(0., 2.5, -5.), vec3(0., 0.3, 0.), 40.0))
+            })
+        });
+    }
+}
+
+fn mirrors(cases: &mut Vec<Case>) {
+    // A triangle above a mirror, seen directly and as its image. Both are seen from the front.
+    const V: [Vec3; 3] = [vec3(-0.9, 0.5, 0.0), vec3(0.1, 1.9, 0.1), vec3(1.0, 0.4, 0.0)];
+    let eye = camera(vec3(0.2, 1.6, -6.), vec3(0., 0.2, 0.), 45.0);
+    let image = |v: DVec3, height: f64| DVec3::new(v.x, 2.0 * height - v.y, v.z);
+    let reflectance = f64::from(0.9_f32);
+    for (param, mirror, vertex) in [("mirror height", 1.0, 0.0), ("vertex 1 y", 0.0, 1.0)] {
+        let (eye, exact_eye) = (eye.clone(), eye.clone());
+        cases.push(Case {
+            ramp: Ramp::Y,
+            exact: Some(Box::new(move |t| {
+                let v = exact3(V, 1, DVec3::Y * vertex)(t);
+                let seen = |v: [DVec3; 3]| moment(&outline(&exact_eye, &v), Ramp::Y);
+                grey(WARM) * (seen(v) + reflectance * seen(v.map(|v| image(v, mirror * t))))
+            })),
+            ..Case::new(Kind::Special, "15 planar mirror", param, move |t| {
+                let mut b = Builder::default();
+                let (mirror, vertex) = (mirror as f32, vertex as f32);
+                let material = Material {
+                    kind: MaterialKind::Mirror { reflectance: b.constant(Vec3::splat(0.9)) },
+                    one_sided: false,
+                };
+                b.shape(floor(Vec3::Y * mirror * t, 4.5), material);
+                let mut v = V;
+                v[1].y += vertex * t;
+                b.light(mesh(v.to_vec(), vec![[0, 1, 2]]), WARM);
+                (b.scene, eye.clone())
+            })
+        });
+    }
+    // A black blob in front of a wall of light, seen in a glossy floor.
+    let shape = Mesh { normals: None, ..blob(0.6, 4) };
+    for (scene, alpha) in
+        [("16 glossy floor, α = 0.05", 0.05f32), ("16 glossy floor, α = 0.1", 0.1), ("16 glossy floor, α = 0.3", 0.3)]
+    {
+        let shape = shape.clone();
+        cases.push(Case {
+            step: 0.04,
+            effort: 2,
+            spp: 16,
+            ..Case::new(Kind::Glossy, scene, "blob x", move |t| {
+                let mut b = Builder::default();
+                let (reflectance, roughness) = (b.constant(Vec3::ONE), b.scalar(alpha.sqrt()));
+                let glossy = MaterialKind::Conductor { reflectance, roughness };
+                b.shape(floor(Vec3::ZERO, 3.0), Material { kind: glossy, one_sided: false });
+                b.shape(turned(&shape, Mat3::IDENTITY, vec3(0.2 + t, 1.1, 0.5)), black());
+                let (x, z) = (3.0, 2.9);
+                b.light(quad(vec3(x, 0.1, z), vec3(-x, 0.1, z), vec3(-x, 4.0, z), vec3(x, 4.0, z)), WARM);
+                (b.scene, camera(vec3(0., 2.2, -5.), vec3(0., 0., -0.5), 40.0))
+            })
+        });
+    }
+}
+
+/// What moves in the Cornell box.
+#[derive(Clone, Copy, Default)]
+struct Cornell {
+    small_x: f32,
+    tall_turn: f32,
+    light_y: f32,
+    floor: f32,
+    light: f32,
+}
+
+impl Cornell {
+    fn build(self) -> (SceneDescription, Camera) {
+        let mut b = Builder::default();
+        let white = vec3(0.885809, 0.698859, 0.666422);
+        let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
+        let wall = |c: Vec3, a: Vec3, u: Vec3| quad(c - a - u, c + a - u, c + a + u, c - a + u);
+        let ground = b.diffuse(white + self.floor);
+        b.shape(wall(-y, z, x), ground);
+        for (m, colour) in [
+            (wall(y, x, z), white),
+            (wall(-z, x, y), white),
+            (wall(x, z, y), vec3(0.105421, 0.37798, 0.076425)),
+            (wall(-x, -z, y), vec3(0.570068, 0.0430135, 0.0443706)),
+            (cuboid(vec3(0.335 + self.small_x, -0.7, 0.38), vec3(0.3, 0.3, 0.3), -17f32.to_radians()), white),
+            (cuboid(vec3(-0.33, -0.4, -0.28), vec3(0.3, 0.61, 0.3), 18.25f32.to_radians() + self.tall_turn), white),
+        ] {
+            let material = b.diffuse(colour);
+            b.shape(m, material);
+        }
+        let light = ceiling(Vec3::ZERO, 1.0);
+        let place = |v: &Vec3| *v * vec3(0.23, 1.0, 0.19) + vec3(0.0, 0.99 + self.light_y, 0.01);
+        let light = Mesh { vertices: light.vertices.iter().map(place).collect(), ..light };
+        b.light(light, vec3(18.387, 13.9873, 6.75357) * (1.0 + self.light));
+        (b.scene, camera(vec3(0., 0., 3.9), Vec3::ZERO, 39.3077))
+    }
+}
+
+/// The scene of the forward benchmark.
+pub fn cornell() -> (SceneDescription, Camera) {
+    Cornell::default().build()
+}
+
+fn cornell_box(cases: &mut Vec<Case>) {
+    let small: fn(f32) -> Cornell = |t| Cornell { small_x: t, ..Cornell::default() };
+    let tall: fn(f32) -> Cornell = |t| Cornell { tall_turn: t, ..Cornell::default() };
+    // The light is 0.01 below the ceiling: it moves from a place that leaves room for differences.
+    let light: fn(f32) -> Cornell = |t| Cornell { light_y: t - 0.2, ..Cornell::default() };
+    let floor: fn(f32) -> Cornell = |t| Cornell { floor: t, ..Cornell::default() };
+    let power: fn(f32) -> Cornell = |t| Cornell { light: t, ..Cornell::default() };
+    for (bounces, scene) in [(1, "17 Cornell box, 1 bounce"), (4, "17 Cornell box, 4 bounces")] {
+        for (kind, param, step, change) in [
+            (Kind::Cornell, "small box x", 0.02, small),
+            (Kind::Cornell, "tall box turned", 0.03, tall),
+            (Kind::Cornell, "light y", 0.03, light),
+            (Kind::Material, "floor albedo", 0.03, floor),
+            (Kind::Material, "light radiance", 0.1, power),
+        ] {
+            let spp = 16;
+            let effort = if bounces == 1 || kind == Kind::Material { 1 } else { 3 };
+            let build = move |t: f32| change(t).build();
+            cases.push(Case { bounces, spp, step, effort, ..Case::new(kind, scene, param, build) });
+        }
+    }
+}
+
+fn furnace(cases: &mut Vec<Case>) {
+    let mut state = 1u64;
+    let mut random = move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f32 / (1u64 << 24) as f32 * 2.0 - 1.0
+    };
+    let mut point = move || vec3(random(), random(), random());
+    let (mut vertices, mut velocities) = (Vec::new(), Vec::new());
+    for _ in 0..1000 {
+        let c = point() * 0.85;
+        vertices.extend([(); 3].map(|()| c + point() * 0.12));
+        velocities.extend([(); 3].map(|()| point()));
+    }
+    cases.push(Case {
+        bounces: 2,
+        exact: Some(Box::new(|_| 0.0)),
+        ..Case::new(Kind::Special, "18 furnace, 1000 triangles", "all vertices", move |t| {
+            let mut b = Builder::default();
+            let (reflectance, radiance) = (b.constant(Vec3::splat(0.5)), b.constant(Vec3::ONE));
+            let mut add = |mesh: Mesh| {
+                let material = Material { kind: MaterialKind::Diffuse { reflectance }, one_sided: false };
+                let emission = Some(Emission { radiance, two_sided: true });
+                b.scene.shapes.push(Shape { mesh, material, emission });
+            };
+            add(cuboid(Vec3::ZERO, Vec3::ONE, 0.0));
+            let moved = vertices.iter().zip(&velocities).map(|(v, w)| *v + *w * t).collect();
+            add(mesh(moved, (0..1000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect()));
+            (b.scene, camera(vec3(0.1, 0.05, -0.98), Vec3::ZERO, 70.0))
+        })
+    });
+}
+
+/// `f` of texture coordinates, on n×n texels.
+fn painted(n: usize, channels: usize, f: impl Fn(f32, f32) -> f32) -> Texture {
+    let data = (0..n * n)
+        .flat_map(|i| {
+            let (u, v) = ((i % n) as f32 / n as f32, (i / n) as f32 / n as f32);
+            (0..channels).map(move |c| (u, v + 0.1 * c as f32))
+        })
+        .map(|(u, v)| f(u, v))
+        .collect();
+    Texture { width: n, height: n, channels, data, wrap: Wrap::Repeat, filter: Filter::Bilinear }
+}
+
+fn textures(cases: &mut Vec<Case>) {
+    let sunny = sky(128, 64, vec3(0.5, 0.7, -0.5).normalize(), 20.0, 50.0);
+    let wave = |u: f32, v: f32| (40.0 * u).sin() * (25.0 * v).cos();
+    for (param, albedo, roughness) in [("albedo", 1.0, 0.0), ("roughness", 0.0, 1.0)] {
+        let sunny = sunny.clone();
+        cases.push(Case {
+            spp: 16,
+            step: 0.02,
+            ..Case::new(Kind::Material, "20 textures of 2048²", param, move |t| {
+                let mut b = Builder::default();
+                let sphere = Mesh { normals: None, ..shapes::sphere(0.95, 96).unwrap_or_default() };
+                let mut texture = |texture: Texture| {
+                    b.scene.textures.push(texture);
+                    Input::Texture(b.scene.textures.len() - 1)
+                };
+                let direction = |u: f32, v: f32| 1.0 + 0.5 * wave(u + 0.1, v);
+                let base = painted(2048, 3, |u, v| 0.5 + 0.3 * wave(u, v) + albedo * t * direction(u, v));
+                let rough = painted(2048, 1, |u, v| 0.4 + 0.1 * wave(u, v) + roughness * t * direction(u, v));
+                let diffuse = MaterialKind::Diffuse { reflectance: texture(base) };
+                let one = texture(Texture::constant(Vec3::ONE));
+                let metal = MaterialKind::Conductor { reflectance: one, roughness: texture(rough) };
+                for (kind, x) in [(diffuse, -1.0), (metal, 1.0)] {
+                    let sphere = turned(&sphere, Mat3::IDENTITY, vec3(x, 0.0, 0.0));
+                    b.shape(sphere, Material { kind, one_sided: false });
+                }
+                b.scene.textures.push(sunny.clone());
+                b.scene.environment =
+                    Some(Environment { radiance: b.scene.textures.len() - 1, rotation: Mat3::IDENTITY });
+                (b.scene, camera(vec3(0., 0.8, -5.), Vec3::ZERO, 45.0))
+            })
+        });
+    }
+}
+
+fn seams(cases: &mut Vec<Case>) {
+    // A textured box whose triangles have vertices of their own, as files with texture coordinates have them.
+    cases.push(Case {
+        step: 0.03,
+        ..Case::new(Kind::Special, "21 uv seams", "textured box x", |t| {
+            let mut b = Builder::default();
+            let whole = cuboid(vec3(0.1 + t, 0.6, 0.2), Vec3::splat(0.5), 0.5);
+            let vertices: Vec<Vec3> = whole.faces.iter().flatten().map(|&v| whole.vertices[v as usize]).collect();
+            let faces = (0..vertices.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+            let corners = [[(0., 0.), (1., 0.), (1., 1.)], [(0., 0.), (1., 1.), (0., 1.)]];
+            let uvs = (0..vertices.len()).map(|i| glam::Vec2::from(corners[i / 3 % 2][i % 3])).collect();
+            b.scene.textures.push(painted(64, 3, |u, v| 0.5 + 0.3 * (6.0 * u).sin() * (5.0 * v).cos()));
+            let kind = MaterialKind::Diffuse { reflectance: Input::Texture(0) };
+            let mesh = Mesh { uvs: Some(uvs), ..mesh(vertices, faces) };
+            b.shape(mesh, Material { kind, one_sided: false });
+            let grey = b.diffuse(Vec3::splat(0.5));
+            b.shape(floor(Vec3::ZERO, 3.0), grey);
+            b.light(ceiling(vec3(1., 5., -2.), 0.7), Vec3::splat(20.));
+            (b.scene, camera(vec3(0.2, 3., -4.), vec3(0., 0.4, 0.), 45.0))
+        })
+    });
+}
