@@ -214,6 +214,47 @@ fn glossy() {
     agree("glossy light x", &reflection(material, |t, s| s.light.x += t), &Plan { h: 0.3, ..plan });
 }
 
+/// A lobe so narrow (α = 0.022, the paper's own setting) that light finds the eye only through it.
+#[test]
+fn glossy_narrow() {
+    let material: fn(&mut Builder) -> Material = |b| {
+        let (diffuse, specular) = (b.constant(Vec3::splat(0.05)), b.constant(Vec3::splat(0.9)));
+        let roughness = b.scalar(5e-4);
+        Material { kind: MaterialKind::Phong { diffuse, specular, roughness }, one_sided: false }
+    };
+    let plan = Plan { max_bounces: 2, h: 0.05, spp: 64, ..Plan::default() };
+    agree("narrow blocker v1.y", &reflection(material, |t, s| s.blocker[1].y += t), &plan);
+    agree("narrow blocker x", &reflection(material, |t, s| s.blocker.iter_mut().for_each(|v| v.x += t)), &plan);
+    agree("narrow floor y", &reflection(material, |t, s| s.floor += t), &plan);
+}
+
+/// A smoothly shaded metal ball on a floor: the lobe turns with interpolated normals.
+#[test]
+fn glossy_ball() {
+    fn build(f: impl Fn(f32, &mut [Vec3; 3])) -> impl Fn(f32) -> (SceneDescription, Camera) {
+        move |t| {
+            let mut s = [vec3(0.2, 0.9, 0.0), vec3(1.5, 4.0, -1.5), vec3(0.0, 2.0, -5.0)];
+            f(t, &mut s);
+            let [ball, light, eye] = s;
+            let mut b = Builder::default();
+            let (reflectance, roughness) = (b.constant(vec3(0.9, 0.7, 0.5)), b.scalar(0.35));
+            let metal = Material { kind: MaterialKind::Conductor { reflectance, roughness }, one_sided: false };
+            let mut sphere = dscene::mesh::shapes::sphere(0.8, 16).unwrap();
+            sphere.vertices.iter_mut().for_each(|v| *v += ball);
+            b.shape(sphere, metal);
+            let grey = b.diffuse(vec3(0.3, 0.5, 0.4));
+            b.shape(floor(Vec3::ZERO, 2.5), grey);
+            b.light(ceiling(light, 0.7), Vec3::splat(10.));
+            (b.scene, look_at(eye, vec3(0.1, 0.7, 0.0), 30., 32))
+        }
+    }
+    let plan = Plan { max_bounces: 2, h: 0.05, spp: 64, ..Plan::default() };
+    agree("ball x", &build(|t, s| s[0].x += t), &plan);
+    agree("ball y", &build(|t, s| s[0].y += t), &plan);
+    agree("ball light x", &build(|t, s| s[1].x += t), &Plan { h: 0.1, ..plan });
+    agree("ball camera y", &build(|t, s| s[2].y += t), &plan);
+}
+
 #[test]
 fn mirror() {
     let material: fn(&mut Builder) -> Material = |b| {

@@ -8,6 +8,8 @@
 pub mod edge_tree;
 pub mod estimate;
 pub mod interior;
+pub mod local;
+pub mod pixels;
 pub mod primary;
 pub mod secondary;
 pub mod shadow;
@@ -24,11 +26,15 @@ pub use crate::render::{
 
 use self::estimate::Pass;
 use self::interior::Interior;
+use self::pixels::PixelSampling;
 use self::primary::PrimaryEdges;
 use self::secondary::Secondary;
 use self::shadow::Shadows;
 use self::sink::Layout;
 use self::viewpoint::{Viewpoint, mirror_planes};
+
+/// Most samples of one sequence over the image; more are drawn in rounds.
+const MAX_SEQUENCE: usize = 1 << 22;
 
 /// Reverse mode: Σ d_image · ∂image/∂slot for every slot of `wrt`, in the slot's own layout. Uses samples independent
 /// of [`render`]'s with the same settings.
@@ -150,7 +156,20 @@ fn passes(
     let planar_mirrors = planes.is_some();
     let mirrors = planes.unwrap_or_default();
     let secondary = if boundary && lights { Secondary::new(scene, &mirrors, settings.max_bounces) } else { None };
-    visit.pass(&Interior { secondary, scene, camera, settings, seed });
+    let mut interior = Interior { secondary, scene, camera, settings, seed, pixels: None };
+    match weight_image {
+        None => visit.pass(&interior),
+        Some(adjoint) => {
+            let count = pixels::active(adjoint) * settings.spp.max(1) as usize;
+            let rounds = count.div_ceil(MAX_SEQUENCE);
+            for round in 0..rounds {
+                let part = count * (round + 1) / rounds - count * round / rounds;
+                let share = part as f64 / count as f64;
+                interior.pixels = Some(PixelSampling::new(adjoint, part, share, hash(seed, round as u64)));
+                visit.pass(&interior);
+            }
+        }
+    }
     if !boundary {
         return;
     }

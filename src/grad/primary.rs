@@ -6,6 +6,7 @@
 //! known face, the uncovered side by a ray that ignores the edge's own faces.
 
 use glam::{DVec2, Vec2, Vec3};
+use rayon::prelude::*;
 
 use super::estimate::{Estimate, Pass};
 use super::viewpoint::{Seen, Viewpoint};
@@ -41,14 +42,23 @@ struct Piece {
     tb: f64,
 }
 
-/// Samples of primary edges: all pieces turned the right way, with their distribution.
+/// Samples of primary edges: all pieces turned the right way, with the plan how to visit them.
 pub struct PrimaryEdges<'a> {
     viewpoints: &'a [Viewpoint<'a>],
     settings: &'a Settings,
     seed: u64,
-    count: u32,
     pieces: Vec<Piece>,
-    pmf: Discrete,
+    plan: Plan,
+}
+
+/// How edge points are chosen.
+enum Plan {
+    /// An antithetic pair on every piece. For radiance without noise and pieces within one pixel: there the jump and the
+    /// adjoint are constant and the velocity is linear, so the pair integrates them exactly, and where something else
+    /// begins within the pixel it is still unbiased.
+    Enumerate,
+    /// Stratified over the pieces by weight.
+    Sample { pmf: Discrete, count: u32 },
 }
 
 /// An edge point chosen for a primary boundary sample.
@@ -56,15 +66,22 @@ struct Chosen<'a> {
     edge: &'a Edge,
     viewpoint: &'a Viewpoint<'a>,
     s: f32,
-    density: Density,
 }
 
-/// Probability density of a chosen edge point.
-enum Density {
-    /// Per pixel of arc length on film.
-    Pixel(f64),
-    /// Per unit of the edge parameter s.
-    Parameter(f64),
+/// What an edge point shows.
+struct Boundary<'a> {
+    viewpoint: &'a Viewpoint<'a>,
+    edge: &'a Edge,
+    s: f32,
+    p: Vec3,
+    foreground: usize,
+    seen: Seen,
+    pixel: usize,
+    /// Image normal from the covering to the uncovered side.
+    normal_2d: Vec2,
+    /// Pixels of film per unit of the edge parameter.
+    speed: f32,
+    jump: Vec3,
 }
 
 impl<'a> PrimaryEdges<'a> {
@@ -75,103 +92,132 @@ impl<'a> PrimaryEdges<'a> {
         weight_image: Option<&Image>,
         seed: u64,
     ) -> PrimaryEdges<'a> {
+        let lines = viewpoints.first().is_some_and(|v| v.camera.keeps_lines());
+        let enumerate = lines && viewpoints.first().is_some_and(|v| is_noise_free(v.scene, settings));
         let mut pieces = Vec::new();
-        let mut weights = Vec::new();
-        let mean = weight_image.map_or(0.0, |w| {
-            w.data.iter().map(|v| f64::from(v.abs())).sum::<f64>() / (w.width * w.height).max(1) as f64
-        });
+        let mut lengths = Vec::new();
         for (v, viewpoint) in viewpoints.iter().enumerate() {
             for (e, edge) in viewpoint.scene.edges().edges.iter().enumerate() {
-                let Some(class) = classify(viewpoint, edge, settings.output) else { continue };
-                if !viewpoint.camera.keeps_lines() {
-                    for piece in curved(viewpoint, edge, e as u32, v as u32) {
-                        let importance = match weight_image {
-                            Some(w) => local_weight(w, piece.a, piece.b) + 0.1 * mean,
-                            None => 1.0,
-                        };
-                        // Never zero: the middle may be off film where the ends are not.
-                        weights.push(class * (piece.a.distance(piece.b) + 1e-3) * importance);
-                        pieces.push(piece);
-                    }
-                    continue;
-                }
-                let Some(segment) = clip(viewpoint, edge) else { continue };
-                let length = segment.a.distance(segment.b);
-                let count = (length / PIECE).ceil().max(1.0) as usize;
-                for i in 0..count {
-                    let (x, y) = (i as f64 / count as f64, (i + 1) as f64 / count as f64);
-                    let (a, b) = (segment.a.lerp(segment.b, x), segment.a.lerp(segment.b, y));
-                    let importance = match weight_image {
-                        Some(w) => local_weight(w, a, b) + 0.1 * mean,
-                        None => 1.0,
-                    };
-                    weights.push(class * a.distance(b) * importance);
-                    pieces.push(Piece {
-                        edge: e as u32,
-                        viewpoint: v as u32,
-                        a,
-                        b,
-                        ta: segment.ta + (segment.tb - segment.ta) * x,
-                        tb: segment.ta + (segment.tb - segment.ta) * y,
-                        ..segment
-                    });
+                let Some(class) = classify(viewpoint, edge, settings) else { continue };
+                let mut add = |piece: Piece| {
+                    // Never zero: the middle of a curved piece may be off film where its ends are not.
+                    lengths.push(class * (piece.a.distance(piece.b) + 1e-3));
+                    pieces.push(Piece { edge: e as u32, viewpoint: v as u32, ..piece });
+                };
+                if !lines {
+                    curved(viewpoint, edge).into_iter().for_each(&mut add);
+                } else if let Some(segment) = clip(viewpoint, edge) {
+                    let cuts = if enumerate { pixel_cuts(&segment) } else { even_cuts(&segment) };
+                    cuts.windows(2).map(|c| segment.part(c[0], c[1])).for_each(&mut add);
                 }
             }
         }
-        let length: f64 = pieces.iter().map(|p: &Piece| p.a.distance(p.b)).sum();
-        // As many samples a pixel of edge as the image has a pixel, but never so few that a small edge is left to chance.
-        let count = (length * f64::from(settings.spp)).clamp(1024.0, 1e7) as u32;
-        PrimaryEdges { viewpoints, settings, seed, count, pieces, pmf: Discrete::new(weights) }
+        let mut edges = PrimaryEdges { viewpoints, settings, seed, pieces, plan: Plan::Enumerate };
+        if !enumerate {
+            edges.plan = edges.plan_samples(&lengths, weight_image);
+        }
+        edges
     }
 
-    fn choose(&self, u: f32) -> Option<Chosen<'_>> {
-        let (i, pmf, rest) = self.pmf.sample(f64::from(u));
-        let piece = &self.pieces[i];
-        let length = piece.a.distance(piece.b);
+    /// Weights by length, by the adjoint image, and by the jump that a few pilot samples find: edges that are hidden or show
+    /// no contrast get little. Pilots are independent of the samples they plan, and no piece is left out, so the estimate
+    /// stays unbiased. One pilot a piece replaces the depth buffer of `algorithms.md` §2.1: it is exact where that is
+    /// conservative, and costs one sample in `PIECE`·spp.
+    fn plan_samples(&self, lengths: &[f64], weight_image: Option<&Image>) -> Plan {
+        /// Share of the weight that does not listen to pilots.
+        const DEFENSIVE: f64 = 0.2;
+        let spp = f64::from(self.settings.spp.max(1));
+        let total: f64 = lengths.iter().sum();
+        let groups = ((total * spp / 4.0).max(4096.0) as usize).min(self.pieces.len());
+        let range = |g: usize| g * self.pieces.len() / groups..(g + 1) * self.pieces.len() / groups;
+        let seed = hash(self.seed, 0x70_696c_6f74);
+        let pilots = self.settings.spp.div_ceil(4).clamp(1, 64);
+        // Mean squares: the best density follows the second moment.
+        let contrast: Vec<f64> = (0..groups)
+            .into_par_iter()
+            .map(|g| {
+                let range = range(g);
+                let square = |i: u32| {
+                    let mut sampler = Sampler::new(hash(seed, g as u64), i);
+                    let u = sampler.next_2d();
+                    let piece = &self.pieces[range.start + (u.x * range.len() as f32) as usize];
+                    let chosen = self.place(piece, f64::from(u.y));
+                    let boundary = chosen.and_then(|c| self.look(&c, &mut sampler, |_| false));
+                    boundary.map_or(0.0, |b| f64::from(b.jump.length_squared()))
+                };
+                (0..pilots).map(square).sum::<f64>() / f64::from(pilots)
+            })
+            .collect();
+        let near = |g: usize| {
+            let near = &contrast[g.saturating_sub(1)..(g + 2).min(groups)];
+            (near.iter().sum::<f64>() / near.len() as f64).sqrt()
+        };
+        let mean = (0..groups).map(near).sum::<f64>() / groups.max(1) as f64;
+        let mean_adjoint = weight_image.map_or(0.0, |w| {
+            w.data.iter().map(|v| f64::from(v.abs())).sum::<f64>() / (w.width * w.height).max(1) as f64
+        });
+        let mut weights = Vec::with_capacity(self.pieces.len());
+        let mut seen = 0.0;
+        for g in 0..groups {
+            let local = near(g);
+            // The root, because pilots are noisy: a lucky one must not starve the others.
+            let contrast =
+                if mean > 0.0 { (1.0 - DEFENSIVE) * (local / mean).min(16.0).sqrt() + DEFENSIVE } else { 1.0 };
+            for i in range(g) {
+                let piece = &self.pieces[i];
+                let importance = match weight_image {
+                    Some(w) => local_weight(w, piece.a, piece.b) + 0.1 * mean_adjoint,
+                    None => 1.0,
+                };
+                weights.push(lengths[i] * importance * contrast);
+                seen += lengths[i] * if local > 0.0 { 1.0 } else { 0.1 };
+            }
+        }
+        // As many samples a pixel of visible edge as the image has a pixel, but never so few that a small edge is left to
+        // chance.
+        let count = (seen * spp).clamp(1024.0, 1e7) as u32;
+        Plan::Sample { pmf: Discrete::new(weights), count }
+    }
+
+    /// The point of a piece at the fraction `rest` of its length on film.
+    fn place(&self, piece: &Piece, rest: f64) -> Option<Chosen<'_>> {
         let viewpoint = &self.viewpoints[piece.viewpoint as usize];
         let edge = &viewpoint.scene.edges().edges[piece.edge as usize];
         if !viewpoint.camera.keeps_lines() {
-            let range = piece.sb - piece.sa;
-            let s = (piece.sa + range * rest) as f32;
-            return Some(Chosen { edge, viewpoint, s, density: Density::Parameter(pmf / range) });
+            let s = (piece.sa + (piece.sb - piece.sa) * rest) as f32;
+            return Some(Chosen { edge, viewpoint, s });
         }
         // Position along the projected segment → along the edge in space.
         let t = piece.ta + (piece.tb - piece.ta) * rest;
         let s = t * piece.za / ((1.0 - t) * piece.zb + t * piece.za);
-        let s = piece.sa + (piece.sb - piece.sa) * s;
-        (length > 0.0).then(|| Chosen { edge, viewpoint, s: s as f32, density: Density::Pixel(pmf / length) })
+        let s = (piece.sa + (piece.sb - piece.sa) * s) as f32;
+        (piece.a != piece.b).then_some(Chosen { edge, viewpoint, s })
     }
 
-    /// One boundary sample.
-    fn sample(&self, sampler: &mut Sampler, out: &mut impl Estimate) {
-        let Some(chosen) = self.choose(sampler.next_1d()) else { return };
-        let Chosen { edge, viewpoint, s, density } = chosen;
+    /// What a chosen point shows, unless its pixel is skipped or it is hidden or shows nothing.
+    fn look(&self, chosen: &Chosen<'a>, sampler: &mut Sampler, skips: impl Fn(usize) -> bool) -> Option<Boundary<'a>> {
+        let &Chosen { edge, viewpoint, s } = chosen;
         let p = edge.point(s);
         let prims = edge.prims();
-        let Some(view) = edge.view(viewpoint.direction_to(p)) else { return };
-        let Some(seen) = viewpoint.see(p, &prims) else { return };
+        let view = edge.view(viewpoint.direction_to(p))?;
+        let seen = viewpoint.see(p, &prims)?;
         let pixel = seen.pixel_index(viewpoint.camera);
-        if out.skips(pixel) {
-            return;
+        if skips(pixel) {
+            return None;
         }
-
-        // Image normal from the covering to the uncovered side.
         let [gx, gy] = viewpoint.projection_gradient(&seen);
         let along = edge.p[1] - edge.p[0];
         let along = Vec2::new(gx.dot(along), gy.dot(along));
         let speed = along.length();
         if !(speed > 0.0 && speed.is_finite()) {
-            return;
+            return None;
         }
         let tangent = along / speed;
-        let pdf = match density {
-            Density::Pixel(pdf) => pdf,
-            Density::Parameter(pdf) => pdf / f64::from(speed),
-        };
         let normal_2d = Vec2::new(tangent.y, -tangent.x);
         let side = normal_2d.x * gx.dot(view.normal) + normal_2d.y * gy.dot(view.normal);
         let normal_2d = if side < 0.0 { -normal_2d } else { normal_2d };
 
+        // The same random numbers on both sides.
         let value =
             Values { scene: viewpoint.scene, settings: self.settings, viewpoint, edge, seen: &seen, s, prims: &prims };
         let foreground = value.face(view.foreground, &mut sampler.clone());
@@ -180,30 +226,58 @@ impl<'a> PrimaryEdges<'a> {
             None => value.past(seen.projected.pixel + normal_2d * NUDGE, &mut sampler.clone()),
         };
         let jump = foreground - background;
-        if jump == Vec3::ZERO || !jump.is_finite() {
-            return;
-        }
+        let foreground = view.foreground;
+        (jump != Vec3::ZERO && jump.is_finite())
+            .then_some(Boundary { viewpoint, edge, s, p, foreground, seen, pixel, normal_2d, speed, jump })
+    }
 
-        let face = &edge.faces[view.foreground];
-        let scale = (1.0 / (pdf * f64::from(self.count))) as f32;
-        out.pixel(pixel, |d, out| {
-            let d_pixel = normal_2d * (d.dot(jump) * scale);
-            let d_p = viewpoint.d_position(out, p, &seen, d_pixel);
-            out.vertex(face.shape, face.v[0], d_p * (1.0 - s));
-            out.vertex(face.shape, face.v[1], d_p * s);
+    /// One boundary sample on a piece, at a fraction of it that was chosen uniformly with probability density `pdf`.
+    fn sample(&'a self, piece: &Piece, rest: f64, pdf: f64, sampler: &mut Sampler, out: &mut impl Estimate) {
+        let Some(chosen) = self.place(piece, rest) else { return };
+        let Some(b) = self.look(&chosen, sampler, |pixel| out.skips(pixel)) else { return };
+        // Per fraction → per pixel of arc length on film.
+        let pixels = if b.viewpoint.camera.keeps_lines() {
+            piece.a.distance(piece.b)
+        } else {
+            (piece.sb - piece.sa) * f64::from(b.speed)
+        };
+        let scale = (pixels / pdf) as f32;
+        let face = &b.edge.faces[b.foreground];
+        out.pixel(b.pixel, |d, out| {
+            let d_pixel = b.normal_2d * (d.dot(b.jump) * scale);
+            let d_p = b.viewpoint.d_position(out, b.p, &b.seen, d_pixel);
+            out.vertex(face.shape, face.v[0], d_p * (1.0 - b.s));
+            out.vertex(face.shape, face.v[1], d_p * b.s);
         });
     }
 }
 
 impl Pass for PrimaryEdges<'_> {
     fn items(&self) -> usize {
-        if self.pmf.is_empty() { 0 } else { self.count as usize }
+        match &self.plan {
+            Plan::Enumerate => self.pieces.len(),
+            Plan::Sample { pmf, .. } if pmf.is_empty() => 0,
+            Plan::Sample { count, .. } => *count as usize,
+        }
     }
 
     fn run(&self, items: std::ops::Range<usize>, out: &mut impl Estimate) {
         let seed = hash(self.seed, 0x7072_696d_6172);
         for i in items {
-            self.sample(&mut Sampler::new(seed, i as u32), out);
+            match &self.plan {
+                Plan::Enumerate => {
+                    let mut sampler = Sampler::new(hash(seed, i as u64), 0);
+                    let u = f64::from(sampler.next_1d());
+                    for rest in [u, 1.0 - u] {
+                        self.sample(&self.pieces[i], rest, 2.0, &mut sampler, out);
+                    }
+                }
+                Plan::Sample { pmf, count } => {
+                    let mut sampler = Sampler::new(seed, i as u32);
+                    let (piece, p, rest) = pmf.sample(f64::from(sampler.next_1d()));
+                    self.sample(&self.pieces[piece], rest, p * f64::from(*count), &mut sampler, out);
+                }
+            }
         }
     }
 }
@@ -260,12 +334,55 @@ pub fn inset(edge: &Edge, face: usize, distance: f32) -> f32 {
 }
 
 /// Sampling weight by kind of edge; `None` if nothing can jump there.
-fn classify(viewpoint: &Viewpoint, edge: &Edge, output: Output) -> Option<f64> {
+fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Option<f64> {
     let view = edge.view(viewpoint.direction_to(edge.point(0.5)))?;
     if view.background.is_none() || edge.sharp {
         return Some(1.0);
     }
-    matches!(output, Output::Radiance | Output::GeometricNormal).then_some(SMOOTH_CREASE)
+    let jumps = match settings.output {
+        Output::Radiance => settings.max_bounces > 0,
+        output => output == Output::GeometricNormal,
+    };
+    jumps.then_some(SMOOTH_CREASE)
+}
+
+/// Whether what an edge shows does not depend on random numbers: first-hit channels, emission alone, direct light of a
+/// single point or directional light.
+fn is_noise_free(scene: &Scene, settings: &Settings) -> bool {
+    settings.output != Output::Radiance
+        || settings.max_bounces == 0
+        || (settings.max_bounces == 1 && scene.lights.is_single_delta())
+}
+
+/// Fractions of a segment at which it crosses from pixel to pixel, with both ends.
+fn pixel_cuts(segment: &Piece) -> Vec<f64> {
+    let mut cuts = vec![0.0, 1.0];
+    let (a, d) = (segment.a, segment.b - segment.a);
+    for (a, d) in [(a.x, d.x), (a.y, d.y)] {
+        let (lo, hi) = (a.min(a + d), a.max(a + d));
+        let mut line = lo.floor() + 1.0;
+        while line < hi {
+            cuts.push((line - a) / d);
+            line += 1.0;
+        }
+    }
+    cuts.sort_by(f64::total_cmp);
+    cuts.dedup();
+    cuts
+}
+
+/// Fractions that cut a segment into equal parts no longer than [`PIECE`].
+fn even_cuts(segment: &Piece) -> Vec<f64> {
+    let count = (segment.a.distance(segment.b) / PIECE).ceil().max(1.0) as usize;
+    (0..=count).map(|i| i as f64 / count as f64).collect()
+}
+
+impl Piece {
+    /// The part between two fractions of the length on film.
+    fn part(&self, from: f64, to: f64) -> Piece {
+        let t = |x: f64| self.ta + (self.tb - self.ta) * x;
+        Piece { a: self.a.lerp(self.b, from), b: self.a.lerp(self.b, to), ta: t(from), tb: t(to), ..*self }
+    }
 }
 
 fn local_weight(image: &Image, a: DVec2, b: DVec2) -> f64 {
@@ -281,7 +398,7 @@ fn local_weight(image: &Image, a: DVec2, b: DVec2) -> f64 {
 }
 
 /// Pieces of an edge for a projection that bends lines: equal steps of the edge parameter, on or near the film.
-fn curved(viewpoint: &Viewpoint, edge: &Edge, e: u32, v: u32) -> Vec<Piece> {
+fn curved(viewpoint: &Viewpoint, edge: &Edge) -> Vec<Piece> {
     const STEPS: usize = 32;
     let camera = viewpoint.camera;
     let film = |s: f64| camera.project(viewpoint.image(edge.point(s as f32))).map(|q| q.pixel.as_dvec2());
@@ -293,7 +410,7 @@ fn curved(viewpoint: &Viewpoint, edge: &Edge, e: u32, v: u32) -> Vec<Piece> {
             // A step may jump from one side of a panorama to the other: then its length says nothing.
             let reach = DVec2::splat(a.distance(b) + 4.0);
             let outside = |p: DVec2| p.cmplt(-reach).any() || p.cmpgt(size + reach).any();
-            let piece = Piece { edge: e, viewpoint: v, a, b, za: 1.0, zb: 1.0, sa, sb, ta: 0.0, tb: 1.0 };
+            let piece = Piece { edge: 0, viewpoint: 0, a, b, za: 1.0, zb: 1.0, sa, sb, ta: 0.0, tb: 1.0 };
             (!(outside(a) && outside(b))).then_some(piece)
         })
         .collect()

@@ -4,20 +4,21 @@
 //! Receiver-first, one vertex a path: choose a vertex x, an edge point p for it, and add
 //! sinφ/|q|² f cosθ (L_fg − L_bg) N̂·(ṗ − ẋ) ((E) of `algorithms.md` with direction-fixed radiance on both sides). The part
 //! that moves x enters the backward sweep of the very path. Emission of area lights is material-fixed and not seen
-//! here: its boundary is [`super::shadow`]'s. What the point sees in a planar mirror, its mirror image sees directly: the same
+//! here: its boundary is [`super::shadow`]'s. A narrow lobe is attached: there emission counts too, and the lobe's direction
+//! moves, N̂·(ṗ − ẋ − |q|ω̇). What the point sees in a planar mirror, its mirror image sees directly: the same
 //! estimator from there, with emission on both sides.
 
 use glam::Vec3;
 
 use super::edge_tree::{EdgeTree, Query};
-use super::interior::{Injection, Path};
+use super::interior::{Injection, Path, PathVertex};
 use super::primary::inset;
 use super::sink::{Adjoints, Sink};
 use super::viewpoint::{MirrorPlane, d_mirror_image};
 use crate::render::Scene;
 use crate::render::accel::{PrimId, Ray};
 use crate::render::edges::EdgeTable;
-use crate::render::integrator::{NoRecord, Options, Start, trace};
+use crate::render::integrator::{Options, Recorder, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::sampler::Sampler;
 
@@ -49,12 +50,34 @@ pub struct SecondarySample {
     pub normal: Vec3,
     pub mirror: Option<SurfaceInteraction>,
     pub weight: Vec3,
+    /// The share of the weight whose direction is attached, and that direction with the distance of the edge along it.
+    pub attached: Vec3,
+    pub dir: Vec3,
+    pub distance: f32,
+}
+
+/// What is seen on one side of an edge: the first surface's own light apart from everything else.
+#[derive(Default)]
+struct Side {
+    first: Option<PrimId>,
+    emission: Vec3,
+    radiance: Vec3,
+}
+
+impl Recorder for Side {
+    fn vertex(&mut self, si: &SurfaceInteraction, _throughput: Vec3, _t: f32) {
+        if self.first.is_none() {
+            self.first = Some(si.prim);
+            self.emission = si.emission;
+        }
+    }
 }
 
 impl<'a> Secondary<'a> {
     /// `None` if no path vertex can see anything but lights.
     pub fn new(scene: &'a Scene, mirrors: &'a [MirrorPlane], max_bounces: u32) -> Option<Secondary<'a>> {
-        let reach = if scene.environment.is_some() { 1 } else { 2 };
+        let direct = scene.environment.is_some() || !scene.contacts().is_empty() || has_attached_lobes(scene);
+        let reach = if direct { 1 } else { 2 };
         let table = scene.edges();
         (max_bounces >= reach && !table.edges.is_empty()).then(|| Secondary {
             scene,
@@ -77,12 +100,15 @@ impl<'a> Secondary<'a> {
 
         // Choose a vertex with probability proportional to what it passes on.
         let events_left = |k: usize| self.max_bounces.saturating_sub(k as u32 + 1);
-        let least_direct = u32::from(self.scene.environment.is_none());
-        let least = if self.mirrors.is_empty() { least_direct } else { least_direct.min(1) };
+        let contacts = self.scene.contacts();
+        let least_direct = |v: &PathVertex| {
+            let sees_light = self.scene.environment.is_some() || !contacts.is_empty() || v.si.bsdf.is_attached();
+            u32::from(!sees_light)
+        };
         let weight = |k: usize| {
             let v = &path.vertices[k];
             let useless = v.si.bsdf.is_black() || v.si.bsdf.is_delta() || k as u32 >= self.max_bounces;
-            if useless || events_left(k) < least { 0.0 } else { v.throughput.max_element().max(1e-3) }
+            if useless || events_left(k) < least_direct(v) { 0.0 } else { v.throughput.max_element().max(1e-3) }
         };
         let n = path.vertices.len();
         let total: f32 = (0..n).map(weight).sum();
@@ -101,7 +127,7 @@ impl<'a> Secondary<'a> {
         let mirrors = if events_left(k) >= 1 { self.mirrors.len() } else { 0 };
         let choice = (sampler.next_1d() * (mirrors + 1) as f32) as usize;
         let mirror = choice.checked_sub(1).and_then(|i| self.mirrors.get(i));
-        if mirror.is_none() && events_left(k) < least_direct {
+        if mirror.is_none() && events_left(k) < least_direct(vertex) {
             return None;
         }
         let query = Query::new(si);
@@ -115,8 +141,8 @@ impl<'a> Secondary<'a> {
         let q = mirror.map_or(p, |m| m.reflect_point(p)) - si.p;
         let distance = q.length();
         let dir = q / distance;
-        let f = si.eval(dir);
-        if f == Vec3::ZERO || si.ng.dot(dir) <= 0.0 {
+        let [fixed, attached] = si.eval_split(dir);
+        if fixed + attached == Vec3::ZERO || si.ng.dot(dir) <= 0.0 {
             return None;
         }
         let sight = self.sight(si, mirror, p, dir, distance)?;
@@ -131,32 +157,39 @@ impl<'a> Secondary<'a> {
             return None;
         }
 
-        // Behind a mirror emission is direction-fixed too.
         let options =
-            Options { first_emission: mirror.is_some(), ..Options::new(events_left(k) - u32::from(mirror.is_some())) };
-        let face = |i: usize, sampler: &mut Sampler| {
+            Options { first_emission: false, ..Options::new(events_left(k) - u32::from(mirror.is_some())) };
+        let look = |start: Start| {
+            let mut side = Side::default();
+            side.radiance = trace(self.scene, start, &mut sampler.clone(), &options, &mut side);
+            side
+        };
+        let face = |i: usize| {
             let b = edge.barycentric(i, point.s, inset(edge, i, distance));
-            let si = self.scene.interaction(edge.faces[i].prim, b, -sight.dir);
-            trace(self.scene, Start::Surface(si), sampler, &options, &mut NoRecord)
+            look(Start::Surface(self.scene.interaction(edge.faces[i].prim, b, -sight.dir)))
         };
         let normal = mirror.map_or(view.normal, |m| m.reflect(view.normal));
-        let foreground = face(view.foreground, &mut sampler.clone());
+        let foreground = face(view.foreground);
         let background = match view.background {
-            Some(i) => face(i, &mut sampler.clone()),
+            Some(i) => face(i),
             None => {
                 let past = (dir + normal * NUDGE).normalize();
-                match self.sight(si, mirror, p, past, distance) {
-                    Some(past) => {
-                        trace(self.scene, Start::Ray(past.ray, &skip), &mut sampler.clone(), &options, &mut NoRecord)
-                    }
-                    None => Vec3::ZERO,
-                }
+                let past = self.sight(si, mirror, p, past, distance);
+                past.map_or_else(Side::default, |past| look(Start::Ray(past.ray, &skip)))
             }
         };
+        // Emission is direction-fixed behind a mirror and where the surfaces touch, else material-fixed.
+        let sliding = |side: &Side| {
+            let slides = mirror.is_some() || side.first.is_some_and(|e| contacts.contains(si.prim, e));
+            if slides { side.radiance + side.emission } else { side.radiance }
+        };
+        let all = |side: &Side| side.radiance + side.emission;
+        let fixed = fixed * (sliding(&foreground) - sliding(&background));
+        let attached = attached * (all(&foreground) - all(&background));
         let sin_phi = edge.direction().cross(sight.dir).length();
         let pdf = point.pdf * self.rate * weight(k) / (total * (mirrors + 1) as f32);
-        let step = f * sight.reflectance;
-        let weight = vertex.throughput * step * (foreground - background) * (sin_phi / (distance * distance * pdf));
+        let scale = vertex.throughput * sight.reflectance * (sin_phi / (distance * distance * pdf));
+        let (weight, attached) = (scale * (fixed + attached), scale * attached);
         (weight != Vec3::ZERO && weight.is_finite()).then_some(SecondarySample {
             vertex: k,
             edge: point.edge,
@@ -166,6 +199,9 @@ impl<'a> Secondary<'a> {
             normal,
             mirror: sight.mirror,
             weight,
+            attached,
+            dir,
+            distance,
         })
     }
 
@@ -212,7 +248,8 @@ impl<'a> Secondary<'a> {
         let face = &self.table.edges[sample.edge].faces[sample.foreground];
         out.vertex(face.shape, face.v[0], d_p * (1.0 - sample.s));
         out.vertex(face.shape, face.v[1], d_p * sample.s);
-        Injection { vertex: sample.vertex, d_p: -d_image }
+        let d_dir = sample.normal * (-sample.distance * d.dot(sample.attached));
+        Injection { vertex: sample.vertex, d_p: -d_image, dir: sample.dir, d_dir }
     }
 }
 
@@ -225,4 +262,9 @@ struct Sight {
     prim: PrimId,
     reflectance: Vec3,
     mirror: Option<SurfaceInteraction>,
+}
+
+/// Whether any surface has a narrow lobe.
+fn has_attached_lobes(scene: &Scene) -> bool {
+    scene.description.shapes.iter().any(|s| s.material.kind.may_be_attached())
 }

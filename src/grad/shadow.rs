@@ -9,15 +9,16 @@
 //! W(x) the importance of x (pixels per area, adjoint of the pixel). Unbiased, every bounce; a receiver seen only through
 //! a curved mirror is not found (see [`super::uncovered`]).
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use super::estimate::{Estimate, Pass};
-use super::interior::{RayAdjoint, VertexAdjoint, d_direction, slide};
+use super::local::{RayAdjoint, VertexAdjoint, d_attached_direction, d_direction, slide};
+use super::sink::{Adjoints, Sink};
 use super::viewpoint::{Viewpoint, d_reflected_ray};
 use crate::math::Frame;
 use crate::render::accel::{PrimId, Ray};
 use crate::render::interaction::SurfaceInteraction;
-use crate::render::light::LightKind;
+use crate::render::light::{LightKind, LightSample};
 use crate::render::sampler::{Discrete, Sampler, hash};
 use crate::render::{Scene, Settings};
 
@@ -53,8 +54,7 @@ impl<'a> Shadows<'a> {
         let edge = &scene.edges().edges[e];
         let s = rest as f32;
         let p = edge.point(s);
-        let u_light = [sampler.next_1d(), u[1], u[2]];
-        let Some(light) = scene.sample_local_light(u_light) else { return };
+        let Some(light) = scene.sample_local_light(Vec2::new(u[1], u[2])) else { return };
         let Some(arrival) = light.arrive(p) else { return };
         let dir = arrival.dir; // from p towards the light
 
@@ -101,9 +101,9 @@ impl<'a> Shadows<'a> {
                     continue;
                 }
                 let si = scene.interaction(prim, b, -seen.dir);
-                let Some(ratio) = scatter(&si, towards) else { continue };
+                let Some(scattered) = self.scatter(&si, towards, bounce, &light, sampler) else { continue };
                 let area = viewpoint.pixels_per_area(&seen, si.ng);
-                let m = walk.weight * seen.throughput * ratio * area;
+                let m = walk.weight * seen.throughput * scattered.ratio * area;
                 if !m.is_finite() || m == Vec3::ZERO {
                     continue;
                 }
@@ -120,15 +120,14 @@ impl<'a> Shadows<'a> {
                     }
                     // The receiver slides along the chain of direction-fixed segments that ends in the camera.
                     let mut ray = RayAdjoint { origin: normal * (-(1.0 - tau) * m), dir: Vec3::ZERO };
-                    for (v, t) in &walk.vertices {
-                        ray = if v.bsdf.is_delta() {
-                            d_reflected_ray(out, v, *t, ray)
+                    for step in &walk.vertices {
+                        ray = if step.si.bsdf.is_delta() {
+                            d_reflected_ray(out, &step.si, step.t, ray)
                         } else {
-                            slide(out, v, *t, VertexAdjoint { p: ray.origin, ..Default::default() })
+                            d_step(out, &step.si, step.t, &step.scattered, ray)
                         };
                     }
-                    let adj = VertexAdjoint { p: ray.origin, ..Default::default() };
-                    let ray = slide(out, &si, seen.distance, adj);
+                    let ray = d_step(out, &si, seen.distance, &scattered, ray);
                     viewpoint.d_ray(out, &seen, ray);
                 });
             }
@@ -140,13 +139,14 @@ impl<'a> Shadows<'a> {
             if si.bsdf.is_black() {
                 break;
             }
-            let (si, away, step) = if si.bsdf.is_delta() {
+            let (si, away, scattered, weight) = if si.bsdf.is_delta() {
                 // Solid angles go through a planar mirror unchanged.
                 if !self.planar_mirrors || bounce == 1 {
                     break;
                 }
                 let away = (si.ns * (2.0 * si.ns.dot(towards)) - towards).normalize();
-                (scene.interaction(prim, b, away), away, si.bsdf.mirror_reflectance())
+                let weight = si.bsdf.mirror_reflectance();
+                (scene.interaction(prim, b, away), away, Scattered { towards, ratio: weight, attached: false }, weight)
             } else {
                 let frame = Frame::from_normal(si.ns);
                 let local = frame.to_local(towards);
@@ -157,17 +157,17 @@ impl<'a> Shadows<'a> {
                     break;
                 }
                 let si = scene.interaction(prim, b, away);
-                let Some(ratio) = scatter(&si, towards) else { break };
+                let Some(scattered) = self.scatter(&si, towards, bounce, &light, sampler) else { break };
                 // Solid angle at this vertex → the camera-side measure of direction-fixed segments.
-                (si, away, ratio * (si.ng.dot(away) / choice.pdf))
+                (si, away, scattered, scattered.ratio * (si.ng.dot(away) / choice.pdf))
             };
             let survival = if bounce > 3 { 0.7 } else { 1.0 };
             if bounce > 3 && sampler.next_1d() >= survival {
                 break;
             }
             let Some(next) = scene.accel.closest(&si.spawn_ray(away), &[prim]) else { break };
-            walk.weight *= step / survival;
-            walk.vertices.push((si, next.t));
+            walk.weight *= weight / survival;
+            walk.vertices.push(Step { si, t: next.t, scattered });
             (prim, b) = (next.prim, next.b);
             towards = -away;
         }
@@ -176,19 +176,71 @@ impl<'a> Shadows<'a> {
 
 /// A chain of vertices from the shadow receiver towards the camera.
 struct Walk {
-    /// With the distance to the next vertex.
-    vertices: Vec<(SurfaceInteraction, f32)>,
+    vertices: Vec<Step>,
     weight: Vec3,
 }
 
-/// f·cosθ_s / cosθ_g towards `wo`: the BSDF with the cosine of the geometric measure divided out.
-fn scatter(si: &SurfaceInteraction, wo: Vec3) -> Option<Vec3> {
-    let cos = si.ng.dot(wo);
-    if cos <= 0.0 || si.bsdf.is_delta() {
-        return None;
+/// One vertex of a walk.
+struct Step {
+    si: SurfaceInteraction,
+    /// Distance to the next vertex.
+    t: f32,
+    scattered: Scattered,
+}
+
+/// How a vertex passes light on, from direction `towards` to `si.wi`.
+#[derive(Clone, Copy)]
+struct Scattered {
+    towards: Vec3,
+    /// f·cosθ_s / cosθ_g towards it: the BSDF with the cosine of the geometric measure divided out.
+    ratio: Vec3,
+    /// Through the attached lobe.
+    attached: bool,
+}
+
+impl Shadows<'_> {
+    /// Scattering at the `bounce`-th surface of a walk, the first of which receives `light`.
+    fn scatter(
+        &self,
+        si: &SurfaceInteraction,
+        towards: Vec3,
+        bounce: u32,
+        light: &LightSample,
+        sampler: &mut Sampler,
+    ) -> Option<Scattered> {
+        let cos = si.ng.dot(towards);
+        if cos <= 0.0 || si.bsdf.is_delta() {
+            return None;
+        }
+        let (f, attached) = if bounce == 1 && light.kind == LightKind::Area {
+            if self.scene.touch(si.prim, light.prim) {
+                return None;
+            }
+            // What an attached lobe sees of a light belongs to the receiver-first estimator.
+            (si.eval_split(towards)[0], false)
+        } else if bounce == 1 || !si.bsdf.is_attached() {
+            (si.eval(towards), false)
+        } else {
+            let chosen = si.choose_part(towards, sampler.next_1d());
+            (chosen.f / chosen.probability, chosen.attached)
+        };
+        (f != Vec3::ZERO).then(|| Scattered { towards, ratio: f / cos, attached })
     }
-    let f = si.eval(wo);
-    (f != Vec3::ZERO).then(|| f / cos)
+}
+
+/// Adjoint of a walk vertex: from the ray to the vertex before it to the ray that found it.
+fn d_step<S: Sink>(
+    out: &mut Adjoints<S>,
+    si: &SurfaceInteraction,
+    t: f32,
+    scattered: &Scattered,
+    ray: RayAdjoint,
+) -> RayAdjoint {
+    let mut adj = VertexAdjoint { p: ray.origin, ..Default::default() };
+    if scattered.attached {
+        d_attached_direction(si, scattered.towards, ray.dir, &mut adj);
+    }
+    slide(out, si, t, adj)
 }
 
 impl Pass for Shadows<'_> {

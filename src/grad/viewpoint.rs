@@ -5,7 +5,7 @@
 
 use glam::{Vec2, Vec3};
 
-use super::interior::{RayAdjoint, VertexAdjoint, slide};
+use super::local::{RayAdjoint, VertexAdjoint, slide};
 use super::sink::{Adjoints, Sink};
 use crate::render::accel::PrimId;
 use crate::render::interaction::SurfaceInteraction;

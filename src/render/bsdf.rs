@@ -27,6 +27,8 @@ pub const MAX_INPUTS: usize = 4;
 const MIN_GGX_ROUGHNESS: f32 = 0.045;
 /// Same for Phong (exponent 200 000).
 const MIN_PHONG_ROUGHNESS: f32 = 1e-5;
+/// Microfacet lobes narrower than this are attached.
+const ATTACHED_ALPHA: f32 = 0.2;
 /// A mixture never gives a lobe less than this share of the samples, so that derivatives of a lobe that is black now are found.
 const MIN_LOBE_SHARE: f32 = 0.1;
 
@@ -40,6 +42,15 @@ pub enum Bsdf {
     Phong { diffuse: Vec3, specular: Vec3, roughness: f32 },
     Mirror { reflectance: Vec3 },
     Principled { base_color: Vec3, metallic: f32, roughness: f32, specular: f32 },
+}
+
+/// A material's scattering is the sum of two parts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Part {
+    /// The cosine lobe.
+    Diffuse,
+    /// The microfacet lobe.
+    Specular,
 }
 
 /// A sampled direction in the frame of the shading normal.
@@ -89,6 +100,13 @@ impl MaterialKind {
     }
 }
 
+impl MaterialKind {
+    /// Whether a point of such a material can have an attached lobe (see [`Bsdf::is_attached`]).
+    pub fn may_be_attached(&self) -> bool {
+        !matches!(self, MaterialKind::Black | MaterialKind::Diffuse { .. } | MaterialKind::Mirror { .. })
+    }
+}
+
 impl Bsdf {
     /// The material with its inputs looked up (scalars in `x`). Values outside a model's domain are clamped;
     /// derivatives pass straight through the clamp, so that an optimiser finds its way back.
@@ -130,47 +148,76 @@ impl Bsdf {
         matches!(self, Bsdf::Black)
     }
 
+    /// Whether a narrow lobe is differentiated with its directions attached to the surface (α < 0.2, measured in
+    /// `algorithms.md` §1.3).
+    pub fn is_attached(&self) -> bool {
+        !self.is_delta() && self.roughness_alpha().is_some_and(|alpha| alpha < ATTACHED_ALPHA)
+    }
+
     /// f·|cos θo|; `ci` = n·wi, `co` = n·wo, `io` = wi·wo of unit vectors. Zero for `co` ≤ 0.
     pub fn eval(&self, ci: f32, co: f32, io: f32) -> Vec3 {
+        self.eval_part(Part::Diffuse, ci, co, io) + self.eval_part(Part::Specular, ci, co, io)
+    }
+
+    /// One part of [`Bsdf::eval`].
+    pub fn eval_part(&self, part: Part, ci: f32, co: f32, io: f32) -> Vec3 {
         if co <= 0.0 {
             return Vec3::ZERO;
+        }
+        if part == Part::Diffuse {
+            let reflectance = match *self {
+                Bsdf::Diffuse { reflectance } => reflectance,
+                Bsdf::Phong { diffuse, .. } => diffuse,
+                Bsdf::Principled { base_color, metallic, .. } => base_color * (1.0 - metallic),
+                _ => return Vec3::ZERO,
+            };
+            return reflectance * (FRAC_1_PI * co);
         }
         let (ci, io) = turn_to_front(ci, co, io);
         let half = half_cosine(io);
         match *self {
-            Bsdf::Black | Bsdf::Mirror { .. } => Vec3::ZERO,
-            Bsdf::Diffuse { reflectance } => reflectance * (FRAC_1_PI * co),
+            Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Diffuse { .. } => Vec3::ZERO,
             Bsdf::Conductor { reflectance, roughness } => {
                 schlick(half, reflectance) * Ggx::new(roughness).eval(ci, co, io)
             }
             Bsdf::ConductorIor { eta, k, roughness } => conductor(half, eta, k) * Ggx::new(roughness).eval(ci, co, io),
-            Bsdf::Phong { diffuse, specular, roughness } => {
-                diffuse * (FRAC_1_PI * co) + schlick(half, specular) * Phong::new(roughness).eval(ci, co, io)
+            Bsdf::Phong { specular, roughness, .. } => {
+                schlick(half, specular) * Phong::new(roughness).eval(ci, co, io)
             }
             Bsdf::Principled { base_color, metallic, roughness, specular } => {
-                let f0 = principled_f0(base_color, metallic, specular);
-                base_color * ((1.0 - metallic) * FRAC_1_PI * co)
-                    + schlick(half, f0) * Ggx::new(roughness).eval(ci, co, io)
+                schlick(half, principled_f0(base_color, metallic, specular)) * Ggx::new(roughness).eval(ci, co, io)
             }
         }
     }
 
-    /// Adjoint of [`Bsdf::eval`]: `d_f` is the derivative in its RGB result.
-    pub fn d_eval(&self, ci: f32, co: f32, io: f32, d_f: Vec3) -> BsdfAdjoint {
+    /// Adjoint of [`Bsdf::eval_part`]: `d_f` is the derivative in its RGB result.
+    pub fn d_eval_part(&self, part: Part, ci: f32, co: f32, io: f32, d_f: Vec3) -> BsdfAdjoint {
         let mut out = BsdfAdjoint::default();
         if co <= 0.0 {
             return out;
         }
-        let (front_ci, front_io) = turn_to_front(ci, co, io);
-        match *self {
-            Bsdf::Black | Bsdf::Mirror { .. } => {}
-            Bsdf::Diffuse { reflectance } => {
-                out.d_co = d_f.dot(reflectance) * FRAC_1_PI;
-                out.d_values[0] = d_f * (FRAC_1_PI * co);
+        if part == Part::Diffuse {
+            let d_reflectance = d_f * (FRAC_1_PI * co);
+            match *self {
+                Bsdf::Diffuse { reflectance } | Bsdf::Phong { diffuse: reflectance, .. } => {
+                    out.d_co = d_f.dot(reflectance) * FRAC_1_PI;
+                    out.d_values[0] = d_reflectance;
+                }
+                Bsdf::Principled { base_color, metallic, .. } => {
+                    out.d_co = d_f.dot(base_color) * (1.0 - metallic) * FRAC_1_PI;
+                    out.d_values[0] = d_reflectance * (1.0 - metallic);
+                    out.d_values[1].x = -d_reflectance.dot(base_color);
+                }
+                _ => {}
             }
+            return out;
+        }
+        let (front_ci, front_io) = turn_to_front(ci, co, io);
+        let cosines = [front_ci, co, front_io];
+        match *self {
+            Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Diffuse { .. } => {}
             Bsdf::Conductor { reflectance, roughness } => {
-                let (d_f0, d_roughness) =
-                    d_schlick_lobe(&Ggx::new(roughness), reflectance, [front_ci, co, front_io], d_f, &mut out);
+                let (d_f0, d_roughness) = d_schlick_lobe(&Ggx::new(roughness), reflectance, cosines, d_f, &mut out);
                 out.d_values[0] = d_f0;
                 out.d_values[1].x = d_roughness;
             }
@@ -186,27 +233,34 @@ impl Bsdf {
                 out.d_values[1] = d_k;
                 out.d_values[2].x = d_lobe * lobe.d_roughness;
             }
-            Bsdf::Phong { diffuse, specular, roughness } => {
-                let (d_f0, d_roughness) =
-                    d_schlick_lobe(&Phong::new(roughness), specular, [front_ci, co, front_io], d_f, &mut out);
-                out.d_co += d_f.dot(diffuse) * FRAC_1_PI;
-                out.d_values[0] = d_f * (FRAC_1_PI * co);
+            Bsdf::Phong { specular, roughness, .. } => {
+                let (d_f0, d_roughness) = d_schlick_lobe(&Phong::new(roughness), specular, cosines, d_f, &mut out);
                 out.d_values[1] = d_f0;
                 out.d_values[2].x = d_roughness;
             }
             Bsdf::Principled { base_color, metallic, roughness, specular } => {
                 let f0 = principled_f0(base_color, metallic, specular);
-                let (d_f0, d_roughness) =
-                    d_schlick_lobe(&Ggx::new(roughness), f0, [front_ci, co, front_io], d_f, &mut out);
-                let d_diffuse = d_f * (FRAC_1_PI * co);
-                out.d_co += d_f.dot(base_color) * (1.0 - metallic) * FRAC_1_PI;
-                out.d_values[0] = d_diffuse * (1.0 - metallic) + d_f0 * metallic;
-                out.d_values[1].x = -d_diffuse.dot(base_color) + d_f0.dot(base_color - Vec3::splat(0.08 * specular));
+                let (d_f0, d_roughness) = d_schlick_lobe(&Ggx::new(roughness), f0, cosines, d_f, &mut out);
+                out.d_values[0] = d_f0 * metallic;
+                out.d_values[1].x = d_f0.dot(base_color - Vec3::splat(0.08 * specular));
                 out.d_values[2].x = d_roughness;
                 out.d_values[3].x = 0.08 * (1.0 - metallic) * d_f0.element_sum();
             }
         }
         d_turn_to_front(ci, co, &mut out);
+        out
+    }
+
+    /// Adjoint of [`Bsdf::eval`].
+    pub fn d_eval(&self, ci: f32, co: f32, io: f32, d_f: Vec3) -> BsdfAdjoint {
+        let mut out = self.d_eval_part(Part::Diffuse, ci, co, io, d_f);
+        let specular = self.d_eval_part(Part::Specular, ci, co, io, d_f);
+        out.d_ci += specular.d_ci;
+        out.d_co += specular.d_co;
+        out.d_io += specular.d_io;
+        for (a, b) in out.d_values.iter_mut().zip(specular.d_values) {
+            *a += b;
+        }
         out
     }
 

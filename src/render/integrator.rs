@@ -34,6 +34,8 @@ pub struct Options {
     pub first_environment: bool,
     /// Keep walking where the throughput is zero: a black albedo has derivatives too.
     pub keep_black: bool,
+    /// Let each continuation stand for one part of its BSDF, chosen by value, where the parts are differentiated differently.
+    pub split_lobes: bool,
 }
 
 impl Options {
@@ -43,6 +45,7 @@ impl Options {
             first_emission: true,
             first_environment: true,
             keep_black: false,
+            split_lobes: false,
         }
     }
 }
@@ -67,9 +70,11 @@ pub struct Continuation {
     pub dir: Vec3,
     /// 1 / (solid-angle density · survival probability); for a delta lobe 1 / survival.
     pub inv_pdf: f32,
-    /// f·cos, or a delta lobe's reflectance.
+    /// f·cos (of the chosen part), or a delta lobe's reflectance.
     pub f: Vec3,
     pub delta: bool,
+    /// The chosen part is a narrow lobe: its direction follows the surface.
+    pub attached: bool,
     /// Distance travelled, infinite if nothing was hit.
     pub t: f32,
     /// MIS weight of emission found at the end of this segment.
@@ -136,14 +141,20 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
         let roulette = sampler.next_1d();
         let Some(sample) = si.bsdf.sample(wi, u) else { break };
         let dir = frame.to_world(sample.wo).normalize();
-        let f = if sample.delta { sample.weight } else { si.eval(dir) };
+        let mut f = if sample.delta { sample.weight } else { si.eval(dir) };
+        let mut inv_pdf = if sample.delta { 1.0 } else { 1.0 / sample.pdf };
+        let mut attached = false;
+        if options.split_lobes && si.bsdf.is_attached() {
+            let chosen = si.choose_part(dir, sampler.next_1d());
+            (attached, f) = (chosen.attached, chosen.f);
+            inv_pdf /= chosen.probability;
+        }
         if !options.keep_black && f == Vec3::ZERO {
             break;
         }
         if si.ng.dot(dir) <= 0.0 {
             break; // below the surface: `eval` is zero there
         }
-        let mut inv_pdf = if sample.delta { 1.0 } else { 1.0 / sample.pdf };
         if bounce >= ROULETTE_START {
             let survival = (throughput * f * inv_pdf).max_element().clamp(0.05, 1.0);
             if roulette >= survival {
@@ -160,6 +171,7 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
             inv_pdf,
             f,
             delta: sample.delta,
+            attached,
             t: f32::INFINITY,
             emission_weight: 1.0,
             hit_light: None,
@@ -213,7 +225,7 @@ fn balance(a: f32, b: f32) -> f32 {
 
 /// Samples one light and tests whether it is visible.
 fn connect(scene: &Scene, si: &SurfaceInteraction, sampler: &mut Sampler, keep_black: bool) -> Option<Connection> {
-    let light = scene.sample_light(sampler.next_3d())?;
+    let light = scene.sample_light(sampler.next_2d())?;
     let arrival = light.arrive(si.p)?;
     if si.ng.dot(arrival.dir) <= 0.0 {
         return None;

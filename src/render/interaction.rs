@@ -3,10 +3,11 @@
 use glam::{Vec2, Vec3};
 
 use super::accel::{PrimId, Ray};
-use super::bsdf::{Bsdf, MAX_INPUTS};
+use super::bsdf::{Bsdf, MAX_INPUTS, Part};
 use super::environment::environment_uv;
 use super::scene::{Input, MaterialKind};
 use super::world::Scene;
+use crate::math::luminance;
 
 /// A surface point seen from the direction `wi`.
 #[derive(Clone, Copy, Debug)]
@@ -30,6 +31,15 @@ pub struct SurfaceInteraction {
     pub bsdf: Bsdf,
     /// Emitted radiance towards `wi`.
     pub emission: Vec3,
+}
+
+/// One part of a BSDF's value.
+#[derive(Clone, Copy, Debug)]
+pub struct ChosenPart {
+    pub attached: bool,
+    /// f·cos of this part.
+    pub f: Vec3,
+    pub probability: f32,
 }
 
 impl Scene {
@@ -163,8 +173,48 @@ impl SurfaceInteraction {
         if co <= 0.0 {
             return Vec3::ZERO;
         }
-        let f = self.bsdf.eval(self.ns.dot(self.wi), co, self.wi.dot(wo));
-        if self.shading_flip == 0.0 { f } else { f * terminator(self.ng.dot(wo), co, self.ng.dot(self.ns)) }
+        self.bsdf.eval(self.ns.dot(self.wi), co, self.wi.dot(wo)) * self.terminator(wo)
+    }
+
+    /// One part of [`SurfaceInteraction::eval`].
+    #[inline]
+    pub fn eval_part(&self, part: Part, wo: Vec3) -> Vec3 {
+        let co = self.ns.dot(wo);
+        if co <= 0.0 {
+            return Vec3::ZERO;
+        }
+        self.bsdf.eval_part(part, self.ns.dot(self.wi), co, self.wi.dot(wo)) * self.terminator(wo)
+    }
+
+    /// The part of the value towards `wo` that is differentiated with a fixed direction, and the one that is attached.
+    #[inline]
+    pub fn eval_split(&self, wo: Vec3) -> [Vec3; 2] {
+        if self.bsdf.is_attached() {
+            [self.eval_part(Part::Diffuse, wo), self.eval_part(Part::Specular, wo)]
+        } else {
+            [self.eval(wo), Vec3::ZERO]
+        }
+    }
+
+    /// Chooses one of [`SurfaceInteraction::eval_split`]'s parts in proportion to its value.
+    pub fn choose_part(&self, wo: Vec3, u: f32) -> ChosenPart {
+        let [fixed, attached] = self.eval_split(wo);
+        let (x, y) = (luminance(fixed.abs()), luminance(attached.abs()));
+        let p = if x + y > 0.0 { y / (x + y) } else { 0.5 };
+        if u < p {
+            ChosenPart { attached: true, f: attached, probability: p }
+        } else {
+            ChosenPart { attached: false, f: fixed, probability: 1.0 - p }
+        }
+    }
+
+    #[inline]
+    fn terminator(&self, wo: Vec3) -> f32 {
+        if self.shading_flip == 0.0 {
+            1.0
+        } else {
+            terminator(self.ng.dot(wo), self.ns.dot(wo), self.ng.dot(self.ns))
+        }
     }
 }
 

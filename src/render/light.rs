@@ -1,9 +1,9 @@
 //! Choosing a light and a point on it.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use super::accel::{NO_PRIM, PrimId};
-use super::sampler::Discrete;
+use super::sampler::{Discrete, ONE_MINUS_EPSILON};
 use super::scene::{DeltaLight, Input, SceneDescription};
 use super::world::{Prim, Scene};
 use crate::math::luminance;
@@ -176,6 +176,11 @@ impl LightTable {
         self.environment_pmf
     }
 
+    /// Whether the only light is one point or directional light.
+    pub fn is_single_delta(&self) -> bool {
+        matches!(self.entries.as_slice(), [Entry::Delta(_)])
+    }
+
     /// Whether there is any light but the environment.
     pub fn has_local_lights(&self) -> bool {
         !self.local_pmf.is_empty()
@@ -191,22 +196,23 @@ fn defensive(weights: &[f64]) -> Vec<f64> {
 }
 
 impl Scene {
-    /// Chooses a light and a point on it; `None` without lights.
-    pub(crate) fn sample_light(&self, u: [f32; 3]) -> Option<LightSample> {
+    /// Chooses a light and a point on it; `None` without lights. The first number chooses the light and, stretched, is used
+    /// again: a light's own two dimensions stay stratified together with whatever else the sample's first numbers decide.
+    pub(crate) fn sample_light(&self, u: Vec2) -> Option<LightSample> {
         self.sample_from(&self.lights.entries, &self.lights.pmf, u)
     }
 
     /// As [`Scene::sample_light`], never the environment.
-    pub(crate) fn sample_local_light(&self, u: [f32; 3]) -> Option<LightSample> {
+    pub(crate) fn sample_local_light(&self, u: Vec2) -> Option<LightSample> {
         self.sample_from(&self.lights.local_entries, &self.lights.local_pmf, u)
     }
 
-    fn sample_from(&self, entries: &[Entry], pmf: &Discrete, u: [f32; 3]) -> Option<LightSample> {
+    fn sample_from(&self, entries: &[Entry], pmf: &Discrete, u: Vec2) -> Option<LightSample> {
         if pmf.is_empty() {
             return None;
         }
-        let (i, p, _) = pmf.sample(f64::from(u[0]));
-        let p = p as f32;
+        let (i, p, rest) = pmf.sample(f64::from(u.x));
+        let (p, u) = (p as f32, [(rest as f32).min(ONE_MINUS_EPSILON), u.y]);
         let base = LightSample {
             kind: LightKind::Area,
             y: Vec3::ZERO,
@@ -220,8 +226,8 @@ impl Scene {
         Some(match entries[i] {
             Entry::Triangle { prim, area } => {
                 // Uniform over the triangle (Turk): low-distortion enough and keeps Sobol's strata connected.
-                let s = u[1].sqrt();
-                let b = [1.0 - s, s * (1.0 - u[2]), s * u[2]];
+                let s = u[0].sqrt();
+                let b = [1.0 - s, s * (1.0 - u[1]), s * u[1]];
                 self.area_sample(prim, b, p / area)?
             }
             Entry::Delta(i) => match self.description.delta_lights[i as usize] {
@@ -235,7 +241,7 @@ impl Scene {
             },
             Entry::Environment => {
                 let rotation = self.description.environment.as_ref()?.rotation;
-                let (local, pdf) = self.environment.as_ref()?.sample([u[1], u[2]]);
+                let (local, pdf) = self.environment.as_ref()?.sample(u);
                 let y = (rotation * local).normalize();
                 let power = self.environment_radiance(y);
                 LightSample { kind: LightKind::Environment, y, power, pdf: p * pdf, ..base }
@@ -347,7 +353,7 @@ mod tests {
         }
         let mut rng = Pcg32::new(17);
         for _ in 0..N {
-            let light = scene.sample_light(rng.next_3d()).unwrap();
+            let light = scene.sample_light(rng.next_2d().into()).unwrap();
             let (bin, pdf) = match light.kind {
                 LightKind::Area => (4 * light.prim as usize + quarter(light.b), scene.lights.area_pdf(light.prim)),
                 LightKind::Point(i) | LightKind::Directional(i) => {
@@ -377,7 +383,7 @@ mod tests {
         let mut rng = Pcg32::new(19);
         let x = Vec3::new(0.3, -1.0, 0.4);
         for _ in 0..200 {
-            let light = scene.sample_light(rng.next_3d()).unwrap();
+            let light = scene.sample_light(rng.next_2d().into()).unwrap();
             let Some(arrival) = light.arrive(x) else { continue };
             assert!((arrival.dir.length() - 1.0).abs() < 1e-5);
             let d = light.y - x;

@@ -2,6 +2,7 @@
 
 pub mod accel;
 pub mod bsdf;
+pub mod contacts;
 pub mod edges;
 pub mod environment;
 pub mod film;

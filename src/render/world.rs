@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 use glam::Vec3;
 
 use super::accel::{Accel, PrimId};
+use super::contacts::Contacts;
 use super::edges::EdgeTable;
 use super::environment::EnvironmentTable;
 use super::light::LightTable;
@@ -41,6 +42,7 @@ pub struct Scene {
     pub(crate) radius: f32,
     /// Built when first asked for: the primal needs none.
     pub(crate) edges: OnceLock<EdgeTable>,
+    contacts: OnceLock<Contacts>,
 }
 
 impl Scene {
@@ -69,6 +71,7 @@ impl Scene {
             environment,
             radius,
             edges: OnceLock::new(),
+            contacts: OnceLock::new(),
         })
     }
 
@@ -82,6 +85,17 @@ impl Scene {
 
     pub(crate) fn edges(&self) -> &EdgeTable {
         self.edges.get_or_init(|| EdgeTable::new(self))
+    }
+
+    pub(crate) fn contacts(&self) -> &Contacts {
+        self.contacts.get_or_init(|| Contacts::new(self))
+    }
+
+    /// Whether a surface touches an emitter that shines on it (see [`Contacts`]).
+    #[inline]
+    pub(crate) fn touch(&self, receiver: PrimId, emitter: PrimId) -> bool {
+        let contacts = self.contacts();
+        !contacts.is_empty() && contacts.contains(receiver, emitter)
     }
 }
 

@@ -1,0 +1,347 @@
+//! Local adjoints: closed forms for one vertex of a path (`algorithms.md` §1.2).
+
+use glam::Vec3;
+
+use super::sink::{Adjoints, Sink};
+use crate::render::accel::PrimId;
+use crate::render::bsdf::{MAX_INPUTS, Part};
+use crate::render::interaction::{SurfaceInteraction, d_terminator, terminator};
+use crate::render::light::{LightKind, LightSample};
+use crate::render::{Camera, Input, Output};
+
+/// Adjoints of the numbers of one surface interaction.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct VertexAdjoint {
+    pub p: Vec3,
+    pub ng: Vec3,
+    pub ns: Vec3,
+    pub wi: Vec3,
+    pub b: [f32; 3],
+}
+
+/// What a moving hit point asks of the ray that found it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct RayAdjoint {
+    pub origin: Vec3,
+    pub dir: Vec3,
+}
+
+impl VertexAdjoint {
+    pub fn add_b(&mut self, b: [f32; 3]) {
+        for (a, b) in self.b.iter_mut().zip(b) {
+            *a += b;
+        }
+    }
+}
+
+/// Adjoint of [`SurfaceInteraction::eval`] (of one part of it, if given) with both directions given: adds to the vertex,
+/// returns the adjoint of `wo` and of the material's inputs.
+pub fn d_eval(
+    si: &SurfaceInteraction,
+    wo: Vec3,
+    part: Option<Part>,
+    d_f: Vec3,
+    adj: &mut VertexAdjoint,
+) -> (Vec3, [Vec3; MAX_INPUTS]) {
+    let (ci, co, io) = (si.ns.dot(si.wi), si.ns.dot(wo), si.wi.dot(wo));
+    let mut d_wo = Vec3::ZERO;
+    let mut d_brdf = d_f;
+    if si.shading_flip != 0.0 {
+        let (ng_wo, ng_ns) = (si.ng.dot(wo), si.ng.dot(si.ns));
+        let g = terminator(ng_wo, co, ng_ns);
+        d_brdf = d_f * g;
+        if g < 1.0 {
+            let f = part.map_or_else(|| si.bsdf.eval(ci, co, io), |p| si.bsdf.eval_part(p, ci, co, io));
+            let (a, b, c) = d_terminator(ng_wo, co, ng_ns, d_f.dot(f));
+            adj.ng += wo * a + si.ns * c;
+            adj.ns += wo * b + si.ng * c;
+            d_wo += si.ng * a + si.ns * b;
+        }
+    }
+    let d = match part {
+        Some(part) => si.bsdf.d_eval_part(part, ci, co, io, d_brdf),
+        None => si.bsdf.d_eval(ci, co, io, d_brdf),
+    };
+    adj.ns += si.wi * d.d_ci + wo * d.d_co;
+    adj.wi += si.ns * d.d_ci + wo * d.d_io;
+    d_wo += si.ns * d.d_co + si.wi * d.d_io;
+    (d_wo, d.d_values)
+}
+
+/// The incoming direction on the front of the shading normal, as the BSDF has it.
+fn front(si: &SurfaceInteraction) -> (Vec3, f32) {
+    let ci = si.ns.dot(si.wi);
+    if ci < 0.0 { (si.wi - si.ns * (2.0 * ci), ci) } else { (si.wi, ci) }
+}
+
+/// Adjoint of an attached direction: `wo` is `wi` mirrored at a half vector h that turns with the shading normal, by the
+/// smallest rotation that takes the normal along. `d_wo` goes to the normal and `wi`; `d_h` is an adjoint h has besides.
+fn d_attached(si: &SurfaceInteraction, h: Vec3, mut d_h: Vec3, d_wo: Vec3, mut d_wi: Vec3, adj: &mut VertexAdjoint) {
+    let (wi, ci) = front(si);
+    let (h_wi, h_d) = (h.dot(wi), h.dot(d_wo));
+    d_h += (wi * h_d + d_wo * h_wi) * 2.0;
+    d_wi += h * (2.0 * h_d) - d_wo;
+    adj.ns += h.cross(d_h).cross(si.ns);
+    if ci < 0.0 {
+        // wi was mirrored at the tangent plane.
+        let along = si.ns.dot(d_wi);
+        adj.ns -= (d_wi * ci + si.wi * along) * 2.0;
+        d_wi -= si.ns * (2.0 * along);
+    }
+    adj.wi += d_wi;
+}
+
+/// Adjoint of the direction `wo` of an attached lobe.
+pub fn d_attached_direction(si: &SurfaceInteraction, wo: Vec3, d_wo: Vec3, adj: &mut VertexAdjoint) {
+    let h = (front(si).0 + wo).normalize_or_zero();
+    d_attached(si, h, Vec3::ZERO, d_wo, Vec3::ZERO, adj);
+}
+
+/// Adjoint of the specular part of [`SurfaceInteraction::eval`] where its direction is attached: the half vector is what
+/// was sampled and turns with the surface, so the integrand is f·cos·|∂ω/∂h| = 4 f·cos·(wi·h). `d_wo` is the adjoint that the
+/// radiance from there has in the direction. Returns the adjoint of the material's inputs.
+pub fn d_eval_attached(
+    si: &SurfaceInteraction,
+    wo: Vec3,
+    d_f: Vec3,
+    d_wo: Vec3,
+    adj: &mut VertexAdjoint,
+) -> [Vec3; MAX_INPUTS] {
+    let (d_direction, d_values) = d_eval(si, wo, Some(Part::Specular), d_f, adj);
+    let wi = front(si).0;
+    let h = (wi + wo).normalize_or_zero();
+    let h_wi = h.dot(wi);
+    if h_wi <= 0.0 {
+        return d_values;
+    }
+    let by_jacobian = d_f.dot(si.eval_part(Part::Specular, wo)) / h_wi;
+    d_attached(si, h, wi * by_jacobian, d_wo + d_direction, h * by_jacobian, adj);
+    d_values
+}
+
+/// Adjoint of a vertex whose position is where a ray (direction −wi, distance `t`) meets its triangle: distributes to the
+/// triangle's arrays and returns the adjoint of the ray.
+///
+/// ẋ = u + d (n·(V−u))/(n·d), with u the velocity of the ray at the hit and V that of the material point; ḃ_i = ∇b_i·(ẋ−V).
+pub fn slide<S: Sink>(out: &mut Adjoints<S>, si: &SurfaceInteraction, t: f32, mut adj: VertexAdjoint) -> RayAdjoint {
+    if si.shading_flip == 0.0 {
+        adj.ng += adj.ns;
+    } else if adj.ns != Vec3::ZERO {
+        // ns = flip · M/|M|, M = Σ b n; |M| from the interpolated normals again.
+        let id = out.scene.prims[si.prim as usize];
+        let mesh = &out.scene.description.shapes[id.shape as usize].mesh;
+        if let Some(normals) = &mesh.normals {
+            let face = mesh.faces[id.face as usize];
+            let m: Vec3 = face.iter().zip(si.b).map(|(&v, b)| normals[v as usize] * b).sum();
+            let d_m = (adj.ns - si.ns * si.ns.dot(adj.ns)) * (si.shading_flip / m.length());
+            let d_b = out.interpolated_normal(si.prim, si.b, d_m);
+            adj.add_b(d_b);
+        }
+    }
+    out.geometric_normal(si.prim, adj.ng * si.flip);
+
+    let d = -si.wi;
+    let n_d = si.ng.dot(d);
+    if n_d.abs() < 1e-7 {
+        return RayAdjoint::default();
+    }
+    let g = if adj.b == [0.0; 3] { Vec3::ZERO } else { barycentric_gradient(out, si.prim, adj.b) };
+    let d_x = adj.p + g;
+    let along_normal = si.ng * (d.dot(d_x) / n_d);
+    out.material_point(si.prim, si.b, along_normal - g);
+    let d_u = d_x - along_normal;
+    RayAdjoint { origin: d_u, dir: d_u * t - adj.wi }
+}
+
+/// Σ b̄_i ∇b_i with ∇b_i = n × (v_{i+2} − v_{i+1}) / 2A.
+fn barycentric_gradient<S: Sink>(out: &Adjoints<S>, prim: PrimId, d_b: [f32; 3]) -> Vec3 {
+    let [p0, p1, p2] = out.scene.corners(prim);
+    let n = (p1 - p0).cross(p2 - p0);
+    let double_area_squared = n.length_squared();
+    if double_area_squared <= 0.0 {
+        return Vec3::ZERO;
+    }
+    n.cross((p2 - p1) * d_b[0] + (p0 - p2) * d_b[1] + (p1 - p0) * d_b[2]) / double_area_squared
+}
+
+/// Adjoint of a material's inputs at a vertex.
+pub fn d_inputs<S: Sink>(out: &mut Adjoints<S>, si: &SurfaceInteraction, d: &[Vec3; MAX_INPUTS], adj: &mut VertexAdjoint) {
+    let kind = &out.scene.description.shapes[si.shape as usize].material.kind;
+    let (inputs, count) = kind.inputs();
+    let scalar = kind.scalar_inputs();
+    for i in 0..count {
+        let d = if scalar[i] { Vec3::X * d[i].x } else { d[i] };
+        if d != Vec3::ZERO {
+            let d_b = out.input(inputs[i], si.prim, si.b, d, true);
+            adj.add_b(d_b);
+        }
+    }
+}
+
+/// Adjoint of emission seen where a direction-fixed ray hits (camera rays, mirrors).
+pub fn d_emission_sliding<S: Sink>(out: &mut Adjoints<S>, si: &SurfaceInteraction, d: Vec3, adj: &mut VertexAdjoint) {
+    if let Some(input) = emission_input(out, si.prim) {
+        let d_b = out.input(input, si.prim, si.b, d, true);
+        adj.add_b(d_b);
+    }
+}
+
+pub fn emission_input<S: Sink>(out: &Adjoints<S>, prim: PrimId) -> Option<Input> {
+    let shape = out.scene.prims[prim as usize].shape as usize;
+    out.scene.description.shapes[shape].emission.as_ref().map(|e| e.radiance)
+}
+
+/// Adjoint of light that arrives at a vertex: emission of area lights material-fixed, everything else direction-fixed or
+/// attached.
+pub fn d_arriving<S: Sink>(
+    out: &mut Adjoints<S>,
+    si: &SurfaceInteraction,
+    c: &Arriving,
+    a: Vec3,
+    adj: &mut VertexAdjoint,
+) -> [Vec3; MAX_INPUTS] {
+    if c.light.is_delta() {
+        return d_material(out, si, c, si.eval(c.dir), None, a, adj);
+    }
+    let [fixed, attached] = si.eval_split(c.dir);
+    let part = si.bsdf.is_attached().then_some(Part::Diffuse);
+    let mut d_values = if c.light.kind == LightKind::Area && !out.scene.touch(si.prim, c.light.prim) {
+        d_material(out, si, c, fixed, part, a, adj)
+    } else {
+        let d_f = a * c.light.power * (c.geometry * c.weight);
+        d_found(out, c, a * fixed, adj);
+        d_eval(si, c.dir, part, d_f, adj).1
+    };
+    if si.bsdf.is_attached() {
+        let d_f = a * c.light.power * (c.geometry * c.weight);
+        let d_dir = d_found(out, c, a * attached, adj);
+        for (d, e) in d_values.iter_mut().zip(d_eval_attached(si, c.dir, d_f, d_dir, adj)) {
+            *d += e;
+        }
+    }
+    d_values
+}
+
+/// Adjoint of what a ray finds on a light that it slides over: `a` includes the BSDF. Adds the vertex's part, returns the
+/// direction's.
+fn d_found<S: Sink>(out: &mut Adjoints<S>, c: &Arriving, a: Vec3, adj: &mut VertexAdjoint) -> Vec3 {
+    let d_power = a * (c.geometry * c.weight);
+    if c.light.kind == LightKind::Environment {
+        return out.environment(c.dir, d_power);
+    }
+    let mut d_light = VertexAdjoint::default();
+    let Some(input) = emission_input(out, c.light.prim) else { return Vec3::ZERO };
+    let d_b = out.input(input, c.light.prim, c.light.b, d_power, true);
+    d_light.add_b(d_b);
+    if d_light.b == [0.0; 3] {
+        return Vec3::ZERO;
+    }
+    let there = out.scene.interaction(c.light.prim, c.light.b, -c.dir);
+    let ray = slide(out, &there, c.distance, d_light);
+    adj.p += ray.origin;
+    ray.dir
+}
+
+/// Light arriving at a vertex from a light sample: contribution a·(f·power)·geometry·weight.
+pub struct Arriving<'a> {
+    pub light: &'a LightSample,
+    pub dir: Vec3,
+    pub distance: f32,
+    pub geometry: f32,
+    pub weight: f32,
+}
+
+/// Adjoint of light from a point that stays where it is on its light. `f` is the value of `part`.
+#[allow(clippy::too_many_arguments)]
+pub fn d_material<S: Sink>(
+    out: &mut Adjoints<S>,
+    si: &SurfaceInteraction,
+    c: &Arriving,
+    f: Vec3,
+    part: Option<Part>,
+    a: Vec3,
+    adj: &mut VertexAdjoint,
+) -> [Vec3; MAX_INPUTS] {
+    let light = c.light;
+    let scale = c.geometry * c.weight;
+    let (mut d_dir, d_values) = d_eval(si, c.dir, part, a * light.power * scale, adj);
+    let d_power = a * f * scale;
+    let d_geometry = a.dot(f * light.power) * c.weight;
+    match light.kind {
+        LightKind::Area => {
+            // geometry = |cos| / r²
+            let cos = -light.n.dot(c.dir);
+            let sign = cos.signum();
+            let inv_r2 = 1.0 / (c.distance * c.distance);
+            let d_cos = d_geometry * inv_r2 * sign;
+            let d_r = -2.0 * d_geometry * c.geometry / c.distance;
+            d_dir -= light.n * d_cos;
+            let d = c.dir * d_r + (d_dir - c.dir * c.dir.dot(d_dir)) / c.distance;
+            adj.p -= d;
+            out.material_point(light.prim, light.b, d);
+            out.geometric_normal(light.prim, -c.dir * d_cos);
+            // The measure is dA = 2A du dv; the density, a constant, cancels it only in value.
+            let [p0, p1, p2] = out.scene.corners(light.prim);
+            let area = 0.5 * (p1 - p0).cross(p2 - p0).length();
+            out.area(light.prim, d_geometry * c.geometry / area);
+            if let Some(input) = emission_input(out, light.prim) {
+                out.input(input, light.prim, light.b, d_power, false);
+            }
+        }
+        LightKind::Point(i) => {
+            let d_r = -2.0 * d_geometry * c.geometry / c.distance;
+            let d = c.dir * d_r + (d_dir - c.dir * c.dir.dot(d_dir)) / c.distance;
+            adj.p -= d;
+            out.light_placement(i, d);
+            out.light_power(i, d_power);
+        }
+        LightKind::Directional(i) => {
+            d_direction(out, i, d_dir);
+            out.light_power(i, d_power);
+        }
+        LightKind::Environment => {}
+    }
+    d_values
+}
+
+/// Adjoint of the unit direction towards a directional light → its `direction` (which points the other way).
+pub fn d_direction<S: Sink>(out: &mut Adjoints<S>, light: u32, d_towards: Vec3) {
+    if let crate::render::DeltaLight::Directional { direction, .. } = out.scene.description.delta_lights[light as usize]
+    {
+        out.light_placement(light, crate::math::d_normalize(direction, -d_towards));
+    }
+}
+
+/// Adjoint of a first-hit channel (see [`crate::render::film::first_hit`]) → adjoint of the camera ray. The camera's own
+/// part of the depth goes straight to `out.camera`.
+pub fn d_first_hit<S: Sink>(
+    out: &mut Adjoints<S>,
+    output: Output,
+    camera: &Camera,
+    si: &SurfaceInteraction,
+    t: f32,
+    d: Vec3,
+) -> RayAdjoint {
+    let mut adj = VertexAdjoint::default();
+    match output {
+        Output::Radiance | Output::Alpha | Output::ShapeIndex => {}
+        Output::Depth => {
+            let forward = camera.frame[2].normalize();
+            adj.p += forward * d.x;
+            out.camera.origin -= forward * d.x;
+            out.camera.frame[2] += crate::math::d_normalize(camera.frame[2], (si.p - camera.origin) * d.x);
+        }
+        Output::Position => adj.p += d,
+        Output::Normal => adj.ns += d,
+        Output::GeometricNormal => adj.ng += d,
+        Output::Albedo => {
+            let d_values = si.bsdf.d_albedo(d);
+            d_inputs(out, si, &d_values, &mut adj);
+        }
+        Output::Uv => {
+            let d_b = out.uv(si.prim, si.b, d.truncate());
+            adj.add_b(d_b);
+        }
+    }
+    slide(out, si, t, adj)
+}

@@ -1,0 +1,82 @@
+//! Pairs of triangles that share a corner and of which one shines on the other.
+
+use std::collections::{HashMap, HashSet};
+
+use glam::Vec3;
+
+use super::accel::PrimId;
+use super::scene::MaterialKind;
+use super::world::Scene;
+
+/// A corner with more emitters than this is left out.
+const MAX_FAN: usize = 64;
+
+/// Receivers with the emitters that touch them. Between these emission is differentiated direction-fixed: material-fixed, as
+/// elsewhere, the receiving point slides towards an emitting point that stays, and derivatives grow like 1/distance. Either
+/// is right for any pair, as long as every estimator has the same list.
+pub struct Contacts {
+    pairs: HashSet<(PrimId, PrimId)>,
+}
+
+impl Contacts {
+    pub fn new(scene: &Scene) -> Contacts {
+        let shape = |prim: PrimId| &scene.description.shapes[scene.prims[prim as usize].shape as usize];
+        let all = 0..scene.prims.len() as PrimId;
+        let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits); // + 0 turns −0 into 0
+        let mut emitters: HashMap<[u32; 3], Vec<PrimId>> = HashMap::new();
+        for prim in all.clone().filter(|&p| shape(p).emission.is_some()) {
+            for corner in scene.corners(prim) {
+                emitters.entry(key(corner)).or_default().push(prim);
+            }
+        }
+        let mut pairs = HashSet::new();
+        if emitters.is_empty() {
+            return Contacts { pairs };
+        }
+        let plane = |prim: PrimId| {
+            let [a, b, c] = scene.corners(prim);
+            ((b - a).cross(c - a).normalize_or_zero(), a)
+        };
+        // Largest distance of a triangle's corners before (+) or behind (−) the plane of another.
+        let reach = |prim: PrimId, (n, origin): (Vec3, Vec3), side: f32| {
+            scene.corners(prim).into_iter().map(|p| side * n.dot(p - origin)).fold(0.0, f32::max)
+        };
+        let least = 1e-5 * scene.radius;
+        for receiver in all {
+            let (material, at) = (&shape(receiver).material, plane(receiver));
+            if matches!(material.kind, MaterialKind::Black) || at.0 == Vec3::ZERO {
+                continue;
+            }
+            for corner in scene.corners(receiver) {
+                let Some(fan) = emitters.get(&key(corner)).filter(|fan| fan.len() <= MAX_FAN) else { continue };
+                for &emitter in fan {
+                    let Some(emission) = shape(emitter).emission.as_ref().filter(|_| emitter != receiver) else {
+                        continue;
+                    };
+                    let from = plane(emitter);
+                    let lit = reach(receiver, from, 1.0) > least
+                        || (emission.two_sided && reach(receiver, from, -1.0) > least);
+                    let faces = reach(emitter, at, 1.0) > least
+                        || (!material.one_sided && reach(emitter, at, -1.0) > least);
+                    if lit && faces {
+                        pairs.insert((receiver, emitter));
+                    }
+                }
+            }
+        }
+        Contacts { pairs }
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.pairs.is_empty()
+    }
+
+    pub fn contains(&self, receiver: PrimId, emitter: PrimId) -> bool {
+        self.pairs.contains(&(receiver, emitter))
+    }
+
+    /// Whether any emitter touches a receiver.
+    pub fn touches(&self, receiver: PrimId, emitters: impl IntoIterator<Item = PrimId>) -> bool {
+        !self.is_empty() && emitters.into_iter().any(|e| self.contains(receiver, e))
+    }
+}
