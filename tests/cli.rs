@@ -177,6 +177,25 @@ fn a_gradient_that_is_never_finite_stops_with_a_diagnostic() {
     assert!(stderr(&output).contains("`x`"), "{}", stderr(&output));
 }
 
+#[test]
+fn an_optimisation_says_how_far_it_came_and_what_it_did_not_feel() {
+    let place = Place::new();
+    let script = format!(
+        "{TRIANGLE}param unseen = 0.5\nshape shell {{ mesh: cube() |> translate([0, 0, -20]) }}\n\
+         shape kernel {{ mesh: cube(size: 0.2) |> translate([0, 0, -20]), material: diffuse(reflectance: unseen) }}\n\
+         optimize fit {{ over: [glow, unseen], using: adam(lr: 0.02), steps: 3 }}\n"
+    );
+    place.write("t.dscene", script);
+    let output = place.dsl(&["run", "t.dscene", "--out", "r"]);
+    assert_code(&output, 0);
+    let text = stderr(&output);
+    assert!(text.contains("optimised `fit` from ") && text.contains("3 steps in "), "{text}");
+    assert!(text.contains("with respect to `unseen` was 0 in all 3 steps"), "{text}");
+    let silhouettes = ["grad", "t.dscene", "--of", "mean(render(eye, boundary: false))", "--wrt", "corners"];
+    let text = stderr(&place.dsl(&silhouettes));
+    assert!(text.contains("`boundary: false` leaves out silhouettes"), "{text}");
+}
+
 // ---- determinism ---------------------------------------------------------------------------------------------------
 
 fn log_without_seconds(path: &Path) -> String {
@@ -481,6 +500,25 @@ fn the_repl_shows_gradients_with_errors_and_steps() {
         "{text}"
     );
     assert!(text.contains("step 2 of 4"), "{text}");
+}
+
+#[test]
+fn the_repl_sets_only_what_is_there_and_within_its_bounds() {
+    let place = Place::new();
+    place.write("t.dscene", TRIANGLE);
+    for (line, problem) in [
+        (":set glow 5", "`glow` stays within 0..1"),
+        (":set glwo 0.5", "did you mean `glow`?"),
+        ("glow = 0.7", "`let glow = …`"),
+    ] {
+        let output = repl(&place, &["t.dscene"], line);
+        assert_diagnosed(&output);
+        assert!(stderr(&output).contains(problem), "{line}: {}", stderr(&output));
+    }
+    // One number for every element, as in `with`.
+    let output = repl(&place, &["t.dscene"], ":set corners 0.25\n");
+    assert_code(&output, 0);
+    assert_eq!(stdout(&output).matches("0.25").count(), 9, "{}", stdout(&output));
 }
 
 #[test]

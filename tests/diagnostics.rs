@@ -404,6 +404,20 @@ let count = double(1, 2)",
         ],
     },
     Case {
+        name: "vectors_and_fields",
+        prelude: SCENE,
+        script: "camera side { film: 256, fov: 45deg }\nlet a = dot([1, 2, 3], [1, 2])\nlet f = (x, x) => x\n\
+                 print grad(fit, ball), grad(fit, ball.mesh)\nlet b = 1\nsize = 3",
+        wanted: &[
+            ("dscene::type::mismatch", "256", "`[256, 256]`"),
+            ("dscene::type::shape", "[1, 2]", ""),
+            ("dscene::name::duplicate", "x", ""),
+            ("dscene::type::param", "ball", "`ball.mesh.vertices`"),
+            ("dscene::type::param", "ball.mesh", "`ball.mesh.vertices`"),
+            ("dscene::syntax::unexpected", "size", "`let size = …`"),
+        ],
+    },
+    Case {
         name: "statements_without_names",
         prelude: SCENE,
         script: "camera { fov: 45deg }\nparam = 3\nloss mse(render(eye), target)\nlet z = 1\nfor i in 0..3 { print i }\nlet x\nlet y {\nfov: 3 }",

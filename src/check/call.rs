@@ -402,6 +402,9 @@ impl Checker<'_> {
             }
             Ty::Angle if accepts(Ty::SCALAR) => format!("divide by a unit to get a number: `{short} / 1deg`"),
             Ty::Angle if is(Ty::Rotation) => format!("write `rotation(angle: {short})`"),
+            Ty::Num(shape) if shape.is_empty() && matches!(wanted, Sig::Int(s) if s.as_slice() == [Some(2)]) => {
+                format!("write `[{short}, {short}]`")
+            }
             Ty::Num(_) if matches!(wanted, Sig::Int(_)) && found.value.is_some() => {
                 let x = found.value.as_ref().and_then(Const::number)?;
                 format!("write `{}`", x.round())
@@ -556,8 +559,9 @@ impl Checker<'_> {
             let (message, help) = if numeric {
                 (format!("`{}` is not a param", name.text), format!("declare it with `param {} = …`", name.text))
             } else {
+                let text = self.sources.text(e.span);
                 let fields: Vec<String> =
-                    super::fields::fields_of(&ty).iter().map(|f| format!("`{}.{f}`", name.text)).collect();
+                    super::fields::numeric_fields(&ty).iter().map(|f| format!("`{text}.{f}`")).collect();
                 let help = if fields.is_empty() {
                     "name a `param`".to_owned()
                 } else {

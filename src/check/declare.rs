@@ -369,14 +369,7 @@ impl Checker<'_> {
         let Some(signature) = self.signature(id) else { return };
         for (i, param) in f.params.iter().enumerate() {
             if let Some(first) = f.params[..i].iter().find(|p| p.name.text == param.name.text) {
-                self.diagnostics.push(
-                    Diagnostic::error(
-                        "dscene::name::duplicate",
-                        format!("two parameters are called `{}`", param.name.text),
-                    )
-                    .label(param.name.span, "again here")
-                    .label(first.name.span, "first here"),
-                );
+                self.report_same_parameters(&param.name, first.name.span);
             }
         }
         let params_ty: Vec<Ty> = signature.params.iter().map(|p| p.sig.ty()).collect();
@@ -461,6 +454,14 @@ impl Checker<'_> {
         self.next_local += 1;
         self.locals.push(Local { name: name.to_owned(), id, ty, value });
         id
+    }
+
+    pub fn report_same_parameters(&mut self, name: &ast::Name, first: Span) {
+        self.diagnostics.push(
+            Diagnostic::error("dscene::name::duplicate", format!("two parameters are called `{}`", name.text))
+                .label(name.span, "again here")
+                .label(first, "first here"),
+        );
     }
 
     pub fn report_twice(&mut self, name: &ast::Name, first: Span) {

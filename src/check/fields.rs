@@ -121,6 +121,17 @@ pub fn fields_of(ty: &Ty) -> Vec<&'static str> {
     }
 }
 
+/// The fields of a value, or of its mesh, that derivatives can be taken with respect to.
+pub fn numeric_fields(ty: &Ty) -> Vec<String> {
+    let part = |name: &&str| match (field_type(ty, name)?, *name) {
+        (_, "faces") => None,
+        (Ty::Mesh, name) => Some(format!("{name}.vertices")),
+        (Ty::Num(_) | Ty::Angle | Ty::Rotation | Ty::Image { .. } | Ty::Any, name) => Some(name.to_owned()),
+        _ => None,
+    };
+    fields_of(ty).iter().filter_map(part).collect()
+}
+
 fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
     if ty.is_unknown() {
         return Some(ty.clone());

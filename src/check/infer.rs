@@ -509,6 +509,11 @@ impl Checker<'_> {
         };
         let depth = self.locals.len();
         let ty = |i: usize| types.get(i).cloned().unwrap_or(Ty::Any);
+        for (i, param) in params.iter().enumerate() {
+            if let Some(first) = params[..i].iter().find(|p| p.text == param.text) {
+                self.report_same_parameters(param, first.span);
+            }
+        }
         let known = Function::Lambda {
             params: params.to_vec(),
             body: body.clone(),

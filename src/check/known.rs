@@ -85,6 +85,16 @@ impl Checker<'_> {
                 );
             }
         }
+        if let ("dot", [Some(a), Some(b)]) = (name, &*found)
+            && a.expr.ty != b.expr.ty
+            && !super::signature::fits(&a.expr.ty, &b.expr.ty)
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::shape", "`dot` needs two vectors of one length")
+                    .label(b.expr.span, format!("this is `{}`", b.expr.ty))
+                    .label(a.expr.span, format!("but this is `{}`", a.expr.ty)),
+            );
+        }
         if let Some(triangles) = triangles(name, found)
             && triangles > crate::mesh::MAX_BUILT as f64
             && let Some(place) = found.iter().flatten().map(|a| a.expr.span).reduce(Span::to)

@@ -9,6 +9,7 @@ use crate::eval;
 use crate::session::clock::{Stopwatch, human_seconds};
 use crate::session::folder::write_atomically;
 use crate::session::{Optimization, Runner, show};
+use crate::tape::Tensor;
 
 /// Name, arguments and what it does, in the order of `:help`.
 pub const NAMES: &[(&str, &str, &str)] = &[
@@ -143,6 +144,12 @@ impl Repl<'_> {
         let program = self.engine.program();
         let param = program.params().find(|&id| program.decl(id).name == name);
         let Some(id) = param else {
+            let own = || program.ids().map(|id| program.decl(id)).filter(|d| d.user).map(|d| d.name.as_str());
+            if !own().any(|n| n == name) {
+                return Err(Diagnostic::error("dscene::name::unknown", format!("there is no `{name}` to set"))
+                    .help_opt(diag::suggest(name, own()).map(|n| format!("did you mean `{n}`?")))
+                    .help(format!("a new value is declared: `let {name} = {value}`")));
+            }
             // Anything else is replaced by a declaration of the same name.
             self.line(&format!("let {name} = {value}"));
             return Ok(());
@@ -152,12 +159,25 @@ impl Repl<'_> {
         };
         let found = self.engine.eval(&expr)?;
         let current = self.engine.param_value(id)?;
-        let tensor = found.var().map(|v| v.value().clone());
+        let tensor = found.var().map(|v| v.value().clone()).map(|t| match t.item() {
+            // One number for all, as in `with`.
+            Some(x) => Tensor::full(&current.shape, x),
+            None => t,
+        });
         let Some(tensor) = tensor.filter(|t| t.shape == current.shape) else {
             let declared = self.engine.program().decl(id).ty.to_string();
             let message = format!("`{name}` is of type {declared}, this is of type {}", expr.ty);
             return Err(Diagnostic::error("dscene::type::mismatch", message).label(expr.span, expr.ty.to_string()));
         };
+        let info = self.engine.params()?.into_iter().find(|info| info.id == id);
+        if let Some((lo, hi)) = info.and_then(|info| info.bounds)
+            && tensor.data.iter().zip(lo.data.iter().zip(&hi.data)).any(|(x, (lo, hi))| x < lo || x > hi)
+        {
+            let message = format!("`{name}` stays within {}..{}", show::tensor(&lo), show::tensor(&hi));
+            return Err(Diagnostic::error("dscene::type::bounds", message)
+                .label(expr.span, "out of its bounds")
+                .help(format!("declare it anew with other bounds: `param {name} = {value} in lo..hi`")));
+        }
         self.engine.set_param(id, tensor)?;
         let text = show::tensor(&self.engine.param_value(id)?);
         self.world.print(&format!("{name} = {text}"));
@@ -316,7 +336,7 @@ impl Repl<'_> {
 }
 
 /// Every number to its last digit, as an expression.
-fn full(t: &crate::tape::Tensor) -> String {
+fn full(t: &Tensor) -> String {
     crate::session::folder::nested(&t.shape, &t.data).to_string().replace(',', ", ").replace('"', "")
 }
 

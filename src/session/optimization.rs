@@ -22,6 +22,8 @@ pub struct Optimization {
     params: Vec<Moved>,
     optimizer: Optimizer,
     losses: Vec<f64>,
+    /// For each param, whether its derivative was ever anything but 0.
+    felt: Vec<bool>,
 }
 
 /// A stage with its share of the steps.
@@ -68,6 +70,7 @@ impl Optimization {
             total: stages.last().map_or(0, |s| s.until),
             stages,
             done: 0,
+            felt: vec![false; params.len()],
             params,
             optimizer: Optimizer::new(Solver::adam(), spaces),
             losses: Vec::new(),
@@ -93,6 +96,33 @@ impl Optimization {
     /// The loss at the last step taken.
     pub fn last_loss(&self) -> Option<f64> {
         self.losses.last().copied()
+    }
+
+    /// The losses at the first and the last step taken.
+    pub fn losses(&self) -> Option<(f64, f64)> {
+        Some((*self.losses.first()?, *self.losses.last()?))
+    }
+
+    /// Params that could not move: their derivative was exactly 0 in every step.
+    pub fn unfelt(&self) -> Option<Diagnostic> {
+        let names: Vec<String> = self
+            .params
+            .iter()
+            .zip(&self.felt)
+            .filter(|(_, felt)| !**felt)
+            .map(|(p, _)| format!("`{}`", p.name))
+            .collect();
+        if names.is_empty() || self.done == 0 {
+            return None;
+        }
+        let (steps, name) = (self.done, &self.optimize.name);
+        let message =
+            format!("the derivative of `{name}` with respect to {} was 0 in all {steps} steps", names.join(", "));
+        Some(
+            Diagnostic::warning("dscene::run::zero_gradient", message)
+                .label(self.optimize.loss.span, "does not feel it")
+                .help("is it in view, lit, and within reach of what the loss compares?"),
+        )
     }
 
     /// Steps skipped because of gradients that were not finite.
@@ -138,6 +168,9 @@ impl Optimization {
         let before: Vec<Tensor> = targets.iter().map(|t| engine.target_tensor(t)).collect::<Result<_, _>>()?;
         let mut values: Vec<Vec<f64>> = before.iter().map(|t| t.data.clone()).collect();
         let grads: Vec<Vec<f64>> = gradient.grads.into_iter().map(|t| t.data).collect();
+        for (felt, grad) in self.felt.iter_mut().zip(&grads) {
+            *felt |= grad.iter().any(|g| *g != 0.0);
+        }
         let grad_norm = self.optimizer.grad_norm(&values, &grads);
         let outcome = self.optimizer.step(&mut values, &grads, lr);
         let names = |indices: &[usize]| -> Vec<String> {

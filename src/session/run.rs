@@ -3,9 +3,11 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use super::clock::{Stopwatch, human_seconds};
 use super::folder::{LogEntry, RunFolder, output_path, write_atomically};
 use super::optimization::{Optimization, whole_number};
 use super::plot;
+use super::show::significant;
 use super::world::{Progress, World};
 use crate::check::hir;
 use crate::check::types::Ty;
@@ -93,9 +95,23 @@ impl<'a> Runner<'a> {
 
     fn optimize(&mut self, optimize: &hir::Optimize) -> Result<Flow, Diagnostic> {
         let mut optimization = Optimization::new(self.engine, optimize, self.steps)?;
+        let begun = Stopwatch::start();
         let flow = self.advance(&mut optimization, u64::MAX);
         self.world.progress_done();
         optimization.leave(self.engine);
+        if let (Ok(Flow::Continue), Some((first, last))) = (&flow, optimization.losses()) {
+            let (name, steps) = (optimization.name(), optimization.done());
+            let seconds = human_seconds(begun.elapsed().wall);
+            let (first, last) = (significant(first, 4), significant(last, 4));
+            self.world.note(&format!(
+                "optimised `{name}` from {first} to {last}: {steps} step{} in {seconds}",
+                if steps == 1 { "" } else { "s" }
+            ));
+        }
+        if let (Ok(Flow::Continue), Some(warning)) = (&flow, optimization.unfelt()) {
+            let sources = self.engine.program().sources.clone();
+            self.world.diagnostic(&warning, &sources);
+        }
         flow
     }
 

@@ -192,6 +192,14 @@ fn token_at(text: &str, at: usize) -> (usize, String) {
 fn help(text: &str, at: usize, found: &str) -> Option<String> {
     let rest = text.get(at..).unwrap_or("");
     let before = text.get(..at).unwrap_or("").trim_end();
+    // `height = 3` on a line of its own, or as a whole line.
+    let begins_line = text.get(before.len()..at).is_some_and(|gap| gap.contains('\n'));
+    if is_name(found) && begins_line && token_at(text, skip_space(text, at + found.len())).1 == "=" {
+        return Some(format!("values are declared: `let {found} = …`"));
+    }
+    if found == "=" && is_name(before) && before.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') {
+        return Some(format!("values are declared: `let {before} = …`"));
+    }
     let help = match found {
         "&&" | "&" => "write `and`",
         "||" => "write `or`",
