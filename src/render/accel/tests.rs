@@ -162,6 +162,19 @@ fn any_size_of_coordinates_will_do() {
 }
 
 #[test]
+fn what_overflows_is_not_hit() {
+    // The edge functions are finite, but not their sum: everything divided by it is zero, the distance too.
+    let far = 1.2e19;
+    let corners = [[Vec3::new(-far, -far, far), Vec3::new(far, -far, far), Vec3::new(0.0, far, far)]];
+    for accel in both(&corners) {
+        for x in [0.0, 0.01, -0.3] {
+            let ray = Ray::new(Vec3::ZERO, Vec3::new(x, 0.0, 1.0).normalize());
+            assert!(accel.closest(&ray, &[]).is_none() && !accel.occluded(&ray, &[]));
+        }
+    }
+}
+
+#[test]
 fn distances_and_barycentric_coordinates_are_those_of_the_hit_point() {
     let mut rng = Pcg32::new(11);
     let corners = soups().swap_remove(2).1;
