@@ -351,11 +351,15 @@ loss fit = mse(render(small), target)",
     Case {
         name: "saving",
         prelude: SCENE,
-        script: "save eye to \"a.png\"\nsave render(eye) to \"a.bmp\"\nsave render(eye) to 3",
+        script: "save eye to \"a.png\"\nsave render(eye) to \"a.bmp\"\nsave render(eye) to 3\n\
+                 save ball.mesh to \"a.stl\"\nsave size to \"a.png\"\nplot fit, target",
         wanted: &[
             ("dscene::type::mismatch", "eye", "save render(eye)"),
             ("dscene::file::format", "\"a.bmp\"", "`.png`"),
             ("dscene::type::mismatch", "3", ""),
+            ("dscene::file::format", "\"a.stl\"", "`.ply`"),
+            ("dscene::file::format", "\"a.png\"", "`.json`"),
+            ("dscene::type::mismatch", "target", "save EXPR to"),
         ],
     },
     Case {

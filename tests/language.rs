@@ -441,6 +441,22 @@ fn black_images_say_why() {
 }
 
 #[test]
+fn meshes_that_would_only_exhaust_the_memory_are_refused() {
+    let mut e = engine("param n = 5000");
+    for (text, count) in [
+        ("grid(columns: n, rows: n)", "50000000 triangles"),
+        ("sphere(subdivisions: n - 800)", "triangles, more than the limit"),
+        ("icosphere(subdivisions: n / 500)", "20971520 triangles"),
+        ("torus(subdivisions: n)", "50000000 triangles"),
+        ("teapot(subdivisions: n / 5)", "64000000 triangles"),
+        ("sphere(subdivisions: 1500) |> subdivide(levels: 4)", "triangles, more than the limit"),
+    ] {
+        let error = try_eval(&mut e, text).err().unwrap_or_else(|| panic!("{text} is built"));
+        assert!(error.message.contains(count), "{text}: {}", error.message);
+    }
+}
+
+#[test]
 fn a_mesh_without_triangles_is_refused_in_words() {
     for (vertices, faces, what) in [("[[0, 0, 0]]", "[]", "faces"), ("[]", "[]", "vertices")] {
         let error =

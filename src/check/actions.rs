@@ -42,7 +42,7 @@ impl Checker<'_> {
                 hir::Action::Print { values: values.iter().map(|v| self.expr(v, None).expr).collect(), span: *span }
             }
             ast::Action::Plot { values, path, span } => hir::Action::Plot {
-                values: values.iter().map(|v| self.expr(v, None).expr).collect(),
+                values: values.iter().map(|v| self.plotted(v)).collect(),
                 path: path.as_ref().map(|p| self.path(p, &Ty::Any)),
                 span: *span,
             },
@@ -50,6 +50,21 @@ impl Checker<'_> {
                 hir::Action::Expect { condition: self.condition(condition), span: *span }
             }
         }
+    }
+
+    /// What can be drawn as a curve.
+    fn plotted(&mut self, value: &ast::Expr) -> hir::Expr {
+        let value = self.expr(value, None).expr;
+        if !matches!(value.ty, Ty::Num(_) | Ty::Angle) && !value.ty.is_unknown() {
+            let help =
+                matches!(value.ty, Ty::Image { .. }).then_some("an image is saved: `save EXPR to \"image.png\"`");
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::mismatch", format!("{} cannot be plotted", value.ty.a()))
+                    .label(value.span, format!("this is `{}`", value.ty))
+                    .help(help.unwrap_or("plot numbers: a loss, a param, an array of them")),
+            );
+        }
+        value
     }
 
     /// `image.png` without quotes.

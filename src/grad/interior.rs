@@ -140,13 +140,8 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, injection: Op
         }
         if let Some(c) = &v.connection {
             out_going += c.f * c.light.power * (c.geometry * c.weight);
-            let arriving = Arriving {
-                light: &c.light,
-                dir: c.dir,
-                distance: c.distance,
-                geometry: c.geometry,
-                weight: c.weight,
-            };
+            let arriving =
+                Arriving { light: &c.light, dir: c.dir, distance: c.distance, geometry: c.geometry, weight: c.weight };
             add_values(d_arriving(out, si, &arriving, a_k, &mut adj));
         }
         if let Some(weight) = sliding_emission(out.scene, path, k)

@@ -165,7 +165,12 @@ fn barycentric_gradient<S: Sink>(out: &Adjoints<S>, prim: PrimId, d_b: [f32; 3])
 }
 
 /// Adjoint of a material's inputs at a vertex.
-pub fn d_inputs<S: Sink>(out: &mut Adjoints<S>, si: &SurfaceInteraction, d: &[Vec3; MAX_INPUTS], adj: &mut VertexAdjoint) {
+pub fn d_inputs<S: Sink>(
+    out: &mut Adjoints<S>,
+    si: &SurfaceInteraction,
+    d: &[Vec3; MAX_INPUTS],
+    adj: &mut VertexAdjoint,
+) {
     let kind = &out.scene.description.shapes[si.shape as usize].material.kind;
     let (inputs, count) = kind.inputs();
     let scalar = kind.scalar_inputs();

@@ -120,9 +120,8 @@ mod tests {
             *v = if i % 5 == 0 { 0.0 } else { (i as f32 * 0.37).sin() };
         }
         // Σ adjoint · ∫ x·y over the pixel.
-        let exact: f64 = (0..37 * 23)
-            .map(|i| f64::from(adjoint.data[i]) * ((i % 37) as f64 + 0.5) * ((i / 37) as f64 + 0.5))
-            .sum();
+        let exact: f64 =
+            (0..37 * 23).map(|i| f64::from(adjoint.data[i]) * ((i % 37) as f64 + 0.5) * ((i / 37) as f64 + 0.5)).sum();
         let estimates: Vec<f64> = (0..64)
             .map(|seed| {
                 let sampling = PixelSampling::new(&adjoint, 4096, 1.0, seed);

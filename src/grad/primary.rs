@@ -227,8 +227,18 @@ impl<'a> PrimaryEdges<'a> {
         };
         let jump = foreground - background;
         let foreground = view.foreground;
-        (jump != Vec3::ZERO && jump.is_finite())
-            .then_some(Boundary { viewpoint, edge, s, p, foreground, seen, pixel, normal_2d, speed, jump })
+        (jump != Vec3::ZERO && jump.is_finite()).then_some(Boundary {
+            viewpoint,
+            edge,
+            s,
+            p,
+            foreground,
+            seen,
+            pixel,
+            normal_2d,
+            speed,
+            jump,
+        })
     }
 
     /// One boundary sample on a piece, at a fraction of it that was chosen uniformly with probability density `pdf`.

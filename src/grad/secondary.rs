@@ -157,8 +157,7 @@ impl<'a> Secondary<'a> {
             return None;
         }
 
-        let options =
-            Options { first_emission: false, ..Options::new(events_left(k) - u32::from(mirror.is_some())) };
+        let options = Options { first_emission: false, ..Options::new(events_left(k) - u32::from(mirror.is_some())) };
         let look = |start: Start| {
             let mut side = Side::default();
             side.radiance = trace(self.scene, start, &mut sampler.clone(), &options, &mut side);

@@ -181,9 +181,7 @@ impl Bsdf {
                 schlick(half, reflectance) * Ggx::new(roughness).eval(ci, co, io)
             }
             Bsdf::ConductorIor { eta, k, roughness } => conductor(half, eta, k) * Ggx::new(roughness).eval(ci, co, io),
-            Bsdf::Phong { specular, roughness, .. } => {
-                schlick(half, specular) * Phong::new(roughness).eval(ci, co, io)
-            }
+            Bsdf::Phong { specular, roughness, .. } => schlick(half, specular) * Phong::new(roughness).eval(ci, co, io),
             Bsdf::Principled { base_color, metallic, roughness, specular } => {
                 schlick(half, principled_f0(base_color, metallic, specular)) * Ggx::new(roughness).eval(ci, co, io)
             }

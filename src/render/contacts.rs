@@ -56,8 +56,8 @@ impl Contacts {
                     let from = plane(emitter);
                     let lit = reach(receiver, from, 1.0) > least
                         || (emission.two_sided && reach(receiver, from, -1.0) > least);
-                    let faces = reach(emitter, at, 1.0) > least
-                        || (!material.one_sided && reach(emitter, at, -1.0) > least);
+                    let faces =
+                        reach(emitter, at, 1.0) > least || (!material.one_sided && reach(emitter, at, -1.0) > least);
                     if lit && faces {
                         pairs.insert((receiver, emitter));
                     }

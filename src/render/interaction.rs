@@ -210,11 +210,7 @@ impl SurfaceInteraction {
 
     #[inline]
     fn terminator(&self, wo: Vec3) -> f32 {
-        if self.shading_flip == 0.0 {
-            1.0
-        } else {
-            terminator(self.ng.dot(wo), self.ns.dot(wo), self.ng.dot(self.ns))
-        }
+        if self.shading_flip == 0.0 { 1.0 } else { terminator(self.ng.dot(wo), self.ns.dot(wo), self.ng.dot(self.ns)) }
     }
 }
 

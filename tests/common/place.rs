@@ -9,6 +9,27 @@ use std::time::Duration;
 use assert_cmd::Command;
 use tempfile::TempDir;
 
+/// A small world: a lit triangle whose vertices and brightness are unknown.
+pub const TRIANGLE: &str = r#"
+camera eye { position: [0, 0, -4], look_at: [0, 0, 0], fov: 45deg, film: [16, 16] }
+param corners: vec3[3] = [[-1, -0.8, 0], [1, -0.9, 0], [0.1, 1, 0]]
+param glow = 0.5 in 0..1
+shape panel { mesh: mesh(vertices: corners, faces: [[0, 2, 1]]), material: diffuse(reflectance: glow) }
+light sky = constant(radiance: 1)
+let target = render(eye, spp: 16) with { glow: 0.8 }
+loss fit = mse(render(eye, spp: 2), target)
+"#;
+
+/// Loss and params without a renderer.
+pub const BOWL: &str = r#"
+param x = 3
+param y: vec2 = [1, -1]
+loss bowl = (x - 1) ^ 2 + (y.x - 2) ^ 2 + (y.y + 3) ^ 2
+optimize bowl { using: sgd(lr: 0.2), steps: 60 }
+expect bowl < 1e-6
+print "x is {x:.3}"
+"#;
+
 /// A folder of its own, in which the command line is run.
 pub struct Place {
     pub folder: TempDir,
