@@ -113,7 +113,7 @@ fn run(args: &Args) -> std::io::Result<()> {
         let row = measure::row(case, seeds, &references);
         if args.json { println!("{}", serde_json::to_string(&row)?) } else { println!("{}", report::line(&row)) }
     }
-    if args.scene.is_none() {
+    if args.scene.as_deref().is_none_or(|text| text.contains("forward")) {
         let forward = measure::forward(if args.quick { 2 } else { 8 });
         if args.json {
             println!("{}", serde_json::json!({"forward": forward, "threads": rayon::current_num_threads()}));

@@ -533,7 +533,7 @@ impl Cornell {
             (wall(x, z, y), vec3(0.105421, 0.37798, 0.076425)),
             (wall(-x, -z, y), vec3(0.570068, 0.0430135, 0.0443706)),
             (cuboid(vec3(0.335 + self.small_x, -0.7, 0.38), vec3(0.3, 0.3, 0.3), -17f32.to_radians()), white),
-            (cuboid(vec3(-0.33, -0.4, -0.28), vec3(0.3, 0.61, 0.3), 18.25f32.to_radians() + self.tall_turn), white),
+            (cuboid(vec3(-0.33, -0.4, -0.28), vec3(0.3, 0.6, 0.3), 18.25f32.to_radians() + self.tall_turn), white),
         ] {
             let material = b.diffuse(colour);
             b.shape(m, material);
@@ -567,9 +567,8 @@ fn cornell_box(cases: &mut Vec<Case>) {
             (Kind::Material, "light radiance", 0.1, power),
         ] {
             let spp = 16;
-            let effort = if bounces == 1 || kind == Kind::Material { 1 } else { 3 };
             let build = move |t: f32| change(t).build();
-            cases.push(Case { bounces, spp, step, effort, ..Case::new(kind, scene, param, build) });
+            cases.push(Case { bounces, spp, step, ..Case::new(kind, scene, param, build) });
         }
     }
 }

@@ -1,0 +1,40 @@
+#!/usr/bin/env bash
+# Measures this renderer and Mitsuba 3 on the same scenes, one after the other, and writes docs/efficiency.md.
+#   docs/efficiency.sh            everything; PYTHON=… chooses the Python that has mitsuba
+#   docs/efficiency.sh --page     only the page, from the last measurements in target/efficiency
+set -euo pipefail
+cd "$(dirname "$0")/.."
+python=${PYTHON:-python3}
+work=target/efficiency
+bench() { cargo bench --quiet --bench efficiency -- "$@"; }
+
+if [ "${1:-}" != --page ]; then
+    mkdir -p $work
+    bench --export $work/scenes
+    bench --json --seeds 32 | tee $work/dscene.jsonl
+    "$python" docs/peers/mitsuba_efficiency.py $work/scenes | tee $work/mitsuba.jsonl
+    bench --scaling | tee $work/scaling.txt
+fi
+
+{
+    cat <<'END'
+# Derivatives: what they cost, what others pay
+
+Written by `docs/efficiency.sh`. Each row is the derivative of one linear loss (the mean of image × ramp) in one parameter, 256 × 256
+pixels, box filter. *z*: distance from a closed form or from central differences with common random numbers
+(`docs/efficiency_references.json`), in combined standard errors. *rel. std*: standard deviation of a single gradient over the
+derivative. *CPU s*: CPU seconds of a single gradient, all threads, warm. Higher 1/(variance × CPU seconds) is better; *ratio* is ours
+over Mitsuba's. Mitsuba runs `direct_projective`, `prb_projective` or (where no geometry moves) `prb` with no guiding, a grid and an
+octree at two sample counts, kernels warm; the table shows its best. Both programs render the same exported arrays; where their
+losses differ by more than 1 % it says so. A ratio says nothing where Mitsuba's z is large: it converges, to another number.
+
+END
+    echo "* $(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1), $(nproc) threads; $(uname -sm); $(date -u +%Y-%m-%d)"
+    echo "* dscene $(git describe --always --dirty), $(rustc --version)"
+    echo "* $("$python" -c 'import importlib.metadata as m; print("Mitsuba", m.version("mitsuba") + ", Dr.Jit", m.version("drjit"))')"
+    echo
+    bench --table $work/dscene.jsonl $work/mitsuba.jsonl
+    printf '\n## Growth\n\nOne gradient step at 256 × 256, 4 samples a pixel, direct light; `numbers` is the length of the derivative.\n\n```text\n'
+    cat $work/scaling.txt
+    echo '```'
+} >docs/efficiency.md
