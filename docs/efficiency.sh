@@ -26,7 +26,9 @@ pixels, box filter. *z*: distance from a closed form or from central differences
 derivative. *CPU s*: CPU seconds of a single gradient, all threads, warm. Higher 1/(variance × CPU seconds) is better; *ratio* is ours
 over Mitsuba's. Mitsuba runs `direct_projective`, `prb_projective` or (where no geometry moves) `prb` with no guiding, a grid and an
 octree at two sample counts, kernels warm; the table shows its best. Both programs render the same exported arrays; where their
-losses differ by more than 1 % it says so. A ratio says nothing where Mitsuba's z is large: it converges, to another number.
+losses differ by more than 1 % it says so. A ratio marked "biased" says little: Mitsuba converges there, but to another number (more than
+4 standard errors and 5 % from the reference). Its default octree settings take minutes a gradient on a CPU and are only run by
+`docs/peers/mitsuba_efficiency.py --default`.
 
 END
     echo "* $(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1), $(nproc) threads; $(uname -sm); $(date -u +%Y-%m-%d)"

@@ -87,7 +87,8 @@ pub fn side_by_side(ours: &Path, peer: &Path) -> std::io::Result<()> {
         "| scene | parameter | value | z | rel. std | CPU s | 1/(var·CPU s) | Mitsuba: setting | z | rel. std | CPU s | 1/(var·CPU s) | ratio |"
     );
     println!("|---|---|--:|--:|--:|--:|--:|---|--:|--:|--:|--:|--:|");
-    let mut ratios: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+    // By class: ratios, and how many of them are to derivatives that are wrong.
+    let mut ratios: BTreeMap<&str, (Vec<f64>, usize)> = BTreeMap::new();
     for row in &rows {
         let ours = format!(
             "| {} | {} | {:.3e} | {} | {} | {:.3} | {:.2e} |",
@@ -102,20 +103,24 @@ pub fn side_by_side(ours: &Path, peer: &Path) -> std::io::Result<()> {
         match peer.get(&(row.scene.as_str(), row.param.as_str())) {
             Some(PeerRow { error: Some(why), .. }) => println!("{ours} {why} | | | | | |"),
             Some(theirs) => {
-                let (columns, ratio) = their_columns(row, theirs);
+                let (columns, ratio, biased) = their_columns(row, theirs);
                 println!("{ours} {columns}");
-                ratios.entry(&row.kind).or_default().extend(ratio);
+                let class = ratios.entry(&row.kind).or_default();
+                class.0.extend(ratio);
+                class.1 += usize::from(biased);
             }
             None => println!("{ours} not run | | | | | |"),
         }
     }
     NOT_COVERED.iter().for_each(|(scene, why)| println!("| {scene} | not covered: {why} | | | | | | | | | | | |"));
-    println!("\n| class | rows | smallest ratio | median | largest |\n|---|--:|--:|--:|--:|");
-    for (kind, mut ratios) in ratios {
+    println!(
+        "\n| class | rows | of them Mitsuba biased | smallest ratio | median | largest |\n|---|--:|--:|--:|--:|--:|"
+    );
+    for (kind, (mut ratios, biased)) in ratios {
         ratios.sort_by(f64::total_cmp);
         let (Some(first), Some(last)) = (ratios.first(), ratios.last()) else { continue };
         let middle = ratios[ratios.len() / 2];
-        println!("| {kind} | {} | {} | {} | {} |", ratios.len(), times(*first), times(middle), times(*last));
+        println!("| {kind} | {} | {biased} | {} | {} | {} |", ratios.len(), times(*first), times(middle), times(*last));
     }
     if let (Some(a), Some(b)) = (our_forward, peer_forward) {
         let (a, b) = (a.samples_per_cpu_second / 1e6, b.samples_per_cpu_second / 1e6);
@@ -131,8 +136,9 @@ fn times(x: f64) -> String {
     if x >= 10.0 { format!("{x:.0}×") } else { format!("{x:.2}×") }
 }
 
-/// A peer's columns, and how many times more efficient we are if it has a variance at all.
-fn their_columns(row: &Row, theirs: &PeerRow) -> (String, Option<f64>) {
+/// A peer's columns, how many times more efficient we are if it has a variance at all, and whether it is off by more
+/// than 4 standard errors and 5 %.
+fn their_columns(row: &Row, theirs: &PeerRow) -> (String, Option<f64>, bool) {
     let loss_off = (theirs.loss / row.loss - 1.0).abs();
     // A loss that is not ours is another scene: its derivative is not compared with our reference.
     let same = loss_off < 0.01;
@@ -145,6 +151,8 @@ fn their_columns(row: &Row, theirs: &PeerRow) -> (String, Option<f64>) {
         ..row.clone()
     };
     let ratio = (theirs.std > 0.0).then(|| row.efficiency() / measured.efficiency());
+    let off = |r: &Reference| (theirs.value - r.value).abs() > 0.05 * r.value.abs();
+    let biased = measured.z().is_some_and(|z| z.abs() > 4.0) && measured.reference.as_ref().is_some_and(off);
     let note = if same { String::new() } else { format!(" (loss {} off)", percent(loss_off)) };
     let text = format!(
         "{}{note} | {} | {} | {:.2} | {} | {} |",
@@ -153,7 +161,7 @@ fn their_columns(row: &Row, theirs: &PeerRow) -> (String, Option<f64>) {
         or_dash(measured.relative_std(), percent),
         theirs.cpu_seconds,
         or_dash(Some(measured.efficiency()), |x| format!("{x:.2e}")),
-        or_dash(ratio, times)
+        or_dash(ratio, |x| times(x) + if biased { " (biased)" } else { "" })
     );
-    (text, ratio)
+    (text, ratio, biased)
 }
