@@ -7,14 +7,21 @@
 use glam::{Vec3, Vec4, Vec4Swizzles};
 
 use super::viewpoint::MirrorPlane;
+use crate::render::accel::{NO_PRIM, PrimId};
+use crate::math::luminance;
+use crate::render::Scene;
 use crate::render::edges::EdgeTable;
 use crate::render::interaction::SurfaceInteraction;
 
 const LEAF: usize = 6;
+/// Leaves that are looked at for one sample.
+const CANDIDATES: usize = 8;
 
 /// Bounding volume tree over the edges of a table.
 pub struct EdgeTree {
     nodes: Vec<Node>,
+    /// By edge: the radiance that its faces emit over a typical reflected one.
+    brightness: Vec<f32>,
     /// Edge numbers in leaf order.
     order: Vec<u32>,
 }
@@ -22,7 +29,10 @@ pub struct EdgeTree {
 struct Node {
     lo: Vec3,
     hi: Vec3,
+    /// Of all edges, each by its [`crate::render::edges::Edge::weight`].
     length: f32,
+    /// The same with the brightness of their emitters.
+    bright: f32,
     /// Plane bounds relative to the centre; an empty box never rejects.
     plane_lo: Vec4,
     plane_hi: Vec4,
@@ -35,10 +45,13 @@ struct Node {
 
 /// Where light may come from at a shading point.
 pub struct Query {
+    prim: PrimId,
     p: Vec3,
     ng: Vec3,
     /// Mirror direction and angular width of the glossy lobe, if there is one.
     lobe: Option<(Vec3, f32)>,
+    /// Emission jumps count too, not only those of reflected light.
+    sees_emission: bool,
 }
 
 /// A point on an edge chosen for a shading point.
@@ -46,7 +59,7 @@ pub struct Query {
 pub struct EdgePoint {
     pub edge: usize,
     pub s: f32,
-    /// Probability density per unit length.
+    /// Density per unit length; see [`EdgeTree::sample`].
     pub pdf: f32,
 }
 
@@ -56,15 +69,17 @@ impl Query {
             let mirror = si.ns * (2.0 * si.ns.dot(si.wi)) - si.wi;
             (mirror.normalize(), (2.0 * alpha).max(1e-3))
         });
-        Query { p: si.p, ng: si.ng, lobe }
+        Query { prim: si.prim, p: si.p, ng: si.ng, lobe, sees_emission: si.bsdf.is_attached() }
     }
 
     /// The same point's image in a mirror: what it sees there, it sees directly.
     pub fn reflected(self, mirror: &MirrorPlane) -> Query {
         Query {
+            prim: NO_PRIM, // its own edges are no horizon in a mirror
             p: mirror.reflect_point(self.p),
             ng: mirror.reflect(self.ng),
             lobe: self.lobe.map(|(dir, width)| (mirror.reflect(dir), width)),
+            sees_emission: true,
         }
     }
 }
@@ -132,6 +147,11 @@ impl Polar {
         self.diffuse + self.glossy
     }
 
+    /// With its importance multiplied.
+    fn scaled(self, by: f32) -> Polar {
+        Polar { diffuse: self.diffuse * by, glossy: self.glossy * by, ..self }
+    }
+
     /// A position along the edge (from its start) and its density.
     fn sample(&self, u: f32) -> (f32, f32) {
         let q = self.glossy / (self.diffuse + self.glossy);
@@ -156,9 +176,10 @@ fn cauchy(x: f32, centre: f32, w: f32) -> f32 {
 }
 
 impl EdgeTree {
-    pub fn new(table: &EdgeTable) -> EdgeTree {
+    pub fn new(scene: &Scene) -> EdgeTree {
+        let table = scene.edges();
         let mut order: Vec<u32> = (0..table.edges.len() as u32).collect();
-        let mut tree = EdgeTree { nodes: Vec::new(), order: Vec::new() };
+        let mut tree = EdgeTree { nodes: Vec::new(), brightness: brightness(scene), order: Vec::new() };
         if !order.is_empty() {
             tree.build(table, &mut order, 0);
         }
@@ -173,10 +194,11 @@ impl EdgeTree {
         let centre = 0.5 * (lo + hi);
         let (mut plane_lo, mut plane_hi) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
         let mut always = false;
-        let mut length = 0.0;
+        let (mut length, mut bright) = (0.0, 0.0);
         for &e in order.iter() {
             let edge = &table.edges[e as usize];
-            length += edge.length();
+            length += edge.length() * edge.weight;
+            bright += edge.length() * edge.weight * self.brightness[e as usize];
             always |= edge.sharp;
             for f in &edge.faces {
                 let n = (edge.p[1] - edge.p[0]).cross(f.opposite - edge.p[0]).normalize_or_zero();
@@ -192,6 +214,7 @@ impl EdgeTree {
             lo,
             hi,
             length,
+            bright,
             plane_lo,
             plane_hi,
             always,
@@ -217,7 +240,38 @@ impl EdgeTree {
 
     /// Chooses an edge and a point on it, with probability roughly proportional to what it may contribute; `None` if no
     /// edge can.
-    pub fn sample(&self, table: &EdgeTable, query: &Query, mut u: f32, u_position: f32) -> Option<EdgePoint> {
+    ///
+    /// Resampled importance sampling (Talbot et al. 2005): `u`, stratified, leads down to several leaves, because what a node may
+    /// contribute is known only roughly, and `u_pick` chooses among what is found there by what the edges may contribute.
+    /// The density returned is that of an estimator, not of a distribution: its reciprocal has the right mean.
+    pub fn sample(&self, table: &EdgeTable, query: &Query, u: [f32; 2], u_pick: f32) -> Option<EdgePoint> {
+        let [u_tree, u_position] = u;
+        let count = self.order.len().div_ceil(LEAF).min(CANDIDATES);
+        let mut picked: Option<(usize, Polar)> = None;
+        let (mut total, mut u_pick) = (0.0, u_pick);
+        for i in 0..count {
+            let Some((e, polar, weight)) = self.candidate(table, query, (i as f32 + u_tree) / count as f32) else {
+                continue;
+            };
+            // Reservoir: keep the new one with probability weight / total.
+            total += weight;
+            let keep = weight / total;
+            if u_pick < keep {
+                u_pick /= keep;
+                picked = Some((e, polar));
+            } else {
+                u_pick = (u_pick - keep) / (1.0 - keep);
+            }
+        }
+        let (edge, polar) = picked?;
+        let (l, pdf) = polar.sample(u_position);
+        let pdf = pdf * polar.importance() * count as f32 / total;
+        let s = (l / polar.length).clamp(0.0, 1.0);
+        (pdf > 0.0 && pdf.is_finite()).then_some(EdgePoint { edge, s, pdf })
+    }
+
+    /// One way down: an edge, and its importance over the probability of finding it.
+    fn candidate(&self, table: &EdgeTable, query: &Query, mut u: f32) -> Option<(usize, Polar, f32)> {
         let mut probability = 1.0;
         let mut at = 0usize;
         self.nodes.first()?;
@@ -249,28 +303,57 @@ impl EdgeTree {
         let mut total = 0.0;
         for (slot, &e) in candidates.iter_mut().zip(&self.order[range]) {
             let edge = &table.edges[e as usize];
-            let polar = Polar::new(query, edge.p[0], edge.p[1]).filter(|_| {
-                let contour = edge.view(edge.point(0.5) - query.p).is_some_and(|v| v.background.is_none());
-                contour || edge.sharp
-            });
+            // The edges of the query's own face are its horizon: nothing arrives from there.
+            let own = edge.faces.iter().any(|f| f.prim == query.prim);
+            let mut polar = if own { None } else { Polar::new(query, edge.p[0], edge.p[1]) };
+            if !edge.view(edge.point(0.5) - query.p).is_some_and(|v| v.background.is_none()) {
+                polar = polar.filter(|_| edge.sharp).map(|p| p.scaled(edge.weight));
+            }
+            if query.sees_emission {
+                polar = polar.map(|p| p.scaled(1.0 + self.brightness[e as usize]));
+            }
             total += polar.as_ref().map_or(0.0, Polar::importance);
             *slot = (e as usize, polar);
         }
         let mut x = u * total;
         let mut chosen = None;
-        for (e, polar) in candidates.iter().filter_map(|(e, p)| p.as_ref().map(|p| (*e, p))) {
-            chosen = Some((e, polar));
+        for (e, polar) in candidates.into_iter().filter_map(|(e, p)| p.map(|p| (e, p))) {
             x -= polar.importance();
-            if x < 0.0 {
+            let found = x < 0.0;
+            chosen = Some((e, polar, total / probability));
+            if found {
                 break;
             }
         }
-        let (edge, polar) = chosen?;
-        let (l, pdf) = polar.sample(u_position);
-        let pdf = pdf * probability * polar.importance() / total;
-        let s = (l / polar.length).clamp(0.0, 1.0);
-        (pdf > 0.0 && pdf.is_finite()).then_some(EdgePoint { edge, s, pdf })
+        chosen.filter(|c| c.2 > 0.0 && c.2.is_finite())
     }
+}
+
+/// See [`EdgeTree::brightness`]. What is reflected is taken to be half of the emitted power, spread over all surfaces, and
+/// the environment.
+fn brightness(scene: &Scene) -> Vec<f32> {
+    const MOST: f32 = 100.0;
+    let emitted = |prim: PrimId| {
+        let shape = &scene.description.shapes[scene.prims[prim as usize].shape as usize];
+        let input = shape.emission.as_ref().map(|e| e.radiance);
+        input.map_or(0.0, |input| luminance(scene.lookup(input, prim, [1.0 / 3.0; 3]).abs()))
+    };
+    let (mut power, mut area) = (0.0, 0.0);
+    for prim in 0..scene.prims.len() as PrimId {
+        let [a, b, c] = scene.corners(prim);
+        let size = (b - a).cross(c - a).length();
+        power += f64::from(size * emitted(prim));
+        area += f64::from(size);
+    }
+    let sky = scene.environment_radiance(Vec3::Y).abs().max_element();
+    let reflected = if area > 0.0 { (0.5 * power / area) as f32 + sky } else { 0.0 };
+    let edges = scene.edges().edges.iter();
+    edges
+        .map(|e| {
+            let most = e.faces.iter().map(|f| emitted(f.prim)).fold(0.0, f32::max);
+            if most > 0.0 && reflected > 0.0 { (most / reflected).min(MOST) } else { 0.0 }
+        })
+        .collect()
 }
 
 impl Node {
@@ -308,6 +391,7 @@ impl Node {
             };
             lobe = 0.3 * lobe + glossy / (2.0 * width);
         }
-        self.length * lobe / (near * near)
+        let length = if query.sees_emission { self.length + self.bright } else { self.length };
+        length * lobe / (near * near)
     }
 }

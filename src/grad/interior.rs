@@ -196,8 +196,9 @@ impl Interior<'_> {
         }
         let options = Options { keep_black: true, split_lobes: true, ..Options::new(self.settings.max_bounces) };
         path.vertices.clear();
+        let u = sampler.clone().next_2d();
         trace(self.scene, Start::Ray(ray, &[]), sampler, &options, path);
-        let boundary = self.secondary.as_ref().and_then(|s| s.sample(path, sampler).map(|b| (s, b)));
+        let boundary = self.secondary.as_ref().and_then(|s| s.sample(path, u, sampler).map(|b| (s, b)));
         out.pixel(pixel, |d, out| {
             let d = d * weight;
             let injection = boundary.as_ref().map(|(secondary, b)| secondary.scatter(out, b, d));
@@ -213,7 +214,7 @@ impl Interior<'_> {
 
 impl Pass for Interior<'_> {
     fn items(&self) -> usize {
-        self.pixels.as_ref().map_or(self.camera.width * self.camera.height, PixelSampling::len)
+        self.pixels.as_ref().map_or(self.camera.width * self.camera.height, PixelSampling::count)
     }
 
     fn run(&self, items: std::ops::Range<usize>, out: &mut impl Estimate) {

@@ -4,7 +4,7 @@ use glam::Vec3;
 
 use super::sink::{Adjoints, Sink};
 use crate::render::accel::PrimId;
-use crate::render::bsdf::{MAX_INPUTS, Part};
+use crate::render::bsdf::{BsdfAdjoint, MAX_INPUTS, Part};
 use crate::render::interaction::{SurfaceInteraction, d_terminator, terminator};
 use crate::render::light::{LightKind, LightSample};
 use crate::render::{Camera, Input, Output};
@@ -43,6 +43,20 @@ pub fn d_eval(
     d_f: Vec3,
     adj: &mut VertexAdjoint,
 ) -> (Vec3, [Vec3; MAX_INPUTS]) {
+    d_eval_with(si, wo, part, d_f, adj, |ci, co, io, d| match part {
+        Some(part) => si.bsdf.d_eval_part(part, ci, co, io, d),
+        None => si.bsdf.d_eval(ci, co, io, d),
+    })
+}
+
+fn d_eval_with(
+    si: &SurfaceInteraction,
+    wo: Vec3,
+    part: Option<Part>,
+    d_f: Vec3,
+    adj: &mut VertexAdjoint,
+    d_bsdf: impl Fn(f32, f32, f32, Vec3) -> BsdfAdjoint,
+) -> (Vec3, [Vec3; MAX_INPUTS]) {
     let (ci, co, io) = (si.ns.dot(si.wi), si.ns.dot(wo), si.wi.dot(wo));
     let mut d_wo = Vec3::ZERO;
     let mut d_brdf = d_f;
@@ -58,10 +72,7 @@ pub fn d_eval(
             d_wo += si.ng * a + si.ns * b;
         }
     }
-    let d = match part {
-        Some(part) => si.bsdf.d_eval_part(part, ci, co, io, d_brdf),
-        None => si.bsdf.d_eval(ci, co, io, d_brdf),
-    };
+    let d = d_bsdf(ci, co, io, d_brdf);
     adj.ns += si.wi * d.d_ci + wo * d.d_co;
     adj.wi += si.ns * d.d_ci + wo * d.d_io;
     d_wo += si.ns * d.d_co + si.wi * d.d_io;
@@ -107,7 +118,9 @@ pub fn d_eval_attached(
     d_wo: Vec3,
     adj: &mut VertexAdjoint,
 ) -> [Vec3; MAX_INPUTS] {
-    let (d_direction, d_values) = d_eval(si, wo, Some(Part::Specular), d_f, adj);
+    let (d_direction, d_values) = d_eval_with(si, wo, Some(Part::Specular), d_f, adj, |ci, co, io, d| {
+        si.bsdf.d_eval_attached(ci, co, io, d)
+    });
     let wi = front(si).0;
     let h = (wi + wo).normalize_or_zero();
     let h_wi = h.dot(wi);
@@ -349,4 +362,95 @@ pub fn d_first_hit<S: Sink>(
         }
     }
     slide(out, si, t, adj)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Pcg32;
+    use crate::render::bsdf::Bsdf;
+    use glam::{DQuat, DVec3, Vec2};
+
+    fn vertex(ns: Vec3, wi: Vec3, bsdf: Bsdf) -> SurfaceInteraction {
+        SurfaceInteraction {
+            prim: 0,
+            shape: 0,
+            b: [1.0, 0.0, 0.0],
+            p: Vec3::ZERO,
+            ng: ns,
+            ns,
+            flip: 1.0,
+            shading_flip: 0.0,
+            uv: Vec2::ZERO,
+            wi,
+            bsdf,
+            emission: Vec3::ZERO,
+        }
+    }
+
+    /// F D G / (4 ci) of a conductor (first channel) in double precision.
+    fn ggx(f0: f64, roughness: f64, ci: f64, co: f64, half: f64, cos_h: f64) -> f64 {
+        let a2 = roughness.powi(4);
+        let tan2 = |c: f64| (1.0 - c * c) / (c * c);
+        let d = a2 / (std::f64::consts::PI * cos_h.powi(4) * (a2 + tan2(cos_h)).powi(2));
+        let g = |c: f64| 2.0 / (1.0 + (1.0 + a2 * tan2(c)).sqrt());
+        (f0 + (1.0 - f0) * (1.0 - half).powi(5)) * d * g(ci) * g(co) / (4.0 * ci)
+    }
+
+    /// The integrand of an attached lobe in the half vector's measure, with a radiance that changes with direction.
+    fn integrand(roughness: f64, [ns, wi, h, gradient]: [DVec3; 4]) -> f64 {
+        let ci = ns.dot(wi);
+        let front = if ci < 0.0 { wi - ns * (2.0 * ci) } else { wi };
+        let half = h.dot(front);
+        let wo = h * (2.0 * half) - front;
+        ggx(0.8, roughness, ci.abs(), ns.dot(wo), half, ns.dot(h)) * half * (1.0 + gradient.dot(wo))
+    }
+
+    #[test]
+    fn attached_lobes_follow_their_surface() {
+        let mut rng = Pcg32::new(5);
+        let mut unit = || (Vec3::from_array(rng.next_3d()) * 2.0 - 1.0).normalize();
+        let mut checked = 0;
+        for i in 0..600 {
+            let roughness = [0.44f32, 0.35, 0.2][i % 3];
+            let bsdf = Bsdf::Conductor { reflectance: Vec3::splat(0.8), roughness };
+            assert!(bsdf.is_attached());
+            let (ns, wi, gradient) = (unit(), unit(), unit());
+            let h = (ns + roughness * roughness * unit()).normalize();
+            let ci = ns.dot(wi);
+            let front = if ci < 0.0 { wi - ns * (2.0 * ci) } else { wi };
+            let half = h.dot(front);
+            let wo = h * (2.0 * half) - front;
+            if ci.abs() < 0.2 || ns.dot(wo) < 0.2 {
+                continue;
+            }
+            checked += 1;
+            let mut adj = VertexAdjoint::default();
+            let si = vertex(ns, wi, bsdf);
+            let f = si.eval_part(Part::Specular, wo).x;
+            d_eval_attached(&si, wo, Vec3::X * (1.0 + gradient.dot(wo)), gradient * f, &mut adj);
+            // With respect to a rotation of the incoming direction, and to the smallest one that takes the normal along.
+            let at = [ns, wi, h, gradient].map(Vec3::as_dvec3);
+            let allowed = 0.005 * (f64::from(f) + f64::from(adj.wi.length() + adj.ns.length()));
+            for axis in Vec3::AXES {
+                let step = 1e-5;
+                let difference = |axis: DVec3, turned: [bool; 4]| {
+                    let value = |angle: f64| {
+                        let q = DQuat::from_axis_angle(axis, angle);
+                        let v = std::array::from_fn(|i| if turned[i] { q * at[i] } else { at[i] });
+                        integrand(f64::from(roughness), v)
+                    };
+                    (value(step) - value(-step)) / (2.0 * step * f64::from(half))
+                };
+                let by_wi = difference(axis.as_dvec3(), [false, true, false, false]);
+                let expected = f64::from(adj.wi.dot(axis.cross(wi)));
+                assert!((by_wi - expected).abs() < allowed, "wi: {by_wi} {expected} {roughness}");
+                let Some(turn) = (axis - ns * ns.dot(axis)).try_normalize() else { continue };
+                let by_n = difference(turn.as_dvec3().normalize(), [true, false, true, false]);
+                let expected = f64::from(adj.ns.dot(turn.cross(ns)));
+                assert!((by_n - expected).abs() < allowed, "n: {by_n} {expected} {roughness}");
+            }
+        }
+        assert!(checked > 200, "{checked}");
+    }
 }

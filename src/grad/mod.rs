@@ -7,6 +7,7 @@
 
 pub mod edge_tree;
 pub mod estimate;
+pub mod guide;
 pub mod interior;
 pub mod local;
 pub mod pixels;
@@ -178,7 +179,8 @@ fn passes(
     if lights {
         let pixels = (camera.width * camera.height) as u32;
         let count = settings.spp.max(1).saturating_mul((pixels / 16).clamp(1024, 65536));
-        visit.pass(&Shadows::new(scene, &viewpoints, settings, planar_mirrors, count, seed));
+        let shadows = Shadows::new(scene, &viewpoints, settings, planar_mirrors, count, seed);
+        visit.pass(&shadows.guided(layout, weight_image));
     }
 }
 

@@ -53,7 +53,7 @@ impl PixelSampling {
     }
 
     /// Number of samples.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.order.len()
     }
 
@@ -125,7 +125,7 @@ mod tests {
         let estimates: Vec<f64> = (0..64)
             .map(|seed| {
                 let sampling = PixelSampling::new(&adjoint, 4096, 1.0, seed);
-                (0..sampling.len())
+                (0..sampling.count())
                     .map(|rank| {
                         let (_, film) = sampling.sample(rank);
                         let d = f64::from(adjoint.data[film.pixel]);
@@ -144,6 +144,6 @@ mod tests {
 
     #[test]
     fn nothing_to_do_for_a_zero_adjoint() {
-        assert_eq!(PixelSampling::new(&Image::new(4, 4, 3), 64, 1.0, 1).len(), 0);
+        assert_eq!(PixelSampling::new(&Image::new(4, 4, 3), 64, 1.0, 1).count(), 0);
     }
 }

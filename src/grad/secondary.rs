@@ -8,7 +8,7 @@
 //! moves, N̂·(ṗ − ẋ − |q|ω̇). What the point sees in a planar mirror, its mirror image sees directly: the same
 //! estimator from there, with emission on both sides.
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use super::edge_tree::{EdgeTree, Query};
 use super::interior::{Injection, Path, PathVertex};
@@ -83,15 +83,16 @@ impl<'a> Secondary<'a> {
             scene,
             mirrors,
             table,
-            tree: EdgeTree::new(table),
+            tree: EdgeTree::new(scene),
             max_bounces,
             rate: 1.0,
         })
     }
 
-    /// One sample for a recorded path.
-    pub fn sample(&self, path: &Path, sampler: &mut Sampler) -> Option<SecondarySample> {
-        let u = sampler.next_3d();
+    /// One sample for a recorded path. `u` chooses the edge and the point on it: the same numbers that choose the light of the
+    /// path's first vertex, so that they are stratified together with the image plane. The two are terms of a sum: that
+    /// they are correlated does no harm.
+    pub fn sample(&self, path: &Path, u: Vec2, sampler: &mut Sampler) -> Option<SecondarySample> {
         let mut u_choice = sampler.next_1d();
         if u_choice >= self.rate {
             return None;
@@ -135,7 +136,7 @@ impl<'a> Secondary<'a> {
             Some(m) => query.reflected(m),
             None => query,
         };
-        let point = self.tree.sample(self.table, &query, u[0], u[1])?;
+        let point = self.tree.sample(self.table, &query, u.to_array(), sampler.next_1d())?;
         let edge = &self.table.edges[point.edge];
         let p = edge.point(point.s);
         let q = mirror.map_or(p, |m| m.reflect_point(p)) - si.p;
@@ -177,10 +178,13 @@ impl<'a> Secondary<'a> {
                 past.map_or_else(Side::default, |past| look(Start::Ray(past.ray, &skip)))
             }
         };
-        // Emission is direction-fixed behind a mirror and where the surfaces touch, else material-fixed.
-        let sliding = |side: &Side| {
-            let slides = mirror.is_some() || side.first.is_some_and(|e| contacts.contains(si.prim, e));
-            if slides { side.radiance + side.emission } else { side.radiance }
+        // Emission is direction-fixed behind a mirror and where the surfaces touch, else material-fixed. The peak of an
+        // environment is left to the edge-first estimator.
+        let sliding = |side: &Side| match side.first {
+            _ if mirror.is_some() => side.radiance + side.emission,
+            Some(emitter) if contacts.contains(si.prim, emitter) => side.radiance + side.emission,
+            Some(_) => side.radiance,
+            None => side.radiance - self.scene.environment_peak.as_ref().map_or(Vec3::ZERO, |p| p.of(side.radiance)),
         };
         let all = |side: &Side| side.radiance + side.emission;
         let fixed = fixed * (sliding(&foreground) - sliding(&background));

@@ -1,4 +1,5 @@
-//! Boundary term of direct light: edge-first sampling of shadows of area, point and directional lights.
+//! Boundary term of direct light: edge-first sampling of shadows of area, point and directional lights and of the peak
+//! of an environment.
 //!
 //! Choose an edge point p, a light point y, and find the receiver x behind p; then connect x to the camera, directly, in a
 //! mirror, or through further bounces. With the emission material-fixed only the covered side counts and (E) of
@@ -12,14 +13,16 @@
 use glam::{Vec2, Vec3};
 
 use super::estimate::{Estimate, Pass};
+use super::guide::Guide;
 use super::local::{RayAdjoint, VertexAdjoint, d_attached_direction, d_direction, slide};
-use super::sink::{Adjoints, Sink};
+use super::sink::{Adjoints, Layout, Sink};
+use crate::image::Image;
 use super::viewpoint::{Viewpoint, d_reflected_ray};
 use crate::math::Frame;
 use crate::render::accel::{PrimId, Ray};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::light::{LightKind, LightSample};
-use crate::render::sampler::{Discrete, Sampler, hash};
+use crate::render::sampler::{Discrete, ONE_MINUS_EPSILON, Sampler, hash};
 use crate::render::{Scene, Settings};
 
 /// Edge-first shadow samples.
@@ -32,6 +35,8 @@ pub struct Shadows<'a> {
     /// All mirrors are planar: paths may go through them.
     pub planar_mirrors: bool,
     edges: Discrete,
+    /// Over the numbers that choose edge and light.
+    guide: Option<Guide>,
 }
 
 impl<'a> Shadows<'a> {
@@ -43,18 +48,45 @@ impl<'a> Shadows<'a> {
         count: u32,
         seed: u64,
     ) -> Self {
-        let edges = Discrete::new(scene.edges().edges.iter().map(|e| f64::from(e.length())));
-        Shadows { scene, viewpoints, max_bounces: settings.max_bounces, count, seed, planar_mirrors, edges }
+        let edges = Discrete::new(scene.edges().edges.iter().map(|e| f64::from(e.length() * e.weight)));
+        let guide = None;
+        Shadows { scene, viewpoints, max_bounces: settings.max_bounces, count, seed, planar_mirrors, edges, guide }
+    }
+
+    /// Learns from pilots which edges cast shadows of which lights where it matters.
+    pub fn guided(mut self, layout: &Layout, adjoint: Option<&Image>) -> Self {
+        /// Pilots a cell, and the samples that one pilot serves.
+        const PILOTS: usize = 4;
+        const SAMPLES: usize = 8;
+        if self.items() > 0 {
+            let columns = self.scene.lights.local_lights().min(16);
+            let rows = (self.count as usize / (SAMPLES * PILOTS * columns)).clamp(4, 1024);
+            let seed = hash(self.seed, 0x0067_7569_6465);
+            self.guide = Some(Guide::new([rows, columns], PILOTS, self.scene, layout, adjoint, |i, at, pilot| {
+                let mut sampler = Sampler::new(hash(seed, i as u64), 0);
+                let v = sampler.next_3d()[2];
+                self.sample_at(at, v, 1.0, &mut sampler, pilot);
+            }));
+        }
+        self
     }
 
     fn sample(&self, sampler: &mut Sampler, out: &mut impl Estimate) {
-        let scene = self.scene;
         let u = sampler.next_3d();
-        let (e, pmf, rest) = self.edges.sample(f64::from(u[0]));
+        let at = [u[0], u[1]].map(f64::from);
+        let (at, density) = self.guide.as_ref().map_or((at, 1.0), |g| g.map(at));
+        self.sample_at(at, u[2], density, sampler, out);
+    }
+
+    /// One sample: `at` chooses the edge point and (with `v`) the light point, drawn with `density` over the unit square.
+    fn sample_at(&self, at: [f64; 2], v: f32, density: f64, sampler: &mut Sampler, out: &mut impl Estimate) {
+        let scene = self.scene;
+        let (e, pmf, rest) = self.edges.sample(at[0]);
         let edge = &scene.edges().edges[e];
         let s = rest as f32;
         let p = edge.point(s);
-        let Some(light) = scene.sample_local_light(Vec2::new(u[1], u[2])) else { return };
+        let u_light = Vec2::new((at[1] as f32).min(ONE_MINUS_EPSILON), v);
+        let Some(light) = scene.sample_local_light(u_light) else { return };
         let Some(arrival) = light.arrive(p) else { return };
         let dir = arrival.dir; // from p towards the light
 
@@ -82,7 +114,7 @@ impl<'a> Shadows<'a> {
             _ => 0.0,
         };
         let sin_phi = edge.direction().cross(dir).length();
-        let density = pmf as f32 / edge.length() * light.pdf;
+        let density = (pmf * density) as f32 / edge.length() * light.pdf;
         let power = light.power * (-arrival.geometry * sin_phi / (density * self.count as f32));
 
         let mut walk = Walk { vertices: Vec::with_capacity(4), weight: power };
@@ -212,8 +244,8 @@ impl Shadows<'_> {
         if cos <= 0.0 || si.bsdf.is_delta() {
             return None;
         }
-        let (f, attached) = if bounce == 1 && light.kind == LightKind::Area {
-            if self.scene.touch(si.prim, light.prim) {
+        let (f, attached) = if bounce == 1 && !light.is_delta() {
+            if light.kind == LightKind::Area && self.scene.touch(si.prim, light.prim) {
                 return None;
             }
             // What an attached lobe sees of a light belongs to the receiver-first estimator.

@@ -190,6 +190,16 @@ impl Bsdf {
 
     /// Adjoint of [`Bsdf::eval_part`]: `d_f` is the derivative in its RGB result.
     pub fn d_eval_part(&self, part: Part, ci: f32, co: f32, io: f32, d_f: Vec3) -> BsdfAdjoint {
+        self.d_eval_lobe(part, ci, co, io, d_f, false)
+    }
+
+    /// As [`Bsdf::d_eval_part`] for the specular part, where the half vector turns with the surface: then the normal
+    /// distribution does not change.
+    pub fn d_eval_attached(&self, ci: f32, co: f32, io: f32, d_f: Vec3) -> BsdfAdjoint {
+        self.d_eval_lobe(Part::Specular, ci, co, io, d_f, true)
+    }
+
+    fn d_eval_lobe(&self, part: Part, ci: f32, co: f32, io: f32, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
         let mut out = BsdfAdjoint::default();
         if co <= 0.0 {
             return out;
@@ -215,13 +225,13 @@ impl Bsdf {
         match *self {
             Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Diffuse { .. } => {}
             Bsdf::Conductor { reflectance, roughness } => {
-                let (d_f0, d_roughness) = d_schlick_lobe(&Ggx::new(roughness), reflectance, cosines, d_f, &mut out);
+                let (d_f0, d_roughness) = d_schlick_lobe(&Ggx::new(roughness), reflectance, cosines, half_fixed, d_f, &mut out);
                 out.d_values[0] = d_f0;
                 out.d_values[1].x = d_roughness;
             }
             Bsdf::ConductorIor { eta, k, roughness } => {
                 let half = half_cosine(front_io);
-                let lobe = Ggx::new(roughness).d_eval(front_ci, co, front_io);
+                let lobe = Ggx::new(roughness).d_eval(front_ci, co, front_io, half_fixed);
                 let (d_half, d_eta, d_k) = d_conductor(half, eta, k, d_f * lobe.value);
                 let d_lobe = d_f.dot(conductor(half, eta, k));
                 out.d_ci = d_lobe * lobe.d_ci;
@@ -232,13 +242,13 @@ impl Bsdf {
                 out.d_values[2].x = d_lobe * lobe.d_roughness;
             }
             Bsdf::Phong { specular, roughness, .. } => {
-                let (d_f0, d_roughness) = d_schlick_lobe(&Phong::new(roughness), specular, cosines, d_f, &mut out);
+                let (d_f0, d_roughness) = d_schlick_lobe(&Phong::new(roughness), specular, cosines, half_fixed, d_f, &mut out);
                 out.d_values[1] = d_f0;
                 out.d_values[2].x = d_roughness;
             }
             Bsdf::Principled { base_color, metallic, roughness, specular } => {
                 let f0 = principled_f0(base_color, metallic, specular);
-                let (d_f0, d_roughness) = d_schlick_lobe(&Ggx::new(roughness), f0, cosines, d_f, &mut out);
+                let (d_f0, d_roughness) = d_schlick_lobe(&Ggx::new(roughness), f0, cosines, half_fixed, d_f, &mut out);
                 out.d_values[0] = d_f0 * metallic;
                 out.d_values[1].x = d_f0.dot(base_color - Vec3::splat(0.08 * specular));
                 out.d_values[2].x = d_roughness;
@@ -402,11 +412,12 @@ fn d_schlick_lobe(
     lobe: &impl Microfacets,
     f0: Vec3,
     [ci, co, io]: [f32; 3],
+    half_fixed: bool,
     d_f: Vec3,
     out: &mut BsdfAdjoint,
 ) -> (Vec3, f32) {
     let half = half_cosine(io);
-    let lobe = lobe.d_eval(ci, co, io);
+    let lobe = lobe.d_eval(ci, co, io, half_fixed);
     let (d_half, d_f0) = d_schlick(half, f0, d_f * lobe.value);
     let d_lobe = d_f.dot(schlick(half, f0));
     out.d_ci += d_lobe * lobe.d_ci;

@@ -32,6 +32,9 @@ pub struct Edge {
     pub faces: Vec<EdgeFace>,
     /// Reflected radiance may jump across the edge where both its faces are seen.
     pub sharp: bool,
+    /// How likely the edge is to matter to someone who looks from anywhere, in (0, 1]: about its exterior dihedral angle over
+    /// π/2, for such is the chance that it is a contour and the size of the jump across it.
+    pub weight: f32,
 }
 
 /// What a viewpoint sees of an edge.
@@ -140,7 +143,7 @@ impl EdgeTable {
                 }
                 let (a, b) = if welded[i] < welded[j] { (i, j) } else { (j, i) };
                 let edge = *index.entry((welded[a], welded[b])).or_insert_with(|| {
-                    edges.push(Edge { p: [corners[a], corners[b]], faces: Vec::new(), sharp: false });
+                    edges.push(Edge { p: [corners[a], corners[b]], faces: Vec::new(), sharp: false, weight: 1.0 });
                     edges.len() - 1
                 });
                 edges[edge].faces.push(EdgeFace {
@@ -157,20 +160,38 @@ impl EdgeTable {
         }
         // Flat interior edges of one material can neither cover anything nor show a jump.
         edges.retain(|e| e.sharp || !is_flat(e));
+        for edge in &mut edges {
+            edge.weight = weight(edge);
+        }
         EdgeTable { edges }
     }
 }
 
-/// Exactly two coplanar faces on opposite sides.
-fn is_flat(edge: &Edge) -> bool {
-    let [a, b] = edge.faces.as_slice() else { return false };
+/// Unit vectors perpendicular to the edge that point into its faces, if there are two.
+fn arms(edge: &Edge) -> Option<[DVec3; 2]> {
+    let [a, b] = edge.faces.as_slice() else { return None };
     let e = (edge.p[1] - edge.p[0]).as_dvec3().normalize();
     let arm = |f: &EdgeFace| {
         let o = f.opposite.as_dvec3() - edge.p[0].as_dvec3();
         (o - e * o.dot(e)).normalize()
     };
-    let (x, y) = (arm(a), arm(b));
-    x.dot(y) < 0.0 && x.cross(y).length() < 1e-6
+    Some([arm(a), arm(b)])
+}
+
+/// Exactly two coplanar faces on opposite sides.
+fn is_flat(edge: &Edge) -> bool {
+    arms(edge).is_some_and(|[x, y]| x.dot(y) < 0.0 && x.cross(y).length() < 1e-6)
+}
+
+/// See [`Edge::weight`]. Flat edges are there because the material changes: these count in full.
+fn weight(edge: &Edge) -> f32 {
+    match arms(edge) {
+        Some([x, y]) if !is_flat(edge) => {
+            let exterior = std::f64::consts::PI - x.dot(y).clamp(-1.0, 1.0).acos();
+            (exterior * std::f64::consts::FRAC_2_PI).clamp(0.02, 1.0) as f32
+        }
+        _ => 1.0,
+    }
 }
 
 /// Whether reflected radiance can jump across an edge with both faces visible.

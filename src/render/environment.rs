@@ -55,14 +55,53 @@ pub struct EnvironmentTable {
     density: Vec<f32>,
 }
 
+/// What of an environment is much brighter than the rest: a sun. L = smooth + peak, peak = L · (1 − threshold / mean of L's
+/// channels) where that is positive (`algorithms.md` §2.3: shadows of peaks are found from the light, those of a smooth sky
+/// from the receiver).
+#[derive(Clone, Debug)]
+pub struct EnvironmentPeak {
+    threshold: f32,
+    pub table: EnvironmentTable,
+    /// Mean over the sphere of the peak's channels.
+    pub mean: f32,
+}
+
+impl EnvironmentPeak {
+    /// A peak is brighter than this many times the mean.
+    const CONTRAST: f64 = 4.0;
+
+    /// `None` if nothing stands out.
+    pub fn new(texture: &Texture) -> Option<EnvironmentPeak> {
+        if texture.is_constant() {
+            return None;
+        }
+        let (_, mean) = EnvironmentTable::with_strength(texture, DEFENSIVE_SHARE, |s| s);
+        let threshold = Self::CONTRAST * mean;
+        let (table, peak) = EnvironmentTable::with_strength(texture, 0.0, |s| (s - threshold).max(0.0));
+        (peak > 1e-3 * mean).then_some(EnvironmentPeak { threshold: threshold as f32, table, mean: peak as f32 })
+    }
+
+    /// The peak's part of a radiance.
+    pub fn of(&self, radiance: Vec3) -> Vec3 {
+        let mean = radiance.abs().element_sum() / 3.0;
+        if mean > self.threshold { radiance * (1.0 - self.threshold / mean) } else { Vec3::ZERO }
+    }
+}
+
 impl EnvironmentTable {
     pub fn new(texture: &Texture) -> EnvironmentTable {
+        EnvironmentTable::with_strength(texture, DEFENSIVE_SHARE, |s| s).0
+    }
+
+    /// A table for a function of the radiance, mixed with `share` of a uniform density, and the function's mean over the
+    /// sphere.
+    fn with_strength(texture: &Texture, share: f64, strength: impl Fn(f64) -> f64) -> (EnvironmentTable, f64) {
         let (columns, height) = (texture.width, texture.height);
         let rows = height + 1;
         let strength = |x: usize, y: usize| -> f64 {
             let texel = &texture.data[(y * columns + x) * texture.channels..][..texture.channels];
             let mean = texel.iter().map(|c| f64::from(c.abs())).sum::<f64>() / texture.channels as f64;
-            if mean.is_finite() { mean } else { 0.0 }
+            if mean.is_finite() { strength(mean) } else { 0.0 }
         };
 
         // Power of each piece, then mixed with a uniform density.
@@ -79,7 +118,7 @@ impl EnvironmentTable {
             }
         }
         let uniform = 0.25 / std::f64::consts::PI;
-        let share = if power > 0.0 { DEFENSIVE_SHARE } else { 1.0 };
+        let share = if power > 0.0 { share } else { 1.0 };
         let scale = if power > 0.0 { (1.0 - share) / power } else { 0.0 };
 
         let mut table = EnvironmentTable {
@@ -96,7 +135,7 @@ impl EnvironmentTable {
             for s in strengths {
                 let density = s * scale + share * uniform;
                 sum += density;
-                table.column_cdf.push((sum / row_sum) as f32);
+                table.column_cdf.push(if row_sum > 0.0 { (sum / row_sum) as f32 } else { 1.0 });
                 table.density.push(density as f32);
             }
             total += row_sum * solid_angle(row, rows, columns);
@@ -105,7 +144,7 @@ impl EnvironmentTable {
         // Rounding must not leave a gap below one.
         let rounded = table.row_cdf[rows - 1];
         table.row_cdf.iter_mut().for_each(|c| *c /= rounded);
-        table
+        (table, power * uniform)
     }
 
     /// A unit direction in the map's own frame and its solid-angle density.

@@ -3,6 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use super::accel::{NO_PRIM, PrimId};
+use super::environment::EnvironmentPeak;
 use super::sampler::{Discrete, ONE_MINUS_EPSILON};
 use super::scene::{DeltaLight, Input, SceneDescription};
 use super::world::{Prim, Scene};
@@ -82,6 +83,7 @@ enum Entry {
     Triangle { prim: PrimId, area: f32 },
     Delta(u32),
     Environment,
+    Peak,
 }
 
 /// All lights with the probability of choosing each, proportional to power with a uniform share.
@@ -89,7 +91,7 @@ enum Entry {
 pub struct LightTable {
     entries: Vec<Entry>,
     pmf: Discrete,
-    /// Without the environment, for edge-first shadow sampling.
+    /// With the environment's peak only, for edge-first shadow sampling.
     local_entries: Vec<Entry>,
     local_pmf: Discrete,
     /// Probability per unit area of a primitive, 0 if it does not emit.
@@ -112,7 +114,12 @@ fn mean_luminance(description: &SceneDescription, input: Input) -> f64 {
 }
 
 impl LightTable {
-    pub fn new(description: &SceneDescription, prims: &[Prim], radius: f32) -> LightTable {
+    pub fn new(
+        description: &SceneDescription,
+        prims: &[Prim],
+        radius: f32,
+        peak: Option<&EnvironmentPeak>,
+    ) -> LightTable {
         let mut entries = Vec::new();
         let mut weights = Vec::new();
         let per_shape: Vec<f64> = description
@@ -143,12 +150,17 @@ impl LightTable {
                 }
             });
         }
-        let local_entries = entries.clone();
-        let local_pmf = Discrete::new(defensive(&weights));
+        let sky = std::f64::consts::PI.powi(2) * f64::from(radius).powi(2);
+        let (mut local_entries, mut local_weights) = (entries.clone(), weights.clone());
+        if let Some(peak) = peak {
+            local_entries.push(Entry::Peak);
+            local_weights.push(sky * f64::from(peak.mean));
+        }
+        let local_pmf = Discrete::new(defensive(&local_weights));
         if let Some(e) = &description.environment {
             entries.push(Entry::Environment);
             let mean = mean_luminance(description, Input::Texture(e.radiance));
-            weights.push(std::f64::consts::PI.powi(2) * f64::from(radius).powi(2) * mean);
+            weights.push(sky * mean);
         }
         let pmf = Discrete::new(defensive(&weights));
         let mut area_pdf = vec![0.0; prims.len()];
@@ -158,7 +170,7 @@ impl LightTable {
             match entry {
                 Entry::Triangle { prim, area } => area_pdf[*prim as usize] = p / area,
                 Entry::Environment => environment_pmf = p,
-                Entry::Delta(_) => {}
+                Entry::Delta(_) | Entry::Peak => {}
             }
         }
         LightTable { entries, pmf, local_entries, local_pmf, area_pdf, environment_pmf }
@@ -181,7 +193,12 @@ impl LightTable {
         matches!(self.entries.as_slice(), [Entry::Delta(_)])
     }
 
-    /// Whether there is any light but the environment.
+    /// Number of lights for edge-first shadow sampling.
+    pub fn local_lights(&self) -> usize {
+        self.local_entries.len()
+    }
+
+    /// Whether there is any light for edge-first shadow sampling.
     pub fn has_local_lights(&self) -> bool {
         !self.local_pmf.is_empty()
     }
@@ -202,7 +219,7 @@ impl Scene {
         self.sample_from(&self.lights.entries, &self.lights.pmf, u)
     }
 
-    /// As [`Scene::sample_light`], never the environment.
+    /// As [`Scene::sample_light`], of the environment only its peak.
     pub(crate) fn sample_local_light(&self, u: Vec2) -> Option<LightSample> {
         self.sample_from(&self.lights.local_entries, &self.lights.local_pmf, u)
     }
@@ -239,6 +256,14 @@ impl Scene {
                     LightSample { kind: LightKind::Directional(i), y, power: irradiance, ..base }
                 }
             },
+            Entry::Peak => {
+                let rotation = self.description.environment.as_ref()?.rotation;
+                let peak = self.environment_peak.as_ref()?;
+                let (local, pdf) = peak.table.sample(u);
+                let y = (rotation * local).normalize();
+                let power = peak.of(self.environment_radiance(y));
+                LightSample { kind: LightKind::Environment, y, power, pdf: p * pdf, ..base }
+            }
             Entry::Environment => {
                 let rotation = self.description.environment.as_ref()?.rotation;
                 let (local, pdf) = self.environment.as_ref()?.sample(u);

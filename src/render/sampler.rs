@@ -98,6 +98,11 @@ impl Discrete {
         self.cdf.is_empty()
     }
 
+    /// Number of entries.
+    pub fn len(&self) -> usize {
+        self.cdf.len()
+    }
+
     /// The sum of the weights.
     pub fn total(&self) -> f64 {
         self.total

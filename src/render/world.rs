@@ -7,7 +7,7 @@ use glam::Vec3;
 use super::accel::{Accel, PrimId};
 use super::contacts::Contacts;
 use super::edges::EdgeTable;
-use super::environment::EnvironmentTable;
+use super::environment::{EnvironmentPeak, EnvironmentTable};
 use super::light::LightTable;
 use super::scene::{Camera, DeltaLight, Input, Projection, SceneDescription};
 
@@ -38,6 +38,7 @@ pub struct Scene {
     pub(crate) prims: Vec<Prim>,
     pub(crate) lights: LightTable,
     pub(crate) environment: Option<EnvironmentTable>,
+    pub(crate) environment_peak: Option<EnvironmentPeak>,
     /// Half the diagonal of the bounding box.
     pub(crate) radius: f32,
     /// Built when first asked for: the primal needs none.
@@ -62,13 +63,16 @@ impl Scene {
         let radius = if prims.is_empty() { 1.0 } else { 0.5 * (hi - lo).length() };
         let environment =
             description.environment.as_ref().map(|e| EnvironmentTable::new(&description.textures[e.radiance]));
-        let lights = LightTable::new(&description, &prims, radius);
+        let environment_peak =
+            description.environment.as_ref().and_then(|e| EnvironmentPeak::new(&description.textures[e.radiance]));
+        let lights = LightTable::new(&description, &prims, radius, environment_peak.as_ref());
         Ok(Scene {
             accel: Accel::new(&corners),
             description,
             prims,
             lights,
             environment,
+            environment_peak,
             radius,
             edges: OnceLock::new(),
             contacts: OnceLock::new(),

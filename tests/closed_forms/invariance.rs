@@ -30,10 +30,9 @@ fn furnace_of_random_geometry() {
         let mut b = Builder::default();
         let texture = b.texture(Texture::constant(Vec3::splat(RHO)));
         let radiance = b.gray(1.0);
-        // Large enough to be clear of what is in it: two surfaces that move apart and touch have 1/r tails.
         // Direct light in a jagged room. With interreflections a convex one: where everything glows, light close to an
         // edge makes 1/r² tails that only many samples would average out.
-        let mut room = blob(Vec3::ZERO, 4.0, if bounces == 1 { 0.15 } else { 0.0 }, &mut rng);
+        let mut room = blob(Vec3::ZERO, 3.0, if bounces == 1 { 0.4 } else { 0.0 }, &mut rng);
         let squeeze = Vec3::from_array(rng.next_3d().map(|x| 0.8 + 0.4 * x));
         room.vertices.iter_mut().for_each(|v| *v *= squeeze);
         let mut meshes = vec![room];

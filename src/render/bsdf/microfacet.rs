@@ -5,8 +5,9 @@ use glam::Vec3;
 /// A lobe without its Fresnel term, D G / (4 ci), at n·wi ≥ 0, n·wo > 0 and wi·wo.
 pub trait Microfacets {
     fn eval(&self, ci: f32, co: f32, io: f32) -> f32;
-    /// The value and its partial derivatives.
-    fn d_eval(&self, ci: f32, co: f32, io: f32) -> Lobe;
+    /// The value and its partial derivatives; with `half_fixed` for a half vector that turns with the surface, so that D is
+    /// constant (were it differentiated, the terms that cancel would be 1/α² times as large as what remains).
+    fn d_eval(&self, ci: f32, co: f32, io: f32, half_fixed: bool) -> Lobe;
     /// A microfacet normal for the local direction `wi`.
     fn sample(&self, wi: Vec3, u: [f32; 2]) -> Vec3;
     /// Solid-angle density of the direction mirrored at [`Microfacets::sample`]'s normal.
@@ -87,12 +88,12 @@ impl Microfacets for Ggx {
         d * co / ((ci + self.root(ci)) * (co + self.root(co)))
     }
 
-    fn d_eval(&self, ci: f32, co: f32, io: f32) -> Lobe {
+    fn d_eval(&self, ci: f32, co: f32, io: f32, half_fixed: bool) -> Lobe {
         let a = self.alpha * self.alpha;
         let sin2 = half_sine_squared(ci, co, io);
         let d = self.distribution(sin2);
         let (d_by_cos2, d_by_a) = self.d_distribution(sin2);
-        let (cos2_by_c, cos2_by_io) = d_half_cosine_squared(ci, co, io);
+        let (cos2_by_c, cos2_by_io) = if half_fixed { (0.0, 0.0) } else { d_half_cosine_squared(ci, co, io) };
         let (root_i, root_o) = (self.root(ci), self.root(co));
         let (sum_i, sum_o) = (ci + root_i, co + root_o);
         let shadow = co / (sum_i * sum_o);
@@ -186,11 +187,11 @@ impl Microfacets for Phong {
         0.25 * d * self.shadowing(ci).value * co * self.shadowing(co).value
     }
 
-    fn d_eval(&self, ci: f32, co: f32, io: f32) -> Lobe {
+    fn d_eval(&self, ci: f32, co: f32, io: f32, half_fixed: bool) -> Lobe {
         let sin2 = half_sine_squared(ci, co, io);
         let d = self.distribution(sin2);
         let (d_by_cos2, d_by_r) = self.d_distribution(sin2);
-        let (cos2_by_c, cos2_by_io) = d_half_cosine_squared(ci, co, io);
+        let (cos2_by_c, cos2_by_io) = if half_fixed { (0.0, 0.0) } else { d_half_cosine_squared(ci, co, io) };
         let (gi, go) = (self.shadowing(ci), self.shadowing(co));
         let shadow = 0.25 * gi.value * co * go.value;
         let by_alpha = 0.25 * d * co * (gi.d_alpha * go.value + gi.value * go.d_alpha);

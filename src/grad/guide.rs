@@ -1,0 +1,114 @@
+//! Importance sampling learned from pilot samples: a histogram over the first two random numbers of an estimator.
+//!
+//! The unit square is cut into cells; pilots measure the second moment of the derivatives in each, and the samples proper
+//! are drawn in proportion to its root, the best density there is. Pilots are independent of these samples, the histogram
+//! is frozen before they are drawn and no cell is left out: so the estimate stays unbiased (`algorithms.md` §2.2, §2.8).
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::estimate::Estimate;
+use super::sink::{Adjoints, Layout, Sink};
+use crate::image::Image;
+use crate::render::Scene;
+use crate::render::sampler::Discrete;
+
+/// Share of the samples that does not listen to pilots.
+const DEFENSIVE: f64 = 0.25;
+
+/// A piecewise constant density over the unit square.
+pub struct Guide {
+    rows: Discrete,
+    columns: Vec<Discrete>,
+}
+
+impl Guide {
+    /// Measures `rows` × `columns` cells. `sample` draws the pilot of a number with its first two random numbers as given.
+    pub fn new(
+        [rows, columns]: [usize; 2],
+        pilots: usize,
+        scene: &Scene,
+        layout: &Layout,
+        adjoint: Option<&Image>,
+        sample: impl Fn(usize, [f64; 2], &mut Pilot) + Sync,
+    ) -> Guide {
+        let moments: Vec<f64> = (0..rows * columns)
+            .into_par_iter()
+            .map(|cell| {
+                let mut pilot = Pilot { adjoint, out: Adjoints::new(scene, layout, Norm { squares: 0.0 }) };
+                for i in 0..pilots {
+                    let number = cell * pilots + i;
+                    // The middle of a stratum of the first number; the second one moves with the golden ratio.
+                    let [x, y] = [(i as f64 + 0.5) / pilots as f64, (number as f64 * 0.618_033_988_749).fract()];
+                    let at = [
+                        ((cell / columns) as f64 + x) / rows as f64,
+                        ((cell % columns) as f64 + y) / columns as f64,
+                    ];
+                    sample(number, at, &mut pilot);
+                }
+                pilot.out.sink.squares
+            })
+            .collect();
+        // Neighbours share what they found: pilots are few.
+        let smooth = |row: usize, column: usize| {
+            let near = row.saturating_sub(1)..(row + 2).min(rows);
+            let count = near.len() as f64;
+            (near.map(|r| moments[r * columns + column]).sum::<f64>() / count).sqrt()
+        };
+        let strengths: Vec<f64> = (0..rows * columns).map(|cell| smooth(cell / columns, cell % columns)).collect();
+        let mean = strengths.iter().sum::<f64>() / strengths.len().max(1) as f64;
+        let weight =
+            |s: f64| if mean > 0.0 && mean.is_finite() { (1.0 - DEFENSIVE) * s / mean + DEFENSIVE } else { 1.0 };
+        let columns: Vec<Discrete> =
+            strengths.chunks_exact(columns).map(|row| Discrete::new(row.iter().map(|&s| weight(s)))).collect();
+        Guide { rows: Discrete::new(columns.iter().map(Discrete::total)), columns }
+    }
+
+    /// Where a point of the unit square goes, and the density there.
+    pub fn map(&self, u: [f64; 2]) -> ([f64; 2], f64) {
+        let (row, p, x) = self.rows.sample(u[0]);
+        let (column, q, y) = self.columns[row].sample(u[1]);
+        let (rows, columns) = (self.columns.len() as f64, self.columns[row].len() as f64);
+        ([(row as f64 + x) / rows, (column as f64 + y) / columns], p * q * rows * columns)
+    }
+}
+
+/// Measures samples instead of collecting them: the sum of the squares of all derivatives.
+pub struct Pilot<'a> {
+    adjoint: Option<&'a Image>,
+    out: Adjoints<'a, Norm>,
+}
+
+/// Sums squares.
+pub struct Norm {
+    squares: f64,
+}
+
+impl Sink for Norm {
+    fn add(&mut self, _index: usize, value: f32) {
+        self.squares += f64::from(value).powi(2);
+    }
+}
+
+impl Pilot<'_> {
+    fn adjoint(&self, pixel: usize) -> Vec3 {
+        self.adjoint.map_or(Vec3::ONE, |image| {
+            let c = image.channels;
+            let p = &image.data[pixel * c..(pixel + 1) * c];
+            Vec3::new(p[0], p.get(1).copied().unwrap_or(0.0), p.get(2).copied().unwrap_or(0.0))
+        })
+    }
+}
+
+impl<'a> Estimate for Pilot<'a> {
+    type S = Norm;
+
+    fn pixel(&mut self, pixel: usize, mut f: impl FnMut(Vec3, &mut Adjoints<Norm>)) {
+        f(self.adjoint(pixel), &mut self.out);
+        self.out.flush_camera();
+    }
+
+    fn skips(&self, pixel: usize) -> bool {
+        self.adjoint(pixel) == Vec3::ZERO
+    }
+}
