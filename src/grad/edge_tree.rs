@@ -7,10 +7,10 @@
 use glam::{Vec3, Vec4, Vec4Swizzles};
 
 use super::viewpoint::MirrorPlane;
-use crate::render::accel::{NO_PRIM, PrimId};
 use crate::math::luminance;
 use crate::render::Scene;
-use crate::render::edges::EdgeTable;
+use crate::render::accel::{NO_PRIM, PrimId};
+use crate::render::edges::{Edge, EdgeFace, EdgeTable};
 use crate::render::interaction::SurfaceInteraction;
 
 const LEAF: usize = 6;
@@ -22,6 +22,8 @@ pub struct EdgeTree {
     nodes: Vec<Node>,
     /// By edge: the radiance that its faces emit over a typical reflected one.
     brightness: Vec<f32>,
+    /// By edge: unit normals of its faces, if there are two, turned like one surface.
+    faces: Vec<Option<[Vec3; 2]>>,
     /// Edge numbers in leaf order.
     order: Vec<u32>,
 }
@@ -84,16 +86,18 @@ impl Query {
     }
 }
 
-/// An edge in polar coordinates around a query point: angle ψ from the foot of the perpendicular.
+/// An edge around a query point: its line at distance d, points on it by their distance l from the foot of the
+/// perpendicular, or by the angle ψ = atan(l / d).
 struct Polar {
     d: f32,
-    psi: [f32; 2],
+    /// The ends, clipped to the horizon.
+    l: [f32; 2],
     /// Position of the foot along the edge from its start.
     foot: f32,
     length: f32,
     diffuse: f32,
     glossy: f32,
-    /// Centre, width and captured mass of the Cauchy density that follows the lobe.
+    /// Centre, width and captured mass of the Cauchy density in ψ that follows the lobe.
     peak: (f32, f32, f32),
 }
 
@@ -118,17 +122,19 @@ impl Polar {
         if d < 1e-6 * (a.length() + length) || l1 <= l0 {
             return None;
         }
-        let psi = [((l0 - foot) / d).atan(), ((l1 - foot) / d).atan()];
-        if psi[1] - psi[0] < 1e-9 {
+        let u = to_foot / d;
+        let l = [l0 - foot, l1 - foot];
+        // Directions to the ends, and half way between them.
+        let [from, to] = l.map(|l| glam::Vec2::new(d, l) / d.hypot(l));
+        let middle = (from + to).normalize_or_zero();
+        let cos = query.ng.dot(u * middle.x + e * middle.y).max(0.05);
+        let diffuse = cos * (to.y - from.y) / d * std::f32::consts::FRAC_1_PI;
+        if diffuse <= 0.0 {
             return None;
         }
-        let u = to_foot / d;
-        let middle = 0.5 * (psi[0] + psi[1]);
-        let cos = query.ng.dot(u * middle.cos() + e * middle.sin()).max(0.05);
-        let diffuse = cos * (psi[1].sin() - psi[0].sin()) / d;
-        let mut polar =
-            Polar { d, psi, foot, length, diffuse: diffuse / std::f32::consts::PI, glossy: 0.0, peak: (0.0, 1.0, 1.0) };
+        let mut polar = Polar { d, l, foot, length, diffuse, glossy: 0.0, peak: (0.0, 1.0, 1.0) };
         if let Some((mirror, width)) = query.lobe {
+            let psi = polar.angles();
             let out_of_plane = mirror.dot(u.cross(e)).clamp(-1.0, 1.0).asin();
             let psi_peak = mirror.dot(e).atan2(mirror.dot(u));
             let w = width.hypot(out_of_plane);
@@ -141,6 +147,10 @@ impl Polar {
             polar.diffuse *= 0.3;
         }
         Some(polar)
+    }
+
+    fn angles(&self) -> [f32; 2] {
+        self.l.map(|l| (l / self.d).atan())
     }
 
     fn importance(&self) -> f32 {
@@ -156,14 +166,15 @@ impl Polar {
     fn sample(&self, u: f32) -> (f32, f32) {
         let q = self.glossy / (self.diffuse + self.glossy);
         let (centre, w, mass) = self.peak;
-        let range = self.psi[1] - self.psi[0];
+        let [start, end] = self.angles();
+        let range = end - start;
         let psi = if u < q {
-            let x = cauchy(self.psi[0], centre, w) + mass * (u / q);
+            let x = cauchy(start, centre, w) + mass * (u / q);
             centre + w * (std::f32::consts::PI * (x - 0.5)).tan()
         } else {
-            self.psi[0] + range * ((u - q) / (1.0 - q)).min(1.0)
+            start + range * ((u - q) / (1.0 - q)).min(1.0)
         };
-        let psi = psi.clamp(self.psi[0], self.psi[1]);
+        let psi = psi.clamp(start, end);
         let t = (psi - centre) / w;
         let pdf_psi = (1.0 - q) / range + q / (std::f32::consts::PI * w * (1.0 + t * t) * mass);
         let l = self.d * psi.tan();
@@ -179,7 +190,9 @@ impl EdgeTree {
     pub fn new(scene: &Scene) -> EdgeTree {
         let table = scene.edges();
         let mut order: Vec<u32> = (0..table.edges.len() as u32).collect();
-        let mut tree = EdgeTree { nodes: Vec::new(), brightness: brightness(scene), order: Vec::new() };
+        let mut tree =
+            EdgeTree { nodes: Vec::new(), brightness: brightness(scene), faces: Vec::new(), order: Vec::new() };
+        tree.faces = table.edges.iter().map(face_planes).collect();
         if !order.is_empty() {
             tree.build(table, &mut order, 0);
         }
@@ -199,11 +212,9 @@ impl EdgeTree {
             let edge = &table.edges[e as usize];
             length += edge.length() * edge.weight;
             bright += edge.length() * edge.weight * self.brightness[e as usize];
-            always |= edge.sharp;
+            always |= edge.sharp || !is_wound_consistently(edge);
             for f in &edge.faces {
-                let n = (edge.p[1] - edge.p[0]).cross(f.opposite - edge.p[0]).normalize_or_zero();
-                // Orient like its face, so that a closed smooth patch has planes on one side.
-                let n = if (f.corners[1] + 3 - f.corners[0]) % 3 == 1 { n } else { -n };
+                let n = face_normal(edge, f);
                 let plane = n.extend(n.dot(edge.p[0] - centre));
                 plane_lo = plane_lo.min(plane);
                 plane_hi = plane_hi.max(plane);
@@ -270,6 +281,14 @@ impl EdgeTree {
         (pdf > 0.0 && pdf.is_finite()).then_some(EdgePoint { edge, s, pdf })
     }
 
+    /// Whether someone at `q` from an edge's start may see it as a contour.
+    fn may_be_contour(&self, edge: usize, q: Vec3) -> bool {
+        let Some([a, b]) = self.faces[edge] else { return true };
+        let (x, y) = (a.dot(q), b.dot(q));
+        let slack = 1e-5 * q.length();
+        x.min(y) <= slack && x.max(y) >= -slack
+    }
+
     /// One way down: an edge, and its importance over the probability of finding it.
     fn candidate(&self, table: &EdgeTable, query: &Query, mut u: f32) -> Option<(usize, Polar, f32)> {
         let mut probability = 1.0;
@@ -306,7 +325,7 @@ impl EdgeTree {
             // The edges of the query's own face are its horizon: nothing arrives from there.
             let own = edge.faces.iter().any(|f| f.prim == query.prim);
             let mut polar = if own { None } else { Polar::new(query, edge.p[0], edge.p[1]) };
-            if !edge.view(edge.point(0.5) - query.p).is_some_and(|v| v.background.is_none()) {
+            if !self.may_be_contour(e as usize, query.p - edge.p[0]) {
                 polar = polar.filter(|_| edge.sharp).map(|p| p.scaled(edge.weight));
             }
             if query.sees_emission {
@@ -327,6 +346,25 @@ impl EdgeTree {
         }
         chosen.filter(|c| c.2 > 0.0 && c.2.is_finite())
     }
+}
+
+/// Unit normal of a face of an edge, oriented like the face, so that a closed smooth patch has planes on one side.
+fn face_normal(edge: &Edge, f: &EdgeFace) -> Vec3 {
+    let n = (edge.p[1] - edge.p[0]).cross(f.opposite - edge.p[0]).normalize_or_zero();
+    if (f.corners[1] + 3 - f.corners[0]) % 3 == 1 { n } else { -n }
+}
+
+/// Normals of an edge's two faces, if it has two, turned alike whatever their winding.
+fn face_planes(edge: &Edge) -> Option<[Vec3; 2]> {
+    let [a, b] = edge.faces.as_slice() else { return None };
+    let normal = |f: &EdgeFace| (edge.p[1] - edge.p[0]).cross(f.opposite - edge.p[0]).normalize_or_zero();
+    Some([normal(a), -normal(b)])
+}
+
+/// Whether two faces run through their edge in opposite directions, as on an oriented surface.
+fn is_wound_consistently(edge: &Edge) -> bool {
+    let forward = |f: &EdgeFace| (f.corners[1] + 3 - f.corners[0]) % 3 == 1;
+    matches!(edge.faces.as_slice(), [a, b] if forward(a) != forward(b))
 }
 
 /// See [`EdgeTree::brightness`]. What is reflected is taken to be half of the emitted power, spread over all surfaces, and

@@ -40,10 +40,8 @@ impl Guide {
                     let number = cell * pilots + i;
                     // The middle of a stratum of the first number; the second one moves with the golden ratio.
                     let [x, y] = [(i as f64 + 0.5) / pilots as f64, (number as f64 * 0.618_033_988_749).fract()];
-                    let at = [
-                        ((cell / columns) as f64 + x) / rows as f64,
-                        ((cell % columns) as f64 + y) / columns as f64,
-                    ];
+                    let at =
+                        [((cell / columns) as f64 + x) / rows as f64, ((cell % columns) as f64 + y) / columns as f64];
                     sample(number, at, &mut pilot);
                 }
                 pilot.out.sink.squares

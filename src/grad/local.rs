@@ -118,9 +118,8 @@ pub fn d_eval_attached(
     d_wo: Vec3,
     adj: &mut VertexAdjoint,
 ) -> [Vec3; MAX_INPUTS] {
-    let (d_direction, d_values) = d_eval_with(si, wo, Some(Part::Specular), d_f, adj, |ci, co, io, d| {
-        si.bsdf.d_eval_attached(ci, co, io, d)
-    });
+    let (d_direction, d_values) =
+        d_eval_with(si, wo, Some(Part::Specular), d_f, adj, |ci, co, io, d| si.bsdf.d_eval_attached(ci, co, io, d));
     let wi = front(si).0;
     let h = (wi + wo).normalize_or_zero();
     let h_wi = h.dot(wi);

@@ -225,7 +225,8 @@ impl Bsdf {
         match *self {
             Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Diffuse { .. } => {}
             Bsdf::Conductor { reflectance, roughness } => {
-                let (d_f0, d_roughness) = d_schlick_lobe(&Ggx::new(roughness), reflectance, cosines, half_fixed, d_f, &mut out);
+                let (d_f0, d_roughness) =
+                    d_schlick_lobe(&Ggx::new(roughness), reflectance, cosines, half_fixed, d_f, &mut out);
                 out.d_values[0] = d_f0;
                 out.d_values[1].x = d_roughness;
             }
@@ -242,7 +243,8 @@ impl Bsdf {
                 out.d_values[2].x = d_lobe * lobe.d_roughness;
             }
             Bsdf::Phong { specular, roughness, .. } => {
-                let (d_f0, d_roughness) = d_schlick_lobe(&Phong::new(roughness), specular, cosines, half_fixed, d_f, &mut out);
+                let (d_f0, d_roughness) =
+                    d_schlick_lobe(&Phong::new(roughness), specular, cosines, half_fixed, d_f, &mut out);
                 out.d_values[1] = d_f0;
                 out.d_values[2].x = d_roughness;
             }
