@@ -12,8 +12,11 @@ use crate::render::Scene;
 use crate::render::accel::{NO_PRIM, PrimId};
 use crate::render::edges::{Edge, EdgeFace, EdgeTable};
 use crate::render::interaction::SurfaceInteraction;
+use crate::render::light::{LightKind, LightSample};
 
 const LEAF: usize = 6;
+/// Sine of an angle within which rounding decides what is a contour.
+const SLACK: f32 = 1e-5;
 /// Leaves that are looked at for one sample.
 const CANDIDATES: usize = 8;
 
@@ -45,11 +48,14 @@ struct Node {
     second: u32,
 }
 
-/// Where light may come from at a shading point.
+/// Where light may come from at a shading point, or go to from a light.
 pub struct Query {
     prim: PrimId,
     p: Vec3,
+    /// Unit normal of the horizon; zero without one.
     ng: Vec3,
+    /// Sine of the angle by which the directions to edges may be off.
+    slack: f32,
     /// Mirror direction and angular width of the glossy lobe, if there is one.
     lobe: Option<(Vec3, f32)>,
     /// Emission jumps count too, not only those of reflected light.
@@ -71,7 +77,23 @@ impl Query {
             let mirror = si.ns * (2.0 * si.ns.dot(si.wi)) - si.wi;
             (mirror.normalize(), (2.0 * alpha).max(1e-3))
         });
-        Query { prim: si.prim, p: si.p, ng: si.ng, lobe, sees_emission: si.bsdf.is_attached() }
+        Query { prim: si.prim, p: si.p, ng: si.ng, slack: SLACK, lobe, sees_emission: si.bsdf.is_attached() }
+    }
+
+    /// What a point of a light shines on; a distant light is moved near enough for a point.
+    pub fn from_light(light: &LightSample, scene: &Scene) -> Query {
+        const FAR: f32 = 1e4;
+        let (p, ng, slack) = match light.kind {
+            LightKind::Area if !light.two_sided => (light.y, light.n, SLACK),
+            LightKind::Area | LightKind::Point(_) => (light.y, Vec3::ZERO, SLACK),
+            // All of the scene lies within two radii of any of its points.
+            _ => (scene.anchor() + light.y * (FAR * scene.radius), Vec3::ZERO, 4.0 / FAR),
+        };
+        Query { prim: light.prim, p, ng, slack, lobe: None, sees_emission: false }
+    }
+
+    fn has_horizon(&self) -> bool {
+        self.ng != Vec3::ZERO
     }
 
     /// The same point's image in a mirror: what it sees there, it sees directly.
@@ -80,10 +102,21 @@ impl Query {
             prim: NO_PRIM, // its own edges are no horizon in a mirror
             p: mirror.reflect_point(self.p),
             ng: mirror.reflect(self.ng),
+            slack: self.slack,
             lobe: self.lobe.map(|(dir, width)| (mirror.reflect(dir), width)),
             sees_emission: true,
         }
     }
+}
+
+/// An edge found on one way down the tree.
+struct Candidate {
+    edge: usize,
+    polar: Polar,
+    /// Its importance over the probability of finding it.
+    weight: f32,
+    /// What is left of the number that led to it, uniform again.
+    rest: f32,
 }
 
 /// An edge around a query point: its line at distance d, points on it by their distance l from the foot of the
@@ -109,7 +142,8 @@ impl Polar {
         // Clip to the horizon of the geometric normal.
         let (h0, h1) = (query.ng.dot(a), query.ng.dot(p1 - query.p));
         let (mut l0, mut l1) = (0.0, length);
-        if h0 <= 0.0 && h1 <= 0.0 {
+        if !query.has_horizon() {
+        } else if h0 <= 0.0 && h1 <= 0.0 {
             return None;
         } else if h0 < 0.0 {
             l0 = length * h0 / (h0 - h1);
@@ -127,7 +161,7 @@ impl Polar {
         // Directions to the ends, and half way between them.
         let [from, to] = l.map(|l| glam::Vec2::new(d, l) / d.hypot(l));
         let middle = (from + to).normalize_or_zero();
-        let cos = query.ng.dot(u * middle.x + e * middle.y).max(0.05);
+        let cos = if query.has_horizon() { query.ng.dot(u * middle.x + e * middle.y).max(0.05) } else { 1.0 };
         let diffuse = cos * (to.y - from.y) / d * std::f32::consts::FRAC_1_PI;
         if diffuse <= 0.0 {
             return None;
@@ -261,9 +295,8 @@ impl EdgeTree {
         let mut picked: Option<(usize, Polar)> = None;
         let (mut total, mut u_pick) = (0.0, u_pick);
         for i in 0..count {
-            let Some((e, polar, weight)) = self.candidate(table, query, (i as f32 + u_tree) / count as f32) else {
-                continue;
-            };
+            let u = (i as f32 + u_tree) / count as f32;
+            let Some(Candidate { edge: e, polar, weight, .. }) = self.candidate(table, query, u) else { continue };
             // Reservoir: keep the new one with probability weight / total.
             total += weight;
             let keep = weight / total;
@@ -282,15 +315,24 @@ impl EdgeTree {
     }
 
     /// Whether someone at `q` from an edge's start may see it as a contour.
-    fn may_be_contour(&self, edge: usize, q: Vec3) -> bool {
+    fn may_be_contour(&self, edge: usize, q: Vec3, slack: f32) -> bool {
         let Some([a, b]) = self.faces[edge] else { return true };
         let (x, y) = (a.dot(q), b.dot(q));
-        let slack = 1e-5 * q.length();
+        let slack = slack * q.length();
         x.min(y) <= slack && x.max(y) >= -slack
     }
 
-    /// One way down: an edge, and its importance over the probability of finding it.
-    fn candidate(&self, table: &EdgeTable, query: &Query, mut u: f32) -> Option<(usize, Polar, f32)> {
+    /// [`EdgeTree::sample`] with a single candidate: a number chooses edge and point, and the density is one.
+    pub fn sample_one(&self, table: &EdgeTable, query: &Query, u: f32) -> Option<EdgePoint> {
+        let c = self.candidate(table, query, u)?;
+        let (l, pdf) = c.polar.sample(c.rest);
+        let pdf = pdf * c.polar.importance() / c.weight;
+        let s = (l / c.polar.length).clamp(0.0, 1.0);
+        (pdf > 0.0 && pdf.is_finite()).then_some(EdgePoint { edge: c.edge, s, pdf })
+    }
+
+    /// One way down.
+    fn candidate(&self, table: &EdgeTable, query: &Query, mut u: f32) -> Option<Candidate> {
         let mut probability = 1.0;
         let mut at = 0usize;
         self.nodes.first()?;
@@ -325,7 +367,7 @@ impl EdgeTree {
             // The edges of the query's own face are its horizon: nothing arrives from there.
             let own = edge.faces.iter().any(|f| f.prim == query.prim);
             let mut polar = if own { None } else { Polar::new(query, edge.p[0], edge.p[1]) };
-            if !self.may_be_contour(e as usize, query.p - edge.p[0]) {
+            if !self.may_be_contour(e as usize, query.p - edge.p[0], query.slack) {
                 polar = polar.filter(|_| edge.sharp).map(|p| p.scaled(edge.weight));
             }
             if query.sees_emission {
@@ -336,15 +378,16 @@ impl EdgeTree {
         }
         let mut x = u * total;
         let mut chosen = None;
-        for (e, polar) in candidates.into_iter().filter_map(|(e, p)| p.map(|p| (e, p))) {
-            x -= polar.importance();
-            let found = x < 0.0;
-            chosen = Some((e, polar, total / probability));
-            if found {
+        for (edge, polar) in candidates.into_iter().filter_map(|(e, p)| p.map(|p| (e, p))) {
+            let importance = polar.importance();
+            let rest = (x / importance).clamp(0.0, 1.0 - f32::EPSILON);
+            x -= importance;
+            chosen = Some(Candidate { edge, polar, weight: total / probability, rest });
+            if x < 0.0 {
                 break;
             }
         }
-        chosen.filter(|c| c.2 > 0.0 && c.2.is_finite())
+        chosen.filter(|c| c.weight > 0.0 && c.weight.is_finite())
     }
 }
 
@@ -399,14 +442,14 @@ impl Node {
     fn importance(&self, query: &Query) -> f32 {
         // Below the horizon: the corner furthest along the normal.
         let corner = Vec3::select(query.ng.cmpgt(Vec3::ZERO), self.hi, self.lo);
-        if query.ng.dot(corner - query.p) <= 0.0 {
+        if query.has_horizon() && query.ng.dot(corner - query.p) <= 0.0 {
             return 0.0;
         }
         let centre = 0.5 * (self.lo + self.hi);
         let q = query.p - centre;
         if !self.always {
             let (a, b) = (self.plane_lo.xyz() * q, self.plane_hi.xyz() * q);
-            let slack = 1e-5 * (q.length() + 1.0);
+            let slack = query.slack * (q.length() + 1.0);
             let lowest = a.min(b).element_sum() - self.plane_hi.w - slack;
             let highest = a.max(b).element_sum() - self.plane_lo.w + slack;
             if lowest > 0.0 || highest < 0.0 {

@@ -25,6 +25,7 @@ pub use crate::render::{
     Camera, NEVER, Output, Scene, SceneError, Settings, Slot, render, render_until, validate_camera,
 };
 
+use self::edge_tree::EdgeTree;
 use self::estimate::Pass;
 use self::interior::Interior;
 use self::pixels::PixelSampling;
@@ -156,7 +157,8 @@ fn passes(
     let planes = if boundary && lights { mirror_planes(scene) } else { Some(Vec::new()) };
     let planar_mirrors = planes.is_some();
     let mirrors = planes.unwrap_or_default();
-    let secondary = if boundary && lights { Secondary::new(scene, &mirrors, settings.max_bounces) } else { None };
+    let tree = (boundary && lights).then(|| EdgeTree::new(scene));
+    let secondary = tree.as_ref().and_then(|tree| Secondary::new(scene, tree, &mirrors, settings.max_bounces));
     let mut interior = Interior { secondary, scene, camera, settings, seed, pixels: None };
     match weight_image {
         None => visit.pass(&interior),
@@ -176,10 +178,10 @@ fn passes(
     }
     let viewpoints = Viewpoint::all(scene, camera, &mirrors);
     visit.pass(&PrimaryEdges::new(&viewpoints, settings, weight_image, seed));
-    if lights {
+    if let Some(tree) = &tree {
         let pixels = (camera.width * camera.height) as u32;
-        let count = settings.spp.max(1).saturating_mul((pixels / 16).clamp(1024, 65536));
-        let shadows = Shadows::new(scene, &viewpoints, settings, planar_mirrors, count, seed);
+        let count = settings.spp.max(1).saturating_mul((pixels / 4).clamp(1024, 262_144));
+        let shadows = Shadows::new(scene, &viewpoints, settings, planar_mirrors, tree, count, seed);
         visit.pass(&shadows.guided(layout, weight_image));
     }
 }

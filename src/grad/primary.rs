@@ -173,9 +173,11 @@ impl<'a> PrimaryEdges<'a> {
                 seen += lengths[i] * if local > 0.0 { 1.0 } else { 0.1 };
             }
         }
-        // As many samples a pixel of visible edge as the image has a pixel, but never so few that a small edge is left to
-        // chance.
-        let count = (seen * spp).clamp(1024.0, 1e7) as u32;
+        // As many samples a pixel of visible edge as the image has a pixel, but no less than one for eight of the image's: an
+        // edge is as noisy as a surface, and matters more.
+        let camera = self.viewpoints[0].camera;
+        let least = (camera.width * camera.height) as f64 * spp / 8.0;
+        let count = (seen * spp).max(least).clamp(1024.0, 1e7) as u32;
         Plan::Sample { pmf: Discrete::new(weights), count }
     }
 

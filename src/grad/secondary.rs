@@ -30,7 +30,7 @@ pub struct Secondary<'a> {
     scene: &'a Scene,
     mirrors: &'a [MirrorPlane],
     table: &'a EdgeTable,
-    tree: EdgeTree,
+    tree: &'a EdgeTree,
     max_bounces: u32,
     /// Probability that a path gets a boundary sample.
     rate: f32,
@@ -75,7 +75,12 @@ impl Recorder for Side {
 
 impl<'a> Secondary<'a> {
     /// `None` if no path vertex can see anything but lights.
-    pub fn new(scene: &'a Scene, mirrors: &'a [MirrorPlane], max_bounces: u32) -> Option<Secondary<'a>> {
+    pub fn new(
+        scene: &'a Scene,
+        tree: &'a EdgeTree,
+        mirrors: &'a [MirrorPlane],
+        max_bounces: u32,
+    ) -> Option<Secondary<'a>> {
         let direct = scene.environment.is_some() || !scene.contacts().is_empty() || has_attached_lobes(scene);
         let reach = if direct { 1 } else { 2 };
         let table = scene.edges();
@@ -83,7 +88,7 @@ impl<'a> Secondary<'a> {
             scene,
             mirrors,
             table,
-            tree: EdgeTree::new(scene),
+            tree,
             max_bounces,
             rate: 1.0,
         })

@@ -12,6 +12,7 @@
 
 use glam::{Vec2, Vec3};
 
+use super::edge_tree::{EdgeTree, Query};
 use super::estimate::{Estimate, Pass};
 use super::guide::Guide;
 use super::local::{RayAdjoint, VertexAdjoint, d_attached_direction, d_direction, slide};
@@ -35,6 +36,8 @@ pub struct Shadows<'a> {
     /// All mirrors are planar: paths may go through them.
     pub planar_mirrors: bool,
     edges: Discrete,
+    /// For scenes of many edges, few of which are contours for a light: found from the light.
+    tree: Option<&'a EdgeTree>,
     /// Over the numbers that choose edge and light.
     guide: Option<Guide>,
 }
@@ -45,12 +48,16 @@ impl<'a> Shadows<'a> {
         viewpoints: &'a [Viewpoint<'a>],
         settings: &Settings,
         planar_mirrors: bool,
+        tree: &'a EdgeTree,
         count: u32,
         seed: u64,
     ) -> Self {
+        /// Up to here edges are chosen by length, which keeps Sobol's strata whole.
+        const FEW: usize = 256;
         let edges = Discrete::new(scene.edges().edges.iter().map(|e| f64::from(e.length() * e.weight)));
-        let guide = None;
-        Shadows { scene, viewpoints, max_bounces: settings.max_bounces, count, seed, planar_mirrors, edges, guide }
+        let tree = (edges.len() > FEW).then_some(tree);
+        let max_bounces = settings.max_bounces;
+        Shadows { scene, viewpoints, max_bounces, count, seed, planar_mirrors, edges, tree, guide: None }
     }
 
     /// Learns from pilots which edges cast shadows of which lights where it matters.
@@ -81,12 +88,23 @@ impl<'a> Shadows<'a> {
     /// One sample: `at` chooses the edge point and (with `v`) the light point, drawn with `density` over the unit square.
     fn sample_at(&self, at: [f64; 2], v: f32, density: f64, sampler: &mut Sampler, out: &mut impl Estimate) {
         let scene = self.scene;
-        let (e, pmf, rest) = self.edges.sample(at[0]);
-        let edge = &scene.edges().edges[e];
-        let s = rest as f32;
-        let p = edge.point(s);
         let u_light = Vec2::new((at[1] as f32).min(ONE_MINUS_EPSILON), v);
         let Some(light) = scene.sample_local_light(u_light) else { return };
+        let table = scene.edges();
+        let (edge, s, per_length) = match self.tree {
+            None => {
+                let (e, pmf, rest) = self.edges.sample(at[0]);
+                let edge = &table.edges[e];
+                (edge, rest as f32, pmf as f32 / edge.length())
+            }
+            Some(tree) => {
+                let Some(point) = tree.sample_one(table, &Query::from_light(&light, scene), at[0] as f32) else {
+                    return;
+                };
+                (&table.edges[point.edge], point.s, point.pdf)
+            }
+        };
+        let p = edge.point(s);
         let Some(arrival) = light.arrive(p) else { return };
         let dir = arrival.dir; // from p towards the light
 
@@ -114,7 +132,7 @@ impl<'a> Shadows<'a> {
             _ => 0.0,
         };
         let sin_phi = edge.direction().cross(dir).length();
-        let density = (pmf * density) as f32 / edge.length() * light.pdf;
+        let density = per_length * density as f32 * light.pdf;
         let power = light.power * (-arrival.geometry * sin_phi / (density * self.count as f32));
 
         let mut walk = Walk { vertices: Vec::with_capacity(4), weight: power };
