@@ -14,8 +14,8 @@ use super::local::{
     d_first_hit, d_inputs, d_material, emission_input, slide,
 };
 use super::pixels::PixelSampling;
-use super::secondary::Secondary;
 use super::sink::{Adjoints, Sink};
+use super::viewpoint::d_reflected_ray;
 use crate::render::bsdf::{MAX_INPUTS, Part};
 use crate::render::integrator::{Connection, Continuation, Options, Recorder, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
@@ -58,6 +58,15 @@ impl Recorder for Path {
     }
 }
 
+/// The weight with which the emission of a vertex is seen sliding over its surface: by the camera, through an attached
+/// direction, or from a surface that it touches. `None` where it is material-fixed.
+fn sliding_emission(scene: &Scene, path: &Path, k: usize) -> Option<f32> {
+    let Some(before) = k.checked_sub(1).map(|i| &path.vertices[i]) else { return Some(1.0) };
+    let (c, here) = (before.continuation.as_ref()?, path.vertices.get(k)?);
+    let slides = c.delta || c.attached || scene.touch(before.si.prim, here.si.prim);
+    slides.then_some(c.emission_weight)
+}
+
 /// A derivative entering a path from outside at one of its vertices (a boundary sample attached to the path).
 #[derive(Clone, Copy, Debug)]
 pub struct Injection {
@@ -68,29 +77,38 @@ pub struct Injection {
     pub d_dir: Vec3,
 }
 
-/// The weight with which the emission of a vertex is seen sliding over its surface: by the camera, through an attached
-/// direction, or from a surface that it touches. `None` where it is material-fixed.
-fn sliding_emission(scene: &Scene, path: &Path, k: usize) -> Option<f32> {
-    let Some(before) = k.checked_sub(1).map(|i| &path.vertices[i]) else { return Some(1.0) };
-    let (c, here) = (before.continuation.as_ref()?, path.vertices.get(k)?);
-    let slides = c.delta || c.attached || scene.touch(before.si.prim, here.si.prim);
-    slides.then_some(c.emission_weight)
+/// Carries a derivative that enters a path at one of its vertices back to the path's first ray.
+pub fn inject<S: Sink>(out: &mut Adjoints<S>, path: &Path, injection: &Injection) -> RayAdjoint {
+    let mut ray = RayAdjoint::default();
+    for (k, v) in path.vertices[..=injection.vertex].iter().enumerate().rev() {
+        let mut adj = VertexAdjoint::default();
+        if k == injection.vertex {
+            adj.p = injection.d_p;
+            if injection.d_dir != Vec3::ZERO {
+                d_attached_direction(&v.si, injection.dir, injection.d_dir, &mut adj);
+            }
+        } else if v.si.bsdf.is_delta() {
+            ray = d_reflected_ray(out, &v.si, v.t, ray);
+            continue;
+        } else {
+            adj.p = ray.origin;
+            if let Some(c) = v.continuation.as_ref().filter(|c| c.attached) {
+                d_attached_direction(&v.si, c.dir, ray.dir, &mut adj);
+            }
+        }
+        ray = slide(out, &v.si, v.t, adj);
+    }
+    ray
 }
 
 /// Backward sweep: adds the derivative of `a · radiance(path)` to `out` and returns the adjoint of the path's first ray.
-pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, injection: Option<Injection>) -> RayAdjoint {
+pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3) -> RayAdjoint {
     let mut reflected = Vec3::ZERO; // by the vertex after the current one
     let mut ray = RayAdjoint::default();
     for (k, v) in path.vertices.iter().enumerate().rev() {
         let si = &v.si;
         let a_k = a * v.throughput;
         let mut adj = VertexAdjoint { p: ray.origin, ..Default::default() };
-        if let Some(i) = injection.filter(|i| i.vertex == k) {
-            adj.p += i.d_p;
-            if i.d_dir != Vec3::ZERO {
-                d_attached_direction(si, i.dir, i.d_dir, &mut adj);
-            }
-        }
         let mut d_values = [Vec3::ZERO; MAX_INPUTS];
         let mut add_values = |d: [Vec3; MAX_INPUTS]| {
             for (s, d) in d_values.iter_mut().zip(d) {
@@ -162,9 +180,8 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, injection: Op
     ray
 }
 
-/// The interior pass: camera paths, swept backwards, each with a boundary sample at one of its vertices.
+/// The interior pass: camera paths, swept backwards.
 pub struct Interior<'a> {
-    pub secondary: Option<Secondary<'a>>,
     pub scene: &'a Scene,
     pub camera: &'a Camera,
     pub settings: &'a Settings,
@@ -196,16 +213,13 @@ impl Interior<'_> {
         }
         let options = Options { keep_black: true, split_lobes: true, ..Options::new(self.settings.max_bounces) };
         path.vertices.clear();
-        let u = sampler.clone().next_2d();
         trace(self.scene, Start::Ray(ray, &[]), sampler, &options, path);
-        let boundary = self.secondary.as_ref().and_then(|s| s.sample(path, u, sampler).map(|b| (s, b)));
         out.pixel(pixel, |d, out| {
             let d = d * weight;
-            let injection = boundary.as_ref().map(|(secondary, b)| secondary.scatter(out, b, d));
             let ray_adjoint = if path.vertices.is_empty() {
                 RayAdjoint { origin: Vec3::ZERO, dir: out.environment(ray.dir, d) }
             } else {
-                sweep(out, path, d, injection)
+                sweep(out, path, d)
             };
             self.camera.d_ray(position, ray_adjoint.origin, ray_adjoint.dir, &mut out.camera);
         });

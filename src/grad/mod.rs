@@ -22,7 +22,7 @@ use std::sync::atomic::AtomicBool;
 use crate::image::Image;
 use crate::render::sampler::hash;
 pub use crate::render::{
-    Camera, NEVER, Output, Scene, SceneError, Settings, Slot, render, render_until, validate_camera,
+    Camera, Input, NEVER, Output, Scene, SceneError, Settings, Slot, render, render_until, validate_camera,
 };
 
 use self::edge_tree::EdgeTree;
@@ -158,9 +158,9 @@ fn passes(
     let planar_mirrors = planes.is_some();
     let mirrors = planes.unwrap_or_default();
     let tree = (boundary && lights).then(|| EdgeTree::new(scene));
-    let secondary = tree.as_ref().and_then(|tree| Secondary::new(scene, tree, &mirrors, settings.max_bounces));
-    let mut interior = Interior { secondary, scene, camera, settings, seed, pixels: None };
+    let mut interior = Interior { scene, camera, settings, seed, pixels: None };
     match weight_image {
+        _ if interior_vanishes(scene, settings, layout) => {}
         None => visit.pass(&interior),
         Some(adjoint) => {
             let count = pixels::active(adjoint) * settings.spp.max(1) as usize;
@@ -180,10 +180,26 @@ fn passes(
     visit.pass(&PrimaryEdges::new(&viewpoints, settings, weight_image, seed));
     if let Some(tree) = &tree {
         let pixels = (camera.width * camera.height) as u32;
-        let count = settings.spp.max(1).saturating_mul((pixels / 4).clamp(1024, 262_144));
+        let count = settings.spp.max(1).saturating_mul((pixels / 8).clamp(1024, 131_072));
         let shadows = Shadows::new(scene, &viewpoints, settings, planar_mirrors, tree, count, seed);
         visit.pass(&shadows.guided(layout, weight_image));
+        if let Some(secondary) = Secondary::new(scene, camera, tree, &mirrors, settings, layout, weight_image, seed) {
+            visit.pass(&secondary);
+        }
     }
+}
+
+/// Whether nothing that is asked for changes the radiance along a path: only emission is seen, and it is the same all over
+/// each light.
+fn interior_vanishes(scene: &Scene, settings: &Settings, layout: &Layout) -> bool {
+    let d = &scene.description;
+    let constant = |t: usize| d.textures[t].is_constant();
+    let mut emitters = d.shapes.iter().filter_map(|s| s.emission.as_ref());
+    settings.output == Output::Radiance
+        && settings.max_bounces == 0
+        && !layout.slots.iter().any(|s| matches!(s, Slot::Texels(_) | Slot::Colors(_)))
+        && emitters.all(|e| matches!(e.radiance, Input::Texture(t) if constant(t)))
+        && d.environment.as_ref().is_none_or(|e| constant(e.radiance))
 }
 
 fn check(camera: &Camera, settings: &Settings, d_image: &Image) -> Result<(), SceneError> {

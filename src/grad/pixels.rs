@@ -13,11 +13,48 @@ use crate::render::sampler::{Discrete, Sampler};
 /// Share of the samples that is spread evenly over the pixels that matter.
 const EVEN: f64 = 0.2;
 
-/// A distribution over an image, with the samples of a sequence in the order of the pixels they fall on.
-pub struct PixelSampling {
+/// A distribution over the film.
+pub struct FilmDensity {
     width: usize,
     rows: Discrete,
     columns: Vec<Discrete>,
+}
+
+impl FilmDensity {
+    /// By the magnitude of an adjoint image: nothing where it is zero.
+    pub fn new(adjoint: &Image) -> FilmDensity {
+        let magnitude: Vec<f64> = magnitudes(adjoint).collect();
+        let active = magnitude.iter().filter(|&&m| m > 0.0).count();
+        let mean = magnitude.iter().sum::<f64>() / active.max(1) as f64;
+        let weight = |m: f64| if m > 0.0 { (1.0 - EVEN) * m + EVEN * mean } else { 0.0 };
+        let columns: Vec<Discrete> =
+            magnitude.chunks_exact(adjoint.width).map(|row| Discrete::new(row.iter().map(|&m| weight(m)))).collect();
+        FilmDensity { width: adjoint.width, rows: Discrete::new(columns.iter().map(Discrete::total)), columns }
+    }
+
+    /// The same everywhere.
+    pub fn uniform(width: usize, height: usize) -> FilmDensity {
+        let row = Discrete::new(std::iter::repeat_n(1.0, width));
+        FilmDensity { width, rows: Discrete::new(std::iter::repeat_n(1.0, height)), columns: vec![row; height] }
+    }
+
+    /// Whether there is nothing to sample.
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// Where a point of the unit square falls.
+    pub fn place(&self, u: [f64; 2]) -> FilmSample {
+        let (y, row, v) = self.rows.sample(u[1]);
+        let (x, column, u) = self.columns[y].sample(u[0]);
+        let position = Vec2::new(x as f32 + (u as f32).min(0.999_999), y as f32 + (v as f32).min(0.999_999));
+        FilmSample { pixel: y * self.width + x, position, weight: 1.0 / (row * column) }
+    }
+}
+
+/// A distribution over an image, with the samples of a sequence in the order of the pixels they fall on.
+pub struct PixelSampling {
+    film: FilmDensity,
     seed: u64,
     count: usize,
     order: Vec<u32>,
@@ -30,23 +67,16 @@ pub struct FilmSample {
     pub pixel: usize,
     /// In pixels from the top left corner.
     pub position: Vec2,
-    /// What the pixel's adjoint counts for this sample: share / (probability of the pixel · number of samples).
+    /// What the pixel's adjoint counts for this sample: 1 / probability of the pixel (times what is said there).
     pub weight: f64,
 }
 
 impl PixelSampling {
     /// `count` samples of the sequence `seed`, for pixels where the adjoint is not zero; together they are `share` of all.
     pub fn new(adjoint: &Image, count: usize, share: f64, seed: u64) -> PixelSampling {
-        let width = adjoint.width;
-        let magnitude: Vec<f64> = magnitudes(adjoint).collect();
-        let active = magnitude.iter().filter(|&&m| m > 0.0).count();
-        let mean = magnitude.iter().sum::<f64>() / active.max(1) as f64;
-        let weight = |m: f64| if m > 0.0 { (1.0 - EVEN) * m + EVEN * mean } else { 0.0 };
-        let columns: Vec<Discrete> =
-            magnitude.chunks_exact(width).map(|row| Discrete::new(row.iter().map(|&m| weight(m)))).collect();
-        let rows = Discrete::new(columns.iter().map(Discrete::total));
-        let mut sampling = PixelSampling { width, rows, columns, seed, count, order: Vec::new(), share };
-        if active > 0 {
+        let film = FilmDensity::new(adjoint);
+        let mut sampling = PixelSampling { film, seed, count, order: Vec::new(), share };
+        if !sampling.film.is_empty() {
             sampling.order = sampling.by_tile();
         }
         sampling
@@ -57,33 +87,29 @@ impl PixelSampling {
         self.order.len()
     }
 
-    /// The sampler of one sample, and where on film it falls.
+    /// The sampler of one sample, and where on film it falls; the weight is divided by the number of samples.
     pub fn sample(&self, rank: usize) -> (Sampler, FilmSample) {
         let mut sampler = Sampler::new(self.seed, self.order[rank]);
-        let film = self.place(sampler.next_2d());
-        (sampler, film)
+        let film = self.place(&mut sampler);
+        (sampler, FilmSample { weight: film.weight * self.share / self.count as f64, ..film })
     }
 
-    fn place(&self, u: Vec2) -> FilmSample {
-        let (y, row, v) = self.rows.sample(f64::from(u.y));
-        let (x, column, u) = self.columns[y].sample(f64::from(u.x));
-        let position = Vec2::new(x as f32 + (u as f32).min(0.999_999), y as f32 + (v as f32).min(0.999_999));
-        let weight = self.share / (row * column * self.count as f64);
-        FilmSample { pixel: y * self.width + x, position, weight }
+    fn place(&self, sampler: &mut Sampler) -> FilmSample {
+        self.film.place(sampler.next_2d().as_dvec2().to_array())
     }
 
     /// Samples in the order of square tiles, so that neighbouring rays are traced one after the other.
     fn by_tile(&self) -> Vec<u32> {
         const TILE: usize = 16;
-        let tiles_a_row = self.width.div_ceil(TILE);
+        let tiles_a_row = self.film.width.div_ceil(TILE);
         let tile: Vec<u32> = (0..self.count as u32)
             .into_par_iter()
             .map(|i| {
-                let pixel = self.place(Sampler::new(self.seed, i).next_2d()).pixel;
-                (pixel / self.width / TILE * tiles_a_row + pixel % self.width / TILE) as u32
+                let pixel = self.place(&mut Sampler::new(self.seed, i)).pixel;
+                (pixel / self.film.width / TILE * tiles_a_row + pixel % self.film.width / TILE) as u32
             })
             .collect();
-        let tiles = tiles_a_row * self.columns.len().div_ceil(TILE);
+        let tiles = tiles_a_row * self.film.columns.len().div_ceil(TILE);
         let mut start = vec![0usize; tiles + 1];
         for &t in &tile {
             start[t as usize + 1] += 1;

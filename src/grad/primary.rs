@@ -22,6 +22,8 @@ use crate::render::{Output, Scene, Settings};
 const NUDGE: f32 = 1e-3;
 /// Longest piece of an edge with one sampling weight, in pixels.
 const PIECE: f64 = 8.0;
+/// Antithetic pairs on a piece: more than one only for pieces that something else hides in part.
+const STRATA: u32 = 4;
 /// Sampling weight of edges between smoothly shaded faces relative to a silhouette: only the shadow terminator jumps there.
 const SMOOTH_CREASE: f64 = 0.05;
 
@@ -53,7 +55,7 @@ pub struct PrimaryEdges<'a> {
 
 /// How edge points are chosen.
 enum Plan {
-    /// An antithetic pair on every piece. For radiance without noise and pieces within one pixel: there the jump and the
+    /// Antithetic pairs on every piece. For radiance without noise and pieces within one pixel: there the jump and the
     /// adjoint are constant and the velocity is linear, so the pair integrates them exactly, and where something else
     /// begins within the pixel it is still unbiased.
     Enumerate,
@@ -173,10 +175,10 @@ impl<'a> PrimaryEdges<'a> {
                 seen += lengths[i] * if local > 0.0 { 1.0 } else { 0.1 };
             }
         }
-        // As many samples a pixel of visible edge as the image has a pixel, but no less than one for eight of the image's: an
+        // As many samples a pixel of visible edge as the image has a pixel, but no less than one for 16 of the image's: an
         // edge is as noisy as a surface, and matters more.
         let camera = self.viewpoints[0].camera;
-        let least = (camera.width * camera.height) as f64 * spp / 8.0;
+        let least = (camera.width * camera.height) as f64 * spp / 16.0;
         let count = (seen * spp).max(least).clamp(1024.0, 1e7) as u32;
         Plan::Sample { pmf: Discrete::new(weights), count }
     }
@@ -278,10 +280,13 @@ impl Pass for PrimaryEdges<'_> {
         for i in items {
             match &self.plan {
                 Plan::Enumerate => {
-                    let mut sampler = Sampler::new(hash(seed, i as u64), 0);
-                    let u = f64::from(sampler.next_1d());
-                    for rest in [u, 1.0 - u] {
-                        self.sample(&self.pieces[i], rest, 2.0, &mut sampler, out);
+                    for stratum in 0..STRATA {
+                        let mut sampler = Sampler::new(hash(seed, i as u64), stratum);
+                        let u = f64::from(sampler.next_1d());
+                        for at in [u, 1.0 - u] {
+                            let rest = (f64::from(stratum) + at) / f64::from(STRATA);
+                            self.sample(&self.pieces[i], rest, 2.0 * f64::from(STRATA), &mut sampler, out);
+                        }
                     }
                 }
                 Plan::Sample { pmf, count } => {

@@ -1,9 +1,9 @@
 //! Boundary term at path vertices: what a shading point sees behind an edge, reflected radiance on both sides and the
 //! environment.
 //!
-//! Receiver-first, one vertex a path: choose a vertex x, an edge point p for it, and add
+//! Receiver-first, one vertex a camera path: choose a vertex x, an edge point p for it, and add
 //! sinφ/|q|² f cosθ (L_fg − L_bg) N̂·(ṗ − ẋ) ((E) of `algorithms.md` with direction-fixed radiance on both sides). The part
-//! that moves x enters the backward sweep of the very path. Emission of area lights is material-fixed and not seen
+//! that moves x goes back along the very path. Emission of area lights is material-fixed and not seen
 //! here: its boundary is [`super::shadow`]'s. A narrow lobe is attached: there emission counts too, and the lobe's direction
 //! moves, N̂·(ṗ − ẋ − |q|ω̇). What the point sees in a planar mirror, its mirror image sees directly: the same
 //! estimator from there, with emission on both sides.
@@ -11,29 +11,37 @@
 use glam::{Vec2, Vec3};
 
 use super::edge_tree::{EdgeTree, Query};
-use super::interior::{Injection, Path, PathVertex};
+use super::estimate::{Estimate, Pass};
+use super::guide::Guide;
+use super::interior::{Injection, Path, PathVertex, inject};
+use super::pixels::{self, FilmDensity};
 use super::primary::inset;
-use super::sink::{Adjoints, Sink};
+use super::sink::{Adjoints, Layout, Sink};
 use super::viewpoint::{MirrorPlane, d_mirror_image};
-use crate::render::Scene;
+use crate::image::Image;
 use crate::render::accel::{PrimId, Ray};
 use crate::render::edges::EdgeTable;
 use crate::render::integrator::{Options, Recorder, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
-use crate::render::sampler::Sampler;
+use crate::render::sampler::{Sampler, hash};
+use crate::render::{Camera, Scene, Settings};
 
 /// Angle between an edge and the ray that looks past it.
 const NUDGE: f32 = 2e-5;
 
-/// Receiver-first sampling for the paths of one pass.
+/// Receiver-first samples.
 pub struct Secondary<'a> {
     scene: &'a Scene,
+    camera: &'a Camera,
     mirrors: &'a [MirrorPlane],
     table: &'a EdgeTable,
     tree: &'a EdgeTree,
     max_bounces: u32,
-    /// Probability that a path gets a boundary sample.
-    rate: f32,
+    seed: u64,
+    count: u32,
+    film: FilmDensity,
+    /// Over the film.
+    guide: Option<Guide>,
 }
 
 /// A boundary sample of a path: with pixel adjoint d the contribution is (d·weight) N̂·(ṗ − ẋ).
@@ -75,35 +83,77 @@ impl Recorder for Side {
 
 impl<'a> Secondary<'a> {
     /// `None` if no path vertex can see anything but lights.
+    #[allow(clippy::too_many_arguments)]
     pub fn new(
         scene: &'a Scene,
+        camera: &'a Camera,
         tree: &'a EdgeTree,
         mirrors: &'a [MirrorPlane],
-        max_bounces: u32,
+        settings: &Settings,
+        layout: &Layout,
+        adjoint: Option<&Image>,
+        seed: u64,
     ) -> Option<Secondary<'a>> {
+        /// Pilots a cell, and the samples that one pilot serves.
+        const PILOTS: usize = 4;
+        const SAMPLES: usize = 8;
         let direct = scene.environment.is_some() || !scene.contacts().is_empty() || has_attached_lobes(scene);
         let reach = if direct { 1 } else { 2 };
         let table = scene.edges();
-        (max_bounces >= reach && !table.edges.is_empty()).then(|| Secondary {
-            scene,
-            mirrors,
-            table,
-            tree,
-            max_bounces,
-            rate: 1.0,
-        })
-    }
-
-    /// One sample for a recorded path. `u` chooses the edge and the point on it: the same numbers that choose the light of the
-    /// path's first vertex, so that they are stratified together with the image plane. The two are terms of a sum: that
-    /// they are correlated does no harm.
-    pub fn sample(&self, path: &Path, u: Vec2, sampler: &mut Sampler) -> Option<SecondarySample> {
-        let mut u_choice = sampler.next_1d();
-        if u_choice >= self.rate {
+        let film = adjoint.map_or_else(|| FilmDensity::uniform(camera.width, camera.height), FilmDensity::new);
+        if settings.max_bounces < reach || table.edges.is_empty() || film.is_empty() {
             return None;
         }
-        u_choice /= self.rate;
+        let pixels = adjoint.map_or(camera.width * camera.height, pixels::active);
+        let count = (pixels * settings.spp.max(1) as usize / 2).clamp(1024, u32::MAX as usize) as u32;
+        let max_bounces = settings.max_bounces;
+        let mut secondary =
+            Secondary { scene, camera, mirrors, table, tree, max_bounces, seed, count, film, guide: None };
+        if adjoint.is_some() {
+            let side = ((count as usize / (PILOTS * SAMPLES)) as f64).sqrt().clamp(4.0, 64.0) as usize;
+            let seed = hash(seed, 0x0067_7569_6465);
+            secondary.guide = Some(Guide::new([side; 2], PILOTS, scene, layout, adjoint, |i, at, pilot| {
+                let mut sampler = Sampler::new(hash(seed, i as u64), 0);
+                let _film = sampler.next_2d();
+                let u = sampler.next_2d();
+                secondary.sample_at(at, u, 1.0, &mut sampler, &mut Path::default(), pilot);
+            }));
+        }
+        Some(secondary)
+    }
 
+    /// One sample: `at` chooses the place on film, drawn with `density` over the unit square, `u` the edge and the point on
+    /// it.
+    fn sample_at(
+        &self,
+        at: [f64; 2],
+        u: Vec2,
+        density: f64,
+        sampler: &mut Sampler,
+        path: &mut Path,
+        out: &mut impl Estimate,
+    ) {
+        let film = self.film.place(at);
+        if out.skips(film.pixel) {
+            return;
+        }
+        let ray = self.camera.ray(film.position);
+        // The last vertex that can see an edge is one event before the last.
+        let options = Options { next_event: false, split_lobes: true, ..Options::new(self.max_bounces - 1) };
+        path.vertices.clear();
+        trace(self.scene, Start::Ray(ray, &[]), sampler, &options, path);
+        let Some(sample) = self.sample(path, u, sampler) else { return };
+        let weight = (film.weight / (density * f64::from(self.count))) as f32;
+        out.pixel(film.pixel, |d, out| {
+            let injection = self.scatter(out, &sample, d * weight);
+            let ray = inject(out, path, &injection);
+            self.camera.d_ray(film.position, ray.origin, ray.dir, &mut out.camera);
+        });
+    }
+
+    /// One sample for a recorded path. `u` chooses the edge and the point on it.
+    fn sample(&self, path: &Path, u: Vec2, sampler: &mut Sampler) -> Option<SecondarySample> {
+        let u_choice = sampler.next_1d();
         // Choose a vertex with probability proportional to what it passes on.
         let events_left = |k: usize| self.max_bounces.saturating_sub(k as u32 + 1);
         let contacts = self.scene.contacts();
@@ -195,7 +245,7 @@ impl<'a> Secondary<'a> {
         let fixed = fixed * (sliding(&foreground) - sliding(&background));
         let attached = attached * (all(&foreground) - all(&background));
         let sin_phi = edge.direction().cross(sight.dir).length();
-        let pdf = point.pdf * self.rate * weight(k) / (total * (mirrors + 1) as f32);
+        let pdf = point.pdf * weight(k) / (total * (mirrors + 1) as f32);
         let scale = vertex.throughput * sight.reflectance * (sin_phi / (distance * distance * pdf));
         let (weight, attached) = (scale * (fixed + attached), scale * attached);
         (weight != Vec3::ZERO && weight.is_finite()).then_some(SecondarySample {
@@ -247,7 +297,7 @@ impl<'a> Secondary<'a> {
     }
 
     /// Adds the derivatives of a sample's edge and mirror; returns the adjoint of the path vertex's position.
-    pub fn scatter<S: Sink>(&self, out: &mut Adjoints<S>, sample: &SecondarySample, d: Vec3) -> Injection {
+    fn scatter<S: Sink>(&self, out: &mut Adjoints<S>, sample: &SecondarySample, d: Vec3) -> Injection {
         let d_image = sample.normal * d.dot(sample.weight);
         let d_p = match &sample.mirror {
             Some(mirror) => d_mirror_image(out, mirror, sample.p, d_image),
@@ -258,6 +308,24 @@ impl<'a> Secondary<'a> {
         out.vertex(face.shape, face.v[1], d_p * sample.s);
         let d_dir = sample.normal * (-sample.distance * d.dot(sample.attached));
         Injection { vertex: sample.vertex, d_p: -d_image, dir: sample.dir, d_dir }
+    }
+}
+
+impl Pass for Secondary<'_> {
+    fn items(&self) -> usize {
+        self.count as usize
+    }
+
+    fn run(&self, items: std::ops::Range<usize>, out: &mut impl Estimate) {
+        let seed = hash(self.seed, 0x0073_6563_6f6e_6461);
+        let mut path = Path::default();
+        for i in items {
+            let mut sampler = Sampler::new(seed, i as u32);
+            let at = sampler.next_2d().as_dvec2().to_array();
+            let u = sampler.next_2d();
+            let (at, density) = self.guide.as_ref().map_or((at, 1.0), |g| g.map(at));
+            self.sample_at(at, u, density, &mut sampler, &mut path, out);
+        }
     }
 }
 

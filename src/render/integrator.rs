@@ -36,6 +36,8 @@ pub struct Options {
     pub keep_black: bool,
     /// Let each continuation stand for one part of its BSDF, chosen by value, where the parts are differentiated differently.
     pub split_lobes: bool,
+    /// Sample the lights at each vertex; without it only the path itself is of use.
+    pub next_event: bool,
 }
 
 impl Options {
@@ -46,6 +48,7 @@ impl Options {
             first_environment: true,
             keep_black: false,
             split_lobes: false,
+            next_event: true,
         }
     }
 }
@@ -126,7 +129,8 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
             break;
         }
         // Light arriving directly.
-        if !si.bsdf.is_delta()
+        if options.next_event
+            && !si.bsdf.is_delta()
             && let Some(c) = connect(scene, &si, sampler, options.keep_black)
         {
             radiance += throughput * c.f * c.light.power * (c.geometry * c.weight);
