@@ -18,7 +18,7 @@ const LEAF: usize = 6;
 /// Sine of an angle within which rounding decides what is a contour.
 const SLACK: f32 = 1e-5;
 /// Leaves that are looked at for one sample.
-const CANDIDATES: usize = 8;
+const CANDIDATES: usize = 4;
 
 /// Bounding volume tree over the edges of a table.
 pub struct EdgeTree {

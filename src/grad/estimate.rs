@@ -30,6 +30,13 @@ pub trait Estimate {
     fn skips(&self, pixel: usize) -> bool;
 }
 
+/// A pixel of an adjoint image; channels it does not have are zero.
+pub fn adjoint_of(image: &Image, pixel: usize) -> Vec3 {
+    let c = image.channels;
+    let p = &image.data[pixel * c..(pixel + 1) * c];
+    Vec3::new(p[0], p.get(1).copied().unwrap_or(0.0), p.get(2).copied().unwrap_or(0.0))
+}
+
 /// Reverse mode.
 pub struct Reverse<'a> {
     pub d_image: &'a Image,
@@ -42,9 +49,7 @@ impl<'a> Reverse<'a> {
     }
 
     fn adjoint(&self, pixel: usize) -> Vec3 {
-        let c = self.d_image.channels;
-        let p = &self.d_image.data[pixel * c..(pixel + 1) * c];
-        Vec3::new(p[0], p.get(1).copied().unwrap_or(0.0), p.get(2).copied().unwrap_or(0.0))
+        adjoint_of(self.d_image, pixel)
     }
 }
 

@@ -7,7 +7,7 @@
 use glam::Vec3;
 use rayon::prelude::*;
 
-use super::estimate::Estimate;
+use super::estimate::{Estimate, adjoint_of};
 use super::sink::{Adjoints, Layout, Sink};
 use crate::image::Image;
 use crate::render::Scene;
@@ -29,7 +29,7 @@ impl Guide {
         pilots: usize,
         scene: &Scene,
         layout: &Layout,
-        adjoint: Option<&Image>,
+        adjoint: &Image,
         sample: impl Fn(usize, [f64; 2], &mut Pilot) + Sync,
     ) -> Guide {
         let moments: Vec<f64> = (0..rows * columns)
@@ -73,7 +73,7 @@ impl Guide {
 
 /// Measures samples instead of collecting them: the sum of the squares of all derivatives.
 pub struct Pilot<'a> {
-    adjoint: Option<&'a Image>,
+    adjoint: &'a Image,
     out: Adjoints<'a, Norm>,
 }
 
@@ -90,11 +90,7 @@ impl Sink for Norm {
 
 impl Pilot<'_> {
     fn adjoint(&self, pixel: usize) -> Vec3 {
-        self.adjoint.map_or(Vec3::ONE, |image| {
-            let c = image.channels;
-            let p = &image.data[pixel * c..(pixel + 1) * c];
-            Vec3::new(p[0], p.get(1).copied().unwrap_or(0.0), p.get(2).copied().unwrap_or(0.0))
-        })
+        adjoint_of(self.adjoint, pixel)
     }
 }
 

@@ -19,7 +19,7 @@ use super::viewpoint::d_reflected_ray;
 use crate::render::bsdf::{MAX_INPUTS, Part};
 use crate::render::integrator::{Connection, Continuation, Options, Recorder, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
-use crate::render::sampler::{Sampler, hash};
+use crate::render::sampler::Sampler;
 use crate::render::{Camera, Output, Scene, Settings};
 
 /// One vertex of a recorded path.
@@ -185,9 +185,7 @@ pub struct Interior<'a> {
     pub scene: &'a Scene,
     pub camera: &'a Camera,
     pub settings: &'a Settings,
-    pub seed: u64,
-    /// Samples placed by the adjoint image (reverse mode); otherwise every pixel gets its own.
-    pub pixels: Option<PixelSampling>,
+    pub pixels: PixelSampling,
 }
 
 impl Interior<'_> {
@@ -228,28 +226,14 @@ impl Interior<'_> {
 
 impl Pass for Interior<'_> {
     fn items(&self) -> usize {
-        self.pixels.as_ref().map_or(self.camera.width * self.camera.height, PixelSampling::count)
+        self.pixels.count()
     }
 
     fn run(&self, items: std::ops::Range<usize>, out: &mut impl Estimate) {
         let mut path = Path::default();
-        if let Some(pixels) = &self.pixels {
-            for rank in items {
-                let (mut sampler, film) = pixels.sample(rank);
-                self.sample(film.pixel, film.position, film.weight as f32, &mut path, &mut sampler, out);
-            }
-            return;
-        }
-        let seed = hash(self.seed, 0x696e_7465_7269_6f72);
-        let spp = self.settings.spp.max(1);
-        for pixel in items {
-            let corner = Vec2::new((pixel % self.camera.width) as f32, (pixel / self.camera.width) as f32);
-            let sequence = hash(seed, pixel as u64);
-            for i in 0..spp {
-                let mut sampler = Sampler::new(sequence, i);
-                let position = corner + sampler.next_2d();
-                self.sample(pixel, position, 1.0 / spp as f32, &mut path, &mut sampler, out);
-            }
+        for rank in items {
+            let (mut sampler, film) = self.pixels.sample(rank);
+            self.sample(film.pixel, film.position, film.weight as f32, &mut path, &mut sampler, out);
         }
     }
 }

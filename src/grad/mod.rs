@@ -68,7 +68,7 @@ pub fn render_backward_until(
             estimate::reverse(self.0, self.1, self.2, pass, self.3, self.4);
         }
     }
-    passes(scene, camera, settings, &layout, Some(d_image), &mut Run(scene, &layout, d_image, &mut total, stop));
+    passes(scene, camera, settings, &layout, d_image, &mut Run(scene, &layout, d_image, &mut total, stop));
     Ok(layout.starts.windows(2).map(|w| total[w[0]..w[1]].to_vec()).collect())
 }
 
@@ -108,7 +108,10 @@ pub fn render_forward_until(
             estimate::forward(self.0, self.1, self.2, pass, self.3, self.4, self.5);
         }
     }
-    passes(scene, camera, settings, &layout, None, &mut Run(scene, &layout, &tangent, &mut total, channels, stop));
+    // No pixel matters more than another.
+    let mut even = Image::new(camera.width, camera.height, channels);
+    even.data.fill(1.0);
+    passes(scene, camera, settings, &layout, &even, &mut Run(scene, &layout, &tangent, &mut total, channels, stop));
     for (p, t) in image.data.iter_mut().zip(total) {
         *p = t as f32;
     }
@@ -139,13 +142,14 @@ trait Visit {
     fn pass(&mut self, pass: &impl Pass);
 }
 
-/// All estimators whose terms can be non-zero for what is asked, in a fixed order.
+/// All estimators whose terms can be non-zero for what is asked, in a fixed order. Samples go where the adjoint image is
+/// large.
 fn passes(
     scene: &Scene,
     camera: &Camera,
     settings: &Settings,
     layout: &Layout,
-    weight_image: Option<&Image>,
+    adjoint: &Image,
     visit: &mut impl Visit,
 ) {
     if layout.size() == 0 {
@@ -158,32 +162,27 @@ fn passes(
     let planar_mirrors = planes.is_some();
     let mirrors = planes.unwrap_or_default();
     let tree = (boundary && lights).then(|| EdgeTree::new(scene));
-    let mut interior = Interior { scene, camera, settings, seed, pixels: None };
-    match weight_image {
-        _ if interior_vanishes(scene, settings, layout) => {}
-        None => visit.pass(&interior),
-        Some(adjoint) => {
-            let count = pixels::active(adjoint) * settings.spp.max(1) as usize;
-            let rounds = count.div_ceil(MAX_SEQUENCE);
-            for round in 0..rounds {
-                let part = count * (round + 1) / rounds - count * round / rounds;
-                let share = part as f64 / count as f64;
-                interior.pixels = Some(PixelSampling::new(adjoint, part, share, hash(seed, round as u64)));
-                visit.pass(&interior);
-            }
+    if !interior_vanishes(scene, settings, layout) {
+        let count = pixels::active(adjoint) * settings.spp.max(1) as usize;
+        let rounds = count.div_ceil(MAX_SEQUENCE);
+        for round in 0..rounds {
+            let part = count * (round + 1) / rounds - count * round / rounds;
+            let share = part as f64 / count as f64;
+            let pixels = PixelSampling::new(adjoint, part, share, hash(seed, round as u64));
+            visit.pass(&Interior { scene, camera, settings, pixels });
         }
     }
     if !boundary {
         return;
     }
     let viewpoints = Viewpoint::all(scene, camera, &mirrors);
-    visit.pass(&PrimaryEdges::new(&viewpoints, settings, weight_image, seed));
+    visit.pass(&PrimaryEdges::new(&viewpoints, settings, adjoint, seed));
     if let Some(tree) = &tree {
         let pixels = (camera.width * camera.height) as u32;
         let count = settings.spp.max(1).saturating_mul((pixels / 8).clamp(1024, 131_072));
         let shadows = Shadows::new(scene, &viewpoints, settings, planar_mirrors, tree, count, seed);
-        visit.pass(&shadows.guided(layout, weight_image));
-        if let Some(secondary) = Secondary::new(scene, camera, tree, &mirrors, settings, layout, weight_image, seed) {
+        visit.pass(&shadows.guided(layout, adjoint));
+        if let Some(secondary) = Secondary::new(scene, camera, tree, &mirrors, settings, layout, adjoint, seed) {
             visit.pass(&secondary);
         }
     }

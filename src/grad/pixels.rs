@@ -32,12 +32,6 @@ impl FilmDensity {
         FilmDensity { width: adjoint.width, rows: Discrete::new(columns.iter().map(Discrete::total)), columns }
     }
 
-    /// The same everywhere.
-    pub fn uniform(width: usize, height: usize) -> FilmDensity {
-        let row = Discrete::new(std::iter::repeat_n(1.0, width));
-        FilmDensity { width, rows: Discrete::new(std::iter::repeat_n(1.0, height)), columns: vec![row; height] }
-    }
-
     /// Whether there is nothing to sample.
     pub fn is_empty(&self) -> bool {
         self.rows.is_empty()

@@ -87,11 +87,11 @@ struct Boundary<'a> {
 }
 
 impl<'a> PrimaryEdges<'a> {
-    /// Collects, clips and weights. `weight_image`, if given, is the adjoint image: samples go where it is large.
+    /// Collects, clips and weights: samples go where the adjoint image is large.
     pub fn new(
         viewpoints: &'a [Viewpoint<'a>],
         settings: &'a Settings,
-        weight_image: Option<&Image>,
+        adjoint: &Image,
         seed: u64,
     ) -> PrimaryEdges<'a> {
         let lines = viewpoints.first().is_some_and(|v| v.camera.keeps_lines());
@@ -116,7 +116,7 @@ impl<'a> PrimaryEdges<'a> {
         }
         let mut edges = PrimaryEdges { viewpoints, settings, seed, pieces, plan: Plan::Enumerate };
         if !enumerate {
-            edges.plan = edges.plan_samples(&lengths, weight_image);
+            edges.plan = edges.plan_samples(&lengths, adjoint);
         }
         edges
     }
@@ -125,7 +125,7 @@ impl<'a> PrimaryEdges<'a> {
     /// no contrast get little. Pilots are independent of the samples they plan, and no piece is left out, so the estimate
     /// stays unbiased. One pilot a piece replaces the depth buffer of `algorithms.md` §2.1: it is exact where that is
     /// conservative, and costs one sample in `PIECE`·spp.
-    fn plan_samples(&self, lengths: &[f64], weight_image: Option<&Image>) -> Plan {
+    fn plan_samples(&self, lengths: &[f64], adjoint: &Image) -> Plan {
         /// Share of the weight that does not listen to pilots.
         const DEFENSIVE: f64 = 0.2;
         let spp = f64::from(self.settings.spp.max(1));
@@ -155,9 +155,8 @@ impl<'a> PrimaryEdges<'a> {
             (near.iter().sum::<f64>() / near.len() as f64).sqrt()
         };
         let mean = (0..groups).map(near).sum::<f64>() / groups.max(1) as f64;
-        let mean_adjoint = weight_image.map_or(0.0, |w| {
-            w.data.iter().map(|v| f64::from(v.abs())).sum::<f64>() / (w.width * w.height).max(1) as f64
-        });
+        let mean_adjoint = adjoint.data.iter().map(|v| f64::from(v.abs())).sum::<f64>()
+            / (adjoint.width * adjoint.height).max(1) as f64;
         let mut weights = Vec::with_capacity(self.pieces.len());
         let mut seen = 0.0;
         for g in 0..groups {
@@ -167,10 +166,7 @@ impl<'a> PrimaryEdges<'a> {
                 if mean > 0.0 { (1.0 - DEFENSIVE) * (local / mean).min(16.0).sqrt() + DEFENSIVE } else { 1.0 };
             for i in range(g) {
                 let piece = &self.pieces[i];
-                let importance = match weight_image {
-                    Some(w) => local_weight(w, piece.a, piece.b) + 0.1 * mean_adjoint,
-                    None => 1.0,
-                };
+                let importance = local_weight(adjoint, piece.a, piece.b) + 0.1 * mean_adjoint;
                 weights.push(lengths[i] * importance * contrast);
                 seen += lengths[i] * if local > 0.0 { 1.0 } else { 0.1 };
             }

@@ -91,7 +91,7 @@ impl<'a> Secondary<'a> {
         mirrors: &'a [MirrorPlane],
         settings: &Settings,
         layout: &Layout,
-        adjoint: Option<&Image>,
+        adjoint: &Image,
         seed: u64,
     ) -> Option<Secondary<'a>> {
         /// Pilots a cell, and the samples that one pilot serves.
@@ -100,25 +100,23 @@ impl<'a> Secondary<'a> {
         let direct = scene.environment.is_some() || !scene.contacts().is_empty() || has_attached_lobes(scene);
         let reach = if direct { 1 } else { 2 };
         let table = scene.edges();
-        let film = adjoint.map_or_else(|| FilmDensity::uniform(camera.width, camera.height), FilmDensity::new);
+        let film = FilmDensity::new(adjoint);
         if settings.max_bounces < reach || table.edges.is_empty() || film.is_empty() {
             return None;
         }
-        let pixels = adjoint.map_or(camera.width * camera.height, pixels::active);
+        let pixels = pixels::active(adjoint);
         let count = (pixels * settings.spp.max(1) as usize / 2).clamp(1024, u32::MAX as usize) as u32;
         let max_bounces = settings.max_bounces;
         let mut secondary =
             Secondary { scene, camera, mirrors, table, tree, max_bounces, seed, count, film, guide: None };
-        if adjoint.is_some() {
-            let side = ((count as usize / (PILOTS * SAMPLES)) as f64).sqrt().clamp(4.0, 64.0) as usize;
-            let seed = hash(seed, 0x0067_7569_6465);
-            secondary.guide = Some(Guide::new([side; 2], PILOTS, scene, layout, adjoint, |i, at, pilot| {
-                let mut sampler = Sampler::new(hash(seed, i as u64), 0);
-                let _film = sampler.next_2d();
-                let u = sampler.next_2d();
-                secondary.sample_at(at, u, 1.0, &mut sampler, &mut Path::default(), pilot);
-            }));
-        }
+        let side = ((count as usize / (PILOTS * SAMPLES)) as f64).sqrt().clamp(4.0, 64.0) as usize;
+        let seed = hash(seed, 0x0067_7569_6465);
+        secondary.guide = Some(Guide::new([side; 2], PILOTS, scene, layout, adjoint, |i, at, pilot| {
+            let mut sampler = Sampler::new(hash(seed, i as u64), 0);
+            let _film = sampler.next_2d();
+            let u = sampler.next_2d();
+            secondary.sample_at(at, u, 1.0, &mut sampler, &mut Path::default(), pilot);
+        }));
         Some(secondary)
     }
 

@@ -61,7 +61,7 @@ impl<'a> Shadows<'a> {
     }
 
     /// Learns from pilots which edges cast shadows of which lights where it matters.
-    pub fn guided(mut self, layout: &Layout, adjoint: Option<&Image>) -> Self {
+    pub fn guided(mut self, layout: &Layout, adjoint: &Image) -> Self {
         /// Pilots a cell, and the samples that one pilot serves.
         const PILOTS: usize = 4;
         const SAMPLES: usize = 8;
