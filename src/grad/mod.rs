@@ -2,8 +2,7 @@
 //!
 //! The derivative of a pixel is the sum of an *interior* term (paths move smoothly, `interior`) and *boundary* terms
 //! (something passes behind an edge: `primary` as the camera sees it, `shadow` as a light sees it, `secondary` as any
-//! other path vertex sees it). All use one parametrisation per radiance component (`algorithms.md` §0): emission is
-//! material-fixed, everything else direction-fixed.
+//! other path vertex sees it). All use one parametrisation per radiance component; the table is in `ARCHITECTURE.md`.
 
 pub mod edge_tree;
 pub mod estimate;

@@ -8,7 +8,7 @@
 //!   −∫dl ∫dA(y) cosθ_y/|y−p|² L_e sinφ f_s(x) W(x) N̂·(ṗ − (1−τ)ẋ − τẏ),  τ = |p−x|/|y−x|,
 //!
 //! W(x) the importance of x (pixels per area, adjoint of the pixel). Unbiased, every bounce; a receiver seen only through
-//! a curved mirror is not found (see [`super::uncovered`]).
+//! a curved mirror is not found (see [`super::coverage_gaps`]).
 
 use glam::{Vec2, Vec3};
 
