@@ -51,7 +51,8 @@ fn bounce_rays(accel: &Accel, triangles: &Triangles, primary: &[Ray]) -> Vec<Ray
 }
 
 fn rays(c: &mut Criterion) {
-    for (name, (triangles, camera)) in [("cornell", cornell()), ("sphere", sphere(143)), ("sphere", sphere(570))] {
+    let spheres = [143, 224, 570].map(|n| ("sphere", sphere(n)));
+    for (name, (triangles, camera)) in [("cornell", cornell())].into_iter().chain(spheres) {
         let accel = Accel::new(&triangles);
         let primary = primary_rays(&camera);
         let bounce = bounce_rays(&accel, &triangles, &primary);
