@@ -14,7 +14,7 @@ fn scene() -> (SceneDescription, Camera) {
     b.shape(floor(Vec3::ZERO, 2.0), grey.clone());
     b.shape(cuboid(vec3(0.2, 0.5, 0.1), vec3(0.4, 0.3, 0.5), 0.4), grey);
     let (diffuse, specular) = (b.constant(Vec3::splat(0.2)), b.constant(Vec3::splat(0.5)));
-    let roughness = b.scalar(0.2);
+    let roughness = b.scalar(0.03); // narrow: attached
     let phong = Material { kind: MaterialKind::Phong { diffuse, specular, roughness }, one_sided: false };
     b.shape(quad(vec3(-2., 0., 1.5), vec3(2., 0., 1.5), vec3(2., 2., 1.6), vec3(-2., 2., 1.6)), phong);
     b.light(ceiling(vec3(0.3, 3., -0.5), 0.5), Vec3::splat(10.));
@@ -48,6 +48,21 @@ fn forward_is_the_transpose_of_reverse() {
         let size: f64 = forward.data.iter().map(|v| f64::from(v.abs())).sum();
         println!("{output:?}: {jv} {jtw} of {size}");
         assert!(size > 0.0 && (jv - jtw).abs() < 1e-4 * size, "{output:?}: ⟨Jv, 1⟩ = {jv}, ⟨v, Jᵀ1⟩ = {jtw}");
+    }
+}
+
+/// An adjoint that is not a number cannot be followed, and must not pass for zero.
+#[test]
+fn an_adjoint_that_is_not_finite_gives_no_numbers() {
+    let (description, camera) = scene();
+    let wrt: Vec<Slot> = all_slots(&description, &camera).into_iter().map(|s| s.0).collect();
+    let scene = Scene::new(description).unwrap();
+    for bad in [f32::NAN, f32::INFINITY] {
+        let mut adjoint = Image::new(camera.width, camera.height, 3);
+        adjoint.data[7] = bad;
+        let settings = settings(Output::Radiance, 1, 3);
+        let gradient = render_backward(&scene, &camera, &settings, &adjoint, &wrt).unwrap();
+        assert!(gradient.iter().flatten().all(|g| g.is_nan()));
     }
 }
 

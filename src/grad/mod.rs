@@ -37,8 +37,8 @@ use self::viewpoint::{Viewpoint, mirror_planes};
 /// Most samples of one sequence over the image; more are drawn in rounds.
 const MAX_SEQUENCE: usize = 1 << 22;
 
-/// Reverse mode: Σ d_image · ∂image/∂slot for every slot of `wrt`, in the slot's own layout. Uses samples independent
-/// of [`render`]'s with the same settings.
+/// Reverse mode: Σ d_image · ∂image/∂slot for every slot of `wrt`, in the slot's own layout; NaN if `d_image` is not finite.
+/// Uses samples independent of [`render`]'s with the same settings.
 pub fn render_backward(
     scene: &Scene,
     camera: &Camera,
@@ -60,7 +60,12 @@ pub fn render_backward_until(
 ) -> Result<Vec<Vec<f64>>, SceneError> {
     check(camera, settings, d_image)?;
     let layout = Layout::new(scene, wrt);
-    let mut total = vec![0.0; layout.size()];
+    // Samples cannot follow an adjoint that is not a number, and the caller must hear of it.
+    let finite = d_image.data.iter().all(|v| v.is_finite());
+    let mut total = vec![if finite { 0.0 } else { f64::NAN }; layout.size()];
+    if !finite {
+        return Ok(layout.starts.windows(2).map(|w| total[w[0]..w[1]].to_vec()).collect());
+    }
     struct Run<'a>(&'a Scene, &'a Layout, &'a Image, &'a mut [f64], &'a AtomicBool);
     impl Visit for Run<'_> {
         fn pass(&mut self, pass: &impl Pass) {
