@@ -422,6 +422,50 @@ fn delta_lights() {
     agree("point light, blocker, 3 bounces", &scene(point, 1.0), &global);
 }
 
+/// Shadows of a mesh of a thousand edges, which are found from the light: near, distant, two-sided, a sun in the sky.
+#[test]
+fn shadow_of_a_ball() {
+    fn build(light: fn(&mut Builder)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+        move |t| {
+            let mut b = Builder::default();
+            let grey = b.diffuse(Vec3::splat(0.5));
+            b.shape(floor(Vec3::ZERO, 2.5), grey.clone());
+            let mut ball = dscene::mesh::shapes::sphere(0.5, 16).unwrap();
+            ball.vertices.iter_mut().for_each(|v| *v += vec3(0.2 + t, 1.6 + t, 0.1));
+            b.shape(ball, grey);
+            light(&mut b);
+            (b.scene, look_at(vec3(0., 4., -3.), vec3(0., 0., 0.2), 45., 32))
+        }
+    }
+    let plan = Plan { h: 0.04, spp: 64, fd_spp: 512, ..Plan::default() };
+    let area: fn(&mut Builder) = |b| b.light(ceiling(vec3(0.3, 4.0, 0.5), 0.3), Vec3::splat(30.));
+    agree("ball, area light", &build(area), &plan);
+    let two_sided: fn(&mut Builder) = |b| {
+        b.light(ceiling(vec3(0.3, 4.0, 0.5), 0.3), Vec3::splat(30.));
+        b.scene.shapes.last_mut().unwrap().emission.as_mut().unwrap().two_sided = true;
+    };
+    agree("ball, two-sided light", &build(two_sided), &plan);
+    let point: fn(&mut Builder) =
+        |b| b.scene.delta_lights.push(DeltaLight::Point { position: vec3(0.3, 4., 0.5), intensity: Vec3::splat(20.) });
+    agree("ball, point light", &build(point), &plan);
+    let sun: fn(&mut Builder) = |b| {
+        b.scene
+            .delta_lights
+            .push(DeltaLight::Directional { direction: vec3(0.3, -1., 0.2), irradiance: Vec3::splat(3.) })
+    };
+    agree("ball, directional light", &build(sun), &plan);
+    let sky: fn(&mut Builder) = |b| {
+        let (width, height) = (32, 16);
+        let mut data = vec![0.3; width * height * 3];
+        data[(3 * width + 20) * 3..][..6].fill(60.0);
+        let map = texture::Texture::new(width, height, 3, data, texture::Wrap::Repeat, texture::Filter::Bilinear);
+        b.scene.textures.push(map.unwrap());
+        b.scene.environment =
+            Some(Environment { radiance: b.scene.textures.len() - 1, rotation: glam::Mat3::IDENTITY });
+    };
+    agree("ball, sun in the sky", &build(sky), &plan);
+}
+
 #[test]
 fn orthographic_camera_and_channels() {
     let build = |projection: Projection| {

@@ -18,7 +18,7 @@ const LEAF: usize = 6;
 /// Sine of an angle within which rounding decides what is a contour.
 const SLACK: f32 = 1e-5;
 /// Leaves that are looked at for one sample.
-const CANDIDATES: usize = 4;
+pub const CANDIDATES: usize = 4;
 
 /// Bounding volume tree over the edges of a table.
 pub struct EdgeTree {
@@ -158,12 +158,13 @@ impl Polar {
         }
         let u = to_foot / d;
         let l = [l0 - foot, l1 - foot];
-        // Directions to the ends, and half way between them.
-        let [from, to] = l.map(|l| glam::Vec2::new(d, l) / d.hypot(l));
-        let middle = (from + to).normalize_or_zero();
-        let cos = if query.has_horizon() { query.ng.dot(u * middle.x + e * middle.y).max(0.05) } else { 1.0 };
-        let diffuse = cos * (to.y - from.y) / d * std::f32::consts::FRAC_1_PI;
-        if diffuse <= 0.0 {
+        let diffuse = if query.has_horizon() {
+            irradiance(d, l, query.ng.dot(to_foot), query.ng.dot(e))
+        } else {
+            angle(d, l) / d
+        };
+        let diffuse = diffuse * std::f32::consts::FRAC_1_PI;
+        if diffuse.is_nan() || diffuse <= 0.0 {
             return None;
         }
         let mut polar = Polar { d, l, foot, length, diffuse, glossy: 0.0, peak: (0.0, 1.0, 1.0) };
@@ -200,20 +201,44 @@ impl Polar {
     fn sample(&self, u: f32) -> (f32, f32) {
         let q = self.glossy / (self.diffuse + self.glossy);
         let (centre, w, mass) = self.peak;
-        let [start, end] = self.angles();
-        let range = end - start;
-        let psi = if u < q {
+        let range = angle(self.d, self.l);
+        let l = if u < q {
+            let [start, end] = self.angles();
             let x = cauchy(start, centre, w) + mass * (u / q);
-            centre + w * (std::f32::consts::PI * (x - 0.5)).tan()
+            let psi = centre + w * (std::f32::consts::PI * (x - 0.5)).tan();
+            self.d * psi.clamp(start, end).tan()
         } else {
-            start + range * ((u - q) / (1.0 - q)).min(1.0)
+            // From the start by an angle: (d, l₀) turned; precise even where the query point is almost in line.
+            let (sin, cos) = (range * ((u - q) / (1.0 - q)).min(1.0)).sin_cos();
+            let (d, l) = (self.d, self.l[0]);
+            d * (l * cos + d * sin) / (d * cos - l * sin).max(1e-6 * d)
         };
-        let psi = psi.clamp(start, end);
-        let t = (psi - centre) / w;
-        let pdf_psi = (1.0 - q) / range + q / (std::f32::consts::PI * w * (1.0 + t * t) * mass);
-        let l = self.d * psi.tan();
+        let l = l.clamp(self.l[0], self.l[1]);
+        let mut pdf_psi = (1.0 - q) / range;
+        if q > 0.0 {
+            let t = ((l / self.d).atan() - centre) / w;
+            pdf_psi += q / (std::f32::consts::PI * w * (1.0 + t * t) * mass);
+        }
         (l + self.foot, pdf_psi * self.d / (self.d * self.d + l * l))
     }
+}
+
+/// The angle at which a piece of edge at distance `d`, from l₀ to l₁, is seen.
+fn angle(d: f32, [l0, l1]: [f32; 2]) -> f32 {
+    (d * (l1 - l0)).atan2(d * d + l0 * l1)
+}
+
+/// ∫ sinφ cosθ / |q|² dl over a piece of edge at distance `d`, from l₀ to l₁, at whose points the normal's component of q is
+/// a + b l: what the piece means to a Lambertian surface, for an even jump and velocity. Kept positive.
+fn irradiance(d: f32, l: [f32; 2], a: f32, b: f32) -> f32 {
+    let [l0, l1] = l;
+    let (r0, r1) = (d * d + l0 * l0, d * d + l1 * l1);
+    let length = l1 - l0;
+    let angle = angle(d, l);
+    let even = (length * (d * d - l0 * l1) / (r0 * r1) + angle / d) / (2.0 * d);
+    let slope = d * length * (l0 + l1) / (2.0 * r0 * r1);
+    let highest = ((a + b * l0) / r0).max((a + b * l1) / r1);
+    (a * even + b * slope).max(1e-3 * highest * angle / d)
 }
 
 fn cauchy(x: f32, centre: f32, w: f32) -> f32 {
@@ -442,7 +467,8 @@ impl Node {
     fn importance(&self, query: &Query) -> f32 {
         // Below the horizon: the corner furthest along the normal.
         let corner = Vec3::select(query.ng.cmpgt(Vec3::ZERO), self.hi, self.lo);
-        if query.has_horizon() && query.ng.dot(corner - query.p) <= 0.0 {
+        let height = query.ng.dot(corner - query.p);
+        if query.has_horizon() && height <= 0.0 {
             return 0.0;
         }
         let centre = 0.5 * (self.lo + self.hi);
@@ -459,7 +485,13 @@ impl Node {
         let radius = 0.5 * (self.hi - self.lo).length();
         let distance = q.length();
         let near = distance.max(radius).max(1e-20);
-        let mut lobe = 1.0 / std::f32::consts::PI;
+        let cos = if query.has_horizon() {
+            let gap = (self.lo - query.p).max(query.p - self.hi).max(Vec3::ZERO).length();
+            if height >= gap { 1.0 } else { height / gap }
+        } else {
+            1.0
+        };
+        let mut lobe = cos / std::f32::consts::PI;
         if let Some((mirror, width)) = query.lobe {
             let glossy = if distance <= radius {
                 1.0

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::sink::{Adjoints, Contraction, Dense, Layout, Sink};
 use crate::image::Image;
 use crate::render::Scene;
+use crate::render::sampler::Sampler;
 
 /// A class of samples: the interior term, or one kind of boundary.
 pub trait Pass: Sync {
@@ -16,6 +17,36 @@ pub trait Pass: Sync {
     fn items(&self) -> usize;
     /// Draws the samples of a range of items. What is drawn depends on the item's number only.
     fn run(&self, items: Range<usize>, out: &mut impl Estimate);
+}
+
+/// Samples that stand on their own, each drawn from a sampler.
+pub trait Draw: Sync {
+    /// Memory that is used again from sample to sample.
+    type Scratch: Default;
+    /// Adds one sample times `weight`.
+    fn draw(&self, sampler: Sampler, weight: f64, scratch: &mut Self::Scratch, out: &mut impl Estimate);
+}
+
+/// The samples of one sequence.
+pub struct Sequence<'a, D> {
+    pub of: &'a D,
+    pub count: usize,
+    /// Of each sample.
+    pub weight: f64,
+    pub seed: u64,
+}
+
+impl<D: Draw> Pass for Sequence<'_, D> {
+    fn items(&self) -> usize {
+        self.count
+    }
+
+    fn run(&self, items: Range<usize>, out: &mut impl Estimate) {
+        let mut scratch = D::Scratch::default();
+        for i in items {
+            self.of.draw(Sampler::new(self.seed, i as u32), self.weight, &mut scratch, out);
+        }
+    }
 }
 
 /// Receives samples of the derivative of single pixels.
@@ -37,15 +68,19 @@ pub fn adjoint_of(image: &Image, pixel: usize) -> Vec3 {
     Vec3::new(p[0], p.get(1).copied().unwrap_or(0.0), p.get(2).copied().unwrap_or(0.0))
 }
 
-/// Reverse mode.
-pub struct Reverse<'a> {
-    pub d_image: &'a Image,
-    pub out: Adjoints<'a, Dense>,
+/// Reverse mode: into whatever takes derivatives.
+pub struct Reverse<'a, S: Sink> {
+    d_image: &'a Image,
+    out: Adjoints<'a, S>,
 }
 
-impl<'a> Reverse<'a> {
-    fn new(scene: &'a Scene, layout: &'a Layout, d_image: &'a Image) -> Self {
-        Reverse { d_image, out: Adjoints::new(scene, layout, Dense { data: vec![0.0; layout.size()] }) }
+impl<'a, S: Sink> Reverse<'a, S> {
+    pub fn new(scene: &'a Scene, layout: &'a Layout, d_image: &'a Image, sink: S) -> Self {
+        Reverse { d_image, out: Adjoints::new(scene, layout, sink) }
+    }
+
+    pub fn into_sink(self) -> S {
+        self.out.sink
     }
 
     fn adjoint(&self, pixel: usize) -> Vec3 {
@@ -53,10 +88,10 @@ impl<'a> Reverse<'a> {
     }
 }
 
-impl Estimate for Reverse<'_> {
-    type S = Dense;
+impl<S: Sink> Estimate for Reverse<'_, S> {
+    type S = S;
 
-    fn pixel(&mut self, pixel: usize, mut f: impl FnMut(Vec3, &mut Adjoints<Dense>)) {
+    fn pixel(&mut self, pixel: usize, mut f: impl FnMut(Vec3, &mut Adjoints<S>)) {
         let d = self.adjoint(pixel);
         f(d, &mut self.out);
         self.out.flush_camera();
@@ -131,9 +166,9 @@ pub fn reverse(
     let parts: Vec<Vec<f64>> = chunks(pass.items(), layout.size())
         .into_par_iter()
         .map(|range| {
-            let mut mode = Reverse::new(scene, layout, d_image);
+            let mut mode = Reverse::new(scene, layout, d_image, Dense { data: vec![0.0; layout.size()] });
             run(pass, range, &mut mode, stop);
-            mode.out.sink.data
+            mode.into_sink().data
         })
         .collect();
     for part in parts {

@@ -4,17 +4,25 @@
 //! are drawn in proportion to its root, the best density there is. Pilots are independent of these samples, the histogram
 //! is frozen before they are drawn and no cell is left out: so the estimate stays unbiased (`algorithms.md` §2.2, §2.8).
 
-use glam::Vec3;
 use rayon::prelude::*;
 
-use super::estimate::{Estimate, adjoint_of};
-use super::sink::{Adjoints, Layout, Sink};
+use super::estimate::Reverse;
+use super::sink::{Layout, Sink};
 use crate::image::Image;
 use crate::render::Scene;
 use crate::render::sampler::Discrete;
 
 /// Share of the samples that does not listen to pilots.
 const DEFENSIVE: f64 = 0.25;
+
+/// Pilots a cell, and the samples that one pilot serves.
+const PILOTS: usize = 4;
+const SAMPLES: usize = 8;
+
+/// The number of cells that pilots can be spared for.
+pub fn cells(samples: usize) -> usize {
+    samples / (PILOTS * SAMPLES)
+}
 
 /// A piecewise constant density over the unit square.
 pub struct Guide {
@@ -26,7 +34,6 @@ impl Guide {
     /// Measures `rows` × `columns` cells. `sample` draws the pilot of a number with its first two random numbers as given.
     pub fn new(
         [rows, columns]: [usize; 2],
-        pilots: usize,
         scene: &Scene,
         layout: &Layout,
         adjoint: &Image,
@@ -35,16 +42,16 @@ impl Guide {
         let moments: Vec<f64> = (0..rows * columns)
             .into_par_iter()
             .map(|cell| {
-                let mut pilot = Pilot { adjoint, out: Adjoints::new(scene, layout, Norm { squares: 0.0 }) };
-                for i in 0..pilots {
-                    let number = cell * pilots + i;
+                let mut pilot = Pilot::new(scene, layout, adjoint, Norm::default());
+                for i in 0..PILOTS {
+                    let number = cell * PILOTS + i;
                     // The middle of a stratum of the first number; the second one moves with the golden ratio.
-                    let [x, y] = [(i as f64 + 0.5) / pilots as f64, (number as f64 * 0.618_033_988_749).fract()];
+                    let [x, y] = [(i as f64 + 0.5) / PILOTS as f64, (number as f64 * 0.618_033_988_749).fract()];
                     let at =
                         [((cell / columns) as f64 + x) / rows as f64, ((cell % columns) as f64 + y) / columns as f64];
                     sample(number, at, &mut pilot);
                 }
-                pilot.out.sink.squares
+                pilot.into_sink().squares
             })
             .collect();
         // Neighbours share what they found: pilots are few.
@@ -71,13 +78,11 @@ impl Guide {
     }
 }
 
-/// Measures samples instead of collecting them: the sum of the squares of all derivatives.
-pub struct Pilot<'a> {
-    adjoint: &'a Image,
-    out: Adjoints<'a, Norm>,
-}
+/// Measures samples instead of collecting them.
+pub type Pilot<'a> = Reverse<'a, Norm>;
 
-/// Sums squares.
+/// The sum of the squares of all derivatives.
+#[derive(Default)]
 pub struct Norm {
     squares: f64,
 }
@@ -85,24 +90,5 @@ pub struct Norm {
 impl Sink for Norm {
     fn add(&mut self, _index: usize, value: f32) {
         self.squares += f64::from(value).powi(2);
-    }
-}
-
-impl Pilot<'_> {
-    fn adjoint(&self, pixel: usize) -> Vec3 {
-        adjoint_of(self.adjoint, pixel)
-    }
-}
-
-impl<'a> Estimate for Pilot<'a> {
-    type S = Norm;
-
-    fn pixel(&mut self, pixel: usize, mut f: impl FnMut(Vec3, &mut Adjoints<Norm>)) {
-        f(self.adjoint(pixel), &mut self.out);
-        self.out.flush_camera();
-    }
-
-    fn skips(&self, pixel: usize) -> bool {
-        self.adjoint(pixel) == Vec3::ZERO
     }
 }

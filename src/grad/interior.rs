@@ -8,14 +8,16 @@
 
 use glam::{Vec2, Vec3};
 
+use super::allocate::{Estimator, typical_bounces};
 use super::estimate::{Estimate, Pass};
 use super::local::{
     Arriving, RayAdjoint, VertexAdjoint, d_arriving, d_attached_direction, d_emission_sliding, d_eval, d_eval_attached,
     d_first_hit, d_inputs, d_material, emission_input, slide,
 };
-use super::pixels::PixelSampling;
+use super::pixels::{self, FilmDensity, PixelSampling};
 use super::sink::{Adjoints, Sink};
 use super::viewpoint::d_reflected_ray;
+use crate::image::Image;
 use crate::render::bsdf::{MAX_INPUTS, Part};
 use crate::render::integrator::{Connection, Continuation, Options, Recorder, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
@@ -180,15 +182,22 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3) -> RayAdjoint
     ray
 }
 
-/// The interior pass: camera paths, swept backwards.
+/// The interior term: camera paths, swept backwards.
 pub struct Interior<'a> {
-    pub scene: &'a Scene,
-    pub camera: &'a Camera,
-    pub settings: &'a Settings,
-    pub pixels: PixelSampling,
+    scene: &'a Scene,
+    camera: &'a Camera,
+    settings: &'a Settings,
+    film: FilmDensity,
+    count: usize,
 }
 
-impl Interior<'_> {
+impl<'a> Interior<'a> {
+    /// As many paths by default as the image has samples in pixels where the adjoint is not zero.
+    pub fn new(scene: &'a Scene, camera: &'a Camera, settings: &'a Settings, adjoint: &Image) -> Interior<'a> {
+        let count = pixels::active(adjoint) * settings.spp.max(1) as usize;
+        Interior { scene, camera, settings, film: FilmDensity::new(adjoint), count }
+    }
+
     /// One path through a film position; `weight` is what a pixel's adjoint counts for it.
     fn sample(
         &self,
@@ -224,7 +233,30 @@ impl Interior<'_> {
     }
 }
 
-impl Pass for Interior<'_> {
+impl Estimator for Interior<'_> {
+    fn count(&self) -> usize {
+        self.count
+    }
+
+    fn cost(&self) -> f64 {
+        match self.settings.output {
+            Output::Radiance => 1.5 * (1.0 + 2.0 * typical_bounces(self.settings.max_bounces)),
+            _ => 1.5,
+        }
+    }
+
+    fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {
+        Paths { interior: self, pixels: PixelSampling::new(&self.film, count, share, seed) }
+    }
+}
+
+/// Some of the paths.
+struct Paths<'a> {
+    interior: &'a Interior<'a>,
+    pixels: PixelSampling<'a>,
+}
+
+impl Pass for Paths<'_> {
     fn items(&self) -> usize {
         self.pixels.count()
     }
@@ -233,7 +265,7 @@ impl Pass for Interior<'_> {
         let mut path = Path::default();
         for rank in items {
             let (mut sampler, film) = self.pixels.sample(rank);
-            self.sample(film.pixel, film.position, film.weight as f32, &mut path, &mut sampler, out);
+            self.interior.sample(film.pixel, film.position, film.weight as f32, &mut path, &mut sampler, out);
         }
     }
 }

@@ -4,6 +4,7 @@
 //! (something passes behind an edge: `primary` as the camera sees it, `shadow` as a light sees it, `secondary` as any
 //! other path vertex sees it). All use one parametrisation per radiance component; the table is in `ARCHITECTURE.md`.
 
+pub mod allocate;
 pub mod edge_tree;
 pub mod estimate;
 pub mod guide;
@@ -24,10 +25,10 @@ pub use crate::render::{
     Camera, Input, NEVER, Output, Scene, SceneError, Settings, Slot, render, render_until, validate_camera,
 };
 
+use self::allocate::{Allocation, Estimator};
 use self::edge_tree::EdgeTree;
 use self::estimate::Pass;
 use self::interior::Interior;
-use self::pixels::PixelSampling;
 use self::primary::PrimaryEdges;
 use self::secondary::Secondary;
 use self::shadow::Shadows;
@@ -166,29 +167,45 @@ fn passes(
     let planar_mirrors = planes.is_some();
     let mirrors = planes.unwrap_or_default();
     let tree = (boundary && lights).then(|| EdgeTree::new(scene));
-    if !interior_vanishes(scene, settings, layout) {
-        let count = pixels::active(adjoint) * settings.spp.max(1) as usize;
-        let rounds = count.div_ceil(MAX_SEQUENCE);
-        for round in 0..rounds {
-            let part = count * (round + 1) / rounds - count * round / rounds;
-            let share = part as f64 / count as f64;
-            let pixels = PixelSampling::new(adjoint, part, share, hash(seed, round as u64));
-            visit.pass(&Interior { scene, camera, settings, pixels });
-        }
+    let viewpoints = if boundary { Viewpoint::all(scene, camera, &mirrors) } else { Vec::new() };
+
+    let interior =
+        (!interior_vanishes(scene, settings, layout)).then(|| Interior::new(scene, camera, settings, adjoint));
+    let primary = boundary.then(|| PrimaryEdges::new(&viewpoints, settings, adjoint, seed));
+    if let Some(pass) = primary.as_ref().and_then(PrimaryEdges::enumeration) {
+        visit.pass(&pass);
     }
+    let shadows = tree.as_ref().map(|tree| {
+        let pixels = camera.width * camera.height;
+        let count = settings.spp.max(1) as usize * (pixels / 8).clamp(1024, 131_072);
+        Shadows::new(scene, &viewpoints, settings, planar_mirrors, tree, count).guided(layout, adjoint, seed)
+    });
+    let secondary =
+        tree.as_ref().and_then(|tree| Secondary::new(scene, camera, tree, &mirrors, settings, layout, adjoint, seed));
+
     if !boundary {
-        return;
+        let own = interior.as_ref().map_or(0, Estimator::count);
+        return draw(&interior, own, seed, visit);
     }
-    let viewpoints = Viewpoint::all(scene, camera, &mirrors);
-    visit.pass(&PrimaryEdges::new(&viewpoints, settings, adjoint, seed));
-    if let Some(tree) = &tree {
-        let pixels = (camera.width * camera.height) as u32;
-        let count = settings.spp.max(1).saturating_mul((pixels / 8).clamp(1024, 131_072));
-        let shadows = Shadows::new(scene, &viewpoints, settings, planar_mirrors, tree, count, seed);
-        visit.pass(&shadows.guided(layout, adjoint));
-        if let Some(secondary) = Secondary::new(scene, camera, tree, &mirrors, settings, layout, adjoint, seed) {
-            visit.pass(&secondary);
-        }
+    let mut allocation = Allocation::new(scene, layout, adjoint, seed);
+    allocation.measure(&interior);
+    allocation.measure(&primary);
+    allocation.measure(&shadows);
+    allocation.measure(&secondary);
+    let counts = allocation.split();
+    draw(&interior, counts[0], seed, visit);
+    draw(&primary, counts[1], seed, visit);
+    draw(&shadows, counts[2], seed, visit);
+    draw(&secondary, counts[3], seed, visit);
+}
+
+/// Draws samples of an estimator, in rounds of one sequence each.
+fn draw(estimator: &Option<impl Estimator>, count: usize, seed: u64, visit: &mut impl Visit) {
+    let Some(estimator) = estimator else { return };
+    let rounds = count.div_ceil(MAX_SEQUENCE);
+    for round in 0..rounds {
+        let part = count * (round + 1) / rounds - count * round / rounds;
+        visit.pass(&estimator.pass(part, part as f64 / count as f64, hash(seed, round as u64)));
     }
 }
 

@@ -47,8 +47,8 @@ impl FilmDensity {
 }
 
 /// A distribution over an image, with the samples of a sequence in the order of the pixels they fall on.
-pub struct PixelSampling {
-    film: FilmDensity,
+pub struct PixelSampling<'a> {
+    film: &'a FilmDensity,
     seed: u64,
     count: usize,
     order: Vec<u32>,
@@ -65,10 +65,9 @@ pub struct FilmSample {
     pub weight: f64,
 }
 
-impl PixelSampling {
-    /// `count` samples of the sequence `seed`, for pixels where the adjoint is not zero; together they are `share` of all.
-    pub fn new(adjoint: &Image, count: usize, share: f64, seed: u64) -> PixelSampling {
-        let film = FilmDensity::new(adjoint);
+impl<'a> PixelSampling<'a> {
+    /// `count` samples of the sequence `seed`; together they are `share` of all.
+    pub fn new(film: &'a FilmDensity, count: usize, share: f64, seed: u64) -> PixelSampling<'a> {
         let mut sampling = PixelSampling { film, seed, count, order: Vec::new(), share };
         if !sampling.film.is_empty() {
             sampling.order = sampling.by_tile();
@@ -142,9 +141,10 @@ mod tests {
         // Σ adjoint · ∫ x·y over the pixel.
         let exact: f64 =
             (0..37 * 23).map(|i| f64::from(adjoint.data[i]) * ((i % 37) as f64 + 0.5) * ((i / 37) as f64 + 0.5)).sum();
+        let film = FilmDensity::new(&adjoint);
         let estimates: Vec<f64> = (0..64)
             .map(|seed| {
-                let sampling = PixelSampling::new(&adjoint, 4096, 1.0, seed);
+                let sampling = PixelSampling::new(&film, 4096, 1.0, seed);
                 (0..sampling.count())
                     .map(|rank| {
                         let (_, film) = sampling.sample(rank);
@@ -164,6 +164,7 @@ mod tests {
 
     #[test]
     fn nothing_to_do_for_a_zero_adjoint() {
-        assert_eq!(PixelSampling::new(&Image::new(4, 4, 3), 64, 1.0, 1).count(), 0);
+        let film = FilmDensity::new(&Image::new(4, 4, 3));
+        assert_eq!(PixelSampling::new(&film, 64, 1.0, 1).count(), 0);
     }
 }

@@ -8,7 +8,8 @@
 use glam::{DVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::estimate::{Estimate, Pass};
+use super::allocate::{Estimator, typical_bounces};
+use super::estimate::{Draw, Estimate, Pass, Sequence};
 use super::viewpoint::{Seen, Viewpoint};
 use crate::image::Image;
 use crate::render::accel::PrimId;
@@ -241,8 +242,13 @@ impl<'a> PrimaryEdges<'a> {
         })
     }
 
-    /// One boundary sample on a piece, at a fraction of it that was chosen uniformly with probability density `pdf`.
-    fn sample(&'a self, piece: &Piece, rest: f64, pdf: f64, sampler: &mut Sampler, out: &mut impl Estimate) {
+    /// The samples, where they need no choice.
+    pub fn enumeration(&self) -> Option<Enumeration<'_>> {
+        matches!(self.plan, Plan::Enumerate).then_some(Enumeration(self))
+    }
+
+    /// One boundary sample on a piece, at a fraction of it; `weight` is one over the fraction's density.
+    fn sample(&self, piece: &Piece, rest: f64, weight: f64, sampler: &mut Sampler, out: &mut impl Estimate) {
         let Some(chosen) = self.place(piece, rest) else { return };
         let Some(b) = self.look(&chosen, sampler, |pixel| out.skips(pixel)) else { return };
         // Per fraction → per pixel of arc length on film.
@@ -251,7 +257,7 @@ impl<'a> PrimaryEdges<'a> {
         } else {
             (piece.sb - piece.sa) * f64::from(b.speed)
         };
-        let scale = (pixels / pdf) as f32;
+        let scale = (pixels * weight) as f32;
         let face = &b.edge.faces[b.foreground];
         out.pixel(b.pixel, |d, out| {
             let d_pixel = b.normal_2d * (d.dot(b.jump) * scale);
@@ -262,33 +268,55 @@ impl<'a> PrimaryEdges<'a> {
     }
 }
 
-impl Pass for PrimaryEdges<'_> {
-    fn items(&self) -> usize {
+impl Draw for PrimaryEdges<'_> {
+    type Scratch = ();
+
+    fn draw(&self, mut sampler: Sampler, weight: f64, _: &mut (), out: &mut impl Estimate) {
+        if let Plan::Sample { pmf, .. } = &self.plan {
+            let (piece, p, rest) = pmf.sample(f64::from(sampler.next_1d()));
+            self.sample(&self.pieces[piece], rest, weight / p, &mut sampler, out);
+        }
+    }
+}
+
+impl Estimator for PrimaryEdges<'_> {
+    fn count(&self) -> usize {
         match &self.plan {
-            Plan::Enumerate => self.pieces.len(),
-            Plan::Sample { pmf, .. } if pmf.is_empty() => 0,
-            Plan::Sample { count, .. } => *count as usize,
+            Plan::Sample { pmf, count } if !pmf.is_empty() => *count as usize,
+            _ => 0,
         }
     }
 
+    fn cost(&self) -> f64 {
+        match self.settings.output {
+            Output::Radiance => 2.0 + 4.0 * typical_bounces(self.settings.max_bounces),
+            _ => 2.0,
+        }
+    }
+
+    fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {
+        Sequence { of: self, count, weight: share / count as f64, seed: hash(seed, 0x7072_696d_6172) }
+    }
+}
+
+/// Every piece of edge: nothing is left to chance, or almost nothing.
+pub struct Enumeration<'a>(&'a PrimaryEdges<'a>);
+
+impl Pass for Enumeration<'_> {
+    fn items(&self) -> usize {
+        self.0.pieces.len()
+    }
+
     fn run(&self, items: std::ops::Range<usize>, out: &mut impl Estimate) {
-        let seed = hash(self.seed, 0x7072_696d_6172);
+        let seed = hash(self.0.seed, 0x7072_696d_6172);
+        let weight = 0.5 / f64::from(STRATA);
         for i in items {
-            match &self.plan {
-                Plan::Enumerate => {
-                    for stratum in 0..STRATA {
-                        let mut sampler = Sampler::new(hash(seed, i as u64), stratum);
-                        let u = f64::from(sampler.next_1d());
-                        for at in [u, 1.0 - u] {
-                            let rest = (f64::from(stratum) + at) / f64::from(STRATA);
-                            self.sample(&self.pieces[i], rest, 2.0 * f64::from(STRATA), &mut sampler, out);
-                        }
-                    }
-                }
-                Plan::Sample { pmf, count } => {
-                    let mut sampler = Sampler::new(seed, i as u32);
-                    let (piece, p, rest) = pmf.sample(f64::from(sampler.next_1d()));
-                    self.sample(&self.pieces[piece], rest, p * f64::from(*count), &mut sampler, out);
+            for stratum in 0..STRATA {
+                let mut sampler = Sampler::new(hash(seed, i as u64), stratum);
+                let u = f64::from(sampler.next_1d());
+                for at in [u, 1.0 - u] {
+                    let rest = (f64::from(stratum) + at) / f64::from(STRATA);
+                    self.0.sample(&self.0.pieces[i], rest, weight, &mut sampler, out);
                 }
             }
         }

@@ -10,9 +10,10 @@
 
 use glam::{Vec2, Vec3};
 
-use super::edge_tree::{EdgeTree, Query};
-use super::estimate::{Estimate, Pass};
-use super::guide::Guide;
+use super::allocate::{Estimator, typical_bounces};
+use super::edge_tree::{CANDIDATES, EdgeTree, Query};
+use super::estimate::{Draw, Estimate, Pass, Sequence};
+use super::guide::{self, Guide};
 use super::interior::{Injection, Path, PathVertex, inject};
 use super::pixels::{self, FilmDensity};
 use super::primary::inset;
@@ -37,8 +38,7 @@ pub struct Secondary<'a> {
     table: &'a EdgeTable,
     tree: &'a EdgeTree,
     max_bounces: u32,
-    seed: u64,
-    count: u32,
+    count: usize,
     film: FilmDensity,
     /// Over the film.
     guide: Option<Guide>,
@@ -94,9 +94,6 @@ impl<'a> Secondary<'a> {
         adjoint: &Image,
         seed: u64,
     ) -> Option<Secondary<'a>> {
-        /// Pilots a cell, and the samples that one pilot serves.
-        const PILOTS: usize = 4;
-        const SAMPLES: usize = 8;
         let direct = scene.environment.is_some() || !scene.contacts().is_empty() || has_attached_lobes(scene);
         let reach = if direct { 1 } else { 2 };
         let table = scene.edges();
@@ -105,13 +102,12 @@ impl<'a> Secondary<'a> {
             return None;
         }
         let pixels = pixels::active(adjoint);
-        let count = (pixels * settings.spp.max(1) as usize / 2).clamp(1024, u32::MAX as usize) as u32;
+        let count = (pixels * settings.spp.max(1) as usize / 2).max(1024);
         let max_bounces = settings.max_bounces;
-        let mut secondary =
-            Secondary { scene, camera, mirrors, table, tree, max_bounces, seed, count, film, guide: None };
-        let side = ((count as usize / (PILOTS * SAMPLES)) as f64).sqrt().clamp(4.0, 64.0) as usize;
+        let mut secondary = Secondary { scene, camera, mirrors, table, tree, max_bounces, count, film, guide: None };
+        let side = (guide::cells(count) as f64).sqrt().clamp(4.0, 64.0) as usize;
         let seed = hash(seed, 0x0067_7569_6465);
-        secondary.guide = Some(Guide::new([side; 2], PILOTS, scene, layout, adjoint, |i, at, pilot| {
+        secondary.guide = Some(Guide::new([side; 2], scene, layout, adjoint, |i, at, pilot| {
             let mut sampler = Sampler::new(hash(seed, i as u64), 0);
             let _film = sampler.next_2d();
             let u = sampler.next_2d();
@@ -120,13 +116,12 @@ impl<'a> Secondary<'a> {
         Some(secondary)
     }
 
-    /// One sample: `at` chooses the place on film, drawn with `density` over the unit square, `u` the edge and the point on
-    /// it.
+    /// One sample: `at` chooses the place on film, `u` the edge and the point on it; `weight` is one over their density.
     fn sample_at(
         &self,
         at: [f64; 2],
         u: Vec2,
-        density: f64,
+        weight: f64,
         sampler: &mut Sampler,
         path: &mut Path,
         out: &mut impl Estimate,
@@ -141,7 +136,7 @@ impl<'a> Secondary<'a> {
         path.vertices.clear();
         trace(self.scene, Start::Ray(ray, &[]), sampler, &options, path);
         let Some(sample) = self.sample(path, u, sampler) else { return };
-        let weight = (film.weight / (density * f64::from(self.count))) as f32;
+        let weight = (film.weight * weight) as f32;
         out.pixel(film.pixel, |d, out| {
             let injection = self.scatter(out, &sample, d * weight);
             let ray = inject(out, path, &injection);
@@ -309,21 +304,30 @@ impl<'a> Secondary<'a> {
     }
 }
 
-impl Pass for Secondary<'_> {
-    fn items(&self) -> usize {
-        self.count as usize
+impl Draw for Secondary<'_> {
+    type Scratch = Path;
+
+    fn draw(&self, mut sampler: Sampler, weight: f64, path: &mut Path, out: &mut impl Estimate) {
+        let at = sampler.next_2d().as_dvec2().to_array();
+        let u = sampler.next_2d();
+        let (at, density) = self.guide.as_ref().map_or((at, 1.0), |g| g.map(at));
+        self.sample_at(at, u, weight / density, &mut sampler, path, out);
+    }
+}
+
+impl Estimator for Secondary<'_> {
+    fn count(&self) -> usize {
+        self.count
     }
 
-    fn run(&self, items: std::ops::Range<usize>, out: &mut impl Estimate) {
-        let seed = hash(self.seed, 0x0073_6563_6f6e_6461);
-        let mut path = Path::default();
-        for i in items {
-            let mut sampler = Sampler::new(seed, i as u32);
-            let at = sampler.next_2d().as_dvec2().to_array();
-            let u = sampler.next_2d();
-            let (at, density) = self.guide.as_ref().map_or((at, 1.0), |g| g.map(at));
-            self.sample_at(at, u, density, &mut sampler, &mut path, out);
-        }
+    fn cost(&self) -> f64 {
+        // A way down the tree is about half a ray.
+        let tree = 0.5 * CANDIDATES as f64;
+        2.0 + tree + 3.0 * typical_bounces(self.max_bounces)
+    }
+
+    fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {
+        Sequence { of: self, count, weight: share / count as f64, seed: hash(seed, 0x0073_6563_6f6e_6461) }
     }
 }
 

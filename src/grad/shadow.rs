@@ -12,9 +12,10 @@
 
 use glam::{Vec2, Vec3};
 
+use super::allocate::{Estimator, typical_bounces};
 use super::edge_tree::{EdgeTree, Query};
-use super::estimate::{Estimate, Pass};
-use super::guide::Guide;
+use super::estimate::{Draw, Estimate, Pass, Sequence};
+use super::guide::{self, Guide};
 use super::local::{RayAdjoint, VertexAdjoint, d_attached_direction, d_direction, slide};
 use super::sink::{Adjoints, Layout, Sink};
 use super::viewpoint::{Viewpoint, d_reflected_ray};
@@ -28,13 +29,12 @@ use crate::render::{Scene, Settings};
 
 /// Edge-first shadow samples.
 pub struct Shadows<'a> {
-    pub scene: &'a Scene,
-    pub viewpoints: &'a [Viewpoint<'a>],
-    pub max_bounces: u32,
-    pub count: u32,
-    pub seed: u64,
+    scene: &'a Scene,
+    viewpoints: &'a [Viewpoint<'a>],
+    max_bounces: u32,
+    count: usize,
     /// All mirrors are planar: paths may go through them.
-    pub planar_mirrors: bool,
+    planar_mirrors: bool,
     edges: Discrete,
     /// For scenes of many edges, few of which are contours for a light: found from the light.
     tree: Option<&'a EdgeTree>,
@@ -49,44 +49,34 @@ impl<'a> Shadows<'a> {
         settings: &Settings,
         planar_mirrors: bool,
         tree: &'a EdgeTree,
-        count: u32,
-        seed: u64,
+        count: usize,
     ) -> Self {
         /// Up to here edges are chosen by length, which keeps Sobol's strata whole.
         const FEW: usize = 256;
         let edges = Discrete::new(scene.edges().edges.iter().map(|e| f64::from(e.length() * e.weight)));
         let tree = (edges.len() > FEW).then_some(tree);
         let max_bounces = settings.max_bounces;
-        Shadows { scene, viewpoints, max_bounces, count, seed, planar_mirrors, edges, tree, guide: None }
+        Shadows { scene, viewpoints, max_bounces, count, planar_mirrors, edges, tree, guide: None }
     }
 
     /// Learns from pilots which edges cast shadows of which lights where it matters.
-    pub fn guided(mut self, layout: &Layout, adjoint: &Image) -> Self {
-        /// Pilots a cell, and the samples that one pilot serves.
-        const PILOTS: usize = 4;
-        const SAMPLES: usize = 8;
-        if self.items() > 0 {
+    pub fn guided(mut self, layout: &Layout, adjoint: &Image, seed: u64) -> Self {
+        if self.count() > 0 {
             let columns = self.scene.lights.local_lights().min(16);
-            let rows = (self.count as usize / (SAMPLES * PILOTS * columns)).clamp(4, 1024);
-            let seed = hash(self.seed, 0x0067_7569_6465);
-            self.guide = Some(Guide::new([rows, columns], PILOTS, self.scene, layout, adjoint, |i, at, pilot| {
+            let rows = (guide::cells(self.count) / columns).clamp(4, 1024);
+            let seed = hash(seed, 0x0067_7569_6465);
+            self.guide = Some(Guide::new([rows, columns], self.scene, layout, adjoint, |i, at, pilot| {
                 let mut sampler = Sampler::new(hash(seed, i as u64), 0);
                 let v = sampler.next_3d()[2];
-                self.sample_at(at, v, 1.0, &mut sampler, pilot);
+                self.sample(at, v, 1.0, &mut sampler, pilot);
             }));
         }
         self
     }
 
-    fn sample(&self, sampler: &mut Sampler, out: &mut impl Estimate) {
-        let u = sampler.next_3d();
-        let at = [u[0], u[1]].map(f64::from);
-        let (at, density) = self.guide.as_ref().map_or((at, 1.0), |g| g.map(at));
-        self.sample_at(at, u[2], density, sampler, out);
-    }
-
-    /// One sample: `at` chooses the edge point and (with `v`) the light point, drawn with `density` over the unit square.
-    fn sample_at(&self, at: [f64; 2], v: f32, density: f64, sampler: &mut Sampler, out: &mut impl Estimate) {
+    /// One sample: `at` chooses the edge point and (with `v`) the light point, `weight` is one over
+    /// their density.
+    fn sample(&self, at: [f64; 2], v: f32, weight: f64, sampler: &mut Sampler, out: &mut impl Estimate) {
         let scene = self.scene;
         let u_light = Vec2::new((at[1] as f32).min(ONE_MINUS_EPSILON), v);
         let Some(light) = scene.sample_local_light(u_light) else { return };
@@ -132,8 +122,7 @@ impl<'a> Shadows<'a> {
             _ => 0.0,
         };
         let sin_phi = edge.direction().cross(dir).length();
-        let density = per_length * density as f32 * light.pdf;
-        let power = light.power * (-arrival.geometry * sin_phi / (density * self.count as f32));
+        let power = light.power * (-arrival.geometry * sin_phi / (per_length * light.pdf) * weight as f32);
 
         let mut walk = Walk { vertices: Vec::with_capacity(4), weight: power };
         let mut towards = dir; // direction in which the light leaves backwards: from the surface towards where it came
@@ -293,18 +282,30 @@ fn d_step<S: Sink>(
     slide(out, si, t, adj)
 }
 
-impl Pass for Shadows<'_> {
-    fn items(&self) -> usize {
+impl Draw for Shadows<'_> {
+    type Scratch = ();
+
+    fn draw(&self, mut sampler: Sampler, weight: f64, _: &mut (), out: &mut impl Estimate) {
+        let u = sampler.next_3d();
+        let at = [u[0], u[1]].map(f64::from);
+        let (at, density) = self.guide.as_ref().map_or((at, 1.0), |g| g.map(at));
+        self.sample(at, u[2], weight / density, &mut sampler, out);
+    }
+}
+
+impl Estimator for Shadows<'_> {
+    fn count(&self) -> usize {
         if self.edges.is_empty() || self.max_bounces == 0 || !self.scene.lights.has_local_lights() {
             return 0;
         }
-        self.count as usize
+        self.count
     }
 
-    fn run(&self, items: std::ops::Range<usize>, out: &mut impl Estimate) {
-        let seed = hash(self.seed, 0x7368_6164_6f77);
-        for i in items {
-            self.sample(&mut Sampler::new(seed, i as u32), out);
-        }
+    fn cost(&self) -> f64 {
+        2.0 + 2.0 * typical_bounces(self.max_bounces)
+    }
+
+    fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {
+        Sequence { of: self, count, weight: share / count as f64, seed: hash(seed, 0x7368_6164_6f77) }
     }
 }

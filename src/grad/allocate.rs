@@ -1,0 +1,193 @@
+//! How many samples each estimator draws.
+//!
+//! The variance of a sum of independent estimators, n_s samples of cost c_s each, is least for n_s ∝ √(V_s / c_s), V_s the
+//! variance of one sample (Neyman 1934). Short independent runs measure V_s, summed over the slots in units of each
+//! slot's own derivative, so that a slot counts whatever its scale. Counts are fixed before the samples proper are drawn: no bias.
+
+use rayon::prelude::*;
+
+use super::estimate::{Pass, Reverse};
+use super::sink::{Layout, Sink};
+use crate::image::Image;
+use crate::render::Scene;
+use crate::render::sampler::hash;
+
+/// Short runs of each estimator, and the share of its samples that each of them draws.
+const RUNS: usize = 8;
+const SHARE: usize = 256;
+/// No estimator gets less than this share of its own number, or more than that many times it: short runs may miss what is rare.
+const LEAST: f64 = 0.125;
+const MOST: f64 = 8.0;
+
+/// A kind of samples of which any number may be drawn.
+pub trait Estimator: Sync {
+    /// The number to draw if nothing is known about the others; zero if there is nothing to draw.
+    fn count(&self) -> usize;
+    /// Of one sample, in ray queries.
+    fn cost(&self) -> f64;
+    /// Draws `count` samples that make `share` of the whole estimate; those of different seeds are independent.
+    fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_;
+}
+
+/// Bounces of a path before it ends by chance, or because there may be no more.
+pub fn typical_bounces(max_bounces: u32) -> f64 {
+    f64::from(max_bounces.min(4))
+}
+
+/// Collects the estimators that share a budget.
+pub struct Allocation<'a> {
+    scene: &'a Scene,
+    layout: &'a Layout,
+    adjoint: &'a Image,
+    seed: u64,
+    moments: Vec<Moments>,
+}
+
+/// What short runs of an estimator found.
+struct Moments {
+    count: usize,
+    cost: f64,
+    /// By slot: the mean variance of one sample's features.
+    variances: Vec<f64>,
+}
+
+impl<'a> Allocation<'a> {
+    pub fn new(scene: &'a Scene, layout: &'a Layout, adjoint: &'a Image, seed: u64) -> Self {
+        Allocation { scene, layout, adjoint, seed: hash(seed, 0x0073_686f_7274), moments: Vec::new() }
+    }
+
+    /// Runs an estimator for a while, with sequences of its own.
+    pub fn measure(&mut self, estimator: &Option<impl Estimator>) {
+        let Some(estimator) = estimator.as_ref().filter(|e| e.count() > 0) else {
+            let variances = vec![0.0; self.layout.slots.len()];
+            return self.moments.push(Moments { count: 0, cost: 1.0, variances });
+        };
+        let count = (estimator.count() / SHARE).max(64);
+        let sketch = |run: usize| {
+            let pass = estimator.pass(count, 1.0, hash(self.seed, run as u64));
+            let mut mode = Reverse::new(self.scene, self.layout, self.adjoint, Sketch::new(self.layout));
+            pass.run(0..pass.items(), &mut mode);
+            mode.into_sink().sums
+        };
+        let runs: Vec<Vec<[f64; FEATURES]>> = (0..RUNS).into_par_iter().map(sketch).collect();
+        let variance = |slot: usize, feature: usize| {
+            let values = || runs.iter().map(|r| r[slot][feature]);
+            let mean = values().sum::<f64>() / RUNS as f64;
+            values().map(|x| (x - mean).powi(2)).sum::<f64>() / (RUNS - 1) as f64
+        };
+        let variances = (0..self.layout.slots.len())
+            .map(|slot| (0..FEATURES).map(|i| variance(slot, i)).sum::<f64>() / FEATURES as f64 * count as f64)
+            .collect();
+        self.moments.push(Moments { count: estimator.count(), cost: estimator.cost(), variances });
+    }
+
+    /// The number of samples for each estimator; together they cost what their own numbers would.
+    pub fn split(&self) -> Vec<usize> {
+        split(&self.moments)
+    }
+}
+
+fn split(moments: &[Moments]) -> Vec<usize> {
+    let own = || moments.iter().map(|m| m.count);
+    let slots = moments.first().map_or(0, |m| m.variances.len());
+    // By slot: the least variance that unit cost could reach for it alone.
+    let scale = |slot: usize| {
+        let root: f64 = moments.iter().map(|m| (m.variances[slot] * m.cost).sqrt()).sum();
+        root * root
+    };
+    let scales: Vec<f64> = (0..slots).map(scale).collect();
+    let strength = |m: &Moments| {
+        let parts = m.variances.iter().zip(&scales).filter(|(_, scale)| **scale > 0.0);
+        (parts.map(|(variance, scale)| variance / scale).sum::<f64>() / m.cost).sqrt()
+    };
+    let strengths: Vec<f64> = moments.iter().map(strength).collect();
+    if !strengths.iter().all(|s| s.is_finite()) || strengths.iter().all(|&s| s == 0.0) {
+        return own().collect();
+    }
+    let budget: f64 = moments.iter().map(|m| m.count as f64 * m.cost).sum();
+    let counts = |factor: f64| {
+        moments.iter().zip(&strengths).map(move |(m, s)| {
+            let own = m.count as f64;
+            (factor * s).clamp(LEAST * own, MOST * own)
+        })
+    };
+    let cost = |factor: f64| counts(factor).zip(moments).map(|(n, m)| n * m.cost).sum::<f64>();
+    let most = moments.iter().zip(&strengths).filter(|(_, s)| **s > 0.0);
+    let (mut low, mut high) = (0.0, most.map(|(m, s)| MOST * m.count as f64 / s).fold(0.0, f64::max));
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if cost(middle) < budget { low = middle } else { high = middle }
+    }
+    counts(high).zip(own()).map(|(n, own)| (n as usize).max(own.min(1))).collect()
+}
+
+/// Numbers that stand for all derivatives in a slot: sums over the components x, y and z, which see what moves together, and
+/// sums with random signs, whose variance is the sum of all variances.
+const FEATURES: usize = 6;
+
+/// Sums the features of each slot.
+struct Sketch<'a> {
+    starts: &'a [usize],
+    sums: Vec<[f64; FEATURES]>,
+    /// Where the last derivative went.
+    slot: usize,
+}
+
+impl<'a> Sketch<'a> {
+    fn new(layout: &'a Layout) -> Self {
+        Sketch { starts: &layout.starts, sums: vec![[0.0; FEATURES]; layout.slots.len()], slot: 0 }
+    }
+}
+
+impl Sink for Sketch<'_> {
+    fn add(&mut self, index: usize, value: f32) {
+        if index < self.starts[self.slot] || index >= self.starts[self.slot + 1] {
+            self.slot = self.starts.partition_point(|&s| s <= index) - 1;
+        }
+        let (start, sums) = (self.starts[self.slot], &mut self.sums[self.slot]);
+        let value = f64::from(value);
+        sums[(index - start) % 3] += value;
+        let signs = hash(index as u64, 0x7369_676e);
+        for (i, sum) in sums[3..].iter_mut().enumerate() {
+            *sum += if signs >> i & 1 == 0 { value } else { -value };
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn moments(count: usize, cost: f64, variances: &[f64]) -> Moments {
+        Moments { count, cost, variances: variances.to_vec() }
+    }
+
+    fn total_variance(moments: &[Moments], counts: &[usize], slot: usize) -> f64 {
+        moments.iter().zip(counts).map(|(m, n)| m.variances[slot] / *n as f64).sum()
+    }
+
+    #[test]
+    fn one_slot_gets_the_least_variance_for_the_cost() {
+        let m = [moments(10_000, 1.0, &[1.0]), moments(10_000, 4.0, &[9.0]), moments(10_000, 2.0, &[0.5])];
+        let counts = split(&m);
+        let cost = |c: &[usize]| m.iter().zip(c).map(|(m, n)| *n as f64 * m.cost).sum::<f64>();
+        assert!((cost(&counts) / 70_000.0 - 1.0).abs() < 1e-3, "{counts:?}");
+        let least = total_variance(&m, &counts, 0);
+        // Any exchange between two estimators at equal cost is worse.
+        for (i, j) in [(0, 1), (1, 0), (0, 2), (2, 0), (1, 2), (2, 1)] {
+            let mut other = counts.clone();
+            other[i] += (400.0 / m[i].cost) as usize;
+            other[j] -= (400.0 / m[j].cost) as usize;
+            assert!(total_variance(&m, &other, 0) > least, "{counts:?} {other:?}");
+        }
+    }
+
+    #[test]
+    fn an_estimator_without_noise_keeps_a_little_and_slots_count_whatever_their_scale() {
+        let m = [moments(8_000, 1.0, &[0.0, 0.0]), moments(8_000, 1.0, &[1e-6, 0.0]), moments(8_000, 1.0, &[0.0, 1e6])];
+        let counts = split(&m);
+        assert_eq!(counts[0], 1_000);
+        assert!(counts[1].abs_diff(counts[2]) <= 1 && counts[1] > 11_000, "{counts:?}");
+        assert_eq!(split(&[moments(500, 1.0, &[0.0])]), [500]);
+    }
+}
