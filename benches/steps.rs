@@ -16,7 +16,7 @@ fn steps(c: &mut Criterion) {
     let cornell_wrt = vec![Slot::Vertices(cornell_shape), Slot::Texels(3), Slot::Texels(light)];
     for (name, description, camera, wrt, max_bounces) in [
         ("blocker", blocker, blocker_camera, blocker_wrt, 1),
-        ("cornell, 1 bounce", cornell.clone(), cornell_camera.clone(), cornell_wrt.clone(), 1),
+        ("cornell, 1 bounce", cornell.clone(), cornell_camera, cornell_wrt.clone(), 1),
         ("cornell, 4 bounces", cornell, cornell_camera, cornell_wrt, 4),
     ] {
         let scene = Scene::new(description).unwrap();

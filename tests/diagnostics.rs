@@ -369,6 +369,16 @@ loss fit = mse(render(small), target)",
         wanted: &[("dscene::value::fov", "60deg", "leave one of them out")],
     },
     Case {
+        name: "lenses_that_cannot_be",
+        prelude: "",
+        script: "camera a { aperture: -0.1, focus: 0 }\ncamera b { kind: fisheye, aperture: 0.1 }",
+        wanted: &[
+            ("dscene::value::aperture", "-0.1", "radius of the lens"),
+            ("dscene::value::focus", "0", "distance along the viewing direction"),
+            ("dscene::value::aperture", "0.1", "leave it out"),
+        ],
+    },
+    Case {
         name: "too_many_triangles",
         prelude: "",
         script: "let ball = sphere(subdivisions: 4096)\nlet land = grid(columns: 10000, rows: 10000)\nlet fine = grid(columns: 2000, rows: 2000)",

@@ -496,3 +496,80 @@ fn orthographic_camera_and_channels() {
         );
     }
 }
+
+/// A reflector with things before it and behind the plane of focus, and a glowing strip whose blurred edge is cut by the
+/// film's left border (what is blurred within the film hardly changes a smooth loss).
+#[derive(Clone)]
+struct Lensed {
+    blocker: Vec3,
+    light: Vec3,
+    eye: Vec3,
+    radius: f32,
+    focus: f32,
+}
+
+fn lensed(
+    material: fn(&mut Builder) -> Material,
+    f: impl Fn(f32, &mut Lensed),
+) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let eye = vec3(0.3, 2.5, -5.0);
+        let mut s = Lensed { blocker: Vec3::ZERO, light: vec3(0., 4., -2.), eye, radius: 0.3, focus: 1.5 };
+        f(t, &mut s);
+        let mut b = Builder::default();
+        let receiver = material(&mut b);
+        b.shape(floor(Vec3::ZERO, 2.5), receiver);
+        let grey = b.diffuse(vec3(0.3, 0.5, 0.4));
+        let corners = [vec3(-0.6, 0.5, 0.3), vec3(-0.5, 1.6, 0.3), vec3(0.6, 0.4, 0.5), vec3(0.4, 1.5, 0.3)];
+        b.shape(mesh(corners.map(|v| v + s.blocker).to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
+        let wall = quad(vec3(-3., 0.2, 4.), vec3(-3., 5., 4.), vec3(3., 5., 4.), vec3(3., 0.2, 4.));
+        b.light(wall, Vec3::splat(2.));
+        b.light(ceiling(s.light, 1.0), Vec3::splat(8.));
+        let target = vec3(0., 0., 0.5);
+        let [right, up, forward] = look_at(eye, target, 45., 32).frame;
+        let at = |x: f32, y: f32| eye + right * x + up * y + forward * 2.0;
+        b.light(quad(at(-1.5, -0.5), at(-0.8, -0.5), at(-0.8, 0.5), at(-1.5, 0.5)), Vec3::splat(3.));
+        let mut camera = look_at(s.eye, target, 45., 32);
+        camera.lens = Lens { radius: s.radius, focus: s.focus, ..Lens::PINHOLE };
+        (b.scene, camera)
+    }
+}
+
+#[test]
+fn thin_lens() {
+    let grey: fn(&mut Builder) -> Material = |b| b.diffuse(Vec3::splat(0.5));
+    let plan = Plan { h: 0.05, spp: 64, fd_spp: 512, ..Plan::default() };
+    let finer = Plan { h: 0.08, fd_seeds: 32, ..plan };
+    agree("lens blocker x", &lensed(grey, |t, s| s.blocker.x += t), &Plan { seeds: 32, ..finer });
+    agree("lens light x", &lensed(grey, |t, s| s.light.x += t), &plan);
+    agree("lens camera x", &lensed(grey, |t, s| s.eye.x += t), &plan);
+    agree("lens aperture", &lensed(grey, |t, s| s.radius += t), &Plan { seeds: 32, ..finer });
+    agree("lens focus", &lensed(grey, |t, s| s.focus += t), &Plan { seeds: 32, ..finer });
+}
+
+#[test]
+fn thin_lens_and_mirror() {
+    let mirror: fn(&mut Builder) -> Material = |b| {
+        let reflectance = b.constant(Vec3::splat(0.9));
+        Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false }
+    };
+    let plan = Plan { max_bounces: 2, h: 0.05, spp: 64, fd_spp: 512, ..Plan::default() };
+    agree("lens, mirror, blocker x", &lensed(mirror, |t, s| s.blocker.x += t), &plan);
+    agree("lens, mirror, focus", &lensed(mirror, |t, s| s.focus += t), &Plan { h: 0.08, ..plan });
+}
+
+#[test]
+fn thin_lens_other_cameras() {
+    let grey: fn(&mut Builder) -> Material = |b| b.diffuse(Vec3::splat(0.5));
+    let orthographic = |t: f32| {
+        let (scene, mut camera) = lensed(grey, |t, s| s.eye.x += t)(t);
+        camera.projection = Projection::Orthographic;
+        camera.scale = [2.0, 2.0];
+        camera.lens.focus += 0.5 * t;
+        (scene, camera)
+    };
+    let plan = Plan { h: 0.05, spp: 64, fd_spp: 512, ..Plan::default() };
+    agree("lens, orthographic", &orthographic, &plan);
+    let normals = Plan { output: Output::Normal, h: 0.08, fd_seeds: 32, ..plan };
+    agree("lens, normals", &lensed(grey, |t, s| s.radius += t), &normals);
+}

@@ -12,7 +12,7 @@ shape ground { mesh: rectangle(width: 4, depth: 4), material: grey }
 shape blocker { mesh: mesh(vertices: corners, faces: [[0, 1, 2], [1, 3, 2]]), material: grey }
 light lamp = area(rectangle(width: 0.2, depth: 0.2) |> flip() |> translate([0, 5, 0]), radiance: 1000)
 loss y = mean(render(eye, max_bounces: 2))",
-    "camera eye { position: [0, 1, -4], look_at: [0, 0, 0], kind: orthographic, height: 3, film: [5, 5] }
+    "camera eye { position: [0, 1, -4], look_at: [0, 0, 0], kind: orthographic, height: 3, aperture: 0.2, focus: 3, film: [5, 5] }
 param size = 1.5
 param turn: rotation = euler(x: 10deg, y: 20deg)
 shape pot { mesh: cylinder(radius: size, height: 0.5, subdivisions: 5) |> rotate(by: turn) |> scale([1, 2, 0.5]), material: phong(diffuse: 0.3, specular: 0.4, roughness: 0.2) }

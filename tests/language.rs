@@ -464,3 +464,29 @@ fn a_mesh_without_triangles_is_refused_in_words() {
         assert!(error.message.contains(&format!("a mesh without {what}")), "{}", error.message);
     }
 }
+
+#[test]
+fn a_camera_with_a_lens() {
+    const SCENE: &str = "shape ball { mesh: sphere() }\nlight sky = constant(1)\nparam wide = 0.2
+fn eye(aperture, focus) = camera(position: [0, 0, 5], look_at: [0, 0, 0], film: [12, 12], aperture: aperture, focus: focus)
+let sharp = camera(position: [0, 0, 5], look_at: [0, 0, 0], film: [12, 12])
+let default = camera(position: [0, 0, 5], look_at: [0, 0, 0], film: [12, 12], aperture: 0.5)
+let placed = camera(transform: look_at([0, 0, 5], [0, 0, 0]), film: [12, 12], aperture: wide)
+let round = camera(position: [0, 0, 5], look_at: [0, 0, 0], film: [12, 12], kind: panorama, aperture: wide)";
+    let mut e = engine(SCENE);
+    let mut picture = |camera: &str| numbers(&mut e, &format!("alpha({camera}, seed: 3)"));
+    // Without an aperture there is no lens, wherever it may be focused; without `focus` it is focused on `look_at`.
+    assert_eq!(picture("eye(0, 2)"), picture("sharp"));
+    assert_eq!(picture("default"), picture("eye(0.5, 5)"));
+    let soft = |image: Vec<f64>| image.iter().filter(|a| **a > 0.0 && **a < 1.0).count();
+    assert!(soft(picture("eye(0.5, 2)")) > 2 * soft(picture("sharp")));
+    for (camera, what) in [
+        ("eye(wide - 1, 2)", "`aperture` must be 0 or more, this is -0.8"),
+        ("eye(1, 0 - wide)", "`focus` must be positive"),
+        ("placed", "needs `focus`"),
+        ("round", "only perspective and orthographic cameras"),
+    ] {
+        let error = try_eval(&mut e, &format!("alpha({camera})")).err().unwrap_or_else(|| panic!("{camera} renders"));
+        assert!(error.message.contains(what), "{camera}: {}", error.message);
+    }
+}

@@ -89,6 +89,9 @@ const CAMERAS: &[(&str, &str, &str, f64)] = &[
     ("fov", "param p = 40deg", "position: [0, 1, 4], look_at: [0, 0, 0], fov: p", 0.03),
     ("fov_x", "param p = 55deg", "position: [0, 1, 4], look_at: [0, 0, 0], fov_x: p", 0.03),
     ("height", "param p = 3", "position: [0, 1, 4], look_at: [0, 0, 0], kind: orthographic, height: p", 0.1),
+    ("aperture", "param p = 0.4", "position: [0.9, 0.6, 1.6], look_at: [0.3, 0.2, 0], aperture: p, focus: 3", 0.05),
+    ("focus", "param p = 0.8", "position: [0.9, 0.6, 1.6], look_at: [0.3, 0.2, 0], aperture: 0.4, focus: p", 0.03),
+    ("look_at in focus", "param p = [0, 0.2, 1]", "position: [0, 1, 4], look_at: p, aperture: 0.4", 0.05),
     ("transform", "param p = [0.2, 1, 4]", "transform: look_at(p, [0, 0, 0])", 0.05),
 ];
 

@@ -3,7 +3,7 @@
 
 use dscene::mesh::Mesh;
 use dscene::render::texture::Texture;
-use dscene::render::{Camera, Emission, Input, Material, MaterialKind, Projection, SceneDescription, Shape};
+use dscene::render::{Camera, Emission, Input, Lens, Material, MaterialKind, Projection, SceneDescription, Shape};
 use glam::{Mat3, Vec3};
 
 pub fn camera(origin: Vec3, target: Vec3, tan_half: f32, size: usize) -> Camera {
@@ -16,6 +16,7 @@ pub fn camera(origin: Vec3, target: Vec3, tan_half: f32, size: usize) -> Camera 
         scale: [tan_half; 2],
         width: size,
         height: size,
+        lens: Lens::PINHOLE,
     }
 }
 

@@ -7,8 +7,8 @@ use std::f32::consts::PI;
 use dscene::mesh::{Mesh, ops, shapes};
 use dscene::render::texture::{Filter, Texture, Wrap};
 use dscene::render::{
-    Camera, DeltaLight, Emission, Environment, Input, Material, MaterialKind, Output, Projection, SceneDescription,
-    Shape,
+    Camera, DeltaLight, Emission, Environment, Input, Lens, Material, MaterialKind, Output, Projection,
+    SceneDescription, Shape,
 };
 use glam::{DVec3, Mat3, Vec3, vec3};
 
@@ -117,6 +117,7 @@ fn camera(origin: Vec3, target: Vec3, fov_degrees: f32) -> Camera {
         scale: [t; 2],
         width: SIZE,
         height: SIZE,
+        lens: Lens::PINHOLE,
     }
 }
 
@@ -153,12 +154,12 @@ fn emissive_triangles(cases: &mut Vec<Case>) {
             v[2].y += t;
             let mut b = Builder::default();
             b.light(mesh(v.to_vec(), vec![[0, 1, 2]]), WARM);
-            (b.scene, camera.clone())
+            (b.scene, camera)
         }
     };
     let mut add = |kind, scene, v: [Vec3; 3], camera: Camera| {
         let moving = exact3(v, 2, DVec3::Y);
-        let build = triangle(v, camera.clone());
+        let build = triangle(v, camera);
         cases.push(Case {
             bounces: 0,
             exact: Some(Box::new(move |t| grey(WARM) * moment(&outline(&camera, &moving(t)), Ramp::X))),
@@ -166,18 +167,18 @@ fn emissive_triangles(cases: &mut Vec<Case>) {
         });
     };
     let eye = camera(vec3(0., 0., 5.), Vec3::ZERO, 45.0);
-    add(Kind::Silhouette, "01 emissive triangle", TRIANGLE, eye.clone());
+    add(Kind::Silhouette, "01 emissive triangle", TRIANGLE, eye);
     for (scene, z) in [("04 fisheye, z = 2", 2.0), ("04 fisheye, z = 5", 5.0), ("04 fisheye, z = 10", 10.0)] {
         let fisheye = Camera {
             projection: Projection::Fisheye,
             origin: vec3(0.3, -0.2, z),
             scale: [80f32.to_radians(); 2],
-            ..eye.clone()
+            ..eye
         };
         add(Kind::Special, scene, TRIANGLE, fisheye);
     }
     let panorama =
-        Camera { projection: Projection::Panorama, origin: vec3(0.3, -0.2, 2.0), scale: [PI, 0.5 * PI], ..eye.clone() };
+        Camera { projection: Projection::Panorama, origin: vec3(0.3, -0.2, 2.0), scale: [PI, 0.5 * PI], ..eye };
     add(Kind::Special, "04 panorama, z = 2", TRIANGLE, panorama);
 }
 
@@ -201,12 +202,11 @@ fn triangles(cases: &mut Vec<Case>) {
     const FRONT: [Vec3; 3] = [vec3(0.0, -0.3, 1.0), vec3(1.2, 0.1, 1.0), vec3(0.3, 0.9, 1.0)];
     const COLD: Vec3 = vec3(0.2, 0.5, 0.9);
     let eye = camera(vec3(0., 0., 5.), Vec3::ZERO, 45.0);
-    let exact_eye = eye.clone();
     cases.push(Case {
         bounces: 0,
         exact: Some(Box::new(move |t| {
-            let back = outline(&exact_eye, &BACK.map(|v| v.as_dvec3()));
-            let front = outline(&exact_eye, &FRONT.map(|v| v.as_dvec3() + DVec3::X * t));
+            let back = outline(&eye, &BACK.map(|v| v.as_dvec3()));
+            let front = outline(&eye, &FRONT.map(|v| v.as_dvec3() + DVec3::X * t));
             let hidden = moment(&intersection(&back, &front), Ramp::X);
             grey(WARM) * (moment(&back, Ramp::X) - hidden) + grey(COLD) * moment(&front, Ramp::X)
         })),
@@ -214,7 +214,7 @@ fn triangles(cases: &mut Vec<Case>) {
             let mut b = Builder::default();
             b.light(mesh(BACK.to_vec(), vec![[0, 1, 2]]), WARM);
             b.light(mesh(FRONT.map(|v| v + Vec3::X * t).to_vec(), vec![[0, 1, 2]]), COLD);
-            (b.scene, eye.clone())
+            (b.scene, eye)
         })
     });
 }
@@ -245,7 +245,6 @@ fn black() -> Material {
 fn roof_and_channels(cases: &mut Vec<Case>) {
     let eye = camera(vec3(0.1, 5., -0.5), Vec3::ZERO, 35.0);
     let sun = vec3(1.0, -1.5, 0.2);
-    let exact_eye = eye.clone();
     let ridge = move |t: f64| 0.2 + t;
     cases.push(Case {
         // Both sides stay lit and seen: radiance times projected area of each, both depending on the ridge.
@@ -256,7 +255,7 @@ fn roof_and_channels(cases: &mut Vec<Case>) {
                     [(base, 0., -1.), (x, 1., -1.), (x, 1., 1.), (base, 0., 1.)].map(|(x, y, z)| DVec3::new(x, y, z));
                 let normal = (p[1] - p[0]).cross(p[3] - p[0]).normalize();
                 let cosine = (normal * normal.y.signum()).dot(-sun.as_dvec3().normalize());
-                f64::from(0.8_f32) / std::f64::consts::PI * 3.0 * cosine * moment(&outline(&exact_eye, &p), Ramp::X)
+                f64::from(0.8_f32) / std::f64::consts::PI * 3.0 * cosine * moment(&outline(&eye, &p), Ramp::X)
             };
             side(-1.0) + side(1.0)
         })),
@@ -274,7 +273,7 @@ fn roof_and_channels(cases: &mut Vec<Case>) {
             ];
             b.shape(mesh(v, vec![[0, 3, 4], [0, 4, 1], [1, 4, 5], [1, 5, 2]]), grey);
             b.scene.delta_lights.push(DeltaLight::Directional { direction: sun, irradiance: Vec3::splat(3.0) });
-            (b.scene, eye.clone())
+            (b.scene, eye)
         })
     });
 
@@ -462,12 +461,11 @@ fn mirrors(cases: &mut Vec<Case>) {
     let image = |v: DVec3, height: f64| DVec3::new(v.x, 2.0 * height - v.y, v.z);
     let reflectance = f64::from(0.9_f32);
     for (param, mirror, vertex) in [("mirror height", 1.0, 0.0), ("vertex 1 y", 0.0, 1.0)] {
-        let (eye, exact_eye) = (eye.clone(), eye.clone());
         cases.push(Case {
             ramp: Ramp::Y,
             exact: Some(Box::new(move |t| {
                 let v = exact3(V, 1, DVec3::Y * vertex)(t);
-                let seen = |v: [DVec3; 3]| moment(&outline(&exact_eye, &v), Ramp::Y);
+                let seen = |v: [DVec3; 3]| moment(&outline(&eye, &v), Ramp::Y);
                 grey(WARM) * (seen(v) + reflectance * seen(v.map(|v| image(v, mirror * t))))
             })),
             ..Case::new(Kind::Special, "15 planar mirror", param, move |t| {
@@ -481,7 +479,7 @@ fn mirrors(cases: &mut Vec<Case>) {
                 let mut v = V;
                 v[1].y += vertex * t;
                 b.light(mesh(v.to_vec(), vec![[0, 1, 2]]), WARM);
-                (b.scene, eye.clone())
+                (b.scene, eye)
             })
         });
     }

@@ -94,7 +94,10 @@ pub fn fields_of(ty: &Ty) -> Vec<&'static str> {
         }
         Ty::Image { .. } => vec!["width", "height", "channels", "r", "g", "b", "a", "x", "y", "z"],
         Ty::Mesh => vec!["vertices", "faces", "normals", "uvs", "colors"],
-        Ty::Camera { .. } => vec!["position", "look_at", "up", "fov", "fov_x", "film", "kind", "height", "transform"],
+        Ty::Camera { .. } => {
+            let fields = "position look_at up fov fov_x film kind height transform aperture focus";
+            fields.split(' ').collect()
+        }
         Ty::Shape => vec!["mesh", "material"],
         Ty::Light => {
             vec![
@@ -157,7 +160,7 @@ fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
         (Ty::Camera { .. }, "position" | "look_at" | "up") => Ty::vector(3),
         (Ty::Camera { .. }, "fov" | "fov_x") => Ty::Angle,
         (Ty::Camera { .. }, "film") => Ty::vector(2),
-        (Ty::Camera { .. }, "height") => Ty::SCALAR,
+        (Ty::Camera { .. }, "height" | "aperture" | "focus") => Ty::SCALAR,
         (Ty::Camera { .. }, "kind") => Ty::Str,
         (Ty::Camera { .. }, "transform") => Ty::Any,
         (Ty::Shape | Ty::Light, "mesh") => Ty::Mesh,

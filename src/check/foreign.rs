@@ -19,6 +19,8 @@ pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
         "sensor" | "resolution" | "size" | "pixels" | "image_size" => &["film", "camera"],
         "fovy" | "field_of_view" | "angle" | "fov_y" => &["fov"],
         "fovx" => &["fov_x"],
+        "aperture_radius" | "lens_radius" => &["aperture"],
+        "focus_distance" | "focal_distance" | "focus_depth" => &["focus"],
         "type" | "projection" | "model_type" => &["kind"],
         "to_world" | "matrix" | "pose" => &["transform"],
         "emission" | "power" | "intensity" | "energy" | "strength" | "le" => &["radiance", "intensity", "irradiance"],
@@ -116,7 +118,7 @@ pub fn type_name(name: &str) -> Option<&'static str> {
 pub fn is_planned(name: &str) -> bool {
     const FUNCTIONS: &str = "dielectric plastic emissive blend mask normal_map bump spot motion decimate unwrap \
                              lbfgs gauss_newton levenberg_marquardt classifier laplacian medium";
-    const FIELDS: &str = "focal sensor_width aperture focus distortion crop filter";
+    const FIELDS: &str = "focal sensor_width distortion crop filter";
     FUNCTIONS.split_whitespace().chain(FIELDS.split_whitespace()).any(|planned| planned == name)
 }
 

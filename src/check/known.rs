@@ -74,6 +74,7 @@ impl Checker<'_> {
                     );
                 }
             }
+            self.check_lens(found, whole_turn);
             if let (Some(Some(p)), Some(Some(l))) = (found.first(), found.get(1))
                 && p.value.is_some()
                 && p.value == l.value
@@ -118,6 +119,39 @@ impl Checker<'_> {
                     .label(expr.span, format!("{n} samples"))
                     .help("write `spp: 1` or more"),
             );
+        }
+    }
+
+    /// A camera's `aperture` and `focus`.
+    fn check_lens(&mut self, found: &[Option<Typed>], whole_turn: bool) {
+        let number = |i: usize| match found.get(i) {
+            Some(Some(Typed { value: Some(Const::Num(x)), expr })) => Some((*x, expr.span)),
+            _ => None,
+        };
+        let mut fault = |code, message: &str, span: Span, label: &str, help: &str| {
+            self.diagnostics.push(Diagnostic::error(code, message).label(span, label).help(help));
+        };
+        if let Some((focus, span)) = number(10).filter(|(x, _)| *x <= 0.0) {
+            let label = if focus < 0.0 { "behind the camera" } else { "at the camera itself" };
+            let help = "it is the distance along the viewing direction at which the image is sharp";
+            fault("dscene::value::focus", "`focus` must be positive", span, label, help);
+        }
+        match number(9) {
+            Some((x, span)) if x < 0.0 => {
+                let help = "it is the radius of the lens in scene units; 0 is a pinhole";
+                fault("dscene::value::aperture", "`aperture` must be 0 or more", span, "a negative radius", help);
+            }
+            Some((x, span)) if x > 0.0 && whole_turn => {
+                let message = "only perspective and orthographic cameras have an `aperture`";
+                fault(
+                    "dscene::value::aperture",
+                    message,
+                    span,
+                    "this camera has no lens",
+                    "leave it out: everything is sharp",
+                );
+            }
+            _ => {}
         }
     }
 }

@@ -7,13 +7,13 @@ use std::sync::Arc;
 use glam::{Mat3, Vec3};
 
 use crate::grad::{Scene, SceneError};
-use crate::natives::transform_matrix;
 use crate::natives::value::{
     CameraValue, Input, LightValue, MaterialValue, MeshValue, Model, SceneValue, ShapeValue, Value,
 };
+use crate::natives::{NEEDS_FOCUS, transform_matrix};
 use crate::render::texture::{Filter, Texture, Wrap};
 use crate::render::{
-    Camera, DeltaLight, Emission, Environment, Input as RenderInput, Material, MaterialKind, Projection,
+    Camera, DeltaLight, Emission, Environment, Input as RenderInput, Lens, Material, MaterialKind, Projection,
     SceneDescription, Shape, Slot, TextureId,
 };
 use crate::tape::{Slice, TapeError, Tensor, Unary, Var};
@@ -338,6 +338,15 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
     let rows = frame.value().to_f32();
     let row = |i: usize| Vec3::new(rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]);
     let s = scale.value().to_f32();
+    let aperture = number("aperture")?.unwrap_or_else(|| Var::from(0.0));
+    let focus = match number("focus")? {
+        _ if aperture.item() == Some(0.0) => Var::from(1.0),
+        Some(focus) => focus,
+        None if camera.field("transform").is_some() => return Err(bad(NEEDS_FOCUS)),
+        None => point("look_at", [0.0; 3])?.sub(&origin)?.norm(),
+    };
+    let lens = Var::stack(&[aperture, focus])?;
+    let [radius, focus] = lens.value().to_f32()[..] else { return Err(bad("a lens of other than two numbers")) };
     let lowered = Camera {
         projection,
         origin: vec3(origin.value()),
@@ -345,7 +354,13 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
         scale: [s[0], s[1]],
         width,
         height,
+        lens: Lens { radius, focus, ..Lens::PINHOLE },
     };
-    let slots = [(Slot::CameraOrigin, origin), (Slot::CameraFrame, frame), (Slot::CameraScale, scale)];
+    let slots = [
+        (Slot::CameraOrigin, origin),
+        (Slot::CameraFrame, frame),
+        (Slot::CameraScale, scale),
+        (Slot::CameraLens, lens),
+    ];
     Ok(LoweredCamera { camera: lowered, slots: slots.into_iter().filter(|(_, v)| v.is_live()).collect() })
 }

@@ -167,17 +167,7 @@ impl Engine {
             seed,
             boundary,
         };
-        let moves = |s: &Slot| {
-            matches!(
-                s,
-                Slot::Vertices(_)
-                    | Slot::LightPlacement(_)
-                    | Slot::CameraOrigin
-                    | Slot::CameraFrame
-                    | Slot::CameraScale
-            )
-        };
-        let switched_off = (!boundary && slots.iter().any(moves))
+        let switched_off = (!boundary && slots.iter().any(|s| s.moves_visibility()))
             .then_some("`boundary: false` leaves out silhouettes and shadow edges, which a param moves");
         for gap in grad::coverage_gaps(&lowered.scene, &settings, &slots).into_iter().chain(switched_off) {
             if self.said.insert((span, gap)) {

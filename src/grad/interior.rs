@@ -208,12 +208,13 @@ impl<'a> Interior<'a> {
         sampler: &mut Sampler,
         out: &mut impl Estimate,
     ) {
-        let ray = self.camera.ray(position);
+        let camera = self.camera.sample_lens(sampler);
+        let ray = camera.ray(position);
         if self.settings.output != Output::Radiance {
             if let Some((si, t)) = self.scene.intersect(&ray, &[]) {
                 out.pixel(pixel, |d, out| {
-                    let r = d_first_hit(out, self.settings.output, self.camera, &si, t, d * weight);
-                    self.camera.d_ray(position, r.origin, r.dir, &mut out.camera);
+                    let r = d_first_hit(out, self.settings.output, &camera, &si, t, d * weight);
+                    camera.d_ray(position, r.origin, r.dir, &mut out.camera);
                 });
             }
             return;
@@ -228,7 +229,7 @@ impl<'a> Interior<'a> {
             } else {
                 sweep(out, path, d)
             };
-            self.camera.d_ray(position, ray_adjoint.origin, ray_adjoint.dir, &mut out.camera);
+            camera.d_ray(position, ray_adjoint.origin, ray_adjoint.dir, &mut out.camera);
         });
     }
 }

@@ -9,6 +9,7 @@ pub mod edge_tree;
 pub mod estimate;
 pub mod guide;
 pub mod interior;
+pub mod lens;
 pub mod local;
 pub mod pixels;
 pub mod primary;

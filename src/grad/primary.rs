@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use super::allocate::{Estimator, typical_bounces};
 use super::estimate::{Draw, Estimate, Pass, Sequence};
+use super::lens::{blurred, classify_through_lens};
 use super::viewpoint::{Seen, Viewpoint};
 use crate::image::Image;
 use crate::render::accel::PrimId;
@@ -17,12 +18,12 @@ use crate::render::edges::Edge;
 use crate::render::film::first_hit;
 use crate::render::integrator::{NoRecord, Options, Start, trace};
 use crate::render::sampler::{Discrete, Sampler, hash};
-use crate::render::{Output, Scene, Settings};
+use crate::render::{Camera, Output, Scene, Settings};
 
 /// Distance in pixels between an edge and the ray that looks past it.
 const NUDGE: f32 = 1e-3;
 /// Longest piece of an edge with one sampling weight, in pixels.
-const PIECE: f64 = 8.0;
+pub const PIECE: f64 = 8.0;
 /// Antithetic pairs on a piece: more than one only for pieces that something else hides in part.
 const STRATA: u32 = 4;
 /// Sampling weight of edges between smoothly shaded faces relative to a silhouette: only the shadow terminator jumps there.
@@ -30,19 +31,21 @@ const SMOOTH_CREASE: f64 = 0.05;
 
 /// A piece of a projected edge on the film.
 #[derive(Clone, Copy)]
-struct Piece {
-    edge: u32,
-    viewpoint: u32,
+pub struct Piece {
+    pub edge: u32,
+    pub viewpoint: u32,
     /// Film positions of its ends, in pixels, and the edge parameters they belong to.
-    a: DVec2,
-    b: DVec2,
+    pub a: DVec2,
+    pub b: DVec2,
     /// Depths of the whole (near-clipped) segment's ends with their parameters, to undo perspective.
-    za: f64,
-    zb: f64,
-    sa: f64,
-    sb: f64,
-    ta: f64,
-    tb: f64,
+    pub za: f64,
+    pub zb: f64,
+    pub sa: f64,
+    pub sb: f64,
+    pub ta: f64,
+    pub tb: f64,
+    /// How far from there a lens may show it, in pixels.
+    pub blur: f64,
 }
 
 /// Samples of primary edges: all pieces turned the right way, with the plan how to visit them.
@@ -67,13 +70,13 @@ enum Plan {
 /// An edge point chosen for a primary boundary sample.
 struct Chosen<'a> {
     edge: &'a Edge,
-    viewpoint: &'a Viewpoint<'a>,
+    viewpoint: Viewpoint<'a>,
     s: f32,
 }
 
 /// What an edge point shows.
 struct Boundary<'a> {
-    viewpoint: &'a Viewpoint<'a>,
+    viewpoint: Viewpoint<'a>,
     edge: &'a Edge,
     s: f32,
     p: Vec3,
@@ -95,19 +98,28 @@ impl<'a> PrimaryEdges<'a> {
         adjoint: &Image,
         seed: u64,
     ) -> PrimaryEdges<'a> {
-        let lines = viewpoints.first().is_some_and(|v| v.camera.keeps_lines());
+        let lines = viewpoints.first().is_some_and(|v| is_straight(&v.camera));
+        let lens = viewpoints.first().is_some_and(|v| !v.camera.is_pinhole());
         let enumerate = lines && viewpoints.first().is_some_and(|v| is_noise_free(v.scene, settings));
+        let size = DVec2::new(adjoint.width as f64, adjoint.height as f64);
         let mut pieces = Vec::new();
         let mut lengths = Vec::new();
         for (v, viewpoint) in viewpoints.iter().enumerate() {
             for (e, edge) in viewpoint.scene.edges().edges.iter().enumerate() {
-                let Some(class) = classify(viewpoint, edge, settings) else { continue };
+                let class = if lens {
+                    classify_through_lens(viewpoint, edge, settings)
+                } else {
+                    classify(viewpoint, edge, settings)
+                };
+                let Some(class) = class else { continue };
                 let mut add = |piece: Piece| {
                     // Never zero: the middle of a curved piece may be off film where its ends are not.
-                    lengths.push(class * (piece.a.distance(piece.b) + 1e-3));
+                    lengths.push(class * (piece.a.distance(piece.b) + 1e-3) * piece.share_on_film(size));
                     pieces.push(Piece { edge: e as u32, viewpoint: v as u32, ..piece });
                 };
-                if !lines {
+                if lens {
+                    blurred(viewpoint, edge).into_iter().for_each(&mut add);
+                } else if !lines {
                     curved(viewpoint, edge).into_iter().for_each(&mut add);
                 } else if let Some(segment) = clip(viewpoint, edge) {
                     let cuts = if enumerate { pixel_cuts(&segment) } else { even_cuts(&segment) };
@@ -144,7 +156,7 @@ impl<'a> PrimaryEdges<'a> {
                     let mut sampler = Sampler::new(hash(seed, g as u64), i);
                     let u = sampler.next_2d();
                     let piece = &self.pieces[range.start + (u.x * range.len() as f32) as usize];
-                    let chosen = self.place(piece, f64::from(u.y));
+                    let chosen = self.place(piece, f64::from(u.y), &mut sampler);
                     let boundary = chosen.and_then(|c| self.look(&c, &mut sampler, |_| false));
                     boundary.map_or(0.0, |b| f64::from(b.jump.length_squared()))
                 };
@@ -167,31 +179,29 @@ impl<'a> PrimaryEdges<'a> {
                 if mean > 0.0 { (1.0 - DEFENSIVE) * (local / mean).min(16.0).sqrt() + DEFENSIVE } else { 1.0 };
             for i in range(g) {
                 let piece = &self.pieces[i];
-                let importance = local_weight(adjoint, piece.a, piece.b) + 0.1 * mean_adjoint;
+                let importance = local_weight(adjoint, piece) + 0.1 * mean_adjoint;
                 weights.push(lengths[i] * importance * contrast);
                 seen += lengths[i] * if local > 0.0 { 1.0 } else { 0.1 };
             }
         }
         // As many samples a pixel of visible edge as the image has a pixel, but no less than one for 16 of the image's: an
         // edge is as noisy as a surface, and matters more.
-        let camera = self.viewpoints[0].camera;
+        let camera = &self.viewpoints[0].camera;
         let least = (camera.width * camera.height) as f64 * spp / 16.0;
         let count = (seen * spp).max(least).clamp(1024.0, 1e7) as u32;
         Plan::Sample { pmf: Discrete::new(weights), count }
     }
 
-    /// The point of a piece at the fraction `rest` of its length on film.
-    fn place(&self, piece: &Piece, rest: f64) -> Option<Chosen<'_>> {
+    /// The point of a piece at the fraction `rest` of its length on film (or of its parameter), as a point of the lens sees it.
+    fn place(&self, piece: &Piece, rest: f64, sampler: &mut Sampler) -> Option<Chosen<'a>> {
         let viewpoint = &self.viewpoints[piece.viewpoint as usize];
+        let viewpoint = viewpoint.through(viewpoint.camera.sample_lens(sampler).lens);
         let edge = &viewpoint.scene.edges().edges[piece.edge as usize];
-        if !viewpoint.camera.keeps_lines() {
+        if !is_straight(&viewpoint.camera) {
             let s = (piece.sa + (piece.sb - piece.sa) * rest) as f32;
             return Some(Chosen { edge, viewpoint, s });
         }
-        // Position along the projected segment → along the edge in space.
-        let t = piece.ta + (piece.tb - piece.ta) * rest;
-        let s = t * piece.za / ((1.0 - t) * piece.zb + t * piece.za);
-        let s = (piece.sa + (piece.sb - piece.sa) * s) as f32;
+        let s = piece.parameter(piece.ta + (piece.tb - piece.ta) * rest) as f32;
         (piece.a != piece.b).then_some(Chosen { edge, viewpoint, s })
     }
 
@@ -202,7 +212,7 @@ impl<'a> PrimaryEdges<'a> {
         let prims = edge.prims();
         let view = edge.view(viewpoint.direction_to(p))?;
         let seen = viewpoint.see(p, &prims)?;
-        let pixel = seen.pixel_index(viewpoint.camera);
+        let pixel = seen.pixel_index(&viewpoint.camera);
         if skips(pixel) {
             return None;
         }
@@ -219,8 +229,15 @@ impl<'a> PrimaryEdges<'a> {
         let normal_2d = if side < 0.0 { -normal_2d } else { normal_2d };
 
         // The same random numbers on both sides.
-        let value =
-            Values { scene: viewpoint.scene, settings: self.settings, viewpoint, edge, seen: &seen, s, prims: &prims };
+        let value = Values {
+            scene: viewpoint.scene,
+            settings: self.settings,
+            viewpoint: &viewpoint,
+            edge,
+            seen: &seen,
+            s,
+            prims: &prims,
+        };
         let foreground = value.face(view.foreground, &mut sampler.clone());
         let background = match view.background {
             Some(face) => value.face(face, &mut sampler.clone()),
@@ -249,10 +266,10 @@ impl<'a> PrimaryEdges<'a> {
 
     /// One boundary sample on a piece, at a fraction of it; `weight` is one over the fraction's density.
     fn sample(&self, piece: &Piece, rest: f64, weight: f64, sampler: &mut Sampler, out: &mut impl Estimate) {
-        let Some(chosen) = self.place(piece, rest) else { return };
+        let Some(chosen) = self.place(piece, rest, sampler) else { return };
         let Some(b) = self.look(&chosen, sampler, |pixel| out.skips(pixel)) else { return };
         // Per fraction → per pixel of arc length on film.
-        let pixels = if b.viewpoint.camera.keeps_lines() {
+        let pixels = if is_straight(&b.viewpoint.camera) {
             piece.a.distance(piece.b)
         } else {
             (piece.sb - piece.sa) * f64::from(b.speed)
@@ -345,7 +362,7 @@ impl Values<'_> {
                 let options = Options::new(self.settings.max_bounces.saturating_sub(self.viewpoint.bounces()));
                 self.seen.throughput * trace(self.scene, Start::Surface(si), sampler, &options, &mut NoRecord)
             }
-            output => first_hit(output, self.viewpoint.camera, &si),
+            output => first_hit(output, &self.viewpoint.camera, &si),
         }
     }
 
@@ -359,7 +376,7 @@ impl Values<'_> {
                 throughput * trace(self.scene, Start::Ray(ray, &skip), sampler, &options, &mut NoRecord)
             }
             output => match self.scene.intersect(&ray, &skip) {
-                Some((si, _)) => first_hit(output, self.viewpoint.camera, &si),
+                Some((si, _)) => first_hit(output, &self.viewpoint.camera, &si),
                 None => Vec3::ZERO,
             },
         }
@@ -374,8 +391,13 @@ pub fn inset(edge: &Edge, face: usize, distance: f32) -> f32 {
     (3e-5 * distance / height).clamp(1e-6, 1e-2)
 }
 
+/// Whether edges are sampled evenly along their straight images.
+fn is_straight(camera: &Camera) -> bool {
+    camera.keeps_lines() && camera.is_pinhole()
+}
+
 /// Sampling weight by kind of edge; `None` if nothing can jump there.
-fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Option<f64> {
+pub fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Option<f64> {
     let view = edge.view(viewpoint.direction_to(edge.point(0.5)))?;
     if view.background.is_none() || edge.sharp {
         return Some(1.0);
@@ -419,14 +441,24 @@ fn even_cuts(segment: &Piece) -> Vec<f64> {
 }
 
 impl Piece {
+    /// The edge parameter at a fraction of the projected (near-clipped) segment.
+    pub fn parameter(&self, t: f64) -> f64 {
+        let s = t * self.za / ((1.0 - t) * self.zb + t * self.za);
+        self.sa + (self.sb - self.sa) * s
+    }
+
     /// The part between two fractions of the length on film.
-    fn part(&self, from: f64, to: f64) -> Piece {
+    pub fn part(&self, from: f64, to: f64) -> Piece {
         let t = |x: f64| self.ta + (self.tb - self.ta) * x;
         Piece { a: self.a.lerp(self.b, from), b: self.a.lerp(self.b, to), ta: t(from), tb: t(to), ..*self }
     }
 }
 
-fn local_weight(image: &Image, a: DVec2, b: DVec2) -> f64 {
+fn local_weight(image: &Image, piece: &Piece) -> f64 {
+    if piece.blur > 0.0 {
+        return piece.blurred_weight(image);
+    }
+    let (a, b) = (piece.a, piece.b);
     let steps = a.distance(b).ceil().max(1.0) as usize;
     let mut sum = 0.0;
     for i in 0..steps {
@@ -441,7 +473,7 @@ fn local_weight(image: &Image, a: DVec2, b: DVec2) -> f64 {
 /// Pieces of an edge for a projection that bends lines: equal steps of the edge parameter, on or near the film.
 fn curved(viewpoint: &Viewpoint, edge: &Edge) -> Vec<Piece> {
     const STEPS: usize = 32;
-    let camera = viewpoint.camera;
+    let camera = &viewpoint.camera;
     let film = |s: f64| camera.project(viewpoint.image(edge.point(s as f32))).map(|q| q.pixel.as_dvec2());
     let size = DVec2::new(camera.width as f64, camera.height as f64);
     (0..STEPS)
@@ -451,7 +483,7 @@ fn curved(viewpoint: &Viewpoint, edge: &Edge) -> Vec<Piece> {
             // A step may jump from one side of a panorama to the other: then its length says nothing.
             let reach = DVec2::splat(a.distance(b) + 4.0);
             let outside = |p: DVec2| p.cmplt(-reach).any() || p.cmpgt(size + reach).any();
-            let piece = Piece { edge: 0, viewpoint: 0, a, b, za: 1.0, zb: 1.0, sa, sb, ta: 0.0, tb: 1.0 };
+            let piece = Piece { edge: 0, viewpoint: 0, a, b, za: 1.0, zb: 1.0, sa, sb, ta: 0.0, tb: 1.0, blur: 0.0 };
             (!(outside(a) && outside(b))).then_some(piece)
         })
         .collect()
@@ -459,7 +491,32 @@ fn curved(viewpoint: &Viewpoint, edge: &Edge) -> Vec<Piece> {
 
 /// Clips an edge to the space before the camera (and before the mirror) and to the film.
 fn clip(viewpoint: &Viewpoint, edge: &Edge) -> Option<Piece> {
-    let camera = viewpoint.camera;
+    let (width, height) = (viewpoint.camera.width as f64, viewpoint.camera.height as f64);
+    let (whole, _) = before(viewpoint, edge)?;
+    let (a, b) = (whole.a, whole.b);
+    // Liang-Barsky against the film.
+    let (mut t0, mut t1) = (0.0f64, 1.0f64);
+    let d = b - a;
+    for (p, q) in [(-d.x, a.x), (d.x, width - a.x), (-d.y, a.y), (d.y, height - a.y)] {
+        if p == 0.0 {
+            if q < 0.0 {
+                return None;
+            }
+        } else if p < 0.0 {
+            t0 = t0.max(q / p);
+        } else {
+            t1 = t1.min(q / p);
+        }
+    }
+    if t0 >= t1 {
+        return None;
+    }
+    Some(Piece { a: a.lerp(b, t0), b: a.lerp(b, t1), ta: t0, tb: t1, ..whole })
+}
+
+/// The part of an edge before the camera (and before the mirror), and the depths of its ends.
+pub fn before(viewpoint: &Viewpoint, edge: &Edge) -> Option<(Piece, [f64; 2])> {
+    let camera = &viewpoint.camera;
     let (mut s0, mut s1) = (0.0f64, 1.0f64);
     let mut keep = |d0: f64, d1: f64| {
         // Keep where lerp(d0, d1, s) >= 0.
@@ -479,7 +536,8 @@ fn clip(viewpoint: &Viewpoint, edge: &Edge) -> Option<Piece> {
     let perspective = camera.projection == crate::render::Projection::Perspective;
     let near = 1e-5 * f64::from(viewpoint.scene.radius);
     keep(l0.z - near, l1.z - near);
-    if let Some(m) = viewpoint.mirror {
+    // A lens may have points on either side of the mirror.
+    if let Some(m) = viewpoint.mirror.filter(|_| camera.is_pinhole()) {
         let side = viewpoint.side(&m);
         let distance = |p: Vec3| f64::from(m.height(p) * side);
         keep(distance(edge.p[0]), distance(edge.p[1]));
@@ -498,23 +556,7 @@ fn clip(viewpoint: &Viewpoint, edge: &Edge) -> Option<Piece> {
     if !a.is_finite() || !b.is_finite() {
         return None;
     }
-    // Liang-Barsky against the film.
-    let (mut t0, mut t1) = (0.0f64, 1.0f64);
-    let d = b - a;
-    for (p, q) in [(-d.x, a.x), (d.x, camera.width as f64 - a.x), (-d.y, a.y), (d.y, camera.height as f64 - a.y)] {
-        if p == 0.0 {
-            if q < 0.0 {
-                return None;
-            }
-        } else if p < 0.0 {
-            t0 = t0.max(q / p);
-        } else {
-            t1 = t1.min(q / p);
-        }
-    }
-    if t0 >= t1 {
-        return None;
-    }
     let (za, zb) = if perspective { (q0.z, q1.z) } else { (1.0, 1.0) };
-    Some(Piece { edge: 0, viewpoint: 0, a: a.lerp(b, t0), b: a.lerp(b, t1), za, zb, sa: s0, sb: s1, ta: t0, tb: t1 })
+    let piece = Piece { edge: 0, viewpoint: 0, a, b, za, zb, sa: s0, sb: s1, ta: 0.0, tb: 1.0, blur: 0.0 };
+    Some((piece, [q0.z, q1.z]))
 }

@@ -130,7 +130,8 @@ impl<'a> Secondary<'a> {
         if out.skips(film.pixel) {
             return;
         }
-        let ray = self.camera.ray(film.position);
+        let camera = self.camera.sample_lens(sampler);
+        let ray = camera.ray(film.position);
         // The last vertex that can see an edge is one event before the last.
         let options = Options { next_event: false, split_lobes: true, ..Options::new(self.max_bounces - 1) };
         path.vertices.clear();
@@ -140,7 +141,7 @@ impl<'a> Secondary<'a> {
         out.pixel(film.pixel, |d, out| {
             let injection = self.scatter(out, &sample, d * weight);
             let ray = inject(out, path, &injection);
-            self.camera.d_ray(film.position, ray.origin, ray.dir, &mut out.camera);
+            camera.d_ray(film.position, ray.origin, ray.dir, &mut out.camera);
         });
     }
 

@@ -81,6 +81,7 @@ impl<'a> Shadows<'a> {
         let u_light = Vec2::new((at[1] as f32).min(ONE_MINUS_EPSILON), v);
         let Some(light) = scene.sample_local_light(u_light) else { return };
         let table = scene.edges();
+        let lens = self.viewpoints[0].camera.sample_lens(sampler).lens;
         let (edge, s, per_length) = match self.tree {
             None => {
                 let (e, pmf, rest) = self.edges.sample(at[0]);
@@ -129,13 +130,13 @@ impl<'a> Shadows<'a> {
         let (mut prim, mut b) = (hit.prim, hit.b);
         for bounce in 1..=self.max_bounces {
             // Connect the current vertex to every viewpoint.
-            for viewpoint in self.viewpoints {
+            for viewpoint in self.viewpoints.iter().map(|v| v.through(lens)) {
                 if bounce + viewpoint.bounces() > self.max_bounces {
                     continue;
                 }
                 let position = scene.interaction(prim, b, towards).p;
                 let Some(seen) = viewpoint.see(position, &[prim]) else { continue };
-                let pixel = seen.pixel_index(viewpoint.camera);
+                let pixel = seen.pixel_index(&viewpoint.camera);
                 if out.skips(pixel) {
                     continue;
                 }

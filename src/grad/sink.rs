@@ -27,6 +27,7 @@ pub struct Layout {
     camera_origin: u32,
     camera_frame: u32,
     camera_scale: u32,
+    camera_lens: u32,
 }
 
 impl Layout {
@@ -48,6 +49,7 @@ impl Layout {
             camera_origin: NONE,
             camera_frame: NONE,
             camera_scale: NONE,
+            camera_lens: NONE,
         };
         let mut start = 0;
         for slot in slots {
@@ -74,6 +76,7 @@ impl Layout {
             Slot::CameraOrigin => &mut self.camera_origin,
             Slot::CameraFrame => &mut self.camera_frame,
             Slot::CameraScale => &mut self.camera_scale,
+            Slot::CameraLens => &mut self.camera_lens,
         }
     }
 
@@ -84,26 +87,7 @@ impl Layout {
 
     /// Whether anything asked for can move a silhouette or a shadow.
     pub fn moves_visibility(&self) -> bool {
-        self.slots.iter().any(|s| {
-            matches!(
-                s,
-                Slot::Vertices(_)
-                    | Slot::LightPlacement(_)
-                    | Slot::CameraOrigin
-                    | Slot::CameraFrame
-                    | Slot::CameraScale
-            )
-        })
-    }
-
-    /// Whether the vertices of a shape are asked for.
-    pub fn wants_vertices(&self, shape: u32) -> bool {
-        self.vertices[shape as usize] != NONE
-    }
-
-    /// Whether a light's placement or the camera is asked for.
-    pub fn wants_camera(&self) -> bool {
-        self.camera_origin != NONE || self.camera_frame != NONE || self.camera_scale != NONE
+        self.slots.iter().any(|s| s.moves_visibility())
     }
 }
 
@@ -347,9 +331,11 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         for (i, row) in c.frame.into_iter().enumerate() {
             self.add3(self.layout.camera_frame, i, row);
         }
-        if self.layout.camera_scale != NONE {
-            for (i, v) in c.scale.into_iter().enumerate() {
-                self.sink.add(self.layout.camera_scale as usize + i, v);
+        for (start, pair) in [(self.layout.camera_scale, c.scale), (self.layout.camera_lens, c.lens)] {
+            if start != NONE {
+                for (i, v) in pair.into_iter().enumerate() {
+                    self.sink.add(start as usize + i, v);
+                }
             }
         }
     }

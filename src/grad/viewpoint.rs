@@ -10,7 +10,7 @@ use super::sink::{Adjoints, Sink};
 use crate::render::accel::PrimId;
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::sensor::Projected;
-use crate::render::{Camera, MaterialKind, Scene};
+use crate::render::{Camera, Lens, MaterialKind, Scene};
 
 /// More distinct mirror planes than this are a curved mirror: not covered.
 const MAX_MIRROR_PLANES: usize = 32;
@@ -104,11 +104,11 @@ fn is_flat_shaded(scene: &Scene, prim: PrimId) -> bool {
     })
 }
 
-/// The camera, directly or in one mirror.
+/// The camera (through one point of its lens), directly or in one mirror.
 #[derive(Clone, Copy)]
 pub struct Viewpoint<'a> {
     pub scene: &'a Scene,
-    pub camera: &'a Camera,
+    pub camera: Camera,
     pub mirror: Option<MirrorPlane>,
 }
 
@@ -136,9 +136,14 @@ impl Seen {
 impl<'a> Viewpoint<'a> {
     /// All viewpoints of a camera.
     pub fn all(scene: &'a Scene, camera: &'a Camera, mirrors: &[MirrorPlane]) -> Vec<Viewpoint<'a>> {
-        let direct = Viewpoint { scene, camera, mirror: None };
-        let reflected = mirrors.iter().map(|m| Viewpoint { scene, camera, mirror: Some(*m) });
+        let direct = Viewpoint { scene, camera: *camera, mirror: None };
+        let reflected = mirrors.iter().map(|m| Viewpoint { mirror: Some(*m), ..direct });
         std::iter::once(direct).chain(reflected).collect()
+    }
+
+    /// The same viewpoint through a point of the lens.
+    pub fn through(&self, lens: Lens) -> Viewpoint<'a> {
+        Viewpoint { camera: Camera { lens, ..self.camera }, ..*self }
     }
 
     /// Scattering events spent before the first seen surface.
@@ -164,8 +169,8 @@ impl<'a> Viewpoint<'a> {
 
     /// Which side of a mirror the camera is on.
     pub fn side(&self, m: &MirrorPlane) -> f32 {
-        let viewer =
-            if self.camera.is_central() { m.height(self.camera.origin) } else { -m.n.dot(self.camera.frame[2]) };
+        let (origin, [_, _, forward]) = self.camera.pinhole();
+        let viewer = if self.camera.is_central() { m.height(origin) } else { -m.n.dot(forward) };
         viewer.signum()
     }
 

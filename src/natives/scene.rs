@@ -393,12 +393,11 @@ fn camera(a: &Args) -> Result<Value> {
             return Err(NativeError::at(i, format!("`height` must be positive, this is {h}")));
         }
     }
-    match a.named_string("kind")?.unwrap_or("perspective") {
-        "perspective" | "orthographic" | "fisheye" | "panorama" => {}
-        other => {
-            return Err(unknown(a, "kind", other, "`perspective`, `orthographic`, `fisheye` or `panorama`"));
-        }
+    let kind = a.named_string("kind")?.unwrap_or("perspective");
+    if !["perspective", "orthographic", "fisheye", "panorama"].contains(&kind) {
+        return Err(unknown(a, "kind", kind, "`perspective`, `orthographic`, `fisheye` or `panorama`"));
     }
+    lens(a, whole_turn)?;
     if a.named("transform").is_none() {
         let (Some((p, _)), Some((l, _))) = (a.named("position"), a.named("look_at")) else {
             return Err(NativeError::new("a camera needs `position` and `look_at`, or `transform`"));
@@ -416,6 +415,33 @@ fn camera(a: &Args) -> Result<Value> {
         }
     }
     Ok(Value::Camera(Arc::new(CameraValue { fields: fields(a) })))
+}
+
+/// What a camera with an aperture lacks that is placed by a transform.
+pub(crate) const NEEDS_FOCUS: &str =
+    "a camera with `transform` and `aperture` needs `focus`, the distance of what is sharp";
+
+fn lens(a: &Args, whole_turn: bool) -> Result<()> {
+    if let Some((i, _)) = a.named("focus") {
+        let focus = a.number(i)?;
+        if !(focus.is_finite() && focus > 0.0) {
+            let help = "it is the distance along the viewing direction at which the image is sharp";
+            return Err(NativeError::at(i, format!("`focus` must be positive, this is {focus}")).help(help));
+        }
+    }
+    let Some((i, _)) = a.named("aperture") else { return Ok(()) };
+    let aperture = a.number(i)?;
+    if !(aperture.is_finite() && aperture >= 0.0) {
+        let help = "it is the radius of the lens in scene units; a param can be kept there with `in 0..1`";
+        return Err(NativeError::at(i, format!("`aperture` must be 0 or more, this is {aperture}")).help(help));
+    }
+    if aperture > 0.0 && whole_turn {
+        return Err(NativeError::at(i, "only perspective and orthographic cameras have an `aperture`"));
+    }
+    if aperture > 0.0 && a.named("transform").is_some() && a.named("focus").is_none() {
+        return Err(NativeError::at(i, NEEDS_FOCUS).help("add for instance `focus: 5`"));
+    }
+    Ok(())
 }
 
 /// At most six digits.

@@ -91,7 +91,7 @@ pub fn render_until(
                 }
                 let mut sampler = Sampler::new(sequence, i);
                 let position = Vec2::new(x as f32, y as f32) + sampler.next_2d();
-                let ray = camera.ray(position);
+                let ray = camera.sample_lens(&mut sampler).ray(position);
                 sum += if settings.output == Output::Radiance {
                     trace(scene, Start::Ray(ray, &[]), &mut sampler, &options, &mut NoRecord)
                 } else {

@@ -1,6 +1,6 @@
 //! What a renderer is given: plain arrays, no language values. `Slot` names every array that may carry a derivative.
 
-use glam::{Mat3, Vec3};
+use glam::{Mat3, Vec2, Vec3};
 
 use crate::mesh::Mesh;
 
@@ -102,7 +102,7 @@ pub enum Projection {
 }
 
 /// A camera. Pixel (0, 0) is top left: film x grows to the right, film y grows upwards.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     pub projection: Projection,
     pub origin: Vec3,
@@ -114,6 +114,23 @@ pub struct Camera {
     /// Film size in pixels.
     pub width: usize,
     pub height: usize,
+    pub lens: Lens,
+}
+
+/// A thin lens in the plane of `right` and `up` through the camera's origin. What lies `focus` along `forward` is sharp.
+/// Perspective and orthographic cameras only.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Lens {
+    /// In scene units; 0 is a pinhole.
+    pub radius: f32,
+    /// In scene units.
+    pub focus: f32,
+    /// The point of the lens that rays go through, in radii: the centre, until [`Camera::through`] chooses another.
+    pub point: Vec2,
+}
+
+impl Lens {
+    pub const PINHOLE: Lens = Lens { radius: 0.0, focus: 1.0, point: Vec2::ZERO };
 }
 
 /// An array of numbers of the scene or the camera that may carry a derivative.
@@ -142,6 +159,28 @@ pub enum Slot {
     CameraFrame,
     /// `[2]`
     CameraScale,
+    /// Radius of the lens and distance of focus, `[2]`.
+    CameraLens,
+}
+
+impl Slot {
+    /// Whether it can move a silhouette or a shadow.
+    pub fn moves_visibility(self) -> bool {
+        match self {
+            Slot::Vertices(_)
+            | Slot::LightPlacement(_)
+            | Slot::CameraOrigin
+            | Slot::CameraFrame
+            | Slot::CameraScale
+            | Slot::CameraLens => true,
+            Slot::Normals(_)
+            | Slot::Uvs(_)
+            | Slot::Colors(_)
+            | Slot::Texels(_)
+            | Slot::LightPower(_)
+            | Slot::EnvironmentRotation => false,
+        }
+    }
 }
 
 impl SceneDescription {
@@ -163,7 +202,7 @@ impl SceneDescription {
             }
             Slot::EnvironmentRotation | Slot::CameraFrame => 9,
             Slot::CameraOrigin => 3,
-            Slot::CameraScale => 2,
+            Slot::CameraScale | Slot::CameraLens => 2,
         }
     }
 }

@@ -1,9 +1,15 @@
 //! Camera rays and projection, each with its adjoint.
+//!
+//! A thin lens is a family of pinhole cameras, one for each point of the lens: moved there, and sheared so that the plane of
+//! focus stays where it is on film. Film position and lens point are fixed as things move; everything that is known of a
+//! pinhole camera holds for each of them.
 
 use glam::{Mat3, Vec2, Vec3};
 
 use super::accel::Ray;
-use super::scene::{Camera, Projection};
+use super::sampler::Sampler;
+use super::scene::{Camera, Lens, Projection};
+use crate::math::uniform_disk;
 
 /// A world point seen by a camera.
 #[derive(Clone, Copy, Debug)]
@@ -20,9 +26,66 @@ pub struct CameraAdjoint {
     pub origin: Vec3,
     pub frame: [Vec3; 3],
     pub scale: [f32; 2],
+    /// Of the lens's radius and its distance of focus.
+    pub lens: [f32; 2],
 }
 
 impl Camera {
+    pub fn is_pinhole(&self) -> bool {
+        self.lens.radius == 0.0
+    }
+
+    /// The same camera, seeing through one point of its lens only.
+    pub fn through(&self, point: Vec2) -> Camera {
+        Camera { lens: Lens { point, ..self.lens }, ..*self }
+    }
+
+    /// The camera through a random point of its lens. A pinhole needs no random number.
+    pub fn sample_lens(&self, sampler: &mut Sampler) -> Camera {
+        if self.is_pinhole() { *self } else { self.through(uniform_disk(sampler.next_2d().to_array())) }
+    }
+
+    /// Origin and frame of the pinhole camera at the lens's point. A film position's ray meets the plane of focus where the one
+    /// from the lens's centre does.
+    pub fn pinhole(&self) -> (Vec3, [Vec3; 3]) {
+        if self.is_pinhole() {
+            return (self.origin, self.frame);
+        }
+        let Lens { radius, focus, point } = self.lens;
+        let [right, up, forward] = self.frame;
+        let aside = (right * point.x + up * point.y) * radius;
+        (self.origin + aside, [right, up, forward - aside / focus])
+    }
+
+    /// Adjoint of [`Camera::pinhole`].
+    fn d_pinhole(&self, d_origin: Vec3, d_frame: [Vec3; 3], adjoint: &mut CameraAdjoint) {
+        adjoint.origin += d_origin;
+        for (row, d) in adjoint.frame.iter_mut().zip(d_frame) {
+            *row += d;
+        }
+        if self.is_pinhole() {
+            return;
+        }
+        let Lens { radius, focus, point } = self.lens;
+        let unit = self.frame[0] * point.x + self.frame[1] * point.y;
+        let d_aside = d_origin - d_frame[2] / focus;
+        adjoint.frame[0] += d_aside * (point.x * radius);
+        adjoint.frame[1] += d_aside * (point.y * radius);
+        adjoint.lens[0] += unit.dot(d_aside);
+        adjoint.lens[1] += unit.dot(d_frame[2]) * radius / (focus * focus);
+    }
+
+    /// Radius in pixels of the blur of a point at `depth` along the forward axis.
+    pub fn blur(&self, depth: f64) -> f64 {
+        let focus = f64::from(self.lens.focus);
+        let spread = match self.projection {
+            Projection::Orthographic => depth / focus - 1.0,
+            _ => 1.0 / depth - 1.0 / focus,
+        };
+        let pixels = self.film_to_pixel().abs() / Vec2::from_array(self.scale);
+        f64::from(self.lens.radius * pixels.max_element()) * spread.abs()
+    }
+
     /// Film coordinates in [−1, 1]² (y up) of a pixel position.
     fn film(&self, pixel: Vec2) -> Vec2 {
         Vec2::new(2.0 * pixel.x / self.width as f32 - 1.0, 1.0 - 2.0 * pixel.y / self.height as f32)
@@ -72,12 +135,12 @@ impl Camera {
     pub fn ray(&self, pixel: Vec2) -> Ray {
         let film = self.film(pixel);
         let (x, y) = (film.x * self.scale[0], film.y * self.scale[1]);
+        let (origin, frame) = self.pinhole();
         if self.projection == Projection::Orthographic {
-            let origin = self.origin + self.frame[0] * x + self.frame[1] * y;
-            return Ray::new(origin, self.frame[2].normalize());
+            return Ray::new(origin + frame[0] * x + frame[1] * y, frame[2].normalize());
         }
         let l = self.local_direction(x, y).0;
-        Ray::new(self.origin, (self.frame[0] * l.x + self.frame[1] * l.y + self.frame[2] * l.z).normalize())
+        Ray::new(origin, (frame[0] * l.x + frame[1] * l.y + frame[2] * l.z).normalize())
     }
 
     /// Adjoint of [`Camera::ray`] at a fixed pixel position.
@@ -85,35 +148,35 @@ impl Camera {
         let film = self.film(pixel);
         let (x, y) = (film.x * self.scale[0], film.y * self.scale[1]);
         let (l, [lx, ly]) = self.local_direction(x, y);
-        let unnormalised = self.frame[0] * l.x + self.frame[1] * l.y + self.frame[2] * l.z;
+        let (_, frame) = self.pinhole();
+        let unnormalised = frame[0] * l.x + frame[1] * l.y + frame[2] * l.z;
         let length = unnormalised.length();
         let dir = unnormalised / length;
         let d_unnormalised = (d_dir - dir * dir.dot(d_dir)) / length;
-        adjoint.origin += d_origin;
-        for (row, l) in adjoint.frame.iter_mut().zip(l.to_array()) {
-            *row += d_unnormalised * l;
-        }
-        let mut d_local = Vec3::from_array(self.frame.map(|row| row.dot(d_unnormalised)));
+        let mut d_frame = l.to_array().map(|l| d_unnormalised * l);
+        let mut d_local = Vec3::from_array(frame.map(|row| row.dot(d_unnormalised)));
         let (mut d_x, mut d_y) = (lx.dot(d_local), ly.dot(d_local));
         if self.projection == Projection::Orthographic {
-            adjoint.frame[0] += d_origin * x;
-            adjoint.frame[1] += d_origin * y;
-            d_local = Vec3::from_array(self.frame.map(|row| row.dot(d_origin)));
+            d_frame[0] += d_origin * x;
+            d_frame[1] += d_origin * y;
+            d_local = Vec3::from_array(frame.map(|row| row.dot(d_origin)));
             (d_x, d_y) = (d_local.x, d_local.y);
         }
+        self.d_pinhole(d_origin, d_frame, adjoint);
         adjoint.scale[0] += film.x * d_x;
         adjoint.scale[1] += film.y * d_y;
     }
 
     /// Columns right, up, forward, inverted: world offsets to camera coordinates.
     fn inverse_frame(&self) -> Mat3 {
-        Mat3::from_cols(self.frame[0], self.frame[1], self.frame[2]).inverse()
+        let (_, [right, up, forward]) = self.pinhole();
+        Mat3::from_cols(right, up, forward).inverse()
     }
 
     /// Projects a point; `None` behind (or at) a perspective camera. A central projection of a
     /// seen point inverts [`Camera::ray`].
     pub fn project(&self, p: Vec3) -> Option<Projected> {
-        let local = self.inverse_frame() * (p - self.origin);
+        let local = self.inverse_frame() * (p - self.pinhole().0);
         let (x, y) = match self.projection {
             Projection::Perspective if local.z <= 0.0 => return None,
             Projection::Perspective => (local.x / local.z, local.y / local.z),
@@ -170,10 +233,7 @@ impl Camera {
         let gradient = self.projection_gradient(projected);
         let d_p = gradient[0] * d_pixel.x + gradient[1] * d_pixel.y;
         let q = projected.local;
-        adjoint.origin -= d_p;
-        for (row, q) in adjoint.frame.iter_mut().zip(q.to_array()) {
-            *row -= d_p * q;
-        }
+        self.d_pinhole(-d_p, q.to_array().map(|q| -d_p * q), adjoint);
         let d_film = d_pixel * self.film_to_pixel();
         let film = self.film(projected.pixel);
         adjoint.scale[0] -= film.x / self.scale[0] * d_film.x;
@@ -189,14 +249,20 @@ impl Camera {
 
     /// Unit direction from the point towards the camera, and its distance (or depth, orthographic).
     pub fn towards(&self, p: Vec3) -> (Vec3, f32) {
+        let (origin, [right, up, forward]) = self.pinhole();
         if self.is_central() {
-            let v = self.origin - p;
+            let v = origin - p;
             let length = v.length();
-            (v / length, length)
-        } else {
-            let forward = self.frame[2].normalize();
-            (-forward, (p - self.origin).dot(forward))
+            return (v / length, length);
         }
+        let forward = forward.normalize();
+        let depth = if self.is_pinhole() {
+            (p - origin).dot(forward)
+        } else {
+            let n = right.cross(up);
+            n.dot(p - origin) / n.dot(forward)
+        };
+        (-forward, depth)
     }
 }
 
@@ -205,7 +271,7 @@ mod tests {
     use super::*;
     use crate::math::Pcg32;
 
-    fn camera(projection: Projection, v: &[f32; 14]) -> Camera {
+    fn camera(projection: Projection, v: &[f32; 16]) -> Camera {
         let vec = |i: usize| Vec3::new(v[i], v[i + 1], v[i + 2]);
         Camera {
             projection,
@@ -214,23 +280,60 @@ mod tests {
             scale: [v[12], v[13]],
             width: 40,
             height: 30,
+            lens: Lens { radius: v[14], focus: v[15], point: Vec2::new(0.4, -0.7) },
         }
     }
 
     const ALL: [Projection; 4] =
         [Projection::Perspective, Projection::Orthographic, Projection::Fisheye, Projection::Panorama];
-    const NUMBERS: [f32; 14] = [0.1, 0.2, -3.0, 0.9, 0.1, 0.2, -0.1, 1.1, 0.05, -0.2, 0.02, 1.0, 0.4, 0.3];
+    const NUMBERS: [f32; 16] = [0.1, 0.2, -3.0, 0.9, 0.1, 0.2, -0.1, 1.1, 0.05, -0.2, 0.02, 1.0, 0.4, 0.3, 0.0, 2.5];
+
+    /// All projections, and those that have one with a lens.
+    fn cameras() -> impl Iterator<Item = (Projection, [f32; 16])> {
+        let lens = |p: &Projection| matches!(p, Projection::Perspective | Projection::Orthographic);
+        let mut wide = NUMBERS;
+        wide[14] = 0.3;
+        ALL.into_iter().map(|p| (p, NUMBERS)).chain(ALL.into_iter().filter(lens).map(move |p| (p, wide)))
+    }
 
     #[test]
     fn projection_inverts_rays() {
-        for projection in ALL {
-            let camera = camera(projection, &NUMBERS);
+        for (projection, numbers) in cameras() {
+            let camera = camera(projection, &numbers);
             let mut rng = Pcg32::new(1);
             for _ in 0..50 {
                 let pixel = Vec2::new(rng.next_f32() * 40.0, rng.next_f32() * 30.0);
                 let ray = camera.ray(pixel);
                 let q = camera.project(ray.origin + ray.dir * 3.0).unwrap();
                 assert!(q.pixel.distance(pixel) < 1e-3);
+                let (back, distance) = camera.towards(ray.origin + ray.dir * 3.0);
+                assert!(back.distance(-ray.dir) < 1e-5);
+                // An oblique pinhole without perspective has another measure of depth.
+                let oblique = camera.is_pinhole() && !camera.is_central();
+                assert!(oblique || (distance - 3.0).abs() < 1e-4);
+            }
+        }
+    }
+
+    /// Every point of the lens shows what is in focus at the same place, and other points no further away than they blur.
+    #[test]
+    fn a_lens_is_sharp_where_it_is_focused() {
+        for (projection, numbers) in cameras().filter(|(_, n)| n[14] > 0.0) {
+            let camera = camera(projection, &numbers);
+            let centre = camera.through(Vec2::ZERO);
+            let pixel = Vec2::new(11.0, 7.0);
+            let ray = centre.ray(pixel);
+            let depth = |p: Vec3| f64::from((centre.inverse_frame() * (p - camera.origin)).z);
+            let per_depth = 1.0 / depth(ray.origin + ray.dir) as f32;
+            for i in 0..16 {
+                let point = Vec2::from_angle(i as f32);
+                let seen = |p: Vec3| camera.through(point).project(p).unwrap().pixel.distance(pixel);
+                assert!(seen(ray.origin + ray.dir * (2.5 * per_depth)) < 1e-3);
+                for z in [0.7, 6.0] {
+                    let p = ray.origin + ray.dir * (z * per_depth);
+                    let (off, blur) = (f64::from(seen(p)), camera.blur(depth(p)));
+                    assert!(off < 1.001 * blur && off > 0.7 * blur, "{projection:?} at {z}: {off} of {blur}");
+                }
             }
         }
     }
@@ -238,17 +341,17 @@ mod tests {
     #[test]
     fn adjoints_match_finite_differences() {
         let mut rng = Pcg32::new(2);
-        for projection in ALL {
+        for (projection, numbers) in cameras() {
             let pixel = Vec2::new(11.0, 7.0);
             let p = Vec3::new(0.3, -0.2, 1.0);
             let mut random = || Vec3::new(rng.next_f32() - 0.5, rng.next_f32() - 0.5, rng.next_f32() - 0.5);
             let (wo, wd, wp) = (random(), random(), random().truncate());
-            let value = |v: &[f32; 14]| {
+            let value = |v: &[f32; 16]| {
                 let camera = camera(projection, v);
                 let ray = camera.ray(pixel);
                 (ray.origin.dot(wo) + ray.dir.dot(wd), camera.project(p).unwrap().pixel.dot(wp))
             };
-            let base = camera(projection, &NUMBERS);
+            let base = camera(projection, &numbers);
             let mut of_ray = CameraAdjoint::default();
             base.d_ray(pixel, wo, wd, &mut of_ray);
             let mut of_projection = CameraAdjoint::default();
@@ -257,11 +360,12 @@ mod tests {
                 let mut v = a.origin.to_array().to_vec();
                 a.frame.iter().for_each(|r| v.extend(r.to_array()));
                 v.extend(a.scale);
+                v.extend(a.lens);
                 v
             };
-            for i in 0..14 {
+            for i in 0..if base.is_pinhole() { 14 } else { 16 } {
                 let h = 1e-2;
-                let (mut up, mut down) = (NUMBERS, NUMBERS);
+                let (mut up, mut down) = (numbers, numbers);
                 up[i] += h;
                 down[i] -= h;
                 let (u, d) = (value(&up), value(&down));

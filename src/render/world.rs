@@ -134,6 +134,16 @@ pub fn validate_camera(camera: &Camera) -> Result<(), SceneError> {
     if !camera.scale.iter().all(|s| s.is_finite() && *s > 0.0) {
         return fail("the camera's field of view must be above zero and below 180 degrees".into());
     }
+    let lens = camera.lens;
+    if !(lens.radius.is_finite() && lens.radius >= 0.0) {
+        return fail(format!("the camera's aperture must be 0 or more, it is {}", lens.radius));
+    }
+    if lens.radius > 0.0 && !(lens.focus.is_finite() && lens.focus > 0.0) {
+        return fail(format!("the camera's distance of focus must be positive, it is {}", lens.focus));
+    }
+    if lens.radius > 0.0 && !camera.keeps_lines() {
+        return fail("only perspective and orthographic cameras have an aperture".into());
+    }
     let [x, y] = camera.scale;
     let pi = std::f32::consts::PI * (1.0 + 1e-5);
     match camera.projection {

@@ -4,6 +4,7 @@
 //! the standard error itself must be small.
 
 mod invariance;
+mod lens;
 mod materials;
 mod primary;
 mod shadows;

@@ -94,6 +94,7 @@ pub fn look_at(position: Vec3, target: Vec3, fov_degrees: f32, film: usize) -> C
         scale: [t, t],
         width: film,
         height: film,
+        lens: Lens::PINHOLE,
     }
 }
 
@@ -130,6 +131,7 @@ pub fn all_slots(d: &SceneDescription, c: &Camera) -> Vec<(Slot, Vec<f32>)> {
     out.push((Slot::CameraOrigin, c.origin.to_array().to_vec()));
     out.push((Slot::CameraFrame, flat(&c.frame)));
     out.push((Slot::CameraScale, c.scale.to_vec()));
+    out.push((Slot::CameraLens, vec![c.lens.radius, c.lens.focus]));
     out
 }
 
