@@ -369,13 +369,17 @@ loss fit = mse(render(small), target)",
         wanted: &[("dscene::value::fov", "60deg", "leave one of them out")],
     },
     Case {
-        name: "lenses_that_cannot_be",
+        name: "lenses_and_shutters",
         prelude: "",
-        script: "camera a { aperture: -0.1, focus: 0 }\ncamera b { kind: fisheye, aperture: 0.1 }",
+        script: "camera a { aperture: -0.1, focus: 0 }\ncamera b { kind: fisheye, aperture: 0.1 }\n\
+                 camera c { shutter: [0.6, 0.4] }\ncamera d { shutter: [0, 2] }\nlet m = moving(sphere())",
         wanted: &[
             ("dscene::value::aperture", "-0.1", "radius of the lens"),
             ("dscene::value::focus", "0", "distance along the viewing direction"),
             ("dscene::value::aperture", "0.1", "leave it out"),
+            ("dscene::value::shutter", "[0.6, 0.4]", "shutter: [0, 0.5]"),
+            ("dscene::value::shutter", "[0, 2]", ""),
+            ("dscene::call::missing", "moving", "closing"),
         ],
     },
     Case {

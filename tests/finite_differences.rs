@@ -538,13 +538,13 @@ fn lensed(
 #[test]
 fn thin_lens() {
     let grey: fn(&mut Builder) -> Material = |b| b.diffuse(Vec3::splat(0.5));
-    let plan = Plan { h: 0.05, spp: 64, fd_spp: 512, ..Plan::default() };
-    let finer = Plan { h: 0.08, fd_seeds: 32, ..plan };
-    agree("lens blocker x", &lensed(grey, |t, s| s.blocker.x += t), &Plan { seeds: 32, ..finer });
+    let plan = Plan { h: 0.05, spp: 64, ..Plan::default() };
+    let finer = Plan { h: 0.08, seeds: 32, fd_spp: 512, fd_seeds: 32, ..plan };
+    agree("lens blocker x", &lensed(grey, |t, s| s.blocker.x += t), &finer);
     agree("lens light x", &lensed(grey, |t, s| s.light.x += t), &plan);
     agree("lens camera x", &lensed(grey, |t, s| s.eye.x += t), &plan);
-    agree("lens aperture", &lensed(grey, |t, s| s.radius += t), &Plan { seeds: 32, ..finer });
-    agree("lens focus", &lensed(grey, |t, s| s.focus += t), &Plan { seeds: 32, ..finer });
+    agree("lens aperture", &lensed(grey, |t, s| s.radius += t), &plan);
+    agree("lens focus", &lensed(grey, |t, s| s.focus += t), &plan);
 }
 
 #[test]
@@ -570,6 +570,28 @@ fn thin_lens_other_cameras() {
     };
     let plan = Plan { h: 0.05, spp: 64, fd_spp: 512, ..Plan::default() };
     agree("lens, orthographic", &orthographic, &plan);
-    let normals = Plan { output: Output::Normal, h: 0.08, fd_seeds: 32, ..plan };
+    let normals = Plan { output: Output::Normal, h: 0.08, fd_spp: 256, fd_seeds: 32, ..plan };
     agree("lens, normals", &lensed(grey, |t, s| s.radius += t), &normals);
+}
+
+/// The shadow of a blocker that crosses the light while the shutter is open.
+#[test]
+fn moving_shadow() {
+    let build = |f: fn(f32, &mut [Vec3; 2], &mut [f32; 2])| {
+        move |t: f32| {
+            let (mut offsets, mut shutter) = ([vec3(-0.3, 0., 0.), vec3(0.5, 0.2, 0.3)], [0.1, 0.8]);
+            f(t, &mut offsets, &mut shutter);
+            let (mut scene, mut camera) = blocker(|_, _| ())(0.0);
+            let mesh = scene.shapes[1].mesh.clone();
+            let [from, to] = offsets.map(|o| mesh.vertices.iter().map(|v| *v + o).collect::<Vec<_>>());
+            scene.shapes[1].mesh.vertices = from;
+            scene.motions.push(Motion { shape: 1, vertices: to, normals: None });
+            camera.shutter = shutter;
+            (scene, camera)
+        }
+    };
+    let plan = Plan { h: 0.06, ..Plan::default() };
+    agree("moving shadow, both keyframes x", &build(|t, o, _| o.iter_mut().for_each(|o| o.x += t)), &plan);
+    agree("moving shadow, closing keyframe x", &build(|t, o, _| o[1].x += t), &plan);
+    agree("moving shadow, shutter", &build(|t, _, s| s[1] += t), &plan);
 }

@@ -21,10 +21,10 @@ light sky = environment(image([[1, 2], [0.5, 3]]), rotation: 30deg, scale: 0.7)
 light spot = point(position: [1, 2, -3], intensity: 4)
 light sun = directional(direction: [1, -2, 0.5], irradiance: 2)
 loss y = mean(render(eye, max_bounces: 3)) + mean(depth(eye)) + mean(alpha(eye))",
-    "camera eye { position: [0, 0, 4], look_at: [0, 0, 0], fov_x: 50deg, film: [4, 4] }
+    "camera eye { position: [0, 0, 4], look_at: [0, 0, 0], fov_x: 50deg, film: [4, 4], shutter: [0.1, 0.9] }
 param texels = [[[0.5, 0.2, 0.1], [0.1, 0.9, 0.4]]]
 let tex = texture(texels, filter: nearest)
-shape ball { mesh: icosphere(radius: 1, subdivisions: 1), material: principled(base_color: tex, metallic: 0.5, roughness: 0.3, specular: 0.4) }
+shape ball { mesh: moving(icosphere(radius: 1, subdivisions: 1), icosphere(subdivisions: 1) |> translate([0.1, 0.2, 0.3])), material: principled(base_color: tex, metallic: 0.5, roughness: 0.3, specular: 0.4) }
 shape hill { mesh: heightfield([[0, 0.5], [0.3, 0.1]], width: 3, depth: 2) |> translate([0, -1, 0]), material: conductor(roughness: 0.3, eta: 0.2, k: 3) }
 light sky = constant(0.8)
 let image_ = render(eye, max_bounces: 2)

@@ -490,3 +490,51 @@ let round = camera(position: [0, 0, 5], look_at: [0, 0, 0], film: [12, 12], kind
         assert!(error.message.contains(what), "{camera}: {}", error.message);
     }
 }
+
+#[test]
+fn a_mesh_that_moves() {
+    let mut e = engine(
+        "light sky = constant(1)
+param half = 0.5
+let a = cube()
+let b = cube() |> rotate(y: 5deg) |> translate([1, 0.5, 0])
+fn eye(shutter) = camera(position: [0, 0, 5], look_at: [0, 0, 0], film: [12, 12], shutter: shutter)
+fn see(mesh, shutter = [0, 1]) = alpha(eye(shutter), scene: scene(shapes: [shape(mesh: mesh)]), seed: 3)",
+    );
+    let mut see = |text: &str| numbers(&mut e, &format!("see({text})"));
+    // A shutter that never closes sees the first keyframe, and the other one the other way round.
+    assert_eq!(see("moving(a, b), shutter: [0, 0]"), see("moving(b, a), shutter: [1, 1]"));
+    assert_ne!(see("moving(a, b), shutter: [0, 0]"), see("moving(b, a), shutter: [0, 0]"));
+    let grey = |image: &[f64]| image.iter().filter(|a| **a > 0.1 && **a < 0.9).count();
+    assert!(grey(&see("moving(a, b)")) > grey(&see("moving(a, a)")));
+    // What is done to it is done to both keyframes.
+    for operation in [
+        "translate([0.2, 0.1, 0])",
+        "rotate(z: 20deg)",
+        "scale([1, 0.5, 1])",
+        "scale(-1)",
+        "transform(look_at([0, 0, 1], [1, 0, 0]))",
+        "flip()",
+        "smooth_normals()",
+        "flat_normals()",
+        "subdivide()",
+        "merge(sphere(radius: 0.2))",
+    ] {
+        let (one, both) =
+            (format!("moving(a, b) |> {operation}"), format!("moving(a |> {operation}, b |> {operation})"));
+        assert_eq!(see(&one), see(&both), "{operation}");
+    }
+    // These place a mesh by its first keyframe.
+    assert_eq!(see("moving(a, b) |> translate([3, 0, 0]) |> center()"), see("moving(a, b)"));
+    assert_eq!(see("moving(a, b) |> normalize()"), see("moving(a, b) |> scale(2)"));
+    for (mesh, what) in [
+        ("moving(a, sphere())", "the keyframes are different meshes: 24 vertices and 12 triangles"),
+        ("moving(a, flip(b))", "in different ways"),
+        ("moving(sphere(), sphere() |> flat_normals())", "one keyframe has normals"),
+        ("moving(moving(a, b), b)", "`opening` is moving already"),
+        ("a, shutter: [half, 0]", "between 0 and 1"),
+    ] {
+        let error = try_eval(&mut e, &format!("see({mesh})")).err().unwrap_or_else(|| panic!("{mesh} renders"));
+        assert!(error.message.contains(what), "{mesh}: {}", error.message);
+    }
+}

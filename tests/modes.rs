@@ -23,11 +23,15 @@ fn scene() -> (SceneDescription, Camera) {
     (b.scene, look_at(vec3(0.5, 2., -4.), vec3(0., 0.4, 0.), 45., 24))
 }
 
-/// As above, through a pinhole and through a lens.
-fn scenes() -> [(SceneDescription, Camera); 2] {
+/// As above, through a pinhole, through a lens, and with a box that moves.
+fn scenes() -> [(SceneDescription, Camera); 3] {
     let (description, camera) = scene();
     let lens = Lens { radius: 0.3, focus: 3.0, ..Lens::PINHOLE };
-    [(description.clone(), camera), (description, Camera { lens, ..camera })]
+    let mut moving = description.clone();
+    let vertices = cuboid(vec3(0.5, 0.7, 0.0), vec3(0.4, 0.3, 0.5), 0.7).vertices;
+    moving.motions.push(Motion { shape: 1, vertices, normals: None });
+    let shutter = [0.2, 0.9];
+    [(description.clone(), camera), (description, Camera { lens, ..camera }), (moving, Camera { shutter, ..camera })]
 }
 
 fn settings(output: Output, spp: u32, seed: u64) -> Settings {
@@ -97,11 +101,12 @@ fn any_number_of_threads_gives_the_same_bits() {
 /// Translating everything together changes nothing: the derivatives of all placements cancel, sample by sample (T15).
 #[test]
 fn common_translation_cancels() {
-    for lens in [false, true] {
+    for which in 0..3 {
         let build = |t: f32| {
-            let (mut d, mut c) = scenes()[usize::from(lens)].clone();
+            let (mut d, mut c) = scenes()[which].clone();
             let offset = vec3(0.3, -0.2, 0.5) * t;
             d.shapes.iter_mut().for_each(|s| s.mesh.vertices.iter_mut().for_each(|v| *v += offset));
+            d.motions.iter_mut().for_each(|m| m.vertices.iter_mut().for_each(|v| *v += offset));
             if let DeltaLight::Point { position, .. } = &mut d.delta_lights[0] {
                 *position += offset;
             }

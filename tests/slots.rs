@@ -21,6 +21,18 @@ const CASES: &[Case] = &[
         step: 0.05,
     },
     Case {
+        name: "the first keyframe, and normals",
+        param: "param p = [0.1, 0.2, 0]",
+        scene: "let ball = sphere(subdivisions: 8)\nshape s { mesh: moving(ball |> scale([1, 1.2, 1] + p), ball |> translate([0.6, 0.2, 0])) }\nlight l = point(position: [1, 1, 4], intensity: 20)",
+        step: 0.05,
+    },
+    Case {
+        name: "the last keyframe, and normals",
+        param: "param p = [0.1, 0.2, 0]",
+        scene: "let ball = sphere(subdivisions: 8)\nshape s { mesh: moving(ball, ball |> scale([1, 1.2, 1] + p) |> translate([0.6, 0.2, 0])) }\nlight l = point(position: [1, 1, 4], intensity: 20)",
+        step: 0.05,
+    },
+    Case {
         name: "a rotation",
         param: "param p: rotation = euler(y: 20deg)",
         scene: "shape s { mesh: cube() |> rotate(by: p) }\nlight l = directional(direction: [0.3, -1, -2], irradiance: 3)",
@@ -92,6 +104,12 @@ const CAMERAS: &[(&str, &str, &str, f64)] = &[
     ("aperture", "param p = 0.4", "position: [0.9, 0.6, 1.6], look_at: [0.3, 0.2, 0], aperture: p, focus: 3", 0.05),
     ("focus", "param p = 0.8", "position: [0.9, 0.6, 1.6], look_at: [0.3, 0.2, 0], aperture: 0.4, focus: p", 0.03),
     ("look_at in focus", "param p = [0, 0.2, 1]", "position: [0, 1, 4], look_at: p, aperture: 0.4", 0.05),
+    (
+        "shutter",
+        "param p = [0.2, 0.7]\nshape flying { mesh: moving(cube() |> translate([-0.5, 1.2, 0]), cube() |> translate([1.5, 1.4, 0])) }",
+        "position: [0, 1, 4], look_at: [0, 0, 0], shutter: p",
+        0.05,
+    ),
     ("transform", "param p = [0.2, 1, 4]", "transform: look_at(p, [0, 0, 0])", 0.05),
 ];
 

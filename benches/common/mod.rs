@@ -17,6 +17,7 @@ pub fn camera(origin: Vec3, target: Vec3, tan_half: f32, size: usize) -> Camera 
         width: size,
         height: size,
         lens: Lens::PINHOLE,
+        shutter: Camera::WHOLE,
     }
 }
 

@@ -82,7 +82,9 @@ fn slot_name(slot: Slot) -> Value {
         Slot::LightPlacement(i) => json!(["light placement", i]),
         Slot::LightPower(i) => json!(["light power", i]),
         Slot::EnvironmentRotation => json!(["environment rotation", 0]),
-        Slot::CameraOrigin | Slot::CameraFrame | Slot::CameraScale | Slot::CameraLens => {
+        Slot::ClosingVertices(i) => json!(["closing vertices", i]),
+        Slot::ClosingNormals(i) => json!(["closing normals", i]),
+        Slot::CameraOrigin | Slot::CameraFrame | Slot::CameraScale | Slot::CameraLens | Slot::CameraShutter => {
             json!(["camera", 0])
         }
     }

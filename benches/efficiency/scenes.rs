@@ -118,6 +118,7 @@ fn camera(origin: Vec3, target: Vec3, fov_degrees: f32) -> Camera {
         width: SIZE,
         height: SIZE,
         lens: Lens::PINHOLE,
+        shutter: Camera::WHOLE,
     }
 }
 

@@ -95,7 +95,7 @@ pub fn fields_of(ty: &Ty) -> Vec<&'static str> {
         Ty::Image { .. } => vec!["width", "height", "channels", "r", "g", "b", "a", "x", "y", "z"],
         Ty::Mesh => vec!["vertices", "faces", "normals", "uvs", "colors"],
         Ty::Camera { .. } => {
-            let fields = "position look_at up fov fov_x film kind height transform aperture focus";
+            let fields = "position look_at up fov fov_x film kind height transform aperture focus shutter";
             fields.split(' ').collect()
         }
         Ty::Shape => vec!["mesh", "material"],
@@ -159,7 +159,7 @@ fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
         (Ty::Mesh, "uvs") => Ty::Num(vec![None, Some(2)]),
         (Ty::Camera { .. }, "position" | "look_at" | "up") => Ty::vector(3),
         (Ty::Camera { .. }, "fov" | "fov_x") => Ty::Angle,
-        (Ty::Camera { .. }, "film") => Ty::vector(2),
+        (Ty::Camera { .. }, "film" | "shutter") => Ty::vector(2),
         (Ty::Camera { .. }, "height" | "aperture" | "focus") => Ty::SCALAR,
         (Ty::Camera { .. }, "kind") => Ty::Str,
         (Ty::Camera { .. }, "transform") => Ty::Any,

@@ -21,6 +21,7 @@ pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
         "fovx" => &["fov_x"],
         "aperture_radius" | "lens_radius" => &["aperture"],
         "focus_distance" | "focal_distance" | "focus_depth" => &["focus"],
+        "shutter_open" | "shutter_close" | "exposure" => &["shutter"],
         "type" | "projection" | "model_type" => &["kind"],
         "to_world" | "matrix" | "pose" => &["transform"],
         "emission" | "power" | "intensity" | "energy" | "strength" | "le" => &["radiance", "intensity", "irradiance"],

@@ -136,6 +136,14 @@ impl Checker<'_> {
             let help = "it is the distance along the viewing direction at which the image is sharp";
             fault("dscene::value::focus", "`focus` must be positive", span, label, help);
         }
+        if let Some(Some(Typed { value: Some(Const::List(times)), expr })) = found.get(11)
+            && let [Const::Num(open), Const::Num(close)] = times[..]
+            && !(0.0 <= open && open <= close && close <= 1.0)
+        {
+            let label = if open > close { "closes before it opens" } else { "outside of the keyframes" };
+            let message = "a shutter opens and closes between 0 and 1";
+            fault("dscene::value::shutter", message, expr.span, label, "write for instance `shutter: [0, 0.5]`");
+        }
         match number(9) {
             Some((x, span)) if x < 0.0 => {
                 let help = "it is the radius of the lens in scene units; 0 is a pinhole";

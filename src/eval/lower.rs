@@ -7,13 +7,14 @@ use std::sync::Arc;
 use glam::{Mat3, Vec3};
 
 use crate::grad::{Scene, SceneError};
+use crate::mesh::Mesh;
 use crate::natives::value::{
     CameraValue, Input, LightValue, MaterialValue, MeshValue, Model, SceneValue, ShapeValue, Value,
 };
 use crate::natives::{NEEDS_FOCUS, transform_matrix};
 use crate::render::texture::{Filter, Texture, Wrap};
 use crate::render::{
-    Camera, DeltaLight, Emission, Environment, Input as RenderInput, Lens, Material, MaterialKind, Projection,
+    Camera, DeltaLight, Emission, Environment, Input as RenderInput, Lens, Material, MaterialKind, Motion, Projection,
     SceneDescription, Shape, Slot, TextureId,
 };
 use crate::tape::{Slice, TapeError, Tensor, Unary, Var};
@@ -131,6 +132,14 @@ impl Builder {
             if let Some(var) = attribute {
                 self.feed(slot, var);
             }
+        }
+        if let Some(closing) = &mesh.closing {
+            self.feed(Slot::ClosingVertices(index), &closing.vertices);
+            if let Some(normals) = &closing.normals {
+                self.feed(Slot::ClosingNormals(index), normals);
+            }
+            let Mesh { vertices, normals, .. } = closing.to_mesh();
+            self.description.motions.push(Motion { shape: index, vertices, normals });
         }
         self.description.shapes.push(Shape { mesh: mesh.to_mesh(), material, emission });
     }
@@ -347,6 +356,12 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
     };
     let lens = Var::stack(&[aperture, focus])?;
     let [radius, focus] = lens.value().to_f32()[..] else { return Err(bad("a lens of other than two numbers")) };
+    let shutter = match camera.field("shutter") {
+        Some(Value::Num(v)) if v.shape() == [2] => v.clone(),
+        Some(_) => return Err(bad("`shutter` must be `[opening, closing]`")),
+        None => Var::constant(Tensor::vector(Camera::WHOLE.map(f64::from).to_vec())),
+    };
+    let [open, close] = shutter.value().to_f32()[..] else { return Err(bad("a shutter of other than two times")) };
     let lowered = Camera {
         projection,
         origin: vec3(origin.value()),
@@ -355,12 +370,14 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
         width,
         height,
         lens: Lens { radius, focus, ..Lens::PINHOLE },
+        shutter: [open, close],
     };
     let slots = [
         (Slot::CameraOrigin, origin),
         (Slot::CameraFrame, frame),
         (Slot::CameraScale, scale),
         (Slot::CameraLens, lens),
+        (Slot::CameraShutter, shutter),
     ];
     Ok(LoweredCamera { camera: lowered, slots: slots.into_iter().filter(|(_, v)| v.is_live()).collect() })
 }

@@ -11,6 +11,7 @@ pub mod guide;
 pub mod interior;
 pub mod lens;
 pub mod local;
+pub mod motion;
 pub mod pixels;
 pub mod primary;
 pub mod secondary;
@@ -61,6 +62,9 @@ pub fn render_backward_until(
     stop: &AtomicBool,
 ) -> Result<Vec<Vec<f64>>, SceneError> {
     check(camera, settings, d_image)?;
+    if scene.moves() {
+        return motion::backward(scene, camera, settings, d_image, wrt, stop);
+    }
     let layout = Layout::new(scene, wrt);
     // Samples cannot follow an adjoint that is not a number, and the caller must hear of it.
     let finite = d_image.data.iter().all(|v| v.is_finite());
@@ -97,6 +101,9 @@ pub fn render_forward_until(
     stop: &AtomicBool,
 ) -> Result<Image, SceneError> {
     validate_camera(camera)?;
+    if scene.moves() {
+        return motion::forward(scene, camera, settings, tangents, stop);
+    }
     let channels = settings.output.channels();
     let mut image = Image::new(camera.width, camera.height, channels);
     let slots: Vec<Slot> = tangents.iter().map(|t| t.0).collect();
@@ -127,7 +134,7 @@ pub fn render_forward_until(
 /// Terms that are missing from the derivatives in `wrt`, in words; empty if they are complete.
 pub fn coverage_gaps(scene: &Scene, settings: &Settings, wrt: &[Slot]) -> Vec<&'static str> {
     let mut gaps = Vec::new();
-    if settings.output != Output::Radiance || settings.max_bounces == 0 || !Layout::new(scene, wrt).moves_visibility() {
+    if settings.output != Output::Radiance || settings.max_bounces == 0 || !wrt.iter().any(|s| s.moves_visibility()) {
         return gaps;
     }
     if !settings.boundary {

@@ -54,8 +54,8 @@ impl Layout {
         let mut start = 0;
         for slot in slots {
             let len = d.slot_len(*slot);
-            if len > 0 {
-                *layout.entry(*slot) = start as u32;
+            if let Some(entry) = layout.entry(*slot).filter(|_| len > 0) {
+                *entry = start as u32;
             }
             start += len;
             layout.starts.push(start);
@@ -63,21 +63,23 @@ impl Layout {
         layout
     }
 
-    fn entry(&mut self, slot: Slot) -> &mut u32 {
-        match slot {
-            Slot::Vertices(i) => &mut self.vertices[i],
-            Slot::Normals(i) => &mut self.normals[i],
-            Slot::Uvs(i) => &mut self.uvs[i],
-            Slot::Colors(i) => &mut self.colors[i],
-            Slot::Texels(i) => &mut self.texels[i],
-            Slot::LightPlacement(i) => &mut self.light_placement[i],
-            Slot::LightPower(i) => &mut self.light_power[i],
+    /// `None` for what a scene that stands still does not have.
+    fn entry(&mut self, slot: Slot) -> Option<&mut u32> {
+        Some(match slot {
+            Slot::Vertices(i) => self.vertices.get_mut(i)?,
+            Slot::Normals(i) => self.normals.get_mut(i)?,
+            Slot::Uvs(i) => self.uvs.get_mut(i)?,
+            Slot::Colors(i) => self.colors.get_mut(i)?,
+            Slot::Texels(i) => self.texels.get_mut(i)?,
+            Slot::LightPlacement(i) => self.light_placement.get_mut(i)?,
+            Slot::LightPower(i) => self.light_power.get_mut(i)?,
             Slot::EnvironmentRotation => &mut self.environment_rotation,
             Slot::CameraOrigin => &mut self.camera_origin,
             Slot::CameraFrame => &mut self.camera_frame,
             Slot::CameraScale => &mut self.camera_scale,
             Slot::CameraLens => &mut self.camera_lens,
-        }
+            Slot::ClosingVertices(_) | Slot::ClosingNormals(_) | Slot::CameraShutter => return None,
+        })
     }
 
     /// Number of derivatives in all.

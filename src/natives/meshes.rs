@@ -68,8 +68,10 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         }
         give((&whole).into())
     }),
+    ("moving", moving),
     ("translate", |a| {
-        give(MeshValue { vertices: a.mesh(0)?.vertices.add(&a.vector(1, 3, false)?)?, ..a.mesh(0)?.clone() })
+        let offset = a.vector(1, 3, false)?;
+        keyframes(a, |m| Ok(MeshValue { vertices: m.vertices.add(&offset)?, ..m.clone() }))
     }),
     ("rotate", rotate),
     ("scale", |a| {
@@ -77,21 +79,19 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         if factor.value().data.contains(&0.0) {
             return Err(NativeError::at(1, "a mesh scaled by 0 has no surface"));
         }
-        give(stretched(a.mesh(0)?, &factor)?)
+        keyframes(a, |m| stretched(m, &factor))
     }),
     ("transform", |a| {
         let (linear, offset) = affine_parts(a, 1)?;
-        give(moved(a.mesh(0)?, &linear, offset.as_ref(), matches!(a.value(1)?, Value::Rotation(_)), 1)?)
+        let rigid = matches!(a.value(1)?, Value::Rotation(_));
+        keyframes(a, |m| moved(m, &linear, offset.as_ref(), rigid, 1))
     }),
     ("flip", |a| match a.value(0)? {
-        Value::Mesh(m) => give(flipped(m)),
+        Value::Mesh(_) => keyframes(a, |m| Ok(flipped(m))),
         _ => super::images::flip(a),
     }),
-    ("smooth_normals", |a| {
-        let mesh = a.mesh(0)?;
-        give(MeshValue { normals: Some(smooth_normals(mesh)?), ..mesh.clone() })
-    }),
-    ("flat_normals", |a| give(MeshValue { normals: None, ..a.mesh(0)?.clone() })),
+    ("smooth_normals", |a| keyframes(a, |m| Ok(MeshValue { normals: Some(smooth_normals(m)?), ..m.clone() }))),
+    ("flat_normals", |a| keyframes(a, |m| Ok(MeshValue { normals: None, ..m.clone() }))),
     ("subdivide", subdivide),
     ("merge", |a| {
         let parts: Vec<Value> = match (a.value(0)?, a.get(1)) {
@@ -116,6 +116,40 @@ pub(super) const TABLE: &[(&str, Native)] = &[
 
 fn give(mesh: MeshValue) -> Result<Value> {
     Ok(Value::Mesh(Arc::new(mesh)))
+}
+
+/// Maps the first argument, a mesh: both keyframes if it moves.
+fn keyframes(a: &Args, f: impl Fn(&MeshValue) -> Result<MeshValue>) -> Result<Value> {
+    let mesh = a.mesh(0)?;
+    let closing = mesh.closing.as_ref().map(|m| f(m).map(Arc::new)).transpose()?;
+    give(MeshValue { closing, ..f(mesh)? })
+}
+
+/// A mesh that moves from one keyframe to the other.
+fn moving(a: &Args) -> Result<Value> {
+    let (opening, closing) = (a.mesh(0)?, a.mesh(1)?);
+    for (i, mesh) in [opening, closing].into_iter().enumerate() {
+        if mesh.closing.is_some() {
+            let help = "give two meshes that stand still";
+            return Err(NativeError::at(i, format!("`{}` is moving already", a.names[i])).help(help));
+        }
+    }
+    let count = |m: &MeshValue| (m.vertices.shape()[0], m.faces.len());
+    if count(opening) != count(closing) || opening.faces != closing.faces {
+        let ((v, f), (w, g)) = (count(opening), count(closing));
+        let message = if (v, f) == (w, g) {
+            "the keyframes join their vertices to triangles in different ways".to_owned()
+        } else {
+            format!("the keyframes are different meshes: {v} vertices and {f} triangles, then {w} and {g}")
+        };
+        let help = "write one mesh and move it: `moving(ball, ball |> translate([1, 0, 0]))`";
+        return Err(NativeError::at(1, message).help(help));
+    }
+    if opening.normals.is_some() != closing.normals.is_some() {
+        let help = "`smooth_normals` or `flat_normals` on both makes them alike";
+        return Err(NativeError::at(1, "one keyframe has normals, the other has none").help(help));
+    }
+    give(MeshValue { closing: Some(Arc::new(closing.clone())), ..opening.clone() })
 }
 
 fn mesh_error(e: MeshError) -> NativeError {
@@ -210,7 +244,7 @@ fn rotate(a: &Args) -> Result<Value> {
         });
     }
     match turn {
-        Some(t) => give(moved(mesh, &t, None, true, 0)?),
+        Some(t) => keyframes(a, |m| moved(m, &t, None, true, 0)),
         None => give(mesh.clone()),
     }
 }
@@ -275,6 +309,7 @@ fn mesh_from_arrays(a: &Args) -> Result<Value> {
         normals: attribute("normals", 3)?,
         uvs: attribute("uvs", 2)?,
         colors: attribute("colors", 3)?,
+        closing: None,
     })
 }
 
@@ -334,7 +369,11 @@ fn without_caps(mut m: Mesh, at_cap: impl Fn(f32) -> bool) -> Mesh {
 
 fn subdivide(a: &Args) -> Result<Value> {
     let levels = a.named_integer("levels", 0..=8)?.unwrap_or(1);
-    let mut mesh = a.mesh(0)?.clone();
+    keyframes(a, |mesh| subdivided(mesh, levels))
+}
+
+fn subdivided(mesh: &MeshValue, levels: i64) -> Result<MeshValue> {
+    let mut mesh = mesh.clone();
     for _ in 0..levels {
         let finer = ops::subdivide(&mesh.to_mesh()).map_err(|e| NativeError::at(0, e.to_string()))?;
         let half = |v: &Var| -> Result<Var> {
@@ -347,9 +386,10 @@ fn subdivide(a: &Args) -> Result<Value> {
             normals: mesh.normals.as_ref().map(half).transpose()?,
             uvs: mesh.uvs.as_ref().map(half).transpose()?,
             colors: mesh.colors.as_ref().map(half).transpose()?,
+            closing: None,
         };
     }
-    give(mesh)
+    Ok(mesh)
 }
 
 fn merged(parts: &[&MeshValue]) -> Result<MeshValue> {
@@ -367,7 +407,14 @@ fn merged(parts: &[&MeshValue]) -> Result<MeshValue> {
         let all: Option<Vec<Var>> = parts.iter().map(|p| of(p).cloned()).collect();
         Ok(all.map(|v| Var::concat(&v, 0)).transpose()?)
     };
+    let closing = if parts.iter().any(|p| p.closing.is_some()) {
+        let parts: Vec<&MeshValue> = parts.iter().map(|p| p.closing.as_deref().unwrap_or(p)).collect();
+        Some(Arc::new(merged(&parts)?))
+    } else {
+        None
+    };
     Ok(MeshValue {
+        closing,
         vertices: join(|m| Some(&m.vertices))?.unwrap_or_else(identity),
         faces: Arc::new(faces),
         normals: join(|m| m.normals.as_ref())?,
@@ -376,9 +423,18 @@ fn merged(parts: &[&MeshValue]) -> Result<MeshValue> {
     })
 }
 
+/// Moved by the middle of the bounding box (of the opening keyframe).
 fn centered(mesh: &MeshValue) -> Result<MeshValue> {
     let (lo, hi) = bounds(mesh)?;
-    Ok(MeshValue { vertices: mesh.vertices.sub(&lo.add(&hi)?.scale(0.5))?, ..mesh.clone() })
+    let middle = lo.add(&hi)?.scale(0.5);
+    with_vertices(mesh, |v| Ok(v.sub(&middle)?))
+}
+
+/// Both keyframes with other vertices.
+fn with_vertices(mesh: &MeshValue, f: impl Fn(&Var) -> Result<Var>) -> Result<MeshValue> {
+    let still = |m: &MeshValue| -> Result<MeshValue> { Ok(MeshValue { vertices: f(&m.vertices)?, ..m.clone() }) };
+    let closing = mesh.closing.as_ref().map(|m| still(m).map(Arc::new)).transpose()?;
+    Ok(MeshValue { closing, ..still(mesh)? })
 }
 
 /// Centred, the longest side of its bounding box 2 long.
@@ -389,7 +445,7 @@ pub(super) fn normalized(mesh: &MeshValue) -> Result<MeshValue> {
         return Err(NativeError::at(0, "a mesh without extent cannot be normalized"));
     }
     let centered = centered(mesh)?;
-    Ok(MeshValue { vertices: centered.vertices.div(&extent)?.scale(2.0), ..centered })
+    with_vertices(&centered, |v| Ok(v.div(&extent)?.scale(2.0)))
 }
 
 /// Area-weighted vertex normals, as an operation of the tape.

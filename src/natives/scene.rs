@@ -398,6 +398,14 @@ fn camera(a: &Args) -> Result<Value> {
         return Err(unknown(a, "kind", kind, "`perspective`, `orthographic`, `fisheye` or `panorama`"));
     }
     lens(a, whole_turn)?;
+    if let Some((i, _)) = a.named("shutter") {
+        let shutter = a.vector(i, 2, false)?;
+        if !matches!(shutter.value().data[..], [open, close] if 0.0 <= open && open <= close && close <= 1.0) {
+            let found = &shutter.value().data;
+            let message = format!("a shutter opens and closes between 0 and 1, this one at {found:?}");
+            return Err(NativeError::at(i, message).help("write for instance `shutter: [0, 0.5]`"));
+        }
+    }
     if a.named("transform").is_none() {
         let (Some((p, _)), Some((l, _))) = (a.named("position"), a.named("look_at")) else {
             return Err(NativeError::new("a camera needs `position` and `look_at`, or `transform`"));

@@ -61,6 +61,8 @@ pub struct MeshValue {
     pub uvs: Option<Var>,
     /// `[n, 3]`
     pub colors: Option<Var>,
+    /// The same mesh at the closing keyframe, if it moves while the shutter is open; that one has none.
+    pub closing: Option<Arc<MeshValue>>,
 }
 
 /// An input of a material or a light.
@@ -312,12 +314,13 @@ impl From<&crate::mesh::Mesh> for MeshValue {
             normals: mesh.normals.as_ref().map(rows3),
             uvs: mesh.uvs.as_ref().map(rows2),
             colors: mesh.colors.as_ref().map(rows3),
+            closing: None,
         }
     }
 }
 
 impl MeshValue {
-    /// The numbers alone.
+    /// The numbers alone, of the opening keyframe.
     pub fn to_mesh(&self) -> crate::mesh::Mesh {
         let rows3 = |v: &Var| v.value().data.chunks_exact(3).map(|c| glam::dvec3(c[0], c[1], c[2]).as_vec3()).collect();
         let rows2 = |v: &Var| v.value().data.chunks_exact(2).map(|c| glam::dvec2(c[0], c[1]).as_vec2()).collect();

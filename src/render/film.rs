@@ -1,5 +1,6 @@
 //! Images from scenes: radiance, or a property of the first hit, averaged over each pixel (box filter).
 
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::{Vec2, Vec3};
@@ -7,6 +8,7 @@ use rayon::prelude::*;
 
 use super::integrator::{NoRecord, Options, Start, trace};
 use super::interaction::SurfaceInteraction;
+use super::motion;
 use super::sampler::{Sampler, hash};
 use super::scene::Camera;
 use super::world::{Scene, SceneError, validate_camera};
@@ -76,16 +78,33 @@ pub fn render_until(
     stop: &AtomicBool,
 ) -> Result<Image, SceneError> {
     validate_camera(camera)?;
+    if scene.moves() {
+        return motion::render(scene, camera, settings, stop);
+    }
+    let mut image = Image::new(camera.width, camera.height, settings.output.channels());
+    let spp = settings.spp.max(1);
+    add_samples(scene, camera, settings, 0..spp, spp as f32, stop, &mut image);
+    Ok(image)
+}
+
+/// Adds some of the samples of all pixels to an image, each divided by `count`. Scenes may differ from call to call.
+pub(super) fn add_samples(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    samples: Range<u32>,
+    count: f32,
+    stop: &AtomicBool,
+    image: &mut Image,
+) {
     let channels = settings.output.channels();
-    let mut image = Image::new(camera.width, camera.height, channels);
     let seed = hash(settings.seed, 0x7072_696d_616c);
     let options = Options::new(settings.max_bounces);
-    let spp = settings.spp.max(1);
     image.data.par_chunks_mut(camera.width * channels).enumerate().for_each(|(y, row)| {
         for (x, pixel) in row.chunks_mut(channels).enumerate() {
             let sequence = hash(seed, (y * camera.width + x) as u64);
             let mut sum = Vec3::ZERO;
-            for i in 0..spp {
+            for i in samples.clone() {
                 if i % STOP_PERIOD == 0 && stop.load(Ordering::Relaxed) {
                     return;
                 }
@@ -101,10 +120,11 @@ pub fn render_until(
                     }
                 };
             }
-            pixel.copy_from_slice(&(sum / spp as f32).to_array()[..channels]);
+            for (pixel, x) in pixel.iter_mut().zip((sum / count).to_array()) {
+                *pixel += x;
+            }
         }
     });
-    Ok(image)
 }
 
 /// The value of a first-hit channel (unused components are zero).

@@ -9,6 +9,7 @@ pub mod film;
 pub mod integrator;
 pub mod interaction;
 pub mod light;
+pub mod motion;
 pub mod sampler;
 pub mod scene;
 pub mod sensor;

@@ -79,10 +79,22 @@ pub struct Environment {
     pub rotation: Mat3,
 }
 
+/// The closing keyframe of a shape that moves while the shutter is open; its mesh is the opening one. Every vertex, and every
+/// normal, moves on a straight line at constant speed.
+#[derive(Clone, Debug)]
+pub struct Motion {
+    pub shape: usize,
+    pub vertices: Vec<Vec3>,
+    /// If the mesh has normals.
+    pub normals: Option<Vec<Vec3>>,
+}
+
 /// Everything that is rendered but the camera.
 #[derive(Clone, Debug, Default)]
 pub struct SceneDescription {
     pub shapes: Vec<Shape>,
+    /// No more than one for a shape.
+    pub motions: Vec<Motion>,
     pub textures: Vec<Texture>,
     pub delta_lights: Vec<DeltaLight>,
     pub environment: Option<Environment>,
@@ -115,6 +127,13 @@ pub struct Camera {
     pub width: usize,
     pub height: usize,
     pub lens: Lens,
+    /// When it opens and closes, between the keyframes of what moves: 0 ≤ opening ≤ closing ≤ 1.
+    pub shutter: [f32; 2],
+}
+
+impl Camera {
+    /// Open from one keyframe to the other.
+    pub const WHOLE: [f32; 2] = [0.0, 1.0];
 }
 
 /// A thin lens in the plane of `right` and `up` through the camera's origin. What lies `focus` along `forward` is sharp.
@@ -161,6 +180,12 @@ pub enum Slot {
     CameraScale,
     /// Radius of the lens and distance of focus, `[2]`.
     CameraLens,
+    /// Vertices of shape i at its closing keyframe, `[n][3]`; [`Slot::Vertices`] are those of the opening one.
+    ClosingVertices(usize),
+    /// Vertex normals of shape i at its closing keyframe, `[n][3]`.
+    ClosingNormals(usize),
+    /// Times at which the shutter opens and closes, `[2]`.
+    CameraShutter,
 }
 
 impl Slot {
@@ -172,8 +197,11 @@ impl Slot {
             | Slot::CameraOrigin
             | Slot::CameraFrame
             | Slot::CameraScale
-            | Slot::CameraLens => true,
+            | Slot::CameraLens
+            | Slot::ClosingVertices(_)
+            | Slot::CameraShutter => true,
             Slot::Normals(_)
+            | Slot::ClosingNormals(_)
             | Slot::Uvs(_)
             | Slot::Colors(_)
             | Slot::Texels(_)
@@ -187,6 +215,7 @@ impl SceneDescription {
     /// Number of `f32`s in a slot; 0 if the scene has no such array.
     pub fn slot_len(&self, slot: Slot) -> usize {
         let shape = |i: usize| self.shapes.get(i).map(|s| &s.mesh);
+        let motion = |i: usize| self.motions.iter().find(|m| m.shape == i);
         match slot {
             Slot::Vertices(i) => shape(i).map_or(0, |m| 3 * m.vertices.len()),
             Slot::Normals(i) => shape(i).and_then(|m| m.normals.as_ref()).map_or(0, |n| 3 * n.len()),
@@ -202,7 +231,9 @@ impl SceneDescription {
             }
             Slot::EnvironmentRotation | Slot::CameraFrame => 9,
             Slot::CameraOrigin => 3,
-            Slot::CameraScale | Slot::CameraLens => 2,
+            Slot::CameraScale | Slot::CameraLens | Slot::CameraShutter => 2,
+            Slot::ClosingVertices(i) => motion(i).map_or(0, |m| 3 * m.vertices.len()),
+            Slot::ClosingNormals(i) => motion(i).and_then(|m| m.normals.as_ref()).map_or(0, |n| 3 * n.len()),
         }
     }
 }

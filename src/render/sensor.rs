@@ -280,6 +280,7 @@ mod tests {
             scale: [v[12], v[13]],
             width: 40,
             height: 30,
+            shutter: Camera::WHOLE,
             lens: Lens { radius: v[14], focus: v[15], point: Vec2::new(0.4, -0.7) },
         }
     }

@@ -9,7 +9,7 @@ use super::contacts::Contacts;
 use super::edges::EdgeTable;
 use super::environment::{EnvironmentPeak, EnvironmentTable};
 use super::light::LightTable;
-use super::scene::{Camera, DeltaLight, Input, Projection, SceneDescription};
+use super::scene::{Camera, DeltaLight, Input, Projection, SceneDescription, Shape};
 
 /// Why a scene cannot be rendered; `shape` etc. are indices, the evaluator finds the place in the script.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -50,17 +50,12 @@ impl Scene {
     /// Checks the description and builds the acceleration structures.
     pub fn new(description: SceneDescription) -> Result<Scene, SceneError> {
         validate(&description)?;
-        let mut prims = Vec::new();
-        let mut corners = Vec::new();
-        for (i, shape) in description.shapes.iter().enumerate() {
-            for (face, indices) in shape.mesh.faces.iter().enumerate() {
-                prims.push(Prim { shape: i as u32, face: face as u32 });
-                corners.push(indices.map(|v| shape.mesh.vertices[v as usize]));
-            }
-        }
-        let points = corners.iter().flatten();
-        let (lo, hi) = points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
-        let radius = if prims.is_empty() { 1.0 } else { 0.5 * (hi - lo).length() };
+        let faces = |(i, shape): (usize, &Shape)| {
+            (0..shape.mesh.faces.len() as u32).map(move |face| Prim { shape: i as u32, face })
+        };
+        let prims: Vec<Prim> = description.shapes.iter().enumerate().flat_map(faces).collect();
+        let corners = corners(&description);
+        let radius = radius(&corners);
         let environment =
             description.environment.as_ref().map(|e| EnvironmentTable::new(&description.textures[e.radiance]));
         let environment_peak =
@@ -77,6 +72,19 @@ impl Scene {
             edges: OnceLock::new(),
             contacts: OnceLock::new(),
         })
+    }
+
+    /// Brings everything up to date with the vertices and normals of the description, which have changed. The ray tree is
+    /// refitted, and built anew once rays cost `worn` times what they did.
+    pub(crate) fn refit(&mut self, worn: f32) {
+        let corners = corners(&self.description);
+        if self.accel.refit(&corners) > worn {
+            self.accel = Accel::new(&corners);
+        }
+        self.radius = radius(&corners);
+        self.lights = LightTable::new(&self.description, &self.prims, self.radius, self.environment_peak.as_ref());
+        self.edges = OnceLock::new();
+        self.contacts = OnceLock::new();
     }
 
     /// Some point of the scene.
@@ -106,6 +114,19 @@ impl Scene {
         let contacts = self.contacts();
         !contacts.is_empty() && contacts.contains(receiver, emitter)
     }
+}
+
+/// Corners of all triangles, in the order of the primitives.
+fn corners(description: &SceneDescription) -> Vec<[Vec3; 3]> {
+    let meshes = description.shapes.iter().map(|s| &s.mesh);
+    meshes.flat_map(|m| m.faces.iter().map(|f| f.map(|v| m.vertices[v as usize]))).collect()
+}
+
+/// Half the diagonal of the bounding box; 1 for an empty scene.
+fn radius(corners: &[[Vec3; 3]]) -> f32 {
+    let points = corners.iter().flatten();
+    let (lo, hi) = points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
+    if corners.is_empty() { 1.0 } else { 0.5 * (hi - lo).length() }
 }
 
 /// Coordinates beyond this overflow in single precision when areas are squared.
@@ -143,6 +164,10 @@ pub fn validate_camera(camera: &Camera) -> Result<(), SceneError> {
     }
     if lens.radius > 0.0 && !camera.keeps_lines() {
         return fail("only perspective and orthographic cameras have an aperture".into());
+    }
+    let [open, close] = camera.shutter;
+    if !(0.0 <= open && open <= close && close <= 1.0) {
+        return fail(format!("a shutter opens and closes between 0 and 1, this one at {open} and {close}"));
     }
     let [x, y] = camera.scale;
     let pi = std::f32::consts::PI * (1.0 + 1e-5);
@@ -198,6 +223,25 @@ fn validate(description: &SceneDescription) -> Result<(), SceneError> {
                 }
                 _ => {}
             }
+        }
+    }
+    for motion in &description.motions {
+        let fail = |what: String| Err(SceneError::Shape { shape: motion.shape, what });
+        let Some(Shape { mesh, .. }) = description.shapes.get(motion.shape) else {
+            return fail(format!("shape {} moves, but does not exist", motion.shape));
+        };
+        if motion.vertices.len() != mesh.vertices.len() {
+            let (from, to) = (mesh.vertices.len(), motion.vertices.len());
+            return fail(format!("{from} vertices become {to} while the shutter is open"));
+        }
+        if motion.normals.as_ref().map(Vec::len) != mesh.normals.as_ref().map(Vec::len) {
+            return fail("both keyframes must have normals, or neither".into());
+        }
+        if motion.vertices.iter().any(|v| !v.is_finite() || is_too_far(*v)) {
+            return fail("vertices of the closing keyframe are not finite, or more than 1e9 from the origin".into());
+        }
+        if motion.normals.iter().flatten().any(|v| !v.is_finite()) {
+            return fail("normals must be finite".into());
         }
     }
     for (i, light) in description.delta_lights.iter().enumerate() {

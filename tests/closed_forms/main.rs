@@ -6,6 +6,7 @@
 mod invariance;
 mod lens;
 mod materials;
+mod motion;
 mod primary;
 mod shadows;
 mod support;

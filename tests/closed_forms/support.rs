@@ -82,7 +82,8 @@ pub fn camera(projection: Projection, origin: Vec3, forward: Vec3, scale: f32, s
     let hint = if forward.y.abs() > 0.9 { Vec3::Z } else { Vec3::Y };
     let right = forward.cross(hint).normalize();
     let frame = [right, right.cross(forward), forward];
-    Camera { projection, origin, frame, scale: [scale; 2], width: size, height: size, lens: Lens::PINHOLE }
+    let (lens, shutter) = (Lens::PINHOLE, Camera::WHOLE);
+    Camera { projection, origin, frame, scale: [scale; 2], width: size, height: size, lens, shutter }
 }
 
 /// One pixel that looks at a tiny patch around `target` along `forward`: radiance at a point.

@@ -95,6 +95,7 @@ pub fn look_at(position: Vec3, target: Vec3, fov_degrees: f32, film: usize) -> C
         width: film,
         height: film,
         lens: Lens::PINHOLE,
+        shutter: Camera::WHOLE,
     }
 }
 
@@ -132,6 +133,13 @@ pub fn all_slots(d: &SceneDescription, c: &Camera) -> Vec<(Slot, Vec<f32>)> {
     out.push((Slot::CameraFrame, flat(&c.frame)));
     out.push((Slot::CameraScale, c.scale.to_vec()));
     out.push((Slot::CameraLens, vec![c.lens.radius, c.lens.focus]));
+    for m in &d.motions {
+        out.push((Slot::ClosingVertices(m.shape), flat(&m.vertices)));
+        if let Some(n) = &m.normals {
+            out.push((Slot::ClosingNormals(m.shape), flat(n)));
+        }
+    }
+    out.push((Slot::CameraShutter, c.shutter.to_vec()));
     out
 }
 

@@ -1,0 +1,140 @@
+//! Derivatives of scenes that move: means over slices of the time the shutter is open (`render::motion`), in each of which
+//! the scene stands still. What moves stands at (1 − t)·opening + t·closing keyframe, and its derivatives go there with
+//! these weights.
+
+use std::sync::atomic::AtomicBool;
+
+use glam::Vec3;
+
+use super::{render_backward_until, render_forward_until};
+use crate::image::Image;
+use crate::render::motion::Slice;
+use crate::render::{Camera, Scene, SceneError, Settings, Slot};
+
+/// Tells the times of derivatives from those of values.
+const DERIVATIVES: u64 = 1;
+
+/// How the slots of a moving scene make those of its slices.
+struct Moving {
+    /// What moves, as slots of a slice, and how far from one keyframe to the other.
+    velocities: Vec<(Slot, Vec<f32>)>,
+    /// Slots of a slice that what is asked for enters.
+    entered: Vec<Slot>,
+}
+
+impl Moving {
+    fn new(scene: &Scene, slots: impl Iterator<Item = Slot>) -> Moving {
+        let velocity = |from: &[Vec3], to: &[Vec3]| -> Vec<f32> {
+            from.iter().zip(to).flat_map(|(a, b)| (*b - *a).to_array()).collect()
+        };
+        let mut velocities = Vec::new();
+        for motion in &scene.description.motions {
+            let mesh = &scene.description.shapes[motion.shape].mesh;
+            velocities.push((Slot::Vertices(motion.shape), velocity(&mesh.vertices, &motion.vertices)));
+            if let (Some(from), Some(to)) = (&mesh.normals, &motion.normals) {
+                velocities.push((Slot::Normals(motion.shape), velocity(from, to)));
+            }
+        }
+        let mut entered = Vec::new();
+        for slot in slots {
+            let of_slot: Vec<Slot> = match slot {
+                Slot::CameraShutter => velocities.iter().map(|v| v.0).collect(),
+                slot => vec![opening(slot)],
+            };
+            entered.extend(of_slot);
+        }
+        entered.sort_unstable();
+        entered.dedup();
+        Moving { velocities, entered }
+    }
+
+    /// What a keyframe counts for at a time; 1 for what stands still.
+    fn factor(&self, slot: Slot, slice: &Slice) -> f32 {
+        if slot != opening(slot) {
+            slice.time
+        } else if self.velocities.iter().any(|(s, _)| *s == slot) {
+            1.0 - slice.time
+        } else {
+            1.0
+        }
+    }
+}
+
+/// The slot of the opening keyframe, which is the one of a slice.
+fn opening(slot: Slot) -> Slot {
+    match slot {
+        Slot::ClosingVertices(i) => Slot::Vertices(i),
+        Slot::ClosingNormals(i) => Slot::Normals(i),
+        slot => slot,
+    }
+}
+
+/// [`super::render_backward_until`] for a scene that moves.
+pub fn backward(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    d_image: &Image,
+    wrt: &[Slot],
+    stop: &AtomicBool,
+) -> Result<Vec<Vec<f64>>, SceneError> {
+    let moving = Moving::new(scene, wrt.iter().copied());
+    let mut total: Vec<Vec<f64>> = wrt.iter().map(|s| vec![0.0; scene.description.slot_len(*s)]).collect();
+    scene.slices(camera, settings, DERIVATIVES, stop, |slice| {
+        let found = render_backward_until(slice.scene, camera, &slice.settings, d_image, &moving.entered, stop)?;
+        let of = |slot: Slot| moving.entered.binary_search(&slot).map_or(&[][..], |i| &found[i]);
+        for (slot, sum) in wrt.iter().zip(&mut total) {
+            if *slot == Slot::CameraShutter {
+                let along = |(slot, v): &(Slot, Vec<f32>)| -> f64 {
+                    of(*slot).iter().zip(v).map(|(g, v)| g * f64::from(*v)).sum()
+                };
+                let d_time: f64 = moving.velocities.iter().map(along).sum::<f64>() * f64::from(slice.weight);
+                sum[0] += d_time * f64::from(1.0 - slice.share);
+                sum[1] += d_time * f64::from(slice.share);
+                continue;
+            }
+            let factor = f64::from(moving.factor(*slot, slice) * slice.weight);
+            for (sum, g) in sum.iter_mut().zip(of(opening(*slot))) {
+                *sum += g * factor;
+            }
+        }
+        Ok(())
+    })?;
+    Ok(total)
+}
+
+/// [`super::render_forward_until`] for a scene that moves.
+pub fn forward(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    tangents: &[(Slot, Vec<f32>)],
+    stop: &AtomicBool,
+) -> Result<Image, SceneError> {
+    let moving = Moving::new(scene, tangents.iter().map(|t| t.0));
+    let mut image = Image::new(camera.width, camera.height, settings.output.channels());
+    scene.slices(camera, settings, DERIVATIVES, stop, |slice| {
+        let zero = |s: &Slot| (*s, vec![0.0; slice.scene.description.slot_len(*s)]);
+        let mut still: Vec<(Slot, Vec<f32>)> = moving.entered.iter().map(zero).collect();
+        let mut add = |slot: Slot, values: &[f32], factor: f32| {
+            if let Ok(i) = moving.entered.binary_search(&slot) {
+                still[i].1.iter_mut().zip(values).for_each(|(sum, v)| *sum += v * factor);
+            }
+        };
+        for (slot, values) in tangents {
+            match (slot, &values[..]) {
+                (Slot::CameraShutter, [open, close]) => {
+                    let d_time = open * (1.0 - slice.share) + close * slice.share;
+                    moving.velocities.iter().for_each(|(slot, v)| add(*slot, v, d_time));
+                }
+                _ => add(opening(*slot), values, moving.factor(*slot, slice)),
+            }
+        }
+        let part = render_forward_until(slice.scene, camera, &slice.settings, &still, stop)?;
+        for (sum, x) in image.data.iter_mut().zip(&part.data) {
+            *sum += x * slice.weight;
+        }
+        Ok(())
+    })?;
+    Ok(image)
+}

@@ -1,0 +1,115 @@
+//! Motion blur: the image is the mean over the time the shutter is open, and that over slices of it.
+//!
+//! The shutter's interval is cut into strata, and within each the scene stands still at one random time. Times depend on the
+//! seed only, so that the mean over slices is unbiased, and each slice is an ordinary scene: shadows, reflections and edges of
+//! what moves need nothing of their own. Values and derivatives draw different times.
+
+use std::ops::Range;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use glam::Vec3;
+
+use super::film::{Settings, add_samples};
+use super::sampler::hash;
+use super::scene::Camera;
+use super::world::{Scene, SceneError};
+use crate::image::Image;
+use crate::math::unit_f32;
+
+/// No more slices than this: each has a ray tree of its own.
+const MOST_SLICES: u32 = 64;
+
+/// A tree refitted to moving triangles that has become this much worse is built anew.
+const WORN: f32 = 1.3;
+
+/// The scene at one moment.
+pub struct Slice<'a> {
+    pub scene: &'a Scene,
+    /// With a seed and a number of samples of its own.
+    pub settings: Settings,
+    /// The same number of samples, out of those of all slices.
+    pub samples: Range<u32>,
+    /// From the opening keyframe (0) to the closing one (1), and from the shutter's opening (0) to its closing (1).
+    pub time: f32,
+    pub share: f32,
+    /// Of this slice in the mean.
+    pub weight: f32,
+}
+
+impl Scene {
+    /// Whether it changes while a shutter is open.
+    pub fn moves(&self) -> bool {
+        !self.description.motions.is_empty()
+    }
+
+    /// Takes a still scene to another time, or makes one.
+    fn still(&self, time: f32, before: Option<Scene>) -> Result<Scene, SceneError> {
+        let lerp =
+            |from: &[Vec3], to: &[Vec3]| -> Vec<Vec3> { from.iter().zip(to).map(|(a, b)| a.lerp(*b, time)).collect() };
+        let place = |description: &mut super::scene::SceneDescription| {
+            for motion in &self.description.motions {
+                let from = &self.description.shapes[motion.shape].mesh;
+                let mesh = &mut description.shapes[motion.shape].mesh;
+                mesh.vertices = lerp(&from.vertices, &motion.vertices);
+                mesh.normals = from.normals.as_ref().zip(motion.normals.as_ref()).map(|(a, b)| lerp(a, b));
+            }
+        };
+        match before {
+            Some(mut scene) => {
+                place(&mut scene.description);
+                scene.refit(WORN);
+                Ok(scene)
+            }
+            None => {
+                let mut description = self.description.clone();
+                description.motions.clear();
+                place(&mut description);
+                Scene::new(description)
+            }
+        }
+    }
+
+    /// Calls `f` with one slice of the shutter's interval after the other, until `stop` is set. `what` tells values from
+    /// derivatives.
+    pub fn slices(
+        &self,
+        camera: &Camera,
+        settings: &Settings,
+        what: u64,
+        stop: &AtomicBool,
+        mut f: impl FnMut(&Slice) -> Result<(), SceneError>,
+    ) -> Result<(), SceneError> {
+        let [open, close] = camera.shutter;
+        let spp = settings.spp.max(1);
+        let count = if open < close { spp.min(MOST_SLICES) } else { 1 };
+        let seed = hash(hash(settings.seed, 0x0073_6875_7474_6572), what);
+        let mut still = None;
+        for i in 0..count {
+            if stop.load(Ordering::Relaxed) {
+                break;
+            }
+            let own = hash(seed, u64::from(i));
+            let share = (i as f32 + unit_f32(own as u32)) / count as f32;
+            let time = (open + (close - open) * share).clamp(0.0, 1.0);
+            let before = still.take();
+            let scene = &*still.insert(self.still(time, before)?);
+            let start = |i: u32| (u64::from(spp) * u64::from(i) / u64::from(count)) as u32;
+            let samples = start(i)..start(i + 1);
+            let settings = Settings { spp: samples.len() as u32, seed: own, ..*settings };
+            f(&Slice { scene, settings, samples, time, share, weight: 1.0 / count as f32 })?;
+        }
+        Ok(())
+    }
+}
+
+/// Renders a scene that moves. The samples of a pixel are one sequence over all slices.
+pub fn render(scene: &Scene, camera: &Camera, settings: &Settings, stop: &AtomicBool) -> Result<Image, SceneError> {
+    let mut image = Image::new(camera.width, camera.height, settings.output.channels());
+    scene.slices(camera, settings, 0, stop, |slice| {
+        let samples = slice.samples.clone();
+        let count = samples.len() as f32 / slice.weight;
+        add_samples(slice.scene, camera, settings, samples, count, stop, &mut image);
+        Ok(())
+    })?;
+    Ok(image)
+}
