@@ -1,8 +1,9 @@
 //! Motion blur: the image is the mean over the time the shutter is open, and that over slices of it.
 //!
 //! The shutter's interval is cut into strata, and within each the scene stands still at one random time. Times depend on the
-//! seed only, so that the mean over slices is unbiased, and each slice is an ordinary scene: shadows, reflections and edges of
-//! what moves need nothing of their own. Values and derivatives draw different times.
+//! seed only, and each is evenly distributed over its stratum, so that the mean over slices is unbiased; and each slice is an
+//! ordinary scene, in which shadows, reflections and edges of what moves need nothing of their own. Values and derivatives
+//! draw different times.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -89,7 +90,9 @@ impl Scene {
                 break;
             }
             let own = hash(seed, u64::from(i));
-            let share = (i as f32 + unit_f32(own as u32)) / count as f32;
+            // Pairs of strata are seen at times symmetric to the border between them: what changes linearly has no noise.
+            let jitter = unit_f32(hash(seed, u64::from(i / 2)) as u32);
+            let share = (i as f32 + if i % 2 == 0 { jitter } else { 1.0 - jitter }) / count as f32;
             let time = (open + (close - open) * share).clamp(0.0, 1.0);
             let before = still.take();
             let scene = &*still.insert(self.still(time, before)?);
