@@ -2,7 +2,7 @@
 //!
 //! A node can be skipped for certain if none of its edges can be a contour for the query: the planes (n, m = n·v) of all
 //! adjacent faces, relative to the node's own origin, are bounded by a box; without a sign change of n·q − m over that box
-//! every face shows the same side (`algorithms.md` §2.4). Edges whose faces show a radiance jump (sharp) always count.
+//! every face shows the same side. Edges whose faces show a radiance jump (sharp) always count, but less.
 
 use glam::{Vec3, Vec4, Vec4Swizzles};
 
@@ -17,6 +17,8 @@ use crate::render::light::{LightKind, LightSample};
 const LEAF: usize = 6;
 /// Sine of an angle within which rounding decides what is a contour.
 const SLACK: f32 = 1e-5;
+/// How much the jump across a crease with both faces in sight is, to that across a contour, for a right angle.
+const CREASE: f32 = 0.25;
 /// Leaves that are looked at for one sample.
 pub const CANDIDATES: usize = 4;
 
@@ -36,12 +38,17 @@ struct Node {
     hi: Vec3,
     /// Of all edges, each by its [`crate::render::edges::Edge::weight`].
     length: f32,
-    /// The same with the brightness of their emitters.
-    bright: f32,
-    /// Plane bounds relative to the centre; an empty box never rejects.
+    /// Of sharp edges, likewise.
+    sharp: f32,
+    /// What `length` becomes with the brightness of emitters, over it.
+    brightness: f32,
+    /// Plane bounds relative to the centre.
     plane_lo: Vec4,
     plane_hi: Vec4,
-    always: bool,
+    /// About how far the planes' normals are apart.
+    spread: f32,
+    /// There are edges that the planes say nothing about.
+    open: bool,
     /// Leaf: range in `order`. Inner: the second child; the first one follows the node.
     start: u32,
     count: u32,
@@ -265,13 +272,15 @@ impl EdgeTree {
         let hi = points().fold(Vec3::NEG_INFINITY, Vec3::max);
         let centre = 0.5 * (lo + hi);
         let (mut plane_lo, mut plane_hi) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
-        let mut always = false;
-        let (mut length, mut bright) = (0.0, 0.0);
+        let mut open = false;
+        let (mut length, mut sharp, mut bright) = (0.0, 0.0, 0.0);
         for &e in order.iter() {
             let edge = &table.edges[e as usize];
-            length += edge.length() * edge.weight;
-            bright += edge.length() * edge.weight * self.brightness[e as usize];
-            always |= edge.sharp || !is_wound_consistently(edge);
+            let weighted = edge.length() * edge.weight;
+            length += weighted;
+            sharp += if edge.sharp { weighted } else { 0.0 };
+            bright += weighted * (1.0 + self.brightness[e as usize]);
+            open |= !is_wound_consistently(edge);
             for f in &edge.faces {
                 let n = face_normal(edge, f);
                 let plane = n.extend(n.dot(edge.p[0] - centre));
@@ -284,10 +293,12 @@ impl EdgeTree {
             lo,
             hi,
             length,
-            bright,
+            sharp,
+            brightness: bright / length,
             plane_lo,
             plane_hi,
-            always,
+            spread: (plane_hi - plane_lo).xyz().length(),
+            open,
             start: offset,
             count: order.len() as u32,
             second: 0,
@@ -393,7 +404,7 @@ impl EdgeTree {
             let own = edge.faces.iter().any(|f| f.prim == query.prim);
             let mut polar = if own { None } else { Polar::new(query, edge.p[0], edge.p[1]) };
             if !self.may_be_contour(e as usize, query.p - edge.p[0], query.slack) {
-                polar = polar.filter(|_| edge.sharp).map(|p| p.scaled(edge.weight));
+                polar = polar.filter(|_| edge.sharp).map(|p| p.scaled(CREASE * edge.weight));
             }
             if query.sees_emission {
                 polar = polar.map(|p| p.scaled(1.0 + self.brightness[e as usize]));
@@ -473,18 +484,28 @@ impl Node {
         }
         let centre = 0.5 * (self.lo + self.hi);
         let q = query.p - centre;
-        if !self.always {
-            let (a, b) = (self.plane_lo.xyz() * q, self.plane_hi.xyz() * q);
-            let slack = query.slack * (q.length() + 1.0);
-            let lowest = a.min(b).element_sum() - self.plane_hi.w - slack;
-            let highest = a.max(b).element_sum() - self.plane_lo.w + slack;
-            if lowest > 0.0 || highest < 0.0 {
-                return 0.0;
-            }
-        }
         let radius = 0.5 * (self.hi - self.lo).length();
         let distance = q.length();
         let near = distance.max(radius).max(1e-20);
+        let contours = if self.open {
+            self.length
+        } else {
+            let (a, b) = (self.plane_lo.xyz() * q, self.plane_hi.xyz() * q);
+            let slack = query.slack * (distance + 1.0);
+            let lowest = a.min(b).element_sum() - self.plane_hi.w - slack;
+            let highest = a.max(b).element_sum() - self.plane_lo.w + slack;
+            if lowest > 0.0 || highest < 0.0 {
+                0.0
+            } else {
+                // The weights of edges are chances from anywhere; of points from where the planes do not rule a contour out, about
+                // this share is left.
+                self.length / (self.spread + radius / near).clamp(0.02, 1.0)
+            }
+        };
+        let length = contours + CREASE * self.sharp;
+        if length <= 0.0 {
+            return 0.0;
+        }
         let cos = if query.has_horizon() {
             let gap = (self.lo - query.p).max(query.p - self.hi).max(Vec3::ZERO).length();
             if height >= gap { 1.0 } else { height / gap }
@@ -504,7 +525,7 @@ impl Node {
             };
             lobe = 0.3 * lobe + glossy / (2.0 * width);
         }
-        let length = if query.sees_emission { self.length + self.bright } else { self.length };
-        length * lobe / (near * near)
+        let brightness = if query.sees_emission { self.brightness } else { 1.0 };
+        length * brightness * lobe / (near * near)
     }
 }

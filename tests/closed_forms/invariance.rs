@@ -4,7 +4,7 @@ use dscene::image::Image;
 use dscene::math::{Pcg32, uniform_sphere};
 use dscene::mesh::{Mesh, shapes};
 use dscene::render::texture::Texture;
-use dscene::render::{DeltaLight, Emission, MaterialKind, Projection, Slot};
+use dscene::render::{Camera, DeltaLight, Emission, MaterialKind, Projection, Scene, Slot};
 use glam::{DVec3, Vec3};
 
 use crate::support::*;
@@ -21,14 +21,22 @@ fn blob(center: Vec3, radius: f32, jitter: f32, rng: &mut Pcg32) -> Mesh {
     mesh
 }
 
-/// T8: in a closed room where everything glows and reflects alike, no motion changes anything.
-#[test]
-fn furnace_of_random_geometry() {
+/// A closed room of random shapes, everything in it glowing and reflecting alike, and a camera inside.
+struct Furnace {
+    scene: Scene,
+    camera: Camera,
+    reflectance: usize,
+    /// Random motions of each shape's vertices.
+    motions: Vec<Vec<Vec3>>,
+}
+
+impl Furnace {
     const RHO: f32 = 0.5;
-    for (seed, bounces) in [(1, 1), (2, 2), (3, 3)] {
+
+    fn new(seed: u64, bounces: u32) -> Furnace {
         let mut rng = Pcg32::new(seed);
         let mut b = Builder::default();
-        let texture = b.texture(Texture::constant(Vec3::splat(RHO)));
+        let reflectance = b.texture(Texture::constant(Vec3::splat(Self::RHO)));
         let radiance = b.gray(1.0);
         // Direct light in a jagged room. With interreflections a convex one: where everything glows, light close to an
         // edge makes 1/r² tails that only many samples would average out.
@@ -44,32 +52,70 @@ fn furnace_of_random_geometry() {
         let center = uniform_sphere(rng.next_2d()) * 1.5;
         meshes.push(blob(center, 0.4, if bounces == 1 { 0.5 } else { 0.1 }, &mut rng));
         for mesh in &meshes {
-            let kind = MaterialKind::Diffuse { reflectance: dscene::render::Input::Texture(texture) };
+            let kind = MaterialKind::Diffuse { reflectance: dscene::render::Input::Texture(reflectance) };
             b.shape(mesh.clone(), kind, Some(Emission { radiance, two_sided: true }));
         }
-        let scene = b.build();
         let forward = uniform_sphere(rng.next_2d());
         let camera = camera(Projection::Perspective, Vec3::ZERO, forward, 1.2, 2);
-        let measured = Measured { scene: &scene, camera: &camera, settings: settings(512, bounces) };
+        let motions = meshes.iter().map(|m| m.vertices.iter().map(|_| random_vector(&mut rng)).collect()).collect();
+        Furnace { scene: b.build(), camera, reflectance, motions }
+    }
 
-        let rho = f64::from(RHO);
+    /// Derivatives along the motions, shape by shape: all zero.
+    fn geometry(&self, measured: &Measured, seeds: u64) -> Estimate {
+        let slots: Vec<Slot> = (0..self.motions.len()).map(Slot::Vertices).collect();
+        estimate(seeds, |seed| {
+            let gradients = measured.gradient(seed, &slots);
+            gradients.iter().zip(&self.motions).map(|(g, m)| contract(g, m)).collect()
+        })
+    }
+}
+
+/// T8: in a closed room where everything glows and reflects alike, no motion changes anything.
+#[test]
+fn furnace_of_random_geometry() {
+    for (seed, bounces) in [(1, 1), (2, 2), (3, 3)] {
+        let furnace = Furnace::new(seed, bounces);
+        let measured = Measured { scene: &furnace.scene, camera: &furnace.camera, settings: settings(512, bounces) };
+        let rho = f64::from(Furnace::RHO);
         let value: f64 = (0..=bounces as i32).map(|i| rho.powi(i)).sum();
         let slope: f64 = (1..=bounces as i32).map(|i| f64::from(i) * rho.powi(i - 1)).sum();
         let pixels = 4.0;
         measured.values(8).check("T8 value", &[pixels * value], 0.01);
-        let by_rho = estimate(8, |seed| vec![measured.gradient(seed, &[Slot::Texels(texture)])[0].iter().sum()]);
+        let reflectance = Slot::Texels(furnace.reflectance);
+        let by_rho = estimate(8, |seed| vec![measured.gradient(seed, &[reflectance])[0].iter().sum()]);
         by_rho.check("T8 reflectance", &[pixels * slope], 0.01);
-
-        // Random motions of each shape.
-        let slots: Vec<Slot> = (0..meshes.len()).map(Slot::Vertices).collect();
-        let motions: Vec<Vec<Vec3>> =
-            meshes.iter().map(|m| m.vertices.iter().map(|_| random_vector(&mut rng)).collect()).collect();
-        let geometry = estimate(16, |seed| {
-            let gradients = measured.gradient(seed, &slots);
-            gradients.iter().zip(&motions).map(|(g, m)| contract(g, m)).collect()
-        });
-        geometry.check_zero("T8 geometry", 0.2);
+        furnace.geometry(&measured, 16).check_zero("T8 geometry", 0.2);
     }
+}
+
+/// The same for a hundred rooms, with few samples each: together they would show a bias of a fraction of an error.
+#[test]
+fn a_hundred_furnaces() {
+    let mut scores = Vec::new();
+    let mut errors = Vec::new();
+    for seed in 0..100 {
+        let bounces = 1 + (seed % 3) as u32;
+        let furnace = Furnace::new(100 + seed, bounces);
+        let measured = Measured { scene: &furnace.scene, camera: &furnace.camera, settings: settings(32, bounces) };
+        let geometry = furnace.geometry(&measured, 8);
+        let seen = geometry.mean.iter().zip(&geometry.error).filter(|(_, error)| **error > 0.0);
+        scores.extend(seen.clone().map(|(mean, error)| mean / error));
+        errors.extend(seen.map(|(_, error)| *error));
+    }
+    let n = scores.len() as f64;
+    let mean = scores.iter().sum::<f64>() / n;
+    let square = scores.iter().map(|s| s * s).sum::<f64>() / n;
+    let worst = scores.iter().fold(0.0, |w: f64, s| w.max(s.abs()));
+    errors.sort_by(f64::total_cmp);
+    let median = errors[errors.len() / 2];
+    println!("{n} scores: mean {mean:.3}, mean square {square:.3}, worst {worst:.2}; median error {median:.4}");
+    // Student's t of eight seeds: variance 7/5, and the mean of its squares is known to about 0.15 with this many.
+    assert!(n > 300.0, "only {n} shapes were seen");
+    assert!(median < 0.2, "too noisy to say anything: {median}");
+    assert!(mean.abs() < 4.5 * (1.4 / n).sqrt(), "the mean score is {mean}");
+    assert!(square < 2.1, "the mean square of the scores is {square}");
+    assert!(worst < 12.0, "a score of {worst}");
 }
 
 /// T9: a white convex body under a white sky is invisible.

@@ -259,8 +259,10 @@ fn central_differences(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: 
 /// (relative to the value) for the comparison to mean anything.
 pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) {
     let start = std::time::Instant::now();
+    // For a closer look: more seeds, and other steps of the differences.
     let more = std::env::var("DSCENE_SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(1);
-    let plan = &Plan { seeds: plan.seeds * more, ..*plan };
+    let step: f32 = std::env::var("DSCENE_STEP").ok().and_then(|s| s.parse().ok()).unwrap_or(1.0);
+    let plan = &Plan { seeds: plan.seeds * more, fd_seeds: plan.fd_seeds * more, h: plan.h * step, ..*plan };
     let g = gradient(build, plan);
     let t1 = start.elapsed().as_secs_f64();
     let fd = finite_difference(build, plan);
