@@ -580,3 +580,83 @@ fn moving_shadow() {
     agree("moving shadow, closing keyframe x", &build(|t, o, _| o[1].x += t), &plan);
     agree("moving shadow, shutter", &build(|t, _, s| s[1] += t), &plan);
 }
+
+/// A box that reaches into the floor and leans, under a lamp.
+fn sunk_box(f: impl Fn(f32, &mut Vec3, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let (mut centre, mut turn) = (vec3(0.1, 0.3, 0.2), vec3(0.3, 0.5, 0.2));
+        f(t, &mut centre, &mut turn);
+        let mut b = Builder::default();
+        let (red, grey) = (b.diffuse(vec3(0.8, 0.3, 0.2)), b.diffuse(Vec3::splat(0.6)));
+        let turn = glam::Mat3::from_rotation_x(turn.x)
+            * glam::Mat3::from_rotation_y(turn.y)
+            * glam::Mat3::from_rotation_z(turn.z);
+        let mut whole = cuboid(Vec3::ZERO, vec3(0.6, 0.7, 0.5), 0.0);
+        whole.vertices.iter_mut().for_each(|v| *v = centre + turn * *v);
+        b.shape(whole, red);
+        b.shape(floor(Vec3::ZERO, 3.0), grey);
+        b.light(ceiling(vec3(1.5, 4., -2.), 0.7), Vec3::splat(20.));
+        (b.scene, look_at(vec3(0., 2.5, -4.), vec3(0., 0.3, 0.), 40., 32))
+    }
+}
+
+#[test]
+fn box_in_a_floor() {
+    let plan = Plan { h: 0.03, spp: 32, ..Plan::default() };
+    agree("sunk box x", &sunk_box(|t, c, _| c.x += t), &plan);
+    agree("sunk box y", &sunk_box(|t, c, _| c.y += t), &plan);
+    agree("sunk box leans", &sunk_box(|t, _, r| r.x += t), &plan);
+    let global = Plan { max_bounces: 3, spp: 64, ..plan };
+    agree("sunk box y, 3 bounces", &sunk_box(|t, c, _| c.y += t), &global);
+    agree("sunk box leans, 3 bounces", &sunk_box(|t, _, r| r.x += t), &global);
+}
+
+/// The top of a ball in a floor that reflects it.
+#[test]
+fn ball_in_a_floor() {
+    fn build(f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+        move |t| {
+            let mut centre = vec3(0.1, -0.25, 0.2);
+            f(t, &mut centre);
+            let mut b = Builder::default();
+            let white = b.diffuse(Vec3::splat(0.9));
+            let (reflectance, roughness) = (b.constant(Vec3::splat(0.5)), b.scalar(0.6));
+            let metal = Material { kind: MaterialKind::Conductor { reflectance, roughness }, one_sided: false };
+            let mut ball = dscene::mesh::shapes::icosphere(0.8, 2).unwrap();
+            ball.normals = None;
+            ball.vertices.iter_mut().for_each(|v| *v += centre);
+            b.shape(ball, white);
+            b.shape(floor(Vec3::ZERO, 3.0), metal);
+            b.light(ceiling(vec3(1.5, 4., -2.), 0.7), Vec3::splat(20.));
+            (b.scene, look_at(vec3(0., 3., -4.), vec3(0., 0.3, 0.), 40., 32))
+        }
+    }
+    let plan = Plan { max_bounces: 2, h: 0.02, spp: 64, seeds: 24, ..Plan::default() };
+    agree("ball in a floor, y", &build(|t, c| c.y += t), &plan);
+}
+
+/// A lamp that stands in the floor it shines on: what touches it sees it slide, what does not sees it end at the curve.
+#[test]
+fn light_in_a_floor() {
+    fn build(f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+        move |t| {
+            let mut centre = vec3(0.1, 0.1, 0.2);
+            f(t, &mut centre);
+            let mut b = Builder::default();
+            let grey = b.diffuse(Vec3::splat(0.6));
+            let mut lamp = dscene::mesh::shapes::icosphere(0.5, 1).unwrap();
+            lamp.normals = None;
+            lamp.vertices.iter_mut().for_each(|v| *v = *v * vec3(1.0, 1.3, 0.8) + centre);
+            b.light(lamp, Vec3::splat(4.));
+            b.shape(floor(Vec3::ZERO, 3.0), grey.clone());
+            let wall = quad(vec3(3., 0.3, 1.5), vec3(-3., 0.3, 1.5), vec3(-3., 3., 1.5), vec3(3., 3., 1.5));
+            b.shape(wall, grey);
+            (b.scene, look_at(vec3(0., 2.0, -4.), vec3(0., 0.5, 0.), 40., 32))
+        }
+    }
+    let plan = Plan { h: 0.03, spp: 64, ..Plan::default() };
+    agree("lamp in a floor, x", &build(|t, c| c.x += t), &plan);
+    agree("lamp in a floor, y", &build(|t, c| c.y += t), &plan);
+    let global = Plan { max_bounces: 2, seeds: 32, ..plan };
+    agree("lamp in a floor, y, 2 bounces", &build(|t, c| c.y += t), &global);
+}

@@ -67,6 +67,8 @@ pub struct Query {
     lobe: Option<(Vec3, f32)>,
     /// Emission jumps count too, not only those of reflected light.
     sees_emission: bool,
+    /// Nothing counts but what covers something.
+    contours_only: bool,
 }
 
 /// A point on an edge chosen for a shading point.
@@ -84,7 +86,8 @@ impl Query {
             let mirror = si.ns * (2.0 * si.ns.dot(si.wi)) - si.wi;
             (mirror.normalize(), (2.0 * alpha).max(1e-3))
         });
-        Query { prim: si.prim, p: si.p, ng: si.ng, slack: SLACK, lobe, sees_emission: si.bsdf.is_attached() }
+        let sees_emission = si.bsdf.is_attached();
+        Query { prim: si.prim, p: si.p, ng: si.ng, slack: SLACK, lobe, sees_emission, contours_only: false }
     }
 
     /// What a point of a light shines on; a distant light is moved near enough for a point.
@@ -96,7 +99,7 @@ impl Query {
             // All of the scene lies within two radii of any of its points.
             _ => (scene.anchor() + light.y * (FAR * scene.radius), Vec3::ZERO, 4.0 / FAR),
         };
-        Query { prim: light.prim, p, ng, slack, lobe: None, sees_emission: false }
+        Query { prim: light.prim, p, ng, slack, lobe: None, sees_emission: false, contours_only: true }
     }
 
     fn has_horizon(&self) -> bool {
@@ -112,6 +115,7 @@ impl Query {
             slack: self.slack,
             lobe: self.lobe.map(|(dir, width)| (mirror.reflect(dir), width)),
             sees_emission: true,
+            contours_only: false,
         }
     }
 }
@@ -402,7 +406,8 @@ impl EdgeTree {
             let edge = &table.edges[e as usize];
             // The edges of the query's own face are its horizon: nothing arrives from there.
             let own = edge.faces.iter().any(|f| f.prim == query.prim);
-            let mut polar = if own { None } else { Polar::new(query, edge.p[0], edge.p[1]) };
+            let useless = own || (query.contours_only && edge.crossing);
+            let mut polar = if useless { None } else { Polar::new(query, edge.p[0], edge.p[1]) };
             if !self.may_be_contour(e as usize, query.p - edge.p[0], query.slack) {
                 polar = polar.filter(|_| edge.sharp).map(|p| p.scaled(CREASE * edge.weight));
             }
@@ -430,7 +435,7 @@ impl EdgeTree {
 /// Unit normal of a face of an edge, oriented like the face, so that a closed smooth patch has planes on one side.
 fn face_normal(edge: &Edge, f: &EdgeFace) -> Vec3 {
     let n = (edge.p[1] - edge.p[0]).cross(f.opposite - edge.p[0]).normalize_or_zero();
-    if (f.corners[1] + 3 - f.corners[0]) % 3 == 1 { n } else { -n }
+    if is_forward(f) { n } else { -n }
 }
 
 /// Normals of an edge's two faces, if it has two, turned alike whatever their winding.
@@ -442,8 +447,13 @@ fn face_planes(edge: &Edge) -> Option<[Vec3; 2]> {
 
 /// Whether two faces run through their edge in opposite directions, as on an oriented surface.
 fn is_wound_consistently(edge: &Edge) -> bool {
-    let forward = |f: &EdgeFace| (f.corners[1] + 3 - f.corners[0]) % 3 == 1;
-    matches!(edge.faces.as_slice(), [a, b] if forward(a) != forward(b))
+    matches!(edge.faces.as_slice(), [a, b] if is_forward(a) != is_forward(b))
+}
+
+/// Whether a face's corners run in the direction of the edge.
+fn is_forward(f: &EdgeFace) -> bool {
+    let next = usize::from(f.corner + 1) % 3;
+    f.ends[0][next] > f.ends[1][next]
 }
 
 /// See [`EdgeTree::brightness`]. What is reflected is taken to be half of the emitted power, spread over all surfaces, and

@@ -275,12 +275,10 @@ impl<'a> PrimaryEdges<'a> {
             (piece.sb - piece.sa) * f64::from(b.speed)
         };
         let scale = (pixels * weight) as f32;
-        let face = &b.edge.faces[b.foreground];
         out.pixel(b.pixel, |d, out| {
             let d_pixel = b.normal_2d * (d.dot(b.jump) * scale);
             let d_p = b.viewpoint.d_position(out, b.p, &b.seen, d_pixel);
-            out.vertex(face.shape, face.v[0], d_p * (1.0 - b.s));
-            out.vertex(face.shape, face.v[1], d_p * b.s);
+            out.edge_point(b.edge, b.foreground, b.s, d_p);
         });
     }
 }

@@ -297,9 +297,7 @@ impl<'a> Secondary<'a> {
             Some(mirror) => d_mirror_image(out, mirror, sample.p, d_image),
             None => d_image,
         };
-        let face = &self.table.edges[sample.edge].faces[sample.foreground];
-        out.vertex(face.shape, face.v[0], d_p * (1.0 - sample.s));
-        out.vertex(face.shape, face.v[1], d_p * sample.s);
+        out.edge_point(&self.table.edges[sample.edge], sample.foreground, sample.s, d_p);
         let d_dir = sample.normal * (-sample.distance * d.dot(sample.attached));
         Injection { vertex: sample.vertex, d_p: -d_image, dir: sample.dir, d_dir }
     }

@@ -9,6 +9,11 @@
 //!
 //! W(x) the importance of x (pixels per area, adjoint of the pixel). Unbiased, every bounce; a receiver seen only through
 //! a curved mirror is not found (see [`super::coverage_gaps`]).
+//!
+//! Where a light sticks through another surface its visible part ends at the curve of intersection: the same with the light
+//! point y at p, τ = 1. Choose p on the curve, and a direction in which to find x:
+//!
+//!   −∫dl ∫dω cosθ_p L_e f_s(x) W(x) N̂·(ṗ − ẏ),  N̂ in the light's plane, towards the part that x sees.
 
 use glam::{Vec2, Vec3};
 
@@ -20,8 +25,9 @@ use super::local::{RayAdjoint, VertexAdjoint, d_attached_direction, d_direction,
 use super::sink::{Adjoints, Layout, Sink};
 use super::viewpoint::{Viewpoint, d_reflected_ray};
 use crate::image::Image;
-use crate::math::Frame;
-use crate::render::accel::{PrimId, Ray};
+use crate::math::{Frame, cosine_hemisphere};
+use crate::render::accel::{Hit, PrimId, Ray};
+use crate::render::edges::Edge;
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::light::{LightKind, LightSample};
 use crate::render::sampler::{Discrete, ONE_MINUS_EPSILON, Sampler, hash};
@@ -36,6 +42,10 @@ pub struct Shadows<'a> {
     /// All mirrors are planar: paths may go through them.
     planar_mirrors: bool,
     edges: Discrete,
+    /// Edges and their emitting faces where lights stick through surfaces, and the share of samples for these.
+    pierced: Vec<(usize, usize)>,
+    pierced_pmf: Discrete,
+    share: f64,
     /// For scenes of many edges, few of which are contours for a light: found from the light.
     tree: Option<&'a EdgeTree>,
     /// Over the numbers that choose edge and light.
@@ -53,10 +63,42 @@ impl<'a> Shadows<'a> {
     ) -> Self {
         /// Up to here edges are chosen by length, which keeps Sobol's strata whole.
         const FEW: usize = 256;
-        let edges = Discrete::new(scene.edges().edges.iter().map(|e| f64::from(e.length() * e.weight)));
+        let table = scene.edges();
+        let weight = |e: &Edge| if e.crossing { 0.0 } else { f64::from(e.length() * e.weight) };
+        let edges = Discrete::new(table.edges.iter().map(weight));
+        let mut pierced = Vec::new();
+        let mut weights = Vec::new();
+        for (i, edge) in table.edges.iter().enumerate().filter(|(_, e)| e.crossing) {
+            // The halves of one triangle count once.
+            for face in (0..4).filter(|&f| f % 2 == 0 || edge.faces[f].prim != edge.faces[f - 1].prim) {
+                let power = scene.emitted_power(edge.faces[face].prim);
+                if power > 0.0 {
+                    pierced.push((i, face));
+                    weights.push(f64::from(edge.length()) * power);
+                }
+            }
+        }
+        let share = match (edges.is_empty(), pierced.is_empty()) {
+            (_, true) => 0.0,
+            (true, false) => 1.0,
+            (false, false) => 0.25,
+        };
+        let pierced_pmf = Discrete::new(weights);
         let tree = (edges.len() > FEW).then_some(tree);
         let max_bounces = settings.max_bounces;
-        Shadows { scene, viewpoints, max_bounces, count, planar_mirrors, edges, tree, guide: None }
+        Shadows {
+            scene,
+            viewpoints,
+            max_bounces,
+            count,
+            planar_mirrors,
+            edges,
+            pierced,
+            pierced_pmf,
+            share,
+            tree,
+            guide: None,
+        }
     }
 
     /// Learns from pilots which edges cast shadows of which lights where it matters.
@@ -74,58 +116,100 @@ impl<'a> Shadows<'a> {
         self
     }
 
-    /// One sample: `at` chooses the edge point and (with `v`) the light point, `weight` is one over
-    /// their density.
+    /// One sample: `at` and `v` choose the edge point and the light point, `weight` is one over their density.
     fn sample(&self, at: [f64; 2], v: f32, weight: f64, sampler: &mut Sampler, out: &mut impl Estimate) {
+        let (pierced, share) = if at[0] < self.share { (true, self.share) } else { (false, 1.0 - self.share) };
+        let u = [(if pierced { at[0] } else { at[0] - self.share }) / share, at[1]];
+        let cast = if pierced { self.cast_at_crossing(u, v) } else { self.cast_by_edge(u, v) };
+        if let Some(cast) = cast {
+            self.walk(&cast, (weight / share) as f32, sampler, out);
+        }
+    }
+
+    /// An edge that stands in the way of a light.
+    fn cast_by_edge(&self, at: [f64; 2], v: f32) -> Option<Cast<'_>> {
         let scene = self.scene;
-        let u_light = Vec2::new((at[1] as f32).min(ONE_MINUS_EPSILON), v);
-        let Some(light) = scene.sample_local_light(u_light) else { return };
+        let light = scene.sample_local_light(Vec2::new((at[1] as f32).min(ONE_MINUS_EPSILON), v))?;
         let table = scene.edges();
-        let lens = self.viewpoints[0].camera.sample_lens(sampler).lens;
         let (edge, s, per_length) = match self.tree {
+            None if self.edges.is_empty() => return None,
             None => {
                 let (e, pmf, rest) = self.edges.sample(at[0]);
                 let edge = &table.edges[e];
                 (edge, rest as f32, pmf as f32 / edge.length())
             }
             Some(tree) => {
-                let Some(point) = tree.sample_one(table, &Query::from_light(&light, scene), at[0] as f32) else {
-                    return;
-                };
+                let point = tree.sample_one(table, &Query::from_light(&light, scene), at[0] as f32)?;
                 (&table.edges[point.edge], point.s, point.pdf)
             }
         };
         let p = edge.point(s);
-        let Some(arrival) = light.arrive(p) else { return };
+        let arrival = light.arrive(p)?;
         let dir = arrival.dir; // from p towards the light
 
         // The edge must hide something from the light: all its faces on one side.
-        let Some(view) = edge.view(-dir) else { return };
+        let view = edge.view(-dir)?;
         if view.background.is_some() {
-            return;
+            return None;
         }
-        // As seen from the receiver the covered side is the same.
-        let normal = view.normal;
         let prims = edge.prims();
         let scale = scene.radius;
         let to_light = Ray { t_max: arrival.distance * (1.0 - 1e-5), t_min: 2e-6 * scale, ..Ray::new(p, dir) };
         let skip: Vec<PrimId> = prims.iter().copied().chain([light.prim]).collect();
         if scene.accel.occluded(&to_light, &skip) {
-            return;
+            return None;
         }
-        let Some(hit) = scene.accel.closest(&Ray::new(p, -dir), &prims) else { return };
+        let hit = scene.accel.closest(&Ray::new(p, -dir), &prims)?;
         if hit.t < 1e-5 * scale {
-            return; // the edge lies on the receiver: the shadow starts under the edge itself
+            return None; // the edge lies on the receiver: the shadow starts under the edge itself
         }
-        let q = hit.t;
         let tau = match light.kind {
-            LightKind::Area | LightKind::Point(_) => q / (q + arrival.distance),
+            LightKind::Area | LightKind::Point(_) => hit.t / (hit.t + arrival.distance),
             _ => 0.0,
         };
         let sin_phi = edge.direction().cross(dir).length();
-        let power = light.power * (-arrival.geometry * sin_phi / (per_length * light.pdf) * weight as f32);
+        let power = light.power * (-arrival.geometry * sin_phi / (per_length * light.pdf));
+        // As seen from the receiver the covered side is the same.
+        Some(Cast { edge, face: view.foreground, s, normal: view.normal, light, dir, hit, tau, power })
+    }
 
-        let mut walk = Walk { vertices: Vec::with_capacity(4), weight: power };
+    /// A light that sticks through a surface.
+    fn cast_at_crossing(&self, at: [f64; 2], v: f32) -> Option<Cast<'_>> {
+        let scene = self.scene;
+        let (i, pmf, rest) = self.pierced_pmf.sample(at[0]);
+        let (edge, face) = self.pierced[i];
+        let edge = &scene.edges().edges[edge];
+        let (s, per_length) = (rest as f32, pmf as f32 / edge.length());
+        let own = &edge.faces[face];
+        let light = scene.area_sample(own.prim, edge.barycentric(face, s, 0.0), per_length)?;
+        let (sides, u) = if light.two_sided { (2.0, (2.0 * at[1]).fract()) } else { (1.0, at[1]) };
+        let n = if light.two_sided && at[1] < 0.5 { -light.n } else { light.n };
+        let away = cosine_hemisphere([(u as f32).min(ONE_MINUS_EPSILON), v]);
+        let away = Frame::from_normal(n).to_world(away).normalize();
+
+        // The other surface hides what is behind it.
+        let [p0, p1, p2] = scene.corners(edge.faces[(face + 2) % 4].prim);
+        let other = (p1 - p0).cross(p2 - p0).normalize_or_zero();
+        let normal = (other - n * n.dot(other)).normalize_or_zero() * other.dot(away).signum();
+        let whole = edge.faces[face ^ 1].prim == own.prim;
+        if !whole && normal.dot(own.opposite - edge.p[0]) <= 0.0 {
+            return None;
+        }
+        let hit = scene.accel.closest(&Ray::new(edge.point(s), away), &edge.prims())?;
+        if hit.t < 1e-5 * scene.radius {
+            return None;
+        }
+        let power = light.power * (-std::f32::consts::PI * sides / per_length);
+        Some(Cast { edge, face, s, normal, light, dir: -away, hit, tau: 1.0, power })
+    }
+
+    /// Carries a change of direct light from its receiver to the camera; `weight` is that of the sample.
+    fn walk(&self, cast: &Cast, weight: f32, sampler: &mut Sampler, out: &mut impl Estimate) {
+        let scene = self.scene;
+        let &Cast { edge, face, s, normal, light, dir, hit, tau, power } = cast;
+        let lens = self.viewpoints[0].camera.sample_lens(sampler).lens;
+        let q = hit.t;
+        let mut walk = Walk { vertices: Vec::with_capacity(4), weight: power * weight };
         let mut towards = dir; // direction in which the light leaves backwards: from the surface towards where it came
         let (mut prim, mut b) = (hit.prim, hit.b);
         for bounce in 1..=self.max_bounces {
@@ -149,9 +233,7 @@ impl<'a> Shadows<'a> {
                 }
                 out.pixel(pixel, |d, out| {
                     let m = d.dot(m);
-                    let face = &edge.faces[view.foreground];
-                    out.vertex(face.shape, face.v[0], normal * (m * (1.0 - s)));
-                    out.vertex(face.shape, face.v[1], normal * (m * s));
+                    out.edge_point(edge, face, s, normal * m);
                     match light.kind {
                         LightKind::Area => out.material_point(light.prim, light.b, normal * (-tau * m)),
                         LightKind::Point(i) => out.light_placement(i, normal * (-tau * m)),
@@ -212,6 +294,24 @@ impl<'a> Shadows<'a> {
             towards = -away;
         }
     }
+}
+
+/// Where the light of a receiver ends.
+struct Cast<'a> {
+    edge: &'a Edge,
+    face: usize,
+    s: f32,
+    /// From the covered side to the uncovered one.
+    normal: Vec3,
+    light: LightSample,
+    /// From the receiver to the light.
+    dir: Vec3,
+    /// The receiver as the edge sees it.
+    hit: Hit,
+    /// Where the edge is on the way from receiver to light.
+    tau: f32,
+    /// Light on the receiver over the density of choosing this.
+    power: Vec3,
 }
 
 /// A chain of vertices from the shadow receiver towards the camera.
@@ -296,7 +396,8 @@ impl Draw for Shadows<'_> {
 
 impl Estimator for Shadows<'_> {
     fn count(&self) -> usize {
-        if self.edges.is_empty() || self.max_bounces == 0 || !self.scene.lights.has_local_lights() {
+        let none = self.edges.is_empty() && self.pierced.is_empty();
+        if none || self.max_bounces == 0 || !self.scene.lights.has_local_lights() {
             return 0;
         }
         self.count

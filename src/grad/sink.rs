@@ -1,9 +1,10 @@
 //! Where derivatives go: a flat array of all requested slots, filled (reverse mode) or contracted with a tangent
 //! (forward mode).
 
-use glam::{Vec2, Vec3};
+use glam::{DVec3, Vec2, Vec3};
 
 use crate::render::accel::PrimId;
+use crate::render::edges::Edge;
 use crate::render::sensor::CameraAdjoint;
 use crate::render::{Input, Scene, Slot};
 
@@ -165,8 +166,27 @@ impl<'a, S: Sink> Adjoints<'a, S> {
             return;
         }
         let face = self.scene.description.shapes[id.shape as usize].mesh.faces[id.face as usize];
-        for (v, b) in face.into_iter().zip(b) {
+        for (v, b) in face.into_iter().zip(b).filter(|(_, b)| *b != 0.0) {
             self.vertex(id.shape, v, d * b);
+        }
+    }
+
+    /// Adjoint of an edge's point at `s`, perpendicular to the edge. That of a mesh edge is a material point of its faces, of
+    /// which `face` is one. Where surfaces cross the point stays in both planes: n·(ṗ − V) = 0 with the velocities V of their
+    /// material points, so that d = α n_A + β n_B goes to these as α n_A and β n_B.
+    pub fn edge_point(&mut self, edge: &Edge, face: usize, s: f32, d: Vec3) {
+        if !edge.crossing {
+            return self.material_point(edge.faces[face].prim, edge.barycentric(face, s, 0.0), d);
+        }
+        let planes = [0, 2]; // one half of each surface
+        let [a, b] = planes.map(|i| {
+            let [p0, p1, p2] = self.scene.corners(edge.faces[i].prim).map(|p| p.as_dvec3());
+            (p1 - p0).cross(p2 - p0).normalize_or_zero()
+        });
+        let (d, cos, sin2) = (d.as_dvec3(), a.dot(b), a.cross(b).length_squared());
+        let share = |n: DVec3, other: DVec3| n * ((n.dot(d) - cos * other.dot(d)) / sin2);
+        for (i, d) in planes.into_iter().zip([share(a, b), share(b, a)]) {
+            self.material_point(edge.faces[i].prim, edge.barycentric(i, s, 0.0), d.as_vec3());
         }
     }
 

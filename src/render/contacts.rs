@@ -1,10 +1,11 @@
-//! Pairs of triangles that share a corner and of which one shines on the other.
+//! Pairs of triangles that share a corner or cross, and of which one shines on the other.
 
 use std::collections::{HashMap, HashSet};
 
 use glam::Vec3;
 
 use super::accel::PrimId;
+use super::intersections::crossings;
 use super::scene::MaterialKind;
 use super::world::Scene;
 
@@ -42,26 +43,28 @@ impl Contacts {
             scene.corners(prim).into_iter().map(|p| side * n.dot(p - origin)).fold(0.0, f32::max)
         };
         let least = 1e-5 * scene.radius;
-        for receiver in all {
-            let (material, at) = (&shape(receiver).material, plane(receiver));
+        let mut consider = |receiver: PrimId, emitter: PrimId| {
+            let (material, at, from) = (&shape(receiver).material, plane(receiver), plane(emitter));
+            let Some(emission) = shape(emitter).emission.as_ref().filter(|_| emitter != receiver) else { return };
             if matches!(material.kind, MaterialKind::Black) || at.0 == Vec3::ZERO {
-                continue;
+                return;
             }
+            let lit = reach(receiver, from, 1.0) > least || (emission.two_sided && reach(receiver, from, -1.0) > least);
+            let faces = reach(emitter, at, 1.0) > least || (!material.one_sided && reach(emitter, at, -1.0) > least);
+            if lit && faces {
+                pairs.insert((receiver, emitter));
+            }
+        };
+        for receiver in all {
             for corner in scene.corners(receiver) {
-                let Some(fan) = emitters.get(&key(corner)).filter(|fan| fan.len() <= MAX_FAN) else { continue };
-                for &emitter in fan {
-                    let Some(emission) = shape(emitter).emission.as_ref().filter(|_| emitter != receiver) else {
-                        continue;
-                    };
-                    let from = plane(emitter);
-                    let lit = reach(receiver, from, 1.0) > least
-                        || (emission.two_sided && reach(receiver, from, -1.0) > least);
-                    let faces =
-                        reach(emitter, at, 1.0) > least || (!material.one_sided && reach(emitter, at, -1.0) > least);
-                    if lit && faces {
-                        pairs.insert((receiver, emitter));
-                    }
-                }
+                let fan = emitters.get(&key(corner)).filter(|fan| fan.len() <= MAX_FAN);
+                fan.into_iter().flatten().for_each(|&emitter| consider(receiver, emitter));
+            }
+        }
+        for [a, b] in crossings(scene, |prim| shape(prim).emission.is_some()).into_iter().map(|c| c.prims) {
+            for (&a, &b) in a.iter().flat_map(|a| b.iter().map(move |b| (a, b))) {
+                consider(a, b);
+                consider(b, a);
             }
         }
         Contacts { pairs }

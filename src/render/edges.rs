@@ -1,28 +1,30 @@
-//! The edge table: every edge of a scene once, with all faces that meet at it, welded by position across meshes.
+//! The edge table: every edge of a scene once, with all faces that meet at it, welded by position across meshes; and the
+//! segments along which faces cross, with the four halves that meet there.
 //!
 //! Welding makes UV seams, split normals and abutting objects ordinary edges; without it coincident open edges would be
 //! counted twice (`algorithms.md` §2.0). An edge is classified from a viewpoint without normals: the plane through the
 //! viewpoint and the edge has all opposite vertices of the adjacent faces on one side (*contour*) or not (*crease*).
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use glam::{DVec3, Vec3};
 
 use super::accel::PrimId;
+use super::intersections::{Crossing, crossings};
 use super::scene::{Input, Material, MaterialKind};
 use super::world::Scene;
+use crate::mesh::Mesh;
 
-/// A face at an edge: its primitive, and which of its vertices are the edge's ends in the edge's own order.
+/// A face at an edge, or one half of a face that the edge cuts in two.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgeFace {
     pub prim: PrimId,
-    pub shape: u32,
-    /// Vertex indices, in the face's mesh, of the edge's start and end.
-    pub v: [u32; 2],
-    /// Position of the face's third vertex.
+    /// Barycentric coordinates of the edge's start and end.
+    pub ends: [[f32; 3]; 2],
+    /// A corner that is not on the edge: for a mesh edge the third one, else the one furthest into this half.
+    pub corner: u8,
+    /// Its position.
     pub opposite: Vec3,
-    /// Corner numbers (0 to 2) of start and end within the face.
-    pub corners: [u8; 2],
 }
 
 /// An undirected edge.
@@ -30,6 +32,9 @@ pub struct EdgeFace {
 pub struct Edge {
     pub p: [Vec3; 2],
     pub faces: Vec<EdgeFace>,
+    /// The edge is where two surfaces cross: of each it has both halves, first of the one, then of the other. Seen from anywhere
+    /// it is a crease, and it moves with both surfaces' planes.
+    pub crossing: bool,
     /// Reflected radiance may jump across the edge where both its faces are seen.
     pub sharp: bool,
     /// How likely the edge is to matter to someone who looks from anywhere, in (0, 1]: about its exterior dihedral angle over
@@ -57,6 +62,12 @@ impl Edge {
     #[inline]
     pub fn point(&self, s: f32) -> Vec3 {
         self.p[0].lerp(self.p[1], s)
+    }
+
+    /// The parameter of a point on the edge.
+    fn parameter(&self, p: Vec3) -> f32 {
+        let e = self.p[1] - self.p[0];
+        ((p - self.p[0]).dot(e) / e.length_squared()).clamp(0.0, 1.0)
     }
 
     /// Unit direction from start to end.
@@ -104,11 +115,20 @@ impl Edge {
 
     /// Barycentric coordinates on a face of the edge's point at `s`, moved into the face by the fraction `inset`.
     pub fn barycentric(&self, face: usize, s: f32, inset: f32) -> [f32; 3] {
-        let [i, j] = self.faces[face].corners.map(usize::from);
-        let mut b = [inset; 3];
-        b[i] = (1.0 - s) * (1.0 - inset);
-        b[j] = s * (1.0 - inset);
+        let EdgeFace { ends: [start, end], corner, .. } = self.faces[face];
+        let mut b: [f32; 3] = std::array::from_fn(|i| (start[i] * (1.0 - s) + end[i] * s) * (1.0 - inset));
+        b[usize::from(corner)] += inset;
         b
+    }
+
+    /// The part between two of its parameters.
+    fn part(&self, from: f32, to: f32) -> Edge {
+        let mut part = self.clone();
+        part.p = [from, to].map(|s| self.point(s));
+        for (i, face) in part.faces.iter_mut().enumerate() {
+            face.ends = [from, to].map(|s| self.barycentric(i, s, 0.0));
+        }
+        part
     }
 }
 
@@ -123,10 +143,8 @@ impl EdgeTable {
         let mut points: HashMap<[u32; 3], u32> = HashMap::new();
         let mut index: HashMap<(u32, u32), usize> = HashMap::new();
         let mut edges: Vec<Edge> = Vec::new();
-        for (prim, id) in scene.prims.iter().enumerate() {
-            let mesh = &scene.description.shapes[id.shape as usize].mesh;
-            let face = mesh.faces[id.face as usize];
-            let corners = face.map(|v| mesh.vertices[v as usize]);
+        for prim in 0..scene.prims.len() {
+            let corners = scene.corners(prim as PrimId);
             let welded = corners.map(|p| {
                 let next = points.len() as u32;
                 *points.entry(key(p)).or_insert(next)
@@ -143,18 +161,34 @@ impl EdgeTable {
                 }
                 let (a, b) = if welded[i] < welded[j] { (i, j) } else { (j, i) };
                 let edge = *index.entry((welded[a], welded[b])).or_insert_with(|| {
-                    edges.push(Edge { p: [corners[a], corners[b]], faces: Vec::new(), sharp: false, weight: 1.0 });
+                    let faces = Vec::with_capacity(2);
+                    edges.push(Edge { p: [corners[a], corners[b]], faces, crossing: false, sharp: false, weight: 1.0 });
                     edges.len() - 1
                 });
                 edges[edge].faces.push(EdgeFace {
                     prim: prim as PrimId,
-                    shape: id.shape,
-                    v: [face[a], face[b]],
+                    ends: [a, b].map(|corner| std::array::from_fn(|i| f32::from(i == corner))),
+                    corner: (3 - i - j) as u8,
                     opposite: corners[3 - i - j],
-                    corners: [a as u8, b as u8],
                 });
             }
         }
+        let crossings = crossings(scene, |_| true);
+        // Where a surface goes through another along one of its edges there is a crossing, and no edge besides.
+        let mut covered: BTreeMap<usize, Vec<[f32; 2]>> = BTreeMap::new();
+        for crossing in &crossings {
+            let ends = crossing.along.map(|ends| ends.map(|p| points.get(&key(p)).copied()));
+            let Some([Some(a), Some(b)]) = ends else { continue };
+            if let Some(&edge) = index.get(&(a.min(b), a.max(b))) {
+                covered.entry(edge).or_default().push(crossing.p.map(|p| edges[edge].parameter(p)));
+            }
+        }
+        for (edge, stretches) in covered {
+            let rest: Vec<Edge> = gaps(stretches).into_iter().map(|[from, to]| edges[edge].part(from, to)).collect();
+            edges[edge].faces.clear();
+            edges.extend(rest);
+        }
+        edges.retain(|e| !e.faces.is_empty());
         for edge in &mut edges {
             edge.sharp = is_sharp(scene, edge);
         }
@@ -163,8 +197,60 @@ impl EdgeTable {
         for edge in &mut edges {
             edge.weight = weight(edge);
         }
+        edges.extend(crossings.iter().filter_map(|c| crossing_edge(scene, c)));
         EdgeTable { edges }
     }
+}
+
+/// What is left of [0, 1] without the given stretches.
+fn gaps(mut stretches: Vec<[f32; 2]>) -> Vec<[f32; 2]> {
+    const LEAST: f32 = 1e-5;
+    stretches.iter_mut().for_each(|ends| ends.sort_by(f32::total_cmp));
+    stretches.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let mut gaps = Vec::new();
+    let mut at = 0.0;
+    for [from, to] in stretches.into_iter().chain([[1.0; 2]]) {
+        if from - at > LEAST {
+            gaps.push([at, from]);
+        }
+        at = at.max(to);
+    }
+    gaps
+}
+
+fn crossing_edge(scene: &Scene, crossing: &Crossing) -> Option<Edge> {
+    let p = crossing.p;
+    let e = (p[1] - p[0]).as_dvec3().normalize();
+    // Faces on either side of the edge, each with the distance of its furthest corner.
+    let halves = |prim: PrimId| {
+        let corners = scene.corners(prim).map(|c| c.as_dvec3());
+        let n = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+        let barycentric = |p: Vec3| {
+            let at = |i: usize| corners[i] - p.as_dvec3();
+            let b = [[1, 2], [2, 0], [0, 1]].map(|[i, j]| n.dot(at(i).cross(at(j))).max(0.0));
+            b.map(|x| (x / (b[0] + b[1] + b[2])) as f32)
+        };
+        let ends = p.map(barycentric);
+        let across = n.cross(e).normalize_or_zero();
+        let height = |i: usize| across.dot(corners[i] - p[0].as_dvec3());
+        let half = |corner: usize| {
+            (height(corner).abs(), EdgeFace { prim, ends, corner: corner as u8, opposite: corners[corner].as_vec3() })
+        };
+        let by_height = |i: &usize, j: &usize| height(*i).total_cmp(&height(*j));
+        Some([half((0..3).min_by(by_height)?), half((0..3).max_by(by_height)?)])
+    };
+    let mut faces = Vec::with_capacity(4);
+    for [a, b] in crossing.prims {
+        if a == b {
+            faces.extend(halves(a)?.map(|(_, face)| face));
+        } else {
+            for [x, y] in [halves(a)?, halves(b)?] {
+                faces.push(if x.0 > y.0 { x.1 } else { y.1 });
+            }
+        }
+    }
+    let sound = faces.iter().flat_map(|f| f.ends).flatten().all(f32::is_finite);
+    sound.then_some(Edge { p, faces, crossing: true, sharp: true, weight: 1.0 })
 }
 
 /// Unit vectors perpendicular to the edge that point into its faces, if there are two.
@@ -199,12 +285,20 @@ fn is_sharp(scene: &Scene, edge: &Edge) -> bool {
     let [a, b] = edge.faces.as_slice() else {
         return true;
     };
-    let (sa, sb) = (&scene.description.shapes[a.shape as usize], &scene.description.shapes[b.shape as usize]);
+    let shape = |f: &EdgeFace| &scene.description.shapes[scene.prims[f.prim as usize].shape as usize];
+    let (sa, sb) = (shape(a), shape(b));
     if sa.material != sb.material || sa.emission != sb.emission {
         return true;
     }
-    let differ = |get: &dyn Fn(&crate::mesh::Mesh, u32) -> Option<Vec3>| {
-        (0..2).any(|i| match (get(&sa.mesh, a.v[i]), get(&sb.mesh, b.v[i])) {
+    // Values at the edge's ends.
+    let at = |f: &EdgeFace, values: &dyn Fn(&Mesh, u32) -> Option<Vec3>, end: usize| {
+        let mesh = &shape(f).mesh;
+        let face = mesh.faces[scene.prims[f.prim as usize].face as usize];
+        let parts = face.into_iter().zip(f.ends[end]).filter(|(_, b)| *b != 0.0);
+        parts.map(|(v, b)| values(mesh, v).map(|x| x * b)).sum::<Option<Vec3>>()
+    };
+    let differ = |values: &dyn Fn(&Mesh, u32) -> Option<Vec3>| {
+        (0..2).any(|end| match (at(a, values, end), at(b, values, end)) {
             (Some(x), Some(y)) => x.distance(y) > 1e-5 * (x.length() + y.length()),
             _ => true, // without uvs every face has its own
         })

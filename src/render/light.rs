@@ -291,6 +291,13 @@ impl Scene {
         })
     }
 
+    /// Luminance that a primitive emits per unit area, averaged over its shape, but for a constant factor.
+    pub(crate) fn emitted_power(&self, prim: PrimId) -> f64 {
+        let emission = self.description.shapes[self.prims[prim as usize].shape as usize].emission.as_ref();
+        let sides = |two_sided: bool| if two_sided { 2.0 } else { 1.0 };
+        emission.map_or(0.0, |e| sides(e.two_sided) * mean_luminance(&self.description, e.radiance))
+    }
+
     /// Solid-angle density of finding world direction `dir` on the environment by light sampling.
     pub(crate) fn environment_pdf(&self, dir: Vec3) -> f32 {
         match (&self.environment, &self.description.environment) {

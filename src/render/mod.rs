@@ -8,6 +8,7 @@ pub mod environment;
 pub mod film;
 pub mod integrator;
 pub mod interaction;
+pub mod intersections;
 pub mod light;
 pub mod motion;
 pub mod sampler;

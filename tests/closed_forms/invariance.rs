@@ -118,6 +118,37 @@ fn a_hundred_furnaces() {
     assert!(worst < 12.0, "a score of {worst}");
 }
 
+/// T8 again, with triangles that go through each other and through the walls: what glows of them ends at the curves.
+#[test]
+fn furnace_of_interpenetrating_triangles() {
+    const RHO: f32 = 0.5;
+    for (seed, bounces) in [(1, 1), (3, 2)] {
+        let mut rng = Pcg32::new(seed);
+        let mut b = Builder::default();
+        let reflectance = b.gray(RHO);
+        let radiance = b.gray(1.0);
+        let mut meshes = vec![blob(Vec3::ZERO, 2.0, 0.0, &mut rng)];
+        for _ in 0..4 {
+            let center = Vec3::new(0.0, 0.0, -1.2);
+            meshes.push(triangle(std::array::from_fn(|_| center + 1.6 * uniform_sphere(rng.next_2d()))));
+        }
+        for mesh in &meshes {
+            b.shape(mesh.clone(), MaterialKind::Diffuse { reflectance }, Some(Emission { radiance, two_sided: true }));
+        }
+        let scene = b.build();
+        let camera = camera(Projection::Perspective, Vec3::Z * 1.5, -Vec3::Z, 0.8, 2);
+        let measured = Measured { scene: &scene, camera: &camera, settings: settings(512, bounces) };
+        let slots: Vec<Slot> = (0..meshes.len()).map(Slot::Vertices).collect();
+        let motions: Vec<Vec<Vec3>> =
+            meshes.iter().map(|m| m.vertices.iter().map(|_| random_vector(&mut rng)).collect()).collect();
+        let geometry = estimate(16, |seed| {
+            let gradients = measured.gradient(seed, &slots);
+            gradients.iter().zip(&motions).map(|(g, m)| contract(g, m)).collect()
+        });
+        geometry.check_zero("T8 interpenetrating", 0.05);
+    }
+}
+
 /// T9: a white convex body under a white sky is invisible.
 #[test]
 fn white_furnace() {
@@ -145,6 +176,7 @@ fn the_world_moves_as_one() {
     let mut rng = Pcg32::new(13);
     b.diffuse(floor(Vec3::ZERO, 3.0), 0.7);
     b.diffuse(blob(Vec3::new(0.3, 0.8, -0.2), 0.5, 0.3, &mut rng), 0.5);
+    b.diffuse(blob(Vec3::new(-0.5, 0.1, 0.6), 0.4, 0.3, &mut rng), 0.5); // in the floor
     b.black(triangle([Vec3::new(-1.0, 1.2, 0.3), Vec3::new(0.0, 1.5, 0.1), Vec3::new(-0.6, 1.4, -0.8)]));
     b.light(floor(Vec3::new(0.4, 3.0, 0.5), 0.5), 6.0);
     let shapes = b.description.shapes.len();

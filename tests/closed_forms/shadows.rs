@@ -149,7 +149,7 @@ impl Penumbra {
             let normal = if normal.dot(center - self.x) < 0.0 { -normal } else { normal };
             hidden = self.clip(&hidden, normal);
         }
-        self.lambert(&self.light) - self.lambert(&hidden)
+        lambert(self.x, self.n, &self.light) - lambert(self.x, self.n, &hidden)
     }
 
     fn clip(&self, polygon: &[DVec3], normal: DVec3) -> Vec<DVec3> {
@@ -165,19 +165,6 @@ impl Penumbra {
             }
         }
         kept
-    }
-
-    /// Lambert: E = ½ Σ Θᵢ n·(a × b)/|a × b|.
-    fn lambert(&self, polygon: &[DVec3]) -> f64 {
-        let mut sum = 0.0;
-        for (i, &p) in polygon.iter().enumerate() {
-            let (a, b) = (p - self.x, polygon[(i + 1) % polygon.len()] - self.x);
-            let cross = a.cross(b);
-            if cross.length() > 1e-300 {
-                sum += cross.length().atan2(a.dot(b)) * cross.dot(self.n) / cross.length();
-            }
-        }
-        0.5 * sum.abs()
     }
 }
 

@@ -5,7 +5,7 @@ use dscene::render::texture::Texture;
 use dscene::render::{
     Camera, Emission, Environment, Input, Lens, Material, MaterialKind, Projection, SceneDescription, Shape, Slot,
 };
-use glam::{Mat3, Vec3};
+use glam::{DVec3, Mat3, Vec3};
 
 /// Assembles a scene description from meshes and constants.
 #[derive(Default)]
@@ -190,12 +190,25 @@ pub fn contract(gradient: &[f64], motion: &[Vec3]) -> f64 {
     gradient.chunks(3).zip(motion).map(|(g, v)| vector(g).dot(v.as_dvec3())).sum()
 }
 
-pub fn vector(g: &[f64]) -> glam::DVec3 {
-    glam::DVec3::new(g[0], g[1], g[2])
+pub fn vector(g: &[f64]) -> DVec3 {
+    DVec3::new(g[0], g[1], g[2])
 }
 
 /// Central difference of an exact function.
 pub fn difference(f: impl Fn(f64) -> f64) -> f64 {
     let h = 1e-5;
     (f(h) - f(-h)) / (2.0 * h)
+}
+
+/// Irradiance at `x` with normal `n` below a polygon that glows with radiance 1 (Lambert): E = ½ Σ Θᵢ n·(a × b)/|a × b|.
+pub fn lambert(x: DVec3, n: DVec3, polygon: &[DVec3]) -> f64 {
+    let mut sum = 0.0;
+    for (i, &p) in polygon.iter().enumerate() {
+        let (a, b) = (p - x, polygon[(i + 1) % polygon.len()] - x);
+        let cross = a.cross(b);
+        if cross.length() > 1e-300 {
+            sum += cross.length().atan2(a.dot(b)) * cross.dot(n) / cross.length();
+        }
+    }
+    0.5 * sum.abs()
 }

@@ -6,6 +6,7 @@
 
 #[cfg(target_arch = "x86_64")]
 mod avx2;
+mod pairs;
 mod portable;
 mod traverse;
 mod tree;

@@ -56,7 +56,7 @@ pub struct Tree {
 }
 
 impl Child {
-    const EMPTY: Child = Child(u32::MAX);
+    pub const EMPTY: Child = Child(u32::MAX);
 
     fn leaf(first: usize, blocks: usize) -> Child {
         Child(LEAF | (first as u32) << COUNT_BITS | blocks as u32)

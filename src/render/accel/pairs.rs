@@ -1,0 +1,96 @@
+//! Pairs of triangles whose boxes meet.
+
+use glam::Vec3;
+use rayon::prelude::*;
+
+use super::tree::{Block, Child, Tree, WIDTH};
+use super::{Accel, NO_PRIM, PrimId};
+
+impl Accel {
+    /// What `test` finds in all pairs of triangles whose boxes meet and of which one at least is `wanted`, in an order that
+    /// follows from the tree alone. Every pair is tested once. Takes n log n for meshes whose triangles meet few others.
+    pub fn pairs<T: Send>(
+        &self,
+        wanted: impl Fn(PrimId) -> bool + Sync,
+        test: impl Fn([PrimId; 2], &mut Vec<T>) + Sync,
+    ) -> Vec<T> {
+        let leaf = |child: &Child| *child != Child::EMPTY && child.node().is_none();
+        let leaves: Vec<Child> = self.tree.nodes.iter().flat_map(|n| n.children).filter(leaf).collect();
+        let found: Vec<Vec<T>> = leaves
+            .par_chunks(256)
+            .map(|leaves| {
+                let (mut found, mut near) = (Vec::new(), Vec::new());
+                for leaf in leaves {
+                    let own: Vec<(PrimId, Bounds)> =
+                        self.tree.triangles(*leaf).filter(|(prim, _)| wanted(*prim)).collect();
+                    let Some(around) = own.iter().map(|(_, b)| *b).reduce(Bounds::union) else { continue };
+                    near.clear();
+                    self.tree.meeting(&around, &mut near);
+                    for (a, bounds) in &own {
+                        let others = near.iter().filter(|(b, _)| b > a || (b < a && !wanted(*b)));
+                        for (b, _) in others.filter(|(_, other)| bounds.meets(other)) {
+                            test([*a, *b], &mut found);
+                        }
+                    }
+                }
+                found
+            })
+            .collect();
+        found.into_iter().flatten().collect()
+    }
+}
+
+/// An axis-aligned box.
+#[derive(Clone, Copy)]
+struct Bounds {
+    lo: Vec3,
+    hi: Vec3,
+}
+
+impl Bounds {
+    fn union(self, other: Bounds) -> Bounds {
+        Bounds { lo: self.lo.min(other.lo), hi: self.hi.max(other.hi) }
+    }
+
+    fn meets(&self, other: &Bounds) -> bool {
+        self.lo.cmple(other.hi).all() && other.lo.cmple(self.hi).all()
+    }
+}
+
+impl Tree {
+    /// The triangles of a leaf with their boxes.
+    fn triangles(&self, leaf: Child) -> impl Iterator<Item = (PrimId, Bounds)> {
+        self.blocks[leaf.blocks()].iter().flat_map(Block::triangles)
+    }
+
+    /// Adds all triangles whose boxes meet a given one.
+    fn meeting(&self, around: &Bounds, found: &mut Vec<(PrimId, Bounds)>) {
+        let mut pending = vec![0];
+        while let Some(index) = pending.pop() {
+            let node = &self.nodes[index];
+            let mut meets = [true; WIDTH];
+            for (axis, [lo, hi]) in node.bounds.iter().enumerate() {
+                for i in 0..WIDTH {
+                    meets[i] &= lo[i] <= around.hi[axis] && around.lo[axis] <= hi[i];
+                }
+            }
+            for (child, _) in node.children.iter().zip(meets).filter(|(_, meets)| *meets) {
+                match child.node() {
+                    Some(inner) => pending.push(inner),
+                    None => found.extend(self.triangles(*child).filter(|(_, bounds)| bounds.meets(around))),
+                }
+            }
+        }
+    }
+}
+
+impl Block {
+    fn triangles(&self) -> impl Iterator<Item = (PrimId, Bounds)> {
+        let corner = |vertex: usize, lane: usize| Vec3::from_array(self.corners[vertex].map(|axis| axis[lane]));
+        let filled = self.prims.iter().enumerate().take_while(|(_, prim)| **prim != NO_PRIM);
+        filled.map(move |(lane, &prim)| {
+            let [a, b, c] = [0, 1, 2].map(|vertex| corner(vertex, lane));
+            (prim, Bounds { lo: a.min(b).min(c), hi: a.max(b).max(c) })
+        })
+    }
+}

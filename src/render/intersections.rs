@@ -1,0 +1,404 @@
+//! Where triangles cross: the curves along which meshes interpenetrate, segment by segment.
+//!
+//! Triangles that only touch do not cross: a box that stands on a floor, neighbours in a mesh, faces in one plane. A surface
+//! that goes through another along one of its own edges does (a ball whose equator lies in the floor).
+
+use std::collections::HashSet;
+
+use glam::{DVec3, Vec3};
+
+use super::accel::PrimId;
+use super::world::Scene;
+
+/// Corners nearer to a plane than this times their largest coordinate lie in it: coordinates are only known to their last bits.
+const TOLERANCE: f64 = 1e-6;
+/// Sine of the angle below which two planes count as one. Such surfaces have no edge where they cross; it would move 1/sine
+/// times as fast as they do, and what is missed is what changes when two surfaces glide through each other at less than 0.006°.
+const LEAST_SINE: f64 = 1e-4;
+
+/// A segment along which two surfaces cross.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Crossing {
+    pub p: [Vec3; 2],
+    /// Of each surface the triangles on either side of the segment: one and the same if it crosses in the triangle's inside.
+    pub prims: [[PrimId; 2]; 2],
+    /// The ends of the mesh edge between the first surface's triangles, if they are two.
+    pub along: Option<[Vec3; 2]>,
+}
+
+/// All crossings with at least one wanted triangle, in the order of their triangles.
+pub fn crossings(scene: &Scene, wanted: impl Fn(PrimId) -> bool + Sync) -> Vec<Crossing> {
+    let meetings = scene.accel.pairs(wanted, |[a, b], found| {
+        let [x, y] = [a, b].map(|prim| Triangle::new(prim, scene.corners(prim)));
+        if x.is_beside(&y) || y.is_beside(&x) {
+            return;
+        }
+        // Twins of a triangle cross in the very same points, whoever comes first.
+        let [x, y] = [x, y].map(Triangle::sorted);
+        let (x, y) = if x.key() <= y.key() { (x, y) } else { (y, x) };
+        found.extend(meet(&x, &y));
+    });
+    let mut crossings = Vec::new();
+    let mut grazes = Vec::new();
+    for meeting in meetings {
+        match meeting {
+            Meeting::Cross(crossing) => crossings.push(crossing),
+            Meeting::Graze(graze) => grazes.push(graze),
+        }
+    }
+    crossings.extend(join(grazes));
+    crossings.sort_by_key(|c| c.prims);
+    let mut seen = HashSet::new();
+    crossings.retain(|c| seen.insert(key_of(c.p)));
+    crossings
+}
+
+/// How two triangles meet.
+enum Meeting {
+    Cross(Crossing),
+    Graze(Graze),
+}
+
+/// A triangle of which one edge lies within another triangle and the rest to one side of it: half a crossing.
+struct Graze {
+    p: [Vec3; 2],
+    edge: [Vec3; 2],
+    prim: PrimId,
+    other: PrimId,
+    above: bool,
+}
+
+/// Pairs of grazes from either side along the same edge.
+fn join(mut grazes: Vec<Graze>) -> Vec<Crossing> {
+    let key = |g: &Graze| (g.other, key_of(g.edge));
+    grazes.sort_by_key(|g| (key(g), g.above, g.prim));
+    let groups = grazes.chunk_by(|a, b| key(a) == key(b));
+    let crossing = |group: &[Graze]| {
+        let (below, above) = (group.first()?, group.last()?);
+        let prims = [[below.prim, above.prim], [below.other; 2]];
+        (below.above != above.above).then_some(Crossing { p: below.p, prims, along: Some(below.edge) })
+    };
+    groups.filter_map(crossing).collect()
+}
+
+fn bits(p: Vec3) -> [u32; 3] {
+    (p + Vec3::ZERO).to_array().map(f32::to_bits) // + 0 turns −0 into 0
+}
+
+/// The same for both orders of two points.
+fn key_of(p: [Vec3; 2]) -> [[u32; 3]; 2] {
+    let mut key = p.map(bits);
+    key.sort_unstable();
+    key
+}
+
+struct Triangle {
+    prim: PrimId,
+    corners: [DVec3; 3],
+    /// Distance within which a corner lies in a plane.
+    tolerance: f64,
+}
+
+impl Triangle {
+    fn new(prim: PrimId, corners: [Vec3; 3]) -> Triangle {
+        let largest = corners.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
+        Triangle { prim, corners: corners.map(|p| p.as_dvec3()), tolerance: TOLERANCE * f64::from(largest) }
+    }
+
+    /// With its corners in an order of their own, whatever the face's.
+    fn sorted(mut self) -> Triangle {
+        self.corners.sort_by(|a, b| {
+            let by = |i: usize| a[i].total_cmp(&b[i]);
+            by(0).then(by(1)).then(by(2))
+        });
+        self
+    }
+
+    /// Whether it surely lies on one side of another's plane: with no corner in it, or with one.
+    fn is_beside(&self, other: &Triangle) -> bool {
+        let [a, b, c] = other.corners;
+        let normal = (b - a).cross(c - a);
+        let tolerance = self.least_height(other) * normal.length();
+        let heights = self.corners.map(|p| normal.dot(p - a));
+        let count = |side: f64| heights.iter().filter(|&&h| side * h > tolerance).count();
+        let within = |side: f64| heights.iter().all(|&h| side * h > -tolerance);
+        (count(1.0) > 1 && within(1.0)) || (count(-1.0) > 1 && within(-1.0))
+    }
+
+    /// Below this a corner lies in another's plane.
+    fn least_height(&self, other: &Triangle) -> f64 {
+        self.tolerance + 1e-6 * other.tolerance
+    }
+
+    fn key(&self) -> [[u32; 3]; 3] {
+        self.corners.map(|p| bits(p.as_vec3()))
+    }
+
+    fn normal(&self) -> DVec3 {
+        let [a, b, c] = self.corners;
+        (b - a).cross(c - a).normalize_or_zero()
+    }
+
+    /// Distances of the corners from the plane of another; zero for those that lie in it.
+    fn heights(&self, other: &Triangle, normal: DVec3) -> [f64; 3] {
+        self.corners.map(|p| {
+            let height = normal.dot(p - other.corners[0]);
+            if height.abs() <= self.least_height(other) { 0.0 } else { height }
+        })
+    }
+
+    /// The points of the outline at height zero: two if the corners lie on both sides.
+    fn cut(&self, heights: [f64; 3]) -> Option<[DVec3; 2]> {
+        let mut points = Vec::with_capacity(2);
+        for i in 0..3 {
+            let (j, h, k) = ((i + 1) % 3, heights[i], heights[(i + 1) % 3]);
+            if h == 0.0 {
+                points.push(self.corners[i]);
+            } else if h * k < 0.0 {
+                points.push(self.corners[i].lerp(self.corners[j], h / (h - k)));
+            }
+        }
+        <[DVec3; 2]>::try_from(points).ok()
+    }
+}
+
+fn straddles(heights: [f64; 3]) -> bool {
+    heights.iter().any(|&h| h > 0.0) && heights.iter().any(|&h| h < 0.0)
+}
+
+/// The corners of an edge at height zero, with the height of the third.
+fn edge_within(heights: [f64; 3]) -> Option<([usize; 2], f64)> {
+    (0..3).find_map(|i| {
+        let [j, k] = [(i + 1) % 3, (i + 2) % 3];
+        (heights[i] != 0.0 && heights[j] == 0.0 && heights[k] == 0.0).then_some(([j, k], heights[i]))
+    })
+}
+
+/// Tells apart crossing and touching (after Möller 1997, "A Fast Triangle-Triangle Intersection Test"): where both planes meet
+/// each triangle has an interval, and these must overlap.
+fn meet(a: &Triangle, b: &Triangle) -> Option<Meeting> {
+    let normal_b = b.normal();
+    let heights_a = a.heights(b, normal_b);
+    let within_a = edge_within(heights_a);
+    if !straddles(heights_a) && within_a.is_none() {
+        return None;
+    }
+    let normal_a = a.normal();
+    let heights_b = b.heights(a, normal_a);
+    let within_b = edge_within(heights_b);
+    let along = normal_a.cross(normal_b);
+    if along.length() < LEAST_SINE {
+        return None;
+    }
+    let along = along.normalize();
+    let overlap = |x: [DVec3; 2], y: [DVec3; 2]| {
+        let sorted = |mut points: [DVec3; 2]| {
+            points.sort_by(|p, q| along.dot(*p).total_cmp(&along.dot(*q)));
+            points
+        };
+        let later = |p: DVec3, q: DVec3| if along.dot(p) < along.dot(q) { q } else { p };
+        let ([x0, x1], [y0, y1]) = (sorted(x), sorted(y));
+        let (from, to) = (later(x0, y0), if along.dot(x1) < along.dot(y1) { x1 } else { y1 });
+        let p = [from.as_vec3(), to.as_vec3()];
+        (along.dot(to - from) > a.tolerance.min(b.tolerance) && p[0] != p[1]).then_some(p)
+    };
+    let graze = |x: &Triangle, ([i, j], height): ([usize; 2], f64), y: &Triangle, cut: [DVec3; 2]| {
+        let edge = [x.corners[i], x.corners[j]];
+        let p = overlap(edge, cut)?;
+        let edge = edge.map(|p| p.as_vec3());
+        Some(Meeting::Graze(Graze { p, edge, prim: x.prim, other: y.prim, above: height > 0.0 }))
+    };
+    match (within_a, within_b) {
+        (Some(edge), None) if straddles(heights_b) => graze(a, edge, b, b.cut(heights_b)?),
+        (None, Some(edge)) if straddles(heights_a) => graze(b, edge, a, a.cut(heights_a)?),
+        (None, None) if straddles(heights_a) && straddles(heights_b) => {
+            let p = overlap(a.cut(heights_a)?, b.cut(heights_b)?)?;
+            let prims = if a.prim < b.prim { [[a.prim; 2], [b.prim; 2]] } else { [[b.prim; 2], [a.prim; 2]] };
+            Some(Meeting::Cross(Crossing { p, prims, along: None }))
+        }
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f32::consts::TAU;
+
+    use super::*;
+    use crate::math::Pcg32;
+    use crate::mesh::{Mesh, shapes};
+    use crate::render::scene::{Input, Material, MaterialKind, SceneDescription, Shape};
+    use crate::render::texture::Texture;
+
+    fn scene(meshes: Vec<Mesh>) -> Scene {
+        let material = Material { kind: MaterialKind::Diffuse { reflectance: Input::Texture(0) }, one_sided: false };
+        let shape = |mesh: Mesh| Shape { mesh: Mesh { uvs: None, ..mesh }, material: material.clone(), emission: None };
+        let textures = vec![Texture::constant(Vec3::ONE)];
+        let shapes = meshes.into_iter().map(shape).collect();
+        Scene::new(SceneDescription { shapes, textures, ..Default::default() }).unwrap()
+    }
+
+    fn found(meshes: Vec<Mesh>) -> Vec<Crossing> {
+        crossings(&scene(meshes), |_| true)
+    }
+
+    fn length(crossings: &[Crossing]) -> f32 {
+        crossings.iter().map(|c| c.p[0].distance(c.p[1])).sum()
+    }
+
+    fn mesh(vertices: &[Vec3]) -> Mesh {
+        let faces = (0..vertices.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+        Mesh { vertices: vertices.to_vec(), faces, ..Mesh::default() }
+    }
+
+    fn moved(mut mesh: Mesh, by: Vec3) -> Mesh {
+        mesh.vertices.iter_mut().for_each(|v| *v += by);
+        mesh
+    }
+
+    fn floor() -> Mesh {
+        let corner = |x: f32, z: f32| Vec3::new(4.0 * x, 0.0, 4.0 * z);
+        let v = [corner(-1.0, 1.0), corner(1.0, 1.0), corner(1.0, -1.0), corner(-1.0, -1.0)];
+        Mesh { vertices: v.to_vec(), faces: vec![[0, 1, 2], [0, 2, 3]], ..Mesh::default() }
+    }
+
+    #[test]
+    fn two_triangles_cross_in_a_segment() {
+        let flat = [Vec3::new(-1.0, 0.0, -1.0), Vec3::new(3.0, 0.0, -1.0), Vec3::new(-1.0, 0.0, 3.0)];
+        let upright = [Vec3::new(0.0, -1.0, 0.0), Vec3::new(0.0, 3.0, 0.0), Vec3::new(0.0, -1.0, -4.0)];
+        let crossings = found(vec![mesh(&flat), mesh(&upright)]);
+        assert_eq!(crossings.len(), 1);
+        let mut p = crossings[0].p;
+        p.sort_by(|a, b| a.z.total_cmp(&b.z));
+        assert_eq!(p, [Vec3::new(0.0, 0.0, -1.0), Vec3::ZERO]);
+        assert_eq!(crossings[0].prims, [[0, 0], [1, 1]]);
+        // A twin of a triangle, wound the other way, crosses in the same place.
+        let twin = [flat[2], flat[1], flat[0]];
+        assert_eq!(found(vec![mesh(&flat), mesh(&upright), mesh(&twin)]).len(), 1);
+    }
+
+    #[test]
+    fn a_box_in_a_floor_crosses_it_all_around() {
+        let cube = shapes::cube(1.0).unwrap();
+        for (y, expected) in [(0.2, 4.0), (0.5, 0.0), (-0.5, 0.0), (0.7, 0.0)] {
+            let all = found(vec![floor(), moved(cube.clone(), Vec3::new(0.3, y, 0.2))]);
+            assert!((length(&all) - expected).abs() < 1e-5, "at {y}: {}", length(&all));
+        }
+        // Standing with all the dirt of rotated coordinates.
+        let turn = glam::Quat::from_rotation_z(1.1) * glam::Quat::from_rotation_x(0.7);
+        let mut both = [floor(), moved(cube, Vec3::new(0.1, 0.5, 0.1))];
+        both.iter_mut().flat_map(|m| &mut m.vertices).for_each(|v| *v = turn * *v + 0.1);
+        assert_eq!(found(both.to_vec()), []);
+    }
+
+    #[test]
+    fn touching_is_not_crossing() {
+        for mesh in [shapes::icosphere(1.0, 3).unwrap(), shapes::sphere(1.0, 24).unwrap(), shapes::cube(2.0).unwrap()] {
+            assert_eq!(found(vec![mesh]), []);
+        }
+        // In one plane, overlapping.
+        assert_eq!(found(vec![floor(), moved(floor(), Vec3::new(1.0, 0.0, 0.5))]), []);
+        // On a corner, and on an edge.
+        let tip = [Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0), Vec3::new(0.0, 1.0, 1.0)];
+        let ridge = [Vec3::new(0.5, 0.0, 0.0), Vec3::new(1.0, 0.0, 0.7), Vec3::new(0.0, -1.0, 1.0)];
+        assert_eq!(found(vec![floor(), mesh(&tip), mesh(&ridge)]), []);
+    }
+
+    #[test]
+    fn a_surface_may_cross_along_its_own_edges() {
+        for turn in [0.0, 0.8] {
+            let mut ball = shapes::sphere(1.0, 16).unwrap();
+            ball.normals = None;
+            let equator = ball.vertices.iter().filter(|v| v.y.abs() < 1e-6).count();
+            assert!(equator >= 16);
+            let mut both = [floor(), ball];
+            let turn = glam::Quat::from_rotation_z(turn);
+            both.iter_mut().flat_map(|m| &mut m.vertices).for_each(|v| *v = turn * *v);
+            let all = found(both.to_vec());
+            let chords = length(&all);
+            assert!(chords < TAU && chords > 0.95 * TAU, "{chords}");
+            assert!(all.iter().all(|c| c.along.is_some()));
+            // The edge table has them once: as crossings, not as edges.
+            let scene = scene(both.to_vec());
+            let within = |e: &&crate::render::edges::Edge| {
+                e.p.iter().all(|p| (turn.inverse() * *p).y.abs() < 1e-5 && p.length() < 1.1)
+            };
+            let (ours, others): (Vec<_>, Vec<_>) = scene.edges().edges.iter().filter(within).partition(|e| e.crossing);
+            assert!(others.is_empty(), "{}", others.len());
+            let total: f32 = ours.iter().map(|e| e.length()).sum();
+            assert!((total - chords).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn an_edge_that_crosses_in_part_stays_an_edge_elsewhere() {
+        let mut ball = shapes::sphere(1.0, 16).unwrap();
+        ball.normals = None;
+        let scene = scene(vec![moved(floor(), Vec3::new(4.13, 0.0, 0.0)), ball]);
+        let equator = |e: &&crate::render::edges::Edge| e.p.iter().all(|p| p.y.abs() < 1e-6 && p.length() < 1.1);
+        let (ours, others): (Vec<_>, Vec<_>) = scene.edges().edges.iter().filter(equator).partition(|e| e.crossing);
+        assert!(ours.iter().all(|e| e.point(0.5).x > 0.13) && others.iter().all(|e| e.point(0.5).x < 0.13));
+        let [ours, others] = [ours, others].map(|edges| edges.iter().map(|e| e.length()).sum::<f32>());
+        let chords = 64.0 * (TAU / 64.0).sin();
+        assert!(ours > 1.0 && others > 1.0 && (ours + others - chords).abs() < 1e-4, "{ours} {others} {chords}");
+    }
+
+    fn random(rng: &mut Pcg32) -> Vec3 {
+        Vec3::from_array(rng.next_3d())
+    }
+
+    /// Where edges of one triangle pass through the inside of another.
+    fn stabs(a: [DVec3; 3], b: [DVec3; 3]) -> Vec<DVec3> {
+        let n = (b[1] - b[0]).cross(b[2] - b[0]);
+        let inside = |p: DVec3| (0..3).all(|i| n.dot((b[(i + 1) % 3] - b[i]).cross(p - b[i])) > 0.0);
+        let stab = |i: usize| {
+            let (p, q) = (a[i], a[(i + 1) % 3]);
+            let (x, y) = (n.dot(p - b[0]), n.dot(q - b[0]));
+            let at = p.lerp(q, x / (x - y));
+            (x * y < 0.0 && inside(at)).then_some(at)
+        };
+        (0..3).filter_map(stab).collect()
+    }
+
+    #[test]
+    fn random_triangles_cross_where_their_edges_stab() {
+        for (count, size) in [(60, 1.0), (2000, 0.08)] {
+            let mut rng = Pcg32::new(5);
+            let corners: Vec<Vec3> = (0..count)
+                .flat_map(|_| {
+                    let at = random(&mut rng);
+                    [0; 3].map(|_| at + size * random(&mut rng))
+                })
+                .collect();
+            let all = found(vec![mesh(&corners)]);
+            let triangle = |i: usize| [0, 1, 2].map(|j| corners[3 * i + j].as_dvec3());
+            let mut expected = Vec::new();
+            for a in 0..count {
+                for b in a + 1..count {
+                    let mut points = stabs(triangle(a), triangle(b));
+                    points.extend(stabs(triangle(b), triangle(a)));
+                    if let [p, q] = points[..] {
+                        expected.push(([a as PrimId, b as PrimId], p.distance(q)));
+                    }
+                }
+            }
+            assert!(expected.len() > 100, "{}", expected.len());
+            assert_eq!(all.len(), expected.len());
+            for (c, (prims, length)) in all.iter().zip(expected) {
+                assert_eq!(c.prims.map(|p| p[0]), prims);
+                assert!((f64::from(c.p[0].distance(c.p[1])) - length).abs() < 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn only_wanted_triangles_are_asked_for() {
+        let ball = moved(shapes::icosphere(1.0, 2).unwrap(), Vec3::new(0.0, 0.3, 0.0));
+        let (scene, floor) = (scene(vec![floor(), ball]), 0..2);
+        let all = crossings(&scene, |_| true);
+        assert!(!all.is_empty());
+        assert_eq!(crossings(&scene, |prim| floor.contains(&prim)), all);
+        assert_eq!(crossings(&scene, |prim| !floor.contains(&prim)), all);
+        assert_eq!(crossings(&scene, |_| false), []);
+    }
+}
