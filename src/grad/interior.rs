@@ -2,7 +2,7 @@
 //!
 //! Parametrisation (the table in `ARCHITECTURE.md`): camera rays and reflected radiance
 //! are direction-fixed (a hit point slides over its surface as things move), emission is material-fixed (a point of a
-//! light keeps its barycentric coordinates), perfect mirrors and narrow lobes are attached (their directions follow the
+//! light keeps its barycentric coordinates, one of the environment turns with it), perfect mirrors and narrow lobes are attached (their directions follow the
 //! normal). What is seen through an attached direction slides, emission included. Sampling
 //! densities, MIS weights and Russian roulette are constants.
 
@@ -126,7 +126,12 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3) -> RayAdjoint
             out_going += step * (emission + sky + reflected);
             let mut d_dir = ray.dir;
             if c.escaped.is_some() {
-                d_dir += out.environment(c.dir, a_k * step * c.emission_weight);
+                let d_sky = a_k * step * c.emission_weight;
+                if c.delta || c.attached {
+                    d_dir += out.environment(c.dir, d_sky);
+                } else {
+                    out.environment_point(c.dir, d_sky);
+                }
             }
             let d_f = a_k * c.inv_pdf;
             if c.delta {
@@ -142,7 +147,11 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3) -> RayAdjoint
                 let sliding = sliding_emission(out.scene, path, k + 1).is_some();
                 let direction_fixed = reflected + sky + if sliding { emission } else { Vec3::ZERO };
                 if direction_fixed != Vec3::ZERO {
-                    add_values(d_eval(si, c.dir, part, d_f * direction_fixed, &mut adj).1);
+                    let (d_dir, d_values) = d_eval(si, c.dir, part, d_f * direction_fixed, &mut adj);
+                    if c.escaped.is_some() {
+                        out.environment_direction(c.dir, d_dir); // the sky turns, and its direction with it
+                    }
+                    add_values(d_values);
                 }
                 if let Some(light) = c.hit_light.as_ref().filter(|_| !sliding)
                     && let Some(arrival) = light.arrive(si.p)

@@ -208,8 +208,7 @@ pub fn emission_input<S: Sink>(out: &Adjoints<S>, prim: PrimId) -> Option<Input>
     out.scene.description.shapes[shape].emission.as_ref().map(|e| e.radiance)
 }
 
-/// Adjoint of light that arrives at a vertex: emission of area lights material-fixed, everything else direction-fixed or
-/// attached.
+/// Adjoint of light that arrives at a vertex: material-fixed, but where surfaces touch, or through an attached lobe.
 pub fn d_arriving<S: Sink>(
     out: &mut Adjoints<S>,
     si: &SurfaceInteraction,
@@ -222,7 +221,8 @@ pub fn d_arriving<S: Sink>(
     }
     let [fixed, attached] = si.eval_split(c.dir);
     let part = si.bsdf.is_attached().then_some(Part::Diffuse);
-    let mut d_values = if c.light.kind == LightKind::Area && !out.scene.touch(si.prim, c.light.prim) {
+    let touches = c.light.kind == LightKind::Area && out.scene.touch(si.prim, c.light.prim);
+    let mut d_values = if !touches {
         d_material(out, si, c, fixed, part, a, adj)
     } else {
         let d_f = a * c.light.power * (c.geometry * c.weight);
@@ -316,7 +316,10 @@ pub fn d_material<S: Sink>(
             d_direction(out, i, d_dir);
             out.light_power(i, d_power);
         }
-        LightKind::Environment => {}
+        LightKind::Environment => {
+            out.environment_direction(c.dir, d_dir);
+            out.environment_point(c.dir, d_power);
+        }
     }
     d_values
 }

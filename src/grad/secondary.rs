@@ -58,8 +58,10 @@ pub struct SecondarySample {
     pub normal: Vec3,
     pub mirror: Option<SurfaceInteraction>,
     pub weight: Vec3,
-    /// The share of the weight whose direction is attached, and that direction with the distance of the edge along it.
+    /// The share of the weight whose direction is attached, the one whose direction turns with the environment, and that
+    /// direction with the distance of the edge along it.
     pub attached: Vec3,
+    pub sky: Vec3,
     pub dir: Vec3,
     pub distance: f32,
 }
@@ -236,12 +238,14 @@ impl<'a> Secondary<'a> {
             None => side.radiance - self.scene.environment_peak.as_ref().map_or(Vec3::ZERO, |p| p.of(side.radiance)),
         };
         let all = |side: &Side| side.radiance + side.emission;
+        let is_sky = mirror.is_none() && background.first.is_none();
+        let sky = if is_sky { -fixed * sliding(&background) } else { Vec3::ZERO };
         let fixed = fixed * (sliding(&foreground) - sliding(&background));
         let attached = attached * (all(&foreground) - all(&background));
         let sin_phi = edge.direction().cross(sight.dir).length();
         let pdf = point.pdf * weight(k) / (total * (mirrors + 1) as f32);
         let scale = vertex.throughput * sight.reflectance * (sin_phi / (distance * distance * pdf));
-        let (weight, attached) = (scale * (fixed + attached), scale * attached);
+        let (weight, attached, sky) = (scale * (fixed + attached), scale * attached, scale * sky);
         (weight != Vec3::ZERO && weight.is_finite()).then_some(SecondarySample {
             vertex: k,
             edge: point.edge,
@@ -252,6 +256,7 @@ impl<'a> Secondary<'a> {
             mirror: sight.mirror,
             weight,
             attached,
+            sky,
             dir,
             distance,
         })
@@ -298,6 +303,7 @@ impl<'a> Secondary<'a> {
             None => d_image,
         };
         out.edge_point(&self.table.edges[sample.edge], sample.foreground, sample.s, d_p);
+        out.environment_direction(sample.dir, sample.normal * (-sample.distance * d.dot(sample.sky)));
         let d_dir = sample.normal * (-sample.distance * d.dot(sample.attached));
         Injection { vertex: sample.vertex, d_p: -d_image, dir: sample.dir, d_dir }
     }

@@ -238,7 +238,7 @@ impl<'a> Shadows<'a> {
                         LightKind::Area => out.material_point(light.prim, light.b, normal * (-tau * m)),
                         LightKind::Point(i) => out.light_placement(i, normal * (-tau * m)),
                         LightKind::Directional(i) => d_direction(out, i, normal * (-q * m)),
-                        LightKind::Environment => {}
+                        LightKind::Environment => out.environment_direction(dir, normal * (-q * m)),
                     }
                     // The receiver slides along the chain of direction-fixed segments that ends in the camera.
                     let mut ray = RayAdjoint { origin: normal * (-(1.0 - tau) * m), dir: Vec3::ZERO };

@@ -5,6 +5,7 @@ use glam::{DVec3, Vec2, Vec3};
 
 use crate::render::accel::PrimId;
 use crate::render::edges::Edge;
+use crate::render::environment::{d_environment_uv, environment_uv};
 use crate::render::sensor::CameraAdjoint;
 use crate::render::{Input, Scene, Slot};
 
@@ -308,7 +309,6 @@ impl<'a, S: Sink> Adjoints<'a, S> {
 
     /// Adjoint of the environment's radiance in world direction `dir`; returns the direction's adjoint.
     pub fn environment(&mut self, dir: Vec3, d: Vec3) -> Vec3 {
-        use crate::render::environment::{d_environment_uv, environment_uv};
         let Some(e) = &self.scene.description.environment else { return Vec3::ZERO };
         let texture = &self.scene.description.textures[e.radiance];
         let start = self.layout.texels[e.radiance];
@@ -334,6 +334,38 @@ impl<'a, S: Sink> Adjoints<'a, S> {
             }
         }
         e.rotation * d_local
+    }
+
+    /// Adjoint of the radiance of the environment's own point seen in world direction `dir`, as [`Adjoints::environment`] but for
+    /// a point that turns with the environment.
+    pub fn environment_point(&mut self, dir: Vec3, d: Vec3) {
+        let Some(e) = &self.scene.description.environment else { return };
+        let start = self.layout.texels[e.radiance];
+        if start == NONE {
+            return;
+        }
+        let texture = &self.scene.description.textures[e.radiance];
+        if texture.is_constant() {
+            return self.add3(start, 0, d);
+        }
+        let footprint = texture.environment_footprint(environment_uv(e.rotation.transpose() * dir));
+        let sink = &mut self.sink;
+        texture.scatter_footprint(&footprint, d, |i, v| sink.add(start as usize + i, v));
+    }
+
+    /// Adjoint of the world direction of a point of the environment.
+    pub fn environment_direction(&mut self, dir: Vec3, d_dir: Vec3) {
+        let Some(e) = self.scene.description.environment.as_ref().filter(|_| self.layout.environment_rotation != NONE)
+        else {
+            return;
+        };
+        // dir_i = Σ_j R_ij local_j
+        let local = e.rotation.transpose() * dir;
+        for (i, d_i) in d_dir.to_array().into_iter().enumerate() {
+            for (j, local_j) in local.to_array().into_iter().enumerate() {
+                self.sink.add(self.layout.environment_rotation as usize + 3 * i + j, d_i * local_j);
+            }
+        }
     }
 
     /// Adjoint of a delta light's position or (not normalised) direction.

@@ -199,14 +199,14 @@ impl Slot {
             | Slot::CameraScale
             | Slot::CameraLens
             | Slot::ClosingVertices(_)
-            | Slot::CameraShutter => true,
+            | Slot::CameraShutter
+            | Slot::EnvironmentRotation => true,
             Slot::Normals(_)
             | Slot::ClosingNormals(_)
             | Slot::Uvs(_)
             | Slot::Colors(_)
             | Slot::Texels(_)
-            | Slot::LightPower(_)
-            | Slot::EnvironmentRotation => false,
+            | Slot::LightPower(_) => false,
         }
     }
 }
