@@ -50,6 +50,24 @@ const CASES: &[Case] = &[
         ],
     },
     Case {
+        name: "masks_by_other_names",
+        prelude: "",
+        script: "\
+material a = mask(diffuse(reflectance: 0.5), alpha: 0.5)
+material b = cutout(diffuse(), opacity: 0.5)
+material c = mask(diffuse())
+material d = mask(0.5, opacity: 0.5)
+material e = mask(diffuse(), opacity: image([[0.5]]))",
+        wanted: &[
+            ("dscene::call::missing", "mask", ""),
+            ("dscene::call::unknown_argument", "alpha", "did you mean `opacity`?"),
+            ("dscene::name::unknown", "cutout", "did you mean `mask`?"),
+            ("dscene::call::missing", "mask", ""),
+            ("dscene::type::mismatch", "0.5", "diffuse(reflectance: 0.5)"),
+            ("dscene::type::mismatch", "image([[0.5]])", "texture(image([[0.5]]))"),
+        ],
+    },
+    Case {
         name: "missing_unit",
         prelude: "",
         script: "camera eye { position: [0, 0, 5], fov: 45 }",

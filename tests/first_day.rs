@@ -248,7 +248,7 @@ fn the_lights_and_shapes_of_a_gltf_file() {
     place.write(
         "room.gltf",
         r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
-"materials":[{"emissiveFactor":[1,1,1]},{"pbrMetallicRoughness":{"baseColorFactor":[0.2,0.4,0.6,1]}}],
+"materials":[{"emissiveFactor":[1,1,1]},{"alphaMode":"BLEND","pbrMetallicRoughness":{"baseColorFactor":[0.2,0.4,0.6,0.25]}}],
 "meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1,"material":0},{"attributes":{"POSITION":0},"indices":1,"material":1}]}],
 "buffers":[{"byteLength":44,"uri":"data:application/octet-stream;base64,AAAAAAAAgD8AAAAAAACAPwAAgD8AAAAAAAAAAAAAgD8AAIA/AAABAAIAAAA="}],
 "bufferViews":[{"buffer":0,"byteOffset":0,"byteLength":36},{"buffer":0,"byteOffset":36,"byteLength":6}],
@@ -258,7 +258,7 @@ fn the_lights_and_shapes_of_a_gltf_file() {
     let script = "scene room = load_scene(\"room.gltf\")
          shape parts = load_shapes(\"room.gltf\")
          light lamps = load_lights(\"room.gltf\")
-         print len(room.shapes), len(room.lights), len(parts), len(lamps), max(lamps[0].radiance)
+         print len(room.shapes), len(room.lights), len(parts), len(lamps), max(lamps[0].radiance), max(room.shapes[0].material.opacity)
          expect mean(render(eye, scene: room, spp: 4) - render(eye, spp: 4)) < 1";
-    assert_eq!(run(&place, &format!("{EYE}{script}")).trim(), "1 1 1 1 1");
+    assert_eq!(run(&place, &format!("{EYE}{script}")).trim(), "1 1 1 1 1 0.25");
 }

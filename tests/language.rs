@@ -313,10 +313,64 @@ fn errors_point_at_the_argument() {
         ("[1, 2, 3][p.x + 7]", "p.x + 7", "dscene::run::index"),
         ("rectangle(width: 1, depth: w)", "w", "dscene::run::value"),
         ("diffuse(reflectance: n)", "n", "dscene::run::value"),
+        ("mask(diffuse(), opacity: p.y)", "p.y", "dscene::run::value"),
+        ("mask(mask(diffuse(), opacity: 0.5), opacity: 0.5)", "mask(diffuse(), opacity: 0.5)", "dscene::run::value"),
         ("camera(position: [1, p.x, 1], look_at: [1, p.x, 1])", "[1, p.x, 1]", "dscene::run::value"),
     ] {
         let d = try_eval(&mut e, text).err().unwrap_or_else(|| panic!("{text} should fail"));
         assert_eq!((d.code, span_text(&e, text, &d).as_str()), (code, at), "{text}: {d:#?}");
+    }
+}
+
+/// A mask shows its opacity's share; its opacity can be read and replaced; an image brings its alpha channel.
+#[test]
+fn masks_show_what_is_behind() {
+    let mut e = engine(
+        "camera eye { position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }
+material glass = mask(one_sided(diffuse(reflectance: 0.5)), opacity: 0.25)
+shape screen { mesh: rectangle(width: 9, depth: 9) |> rotate(x: 90deg), material: glass }
+light wall = area(rectangle(width: 20, depth: 20) |> rotate(x: 90deg) |> translate([0, 0, -2]), radiance: 4)
+let picture = image([[[1, 1, 1, 0.75]]])",
+    );
+    for (text, expected, allowed) in [
+        ("mean(render(eye, spp: 4096, max_bounces: 0))", 3.0, 0.03),
+        (
+            "mean(render(eye, spp: 4096, max_bounces: 0)) with { glass: mask(diffuse(), opacity: texture(picture.a)) }",
+            1.0,
+            0.03,
+        ),
+        ("mean(render(eye, spp: 4096, max_bounces: 0)) with { glass.opacity: 1 }", 0.0, 0.0),
+        ("mean(alpha(eye, spp: 4096)) with { wall: constant(1) }", 0.25, 0.005),
+        ("glass.opacity", 0.25, 0.0),
+    ] {
+        let found = numbers(&mut e, text)[0];
+        assert!((found - expected).abs() <= allowed, "{text} is {found}, not {expected}");
+    }
+    let x = expr(&e, "glass");
+    let shown = brief(&eval(&mut e, "glass"), &x.ty);
+    assert_eq!(shown, "mask(one_sided(diffuse(reflectance: 0.5)), opacity: 0.25)");
+}
+
+/// A step in a texture under a surface that moves has no derivative, and that is said; a smooth one has.
+#[test]
+fn steps_between_texels_are_reported() {
+    let texture = |filter: &str| format!("opacity: texture([[0, 1], [1, 0]], filter: {filter})");
+    let [nearest, bilinear] = ["nearest", "bilinear"].map(texture);
+    for (mesh, grey, opacity, expected) in [
+        ("rectangle(width: p)", "0.5", &nearest, true),
+        ("rectangle(width: p)", "0.5", &bilinear, false),
+        ("rectangle()", "p", &nearest, false),
+        ("rectangle(width: p)", "checkerboard()", &bilinear, true),
+    ] {
+        let mut e = engine(&format!(
+            "param p = 0.5
+camera eye {{ position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }}
+shape a {{ mesh: {mesh} |> rotate(x: 90deg), material: mask(diffuse(reflectance: {grey}), {opacity}) }}
+light sky = constant(1)"
+        ));
+        eval(&mut e, "grad(mean(render(eye, spp: 1, max_bounces: 1)), p)");
+        let is_step = |w: &Diagnostic| w.code == "dscene::gradient::incomplete" && w.message.contains("nearest");
+        assert_eq!(e.take_warnings().iter().any(is_step), expected, "{mesh}, {grey}, {opacity}");
     }
 }
 

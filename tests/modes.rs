@@ -5,6 +5,7 @@ mod common;
 use common::*;
 use dscene::grad::{render_backward, render_forward};
 use dscene::image::Image;
+use dscene::render::texture::{Filter, Texture, Wrap};
 use dscene::render::*;
 use glam::{Vec3, vec3};
 
@@ -15,7 +16,8 @@ fn scene() -> (SceneDescription, Camera) {
     b.shape(cuboid(vec3(0.2, 0.5, 0.1), vec3(0.4, 0.3, 0.5), 0.4), grey);
     let (diffuse, specular) = (b.constant(Vec3::splat(0.2)), b.constant(Vec3::splat(0.5)));
     let roughness = b.scalar(0.03); // narrow: attached
-    let phong = Material { kind: MaterialKind::Phong { diffuse, specular, roughness }, one_sided: false };
+    let phong =
+        Material { kind: MaterialKind::Phong { diffuse, specular, roughness }, one_sided: false, opacity: None };
     b.shape(quad(vec3(-2., 0., 1.5), vec3(2., 0., 1.5), vec3(2., 2., 1.6), vec3(-2., 2., 1.6)), phong);
     b.light(ceiling(vec3(0.3, 3., -0.5), 0.5), Vec3::splat(10.));
     b.scene.delta_lights.push(DeltaLight::Point { position: vec3(-1., 2., -1.), intensity: Vec3::splat(4.) });
@@ -23,15 +25,26 @@ fn scene() -> (SceneDescription, Camera) {
     (b.scene, look_at(vec3(0.5, 2., -4.), vec3(0., 0.4, 0.), 45., 24))
 }
 
-/// As above, through a pinhole, through a lens, and with a box that moves.
-fn scenes() -> [(SceneDescription, Camera); 3] {
+/// As above, through a pinhole, through a lens, with a box that moves, and with masks on box, wall and light.
+fn scenes() -> [(SceneDescription, Camera); 4] {
     let (description, camera) = scene();
     let lens = Lens { radius: 0.3, focus: 3.0, ..Lens::PINHOLE };
     let mut moving = description.clone();
     let vertices = cuboid(vec3(0.5, 0.7, 0.0), vec3(0.4, 0.3, 0.5), 0.7).vertices;
     moving.motions.push(Motion { shape: 1, vertices, normals: None });
     let shutter = [0.2, 0.9];
-    [(description.clone(), camera), (description, Camera { lens, ..camera }), (moving, Camera { shutter, ..camera })]
+    let mut masked = description.clone();
+    let data = (0..12).map(|i| (i * 7 % 10) as f32 / 9.0).collect();
+    masked.textures.push(Texture::new(4, 3, 1, data, Wrap::Repeat, Filter::Bilinear).unwrap());
+    for shape in &mut masked.shapes[1..] {
+        shape.material.opacity = Some(Input::Texture(masked.textures.len() - 1));
+    }
+    [
+        (description.clone(), camera),
+        (description, Camera { lens, ..camera }),
+        (moving, Camera { shutter, ..camera }),
+        (masked, camera),
+    ]
 }
 
 fn settings(output: Output, spp: u32, seed: u64) -> Settings {
@@ -101,7 +114,7 @@ fn any_number_of_threads_gives_the_same_bits() {
 /// Translating everything together changes nothing: the derivatives of all placements cancel, sample by sample (T15).
 #[test]
 fn common_translation_cancels() {
-    for which in 0..3 {
+    for which in 0..4 {
         let build = |t: f32| {
             let (mut d, mut c) = scenes()[which].clone();
             let offset = vec3(0.3, -0.2, 0.5) * t;

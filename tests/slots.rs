@@ -63,6 +63,18 @@ const CASES: &[Case] = &[
         step: 0.05,
     },
     Case {
+        name: "opacities",
+        param: "param p = [[0.2, 0.9], [0.7, 0.4]]",
+        scene: "shape s { mesh: rectangle(width: 4, depth: 4) |> rotate(x: 90deg) |> translate([0.5, 0, 1]), material: mask(diffuse(reflectance: 0.2), opacity: texture(p, wrap: clamp)) }\nshape wall { mesh: rectangle(width: 9, depth: 9) |> rotate(x: 90deg) }\nlight l = directional(direction: [0.3, -0.5, -1], irradiance: 3)",
+        step: 0.05,
+    },
+    Case {
+        name: "the opacity of a shape that moves",
+        param: "param p = [0.3, 0.6]",
+        scene: "shape s { mesh: rectangle(width: 2, depth: 2) |> rotate(x: 90deg) |> translate([p.x, 0, 1]), material: mask(one_sided(diffuse(reflectance: 0.2)), opacity: p.y) }\nshape wall { mesh: rectangle(width: 9, depth: 9) |> rotate(x: 90deg) }\nlight l = directional(direction: [0.3, -0.5, -1], irradiance: 3)",
+        step: 0.05,
+    },
+    Case {
         name: "a point light",
         param: "param p = [0.3, 0.5, 2.5]",
         scene: "shape s { mesh: rectangle(width: 4, depth: 4) |> rotate(x: 90deg) }\nlight l = point(position: p, intensity: 9 * p.z)",

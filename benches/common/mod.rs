@@ -29,7 +29,7 @@ pub fn add(scene: &mut SceneDescription, mesh: Mesh, reflectance: Vec3, radiance
     };
     let kind = MaterialKind::Diffuse { reflectance: texture(reflectance) };
     let emission = radiance.map(|rgb| Emission { radiance: texture(rgb), two_sided: false });
-    scene.shapes.push(Shape { mesh, material: Material { kind, one_sided: false }, emission });
+    scene.shapes.push(Shape { mesh, material: Material { kind, one_sided: false, opacity: None }, emission });
     scene.shapes.len() - 1
 }
 

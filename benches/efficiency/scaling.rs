@@ -138,7 +138,7 @@ fn texture(size: usize) -> (SceneDescription, Camera, Slot) {
     let mut b = Builder::default();
     b.scene.textures.push(painted(size, size));
     let kind = MaterialKind::Diffuse { reflectance: Input::Texture(0) };
-    b.shape(shapes::sphere(1.0, 64).unwrap_or_default(), Material { kind, one_sided: false });
+    b.shape(shapes::sphere(1.0, 64).unwrap_or_default(), Material { kind, one_sided: false, opacity: None });
     let camera = with_light_and_floor(&mut b);
     (b.scene, camera, Slot::Texels(0))
 }

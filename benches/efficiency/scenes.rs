@@ -239,7 +239,7 @@ fn turned(mesh: &Mesh, turn: Mat3, shift: Vec3) -> Mesh {
 }
 
 fn black() -> Material {
-    Material { kind: MaterialKind::Black, one_sided: false }
+    Material { kind: MaterialKind::Black, one_sided: false, opacity: None }
 }
 
 fn roof_and_channels(cases: &mut Vec<Case>) {
@@ -474,6 +474,7 @@ fn mirrors(cases: &mut Vec<Case>) {
                 let material = Material {
                     kind: MaterialKind::Mirror { reflectance: b.constant(Vec3::splat(0.9)) },
                     one_sided: false,
+                    opacity: None,
                 };
                 b.shape(floor(Vec3::Y * mirror * t, 4.5), material);
                 let mut v = V;
@@ -497,7 +498,7 @@ fn mirrors(cases: &mut Vec<Case>) {
                 let mut b = Builder::default();
                 let (reflectance, roughness) = (b.constant(Vec3::ONE), b.scalar(alpha.sqrt()));
                 let glossy = MaterialKind::Conductor { reflectance, roughness };
-                b.shape(floor(Vec3::ZERO, 3.0), Material { kind: glossy, one_sided: false });
+                b.shape(floor(Vec3::ZERO, 3.0), Material { kind: glossy, one_sided: false, opacity: None });
                 b.shape(turned(&shape, Mat3::IDENTITY, vec3(0.2 + t, 1.1, 0.5)), black());
                 let (x, z) = (3.0, 2.9);
                 b.light(quad(vec3(x, 0.1, z), vec3(-x, 0.1, z), vec3(-x, 4.0, z), vec3(x, 4.0, z)), WARM);
@@ -591,7 +592,8 @@ fn furnace(cases: &mut Vec<Case>) {
             let mut b = Builder::default();
             let (reflectance, radiance) = (b.constant(Vec3::splat(0.5)), b.constant(Vec3::ONE));
             let mut add = |mesh: Mesh| {
-                let material = Material { kind: MaterialKind::Diffuse { reflectance }, one_sided: false };
+                let material =
+                    Material { kind: MaterialKind::Diffuse { reflectance }, one_sided: false, opacity: None };
                 let emission = Some(Emission { radiance, two_sided: true });
                 b.scene.shapes.push(Shape { mesh, material, emission });
             };
@@ -668,7 +670,7 @@ fn textures(cases: &mut Vec<Case>) {
                 let metal = MaterialKind::Conductor { reflectance: one, roughness: texture(rough) };
                 for (kind, x) in [(diffuse, -1.0), (metal, 1.0)] {
                     let sphere = turned(&sphere, Mat3::IDENTITY, vec3(x, 0.0, 0.0));
-                    b.shape(sphere, Material { kind, one_sided: false });
+                    b.shape(sphere, Material { kind, one_sided: false, opacity: None });
                 }
                 b.scene.textures.push(sunny.clone());
                 b.scene.environment =
@@ -693,7 +695,7 @@ fn seams(cases: &mut Vec<Case>) {
             b.scene.textures.push(painted(64, 3, |u, v| 0.5 + 0.3 * (6.0 * u).sin() * (5.0 * v).cos()));
             let kind = MaterialKind::Diffuse { reflectance: Input::Texture(0) };
             let mesh = Mesh { uvs: Some(uvs), ..mesh(vertices, faces) };
-            b.shape(mesh, Material { kind, one_sided: false });
+            b.shape(mesh, Material { kind, one_sided: false, opacity: None });
             let grey = b.diffuse(Vec3::splat(0.5));
             b.shape(floor(Vec3::ZERO, 3.0), grey);
             b.light(ceiling(vec3(1., 5., -2.), 0.7), Vec3::splat(20.));

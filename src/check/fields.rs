@@ -115,7 +115,18 @@ pub fn fields_of(ty: &Ty) -> Vec<&'static str> {
             ]
         }
         Ty::Material => {
-            vec!["reflectance", "roughness", "eta", "k", "diffuse", "specular", "base_color", "metallic", "material"]
+            vec![
+                "reflectance",
+                "roughness",
+                "eta",
+                "k",
+                "diffuse",
+                "specular",
+                "base_color",
+                "metallic",
+                "opacity",
+                "material",
+            ]
         }
         Ty::Texture => vec!["source", "filter", "wrap", "srgb", "a", "b", "tiles"],
         Ty::Scene => vec!["shapes", "lights"],

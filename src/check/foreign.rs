@@ -11,7 +11,9 @@ pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
         }
         "color" | "colour" => &["reflectance", "base_color", "radiance", "intensity", "irradiance", "diffuse"],
         "ks" | "specular_reflectance" => &["specular", "reflectance"],
-        "alpha" | "glossiness" | "shininess" | "exponent" => &["roughness"],
+        "alpha" => &["roughness", "opacity"],
+        "glossiness" | "shininess" | "exponent" => &["roughness"],
+        "opacity_map" | "alpha_map" | "coverage" | "transparency" => &["opacity"],
         "bsdf" | "brdf" | "shader" => &["material"],
         "geometry" | "shape" | "primitive" | "model" => &["mesh"],
         "lookat" | "target" | "center" | "at" | "focus_point" => &["look_at"],
@@ -66,6 +68,7 @@ pub fn function(name: &str) -> Option<&'static str> {
     Some(match name.to_lowercase().as_str() {
         "lambertian" | "lambert" | "matte" => "diffuse",
         "metal" | "roughconductor" | "ggx" => "conductor",
+        "cutout" | "alpha_mask" | "opacity_mask" => "mask",
         "plane" | "quad" | "rect" | "square" => "rectangle",
         "box" => "cube",
         "envmap" | "environment_map" | "infinite" | "sky" | "ibl" => "environment",
@@ -117,7 +120,7 @@ pub fn type_name(name: &str) -> Option<&'static str> {
 
 /// What the language will have and this version has not.
 pub fn is_planned(name: &str) -> bool {
-    const FUNCTIONS: &str = "dielectric plastic emissive blend mask normal_map bump spot motion decimate unwrap \
+    const FUNCTIONS: &str = "dielectric plastic emissive blend normal_map bump spot motion decimate unwrap \
                              lbfgs gauss_newton levenberg_marquardt classifier laplacian medium";
     const FIELDS: &str = "focal sensor_width distortion crop filter";
     FUNCTIONS.split_whitespace().chain(FIELDS.split_whitespace()).any(|planned| planned == name)

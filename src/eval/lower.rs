@@ -150,7 +150,7 @@ impl Builder {
                 let radiance = self.input(radiance, true)?;
                 let material = match material {
                     Some(m) => self.material(m)?,
-                    None => Material { kind: MaterialKind::Black, one_sided: false },
+                    None => Material { kind: MaterialKind::Black, one_sided: false, opacity: None },
                 };
                 self.mesh(mesh, material, Some(Emission { radiance, two_sided: *two_sided }));
             }
@@ -221,7 +221,8 @@ impl Builder {
                 specular: get("specular", false)?,
             },
         };
-        Ok(Material { kind, one_sided: material.one_sided })
+        let opacity = material.input("opacity").map(|input| self.input(input, false)).transpose()?;
+        Ok(Material { kind, one_sided: material.one_sided, opacity })
     }
 
     /// Texels of an input: three channels if it is a color. The same node is one texture.

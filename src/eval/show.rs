@@ -95,9 +95,14 @@ pub fn brief(value: &Value, ty: &Ty) -> String {
             text
         }
         Value::Material(m) => {
-            let inputs: Vec<String> = m.inputs.iter().map(|(n, i)| format!("{n}: {}", input(i))).collect();
+            let own = m.inputs.iter().filter(|(n, _)| *n != "opacity");
+            let inputs: Vec<String> = own.map(|(n, i)| format!("{n}: {}", input(i))).collect();
             let inner = format!("{}({})", m.model.name(), inputs.join(", "));
-            if m.one_sided { format!("one_sided({inner})") } else { inner }
+            let inner = if m.one_sided { format!("one_sided({inner})") } else { inner };
+            match m.input("opacity") {
+                Some(opacity) => format!("mask({inner}, opacity: {})", input(opacity)),
+                None => inner,
+            }
         }
         Value::Shape(s) => {
             let (mesh, material) = (Value::Mesh(s.mesh.clone()), Value::Material(s.material.clone()));

@@ -11,51 +11,105 @@ use glam::{Vec2, Vec3};
 use super::allocate::{Estimator, typical_bounces};
 use super::estimate::{Estimate, Pass};
 use super::local::{
-    Arriving, RayAdjoint, VertexAdjoint, d_arriving, d_attached_direction, d_emission_sliding, d_eval, d_eval_attached,
-    d_first_hit, d_inputs, d_material, emission_input, slide,
+    Arriving, Masks, RayAdjoint, VertexAdjoint, d_arriving, d_attached_direction, d_emission_sliding, d_eval,
+    d_eval_attached, d_first_hit, d_inputs, d_masks, d_material, d_opacity, emission_input, slide,
 };
 use super::pixels::{self, FilmDensity, PixelSampling};
-use super::sink::{Adjoints, Sink};
+use super::sink::{Adjoints, Layout, Sink};
 use super::viewpoint::d_reflected_ray;
 use crate::image::Image;
 use crate::render::bsdf::{MAX_INPUTS, Part};
+use crate::render::film::first_hit;
 use crate::render::integrator::{Connection, Continuation, Options, Recorder, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
+use crate::render::mask::{Crossing, Through, Toss};
 use crate::render::sampler::Sampler;
-use crate::render::{Camera, Output, Scene, Settings};
+use crate::render::{Camera, Input, Output, Scene, Settings, Slot};
 
 /// One vertex of a recorded path.
 #[derive(Clone, Debug)]
 pub struct PathVertex {
     pub si: SurfaceInteraction,
-    /// Product of f·cos/pdf up to, but without, this vertex.
+    /// Product of f·cos/pdf and of what masks do, up to, but without, this vertex and the line that found it.
     pub throughput: Vec3,
+    pub through: Through,
     /// Distance from the previous vertex.
     pub t: f32,
     pub connection: Option<Connection>,
     pub continuation: Option<Continuation>,
+    /// Masks on the line that found it, on the line to the light, and on the way out of the scene, if it ends there.
+    incoming: Span,
+    to_light: Span,
+    out: Span,
 }
+
+/// A range of a path's crossings.
+type Span = (u32, u32);
 
 /// A recorded path, re-used from sample to sample.
 #[derive(Clone, Debug, Default)]
 pub struct Path {
     pub vertices: Vec<PathVertex>,
+    /// Masks passed, line by line; the last line's may not belong to a vertex yet.
+    crossings: Vec<Crossing>,
+    claimed: u32,
+}
+
+impl Path {
+    pub fn clear(&mut self) {
+        self.vertices.clear();
+        self.crossings.clear();
+        self.claimed = 0;
+    }
+
+    fn crossings(&self, (from, to): Span) -> &[Crossing] {
+        &self.crossings[from as usize..to as usize]
+    }
+
+    /// Takes the masks of the latest line.
+    fn claim(&mut self) -> Span {
+        let from = std::mem::replace(&mut self.claimed, self.crossings.len() as u32);
+        (from, self.claimed)
+    }
 }
 
 impl Recorder for Path {
-    fn vertex(&mut self, si: &SurfaceInteraction, throughput: Vec3, t: f32) {
-        self.vertices.push(PathVertex { si: *si, throughput, t, connection: None, continuation: None });
+    fn vertex(&mut self, si: &SurfaceInteraction, throughput: Vec3, t: f32, through: &Through) {
+        let incoming = self.claim();
+        self.vertices.push(PathVertex {
+            si: *si,
+            throughput,
+            through: *through,
+            t,
+            connection: None,
+            continuation: None,
+            incoming,
+            to_light: (0, 0),
+            out: (0, 0),
+        });
+    }
+
+    fn line(&mut self) {
+        self.crossings.truncate(self.claimed as usize);
+    }
+
+    fn cross(&mut self, crossing: &Crossing) {
+        self.crossings.push(*crossing);
     }
 
     fn connect(&mut self, connection: &Connection) {
+        let to_light = self.claim();
         if let Some(v) = self.vertices.last_mut() {
             v.connection = Some(*connection);
+            v.to_light = to_light;
         }
     }
 
     fn advance(&mut self, continuation: &Continuation) {
+        let out = if continuation.escaped.is_some() { self.claim() } else { (0, 0) };
         if let Some(v) = self.vertices.last_mut() {
             v.continuation = Some(*continuation);
+            v.out = out;
         }
     }
 }
@@ -109,7 +163,12 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3) -> RayAdjoint
     let mut ray = RayAdjoint::default();
     for (k, v) in path.vertices.iter().enumerate().rev() {
         let si = &v.si;
-        let a_k = a * v.throughput;
+        let a_in = a * v.throughput;
+        let a_k = a_in * v.through.weight;
+        if let Some((sky, c)) = v.continuation.as_ref().and_then(|c| Some((c.escaped?, c))) {
+            let d = a_k.dot(c.f * sky) * (c.inv_pdf * c.emission_weight);
+            ray = d_masks(out, c.dir, path.crossings(v.out), d);
+        }
         let mut adj = VertexAdjoint { p: ray.origin, ..Default::default() };
         let mut d_values = [Vec3::ZERO; MAX_INPUTS];
         let mut add_values = |d: [Vec3; MAX_INPUTS]| {
@@ -121,12 +180,15 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3) -> RayAdjoint
 
         if let Some(c) = &v.continuation {
             let step = c.f * c.inv_pdf;
-            let emission = c.hit_light.as_ref().map_or(Vec3::ZERO, |light| light.power) * c.emission_weight;
-            let sky = c.escaped.map_or(Vec3::ZERO, |sky| sky * c.emission_weight);
+            // A light's power has the opacity of its own mask already.
+            let power = c.hit_light.as_ref().map_or(Vec3::ZERO, |light| light.power);
+            let emission = power * (c.emission_weight * c.through.pass * c.through.inv_choice);
+            let sky = c.escaped.map_or(Vec3::ZERO, |sky| sky * (c.emission_weight * c.through.weight));
+            let reflected = reflected * c.through.weight;
             out_going += step * (emission + sky + reflected);
             let mut d_dir = ray.dir;
             if c.escaped.is_some() {
-                let d_sky = a_k * step * c.emission_weight;
+                let d_sky = a_k * step * (c.emission_weight * c.through.weight);
                 if c.delta || c.attached {
                     d_dir += out.environment(c.dir, d_sky);
                 } else {
@@ -147,30 +209,40 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3) -> RayAdjoint
                 let sliding = sliding_emission(out.scene, path, k + 1).is_some();
                 let direction_fixed = reflected + sky + if sliding { emission } else { Vec3::ZERO };
                 if direction_fixed != Vec3::ZERO {
-                    let (d_dir, d_values) = d_eval(si, c.dir, part, d_f * direction_fixed, &mut adj);
+                    let (d_wo, d_values) = d_eval(si, c.dir, part, d_f * direction_fixed, &mut adj);
                     if c.escaped.is_some() {
-                        out.environment_direction(c.dir, d_dir); // the sky turns, and its direction with it
+                        out.environment_direction(c.dir, d_wo + d_dir); // the sky turns, and its direction with it
                     }
                     add_values(d_values);
                 }
                 if let Some(light) = c.hit_light.as_ref().filter(|_| !sliding)
                     && let Some(arrival) = light.arrive(si.p)
                 {
+                    let weight = c.emission_weight / light.pdf * c.through.inv_choice;
+                    let crossings = path.vertices.get(k + 1).map_or(&[][..], |next| path.crossings(next.incoming));
                     let arriving = Arriving {
                         light,
                         dir: arrival.dir,
                         distance: arrival.distance,
                         geometry: arrival.geometry,
-                        weight: c.emission_weight / light.pdf,
+                        weight: weight * c.through.pass,
+                        masks: Masks { crossings, weight },
                     };
                     add_values(d_material(out, si, &arriving, c.f, part, a_k, &mut adj));
                 }
             }
         }
         if let Some(c) = &v.connection {
-            out_going += c.f * c.light.power * (c.geometry * c.weight);
-            let arriving =
-                Arriving { light: &c.light, dir: c.dir, distance: c.distance, geometry: c.geometry, weight: c.weight };
+            let weight = c.weight * c.transmittance;
+            out_going += c.f * c.light.power * (c.geometry * weight);
+            let arriving = Arriving {
+                light: &c.light,
+                dir: c.dir,
+                distance: c.distance,
+                geometry: c.geometry,
+                weight,
+                masks: Masks { crossings: path.crossings(v.to_light), weight: c.weight },
+            };
             add_values(d_arriving(out, si, &arriving, a_k, &mut adj));
         }
         if let Some(weight) = sliding_emission(out.scene, path, k)
@@ -185,7 +257,17 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3) -> RayAdjoint
             }
         }
         d_inputs(out, si, &d_values, &mut adj);
-        ray = slide(out, si, v.t, adj);
+        if out.scene.masked {
+            // The vertex's own mask and those in front of it, as far as what is found slides over the surface.
+            let found = out_going + si.emission * sliding_emission(out.scene, path, k).unwrap_or(0.0);
+            let (d_weight, through) = (a_in.dot(found), &v.through);
+            d_opacity(out, si, d_weight * through.pass * through.inv_choice, &mut adj);
+            let d_pass = d_weight * through.opacity * through.inv_choice;
+            ray = d_masks(out, -si.wi, path.crossings(v.incoming), d_pass);
+            ray = ray + slide(out, si, v.t, adj);
+        } else {
+            ray = slide(out, si, v.t, adj);
+        }
         reflected = out_going;
     }
     ray
@@ -198,13 +280,20 @@ pub struct Interior<'a> {
     settings: &'a Settings,
     film: FilmDensity,
     count: usize,
+    toss: Toss,
 }
 
 impl<'a> Interior<'a> {
     /// As many paths by default as the image has samples in pixels where the adjoint is not zero.
-    pub fn new(scene: &'a Scene, camera: &'a Camera, settings: &'a Settings, adjoint: &Image) -> Interior<'a> {
+    pub fn new(
+        scene: &'a Scene,
+        camera: &'a Camera,
+        settings: &'a Settings,
+        layout: &Layout,
+        adjoint: &Image,
+    ) -> Interior<'a> {
         let count = pixels::active(adjoint) * settings.spp.max(1) as usize;
-        Interior { scene, camera, settings, film: FilmDensity::new(adjoint), count }
+        Interior { scene, camera, settings, film: FilmDensity::new(adjoint), count, toss: toss(scene, layout) }
     }
 
     /// One path through a film position; `weight` is what a pixel's adjoint counts for it.
@@ -220,21 +309,30 @@ impl<'a> Interior<'a> {
         let camera = self.camera.sample_lens(sampler);
         let ray = camera.ray(position);
         if self.settings.output != Output::Radiance {
-            if let Some((si, t)) = self.scene.intersect(&ray, &[]) {
+            path.clear();
+            let (hit, through) = self.scene.follow(&ray, &[], sampler, self.toss, |c| path.cross(&c));
+            if let Some((si, t)) = hit {
                 out.pixel(pixel, |d, out| {
-                    let r = d_first_hit(out, self.settings.output, &camera, &si, t, d * weight);
+                    let r = d_first_hit(out, self.settings.output, &camera, (&si, t), &through, d * weight);
+                    let value = first_hit(self.settings.output, &camera, &si);
+                    let d_pass = (d * weight).dot(value) * through.opacity * through.inv_choice;
+                    let r = r + d_masks(out, ray.dir, &path.crossings, d_pass);
                     camera.d_ray(position, r.origin, r.dir, &mut out.camera);
                 });
             }
             return;
         }
-        let options = Options { keep_black: true, split_lobes: true, ..Options::new(self.settings.max_bounces) };
-        path.vertices.clear();
+        let options =
+            Options { keep_black: true, split_lobes: true, toss: self.toss, ..Options::new(self.settings.max_bounces) };
+        path.clear();
         trace(self.scene, Start::Ray(ray, &[]), sampler, &options, path);
         out.pixel(pixel, |d, out| {
             let d = d * weight;
             let ray_adjoint = if path.vertices.is_empty() {
-                RayAdjoint { origin: Vec3::ZERO, dir: out.environment(ray.dir, d) }
+                let pass: f32 = path.crossings.iter().map(Crossing::weight).product();
+                let dir = out.environment(ray.dir, d * pass);
+                let d_pass = d.dot(self.scene.environment_radiance(ray.dir));
+                RayAdjoint { origin: Vec3::ZERO, dir } + d_masks(out, ray.dir, &path.crossings, d_pass)
             } else {
                 sweep(out, path, d)
             };
@@ -277,5 +375,24 @@ impl Pass for Paths<'_> {
             let (mut sampler, film) = self.pixels.sample(rank);
             self.interior.sample(film.pixel, film.position, film.weight as f32, &mut path, &mut sampler, out);
         }
+    }
+}
+
+/// How paths pass masks: both ways where what is asked for changes opacities.
+fn toss(scene: &Scene, layout: &Layout) -> Toss {
+    let opacity = |slot: &Slot| {
+        scene.description.shapes.iter().enumerate().any(|(i, shape)| match shape.material.opacity {
+            Some(Input::Texture(t)) => *slot == Slot::Texels(t),
+            Some(Input::VertexColor) => *slot == Slot::Colors(i),
+            None => false,
+        })
+    };
+    let moves_nothing = |slot: &Slot| matches!(slot, Slot::Texels(_) | Slot::Colors(_) | Slot::LightPower(_));
+    if layout.slots.iter().any(opacity) {
+        Toss::Both
+    } else if layout.slots.iter().all(moves_nothing) {
+        Toss::Fair
+    } else {
+        Toss::Slopes
     }
 }

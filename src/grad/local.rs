@@ -1,12 +1,16 @@
 //! Local adjoints: closed forms for one vertex of a path (`algorithms.md` §1.2).
 
+use std::ops::Add;
+
 use glam::Vec3;
 
 use super::sink::{Adjoints, Sink};
 use crate::render::accel::PrimId;
 use crate::render::bsdf::{BsdfAdjoint, MAX_INPUTS, Part};
+use crate::render::film::first_hit;
 use crate::render::interaction::{SurfaceInteraction, d_terminator, terminator};
 use crate::render::light::{LightKind, LightSample};
+use crate::render::mask::{Crossing, Through};
 use crate::render::{Camera, Input, Output};
 
 /// Adjoints of the numbers of one surface interaction.
@@ -24,6 +28,14 @@ pub struct VertexAdjoint {
 pub struct RayAdjoint {
     pub origin: Vec3,
     pub dir: Vec3,
+}
+
+impl Add for RayAdjoint {
+    type Output = RayAdjoint;
+
+    fn add(self, other: RayAdjoint) -> RayAdjoint {
+        RayAdjoint { origin: self.origin + other.origin, dir: self.dir + other.dir }
+    }
 }
 
 impl VertexAdjoint {
@@ -203,6 +215,48 @@ pub fn d_emission_sliding<S: Sink>(out: &mut Adjoints<S>, si: &SurfaceInteractio
     }
 }
 
+/// Adjoint of a light's power, its radiance times the opacity of its mask, at a point. Returns the adjoint of b as
+/// [`Adjoints::input`] does.
+fn d_light_power<S: Sink>(out: &mut Adjoints<S>, prim: PrimId, b: [f32; 3], d: Vec3, slides: bool) -> [f32; 3] {
+    let Some(radiance) = emission_input(out, prim) else { return [0.0; 3] };
+    let (scene, opacity) = (out.scene, opacity_input(out, prim));
+    let Some((opacity, value)) = opacity.zip(scene.opacity(prim, b)) else {
+        return out.input(radiance, prim, b, d, slides);
+    };
+    let by_radiance = out.input(radiance, prim, b, d * value, slides);
+    let by_opacity = out.input(opacity, prim, b, Vec3::X * d.dot(scene.lookup(radiance, prim, b)), slides);
+    std::array::from_fn(|i| by_radiance[i] + by_opacity[i])
+}
+
+/// Adjoint of the opacity of a vertex that slides over its surface.
+pub fn d_opacity<S: Sink>(out: &mut Adjoints<S>, si: &SurfaceInteraction, d: f32, adj: &mut VertexAdjoint) {
+    if let Some(input) = opacity_input(out, si.prim) {
+        let d_b = out.input(input, si.prim, si.b, Vec3::X * d, true);
+        adj.add_b(d_b);
+    }
+}
+
+/// Adjoint of what masks on a line let through: `d` is that of the product of their weights. Returns the adjoint of the line, a
+/// ray along `dir`.
+pub fn d_masks<S: Sink>(out: &mut Adjoints<S>, dir: Vec3, crossings: &[Crossing], d: f32) -> RayAdjoint {
+    let mut ray = RayAdjoint::default();
+    for (i, c) in crossings.iter().enumerate() {
+        let others: f32 = crossings.iter().enumerate().filter(|&(j, _)| j != i).map(|(_, c)| c.weight()).product();
+        let d_opacity_here = -d * others * c.inv_choice;
+        if d_opacity_here != 0.0 {
+            let si = out.scene.interaction(c.prim, c.b, -dir);
+            let mut adj = VertexAdjoint::default();
+            d_opacity(out, &si, d_opacity_here, &mut adj);
+            ray = ray + slide(out, &si, c.t, adj);
+        }
+    }
+    ray
+}
+
+fn opacity_input<S: Sink>(out: &Adjoints<S>, prim: PrimId) -> Option<Input> {
+    out.scene.description.shapes[out.scene.prims[prim as usize].shape as usize].material.opacity
+}
+
 pub fn emission_input<S: Sink>(out: &Adjoints<S>, prim: PrimId) -> Option<Input> {
     let shape = out.scene.prims[prim as usize].shape as usize;
     out.scene.description.shapes[shape].emission.as_ref().map(|e| e.radiance)
@@ -243,18 +297,18 @@ pub fn d_arriving<S: Sink>(
 /// direction's.
 fn d_found<S: Sink>(out: &mut Adjoints<S>, c: &Arriving, a: Vec3, adj: &mut VertexAdjoint) -> Vec3 {
     let d_power = a * (c.geometry * c.weight);
+    let mut ray = d_masks(out, c.dir, c.masks.crossings, a.dot(c.light.power) * (c.geometry * c.masks.weight));
     if c.light.kind == LightKind::Environment {
-        return out.environment(c.dir, d_power);
+        ray.dir += out.environment(c.dir, d_power);
+    } else {
+        let mut d_light = VertexAdjoint::default();
+        let d_b = d_light_power(out, c.light.prim, c.light.b, d_power, true);
+        d_light.add_b(d_b);
+        if d_light.b != [0.0; 3] {
+            let there = out.scene.interaction(c.light.prim, c.light.b, -c.dir);
+            ray = ray + slide(out, &there, c.distance, d_light);
+        }
     }
-    let mut d_light = VertexAdjoint::default();
-    let Some(input) = emission_input(out, c.light.prim) else { return Vec3::ZERO };
-    let d_b = out.input(input, c.light.prim, c.light.b, d_power, true);
-    d_light.add_b(d_b);
-    if d_light.b == [0.0; 3] {
-        return Vec3::ZERO;
-    }
-    let there = out.scene.interaction(c.light.prim, c.light.b, -c.dir);
-    let ray = slide(out, &there, c.distance, d_light);
     adj.p += ray.origin;
     ray.dir
 }
@@ -265,6 +319,13 @@ pub struct Arriving<'a> {
     pub dir: Vec3,
     pub distance: f32,
     pub geometry: f32,
+    pub weight: f32,
+    pub masks: Masks<'a>,
+}
+
+/// Masks on the way of light: `weight` is the whole one without theirs.
+pub struct Masks<'a> {
+    pub crossings: &'a [Crossing],
     pub weight: f32,
 }
 
@@ -283,7 +344,12 @@ pub fn d_material<S: Sink>(
     let scale = c.geometry * c.weight;
     let (mut d_dir, d_values) = d_eval(si, c.dir, part, a * light.power * scale, adj);
     let d_power = a * f * scale;
-    let d_geometry = a.dot(f * light.power) * c.weight;
+    let d_value = a.dot(f * light.power);
+    let d_geometry = d_value * c.weight;
+    // Where the line crosses a mask moves with both its ends.
+    let masks = d_masks(out, c.dir, c.masks.crossings, d_value * c.geometry * c.masks.weight);
+    adj.p += masks.origin;
+    d_dir += masks.dir;
     match light.kind {
         LightKind::Area => {
             // geometry = |cos| / r²
@@ -301,9 +367,7 @@ pub fn d_material<S: Sink>(
             let [p0, p1, p2] = out.scene.corners(light.prim);
             let area = 0.5 * (p1 - p0).cross(p2 - p0).length();
             out.area(light.prim, d_geometry * c.geometry / area);
-            if let Some(input) = emission_input(out, light.prim) {
-                out.input(input, light.prim, light.b, d_power, false);
-            }
+            d_light_power(out, light.prim, light.b, d_power, false);
         }
         LightKind::Point(i) => {
             let d_r = -2.0 * d_geometry * c.geometry / c.distance;
@@ -332,17 +396,19 @@ pub fn d_direction<S: Sink>(out: &mut Adjoints<S>, light: u32, d_towards: Vec3) 
     }
 }
 
-/// Adjoint of a first-hit channel (see [`crate::render::film::first_hit`]) → adjoint of the camera ray. The camera's own
+/// Adjoint of a first-hit channel (see [`first_hit`]) seen through masks → adjoint of the camera ray. The camera's own
 /// part of the depth goes straight to `out.camera`.
 pub fn d_first_hit<S: Sink>(
     out: &mut Adjoints<S>,
     output: Output,
     camera: &Camera,
-    si: &SurfaceInteraction,
-    t: f32,
+    (si, t): (&SurfaceInteraction, f32),
+    through: &Through,
     d: Vec3,
 ) -> RayAdjoint {
     let mut adj = VertexAdjoint::default();
+    d_opacity(out, si, d.dot(first_hit(output, camera, si)) * through.pass * through.inv_choice, &mut adj);
+    let d = d * through.weight;
     match output {
         Output::Radiance | Output::Alpha | Output::ShapeIndex => {}
         Output::Depth => {

@@ -9,6 +9,7 @@ pub mod edge_tree;
 pub mod estimate;
 pub mod guide;
 pub mod interior;
+pub mod layers;
 pub mod lens;
 pub mod local;
 pub mod motion;
@@ -23,9 +24,11 @@ use std::sync::atomic::AtomicBool;
 
 use crate::image::Image;
 use crate::render::sampler::hash;
+use crate::render::texture::Filter;
 pub use crate::render::{
     Camera, Input, NEVER, Output, Scene, SceneError, Settings, Slot, render, render_until, validate_camera,
 };
+use crate::render::{Shape, TextureId};
 
 use self::allocate::{Allocation, Estimator};
 use self::edge_tree::EdgeTree;
@@ -134,6 +137,12 @@ pub fn render_forward_until(
 /// Terms that are missing from the derivatives in `wrt`, in words; empty if they are complete.
 pub fn coverage_gaps(scene: &Scene, settings: &Settings, wrt: &[Slot]) -> Vec<&'static str> {
     let mut gaps = Vec::new();
+    if slides_over_steps(scene, settings, wrt) {
+        gaps.push(
+            "textures with `filter: nearest` (checkerboards too) jump between texels, and as points slide over them these \
+             jumps have no derivative",
+        );
+    }
     if settings.output != Output::Radiance || settings.max_bounces == 0 || !wrt.iter().any(|s| s.moves_visibility()) {
         return gaps;
     }
@@ -149,6 +158,43 @@ pub fn coverage_gaps(scene: &Scene, settings: &Settings, wrt: &[Slot]) -> Vec<&'
         Some(_) => {}
     }
     gaps
+}
+
+/// Whether anything asked for makes points slide over a texture that is constant by parts: on a surface that moves, or is seen by
+/// a camera that does; as reflected light from any that move; and, in a mask, where light passes it.
+fn slides_over_steps(scene: &Scene, settings: &Settings, wrt: &[Slot]) -> bool {
+    let d = &scene.description;
+    let steps = |t: TextureId| {
+        let texture = &d.textures[t];
+        let mut texels = texture.data.chunks_exact(texture.channels);
+        texture.filter == Filter::Nearest && texels.next().is_some_and(|first| texels.any(|t| t != first))
+    };
+    let reads = |input: Input| matches!(input, Input::Texture(t) if steps(t));
+    let radiance = settings.output == Output::Radiance;
+    let lit = radiance && settings.max_bounces > 0;
+    let view =
+        wrt.iter().any(|s| matches!(s, Slot::CameraOrigin | Slot::CameraFrame | Slot::CameraScale | Slot::CameraLens));
+    let (mut moves, mut geometry, mut turns) = (false, false, view);
+    for slot in wrt {
+        geometry |= matches!(slot, Slot::Vertices(_) | Slot::Normals(_));
+        geometry |= matches!(slot, Slot::ClosingVertices(_) | Slot::ClosingNormals(_) | Slot::CameraShutter);
+        moves |= slot.moves_visibility();
+        turns |= *slot == Slot::EnvironmentRotation;
+    }
+    let slides = |i: usize| {
+        let own = |s: &Slot| matches!(s, Slot::Vertices(j) | Slot::ClosingVertices(j) | Slot::Uvs(j) if *j == i);
+        let own = wrt.iter().any(own) || (wrt.contains(&Slot::CameraShutter) && d.motions.iter().any(|m| m.shape == i));
+        view || own || (geometry && lit && settings.max_bounces > 1)
+    };
+    let sky = d.environment.as_ref().is_some_and(|e| steps(e.radiance));
+    let shape = |(i, s): (usize, &Shape)| {
+        let (inputs, count) = s.material.kind.inputs();
+        let scatters = (lit || settings.output == Output::Albedo) && inputs[..count].iter().any(|i| reads(*i));
+        let emits = radiance && s.emission.as_ref().is_some_and(|e| reads(e.radiance));
+        let mask = s.material.opacity.is_some_and(reads);
+        (slides(i) && (scatters || emits || mask)) || (mask && lit && moves)
+    };
+    (radiance && sky && (turns || (geometry && lit))) || d.shapes.iter().enumerate().any(shape)
 }
 
 trait Visit {
@@ -178,7 +224,7 @@ fn passes(
     let viewpoints = if boundary { Viewpoint::all(scene, camera, &mirrors) } else { Vec::new() };
 
     let interior =
-        (!interior_vanishes(scene, settings, layout)).then(|| Interior::new(scene, camera, settings, adjoint));
+        (!interior_vanishes(scene, settings, layout)).then(|| Interior::new(scene, camera, settings, layout, adjoint));
     let primary = boundary.then(|| PrimaryEdges::new(&viewpoints, settings, adjoint, seed));
     if let Some(pass) = primary.as_ref().and_then(PrimaryEdges::enumeration) {
         visit.pass(&pass);
@@ -228,6 +274,7 @@ fn interior_vanishes(scene: &Scene, settings: &Settings, layout: &Layout) -> boo
         && !layout.slots.iter().any(|s| matches!(s, Slot::Texels(_) | Slot::Colors(_)))
         && emitters.all(|e| matches!(e.radiance, Input::Texture(t) if constant(t)))
         && d.environment.as_ref().is_none_or(|e| constant(e.radiance))
+        && d.shapes.iter().filter_map(|s| s.material.opacity).all(|o| matches!(o, Input::Texture(t) if constant(t)))
 }
 
 fn check(camera: &Camera, settings: &Settings, d_image: &Image) -> Result<(), SceneError> {

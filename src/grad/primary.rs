@@ -10,6 +10,7 @@ use rayon::prelude::*;
 
 use super::allocate::{Estimator, typical_bounces};
 use super::estimate::{Draw, Estimate, Pass, Sequence};
+use super::layers::Sides;
 use super::lens::{blurred, classify_through_lens};
 use super::viewpoint::{Seen, Viewpoint};
 use crate::image::Image;
@@ -229,21 +230,15 @@ impl<'a> PrimaryEdges<'a> {
         let normal_2d = if side < 0.0 { -normal_2d } else { normal_2d };
 
         // The same random numbers on both sides.
-        let value = Values {
-            scene: viewpoint.scene,
-            settings: self.settings,
-            viewpoint: &viewpoint,
-            edge,
-            seen: &seen,
-            s,
-            prims: &prims,
-        };
-        let foreground = value.face(view.foreground, &mut sampler.clone());
-        let background = match view.background {
+        let scene = viewpoint.scene;
+        let sides = Sides::choose(scene, edge, seen.dir, &view, s, sampler)?;
+        let value =
+            Values { scene, settings: self.settings, viewpoint: &viewpoint, edge, seen: &seen, s, prims: &prims };
+        let side = |face: Option<usize>| match face {
             Some(face) => value.face(face, &mut sampler.clone()),
             None => value.past(seen.projected.pixel + normal_2d * NUDGE, &mut sampler.clone()),
         };
-        let jump = foreground - background;
+        let jump = (side(sides.near) - side(sides.far)) * sides.scale;
         let foreground = view.foreground;
         (jump != Vec3::ZERO && jump.is_finite()).then_some(Boundary {
             viewpoint,
@@ -360,21 +355,26 @@ impl Values<'_> {
                 let options = Options::new(self.settings.max_bounces.saturating_sub(self.viewpoint.bounces()));
                 self.seen.throughput * trace(self.scene, Start::Surface(si), sampler, &options, &mut NoRecord)
             }
-            output => first_hit(output, &self.viewpoint.camera, &si),
+            output => self.seen.throughput * first_hit(output, &self.viewpoint.camera, &si),
         }
     }
 
     /// Past the edge, through a film position just beside it.
     fn past(&self, pixel: Vec2, sampler: &mut Sampler) -> Vec3 {
-        let Some((ray, start, throughput)) = self.viewpoint.ray(pixel) else { return Vec3::ZERO };
+        let Some((mut ray, start, mut throughput)) = self.viewpoint.ray(pixel) else { return Vec3::ZERO };
+        if self.scene.masked {
+            // Past all masks in front of the edge too: what they show is the same on both sides.
+            ray.t_min = self.seen.distance * (1.0 - 2e-5);
+            throughput = self.seen.throughput;
+        }
         let skip: Vec<PrimId> = self.prims.iter().copied().chain(start).collect();
         match self.settings.output {
             Output::Radiance => {
                 let options = Options::new(self.settings.max_bounces.saturating_sub(self.viewpoint.bounces()));
                 throughput * trace(self.scene, Start::Ray(ray, &skip), sampler, &options, &mut NoRecord)
             }
-            output => match self.scene.intersect(&ray, &skip) {
-                Some((si, _)) => first_hit(output, &self.viewpoint.camera, &si),
+            output => match self.scene.chance(&ray, &skip, sampler) {
+                Some((si, _)) => throughput * first_hit(output, &self.viewpoint.camera, &si),
                 None => Vec3::ZERO,
             },
         }
@@ -408,11 +408,12 @@ pub fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Opti
 }
 
 /// Whether what an edge shows does not depend on random numbers: first-hit channels, emission alone, direct light of a
-/// single point or directional light.
+/// single point or directional light, all without masks.
 fn is_noise_free(scene: &Scene, settings: &Settings) -> bool {
-    settings.output != Output::Radiance
-        || settings.max_bounces == 0
-        || (settings.max_bounces == 1 && scene.lights.is_single_delta())
+    !scene.masked
+        && (settings.output != Output::Radiance
+            || settings.max_bounces == 0
+            || (settings.max_bounces == 1 && scene.lights.is_single_delta()))
 }
 
 /// Fractions of a segment at which it crosses from pixel to pixel, with both ends.

@@ -15,6 +15,7 @@ use super::edge_tree::{CANDIDATES, EdgeTree, Query};
 use super::estimate::{Draw, Estimate, Pass, Sequence};
 use super::guide::{self, Guide};
 use super::interior::{Injection, Path, PathVertex, inject};
+use super::layers::Sides;
 use super::pixels::{self, FilmDensity};
 use super::primary::inset;
 use super::sink::{Adjoints, Layout, Sink};
@@ -24,6 +25,7 @@ use crate::render::accel::{PrimId, Ray};
 use crate::render::edges::EdgeTable;
 use crate::render::integrator::{Options, Recorder, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
+use crate::render::mask::Through;
 use crate::render::sampler::{Sampler, hash};
 use crate::render::{Camera, Scene, Settings};
 
@@ -75,7 +77,7 @@ struct Side {
 }
 
 impl Recorder for Side {
-    fn vertex(&mut self, si: &SurfaceInteraction, _throughput: Vec3, _t: f32) {
+    fn vertex(&mut self, si: &SurfaceInteraction, _throughput: Vec3, _t: f32, _through: &Through) {
         if self.first.is_none() {
             self.first = Some(si.prim);
             self.emission = si.emission;
@@ -136,7 +138,7 @@ impl<'a> Secondary<'a> {
         let ray = camera.ray(film.position);
         // The last vertex that can see an edge is one event before the last.
         let options = Options { next_event: false, split_lobes: true, ..Options::new(self.max_bounces - 1) };
-        path.vertices.clear();
+        path.clear();
         trace(self.scene, Start::Ray(ray, &[]), sampler, &options, path);
         let Some(sample) = self.sample(path, u, sampler) else { return };
         let weight = (film.weight * weight) as f32;
@@ -205,9 +207,11 @@ impl<'a> Secondary<'a> {
         let mut skip: Vec<PrimId> = edge.prims();
         skip.push(sight.prim);
         let to_edge = Ray { t_max: sight.distance * (1.0 - 2e-5), ..sight.ray };
-        if self.scene.accel.occluded(&to_edge, &skip) {
+        let through = self.scene.transmittance(&to_edge, &skip);
+        if through == 0.0 {
             return None;
         }
+        let sides = Sides::choose(self.scene, edge, sight.dir, &view, point.s, sampler)?;
 
         let options = Options { first_emission: false, ..Options::new(events_left(k) - u32::from(mirror.is_some())) };
         let look = |start: Start| {
@@ -215,20 +219,25 @@ impl<'a> Secondary<'a> {
             side.radiance = trace(self.scene, start, &mut sampler.clone(), &options, &mut side);
             side
         };
-        let face = |i: usize| {
-            let b = edge.barycentric(i, point.s, inset(edge, i, distance));
-            look(Start::Surface(self.scene.interaction(edge.faces[i].prim, b, -sight.dir)))
-        };
         let normal = mirror.map_or(view.normal, |m| m.reflect(view.normal));
-        let foreground = face(view.foreground);
-        let background = match view.background {
-            Some(i) => face(i),
+        let side = |face: Option<usize>| match face {
+            Some(i) => {
+                let b = edge.barycentric(i, point.s, inset(edge, i, distance));
+                look(Start::Surface(self.scene.interaction(edge.faces[i].prim, b, -sight.dir)))
+            }
             None => {
                 let past = (dir + normal * NUDGE).normalize();
                 let past = self.sight(si, mirror, p, past, distance);
-                past.map_or_else(Side::default, |past| look(Start::Ray(past.ray, &skip)))
+                past.map_or_else(Side::default, |mut past| {
+                    if self.scene.masked {
+                        // Past all masks in front of the edge too: what they show is the same on both sides.
+                        past.ray.t_min = sight.distance * (1.0 - 2e-5);
+                    }
+                    look(Start::Ray(past.ray, &skip))
+                })
             }
         };
+        let (foreground, background) = (side(sides.near), side(sides.far));
         // Emission is direction-fixed behind a mirror and where the surfaces touch, else material-fixed. The peak of an
         // environment is left to the edge-first estimator.
         let sliding = |side: &Side| match side.first {
@@ -238,13 +247,15 @@ impl<'a> Secondary<'a> {
             None => side.radiance - self.scene.environment_peak.as_ref().map_or(Vec3::ZERO, |p| p.of(side.radiance)),
         };
         let all = |side: &Side| side.radiance + side.emission;
-        let is_sky = mirror.is_none() && background.first.is_none();
-        let sky = if is_sky { -fixed * sliding(&background) } else { Vec3::ZERO };
+        let is_sky = |side: &Side| mirror.is_none() && side.first.is_none();
+        let sky_of = |side: &Side| if is_sky(side) { sliding(side) } else { Vec3::ZERO };
+        let sky = fixed * (sky_of(&foreground) - sky_of(&background));
         let fixed = fixed * (sliding(&foreground) - sliding(&background));
         let attached = attached * (all(&foreground) - all(&background));
         let sin_phi = edge.direction().cross(sight.dir).length();
         let pdf = point.pdf * weight(k) / (total * (mirrors + 1) as f32);
-        let scale = vertex.throughput * sight.reflectance * (sin_phi / (distance * distance * pdf));
+        let scale =
+            vertex.throughput * sight.reflectance * (through * sides.scale * sin_phi / (distance * distance * pdf));
         let (weight, attached, sky) = (scale * (fixed + attached), scale * attached, scale * sky);
         (weight != Vec3::ZERO && weight.is_finite()).then_some(SecondarySample {
             vertex: k,
@@ -280,8 +291,9 @@ impl<'a> Secondary<'a> {
         if here * there <= 0.0 || here.abs() < least || there.abs() < least {
             return None;
         }
-        let (hit, t) = self.scene.intersect(&ray, &[si.prim])?;
-        if !hit.bsdf.is_delta() || !plane.contains(hit.ng, hit.p, self.scene.radius) || t >= distance {
+        let ours = |hit: &SurfaceInteraction| hit.bsdf.is_delta() && plane.contains(hit.ng, hit.p, self.scene.radius);
+        let (hit, t, through) = self.scene.find(&ray, &[si.prim], ours)?;
+        if t >= distance {
             return None;
         }
         let dir = plane.reflect(dir);
@@ -290,7 +302,7 @@ impl<'a> Secondary<'a> {
             dir,
             distance: distance - t,
             prim: hit.prim,
-            reflectance: hit.bsdf.mirror_reflectance(),
+            reflectance: hit.bsdf.mirror_reflectance() * through,
             mirror: Some(hit),
         })
     }

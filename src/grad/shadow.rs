@@ -21,6 +21,7 @@ use super::allocate::{Estimator, typical_bounces};
 use super::edge_tree::{EdgeTree, Query};
 use super::estimate::{Draw, Estimate, Pass, Sequence};
 use super::guide::{self, Guide};
+use super::layers::contrast;
 use super::local::{RayAdjoint, VertexAdjoint, d_attached_direction, d_direction, slide};
 use super::sink::{Adjoints, Layout, Sink};
 use super::viewpoint::{Viewpoint, d_reflected_ray};
@@ -120,14 +121,14 @@ impl<'a> Shadows<'a> {
     fn sample(&self, at: [f64; 2], v: f32, weight: f64, sampler: &mut Sampler, out: &mut impl Estimate) {
         let (pierced, share) = if at[0] < self.share { (true, self.share) } else { (false, 1.0 - self.share) };
         let u = [(if pierced { at[0] } else { at[0] - self.share }) / share, at[1]];
-        let cast = if pierced { self.cast_at_crossing(u, v) } else { self.cast_by_edge(u, v) };
+        let cast = if pierced { self.cast_at_crossing(u, v, sampler) } else { self.cast_by_edge(u, v, sampler) };
         if let Some(cast) = cast {
             self.walk(&cast, (weight / share) as f32, sampler, out);
         }
     }
 
     /// An edge that stands in the way of a light.
-    fn cast_by_edge(&self, at: [f64; 2], v: f32) -> Option<Cast<'_>> {
+    fn cast_by_edge(&self, at: [f64; 2], v: f32, sampler: &mut Sampler) -> Option<Cast<'_>> {
         let scene = self.scene;
         let light = scene.sample_local_light(Vec2::new((at[1] as f32).min(ONE_MINUS_EPSILON), v))?;
         let table = scene.edges();
@@ -149,17 +150,19 @@ impl<'a> Shadows<'a> {
 
         // The edge must hide something from the light: all its faces on one side.
         let view = edge.view(-dir)?;
-        if view.background.is_some() {
+        let covers = contrast(scene, edge, -dir, &view, s);
+        if covers == 0.0 {
             return None;
         }
         let prims = edge.prims();
         let scale = scene.radius;
         let to_light = Ray { t_max: arrival.distance * (1.0 - 1e-5), t_min: 2e-6 * scale, ..Ray::new(p, dir) };
         let skip: Vec<PrimId> = prims.iter().copied().chain([light.prim]).collect();
-        if scene.accel.occluded(&to_light, &skip) {
+        let covers = covers * scene.transmittance(&to_light, &skip);
+        if covers == 0.0 {
             return None;
         }
-        let hit = scene.accel.closest(&Ray::new(p, -dir), &prims)?;
+        let hit = scene.chance_hit(&Ray::new(p, -dir), &prims, sampler)?;
         if hit.t < 1e-5 * scale {
             return None; // the edge lies on the receiver: the shadow starts under the edge itself
         }
@@ -168,13 +171,13 @@ impl<'a> Shadows<'a> {
             _ => 0.0,
         };
         let sin_phi = edge.direction().cross(dir).length();
-        let power = light.power * (-arrival.geometry * sin_phi / (per_length * light.pdf));
+        let power = light.power * (-covers * arrival.geometry * sin_phi / (per_length * light.pdf));
         // As seen from the receiver the covered side is the same.
         Some(Cast { edge, face: view.foreground, s, normal: view.normal, light, dir, hit, tau, power })
     }
 
     /// A light that sticks through a surface.
-    fn cast_at_crossing(&self, at: [f64; 2], v: f32) -> Option<Cast<'_>> {
+    fn cast_at_crossing(&self, at: [f64; 2], v: f32, sampler: &mut Sampler) -> Option<Cast<'_>> {
         let scene = self.scene;
         let (i, pmf, rest) = self.pierced_pmf.sample(at[0]);
         let (edge, face) = self.pierced[i];
@@ -188,18 +191,20 @@ impl<'a> Shadows<'a> {
         let away = Frame::from_normal(n).to_world(away).normalize();
 
         // The other surface hides what is behind it.
-        let [p0, p1, p2] = scene.corners(edge.faces[(face + 2) % 4].prim);
+        let hiding = (face + 2) % 4;
+        let covers = scene.opacity(edge.faces[hiding].prim, edge.barycentric(hiding, s, 0.0)).unwrap_or(1.0);
+        let [p0, p1, p2] = scene.corners(edge.faces[hiding].prim);
         let other = (p1 - p0).cross(p2 - p0).normalize_or_zero();
         let normal = (other - n * n.dot(other)).normalize_or_zero() * other.dot(away).signum();
         let whole = edge.faces[face ^ 1].prim == own.prim;
         if !whole && normal.dot(own.opposite - edge.p[0]) <= 0.0 {
             return None;
         }
-        let hit = scene.accel.closest(&Ray::new(edge.point(s), away), &edge.prims())?;
+        let hit = scene.chance_hit(&Ray::new(edge.point(s), away), &edge.prims(), sampler)?;
         if hit.t < 1e-5 * scene.radius {
             return None;
         }
-        let power = light.power * (-std::f32::consts::PI * sides / per_length);
+        let power = light.power * (-covers * std::f32::consts::PI * sides / per_length);
         Some(Cast { edge, face, s, normal, light, dir: -away, hit, tau: 1.0, power })
     }
 
@@ -287,7 +292,7 @@ impl<'a> Shadows<'a> {
             if bounce > 3 && sampler.next_1d() >= survival {
                 break;
             }
-            let Some(next) = scene.accel.closest(&si.spawn_ray(away), &[prim]) else { break };
+            let Some(next) = scene.chance_hit(&si.spawn_ray(away), &[prim], sampler) else { break };
             walk.weight *= weight / survival;
             walk.vertices.push(Step { si, t: next.t, scattered });
             (prim, b) = (next.prim, next.b);

@@ -122,7 +122,7 @@ pub struct Seen {
     pub origin: Vec3,
     pub dir: Vec3,
     pub distance: f32,
-    /// Reflectance on the way.
+    /// Reflectance on the way, and what masks let through.
     pub throughput: Vec3,
 }
 
@@ -192,8 +192,8 @@ impl<'a> Viewpoint<'a> {
                 (None, p + back * distance, Vec3::ONE)
             }
             Some(_) => {
-                let (si, t) = self.mirror_hit(projected.pixel)?;
-                (Some((si, t)), si.p, si.bsdf.mirror_reflectance())
+                let (si, t, throughput) = self.mirror_hit(projected.pixel)?;
+                (Some((si, t)), si.p, throughput)
             }
         };
         let d = p - origin;
@@ -204,23 +204,24 @@ impl<'a> Viewpoint<'a> {
         let dir = d / distance;
         let mut ray = crate::render::accel::Ray::new(origin, dir);
         ray.t_max = distance * (1.0 - 2e-5);
-        let blocked = match &mirror {
-            None => self.scene.accel.occluded(&ray, skip),
+        let through = match &mirror {
+            None => self.scene.transmittance(&ray, skip),
             Some((si, _)) => {
                 ray.t_min = 1e-5 * self.scene.radius;
                 let all: Vec<PrimId> = skip.iter().copied().chain([si.prim]).collect();
-                self.scene.accel.occluded(&ray, &all)
+                self.scene.transmittance(&ray, &all)
             }
         };
-        (!blocked).then_some(Seen { projected, mirror, origin, dir, distance, throughput })
+        let throughput = throughput * through;
+        (through > 0.0).then_some(Seen { projected, mirror, origin, dir, distance, throughput })
     }
 
-    /// The mirror vertex behind a pixel position, if the first surface there is part of this mirror.
-    fn mirror_hit(&self, pixel: Vec2) -> Option<(SurfaceInteraction, f32)> {
+    /// The mirror vertex behind a pixel position, if a surface of this mirror is seen there, with its reflectance through masks.
+    fn mirror_hit(&self, pixel: Vec2) -> Option<(SurfaceInteraction, f32, Vec3)> {
         let plane = self.mirror?;
-        let (si, t) = self.scene.intersect(&self.camera.ray(pixel), &[])?;
-        let ours = si.bsdf.is_delta() && plane.contains(si.ng, si.p, self.scene.radius);
-        ours.then_some((si, t))
+        let ours = |si: &SurfaceInteraction| si.bsdf.is_delta() && plane.contains(si.ng, si.p, self.scene.radius);
+        let (si, t, through) = self.scene.find(&self.camera.ray(pixel), &[], ours)?;
+        Some((si, t, si.bsdf.mirror_reflectance() * through))
     }
 
     /// The ray that looks past the mirror (or straight from the camera) through a pixel position, with the primitive it
@@ -229,9 +230,9 @@ impl<'a> Viewpoint<'a> {
         match self.mirror {
             None => Some((self.camera.ray(pixel), None, Vec3::ONE)),
             Some(_) => {
-                let (si, _) = self.mirror_hit(pixel)?;
+                let (si, _, throughput) = self.mirror_hit(pixel)?;
                 let dir = si.ns * (2.0 * si.ns.dot(si.wi)) - si.wi;
-                Some((si.spawn_ray(dir.normalize()), Some(si.prim), si.bsdf.mirror_reflectance()))
+                Some((si.spawn_ray(dir.normalize()), Some(si.prim), throughput))
             }
         }
     }

@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use glam::{Mat3, Mat4, Vec2, Vec3, vec2};
 use gltf::accessor::{DataType, Dimensions};
+use gltf::material::AlphaMode;
 use gltf::mesh::{Mode, Semantic};
 
 use crate::image::Image;
@@ -183,7 +184,16 @@ impl Reader<'_> {
         let ior = material.ior().unwrap_or(1.5);
         let reflectance = if ior > 0.0 { ((ior - 1.0) / (ior + 1.0)).powi(2) } else { 1.0 };
         let specular = material.specular().map_or(1.0, |s| s.specular_factor()) * reflectance / 0.04;
-        let [r, g, b, _] = pbr.base_color_factor();
+        let [r, g, b, alpha] = pbr.base_color_factor();
+        let alpha_image = base_color.as_ref().filter(|i| i.channels == 4).map(|i| with_channels(i, 3, 1));
+        let opacity = match material.alpha_mode() {
+            AlphaMode::Opaque => None,
+            AlphaMode::Blend => Some(opacities(alpha_image, |v| alpha * v)),
+            AlphaMode::Mask => {
+                let cutoff = material.alpha_cutoff().unwrap_or(0.5);
+                Some(opacities(alpha_image, |v| if alpha * v < cutoff { 0.0 } else { 1.0 }))
+            }
+        };
         let converted = Arc::new(LoadedMaterial {
             name: material.name().unwrap_or_default().to_string(),
             base_color: Vec3::new(r, g, b),
@@ -196,6 +206,7 @@ impl Reader<'_> {
             emissive: Vec3::from(material.emissive_factor()) * material.emissive_strength().unwrap_or(1.0),
             emissive_image: part(&emissive, 0, 3),
             double_sided: material.double_sided(),
+            opacity: opacity.map(Arc::new),
         });
         let numbers = [converted.metallic, converted.roughness, converted.specular];
         if !(converted.base_color.is_finite()
@@ -430,6 +441,17 @@ fn base64(text: &str) -> Option<Vec<u8>> {
         }
     }
     Some(bytes)
+}
+
+/// One channel of opacities from one of alpha, or from a 1.
+fn opacities(alpha: Option<Image>, opacity: impl Fn(f32) -> f32) -> Image {
+    let one = || Image { width: 1, height: 1, channels: 1, data: vec![1.0] };
+    let mut image = alpha.unwrap_or_else(one);
+    for v in &mut image.data {
+        let opacity = opacity(*v);
+        *v = if opacity.is_nan() { 1.0 } else { opacity.clamp(0.0, 1.0) };
+    }
+    image
 }
 
 #[cfg(test)]

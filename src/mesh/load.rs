@@ -53,6 +53,8 @@ pub struct LoadedMaterial {
     pub emissive_image: Option<Arc<Image>>,
     /// Seen from behind too.
     pub double_sided: bool,
+    /// One channel, from 0 to 1; `None` is opaque. A cutoff has been applied texel by texel: between texels there is a slope.
+    pub opacity: Option<Arc<Image>>,
 }
 
 impl Default for LoadedMaterial {
@@ -69,6 +71,7 @@ impl Default for LoadedMaterial {
             emissive: Vec3::ZERO,
             emissive_image: None,
             double_sided: true,
+            opacity: None,
         }
     }
 }

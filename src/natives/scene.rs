@@ -30,6 +30,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         let inner = material_of(a, 0)?;
         Ok(Value::Material(Arc::new(MaterialValue { one_sided: true, ..(*inner).clone() })))
     }),
+    ("mask", mask),
     ("shape", |a| {
         let (m, _) = a.need("mesh")?;
         let material = match a.named("material") {
@@ -234,6 +235,20 @@ fn conductor(a: &Args) -> Result<Value> {
 fn grey() -> MaterialValue {
     let inputs = vec![("reflectance", Input::Number(Var::from(0.5)))];
     MaterialValue { model: Model::Diffuse, inputs, one_sided: false }
+}
+
+/// The material with an `opacity` among its inputs.
+fn mask(a: &Args) -> Result<Value> {
+    let inner = material_of(a, 0)?;
+    if inner.input("opacity").is_some() {
+        return Err(NativeError::at(0, "this material has a mask already").help("multiply the two opacities"));
+    }
+    let (index, _) = a.need("opacity")?;
+    let opacity = input(a, index, false)?;
+    within(a, index, &opacity, 0.0..=1.0)?;
+    let mut material = (*inner).clone();
+    material.inputs.push(("opacity", opacity));
+    Ok(Value::Material(Arc::new(material)))
 }
 
 fn material_of(a: &Args, index: usize) -> Result<Arc<MaterialValue>> {
@@ -499,12 +514,15 @@ fn part(part: &LoadedPart) -> Value {
         let texels = Var::constant(Tensor::from_image(&image));
         Input::Texture(Arc::new(TextureValue { texels, wrap: Wrap::Repeat, filter: Filter::Bilinear }))
     };
-    let inputs = vec![
+    let mut inputs = vec![
         ("base_color", texels(loaded.base_color_texels())),
         ("metallic", texels(loaded.metallic_texels())),
         ("roughness", texels(loaded.roughness_texels())),
         ("specular", Input::Number(Var::from(0.5 * f64::from(loaded.specular)))),
     ];
+    if let Some(opacity) = &loaded.opacity {
+        inputs.push(("opacity", texels((**opacity).clone())));
+    }
     let material = Arc::new(MaterialValue { model: Model::Principled, inputs, one_sided: !loaded.double_sided });
     match loaded.emissive_texels() {
         Some(image) => {

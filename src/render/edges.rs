@@ -108,6 +108,21 @@ impl Edge {
         }
     }
 
+    /// The face and all those that it hides from a viewer who looks along `dir`, nearest first.
+    pub fn layers(&self, dir: Vec3, face: usize) -> Vec<usize> {
+        let [e, d] = [self.direction(), dir].map(Vec3::as_dvec3);
+        let n = e.cross(d);
+        let towards_viewer = -(d - e * d.dot(e)).normalize();
+        let arm = |i: usize| {
+            let o = (self.faces[i].opposite - self.p[0]).as_dvec3();
+            (o - e * o.dot(e)).normalize()
+        };
+        let side = n.dot(arm(face)) > 0.0;
+        let mut layers: Vec<usize> = (0..self.faces.len()).filter(|&i| (n.dot(arm(i)) > 0.0) == side).collect();
+        layers.sort_by(|&i, &j| towards_viewer.dot(arm(j)).total_cmp(&towards_viewer.dot(arm(i))).then(i.cmp(&j)));
+        layers
+    }
+
     /// Primitives of all faces at the edge.
     pub fn prims(&self) -> Vec<PrimId> {
         self.faces.iter().map(|f| f.prim).collect()
@@ -316,12 +331,13 @@ fn is_sharp(scene: &Scene, edge: &Edge) -> bool {
     };
     let textured = |i: Input| matches!(i, Input::Texture(t) if !scene.description.textures[t].is_constant());
     let emission = sa.emission.as_ref().map(|e| e.radiance);
-    if (reads(&sa.material, &textured) || emission.is_some_and(textured))
+    let opacity = sa.material.opacity;
+    if (reads(&sa.material, &textured) || emission.is_some_and(textured) || opacity.is_some_and(textured))
         && differ(&|m, v| m.uvs.as_ref().map(|u| u[v as usize].extend(0.0)))
     {
         return true;
     }
     let coloured = |i: Input| i == Input::VertexColor;
-    (reads(&sa.material, &coloured) || emission.is_some_and(coloured))
+    (reads(&sa.material, &coloured) || emission.is_some_and(coloured) || opacity.is_some_and(coloured))
         && differ(&|m, v| m.colors.as_ref().map(|c| c[v as usize]))
 }

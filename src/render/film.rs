@@ -114,7 +114,7 @@ pub(super) fn add_samples(
                 sum += if settings.output == Output::Radiance {
                     trace(scene, Start::Ray(ray, &[]), &mut sampler, &options, &mut NoRecord)
                 } else {
-                    match scene.intersect(&ray, &[]) {
+                    match scene.chance(&ray, &[], &mut sampler) {
                         Some((si, _)) => first_hit(settings.output, camera, &si),
                         None => Vec3::ZERO,
                     }

@@ -7,7 +7,8 @@ use glam::Vec3;
 
 use super::accel::{PrimId, Ray};
 use super::interaction::SurfaceInteraction;
-use super::light::{LightKind, LightSample};
+use super::light::{Arrival, LightKind, LightSample};
+use super::mask::{Crossing, Through, Toss};
 use super::sampler::Sampler;
 use super::world::Scene;
 use crate::math::Frame;
@@ -38,6 +39,8 @@ pub struct Options {
     pub split_lobes: bool,
     /// Sample the lights at each vertex; without it only the path itself is of use.
     pub next_event: bool,
+    /// How masks are passed.
+    pub toss: Toss,
 }
 
 impl Options {
@@ -49,6 +52,7 @@ impl Options {
             keep_black: false,
             split_lobes: false,
             next_event: true,
+            toss: Toss::Fair,
         }
     }
 }
@@ -61,8 +65,10 @@ pub struct Connection {
     pub dir: Vec3,
     pub distance: f32,
     pub geometry: f32,
-    /// MIS weight over density: the contribution is f·cos · power · geometry · weight.
+    /// MIS weight over density: the contribution is f·cos · power · geometry · weight · transmittance.
     pub weight: f32,
+    /// What masks on the way let through.
+    pub transmittance: f32,
     /// f·cos of the vertex towards the light.
     pub f: Vec3,
 }
@@ -80,6 +86,8 @@ pub struct Continuation {
     pub attached: bool,
     /// Distance travelled, infinite if nothing was hit.
     pub t: f32,
+    /// What masks on the way do to what is found.
+    pub through: Through,
     /// MIS weight of emission found at the end of this segment.
     pub emission_weight: f32,
     /// If the segment ends on an emitter: that point as a light sample (its pdf is the density of this very technique).
@@ -90,8 +98,12 @@ pub struct Continuation {
 
 /// Watches a path being built, in order.
 pub trait Recorder {
-    /// A vertex reached with `throughput` (before scattering), at distance `t` from the previous one.
-    fn vertex(&mut self, _si: &SurfaceInteraction, _throughput: Vec3, _t: f32) {}
+    /// A vertex reached with `throughput · through.weight` (before scattering), at distance `t` from the previous one.
+    fn vertex(&mut self, _si: &SurfaceInteraction, _throughput: Vec3, _t: f32, _through: &Through) {}
+    /// A straight line begins. Masks on it follow, then, if it counts, what it belongs to.
+    fn line(&mut self) {}
+    /// A mask passed, unless the toss is fair.
+    fn cross(&mut self, _crossing: &Crossing) {}
     /// An unoccluded light connection of the latest vertex.
     fn connect(&mut self, _connection: &Connection) {}
     /// The continuation of the latest vertex.
@@ -108,20 +120,25 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
     let mut throughput = Vec3::ONE;
     let mut si = match start {
         Start::Surface(si) => {
-            rec.vertex(&si, throughput, 0.0);
+            rec.vertex(&si, throughput, 0.0, &Through::CLEAR);
             si
         }
-        Start::Ray(ray, skip) => match scene.intersect(&ray, skip) {
-            Some((si, t)) => {
-                rec.vertex(&si, throughput, t);
-                si
+        Start::Ray(ray, skip) => {
+            rec.line();
+            let (hit, through) = scene.follow(&ray, skip, sampler, options.toss, |c| rec.cross(&c));
+            match hit {
+                Some((si, t)) => {
+                    rec.vertex(&si, throughput, t, &through);
+                    throughput *= through.weight;
+                    si
+                }
+                None if options.first_environment => return scene.environment_radiance(ray.dir) * through.weight,
+                None => return Vec3::ZERO,
             }
-            None if options.first_environment => return scene.environment_radiance(ray.dir),
-            None => return Vec3::ZERO,
-        },
+        }
     };
     if options.first_emission {
-        radiance += si.emission;
+        radiance += throughput * si.emission;
     }
 
     for bounce in 0..options.max_bounces {
@@ -131,9 +148,9 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
         // Light arriving directly.
         if options.next_event
             && !si.bsdf.is_delta()
-            && let Some(c) = connect(scene, &si, sampler, options.keep_black)
+            && let Some(c) = connect(scene, &si, sampler, options, rec)
         {
-            radiance += throughput * c.f * c.light.power * (c.geometry * c.weight);
+            radiance += throughput * c.f * c.light.power * (c.geometry * c.weight * c.transmittance);
             rec.connect(&c);
         }
 
@@ -169,7 +186,8 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
 
         // Follow it.
         let ray = si.spawn_ray(dir);
-        let next = scene.intersect(&ray, &[si.prim]);
+        rec.line();
+        let (next, through) = scene.follow(&ray, &[si.prim], sampler, options.toss, |c| rec.cross(&c));
         let mut continuation = Continuation {
             dir,
             inv_pdf,
@@ -177,6 +195,7 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
             delta: sample.delta,
             attached,
             t: f32::INFINITY,
+            through,
             emission_weight: 1.0,
             hit_light: None,
             escaped: None,
@@ -191,7 +210,7 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
                     }
                     continuation.escaped = Some(sky);
                 }
-                radiance += throughput * step * sky * continuation.emission_weight;
+                radiance += throughput * step * sky * (continuation.emission_weight * through.weight);
                 rec.advance(&continuation);
                 break;
             }
@@ -207,10 +226,11 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
                     }
                     continuation.hit_light = scene.area_sample(hit.prim, hit.b, to_area / inv_pdf);
                 }
-                radiance += throughput * step * hit.emission * continuation.emission_weight;
+                radiance += throughput * step * hit.emission * (continuation.emission_weight * through.weight);
                 rec.advance(&continuation);
                 throughput *= step;
-                rec.vertex(&hit, throughput, t);
+                rec.vertex(&hit, throughput, t, &through);
+                throughput *= through.weight;
                 si = hit;
             }
         }
@@ -228,14 +248,20 @@ fn balance(a: f32, b: f32) -> f32 {
 }
 
 /// Samples one light and tests whether it is visible.
-fn connect(scene: &Scene, si: &SurfaceInteraction, sampler: &mut Sampler, keep_black: bool) -> Option<Connection> {
+fn connect(
+    scene: &Scene,
+    si: &SurfaceInteraction,
+    sampler: &mut Sampler,
+    options: &Options,
+    rec: &mut impl Recorder,
+) -> Option<Connection> {
     let light = scene.sample_light(sampler.next_2d())?;
     let arrival = light.arrive(si.p)?;
     if si.ng.dot(arrival.dir) <= 0.0 {
         return None;
     }
     let f = si.eval(arrival.dir);
-    if f == Vec3::ZERO && !(keep_black && si.ns.dot(arrival.dir) > 0.0) {
+    if f == Vec3::ZERO && !(options.keep_black && si.ns.dot(arrival.dir) > 0.0) {
         return None;
     }
     let mut weight = 1.0 / light.pdf;
@@ -247,8 +273,8 @@ fn connect(scene: &Scene, si: &SurfaceInteraction, sampler: &mut Sampler, keep_b
         weight *= balance(light_pdf, bsdf_pdf);
     }
     let ray = si.spawn_ray_to(arrival.dir, arrival.distance);
-    if scene.accel.occluded(&ray, &[si.prim, light.prim]) {
-        return None;
-    }
-    Some(Connection { light, dir: arrival.dir, distance: arrival.distance, geometry: arrival.geometry, weight, f })
+    rec.line();
+    let transmittance = scene.let_through(&ray, &[si.prim, light.prim], options.toss, |c| rec.cross(&c))?;
+    let Arrival { dir, distance, geometry } = arrival;
+    Some(Connection { light, dir, distance, geometry, weight, transmittance, f })
 }

@@ -231,7 +231,11 @@ mod tests {
     use crate::render::texture::Texture;
 
     fn scene(meshes: Vec<Mesh>) -> Scene {
-        let material = Material { kind: MaterialKind::Diffuse { reflectance: Input::Texture(0) }, one_sided: false };
+        let material = Material {
+            kind: MaterialKind::Diffuse { reflectance: Input::Texture(0) },
+            one_sided: false,
+            opacity: None,
+        };
         let shape = |mesh: Mesh| Shape { mesh: Mesh { uvs: None, ..mesh }, material: material.clone(), emission: None };
         let textures = vec![Texture::constant(Vec3::ONE)];
         let shapes = meshes.into_iter().map(shape).collect();

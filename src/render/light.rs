@@ -27,7 +27,7 @@ pub struct LightSample {
     pub y: Vec3,
     /// Area: right-hand-rule unit normal.
     pub n: Vec3,
-    /// Radiance (area, environment), intensity (point) or perpendicular irradiance (directional), geometry apart.
+    /// Radiance (area, with the mask's opacity; environment), intensity (point) or perpendicular irradiance (directional), geometry apart.
     pub power: Vec3,
     /// Area: per unit area; environment: per steradian; delta lights: probability.
     pub pdf: f32,
@@ -283,7 +283,7 @@ impl Scene {
             kind: LightKind::Area,
             y: p0 * b[0] + p1 * b[1] + p2 * b[2],
             n: (p1 - p0).cross(p2 - p0).normalize_or_zero(),
-            power: self.lookup(emission.radiance, prim, b),
+            power: self.lookup(emission.radiance, prim, b) * self.opacity(prim, b).unwrap_or(1.0),
             pdf,
             prim,
             b,
@@ -332,7 +332,7 @@ mod tests {
             let radiance = Input::Texture(d.textures.len() - 1);
             d.shapes.push(Shape {
                 mesh: Mesh { vertices, faces, ..Mesh::default() },
-                material: Material { kind: MaterialKind::Black, one_sided: false },
+                material: Material { kind: MaterialKind::Black, one_sided: false, opacity: None },
                 emission: Some(Emission { radiance, two_sided: true }),
             });
         };

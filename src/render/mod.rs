@@ -10,6 +10,7 @@ pub mod integrator;
 pub mod interaction;
 pub mod intersections;
 pub mod light;
+pub mod mask;
 pub mod motion;
 pub mod sampler;
 pub mod scene;

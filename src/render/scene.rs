@@ -43,6 +43,8 @@ pub struct Material {
     pub kind: MaterialKind,
     /// Reflects (and is seen) only on the side of the right-hand-rule normal; the back is black.
     pub one_sided: bool,
+    /// In [0, 1], the first channel: how much of the surface there is, the rest is a hole. `None` is opaque.
+    pub opacity: Option<Input>,
 }
 
 /// Emission of an area light.

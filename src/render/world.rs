@@ -41,6 +41,8 @@ pub struct Scene {
     pub(crate) environment_peak: Option<EnvironmentPeak>,
     /// Half the diagonal of the bounding box.
     pub(crate) radius: f32,
+    /// Some material has a mask.
+    pub(crate) masked: bool,
     /// Built when first asked for: the primal needs none.
     pub(crate) edges: OnceLock<EdgeTable>,
     contacts: OnceLock<Contacts>,
@@ -62,6 +64,7 @@ impl Scene {
             description.environment.as_ref().and_then(|e| EnvironmentPeak::new(&description.textures[e.radiance]));
         let lights = LightTable::new(&description, &prims, radius, environment_peak.as_ref());
         Ok(Scene {
+            masked: description.shapes.iter().any(|s| s.material.opacity.is_some()),
             accel: Accel::new(&corners),
             description,
             prims,
@@ -213,7 +216,8 @@ fn validate(description: &SceneDescription) -> Result<(), SceneError> {
         }
         let (inputs, count) = shape.material.kind.inputs();
         let emission = shape.emission.iter().map(|e| e.radiance);
-        for input in inputs[..count].iter().copied().chain(emission) {
+        let opacity = shape.material.opacity;
+        for input in inputs[..count].iter().copied().chain(emission).chain(opacity) {
             match input {
                 Input::VertexColor if mesh.colors.is_none() => {
                     return fail("the material reads vertex colours, but the mesh has none".into());
@@ -223,6 +227,18 @@ fn validate(description: &SceneDescription) -> Result<(), SceneError> {
                 }
                 _ => {}
             }
+        }
+        let outside = |x: &f32| !(0.0..=1.0).contains(x);
+        let outside = match opacity {
+            Some(Input::Texture(t)) => {
+                let texture = &description.textures[t];
+                texture.data.iter().copied().step_by(texture.channels).find(outside)
+            }
+            Some(Input::VertexColor) => mesh.colors.iter().flatten().map(|c| c.x).find(outside),
+            None => None,
+        };
+        if let Some(opacity) = outside {
+            return fail(format!("an opacity must lie between 0 and 1, this one is {opacity}"));
         }
     }
     for motion in &description.motions {

@@ -4,10 +4,37 @@ use std::f64::consts::PI;
 
 use dscene::math::Dual;
 use dscene::mesh::shapes;
-use dscene::render::{DeltaLight, MaterialKind, Projection, Slot};
+use dscene::render::texture::Texture;
+use dscene::render::{DeltaLight, Input, MaterialKind, Projection, Slot};
 use glam::{DVec2, Vec3};
 
 use crate::support::*;
+
+/// A half-plane x < c over half a pixel and a bit, with an opacity, before a wall of light: a E + (1 − a) L there, L elsewhere.
+#[test]
+fn masked_half_plane_before_a_light() {
+    let (c, wall, screen) = (0.23f32, 2.0, 0.7);
+    let share = 0.5 + f64::from(c);
+    for opacity in [0.0f32, 0.4, 1.0] {
+        let square =
+            |x: f32, z: f32| quad([[-9.0, -9.0], [x, -9.0], [x, 9.0], [-9.0, 9.0]].map(|[x, y]| Vec3::new(x, y, z)));
+        let mut b = Builder::default();
+        let shape = b.light(square(c, -1.0), screen as f32);
+        b.light(square(9.0, -2.0), wall as f32);
+        let texture = b.texture(Texture::constant_scalar(opacity));
+        b.description.shapes[shape].material.opacity = Some(Input::Texture(texture));
+        let scene = b.build();
+        let camera = camera(Projection::Orthographic, Vec3::ZERO, -Vec3::Z, 0.5, 1);
+        let measured = Measured { scene: &scene, camera: &camera, settings: settings(256, 0) };
+        let a = f64::from(opacity);
+        measured.values(8).check("masked value", &[wall + share * a * (screen - wall)], 0.01);
+        let by_opacity = [share * (screen - wall)];
+        measured.gradients(16, Slot::Texels(texture)).check("masked by opacity", &by_opacity, 0.02);
+        let motions = [vec![Vec3::ZERO, Vec3::X, Vec3::X, Vec3::ZERO], vec![Vec3::Z; 4]];
+        let by_place = [a * (screen - wall), 0.0];
+        measured.along(16, Slot::Vertices(shape), &motions).check_scaled("masked by place", &by_place, 0.01, 1.3);
+    }
+}
 
 /// T1: a half-plane n·x < c over one pixel.
 #[test]

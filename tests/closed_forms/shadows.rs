@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use dscene::render::texture::Texture;
-use dscene::render::{Camera, Slot};
+use dscene::render::{Camera, Input, Slot};
 use glam::{DVec3, Vec3};
 
 use crate::support::*;
@@ -114,6 +114,8 @@ struct Penumbra {
     n: DVec3,
     light: [DVec3; 4],
     blocker: [DVec3; 3],
+    /// Of the blocker.
+    opacity: f64,
 }
 
 impl Penumbra {
@@ -124,6 +126,7 @@ impl Penumbra {
             n: DVec3::Y,
             light: [a, b, b + d - a, d],
             blocker: [DVec3::new(-0.15, 1.5, 0.2), DVec3::new(0.35, 1.4, 0.1), DVec3::new(0.05, 1.6, -0.4)],
+            opacity: 1.0,
         }
     }
 
@@ -149,7 +152,7 @@ impl Penumbra {
             let normal = if normal.dot(center - self.x) < 0.0 { -normal } else { normal };
             hidden = self.clip(&hidden, normal);
         }
-        lambert(self.x, self.n, &self.light) - lambert(self.x, self.n, &hidden)
+        lambert(self.x, self.n, &self.light) - self.opacity * lambert(self.x, self.n, &hidden)
     }
 
     fn clip(&self, polygon: &[DVec3], normal: DVec3) -> Vec<DVec3> {
@@ -171,11 +174,22 @@ impl Penumbra {
 /// T7 and T17: derivatives in the blocker, in the light, and in the receiver moving along and across its normal.
 #[test]
 fn polygon_light_behind_a_triangle() {
-    let exact = Penumbra::new();
+    penumbra(&Penumbra::new(), false);
+}
+
+/// The same behind a triangle that lets some light through: a blocker's derivatives shrink with its opacity.
+#[test]
+fn polygon_light_behind_a_mask() {
+    penumbra(&Penumbra { opacity: 0.35, ..Penumbra::new() }, true);
+}
+
+fn penumbra(exact: &Penumbra, masked: bool) {
     let mut b = Builder::default();
     let receiver = b.diffuse(floor(exact.x.as_vec3(), 0.8), RHO as f32);
     let light = b.light(quad(exact.light.map(|p| p.as_vec3())), 1.0);
     let blocker = b.black(triangle(exact.blocker.map(|p| p.as_vec3())));
+    let opacity = b.texture(Texture::constant_scalar(exact.opacity as f32));
+    b.description.shapes[blocker].material.opacity = masked.then_some(Input::Texture(opacity));
     let scene = b.build();
     let forward = Vec3::new(0.3, -1.0, -1.2).normalize();
     let mut camera = probe(exact.x.as_vec3(), forward, 1.0);
@@ -191,6 +205,9 @@ fn polygon_light_behind_a_triangle() {
             scale * moved.patch_irradiance(&camera)
         })
     };
+    let by_opacity = if masked { along(&|p, h| p.opacity += h) } else { 0.0 };
+    measured.gradients(16, Slot::Texels(opacity)).check("T7 opacity", &[by_opacity], 0.02);
+
     let by_blocker: Vec<f64> = (0..9).map(|i| along(&|p, h| p.blocker[i / 3][i % 3] += h)).collect();
     measured.gradients(16, Slot::Vertices(blocker)).check("T7 blocker", &by_blocker, 0.03);
 

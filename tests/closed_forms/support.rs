@@ -28,7 +28,7 @@ impl Builder {
     }
 
     pub fn shape(&mut self, mesh: Mesh, kind: MaterialKind, emission: Option<Emission>) -> usize {
-        let material = Material { kind, one_sided: false };
+        let material = Material { kind, one_sided: false, opacity: None };
         self.description.shapes.push(Shape { mesh, material, emission });
         self.description.shapes.len() - 1
     }

@@ -27,7 +27,7 @@ impl Builder {
 
     pub fn diffuse(&mut self, rgb: Vec3) -> Material {
         let reflectance = self.constant(rgb);
-        Material { kind: MaterialKind::Diffuse { reflectance }, one_sided: false }
+        Material { kind: MaterialKind::Diffuse { reflectance }, one_sided: false, opacity: None }
     }
 
     pub fn shape(&mut self, mesh: Mesh, material: Material) {
@@ -38,7 +38,7 @@ impl Builder {
     pub fn light(&mut self, mesh: Mesh, radiance: Vec3) {
         let radiance = self.constant(radiance);
         let emission = Some(Emission { radiance, two_sided: false });
-        let material = Material { kind: MaterialKind::Black, one_sided: false };
+        let material = Material { kind: MaterialKind::Black, one_sided: false, opacity: None };
         self.scene.shapes.push(Shape { mesh, material, emission });
     }
 }
