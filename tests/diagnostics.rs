@@ -159,6 +159,16 @@ loss fit = mse(render(small), target)",
         wanted: &[("dscene::type::bounds", "1..0", "lo < hi"), ("dscene::type::bounds", "0", "write `0deg`")],
     },
     Case {
+        name: "wrong_reader",
+        prelude: "",
+        script: "mesh photo = load(\"photo.png\")\nlet bunny = load_image(\"bunny.obj\")\nlet scan = image(\"scan.exr\")",
+        wanted: &[
+            ("dscene::file::format", "\"photo.png\"", "write `load_image(\"photo.png\")`"),
+            ("dscene::file::format", "\"bunny.obj\"", "write `load(\"bunny.obj\")`"),
+            ("dscene::type::mismatch", "\"scan.exr\"", "`load_image(\"scan.exr\")`"),
+        ],
+    },
+    Case {
         name: "missing_file",
         prelude: "",
         script: "mesh bunny = load(\"meshes/bunny.obj\")\nlet photo = load_image(\"photo.png\")",

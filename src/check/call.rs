@@ -355,8 +355,14 @@ impl Checker<'_> {
     }
 
     pub fn report_argument(&mut self, sig: &Sig, param: &str, arg: &Typed, site: Site) {
-        let help = self.conversion_help(sig, arg, arg.expr.span);
         let ty = &arg.expr.ty;
+        let mut help = self.conversion_help(sig, arg, arg.expr.span);
+        if site.name == "image" && *ty == Ty::Str {
+            help = Some(format!(
+                "`image` takes numbers; a file is read by `load_image({})`",
+                self.sources.text(arg.expr.span)
+            ));
+        }
         let noun = site.noun();
         if let (Some(Const::Str(word)), false) = (&arg.value, sig.words().is_empty()) {
             let help = did_you_mean(word, "choose one of", sig.words());

@@ -8,6 +8,19 @@ use super::signature::Const;
 use crate::diag::Diagnostic;
 use crate::source::Span;
 
+/// What a file is by its ending, and what reads such files, if `callee` does not.
+fn other_reader(callee: &str, path: &str) -> Option<(&'static str, &'static str)> {
+    let ending = path.rsplit_once('.')?.1.to_lowercase();
+    let is = |endings: &[&str]| endings.contains(&ending.as_str());
+    match callee {
+        "load" | "load_scene" | "load_shapes" | "load_lights" if is(&crate::image::file::READABLE) => {
+            Some(("an image", "load_image"))
+        }
+        "load_image" if is(&crate::mesh::load::EXTENSIONS) => Some(("a mesh", "load")),
+        _ => None,
+    }
+}
+
 impl Checker<'_> {
     /// Files that are named literally must exist; sizes must make sense.
     pub fn check_native(&mut self, id: DeclId, name: &str, found: &mut [Option<Typed>]) {
@@ -19,7 +32,18 @@ impl Checker<'_> {
             let folder = self.folder();
             let full = folder.join(path.as_str());
             let written = self.sources.text(expr.span).to_owned();
-            if !self.loader.exists(&full) {
+            let callee = self.slot(id).name.text.clone();
+            if let Some((kind, reader)) = other_reader(&callee, path) {
+                let wanted = if kind == "a mesh" { "an image" } else { "a mesh" };
+                self.diagnostics.push(
+                    Diagnostic::error(
+                        "dscene::file::format",
+                        format!("`{path}` is {kind}, and `{callee}` reads {wanted}"),
+                    )
+                    .label(expr.span, format!("{kind}, by its ending"))
+                    .help(format!("write `{reader}({written})`")),
+                );
+            } else if !self.loader.exists(&full) {
                 self.diagnostics.push(
                     Diagnostic::error("dscene::file::missing", format!("there is no file `{path}`"))
                         .label(expr.span, format!("looked for {}", full.display()))
