@@ -2,7 +2,7 @@
 //!
 //! The unit square is cut into cells; pilots measure the second moment of the derivatives in each, and the samples proper
 //! are drawn in proportion to its root, the best density there is. Pilots are independent of these samples, the histogram
-//! is frozen before they are drawn and no cell is left out: so the estimate stays unbiased (`algorithms.md` §2.2, §2.8).
+//! is frozen before they are drawn and no cell is left out: so the estimate stays unbiased.
 
 use rayon::prelude::*;
 

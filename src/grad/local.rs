@@ -1,4 +1,4 @@
-//! Local adjoints: closed forms for one vertex of a path (`algorithms.md` §1.2).
+//! Local adjoints: closed forms for one vertex of a path.
 
 use std::ops::Add;
 

@@ -1,8 +1,8 @@
 //! Where the samples of a sum over the whole image go.
 //!
 //! A derivative of a loss is one number per parameter, summed over the image: so its samples are one Sobol sequence whose
-//! first two dimensions are the image plane, not a short sequence per pixel (`algorithms.md` §6), and they are placed by
-//! the adjoint image (§1.8).
+//! first two dimensions are the image plane, not a short sequence per pixel, and they are placed by
+//! the adjoint image.
 
 use glam::Vec2;
 use rayon::prelude::*;

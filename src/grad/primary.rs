@@ -1,7 +1,7 @@
 //! Boundary term of what the camera sees directly (or in a planar mirror): silhouettes and creases in the image.
 //!
 //! dJ = Σ_edges ∫ δ(u) (L_fg − L_bg) n·u̇ dℓ over projected edges, with u̇ the velocity of the projected edge point and n the
-//! image normal from covering to uncovered side: (P) of `algorithms.md` §2.1 in the image plane, the same for every
+//! image normal from covering to uncovered side: Li et al. 2018, §4, in the image plane, the same for every
 //! projection. Unbiased; visibility of each sampled edge point is tested by a ray, the covering side is shaded from the
 //! known face, the uncovered side by a ray that ignores the edge's own faces.
 
@@ -137,7 +137,7 @@ impl<'a> PrimaryEdges<'a> {
 
     /// Weights by length, by the adjoint image, and by the jump that a few pilot samples find: edges that are hidden or show
     /// no contrast get little. Pilots are independent of the samples they plan, and no piece is left out, so the estimate
-    /// stays unbiased. One pilot a piece replaces the depth buffer of `algorithms.md` §2.1: it is exact where that is
+    /// stays unbiased. One pilot a piece does what a depth buffer would, and is exact where that is
     /// conservative, and costs one sample in `PIECE`·spp.
     fn plan_samples(&self, lengths: &[f64], adjoint: &Image) -> Plan {
         /// Share of the weight that does not listen to pilots.

@@ -2,7 +2,7 @@
 //! environment.
 //!
 //! Receiver-first, one vertex a camera path: choose a vertex x, an edge point p for it, and add
-//! sinφ/|q|² f cosθ (L_fg − L_bg) N̂·(ṗ − ẋ) ((E) of `algorithms.md` with direction-fixed radiance on both sides). The part
+//! sinφ/|q|² f cosθ (L_fg − L_bg) N̂·(ṗ − ẋ) (Li et al. 2018, §5, with direction-fixed radiance on both sides). The part
 //! that moves x goes back along the very path. Emission of area lights is material-fixed and not seen
 //! here: its boundary is [`super::shadow`]'s. A narrow lobe is attached: there emission counts too, and the lobe's direction
 //! moves, N̂·(ṗ − ẋ − |q|ω̇). What the point sees in a planar mirror, its mirror image sees directly: the same

@@ -2,8 +2,8 @@
 //! of an environment.
 //!
 //! Choose an edge point p, a light point y, and find the receiver x behind p; then connect x to the camera, directly, in a
-//! mirror, or through further bounces. With the emission material-fixed only the covered side counts and (E) of
-//! `algorithms.md` becomes
+//! mirror, or through further bounces. With the emission material-fixed only the covered side counts, and
+//! the boundary integral of [`super::secondary`], over the light instead of the receiver, becomes
 //!
 //!   −∫dl ∫dA(y) cosθ_y/|y−p|² L_e sinφ f_s(x) W(x) N̂·(ṗ − (1−τ)ẋ − τẏ),  τ = |p−x|/|y−x|,
 //!

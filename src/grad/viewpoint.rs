@@ -1,7 +1,7 @@
 //! Where the camera sees the scene from: its own centre, and its mirror image behind every planar mirror.
 //!
 //! What is seen in a planar mirror is exactly what a reflected camera sees through the mirror's outline, so silhouettes and
-//! shadows in mirrors need no estimators of their own (`algorithms.md` §3.4).
+//! shadows in mirrors need no estimators of their own.
 
 use glam::{Vec2, Vec3};
 

@@ -148,8 +148,8 @@ impl Bsdf {
         matches!(self, Bsdf::Black)
     }
 
-    /// Whether a narrow lobe is differentiated with its directions attached to the surface (α < 0.2, measured in
-    /// `algorithms.md` §1.3).
+    /// Whether a narrow lobe is differentiated with its directions attached to the surface (α < 0.2:
+    /// below that the variance is less, above it more).
     pub fn is_attached(&self) -> bool {
         !self.is_delta() && self.roughness_alpha().is_some_and(|alpha| alpha < ATTACHED_ALPHA)
     }

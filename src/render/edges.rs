@@ -2,7 +2,7 @@
 //! segments along which faces cross, with the four halves that meet there.
 //!
 //! Welding makes UV seams, split normals and abutting objects ordinary edges; without it coincident open edges would be
-//! counted twice (`algorithms.md` §2.0). An edge is classified from a viewpoint without normals: the plane through the
+//! counted twice. An edge is classified from a viewpoint without normals: the plane through the
 //! viewpoint and the edge has all opposite vertices of the adjacent faces on one side (*contour*) or not (*crease*).
 
 use std::collections::{BTreeMap, HashMap};

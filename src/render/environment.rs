@@ -56,7 +56,7 @@ pub struct EnvironmentTable {
 }
 
 /// What of an environment is much brighter than the rest: a sun. L = smooth + peak, peak = L · (1 − threshold / mean of L's
-/// channels) where that is positive (`algorithms.md` §2.3: shadows of peaks are found from the light, those of a smooth sky
+/// channels) where that is positive (shadows of peaks are found from the light, those of a smooth sky
 /// from the receiver).
 #[derive(Clone, Debug)]
 pub struct EnvironmentPeak {

@@ -165,9 +165,7 @@ fn light_through_a_wall() {
         measured.along(16, Slot::Vertices(wall), &motions).check("pierced wall", &by_wall, 0.02);
 
         // The light: translations, and one side growing.
-        let translations = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| vec![axis; 4]);
-        let grow = vec![Vec3::ZERO, Vec3::X, Vec3::X, Vec3::ZERO];
-        let motions: Vec<Vec<Vec3>> = translations.into_iter().chain([grow]).collect();
+        let motions = parallelogram_motions();
         let by_light: Vec<f64> = motions
             .iter()
             .map(|motion| along(&|p, h| (0..4).for_each(|i| p.light[i] += h * motion[i].as_dvec3())))

@@ -212,9 +212,7 @@ fn penumbra(exact: &Penumbra, masked: bool) {
     measured.gradients(16, Slot::Vertices(blocker)).check("T7 blocker", &by_blocker, 0.03);
 
     // The light stays a parallelogram: translations, and one side growing.
-    let translations = [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| vec![axis; 4]);
-    let grow = vec![Vec3::ZERO, Vec3::X, Vec3::X, Vec3::ZERO];
-    let motions: Vec<Vec<Vec3>> = translations.into_iter().chain([grow]).collect();
+    let motions = parallelogram_motions();
     let by_light: Vec<f64> = motions
         .iter()
         .map(|motion| along(&|p, h| (0..4).for_each(|i| p.light[i] += h * motion[i].as_dvec3())))

@@ -212,3 +212,9 @@ pub fn lambert(x: DVec3, n: DVec3, polygon: &[DVec3]) -> f64 {
     }
     0.5 * sum.abs()
 }
+
+/// Of four corners that stay a parallelogram: translations, and one side growing.
+pub fn parallelogram_motions() -> Vec<Vec<Vec3>> {
+    let grow = vec![Vec3::ZERO, Vec3::X, Vec3::X, Vec3::ZERO];
+    [Vec3::X, Vec3::Y, Vec3::Z].map(|axis| vec![axis; 4]).into_iter().chain([grow]).collect()
+}
