@@ -14,7 +14,7 @@ use super::local::{
     Arriving, Masks, RayAdjoint, VertexAdjoint, d_arriving, d_attached_direction, d_emission_sliding, d_eval,
     d_eval_attached, d_first_hit, d_inputs, d_masks, d_material, d_opacity, emission_input, slide,
 };
-use super::pixels::{self, FilmDensity, PixelSampling};
+use super::pixels::{self, FilmCurve, PixelSampling};
 use super::sink::{Adjoints, Layout, Sink};
 use super::viewpoint::d_reflected_ray;
 use crate::image::Image;
@@ -278,7 +278,7 @@ pub struct Interior<'a> {
     scene: &'a Scene,
     camera: &'a Camera,
     settings: &'a Settings,
-    film: FilmDensity,
+    film: FilmCurve,
     count: usize,
     toss: Toss,
 }
@@ -293,7 +293,7 @@ impl<'a> Interior<'a> {
         adjoint: &Image,
     ) -> Interior<'a> {
         let count = pixels::active(adjoint) * settings.spp.max(1) as usize;
-        Interior { scene, camera, settings, film: FilmDensity::new(adjoint), count, toss: toss(scene, layout) }
+        Interior { scene, camera, settings, film: FilmCurve::new(adjoint), count, toss: toss(scene, layout) }
     }
 
     /// One path through a film position; `weight` is what a pixel's adjoint counts for it.
@@ -371,8 +371,8 @@ impl Pass for Paths<'_> {
 
     fn run(&self, items: std::ops::Range<usize>, out: &mut impl Estimate) {
         let mut path = Path::default();
-        for rank in items {
-            let (mut sampler, film) = self.pixels.sample(rank);
+        for i in items {
+            let (mut sampler, film) = self.pixels.sample(i);
             self.interior.sample(film.pixel, film.position, film.weight as f32, &mut path, &mut sampler, out);
         }
     }

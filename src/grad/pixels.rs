@@ -1,17 +1,26 @@
-//! Where the samples of a sum over the whole image go.
+//! Where the samples of a sum over the whole image go: by the adjoint image.
 //!
-//! A derivative of a loss is one number per parameter, summed over the image: so its samples are one Sobol sequence whose
-//! first two dimensions are the image plane, not a short sequence per pixel, and they are placed by
-//! the adjoint image.
+//! A derivative of a loss is one number per parameter, summed over the image, so its samples are one sequence for all pixels. A
+//! point of the film is either chosen by the first two dimensions ([`FilmDensity`], which a learned density may warp), or by
+//! the sample's number ([`FilmCurve`]).
 
-use glam::Vec2;
-use rayon::prelude::*;
+use glam::{IVec2, Vec2};
 
 use crate::image::Image;
-use crate::render::sampler::{Discrete, Sampler};
+use crate::render::sampler::{Discrete, Sampler, hash};
 
 /// Share of the samples that is spread evenly over the pixels that matter.
 const EVEN: f64 = 0.2;
+
+/// A point on film.
+#[derive(Clone, Copy, Debug)]
+pub struct FilmSample {
+    pub pixel: usize,
+    /// In pixels from the top left corner.
+    pub position: Vec2,
+    /// What the pixel's adjoint counts for this sample: 1 / probability of the pixel (times what is said there).
+    pub weight: f64,
+}
 
 /// A distribution over the film.
 pub struct FilmDensity {
@@ -23,12 +32,8 @@ pub struct FilmDensity {
 impl FilmDensity {
     /// By the magnitude of an adjoint image: nothing where it is zero.
     pub fn new(adjoint: &Image) -> FilmDensity {
-        let magnitude: Vec<f64> = magnitudes(adjoint).collect();
-        let active = magnitude.iter().filter(|&&m| m > 0.0).count();
-        let mean = magnitude.iter().sum::<f64>() / active.max(1) as f64;
-        let weight = |m: f64| if m > 0.0 { (1.0 - EVEN) * m + EVEN * mean } else { 0.0 };
         let columns: Vec<Discrete> =
-            magnitude.chunks_exact(adjoint.width).map(|row| Discrete::new(row.iter().map(|&m| weight(m)))).collect();
+            weights(adjoint).chunks_exact(adjoint.width).map(|row| Discrete::new(row.iter().copied())).collect();
         FilmDensity { width: adjoint.width, rows: Discrete::new(columns.iter().map(Discrete::total)), columns }
     }
 
@@ -46,77 +51,94 @@ impl FilmDensity {
     }
 }
 
-/// A distribution over an image, with the samples of a sequence in the order of the pixels they fall on.
-pub struct PixelSampling<'a> {
-    film: &'a FilmDensity,
-    seed: u64,
-    count: usize,
-    order: Vec<u32>,
-    share: f64,
+/// The pixels that matter, in the order of a Hilbert curve, with their probabilities.
+///
+/// Samples are spaced evenly along the curve, so a pixel gets a run of consecutive points of the sequence, its neighbourhood a longer
+/// one. Such runs of a Sobol sequence are well spread in *every* dimension: light and scattering directions are stratified
+/// within each pixel and around it (as by Ahmed and Wonka 2020, who order pixels by a Z-curve), and rays follow each other closely.
+pub struct FilmCurve {
+    width: usize,
+    pixels: Vec<u32>,
+    density: Discrete,
 }
 
-/// A point on film.
-#[derive(Clone, Copy, Debug)]
-pub struct FilmSample {
-    pub pixel: usize,
-    /// In pixels from the top left corner.
-    pub position: Vec2,
-    /// What the pixel's adjoint counts for this sample: 1 / probability of the pixel (times what is said there).
-    pub weight: f64,
+impl FilmCurve {
+    /// By the magnitude of an adjoint image: nothing where it is zero.
+    pub fn new(adjoint: &Image) -> FilmCurve {
+        let weights = weights(adjoint);
+        let mut pixels = Vec::with_capacity(weights.len());
+        hilbert_curve(adjoint.width, adjoint.height, |x, y| {
+            let pixel = y * adjoint.width + x;
+            if weights[pixel] > 0.0 {
+                pixels.push(pixel as u32);
+            }
+        });
+        let density = Discrete::new(pixels.iter().map(|&p| weights[p as usize]));
+        FilmCurve { width: adjoint.width, pixels, density }
+    }
+}
+
+/// Samples along a curve of pixels.
+pub struct PixelSampling<'a> {
+    curve: &'a FilmCurve,
+    seed: u64,
+    count: usize,
+    share: f64,
+    /// Where the first sample lies, in steps from one to the next.
+    offset: f64,
 }
 
 impl<'a> PixelSampling<'a> {
     /// `count` samples of the sequence `seed`; together they are `share` of all.
-    pub fn new(film: &'a FilmDensity, count: usize, share: f64, seed: u64) -> PixelSampling<'a> {
-        let mut sampling = PixelSampling { film, seed, count, order: Vec::new(), share };
-        if !sampling.film.is_empty() {
-            sampling.order = sampling.by_tile();
-        }
-        sampling
+    pub fn new(curve: &'a FilmCurve, count: usize, share: f64, seed: u64) -> PixelSampling<'a> {
+        let offset = (hash(seed, 0x6375_7276_65) >> 11) as f64 / (1u64 << 53) as f64;
+        let count = if curve.density.is_empty() { 0 } else { count };
+        PixelSampling { curve, seed, count, share, offset }
     }
 
     /// Number of samples.
     pub fn count(&self) -> usize {
-        self.order.len()
+        self.count
     }
 
     /// The sampler of one sample, and where on film it falls; the weight is divided by the number of samples.
-    pub fn sample(&self, rank: usize) -> (Sampler, FilmSample) {
-        let mut sampler = Sampler::new(self.seed, self.order[rank]);
-        let film = self.place(&mut sampler);
-        (sampler, FilmSample { weight: film.weight * self.share / self.count as f64, ..film })
+    pub fn sample(&self, index: usize) -> (Sampler, FilmSample) {
+        let mut sampler = Sampler::new(self.seed, index as u32);
+        let (i, probability, _) = self.curve.density.sample((index as f64 + self.offset) / self.count as f64);
+        let pixel = self.curve.pixels[i] as usize;
+        let corner = Vec2::new((pixel % self.curve.width) as f32, (pixel / self.curve.width) as f32);
+        let position = corner + sampler.next_2d().min(Vec2::splat(0.999_999));
+        (sampler, FilmSample { pixel, position, weight: self.share / (probability * self.count as f64) })
     }
+}
 
-    fn place(&self, sampler: &mut Sampler) -> FilmSample {
-        self.film.place(sampler.next_2d().as_dvec2().to_array())
+/// Visits the pixels of a film along a Hilbert curve over the smallest square that holds it.
+fn hilbert_curve(width: usize, height: usize, mut visit: impl FnMut(usize, usize)) {
+    /// One square: its first corner, and the sides along and across which the curve goes.
+    fn square(corner: IVec2, along: IVec2, across: IVec2, film: IVec2, visit: &mut impl FnMut(usize, usize)) {
+        let (low, high) = (corner.min(corner + along + across), corner.max(corner + along + across));
+        if low.cmpge(film).any() {
+            return;
+        }
+        if high - low == IVec2::ONE {
+            return visit(low.x as usize, low.y as usize);
+        }
+        let (a, b) = (along / 2, across / 2);
+        square(corner, b, a, film, visit);
+        square(corner + a, a, b, film, visit);
+        square(corner + a + b, a, b, film, visit);
+        square(corner + a + across, -b, -a, film, visit);
     }
+    let side = width.max(height).next_power_of_two() as i32;
+    square(IVec2::ZERO, IVec2::X * side, IVec2::Y * side, IVec2::new(width as i32, height as i32), &mut visit);
+}
 
-    /// Samples in the order of square tiles, so that neighbouring rays are traced one after the other.
-    fn by_tile(&self) -> Vec<u32> {
-        const TILE: usize = 16;
-        let tiles_a_row = self.film.width.div_ceil(TILE);
-        let tile: Vec<u32> = (0..self.count as u32)
-            .into_par_iter()
-            .map(|i| {
-                let pixel = self.place(&mut Sampler::new(self.seed, i)).pixel;
-                (pixel / self.film.width / TILE * tiles_a_row + pixel % self.film.width / TILE) as u32
-            })
-            .collect();
-        let tiles = tiles_a_row * self.film.columns.len().div_ceil(TILE);
-        let mut start = vec![0usize; tiles + 1];
-        for &t in &tile {
-            start[t as usize + 1] += 1;
-        }
-        for t in 0..tiles {
-            start[t + 1] += start[t];
-        }
-        let mut order = vec![0; self.count];
-        for (i, &t) in tile.iter().enumerate() {
-            order[start[t as usize]] = i as u32;
-            start[t as usize] += 1;
-        }
-        order
-    }
+/// How often each pixel is worth a sample.
+fn weights(adjoint: &Image) -> Vec<f64> {
+    let magnitude: Vec<f64> = magnitudes(adjoint).collect();
+    let active = magnitude.iter().filter(|&&m| m > 0.0).count();
+    let mean = magnitude.iter().sum::<f64>() / active.max(1) as f64;
+    magnitude.into_iter().map(|m| if m > 0.0 { (1.0 - EVEN) * m + EVEN * mean } else { 0.0 }).collect()
 }
 
 /// Pixels where the adjoint is not zero.
@@ -141,10 +163,10 @@ mod tests {
         // Σ adjoint · ∫ x·y over the pixel.
         let exact: f64 =
             (0..37 * 23).map(|i| f64::from(adjoint.data[i]) * ((i % 37) as f64 + 0.5) * ((i / 37) as f64 + 0.5)).sum();
-        let film = FilmDensity::new(&adjoint);
+        let curve = FilmCurve::new(&adjoint);
         let estimates: Vec<f64> = (0..64)
             .map(|seed| {
-                let sampling = PixelSampling::new(&film, 4096, 1.0, seed);
+                let sampling = PixelSampling::new(&curve, 4096, 1.0, seed);
                 (0..sampling.count())
                     .map(|rank| {
                         let (_, film) = sampling.sample(rank);
@@ -164,7 +186,22 @@ mod tests {
 
     #[test]
     fn nothing_to_do_for_a_zero_adjoint() {
-        let film = FilmDensity::new(&Image::new(4, 4, 3));
-        assert_eq!(PixelSampling::new(&film, 64, 1.0, 1).count(), 0);
+        let curve = FilmCurve::new(&Image::new(4, 4, 3));
+        assert_eq!(PixelSampling::new(&curve, 64, 1.0, 1).count(), 0);
+    }
+
+    #[test]
+    fn the_curve_visits_every_pixel_once_and_never_jumps_in_a_square() {
+        for (width, height) in [(1, 1), (37, 23), (5, 64), (32, 32)] {
+            let mut seen = vec![false; width * height];
+            let mut last: Option<(usize, usize)> = None;
+            hilbert_curve(width, height, |x, y| {
+                assert!(!std::mem::replace(&mut seen[y * width + x], true));
+                if let Some((a, b)) = last.replace((x, y)).filter(|_| width == height) {
+                    assert_eq!(x.abs_diff(a) + y.abs_diff(b), 1);
+                }
+            });
+            assert!(seen.iter().all(|s| *s), "{width}x{height}");
+        }
     }
 }
