@@ -36,6 +36,7 @@ pub fn typical_bounces(max_bounces: u32) -> f64 {
 }
 
 /// Collects the estimators that share a budget.
+#[derive(Clone)]
 pub struct Allocation<'a> {
     scene: &'a Scene,
     layout: &'a Layout,
@@ -45,6 +46,7 @@ pub struct Allocation<'a> {
 }
 
 /// What short runs of an estimator found.
+#[derive(Clone)]
 struct Moments {
     count: usize,
     cost: f64,
@@ -82,6 +84,15 @@ impl<'a> Allocation<'a> {
         self.moments.push(Moments { count: estimator.count(), cost: estimator.cost(), variances });
     }
 
+    /// Whether these estimators promise less variance at equal cost than others that estimate the same.
+    pub fn is_better_than(&self, other: &Allocation) -> bool {
+        let balance = |slot: usize| {
+            let (ours, theirs) = (least_variance(&self.moments, slot), least_variance(&other.moments, slot));
+            if ours + theirs > 0.0 { (theirs - ours) / (theirs + ours) } else { 0.0 }
+        };
+        (0..self.layout.slots.len()).map(balance).sum::<f64>() > 0.0
+    }
+
     /// The number of samples for each estimator; together they cost what their own numbers would.
     pub fn split(&self) -> Vec<usize> {
         split(&self.moments)
@@ -91,12 +102,7 @@ impl<'a> Allocation<'a> {
 fn split(moments: &[Moments]) -> Vec<usize> {
     let own = || moments.iter().map(|m| m.count);
     let slots = moments.first().map_or(0, |m| m.variances.len());
-    // By slot: the least variance that unit cost could reach for it alone.
-    let scale = |slot: usize| {
-        let root: f64 = moments.iter().map(|m| (m.variances[slot] * m.cost).sqrt()).sum();
-        root * root
-    };
-    let scales: Vec<f64> = (0..slots).map(scale).collect();
+    let scales: Vec<f64> = (0..slots).map(|slot| least_variance(moments, slot)).collect();
     let strength = |m: &Moments| {
         let parts = m.variances.iter().zip(&scales).filter(|(_, scale)| **scale > 0.0);
         (parts.map(|(variance, scale)| variance / scale).sum::<f64>() / m.cost).sqrt()
@@ -120,6 +126,12 @@ fn split(moments: &[Moments]) -> Vec<usize> {
         if cost(middle) < budget { low = middle } else { high = middle }
     }
     counts(high).zip(own()).map(|(n, own)| (n as usize).max(own.min(1))).collect()
+}
+
+/// What unit cost could reach for one slot alone.
+fn least_variance(moments: &[Moments], slot: usize) -> f64 {
+    let root: f64 = moments.iter().map(|m| (m.variances[slot] * m.cost).sqrt()).sum();
+    root * root
 }
 
 /// Numbers that stand for all derivatives in a slot: sums over the components x, y and z, which see what moves together, and

@@ -36,7 +36,7 @@ use self::estimate::Pass;
 use self::interior::Interior;
 use self::primary::PrimaryEdges;
 use self::secondary::Secondary;
-use self::shadow::Shadows;
+use self::shadow::{Shadows, Sky};
 use self::sink::Layout;
 use self::viewpoint::{Viewpoint, mirror_planes};
 
@@ -229,14 +229,6 @@ fn passes(
     if let Some(pass) = primary.as_ref().and_then(PrimaryEdges::enumeration) {
         visit.pass(&pass);
     }
-    let shadows = tree.as_ref().map(|tree| {
-        let pixels = camera.width * camera.height;
-        let count = settings.spp.max(1) as usize * (pixels / 8).clamp(1024, 131_072);
-        Shadows::new(scene, &viewpoints, settings, planar_mirrors, tree, count).guided(layout, adjoint, seed)
-    });
-    let secondary =
-        tree.as_ref().and_then(|tree| Secondary::new(scene, camera, tree, &mirrors, settings, layout, adjoint, seed));
-
     if !boundary {
         let own = interior.as_ref().map_or(0, Estimator::count);
         return draw(&interior, own, seed, visit);
@@ -244,8 +236,27 @@ fn passes(
     let mut allocation = Allocation::new(scene, layout, adjoint, seed);
     allocation.measure(&interior);
     allocation.measure(&primary);
-    allocation.measure(&shadows);
-    allocation.measure(&secondary);
+    let along_light = |sky: Sky| {
+        let shadows = tree.as_ref().map(|tree| {
+            let pixels = camera.width * camera.height;
+            let count = settings.spp.max(1) as usize * (pixels / 8).clamp(1024, 131_072);
+            Shadows::new(scene, sky, &viewpoints, settings, planar_mirrors, tree, count).guided(layout, adjoint, seed)
+        });
+        let secondary = tree
+            .as_ref()
+            .and_then(|tree| Secondary::new(scene, sky, camera, tree, &mirrors, settings, layout, adjoint, seed));
+        let mut allocation = allocation.clone();
+        allocation.measure(&shadows);
+        allocation.measure(&secondary);
+        (shadows, secondary, allocation)
+    };
+    let (mut shadows, mut secondary, mut allocation) = along_light(Sky::Peak);
+    if scene.environment.is_some() && lights {
+        let other = along_light(Sky::Whole);
+        if other.2.is_better_than(&allocation) {
+            (shadows, secondary, allocation) = other;
+        }
+    }
     let counts = allocation.split();
     draw(&interior, counts[0], seed, visit);
     draw(&primary, counts[1], seed, visit);

@@ -18,6 +18,7 @@ use super::interior::{Injection, Path, PathVertex, inject};
 use super::layers::Sides;
 use super::pixels::{self, FilmDensity};
 use super::primary::inset;
+use super::shadow::Sky;
 use super::sink::{Adjoints, Layout, Sink};
 use super::viewpoint::{MirrorPlane, d_mirror_image};
 use crate::image::Image;
@@ -35,6 +36,8 @@ const NUDGE: f32 = 2e-5;
 /// Receiver-first samples.
 pub struct Secondary<'a> {
     scene: &'a Scene,
+    /// What of the environment is found elsewhere.
+    sky: Sky,
     camera: &'a Camera,
     mirrors: &'a [MirrorPlane],
     table: &'a EdgeTable,
@@ -90,6 +93,7 @@ impl<'a> Secondary<'a> {
     #[allow(clippy::too_many_arguments)]
     pub fn new(
         scene: &'a Scene,
+        sky: Sky,
         camera: &'a Camera,
         tree: &'a EdgeTree,
         mirrors: &'a [MirrorPlane],
@@ -98,7 +102,8 @@ impl<'a> Secondary<'a> {
         adjoint: &Image,
         seed: u64,
     ) -> Option<Secondary<'a>> {
-        let direct = scene.environment.is_some() || !scene.contacts().is_empty() || has_attached_lobes(scene);
+        let sees_sky = scene.environment.is_some() && sky != Sky::Whole;
+        let direct = sees_sky || !scene.contacts().is_empty() || has_attached_lobes(scene);
         let reach = if direct { 1 } else { 2 };
         let table = scene.edges();
         let film = FilmDensity::new(adjoint);
@@ -106,9 +111,10 @@ impl<'a> Secondary<'a> {
             return None;
         }
         let pixels = pixels::active(adjoint);
-        let count = (pixels * settings.spp.max(1) as usize / 2).max(1024);
+        let count = (pixels * settings.spp.max(1) as usize / 4).max(1024);
         let max_bounces = settings.max_bounces;
-        let mut secondary = Secondary { scene, camera, mirrors, table, tree, max_bounces, count, film, guide: None };
+        let mut secondary =
+            Secondary { scene, sky, camera, mirrors, table, tree, max_bounces, count, film, guide: None };
         let side = (guide::cells(count) as f64).sqrt().clamp(4.0, 64.0) as usize;
         let seed = hash(seed, 0x0067_7569_6465);
         secondary.guide = Some(Guide::new([side; 2], scene, layout, adjoint, |i, at, pilot| {
@@ -156,7 +162,8 @@ impl<'a> Secondary<'a> {
         let events_left = |k: usize| self.max_bounces.saturating_sub(k as u32 + 1);
         let contacts = self.scene.contacts();
         let least_direct = |v: &PathVertex| {
-            let sees_light = self.scene.environment.is_some() || !contacts.is_empty() || v.si.bsdf.is_attached();
+            let sees_sky = self.scene.environment.is_some() && self.sky != Sky::Whole;
+            let sees_light = sees_sky || !contacts.is_empty() || v.si.bsdf.is_attached();
             u32::from(!sees_light)
         };
         let weight = |k: usize| {
@@ -238,13 +245,13 @@ impl<'a> Secondary<'a> {
             }
         };
         let (foreground, background) = (side(sides.near), side(sides.far));
-        // Emission is direction-fixed behind a mirror and where the surfaces touch, else material-fixed. The peak of an
-        // environment is left to the edge-first estimator.
+        // Emission is direction-fixed behind a mirror and where the surfaces touch, else material-fixed. Of the environment
+        // some is left to the edge-first estimator.
         let sliding = |side: &Side| match side.first {
             _ if mirror.is_some() => side.radiance + side.emission,
             Some(emitter) if contacts.contains(si.prim, emitter) => side.radiance + side.emission,
             Some(_) => side.radiance,
-            None => side.radiance - self.scene.environment_peak.as_ref().map_or(Vec3::ZERO, |p| p.of(side.radiance)),
+            None => self.sky.rest(self.scene, side.radiance),
         };
         let all = |side: &Side| side.radiance + side.emission;
         let is_sky = |side: &Side| mirror.is_none() && side.first.is_none();
@@ -338,9 +345,9 @@ impl Estimator for Secondary<'_> {
     }
 
     fn cost(&self) -> f64 {
-        // A way down the tree is about half a ray.
-        let tree = 0.5 * CANDIDATES as f64;
-        2.0 + tree + 3.0 * typical_bounces(self.max_bounces)
+        // A way down the tree is about two rays; two paths look past the edge.
+        let tree = 2.0 * CANDIDATES as f64;
+        2.0 + tree + 6.0 * typical_bounces(self.max_bounces)
     }
 
     fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {

@@ -1,5 +1,5 @@
-//! Boundary term of direct light: edge-first sampling of shadows of area, point and directional lights and of the peak
-//! of an environment.
+//! Boundary term of direct light: edge-first sampling of shadows of area, point and directional lights and of an
+//! environment, or of its peak.
 //!
 //! Choose an edge point p, a light point y, and find the receiver x behind p; then connect x to the camera, directly, in a
 //! mirror, or through further bounces. With the emission material-fixed only the covered side counts, and
@@ -34,9 +34,29 @@ use crate::render::light::{LightKind, LightSample};
 use crate::render::sampler::{Discrete, ONE_MINUS_EPSILON, Sampler, hash};
 use crate::render::{Scene, Settings};
 
+/// What of an environment's light is found edge-first, here. The rest is left to receiver-first samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sky {
+    /// What stands out, if anything does.
+    Peak,
+    Whole,
+}
+
+impl Sky {
+    /// What is left of a radiance.
+    pub fn rest(self, scene: &Scene, radiance: Vec3) -> Vec3 {
+        match (self, &scene.environment_peak) {
+            (Sky::Whole, _) => Vec3::ZERO,
+            (Sky::Peak, Some(peak)) => radiance - peak.of(radiance),
+            (Sky::Peak, None) => radiance,
+        }
+    }
+}
+
 /// Edge-first shadow samples.
 pub struct Shadows<'a> {
     scene: &'a Scene,
+    sky: Sky,
     viewpoints: &'a [Viewpoint<'a>],
     max_bounces: u32,
     count: usize,
@@ -56,6 +76,7 @@ pub struct Shadows<'a> {
 impl<'a> Shadows<'a> {
     pub fn new(
         scene: &'a Scene,
+        sky: Sky,
         viewpoints: &'a [Viewpoint<'a>],
         settings: &Settings,
         planar_mirrors: bool,
@@ -89,6 +110,7 @@ impl<'a> Shadows<'a> {
         let max_bounces = settings.max_bounces;
         Shadows {
             scene,
+            sky,
             viewpoints,
             max_bounces,
             count,
@@ -105,7 +127,10 @@ impl<'a> Shadows<'a> {
     /// Learns from pilots which edges cast shadows of which lights where it matters.
     pub fn guided(mut self, layout: &Layout, adjoint: &Image, seed: u64) -> Self {
         if self.count() > 0 {
-            let columns = self.scene.lights.local_lights().min(16);
+            let columns = match self.sky {
+                Sky::Peak => self.scene.lights.local_count().min(16),
+                Sky::Whole => 16, // directions differ
+            };
             let rows = (guide::cells(self.count) / columns).clamp(4, 1024);
             let seed = hash(seed, 0x0067_7569_6465);
             self.guide = Some(Guide::new([rows, columns], self.scene, layout, adjoint, |i, at, pilot| {
@@ -130,7 +155,11 @@ impl<'a> Shadows<'a> {
     /// An edge that stands in the way of a light.
     fn cast_by_edge(&self, at: [f64; 2], v: f32, sampler: &mut Sampler) -> Option<Cast<'_>> {
         let scene = self.scene;
-        let light = scene.sample_local_light(Vec2::new((at[1] as f32).min(ONE_MINUS_EPSILON), v))?;
+        let u_light = Vec2::new((at[1] as f32).min(ONE_MINUS_EPSILON), v);
+        let light = match self.sky {
+            Sky::Peak => scene.sample_local_light(u_light)?,
+            Sky::Whole => scene.sample_light(u_light)?,
+        };
         let table = scene.edges();
         let (edge, s, per_length) = match self.tree {
             None if self.edges.is_empty() => return None,
@@ -401,15 +430,17 @@ impl Draw for Shadows<'_> {
 
 impl Estimator for Shadows<'_> {
     fn count(&self) -> usize {
-        let none = self.edges.is_empty() && self.pierced.is_empty();
-        if none || self.max_bounces == 0 || !self.scene.lights.has_local_lights() {
-            return 0;
-        }
-        self.count
+        let lights = match self.sky {
+            Sky::Peak => self.scene.lights.local_count(),
+            Sky::Whole => self.scene.lights.count(),
+        };
+        let edges = !self.edges.is_empty() || !self.pierced.is_empty();
+        if edges && lights > 0 && self.max_bounces > 0 { self.count } else { 0 }
     }
 
     fn cost(&self) -> f64 {
-        2.0 + 2.0 * typical_bounces(self.max_bounces)
+        let tree = if self.tree.is_some() { 2.0 } else { 0.0 };
+        2.0 + tree + 2.0 * typical_bounces(self.max_bounces)
     }
 
     fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {

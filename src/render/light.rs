@@ -193,14 +193,14 @@ impl LightTable {
         matches!(self.entries.as_slice(), [Entry::Delta(_)])
     }
 
-    /// Number of lights for edge-first shadow sampling.
-    pub fn local_lights(&self) -> usize {
-        self.local_entries.len()
+    /// Number of lights, the environment one of them.
+    pub fn count(&self) -> usize {
+        self.entries.len()
     }
 
-    /// Whether there is any light for edge-first shadow sampling.
-    pub fn has_local_lights(&self) -> bool {
-        !self.local_pmf.is_empty()
+    /// Number of lights, of the environment only its peak.
+    pub fn local_count(&self) -> usize {
+        self.local_entries.len()
     }
 }
 
