@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::sink::{Adjoints, Contraction, Dense, Layout, Sink};
 use crate::image::Image;
 use crate::render::Scene;
-use crate::render::sampler::Sampler;
+use crate::render::sampler::{Sampler, progress};
 
 /// A class of samples: the interior term, or one kind of boundary.
 pub trait Pass: Sync {
@@ -23,8 +23,8 @@ pub trait Pass: Sync {
 pub trait Draw: Sync {
     /// Memory that is used again from sample to sample.
     type Scratch: Default;
-    /// Adds one sample times `weight`.
-    fn draw(&self, sampler: Sampler, weight: f64, scratch: &mut Self::Scratch, out: &mut impl Estimate);
+    /// Adds one sample times `weight`. Its first random number, `first`, grows from sample to sample.
+    fn draw(&self, first: f64, sampler: Sampler, weight: f64, scratch: &mut Self::Scratch, out: &mut impl Estimate);
 }
 
 /// The samples of one sequence.
@@ -44,7 +44,8 @@ impl<D: Draw> Pass for Sequence<'_, D> {
     fn run(&self, items: Range<usize>, out: &mut impl Estimate) {
         let mut scratch = D::Scratch::default();
         for i in items {
-            self.of.draw(Sampler::new(self.seed, i as u32), self.weight, &mut scratch, out);
+            let first = progress(self.seed, i, self.count);
+            self.of.draw(first, Sampler::new(self.seed, i as u32), self.weight, &mut scratch, out);
         }
     }
 }

@@ -7,7 +7,7 @@
 use glam::{IVec2, Vec2};
 
 use crate::image::Image;
-use crate::render::sampler::{Discrete, Sampler, hash};
+use crate::render::sampler::{Discrete, Sampler, progress};
 
 /// Share of the samples that is spread evenly over the pixels that matter.
 const EVEN: f64 = 0.2;
@@ -84,16 +84,13 @@ pub struct PixelSampling<'a> {
     seed: u64,
     count: usize,
     share: f64,
-    /// Where the first sample lies, in steps from one to the next.
-    offset: f64,
 }
 
 impl<'a> PixelSampling<'a> {
     /// `count` samples of the sequence `seed`; together they are `share` of all.
     pub fn new(curve: &'a FilmCurve, count: usize, share: f64, seed: u64) -> PixelSampling<'a> {
-        let offset = (hash(seed, 0x6375_7276_65) >> 11) as f64 / (1u64 << 53) as f64;
         let count = if curve.density.is_empty() { 0 } else { count };
-        PixelSampling { curve, seed, count, share, offset }
+        PixelSampling { curve, seed, count, share }
     }
 
     /// Number of samples.
@@ -104,7 +101,7 @@ impl<'a> PixelSampling<'a> {
     /// The sampler of one sample, and where on film it falls; the weight is divided by the number of samples.
     pub fn sample(&self, index: usize) -> (Sampler, FilmSample) {
         let mut sampler = Sampler::new(self.seed, index as u32);
-        let (i, probability, _) = self.curve.density.sample((index as f64 + self.offset) / self.count as f64);
+        let (i, probability, _) = self.curve.density.sample(progress(self.seed, index, self.count));
         let pixel = self.curve.pixels[i] as usize;
         let corner = Vec2::new((pixel % self.curve.width) as f32, (pixel / self.curve.width) as f32);
         let position = corner + sampler.next_2d().min(Vec2::splat(0.999_999));

@@ -281,9 +281,9 @@ impl<'a> PrimaryEdges<'a> {
 impl Draw for PrimaryEdges<'_> {
     type Scratch = ();
 
-    fn draw(&self, mut sampler: Sampler, weight: f64, _: &mut (), out: &mut impl Estimate) {
+    fn draw(&self, first: f64, mut sampler: Sampler, weight: f64, _: &mut (), out: &mut impl Estimate) {
         if let Plan::Sample { pmf, .. } = &self.plan {
-            let (piece, p, rest) = pmf.sample(f64::from(sampler.next_1d()));
+            let (piece, p, rest) = pmf.sample(first);
             self.sample(&self.pieces[piece], rest, weight / p, &mut sampler, out);
         }
     }

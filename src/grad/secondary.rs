@@ -331,9 +331,9 @@ impl<'a> Secondary<'a> {
 impl Draw for Secondary<'_> {
     type Scratch = Path;
 
-    fn draw(&self, mut sampler: Sampler, weight: f64, path: &mut Path, out: &mut impl Estimate) {
-        let at = sampler.next_2d().as_dvec2().to_array();
-        let u = sampler.next_2d();
+    fn draw(&self, first: f64, mut sampler: Sampler, weight: f64, path: &mut Path, out: &mut impl Estimate) {
+        let [column, u, v] = sampler.next_3d();
+        let (at, u) = ([first, f64::from(column)], Vec2::new(u, v));
         let (at, density) = self.guide.as_ref().map_or((at, 1.0), |g| g.map(at));
         self.sample_at(at, u, weight / density, &mut sampler, path, out);
     }

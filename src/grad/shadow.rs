@@ -135,7 +135,7 @@ impl<'a> Shadows<'a> {
             let seed = hash(seed, 0x0067_7569_6465);
             self.guide = Some(Guide::new([rows, columns], self.scene, layout, adjoint, |i, at, pilot| {
                 let mut sampler = Sampler::new(hash(seed, i as u64), 0);
-                let v = sampler.next_3d()[2];
+                let v = sampler.next_2d().y;
                 self.sample(at, v, 1.0, &mut sampler, pilot);
             }));
         }
@@ -420,11 +420,11 @@ fn d_step<S: Sink>(
 impl Draw for Shadows<'_> {
     type Scratch = ();
 
-    fn draw(&self, mut sampler: Sampler, weight: f64, _: &mut (), out: &mut impl Estimate) {
-        let u = sampler.next_3d();
-        let at = [u[0], u[1]].map(f64::from);
+    fn draw(&self, first: f64, mut sampler: Sampler, weight: f64, _: &mut (), out: &mut impl Estimate) {
+        let u = sampler.next_2d();
+        let at = [first, f64::from(u.x)];
         let (at, density) = self.guide.as_ref().map_or((at, 1.0), |g| g.map(at));
-        self.sample(at, u[2], weight / density, &mut sampler, out);
+        self.sample(at, u.y, weight / density, &mut sampler, out);
     }
 }
 

@@ -65,6 +65,15 @@ impl Sampler {
     }
 }
 
+/// How far along `count` samples of the sequence `seed` sample `index` is: from 0 to 1, with a random start within the first
+/// step. One more dimension, and the best spread of all (Hammersley): where it is the one along which an integrand changes
+/// place (over edges, over film), samples of one place are consecutive, and stratified in all other dimensions.
+#[inline]
+pub fn progress(seed: u64, index: usize, count: usize) -> f64 {
+    let offset = (hash(seed, 0x0070_726f_6772_6573) >> 11) as f64 / (1u64 << 53) as f64;
+    ((index as f64 + offset) / count as f64).min(1.0 - f64::EPSILON)
+}
+
 /// The largest `f32` below 1.
 pub const ONE_MINUS_EPSILON: f32 = 1.0 - f32::EPSILON / 2.0;
 
