@@ -84,13 +84,21 @@ impl<'a> Allocation<'a> {
         self.moments.push(Moments { count: estimator.count(), cost: estimator.cost(), variances });
     }
 
-    /// Whether these estimators promise less variance at equal cost than others that estimate the same.
-    pub fn is_better_than(&self, other: &Allocation) -> bool {
-        let balance = |slot: usize| {
-            let (ours, theirs) = (least_variance(&self.moments, slot), least_variance(&other.moments, slot));
-            if ours + theirs > 0.0 { (theirs - ours) / (theirs + ours) } else { 0.0 }
-        };
-        (0..self.layout.slots.len()).map(balance).sum::<f64>() > 0.0
+    /// By how much less variance at equal cost the estimators after the first `shared` promise than others that estimate the same:
+    /// the logarithm of the ratio, a mean over slots. Who finds nothing where others find something promises nothing.
+    pub fn advantage_over(&self, other: &Allocation, shared: usize) -> f64 {
+        const MOST: f64 = 14.0;
+        let ratios = (0..self.layout.slots.len()).filter_map(|slot| {
+            let [ours, theirs] = [self, other].map(|a| least_variance(&a.moments[shared..], slot));
+            match (ours > 0.0, theirs > 0.0) {
+                (true, true) => Some((theirs / ours).ln().clamp(-MOST, MOST)),
+                (true, false) => Some(MOST),
+                (false, true) => Some(-MOST),
+                (false, false) => None,
+            }
+        });
+        let (sum, count) = ratios.fold((0.0, 0), |(sum, count), r| (sum + r, count + 1));
+        if count > 0 { sum / f64::from(count) } else { 0.0 }
     }
 
     /// The number of samples for each estimator; together they cost what their own numbers would.
@@ -170,6 +178,7 @@ impl Sink for Sketch<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::{SceneDescription, Slot};
 
     fn moments(count: usize, cost: f64, variances: &[f64]) -> Moments {
         Moments { count, cost, variances: variances.to_vec() }
@@ -193,6 +202,22 @@ mod tests {
             other[j] -= (400.0 / m[j].cost) as usize;
             assert!(total_variance(&m, &other, 0) > least, "{counts:?} {other:?}");
         }
+    }
+
+    #[test]
+    fn who_finds_nothing_promises_nothing() {
+        let scene = Scene::new(SceneDescription::default()).unwrap();
+        let layout = Layout::new(&scene, &[Slot::CameraOrigin, Slot::CameraScale]);
+        let adjoint = Image::new(1, 1, 1);
+        let allocation =
+            |moments: Vec<Moments>| Allocation { moments, ..Allocation::new(&scene, &layout, &adjoint, 1) };
+        let shared = || moments(100, 1.0, &[5.0, 5.0]);
+        let a = allocation(vec![shared(), moments(100, 1.0, &[4.0, 1.0])]);
+        let b = allocation(vec![shared(), moments(100, 2.0, &[1.0, 1.0])]);
+        assert!((a.advantage_over(&b, 1) - (0.5f64.ln() + 2f64.ln()) / 2.0).abs() < 1e-12);
+        let blind = allocation(vec![shared(), moments(100, 1.0, &[0.0, 0.0])]);
+        assert!(blind.advantage_over(&a, 1) < -10.0 && a.advantage_over(&blind, 1) > 10.0);
+        assert_eq!(blind.advantage_over(&blind, 1), 0.0);
     }
 
     #[test]

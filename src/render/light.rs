@@ -266,7 +266,8 @@ impl Scene {
             }
             Entry::Environment => {
                 let rotation = self.description.environment.as_ref()?.rotation;
-                let (local, pdf) = self.environment.as_ref()?.sample(u);
+                // Elevation by the number that chose the light: to know it well matters most to a guide.
+                let (local, pdf) = self.environment.as_ref()?.sample([u[1], u[0]]);
                 let y = (rotation * local).normalize();
                 let power = self.environment_radiance(y);
                 LightSample { kind: LightKind::Environment, y, power, pdf: p * pdf, ..base }

@@ -62,7 +62,7 @@ fn half_plane_over_a_pixel() {
     let shift = vec![n, n, Vec3::ZERO, Vec3::ZERO];
     let turn = (0..4).map(|i| if i < 2 { Vec3::Z.cross(corners[i]) } else { Vec3::ZERO }).collect();
     let measured = Measured { scene: &scene, camera: &camera, settings: settings(256, 0) };
-    measured.along(12, Slot::Vertices(shape), &[shift, turn]).check("T1", &[chord, -middle * chord], 0.02);
+    measured.along(12, Slot::Vertices(shape), &[shift, turn]).check("T1", &[chord, -middle * chord], 1e-6);
 }
 
 /// T2: a projected triangle, all in frame: the sum of the image is its area in pixels.
@@ -89,7 +89,7 @@ fn area_of_a_projected_triangle() {
 
         let measured = Measured { scene: &scene, camera: &camera, settings: settings(64, 0) };
         measured.values(8).check("T2 value", &[exact.value], 0.01);
-        measured.gradients(12, Slot::Vertices(shape)).check("T2", &exact.partials, 0.02);
+        measured.gradients(12, Slot::Vertices(shape)).check("T2", &exact.partials, 1e-6);
     }
 }
 
@@ -106,9 +106,9 @@ fn camera_and_polygon_areas() {
     let area = side * side;
     let measured = Measured { scene: &scene, camera: &perspective, settings: settings(64, 0) };
     let by_scale = -area / f64::from(scale);
-    measured.gradients(12, Slot::CameraScale).check("T3 field of view", &[by_scale; 2], 0.02);
+    measured.gradients(12, Slot::CameraScale).check("T3 field of view", &[by_scale; 2], 1e-6);
     let by_origin = [0.0, 0.0, -2.0 * area / f64::from(distance)];
-    measured.gradients(12, Slot::CameraOrigin).check("T3 dolly", &by_origin, 0.02);
+    measured.gradients(12, Slot::CameraOrigin).check("T3 dolly", &by_origin, 1e-6);
 
     // Fan of n triangles around the centre.
     let (n, r) = (7usize, 0.62f64);
@@ -126,7 +126,7 @@ fn camera_and_polygon_areas() {
     let pixels = (size * size) as f64 / 4.0;
     let measured = Measured { scene: &scene, camera: &orthographic, settings: settings(64, 0) };
     let exact = n as f64 * r * (2.0 * PI / n as f64).sin() * pixels;
-    measured.along(12, Slot::Vertices(shape), &[grow]).check("T3 polygon radius", &[exact], 0.02);
+    measured.along(12, Slot::Vertices(shape), &[grow]).check("T3 polygon radius", &[exact], 1e-6);
 }
 
 /// Areas of what two glowing triangles show of themselves, one before the other.
@@ -233,9 +233,9 @@ fn triangle_in_a_mirror() {
 
     let measured = Measured { scene: &scene, camera: &camera, settings: settings(64, 1) };
     measured.values(8).check("T10 value", &[exact.value], 0.02);
-    measured.gradients(12, Slot::Vertices(shape)).check("T10 triangle", &exact.partials[..9], 0.02);
+    measured.gradients(12, Slot::Vertices(shape)).check("T10 triangle", &exact.partials[..9], 1e-3);
     let lift = vec![Vec3::Y; 4];
-    measured.along(12, Slot::Vertices(mirror), &[lift]).check("T10 mirror", &exact.partials[9..], 0.02);
+    measured.along(12, Slot::Vertices(mirror), &[lift]).check("T10 mirror", &exact.partials[9..], 2e-3);
 }
 
 /// T16: a flat-shaded roof under a directional light, its ridge moving.
@@ -278,7 +278,7 @@ fn moving_ridge_of_a_flat_shaded_roof() {
     motion[3] = Vec3::X;
     let measured = Measured { scene: &scene, camera: &camera, settings: settings(128, 1) };
     measured.values(6).check("T16 value", &[value(ridge)], 0.01);
-    measured.along(16, Slot::Vertices(roof), &[motion]).check("T16", &[exact], 0.02);
+    measured.along(16, Slot::Vertices(roof), &[motion]).check("T16", &[exact], 1e-3);
 }
 
 /// T18: cutting a mesh along a seam (as uv seams do) changes no derivative.

@@ -59,7 +59,7 @@ fn penumbra_of_a_disk_light() {
     let measured = Measured { scene: &scene, camera: &camera, settings: settings(SPP, 1) };
     values(&measured).check("T4 value", &[value(s)], 0.02);
     let motion = vec![Vec3::X, Vec3::X, Vec3::ZERO, Vec3::ZERO];
-    measured.along(16, Slot::Vertices(shape), &[motion]).check("T4", &[slope], 0.02);
+    measured.along(16, Slot::Vertices(shape), &[motion]).check("T4", &[slope], 0.01);
 }
 
 /// T5: a long wall before a constant sky.
@@ -83,7 +83,7 @@ fn wall_before_the_sky() {
     measured.values(8).check("T5 value", &[value], 0.02);
     let grow = vec![Vec3::ZERO, Vec3::ZERO, Vec3::Y, Vec3::Y];
     let recede = vec![Vec3::X; 4];
-    measured.along(16, Slot::Vertices(shape), &[grow, recede]).check("T5", &[by_height, by_distance], 0.03);
+    measured.along(16, Slot::Vertices(shape), &[grow, recede]).check("T5", &[by_height, by_distance], 0.01);
 }
 
 /// T6: a coaxial disk light: no boundary at all, its outline moves with the emission.
@@ -209,7 +209,7 @@ fn penumbra(exact: &Penumbra, masked: bool) {
     measured.gradients(16, Slot::Texels(opacity)).check("T7 opacity", &[by_opacity], 0.02);
 
     let by_blocker: Vec<f64> = (0..9).map(|i| along(&|p, h| p.blocker[i / 3][i % 3] += h)).collect();
-    measured.gradients(16, Slot::Vertices(blocker)).check("T7 blocker", &by_blocker, 0.03);
+    measured.gradients(16, Slot::Vertices(blocker)).check("T7 blocker", &by_blocker, 0.01);
 
     // The light stays a parallelogram: translations, and one side growing.
     let motions = parallelogram_motions();
@@ -217,17 +217,17 @@ fn penumbra(exact: &Penumbra, masked: bool) {
         .iter()
         .map(|motion| along(&|p, h| (0..4).for_each(|i| p.light[i] += h * motion[i].as_dvec3())))
         .collect();
-    measured.along(16, Slot::Vertices(light), &motions).check("T7 light", &by_light, 0.02);
+    measured.along(16, Slot::Vertices(light), &motions).check("T7 light", &by_light, 0.01);
 
     // The camera's ray is fixed: a receiver moving along its normal slides the seen point along the ray.
     let slide = forward.as_dvec3() / exact.n.dot(forward.as_dvec3());
     let by_receiver = [along(&|p, h| p.x += h * slide), 0.0, 0.0];
     let motions = [Vec3::Y, Vec3::X, Vec3::Z].map(|axis| vec![axis; 4]);
-    measured.along(16, Slot::Vertices(receiver), &motions).check("T17 receiver", &by_receiver, 0.03);
+    measured.along(16, Slot::Vertices(receiver), &motions).check("T17 receiver", &by_receiver, 0.01);
 
     // An orthographic camera that moves takes the seen point with it.
     let forward = forward.as_dvec3();
     let by_camera: Vec<f64> =
         DVec3::AXES.iter().map(|&axis| along(&|p, h| p.x += h * (axis - forward * (axis.y / forward.y)))).collect();
-    measured.gradients(16, Slot::CameraOrigin).check("T17 camera", &by_camera, 0.03);
+    measured.gradients(16, Slot::CameraOrigin).check("T17 camera", &by_camera, 0.01);
 }
