@@ -342,11 +342,12 @@ loss fit = mse(render(small), target)",
     Case {
         name: "gradient_of_an_image",
         prelude: SCENE,
-        script: "print grad(render(eye), size), grad(fit, lamp), grad(fit, sized)",
+        script: "print grad(render(eye), size), grad(fit, lamp), grad(fit, sized), jacobian(render(eye), [])",
         wanted: &[
-            ("dscene::type::loss", "render(eye)", "jvp(e, p)"),
+            ("dscene::type::loss", "render(eye)", "jacobian(e, p)"),
             ("dscene::type::param", "lamp", "`lamp.radiance`"),
             ("dscene::name::unknown", "sized", "did you mean `size`?"),
+            ("dscene::type::param", "[]", ""),
         ],
     },
     Case {

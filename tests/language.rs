@@ -131,6 +131,14 @@ fn gradients_of_analytic_expressions() {
     check(text, "grad(y with { s: s * s }, s)", json!(56));
     check(text, "jvp(p * s, s)", json!([1, 2, 3]));
     check(text, "jvp(y, p, [1, 0, 0])", json!(4));
+    check(text, "jacobian(p * s, s)", json!([1, 2, 3]));
+    check(text, "jacobian([p[0] * p[1], p[2] ^ 2], p)", json!([[2, 1, 0], [0, 0, 6]]));
+    check(text, "jacobian(y, p) - grad(y, p)", json!([0, 0, 0]));
+    check(text, "jacobian(p * s, [p, s])[0][1]", json!([0, 2, 0]));
+    check(text, "jacobian(p * s, [p, s])[1]", json!([1, 2, 3]));
+    check(text, "grad(y, [p, s])[1]", json!(14));
+    check(text, "jacobian([2 * a, 3 * a], a)", json!([2, 3]));
+    check("param r = rotation()", "jacobian(matrix(r)[1], r)", json!([[0, 0, 1], [0, 0, 0], [-1, 0, 0]]));
     check(text, "grad(sin(a), a)", json!((std::f64::consts::PI / 6.0).cos()));
     check(text, "fd(y, s)", json!(14));
     check(text, "grad(max(p), p)", json!([0, 0, 1]));
@@ -283,7 +291,8 @@ param power = 2
 param shade = 0.5
 shape ground { mesh: rectangle(width: 20, depth: 20), material: diffuse(reflectance: shade) }
 light sun = directional(direction: [0, -1, 0], irradiance: power)
-let y = mean(render(eye, spp: 4, max_bounces: 1) ^ 2)
+let view = render(eye, spp: 4, max_bounces: 1)
+let y = mean(view ^ 2)
 ";
     let mut e = engine(text);
     for p in ["power", "shade"] {
@@ -292,6 +301,14 @@ let y = mean(render(eye, spp: 4, max_bounces: 1) ^ 2)
         let f = numbers(&mut e, &format!("fd(y, {p}, 1e-2)"))[0];
         assert!((g - j).abs() < 1e-4 * g.abs(), "{p}: {g} {j}");
         assert!((g - f).abs() < 2e-2 * g.abs(), "{p}: {g} {f}");
+    }
+    // All components from one sweep, each as it would be alone.
+    for k in 0..3 {
+        let row = numbers(&mut e, &format!("jacobian(view, sun.irradiance)[{k}]"));
+        let mut direction = [0, 0, 0];
+        direction[k] = 1;
+        let alone = format!("jvp(view, sun.irradiance, {direction:?})");
+        assert!(row == numbers(&mut e, &alone) && row.iter().any(|x| *x != 0.0), "{k}");
     }
     let g = numbers(&mut e, "grad(y, sun.irradiance)");
     assert_eq!(g.len(), 3);
@@ -302,7 +319,7 @@ let y = mean(render(eye, spp: 4, max_bounces: 1) ^ 2)
 
 #[test]
 fn errors_point_at_the_argument() {
-    let mut e = engine("let n = 0 - 4\nlet w = 0\nparam p = [1, 2]");
+    let mut e = engine("let n = 0 - 4\nlet w = 0\nparam p = [1, 2]\nparam field = noise([9000])");
     let span_text = |e: &Engine, text: &str, d: &Diagnostic| {
         let _ = e;
         let span = d.span().expect("a span");
@@ -311,6 +328,8 @@ fn errors_point_at_the_argument() {
     for (text, at, code) in [
         ("sqrt(n)", "n", "dscene::run::value"),
         ("[1, 2, 3][p.x + 7]", "p.x + 7", "dscene::run::index"),
+        ("jacobian(rectangle(width: p.x), p)", "rectangle(width: p.x)", "dscene::run::gradient"),
+        ("jacobian(field ^ 2, field)", "jacobian(field ^ 2, field)", "dscene::run::gradient"),
         ("rectangle(width: 1, depth: w)", "w", "dscene::run::value"),
         ("diffuse(reflectance: n)", "n", "dscene::run::value"),
         ("mask(diffuse(), opacity: p.y)", "p.y", "dscene::run::value"),
@@ -458,7 +477,7 @@ fn every_native_is_declared_and_every_declaration_implemented() {
         .collect();
     assert!(declared.len() > 50);
     // The evaluator itself renders and differentiates.
-    let rendering = dscene::natives::RENDERING.iter().map(|r| r.0).chain(["grad", "jvp", "fd", "estimate"]);
+    let rendering = dscene::natives::RENDERING.iter().map(|r| r.0).chain(hir::DerivativeKind::ALL.map(|k| k.0));
     let missing: Vec<&&str> = declared
         .iter()
         .filter(|n| dscene::natives::find(n).is_none() && !rendering.clone().any(|r| r == **n))

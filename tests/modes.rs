@@ -3,7 +3,11 @@
 mod common;
 
 use common::*;
-use dscene::grad::{render_backward, render_forward};
+use dscene::grad::allocate::Estimator;
+use dscene::grad::estimate::{Images, forward, reverse};
+use dscene::grad::interior::Interior;
+use dscene::grad::sink::{Contractions, Layout, Tangents};
+use dscene::grad::{Direction, NEVER, render_backward, render_forward, render_jacobian};
 use dscene::image::Image;
 use dscene::render::texture::{Filter, Texture, Wrap};
 use dscene::render::*;
@@ -76,6 +80,72 @@ fn forward_is_the_transpose_of_reverse() {
     }
 }
 
+/// Directions, each of which moves one slot, and a last one that moves all.
+fn directions(description: &SceneDescription, camera: &Camera) -> Vec<Direction> {
+    let slots = all_slots(description, camera);
+    let mut rng = dscene::math::Pcg32::new(8);
+    let direction = |moved: usize| {
+        let tangent = |(i, (slot, values)): (usize, &(Slot, Vec<f32>))| {
+            let moves = moved == i || moved == slots.len();
+            (*slot, values.iter().map(|_| if moves { rng.next_f32() - 0.5 } else { 0.0 }).collect())
+        };
+        slots.iter().enumerate().map(tangent).collect()
+    };
+    (0..=slots.len()).map(direction).collect()
+}
+
+/// Several directions cost one sweep, and each gets the bits that it would get alone.
+#[test]
+fn directions_at_once_are_directions_one_by_one() {
+    for (description, camera) in scenes() {
+        let directions = directions(&description, &camera);
+        let scene = Scene::new(description).unwrap();
+        let settings = settings(Output::Radiance, 2, 3);
+        let together = render_jacobian(&scene, &camera, &settings, &directions).unwrap();
+        assert_eq!(together.len(), directions.len());
+        for k in [0, 2, directions.len() / 2, directions.len() - 1] {
+            let alone = render_forward(&scene, &camera, &settings, &directions[k]).unwrap();
+            assert!(together[k] == alone, "direction {k}");
+            assert!(k != directions.len() - 1 || alone.data.iter().any(|x| *x != 0.0));
+        }
+        // More than one sweep holds.
+        let many: Vec<Direction> = directions.iter().cycle().take(70).cloned().collect();
+        let many = render_jacobian(&scene, &camera, &settings, &many).unwrap();
+        assert!(many.iter().zip(together.iter().cycle()).all(|(a, b)| a == b));
+    }
+}
+
+/// Σ r · ∂image/∂x, once from the rows of the Jacobian and once in reverse mode, from the same samples.
+#[test]
+fn rows_of_the_jacobian_make_the_gradient_of_any_adjoint() {
+    let (description, camera) = scene();
+    let directions = directions(&description, &camera);
+    let wrt: Vec<Slot> = directions[0].iter().map(|t| t.0).collect();
+    let scene = Scene::new(description).unwrap();
+    let settings = settings(Output::Radiance, 4, 3);
+    let layout = Layout::new(&scene, &wrt);
+    let mut even = Image::new(camera.width, camera.height, 3);
+    even.data.fill(1.0);
+    let interior = Interior::new(&scene, &camera, &settings, &layout, &even);
+    let pass = interior.pass(interior.count(), 1.0, 5);
+    let residual = weights(&camera, 3);
+    let mut gradient = vec![0.0; layout.size()];
+    reverse(&scene, &layout, &residual, &pass, &mut gradient, &NEVER);
+    let dense: Vec<Vec<f32>> = directions.iter().map(|d| d.iter().flat_map(|t| t.1.clone()).collect()).collect();
+    let tangents = Tangents::new(&dense, layout.size());
+    let data = vec![0.0; even.data.len() * dense.len()];
+    let mut rows = Images { directions: dense.len(), channels: 3, data };
+    forward(&scene, &layout, || Contractions::new(&tangents), &pass, &mut rows, &NEVER);
+    for (k, tangent) in dense.iter().enumerate() {
+        let row = rows.data.chunks_exact(3).skip(k).step_by(dense.len()).flatten();
+        let terms: Vec<f64> = row.zip(&residual.data).map(|(j, r)| j * f64::from(*r)).collect();
+        let (found, size) = (terms.iter().sum::<f64>(), terms.iter().map(|x| x.abs()).sum::<f64>());
+        let expected: f64 = gradient.iter().zip(tangent).map(|(g, t)| g * f64::from(*t)).sum();
+        assert!((found - expected).abs() <= 1e-4 * size, "direction {k}: {found} and {expected} of {size}");
+    }
+    assert!(gradient.iter().any(|g| *g != 0.0));
+}
+
 /// An adjoint that is not a number cannot be followed, and must not pass for zero.
 #[test]
 fn an_adjoint_that_is_not_finite_gives_no_numbers() {
@@ -98,17 +168,19 @@ fn any_number_of_threads_gives_the_same_bits() {
         pool.install(|| {
             scenes().map(|(description, camera)| {
                 let wrt: Vec<Slot> = all_slots(&description, &camera).into_iter().map(|s| s.0).collect();
+                let directions = directions(&description, &camera);
                 let scene = Scene::new(description).unwrap();
                 let settings = settings(Output::Radiance, 2, 9);
                 let image = render(&scene, &camera, &settings).unwrap();
                 let gradient = render_backward(&scene, &camera, &settings, &image, &wrt).unwrap();
-                (image, gradient)
+                let jacobian = render_jacobian(&scene, &camera, &settings, &directions).unwrap();
+                (image, gradient, jacobian)
             })
         })
     };
     let (one, three) = (run(1), run(3));
     assert!(one == three);
-    assert!(one.iter().all(|(_, gradient)| gradient.iter().flatten().any(|g| *g != 0.0)));
+    assert!(one.iter().all(|(_, gradient, _)| gradient.iter().flatten().any(|g| *g != 0.0)));
 }
 
 /// Translating everything together changes nothing: the derivatives of all placements cancel, sample by sample (T15).

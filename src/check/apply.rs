@@ -114,7 +114,7 @@ impl Checker<'_> {
         let name = self.slot(id).name.text.clone();
         let unknown = (Ty::Any, None);
         let Some(signature) = self.signature(id).filter(|_| self.slot(id).state == State::Done) else { return unknown };
-        if !self.is_user(id) && matches!(name.as_str(), "grad" | "jvp" | "fd" | "estimate") {
+        if !self.is_user(id) && hir::DerivativeKind::named(&name).is_some() {
             return unknown;
         }
         let site = Site { name: &name, span: callee, is_kind: false };

@@ -52,14 +52,7 @@ impl Checker<'_> {
         };
         let mut name = self.slot(id).name.text.clone();
         if !self.is_user(id) {
-            let kind = match name.as_str() {
-                "grad" => Some(DerivativeKind::Grad),
-                "jvp" => Some(DerivativeKind::Jvp),
-                "fd" => Some(DerivativeKind::FiniteDifference),
-                "estimate" => Some(DerivativeKind::Estimate),
-                _ => None,
-            };
-            if let Some(kind) = kind {
+            if let Some(kind) = DerivativeKind::named(&name) {
                 return self.derivative(kind, &name, &given, callee.span, span);
             }
             // `constant` is a light, and where a number is wanted a schedule.
@@ -465,7 +458,7 @@ impl Checker<'_> {
     /// `grad(e, p)` and its kin.
     fn derivative(&mut self, kind: DerivativeKind, name: &str, given: &[Given], callee: Span, span: Span) -> Typed {
         let params: &[&str] = match kind {
-            DerivativeKind::Grad => &["of", "wrt"],
+            DerivativeKind::Grad | DerivativeKind::Jacobian => &["of", "wrt"],
             DerivativeKind::Jvp => &["of", "wrt", "direction"],
             DerivativeKind::FiniteDifference => &["of", "wrt", "step"],
             DerivativeKind::Estimate => &["of", "repeats"],
@@ -488,7 +481,9 @@ impl Checker<'_> {
             && !of.ty.is_scalar()
         {
             let help = match kind {
-                DerivativeKind::Grad => "reduce it to a scalar, or take a directional derivative: `jvp(e, p)`",
+                DerivativeKind::Grad => {
+                    "reduce it to a scalar, or take a directional derivative: `jvp(e, p)`, or all of them: `jacobian(e, p)`"
+                }
                 _ => "reduce it to a scalar first: `mean(…)`",
             };
             self.diagnostics.push(
@@ -498,24 +493,37 @@ impl Checker<'_> {
             );
         }
         let mut wrt = Vec::new();
-        let mut ty = Ty::Gradients;
+        let mut types = Vec::new();
         match arg("wrt").map(|w| (&w.kind, w)) {
             None => {}
-            Some((ast::ExprKind::Array(items), _)) if kind == DerivativeKind::Grad => {
+            Some((ast::ExprKind::Array(items), w))
+                if matches!(kind, DerivativeKind::Grad | DerivativeKind::Jacobian) =>
+            {
+                if items.is_empty() {
+                    let message = format!("`{name}` needs at least one param");
+                    self.diagnostics.push(Diagnostic::error("dscene::type::param", message).label(w.span, "none"));
+                    return broken(span);
+                }
                 for item in items {
-                    wrt.extend(self.wrt(item).map(|(target, _)| (target, item.span)));
+                    let Some((target, ty)) = self.wrt(item) else { continue };
+                    wrt.push((target, item.span));
+                    types.push(ty);
+                }
+                if types.len() < items.len() {
+                    return broken(span);
                 }
             }
             Some((_, w)) => match self.wrt(w) {
-                Some((target, found)) => {
-                    ty = found;
+                Some((target, ty)) => {
                     wrt.push((target, w.span));
+                    types.push(ty);
                 }
                 None => return broken(span),
             },
         }
+        let ty = types.first().cloned().unwrap_or(Ty::Gradients);
         let argument = match kind {
-            DerivativeKind::Grad => None,
+            DerivativeKind::Grad | DerivativeKind::Jacobian => None,
             DerivativeKind::Jvp => arg("direction").map(|d| {
                 let direction = self.expr(d, None).expr;
                 if !fits(&ty, &direction.ty) && !direction.ty.is_scalar() {
@@ -536,8 +544,16 @@ impl Checker<'_> {
                 value.or_else(|| self.native_default(id, 1))
             }
         };
+        let slope = |ty: &Ty| match kind {
+            DerivativeKind::Jacobian => results::jacobian(&of.ty, ty),
+            _ => results::gradient(ty),
+        };
         let result = match kind {
-            DerivativeKind::Grad | DerivativeKind::FiniteDifference => ty,
+            DerivativeKind::Grad | DerivativeKind::Jacobian | DerivativeKind::FiniteDifference => match &types[..] {
+                [] => ty,
+                [one] => slope(one),
+                several => Ty::Tuple(several.iter().map(slope).collect()),
+            },
             DerivativeKind::Jvp => of.ty.clone(),
             DerivativeKind::Estimate => Ty::Estimate(Box::new(of.ty.clone())),
         };

@@ -202,7 +202,7 @@ pub enum ExprKind {
         body: Box<Expr>,
     },
     Builtin(Builtin),
-    /// `grad(e, p)`, `jvp(e, p, direction)`, `fd(e, p, step)`, `estimate(e, repeats)`: `of` is not evaluated first.
+    /// What a [`DerivativeKind`] says: `of` is not evaluated first.
     Derivative(Box<Derivative>),
     /// A number made a vector or colour, a `[h][w][c]` array an image: `shape` is the wanted shape, as the annotation says.
     Broadcast {
@@ -321,15 +321,31 @@ pub struct Replacement {
 pub enum DerivativeKind {
     Grad,
     Jvp,
+    Jacobian,
     FiniteDifference,
     Estimate,
+}
+
+impl DerivativeKind {
+    /// With their names in the language.
+    pub const ALL: [(&str, DerivativeKind); 5] = [
+        ("grad", DerivativeKind::Grad),
+        ("jvp", DerivativeKind::Jvp),
+        ("jacobian", DerivativeKind::Jacobian),
+        ("fd", DerivativeKind::FiniteDifference),
+        ("estimate", DerivativeKind::Estimate),
+    ];
+
+    pub fn named(name: &str) -> Option<DerivativeKind> {
+        Self::ALL.iter().find(|(n, _)| *n == name).map(|(_, kind)| *kind)
+    }
 }
 
 #[derive(Clone, Debug)]
 pub struct Derivative {
     pub kind: DerivativeKind,
     pub of: Expr,
-    /// Empty for `estimate`, and for `grad(loss)` without params: all that reach `of`.
+    /// Empty for `estimate`, and for `grad(loss)` without params: all that reach `of`. Several for `grad` and `jacobian` only.
     pub wrt: Vec<(Target, Span)>,
     /// `direction` of `jvp`, `step` of `fd`, `repeats` of `estimate`.
     pub argument: Option<Expr>,

@@ -109,6 +109,36 @@ pub fn native(name: &str, signature: &Signature, args: &[Option<Typed>], bound: 
     }
 }
 
+/// The type of a number's derivative with respect to something.
+pub fn gradient(wrt: &Ty) -> Ty {
+    match wrt {
+        Ty::Angle => Ty::SCALAR,
+        Ty::Rotation => Ty::vector(3),
+        ty => ty.clone(),
+    }
+}
+
+/// The type of `jacobian(of, wrt)`: numbers get the param's dimensions after their own; of images there is one for each of the
+/// param's numbers, nested as those are.
+pub fn jacobian(of: &Ty, wrt: &Ty) -> Ty {
+    let inner = match wrt {
+        Ty::Num(shape) => shape.clone(),
+        Ty::Angle => vec![],
+        Ty::Rotation => vec![Some(3)],
+        Ty::Image { height, width, channels, .. } => vec![*height, *width, *channels],
+        _ => return Ty::Any,
+    };
+    let numbers = |outer: &[Dim]| Ty::Num(outer.iter().chain(&inner).copied().collect());
+    match of {
+        Ty::Num(shape) => numbers(shape),
+        Ty::Angle => numbers(&[]),
+        Ty::Rotation => numbers(&[Some(3); 2]),
+        Ty::Transform => numbers(&[Some(4); 2]),
+        Ty::Image { .. } => inner.iter().rev().fold(of.clone(), |item, n| Ty::Array(Box::new(item), *n)),
+        _ => Ty::Any,
+    }
+}
+
 /// What is known of a native's value before the program runs.
 pub fn known(name: &str, args: &[Option<Typed>]) -> Option<Const> {
     let first = args.first()?.as_ref()?;

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use crate::check::hir::{DeclId, DeclKind, Derivative, DerivativeKind, Expr, Target};
 use crate::check::types::Ty;
 use crate::diag::Diagnostic;
+use crate::grad::MAX_DIRECTIONS;
 use crate::natives::{
     self,
     value::{EstimateValue, GradientEntry, Value},
@@ -33,6 +34,8 @@ impl Gradient {
 /// The default step of central differences, relative to a size of 1.
 const FD_STEP: f64 = 1e-2;
 const ESTIMATE_REPEATS: usize = 16;
+/// Most numbers of a Jacobian: half a gigabyte.
+const MAX_JACOBIAN: usize = 1 << 26;
 
 impl Engine {
     /// A scalar and its derivatives in reverse mode.
@@ -79,7 +82,7 @@ impl Engine {
         })
     }
 
-    fn numbers(&mut self, e: &Expr) -> Result<(Value, Var)> {
+    pub(super) fn numbers(&mut self, e: &Expr) -> Result<(Value, Var)> {
         let value = self.expr(e)?;
         match value.var() {
             Some(v) => Ok((value.clone(), v.clone())),
@@ -88,7 +91,7 @@ impl Engine {
     }
 
     /// Runs `f` with a leaf for each target: a param's own, or a temporary one in place of a field or declaration.
-    fn with_leaves<T>(
+    pub(super) fn with_leaves<T>(
         &mut self,
         targets: &[Target],
         span: Span,
@@ -174,6 +177,7 @@ impl Engine {
         match d.kind {
             DerivativeKind::Grad => self.grad(d, e),
             DerivativeKind::Jvp => self.jvp(d, e),
+            DerivativeKind::Jacobian => self.jacobian(d, e),
             DerivativeKind::FiniteDifference => {
                 let step = match &d.argument {
                     Some(step) => self.positive(step)?,
@@ -261,6 +265,62 @@ impl Engine {
             Value::Image(_) => Value::Image(Var::constant(tangent)),
             _ => Value::tensor(tangent),
         })
+    }
+
+    /// All derivatives of anything made of numbers: [`natives::value`]s as `check::results::jacobian` says.
+    fn jacobian(&mut self, d: &Derivative, e: &Expr) -> Result<Value> {
+        let targets: Vec<Target> = d.wrt.iter().map(|(t, _)| t.clone()).collect();
+        let (value, rows, shapes) = self.with_leaves(&targets, e.span, |engine, leaves| {
+            let (value, output) = engine.numbers(&d.of)?;
+            let rows = engine.rows(&output, leaves, e.span)?;
+            Ok((value, rows, leaves.iter().map(|l| l.shape().to_vec()).collect::<Vec<_>>()))
+        })?;
+        let mut rows = rows.into_iter();
+        let found: Vec<Value> = shapes
+            .iter()
+            .map(|shape| {
+                let rows: Vec<Tensor> = rows.by_ref().take(shape.iter().product()).collect();
+                match (&value, value.var()) {
+                    (Value::Image(_), _) => nested(&mut rows.into_iter(), shape),
+                    (_, Some(v)) => Value::tensor(columns(&rows, v.shape(), shape)),
+                    _ => Value::None,
+                }
+            })
+            .collect();
+        Ok(match <[Value; 1]>::try_from(found) {
+            Ok([one]) => one,
+            Err(several) => Value::list(several),
+        })
+    }
+
+    /// The derivatives of `output` in each number of each leaf.
+    fn rows(&mut self, output: &Var, leaves: &[Var], span: Span) -> Result<Vec<Tensor>> {
+        let failed = |e: tape::TapeError| error::gradient(e.0, span);
+        if output.len() == 1 {
+            // A gradient: reverse mode has it at one price.
+            let grads = tape::backward(output, leaves);
+            self.check_interrupt(span)?;
+            let grads = grads.map_err(failed)?;
+            let one = |x: f64| Tensor::full(output.shape(), x);
+            return Ok(grads.iter().flat_map(|g| g.data.iter().map(|x| one(*x))).collect());
+        }
+        let elements: Vec<(&Var, usize)> = leaves.iter().flat_map(|l| (0..l.len()).map(move |i| (l, i))).collect();
+        let numbers = elements.len().saturating_mul(output.len());
+        if numbers > MAX_JACOBIAN {
+            let (m, n) = (output.len(), elements.len());
+            let message = format!("this Jacobian has {m} × {n} numbers, more than the {MAX_JACOBIAN} that are allowed");
+            return Err(error::gradient(message, span).help(
+                "`grad` of a scalar and `jvp` along one direction have no such limit; or render a smaller film",
+            ));
+        }
+        let mut rows = Vec::with_capacity(elements.len());
+        for group in elements.chunks(MAX_DIRECTIONS) {
+            let directions: Vec<_> = group.iter().map(|(leaf, i)| tape::unit(leaf, *i)).collect();
+            let found = tape::jacobian(std::slice::from_ref(output), &directions);
+            self.check_interrupt(span)?;
+            rows.extend(found.map_err(failed)?.into_iter().flatten());
+        }
+        Ok(rows)
     }
 
     /// (e(p + h) − e(p − h)) / 2h for each element of p; of anything made of numbers if p is one number.
@@ -362,6 +422,21 @@ fn temporary(value: &Value, leaf: impl Fn(Tensor) -> Var, span: Span) -> Result<
             None => Err(error::gradient(format!("{} has no numbers to differentiate in", other.kind()), span)),
         },
     }
+}
+
+/// Images, nested as a param's numbers are.
+fn nested(images: &mut impl Iterator<Item = Tensor>, shape: &[usize]) -> Value {
+    match shape {
+        [] => images.next().map_or(Value::None, |t| Value::Image(Var::constant(t))),
+        [n, inner @ ..] => Value::list((0..*n).map(|_| nested(images, inner)).collect()),
+    }
+}
+
+/// Derivatives in each number of a param, as one array: the value's dimensions, then the param's.
+fn columns(rows: &[Tensor], value: &[usize], param: &[usize]) -> Tensor {
+    let len = value.iter().product();
+    let data = (0..len).flat_map(|i| rows.iter().map(move |row| row.data[i])).collect();
+    Tensor { shape: value.iter().chain(param).copied().collect(), data }
 }
 
 fn like(ty: &Ty, v: Var) -> Value {

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::check::hir::NativeDecl;
 use crate::diag::Diagnostic;
-use crate::grad::{self, Output, SceneError, Settings};
+use crate::grad::{self, Direction, Output, SceneError, Settings};
 use crate::image::Image;
 use crate::natives::{
     add_to_scene,
@@ -70,11 +70,19 @@ impl CustomOp for RenderOp {
             .collect()
     }
 
-    fn jvp(&self, _: &[&Tensor], _: &Tensor, tangents: &[Option<&Tensor>]) -> Result<Tensor, String> {
-        let along: Vec<(Slot, Vec<f32>)> =
-            self.slots.iter().zip(tangents).filter_map(|(s, t)| t.map(|t| (*s, t.to_f32()))).collect();
-        let image = grad::render_forward_until(&self.scene.scene, &self.camera, &self.settings, &along, &self.stop);
-        image.map(|i| Tensor::from_image(&i)).map_err(|e| e.to_string())
+    fn jvp(&self, inputs: &[&Tensor], output: &Tensor, tangents: &[Option<&Tensor>]) -> Result<Tensor, String> {
+        let mut found = self.jvps(inputs, output, &[tangents.to_vec()])?;
+        found.pop().ok_or_else(|| "no derivative".to_owned())
+    }
+
+    fn jvps(&self, _: &[&Tensor], _: &Tensor, directions: &[Vec<Option<&Tensor>>]) -> Result<Vec<Tensor>, String> {
+        let along = |tangents: &Vec<Option<&Tensor>>| -> Direction {
+            let moved = self.slots.iter().zip(tangents);
+            moved.filter_map(|(s, t)| t.map(|t| (*s, t.to_f32()))).collect()
+        };
+        let along: Vec<Direction> = directions.iter().map(along).collect();
+        let images = grad::render_jacobian_until(&self.scene.scene, &self.camera, &self.settings, &along, &self.stop);
+        Ok(images.map_err(|e| e.to_string())?.iter().map(Tensor::from_image).collect())
     }
 }
 

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::sink::{Adjoints, Contraction, Dense, Layout, Sink};
+use super::sink::{Adjoints, Contract, Dense, Layout, Sink};
 use crate::image::Image;
 use crate::render::Scene;
 use crate::render::sampler::{Sampler, progress};
@@ -103,31 +103,31 @@ impl<S: Sink> Estimate for Reverse<'_, S> {
     }
 }
 
-/// Forward mode: collects pixel values.
-pub struct Forward<'a> {
-    scene: &'a Scene,
-    layout: &'a Layout,
-    tangent: &'a [f32],
+/// Forward mode: collects pixel values along each direction.
+pub struct Forward<'a, S: Contract> {
+    out: Adjoints<'a, S>,
+    directions: usize,
     channels: usize,
-    /// Sums over runs of samples of the same pixel.
-    samples: Vec<(usize, DVec3)>,
+    /// Of each run of samples of the same pixel.
+    pixels: Vec<usize>,
+    /// The run's sums, by direction.
+    sums: Vec<DVec3>,
 }
 
-impl<'a> Estimate for Forward<'a> {
-    type S = Contraction<'a>;
+impl<S: Contract> Estimate for Forward<'_, S> {
+    type S = S;
 
-    fn pixel(&mut self, pixel: usize, mut f: impl FnMut(Vec3, &mut Adjoints<Contraction<'a>>)) {
-        let mut value = Vec3::ZERO;
-        for c in 0..self.channels {
-            let sink = Contraction { tangent: self.tangent, sum: 0.0 };
-            let mut out = Adjoints::new(self.scene, self.layout, sink);
-            f(Vec3::AXES[c], &mut out);
-            out.flush_camera();
-            value[c] = out.sink.sum as f32;
+    fn pixel(&mut self, pixel: usize, mut f: impl FnMut(Vec3, &mut Adjoints<S>)) {
+        if self.pixels.last() != Some(&pixel) {
+            self.pixels.push(pixel);
+            self.sums.resize(self.sums.len() + self.directions, DVec3::ZERO);
         }
-        match self.samples.last_mut() {
-            Some((last, sum)) if *last == pixel => *sum += value.as_dvec3(),
-            _ => self.samples.push((pixel, value.as_dvec3())),
+        let run = self.sums.len() - self.directions;
+        for c in 0..self.channels {
+            f(Vec3::AXES[c], &mut self.out);
+            self.out.flush_camera();
+            let sums = &mut self.sums[run..];
+            self.out.sink.take(|direction, sum| sums[direction][c] += sum);
         }
     }
 
@@ -179,27 +179,51 @@ pub fn reverse(
     }
 }
 
-/// Runs a pass in forward mode, adding to `image`. `stop` as in [`reverse`].
-pub fn forward(
+/// Items of a chunk in forward mode, and runs of samples times directions that are kept at a time (24 bytes each).
+const FORWARD_CHUNK: usize = 1024;
+const FORWARD_KEPT: usize = 1 << 21;
+
+/// Derivatives of an image along several directions: by pixel, direction and channel.
+pub struct Images {
+    pub directions: usize,
+    pub channels: usize,
+    pub data: Vec<f64>,
+}
+
+/// Runs a pass in forward mode, with a sink made for each chunk, adding to `images`. `stop` as in [`reverse`].
+pub fn forward<S: Contract>(
     scene: &Scene,
     layout: &Layout,
-    tangent: &[f32],
+    sink: impl Fn() -> S + Sync,
     pass: &impl Pass,
-    image: &mut [f64],
-    channels: usize,
+    images: &mut Images,
     stop: &AtomicBool,
 ) {
-    let parts: Vec<Vec<(usize, DVec3)>> = chunks(pass.items(), 0)
-        .into_par_iter()
-        .map(|range| {
-            let mut mode = Forward { scene, layout, tangent, channels, samples: Vec::new() };
-            run(pass, range, &mut mode, stop);
-            mode.samples
-        })
-        .collect();
-    for (pixel, value) in parts.into_iter().flatten() {
-        for c in 0..channels {
-            image[pixel * channels + c] += value[c];
+    let (directions, channels, items) = (images.directions, images.channels, pass.items());
+    // Nor do the chunks depend on the number of directions: each gets what it would get alone.
+    let len = items.div_ceil(64).clamp(1, FORWARD_CHUNK);
+    let round = (FORWARD_KEPT / (FORWARD_CHUNK * directions.max(1))).max(1) * len;
+    for start in (0..items).step_by(round) {
+        let end = (start + round).min(items);
+        let parts: Vec<(Vec<usize>, Vec<DVec3>)> = (start..end)
+            .into_par_iter()
+            .step_by(len)
+            .map(|first| {
+                let out = Adjoints::new(scene, layout, sink());
+                let mut mode = Forward { out, directions, channels, pixels: Vec::new(), sums: Vec::new() };
+                run(pass, first..(first + len).min(end), &mut mode, stop);
+                (mode.pixels, mode.sums)
+            })
+            .collect();
+        for (pixels, sums) in parts {
+            for (pixel, sums) in pixels.into_iter().zip(sums.chunks_exact(directions)) {
+                let to = &mut images.data[pixel * directions * channels..(pixel + 1) * directions * channels];
+                for (to, sum) in to.chunks_exact_mut(channels).zip(sums) {
+                    for (to, sum) in to.iter_mut().zip(sum.to_array()) {
+                        *to += sum;
+                    }
+                }
+            }
         }
     }
 }

@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
-use super::{render_backward_until, render_forward_until};
+use super::{Direction, render_backward_until, render_jacobian_until};
 use crate::image::Image;
 use crate::render::motion::Slice;
 use crate::render::{Camera, Scene, SceneError, Settings, Slot};
@@ -58,6 +58,27 @@ impl Moving {
             1.0
         }
     }
+
+    /// Tangents of a slice's slots.
+    fn tangents(&self, tangents: &Direction, slice: &Slice) -> Direction {
+        let zero = |s: &Slot| (*s, vec![0.0; slice.scene.description.slot_len(*s)]);
+        let mut still: Direction = self.entered.iter().map(zero).collect();
+        let mut add = |slot: Slot, values: &[f32], factor: f32| {
+            if let Ok(i) = self.entered.binary_search(&slot) {
+                still[i].1.iter_mut().zip(values).for_each(|(sum, v)| *sum += v * factor);
+            }
+        };
+        for (slot, values) in tangents {
+            match (slot, &values[..]) {
+                (Slot::CameraShutter, [open, close]) => {
+                    let d_time = open * (1.0 - slice.share) + close * slice.share;
+                    self.velocities.iter().for_each(|(slot, v)| add(*slot, v, d_time));
+                }
+                _ => add(opening(*slot), values, self.factor(*slot, slice)),
+            }
+        }
+        still
+    }
 }
 
 /// The slot of the opening keyframe, which is the one of a slice.
@@ -103,38 +124,25 @@ pub fn backward(
     Ok(total)
 }
 
-/// [`super::render_forward_until`] for a scene that moves.
+/// [`super::render_jacobian_until`] for a scene that moves.
 pub fn forward(
     scene: &Scene,
     camera: &Camera,
     settings: &Settings,
-    tangents: &[(Slot, Vec<f32>)],
+    directions: &[Direction],
     stop: &AtomicBool,
-) -> Result<Image, SceneError> {
-    let moving = Moving::new(scene, tangents.iter().map(|t| t.0));
-    let mut image = Image::new(camera.width, camera.height, settings.output.channels());
+) -> Result<Vec<Image>, SceneError> {
+    let moving = Moving::new(scene, directions.iter().flatten().map(|t| t.0));
+    let mut images = vec![Image::new(camera.width, camera.height, settings.output.channels()); directions.len()];
     scene.slices(camera, settings, DERIVATIVES, stop, |slice| {
-        let zero = |s: &Slot| (*s, vec![0.0; slice.scene.description.slot_len(*s)]);
-        let mut still: Vec<(Slot, Vec<f32>)> = moving.entered.iter().map(zero).collect();
-        let mut add = |slot: Slot, values: &[f32], factor: f32| {
-            if let Ok(i) = moving.entered.binary_search(&slot) {
-                still[i].1.iter_mut().zip(values).for_each(|(sum, v)| *sum += v * factor);
+        let still: Vec<Direction> = directions.iter().map(|tangents| moving.tangents(tangents, slice)).collect();
+        let parts = render_jacobian_until(slice.scene, camera, &slice.settings, &still, stop)?;
+        for (image, part) in images.iter_mut().zip(&parts) {
+            for (sum, x) in image.data.iter_mut().zip(&part.data) {
+                *sum += x * slice.weight;
             }
-        };
-        for (slot, values) in tangents {
-            match (slot, &values[..]) {
-                (Slot::CameraShutter, [open, close]) => {
-                    let d_time = open * (1.0 - slice.share) + close * slice.share;
-                    moving.velocities.iter().for_each(|(slot, v)| add(*slot, v, d_time));
-                }
-                _ => add(opening(*slot), values, moving.factor(*slot, slice)),
-            }
-        }
-        let part = render_forward_until(slice.scene, camera, &slice.settings, &still, stop)?;
-        for (sum, x) in image.data.iter_mut().zip(&part.data) {
-            *sum += x * slice.weight;
         }
         Ok(())
     })?;
-    Ok(image)
+    Ok(images)
 }

@@ -112,7 +112,13 @@ impl Sink for Dense {
     }
 }
 
-/// Forward mode: Σ derivative · tangent.
+/// Forward mode: Σ derivative · tangent along each of some directions.
+pub trait Contract: Sink {
+    /// Hands the sums over, by direction, and begins anew.
+    fn take(&mut self, to: impl FnMut(usize, f64));
+}
+
+/// Forward mode along one direction.
 pub struct Contraction<'a> {
     pub tangent: &'a [f32],
     pub sum: f64,
@@ -122,6 +128,66 @@ impl Sink for Contraction<'_> {
     #[inline]
     fn add(&mut self, index: usize, value: f32) {
         self.sum += f64::from(value) * f64::from(self.tangent[index]);
+    }
+}
+
+impl Contract for Contraction<'_> {
+    #[inline]
+    fn take(&mut self, mut to: impl FnMut(usize, f64)) {
+        to(0, std::mem::take(&mut self.sum));
+    }
+}
+
+/// Tangents of several directions by element of the layout, zeros left out.
+pub struct Tangents {
+    pub directions: usize,
+    /// Start of each element's entries, and the end of the last.
+    starts: Vec<usize>,
+    /// Direction and tangent.
+    entries: Vec<(u32, f32)>,
+}
+
+impl Tangents {
+    /// From dense tangents, each in the layout's order.
+    pub fn new(dense: &[Vec<f32>], size: usize) -> Tangents {
+        let mut tangents = Tangents { directions: dense.len(), starts: vec![0], entries: Vec::new() };
+        for index in 0..size {
+            let along = dense.iter().enumerate().map(|(k, t)| (k as u32, t[index]));
+            tangents.entries.extend(along.filter(|(_, t)| *t != 0.0));
+            tangents.starts.push(tangents.entries.len());
+        }
+        tangents
+    }
+}
+
+/// Forward mode along several directions: a derivative costs as much as directions move what it is the derivative in.
+pub struct Contractions<'a> {
+    tangents: &'a Tangents,
+    sums: Vec<f64>,
+}
+
+impl<'a> Contractions<'a> {
+    pub fn new(tangents: &'a Tangents) -> Self {
+        Contractions { tangents, sums: vec![0.0; tangents.directions] }
+    }
+}
+
+impl Sink for Contractions<'_> {
+    #[inline]
+    fn add(&mut self, index: usize, value: f32) {
+        let value = f64::from(value);
+        let starts = &self.tangents.starts;
+        for (direction, tangent) in &self.tangents.entries[starts[index]..starts[index + 1]] {
+            self.sums[*direction as usize] += value * f64::from(*tangent);
+        }
+    }
+}
+
+impl Contract for Contractions<'_> {
+    fn take(&mut self, mut to: impl FnMut(usize, f64)) {
+        for (direction, sum) in self.sums.iter_mut().enumerate() {
+            to(direction, std::mem::take(sum));
+        }
     }
 }
 

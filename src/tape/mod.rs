@@ -5,6 +5,7 @@
 
 mod linalg;
 mod op;
+mod squares;
 mod structure;
 mod tensor;
 
@@ -14,6 +15,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 pub use op::{AxisFilter, Binary, CustomOp, Op, Unary, invert};
+pub use squares::{Squares, squares};
 pub use structure::{Slice, crop_table};
 pub use tensor::{Spread, Tensor, broadcast_shapes};
 
@@ -188,11 +190,11 @@ impl Drop for Node {
     }
 }
 
-/// Nodes between the leaves of `wrt` and `root` that `wrt` reaches, inputs before outputs.
-fn order(root: &Var, wrt: &HashSet<u64>) -> (Vec<Var>, HashSet<u64>) {
+/// Nodes between the leaves of `wrt` and `roots` that `wrt` reaches, inputs before outputs.
+fn order(roots: &[Var], wrt: &HashSet<u64>) -> (Vec<Var>, HashSet<u64>) {
     let mut sorted = Vec::new();
     let mut seen = HashSet::new();
-    let mut stack = vec![(root.clone(), 0usize)];
+    let mut stack: Vec<(Var, usize)> = roots.iter().rev().map(|root| (root.clone(), 0)).collect();
     while let Some((var, next)) = stack.pop() {
         if next == 0 && !seen.insert(var.id()) {
             continue;
@@ -223,7 +225,7 @@ fn order(root: &Var, wrt: &HashSet<u64>) -> (Vec<Var>, HashSet<u64>) {
 /// Reverse mode: d `output` (weighted by `seed`) / d each of `wrt`, zeros where nothing reaches.
 pub fn backward_with(output: &Var, seed: Tensor, wrt: &[Var]) -> Result<Vec<Tensor>> {
     let ids: HashSet<u64> = wrt.iter().map(Var::id).collect();
-    let (sorted, reached) = order(output, &ids);
+    let (sorted, reached) = order(std::slice::from_ref(output), &ids);
     let mut adjoints: HashMap<u64, Tensor> = HashMap::from([(output.id(), seed)]);
     for var in sorted.iter().rev() {
         if ids.contains(&var.id()) || var.0.inputs.is_empty() {
@@ -256,10 +258,18 @@ pub fn backward(loss: &Var, wrt: &[Var]) -> Result<Vec<Tensor>> {
 
 /// Forward mode: the derivative of `output` along `tangents` of some leaves.
 pub fn forward(output: &Var, tangents: &[(Var, Tensor)]) -> Result<Tensor> {
-    let ids: HashSet<u64> = tangents.iter().map(|(v, _)| v.id()).collect();
-    let (sorted, _) = order(output, &ids);
-    let mut at: HashMap<u64, Tensor> = HashMap::new();
-    for (leaf, t) in tangents {
+    let mut found = jacobian(std::slice::from_ref(output), &[tangents.to_vec()])?;
+    Ok(found.pop().and_then(|mut along| along.pop()).unwrap_or_else(|| Tensor::zeros(output.shape())))
+}
+
+/// Forward mode: the derivatives of `outputs` along several directions, each the tangents of some leaves. Every operation is
+/// visited once, with all directions that reach it. By output and direction.
+pub fn jacobian(outputs: &[Var], directions: &[Vec<(Var, Tensor)>]) -> Result<Vec<Vec<Tensor>>> {
+    let ids: HashSet<u64> = directions.iter().flatten().map(|(v, _)| v.id()).collect();
+    let sorted = order(outputs, &ids).0;
+    // By node: the direction's number and the tangent, where the direction reaches it.
+    let mut at: HashMap<u64, Vec<(usize, Tensor)>> = HashMap::new();
+    for (k, (leaf, t)) in directions.iter().enumerate().flat_map(|(k, d)| d.iter().map(move |t| (k, t))) {
         if leaf.len() != t.len() {
             return fail(format!(
                 "a direction of shape {} for a value of shape {}",
@@ -268,20 +278,61 @@ pub fn forward(output: &Var, tangents: &[(Var, Tensor)]) -> Result<Tensor> {
             ));
         }
         let t = Tensor { shape: leaf.shape().to_vec(), data: t.data.clone() };
-        at.entry(leaf.id()).and_modify(|sum| sum.accumulate(&t)).or_insert(t);
+        let along = at.entry(leaf.id()).or_default();
+        match along.last_mut() {
+            Some((last, sum)) if *last == k => sum.accumulate(&t),
+            _ => along.push((k, t)),
+        }
+    }
+    // Tangents are dropped after their last use.
+    let mut uses: HashMap<u64, usize> = HashMap::new();
+    for var in sorted.iter().filter(|v| !ids.contains(&v.id())).flat_map(|v| &v.0.inputs).chain(outputs) {
+        *uses.entry(var.id()).or_default() += 1;
     }
     for var in sorted.iter().filter(|v| !ids.contains(&v.id())) {
-        let values: Vec<&Tensor> = var.0.inputs.iter().map(Var::value).collect();
-        let t: Vec<Option<&Tensor>> = var.0.inputs.iter().map(|i| at.get(&i.id())).collect();
-        let tangent = var.0.op.jvp(&values, var.value(), &t).map_err(TapeError)?;
-        at.insert(var.id(), tangent);
+        let inputs = &var.0.inputs;
+        let mut reached: Vec<usize> =
+            inputs.iter().filter_map(|i| at.get(&i.id())).flatten().map(|(k, _)| *k).collect();
+        reached.sort_unstable();
+        reached.dedup();
+        let tangent = |input: &Var, k: usize| {
+            let along = at.get(&input.id())?;
+            along.binary_search_by_key(&k, |(k, _)| *k).ok().map(|i| &along[i].1)
+        };
+        let along: Vec<Vec<Option<&Tensor>>> =
+            reached.iter().map(|&k| inputs.iter().map(|i| tangent(i, k)).collect()).collect();
+        let values: Vec<&Tensor> = inputs.iter().map(Var::value).collect();
+        let found = var.0.op.jvps(&values, var.value(), &along).map_err(TapeError)?;
+        at.insert(var.id(), reached.into_iter().zip(found).collect());
+        for input in inputs {
+            if let Some(left) = uses.get_mut(&input.id()) {
+                *left -= 1;
+                if *left == 0 {
+                    at.remove(&input.id());
+                }
+            }
+        }
     }
-    Ok(at.remove(&output.id()).unwrap_or_else(|| Tensor::zeros(output.shape())))
+    let of = |output: &Var| {
+        let mut found = vec![Tensor::zeros(output.shape()); directions.len()];
+        for (k, t) in at.get(&output.id()).into_iter().flatten() {
+            found[*k] = t.clone();
+        }
+        found
+    };
+    Ok(outputs.iter().map(of).collect())
+}
+
+/// The direction of one element of a leaf.
+pub fn unit(leaf: &Var, element: usize) -> Vec<(Var, Tensor)> {
+    let mut t = Tensor::zeros(leaf.shape());
+    t.data[element] = 1.0;
+    vec![(leaf.clone(), t)]
 }
 
 /// A leaf in `wrt` that reaches `output`.
 pub fn depends(output: &Var, wrt: &Var) -> bool {
-    order(output, &HashSet::from([wrt.id()])).1.contains(&output.id())
+    order(std::slice::from_ref(output), &HashSet::from([wrt.id()])).1.contains(&output.id())
 }
 
 #[cfg(test)]

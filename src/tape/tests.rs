@@ -194,6 +194,68 @@ fn custom_operations_are_asked_only_for_what_is_wanted() {
     assert_eq!(op.0.lock().unwrap().last().unwrap(), &vec![false, true]);
 }
 
+/// Counts how often it is asked, and for how many directions.
+struct Asked(std::sync::Mutex<Vec<usize>>);
+
+impl CustomOp for Asked {
+    fn name(&self) -> &str {
+        "asked"
+    }
+
+    fn vjp(&self, _: &[&Tensor], _: &Tensor, g: &Tensor, _: &[bool]) -> Result<Vec<Option<Tensor>>, String> {
+        Ok(vec![Some(g.clone())])
+    }
+
+    fn jvp(&self, _: &[&Tensor], y: &Tensor, t: &[Option<&Tensor>]) -> Result<Tensor, String> {
+        Ok(t[0].cloned().unwrap_or_else(|| Tensor::zeros(&y.shape)))
+    }
+
+    fn jvps(&self, x: &[&Tensor], y: &Tensor, along: &[Vec<Option<&Tensor>>]) -> Result<Vec<Tensor>, String> {
+        self.0.lock().unwrap().push(along.len());
+        along.iter().map(|t| self.jvp(x, y, t)).collect()
+    }
+}
+
+#[test]
+fn a_jacobian_visits_every_operation_once_with_the_directions_that_reach_it() {
+    let op = std::sync::Arc::new(Asked(std::sync::Mutex::new(vec![])));
+    let (a, b) = (Var::leaf(numbers(&[12], 1)), Var::leaf(numbers(&[3], 2)));
+    let seen = Var::custom(op.clone(), vec![a.unary(Unary::Sin)], a.unary(Unary::Sin).value().clone());
+    let (y, z) = (seen.mul(&b.sum()).unwrap(), b.unary(Unary::Exp));
+    let directions: Vec<Vec<(Var, Tensor)>> = (0..12).map(|i| unit(&a, i)).chain((0..3).map(|i| unit(&b, i))).collect();
+    let found = jacobian(&[y.clone(), z.clone()], &directions).unwrap();
+    assert_eq!(*op.0.lock().unwrap(), [12]);
+    for (output, rows) in [y, z].iter().zip(found) {
+        for (direction, row) in directions.iter().zip(rows) {
+            assert_eq!(row, forward(output, direction).unwrap());
+        }
+    }
+}
+
+#[test]
+fn sums_of_squares_are_recognised_and_nothing_else() {
+    let (x, y) = (Var::leaf(numbers(&[2, 3], 1)), Var::leaf(2.0));
+    let r = x.shift(0.5).mul(&y).unwrap();
+    let sum = r.unary(Unary::Square).mean().unwrap().add(&y.mul(&y).unwrap().scale(3.0)).unwrap().shift(7.0);
+    let both = [x.clone(), y.clone()];
+    let found = squares(&sum, &both).unwrap();
+    let term = |s: &Squares| s.residual.value().data.iter().zip(&s.weights.data).map(|(r, w)| w * r * r).sum::<f64>();
+    assert_eq!(found.len(), 2);
+    assert!((found.iter().map(term).sum::<f64>() + 7.0 - sum.item().unwrap()).abs() < 1e-12);
+    // To whom y is a constant, its square is one too.
+    assert_eq!(squares(&sum, std::slice::from_ref(&x)).unwrap().len(), 1);
+    let squared = || r.unary(Unary::Square).sum();
+    for (loss, why) in [
+        (r.unary(Unary::Abs).sum(), "`abs`"),
+        (squared().unary(Unary::Sqrt), "`sqrt`"),
+        (squared().neg(), "subtracted"),
+        (squared().add(&y).unwrap(), "linear"),
+        (squared().mul(&y).unwrap(), "product"),
+    ] {
+        assert!(squares(&loss, &both).is_err_and(|e| e.0.contains(why)), "{why}");
+    }
+}
+
 #[test]
 fn constants_are_folded_and_shared_nodes_counted_once() {
     assert!(!Var::from(1.0).add(&Var::from(2.0)).unwrap().is_live());
