@@ -24,6 +24,7 @@ light sky = constant(radiance: 0.2)
 let target = render(eye, spp: 4) with { glow: 0.8, lamp.radiance: 4 }
 loss fit = mse(render(eye, spp: 1, max_bounces: 2), target) + 0.1 * glow ^ 2
 optimize fit { over: [p, glow], using: adam(lr: cosine(0.02, 0.001)), steps: 2, stop_when: loss < 0.0001, every 1 { print "{step:03} {glow:.3}" } }
+optimize fit { over: [p, glow], using: levenberg_marquardt(damping: 0.01), steps: 3 }
 expect fit >= 0
 "#,
     r#"fn wave(x, n = 3) { let k = x * 2  sum([k ^ i / (i + 1) for i in 0..n if i != 2]) }
@@ -33,7 +34,7 @@ param a = 0.3
 param r: rotation = rotation(axis: [0, 1, 0], angle: 30deg)
 let angle = if a > 0.2 and not (a > 5) then 10deg else 0.25turn
 loss l = (wave(a) - 1) ^ 2 + norm([sin(angle), cos(angle)]) + sum(abs(grid[1..3])) + max(xs) / len(xs)
-print l, xs[-1], grid[0], grad(l, a), fd(l, a)
+print l, xs[-1], grid[0], grad(l, a), fd(l, a), jacobian(wave(a) * xs, a)
 optimize l { using: sgd(lr: 0.01, momentum: 0.5), stage one { steps: 2 } stage two { steps: 1 } }
 save xs |> sum() to "x.json"
 "#,

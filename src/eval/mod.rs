@@ -14,6 +14,7 @@ mod expr;
 mod lower;
 mod reach;
 mod render;
+mod residuals;
 mod show;
 mod target;
 
@@ -35,6 +36,7 @@ pub use crate::natives::value;
 pub use derivative::Gradient;
 pub use error::INTERRUPTED;
 pub use render::RenderOverrides;
+pub use residuals::Residuals;
 pub use show::{brief, number_text, show, to_json};
 
 pub type Result<T, E = Diagnostic> = std::result::Result<T, E>;

@@ -65,6 +65,8 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("adam", |a| keep(a, "adam")),
     ("adam_uniform", |a| keep(a, "adam_uniform")),
     ("rmsprop", |a| keep(a, "rmsprop")),
+    ("levenberg_marquardt", |a| keep(a, "levenberg_marquardt")),
+    ("gauss_newton", |a| keep(a, "gauss_newton")),
 ];
 
 fn settings(name: &str, fields: Vec<(String, Value)>) -> Arc<SettingsValue> {

@@ -3,10 +3,12 @@
 //! Everything works on plain slices of `f64`, one per param. A [`Solver`] knows nothing of params, a [`Space`] nothing of
 //! solvers; [`Optimizer`] joins them and keeps non-finite gradients out.
 
+mod least_squares;
 mod solver;
 mod space;
 mod stopping;
 
+pub use least_squares::LeastSquares;
 pub use solver::{Solver, State};
 pub use space::{Geometry, Space};
 pub use stopping::{is_plateau, plateau_ratio};

@@ -30,6 +30,17 @@ impl Space {
         Space { geometry: Geometry::Plain, lower: None, upper: None, scale: 1.0, lr: 1.0, frozen: false }
     }
 
+    /// How many numbers an update has.
+    pub fn unknowns(&self, len: usize) -> usize {
+        if self.geometry == Geometry::Rotation && len == 9 { 3 } else { len }
+    }
+
+    /// Whether an element is at the bound that a step would take it beyond.
+    pub fn is_stuck(&self, value: &[f64], index: usize, step: f64) -> bool {
+        let (lower, upper) = self.bounds_at(index);
+        self.geometry == Geometry::Plain && if step < 0.0 { value[index] <= lower } else { value[index] >= upper }
+    }
+
     /// The gradient in the coordinates that are optimised: as many numbers as `value` (plain) or 3 (rotation, from a
     /// gradient of the 9 entries of R or of ω itself).
     pub fn tangent_gradient(&self, value: &[f64], grad: &[f64]) -> Vec<f64> {
@@ -60,8 +71,7 @@ impl Space {
     pub fn project(&self, value: &mut [f64]) -> Vec<usize> {
         let mut stuck = Vec::new();
         for (index, v) in value.iter_mut().enumerate() {
-            let lower = self.lower.as_ref().and_then(|l| bound_at(l, index)).unwrap_or(f64::NEG_INFINITY);
-            let upper = self.upper.as_ref().and_then(|u| bound_at(u, index)).unwrap_or(f64::INFINITY);
+            let (lower, upper) = self.bounds_at(index);
             let inside = v.max(lower).min(upper);
             if inside != *v {
                 *v = inside;
@@ -69,6 +79,12 @@ impl Space {
             }
         }
         stuck
+    }
+
+    fn bounds_at(&self, index: usize) -> (f64, f64) {
+        let lower = self.lower.as_ref().and_then(|l| bound_at(l, index)).unwrap_or(f64::NEG_INFINITY);
+        let upper = self.upper.as_ref().and_then(|u| bound_at(u, index)).unwrap_or(f64::INFINITY);
+        (lower, upper)
     }
 }
 

@@ -2,6 +2,7 @@
 
 pub mod clock;
 pub mod folder;
+mod least_squares;
 pub mod line;
 pub mod measure;
 pub mod optimization;

@@ -1,12 +1,13 @@
 //! One `optimize`, step by step.
 
 use super::clock::Stopwatch;
-use super::solver::solver_from;
+use super::least_squares::{Squares, put};
+use super::solver::{Method, solver_from};
 use crate::check::hir;
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, ParamInfo, ParamKind, RenderOverrides};
 use crate::natives::value::Value;
-use crate::optim::{Geometry, Optimizer, Solver, Space, StepOutcome};
+use crate::optim::{GaveUp, Geometry, Optimizer, Solver, Space, StepOutcome};
 use crate::source::Span;
 use crate::tape::Tensor;
 
@@ -20,7 +21,10 @@ pub struct Optimization {
     total: u64,
     done: u64,
     params: Vec<Moved>,
+    spaces: Vec<Space>,
     optimizer: Optimizer,
+    /// The state of the other kind of solver, while it is in use.
+    squares: Option<Squares>,
     losses: Vec<f64>,
     /// For each param, whether its derivative was ever anything but 0.
     felt: Vec<bool>,
@@ -38,6 +42,18 @@ struct Plan {
 struct Moved {
     name: String,
     target: hir::Target,
+}
+
+/// What a solver made of a step.
+pub(super) struct Move {
+    /// At the params before.
+    pub loss: f64,
+    pub grad_norm: f64,
+    /// The params after it.
+    pub values: Vec<Vec<f64>>,
+    pub outcome: Result<StepOutcome, GaveUp>,
+    /// By param, whether any derivative was not 0.
+    pub felt: Vec<bool>,
 }
 
 /// What happened in one step.
@@ -72,7 +88,9 @@ impl Optimization {
             done: 0,
             felt: vec![false; params.len()],
             params,
-            optimizer: Optimizer::new(Solver::adam(), spaces),
+            optimizer: Optimizer::new(Solver::adam(), spaces.clone()),
+            spaces,
+            squares: None,
             losses: Vec::new(),
         })
     }
@@ -127,7 +145,7 @@ impl Optimization {
 
     /// Steps skipped because of gradients that were not finite.
     pub fn skipped(&self) -> u64 {
-        self.optimizer.skipped()
+        self.optimizer.skipped() + self.squares.as_ref().map_or(0, Squares::skipped)
     }
 
     /// Makes `step` and `progress` those of the next step and applies its stage's settings.
@@ -152,8 +170,8 @@ impl Optimization {
         self.enter_step(engine);
         let stage_name = self.stage().and_then(|s| s.name.clone());
         let using = self.stage().and_then(|s| s.using.clone());
-        let (solver, lr) = match &using {
-            None => (Solver::adam(), super::solver::DEFAULT_RATE),
+        let (method, lr) = match &using {
+            None => (Method::FirstOrder(Solver::adam()), super::solver::DEFAULT_RATE),
             Some(using) => {
                 let value = engine.eval(using)?;
                 solver_from(&value).map_err(|message| {
@@ -161,42 +179,55 @@ impl Optimization {
                 })?
             }
         };
-        self.optimizer.set_solver(solver);
-
         let targets: Vec<hir::Target> = self.params.iter().map(|p| p.target.clone()).collect();
-        let gradient = engine.gradient(&self.optimize.loss, &targets)?;
         let before: Vec<Tensor> = targets.iter().map(|t| engine.target_tensor(t)).collect::<Result<_, _>>()?;
-        let mut values: Vec<Vec<f64>> = before.iter().map(|t| t.data.clone()).collect();
-        let grads: Vec<Vec<f64>> = gradient.grads.into_iter().map(|t| t.data).collect();
-        for (felt, grad) in self.felt.iter_mut().zip(&grads) {
-            *felt |= grad.iter().any(|g| *g != 0.0);
+        let values: Vec<Vec<f64>> = before.iter().map(|t| t.data.clone()).collect();
+        let moved = match method {
+            Method::FirstOrder(solver) => {
+                self.squares = None;
+                self.optimizer.set_solver(solver);
+                self.descend(engine, &targets, values, lr)?
+            }
+            Method::LeastSquares { damping, careful } => {
+                // The losses of different stages do not compare.
+                let stage = self.stage().map_or(0, |s| s.until);
+                let old = self.squares.take().filter(|s| s.is_for(stage, careful));
+                let mut squares = old.unwrap_or_else(|| Squares::new(stage, self.spaces.clone(), damping, careful));
+                let last = self.done + 1 >= self.stage().map_or(0, |s| s.until);
+                let moved = squares.step(engine, &self.optimize.loss, &targets, values, lr, last);
+                self.squares = Some(squares);
+                moved?
+            }
+        };
+        for (felt, now) in self.felt.iter_mut().zip(&moved.felt) {
+            *felt |= now;
         }
-        let grad_norm = self.optimizer.grad_norm(&values, &grads);
-        let outcome = self.optimizer.step(&mut values, &grads, lr);
         let names = |indices: &[usize]| -> Vec<String> {
             indices.iter().filter_map(|&i| self.params.get(i)).map(|p| p.name.clone()).collect()
         };
-        let skipped = match outcome {
+        let skipped = match moved.outcome {
             Ok(StepOutcome::Moved) => None,
             Ok(StepOutcome::Skipped { params }) => Some(names(&params)),
             Err(gave_up) => return Err(self.gave_up(&gave_up, &names(&gave_up.params))),
         };
         if skipped.is_none() {
-            for ((target, old), data) in targets.iter().zip(&before).zip(values) {
-                engine.set_target(target, Tensor { shape: old.shape.clone(), data })?;
-            }
+            put(engine, &targets, &moved.values)?;
         }
         let seconds = watch.elapsed().wall;
 
-        self.losses.push(gradient.value);
-        let stop = self.should_stop(engine, gradient.value)?;
+        self.losses.push(moved.loss);
+        let stop = self.should_stop(engine, moved.loss)?;
+        if let Some(base) = self.squares.as_ref().filter(|_| stop).and_then(Squares::base) {
+            // Nobody would look whether the last proposal is any good.
+            put(engine, &targets, base)?;
+        }
         let logged = self.params.iter().zip(before).map(|(p, t)| (p.name.clone(), t.shape, t.data)).collect();
         let report = StepReport {
             step: self.done,
             stage: stage_name,
-            loss: gradient.value,
+            loss: moved.loss,
             lr,
-            grad_norm,
+            grad_norm: moved.grad_norm,
             skipped,
             seconds,
             params: logged,
@@ -204,6 +235,22 @@ impl Optimization {
         };
         self.done += 1;
         Ok(report)
+    }
+
+    /// A step against the gradient.
+    fn descend(
+        &mut self,
+        engine: &mut Engine,
+        targets: &[hir::Target],
+        mut values: Vec<Vec<f64>>,
+        lr: f64,
+    ) -> Result<Move, Diagnostic> {
+        let gradient = engine.gradient(&self.optimize.loss, targets)?;
+        let grads: Vec<Vec<f64>> = gradient.grads.into_iter().map(|t| t.data).collect();
+        let felt = grads.iter().map(|grad| grad.iter().any(|g| *g != 0.0)).collect();
+        let grad_norm = self.optimizer.grad_norm(&values, &grads);
+        let outcome = self.optimizer.step(&mut values, &grads, lr);
+        Ok(Move { loss: gradient.value, grad_norm, values, outcome, felt })
     }
 
     fn should_stop(&self, engine: &mut Engine, loss: f64) -> Result<bool, Diagnostic> {
@@ -214,7 +261,7 @@ impl Optimization {
         Ok(matches!(engine.eval(condition)?, Value::Bool(true)))
     }
 
-    fn gave_up(&self, gave_up: &crate::optim::GaveUp, names: &[String]) -> Diagnostic {
+    fn gave_up(&self, gave_up: &GaveUp, names: &[String]) -> Diagnostic {
         let whose: Vec<String> = names.iter().map(|n| format!("`{n}`")).collect();
         let whose = if whose.is_empty() { "learning rate".to_owned() } else { whose.join(", ") };
         let message = if names.is_empty() {

@@ -6,8 +6,17 @@ use crate::optim::Solver;
 /// The rate when the script says nothing.
 pub const DEFAULT_RATE: f64 = 0.01;
 
-/// The solver that a value describes, and its learning rate; else what is wrong with it.
-pub fn solver_from(value: &Value) -> Result<(Solver, f64), String> {
+/// How an optimisation moves.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Method {
+    /// Against the gradient.
+    FirstOrder(Solver),
+    /// By the residuals' derivatives: Levenberg-Marquardt, Gauss-Newton if not `careful`.
+    LeastSquares { damping: f64, careful: bool },
+}
+
+/// The method that a value describes, and its learning rate; else what is wrong with it.
+pub fn solver_from(value: &Value) -> Result<(Method, f64), String> {
     let Value::Settings(settings) = value else {
         return Err(format!("`using` needs an optimizer such as `adam(lr: 0.01)`, this is {}", value.kind()));
     };
@@ -26,6 +35,11 @@ pub fn solver_from(value: &Value) -> Result<(Solver, f64), String> {
         return Err(format!("the rate `lr` must not be negative, it is {lr}"));
     }
     let solver = match settings.name.as_str() {
+        "levenberg_marquardt" | "gauss_newton" => {
+            let careful = settings.name == "levenberg_marquardt";
+            let damping = if careful { positive("damping", 1e-3)? } else { 0.0 };
+            return Ok((Method::LeastSquares { damping, careful }, number("lr", 1.0)));
+        }
         "sgd" => Solver::Sgd {
             momentum: fraction("momentum", 0.0)?,
             nesterov: settings.boolean("nesterov").unwrap_or(false),
@@ -47,7 +61,7 @@ pub fn solver_from(value: &Value) -> Result<(Solver, f64), String> {
         },
         other => return Err(format!("`using` needs an optimizer such as `adam(lr: 0.01)`, this is `{other}(…)`")),
     };
-    Ok((solver, lr))
+    Ok((Method::FirstOrder(solver), lr))
 }
 
 #[cfg(test)]
@@ -64,15 +78,22 @@ mod tests {
     #[test]
     fn settings_become_solvers() {
         let (solver, lr) = solver_from(&settings("adam", &[("lr", 0.5), ("beta1", 0.8)])).unwrap();
-        assert_eq!((solver, lr), (Solver::Adam { beta1: 0.8, beta2: 0.999, epsilon: 1e-8 }, 0.5));
+        assert_eq!(solver, Method::FirstOrder(Solver::Adam { beta1: 0.8, beta2: 0.999, epsilon: 1e-8 }));
+        assert_eq!(lr, 0.5);
+        let damped = solver_from(&settings("levenberg_marquardt", &[("damping", 0.5)])).unwrap();
+        assert_eq!(damped, (Method::LeastSquares { damping: 0.5, careful: true }, 1.0));
         assert_eq!(solver_from(&settings("sgd", &[])).unwrap().1, DEFAULT_RATE);
     }
 
     #[test]
     fn nonsense_is_refused() {
-        for (name, field, x) in
-            [("adam", "beta1", 1.0), ("sgd", "momentum", -0.1), ("sgd", "lr", -1.0), ("integrator", "a", 1.0)]
-        {
+        for (name, field, x) in [
+            ("adam", "beta1", 1.0),
+            ("sgd", "momentum", -0.1),
+            ("sgd", "lr", -1.0),
+            ("levenberg_marquardt", "damping", 0.0),
+            ("integrator", "a", 1.0),
+        ] {
             assert!(solver_from(&settings(name, &[(field, x)])).is_err(), "{name} {field}");
         }
         assert!(solver_from(&Value::scalar(1.0)).is_err());

@@ -1,0 +1,89 @@
+//! Losses that are sums of squares, for the solvers that use it.
+
+use crate::check::hir::{Expr, Target};
+use crate::diag::Diagnostic;
+use crate::tape::{self, Tensor, Var};
+
+use super::{Engine, Result, error, mix};
+
+/// Unknowns, and numbers of the derivatives of the residuals, beyond which this is not the way.
+const MAX_UNKNOWNS: usize = 256;
+const MAX_NUMBERS: usize = 1 << 26;
+
+/// A loss Σ r², up to a constant.
+pub struct Residuals {
+    pub loss: f64,
+    pub values: Vec<f64>,
+    nodes: Vec<Var>,
+    /// Roots of weights.
+    roots: Vec<Vec<f64>>,
+    leaves: Vec<Var>,
+}
+
+impl Engine {
+    /// The residuals of a loss.
+    pub fn residuals(&mut self, of: &Expr, wrt: &[Target]) -> Result<Residuals> {
+        self.on_stack(|e| e.fresh_frame(|e| e.residuals_here(of, wrt)))
+    }
+
+    /// Runs `f` with samples that are independent of the usual ones.
+    pub fn with_other_samples<T>(&mut self, f: impl FnOnce(&mut Engine) -> T) -> T {
+        let seed = self.sample_seed;
+        self.set_sample_seed(mix(seed, 0x6F_7468_6572));
+        let result = f(self);
+        self.set_sample_seed(seed);
+        result
+    }
+
+    /// Their derivatives, from samples of their own: a row for each number of each of `wrt`, in order; a rotation has 3.
+    pub fn residual_rows(&mut self, of: &Expr, residuals: &Residuals) -> Result<Vec<Vec<f64>>> {
+        let failed = |e: tape::TapeError| error::gradient(e.0, of.span);
+        let elements: Vec<(&Var, usize)> =
+            residuals.leaves.iter().flat_map(|l| (0..l.len()).map(move |i| (l, i))).collect();
+        let numbers = elements.len().saturating_mul(residuals.values.len());
+        if elements.len() > MAX_UNKNOWNS || numbers > MAX_NUMBERS {
+            let (n, m) = (elements.len(), residuals.values.len());
+            let message = format!("{n} unknowns and {m} residuals are too many for a solver of least squares");
+            return Err(error::gradient(message, of.span)
+                .help("it is for few unknowns, at most 256; take `adam`, or render a smaller film"));
+        }
+        let mut rows = Vec::with_capacity(elements.len());
+        for group in elements.chunks(crate::grad::MAX_DIRECTIONS) {
+            let directions: Vec<_> = group.iter().map(|(leaf, i)| tape::unit(leaf, *i)).collect();
+            let found = tape::jacobian(&residuals.nodes, &directions);
+            self.check_interrupt(of.span)?;
+            let found = found.map_err(failed)?;
+            rows.extend((0..group.len()).map(|k| -> Vec<f64> {
+                let parts = found.iter().zip(&residuals.roots);
+                parts.flat_map(|(along, roots)| along[k].data.iter().zip(roots).map(|(x, root)| x * root)).collect()
+            }));
+        }
+        Ok(rows)
+    }
+
+    fn residuals_here(&mut self, of: &Expr, wrt: &[Target]) -> Result<Residuals> {
+        self.with_leaves(wrt, of.span, |engine, leaves| {
+            let (_, loss) = engine.numbers(of)?;
+            engine.check_interrupt(of.span)?;
+            if loss.len() != 1 {
+                let found = Tensor::shape_text(loss.shape());
+                return Err(error::gradient(format!("a loss is a number, this is a {found}"), of.span));
+            }
+            let squares = tape::squares(&loss, leaves).map_err(|e| not_squares(&e.0, of))?;
+            let roots: Vec<Vec<f64>> =
+                squares.iter().map(|s| s.weights.data.iter().map(|w| w.sqrt()).collect()).collect();
+            let weighted = squares.iter().zip(&roots);
+            let values =
+                weighted.flat_map(|(s, r)| s.residual.value().data.iter().zip(r).map(|(x, r)| x * r)).collect();
+            let nodes = squares.iter().map(|s| s.residual.clone()).collect();
+            let loss = loss.item().unwrap_or(f64::NAN);
+            Ok(Residuals { loss, values, nodes, roots, leaves: leaves.to_vec() })
+        })
+    }
+}
+
+fn not_squares(why: &str, of: &Expr) -> Diagnostic {
+    Diagnostic::error("dscene::run::squares", format!("this loss is not a sum or mean of squares: {why}"))
+        .label(of.span, "needed by a solver of least squares")
+        .help("`mse`, `l2`, `pyramid_loss` and sums of such are; `adam` takes any loss")
+}

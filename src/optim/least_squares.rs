@@ -1,0 +1,384 @@
+//! Gauss-Newton and Levenberg-Marquardt steps from noisy residuals.
+//!
+//! The loss L = Σ r² and its residuals' derivatives J are measured twice, A and B, with independent samples. Products of A with B
+//! are then unbiased whatever the noise: L = Σ r_A r_B, its gradient J_Aᵀ r_B + J_Bᵀ r_A, and the Gauss-Newton matrix
+//! J_Aᵀ J_B + J_Bᵀ J_A; from a single measurement each would be too large by the variance, and steps too short. What A and B disagree
+//! about is the noise. Two places are compared with the same samples, which hides most of it.
+
+use super::space::Space;
+
+/// One of two measurements of the residuals, or of their derivatives by unknown.
+type Both<'a, T> = [&'a [T]; 2];
+
+/// Growth of the damping when a step fails, doubled at each further one, and its decay when one succeeds.
+const GROWTH: f64 = 8.0;
+const DECAY: f64 = 0.2;
+/// A loss has risen if it has by more than so many standard errors.
+const CERTAIN: f64 = 2.0;
+/// The share of what noise adds to the matrix's diagonal that stays uncertain, and may not decide a step.
+const UNCERTAIN: f64 = 0.1;
+
+/// By how much the loss falls from one place to another, and the standard error of that; both places measured with the same samples.
+fn gain([a, b]: Both<f64>, [a2, b2]: Both<f64>) -> (f64, f64) {
+    let (mut gain, mut error, mut variance) = (0.0, 0.0, 0.0);
+    for ((a, b), (a2, b2)) in a.iter().zip(b).zip(a2.iter().zip(b2)) {
+        gain += a * b - a2 * b2;
+        // Varies as the gain does.
+        let differs = 0.5 * ((a * a - a2 * a2) - (b * b - b2 * b2));
+        error += differs;
+        variance += differs * differs;
+    }
+    // Residuals may be correlated, as levels of a pyramid are: then the sum's square tells, if from one sample only.
+    (gain, f64::max(variance.sqrt(), error.abs()))
+}
+
+/// The quadratic model of the loss around a point, in the coordinates that are optimised.
+#[derive(Clone, Debug)]
+struct Model {
+    gradient: Vec<f64>,
+    /// What the measurements' gradients differ by: as noisy as the gradient, without what they agree on.
+    noise: Vec<f64>,
+    /// Row-major.
+    matrix: Vec<f64>,
+    /// The matrix's diagonal with the noise in it, never negative.
+    diagonal: Vec<f64>,
+}
+
+/// Where a step starts.
+#[derive(Clone, Debug)]
+struct Base {
+    values: Vec<Vec<f64>>,
+    /// The mean of so many measurements.
+    model: Model,
+    measured: u32,
+    /// The fall of the loss that the last step was to bring.
+    predicted: f64,
+}
+
+/// The state of a solver for a fixed list of params.
+#[derive(Clone, Debug)]
+pub struct LeastSquares {
+    spaces: Vec<Space>,
+    damping: f64,
+    /// Steps that failed since the last that did not.
+    failed: i32,
+    /// Steps no longer than their noise.
+    noisy: u32,
+    base: Option<Base>,
+}
+
+impl LeastSquares {
+    /// With a first damping, relative to the matrix's diagonal.
+    pub fn new(spaces: Vec<Space>, damping: f64) -> LeastSquares {
+        LeastSquares { spaces, damping, failed: 0, noisy: 0, base: None }
+    }
+
+    /// The last params that were good, while others are tried.
+    pub fn base(&self) -> Option<&[Vec<f64>]> {
+        self.base.as_ref().map(|b| &b.values[..])
+    }
+
+    /// Steps are mostly noise: a failure is no reason for more damping, but for better derivatives.
+    pub fn is_noisy(&self) -> bool {
+        self.noisy > 0
+    }
+
+    /// Whether the params that were tried may become the new base, by the residuals there and at the base, from the same samples;
+    /// adapts the damping.
+    pub fn accepts(&mut self, base: Both<f64>, tried: Both<f64>) -> bool {
+        let predicted = self.base.as_ref().map_or(0.0, |b| b.predicted);
+        let (gain, error) = gain(base, tried);
+        // Nor is a loss that is not finite any better.
+        let fell = gain + CERTAIN * error >= 0.0;
+        if !self.is_noisy() {
+            // Where the loss falls by much less than expected the model is poor (Marquardt's rule).
+            let poor = gain + error < 0.25 * predicted;
+            let factor = match (fell, poor) {
+                (false, _) => GROWTH * f64::from(1 << self.failed.min(8)),
+                (true, true) => 2.0,
+                (true, false) => DECAY,
+            };
+            self.damping = (self.damping * factor).clamp(1e-12, 1e12);
+        }
+        self.failed = if fell { 0 } else { self.failed + 1 };
+        fell
+    }
+
+    /// Makes `values` the base, or measures there again: `rows` are the derivatives of `residuals` in each unknown (3 of a rotation),
+    /// param after param. Returns the norm of the gradient; `None`, and nothing changes, if anything is not finite.
+    pub fn rebase(&mut self, values: &[Vec<f64>], residuals: Both<f64>, rows: Both<Vec<f64>>) -> Option<f64> {
+        let scales: Vec<f64> = self.unknowns(values).map(|(space, _)| space.scale).collect();
+        let mut model = Model::new(&scales, residuals, rows)?;
+        let mut measured = 1;
+        if let Some(base) = self.base.as_ref().filter(|base| base.values == values) {
+            model.mix(&base.model, f64::from(base.measured) / f64::from(base.measured + 1));
+            measured += base.measured;
+        }
+        let norm = model.gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
+        let energy = |x: &[f64]| -> f64 {
+            let step = model.solve(&vec![true; x.len()], x, self.damping);
+            -step.iter().zip(x).map(|(a, b)| a * b).sum::<f64>()
+        };
+        let (signal, noise) = (energy(&model.gradient), energy(&model.noise));
+        if noise > 0.5 * signal {
+            self.noisy += 1;
+        } else if noise < signal / 64.0 {
+            self.noisy /= 2;
+        }
+        self.base = Some(Base { values: values.to_vec(), model, measured, predicted: 0.0 });
+        Some(norm)
+    }
+
+    /// The params to try next, a step of `rate` from the base. What runs into a bound is left out of the others' account.
+    ///
+    /// Near the solution every step goes to an independent estimate of it. From where a step is mostly noise the n-th is shortened to
+    /// 1 / (n + 1), which makes the params the mean of those estimates.
+    pub fn propose(&mut self, rate: f64) -> Option<Vec<Vec<f64>>> {
+        let base = self.base.as_ref()?;
+        let places: Vec<(usize, usize)> = self.unknowns(&base.values).map(|(_, place)| place).collect();
+        let mut free: Vec<bool> = base.model.diagonal.iter().map(|d| *d > 0.0).collect();
+        let mut step = loop {
+            let step = base.model.solve(&free, &base.model.gradient, self.damping);
+            let stuck = |k: &usize| {
+                let (param, index) = places[*k];
+                free[*k] && step[*k] != 0.0 && self.spaces[param].is_stuck(&base.values[param], index, step[*k])
+            };
+            let stuck: Vec<usize> = (0..step.len()).filter(stuck).collect();
+            if stuck.is_empty() {
+                break step;
+            }
+            stuck.into_iter().for_each(|k| free[k] = false);
+        };
+        let shortened = rate / f64::from(1 + self.noisy);
+        for (x, (param, _)) in step.iter_mut().zip(&places) {
+            *x *= shortened * self.spaces[*param].lr;
+        }
+        let predicted = base.model.gain(&step);
+        let mut values = base.values.clone();
+        let mut rest = &step[..];
+        for (space, value) in self.spaces.iter().zip(&mut values) {
+            let (own, others) = rest.split_at(space.unknowns(value.len()));
+            space.retract(value, own);
+            rest = others;
+        }
+        if let Some(base) = &mut self.base {
+            base.predicted = predicted;
+        }
+        Some(values)
+    }
+
+    /// Each unknown's space, param and index.
+    fn unknowns<'a>(&'a self, values: &'a [Vec<f64>]) -> impl Iterator<Item = (&'a Space, (usize, usize))> {
+        let params = self.spaces.iter().zip(values).enumerate();
+        params.flat_map(|(p, (space, v))| (0..space.unknowns(v.len())).map(move |i| (space, (p, i))))
+    }
+}
+
+impl Model {
+    fn new(scales: &[f64], [ra, rb]: Both<f64>, [ja, jb]: Both<Vec<f64>>) -> Option<Model> {
+        let n = scales.len();
+        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let mut model =
+            Model { gradient: vec![0.0; n], noise: vec![0.0; n], matrix: vec![0.0; n * n], diagonal: vec![0.0; n] };
+        for i in 0..n {
+            let (a, b) = (scales[i] * dot(&ja[i], rb), scales[i] * dot(&jb[i], ra));
+            (model.gradient[i], model.noise[i]) = (a + b, a - b);
+            model.diagonal[i] = scales[i] * scales[i] * (dot(&ja[i], &ja[i]) + dot(&jb[i], &jb[i]));
+            for k in 0..=i {
+                let x = scales[i] * scales[k] * (dot(&ja[i], &jb[k]) + dot(&jb[i], &ja[k]));
+                (model.matrix[i * n + k], model.matrix[k * n + i]) = (x, x);
+            }
+        }
+        let numbers = [&model.gradient, &model.noise, &model.matrix, &model.diagonal];
+        numbers.iter().all(|x| x.iter().all(|x| x.is_finite())).then_some(model)
+    }
+
+    /// `share` of another model, and the rest of this one.
+    fn mix(&mut self, other: &Model, share: f64) {
+        for (own, other) in [
+            (&mut self.gradient, &other.gradient),
+            (&mut self.noise, &other.noise),
+            (&mut self.matrix, &other.matrix),
+            (&mut self.diagonal, &other.diagonal),
+        ] {
+            own.iter_mut().zip(other).for_each(|(own, other)| *own += share * (other - *own));
+        }
+    }
+
+    /// −(matrix + damping · diagonal)⁻¹ `gradient` over the free unknowns, zero elsewhere; with more damping if there is no such
+    /// thing that the noise leaves certain.
+    fn solve(&self, free: &[bool], gradient: &[f64], damping: f64) -> Vec<f64> {
+        let n = self.gradient.len();
+        let free: Vec<usize> = (0..n).filter(|&i| free[i] && self.diagonal[i] > 0.0).collect();
+        let mut step = vec![0.0; n];
+        let mut damping = damping;
+        // With more damping than that the diagonal alone is left.
+        while damping < 1e12 {
+            if let Some(x) = self.cholesky(&free, gradient, damping) {
+                free.iter().zip(x).for_each(|(&i, x)| step[i] = -x);
+                return step;
+            }
+            damping = (4.0 * damping).max(1e-6);
+        }
+        step
+    }
+
+    fn cholesky(&self, free: &[usize], gradient: &[f64], damping: f64) -> Option<Vec<f64>> {
+        let (n, m) = (self.gradient.len(), free.len());
+        let mut l = vec![0.0; m * m];
+        for (i, &fi) in free.iter().enumerate() {
+            for (k, &fk) in free[..=i].iter().enumerate() {
+                let mut x = self.matrix[fi * n + fk] - (0..k).map(|j| l[i * m + j] * l[k * m + j]).sum::<f64>();
+                if i > k {
+                    l[i * m + k] = x / l[k * m + k];
+                    continue;
+                }
+                x += damping * self.diagonal[fi];
+                let noise = (self.diagonal[fi] - self.matrix[fi * n + fi]).abs();
+                // Nor is what is not a number certain.
+                let certain = x > (UNCERTAIN * noise).max(1e-12 * self.diagonal[fi]);
+                if !certain {
+                    return None;
+                }
+                l[i * m + i] = x.sqrt();
+            }
+        }
+        let mut x: Vec<f64> = free.iter().map(|&i| gradient[i]).collect();
+        for i in 0..m {
+            x[i] = (x[i] - (0..i).map(|j| l[i * m + j] * x[j]).sum::<f64>()) / l[i * m + i];
+        }
+        for i in (0..m).rev() {
+            x[i] = (x[i] - (i + 1..m).map(|j| l[j * m + i] * x[j]).sum::<f64>()) / l[i * m + i];
+        }
+        Some(x)
+    }
+
+    /// By how much the loss should fall.
+    fn gain(&self, step: &[f64]) -> f64 {
+        let n = step.len();
+        let slope: f64 = step.iter().zip(&self.gradient).map(|(s, g)| s * g).sum();
+        let curvature: f64 = (0..n * n).map(|i| step[i / n] * self.matrix[i] * step[i % n]).sum();
+        -(slope + 0.5 * curvature)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::space::Geometry;
+    use super::*;
+    use crate::math::{Pcg32, hash_words};
+
+    /// Minimises |r(x)|² from `x` in `steps` steps; `measure` gives residuals and their derivatives at params
+    /// with the samples of a seed.
+    fn solve(
+        solver: &mut LeastSquares,
+        x: Vec<Vec<f64>>,
+        steps: usize,
+        mut measure: impl FnMut(&[Vec<f64>], u64) -> (Vec<f64>, Vec<Vec<f64>>),
+    ) -> Vec<Vec<f64>> {
+        let mut x = x;
+        for step in 0..steps as u64 {
+            let mut both = |x: &[Vec<f64>]| [measure(x, 2 * step), measure(x, 2 * step + 1)];
+            let base = solver.base().map(<[_]>::to_vec);
+            let [(ra, ja), (rb, jb)] = both(&x);
+            let fell = base.is_none_or(|base| {
+                let [(a, ja), (b, jb)] = both(&base);
+                let fell = solver.accepts([&a, &b], [&ra, &rb]);
+                if !fell && solver.is_noisy() {
+                    solver.rebase(&base, [&a, &b], [&ja, &jb]).unwrap();
+                }
+                fell
+            });
+            if fell {
+                solver.rebase(&x, [&ra, &rb], [&ja, &jb]).unwrap();
+            }
+            x = solver.propose(1.0).unwrap();
+        }
+        solver.base().unwrap().to_vec()
+    }
+
+    fn rosenbrock(x: &[f64]) -> (Vec<f64>, Vec<Vec<f64>>) {
+        let r = vec![10.0 * (x[1] - x[0] * x[0]), 1.0 - x[0]];
+        (r, vec![vec![-20.0 * x[0], -1.0], vec![10.0, 0.0]])
+    }
+
+    #[test]
+    fn a_banana_is_walked_along_and_linear_problems_take_one_step() {
+        let mut solver = LeastSquares::new(vec![Space::plain()], 1e-3);
+        let x = solve(&mut solver, vec![vec![-1.2, 1.0]], 30, |x, _| rosenbrock(&x[0]));
+        assert!((x[0][0] - 1.0).abs() < 1e-8 && (x[0][1] - 1.0).abs() < 1e-8, "{x:?}");
+        let mut solver = LeastSquares::new(vec![Space { scale: 7.0, ..Space::plain() }], 0.0);
+        let linear = |x: &[Vec<f64>], _: u64| {
+            let r = vec![x[0][0] + 2.0 * x[0][1] - 1.0, x[0][0] - x[0][1], 3.0 * x[0][0]];
+            (r, vec![vec![1.0, 1.0, 3.0], vec![2.0, -1.0, 0.0]])
+        };
+        // The normal equations [11 1; 1 5] x = [1, 2].
+        let x = solve(&mut solver, vec![vec![5.0, 9.0]], 2, linear);
+        assert!((x[0][0] - 3.0 / 54.0).abs() < 1e-12 && (x[0][1] - 21.0 / 54.0).abs() < 1e-12, "{x:?}");
+    }
+
+    #[test]
+    fn bounds_hold_and_the_others_make_the_best_of_it() {
+        let space = Space { lower: Some(vec![-2.0]), upper: Some(vec![0.5, 9.0]), ..Space::plain() };
+        let mut solver = LeastSquares::new(vec![space], 1e-3);
+        let x = solve(&mut solver, vec![vec![-1.2, 1.0]], 30, |x, _| rosenbrock(&x[0]));
+        assert!(x[0][0] == 0.5 && (x[0][1] - 0.25).abs() < 1e-8, "{x:?}");
+    }
+
+    #[test]
+    fn a_rotation_is_found_and_what_is_not_felt_stays() {
+        let target = super::super::space::rotation_about([0.3, -1.0, 0.5], 1.2);
+        let rotation = Space { geometry: Geometry::Rotation, ..Space::plain() };
+        let mut solver = LeastSquares::new(vec![rotation, Space::plain()], 1e-3);
+        let start = vec![vec![1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], vec![4.0]];
+        let x = solve(&mut solver, start, 12, |x, _| {
+            let r = x[0].iter().zip(&target).map(|(r, t)| r - t).collect();
+            // [e_k]× R
+            let row = |k: usize| -> Vec<f64> {
+                let (i, j) = ((k + 1) % 3, (k + 2) % 3);
+                let mut d = vec![0.0; 9];
+                for c in 0..3 {
+                    (d[3 * i + c], d[3 * j + c]) = (-x[0][3 * j + c], x[0][3 * i + c]);
+                }
+                d
+            };
+            (r, vec![row(0), row(1), row(2), vec![0.0; 9]])
+        });
+        assert!(x[0].iter().zip(&target).all(|(r, t)| (r - t).abs() < 1e-9), "{x:?}");
+        assert_eq!(x[1], [4.0]);
+    }
+
+    #[test]
+    fn noise_neither_shortens_steps_nor_keeps_the_params_from_settling() {
+        // r_i = x − 1 + noise, J_i = 1 + noise larger than itself.
+        let measure = |x: &[Vec<f64>], seed: u64| {
+            let mut rng = Pcg32::new(hash_words(&[seed as u32]).into());
+            let mut normal = || (0..12).map(|_| f64::from(rng.next_f32())).sum::<f64>() - 6.0;
+            let r = (0..400).map(|_| x[0][0] - 1.0 + 0.5 * normal()).collect();
+            (r, vec![(0..400).map(|_| 1.0 + 2.0 * normal()).collect()])
+        };
+        let (mut early, mut late) = (0.0, 0.0);
+        for run in 0..16 {
+            let mut solver = LeastSquares::new(vec![Space::plain()], 1e-3);
+            let measure = |x: &[Vec<f64>], seed: u64| measure(x, 1000 * run + seed);
+            let x = solve(&mut solver, vec![vec![11.0]], 7, measure);
+            early += (x[0][0] - 1.0).powi(2) / 16.0;
+            let x = solve(&mut solver, x, 60, |x, seed| measure(x, 500 + seed));
+            late += (x[0][0] - 1.0).powi(2) / 16.0;
+        }
+        // With Jᵀ J from one measurement each step would go a fifth of the way and leave 10 · 0.8⁶ = 2.6.
+        assert!(early.sqrt() < 0.3, "{}", early.sqrt());
+        // A single step's estimate has a standard deviation of √(800 · 5 · 0.25) / 800 = 0.04.
+        assert!(late.sqrt() < 0.02, "{}", late.sqrt());
+    }
+
+    #[test]
+    fn what_is_not_finite_moves_nothing() {
+        let mut solver = LeastSquares::new(vec![Space::plain()], 1e-3);
+        assert!(solver.rebase(&[vec![1.0]], [&[1.0], &[1.0]], [&[vec![f64::NAN]], &[vec![1.0]]]).is_none());
+        assert!(solver.propose(1.0).is_none());
+        solver.rebase(&[vec![1.0]], [&[1.0], &[1.0]], [&[vec![1.0]], &[vec![1.0]]]).unwrap();
+        assert!(!solver.accepts([&[1.0], &[1.0]], [&[f64::NAN], &[1.0]]));
+        assert_eq!(solver.base().unwrap(), [[1.0]]);
+    }
+}

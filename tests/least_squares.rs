@@ -1,0 +1,124 @@
+//! Solvers of least squares, through the language.
+
+use dscene::check::{self, Checked, Disk, hir};
+use dscene::diag::Diagnostic;
+use dscene::eval::{Engine, EngineOptions, on_large_stack};
+use dscene::session::Optimization;
+
+type Run = Result<(Vec<f64>, Vec<Vec<f64>>), Diagnostic>;
+
+/// Runs a script's only action, an `optimize`; gives the losses of its steps and the final value of its params, in order.
+fn run(text: &str) -> Run {
+    run_with(text, 0)
+}
+
+fn run_with(text: &str, seed: u64) -> Run {
+    on_large_stack(|| {
+        let Checked { program, diagnostics, .. } = check::check_text("test.dscene", None, text, &[], &Disk);
+        assert!(!diagnostics.iter().any(Diagnostic::is_error), "{text}\n{diagnostics:#?}");
+        let program = program.expect("a program");
+        let actions: Vec<hir::Action> = program.actions.clone();
+        let [hir::Action::Optimize(optimize)] = &actions[..] else { panic!("one action") };
+        let mut engine = Engine::new(program, EngineOptions { seed, base_dir: ".".into(), interrupt: None });
+        let mut optimization = Optimization::new(&mut engine, optimize, None)?;
+        let mut losses = Vec::new();
+        while optimization.done() < optimization.total() {
+            let report = optimization.step(&mut engine)?;
+            losses.push(report.loss);
+            if report.stop {
+                break;
+            }
+        }
+        let ids: Vec<_> = engine.program().params().collect();
+        Ok((losses, ids.into_iter().map(|id| engine.param_value(id).map(|t| t.data)).collect::<Result<_, _>>()?))
+    })
+}
+
+fn distance(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+}
+
+#[test]
+fn analytic_losses_are_solved_to_rounding() {
+    let banana = "param p: vec2 = [-1.2, 1] in -2..2
+loss fit = sum([10 * (p.y - p.x ^ 2), 1 - p.x] ^ 2)";
+    let (losses, params) =
+        run(&format!("{banana}\noptimize fit {{ using: levenberg_marquardt(), steps: 30 }}")).unwrap();
+    assert!(distance(&params[0], &[1.0, 1.0]) < 1e-8 && *losses.last().unwrap() < 1e-15, "{losses:?} {params:?}");
+    // It stops where it has looked.
+    let text = format!("{banana}\noptimize fit {{ using: levenberg_marquardt(), steps: 99, stop_when: loss < 1e-3 }}");
+    let (losses, params) = run(&text).unwrap();
+    let [x, y] = params[0][..] else { panic!("{params:?}") };
+    let loss = (10.0 * (y - x * x)).powi(2) + (1.0 - x).powi(2);
+    assert!(losses.len() < 30 && loss < 1e-3 && loss == *losses.last().unwrap(), "{loss} {losses:?}");
+    // A rotation, and a mean of weighted squares from which a constant is taken; Gauss-Newton.
+    let turn = "param turn: rotation = rotation(angle: 50deg)
+let aim = matrix(rotation(axis: [1, 2, 3], angle: 20deg))
+loss fit = 3 * mse(matrix(turn), aim) / 2 - 5
+optimize fit { using: gauss_newton(), steps: 9 }";
+    assert!((run(turn).unwrap().0[8] + 5.0).abs() < 1e-12);
+}
+
+#[test]
+fn what_is_no_sum_of_squares_is_said_to_be_none() {
+    let error = |text: &str| run(text).err().unwrap_or_else(|| panic!("{text}"));
+    let using = "{ using: levenberg_marquardt(), steps: 2 }";
+    for (loss, why) in
+        [("l1(p, [1, 2])", "`abs`"), ("mse(p, [1, 2]) + p.x", "linear"), ("-mse(p, [1, 2])", "subtracted")]
+    {
+        let d = error(&format!("param p = [3, 4]\nloss fit = {loss}\noptimize fit {using}"));
+        assert!(d.code == "dscene::run::squares" && d.message.contains(why), "{loss}: {d:?}");
+    }
+    let d = error(&format!("param p = noise(300)\nloss fit = mse(p, 0)\noptimize fit {using}"));
+    assert!(d.code == "dscene::run::gradient" && d.message.contains("300 unknowns"), "{d:?}");
+    let d = error("param p = 1\nloss fit = mse(p, 0)\noptimize fit { using: levenberg_marquardt(damping: -1) }");
+    assert!(d.code == "dscene::run::optimizer" && d.message.contains("`damping`"), "{d:?}");
+}
+
+/// The image is linear in a light's power: one step, and then the mean of what noisy steps find.
+#[test]
+fn powers_of_lights_take_one_step_and_settle() {
+    let text = "camera eye { position: [0, 3, -4], look_at: [0, 0, 0], film: [8, 8] }
+shape ground { mesh: rectangle(width: 20, depth: 20), material: diffuse(reflectance: 0.5) }
+light lamp = area(rectangle() |> flip() |> translate([0, 3, 0]), radiance: [1, 1, 1])
+param tint: color = [0.9, 0.2, 0.4] in 0..1
+shape panel { mesh: rectangle() |> translate([0, 0.2, 0]), material: diffuse(reflectance: tint) }
+let target = render(eye, spp: 1024, max_bounces: 1) with { lamp.radiance: [5, 3, 0.5], tint: [0.3, 0.6, 1] }
+loss fit = mse(render(eye, spp: 16, max_bounces: 1), target)
+optimize fit { over: [tint, lamp.radiance], using: gauss_newton(), steps: 12 }";
+    let (losses, params) = run(text).unwrap();
+    println!("{losses:?} {params:?}");
+    assert!(distance(&params[0], &[0.3, 0.6, 1.0]) < 0.03, "{params:?}");
+}
+
+const POSE: &str = "param where: vec3 = [0.25, 0.1, -0.2]
+param pose: rotation = rotation(axis: [1, 2, 0.5], angle: 12deg)
+camera eye { position: [0.5, 2.5, -6], look_at: [0, 0, 0], fov: 35deg, film: [32, 32] }
+integrator direct { max_bounces: 1 }
+let parts = cube() |> scale([0.9, 0.3, 0.5]) |> merge(cube() |> scale([0.25, 0.5, 0.25]) |> translate([0.5, 0.7, 0]))
+shape thing { mesh: parts |> transform(pose) |> translate(where), material: diffuse(reflectance: 0.6) }
+shape ground { mesh: rectangle(width: 12, depth: 12) |> translate([0, -1.2, 0]), material: diffuse(reflectance: 0.3) }
+light lamp = area(rectangle(width: 2, depth: 2) |> flip() |> translate([1, 5, -2]), radiance: 12)
+light sky = constant(0.2)
+let target = render(eye, spp: 256) with { where: [0, 0, 0], pose: rotation(angle: 0deg) }
+let soft = exponential(2.5, 0.4)
+loss fit = mse(blur(render(eye, spp: 16), soft), blur(target, soft))
+";
+
+/// Where a thing is and how it is turned, coarse to fine: a few steps do what first-order methods need many for.
+#[test]
+fn poses_take_a_few_steps() {
+    const IDENTITY: [f64; 9] = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0];
+    let error = |using: &str, steps: u64| {
+        let one = |seed: u64| {
+            let script = format!("{POSE}optimize fit {{ using: {using}, steps: {steps} }}");
+            let (_, params) = run_with(&script, seed).unwrap();
+            distance(&params[0], &[0.0; 3]) + distance(&params[1], &IDENTITY)
+        };
+        (0..3).map(one).sum::<f64>() / 3.0
+    };
+    let few = error("levenberg_marquardt()", 10);
+    let many = error("adam(lr: cosine(0.05, 0.003))", 30);
+    println!("{few} and {many}");
+    assert!(few < 0.03 && 2.0 * few < many, "{few} and {many}");
+}
