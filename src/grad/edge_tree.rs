@@ -6,13 +6,14 @@
 
 use glam::{Vec3, Vec4, Vec4Swizzles};
 
+use super::sink::Layout;
 use super::viewpoint::MirrorPlane;
 use crate::math::luminance;
-use crate::render::Scene;
 use crate::render::accel::{NO_PRIM, PrimId};
 use crate::render::edges::{Edge, EdgeFace, EdgeTable};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::light::{LightKind, LightSample};
+use crate::render::{MaterialKind, Scene};
 
 const LEAF: usize = 6;
 /// Sine of an angle within which rounding decides what is a contour.
@@ -29,6 +30,8 @@ pub struct EdgeTree {
     brightness: Vec<f32>,
     /// By edge: unit normals of its faces, if there are two, turned like one surface.
     faces: Vec<Option<[Vec3; 2]>>,
+    /// By edge: what light from there may jump by where both its faces are seen, over what it may as a contour.
+    crease: Vec<f32>,
     /// Edge numbers in leaf order.
     order: Vec<u32>,
 }
@@ -38,8 +41,8 @@ struct Node {
     hi: Vec3,
     /// Of all edges, each by its [`crate::render::edges::Edge::weight`].
     length: f32,
-    /// Of sharp edges, likewise.
-    sharp: f32,
+    /// Likewise, what counts where none of them is a contour.
+    creases: f32,
     /// What `length` becomes with the brightness of emitters, over it.
     brightness: f32,
     /// Plane bounds relative to the centre.
@@ -258,11 +261,26 @@ fn cauchy(x: f32, centre: f32, w: f32) -> f32 {
 
 impl EdgeTree {
     pub fn new(scene: &Scene) -> EdgeTree {
+        EdgeTree::of(scene, (0..scene.edges().edges.len() as u32).collect())
+    }
+
+    /// Of the edges that the slots of a layout move; `None` if these are all.
+    pub fn of_moving(scene: &Scene, layout: &Layout) -> Option<EdgeTree> {
+        let edges = &scene.edges().edges;
+        let moves = |edge: &Edge| edge.faces.iter().any(|f| layout.moves(scene.prims[f.prim as usize].shape));
+        let moving: Vec<u32> = (0..edges.len() as u32).filter(|&e| moves(&edges[e as usize])).collect();
+        (moving.len() < edges.len()).then(|| EdgeTree::of(scene, moving))
+    }
+
+    fn of(scene: &Scene, mut order: Vec<u32>) -> EdgeTree {
         let table = scene.edges();
-        let mut order: Vec<u32> = (0..table.edges.len() as u32).collect();
-        let mut tree =
-            EdgeTree { nodes: Vec::new(), brightness: brightness(scene), faces: Vec::new(), order: Vec::new() };
-        tree.faces = table.edges.iter().map(face_planes).collect();
+        let mut tree = EdgeTree {
+            nodes: Vec::new(),
+            brightness: brightness(scene),
+            faces: table.edges.iter().map(face_planes).collect(),
+            crease: table.edges.iter().map(|e| crease(scene, e)).collect(),
+            order: Vec::new(),
+        };
         if !order.is_empty() {
             tree.build(table, &mut order, 0);
         }
@@ -277,12 +295,12 @@ impl EdgeTree {
         let centre = 0.5 * (lo + hi);
         let (mut plane_lo, mut plane_hi) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
         let mut open = false;
-        let (mut length, mut sharp, mut bright) = (0.0, 0.0, 0.0);
+        let (mut length, mut creases, mut bright) = (0.0, 0.0, 0.0);
         for &e in order.iter() {
             let edge = &table.edges[e as usize];
             let weighted = edge.length() * edge.weight;
             length += weighted;
-            sharp += if edge.sharp { weighted } else { 0.0 };
+            creases += weighted * self.crease[e as usize];
             bright += weighted * (1.0 + self.brightness[e as usize]);
             open |= !is_wound_consistently(edge);
             for f in &edge.faces {
@@ -297,7 +315,7 @@ impl EdgeTree {
             lo,
             hi,
             length,
-            sharp,
+            creases,
             brightness: bright / length,
             plane_lo,
             plane_hi,
@@ -409,7 +427,8 @@ impl EdgeTree {
             let useless = own || (query.contours_only && edge.crossing);
             let mut polar = if useless { None } else { Polar::new(query, edge.p[0], edge.p[1]) };
             if !self.may_be_contour(e as usize, query.p - edge.p[0], query.slack) {
-                polar = polar.filter(|_| edge.sharp).map(|p| p.scaled(CREASE * edge.weight));
+                let crease = self.crease[e as usize];
+                polar = polar.filter(|_| crease > 0.0).map(|p| p.scaled(crease));
             }
             if query.sees_emission {
                 polar = polar.map(|p| p.scaled(1.0 + self.brightness[e as usize]));
@@ -454,6 +473,15 @@ fn is_wound_consistently(edge: &Edge) -> bool {
 fn is_forward(f: &EdgeFace) -> bool {
     let next = usize::from(f.corner + 1) % 3;
     f.ends[0][next] > f.ends[1][next]
+}
+
+/// See [`EdgeTree::crease`]. Reflections of smooth creases hardly differ; black faces have none.
+fn crease(scene: &Scene, edge: &Edge) -> f32 {
+    let shows = |f: &EdgeFace| {
+        let shape = &scene.description.shapes[scene.prims[f.prim as usize].shape as usize];
+        shape.emission.is_some() || shape.material.opacity.is_some() || shape.material.kind != MaterialKind::Black
+    };
+    if edge.sharp && edge.faces.iter().any(shows) { CREASE * edge.weight } else { 0.0 }
 }
 
 /// See [`EdgeTree::brightness`]. What is reflected is taken to be half of the emitted power, spread over all surfaces, and
@@ -512,7 +540,7 @@ impl Node {
                 self.length / (self.spread + radius / near).clamp(0.02, 1.0)
             }
         };
-        let length = contours + CREASE * self.sharp;
+        let length = contours + self.creases;
         if length <= 0.0 {
             return 0.0;
         }

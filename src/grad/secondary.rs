@@ -42,6 +42,9 @@ pub struct Secondary<'a> {
     mirrors: &'a [MirrorPlane],
     table: &'a EdgeTable,
     tree: &'a EdgeTree,
+    layout: &'a Layout,
+    /// Edges that move, for those who look on unmoved.
+    moving: Option<EdgeTree>,
     max_bounces: u32,
     count: usize,
     film: FilmDensity,
@@ -98,7 +101,7 @@ impl<'a> Secondary<'a> {
         tree: &'a EdgeTree,
         mirrors: &'a [MirrorPlane],
         settings: &Settings,
-        layout: &Layout,
+        layout: &'a Layout,
         adjoint: &Image,
         seed: u64,
     ) -> Option<Secondary<'a>> {
@@ -113,8 +116,21 @@ impl<'a> Secondary<'a> {
         let pixels = pixels::active(adjoint);
         let count = (pixels * settings.spp.max(1) as usize / 4).max(1024);
         let max_bounces = settings.max_bounces;
-        let mut secondary =
-            Secondary { scene, sky, camera, mirrors, table, tree, max_bounces, count, film, guide: None };
+        let moving = if layout.moves_view() { None } else { EdgeTree::of_moving(scene, layout) };
+        let mut secondary = Secondary {
+            scene,
+            sky,
+            camera,
+            mirrors,
+            table,
+            tree,
+            layout,
+            moving,
+            max_bounces,
+            count,
+            film,
+            guide: None,
+        };
         let side = (guide::cells(count) as f64).sqrt().clamp(4.0, 64.0) as usize;
         let seed = hash(seed, 0x0067_7569_6465);
         secondary.guide = Some(Guide::new([side; 2], scene, layout, adjoint, |i, at, pilot| {
@@ -196,7 +212,11 @@ impl<'a> Secondary<'a> {
             Some(m) => query.reflected(m),
             None => query,
         };
-        let point = self.tree.sample(self.table, &query, u.to_array(), sampler.next_1d())?;
+        // Seen by what stands still, only edges that move have a derivative.
+        let moves = |prim: PrimId| self.layout.moves(self.scene.prims[prim as usize].shape);
+        let still = mirror.is_none() && !path.vertices[..=k].iter().any(|v| moves(v.si.prim));
+        let tree = self.moving.as_ref().filter(|_| still).unwrap_or(self.tree);
+        let point = tree.sample(self.table, &query, u.to_array(), sampler.next_1d())?;
         let edge = &self.table.edges[point.edge];
         let p = edge.point(point.s);
         let q = mirror.map_or(p, |m| m.reflect_point(p)) - si.p;

@@ -89,6 +89,19 @@ impl Layout {
         self.starts.last().copied().unwrap_or(0)
     }
 
+    /// Whether anything asked for moves a shape or turns its normals.
+    pub fn moves(&self, shape: u32) -> bool {
+        let asked = |slots: &[u32]| slots.get(shape as usize).is_some_and(|&start| start != NONE);
+        asked(&self.vertices) || asked(&self.normals)
+    }
+
+    /// Whether anything asked for moves what a camera sees through a pixel, or what comes from the environment.
+    pub fn moves_view(&self) -> bool {
+        let all =
+            [self.camera_origin, self.camera_frame, self.camera_scale, self.camera_lens, self.environment_rotation];
+        all.iter().any(|&start| start != NONE)
+    }
+
     /// Whether anything asked for can move a silhouette or a shadow.
     pub fn moves_visibility(&self) -> bool {
         self.slots.iter().any(|s| s.moves_visibility())
