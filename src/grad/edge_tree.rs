@@ -13,6 +13,7 @@ use crate::render::accel::{NO_PRIM, PrimId};
 use crate::render::edges::{Edge, EdgeFace, EdgeTable};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::light::{LightKind, LightSample};
+use crate::render::ltc::Lobe;
 use crate::render::{MaterialKind, Scene};
 
 const LEAF: usize = 6;
@@ -20,6 +21,10 @@ const LEAF: usize = 6;
 const SLACK: f32 = 1e-5;
 /// How much the jump across a crease with both faces in sight is, to that across a contour, for a right angle.
 const CREASE: f32 = 0.25;
+/// Share of the samples of a purely glossy surface that follows a cosine, for light that the lobe's fit does not find.
+const DEFENSIVE: f32 = 0.05;
+/// A box's mean is taken to be what is at this share of its half diagonal, squared, from its nearest point.
+const SMEAR: f32 = 0.25;
 /// Leaves that are looked at for one sample.
 pub const CANDIDATES: usize = 4;
 
@@ -66,8 +71,9 @@ pub struct Query {
     ng: Vec3,
     /// Sine of the angle by which the directions to edges may be off.
     slack: f32,
-    /// Mirror direction and angular width of the glossy lobe, if there is one.
-    lobe: Option<(Vec3, f32)>,
+    /// How much the cosine lobe counts, and the glossy one with its own.
+    diffuse: f32,
+    glossy: Option<(Lobe, f32)>,
     /// Emission jumps count too, not only those of reflected light.
     sees_emission: bool,
     /// Nothing counts but what covers something.
@@ -85,12 +91,12 @@ pub struct EdgePoint {
 
 impl Query {
     pub fn new(si: &SurfaceInteraction) -> Query {
-        let lobe = si.bsdf.roughness_alpha().map(|alpha| {
-            let mirror = si.ns * (2.0 * si.ns.dot(si.wi)) - si.wi;
-            (mirror.normalize(), (2.0 * alpha).max(1e-3))
-        });
+        let ([diffuse, specular], alpha) = (si.bsdf.lobes(si.ns.dot(si.wi)), si.bsdf.roughness_alpha());
+        let lobe = alpha.map(|alpha| Lobe::new(alpha, si.ns, si.wi));
+        let glossy = lobe.map(|lobe| (lobe, specular * lobe.albedo)).filter(|g| g.1 > 0.0);
+        let diffuse = diffuse.max(glossy.map_or(1.0, |g| DEFENSIVE * g.1));
         let sees_emission = si.bsdf.is_attached();
-        Query { prim: si.prim, p: si.p, ng: si.ng, slack: SLACK, lobe, sees_emission, contours_only: false }
+        Query { prim: si.prim, p: si.p, ng: si.ng, slack: SLACK, diffuse, glossy, sees_emission, contours_only: false }
     }
 
     /// What a point of a light shines on; a distant light is moved near enough for a point.
@@ -102,7 +108,7 @@ impl Query {
             // All of the scene lies within two radii of any of its points.
             _ => (scene.anchor() + light.y * (FAR * scene.radius), Vec3::ZERO, 4.0 / FAR),
         };
-        Query { prim: light.prim, p, ng, slack, lobe: None, sees_emission: false, contours_only: true }
+        Query { prim: light.prim, p, ng, slack, diffuse: 1.0, glossy: None, sees_emission: false, contours_only: true }
     }
 
     fn has_horizon(&self) -> bool {
@@ -116,7 +122,8 @@ impl Query {
             p: mirror.reflect_point(self.p),
             ng: mirror.reflect(self.ng),
             slack: self.slack,
-            lobe: self.lobe.map(|(dir, width)| (mirror.reflect(dir), width)),
+            diffuse: self.diffuse,
+            glossy: self.glossy.map(|(lobe, weight)| (lobe.reflected(|v| mirror.reflect(v)), weight)),
             sees_emission: true,
             contours_only: false,
         }
@@ -135,6 +142,7 @@ struct Candidate {
 
 /// An edge around a query point: its line at distance d, points on it by their distance l from the foot of the
 /// perpendicular, or by the angle ψ = atan(l / d).
+#[derive(Clone, Copy)]
 struct Polar {
     d: f32,
     /// The ends, clipped to the horizon.
@@ -144,8 +152,46 @@ struct Polar {
     length: f32,
     diffuse: f32,
     glossy: f32,
-    /// Centre, width and captured mass of the Cauchy density in ψ that follows the lobe.
-    peak: (f32, f32, f32),
+    /// Where the glossy lobe is a cosine.
+    transformed: Transformed,
+}
+
+/// An edge where a lobe is a cosine. A point at l on the edge is at `scale`·(l + foot) − `foot'` there.
+#[derive(Clone, Copy)]
+struct Transformed {
+    scale: f32,
+    d: f32,
+    l: [f32; 2],
+    foot: f32,
+}
+
+impl Transformed {
+    /// An edge from `a` in direction `e` (a unit), both relative to the query point, between two distances from its start;
+    /// with ∫ D sinφ / |q|² dl over it, for an edge whose line is at distance `d`.
+    ///
+    /// Solid angles swept by an edge are as many in the cosine's world, so that is ∫ cosθ' d / (π |q'|³) dl, the form of a
+    /// linear light's irradiance (Heitz & Hill 2017).
+    fn new(lobe: &Lobe, a: Vec3, e: Vec3, [from, to]: [f32; 2], d: f32) -> Option<(Transformed, f32)> {
+        let (a, e) = (lobe.to_cosine * a, lobe.to_cosine * e);
+        let scale = e.length();
+        let e = e / scale;
+        let (mut l0, mut l1) = (from * scale, to * scale);
+        let (h0, h1) = (a.z + e.z * l0, a.z + e.z * l1);
+        if h0 <= 0.0 && h1 <= 0.0 {
+            return None;
+        }
+        let crossing = l0 + (l1 - l0) * h0 / (h0 - h1);
+        if h0 < 0.0 {
+            l0 = crossing;
+        } else if h1 < 0.0 {
+            l1 = crossing;
+        }
+        let foot = -a.dot(e);
+        let to_foot = a + e * foot;
+        let there = Transformed { scale, d: to_foot.length(), l: [l0 - foot, l1 - foot], foot };
+        let mass = irradiance(there.d, there.l, to_foot.z, e.z) * d / (there.d * scale);
+        (mass > 0.0 && mass.is_finite() && l0 < l1).then_some((there, mass * std::f32::consts::FRAC_1_PI))
+    }
 }
 
 impl Polar {
@@ -170,36 +216,25 @@ impl Polar {
         if d < 1e-6 * (a.length() + length) || l1 <= l0 {
             return None;
         }
-        let u = to_foot / d;
         let l = [l0 - foot, l1 - foot];
         let diffuse = if query.has_horizon() {
             irradiance(d, l, query.ng.dot(to_foot), query.ng.dot(e))
         } else {
             angle(d, l) / d
         };
-        let diffuse = diffuse * std::f32::consts::FRAC_1_PI;
+        let diffuse = diffuse * (query.diffuse * std::f32::consts::FRAC_1_PI);
         if diffuse.is_nan() || diffuse <= 0.0 {
             return None;
         }
-        let mut polar = Polar { d, l, foot, length, diffuse, glossy: 0.0, peak: (0.0, 1.0, 1.0) };
-        if let Some((mirror, width)) = query.lobe {
-            let psi = polar.angles();
-            let out_of_plane = mirror.dot(u.cross(e)).clamp(-1.0, 1.0).asin();
-            let psi_peak = mirror.dot(e).atan2(mirror.dot(u));
-            let w = width.hypot(out_of_plane);
-            let mass = cauchy(psi[1], psi_peak, w) - cauchy(psi[0], psi_peak, w);
-            if mass > 1e-9 {
-                let at = psi_peak.clamp(psi[0], psi[1]);
-                polar.glossy = 0.5 * width * width / (w * w * w) * mass * at.cos() / d;
-                polar.peak = (psi_peak, w, mass);
-            }
-            polar.diffuse *= 0.3;
+        let transformed = Transformed { scale: 1.0, d, l, foot };
+        let mut polar = Polar { d, l, foot, length, diffuse, glossy: 0.0, transformed };
+        if let Some((lobe, weight)) = &query.glossy
+            && let Some((transformed, mass)) = Transformed::new(lobe, a, e, [l0, l1], d)
+        {
+            polar.glossy = weight * mass;
+            polar.transformed = transformed;
         }
         Some(polar)
-    }
-
-    fn angles(&self) -> [f32; 2] {
-        self.l.map(|l| (l / self.d).atan())
     }
 
     fn importance(&self) -> f32 {
@@ -211,30 +246,36 @@ impl Polar {
         Polar { diffuse: self.diffuse * by, glossy: self.glossy * by, ..self }
     }
 
-    /// A position along the edge (from its start) and its density.
+    /// A position along the edge (from its start) and its density: even in the angle, as the query point sees it or as one does where
+    /// the lobe is a cosine.
     fn sample(&self, u: f32) -> (f32, f32) {
         let q = self.glossy / (self.diffuse + self.glossy);
-        let (centre, w, mass) = self.peak;
-        let range = angle(self.d, self.l);
-        let l = if u < q {
-            let [start, end] = self.angles();
-            let x = cauchy(start, centre, w) + mass * (u / q);
-            let psi = centre + w * (std::f32::consts::PI * (x - 0.5)).tan();
-            self.d * psi.clamp(start, end).tan()
+        let t = &self.transformed;
+        let at = if u < q {
+            (place(t.d, t.l, u / q) + t.foot) / t.scale
         } else {
-            // From the start by an angle: (d, l₀) turned; precise even where the query point is almost in line.
-            let (sin, cos) = (range * ((u - q) / (1.0 - q)).min(1.0)).sin_cos();
-            let (d, l) = (self.d, self.l[0]);
-            d * (l * cos + d * sin) / (d * cos - l * sin).max(1e-6 * d)
+            place(self.d, self.l, ((u - q) / (1.0 - q)).min(1.0)) + self.foot
         };
-        let l = l.clamp(self.l[0], self.l[1]);
-        let mut pdf_psi = (1.0 - q) / range;
+        let at = at.clamp(self.l[0] + self.foot, self.l[1] + self.foot);
+        let mut pdf = (1.0 - q) * even(self.d, self.l, at - self.foot);
         if q > 0.0 {
-            let t = ((l / self.d).atan() - centre) / w;
-            pdf_psi += q / (std::f32::consts::PI * w * (1.0 + t * t) * mass);
+            pdf += q * t.scale * even(t.d, t.l, at * t.scale - t.foot);
         }
-        (l + self.foot, pdf_psi * self.d / (self.d * self.d + l * l))
+        (at, pdf)
     }
+}
+
+/// A point of a piece of edge, chosen evenly by the angle at which it is seen.
+fn place(d: f32, l: [f32; 2], u: f32) -> f32 {
+    // From the start by an angle: (d, l₀) turned; precise even where the query point is almost in line.
+    let (sin, cos) = (angle(d, l) * u).sin_cos();
+    let at = d * (l[0] * cos + d * sin) / (d * cos - l[0] * sin).max(1e-6 * d);
+    at.clamp(l[0], l[1])
+}
+
+/// Density of [`place`] by length.
+fn even(d: f32, l: [f32; 2], at: f32) -> f32 {
+    if at < l[0] || at > l[1] { 0.0 } else { d / ((d * d + at * at) * angle(d, l)) }
 }
 
 /// The angle at which a piece of edge at distance `d`, from l₀ to l₁, is seen.
@@ -253,10 +294,6 @@ fn irradiance(d: f32, l: [f32; 2], a: f32, b: f32) -> f32 {
     let slope = d * length * (l0 + l1) / (2.0 * r0 * r1);
     let highest = ((a + b * l0) / r0).max((a + b * l1) / r1);
     (a * even + b * slope).max(1e-3 * highest * angle / d)
-}
-
-fn cauchy(x: f32, centre: f32, w: f32) -> f32 {
-    0.5 + ((x - centre) / w).atan() / std::f32::consts::PI
 }
 
 impl EdgeTree {
@@ -352,19 +389,18 @@ impl EdgeTree {
         let count = self.order.len().div_ceil(LEAF).min(CANDIDATES);
         let mut picked: Option<(usize, Polar)> = None;
         let (mut total, mut u_pick) = (0.0, u_pick);
-        for i in 0..count {
-            let u = (i as f32 + u_tree) / count as f32;
-            let Some(Candidate { edge: e, polar, weight, .. }) = self.candidate(table, query, u) else { continue };
+        let mut ways: [f32; CANDIDATES] = std::array::from_fn(|i| (i as f32 + u_tree) / count as f32);
+        self.descend(table, query, 0, 1.0, &mut ways[..count], &mut |Candidate { edge, polar, weight, .. }| {
             // Reservoir: keep the new one with probability weight / total.
             total += weight;
             let keep = weight / total;
             if u_pick < keep {
                 u_pick /= keep;
-                picked = Some((e, polar));
+                picked = Some((edge, polar));
             } else {
                 u_pick = (u_pick - keep) / (1.0 - keep);
             }
-        }
+        });
         let (edge, polar) = picked?;
         let (l, pdf) = polar.sample(u_position);
         let pdf = pdf * polar.importance() * count as f32 / total;
@@ -382,41 +418,57 @@ impl EdgeTree {
 
     /// [`EdgeTree::sample`] with a single candidate: a number chooses edge and point, and the density is one.
     pub fn sample_one(&self, table: &EdgeTable, query: &Query, u: f32) -> Option<EdgePoint> {
-        let c = self.candidate(table, query, u)?;
+        let mut found = None;
+        self.descend(table, query, 0, 1.0, &mut [u], &mut |c| found = Some(c));
+        let c = found?;
         let (l, pdf) = c.polar.sample(c.rest);
         let pdf = pdf * c.polar.importance() / c.weight;
         let s = (l / c.polar.length).clamp(0.0, 1.0);
         (pdf > 0.0 && pdf.is_finite()).then_some(EdgePoint { edge: c.edge, s, pdf })
     }
 
-    /// One way down.
-    fn candidate(&self, table: &EdgeTable, query: &Query, mut u: f32) -> Option<Candidate> {
-        let mut probability = 1.0;
-        let mut at = 0usize;
-        self.nodes.first()?;
-        loop {
-            let node = &self.nodes[at];
-            if node.second == 0 {
-                break;
-            }
-            let (a, b) = (at + 1, node.second as usize);
-            let (wa, wb) = (self.nodes[a].importance(query), self.nodes[b].importance(query));
-            let sum = wa + wb;
-            if !(sum > 0.0 && sum.is_finite()) {
-                return None;
-            }
-            let p = wa / sum;
-            if u < p {
-                u /= p;
-                probability *= p;
-                at = a;
-            } else {
-                u = ((u - p) / (1.0 - p)).min(1.0 - f32::EPSILON);
-                probability *= 1.0 - p;
-                at = b;
-            }
+    /// Ways down from a node that was reached with some probability, by numbers in ascending order; each finds an edge or nothing.
+    fn descend(
+        &self,
+        table: &EdgeTable,
+        query: &Query,
+        at: usize,
+        probability: f32,
+        ways: &mut [f32],
+        found: &mut impl FnMut(Candidate),
+    ) {
+        let Some(node) = self.nodes.get(at) else { return };
+        if node.second == 0 {
+            return self.choose(table, query, node, probability, ways, found);
         }
-        let node = &self.nodes[at];
+        let (a, b) = (at + 1, node.second as usize);
+        let (wa, wb) = (self.nodes[a].importance(query), self.nodes[b].importance(query));
+        let sum = wa + wb;
+        if !(sum > 0.0 && sum.is_finite()) {
+            return;
+        }
+        let p = wa / sum;
+        let (left, right) = ways.split_at_mut(ways.partition_point(|&u| u < p));
+        if !left.is_empty() {
+            left.iter_mut().for_each(|u| *u /= p);
+            self.descend(table, query, a, probability * p, left, found);
+        }
+        if !right.is_empty() {
+            right.iter_mut().for_each(|u| *u = ((*u - p) / (1.0 - p)).min(1.0 - f32::EPSILON));
+            self.descend(table, query, b, probability * (1.0 - p), right, found);
+        }
+    }
+
+    /// One of a leaf's edges for each way that ends there.
+    fn choose(
+        &self,
+        table: &EdgeTable,
+        query: &Query,
+        node: &Node,
+        probability: f32,
+        ways: &[f32],
+        found: &mut impl FnMut(Candidate),
+    ) {
         let range = node.start as usize..(node.start + node.count) as usize;
         let mut candidates: [(usize, Option<Polar>); LEAF] = std::array::from_fn(|_| (0, None));
         let mut total = 0.0;
@@ -436,18 +488,24 @@ impl EdgeTree {
             total += polar.as_ref().map_or(0.0, Polar::importance);
             *slot = (e as usize, polar);
         }
-        let mut x = u * total;
-        let mut chosen = None;
-        for (edge, polar) in candidates.into_iter().filter_map(|(e, p)| p.map(|p| (e, p))) {
-            let importance = polar.importance();
-            let rest = (x / importance).clamp(0.0, 1.0 - f32::EPSILON);
-            x -= importance;
-            chosen = Some(Candidate { edge, polar, weight: total / probability, rest });
-            if x < 0.0 {
-                break;
-            }
+        let weight = total / probability;
+        if !(weight > 0.0 && weight.is_finite()) {
+            return;
         }
-        chosen.filter(|c| c.weight > 0.0 && c.weight.is_finite())
+        for &u in ways {
+            let mut x = u * total;
+            let mut chosen = None;
+            for (edge, polar) in candidates.iter().filter_map(|(e, p)| p.map(|p| (*e, p))) {
+                let importance = polar.importance();
+                let rest = (x / importance).clamp(0.0, 1.0 - f32::EPSILON);
+                x -= importance;
+                chosen = Some(Candidate { edge, polar, weight, rest });
+                if x < 0.0 {
+                    break;
+                }
+            }
+            chosen.into_iter().for_each(&mut *found);
+        }
     }
 }
 
@@ -550,20 +608,22 @@ impl Node {
         } else {
             1.0
         };
-        let mut lobe = cos / std::f32::consts::PI;
-        if let Some((mirror, width)) = query.lobe {
-            let glossy = if distance <= radius {
-                1.0
-            } else {
-                let angle = (-q / distance).dot(mirror).clamp(-1.0, 1.0).acos();
-                let gap = (angle - (radius / distance).asin()).max(0.0);
-                let x = 1.0 + (gap / width).powi(2);
-                let covered = width.max((radius / distance).asin());
-                (width / covered) / (x * x)
-            };
-            lobe = 0.3 * lobe + glossy / (2.0 * width);
+        let near2 = near * near;
+        let mut seen = query.diffuse * cos / near2;
+        if let Some((lobe, weight)) = &query.glossy {
+            // The box where the lobe is a cosine, and a box around that.
+            let m = &lobe.to_cosine;
+            let half = 0.5 * (self.hi - self.lo);
+            let there = m.x_axis * -q.x + m.y_axis * -q.y + m.z_axis * -q.z;
+            let half = m.x_axis.abs() * half.x + m.y_axis.abs() * half.y + m.z_axis.abs() * half.z;
+            let highest = there.z + half.z;
+            if highest > 0.0 {
+                let gap = (there.abs() - half).max(Vec3::ZERO);
+                let squared = gap.length_squared() + SMEAR * half.length_squared();
+                seen += weight * near * highest.min(squared.sqrt()) / (squared * squared);
+            }
         }
         let brightness = if query.sees_emission { self.brightness } else { 1.0 };
-        length * brightness * lobe / (near * near)
+        length * brightness * seen
     }
 }

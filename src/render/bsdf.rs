@@ -367,6 +367,22 @@ impl Bsdf {
         }
     }
 
+    /// About how much the cosine lobe and the microfacet lobe reflect; the latter without shadowing.
+    pub fn lobes(&self, ci: f32) -> [f32; 2] {
+        let size = |rgb: Vec3| luminance(rgb.abs());
+        match *self {
+            Bsdf::Black | Bsdf::Mirror { .. } => [0.0; 2],
+            Bsdf::Diffuse { reflectance } => [size(reflectance), 0.0],
+            Bsdf::Conductor { reflectance, .. } => [0.0, size(schlick(ci.abs(), reflectance))],
+            Bsdf::ConductorIor { eta, k, .. } => [0.0, size(conductor(ci.abs().max(1e-3), eta, k))],
+            Bsdf::Phong { diffuse, specular, .. } => [size(diffuse), size(schlick(ci.abs(), specular))],
+            Bsdf::Principled { base_color, metallic, specular, .. } => {
+                let f0 = principled_f0(base_color, metallic, specular);
+                [size(base_color * (1.0 - metallic)), size(schlick(ci.abs(), f0))]
+            }
+        }
+    }
+
     /// Share of the samples that go to the cosine lobe.
     fn diffuse_share(&self, ci: f32) -> f32 {
         let (diffuse, f0) = match *self {

@@ -10,6 +10,8 @@ pub mod integrator;
 pub mod interaction;
 pub mod intersections;
 pub mod light;
+pub mod ltc;
+mod ltc_table;
 pub mod mask;
 pub mod motion;
 pub mod sampler;
