@@ -627,3 +627,54 @@ impl Node {
         length * brightness * seen
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Pcg32;
+
+    /// Edges about a surface in the plane y = 0 that reflects narrowly.
+    #[test]
+    fn the_importance_of_an_edge_is_the_integral_over_it_and_positions_have_their_density() {
+        let mut rng = Pcg32::new(9);
+        let mut point = || Vec3::from_array(rng.next_3d()) * 4.0 - Vec3::new(2.0, 1.0, 2.0);
+        let mut checked = 0;
+        for i in 0..200 {
+            let alpha = [0.6, 0.2, 0.05][i % 3];
+            let lobe = Lobe::new(alpha, Vec3::Y, Vec3::new(-0.5, 0.7, 0.3).normalize());
+            let query = Query {
+                prim: NO_PRIM,
+                p: Vec3::ZERO,
+                ng: Vec3::Y,
+                slack: SLACK,
+                diffuse: 0.2,
+                glossy: Some((lobe, 0.8)),
+                sees_emission: false,
+                contours_only: false,
+            };
+            let ends = [point(), point()];
+            let Some(polar) = Polar::new(&query, ends[0], ends[1]) else { continue };
+            let (e, n) = ((ends[1] - ends[0]) / polar.length, 20_000);
+            let distance = ends[0].cross(e).length();
+            if distance < 0.1 {
+                continue;
+            }
+            checked += 1;
+            let (mut diffuse, mut glossy, mut covered) = (0.0, 0.0, 0.0);
+            for k in 0..n {
+                let q = ends[0] + e * (polar.length * (k as f32 + 0.5) / n as f32);
+                let step = f64::from(polar.length / n as f32 * distance / q.length().powi(3));
+                if q.y > 0.0 {
+                    diffuse += 0.2 * step * f64::from(q.normalize().y * std::f32::consts::FRAC_1_PI);
+                    glossy += 0.8 * step * f64::from(lobe.density(q.normalize()));
+                }
+                covered += 1.0 / f64::from(polar.sample((k as f32 + 0.5) / n as f32).1) / f64::from(n);
+            }
+            let near = |a: f32, b: f64| (f64::from(a) - b).abs() < 0.01 * b + 1e-3 * (diffuse + glossy);
+            assert!(near(polar.diffuse, diffuse) && near(polar.glossy, glossy), "{} {glossy}", polar.glossy);
+            let whole = polar.l[1] - polar.l[0];
+            assert!((covered / f64::from(whole) - 1.0).abs() < 0.01, "{covered} {whole}");
+        }
+        assert!(checked > 50, "{checked}");
+    }
+}

@@ -11,7 +11,7 @@ pub mod interaction;
 pub mod intersections;
 pub mod light;
 pub mod ltc;
-mod ltc_table;
+pub mod ltc_table;
 pub mod mask;
 pub mod motion;
 pub mod sampler;
