@@ -480,7 +480,7 @@ impl EdgeTree {
             let mut polar = if useless { None } else { Polar::new(query, edge.p[0], edge.p[1]) };
             if !self.may_be_contour(e as usize, query.p - edge.p[0], query.slack) {
                 let crease = self.crease[e as usize];
-                polar = polar.filter(|_| crease > 0.0).map(|p| p.scaled(crease));
+                polar = polar.filter(|_| crease > 0.0 && !query.contours_only).map(|p| p.scaled(crease));
             }
             if query.sees_emission {
                 polar = polar.map(|p| p.scaled(1.0 + self.brightness[e as usize]));
@@ -598,7 +598,7 @@ impl Node {
                 self.length / (self.spread + radius / near).clamp(0.02, 1.0)
             }
         };
-        let length = contours + self.creases;
+        let length = if query.contours_only { contours } else { contours + self.creases };
         if length <= 0.0 {
             return 0.0;
         }
