@@ -214,8 +214,7 @@ fn glossy() {
     agree("glossy light x", &reflection(material, |t, s| s.light.x += t), &Plan { h: 0.3, seeds: 64, ..plan });
 }
 
-/// A lobe so narrow (α = 0.022, the paper's own setting) that light finds the eye only through it. (Motions of the whole
-/// blocker and of the floor agree as well, but their estimates are too noisy for two percent.)
+/// A lobe so narrow (α = 0.022, the paper's own setting) that light finds the eye only through it.
 #[test]
 fn glossy_narrow() {
     let material: fn(&mut Builder) -> Material = |b| {
@@ -225,6 +224,27 @@ fn glossy_narrow() {
     };
     let plan = Plan { max_bounces: 2, h: 0.05, spp: 64, seeds: 64, ..Plan::default() };
     agree("narrow blocker v1.y", &reflection(material, |t, s| s.blocker[1].y += t), &plan);
+    agree("narrow blocker x", &reflection(material, |t, s| s.blocker.iter_mut().for_each(|v| v.x += t)), &plan);
+    agree("narrow floor y", &reflection(material, |t, s| s.floor += t), &plan);
+}
+
+/// Metal floors: two whose lobes are attached, one with a wide lobe.
+#[test]
+fn glossy_floors() {
+    fn metal<const ALPHA_PERCENT: u32>(b: &mut Builder) -> Material {
+        let alpha = ALPHA_PERCENT as f32 / 100.0;
+        let (reflectance, roughness) = (b.constant(Vec3::splat(0.8)), b.scalar(alpha.sqrt()));
+        Material { kind: MaterialKind::Conductor { reflectance, roughness }, one_sided: false, opacity: None }
+    }
+    let plan = Plan { max_bounces: 2, h: 0.05, spp: 64, ..Plan::default() };
+    for (alpha, material) in
+        [(0.05, metal::<5> as fn(&mut Builder) -> Material), (0.1, metal::<10>), (0.3, metal::<30>)]
+    {
+        let name = format!("floor of α = {alpha}, blocker x");
+        agree(&name, &reflection(material, |t, s| s.blocker.iter_mut().for_each(|v| v.x += t)), &plan);
+        let name = format!("floor of α = {alpha}, floor y");
+        agree(&name, &reflection(material, |t, s| s.floor += t), &plan);
+    }
 }
 
 /// A smoothly shaded metal ball on a floor: the lobe turns with interpolated normals. (Motions of the ball itself agree as
