@@ -18,7 +18,7 @@ use super::pixels::{self, FilmCurve, PixelSampling};
 use super::sink::{Adjoints, Layout, Sink};
 use super::viewpoint::d_reflected_ray;
 use crate::image::Image;
-use crate::render::bsdf::{MAX_INPUTS, Part};
+use crate::render::bsdf::{MAX_INPUTS, Part, RoughnessPair};
 use crate::render::film::first_hit;
 use crate::render::integrator::{Connection, Continuation, Options, Recorder, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
@@ -157,8 +157,9 @@ pub fn inject<S: Sink>(out: &mut Adjoints<S>, path: &Path, injection: &Injection
     ray
 }
 
-/// Backward sweep: adds the derivative of `a · radiance(path)` to `out` and returns the adjoint of the path's first ray.
-pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3) -> RayAdjoint {
+/// Backward sweep: adds the derivative of `a · radiance(path)` to `out` and returns the adjoint of the path's first ray. With
+/// `distributions_fixed` GGX distributions do not depend on roughness.
+pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, distributions_fixed: bool) -> RayAdjoint {
     let mut reflected = Vec3::ZERO; // by the vertex after the current one
     let mut ray = RayAdjoint::default();
     for (k, v) in path.vertices.iter().enumerate().rev() {
@@ -177,6 +178,8 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3) -> RayAdjoint
             }
         };
         let mut out_going = Vec3::ZERO;
+        // What the continuation finds.
+        let mut found = Vec3::ZERO;
 
         if let Some(c) = &v.continuation {
             let step = c.f * c.inv_pdf;
@@ -185,7 +188,8 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3) -> RayAdjoint
             let emission = power * (c.emission_weight * c.through.pass * c.through.inv_choice);
             let sky = c.escaped.map_or(Vec3::ZERO, |sky| sky * (c.emission_weight * c.through.weight));
             let reflected = reflected * c.through.weight;
-            out_going += step * (emission + sky + reflected);
+            found = emission + sky + reflected;
+            out_going += step * found;
             let mut d_dir = ray.dir;
             if c.escaped.is_some() {
                 let d_sky = a_k * step * (c.emission_weight * c.through.weight);
@@ -256,6 +260,9 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3) -> RayAdjoint
                 d_emission_sliding(out, si, a_k * weight, &mut adj);
             }
         }
+        if distributions_fixed && let Some(pair) = si.bsdf.roughness_pair() {
+            d_values[pair.input].x -= d_distribution(&pair, v, a_k, found);
+        }
         d_inputs(out, si, &d_values, &mut adj);
         if out.scene.masked {
             // The vertex's own mask and those in front of it, as far as what is found slides over the surface.
@@ -273,6 +280,28 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3) -> RayAdjoint
     ray
 }
 
+/// The part of a vertex's derivative in its roughness that is the distribution's.
+fn d_distribution(pair: &RoughnessPair, v: &PathVertex, a: Vec3, found: Vec3) -> f32 {
+    let si = &v.si;
+    let ci = si.ns.dot(si.wi);
+    let front = if ci < 0.0 { si.wi - si.ns * (2.0 * ci) } else { si.wi };
+    let score = |wo: Vec3| pair.score_and_pdf(ci.abs(), si.ns.dot(wo), front.dot(wo)).0;
+    let mut d = 0.0;
+    if let Some(c) = &v.continuation {
+        let f = match c.attached {
+            true => c.f,
+            false if si.bsdf.is_attached() => Vec3::ZERO, // the diffuse part
+            false => si.eval_part(Part::Specular, c.dir),
+        };
+        d += a.dot(f * found) * c.inv_pdf * score(c.dir);
+    }
+    if let Some(c) = &v.connection {
+        let f = si.eval_part(Part::Specular, c.dir);
+        d += a.dot(f * c.light.power) * (c.geometry * c.weight * c.transmittance) * score(c.dir);
+    }
+    d
+}
+
 /// The interior term: camera paths, swept backwards.
 pub struct Interior<'a> {
     scene: &'a Scene,
@@ -281,6 +310,8 @@ pub struct Interior<'a> {
     film: FilmCurve,
     count: usize,
     toss: Toss,
+    /// Derivatives of GGX distributions in their roughness are left to [`super::roughness`].
+    pub distributions_fixed: bool,
 }
 
 impl<'a> Interior<'a> {
@@ -293,7 +324,15 @@ impl<'a> Interior<'a> {
         adjoint: &Image,
     ) -> Interior<'a> {
         let count = pixels::active(adjoint) * settings.spp.max(1) as usize;
-        Interior { scene, camera, settings, film: FilmCurve::new(adjoint), count, toss: toss(scene, layout) }
+        Interior {
+            scene,
+            camera,
+            settings,
+            film: FilmCurve::new(adjoint),
+            count,
+            toss: toss(scene, layout),
+            distributions_fixed: false,
+        }
     }
 
     /// One path through a film position; `weight` is what a pixel's adjoint counts for it.
@@ -334,7 +373,7 @@ impl<'a> Interior<'a> {
                 let d_pass = d.dot(self.scene.environment_radiance(ray.dir));
                 RayAdjoint { origin: Vec3::ZERO, dir } + d_masks(out, ray.dir, &path.crossings, d_pass)
             } else {
-                sweep(out, path, d)
+                sweep(out, path, d, self.distributions_fixed)
             };
             camera.d_ray(position, ray_adjoint.origin, ray_adjoint.dir, &mut out.camera);
         });

@@ -15,6 +15,7 @@ pub mod local;
 pub mod motion;
 pub mod pixels;
 pub mod primary;
+pub mod roughness;
 pub mod secondary;
 pub mod shadow;
 pub mod sink;
@@ -35,6 +36,7 @@ use self::edge_tree::EdgeTree;
 use self::estimate::{Images, Pass};
 use self::interior::Interior;
 use self::primary::PrimaryEdges;
+use self::roughness::RoughnessPairs;
 use self::secondary::Secondary;
 use self::shadow::{Shadows, Sky};
 use self::sink::{Contract, Contraction, Contractions, Layout, Tangents};
@@ -283,7 +285,7 @@ fn passes(
     let tree = (boundary && lights).then(|| EdgeTree::new(scene));
     let viewpoints = if boundary { Viewpoint::all(scene, camera, &mirrors) } else { Vec::new() };
 
-    let interior =
+    let mut interior =
         (!interior_vanishes(scene, settings, layout)).then(|| Interior::new(scene, camera, settings, layout, adjoint));
     let primary = boundary.then(|| PrimaryEdges::new(&viewpoints, settings, adjoint, seed));
     if let Some(pass) = primary.as_ref().and_then(PrimaryEdges::enumeration) {
@@ -291,6 +293,21 @@ fn passes(
     }
     if !boundary {
         let own = interior.as_ref().map_or(0, Estimator::count);
+        let pairs = RoughnessPairs::new(scene, camera, settings, layout, adjoint);
+        if interior.is_some() && pairs.is_some() {
+            // Whichever is less noisy here: scores of the paths' own samples, or pairs besides.
+            let [mut plain, mut paired] = [(); 2].map(|()| Allocation::new(scene, layout, adjoint, seed));
+            plain.measure(&interior);
+            interior.iter_mut().for_each(|i| i.distributions_fixed = true);
+            paired.measure(&interior);
+            paired.measure(&pairs);
+            if paired.advantage_over(&plain, 0) > 0.0 {
+                let counts = paired.split();
+                draw(&interior, counts[0], seed, visit);
+                return draw(&pairs, counts[1], seed, visit);
+            }
+            interior.iter_mut().for_each(|i| i.distributions_fixed = false);
+        }
         return draw(&interior, own, seed, visit);
     }
     let mut allocation = Allocation::new(scene, layout, adjoint, seed);

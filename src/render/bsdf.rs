@@ -74,6 +74,27 @@ pub struct BsdfAdjoint {
     pub d_values: [Vec3; MAX_INPUTS],
 }
 
+/// Directions to sample the derivative of a GGX distribution in its roughness with: one of each sign.
+#[derive(Clone, Copy, Debug)]
+pub struct RoughnessPair {
+    /// Number of the roughness among the material's inputs.
+    pub input: usize,
+    ggx: Ggx,
+}
+
+impl RoughnessPair {
+    /// A direction where the distribution grows with roughness and one where it shrinks, in the frame of the shading normal; each
+    /// with a density of its own. `None` below the surface.
+    pub fn sample(&self, wi: Vec3, u: [f32; 2]) -> [Option<Vec3>; 2] {
+        self.ggx.sample_pair(u).map(|h| (h.dot(wi) > 0.0).then(|| reflect(wi, h)).flatten())
+    }
+
+    /// ∂ ln D / ∂ roughness, and the density of [`RoughnessPair::sample`] on that side, at cosines as in [`Bsdf::eval`] with `ci` ≥ 0.
+    pub fn score_and_pdf(&self, ci: f32, co: f32, io: f32) -> (f32, f32) {
+        self.ggx.score_and_pair_pdf(ci, co, io)
+    }
+}
+
 impl MaterialKind {
     /// The inputs in their fixed order, and how many there are. Entries past the count repeat the last one.
     pub fn inputs(&self) -> ([Input; MAX_INPUTS], usize) {
@@ -101,6 +122,17 @@ impl MaterialKind {
 }
 
 impl MaterialKind {
+    /// Number and input of the roughness of a GGX lobe.
+    pub fn ggx_roughness(&self) -> Option<(usize, Input)> {
+        match *self {
+            MaterialKind::Conductor { roughness, .. } => Some((1, roughness)),
+            MaterialKind::ConductorIor { roughness, .. } | MaterialKind::Principled { roughness, .. } => {
+                Some((2, roughness))
+            }
+            _ => None,
+        }
+    }
+
     /// Whether a point of such a material can have an attached lobe (see [`Bsdf::is_attached`]).
     pub fn may_be_attached(&self) -> bool {
         !matches!(self, MaterialKind::Black | MaterialKind::Diffuse { .. } | MaterialKind::Mirror { .. })
@@ -317,6 +349,16 @@ impl Bsdf {
             | Bsdf::Principled { roughness, .. } => diffuse + specular_share * Ggx::new(roughness).pdf(ci, wo.z, io),
             Bsdf::Phong { roughness, .. } => diffuse + specular_share * Phong::new(roughness).pdf(ci, wo.z, io),
         }
+    }
+
+    /// The GGX lobe's derivative in its roughness, if there is such a lobe.
+    pub fn roughness_pair(&self) -> Option<RoughnessPair> {
+        let (input, roughness) = match *self {
+            Bsdf::Conductor { roughness, .. } => (1, roughness),
+            Bsdf::ConductorIor { roughness, .. } | Bsdf::Principled { roughness, .. } => (2, roughness),
+            _ => return None,
+        };
+        Some(RoughnessPair { input, ggx: Ggx::new(roughness) })
     }
 
     /// Reflectance of a mirror, zero for everything else.

@@ -97,6 +97,59 @@ fn roughness_and_reflectance_under_a_square_light() {
     }
 }
 
+/// T11 under a sky that brightens with height: no light stands out, so directions come in pairs. The sum over directions of the
+/// upper half is a quadrature with closed-form derivatives.
+#[test]
+fn roughness_under_a_smooth_sky() {
+    const N: usize = 256;
+    let (f0, forward) = (0.4f32, Vec3::new(-0.5, -1.0, -0.9).normalize());
+    // Bilinear between rows: radiance by the elevation of a texture's row, constant along it.
+    let rows = 64;
+    let bright = |row: usize| 0.2 + (1.0 - (row as f32 + 0.5) / rows as f32 * 2.0).max(0.0);
+    let data: Vec<f32> = (0..rows * 4).flat_map(|i| [bright(i / 4); 3]).collect();
+    let radiance = |y: f64| {
+        let v = (y.clamp(-1.0, 1.0).acos() / PI * rows as f64 - 0.5).max(0.0);
+        let (i, x) = (v.floor() as usize, v.fract());
+        f64::from(bright(i)) * (1.0 - x) + f64::from(bright((i + 1).min(rows - 1))) * x
+    };
+    for roughness in [0.6f32, 0.3] {
+        let mut b = Builder::default();
+        let reflectance = b.texture(Texture::constant(Vec3::splat(f0)));
+        let rough = b.texture(Texture::constant_scalar(roughness));
+        let kind =
+            MaterialKind::Conductor { reflectance: Input::Texture(reflectance), roughness: Input::Texture(rough) };
+        b.shape(floor(Vec3::ZERO, 0.3), kind, None);
+        b.environment(Texture::new(4, rows, 3, data.clone(), Wrap::Repeat, Filter::Bilinear).unwrap());
+        let scene = b.build();
+        let camera = probe(Vec3::ZERO, forward, 0.8);
+        let (d_f0, d_roughness) = (D::variable(f64::from(f0), 0), D::variable(f64::from(roughness), 1));
+        let wi = -forward.as_dvec3();
+        let mut exact = D::constant(0.0);
+        // Half vectors by tan²θ/α² = z/(1 − z), for the lobe is even there: dω_o = 4 (wi·h) dω_h.
+        let alpha = f64::from(roughness).powi(2);
+        for i in 0..N * N {
+            let u = ((i % N) as f64 + 0.5) / N as f64;
+            let phi = 2.0 * PI * ((i / N) as f64 + 0.5) / N as f64;
+            let tan2 = alpha * alpha * u / (1.0 - u);
+            let (cos, sin) = (1.0 / (1.0 + tan2).sqrt(), (tan2 / (1.0 + tan2)).sqrt());
+            let h = DVec3::new(sin * phi.cos(), cos, sin * phi.sin());
+            let wo = 2.0 * wi.dot(h) * h - wi;
+            if wi.dot(h) <= 0.0 || wo.y <= 0.0 {
+                continue;
+            }
+            // dω_h = 2π du / (N² D cosθ) of the given α.
+            let d = alpha * alpha / (PI * cos.powi(4) * (alpha * alpha + tan2).powi(2));
+            let measure = 4.0 * wi.dot(h) / (d * cos) / (N * N) as f64;
+            let c = D::constant;
+            exact = exact + ggx(d_f0, d_roughness, c(wi.y), c(wo.y), c(wi.dot(wo))) * (measure * radiance(wo.y));
+        }
+        let measured = Measured { scene: &scene, camera: &camera, settings: settings(4096, 1) };
+        measured.values(8).check(&format!("T11 sky, roughness {roughness}, value"), &[exact.value], 0.01);
+        let gradients = estimate(16, |seed| vec![measured.gradient(seed, &[Slot::Texels(rough)])[0][0]]);
+        gradients.check(&format!("T11 sky, roughness {roughness}"), &[exact.partials[1]], 0.01);
+    }
+}
+
 fn random_texture(width: usize, height: usize, seed: u64) -> Texture {
     let mut rng = Pcg32::new(seed);
     let data = (0..width * height * 3).map(|_| 0.1 + 0.8 * rng.next_f32()).collect();

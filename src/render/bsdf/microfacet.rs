@@ -134,6 +134,32 @@ impl Microfacets for Ggx {
     }
 }
 
+impl Ggx {
+    /// Microfacet normals, evenly about the pole, with densities in proportion to |∂D/∂α| cosθ where it is positive (tan²θ > α²)
+    /// and where it is negative. With t = tanθ the distribution function of D cosθ is t²/(t² + α²), so t²/α² is the same number on one
+    /// side as its inverse on the other.
+    pub fn sample_pair(&self, u: [f32; 2]) -> [Vec3; 2] {
+        let tail = (2.0 - u[0] + 2.0 * (1.0 - u[0]).sqrt()) / u[0].max(1e-12);
+        let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
+        [tail, 1.0 / tail].map(|z| {
+            let tan = self.alpha * z.sqrt();
+            let cos = 1.0 / (1.0 + tan * tan).sqrt();
+            Vec3::new(tan * cos * cos_phi, tan * cos * sin_phi, cos)
+        })
+    }
+
+    /// ∂ ln D / ∂ roughness, and the solid-angle density of the direction mirrored at the normal of its side in
+    /// [`Ggx::sample_pair`].
+    pub fn score_and_pair_pdf(&self, ci: f32, co: f32, io: f32) -> (f32, f32) {
+        let sin2 = half_sine_squared(ci, co, io);
+        let by_alpha = 2.0 * self.alpha * self.d_distribution(sin2).1;
+        let score = by_alpha * 2.0 * self.roughness / self.distribution(sin2);
+        // The mass on either side is 1 / 2α; wi·h = |wi + wo| / 2.
+        let cos = (1.0 - sin2).sqrt();
+        (score, by_alpha.abs() * self.alpha * cos / length_squared(io).sqrt())
+    }
+}
+
 /// Normalised Blinn-Phong with Walter's fit to Smith's shadowing: D = cosᵉ / (π r), e = 2/r − 2, α = √r.
 #[derive(Clone, Copy, Debug)]
 pub struct Phong {

@@ -1,0 +1,199 @@
+//! Derivatives of GGX lobes in their roughness: a pair of directions instead of a score.
+//!
+//! ∂D/∂α changes sign at tan²θ = α², with a mass of 1/(2α) on either side; under the lobe's own samples it is a score of that size
+//! and either sign, whose mean is a small difference. Each side is a density of its own and is sampled exactly (positivisation,
+//! Belhe et al. 2024); with the same random numbers for both,
+//!
+//!   ∂I/∂α = 1/(2α) E[ h(tail) − h(core) ],   h = 4 (wi·h) / cosθ_h × the integrand without D,
+//!
+//! and a smooth radiance leaves little of the difference. Light samples of the same integrand share by the balance heuristic. What
+//! else of the lobe depends on α (shadowing) stays with [`super::interior`], where the distribution is then held fixed.
+//!
+//! Only derivatives in materials and lights are found like this: where points slide, roughness textures move with them.
+
+use glam::Vec3;
+
+use super::allocate::{Estimator, typical_bounces};
+use super::estimate::{Estimate, Pass};
+use super::interior::{Path, PathVertex};
+use super::pixels::{self, FilmCurve, FilmSample, PixelSampling};
+use super::sink::Layout;
+use crate::image::Image;
+use crate::math::Frame;
+use crate::render::bsdf::{Part, RoughnessPair};
+use crate::render::integrator::{NoRecord, Options, Start, trace};
+use crate::render::interaction::SurfaceInteraction;
+use crate::render::light::LightKind;
+use crate::render::sampler::Sampler;
+use crate::render::{Camera, Input, Output, Scene, Settings, Slot};
+
+/// Paths that end in a pair of directions.
+pub struct RoughnessPairs<'a> {
+    scene: &'a Scene,
+    camera: &'a Camera,
+    settings: &'a Settings,
+    film: FilmCurve,
+    count: usize,
+    /// By shape: whether its roughness is asked for.
+    asked: Vec<bool>,
+}
+
+impl<'a> RoughnessPairs<'a> {
+    /// `None` if no GGX roughness is asked for, more than materials and lights are, or all light has outlines: without a sky
+    /// the scores of light samples are quieter than differences across an outline.
+    pub fn new(
+        scene: &'a Scene,
+        camera: &'a Camera,
+        settings: &'a Settings,
+        layout: &Layout,
+        adjoint: &Image,
+    ) -> Option<RoughnessPairs<'a>> {
+        let still = |slot: &Slot| matches!(slot, Slot::Texels(_) | Slot::Colors(_) | Slot::LightPower(_));
+        let outlined = scene.description.environment.is_none();
+        if outlined
+            || settings.output != Output::Radiance
+            || settings.max_bounces == 0
+            || !layout.slots.iter().all(still)
+        {
+            return None;
+        }
+        let asked: Vec<bool> = scene
+            .description
+            .shapes
+            .iter()
+            .enumerate()
+            .map(|(i, shape)| match shape.material.kind.ggx_roughness() {
+                Some((_, Input::Texture(t))) => layout.slots.contains(&Slot::Texels(t)),
+                Some((_, Input::VertexColor)) => layout.slots.contains(&Slot::Colors(i)),
+                None => false,
+            })
+            .collect();
+        let count = pixels::active(adjoint) * settings.spp.max(1) as usize / 2;
+        let pairs = RoughnessPairs { scene, camera, settings, film: FilmCurve::new(adjoint), count, asked };
+        pairs.asked.contains(&true).then_some(pairs)
+    }
+
+    fn sample(&self, film: &FilmSample, path: &mut Path, sampler: &mut Sampler, out: &mut impl Estimate) {
+        let camera = self.camera.sample_lens(sampler);
+        let ray = camera.ray(film.position);
+        // The first event after the path is the pair's.
+        let options = Options { next_event: false, ..Options::new(self.settings.max_bounces - 1) };
+        path.clear();
+        trace(self.scene, Start::Ray(ray, &[]), sampler, &options, path);
+        let vertices = &path.vertices[..path.vertices.len().min(self.settings.max_bounces as usize)];
+        let strength = |v: &PathVertex| {
+            let asked = self.asked[v.si.shape as usize] && v.si.bsdf.roughness_pair().is_some();
+            if asked { (v.throughput * v.through.weight).max_element().max(1e-3) } else { 0.0 }
+        };
+        let total: f32 = vertices.iter().map(strength).sum();
+        if total <= 0.0 {
+            return;
+        }
+        let mut x = sampler.next_1d() * total;
+        let chosen = vertices.iter().position(|v| {
+            x -= strength(v);
+            x < 0.0
+        });
+        let Some(k) = chosen else { return };
+        let v = &vertices[k];
+        let Some(pair) = v.si.bsdf.roughness_pair() else { return };
+        let by_light = self.light(&v.si, &pair, sampler);
+        let radiance = by_light + self.directions(&v.si, &pair, self.settings.max_bounces - k as u32, sampler);
+        let weight = v.throughput * v.through.weight * (film.weight as f32 * total / strength(v));
+        let d_roughness = radiance * weight;
+        let input = self.scene.description.shapes[v.si.shape as usize].material.kind.ggx_roughness();
+        if let Some((_, input)) = input.filter(|_| d_roughness != Vec3::ZERO && d_roughness.is_finite()) {
+            out.pixel(film.pixel, |d, out| {
+                out.input(input, v.si.prim, v.si.b, Vec3::X * d.dot(d_roughness), false);
+            });
+        }
+    }
+
+    /// The derivative in the roughness of what two sampled directions find, with `events` left.
+    fn directions(&self, si: &SurfaceInteraction, pair: &RoughnessPair, events: u32, sampler: &mut Sampler) -> Vec3 {
+        let frame = Frame::from_normal(si.ns);
+        let wi = frame.to_local(si.wi);
+        let wi = Vec3::new(wi.x, wi.y, wi.z.abs());
+        let sides = pair.sample(wi, sampler.next_2d().to_array());
+        let mut sum = Vec3::ZERO;
+        for wo in sides.into_iter().flatten() {
+            let dir = frame.to_world(wo).normalize();
+            let f = si.eval_part(Part::Specular, dir);
+            let (score, pdf) = pair.score_and_pdf(wi.z, si.ns.dot(dir), wi.dot(wo));
+            if f == Vec3::ZERO || si.ng.dot(dir) <= 0.0 || pdf <= 0.0 {
+                continue;
+            }
+            // The same numbers for both sides.
+            let mut sampler = sampler.clone();
+            let found = match self.scene.chance(&si.spawn_ray(dir), &[si.prim], &mut sampler) {
+                Some((next, t)) => {
+                    let to_area = next.ng.dot(next.wi) / (t * t);
+                    let direct = next.emission * balance(pdf, self.scene.lights.area_pdf(next.prim) / to_area);
+                    let options = Options { first_emission: false, ..Options::new(events - 1) };
+                    direct + trace(self.scene, Start::Surface(next), &mut sampler, &options, &mut NoRecord)
+                }
+                None => self.scene.environment_radiance(dir) * balance(pdf, self.scene.environment_pdf(dir)),
+            };
+            sum += f * found * (score / pdf);
+        }
+        sum
+    }
+
+    /// The derivative in the roughness of what a light sample brings.
+    fn light(&self, si: &SurfaceInteraction, pair: &RoughnessPair, sampler: &mut Sampler) -> Vec3 {
+        let light = self.scene.sample_light(sampler.next_2d());
+        let Some((light, arrival)) = light.and_then(|l| Some((l, l.arrive(si.p)?))) else { return Vec3::ZERO };
+        let f = si.eval_part(Part::Specular, arrival.dir);
+        if f == Vec3::ZERO || si.ng.dot(arrival.dir) <= 0.0 {
+            return Vec3::ZERO;
+        }
+        let frame = Frame::from_normal(si.ns);
+        let (wi, wo) = (frame.to_local(si.wi), frame.to_local(arrival.dir));
+        let (score, pdf) = pair.score_and_pdf(wi.z.abs(), wo.z, Vec3::new(wi.x, wi.y, wi.z.abs()).dot(wo));
+        let mut weight = arrival.geometry / light.pdf;
+        if !light.is_delta() {
+            let per_angle = if light.kind == LightKind::Area { light.pdf / arrival.geometry } else { light.pdf };
+            weight *= balance(per_angle, pdf);
+        }
+        let ray = si.spawn_ray_to(arrival.dir, arrival.distance);
+        f * light.power * (score * weight * self.scene.transmittance(&ray, &[si.prim, light.prim]))
+    }
+}
+
+fn balance(a: f32, b: f32) -> f32 {
+    a / (a + b)
+}
+
+impl Estimator for RoughnessPairs<'_> {
+    fn count(&self) -> usize {
+        self.count
+    }
+
+    fn cost(&self) -> f64 {
+        2.0 + 3.0 * typical_bounces(self.settings.max_bounces)
+    }
+
+    fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {
+        Pairs { of: self, pixels: PixelSampling::new(&self.film, count, share, seed) }
+    }
+}
+
+/// Some of the samples.
+struct Pairs<'a> {
+    of: &'a RoughnessPairs<'a>,
+    pixels: PixelSampling<'a>,
+}
+
+impl Pass for Pairs<'_> {
+    fn items(&self) -> usize {
+        self.pixels.count()
+    }
+
+    fn run(&self, items: std::ops::Range<usize>, out: &mut impl Estimate) {
+        let mut path = Path::default();
+        for index in items {
+            let (mut sampler, film) = self.pixels.sample(index);
+            self.of.sample(&film, &mut path, &mut sampler, out);
+        }
+    }
+}
