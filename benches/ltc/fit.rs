@@ -26,8 +26,9 @@ impl Samples {
         for i in 0..STRATA * STRATA {
             let u = [i % STRATA, i / STRATA].map(|k| (k as f32 + 0.5) / STRATA as f32);
             if let Some(s) = bsdf.sample(wi, [u[0], u[1], 0.5]) {
-                directions.push((s.wo, f64::from(s.weight.x) / (STRATA * STRATA) as f64));
-                values.push(f64::from(bsdf.eval(wi.z, s.wo.z, wi.dot(s.wo)).x));
+                let value = bsdf.eval(wi.z, s.wo.z, wi.dot(s.wo)).x;
+                directions.push((s.wo, f64::from(value / s.pdf) / (STRATA * STRATA) as f64));
+                values.push(f64::from(value));
             }
         }
         Samples { wi, directions, values }

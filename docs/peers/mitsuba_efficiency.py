@@ -328,7 +328,7 @@ def forward(a):
 def main():
     p = argparse.ArgumentParser(formatter_class=argparse.RawDescriptionHelpFormatter, description=__doc__)
     p.add_argument("folder")
-    p.add_argument("--scene", action="append", help="only cases whose name contains this; repeatable")
+    p.add_argument("--scene", action="append", help="only cases whose name contains this (forward: path tracing without derivatives); repeatable")
     p.add_argument("--seeds", type=int, default=16)
     p.add_argument("--pilot", type=int, default=4, help="seeds with which every setting is tried")
     p.add_argument("--seconds", type=float, default=30, help="wall time after which no more seeds are drawn")
@@ -352,7 +352,7 @@ def main():
             if why := refusal(c):
                 print(json.dumps(dict(row, error=why)), flush=True)
                 continue
-        elif a.scene or a.primal or a.default:
+        elif a.primal or a.default or (a.scene and "forward" not in a.scene):
             continue
         # A process for each case: its memory and its failures are its own. Compiled kernels are cached on disk.
         command = [sys.executable, os.path.abspath(__file__)] + sys.argv[1:] + ["--worker", path]

@@ -353,7 +353,7 @@ impl<'a> Interior<'a> {
             if let Some((si, t)) = hit {
                 out.pixel(pixel, |d, out| {
                     let r = d_first_hit(out, self.settings.output, &camera, (&si, t), &through, d * weight);
-                    let value = first_hit(self.settings.output, &camera, &si);
+                    let value = first_hit(self.scene, self.settings.output, &camera, &si);
                     let d_pass = (d * weight).dot(value) * through.opacity * through.inv_choice;
                     let r = r + d_masks(out, ray.dir, &path.crossings, d_pass);
                     camera.d_ray(position, r.origin, r.dir, &mut out.camera);

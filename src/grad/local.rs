@@ -407,7 +407,7 @@ pub fn d_first_hit<S: Sink>(
     d: Vec3,
 ) -> RayAdjoint {
     let mut adj = VertexAdjoint::default();
-    d_opacity(out, si, d.dot(first_hit(output, camera, si)) * through.pass * through.inv_choice, &mut adj);
+    d_opacity(out, si, d.dot(first_hit(out.scene, output, camera, si)) * through.pass * through.inv_choice, &mut adj);
     let d = d * through.weight;
     match output {
         Output::Radiance | Output::Alpha | Output::ShapeIndex => {}
@@ -437,7 +437,7 @@ mod tests {
     use super::*;
     use crate::math::Pcg32;
     use crate::render::bsdf::Bsdf;
-    use glam::{DQuat, DVec3, Vec2};
+    use glam::{DQuat, DVec3};
 
     fn vertex(ns: Vec3, wi: Vec3, bsdf: Bsdf) -> SurfaceInteraction {
         SurfaceInteraction {
@@ -449,7 +449,6 @@ mod tests {
             ns,
             flip: 1.0,
             shading_flip: 0.0,
-            uv: Vec2::ZERO,
             wi,
             bsdf,
             emission: Vec3::ZERO,

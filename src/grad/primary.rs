@@ -355,7 +355,7 @@ impl Values<'_> {
                 let options = Options::new(self.settings.max_bounces.saturating_sub(self.viewpoint.bounces()));
                 self.seen.throughput * trace(self.scene, Start::Surface(si), sampler, &options, &mut NoRecord)
             }
-            output => self.seen.throughput * first_hit(output, &self.viewpoint.camera, &si),
+            output => self.seen.throughput * first_hit(self.scene, output, &self.viewpoint.camera, &si),
         }
     }
 
@@ -374,7 +374,7 @@ impl Values<'_> {
                 throughput * trace(self.scene, Start::Ray(ray, &skip), sampler, &options, &mut NoRecord)
             }
             output => match self.scene.chance(&ray, &skip, sampler) {
-                Some((si, _)) => throughput * first_hit(output, &self.viewpoint.camera, &si),
+                Some((si, _)) => throughput * first_hit(self.scene, output, &self.viewpoint.camera, &si),
                 None => Vec3::ZERO,
             },
         }

@@ -10,6 +10,7 @@ pub struct Frame {
 
 impl Frame {
     /// Duff et al. 2017, "Building an Orthonormal Basis, Revisited".
+    #[inline]
     pub fn from_normal(n: Vec3) -> Frame {
         let sign = 1f32.copysign(n.z);
         let a = -1.0 / (sign + n.z);
@@ -21,10 +22,12 @@ impl Frame {
         }
     }
 
+    #[inline]
     pub fn to_world(&self, v: Vec3) -> Vec3 {
         self.tangent * v.x + self.bitangent * v.y + self.normal * v.z
     }
 
+    #[inline]
     pub fn to_local(&self, v: Vec3) -> Vec3 {
         Vec3::new(self.tangent.dot(v), self.bitangent.dot(v), self.normal.dot(v))
     }

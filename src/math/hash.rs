@@ -1,4 +1,5 @@
 /// A well-mixed 32-bit permutation (Wellons' `lowbias32`).
+#[inline]
 pub fn hash_u32(mut x: u32) -> u32 {
     x ^= x >> 16;
     x = x.wrapping_mul(0x7feb_352d);

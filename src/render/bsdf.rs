@@ -57,11 +57,10 @@ pub enum Part {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BsdfSample {
     pub wo: Vec3,
-    /// f·|cos θo| / pdf (for a delta lobe: the reflectance).
-    pub weight: Vec3,
     /// Solid-angle density; 1 for a delta lobe.
     pub pdf: f32,
-    pub delta: bool,
+    /// Of a delta lobe: its reflectance.
+    pub mirror: Option<Vec3>,
 }
 
 /// Derivatives of a scalar in everything [`Bsdf::eval`] depends on.
@@ -171,11 +170,13 @@ impl Bsdf {
     }
 
     /// Reflects in one direction only: `eval` and `pdf` are zero, `sample` is all there is.
+    #[inline]
     pub fn is_delta(&self) -> bool {
         matches!(self, Bsdf::Mirror { .. })
     }
 
     /// Reflects nothing, whatever its inputs.
+    #[inline]
     pub fn is_black(&self) -> bool {
         matches!(self, Bsdf::Black)
     }
@@ -187,7 +188,17 @@ impl Bsdf {
     }
 
     /// f·|cos θo|; `ci` = n·wi, `co` = n·wo, `io` = wi·wo of unit vectors. Zero for `co` ≤ 0.
+    #[inline(always)]
     pub fn eval(&self, ci: f32, co: f32, io: f32) -> Vec3 {
+        match *self {
+            Bsdf::Diffuse { reflectance } if co > 0.0 => reflectance * (FRAC_1_PI * co),
+            Bsdf::Diffuse { .. } => Vec3::ZERO,
+            _ => self.eval_parts(ci, co, io),
+        }
+    }
+
+    #[inline(never)]
+    fn eval_parts(&self, ci: f32, co: f32, io: f32) -> Vec3 {
         self.eval_part(Part::Diffuse, ci, co, io) + self.eval_part(Part::Specular, ci, co, io)
     }
 
@@ -306,8 +317,18 @@ impl Bsdf {
         out
     }
 
-    /// Samples a direction in the frame of the shading normal (+z); `u[2]` chooses the lobe of a mixture.
+    /// Samples a direction in the frame of the shading normal (+z). `u[2]` chooses the lobe of a mixture.
+    #[inline]
     pub fn sample(&self, wi: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
+        if let Bsdf::Diffuse { .. } = self {
+            let wo = cosine_hemisphere([u[0], u[1]]);
+            return Some(BsdfSample { wo, pdf: cosine_hemisphere_pdf(wo.z), mirror: None });
+        }
+        self.sample_lobes(wi, u)
+    }
+
+    #[inline(never)]
+    fn sample_lobes(&self, wi: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
         let wi = Vec3::new(wi.x, wi.y, wi.z.abs());
         let square = [u[0], u[1]];
         let diffuse_share = self.diffuse_share(wi.z);
@@ -315,7 +336,7 @@ impl Bsdf {
             Bsdf::Black => return None,
             Bsdf::Mirror { reflectance } => {
                 let wo = Vec3::new(-wi.x, -wi.y, wi.z);
-                return Some(BsdfSample { wo, weight: reflectance, pdf: 1.0, delta: true });
+                return Some(BsdfSample { wo, pdf: 1.0, mirror: Some(reflectance) });
             }
             _ if u[2] < diffuse_share => cosine_hemisphere(square),
             Bsdf::Diffuse { .. } => cosine_hemisphere(square),
@@ -325,29 +346,37 @@ impl Bsdf {
             Bsdf::Phong { roughness, .. } => reflect(wi, Phong::new(roughness).sample(wi, square))?,
         };
         let pdf = self.pdf(wi, wo);
-        if !(pdf > 0.0 && pdf.is_finite()) {
-            return None;
-        }
-        let weight = self.eval(wi.z, wo.z, wi.dot(wo)) / pdf;
-        weight.is_finite().then_some(BsdfSample { wo, weight, pdf, delta: false })
+        (pdf > 0.0 && pdf.is_finite()).then_some(BsdfSample { wo, pdf, mirror: None })
     }
 
-    /// Solid-angle density of [`Bsdf::sample`], without delta lobes.
+    /// Solid-angle density of [`Bsdf::sample`] in the frame of the shading normal, without delta lobes.
     pub fn pdf(&self, wi: Vec3, wo: Vec3) -> f32 {
-        if wo.z <= 0.0 {
-            return 0.0;
+        self.density(wi.z, wo.z, wi.dot(wo))
+    }
+
+    /// [`Bsdf::pdf`] by the cosines that [`Bsdf::eval`] takes.
+    #[inline]
+    pub fn density(&self, ci: f32, co: f32, io: f32) -> f32 {
+        match self {
+            _ if co <= 0.0 => 0.0,
+            Bsdf::Diffuse { .. } => cosine_hemisphere_pdf(co),
+            _ => self.density_of_lobes(ci, co, io),
         }
-        let (ci, io) = turn_to_front(wi.z, wo.z, wi.dot(wo));
+    }
+
+    #[inline(never)]
+    fn density_of_lobes(&self, ci: f32, co: f32, io: f32) -> f32 {
+        let (ci, io) = turn_to_front(ci, co, io);
         let diffuse_share = self.diffuse_share(ci);
-        let diffuse = diffuse_share * cosine_hemisphere_pdf(wo.z);
+        let diffuse = diffuse_share * cosine_hemisphere_pdf(co);
         let specular_share = 1.0 - diffuse_share;
         match *self {
             Bsdf::Black | Bsdf::Mirror { .. } => 0.0,
             Bsdf::Diffuse { .. } => diffuse,
             Bsdf::Conductor { roughness, .. }
             | Bsdf::ConductorIor { roughness, .. }
-            | Bsdf::Principled { roughness, .. } => diffuse + specular_share * Ggx::new(roughness).pdf(ci, wo.z, io),
-            Bsdf::Phong { roughness, .. } => diffuse + specular_share * Phong::new(roughness).pdf(ci, wo.z, io),
+            | Bsdf::Principled { roughness, .. } => diffuse + specular_share * Ggx::new(roughness).pdf(ci, co, io),
+            Bsdf::Phong { roughness, .. } => diffuse + specular_share * Phong::new(roughness).pdf(ci, co, io),
         }
     }
 

@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
+use super::accel::Work;
 use super::integrator::{NoRecord, Options, Start, trace};
 use super::interaction::SurfaceInteraction;
 use super::motion;
@@ -100,35 +101,68 @@ pub(super) fn add_samples(
     let channels = settings.output.channels();
     let seed = hash(settings.seed, 0x7072_696d_616c);
     let options = Options::new(settings.max_bounces);
-    image.data.par_chunks_mut(camera.width * channels).enumerate().for_each(|(y, row)| {
-        for (x, pixel) in row.chunks_mut(channels).enumerate() {
-            let sequence = hash(seed, (y * camera.width + x) as u64);
+    image.data.par_chunks_mut(camera.width * channels).enumerate().for_each(|(y, pixels)| {
+        scene.accel.run(Row {
+            scene,
+            camera,
+            output: settings.output,
+            options,
+            seed,
+            samples: &samples,
+            count,
+            stop,
+            y,
+            pixels,
+        });
+    });
+}
+
+/// A row of an image that is being rendered.
+struct Row<'a> {
+    scene: &'a Scene,
+    camera: &'a Camera,
+    output: Output,
+    options: Options,
+    seed: u64,
+    samples: &'a Range<u32>,
+    count: f32,
+    stop: &'a AtomicBool,
+    y: usize,
+    pixels: &'a mut [f32],
+}
+
+impl Work for Row<'_> {
+    #[inline(always)]
+    fn run(self) {
+        let Row { scene, camera, output, y, .. } = self;
+        for (x, pixel) in self.pixels.chunks_mut(output.channels()).enumerate() {
+            let sequence = hash(self.seed, (y * camera.width + x) as u64);
             let mut sum = Vec3::ZERO;
-            for i in samples.clone() {
-                if i % STOP_PERIOD == 0 && stop.load(Ordering::Relaxed) {
+            for i in self.samples.clone() {
+                if i % STOP_PERIOD == 0 && self.stop.load(Ordering::Relaxed) {
                     return;
                 }
                 let mut sampler = Sampler::new(sequence, i);
                 let position = Vec2::new(x as f32, y as f32) + sampler.next_2d();
                 let ray = camera.sample_lens(&mut sampler).ray(position);
-                sum += if settings.output == Output::Radiance {
-                    trace(scene, Start::Ray(ray, &[]), &mut sampler, &options, &mut NoRecord)
+                sum += if output == Output::Radiance {
+                    trace(scene, Start::Ray(ray, &[]), &mut sampler, &self.options, &mut NoRecord)
                 } else {
                     match scene.chance(&ray, &[], &mut sampler) {
-                        Some((si, _)) => first_hit(settings.output, camera, &si),
+                        Some((si, _)) => first_hit(scene, output, camera, &si),
                         None => Vec3::ZERO,
                     }
                 };
             }
-            for (pixel, x) in pixel.iter_mut().zip((sum / count).to_array()) {
+            for (pixel, x) in pixel.iter_mut().zip((sum / self.count).to_array()) {
                 *pixel += x;
             }
         }
-    });
+    }
 }
 
 /// The value of a first-hit channel (unused components are zero).
-pub(crate) fn first_hit(output: Output, camera: &Camera, si: &SurfaceInteraction) -> Vec3 {
+pub(crate) fn first_hit(scene: &Scene, output: Output, camera: &Camera, si: &SurfaceInteraction) -> Vec3 {
     match output {
         Output::Radiance => Vec3::ZERO,
         Output::Depth => Vec3::X * camera.frame[2].normalize().dot(si.p - camera.origin),
@@ -137,7 +171,7 @@ pub(crate) fn first_hit(output: Output, camera: &Camera, si: &SurfaceInteraction
         Output::Normal => si.ns,
         Output::GeometricNormal => si.ng,
         Output::Albedo => si.bsdf.albedo(),
-        Output::Uv => si.uv.extend(0.0),
+        Output::Uv => scene.uv(si.prim, si.b).extend(0.0),
         Output::ShapeIndex => Vec3::X * (si.shape + 1) as f32,
     }
 }

@@ -7,7 +7,7 @@ use glam::Vec3;
 
 use super::accel::{PrimId, Ray};
 use super::interaction::SurfaceInteraction;
-use super::light::{Arrival, LightKind, LightSample};
+use super::light::{Arrival, LightSample};
 use super::mask::{Crossing, Through, Toss};
 use super::sampler::Sampler;
 use super::world::Scene;
@@ -115,6 +115,7 @@ pub struct NoRecord;
 impl Recorder for NoRecord {}
 
 /// One-sample estimate of the radiance along a path's first segment, towards its start.
+#[inline(always)]
 pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Options, rec: &mut impl Recorder) -> Vec3 {
     let mut radiance = Vec3::ZERO;
     let mut throughput = Vec3::ONE;
@@ -161,16 +162,17 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
         let u = sampler.next_3d();
         let roulette = sampler.next_1d();
         let Some(sample) = si.bsdf.sample(wi, u) else { break };
-        let dir = frame.to_world(sample.wo).normalize();
-        let mut f = if sample.delta { sample.weight } else { si.eval(dir) };
-        let mut inv_pdf = if sample.delta { 1.0 } else { 1.0 / sample.pdf };
+        let delta = sample.mirror.is_some();
+        let dir = frame.to_world(sample.wo);
+        let mut f = sample.mirror.unwrap_or_else(|| si.eval(dir));
+        let mut inv_pdf = 1.0 / sample.pdf;
         let mut attached = false;
         if options.split_lobes && si.bsdf.is_attached() {
             let chosen = si.choose_part(dir, sampler.next_1d());
             (attached, f) = (chosen.attached, chosen.f);
             inv_pdf /= chosen.probability;
         }
-        if !options.keep_black && f == Vec3::ZERO {
+        if !options.keep_black && f == Vec3::ZERO || !f.is_finite() {
             break;
         }
         if si.ng.dot(dir) <= 0.0 {
@@ -192,7 +194,7 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
             dir,
             inv_pdf,
             f,
-            delta: sample.delta,
+            delta,
             attached,
             t: f32::INFINITY,
             through,
@@ -205,7 +207,7 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
             None => {
                 let sky = scene.environment_radiance(dir);
                 if scene.environment.is_some() {
-                    if !sample.delta {
+                    if !delta {
                         continuation.emission_weight = balance(sample.pdf, scene.environment_pdf(dir));
                     }
                     continuation.escaped = Some(sky);
@@ -220,7 +222,7 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
                     let cos = hit.ng.dot(hit.wi);
                     // Solid angle to area: this technique's density as if it had chosen the emitter's point.
                     let to_area = cos / (t * t);
-                    if !sample.delta {
+                    if !delta {
                         let other = scene.lights.area_pdf(hit.prim) / to_area;
                         continuation.emission_weight = balance(sample.pdf, other);
                     }
@@ -239,8 +241,8 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
 }
 
 fn emits(scene: &Scene, si: &SurfaceInteraction) -> bool {
-    let emission = &scene.description.shapes[si.shape as usize].emission;
-    emission.as_ref().is_some_and(|e| e.two_sided || si.flip > 0.0)
+    let look = &scene.looks[si.shape as usize];
+    look.emits && (look.two_sided || si.flip > 0.0)
 }
 
 fn balance(a: f32, b: f32) -> f32 {
@@ -248,6 +250,7 @@ fn balance(a: f32, b: f32) -> f32 {
 }
 
 /// Samples one light and tests whether it is visible.
+#[inline(always)]
 fn connect(
     scene: &Scene,
     si: &SurfaceInteraction,
@@ -264,14 +267,9 @@ fn connect(
     if f == Vec3::ZERO && !(options.keep_black && si.ns.dot(arrival.dir) > 0.0) {
         return None;
     }
-    let mut weight = 1.0 / light.pdf;
-    if !light.is_delta() {
-        let frame = Frame::from_normal(si.ns);
-        let wi = frame.to_local(si.wi);
-        let bsdf_pdf = si.bsdf.pdf(Vec3::new(wi.x, wi.y, wi.z.abs()), frame.to_local(arrival.dir));
-        let light_pdf = if light.kind == LightKind::Area { light.pdf / arrival.geometry } else { light.pdf };
-        weight *= balance(light_pdf, bsdf_pdf);
-    }
+    // The balance heuristic over the light's density, with the BSDF's in the same measure.
+    let other = if light.is_delta() { 0.0 } else { si.pdf(arrival.dir) * arrival.geometry };
+    let weight = 1.0 / (light.pdf + other);
     let ray = si.spawn_ray_to(arrival.dir, arrival.distance);
     rec.line();
     let transmittance = scene.let_through(&ray, &[si.prim, light.prim], options.toss, |c| rec.cross(&c))?;

@@ -25,7 +25,6 @@ pub struct SurfaceInteraction {
     pub flip: f32,
     /// The interpolated vertex normal is `ns · shading_flip` (before normalisation); 0 for flat shading.
     pub shading_flip: f32,
-    pub uv: Vec2,
     /// Unit direction towards the previous vertex.
     pub wi: Vec3,
     pub bsdf: Bsdf,
@@ -61,11 +60,7 @@ impl Scene {
         match input {
             Input::Texture(t) => {
                 let texture = &self.description.textures[t];
-                if texture.data.len() == 3 {
-                    Vec3::new(texture.data[0], texture.data[1], texture.data[2])
-                } else {
-                    texture.eval(self.uv(prim, b))
-                }
+                if texture.is_constant() { texture.color() } else { texture.eval(self.uv(prim, b)) }
             }
             Input::VertexColor => {
                 let id = self.prims[prim as usize];
@@ -82,37 +77,57 @@ impl Scene {
     }
 
     /// The interaction at a point of a primitive seen along `wi` (unit, away from the surface).
+    #[inline(always)]
     pub(crate) fn interaction(&self, prim: PrimId, b: [f32; 3], wi: Vec3) -> SurfaceInteraction {
+        let facet = &self.facets[prim as usize];
+        let look = &self.looks[facet.shape as usize];
+        let flip = if facet.normal.dot(wi) < 0.0 { -1.0 } else { 1.0 };
+        let ng = facet.normal * flip;
+        let (ns, shading_flip) = if look.smooth { self.shading_normal(prim, b, ng) } else { (ng, 0.0) };
+        let bsdf = match look.bsdf {
+            _ if look.one_sided && flip < 0.0 => Bsdf::Black,
+            Some(bsdf) => bsdf,
+            None => self.bsdf(&self.description.shapes[facet.shape as usize].material.kind, prim, b),
+        };
+        let emission = if look.emits && (look.two_sided || flip > 0.0) { self.emitted(prim, b) } else { Vec3::ZERO };
+        SurfaceInteraction {
+            prim,
+            shape: facet.shape,
+            b,
+            p: facet.point(b),
+            ng,
+            ns,
+            flip,
+            shading_flip,
+            wi,
+            bsdf,
+            emission,
+        }
+    }
+
+    /// The shading normal on the side of `ng`, and its sign; `ng` and 0 where there is none.
+    fn shading_normal(&self, prim: PrimId, b: [f32; 3], ng: Vec3) -> (Vec3, f32) {
         let id = self.prims[prim as usize];
-        let shape = &self.description.shapes[id.shape as usize];
-        let mesh = &shape.mesh;
-        let face = mesh.faces[id.face as usize];
-        let [p0, p1, p2] = face.map(|v| mesh.vertices[v as usize]);
-        let p = p0 * b[0] + p1 * b[1] + p2 * b[2];
-        let right_hand = (p1 - p0).cross(p2 - p0).normalize_or_zero();
-        let flip = if right_hand.dot(wi) < 0.0 { -1.0 } else { 1.0 };
-        let ng = right_hand * flip;
-        let (ns, shading_flip) = match &mesh.normals {
-            Some(normals) => {
-                let [i, j, k] = face.map(|v| normals[v as usize]);
-                let n = (i * b[0] + j * b[1] + k * b[2]).normalize_or_zero();
-                if n == Vec3::ZERO {
-                    (ng, 0.0)
-                } else {
-                    let s = if n.dot(ng) < 0.0 { -1.0 } else { 1.0 };
-                    (n * s, s)
-                }
-            }
-            None => (ng, 0.0),
-        };
-        let hidden = shape.material.one_sided && flip < 0.0;
-        let bsdf = if hidden { Bsdf::Black } else { self.bsdf(&shape.material.kind, prim, b) };
-        let emission = match &shape.emission {
-            Some(e) if e.two_sided || flip > 0.0 => self.lookup(e.radiance, prim, b),
-            _ => Vec3::ZERO,
-        };
-        let uv = self.uv(prim, b);
-        SurfaceInteraction { prim, shape: id.shape, b, p, ng, ns, flip, shading_flip, uv, wi, bsdf, emission }
+        let mesh = &self.description.shapes[id.shape as usize].mesh;
+        let Some(normals) = &mesh.normals else { return (ng, 0.0) };
+        let [i, j, k] = mesh.faces[id.face as usize].map(|v| normals[v as usize]);
+        let n = (i * b[0] + j * b[1] + k * b[2]).normalize_or_zero();
+        if n == Vec3::ZERO {
+            return (ng, 0.0);
+        }
+        let s = if n.dot(ng) < 0.0 { -1.0 } else { 1.0 };
+        (n * s, s)
+    }
+
+    /// Radiance that a point of an emitter's surface emits.
+    #[inline]
+    pub(crate) fn emitted(&self, prim: PrimId, b: [f32; 3]) -> Vec3 {
+        let shape = self.facets[prim as usize].shape as usize;
+        match (self.looks[shape].radiance, &self.description.shapes[shape].emission) {
+            (Some(radiance), _) => radiance,
+            (None, Some(emission)) => self.lookup(emission.radiance, prim, b),
+            (None, None) => Vec3::ZERO,
+        }
     }
 
     fn bsdf(&self, kind: &MaterialKind, prim: PrimId, b: [f32; 3]) -> Bsdf {
@@ -125,6 +140,7 @@ impl Scene {
     }
 
     /// The closest surface along a ray.
+    #[inline(always)]
     pub(crate) fn intersect(&self, ray: &Ray, skip: &[PrimId]) -> Option<(SurfaceInteraction, f32)> {
         let hit = self.accel.closest(ray, skip)?;
         Some((self.interaction(hit.prim, hit.b, -ray.dir), hit.t))
@@ -135,8 +151,8 @@ impl Scene {
         match &self.description.environment {
             Some(e) => {
                 let texture = &self.description.textures[e.radiance];
-                if texture.data.len() == 3 {
-                    Vec3::new(texture.data[0], texture.data[1], texture.data[2])
+                if texture.is_constant() {
+                    texture.color()
                 } else {
                     texture.value(&texture.environment_footprint(environment_uv(e.rotation.transpose() * dir)))
                 }
@@ -167,13 +183,14 @@ impl SurfaceInteraction {
     }
 
     /// f·cos θ towards `wo`, made continuous at the geometric horizon (see [`terminator`]).
-    #[inline]
+    #[inline(always)]
     pub fn eval(&self, wo: Vec3) -> Vec3 {
         let co = self.ns.dot(wo);
         if co <= 0.0 {
             return Vec3::ZERO;
         }
-        self.bsdf.eval(self.ns.dot(self.wi), co, self.wi.dot(wo)) * self.terminator(wo)
+        let f = self.bsdf.eval(self.ns.dot(self.wi), co, self.wi.dot(wo));
+        if self.shading_flip == 0.0 { f } else { f * self.terminator(wo) }
     }
 
     /// One part of [`SurfaceInteraction::eval`].
@@ -206,6 +223,12 @@ impl SurfaceInteraction {
         } else {
             ChosenPart { attached: false, f: fixed, probability: 1.0 - p }
         }
+    }
+
+    /// Solid-angle density with which the BSDF is sampled in direction `wo`, without delta lobes.
+    #[inline]
+    pub fn pdf(&self, wo: Vec3) -> f32 {
+        self.bsdf.density(self.ns.dot(self.wi), self.ns.dot(wo), self.wi.dot(wo))
     }
 
     #[inline]

@@ -58,7 +58,7 @@ impl LightSample {
                     return None;
                 }
                 let r = r2.sqrt();
-                let dir = d / r;
+                let dir = d * r.recip();
                 let cos = if self.kind == LightKind::Area {
                     let c = -self.n.dot(dir);
                     if self.two_sided { c.abs() } else { c }
@@ -215,6 +215,7 @@ fn defensive(weights: &[f64]) -> Vec<f64> {
 impl Scene {
     /// Chooses a light and a point on it; `None` without lights. The first number chooses the light and, stretched, is used
     /// again: a light's own two dimensions stay stratified together with whatever else the sample's first numbers decide.
+    #[inline]
     pub(crate) fn sample_light(&self, u: Vec2) -> Option<LightSample> {
         self.sample_from(&self.lights.entries, &self.lights.pmf, u)
     }
@@ -224,12 +225,24 @@ impl Scene {
         self.sample_from(&self.lights.local_entries, &self.lights.local_pmf, u)
     }
 
+    #[inline]
     fn sample_from(&self, entries: &[Entry], pmf: &Discrete, u: Vec2) -> Option<LightSample> {
         if pmf.is_empty() {
             return None;
         }
         let (i, p, rest) = pmf.sample(f64::from(u.x));
         let (p, u) = (p as f32, [(rest as f32).min(ONE_MINUS_EPSILON), u.y]);
+        if let Entry::Triangle { prim, area } = entries[i] {
+            // Uniform over the triangle (Turk): low-distortion enough and keeps Sobol's strata connected.
+            let s = u[0].sqrt();
+            let b = [1.0 - s, s * (1.0 - u[1]), s * u[1]];
+            return self.area_sample(prim, b, p / area);
+        }
+        self.sample_other(entries[i], p, u)
+    }
+
+    /// A light that is not a triangle, chosen with probability `p`.
+    fn sample_other(&self, entry: Entry, p: f32, u: [f32; 2]) -> Option<LightSample> {
         let base = LightSample {
             kind: LightKind::Area,
             y: Vec3::ZERO,
@@ -240,13 +253,8 @@ impl Scene {
             b: [0.0; 3],
             two_sided: false,
         };
-        Some(match entries[i] {
-            Entry::Triangle { prim, area } => {
-                // Uniform over the triangle (Turk): low-distortion enough and keeps Sobol's strata connected.
-                let s = u[0].sqrt();
-                let b = [1.0 - s, s * (1.0 - u[1]), s * u[1]];
-                self.area_sample(prim, b, p / area)?
-            }
+        Some(match entry {
+            Entry::Triangle { .. } => return None,
             Entry::Delta(i) => match self.description.delta_lights[i as usize] {
                 DeltaLight::Point { position, intensity } => {
                     LightSample { kind: LightKind::Point(i), y: position, power: intensity, ..base }
@@ -276,19 +284,22 @@ impl Scene {
     }
 
     /// The light sample of a given point of an emissive primitive.
+    #[inline(always)]
     pub(crate) fn area_sample(&self, prim: PrimId, b: [f32; 3], pdf: f32) -> Option<LightSample> {
-        let shape = &self.description.shapes[self.prims[prim as usize].shape as usize];
-        let emission = shape.emission.as_ref()?;
-        let [p0, p1, p2] = self.corners(prim);
+        let facet = &self.facets[prim as usize];
+        let look = &self.looks[facet.shape as usize];
+        if !look.emits {
+            return None;
+        }
         Some(LightSample {
             kind: LightKind::Area,
-            y: p0 * b[0] + p1 * b[1] + p2 * b[2],
-            n: (p1 - p0).cross(p2 - p0).normalize_or_zero(),
-            power: self.lookup(emission.radiance, prim, b) * self.opacity(prim, b).unwrap_or(1.0),
+            y: facet.point(b),
+            n: facet.normal,
+            power: self.emitted(prim, b) * self.opacity(prim, b).unwrap_or(1.0),
             pdf,
             prim,
             b,
-            two_sided: emission.two_sided,
+            two_sided: look.two_sided,
         })
     }
 

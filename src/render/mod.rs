@@ -17,6 +17,7 @@ pub mod motion;
 pub mod sampler;
 pub mod scene;
 pub mod sensor;
+mod sobol;
 pub mod texture;
 pub mod world;
 

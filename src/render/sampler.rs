@@ -2,6 +2,8 @@
 
 use glam::Vec2;
 
+use super::sobol::{INDEX_BITS, point};
+
 /// Mixes two words into a well distributed one (xxHash/murmur finaliser style).
 #[inline]
 pub fn hash(a: u64, b: u64) -> u64 {
@@ -18,7 +20,8 @@ pub fn hash(a: u64, b: u64) -> u64 {
 #[derive(Clone, Debug)]
 pub struct Sampler {
     seed: u64,
-    index: u32,
+    /// Its bits reversed.
+    index_rev: u32,
     group: u32,
     buffer: [f32; 4],
     left: u32,
@@ -29,39 +32,51 @@ impl Sampler {
     #[inline]
     pub fn new(seed: u64, index: u32) -> Sampler {
         // The generator's sequences are 2^16 long; longer ones continue with a fresh scramble.
-        let seed = if index >> 16 == 0 { seed } else { hash(seed, u64::from(index >> 16)) };
-        Sampler { seed, index: index & 0xffff, group: 0, buffer: [0.0; 4], left: 0 }
+        let turn = index >> INDEX_BITS;
+        let seed = if turn == 0 { seed } else { hash(seed, u64::from(turn)) };
+        Sampler { seed, index_rev: index.reverse_bits() & !0 << (32 - INDEX_BITS), group: 0, buffer: [0.0; 4], left: 0 }
+    }
+
+    #[inline(always)]
+    fn refill(&mut self) {
+        let scramble = hash(self.seed, u64::from(self.group) + 1) as u32;
+        self.buffer = point(self.index_rev, scramble);
+        self.group += 1;
+        self.left = 4;
+    }
+
+    /// The next of those that are left.
+    #[inline]
+    fn take(&mut self) -> f32 {
+        let x = self.buffer[(4 - self.left) as usize % 4];
+        self.left -= 1;
+        x
     }
 
     #[inline]
     pub fn next_1d(&mut self) -> f32 {
         if self.left == 0 {
-            let scramble = hash(self.seed, u64::from(self.group) + 1) as u32;
-            self.buffer = sobol_burley::sample_4d(self.index, 0, scramble);
-            self.group += 1;
-            self.left = 4;
+            self.refill();
         }
-        let x = self.buffer[4 - self.left as usize];
-        self.left -= 1;
-        x.min(ONE_MINUS_EPSILON)
+        self.take()
     }
 
     /// Two dimensions of one group.
-    #[inline]
+    #[inline(always)]
     pub fn next_2d(&mut self) -> Vec2 {
-        if self.left == 1 {
-            self.left = 0;
+        if self.left < 2 {
+            self.refill();
         }
-        Vec2::new(self.next_1d(), self.next_1d())
+        Vec2::new(self.take(), self.take())
     }
 
     /// Three dimensions of one group.
     #[inline]
     pub fn next_3d(&mut self) -> [f32; 3] {
         if self.left < 3 {
-            self.left = 0;
+            self.refill();
         }
-        [self.next_1d(), self.next_1d(), self.next_1d()]
+        [self.take(), self.take(), self.take()]
     }
 }
 
@@ -76,6 +91,9 @@ pub fn progress(seed: u64, index: usize, count: usize) -> f64 {
 
 /// The largest `f32` below 1.
 pub const ONE_MINUS_EPSILON: f32 = 1.0 - f32::EPSILON / 2.0;
+
+/// Distributions this short are searched from end to end.
+const SHORT: usize = 8;
 
 /// A discrete distribution over `0..n`, sampled by inverting its cumulative sums.
 #[derive(Clone, Debug, Default)]
@@ -123,10 +141,21 @@ impl Discrete {
         if i == 0 { self.cdf[0] } else { self.cdf[i] - self.cdf[i - 1] }
     }
 
+    /// The first entry whose cumulative probability is above `u`, the last one if there is none.
+    #[inline]
+    fn find(&self, u: f64) -> usize {
+        let last = self.cdf.len() - 1;
+        if self.cdf.len() <= SHORT {
+            // Counting has no branches to guess.
+            return self.cdf[..last].iter().map(|&c| usize::from(c <= u)).sum();
+        }
+        self.cdf.partition_point(|&c| c <= u).min(last)
+    }
+
     /// An index, its probability, and `u` stretched to be uniform again within the chosen cell.
     #[inline]
     pub fn sample(&self, u: f64) -> (usize, f64, f64) {
-        let mut i = self.cdf.partition_point(|&c| c <= u).min(self.cdf.len() - 1);
+        let mut i = self.find(u);
         while self.pmf(i) <= 0.0 && i > 0 {
             i -= 1; // u rounded up to 1 with trailing zero weights
         }

@@ -132,6 +132,7 @@ impl Camera {
     }
 
     /// The ray through a pixel position.
+    #[inline]
     pub fn ray(&self, pixel: Vec2) -> Ray {
         let film = self.film(pixel);
         let (x, y) = (film.x * self.scale[0], film.y * self.scale[1]);

@@ -86,8 +86,15 @@ impl Texture {
         Ok(Texture { width, height, channels, data, wrap, filter })
     }
 
+    #[inline]
     pub fn is_constant(&self) -> bool {
         self.width == 1 && self.height == 1
+    }
+
+    /// The first texel's colour: everything there is to know of a constant.
+    #[inline]
+    pub fn color(&self) -> Vec3 {
+        self.texel(0)
     }
 
     /// The colour at `uv`; a single channel fills all three.
@@ -165,6 +172,7 @@ impl Texture {
     }
 
     /// The colour whose first channel is `data[index]`.
+    #[inline]
     fn texel(&self, index: usize) -> Vec3 {
         if self.channels == 1 { Vec3::splat(self.data[index]) } else { Vec3::from_slice(&self.data[index..index + 3]) }
     }

@@ -5,11 +5,13 @@ use std::sync::OnceLock;
 use glam::Vec3;
 
 use super::accel::{Accel, PrimId};
+use super::bsdf::{Bsdf, MAX_INPUTS};
 use super::contacts::Contacts;
 use super::edges::EdgeTable;
 use super::environment::{EnvironmentPeak, EnvironmentTable};
 use super::light::LightTable;
 use super::scene::{Camera, DeltaLight, Input, Projection, SceneDescription, Shape};
+use super::texture::Texture;
 
 /// Why a scene cannot be rendered; `shape` etc. are indices, the evaluator finds the place in the script.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -31,11 +33,80 @@ pub struct Prim {
     pub face: u32,
 }
 
+/// What shading and light sampling read of a triangle, in one cache line.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+pub(crate) struct Facet {
+    pub corners: [Vec3; 3],
+    /// Unit, by the right-hand rule; zero without area.
+    pub normal: Vec3,
+    pub shape: u32,
+}
+
+impl Facet {
+    fn new(shape: u32, corners: [Vec3; 3]) -> Facet {
+        let [p0, p1, p2] = corners;
+        Facet { corners, normal: (p1 - p0).cross(p2 - p0).normalize_or_zero(), shape }
+    }
+
+    /// The point with these barycentric coordinates.
+    #[inline]
+    pub fn point(&self, b: [f32; 3]) -> Vec3 {
+        let [p0, p1, p2] = self.corners;
+        p0 * b[0] + p1 * b[1] + p2 * b[2]
+    }
+}
+
+/// What is the same all over a shape.
+#[derive(Clone, Copy)]
+pub(crate) struct Look {
+    /// The material, if all its inputs are constant.
+    pub bsdf: Option<Bsdf>,
+    /// The radiance of an emitter, if it is constant.
+    pub radiance: Option<Vec3>,
+    pub emits: bool,
+    /// Emits on both sides.
+    pub two_sided: bool,
+    /// The material is black on the back.
+    pub one_sided: bool,
+    /// Has vertex normals.
+    pub smooth: bool,
+}
+
+impl Look {
+    fn new(description: &SceneDescription, shape: &Shape) -> Look {
+        let constant = |input: Input| match input {
+            Input::Texture(t) => Some(&description.textures[t]).filter(|t| t.is_constant()).map(Texture::color),
+            Input::VertexColor => None,
+        };
+        let (inputs, count) = shape.material.kind.inputs();
+        let mut values = [Vec3::ZERO; MAX_INPUTS];
+        let known = values.iter_mut().zip(&inputs[..count]).all(|(value, input)| {
+            constant(*input).is_some_and(|color| {
+                *value = color;
+                true
+            })
+        });
+        let emission = shape.emission.as_ref();
+        Look {
+            bsdf: known.then(|| Bsdf::new(&shape.material.kind, &values)),
+            radiance: emission.and_then(|e| constant(e.radiance)),
+            emits: emission.is_some(),
+            two_sided: emission.is_some_and(|e| e.two_sided),
+            one_sided: shape.material.one_sided,
+            smooth: shape.mesh.normals.is_some(),
+        }
+    }
+}
+
 /// Built once from a description, used by many passes.
 pub struct Scene {
     pub description: SceneDescription,
     pub(crate) accel: Accel,
     pub(crate) prims: Vec<Prim>,
+    pub(crate) facets: Vec<Facet>,
+    /// By shape.
+    pub(crate) looks: Vec<Look>,
     pub(crate) lights: LightTable,
     pub(crate) environment: Option<EnvironmentTable>,
     pub(crate) environment_peak: Option<EnvironmentPeak>,
@@ -63,7 +134,11 @@ impl Scene {
         let environment_peak =
             description.environment.as_ref().and_then(|e| EnvironmentPeak::new(&description.textures[e.radiance]));
         let lights = LightTable::new(&description, &prims, radius, environment_peak.as_ref());
+        let facets = prims.iter().zip(&corners).map(|(prim, corners)| Facet::new(prim.shape, *corners)).collect();
+        let looks = description.shapes.iter().map(|s| Look::new(&description, s)).collect();
         Ok(Scene {
+            facets,
+            looks,
             masked: description.shapes.iter().any(|s| s.material.opacity.is_some()),
             accel: Accel::new(&corners),
             description,
@@ -84,6 +159,9 @@ impl Scene {
         if self.accel.refit(&corners) > worn {
             self.accel = Accel::new(&corners);
         }
+        for (facet, corners) in self.facets.iter_mut().zip(&corners) {
+            *facet = Facet::new(facet.shape, *corners);
+        }
         self.radius = radius(&corners);
         self.lights = LightTable::new(&self.description, &self.prims, self.radius, self.environment_peak.as_ref());
         self.edges = OnceLock::new();
@@ -98,9 +176,7 @@ impl Scene {
     /// World-space corners of a primitive.
     #[inline]
     pub(crate) fn corners(&self, prim: PrimId) -> [Vec3; 3] {
-        let Prim { shape, face } = self.prims[prim as usize];
-        let mesh = &self.description.shapes[shape as usize].mesh;
-        mesh.faces[face as usize].map(|v| mesh.vertices[v as usize])
+        self.facets[prim as usize].corners
     }
 
     pub(crate) fn edges(&self) -> &EdgeTable {

@@ -5,7 +5,7 @@ use std::ops::{Add, Div, Mul, Sub};
 
 use super::traverse::{Lanes, traverse};
 use super::tree::{Tree, WIDTH};
-use super::{Hit, PrimId, Ray};
+use super::{Hit, PrimId, Ray, Work};
 
 /// Stands for the certainty that this processor has the instructions.
 #[derive(Clone, Copy)]
@@ -17,11 +17,18 @@ impl Avx2 {
         found.then_some(Avx2(()))
     }
 
-    pub fn closest(self, tree: &Tree, ray: &Ray, skip: &[PrimId]) -> Option<Hit> {
+    pub fn run(self, work: impl Work) {
         // SAFETY: a value of this type exists only where the instructions were detected.
+        unsafe { run(work) }
+    }
+
+    #[inline(always)]
+    pub fn closest(self, tree: &Tree, ray: &Ray, skip: &[PrimId]) -> Option<Hit> {
+        // SAFETY: as above.
         unsafe { closest(tree, ray, skip) }
     }
 
+    #[inline(always)]
     pub fn any(self, tree: &Tree, ray: &Ray, skip: &[PrimId]) -> bool {
         // SAFETY: as above.
         unsafe { any(tree, ray, skip) }
@@ -29,16 +36,23 @@ impl Avx2 {
 }
 
 #[target_feature(enable = "avx2,bmi1")]
+fn run(work: impl Work) {
+    work.run();
+}
+
+#[inline]
+#[target_feature(enable = "avx2,bmi1")]
 fn closest(tree: &Tree, ray: &Ray, skip: &[PrimId]) -> Option<Hit> {
     traverse::<Register, false>(tree, ray, skip)
 }
 
+#[inline]
 #[target_feature(enable = "avx2,bmi1")]
 fn any(tree: &Tree, ray: &Ray, skip: &[PrimId]) -> bool {
     traverse::<Register, true>(tree, ray, skip).is_some()
 }
 
-/// Private, so that it is met nowhere but in the two functions above.
+/// Private, so that it is met nowhere but in the two functions above it.
 #[derive(Clone, Copy)]
 struct Register(__m256);
 

@@ -63,6 +63,12 @@ pub struct Accel {
     cost: f64,
 }
 
+/// Something that asks so many queries that it is worth being compiled with their instructions, once for each set.
+pub trait Work {
+    /// To be marked `#[inline(always)]`, as what it calls: only what is inlined is compiled so.
+    fn run(self);
+}
+
 #[derive(Clone, Copy)]
 enum Instructions {
     #[cfg(target_arch = "x86_64")]
@@ -95,7 +101,17 @@ impl Accel {
         (self.tree.cost() / self.cost) as f32
     }
 
+    /// Does work with the instructions of the queries.
+    pub fn run(&self, work: impl Work) {
+        match self.instructions {
+            #[cfg(target_arch = "x86_64")]
+            Instructions::Avx2(avx2) => avx2.run(work),
+            Instructions::Portable => work.run(),
+        }
+    }
+
     /// The closest hit whose primitive is not in `skip`; of hits at the same distance, that of the lowest primitive.
+    #[inline]
     pub fn closest(&self, ray: &Ray, skip: &[PrimId]) -> Option<Hit> {
         if self.tree.nodes.is_empty() || !is_finite(ray) {
             return None;
@@ -108,6 +124,7 @@ impl Accel {
     }
 
     /// Whether anything not in `skip` lies on the ray. Nothing is seen along a ray that is not finite.
+    #[inline]
     pub fn occluded(&self, ray: &Ray, skip: &[PrimId]) -> bool {
         if self.tree.nodes.is_empty() {
             return false;
@@ -134,8 +151,9 @@ impl Instructions {
 }
 
 /// Positions of the order of 1e19 and more overflow in the arithmetic of single precision.
+#[inline]
 fn is_finite(ray: &Ray) -> bool {
-    ray.origin.is_finite() && ray.dir.is_finite()
+    (ray.origin.abs() + ray.dir.abs()).element_sum() < f32::INFINITY
 }
 
 fn has_area([a, b, c]: &[Vec3; 3]) -> bool {
