@@ -37,7 +37,7 @@ pub fn solver_from(value: &Value) -> Result<(Method, f64), String> {
     let solver = match settings.name.as_str() {
         "levenberg_marquardt" | "gauss_newton" => {
             let careful = settings.name == "levenberg_marquardt";
-            let damping = if careful { positive("damping", 1e-3)? } else { 0.0 };
+            let damping = if careful { positive("damping", 0.1)? } else { 0.0 };
             return Ok((Method::LeastSquares { damping, careful }, number("lr", 1.0)));
         }
         "sgd" => Solver::Sgd {
