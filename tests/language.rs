@@ -393,6 +393,35 @@ light sky = constant(1)"
     }
 }
 
+/// What is seen in a mirror has derivatives; what is seen in one by way of another has not, and that is said.
+#[test]
+fn what_mirrors_lack_is_reported() {
+    let [lamp, card] = ["light b = area(MESH)", "shape b { mesh: MESH }"]
+        .map(|text| text.replace("MESH", "rectangle() |> translate([p, 2, 2])"));
+    let wall = "shape wall { mesh: rectangle(), material: mirror() }";
+    for (ball, other, more, bounces, expected) in [
+        ("sphere()", &lamp, "", 2, None),
+        ("sphere()", &card, "", 2, None),
+        ("sphere()", &lamp, wall, 1, None),
+        ("sphere()", &lamp, wall, 2, Some("by way of another")),
+        ("torus()", &lamp, "", 2, Some("by way of another")),
+    ] {
+        let mut e = engine(&format!(
+            "param p = 0.5
+camera eye {{ position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }}
+shape a {{ mesh: {ball}, material: mirror() }}
+{other}
+{more}
+light sky = constant(1)"
+        ));
+        eval(&mut e, &format!("grad(mean(render(eye, spp: 1, max_bounces: {bounces})), p)"));
+        let warnings = e.take_warnings();
+        let gap = warnings.iter().find(|w| w.code == "dscene::gradient::incomplete");
+        let said = |text: &str| gap.is_some_and(|w| w.message.contains(text));
+        assert!(expected.map_or(gap.is_none(), said), "{ball}, {other}, {more}, {bounces}: {gap:?}");
+    }
+}
+
 #[test]
 fn an_empty_scene_is_a_diagnostic() {
     let mut e = engine("camera eye { position: [0, 0, 5], look_at: [0, 0, 0], film: [4, 4] }");

@@ -29,8 +29,9 @@ fn scene() -> (SceneDescription, Camera) {
     (b.scene, look_at(vec3(0.5, 2., -4.), vec3(0., 0.4, 0.), 45., 24))
 }
 
-/// As above, through a pinhole, through a lens, with a box that moves, and with masks on box, wall and light.
-fn scenes() -> [(SceneDescription, Camera); 4] {
+/// As above, through a pinhole, through a lens, with a box that moves, with masks on box, wall and light, and
+/// with a ball of mirror.
+fn scenes() -> [(SceneDescription, Camera); 5] {
     let (description, camera) = scene();
     let lens = Lens { radius: 0.3, focus: 3.0, ..Lens::PINHOLE };
     let mut moving = description.clone();
@@ -43,11 +44,14 @@ fn scenes() -> [(SceneDescription, Camera); 4] {
     for shape in &mut masked.shapes[1..] {
         shape.material.opacity = Some(Input::Texture(masked.textures.len() - 1));
     }
+    let mut mirrored = Builder { scene: description.clone() };
+    mirrored.ball(vec3(-0.5, 0.6, -1.0), 0.5);
     [
         (description.clone(), camera),
         (description, Camera { lens, ..camera }),
         (moving, Camera { shutter, ..camera }),
         (masked, camera),
+        (mirrored.scene, camera),
     ]
 }
 
@@ -186,7 +190,7 @@ fn any_number_of_threads_gives_the_same_bits() {
 /// Translating everything together changes nothing: the derivatives of all placements cancel, sample by sample (T15).
 #[test]
 fn common_translation_cancels() {
-    for which in 0..4 {
+    for which in 0..5 {
         let build = |t: f32| {
             let (mut d, mut c) = scenes()[which].clone();
             let offset = vec3(0.3, -0.2, 0.5) * t;

@@ -6,7 +6,6 @@ use std::path::Path;
 use serde::Deserialize;
 
 use crate::measure::{Forward, Reference, Row};
-use crate::scenes::NOT_COVERED;
 
 pub const HEADER: &str = "scene / parameter                                              value    reference      z  \
                           rel. std   CPU s  primal  1/(var·CPU s)";
@@ -112,7 +111,6 @@ pub fn side_by_side(ours: &Path, peer: &Path) -> std::io::Result<()> {
             None => println!("{ours} not run | | | | | |"),
         }
     }
-    NOT_COVERED.iter().for_each(|(scene, why)| println!("| {scene} | not covered: {why} | | | | | | | | | | | |"));
     println!(
         "\n| class | rows | of them Mitsuba biased | smallest ratio | median | largest |\n|---|--:|--:|--:|--:|--:|"
     );

@@ -99,10 +99,6 @@ impl Case {
     }
 }
 
-/// What the renderer has no feature for yet: scene, reason.
-pub const NOT_COVERED: [(&str, &str); 1] =
-    [("15 sphere mirror", "silhouettes seen in a curved mirror have no derivative")];
-
 fn camera(origin: Vec3, target: Vec3, fov_degrees: f32) -> Camera {
     let forward = (target - origin).normalize();
     let up = if forward.y.abs() > 0.99 { Vec3::Z } else { Vec3::Y };
@@ -477,6 +473,23 @@ fn mirrors(cases: &mut Vec<Case>) {
                     opacity: None,
                 };
                 b.shape(floor(Vec3::Y * mirror * t, 4.5), material);
+                let mut v = V;
+                v[1].y += vertex * t;
+                b.light(mesh(v.to_vec(), vec![[0, 1, 2]]), WARM);
+                (b.scene, eye)
+            })
+        });
+    }
+    // The same above a ball of mirror.
+    for (param, mirror, vertex) in [("mirror height", 1.0, 0.0), ("vertex 1 y", 0.0, 1.0)] {
+        cases.push(Case {
+            ramp: Ramp::Y,
+            ..Case::new(Kind::Special, "15 sphere mirror", param, move |t| {
+                let mut b = Builder::default();
+                let kind = MaterialKind::Mirror { reflectance: b.constant(Vec3::splat(0.9)) };
+                let ball =
+                    turned(&shapes::sphere(1.0, 64).expect("a sphere"), Mat3::IDENTITY, Vec3::Y * (mirror * t - 0.8));
+                b.shape(ball, Material { kind, one_sided: false, opacity: None });
                 let mut v = V;
                 v[1].y += vertex * t;
                 b.light(mesh(v.to_vec(), vec![[0, 1, 2]]), WARM);

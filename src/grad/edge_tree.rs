@@ -111,6 +111,20 @@ impl Query {
         Query { prim: light.prim, p, ng, slack, diffuse: 1.0, glossy: None, sees_emission: false, contours_only: true }
     }
 
+    /// What is around a point of a curved mirror.
+    pub fn around(p: Vec3) -> Query {
+        Query {
+            prim: NO_PRIM,
+            p,
+            ng: Vec3::ZERO,
+            slack: SLACK,
+            diffuse: 1.0,
+            glossy: None,
+            sees_emission: true,
+            contours_only: false,
+        }
+    }
+
     fn has_horizon(&self) -> bool {
         self.ng != Vec3::ZERO
     }

@@ -12,7 +12,7 @@ use super::allocate::{Estimator, typical_bounces};
 use super::estimate::{Estimate, Pass};
 use super::local::{
     Arriving, Masks, RayAdjoint, VertexAdjoint, d_arriving, d_attached_direction, d_emission_sliding, d_eval,
-    d_eval_attached, d_first_hit, d_inputs, d_masks, d_material, d_opacity, emission_input, slide,
+    d_eval_attached, d_first_hit, d_inputs, d_masks, d_material, d_mirrored, d_opacity, emission_input, slide,
 };
 use super::pixels::{self, FilmCurve, PixelSampling};
 use super::sink::{Adjoints, Layout, Sink};
@@ -203,9 +203,7 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, distributions
             if c.delta {
                 // The direction follows the normal and the incoming direction.
                 add_values([d_f * (emission + sky + reflected), Vec3::ZERO, Vec3::ZERO, Vec3::ZERO]);
-                let n_wi = si.ns.dot(si.wi);
-                adj.ns += (si.wi * si.ns.dot(d_dir) + d_dir * n_wi) * 2.0;
-                adj.wi += si.ns * (2.0 * si.ns.dot(d_dir)) - d_dir;
+                d_mirrored(si, d_dir, &mut adj);
             } else if c.attached {
                 add_values(d_eval_attached(si, c.dir, d_f * (emission + sky + reflected), d_dir, &mut adj));
             } else {

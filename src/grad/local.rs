@@ -91,6 +91,19 @@ fn d_eval_with(
     (d_wo, d.d_values)
 }
 
+/// Adjoint of [`SurfaceInteraction::mirrored`], perpendicular to it.
+pub fn d_mirrored(si: &SurfaceInteraction, mut d_dir: Vec3, adj: &mut VertexAdjoint) {
+    let n_wi = si.ns.dot(si.wi);
+    let dir = si.ns * (2.0 * n_wi) - si.wi;
+    let height = si.ng.dot(dir);
+    if height < 0.0 {
+        adj.ng -= (d_dir * height + dir * si.ng.dot(d_dir)) * 2.0;
+        d_dir -= si.ng * (2.0 * si.ng.dot(d_dir));
+    }
+    adj.ns += (si.wi * si.ns.dot(d_dir) + d_dir * n_wi) * 2.0;
+    adj.wi += si.ns * (2.0 * si.ns.dot(d_dir)) - d_dir;
+}
+
 /// The incoming direction on the front of the shading normal, as the BSDF has it.
 fn front(si: &SurfaceInteraction) -> (Vec3, f32) {
     let ci = si.ns.dot(si.wi);

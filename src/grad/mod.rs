@@ -2,9 +2,10 @@
 //!
 //! The derivative of a pixel is the sum of an *interior* term (paths move smoothly, `interior`) and *boundary* terms
 //! (something passes behind an edge: `primary` as the camera sees it, `shadow` as a light sees it, `secondary` as any
-//! other path vertex sees it). All use one parametrisation per radiance component; the table is in `ARCHITECTURE.md`.
+//! other path vertex sees it, `reflections` as curved mirrors show it). All use one parametrisation per radiance component; the table is in `ARCHITECTURE.md`.
 
 pub mod allocate;
+pub mod curved;
 pub mod edge_tree;
 pub mod estimate;
 pub mod guide;
@@ -15,6 +16,7 @@ pub mod local;
 pub mod motion;
 pub mod pixels;
 pub mod primary;
+pub mod reflections;
 pub mod roughness;
 pub mod secondary;
 pub mod shadow;
@@ -32,15 +34,17 @@ pub use crate::render::{
 use crate::render::{Shape, TextureId};
 
 use self::allocate::{Allocation, Estimator};
+use self::curved::MirrorTree;
 use self::edge_tree::EdgeTree;
 use self::estimate::{Images, Pass};
 use self::interior::Interior;
 use self::primary::PrimaryEdges;
+use self::reflections::Reflections;
 use self::roughness::RoughnessPairs;
 use self::secondary::Secondary;
 use self::shadow::{Shadows, Sky};
 use self::sink::{Contract, Contraction, Contractions, Layout, Tangents};
-use self::viewpoint::{Viewpoint, mirror_planes};
+use self::viewpoint::{Mirrors, Viewpoint};
 
 /// Most samples of one sequence over the image; more are drawn in rounds.
 const MAX_SEQUENCE: usize = 1 << 22;
@@ -212,12 +216,24 @@ pub fn coverage_gaps(scene: &Scene, settings: &Settings, wrt: &[Slot]) -> Vec<&'
         gaps.push("boundary terms are switched off: silhouettes and shadows have no derivative");
         return gaps;
     }
-    match mirror_planes(scene) {
-        None => gaps.push("silhouettes and shadows seen in a curved mirror have no derivative"),
-        Some(planes) if planes.len() > 1 && settings.max_bounces > 2 => {
-            gaps.push("silhouettes seen in one mirror by way of another have no derivative");
-        }
-        Some(_) => {}
+    gaps.extend(mirror_gaps(scene, settings));
+    gaps
+}
+
+/// What mirrors show that has no derivative.
+fn mirror_gaps(scene: &Scene, settings: &Settings) -> Vec<&'static str> {
+    let mirrors = Mirrors::new(scene);
+    let mut gaps = Vec::new();
+    if settings.max_bounces < 2 {
+        return gaps;
+    }
+    let alone = match mirrors.curved.as_slice() {
+        [] => mirrors.planes.len() < 2,
+        [one] => one.convex && mirrors.planes.is_empty(),
+        _ => false,
+    };
+    if !alone {
+        gaps.push("silhouettes seen in one mirror by way of another have no derivative");
     }
     gaps
 }
@@ -279,11 +295,12 @@ fn passes(
     let seed = hash(settings.seed, 0x61_646a_6f69_6e74);
     let boundary = settings.boundary && layout.moves_visibility();
     let lights = settings.output == Output::Radiance && settings.max_bounces > 0;
-    let planes = if boundary && lights { mirror_planes(scene) } else { Some(Vec::new()) };
-    let planar_mirrors = planes.is_some();
-    let mirrors = planes.unwrap_or_default();
+    let mirrors = if boundary && lights { Mirrors::new(scene) } else { Mirrors::default() };
     let tree = (boundary && lights).then(|| EdgeTree::new(scene));
-    let viewpoints = if boundary { Viewpoint::all(scene, camera, &mirrors) } else { Vec::new() };
+    let curved = (!mirrors.curved.is_empty()).then(|| MirrorTree::new(scene, camera, &mirrors.curved));
+    let curved = curved.as_ref();
+    let ways = curved.filter(|_| settings.max_bounces > 1).map(|_| MirrorTree::all(scene, camera, &mirrors.curved));
+    let viewpoints = if boundary { Viewpoint::all(scene, camera, &mirrors.planes) } else { Vec::new() };
 
     let mut interior =
         (!interior_vanishes(scene, settings, layout)).then(|| Interior::new(scene, camera, settings, layout, adjoint));
@@ -291,6 +308,8 @@ fn passes(
     if let Some(pass) = primary.as_ref().and_then(PrimaryEdges::enumeration) {
         visit.pass(&pass);
     }
+    let reflections = curved.and_then(|tree| Reflections::new(scene, camera, tree, settings, adjoint, seed));
+
     if !boundary {
         let own = interior.as_ref().map_or(0, Estimator::count);
         let pairs = RoughnessPairs::new(scene, camera, settings, layout, adjoint);
@@ -317,11 +336,11 @@ fn passes(
         let shadows = tree.as_ref().map(|tree| {
             let pixels = camera.width * camera.height;
             let count = settings.spp.max(1) as usize * (pixels / 8).clamp(1024, 131_072);
-            Shadows::new(scene, sky, &viewpoints, settings, planar_mirrors, tree, count).guided(layout, adjoint, seed)
+            Shadows::new(scene, sky, &viewpoints, settings, curved, tree, count).guided(layout, adjoint, seed)
         });
-        let secondary = tree
-            .as_ref()
-            .and_then(|tree| Secondary::new(scene, sky, camera, tree, &mirrors, settings, layout, adjoint, seed));
+        let secondary = tree.as_ref().and_then(|tree| {
+            Secondary::new(scene, sky, camera, tree, &mirrors.planes, ways.as_ref(), settings, layout, adjoint, seed)
+        });
         let mut allocation = allocation.clone();
         allocation.measure(&shadows);
         allocation.measure(&secondary);
@@ -337,11 +356,13 @@ fn passes(
             (shadows, secondary, allocation) = other;
         }
     }
+    allocation.measure(&reflections);
     let counts = allocation.split();
     draw(&interior, counts[0], seed, visit);
     draw(&primary, counts[1], seed, visit);
     draw(&shadows, counts[2], seed, visit);
     draw(&secondary, counts[3], seed, visit);
+    draw(&reflections, counts[4], seed, visit);
 }
 
 /// Draws samples of an estimator, in rounds of one sequence each.

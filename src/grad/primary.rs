@@ -19,7 +19,7 @@ use crate::render::edges::Edge;
 use crate::render::film::first_hit;
 use crate::render::integrator::{NoRecord, Options, Start, trace};
 use crate::render::sampler::{Discrete, Sampler, hash};
-use crate::render::{Camera, Output, Scene, Settings};
+use crate::render::{Camera, MaterialKind, Output, Scene, Settings};
 
 /// Distance in pixels between an edge and the ray that looks past it.
 const NUDGE: f32 = 1e-3;
@@ -28,7 +28,7 @@ pub const PIECE: f64 = 8.0;
 /// Antithetic pairs on a piece: more than one only for pieces that something else hides in part.
 const STRATA: u32 = 4;
 /// Sampling weight of edges between smoothly shaded faces relative to a silhouette: only the shadow terminator jumps there.
-const SMOOTH_CREASE: f64 = 0.05;
+pub const SMOOTH_CREASE: f64 = 0.05;
 
 /// A piece of a projected edge on the film.
 #[derive(Clone, Copy)]
@@ -140,49 +140,27 @@ impl<'a> PrimaryEdges<'a> {
     /// stays unbiased. One pilot a piece does what a depth buffer would, and is exact where that is
     /// conservative, and costs one sample in `PIECE`·spp.
     fn plan_samples(&self, lengths: &[f64], adjoint: &Image) -> Plan {
-        /// Share of the weight that does not listen to pilots.
-        const DEFENSIVE: f64 = 0.2;
         let spp = f64::from(self.settings.spp.max(1));
         let total: f64 = lengths.iter().sum();
         let groups = ((total * spp / 4.0).max(4096.0) as usize).min(self.pieces.len());
         let range = |g: usize| g * self.pieces.len() / groups..(g + 1) * self.pieces.len() / groups;
-        let seed = hash(self.seed, 0x70_696c_6f74);
-        let pilots = self.settings.spp.div_ceil(4).clamp(1, 64);
-        // Mean squares: the best density follows the second moment.
-        let contrast: Vec<f64> = (0..groups)
-            .into_par_iter()
-            .map(|g| {
-                let range = range(g);
-                let square = |i: u32| {
-                    let mut sampler = Sampler::new(hash(seed, g as u64), i);
-                    let u = sampler.next_2d();
-                    let piece = &self.pieces[range.start + (u.x * range.len() as f32) as usize];
-                    let chosen = self.place(piece, f64::from(u.y), &mut sampler);
-                    let boundary = chosen.and_then(|c| self.look(&c, &mut sampler, |_| false));
-                    boundary.map_or(0.0, |b| f64::from(b.jump.length_squared()))
-                };
-                (0..pilots).map(square).sum::<f64>() / f64::from(pilots)
-            })
-            .collect();
-        let near = |g: usize| {
-            let near = &contrast[g.saturating_sub(1)..(g + 2).min(groups)];
-            (near.iter().sum::<f64>() / near.len() as f64).sqrt()
-        };
-        let mean = (0..groups).map(near).sum::<f64>() / groups.max(1) as f64;
+        let factors = contrasts(groups, self.settings.spp, hash(self.seed, 0x70_696c_6f74), |g, sampler| {
+            let (u, range) = (sampler.next_2d(), range(g));
+            let piece = &self.pieces[range.start + (u.x * range.len() as f32) as usize];
+            let chosen = self.place(piece, f64::from(u.y), sampler);
+            let boundary = chosen.and_then(|c| self.look(&c, sampler, |_| false));
+            boundary.map_or(0.0, |b| f64::from(b.jump.length_squared()))
+        });
         let mean_adjoint = adjoint.data.iter().map(|v| f64::from(v.abs())).sum::<f64>()
             / (adjoint.width * adjoint.height).max(1) as f64;
         let mut weights = Vec::with_capacity(self.pieces.len());
         let mut seen = 0.0;
-        for g in 0..groups {
-            let local = near(g);
-            // The root, because pilots are noisy: a lucky one must not starve the others.
-            let contrast =
-                if mean > 0.0 { (1.0 - DEFENSIVE) * (local / mean).min(16.0).sqrt() + DEFENSIVE } else { 1.0 };
+        for (g, factor) in factors.into_iter().enumerate() {
             for i in range(g) {
                 let piece = &self.pieces[i];
                 let importance = local_weight(adjoint, piece) + 0.1 * mean_adjoint;
-                weights.push(lengths[i] * importance * contrast);
-                seen += lengths[i] * if local > 0.0 { 1.0 } else { 0.1 };
+                weights.push(lengths[i] * importance * factor.weight);
+                seen += lengths[i] * if factor.seen { 1.0 } else { 0.1 };
             }
         }
         // As many samples a pixel of visible edge as the image has a pixel, but no less than one for 16 of the image's: an
@@ -228,6 +206,10 @@ impl<'a> PrimaryEdges<'a> {
         let normal_2d = Vec2::new(tangent.y, -tangent.x);
         let side = normal_2d.x * gx.dot(view.normal) + normal_2d.y * gy.dot(view.normal);
         let normal_2d = if side < 0.0 { -normal_2d } else { normal_2d };
+
+        if view.background.is_some() && !edge.sharp && mirrors_alike(&viewpoint, edge, s, 0.0) {
+            return None;
+        }
 
         // The same random numbers on both sides.
         let scene = viewpoint.scene;
@@ -333,6 +315,51 @@ impl Pass for Enumeration<'_> {
     }
 }
 
+/// What pilot samples say of a group of pieces.
+pub struct Contrast {
+    /// Factor of its sampling weight.
+    pub weight: f64,
+    /// It shows something.
+    pub seen: bool,
+}
+
+/// Pilot samples of a group.
+pub fn pilots(spp: u32) -> u32 {
+    spp.div_ceil(4).clamp(1, 64)
+}
+
+/// Pilot samples of groups of pieces, neighbours by number: `square` returns the square of what one finds.
+pub fn contrasts(
+    groups: usize,
+    spp: u32,
+    seed: u64,
+    square: impl Fn(usize, &mut Sampler) -> f64 + Sync,
+) -> Vec<Contrast> {
+    /// Share of the weight that does not listen to pilots.
+    const DEFENSIVE: f64 = 0.2;
+    let pilots = pilots(spp);
+    // Mean squares: the best density follows the second moment.
+    let contrast: Vec<f64> = (0..groups)
+        .into_par_iter()
+        .map(|g| {
+            let square = |i: u32| square(g, &mut Sampler::new(hash(seed, g as u64), i));
+            (0..pilots).map(square).sum::<f64>() / f64::from(pilots)
+        })
+        .collect();
+    let near = |g: usize| {
+        let near = &contrast[g.saturating_sub(1)..(g + 2).min(groups)];
+        (near.iter().sum::<f64>() / near.len() as f64).sqrt()
+    };
+    let mean = (0..groups).map(near).sum::<f64>() / groups.max(1) as f64;
+    let factor = |g: usize| {
+        // The root, because pilots are noisy: a lucky one must not starve the others.
+        let local = near(g);
+        let weight = if mean > 0.0 { (1.0 - DEFENSIVE) * (local / mean).min(16.0).sqrt() + DEFENSIVE } else { 1.0 };
+        Contrast { weight, seen: local > 0.0 }
+    };
+    (0..groups).map(factor).collect()
+}
+
 /// What is seen on either side of an edge point.
 struct Values<'a> {
     scene: &'a Scene,
@@ -400,11 +427,34 @@ pub fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Opti
     if view.background.is_none() || edge.sharp {
         return Some(1.0);
     }
+    if settings.output == Output::Radiance && is_mirror(viewpoint.scene, edge) {
+        // Nothing jumps but near the rim, and there much does.
+        let alike = |s: &f32| mirrors_alike(viewpoint, edge, *s, 0.02);
+        return (!ALONG.iter().all(alike)).then_some(1.0);
+    }
     let jumps = match settings.output {
         Output::Radiance => settings.max_bounces > 0,
         output => output == Output::GeometricNormal,
     };
     jumps.then_some(SMOOTH_CREASE)
+}
+
+/// Parameters at which an edge is examined.
+const ALONG: [f32; 3] = [0.0, 0.5, 1.0];
+
+fn is_mirror(scene: &Scene, edge: &Edge) -> bool {
+    let kind = |prim: PrimId| &scene.description.shapes[scene.prims[prim as usize].shape as usize].material.kind;
+    edge.faces.iter().all(|f| matches!(kind(f.prim), MaterialKind::Mirror { .. }))
+}
+
+/// Whether an edge between smoothly shaded faces of a mirror shows the same on both: directions that leave it high enough, relative
+/// to its faces, are not folded (`SurfaceInteraction::mirrored`).
+fn mirrors_alike(viewpoint: &Viewpoint, edge: &Edge, s: f32, least: f32) -> bool {
+    let back = -viewpoint.direction_to(edge.point(s));
+    (0..edge.faces.len()).all(|i| {
+        let si = viewpoint.scene.interaction(edge.faces[i].prim, edge.barycentric(i, s, 0.0), back);
+        si.bsdf.is_delta() && si.ng.dot(si.ns * (2.0 * si.ns.dot(back)) - back) > least
+    })
 }
 
 /// Whether what an edge shows does not depend on random numbers: first-hit channels, emission alone, direct light of a

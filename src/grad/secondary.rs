@@ -6,24 +6,27 @@
 //! that moves x goes back along the very path. Emission of area lights is material-fixed and not seen
 //! here: its boundary is [`super::shadow`]'s. A narrow lobe is attached: there emission counts too, and the lobe's direction
 //! moves, N̂·(ṗ − ẋ − |q|ω̇). What the point sees in a planar mirror, its mirror image sees directly: the same
-//! estimator from there, with emission on both sides.
+//! estimator from there, with emission on both sides. In a curved mirror the edge point is connected to x by all ways there
+//! are ([`super::curved`]), with N̂·(ṗ − ṙ), ṙ the velocity of the mirrored ray, and the area that it spreads over in place of |q|².
 
 use glam::{Vec2, Vec3};
 
 use super::allocate::{Estimator, typical_bounces};
+use super::curved::MirrorTree;
 use super::edge_tree::{CANDIDATES, EdgeTree, Query};
 use super::estimate::{Draw, Estimate, Pass, Sequence};
 use super::guide::{self, Guide};
 use super::interior::{Injection, Path, PathVertex, inject};
 use super::layers::Sides;
+use super::local::RayAdjoint;
 use super::pixels::{self, FilmDensity};
 use super::primary::inset;
 use super::shadow::Sky;
 use super::sink::{Adjoints, Layout, Sink};
-use super::viewpoint::{MirrorPlane, d_mirror_image};
+use super::viewpoint::{MirrorPlane, d_mirror_image, d_reflected_ray};
 use crate::image::Image;
 use crate::render::accel::{PrimId, Ray};
-use crate::render::edges::EdgeTable;
+use crate::render::edges::{Edge, EdgeTable};
 use crate::render::integrator::{Options, Recorder, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::mask::Through;
@@ -40,6 +43,7 @@ pub struct Secondary<'a> {
     sky: Sky,
     camera: &'a Camera,
     mirrors: &'a [MirrorPlane],
+    curved: Option<&'a MirrorTree>,
     table: &'a EdgeTable,
     tree: &'a EdgeTree,
     layout: &'a Layout,
@@ -64,7 +68,7 @@ pub struct SecondarySample {
     pub p: Vec3,
     /// From covering to uncovered side, of the edge as x sees it (in the mirror, if there is one).
     pub normal: Vec3,
-    pub mirror: Option<SurfaceInteraction>,
+    pub mirror: Option<Glass>,
     pub weight: Vec3,
     /// The share of the weight whose direction is attached, the one whose direction turns with the environment, and that
     /// direction with the distance of the edge along it.
@@ -72,6 +76,14 @@ pub struct SecondarySample {
     pub sky: Vec3,
     pub dir: Vec3,
     pub distance: f32,
+}
+
+/// A mirror on the way to an edge.
+#[derive(Clone, Copy, Debug)]
+pub struct Glass {
+    pub si: SurfaceInteraction,
+    /// Of a curved one: its distance from the path vertex, and that of the edge from it.
+    pub curved: Option<[f32; 2]>,
 }
 
 /// What is seen on one side of an edge: the first surface's own light apart from everything else.
@@ -100,6 +112,7 @@ impl<'a> Secondary<'a> {
         camera: &'a Camera,
         tree: &'a EdgeTree,
         mirrors: &'a [MirrorPlane],
+        curved: Option<&'a MirrorTree>,
         settings: &Settings,
         layout: &'a Layout,
         adjoint: &Image,
@@ -122,6 +135,7 @@ impl<'a> Secondary<'a> {
             sky,
             camera,
             mirrors,
+            curved,
             table,
             tree,
             layout,
@@ -200,33 +214,42 @@ impl<'a> Secondary<'a> {
         let vertex = &path.vertices[k];
         let si = &vertex.si;
 
-        // Look directly, or into one of the mirrors.
-        let mirrors = if events_left(k) >= 1 { self.mirrors.len() } else { 0 };
+        // Look directly, or into one of the mirrors: the curved ones together count as one.
+        let kinds = self.mirrors.len() + usize::from(self.curved.is_some());
+        let mirrors = if events_left(k) >= 1 { kinds } else { 0 };
         let choice = (sampler.next_1d() * (mirrors + 1) as f32) as usize;
         let mirror = choice.checked_sub(1).and_then(|i| self.mirrors.get(i));
-        if mirror.is_none() && events_left(k) < least_direct(vertex) {
+        let curved = self.curved.filter(|_| choice > self.mirrors.len());
+        if mirror.is_none() && curved.is_none() && events_left(k) < least_direct(vertex) {
             return None;
         }
-        let query = Query::new(si);
-        let query = match mirror {
-            Some(m) => query.reflected(m),
-            None => query,
+        let query = match (mirror, curved) {
+            (Some(m), _) => Query::new(si).reflected(m),
+            (_, Some(tree)) => Query::around(tree.sample(f64::from(sampler.next_1d()))),
+            _ => Query::new(si),
         };
         // Seen by what stands still, only edges that move have a derivative.
         let moves = |prim: PrimId| self.layout.moves(self.scene.prims[prim as usize].shape);
-        let still = mirror.is_none() && !path.vertices[..=k].iter().any(|v| moves(v.si.prim));
+        let still = mirror.is_none() && curved.is_none() && !path.vertices[..=k].iter().any(|v| moves(v.si.prim));
         let tree = self.moving.as_ref().filter(|_| still).unwrap_or(self.tree);
         let point = tree.sample(self.table, &query, u.to_array(), sampler.next_1d())?;
         let edge = &self.table.edges[point.edge];
         let p = edge.point(point.s);
+        let by_mirror = match curved {
+            Some(tree) => Some(self.sight_by(tree, si, edge, p, sampler)?),
+            None => None,
+        };
         let q = mirror.map_or(p, |m| m.reflect_point(p)) - si.p;
-        let distance = q.length();
-        let dir = q / distance;
+        let (dir, distance) =
+            by_mirror.as_ref().map_or((q / q.length(), q.length()), |by| (by.first, by.sight.distance));
         let [fixed, attached] = si.eval_split(dir);
         if fixed + attached == Vec3::ZERO || si.ng.dot(dir) <= 0.0 {
             return None;
         }
-        let sight = self.sight(si, mirror, p, dir, distance)?;
+        let (sight, area) = match by_mirror {
+            Some(by) => (by.sight, by.area),
+            None => (self.sight(si, mirror, p, dir, distance)?, distance * distance),
+        };
         let view = edge.view(sight.dir)?;
         if view.background.is_some() && !edge.sharp {
             return None;
@@ -240,7 +263,8 @@ impl<'a> Secondary<'a> {
         }
         let sides = Sides::choose(self.scene, edge, sight.dir, &view, point.s, sampler)?;
 
-        let options = Options { first_emission: false, ..Options::new(events_left(k) - u32::from(mirror.is_some())) };
+        let options =
+            Options { first_emission: false, ..Options::new(events_left(k) - u32::from(sight.mirror.is_some())) };
         let look = |start: Start| {
             let mut side = Side::default();
             side.radiance = trace(self.scene, start, &mut sampler.clone(), &options, &mut side);
@@ -253,8 +277,12 @@ impl<'a> Secondary<'a> {
                 look(Start::Surface(self.scene.interaction(edge.faces[i].prim, b, -sight.dir)))
             }
             None => {
-                let past = (dir + normal * NUDGE).normalize();
-                let past = self.sight(si, mirror, p, past, distance);
+                let past = match sight.mirror {
+                    Some(Glass { si: glass, curved: Some(_) }) => {
+                        Some(Sight { ray: glass.spawn_ray((sight.dir + normal * NUDGE).normalize()), ..sight })
+                    }
+                    _ => self.sight(si, mirror, p, (dir + normal * NUDGE).normalize(), distance),
+                };
                 past.map_or_else(Side::default, |mut past| {
                     if self.scene.masked {
                         // Past all masks in front of the edge too: what they show is the same on both sides.
@@ -268,21 +296,20 @@ impl<'a> Secondary<'a> {
         // Emission is direction-fixed behind a mirror and where the surfaces touch, else material-fixed. Of the environment
         // some is left to the edge-first estimator.
         let sliding = |side: &Side| match side.first {
-            _ if mirror.is_some() => side.radiance + side.emission,
+            _ if sight.mirror.is_some() => side.radiance + side.emission,
             Some(emitter) if contacts.contains(si.prim, emitter) => side.radiance + side.emission,
             Some(_) => side.radiance,
             None => self.sky.rest(self.scene, side.radiance),
         };
         let all = |side: &Side| side.radiance + side.emission;
-        let is_sky = |side: &Side| mirror.is_none() && side.first.is_none();
+        let is_sky = |side: &Side| sight.mirror.is_none() && side.first.is_none();
         let sky_of = |side: &Side| if is_sky(side) { sliding(side) } else { Vec3::ZERO };
         let sky = fixed * (sky_of(&foreground) - sky_of(&background));
         let fixed = fixed * (sliding(&foreground) - sliding(&background));
         let attached = attached * (all(&foreground) - all(&background));
         let sin_phi = edge.direction().cross(sight.dir).length();
         let pdf = point.pdf * weight(k) / (total * (mirrors + 1) as f32);
-        let scale =
-            vertex.throughput * sight.reflectance * (through * sides.scale * sin_phi / (distance * distance * pdf));
+        let scale = vertex.throughput * sight.reflectance * (through * sides.scale * sin_phi / (area * pdf));
         let (weight, attached, sky) = (scale * (fixed + attached), scale * attached, scale * sky);
         (weight != Vec3::ZERO && weight.is_finite()).then_some(SecondarySample {
             vertex: k,
@@ -330,15 +357,67 @@ impl<'a> Secondary<'a> {
             distance: distance - t,
             prim: hit.prim,
             reflectance: hit.bsdf.mirror_reflectance() * through,
-            mirror: Some(hit),
+            mirror: Some(Glass { si: hit, curved: None }),
         })
+    }
+
+    /// A way from a shading point to an edge point by a curved mirror, one of all there are.
+    fn sight_by(
+        &self,
+        tree: &MirrorTree,
+        si: &SurfaceInteraction,
+        edge: &Edge,
+        p: Vec3,
+        sampler: &mut Sampler,
+    ) -> Option<Reflected> {
+        let scene = self.scene;
+        let mut ways = Vec::new();
+        let own = edge.prims();
+        tree.between(scene, si.p, p, |prim, facet, place| {
+            if prim != si.prim && !own.contains(&prim) {
+                ways.push((prim, *facet, place));
+            }
+        });
+        let choice = (sampler.next_1d() * ways.len() as f32) as usize;
+        let &(prim, facet, place) = ways.get(choice)?;
+        let [x, y, z] = scene.corners(prim);
+        let [u, t] = place;
+        let b = [1.0 - u - t, u, t].map(|b| b as f32);
+        let to_mirror = x * b[0] + y * b[1] + z * b[2] - si.p;
+        let before = to_mirror.length();
+        let first = to_mirror / before;
+        let glass = scene.interaction(prim, b, -first);
+        let q = p - glass.p;
+        let distance = q.length();
+        let dir = q / distance;
+        let least = 1e-5 * scene.radius;
+        if !glass.bsdf.is_delta() || before < least || distance < least {
+            return None;
+        }
+        let through = scene.transmittance(&si.spawn_ray_to(first, before), &[si.prim, prim]);
+        let reflectance = glass.bsdf.mirror_reflectance() * (through * ways.len() as f32);
+        let area = facet.area_per_solid_angle(place, f64::from(before), f64::from(distance)) as f32;
+        let mirror = Some(Glass { si: glass, curved: Some([before, distance]) });
+        let sight = Sight { ray: glass.spawn_ray(dir), dir, distance, prim, reflectance, mirror };
+        (reflectance != Vec3::ZERO).then_some(Reflected { sight, first, area })
     }
 
     /// Adds the derivatives of a sample's edge and mirror; returns the adjoint of the path vertex's position.
     fn scatter<S: Sink>(&self, out: &mut Adjoints<S>, sample: &SecondarySample, d: Vec3) -> Injection {
         let d_image = sample.normal * d.dot(sample.weight);
+        if let Some(Glass { si, curved: Some([before, after]) }) = &sample.mirror {
+            out.edge_point(&self.table.edges[sample.edge], sample.foreground, sample.s, d_image);
+            // The direction at the vertex is fixed, but for the attached share.
+            let mut back = |share: Vec3| {
+                let m = sample.normal * -d.dot(share);
+                d_reflected_ray(out, si, *before, RayAdjoint { origin: m, dir: m * *after })
+            };
+            let (fixed, attached) = (back(sample.weight - sample.attached), back(sample.attached));
+            let d_p = fixed.origin + attached.origin;
+            return Injection { vertex: sample.vertex, d_p, dir: sample.dir, d_dir: attached.dir };
+        }
         let d_p = match &sample.mirror {
-            Some(mirror) => d_mirror_image(out, mirror, sample.p, d_image),
+            Some(mirror) => d_mirror_image(out, &mirror.si, sample.p, d_image),
             None => d_image,
         };
         out.edge_point(&self.table.edges[sample.edge], sample.foreground, sample.s, d_p);
@@ -376,6 +455,7 @@ impl Estimator for Secondary<'_> {
 }
 
 /// A line of sight to an edge.
+#[derive(Clone, Copy)]
 struct Sight {
     ray: Ray,
     dir: Vec3,
@@ -383,7 +463,16 @@ struct Sight {
     /// Where it starts.
     prim: PrimId,
     reflectance: Vec3,
-    mirror: Option<SurfaceInteraction>,
+    mirror: Option<Glass>,
+}
+
+/// A line of sight by a curved mirror.
+struct Reflected {
+    sight: Sight,
+    /// Direction of its first segment.
+    first: Vec3,
+    /// At the edge, perpendicular to it, over the solid angle at its start.
+    area: f32,
 }
 
 /// Whether any surface has a narrow lobe.

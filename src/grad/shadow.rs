@@ -7,8 +7,8 @@
 //!
 //!   −∫dl ∫dA(y) cosθ_y/|y−p|² L_e sinφ f_s(x) W(x) N̂·(ṗ − (1−τ)ẋ − τẏ),  τ = |p−x|/|y−x|,
 //!
-//! W(x) the importance of x (pixels per area, adjoint of the pixel). Unbiased, every bounce; a receiver seen only through
-//! a curved mirror is not found (see [`super::coverage_gaps`]).
+//! W(x) the importance of x (pixels per area, adjoint of the pixel). Unbiased, every bounce; what is mirrored by way of a curved
+//! mirror and another is not found (see [`super::coverage_gaps`]).
 //!
 //! Where a light sticks through another surface its visible part ends at the curve of intersection: the same with the light
 //! point y at p, τ = 1. Choose p on the curve, and a direction in which to find x:
@@ -18,13 +18,15 @@
 use glam::{Vec2, Vec3};
 
 use super::allocate::{Estimator, typical_bounces};
+use super::curved::{Eye, Facet, MirrorTree};
 use super::edge_tree::{EdgeTree, Query};
 use super::estimate::{Draw, Estimate, Pass, Sequence};
 use super::guide::{self, Guide};
 use super::layers::contrast;
 use super::local::{RayAdjoint, VertexAdjoint, d_attached_direction, d_direction, slide};
+use super::reflections::see_in_mirrors;
 use super::sink::{Adjoints, Layout, Sink};
-use super::viewpoint::{Viewpoint, d_reflected_ray};
+use super::viewpoint::{Seen, Viewpoint, d_reflected_ray};
 use crate::image::Image;
 use crate::math::{Frame, cosine_hemisphere};
 use crate::render::accel::{Hit, PrimId, Ray};
@@ -60,8 +62,7 @@ pub struct Shadows<'a> {
     viewpoints: &'a [Viewpoint<'a>],
     max_bounces: u32,
     count: usize,
-    /// All mirrors are planar: paths may go through them.
-    planar_mirrors: bool,
+    curved: Option<&'a MirrorTree>,
     edges: Discrete,
     /// Edges and their emitting faces where lights stick through surfaces, and the share of samples for these.
     pierced: Vec<(usize, usize)>,
@@ -79,7 +80,7 @@ impl<'a> Shadows<'a> {
         sky: Sky,
         viewpoints: &'a [Viewpoint<'a>],
         settings: &Settings,
-        planar_mirrors: bool,
+        curved: Option<&'a MirrorTree>,
         tree: &'a EdgeTree,
         count: usize,
     ) -> Self {
@@ -114,7 +115,7 @@ impl<'a> Shadows<'a> {
             viewpoints,
             max_bounces,
             count,
-            planar_mirrors,
+            curved,
             edges,
             pierced,
             pierced_pmf,
@@ -240,52 +241,31 @@ impl<'a> Shadows<'a> {
     /// Carries a change of direct light from its receiver to the camera; `weight` is that of the sample.
     fn walk(&self, cast: &Cast, weight: f32, sampler: &mut Sampler, out: &mut impl Estimate) {
         let scene = self.scene;
-        let &Cast { edge, face, s, normal, light, dir, hit, tau, power } = cast;
+        let &Cast { light, dir, hit, power, .. } = cast;
         let lens = self.viewpoints[0].camera.sample_lens(sampler).lens;
-        let q = hit.t;
         let mut walk = Walk { vertices: Vec::with_capacity(4), weight: power * weight };
         let mut towards = dir; // direction in which the light leaves backwards: from the surface towards where it came
         let (mut prim, mut b) = (hit.prim, hit.b);
         for bounce in 1..=self.max_bounces {
-            // Connect the current vertex to every viewpoint.
+            // Connect the current vertex to every viewpoint, and to the camera through curved mirrors.
+            let here = scene.interaction(prim, b, towards);
+            let position = here.p;
+            let at = At { prim, b, towards, bounce };
             for viewpoint in self.viewpoints.iter().map(|v| v.through(lens)) {
-                if bounce + viewpoint.bounces() > self.max_bounces {
-                    continue;
+                if bounce + viewpoint.bounces() <= self.max_bounces
+                    && let Some(seen) = viewpoint.see(position, &[prim])
+                {
+                    let pixels = |n: Vec3| viewpoint.pixels_per_area(&seen, n);
+                    self.arrive(cast, &walk, at, &viewpoint, &seen, pixels, sampler, out);
                 }
-                let position = scene.interaction(prim, b, towards).p;
-                let Some(seen) = viewpoint.see(position, &[prim]) else { continue };
-                let pixel = seen.pixel_index(&viewpoint.camera);
-                if out.skips(pixel) {
-                    continue;
+            }
+            let scatters = !here.bsdf.is_delta() && !here.bsdf.is_black() && bounce < self.max_bounces;
+            if let Some(mirrors) = self.curved.filter(|_| scatters) {
+                let viewpoint = self.viewpoints[0].through(lens);
+                for (seen, pixels) in see_in_mirrors(scene, &viewpoint.camera, mirrors, prim, position) {
+                    let pixels = |n: Vec3| pixels * n.dot(seen.dir).abs();
+                    self.arrive(cast, &walk, at, &viewpoint, &seen, pixels, sampler, out);
                 }
-                let si = scene.interaction(prim, b, -seen.dir);
-                let Some(scattered) = self.scatter(&si, towards, bounce, &light, sampler) else { continue };
-                let area = viewpoint.pixels_per_area(&seen, si.ng);
-                let m = walk.weight * seen.throughput * scattered.ratio * area;
-                if !m.is_finite() || m == Vec3::ZERO {
-                    continue;
-                }
-                out.pixel(pixel, |d, out| {
-                    let m = d.dot(m);
-                    out.edge_point(edge, face, s, normal * m);
-                    match light.kind {
-                        LightKind::Area => out.material_point(light.prim, light.b, normal * (-tau * m)),
-                        LightKind::Point(i) => out.light_placement(i, normal * (-tau * m)),
-                        LightKind::Directional(i) => d_direction(out, i, normal * (-q * m)),
-                        LightKind::Environment => out.environment_direction(dir, normal * (-q * m)),
-                    }
-                    // The receiver slides along the chain of direction-fixed segments that ends in the camera.
-                    let mut ray = RayAdjoint { origin: normal * (-(1.0 - tau) * m), dir: Vec3::ZERO };
-                    for step in &walk.vertices {
-                        ray = if step.si.bsdf.is_delta() {
-                            d_reflected_ray(out, &step.si, step.t, ray)
-                        } else {
-                            d_step(out, &step.si, step.t, &step.scattered, ray)
-                        };
-                    }
-                    let ray = d_step(out, &si, seen.distance, &scattered, ray);
-                    viewpoint.d_ray(out, &seen, ray);
-                });
             }
             if bounce == self.max_bounces {
                 break;
@@ -296,13 +276,19 @@ impl<'a> Shadows<'a> {
                 break;
             }
             let (si, away, scattered, weight) = if si.bsdf.is_delta() {
-                // Solid angles go through a planar mirror unchanged.
-                if !self.planar_mirrors || bounce == 1 {
+                // By way of two mirrors only if both are planar.
+                let before = walk.vertices.last().map(|step| &step.si).filter(|si| si.bsdf.is_delta());
+                let planar = |prim: PrimId| self.curved.is_none_or(|mirrors| !mirrors.contains(prim));
+                if bounce == 1 || before.is_some_and(|si| !(planar(si.prim) && planar(prim))) {
                     break;
                 }
                 let away = (si.ns * (2.0 * si.ns.dot(towards)) - towards).normalize();
+                let si = scene.interaction(prim, b, away);
+                if si.ng.dot(away) <= 0.0 || si.ng.dot(towards) <= 0.0 {
+                    break;
+                }
                 let weight = si.bsdf.mirror_reflectance();
-                (scene.interaction(prim, b, away), away, Scattered { towards, ratio: weight, attached: false }, weight)
+                (si, away, Scattered { towards, ratio: weight, attached: false }, weight)
             } else {
                 let frame = Frame::from_normal(si.ns);
                 let local = frame.to_local(towards);
@@ -322,12 +308,22 @@ impl<'a> Shadows<'a> {
                 break;
             }
             let Some(next) = scene.chance_hit(&si.spawn_ray(away), &[prim], sampler) else { break };
+            let weight = weight * self.solid_angles(&si, &walk, next.t * away);
             walk.weight *= weight / survival;
             walk.vertices.push(Step { si, t: next.t, scattered });
             (prim, b) = (next.prim, next.b);
             towards = -away;
         }
     }
+}
+
+/// The latest point of a walk, the `bounce`-th, and where its light comes from.
+#[derive(Clone, Copy)]
+struct At {
+    prim: PrimId,
+    b: [f32; 3],
+    towards: Vec3,
+    bounce: u32,
 }
 
 /// Where the light of a receiver ends.
@@ -373,6 +369,66 @@ struct Scattered {
 }
 
 impl Shadows<'_> {
+    /// How solid angles change by way of a curved mirror, after which the walk goes `on`: area per solid angle from its one end over
+    /// that from the other. (They would be the same, had the mirror the shape that its normals say.) 1 for all else.
+    fn solid_angles(&self, si: &SurfaceInteraction, walk: &Walk, on: Vec3) -> f32 {
+        let Some(before) = walk.vertices.last().filter(|_| self.curved.is_some_and(|m| m.contains(si.prim))) else {
+            return 1.0;
+        };
+        let (t, place) = ([before.t, on.length()].map(f64::from), [si.b[1], si.b[2]].map(f64::from));
+        let facet = |eye: Vec3| Facet::new(self.scene, si.prim, Eye::Point(eye.as_dvec3()), false);
+        let forth = facet(before.si.p).area_per_solid_angle(place, t[0], t[1]);
+        let back = facet(si.p + on).area_per_solid_angle(place, t[1], t[0]);
+        (forth / back) as f32
+    }
+
+    /// A walk that the camera sees; `pixels` per unit area of a surface, by its normal.
+    #[allow(clippy::too_many_arguments)]
+    fn arrive(
+        &self,
+        cast: &Cast,
+        walk: &Walk,
+        at: At,
+        viewpoint: &Viewpoint,
+        seen: &Seen,
+        pixels: impl Fn(Vec3) -> f32,
+        sampler: &mut Sampler,
+        out: &mut impl Estimate,
+    ) {
+        let &Cast { edge, face, s, normal, light, dir, hit, tau, .. } = cast;
+        let pixel = seen.pixel_index(&viewpoint.camera);
+        if out.skips(pixel) {
+            return;
+        }
+        let si = self.scene.interaction(at.prim, at.b, -seen.dir);
+        let Some(scattered) = self.scatter(&si, at.towards, at.bounce, &light, sampler) else { return };
+        let m = walk.weight * seen.throughput * scattered.ratio * pixels(si.ng);
+        if !m.is_finite() || m == Vec3::ZERO {
+            return;
+        }
+        out.pixel(pixel, |d, out| {
+            let m = d.dot(m);
+            out.edge_point(edge, face, s, normal * m);
+            match light.kind {
+                LightKind::Area => out.material_point(light.prim, light.b, normal * (-tau * m)),
+                LightKind::Point(i) => out.light_placement(i, normal * (-tau * m)),
+                LightKind::Directional(i) => d_direction(out, i, normal * (-hit.t * m)),
+                LightKind::Environment => out.environment_direction(dir, normal * (-hit.t * m)),
+            }
+            // The receiver slides along the chain of direction-fixed segments that ends in the camera.
+            let mut ray = RayAdjoint { origin: normal * (-(1.0 - tau) * m), dir: Vec3::ZERO };
+            for step in &walk.vertices {
+                ray = if step.si.bsdf.is_delta() {
+                    d_reflected_ray(out, &step.si, step.t, ray)
+                } else {
+                    d_step(out, &step.si, step.t, &step.scattered, ray)
+                };
+            }
+            let ray = d_step(out, &si, seen.distance, &scattered, ray);
+            viewpoint.d_ray(out, seen, ray);
+        });
+    }
+
     /// Scattering at the `bounce`-th surface of a walk, the first of which receives `light`.
     fn scatter(
         &self,

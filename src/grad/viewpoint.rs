@@ -3,16 +3,19 @@
 //! What is seen in a planar mirror is exactly what a reflected camera sees through the mirror's outline, so silhouettes and
 //! shadows in mirrors need no estimators of their own.
 
+use std::collections::{HashMap, HashSet};
+use std::ops::Range;
+
 use glam::{Vec2, Vec3};
 
-use super::local::{RayAdjoint, VertexAdjoint, slide};
+use super::local::{RayAdjoint, VertexAdjoint, d_mirrored, slide};
 use super::sink::{Adjoints, Sink};
 use crate::render::accel::PrimId;
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::sensor::Projected;
 use crate::render::{Camera, Lens, MaterialKind, Scene};
 
-/// More distinct mirror planes than this are a curved mirror: not covered.
+/// More distinct mirror planes than this are treated as a curved mirror ([`super::reflections`]).
 const MAX_MIRROR_PLANES: usize = 32;
 
 /// A plane of mirror triangles: n·x = c.
@@ -61,31 +64,101 @@ pub fn d_reflected_ray<S: Sink>(
     t: f32,
     ray: RayAdjoint,
 ) -> RayAdjoint {
-    let n_d = mirror.ns.dot(ray.dir);
-    let adj = VertexAdjoint {
-        p: ray.origin,
-        ns: (mirror.wi * n_d + ray.dir * mirror.ns.dot(mirror.wi)) * 2.0,
-        wi: mirror.ns * (2.0 * n_d) - ray.dir,
-        ..Default::default()
-    };
+    let mut adj = VertexAdjoint { p: ray.origin, ..Default::default() };
+    d_mirrored(mirror, ray.dir, &mut adj);
     slide(out, mirror, t, adj)
 }
 
-/// The distinct planes of all flat-shaded mirror triangles; `None` if they are too many to be planar mirrors.
-pub fn mirror_planes(scene: &Scene) -> Option<Vec<MirrorPlane>> {
-    let mut planes: Vec<MirrorPlane> = Vec::new();
-    for (prim, id) in scene.prims.iter().enumerate() {
-        let shape = &scene.description.shapes[id.shape as usize];
-        if !matches!(shape.material.kind, MaterialKind::Mirror { .. }) {
+/// The mirrors of a scene.
+#[derive(Default)]
+pub struct Mirrors {
+    /// The distinct planes of flat ones.
+    pub planes: Vec<MirrorPlane>,
+    /// All others: smoothly shaded, or of too many planes.
+    pub curved: Vec<CurvedMirror>,
+}
+
+/// A shape that is a curved mirror.
+#[derive(Clone, Debug)]
+pub struct CurvedMirror {
+    pub prims: Range<PrimId>,
+    /// It is the surface of a convex body: from outside it never shows itself, and no face that is turned away is seen.
+    pub convex: bool,
+}
+
+impl Mirrors {
+    pub fn new(scene: &Scene) -> Mirrors {
+        let mut mirrors = Mirrors::default();
+        let mut first = 0;
+        for shape in &scene.description.shapes {
+            let prims = first..first + shape.mesh.faces.len() as PrimId;
+            first = prims.end;
+            if !matches!(shape.material.kind, MaterialKind::Mirror { .. }) {
+                continue;
+            }
+            match planes(scene, prims.clone(), &mirrors.planes) {
+                Some(planes) => mirrors.planes.extend(planes),
+                None => mirrors.curved.push(CurvedMirror { convex: is_convex_body(scene, prims.clone()), prims }),
+            }
+        }
+        mirrors
+    }
+}
+
+/// Whether triangles with outward normals make the closed surface of a convex body: all in one piece, and along every edge the
+/// neighbour falls back.
+fn is_convex_body(scene: &Scene, prims: Range<PrimId>) -> bool {
+    let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits); // + 0 turns −0 into 0
+    let corners: Vec<[Vec3; 3]> = prims.map(|prim| scene.corners(prim)).collect();
+    let sides = |[a, b, c]: [Vec3; 3]| [(a, b, c), (b, c, a), (c, a, b)];
+    let mut faces = HashMap::new();
+    let mut count = 0;
+    for (i, &face) in corners.iter().enumerate() {
+        let keys = face.map(key);
+        if keys[0] == keys[1] || keys[1] == keys[2] || keys[2] == keys[0] {
             continue;
         }
-        let [a, b, c] = scene.corners(prim as PrimId);
+        count += 1;
+        for (p, q, _) in sides(face) {
+            if faces.insert((key(p), key(q)), i).is_some() {
+                return false;
+            }
+        }
+    }
+    let Some(&start) = faces.values().min() else { return false };
+    let (mut reached, mut stack) = (HashSet::from([start]), vec![start]);
+    while let Some(i) = stack.pop() {
+        let [a, b, c] = corners[i];
         let n = (b - a).cross(c - a).normalize_or_zero();
-        if n == Vec3::ZERO || planes.iter().any(|p| p.contains(n, a, scene.radius)) {
+        for (p, q, _) in sides(corners[i]) {
+            let Some(&j) = faces.get(&(key(q), key(p))) else { return false };
+            if corners[j].iter().any(|o| n.dot(*o - p) > 1e-6 * scene.radius) {
+                return false;
+            }
+            if reached.insert(j) {
+                stack.push(j);
+            }
+        }
+    }
+    reached.len() == count
+}
+
+/// The planes of a shape's triangles that are not among the known ones; `None` if it is not flat-shaded, or they are too many.
+fn planes(scene: &Scene, prims: Range<PrimId>, known: &[MirrorPlane]) -> Option<Vec<MirrorPlane>> {
+    let mut planes: Vec<MirrorPlane> = Vec::new();
+    for prim in prims {
+        let [a, b, c] = scene.corners(prim);
+        let n = (b - a).cross(c - a).normalize_or_zero();
+        if n == Vec3::ZERO {
             continue;
         }
-        if planes.len() == MAX_MIRROR_PLANES || (shape.mesh.normals.is_some() && !is_flat_shaded(scene, prim as PrimId))
-        {
+        if !is_flat_shaded(scene, prim) {
+            return None;
+        }
+        if known.iter().chain(&planes).any(|p| p.contains(n, a, scene.radius)) {
+            continue;
+        }
+        if known.len() + planes.len() == MAX_MIRROR_PLANES {
             return None;
         }
         planes.push(MirrorPlane { n, c: n.dot(a) });
@@ -100,7 +173,7 @@ fn is_flat_shaded(scene: &Scene, prim: PrimId) -> bool {
     let [a, b, c] = scene.corners(prim);
     let n = (b - a).cross(c - a).normalize_or_zero();
     mesh.normals.as_ref().is_none_or(|ns| {
-        mesh.faces[id.face as usize].iter().all(|&v| ns[v as usize].normalize_or_zero().dot(n).abs() > 0.9999)
+        mesh.faces[id.face as usize].iter().all(|&v| ns[v as usize].normalize_or_zero().dot(n).abs() > 1.0 - 1e-6)
     })
 }
 

@@ -163,7 +163,7 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
         let roulette = sampler.next_1d();
         let Some(sample) = si.bsdf.sample(wi, u) else { break };
         let delta = sample.mirror.is_some();
-        let dir = frame.to_world(sample.wo);
+        let dir = if delta { si.mirrored() } else { frame.to_world(sample.wo) };
         let mut f = sample.mirror.unwrap_or_else(|| si.eval(dir));
         let mut inv_pdf = 1.0 / sample.pdf;
         let mut attached = false;

@@ -231,6 +231,15 @@ impl SurfaceInteraction {
         self.bsdf.density(self.ns.dot(self.wi), self.ns.dot(wo), self.wi.dot(wo))
     }
 
+    /// The direction in which a perfect mirror sends what arrives from `wi`. Where the shading normal would send it below the surface
+    /// it is folded up again: continuous, and as bright as all else.
+    #[inline]
+    pub fn mirrored(&self) -> Vec3 {
+        let dir = self.ns * (2.0 * self.ns.dot(self.wi)) - self.wi;
+        let height = self.ng.dot(dir);
+        (if height < 0.0 { dir - self.ng * (2.0 * height) } else { dir }).normalize()
+    }
+
     #[inline]
     fn terminator(&self, wo: Vec3) -> f32 {
         if self.shading_flip == 0.0 { 1.0 } else { terminator(self.ng.dot(wo), self.ns.dot(wo), self.ng.dot(self.ns)) }

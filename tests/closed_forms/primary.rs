@@ -6,7 +6,7 @@ use dscene::math::Dual;
 use dscene::mesh::shapes;
 use dscene::render::texture::Texture;
 use dscene::render::{DeltaLight, Input, MaterialKind, Projection, Slot};
-use glam::{DVec2, Vec3};
+use glam::{DVec2, DVec3, Vec3};
 
 use crate::support::*;
 
@@ -236,6 +236,63 @@ fn triangle_in_a_mirror() {
     measured.gradients(12, Slot::Vertices(shape)).check("T10 triangle", &exact.partials[..9], 1e-3);
     let lift = vec![Vec3::Y; 4];
     measured.along(12, Slot::Vertices(mirror), &[lift]).check("T10 mirror", &exact.partials[9..], 2e-3);
+}
+
+/// T10, curved: a glowing triangle seen in a sphere of mirror. The outline of its image is where the exact sphere mirrors points of its
+/// edges, each found by bisection; derivatives of the area within are differences.
+#[test]
+fn triangle_in_a_sphere_mirror() {
+    let v = [DVec3::new(1.4, 0.2, -1.3), DVec3::new(2.3, 1.0, -0.9), DVec3::new(1.2, 1.6, -1.0)];
+    let (eye, scale, size) = (DVec3::new(0.0, 0.5, -5.0), 0.25, 16);
+    let mut b = Builder::default();
+    let shape = b.light(triangle(v.map(|p| p.as_vec3())), 1.5);
+    let reflectance = b.gray(0.8);
+    // Of a fine sphere the part that matters: every triangle is tilted a little against the sphere.
+    let mut sphere = shapes::sphere(1.0, 256).unwrap();
+    let middle = (eye.normalize() + v[1].normalize()).normalize().as_vec3();
+    let vertices = sphere.vertices.clone();
+    sphere.faces.retain(|f| f.iter().all(|&v| vertices[v as usize].dot(middle) > 0.92));
+    let mirror = b.shape(sphere, MaterialKind::Mirror { reflectance }, None);
+    let scene = b.build();
+    let camera = camera(Projection::Perspective, eye.as_vec3(), -eye.as_vec3(), scale as f32, size);
+
+    let mirrored = |p: DVec3, centre: DVec3, radius: f64| {
+        let (to_eye, to_p) = ((eye - centre).normalize(), (p - centre).normalize());
+        let (mut near, mut far) = (0.0, 1.0);
+        for _ in 0..60 {
+            let n = to_eye.lerp(to_p, 0.5 * (near + far)).normalize();
+            let x = centre + n * radius;
+            let cos = |q: DVec3| (q - x).normalize().dot(n);
+            if cos(eye) > cos(p) { near = 0.5 * (near + far) } else { far = 0.5 * (near + far) }
+        }
+        let offset = centre + to_eye.lerp(to_p, near).normalize() * radius - eye;
+        let [right, up, forward] = camera.frame.map(|axis| offset.dot(axis.as_dvec3()));
+        DVec2::new(right, up) / (forward * scale) * (0.5 * size as f64)
+    };
+    // Vertices, then the sphere's centre and radius.
+    let image = |moved: [f64; 13]| {
+        let at = |i: usize| DVec3::from_slice(&moved[i..i + 3]);
+        let v = [0, 1, 2].map(|i| v[i] + at(3 * i));
+        let point = |i: usize| {
+            let (edge, t) = (i / 500, (i % 500) as f64 / 500.0);
+            mirrored(v[edge % 3].lerp(v[(edge + 1) % 3], t), at(9), 1.0 + moved[12])
+        };
+        let area = (0..1500).map(|i| 0.5 * point(i).perp_dot(point(i + 1))).sum::<f64>();
+        area.abs() * (1.5 * 0.8)
+    };
+    let by = |i: usize| {
+        let step = |h: f64| image(std::array::from_fn(|j| if i == j { h } else { 0.0 }));
+        (step(1e-4) - step(-1e-4)) / 2e-4
+    };
+    let exact: Vec<f64> = (0..13).map(by).collect();
+
+    let measured = Measured { scene: &scene, camera: &camera, settings: settings(64, 1) };
+    measured.values(8).check("T10 curved value", &[image([0.0; 13])], 0.02);
+    measured.gradients(12, Slot::Vertices(shape)).check("T10 curved triangle", &exact[..9], 0.02);
+    let mesh = &scene.description.shapes[mirror].mesh;
+    let shifts = Vec3::AXES.map(|axis| vec![axis; mesh.vertices.len()]);
+    let motions = [&shifts[..], std::slice::from_ref(&mesh.vertices)].concat();
+    measured.along(12, Slot::Vertices(mirror), &motions).check("T10 curved mirror", &exact[9..], 0.02);
 }
 
 /// T16: a flat-shaded roof under a directional light, its ridge moving.

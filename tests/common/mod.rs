@@ -34,6 +34,14 @@ impl Builder {
         self.scene.shapes.push(Shape { mesh, material, emission: None });
     }
 
+    /// A smoothly shaded ball of mirror.
+    pub fn ball(&mut self, centre: Vec3, radius: f32) {
+        let reflectance = self.constant(vec3(0.9, 0.8, 0.7));
+        let mut ball = dscene::mesh::shapes::sphere(1.0, 32).unwrap();
+        ball.vertices.iter_mut().for_each(|v| *v = *v * radius + centre);
+        self.shape(ball, Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity: None });
+    }
+
     /// An area light that reflects nothing.
     pub fn light(&mut self, mesh: Mesh, radiance: Vec3) {
         let radiance = self.constant(radiance);

@@ -1,0 +1,716 @@
+//! Reflection by the triangles of curved mirrors as polynomials.
+//!
+//! Over a triangle with corners x_i and interpolated normals m_i the point x, the normal m (not normalised) and the direction w
+//! back to the eye are linear in the barycentric coordinates, so the mirrored direction d = 2 m (m·w) − w (m·m) is cubic. The line
+//! from x along d meets the segment from A to B (both seen from x) where (A×B)·d, of degree four, vanishes and d lies between A
+//! and B. A polynomial whose coefficients all have one sign has no root: so triangles are searched completely, by
+//! subdivision, and along straight lines within them all roots are found. Directions below the triangle's plane are folded up
+//! (`SurfaceInteraction::mirrored`), which is linear: such a triangle counts as two, one for each side.
+
+use std::ops::Range;
+
+use glam::{DVec3, Vec3};
+
+use super::viewpoint::CurvedMirror;
+use crate::render::accel::PrimId;
+use crate::render::edges::Edge;
+use crate::render::sampler::Discrete;
+use crate::render::{Camera, Scene};
+
+/// Barycentric coordinates of a triangle's second and third corner.
+pub type Place = [f64; 2];
+
+/// Where a mirror is seen from.
+#[derive(Clone, Copy, Debug)]
+pub enum Eye {
+    Point(DVec3),
+    /// Infinitely far away in this direction.
+    Direction(DVec3),
+}
+
+impl Eye {
+    pub fn of(camera: &Camera) -> Eye {
+        let (origin, [_, _, forward]) = camera.pinhole();
+        if camera.is_central() { Eye::Point(origin.as_dvec3()) } else { Eye::Direction(-forward.as_dvec3()) }
+    }
+
+    /// How far the points of a lens are from the centre: the slack of [`Eye::of`] the whole camera.
+    pub fn slack(camera: &Camera) -> f64 {
+        let lens = camera.lens.radius * camera.frame[0].length().max(camera.frame[1].length());
+        f64::from(if camera.is_central() || lens == 0.0 { lens } else { lens / camera.lens.focus })
+    }
+
+    /// From a point to the eye.
+    fn from(self, x: DVec3) -> DVec3 {
+        match self {
+            Eye::Point(origin) => origin - x,
+            Eye::Direction(towards) => towards,
+        }
+    }
+}
+
+/// A triangle of a mirror, or a part of one, as seen from an eye.
+#[derive(Clone, Copy, Debug)]
+pub struct Facet {
+    /// Points, normals and directions to the eye at the corners.
+    pub x: [DVec3; 3],
+    m: [DVec3; 3],
+    w: [DVec3; 3],
+    /// The unit normal of the plane, for directions that were below it and are folded up.
+    fold: Option<DVec3>,
+}
+
+impl Facet {
+    pub fn new(scene: &Scene, prim: PrimId, eye: Eye, folded: bool) -> Facet {
+        let id = scene.prims[prim as usize];
+        let mesh = &scene.description.shapes[id.shape as usize].mesh;
+        let x = scene.corners(prim).map(Vec3::as_dvec3);
+        let flat = (x[1] - x[0]).cross(x[2] - x[0]).normalize_or_zero();
+        let m = match &mesh.normals {
+            Some(normals) => mesh.faces[id.face as usize].map(|v| normals[v as usize].as_dvec3()),
+            None => [flat; 3],
+        };
+        Facet { x, m, w: x.map(|x| eye.from(x)), fold: folded.then_some(flat) }
+    }
+
+    /// The part between three places.
+    pub fn part(&self, corners: [Place; 3]) -> Facet {
+        let at = |v: &[DVec3; 3]| corners.map(|[u, t]| v[0] * (1.0 - u - t) + v[1] * u + v[2] * t);
+        Facet { x: at(&self.x), m: at(&self.m), w: at(&self.w), fold: self.fold }
+    }
+
+    /// Unit normal of the plane.
+    pub fn normal(&self) -> DVec3 {
+        (self.x[1] - self.x[0]).cross(self.x[2] - self.x[0]).normalize_or_zero()
+    }
+
+    /// The mirrored direction.
+    fn direction(&self) -> Form<DVec3> {
+        let (m, w) = (Form::linear(self.m), Form::linear(self.w));
+        let (mw, mm) = (m.times(&w, DVec3::dot), m.times(&m, DVec3::dot));
+        let mut d = m.times(&mw, |m, f| m * (2.0 * f));
+        let other = w.times(&mm, |w, f| w * f);
+        d.c.iter_mut().zip(other.c).for_each(|(d, o)| *d = self.folded(*d - o));
+        d
+    }
+
+    fn folded(&self, d: DVec3) -> DVec3 {
+        self.fold.map_or(d, |n| d - n * (2.0 * n.dot(d)))
+    }
+
+    /// Whether a direction leaves on the side that the eye sees: else the other way of mirroring, folded or not, applies.
+    fn leaves(&self, [u, t]: Place, d: DVec3) -> bool {
+        let w = self.w[0] * (1.0 - u - t) + self.w[1] * u + self.w[2] * t;
+        let n = self.normal();
+        n.dot(d) * n.dot(w) > 0.0
+    }
+
+    /// Whether the normals are those of the plane: then nothing is mirrored below it.
+    fn is_flat(&self) -> bool {
+        let n = self.normal();
+        self.m.iter().all(|m| m.cross(n).length() <= 1e-9 * m.length())
+    }
+
+    /// Whether the mirrored direction leaves on the eye's side anywhere.
+    pub fn faces_out(&self) -> bool {
+        let n = self.normal();
+        let seen: Form<f64> = Form::linear(self.w.map(|w| w.dot(n)));
+        !self.direction().times(&seen, |d, s| d.dot(n) * s).is_below(0.0)
+    }
+
+    /// A cone of normals that hold for all mirrored directions: its axis and half its angle.
+    fn normals(&self) -> (DVec3, f64) {
+        let normals = self.m.map(DVec3::normalize_or_zero);
+        let axis = normals.iter().sum::<DVec3>().normalize_or_zero();
+        let half = normals.iter().map(|n| angle(*n, axis)).fold(0.0, f64::max);
+        // A folded direction is no further from the horizon, which lies between the two normals' directions, than it was.
+        (axis, self.fold.map_or(half, |flat| 3.0 * half.max(angle(flat * flat.dot(axis).signum(), axis))))
+    }
+
+    fn largest_normal(&self) -> f64 {
+        self.m.iter().map(|m| m.length_squared()).fold(0.0, f64::max)
+    }
+
+    /// Whether a segment may be seen here from an eye that is at most `slack` away.
+    pub fn may_see(&self, ends: [DVec3; 2], slack: f64) -> bool {
+        let [a, b] = ends.map(|p| Form::linear(self.x.map(|x| p - x)));
+        let n = Form::linear(self.x.map(|x| (ends[0] - x).cross(ends[1] - x)));
+        let d = self.direction();
+        let off = slack * self.largest_normal();
+        let largest = |f: &Form<DVec3>| (0..3).map(|i| f.c[i].length()).fold(0.0, f64::max);
+        let f = d.times(&n, DVec3::dot);
+        let error = off * largest(&n);
+        if f.is_below(-error) || f.is_above(error) {
+            return false;
+        }
+        // d = α A + β B
+        let (alpha, beta) =
+            (d.times(&b.times(&n, DVec3::cross), DVec3::dot), d.times(&n.times(&a, DVec3::cross), DVec3::dot));
+        !(alpha.is_below(-off * largest(&n) * largest(&b)) || beta.is_below(-off * largest(&n) * largest(&a)))
+    }
+
+    /// All places on a straight line from corner to corner coordinates `from` and `to` (in [0, 1]² of this part) at which the
+    /// segment is seen.
+    pub fn seen_along(&self, [from, to]: [Place; 2], ends: [DVec3; 2], mut found: impl FnMut(Sighting)) {
+        let at = |v: &[DVec3; 3], [u, t]: Place| v[0] * (1.0 - u - t) + v[1] * u + v[2] * t;
+        let line = |v: &[DVec3; 3]| [at(v, from), at(v, to) - at(v, from)];
+        let ([x0, x1], [m0, m1], [w0, w1]) = (line(&self.x), line(&self.m), line(&self.w));
+        let mw = [m0.dot(w0), m0.dot(w1) + m1.dot(w0), m1.dot(w1)];
+        let mm = [m0.dot(m0), 2.0 * m0.dot(m1), m1.dot(m1)];
+        let mut d = [DVec3::ZERO; 4];
+        for i in 0..3 {
+            d[i] += m0 * (2.0 * mw[i]) - w0 * mm[i];
+            d[i + 1] += m1 * (2.0 * mw[i]) - w1 * mm[i];
+        }
+        let d = d.map(|d| self.folded(d));
+        let n = |x: DVec3| (ends[0] - x).cross(ends[1] - x);
+        let (n0, n1) = (n(x0), n(x0 + x1) - n(x0));
+        let mut f = [0.0; 5];
+        for i in 0..4 {
+            f[i] += d[i].dot(n0);
+            f[i + 1] += d[i].dot(n1);
+        }
+        roots(&f, &mut |t| {
+            let x = x0 + x1 * t;
+            let d = d[0] + (d[1] + (d[2] + d[3] * t) * t) * t;
+            let [a, b] = ends.map(|p| p - x);
+            let n = a.cross(b);
+            let scale = 1.0 / n.length_squared();
+            let (alpha, beta) = (d.dot(b.cross(n)) * scale, d.dot(n.cross(a)) * scale);
+            if !(alpha >= 0.0 && beta >= 0.0 && alpha + beta > 0.0 && (alpha + beta).is_finite()) {
+                return;
+            }
+            let place = [0, 1].map(|k| from[k] + (to[k] - from[k]) * t);
+            if !self.leaves(place, d) {
+                return;
+            }
+            found(Sighting { place, s: beta / (alpha + beta) });
+        });
+    }
+
+    /// Derivatives, in the place, of how far the mirrored ray passes by in direction `n`, perpendicular to it, at `distance`.
+    pub fn passes_by(&self, place: Place, distance: f64, n: DVec3) -> [f64; 2] {
+        let local = self.mirrored(place);
+        let length = local.d.length();
+        [0, 1].map(|k| n.dot(local.x_k[k]) + distance * n.dot(local.d_k[k]) / length)
+    }
+
+    /// Area at `distance` along the mirrored ray, perpendicular to it, over area of the mirror.
+    pub fn spread(&self, place: Place, distance: f64) -> f64 {
+        let local = self.mirrored(place);
+        let length = local.d.length();
+        let [a, b] = [0, 1].map(|k| local.x_k[k] + local.d_k[k] * (distance / length));
+        let [x, y] = local.x_k;
+        (a.cross(b).dot(local.d) / length).abs() / x.cross(y).length()
+    }
+
+    fn mirrored(&self, [u, t]: Place) -> Mirrored {
+        let at = |v: &[DVec3; 3]| v[0] * (1.0 - u - t) + v[1] * u + v[2] * t;
+        let (x, m, w) = (at(&self.x), at(&self.m), at(&self.w));
+        let (mw, mm) = (m.dot(w), m.dot(m));
+        let along = |k: usize| [&self.x, &self.m, &self.w].map(|v| v[k] - v[0]);
+        let d_k = |k: usize| {
+            let [_, m_k, w_k] = along(k);
+            self.folded(m_k * (2.0 * mw) + m * (2.0 * (m_k.dot(w) + m.dot(w_k))) - w_k * mm - w * (2.0 * m.dot(m_k)))
+        };
+        Mirrored { x, d: self.folded(m * (2.0 * mw) - w * mm), x_k: [along(1)[0], along(2)[0]], d_k: [d_k(1), d_k(2)] }
+    }
+
+    /// Whether a point may be seen here from an eye that is at most `slack` away; `across` are directions across the way to it.
+    fn may_see_point(&self, p: DVec3, across: [DVec3; 2], slack: f64) -> bool {
+        let (d, q) = (self.direction(), Form::linear(self.x.map(|x| p - x)));
+        let error = slack * self.largest_normal() * self.x.iter().map(|x| x.distance(p)).fold(0.0, f64::max);
+        let off = q.times(&d, DVec3::cross);
+        let misses = |n: DVec3| {
+            let mut f = Form { degree: off.degree, c: [0.0; MOST] };
+            f.c.iter_mut().zip(off.c).for_each(|(f, off)| *f = off.dot(n));
+            f.is_below(-error) || f.is_above(error)
+        };
+        !(across.into_iter().any(misses) || q.times(&d, DVec3::dot).is_below(-error))
+    }
+
+    fn may_see_from(&self, p: DVec3, slack: f64) -> bool {
+        let (e1, e2) = (p - self.x[0]).normalize_or_zero().any_orthonormal_pair();
+        self.may_see_point(p, [e1, e2], slack)
+    }
+
+    /// All places at which a point is seen: Newton's method, in parts so small that they mirror almost linearly.
+    fn seen_at(&self, p: DVec3, found: impl FnMut(Place)) {
+        const DEPTH: u32 = 2;
+        let (e1, e2) = (p - self.x[0]).normalize_or_zero().any_orthonormal_pair();
+        let mut places = Vec::new();
+        self.search(p, [e1, e2], [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]], DEPTH, &mut places);
+        places.into_iter().for_each(found);
+    }
+
+    /// Area at `distance` along the mirrored ray, perpendicular to it, over the solid angle at an eye that is `before` away.
+    pub fn area_per_solid_angle(&self, place: Place, before: f64, distance: f64) -> f64 {
+        let [u, t] = place;
+        let w = self.w[0] * (1.0 - u - t) + self.w[1] * u + self.w[2] * t;
+        self.spread(place, distance) * before * before / w.normalize_or_zero().dot(self.normal()).abs()
+    }
+
+    fn search(&self, p: DVec3, across: [DVec3; 2], corners: [Place; 3], depth: u32, found: &mut Vec<Place>) {
+        if !self.part(corners).may_see_point(p, across, 0.0) {
+            return;
+        }
+        if depth > 0 {
+            quarters(corners).into_iter().for_each(|part| self.search(p, across, part, depth - 1, found));
+            return;
+        }
+        const NEAR: f64 = 1e-7;
+        let [a, b, c] = corners;
+        let mut at = [0, 1].map(|k| (a[k] + b[k] + c[k]) / 3.0);
+        for _ in 0..20 {
+            let Mirrored { x, d, x_k, d_k } = self.mirrored(at);
+            let off = (p - x).cross(d);
+            let off_k = [0, 1].map(|k| (p - x).cross(d_k[k]) - x_k[k].cross(d));
+            let [f, g] = across.map(|n| n.dot(off));
+            let [[f0, f1], [g0, g1]] = across.map(|n| off_k.map(|o| n.dot(o)));
+            let det = f0 * g1 - f1 * g0;
+            let step = [(f * g1 - f1 * g) / det, (f0 * g - f * g0) / det];
+            at = [at[0] - step[0], at[1] - step[1]];
+            let far = at[0].abs() + at[1].abs();
+            if far.is_nan() || far > 4.0 {
+                return;
+            }
+            if step[0].abs() + step[1].abs() < 1e-11 {
+                break;
+            }
+        }
+        let Mirrored { x, d, .. } = self.mirrored(at);
+        let inside = at[0] >= -NEAR && at[1] >= -NEAR && at[0] + at[1] <= 1.0 + NEAR;
+        let met = (p - x).dot(d) > 0.0 && (p - x).cross(d).length() < 1e-6 * (p - x).length() * d.length();
+        let again = |q: &Place| (q[0] - at[0]).abs() + (q[1] - at[1]).abs() < 4.0 * NEAR;
+        if inside && met && self.leaves(at, d) && !found.iter().any(again) {
+            found.push(at);
+        }
+    }
+}
+
+/// A triangle of places cut into four.
+pub fn quarters(corners: [Place; 3]) -> [[Place; 3]; 4] {
+    let [a, b, c] = corners;
+    let middle = |p: Place, q: Place| [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])];
+    let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
+    [[a, ab, ca], [ab, b, bc], [ca, bc, c], [bc, ca, ab]]
+}
+
+/// A point of a mirror and the mirrored direction there (not normalised), with their derivatives in the place.
+struct Mirrored {
+    x: DVec3,
+    d: DVec3,
+    x_k: [DVec3; 2],
+    d_k: [DVec3; 2],
+}
+
+/// Where a mirror shows a point of a segment.
+#[derive(Clone, Copy, Debug)]
+pub struct Sighting {
+    pub place: Place,
+    /// Parameter of the point on the segment.
+    pub s: f64,
+}
+
+fn angle(a: DVec3, b: DVec3) -> f64 {
+    a.dot(b).clamp(-1.0, 1.0).acos()
+}
+
+/// Coefficients of a form of the fifth degree in three variables.
+const MOST: usize = 21;
+
+/// A homogeneous polynomial in barycentric coordinates: coefficients of b0^i b1^j b2^(n−i−j), j running faster.
+#[derive(Clone, Copy, Debug)]
+struct Form<T> {
+    degree: usize,
+    c: [T; MOST],
+}
+
+fn index(degree: usize, i: usize, j: usize) -> usize {
+    i * (2 * degree + 3 - i) / 2 + j
+}
+
+impl<T: Copy + Default + std::ops::AddAssign> Form<T> {
+    fn linear(v: [T; 3]) -> Form<T> {
+        let mut c = [T::default(); MOST];
+        (c[0], c[1], c[2]) = (v[2], v[1], v[0]);
+        Form { degree: 1, c }
+    }
+
+    fn len(&self) -> usize {
+        (self.degree + 1) * (self.degree + 2) / 2
+    }
+
+    fn times<U: Copy, V: Copy + Default + std::ops::AddAssign>(
+        &self,
+        other: &Form<U>,
+        product: impl Fn(T, U) -> V,
+    ) -> Form<V> {
+        let degree = self.degree + other.degree;
+        let mut c = [V::default(); MOST];
+        for i in 0..=self.degree {
+            for j in 0..=self.degree - i {
+                let a = self.c[index(self.degree, i, j)];
+                for k in 0..=other.degree {
+                    for l in 0..=other.degree - k {
+                        c[index(degree, i + k, j + l)] += product(a, other.c[index(other.degree, k, l)]);
+                    }
+                }
+            }
+        }
+        Form { degree, c }
+    }
+}
+
+impl Form<f64> {
+    /// Whether it is below a number all over the triangle, by Bernstein coefficients.
+    fn is_below(&self, limit: f64) -> bool {
+        (0..self.len()).all(|i| self.c[i] < limit * multinomial(self.degree, i))
+    }
+
+    fn is_above(&self, limit: f64) -> bool {
+        (0..self.len()).all(|i| self.c[i] > limit * multinomial(self.degree, i))
+    }
+}
+
+/// Of the `i`-th coefficient: how often it stands in (b0 + b1 + b2)^degree.
+fn multinomial(degree: usize, i: usize) -> f64 {
+    const TABLE: [[f64; MOST]; 6] = {
+        let mut table = [[0.0; MOST]; 6];
+        let factorial = [1.0, 1.0, 2.0, 6.0, 24.0, 120.0];
+        let mut degree = 0;
+        while degree < 6 {
+            let (mut at, mut i) = (0, 0);
+            while i <= degree {
+                let mut j = 0;
+                while i + j <= degree {
+                    table[degree][at] = factorial[degree] / (factorial[i] * factorial[j] * factorial[degree - i - j]);
+                    at += 1;
+                    j += 1;
+                }
+                i += 1;
+            }
+            degree += 1;
+        }
+        table
+    };
+    TABLE[degree][i]
+}
+
+/// The roots of a polynomial in [0, 1], in order: between those of its derivative it is monotone.
+fn roots(c: &[f64], found: &mut dyn FnMut(f64)) {
+    let value = |t: f64| c.iter().rev().fold(0.0, |sum, c| sum * t + c);
+    let mut stops = [0.0; 8];
+    let mut count = 1;
+    if c.len() > 2 {
+        let mut derivative = [0.0; 8];
+        for (i, d) in derivative[..c.len() - 1].iter_mut().enumerate() {
+            *d = c[i + 1] * (i + 1) as f64;
+        }
+        roots(&derivative[..c.len() - 1], &mut |t| {
+            stops[count] = t;
+            count += 1;
+        });
+    }
+    stops[count] = 1.0;
+    for pair in stops[..=count].windows(2) {
+        let (mut low, mut high) = (pair[0], pair[1]);
+        let (f_low, f_high) = (value(low), value(high));
+        // Half open, so that a root on a stop counts once.
+        if (f_low < 0.0) == (f_high < 0.0) {
+            continue;
+        }
+        for _ in 0..60 {
+            let middle = 0.5 * (low + high);
+            if middle <= low || middle >= high {
+                break;
+            }
+            if (value(middle) < 0.0) == (f_low < 0.0) { low = middle } else { high = middle }
+        }
+        found(0.5 * (low + high));
+    }
+}
+
+/// The triangles of curved mirrors, in a tree of spheres around them and cones around their normals.
+pub struct MirrorTree {
+    mirrors: Vec<Range<PrimId>>,
+    facets: Vec<MirrorFacet>,
+    nodes: Vec<Node>,
+    areas: Discrete,
+    eye: Eye,
+    slack: f64,
+}
+
+/// A triangle of a mirror.
+#[derive(Clone, Debug)]
+pub struct MirrorFacet {
+    pub prim: PrimId,
+    pub folded: bool,
+    /// As the camera sees it.
+    pub facet: Facet,
+    /// Triangles that it never shows to the camera, because they belong to the same convex body.
+    hidden: Range<PrimId>,
+}
+
+struct Node {
+    centre: DVec3,
+    radius: f64,
+    axis: DVec3,
+    half: f64,
+    /// Facets of a leaf; else the left child is the next node.
+    range: [u32; 2],
+    right: u32,
+}
+
+impl Node {
+    /// Whether anything here mirrors the eye, known but for `slack`, to a sphere.
+    fn may_show(&self, eye: Eye, slack: f64, middle: DVec3, reach: f64) -> bool {
+        let (q, w) = (middle - self.centre, eye.from(self.centre));
+        let (distance, far) = (q.length(), w.length());
+        let reach = reach + self.radius;
+        let off = slack + if matches!(eye, Eye::Point(_)) { self.radius } else { 0.0 };
+        if distance <= reach || far <= off {
+            return true;
+        }
+        // asin x ≤ x + (π/2 − 1) x³
+        let asin = |x: f64| x + 0.5708 * x * x * x;
+        let half = 2.0 * self.half + asin(off / far) + asin(reach / distance) + 1e-9;
+        let mirrored = self.axis * (2.0 * self.axis.dot(w)) - w;
+        half >= std::f64::consts::PI || q.dot(mirrored) >= half.cos() * distance * far
+    }
+}
+
+/// Facets of a leaf.
+const LEAF: usize = 1;
+
+impl MirrorTree {
+    /// Of what the camera sees.
+    pub fn new(scene: &Scene, camera: &Camera, mirrors: &[CurvedMirror]) -> MirrorTree {
+        Self::of(scene, camera, mirrors, false)
+    }
+
+    /// Of all mirrors, for [`MirrorTree::between`]. What the rim of a coarse mirror folds up is left out.
+    pub fn all(scene: &Scene, camera: &Camera, mirrors: &[CurvedMirror]) -> MirrorTree {
+        Self::of(scene, camera, mirrors, true)
+    }
+
+    fn of(scene: &Scene, camera: &Camera, mirrors: &[CurvedMirror], unseen: bool) -> MirrorTree {
+        let (eye, slack) = (Eye::of(camera), Eye::slack(camera));
+        let mut facets = Vec::new();
+        for mirror in mirrors {
+            let ways = mirror.prims.clone().flat_map(|prim| [(prim, false), (prim, true)]);
+            let ways = ways.filter(|(_, folded)| !(*folded && unseen));
+            let own = ways.map(|(prim, folded)| (prim, folded, Facet::new(scene, prim, eye, folded)));
+            let own = own.filter(|(_, folded, facet)| facet.normal() != DVec3::ZERO && !(*folded && facet.is_flat()));
+            let turned = |f: &Facet, least: f64| f.w.iter().any(|w| w.dot(f.normal()) > least);
+            let start = facets.len();
+            let seen = |f: &Facet| unseen || slack > 0.0 || f.faces_out();
+            let own = own.filter(|(_, _, facet)| seen(facet));
+            facets.extend(own.map(|(prim, folded, facet)| MirrorFacet { prim, folded, facet, hidden: prim..prim + 1 }));
+            // A convex body is seen from outside if any of its faces is turned to the eye, and then only these are seen.
+            if !unseen && mirror.convex && facets[start..].iter().any(|f: &MirrorFacet| turned(&f.facet, slack)) {
+                let mut seen = facets.split_off(start);
+                seen.retain(|f| turned(&f.facet, -slack));
+                seen.iter_mut().for_each(|f| f.hidden = mirror.prims.clone());
+                facets.extend(seen);
+            }
+        }
+        let mirrors = mirrors.iter().map(|m| m.prims.clone()).collect();
+        let nodes = Vec::with_capacity(2 * facets.len());
+        let mut tree = MirrorTree { mirrors, nodes, facets, areas: Discrete::default(), eye, slack };
+        if !tree.facets.is_empty() {
+            let cones: Vec<(DVec3, f64)> = tree.facets.iter().map(|f| f.facet.normals()).collect();
+            let mut order: Vec<u32> = (0..tree.facets.len() as u32).collect();
+            tree.build(&mut order, 0, &cones);
+            tree.facets = order.iter().map(|&i| tree.facets[i as usize].clone()).collect();
+            let area = |f: &MirrorFacet| (f.facet.x[1] - f.facet.x[0]).cross(f.facet.x[2] - f.facet.x[0]).length();
+            tree.areas = Discrete::new(tree.facets.iter().map(area));
+        }
+        tree
+    }
+
+    fn build(&mut self, order: &mut [u32], start: usize, cones: &[(DVec3, f64)]) {
+        let corners = || order.iter().flat_map(|&i| self.facets[i as usize].facet.x);
+        let (low, high) = corners().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+        let centre = 0.5 * (low + high);
+        let radius = corners().map(|p| p.distance(centre)).fold(0.0, f64::max);
+        let axis = order.iter().map(|&i| cones[i as usize].0).sum::<DVec3>().normalize_or_zero();
+        let half = order.iter().map(|&i| angle(axis, cones[i as usize].0) + cones[i as usize].1).fold(0.0, f64::max);
+        let half = if axis == DVec3::ZERO { std::f64::consts::PI } else { half };
+        let at = self.nodes.len();
+        let range = [start as u32, (start + order.len()) as u32];
+        self.nodes.push(Node { centre, radius, axis, half, range, right: 0 });
+        if order.len() <= LEAF {
+            return;
+        }
+        let size = high - low;
+        let k = (0..3).max_by(|&i, &j| size[i].total_cmp(&size[j])).unwrap_or(0);
+        let middle = order.len() / 2;
+        let key = |i: u32| self.facets[i as usize].facet.x.iter().map(|x| x[k]).sum::<f64>();
+        order.sort_unstable_by(|&i, &j| key(i).total_cmp(&key(j)).then(i.cmp(&j)));
+        let (left, right) = order.split_at_mut(middle);
+        self.build(left, start, cones);
+        self.nodes[at].right = self.nodes.len() as u32;
+        self.build(right, start + middle, cones);
+    }
+
+    pub fn facets(&self) -> &[MirrorFacet] {
+        &self.facets
+    }
+
+    /// Whether the triangle belongs to a curved mirror.
+    pub fn contains(&self, prim: PrimId) -> bool {
+        self.mirrors.iter().any(|m| m.contains(&prim))
+    }
+
+    /// A random point of the mirrors.
+    pub fn sample(&self, u: f64) -> Vec3 {
+        let (i, _, rest) = self.areas.sample(u);
+        self.facets[i].facet.x[0].lerp(self.facets[i].facet.x[1], rest).as_vec3()
+    }
+
+    /// Numbers of all facets that may show a point of the edge to the camera.
+    pub fn showing(&self, edge: &Edge, mut found: impl FnMut(usize)) {
+        // A single convex mirror never shows itself.
+        if let ([_], Some(f)) = (self.mirrors.as_slice(), self.facets.first())
+            && edge.faces.iter().all(|e| f.hidden.contains(&e.prim))
+        {
+            return;
+        }
+        let ends = edge.p.map(Vec3::as_dvec3);
+        let reach = 0.5 * ends[0].distance(ends[1]);
+        self.visit(self.eye, self.slack, 0.5 * (ends[0] + ends[1]), reach, |i| {
+            let MirrorFacet { prim, facet, hidden, .. } = &self.facets[i];
+            let own = edge.faces.iter().any(|f| f.prim == *prim) || edge.faces.iter().all(|f| hidden.contains(&f.prim));
+            if !own && facet.may_see(ends, self.slack) {
+                found(i);
+            }
+        });
+    }
+
+    /// All places at which the camera, through the point of its lens, may see a point of the primitive `own`.
+    pub fn showing_point(
+        &self,
+        scene: &Scene,
+        camera: &Camera,
+        own: PrimId,
+        p: Vec3,
+        mut found: impl FnMut(PrimId, &Facet, Place),
+    ) {
+        self.visit(self.eye, self.slack, p.as_dvec3(), 0.0, |i| {
+            let MirrorFacet { prim, folded, facet, ref hidden } = self.facets[i];
+            if !hidden.contains(&own) && facet.may_see_from(p.as_dvec3(), self.slack) {
+                let facet = if self.slack > 0.0 { Facet::new(scene, prim, Eye::of(camera), folded) } else { facet };
+                facet.seen_at(p.as_dvec3(), |place| found(prim, &facet, place));
+            }
+        });
+    }
+
+    /// All places at which a point is mirrored to another.
+    pub fn between(&self, scene: &Scene, from: Vec3, to: Vec3, mut found: impl FnMut(PrimId, &Facet, Place)) {
+        let eye = Eye::Point(from.as_dvec3());
+        self.visit(eye, 0.0, to.as_dvec3(), 0.0, |i| {
+            let MirrorFacet { prim, folded, .. } = self.facets[i];
+            let facet = Facet::new(scene, prim, eye, folded);
+            facet.seen_at(to.as_dvec3(), |place| found(prim, &facet, place));
+        });
+    }
+
+    /// Numbers of the facets that may mirror the eye to anything within a sphere.
+    fn visit(&self, eye: Eye, slack: f64, middle: DVec3, reach: f64, mut found: impl FnMut(usize)) {
+        let mut stack = vec![0];
+        while let Some(at) = stack.pop() {
+            let Some(node) = self.nodes.get(at).filter(|n| n.may_show(eye, slack, middle, reach)) else { continue };
+            if node.right > 0 {
+                stack.extend([node.right as usize, at + 1]);
+            } else {
+                (node.range[0] as usize..node.range[1] as usize).for_each(&mut found);
+            }
+        }
+    }
+
+    pub fn slack(&self) -> f64 {
+        self.slack
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Pcg32;
+
+    #[test]
+    fn all_roots_of_polynomials_are_found() {
+        let mut rng = Pcg32::new(3);
+        for _ in 0..1000 {
+            let zeros: Vec<f64> = (0..4).map(|_| f64::from(rng.next_f32()) * 2.0 - 0.5).collect();
+            let mut c = vec![1.0];
+            for z in &zeros {
+                let mut next = vec![0.0; c.len() + 1];
+                for (i, c) in c.iter().enumerate() {
+                    next[i] -= z * c;
+                    next[i + 1] += c;
+                }
+                c = next;
+            }
+            let mut expected: Vec<f64> = zeros.into_iter().filter(|z| (0.0..1.0).contains(z)).collect();
+            expected.sort_by(f64::total_cmp);
+            let mut found = Vec::new();
+            roots(&c, &mut |t| found.push(t));
+            assert_eq!(found.len(), expected.len(), "{c:?}");
+            assert!(found.iter().zip(&expected).all(|(a, b)| (a - b).abs() < 1e-5), "{found:?} {expected:?}");
+        }
+    }
+
+    /// A random curved facet mirrors a random ray: it must be found again, and subdivision must never lose it.
+    #[test]
+    fn whatever_a_facet_shows_is_found() {
+        let mut rng = Pcg32::new(7);
+        let mut random =
+            |r: f64| DVec3::from_array(std::array::from_fn(|_| (f64::from(rng.next_f32()) * 2.0 - 1.0) * r));
+        for _ in 0..300 {
+            let x = [DVec3::ZERO, DVec3::X, DVec3::Y].map(|p| p + random(0.2));
+            let m = x.map(|_| DVec3::Z + random(0.3));
+            let eye = DVec3::Z * 4.0 + random(1.0);
+            let facet = Facet { x, m, w: x.map(|x| eye - x), fold: None };
+            let along: Place = [0.2 + 0.1 * random(1.0).x, 0.3 + 0.1 * random(1.0).x];
+            let here = facet.part([along; 3]);
+            let d = (here.m[0] * (2.0 * here.m[0].dot(here.w[0])) - here.w[0] * here.m[0].length_squared()).normalize();
+            let p = here.x[0] + d * 3.0;
+            let e = random(1.0);
+            let ends = [p - e * 0.3, p + e * 0.7];
+            assert!(facet.may_see(ends, 0.0));
+            let (axis, half) = facet.normals();
+            let centre = (x[0] + x[1] + x[2]) / 3.0;
+            let radius = x.iter().map(|x| x.distance(centre)).fold(0.0, f64::max);
+            let node = Node { centre, radius, axis, half, range: [0, 1], right: 0 };
+            assert!(node.may_show(Eye::Point(eye), 0.0, p, 0.0));
+            let mut found = Vec::new();
+            facet.seen_along([[along[0], 0.0], [along[0], 1.0 - along[0]]], ends, |s| found.push(s));
+            let hit = found.iter().find(|s| (s.place[1] - along[1]).abs() < 1e-6).expect("a sighting");
+            assert!((hit.s - 0.3).abs() < 1e-6);
+            let (e1, e2) = d.any_orthonormal_pair();
+            assert!(facet.may_see_point(p, [e1, e2], 0.0));
+            let mut places = Vec::new();
+            facet.seen_at(p, |place| places.push(place));
+            assert!(places.iter().any(|q| (q[0] - along[0]).abs() + (q[1] - along[1]).abs() < 1e-7), "{places:?}");
+            let small = [along, [along[0] + 0.01, along[1]], [along[0], along[1] + 0.01]];
+            assert!(facet.part(small).may_see(ends, 0.0));
+
+            // How far the ray passes by, by differences.
+            let n = e.cross(d).normalize();
+            let by = facet.passes_by(along, 3.0, n);
+            for k in 0..2 {
+                let pass = |t: f64| {
+                    let mut place = along;
+                    place[k] += t;
+                    let f = facet.part([place; 3]);
+                    let d = (f.m[0] * (2.0 * f.m[0].dot(f.w[0])) - f.w[0] * f.m[0].length_squared()).normalize();
+                    n.dot(f.x[0] + d * 3.0)
+                };
+                let difference = (pass(1e-5) - pass(-1e-5)) / 2e-5;
+                assert!((difference - by[k]).abs() < 1e-6 * (1.0 + difference.abs()), "{difference} {by:?}");
+            }
+        }
+    }
+}

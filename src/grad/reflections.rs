@@ -1,0 +1,403 @@
+//! Boundary term of what the camera sees in curved mirrors: images of silhouettes and creases.
+//!
+//! dI = ∫ δ(h) (L_fg − L_bg) N̂·(ṗ − ṙ) du over the film, with ṗ the velocity of the edge point, ṙ that of the mirrored ray at a
+//! fixed film position u, N̂ from the covering to the uncovered side and h = N̂·(p − r). The image of an edge in a triangle of a
+//! mirror is a curve h = 0 over the triangle ([`super::curved`]). It is found along random straight lines of two families,
+//! one for each coordinate of the triangle: a line of a family meets the curve with density |∂h| along it, so each meeting
+//! counts for one over the mean of both (balance heuristic). That needs no inverse of a derivative that vanishes where
+//! the mirror focuses, misses no image however many there are, and is unbiased.
+
+use glam::{DVec3, Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::allocate::{Estimator, typical_bounces};
+use super::curved::{Eye, Facet, MirrorFacet, MirrorTree, Place, Sighting, quarters};
+use super::estimate::{Draw, Estimate, Pass, Sequence};
+use super::layers::Sides;
+use super::local::RayAdjoint;
+use super::primary::{PIECE, SMOOTH_CREASE, contrasts, inset, pilots};
+use super::viewpoint::{Seen, d_reflected_ray};
+use crate::image::Image;
+use crate::render::accel::{PrimId, Ray};
+use crate::render::edges::{Edge, EdgeView};
+use crate::render::integrator::{NoRecord, Options, Start, trace};
+use crate::render::interaction::SurfaceInteraction;
+use crate::render::sampler::{Discrete, Sampler, hash};
+use crate::render::{Camera, Scene, Settings};
+
+/// Angle between an edge and the ray that looks past it.
+const NUDGE: f32 = 2e-5;
+/// Triangles are cut into four at most so many times.
+const DEPTH: u32 = 7;
+
+/// Samples of edges in curved mirrors.
+pub struct Reflections<'a> {
+    scene: &'a Scene,
+    camera: &'a Camera,
+    settings: &'a Settings,
+    tree: &'a MirrorTree,
+    pieces: Vec<Piece>,
+    pmf: Discrete,
+    count: usize,
+}
+
+/// A part of a mirror's triangle that may show an edge.
+#[derive(Clone, Copy)]
+struct Piece {
+    edge: u32,
+    facet: u32,
+    corners: [Place; 3],
+    /// Film positions of the corners, if the camera sees them all.
+    film: Option<[Vec2; 3]>,
+    /// Size on film in pixels, times how much is likely to be seen.
+    weight: f32,
+}
+
+/// An edge point in a mirror.
+struct Boundary<'a> {
+    edge: &'a Edge,
+    s: f32,
+    view: EdgeView,
+    mirror: SurfaceInteraction,
+    /// Distance of the mirror from the camera, and of the edge from the mirror.
+    before: f32,
+    after: f32,
+    film: Vec2,
+    pixel: usize,
+    /// The jump of radiance times pixels of film over the density of lines there.
+    jump: Vec3,
+}
+
+impl<'a> Reflections<'a> {
+    /// `None` if no mirror can show an edge.
+    pub fn new(
+        scene: &'a Scene,
+        camera: &'a Camera,
+        tree: &'a MirrorTree,
+        settings: &'a Settings,
+        adjoint: &Image,
+        seed: u64,
+    ) -> Option<Reflections<'a>> {
+        let mut reflections =
+            Reflections { scene, camera, settings, tree, pieces: Vec::new(), pmf: Discrete::default(), count: 0 };
+        reflections.pieces = reflections.collect(seed);
+        reflections.plan(adjoint, seed);
+        (!reflections.pmf.is_empty()).then_some(reflections)
+    }
+
+    fn collect(&self, seed: u64) -> Vec<Piece> {
+        let seen: Vec<f32> = (0..self.tree.facets().len()).into_par_iter().map(|i| self.visibility(i, seed)).collect();
+        let edges = &self.scene.edges().edges;
+        let of_edge = |e: usize| {
+            let mut pieces = Vec::new();
+            self.tree.showing(&edges[e], |facet| {
+                let weight = seen[facet] * self.class(&edges[e], &self.tree.facets()[facet].facet);
+                let whole = Piece {
+                    edge: e as u32,
+                    facet: facet as u32,
+                    corners: [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
+                    film: None,
+                    weight,
+                };
+                if let Some(whole) = self.on_film(whole) {
+                    self.cut(whole, DEPTH, &mut pieces);
+                }
+            });
+            pieces
+        };
+        let parts: Vec<Vec<Piece>> = (0..edges.len()).into_par_iter().map(of_edge).collect();
+        let diagonal = (self.camera.width as f32).hypot(self.camera.height as f32);
+        let size = |piece: &Piece| match piece.film {
+            Some([a, b, c]) => a.distance(b).max(b.distance(c)).max(c.distance(a)).min(diagonal),
+            None => diagonal,
+        };
+        // Never zero: what is large in a mirror may be small on film.
+        let weigh = |piece: Piece| Piece { weight: piece.weight * (size(&piece) + 1e-3), ..piece };
+        parts.into_iter().flatten().map(weigh).collect()
+    }
+
+    /// About which part of a mirror's triangle the camera sees; never zero.
+    fn visibility(&self, facet: usize, seed: u64) -> f32 {
+        const POINTS: u32 = 4;
+        let MirrorFacet { prim, facet, .. } = &self.tree.facets()[facet];
+        let sees = |i: u32| {
+            let mut sampler = Sampler::new(hash(seed, u64::from(*prim)), i);
+            let u = sampler.next_2d();
+            let root = u.x.sqrt();
+            let [x, y, z] = facet.x.map(DVec3::as_vec3);
+            let p = x * (1.0 - root) + y * (root * (1.0 - u.y)) + z * (root * u.y);
+            let camera = self.camera.sample_lens(&mut sampler);
+            reach(self.scene, &camera, *prim, p).is_some()
+        };
+        0.05 + (0..POINTS).filter(|&i| sees(i)).count() as f32 / POINTS as f32
+    }
+
+    /// Sampling weight by kind of edge, as [`super::primary::classify`] has it.
+    fn class(&self, edge: &Edge, facet: &Facet) -> f32 {
+        let from = (facet.x[0] + facet.x[1] + facet.x[2]).as_vec3() / 3.0;
+        let view = edge.view((edge.point(0.5) - from).normalize_or_zero());
+        let jumps = edge.sharp || view.is_none_or(|v| v.background.is_none());
+        if jumps { 1.0 } else { SMOOTH_CREASE as f32 }
+    }
+
+    /// A piece with its place on film; `None` if it is off film.
+    fn on_film(&self, piece: Piece) -> Option<Piece> {
+        let facet = &self.tree.facets()[piece.facet as usize].facet;
+        let part = facet.part(piece.corners);
+        let [a, b, c] = part.x.map(|x| self.camera.project(x.as_vec3()).map(|q| q.pixel));
+        let film = a.zip(b).zip(c).map(|((a, b), c)| [a, b, c]);
+        if let Some([a, b, c]) = film.filter(|_| self.camera.is_pinhole() && self.camera.keeps_lines()) {
+            let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+            let size = Vec2::new(self.camera.width as f32, self.camera.height as f32);
+            if high.cmplt(Vec2::splat(-1.0)).any() || low.cmpgt(size + 1.0).any() {
+                return None;
+            }
+        }
+        Some(Piece { film, ..piece })
+    }
+
+    /// Cuts a piece until it is small and most of its parts show the edge.
+    fn cut(&self, piece: Piece, depth: u32, out: &mut Vec<Piece>) {
+        let size = piece.film.map_or(f32::INFINITY, |[a, b, c]| a.distance(b).max(b.distance(c)).max(c.distance(a)));
+        if depth == 0 || size < 1.0 {
+            return out.push(piece);
+        }
+        let ends = self.scene.edges().edges[piece.edge as usize].p.map(Vec3::as_dvec3);
+        let facet = &self.tree.facets()[piece.facet as usize].facet;
+        let parts: Vec<Piece> = quarters(piece.corners)
+            .into_iter()
+            .filter(|corners| facet.part(*corners).may_see(ends, self.tree.slack()))
+            .filter_map(|corners| self.on_film(Piece { corners, ..piece }))
+            .collect();
+        if parts.len() > 2 && f64::from(size) <= PIECE {
+            return out.push(piece);
+        }
+        for part in parts {
+            self.cut(part, depth - 1, out);
+        }
+    }
+
+    /// Weights by size on film, adjoint, and what pilot samples find, as in [`super::primary`].
+    fn plan(&mut self, adjoint: &Image, seed: u64) {
+        let spp = f64::from(self.settings.spp.max(1));
+        let pieces = self.pieces.len();
+        let total: f64 = self.pieces.iter().map(|p| f64::from(p.weight)).sum();
+        let groups = ((total * spp / 4.0).max(4096.0) as usize).min(pieces);
+        let range = |g: usize| g * pieces / groups..(g + 1) * pieces / groups;
+        let factors = contrasts(groups, self.settings.spp, hash(seed, 0x7069_6c6f_7473), |g, sampler| {
+            let (u, range) = (sampler.next_2d(), range(g));
+            let piece = &self.pieces[range.start + (u.x * range.len() as f32) as usize];
+            let mut sum = 0.0;
+            self.visit(piece, f64::from(u.y), sampler, |b| {
+                sum += f64::from((b.jump / piece.weight).length_squared());
+            });
+            sum
+        });
+        let mean =
+            adjoint.data.iter().map(|v| f64::from(v.abs())).sum::<f64>() / (adjoint.width * adjoint.height) as f64;
+        let mut weights = Vec::with_capacity(pieces);
+        let mut seen = 0.0;
+        for (g, factor) in factors.into_iter().enumerate() {
+            for piece in &self.pieces[range(g)] {
+                let importance = piece.adjoint(adjoint).unwrap_or(mean) + 0.1 * mean;
+                weights.push(f64::from(piece.weight) * importance * factor.weight);
+                seen += f64::from(piece.weight) * if factor.seen { 1.0 } else { 0.1 };
+            }
+        }
+        let least = adjoint.width as f64 * adjoint.height as f64 * spp / 16.0;
+        self.pmf = Discrete::new(weights);
+        // No fewer than there were pilots.
+        let least = least.max(groups as f64 * f64::from(pilots(self.settings.spp)));
+        self.count = (seen * spp).max(least).clamp(1024.0, 1e7) as usize;
+    }
+
+    /// All points of a piece's edge on a line of the piece.
+    fn visit(&self, piece: &Piece, at: f64, sampler: &mut Sampler, mut each: impl FnMut(Boundary<'a>)) {
+        let camera = self.camera.sample_lens(sampler);
+        let edge = &self.scene.edges().edges[piece.edge as usize];
+        let MirrorFacet { prim, folded, facet, .. } = &self.tree.facets()[piece.facet as usize];
+        let facet = if camera.is_pinhole() { *facet } else { Facet::new(self.scene, *prim, Eye::of(&camera), *folded) };
+        let part = facet.part(piece.corners);
+        let c = (2.0 * at).fract();
+        let line = if at < 0.5 { [[c, 0.0], [c, 1.0 - c]] } else { [[0.0, c], [1.0 - c, c]] };
+        part.seen_along(line, edge.p.map(Vec3::as_dvec3), |sighting| {
+            let seen = self.look(&camera, *prim, piece, &part, edge, sighting, &mut sampler.clone());
+            seen.into_iter().for_each(&mut each);
+        });
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn look(
+        &self,
+        camera: &Camera,
+        prim: PrimId,
+        piece: &Piece,
+        part: &Facet,
+        edge: &'a Edge,
+        sighting: Sighting,
+        sampler: &mut Sampler,
+    ) -> Option<Boundary<'a>> {
+        let scene = self.scene;
+        let Sighting { place: [u, t], s } = sighting;
+        let s = s as f32;
+        let b = [0, 1].map(|k| {
+            let [a, b, c] = piece.corners.map(|corner| corner[k]);
+            (a * (1.0 - u - t) + b * u + c * t) as f32
+        });
+        let b = [1.0 - b[0] - b[1], b[0], b[1]];
+        let [x, y, z] = scene.corners(prim);
+        let position = x * b[0] + y * b[1] + z * b[2];
+        let (film, before, through) = reach(scene, camera, prim, position)?;
+        let mirror = scene.interaction(prim, b, camera.towards(position).0);
+        if !mirror.bsdf.is_delta() {
+            return None;
+        }
+        // To the edge, with the direction that the mirror gives but for rounding.
+        let q = edge.point(s) - mirror.p;
+        let after = q.length();
+        let dir = q / after;
+        let reflectance = mirror.bsdf.mirror_reflectance();
+        if after.is_nan() || after <= 1e-5 * scene.radius || reflectance == Vec3::ZERO {
+            return None;
+        }
+        let view = edge.view(dir)?;
+        let skip: Vec<PrimId> = edge.prims().into_iter().chain([prim]).collect();
+        let ray = Ray { t_min: 1e-5 * scene.radius, t_max: after * (1.0 - 2e-5), ..Ray::new(mirror.p, dir) };
+        let through = through * scene.transmittance(&ray, &skip);
+        if through == 0.0 {
+            return None;
+        }
+        let passes_by = part.passes_by([u, t], f64::from(after), view.normal.as_dvec3());
+        let density = 0.5 * (passes_by[0].abs() + passes_by[1].abs()) as f32;
+        let [x, y, z] = part.x;
+        let area = (y - x).cross(z - x).length() as f32;
+        let pixels = camera.pixels_per_area(&camera.project(mirror.p)?, mirror.ng) * area;
+
+        // The same random numbers on both sides.
+        let sides = Sides::choose(scene, edge, dir, &view, s, sampler)?;
+        let options = Options::new(self.settings.max_bounces - 1);
+        let side = |face: Option<usize>| {
+            let mut sampler = sampler.clone();
+            let start = match face {
+                Some(face) => {
+                    let b = edge.barycentric(face, s, inset(edge, face, after));
+                    Start::Surface(scene.interaction(edge.faces[face].prim, b, -dir))
+                }
+                None => {
+                    let mut past = mirror.spawn_ray((dir + view.normal * NUDGE).normalize());
+                    if scene.masked {
+                        // Past all masks in front of the edge too: what they show is the same on both sides.
+                        past.t_min = after * (1.0 - 2e-5);
+                    }
+                    Start::Ray(past, &skip)
+                }
+            };
+            trace(scene, start, &mut sampler, &options, &mut NoRecord)
+        };
+        let jump = (side(sides.near) - side(sides.far)) * reflectance * (sides.scale * through * pixels / density);
+        let pixel = film.y as usize * camera.width + film.x as usize;
+        (jump != Vec3::ZERO && jump.is_finite()).then_some(Boundary {
+            edge,
+            s,
+            view,
+            mirror,
+            before,
+            after,
+            film,
+            pixel,
+            jump,
+        })
+    }
+}
+
+/// The film position at which the camera sees a point of a primitive, its distance, and what masks let through.
+fn reach(scene: &Scene, camera: &Camera, prim: PrimId, p: Vec3) -> Option<(Vec2, f32, f32)> {
+    let film = camera.project(p)?.pixel;
+    let (back, distance) = camera.towards(p);
+    if !camera.on_film(film) || distance <= 0.0 {
+        return None;
+    }
+    let ray = Ray { t_max: distance * (1.0 - 2e-5), ..Ray::new(p + back * distance, -back) };
+    let through = scene.transmittance(&ray, &[prim]);
+    (through > 0.0).then_some((film, distance, through))
+}
+
+/// What curved mirrors show of a point of a primitive to a camera, and how many pixels per area perpendicular to the way to it.
+pub fn see_in_mirrors(scene: &Scene, camera: &Camera, tree: &MirrorTree, own: PrimId, p: Vec3) -> Vec<(Seen, f32)> {
+    let mut seen = Vec::new();
+    tree.showing_point(scene, camera, own, p, |prim, facet, [u, t]| {
+        let b = [1.0 - u - t, u, t].map(|b| b as f32);
+        let [x, y, z] = scene.corners(prim);
+        let position = x * b[0] + y * b[1] + z * b[2];
+        let Some((_, before, through)) = reach(scene, camera, prim, position) else { return };
+        let Some(projected) = camera.project(position) else { return };
+        let mirror = scene.interaction(prim, b, camera.towards(position).0);
+        let q = p - mirror.p;
+        let distance = q.length();
+        let dir = q / distance;
+        if !mirror.bsdf.is_delta() || distance.is_nan() || distance <= 1e-5 * scene.radius {
+            return;
+        }
+        let ray = Ray { t_min: 1e-5 * scene.radius, t_max: distance * (1.0 - 2e-5), ..Ray::new(mirror.p, dir) };
+        let throughput = mirror.bsdf.mirror_reflectance() * (through * scene.transmittance(&ray, &[own, prim]));
+        let pixels = camera.pixels_per_area(&projected, mirror.ng) / facet.spread([u, t], f64::from(distance)) as f32;
+        if throughput != Vec3::ZERO && pixels.is_finite() {
+            let (origin, mirror) = (mirror.p, Some((mirror, before)));
+            seen.push((Seen { projected, mirror, origin, dir, distance, throughput }, pixels));
+        }
+    });
+    seen
+}
+
+impl Piece {
+    /// Mean magnitude of an image around the piece.
+    fn adjoint(&self, image: &Image) -> Option<f64> {
+        let [a, b, c] = self.film?;
+        let size = Vec2::new(image.width as f32, image.height as f32);
+        let on_film = |p: Vec2| p.max(Vec2::ZERO).min(size - 1.0).as_uvec2();
+        let (low, high) = (on_film(a.min(b).min(c)), on_film(a.max(b).max(c)));
+        let (mut sum, mut count) = (0.0, 0);
+        for y in (low.y..=high.y).step_by(1 + (high.y - low.y) as usize / 8) {
+            for x in (low.x..=high.x).step_by(1 + (high.x - low.x) as usize / 8) {
+                sum += image.pixel(x as usize, y as usize).iter().map(|v| f64::from(v.abs())).sum::<f64>();
+                count += 1;
+            }
+        }
+        Some(sum / f64::from(count))
+    }
+}
+
+impl Draw for Reflections<'_> {
+    type Scratch = ();
+
+    fn draw(&self, first: f64, mut sampler: Sampler, weight: f64, _: &mut (), out: &mut impl Estimate) {
+        let (piece, p, rest) = self.pmf.sample(first);
+        self.visit(&self.pieces[piece], rest, &mut sampler, |b| {
+            if out.skips(b.pixel) {
+                return;
+            }
+            let jump = b.jump * (weight / p) as f32;
+            out.pixel(b.pixel, |d, out| {
+                let d_p = b.view.normal * d.dot(jump);
+                out.edge_point(b.edge, b.view.foreground, b.s, d_p);
+                let ray = RayAdjoint { origin: -d_p, dir: d_p * -b.after };
+                let ray = d_reflected_ray(out, &b.mirror, b.before, ray);
+                self.camera.d_ray(b.film, ray.origin, ray.dir, &mut out.camera);
+            });
+        });
+    }
+}
+
+impl Estimator for Reflections<'_> {
+    fn count(&self) -> usize {
+        self.count
+    }
+
+    fn cost(&self) -> f64 {
+        3.0 + 4.0 * typical_bounces(self.settings.max_bounces)
+    }
+
+    fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {
+        Sequence { of: self, count, weight: share / count as f64, seed: hash(seed, 0x6d69_7272_6f72) }
+    }
+}
