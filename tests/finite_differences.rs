@@ -326,7 +326,7 @@ fn curved_mirror() {
     let plan = Plan { h: 0.05, seeds: 64, fd_spp: 1024, ..Plan::default() };
     let pinhole = Lens::PINHOLE;
     agree("ball triangle x", &mirror_ball(pinhole, |t, s| s.triangle.iter_mut().for_each(|v| v.x += t)), &plan);
-    agree("ball bar y", &mirror_ball(pinhole, |t, s| s.bar.y += t), &Plan { h: 0.03, ..plan });
+    agree("ball bar y", &mirror_ball(pinhole, |t, s| s.bar.y += t), &Plan { h: 0.015, ..plan });
     agree("ball radius", &mirror_ball(pinhole, |t, s| s.radius += t), &Plan { h: 0.02, ..plan });
     agree("ball camera y", &mirror_ball(pinhole, |t, s| s.eye.y += t), &plan);
     let lens = Lens { radius: 0.25, focus: 4.5, ..pinhole };
@@ -363,7 +363,8 @@ fn shadows_in_a_curved_mirror() {
     agree("shadow in a ball, blocker x", &shadow_in_a_ball(point, |t, s| s[1].x += t), &plan);
     agree("shadow in a ball, ball y", &shadow_in_a_ball(point, |t, s| s[0].y += t), &Plan { h: 0.005, ..plan });
     agree("shadow in a ball, camera x", &shadow_in_a_ball(point, |t, s| s[2].x += t), &Plan { fd_spp: 2048, ..plan });
-    agree("soft shadow in a ball, blocker z", &shadow_in_a_ball(area, |t, s| s[1].z += t), &Plan { h: 0.03, ..plan });
+    let soft = Plan { h: 0.03, fd_seeds: 32, ..plan };
+    agree("soft shadow in a ball, blocker z", &shadow_in_a_ball(area, |t, s| s[1].z += t), &soft);
 }
 
 /// A floor to which only a ball of mirror shows a lamp, with a bar in between. The camera sees the floor alone.
