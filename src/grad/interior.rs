@@ -9,12 +9,12 @@
 use glam::{Vec2, Vec3};
 
 use super::allocate::{Estimator, typical_bounces};
-use super::estimate::{Estimate, Pass};
+use super::estimate::{Draw, Estimate, Pass, Sequence};
 use super::local::{
     Arriving, Masks, RayAdjoint, VertexAdjoint, d_arriving, d_attached_direction, d_emission_sliding, d_eval,
     d_eval_attached, d_first_hit, d_inputs, d_masks, d_material, d_mirrored, d_opacity, emission_input, slide,
 };
-use super::pixels::{self, FilmCurve, PixelSampling};
+use super::pixels::{self, FilmCurve};
 use super::sink::{Adjoints, Layout, Sink};
 use super::viewpoint::d_reflected_ray;
 use crate::image::Image;
@@ -378,6 +378,15 @@ impl<'a> Interior<'a> {
     }
 }
 
+impl Draw for Interior<'_> {
+    type Scratch = Path;
+
+    fn draw(&self, first: f64, mut sampler: Sampler, weight: f64, path: &mut Path, out: &mut impl Estimate) {
+        let film = self.film.place(first, sampler.next_2d());
+        self.sample(film.pixel, film.position, (film.weight * weight) as f32, path, &mut sampler, out);
+    }
+}
+
 impl Estimator for Interior<'_> {
     fn count(&self) -> usize {
         self.count
@@ -391,27 +400,7 @@ impl Estimator for Interior<'_> {
     }
 
     fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {
-        Paths { interior: self, pixels: PixelSampling::new(&self.film, count, share, seed) }
-    }
-}
-
-/// Some of the paths.
-struct Paths<'a> {
-    interior: &'a Interior<'a>,
-    pixels: PixelSampling<'a>,
-}
-
-impl Pass for Paths<'_> {
-    fn items(&self) -> usize {
-        self.pixels.count()
-    }
-
-    fn run(&self, items: std::ops::Range<usize>, out: &mut impl Estimate) {
-        let mut path = Path::default();
-        for i in items {
-            let (mut sampler, film) = self.pixels.sample(i);
-            self.interior.sample(film.pixel, film.position, film.weight as f32, &mut path, &mut sampler, out);
-        }
+        Sequence { of: self, count, weight: share / count as f64, seed }
     }
 }
 

@@ -293,42 +293,27 @@ fn passes(
         return;
     }
     let seed = hash(settings.seed, 0x61_646a_6f69_6e74);
-    let boundary = settings.boundary && layout.moves_visibility();
+    let interior =
+        (!interior_vanishes(scene, settings, layout)).then(|| Interior::new(scene, camera, settings, layout, adjoint));
+    if !settings.boundary || !layout.moves_visibility() {
+        let pairs = RoughnessPairs::new(scene, camera, settings, layout, adjoint);
+        return without_boundary(interior, pairs, &Allocation::new(scene, layout, adjoint, seed), seed, visit);
+    }
+
     let lights = settings.output == Output::Radiance && settings.max_bounces > 0;
-    let mirrors = if boundary && lights { Mirrors::new(scene) } else { Mirrors::default() };
-    let tree = (boundary && lights).then(|| EdgeTree::new(scene));
+    let mirrors = if lights { Mirrors::new(scene) } else { Mirrors::default() };
+    let tree = lights.then(|| EdgeTree::new(scene));
     let curved = (!mirrors.curved.is_empty()).then(|| MirrorTree::new(scene, camera, &mirrors.curved));
     let curved = curved.as_ref();
     let ways = curved.filter(|_| settings.max_bounces > 1).map(|_| MirrorTree::all(scene, camera, &mirrors.curved));
-    let viewpoints = if boundary { Viewpoint::all(scene, camera, &mirrors.planes) } else { Vec::new() };
+    let viewpoints = Viewpoint::all(scene, camera, &mirrors.planes);
 
-    let mut interior =
-        (!interior_vanishes(scene, settings, layout)).then(|| Interior::new(scene, camera, settings, layout, adjoint));
-    let primary = boundary.then(|| PrimaryEdges::new(&viewpoints, settings, adjoint, seed));
+    let primary = Some(PrimaryEdges::new(&viewpoints, settings, adjoint, seed));
     if let Some(pass) = primary.as_ref().and_then(PrimaryEdges::enumeration) {
         visit.pass(&pass);
     }
     let reflections = curved.and_then(|tree| Reflections::new(scene, camera, tree, settings, adjoint, seed));
 
-    if !boundary {
-        let own = interior.as_ref().map_or(0, Estimator::count);
-        let pairs = RoughnessPairs::new(scene, camera, settings, layout, adjoint);
-        if interior.is_some() && pairs.is_some() {
-            // Whichever is less noisy here: scores of the paths' own samples, or pairs besides.
-            let [mut plain, mut paired] = [(); 2].map(|()| Allocation::new(scene, layout, adjoint, seed));
-            plain.measure(&interior);
-            interior.iter_mut().for_each(|i| i.distributions_fixed = true);
-            paired.measure(&interior);
-            paired.measure(&pairs);
-            if paired.advantage_over(&plain, 0) > 0.0 {
-                let counts = paired.split();
-                draw(&interior, counts[0], seed, visit);
-                return draw(&pairs, counts[1], seed, visit);
-            }
-            interior.iter_mut().for_each(|i| i.distributions_fixed = false);
-        }
-        return draw(&interior, own, seed, visit);
-    }
     let mut allocation = Allocation::new(scene, layout, adjoint, seed);
     allocation.measure(&interior);
     allocation.measure(&primary);
@@ -363,6 +348,31 @@ fn passes(
     draw(&shadows, counts[2], seed, visit);
     draw(&secondary, counts[3], seed, visit);
     draw(&reflections, counts[4], seed, visit);
+}
+
+/// The interior alone, with pairs of directions for roughness where these are less noisy than scores of the paths' own samples.
+fn without_boundary(
+    mut interior: Option<Interior>,
+    pairs: Option<RoughnessPairs>,
+    nothing_measured: &Allocation,
+    seed: u64,
+    visit: &mut impl Visit,
+) {
+    if interior.is_some() && pairs.is_some() {
+        let [mut plain, mut paired] = [(); 2].map(|()| nothing_measured.clone());
+        plain.measure(&interior);
+        interior.iter_mut().for_each(|i| i.distributions_fixed = true);
+        paired.measure(&interior);
+        paired.measure(&pairs);
+        if paired.advantage_over(&plain, 0) > 0.0 {
+            let counts = paired.split();
+            draw(&interior, counts[0], seed, visit);
+            return draw(&pairs, counts[1], seed, visit);
+        }
+        interior.iter_mut().for_each(|i| i.distributions_fixed = false);
+    }
+    let own = interior.as_ref().map_or(0, Estimator::count);
+    draw(&interior, own, seed, visit);
 }
 
 /// Draws samples of an estimator, in rounds of one sequence each.

@@ -7,7 +7,7 @@
 use glam::{IVec2, Vec2};
 
 use crate::image::Image;
-use crate::render::sampler::{Discrete, Sampler, progress};
+use crate::render::sampler::Discrete;
 
 /// Share of the samples that is spread evenly over the pixels that matter.
 const EVEN: f64 = 0.2;
@@ -18,7 +18,7 @@ pub struct FilmSample {
     pub pixel: usize,
     /// In pixels from the top left corner.
     pub position: Vec2,
-    /// What the pixel's adjoint counts for this sample: 1 / probability of the pixel (times what is said there).
+    /// What the pixel's adjoint counts for this sample: 1 / probability of the pixel.
     pub weight: f64,
 }
 
@@ -76,36 +76,14 @@ impl FilmCurve {
         let density = Discrete::new(pixels.iter().map(|&p| weights[p as usize]));
         FilmCurve { width: adjoint.width, pixels, density }
     }
-}
 
-/// Samples along a curve of pixels.
-pub struct PixelSampling<'a> {
-    curve: &'a FilmCurve,
-    seed: u64,
-    count: usize,
-    share: f64,
-}
-
-impl<'a> PixelSampling<'a> {
-    /// `count` samples of the sequence `seed`; together they are `share` of all.
-    pub fn new(curve: &'a FilmCurve, count: usize, share: f64, seed: u64) -> PixelSampling<'a> {
-        let count = if curve.density.is_empty() { 0 } else { count };
-        PixelSampling { curve, seed, count, share }
-    }
-
-    /// Number of samples.
-    pub fn count(&self) -> usize {
-        self.count
-    }
-
-    /// The sampler of one sample, and where on film it falls; the weight is divided by the number of samples.
-    pub fn sample(&self, index: usize) -> (Sampler, FilmSample) {
-        let mut sampler = Sampler::new(self.seed, index as u32);
-        let (i, probability, _) = self.curve.density.sample(progress(self.seed, index, self.count));
-        let pixel = self.curve.pixels[i] as usize;
-        let corner = Vec2::new((pixel % self.curve.width) as f32, (pixel / self.curve.width) as f32);
-        let position = corner + sampler.next_2d().min(Vec2::splat(0.999_999));
-        (sampler, FilmSample { pixel, position, weight: self.share / (probability * self.count as f64) })
+    /// The pixel a way along the curve, from 0 to 1, and a point of the unit square in it.
+    pub fn place(&self, along: f64, within: Vec2) -> FilmSample {
+        let (i, probability, _) = self.density.sample(along);
+        let pixel = self.pixels[i] as usize;
+        let corner = Vec2::new((pixel % self.width) as f32, (pixel / self.width) as f32);
+        let position = corner + within.min(Vec2::splat(0.999_999));
+        FilmSample { pixel, position, weight: 1.0 / probability }
     }
 }
 
@@ -150,6 +128,7 @@ fn magnitudes(adjoint: &Image) -> impl Iterator<Item = f64> + '_ {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::sampler::{Sampler, progress};
 
     #[test]
     fn estimates_a_sum_over_the_image_without_bias_and_never_visits_dark_pixels() {
@@ -163,15 +142,13 @@ mod tests {
         let curve = FilmCurve::new(&adjoint);
         let estimates: Vec<f64> = (0..64)
             .map(|seed| {
-                let sampling = PixelSampling::new(&curve, 4096, 1.0, seed);
-                (0..sampling.count())
-                    .map(|rank| {
-                        let (_, film) = sampling.sample(rank);
-                        let d = f64::from(adjoint.data[film.pixel]);
-                        assert_ne!(d, 0.0);
-                        d * f64::from(film.position.x * film.position.y) * film.weight
-                    })
-                    .sum()
+                let sample = |i: usize| {
+                    let film = curve.place(progress(seed, i, 4096), Sampler::new(seed, i as u32).next_2d());
+                    let d = f64::from(adjoint.data[film.pixel]);
+                    assert_ne!(d, 0.0);
+                    d * f64::from(film.position.x * film.position.y) * film.weight / 4096.0
+                };
+                (0..4096).map(sample).sum()
             })
             .collect();
         let mean = estimates.iter().sum::<f64>() / 64.0;
@@ -179,12 +156,6 @@ mod tests {
         assert!((mean - exact).abs() < 3.0 * error, "{mean} ± {error}, {exact}");
         let magnitude: f64 = adjoint.data.iter().map(|v| f64::from(v.abs()) * 200.0).sum();
         assert!(error < 1e-3 * magnitude, "{error}");
-    }
-
-    #[test]
-    fn nothing_to_do_for_a_zero_adjoint() {
-        let curve = FilmCurve::new(&Image::new(4, 4, 3));
-        assert_eq!(PixelSampling::new(&curve, 64, 1.0, 1).count(), 0);
     }
 
     #[test]

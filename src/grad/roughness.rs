@@ -14,9 +14,9 @@
 use glam::Vec3;
 
 use super::allocate::{Estimator, typical_bounces};
-use super::estimate::{Estimate, Pass};
+use super::estimate::{Draw, Estimate, Pass, Sequence};
 use super::interior::{Path, PathVertex};
-use super::pixels::{self, FilmCurve, FilmSample, PixelSampling};
+use super::pixels::{self, FilmCurve, FilmSample};
 use super::sink::Layout;
 use crate::image::Image;
 use crate::math::Frame;
@@ -164,6 +164,15 @@ fn balance(a: f32, b: f32) -> f32 {
     a / (a + b)
 }
 
+impl Draw for RoughnessPairs<'_> {
+    type Scratch = Path;
+
+    fn draw(&self, first: f64, mut sampler: Sampler, weight: f64, path: &mut Path, out: &mut impl Estimate) {
+        let film = self.film.place(first, sampler.next_2d());
+        self.sample(&FilmSample { weight: film.weight * weight, ..film }, path, &mut sampler, out);
+    }
+}
+
 impl Estimator for RoughnessPairs<'_> {
     fn count(&self) -> usize {
         self.count
@@ -174,26 +183,6 @@ impl Estimator for RoughnessPairs<'_> {
     }
 
     fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {
-        Pairs { of: self, pixels: PixelSampling::new(&self.film, count, share, seed) }
-    }
-}
-
-/// Some of the samples.
-struct Pairs<'a> {
-    of: &'a RoughnessPairs<'a>,
-    pixels: PixelSampling<'a>,
-}
-
-impl Pass for Pairs<'_> {
-    fn items(&self) -> usize {
-        self.pixels.count()
-    }
-
-    fn run(&self, items: std::ops::Range<usize>, out: &mut impl Estimate) {
-        let mut path = Path::default();
-        for index in items {
-            let (mut sampler, film) = self.pixels.sample(index);
-            self.of.sample(&film, &mut path, &mut sampler, out);
-        }
+        Sequence { of: self, count, weight: share / count as f64, seed }
     }
 }
