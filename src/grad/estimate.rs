@@ -45,7 +45,7 @@ impl<D: Draw> Pass for Sequence<'_, D> {
         let mut scratch = D::Scratch::default();
         for i in items {
             let first = progress(self.seed, i, self.count);
-            self.of.draw(first, Sampler::new(self.seed, i as u32), self.weight, &mut scratch, out);
+            self.of.draw(first, Sampler::new(self.seed, i as u64), self.weight, &mut scratch, out);
         }
     }
 }

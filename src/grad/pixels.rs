@@ -4,9 +4,10 @@
 //! point of the film is either chosen by the first two dimensions ([`FilmDensity`], which a learned density may warp), or by
 //! the sample's number ([`FilmCurve`]).
 
-use glam::{IVec2, Vec2};
+use glam::Vec2;
 
 use crate::image::Image;
+use crate::render::film::hilbert_curve;
 use crate::render::sampler::Discrete;
 
 /// Share of the samples that is spread evenly over the pixels that matter.
@@ -87,27 +88,6 @@ impl FilmCurve {
     }
 }
 
-/// Visits the pixels of a film along a Hilbert curve over the smallest square that holds it.
-fn hilbert_curve(width: usize, height: usize, mut visit: impl FnMut(usize, usize)) {
-    /// One square: its first corner, and the sides along and across which the curve goes.
-    fn square(corner: IVec2, along: IVec2, across: IVec2, film: IVec2, visit: &mut impl FnMut(usize, usize)) {
-        let (low, high) = (corner.min(corner + along + across), corner.max(corner + along + across));
-        if low.cmpge(film).any() {
-            return;
-        }
-        if high - low == IVec2::ONE {
-            return visit(low.x as usize, low.y as usize);
-        }
-        let (a, b) = (along / 2, across / 2);
-        square(corner, b, a, film, visit);
-        square(corner + a, a, b, film, visit);
-        square(corner + a + b, a, b, film, visit);
-        square(corner + a + across, -b, -a, film, visit);
-    }
-    let side = width.max(height).next_power_of_two() as i32;
-    square(IVec2::ZERO, IVec2::X * side, IVec2::Y * side, IVec2::new(width as i32, height as i32), &mut visit);
-}
-
 /// How often each pixel is worth a sample.
 fn weights(adjoint: &Image) -> Vec<f64> {
     let magnitude: Vec<f64> = magnitudes(adjoint).collect();
@@ -143,7 +123,7 @@ mod tests {
         let estimates: Vec<f64> = (0..64)
             .map(|seed| {
                 let sample = |i: usize| {
-                    let film = curve.place(progress(seed, i, 4096), Sampler::new(seed, i as u32).next_2d());
+                    let film = curve.place(progress(seed, i, 4096), Sampler::new(seed, i as u64).next_2d());
                     let d = f64::from(adjoint.data[film.pixel]);
                     assert_ne!(d, 0.0);
                     d * f64::from(film.position.x * film.position.y) * film.weight / 4096.0
@@ -156,20 +136,5 @@ mod tests {
         assert!((mean - exact).abs() < 3.0 * error, "{mean} ± {error}, {exact}");
         let magnitude: f64 = adjoint.data.iter().map(|v| f64::from(v.abs()) * 200.0).sum();
         assert!(error < 1e-3 * magnitude, "{error}");
-    }
-
-    #[test]
-    fn the_curve_visits_every_pixel_once_and_never_jumps_in_a_square() {
-        for (width, height) in [(1, 1), (37, 23), (5, 64), (32, 32)] {
-            let mut seen = vec![false; width * height];
-            let mut last: Option<(usize, usize)> = None;
-            hilbert_curve(width, height, |x, y| {
-                assert!(!std::mem::replace(&mut seen[y * width + x], true));
-                if let Some((a, b)) = last.replace((x, y)).filter(|_| width == height) {
-                    assert_eq!(x.abs_diff(a) + y.abs_diff(b), 1);
-                }
-            });
-            assert!(seen.iter().all(|s| *s), "{width}x{height}");
-        }
     }
 }

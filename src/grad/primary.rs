@@ -304,7 +304,7 @@ impl Pass for Enumeration<'_> {
         let weight = 0.5 / f64::from(STRATA);
         for i in items {
             for stratum in 0..STRATA {
-                let mut sampler = Sampler::new(hash(seed, i as u64), stratum);
+                let mut sampler = Sampler::new(hash(seed, i as u64), u64::from(stratum));
                 let u = f64::from(sampler.next_1d());
                 for at in [u, 1.0 - u] {
                     let rest = (f64::from(stratum) + at) / f64::from(STRATA);
@@ -342,7 +342,7 @@ pub fn contrasts(
     let contrast: Vec<f64> = (0..groups)
         .into_par_iter()
         .map(|g| {
-            let square = |i: u32| square(g, &mut Sampler::new(hash(seed, g as u64), i));
+            let square = |i: u32| square(g, &mut Sampler::new(hash(seed, g as u64), u64::from(i)));
             (0..pilots).map(square).sum::<f64>() / f64::from(pilots)
         })
         .collect();

@@ -121,7 +121,7 @@ impl<'a> Reflections<'a> {
         const POINTS: u32 = 4;
         let MirrorFacet { prim, facet, .. } = &self.tree.facets()[facet];
         let sees = |i: u32| {
-            let mut sampler = Sampler::new(hash(seed, u64::from(*prim)), i);
+            let mut sampler = Sampler::new(hash(seed, u64::from(*prim)), u64::from(i));
             let u = sampler.next_2d();
             let root = u.x.sqrt();
             let [x, y, z] = facet.x.map(DVec3::as_vec3);

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use glam::{Vec2, Vec3};
+use glam::{IVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::accel::Work;
@@ -89,6 +89,10 @@ pub fn render_until(
 }
 
 /// Adds some of the samples of all pixels to an image, each divided by `count`. Scenes may differ from call to call.
+///
+/// All pixels share one sequence, in the order of a Hilbert curve, so that neighbours are stratified together: what a loss
+/// sums over many pixels has less noise than pixels drawn independently, and what is left is blue in the image (Ahmed and
+/// Wonka 2020).
 pub(super) fn add_samples(
     scene: &Scene,
     camera: &Camera,
@@ -101,6 +105,11 @@ pub(super) fn add_samples(
     let channels = settings.output.channels();
     let seed = hash(settings.seed, 0x7072_696d_616c);
     let options = Options::new(settings.max_bounces);
+    let (mut ranks, mut rank) = (vec![0; camera.width * camera.height], 0u32);
+    hilbert_curve(camera.width, camera.height, |x, y| {
+        ranks[y * camera.width + x] = rank;
+        rank += 1;
+    });
     image.data.par_chunks_mut(camera.width * channels).enumerate().for_each(|(y, pixels)| {
         scene.accel.run(Row {
             scene,
@@ -108,6 +117,8 @@ pub(super) fn add_samples(
             output: settings.output,
             options,
             seed,
+            stride: settings.spp.max(1).next_power_of_two(),
+            ranks: &ranks[y * camera.width..][..camera.width],
             samples: &samples,
             count,
             stop,
@@ -124,6 +135,10 @@ struct Row<'a> {
     output: Output,
     options: Options,
     seed: u64,
+    /// Samples of the sequence that each pixel has for itself.
+    stride: u32,
+    /// Of each pixel, in the order of all.
+    ranks: &'a [u32],
     samples: &'a Range<u32>,
     count: f32,
     stop: &'a AtomicBool,
@@ -136,13 +151,13 @@ impl Work for Row<'_> {
     fn run(self) {
         let Row { scene, camera, output, y, .. } = self;
         for (x, pixel) in self.pixels.chunks_mut(output.channels()).enumerate() {
-            let sequence = hash(self.seed, (y * camera.width + x) as u64);
+            let first = u64::from(self.ranks[x]) * u64::from(self.stride);
             let mut sum = Vec3::ZERO;
             for i in self.samples.clone() {
                 if i % STOP_PERIOD == 0 && self.stop.load(Ordering::Relaxed) {
                     return;
                 }
-                let mut sampler = Sampler::new(sequence, i);
+                let mut sampler = Sampler::new(self.seed, first + u64::from(i));
                 let position = Vec2::new(x as f32, y as f32) + sampler.next_2d();
                 let ray = camera.sample_lens(&mut sampler).ray(position);
                 sum += if output == Output::Radiance {
@@ -173,5 +188,46 @@ pub(crate) fn first_hit(scene: &Scene, output: Output, camera: &Camera, si: &Sur
         Output::Albedo => si.bsdf.albedo(),
         Output::Uv => scene.uv(si.prim, si.b).extend(0.0),
         Output::ShapeIndex => Vec3::X * (si.shape + 1) as f32,
+    }
+}
+
+/// Visits the pixels of a film along a Hilbert curve over the smallest square that holds it.
+pub(crate) fn hilbert_curve(width: usize, height: usize, mut visit: impl FnMut(usize, usize)) {
+    /// One square: its first corner, and the sides along and across which the curve goes.
+    fn square(corner: IVec2, along: IVec2, across: IVec2, film: IVec2, visit: &mut impl FnMut(usize, usize)) {
+        let (low, high) = (corner.min(corner + along + across), corner.max(corner + along + across));
+        if low.cmpge(film).any() {
+            return;
+        }
+        if high - low == IVec2::ONE {
+            return visit(low.x as usize, low.y as usize);
+        }
+        let (a, b) = (along / 2, across / 2);
+        square(corner, b, a, film, visit);
+        square(corner + a, a, b, film, visit);
+        square(corner + a + b, a, b, film, visit);
+        square(corner + a + across, -b, -a, film, visit);
+    }
+    let side = width.max(height).next_power_of_two() as i32;
+    square(IVec2::ZERO, IVec2::X * side, IVec2::Y * side, IVec2::new(width as i32, height as i32), &mut visit);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_curve_visits_every_pixel_once_and_never_jumps_in_a_square() {
+        for (width, height) in [(1, 1), (37, 23), (5, 64), (32, 32)] {
+            let mut seen = vec![false; width * height];
+            let mut last: Option<(usize, usize)> = None;
+            hilbert_curve(width, height, |x, y| {
+                assert!(!std::mem::replace(&mut seen[y * width + x], true));
+                if let Some((a, b)) = last.replace((x, y)).filter(|_| width == height) {
+                    assert_eq!(x.abs_diff(a) + y.abs_diff(b), 1);
+                }
+            });
+            assert!(seen.iter().all(|s| *s), "{width}x{height}");
+        }
     }
 }

@@ -30,11 +30,17 @@ pub struct Sampler {
 impl Sampler {
     /// Sample `index` of sequence `seed`. Sequences are independent between seeds, stratified within one.
     #[inline]
-    pub fn new(seed: u64, index: u32) -> Sampler {
+    pub fn new(seed: u64, index: u64) -> Sampler {
         // The generator's sequences are 2^16 long; longer ones continue with a fresh scramble.
         let turn = index >> INDEX_BITS;
-        let seed = if turn == 0 { seed } else { hash(seed, u64::from(turn)) };
-        Sampler { seed, index_rev: index.reverse_bits() & !0 << (32 - INDEX_BITS), group: 0, buffer: [0.0; 4], left: 0 }
+        let seed = if turn == 0 { seed } else { hash(seed, turn) };
+        Sampler {
+            seed,
+            index_rev: (index as u32).reverse_bits() & !0 << (32 - INDEX_BITS),
+            group: 0,
+            buffer: [0.0; 4],
+            left: 0,
+        }
     }
 
     #[inline(always)]
