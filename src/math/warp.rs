@@ -1,23 +1,23 @@
 use std::f32::consts::{FRAC_1_PI, FRAC_PI_4, TAU};
+use std::hint::select_unpredictable;
 
 use glam::{Vec2, Vec3};
 
-/// Shirley and Chiu's concentric map of the unit square to the unit disk.
-#[inline]
+/// Shirley and Chiu's concentric map of the unit square to the unit disk. Which half of the square a point is in cannot be foreseen:
+/// no branch depends on it.
+#[inline(always)]
 pub fn uniform_disk(u: [f32; 2]) -> Vec2 {
     let (x, y) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);
-    if x == 0.0 && y == 0.0 {
-        return Vec2::ZERO;
-    }
     let wide = x.abs() > y.abs();
-    let (r, other) = if wide { (x, y) } else { (y, x) };
-    let (sin, cos) = sin_cos_octant(FRAC_PI_4 * (other / r));
-    if wide { Vec2::new(r * cos, r * sin) } else { Vec2::new(r * sin, r * cos) }
+    let (r, other) = (select_unpredictable(wide, x, y), select_unpredictable(wide, y, x));
+    let (sin, cos) = sin_cos_octant(FRAC_PI_4 * (other / if r == 0.0 { 1.0 } else { r }));
+    let (along, across) = (r * cos, r * sin);
+    Vec2::new(select_unpredictable(wide, along, across), select_unpredictable(wide, across, along))
 }
 
 /// Sine and cosine of an angle in [−π/4, π/4], to two units in the last place (Taylor's polynomials, the last coefficients
 /// fitted). No call into a library, and the same bits on every machine.
-#[inline]
+#[inline(always)]
 fn sin_cos_octant(a: f32) -> (f32, f32) {
     let x = a * a;
     let sin = a + a * x * (-0.166_666_66 + x * (0.008_333_331 + x * -1.983_9e-4 + x * x * 2.718e-6));
@@ -26,12 +26,13 @@ fn sin_cos_octant(a: f32) -> (f32, f32) {
 }
 
 /// Direction with density cos θ / π about +z.
-#[inline]
+#[inline(always)]
 pub fn cosine_hemisphere(u: [f32; 2]) -> Vec3 {
     let d = uniform_disk(u);
     Vec3::new(d.x, d.y, (1.0 - d.length_squared()).max(1e-12).sqrt())
 }
 
+#[inline]
 pub fn cosine_hemisphere_pdf(cos_theta: f32) -> f32 {
     cos_theta.max(0.0) * FRAC_1_PI
 }

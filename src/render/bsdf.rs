@@ -63,6 +63,14 @@ pub struct BsdfSample {
     pub mirror: Option<Vec3>,
 }
 
+impl BsdfSample {
+    /// Of the cosine lobe alone.
+    #[inline(always)]
+    pub fn cosine(wo: Vec3) -> BsdfSample {
+        BsdfSample { wo, pdf: cosine_hemisphere_pdf(wo.z), mirror: None }
+    }
+}
+
 /// Derivatives of a scalar in everything [`Bsdf::eval`] depends on.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BsdfAdjoint {
@@ -318,17 +326,7 @@ impl Bsdf {
     }
 
     /// Samples a direction in the frame of the shading normal (+z). `u[2]` chooses the lobe of a mixture.
-    #[inline]
     pub fn sample(&self, wi: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
-        if let Bsdf::Diffuse { .. } = self {
-            let wo = cosine_hemisphere([u[0], u[1]]);
-            return Some(BsdfSample { wo, pdf: cosine_hemisphere_pdf(wo.z), mirror: None });
-        }
-        self.sample_lobes(wi, u)
-    }
-
-    #[inline(never)]
-    fn sample_lobes(&self, wi: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
         let wi = Vec3::new(wi.x, wi.y, wi.z.abs());
         let square = [u[0], u[1]];
         let diffuse_share = self.diffuse_share(wi.z);
@@ -338,8 +336,8 @@ impl Bsdf {
                 let wo = Vec3::new(-wi.x, -wi.y, wi.z);
                 return Some(BsdfSample { wo, pdf: 1.0, mirror: Some(reflectance) });
             }
+            Bsdf::Diffuse { .. } => return Some(BsdfSample::cosine(cosine_hemisphere(square))),
             _ if u[2] < diffuse_share => cosine_hemisphere(square),
-            Bsdf::Diffuse { .. } => cosine_hemisphere(square),
             Bsdf::Conductor { roughness, .. }
             | Bsdf::ConductorIor { roughness, .. }
             | Bsdf::Principled { roughness, .. } => reflect(wi, Ggx::new(roughness).sample(wi, square))?,

@@ -6,11 +6,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::{IVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::accel::Work;
-use super::integrator::{NoRecord, Options, Start, trace};
+use super::accel::{Ray, Work};
+use super::integrator::{BATCH, Options, trace_all};
 use super::interaction::SurfaceInteraction;
 use super::motion;
-use super::sampler::{Sampler, hash};
+use super::sampler::{Sampler, Sequence, hash};
 use super::scene::Camera;
 use super::world::{Scene, SceneError, validate_camera};
 use crate::image::Image;
@@ -62,9 +62,6 @@ pub struct Settings {
 
 /// The `stop` of work that nobody interrupts.
 pub static NEVER: AtomicBool = AtomicBool::new(false);
-
-/// Samples between two looks at `stop`.
-const STOP_PERIOD: u32 = 256;
 
 /// Renders an image of `settings.output`.
 pub fn render(scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Image, SceneError> {
@@ -149,28 +146,53 @@ struct Row<'a> {
 impl Work for Row<'_> {
     #[inline(always)]
     fn run(self) {
-        let Row { scene, camera, output, y, .. } = self;
-        for (x, pixel) in self.pixels.chunks_mut(output.channels()).enumerate() {
-            let first = u64::from(self.ranks[x]) * u64::from(self.stride);
-            let mut sum = Vec3::ZERO;
-            for i in self.samples.clone() {
-                if i % STOP_PERIOD == 0 && self.stop.load(Ordering::Relaxed) {
-                    return;
-                }
-                let mut sampler = Sampler::new(self.seed, first + u64::from(i));
-                let position = Vec2::new(x as f32, y as f32) + sampler.next_2d();
-                let ray = camera.sample_lens(&mut sampler).ray(position);
-                sum += if output == Output::Radiance {
-                    trace(scene, Start::Ray(ray, &[]), &mut sampler, &self.options, &mut NoRecord)
-                } else {
-                    match scene.chance(&ray, &[], &mut sampler) {
-                        Some((si, _)) => first_hit(scene, output, camera, &si),
-                        None => Vec3::ZERO,
-                    }
-                };
+        let Row { scene, camera, output, .. } = self;
+        let (channels, per_pixel) = (output.channels(), self.samples.len());
+        let total = self.ranks.len() * per_pixel;
+        // Where the row's samples are in the sequence of all.
+        let index = |sample: usize| {
+            let (x, i) = (sample / per_pixel, self.samples.start as usize + sample % per_pixel);
+            u64::from(self.ranks[x]) * u64::from(self.stride) + i as u64
+        };
+        let mut sequence = Sequence::new(self.seed, 0);
+        let mut rays = [Ray::new(Vec3::ZERO, Vec3::ZERO); BATCH];
+        let mut found = [Vec3::ZERO; BATCH];
+        let mut sum = Vec3::ZERO;
+        let mut done = 0;
+        while done < total {
+            if self.stop.load(Ordering::Relaxed) {
+                return;
             }
-            for (pixel, x) in pixel.iter_mut().zip((sum / self.count).to_array()) {
-                *pixel += x;
+            if !sequence.has(index(done)) {
+                sequence = Sequence::new(self.seed, index(done));
+            }
+            let mut samplers: [Sampler; BATCH] = std::array::from_fn(|_| Sampler::new(0, 0));
+            let mut count = 0;
+            for sample in (done..total.min(done + BATCH)).take_while(|&sample| sequence.has(index(sample))) {
+                let sampler = &mut samplers[count];
+                *sampler = sequence.sampler(index(sample));
+                let position = Vec2::new((sample / per_pixel) as f32, self.y as f32) + sampler.next_2d();
+                rays[count] = camera.sample_lens(sampler).ray(position);
+                count += 1;
+            }
+            if output == Output::Radiance {
+                trace_all(scene, &rays[..count], &mut samplers, &self.options, &mut found);
+            } else {
+                for (found, (ray, sampler)) in found.iter_mut().zip(rays[..count].iter().zip(&mut samplers)) {
+                    let hit = scene.chance(ray, &[], sampler);
+                    *found = hit.map_or(Vec3::ZERO, |(si, _)| first_hit(scene, output, camera, &si));
+                }
+            }
+            for found in &found[..count] {
+                sum += *found;
+                done += 1;
+                if done % per_pixel == 0 {
+                    let pixel = &mut self.pixels[(done / per_pixel - 1) * channels..][..channels];
+                    for (pixel, x) in pixel.iter_mut().zip((sum / self.count).to_array()) {
+                        *pixel += x;
+                    }
+                    sum = Vec3::ZERO;
+                }
             }
         }
     }

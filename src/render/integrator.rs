@@ -5,13 +5,13 @@
 
 use glam::Vec3;
 
-use super::accel::{PrimId, Ray};
+use super::accel::{Hit, PrimId, Ray, Root};
 use super::interaction::SurfaceInteraction;
 use super::light::{Arrival, LightSample};
 use super::mask::{Crossing, Through, Toss};
 use super::sampler::Sampler;
 use super::world::Scene;
-use crate::math::Frame;
+use crate::math::{Frame, cosine_hemisphere};
 
 /// Paths are never longer than this, whatever `max_bounces` says.
 pub const MAX_DEPTH: u32 = 64;
@@ -117,51 +117,305 @@ impl Recorder for NoRecord {}
 /// One-sample estimate of the radiance along a path's first segment, towards its start.
 #[inline(always)]
 pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Options, rec: &mut impl Recorder) -> Vec3 {
-    let mut radiance = Vec3::ZERO;
-    let mut throughput = Vec3::ONE;
-    let mut si = match start {
+    let start = match start {
         Start::Surface(si) => {
-            rec.vertex(&si, throughput, 0.0, &Through::CLEAR);
-            si
+            rec.vertex(&si, Vec3::ONE, 0.0, &Through::CLEAR);
+            Ok(Walk::at(si, Vec3::ONE, options))
         }
         Start::Ray(ray, skip) => {
-            rec.line();
-            let (hit, through) = scene.follow(&ray, skip, sampler, options.toss, |c| rec.cross(&c));
-            match hit {
-                Some((si, t)) => {
-                    rec.vertex(&si, throughput, t, &through);
-                    throughput *= through.weight;
-                    si
-                }
-                None if options.first_environment => return scene.environment_radiance(ray.dir) * through.weight,
-                None => return Vec3::ZERO,
-            }
+            let (hit, through) = seek(scene, &ray, None, skip, sampler, options, rec);
+            Walk::start(scene, &ray, hit, &through, options, rec)
         }
     };
-    if options.first_emission {
-        radiance += throughput * si.emission;
-    }
-
+    let mut walk = match start {
+        Ok(walk) => walk,
+        Err(radiance) => return radiance,
+    };
+    let mut light = None;
     for bounce in 0..options.max_bounces {
-        if si.bsdf.is_black() {
+        walk.light(scene, sampler, options, &mut light);
+        if let Some(light) = &light
+            && let Some(shadow) = walk.shadow(light, options)
+        {
+            walk.connect(scene, light, &shadow, None, options, rec);
+        }
+        let Some(turn) = walk.turn(bounce, &Draw::new(sampler), sampler, options) else { break };
+        let (hit, through) = seek(scene, &walk.si.spawn_ray(turn.dir), None, &[walk.si.prim], sampler, options, rec);
+        if !walk.arrive(scene, &turn, hit, &through, options, rec) {
             break;
         }
-        // Light arriving directly.
-        if options.next_event
-            && !si.bsdf.is_delta()
-            && let Some(c) = connect(scene, &si, sampler, options, rec)
-        {
-            radiance += throughput * c.f * c.light.power * (c.geometry * c.weight * c.transmittance);
-            rec.connect(&c);
-        }
+    }
+    walk.radiance
+}
 
-        // Choose where the path goes on.
-        let frame = Frame::from_normal(si.ns);
-        let wi = frame.to_local(si.wi);
-        let wi = Vec3::new(wi.x, wi.y, wi.z.abs());
+/// Paths that go side by side in [`trace_all`].
+pub const BATCH: usize = 16;
+
+/// [`trace`] of up to [`BATCH`] rays that nobody watches. All take one step before any takes the next: the steps of one path wait for
+/// each other, those of different paths need not.
+#[inline(always)]
+pub fn trace_all(
+    scene: &Scene,
+    rays: &[Ray],
+    samplers: &mut [Sampler; BATCH],
+    options: &Options,
+    radiance: &mut [Vec3; BATCH],
+) {
+    const CLEAR: (Option<Hit>, Through) = (None, Through::CLEAR);
+    let rec = &mut NoRecord;
+    let mut roots = [Root::default(); BATCH];
+    let mut hits = [CLEAR; BATCH];
+    let mut walks = [Walk::NOWHERE; BATCH];
+    let mut lights: [Option<LightSample>; BATCH] = [None; BATCH];
+    let mut shadows: [Option<Shadow>; BATCH] = [None; BATCH];
+    let mut turns: [Option<Turn>; BATCH] = [None; BATCH];
+    let mut draws = Draws::NONE;
+    let mut alive = [0u8; BATCH];
+    let mut count = 0;
+    for (root, ray) in roots.iter_mut().zip(rays) {
+        *root = scene.accel.enter(ray);
+    }
+    for (i, ray) in rays.iter().enumerate() {
+        hits[i] = seek(scene, ray, Some(&roots[i]), &[], &mut samplers[i], options, rec);
+    }
+    for (i, ray) in rays.iter().enumerate() {
+        let (hit, through) = &hits[i];
+        match Walk::start(scene, ray, *hit, through, options, rec) {
+            Ok(walk) => {
+                walks[i] = walk;
+                radiance[i] = walk.radiance;
+                alive[count] = i as u8;
+                count += 1;
+            }
+            Err(escaped) => radiance[i] = escaped,
+        }
+    }
+    for bounce in 0..options.max_bounces {
+        for &i in &alive[..count] {
+            let i = i as usize % BATCH;
+            walks[i].light(scene, &mut samplers[i], options, &mut lights[i]);
+        }
+        let (mut pending, mut lit) = ([0u8; BATCH], 0);
+        for &i in &alive[..count] {
+            let k = i as usize % BATCH;
+            shadows[k] = lights[k].as_ref().and_then(|light| walks[k].shadow(light, options));
+            pending[lit] = i;
+            lit += usize::from(shadows[k].is_some());
+        }
+        for (k, &i) in alive[..count].iter().enumerate() {
+            draws.set(k, &mut samplers[i as usize % BATCH]);
+        }
+        draws.warp();
+        for (k, &i) in alive[..count].iter().enumerate() {
+            let i = i as usize % BATCH;
+            turns[i] = walks[i].turn(bounce, &draws.get(k), &mut samplers[i], options);
+        }
+        for &i in &pending[..lit] {
+            let i = i as usize % BATCH;
+            let Some(shadow) = &shadows[i] else { continue };
+            roots[i] = scene.accel.enter(&walks[i].shadow_ray(shadow));
+        }
+        for &i in &pending[..lit] {
+            let i = i as usize % BATCH;
+            let (Some(light), Some(shadow)) = (&lights[i], &shadows[i]) else { continue };
+            walks[i].connect(scene, light, shadow, Some(&roots[i]), options, rec);
+        }
+        let mut left = 0;
+        for k in 0..count {
+            let i = alive[k] as usize % BATCH;
+            radiance[i] = walks[i].radiance;
+            alive[left] = i as u8;
+            left += usize::from(turns[i].is_some());
+        }
+        count = left;
+        for &i in &alive[..count] {
+            let i = i as usize % BATCH;
+            let Some(turn) = &turns[i] else { continue };
+            roots[i] = scene.accel.enter(&walks[i].si.spawn_ray(turn.dir));
+        }
+        for &i in &alive[..count] {
+            let i = i as usize % BATCH;
+            let Some(turn) = &turns[i] else { continue };
+            let si = &walks[i].si;
+            let ray = si.spawn_ray(turn.dir);
+            hits[i] = seek(scene, &ray, Some(&roots[i]), &[si.prim], &mut samplers[i], options, rec);
+        }
+        let mut left = 0;
+        for k in 0..count {
+            let i = alive[k] as usize % BATCH;
+            let Some(turn) = &turns[i] else { continue };
+            let (hit, through) = &hits[i];
+            let goes_on = walks[i].arrive(scene, turn, *hit, through, options, rec);
+            radiance[i] = walks[i].radiance;
+            alive[left] = i as u8;
+            left += usize::from(goes_on);
+        }
+        count = left;
+    }
+}
+
+/// The random numbers that choose where a path goes on.
+struct Draw {
+    /// Of [`Bsdf::sample`](super::bsdf::Bsdf::sample).
+    u: [f32; 3],
+    roulette: f32,
+    /// The first two as a direction in proportion to the cosine, which most surfaces ask for.
+    cosine: Vec3,
+}
+
+impl Draw {
+    #[inline(always)]
+    fn new(sampler: &mut Sampler) -> Draw {
         let u = sampler.next_3d();
-        let roulette = sampler.next_1d();
-        let Some(sample) = si.bsdf.sample(wi, u) else { break };
+        Draw { u, roulette: sampler.next_1d(), cosine: cosine_hemisphere([u[0], u[1]]) }
+    }
+}
+
+/// A [`Draw`] for each path, number by number, so that the processor makes many at a time.
+struct Draws {
+    u: [[f32; BATCH]; 3],
+    roulette: [f32; BATCH],
+    cosine: [[f32; BATCH]; 3],
+}
+
+impl Draws {
+    const NONE: Draws = Draws { u: [[0.0; BATCH]; 3], roulette: [0.0; BATCH], cosine: [[0.0; BATCH]; 3] };
+
+    #[inline(always)]
+    fn set(&mut self, k: usize, sampler: &mut Sampler) {
+        let u = sampler.next_3d();
+        (self.u[0][k], self.u[1][k], self.u[2][k]) = (u[0], u[1], u[2]);
+        self.roulette[k] = sampler.next_1d();
+    }
+
+    #[inline(always)]
+    fn warp(&mut self) {
+        for k in 0..BATCH {
+            let cosine = cosine_hemisphere([self.u[0][k], self.u[1][k]]);
+            (self.cosine[0][k], self.cosine[1][k], self.cosine[2][k]) = (cosine.x, cosine.y, cosine.z);
+        }
+    }
+
+    #[inline(always)]
+    fn get(&self, k: usize) -> Draw {
+        Draw {
+            u: [self.u[0][k], self.u[1][k], self.u[2][k]],
+            roulette: self.roulette[k],
+            cosine: Vec3::new(self.cosine[0][k], self.cosine[1][k], self.cosine[2][k]),
+        }
+    }
+}
+
+/// Where a ray ends, and what masks do on the way.
+#[inline(always)]
+fn seek(
+    scene: &Scene,
+    ray: &Ray,
+    root: Option<&Root>,
+    skip: &[PrimId],
+    sampler: &mut Sampler,
+    options: &Options,
+    rec: &mut impl Recorder,
+) -> (Option<Hit>, Through) {
+    rec.line();
+    scene.stop(ray, root, skip, sampler, options.toss, |c| rec.cross(&c))
+}
+
+/// A path that has come to a vertex.
+#[derive(Clone, Copy)]
+struct Walk {
+    radiance: Vec3,
+    throughput: Vec3,
+    si: SurfaceInteraction,
+}
+
+/// A connection that has yet to be tested.
+#[derive(Clone, Copy)]
+struct Shadow {
+    arrival: Arrival,
+    /// As in [`Connection`].
+    weight: f32,
+    f: Vec3,
+}
+
+/// Where a path goes on.
+#[derive(Clone, Copy)]
+struct Turn {
+    dir: Vec3,
+    pdf: f32,
+    /// As in [`Continuation`].
+    inv_pdf: f32,
+    f: Vec3,
+    delta: bool,
+    attached: bool,
+}
+
+impl Walk {
+    const NOWHERE: Walk = Walk { radiance: Vec3::ZERO, throughput: Vec3::ZERO, si: SurfaceInteraction::NOWHERE };
+
+    #[inline(always)]
+    fn at(si: SurfaceInteraction, throughput: Vec3, options: &Options) -> Walk {
+        let radiance = if options.first_emission { throughput * si.emission } else { Vec3::ZERO };
+        Walk { radiance, throughput, si }
+    }
+
+    /// At the end of the first ray, or what is seen where there is nothing.
+    #[inline(always)]
+    fn start(
+        scene: &Scene,
+        ray: &Ray,
+        hit: Option<Hit>,
+        through: &Through,
+        options: &Options,
+        rec: &mut impl Recorder,
+    ) -> Result<Walk, Vec3> {
+        match hit {
+            Some(hit) => {
+                let si = scene.interaction(hit.prim, hit.b, -ray.dir);
+                rec.vertex(&si, Vec3::ONE, hit.t, through);
+                Ok(Walk::at(si, Vec3::splat(through.weight), options))
+            }
+            None if options.first_environment => Err(scene.environment_radiance(ray.dir) * through.weight),
+            None => Err(Vec3::ZERO),
+        }
+    }
+
+    /// Chooses a light to connect with.
+    #[inline(always)]
+    fn light(&self, scene: &Scene, sampler: &mut Sampler, options: &Options, light: &mut Option<LightSample>) {
+        if !options.next_event || self.si.bsdf.is_black() || self.si.bsdf.is_delta() {
+            *light = None;
+        } else {
+            scene.sample_light_to(sampler.next_2d(), light);
+        }
+    }
+
+    /// How a light arrives, unless it is below the horizon or shines elsewhere.
+    #[inline(always)]
+    fn shadow(&self, light: &LightSample, options: &Options) -> Option<Shadow> {
+        let si = &self.si;
+        let arrival = light.arrive(si.p)?;
+        if si.ng.dot(arrival.dir) <= 0.0 {
+            return None;
+        }
+        let f = si.eval(arrival.dir);
+        if f == Vec3::ZERO && !(options.keep_black && si.ns.dot(arrival.dir) > 0.0) {
+            return None;
+        }
+        // The balance heuristic over the light's density, with the BSDF's in the same measure.
+        let other = if light.is_delta() { 0.0 } else { si.pdf(arrival.dir) * arrival.geometry };
+        Some(Shadow { arrival, weight: 1.0 / (light.pdf + other), f })
+    }
+
+    /// Chooses where the path goes on.
+    #[inline(always)]
+    fn turn(&self, bounce: u32, draw: &Draw, sampler: &mut Sampler, options: &Options) -> Option<Turn> {
+        let si = &self.si;
+        if si.bsdf.is_black() {
+            return None;
+        }
+        let frame = Frame::from_normal(si.ns);
+        let sample = si.sample(&frame, draw.u, draw.cosine)?;
         let delta = sample.mirror.is_some();
         let dir = if delta { si.mirrored() } else { frame.to_world(sample.wo) };
         let mut f = sample.mirror.unwrap_or_else(|| si.eval(dir));
@@ -173,23 +427,58 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
             inv_pdf /= chosen.probability;
         }
         if !options.keep_black && f == Vec3::ZERO || !f.is_finite() {
-            break;
+            return None;
         }
         if si.ng.dot(dir) <= 0.0 {
-            break; // below the surface: `eval` is zero there
+            return None; // below the surface: `eval` is zero there
         }
         if bounce >= ROULETTE_START {
-            let survival = (throughput * f * inv_pdf).max_element().clamp(0.05, 1.0);
-            if roulette >= survival {
-                break;
+            let survival = (self.throughput * f * inv_pdf).max_element().clamp(0.05, 1.0);
+            if draw.roulette >= survival {
+                return None;
             }
             inv_pdf /= survival;
         }
+        Some(Turn { dir, pdf: sample.pdf, inv_pdf, f, delta, attached })
+    }
 
-        // Follow it.
-        let ray = si.spawn_ray(dir);
+    #[inline(always)]
+    fn shadow_ray(&self, shadow: &Shadow) -> Ray {
+        self.si.spawn_ray_to(shadow.arrival.dir, shadow.arrival.distance)
+    }
+
+    /// Takes the light of a connection, as far as it is visible.
+    #[inline(always)]
+    fn connect(
+        &mut self,
+        scene: &Scene,
+        light: &LightSample,
+        shadow: &Shadow,
+        root: Option<&Root>,
+        options: &Options,
+        rec: &mut impl Recorder,
+    ) {
+        let Shadow { arrival: Arrival { dir, distance, geometry }, weight, f } = *shadow;
+        let ray = self.shadow_ray(shadow);
+        let skip = [self.si.prim, light.prim];
         rec.line();
-        let (next, through) = scene.follow(&ray, &[si.prim], sampler, options.toss, |c| rec.cross(&c));
+        let Some(transmittance) = scene.let_through(&ray, root, &skip, options.toss, |c| rec.cross(&c)) else { return };
+        self.radiance += self.throughput * f * light.power * (geometry * weight * transmittance);
+        rec.connect(&Connection { light: *light, dir, distance, geometry, weight, transmittance, f });
+    }
+
+    /// Takes the light that the continuation finds, and moves on to where it ends; false if that is nowhere.
+    #[inline(always)]
+    fn arrive(
+        &mut self,
+        scene: &Scene,
+        turn: &Turn,
+        hit: Option<Hit>,
+        through: &Through,
+        options: &Options,
+        rec: &mut impl Recorder,
+    ) -> bool {
+        let Turn { dir, pdf, inv_pdf, f, delta, attached } = *turn;
         let mut continuation = Continuation {
             dir,
             inv_pdf,
@@ -197,47 +486,45 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
             delta,
             attached,
             t: f32::INFINITY,
-            through,
+            through: *through,
             emission_weight: 1.0,
             hit_light: None,
             escaped: None,
         };
         let step = f * inv_pdf;
-        match next {
-            None => {
-                let sky = scene.environment_radiance(dir);
-                if scene.environment.is_some() {
-                    if !delta {
-                        continuation.emission_weight = balance(sample.pdf, scene.environment_pdf(dir));
-                    }
-                    continuation.escaped = Some(sky);
+        let Some(hit) = hit else {
+            let sky = scene.environment_radiance(dir);
+            if scene.environment.is_some() {
+                if !delta {
+                    continuation.emission_weight = balance(pdf, scene.environment_pdf(dir));
                 }
-                radiance += throughput * step * sky * (continuation.emission_weight * through.weight);
-                rec.advance(&continuation);
-                break;
+                continuation.escaped = Some(sky);
             }
-            Some((hit, t)) => {
-                continuation.t = t;
-                if hit.emission != Vec3::ZERO || (options.keep_black && emits(scene, &hit)) {
-                    let cos = hit.ng.dot(hit.wi);
-                    // Solid angle to area: this technique's density as if it had chosen the emitter's point.
-                    let to_area = cos / (t * t);
-                    if !delta {
-                        let other = scene.lights.area_pdf(hit.prim) / to_area;
-                        continuation.emission_weight = balance(sample.pdf, other);
-                    }
-                    continuation.hit_light = scene.area_sample(hit.prim, hit.b, to_area / inv_pdf);
-                }
-                radiance += throughput * step * hit.emission * (continuation.emission_weight * through.weight);
-                rec.advance(&continuation);
-                throughput *= step;
-                rec.vertex(&hit, throughput, t, &through);
-                throughput *= through.weight;
-                si = hit;
+            self.radiance += self.throughput * step * sky * (continuation.emission_weight * through.weight);
+            rec.advance(&continuation);
+            return false;
+        };
+        let t = hit.t;
+        let hit = scene.interaction(hit.prim, hit.b, -dir);
+        continuation.t = t;
+        if hit.emission != Vec3::ZERO || (options.keep_black && emits(scene, &hit)) {
+            let cos = hit.ng.dot(hit.wi);
+            // Solid angle to area: this technique's density as if it had chosen the emitter's point.
+            let to_area = cos / (t * t);
+            if !delta {
+                let other = scene.lights.area_pdf(hit.prim) / to_area;
+                continuation.emission_weight = balance(pdf, other);
             }
+            continuation.hit_light = scene.area_sample(hit.prim, hit.b, to_area / inv_pdf);
         }
+        self.radiance += self.throughput * step * hit.emission * (continuation.emission_weight * through.weight);
+        rec.advance(&continuation);
+        self.throughput *= step;
+        rec.vertex(&hit, self.throughput, t, through);
+        self.throughput *= through.weight;
+        self.si = hit;
+        true
     }
-    radiance
 }
 
 fn emits(scene: &Scene, si: &SurfaceInteraction) -> bool {
@@ -247,32 +534,4 @@ fn emits(scene: &Scene, si: &SurfaceInteraction) -> bool {
 
 fn balance(a: f32, b: f32) -> f32 {
     a / (a + b)
-}
-
-/// Samples one light and tests whether it is visible.
-#[inline(always)]
-fn connect(
-    scene: &Scene,
-    si: &SurfaceInteraction,
-    sampler: &mut Sampler,
-    options: &Options,
-    rec: &mut impl Recorder,
-) -> Option<Connection> {
-    let light = scene.sample_light(sampler.next_2d())?;
-    let arrival = light.arrive(si.p)?;
-    if si.ng.dot(arrival.dir) <= 0.0 {
-        return None;
-    }
-    let f = si.eval(arrival.dir);
-    if f == Vec3::ZERO && !(options.keep_black && si.ns.dot(arrival.dir) > 0.0) {
-        return None;
-    }
-    // The balance heuristic over the light's density, with the BSDF's in the same measure.
-    let other = if light.is_delta() { 0.0 } else { si.pdf(arrival.dir) * arrival.geometry };
-    let weight = 1.0 / (light.pdf + other);
-    let ray = si.spawn_ray_to(arrival.dir, arrival.distance);
-    rec.line();
-    let transmittance = scene.let_through(&ray, &[si.prim, light.prim], options.toss, |c| rec.cross(&c))?;
-    let Arrival { dir, distance, geometry } = arrival;
-    Some(Connection { light, dir, distance, geometry, weight, transmittance, f })
 }

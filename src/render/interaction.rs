@@ -2,12 +2,12 @@
 
 use glam::{Vec2, Vec3};
 
-use super::accel::{PrimId, Ray};
-use super::bsdf::{Bsdf, MAX_INPUTS, Part};
+use super::accel::{NO_PRIM, PrimId, Ray};
+use super::bsdf::{Bsdf, BsdfSample, MAX_INPUTS, Part};
 use super::environment::environment_uv;
 use super::scene::{Input, MaterialKind};
 use super::world::Scene;
-use crate::math::luminance;
+use crate::math::{Frame, luminance};
 
 /// A surface point seen from the direction `wi`.
 #[derive(Clone, Copy, Debug)]
@@ -163,6 +163,21 @@ impl Scene {
 }
 
 impl SurfaceInteraction {
+    /// Stands where there is no surface yet.
+    pub(crate) const NOWHERE: SurfaceInteraction = SurfaceInteraction {
+        prim: NO_PRIM,
+        shape: 0,
+        b: [0.0; 3],
+        p: Vec3::ZERO,
+        ng: Vec3::ZERO,
+        ns: Vec3::ZERO,
+        flip: 1.0,
+        shading_flip: 0.0,
+        wi: Vec3::ZERO,
+        bsdf: Bsdf::Black,
+        emission: Vec3::ZERO,
+    };
+
     /// A ray leaving the surface. Its own triangle is skipped by id; the small start offset, a few ulps of the coordinates,
     /// only keeps neighbouring triangles from being hit at distance zero.
     #[inline]
@@ -229,6 +244,20 @@ impl SurfaceInteraction {
     #[inline]
     pub fn pdf(&self, wo: Vec3) -> f32 {
         self.bsdf.density(self.ns.dot(self.wi), self.ns.dot(wo), self.wi.dot(wo))
+    }
+
+    /// [`Bsdf::sample`], given the frame of the shading normal and the [`cosine_hemisphere`](crate::math::cosine_hemisphere) of `u`.
+    #[inline(always)]
+    pub fn sample(&self, frame: &Frame, u: [f32; 3], cosine: Vec3) -> Option<BsdfSample> {
+        match self.bsdf {
+            Bsdf::Diffuse { .. } => Some(BsdfSample::cosine(cosine)),
+            _ => self.sample_lobes(u, *frame),
+        }
+    }
+
+    #[inline(never)]
+    fn sample_lobes(&self, u: [f32; 3], frame: Frame) -> Option<BsdfSample> {
+        self.bsdf.sample(frame.to_local(self.wi), u)
     }
 
     /// The direction in which a perfect mirror sends what arrives from `wi`. Where the shading normal would send it below the surface

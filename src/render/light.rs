@@ -217,18 +217,29 @@ impl Scene {
     /// again: a light's own two dimensions stay stratified together with whatever else the sample's first numbers decide.
     #[inline]
     pub(crate) fn sample_light(&self, u: Vec2) -> Option<LightSample> {
-        self.sample_from(&self.lights.entries, &self.lights.pmf, u)
+        let mut light = None;
+        self.sample_from(&self.lights.entries, &self.lights.pmf, u, &mut light);
+        light
+    }
+
+    /// [`Scene::sample_light`], written where it is to be kept: a copy waits until all of its parts are there.
+    #[inline(always)]
+    pub(crate) fn sample_light_to(&self, u: Vec2, light: &mut Option<LightSample>) {
+        self.sample_from(&self.lights.entries, &self.lights.pmf, u, light);
     }
 
     /// As [`Scene::sample_light`], of the environment only its peak.
     pub(crate) fn sample_local_light(&self, u: Vec2) -> Option<LightSample> {
-        self.sample_from(&self.lights.local_entries, &self.lights.local_pmf, u)
+        let mut light = None;
+        self.sample_from(&self.lights.local_entries, &self.lights.local_pmf, u, &mut light);
+        light
     }
 
-    #[inline]
-    fn sample_from(&self, entries: &[Entry], pmf: &Discrete, u: Vec2) -> Option<LightSample> {
+    #[inline(always)]
+    fn sample_from(&self, entries: &[Entry], pmf: &Discrete, u: Vec2, light: &mut Option<LightSample>) {
         if pmf.is_empty() {
-            return None;
+            *light = None;
+            return;
         }
         let (i, p, rest) = pmf.sample(f64::from(u.x));
         let (p, u) = (p as f32, [(rest as f32).min(ONE_MINUS_EPSILON), u.y]);
@@ -236,9 +247,10 @@ impl Scene {
             // Uniform over the triangle (Turk): low-distortion enough and keeps Sobol's strata connected.
             let s = u[0].sqrt();
             let b = [1.0 - s, s * (1.0 - u[1]), s * u[1]];
-            return self.area_sample(prim, b, p / area);
+            *light = self.area_sample(prim, b, p / area);
+        } else {
+            *light = self.sample_other(entries[i], p, u);
         }
-        self.sample_other(entries[i], p, u)
     }
 
     /// A light that is not a triangle, chosen with probability `p`.

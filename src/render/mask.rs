@@ -3,7 +3,7 @@
 //! Paths toss a coin at every mask they meet; shadow rays carry what is let through, Π(1 − opacity). Opacities are continuous over
 //! a surface, so that derivatives need no edges besides those of the mesh.
 
-use super::accel::{Hit, PrimId, Ray};
+use super::accel::{Hit, PrimId, Ray, Root};
 use super::interaction::SurfaceInteraction;
 use super::sampler::Sampler;
 use super::world::Scene;
@@ -91,10 +91,7 @@ impl Scene {
         toss: Toss,
         cross: impl FnMut(Crossing),
     ) -> (Option<(SurfaceInteraction, f32)>, Through) {
-        if !self.masked {
-            return (self.intersect(ray, skip), Through::CLEAR);
-        }
-        let (hit, through) = self.stop(ray, skip, sampler, toss, cross);
+        let (hit, through) = self.stop(ray, None, skip, sampler, toss, cross);
         (hit.map(|hit| (self.interaction(hit.prim, hit.b, -ray.dir), hit.t)), through)
     }
 
@@ -112,13 +109,27 @@ impl Scene {
     /// Where a ray stops, with a fair toss.
     #[inline]
     pub(crate) fn chance_hit(&self, ray: &Ray, skip: &[PrimId], sampler: &mut Sampler) -> Option<Hit> {
-        if !self.masked {
-            return self.accel.closest(ray, skip);
-        }
-        self.stop(ray, skip, sampler, Toss::Fair, |_| ()).0
+        self.stop(ray, None, skip, sampler, Toss::Fair, |_| ()).0
     }
 
-    fn stop(
+    /// Where a ray stops, and what the masks on the way do to that. It may have entered before.
+    #[inline(always)]
+    pub(crate) fn stop(
+        &self,
+        ray: &Ray,
+        root: Option<&Root>,
+        skip: &[PrimId],
+        sampler: &mut Sampler,
+        toss: Toss,
+        cross: impl FnMut(Crossing),
+    ) -> (Option<Hit>, Through) {
+        if !self.masked {
+            return (self.accel.closest_from(ray, root, skip), Through::CLEAR);
+        }
+        self.stop_at_mask(ray, skip, sampler, toss, cross)
+    }
+
+    fn stop_at_mask(
         &self,
         ray: &Ray,
         skip: &[PrimId],
@@ -151,7 +162,7 @@ impl Scene {
     /// What masks let through along a ray, 0 behind anything solid.
     #[inline]
     pub(crate) fn transmittance(&self, ray: &Ray, skip: &[PrimId]) -> f32 {
-        self.let_through(ray, skip, Toss::Fair, |_| ()).unwrap_or(0.0)
+        self.let_through(ray, None, skip, Toss::Fair, |_| ()).unwrap_or(0.0)
     }
 
     /// [`Scene::transmittance`]; `None` where it is zero and no opacity can change that, or the toss says that none will. `cross`
@@ -160,12 +171,13 @@ impl Scene {
     pub(crate) fn let_through(
         &self,
         ray: &Ray,
+        root: Option<&Root>,
         skip: &[PrimId],
         toss: Toss,
         mut cross: impl FnMut(Crossing),
     ) -> Option<f32> {
         if !self.masked {
-            return (!self.accel.occluded(ray, skip)).then_some(1.0);
+            return (!self.accel.occluded_from(ray, root, skip)).then_some(1.0);
         }
         if !(ray.origin.is_finite() && ray.dir.is_finite()) {
             return None;

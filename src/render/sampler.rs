@@ -2,7 +2,7 @@
 
 use glam::Vec2;
 
-use super::sobol::{INDEX_BITS, point};
+use super::sobol::{INDEX_BITS, Scramble};
 
 /// Mixes two words into a well distributed one (xxHash/murmur finaliser style).
 #[inline]
@@ -18,8 +18,10 @@ pub fn hash(a: u64, b: u64) -> u64 {
 /// Points of a scrambled Sobol sequence (Burley 2020): sample `index` of the sequence `seed`. Dimensions come in groups of
 /// four, each group with a scramble of its own, so any number may be drawn.
 #[derive(Clone, Debug)]
-pub struct Sampler {
+pub struct Sampler<'a> {
     seed: u64,
+    /// Scrambles of the first groups.
+    known: &'a [Scramble],
     /// Its bits reversed.
     index_rev: u32,
     group: u32,
@@ -27,15 +29,60 @@ pub struct Sampler {
     left: u32,
 }
 
-impl Sampler {
+/// The generator's sequences are 2^16 long; longer ones continue with a fresh scramble.
+#[inline]
+fn seed_of_turn(seed: u64, turn: u64) -> u64 {
+    if turn == 0 { seed } else { hash(seed, turn) }
+}
+
+/// Of dimensions 4 · `group` to 4 · `group` + 3.
+#[inline(always)]
+fn scramble(seed: u64, group: u32) -> Scramble {
+    Scramble::new(hash(seed, u64::from(group) + 1) as u32)
+}
+
+/// What 2^16 consecutive samples of a sequence have in common, for those who draw many of them.
+pub struct Sequence {
+    seed: u64,
+    turn: u64,
+    known: [Scramble; Sequence::GROUPS],
+}
+
+impl Sequence {
+    /// Enough for paths of seven vertices.
+    const GROUPS: usize = 16;
+
+    /// The part of sequence `seed` that has sample `index`.
+    pub fn new(seed: u64, index: u64) -> Sequence {
+        let turn = index >> INDEX_BITS;
+        let seed = seed_of_turn(seed, turn);
+        Sequence { seed, turn, known: std::array::from_fn(|group| scramble(seed, group as u32)) }
+    }
+
+    #[inline]
+    pub fn has(&self, index: u64) -> bool {
+        index >> INDEX_BITS == self.turn
+    }
+
+    /// [`Sampler::new`] of a sample that it has.
+    #[inline]
+    pub fn sampler(&self, index: u64) -> Sampler<'_> {
+        Sampler { known: &self.known, ..Sampler::at(self.seed, index) }
+    }
+}
+
+impl Sampler<'_> {
     /// Sample `index` of sequence `seed`. Sequences are independent between seeds, stratified within one.
     #[inline]
-    pub fn new(seed: u64, index: u64) -> Sampler {
-        // The generator's sequences are 2^16 long; longer ones continue with a fresh scramble.
-        let turn = index >> INDEX_BITS;
-        let seed = if turn == 0 { seed } else { hash(seed, turn) };
+    pub fn new(seed: u64, index: u64) -> Sampler<'static> {
+        Sampler::at(seed_of_turn(seed, index >> INDEX_BITS), index)
+    }
+
+    #[inline]
+    fn at(seed: u64, index: u64) -> Sampler<'static> {
         Sampler {
             seed,
+            known: &[],
             index_rev: (index as u32).reverse_bits() & !0 << (32 - INDEX_BITS),
             group: 0,
             buffer: [0.0; 4],
@@ -45,8 +92,15 @@ impl Sampler {
 
     #[inline(always)]
     fn refill(&mut self) {
-        let scramble = hash(self.seed, u64::from(self.group) + 1) as u32;
-        self.buffer = point(self.index_rev, scramble);
+        let fresh;
+        let scramble = match self.known.get(self.group as usize) {
+            Some(known) => known,
+            None => {
+                fresh = scramble(self.seed, self.group);
+                &fresh
+            }
+        };
+        self.buffer = scramble.point(self.index_rev);
         self.group += 1;
         self.left = 4;
     }
@@ -104,7 +158,7 @@ const SHORT: usize = 8;
 /// A discrete distribution over `0..n`, sampled by inverting its cumulative sums.
 #[derive(Clone, Debug, Default)]
 pub struct Discrete {
-    /// Cumulative probabilities, last entry 1.
+    /// Cumulative probabilities before each entry, and 1 at the end.
     cdf: Vec<f64>,
     total: f64,
 }
@@ -113,13 +167,11 @@ impl Discrete {
     /// From non-negative weights; empty if they are all zero.
     pub fn new(weights: impl IntoIterator<Item = f64>) -> Discrete {
         let mut total = 0.0;
-        let mut cdf: Vec<f64> = weights
-            .into_iter()
-            .map(|w| {
-                total += if w.is_finite() { w.max(0.0) } else { 0.0 };
-                total
-            })
-            .collect();
+        let mut cdf = vec![0.0];
+        cdf.extend(weights.into_iter().map(|w| {
+            total += if w.is_finite() { w.max(0.0) } else { 0.0 };
+            total
+        }));
         if total <= 0.0 {
             return Discrete::default();
         }
@@ -133,7 +185,7 @@ impl Discrete {
 
     /// Number of entries.
     pub fn len(&self) -> usize {
-        self.cdf.len()
+        self.cdf.len().saturating_sub(1)
     }
 
     /// The sum of the weights.
@@ -144,29 +196,35 @@ impl Discrete {
     /// Probability of entry `i`.
     #[inline]
     pub fn pmf(&self, i: usize) -> f64 {
-        if i == 0 { self.cdf[0] } else { self.cdf[i] - self.cdf[i - 1] }
+        self.cdf[i + 1] - self.cdf[i]
     }
 
     /// The first entry whose cumulative probability is above `u`, the last one if there is none.
     #[inline]
     fn find(&self, u: f64) -> usize {
-        let last = self.cdf.len() - 1;
-        if self.cdf.len() <= SHORT {
+        let [_, inner @ .., _] = self.cdf.as_slice() else { return 0 };
+        if inner.len() < SHORT {
             // Counting has no branches to guess.
-            return self.cdf[..last].iter().map(|&c| usize::from(c <= u)).sum();
+            return inner.iter().map(|&c| usize::from(c <= u)).sum();
         }
-        self.cdf.partition_point(|&c| c <= u).min(last)
+        inner.partition_point(|&c| c <= u)
+    }
+
+    /// The last entry up to this one that is not improbable.
+    #[cold]
+    fn before(&self, i: usize) -> usize {
+        (0..=i).rev().find(|&i| self.pmf(i) > 0.0).unwrap_or(0)
     }
 
     /// An index, its probability, and `u` stretched to be uniform again within the chosen cell.
     #[inline]
     pub fn sample(&self, u: f64) -> (usize, f64, f64) {
         let mut i = self.find(u);
-        while self.pmf(i) <= 0.0 && i > 0 {
-            i -= 1; // u rounded up to 1 with trailing zero weights
+        if self.pmf(i) <= 0.0 {
+            i = self.before(i); // u rounded up to 1 with trailing zero weights
         }
-        let low = if i == 0 { 0.0 } else { self.cdf[i - 1] };
-        let pmf = self.cdf[i] - low;
+        let low = self.cdf[i];
+        let pmf = self.cdf[i + 1] - low;
         (i, pmf, ((u - low) / pmf).clamp(0.0, 1.0 - f64::EPSILON))
     }
 }

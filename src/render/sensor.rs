@@ -31,6 +31,7 @@ pub struct CameraAdjoint {
 }
 
 impl Camera {
+    #[inline(always)]
     pub fn is_pinhole(&self) -> bool {
         self.lens.radius == 0.0
     }
@@ -41,12 +42,14 @@ impl Camera {
     }
 
     /// The camera through a random point of its lens. A pinhole needs no random number.
+    #[inline(always)]
     pub fn sample_lens(&self, sampler: &mut Sampler) -> Camera {
         if self.is_pinhole() { *self } else { self.through(uniform_disk(sampler.next_2d().to_array())) }
     }
 
     /// Origin and frame of the pinhole camera at the lens's point. A film position's ray meets the plane of focus where the one
     /// from the lens's centre does.
+    #[inline(always)]
     pub fn pinhole(&self) -> (Vec3, [Vec3; 3]) {
         if self.is_pinhole() {
             return (self.origin, self.frame);
@@ -87,6 +90,7 @@ impl Camera {
     }
 
     /// Film coordinates in [−1, 1]² (y up) of a pixel position.
+    #[inline(always)]
     fn film(&self, pixel: Vec2) -> Vec2 {
         Vec2::new(2.0 * pixel.x / self.width as f32 - 1.0, 1.0 - 2.0 * pixel.y / self.height as f32)
     }
@@ -107,32 +111,18 @@ impl Camera {
     }
 
     /// Direction in the camera's frame for scaled film coordinates (central projections), and its derivatives in both.
+    #[inline(always)]
     fn local_direction(&self, x: f32, y: f32) -> (Vec3, [Vec3; 2]) {
         match self.projection {
             Projection::Perspective => (Vec3::new(x, y, 1.0), [Vec3::X, Vec3::Y]),
             Projection::Orthographic => (Vec3::Z, [Vec3::ZERO; 2]),
-            Projection::Fisheye => {
-                let angle = x.hypot(y);
-                let (sin, cos) = angle.sin_cos();
-                if angle < 1e-4 {
-                    return (Vec3::new(x, y, cos), [Vec3::new(1.0, 0.0, -x), Vec3::new(0.0, 1.0, -y)]);
-                }
-                let (u, v, sinc) = (x / angle, y / angle, sin / angle);
-                let dx = Vec3::new(u * u * cos + v * v * sinc, u * v * (cos - sinc), -u * sin);
-                let dy = Vec3::new(u * v * (cos - sinc), v * v * cos + u * u * sinc, -v * sin);
-                (Vec3::new(u * sin, v * sin, cos), [dx, dy])
-            }
-            Projection::Panorama => {
-                let ((sx, cx), (sy, cy)) = (x.sin_cos(), y.sin_cos());
-                let dx = Vec3::new(cy * cx, 0.0, -cy * sx);
-                let dy = Vec3::new(-sy * sx, cy, -sy * cx);
-                (Vec3::new(cy * sx, sy, cy * cx), [dx, dy])
-            }
+            Projection::Fisheye => fisheye(x, y),
+            Projection::Panorama => panorama(x, y),
         }
     }
 
     /// The ray through a pixel position.
-    #[inline]
+    #[inline(always)]
     pub fn ray(&self, pixel: Vec2) -> Ray {
         let film = self.film(pixel);
         let (x, y) = (film.x * self.scale[0], film.y * self.scale[1]);
@@ -265,6 +255,27 @@ impl Camera {
         };
         (-forward, depth)
     }
+}
+
+/// [`Camera::local_direction`] of a fisheye camera.
+fn fisheye(x: f32, y: f32) -> (Vec3, [Vec3; 2]) {
+    let angle = x.hypot(y);
+    let (sin, cos) = angle.sin_cos();
+    if angle < 1e-4 {
+        return (Vec3::new(x, y, cos), [Vec3::new(1.0, 0.0, -x), Vec3::new(0.0, 1.0, -y)]);
+    }
+    let (u, v, sinc) = (x / angle, y / angle, sin / angle);
+    let dx = Vec3::new(u * u * cos + v * v * sinc, u * v * (cos - sinc), -u * sin);
+    let dy = Vec3::new(u * v * (cos - sinc), v * v * cos + u * u * sinc, -v * sin);
+    (Vec3::new(u * sin, v * sin, cos), [dx, dy])
+}
+
+/// [`Camera::local_direction`] of a panorama.
+fn panorama(x: f32, y: f32) -> (Vec3, [Vec3; 2]) {
+    let ((sx, cx), (sy, cy)) = (x.sin_cos(), y.sin_cos());
+    let dx = Vec3::new(cy * cx, 0.0, -cy * sx);
+    let dy = Vec3::new(-sy * sx, cy, -sy * cx);
+    (Vec3::new(cy * sx, sy, cy * cx), [dx, dy])
 }
 
 #[cfg(test)]

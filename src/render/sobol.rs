@@ -65,20 +65,35 @@ const fn tables() -> [[[u32; DIMENSIONS]; 16]; DIGITS] {
     tables
 }
 
-/// Point `index` (its bits reversed) of the sequence with this seed.
-#[inline(always)]
-pub fn point(index_rev: u32, seed: u32) -> [f32; 4] {
-    let index = owen(index_rev, hash(seed ^ 0x79c6_8e4a));
-    let digit = |i: usize| &TABLES[i][(index >> (28 - 4 * i) & 15) as usize];
-    let digits = [digit(0), digit(1), digit(2), digit(3)];
-    let seed = seed.wrapping_mul(0x9c8f_2d3b);
-    let mut point = [0.0; DIMENSIONS];
-    for (i, x) in point.iter_mut().enumerate() {
-        let sobol = digits[0][i] ^ digits[1][i] ^ digits[2][i] ^ digits[3][i];
-        let bits = owen(sobol, hash(seed ^ SCRAMBLES[i])).reverse_bits();
-        *x = f32::from_bits(bits >> 9 | 0x3f80_0000) - 1.0;
+/// What all points of a scrambled sequence have in common.
+#[derive(Clone, Copy, Debug)]
+pub struct Scramble {
+    index: u32,
+    dimensions: [u32; DIMENSIONS],
+}
+
+impl Scramble {
+    /// Of the sequence with this seed.
+    #[inline(always)]
+    pub fn new(seed: u32) -> Scramble {
+        let dimensions = seed.wrapping_mul(0x9c8f_2d3b);
+        Scramble { index: hash(seed ^ 0x79c6_8e4a), dimensions: SCRAMBLES.map(|s| hash(dimensions ^ s)) }
     }
-    point
+
+    /// Point `index` (its bits reversed).
+    #[inline(always)]
+    pub fn point(&self, index_rev: u32) -> [f32; DIMENSIONS] {
+        let index = owen(index_rev, self.index);
+        let digit = |i: usize| &TABLES[i][(index >> (28 - 4 * i) & 15) as usize];
+        let digits = [digit(0), digit(1), digit(2), digit(3)];
+        let mut point = [0.0; DIMENSIONS];
+        for (i, x) in point.iter_mut().enumerate() {
+            let sobol = digits[0][i] ^ digits[1][i] ^ digits[2][i] ^ digits[3][i];
+            let bits = owen(sobol, self.dimensions[i]).reverse_bits();
+            *x = f32::from_bits(bits >> 9 | 0x3f80_0000) - 1.0;
+        }
+        point
+    }
 }
 
 /// What tells the dimensions' scrambles apart.
@@ -109,7 +124,7 @@ mod tests {
         for seed in [0, 1, 0x1234_5678, u32::MAX] {
             for index in (0..1u32 << INDEX_BITS).step_by(7).chain([1, 2, 4, 8, 65535]) {
                 assert_eq!(
-                    point(index.reverse_bits(), seed),
+                    Scramble::new(seed).point(index.reverse_bits()),
                     sobol_burley::sample_4d(index, 0, seed),
                     "{index} {seed}"
                 );

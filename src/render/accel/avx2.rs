@@ -3,7 +3,7 @@
 use std::arch::x86_64::*;
 use std::ops::{Add, Div, Mul, Sub};
 
-use super::traverse::{Lanes, traverse};
+use super::traverse::{self, Lanes, Root, traverse};
 use super::tree::{Tree, WIDTH};
 use super::{Hit, PrimId, Ray, Work};
 
@@ -23,15 +23,21 @@ impl Avx2 {
     }
 
     #[inline(always)]
-    pub fn closest(self, tree: &Tree, ray: &Ray, skip: &[PrimId]) -> Option<Hit> {
+    pub fn enter(self, tree: &Tree, ray: &Ray) -> Root {
         // SAFETY: as above.
-        unsafe { closest(tree, ray, skip) }
+        unsafe { enter(tree, ray) }
     }
 
     #[inline(always)]
-    pub fn any(self, tree: &Tree, ray: &Ray, skip: &[PrimId]) -> bool {
+    pub fn closest(self, tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Option<Hit> {
         // SAFETY: as above.
-        unsafe { any(tree, ray, skip) }
+        unsafe { closest(tree, ray, root, skip) }
+    }
+
+    #[inline(always)]
+    pub fn any(self, tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> bool {
+        // SAFETY: as above.
+        unsafe { any(tree, ray, root, skip) }
     }
 }
 
@@ -42,17 +48,23 @@ fn run(work: impl Work) {
 
 #[inline]
 #[target_feature(enable = "avx2,bmi1")]
-fn closest(tree: &Tree, ray: &Ray, skip: &[PrimId]) -> Option<Hit> {
-    traverse::<Register, false>(tree, ray, skip)
+fn enter(tree: &Tree, ray: &Ray) -> Root {
+    traverse::enter::<Register>(tree, ray)
 }
 
 #[inline]
 #[target_feature(enable = "avx2,bmi1")]
-fn any(tree: &Tree, ray: &Ray, skip: &[PrimId]) -> bool {
-    traverse::<Register, true>(tree, ray, skip).is_some()
+fn closest(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Option<Hit> {
+    traverse::<Register, false>(tree, ray, root, skip)
 }
 
-/// Private, so that it is met nowhere but in the two functions above it.
+#[inline]
+#[target_feature(enable = "avx2,bmi1")]
+fn any(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> bool {
+    traverse::<Register, true>(tree, ray, root, skip).is_some()
+}
+
+/// Private, so that it is met nowhere but in the functions above it.
 #[derive(Clone, Copy)]
 struct Register(__m256);
 

@@ -17,6 +17,7 @@ mod tests;
 use glam::Vec3;
 
 use portable::Portable;
+pub use traverse::Root;
 use traverse::traverse;
 use tree::Tree;
 
@@ -113,19 +114,44 @@ impl Accel {
     /// The closest hit whose primitive is not in `skip`; of hits at the same distance, that of the lowest primitive.
     #[inline]
     pub fn closest(&self, ray: &Ray, skip: &[PrimId]) -> Option<Hit> {
+        self.closest_from(ray, None, skip)
+    }
+
+    /// How a ray begins. This takes no turns: to ask it of many rays before anything else lets the processor work on all of them.
+    #[inline(always)]
+    pub fn enter(&self, ray: &Ray) -> Root {
+        if self.tree.nodes.is_empty() || !is_finite(ray) {
+            return Root::default();
+        }
+        match self.instructions {
+            #[cfg(target_arch = "x86_64")]
+            Instructions::Avx2(avx2) => avx2.enter(&self.tree, ray),
+            Instructions::Portable => traverse::enter::<Portable>(&self.tree, ray),
+        }
+    }
+
+    /// [`Accel::closest`], where [`Accel::enter`] may have been asked before.
+    #[inline]
+    pub fn closest_from(&self, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Option<Hit> {
         if self.tree.nodes.is_empty() || !is_finite(ray) {
             return None;
         }
         match self.instructions {
             #[cfg(target_arch = "x86_64")]
-            Instructions::Avx2(avx2) => avx2.closest(&self.tree, ray, skip),
-            Instructions::Portable => traverse::<Portable, false>(&self.tree, ray, skip),
+            Instructions::Avx2(avx2) => avx2.closest(&self.tree, ray, root, skip),
+            Instructions::Portable => traverse::<Portable, false>(&self.tree, ray, root, skip),
         }
     }
 
     /// Whether anything not in `skip` lies on the ray. Nothing is seen along a ray that is not finite.
     #[inline]
     pub fn occluded(&self, ray: &Ray, skip: &[PrimId]) -> bool {
+        self.occluded_from(ray, None, skip)
+    }
+
+    /// [`Accel::occluded`], where [`Accel::enter`] may have been asked before.
+    #[inline]
+    pub fn occluded_from(&self, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> bool {
         if self.tree.nodes.is_empty() {
             return false;
         }
@@ -134,8 +160,8 @@ impl Accel {
         }
         match self.instructions {
             #[cfg(target_arch = "x86_64")]
-            Instructions::Avx2(avx2) => avx2.any(&self.tree, ray, skip),
-            Instructions::Portable => traverse::<Portable, true>(&self.tree, ray, skip).is_some(),
+            Instructions::Avx2(avx2) => avx2.any(&self.tree, ray, root, skip),
+            Instructions::Portable => traverse::<Portable, true>(&self.tree, ray, root, skip).is_some(),
         }
     }
 }

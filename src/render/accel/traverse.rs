@@ -3,6 +3,7 @@
 //! Every operation on lanes is a single one of IEEE 754 (no fused multiply-add), in the same order everywhere: all instruction
 //! sets return the same bits.
 
+use std::mem::MaybeUninit;
 use std::ops::{Add, Div, Mul, Sub};
 
 use super::tree::{Block, Child, Node, Tree, WIDTH};
@@ -25,17 +26,43 @@ pub trait Lanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = S
 /// triangle test together. What the triangle test hits is never lost to a box.
 const MARGIN: f32 = 1e-6;
 
-/// The closest hit, or the first that is found if `ANY`. Of hits at the same distance the lowest primitive wins.
+/// Which children of the first node a ray hits, and where it enters them.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Root {
+    near: [f32; WIDTH],
+    hits: u32,
+}
+
+/// Tests a ray against the first node.
 #[inline(always)]
-pub fn traverse<L: Lanes, const ANY: bool>(tree: &Tree, ray: &Ray, skip: &[PrimId]) -> Option<Hit> {
+pub fn enter<L: Lanes>(tree: &Tree, ray: &Ray) -> Root {
+    BoxTest::<L>::new(ray).root(tree, ray)
+}
+
+/// The closest hit, or the first that is found if `ANY`. Of hits at the same distance the lowest primitive wins. The first node may
+/// have been tested before.
+#[inline(always)]
+pub fn traverse<L: Lanes, const ANY: bool>(
+    tree: &Tree,
+    ray: &Ray,
+    root: Option<&Root>,
+    skip: &[PrimId],
+) -> Option<Hit> {
     let boxes = BoxTest::<L>::new(ray);
+    let root = match root {
+        Some(root) => *root,
+        None => boxes.root(tree, ray),
+    };
+    if root.hits == 0 {
+        return None;
+    }
     let triangles = TriangleTest::<L>::new(ray);
     // No primitive is lower than 0: at `t_max` itself nothing counts.
     let mut best = Hit { t: ray.t_max, prim: 0, b: [0.0; 3] };
     let mut found = false;
     let mut limit = later(best.t);
     let mut stack = Stack::new();
-    let mut current = Child(0);
+    let mut current = stack.push::<ANY>(&tree.nodes[0], &root.near, root.hits);
     loop {
         if let Some(index) = current.node() {
             let node = &tree.nodes[index];
@@ -107,6 +134,12 @@ impl<L: Lanes> BoxTest<L> {
         }
     }
 
+    #[inline(always)]
+    fn root(&self, tree: &Tree, ray: &Ray) -> Root {
+        let (near, hits) = self.hits(&tree.nodes[0], L::splat(later(ray.t_max)));
+        Root { near, hits }
+    }
+
     /// Where the ray enters the boxes, and which of them it hits before `limit`.
     #[inline(always)]
     fn hits(&self, node: &Node, limit: L) -> ([f32; WIDTH], u32) {
@@ -167,9 +200,6 @@ impl<L: Lanes> TriangleTest<L> {
         let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
         let zero = L::splat(0.0);
         let inside = zero.less_or_equal(u.min(v).min(w)) | u.max(v).max(w).less_or_equal(zero);
-        if inside == 0 {
-            return None;
-        }
         let det = u + v + w;
         let inv = L::splat(1.0) / det;
         let (u, v, w) = (u * inv, v * inv, w * inv);
@@ -209,7 +239,8 @@ fn edge<L: Lanes>(p: [L; 3], q: [L; 3]) -> L {
 #[repr(align(64))]
 struct Stack {
     len: usize,
-    keys: [u64; Stack::ROOM],
+    /// Those before `len` have been written.
+    keys: [MaybeUninit<u64>; Stack::ROOM],
     /// The bottom of the stack if it is higher than the room.
     spilled: Vec<u64>,
 }
@@ -226,7 +257,7 @@ impl Stack {
 
     #[inline(always)]
     fn new() -> Stack {
-        Stack { len: 0, keys: [0; Stack::ROOM], spilled: Vec::new() }
+        Stack { len: 0, keys: [MaybeUninit::uninit(); Stack::ROOM], spilled: Vec::new() }
     }
 
     /// Pushes the children that are hit, the closest last, but returns that one instead. The order of the others does not matter
@@ -247,21 +278,29 @@ impl Stack {
             let mut place = self.len;
             self.len += 1;
             if !ANY {
-                while place > base && self.keys[place - 1] < farther {
+                while place > base && self.key(place - 1) < farther {
                     self.keys[place] = self.keys[place - 1];
                     place -= 1;
                 }
             }
-            self.keys[place] = farther;
+            self.keys[place].write(farther);
         }
         Child(closest as u32)
     }
 
     #[inline(always)]
+    fn key(&self, place: usize) -> u64 {
+        debug_assert!(place < self.len);
+        // SAFETY: see `keys`.
+        unsafe { self.keys[place % Stack::ROOM].assume_init() }
+    }
+
+    #[inline(always)]
     fn pop(&mut self) -> Option<(Child, f32)> {
         let key = if self.len > 0 {
+            let key = self.key(self.len - 1);
             self.len -= 1;
-            self.keys[self.len % Stack::ROOM]
+            key
         } else {
             self.spilled.pop()?
         };
@@ -270,7 +309,9 @@ impl Stack {
 
     #[cold]
     fn spill(&mut self) {
-        self.spilled.extend_from_slice(&self.keys[..self.len]);
+        for place in 0..self.len {
+            self.spilled.push(self.key(place));
+        }
         self.len = 0;
     }
 }
