@@ -11,7 +11,7 @@ bench() { cargo bench --quiet --bench efficiency -- "$@"; }
 if [ "${1:-}" != --page ]; then
     mkdir -p $work
     bench --export $work/scenes
-    bench --json --seeds 32 | tee $work/dscene.jsonl
+    bench --json --precise | tee $work/dscene.jsonl
     "$python" docs/peers/mitsuba_efficiency.py $work/scenes | tee $work/mitsuba.jsonl
     bench --scaling | tee $work/scaling.txt
 fi

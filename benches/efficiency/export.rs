@@ -36,7 +36,7 @@ pub fn export(cases: &[&Case], folder: &Path, references: &References) -> std::i
     for (i, case) in cases.iter().enumerate() {
         let name = format!("{i:02}");
         // Two seeds: the loss is what other renderers are compared with before anything else.
-        let row = measure::row(case, 2, references);
+        let row = measure::row(case, 2, false, references);
         let mut words = Words::default();
         let object = describe(case, &row, &mut words);
         std::fs::write(folder.join(format!("{name}.json")), serde_json::to_string_pretty(&object)?)?;

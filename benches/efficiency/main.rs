@@ -3,7 +3,7 @@
 //!
 //! ```text
 //! cargo bench --bench efficiency                            the table, 16 seeds
-//!     -- --scene TEXT --seeds N --quick --no-fd --json
+//!     -- --scene TEXT --seeds N --precise --quick --no-fd --json
 //! cargo bench --bench efficiency -- --fd [--budget SECONDS]  renews docs/efficiency_references.json
 //! cargo bench --bench efficiency -- --export FOLDER          the scenes, for other renderers
 //! cargo bench --bench efficiency -- --table OURS PEER        two outputs of --json as one page
@@ -31,6 +31,8 @@ struct Args {
     scene: Option<String>,
     seeds: Option<u64>,
     quick: bool,
+    /// More seeds where noise asks for them.
+    precise: bool,
     no_fd: bool,
     json: bool,
     fd: bool,
@@ -53,6 +55,7 @@ fn parse() -> Result<Args, String> {
             "--export" => args.export = Some(next()?.into()),
             "--table" => args.table = Some((next()?.into(), next()?.into())),
             "--scaling-row" => args.scaling_row = Some(next()?),
+            "--precise" => args.precise = true,
             "--quick" => args.quick = true,
             "--no-fd" => args.no_fd = true,
             "--json" => args.json = true,
@@ -95,7 +98,7 @@ fn run(args: &Args) -> std::io::Result<()> {
     let mut references = if args.no_fd { References::new() } else { measure::read_references()? };
     if args.fd {
         for case in cases.iter().filter(|case| case.exact.is_none()) {
-            let reference = measure::reference(case, args.budget.unwrap_or(20.0));
+            let reference = measure::reference(case, args.budget.unwrap_or(60.0));
             println!("{:60} {:12.5e} ± {:.2e}  {}", case.id(), reference.value, reference.error, reference.how);
             references.insert(case.id(), reference);
             measure::write_references(&references)?;
@@ -110,7 +113,7 @@ fn run(args: &Args) -> std::io::Result<()> {
         println!("{}", report::HEADER);
     }
     for case in cases {
-        let row = measure::row(case, seeds, &references);
+        let row = measure::row(case, seeds, args.precise, &references);
         if args.json { println!("{}", serde_json::to_string(&row)?) } else { println!("{}", report::line(&row)) }
     }
     if args.scene.as_deref().is_none_or(|text| text.contains("forward")) {

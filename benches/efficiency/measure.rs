@@ -18,6 +18,12 @@ use crate::scenes::{self, Case, Ramp, SIZE};
 const TANGENT_STEP: f32 = 0.01;
 /// Samples a pixel of one finite difference, of each of its four images.
 const REFERENCE_SPP: u32 = 16;
+/// Standard error over the value at which no more seeds are drawn.
+const ENOUGH: f64 = 0.005;
+/// CPU seconds that a gradient's seeds may take where they are noisier than that, and those that they take in any case: rare
+/// events are to be seen.
+const PATIENCE: f64 = 90.0;
+const DILIGENCE: f64 = 4.0;
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {
@@ -57,6 +63,12 @@ impl Row {
         self.reference.as_ref().map(|r| z_score(self.value, self.error(), r.value, r.error))
     }
 
+    /// Combined standard error of the difference from the reference, over the derivative's size.
+    pub fn combined_error(&self) -> Option<f64> {
+        let reference = self.reference.as_ref().filter(|r| r.value != 0.0)?;
+        Some(self.error().hypot(reference.error) / reference.value.abs())
+    }
+
     /// Standard deviation of one gradient over the derivative's size; `None` if that is zero.
     pub fn relative_std(&self) -> Option<f64> {
         let size = self.reference.as_ref().map_or(self.value, |r| r.value).abs();
@@ -92,7 +104,8 @@ fn settings(case: &Case, spp: u32, seed: u64) -> Settings {
     Settings { output: case.output, spp, max_bounces: case.bounces, seed, boundary: true }
 }
 
-pub fn row(case: &Case, seeds: u64, references: &References) -> Row {
+/// `seeds` gradients, or more if the derivative is to be precise.
+pub fn row(case: &Case, seeds: u64, precise: bool, references: &References) -> Row {
     let (description, camera) = (case.build)(0.0);
     let w = weights(case);
     let velocities = velocities(case);
@@ -101,7 +114,14 @@ pub fn row(case: &Case, seeds: u64, references: &References) -> Row {
     let (mut loss, mut value) = (Moments::default(), Moments::default());
     let (mut primal_cpu, mut cpu, mut wall) = (0.0, 0.0, 0.0);
     // The first evaluation warms caches and allocators and is not counted.
-    for seed in 0..=seeds {
+    let enough = |value: &Moments, cpu: f64| {
+        let noisy = || value.std_error()[0] > ENOUGH * value.mean()[0].abs();
+        value.count() >= seeds && !(precise && (cpu < DILIGENCE || cpu < PATIENCE && noisy()))
+    };
+    for seed in 0.. {
+        if enough(&value, cpu) {
+            break;
+        }
         let settings = settings(case, case.spp, 1000 + seed);
         let watch = Stopwatch::start();
         let image = render(&scene, &camera, &settings).expect("the camera is sound");
@@ -118,6 +138,7 @@ pub fn row(case: &Case, seeds: u64, references: &References) -> Row {
             wall += gradient.wall;
         }
     }
+    let seeds = value.count();
     let n = seeds as f64;
     let exact = case.exact.as_ref().map(|f| Reference { value: derivative(f), error: 0.0, how: "closed form".into() });
     Row {
@@ -138,7 +159,7 @@ pub fn row(case: &Case, seeds: u64, references: &References) -> Row {
 }
 
 /// Central differences with common random numbers at steps h and 2h, extrapolated to zero (Richardson), over as many
-/// seeds as fit into `budget` CPU seconds; at least 8.
+/// seeds as it takes to be precise, or as fit into `budget` CPU seconds; at least 16.
 pub fn reference(case: &Case, budget: f64) -> Reference {
     let w = weights(case);
     let spp = REFERENCE_SPP * case.effort;
@@ -148,7 +169,8 @@ pub fn reference(case: &Case, budget: f64) -> Reference {
         .into();
     let watch = Stopwatch::start();
     let mut value = Moments::default();
-    while value.count() < 8 || watch.elapsed().cpu < budget * f64::from(case.effort) {
+    let precise = |value: &Moments| value.std_error()[0] <= ENOUGH * value.mean()[0].abs();
+    while value.count() < 16 || watch.elapsed().cpu < budget * f64::from(case.effort) && !precise(&value) {
         let settings = settings(case, spp, 770_000 + value.count());
         let losses: Vec<f64> = built
             .iter()

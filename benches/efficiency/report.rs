@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use crate::measure::{Forward, Reference, Row};
 
-pub const HEADER: &str = "scene / parameter                                              value    reference      z  \
+pub const HEADER: &str = "scene / parameter                                              value    reference      z    error  \
                           rel. std   CPU s  primal  1/(var·CPU s)";
 
 fn or_dash(x: Option<f64>, show: impl Fn(f64) -> String) -> String {
@@ -22,9 +22,10 @@ pub fn line(row: &Row) -> String {
     let name = format!("{} / {}", row.scene, row.param);
     let reference = or_dash(row.reference.as_ref().map(|r| r.value), |x| format!("{x:.4e}"));
     let z = or_dash(row.z(), |z| format!("{z:.1}"));
+    let error = or_dash(row.combined_error(), percent);
     let relative = or_dash(row.relative_std(), percent);
     format!(
-        "{name:55} {:>12.4e} {reference:>12} {z:>6} {relative:>9} {:>7.3} {:>7.3} {:>14.3e}",
+        "{name:55} {:>12.4e} {reference:>12} {z:>6} {error:>8} {relative:>9} {:>7.3} {:>7.3} {:>14.3e}",
         row.value,
         row.cpu_seconds,
         row.primal_cpu_seconds,
@@ -83,18 +84,19 @@ pub fn side_by_side(ours: &Path, peer: &Path) -> std::io::Result<()> {
     let peer: BTreeMap<(&str, &str), &PeerRow> =
         peer.iter().map(|row| ((row.scene.as_str(), row.param.as_str()), row)).collect();
     println!(
-        "| scene | parameter | value | z | rel. std | CPU s | 1/(var·CPU s) | Mitsuba: setting | z | rel. std | CPU s | 1/(var·CPU s) | ratio |"
+        "| scene | parameter | value | z | error | rel. std | CPU s | 1/(var·CPU s) | Mitsuba: setting | z | rel. std | CPU s | 1/(var·CPU s) | ratio |"
     );
-    println!("|---|---|--:|--:|--:|--:|--:|---|--:|--:|--:|--:|--:|");
+    println!("|---|---|--:|--:|--:|--:|--:|--:|---|--:|--:|--:|--:|--:|");
     // By class: ratios, and how many of them are to derivatives that are wrong.
     let mut ratios: BTreeMap<&str, (Vec<f64>, usize)> = BTreeMap::new();
     for row in &rows {
         let ours = format!(
-            "| {} | {} | {:.3e} | {} | {} | {:.3} | {:.2e} |",
+            "| {} | {} | {:.3e} | {} | {} | {} | {:.3} | {:.2e} |",
             row.scene,
             row.param,
             row.value,
             or_dash(row.z(), |z| format!("{z:.1}")),
+            or_dash(row.combined_error(), percent),
             or_dash(row.relative_std(), percent),
             row.cpu_seconds,
             row.efficiency()

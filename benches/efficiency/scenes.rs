@@ -276,7 +276,7 @@ fn roof_and_channels(cases: &mut Vec<Case>) {
     let shape = blob(1.0, 6);
     cases.push(Case {
         output: Output::Normal,
-        step: 0.01,
+        step: 0.03,
         ..Case::new(Kind::Special, "06 blob of 82k triangles, normals", "rotation", move |t| {
             let mut b = Builder::default();
             let turn = Mat3::from_axis_angle(vec3(1.0, 2.0, 0.5).normalize(), t);
@@ -349,7 +349,7 @@ fn blockers(cases: &mut Vec<Case>) {
     let light_x: fn(f32, &mut Shadow) = |t, s| s.lights[0].0.x += t;
     let light_y: fn(f32, &mut Shadow) = |t, s| s.lights[0].0.y += t;
     let small = Kind::SmallLight;
-    let step = 0.04;
+    let step = 0.08;
     for (kind, scene, base) in [
         (small, "07 shadow, light 0.2", Shadow::one(0.1)),
         (Kind::SoftShadow, "08 shadow, light 2", Shadow::one(1.0)),
@@ -416,7 +416,7 @@ fn environments(cases: &mut Vec<Case>) {
     for (param, ramp, slide, raise) in [("blocker x", Ramp::X, 1.0, 0.0), ("blocker y", Ramp::Y, 0.0, 1.0)] {
         cases.push(Case {
             ramp,
-            step: 0.03,
+            step: 0.06,
             effort: 2,
             ..Case::new(kind, "13 constant environment", param, move |t| {
                 let mut b = Builder::default();
@@ -435,7 +435,7 @@ fn environments(cases: &mut Vec<Case>) {
     for (param, slide, turn) in [("teapot x", 1.0, 0.0), ("sun's azimuth", 0.0, 1.0)] {
         let (teapot, sunny) = (teapot.clone(), sunny.clone());
         cases.push(Case {
-            step: 0.02,
+            step: 0.05,
             effort: 2,
             ..Case::new(kind, "14 sun, sky and teapot", param, move |t| {
                 let mut b = Builder::default();
@@ -572,9 +572,9 @@ fn cornell_box(cases: &mut Vec<Case>) {
     let power: fn(f32) -> Cornell = |t| Cornell { light: t, ..Cornell::default() };
     for (bounces, scene) in [(1, "17 Cornell box, 1 bounce"), (4, "17 Cornell box, 4 bounces")] {
         for (kind, param, step, change) in [
-            (Kind::Cornell, "small box x", 0.02, small),
-            (Kind::Cornell, "tall box turned", 0.03, tall),
-            (Kind::Cornell, "light y", 0.03, light),
+            (Kind::Cornell, "small box x", 0.03, small),
+            (Kind::Cornell, "tall box turned", 0.08, tall),
+            (Kind::Cornell, "light y", 0.05, light),
             (Kind::Material, "floor albedo", 0.03, floor),
             (Kind::Material, "light radiance", 0.1, power),
         ] {
@@ -697,7 +697,7 @@ fn textures(cases: &mut Vec<Case>) {
 fn seams(cases: &mut Vec<Case>) {
     // A textured box whose triangles have vertices of their own, as files with texture coordinates have them.
     cases.push(Case {
-        step: 0.03,
+        step: 0.06,
         ..Case::new(Kind::Special, "21 uv seams", "textured box x", |t| {
             let mut b = Builder::default();
             let whole = cuboid(vec3(0.1 + t, 0.6, 0.2), Vec3::splat(0.5), 0.5);

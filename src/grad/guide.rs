@@ -15,6 +15,9 @@ use crate::render::sampler::Discrete;
 /// Share of the samples that does not listen to pilots.
 const DEFENSIVE: f64 = 0.25;
 
+/// Rows to either side from which a cell learns what it may have missed.
+const SURROUNDINGS: usize = 16;
+
 /// Pilots a cell, and the samples that one pilot serves.
 const PILOTS: usize = 4;
 const SAMPLES: usize = 8;
@@ -54,11 +57,18 @@ impl Guide {
                 pilot.into_sink().squares
             })
             .collect();
-        // Neighbours share what they found: pilots are few.
+        let mut sums = vec![0.0];
+        for row in moments.chunks_exact(columns) {
+            sums.push(sums[sums.len() - 1] + row.iter().sum::<f64>() / columns as f64);
+        }
+        // Neighbours share what they found: pilots are few. And where they found nothing there may be what is rare, so that each
+        // cell counts the mean of its surroundings as one cell more.
         let smooth = |row: usize, column: usize| {
             let near = row.saturating_sub(1)..(row + 2).min(rows);
-            let count = near.len() as f64;
-            (near.map(|r| moments[r * columns + column]).sum::<f64>() / count).sqrt()
+            let around = row.saturating_sub(SURROUNDINGS)..(row + SURROUNDINGS + 1).min(rows);
+            let count = near.len() as f64 + 1.0;
+            let mean = (sums[around.end] - sums[around.start]).max(0.0) / around.len() as f64;
+            ((near.map(|r| moments[r * columns + column]).sum::<f64>() + mean) / count).sqrt()
         };
         let strengths: Vec<f64> = (0..rows * columns).map(|cell| smooth(cell / columns, cell % columns)).collect();
         let mean = strengths.iter().sum::<f64>() / strengths.len().max(1) as f64;
