@@ -140,7 +140,7 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
             walk.connect(scene, light, &shadow, None, options, rec);
         }
         let Some(turn) = walk.turn(bounce, &Draw::new(sampler), sampler, options) else { break };
-        let (hit, through) = seek(scene, &walk.si.spawn_ray(turn.dir), None, &[walk.si.prim], sampler, options, rec);
+        let (hit, through) = seek(scene, &turn.ray, None, &[walk.si.prim], sampler, options, rec);
         if !walk.arrive(scene, &turn, hit, &through, options, rec) {
             break;
         }
@@ -149,7 +149,7 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
 }
 
 /// Paths that go side by side in [`trace_all`].
-pub const BATCH: usize = 16;
+pub const BATCH: usize = 32;
 
 /// [`trace`] of up to [`BATCH`] rays that nobody watches. All take one step before any takes the next: the steps of one path wait for
 /// each other, those of different paths need not.
@@ -213,7 +213,7 @@ pub fn trace_all(
         for &i in &pending[..lit] {
             let i = i as usize % BATCH;
             let Some(shadow) = &shadows[i] else { continue };
-            roots[i] = scene.accel.enter(&walks[i].shadow_ray(shadow));
+            roots[i] = scene.accel.enter(&shadow.ray);
         }
         for &i in &pending[..lit] {
             let i = i as usize % BATCH;
@@ -231,14 +231,13 @@ pub fn trace_all(
         for &i in &alive[..count] {
             let i = i as usize % BATCH;
             let Some(turn) = &turns[i] else { continue };
-            roots[i] = scene.accel.enter(&walks[i].si.spawn_ray(turn.dir));
+            roots[i] = scene.accel.enter(&turn.ray);
         }
         for &i in &alive[..count] {
             let i = i as usize % BATCH;
             let Some(turn) = &turns[i] else { continue };
-            let si = &walks[i].si;
-            let ray = si.spawn_ray(turn.dir);
-            hits[i] = seek(scene, &ray, Some(&roots[i]), &[si.prim], &mut samplers[i], options, rec);
+            let skip = [walks[i].si.prim];
+            hits[i] = seek(scene, &turn.ray, Some(&roots[i]), &skip, &mut samplers[i], options, rec);
         }
         let mut left = 0;
         for k in 0..count {
@@ -332,6 +331,7 @@ struct Walk {
 /// A connection that has yet to be tested.
 #[derive(Clone, Copy)]
 struct Shadow {
+    ray: Ray,
     arrival: Arrival,
     /// As in [`Connection`].
     weight: f32,
@@ -341,7 +341,7 @@ struct Shadow {
 /// Where a path goes on.
 #[derive(Clone, Copy)]
 struct Turn {
-    dir: Vec3,
+    ray: Ray,
     pdf: f32,
     /// As in [`Continuation`].
     inv_pdf: f32,
@@ -404,7 +404,8 @@ impl Walk {
         }
         // The balance heuristic over the light's density, with the BSDF's in the same measure.
         let other = if light.is_delta() { 0.0 } else { si.pdf(arrival.dir) * arrival.geometry };
-        Some(Shadow { arrival, weight: 1.0 / (light.pdf + other), f })
+        let ray = si.spawn_ray_to(arrival.dir, arrival.distance);
+        Some(Shadow { ray, arrival, weight: 1.0 / (light.pdf + other), f })
     }
 
     /// Chooses where the path goes on.
@@ -439,12 +440,7 @@ impl Walk {
             }
             inv_pdf /= survival;
         }
-        Some(Turn { dir, pdf: sample.pdf, inv_pdf, f, delta, attached })
-    }
-
-    #[inline(always)]
-    fn shadow_ray(&self, shadow: &Shadow) -> Ray {
-        self.si.spawn_ray_to(shadow.arrival.dir, shadow.arrival.distance)
+        Some(Turn { ray: si.spawn_ray(dir), pdf: sample.pdf, inv_pdf, f, delta, attached })
     }
 
     /// Takes the light of a connection, as far as it is visible.
@@ -458,8 +454,7 @@ impl Walk {
         options: &Options,
         rec: &mut impl Recorder,
     ) {
-        let Shadow { arrival: Arrival { dir, distance, geometry }, weight, f } = *shadow;
-        let ray = self.shadow_ray(shadow);
+        let Shadow { ray, arrival: Arrival { dir, distance, geometry }, weight, f } = *shadow;
         let skip = [self.si.prim, light.prim];
         rec.line();
         let Some(transmittance) = scene.let_through(&ray, root, &skip, options.toss, |c| rec.cross(&c)) else { return };
@@ -478,7 +473,8 @@ impl Walk {
         options: &Options,
         rec: &mut impl Recorder,
     ) -> bool {
-        let Turn { dir, pdf, inv_pdf, f, delta, attached } = *turn;
+        let Turn { ray, pdf, inv_pdf, f, delta, attached } = *turn;
+        let dir = ray.dir;
         let mut continuation = Continuation {
             dir,
             inv_pdf,
