@@ -1,7 +1,8 @@
 //! The path tracer: next-event estimation and BSDF sampling, combined with the balance heuristic.
 //!
-//! One function walks a path, for the primal and for derivatives alike: a [`Recorder`] is told each vertex and each light
-//! connection with the numbers that were used, so that the derivative code re-uses exactly this transport.
+//! The steps of a path are written once, for one path and for many side by side, for the primal and for derivatives alike: a
+//! [`Recorder`] is told each vertex and each light connection with the numbers that were used, so that the derivative code
+//! re-uses exactly this transport.
 
 use glam::Vec3;
 
@@ -151,8 +152,8 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
 /// Paths that go side by side in [`trace_all`].
 pub const BATCH: usize = 32;
 
-/// [`trace`] of up to [`BATCH`] rays that nobody watches. All take one step before any takes the next: the steps of one path wait for
-/// each other, those of different paths need not.
+/// [`trace`] of up to [`BATCH`] rays that nobody watches. All take one step before any takes the next: the steps of one path
+/// wait for each other, those of different paths need not.
 #[inline(always)]
 pub fn trace_all(
     scene: &Scene,
