@@ -134,6 +134,9 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
     };
     let mut light = None;
     for bounce in 0..options.max_bounces {
+        if walk.si.bsdf.is_black() {
+            break; // the next random number is the caller's
+        }
         walk.light(scene, sampler, options, &mut light);
         if let Some(light) = &light
             && let Some(shadow) = walk.shadow(light, options)
