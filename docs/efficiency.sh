@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
-# Measures this renderer and Mitsuba 3 on the same scenes, one after the other, and writes docs/efficiency.md.
+# Measures this renderer and Mitsuba 3 on the same scenes, one after the other, and writes docs/efficiency_table.md.
 #   docs/efficiency.sh            everything; PYTHON=… chooses the Python that has mitsuba
+#                                 PEER_ARGUMENTS=… passes arguments to docs/peers/mitsuba_efficiency.py (--patience, --seconds)
 #   docs/efficiency.sh --page     only the page, from the last measurements in target/efficiency
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -12,23 +13,24 @@ if [ "${1:-}" != --page ]; then
     mkdir -p $work
     bench --export $work/scenes
     bench --json --precise | tee $work/dscene.jsonl
-    "$python" docs/peers/mitsuba_efficiency.py $work/scenes | tee $work/mitsuba.jsonl
+    "$python" docs/peers/mitsuba_efficiency.py $work/scenes ${PEER_ARGUMENTS:-} | tee $work/mitsuba.jsonl
     bench --scaling | tee $work/scaling.txt
 fi
 
 {
     cat <<'END'
-# Derivatives: what they cost, what others pay
+# One run of both programs
 
-Written by `docs/efficiency.sh`. Each row is the derivative of one linear loss (the mean of image × ramp) in one parameter, 256 × 256
-pixels, box filter. *z*: distance from a closed form or from central differences with common random numbers
-(`docs/efficiency_references.json`), in combined standard errors. *rel. std*: standard deviation of a single gradient over the
-derivative. *CPU s*: CPU seconds of a single gradient, all threads, warm. Higher 1/(variance × CPU seconds) is better; *ratio* is ours
-over Mitsuba's. Mitsuba runs `direct_projective`, `prb_projective` or (where no geometry moves) `prb` with no guiding, a grid and an
-octree at two sample counts, kernels warm; the table shows its best. Both programs render the same exported arrays; where their
-losses differ by more than 1 % it says so. A ratio marked "biased" says little: Mitsuba converges there, but to another number (more than
-4 standard errors and 5 % from the reference). Its default octree settings take minutes a gradient on a CPU and are only run by
-`docs/peers/mitsuba_efficiency.py --default`.
+Written by `docs/efficiency.sh`; `docs/efficiency.md` says what follows from it. Each row is the derivative of one linear loss (the mean
+of image × ramp) in one parameter, 256 × 256 pixels, box filter. *z*: distance from a closed form or from central differences with common
+random numbers (`docs/efficiency_references.json`), in combined standard errors; *error*: that combined error over the derivative.
+*rel. std*: standard deviation of a single gradient over the derivative. *CPU s*: CPU seconds of a single gradient, all threads, warm.
+Higher 1/(variance × CPU seconds) is better; *ratio* is ours over Mitsuba's. Mitsuba runs `direct_projective`, `prb_projective` or (where
+no geometry moves) `prb` with no guiding, a grid and an octree at two sample counts, kernels warm; the table shows the best of those that
+agree with the reference, or of all if none does. Both programs render the same exported arrays; where their losses differ by more than
+1 % it says so. A ratio marked "biased" says little: Mitsuba converges there, but to another number (more than 4 standard errors and 5 %
+from the reference). Its default octree settings take minutes a gradient on a CPU and are only run by `docs/peers/mitsuba_efficiency.py
+--default`.
 
 END
     echo "* $(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1), $(nproc) threads; $(uname -sm); $(date -u +%Y-%m-%d)"
@@ -39,4 +41,4 @@ END
     printf '\n## Growth\n\nOne gradient step at 256 × 256, 4 samples a pixel, direct light; `numbers` is the length of the derivative.\n\n```text\n'
     cat $work/scaling.txt
     echo '```'
-} >docs/efficiency.md
+} >docs/efficiency_table.md

@@ -281,8 +281,10 @@ def measure(path, a):
         return {"value": float(values.mean()), "std": std, "seeds": len(values), "cpu_seconds": cpu,
                 "cost": std * std * cpu, "nonfinite": int((~np.isfinite(values)).sum())}
 
-    tried = []
+    tried, begun = [], time.perf_counter()
     for name, integrator, attributes, spp in (default_settings(c) if a.default else settings(c)):
+        if tried and time.perf_counter() - begun > a.patience:
+            break
         integrator = mi.load_dict(integrator)
         for k, v in attributes.items():
             assert hasattr(integrator, k), k
@@ -332,6 +334,7 @@ def main():
     p.add_argument("--seeds", type=int, default=16)
     p.add_argument("--pilot", type=int, default=4, help="seeds with which every setting is tried")
     p.add_argument("--seconds", type=float, default=30, help="wall time after which no more seeds are drawn")
+    p.add_argument("--patience", type=float, default=300, help="wall time after which no further setting of a case is tried")
     p.add_argument("--timeout", type=int, default=900, help="seconds for one case")
     p.add_argument("--default", action="store_true", help="the default guiding only (minutes a gradient)")
     p.add_argument("--primal", action="store_true", help="only compare the losses")
