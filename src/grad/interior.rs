@@ -269,9 +269,11 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, distributions
             d_opacity(out, si, d_weight * through.pass * through.inv_choice, &mut adj);
             let d_pass = d_weight * through.opacity * through.inv_choice;
             ray = d_masks(out, -si.wi, path.crossings(v.incoming), d_pass);
-            ray = ray + slide(out, si, v.t, adj);
         } else {
-            ray = slide(out, si, v.t, adj);
+            ray = RayAdjoint::default();
+        }
+        if !out.layout.still {
+            ray = ray + slide(out, si, v.t, adj);
         }
         reflected = out_going;
     }
@@ -373,7 +375,9 @@ impl<'a> Interior<'a> {
             } else {
                 sweep(out, path, d, self.distributions_fixed)
             };
-            camera.d_ray(position, ray_adjoint.origin, ray_adjoint.dir, &mut out.camera);
+            if !out.layout.still {
+                camera.d_ray(position, ray_adjoint.origin, ray_adjoint.dir, &mut out.camera);
+            }
         });
     }
 }

@@ -30,6 +30,8 @@ pub struct Layout {
     camera_frame: u32,
     camera_scale: u32,
     camera_lens: u32,
+    /// Nothing asked for moves or turns anything: paths stay where they are.
+    pub still: bool,
 }
 
 impl Layout {
@@ -52,6 +54,9 @@ impl Layout {
             camera_frame: NONE,
             camera_scale: NONE,
             camera_lens: NONE,
+            still: !slots
+                .iter()
+                .any(|s| s.moves_visibility() || matches!(s, Slot::Normals(_) | Slot::ClosingNormals(_))),
         };
         let mut start = 0;
         for slot in slots {
@@ -395,11 +400,17 @@ impl<'a, S: Sink> Adjoints<'a, S> {
             self.add3(start, 0, d);
             return Vec3::ZERO;
         }
+        if start == NONE && self.layout.still {
+            return Vec3::ZERO;
+        }
         let local = e.rotation.transpose() * dir;
         let footprint = texture.environment_footprint(environment_uv(local));
         if start != NONE {
             let sink = &mut self.sink;
             texture.scatter_footprint(&footprint, d, |i, v| sink.add(start as usize + i, v));
+        }
+        if self.layout.still {
+            return Vec3::ZERO;
         }
         let [du, dv] = texture.uv_gradient(&footprint);
         let d_local = d_environment_uv(local, Vec2::new(du.dot(d), dv.dot(d)));
