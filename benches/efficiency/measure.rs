@@ -18,6 +18,8 @@ use crate::scenes::{self, Case, Ramp, SIZE};
 const TANGENT_STEP: f32 = 0.01;
 /// Samples a pixel of one finite difference, of each of its four images.
 const REFERENCE_SPP: u32 = 16;
+/// What single precision leaves of a derivative without noise, over its size.
+const ROUNDING: f64 = 1e-6;
 /// Standard error over the value at which no more seeds are drawn.
 const ENOUGH: f64 = 0.005;
 /// CPU seconds that a gradient's seeds may take where they are noisier than that, and those that they take in any case: rare
@@ -55,8 +57,9 @@ pub struct Reference {
 pub type References = BTreeMap<String, Reference>;
 
 impl Row {
+    /// Standard error of the mean, rounding included.
     pub fn error(&self) -> f64 {
-        self.std / (self.seeds as f64).sqrt()
+        (self.std / (self.seeds as f64).sqrt()).hypot(ROUNDING * self.value)
     }
 
     pub fn z(&self) -> Option<f64> {
