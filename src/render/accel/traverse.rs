@@ -3,7 +3,6 @@
 //! Every operation on lanes is a single one of IEEE 754 (no fused multiply-add), in the same order everywhere: all instruction
 //! sets return the same bits.
 
-use std::mem::MaybeUninit;
 use std::ops::{Add, Div, Mul, Sub};
 
 use super::tree::{Block, Child, Node, Tree, WIDTH};
@@ -239,8 +238,7 @@ fn edge<L: Lanes>(p: [L; 3], q: [L; 3]) -> L {
 #[repr(align(64))]
 struct Stack {
     len: usize,
-    /// Those before `len` have been written.
-    keys: [MaybeUninit<u64>; Stack::ROOM],
+    keys: [u64; Stack::ROOM],
     /// The bottom of the stack if it is higher than the room.
     spilled: Vec<u64>,
 }
@@ -257,7 +255,7 @@ impl Stack {
 
     #[inline(always)]
     fn new() -> Stack {
-        Stack { len: 0, keys: [MaybeUninit::uninit(); Stack::ROOM], spilled: Vec::new() }
+        Stack { len: 0, keys: [0; Stack::ROOM], spilled: Vec::new() }
     }
 
     /// Pushes the children that are hit, the closest last, but returns that one instead. The order of the others does not matter
@@ -278,29 +276,21 @@ impl Stack {
             let mut place = self.len;
             self.len += 1;
             if !ANY {
-                while place > base && self.key(place - 1) < farther {
+                while place > base && self.keys[place - 1] < farther {
                     self.keys[place] = self.keys[place - 1];
                     place -= 1;
                 }
             }
-            self.keys[place].write(farther);
+            self.keys[place] = farther;
         }
         Child(closest as u32)
     }
 
     #[inline(always)]
-    fn key(&self, place: usize) -> u64 {
-        debug_assert!(place < self.len);
-        // SAFETY: see `keys`.
-        unsafe { self.keys[place % Stack::ROOM].assume_init() }
-    }
-
-    #[inline(always)]
     fn pop(&mut self) -> Option<(Child, f32)> {
         let key = if self.len > 0 {
-            let key = self.key(self.len - 1);
             self.len -= 1;
-            key
+            self.keys[self.len % Stack::ROOM]
         } else {
             self.spilled.pop()?
         };
@@ -309,9 +299,7 @@ impl Stack {
 
     #[cold]
     fn spill(&mut self) {
-        for place in 0..self.len {
-            self.spilled.push(self.key(place));
-        }
+        self.spilled.extend_from_slice(&self.keys[..self.len]);
         self.len = 0;
     }
 }
