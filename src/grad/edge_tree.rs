@@ -66,11 +66,11 @@ struct Node {
 /// Where light may come from at a shading point, or go to from a light.
 pub struct Query {
     prim: PrimId,
+    /// The point, or the unit vector towards it if it is infinitely far away.
     p: Vec3,
+    distant: bool,
     /// Unit normal of the horizon; zero without one.
     ng: Vec3,
-    /// Sine of the angle by which the directions to edges may be off.
-    slack: f32,
     /// How much the cosine lobe counts, and the glossy one with its own.
     diffuse: f32,
     glossy: Option<(Lobe, f32)>,
@@ -96,19 +96,15 @@ impl Query {
         let glossy = lobe.map(|lobe| (lobe, specular * lobe.albedo)).filter(|g| g.1 > 0.0);
         let diffuse = diffuse.max(glossy.map_or(1.0, |g| DEFENSIVE * g.1));
         let sees_emission = si.bsdf.is_attached();
-        Query { prim: si.prim, p: si.p, ng: si.ng, slack: SLACK, diffuse, glossy, sees_emission, contours_only: false }
+        Query { prim: si.prim, ng: si.ng, diffuse, glossy, sees_emission, ..Query::around(si.p) }
     }
 
-    /// What a point of a light shines on; a distant light is moved near enough for a point.
-    pub fn from_light(light: &LightSample, scene: &Scene) -> Query {
-        const FAR: f32 = 1e4;
-        let (p, ng, slack) = match light.kind {
-            LightKind::Area if !light.two_sided => (light.y, light.n, SLACK),
-            LightKind::Area | LightKind::Point(_) => (light.y, Vec3::ZERO, SLACK),
-            // All of the scene lies within two radii of any of its points.
-            _ => (scene.anchor() + light.y * (FAR * scene.radius), Vec3::ZERO, 4.0 / FAR),
-        };
-        Query { prim: light.prim, p, ng, slack, diffuse: 1.0, glossy: None, sees_emission: false, contours_only: true }
+    /// What a point of a light shines on.
+    pub fn from_light(light: &LightSample) -> Query {
+        let distant = !matches!(light.kind, LightKind::Area | LightKind::Point(_));
+        let ng = if light.kind == LightKind::Area && !light.two_sided { light.n } else { Vec3::ZERO };
+        let around = Query { sees_emission: false, contours_only: true, ..Query::around(light.y) };
+        Query { prim: light.prim, distant, ng, ..around }
     }
 
     /// What is around a point of a curved mirror.
@@ -116,13 +112,18 @@ impl Query {
         Query {
             prim: NO_PRIM,
             p,
+            distant: false,
             ng: Vec3::ZERO,
-            slack: SLACK,
             diffuse: 1.0,
             glossy: None,
             sees_emission: true,
             contours_only: false,
         }
+    }
+
+    /// The way to the point from `p`; of any length if it is infinitely far away.
+    fn seen_from(&self, p: Vec3) -> Vec3 {
+        if self.distant { self.p } else { self.p - p }
     }
 
     fn has_horizon(&self) -> bool {
@@ -135,11 +136,9 @@ impl Query {
             prim: NO_PRIM, // its own edges are no horizon in a mirror
             p: mirror.reflect_point(self.p),
             ng: mirror.reflect(self.ng),
-            slack: self.slack,
-            diffuse: self.diffuse,
             glossy: self.glossy.map(|(lobe, weight)| (lobe.reflected(|v| mirror.reflect(v)), weight)),
             sees_emission: true,
-            contours_only: false,
+            ..self
         }
     }
 }
@@ -212,6 +211,9 @@ impl Polar {
     fn new(query: &Query, p0: Vec3, p1: Vec3) -> Option<Polar> {
         let length = p0.distance(p1);
         let e = (p1 - p0) / length;
+        if query.distant {
+            return Polar::from_afar(e.cross(query.p).length(), length);
+        }
         let a = p0 - query.p;
         // Clip to the horizon of the geometric normal.
         let (h0, h1) = (query.ng.dot(a), query.ng.dot(p1 - query.p));
@@ -249,6 +251,16 @@ impl Polar {
             polar.transformed = transformed;
         }
         Some(polar)
+    }
+
+    /// An edge seen at an angle of some sine by who is so far away that all its points count alike.
+    fn from_afar(sine: f32, length: f32) -> Option<Polar> {
+        const DISTANCE: f32 = 100.0; // in lengths: the angle is linear, and nothing of the edge is lost to rounding
+        let (d, foot) = (DISTANCE * length, 0.5 * length);
+        let l = [-foot, foot];
+        let transformed = Transformed { scale: 1.0, d, l, foot };
+        let diffuse = sine * length;
+        (diffuse > 0.0).then_some(Polar { d, l, foot, length, diffuse, glossy: 0.0, transformed })
     }
 
     fn importance(&self) -> f32 {
@@ -403,7 +415,7 @@ impl EdgeTree {
         let count = self.order.len().div_ceil(LEAF).min(CANDIDATES);
         let mut picked: Option<(usize, Polar)> = None;
         let (mut total, mut u_pick) = (0.0, u_pick);
-        let mut ways: [f32; CANDIDATES] = std::array::from_fn(|i| (i as f32 + u_tree) / count as f32);
+        let mut ways: [f64; CANDIDATES] = std::array::from_fn(|i| (i as f64 + f64::from(u_tree)) / count as f64);
         self.descend(table, query, 0, 1.0, &mut ways[..count], &mut |Candidate { edge, polar, weight, .. }| {
             // Reservoir: keep the new one with probability weight / total.
             total += weight;
@@ -423,15 +435,15 @@ impl EdgeTree {
     }
 
     /// Whether someone at `q` from an edge's start may see it as a contour.
-    fn may_be_contour(&self, edge: usize, q: Vec3, slack: f32) -> bool {
+    fn may_be_contour(&self, edge: usize, q: Vec3) -> bool {
         let Some([a, b]) = self.faces[edge] else { return true };
         let (x, y) = (a.dot(q), b.dot(q));
-        let slack = slack * q.length();
+        let slack = SLACK * q.length();
         x.min(y) <= slack && x.max(y) >= -slack
     }
 
     /// [`EdgeTree::sample`] with a single candidate: a number chooses edge and point, and the density is one.
-    pub fn sample_one(&self, table: &EdgeTable, query: &Query, u: f32) -> Option<EdgePoint> {
+    pub fn sample_one(&self, table: &EdgeTable, query: &Query, u: f64) -> Option<EdgePoint> {
         let mut found = None;
         self.descend(table, query, 0, 1.0, &mut [u], &mut |c| found = Some(c));
         let c = found?;
@@ -448,7 +460,7 @@ impl EdgeTree {
         query: &Query,
         at: usize,
         probability: f32,
-        ways: &mut [f32],
+        ways: &mut [f64],
         found: &mut impl FnMut(Candidate),
     ) {
         let Some(node) = self.nodes.get(at) else { return };
@@ -462,13 +474,14 @@ impl EdgeTree {
             return;
         }
         let p = wa / sum;
-        let (left, right) = ways.split_at_mut(ways.partition_point(|&u| u < p));
+        let threshold = f64::from(p);
+        let (left, right) = ways.split_at_mut(ways.partition_point(|&u| u < threshold));
         if !left.is_empty() {
-            left.iter_mut().for_each(|u| *u /= p);
+            left.iter_mut().for_each(|u| *u /= threshold);
             self.descend(table, query, a, probability * p, left, found);
         }
         if !right.is_empty() {
-            right.iter_mut().for_each(|u| *u = ((*u - p) / (1.0 - p)).min(1.0 - f32::EPSILON));
+            right.iter_mut().for_each(|u| *u = ((*u - threshold) / (1.0 - threshold)).min(1.0 - f64::EPSILON));
             self.descend(table, query, b, probability * (1.0 - p), right, found);
         }
     }
@@ -480,7 +493,7 @@ impl EdgeTree {
         query: &Query,
         node: &Node,
         probability: f32,
-        ways: &[f32],
+        ways: &[f64],
         found: &mut impl FnMut(Candidate),
     ) {
         let range = node.start as usize..(node.start + node.count) as usize;
@@ -492,7 +505,7 @@ impl EdgeTree {
             let own = edge.faces.iter().any(|f| f.prim == query.prim);
             let useless = own || (query.contours_only && edge.crossing);
             let mut polar = if useless { None } else { Polar::new(query, edge.p[0], edge.p[1]) };
-            if !self.may_be_contour(e as usize, query.p - edge.p[0], query.slack) {
+            if !self.may_be_contour(e as usize, query.seen_from(edge.p[0])) {
                 let crease = self.crease[e as usize];
                 polar = polar.filter(|_| crease > 0.0 && !query.contours_only).map(|p| p.scaled(crease));
             }
@@ -507,11 +520,11 @@ impl EdgeTree {
             return;
         }
         for &u in ways {
-            let mut x = u * total;
+            let mut x = u * f64::from(total);
             let mut chosen = None;
             for (edge, polar) in candidates.iter().filter_map(|(e, p)| p.map(|p| (*e, p))) {
-                let importance = polar.importance();
-                let rest = (x / importance).clamp(0.0, 1.0 - f32::EPSILON);
+                let importance = f64::from(polar.importance());
+                let rest = ((x / importance) as f32).clamp(0.0, 1.0 - f32::EPSILON);
                 x -= importance;
                 chosen = Some(Candidate { edge, polar, weight, rest });
                 if x < 0.0 {
@@ -593,17 +606,18 @@ impl Node {
             return 0.0;
         }
         let centre = 0.5 * (self.lo + self.hi);
-        let q = query.p - centre;
-        let radius = 0.5 * (self.hi - self.lo).length();
+        let q = query.seen_from(centre);
+        // Planes do not pass infinitely far points, and nothing is near them.
+        let (offset, radius) = if query.distant { (0.0, 0.0) } else { (1.0, 0.5 * (self.hi - self.lo).length()) };
         let distance = q.length();
         let near = distance.max(radius).max(1e-20);
         let contours = if self.open {
             self.length
         } else {
             let (a, b) = (self.plane_lo.xyz() * q, self.plane_hi.xyz() * q);
-            let slack = query.slack * (distance + 1.0);
-            let lowest = a.min(b).element_sum() - self.plane_hi.w - slack;
-            let highest = a.max(b).element_sum() - self.plane_lo.w + slack;
+            let slack = SLACK * (distance + 1.0);
+            let lowest = a.min(b).element_sum() - offset * self.plane_hi.w - slack;
+            let highest = a.max(b).element_sum() - offset * self.plane_lo.w + slack;
             if lowest > 0.0 || highest < 0.0 {
                 0.0
             } else {
@@ -646,6 +660,8 @@ impl Node {
 mod tests {
     use super::*;
     use crate::math::Pcg32;
+    use crate::mesh::Mesh;
+    use crate::render::{Material, SceneDescription, Shape};
 
     /// Edges about a surface in the plane y = 0 that reflects narrowly.
     #[test]
@@ -656,16 +672,7 @@ mod tests {
         for i in 0..200 {
             let alpha = [0.6, 0.2, 0.05][i % 3];
             let lobe = Lobe::new(alpha, Vec3::Y, Vec3::new(-0.5, 0.7, 0.3).normalize());
-            let query = Query {
-                prim: NO_PRIM,
-                p: Vec3::ZERO,
-                ng: Vec3::Y,
-                slack: SLACK,
-                diffuse: 0.2,
-                glossy: Some((lobe, 0.8)),
-                sees_emission: false,
-                contours_only: false,
-            };
+            let query = Query { ng: Vec3::Y, diffuse: 0.2, glossy: Some((lobe, 0.8)), ..Query::around(Vec3::ZERO) };
             let ends = [point(), point()];
             let Some(polar) = Polar::new(&query, ends[0], ends[1]) else { continue };
             let (e, n) = ((ends[1] - ends[0]) / polar.length, 20_000);
@@ -690,5 +697,48 @@ mod tests {
             assert!((covered / f64::from(whole) - 1.0).abs() < 0.01, "{covered} {whole}");
         }
         assert!(checked > 50, "{checked}");
+    }
+
+    /// Points found from a light, over their density, must add up to the lengths of its contours, and to their first moments:
+    /// whether the light is near or infinitely far away.
+    #[test]
+    fn points_found_from_lights_cover_contours_evenly() {
+        let mesh = crate::mesh::shapes::sphere(0.35, 48).unwrap();
+        let mesh = Mesh { normals: None, uvs: None, ..mesh };
+        let shape = Shape {
+            mesh,
+            material: Material { kind: MaterialKind::Black, one_sided: false, opacity: None },
+            emission: None,
+        };
+        let scene = Scene::new(SceneDescription { shapes: vec![shape], ..Default::default() }).unwrap();
+        let (table, tree) = (scene.edges(), EdgeTree::new(&scene));
+        let towards = Vec3::new(0.5, 0.8, -0.4).normalize();
+        let from_afar = Query { distant: true, contours_only: true, sees_emission: false, ..Query::around(towards) };
+        let from_near = Query { distant: false, p: towards, ..from_afar };
+        for query in [from_afar, from_near] {
+            let height = |e: &Edge, s: f32| f64::from(e.point(s).dot(Vec3::new(0.3, -0.9, 0.2)));
+            let (mut length, mut moment) = (0.0, 0.0);
+            for e in &table.edges {
+                let dir = -query.seen_from(e.point(0.5)).normalize();
+                if e.view(dir).is_some_and(|v| v.background.is_none()) {
+                    length += f64::from(e.length());
+                    moment += f64::from(e.length()) * height(e, 0.5);
+                }
+            }
+            let (mut found, mut found_moment) = (0.0, 0.0);
+            let n = 200_000;
+            for i in 0..n {
+                let point = tree.sample_one(table, &query, (f64::from(i) + 0.5) / f64::from(n));
+                let Some(point) = point else { continue };
+                let e = &table.edges[point.edge];
+                let dir = -query.seen_from(e.point(point.s)).normalize();
+                if e.view(dir).is_some_and(|v| v.background.is_none()) {
+                    found += 1.0 / f64::from(point.pdf) / f64::from(n);
+                    found_moment += height(e, point.s) / f64::from(point.pdf) / f64::from(n);
+                }
+            }
+            assert!((found / length - 1.0).abs() < 2e-3, "{found} {length}");
+            assert!((found_moment - moment).abs() < 2e-3 * length, "{found_moment} {moment}");
+        }
     }
 }

@@ -170,7 +170,7 @@ impl<'a> Shadows<'a> {
                 (edge, rest as f32, pmf as f32 / edge.length())
             }
             Some(tree) => {
-                let point = tree.sample_one(table, &Query::from_light(&light, scene), at[0] as f32)?;
+                let point = tree.sample_one(table, &Query::from_light(&light), at[0])?;
                 (&table.edges[point.edge], point.s, point.pdf)
             }
         };

@@ -168,11 +168,6 @@ impl Scene {
         self.contacts = OnceLock::new();
     }
 
-    /// Some point of the scene.
-    pub(crate) fn anchor(&self) -> Vec3 {
-        self.prims.first().map_or(Vec3::ZERO, |_| self.corners(0)[0])
-    }
-
     /// World-space corners of a primitive.
     #[inline]
     pub(crate) fn corners(&self, prim: PrimId) -> [Vec3; 3] {
