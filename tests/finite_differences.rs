@@ -323,7 +323,7 @@ fn cornell(f: impl Fn(f32, &mut Cornell)) -> impl Fn(f32) -> (SceneDescription, 
 #[test]
 fn cornell_direct() {
     let plan = Plan { max_bounces: 1, h: 0.06, spp: 32, ..Plan::default() };
-    agree("cornell 1 small box x", &cornell(|t, s| s.small.x += t), &plan);
+    agree("cornell 1 small box x", &cornell(|t, s| s.small.x += t), &Plan { h: 0.03, fd_spp: 1024, ..plan });
     agree("cornell 1 tall box z", &cornell(|t, s| s.tall.z += t), &plan);
     agree("cornell 1 light y", &cornell(|t, s| s.light.y = 5.2 - t), &plan);
     agree("cornell 1 red", &cornell(|t, s| s.red += t), &plan);
@@ -465,7 +465,7 @@ fn turning_sun() {
     agree("sun's height, 2 bounces", &build, &Plan { max_bounces: 2, ..plan });
 }
 
-/// Shadows of a mesh of a thousand edges, which are found from the light: near and distant ones.
+/// Shadows of a mesh of twelve thousand edges, which are found from the light: near and distant ones.
 #[test]
 fn shadow_of_a_ball() {
     fn build(light: fn(&mut Builder)) -> impl Fn(f32) -> (SceneDescription, Camera) {
@@ -473,7 +473,7 @@ fn shadow_of_a_ball() {
             let mut b = Builder::default();
             let grey = b.diffuse(Vec3::splat(0.5));
             b.shape(floor(Vec3::ZERO, 2.5), grey.clone());
-            let mut ball = dscene::mesh::shapes::sphere(0.5, 16).unwrap();
+            let mut ball = dscene::mesh::shapes::sphere(0.5, 64).unwrap();
             ball.vertices.iter_mut().for_each(|v| *v += vec3(0.2 + t, 1.6 + t, 0.1));
             b.shape(ball, grey);
             light(&mut b);
@@ -491,7 +491,26 @@ fn shadow_of_a_ball() {
             .delta_lights
             .push(DeltaLight::Directional { direction: vec3(0.3, -1., 0.2), irradiance: Vec3::splat(3.) })
     };
-    agree("ball, directional light", &build(sun), &plan);
+    agree("ball, directional light", &build(sun), &Plan { h: 0.01, fd_spp: 1024, ..plan });
+}
+
+/// A coarse ball with interpolated normals: its faces go dark one by one, and a floor that the sun does not reach sees it.
+#[test]
+fn terminator_of_a_smooth_ball_in_reflected_light() {
+    let build = |t: f32| {
+        let mut b = Builder::default();
+        let grey = b.diffuse(Vec3::splat(0.8));
+        b.shape(floor(Vec3::ZERO, 2.5), grey.clone());
+        let mut ball = dscene::mesh::shapes::sphere(0.6, 8).unwrap();
+        ball.vertices.iter_mut().for_each(|v| *v += vec3(0.2 + t, 0.9 + t, 0.1));
+        b.shape(ball, grey);
+        b.scene
+            .delta_lights
+            .push(DeltaLight::Directional { direction: vec3(0.9, 0.2, 0.3), irradiance: Vec3::splat(3.) });
+        (b.scene, look_at(vec3(-2., 2., 0.1), vec3(-1.2, 0., 0.1), 45., 32))
+    };
+    let plan = Plan { h: 0.02, max_bounces: 2, spp: 64, fd_spp: 512, ..Plan::default() };
+    agree("smooth ball, seen by a floor", &build, &plan);
 }
 
 #[test]

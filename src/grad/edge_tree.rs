@@ -6,6 +6,7 @@
 
 use glam::{Vec3, Vec4, Vec4Swizzles};
 
+use super::primary::{SMOOTH_CREASE, is_mirror};
 use super::sink::Layout;
 use super::viewpoint::MirrorPlane;
 use crate::math::luminance;
@@ -434,6 +435,11 @@ impl EdgeTree {
         (pdf > 0.0 && pdf.is_finite()).then_some(EdgePoint { edge, s, pdf })
     }
 
+    /// Whether light from an edge can jump where both its faces are seen.
+    pub fn shows_creases(&self, edge: usize) -> bool {
+        self.crease[edge] > 0.0
+    }
+
     /// Whether someone at `q` from an edge's start may see it as a contour.
     fn may_be_contour(&self, edge: usize, q: Vec3) -> bool {
         let Some([a, b]) = self.faces[edge] else { return true };
@@ -560,13 +566,15 @@ fn is_forward(f: &EdgeFace) -> bool {
     f.ends[0][next] > f.ends[1][next]
 }
 
-/// See [`EdgeTree::crease`]. Reflections of smooth creases hardly differ; black faces have none.
+/// See [`EdgeTree::crease`]. Black faces show none, and smooth mirrors are found otherwise ([`super::curved`]).
 fn crease(scene: &Scene, edge: &Edge) -> f32 {
     let shows = |f: &EdgeFace| {
         let shape = &scene.description.shapes[scene.prims[f.prim as usize].shape as usize];
         shape.emission.is_some() || shape.material.opacity.is_some() || shape.material.kind != MaterialKind::Black
     };
-    if edge.sharp && edge.faces.iter().any(shows) { CREASE * edge.weight } else { 0.0 }
+    let smooth = if edge.sharp { 1.0 } else { SMOOTH_CREASE };
+    let hidden = !edge.sharp && is_mirror(scene, edge);
+    if !hidden && edge.faces.iter().any(shows) { CREASE * smooth * edge.weight } else { 0.0 }
 }
 
 /// See [`EdgeTree::brightness`]. What is reflected is taken to be half of the emitted power, spread over all surfaces, and

@@ -1,12 +1,9 @@
 //! What masked faces at an edge cover: on either side of an edge a line of sight crosses all faces of that side or none.
 
 use crate::render::Scene;
-use crate::render::edges::{Edge, EdgeView};
+use crate::render::edges::{Edge, EdgeView, INSIDE};
 use crate::render::sampler::Sampler;
 use glam::Vec3;
-
-/// Fraction of a face by which opacities are looked up inside of it: a texture may repeat at its very edge.
-const INSIDE: f32 = 1e-5;
 
 /// What a boundary sample compares, times `scale`: the faces it looks at on either side, or past the edge.
 #[derive(Clone, Copy, Debug)]

@@ -28,7 +28,7 @@ pub const PIECE: f64 = 8.0;
 /// Antithetic pairs on a piece: more than one only for pieces that something else hides in part.
 const STRATA: u32 = 4;
 /// Sampling weight of edges between smoothly shaded faces relative to a silhouette: only the shadow terminator jumps there.
-pub const SMOOTH_CREASE: f64 = 0.05;
+pub const SMOOTH_CREASE: f32 = 0.05;
 
 /// A piece of a projected edge on the film.
 #[derive(Clone, Copy)]
@@ -374,15 +374,13 @@ struct Values<'a> {
 impl Values<'_> {
     /// On one of the edge's own faces, a hair's breadth inside of it.
     fn face(&self, face: usize, sampler: &mut Sampler) -> Vec3 {
-        let f = &self.edge.faces[face];
-        let b = self.edge.barycentric(face, self.s, inset(self.edge, face, self.seen.distance));
-        let si = self.scene.interaction(f.prim, b, -self.seen.dir);
+        let [at_edge, beside] = self.edge.beside(self.scene, face, self.s, self.seen.distance, -self.seen.dir);
         match self.settings.output {
             Output::Radiance => {
                 let options = Options::new(self.settings.max_bounces.saturating_sub(self.viewpoint.bounces()));
-                self.seen.throughput * trace(self.scene, Start::Surface(si), sampler, &options, &mut NoRecord)
+                self.seen.throughput * trace(self.scene, Start::Surface(beside), sampler, &options, &mut NoRecord)
             }
-            output => self.seen.throughput * first_hit(self.scene, output, &self.viewpoint.camera, &si),
+            output => self.seen.throughput * first_hit(self.scene, output, &self.viewpoint.camera, &at_edge),
         }
     }
 
@@ -408,14 +406,6 @@ impl Values<'_> {
     }
 }
 
-/// Fraction of a face's height by which a point of its edge is moved inside: a few 1e-5 of the viewing distance.
-pub fn inset(edge: &Edge, face: usize, distance: f32) -> f32 {
-    let o = edge.faces[face].opposite - edge.p[0];
-    let e = edge.direction();
-    let height = (o - e * o.dot(e)).length();
-    (3e-5 * distance / height).clamp(1e-6, 1e-2)
-}
-
 /// Whether edges are sampled evenly along their straight images.
 fn is_straight(camera: &Camera) -> bool {
     camera.keeps_lines() && camera.is_pinhole()
@@ -436,13 +426,13 @@ pub fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Opti
         Output::Radiance => settings.max_bounces > 0,
         output => output == Output::GeometricNormal,
     };
-    jumps.then_some(SMOOTH_CREASE)
+    jumps.then_some(SMOOTH_CREASE.into())
 }
 
 /// Parameters at which an edge is examined.
 const ALONG: [f32; 3] = [0.0, 0.5, 1.0];
 
-fn is_mirror(scene: &Scene, edge: &Edge) -> bool {
+pub fn is_mirror(scene: &Scene, edge: &Edge) -> bool {
     let kind = |prim: PrimId| &scene.description.shapes[scene.prims[prim as usize].shape as usize].material.kind;
     edge.faces.iter().all(|f| matches!(kind(f.prim), MaterialKind::Mirror { .. }))
 }

@@ -15,7 +15,7 @@ use super::curved::{Eye, Facet, MirrorFacet, MirrorTree, Place, Sighting, quarte
 use super::estimate::{Draw, Estimate, Pass, Sequence};
 use super::layers::Sides;
 use super::local::RayAdjoint;
-use super::primary::{PIECE, SMOOTH_CREASE, contrasts, inset, pilots};
+use super::primary::{PIECE, SMOOTH_CREASE, contrasts, pilots};
 use super::viewpoint::{Seen, d_reflected_ray};
 use crate::image::Image;
 use crate::render::accel::{PrimId, Ray};
@@ -137,7 +137,7 @@ impl<'a> Reflections<'a> {
         let from = (facet.x[0] + facet.x[1] + facet.x[2]).as_vec3() / 3.0;
         let view = edge.view((edge.point(0.5) - from).normalize_or_zero());
         let jumps = edge.sharp || view.is_none_or(|v| v.background.is_none());
-        if jumps { 1.0 } else { SMOOTH_CREASE as f32 }
+        if jumps { 1.0 } else { SMOOTH_CREASE }
     }
 
     /// A piece with its place on film; `None` if it is off film.
@@ -280,8 +280,8 @@ impl<'a> Reflections<'a> {
             let mut sampler = sampler.clone();
             let start = match face {
                 Some(face) => {
-                    let b = edge.barycentric(face, s, inset(edge, face, after));
-                    Start::Surface(scene.interaction(edge.faces[face].prim, b, -dir))
+                    let [_, beside] = edge.beside(scene, face, s, after, -dir);
+                    Start::Surface(beside)
                 }
                 None => {
                     let mut past = mirror.spawn_ray((dir + view.normal * NUDGE).normalize());

@@ -20,7 +20,6 @@ use super::interior::{Injection, Path, PathVertex, inject};
 use super::layers::Sides;
 use super::local::RayAdjoint;
 use super::pixels::{self, FilmDensity};
-use super::primary::inset;
 use super::shadow::Sky;
 use super::sink::{Adjoints, Layout, Sink};
 use super::viewpoint::{MirrorPlane, d_mirror_image, d_reflected_ray};
@@ -251,7 +250,7 @@ impl<'a> Secondary<'a> {
             None => (self.sight(si, mirror, p, dir, distance)?, distance * distance),
         };
         let view = edge.view(sight.dir)?;
-        if view.background.is_some() && !edge.sharp {
+        if view.background.is_some() && !self.tree.shows_creases(point.edge) {
             return None;
         }
         let mut skip: Vec<PrimId> = edge.prims();
@@ -273,8 +272,8 @@ impl<'a> Secondary<'a> {
         let normal = mirror.map_or(view.normal, |m| m.reflect(view.normal));
         let side = |face: Option<usize>| match face {
             Some(i) => {
-                let b = edge.barycentric(i, point.s, inset(edge, i, distance));
-                look(Start::Surface(self.scene.interaction(edge.faces[i].prim, b, -sight.dir)))
+                let [_, beside] = edge.beside(self.scene, i, point.s, distance, -sight.dir);
+                look(Start::Surface(beside))
             }
             None => {
                 let past = match sight.mirror {

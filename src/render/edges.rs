@@ -10,10 +10,14 @@ use std::collections::{BTreeMap, HashMap};
 use glam::{DVec3, Vec3};
 
 use super::accel::PrimId;
+use super::interaction::SurfaceInteraction;
 use super::intersections::{Crossing, crossings};
 use super::scene::{Input, Material, MaterialKind};
 use super::world::Scene;
 use crate::mesh::Mesh;
+
+/// Fraction of a face by which attributes are looked up inside of it: a texture may repeat at its very edge.
+pub const INSIDE: f32 = 1e-5;
 
 /// A face at an edge, or one half of a face that the edge cuts in two.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -134,6 +138,20 @@ impl Edge {
         let mut b: [f32; 3] = std::array::from_fn(|i| (start[i] * (1.0 - s) + end[i] * s) * (1.0 - inset));
         b[usize::from(corner)] += inset;
         b
+    }
+
+    /// The edge's point at `s` as the given face of it, and as what is right beside: the same surface, but far enough inside of the
+    /// face for rays to find the others. Between the two lie a few 1e-6 of the coordinates or of the distance it is seen from:
+    /// what changes over them is taken for a jump, at each of many edges.
+    pub fn beside(&self, scene: &Scene, face: usize, s: f32, distance: f32, wi: Vec3) -> [SurfaceInteraction; 2] {
+        let f = &self.faces[face];
+        let at = |inset: f32| scene.interaction(f.prim, self.barycentric(face, s, inset), wi);
+        let e = self.direction();
+        let o = f.opposite - self.p[0];
+        let height = (o - e * o.dot(e)).length();
+        let rounding = self.p[0].abs().max(self.p[1].abs()).max_element().max(distance);
+        let edge = at(INSIDE);
+        [edge, SurfaceInteraction { p: at((4e-6 * rounding / height).clamp(INSIDE, 1e-2)).p, ..edge }]
     }
 
     /// The part between two of its parameters.
