@@ -443,7 +443,7 @@ fn delta_lights() {
     agree("point light, blocker, 3 bounces", &scene(point, 1.0), &global);
 }
 
-/// A sky with a sun, turned: the shadow wanders, and the light on the floor changes.
+/// An uneven sky with a sun, turned: the shadow wanders, and the light on the floor changes.
 #[test]
 fn turning_sun() {
     let build = |t: f32| {
@@ -452,7 +452,8 @@ fn turning_sun() {
         b.shape(floor(Vec3::ZERO, 2.0), grey.clone());
         b.shape(floor(vec3(0.2, 0.8, 0.1), 0.5), grey);
         let (width, height) = (32, 16);
-        let mut data = vec![0.3; width * height * 3];
+        let wave = |i: usize| 0.3 + 0.2 * (i as f32 / (3 * width) as f32 * std::f32::consts::TAU).sin();
+        let mut data: Vec<f32> = (0..width * height * 3).map(wave).collect();
         data[(3 * width + 20) * 3..][..6].fill(60.0);
         let map = texture::Texture::new(width, height, 3, data, texture::Wrap::Repeat, texture::Filter::Bilinear);
         b.scene.textures.push(map.unwrap());
