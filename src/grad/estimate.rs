@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use super::sink::{Adjoints, Contract, Dense, Layout, Sink};
 use crate::image::Image;
 use crate::render::Scene;
-use crate::render::sampler::{Sampler, progress};
+use crate::render::sampler::{self, Sampler, progress};
 
 /// A class of samples: the interior term, or one kind of boundary.
 pub trait Pass: Sync {
@@ -36,6 +36,19 @@ pub struct Sequence<'a, D> {
     pub seed: u64,
 }
 
+impl<D> Sequence<'_, D> {
+    /// The random numbers of sample `i` and of those close by.
+    pub fn points(&self, i: usize) -> sampler::Sequence {
+        sampler::Sequence::new(self.seed, i as u64)
+    }
+
+    /// How far along the sequence a sample is, and its other random numbers.
+    #[inline(always)]
+    pub fn point<'p>(&self, i: usize, points: &'p sampler::Sequence) -> (f64, Sampler<'p>) {
+        (progress(self.seed, i, self.count), points.sampler(i as u64))
+    }
+}
+
 impl<D: Draw> Pass for Sequence<'_, D> {
     fn items(&self) -> usize {
         self.count
@@ -43,9 +56,13 @@ impl<D: Draw> Pass for Sequence<'_, D> {
 
     fn run(&self, items: Range<usize>, out: &mut impl Estimate) {
         let mut scratch = D::Scratch::default();
+        let mut points = self.points(items.start);
         for i in items {
-            let first = progress(self.seed, i, self.count);
-            self.of.draw(first, Sampler::new(self.seed, i as u64), self.weight, &mut scratch, out);
+            if !points.has(i as u64) {
+                points = self.points(i);
+            }
+            let (first, sampler) = self.point(i, &points);
+            self.of.draw(first, sampler, self.weight, &mut scratch, out);
         }
     }
 }
@@ -145,7 +162,7 @@ fn chunks(items: usize, len: usize) -> Vec<Range<usize>> {
 
 /// Draws a range of items, in blocks until `stop` is set.
 fn run(pass: &impl Pass, range: Range<usize>, out: &mut impl Estimate, stop: &AtomicBool) {
-    const BLOCK: usize = 256;
+    const BLOCK: usize = 2048;
     for start in range.clone().step_by(BLOCK) {
         if stop.load(Ordering::Relaxed) {
             return;

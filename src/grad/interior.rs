@@ -6,21 +6,24 @@
 //! normal). What is seen through an attached direction slides, emission included. Sampling
 //! densities, MIS weights and Russian roulette are constants.
 
-use glam::{Vec2, Vec3};
+use std::ops::Range;
+
+use glam::Vec3;
 
 use super::allocate::{Estimator, typical_bounces};
-use super::estimate::{Draw, Estimate, Pass, Sequence};
+use super::estimate::{Estimate, Pass, Sequence};
 use super::local::{
     Arriving, Masks, RayAdjoint, VertexAdjoint, d_arriving, d_attached_direction, d_emission_sliding, d_eval,
     d_eval_attached, d_first_hit, d_inputs, d_masks, d_material, d_mirrored, d_opacity, emission_input, slide,
 };
-use super::pixels::{self, FilmCurve};
+use super::pixels::{self, FilmCurve, FilmSample};
 use super::sink::{Adjoints, Layout, Sink};
 use super::viewpoint::d_reflected_ray;
 use crate::image::Image;
+use crate::render::accel::{Ray, Work};
 use crate::render::bsdf::{MAX_INPUTS, Part, RoughnessPair};
 use crate::render::film::first_hit;
-use crate::render::integrator::{Connection, Continuation, Options, Recorder, Start, trace};
+use crate::render::integrator::{BATCH, Connection, Continuation, Options, Recorder, trace_all};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::mask::{Crossing, Through, Toss};
 use crate::render::sampler::Sampler;
@@ -335,38 +338,26 @@ impl<'a> Interior<'a> {
         }
     }
 
-    /// One path through a film position; `weight` is what a pixel's adjoint counts for it.
-    fn sample(
-        &self,
-        pixel: usize,
-        position: Vec2,
-        weight: f32,
-        path: &mut Path,
-        sampler: &mut Sampler,
-        out: &mut impl Estimate,
-    ) {
-        let camera = self.camera.sample_lens(sampler);
-        let ray = camera.ray(position);
-        if self.settings.output != Output::Radiance {
-            path.clear();
-            let (hit, through) = self.scene.follow(&ray, &[], sampler, self.toss, |c| path.cross(&c));
-            if let Some((si, t)) = hit {
-                out.pixel(pixel, |d, out| {
-                    let r = d_first_hit(out, self.settings.output, &camera, (&si, t), &through, d * weight);
-                    let value = first_hit(self.scene, self.settings.output, &camera, &si);
-                    let d_pass = (d * weight).dot(value) * through.opacity * through.inv_choice;
-                    let r = r + d_masks(out, ray.dir, &path.crossings, d_pass);
-                    camera.d_ray(position, r.origin, r.dir, &mut out.camera);
-                });
-            }
-            return;
-        }
-        let options =
-            Options { keep_black: true, split_lobes: true, toss: self.toss, ..Options::new(self.settings.max_bounces) };
+    /// What a first-hit channel at a film position says; `weight` is what a pixel's adjoint counts for it.
+    fn first_hit(&self, at: &Seen, sampler: &mut Sampler, path: &mut Path, out: &mut impl Estimate) {
+        let (output, Seen { camera, ray, film, weight }) = (self.settings.output, at);
         path.clear();
-        trace(self.scene, Start::Ray(ray, &[]), sampler, &options, path);
-        out.pixel(pixel, |d, out| {
-            let d = d * weight;
+        let (hit, through) = self.scene.follow(ray, &[], sampler, self.toss, |c| path.cross(&c));
+        let Some((si, t)) = hit else { return };
+        out.pixel(film.pixel, |d, out| {
+            let d = d * *weight;
+            let r = d_first_hit(out, output, camera, (&si, t), &through, d);
+            let d_pass = d.dot(first_hit(self.scene, output, camera, &si)) * through.opacity * through.inv_choice;
+            let r = r + d_masks(out, ray.dir, &path.crossings, d_pass);
+            camera.d_ray(film.position, r.origin, r.dir, &mut out.camera);
+        });
+    }
+
+    /// The derivative along a path that was recorded.
+    fn swept(&self, at: &Seen, path: &Path, out: &mut impl Estimate) {
+        let Seen { camera, ray, film, weight } = at;
+        out.pixel(film.pixel, |d, out| {
+            let d = d * *weight;
             let ray_adjoint = if path.vertices.is_empty() {
                 let pass: f32 = path.crossings.iter().map(Crossing::weight).product();
                 let dir = out.environment(ray.dir, d * pass);
@@ -376,18 +367,83 @@ impl<'a> Interior<'a> {
                 sweep(out, path, d, self.distributions_fixed)
             };
             if !out.layout.still {
-                camera.d_ray(position, ray_adjoint.origin, ray_adjoint.dir, &mut out.camera);
+                camera.d_ray(film.position, ray_adjoint.origin, ray_adjoint.dir, &mut out.camera);
             }
         });
     }
 }
 
-impl Draw for Interior<'_> {
-    type Scratch = Path;
+/// Where a path starts: through which point of which camera's film.
+#[derive(Clone, Copy)]
+struct Seen {
+    camera: Camera,
+    ray: Ray,
+    film: FilmSample,
+    /// What the pixel's adjoint counts for it.
+    weight: f32,
+}
 
-    fn draw(&self, first: f64, mut sampler: Sampler, weight: f64, path: &mut Path, out: &mut impl Estimate) {
-        let film = self.film.place(first, sampler.next_2d());
-        self.sample(film.pixel, film.position, (film.weight * weight) as f32, path, &mut sampler, out);
+/// Part of the samples of a sequence: recorded side by side, as the image's are, and swept one after the other.
+struct Batches<'a, E> {
+    of: &'a Sequence<'a, Interior<'a>>,
+    items: Range<usize>,
+    out: &'a mut E,
+}
+
+impl<E: Estimate> Work for Batches<'_, E> {
+    #[inline(always)]
+    fn run(self) {
+        let Batches { of, items, out } = self;
+        let interior = of.of;
+        let options = Options {
+            keep_black: true,
+            split_lobes: true,
+            toss: interior.toss,
+            ..Options::new(interior.settings.max_bounces)
+        };
+        let mut paths: [Path; BATCH] = std::array::from_fn(|_| Path::default());
+        let mut radiance = [Vec3::ZERO; BATCH];
+        let mut seen: Vec<Seen> = Vec::with_capacity(BATCH);
+        let mut rays = [Ray::new(Vec3::ZERO, Vec3::ZERO); BATCH];
+        let mut points = of.points(items.start);
+        let mut next = items.start;
+        while next < items.end {
+            if !points.has(next as u64) {
+                points = of.points(next);
+            }
+            let mut samplers: [Sampler; BATCH] = std::array::from_fn(|_| Sampler::new(0, 0));
+            seen.clear();
+            for i in (next..items.end.min(next + BATCH)).take_while(|&i| points.has(i as u64)) {
+                let k = seen.len();
+                let (first, mut sampler) = of.point(i, &points);
+                let film = interior.film.place(first, sampler.next_2d());
+                let camera = interior.camera.sample_lens(&mut sampler);
+                let weight = (film.weight * of.weight) as f32;
+                (rays[k], samplers[k]) = (camera.ray(film.position), sampler);
+                seen.push(Seen { camera, ray: rays[k], film, weight });
+                paths[k].clear();
+            }
+            next += seen.len();
+            if interior.settings.output == Output::Radiance {
+                trace_all(interior.scene, &rays[..seen.len()], &mut samplers, &options, &mut paths, &mut radiance);
+            }
+            for ((seen, path), sampler) in seen.iter().zip(&mut paths).zip(&mut samplers) {
+                match interior.settings.output {
+                    Output::Radiance => interior.swept(seen, path, out),
+                    _ => interior.first_hit(seen, sampler, path, out),
+                }
+            }
+        }
+    }
+}
+
+impl Pass for Sequence<'_, Interior<'_>> {
+    fn items(&self) -> usize {
+        self.count
+    }
+
+    fn run(&self, items: Range<usize>, out: &mut impl Estimate) {
+        self.of.scene.accel.run(Batches { of: self, items, out });
     }
 }
 

@@ -189,6 +189,12 @@ impl Bsdf {
         matches!(self, Bsdf::Black)
     }
 
+    /// Whether it is one cosine lobe.
+    #[inline]
+    pub fn is_diffuse(&self) -> bool {
+        matches!(self, Bsdf::Diffuse { .. })
+    }
+
     /// Whether a narrow lobe is differentiated with its directions attached to the surface (α < 0.2:
     /// below that the variance is less, above it more).
     pub fn is_attached(&self) -> bool {

@@ -7,7 +7,7 @@ use glam::{IVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::accel::{Ray, Work};
-use super::integrator::{BATCH, Options, trace_all};
+use super::integrator::{BATCH, NoRecord, Options, trace_all};
 use super::interaction::SurfaceInteraction;
 use super::motion;
 use super::sampler::{Sampler, Sequence, hash};
@@ -176,7 +176,7 @@ impl Work for Row<'_> {
                 count += 1;
             }
             if output == Output::Radiance {
-                trace_all(scene, &rays[..count], &mut samplers, &self.options, &mut found);
+                trace_all(scene, &rays[..count], &mut samplers, &self.options, &mut [NoRecord; BATCH], &mut found);
             } else {
                 for (found, (ray, sampler)) in found.iter_mut().zip(rays[..count].iter().zip(&mut samplers)) {
                     let hit = scene.chance(ray, &[], sampler);

@@ -112,6 +112,7 @@ pub trait Recorder {
 }
 
 /// Records nothing: the primal.
+#[derive(Clone, Copy)]
 pub struct NoRecord;
 impl Recorder for NoRecord {}
 
@@ -139,11 +140,11 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
         }
         walk.light(scene, sampler, options, &mut light);
         if let Some(light) = &light
-            && let Some(shadow) = walk.shadow(light, options)
+            && let Some(shadow) = walk.shadow(scene, bounce, light, options)
         {
             walk.connect(scene, light, &shadow, None, options, rec);
         }
-        let Some(turn) = walk.turn(bounce, &Draw::new(sampler), sampler, options) else { break };
+        let Some(turn) = walk.turn(scene, bounce, &Draw::new(sampler), sampler, options) else { break };
         let (hit, through) = seek(scene, &turn.ray, None, &[walk.si.prim], sampler, options, rec);
         if !walk.arrive(scene, &turn, hit, &through, options, rec) {
             break;
@@ -155,18 +156,18 @@ pub fn trace(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Optio
 /// Paths that go side by side in [`trace_all`].
 pub const BATCH: usize = 32;
 
-/// [`trace`] of up to [`BATCH`] rays that nobody watches. All take one step before any takes the next: the steps of one path
-/// wait for each other, those of different paths need not.
+/// [`trace`] of up to [`BATCH`] rays, each with its own recorder. All take one step before any takes the next: the steps of one
+/// path wait for each other, those of different paths need not.
 #[inline(always)]
-pub fn trace_all(
+pub fn trace_all<R: Recorder>(
     scene: &Scene,
     rays: &[Ray],
     samplers: &mut [Sampler; BATCH],
     options: &Options,
+    recs: &mut [R; BATCH],
     radiance: &mut [Vec3; BATCH],
 ) {
     const CLEAR: (Option<Hit>, Through) = (None, Through::CLEAR);
-    let rec = &mut NoRecord;
     let mut roots = [Root::default(); BATCH];
     let mut hits = [CLEAR; BATCH];
     let mut walks = [Walk::NOWHERE; BATCH];
@@ -180,11 +181,11 @@ pub fn trace_all(
         *root = scene.accel.enter(ray);
     }
     for (i, ray) in rays.iter().enumerate() {
-        hits[i] = seek(scene, ray, Some(&roots[i]), &[], &mut samplers[i], options, rec);
+        hits[i] = seek(scene, ray, Some(&roots[i]), &[], &mut samplers[i], options, &mut recs[i]);
     }
     for (i, ray) in rays.iter().enumerate() {
         let (hit, through) = &hits[i];
-        match Walk::start(scene, ray, *hit, through, options, rec) {
+        match Walk::start(scene, ray, *hit, through, options, &mut recs[i]) {
             Ok(walk) => {
                 walks[i] = walk;
                 radiance[i] = walk.radiance;
@@ -202,7 +203,7 @@ pub fn trace_all(
         let (mut pending, mut lit) = ([0u8; BATCH], 0);
         for &i in &alive[..count] {
             let k = i as usize % BATCH;
-            shadows[k] = lights[k].as_ref().and_then(|light| walks[k].shadow(light, options));
+            shadows[k] = lights[k].as_ref().and_then(|light| walks[k].shadow(scene, bounce, light, options));
             pending[lit] = i;
             lit += usize::from(shadows[k].is_some());
         }
@@ -212,7 +213,7 @@ pub fn trace_all(
         draws.warp();
         for (k, &i) in alive[..count].iter().enumerate() {
             let i = i as usize % BATCH;
-            turns[i] = walks[i].turn(bounce, &draws.get(k), &mut samplers[i], options);
+            turns[i] = walks[i].turn(scene, bounce, &draws.get(k), &mut samplers[i], options);
         }
         for &i in &pending[..lit] {
             let i = i as usize % BATCH;
@@ -222,7 +223,7 @@ pub fn trace_all(
         for &i in &pending[..lit] {
             let i = i as usize % BATCH;
             let (Some(light), Some(shadow)) = (&lights[i], &shadows[i]) else { continue };
-            walks[i].connect(scene, light, shadow, Some(&roots[i]), options, rec);
+            walks[i].connect(scene, light, shadow, Some(&roots[i]), options, &mut recs[i]);
         }
         let mut left = 0;
         for k in 0..count {
@@ -241,14 +242,14 @@ pub fn trace_all(
             let i = i as usize % BATCH;
             let Some(turn) = &turns[i] else { continue };
             let skip = [walks[i].si.prim];
-            hits[i] = seek(scene, &turn.ray, Some(&roots[i]), &skip, &mut samplers[i], options, rec);
+            hits[i] = seek(scene, &turn.ray, Some(&roots[i]), &skip, &mut samplers[i], options, &mut recs[i]);
         }
         let mut left = 0;
         for k in 0..count {
             let i = alive[k] as usize % BATCH;
             let Some(turn) = &turns[i] else { continue };
             let (hit, through) = &hits[i];
-            let goes_on = walks[i].arrive(scene, turn, *hit, through, options, rec);
+            let goes_on = walks[i].arrive(scene, turn, *hit, through, options, &mut recs[i]);
             radiance[i] = walks[i].radiance;
             alive[left] = i as u8;
             left += usize::from(goes_on);
@@ -394,9 +395,20 @@ impl Walk {
         }
     }
 
+    /// The probability with which the path turns here, roulette apart.
+    #[inline(always)]
+    fn turns(&self, scene: &Scene, bounce: u32, options: &Options) -> f32 {
+        let last = bounce + 1 == options.max_bounces && options.next_event;
+        match scene.lights.last_turns() {
+            _ if !last => 1.0,
+            share if share == 0.0 || self.si.bsdf.is_diffuse() => share,
+            _ => 1.0,
+        }
+    }
+
     /// How a light arrives, unless it is below the horizon or shines elsewhere.
     #[inline(always)]
-    fn shadow(&self, light: &LightSample, options: &Options) -> Option<Shadow> {
+    fn shadow(&self, scene: &Scene, bounce: u32, light: &LightSample, options: &Options) -> Option<Shadow> {
         let si = &self.si;
         let arrival = light.arrive(si.p)?;
         if si.ng.dot(arrival.dir) <= 0.0 {
@@ -407,16 +419,18 @@ impl Walk {
             return None;
         }
         // The balance heuristic over the light's density, with the BSDF's in the same measure.
-        let other = if light.is_delta() { 0.0 } else { si.pdf(arrival.dir) * arrival.geometry };
+        let turns = self.turns(scene, bounce, options);
+        let other = if light.is_delta() { 0.0 } else { si.pdf(arrival.dir) * turns * arrival.geometry };
         let ray = si.spawn_ray_to(arrival.dir, arrival.distance);
         Some(Shadow { ray, arrival, weight: 1.0 / (light.pdf + other), f })
     }
 
     /// Chooses where the path goes on.
     #[inline(always)]
-    fn turn(&self, bounce: u32, draw: &Draw, sampler: &mut Sampler, options: &Options) -> Option<Turn> {
+    fn turn(&self, scene: &Scene, bounce: u32, draw: &Draw, sampler: &mut Sampler, options: &Options) -> Option<Turn> {
         let si = &self.si;
-        if si.bsdf.is_black() {
+        let turns = self.turns(scene, bounce, options);
+        if si.bsdf.is_black() || draw.roulette >= turns {
             return None;
         }
         let frame = Frame::from_normal(si.ns);
@@ -437,14 +451,15 @@ impl Walk {
         if si.ng.dot(dir) <= 0.0 {
             return None; // below the surface: `eval` is zero there
         }
+        let mut survival = turns;
         if bounce >= ROULETTE_START {
-            let survival = (self.throughput * f * inv_pdf).max_element().clamp(0.05, 1.0);
-            if draw.roulette >= survival {
-                return None;
-            }
-            inv_pdf /= survival;
+            survival *= (self.throughput * f * inv_pdf).max_element().clamp(0.05, 1.0);
         }
-        Some(Turn { ray: si.spawn_ray(dir), pdf: sample.pdf, inv_pdf, f, delta, attached })
+        if draw.roulette >= survival {
+            return None;
+        }
+        inv_pdf /= survival;
+        Some(Turn { ray: si.spawn_ray(dir), pdf: sample.pdf * turns, inv_pdf, f, delta, attached })
     }
 
     /// Takes the light of a connection, as far as it is visible.

@@ -97,7 +97,12 @@ pub struct LightTable {
     /// Probability per unit area of a primitive, 0 if it does not emit.
     area_pdf: Vec<f32>,
     environment_pmf: f32,
+    last_turns: f32,
 }
+
+/// Of the paths at a diffuse surface that may turn once more only to find a light, the share that do. The others leave it to the
+/// light that was chosen: rays are saved where it is the better technique, and close to lights it is not alone.
+const LAST_TURNS: f32 = 0.25;
 
 fn mean_luminance(description: &SceneDescription, input: Input) -> f64 {
     match input {
@@ -173,7 +178,12 @@ impl LightTable {
                 Entry::Delta(_) | Entry::Peak => {}
             }
         }
-        LightTable { entries, pmf, local_entries, local_pmf, area_pdf, environment_pmf }
+        let last_turns = match entries.last() {
+            Some(Entry::Environment) => 1.0,
+            _ if entries.iter().any(|e| matches!(e, Entry::Triangle { .. })) => LAST_TURNS,
+            _ => 0.0,
+        };
+        LightTable { entries, pmf, local_entries, local_pmf, area_pdf, environment_pmf, last_turns }
     }
 
     /// Probability per unit area with which [`Scene::sample_light`] finds points of an emissive primitive.
@@ -186,6 +196,13 @@ impl LightTable {
     #[inline]
     pub fn environment_pmf(&self) -> f32 {
         self.environment_pmf
+    }
+
+    /// The share of paths that are worth a turn at a diffuse surface which nothing but a light can follow: none where no ray can find
+    /// one, all under a sky.
+    #[inline]
+    pub fn last_turns(&self) -> f32 {
+        self.last_turns
     }
 
     /// Whether the only light is one point or directional light.

@@ -113,7 +113,7 @@ impl Sampler<'_> {
         x
     }
 
-    #[inline]
+    #[inline(always)]
     pub fn next_1d(&mut self) -> f32 {
         if self.left == 0 {
             self.refill();
@@ -131,7 +131,7 @@ impl Sampler<'_> {
     }
 
     /// Three dimensions of one group.
-    #[inline]
+    #[inline(always)]
     pub fn next_3d(&mut self) -> [f32; 3] {
         if self.left < 3 {
             self.refill();
@@ -160,6 +160,9 @@ const SHORT: usize = 8;
 pub struct Discrete {
     /// Cumulative probabilities before each entry, and 1 at the end.
     cdf: Vec<f64>,
+    /// The entries that equal steps of the number to be found begin with (Chen and Asau 1974: a guide table); none if there are
+    /// few entries.
+    guide: Vec<u32>,
     total: f64,
 }
 
@@ -176,7 +179,19 @@ impl Discrete {
             return Discrete::default();
         }
         cdf.iter_mut().for_each(|c| *c /= total);
-        Discrete { cdf, total }
+        let mut discrete = Discrete { cdf, guide: Vec::new(), total };
+        let n = discrete.len();
+        if n > SHORT {
+            let (mut guide, mut i) = (Vec::with_capacity(n), 0);
+            for step in 0..n {
+                while i + 1 < n && discrete.cdf[i + 1] * n as f64 <= step as f64 {
+                    i += 1;
+                }
+                guide.push(i as u32);
+            }
+            discrete.guide = guide;
+        }
+        discrete
     }
 
     pub fn is_empty(&self) -> bool {
@@ -200,14 +215,17 @@ impl Discrete {
     }
 
     /// The first entry whose cumulative probability is above `u`, the last one if there is none.
-    #[inline]
+    #[inline(always)]
     fn find(&self, u: f64) -> usize {
         let [_, inner @ .., _] = self.cdf.as_slice() else { return 0 };
         if inner.len() < SHORT {
             // Counting has no branches to guess.
             return inner.iter().map(|&c| usize::from(c <= u)).sum();
         }
-        inner.partition_point(|&c| c <= u)
+        let step = (u * self.guide.len() as f64) as usize;
+        let at = |step: usize| self.guide.get(step).map_or(inner.len(), |&i| i as usize);
+        let (start, end) = (at(step), at(step + 1));
+        start + inner[start..end].partition_point(|&c| c <= u)
     }
 
     /// The last entry up to this one that is not improbable.
@@ -217,7 +235,7 @@ impl Discrete {
     }
 
     /// An index, its probability, and `u` stretched to be uniform again within the chosen cell.
-    #[inline]
+    #[inline(always)]
     pub fn sample(&self, u: f64) -> (usize, f64, f64) {
         let mut i = self.find(u);
         if self.pmf(i) <= 0.0 {
@@ -226,5 +244,38 @@ impl Discrete {
         let low = self.cdf[i];
         let pmf = self.cdf[i + 1] - low;
         (i, pmf, ((u - low) / pmf).clamp(0.0, 1.0 - f64::EPSILON))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Pcg32;
+
+    #[test]
+    fn discrete_choices_invert_the_cumulative_sums() {
+        let mut rng = Pcg32::new(11);
+        for n in [1, 2, 7, 8, 9, 10, 33, 1000] {
+            // Some impossible, some much more likely than all others together.
+            let mut weight = || match rng.next_3d() {
+                [a, ..] if a < 0.3 => 0.0,
+                [a, b, _] if a < 0.4 => 1e4 * f64::from(b),
+                [_, _, c] => f64::from(c),
+            };
+            let weights: Vec<f64> = (0..n).map(|i| if i == n / 2 { 1.0 } else { weight() }).collect();
+            let discrete = Discrete::new(weights.iter().copied());
+            let edges = discrete.cdf.clone();
+            for i in 0..4000 {
+                let mut u = f64::from(rng.next_3d()[0]);
+                if i < 3 * edges.len() {
+                    // Around the borders, and on them.
+                    u = (edges[i / 3] + [-1e-9, 0.0, 1e-9][i % 3]).clamp(0.0, 1.0 - f64::EPSILON);
+                }
+                let (found, pmf, rest) = discrete.sample(u);
+                assert!(weights[found] > 0.0 && (pmf - weights[found] / discrete.total()).abs() < 1e-12);
+                assert!((edges[found]..edges[found + 1]).contains(&u), "{n} {u}");
+                assert!(((u - edges[found]) - rest * pmf).abs() < 1e-12, "{n} {u}");
+            }
+        }
     }
 }
