@@ -331,13 +331,10 @@ fn passes(
         allocation.measure(&secondary);
         (shadows, secondary, allocation)
     };
-    /// Short runs flatter receiver-first samples: they miss the tails of edges that are close to the receiver, and do not show that
-    /// edge-first ones gain more from being many, as they are well spread over fewer dimensions.
-    const FLATTERY: f64 = 3.0;
     let (mut shadows, mut secondary, mut allocation) = along_light(Sky::Peak);
     if scene.environment.is_some() && lights {
         let other = along_light(Sky::Whole);
-        if allocation.advantage_over(&other.2, 2) < FLATTERY.ln() {
+        if allocation.advantage_over(&other.2, 2) < 0.0 {
             (shadows, secondary, allocation) = other;
         }
     }

@@ -29,11 +29,15 @@ use crate::render::edges::{Edge, EdgeTable};
 use crate::render::integrator::{Options, Recorder, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::mask::Through;
-use crate::render::sampler::{Sampler, hash};
+use crate::render::sampler::{ONE_MINUS_EPSILON, Sampler, hash};
 use crate::render::{Camera, Scene, Settings};
 
 /// Angle between an edge and the ray that looks past it.
 const NUDGE: f32 = 2e-5;
+
+/// Edge points that one path looks for. What a surface sees of something that moves past it appears on one side and vanishes on
+/// the other: looked at from one place, these go against each other, and the path is shared.
+const LOOKS: usize = 4;
 
 /// Receiver-first samples.
 pub struct Secondary<'a> {
@@ -126,7 +130,7 @@ impl<'a> Secondary<'a> {
             return None;
         }
         let pixels = pixels::active(adjoint);
-        let count = (pixels * settings.spp.max(1) as usize / 4).max(1024);
+        let count = (pixels * settings.spp.max(1) as usize / LOOKS).max(1024);
         let max_bounces = settings.max_bounces;
         let moving = if layout.moves_view() { None } else { EdgeTree::of_moving(scene, layout) };
         let mut secondary = Secondary {
@@ -155,7 +159,7 @@ impl<'a> Secondary<'a> {
         Some(secondary)
     }
 
-    /// One sample: `at` chooses the place on film, `u` the edge and the point on it; `weight` is one over their density.
+    /// One sample: `at` chooses the place on film, `u` the edges and the points on them; `weight` is one over their density.
     fn sample_at(
         &self,
         at: [f64; 2],
@@ -175,13 +179,16 @@ impl<'a> Secondary<'a> {
         let options = Options { next_event: false, split_lobes: true, ..Options::new(self.max_bounces - 1) };
         path.clear();
         trace(self.scene, Start::Ray(ray, &[]), sampler, &options, path);
-        let Some(sample) = self.sample(path, u, sampler) else { return };
-        let weight = (film.weight * weight) as f32;
-        out.pixel(film.pixel, |d, out| {
-            let injection = self.scatter(out, &sample, d * weight);
-            let ray = inject(out, path, &injection);
-            camera.d_ray(film.position, ray.origin, ray.dir, &mut out.camera);
-        });
+        let weight = (film.weight * weight / LOOKS as f64) as f32;
+        for look in 0..LOOKS {
+            let u = Vec2::new((u.x + look as f32) / LOOKS as f32, u.y).min(Vec2::splat(ONE_MINUS_EPSILON));
+            let Some(sample) = self.sample(path, u, sampler) else { continue };
+            out.pixel(film.pixel, |d, out| {
+                let injection = self.scatter(out, &sample, d * weight);
+                let ray = inject(out, path, &injection);
+                camera.d_ray(film.position, ray.origin, ray.dir, &mut out.camera);
+            });
+        }
     }
 
     /// One sample for a recorded path. `u` chooses the edge and the point on it.
@@ -445,7 +452,7 @@ impl Estimator for Secondary<'_> {
     fn cost(&self) -> f64 {
         // A way down the tree is about two rays; two paths look past the edge.
         let tree = 2.0 * CANDIDATES as f64;
-        2.0 + tree + 6.0 * typical_bounces(self.max_bounces)
+        2.0 + LOOKS as f64 * (tree + 6.0 * typical_bounces(self.max_bounces))
     }
 
     fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {

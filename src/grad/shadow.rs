@@ -55,6 +55,9 @@ impl Sky {
     }
 }
 
+/// Cells of directions by which edges of shadows are guided under a sky.
+const SKY_CELLS: [usize; 2] = [8, 8];
+
 /// Edge-first shadow samples.
 pub struct Shadows<'a> {
     scene: &'a Scene,
@@ -72,6 +75,8 @@ pub struct Shadows<'a> {
     tree: Option<&'a EdgeTree>,
     /// Over the numbers that choose edge and light.
     guide: Option<Guide>,
+    /// Cells of the guide by the first and by the second of the numbers that choose a light.
+    cells: [usize; 2],
 }
 
 impl<'a> Shadows<'a> {
@@ -122,16 +127,17 @@ impl<'a> Shadows<'a> {
             share,
             tree,
             guide: None,
+            cells: match sky {
+                Sky::Peak => [scene.lights.local_count().clamp(1, 16), 1],
+                Sky::Whole => SKY_CELLS, // directions differ
+            },
         }
     }
 
     /// Learns from pilots which edges cast shadows of which lights where it matters.
     pub fn guided(mut self, layout: &Layout, adjoint: &Image, seed: u64) -> Self {
         if self.count() > 0 {
-            let columns = match self.sky {
-                Sky::Peak => self.scene.lights.local_count().min(16),
-                Sky::Whole => 16, // directions differ
-            };
+            let columns = self.cells[0] * self.cells[1];
             let rows = (guide::cells(self.count) / columns).clamp(4, 1024);
             let seed = hash(seed, 0x0067_7569_6465);
             self.guide = Some(Guide::new([rows, columns], self.scene, layout, adjoint, |i, at, pilot| {
@@ -153,10 +159,23 @@ impl<'a> Shadows<'a> {
         }
     }
 
+    /// The numbers that choose a light. The guide has one number for both, along which cells of the second follow each other
+    /// within each cell of the first; `v` is the place within the second's cell.
+    fn unfold(&self, along: f64, v: f32) -> Vec2 {
+        let [columns, layers] = self.cells;
+        let x = along * (columns * layers) as f64;
+        let cell = (x as usize).min(columns * layers - 1);
+        let u = ((cell / layers) as f64 + x - cell as f64) / columns as f64;
+        Vec2::new(
+            (u as f32).min(ONE_MINUS_EPSILON),
+            (((cell % layers) as f32 + v) / layers as f32).min(ONE_MINUS_EPSILON),
+        )
+    }
+
     /// An edge that stands in the way of a light.
     fn cast_by_edge(&self, at: [f64; 2], v: f32, sampler: &mut Sampler) -> Option<Cast<'_>> {
         let scene = self.scene;
-        let u_light = Vec2::new((at[1] as f32).min(ONE_MINUS_EPSILON), v);
+        let u_light = self.unfold(at[1], v);
         let light = match self.sky {
             Sky::Peak => scene.sample_local_light(u_light)?,
             Sky::Whole => scene.sample_light(u_light)?,

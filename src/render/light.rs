@@ -103,6 +103,8 @@ pub struct LightTable {
 /// Of the paths at a diffuse surface that may turn once more only to find a light, the share that do. The others leave it to the
 /// light that was chosen: rays are saved where it is the better technique, and close to lights it is not alone.
 const LAST_TURNS: f32 = 0.25;
+/// The share of all surfaces' area that emits above which they all turn: among lights a direction is the better choice.
+const MANY_LIGHTS: f32 = 0.125;
 
 fn mean_luminance(description: &SceneDescription, input: Input) -> f64 {
     match input {
@@ -132,14 +134,14 @@ impl LightTable {
             .iter()
             .map(|s| s.emission.as_ref().map_or(0.0, |e| mean_luminance(description, e.radiance)))
             .collect();
+        let (mut surfaces, mut emitting) = (0.0, 0.0);
         for (i, prim) in prims.iter().enumerate() {
             let shape = &description.shapes[prim.shape as usize];
-            if shape.emission.is_none() {
-                continue;
-            }
             let [a, b, c] = shape.mesh.faces[prim.face as usize].map(|v| shape.mesh.vertices[v as usize]);
             let area = 0.5 * (b - a).cross(c - a).length();
-            if area > 0.0 {
+            surfaces += area;
+            if shape.emission.is_some() && area > 0.0 {
+                emitting += area;
                 entries.push(Entry::Triangle { prim: i as u32, area });
                 weights.push(std::f64::consts::PI * f64::from(area) * per_shape[prim.shape as usize]);
             }
@@ -180,7 +182,8 @@ impl LightTable {
         }
         let last_turns = match entries.last() {
             Some(Entry::Environment) => 1.0,
-            _ if entries.iter().any(|e| matches!(e, Entry::Triangle { .. })) => LAST_TURNS,
+            _ if emitting > MANY_LIGHTS * surfaces => 1.0,
+            _ if emitting > 0.0 => LAST_TURNS,
             _ => 0.0,
         };
         LightTable { entries, pmf, local_entries, local_pmf, area_pdf, environment_pmf, last_turns }
