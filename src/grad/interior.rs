@@ -2,7 +2,7 @@
 //!
 //! Parametrisation (the table in `ARCHITECTURE.md`): camera rays and reflected radiance
 //! are direction-fixed (a hit point slides over its surface as things move), emission is material-fixed (a point of a
-//! light keeps its barycentric coordinates, one of the environment turns with it), perfect mirrors and narrow lobes are attached (their directions follow the
+//! light keeps its barycentric coordinates, one of the environment, or of its peak, turns with it), perfect mirrors and narrow lobes are attached (their directions follow the
 //! normal). What is seen through an attached direction slides, emission included. Sampling
 //! densities, MIS weights and Russian roulette are constants.
 
@@ -17,6 +17,7 @@ use super::local::{
     d_eval_attached, d_first_hit, d_inputs, d_masks, d_material, d_mirrored, d_opacity, emission_input, slide,
 };
 use super::pixels::{self, FilmCurve, FilmSample};
+use super::shadow::Sky;
 use super::sink::{Adjoints, Layout, Sink};
 use super::viewpoint::d_reflected_ray;
 use crate::image::Image;
@@ -160,9 +161,17 @@ pub fn inject<S: Sink>(out: &mut Adjoints<S>, path: &Path, injection: &Injection
     ray
 }
 
-/// Backward sweep: adds the derivative of `a · radiance(path)` to `out` and returns the adjoint of the path's first ray. With
-/// `distributions_fixed` GGX distributions do not depend on roughness.
-pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, distributions_fixed: bool) -> RayAdjoint {
+/// What a sweep takes for constant, as something else takes care of it.
+#[derive(Clone, Copy, Debug)]
+pub struct Fixed {
+    /// GGX distributions do not depend on roughness.
+    pub distributions: bool,
+    /// What of the environment turns with it: its other directions stay where they are.
+    pub sky: Sky,
+}
+
+/// Backward sweep: adds the derivative of `a · radiance(path)` to `out` and returns the adjoint of the path's first ray.
+pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, fixed: Fixed) -> RayAdjoint {
     let mut reflected = Vec3::ZERO; // by the vertex after the current one
     let mut ray = RayAdjoint::default();
     for (k, v) in path.vertices.iter().enumerate().rev() {
@@ -214,11 +223,19 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, distributions
                 let sliding = sliding_emission(out.scene, path, k + 1).is_some();
                 let direction_fixed = reflected + sky + if sliding { emission } else { Vec3::ZERO };
                 if direction_fixed != Vec3::ZERO {
-                    let (d_wo, d_values) = d_eval(si, c.dir, part, d_f * direction_fixed, &mut adj);
-                    if c.escaped.is_some() {
-                        out.environment_direction(c.dir, d_wo + d_dir); // the sky turns, and its direction with it
+                    add_values(d_eval(si, c.dir, part, d_f * direction_fixed, &mut adj).1);
+                    if c.escaped.is_some() && out.layout.turns_environment() {
+                        let rest = fixed.sky.rest(out.scene, c.dir);
+                        let d_sky = a_k * step * (c.emission_weight * c.through.weight);
+                        if fixed.sky != Sky::Whole {
+                            out.environment_base(c.dir, d_sky);
+                        }
+                        // What turns takes its direction along.
+                        let turning = sky * (Vec3::ONE - rest);
+                        let (d_wo, _) = d_eval(si, c.dir, part, d_f * turning, &mut VertexAdjoint::default());
+                        let d_masks = d_dir * ratio(a_k.dot(step * turning), a_k.dot(step * sky));
+                        out.environment_direction(c.dir, d_wo + d_masks);
                     }
-                    add_values(d_values);
                 }
                 if let Some(light) = c.hit_light.as_ref().filter(|_| !sliding)
                     && let Some(arrival) = light.arrive(si.p)
@@ -248,7 +265,7 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, distributions
                 weight,
                 masks: Masks { crossings: path.crossings(v.to_light), weight: c.weight },
             };
-            add_values(d_arriving(out, si, &arriving, a_k, &mut adj));
+            add_values(d_arriving(out, si, &arriving, a_k, fixed.sky, &mut adj));
         }
         if let Some(weight) = sliding_emission(out.scene, path, k)
             && (si.emission != Vec3::ZERO || emission_input(out, si.prim).is_some())
@@ -261,7 +278,9 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, distributions
                 d_emission_sliding(out, si, a_k * weight, &mut adj);
             }
         }
-        if distributions_fixed && let Some(pair) = si.bsdf.roughness_pair() {
+        if fixed.distributions
+            && let Some(pair) = si.bsdf.roughness_pair()
+        {
             d_values[pair.input].x -= d_distribution(&pair, v, a_k, found);
         }
         d_inputs(out, si, &d_values, &mut adj);
@@ -281,6 +300,10 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, distributions
         reflected = out_going;
     }
     ray
+}
+
+fn ratio(a: f32, b: f32) -> f32 {
+    if b == 0.0 { 0.0 } else { a / b }
 }
 
 /// The part of a vertex's derivative in its roughness that is the distribution's.
@@ -306,6 +329,7 @@ fn d_distribution(pair: &RoughnessPair, v: &PathVertex, a: Vec3, found: Vec3) ->
 }
 
 /// The interior term: camera paths, swept backwards.
+#[derive(Clone)]
 pub struct Interior<'a> {
     scene: &'a Scene,
     camera: &'a Camera,
@@ -313,8 +337,7 @@ pub struct Interior<'a> {
     film: FilmCurve,
     count: usize,
     toss: Toss,
-    /// Derivatives of GGX distributions in their roughness are left to [`super::roughness`].
-    pub distributions_fixed: bool,
+    pub fixed: Fixed,
 }
 
 impl<'a> Interior<'a> {
@@ -334,7 +357,7 @@ impl<'a> Interior<'a> {
             film: FilmCurve::new(adjoint),
             count,
             toss: toss(scene, layout),
-            distributions_fixed: false,
+            fixed: Fixed { distributions: false, sky: Sky::Whole },
         }
     }
 
@@ -364,7 +387,7 @@ impl<'a> Interior<'a> {
                 let d_pass = d.dot(self.scene.environment_radiance(ray.dir));
                 RayAdjoint { origin: Vec3::ZERO, dir } + d_masks(out, ray.dir, &path.crossings, d_pass)
             } else {
-                sweep(out, path, d, self.distributions_fixed)
+                sweep(out, path, d, self.fixed)
             };
             if !out.layout.still {
                 camera.d_ray(film.position, ray_adjoint.origin, ray_adjoint.dir, &mut out.camera);

@@ -4,6 +4,7 @@ use std::ops::Add;
 
 use glam::Vec3;
 
+use super::shadow::Sky;
 use super::sink::{Adjoints, Sink};
 use crate::render::accel::PrimId;
 use crate::render::bsdf::{BsdfAdjoint, MAX_INPUTS, Part};
@@ -281,6 +282,7 @@ pub fn d_arriving<S: Sink>(
     si: &SurfaceInteraction,
     c: &Arriving,
     a: Vec3,
+    sky: Sky,
     adj: &mut VertexAdjoint,
 ) -> [Vec3; MAX_INPUTS] {
     if c.light.is_delta() {
@@ -289,7 +291,10 @@ pub fn d_arriving<S: Sink>(
     let [fixed, attached] = si.eval_split(c.dir);
     let part = si.bsdf.is_attached().then_some(Part::Diffuse);
     let touches = c.light.kind == LightKind::Area && out.scene.touch(si.prim, c.light.prim);
-    let mut d_values = if !touches {
+    let splits = c.light.kind == LightKind::Environment && sky != Sky::Whole && out.layout.turns_environment();
+    let mut d_values = if splits {
+        d_sky(out, si, c, fixed, part, a, sky, adj)
+    } else if !touches {
         d_material(out, si, c, fixed, part, a, adj)
     } else {
         let d_f = a * c.light.power * (c.geometry * c.weight);
@@ -302,6 +307,30 @@ pub fn d_arriving<S: Sink>(
         for (d, e) in d_values.iter_mut().zip(d_eval_attached(si, c.dir, d_f, d_dir, adj)) {
             *d += e;
         }
+    }
+    d_values
+}
+
+/// Adjoint of light from a direction of which a part turns with the environment and the rest stays where it is.
+#[allow(clippy::too_many_arguments)]
+fn d_sky<S: Sink>(
+    out: &mut Adjoints<S>,
+    si: &SurfaceInteraction,
+    c: &Arriving,
+    f: Vec3,
+    part: Option<Part>,
+    a: Vec3,
+    sky: Sky,
+    adj: &mut VertexAdjoint,
+) -> [Vec3; MAX_INPUTS] {
+    let rest = c.light.power * sky.rest(out.scene, c.dir);
+    let turning = LightSample { power: c.light.power - rest, ..*c.light };
+    let mut d_values = d_material(out, si, &Arriving { light: &turning, ..*c }, f, part, a, adj);
+    let scale = c.geometry * c.weight;
+    out.environment_base(c.dir, a * f * scale);
+    adj.p += d_masks(out, c.dir, c.masks.crossings, a.dot(f * rest) * c.geometry * c.masks.weight).origin;
+    for (d, e) in d_values.iter_mut().zip(d_eval(si, c.dir, part, a * rest * scale, adj).1) {
+        *d += e;
     }
     d_values
 }
@@ -327,6 +356,7 @@ fn d_found<S: Sink>(out: &mut Adjoints<S>, c: &Arriving, a: Vec3, adj: &mut Vert
 }
 
 /// Light arriving at a vertex from a light sample: contribution a·(f·power)·geometry·weight.
+#[derive(Clone, Copy)]
 pub struct Arriving<'a> {
     pub light: &'a LightSample,
     pub dir: Vec3,
@@ -337,6 +367,7 @@ pub struct Arriving<'a> {
 }
 
 /// Masks on the way of light: `weight` is the whole one without theirs.
+#[derive(Clone, Copy)]
 pub struct Masks<'a> {
     pub crossings: &'a [Crossing],
     pub weight: f32,

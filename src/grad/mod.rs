@@ -315,9 +315,10 @@ fn passes(
     let reflections = curved.and_then(|tree| Reflections::new(scene, camera, tree, settings, adjoint, seed));
 
     let mut allocation = Allocation::new(scene, layout, adjoint, seed);
-    allocation.measure(&interior);
     allocation.measure(&primary);
     let along_light = |sky: Sky| {
+        let mut interior = interior.clone();
+        interior.iter_mut().for_each(|i| i.fixed.sky = sky);
         let shadows = tree.as_ref().map(|tree| {
             let pixels = camera.width * camera.height;
             let count = settings.spp.max(1) as usize * (pixels / 8).clamp(1024, 131_072);
@@ -327,21 +328,23 @@ fn passes(
             Secondary::new(scene, sky, camera, tree, &mirrors.planes, ways.as_ref(), settings, layout, adjoint, seed)
         });
         let mut allocation = allocation.clone();
+        allocation.measure(&interior);
         allocation.measure(&shadows);
         allocation.measure(&secondary);
-        (shadows, secondary, allocation)
+        ((interior, shadows, secondary), allocation)
     };
-    let (mut shadows, mut secondary, mut allocation) = along_light(Sky::Peak);
+    let (mut estimators, mut allocation) = along_light(Sky::Peak);
     if scene.environment.is_some() && lights {
-        let other = along_light(Sky::Whole);
-        if allocation.advantage_over(&other.2, 2) < 0.0 {
-            (shadows, secondary, allocation) = other;
+        let (others, other) = along_light(Sky::Whole);
+        if allocation.advantage_over(&other, 1) < 0.0 {
+            (estimators, allocation) = (others, other);
         }
     }
+    let (interior, shadows, secondary) = estimators;
     allocation.measure(&reflections);
     let counts = allocation.split();
-    draw(&interior, counts[0], seed, visit);
-    draw(&primary, counts[1], seed, visit);
+    draw(&primary, counts[0], seed, visit);
+    draw(&interior, counts[1], seed, visit);
     draw(&shadows, counts[2], seed, visit);
     draw(&secondary, counts[3], seed, visit);
     draw(&reflections, counts[4], seed, visit);
@@ -358,7 +361,7 @@ fn without_boundary(
     if interior.is_some() && pairs.is_some() {
         let [mut plain, mut paired] = [(); 2].map(|()| nothing_measured.clone());
         plain.measure(&interior);
-        interior.iter_mut().for_each(|i| i.distributions_fixed = true);
+        interior.iter_mut().for_each(|i| i.fixed.distributions = true);
         paired.measure(&interior);
         paired.measure(&pairs);
         if paired.advantage_over(&plain, 0) > 0.0 {
@@ -366,7 +369,7 @@ fn without_boundary(
             draw(&interior, counts[0], seed, visit);
             return draw(&pairs, counts[1], seed, visit);
         }
-        interior.iter_mut().for_each(|i| i.distributions_fixed = false);
+        interior.iter_mut().for_each(|i| i.fixed.distributions = false);
     }
     let own = interior.as_ref().map_or(0, Estimator::count);
     draw(&interior, own, seed, visit);

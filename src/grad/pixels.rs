@@ -57,6 +57,7 @@ impl FilmDensity {
 /// Samples are spaced evenly along the curve, so a pixel gets a run of consecutive points of the sequence, its neighbourhood a longer
 /// one. Such runs of a Sobol sequence are well spread in *every* dimension: light and scattering directions are stratified
 /// within each pixel and around it (as by Ahmed and Wonka 2020, who order pixels by a Z-curve), and rays follow each other closely.
+#[derive(Clone)]
 pub struct FilmCurve {
     width: usize,
     pixels: Vec<u32>,

@@ -73,10 +73,8 @@ pub struct SecondarySample {
     pub normal: Vec3,
     pub mirror: Option<Glass>,
     pub weight: Vec3,
-    /// The share of the weight whose direction is attached, the one whose direction turns with the environment, and that
-    /// direction with the distance of the edge along it.
+    /// The share of the weight whose direction is attached, and that direction with the distance of the edge along it.
     pub attached: Vec3,
-    pub sky: Vec3,
     pub dir: Vec3,
     pub distance: f32,
 }
@@ -305,18 +303,15 @@ impl<'a> Secondary<'a> {
             _ if sight.mirror.is_some() => side.radiance + side.emission,
             Some(emitter) if contacts.contains(si.prim, emitter) => side.radiance + side.emission,
             Some(_) => side.radiance,
-            None => self.sky.rest(self.scene, side.radiance),
+            None => side.radiance * self.sky.rest(self.scene, sight.dir),
         };
         let all = |side: &Side| side.radiance + side.emission;
-        let is_sky = |side: &Side| sight.mirror.is_none() && side.first.is_none();
-        let sky_of = |side: &Side| if is_sky(side) { sliding(side) } else { Vec3::ZERO };
-        let sky = fixed * (sky_of(&foreground) - sky_of(&background));
         let fixed = fixed * (sliding(&foreground) - sliding(&background));
         let attached = attached * (all(&foreground) - all(&background));
         let sin_phi = edge.direction().cross(sight.dir).length();
         let pdf = point.pdf * weight(k) / (total * (mirrors + 1) as f32);
         let scale = vertex.throughput * sight.reflectance * (through * sides.scale * sin_phi / (area * pdf));
-        let (weight, attached, sky) = (scale * (fixed + attached), scale * attached, scale * sky);
+        let (weight, attached) = (scale * (fixed + attached), scale * attached);
         (weight != Vec3::ZERO && weight.is_finite()).then_some(SecondarySample {
             vertex: k,
             edge: point.edge,
@@ -327,7 +322,6 @@ impl<'a> Secondary<'a> {
             mirror: sight.mirror,
             weight,
             attached,
-            sky,
             dir,
             distance,
         })
@@ -427,7 +421,6 @@ impl<'a> Secondary<'a> {
             None => d_image,
         };
         out.edge_point(&self.table.edges[sample.edge], sample.foreground, sample.s, d_p);
-        out.environment_direction(sample.dir, sample.normal * (-sample.distance * d.dot(sample.sky)));
         let d_dir = sample.normal * (-sample.distance * d.dot(sample.attached));
         Injection { vertex: sample.vertex, d_p: -d_image, dir: sample.dir, d_dir }
     }

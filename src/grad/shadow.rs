@@ -36,7 +36,8 @@ use crate::render::light::{LightKind, LightSample};
 use crate::render::sampler::{Discrete, ONE_MINUS_EPSILON, Sampler, hash};
 use crate::render::{Scene, Settings};
 
-/// What of an environment's light is found edge-first, here. The rest is left to receiver-first samples.
+/// What of an environment's light is found edge-first, here, and turns with it. The rest is left to receiver-first samples, and is
+/// a radiance in directions that stay where they are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sky {
     /// What stands out, if anything does.
@@ -45,12 +46,11 @@ pub enum Sky {
 }
 
 impl Sky {
-    /// What is left of a radiance.
-    pub fn rest(self, scene: &Scene, radiance: Vec3) -> Vec3 {
-        match (self, &scene.environment_peak) {
-            (Sky::Whole, _) => Vec3::ZERO,
-            (Sky::Peak, Some(peak)) => radiance - peak.of(radiance),
-            (Sky::Peak, None) => radiance,
+    /// The share of the radiance from a direction that is left, by channel.
+    pub fn rest(self, scene: &Scene, dir: Vec3) -> Vec3 {
+        match self {
+            Sky::Whole => Vec3::ZERO,
+            Sky::Peak => scene.environment_base_share(dir),
         }
     }
 }

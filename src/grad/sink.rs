@@ -7,7 +7,8 @@ use crate::render::accel::PrimId;
 use crate::render::edges::Edge;
 use crate::render::environment::{d_environment_uv, environment_uv};
 use crate::render::sensor::CameraAdjoint;
-use crate::render::{Input, Scene, Slot};
+use crate::render::texture::{Footprint, Texture};
+use crate::render::{Environment, Input, Scene, Slot};
 
 /// "Nobody asked for this slot."
 const NONE: u32 = u32::MAX;
@@ -105,6 +106,11 @@ impl Layout {
         let all =
             [self.camera_origin, self.camera_frame, self.camera_scale, self.camera_lens, self.environment_rotation];
         all.iter().any(|&start| start != NONE)
+    }
+
+    /// Whether the environment's rotation is asked for.
+    pub fn turns_environment(&self) -> bool {
+        self.environment_rotation != NONE
     }
 
     /// Whether anything asked for can move a silhouette or a shadow.
@@ -393,8 +399,9 @@ impl<'a, S: Sink> Adjoints<'a, S> {
 
     /// Adjoint of the environment's radiance in world direction `dir`; returns the direction's adjoint.
     pub fn environment(&mut self, dir: Vec3, d: Vec3) -> Vec3 {
-        let Some(e) = &self.scene.description.environment else { return Vec3::ZERO };
-        let texture = &self.scene.description.textures[e.radiance];
+        let scene = self.scene;
+        let Some(e) = &scene.description.environment else { return Vec3::ZERO };
+        let texture = &scene.description.textures[e.radiance];
         let start = self.layout.texels[e.radiance];
         if texture.is_constant() {
             self.add3(start, 0, d);
@@ -403,8 +410,7 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         if start == NONE && self.layout.still {
             return Vec3::ZERO;
         }
-        let local = e.rotation.transpose() * dir;
-        let footprint = texture.environment_footprint(environment_uv(local));
+        let footprint = texture.environment_footprint(environment_uv(e.rotation.transpose() * dir));
         if start != NONE {
             let sink = &mut self.sink;
             texture.scatter_footprint(&footprint, d, |i, v| sink.add(start as usize + i, v));
@@ -412,9 +418,15 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         if self.layout.still {
             return Vec3::ZERO;
         }
-        let [du, dv] = texture.uv_gradient(&footprint);
+        self.turned_map(e, texture, &footprint, dir, d)
+    }
+
+    /// Adjoint of what a map, turned as the environment, holds in world direction `dir`; returns the direction's.
+    fn turned_map(&mut self, e: &Environment, map: &Texture, footprint: &Footprint, dir: Vec3, d: Vec3) -> Vec3 {
+        let [du, dv] = map.uv_gradient(footprint);
+        let local = e.rotation.transpose() * dir;
         let d_local = d_environment_uv(local, Vec2::new(du.dot(d), dv.dot(d)));
-        if self.layout.environment_rotation != NONE {
+        if self.layout.turns_environment() {
             // local_j = Σ_i R_ij dir_i
             let at = self.layout.environment_rotation as usize;
             for (i, dir_i) in dir.to_array().into_iter().enumerate() {
@@ -424,6 +436,19 @@ impl<'a, S: Sink> Adjoints<'a, S> {
             }
         }
         e.rotation * d_local
+    }
+
+    /// Adjoint of the radiance of the environment's base in world direction `dir`, which stays where it is; its texels are constants.
+    pub fn environment_base(&mut self, dir: Vec3, d: Vec3) {
+        let scene = self.scene;
+        let Some(e) = scene.description.environment.as_ref().filter(|_| self.layout.turns_environment()) else {
+            return;
+        };
+        let map = scene.environment_peak.as_ref().map_or(&scene.description.textures[e.radiance], |peak| &peak.base);
+        if !map.is_constant() {
+            let footprint = map.environment_footprint(environment_uv(e.rotation.transpose() * dir));
+            self.turned_map(e, map, &footprint, dir, d);
+        }
     }
 
     /// Adjoint of the radiance of the environment's own point seen in world direction `dir`, as [`Adjoints::environment`] but for
@@ -445,8 +470,7 @@ impl<'a, S: Sink> Adjoints<'a, S> {
 
     /// Adjoint of the world direction of a point of the environment.
     pub fn environment_direction(&mut self, dir: Vec3, d_dir: Vec3) {
-        let Some(e) = self.scene.description.environment.as_ref().filter(|_| self.layout.environment_rotation != NONE)
-        else {
+        let Some(e) = self.scene.description.environment.as_ref().filter(|_| self.layout.turns_environment()) else {
             return;
         };
         // dir_i = Σ_j R_ij local_j

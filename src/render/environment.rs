@@ -1,10 +1,11 @@
 //! Equirectangular environment maps: directions to texture coordinates and back, importance sampling.
 
+use std::collections::VecDeque;
 use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
 use glam::{Vec2, Vec3};
 
-use super::texture::Texture;
+use super::texture::{Filter, Texture};
 
 /// This share of the samples is spread evenly over the sphere, so that derivatives in black texels are found as well.
 const DEFENSIVE_SHARE: f64 = 0.05;
@@ -55,20 +56,25 @@ pub struct EnvironmentTable {
     density: Vec<f32>,
 }
 
-/// What of an environment is much brighter than the rest: a sun. L = smooth + peak, peak = L · (1 − threshold / mean of L's
-/// channels) where that is positive (shadows of peaks are found from the light, those of a smooth sky
-/// from the receiver).
+/// An environment in which something is much brighter than the rest: a sun. L = base + peak, the base its lower envelope: the map
+/// without whatever is brighter than its surroundings and smaller than a window (a morphological opening), so that the peak
+/// has the sun's flanks too and the base is smooth. Shadows of peaks are found from the light; the base is seen from the receiver, and
+/// as a radiance in directions that stay where they are.
 #[derive(Clone, Debug)]
 pub struct EnvironmentPeak {
-    threshold: f32,
+    pub base: Texture,
+    /// Of the peak.
     pub table: EnvironmentTable,
     /// Mean over the sphere of the peak's channels.
     pub mean: f32,
 }
 
 impl EnvironmentPeak {
-    /// A peak is brighter than this many times the mean.
+    /// Something stands out that is brighter than this many times the mean.
     const CONTRAST: f64 = 4.0;
+
+    /// Half the window: a share of the map's width, 11 degrees.
+    const WINDOW: usize = 32;
 
     /// `None` if nothing stands out.
     pub fn new(texture: &Texture) -> Option<EnvironmentPeak> {
@@ -77,15 +83,69 @@ impl EnvironmentPeak {
         }
         let (_, mean) = EnvironmentTable::with_strength(texture, DEFENSIVE_SHARE, |s| s);
         let threshold = Self::CONTRAST * mean;
-        let (table, peak) = EnvironmentTable::with_strength(texture, 0.0, |s| (s - threshold).max(0.0));
-        (peak > 1e-3 * mean).then_some(EnvironmentPeak { threshold: threshold as f32, table, mean: peak as f32 })
+        let (_, bright) = EnvironmentTable::with_strength(texture, 0.0, |s| (s - threshold).max(0.0));
+        if bright <= 1e-3 * mean {
+            return None;
+        }
+        let base = Self::envelope(texture);
+        let data = texture.data.iter().zip(&base.data).map(|(l, b)| l - b).collect();
+        let (table, mean) = EnvironmentTable::with_strength(&Texture { data, ..texture.clone() }, 0.0, |s| s);
+        Some(EnvironmentPeak { base, table, mean: mean as f32 })
     }
 
-    /// The peak's part of a radiance.
-    pub fn of(&self, radiance: Vec3) -> Vec3 {
-        let mean = radiance.abs().element_sum() / 3.0;
-        if mean > self.threshold { radiance * (1.0 - self.threshold / mean) } else { Vec3::ZERO }
+    /// The opening of the texels' means; a texel keeps its colour.
+    fn envelope(texture: &Texture) -> Texture {
+        let (width, height, channels) = (texture.width, texture.height, texture.channels);
+        let mean = |texel: &[f32]| texel.iter().map(|c| c.abs()).sum::<f32>() / channels as f32;
+        let means: Vec<f32> = texture.data.chunks_exact(channels).map(mean).collect();
+        let radius = (width / Self::WINDOW).max(1);
+        let down = |map: &mut Vec<f32>, best: fn(f32, f32) -> bool| {
+            for x in 0..width {
+                let column: Vec<f32> = (0..height).map(|y| map[y * width + x]).collect();
+                let extremes = sliding(&column, radius.min(height - 1), best);
+                extremes.into_iter().enumerate().for_each(|(y, m)| map[y * width + x] = m);
+            }
+        };
+        // The window is as wide at any height.
+        let along = |map: &mut Vec<f32>, best: fn(f32, f32) -> bool| {
+            for (y, row) in map.chunks_exact_mut(width).enumerate() {
+                let ring = ((y as f32 + 0.5) / height as f32 * PI).sin();
+                let radius = ((radius as f32 / ring) as usize).min(width / 2);
+                let around: Vec<f32> = (0..width + 2 * radius).map(|x| row[(x + width - radius) % width]).collect();
+                row.copy_from_slice(&sliding(&around, radius, best)[radius..radius + width]);
+            }
+        };
+        let (less, more): (fn(f32, f32) -> bool, fn(f32, f32) -> bool) = (|a, b| a <= b, |a, b| a >= b);
+        let mut opened = means.clone();
+        down(&mut opened, less);
+        along(&mut opened, less);
+        along(&mut opened, more);
+        down(&mut opened, more);
+        let share = |i: usize| if means[i] > 0.0 { (opened[i] / means[i]).clamp(0.0, 1.0) } else { 0.0 };
+        let data = texture.data.iter().enumerate().map(|(i, l)| l * share(i / channels)).collect();
+        Texture { data, filter: Filter::Bilinear, ..texture.clone() }
     }
+}
+
+/// The best of all values at most `radius` places away, at each place; `best` says whether the first is as good as the second.
+fn sliding(values: &[f32], radius: usize, best: fn(f32, f32) -> bool) -> Vec<f32> {
+    // Places whose values get worse: those that may yet be the best.
+    let mut candidates: VecDeque<usize> = VecDeque::new();
+    let mut extremes = Vec::with_capacity(values.len());
+    for end in 0..values.len() + radius {
+        if let Some(&value) = values.get(end) {
+            while candidates.back().is_some_and(|&i| best(value, values[i])) {
+                candidates.pop_back();
+            }
+            candidates.push_back(end);
+        }
+        let Some(center) = end.checked_sub(radius) else { continue };
+        while candidates.front().is_some_and(|&i| i + radius < center) {
+            candidates.pop_front();
+        }
+        extremes.push(candidates.front().map_or(values[center], |&i| values[i]));
+    }
+    extremes
 }
 
 impl EnvironmentTable {
@@ -197,7 +257,7 @@ fn solid_angle(row: usize, rows: usize, columns: usize) -> f64 {
 mod tests {
     use super::*;
     use crate::math::{Pcg32, uniform_sphere};
-    use crate::render::texture::{Filter, Wrap};
+    use crate::render::texture::Wrap;
 
     /// Black but for a few bright texels, among them both poles and the seam.
     fn spiky_map() -> Texture {

@@ -5,7 +5,8 @@ use glam::{Vec2, Vec3};
 use super::accel::{NO_PRIM, PrimId, Ray};
 use super::bsdf::{Bsdf, BsdfSample, MAX_INPUTS, Part};
 use super::environment::environment_uv;
-use super::scene::{Input, MaterialKind};
+use super::scene::{Environment, Input, MaterialKind};
+use super::texture::Texture;
 use super::world::Scene;
 use crate::math::{Frame, luminance};
 
@@ -149,16 +150,36 @@ impl Scene {
     /// Radiance arriving from infinity against world direction `dir`.
     pub(crate) fn environment_radiance(&self, dir: Vec3) -> Vec3 {
         match &self.description.environment {
-            Some(e) => {
-                let texture = &self.description.textures[e.radiance];
-                if texture.is_constant() {
-                    texture.color()
-                } else {
-                    texture.value(&texture.environment_footprint(environment_uv(e.rotation.transpose() * dir)))
-                }
-            }
+            Some(e) => e.radiance_from(&self.description.textures[e.radiance], dir),
             None => Vec3::ZERO,
         }
+    }
+
+    /// What of the environment's radiance does not stand out.
+    pub(crate) fn environment_base(&self, dir: Vec3) -> Vec3 {
+        match (&self.description.environment, &self.environment_peak) {
+            (Some(e), Some(peak)) => e.radiance_from(&peak.base, dir),
+            _ => self.environment_radiance(dir),
+        }
+    }
+
+    /// The share of it, by channel.
+    pub(crate) fn environment_base_share(&self, dir: Vec3) -> Vec3 {
+        if self.environment_peak.is_none() {
+            return Vec3::ONE;
+        }
+        let (base, all) = (self.environment_base(dir), self.environment_radiance(dir));
+        Vec3::select(all.cmpeq(Vec3::ZERO), Vec3::ZERO, base / all)
+    }
+}
+
+impl Environment {
+    /// What a map, turned as this one, holds in world direction `dir`.
+    fn radiance_from(&self, map: &Texture, dir: Vec3) -> Vec3 {
+        if map.is_constant() {
+            return map.color();
+        }
+        map.value(&map.environment_footprint(environment_uv(self.rotation.transpose() * dir)))
     }
 }
 

@@ -301,7 +301,7 @@ impl Scene {
                 let peak = self.environment_peak.as_ref()?;
                 let (local, pdf) = peak.table.sample(u);
                 let y = (rotation * local).normalize();
-                let power = peak.of(self.environment_radiance(y));
+                let power = self.environment_radiance(y) - self.environment_base(y);
                 LightSample { kind: LightKind::Environment, y, power, pdf: p * pdf, ..base }
             }
             Entry::Environment => {
