@@ -1,8 +1,9 @@
 //! How many samples each estimator draws.
 //!
 //! The variance of a sum of independent estimators, n_s samples of cost c_s each, is least for n_s ∝ √(V_s / c_s), V_s the
-//! variance of one sample (Neyman 1934). Short independent runs measure V_s, summed over the slots in units of each
-//! slot's own derivative, so that a slot counts whatever its scale. Counts are fixed before the samples proper are drawn: no bias.
+//! variance of one sample (Neyman 1934). Short independent runs measure V_s of some features of each slot, summed in units of the
+//! least variance that each could have, so that all count whatever their scale: what is noisy up and down does not decide for
+//! sideways. Counts are fixed before the samples proper are drawn: no bias.
 
 use rayon::prelude::*;
 
@@ -18,7 +19,7 @@ const SHARE: usize = 256;
 /// No estimator gets less than this share of its own number, or more than that many times it: short runs may miss what is rare,
 /// and then this bounds the price.
 const LEAST: f64 = 0.125;
-const MOST: f64 = 8.0;
+const MOST: f64 = 16.0;
 
 /// A kind of samples of which any number may be drawn.
 pub trait Estimator: Sync {
@@ -50,7 +51,7 @@ pub struct Allocation<'a> {
 struct Moments {
     count: usize,
     cost: f64,
-    /// By slot: the mean variance of one sample's features.
+    /// Variances of one sample's features, slot by slot.
     variances: Vec<f64>,
 }
 
@@ -62,7 +63,7 @@ impl<'a> Allocation<'a> {
     /// Runs an estimator for a while, with sequences of its own.
     pub fn measure(&mut self, estimator: &Option<impl Estimator>) {
         let Some(estimator) = estimator.as_ref().filter(|e| e.count() > 0) else {
-            let variances = vec![0.0; self.layout.slots.len()];
+            let variances = vec![0.0; self.layout.slots.len() * FEATURES];
             return self.moments.push(Moments { count: 0, cost: 1.0, variances });
         };
         let count = (estimator.count() / SHARE).max(64);
@@ -73,23 +74,22 @@ impl<'a> Allocation<'a> {
             mode.into_sink().sums
         };
         let runs: Vec<Vec<[f64; FEATURES]>> = (0..RUNS).into_par_iter().map(sketch).collect();
-        let variance = |slot: usize, feature: usize| {
-            let values = || runs.iter().map(|r| r[slot][feature]);
+        let variance = |i: usize| {
+            let values = || runs.iter().map(|r| r[i / FEATURES][i % FEATURES]);
             let mean = values().sum::<f64>() / RUNS as f64;
-            values().map(|x| (x - mean).powi(2)).sum::<f64>() / (RUNS - 1) as f64
+            values().map(|x| (x - mean).powi(2)).sum::<f64>() / (RUNS - 1) as f64 * count as f64
         };
-        let variances = (0..self.layout.slots.len())
-            .map(|slot| (0..FEATURES).map(|i| variance(slot, i)).sum::<f64>() / FEATURES as f64 * count as f64)
-            .collect();
+        let variances = (0..self.layout.slots.len() * FEATURES).map(variance).collect();
         self.moments.push(Moments { count: estimator.count(), cost: estimator.cost(), variances });
     }
 
     /// By how much less variance at equal cost the estimators after the first `shared` promise than others that estimate the same:
-    /// the logarithm of the ratio, a mean over slots. Who finds nothing where others find something promises nothing.
+    /// the logarithm of the ratio, a mean over features. Who finds nothing where others find something promises nothing.
     pub fn advantage_over(&self, other: &Allocation, shared: usize) -> f64 {
         const MOST: f64 = 14.0;
-        let ratios = (0..self.layout.slots.len()).filter_map(|slot| {
-            let [ours, theirs] = [self, other].map(|a| least_variance(&a.moments[shared..], slot));
+        let features = self.moments.first().map_or(0, |m| m.variances.len());
+        let ratios = (0..features).filter_map(|feature| {
+            let [ours, theirs] = [self, other].map(|a| least_variance(&a.moments[shared..], feature));
             match (ours > 0.0, theirs > 0.0) {
                 (true, true) => Some((theirs / ours).ln().clamp(-MOST, MOST)),
                 (true, false) => Some(MOST),
@@ -109,8 +109,8 @@ impl<'a> Allocation<'a> {
 
 fn split(moments: &[Moments]) -> Vec<usize> {
     let own = || moments.iter().map(|m| m.count);
-    let slots = moments.first().map_or(0, |m| m.variances.len());
-    let scales: Vec<f64> = (0..slots).map(|slot| least_variance(moments, slot)).collect();
+    let features = moments.first().map_or(0, |m| m.variances.len());
+    let scales: Vec<f64> = (0..features).map(|feature| least_variance(moments, feature)).collect();
     let strength = |m: &Moments| {
         let parts = m.variances.iter().zip(&scales).filter(|(_, scale)| **scale > 0.0);
         (parts.map(|(variance, scale)| variance / scale).sum::<f64>() / m.cost).sqrt()
@@ -136,9 +136,9 @@ fn split(moments: &[Moments]) -> Vec<usize> {
     counts(high).zip(own()).map(|(n, own)| (n as usize).max(own.min(1))).collect()
 }
 
-/// What unit cost could reach for one slot alone.
-fn least_variance(moments: &[Moments], slot: usize) -> f64 {
-    let root: f64 = moments.iter().map(|m| (m.variances[slot] * m.cost).sqrt()).sum();
+/// What unit cost could reach for one feature alone.
+fn least_variance(moments: &[Moments], feature: usize) -> f64 {
+    let root: f64 = moments.iter().map(|m| (m.variances[feature] * m.cost).sqrt()).sum();
     root * root
 }
 

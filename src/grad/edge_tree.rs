@@ -27,7 +27,7 @@ const DEFENSIVE: f32 = 0.05;
 /// A box's mean is taken to be what is at this share of its half diagonal, squared, from its nearest point.
 const SMEAR: f32 = 0.25;
 /// Leaves that are looked at for one sample.
-pub const CANDIDATES: usize = 4;
+const CANDIDATES: usize = 4;
 
 /// Bounding volume tree over the edges of a table.
 pub struct EdgeTree {
@@ -334,6 +334,11 @@ impl EdgeTree {
         let moves = |edge: &Edge| edge.faces.iter().any(|f| layout.moves(scene.prims[f.prim as usize].shape));
         let moving: Vec<u32> = (0..edges.len() as u32).filter(|&e| moves(&edges[e as usize])).collect();
         (moving.len() < edges.len()).then(|| EdgeTree::of(scene, moving))
+    }
+
+    /// What [`EdgeTree::sample`] takes, in ray queries.
+    pub fn cost(&self) -> f64 {
+        CANDIDATES as f64 * 0.2 * f64::from(self.order.len().max(1) as u32).log2()
     }
 
     fn of(scene: &Scene, mut order: Vec<u32>) -> EdgeTree {

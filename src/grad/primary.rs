@@ -163,10 +163,10 @@ impl<'a> PrimaryEdges<'a> {
                 seen += lengths[i] * if factor.seen { 1.0 } else { 0.1 };
             }
         }
-        // As many samples a pixel of visible edge as the image has a pixel, but no less than one for 16 of the image's: an
+        // As many samples a pixel of visible edge as the image has a pixel, but no less than one for four of the image's: an
         // edge is as noisy as a surface, and matters more.
         let camera = &self.viewpoints[0].camera;
-        let least = (camera.width * camera.height) as f64 * spp / 16.0;
+        let least = (camera.width * camera.height) as f64 * spp / 4.0;
         let count = (seen * spp).max(least).clamp(1024.0, 1e7) as u32;
         Plan::Sample { pmf: Discrete::new(weights), count }
     }

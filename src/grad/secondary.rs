@@ -13,7 +13,7 @@ use glam::{Vec2, Vec3};
 
 use super::allocate::{Estimator, typical_bounces};
 use super::curved::MirrorTree;
-use super::edge_tree::{CANDIDATES, EdgeTree, Query};
+use super::edge_tree::{EdgeTree, Query};
 use super::estimate::{Draw, Estimate, Pass, Sequence};
 use super::guide::{self, Guide};
 use super::interior::{Injection, Path, PathVertex, inject};
@@ -443,9 +443,8 @@ impl Estimator for Secondary<'_> {
     }
 
     fn cost(&self) -> f64 {
-        // A way down the tree is about two rays; two paths look past the edge.
-        let tree = 2.0 * CANDIDATES as f64;
-        2.0 + LOOKS as f64 * (tree + 6.0 * typical_bounces(self.max_bounces))
+        // Two paths look past the edge.
+        2.0 + LOOKS as f64 * (self.tree.cost() + 6.0 * typical_bounces(self.max_bounces))
     }
 
     fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {

@@ -99,23 +99,24 @@ impl EnvironmentPeak {
         let mean = |texel: &[f32]| texel.iter().map(|c| c.abs()).sum::<f32>() / channels as f32;
         let means: Vec<f32> = texture.data.chunks_exact(channels).map(mean).collect();
         let radius = (width / Self::WINDOW).max(1);
-        let down = |map: &mut Vec<f32>, best: fn(f32, f32) -> bool| {
+        let down = |map: &mut Vec<f32>, better: Better| {
             for x in 0..width {
                 let column: Vec<f32> = (0..height).map(|y| map[y * width + x]).collect();
-                let extremes = sliding(&column, radius.min(height - 1), best);
+                let extremes = sliding(&column, radius.min(height - 1), better);
                 extremes.into_iter().enumerate().for_each(|(y, m)| map[y * width + x] = m);
             }
         };
         // The window is as wide at any height.
-        let along = |map: &mut Vec<f32>, best: fn(f32, f32) -> bool| {
+        let along = |map: &mut Vec<f32>, better: Better| {
             for (y, row) in map.chunks_exact_mut(width).enumerate() {
                 let ring = ((y as f32 + 0.5) / height as f32 * PI).sin();
                 let radius = ((radius as f32 / ring) as usize).min(width / 2);
                 let around: Vec<f32> = (0..width + 2 * radius).map(|x| row[(x + width - radius) % width]).collect();
-                row.copy_from_slice(&sliding(&around, radius, best)[radius..radius + width]);
+                row.copy_from_slice(&sliding(&around, radius, better)[radius..radius + width]);
             }
         };
-        let (less, more): (fn(f32, f32) -> bool, fn(f32, f32) -> bool) = (|a, b| a <= b, |a, b| a >= b);
+        let less: Better = |a, b| a <= b;
+        let more: Better = |a, b| a >= b;
         let mut opened = means.clone();
         down(&mut opened, less);
         along(&mut opened, less);
@@ -127,14 +128,17 @@ impl EnvironmentPeak {
     }
 }
 
-/// The best of all values at most `radius` places away, at each place; `best` says whether the first is as good as the second.
-fn sliding(values: &[f32], radius: usize, best: fn(f32, f32) -> bool) -> Vec<f32> {
+/// Whether the first value is as good as the second.
+type Better = fn(f32, f32) -> bool;
+
+/// The best of all values at most `radius` places away, at each place.
+fn sliding(values: &[f32], radius: usize, better: Better) -> Vec<f32> {
     // Places whose values get worse: those that may yet be the best.
     let mut candidates: VecDeque<usize> = VecDeque::new();
     let mut extremes = Vec::with_capacity(values.len());
     for end in 0..values.len() + radius {
         if let Some(&value) = values.get(end) {
-            while candidates.back().is_some_and(|&i| best(value, values[i])) {
+            while candidates.back().is_some_and(|&i| better(value, values[i])) {
                 candidates.pop_back();
             }
             candidates.push_back(end);
@@ -385,5 +389,47 @@ mod tests {
             })
             .sum();
         assert!((sampled / uniform - 1.0).abs() < 3e-3, "{sampled} {uniform}");
+    }
+
+    #[test]
+    fn a_peak_has_its_flanks_and_leaves_a_smooth_base_below_the_map() {
+        let (width, height) = (128, 64);
+        let sun = Vec3::new(0.5, 0.8, -0.4).normalize();
+        let mut data = Vec::new();
+        for i in 0..width * height {
+            let uv =
+                Vec2::new((i % width) as f32 + 0.5, (i / width) as f32 + 0.5) / Vec2::new(width as f32, height as f32);
+            let dir = environment_direction(uv);
+            let sky = 0.4 + 0.3 * (1.0 - dir.y.max(0.0));
+            data.extend([sky, 0.5 * sky, 300.0 * (2000.0 * (dir.dot(sun) - 1.0)).exp() + sky]);
+        }
+        let map = Texture::new(width, height, 3, data, Wrap::Repeat, Filter::Bilinear).unwrap();
+        let peak = EnvironmentPeak::new(&map).unwrap();
+        for i in 0..width * height {
+            let [all, base] = [&map, &peak.base].map(|t| Vec3::from_slice(&t.data[3 * i..3 * i + 3]));
+            assert!(base.cmple(all).all() && base.cmpge(Vec3::ZERO).all(), "{i} {base} {all}");
+            // Far from the sun there is no peak; under it the base is the sky.
+            assert!(base.x < 0.75 && (base.x > 0.3 || all.z > 1.3 * all.x), "{i} {base} {all}");
+        }
+        let step = |x: usize, y: usize| {
+            let [a, b] = [x, x + 1].map(|x| peak.base.data[3 * (y * width + x % width)..][..3].iter().sum::<f32>());
+            (a - b).abs()
+        };
+        let steepest =
+            (8..height - 8).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| step(x, y)).fold(0.0, f32::max);
+        assert!(steepest < 0.2, "{steepest}");
+        assert!(EnvironmentPeak::new(&Texture { data: vec![0.5; width * height * 3], ..map.clone() }).is_none());
+    }
+
+    #[test]
+    fn sliding_extremes_are_those_of_the_window() {
+        let mut rng = Pcg32::new(9);
+        let values: Vec<f32> = (0..50).map(|_| (rng.next_3d()[0] * 20.0).floor()).collect();
+        for radius in [0, 1, 4, 60] {
+            for (i, m) in sliding(&values, radius, |a, b| a <= b).into_iter().enumerate() {
+                let window = &values[i.saturating_sub(radius)..(i + radius + 1).min(values.len())];
+                assert_eq!(m, window.iter().copied().fold(f32::INFINITY, f32::min));
+            }
+        }
     }
 }
