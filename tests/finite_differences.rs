@@ -443,27 +443,30 @@ fn delta_lights() {
     agree("point light, blocker, 3 bounces", &scene(point, 1.0), &global);
 }
 
-/// An uneven sky with a sun, turned: the shadow wanders, and the light on the floor changes.
+/// An uneven sky with a sun, turned: the shadow wanders, and the light on the floor changes. And one in steps.
 #[test]
 fn turning_sun() {
-    let build = |t: f32| {
+    let turned = |sun: f32, filter: texture::Filter, t: f32| {
+        let steps = filter == texture::Filter::Nearest;
         let mut b = Builder::default();
         let grey = b.diffuse(Vec3::splat(0.5));
-        b.shape(floor(Vec3::ZERO, 2.0), grey.clone());
+        b.shape(floor(Vec3::ZERO, if steps { 9.0 } else { 2.0 }), grey.clone()); // steps are not to be seen
         b.shape(floor(vec3(0.2, 0.8, 0.1), 0.5), grey);
         let (width, height) = (32, 16);
         let wave = |i: usize| 0.3 + 0.2 * (i as f32 / (3 * width) as f32 * std::f32::consts::TAU).sin();
         let mut data: Vec<f32> = (0..width * height * 3).map(wave).collect();
-        data[(3 * width + 20) * 3..][..6].fill(60.0);
-        let map = texture::Texture::new(width, height, 3, data, texture::Wrap::Repeat, texture::Filter::Bilinear);
+        data[(3 * width + 20) * 3..][..6].fill(sun);
+        let map = texture::Texture::new(width, height, 3, data, texture::Wrap::Repeat, filter);
         b.scene.textures.push(map.unwrap());
         let rotation = glam::Mat3::from_rotation_x(t);
         b.scene.environment = Some(Environment { radiance: b.scene.textures.len() - 1, rotation });
         (b.scene, look_at(vec3(0., 4., -3.), vec3(0., 0., 0.2), 45., 32))
     };
     let plan = Plan { h: 0.05, spp: 64, fd_spp: 512, ..Plan::default() };
+    let build = |t| turned(60.0, texture::Filter::Bilinear, t);
     agree("sun's height", &build, &plan);
     agree("sun's height, 2 bounces", &build, &Plan { max_bounces: 2, ..plan });
+    agree("stepped sky, turned", &|t| turned(1.0, texture::Filter::Nearest, t), &plan);
 }
 
 /// Shadows of a mesh of twelve thousand edges, which are found from the light: near and distant ones.

@@ -31,7 +31,7 @@ use crate::render::texture::Filter;
 pub use crate::render::{
     Camera, Input, NEVER, Output, Scene, SceneError, Settings, Slot, render, render_until, validate_camera,
 };
-use crate::render::{Shape, TextureId};
+use crate::render::{Environment, Shape, TextureId};
 
 use self::allocate::{Allocation, Estimator};
 use self::curved::MirrorTree;
@@ -336,7 +336,7 @@ fn passes(
     let (mut estimators, mut allocation) = along_light(Sky::Peak);
     if scene.environment.is_some() && lights {
         let (others, other) = along_light(Sky::Whole);
-        if allocation.advantage_over(&other, 1) < 0.0 {
+        if steps_turn(scene, layout) || allocation.advantage_over(&other, 1) < 0.0 {
             (estimators, allocation) = (others, other);
         }
     }
@@ -383,6 +383,15 @@ fn draw(estimator: &Option<impl Estimator>, count: usize, seed: u64, visit: &mut
         let part = count * (round + 1) / rounds - count * round / rounds;
         visit.pass(&estimator.pass(part, part as f64 / count as f64, hash(seed, round as u64)));
     }
+}
+
+/// Whether the environment turns and has steps between its texels: these turn with it, and a radiance that stays in its direction
+/// would know nothing of them.
+fn steps_turn(scene: &Scene, layout: &Layout) -> bool {
+    let nearest = |e: &Environment| scene.description.textures[e.radiance].filter == Filter::Nearest;
+    layout.turns_environment()
+        && scene.environment_peak.is_none()
+        && scene.description.environment.as_ref().is_some_and(nearest)
 }
 
 /// Whether nothing that is asked for changes the radiance along a path: only emission is seen, and it is the same all over
