@@ -467,6 +467,7 @@ fn turning_sun() {
     agree("sun's height", &build, &plan);
     agree("sun's height, 2 bounces", &build, &Plan { max_bounces: 2, ..plan });
     agree("stepped sky, turned", &|t| turned(1.0, texture::Filter::Nearest, t), &plan);
+    agree("stepped sky with a sun, turned", &|t| turned(60.0, texture::Filter::Nearest, t), &plan);
 }
 
 /// Shadows of a mesh of twelve thousand edges, which are found from the light: near and distant ones.

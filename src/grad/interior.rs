@@ -203,8 +203,8 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, fixed: Fixed)
             found = emission + sky + reflected;
             out_going += step * found;
             let mut d_dir = ray.dir;
+            let d_sky = a_k * step * (c.emission_weight * c.through.weight);
             if c.escaped.is_some() {
-                let d_sky = a_k * step * (c.emission_weight * c.through.weight);
                 if c.delta || c.attached {
                     d_dir += out.environment(c.dir, d_sky);
                 } else {
@@ -226,7 +226,6 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, fixed: Fixed)
                     add_values(d_eval(si, c.dir, part, d_f * direction_fixed, &mut adj).1);
                     if c.escaped.is_some() && out.layout.turns_environment() {
                         let rest = fixed.sky.rest(out.scene, c.dir);
-                        let d_sky = a_k * step * (c.emission_weight * c.through.weight);
                         if fixed.sky != Sky::Whole {
                             out.environment_base(c.dir, d_sky);
                         }

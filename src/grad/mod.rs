@@ -389,9 +389,7 @@ fn draw(estimator: &Option<impl Estimator>, count: usize, seed: u64, visit: &mut
 /// would know nothing of them.
 fn steps_turn(scene: &Scene, layout: &Layout) -> bool {
     let nearest = |e: &Environment| scene.description.textures[e.radiance].filter == Filter::Nearest;
-    layout.turns_environment()
-        && scene.environment_peak.is_none()
-        && scene.description.environment.as_ref().is_some_and(nearest)
+    layout.turns_environment() && scene.description.environment.as_ref().is_some_and(nearest)
 }
 
 /// Whether nothing that is asked for changes the radiance along a path: only emission is seen, and it is the same all over

@@ -5,7 +5,7 @@ use std::f32::consts::{FRAC_1_PI, PI, TAU};
 
 use glam::{Vec2, Vec3};
 
-use super::texture::{Filter, Texture};
+use super::texture::Texture;
 
 /// This share of the samples is spread evenly over the sphere, so that derivatives in black texels are found as well.
 const DEFENSIVE_SHARE: f64 = 0.05;
@@ -124,7 +124,7 @@ impl EnvironmentPeak {
         down(&mut opened, more);
         let share = |i: usize| if means[i] > 0.0 { (opened[i] / means[i]).clamp(0.0, 1.0) } else { 0.0 };
         let data = texture.data.iter().enumerate().map(|(i, l)| l * share(i / channels)).collect();
-        Texture { data, filter: Filter::Bilinear, ..texture.clone() }
+        Texture { data, ..texture.clone() }
     }
 }
 
@@ -261,7 +261,7 @@ fn solid_angle(row: usize, rows: usize, columns: usize) -> f64 {
 mod tests {
     use super::*;
     use crate::math::{Pcg32, uniform_sphere};
-    use crate::render::texture::Wrap;
+    use crate::render::texture::{Filter, Wrap};
 
     /// Black but for a few bright texels, among them both poles and the seam.
     fn spiky_map() -> Texture {
