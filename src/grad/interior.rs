@@ -336,6 +336,7 @@ pub struct Interior<'a> {
     film: FilmCurve,
     count: usize,
     toss: Toss,
+    anywhere: f32,
     pub fixed: Fixed,
 }
 
@@ -356,6 +357,7 @@ impl<'a> Interior<'a> {
             film: FilmCurve::new(adjoint),
             count,
             toss: toss(scene, layout),
+            anywhere: anywhere(layout),
             fixed: Fixed { distributions: false, sky: Sky::Whole },
         }
     }
@@ -421,6 +423,7 @@ impl<E: Estimate> Work for Batches<'_, E> {
             keep_black: true,
             split_lobes: true,
             toss: interior.toss,
+            anywhere: interior.anywhere,
             ..Options::new(interior.settings.max_bounces)
         };
         let mut paths: [Path; BATCH] = std::array::from_fn(|_| Path::default());
@@ -484,6 +487,13 @@ impl Estimator for Interior<'_> {
     fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {
         Sequence { of: self, count, weight: share / count as f64, seed }
     }
+}
+
+/// [`Options::anywhere`] of paths that are differentiated. A point slides by up to 1/cos θ along a direction in which it meets a
+/// surface at a grazing angle θ, and this multiplies from bounce to bounce: found by directions alone it makes the variance infinite.
+pub fn anywhere(layout: &Layout) -> f32 {
+    const SHARE: f32 = 0.25;
+    if layout.moves_points() { SHARE } else { 0.0 }
 }
 
 /// How paths pass masks: both ways where what is asked for changes opacities.

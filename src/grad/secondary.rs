@@ -16,7 +16,7 @@ use super::curved::MirrorTree;
 use super::edge_tree::{EdgeTree, Query};
 use super::estimate::{Draw, Estimate, Pass, Sequence};
 use super::guide::{self, Guide};
-use super::interior::{Injection, Path, PathVertex, inject};
+use super::interior::{Injection, Path, PathVertex, anywhere, inject};
 use super::layers::Sides;
 use super::local::RayAdjoint;
 use super::pixels::{self, FilmDensity};
@@ -174,7 +174,12 @@ impl<'a> Secondary<'a> {
         let camera = self.camera.sample_lens(sampler);
         let ray = camera.ray(film.position);
         // The last vertex that can see an edge is one event before the last.
-        let options = Options { next_event: false, split_lobes: true, ..Options::new(self.max_bounces - 1) };
+        let options = Options {
+            next_event: false,
+            split_lobes: true,
+            anywhere: anywhere(self.layout),
+            ..Options::new(self.max_bounces - 1)
+        };
         path.clear();
         trace(self.scene, Start::Ray(ray, &[]), sampler, &options, path);
         let weight = (film.weight * weight / LOOKS as f64) as f32;

@@ -15,6 +15,8 @@
 //!
 //!   −∫dl ∫dω cosθ_p L_e f_s(x) W(x) N̂·(ṗ − ẏ),  N̂ in the light's plane, towards the part that x sees.
 
+use std::f32::consts::FRAC_1_PI;
+
 use glam::{Vec2, Vec3};
 
 use super::allocate::{Estimator, typical_bounces};
@@ -28,8 +30,9 @@ use super::reflections::see_in_mirrors;
 use super::sink::{Adjoints, Layout, Sink};
 use super::viewpoint::{Seen, Viewpoint, d_reflected_ray};
 use crate::image::Image;
-use crate::math::{Frame, cosine_hemisphere};
+use crate::math::{Frame, cosine_hemisphere, uniform_sphere};
 use crate::render::accel::{Hit, PrimId, Ray};
+use crate::render::bsdf::Bsdf;
 use crate::render::edges::Edge;
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::light::{LightKind, LightSample};
@@ -57,6 +60,11 @@ impl Sky {
 
 /// Cells of directions by which edges of shadows are guided under a sky.
 const SKY_CELLS: [usize; 2] = [8, 8];
+
+/// Of a walk's turns the share that is spread evenly over the hemisphere. A walk leaves a surface as a camera's path meets it, and the
+/// more grazing it does the further the point slides: by 1/cos θ, of which directions in proportion to the cosine would make the
+/// variance infinite.
+const EVEN_TURNS: f32 = 0.25;
 
 /// Edge-first shadow samples.
 pub struct Shadows<'a> {
@@ -312,15 +320,15 @@ impl<'a> Shadows<'a> {
                 let frame = Frame::from_normal(si.ns);
                 let local = frame.to_local(towards);
                 let local = Vec3::new(local.x, local.y, local.z.abs());
-                let Some(choice) = si.bsdf.sample(local, sampler.next_3d()) else { break };
-                let away = frame.to_world(choice.wo).normalize();
-                if si.ng.dot(away) <= 0.0 || choice.pdf <= 0.0 {
+                let Some((wo, pdf)) = turn(&si.bsdf, local, sampler) else { break };
+                let away = frame.to_world(wo).normalize();
+                if si.ng.dot(away) <= 0.0 {
                     break;
                 }
                 let si = scene.interaction(prim, b, away);
                 let Some(scattered) = self.scatter(&si, towards, bounce, &light, sampler) else { break };
                 // Solid angle at this vertex → the camera-side measure of direction-fixed segments.
-                (si, away, scattered, scattered.ratio * (si.ng.dot(away) / choice.pdf))
+                (si, away, scattered, scattered.ratio * (si.ng.dot(away) / pdf))
             };
             let survival = if bounce > 3 { 0.7 } else { 1.0 };
             if bounce > 3 && sampler.next_1d() >= survival {
@@ -475,6 +483,19 @@ impl Shadows<'_> {
         };
         (f != Vec3::ZERO).then(|| Scattered { towards, ratio: f / cos, attached })
     }
+}
+
+/// A direction for a walk to go on in, in the frame of the shading normal, and its density.
+fn turn(bsdf: &Bsdf, wi: Vec3, sampler: &mut Sampler) -> Option<(Vec3, f32)> {
+    let u = sampler.next_3d();
+    let wo = if sampler.next_1d() < EVEN_TURNS {
+        let dir = uniform_sphere([u[0], u[1]]);
+        dir.with_z(dir.z.abs())
+    } else {
+        bsdf.sample(wi, u)?.wo
+    };
+    let pdf = (1.0 - EVEN_TURNS) * bsdf.pdf(wi, wo) + EVEN_TURNS * 0.5 * FRAC_1_PI;
+    Some((wo, pdf))
 }
 
 /// Adjoint of a walk vertex: from the ray to the vertex before it to the ray that found it.

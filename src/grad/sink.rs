@@ -113,6 +113,12 @@ impl Layout {
         self.environment_rotation != NONE
     }
 
+    /// Whether anything asked for moves surfaces or the camera, so that the points of paths slide.
+    pub fn moves_points(&self) -> bool {
+        let slides = |s: &Slot| !matches!(s, Slot::LightPlacement(_) | Slot::EnvironmentRotation);
+        self.slots.iter().any(|s| s.moves_visibility() && slides(s))
+    }
+
     /// Whether anything asked for can move a silhouette or a shadow.
     pub fn moves_visibility(&self) -> bool {
         self.slots.iter().any(|s| s.moves_visibility())

@@ -8,7 +8,7 @@ use glam::Vec3;
 
 use super::accel::{Hit, PrimId, Ray, Root};
 use super::interaction::SurfaceInteraction;
-use super::light::{Arrival, LightSample};
+use super::light::{Arrival, LightKind, LightSample};
 use super::mask::{Crossing, Through, Toss};
 use super::sampler::Sampler;
 use super::world::Scene;
@@ -42,6 +42,9 @@ pub struct Options {
     pub next_event: bool,
     /// How masks are passed.
     pub toss: Toss,
+    /// The share of turns that lead to a point chosen by area, anywhere on the scene's surfaces, where a path can go on after that:
+    /// lines that meet a surface at a grazing angle are rare among directions, but not among points.
+    pub anywhere: f32,
 }
 
 impl Options {
@@ -54,6 +57,7 @@ impl Options {
             split_lobes: false,
             next_event: true,
             toss: Toss::Fair,
+            anywhere: 0.0,
         }
     }
 }
@@ -353,6 +357,19 @@ struct Turn {
     f: Vec3,
     delta: bool,
     attached: bool,
+    /// [`Walk::anywhere`], and what this turn leads to if it is one of them.
+    anywhere: f32,
+    goal: Option<PrimId>,
+}
+
+/// A direction in which a path may go on.
+struct Choice {
+    dir: Vec3,
+    pdf: f32,
+    /// The reflectance of a perfect mirror.
+    mirror: Option<Vec3>,
+    /// The surface with the point that it leads to, if that was chosen.
+    goal: Option<PrimId>,
 }
 
 impl Walk {
@@ -406,6 +423,32 @@ impl Walk {
         }
     }
 
+    /// The share of its turns that lead to a point anywhere; [`Walk::turns`] is 1 where there are any.
+    #[inline(always)]
+    fn anywhere(&self, bounce: u32, options: &Options) -> f32 {
+        let last = bounce + 1 == options.max_bounces && options.next_event;
+        if options.anywhere == 0.0 || last || self.si.bsdf.is_delta() { 0.0 } else { options.anywhere }
+    }
+
+    /// A direction in proportion to the BSDF, or, as a share `anywhere` of all, that of a point on any surface; with the density of
+    /// the first way to choose it.
+    #[inline(always)]
+    fn choose(&self, scene: &Scene, draw: &Draw, sampler: &mut Sampler, anywhere: f32) -> Option<Choice> {
+        let si = &self.si;
+        if anywhere > 0.0 {
+            let which = sampler.next_1d();
+            if which < anywhere {
+                let (prim, p) = scene.surface_point(which / anywhere, [draw.u[0], draw.u[1]]);
+                let dir = (p - si.p).normalize_or_zero();
+                return Some(Choice { dir, pdf: si.pdf(dir), mirror: None, goal: Some(prim) });
+            }
+        }
+        let frame = Frame::from_normal(si.ns);
+        let sample = si.sample(&frame, draw.u, draw.cosine)?;
+        let dir = if sample.mirror.is_some() { si.mirrored() } else { frame.to_world(sample.wo) };
+        Some(Choice { dir, pdf: sample.pdf, mirror: sample.mirror, goal: None })
+    }
+
     /// How a light arrives, unless it is below the horizon or shines elsewhere.
     #[inline(always)]
     fn shadow(&self, scene: &Scene, bounce: u32, light: &LightSample, options: &Options) -> Option<Shadow> {
@@ -420,7 +463,12 @@ impl Walk {
         }
         // The balance heuristic over the light's density, with the BSDF's in the same measure.
         let turns = self.turns(scene, bounce, options);
-        let other = if light.is_delta() { 0.0 } else { si.pdf(arrival.dir) * turns * arrival.geometry };
+        let mut other = if light.is_delta() { 0.0 } else { si.pdf(arrival.dir) * turns * arrival.geometry };
+        let anywhere = self.anywhere(bounce, options);
+        if anywhere > 0.0 {
+            let by_area = if light.kind == LightKind::Area { scene.surface_pdf() } else { 0.0 };
+            other += anywhere * (by_area - other);
+        }
         let ray = si.spawn_ray_to(arrival.dir, arrival.distance);
         Some(Shadow { ray, arrival, weight: 1.0 / (light.pdf + other), f })
     }
@@ -433,12 +481,14 @@ impl Walk {
         if si.bsdf.is_black() || draw.roulette >= turns {
             return None;
         }
-        let frame = Frame::from_normal(si.ns);
-        let sample = si.sample(&frame, draw.u, draw.cosine)?;
-        let delta = sample.mirror.is_some();
-        let dir = if delta { si.mirrored() } else { frame.to_world(sample.wo) };
-        let mut f = sample.mirror.unwrap_or_else(|| si.eval(dir));
-        let mut inv_pdf = 1.0 / sample.pdf;
+        let anywhere = self.anywhere(bounce, options);
+        let Choice { dir, pdf, mirror, goal } = self.choose(scene, draw, sampler, anywhere)?;
+        if pdf <= 0.0 {
+            return None;
+        }
+        let delta = mirror.is_some();
+        let mut f = mirror.unwrap_or_else(|| si.eval(dir));
+        let mut inv_pdf = 1.0 / pdf;
         let mut attached = false;
         if options.split_lobes && si.bsdf.is_attached() {
             let chosen = si.choose_part(dir, sampler.next_1d());
@@ -459,7 +509,7 @@ impl Walk {
             return None;
         }
         inv_pdf /= survival;
-        Some(Turn { ray: si.spawn_ray(dir), pdf: sample.pdf * turns, inv_pdf, f, delta, attached })
+        Some(Turn { ray: si.spawn_ray(dir), pdf: pdf * turns, inv_pdf, f, delta, attached, anywhere, goal })
     }
 
     /// Takes the light of a connection, as far as it is visible.
@@ -492,8 +542,21 @@ impl Walk {
         options: &Options,
         rec: &mut impl Recorder,
     ) -> bool {
-        let Turn { ray, pdf, inv_pdf, f, delta, attached } = *turn;
+        let Turn { ray, mut pdf, mut inv_pdf, f, delta, attached, anywhere, goal } = *turn;
         let dir = ray.dir;
+        if anywhere > 0.0 {
+            if goal.is_some() && goal != hit.map(|hit| hit.prim) {
+                return false; // something hides it
+            }
+            // Both ways to choose this direction, the second as a density of directions too.
+            let by_area = hit.map_or(0.0, |hit| {
+                let cos = scene.facets[hit.prim as usize].normal.dot(dir).abs().max(1e-9);
+                scene.surface_pdf() * hit.t * hit.t / cos
+            });
+            let both = pdf + anywhere * (by_area - pdf);
+            inv_pdf *= pdf / both;
+            pdf = both;
+        }
         let mut continuation = Continuation {
             dir,
             inv_pdf,
@@ -549,4 +612,76 @@ fn emits(scene: &Scene, si: &SurfaceInteraction) -> bool {
 
 fn balance(a: f32, b: f32) -> f32 {
     a / (a + b)
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Mat3;
+
+    use super::*;
+    use crate::mesh::Mesh;
+    use crate::mesh::shapes::{icosphere, rectangle};
+    use crate::render::scene::{Emission, Environment, Input, Material, MaterialKind, SceneDescription, Shape};
+    use crate::render::texture::{Filter, Texture, Wrap};
+
+    /// A glossy ball in a corner, a lamp, and a sky of two halves.
+    fn corner() -> Scene {
+        let mut d = SceneDescription::default();
+        let mut constant = |rgb: Vec3| {
+            d.textures.push(Texture::constant(rgb));
+            Input::Texture(d.textures.len() - 1)
+        };
+        let (white, black) = (constant(Vec3::splat(0.7)), constant(Vec3::ZERO));
+        let (roughness, bright) = (constant(Vec3::splat(0.4)), constant(Vec3::splat(5.0)));
+        let mut add = |mesh: Mesh, kind: MaterialKind, emission: Option<Emission>| {
+            d.shapes.push(Shape { mesh, material: Material { kind, one_sided: false, opacity: None }, emission });
+        };
+        let quad = |turn: Mat3, at: Vec3, size: f32| {
+            let mut mesh = rectangle(size, size).unwrap();
+            mesh.vertices.iter_mut().for_each(|v| *v = turn * *v + at);
+            mesh
+        };
+        let (turn, diffuse) = (Mat3::from_rotation_x(1.2), MaterialKind::Diffuse { reflectance: white });
+        add(quad(Mat3::IDENTITY, Vec3::ZERO, 4.0), diffuse.clone(), None);
+        add(quad(turn, Vec3::new(0.0, 1.0, -1.0), 4.0), diffuse, None);
+        let mut ball = icosphere(0.6, 1).unwrap();
+        ball.vertices.iter_mut().for_each(|v| *v += Vec3::new(0.3, 0.7, 0.2));
+        add(ball, MaterialKind::Conductor { reflectance: white, roughness }, None);
+        let lamp = Emission { radiance: bright, two_sided: true };
+        add(quad(turn, Vec3::new(-0.8, 1.2, 0.3), 0.4), MaterialKind::Diffuse { reflectance: black }, Some(lamp));
+        let mut sky = vec![0.1; 8 * 4 * 3];
+        sky[..8 * 2 * 3].fill(0.6);
+        d.textures.push(Texture::new(8, 4, 3, sky, Wrap::Repeat, Filter::Bilinear).unwrap());
+        d.environment = Some(Environment { radiance: d.textures.len() - 1, rotation: Mat3::IDENTITY });
+        Scene::new(d).unwrap()
+    }
+
+    /// Whatever is used to choose directions, light is the same.
+    #[test]
+    fn turns_to_points_anywhere_find_the_light_that_directions_find() {
+        const N: u64 = 60_000;
+        let scene = corner();
+        for (x, y) in [(0.0, -0.9), (0.15, -0.4), (-0.4, -0.2)] {
+            let ray = Ray::new(Vec3::new(0.0, 2.0, 3.0), Vec3::new(x, y, -1.0).normalize());
+            let radiance = |anywhere: f32, split_lobes: bool| {
+                let options = Options { anywhere, split_lobes, ..Options::new(4) };
+                let (mut sum, mut squares) = (0.0, 0.0);
+                for i in 0..N {
+                    // Independent samples, of which the error can be told.
+                    let mut sampler = Sampler::new(i, 0);
+                    let l = f64::from(trace(&scene, Start::Ray(ray, &[]), &mut sampler, &options, &mut NoRecord).y);
+                    (sum, squares) = (sum + l, squares + l * l);
+                }
+                let (mean, n) = (sum / N as f64, N as f64);
+                (mean, (squares / n - mean * mean) / n)
+            };
+            let (expected, variance) = radiance(0.0, false);
+            for (anywhere, split_lobes) in [(0.25, false), (0.7, false), (0.5, true)] {
+                let (found, own) = radiance(anywhere, split_lobes);
+                let error = (variance + own).sqrt();
+                assert!(error < 0.015 * expected, "{error} of {expected}");
+                assert!((found - expected).abs() < 3.5 * error, "{anywhere}: {found} instead of {expected} ± {error}");
+            }
+        }
+    }
 }

@@ -10,8 +10,10 @@ use super::contacts::Contacts;
 use super::edges::EdgeTable;
 use super::environment::{EnvironmentPeak, EnvironmentTable};
 use super::light::LightTable;
+use super::sampler::Discrete;
 use super::scene::{Camera, DeltaLight, Input, Projection, SceneDescription, Shape};
 use super::texture::Texture;
+use crate::math::uniform_triangle;
 
 /// Why a scene cannot be rendered; `shape` etc. are indices, the evaluator finds the place in the script.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -117,6 +119,8 @@ pub struct Scene {
     /// Built when first asked for: the primal needs none.
     pub(crate) edges: OnceLock<EdgeTable>,
     contacts: OnceLock<Contacts>,
+    /// Triangles by area.
+    surface: OnceLock<Discrete>,
 }
 
 impl Scene {
@@ -149,6 +153,7 @@ impl Scene {
             radius,
             edges: OnceLock::new(),
             contacts: OnceLock::new(),
+            surface: OnceLock::new(),
         })
     }
 
@@ -166,6 +171,7 @@ impl Scene {
         self.lights = LightTable::new(&self.description, &self.prims, self.radius, self.environment_peak.as_ref());
         self.edges = OnceLock::new();
         self.contacts = OnceLock::new();
+        self.surface = OnceLock::new();
     }
 
     /// World-space corners of a primitive.
@@ -180,6 +186,24 @@ impl Scene {
 
     pub(crate) fn contacts(&self) -> &Contacts {
         self.contacts.get_or_init(|| Contacts::new(self))
+    }
+
+    fn surface(&self) -> &Discrete {
+        self.surface.get_or_init(|| {
+            let area = |[a, b, c]: [Vec3; 3]| f64::from(0.5 * (b - a).cross(c - a).length());
+            Discrete::new(self.facets.iter().map(|f| area(f.corners)))
+        })
+    }
+
+    /// A point on any of the surfaces, uniform by area: the first number chooses the triangle. There must be a surface.
+    pub(crate) fn surface_point(&self, which: f32, u: [f32; 2]) -> (PrimId, Vec3) {
+        let (prim, ..) = self.surface().sample(f64::from(which));
+        (prim as PrimId, self.facets[prim].point(uniform_triangle(u)))
+    }
+
+    /// Density of [`Scene::surface_point`] per unit area.
+    pub(crate) fn surface_pdf(&self) -> f32 {
+        1.0 / self.surface().total() as f32
     }
 
     /// Whether a surface touches an emitter that shines on it (see [`Contacts`]).
