@@ -28,7 +28,7 @@ use crate::render::integrator::{BATCH, Connection, Continuation, Options, Record
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::mask::{Crossing, Through, Toss};
 use crate::render::sampler::Sampler;
-use crate::render::{Camera, Input, Output, Scene, Settings, Slot};
+use crate::render::{Camera, Input, Output, Scene, Settings, Shape, Slot};
 
 /// One vertex of a recorded path.
 #[derive(Clone, Debug)]
@@ -337,6 +337,7 @@ pub struct Interior<'a> {
     count: usize,
     toss: Toss,
     anywhere: f32,
+    by_way_of: Option<Vec<bool>>,
     pub fixed: Fixed,
 }
 
@@ -358,6 +359,7 @@ impl<'a> Interior<'a> {
             count,
             toss: toss(scene, layout),
             anywhere: anywhere(layout),
+            by_way_of: by_way_of(scene, layout),
             fixed: Fixed { distributions: false, sky: Sky::Whole },
         }
     }
@@ -424,6 +426,7 @@ impl<E: Estimate> Work for Batches<'_, E> {
             split_lobes: true,
             toss: interior.toss,
             anywhere: interior.anywhere,
+            by_way_of: interior.by_way_of.as_deref(),
             ..Options::new(interior.settings.max_bounces)
         };
         let mut paths: [Path; BATCH] = std::array::from_fn(|_| Path::default());
@@ -494,6 +497,33 @@ impl Estimator for Interior<'_> {
 pub fn anywhere(layout: &Layout) -> f32 {
     const SHARE: f32 = 0.25;
     if layout.moves_points() { SHARE } else { 0.0 }
+}
+
+/// [`Options::by_way_of`]: a path's light has a derivative once the path has been to a shape that moves, or whose material is asked
+/// for. `None` if light itself, what it passes or the camera has one.
+fn by_way_of(scene: &Scene, layout: &Layout) -> Option<Vec<bool>> {
+    let shapes = &scene.description.shapes;
+    let asked = |i: usize, input: Input| match input {
+        Input::Texture(t) => layout.slots.contains(&Slot::Texels(t)),
+        Input::VertexColor => layout.slots.contains(&Slot::Colors(i)),
+    };
+    let elsewhere = |slot: &Slot| match slot {
+        Slot::Vertices(_) | Slot::Normals(_) | Slot::Uvs(_) | Slot::Colors(_) => false,
+        Slot::Texels(t) => scene.description.environment.as_ref().is_some_and(|e| e.radiance == *t),
+        _ => true,
+    };
+    if scene.masked || layout.slots.iter().any(elsewhere) {
+        return None;
+    }
+    let of_shape = |(i, shape): (usize, &Shape)| {
+        let (inputs, count) = shape.material.kind.inputs();
+        let changes = layout.moves(i as u32) || layout.slots.contains(&Slot::Uvs(i));
+        match &shape.emission {
+            Some(emission) if changes || asked(i, emission.radiance) => None,
+            _ => Some(changes || inputs[..count].iter().any(|input| asked(i, *input))),
+        }
+    };
+    shapes.iter().enumerate().map(of_shape).collect()
 }
 
 /// How paths pass masks: both ways where what is asked for changes opacities.

@@ -130,7 +130,7 @@ struct Row<'a> {
     scene: &'a Scene,
     camera: &'a Camera,
     output: Output,
-    options: Options,
+    options: Options<'a>,
     seed: u64,
     /// Samples of the sequence that each pixel has for itself.
     stride: u32,

@@ -28,7 +28,7 @@ pub enum Start<'a> {
 
 /// What the first segment may see; later segments see everything.
 #[derive(Clone, Copy, Debug)]
-pub struct Options {
+pub struct Options<'a> {
     pub max_bounces: u32,
     /// Count what the first surface emits itself.
     pub first_emission: bool,
@@ -45,10 +45,13 @@ pub struct Options {
     /// The share of turns that lead to a point chosen by area, anywhere on the scene's surfaces, where a path can go on after that:
     /// lines that meet a surface at a grazing angle are rare among directions, but not among points.
     pub anywhere: f32,
+    /// By shape: whether light counts once it has been there; that of a path which has been to none is not looked for. All of it
+    /// counts without.
+    pub by_way_of: Option<&'a [bool]>,
 }
 
-impl Options {
-    pub fn new(max_bounces: u32) -> Options {
+impl<'a> Options<'a> {
+    pub fn new(max_bounces: u32) -> Options<'a> {
         Options {
             max_bounces: max_bounces.min(MAX_DEPTH),
             first_emission: true,
@@ -58,7 +61,12 @@ impl Options {
             next_event: true,
             toss: Toss::Fair,
             anywhere: 0.0,
+            by_way_of: None,
         }
+    }
+
+    fn counts(&self, shape: u32) -> bool {
+        self.by_way_of.is_none_or(|counts| counts[shape as usize])
     }
 }
 
@@ -335,6 +343,8 @@ struct Walk {
     radiance: Vec3,
     throughput: Vec3,
     si: SurfaceInteraction,
+    /// Its light counts: see [`Options::by_way_of`].
+    counts: bool,
 }
 
 /// A connection that has yet to be tested.
@@ -373,12 +383,13 @@ struct Choice {
 }
 
 impl Walk {
-    const NOWHERE: Walk = Walk { radiance: Vec3::ZERO, throughput: Vec3::ZERO, si: SurfaceInteraction::NOWHERE };
+    const NOWHERE: Walk =
+        Walk { radiance: Vec3::ZERO, throughput: Vec3::ZERO, si: SurfaceInteraction::NOWHERE, counts: false };
 
     #[inline(always)]
     fn at(si: SurfaceInteraction, throughput: Vec3, options: &Options) -> Walk {
         let radiance = if options.first_emission { throughput * si.emission } else { Vec3::ZERO };
-        Walk { radiance, throughput, si }
+        Walk { radiance, throughput, si, counts: options.counts(si.shape) }
     }
 
     /// At the end of the first ray, or what is seen where there is nothing.
@@ -405,7 +416,7 @@ impl Walk {
     /// Chooses a light to connect with.
     #[inline(always)]
     fn light(&self, scene: &Scene, sampler: &mut Sampler, options: &Options, light: &mut Option<LightSample>) {
-        if !options.next_event || self.si.bsdf.is_black() || self.si.bsdf.is_delta() {
+        if !options.next_event || !self.counts || self.si.bsdf.is_black() || self.si.bsdf.is_delta() {
             *light = None;
         } else {
             scene.sample_light_to(sampler.next_2d(), light);
@@ -418,6 +429,7 @@ impl Walk {
         let last = bounce + 1 == options.max_bounces && options.next_event;
         match scene.lights.last_turns() {
             _ if !last => 1.0,
+            _ if !self.counts => 0.0,
             share if share == 0.0 || self.si.bsdf.is_diffuse() => share,
             _ => 1.0,
         }
@@ -600,6 +612,7 @@ impl Walk {
         self.throughput *= step;
         rec.vertex(&hit, self.throughput, t, through);
         self.throughput *= through.weight;
+        self.counts |= options.counts(hit.shape);
         self.si = hit;
         true
     }

@@ -132,11 +132,12 @@ mod tests {
     fn cpu_time_counts_work() {
         let watch = Stopwatch::start();
         let mut x = 1.0_f64;
-        while watch.elapsed().wall < 0.05 {
+        // However little of the processor this thread gets.
+        while watch.elapsed().cpu < 0.02 && watch.elapsed().wall < 60.0 {
             x = std::hint::black_box(x.sin() + 1.0);
         }
         let elapsed = watch.elapsed();
-        assert!(x.is_finite() && elapsed.cpu > 0.01, "{elapsed:?}");
+        assert!(x.is_finite() && elapsed.cpu >= 0.02, "{elapsed:?}");
     }
 
     #[test]
