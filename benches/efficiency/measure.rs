@@ -25,7 +25,7 @@ const ENOUGH: f64 = 0.005;
 /// CPU seconds that a gradient's seeds may take where they are noisier than that, and those that they take in any case: rare
 /// events are to be seen.
 const PATIENCE: f64 = 90.0;
-const DILIGENCE: f64 = 4.0;
+const DILIGENCE: f64 = 8.0;
 
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Row {

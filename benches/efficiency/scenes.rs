@@ -578,8 +578,8 @@ fn cornell_box(cases: &mut Vec<Case>) {
             (Kind::Material, "floor albedo", 0.03, floor),
             (Kind::Material, "light radiance", 0.1, power),
         ] {
-            // Precise at any rate: errors of well spread samples fall faster than with their square root.
-            let spp = if kind == Kind::Material { 64 } else { 16 };
+            // Precise at any rate: errors of well spread samples fall faster than with their square root, as long as paths are short.
+            let spp = if kind == Kind::Material && bounces == 1 { 64 } else { 16 };
             // Where shadows have sharp kinks differences need small steps; where they are noisy they cannot have them.
             let step = if bounces == 1 { 0.5 * step } else { step };
             let build = move |t: f32| change(t).build();

@@ -6,12 +6,11 @@
 
 use glam::{Vec3, Vec4, Vec4Swizzles};
 
-use super::primary::{SMOOTH_CREASE, is_mirror};
 use super::sink::Layout;
 use super::viewpoint::MirrorPlane;
 use crate::math::luminance;
 use crate::render::accel::{NO_PRIM, PrimId};
-use crate::render::edges::{Edge, EdgeFace, EdgeTable};
+use crate::render::edges::{Edge, EdgeFace, EdgeTable, SMOOTH_CREASE};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::light::{LightKind, LightSample};
 use crate::render::ltc::Lobe;
@@ -578,7 +577,7 @@ fn crease(scene: &Scene, edge: &Edge) -> f32 {
         shape.emission.is_some() || shape.material.opacity.is_some() || shape.material.kind != MaterialKind::Black
     };
     let smooth = if edge.sharp { 1.0 } else { SMOOTH_CREASE };
-    let hidden = !edge.sharp && is_mirror(scene, edge);
+    let hidden = !edge.sharp && edge.is_mirror(scene);
     if !hidden && edge.faces.iter().any(shows) { CREASE * smooth * edge.weight } else { 0.0 }
 }
 

@@ -13,8 +13,8 @@ use glam::Vec3;
 use super::allocate::{Estimator, typical_bounces};
 use super::estimate::{Estimate, Pass, Sequence};
 use super::local::{
-    Arriving, Masks, RayAdjoint, VertexAdjoint, d_arriving, d_attached_direction, d_emission_sliding, d_eval,
-    d_eval_attached, d_first_hit, d_inputs, d_masks, d_material, d_mirrored, d_opacity, emission_input, slide,
+    Arriving, Masks, RayAdjoint, Scattering, VertexAdjoint, d_arriving, d_attached_direction, d_emission_sliding,
+    d_eval, d_eval_attached, d_first_hit, d_inputs, d_masks, d_material, d_mirrored, d_opacity, emission_input, slide,
 };
 use super::pixels::{self, FilmCurve, FilmSample};
 use super::shadow::Sky;
@@ -249,7 +249,7 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, fixed: Fixed)
                         weight: weight * c.through.pass,
                         masks: Masks { crossings, weight },
                     };
-                    add_values(d_material(out, si, &arriving, c.f, part, a_k, &mut adj));
+                    add_values(d_material(out, si, &arriving, Scattering { f: c.f, part, a: a_k }, &mut adj));
                 }
             }
         }

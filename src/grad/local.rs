@@ -286,16 +286,17 @@ pub fn d_arriving<S: Sink>(
     adj: &mut VertexAdjoint,
 ) -> [Vec3; MAX_INPUTS] {
     if c.light.is_delta() {
-        return d_material(out, si, c, si.eval(c.dir), None, a, adj);
+        return d_material(out, si, c, Scattering { f: si.eval(c.dir), part: None, a }, adj);
     }
     let [fixed, attached] = si.eval_split(c.dir);
     let part = si.bsdf.is_attached().then_some(Part::Diffuse);
+    let scattering = Scattering { f: fixed, part, a };
     let touches = c.light.kind == LightKind::Area && out.scene.touch(si.prim, c.light.prim);
     let splits = c.light.kind == LightKind::Environment && sky != Sky::Whole && out.layout.turns_environment();
     let mut d_values = if splits {
-        d_sky(out, si, c, fixed, part, a, sky, adj)
+        d_sky(out, si, c, scattering, sky, adj)
     } else if !touches {
-        d_material(out, si, c, fixed, part, a, adj)
+        d_material(out, si, c, scattering, adj)
     } else {
         let d_f = a * c.light.power * (c.geometry * c.weight);
         d_found(out, c, a * fixed, adj);
@@ -312,20 +313,18 @@ pub fn d_arriving<S: Sink>(
 }
 
 /// Adjoint of light from a direction of which a part turns with the environment and the rest stays where it is.
-#[allow(clippy::too_many_arguments)]
 fn d_sky<S: Sink>(
     out: &mut Adjoints<S>,
     si: &SurfaceInteraction,
     c: &Arriving,
-    f: Vec3,
-    part: Option<Part>,
-    a: Vec3,
+    scattering: Scattering,
     sky: Sky,
     adj: &mut VertexAdjoint,
 ) -> [Vec3; MAX_INPUTS] {
+    let Scattering { f, part, a } = scattering;
     let rest = c.light.power * sky.rest(out.scene, c.dir);
     let turning = LightSample { power: c.light.power - rest, ..*c.light };
-    let mut d_values = d_material(out, si, &Arriving { light: &turning, ..*c }, f, part, a, adj);
+    let mut d_values = d_material(out, si, &Arriving { light: &turning, ..*c }, scattering, adj);
     let scale = c.geometry * c.weight;
     out.environment_base(c.dir, a * f * scale);
     adj.p += d_masks(out, c.dir, c.masks.crossings, a.dot(f * rest) * c.geometry * c.masks.weight).origin;
@@ -373,15 +372,20 @@ pub struct Masks<'a> {
     pub weight: f32,
 }
 
-/// Adjoint of light from a point that stays where it is on its light. `f` is the value of `part`.
-#[allow(clippy::too_many_arguments)]
+/// How a vertex passes light on: by a part of its BSDF, or all of it, with the value `f`; `a` is the adjoint of what leaves.
+#[derive(Clone, Copy)]
+pub struct Scattering {
+    pub f: Vec3,
+    pub part: Option<Part>,
+    pub a: Vec3,
+}
+
+/// Adjoint of light from a point that stays where it is on its light.
 pub fn d_material<S: Sink>(
     out: &mut Adjoints<S>,
     si: &SurfaceInteraction,
     c: &Arriving,
-    f: Vec3,
-    part: Option<Part>,
-    a: Vec3,
+    Scattering { f, part, a }: Scattering,
     adj: &mut VertexAdjoint,
 ) -> [Vec3; MAX_INPUTS] {
     let light = c.light;

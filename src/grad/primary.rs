@@ -15,11 +15,11 @@ use super::lens::{blurred, classify_through_lens};
 use super::viewpoint::{Seen, Viewpoint};
 use crate::image::Image;
 use crate::render::accel::PrimId;
-use crate::render::edges::Edge;
+use crate::render::edges::{Edge, SMOOTH_CREASE};
 use crate::render::film::first_hit;
 use crate::render::integrator::{NoRecord, Options, Start, trace};
 use crate::render::sampler::{Discrete, Sampler, hash};
-use crate::render::{Camera, MaterialKind, Output, Scene, Settings};
+use crate::render::{Camera, Output, Scene, Settings};
 
 /// Distance in pixels between an edge and the ray that looks past it.
 const NUDGE: f32 = 1e-3;
@@ -27,9 +27,6 @@ const NUDGE: f32 = 1e-3;
 pub const PIECE: f64 = 8.0;
 /// Antithetic pairs on a piece: more than one only for pieces that something else hides in part.
 const STRATA: u32 = 4;
-/// Sampling weight of edges between smoothly shaded faces relative to a silhouette: only the shadow terminator jumps there.
-pub const SMOOTH_CREASE: f32 = 0.05;
-
 /// A piece of a projected edge on the film.
 #[derive(Clone, Copy)]
 pub struct Piece {
@@ -417,7 +414,7 @@ pub fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Opti
     if view.background.is_none() || edge.sharp {
         return Some(1.0);
     }
-    if settings.output == Output::Radiance && is_mirror(viewpoint.scene, edge) {
+    if settings.output == Output::Radiance && edge.is_mirror(viewpoint.scene) {
         // Nothing jumps but near the rim, and there much does.
         let alike = |s: &f32| mirrors_alike(viewpoint, edge, *s, 0.02);
         return (!ALONG.iter().all(alike)).then_some(1.0);
@@ -431,11 +428,6 @@ pub fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Opti
 
 /// Parameters at which an edge is examined.
 const ALONG: [f32; 3] = [0.0, 0.5, 1.0];
-
-pub fn is_mirror(scene: &Scene, edge: &Edge) -> bool {
-    let kind = |prim: PrimId| &scene.description.shapes[scene.prims[prim as usize].shape as usize].material.kind;
-    edge.faces.iter().all(|f| matches!(kind(f.prim), MaterialKind::Mirror { .. }))
-}
 
 /// Whether an edge between smoothly shaded faces of a mirror shows the same on both: directions that leave it high enough, relative
 /// to its faces, are not folded (`SurfaceInteraction::mirrored`).

@@ -15,11 +15,11 @@ use super::curved::{Eye, Facet, MirrorFacet, MirrorTree, Place, Sighting, quarte
 use super::estimate::{Draw, Estimate, Pass, Sequence};
 use super::layers::Sides;
 use super::local::RayAdjoint;
-use super::primary::{PIECE, SMOOTH_CREASE, contrasts, pilots};
+use super::primary::{PIECE, contrasts, pilots};
 use super::viewpoint::{Seen, d_reflected_ray};
 use crate::image::Image;
 use crate::render::accel::{PrimId, Ray};
-use crate::render::edges::{Edge, EdgeView};
+use crate::render::edges::{Edge, EdgeView, SMOOTH_CREASE};
 use crate::render::integrator::{NoRecord, Options, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::sampler::{Discrete, Sampler, hash};

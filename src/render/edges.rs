@@ -19,6 +19,9 @@ use crate::mesh::Mesh;
 /// Fraction of a face by which attributes are looked up inside of it: a texture may repeat at its very edge.
 pub const INSIDE: f32 = 1e-5;
 
+/// Sampling weight of edges between smoothly shaded faces relative to a silhouette: only the shadow terminator jumps there.
+pub const SMOOTH_CREASE: f32 = 0.05;
+
 /// A face at an edge, or one half of a face that the edge cuts in two.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EdgeFace {
@@ -66,6 +69,12 @@ impl Edge {
     #[inline]
     pub fn point(&self, s: f32) -> Vec3 {
         self.p[0].lerp(self.p[1], s)
+    }
+
+    /// Whether all faces are perfect mirrors.
+    pub fn is_mirror(&self, scene: &Scene) -> bool {
+        let kind = |prim: PrimId| &scene.description.shapes[scene.prims[prim as usize].shape as usize].material.kind;
+        self.faces.iter().all(|f| matches!(kind(f.prim), MaterialKind::Mirror { .. }))
     }
 
     /// The parameter of a point on the edge.
