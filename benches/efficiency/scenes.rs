@@ -582,8 +582,11 @@ fn cornell_box(cases: &mut Vec<Case>) {
             let spp = if kind == Kind::Material && bounces == 1 { 64 } else { 16 };
             // Where shadows have sharp kinks differences need small steps; where they are noisy they cannot have them.
             let step = if bounces == 1 { 0.5 * step } else { step };
+            // Where the upright edges of the tall box come to the next column, a ramp of columns has a kink, and differences step over
+            // several: they are off by 1.3 % of a sum that cancels. (At four bounces one of rows would cancel altogether.)
+            let ramp = if param == "tall box turned" && bounces == 1 { Ramp::Y } else { Ramp::X };
             let build = move |t: f32| change(t).build();
-            cases.push(Case { bounces, spp, step, ..Case::new(kind, scene, param, build) });
+            cases.push(Case { bounces, spp, step, ramp, ..Case::new(kind, scene, param, build) });
         }
     }
 }
