@@ -122,6 +122,42 @@ fn stages_schedules_several_losses_and_the_library() {
     );
 }
 
+/// Noise is a bias of losses that are not quadratic: the mean distance from a noisy image is least for one that is too bright. What
+/// earlier steps saw of a pixel makes it less noisy.
+#[test]
+fn control_variates_take_the_bias_of_noise_away() {
+    let place = Place::new();
+    let gain = |settings: &str, optimizer: &str| {
+        let script = format!(
+            "camera eye {{ position: [0, 2, -6], look_at: [0, 0.8, 0], fov: 45deg, film: [64, 64] }}
+             integrator paths {{ max_bounces: 3 }}
+             param gain = 0.8
+             param x = 0.3
+             shape floor {{ mesh: rectangle(width: 6, depth: 6), material: diffuse(reflectance: 0.7) }}
+             shape ball {{ mesh: sphere(radius: 0.6) |> translate([x, 0.8, 0]), material: diffuse(reflectance: [0.3, 0.6, 0.8]) }}
+             light lamp = area(rectangle(width: 1, depth: 1) |> flip() |> translate([0, 4, 0]), radiance: 40 * gain)
+             let target = render(eye, spp: 256) with {{ x: 0, gain: 1 }}
+             loss off = mean(abs(render(eye, spp: 1) - target))
+             optimize off {{ steps: 60, using: {optimizer}{settings} }}
+             print gain"
+        );
+        place.write("script.dscene", script);
+        place.dsl(&["run", "script.dscene", "--out", "run"])
+    };
+    let found = |settings: &str| -> f64 {
+        let output = gain(settings, "adam(lr: cosine(0.05, 0.002))");
+        assert_code(&output, 0);
+        stdout(&output).trim().parse().unwrap()
+    };
+    let (plain, quiet) = ((found("") - 1.0).abs(), (found(", control_variates: true") - 1.0).abs());
+    assert!(plain > 0.008, "{plain}: there is no bias to take away");
+    assert!(quiet < 0.6 * plain, "{quiet} with, {plain} without");
+
+    let output = gain(", control_variates: true", "gauss_newton()");
+    assert_diagnosed(&output);
+    assert!(stderr(&output).contains("first-order"), "{}", stderr(&output));
+}
+
 #[test]
 fn pose_gradients_and_meshes_out() {
     let place = Place::new();

@@ -7,7 +7,7 @@ use dscene::grad::allocate::Estimator;
 use dscene::grad::estimate::{Images, forward, reverse};
 use dscene::grad::interior::Interior;
 use dscene::grad::sink::{Contractions, Layout, Tangents};
-use dscene::grad::{Direction, NEVER, render_backward, render_forward, render_jacobian};
+use dscene::grad::{Direction, Memory, NEVER, render_backward, render_backward_until, render_forward, render_jacobian};
 use dscene::image::Image;
 use dscene::render::texture::{Filter, Texture, Wrap};
 use dscene::render::*;
@@ -178,13 +178,24 @@ fn any_number_of_threads_gives_the_same_bits() {
                 let image = render(&scene, &camera, &settings).unwrap();
                 let gradient = render_backward(&scene, &camera, &settings, &image, &wrt).unwrap();
                 let jacobian = render_jacobian(&scene, &camera, &settings, &directions).unwrap();
-                (image, gradient, jacobian)
+                // Those of an optimisation's steps, which learn from one another.
+                let memory = Memory::default();
+                let steps = (0..3).map(|seed| {
+                    let settings = Settings { seed, ..settings };
+                    render_backward_until(&scene, &camera, &settings, &image, &wrt, Some(&memory), &NEVER).unwrap()
+                });
+                let steps: Vec<_> = steps.collect();
+                assert!(
+                    steps[1]
+                        != render_backward(&scene, &camera, &Settings { seed: 1, ..settings }, &image, &wrt).unwrap()
+                );
+                (image, gradient, jacobian, steps)
             })
         })
     };
     let (one, three) = (run(1), run(3));
     assert!(one == three);
-    assert!(one.iter().all(|(_, gradient, _)| gradient.iter().flatten().any(|g| *g != 0.0)));
+    assert!(one.iter().all(|(_, gradient, ..)| gradient.iter().flatten().any(|g| *g != 0.0)));
 }
 
 /// Translating everything together changes nothing: the derivatives of all placements cancel, sample by sample (T15).

@@ -8,6 +8,7 @@ use dscene::render::{DeltaLight, Input, MaterialKind, SceneDescription, Slot};
 use glam::Vec3;
 use serde_json::{Value, json};
 
+use crate::Args;
 use crate::measure::{self, References, Row};
 use crate::scenes::{Case, Ramp};
 
@@ -36,7 +37,7 @@ pub fn export(cases: &[&Case], folder: &Path, references: &References) -> std::i
     for (i, case) in cases.iter().enumerate() {
         let name = format!("{i:02}");
         // Two seeds: the loss is what other renderers are compared with before anything else.
-        let row = measure::row(case, 2, false, references);
+        let row = measure::row(case, 2, &Args::default(), references);
         let mut words = Words::default();
         let object = describe(case, &row, &mut words);
         std::fs::write(folder.join(format!("{name}.json")), serde_json::to_string_pretty(&object)?)?;

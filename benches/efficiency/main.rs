@@ -4,6 +4,7 @@
 //! ```text
 //! cargo bench --bench efficiency                            the table, 16 seeds
 //!     -- --scene TEXT --seeds N --precise --quick --no-fd --json
+//!     -- --remember                                          gradients learn from one another, as the steps of an optimisation do
 //! cargo bench --bench efficiency -- --fd [--budget SECONDS]  renews docs/efficiency_references.json
 //! cargo bench --bench efficiency -- --export FOLDER          the scenes, for other renderers
 //! cargo bench --bench efficiency -- --table OURS PEER        two outputs of --json as one page
@@ -33,6 +34,7 @@ struct Args {
     quick: bool,
     /// More seeds where noise asks for them.
     precise: bool,
+    remember: bool,
     no_fd: bool,
     json: bool,
     fd: bool,
@@ -57,6 +59,7 @@ fn parse() -> Result<Args, String> {
             "--scaling-row" => args.scaling_row = Some(next()?),
             "--precise" => args.precise = true,
             "--quick" => args.quick = true,
+            "--remember" => args.remember = true,
             "--no-fd" => args.no_fd = true,
             "--json" => args.json = true,
             "--fd" => args.fd = true,
@@ -113,7 +116,7 @@ fn run(args: &Args) -> std::io::Result<()> {
         println!("{}", report::HEADER);
     }
     for case in cases {
-        let row = measure::row(case, seeds, args.precise, &references);
+        let row = measure::row(case, seeds, args, &references);
         if args.json { println!("{}", serde_json::to_string(&row)?) } else { println!("{}", report::line(&row)) }
     }
     if args.scene.as_deref().is_none_or(|text| text.contains("forward")) {

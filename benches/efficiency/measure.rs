@@ -3,13 +3,14 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use dscene::grad::{Scene, Settings, render, render_backward};
+use dscene::grad::{Memory, NEVER, Scene, Settings, render, render_backward_until};
 use dscene::image::Image;
 use dscene::render::Slot;
 use dscene::session::clock::Stopwatch;
 use dscene::session::stats::{Moments, z_score};
 use serde::{Deserialize, Serialize};
 
+use crate::Args;
 use crate::closed::derivative;
 use crate::common::{dot, tangents};
 use crate::scenes::{self, Case, Ramp, SIZE};
@@ -108,7 +109,7 @@ fn settings(case: &Case, spp: u32, seed: u64) -> Settings {
 }
 
 /// `seeds` gradients, or more if the derivative is to be precise.
-pub fn row(case: &Case, seeds: u64, precise: bool, references: &References) -> Row {
+pub fn row(case: &Case, seeds: u64, args: &Args, references: &References) -> Row {
     let (description, camera) = (case.build)(0.0);
     let w = weights(case);
     let velocities = velocities(case);
@@ -116,10 +117,11 @@ pub fn row(case: &Case, seeds: u64, precise: bool, references: &References) -> R
     let scene = Scene::new(description).expect("the scene is sound");
     let (mut loss, mut value) = (Moments::default(), Moments::default());
     let (mut primal_cpu, mut cpu, mut wall) = (0.0, 0.0, 0.0);
+    let kept = Memory::default();
     // The first evaluation warms caches and allocators and is not counted.
     let enough = |value: &Moments, cpu: f64| {
         let noisy = || value.std_error()[0] > ENOUGH * value.mean()[0].abs();
-        value.count() >= seeds && !(precise && (cpu < DILIGENCE || cpu < PATIENCE && noisy()))
+        value.count() >= seeds && !(args.precise && (cpu < DILIGENCE || cpu < PATIENCE && noisy()))
     };
     for seed in 0.. {
         if enough(&value, cpu) {
@@ -130,7 +132,9 @@ pub fn row(case: &Case, seeds: u64, precise: bool, references: &References) -> R
         let image = render(&scene, &camera, &settings).expect("the camera is sound");
         let primal = watch.elapsed();
         let watch = Stopwatch::start();
-        let g = render_backward(&scene, &camera, &settings, &w, &slots).expect("the camera is sound");
+        let memory = args.remember.then_some(&kept);
+        let g = render_backward_until(&scene, &camera, &settings, &w, &slots, memory, &NEVER);
+        let g = g.expect("the camera is sound");
         let gradient = watch.elapsed();
         if seed > 0 {
             let dots = g.iter().zip(&velocities).flat_map(|(g, v)| g.iter().zip(&v.1));

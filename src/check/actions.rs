@@ -8,9 +8,10 @@ use crate::diag::{Diagnostic, did_you_mean};
 use crate::syntax::ast;
 
 /// Fields of `optimize`.
-const OPTIMIZE: [&str; 7] = ["over", "using", "steps", "stop_when", "spp", "film_scale", "max_bounces"];
+const OPTIMIZE: [&str; 8] =
+    ["over", "using", "steps", "stop_when", "spp", "film_scale", "max_bounces", "control_variates"];
 /// Fields of a `stage`.
-const STAGE: [&str; 5] = ["steps", "using", "spp", "film_scale", "max_bounces"];
+const STAGE: [&str; 6] = ["steps", "using", "spp", "film_scale", "max_bounces", "control_variates"];
 
 impl Checker<'_> {
     pub fn top_action(&mut self, action: &ast::Action) {
@@ -208,6 +209,7 @@ impl Checker<'_> {
         let wanted = match name {
             "spp" | "max_bounces" => Sig::Int(Vec::new()),
             "film_scale" => Sig::Is(Ty::SCALAR),
+            "control_variates" => Sig::Is(Ty::Bool),
             _ => {
                 let foreign = super::foreign::field(name, known).map(|f| format!("did you mean `{f}`?"));
                 let help = foreign.or_else(|| did_you_mean(name, "its fields are", known.iter().copied()));

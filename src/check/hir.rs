@@ -373,7 +373,7 @@ pub struct Optimize {
     pub stages: Vec<Stage>,
     pub stop_when: Option<Expr>,
     pub every: Vec<Every>,
-    /// Other settings, for all stages: `spp`, `film_scale`, `max_bounces`.
+    /// Other settings, for all stages: `spp`, `film_scale`, `max_bounces`, `control_variates`.
     pub settings: Vec<(String, Expr)>,
     pub span: Span,
 }
@@ -383,7 +383,7 @@ pub struct Stage {
     pub name: String,
     pub steps: Option<Expr>,
     pub using: Option<Expr>,
-    /// `spp`, `film_scale`, `max_bounces`: replace these arguments of every render of the loss.
+    /// `spp`, `film_scale`, `max_bounces`: replace these arguments of every render of the loss; `control_variates`.
     pub settings: Vec<(String, Expr)>,
     pub span: Span,
 }

@@ -13,7 +13,7 @@ use crate::natives::{
 use crate::source::Span;
 use crate::tape::{self, Tensor, Var};
 
-use super::{Deps, Engine, Result, error, mix};
+use super::{Deps, Engine, History, Result, error, mix};
 
 /// A scalar with its derivatives.
 #[derive(Clone, Debug)]
@@ -47,6 +47,16 @@ impl Engine {
     pub fn gradient_of_params(&mut self, of: &Expr, wrt: &[DeclId]) -> Result<Gradient> {
         let targets: Vec<Target> = wrt.iter().map(|&decl| Target { decl, path: vec![] }).collect();
         self.gradient(of, &targets)
+    }
+
+    /// [`Engine::gradient`] in a step of an optimisation: its renderings go on from those of the steps before.
+    pub fn gradient_after(&mut self, history: &mut History, of: &Expr, wrt: &[Target]) -> Result<Gradient> {
+        let mut lent = std::mem::take(history);
+        lent.begin_step();
+        self.history = Some(lent);
+        let found = self.gradient(of, wrt);
+        *history = self.history.take().unwrap_or_default();
+        found
     }
 
     /// Central differences of a scalar with common random numbers, one element after the other.

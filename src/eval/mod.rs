@@ -35,7 +35,7 @@ use reach::Reach;
 pub use crate::natives::value;
 pub use derivative::Gradient;
 pub use error::INTERRUPTED;
-pub use render::RenderOverrides;
+pub use render::{History, RenderOverrides};
 pub use residuals::Residuals;
 pub use show::{brief, number_text, show, to_json};
 
@@ -153,6 +153,8 @@ pub struct Engine {
     loss: f64,
     losses: Arc<Vec<f64>>,
     overrides: RenderOverrides,
+    /// Of the optimisation whose step is being taken.
+    history: Option<History>,
     statistics: Statistics,
     worlds: Vec<World>,
     /// Dependencies of what is being evaluated, innermost last.
@@ -185,6 +187,7 @@ impl Engine {
             loss: f64::NAN,
             losses: Arc::default(),
             overrides: RenderOverrides::default(),
+            history: None,
             statistics: Statistics::default(),
             worlds: vec![root],
             frames: vec![],

@@ -1,16 +1,18 @@
 //! Rendering as one operation of the tape: its value is an image, its derivatives are the estimators of `grad`.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
 use crate::check::hir::NativeDecl;
 use crate::diag::Diagnostic;
-use crate::grad::{self, Direction, Output, SceneError, Settings};
+use crate::grad::{self, Direction, Memory, Output, SceneError, Settings};
 use crate::image::Image;
 use crate::natives::{
     add_to_scene,
     value::{SceneValue, Value},
 };
+use crate::render::recursion::Recursion;
 use crate::render::{Camera, Slot};
 use crate::source::Span;
 use crate::tape::{CustomOp, Tensor, Var};
@@ -26,6 +28,69 @@ pub struct RenderOverrides {
     pub max_bounces: Option<u32>,
     /// Factor on the film's width and height.
     pub film_scale: Option<f64>,
+    /// Let images of earlier steps make that of a step less noisy.
+    pub control_variates: bool,
+}
+
+/// What the renderings of an optimisation's steps leave for those of the next.
+#[derive(Default)]
+pub struct History {
+    /// By place in the program, world, and how often that place was come to before in the same step.
+    sites: HashMap<(Span, u64, usize), Site>,
+    visits: HashMap<(Span, u64), usize>,
+}
+
+/// One rendering, step after step.
+#[derive(Default)]
+struct Site {
+    memory: Arc<Memory>,
+    last: Option<Last>,
+}
+
+/// The last step's scene, and the estimate of its image.
+struct Last {
+    scene: Arc<Lowered>,
+    camera: Camera,
+    max_bounces: u32,
+    recursion: Recursion,
+}
+
+impl History {
+    pub(super) fn begin_step(&mut self) {
+        self.visits.clear();
+    }
+
+    fn site(&mut self, span: Span, path: u64) -> &mut Site {
+        let visits = self.visits.entry((span, path)).or_default();
+        *visits += 1;
+        self.sites.entry((span, path, *visits)).or_default()
+    }
+}
+
+impl Site {
+    /// The step's image from `image` alone and what is known from the steps before.
+    fn next(
+        &mut self,
+        image: Image,
+        scene: &Arc<Lowered>,
+        camera: Camera,
+        settings: &Settings,
+        stop: &AtomicBool,
+    ) -> Result<Image, SceneError> {
+        // Fewer bounces are another image.
+        let fits = |last: &Last| last.recursion.fits(&image) && last.max_bounces == settings.max_bounces;
+        let recursion = match self.last.take().filter(fits) {
+            Some(mut last) => {
+                let before = grad::render_until(&last.scene.scene, &last.camera, settings, stop)?;
+                last.recursion.advance(&image, &before);
+                last.recursion
+            }
+            None => Recursion::new(image),
+        };
+        let found = recursion.image().clone();
+        self.last = Some(Last { scene: scene.clone(), camera, max_bounces: settings.max_bounces, recursion });
+        Ok(found)
+    }
 }
 
 /// One render call: inputs are the nodes of the slots that a leaf reaches.
@@ -34,6 +99,8 @@ struct RenderOp {
     camera: Camera,
     settings: Settings,
     slots: Vec<Slot>,
+    /// Where samples of the steps before were of use.
+    memory: Option<Arc<Memory>>,
     /// Set from outside to end it early.
     stop: Arc<AtomicBool>,
 }
@@ -53,8 +120,9 @@ impl CustomOp for RenderOp {
         let wanted: Vec<Slot> = self.slots.iter().zip(wants).filter(|(_, w)| **w).map(|(s, _)| *s).collect();
         let mut d_image = Image::new(output.shape[1], output.shape[0], output.shape[2]);
         d_image.data.iter_mut().zip(&g.data).for_each(|(d, g)| *d = *g as f32);
+        let (scene, memory) = (&self.scene.scene, self.memory.as_deref());
         let found =
-            grad::render_backward_until(&self.scene.scene, &self.camera, &self.settings, &d_image, &wanted, &self.stop)
+            grad::render_backward_until(scene, &self.camera, &self.settings, &d_image, &wanted, memory, &self.stop)
                 .map_err(|e| e.to_string())?;
         let mut found = found.into_iter();
         wants
@@ -190,7 +258,7 @@ impl Engine {
         }
         self.statistics.renders += 1;
         let stop = self.options.interrupt.clone().unwrap_or_default();
-        let image = grad::render_until(&lowered.scene, &camera.camera, &settings, &stop)
+        let mut image = grad::render_until(&lowered.scene, &camera.camera, &settings, &stop)
             .map_err(|e| self.scene_error(LowerError::Scene(e), &scene, &origins, span))?;
         self.check_interrupt(span)?;
         if output == Output::Radiance && image.data.iter().all(|x| *x == 0.0) {
@@ -200,8 +268,18 @@ impl Engine {
                 self.warnings.push(warning);
             }
         }
+        let mut memory = None;
+        if is_live && let Some(history) = &mut self.history {
+            let site = history.site(span, self.path);
+            memory = Some(site.memory.clone());
+            if overrides.control_variates {
+                let next = site.next(image, &lowered, camera.camera, &settings, &stop);
+                image = next.map_err(|e| self.scene_error(LowerError::Scene(e), &scene, &origins, span))?;
+                self.check_interrupt(span)?;
+            }
+        }
         let value = Tensor::from_image(&image);
-        let op = RenderOp { scene: lowered, camera: camera.camera, settings, slots, stop };
+        let op = RenderOp { scene: lowered, camera: camera.camera, settings, slots, memory, stop };
         Ok(Value::Image(Var::custom(Arc::new(op), inputs, value)))
     }
 

@@ -2,15 +2,20 @@
 //!
 //! The unit square is cut into cells; pilots measure the second moment of the derivatives in each, and the samples proper
 //! are drawn in proportion to its root, the best density there is. Pilots are independent of these samples, the histogram
-//! is frozen before they are drawn and no cell is left out: so the estimate stays unbiased.
+//! is frozen before they are drawn and no cell is left out: so the estimate stays unbiased. From one step of an optimisation
+//! to the next little changes: what earlier steps found is kept ([`Memory`]), so that as many pilots tell smaller cells apart.
+
+use std::collections::HashMap;
+use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
 use super::estimate::Reverse;
+use super::shadow::Sky;
 use super::sink::{Layout, Sink};
 use crate::image::Image;
 use crate::render::Scene;
-use crate::render::sampler::Discrete;
+use crate::render::sampler::{Discrete, Sampler, hash};
 
 /// Share of the samples that does not listen to pilots.
 const DEFENSIVE: f64 = 0.25;
@@ -22,9 +27,76 @@ const SURROUNDINGS: usize = 16;
 const PILOTS: usize = 4;
 const SAMPLES: usize = 8;
 
-/// The number of cells that pilots can be spared for.
-pub fn cells(samples: usize) -> usize {
-    samples / (PILOTS * SAMPLES)
+/// Pilots of earlier steps that count: enough to tell cells apart, few enough to follow a scene that moves.
+const REMEMBERED: usize = 16;
+
+/// What pilots are drawn for.
+#[derive(Clone, Copy)]
+pub struct Lesson<'a> {
+    pub scene: &'a Scene,
+    pub layout: &'a Layout,
+    pub adjoint: &'a Image,
+    /// Of the steps before, if there were any.
+    pub memory: Option<&'a Memory>,
+    pub seed: u64,
+}
+
+impl Lesson<'_> {
+    /// Pilots a cell.
+    fn pilots(&self) -> usize {
+        if self.memory.is_some() { 1 } else { PILOTS }
+    }
+
+    /// The number of cells that pilots of an estimator of that many samples can be spared for, at most `most` without a memory and
+    /// more with one.
+    pub fn cells(&self, samples: usize, most: usize) -> usize {
+        (samples / SAMPLES).min(most * PILOTS) / self.pilots()
+    }
+}
+
+/// Whose samples a guide is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Pupil {
+    Shadows(Sky),
+    Secondary(Sky),
+}
+
+/// What guides have found so far, kept from one gradient to the next of a scene that moves a little in between. Edges, lights
+/// and places on film keep their cells; where they do not, the cell's guess is a poor one, but no more than that.
+#[derive(Default)]
+pub struct Memory {
+    kept: Mutex<HashMap<Pupil, Kept>>,
+}
+
+/// Second moments by cell.
+struct Kept {
+    size: [usize; 2],
+    moments: Vec<f64>,
+    /// Steps that they stand for.
+    steps: usize,
+}
+
+impl Memory {
+    /// Adds what new pilots found to what is remembered, and returns both together.
+    fn learn(&self, of: Pupil, size: [usize; 2], mut moments: Vec<f64>) -> Vec<f64> {
+        // Steps are compared by the mean of the roots: by that of the moments themselves, one that found something rare would say
+        // that there was little of anything else.
+        let mean = (moments.iter().map(|m| m.sqrt()).sum::<f64>() / moments.len().max(1) as f64).powi(2);
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let old = kept.get(&of).filter(|k| k.size == size);
+        if !(mean > 0.0 && mean.is_finite()) {
+            return old.map_or(moments, |k| k.moments.clone());
+        }
+        moments.iter_mut().for_each(|m| *m /= mean);
+        let mut steps = 1;
+        if let Some(old) = old {
+            steps = (old.steps + 1).min(REMEMBERED);
+            let share = 1.0 / steps as f64;
+            moments.iter_mut().zip(&old.moments).for_each(|(m, old)| *m = old + share * (*m - old));
+        }
+        kept.insert(of, Kept { size, moments: moments.clone(), steps });
+        moments
+    }
 }
 
 /// A piecewise constant density over the unit square.
@@ -34,29 +106,38 @@ pub struct Guide {
 }
 
 impl Guide {
-    /// Measures `rows` × `columns` cells. `sample` draws the pilot of a number with its first two random numbers as given.
+    /// Measures `rows` × `columns` cells. `sample` draws a pilot from a sampler, with its first two random numbers as given.
     pub fn new(
+        of: Pupil,
         [rows, columns]: [usize; 2],
-        scene: &Scene,
-        layout: &Layout,
-        adjoint: &Image,
-        sample: impl Fn(usize, [f64; 2], &mut Pilot) + Sync,
+        lesson: &Lesson,
+        sample: impl Fn(Sampler, [f64; 2], &mut Pilot) + Sync,
     ) -> Guide {
+        let Lesson { scene, layout, adjoint, memory, seed } = *lesson;
+        let pilots = lesson.pilots();
+        let seed = hash(seed, 0x0067_7569_6465);
+        // Elsewhere in each cell at each step.
+        let shift = if memory.is_some() { hash(seed, 0) as f64 / u64::MAX as f64 } else { 0.0 };
         let moments: Vec<f64> = (0..rows * columns)
             .into_par_iter()
             .map(|cell| {
                 let mut pilot = Pilot::new(scene, layout, adjoint, Norm::default());
-                for i in 0..PILOTS {
-                    let number = cell * PILOTS + i;
+                for i in 0..pilots {
+                    let number = cell * pilots + i;
                     // The middle of a stratum of the first number; the second one moves with the golden ratio.
-                    let [x, y] = [(i as f64 + 0.5) / PILOTS as f64, (number as f64 * 0.618_033_988_749).fract()];
+                    let along = (i as f64 + 0.5) / pilots as f64;
+                    let [x, y] = [(along + shift).fract(), (shift + number as f64 * 0.618_033_988_749).fract()];
                     let at =
                         [((cell / columns) as f64 + x) / rows as f64, ((cell % columns) as f64 + y) / columns as f64];
-                    sample(number, at, &mut pilot);
+                    sample(Sampler::new(hash(seed, number as u64), 0), at, &mut pilot);
                 }
                 pilot.into_sink().squares
             })
             .collect();
+        let moments = match memory {
+            Some(memory) => memory.learn(of, [rows, columns], moments),
+            None => moments,
+        };
         let mut sums = vec![0.0];
         for row in moments.chunks_exact(columns) {
             sums.push(sums[sums.len() - 1] + row.iter().sum::<f64>() / columns as f64);

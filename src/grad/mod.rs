@@ -37,6 +37,8 @@ use self::allocate::{Allocation, Estimator};
 use self::curved::MirrorTree;
 use self::edge_tree::EdgeTree;
 use self::estimate::{Images, Pass};
+use self::guide::Lesson;
+pub use self::guide::Memory;
 use self::interior::Interior;
 use self::primary::PrimaryEdges;
 use self::reflections::Reflections;
@@ -58,21 +60,23 @@ pub fn render_backward(
     d_image: &Image,
     wrt: &[Slot],
 ) -> Result<Vec<Vec<f64>>, SceneError> {
-    render_backward_until(scene, camera, settings, d_image, wrt, &NEVER)
+    render_backward_until(scene, camera, settings, d_image, wrt, None, &NEVER)
 }
 
-/// [`render_backward`], but once `stop` is set it returns soon, with numbers that are good for nothing.
+/// [`render_backward`] that remembers where its samples were of use when it was last asked, for much the same scene, and learns for
+/// the next time. Once `stop` is set it returns soon, with numbers that are good for nothing.
 pub fn render_backward_until(
     scene: &Scene,
     camera: &Camera,
     settings: &Settings,
     d_image: &Image,
     wrt: &[Slot],
+    memory: Option<&Memory>,
     stop: &AtomicBool,
 ) -> Result<Vec<Vec<f64>>, SceneError> {
     check(camera, settings, d_image)?;
     if scene.moves() {
-        return motion::backward(scene, camera, settings, d_image, wrt, stop);
+        return motion::backward(scene, camera, settings, d_image, wrt, memory, stop);
     }
     let layout = Layout::new(scene, wrt);
     // Samples cannot follow an adjoint that is not a number, and the caller must hear of it.
@@ -87,7 +91,7 @@ pub fn render_backward_until(
             estimate::reverse(self.0, self.1, self.2, pass, self.3, self.4);
         }
     }
-    passes(scene, camera, settings, &layout, d_image, &mut Run(scene, &layout, d_image, &mut total, stop));
+    passes(scene, camera, settings, &layout, d_image, memory, &mut Run(scene, &layout, d_image, &mut total, stop));
     Ok(layout.starts.windows(2).map(|w| total[w[0]..w[1]].to_vec()).collect())
 }
 
@@ -171,12 +175,12 @@ fn forward(
     if let [tangent] = &tangents[..] {
         let sink = || Contraction { tangent, sum: 0.0 };
         let mut run = RunForward { scene, layout, sink, images: &mut images, stop };
-        passes(scene, camera, settings, layout, &even, &mut run);
+        passes(scene, camera, settings, layout, &even, None, &mut run);
     } else {
         let tangents = Tangents::new(&tangents, layout.size());
         let sink = || Contractions::new(&tangents);
         let mut run = RunForward { scene, layout, sink, images: &mut images, stop };
-        passes(scene, camera, settings, layout, &even, &mut run);
+        passes(scene, camera, settings, layout, &even, None, &mut run);
     }
     let of_direction = |k: usize| {
         let pixels = images.data.chunks_exact(channels).skip(k).step_by(directions.len());
@@ -287,6 +291,7 @@ fn passes(
     settings: &Settings,
     layout: &Layout,
     adjoint: &Image,
+    memory: Option<&Memory>,
     visit: &mut impl Visit,
 ) {
     if layout.size() == 0 {
@@ -314,6 +319,7 @@ fn passes(
     }
     let reflections = curved.and_then(|tree| Reflections::new(scene, camera, tree, settings, adjoint, seed));
 
+    let lesson = Lesson { scene, layout, adjoint, memory, seed };
     let mut allocation = Allocation::new(scene, layout, adjoint, seed);
     allocation.measure(&primary);
     let along_light = |sky: Sky| {
@@ -322,11 +328,11 @@ fn passes(
         let shadows = tree.as_ref().map(|tree| {
             let pixels = camera.width * camera.height;
             let count = settings.spp.max(1) as usize * (pixels / 8).clamp(1024, 131_072);
-            Shadows::new(scene, sky, &viewpoints, settings, curved, tree, count).guided(layout, adjoint, seed)
+            Shadows::new(scene, sky, &viewpoints, settings, curved, tree, count).guided(&lesson)
         });
-        let secondary = tree.as_ref().and_then(|tree| {
-            Secondary::new(scene, sky, camera, tree, &mirrors.planes, ways.as_ref(), settings, layout, adjoint, seed)
-        });
+        let secondary = tree
+            .as_ref()
+            .and_then(|tree| Secondary::new(sky, camera, tree, &mirrors.planes, ways.as_ref(), settings, &lesson));
         let mut allocation = allocation.clone();
         allocation.measure(&interior);
         allocation.measure(&shadows);

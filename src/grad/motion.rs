@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
-use super::{Direction, render_backward_until, render_jacobian_until};
+use super::{Direction, Memory, render_backward_until, render_jacobian_until};
 use crate::image::Image;
 use crate::render::motion::Slice;
 use crate::render::{Camera, Scene, SceneError, Settings, Slot};
@@ -97,12 +97,14 @@ pub fn backward(
     settings: &Settings,
     d_image: &Image,
     wrt: &[Slot],
+    memory: Option<&Memory>,
     stop: &AtomicBool,
 ) -> Result<Vec<Vec<f64>>, SceneError> {
     let moving = Moving::new(scene, wrt.iter().copied());
     let mut total: Vec<Vec<f64>> = wrt.iter().map(|s| vec![0.0; scene.description.slot_len(*s)]).collect();
     scene.slices(camera, settings, DERIVATIVES, stop, |slice| {
-        let found = render_backward_until(slice.scene, camera, &slice.settings, d_image, &moving.entered, stop)?;
+        let found =
+            render_backward_until(slice.scene, camera, &slice.settings, d_image, &moving.entered, memory, stop)?;
         let of = |slot: Slot| moving.entered.binary_search(&slot).map_or(&[][..], |i| &found[i]);
         for (slot, sum) in wrt.iter().zip(&mut total) {
             if *slot == Slot::CameraShutter {

@@ -15,7 +15,7 @@ use super::allocate::{Estimator, typical_bounces};
 use super::curved::MirrorTree;
 use super::edge_tree::{EdgeTree, Query};
 use super::estimate::{Draw, Estimate, Pass, Sequence};
-use super::guide::{self, Guide};
+use super::guide::{Guide, Lesson, Pupil};
 use super::interior::{Injection, Path, PathVertex, anywhere, inject};
 use super::layers::Sides;
 use super::local::RayAdjoint;
@@ -23,7 +23,6 @@ use super::pixels::{self, FilmDensity};
 use super::shadow::Sky;
 use super::sink::{Adjoints, Layout, Sink};
 use super::viewpoint::{MirrorPlane, d_mirror_image, d_reflected_ray};
-use crate::image::Image;
 use crate::render::accel::{PrimId, Ray};
 use crate::render::edges::{Edge, EdgeTable};
 use crate::render::integrator::{Options, Recorder, Start, trace};
@@ -34,6 +33,9 @@ use crate::render::{Camera, Scene, Settings};
 
 /// Angle between an edge and the ray that looks past it.
 const NUDGE: f32 = 2e-5;
+
+/// Cells of the guide over the film, at most.
+const MOST_CELLS: usize = 64 * 64;
 
 /// Edge points that one path looks for. What a surface sees of something that moves past it appears on one side and vanishes on
 /// the other: looked at from one place, these go against each other, and the path is shared.
@@ -106,19 +108,16 @@ impl Recorder for Side {
 
 impl<'a> Secondary<'a> {
     /// `None` if no path vertex can see anything but lights.
-    #[allow(clippy::too_many_arguments)]
     pub fn new(
-        scene: &'a Scene,
         sky: Sky,
         camera: &'a Camera,
         tree: &'a EdgeTree,
         mirrors: &'a [MirrorPlane],
         curved: Option<&'a MirrorTree>,
         settings: &Settings,
-        layout: &'a Layout,
-        adjoint: &Image,
-        seed: u64,
+        lesson: &Lesson<'a>,
     ) -> Option<Secondary<'a>> {
+        let Lesson { scene, layout, adjoint, .. } = *lesson;
         let sees_sky = scene.environment.is_some() && sky != Sky::Whole;
         let direct = sees_sky || !scene.contacts().is_empty() || has_attached_lobes(scene);
         let reach = if direct { 1 } else { 2 };
@@ -146,10 +145,8 @@ impl<'a> Secondary<'a> {
             film,
             guide: None,
         };
-        let side = (guide::cells(count) as f64).sqrt().clamp(4.0, 64.0) as usize;
-        let seed = hash(seed, 0x0067_7569_6465);
-        secondary.guide = Some(Guide::new([side; 2], scene, layout, adjoint, |i, at, pilot| {
-            let mut sampler = Sampler::new(hash(seed, i as u64), 0);
+        let side = (lesson.cells(count, MOST_CELLS) as f64).sqrt().max(4.0) as usize;
+        secondary.guide = Some(Guide::new(Pupil::Secondary(sky), [side; 2], lesson, |mut sampler, at, pilot| {
             let _film = sampler.next_2d();
             let u = sampler.next_2d();
             secondary.sample_at(at, u, 1.0, &mut sampler, &mut Path::default(), pilot);

@@ -23,13 +23,12 @@ use super::allocate::{Estimator, typical_bounces};
 use super::curved::{Eye, Facet, MirrorTree};
 use super::edge_tree::{EdgeTree, Query};
 use super::estimate::{Draw, Estimate, Pass, Sequence};
-use super::guide::{self, Guide};
+use super::guide::{Guide, Lesson, Pupil};
 use super::layers::contrast;
 use super::local::{RayAdjoint, VertexAdjoint, d_attached_direction, d_direction, slide};
 use super::reflections::see_in_mirrors;
-use super::sink::{Adjoints, Layout, Sink};
+use super::sink::{Adjoints, Sink};
 use super::viewpoint::{Seen, Viewpoint, d_reflected_ray};
-use crate::image::Image;
 use crate::math::{Frame, cosine_hemisphere, uniform_sphere};
 use crate::render::accel::{Hit, PrimId, Ray};
 use crate::render::bsdf::Bsdf;
@@ -41,7 +40,7 @@ use crate::render::{Scene, Settings};
 
 /// What of an environment's light is found edge-first, here, and turns with it. The rest is left to receiver-first samples, and is
 /// a radiance in directions that stay where they are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Sky {
     /// What stands out, if anything does.
     Peak,
@@ -60,6 +59,9 @@ impl Sky {
 
 /// Cells of directions by which edges of shadows are guided under a sky.
 const SKY_CELLS: [usize; 2] = [8, 8];
+
+/// Cells of a guide along the edges, at most.
+const MOST_ROWS: usize = 1024;
 
 /// Of a walk's turns the share that is spread evenly over the hemisphere. A walk leaves a surface as a camera's path meets it, and the
 /// more grazing it does the further the point slides: by 1/cos θ, of which directions in proportion to the cosine would make the
@@ -143,13 +145,12 @@ impl<'a> Shadows<'a> {
     }
 
     /// Learns from pilots which edges cast shadows of which lights where it matters.
-    pub fn guided(mut self, layout: &Layout, adjoint: &Image, seed: u64) -> Self {
+    pub fn guided(mut self, lesson: &Lesson) -> Self {
         if self.count() > 0 {
             let columns = self.cells[0] * self.cells[1];
-            let rows = (guide::cells(self.count) / columns).clamp(4, 1024);
-            let seed = hash(seed, 0x0067_7569_6465);
-            self.guide = Some(Guide::new([rows, columns], self.scene, layout, adjoint, |i, at, pilot| {
-                let mut sampler = Sampler::new(hash(seed, i as u64), 0);
+            let rows = lesson.cells(self.count, MOST_ROWS * columns) / columns;
+            let size = [rows.max(4), columns];
+            self.guide = Some(Guide::new(Pupil::Shadows(self.sky), size, lesson, |mut sampler, at, pilot| {
                 let v = sampler.next_2d().y;
                 self.sample(at, v, 1.0, &mut sampler, pilot);
             }));

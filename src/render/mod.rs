@@ -14,6 +14,7 @@ pub mod ltc;
 pub mod ltc_table;
 pub mod mask;
 pub mod motion;
+pub mod recursion;
 pub mod sampler;
 pub mod scene;
 pub mod sensor;

@@ -5,7 +5,7 @@ use super::least_squares::{Squares, put};
 use super::solver::{Method, solver_from};
 use crate::check::hir;
 use crate::diag::Diagnostic;
-use crate::eval::{Engine, ParamInfo, ParamKind, RenderOverrides};
+use crate::eval::{Engine, History, ParamInfo, ParamKind, RenderOverrides};
 use crate::natives::value::Value;
 use crate::optim::{GaveUp, Geometry, Optimizer, Solver, Space, StepOutcome};
 use crate::source::Span;
@@ -25,6 +25,8 @@ pub struct Optimization {
     optimizer: Optimizer,
     /// The state of the other kind of solver, while it is in use.
     squares: Option<Squares>,
+    /// What first-order steps leave for the next one.
+    history: History,
     losses: Vec<f64>,
     /// For each param, whether its derivative was ever anything but 0.
     felt: Vec<bool>,
@@ -91,6 +93,7 @@ impl Optimization {
             optimizer: Optimizer::new(Solver::adam(), spaces.clone()),
             spaces,
             squares: None,
+            history: History::default(),
             losses: Vec::new(),
         })
     }
@@ -189,6 +192,10 @@ impl Optimization {
                 self.descend(engine, &targets, values, lr)?
             }
             Method::LeastSquares { damping, careful } => {
+                if self.stage().is_some_and(|s| s.overrides.control_variates) {
+                    let span = using.as_ref().map_or(self.optimize.span, |u| u.span);
+                    return Err(no_control_variates(span));
+                }
                 // The losses of different stages do not compare.
                 let stage = self.stage().map_or(0, |s| s.until);
                 let old = self.squares.take().filter(|s| s.is_for(stage, careful));
@@ -245,7 +252,7 @@ impl Optimization {
         mut values: Vec<Vec<f64>>,
         lr: f64,
     ) -> Result<Move, Diagnostic> {
-        let gradient = engine.gradient(&self.optimize.loss, targets)?;
+        let gradient = engine.gradient_after(&mut self.history, &self.optimize.loss, targets)?;
         let grads: Vec<Vec<f64>> = gradient.grads.into_iter().map(|t| t.data).collect();
         let felt = grads.iter().map(|grad| grad.iter().any(|g| *g != 0.0)).collect();
         let grad_norm = self.optimizer.grad_norm(&values, &grads);
@@ -368,17 +375,24 @@ fn overrides(
                 found.max_bounces = Some(u32::try_from(bounces).unwrap_or(u32::MAX));
             }
             "film_scale" => found.film_scale = Some(film_scale(engine, expr)?),
+            "control_variates" => found.control_variates = matches!(engine.eval(expr)?, Value::Bool(true)),
             _ => {
                 return Err(Diagnostic::error(
                     "dscene::run::setting",
                     format!("`{name}` is not a setting of `optimize`"),
                 )
                 .label(expr.span, "this one")
-                .help("the settings are `spp`, `max_bounces` and `film_scale`"));
+                .help("the settings are `spp`, `max_bounces`, `film_scale` and `control_variates`"));
             }
         }
     }
     Ok(found)
+}
+
+fn no_control_variates(span: Span) -> Diagnostic {
+    Diagnostic::error("dscene::run::control_variates", "`control_variates` are for first-order optimizers")
+        .label(span, "compares images of two steps, sample by sample")
+        .help("leave them out here, or use for instance `adam(lr: 0.01)`")
 }
 
 fn at_least_one(engine: &mut Engine, expr: &hir::Expr, what: &str) -> Result<u32, Diagnostic> {

@@ -216,6 +216,7 @@ fn help(text: &str, at: usize, found: &str) -> Option<String> {
             "fields and named arguments have a colon: `name: value`"
         }
         ":" => "a name before `:` names a field or an argument; a `let` has `=`",
+        "with" => "replacements go in braces: `expr with { name: value }`",
         "then" | "else" => "`if` needs all three: `if c then a else b`",
         "for" => "there are no loops: an array is built by `[… for i in 0..n]`",
         "while" | "return" => "there are no loops and no `return`: everything is an expression",

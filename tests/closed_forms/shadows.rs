@@ -59,7 +59,9 @@ fn penumbra_of_a_disk_light() {
     let measured = Measured { scene: &scene, camera: &camera, settings: settings(SPP, 1) };
     values(&measured).check("T4 value", &[value(s)], 0.02);
     let motion = vec![Vec3::X, Vec3::X, Vec3::ZERO, Vec3::ZERO];
-    measured.along(16, Slot::Vertices(shape), &[motion]).check("T4", &[slope], 0.01);
+    let motion = [motion];
+    measured.along(16, Slot::Vertices(shape), &motion).check("T4", &[slope], 0.01);
+    measured.remembered_along(16, Slot::Vertices(shape), &motion).check("T4, step by step", &[slope], 0.01);
 }
 
 /// T5: a long wall before a constant sky.
@@ -83,7 +85,9 @@ fn wall_before_the_sky() {
     measured.values(8).check("T5 value", &[value], 0.02);
     let grow = vec![Vec3::ZERO, Vec3::ZERO, Vec3::Y, Vec3::Y];
     let recede = vec![Vec3::X; 4];
-    measured.along(16, Slot::Vertices(shape), &[grow, recede]).check("T5", &[by_height, by_distance], 0.01);
+    let (motions, exact) = ([grow, recede], [by_height, by_distance]);
+    measured.along(16, Slot::Vertices(shape), &motions).check("T5", &exact, 0.01);
+    measured.remembered_along(16, Slot::Vertices(shape), &motions).check("T5, step by step", &exact, 0.01);
 }
 
 /// T6: a coaxial disk light: no boundary at all, its outline moves with the emission.

@@ -1,4 +1,4 @@
-use dscene::grad::{Output, Scene, Settings, render, render_backward};
+use dscene::grad::{Memory, NEVER, Output, Scene, Settings, render, render_backward, render_backward_until};
 use dscene::image::Image;
 use dscene::mesh::Mesh;
 use dscene::render::texture::Texture;
@@ -174,6 +174,19 @@ impl Measured<'_> {
 
     pub fn gradients(&self, seeds: u64, slot: Slot) -> Estimate {
         estimate(seeds, |seed| self.gradient(seed, &[slot]).remove(0))
+    }
+
+    /// As below, of steps that learn from one another.
+    pub fn remembered_along(&self, steps: u64, slot: Slot, motions: &[Vec<Vec3>]) -> Estimate {
+        let memory = Memory::default();
+        let mut d_image = Image::new(self.camera.width, self.camera.height, 3);
+        d_image.data.chunks_mut(3).for_each(|p| p[0] = 1.0);
+        estimate(steps, |seed| {
+            let (settings, memory) = (Settings { seed, ..self.settings }, Some(&memory));
+            let found =
+                render_backward_until(self.scene, self.camera, &settings, &d_image, &[slot], memory, &NEVER).unwrap();
+            motions.iter().map(|motion| contract(&found[0], motion)).collect()
+        })
     }
 
     /// Derivatives along several motions of the slot's numbers.
