@@ -1,6 +1,5 @@
 //! Rendering as one operation of the tape: its value is an image, its derivatives are the estimators of `grad`.
 
-use std::collections::HashMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -35,14 +34,16 @@ pub struct RenderOverrides {
 /// What the renderings of an optimisation's steps leave for those of the next.
 #[derive(Default)]
 pub struct History {
-    /// By place in the program, world, and how often that place was come to before in the same step.
-    sites: HashMap<(Span, u64, usize), Site>,
-    visits: HashMap<(Span, u64), usize>,
+    sites: Vec<Site>,
 }
 
-/// One rendering, step after step.
-#[derive(Default)]
+/// One rendering, step after step: of the same place in the program and the same world, seen by the same camera, unless that moves.
 struct Site {
+    span: Span,
+    path: u64,
+    camera: Option<Camera>,
+    /// Whether this step has come here.
+    visited: bool,
     memory: Arc<Memory>,
     last: Option<Last>,
 }
@@ -55,15 +56,26 @@ struct Last {
     recursion: Recursion,
 }
 
+/// Cameras may be drawn anew at every step; those that come again are rarely more.
+const MOST_SITES: usize = 256;
+
 impl History {
     pub(super) fn begin_step(&mut self) {
-        self.visits.clear();
+        let surplus = self.sites.len().saturating_sub(MOST_SITES);
+        self.sites.drain(..surplus);
+        self.sites.iter_mut().for_each(|s| s.visited = false);
     }
 
-    fn site(&mut self, span: Span, path: u64) -> &mut Site {
-        let visits = self.visits.entry((span, path)).or_default();
-        *visits += 1;
-        self.sites.entry((span, path, *visits)).or_default()
+    /// The first of its kind that this step has not come to.
+    fn site(&mut self, span: Span, path: u64, camera: Option<Camera>) -> &mut Site {
+        let here = |s: &Site| !s.visited && (s.span, s.path) == (span, path) && s.camera == camera;
+        let found = self.sites.iter().position(here).unwrap_or_else(|| {
+            self.sites.push(Site { span, path, camera, visited: false, memory: Arc::default(), last: None });
+            self.sites.len() - 1
+        });
+        let site = &mut self.sites[found];
+        site.visited = true;
+        site
     }
 }
 
@@ -270,7 +282,8 @@ impl Engine {
         }
         let mut memory = None;
         if is_live && let Some(history) = &mut self.history {
-            let site = history.site(span, self.path);
+            let standing = camera.slots.is_empty().then_some(camera.camera);
+            let site = history.site(span, self.path, standing);
             memory = Some(site.memory.clone());
             if overrides.control_variates {
                 let next = site.next(image, &lowered, camera.camera, &settings, &stop);
