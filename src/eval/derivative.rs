@@ -55,7 +55,9 @@ impl Engine {
         lent.begin_step();
         self.history = Some(lent);
         let found = self.gradient(of, wrt);
-        *history = self.history.take().unwrap_or_default();
+        let kept = self.history.take().unwrap_or_default();
+        // What was stopped half-way is good for nothing.
+        *history = if found.is_ok() { kept } else { History::default() };
         found
     }
 

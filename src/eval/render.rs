@@ -56,26 +56,38 @@ struct Last {
     recursion: Recursion,
 }
 
-/// Cameras may be drawn anew at every step; those that come again are rarely more.
+/// Cameras may be drawn anew at every step; those that come again are rarely more. Scenes are large.
 const MOST_SITES: usize = 256;
+const MOST_SCENES: usize = 4;
 
 impl History {
     pub(super) fn begin_step(&mut self) {
         let surplus = self.sites.len().saturating_sub(MOST_SITES);
         self.sites.drain(..surplus);
-        self.sites.iter_mut().for_each(|s| s.visited = false);
+        let mut scenes: Vec<*const Lowered> = Vec::new();
+        for site in self.sites.iter_mut().rev() {
+            site.visited = false;
+            let Some(scene) = site.last.as_ref().map(|last| Arc::as_ptr(&last.scene)) else { continue };
+            if scenes.contains(&scene) {
+                continue;
+            }
+            if scenes.len() < MOST_SCENES {
+                scenes.push(scene);
+            } else {
+                site.last = None;
+            }
+        }
     }
 
-    /// The first of its kind that this step has not come to.
+    /// The first of its kind that this step has not come to. The latest is the last.
     fn site(&mut self, span: Span, path: u64, camera: Option<Camera>) -> &mut Site {
         let here = |s: &Site| !s.visited && (s.span, s.path) == (span, path) && s.camera == camera;
-        let found = self.sites.iter().position(here).unwrap_or_else(|| {
-            self.sites.push(Site { span, path, camera, visited: false, memory: Arc::default(), last: None });
-            self.sites.len() - 1
-        });
-        let site = &mut self.sites[found];
-        site.visited = true;
-        site
+        let known = self.sites.iter().position(here).map(|i| self.sites.remove(i));
+        let new = || Site { span, path, camera, visited: true, memory: Arc::default(), last: None };
+        let site = known.unwrap_or_else(new);
+        self.sites.push(Site { visited: true, ..site });
+        let last = self.sites.len() - 1;
+        &mut self.sites[last]
     }
 }
 
@@ -286,6 +298,7 @@ impl Engine {
             let site = history.site(span, self.path, standing);
             memory = Some(site.memory.clone());
             if overrides.control_variates {
+                self.statistics.renders += u64::from(site.last.is_some());
                 let next = site.next(image, &lowered, camera.camera, &settings, &stop);
                 image = next.map_err(|e| self.scene_error(LowerError::Scene(e), &scene, &origins, span))?;
                 self.check_interrupt(span)?;

@@ -27,7 +27,8 @@ const SURROUNDINGS: usize = 16;
 const PILOTS: usize = 4;
 const SAMPLES: usize = 8;
 
-/// Pilots of earlier steps that count: enough to tell cells apart, few enough to follow a scene that moves.
+/// Pilots before those of a step that count (of a scene with a shutter, those of its slices): enough to tell cells apart, few enough to
+/// follow a scene that moves.
 const REMEMBERED: usize = 16;
 
 /// What pilots are drawn for.

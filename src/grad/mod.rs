@@ -339,10 +339,11 @@ fn passes(
         allocation.measure(&secondary);
         ((interior, shadows, secondary), allocation)
     };
-    let (mut estimators, mut allocation) = along_light(Sky::Peak);
-    if scene.environment.is_some() && lights {
+    let whole = lights && steps_turn(scene, layout);
+    let (mut estimators, mut allocation) = along_light(if whole { Sky::Whole } else { Sky::Peak });
+    if scene.environment.is_some() && lights && !whole {
         let (others, other) = along_light(Sky::Whole);
-        if steps_turn(scene, layout) || allocation.advantage_over(&other, 1) < 0.0 {
+        if allocation.advantage_over(&other, 1) < 0.0 {
             (estimators, allocation) = (others, other);
         }
     }

@@ -52,6 +52,8 @@ pub struct Secondary<'a> {
     table: &'a EdgeTable,
     tree: &'a EdgeTree,
     layout: &'a Layout,
+    /// As of interior paths.
+    anywhere: f32,
     /// Edges that move, for those who look on unmoved.
     moving: Option<EdgeTree>,
     max_bounces: u32,
@@ -139,6 +141,7 @@ impl<'a> Secondary<'a> {
             table,
             tree,
             layout,
+            anywhere: anywhere(layout),
             moving,
             max_bounces,
             count,
@@ -174,7 +177,7 @@ impl<'a> Secondary<'a> {
         let options = Options {
             next_event: false,
             split_lobes: true,
-            anywhere: anywhere(self.layout),
+            anywhere: self.anywhere,
             ..Options::new(self.max_bounces - 1)
         };
         path.clear();
