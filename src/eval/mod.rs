@@ -11,6 +11,7 @@ mod dark;
 mod derivative;
 mod error;
 mod expr;
+mod history;
 mod lower;
 mod reach;
 mod render;
@@ -35,7 +36,8 @@ use reach::Reach;
 pub use crate::natives::value;
 pub use derivative::Gradient;
 pub use error::INTERRUPTED;
-pub use render::{History, RenderOverrides};
+pub use history::History;
+pub use render::RenderOverrides;
 pub use residuals::Residuals;
 pub use show::{brief, number_text, show, to_json};
 

@@ -11,7 +11,6 @@ use crate::natives::{
     add_to_scene,
     value::{SceneValue, Value},
 };
-use crate::render::recursion::Recursion;
 use crate::render::{Camera, Slot};
 use crate::source::Span;
 use crate::tape::{CustomOp, Tensor, Var};
@@ -29,92 +28,6 @@ pub struct RenderOverrides {
     pub film_scale: Option<f64>,
     /// Let images of earlier steps make that of a step less noisy.
     pub control_variates: bool,
-}
-
-/// What the renderings of an optimisation's steps leave for those of the next.
-#[derive(Default)]
-pub struct History {
-    sites: Vec<Site>,
-}
-
-/// One rendering, step after step: of the same place in the program and the same world, seen by the same camera, unless that moves.
-struct Site {
-    span: Span,
-    path: u64,
-    camera: Option<Camera>,
-    /// Whether this step has come here.
-    visited: bool,
-    memory: Arc<Memory>,
-    last: Option<Last>,
-}
-
-/// The last step's scene, and the estimate of its image.
-struct Last {
-    scene: Arc<Lowered>,
-    camera: Camera,
-    max_bounces: u32,
-    recursion: Recursion,
-}
-
-/// Cameras may be drawn anew at every step; those that come again are rarely more. Scenes are large.
-const MOST_SITES: usize = 256;
-const MOST_SCENES: usize = 4;
-
-impl History {
-    pub(super) fn begin_step(&mut self) {
-        let surplus = self.sites.len().saturating_sub(MOST_SITES);
-        self.sites.drain(..surplus);
-        let mut scenes: Vec<*const Lowered> = Vec::new();
-        for site in self.sites.iter_mut().rev() {
-            site.visited = false;
-            let Some(scene) = site.last.as_ref().map(|last| Arc::as_ptr(&last.scene)) else { continue };
-            if scenes.contains(&scene) {
-                continue;
-            }
-            if scenes.len() < MOST_SCENES {
-                scenes.push(scene);
-            } else {
-                site.last = None;
-            }
-        }
-    }
-
-    /// The first of its kind that this step has not come to. The latest is the last.
-    fn site(&mut self, span: Span, path: u64, camera: Option<Camera>) -> &mut Site {
-        let here = |s: &Site| !s.visited && (s.span, s.path) == (span, path) && s.camera == camera;
-        let known = self.sites.iter().position(here).map(|i| self.sites.remove(i));
-        let new = || Site { span, path, camera, visited: true, memory: Arc::default(), last: None };
-        let site = known.unwrap_or_else(new);
-        self.sites.push(Site { visited: true, ..site });
-        let last = self.sites.len() - 1;
-        &mut self.sites[last]
-    }
-}
-
-impl Site {
-    /// The step's image from `image` alone and what is known from the steps before.
-    fn next(
-        &mut self,
-        image: Image,
-        scene: &Arc<Lowered>,
-        camera: Camera,
-        settings: &Settings,
-        stop: &AtomicBool,
-    ) -> Result<Image, SceneError> {
-        // Fewer bounces are another image.
-        let fits = |last: &Last| last.recursion.fits(&image) && last.max_bounces == settings.max_bounces;
-        let recursion = match self.last.take().filter(fits) {
-            Some(mut last) => {
-                let before = grad::render_until(&last.scene.scene, &last.camera, settings, stop)?;
-                last.recursion.advance(&image, &before);
-                last.recursion
-            }
-            None => Recursion::new(image),
-        };
-        let found = recursion.image().clone();
-        self.last = Some(Last { scene: scene.clone(), camera, max_bounces: settings.max_bounces, recursion });
-        Ok(found)
-    }
 }
 
 /// One render call: inputs are the nodes of the slots that a leaf reaches.
@@ -298,7 +211,7 @@ impl Engine {
             let site = history.site(span, self.path, standing);
             memory = Some(site.memory.clone());
             if overrides.control_variates {
-                self.statistics.renders += u64::from(site.last.is_some());
+                self.statistics.renders += u64::from(site.goes_on());
                 let next = site.next(image, &lowered, camera.camera, &settings, &stop);
                 image = next.map_err(|e| self.scene_error(LowerError::Scene(e), &scene, &origins, span))?;
                 self.check_interrupt(span)?;

@@ -1,0 +1,104 @@
+//! What the renderings of an optimisation's steps leave for those of the next: where samples were of use, and images as control
+//! variates. An optimisation owns it and lends it to the engine, step by step.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use crate::grad::{self, Memory, SceneError, Settings};
+use crate::image::Image;
+use crate::render::Camera;
+use crate::render::recursion::Recursion;
+use crate::source::Span;
+
+use super::lower::Lowered;
+
+/// What the renderings of an optimisation's steps leave for those of the next.
+#[derive(Default)]
+pub struct History {
+    sites: Vec<Site>,
+}
+
+/// One rendering, step after step: of the same place in the program and the same world, seen by the same camera, unless that moves.
+pub(super) struct Site {
+    span: Span,
+    path: u64,
+    camera: Option<Camera>,
+    /// Whether this step has come here.
+    visited: bool,
+    pub(super) memory: Arc<Memory>,
+    last: Option<Last>,
+}
+
+/// The last step's scene, and the estimate of its image.
+struct Last {
+    scene: Arc<Lowered>,
+    camera: Camera,
+    max_bounces: u32,
+    recursion: Recursion,
+}
+
+/// Cameras may be drawn anew at every step; those that come again are rarely more. Scenes are large.
+const MOST_SITES: usize = 256;
+const MOST_SCENES: usize = 4;
+
+impl History {
+    pub(super) fn begin_step(&mut self) {
+        let surplus = self.sites.len().saturating_sub(MOST_SITES);
+        self.sites.drain(..surplus);
+        let mut scenes: Vec<*const Lowered> = Vec::new();
+        for site in self.sites.iter_mut().rev() {
+            site.visited = false;
+            let Some(scene) = site.last.as_ref().map(|last| Arc::as_ptr(&last.scene)) else { continue };
+            if scenes.contains(&scene) {
+                continue;
+            }
+            if scenes.len() < MOST_SCENES {
+                scenes.push(scene);
+            } else {
+                site.last = None;
+            }
+        }
+    }
+
+    /// The first of its kind that this step has not come to. The latest is the last.
+    pub(super) fn site(&mut self, span: Span, path: u64, camera: Option<Camera>) -> &mut Site {
+        let here = |s: &Site| !s.visited && (s.span, s.path) == (span, path) && s.camera == camera;
+        let known = self.sites.iter().position(here).map(|i| self.sites.remove(i));
+        let new = || Site { span, path, camera, visited: true, memory: Arc::default(), last: None };
+        let site = known.unwrap_or_else(new);
+        self.sites.push(Site { visited: true, ..site });
+        let last = self.sites.len() - 1;
+        &mut self.sites[last]
+    }
+}
+
+impl Site {
+    /// Whether [`Site::next`] renders what the last step saw once more.
+    pub(super) fn goes_on(&self) -> bool {
+        self.last.is_some()
+    }
+
+    /// The step's image from `image` alone and what is known from the steps before.
+    pub(super) fn next(
+        &mut self,
+        image: Image,
+        scene: &Arc<Lowered>,
+        camera: Camera,
+        settings: &Settings,
+        stop: &AtomicBool,
+    ) -> Result<Image, SceneError> {
+        // Fewer bounces are another image.
+        let fits = |last: &Last| last.recursion.fits(&image) && last.max_bounces == settings.max_bounces;
+        let recursion = match self.last.take().filter(fits) {
+            Some(mut last) => {
+                let before = grad::render_until(&last.scene.scene, &last.camera, settings, stop)?;
+                last.recursion.advance(&image, &before);
+                last.recursion
+            }
+            None => Recursion::new(image),
+        };
+        let found = recursion.image().clone();
+        self.last = Some(Last { scene: scene.clone(), camera, max_bounces: settings.max_bounces, recursion });
+        Ok(found)
+    }
+}
