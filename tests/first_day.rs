@@ -150,6 +150,7 @@ fn control_variates_take_the_bias_of_noise_away() {
         stdout(&output).trim().parse().unwrap()
     };
     let (plain, quiet) = ((found("") - 1.0).abs(), (found(", control_variates: true") - 1.0).abs());
+    // Of four seeds 43 to 57 % of the bias is left.
     assert!(plain > 0.008, "{plain}: there is no bias to take away");
     assert!(quiet < 0.6 * plain, "{quiet} with, {plain} without");
 
