@@ -412,6 +412,19 @@ loss fit = mse(render(small), target)",
         ],
     },
     Case {
+        name: "keyframes_of_different_things",
+        prelude: "",
+        script: "let ball = sphere()\nlet a = moving(ball, camera(position: [0, 0, 5], look_at: [0, 0, 0]))\n\
+                 let b = moving(camera(position: [0, 0, 5], look_at: [0, 0, 0], film: [64, 32]), camera(position: [0, 1, 5], look_at: [0, 0, 0]))\n\
+                 let c = moving(0.5, 0.7)",
+        wanted: &[
+            ("dscene::type::mismatch", "camera(position: [0, 0, 5], look_at: [0, 0, 0])", "same thing in two places"),
+            ("dscene::type::shape", "camera(position: [0, 1, 5], look_at: [0, 0, 0])", "same thing in two places"),
+            ("dscene::type::mismatch", "0.5", ""),
+            ("dscene::type::mismatch", "0.7", ""),
+        ],
+    },
+    Case {
         name: "too_many_triangles",
         prelude: "",
         script: "let ball = sphere(subdivisions: 4096)\nlet land = grid(columns: 10000, rows: 10000)\nlet fine = grid(columns: 2000, rows: 2000)",

@@ -650,6 +650,51 @@ fn moving_shadow() {
     agree("moving shadow, shutter", &build(|t, _, s| s[1] += t), &plan);
 }
 
+/// The camera flies past a blocker and its shadow while the shutter is open.
+#[test]
+fn moving_camera() {
+    let build = |f: fn(f32, &mut [Vec3; 2], &mut Vec3)| {
+        move |t: f32| {
+            let (mut eyes, mut offset) = ([vec3(0.4, 2.5, 3.0), vec3(-0.2, 2.3, 3.3)], Vec3::ZERO);
+            f(t, &mut eyes, &mut offset);
+            let (mut scene, camera) = blocker(|_, _| ())(0.0);
+            scene.shapes[1].mesh.vertices.iter_mut().for_each(|v| *v += offset);
+            let looks = |eye: Vec3, aim: Vec3| look_at(eye, eye + aim, 40.0, camera.width);
+            let pose = looks(eyes[1], vec3(0.3, -2.0, -3.3)).pose();
+            let opening = looks(eyes[0], vec3(-0.4, -2.2, -3.0));
+            (scene, Camera { shutter: [0.1, 0.8], closing: Some(pose), ..opening })
+        }
+    };
+    let plan = Plan { h: 0.06, ..Plan::default() };
+    agree("moving camera, closing keyframe x", &build(|t, e, _| e[1].x += t), &plan);
+    agree("moving camera, blocker x", &build(|t, _, o| o.x += t), &Plan { h: 0.02, ..plan });
+}
+
+/// The shadow of a blocker under a point light that moves while the shutter is open.
+#[test]
+fn moving_light() {
+    let build = |f: fn(f32, &mut [Vec3; 2], &mut [f32; 2], &mut Vec3)| {
+        move |t: f32| {
+            let (mut places, mut shutter, mut offset) =
+                ([vec3(-0.3, 4.5, 0.2), vec3(0.5, 4.7, -0.3)], [0.1, 0.8], Vec3::ZERO);
+            f(t, &mut places, &mut shutter, &mut offset);
+            let (mut scene, mut camera) = blocker(|_, _| ())(0.0);
+            scene.shapes[1].mesh.vertices.iter_mut().for_each(|v| *v += offset);
+            scene.shapes.iter_mut().for_each(|s| s.emission = None);
+            let [position, placement] = places;
+            scene.delta_lights.push(DeltaLight::Point { position, intensity: Vec3::splat(40.0) });
+            scene.light_motions.push(LightMotion { light: 0, placement, power: Vec3::splat(20.0) });
+            camera.shutter = shutter;
+            (scene, camera)
+        }
+    };
+    let plan = Plan { h: 0.06, ..Plan::default() };
+    agree("moving light, blocker x", &build(|t, _, _, o| o.x += t), &Plan { h: 0.02, ..plan });
+    agree("moving light, opening keyframe x", &build(|t, p, _, _| p[0].x += t), &plan);
+    agree("moving light, closing keyframe y", &build(|t, p, _, _| p[1].y += t), &plan);
+    agree("moving light, shutter", &build(|t, _, s, _| s[1] += 0.5 * t), &plan);
+}
+
 /// A box that reaches into the floor and leans, under a lamp.
 fn sunk_box(f: impl Fn(f32, &mut Vec3, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Camera) {
     move |t| {

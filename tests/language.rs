@@ -640,3 +640,54 @@ fn see(mesh, shutter = [0, 1]) = alpha(eye(shutter), scene: scene(shapes: [shape
         assert!(error.message.contains(what), "{mesh}: {}", error.message);
     }
 }
+
+#[test]
+fn cameras_and_lights_that_move() {
+    let mut e = engine(
+        "param half = 0.5
+let ball = scene(shapes: [shape(mesh: sphere(subdivisions: 8))])
+fn eye(x, kind = \"perspective\", shutter = [0, 1]) =
+  camera(position: [x, 0, 5], look_at: [x, 0, 0], film: [12, 12], kind: kind, shutter: shutter)
+fn lamp(x, intensity = 10) = point(position: [x, 1, 3], intensity: intensity)
+fn sun(x) = directional(direction: [x, -1, -1])
+fn lit(light) = render(eye(0), scene: scene(shapes: ball.shapes, lights: [light]), max_bounces: 1, seed: 3)
+fn seen(camera) = alpha(camera, scene: ball, seed: 3)
+let still = lamp(0)",
+    );
+    let mut see = |text: &str| numbers(&mut e, text);
+    // A shutter that never closes sees the first keyframe only.
+    let shut = |t: u32| format!("seen(moving(eye(0, shutter: [{t}, {t}]), eye(1, shutter: [{t}, {t}])))");
+    assert_eq!(see(&shut(0)), see("seen(moving(eye(0, shutter: [1, 1]), eye(0, shutter: [1, 1])))"));
+    assert_ne!(see(&shut(0)), see(&shut(1)));
+    let grey = |image: &[f64]| image.iter().filter(|a| **a > 0.1 && **a < 0.9).count();
+    assert!(grey(&see("seen(moving(eye(0), eye(1)))")) > grey(&see("seen(moving(eye(0), eye(0)))")));
+    // From one keyframe to the other is as from the other to the one, but for noise; and unlike either.
+    let mean = |image: &[f64]| image.iter().sum::<f64>() / image.len() as f64;
+    for (a, b) in [("lamp(0)", "lamp(2)"), ("lamp(0)", "lamp(0, intensity: 30)"), ("sun(0)", "sun(1)")] {
+        let between = mean(&see(&format!("lit(moving({a}, {b}))")));
+        let back = mean(&see(&format!("lit(moving({b}, {a}))")));
+        assert!((between - back).abs() < 0.01 * between, "{a}, {b}: {between} and {back}");
+        let ends = [a, b].map(|l| mean(&see(&format!("lit({l})"))));
+        assert!(ends.iter().all(|end| (end - between).abs() > 0.02 * between), "{a}, {b}: {between} of {ends:?}");
+    }
+    // Fields are those of the first keyframe.
+    assert_eq!(see("moving(lamp(1), lamp(2)).position"), [1.0, 1.0, 3.0]);
+    assert_eq!(see("moving(eye(1), eye(2)).look_at"), [1.0, 0.0, 0.0]);
+    for (text, what) in [
+        ("moving(eye(0), eye(1, kind: \"orthographic\"))", "a perspective and a orthographic camera"),
+        ("moving(eye(0), eye(1, shutter: [0, half]))", "differ in `shutter`"),
+        ("moving(moving(eye(0), eye(1)), eye(2))", "`opening` is moving already"),
+        ("moving(lamp(0), moving(lamp(0), lamp(1)))", "`closing` is moving already"),
+        ("moving(lamp(0), sun(0))", "different kinds of light"),
+        ("lit(moving(sun(0), directional(direction: [0, 1, 1])))", "the light turns by 90 degrees or more"),
+        ("moving(constant(1), constant(2))", "an environment stands still"),
+        ("moving(area(sphere()), area(sphere()))", "moves as its mesh does"),
+        (
+            "seen(moving(eye(0), camera(position: [0, 0, 5], look_at: [0, 0, 9], film: [12, 12])))",
+            "turns by 90 degrees or more",
+        ),
+    ] {
+        let error = try_eval(&mut e, text).err().unwrap_or_else(|| panic!("{text} is accepted"));
+        assert!(error.message.contains(what), "{text}: {}", error.message);
+    }
+}

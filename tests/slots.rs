@@ -33,6 +33,24 @@ const CASES: &[Case] = &[
         step: 0.05,
     },
     Case {
+        name: "a point light's first keyframe",
+        param: "param p = [0.4, 2.2, 0.5]",
+        scene: "shape floor { mesh: rectangle(width: 6, depth: 6) |> translate([0, -1, 0]) }\nshape box { mesh: cube() |> scale(0.5) }\nlight l = moving(point(position: p, intensity: 20), point(position: [1, 2, 1.5], intensity: 10))",
+        step: 0.05,
+    },
+    Case {
+        name: "a point light's last keyframe",
+        param: "param p = [0.4, 2.2, 0.5]",
+        scene: "shape floor { mesh: rectangle(width: 6, depth: 6) |> translate([0, -1, 0]) }\nshape box { mesh: cube() |> scale(0.5) }\nlight l = moving(point(position: [1, 2, 1.5], intensity: 10), point(position: p, intensity: 20))",
+        step: 0.05,
+    },
+    Case {
+        name: "where a directional light turns to, and fades to",
+        param: "param p = [0.4, -1.2, -0.5]",
+        scene: "shape floor { mesh: rectangle(width: 6, depth: 6) |> translate([0, -1, 0]) }\nshape box { mesh: cube() |> scale(0.5) }\nlight l = moving(directional(direction: [0, -1, 0.2], irradiance: 3), directional(direction: p, irradiance: 2 - p.y))",
+        step: 0.05,
+    },
+    Case {
         name: "a rotation",
         param: "param p: rotation = euler(y: 20deg)",
         scene: "shape s { mesh: cube() |> rotate(by: p) }\nlight l = directional(direction: [0.3, -1, -2], irradiance: 3)",
@@ -122,6 +140,37 @@ const CAMERAS: &[(&str, &str, &str, f64)] = &[
         "position: [0, 1, 4], look_at: [0, 0, 0], shutter: p",
         0.05,
     ),
+    // From the first keyframe to the last.
+    (
+        "first position",
+        "param p = [0.2, 1, 4]",
+        "position: p, look_at: [0, 0, 0] => position: [0.4, 0.8, 3.5], look_at: [0, 0, 0]",
+        0.05,
+    ),
+    (
+        "last position",
+        "param p = [0.2, 1, 4]",
+        "position: [0, 0.8, 4], look_at: [0, 0, 0] => position: p, look_at: [0, 0.2, 0]",
+        0.05,
+    ),
+    (
+        "last fov",
+        "param p = 50deg",
+        "position: [0, 1, 4], look_at: [0, 0, 0], fov: 40deg => position: [0.2, 1, 4], look_at: [0, 0, 0], fov: p",
+        0.03,
+    ),
+    (
+        "last aperture and focus",
+        "param p = [0.4, 1]",
+        "position: [0.9, 0.6, 1.6], look_at: [0.3, 0.2, 0] => position: [0.9, 0.6, 1.6], look_at: [0.3, 0.2, 0], aperture: p.x, focus: p.y",
+        0.05,
+    ),
+    (
+        "shutter of a camera that moves",
+        "param p = [0.2, 0.7]",
+        "position: [0, 1, 4], look_at: [0, 0, 0], shutter: p => position: [1, 1.2, 3.6], look_at: [0.2, 0, 0], shutter: p",
+        0.05,
+    ),
     ("transform", "param p = [0.2, 1, 4]", "transform: look_at(p, [0, 0, 0])", 0.05),
 ];
 
@@ -189,7 +238,11 @@ shape ground { mesh: rectangle(width: 9, depth: 9) |> translate([0, -1, 0]), mat
 shape box { mesh: cube() |> rotate(y: 30deg), material: diffuse(reflectance: 0.9) }
 light l = directional(direction: [0.3, -1, -0.5], irradiance: 3)";
     for (name, param, fields, step) in CAMERAS {
-        let camera = format!("camera eye {{ {fields}, film: [16, 12] }}");
+        let keyframes: Vec<String> = fields.split(" => ").map(|k| format!("camera({k}, film: [16, 12])")).collect();
+        let camera = match &keyframes[..] {
+            [opening, closing] => format!("let eye = moving({opening}, {closing})"),
+            _ => format!("let eye = {}", keyframes[0]),
+        };
         // Silhouettes in differences are noisy: more samples.
         let loss = LOSS.replace("spp: 8", "spp: 32");
         agree(name, &format!("{param}\n{scene}\n{camera}\n{loss}"), *step);

@@ -18,6 +18,7 @@ pub fn camera(origin: Vec3, target: Vec3, tan_half: f32, size: usize) -> Camera 
         height: size,
         lens: Lens::PINHOLE,
         shutter: Camera::WHOLE,
+        closing: None,
     }
 }
 

@@ -25,7 +25,7 @@ const ROUNDING: f64 = 1e-6;
 const ENOUGH: f64 = 0.005;
 /// CPU seconds that a gradient's seeds may take where they are noisier than that (most need a minute, one half an hour to an hour), and
 /// those that they take in any case: rare events are to be seen.
-const PATIENCE: f64 = 2400.0;
+const PATIENCE: f64 = 3000.0;
 const DILIGENCE: f64 = 8.0;
 
 #[derive(Clone, Debug, Serialize, Deserialize)]

@@ -113,6 +113,7 @@ fn camera(origin: Vec3, target: Vec3, fov_degrees: f32) -> Camera {
         height: SIZE,
         lens: Lens::PINHOLE,
         shutter: Camera::WHOLE,
+        closing: None,
     }
 }
 

@@ -5,6 +5,7 @@ use super::infer::Typed;
 use super::modules::Checker;
 use super::results;
 use super::signature::Const;
+use super::types::Ty;
 use crate::diag::Diagnostic;
 use crate::source::Span;
 
@@ -55,6 +56,9 @@ impl Checker<'_> {
                 // Paths in an imported file start from its own folder, at run time too.
                 expr.kind = ExprKind::Str(vec![StrPart::Text(absolute.display().to_string())]);
             }
+        }
+        if name == "moving" {
+            self.check_keyframes(found);
         }
         if name == "camera"
             && let Some(film) = camera_film(found)
@@ -143,6 +147,39 @@ impl Checker<'_> {
                     .label(expr.span, format!("{n} samples"))
                     .help("write `spp: 1` or more"),
             );
+        }
+    }
+
+    /// What moves is the same thing at both keyframes.
+    fn check_keyframes(&mut self, found: &[Option<Typed>]) {
+        let [Some(Typed { expr: opening, .. }), Some(Typed { expr: closing, .. })] = found else { return };
+        if opening.ty.is_unknown() || closing.ty.is_unknown() {
+            return;
+        }
+        let mut fault = |code, message: &str, first: String, second: String| {
+            let help = "`moving` takes the same thing in two places, for instance `moving(ball, ball |> translate([1, 0, 0]))`";
+            self.diagnostics.push(
+                Diagnostic::error(code, message).label(closing.span, second).label(opening.span, first).help(help),
+            );
+        };
+        match (&opening.ty, &closing.ty) {
+            (
+                Ty::Camera { height: Some(h), width: Some(w), .. },
+                Ty::Camera { height: Some(g), width: Some(v), .. },
+            ) if (h, w) != (g, v) => {
+                let message = "the film of a moving camera keeps its size";
+                fault("dscene::type::shape", message, format!("a film of {w}×{h}"), format!("a film of {v}×{g}"));
+            }
+            (Ty::Camera { .. }, Ty::Camera { .. }) => {}
+            (a, b) if std::mem::discriminant(a) != std::mem::discriminant(b) => {
+                fault(
+                    "dscene::type::mismatch",
+                    "keyframes of different things",
+                    format!("this is `{a}`"),
+                    format!("and this `{b}`"),
+                );
+            }
+            _ => {}
         }
     }
 

@@ -14,8 +14,8 @@ use crate::natives::value::{
 use crate::natives::{NEEDS_FOCUS, transform_matrix};
 use crate::render::texture::{Filter, Texture, Wrap};
 use crate::render::{
-    Camera, DeltaLight, Emission, Environment, Input as RenderInput, Lens, Material, MaterialKind, Motion, Projection,
-    SceneDescription, Shape, Slot, TextureId,
+    Camera, DeltaLight, Emission, Environment, Input as RenderInput, Lens, LightMotion, Material, MaterialKind, Motion,
+    Pose, Projection, SceneDescription, Shape, Slot, TextureId,
 };
 use crate::tape::{Slice, TapeError, Tensor, Unary, Var};
 
@@ -154,11 +154,14 @@ impl Builder {
                 };
                 self.mesh(mesh, material, Some(Emission { radiance, two_sided: *two_sided }));
             }
-            LightValue::Point { position, intensity } => {
-                self.delta(position, intensity, |position, intensity| DeltaLight::Point { position, intensity });
+            LightValue::Point { position, intensity, closing } => {
+                self.delta([position, intensity], closing, |position, intensity| DeltaLight::Point {
+                    position,
+                    intensity,
+                });
             }
-            LightValue::Directional { direction, irradiance } => {
-                self.delta(direction, irradiance, |direction, irradiance| DeltaLight::Directional {
+            LightValue::Directional { direction, irradiance, closing } => {
+                self.delta([direction, irradiance], closing, |direction, irradiance| DeltaLight::Directional {
                     direction,
                     irradiance,
                 });
@@ -186,10 +189,21 @@ impl Builder {
         Ok(())
     }
 
-    fn delta(&mut self, placement: &Var, power: &Var, make: impl Fn(Vec3, Vec3) -> DeltaLight) {
-        let index = self.description.delta_lights.len();
-        self.feed(Slot::LightPlacement(index), placement);
-        self.feed(Slot::LightPower(index), power);
+    fn delta(
+        &mut self,
+        [placement, power]: [&Var; 2],
+        closing: &Option<[Var; 2]>,
+        make: impl Fn(Vec3, Vec3) -> DeltaLight,
+    ) {
+        let light = self.description.delta_lights.len();
+        self.feed(Slot::LightPlacement(light), placement);
+        self.feed(Slot::LightPower(light), power);
+        if let Some([placement, power]) = closing {
+            self.feed(Slot::ClosingLightPlacement(light), placement);
+            self.feed(Slot::ClosingLightPower(light), power);
+            let (placement, power) = (vec3(placement.value()), vec3(power.value()));
+            self.description.light_motions.push(LightMotion { light, placement, power });
+        }
         self.description.delta_lights.push(make(vec3(placement.value()), vec3(power.value())));
     }
 
@@ -255,22 +269,29 @@ impl Builder {
     }
 }
 
+/// What may move of a camera.
+struct PoseVars {
+    origin: Var,
+    frame: Var,
+    scale: Var,
+    lens: Var,
+}
+
+fn bad(what: &str) -> LowerError {
+    LowerError::Scene(SceneError::Camera { what: what.to_string() })
+}
+
+/// A field of one number.
+fn number(camera: &CameraValue, name: &str) -> Result<Option<Var>, LowerError> {
+    match camera.field(name) {
+        Some(Value::Num(v)) if v.len() == 1 => Ok(Some(v.reshape(vec![])?)),
+        Some(_) => Err(bad(&format!("`{name}` of a camera must be a number"))),
+        None => Ok(None),
+    }
+}
+
 /// A camera's rays.
 pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerError> {
-    let bad = |what: &str| LowerError::Scene(SceneError::Camera { what: what.to_string() });
-    let number = |name: &str| -> Result<Option<Var>, LowerError> {
-        match camera.field(name) {
-            Some(Value::Num(v)) if v.len() == 1 => Ok(Some(v.reshape(vec![])?)),
-            Some(_) => Err(bad(&format!("`{name}` of a camera must be a number"))),
-            None => Ok(None),
-        }
-    };
-    let point = |name: &str, or: [f64; 3]| match camera.field(name) {
-        Some(Value::Num(v)) if v.shape() == [3] => Ok(v.clone()),
-        Some(_) => Err(bad(&format!("`{name}` of a camera must be 3 numbers"))),
-        None => Ok(Var::constant(Tensor::vector(or.to_vec()))),
-    };
-
     let (width, height) = match camera.field("film") {
         Some(_) => camera.film().ok_or_else(|| bad("`film` must be `[width, height]`"))?,
         None => (256, 256),
@@ -279,6 +300,85 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
         return Err(bad(&format!("a film of {width}×{height} pixels")));
     }
     let aspect = width as f64 / height as f64;
+    let projection = match camera.field("kind") {
+        Some(Value::Str(kind)) => match &**kind {
+            "orthographic" => Projection::Orthographic,
+            "fisheye" => Projection::Fisheye,
+            "panorama" => Projection::Panorama,
+            _ => Projection::Perspective,
+        },
+        _ => Projection::Perspective,
+    };
+    // Distances of focus count as soon as one keyframe has a lens.
+    let mut has_lens = false;
+    for camera in [Some(camera), camera.closing.as_deref()].into_iter().flatten() {
+        has_lens |= number(camera, "aperture")?.is_some_and(|radius| radius.item() != Some(0.0));
+    }
+    let opening = lower_pose(camera, projection, aspect, has_lens)?;
+    let closing = camera.closing.as_ref().map(|c| lower_pose(c, projection, aspect, has_lens)).transpose()?;
+    let shutter = match camera.field("shutter") {
+        Some(Value::Num(v)) if v.shape() == [2] => v.clone(),
+        Some(_) => return Err(bad("`shutter` must be `[opening, closing]`")),
+        None => Var::constant(Tensor::vector(Camera::WHOLE.map(f64::from).to_vec())),
+    };
+    let [open, close] = shutter.value().to_f32()[..] else { return Err(bad("a shutter of other than two times")) };
+    let Pose { origin, frame, scale, lens: [radius, focus] } = opening.values()?;
+    let lowered = Camera {
+        projection,
+        origin,
+        frame,
+        scale,
+        width,
+        height,
+        lens: Lens { radius, focus, ..Lens::PINHOLE },
+        shutter: [open, close],
+        closing: closing.as_ref().map(PoseVars::values).transpose()?,
+    };
+    let mut slots = vec![
+        (Slot::CameraOrigin, opening.origin),
+        (Slot::CameraFrame, opening.frame),
+        (Slot::CameraScale, opening.scale),
+        (Slot::CameraLens, opening.lens),
+        (Slot::CameraShutter, shutter),
+    ];
+    if let Some(PoseVars { origin, frame, scale, lens }) = closing {
+        slots.push((Slot::ClosingCameraOrigin, origin));
+        slots.push((Slot::ClosingCameraFrame, frame));
+        slots.push((Slot::ClosingCameraScale, scale));
+        slots.push((Slot::ClosingCameraLens, lens));
+    }
+    Ok(LoweredCamera { camera: lowered, slots: slots.into_iter().filter(|(_, v)| v.is_live()).collect() })
+}
+
+impl PoseVars {
+    fn values(&self) -> Result<Pose, LowerError> {
+        let rows = self.frame.value().to_f32();
+        let row = |i: usize| Vec3::new(rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]);
+        let pair = |v: &Var| match v.value().to_f32()[..] {
+            [a, b] => Ok([a, b]),
+            _ => Err(bad("a lens or a field of view of other than two numbers")),
+        };
+        Ok(Pose {
+            origin: vec3(self.origin.value()),
+            frame: [row(0), row(1), row(2)],
+            scale: pair(&self.scale)?,
+            lens: pair(&self.lens)?,
+        })
+    }
+}
+
+/// One keyframe of a camera.
+fn lower_pose(
+    camera: &CameraValue,
+    projection: Projection,
+    aspect: f64,
+    has_lens: bool,
+) -> Result<PoseVars, LowerError> {
+    let point = |name: &str, or: [f64; 3]| match camera.field(name) {
+        Some(Value::Num(v)) if v.shape() == [3] => Ok(v.clone()),
+        Some(_) => Err(bad(&format!("`{name}` of a camera must be 3 numbers"))),
+        None => Ok(Var::constant(Tensor::vector(or.to_vec()))),
+    };
 
     let (origin, frame) = match camera.field("transform") {
         Some(t) => {
@@ -305,11 +405,7 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
         }
     };
 
-    let kind = match camera.field("kind") {
-        Some(Value::Str(s)) => s.to_string(),
-        _ => "perspective".to_string(),
-    };
-    let angles = (number("fov")?, number("fov_x")?);
+    let angles = (number(camera, "fov")?, number(camera, "fov_x")?);
     // Half the field of view in both directions: as an angle, or its tangent.
     let halves = |tangent: bool, default: f64| {
         let half = |angle: Var| if tangent { angle.scale(0.5).unary(Unary::Tan) } else { angle.scale(0.5) };
@@ -324,17 +420,17 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
             }
         }
     };
-    let (projection, scale) = match &*kind {
-        "orthographic" => {
-            let half = number("height")?.unwrap_or_else(|| Var::from(2.0)).scale(0.5);
-            (Projection::Orthographic, Var::stack(&[half.scale(aspect), half])?)
+    let scale = match projection {
+        Projection::Orthographic => {
+            let half = number(camera, "height")?.unwrap_or_else(|| Var::from(2.0)).scale(0.5);
+            Var::stack(&[half.scale(aspect), half])?
         }
-        "fisheye" => (Projection::Fisheye, halves(false, PI)?),
-        "panorama" if angles.0.is_none() && angles.1.is_none() => {
-            (Projection::Panorama, Var::stack(&[Var::from(PI), Var::from(0.5 * PI)])?)
+        Projection::Fisheye => halves(false, PI)?,
+        Projection::Panorama if angles.0.is_none() && angles.1.is_none() => {
+            Var::stack(&[Var::from(PI), Var::from(0.5 * PI)])?
         }
-        "panorama" => (Projection::Panorama, halves(false, PI)?),
-        _ => (Projection::Perspective, halves(true, FRAC_PI_4)?),
+        Projection::Panorama => halves(false, PI)?,
+        Projection::Perspective => halves(true, FRAC_PI_4)?,
     };
     if scale.value().data.iter().any(|s| !(s.is_finite() && *s > 0.0 && *s < 1e6)) {
         return Err(bad("the field of view must lie between 0deg and 180deg"));
@@ -345,40 +441,13 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
         }
     }
 
-    let rows = frame.value().to_f32();
-    let row = |i: usize| Vec3::new(rows[3 * i], rows[3 * i + 1], rows[3 * i + 2]);
-    let s = scale.value().to_f32();
-    let aperture = number("aperture")?.unwrap_or_else(|| Var::from(0.0));
-    let focus = match number("focus")? {
-        _ if aperture.item() == Some(0.0) => Var::from(1.0),
+    let aperture = number(camera, "aperture")?.unwrap_or_else(|| Var::from(0.0));
+    let focus = match number(camera, "focus")? {
+        _ if !has_lens => Var::from(1.0),
         Some(focus) => focus,
         None if camera.field("transform").is_some() => return Err(bad(NEEDS_FOCUS)),
         None => point("look_at", [0.0; 3])?.sub(&origin)?.norm(),
     };
     let lens = Var::stack(&[aperture, focus])?;
-    let [radius, focus] = lens.value().to_f32()[..] else { return Err(bad("a lens of other than two numbers")) };
-    let shutter = match camera.field("shutter") {
-        Some(Value::Num(v)) if v.shape() == [2] => v.clone(),
-        Some(_) => return Err(bad("`shutter` must be `[opening, closing]`")),
-        None => Var::constant(Tensor::vector(Camera::WHOLE.map(f64::from).to_vec())),
-    };
-    let [open, close] = shutter.value().to_f32()[..] else { return Err(bad("a shutter of other than two times")) };
-    let lowered = Camera {
-        projection,
-        origin: vec3(origin.value()),
-        frame: [row(0), row(1), row(2)],
-        scale: [s[0], s[1]],
-        width,
-        height,
-        lens: Lens { radius, focus, ..Lens::PINHOLE },
-        shutter: [open, close],
-    };
-    let slots = [
-        (Slot::CameraOrigin, origin),
-        (Slot::CameraFrame, frame),
-        (Slot::CameraScale, scale),
-        (Slot::CameraLens, lens),
-        (Slot::CameraShutter, shutter),
-    ];
-    Ok(LoweredCamera { camera: lowered, slots: slots.into_iter().filter(|(_, v)| v.is_live()).collect() })
+    Ok(PoseVars { origin, frame, scale, lens })
 }

@@ -182,7 +182,9 @@ impl Engine {
         };
         let switched_off = (!boundary && slots.iter().any(|s| s.moves_visibility()))
             .then_some("`boundary: false` leaves out silhouettes and shadow edges, which a param moves");
-        for gap in grad::coverage_gaps(&lowered.scene, &settings, &slots).into_iter().chain(switched_off) {
+        for gap in
+            grad::coverage_gaps(&lowered.scene, &camera.camera, &settings, &slots).into_iter().chain(switched_off)
+        {
             if self.said.insert((span, gap)) {
                 self.warnings.push(
                     Diagnostic::warning(

@@ -111,7 +111,11 @@ pub fn brief(value: &Value, ty: &Ty) -> String {
         Value::Light(l) => light(l),
         Value::Camera(c) => {
             let fields: Vec<String> = c.fields.iter().map(|(n, v)| format!("{n}: {}", camera_field(n, v))).collect();
-            format!("camera({})", fields.join(", "))
+            let opening = format!("camera({})", fields.join(", "));
+            match &c.closing {
+                Some(closing) => format!("moving({opening}, {})", brief(&Value::Camera(closing.clone()), ty)),
+                None => opening,
+            }
         }
         Value::Scene(s) => format!("scene of {} shapes and {} lights", s.shapes.len(), s.lights.len()),
         Value::Settings(s) => {
@@ -168,6 +172,18 @@ fn camera_field(name: &str, v: &Value) -> String {
     brief(v, if name.starts_with("fov") { &Ty::Angle } else { &Ty::Any })
 }
 
+/// A light as it is, or from one keyframe to the other.
+fn keyframes<'a>(
+    opening: [&'a crate::tape::Var; 2],
+    closing: &'a Option<[crate::tape::Var; 2]>,
+    text: impl Fn([&'a crate::tape::Var; 2]) -> String,
+) -> String {
+    match closing {
+        Some([placement, power]) => format!("moving({}, {})", text(opening), text([placement, power])),
+        None => text(opening),
+    }
+}
+
 fn input(i: &Input) -> String {
     match i {
         Input::Number(v) => numbers(v.value(), &number_text),
@@ -182,11 +198,13 @@ fn light(l: &LightValue) -> String {
         LightValue::Area { mesh, radiance, .. } => {
             format!("area({}, radiance: {})", brief(&Value::Mesh(mesh.clone()), &Ty::Mesh), input(radiance))
         }
-        LightValue::Point { position, intensity } => {
-            format!("point(position: {}, intensity: {})", n(position), n(intensity))
-        }
-        LightValue::Directional { direction, irradiance } => {
-            format!("directional(direction: {}, irradiance: {})", n(direction), n(irradiance))
+        LightValue::Point { position, intensity, closing } => keyframes([position, intensity], closing, |[p, i]| {
+            format!("point(position: {}, intensity: {})", n(p), n(i))
+        }),
+        LightValue::Directional { direction, irradiance, closing } => {
+            keyframes([direction, irradiance], closing, |[d, i]| {
+                format!("directional(direction: {}, irradiance: {})", n(d), n(i))
+            })
         }
         LightValue::Environment { radiance, .. } => format!("environment({})", input(radiance)),
     }

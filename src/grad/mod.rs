@@ -75,7 +75,7 @@ pub fn render_backward_until(
     stop: &AtomicBool,
 ) -> Result<Vec<Vec<f64>>, SceneError> {
     check(camera, settings, d_image)?;
-    if scene.moves() {
+    if scene.moves_for(camera) {
         return motion::backward(scene, camera, settings, d_image, wrt, memory, stop);
     }
     let layout = Layout::new(scene, wrt);
@@ -133,7 +133,7 @@ pub fn render_jacobian_until(
     stop: &AtomicBool,
 ) -> Result<Vec<Image>, SceneError> {
     validate_camera(camera)?;
-    if scene.moves() {
+    if scene.moves_for(camera) {
         return motion::forward(scene, camera, settings, directions, stop);
     }
     let mut slots: Vec<Slot> = Vec::new();
@@ -205,8 +205,9 @@ impl<S: Contract, F: Fn() -> S + Sync> Visit for RunForward<'_, F> {
 }
 
 /// Terms that are missing from the derivatives in `wrt`, in words; empty if they are complete.
-pub fn coverage_gaps(scene: &Scene, settings: &Settings, wrt: &[Slot]) -> Vec<&'static str> {
+pub fn coverage_gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &[Slot]) -> Vec<&'static str> {
     let mut gaps = Vec::new();
+    let wrt = &motion::entered(scene, camera, wrt)[..];
     if slides_over_steps(scene, settings, wrt) {
         gaps.push(
             "textures with `filter: nearest` (checkerboards too) jump between texels, and as points slide over them these \
@@ -259,14 +260,12 @@ fn slides_over_steps(scene: &Scene, settings: &Settings, wrt: &[Slot]) -> bool {
     let (mut moves, mut geometry, mut turns) = (false, false, view);
     for slot in wrt {
         geometry |= matches!(slot, Slot::Vertices(_) | Slot::Normals(_));
-        geometry |= matches!(slot, Slot::ClosingVertices(_) | Slot::ClosingNormals(_) | Slot::CameraShutter);
         moves |= slot.moves_visibility();
         turns |= *slot == Slot::EnvironmentRotation;
     }
     let slides = |i: usize| {
-        let own = |s: &Slot| matches!(s, Slot::Vertices(j) | Slot::ClosingVertices(j) | Slot::Uvs(j) if *j == i);
-        let own = wrt.iter().any(own) || (wrt.contains(&Slot::CameraShutter) && d.motions.iter().any(|m| m.shape == i));
-        view || own || (geometry && lit && settings.max_bounces > 1)
+        let own = |s: &Slot| matches!(s, Slot::Vertices(j) | Slot::Uvs(j) if *j == i);
+        view || wrt.iter().any(own) || (geometry && lit && settings.max_bounces > 1)
     };
     let sky = d.environment.as_ref().is_some_and(|e| steps(e.radiance));
     let shape = |(i, s): (usize, &Shape)| {

@@ -1,5 +1,5 @@
 //! Derivatives of scenes that move: means over slices of the time the shutter is open (`render::motion`), in each of which
-//! the scene stands still. What moves stands at (1 − t)·opening + t·closing keyframe, and its derivatives go there with
+//! scene and camera stand still. What moves stands at (1 − t)·opening + t·closing keyframe, and its derivatives go there with
 //! these weights.
 
 use std::sync::atomic::AtomicBool;
@@ -23,11 +23,24 @@ struct Moving {
 }
 
 impl Moving {
-    fn new(scene: &Scene, slots: impl Iterator<Item = Slot>) -> Moving {
+    fn new(scene: &Scene, camera: &Camera, slots: impl Iterator<Item = Slot>) -> Moving {
         let velocity = |from: &[Vec3], to: &[Vec3]| -> Vec<f32> {
             from.iter().zip(to).flat_map(|(a, b)| (*b - *a).to_array()).collect()
         };
         let mut velocities = Vec::new();
+        if let Some(to) = camera.closing {
+            let from = camera.pose();
+            let pair = |a: [f32; 2], b: [f32; 2]| vec![b[0] - a[0], b[1] - a[1]];
+            velocities.push((Slot::CameraOrigin, velocity(&[from.origin], &[to.origin])));
+            velocities.push((Slot::CameraFrame, velocity(&from.frame, &to.frame)));
+            velocities.push((Slot::CameraScale, pair(from.scale, to.scale)));
+            velocities.push((Slot::CameraLens, pair(from.lens, to.lens)));
+        }
+        for motion in &scene.description.light_motions {
+            let (placement, power) = scene.description.delta_lights[motion.light].numbers();
+            velocities.push((Slot::LightPlacement(motion.light), velocity(&[placement], &[motion.placement])));
+            velocities.push((Slot::LightPower(motion.light), velocity(&[power], &[motion.power])));
+        }
         for motion in &scene.description.motions {
             let mesh = &scene.description.shapes[motion.shape].mesh;
             velocities.push((Slot::Vertices(motion.shape), velocity(&mesh.vertices, &motion.vertices)));
@@ -38,8 +51,10 @@ impl Moving {
         let mut entered = Vec::new();
         for slot in slots {
             let of_slot: Vec<Slot> = match slot {
-                Slot::CameraShutter => velocities.iter().map(|v| v.0).collect(),
-                slot => vec![opening(slot)],
+                Slot::CameraShutter => {
+                    velocities.iter().filter(|v| v.1.iter().any(|x| *x != 0.0)).map(|v| v.0).collect()
+                }
+                slot => vec![slot.opening()],
             };
             entered.extend(of_slot);
         }
@@ -50,7 +65,7 @@ impl Moving {
 
     /// What a keyframe counts for at a time; 1 for what stands still.
     fn factor(&self, slot: Slot, slice: &Slice) -> f32 {
-        if slot != opening(slot) {
+        if slot != slot.opening() {
             slice.time
         } else if self.velocities.iter().any(|(s, _)| *s == slot) {
             1.0 - slice.time
@@ -74,20 +89,16 @@ impl Moving {
                     let d_time = open * (1.0 - slice.share) + close * slice.share;
                     self.velocities.iter().for_each(|(slot, v)| add(*slot, v, d_time));
                 }
-                _ => add(opening(*slot), values, self.factor(*slot, slice)),
+                _ => add(slot.opening(), values, self.factor(*slot, slice)),
             }
         }
         still
     }
 }
 
-/// The slot of the opening keyframe, which is the one of a slice.
-fn opening(slot: Slot) -> Slot {
-    match slot {
-        Slot::ClosingVertices(i) => Slot::Vertices(i),
-        Slot::ClosingNormals(i) => Slot::Normals(i),
-        slot => slot,
-    }
+/// Slots of a scene that stands still, at any moment, that what is asked for enters.
+pub fn entered(scene: &Scene, camera: &Camera, wrt: &[Slot]) -> Vec<Slot> {
+    Moving::new(scene, camera, wrt.iter().copied()).entered
 }
 
 /// [`super::render_backward_until`] for a scene that moves.
@@ -100,11 +111,11 @@ pub fn backward(
     memory: Option<&Memory>,
     stop: &AtomicBool,
 ) -> Result<Vec<Vec<f64>>, SceneError> {
-    let moving = Moving::new(scene, wrt.iter().copied());
+    let moving = Moving::new(scene, camera, wrt.iter().copied());
     let mut total: Vec<Vec<f64>> = wrt.iter().map(|s| vec![0.0; scene.description.slot_len(*s)]).collect();
     scene.slices(camera, settings, DERIVATIVES, stop, |slice| {
         let found =
-            render_backward_until(slice.scene, camera, &slice.settings, d_image, &moving.entered, memory, stop)?;
+            render_backward_until(slice.scene, &slice.camera, &slice.settings, d_image, &moving.entered, memory, stop)?;
         let of = |slot: Slot| moving.entered.binary_search(&slot).map_or(&[][..], |i| &found[i]);
         for (slot, sum) in wrt.iter().zip(&mut total) {
             if *slot == Slot::CameraShutter {
@@ -117,7 +128,7 @@ pub fn backward(
                 continue;
             }
             let factor = f64::from(moving.factor(*slot, slice) * slice.weight);
-            for (sum, g) in sum.iter_mut().zip(of(opening(*slot))) {
+            for (sum, g) in sum.iter_mut().zip(of(slot.opening())) {
                 *sum += g * factor;
             }
         }
@@ -134,11 +145,11 @@ pub fn forward(
     directions: &[Direction],
     stop: &AtomicBool,
 ) -> Result<Vec<Image>, SceneError> {
-    let moving = Moving::new(scene, directions.iter().flatten().map(|t| t.0));
+    let moving = Moving::new(scene, camera, directions.iter().flatten().map(|t| t.0));
     let mut images = vec![Image::new(camera.width, camera.height, settings.output.channels()); directions.len()];
     scene.slices(camera, settings, DERIVATIVES, stop, |slice| {
         let still: Vec<Direction> = directions.iter().map(|tangents| moving.tangents(tangents, slice)).collect();
-        let parts = render_jacobian_until(slice.scene, camera, &slice.settings, &still, stop)?;
+        let parts = render_jacobian_until(slice.scene, &slice.camera, &slice.settings, &still, stop)?;
         for (image, part) in images.iter_mut().zip(&parts) {
             for (sum, x) in image.data.iter_mut().zip(&part.data) {
                 *sum += x * slice.weight;

@@ -55,9 +55,7 @@ impl Layout {
             camera_frame: NONE,
             camera_scale: NONE,
             camera_lens: NONE,
-            still: !slots
-                .iter()
-                .any(|s| s.moves_visibility() || matches!(s, Slot::Normals(_) | Slot::ClosingNormals(_))),
+            still: !slots.iter().any(|s| s.moves_visibility() || matches!(s.opening(), Slot::Normals(_))),
         };
         let mut start = 0;
         for slot in slots {
@@ -86,7 +84,7 @@ impl Layout {
             Slot::CameraFrame => &mut self.camera_frame,
             Slot::CameraScale => &mut self.camera_scale,
             Slot::CameraLens => &mut self.camera_lens,
-            Slot::ClosingVertices(_) | Slot::ClosingNormals(_) | Slot::CameraShutter => return None,
+            _ => return None,
         })
     }
 

@@ -133,7 +133,10 @@ pub fn set_field(value: &Value, path: &[String], new: Value) -> Result<Value> {
             _ => Err(refuse()),
         },
         Value::Light(l) => set_light_field(l, name, &new).ok_or_else(refuse),
-        Value::Camera(c) => Ok(Value::Camera(Arc::new(CameraValue { fields: replaced(&c.fields, name, new) }))),
+        Value::Camera(c) => {
+            let closing = c.closing.clone();
+            Ok(Value::Camera(Arc::new(CameraValue { fields: replaced(&c.fields, name, new), closing })))
+        }
         Value::Settings(s) => Ok(Value::Settings(Arc::new(SettingsValue {
             name: s.name.clone(),
             fields: replaced(&s.fields, name, new),

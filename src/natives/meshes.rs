@@ -68,7 +68,6 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         }
         give((&whole).into())
     }),
-    ("moving", moving),
     ("translate", |a| {
         let offset = a.vector(1, 3, false)?;
         keyframes(a, |m| Ok(MeshValue { vertices: m.vertices.add(&offset)?, ..m.clone() }))
@@ -126,12 +125,11 @@ fn keyframes(a: &Args, f: impl Fn(&MeshValue) -> Result<MeshValue>) -> Result<Va
 }
 
 /// A mesh that moves from one keyframe to the other.
-fn moving(a: &Args) -> Result<Value> {
+pub(super) fn moving(a: &Args) -> Result<Value> {
     let (opening, closing) = (a.mesh(0)?, a.mesh(1)?);
     for (i, mesh) in [opening, closing].into_iter().enumerate() {
         if mesh.closing.is_some() {
-            let help = "give two meshes that stand still";
-            return Err(NativeError::at(i, format!("`{}` is moving already", a.names[i])).help(help));
+            return Err(super::scene::moves_already(a, i, "meshes"));
         }
     }
     let count = |m: &MeshValue| (m.vertices.shape()[0], m.faces.len());

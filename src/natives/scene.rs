@@ -43,7 +43,8 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("light", area),
     ("point", |a| {
         let (p, _) = a.need("position")?;
-        light(LightValue::Point { position: a.vector(p, 3, false)?, intensity: power(a, "intensity")? })
+        let (position, intensity) = (a.vector(p, 3, false)?, power(a, "intensity")?);
+        light(LightValue::Point { position, intensity, closing: None })
     }),
     ("directional", |a| {
         let (d, _) = a.need("direction")?;
@@ -51,12 +52,13 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         if direction.value().data.iter().all(|x| *x == 0.0) {
             return Err(NativeError::at(d, "a direction of length 0"));
         }
-        light(LightValue::Directional { direction, irradiance: power(a, "irradiance")? })
+        light(LightValue::Directional { direction, irradiance: power(a, "irradiance")?, closing: None })
     }),
     ("environment", environment),
     ("constant", |a| light(LightValue::Environment { radiance: Input::Number(power(a, "radiance")?), rotation: None })),
     ("scene", scene),
     ("camera", camera),
+    ("moving", moving),
     ("load_scene", |a| Ok(Value::Scene(Arc::new(load_scene(a)?)))),
     ("load_shapes", |a| Ok(Value::list(load_scene(a)?.shapes.into_iter().map(Value::Shape).collect()))),
     ("load_lights", |a| Ok(Value::list(load_scene(a)?.lights.into_iter().map(Value::Light).collect()))),
@@ -439,7 +441,80 @@ fn camera(a: &Args) -> Result<Value> {
             }
         }
     }
-    Ok(Value::Camera(Arc::new(CameraValue { fields: fields(a) })))
+    Ok(Value::Camera(Arc::new(CameraValue { fields: fields(a), closing: None })))
+}
+
+/// What [`moving`] says of things that move already.
+pub(super) fn moves_already(a: &Args, i: usize, what: &str) -> NativeError {
+    NativeError::at(i, format!("`{}` is moving already", a.names[i])).help(format!("give two {what} that stand still"))
+}
+
+/// Things that move from one keyframe to the other while a shutter is open.
+fn moving(a: &Args) -> Result<Value> {
+    match (a.value(0)?, a.value(1)?) {
+        (Value::Mesh(_), _) => super::meshes::moving(a),
+        (Value::Camera(opening), Value::Camera(closing)) => {
+            for (i, camera) in [opening, closing].into_iter().enumerate() {
+                if camera.closing.is_some() {
+                    return Err(moves_already(a, i, "cameras"));
+                }
+            }
+            let word = |c: &CameraValue| match c.field("kind") {
+                Some(Value::Str(kind)) => kind.to_string(),
+                _ => "perspective".to_owned(),
+            };
+            let help = "`moving` takes the same camera in two places";
+            if word(opening) != word(closing) {
+                let message = format!("the keyframes are a {} and a {} camera", word(opening), word(closing));
+                return Err(NativeError::at(1, message).help(help));
+            }
+            let numbers = |c: &CameraValue, name: &str| match c.field(name) {
+                Some(Value::Num(v)) => Some(v.value().data.clone()),
+                _ => None,
+            };
+            for name in ["film", "shutter"] {
+                if numbers(opening, name) != numbers(closing, name) {
+                    return Err(
+                        NativeError::at(1, format!("the keyframes differ in `{name}`, which cannot move")).help(help)
+                    );
+                }
+            }
+            Ok(Value::Camera(Arc::new(CameraValue { closing: Some(closing.clone()), ..(**opening).clone() })))
+        }
+        (Value::Light(opening), Value::Light(closing)) => moving_light(a, opening, closing),
+        (opening, closing) => {
+            let message = format!("the keyframes are {} and {}", opening.kind(), closing.kind());
+            Err(NativeError::at(1, message).help("`moving` takes the same thing in two places"))
+        }
+    }
+}
+
+fn moving_light(a: &Args, opening: &LightValue, closing: &LightValue) -> Result<Value> {
+    use LightValue::{Area, Directional, Environment, Point};
+    for (i, l) in [opening, closing].into_iter().enumerate() {
+        if matches!(l, Point { closing: Some(_), .. } | Directional { closing: Some(_), .. }) {
+            return Err(moves_already(a, i, "lights"));
+        }
+    }
+    match (opening, closing) {
+        (Point { position, intensity, .. }, Point { position: to, intensity: power, .. }) => light(Point {
+            position: position.clone(),
+            intensity: intensity.clone(),
+            closing: Some([to.clone(), power.clone()]),
+        }),
+        (Directional { direction, irradiance, .. }, Directional { direction: to, irradiance: power, .. }) => {
+            light(Directional {
+                direction: direction.clone(),
+                irradiance: irradiance.clone(),
+                closing: Some([to.clone(), power.clone()]),
+            })
+        }
+        (Area { .. }, _) => Err(NativeError::at(0, "a light with an area moves as its mesh does")
+            .help("write `area(moving(mesh, mesh |> translate([1, 0, 0])))`")),
+        (Environment { .. }, _) => Err(NativeError::at(0, "an environment stands still while a shutter is open")),
+        _ => Err(NativeError::at(1, "the keyframes are different kinds of light")
+            .help("give two point lights, or two directional ones")),
+    }
 }
 
 /// What a camera with an aperture lacks that is placed by a transform.

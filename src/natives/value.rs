@@ -117,11 +117,12 @@ pub struct ShapeValue {
     pub material: Arc<MaterialValue>,
 }
 
+/// What moves of a light without area is, at its closing keyframe, `closing`: in the order of the other fields.
 #[derive(Clone)]
 pub enum LightValue {
     Area { mesh: Arc<MeshValue>, radiance: Input, two_sided: bool, material: Option<Arc<MaterialValue>> },
-    Point { position: Var, intensity: Var },
-    Directional { direction: Var, irradiance: Var },
+    Point { position: Var, intensity: Var, closing: Option<[Var; 2]> },
+    Directional { direction: Var, irradiance: Var, closing: Option<[Var; 2]> },
     Environment { radiance: Input, rotation: Option<Var> },
 }
 
@@ -130,6 +131,8 @@ pub enum LightValue {
 pub struct CameraValue {
     /// By argument name; missing ones are absent.
     pub fields: Vec<(String, Value)>,
+    /// The same camera at the closing keyframe, if it moves while its shutter is open; that one has none.
+    pub closing: Option<Arc<CameraValue>>,
 }
 
 impl CameraValue {

@@ -76,7 +76,7 @@ pub fn render_until(
     stop: &AtomicBool,
 ) -> Result<Image, SceneError> {
     validate_camera(camera)?;
-    if scene.moves() {
+    if scene.moves_for(camera) {
         return motion::render(scene, camera, settings, stop);
     }
     let mut image = Image::new(camera.width, camera.height, settings.output.channels());

@@ -13,7 +13,7 @@ use glam::Vec3;
 use super::film::{Settings, add_samples};
 use super::sampler::hash;
 use super::scene::Camera;
-use super::world::{Scene, SceneError};
+use super::world::{Scene, SceneError, validate_camera};
 use crate::image::Image;
 use crate::math::unit_f32;
 
@@ -26,6 +26,7 @@ const WORN: f32 = 1.3;
 /// The scene at one moment.
 pub struct Slice<'a> {
     pub scene: &'a Scene,
+    pub camera: Camera,
     /// With a seed and a number of samples of its own.
     pub settings: Settings,
     /// The same number of samples, out of those of all slices.
@@ -38,9 +39,13 @@ pub struct Slice<'a> {
 }
 
 impl Scene {
-    /// Whether it changes while a shutter is open.
-    pub fn moves(&self) -> bool {
-        !self.description.motions.is_empty()
+    /// Whether what a camera sees changes while its shutter is open.
+    pub fn moves_for(&self, camera: &Camera) -> bool {
+        self.moves() || camera.closing.is_some()
+    }
+
+    fn moves(&self) -> bool {
+        !(self.description.motions.is_empty() && self.description.light_motions.is_empty())
     }
 
     /// Takes a still scene to another time, or makes one.
@@ -54,6 +59,12 @@ impl Scene {
                 mesh.vertices = lerp(&from.vertices, &motion.vertices);
                 mesh.normals = from.normals.as_ref().zip(motion.normals.as_ref()).map(|(a, b)| lerp(a, b));
             }
+            for motion in &self.description.light_motions {
+                let from = &self.description.delta_lights[motion.light];
+                let (placement, power) = from.numbers();
+                description.delta_lights[motion.light] =
+                    from.with_numbers(placement.lerp(motion.placement, time), power.lerp(motion.power, time));
+            }
         };
         match before {
             Some(mut scene) => {
@@ -64,6 +75,7 @@ impl Scene {
             None => {
                 let mut description = self.description.clone();
                 description.motions.clear();
+                description.light_motions.clear();
                 place(&mut description);
                 Scene::new(description)
             }
@@ -94,12 +106,18 @@ impl Scene {
             let jitter = unit_f32(hash(seed, u64::from(i / 2)) as u32);
             let share = (i as f32 + if i % 2 == 0 { jitter } else { 1.0 - jitter }) / count as f32;
             let time = (open + (close - open) * share).clamp(0.0, 1.0);
-            let before = still.take();
-            let scene = &*still.insert(self.still(time, before)?);
+            let scene = if self.moves() {
+                let before = still.take();
+                &*still.insert(self.still(time, before)?)
+            } else {
+                self
+            };
+            let camera = camera.at(time);
+            validate_camera(&camera)?;
             let start = |i: u32| (u64::from(spp) * u64::from(i) / u64::from(count)) as u32;
             let samples = start(i)..start(i + 1);
             let settings = Settings { spp: samples.len() as u32, seed: own, ..*settings };
-            f(&Slice { scene, settings, samples, time, share, weight: 1.0 / count as f32 })?;
+            f(&Slice { scene, camera, settings, samples, time, share, weight: 1.0 / count as f32 })?;
         }
         Ok(())
     }
@@ -111,7 +129,7 @@ pub fn render(scene: &Scene, camera: &Camera, settings: &Settings, stop: &Atomic
     scene.slices(camera, settings, 0, stop, |slice| {
         let samples = slice.samples.clone();
         let count = samples.len() as f32 / slice.weight;
-        add_samples(slice.scene, camera, settings, samples, count, stop, &mut image);
+        add_samples(slice.scene, &slice.camera, settings, samples, count, stop, &mut image);
         Ok(())
     })?;
     Ok(image)

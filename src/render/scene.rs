@@ -73,6 +73,24 @@ pub enum DeltaLight {
     Directional { direction: Vec3, irradiance: Vec3 },
 }
 
+impl DeltaLight {
+    /// Position or direction, and intensity or irradiance.
+    pub fn numbers(&self) -> (Vec3, Vec3) {
+        match *self {
+            DeltaLight::Point { position, intensity } => (position, intensity),
+            DeltaLight::Directional { direction, irradiance } => (direction, irradiance),
+        }
+    }
+
+    /// The same kind of light with other [numbers](DeltaLight::numbers).
+    pub fn with_numbers(&self, placement: Vec3, power: Vec3) -> DeltaLight {
+        match self {
+            DeltaLight::Point { .. } => DeltaLight::Point { position: placement, intensity: power },
+            DeltaLight::Directional { .. } => DeltaLight::Directional { direction: placement, irradiance: power },
+        }
+    }
+}
+
 /// Light from infinitely far away: an equirectangular radiance map (u = 0.5 + atan2(d.x, -d.z) / 2π, v = acos(d.y) / π)
 /// looked up in the direction `rotationᵀ · d`. A constant environment is a 1×1 map.
 #[derive(Clone, Debug)]
@@ -91,6 +109,15 @@ pub struct Motion {
     pub normals: Option<Vec<Vec3>>,
 }
 
+/// The closing keyframe of a light without area that moves or fades while the shutter is open: its position or direction, and its
+/// intensity or irradiance.
+#[derive(Clone, Copy, Debug)]
+pub struct LightMotion {
+    pub light: usize,
+    pub placement: Vec3,
+    pub power: Vec3,
+}
+
 /// Everything that is rendered but the camera.
 #[derive(Clone, Debug, Default)]
 pub struct SceneDescription {
@@ -99,6 +126,8 @@ pub struct SceneDescription {
     pub motions: Vec<Motion>,
     pub textures: Vec<Texture>,
     pub delta_lights: Vec<DeltaLight>,
+    /// No more than one for a light.
+    pub light_motions: Vec<LightMotion>,
     pub environment: Option<Environment>,
 }
 
@@ -131,11 +160,24 @@ pub struct Camera {
     pub lens: Lens,
     /// When it opens and closes, between the keyframes of what moves: 0 ≤ opening ≤ closing ≤ 1.
     pub shutter: [f32; 2],
+    /// The closing keyframe, if the camera moves while its shutter is open; its own numbers are the opening one.
+    pub closing: Option<Pose>,
 }
 
 impl Camera {
     /// Open from one keyframe to the other.
     pub const WHOLE: [f32; 2] = [0.0, 1.0];
+}
+
+/// Where a camera is, which way it looks, how wide and how sharp: what may move, each number in proportion to time (so that the rows of
+/// a frame that turns are not quite orthonormal on the way).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    pub origin: Vec3,
+    pub frame: [Vec3; 3],
+    pub scale: [f32; 2],
+    /// Radius of the lens and distance of focus.
+    pub lens: [f32; 2],
 }
 
 /// A thin lens in the plane of `right` and `up` through the camera's origin. What lies `focus` along `forward` is sharp.
@@ -186,30 +228,41 @@ pub enum Slot {
     ClosingVertices(usize),
     /// Vertex normals of shape i at its closing keyframe, `[n][3]`.
     ClosingNormals(usize),
+    /// Position or direction of delta light i at its closing keyframe, `[3]`.
+    ClosingLightPlacement(usize),
+    /// Intensity or irradiance of delta light i at its closing keyframe, `[3]`.
+    ClosingLightPower(usize),
+    /// Of the camera at its closing keyframe, as the slots without `Closing`.
+    ClosingCameraOrigin,
+    ClosingCameraFrame,
+    ClosingCameraScale,
+    ClosingCameraLens,
     /// Times at which the shutter opens and closes, `[2]`.
     CameraShutter,
 }
 
 impl Slot {
+    /// The slot of the opening keyframe, if this is of the closing one: what a scene that stands still has.
+    pub fn opening(self) -> Slot {
+        match self {
+            Slot::ClosingVertices(i) => Slot::Vertices(i),
+            Slot::ClosingNormals(i) => Slot::Normals(i),
+            Slot::ClosingLightPlacement(i) => Slot::LightPlacement(i),
+            Slot::ClosingLightPower(i) => Slot::LightPower(i),
+            Slot::ClosingCameraOrigin => Slot::CameraOrigin,
+            Slot::ClosingCameraFrame => Slot::CameraFrame,
+            Slot::ClosingCameraScale => Slot::CameraScale,
+            Slot::ClosingCameraLens => Slot::CameraLens,
+            slot => slot,
+        }
+    }
+
     /// Whether it can move a silhouette or a shadow.
     pub fn moves_visibility(self) -> bool {
-        match self {
-            Slot::Vertices(_)
-            | Slot::LightPlacement(_)
-            | Slot::CameraOrigin
-            | Slot::CameraFrame
-            | Slot::CameraScale
-            | Slot::CameraLens
-            | Slot::ClosingVertices(_)
-            | Slot::CameraShutter
-            | Slot::EnvironmentRotation => true,
-            Slot::Normals(_)
-            | Slot::ClosingNormals(_)
-            | Slot::Uvs(_)
-            | Slot::Colors(_)
-            | Slot::Texels(_)
-            | Slot::LightPower(_) => false,
-        }
+        !matches!(
+            self.opening(),
+            Slot::Normals(_) | Slot::Uvs(_) | Slot::Colors(_) | Slot::Texels(_) | Slot::LightPower(_)
+        )
     }
 }
 
@@ -218,22 +271,21 @@ impl SceneDescription {
     pub fn slot_len(&self, slot: Slot) -> usize {
         let shape = |i: usize| self.shapes.get(i).map(|s| &s.mesh);
         let motion = |i: usize| self.motions.iter().find(|m| m.shape == i);
+        let light = |known: bool| if known { 3 } else { 0 };
         match slot {
             Slot::Vertices(i) => shape(i).map_or(0, |m| 3 * m.vertices.len()),
             Slot::Normals(i) => shape(i).and_then(|m| m.normals.as_ref()).map_or(0, |n| 3 * n.len()),
             Slot::Uvs(i) => shape(i).and_then(|m| m.uvs.as_ref()).map_or(0, |n| 2 * n.len()),
             Slot::Colors(i) => shape(i).and_then(|m| m.colors.as_ref()).map_or(0, |n| 3 * n.len()),
             Slot::Texels(i) => self.textures.get(i).map_or(0, |t| t.data.len()),
-            Slot::LightPlacement(i) | Slot::LightPower(i) => {
-                if i < self.delta_lights.len() {
-                    3
-                } else {
-                    0
-                }
+            Slot::LightPlacement(i) | Slot::LightPower(i) => light(i < self.delta_lights.len()),
+            Slot::ClosingLightPlacement(i) | Slot::ClosingLightPower(i) => {
+                light(self.light_motions.iter().any(|m| m.light == i))
             }
-            Slot::EnvironmentRotation | Slot::CameraFrame => 9,
-            Slot::CameraOrigin => 3,
+            Slot::EnvironmentRotation | Slot::CameraFrame | Slot::ClosingCameraFrame => 9,
+            Slot::CameraOrigin | Slot::ClosingCameraOrigin => 3,
             Slot::CameraScale | Slot::CameraLens | Slot::CameraShutter => 2,
+            Slot::ClosingCameraScale | Slot::ClosingCameraLens => 2,
             Slot::ClosingVertices(i) => motion(i).map_or(0, |m| 3 * m.vertices.len()),
             Slot::ClosingNormals(i) => motion(i).and_then(|m| m.normals.as_ref()).map_or(0, |n| 3 * n.len()),
         }

@@ -8,7 +8,7 @@ use glam::{Mat3, Vec2, Vec3};
 
 use super::accel::Ray;
 use super::sampler::Sampler;
-use super::scene::{Camera, Lens, Projection};
+use super::scene::{Camera, Lens, Pose, Projection};
 use crate::math::uniform_disk;
 
 /// A world point seen by a camera.
@@ -34,6 +34,28 @@ impl Camera {
     #[inline(always)]
     pub fn is_pinhole(&self) -> bool {
         self.lens.radius == 0.0
+    }
+
+    /// What may move of it, at its opening keyframe.
+    pub fn pose(&self) -> Pose {
+        let Camera { origin, frame, scale, lens, .. } = *self;
+        Pose { origin, frame, scale, lens: [lens.radius, lens.focus] }
+    }
+
+    /// The camera as it stands at one moment, from the opening keyframe (0) to the closing one (1).
+    pub fn at(&self, time: f32) -> Camera {
+        let Some(to) = self.closing else { return *self };
+        let from = self.pose();
+        let lerp = |a: [f32; 2], b: [f32; 2]| [0, 1].map(|i| a[i] + (b[i] - a[i]) * time);
+        let [radius, focus] = lerp(from.lens, to.lens);
+        Camera {
+            origin: from.origin.lerp(to.origin, time),
+            frame: [0, 1, 2].map(|i| from.frame[i].lerp(to.frame[i], time)),
+            scale: lerp(from.scale, to.scale),
+            lens: Lens { radius, focus, ..self.lens },
+            closing: None,
+            ..*self
+        }
     }
 
     /// The same camera, seeing through one point of its lens only.
@@ -293,6 +315,7 @@ mod tests {
             width: 40,
             height: 30,
             shutter: Camera::WHOLE,
+            closing: None,
             lens: Lens { radius: v[14], focus: v[15], point: Vec2::new(0.4, -0.7) },
         }
     }

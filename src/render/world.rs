@@ -237,6 +237,13 @@ fn is_too_far(p: Vec3) -> bool {
 /// Refuses cameras no image can be made with.
 pub fn validate_camera(camera: &Camera) -> Result<(), SceneError> {
     let fail = |what: String| Err(SceneError::Camera { what });
+    if let Some(to) = &camera.closing {
+        validate_camera(&camera.at(1.0))?;
+        // On a straight line between them there may be no frame.
+        if camera.frame.iter().zip(&to.frame).any(|(a, b)| a.dot(*b) <= 0.0) {
+            return fail("the camera turns by 90 degrees or more while its shutter is open".into());
+        }
+    }
     if camera.width == 0 || camera.height == 0 {
         return fail(format!("a film of {}×{} pixels has no pixel", camera.width, camera.height));
     }
@@ -355,11 +362,21 @@ fn validate(description: &SceneDescription) -> Result<(), SceneError> {
             return fail("normals must be finite".into());
         }
     }
-    for (i, light) in description.delta_lights.iter().enumerate() {
-        let (placement, power, directional) = match light {
-            DeltaLight::Point { position, intensity } => (*position, *intensity, false),
-            DeltaLight::Directional { direction, irradiance } => (*direction, *irradiance, true),
-        };
+    if let Some(motion) = description.light_motions.iter().find(|m| m.light >= description.delta_lights.len()) {
+        return Err(SceneError::Light { light: motion.light, what: "the light moves, but does not exist".into() });
+    }
+    for motion in &description.light_motions {
+        if let DeltaLight::Directional { direction, .. } = description.delta_lights[motion.light]
+            && direction.dot(motion.placement) <= 0.0
+        {
+            let what = "the light turns by 90 degrees or more while a shutter is open".into();
+            return Err(SceneError::Light { light: motion.light, what });
+        }
+    }
+    let opening = description.delta_lights.iter().enumerate().map(|(i, light)| (i, light.numbers()));
+    let closing = description.light_motions.iter().map(|m| (m.light, (m.placement, m.power)));
+    for (i, (placement, power)) in opening.chain(closing) {
+        let directional = matches!(description.delta_lights[i], DeltaLight::Directional { .. });
         if !placement.is_finite() || !power.is_finite() {
             return Err(SceneError::Light { light: i, what: "the light's numbers must be finite".into() });
         }

@@ -1,6 +1,6 @@
 //! T14, its second half: what moves while the shutter is open.
 
-use dscene::render::{Motion, Projection, Slot};
+use dscene::render::{DeltaLight, LightMotion, Motion, Pose, Projection, Slot};
 use glam::Vec3;
 
 use crate::support::*;
@@ -71,6 +71,113 @@ fn rectangle_leaving_the_view() {
     }
     let by_shutter = [0, 1].map(|k| LEAVING.derivative(|s, h| s.shutter[k] += h));
     measured.gradients(24, Slot::CameraShutter).check("T14 shutter", &by_shutter, 0.02);
+}
+
+/// T14 the other way round: the rectangle stands still, and the camera moves past it and zooms out.
+#[test]
+fn camera_that_moves_past_a_rectangle() {
+    // Sides in film coordinates (x − camera) / scale, lerped over the same shutter.
+    let (left, right, top, bottom) = (-0.4f64, 0.5f64, 0.3f64, -0.6f64);
+    let (from, to) = ([0.0f64, 1.0], [1.2f64, 1.3]);
+    let shutter = [0.1, 0.85];
+    let value = |from: [f64; 2], to: [f64; 2], [open, close]: [f64; 2]| {
+        let n = 20_000;
+        let at = |i: usize| {
+            let t = open + (close - open) * (i as f64 + 0.5) / n as f64;
+            let (x, scale) = (from[0] + (to[0] - from[0]) * t, from[1] + (to[1] - from[1]) * t);
+            let film = |edge: f64| ((edge - x) / scale).clamp(-1.0, 1.0);
+            (film(right) - film(left)) * (top - bottom) / scale
+        };
+        (SIZE * SIZE) as f64 / 4.0 * (0..n).map(at).sum::<f64>() / n as f64
+    };
+    let h = 1e-3;
+    let along = |f: &dyn Fn(f64) -> f64| (f(h) - f(-h)) / (2.0 * h);
+
+    let mut b = Builder::default();
+    let corner = |[x, y]: [f64; 2]| Vec3::new(x as f32, y as f32, -1.0);
+    b.light(quad([[left, bottom], [right, bottom], [right, top], [left, top]].map(corner)), 1.0);
+    let scene = b.build();
+    let mut camera = camera(Projection::Orthographic, Vec3::ZERO, -Vec3::Z, 1.0, SIZE);
+    camera.shutter = shutter.map(|t| t as f32);
+    let pose = camera.pose();
+    camera.closing = Some(Pose { origin: Vec3::new(to[0] as f32, 0.0, 0.0), scale: [to[1] as f32; 2], ..pose });
+    let measured = Measured { scene: &scene, camera: &camera, settings: settings(256, 0) };
+    measured.values(12).check("moving camera, value", &[value(from, to, shutter)], 0.01);
+
+    let by_x =
+        [along(&|h| value([from[0] + h, from[1]], to, shutter)), along(&|h| value(from, [to[0] + h, to[1]], shutter))];
+    for (slot, exact) in [Slot::CameraOrigin, Slot::ClosingCameraOrigin].into_iter().zip(by_x) {
+        measured.along(24, slot, &[vec![Vec3::X]]).check("moving camera, x", &[exact], 0.02);
+    }
+    // Both numbers of the scale together are what `value` zooms by.
+    let by_scale =
+        [along(&|h| value([from[0], from[1] + h], to, shutter)), along(&|h| value(from, [to[0], to[1] + h], shutter))];
+    for (slot, exact) in [Slot::CameraScale, Slot::ClosingCameraScale].into_iter().zip(by_scale) {
+        let summed = estimate(24, |seed| vec![measured.gradient(seed, &[slot])[0].iter().sum()]);
+        summed.check("moving camera, scale", &[exact], 0.02);
+    }
+    let by_shutter = [0, 1].map(|k| {
+        along(&|h| {
+            let mut shutter = shutter;
+            shutter[k] += h;
+            value(from, to, shutter)
+        })
+    });
+    measured.gradients(24, Slot::CameraShutter).check("moving camera, shutter", &by_shutter, 0.02);
+}
+
+/// A point light that rises and fades above a floor: irradiance at the foot, averaged over the shutter.
+#[test]
+fn light_that_rises_and_fades() {
+    let (heights, powers, shutter) = ([1.0f64, 2.5], [4.0f64, 1.0], [0.2f64, 0.9]);
+    let value = |heights: [f64; 2], powers: [f64; 2], [open, close]: [f64; 2]| {
+        let n = 20_000;
+        let at = |i: usize| {
+            let t = open + (close - open) * (i as f64 + 0.5) / n as f64;
+            let (y, power) = (heights[0] + (heights[1] - heights[0]) * t, powers[0] + (powers[1] - powers[0]) * t);
+            0.5 / std::f64::consts::PI * power / (y * y)
+        };
+        (0..n).map(at).sum::<f64>() / n as f64
+    };
+    let h = 1e-4;
+    let along = |f: &dyn Fn(f64) -> f64| (f(h) - f(-h)) / (2.0 * h);
+
+    let mut b = Builder::default();
+    b.diffuse(floor(Vec3::ZERO, 1.0), 0.5);
+    let up = |y: f64| Vec3::new(0.0, y as f32, 0.0);
+    let of = |power: f64| Vec3::splat(power as f32);
+    b.description.delta_lights.push(DeltaLight::Point { position: up(heights[0]), intensity: of(powers[0]) });
+    b.description.light_motions.push(LightMotion { light: 0, placement: up(heights[1]), power: of(powers[1]) });
+    let scene = b.build();
+    // One pixel that sees the foot of the light alone.
+    let mut camera = camera(Projection::Orthographic, Vec3::new(0.0, 5.0, 0.0), -Vec3::Y, 1e-3, 1);
+    camera.shutter = shutter.map(|t| t as f32);
+    let measured = Measured { scene: &scene, camera: &camera, settings: settings(256, 1) };
+    measured.values(12).check("fading light, value", &[value(heights, powers, shutter)], 0.01);
+    for (k, slot) in [Slot::LightPlacement(0), Slot::ClosingLightPlacement(0)].into_iter().enumerate() {
+        let exact = along(&|h| {
+            let mut heights = heights;
+            heights[k] += h;
+            value(heights, powers, shutter)
+        });
+        measured.along(16, slot, &[vec![Vec3::Y]]).check("fading light, height", &[exact], 0.01);
+    }
+    for (k, slot) in [Slot::LightPower(0), Slot::ClosingLightPower(0)].into_iter().enumerate() {
+        let exact = along(&|h| {
+            let mut powers = powers;
+            powers[k] += h;
+            value(heights, powers, shutter)
+        });
+        measured.along(16, slot, &[vec![Vec3::ONE]]).check("fading light, power", &[exact], 0.01);
+    }
+    let by_shutter = [0, 1].map(|k| {
+        along(&|h| {
+            let mut shutter = shutter;
+            shutter[k] += h;
+            value(heights, powers, shutter)
+        })
+    });
+    measured.gradients(16, Slot::CameraShutter).check("fading light, shutter", &by_shutter, 0.01);
 }
 
 /// Few samples are as unbiased as many: one slice a picture, seen at random times.

@@ -83,7 +83,7 @@ pub fn camera(projection: Projection, origin: Vec3, forward: Vec3, scale: f32, s
     let right = forward.cross(hint).normalize();
     let frame = [right, right.cross(forward), forward];
     let (lens, shutter) = (Lens::PINHOLE, Camera::WHOLE);
-    Camera { projection, origin, frame, scale: [scale; 2], width: size, height: size, lens, shutter }
+    Camera { projection, origin, frame, scale: [scale; 2], width: size, height: size, lens, shutter, closing: None }
 }
 
 /// One pixel that looks at a tiny patch around `target` along `forward`: radiance at a point.

@@ -104,6 +104,7 @@ pub fn look_at(position: Vec3, target: Vec3, fov_degrees: f32, film: usize) -> C
         height: film,
         lens: Lens::PINHOLE,
         shutter: Camera::WHOLE,
+        closing: None,
     }
 }
 
@@ -146,6 +147,16 @@ pub fn all_slots(d: &SceneDescription, c: &Camera) -> Vec<(Slot, Vec<f32>)> {
         if let Some(n) = &m.normals {
             out.push((Slot::ClosingNormals(m.shape), flat(n)));
         }
+    }
+    for m in &d.light_motions {
+        out.push((Slot::ClosingLightPlacement(m.light), m.placement.to_array().to_vec()));
+        out.push((Slot::ClosingLightPower(m.light), m.power.to_array().to_vec()));
+    }
+    if let Some(to) = &c.closing {
+        out.push((Slot::ClosingCameraOrigin, to.origin.to_array().to_vec()));
+        out.push((Slot::ClosingCameraFrame, flat(&to.frame)));
+        out.push((Slot::ClosingCameraScale, to.scale.to_vec()));
+        out.push((Slot::ClosingCameraLens, to.lens.to_vec()));
     }
     out.push((Slot::CameraShutter, c.shutter.to_vec()));
     out
