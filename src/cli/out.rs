@@ -31,7 +31,7 @@ pub fn failure() -> Option<&'static str> {
     FAILURE.get().map(String::as_str)
 }
 
-/// [`print`] with a newline.
+/// [`print()`] with a newline.
 pub fn line(text: &str) {
     print(&format!("{text}\n"));
 }

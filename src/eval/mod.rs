@@ -64,7 +64,7 @@ pub enum ParamKind {
     Plain,
     /// Radians.
     Angle,
-    /// Value: a 3×3 matrix R. Gradients are 3 numbers: of ω in exp([ω]×) · R at ω = 0.
+    /// Value: a 3×3 matrix R. Gradients are 3 numbers: of ω in `exp([ω]×)` · R at ω = 0.
     Rotation,
 }
 

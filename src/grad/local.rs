@@ -444,7 +444,7 @@ pub fn d_direction<S: Sink>(out: &mut Adjoints<S>, light: u32, d_towards: Vec3) 
     }
 }
 
-/// Adjoint of a first-hit channel (see [`first_hit`]) seen through masks → adjoint of the camera ray. The camera's own
+/// Adjoint of a first-hit channel (see `first_hit`) seen through masks → adjoint of the camera ray. The camera's own
 /// part of the depth goes straight to `out.camera`.
 pub fn d_first_hit<S: Sink>(
     out: &mut Adjoints<S>,

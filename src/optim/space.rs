@@ -6,7 +6,7 @@ pub enum Geometry {
     /// Numbers, each for itself.
     #[default]
     Plain,
-    /// A row-major 3×3 rotation matrix R, moved along R ← exp([ω]×) · R with ω in the world frame, in radians.
+    /// A row-major 3×3 rotation matrix R, moved along R ← `exp([ω]×)` · R with ω in the world frame, in radians.
     Rotation,
 }
 
@@ -93,7 +93,7 @@ fn bound_at(bound: &[f64], index: usize) -> Option<f64> {
     if bound.is_empty() { None } else { bound.get(index % bound.len()).copied() }
 }
 
-/// ∂/∂ω ⟨G, exp([ω]×) R⟩ at ω = 0: component k is ⟨G, [e_k]× R⟩.
+/// ∂/∂ω ⟨G, `exp([ω]×)` R⟩ at ω = 0: component k is ⟨G, [e_k]× R⟩.
 fn rotation_gradient(r: &[f64], g: &[f64]) -> [f64; 3] {
     // Σ over columns c of r_c × g_c, because ⟨g, e_k × r⟩ = ⟨e_k, r × g⟩.
     let mut out = [0.0; 3];

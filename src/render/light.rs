@@ -189,7 +189,7 @@ impl LightTable {
         LightTable { entries, pmf, local_entries, local_pmf, area_pdf, environment_pmf, last_turns }
     }
 
-    /// Probability per unit area with which [`Scene::sample_light`] finds points of an emissive primitive.
+    /// Probability per unit area with which `Scene::sample_light` finds points of an emissive primitive.
     #[inline]
     pub fn area_pdf(&self, prim: PrimId) -> f32 {
         self.area_pdf[prim as usize]

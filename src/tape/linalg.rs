@@ -117,7 +117,7 @@ impl Var {
         Var::stack(numbers)?.reshape(vec![rows, columns])
     }
 
-    /// exp([w]×): the rotation by |w| about w. Smooth at w = 0.
+    /// `exp([w]×)`: the rotation by |w| about w. Smooth at w = 0.
     pub fn rotation_exp(w: &Var) -> Result<Var> {
         if w.shape() != [3] {
             return fail("an axis-angle vector has 3 numbers");

@@ -157,10 +157,15 @@ impl Measured<'_> {
         image.data.chunks(3).map(|p| f64::from(p[0])).sum()
     }
 
-    pub fn gradient(&self, seed: u64, wrt: &[Slot]) -> Vec<Vec<f64>> {
+    /// The adjoint of the value.
+    fn first_channel(&self) -> Image {
         let mut d_image = Image::new(self.camera.width, self.camera.height, 3);
         d_image.data.chunks_mut(3).for_each(|p| p[0] = 1.0);
-        self.gradient_of(seed, wrt, &d_image)
+        d_image
+    }
+
+    pub fn gradient(&self, seed: u64, wrt: &[Slot]) -> Vec<Vec<f64>> {
+        self.gradient_of(seed, wrt, &self.first_channel())
     }
 
     pub fn gradient_of(&self, seed: u64, wrt: &[Slot], d_image: &Image) -> Vec<Vec<f64>> {
@@ -178,9 +183,7 @@ impl Measured<'_> {
 
     /// As below, of steps that learn from one another.
     pub fn remembered_along(&self, steps: u64, slot: Slot, motions: &[Vec<Vec3>]) -> Estimate {
-        let memory = Memory::default();
-        let mut d_image = Image::new(self.camera.width, self.camera.height, 3);
-        d_image.data.chunks_mut(3).for_each(|p| p[0] = 1.0);
+        let (memory, d_image) = (Memory::default(), self.first_channel());
         estimate(steps, |seed| {
             let (settings, memory) = (Settings { seed, ..self.settings }, Some(&memory));
             let found =
