@@ -419,7 +419,7 @@ loss fit = mse(render(small), target)",
                  let c = moving(0.5, 0.7)",
         wanted: &[
             ("dscene::type::mismatch", "camera(position: [0, 0, 5], look_at: [0, 0, 0])", "same thing in two places"),
-            ("dscene::type::shape", "camera(position: [0, 1, 5], look_at: [0, 0, 0])", "same thing in two places"),
+            ("dscene::type::shape", "camera(position: [0, 1, 5], look_at: [0, 0, 0])", "the same `film`"),
             ("dscene::type::mismatch", "0.5", ""),
             ("dscene::type::mismatch", "0.7", ""),
         ],

@@ -670,6 +670,33 @@ fn moving_camera() {
     agree("moving camera, blocker x", &build(|t, _, o| o.x += t), &Plan { h: 0.02, ..plan });
 }
 
+/// An orthographic camera above a blocker pans by 40 degrees while its shutter is open: between the keyframes its axes are not
+/// perpendicular to each other.
+#[test]
+fn turning_orthographic_camera() {
+    let build = |f: fn(f32, &mut f32, &mut Vec3)| {
+        move |t: f32| {
+            let (mut turn, mut offset) = (40f32.to_radians(), Vec3::ZERO);
+            f(t, &mut turn, &mut offset);
+            let (mut scene, camera) = blocker(|_, _| ())(0.0);
+            scene.shapes[1].mesh.vertices.iter_mut().for_each(|v| *v += offset);
+            let looks = |turn: f32| {
+                let back = vec3(4.0 * turn.sin(), 3.5, 4.0 * turn.cos());
+                let look = look_at(back, vec3(0.0, 0.5, 0.0), 40.0, camera.width);
+                Camera { projection: Projection::Orthographic, scale: [2.0, 2.0], ..look }
+            };
+            (scene, Camera { closing: Some(looks(turn).pose()), ..looks(0.0) })
+        }
+    };
+    let plan = Plan { h: 0.04, ..Plan::default() };
+    agree(
+        "turning orthographic, closing turn",
+        &build(|t, a, _| *a += t),
+        &Plan { h: 0.08, spp: 64, fd_spp: 512, ..plan },
+    );
+    agree("turning orthographic, blocker x", &build(|t, _, o| o.x += t), &plan);
+}
+
 /// The shadow of a blocker under a point light that moves while the shutter is open.
 #[test]
 fn moving_light() {

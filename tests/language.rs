@@ -674,8 +674,11 @@ let still = lamp(0)",
     assert_eq!(see("moving(lamp(1), lamp(2)).position"), [1.0, 1.0, 3.0]);
     assert_eq!(see("moving(eye(1), eye(2)).look_at"), [1.0, 0.0, 0.0]);
     for (text, what) in [
-        ("moving(eye(0), eye(1, kind: \"orthographic\"))", "a perspective and a orthographic camera"),
+        ("moving(eye(0), eye(1, kind: \"orthographic\"))", "cameras of two kinds, `perspective` and `orthographic`"),
         ("moving(eye(0), eye(1, shutter: [0, half]))", "differ in `shutter`"),
+        // Equal now, but what a derivative in the second one would be is not known.
+        ("moving(eye(0, shutter: [0, 0.5]), eye(1, shutter: [0, half]))", "differ in `shutter`"),
+        ("moving(eye(0, shutter: [0, half]), eye(1, shutter: [0, 0.5]))", "differ in `shutter`"),
         ("moving(moving(eye(0), eye(1)), eye(2))", "`opening` is moving already"),
         ("moving(lamp(0), moving(lamp(0), lamp(1)))", "`closing` is moving already"),
         ("moving(lamp(0), sun(0))", "different kinds of light"),

@@ -156,8 +156,7 @@ impl Checker<'_> {
         if opening.ty.is_unknown() || closing.ty.is_unknown() {
             return;
         }
-        let mut fault = |code, message: &str, first: String, second: String| {
-            let help = "`moving` takes the same thing in two places, for instance `moving(ball, ball |> translate([1, 0, 0]))`";
+        let mut fault = |code, message: &str, first: String, second: String, help: &str| {
             self.diagnostics.push(
                 Diagnostic::error(code, message).label(closing.span, second).label(opening.span, first).help(help),
             );
@@ -168,7 +167,13 @@ impl Checker<'_> {
                 Ty::Camera { height: Some(g), width: Some(v), .. },
             ) if (h, w) != (g, v) => {
                 let message = "the film of a moving camera keeps its size";
-                fault("dscene::type::shape", message, format!("a film of {w}×{h}"), format!("a film of {v}×{g}"));
+                fault(
+                    "dscene::type::shape",
+                    message,
+                    format!("a film of {w}×{h}"),
+                    format!("a film of {v}×{g}"),
+                    "write the same `film` in both",
+                );
             }
             (Ty::Camera { .. }, Ty::Camera { .. }) => {}
             (a, b) if std::mem::discriminant(a) != std::mem::discriminant(b) => {
@@ -177,6 +182,7 @@ impl Checker<'_> {
                     "keyframes of different things",
                     format!("this is `{a}`"),
                     format!("and this `{b}`"),
+                    "`moving` takes the same thing in two places, for instance `moving(ball, ball |> translate([1, 0, 0]))`",
                 );
             }
             _ => {}

@@ -51,7 +51,7 @@ pub fn native(name: &str, signature: &Signature, args: &[Option<Typed>], bound: 
             let channels = CHANNELS.iter().find(|(n, _)| *n == name).map(|(_, c)| *c);
             image(*height, *width, channels, *made)
         }
-        ("moving", Some(of)) => of.clone(),
+        ("moving", Some(of)) => ty(1).and_then(|to| join(of, to)).unwrap_or_else(|| of.clone()),
         ("crop", Some(Ty::Image { channels, .. })) => image(count(4), count(3), *channels, span(3)),
         ("resize", Some(Ty::Image { channels, .. })) => image(count(2), count(1), *channels, span(1)),
         ("blur", Some(of @ Ty::Image { .. })) => of.clone(),

@@ -109,8 +109,8 @@ impl Engine {
         let film = Value::tensor(Tensor::vector(vec![scaled(width), scaled(height)]));
         let keep =
             |(name, value): &(String, Value)| (name.clone(), if name == "film" { film.clone() } else { value.clone() });
-        let closing = camera.closing.clone();
-        Some(Value::Camera(Arc::new(CameraValue { fields: camera.fields.iter().map(keep).collect(), closing })))
+        let fields = camera.fields.iter().map(keep).collect();
+        Some(Value::Camera(Arc::new(CameraValue { fields, ..camera.clone() })))
     }
 
     fn language_function(&mut self, f: &FnDecl, args: Vec<Option<Value>>, span: Span) -> Result<Value> {

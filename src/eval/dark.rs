@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use crate::render::accel::Ray;
-use crate::render::{Camera, DeltaLight, Input, Scene};
+use crate::render::{Camera, Input, Scene};
 
 /// What keeps all light from the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -18,9 +18,11 @@ pub(super) enum Darkness {
     Unlit,
 }
 
-/// Looks at a scene that a camera sees black.
+/// Looks at a scene that a camera sees black. One that moves stands half-way, meshes at their first keyframe.
 pub(super) fn reason(scene: &Scene, camera: &Camera) -> Darkness {
     let description = &scene.description;
+    let [open, close] = camera.shutter;
+    let camera = &camera.at(0.5 * (open + close));
     let is_lit = |c: &Vec3| c.max_element() > 0.0;
     let texture = |t: usize| description.textures.get(t).is_some_and(|t| t.data.iter().any(|x| *x > 0.0));
     let emitters: Vec<bool> = description
@@ -31,10 +33,8 @@ pub(super) fn reason(scene: &Scene, camera: &Camera) -> Darkness {
             Input::Texture(t) => texture(t),
             Input::VertexColor => shape.mesh.colors.iter().flatten().any(is_lit),
         })
-        .chain(description.delta_lights.iter().map(|l| match l {
-            DeltaLight::Point { intensity, .. } => is_lit(intensity),
-            DeltaLight::Directional { irradiance, .. } => is_lit(irradiance),
-        }))
+        .chain(description.delta_lights.iter().map(|l| is_lit(&l.numbers().1)))
+        .chain(description.light_motions.iter().map(|m| is_lit(&m.power)))
         .chain(description.environment.iter().map(|e| texture(e.radiance)))
         .collect();
     if emitters.is_empty() {

@@ -18,7 +18,7 @@ pub struct History {
     sites: Vec<Site>,
 }
 
-/// One rendering, step after step: of the same place in the program and the same world, seen by the same camera, unless that moves.
+/// One rendering, step after step: of the same place in the program and the same world, seen by the same camera, unless params move that.
 pub(super) struct Site {
     span: Span,
     path: u64,

@@ -309,13 +309,15 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
         },
         _ => Projection::Perspective,
     };
-    // Distances of focus count as soon as one keyframe has a lens.
-    let mut has_lens = false;
+    // Distances of focus count as soon as one keyframe has a lens, and may be given once.
+    let (mut has_lens, mut any_focus) = (false, None);
     for camera in [Some(camera), camera.closing.as_deref()].into_iter().flatten() {
         has_lens |= number(camera, "aperture")?.is_some_and(|radius| radius.item() != Some(0.0));
+        any_focus = any_focus.or(number(camera, "focus")?);
     }
-    let opening = lower_pose(camera, projection, aspect, has_lens)?;
-    let closing = camera.closing.as_ref().map(|c| lower_pose(c, projection, aspect, has_lens)).transpose()?;
+    let pose = |camera: &CameraValue| lower_pose(camera, projection, aspect, has_lens, &any_focus);
+    let opening = pose(camera)?;
+    let closing = camera.closing.as_deref().map(pose).transpose()?;
     let shutter = match camera.field("shutter") {
         Some(Value::Num(v)) if v.shape() == [2] => v.clone(),
         Some(_) => return Err(bad("`shutter` must be `[opening, closing]`")),
@@ -373,6 +375,7 @@ fn lower_pose(
     projection: Projection,
     aspect: f64,
     has_lens: bool,
+    any_focus: &Option<Var>,
 ) -> Result<PoseVars, LowerError> {
     let point = |name: &str, or: [f64; 3]| match camera.field(name) {
         Some(Value::Num(v)) if v.shape() == [3] => Ok(v.clone()),
@@ -445,7 +448,7 @@ fn lower_pose(
     let focus = match number(camera, "focus")? {
         _ if !has_lens => Var::from(1.0),
         Some(focus) => focus,
-        None if camera.field("transform").is_some() => return Err(bad(NEEDS_FOCUS)),
+        None if camera.field("transform").is_some() => any_focus.clone().ok_or_else(|| bad(NEEDS_FOCUS))?,
         None => point("look_at", [0.0; 3])?.sub(&origin)?.norm(),
     };
     let lens = Var::stack(&[aperture, focus])?;

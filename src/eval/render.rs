@@ -180,7 +180,8 @@ impl Engine {
             seed,
             boundary,
         };
-        let switched_off = (!boundary && slots.iter().any(|s| s.moves_visibility()))
+        let entered = grad::motion::entered(&lowered.scene, &camera.camera, &slots);
+        let switched_off = (!boundary && entered.iter().any(|s| s.moves_visibility()))
             .then_some("`boundary: false` leaves out silhouettes and shadow edges, which a param moves");
         for gap in
             grad::coverage_gaps(&lowered.scene, &camera.camera, &settings, &slots).into_iter().chain(switched_off)

@@ -463,29 +463,34 @@ fn moving(a: &Args) -> Result<Value> {
                 Some(Value::Str(kind)) => kind.to_string(),
                 _ => "perspective".to_owned(),
             };
-            let help = "`moving` takes the same camera in two places";
             if word(opening) != word(closing) {
-                let message = format!("the keyframes are a {} and a {} camera", word(opening), word(closing));
-                return Err(NativeError::at(1, message).help(help));
+                let message =
+                    format!("the keyframes are cameras of two kinds, `{}` and `{}`", word(opening), word(closing));
+                return Err(NativeError::at(1, message).help("write the same `kind` in both"));
             }
-            let numbers = |c: &CameraValue, name: &str| match c.field(name) {
-                Some(Value::Num(v)) => Some(v.value().data.clone()),
+            let pair = |c: &CameraValue, name: &str| match c.field(name) {
+                Some(Value::Num(v)) => Some((v.value().data.clone(), v.is_live())),
                 _ => None,
             };
-            for name in ["film", "shutter"] {
-                if numbers(opening, name) != numbers(closing, name) {
-                    return Err(
-                        NativeError::at(1, format!("the keyframes differ in `{name}`, which cannot move")).help(help)
-                    );
-                }
+            let film = |c: &CameraValue| pair(c, "film");
+            let shutter = |c: &CameraValue| pair(c, "shutter");
+            // The first camera's shutter is the one that counts; a derivative in the other would be lost.
+            let differs = if film(opening) != film(closing) {
+                Some("film")
+            } else if shutter(closing).is_some() && shutter(opening) != shutter(closing) {
+                Some("shutter")
+            } else {
+                None
+            };
+            if let Some(name) = differs {
+                let message = format!("the keyframes differ in `{name}`, which cannot move");
+                return Err(NativeError::at(1, message).help(format!("write the same `{name}` in both")));
             }
             Ok(Value::Camera(Arc::new(CameraValue { closing: Some(closing.clone()), ..(**opening).clone() })))
         }
         (Value::Light(opening), Value::Light(closing)) => moving_light(a, opening, closing),
-        (opening, closing) => {
-            let message = format!("the keyframes are {} and {}", opening.kind(), closing.kind());
-            Err(NativeError::at(1, message).help("`moving` takes the same thing in two places"))
-        }
+        (Value::Camera(_) | Value::Light(_), _) => Err(a.wrong(1, a.value(0)?.kind())),
+        _ => Err(a.wrong(0, "a mesh, a camera or a light")),
     }
 }
 

@@ -17,7 +17,7 @@ use super::world::{Scene, SceneError, validate_camera};
 use crate::image::Image;
 use crate::math::unit_f32;
 
-/// No more slices than this: each has a ray tree of its own.
+/// No more slices than this: the ray tree is refitted for each in which a mesh moves.
 const MOST_SLICES: u32 = 64;
 
 /// A tree refitted to moving triangles that has become this much worse is built anew.
@@ -69,7 +69,11 @@ impl Scene {
         match before {
             Some(mut scene) => {
                 place(&mut scene.description);
-                scene.refit(WORN);
+                if self.description.motions.is_empty() {
+                    scene.relight()
+                } else {
+                    scene.refit(WORN)
+                }
                 Ok(scene)
             }
             None => {

@@ -260,7 +260,8 @@ impl Camera {
         gx.cross(gy).dot(n).abs()
     }
 
-    /// Unit direction from the point towards the camera, and its distance (or depth, orthographic).
+    /// Unit direction from the point towards the camera, and the distance of where its ray starts. An orthographic camera's rays need
+    /// not be perpendicular to the plane that they start from: its axes are not, half-way through a turn.
     pub fn towards(&self, p: Vec3) -> (Vec3, f32) {
         let (origin, [right, up, forward]) = self.pinhole();
         if self.is_central() {
@@ -268,14 +269,8 @@ impl Camera {
             let length = v.length();
             return (v / length, length);
         }
-        let forward = forward.normalize();
-        let depth = if self.is_pinhole() {
-            (p - origin).dot(forward)
-        } else {
-            let n = right.cross(up);
-            n.dot(p - origin) / n.dot(forward)
-        };
-        (-forward, depth)
+        let (forward, n) = (forward.normalize(), right.cross(up));
+        (-forward, n.dot(p - origin) / n.dot(forward))
     }
 }
 
@@ -344,9 +339,7 @@ mod tests {
                 assert!(q.pixel.distance(pixel) < 1e-3);
                 let (back, distance) = camera.towards(ray.origin + ray.dir * 3.0);
                 assert!(back.distance(-ray.dir) < 1e-5);
-                // An oblique pinhole without perspective has another measure of depth.
-                let oblique = camera.is_pinhole() && !camera.is_central();
-                assert!(oblique || (distance - 3.0).abs() < 1e-4);
+                assert!((distance - 3.0).abs() < 1e-4);
             }
         }
     }

@@ -168,10 +168,15 @@ impl Scene {
             *facet = Facet::new(facet.shape, *corners);
         }
         self.radius = radius(&corners);
-        self.lights = LightTable::new(&self.description, &self.prims, self.radius, self.environment_peak.as_ref());
+        self.relight();
         self.edges = OnceLock::new();
         self.contacts = OnceLock::new();
         self.surface = OnceLock::new();
+    }
+
+    /// Brings the lights up to date with those without area of the description, which have changed.
+    pub(crate) fn relight(&mut self) {
+        self.lights = LightTable::new(&self.description, &self.prims, self.radius, self.environment_peak.as_ref());
     }
 
     /// World-space corners of a primitive.
@@ -365,14 +370,6 @@ fn validate(description: &SceneDescription) -> Result<(), SceneError> {
     if let Some(motion) = description.light_motions.iter().find(|m| m.light >= description.delta_lights.len()) {
         return Err(SceneError::Light { light: motion.light, what: "the light moves, but does not exist".into() });
     }
-    for motion in &description.light_motions {
-        if let DeltaLight::Directional { direction, .. } = description.delta_lights[motion.light]
-            && direction.dot(motion.placement) <= 0.0
-        {
-            let what = "the light turns by 90 degrees or more while a shutter is open".into();
-            return Err(SceneError::Light { light: motion.light, what });
-        }
-    }
     let opening = description.delta_lights.iter().enumerate().map(|(i, light)| (i, light.numbers()));
     let closing = description.light_motions.iter().map(|m| (m.light, (m.placement, m.power)));
     for (i, (placement, power)) in opening.chain(closing) {
@@ -388,6 +385,14 @@ fn validate(description: &SceneDescription) -> Result<(), SceneError> {
         }
         if directional && placement.length_squared() == 0.0 {
             return Err(SceneError::Light { light: i, what: "a directional light needs a direction".into() });
+        }
+    }
+    for motion in &description.light_motions {
+        if let DeltaLight::Directional { direction, .. } = description.delta_lights[motion.light]
+            && direction.dot(motion.placement) <= 0.0
+        {
+            let what = "the light turns by 90 degrees or more while a shutter is open".into();
+            return Err(SceneError::Light { light: motion.light, what });
         }
     }
     if let Some(e) = &description.environment
