@@ -17,6 +17,7 @@ if [ "${1:-}" != --page ]; then
     bench --scaling | tee $work/scaling.txt
 fi
 
+version=$(git describe --always --dirty) # before the page itself changes
 {
     cat <<'END'
 # One run of both programs
@@ -34,7 +35,7 @@ from the reference). Its default octree settings take minutes a gradient on a CP
 
 END
     echo "* $(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1), $(nproc) threads; $(uname -sm); $(date -u +%Y-%m-%d)"
-    echo "* dscene $(git describe --always --dirty), $(rustc --version)"
+    echo "* dscene $version, $(rustc --version)"
     echo "* $("$python" -c 'import importlib.metadata as m; print("Mitsuba", m.version("mitsuba") + ", Dr.Jit", m.version("drjit"))')"
     echo
     bench --table $work/dscene.jsonl $work/mitsuba.jsonl

@@ -84,7 +84,15 @@ impl Layout {
             Slot::CameraFrame => &mut self.camera_frame,
             Slot::CameraScale => &mut self.camera_scale,
             Slot::CameraLens => &mut self.camera_lens,
-            _ => return None,
+            Slot::ClosingVertices(_)
+            | Slot::ClosingNormals(_)
+            | Slot::ClosingLightPlacement(_)
+            | Slot::ClosingLightPower(_)
+            | Slot::ClosingCameraOrigin
+            | Slot::ClosingCameraFrame
+            | Slot::ClosingCameraScale
+            | Slot::ClosingCameraLens
+            | Slot::CameraShutter => return None,
         })
     }
 

@@ -468,23 +468,16 @@ fn moving(a: &Args) -> Result<Value> {
                     format!("the keyframes are cameras of two kinds, `{}` and `{}`", word(opening), word(closing));
                 return Err(NativeError::at(1, message).help("write the same `kind` in both"));
             }
-            let pair = |c: &CameraValue, name: &str| match c.field(name) {
+            // The first camera's are the ones that count; a derivative in the other would be lost.
+            let numbers = |c: &CameraValue, name: &str| match c.field(name) {
                 Some(Value::Num(v)) => Some((v.value().data.clone(), v.is_live())),
                 _ => None,
             };
-            let film = |c: &CameraValue| pair(c, "film");
-            let shutter = |c: &CameraValue| pair(c, "shutter");
-            // The first camera's shutter is the one that counts; a derivative in the other would be lost.
-            let differs = if film(opening) != film(closing) {
-                Some("film")
-            } else if shutter(closing).is_some() && shutter(opening) != shutter(closing) {
-                Some("shutter")
-            } else {
-                None
-            };
-            if let Some(name) = differs {
-                let message = format!("the keyframes differ in `{name}`, which cannot move");
-                return Err(NativeError::at(1, message).help(format!("write the same `{name}` in both")));
+            for name in ["film", "shutter"] {
+                if numbers(opening, name) != numbers(closing, name) {
+                    let message = format!("the keyframes differ in `{name}`, which cannot move");
+                    return Err(NativeError::at(1, message).help(format!("write the same `{name}` in both")));
+                }
             }
             Ok(Value::Camera(Arc::new(CameraValue { closing: Some(closing.clone()), ..(**opening).clone() })))
         }
