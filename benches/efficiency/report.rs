@@ -63,13 +63,14 @@ enum Line<R> {
     Other(serde_json::Value),
 }
 
-fn read<R: for<'a> Deserialize<'a>>(path: &Path) -> std::io::Result<(Vec<R>, Option<Forward>)> {
+/// The rows of a file, and its measurements of forward path tracing, in the order in which they were made.
+fn read<R: for<'a> Deserialize<'a>>(path: &Path) -> std::io::Result<(Vec<R>, Vec<Forward>)> {
     let text = std::fs::read_to_string(path)?;
-    let (mut rows, mut forward) = (Vec::new(), None);
+    let (mut rows, mut forward) = (Vec::new(), Vec::new());
     for line in text.lines().filter(|line| line.starts_with('{')) {
         match serde_json::from_str(line)? {
             Line::Row(row) => rows.push(row),
-            Line::Forward { forward: f } => forward = Some(f),
+            Line::Forward { forward: f } => forward.push(f),
             Line::Other(value) => eprintln!("skipped in {}: {value}", path.display()),
         }
     }
@@ -122,12 +123,21 @@ pub fn side_by_side(ours: &Path, peer: &Path) -> std::io::Result<()> {
         let middle = ratios[ratios.len() / 2];
         println!("| {kind} | {} | {biased} | {} | {} | {} |", ratios.len(), times(*first), times(middle), times(*last));
     }
-    if let (Some(a), Some(b)) = (our_forward, peer_forward) {
-        let (a, b) = (a.samples_per_cpu_second / 1e6, b.samples_per_cpu_second / 1e6);
-        println!(
-            "\nForward path tracing of the Cornell box (path length 5): {a:.2} million samples a CPU second, Mitsuba {b:.2}: {:.2}×.",
-            a / b
-        );
+    let turns: Vec<(f64, f64)> = our_forward
+        .iter()
+        .zip(&peer_forward)
+        .map(|(ours, theirs)| (ours.samples_per_cpu_second / 1e6, theirs.samples_per_cpu_second / 1e6))
+        .collect();
+    if !turns.is_empty() {
+        let mut ratios: Vec<f64> = turns.iter().map(|(ours, theirs)| ours / theirs).collect();
+        ratios.sort_by(f64::total_cmp);
+        println!("\nForward path tracing of the Cornell box (path length 5), million samples a CPU second, in turns:\n");
+        println!("| | {}", (1..=turns.len()).map(|i| format!("{i} |")).collect::<String>());
+        println!("|---|{}", "--:|".repeat(turns.len()));
+        println!("| dscene | {}", turns.iter().map(|(ours, _)| format!("{ours:.2} |")).collect::<String>());
+        println!("| Mitsuba | {}", turns.iter().map(|(_, theirs)| format!("{theirs:.2} |")).collect::<String>());
+        println!("| ratio | {}", turns.iter().map(|(ours, theirs)| format!("{} |", times(ours / theirs))).collect::<String>());
+        println!("\nMedian: {}.", times(ratios[ratios.len() / 2]));
     }
     Ok(())
 }

@@ -8,7 +8,7 @@ use super::environment::environment_uv;
 use super::scene::{Environment, Input, MaterialKind};
 use super::texture::Texture;
 use super::world::Scene;
-use crate::math::{Frame, luminance};
+use crate::math::{Frame, cosine_hemisphere, luminance};
 
 /// A surface point seen from the direction `wi`.
 #[derive(Clone, Copy, Debug)]
@@ -199,23 +199,16 @@ impl SurfaceInteraction {
         emission: Vec3::ZERO,
     };
 
-    /// A ray leaving the surface. Its own triangle is skipped by id; the small start offset, a few ulps of the coordinates,
-    /// only keeps neighbouring triangles from being hit at distance zero.
+    /// A ray leaving the surface: [`spawn`].
     #[inline]
     pub fn spawn_ray(&self, dir: Vec3) -> Ray {
-        Ray { origin: self.p, dir, t_min: self.offset(), t_max: f32::INFINITY }
+        spawn(self.p, dir)
     }
 
     /// A ray to a point at `distance` along `dir`, stopping just before it.
     #[inline]
     pub fn spawn_ray_to(&self, dir: Vec3, distance: f32) -> Ray {
-        let t_min = self.offset();
-        Ray { origin: self.p, dir, t_min, t_max: distance * (1.0 - 1e-5) - t_min }
-    }
-
-    #[inline]
-    fn offset(&self) -> f32 {
-        4e-6 * self.p.abs().max_element()
+        Ray { t_max: end_before(self.p, distance), ..spawn(self.p, dir) }
     }
 
     /// f·cos θ towards `wo`, made continuous at the geometric horizon (see [`terminator`]).
@@ -267,11 +260,11 @@ impl SurfaceInteraction {
         self.bsdf.density(self.ns.dot(self.wi), self.ns.dot(wo), self.wi.dot(wo))
     }
 
-    /// [`Bsdf::sample`], given the frame of the shading normal and the [`cosine_hemisphere`](crate::math::cosine_hemisphere) of `u`.
+    /// [`Bsdf::sample`], given the frame of the shading normal.
     #[inline(always)]
-    pub fn sample(&self, frame: &Frame, u: [f32; 3], cosine: Vec3) -> Option<BsdfSample> {
+    pub fn sample(&self, frame: &Frame, u: [f32; 3]) -> Option<BsdfSample> {
         match self.bsdf {
-            Bsdf::Diffuse { .. } => Some(BsdfSample::cosine(cosine)),
+            Bsdf::Diffuse { .. } => Some(BsdfSample::cosine(cosine_hemisphere([u[0], u[1]]))),
             _ => self.sample_lobes(u, *frame),
         }
     }
@@ -294,6 +287,24 @@ impl SurfaceInteraction {
     fn terminator(&self, wo: Vec3) -> f32 {
         if self.shading_flip == 0.0 { 1.0 } else { terminator(self.ng.dot(wo), self.ns.dot(wo), self.ng.dot(self.ns)) }
     }
+}
+
+/// A ray leaving a surface at `p`. The surface's own triangle is to be skipped by id; the small offset of the start, a few ulps of
+/// the coordinates, only keeps neighbouring triangles from being hit at distance zero.
+#[inline(always)]
+pub fn spawn(p: Vec3, dir: Vec3) -> Ray {
+    Ray { origin: p, dir, t_min: offset(p), t_max: f32::INFINITY }
+}
+
+#[inline(always)]
+pub fn offset(p: Vec3) -> f32 {
+    4e-6 * p.abs().max_element()
+}
+
+/// Where a ray from `p` ends that stops just before a point at `distance`.
+#[inline(always)]
+pub fn end_before(p: Vec3, distance: f32) -> f32 {
+    distance * (1.0 - 1e-5) - offset(p)
 }
 
 /// Softens the jump at the horizon of the geometric normal where a shading normal still sees the light (Chiang et al. 2019,

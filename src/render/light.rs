@@ -46,26 +46,46 @@ pub struct Arrival {
     pub geometry: f32,
 }
 
+impl Arrival {
+    /// Of the light of a surface at `y` with normal `n`, seen from `x`; and whether it shines that way. No branch.
+    #[inline(always)]
+    pub fn from_surface(y: Vec3, n: Vec3, two_sided: bool, x: Vec3) -> (Arrival, bool) {
+        let d = y - x;
+        let r2 = d.length_squared();
+        let r = r2.sqrt();
+        let dir = d * r.recip();
+        let c = -n.dot(dir);
+        let cos = if two_sided { c.abs() } else { c };
+        (Arrival { dir, distance: r, geometry: cos / r2 }, (r2 > 0.0) & (cos > 0.0))
+    }
+}
+
 impl LightSample {
+    /// Stands where there is none.
+    pub(crate) const NONE: LightSample = LightSample {
+        kind: LightKind::Area,
+        y: Vec3::ZERO,
+        n: Vec3::ZERO,
+        power: Vec3::ZERO,
+        pdf: 0.0,
+        prim: NO_PRIM,
+        b: [0.0; 3],
+        two_sided: false,
+    };
+
     /// Seen from `x`, without visibility; `None` if the light does not shine that way.
     #[inline]
     pub fn arrive(&self, x: Vec3) -> Option<Arrival> {
         match self.kind {
-            LightKind::Area | LightKind::Point(_) => {
+            LightKind::Area => {
+                let (arrival, shines) = Arrival::from_surface(self.y, self.n, self.two_sided, x);
+                shines.then_some(arrival)
+            }
+            LightKind::Point(_) => {
                 let d = self.y - x;
                 let r2 = d.length_squared();
-                if r2 <= 0.0 {
-                    return None;
-                }
                 let r = r2.sqrt();
-                let dir = d * r.recip();
-                let cos = if self.kind == LightKind::Area {
-                    let c = -self.n.dot(dir);
-                    if self.two_sided { c.abs() } else { c }
-                } else {
-                    1.0
-                };
-                (cos > 0.0).then_some(Arrival { dir, distance: r, geometry: cos / r2 })
+                (r2 > 0.0).then(|| Arrival { dir: d * r.recip(), distance: r, geometry: 1.0 / r2 })
             }
             LightKind::Directional(_) | LightKind::Environment => {
                 Some(Arrival { dir: self.y, distance: f32::INFINITY, geometry: 1.0 })
@@ -275,16 +295,7 @@ impl Scene {
 
     /// A light that is not a triangle, chosen with probability `p`.
     fn sample_other(&self, entry: Entry, p: f32, u: [f32; 2]) -> Option<LightSample> {
-        let base = LightSample {
-            kind: LightKind::Area,
-            y: Vec3::ZERO,
-            n: Vec3::ZERO,
-            power: Vec3::ZERO,
-            pdf: p,
-            prim: NO_PRIM,
-            b: [0.0; 3],
-            two_sided: false,
-        };
+        let base = LightSample { pdf: p, ..LightSample::NONE };
         Some(match entry {
             Entry::Triangle { .. } => return None,
             Entry::Delta(i) => match self.description.delta_lights[i as usize] {
