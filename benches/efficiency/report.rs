@@ -131,12 +131,17 @@ pub fn side_by_side(ours: &Path, peer: &Path) -> std::io::Result<()> {
     if !turns.is_empty() {
         let mut ratios: Vec<f64> = turns.iter().map(|(ours, theirs)| ours / theirs).collect();
         ratios.sort_by(f64::total_cmp);
-        println!("\nForward path tracing of the Cornell box (path length 5), million samples a CPU second, in turns:\n");
+        println!(
+            "\nForward path tracing of the Cornell box (path length 5), million samples a CPU second, in turns:\n"
+        );
         println!("| | {}", (1..=turns.len()).map(|i| format!("{i} |")).collect::<String>());
         println!("|---|{}", "--:|".repeat(turns.len()));
         println!("| dscene | {}", turns.iter().map(|(ours, _)| format!("{ours:.2} |")).collect::<String>());
         println!("| Mitsuba | {}", turns.iter().map(|(_, theirs)| format!("{theirs:.2} |")).collect::<String>());
-        println!("| ratio | {}", turns.iter().map(|(ours, theirs)| format!("{} |", times(ours / theirs))).collect::<String>());
+        println!(
+            "| ratio | {}",
+            turns.iter().map(|(ours, theirs)| format!("{} |", times(ours / theirs))).collect::<String>()
+        );
         println!("\nMedian: {}.", times(ratios[ratios.len() / 2]));
     }
     Ok(())

@@ -24,7 +24,7 @@ use crate::image::Image;
 use crate::render::accel::{Ray, Work};
 use crate::render::bsdf::{MAX_INPUTS, Part, RoughnessPair};
 use crate::render::film::first_hit;
-use crate::render::integrator::{BATCH, Connection, Continuation, Options, Recorder, trace_all};
+use crate::render::integrator::{self, BATCH, Connection, Continuation, Options, Recorder};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::mask::{Crossing, Through, Toss};
 use crate::render::sampler::Sampler;
@@ -430,7 +430,7 @@ impl<E: Estimate> Work for Batches<'_, E> {
             ..Options::new(interior.settings.max_bounces)
         };
         let mut paths: [Path; BATCH] = std::array::from_fn(|_| Path::default());
-        let mut radiance = [Vec3::ZERO; BATCH];
+        let mut walks = integrator::Paths::<BATCH>::nowhere();
         let mut seen: Vec<Seen> = Vec::with_capacity(BATCH);
         let mut rays = [Ray::new(Vec3::ZERO, Vec3::ZERO); BATCH];
         let mut points = of.points(items.start);
@@ -453,7 +453,7 @@ impl<E: Estimate> Work for Batches<'_, E> {
             }
             next += seen.len();
             if interior.settings.output == Output::Radiance {
-                trace_all(interior.scene, &rays[..seen.len()], &mut samplers, &options, &mut paths, &mut radiance);
+                walks.trace(interior.scene, &rays[..seen.len()], &mut samplers, &options, &mut paths);
             }
             for ((seen, path), sampler) in seen.iter().zip(&mut paths).zip(&mut samplers) {
                 match interior.settings.output {

@@ -7,7 +7,7 @@ use glam::{IVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::accel::{Ray, Work};
-use super::integrator::{BATCH, NoRecord, Options, trace_all};
+use super::integrator::{BATCH, NoRecord, Options, Paths};
 use super::interaction::SurfaceInteraction;
 use super::motion;
 use super::sampler::{Sampler, Sequence, hash};
@@ -148,35 +148,49 @@ impl Work for Row<'_> {
     fn run(self) {
         let Row { scene, camera, output, .. } = self;
         let (channels, per_pixel) = (output.channels(), self.samples.len());
-        let total = self.ranks.len() * per_pixel;
-        // Where the row's samples are in the sequence of all.
-        let index = |sample: usize| {
-            let (x, i) = (sample / per_pixel, self.samples.start as usize + sample % per_pixel);
-            u64::from(self.ranks[x]) * u64::from(self.stride) + i as u64
+        if per_pixel == 0 {
+            return;
+        }
+        // Where a sample of a pixel is in the sequence of all.
+        let index = |x: usize, i: usize| {
+            u64::from(self.ranks[x]) * u64::from(self.stride) + self.samples.start as u64 + i as u64
         };
         let mut sequence = Sequence::new(self.seed, 0);
         let mut rays = [Ray::new(Vec3::ZERO, Vec3::ZERO); BATCH];
-        let mut found = [Vec3::ZERO; BATCH];
+        let (mut columns, mut indices) = ([0; BATCH], [0; BATCH]);
+        let pinhole = camera.is_pinhole();
+        let (mut paths, mut found) = (Paths::<BATCH>::nowhere(), [Vec3::ZERO; BATCH]);
         let mut sum = Vec3::ZERO;
-        let mut done = 0;
-        while done < total {
+        // The next pixel and sample, and those up to which all is done.
+        let (mut next, mut done) = ((0, 0), (0, 0));
+        let advance = |(x, i): (usize, usize)| if i + 1 < per_pixel { (x, i + 1) } else { (x + 1, 0) };
+        while next.0 < self.ranks.len() {
             if self.stop.load(Ordering::Relaxed) {
                 return;
             }
-            if !sequence.has(index(done)) {
-                sequence = Sequence::new(self.seed, index(done));
+            if !sequence.has(index(next.0, next.1)) {
+                sequence = Sequence::new(self.seed, index(next.0, next.1));
             }
-            let mut samplers: [Sampler; BATCH] = std::array::from_fn(|_| Sampler::new(0, 0));
             let mut count = 0;
-            for sample in (done..total.min(done + BATCH)).take_while(|&sample| sequence.has(index(sample))) {
-                let sampler = &mut samplers[count];
-                *sampler = sequence.sampler(index(sample));
-                let position = Vec2::new((sample / per_pixel) as f32, self.y as f32) + sampler.next_2d();
-                rays[count] = camera.sample_lens(sampler).ray(position);
+            while count < BATCH && next.0 < self.ranks.len() {
+                let index = index(next.0, next.1);
+                if !sequence.has(index) {
+                    break;
+                }
+                (columns[count], indices[count]) = (next.0, index);
+                next = advance(next);
                 count += 1;
             }
+            let mut samplers: [Sampler; BATCH] = std::array::from_fn(|k| sequence.sampler(indices[k]));
+            for ((ray, sampler), x) in rays.iter_mut().zip(&mut samplers).zip(&columns[..count]) {
+                let position = Vec2::new(*x as f32, self.y as f32) + sampler.next_2d();
+                *ray = if pinhole { camera.ray(position) } else { camera.sample_lens(sampler).ray(position) };
+            }
             if output == Output::Radiance {
-                trace_all(scene, &rays[..count], &mut samplers, &self.options, &mut [NoRecord; BATCH], &mut found);
+                paths.trace(scene, &rays[..count], &mut samplers, &self.options, &mut [NoRecord; BATCH]);
+                for (k, found) in found.iter_mut().enumerate() {
+                    *found = paths.radiance(k);
+                }
             } else {
                 for (found, (ray, sampler)) in found.iter_mut().zip(rays[..count].iter().zip(&mut samplers)) {
                     let hit = scene.chance(ray, &[], sampler);
@@ -185,9 +199,10 @@ impl Work for Row<'_> {
             }
             for found in &found[..count] {
                 sum += *found;
-                done += 1;
-                if done % per_pixel == 0 {
-                    let pixel = &mut self.pixels[(done / per_pixel - 1) * channels..][..channels];
+                let x = done.0;
+                done = advance(done);
+                if done.1 == 0 {
+                    let pixel = &mut self.pixels[x * channels..][..channels];
                     for (pixel, x) in pixel.iter_mut().zip((sum / self.count).to_array()) {
                         *pixel += x;
                     }

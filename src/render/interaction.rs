@@ -121,14 +121,16 @@ impl Scene {
     }
 
     /// Radiance that a point of an emitter's surface emits.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn emitted(&self, prim: PrimId, b: [f32; 3]) -> Vec3 {
         let shape = self.facets[prim as usize].shape as usize;
-        match (self.looks[shape].radiance, &self.description.shapes[shape].emission) {
-            (Some(radiance), _) => radiance,
-            (None, Some(emission)) => self.lookup(emission.radiance, prim, b),
-            (None, None) => Vec3::ZERO,
-        }
+        self.looks[shape].radiance.unwrap_or_else(|| self.emitted_by_texture(shape, prim, b))
+    }
+
+    #[inline(never)]
+    fn emitted_by_texture(&self, shape: usize, prim: PrimId, b: [f32; 3]) -> Vec3 {
+        let emission = self.description.shapes[shape].emission.as_ref();
+        emission.map_or(Vec3::ZERO, |e| self.lookup(e.radiance, prim, b))
     }
 
     fn bsdf(&self, kind: &MaterialKind, prim: PrimId, b: [f32; 3]) -> Bsdf {
@@ -199,16 +201,17 @@ impl SurfaceInteraction {
         emission: Vec3::ZERO,
     };
 
-    /// A ray leaving the surface: [`spawn`].
+    /// A ray leaving the surface. Its own triangle is to be skipped by id.
     #[inline]
     pub fn spawn_ray(&self, dir: Vec3) -> Ray {
-        spawn(self.p, dir)
+        Ray { origin: self.p, dir, t_min: offset(self.p), t_max: f32::INFINITY }
     }
 
     /// A ray to a point at `distance` along `dir`, stopping just before it.
     #[inline]
     pub fn spawn_ray_to(&self, dir: Vec3, distance: f32) -> Ray {
-        Ray { t_max: end_before(self.p, distance), ..spawn(self.p, dir) }
+        let ray = self.spawn_ray(dir);
+        Ray { t_max: end_before(distance, ray.t_min), ..ray }
     }
 
     /// f·cos θ towards `wo`, made continuous at the geometric horizon (see [`terminator`]).
@@ -289,22 +292,17 @@ impl SurfaceInteraction {
     }
 }
 
-/// A ray leaving a surface at `p`. The surface's own triangle is to be skipped by id; the small offset of the start, a few ulps of
-/// the coordinates, only keeps neighbouring triangles from being hit at distance zero.
+/// Where rays from a surface's point begin: a few ulps of the coordinates, which only keeps neighbouring triangles from being hit at
+/// distance zero.
 #[inline(always)]
-pub fn spawn(p: Vec3, dir: Vec3) -> Ray {
-    Ray { origin: p, dir, t_min: offset(p), t_max: f32::INFINITY }
-}
-
-#[inline(always)]
-pub fn offset(p: Vec3) -> f32 {
+pub(crate) fn offset(p: Vec3) -> f32 {
     4e-6 * p.abs().max_element()
 }
 
-/// Where a ray from `p` ends that stops just before a point at `distance`.
+/// Where a ray ends that stops just before a point at `distance`.
 #[inline(always)]
-pub fn end_before(p: Vec3, distance: f32) -> f32 {
-    distance * (1.0 - 1e-5) - offset(p)
+pub(crate) fn end_before(distance: f32, offset: f32) -> f32 {
+    distance * (1.0 - 1e-5) - offset
 }
 
 /// Softens the jump at the horizon of the geometric normal where a shading normal still sees the light (Chiang et al. 2019,

@@ -100,7 +100,11 @@ impl LightSample {
 
 #[derive(Clone, Copy, Debug)]
 enum Entry {
-    Triangle { prim: PrimId, area: f32 },
+    /// With the density per unit area of its points among those of all lights.
+    Triangle {
+        prim: PrimId,
+        pdf: f32,
+    },
     Delta(u32),
     Environment,
     Peak,
@@ -147,8 +151,7 @@ impl LightTable {
         radius: f32,
         peak: Option<&EnvironmentPeak>,
     ) -> LightTable {
-        let mut entries = Vec::new();
-        let mut weights = Vec::new();
+        let (mut entries, mut weights, mut areas) = (Vec::new(), Vec::new(), Vec::new());
         let per_shape: Vec<f64> = description
             .shapes
             .iter()
@@ -162,7 +165,8 @@ impl LightTable {
             surfaces += area;
             if shape.emission.is_some() && area > 0.0 {
                 emitting += area;
-                entries.push(Entry::Triangle { prim: i as u32, area });
+                entries.push(Entry::Triangle { prim: i as u32, pdf: 0.0 });
+                areas.push(area);
                 weights.push(std::f64::consts::PI * f64::from(area) * per_shape[prim.shape as usize]);
             }
         }
@@ -184,19 +188,27 @@ impl LightTable {
             local_weights.push(sky * f64::from(peak.mean));
         }
         let local_pmf = Discrete::new(defensive(&local_weights));
+        let set_densities = |entries: &mut [Entry], pmf: &Discrete| {
+            for (i, entry) in entries.iter_mut().enumerate() {
+                if let Entry::Triangle { pdf, .. } = entry {
+                    *pdf = pmf.pmf(i) as f32 / areas[i]; // triangles come first
+                }
+            }
+        };
+        set_densities(&mut local_entries, &local_pmf);
         if let Some(e) = &description.environment {
             entries.push(Entry::Environment);
             let mean = mean_luminance(description, Input::Texture(e.radiance));
             weights.push(sky * mean);
         }
         let pmf = Discrete::new(defensive(&weights));
+        set_densities(&mut entries, &pmf);
         let mut area_pdf = vec![0.0; prims.len()];
         let mut environment_pmf = 0.0;
         for (i, entry) in entries.iter().enumerate() {
-            let p = if pmf.is_empty() { 0.0 } else { pmf.pmf(i) as f32 };
             match entry {
-                Entry::Triangle { prim, area } => area_pdf[*prim as usize] = p / area,
-                Entry::Environment => environment_pmf = p,
+                Entry::Triangle { prim, pdf } => area_pdf[*prim as usize] = *pdf,
+                Entry::Environment => environment_pmf = pmf.pmf(i) as f32,
                 Entry::Delta(_) | Entry::Peak => {}
             }
         }
@@ -255,41 +267,43 @@ fn defensive(weights: &[f64]) -> Vec<f64> {
 impl Scene {
     /// Chooses a light and a point on it; `None` without lights. The first number chooses the light and, stretched, is used
     /// again: a light's own two dimensions stay stratified together with whatever else the sample's first numbers decide.
-    #[inline]
-    pub(crate) fn sample_light(&self, u: Vec2) -> Option<LightSample> {
-        let mut light = None;
-        self.sample_from(&self.lights.entries, &self.lights.pmf, u, &mut light);
-        light
-    }
-
-    /// [`Scene::sample_light`], written where it is to be kept: a copy waits until all of its parts are there.
     #[inline(always)]
-    pub(crate) fn sample_light_to(&self, u: Vec2, light: &mut Option<LightSample>) {
-        self.sample_from(&self.lights.entries, &self.lights.pmf, u, light);
+    pub(crate) fn sample_light(&self, u: Vec2) -> Option<LightSample> {
+        self.sample_from(&self.lights.entries, &self.lights.pmf, u)
     }
 
     /// As [`Scene::sample_light`], of the environment only its peak.
     pub(crate) fn sample_local_light(&self, u: Vec2) -> Option<LightSample> {
-        let mut light = None;
-        self.sample_from(&self.lights.local_entries, &self.lights.local_pmf, u, &mut light);
-        light
+        self.sample_from(&self.lights.local_entries, &self.lights.local_pmf, u)
     }
 
     #[inline(always)]
-    fn sample_from(&self, entries: &[Entry], pmf: &Discrete, u: Vec2, light: &mut Option<LightSample>) {
+    fn sample_from(&self, entries: &[Entry], pmf: &Discrete, u: Vec2) -> Option<LightSample> {
+        let mut light = None;
+        self.sample_into(entries, pmf, u, |l| light = Some(*l));
+        light
+    }
+
+    /// [`Scene::sample_light`], handed over where it is found: what brings all kinds of light together waits for the memory.
+    #[inline(always)]
+    pub(crate) fn sample_light_into(&self, u: Vec2, take: impl FnMut(&LightSample)) {
+        self.sample_into(&self.lights.entries, &self.lights.pmf, u, take);
+    }
+
+    #[inline(always)]
+    fn sample_into(&self, entries: &[Entry], pmf: &Discrete, u: Vec2, mut take: impl FnMut(&LightSample)) {
         if pmf.is_empty() {
-            *light = None;
             return;
         }
         let (i, p, rest) = pmf.sample(f64::from(u.x));
         let (p, u) = (p as f32, [(rest as f32).min(ONE_MINUS_EPSILON), u.y]);
-        if let Entry::Triangle { prim, area } = entries[i] {
+        if let Entry::Triangle { prim, pdf } = entries[i] {
             // Uniform over the triangle (Turk): low-distortion enough and keeps Sobol's strata connected.
             let s = u[0].sqrt();
             let b = [1.0 - s, s * (1.0 - u[1]), s * u[1]];
-            *light = self.area_sample(prim, b, p / area);
-        } else {
-            *light = self.sample_other(entries[i], p, u);
+            take(&self.light_at(prim, b, pdf));
+        } else if let Some(light) = self.sample_other(entries[i], p, u) {
+            take(&light);
         }
     }
 
@@ -326,15 +340,18 @@ impl Scene {
         })
     }
 
+    /// The light sample of a given point, unless the primitive does not emit.
+    #[inline]
+    pub(crate) fn area_sample(&self, prim: PrimId, b: [f32; 3], pdf: f32) -> Option<LightSample> {
+        let emits = self.looks[self.facets[prim as usize].shape as usize].emits;
+        emits.then(|| self.light_at(prim, b, pdf))
+    }
+
     /// The light sample of a given point of an emissive primitive.
     #[inline(always)]
-    pub(crate) fn area_sample(&self, prim: PrimId, b: [f32; 3], pdf: f32) -> Option<LightSample> {
+    fn light_at(&self, prim: PrimId, b: [f32; 3], pdf: f32) -> LightSample {
         let facet = &self.facets[prim as usize];
-        let look = &self.looks[facet.shape as usize];
-        if !look.emits {
-            return None;
-        }
-        Some(LightSample {
+        LightSample {
             kind: LightKind::Area,
             y: facet.point(b),
             n: facet.normal,
@@ -342,8 +359,8 @@ impl Scene {
             pdf,
             prim,
             b,
-            two_sided: look.two_sided,
-        })
+            two_sided: self.looks[facet.shape as usize].two_sided,
+        }
     }
 
     /// Luminance that a primitive emits per unit area, averaged over its shape, but for a constant factor.

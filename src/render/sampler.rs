@@ -138,6 +138,18 @@ impl Sampler<'_> {
         }
         [self.take(), self.take(), self.take()]
     }
+
+    /// [`Sampler::next_3d`] and then [`Sampler::next_1d`]: most often one whole group.
+    #[inline(always)]
+    pub fn next_3d_and_1d(&mut self) -> [f32; 4] {
+        if self.left < 3 {
+            self.refill();
+            self.left = 0;
+            return self.buffer;
+        }
+        let [x, y, z] = self.next_3d();
+        [x, y, z, self.next_1d()]
+    }
 }
 
 /// How far along `count` samples of the sequence `seed` sample `index` is: from 0 to 1, with a random start within the first
@@ -238,11 +250,13 @@ impl Discrete {
     #[inline(always)]
     pub fn sample(&self, u: f64) -> (usize, f64, f64) {
         let mut i = self.find(u);
-        if self.pmf(i) <= 0.0 {
+        let mut bounds = &self.cdf[i..i + 2];
+        if bounds[1] - bounds[0] <= 0.0 {
             i = self.before(i); // u rounded up to 1 with trailing zero weights
+            bounds = &self.cdf[i..i + 2];
         }
-        let low = self.cdf[i];
-        let pmf = self.cdf[i + 1] - low;
+        let low = bounds[0];
+        let pmf = bounds[1] - low;
         (i, pmf, ((u - low) / pmf).clamp(0.0, 1.0 - f64::EPSILON))
     }
 }

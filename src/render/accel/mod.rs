@@ -131,7 +131,7 @@ impl Accel {
     }
 
     /// [`Accel::closest`], where [`Accel::enter`] may have been asked before.
-    #[inline]
+    #[inline(always)]
     pub fn closest_from(&self, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Option<Hit> {
         if self.tree.nodes.is_empty() || !is_finite(ray) {
             return None;
@@ -150,7 +150,7 @@ impl Accel {
     }
 
     /// [`Accel::occluded`], where [`Accel::enter`] may have been asked before.
-    #[inline]
+    #[inline(always)]
     pub fn occluded_from(&self, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> bool {
         if self.tree.nodes.is_empty() {
             return false;

@@ -6,7 +6,7 @@
 use std::ops::{Add, Div, Mul, Sub};
 
 use super::tree::{Block, Child, Node, Tree, WIDTH};
-use super::{Hit, PrimId, Ray};
+use super::{Hit, NO_PRIM, PrimId, Ray};
 
 /// Numbers as wide as the tree. Where one of two operands is not a number, comparisons are false and `min`, `max` return the
 /// second.
@@ -30,12 +30,15 @@ const MARGIN: f32 = 1e-6;
 pub struct Root {
     near: [f32; WIDTH],
     hits: u32,
+    /// One over the ray's direction.
+    inv: [f32; 3],
 }
 
 /// Tests a ray against the first node.
 #[inline(always)]
 pub fn enter<L: Lanes>(tree: &Tree, ray: &Ray) -> Root {
-    BoxTest::<L>::new(ray).root(tree, ray)
+    let inv = ray.dir.recip().to_array();
+    BoxTest::<L>::new(ray, inv).root(tree, ray, inv)
 }
 
 /// The closest hit, or the first that is found if `ANY`. Of hits at the same distance the lowest primitive wins. The first node may
@@ -47,15 +50,19 @@ pub fn traverse<L: Lanes, const ANY: bool>(
     root: Option<&Root>,
     skip: &[PrimId],
 ) -> Option<Hit> {
-    let boxes = BoxTest::<L>::new(ray);
+    let inv = root.map_or_else(|| ray.dir.recip().to_array(), |root| root.inv);
+    let boxes = BoxTest::<L>::new(ray, inv);
     let root = match root {
         Some(root) => *root,
-        None => boxes.root(tree, ray),
+        None => boxes.root(tree, ray, inv),
     };
     if root.hits == 0 {
         return None;
     }
-    let triangles = TriangleTest::<L>::new(ray);
+    let triangles = TriangleTest::<L>::new(ray, inv);
+    // Few are skipped, most often one or two: these are compared without a loop.
+    let (first, second) = (skip.first().map_or(NO_PRIM, |p| *p), skip.get(1).map_or(NO_PRIM, |p| *p));
+    let others = skip.get(2..).unwrap_or_default();
     // No primitive is lower than 0: at `t_max` itself nothing counts.
     let mut best = Hit { t: ray.t_max, prim: 0, b: [0.0; 3] };
     let mut found = false;
@@ -78,7 +85,7 @@ pub fn traverse<L: Lanes, const ANY: bool>(
                     hits &= hits - 1;
                     let (t, prim) = (t[lane], block.prims[lane]);
                     let closer = ANY || t < best.t || (t == best.t && prim < best.prim);
-                    if closer && !skip.contains(&prim) {
+                    if closer && (prim != first) & (prim != second) && !others.contains(&prim) {
                         best = Hit { t, prim, b: [b[0][lane], b[1][lane], b[2][lane]] };
                         if ANY {
                             return Some(best);
@@ -122,21 +129,22 @@ struct BoxTest<L> {
 
 impl<L: Lanes> BoxTest<L> {
     #[inline(always)]
-    fn new(ray: &Ray) -> Self {
-        let inv = ray.dir.recip();
+    fn new(ray: &Ray, inv: [f32; 3]) -> Self {
+        let [x, y, z] = inv;
+        let far = 1.0 + MARGIN;
         BoxTest {
             origin: splat(ray.origin.to_array()),
-            inv_near: splat(inv.to_array()),
-            inv_far: splat((inv * (1.0 + MARGIN)).to_array()),
-            enters: inv.to_array().map(|x| x.is_sign_negative() as usize),
+            inv_near: splat(inv),
+            inv_far: splat([x * far, y * far, z * far]),
+            enters: [x.is_sign_negative() as usize, y.is_sign_negative() as usize, z.is_sign_negative() as usize],
             t_min: L::splat(ray.t_min * (1.0 - MARGIN)),
         }
     }
 
     #[inline(always)]
-    fn root(&self, tree: &Tree, ray: &Ray) -> Root {
+    fn root(&self, tree: &Tree, ray: &Ray, inv: [f32; 3]) -> Root {
         let (near, hits) = self.hits(&tree.nodes[0], L::splat(later(ray.t_max)));
-        Root { near, hits }
+        Root { near, hits, inv }
     }
 
     /// Where the ray enters the boxes, and which of them it hits before `limit`.
@@ -178,12 +186,12 @@ type TriangleHits = ([f32; WIDTH], [[f32; WIDTH]; 3], u32);
 
 impl<L: Lanes> TriangleTest<L> {
     #[inline(always)]
-    fn new(ray: &Ray) -> Self {
+    fn new(ray: &Ray, inv: [f32; 3]) -> Self {
         let (o, d) = (ray.origin.to_array(), ray.dir.to_array());
         let size = ray.dir.abs();
         let first = (size.x > size.y) & (size.x > size.z);
         let [x, y, z] = [[0, 1, 2], [2, 0, 1], [1, 2, 0]][if first { 2 } else { usize::from(size.y > size.z) }];
-        let inv = 1.0 / d[z];
+        let inv = inv[z];
         TriangleTest {
             axes: [x, y, z],
             origin: splat([o[x], o[y], o[z]]),
