@@ -1,29 +1,42 @@
 #!/usr/bin/env bash
-# Measures this renderer and Mitsuba 3 on the same scenes, one after the other, and writes docs/efficiency_table.md.
+# Measures this renderer and Mitsuba 3 on the same scenes and writes docs/efficiency_table.md.
 #   docs/efficiency.sh            everything; PYTHON=… chooses the Python that has mitsuba
 #                                 PEER_ARGUMENTS=… passes arguments to docs/peers/mitsuba_efficiency.py (--patience, --seconds)
-#   docs/efficiency.sh --page     only the page, from the last measurements in target/efficiency
+#   docs/efficiency.sh rows|forward|growth
+#                                 one part; the others are those that were measured last (in target/efficiency)
+#   docs/efficiency.sh page       only the page
 set -euo pipefail
 cd "$(dirname "$0")/.."
 python=${PYTHON:-python3}
+part=${1:-all}
 work=target/efficiency
+mkdir -p $work
 bench() { cargo bench --quiet --bench efficiency -- "$@"; }
+peer() { "$python" docs/peers/mitsuba_efficiency.py $work/scenes "$@"; }
 
-if [ "${1:-}" != --page ]; then
-    mkdir -p $work
+# Whether a part is to be measured; notes with what.
+measures() {
+    [ "$part" = all ] || [ "$part" = "$1" ] || return 1
+    echo "dscene $(git describe --always --dirty), $(date -u +%Y-%m-%d), $(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1), $(nproc) threads" >$work/$1.version
+}
+
+if measures rows; then
     bench --export $work/scenes
     bench --json --precise | tee $work/dscene.jsonl
-    "$python" docs/peers/mitsuba_efficiency.py $work/scenes ${PEER_ARGUMENTS:-} | tee $work/mitsuba.jsonl
+    peer ${PEER_ARGUMENTS:-} | tee $work/mitsuba.jsonl
+fi
+if measures forward; then
+    rm -f $work/forward.jsonl $work/mitsuba_forward.jsonl
     # What a machine gives varies by a tenth within the hour: speed alone is compared in turns.
-    sed -i '/^{"forward"/d' $work/dscene.jsonl $work/mitsuba.jsonl
     for _ in 1 2 3 4 5; do
-        bench --json --scene forward | tee -a $work/dscene.jsonl
-        "$python" docs/peers/mitsuba_efficiency.py $work/scenes --scene forward | tee -a $work/mitsuba.jsonl
+        bench --json --scene forward | tee -a $work/forward.jsonl
+        peer --scene forward | tee -a $work/mitsuba_forward.jsonl
     done
+fi
+if measures growth; then
     bench --scaling | tee $work/scaling.txt
 fi
 
-version=$(git describe --always --dirty) # before the page itself changes
 {
     cat <<'END'
 # One run of both programs
@@ -40,12 +53,14 @@ from the reference). Its default octree settings take minutes a gradient on a CP
 --default`.
 
 END
-    echo "* $(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1), $(nproc) threads; $(uname -sm); $(date -u +%Y-%m-%d)"
-    echo "* dscene $version, $(rustc --version)"
+    echo "* $(cat $work/rows.version)"
+    echo "* $(rustc --version); $(uname -sm)"
     echo "* $("$python" -c 'import importlib.metadata as m; print("Mitsuba", m.version("mitsuba") + ", Dr.Jit", m.version("drjit"))')"
     echo
     bench --table $work/dscene.jsonl $work/mitsuba.jsonl
-    printf '\n## Growth\n\nOne gradient step at 256 × 256, 4 samples a pixel, direct light; `numbers` is the length of the derivative.\n\n```text\n'
+    printf '\n## Forward path tracing\n\nThe Cornell box of scene 17, path length 5: million samples a CPU second, both programs in turns (%s).\n\n' "$(cat $work/forward.version)"
+    bench --turns $work/forward.jsonl $work/mitsuba_forward.jsonl
+    printf '\n## Growth\n\nOne gradient step at 256 × 256, 4 samples a pixel, direct light; `numbers` is the length of the derivative (%s).\n\n```text\n' "$(cat $work/growth.version)"
     cat $work/scaling.txt
     echo '```'
 } >docs/efficiency_table.md

@@ -8,6 +8,7 @@
 //! cargo bench --bench efficiency -- --fd [--budget SECONDS]  renews docs/efficiency_references.json
 //! cargo bench --bench efficiency -- --export FOLDER          the scenes, for other renderers
 //! cargo bench --bench efficiency -- --table OURS PEER        two outputs of --json as one page
+//! cargo bench --bench efficiency -- --turns OURS PEER        outputs of --json --scene forward, made in turns
 //! cargo bench --bench efficiency -- --scaling                time and memory as meshes and textures grow
 //! ```
 
@@ -41,6 +42,7 @@ struct Args {
     budget: Option<f64>,
     export: Option<PathBuf>,
     table: Option<(PathBuf, PathBuf)>,
+    turns: Option<(PathBuf, PathBuf)>,
     scaling: bool,
     scaling_row: Option<String>,
 }
@@ -56,6 +58,7 @@ fn parse() -> Result<Args, String> {
             "--budget" => args.budget = Some(next()?.parse().map_err(|e| format!("--budget: {e}"))?),
             "--export" => args.export = Some(next()?.into()),
             "--table" => args.table = Some((next()?.into(), next()?.into())),
+            "--turns" => args.turns = Some((next()?.into(), next()?.into())),
             "--scaling-row" => args.scaling_row = Some(next()?),
             "--precise" => args.precise = true,
             "--quick" => args.quick = true,
@@ -94,6 +97,9 @@ fn run(args: &Args) -> std::io::Result<()> {
     }
     if let Some((ours, peer)) = &args.table {
         return report::side_by_side(ours, peer);
+    }
+    if let Some((ours, peer)) = &args.turns {
+        return report::turns(ours, peer);
     }
     let cases = scenes::all();
     let chosen = |case: &&Case| args.scene.as_ref().is_none_or(|text| case.id().contains(text.as_str()));

@@ -63,7 +63,7 @@ enum Line<R> {
     Other(serde_json::Value),
 }
 
-/// The rows of a file, and its measurements of forward path tracing, in the order in which they were made.
+/// The rows of a file, and its measurements of forward path tracing in the order in which they were made.
 fn read<R: for<'a> Deserialize<'a>>(path: &Path) -> std::io::Result<(Vec<R>, Vec<Forward>)> {
     let text = std::fs::read_to_string(path)?;
     let (mut rows, mut forward) = (Vec::new(), Vec::new());
@@ -79,8 +79,8 @@ fn read<R: for<'a> Deserialize<'a>>(path: &Path) -> std::io::Result<(Vec<R>, Vec
 
 /// Prints the page's tables (Markdown) from our rows and a peer's, both as JSON lines.
 pub fn side_by_side(ours: &Path, peer: &Path) -> std::io::Result<()> {
-    let (rows, our_forward) = read::<Row>(ours)?;
-    let (peer, peer_forward) = read::<PeerRow>(peer)?;
+    let rows = read::<Row>(ours)?.0;
+    let peer = read::<PeerRow>(peer)?.0;
     // Of several runs the last counts.
     let peer: BTreeMap<(&str, &str), &PeerRow> =
         peer.iter().map(|row| ((row.scene.as_str(), row.param.as_str()), row)).collect();
@@ -123,26 +123,29 @@ pub fn side_by_side(ours: &Path, peer: &Path) -> std::io::Result<()> {
         let middle = ratios[ratios.len() / 2];
         println!("| {kind} | {} | {biased} | {} | {} | {} |", ratios.len(), times(*first), times(middle), times(*last));
     }
-    let turns: Vec<(f64, f64)> = our_forward
-        .iter()
-        .zip(&peer_forward)
-        .map(|(ours, theirs)| (ours.samples_per_cpu_second / 1e6, theirs.samples_per_cpu_second / 1e6))
-        .collect();
-    if !turns.is_empty() {
-        let mut ratios: Vec<f64> = turns.iter().map(|(ours, theirs)| ours / theirs).collect();
-        ratios.sort_by(f64::total_cmp);
-        println!(
-            "\nForward path tracing of the Cornell box (path length 5), million samples a CPU second, in turns:\n"
-        );
-        println!("| | {}", (1..=turns.len()).map(|i| format!("{i} |")).collect::<String>());
-        println!("|---|{}", "--:|".repeat(turns.len()));
-        println!("| dscene | {}", turns.iter().map(|(ours, _)| format!("{ours:.2} |")).collect::<String>());
-        println!("| Mitsuba | {}", turns.iter().map(|(_, theirs)| format!("{theirs:.2} |")).collect::<String>());
-        println!(
-            "| ratio | {}",
-            turns.iter().map(|(ours, theirs)| format!("{} |", times(ours / theirs))).collect::<String>()
-        );
-        println!("\nMedian: {}.", times(ratios[ratios.len() / 2]));
+    Ok(())
+}
+
+/// Prints what both programs reached at forward path tracing, where they were measured in turns.
+pub fn turns(ours: &Path, peer: &Path) -> std::io::Result<()> {
+    let speeds = |path: &Path| -> std::io::Result<Vec<f64>> {
+        let measured = read::<Row>(path)?.1;
+        Ok(measured.iter().map(|f| f.samples_per_cpu_second / 1e6).collect())
+    };
+    let (ours, theirs) = (speeds(ours)?, speeds(peer)?);
+    let mut ratios: Vec<f64> = ours.iter().zip(&theirs).map(|(a, b)| a / b).collect();
+    let line = |name: &str, numbers: &[f64], show: &dyn Fn(f64) -> String| {
+        println!("| {name} | {} |", numbers.iter().map(|x| show(*x)).collect::<Vec<String>>().join(" | "));
+    };
+    let plain = |x: f64| format!("{x:.2}");
+    println!("| | {} |", (1..=ratios.len()).map(|i| i.to_string()).collect::<Vec<String>>().join(" | "));
+    println!("|---{}|", "|--:".repeat(ratios.len()));
+    line("dscene", &ours, &plain);
+    line("Mitsuba", &theirs, &plain);
+    line("ratio", &ratios, &times);
+    ratios.sort_by(f64::total_cmp);
+    if let Some(median) = ratios.get(ratios.len() / 2) {
+        println!("\nThe ratio's median is {}.", times(*median));
     }
     Ok(())
 }

@@ -1,6 +1,8 @@
 //! Scenes of one number θ, and the comparison of their derivatives with finite differences.
 #![allow(dead_code)]
 
+use std::ops::Range;
+
 use dscene::grad::{render, render_backward};
 use dscene::image::Image;
 use dscene::mesh::Mesh;
@@ -235,41 +237,45 @@ impl Default for Plan {
     }
 }
 
-/// Mean and error of the derivative of Σ w·I in θ, by reverse mode.
-pub fn gradient(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) -> Measured {
+/// Derivatives of Σ w·I in θ, by reverse mode, one for each of the seeds.
+fn gradients(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan, seeds: Range<u64>) -> Vec<f64> {
     let (description, camera) = build(0.0);
     let w = weights(&camera, plan.output.channels());
     let tangents = tangents(build, plan.h);
     let scene = Scene::new(description).unwrap();
     let slots: Vec<Slot> = tangents.iter().map(|t| t.0).collect();
-    let values: Vec<f64> = (plan.from..plan.from + plan.seeds)
-        .map(|seed| {
-            let settings = Settings {
-                output: plan.output,
-                spp: plan.spp,
-                max_bounces: plan.max_bounces,
-                seed: 1000 + seed,
-                boundary: true,
-            };
-            let g = render_backward(&scene, &camera, &settings, &w, &slots).unwrap();
-            g.iter().zip(&tangents).flat_map(|(g, t)| g.iter().zip(&t.1)).map(|(g, t)| g * f64::from(*t)).sum()
-        })
-        .collect();
-    statistics(&values)
+    let one = |seed: u64| {
+        let settings = Settings {
+            output: plan.output,
+            spp: plan.spp,
+            max_bounces: plan.max_bounces,
+            seed: 1000 + seed,
+            boundary: true,
+        };
+        let g = render_backward(&scene, &camera, &settings, &w, &slots).unwrap();
+        g.iter().zip(&tangents).flat_map(|(g, t)| g.iter().zip(&t.1)).map(|(g, t)| g * f64::from(*t)).sum()
+    };
+    seeds.map(one).collect()
 }
 
-/// Central differences of Σ w·I with common random numbers, at steps h and 2h, extrapolated to zero (Richardson).
-pub fn finite_difference(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) -> Measured {
-    let fine = central_differences(build, plan, plan.h);
-    let coarse = central_differences(build, plan, 2.0 * plan.h);
-    statistics(&fine.iter().zip(coarse).map(|(f, c)| (4.0 * f - c) / 3.0).collect::<Vec<_>>())
+/// Central differences of Σ w·I with common random numbers, at steps h and 2h, extrapolated to zero (Richardson), one for each of
+/// the seeds.
+fn finite_differences(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan, seeds: Range<u64>) -> Vec<f64> {
+    let fine = central_differences(build, plan, plan.h, seeds.clone());
+    let coarse = central_differences(build, plan, 2.0 * plan.h, seeds);
+    fine.iter().zip(coarse).map(|(f, c)| (4.0 * f - c) / 3.0).collect()
 }
 
-fn central_differences(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan, h: f32) -> Vec<f64> {
+fn central_differences(
+    build: &dyn Fn(f32) -> (SceneDescription, Camera),
+    plan: &Plan,
+    h: f32,
+    seeds: Range<u64>,
+) -> Vec<f64> {
     let (up, down) = (build(h), build(-h));
     let w = weights(&up.1, plan.output.channels());
     let (up_scene, down_scene) = (Scene::new(up.0).unwrap(), Scene::new(down.0).unwrap());
-    (plan.from..plan.from + plan.fd_seeds)
+    seeds
         .map(|seed| {
             let settings = Settings {
                 output: plan.output,
@@ -288,8 +294,10 @@ fn central_differences(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: 
 /// Compares and prints; fails if they differ by more than three combined standard errors, or if the errors are too large
 /// (relative to the value) for the comparison to mean anything.
 ///
-/// An error estimated from 16 values is itself uncertain: of hundreds of rows some would fail by chance. What looks doubtful is
-/// measured afresh, with other seeds and four times as many, and that decides.
+/// Half of what is planned comes first. Then, each time, more of that one of the two from which more is to be had for its time: up to
+/// the plan while the comparison could be more precise, beyond it while it says nothing. And an error estimated from 16 values is
+/// itself uncertain: of hundreds of rows some would fail by chance. What looks doubtful is measured afresh, with other seeds and four
+/// times as many, and that decides.
 pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) {
     /// Standard errors from which a difference is doubtful.
     const DOUBT: f64 = 2.5;
@@ -298,36 +306,98 @@ pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan
     let step: f32 = std::env::var("DSCENE_STEP").ok().and_then(|s| s.parse().ok()).unwrap_or(1.0);
     let plan = Plan { seeds: plan.seeds * more, fd_seeds: plan.fd_seeds * more, h: plan.h * step, ..*plan };
     let mut found = compare(name, build, &plan);
-    if found.z.abs() >= DOUBT || found.relative >= 0.02 {
-        found =
-            compare(name, build, &Plan { seeds: 4 * plan.seeds, fd_seeds: 4 * plan.fd_seeds, from: 10_000, ..plan });
+    if found.z().abs() >= DOUBT {
+        let seeds = |side: &Side| 4 * side.values.len() as u64;
+        let (seeds, fd_seeds) = (seeds(&found.gradients), seeds(&found.differences));
+        found = compare(name, build, &Plan { seeds, fd_seeds, from: 10_000, ..plan });
     }
-    let Comparison { z, relative } = found;
+    let (z, relative) = (found.z(), found.relative());
     assert!(z.abs() < 3.0, "{name}: gradient and finite differences are {z:.2} standard errors apart");
-    assert!(relative < 0.02, "{name}: combined error {:.2} % says nothing", 100.0 * relative);
+    assert!(relative < ENOUGH, "{name}: combined error {:.2} % says nothing", 100.0 * relative);
+}
+
+/// The combined error, over the finite difference, with which a comparison says something, and the one that is always enough.
+const ENOUGH: f64 = 0.02;
+const PRECISE: f64 = 0.007;
+
+/// One of the two numbers that are compared, as it becomes known.
+struct Side {
+    values: Vec<f64>,
+    seconds: f64,
+}
+
+impl Side {
+    fn new() -> Side {
+        Side { values: Vec::new(), seconds: 0.0 }
+    }
+
+    fn add(&mut self, measure: impl FnOnce() -> Vec<f64>) {
+        let start = std::time::Instant::now();
+        self.values.extend(measure());
+        self.seconds += start.elapsed().as_secs_f64();
+    }
+
+    /// By how much the square of its error falls for a second more.
+    fn gain(&self) -> f64 {
+        statistics(&self.values).error.powi(2) / self.seconds
+    }
 }
 
 struct Comparison {
-    z: f64,
-    /// Combined standard error over the finite difference.
-    relative: f64,
+    gradients: Side,
+    differences: Side,
+}
+
+impl Comparison {
+    fn error(&self) -> f64 {
+        statistics(&self.gradients.values).error.hypot(statistics(&self.differences.values).error)
+    }
+
+    fn z(&self) -> f64 {
+        (statistics(&self.gradients.values).mean - statistics(&self.differences.values).mean) / self.error()
+    }
+
+    fn relative(&self) -> f64 {
+        self.error() / statistics(&self.differences.values).mean.abs()
+    }
 }
 
 fn compare(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) -> Comparison {
-    let start = std::time::Instant::now();
-    let g = gradient(build, plan);
-    let t1 = start.elapsed().as_secs_f64();
-    let fd = finite_difference(build, plan);
-    let t2 = start.elapsed().as_secs_f64() - t1;
-    let error = g.error.hypot(fd.error);
-    let (z, relative) = ((g.mean - fd.mean) / error, error / fd.mean.abs());
+    let mut found = Comparison { gradients: Side::new(), differences: Side::new() };
+    let next = |side: &Side, planned: u64| {
+        let from = plan.from + side.values.len() as u64;
+        from..from + (planned / 2).max(8)
+    };
+    let more_gradients = |g: &mut Side| {
+        let seeds = next(g, plan.seeds);
+        g.add(|| gradients(build, plan, seeds));
+    };
+    let more_differences = |fd: &mut Side| {
+        let seeds = next(fd, plan.fd_seeds);
+        fd.add(|| finite_differences(build, plan, seeds));
+    };
+    more_gradients(&mut found.gradients);
+    more_differences(&mut found.differences);
+    while found.relative() >= PRECISE {
+        let (g, fd) = (&mut found.gradients, &mut found.differences);
+        let worth = g.gain() > fd.gain();
+        let (drawn, planned) = if worth { (g.values.len(), plan.seeds) } else { (fd.values.len(), plan.fd_seeds) };
+        let most = if found.relative() < ENOUGH { planned } else { 30 * planned };
+        if drawn as u64 >= most {
+            break;
+        }
+        if worth { more_gradients(&mut found.gradients) } else { more_differences(&mut found.differences) }
+    }
+    let line = |side: &Side| {
+        let Measured { mean, error } = statistics(&side.values);
+        format!("{mean:11.4} ± {error:8.4} ({:3} in {:5.2} s)", side.values.len(), side.seconds)
+    };
     println!(
-        "{name:34} grad {:11.4} ± {:8.4} ({t1:5.2} s)  fd {:11.4} ± {:8.4} ({t2:5.2} s)  z {z:6.2}  error {:5.2} %",
-        g.mean,
-        g.error,
-        fd.mean,
-        fd.error,
-        100.0 * relative
+        "{name:34} grad {}  fd {}  z {:6.2}  error {:5.2} %",
+        line(&found.gradients),
+        line(&found.differences),
+        found.z(),
+        100.0 * found.relative()
     );
-    Comparison { z, relative }
+    found
 }
