@@ -14,10 +14,12 @@ mkdir -p $work
 bench() { cargo bench --quiet --bench efficiency -- "$@"; }
 peer() { "$python" docs/peers/mitsuba_efficiency.py $work/scenes "$@"; }
 
-# Whether a part is to be measured; notes with what.
+# Whether a part is to be measured; notes with what. (The page itself may have changed.)
 measures() {
     [ "$part" = all ] || [ "$part" = "$1" ] || return 1
-    echo "dscene $(git describe --always --dirty), $(date -u +%Y-%m-%d), $(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1), $(nproc) threads" >$work/$1.version
+    local dirty=
+    git diff --quiet HEAD -- . ':!docs/efficiency_table.md' || dirty=-dirty
+    echo "dscene $(git describe --always)$dirty, $(date -u +%Y-%m-%d), $(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1), $(nproc) threads" >$work/$1.version
 }
 
 if measures rows; then
