@@ -10,22 +10,25 @@ cd "$(dirname "$0")/.."
 python=${PYTHON:-python3}
 part=${1:-all}
 work=target/efficiency
+case $part in all | rows | forward | growth | page) ;; *) echo "unknown part: $part" >&2 && exit 2 ;; esac
 mkdir -p $work
 bench() { cargo bench --quiet --bench efficiency -- "$@"; }
 peer() { "$python" docs/peers/mitsuba_efficiency.py $work/scenes "$@"; }
 
-# Whether a part is to be measured; notes with what. (The page itself may have changed.)
-measures() {
-    [ "$part" = all ] || [ "$part" = "$1" ] || return 1
+measures() { [ "$part" = all ] || [ "$part" = "$1" ]; }
+
+# Notes what a part was measured with. (The page itself may have changed.)
+measured() {
     local dirty=
     git diff --quiet HEAD -- . ':!docs/efficiency_table.md' || dirty=-dirty
     echo "dscene $(git describe --always)$dirty, $(date -u +%Y-%m-%d), $(sed -n 's/^model name.*: //p' /proc/cpuinfo | head -1), $(nproc) threads" >$work/$1.version
 }
 
+[ "$part" = page ] || [ "$part" = growth ] || bench --export $work/scenes
 if measures rows; then
-    bench --export $work/scenes
     bench --json --precise | tee $work/dscene.jsonl
     peer ${PEER_ARGUMENTS:-} | tee $work/mitsuba.jsonl
+    measured rows
 fi
 if measures forward; then
     rm -f $work/forward.jsonl $work/mitsuba_forward.jsonl
@@ -34,16 +37,22 @@ if measures forward; then
         bench --json --scene forward | tee -a $work/forward.jsonl
         peer --scene forward | tee -a $work/mitsuba_forward.jsonl
     done
+    measured forward
 fi
 if measures growth; then
     bench --scaling | tee $work/scaling.txt
+    measured growth
 fi
 
+for needed in dscene.jsonl mitsuba.jsonl rows.version forward.jsonl mitsuba_forward.jsonl forward.version scaling.txt growth.version; do
+    [ -e $work/$needed ] || { echo "the page needs all parts: $work/$needed has not been measured" >&2 && exit 1; }
+done
+page=$(mktemp)
 {
     cat <<'END'
-# One run of both programs
+# Both programs on the same scenes
 
-Written by `docs/efficiency.sh`; `docs/efficiency.md` says what follows from it. Each row is the derivative of one linear loss (the mean
+Written by `docs/efficiency.sh`; `docs/efficiency.md` says what follows from it. Each row, all from one run, is the derivative of one linear loss (the mean
 of image × ramp) in one parameter, 256 × 256 pixels, box filter. *z*: distance from a closed form or from central differences with common
 random numbers (`docs/efficiency_references.json`), in combined standard errors; *error*: that combined error over the derivative.
 *rel. std*: standard deviation of a single gradient over the derivative. *CPU s*: CPU seconds of a single gradient, all threads, warm.
@@ -65,4 +74,6 @@ END
     printf '\n## Growth\n\nOne gradient step at 256 × 256, 4 samples a pixel, direct light; `numbers` is the length of the derivative (%s).\n\n```text\n' "$(cat $work/growth.version)"
     cat $work/scaling.txt
     echo '```'
-} >docs/efficiency_table.md
+} >"$page"
+mv "$page" docs/efficiency_table.md
+chmod 644 docs/efficiency_table.md

@@ -133,6 +133,9 @@ pub fn turns(ours: &Path, peer: &Path) -> std::io::Result<()> {
         Ok(measured.iter().map(|f| f.samples_per_cpu_second / 1e6).collect())
     };
     let (ours, theirs) = (speeds(ours)?, speeds(peer)?);
+    if ours.len() != theirs.len() {
+        return Err(std::io::Error::other(format!("{} turns of one and {} of the other", ours.len(), theirs.len())));
+    }
     let mut ratios: Vec<f64> = ours.iter().zip(&theirs).map(|(a, b)| a / b).collect();
     let line = |name: &str, numbers: &[f64], show: &dyn Fn(f64) -> String| {
         println!("| {name} | {} |", numbers.iter().map(|x| show(*x)).collect::<Vec<String>>().join(" | "));

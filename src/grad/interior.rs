@@ -430,7 +430,7 @@ impl<E: Estimate> Work for Batches<'_, E> {
             ..Options::new(interior.settings.max_bounces)
         };
         let mut paths: [Path; BATCH] = std::array::from_fn(|_| Path::default());
-        let mut walks = integrator::Paths::<BATCH>::nowhere();
+        let mut together = integrator::Paths::<BATCH>::nowhere();
         let mut seen: Vec<Seen> = Vec::with_capacity(BATCH);
         let mut rays = [Ray::new(Vec3::ZERO, Vec3::ZERO); BATCH];
         let mut points = of.points(items.start);
@@ -453,7 +453,7 @@ impl<E: Estimate> Work for Batches<'_, E> {
             }
             next += seen.len();
             if interior.settings.output == Output::Radiance {
-                walks.trace(interior.scene, &rays[..seen.len()], &mut samplers, &options, &mut paths);
+                together.trace(interior.scene, &rays[..seen.len()], &mut samplers, &options, &mut paths);
             }
             for ((seen, path), sampler) in seen.iter().zip(&mut paths).zip(&mut samplers) {
                 match interior.settings.output {

@@ -149,7 +149,7 @@ pub fn trace<R: Recorder>(scene: &Scene, start: Start, sampler: &mut Sampler, op
     paths.radiance(0)
 }
 
-/// Paths that are worth going side by side in [`Paths::trace`].
+/// How many paths are worth going side by side in [`Paths::trace`].
 pub const BATCH: usize = 32;
 
 #[cfg(test)]
@@ -227,13 +227,33 @@ mod tests {
 
     #[test]
     fn paths_side_by_side_are_paths_one_after_the_other_to_the_last_bit() {
-        let mut scene = corner();
+        let changed = |change: fn(&mut SceneDescription)| {
+            let mut description = corner().description;
+            change(&mut description);
+            Scene::new(description).unwrap()
+        };
+        let scenes = [
+            corner(),
+            changed(|d| {
+                d.shapes[2].material.opacity = Some(Input::Texture(0));
+                d.delta_lights.push(DeltaLight::Point { position: Vec3::Y * 2.0, intensity: Vec3::ONE });
+            }),
+            changed(|d| d.shapes[2].material.kind = MaterialKind::Mirror { reflectance: Input::Texture(0) }),
+            changed(|d| d.shapes[2].material.kind = MaterialKind::Diffuse { reflectance: Input::Texture(0) }),
+        ];
         let plain = Options { keep_black: true, split_lobes: true, ..Options::new(6) };
-        for options in [plain, Options { anywhere: 0.3, ..plain }, Options::new(1)] {
+        let all_options = [
+            plain,
+            Options::new(1),
+            Options { anywhere: 0.3, ..plain },
+            Options { by_way_of: Some(&[false, false, true, false]), next_event: false, ..Options::new(4) },
+        ];
+        let pairs = scenes.iter().flat_map(|scene| all_options.iter().map(move |options| (scene, options)));
+        for (case, (scene, options)) in pairs.enumerate() {
             let mut paths = Paths::<BATCH>::nowhere();
             let mut lit = 0;
-            for batch in 0..40 {
-                let count = if batch % 3 == 0 { BATCH } else { 1 + batch % BATCH };
+            for batch in 0..20 {
+                let count = if batch % 3 == 0 { BATCH } else { 1 + batch };
                 let ray = |k: usize| {
                     let x = -1.3 + 2.6 * ((batch * BATCH + k) % 97) as f32 / 97.0;
                     Ray::new(Vec3::new(0.0, 2.0, 3.0), Vec3::new(x, -0.3 - 0.5 * x * x, -1.0).normalize())
@@ -241,20 +261,15 @@ mod tests {
                 let rays: [Ray; BATCH] = array::from_fn(ray);
                 let sampler = |k: usize| Sampler::new(7, (batch * BATCH + k) as u64);
                 let (mut samplers, mut recs) = (array::from_fn(sampler), [NoRecord; BATCH]);
-                paths.trace(&scene, &rays[..count], &mut samplers, &options, &mut recs);
+                paths.trace(scene, &rays[..count], &mut samplers, options, &mut recs);
                 for (k, ray) in rays[..count].iter().enumerate() {
                     let mut alone = sampler(k);
-                    let expected = trace(&scene, Start::Ray(*ray, &[]), &mut alone, &options, &mut NoRecord);
-                    assert_eq!(paths.radiance(k), expected, "{options:?}, batch {batch}, path {k}");
+                    let expected = trace(scene, Start::Ray(*ray, &[]), &mut alone, options, &mut NoRecord);
+                    assert_eq!(paths.radiance(k), expected, "case {case}, batch {batch}, path {k}");
                     lit += usize::from(expected.max_element() > 0.2);
                 }
             }
-            assert!(lit > 50, "{lit}");
-            // Then with a mask on the ball, and one more light.
-            let mut description = scene.description;
-            description.shapes[2].material.opacity = Some(Input::Texture(0));
-            description.delta_lights.push(DeltaLight::Point { position: Vec3::Y * 2.0, intensity: Vec3::ONE });
-            scene = Scene::new(description).unwrap();
+            assert!(lit > 50, "case {case}: {lit}");
         }
     }
 }

@@ -100,7 +100,7 @@ impl LightSample {
 
 #[derive(Clone, Copy, Debug)]
 enum Entry {
-    /// With the density per unit area of its points among those of all lights.
+    /// With the density per unit area of its points, of all lights of the table.
     Triangle {
         prim: PrimId,
         pdf: f32,
@@ -188,10 +188,12 @@ impl LightTable {
             local_weights.push(sky * f64::from(peak.mean));
         }
         let local_pmf = Discrete::new(defensive(&local_weights));
+        // All weights may be beyond what can be added up: then nothing is chosen.
+        let probability = |pmf: &Discrete, i: usize| if pmf.is_empty() { 0.0 } else { pmf.pmf(i) as f32 };
         let set_densities = |entries: &mut [Entry], pmf: &Discrete| {
             for (i, entry) in entries.iter_mut().enumerate() {
                 if let Entry::Triangle { pdf, .. } = entry {
-                    *pdf = pmf.pmf(i) as f32 / areas[i]; // triangles come first
+                    *pdf = probability(pmf, i) / areas[i]; // triangles come first
                 }
             }
         };
@@ -208,7 +210,7 @@ impl LightTable {
         for (i, entry) in entries.iter().enumerate() {
             match entry {
                 Entry::Triangle { prim, pdf } => area_pdf[*prim as usize] = *pdf,
-                Entry::Environment => environment_pmf = pmf.pmf(i) as f32,
+                Entry::Environment => environment_pmf = probability(&pmf, i),
                 Entry::Delta(_) | Entry::Peak => {}
             }
         }

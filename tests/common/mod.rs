@@ -211,10 +211,10 @@ pub fn statistics(x: &[f64]) -> Measured {
 pub struct Plan {
     pub output: Output,
     pub max_bounces: u32,
-    /// Samples a pixel of one gradient, and how many independent ones.
+    /// Samples a pixel of one gradient, and how many independent ones are planned (see [`agree`]).
     pub spp: u32,
     pub seeds: u64,
-    /// Samples a pixel of one finite difference, and how many; half the step.
+    /// Samples a pixel of one finite difference, and how many are planned; half the step.
     pub fd_spp: u32,
     pub fd_seeds: u64,
     pub h: f32,
@@ -294,22 +294,26 @@ fn central_differences(
 /// Compares and prints; fails if they differ by more than three combined standard errors, or if the errors are too large
 /// (relative to the value) for the comparison to mean anything.
 ///
-/// Half of what is planned comes first. Then, each time, more of that one of the two from which more is to be had for its time: up to
-/// the plan while the comparison could be more precise, beyond it while it says nothing. And an error estimated from 16 values is
+/// Half of what is planned comes first. Then, each time, more of that one of the two from which more is to be had for its price: up to
+/// the plan while the comparison could be more precise, beyond it while it says nothing. And an error estimated from few values is
 /// itself uncertain: of hundreds of rows some would fail by chance. What looks doubtful is measured afresh, with other seeds and four
-/// times as many, and that decides.
+/// times as many as planned, all of them, and that decides.
 pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) {
     /// Standard errors from which a difference is doubtful.
     const DOUBT: f64 = 2.5;
     // For a closer look: more seeds, and other steps of the differences.
-    let more = std::env::var("DSCENE_SEEDS").ok().and_then(|s| s.parse().ok()).unwrap_or(1);
+    let more: Option<u64> = std::env::var("DSCENE_SEEDS").ok().and_then(|s| s.parse().ok());
     let step: f32 = std::env::var("DSCENE_STEP").ok().and_then(|s| s.parse().ok()).unwrap_or(1.0);
-    let plan = Plan { seeds: plan.seeds * more, fd_seeds: plan.fd_seeds * more, h: plan.h * step, ..*plan };
-    let mut found = compare(name, build, &plan);
+    let plan = Plan { h: plan.h * step, ..*plan };
+    let times = |more: u64, plan: Plan| Plan { seeds: plan.seeds * more, fd_seeds: plan.fd_seeds * more, ..plan };
+    let mut found = match more {
+        Some(more) => compare(name, build, &times(more, plan), true),
+        None => compare(name, build, &plan, false),
+    };
     if found.z().abs() >= DOUBT {
-        let seeds = |side: &Side| 4 * side.values.len() as u64;
-        let (seeds, fd_seeds) = (seeds(&found.gradients), seeds(&found.differences));
-        found = compare(name, build, &Plan { seeds, fd_seeds, from: 10_000, ..plan });
+        let Plan { seeds, fd_seeds, .. } = times(4 * more.unwrap_or(1), plan);
+        let (seeds, fd_seeds) = (seeds.max(found.gradients.drawn()), fd_seeds.max(found.differences.drawn()));
+        found = compare(name, build, &Plan { seeds, fd_seeds, from: 1_000_000, ..plan }, true);
     }
     let (z, relative) = (found.z(), found.relative());
     assert!(z.abs() < 3.0, "{name}: gradient and finite differences are {z:.2} standard errors apart");
@@ -320,26 +324,36 @@ pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan
 const ENOUGH: f64 = 0.02;
 const PRECISE: f64 = 0.007;
 
+/// A sample of a gradient takes about as long as twenty of an image.
+const GRADIENT_PRICE: f64 = 20.0;
+
 /// One of the two numbers that are compared, as it becomes known.
 struct Side {
     values: Vec<f64>,
+    /// Of one value, in samples of an image: what is drawn does not depend on the machine.
+    price: f64,
     seconds: f64,
 }
 
 impl Side {
-    fn new() -> Side {
-        Side { values: Vec::new(), seconds: 0.0 }
+    fn new(price: f64) -> Side {
+        Side { values: Vec::new(), price, seconds: 0.0 }
     }
 
-    fn add(&mut self, measure: impl FnOnce() -> Vec<f64>) {
+    fn drawn(&self) -> u64 {
+        self.values.len() as u64
+    }
+
+    fn add(&mut self, from: u64, count: u64, measure: impl FnOnce(Range<u64>) -> Vec<f64>) {
         let start = std::time::Instant::now();
-        self.values.extend(measure());
+        let from = from + self.drawn();
+        self.values.extend(measure(from..from + count));
         self.seconds += start.elapsed().as_secs_f64();
     }
 
-    /// By how much the square of its error falls for a second more.
+    /// By how much the square of its error falls for a sample more.
     fn gain(&self) -> f64 {
-        statistics(&self.values).error.powi(2) / self.seconds
+        statistics(&self.values).error.powi(2) / (self.drawn() as f64 * self.price)
     }
 }
 
@@ -362,35 +376,29 @@ impl Comparison {
     }
 }
 
-fn compare(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) -> Comparison {
-    let mut found = Comparison { gradients: Side::new(), differences: Side::new() };
-    let next = |side: &Side, planned: u64| {
-        let from = plan.from + side.values.len() as u64;
-        from..from + (planned / 2).max(8)
-    };
-    let more_gradients = |g: &mut Side| {
-        let seeds = next(g, plan.seeds);
-        g.add(|| gradients(build, plan, seeds));
-    };
-    let more_differences = |fd: &mut Side| {
-        let seeds = next(fd, plan.fd_seeds);
-        fd.add(|| finite_differences(build, plan, seeds));
-    };
+/// By the plan, `whole`, or as [`agree`] says.
+fn compare(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan, whole: bool) -> Comparison {
+    let price = f64::from(plan.spp) * GRADIENT_PRICE;
+    let mut found = Comparison { gradients: Side::new(price), differences: Side::new(4.0 * f64::from(plan.fd_spp)) };
+    let portion = |planned: u64| if whole { planned } else { (planned / 2).max(8) };
+    let more_gradients = |g: &mut Side| g.add(plan.from, portion(plan.seeds), |seeds| gradients(build, plan, seeds));
+    let more_differences =
+        |fd: &mut Side| fd.add(plan.from, portion(plan.fd_seeds), |seeds| finite_differences(build, plan, seeds));
     more_gradients(&mut found.gradients);
     more_differences(&mut found.differences);
-    while found.relative() >= PRECISE {
+    while !whole && found.relative() >= PRECISE {
         let (g, fd) = (&mut found.gradients, &mut found.differences);
         let worth = g.gain() > fd.gain();
-        let (drawn, planned) = if worth { (g.values.len(), plan.seeds) } else { (fd.values.len(), plan.fd_seeds) };
+        let (drawn, planned) = if worth { (g.drawn(), plan.seeds) } else { (fd.drawn(), plan.fd_seeds) };
         let most = if found.relative() < ENOUGH { planned } else { 30 * planned };
-        if drawn as u64 >= most {
+        if drawn >= most {
             break;
         }
         if worth { more_gradients(&mut found.gradients) } else { more_differences(&mut found.differences) }
     }
     let line = |side: &Side| {
         let Measured { mean, error } = statistics(&side.values);
-        format!("{mean:11.4} ± {error:8.4} ({:3} in {:5.2} s)", side.values.len(), side.seconds)
+        format!("{mean:11.4} ± {error:8.4} ({:3} in {:5.2} s)", side.drawn(), side.seconds)
     };
     println!(
         "{name:34} grad {}  fd {}  z {:6.2}  error {:5.2} %",

@@ -133,11 +133,11 @@ struct Turns<const N: usize> {
     on: [bool; N],
     /// The throughput at the next vertex, masks apart.
     throughput: Vectors<N>,
-    /// Of vertices that are not matte.
+    /// Of those that are chosen by [`choose`]: at surfaces that are not matte, or where turns lead anywhere.
     other: [Other; N],
 }
 
-/// What a turn that is not of a matte surface's own may be.
+/// What only a turn by [`choose`] can be.
 #[derive(Clone, Copy)]
 struct Other {
     delta: bool,
@@ -305,6 +305,8 @@ impl<const N: usize> Paths<N> {
         options: &Options,
         recs: &mut [R; N],
     ) {
+        const { assert!(0 < N && N <= 256, "paths are numbered by bytes") }
+        debug_assert!(rays.len() <= N);
         self.alive = Among::NONE;
         if N > 1 {
             for (root, ray) in self.roots.iter_mut().zip(rays) {
@@ -497,6 +499,10 @@ impl<const N: usize> Paths<N> {
             let choice = if possible { choose(bounce, si, draws.u.get(k), sampler) } else { None };
             turns.on[k] = choice.is_some();
             let Some(Choice { dir, pdf, mirror, goal }) = choice else { continue };
+            if pdf <= 0.0 {
+                turns.on[k] = false;
+                continue;
+            }
             let mut f = mirror.unwrap_or_else(|| si.eval(dir));
             let mut inv_pdf = 1.0 / pdf;
             let mut attached = false;
@@ -510,7 +516,7 @@ impl<const N: usize> Paths<N> {
             (turns.pdf[k], turns.inv_pdf[k]) = (pdf, inv_pdf);
             turns.other[k] = Other { delta: mirror.is_some(), attached, anywhere: anywhere(bounce, si), goal };
             // Below the surface `eval` is zero.
-            turns.on[k] = pdf > 0.0 && si.ng.dot(dir) > 0.0;
+            turns.on[k] = si.ng.dot(dir) > 0.0;
         }
         let (keep_black, roulette) = (bounce.options.keep_black, bounce.number >= ROULETTE_START);
         for k in 0..N {
