@@ -51,6 +51,14 @@ loss fit = sum([10 * (p.y - p.x ^ 2), 1 - p.x] ^ 2)";
     let [x, y] = params[0][..] else { panic!("{params:?}") };
     let loss = (10.0 * (y - x * x)).powi(2) + (1.0 - x).powi(2);
     assert!(losses.len() < 30 && loss < 1e-3 && loss == *losses.last().unwrap(), "{loss} {losses:?}");
+    // A first step to where a camera looks at its own position: it goes back, and takes smaller ones.
+    let text = "param x = -3
+let eye = camera(position: [0, 0, 1], look_at: [0, 0, if x > 2.5 then 1 else 0], film: [2, 2])
+let seen = mean(alpha(eye, scene: scene(shapes: [shape(mesh: sphere())])))
+loss fit = sum([1 / (1 + exp(-x)) - 0.9, 0 * seen] ^ 2)
+optimize fit { using: levenberg_marquardt(damping: 1e-9), steps: 30 }";
+    let (_, params) = run(text).unwrap();
+    assert!((params[0][0] - 9.0_f64.ln()).abs() < 1e-6, "{params:?}");
     // A rotation, and a mean of weighted squares from which a constant is taken; Gauss-Newton.
     let turn = "param turn: rotation = rotation(angle: 50deg)
 let aim = matrix(rotation(axis: [1, 2, 3], angle: 20deg))

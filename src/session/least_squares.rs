@@ -3,7 +3,7 @@
 use super::optimization::Move;
 use crate::check::hir;
 use crate::diag::Diagnostic;
-use crate::eval::{Engine, Residuals};
+use crate::eval::{Engine, INTERRUPTED, Residuals};
 use crate::optim::{GaveUp, LeastSquares, MAX_SKIPPED_IN_A_ROW, Space, StepOutcome};
 use crate::tape::Tensor;
 
@@ -50,24 +50,39 @@ impl Squares {
         lr: f64,
         last: bool,
     ) -> Result<Move, Diagnostic> {
-        let mut at = measure(engine, loss, targets)?;
-        let mean = 0.5 * (at[0].loss + at[1].loss);
         let mut place = values;
-        if let Some(base) = self.solver.base().filter(|base| self.careful && *base != place).map(<[_]>::to_vec) {
+        let base = self.solver.base().filter(|base| self.careful && *base != place).map(<[_]>::to_vec);
+        let mut found = measure(engine, loss, targets);
+        if base.is_none() || found.as_ref().is_err_and(|e| e.code == INTERRUPTED) {
+            found = Ok(found?);
+        }
+        let mean = |at: &[Residuals; 2]| 0.5 * (at[0].loss + at[1].loss);
+        let mut mean_loss = found.as_ref().map_or(f64::NAN, mean);
+        if let Some(base) = base {
             put(engine, targets, &base)?;
             let there = measure(engine, loss, targets)?;
             put(engine, targets, &place)?;
-            if !self.solver.accepts(both(&there), both(&at)) {
-                (place, at) = (base, there);
+            // A step to where nothing can be rendered has failed like any other.
+            let accepted = match &found {
+                Ok(at) => self.solver.accepts(both(&there), both(at)),
+                Err(_) => {
+                    let nowhere = vec![f64::NAN; there[0].values.len()];
+                    mean_loss = mean(&there);
+                    self.solver.accepts(both(&there), [&nowhere, &nowhere])
+                }
+            };
+            if !accepted {
+                (place, found) = (base, Ok(there));
                 if !last && !self.solver.is_noisy() {
                     // The derivatives there are known well enough.
                     let next = self.solver.propose(lr).unwrap_or(place);
-                    return Ok(self.moved(mean, next, Ok(StepOutcome::Moved)));
+                    return Ok(self.moved(mean_loss, next, Ok(StepOutcome::Moved)));
                 }
             }
         }
+        let at = found?;
         if last && self.solver.base().is_some() {
-            return Ok(self.moved(mean, place, Ok(StepOutcome::Moved)));
+            return Ok(self.moved(mean_loss, place, Ok(StepOutcome::Moved)));
         }
         let rows = [engine.residual_rows(loss, &at[0])?, engine.residual_rows(loss, &at[1])?];
         let params = self.feel(&place, &rows);
@@ -81,11 +96,11 @@ impl Squares {
             let in_a_row = self.in_a_row;
             let gave_up = in_a_row >= MAX_SKIPPED_IN_A_ROW;
             let outcome = if gave_up { Err(GaveUp { in_a_row, params }) } else { Ok(StepOutcome::Skipped { params }) };
-            return Ok(self.moved(mean, place, outcome));
+            return Ok(self.moved(mean_loss, place, outcome));
         };
         (self.grad_norm, self.in_a_row) = (norm, 0);
         let next = self.solver.propose(lr).unwrap_or(place);
-        Ok(self.moved(mean, next, Ok(StepOutcome::Moved)))
+        Ok(self.moved(mean_loss, next, Ok(StepOutcome::Moved)))
     }
 
     fn moved(&self, loss: f64, values: Vec<Vec<f64>>, outcome: Result<StepOutcome, GaveUp>) -> Move {
