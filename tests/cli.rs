@@ -356,6 +356,30 @@ fn grad_json_keeps_its_contract() {
     assert!((std - error * 3.0_f64.sqrt()).abs() <= 1e-9 * std.max(1e-12));
 }
 
+/// Repeats that learn from one another see other random numbers, of the same mean.
+#[test]
+fn warm_repeats_go_on_from_one_another() {
+    let place = Place::new();
+    place.write(
+        "shadow.dscene",
+        "camera eye { position: [0, 3, -4], look_at: [0, 0, 0], film: [16, 16] }
+param x = 0.1
+shape ground { mesh: rectangle(width: 4, depth: 4) }
+shape blocker { mesh: rectangle() |> scale(0.3) |> translate([x, 1, 0]) }
+light lamp = area(rectangle() |> flip() |> translate([0, 3, 0]), radiance: 5)
+loss y = mean(render(eye, spp: 16, max_bounces: 1) * pixels(eye).x)",
+    );
+    let figures = |warm: bool, repeats: &str| {
+        let mut arguments = vec!["grad", "shadow.dscene", "--json", "--repeats", repeats];
+        arguments.extend(warm.then_some("--warm"));
+        let object: Value = serde_json::from_str(&stdout(&place.dsl(&arguments))).unwrap();
+        ["mean", "std_error"].map(|f| object["wrt"]["x"][f].as_f64().unwrap_or(0.0))
+    };
+    let ([warm, warm_error], [cold, cold_error]) = (figures(true, "24"), figures(false, "24"));
+    assert_ne!(warm, cold);
+    assert!((warm - cold).abs() < 4.0 * warm_error.hypot(cold_error), "{warm} ± {warm_error}, {cold} ± {cold_error}");
+}
+
 #[test]
 fn one_repeat_tells_no_error() {
     let place = Place::new();

@@ -162,7 +162,7 @@ pub struct GradArgs {
     /// Step of the finite differences
     #[arg(long, value_name = "H", default_value_t = 0.01, value_parser = parse_step)]
     pub fd_step: f64,
-    /// Keep learnt sampling tables from repeat to repeat (none are learnt in this version)
+    /// Keep learnt sampling tables from repeat to repeat, as an optimisation does from step to step
     #[arg(long)]
     pub warm: bool,
     /// Write the image of the camera's derivative along all the params instead of a scalar's gradient

@@ -61,8 +61,12 @@ fn gradients(args: &GradArgs, loaded: &mut Loaded, terminal: &mut Terminal) -> R
         return Err(Diagnostic::error("dscene::cli::wrt", format!("no param reaches `{of}`"))
             .help("name one with --wrt, or a numeric field such as --wrt lamp.radiance"));
     }
-    let options =
-        MeasureOptions { repeats: args.repeats, seed: args.common.seed, fd_step: args.fd.then_some(args.fd_step) };
+    let options = MeasureOptions {
+        repeats: args.repeats,
+        seed: args.common.seed,
+        fd_step: args.fd.then_some(args.fd_step),
+        warm: args.warm,
+    };
     let Some(measurement) = measure(&mut loaded.engine, &expr, &wrt, options, &world::interrupted)? else {
         return Ok(interrupted(terminal));
     };

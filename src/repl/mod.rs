@@ -284,7 +284,7 @@ impl<'w> Repl<'w> {
             return Err(Diagnostic::error("dscene::repl::gradient", format!("no param reaches `{name}`"))
                 .label(of.span, "does not depend on any param"));
         }
-        let options = MeasureOptions { repeats: REPEATS, seed: self.common.seed, fd_step };
+        let options = MeasureOptions { repeats: REPEATS, seed: self.common.seed, fd_step, warm: false };
         match measure(&mut self.engine, of, &wrt, options, &interrupted)? {
             Some(measurement) => self.world.print(&measurement.to_text(name)),
             None => self.world.note("interrupted"),

@@ -8,7 +8,7 @@ use super::show::{GradientRow, gradient_table, plus_minus};
 use super::stats::Moments;
 use crate::check::hir;
 use crate::diag::Diagnostic;
-use crate::eval::Engine;
+use crate::eval::{Engine, History};
 
 #[derive(Clone, Copy, Debug)]
 pub struct MeasureOptions {
@@ -17,6 +17,9 @@ pub struct MeasureOptions {
     pub seed: u64,
     /// Step of central finite differences, if they are wanted.
     pub fd_step: Option<f64>,
+    /// What guides have learnt is kept from repeat to repeat, as it is from step to step of an optimisation. Each repeat has random
+    /// numbers of its own all the same, so that means and standard errors stay what they are.
+    pub warm: bool,
 }
 
 /// The gradient of a scalar, measured over independent seeds.
@@ -63,6 +66,7 @@ pub fn measure(
 
     let mut value = Moments::default();
     let mut params: Vec<MeasuredParam> = Vec::new();
+    let mut history = History::default();
     let (mut primal, mut gradient) = (Elapsed::default(), Elapsed::default());
     for repeat in 0..options.repeats.max(1) {
         if is_interrupted() {
@@ -77,7 +81,11 @@ pub fn measure(
 
         engine.set_sample_seed(seed);
         let watch = Stopwatch::start();
-        let result = engine.gradient(of, &targets)?;
+        let result = if options.warm {
+            engine.gradient_after(&mut history, of, &targets)?
+        } else {
+            engine.gradient(of, &targets)?
+        };
         add(&mut gradient, watch.elapsed());
 
         value.add(&[result.value]);
