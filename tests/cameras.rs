@@ -8,10 +8,29 @@ use dscene::image::Image;
 use dscene::render::*;
 use glam::{DMat3, DVec2, DVec3, Vec3, vec3};
 
+/// A film position that a lens shifts: the formulas of OpenCV's manual, in which y points down.
+fn distort([k1, k2, p1, p2, k3]: [f64; 5], (x, y): (f64, f64)) -> (f64, f64) {
+    let y = -y;
+    let r2 = x * x + y * y;
+    let radial = 1.0 + k1 * r2 + k2 * r2 * r2 + k3 * r2 * r2 * r2;
+    let dx = 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x);
+    let dy = p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y;
+    (x * radial + dx, -(y * radial + dy))
+}
+
+/// What the outline is projected by, besides the position.
+#[derive(Clone, Copy)]
+struct Film {
+    projection: Projection,
+    scale: [f64; 2],
+    size: f64,
+    distortion: [f64; 5],
+}
+
 /// Film position in pixels of a point, written anew in double precision.
-fn project(projection: Projection, frame: &DMat3, origin: DVec3, scale: [f64; 2], size: f64, p: DVec3) -> DVec2 {
+fn project(film: Film, frame: &DMat3, origin: DVec3, p: DVec3) -> DVec2 {
     let q = frame.transpose() * (p - origin);
-    let (x, y) = match projection {
+    let ideal = match film.projection {
         Projection::Perspective => (q.x / q.z, q.y / q.z),
         Projection::Orthographic => (q.x, q.y),
         Projection::Fisheye => {
@@ -20,21 +39,23 @@ fn project(projection: Projection, frame: &DMat3, origin: DVec3, scale: [f64; 2]
         }
         Projection::Panorama => (q.x.atan2(q.z), (q.y / q.length()).asin()),
     };
-    DVec2::new(0.5 * size * (1.0 + x / scale[0]), 0.5 * size * (1.0 - y / scale[1]))
+    let (x, y) = distort(film.distortion, ideal);
+    DVec2::new(0.5 * film.size * (1.0 + x / film.scale[0]), 0.5 * film.size * (1.0 - y / film.scale[1]))
 }
 
 /// Area in pixels² inside the projected outline.
-fn area(projection: Projection, camera: &Camera, v: &[Vec3], shift: DVec3, roll: f64) -> f64 {
+fn area(distortion: [f64; 5], camera: &Camera, v: &[Vec3], shift: DVec3, roll: f64) -> f64 {
     let [r, u, f] = camera.frame.map(|v| v.as_dvec3());
     let turn = DMat3::from_axis_angle(r, roll);
     let frame = DMat3::from_cols(r, turn * u, turn * f);
     let scale = camera.scale.map(f64::from);
+    let film = Film { projection: camera.projection, scale, size: camera.width as f64, distortion };
     let mut points = Vec::new();
     for i in 0..3 {
         let (a, b) = (v[i].as_dvec3(), v[(i + 1) % 3].as_dvec3());
         for k in 0..4000 {
             let p = a.lerp(b, k as f64 / 4000.0);
-            points.push(project(projection, &frame, camera.origin.as_dvec3() + shift, scale, camera.width as f64, p));
+            points.push(project(film, &frame, camera.origin.as_dvec3() + shift, p));
         }
     }
     let n = points.len();
@@ -43,11 +64,22 @@ fn area(projection: Projection, camera: &Camera, v: &[Vec3], shift: DVec3, roll:
 
 #[test]
 fn area_of_a_triangle_in_every_camera() {
-    for projection in [Projection::Perspective, Projection::Orthographic, Projection::Fisheye, Projection::Panorama] {
+    let straight = [0.0f32; 5];
+    let lenses = [
+        (Projection::Perspective, straight),
+        (Projection::Orthographic, straight),
+        (Projection::Fisheye, straight),
+        (Projection::Panorama, straight),
+        (Projection::Perspective, [-0.1, 0.01, 0.01, -0.02, 0.005]),
+        (Projection::Fisheye, [0.05, -0.01, 0.01, 0.01, 0.002]),
+    ];
+    for (projection, coefficients) in lenses {
         for z in [2.0, 5.0] {
             let v = [vec3(-1.0, -0.8, 0.2), vec3(1.1, -0.5, -0.3), vec3(0.1, 1.0, 0.4)];
             let mut camera = look_at(vec3(0.3, 0.2, -z), vec3(0.1, 0., 0.), 60., 48);
             camera.projection = projection;
+            camera.distortion = Distortion { coefficients };
+            let bent = coefficients.map(f64::from);
             camera.scale = match projection {
                 Projection::Perspective => [1.1, 1.1],
                 Projection::Orthographic => [2.0, 2.0],
@@ -61,9 +93,9 @@ fn area_of_a_triangle_in_every_camera() {
             let scene = Scene::new(b.scene).unwrap();
             let mut d_image = Image::new(48, 48, 3);
             d_image.data.iter_mut().step_by(3).for_each(|d| *d = 1.0);
-            let wrt = [Slot::Vertices(0), Slot::CameraOrigin, Slot::CameraFrame];
+            let wrt = [Slot::Vertices(0), Slot::CameraOrigin, Slot::CameraFrame, Slot::CameraDistortion];
             // Averaged: a tilt moves the whole outline and nearly cancels, so that one run's error shows.
-            let mut g = [vec![0.0; 9], vec![0.0; 3], vec![0.0; 9]];
+            let mut g = [vec![0.0; 9], vec![0.0; 3], vec![0.0; 9], vec![0.0; 5]];
             for seed in 0..8 {
                 let settings = Settings { output: Output::Radiance, spp: 1024, max_bounces: 0, seed, boundary: true };
                 let run = render_backward(&scene, &camera, &settings, &d_image, &wrt).unwrap();
@@ -81,21 +113,33 @@ fn area_of_a_triangle_in_every_camera() {
                     let mut w = v;
                     w[i / 3][i % 3] += t as f32;
                     let exact = f64::from(w[i / 3][i % 3]) - f64::from(v[i / 3][i % 3]);
-                    let base = area(projection, &camera, &v, DVec3::ZERO, 0.0);
-                    base + (area(projection, &camera, &w, DVec3::ZERO, 0.0) - base) * t / exact
+                    let base = area(bent, &camera, &v, DVec3::ZERO, 0.0);
+                    base + (area(bent, &camera, &w, DVec3::ZERO, 0.0) - base) * t / exact
                 }));
                 found.push(g[0][i]);
             }
             for (axis, found_here) in DVec3::AXES.into_iter().zip(&g[1]) {
-                expected.push(moved(&|t| area(projection, &camera, &v, axis * t, 0.0)));
+                expected.push(moved(&|t| area(bent, &camera, &v, axis * t, 0.0)));
                 found.push(*found_here);
             }
             // Tilting: up and forward turn about right.
-            expected.push(moved(&|t| area(projection, &camera, &v, DVec3::ZERO, t)));
+            expected.push(moved(&|t| area(bent, &camera, &v, DVec3::ZERO, t)));
             let r = camera.frame[0];
             let turned = [Vec3::ZERO, r.cross(camera.frame[1]), r.cross(camera.frame[2])];
             let rows = turned.iter().flat_map(|v| v.to_array());
             found.push(g[2].iter().zip(rows).map(|(g, t)| g * f64::from(t)).sum());
+
+            if camera.may_distort() {
+                for (i, found_here) in g[3].iter().enumerate() {
+                    let with = |t: f64| {
+                        let mut bent = bent;
+                        bent[i] += t;
+                        area(bent, &camera, &v, DVec3::ZERO, 0.0)
+                    };
+                    expected.push(moved(&with));
+                    found.push(*found_here);
+                }
+            }
 
             let size = expected.iter().fold(0.0f64, |m, e| m.max(e.abs()));
             for (i, (e, f)) in expected.iter().zip(&found).enumerate() {

@@ -412,6 +412,32 @@ loss fit = mse(render(small), target)",
         ],
     },
     Case {
+        name: "spots_and_distortion",
+        prelude: "",
+        script: "let wide = spot(position: [0, 2, 0], direction: [0, -1, 0], cutoff: 200deg)\n\
+                 let sharp = spot(position: [0, 2, 0], direction: [0, -1, 0], cutoff: 30deg, beam: 30deg)\n\
+                 let other = spot(position: [0, 2, 0], direction: [0, -1, 0], beam_width: 3deg)\n\
+                 camera a { distortion: [0, 0, 0, 0, 0, 1] }\ncamera b { kind: panorama, distortion: [-0.1] }\n\
+                 camera c { distortion: [-0.1], aperture: 0.1 }",
+        wanted: &[
+            ("dscene::value::cone", "200deg", "edge of its cone"),
+            ("dscene::value::cone", "30deg", "without `beam`"),
+            ("dscene::call::unknown_argument", "beam_width", "`beam`"),
+            ("dscene::value::distortion", "[0, 0, 0, 0, 0, 1]", "k1, k2, p1, p2, k3"),
+            ("dscene::value::distortion", "[-0.1]", "leave it out"),
+            ("dscene::value::distortion", "[-0.1]", "leave one of them out"),
+        ],
+    },
+    Case {
+        name: "index_of_two_numbers",
+        prelude: "",
+        script: "let rows = [[1, 2], [3, 4]]\nlet a = rows[0, 1]\nlet b = rows[0:1]",
+        wanted: &[
+            ("dscene::syntax::unexpected", ",", "`rows[1..4]`"),
+            ("dscene::syntax::unexpected", ":", "`rows[1..4]`"),
+        ],
+    },
+    Case {
         name: "keyframes_of_different_things",
         prelude: "",
         script: "let ball = sphere()\nlet a = moving(ball, camera(position: [0, 0, 5], look_at: [0, 0, 0]))\n\

@@ -703,7 +703,8 @@ fn moving_light() {
             scene.shapes[1].mesh.vertices.iter_mut().for_each(|v| *v += offset);
             scene.shapes.iter_mut().for_each(|s| s.emission = None);
             scene.delta_lights.push(DeltaLight::Point { position: places[0], intensity: Vec3::splat(40.0) });
-            scene.light_motions.push(LightMotion { light: 0, placement: places[1], power: Vec3::splat(20.0) });
+            let closing = DeltaLight::Point { position: places[1], intensity: Vec3::splat(20.0) };
+            scene.light_motions.push(LightMotion { light: 0, closing });
             camera.shutter = shutter;
             (scene, camera)
         }

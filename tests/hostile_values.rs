@@ -18,10 +18,11 @@ param turn: rotation = euler(x: 10deg, y: 20deg)
 shape pot { mesh: cylinder(radius: size, height: 0.5, subdivisions: 5) |> rotate(by: turn) |> scale([1, 2, 0.5]), material: phong(diffuse: 0.3, specular: 0.4, roughness: 0.2) }
 shape ring { mesh: torus(radius: 2, tube: 0.1, subdivisions: 4) |> smooth_normals(), material: mirror(reflectance: 0.9) }
 light sky = environment(image([[1, 2], [0.5, 3]]), rotation: 30deg, scale: 0.7)
-light spot = point(position: [1, 2, -3], intensity: 4)
+light bulb = point(position: [1, 2, -3], intensity: 4)
+light beam = spot(position: [1, 3, -2], direction: [-0.3, -1, 0.5], intensity: 8, cutoff: 35deg, beam: 12deg)
 light sun = directional(direction: [1, -2, 0.5], irradiance: 2)
 loss y = mean(render(eye, max_bounces: 3)) + mean(depth(eye)) + mean(alpha(eye))",
-    "camera eye { position: [0, 0, 4], look_at: [0, 0, 0], fov_x: 50deg, film: [4, 4], shutter: [0.1, 0.9] }
+    "camera eye { position: [0, 0, 4], look_at: [0, 0, 0], fov_x: 50deg, film: [4, 4], shutter: [0.1, 0.9], distortion: [-0.2, 0.05, 0.01] }
 param texels = [[[0.5, 0.2, 0.1], [0.1, 0.9, 0.4]]]
 let tex = texture(texels, filter: nearest)
 shape ball { mesh: moving(icosphere(radius: 1, subdivisions: 1), icosphere(subdivisions: 1) |> translate([0.1, 0.2, 0.3])), material: principled(base_color: tex, metallic: 0.5, roughness: 0.3, specular: 0.4) }

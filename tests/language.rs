@@ -673,6 +673,12 @@ let still = lamp(0)",
     // Fields are those of the first keyframe.
     assert_eq!(see("moving(lamp(1), lamp(2)).position"), [1.0, 1.0, 3.0]);
     assert_eq!(see("moving(eye(1), eye(2)).look_at"), [1.0, 0.0, 0.0]);
+    assert_eq!(
+        see(
+            "moving(spot(position: [0, 1, 0], direction: [1, 0, 0]), spot(position: [0, 2, 0], direction: [1, 1, 0])).position"
+        ),
+        [0.0, 1.0, 0.0]
+    );
     for (text, what) in [
         ("moving(eye(0), eye(1, kind: \"orthographic\"))", "cameras of two kinds, `perspective` and `orthographic`"),
         ("moving(eye(0), eye(1, shutter: [0, half]))", "differ in `shutter`"),
@@ -684,6 +690,15 @@ let still = lamp(0)",
         ("moving(lamp(0), sun(0))", "different kinds of light"),
         ("lit(moving(sun(0), directional(direction: [0, 1, 1])))", "the light turns by 90 degrees or more"),
         ("moving(constant(1), constant(2))", "an environment stands still"),
+        ("moving(lamp(0), spot(position: [0, 1, 0], direction: [1, 0, 0]))", "different kinds of light"),
+        (
+            "lit(moving(spot(position: [0, 1, 0], direction: [1, 0, 0]), spot(position: [0, 1, 0], direction: [-1, 1, 0])))",
+            "the light turns by 90 degrees or more",
+        ),
+        (
+            "seen(moving(eye(0), camera(position: [1, 0, 5], look_at: [0, 0, 0], film: [12, 12], distortion: [0.1])))",
+            "differ in `distortion`",
+        ),
         ("moving(area(sphere()), area(sphere()))", "moves as its mesh does"),
         (
             "seen(moving(eye(0), camera(position: [0, 0, 5], look_at: [0, 0, 9], film: [12, 12])))",

@@ -26,18 +26,21 @@ fn scene() -> (SceneDescription, Camera) {
     b.light(ceiling(vec3(0.3, 3., -0.5), 0.5), Vec3::splat(10.));
     b.scene.delta_lights.push(DeltaLight::Point { position: vec3(-1., 2., -1.), intensity: Vec3::splat(4.) });
     b.scene.delta_lights.push(DeltaLight::Directional { direction: vec3(0.4, -1., 0.3), irradiance: Vec3::ONE });
+    let cone = Cone { axis: vec3(-0.3, -1., 0.4), beam: 0.2, cutoff: 0.5 };
+    b.scene.delta_lights.push(DeltaLight::Spot { position: vec3(1., 2.5, -0.5), intensity: Vec3::splat(6.), cone });
     (b.scene, look_at(vec3(0.5, 2., -4.), vec3(0., 0.4, 0.), 45., 24))
 }
 
-/// As above, through a pinhole, through a lens, with a box that moves, with masks on box, wall and light, and
+/// As above, through a pinhole, through a lens, through one that distorts, with a box that moves, with masks on box, wall and light, and
 /// with a ball of mirror.
-fn scenes() -> [(SceneDescription, Camera); 5] {
+fn scenes() -> [(SceneDescription, Camera); 6] {
     let (description, camera) = scene();
     let lens = Lens { radius: 0.3, focus: 3.0, ..Lens::PINHOLE };
     let mut moving = description.clone();
     let vertices = cuboid(vec3(0.5, 0.7, 0.0), vec3(0.4, 0.3, 0.5), 0.7).vertices;
     moving.motions.push(Motion { shape: 1, vertices, normals: None });
     let shutter = [0.2, 0.9];
+    let distortion = Distortion { coefficients: [-0.2, 0.05, 0.01, 0.02, 0.0] };
     let mut masked = description.clone();
     let data = (0..12).map(|i| (i * 7 % 10) as f32 / 9.0).collect();
     masked.textures.push(Texture::new(4, 3, 1, data, Wrap::Repeat, Filter::Bilinear).unwrap());
@@ -48,7 +51,8 @@ fn scenes() -> [(SceneDescription, Camera); 5] {
     mirrored.ball(vec3(-0.5, 0.6, -1.0), 0.5);
     [
         (description.clone(), camera),
-        (description, Camera { lens, ..camera }),
+        (description.clone(), Camera { lens, ..camera }),
+        (description, Camera { distortion, ..camera }),
         (moving, Camera { shutter, ..camera }),
         (masked, camera),
         (mirrored.scene, camera),
@@ -201,14 +205,16 @@ fn any_number_of_threads_gives_the_same_bits() {
 /// Translating everything together changes nothing: the derivatives of all placements cancel, sample by sample (T15).
 #[test]
 fn common_translation_cancels() {
-    for which in 0..5 {
+    for which in 0..6 {
         let build = |t: f32| {
             let (mut d, mut c) = scenes()[which].clone();
             let offset = vec3(0.3, -0.2, 0.5) * t;
             d.shapes.iter_mut().for_each(|s| s.mesh.vertices.iter_mut().for_each(|v| *v += offset));
             d.motions.iter_mut().for_each(|m| m.vertices.iter_mut().for_each(|v| *v += offset));
-            if let DeltaLight::Point { position, .. } = &mut d.delta_lights[0] {
-                *position += offset;
+            for light in &mut d.delta_lights {
+                if let DeltaLight::Point { position, .. } | DeltaLight::Spot { position, .. } = light {
+                    *position += offset;
+                }
             }
             c.origin += offset;
             (d, c)

@@ -42,6 +42,7 @@ save xs |> sum() to "x.json"
 let img = image([[[0.1, 0.2, 0.3], [0.9, 0.8, 0.7]], [[0, 0, 0], [1, 1, 1]]])
 shape ball { mesh: sphere(subdivisions: 2) |> scale([1, 0.5, 1]), material: phong(diffuse: texture(img), specular: 0.3, roughness: 0.2) }
 light sun = directional(direction: [1, -2, 1], irradiance: 3)
+light lamp = spot(position: [1, 3, -2], direction: [-0.3, -1, 0.5], intensity: 8, cutoff: 35deg, beam: 12deg)
 light env = environment(img, rotation: rotation(axis: [0, 1, 0], angle: 45deg))
 param t = 0.2
 let picture = render(eye, spp: 2)

@@ -51,6 +51,24 @@ const CASES: &[Case] = &[
         step: 0.05,
     },
     Case {
+        name: "a spot light",
+        param: "param p = [0.3, 0.5, 2.5]",
+        scene: "shape s { mesh: rectangle(width: 4, depth: 4) |> rotate(x: 90deg) }\nlight l = spot(position: p, direction: [0.2, p.x - p.y, -1], intensity: 9 * p.z, cutoff: p.z * 12deg, beam: p.x * 20deg)",
+        step: 0.02,
+    },
+    Case {
+        name: "a spot light's first keyframe",
+        param: "param p = [0.4, 2.2, 0.5]",
+        scene: "shape floor { mesh: rectangle(width: 6, depth: 6) |> translate([0, -1, 0]) }\nshape box { mesh: cube() |> scale(0.5) }\nlight l = moving(spot(position: p, direction: [p.z - 0.5, -1, p.x], intensity: 20, cutoff: p.y * 20deg, beam: p.x * 30deg), spot(position: [1, 2, 1.5], direction: [-0.3, -1, -0.2], intensity: 10))",
+        step: 0.05,
+    },
+    Case {
+        name: "a spot light's last keyframe",
+        param: "param p = [0.4, 2.2, 0.5]",
+        scene: "shape floor { mesh: rectangle(width: 6, depth: 6) |> translate([0, -1, 0]) }\nshape box { mesh: cube() |> scale(0.5) }\nlight l = moving(spot(position: [1, 2, 1.5], direction: [-0.3, -1, -0.2], intensity: 10), spot(position: p, direction: [p.z - 0.5, -1, p.x], intensity: 20, cutoff: p.y * 20deg, beam: p.x * 30deg))",
+        step: 0.05,
+    },
+    Case {
         name: "a rotation",
         param: "param p: rotation = euler(y: 20deg)",
         scene: "shape s { mesh: cube() |> rotate(by: p) }\nlight l = directional(direction: [0.3, -1, -2], irradiance: 3)",
@@ -133,6 +151,30 @@ const CAMERAS: &[(&str, &str, &str, f64)] = &[
     ("height", "param p = 3", "position: [0, 1, 4], look_at: [0, 0, 0], kind: orthographic, height: p", 0.1),
     ("aperture", "param p = 0.4", "position: [0.9, 0.6, 1.6], look_at: [0.3, 0.2, 0], aperture: p, focus: 3", 0.05),
     ("focus", "param p = 0.8", "position: [0.9, 0.6, 1.6], look_at: [0.3, 0.2, 0], aperture: 0.4, focus: p", 0.03),
+    (
+        "distortion",
+        "param p = [-0.2, 0.05, 0.01, -0.02, 0.03]",
+        "position: [0, 1, 4], look_at: [0, 0, 0], fov: 60deg, distortion: p",
+        0.03,
+    ),
+    (
+        "distortion of a lens that has none yet",
+        "param p = [0, 0, 0, 0, 0]",
+        "position: [0, 1, 4], look_at: [0, 0, 0], fov: 60deg, distortion: p",
+        0.03,
+    ),
+    (
+        "distortion of a fisheye, and its fov",
+        "param p = [0.05, -0.02, 1.2]",
+        "position: [0, 1, 4], look_at: [0, 0, 0], kind: fisheye, fov: p.z * 1rad, distortion: p.xy",
+        0.03,
+    ),
+    (
+        "last position of a camera with distortion",
+        "param p = [0.2, 1, 4]",
+        "position: [0, 0.8, 4], look_at: [0, 0, 0], distortion: [-0.2] => position: p, look_at: [0, 0.2, 0], distortion: [-0.2]",
+        0.05,
+    ),
     ("look_at in focus", "param p = [0, 0.2, 1]", "position: [0, 1, 4], look_at: p, aperture: 0.4", 0.05),
     (
         "shutter",

@@ -3,7 +3,9 @@
 
 use dscene::mesh::Mesh;
 use dscene::render::texture::Texture;
-use dscene::render::{Camera, Emission, Input, Lens, Material, MaterialKind, Projection, SceneDescription, Shape};
+use dscene::render::{
+    Camera, Distortion, Emission, Input, Lens, Material, MaterialKind, Projection, SceneDescription, Shape,
+};
 use glam::{Mat3, Vec3};
 
 pub fn camera(origin: Vec3, target: Vec3, tan_half: f32, size: usize) -> Camera {
@@ -17,6 +19,7 @@ pub fn camera(origin: Vec3, target: Vec3, tan_half: f32, size: usize) -> Camera 
         width: size,
         height: size,
         lens: Lens::PINHOLE,
+        distortion: Distortion::NONE,
         shutter: Camera::WHOLE,
         closing: None,
     }

@@ -147,6 +147,10 @@ fn delta_light(light: &DeltaLight) -> Value {
         DeltaLight::Point { position, intensity } => {
             json!({"kind": "point", "position": position.to_array(), "power": intensity.to_array()})
         }
+        // Mitsuba's fades out in another way: no scene has one.
+        DeltaLight::Spot { position, intensity, .. } => {
+            json!({"kind": "spot", "position": position.to_array(), "power": intensity.to_array()})
+        }
         DeltaLight::Directional { direction, irradiance } => {
             json!({"kind": "directional", "direction": direction.to_array(), "power": irradiance.to_array()})
         }

@@ -7,7 +7,7 @@ use std::f32::consts::PI;
 use dscene::mesh::{Mesh, ops, shapes};
 use dscene::render::texture::{Filter, Texture, Wrap};
 use dscene::render::{
-    Camera, DeltaLight, Emission, Environment, Input, Lens, Material, MaterialKind, Output, Projection,
+    Camera, DeltaLight, Distortion, Emission, Environment, Input, Lens, Material, MaterialKind, Output, Projection,
     SceneDescription, Shape,
 };
 use glam::{DVec3, Mat3, Vec3, vec3};
@@ -112,6 +112,7 @@ fn camera(origin: Vec3, target: Vec3, fov_degrees: f32) -> Camera {
         width: SIZE,
         height: SIZE,
         lens: Lens::PINHOLE,
+        distortion: Distortion::NONE,
         shutter: Camera::WHOLE,
         closing: None,
     }

@@ -95,7 +95,7 @@ pub fn fields_of(ty: &Ty) -> Vec<&'static str> {
         Ty::Image { .. } => vec!["width", "height", "channels", "r", "g", "b", "a", "x", "y", "z"],
         Ty::Mesh => vec!["vertices", "faces", "normals", "uvs", "colors"],
         Ty::Camera { .. } => {
-            let fields = "position look_at up fov fov_x film kind height transform aperture focus shutter";
+            let fields = "position look_at up fov fov_x film kind height transform aperture focus distortion shutter";
             fields.split(' ').collect()
         }
         Ty::Shape => vec!["mesh", "material"],
@@ -109,6 +109,8 @@ pub fn fields_of(ty: &Ty) -> Vec<&'static str> {
                 "intensity",
                 "direction",
                 "irradiance",
+                "cutoff",
+                "beam",
                 "image",
                 "rotation",
                 "scale",
@@ -172,11 +174,13 @@ fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
         (Ty::Camera { .. }, "fov" | "fov_x") => Ty::Angle,
         (Ty::Camera { .. }, "film" | "shutter") => Ty::vector(2),
         (Ty::Camera { .. }, "height" | "aperture" | "focus") => Ty::SCALAR,
+        (Ty::Camera { .. }, "distortion") => Ty::Num(vec![None]),
         (Ty::Camera { .. }, "kind") => Ty::Str,
         (Ty::Camera { .. }, "transform") => Ty::Any,
         (Ty::Shape | Ty::Light, "mesh") => Ty::Mesh,
         (Ty::Shape | Ty::Light | Ty::Material, "material") => Ty::Material,
         (Ty::Light, "position" | "direction") => Ty::vector(3),
+        (Ty::Light, "cutoff" | "beam") => Ty::Angle,
         (Ty::Light, "two_sided") => Ty::Bool,
         (Ty::Scene, "shapes") => Ty::Array(Box::new(Ty::Shape), None),
         (Ty::Scene, "lights") => Ty::Array(Box::new(Ty::Light), None),

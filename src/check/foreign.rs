@@ -21,8 +21,11 @@ pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
         "sensor" | "resolution" | "size" | "pixels" | "image_size" => &["film", "camera"],
         "fovy" | "field_of_view" | "angle" | "fov_y" => &["fov"],
         "fovx" => &["fov_x"],
+        "cutoff_angle" | "outer_angle" | "outer_cone_angle" | "cone_angle" => &["cutoff"],
+        "beam_width" | "inner_angle" | "inner_cone_angle" => &["beam"],
         "aperture_radius" | "lens_radius" => &["aperture"],
         "focus_distance" | "focal_distance" | "focus_depth" => &["focus"],
+        "distortion_params" | "dist_coeffs" | "radial_distortion" | "lens_distortion" => &["distortion"],
         "shutter_open" | "shutter_close" | "exposure" => &["shutter"],
         "type" | "projection" | "model_type" => &["kind"],
         "to_world" | "matrix" | "pose" => &["transform"],
@@ -58,6 +61,7 @@ pub fn light_with(argument: &str) -> Option<&'static str> {
     Some(match argument {
         "position" | "intensity" => "point",
         "direction" | "irradiance" => "directional",
+        "cutoff" | "beam" => "spot",
         "image" | "rotation" => "environment",
         _ => return None,
     })
@@ -120,9 +124,9 @@ pub fn type_name(name: &str) -> Option<&'static str> {
 
 /// What the language will have and this version has not.
 pub fn is_planned(name: &str) -> bool {
-    const FUNCTIONS: &str = "dielectric plastic emissive blend normal_map bump spot motion decimate unwrap \
+    const FUNCTIONS: &str = "dielectric plastic emissive blend normal_map bump motion decimate unwrap \
                              lbfgs gauss_newton levenberg_marquardt classifier laplacian medium";
-    const FIELDS: &str = "focal sensor_width distortion crop filter";
+    const FIELDS: &str = "focal sensor_width crop filter";
     FUNCTIONS.split_whitespace().chain(FIELDS.split_whitespace()).any(|planned| planned == name)
 }
 

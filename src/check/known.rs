@@ -114,6 +114,9 @@ impl Checker<'_> {
                 );
             }
         }
+        if let ("spot", [_, _, _, cutoff, beam]) = (name, &*found) {
+            self.check_cone(cutoff.as_ref(), beam.as_ref());
+        }
         if let ("dot", [Some(a), Some(b)]) = (name, &*found)
             && a.expr.ty != b.expr.ty
             && !super::signature::fits(&a.expr.ty, &b.expr.ty)
@@ -189,6 +192,37 @@ impl Checker<'_> {
         }
     }
 
+    /// A spot light's `cutoff` and `beam`.
+    fn check_cone(&mut self, cutoff: Option<&Typed>, beam: Option<&Typed>) {
+        let known = |angle: Option<&Typed>| match angle {
+            Some(Typed { value: Some(Const::Angle(a)), expr }) => Some((*a, expr.span)),
+            _ => None,
+        };
+        let (cutoff, beam) = (known(cutoff), known(beam));
+        for (name, (angle, span), least) in
+            cutoff.map(|c| ("cutoff", c, f64::MIN_POSITIVE)).into_iter().chain(beam.map(|b| ("beam", b, 0.0)))
+        {
+            if !(least..=std::f64::consts::PI).contains(&angle) {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::value::cone", format!("`{name}` lies between 0deg and 180deg"))
+                        .label(span, "out of range")
+                        .help("it is the angle between the light's direction and the edge of its cone"),
+                );
+                return;
+            }
+        }
+        if let (Some((cutoff, outer)), Some((beam, inner))) = (cutoff, beam)
+            && beam >= cutoff
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::value::cone", "a spot light's `beam` must be smaller than its `cutoff`")
+                    .label(inner, "shines evenly up to here")
+                    .label(outer, "and is dark from here on")
+                    .help("light with a sharp edge has no derivative there: without `beam` it fades over the last quarter of `cutoff`"),
+            );
+        }
+    }
+
     /// A camera's `aperture` and `focus`.
     fn check_lens(&mut self, found: &[Option<Typed>], whole_turn: bool) {
         let number = |i: usize| match found.get(i) {
@@ -210,6 +244,22 @@ impl Checker<'_> {
             let label = if open > close { "closes before it opens" } else { "outside of the keyframes" };
             let message = "a shutter opens and closes between 0 and 1";
             fault("dscene::value::shutter", message, expr.span, label, "write for instance `shutter: [0, 0.5]`");
+        }
+        if let Some(Some(Typed { value: Some(Const::List(numbers)), expr })) = found.get(12) {
+            let kind = found.get(6).and_then(|k| k.as_ref()).and_then(|k| k.value.as_ref());
+            let code = "dscene::value::distortion";
+            if numbers.len() > 5 {
+                let label = format!("{} numbers", numbers.len());
+                let message = "`distortion` is up to five numbers";
+                fault(code, message, expr.span, &label, crate::natives::DISTORTION_HELP);
+            } else if matches!(kind, Some(Const::Str(k)) if k != "perspective" && k != "fisheye") {
+                let message = "only perspective and fisheye cameras have a `distortion`";
+                fault(code, message, expr.span, "this camera has no such lens", "leave it out");
+            } else if number(9).is_some_and(|(x, _)| x > 0.0) {
+                let message = "a camera has a `distortion` or an `aperture`, not both";
+                let help = "leave one of them out: derivatives through both are not available";
+                fault(code, message, expr.span, "the aperture makes this impossible", help);
+            }
         }
         match number(9) {
             Some((x, span)) if x < 0.0 => {

@@ -33,8 +33,8 @@ pub(super) fn reason(scene: &Scene, camera: &Camera) -> Darkness {
             Input::Texture(t) => texture(t),
             Input::VertexColor => shape.mesh.colors.iter().flatten().any(is_lit),
         })
-        .chain(description.delta_lights.iter().map(|l| is_lit(&l.numbers().1)))
-        .chain(description.light_motions.iter().map(|m| is_lit(&m.power)))
+        .chain(description.delta_lights.iter().map(|l| is_lit(&l.power())))
+        .chain(description.light_motions.iter().map(|m| is_lit(&m.closing.power())))
         .chain(description.environment.iter().map(|e| texture(e.radiance)))
         .collect();
     if emitters.is_empty() {

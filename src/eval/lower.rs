@@ -9,13 +9,14 @@ use glam::{Mat3, Vec3};
 use crate::grad::{Scene, SceneError};
 use crate::mesh::Mesh;
 use crate::natives::value::{
-    CameraValue, Input, LightValue, MaterialValue, MeshValue, Model, SceneValue, ShapeValue, Value,
+    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, Model, SceneValue,
+    ShapeValue, Value,
 };
 use crate::natives::{NEEDS_FOCUS, transform_matrix};
 use crate::render::texture::{Filter, Texture, Wrap};
 use crate::render::{
-    Camera, DeltaLight, Emission, Environment, Input as RenderInput, Lens, LightMotion, Material, MaterialKind, Motion,
-    Pose, Projection, SceneDescription, Shape, Slot, TextureId,
+    Camera, Cone, DeltaLight, Distortion, Emission, Environment, Input as RenderInput, Lens, LightMotion, Material,
+    MaterialKind, Motion, Pose, Projection, SceneDescription, Shape, Slot, TextureId,
 };
 use crate::tape::{Slice, TapeError, Tensor, Unary, Var};
 
@@ -91,7 +92,7 @@ pub(super) fn lower_scene(scene: &SceneValue) -> Result<Lowered, LowerError> {
 
 /// The light of an index among [`SceneDescription::delta_lights`], as an index into the scene's lights.
 pub(super) fn delta_light(scene: &SceneValue, delta: usize) -> Option<usize> {
-    let is_delta = |l: &LightValue| matches!(l, LightValue::Point { .. } | LightValue::Directional { .. });
+    let is_delta = |l: &LightValue| matches!(l, LightValue::Delta(_));
     scene.lights.iter().enumerate().filter(|(_, l)| is_delta(l)).nth(delta).map(|(i, _)| i)
 }
 
@@ -154,18 +155,7 @@ impl Builder {
                 };
                 self.mesh(mesh, material, Some(Emission { radiance, two_sided: *two_sided }));
             }
-            LightValue::Point { position, intensity, closing } => {
-                self.delta([position, intensity], closing, |position, intensity| DeltaLight::Point {
-                    position,
-                    intensity,
-                });
-            }
-            LightValue::Directional { direction, irradiance, closing } => {
-                self.delta([direction, irradiance], closing, |direction, irradiance| DeltaLight::Directional {
-                    direction,
-                    irradiance,
-                });
-            }
+            LightValue::Delta(light) => self.delta(light)?,
             LightValue::Environment { radiance, rotation } => {
                 if self.description.environment.is_some() {
                     let what = "a scene has at most one environment".to_string();
@@ -189,22 +179,52 @@ impl Builder {
         Ok(())
     }
 
-    fn delta(
-        &mut self,
-        [placement, power]: [&Var; 2],
-        closing: &Option<[Var; 2]>,
-        make: impl Fn(Vec3, Vec3) -> DeltaLight,
-    ) {
+    fn delta(&mut self, value: &DeltaLightValue) -> Result<(), LowerError> {
         let light = self.description.delta_lights.len();
-        self.feed(Slot::LightPlacement(light), placement);
-        self.feed(Slot::LightPower(light), power);
-        if let Some([placement, power]) = closing {
-            self.feed(Slot::ClosingLightPlacement(light), placement);
-            self.feed(Slot::ClosingLightPower(light), power);
-            let (placement, power) = (vec3(placement.value()), vec3(power.value()));
-            self.description.light_motions.push(LightMotion { light, placement, power });
+        let slots = [Slot::LightPlacement, Slot::LightPower, Slot::LightAxis, Slot::LightCone];
+        let closing_slots =
+            [Slot::ClosingLightPlacement, Slot::ClosingLightPower, Slot::ClosingLightAxis, Slot::ClosingLightCone];
+        let opening = self.keyframe(value, slots.map(|slot| slot(light)))?;
+        self.description.delta_lights.push(opening);
+        if let Some(closing) = &value.closing {
+            let closing = self.keyframe(closing, closing_slots.map(|slot| slot(light)))?;
+            self.description.light_motions.push(LightMotion { light, closing });
         }
-        self.description.delta_lights.push(make(vec3(placement.value()), vec3(power.value())));
+        Ok(())
+    }
+
+    /// A light without area at one keyframe, whose numbers feed the slots of its placement, power, axis and cone.
+    fn keyframe(
+        &mut self,
+        light: &DeltaLightValue,
+        [placement, power, axis, angles]: [Slot; 4],
+    ) -> Result<DeltaLight, LowerError> {
+        let find =
+            |name: &str| light.number(name).ok_or_else(|| LowerError::Tape(format!("the light has no `{name}`")));
+        let mut get = |name: &str, slot: Slot| -> Result<Vec3, LowerError> {
+            let number = find(name)?;
+            self.feed(slot, number);
+            Ok(vec3(number.value()))
+        };
+        Ok(match light.model {
+            DeltaModel::Point => {
+                DeltaLight::Point { position: get("position", placement)?, intensity: get("intensity", power)? }
+            }
+            DeltaModel::Directional => DeltaLight::Directional {
+                direction: get("direction", placement)?,
+                irradiance: get("irradiance", power)?,
+            },
+            DeltaModel::Spot => {
+                let (position, intensity) = (get("position", placement)?, get("intensity", power)?);
+                let axis = get("direction", axis)?;
+                let both = Var::stack(&[find("beam")?.clone(), find("cutoff")?.clone()])?;
+                self.feed(angles, &both);
+                let &[beam, cutoff] = &both.value().to_f32()[..] else {
+                    return Err(bad("a spot light has two angles"));
+                };
+                DeltaLight::Spot { position, intensity, cone: Cone { axis, beam, cutoff } }
+            }
+        })
     }
 
     fn material(&mut self, material: &MaterialValue) -> Result<Material, LowerError> {
@@ -323,6 +343,17 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
         Some(_) => return Err(bad("`shutter` must be `[opening, closing]`")),
         None => Var::constant(Tensor::vector(Camera::WHOLE.map(f64::from).to_vec())),
     };
+    // Coefficients that are left out are 0.
+    let distortion = match camera.field("distortion") {
+        Some(Value::Num(v)) if matches!(v.shape(), [0..=5]) => {
+            Var::concat(&[v.clone(), Var::constant(Tensor::full(&[5 - v.len()], 0.0))], 0)?
+        }
+        Some(_) => return Err(bad("`distortion` must be `[k1, k2, p1, p2, k3]`")),
+        None => Var::constant(Tensor::full(&[5], 0.0)),
+    };
+    let Ok(coefficients) = distortion.value().to_f32().try_into() else {
+        return Err(bad("a distortion of five numbers"));
+    };
     let [open, close] = shutter.value().to_f32()[..] else { return Err(bad("a shutter of other than two times")) };
     let Pose { origin, frame, scale, lens: [radius, focus] } = opening.values()?;
     let lowered = Camera {
@@ -333,6 +364,7 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
         width,
         height,
         lens: Lens { radius, focus, ..Lens::PINHOLE },
+        distortion: Distortion { coefficients },
         shutter: [open, close],
         closing: closing.as_ref().map(PoseVars::values).transpose()?,
     };
@@ -341,6 +373,7 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
         (Slot::CameraFrame, opening.frame),
         (Slot::CameraScale, opening.scale),
         (Slot::CameraLens, opening.lens),
+        (Slot::CameraDistortion, distortion),
         (Slot::CameraShutter, shutter),
     ];
     if let Some(PoseVars { origin, frame, scale, lens }) = closing {

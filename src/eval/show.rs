@@ -3,9 +3,9 @@
 use serde_json::{Map, Value as Json, json};
 
 use crate::check::types::Ty;
-use crate::natives::value::{Input, LightValue, Value};
+use crate::natives::value::{DeltaLightValue, Input, LightValue, Value};
 use crate::natives::{field, fields_of};
-use crate::tape::Tensor;
+use crate::tape::{Tensor, Var};
 
 /// Elements of an array that are written out.
 const SHOWN: usize = 64;
@@ -172,18 +172,6 @@ fn camera_field(name: &str, v: &Value) -> String {
     brief(v, if name.starts_with("fov") { &Ty::Angle } else { &Ty::Any })
 }
 
-/// A light as it is, or from one keyframe to the other.
-fn keyframes<'a>(
-    opening: [&'a crate::tape::Var; 2],
-    closing: &'a Option<[crate::tape::Var; 2]>,
-    text: impl Fn([&'a crate::tape::Var; 2]) -> String,
-) -> String {
-    match closing {
-        Some([placement, power]) => format!("moving({}, {})", text(opening), text([placement, power])),
-        None => text(opening),
-    }
-}
-
 fn input(i: &Input) -> String {
     match i {
         Input::Number(v) => numbers(v.value(), &number_text),
@@ -193,21 +181,26 @@ fn input(i: &Input) -> String {
 }
 
 fn light(l: &LightValue) -> String {
-    let n = |v: &crate::tape::Var| numbers(v.value(), &number_text);
     match l {
         LightValue::Area { mesh, radiance, .. } => {
             format!("area({}, radiance: {})", brief(&Value::Mesh(mesh.clone()), &Ty::Mesh), input(radiance))
         }
-        LightValue::Point { position, intensity, closing } => keyframes([position, intensity], closing, |[p, i]| {
-            format!("point(position: {}, intensity: {})", n(p), n(i))
-        }),
-        LightValue::Directional { direction, irradiance, closing } => {
-            keyframes([direction, irradiance], closing, |[d, i]| {
-                format!("directional(direction: {}, irradiance: {})", n(d), n(i))
-            })
-        }
+        LightValue::Delta(light) => match &light.closing {
+            Some(closing) => format!("moving({}, {})", delta_light(light), delta_light(closing)),
+            None => delta_light(light),
+        },
         LightValue::Environment { radiance, .. } => format!("environment({})", input(radiance)),
     }
+}
+
+/// At its opening keyframe.
+fn delta_light(light: &DeltaLightValue) -> String {
+    let number = |(name, v): &(&str, Var)| {
+        let ty = if v.shape().is_empty() { &Ty::Angle } else { &Ty::Any };
+        format!("{name}: {}", brief(&Value::Num(v.clone()), ty))
+    };
+    let numbers: Vec<String> = light.numbers.iter().map(number).collect();
+    format!("{}({})", light.model.name(), numbers.join(", "))
 }
 
 fn sizes(shape: &[usize]) -> String {

@@ -418,7 +418,15 @@ pub fn d_material<S: Sink>(
             d_light_power(out, light.prim, light.b, d_power, false);
         }
         LightKind::Point(i) => {
+            // geometry = falloff / r²
             let d_r = -2.0 * d_geometry * c.geometry / c.distance;
+            if let Some(cone) = light.cone {
+                let falloff = cone.falloff(-c.dir);
+                let d_falloff = d_geometry / (c.distance * c.distance);
+                d_dir -= falloff.by_direction * d_falloff;
+                let d_axis = crate::math::d_normalize(cone.axis, falloff.by_axis * d_falloff);
+                out.light_cone(i, d_axis, falloff.by_angles.map(|d| d * d_falloff));
+            }
             let d = c.dir * d_r + (d_dir - c.dir * c.dir.dot(d_dir)) / c.distance;
             adj.p -= d;
             out.light_placement(i, d);

@@ -255,8 +255,13 @@ fn slides_over_steps(scene: &Scene, settings: &Settings, wrt: &[Slot]) -> bool {
     let reads = |input: Input| matches!(input, Input::Texture(t) if steps(t));
     let radiance = settings.output == Output::Radiance;
     let lit = radiance && settings.max_bounces > 0;
-    let view =
-        wrt.iter().any(|s| matches!(s, Slot::CameraOrigin | Slot::CameraFrame | Slot::CameraScale | Slot::CameraLens));
+    let of_camera = |s: &Slot| {
+        matches!(
+            s,
+            Slot::CameraOrigin | Slot::CameraFrame | Slot::CameraScale | Slot::CameraLens | Slot::CameraDistortion
+        )
+    };
+    let view = wrt.iter().any(of_camera);
     let (mut moves, mut geometry, mut turns) = (false, false, view);
     for slot in wrt {
         geometry |= matches!(slot, Slot::Vertices(_) | Slot::Normals(_));

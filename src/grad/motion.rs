@@ -37,9 +37,10 @@ impl Moving {
             velocities.push((Slot::CameraLens, pair(from.lens, to.lens)));
         }
         for motion in &scene.description.light_motions {
-            let (placement, power) = scene.description.delta_lights[motion.light].numbers();
-            velocities.push((Slot::LightPlacement(motion.light), velocity(&[placement], &[motion.placement])));
-            velocities.push((Slot::LightPower(motion.light), velocity(&[power], &[motion.power])));
+            let opening = scene.description.delta_lights[motion.light].arrays(motion.light);
+            for ((slot, from), (_, to)) in opening.into_iter().zip(motion.closing.arrays(motion.light)) {
+                velocities.push((slot, from.iter().zip(&to).map(|(a, b)| b - a).collect()));
+            }
         }
         for motion in &scene.description.motions {
             let mesh = &scene.description.shapes[motion.shape].mesh;

@@ -19,7 +19,7 @@ use crate::render::edges::{Edge, SMOOTH_CREASE};
 use crate::render::film::first_hit;
 use crate::render::integrator::{NoRecord, Options, Start, trace};
 use crate::render::sampler::{Discrete, Sampler, hash};
-use crate::render::{Camera, Output, Scene, Settings};
+use crate::render::{Camera, Output, Projection, Scene, Settings};
 
 /// Distance in pixels between an edge and the ray that looks past it.
 const NUDGE: f32 = 1e-3;
@@ -103,6 +103,7 @@ impl<'a> PrimaryEdges<'a> {
         let mut pieces = Vec::new();
         let mut lengths = Vec::new();
         for (v, viewpoint) in viewpoints.iter().enumerate() {
+            let widest = f64::from(viewpoint.camera.widest());
             for (e, edge) in viewpoint.scene.edges().edges.iter().enumerate() {
                 let class = if lens {
                     classify_through_lens(viewpoint, edge, settings)
@@ -118,7 +119,7 @@ impl<'a> PrimaryEdges<'a> {
                 if lens {
                     blurred(viewpoint, edge).into_iter().for_each(&mut add);
                 } else if !lines {
-                    curved(viewpoint, edge).into_iter().for_each(&mut add);
+                    curved(viewpoint, edge, widest).into_iter().for_each(&mut add);
                 } else if let Some(segment) = clip(viewpoint, edge) {
                     let cuts = if enumerate { pixel_cuts(&segment) } else { even_cuts(&segment) };
                     cuts.windows(2).map(|c| segment.part(c[0], c[1])).for_each(&mut add);
@@ -501,16 +502,32 @@ fn local_weight(image: &Image, piece: &Piece) -> f64 {
     sum / steps as f64
 }
 
-/// Pieces of an edge for a projection that bends lines: equal steps of the edge parameter, on or near the film.
-fn curved(viewpoint: &Viewpoint, edge: &Edge) -> Vec<Piece> {
+/// Pieces of an edge for a projection that bends lines, on or near the film: equal steps of the edge parameter or, where an ideal
+/// film would show a straight line, of that.
+fn curved(viewpoint: &Viewpoint, edge: &Edge, widest: f64) -> Vec<Piece> {
     const STEPS: usize = 32;
     let camera = &viewpoint.camera;
-    let film = |s: f64| camera.project(viewpoint.image(edge.point(s as f32))).map(|q| q.pixel.as_dvec2());
+    let share = |i: usize| i as f64 / STEPS as f64;
+    let places: Vec<Option<(f64, DVec2)>> = if camera.projection == Projection::Perspective {
+        let Some((line, _)) = before(viewpoint, edge) else { return Vec::new() };
+        let half = DVec2::new(0.5 * camera.width as f64, -0.5 * camera.height as f64);
+        let ideal = |p: DVec2| (p / half + DVec2::new(-1.0, 1.0)) * Vec2::from_array(camera.scale).as_dvec2();
+        let (a, b) = (ideal(line.a), ideal(line.b));
+        let Some([from, to]) = within(a, b, widest) else { return Vec::new() };
+        let place = |i: usize| {
+            let t = from + (to - from) * share(i);
+            Some((line.parameter(t), camera.distorted_pixel(a.lerp(b, t).as_vec2()).as_dvec2()))
+        };
+        (0..=STEPS).map(place).collect()
+    } else {
+        let film = |s: f64| camera.project_folded(viewpoint.image(edge.point(s as f32))).map(|q| q.pixel.as_dvec2());
+        (0..=STEPS).map(|i| Some((share(i), film(share(i))?))).collect()
+    };
     let size = DVec2::new(camera.width as f64, camera.height as f64);
-    (0..STEPS)
-        .filter_map(|i| {
-            let (sa, sb) = (i as f64 / STEPS as f64, (i + 1) as f64 / STEPS as f64);
-            let (a, b) = (film(sa)?, film(sb)?);
+    places
+        .windows(2)
+        .filter_map(|ends| {
+            let [(sa, a), (sb, b)] = [ends[0]?, ends[1]?];
             // A step may jump from one side of a panorama to the other: then its length says nothing.
             let reach = DVec2::splat(a.distance(b) + 4.0);
             let outside = |p: DVec2| p.cmplt(-reach).any() || p.cmpgt(size + reach).any();
@@ -518,6 +535,16 @@ fn curved(viewpoint: &Viewpoint, edge: &Edge) -> Vec<Piece> {
             (!(outside(a) && outside(b))).then_some(piece)
         })
         .collect()
+}
+
+/// The part of the way from `a` to `b` that is no further than `radius` from the origin, as fractions of it.
+fn within(a: DVec2, b: DVec2, radius: f64) -> Option<[f64; 2]> {
+    let d = b - a;
+    let middle = -a.dot(d) / d.length_squared();
+    let half2 = (radius * radius - (a + d * middle).length_squared()) / d.length_squared();
+    let half = half2.sqrt(); // not a number where none is
+    let (from, to) = ((middle - half).max(0.0), (middle + half).min(1.0));
+    (half2 > 0.0 && from < to).then_some([from, to])
 }
 
 /// Clips an edge to the space before the camera (and before the mirror) and to the film.
@@ -564,7 +591,7 @@ pub fn before(viewpoint: &Viewpoint, edge: &Edge) -> Option<(Piece, [f64; 2])> {
             .inverse();
     let local = |p: Vec3| frame * (viewpoint.image(p).as_dvec3() - camera.origin.as_dvec3());
     let (l0, l1) = (local(edge.p[0]), local(edge.p[1]));
-    let perspective = camera.projection == crate::render::Projection::Perspective;
+    let perspective = camera.projection == Projection::Perspective;
     let near = 1e-5 * f64::from(viewpoint.scene.radius);
     keep(l0.z - near, l1.z - near);
     // A lens may have points on either side of the mirror.

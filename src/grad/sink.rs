@@ -26,11 +26,14 @@ pub struct Layout {
     texels: Vec<u32>,
     light_placement: Vec<u32>,
     light_power: Vec<u32>,
+    light_axis: Vec<u32>,
+    light_cone: Vec<u32>,
     environment_rotation: u32,
     camera_origin: u32,
     camera_frame: u32,
     camera_scale: u32,
     camera_lens: u32,
+    camera_distortion: u32,
     /// Nothing asked for moves or turns anything: paths stay where they are.
     pub still: bool,
 }
@@ -49,12 +52,15 @@ impl Layout {
             colors: shapes,
             texels: vec![NONE; d.textures.len()],
             light_placement: lights.clone(),
-            light_power: lights,
+            light_power: lights.clone(),
+            light_axis: lights.clone(),
+            light_cone: lights,
             environment_rotation: NONE,
             camera_origin: NONE,
             camera_frame: NONE,
             camera_scale: NONE,
             camera_lens: NONE,
+            camera_distortion: NONE,
             still: !slots.iter().any(|s| s.moves_visibility() || matches!(s.opening(), Slot::Normals(_))),
         };
         let mut start = 0;
@@ -79,15 +85,20 @@ impl Layout {
             Slot::Texels(i) => self.texels.get_mut(i)?,
             Slot::LightPlacement(i) => self.light_placement.get_mut(i)?,
             Slot::LightPower(i) => self.light_power.get_mut(i)?,
+            Slot::LightAxis(i) => self.light_axis.get_mut(i)?,
+            Slot::LightCone(i) => self.light_cone.get_mut(i)?,
             Slot::EnvironmentRotation => &mut self.environment_rotation,
             Slot::CameraOrigin => &mut self.camera_origin,
             Slot::CameraFrame => &mut self.camera_frame,
             Slot::CameraScale => &mut self.camera_scale,
             Slot::CameraLens => &mut self.camera_lens,
+            Slot::CameraDistortion => &mut self.camera_distortion,
             Slot::ClosingVertices(_)
             | Slot::ClosingNormals(_)
             | Slot::ClosingLightPlacement(_)
             | Slot::ClosingLightPower(_)
+            | Slot::ClosingLightAxis(_)
+            | Slot::ClosingLightCone(_)
             | Slot::ClosingCameraOrigin
             | Slot::ClosingCameraFrame
             | Slot::ClosingCameraScale
@@ -109,8 +120,14 @@ impl Layout {
 
     /// Whether anything asked for moves what a camera sees through a pixel, or what comes from the environment.
     pub fn moves_view(&self) -> bool {
-        let all =
-            [self.camera_origin, self.camera_frame, self.camera_scale, self.camera_lens, self.environment_rotation];
+        let all = [
+            self.camera_origin,
+            self.camera_frame,
+            self.camera_scale,
+            self.camera_lens,
+            self.camera_distortion,
+            self.environment_rotation,
+        ];
         all.iter().any(|&start| start != NONE)
     }
 
@@ -247,6 +264,14 @@ impl<'a, S: Sink> Adjoints<'a, S> {
             self.sink.add(at, d.x);
             self.sink.add(at + 1, d.y);
             self.sink.add(at + 2, d.z);
+        }
+    }
+
+    fn add_all<const N: usize>(&mut self, start: u32, d: [f32; N]) {
+        if start != NONE {
+            for (i, d) in d.into_iter().enumerate() {
+                self.sink.add(start as usize + i, d);
+            }
         }
     }
 
@@ -504,6 +529,12 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         self.add3(self.layout.light_power[light as usize], 0, d);
     }
 
+    /// Adjoint of a spot light's (not normalised) axis, and of its beam and cutoff.
+    pub fn light_cone(&mut self, light: u32, d_axis: Vec3, d_angles: [f32; 2]) {
+        self.add3(self.layout.light_axis[light as usize], 0, d_axis);
+        self.add_all(self.layout.light_cone[light as usize], d_angles);
+    }
+
     /// Moves the collected camera adjoint into the sink.
     pub fn flush_camera(&mut self) {
         let c = std::mem::take(&mut self.camera);
@@ -511,12 +542,8 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         for (i, row) in c.frame.into_iter().enumerate() {
             self.add3(self.layout.camera_frame, i, row);
         }
-        for (start, pair) in [(self.layout.camera_scale, c.scale), (self.layout.camera_lens, c.lens)] {
-            if start != NONE {
-                for (i, v) in pair.into_iter().enumerate() {
-                    self.sink.add(start as usize + i, v);
-                }
-            }
-        }
+        self.add_all(self.layout.camera_scale, c.scale);
+        self.add_all(self.layout.camera_lens, c.lens);
+        self.add_all(self.layout.camera_distortion, c.distortion);
     }
 }

@@ -68,12 +68,11 @@ pub fn fields_of(value: &Value) -> Vec<String> {
             .collect(),
         Value::Material(m) => m.inputs.iter().map(|(n, _)| n.to_string()).collect(),
         Value::Shape(_) => words(&["mesh", "material"]),
-        Value::Light(l) => words(match **l {
-            LightValue::Area { .. } => &["mesh", "radiance", "two_sided", "material"],
-            LightValue::Point { .. } => &["position", "intensity"],
-            LightValue::Directional { .. } => &["direction", "irradiance"],
-            LightValue::Environment { .. } => &["radiance", "rotation"],
-        }),
+        Value::Light(l) => match &**l {
+            LightValue::Area { .. } => words(&["mesh", "radiance", "two_sided", "material"]),
+            LightValue::Delta(light) => light.numbers.iter().map(|(n, _)| n.to_string()).collect(),
+            LightValue::Environment { .. } => words(&["radiance", "rotation"]),
+        },
         Value::Camera(c) => c.fields.iter().map(|(n, _)| n.clone()).collect(),
         Value::Scene(_) => words(&["shapes", "lights"]),
         Value::Settings(s) => s.fields.iter().map(|(n, _)| n.clone()).collect(),
@@ -205,10 +204,7 @@ fn light_field(light: &LightValue, name: &str) -> Option<Value> {
         }
         (LightValue::Area { two_sided, .. }, "two_sided") => Some(Value::Bool(*two_sided)),
         (LightValue::Area { material: Some(m), .. }, "material") => Some(Value::Material(m.clone())),
-        (LightValue::Point { position, .. }, "position") => Some(Value::Num(position.clone())),
-        (LightValue::Point { intensity, .. }, "intensity") => Some(Value::Num(intensity.clone())),
-        (LightValue::Directional { direction, .. }, "direction") => Some(Value::Num(direction.clone())),
-        (LightValue::Directional { irradiance, .. }, "irradiance") => Some(Value::Num(irradiance.clone())),
+        (LightValue::Delta(light), _) => light.number(name).cloned().map(Value::Num),
         (LightValue::Environment { rotation, .. }, "rotation") => {
             let identity = || Var::constant(Tensor::identity(3));
             Some(Value::Rotation(rotation.clone().unwrap_or_else(identity)))
@@ -219,7 +215,6 @@ fn light_field(light: &LightValue, name: &str) -> Option<Value> {
 
 fn set_light_field(light: &LightValue, name: &str, new: &Value) -> Option<Value> {
     let mut light = light.clone();
-    let three = |v: &Value| v.var().and_then(|v| v.broadcast_to(&[3]).ok());
     match (&mut light, name) {
         (LightValue::Area { mesh, .. }, "mesh") => match new {
             Value::Mesh(m) => *mesh = m.clone(),
@@ -236,10 +231,10 @@ fn set_light_field(light: &LightValue, name: &str, new: &Value) -> Option<Value>
             Value::Material(m) => *material = Some(m.clone()),
             _ => return None,
         },
-        (LightValue::Point { position: slot, .. }, "position")
-        | (LightValue::Point { intensity: slot, .. }, "intensity")
-        | (LightValue::Directional { direction: slot, .. }, "direction")
-        | (LightValue::Directional { irradiance: slot, .. }, "irradiance") => *slot = three(new)?,
+        (LightValue::Delta(light), _) => {
+            let (_, number) = light.numbers.iter_mut().find(|(n, _)| *n == name)?;
+            *number = new.var().and_then(|v| v.broadcast_to(number.shape()).ok())?;
+        }
         (LightValue::Environment { rotation, .. }, "rotation") => *rotation = Some(rotation_of(new)?),
         _ => return None,
     }

@@ -17,7 +17,7 @@ use crate::tape::{TapeError, Tensor, Var};
 use value::{MeshValue, Value};
 
 pub use fields::{field, fields_of, set_field};
-pub(crate) use scene::{NEEDS_FOCUS, add_to_scene, transform_matrix};
+pub(crate) use scene::{DISTORTION_HELP, NEEDS_FOCUS, add_to_scene, transform_matrix};
 
 /// What went wrong in a native, and which argument is to blame.
 #[derive(Clone, Debug, PartialEq)]
@@ -123,6 +123,12 @@ impl<'a> Args<'a> {
     pub fn named(&self, name: &str) -> Option<(usize, &'a Value)> {
         let index = self.index(name)?;
         self.get(index).map(|v| (index, v))
+    }
+
+    /// Three numbers that have to be there.
+    pub fn needed_vector(&self, name: &str) -> Result<Var> {
+        let (i, _) = self.need(name)?;
+        self.vector(i, 3, false)
     }
 
     fn missing(&self, name: &str) -> NativeError {

@@ -8,8 +8,8 @@ use crate::render::texture::{Filter, Wrap};
 use crate::tape::{Slice, Tensor, Var};
 
 use super::value::{
-    CameraValue, Input, LightValue, MaterialValue, MeshValue, Model, SceneValue, SettingsValue, ShapeValue,
-    TextureValue, Value,
+    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, Model, SceneValue,
+    SettingsValue, ShapeValue, TextureValue, Value,
 };
 use super::{Args, Native, NativeError, Result};
 
@@ -42,17 +42,13 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("area", area),
     ("light", area),
     ("point", |a| {
-        let (p, _) = a.need("position")?;
-        let (position, intensity) = (a.vector(p, 3, false)?, power(a, "intensity")?);
-        light(LightValue::Point { position, intensity, closing: None })
+        let numbers = vec![("position", a.needed_vector("position")?), ("intensity", power(a, "intensity")?)];
+        delta_light(DeltaModel::Point, numbers)
     }),
+    ("spot", spot),
     ("directional", |a| {
-        let (d, _) = a.need("direction")?;
-        let direction = a.vector(d, 3, false)?;
-        if direction.value().data.iter().all(|x| *x == 0.0) {
-            return Err(NativeError::at(d, "a direction of length 0"));
-        }
-        light(LightValue::Directional { direction, irradiance: power(a, "irradiance")?, closing: None })
+        let numbers = vec![("direction", axis(a)?), ("irradiance", power(a, "irradiance")?)];
+        delta_light(DeltaModel::Directional, numbers)
     }),
     ("environment", environment),
     ("constant", |a| light(LightValue::Environment { radiance: Input::Number(power(a, "radiance")?), rotation: None })),
@@ -280,6 +276,56 @@ fn light(light: LightValue) -> Result<Value> {
     Ok(Value::Light(Arc::new(light)))
 }
 
+fn delta_light(model: DeltaModel, numbers: Vec<(&'static str, Var)>) -> Result<Value> {
+    light(LightValue::Delta(DeltaLightValue { model, numbers, closing: None }))
+}
+
+/// A direction that is one.
+fn axis(a: &Args) -> Result<Var> {
+    let (i, _) = a.need("direction")?;
+    let direction = a.vector(i, 3, false)?;
+    if direction.value().data.iter().all(|x| *x == 0.0) {
+        return Err(NativeError::at(i, "a direction of length 0"));
+    }
+    Ok(direction)
+}
+
+/// Of a spot light without a `beam`, the share of its cutoff that is lit evenly.
+const BEAM: f64 = 0.75;
+
+fn spot(a: &Args) -> Result<Value> {
+    let angle = |name: &str| a.named_var(name).map(|v| v.cloned());
+    let cutoff = angle("cutoff")?.unwrap_or_else(|| Var::from(std::f64::consts::FRAC_PI_6));
+    let beam = angle("beam")?.unwrap_or_else(|| cutoff.scale(BEAM));
+    for (name, v) in [("cutoff", &cutoff), ("beam", &beam)] {
+        let degrees = v.value().data.first().map_or(f64::NAN, |x| x.to_degrees());
+        let inside = if name == "cutoff" { degrees > 0.0 } else { degrees >= 0.0 };
+        if !(inside && degrees <= 180.0) {
+            let message =
+                format!("`{name}` of a spot light lies between 0deg and 180deg, this is {}deg", short(degrees));
+            let help = "it is the angle between the light's direction and the edge of its cone";
+            return Err(NativeError { arg: a.index(name), message, help: Some(help.into()) });
+        }
+    }
+    if beam.value().data >= cutoff.value().data {
+        let help =
+            "light that ends at a sharp edge has no derivative there: leave `beam` out for three quarters of `cutoff`";
+        return Err(NativeError {
+            arg: a.index("beam"),
+            message: "a spot light's `beam` must be smaller than its `cutoff`".into(),
+            help: Some(help.into()),
+        });
+    }
+    let numbers = vec![
+        ("position", a.needed_vector("position")?),
+        ("direction", axis(a)?),
+        ("intensity", power(a, "intensity")?),
+        ("cutoff", cutoff),
+        ("beam", beam),
+    ];
+    delta_light(DeltaModel::Spot, numbers)
+}
+
 /// Three numbers of at least 0; 1 where missing.
 fn power(a: &Args, name: &str) -> Result<Var> {
     let Some((i, _)) = a.named(name) else { return Ok(Var::constant(Tensor::full(&[3], 1.0))) };
@@ -417,6 +463,7 @@ fn camera(a: &Args) -> Result<Value> {
         return Err(unknown(a, "kind", kind, "`perspective`, `orthographic`, `fisheye` or `panorama`"));
     }
     lens(a, whole_turn)?;
+    distortion(a, kind)?;
     if let Some((i, _)) = a.named("shutter") {
         let shutter = a.vector(i, 2, false)?;
         if !matches!(shutter.value().data[..], [open, close] if 0.0 <= open && open <= close && close <= 1.0) {
@@ -443,6 +490,30 @@ fn camera(a: &Args) -> Result<Value> {
     }
     Ok(Value::Camera(Arc::new(CameraValue { fields: fields(a), closing: None })))
 }
+
+fn distortion(a: &Args, kind: &str) -> Result<()> {
+    let Some((i, _)) = a.named("distortion") else { return Ok(()) };
+    let v = a.var(i)?;
+    if !matches!(v.shape(), [0..=5]) {
+        let message = format!("`distortion` is up to five numbers, this is a {}", Tensor::shape_text(v.shape()));
+        return Err(NativeError::at(i, message).help(DISTORTION_HELP));
+    }
+    if !v.value().is_finite() {
+        return Err(NativeError::at(i, "coefficients of a distortion must be finite"));
+    }
+    if kind != "perspective" && kind != "fisheye" {
+        return Err(NativeError::at(i, "only perspective and fisheye cameras have a `distortion`"));
+    }
+    if a.named_number("aperture")?.is_some_and(|radius| radius != 0.0) {
+        let help = "leave one of them out: derivatives through both are not available";
+        return Err(NativeError::at(i, "a camera has a `distortion` or an `aperture`, not both").help(help));
+    }
+    Ok(())
+}
+
+/// What a camera's `distortion` is.
+pub(crate) const DISTORTION_HELP: &str =
+    "they are k1, k2, p1, p2, k3 as OpenCV has them: write for instance `distortion: [-0.2, 0.05]`";
 
 /// What [`moving`] says of things that move already.
 pub(super) fn moves_already(a: &Args, i: usize, what: &str) -> NativeError {
@@ -473,7 +544,7 @@ fn moving(a: &Args) -> Result<Value> {
                 Some(Value::Num(v)) => Some((v.value().data.clone(), v.is_live())),
                 _ => None,
             };
-            for name in ["film", "shutter"] {
+            for name in ["film", "shutter", "distortion"] {
                 if numbers(opening, name) != numbers(closing, name) {
                     let message = format!("the keyframes differ in `{name}`, which cannot move");
                     return Err(NativeError::at(1, message).help(format!("write the same `{name}` in both")));
@@ -488,30 +559,21 @@ fn moving(a: &Args) -> Result<Value> {
 }
 
 fn moving_light(a: &Args, opening: &LightValue, closing: &LightValue) -> Result<Value> {
-    use LightValue::{Area, Directional, Environment, Point};
+    use LightValue::{Area, Delta, Environment};
     for (i, l) in [opening, closing].into_iter().enumerate() {
-        if matches!(l, Point { closing: Some(_), .. } | Directional { closing: Some(_), .. }) {
+        if matches!(l, Delta(DeltaLightValue { closing: Some(_), .. })) {
             return Err(moves_already(a, i, "lights"));
         }
     }
     match (opening, closing) {
-        (Point { position, intensity, .. }, Point { position: to, intensity: power, .. }) => light(Point {
-            position: position.clone(),
-            intensity: intensity.clone(),
-            closing: Some([to.clone(), power.clone()]),
-        }),
-        (Directional { direction, irradiance, .. }, Directional { direction: to, irradiance: power, .. }) => {
-            light(Directional {
-                direction: direction.clone(),
-                irradiance: irradiance.clone(),
-                closing: Some([to.clone(), power.clone()]),
-            })
+        (Delta(opening), Delta(closing)) if opening.model == closing.model => {
+            light(Delta(DeltaLightValue { closing: Some(Arc::new(closing.clone())), ..opening.clone() }))
         }
         (Area { .. }, _) => Err(NativeError::at(0, "a light with an area moves as its mesh does")
             .help("write `area(moving(mesh, mesh |> translate([1, 0, 0])))`")),
         (Environment { .. }, _) => Err(NativeError::at(0, "an environment stands still while a shutter is open")),
         _ => Err(NativeError::at(1, "the keyframes are different kinds of light")
-            .help("give two point lights, or two directional ones")),
+            .help("give two point lights, two spots or two directional ones")),
     }
 }
 

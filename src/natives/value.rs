@@ -117,12 +117,45 @@ pub struct ShapeValue {
     pub material: Arc<MaterialValue>,
 }
 
-/// What moves of a light without area is, at its closing keyframe, `closing`: in the order of the other fields.
+/// Lights without area.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DeltaModel {
+    Point,
+    Spot,
+    Directional,
+}
+
+impl DeltaModel {
+    /// The constructor's name.
+    pub fn name(self) -> &'static str {
+        match self {
+            DeltaModel::Point => "point",
+            DeltaModel::Spot => "spot",
+            DeltaModel::Directional => "directional",
+        }
+    }
+}
+
+/// A light without area.
+#[derive(Clone)]
+pub struct DeltaLightValue {
+    pub model: DeltaModel,
+    /// By the name of the constructor's argument.
+    pub numbers: Vec<(&'static str, Var)>,
+    /// The same light at the closing keyframe, if it moves while the shutter is open; that one has none.
+    pub closing: Option<Arc<DeltaLightValue>>,
+}
+
+impl DeltaLightValue {
+    pub fn number(&self, name: &str) -> Option<&Var> {
+        self.numbers.iter().find(|(n, _)| *n == name).map(|(_, v)| v)
+    }
+}
+
 #[derive(Clone)]
 pub enum LightValue {
     Area { mesh: Arc<MeshValue>, radiance: Input, two_sided: bool, material: Option<Arc<MaterialValue>> },
-    Point { position: Var, intensity: Var, closing: Option<[Var; 2]> },
-    Directional { direction: Var, irradiance: Var, closing: Option<[Var; 2]> },
+    Delta(DeltaLightValue),
     Environment { radiance: Input, rotation: Option<Var> },
 }
 

@@ -5,7 +5,7 @@ use glam::{Vec2, Vec3};
 use super::accel::{NO_PRIM, PrimId};
 use super::environment::EnvironmentPeak;
 use super::sampler::{Discrete, ONE_MINUS_EPSILON};
-use super::scene::{DeltaLight, Input, SceneDescription};
+use super::scene::{Cone, DeltaLight, Input, SceneDescription};
 use super::world::{Prim, Scene};
 use crate::math::luminance;
 
@@ -13,7 +13,7 @@ use crate::math::luminance;
 pub enum LightKind {
     /// A point on an emissive triangle.
     Area,
-    /// Delta light of this index.
+    /// Delta light of this index: a point light or a spot.
     Point(u32),
     Directional(u32),
     Environment,
@@ -34,6 +34,8 @@ pub struct LightSample {
     pub prim: PrimId,
     pub b: [f32; 3],
     pub two_sided: bool,
+    /// Of a spot light.
+    pub cone: Option<Cone>,
 }
 
 /// A light as it arrives at a point: `power · geometry` is what the BSDF is to be multiplied with before dividing by the pdf.
@@ -42,7 +44,7 @@ pub struct Arrival {
     /// Unit direction towards the light.
     pub dir: Vec3,
     pub distance: f32,
-    /// cos θ_y / r² (area), 1 / r² (point), 1 (distant).
+    /// cos θ_y / r² (area), 1 / r² (point), [`Cone::falloff`] / r² (spot), 1 (distant).
     pub geometry: f32,
 }
 
@@ -60,6 +62,51 @@ impl Arrival {
     }
 }
 
+/// The share of a spot's intensity that shines one way, and its derivatives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Falloff {
+    /// In [0, 1].
+    pub value: f32,
+    /// In the unit direction, perpendicular to it.
+    pub by_direction: Vec3,
+    /// In the axis of unit length, perpendicular to it.
+    pub by_axis: Vec3,
+    /// In beam and cutoff.
+    pub by_angles: [f32; 2],
+}
+
+impl Cone {
+    /// s² (3 − 2s), where s goes with the angle θ between axis and `dir` (of unit length) from 0 at the cutoff to 1 at the beam.
+    pub fn falloff(&self, dir: Vec3) -> Falloff {
+        let axis = self.axis.normalize();
+        // By the sine as well: the cosine alone knows nothing of small angles.
+        let (sin, cos) = (axis.cross(dir).length(), axis.dot(dir));
+        let width = self.cutoff - self.beam;
+        let s = ((self.cutoff - sin.atan2(cos)) / width).clamp(0.0, 1.0);
+        let slope = 6.0 * s * (1.0 - s) / width;
+        // ∂θ/∂dir = (dir cos θ − axis) / sin θ. In the axis the slope is 0, whatever the direction.
+        let turn = if sin > 0.0 { -slope / sin } else { 0.0 };
+        Falloff {
+            value: s * s * (3.0 - 2.0 * s),
+            by_direction: (dir * cos - axis) * turn,
+            by_axis: (axis * cos - dir) * turn,
+            by_angles: [slope * s, slope * (1.0 - s)],
+        }
+    }
+
+    /// ∫ falloff over all directions, in steradians: by parts ∫ (1 − cos θ) ∂falloff/∂θ, which the midpoint rule adds up to a
+    /// thousandth.
+    fn solid_angle(&self) -> f64 {
+        const STEPS: u32 = 32;
+        let (beam, width) = (f64::from(self.beam), f64::from(self.cutoff - self.beam));
+        let step = |i: u32| {
+            let x = (f64::from(i) + 0.5) / f64::from(STEPS);
+            6.0 * x * (1.0 - x) * 2.0 * (0.5 * (beam + width * x)).sin().powi(2)
+        };
+        2.0 * std::f64::consts::PI * (0..STEPS).map(step).sum::<f64>() / f64::from(STEPS)
+    }
+}
+
 impl LightSample {
     /// Stands where there is none.
     pub(crate) const NONE: LightSample = LightSample {
@@ -71,6 +118,7 @@ impl LightSample {
         prim: NO_PRIM,
         b: [0.0; 3],
         two_sided: false,
+        cone: None,
     };
 
     /// Seen from `x`, without visibility; `None` if the light does not shine that way.
@@ -85,7 +133,9 @@ impl LightSample {
                 let d = self.y - x;
                 let r2 = d.length_squared();
                 let r = r2.sqrt();
-                (r2 > 0.0).then(|| Arrival { dir: d * r.recip(), distance: r, geometry: 1.0 / r2 })
+                let dir = d * r.recip();
+                let falloff = self.cone.map_or(1.0, |cone| cone.falloff(-dir).value);
+                (r2 > 0.0 && falloff > 0.0).then(|| Arrival { dir, distance: r, geometry: falloff / r2 })
             }
             LightKind::Directional(_) | LightKind::Environment => {
                 Some(Arrival { dir: self.y, distance: f32::INFINITY, geometry: 1.0 })
@@ -176,6 +226,7 @@ impl LightTable {
                 DeltaLight::Point { intensity, .. } => {
                     4.0 * std::f64::consts::PI * f64::from(luminance(*intensity).abs())
                 }
+                DeltaLight::Spot { intensity, cone, .. } => cone.solid_angle() * f64::from(luminance(*intensity).abs()),
                 DeltaLight::Directional { irradiance, .. } => {
                     std::f64::consts::PI * f64::from(radius).powi(2) * f64::from(luminance(*irradiance).abs())
                 }
@@ -242,7 +293,7 @@ impl LightTable {
         self.last_turns
     }
 
-    /// Whether the only light is one point or directional light.
+    /// Whether the only light is one without area.
     pub fn is_single_delta(&self) -> bool {
         matches!(self.entries.as_slice(), [Entry::Delta(_)])
     }
@@ -318,6 +369,9 @@ impl Scene {
                 DeltaLight::Point { position, intensity } => {
                     LightSample { kind: LightKind::Point(i), y: position, power: intensity, ..base }
                 }
+                DeltaLight::Spot { position, intensity, cone } => {
+                    LightSample { kind: LightKind::Point(i), y: position, power: intensity, cone: Some(cone), ..base }
+                }
                 DeltaLight::Directional { direction, irradiance } => {
                     let y = -direction.normalize();
                     LightSample { kind: LightKind::Directional(i), y, power: irradiance, ..base }
@@ -362,6 +416,7 @@ impl Scene {
             prim,
             b,
             two_sided: self.looks[facet.shape as usize].two_sided,
+            cone: None,
         }
     }
 
@@ -416,6 +471,8 @@ mod tests {
         glow(&mut d, vec![v(0.0, 2.0, 0.0), v(0.1, 2.0, 0.0), v(0.0, 2.0, 0.3)], vec![[0, 1, 2]], 40.0);
         d.delta_lights.push(DeltaLight::Point { position: v(1.0, 1.0, 1.0), intensity: Vec3::splat(0.5) });
         d.delta_lights.push(DeltaLight::Directional { direction: v(0.0, -2.0, 1.0), irradiance: Vec3::splat(0.3) });
+        let cone = Cone { axis: v(0.0, -2.0, 0.1), beam: 0.5, cutoff: 1.0 };
+        d.delta_lights.push(DeltaLight::Spot { position: v(0.5, 2.0, 0.0), intensity: Vec3::splat(0.8), cone });
         let mut sky = vec![0.02; 8 * 4 * 3];
         sky[(8 + 7) * 3..][..3].fill(3.0);
         d.textures.push(Texture::new(8, 4, 3, sky, Wrap::Repeat, Filter::Bilinear).unwrap());
@@ -484,6 +541,56 @@ mod tests {
     }
 
     #[test]
+    fn falloff_ends_flat_and_has_its_derivatives() {
+        let mut rng = Pcg32::new(23);
+        let mut unit = || (Vec3::from_array(rng.next_3d()) * 2.0 - 1.0).normalize();
+        for (beam, cutoff) in [(0.2, 0.9), (0.0, 1.5), (0.01, 0.03), (2.0, std::f32::consts::PI)] {
+            for i in 0..200 {
+                let axis = unit() * 1.7;
+                // From the axis to well beyond the cutoff.
+                let angle = 1.2 * cutoff * i as f32 / 200.0;
+                let side = axis.cross(unit()).normalize();
+                let cone = Cone { axis, beam, cutoff };
+                let at = |angle: f32| (axis.normalize() * angle.cos() + side * angle.sin()).normalize();
+                let dir = at(angle);
+                let found = cone.falloff(dir);
+                match angle {
+                    _ if angle < beam => assert_eq!(found.value, 1.0),
+                    _ if angle > 1.001 * cutoff && angle < std::f32::consts::PI => assert_eq!(found.value, 0.0),
+                    _ => assert!((0.0..=1.0).contains(&found.value)),
+                }
+                let h = 2e-3 * (cutoff - beam);
+                let close = |found: f32, up: f32, down: f32| {
+                    let difference = (up - down) / (2.0 * h);
+                    assert!((found - difference).abs() * (cutoff - beam) < 0.02, "{found} {difference}");
+                };
+                let along = at(angle + 0.5 * std::f32::consts::PI);
+                if angle > h {
+                    let value = |by: f32| cone.falloff((dir + along * by).normalize()).value;
+                    close(found.by_direction.dot(along), value(h), value(-h));
+                    let turned = |by: f32| Cone { axis: axis.normalize() + side * by, ..cone }.falloff(dir).value;
+                    close(found.by_axis.dot(side), turned(h), turned(-h));
+                }
+                let beams = |by: f32| Cone { beam: beam + by, ..cone }.falloff(dir).value;
+                close(found.by_angles[0], beams(h), beams(-h));
+                let ends = |by: f32| Cone { cutoff: cutoff + by, ..cone }.falloff(dir).value;
+                close(found.by_angles[1], ends(h), ends(-h));
+            }
+            // As much as directions all around find.
+            let cone = Cone { axis: Vec3::Z, beam, cutoff };
+            let n = 20_000;
+            let ring = |i: i32| {
+                let angle = (i as f32 + 0.5) / n as f32 * cutoff;
+                f64::from(
+                    cone.falloff(Vec3::new(angle.sin(), 0.0, angle.cos())).value * angle.sin() * cutoff / n as f32,
+                )
+            };
+            let all = std::f64::consts::TAU * (0..n).map(ring).sum::<f64>();
+            assert!((cone.solid_angle() - all).abs() < 2e-3 * all, "{} {all}", cone.solid_angle());
+        }
+    }
+
+    #[test]
     fn arriving_light_has_the_geometry_factor_of_its_kind() {
         let scene = scene();
         let mut rng = Pcg32::new(19);
@@ -495,7 +602,7 @@ mod tests {
             let d = light.y - x;
             let expected = match light.kind {
                 LightKind::Area => light.n.dot(d.normalize()).abs() / d.length_squared(),
-                LightKind::Point(_) => 1.0 / d.length_squared(),
+                LightKind::Point(_) => light.cone.map_or(1.0, |c| c.falloff(-d.normalize()).value) / d.length_squared(),
                 _ => 1.0,
             };
             assert!((arrival.geometry - expected).abs() < 1e-4 * expected);

@@ -3,6 +3,7 @@
 pub mod accel;
 pub mod bsdf;
 pub mod contacts;
+pub mod distortion;
 pub mod edges;
 pub mod environment;
 pub mod film;
@@ -22,6 +23,7 @@ mod sobol;
 pub mod texture;
 pub mod world;
 
+pub use distortion::Distortion;
 pub use film::{NEVER, Output, Settings, render, render_until};
 pub use scene::*;
 pub use world::{Scene, SceneError, validate_camera};

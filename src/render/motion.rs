@@ -61,9 +61,7 @@ impl Scene {
             }
             for motion in &self.description.light_motions {
                 let from = &self.description.delta_lights[motion.light];
-                let (placement, power) = from.numbers();
-                description.delta_lights[motion.light] =
-                    from.with_numbers(placement.lerp(motion.placement, time), power.lerp(motion.power, time));
+                description.delta_lights[motion.light] = from.lerp(&motion.closing, time);
             }
         };
         match before {

@@ -4,6 +4,7 @@ use glam::{Mat3, Vec2, Vec3};
 
 use crate::mesh::Mesh;
 
+use super::distortion::Distortion;
 use super::texture::Texture;
 
 /// Index into [`SceneDescription::textures`].
@@ -69,23 +70,72 @@ pub struct Shape {
 pub enum DeltaLight {
     /// Radiant intensity (W/sr, RGB) at a position.
     Point { position: Vec3, intensity: Vec3 },
+    /// As a point light, but only into a cone; `intensity` is that within the beam.
+    Spot { position: Vec3, intensity: Vec3, cone: Cone },
     /// Light travelling along `direction` (need not be unit length) with perpendicular irradiance.
     Directional { direction: Vec3, irradiance: Vec3 },
 }
 
+/// Which way a spot light shines: all of it within the angle `beam` of the axis, nothing beyond `cutoff`, and less and less in
+/// between: a cubic in the angle that is flat at both ends. Light that fades out smoothly has no outline to be sampled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Cone {
+    /// Need not be of unit length.
+    pub axis: Vec3,
+    /// In radians: 0 ≤ beam < cutoff ≤ π.
+    pub beam: f32,
+    pub cutoff: f32,
+}
+
 impl DeltaLight {
-    /// Position or direction, and intensity or irradiance.
-    pub fn numbers(&self) -> (Vec3, Vec3) {
+    /// Position or direction.
+    pub fn placement(&self) -> Vec3 {
         match *self {
-            DeltaLight::Point { position, intensity } => (position, intensity),
-            DeltaLight::Directional { direction, irradiance } => (direction, irradiance),
+            DeltaLight::Point { position, .. } | DeltaLight::Spot { position, .. } => position,
+            DeltaLight::Directional { direction, .. } => direction,
         }
     }
 
-    /// The same kind of light with other [numbers](DeltaLight::numbers).
-    pub fn with_numbers(&self, placement: Vec3, power: Vec3) -> DeltaLight {
-        match self {
+    /// Intensity or irradiance.
+    pub fn power(&self) -> Vec3 {
+        match *self {
+            DeltaLight::Point { intensity, .. } | DeltaLight::Spot { intensity, .. } => intensity,
+            DeltaLight::Directional { irradiance, .. } => irradiance,
+        }
+    }
+
+    pub fn cone(&self) -> Option<Cone> {
+        match *self {
+            DeltaLight::Spot { cone, .. } => Some(cone),
+            DeltaLight::Point { .. } | DeltaLight::Directional { .. } => None,
+        }
+    }
+
+    /// All numbers of the scene's light `i`, slot by slot.
+    pub fn arrays(&self, i: usize) -> Vec<(Slot, Vec<f32>)> {
+        let mut arrays = vec![
+            (Slot::LightPlacement(i), self.placement().to_array().to_vec()),
+            (Slot::LightPower(i), self.power().to_array().to_vec()),
+        ];
+        if let Some(Cone { axis, beam, cutoff }) = self.cone() {
+            arrays.push((Slot::LightAxis(i), axis.to_array().to_vec()));
+            arrays.push((Slot::LightCone(i), vec![beam, cutoff]));
+        }
+        arrays
+    }
+
+    /// On the way to a light of the same kind, every number in proportion to `time`.
+    pub fn lerp(&self, to: &DeltaLight, time: f32) -> DeltaLight {
+        let (placement, power) = (self.placement().lerp(to.placement(), time), self.power().lerp(to.power(), time));
+        match *self {
             DeltaLight::Point { .. } => DeltaLight::Point { position: placement, intensity: power },
+            DeltaLight::Spot { cone: a, .. } => {
+                let b = to.cone().unwrap_or(a);
+                let number = |a: f32, b: f32| a + (b - a) * time;
+                let axis = a.axis.lerp(b.axis, time);
+                let cone = Cone { axis, beam: number(a.beam, b.beam), cutoff: number(a.cutoff, b.cutoff) };
+                DeltaLight::Spot { position: placement, intensity: power, cone }
+            }
             DeltaLight::Directional { .. } => DeltaLight::Directional { direction: placement, irradiance: power },
         }
     }
@@ -109,13 +159,11 @@ pub struct Motion {
     pub normals: Option<Vec<Vec3>>,
 }
 
-/// The closing keyframe of a light without area that moves or fades while the shutter is open: its position or direction, and its
-/// intensity or irradiance.
-#[derive(Clone, Copy, Debug)]
+/// The closing keyframe of a light without area that moves or fades while the shutter is open: a light of the same kind.
+#[derive(Clone, Debug)]
 pub struct LightMotion {
     pub light: usize,
-    pub placement: Vec3,
-    pub power: Vec3,
+    pub closing: DeltaLight,
 }
 
 /// Everything that is rendered but the camera.
@@ -158,6 +206,9 @@ pub struct Camera {
     pub width: usize,
     pub height: usize,
     pub lens: Lens,
+    /// Of perspective and fisheye cameras without an aperture: the film sees at (x·scale.x, y·scale.y) what an ideal one would see
+    /// elsewhere.
+    pub distortion: Distortion,
     /// When it opens and closes, between the keyframes of what moves: 0 ≤ opening ≤ closing ≤ 1.
     pub shutter: [f32; 2],
     /// The closing keyframe, if the camera moves while its shutter is open; its own numbers are the opening one.
@@ -210,10 +261,14 @@ pub enum Slot {
     Colors(usize),
     /// Texels of texture i, `[height][width][channels]`.
     Texels(TextureId),
-    /// Position (point) or direction (directional) of delta light i, `[3]`.
+    /// Position (point, spot) or direction (directional) of delta light i, `[3]`.
     LightPlacement(usize),
     /// Intensity or irradiance of delta light i, `[3]`.
     LightPower(usize),
+    /// Axis of delta light i, if it is a spot, `[3]`.
+    LightAxis(usize),
+    /// Beam and cutoff of delta light i, if it is a spot, in radians, `[2]`.
+    LightCone(usize),
     /// Entries of the environment's rotation matrix, row-major, `[3][3]`.
     EnvironmentRotation,
     /// `[3]`
@@ -224,6 +279,8 @@ pub enum Slot {
     CameraScale,
     /// Radius of the lens and distance of focus, `[2]`.
     CameraLens,
+    /// k1, k2, p1, p2, k3 of [`Distortion`], `[5]`.
+    CameraDistortion,
     /// Vertices of shape i at its closing keyframe, `[n][3]`; [`Slot::Vertices`] are those of the opening one.
     ClosingVertices(usize),
     /// Vertex normals of shape i at its closing keyframe, `[n][3]`.
@@ -232,6 +289,9 @@ pub enum Slot {
     ClosingLightPlacement(usize),
     /// Intensity or irradiance of delta light i at its closing keyframe, `[3]`.
     ClosingLightPower(usize),
+    /// Axis, and beam and cutoff, of delta light i at its closing keyframe, if it is a spot, `[3]` and `[2]`.
+    ClosingLightAxis(usize),
+    ClosingLightCone(usize),
     /// Of the camera at its closing keyframe, as the slots without `Closing`.
     ClosingCameraOrigin,
     ClosingCameraFrame,
@@ -249,6 +309,8 @@ impl Slot {
             Slot::ClosingNormals(i) => Slot::Normals(i),
             Slot::ClosingLightPlacement(i) => Slot::LightPlacement(i),
             Slot::ClosingLightPower(i) => Slot::LightPower(i),
+            Slot::ClosingLightAxis(i) => Slot::LightAxis(i),
+            Slot::ClosingLightCone(i) => Slot::LightCone(i),
             Slot::ClosingCameraOrigin => Slot::CameraOrigin,
             Slot::ClosingCameraFrame => Slot::CameraFrame,
             Slot::ClosingCameraScale => Slot::CameraScale,
@@ -261,7 +323,13 @@ impl Slot {
     pub fn moves_visibility(self) -> bool {
         !matches!(
             self.opening(),
-            Slot::Normals(_) | Slot::Uvs(_) | Slot::Colors(_) | Slot::Texels(_) | Slot::LightPower(_)
+            Slot::Normals(_)
+                | Slot::Uvs(_)
+                | Slot::Colors(_)
+                | Slot::Texels(_)
+                | Slot::LightPower(_)
+                | Slot::LightAxis(_)
+                | Slot::LightCone(_)
         )
     }
 }
@@ -271,18 +339,26 @@ impl SceneDescription {
     pub fn slot_len(&self, slot: Slot) -> usize {
         let shape = |i: usize| self.shapes.get(i).map(|s| &s.mesh);
         let motion = |i: usize| self.motions.iter().find(|m| m.shape == i);
-        let light = |known: bool| if known { 3 } else { 0 };
+        let light = |light: Option<&DeltaLight>, of_cone: bool, len: usize| match light {
+            Some(light) if !of_cone || light.cone().is_some() => len,
+            _ => 0,
+        };
+        let opening = |i: usize| self.delta_lights.get(i);
+        let closing = |i: usize| self.light_motions.iter().find(|m| m.light == i).map(|m| &m.closing);
         match slot {
             Slot::Vertices(i) => shape(i).map_or(0, |m| 3 * m.vertices.len()),
             Slot::Normals(i) => shape(i).and_then(|m| m.normals.as_ref()).map_or(0, |n| 3 * n.len()),
             Slot::Uvs(i) => shape(i).and_then(|m| m.uvs.as_ref()).map_or(0, |n| 2 * n.len()),
             Slot::Colors(i) => shape(i).and_then(|m| m.colors.as_ref()).map_or(0, |n| 3 * n.len()),
             Slot::Texels(i) => self.textures.get(i).map_or(0, |t| t.data.len()),
-            Slot::LightPlacement(i) | Slot::LightPower(i) => light(i < self.delta_lights.len()),
-            Slot::ClosingLightPlacement(i) | Slot::ClosingLightPower(i) => {
-                light(self.light_motions.iter().any(|m| m.light == i))
-            }
+            Slot::LightPlacement(i) | Slot::LightPower(i) => light(opening(i), false, 3),
+            Slot::LightAxis(i) => light(opening(i), true, 3),
+            Slot::LightCone(i) => light(opening(i), true, 2),
+            Slot::ClosingLightPlacement(i) | Slot::ClosingLightPower(i) => light(closing(i), false, 3),
+            Slot::ClosingLightAxis(i) => light(closing(i), true, 3),
+            Slot::ClosingLightCone(i) => light(closing(i), true, 2),
             Slot::EnvironmentRotation | Slot::CameraFrame | Slot::ClosingCameraFrame => 9,
+            Slot::CameraDistortion => 5,
             Slot::CameraOrigin | Slot::ClosingCameraOrigin => 3,
             Slot::CameraScale | Slot::CameraLens | Slot::CameraShutter => 2,
             Slot::ClosingCameraScale | Slot::ClosingCameraLens => 2,

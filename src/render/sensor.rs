@@ -28,6 +28,7 @@ pub struct CameraAdjoint {
     pub scale: [f32; 2],
     /// Of the lens's radius and its distance of focus.
     pub lens: [f32; 2],
+    pub distortion: [f32; 5],
 }
 
 impl Camera {
@@ -129,7 +130,25 @@ impl Camera {
 
     /// Whether straight edges are straight on film.
     pub fn keeps_lines(&self) -> bool {
-        matches!(self.projection, Projection::Perspective | Projection::Orthographic)
+        self.distortion.is_none() && matches!(self.projection, Projection::Perspective | Projection::Orthographic)
+    }
+
+    /// Whether there are derivatives in the coefficients of a distortion, even of one that is none.
+    pub fn may_distort(&self) -> bool {
+        matches!(self.projection, Projection::Perspective | Projection::Fisheye) && self.is_pinhole()
+    }
+
+    /// The ideal position of a scaled film position; not a number where the image is folded.
+    #[inline(always)]
+    fn ideal(&self, seen: Vec2) -> Vec2 {
+        if self.distortion.is_none() { seen } else { self.distortion.undo(seen) }
+    }
+
+    /// A little more than the largest distance of an ideal position from the axis that the film sees.
+    pub fn widest(&self) -> f32 {
+        let corners = [-1.0, 0.0, 1.0].map(|x| [-1.0, 0.0, 1.0].map(|y| Vec2::new(x, y)));
+        let widest = |most: f32, film: &Vec2| most.max(self.ideal(*film * Vec2::from_array(self.scale)).length());
+        1.05 * corners.iter().flatten().fold(0.0, widest)
     }
 
     /// Direction in the camera's frame for scaled film coordinates (central projections), and its derivatives in both.
@@ -147,7 +166,7 @@ impl Camera {
     #[inline(always)]
     pub fn ray(&self, pixel: Vec2) -> Ray {
         let film = self.film(pixel);
-        let (x, y) = (film.x * self.scale[0], film.y * self.scale[1]);
+        let Vec2 { x, y } = self.ideal(Vec2::new(film.x * self.scale[0], film.y * self.scale[1]));
         let (origin, frame) = self.pinhole();
         if self.projection == Projection::Orthographic {
             return Ray::new(origin + frame[0] * x + frame[1] * y, frame[2].normalize());
@@ -159,7 +178,8 @@ impl Camera {
     /// Adjoint of [`Camera::ray`] at a fixed pixel position.
     pub fn d_ray(&self, pixel: Vec2, d_origin: Vec3, d_dir: Vec3, adjoint: &mut CameraAdjoint) {
         let film = self.film(pixel);
-        let (x, y) = (film.x * self.scale[0], film.y * self.scale[1]);
+        let ideal = self.ideal(Vec2::new(film.x * self.scale[0], film.y * self.scale[1]));
+        let Vec2 { x, y } = ideal;
         let (l, [lx, ly]) = self.local_direction(x, y);
         let (_, frame) = self.pinhole();
         let unnormalised = frame[0] * l.x + frame[1] * l.y + frame[2] * l.z;
@@ -176,6 +196,17 @@ impl Camera {
             (d_x, d_y) = (d_local.x, d_local.y);
         }
         self.d_pinhole(d_origin, d_frame, adjoint);
+        if self.may_distort() {
+            // seen = D(ideal; c) stays: ∂ideal = D'⁻¹ (∂seen − ∂D/∂c ∂c), and D' is symmetric.
+            let mut d_seen = Vec2::new(d_x, d_y);
+            if !self.distortion.is_none() {
+                d_seen = self.distortion.solve(ideal, d_seen);
+            }
+            (d_x, d_y) = (d_seen.x, d_seen.y);
+            for (d, by) in adjoint.distortion.iter_mut().zip(self.distortion.by_coefficients(ideal)) {
+                *d -= by.dot(d_seen);
+            }
+        }
         adjoint.scale[0] += film.x * d_x;
         adjoint.scale[1] += film.y * d_y;
     }
@@ -186,12 +217,33 @@ impl Camera {
         Mat3::from_cols(right, up, forward).inverse()
     }
 
-    /// Projects a point; `None` behind (or at) a perspective camera. A central projection of a
-    /// seen point inverts [`Camera::ray`].
+    /// Projects a point; `None` behind (or at) a perspective camera, and where only a folded image would show it. A central
+    /// projection of a seen point inverts [`Camera::ray`].
     pub fn project(&self, p: Vec3) -> Option<Projected> {
+        let projected = self.project_folded(p)?;
+        (self.distortion.is_none() || self.distortion.shows(self.ideal_position(projected.local))).then_some(projected)
+    }
+
+    /// As [`Camera::project`], with what is seen in a folded image: its places are connected.
+    pub fn project_folded(&self, p: Vec3) -> Option<Projected> {
         let local = self.inverse_frame() * (p - self.pinhole().0);
+        if self.projection == Projection::Perspective && local.z <= 0.0 {
+            return None;
+        }
+        let pixel = self.distorted_pixel(self.ideal_position(local));
+        (pixel.is_finite()).then_some(Projected { pixel, local })
+    }
+
+    /// The pixel position in which an ideal position in scaled film coordinates is seen.
+    pub fn distorted_pixel(&self, ideal: Vec2) -> Vec2 {
+        let seen = if self.distortion.is_none() { ideal } else { self.distortion.apply(ideal) };
+        let (x, y) = (seen.x / self.scale[0], seen.y / self.scale[1]);
+        Vec2::new((x + 1.0) * 0.5 * self.width as f32, (1.0 - y) * 0.5 * self.height as f32)
+    }
+
+    /// Scaled film coordinates, without distortion, of a point given in the camera's frame.
+    fn ideal_position(&self, local: Vec3) -> Vec2 {
         let (x, y) = match self.projection {
-            Projection::Perspective if local.z <= 0.0 => return None,
             Projection::Perspective => (local.x / local.z, local.y / local.z),
             Projection::Orthographic => (local.x, local.y),
             Projection::Fisheye => {
@@ -201,9 +253,7 @@ impl Camera {
             }
             Projection::Panorama => (local.x.atan2(local.z), local.y.atan2(local.x.hypot(local.z))),
         };
-        let (x, y) = (x / self.scale[0], y / self.scale[1]);
-        let pixel = Vec2::new((x + 1.0) * 0.5 * self.width as f32, (1.0 - y) * 0.5 * self.height as f32);
-        (pixel.is_finite()).then_some(Projected { pixel, local })
+        Vec2::new(x, y)
     }
 
     /// Whether a pixel position lies on the film.
@@ -237,6 +287,12 @@ impl Camera {
                 (Vec3::new(q.z, 0.0, -q.x) / rho2, Vec3::new(-q.y * q.x / rho, rho, -q.y * q.z / rho) / r2)
             }
         };
+        let (gx, gy) = if self.distortion.is_none() {
+            (gx, gy)
+        } else {
+            let [a, b, c] = self.distortion.slopes(self.ideal_position(q));
+            (gx * a + gy * b, gx * b + gy * c)
+        };
         let transposed = inverse.transpose();
         [transposed * gx * (to_pixel.x / self.scale[0]), transposed * gy * (to_pixel.y / self.scale[1])]
     }
@@ -251,6 +307,12 @@ impl Camera {
         let film = self.film(projected.pixel);
         adjoint.scale[0] -= film.x / self.scale[0] * d_film.x;
         adjoint.scale[1] -= film.y / self.scale[1] * d_film.y;
+        if self.may_distort() {
+            let d_seen = d_film / Vec2::from_array(self.scale);
+            for (d, by) in adjoint.distortion.iter_mut().zip(self.distortion.by_coefficients(self.ideal_position(q))) {
+                *d += by.dot(d_seen);
+            }
+        }
         d_p
     }
 
@@ -299,8 +361,9 @@ fn panorama(x: f32, y: f32) -> (Vec3, [Vec3; 2]) {
 mod tests {
     use super::*;
     use crate::math::Pcg32;
+    use crate::render::Distortion;
 
-    fn camera(projection: Projection, v: &[f32; 16]) -> Camera {
+    fn camera(projection: Projection, v: &[f32; 21]) -> Camera {
         let vec = |i: usize| Vec3::new(v[i], v[i + 1], v[i + 2]);
         Camera {
             projection,
@@ -312,19 +375,26 @@ mod tests {
             shutter: Camera::WHOLE,
             closing: None,
             lens: Lens { radius: v[14], focus: v[15], point: Vec2::new(0.4, -0.7) },
+            distortion: Distortion { coefficients: [v[16], v[17], v[18], v[19], v[20]] },
         }
     }
 
     const ALL: [Projection; 4] =
         [Projection::Perspective, Projection::Orthographic, Projection::Fisheye, Projection::Panorama];
-    const NUMBERS: [f32; 16] = [0.1, 0.2, -3.0, 0.9, 0.1, 0.2, -0.1, 1.1, 0.05, -0.2, 0.02, 1.0, 0.4, 0.3, 0.0, 2.5];
+    const NUMBERS: [f32; 21] =
+        [0.1, 0.2, -3.0, 0.9, 0.1, 0.2, -0.1, 1.1, 0.05, -0.2, 0.02, 1.0, 0.4, 0.3, 0.0, 2.5, 0.0, 0.0, 0.0, 0.0, 0.0];
 
-    /// All projections, and those that have one with a lens.
-    fn cameras() -> impl Iterator<Item = (Projection, [f32; 16])> {
-        let lens = |p: &Projection| matches!(p, Projection::Perspective | Projection::Orthographic);
+    /// All projections, those that have one with a lens, and those that have one with a distortion.
+    fn cameras() -> impl Iterator<Item = (Projection, [f32; 21])> {
         let mut wide = NUMBERS;
         wide[14] = 0.3;
-        ALL.into_iter().map(|p| (p, NUMBERS)).chain(ALL.into_iter().filter(lens).map(move |p| (p, wide)))
+        let mut distorted = NUMBERS;
+        distorted[16..].copy_from_slice(&[-0.3, 0.1, 0.03, -0.02, 0.05]);
+        let with = |numbers, projections: [Projection; 2]| projections.into_iter().map(move |p| (p, numbers));
+        let plain = ALL.into_iter().map(|p| (p, NUMBERS));
+        plain
+            .chain(with(wide, [Projection::Perspective, Projection::Orthographic]))
+            .chain(with(distorted, [Projection::Perspective, Projection::Fisheye]))
     }
 
     #[test]
@@ -375,7 +445,7 @@ mod tests {
             let p = Vec3::new(0.3, -0.2, 1.0);
             let mut random = || Vec3::new(rng.next_f32() - 0.5, rng.next_f32() - 0.5, rng.next_f32() - 0.5);
             let (wo, wd, wp) = (random(), random(), random().truncate());
-            let value = |v: &[f32; 16]| {
+            let value = |v: &[f32; 21]| {
                 let camera = camera(projection, v);
                 let ray = camera.ray(pixel);
                 (ray.origin.dot(wo) + ray.dir.dot(wd), camera.project(p).unwrap().pixel.dot(wp))
@@ -390,9 +460,15 @@ mod tests {
                 a.frame.iter().for_each(|r| v.extend(r.to_array()));
                 v.extend(a.scale);
                 v.extend(a.lens);
+                v.extend(a.distortion);
                 v
             };
-            for i in 0..if base.is_pinhole() { 14 } else { 16 } {
+            let counts = |i: &usize| match i {
+                14..16 => !base.is_pinhole(),
+                16.. => base.may_distort(),
+                _ => true,
+            };
+            for i in (0..21).filter(counts) {
                 let h = 1e-2;
                 let (mut up, mut down) = (numbers, numbers);
                 up[i] += h;

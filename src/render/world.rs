@@ -2,7 +2,7 @@
 
 use std::sync::OnceLock;
 
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 
 use super::accel::{Accel, PrimId};
 use super::bsdf::{Bsdf, MAX_INPUTS};
@@ -11,7 +11,7 @@ use super::edges::EdgeTable;
 use super::environment::{EnvironmentPeak, EnvironmentTable};
 use super::light::LightTable;
 use super::sampler::Discrete;
-use super::scene::{Camera, DeltaLight, Input, Projection, SceneDescription, Shape};
+use super::scene::{Camera, Cone, DeltaLight, Input, LightMotion, Projection, SceneDescription, Shape};
 use super::texture::Texture;
 use crate::math::uniform_triangle;
 
@@ -272,9 +272,10 @@ pub fn validate_camera(camera: &Camera) -> Result<(), SceneError> {
     if lens.radius > 0.0 && !(lens.focus.is_finite() && lens.focus > 0.0) {
         return fail(format!("the camera's distance of focus must be positive, it is {}", lens.focus));
     }
-    if lens.radius > 0.0 && !camera.keeps_lines() {
+    if lens.radius > 0.0 && !matches!(camera.projection, Projection::Perspective | Projection::Orthographic) {
         return fail("only perspective and orthographic cameras have an aperture".into());
     }
+    validate_distortion(camera).map_err(|what| SceneError::Camera { what })?;
     let [open, close] = camera.shutter;
     if !(0.0 <= open && open <= close && close <= 1.0) {
         return fail(format!("a shutter opens and closes between 0 and 1, this one at {open} and {close}"));
@@ -367,38 +368,77 @@ fn validate(description: &SceneDescription) -> Result<(), SceneError> {
             return fail("normals must be finite".into());
         }
     }
-    if let Some(motion) = description.light_motions.iter().find(|m| m.light >= description.delta_lights.len()) {
-        return Err(SceneError::Light { light: motion.light, what: "the light moves, but does not exist".into() });
+    for (i, light) in description.delta_lights.iter().enumerate() {
+        validate_light(light).map_err(|what| SceneError::Light { light: i, what: what.into() })?;
     }
-    let opening = description.delta_lights.iter().enumerate().map(|(i, light)| (i, light.numbers()));
-    let closing = description.light_motions.iter().map(|m| (m.light, (m.placement, m.power)));
-    for (i, (placement, power)) in opening.chain(closing) {
-        let directional = matches!(description.delta_lights[i], DeltaLight::Directional { .. });
-        if !placement.is_finite() || !power.is_finite() {
-            return Err(SceneError::Light { light: i, what: "the light's numbers must be finite".into() });
+    for LightMotion { light, closing } in &description.light_motions {
+        let fail = |what: &str| Err(SceneError::Light { light: *light, what: what.into() });
+        let Some(opening) = description.delta_lights.get(*light) else {
+            return fail("the light moves, but does not exist");
+        };
+        if std::mem::discriminant(opening) != std::mem::discriminant(closing) {
+            return fail("the keyframes are different kinds of light");
         }
-        if !directional && is_too_far(placement) {
-            return Err(SceneError::Light {
-                light: i,
-                what: "the light is too far out (at most 1e9 from the origin)".into(),
-            });
-        }
-        if directional && placement.length_squared() == 0.0 {
-            return Err(SceneError::Light { light: i, what: "a directional light needs a direction".into() });
-        }
-    }
-    for motion in &description.light_motions {
-        if let DeltaLight::Directional { direction, .. } = description.delta_lights[motion.light]
-            && direction.dot(motion.placement) <= 0.0
-        {
-            let what = "the light turns by 90 degrees or more while a shutter is open".into();
-            return Err(SceneError::Light { light: motion.light, what });
+        validate_light(closing).or_else(fail)?;
+        let turns_far = match (opening, closing) {
+            (DeltaLight::Directional { direction: a, .. }, DeltaLight::Directional { direction: b, .. }) => {
+                a.dot(*b) <= 0.0
+            }
+            (DeltaLight::Spot { cone: a, .. }, DeltaLight::Spot { cone: b, .. }) => a.axis.dot(b.axis) <= 0.0,
+            _ => false,
+        };
+        if turns_far {
+            return fail("the light turns by 90 degrees or more while a shutter is open");
         }
     }
     if let Some(e) = &description.environment
         && (e.radiance >= description.textures.len() || !e.rotation.is_finite())
     {
         return Err(SceneError::Environment { what: "the environment's map or rotation is not usable".into() });
+    }
+    Ok(())
+}
+
+/// Every film position must have a ray.
+fn validate_distortion(camera: &Camera) -> Result<(), String> {
+    if camera.distortion.is_none() {
+        return Ok(());
+    }
+    if !camera.distortion.coefficients.iter().all(|c| c.is_finite()) {
+        return Err("the coefficients of the camera's distortion must be finite".into());
+    }
+    if !camera.may_distort() {
+        return Err("only perspective and fisheye cameras have a distortion, and no aperture beside it".into());
+    }
+    const STEPS: usize = 32;
+    let places = |size: usize| (0..=STEPS).map(move |i| size as f32 * i as f32 / STEPS as f32);
+    for (x, y) in places(camera.height).flat_map(|y| places(camera.width).map(move |x| (x, y))) {
+        if !camera.ray(Vec2::new(x, y)).dir.is_finite() {
+            return Err(format!(
+                "the camera's distortion folds the image: nothing is seen at pixel ({x:.0}, {y:.0}); with a smaller field of view, or smaller coefficients, every pixel has a ray"
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn validate_light(light: &DeltaLight) -> Result<(), &'static str> {
+    let (placement, power) = (light.placement(), light.power());
+    if !placement.is_finite() || !power.is_finite() {
+        return Err("the light's numbers must be finite");
+    }
+    if let DeltaLight::Directional { .. } = light {
+        return if placement.length_squared() == 0.0 { Err("a directional light needs a direction") } else { Ok(()) };
+    }
+    if is_too_far(placement) {
+        return Err("the light is too far out (at most 1e9 from the origin)");
+    }
+    let Some(Cone { axis, beam, cutoff }) = light.cone() else { return Ok(()) };
+    if axis.try_normalize().is_none() {
+        return Err("a spot light needs a direction");
+    }
+    if !(0.0 <= beam && beam < cutoff && cutoff <= std::f32::consts::PI * 1.000_001) {
+        return Err("a spot light fades between its `beam` and its `cutoff`: 0deg <= beam < cutoff <= 180deg");
     }
     Ok(())
 }

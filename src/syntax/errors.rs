@@ -200,6 +200,15 @@ fn help(text: &str, at: usize, found: &str) -> Option<String> {
     if found == "=" && is_name(before) && before.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') {
         return Some(format!("values are declared: `let {before} = …`"));
     }
+    // An index has one place, whatever other languages have: `img[0:4, 2]`.
+    let in_index = before.rfind('[').is_some_and(|open| {
+        let owner = before[..open].ends_with(|c: char| c.is_ascii_alphanumeric() || "_)]".contains(c));
+        owner && !before[open..].contains(']')
+    });
+    if in_index && matches!(found, ":" | ",") {
+        let help = "an index is one number or one range: `rows[2]`, `rows[1..4]`; `crop` takes a part of an image";
+        return Some(help.to_owned());
+    }
     let help = match found {
         "&&" | "&" => "write `and`",
         "||" => "write `or`",

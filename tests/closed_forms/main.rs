@@ -10,4 +10,5 @@ mod materials;
 mod motion;
 mod primary;
 mod shadows;
+mod spots;
 mod support;

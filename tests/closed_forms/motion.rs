@@ -149,7 +149,10 @@ fn light_that_rises_and_fades() {
     let up = |y: f64| Vec3::new(0.0, y as f32, 0.0);
     let of = |power: f64| Vec3::splat(power as f32);
     b.description.delta_lights.push(DeltaLight::Point { position: up(heights[0]), intensity: of(powers[0]) });
-    b.description.light_motions.push(LightMotion { light: 0, placement: up(heights[1]), power: of(powers[1]) });
+    b.description.light_motions.push(LightMotion {
+        light: 0,
+        closing: DeltaLight::Point { position: up(heights[1]), intensity: of(powers[1]) },
+    });
     let scene = b.build();
     // One pixel that sees the foot of the light alone.
     let mut camera = camera(Projection::Orthographic, Vec3::new(0.0, 5.0, 0.0), -Vec3::Y, 1e-3, 1);

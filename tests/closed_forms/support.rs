@@ -3,7 +3,8 @@ use dscene::image::Image;
 use dscene::mesh::Mesh;
 use dscene::render::texture::Texture;
 use dscene::render::{
-    Camera, Emission, Environment, Input, Lens, Material, MaterialKind, Projection, SceneDescription, Shape, Slot,
+    Camera, Distortion, Emission, Environment, Input, Lens, Material, MaterialKind, Projection, SceneDescription,
+    Shape, Slot,
 };
 use glam::{DVec3, Mat3, Vec3};
 
@@ -82,8 +83,19 @@ pub fn camera(projection: Projection, origin: Vec3, forward: Vec3, scale: f32, s
     let hint = if forward.y.abs() > 0.9 { Vec3::Z } else { Vec3::Y };
     let right = forward.cross(hint).normalize();
     let frame = [right, right.cross(forward), forward];
-    let (lens, shutter) = (Lens::PINHOLE, Camera::WHOLE);
-    Camera { projection, origin, frame, scale: [scale; 2], width: size, height: size, lens, shutter, closing: None }
+    let (lens, distortion, shutter) = (Lens::PINHOLE, Distortion::NONE, Camera::WHOLE);
+    Camera {
+        projection,
+        origin,
+        frame,
+        scale: [scale; 2],
+        width: size,
+        height: size,
+        lens,
+        distortion,
+        shutter,
+        closing: None,
+    }
 }
 
 /// One pixel that looks at a tiny patch around `target` along `forward`: radiance at a point.

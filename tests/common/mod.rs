@@ -105,8 +105,20 @@ pub fn look_at(position: Vec3, target: Vec3, fov_degrees: f32, film: usize) -> C
         width: film,
         height: film,
         lens: Lens::PINHOLE,
+        distortion: Distortion::NONE,
         shutter: Camera::WHOLE,
         closing: None,
+    }
+}
+
+/// The slot of a light without area at its closing keyframe.
+fn closing(slot: Slot) -> Slot {
+    match slot {
+        Slot::LightPlacement(i) => Slot::ClosingLightPlacement(i),
+        Slot::LightPower(i) => Slot::ClosingLightPower(i),
+        Slot::LightAxis(i) => Slot::ClosingLightAxis(i),
+        Slot::LightCone(i) => Slot::ClosingLightCone(i),
+        slot => slot,
     }
 }
 
@@ -130,12 +142,7 @@ pub fn all_slots(d: &SceneDescription, c: &Camera) -> Vec<(Slot, Vec<f32>)> {
         out.push((Slot::Texels(i), t.data.clone()));
     }
     for (i, l) in d.delta_lights.iter().enumerate() {
-        let (a, b) = match l {
-            DeltaLight::Point { position, intensity } => (*position, *intensity),
-            DeltaLight::Directional { direction, irradiance } => (*direction, *irradiance),
-        };
-        out.push((Slot::LightPlacement(i), a.to_array().to_vec()));
-        out.push((Slot::LightPower(i), b.to_array().to_vec()));
+        out.extend(l.arrays(i));
     }
     if let Some(e) = &d.environment {
         out.push((Slot::EnvironmentRotation, e.rotation.transpose().to_cols_array().to_vec()));
@@ -144,6 +151,7 @@ pub fn all_slots(d: &SceneDescription, c: &Camera) -> Vec<(Slot, Vec<f32>)> {
     out.push((Slot::CameraFrame, flat(&c.frame)));
     out.push((Slot::CameraScale, c.scale.to_vec()));
     out.push((Slot::CameraLens, vec![c.lens.radius, c.lens.focus]));
+    out.push((Slot::CameraDistortion, c.distortion.coefficients.to_vec()));
     for m in &d.motions {
         out.push((Slot::ClosingVertices(m.shape), flat(&m.vertices)));
         if let Some(n) = &m.normals {
@@ -151,8 +159,7 @@ pub fn all_slots(d: &SceneDescription, c: &Camera) -> Vec<(Slot, Vec<f32>)> {
         }
     }
     for m in &d.light_motions {
-        out.push((Slot::ClosingLightPlacement(m.light), m.placement.to_array().to_vec()));
-        out.push((Slot::ClosingLightPower(m.light), m.power.to_array().to_vec()));
+        out.extend(m.closing.arrays(m.light).into_iter().map(|(slot, v)| (closing(slot), v)));
     }
     if let Some(to) = &c.closing {
         out.push((Slot::ClosingCameraOrigin, to.origin.to_array().to_vec()));

@@ -1,0 +1,159 @@
+//! Lens distortion: where a real lens draws what an ideal one would draw elsewhere.
+
+use glam::Vec2;
+
+/// Brown's model of radial and tangential distortion (Brown 1966, "Decentering distortion of lenses"), with the coefficients of
+/// OpenCV in its order k1, k2, p1, p2, k3 (there y points down). An ideal film position q, in units of the focal length, is seen at
+/// q (1 + k1 r² + k2 r⁴ + k3 r⁶), r = |q|, and a little to the side by p1 and p2. For a fisheye q is the angle from the axis as a
+/// vector, which without p1 and p2 is the model of Kannala and Brandt 2006.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Distortion {
+    pub coefficients: [f32; 5],
+}
+
+impl Distortion {
+    pub const NONE: Distortion = Distortion { coefficients: [0.0; 5] };
+
+    #[inline(always)]
+    pub fn is_none(&self) -> bool {
+        self.coefficients == [0.0; 5]
+    }
+
+    /// Where an ideal film position is seen.
+    pub fn apply(&self, q: Vec2) -> Vec2 {
+        let [k1, k2, p1, p2, k3] = self.coefficients;
+        let r2 = q.length_squared();
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        q * radial + Vec2::new(p2, -p1) * r2 + q * (2.0 * Vec2::new(p2, -p1).dot(q))
+    }
+
+    /// Derivatives of [`Distortion::apply`] in the ideal position, ∂x/∂x, ∂x/∂y = ∂y/∂x and ∂y/∂y: it is a gradient.
+    pub fn slopes(&self, q: Vec2) -> [f32; 3] {
+        let [k1, k2, p1, p2, k3] = self.coefficients;
+        let r2 = q.length_squared();
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        let bend = 2.0 * (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3));
+        let aside = Vec2::new(p2, -p1);
+        let even = radial + 2.0 * aside.dot(q);
+        [
+            even + bend * q.x * q.x + 4.0 * aside.x * q.x,
+            bend * q.x * q.y + 2.0 * (aside.x * q.y + aside.y * q.x),
+            even + bend * q.y * q.y + 4.0 * aside.y * q.y,
+        ]
+    }
+
+    /// Derivatives of [`Distortion::apply`] in the coefficients.
+    pub fn by_coefficients(&self, q: Vec2) -> [Vec2; 5] {
+        let r2 = q.length_squared();
+        let aside = |unit: Vec2| unit * r2 + q * (2.0 * unit.dot(q));
+        [q * r2, q * (r2 * r2), aside(Vec2::NEG_Y), aside(Vec2::X), q * (r2 * r2 * r2)]
+    }
+
+    /// The ideal position of what is seen at `seen`, by Newton's method; not a number where the image is folded.
+    pub fn undo(&self, seen: Vec2) -> Vec2 {
+        const STEPS: usize = 16;
+        let mut q = seen;
+        for _ in 0..STEPS {
+            let step = self.solve(q, self.apply(q) - seen);
+            q -= step;
+            // As far as single precision goes: what is left is the square of that. Nor does it help to go on from a fold.
+            if step.length_squared() <= 1e-12 * q.length_squared() || step.is_nan() {
+                return q;
+            }
+        }
+        Vec2::NAN
+    }
+
+    /// `v` over the slopes at `q`: a step of Newton's method, and the adjoint of [`Distortion::undo`]. Not a number where the image is
+    /// folded.
+    pub fn solve(&self, q: Vec2, v: Vec2) -> Vec2 {
+        let [a, b, c] = self.slopes(q);
+        let determinant = a * c - b * b;
+        if !(determinant > 0.0 && a > 0.0) {
+            return Vec2::NAN;
+        }
+        Vec2::new(c * v.x - b * v.y, a * v.y - b * v.x) / determinant
+    }
+
+    /// Whether an ideal position is where what is seen there comes from: beyond the radius at which an image turns back, the
+    /// polynomial draws things into it that no ray from there finds.
+    pub fn shows(&self, q: Vec2) -> bool {
+        self.undo(self.apply(q)).distance_squared(q) < 1e-6 * q.length_squared() + 1e-12
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Pcg32;
+
+    const LENSES: [[f32; 5]; 5] = [
+        [-0.2, 0.0, 0.0, 0.0, 0.0],
+        [0.3, 0.0, 0.0, 0.0, 0.0],
+        [-0.28, 0.07, 0.0, 0.0, -0.01],
+        [0.0, 0.0, 0.02, -0.03, 0.0],
+        [-0.25, 0.06, 0.01, 0.02, 0.01],
+    ];
+
+    #[test]
+    fn undone_is_as_before() {
+        let mut rng = Pcg32::new(3);
+        for coefficients in LENSES {
+            let lens = Distortion { coefficients };
+            for _ in 0..2000 {
+                let q = Vec2::new(rng.next_f32() * 2.0 - 1.0, rng.next_f32() * 2.0 - 1.0) * 0.8;
+                assert!(lens.undo(lens.apply(q)).distance(q) < 1e-5, "{coefficients:?} at {q}");
+                assert!(lens.shows(q));
+            }
+        }
+    }
+
+    #[test]
+    fn folded_images_are_not_seen() {
+        let lens = Distortion { coefficients: LENSES[0] };
+        // r (1 − r² / 5) is largest at √(5/3) = 1.291.
+        for (r, seen) in [(1.0, true), (1.25, true), (1.35, false), (1.6, false), (2.5, false)] {
+            assert_eq!(lens.shows(Vec2::new(0.6, 0.8) * r), seen, "{r}");
+        }
+        assert!(lens.undo(Vec2::new(0.9, 0.0)).is_nan());
+    }
+
+    /// One coefficient after the other against the formulas of the OpenCV manual, y down.
+    #[test]
+    fn opencv_means_the_same() {
+        let (x, y) = (0.3f32, -0.4f32);
+        let r2 = x * x + y * y;
+        let expected = [
+            (x * r2, y * r2),
+            (x * r2 * r2, y * r2 * r2),
+            (2.0 * x * y, r2 + 2.0 * y * y),
+            (r2 + 2.0 * x * x, 2.0 * x * y),
+            (x * r2.powi(3), y * r2.powi(3)),
+        ];
+        for (i, (dx, dy)) in expected.into_iter().enumerate() {
+            let mut lens = Distortion::NONE;
+            lens.coefficients[i] = 0.1;
+            let seen = lens.apply(Vec2::new(x, -y));
+            assert!(seen.distance(Vec2::new(x + 0.1 * dx, -(y + 0.1 * dy))) < 1e-6, "{i}: {seen}");
+        }
+    }
+
+    #[test]
+    fn derivatives_are_differences() {
+        let q = Vec2::new(0.5, -0.3);
+        for coefficients in LENSES {
+            let lens = Distortion { coefficients };
+            let h = 1e-2;
+            let along = |d: Vec2| (lens.apply(q + d * h) - lens.apply(q - d * h)) / (2.0 * h);
+            let [a, b, c] = lens.slopes(q);
+            assert!(along(Vec2::X).distance(Vec2::new(a, b)) < 1e-3);
+            assert!(along(Vec2::Y).distance(Vec2::new(b, c)) < 1e-3);
+            for (i, by) in lens.by_coefficients(q).into_iter().enumerate() {
+                let (mut up, mut down) = (lens, lens);
+                up.coefficients[i] += h;
+                down.coefficients[i] -= h;
+                assert!(((up.apply(q) - down.apply(q)) / (2.0 * h)).distance(by) < 1e-3, "{i}");
+            }
+        }
+    }
+}
