@@ -75,7 +75,7 @@ fn gradients(args: &GradArgs, loaded: &mut Loaded, terminal: &mut Terminal) -> R
         let object = measurement.to_json(&file, &of, args.common.seed, rayon::current_num_threads());
         out::line(&object.to_string());
     } else {
-        out::line(&measurement.to_text(&of));
+        out::line(&measurement.to_text(&of, true));
         let (primal, gradient) = (measurement.primal.wall, measurement.gradient.wall);
         terminal.note(&format!(
             "\nvalue {}, value and gradient {}",

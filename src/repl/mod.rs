@@ -286,7 +286,7 @@ impl<'w> Repl<'w> {
         }
         let options = MeasureOptions { repeats: REPEATS, seed: self.common.seed, fd_step, warm: false };
         match measure(&mut self.engine, of, &wrt, options, &interrupted)? {
-            Some(measurement) => self.world.print(&measurement.to_text(name)),
+            Some(measurement) => self.world.print(&measurement.to_text(name, false)),
             None => self.world.note("interrupted"),
         }
         Ok(())

@@ -163,11 +163,12 @@ impl Measurement {
         })
     }
 
-    /// The value and the table of all params.
-    pub fn to_text(&self, of: &str) -> String {
+    /// The value and the table of all params; with how much they spread, and at what price, if `spread` and more than one is known.
+    pub fn to_text(&self, of: &str, spread: bool) -> String {
         struct Figures<'a> {
             param: &'a MeasuredParam,
             error: Vec<f64>,
+            std: Vec<f64>,
             difference: Option<(&'a [f64], Vec<f64>)>,
         }
         let figures: Vec<Figures<'_>> = self
@@ -176,6 +177,7 @@ impl Measurement {
             .map(|param| Figures {
                 param,
                 error: param.gradient.std_error(),
+                std: param.gradient.std(),
                 difference: param.difference.as_ref().map(|(d, _)| (d.mean(), d.std_error())),
             })
             .collect();
@@ -188,6 +190,7 @@ impl Measurement {
                 gradient: f.param.gradient.mean(),
                 std_error: Some(&f.error),
                 difference: f.difference.as_ref().map(|(mean, error)| (*mean, &error[..])),
+                spread: (spread && self.repeats > 1).then_some((&f.std[..], self.gradient.cpu)),
             })
             .collect();
         let mean = self.value.mean().first().copied().unwrap_or(f64::NAN);

@@ -95,9 +95,18 @@ pub struct GradientRow<'a> {
     pub std_error: Option<&'a [f64]>,
     /// A finite difference and its standard error.
     pub difference: Option<(&'a [f64], &'a [f64])>,
+    /// The standard deviation of one evaluation, and the CPU seconds it takes.
+    pub spread: Option<(&'a [f64], f64)>,
 }
 
-/// Gradients entry by entry, with standard errors, finite differences and z-scores where there are any. Params with
+/// The relative standard deviation of one evaluation, and what it is worth: 1 / (variance · CPU seconds).
+fn worth(gradient: f64, std: f64, seconds: f64) -> [String; 2] {
+    let known = |x: f64, text: String| if x.is_finite() && x > 0.0 { text } else { "–".to_owned() };
+    let (relative, efficiency) = (std / gradient.abs(), 1.0 / (std * std * seconds));
+    [known(relative, format!("{} %", significant(100.0 * relative, 2))), known(efficiency, significant(efficiency, 3))]
+}
+
+/// Gradients entry by entry, with standard errors, finite differences, z-scores and spreads where there are any. Params with
 /// many numbers get one line.
 pub fn gradient_table(params: &[GradientRow<'_>]) -> String {
     let has_difference = params.iter().any(|p| p.difference.is_some());
@@ -109,6 +118,10 @@ pub fn gradient_table(params: &[GradientRow<'_>]) -> String {
     header.push("gradient".to_owned());
     if has_difference {
         header.extend(["finite difference".to_owned(), "z".to_owned()]);
+    }
+    let has_spread = params.iter().any(|p| p.spread.is_some());
+    if has_spread {
+        header.extend(["std".to_owned(), "1/(var·s)".to_owned()]);
     }
     let mut rows = vec![header];
     for p in params {
@@ -131,6 +144,11 @@ pub fn gradient_table(params: &[GradientRow<'_>]) -> String {
                 let z = z_score(g, error, fd, fd_error);
                 row.push(plus_minus(fd, fd_error));
                 row.push(if z.is_finite() { format!("{z:+.1}") } else { "–".to_owned() });
+            }
+            if has_spread {
+                let (std, seconds) =
+                    p.spread.map_or((f64::NAN, f64::NAN), |(d, s)| (at(Some(d), i).unwrap_or(f64::NAN), s));
+                row.extend(worth(g, std, seconds));
             }
             rows.push(row);
         }
@@ -157,6 +175,9 @@ fn summary_row(p: &GradientRow<'_>, has_value: bool, has_difference: bool) -> Ve
             scores.filter(|z| z.is_finite()).fold(0.0, f64::max)
         });
         row.push(zs.map_or(String::new(), |z| format!("max {z:.1}")));
+    }
+    if let Some((std, seconds)) = p.spread {
+        row.extend(worth(norm(p.gradient), norm(std), seconds));
     }
     row
 }
@@ -246,10 +267,18 @@ mod tests {
             gradient: &[1.0, -2.0],
             std_error: Some(&[0.1, 0.1]),
             difference: Some((&[1.1, -1.0], &[0.0, 0.0])),
+            spread: None,
         };
         let expected = "param       gradient   finite difference       z\n\
                         x.x      1.00 ± 0.10                 1.1    -1.0\n\
                         x.y     -2.00 ± 0.10                  -1   -10.0";
+        assert_eq!(gradient_table(&[row]), expected);
+        let (value, difference, spread) = (None, None, Some((&[0.25, 0.0][..], 4.0)));
+        let row =
+            GradientRow { name: "x", shape: &[2], value, gradient: &[1.0, 0.0], std_error: None, difference, spread };
+        let expected = "param   gradient    std   1/(var·s)\n\
+                        x.x            1   25 %           4\n\
+                        x.y            0      –           –";
         assert_eq!(gradient_table(&[row]), expected);
     }
 }
