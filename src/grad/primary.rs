@@ -89,7 +89,9 @@ struct Boundary<'a> {
 }
 
 impl<'a> PrimaryEdges<'a> {
-    /// Collects, clips and weights: samples go where the adjoint image is large.
+    /// Collects, clips and weights: samples go where the adjoint image is large. Pieces are stratified together in the order of the mesh's
+    /// edges, each edge's own from end to end. Along a Hilbert curve of the film, which brings edges together that are neighbours
+    /// there, derivatives were as noisy or noisier (docs/efficiency.md).
     pub fn new(
         viewpoints: &'a [Viewpoint<'a>],
         settings: &'a Settings,

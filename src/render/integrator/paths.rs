@@ -53,13 +53,19 @@ impl<const N: usize> Among<N> {
         self.paths[..self.count].iter().map(|&k| k as usize % N)
     }
 
-    /// Those that are marked. No branch depends on the marks, which cannot be foreseen.
+    /// Adds one after all others, if it is to be there. No branch depends on that, which cannot be foreseen.
+    #[inline(always)]
+    fn add_if(&mut self, there: bool, k: usize) {
+        self.paths[self.count % N] = k as u8;
+        self.count += usize::from(there);
+    }
+
+    /// Those that are marked.
     #[inline(always)]
     fn filter(&self, marked: &[bool; N]) -> Among<N> {
         let mut left = Among::NONE;
         for k in self.iter() {
-            left.paths[left.count % N] = k as u8;
-            left.count += usize::from(marked[k]);
+            left.add_if(marked[k], k);
         }
         left
     }
@@ -345,8 +351,7 @@ impl<const N: usize> Paths<N> {
         self.throughput.set(k, throughput);
         self.radiance.set(k, if options.first_emission { throughput * si.emission } else { Vec3::ZERO });
         self.counts[k] = options.counts(si.shape);
-        self.alive.paths[self.alive.count % N] = k as u8;
-        self.alive.count += usize::from(!si.bsdf.is_black());
+        self.alive.add_if(!si.bsdf.is_black(), k);
         self.place(k, si, needs_all::<R>(options));
     }
 
@@ -673,8 +678,7 @@ impl<const N: usize> Paths<N> {
             rec.vertex(&si, throughput, hit.t, through);
             self.throughput.set(k, throughput * through.weight);
             self.counts[k] |= options.counts(si.shape);
-            left.paths[left.count % N] = k as u8;
-            left.count += usize::from(!si.bsdf.is_black());
+            left.add_if(!si.bsdf.is_black(), k);
             self.place(k, si, needs_all::<R>(options));
         }
         self.alive = left;
