@@ -378,7 +378,9 @@ impl Values<'_> {
         match self.settings.output {
             Output::Radiance => {
                 let options = Options::new(self.settings.max_bounces.saturating_sub(self.viewpoint.bounces()));
-                self.seen.throughput * trace(self.scene, Start::Surface(beside), sampler, &options, &mut NoRecord)
+                let below = self.edge.below(face, beside.ng);
+                let start = Start::Surface(beside, &below);
+                self.seen.throughput * trace(self.scene, start, sampler, &options, &mut NoRecord)
             }
             output => self.seen.throughput * first_hit(self.scene, output, &self.viewpoint.camera, &at_edge),
         }

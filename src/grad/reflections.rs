@@ -278,10 +278,12 @@ impl<'a> Reflections<'a> {
         let options = Options::new(self.settings.max_bounces - 1);
         let side = |face: Option<usize>| {
             let mut sampler = sampler.clone();
+            let below;
             let start = match face {
                 Some(face) => {
                     let [_, beside] = edge.beside(scene, face, s, after, -dir);
-                    Start::Surface(beside)
+                    below = edge.below(face, beside.ng);
+                    Start::Surface(beside, &below)
                 }
                 None => {
                     let mut past = mirror.spawn_ray((dir + view.normal * NUDGE).normalize());

@@ -163,6 +163,21 @@ impl Edge {
         [edge, SurfaceInteraction { p: at((4e-6 * rounding / height).clamp(INSIDE, 1e-2)).p, ..edge }]
     }
 
+    /// Primitives of other faces that lie below the plane of `face`, on the side that `normal` points away from: no ray that leaves the
+    /// face upwards meets them. Where it starts [beside](Edge::beside) the edge at a grazing angle, rounding would have it do so.
+    pub fn below(&self, face: usize, normal: Vec3) -> Vec<PrimId> {
+        let own = self.faces[face].prim;
+        // By more than corners are rounded: halves of a quadrilateral are one plane.
+        let rounding = 1e-6 * self.p[0].abs().max(self.p[1].abs()).max_element();
+        let rises = |f: &EdgeFace| {
+            let o = f.opposite - self.p[0];
+            normal.dot(o) > rounding + 1e-6 * o.length()
+        };
+        // Of a triangle that crosses this one both halves are faces, and one rises.
+        let lies = |prim: PrimId| !self.faces.iter().any(|f| f.prim == prim && rises(f));
+        self.faces.iter().map(|f| f.prim).filter(|&prim| prim != own && lies(prim)).collect()
+    }
+
     /// The part between two of its parameters.
     fn part(&self, from: f32, to: f32) -> Edge {
         let mut part = self.clone();

@@ -25,7 +25,8 @@ pub const MAX_DEPTH: u32 = 64;
 /// Where a path starts.
 pub enum Start<'a> {
     Ray(Ray, &'a [PrimId]),
-    Surface(SurfaceInteraction),
+    /// With primitives that no ray from there meets.
+    Surface(SurfaceInteraction, &'a [PrimId]),
 }
 
 /// What the first segment may see; later segments see everything.
@@ -50,6 +51,8 @@ pub struct Options<'a> {
     /// By shape: whether light counts once it has been there; that of a path which has been to none is not looked for. All of it
     /// counts without.
     pub by_way_of: Option<&'a [bool]>,
+    /// Primitives that rays from the first vertex do not meet.
+    pub first_skip: &'a [PrimId],
 }
 
 impl<'a> Options<'a> {
@@ -64,6 +67,7 @@ impl<'a> Options<'a> {
             toss: Toss::Fair,
             anywhere: 0.0,
             by_way_of: None,
+            first_skip: &[],
         }
     }
 
@@ -141,11 +145,15 @@ impl Recorder for NoRecord {
 pub fn trace<R: Recorder>(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Options, rec: &mut R) -> Vec3 {
     let mut paths = Paths::<1>::nowhere();
     let (samplers, recs) = (array::from_mut(sampler), array::from_mut(rec));
+    let mut options = *options;
     match start {
-        Start::Surface(si) => paths.start_at(0, si, 0.0, &Through::CLEAR, options, &mut recs[0]),
-        Start::Ray(ray, skip) => paths.start(scene, &[ray], skip, samplers, options, recs),
+        Start::Surface(si, skip) => {
+            options.first_skip = skip;
+            paths.start_at(0, si, 0.0, &Through::CLEAR, &options, &mut recs[0]);
+        }
+        Start::Ray(ray, skip) => paths.start(scene, &[ray], skip, samplers, &options, recs),
     }
-    paths.go_on(scene, samplers, options, recs);
+    paths.go_on(scene, samplers, &options, recs);
     paths.radiance(0)
 }
 

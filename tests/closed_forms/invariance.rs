@@ -227,3 +227,32 @@ fn the_world_moves_as_one() {
         part(6..7).check_scaled("T15 scale", &[0.0], 1e-3, magnitudes[2]);
     }
 }
+
+/// A white mirror ball under an even sky is not to be seen: nothing changes with it, or with the camera (T8). Its contours are looked at
+/// right beside edges, at grazing angles, from where a ray must not meet the faces around the corner.
+#[test]
+fn a_mirror_ball_in_a_furnace_has_no_contour() {
+    let mut ball = dscene::mesh::shapes::sphere(0.5, 64).unwrap();
+    ball.vertices.iter_mut().for_each(|v| *v += Vec3::new(0.5, -0.7, -1.7));
+    let forward = Vec3::new(0.0, -0.07, -1.0);
+    let camera = camera(Projection::Perspective, Vec3::ZERO, forward, 0.58, 24);
+    let along_scale = |mirror: bool| {
+        let mut b = Builder::default();
+        let reflectance = b.gray(1.0);
+        let kind = if mirror { MaterialKind::Mirror { reflectance } } else { MaterialKind::Black };
+        let shape = b.shape(ball.clone(), kind, None);
+        b.environment(Texture::constant(Vec3::splat(0.7)));
+        let scene = b.build();
+        let measured = Measured { scene: &scene, camera: &camera, settings: settings(64, 4) };
+        let motion: Vec<f64> = ball.vertices.iter().flat_map(|v| [f64::from(v.x), 0.0, 0.0]).collect();
+        estimate(16, |seed| {
+            let [scale, vertices] = &measured.gradient(seed, &[Slot::CameraScale, Slot::Vertices(shape)])[..] else {
+                panic!("two slots")
+            };
+            vec![scale.iter().sum(), vertices.iter().zip(&motion).map(|(g, m)| g * m).sum()]
+        })
+    };
+    let black = along_scale(false);
+    let size = black.mean.iter().map(|m| m.abs()).fold(f64::INFINITY, f64::min);
+    along_scale(true).check_zero("mirror ball", 1e-3 * size);
+}

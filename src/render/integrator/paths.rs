@@ -551,8 +551,9 @@ impl<const N: usize> Paths<N> {
             let rec = &mut recs[k];
             rec.line();
             let root = (N > 1).then_some(&self.roots[k]);
-            let skip = [self.prim[k], self.lights.prim[k]];
-            let through = scene.let_through(&self.shadow_ray(k), root, &skip, toss, |c| rec.cross(&c));
+            let (ray, ends) = (self.shadow_ray(k), [self.prim[k], self.lights.prim[k]]);
+            let through =
+                skipping::<N, _>(bounce, &ends, |skip| scene.let_through(&ray, root, skip, toss, |c| rec.cross(&c)));
             let Paths { shadows, lights, .. } = self;
             shadows.open[k] = through.is_some();
             let Some(transmittance) = through else { continue };
@@ -601,8 +602,10 @@ impl<const N: usize> Paths<N> {
         }
         for k in self.alive.iter() {
             let root = (N > 1).then_some(&self.roots[k]);
-            let (ray, skip) = (self.turned_ray(k), [self.prim[k]]);
-            self.hits[k] = seek(scene, &ray, root, &skip, &mut samplers[k], options, &mut recs[k]);
+            let (ray, own) = (self.turned_ray(k), [self.prim[k]]);
+            self.hits[k] = skipping::<N, _>(bounce, &own, |skip| {
+                seek(scene, &ray, root, skip, &mut samplers[k], options, &mut recs[k])
+            });
         }
     }
 
@@ -712,6 +715,16 @@ fn choose(bounce: Bounce, si: &SurfaceInteraction, u: Vec3, sampler: &mut Sample
     let sample = si.sample(&frame, u.to_array())?;
     let dir = if sample.mirror.is_some() { si.mirrored() } else { frame.to_world(sample.wo) };
     Some(Choice { dir, pdf: sample.pdf, mirror: sample.mirror, goal: None })
+}
+
+/// With what a ray skips: the primitives at its ends, and [`Options::first_skip`], which paths side by side do not have.
+#[inline(always)]
+fn skipping<const N: usize, T>(bounce: Bounce, ends: &[PrimId], look: impl FnOnce(&[PrimId]) -> T) -> T {
+    if N > 1 || bounce.number > 0 || bounce.options.first_skip.is_empty() {
+        look(ends)
+    } else {
+        look(&[ends, bounce.options.first_skip].concat())
+    }
 }
 
 /// Where a ray ends, and what masks do on the way.
