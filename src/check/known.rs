@@ -204,7 +204,7 @@ impl Checker<'_> {
         {
             if !(least..=std::f64::consts::PI).contains(&angle) {
                 self.diagnostics.push(
-                    Diagnostic::error("dscene::value::cone", format!("`{name}` lies between 0deg and 180deg"))
+                    Diagnostic::error("dscene::value::cone", crate::natives::cone_range(name))
                         .label(span, "out of range")
                         .help("it is the angle between the light's direction and the edge of its cone"),
                 );

@@ -368,6 +368,9 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
         shutter: [open, close],
         closing: closing.as_ref().map(PoseVars::values).transpose()?,
     };
+    if distortion.is_live() && !lowered.may_distort() {
+        return Err(bad("only perspective and fisheye cameras have a distortion, and no aperture beside it"));
+    }
     let mut slots = vec![
         (Slot::CameraOrigin, opening.origin),
         (Slot::CameraFrame, opening.frame),

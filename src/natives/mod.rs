@@ -17,7 +17,7 @@ use crate::tape::{TapeError, Tensor, Var};
 use value::{MeshValue, Value};
 
 pub use fields::{field, fields_of, set_field};
-pub(crate) use scene::{DISTORTION_HELP, NEEDS_FOCUS, add_to_scene, transform_matrix};
+pub(crate) use scene::{DISTORTION_HELP, NEEDS_FOCUS, add_to_scene, cone_range, transform_matrix};
 
 /// What went wrong in a native, and which argument is to blame.
 #[derive(Clone, Debug, PartialEq)]

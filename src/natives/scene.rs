@@ -290,6 +290,12 @@ fn axis(a: &Args) -> Result<Var> {
     Ok(direction)
 }
 
+/// What a spot light's angles can be.
+pub(crate) fn cone_range(name: &str) -> String {
+    let least = if name == "cutoff" { "above 0deg" } else { "at least 0deg" };
+    format!("a spot light's `{name}` is {least} and at most 180deg")
+}
+
 /// Of a spot light without a `beam`, the share of its cutoff that is lit evenly.
 const BEAM: f64 = 0.75;
 
@@ -301,8 +307,7 @@ fn spot(a: &Args) -> Result<Value> {
         let degrees = v.value().data.first().map_or(f64::NAN, |x| x.to_degrees());
         let inside = if name == "cutoff" { degrees > 0.0 } else { degrees >= 0.0 };
         if !(inside && degrees <= 180.0) {
-            let message =
-                format!("`{name}` of a spot light lies between 0deg and 180deg, this is {}deg", short(degrees));
+            let message = format!("{}, this is {}deg", cone_range(name), short(degrees));
             let help = "it is the angle between the light's direction and the edge of its cone";
             return Err(NativeError { arg: a.index(name), message, help: Some(help.into()) });
         }

@@ -51,28 +51,40 @@ impl Distortion {
 
     /// The ideal position of what is seen at `seen`, by Newton's method; not a number where the image is folded.
     pub fn undo(&self, seen: Vec2) -> Vec2 {
-        const STEPS: usize = 16;
+        const STEPS: usize = 40;
         let mut q = seen;
+        // From somewhere inside of the fold, and never beyond it.
+        while !self.keeps_sides(q) {
+            q *= 0.5;
+            if q == Vec2::ZERO || q.is_nan() {
+                return Vec2::NAN;
+            }
+        }
         for _ in 0..STEPS {
-            let step = self.solve(q, self.apply(q) - seen);
+            let whole = self.solve(q, self.apply(q) - seen);
+            let mut step = whole;
+            while !self.keeps_sides(q - step) && step.length_squared() > 1e-12 * whole.length_squared() {
+                step *= 0.5;
+            }
             q -= step;
-            // As far as single precision goes: what is left is the square of that. Nor does it help to go on from a fold.
-            if step.length_squared() <= 1e-12 * q.length_squared() || step.is_nan() {
+            // As far as single precision goes: what is left is the square of that.
+            if whole.length_squared() <= 1e-12 * q.length_squared() {
                 return q;
             }
         }
         Vec2::NAN
     }
 
-    /// `v` over the slopes at `q`: a step of Newton's method, and the adjoint of [`Distortion::undo`]. Not a number where the image is
-    /// folded.
+    /// Whether the image is not turned over there.
+    fn keeps_sides(&self, q: Vec2) -> bool {
+        let [a, b, c] = self.slopes(q);
+        a * c > b * b && a > 0.0
+    }
+
+    /// `v` over the slopes at `q`: a step of Newton's method, and the adjoint of [`Distortion::undo`].
     pub fn solve(&self, q: Vec2, v: Vec2) -> Vec2 {
         let [a, b, c] = self.slopes(q);
-        let determinant = a * c - b * b;
-        if !(determinant > 0.0 && a > 0.0) {
-            return Vec2::NAN;
-        }
-        Vec2::new(c * v.x - b * v.y, a * v.y - b * v.x) / determinant
+        Vec2::new(c * v.x - b * v.y, a * v.y - b * v.x) / (a * c - b * b)
     }
 
     /// Whether an ideal position is where what is seen there comes from: beyond the radius at which an image turns back, the
@@ -116,6 +128,14 @@ mod tests {
             assert_eq!(lens.shows(Vec2::new(0.6, 0.8) * r), seen, "{r}");
         }
         assert!(lens.undo(Vec2::new(0.9, 0.0)).is_nan());
+        // Folded only where nothing is seen, though where it is seen would be there; and steep.
+        for (coefficients, widest) in [([0.588, -0.275, 0.0, 0.0, -0.061], 0.92), ([0.0, 0.0, 0.0, 0.0, 1.0], 8.0)] {
+            let lens = Distortion { coefficients };
+            for i in 0..=64 {
+                let q = Vec2::new(0.6, -0.8) * (widest * i as f32 / 64.0);
+                assert!(lens.undo(lens.apply(q)).distance(q) <= 1e-5 * (1.0 + q.length()), "{coefficients:?} at {q}");
+            }
+        }
     }
 
     /// One coefficient after the other against the formulas of the OpenCV manual, y down.
