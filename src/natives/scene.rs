@@ -544,7 +544,7 @@ fn moving(a: &Args) -> Result<Value> {
                     format!("the keyframes are cameras of two kinds, `{}` and `{}`", word(opening), word(closing));
                 return Err(NativeError::at(1, message).help("write the same `kind` in both"));
             }
-            // The first camera's are the ones that count; a derivative in the other would be lost.
+            // The same numbers, and live in both or in neither: half of a derivative is none.
             let numbers = |c: &CameraValue, name: &str| match c.field(name) {
                 Some(Value::Num(v)) => Some((v.value().data.clone(), v.is_live())),
                 _ => None,
@@ -555,7 +555,14 @@ fn moving(a: &Args) -> Result<Value> {
                     return Err(NativeError::at(1, message).help(format!("write the same `{name}` in both")));
                 }
             }
-            Ok(Value::Camera(Arc::new(CameraValue { closing: Some(closing.clone()), ..(**opening).clone() })))
+            let mut fields = opening.fields.clone();
+            // Neither keyframe is asked in vain for a derivative in what both of them say.
+            for (name, value) in fields.iter_mut().filter(|(name, _)| name == "shutter" || name == "distortion") {
+                if let (Value::Num(a), Some(Value::Num(b))) = (&*value, closing.field(name)) {
+                    *value = Value::Num(a.add(b)?.scale(0.5));
+                }
+            }
+            Ok(Value::Camera(Arc::new(CameraValue { fields, closing: Some(closing.clone()) })))
         }
         (Value::Light(opening), Value::Light(closing)) => moving_light(a, opening, closing),
         (Value::Camera(_) | Value::Light(_), _) => Err(a.wrong(1, a.value(0)?.kind())),
