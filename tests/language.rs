@@ -4,6 +4,7 @@ use dscene::check::{self, Checked, Disk, Line, hir};
 use dscene::diag::Diagnostic;
 use dscene::eval::value::Value;
 use dscene::eval::{Engine, EngineOptions, brief, on_large_stack, to_json};
+use dscene::session::{MeasureOptions, measure};
 use dscene::tape::Tensor;
 use serde_json::json;
 
@@ -707,5 +708,33 @@ let still = lamp(0)",
     ] {
         let error = try_eval(&mut e, text).err().unwrap_or_else(|| panic!("{text} is accepted"));
         assert!(error.message.contains(what), "{text}: {}", error.message);
+    }
+}
+
+/// The second of two repeats, and the first one that has its random numbers: only where nothing was learnt are they the same.
+#[test]
+fn warm_repeats_go_on_from_one_another() {
+    let scene = "camera eye { position: [0, 3, -4], look_at: [0, 0, 0], film: [16, 16] }
+param x = 0.1
+shape ground { mesh: rectangle(width: 4, depth: 4) }
+shape blocker { mesh: rectangle() |> scale(0.3) |> translate([x, 1, 0]) }
+light lamp = area(rectangle() |> flip() |> translate([0, 3, 0]), radiance: 5)
+let y = mean(render(eye, spp: 16, max_bounces: 1) * pixels(eye).x)";
+    let gradient = |warm: bool, repeats: u32, seed: u64| {
+        let mut e = engine(scene);
+        let mut program = e.program().clone();
+        let Some(Line::Expr(y)) = check::check_line(&mut program, "y").0 else { panic!("no y") };
+        let target = check::hir::Target { decl: e.program().find("x").unwrap(), path: vec![] };
+        let options = MeasureOptions { repeats, seed, fd_step: None, warm };
+        let found = measure(&mut e, &y, &[("x".into(), target)], options, &|| false).unwrap().unwrap();
+        found.wrt[0].gradient.mean()[0]
+    };
+    // What a repeat draws follows from its number times this, and the seed.
+    let step = 0x9e37_79b9_7f4a_7c15_u64;
+    for warm in [false, true] {
+        let (both, first) = (gradient(warm, 2, 0), gradient(warm, 1, 0));
+        let alone = gradient(warm, 1, step ^ step.wrapping_mul(2));
+        let same = (2.0 * both - first - alone).abs() < 1e-9 * alone.abs();
+        assert_eq!(same, !warm, "{both} {first} {alone}");
     }
 }
