@@ -418,7 +418,7 @@ loss fit = mse(render(small), target)",
                  let sharp = spot(position: [0, 2, 0], direction: [0, -1, 0], cutoff: 30deg, beam: 30deg)\n\
                  let other = spot(position: [0, 2, 0], direction: [0, -1, 0], beam_width: 3deg)\n\
                  camera a { distortion: [0, 0, 0, 0, 0, 1] }\ncamera b { kind: panorama, distortion: [-0.1] }\n\
-                 camera c { distortion: [-0.1], aperture: 0.1 }",
+                 camera c { distortion: [-0.1], aperture: 0.1 }\ncamera d { distortion: 0.1 }",
         wanted: &[
             ("dscene::value::cone", "200deg", "edge of its cone"),
             ("dscene::value::cone", "30deg", "without `beam`"),
@@ -426,6 +426,7 @@ loss fit = mse(render(small), target)",
             ("dscene::value::distortion", "[0, 0, 0, 0, 0, 1]", "k1, k2, p1, p2, k3"),
             ("dscene::value::distortion", "[-0.1]", "leave it out"),
             ("dscene::value::distortion", "[-0.1]", "leave one of them out"),
+            ("dscene::type::mismatch", "0.1", "write `[0.1]`"),
         ],
     },
     Case {

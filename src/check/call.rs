@@ -408,6 +408,7 @@ impl Checker<'_> {
                 let x = found.value.as_ref().and_then(Const::number)?;
                 format!("write `{}`", x.round())
             }
+            Ty::Num(shape) if shape.is_empty() && is(Ty::Num(vec![None])) => format!("write `[{short}]`"),
             Ty::Num(shape) if shape.is_empty() && accepts(Ty::vector(3)) => {
                 format!("write `[{short}, {short}, {short}]`")
             }
