@@ -1,9 +1,9 @@
 //! Lanes as registers of AVX2, used only where the processor is found to have it.
 
 use std::arch::x86_64::*;
-use std::ops::{Add, Div, Mul, Sub};
+use std::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
-use super::traverse::{self, Lanes, Root, traverse};
+use super::traverse::{self, Lanes, Mask, Root, traverse};
 use super::tree::{Tree, WIDTH};
 use super::{Hit, PrimId, Ray, Work};
 
@@ -68,9 +68,15 @@ fn any(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> bool {
 #[derive(Clone, Copy)]
 struct Register(__m256);
 
+#[derive(Clone, Copy)]
+struct Flags(__m256);
+
 // SAFETY of all below: called only within functions that enable AVX2. Loads and stores need no alignment and touch exactly one
 // array of the register's size.
 impl Lanes for Register {
+    type Mask = Flags;
+    type Ids = __m256i;
+
     #[inline(always)]
     fn splat(x: f32) -> Self {
         Register(unsafe { _mm256_set1_ps(x) })
@@ -99,31 +105,96 @@ impl Lanes for Register {
     }
 
     #[inline(always)]
-    fn less_or_equal(self, other: Self) -> u32 {
-        unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LE_OQ>(self.0, other.0)) as u32 }
+    fn least(self) -> f32 {
+        unsafe {
+            let x = _mm_min_ps(_mm256_castps256_ps128(self.0), _mm256_extractf128_ps::<1>(self.0));
+            let x = _mm_min_ps(x, _mm_movehl_ps(x, x));
+            _mm_cvtss_f32(_mm_min_ss(x, _mm_movehdup_ps(x)))
+        }
     }
 
     #[inline(always)]
-    fn less(self, other: Self) -> u32 {
-        unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<_CMP_LT_OQ>(self.0, other.0)) as u32 }
+    fn less_or_equal(self, other: Self) -> Flags {
+        Flags(unsafe { _mm256_cmp_ps::<_CMP_LE_OQ>(self.0, other.0) })
+    }
+
+    #[inline(always)]
+    fn less(self, other: Self) -> Flags {
+        Flags(unsafe { _mm256_cmp_ps::<_CMP_LT_OQ>(self.0, other.0) })
+    }
+
+    #[inline(always)]
+    fn differs(self, other: Self) -> Flags {
+        Flags(unsafe { _mm256_cmp_ps::<_CMP_NEQ_OQ>(self.0, other.0) })
+    }
+
+    #[inline(always)]
+    fn select(mask: Flags, yes: Self, no: Self) -> Self {
+        Register(unsafe { _mm256_blendv_ps(no.0, yes.0, mask.0) })
+    }
+
+    #[inline(always)]
+    fn load_ids(ids: &[PrimId; WIDTH]) -> __m256i {
+        unsafe { _mm256_loadu_si256(ids.as_ptr().cast()) }
+    }
+
+    #[inline(always)]
+    fn splat_id(id: PrimId) -> __m256i {
+        unsafe { _mm256_set1_epi32(id as i32) }
+    }
+
+    #[inline(always)]
+    fn ids_to_array(ids: __m256i) -> [PrimId; WIDTH] {
+        let mut array = [0; WIDTH];
+        unsafe { _mm256_storeu_si256(array.as_mut_ptr().cast(), ids) };
+        array
+    }
+
+    #[inline(always)]
+    fn same(a: __m256i, b: __m256i) -> Flags {
+        Flags(unsafe { _mm256_castsi256_ps(_mm256_cmpeq_epi32(a, b)) })
+    }
+
+    #[inline(always)]
+    fn lower(a: __m256i, b: __m256i) -> Flags {
+        Flags(unsafe { _mm256_castsi256_ps(_mm256_cmpgt_epi32(b, a)) })
+    }
+
+    #[inline(always)]
+    fn select_ids(mask: Flags, yes: __m256i, no: __m256i) -> __m256i {
+        unsafe { _mm256_blendv_epi8(no, yes, _mm256_castps_si256(mask.0)) }
+    }
+}
+
+impl Mask for Flags {
+    #[inline(always)]
+    fn bits(self) -> u32 {
+        unsafe { _mm256_movemask_ps(self.0) as u32 }
+    }
+
+    #[inline(always)]
+    fn but_not(self, other: Self) -> Self {
+        Flags(unsafe { _mm256_andnot_ps(other.0, self.0) })
     }
 }
 
 macro_rules! operator {
-    ($name:ident, $method:ident, $intrinsic:ident) => {
-        impl $name for Register {
+    ($type:ident, $name:ident, $method:ident, $intrinsic:ident) => {
+        impl $name for $type {
             type Output = Self;
 
             #[inline(always)]
             fn $method(self, other: Self) -> Self {
                 // SAFETY: as above.
-                Register(unsafe { $intrinsic(self.0, other.0) })
+                $type(unsafe { $intrinsic(self.0, other.0) })
             }
         }
     };
 }
 
-operator!(Add, add, _mm256_add_ps);
-operator!(Sub, sub, _mm256_sub_ps);
-operator!(Mul, mul, _mm256_mul_ps);
-operator!(Div, div, _mm256_div_ps);
+operator!(Register, Add, add, _mm256_add_ps);
+operator!(Register, Sub, sub, _mm256_sub_ps);
+operator!(Register, Mul, mul, _mm256_mul_ps);
+operator!(Register, Div, div, _mm256_div_ps);
+operator!(Flags, BitAnd, bitand, _mm256_and_ps);
+operator!(Flags, BitOr, bitor, _mm256_or_ps);

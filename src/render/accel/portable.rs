@@ -1,9 +1,10 @@
 //! Lanes as arrays, for processors without a set of instructions of their own here.
 
 use std::array::from_fn;
-use std::ops::{Add, Div, Mul, Sub};
+use std::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
-use super::traverse::Lanes;
+use super::PrimId;
+use super::traverse::{Lanes, Mask};
 use super::tree::WIDTH;
 
 #[derive(Clone, Copy)]
@@ -16,12 +17,55 @@ impl Portable {
     }
 
     #[inline(always)]
-    fn mask(self, other: Self, f: impl Fn(f32, f32) -> bool) -> u32 {
-        (0..WIDTH).map(|i| u32::from(f(self.0[i], other.0[i])) << i).sum()
+    fn compare(self, other: Self, f: impl Fn(f32, f32) -> bool) -> Flags {
+        Flags(from_fn(|i| f(self.0[i], other.0[i])))
+    }
+}
+
+#[derive(Clone, Copy)]
+pub struct Flags([bool; WIDTH]);
+
+impl Flags {
+    #[inline(always)]
+    fn select<T: Copy>(self, yes: [T; WIDTH], no: [T; WIDTH]) -> [T; WIDTH] {
+        from_fn(|i| if self.0[i] { yes[i] } else { no[i] })
+    }
+}
+
+impl Mask for Flags {
+    #[inline(always)]
+    fn bits(self) -> u32 {
+        (0..WIDTH).map(|i| u32::from(self.0[i]) << i).sum()
+    }
+
+    #[inline(always)]
+    fn but_not(self, other: Self) -> Self {
+        Flags(from_fn(|i| self.0[i] & !other.0[i]))
+    }
+}
+
+impl BitAnd for Flags {
+    type Output = Self;
+
+    #[inline(always)]
+    fn bitand(self, other: Self) -> Self {
+        Flags(from_fn(|i| self.0[i] & other.0[i]))
+    }
+}
+
+impl BitOr for Flags {
+    type Output = Self;
+
+    #[inline(always)]
+    fn bitor(self, other: Self) -> Self {
+        Flags(from_fn(|i| self.0[i] | other.0[i]))
     }
 }
 
 impl Lanes for Portable {
+    type Mask = Flags;
+    type Ids = [PrimId; WIDTH];
+
     #[inline(always)]
     fn splat(x: f32) -> Self {
         Portable([x; WIDTH])
@@ -48,13 +92,58 @@ impl Lanes for Portable {
     }
 
     #[inline(always)]
-    fn less_or_equal(self, other: Self) -> u32 {
-        self.mask(other, |a, b| a <= b)
+    fn least(self) -> f32 {
+        self.0.into_iter().fold(f32::INFINITY, f32::min)
     }
 
     #[inline(always)]
-    fn less(self, other: Self) -> u32 {
-        self.mask(other, |a, b| a < b)
+    fn less_or_equal(self, other: Self) -> Flags {
+        self.compare(other, |a, b| a <= b)
+    }
+
+    #[inline(always)]
+    fn less(self, other: Self) -> Flags {
+        self.compare(other, |a, b| a < b)
+    }
+
+    #[inline(always)]
+    fn differs(self, other: Self) -> Flags {
+        self.compare(other, |a, b| a.partial_cmp(&b).is_some_and(std::cmp::Ordering::is_ne))
+    }
+
+    #[inline(always)]
+    fn select(mask: Flags, yes: Self, no: Self) -> Self {
+        Portable(mask.select(yes.0, no.0))
+    }
+
+    #[inline(always)]
+    fn load_ids(ids: &[PrimId; WIDTH]) -> Self::Ids {
+        *ids
+    }
+
+    #[inline(always)]
+    fn splat_id(id: PrimId) -> Self::Ids {
+        [id; WIDTH]
+    }
+
+    #[inline(always)]
+    fn ids_to_array(ids: Self::Ids) -> [PrimId; WIDTH] {
+        ids
+    }
+
+    #[inline(always)]
+    fn same(a: Self::Ids, b: Self::Ids) -> Flags {
+        Flags(from_fn(|i| a[i] == b[i]))
+    }
+
+    #[inline(always)]
+    fn lower(a: Self::Ids, b: Self::Ids) -> Flags {
+        Flags(from_fn(|i| a[i].cast_signed() < b[i].cast_signed()))
+    }
+
+    #[inline(always)]
+    fn select_ids(mask: Flags, yes: Self::Ids, no: Self::Ids) -> Self::Ids {
+        mask.select(yes, no)
     }
 }
 

@@ -84,6 +84,9 @@ fn soups() -> Vec<(&'static str, Corners)> {
     };
     let mut twice = soup(150, &small);
     twice.extend_from_within(..);
+    // Not walked, but tested all at once: with several hits at the same distance, in the same lane and in others.
+    let mut few_twice = soup(13, &on_grid);
+    few_twice.extend_from_within(..);
     vec![
         ("one", soup(1, &small)),
         ("few", soup(9, &small)),
@@ -92,6 +95,8 @@ fn soups() -> Vec<(&'static str, Corners)> {
         ("on a grid", soup(300, &on_grid)),
         ("slivers", soup(300, &sliver)),
         ("each twice", twice),
+        ("few on a grid", soup(40, &on_grid)),
+        ("few, each twice", few_twice),
     ]
 }
 
@@ -126,6 +131,7 @@ fn agrees_with_brute_force_to_the_last_bit() {
     let mut rng = Pcg32::new(1);
     for (name, corners) in soups() {
         let accels = both(&corners);
+        assert_eq!(accels[0].tree.is_small(), name.starts_with("few") || name == "one", "{name}");
         let rays = 3_000_000 / (corners.len() + 600);
         let mut hits = 0;
         for _ in 0..rays {

@@ -3,7 +3,9 @@
 //! Every operation on lanes is a single one of IEEE 754 (no fused multiply-add), in the same order everywhere: all instruction
 //! sets return the same bits.
 
-use std::ops::{Add, Div, Mul, Sub};
+use std::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
+
+use glam::Vec3;
 
 use super::tree::{Block, Child, Node, Tree, WIDTH};
 use super::{Hit, NO_PRIM, PrimId, Ray};
@@ -11,14 +13,36 @@ use super::{Hit, NO_PRIM, PrimId, Ray};
 /// Numbers as wide as the tree. Where one of two operands is not a number, comparisons are false and `min`, `max` return the
 /// second.
 pub trait Lanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> {
+    type Mask: Mask;
+    type Ids: Copy;
+
     fn splat(x: f32) -> Self;
     fn load(x: &[f32; WIDTH]) -> Self;
     fn to_array(self) -> [f32; WIDTH];
     fn min(self, other: Self) -> Self;
     fn max(self, other: Self) -> Self;
+    /// The least of all lanes, of which none is "not a number".
+    fn least(self) -> f32;
+    fn less_or_equal(self, other: Self) -> Self::Mask;
+    fn less(self, other: Self) -> Self::Mask;
+    fn differs(self, other: Self) -> Self::Mask;
+    fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
+
+    fn load_ids(ids: &[PrimId; WIDTH]) -> Self::Ids;
+    fn splat_id(id: PrimId) -> Self::Ids;
+    fn ids_to_array(ids: Self::Ids) -> [PrimId; WIDTH];
+    fn same(a: Self::Ids, b: Self::Ids) -> Self::Mask;
+    /// [`NO_PRIM`] is lower than all others.
+    fn lower(a: Self::Ids, b: Self::Ids) -> Self::Mask;
+    fn select_ids(mask: Self::Mask, yes: Self::Ids, no: Self::Ids) -> Self::Ids;
+}
+
+/// Yes or no in every lane.
+pub trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> {
     /// A bit for each lane, the first lowest.
-    fn less_or_equal(self, other: Self) -> u32;
-    fn less(self, other: Self) -> u32;
+    fn bits(self) -> u32;
+    /// Where this is so and the other is not.
+    fn but_not(self, other: Self) -> Self;
 }
 
 /// How far boxes are enlarged, relative to the distance: a dozen roundings, more than those of the box test and of the
@@ -41,8 +65,8 @@ pub fn enter<L: Lanes>(tree: &Tree, ray: &Ray) -> Root {
     BoxTest::<L>::new(ray, inv).root(tree, ray, inv)
 }
 
-/// The closest hit, or the first that is found if `ANY`. Of hits at the same distance the lowest primitive wins. The first node may
-/// have been tested before.
+/// The closest hit, or any if `ANY`. Of hits at the same distance the lowest primitive wins. The first node may have been tested
+/// before.
 #[inline(always)]
 pub fn traverse<L: Lanes, const ANY: bool>(
     tree: &Tree,
@@ -50,6 +74,9 @@ pub fn traverse<L: Lanes, const ANY: bool>(
     root: Option<&Root>,
     skip: &[PrimId],
 ) -> Option<Hit> {
+    if tree.is_small() {
+        return if ANY { any_of_few::<L>(tree, ray, root, skip) } else { closest_of_few::<L>(tree, ray, root, skip) };
+    }
     let inv = root.map_or_else(|| ray.dir.recip().to_array(), |root| root.inv);
     let boxes = BoxTest::<L>::new(ray, inv);
     let root = match root {
@@ -106,6 +133,88 @@ pub fn traverse<L: Lanes, const ANY: bool>(
     }
 }
 
+/// [`traverse`] where there are [few](Tree::is_small) triangles: all that a ray may hit are tested, lane by lane, and compared once at
+/// the end. To sort and to stop early would take turns that cannot be foreseen, which cost more than the tests that they save.
+/// (Called from there and inlined: in a function of its own the frame is not aligned, which takes what was gained.)
+#[inline(always)]
+fn closest_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Option<Hit> {
+    let root = root.map_or_else(|| enter::<L>(tree, ray), |root| *root);
+    let triangles = TriangleTest::<L>::new(ray, root.inv);
+    let skip = Skip::<L>::new(skip);
+    let zero = L::splat(0.0);
+    let (mut t, mut ids, mut b) = (L::splat(ray.t_max), L::splat_id(NO_PRIM), [zero; 3]);
+    let mut hits = root.hits;
+    while hits != 0 {
+        for block in &tree.blocks[tree.nodes[0].next(&mut hits).blocks()] {
+            let test = triangles.test(block);
+            let prims = L::load_ids(&block.prims);
+            let closer = test.t.less(t) | (test.t.less_or_equal(t) & L::lower(prims, ids));
+            let closer = skip.without(prims, closer & test.valid);
+            t = L::select(closer, test.t, t);
+            ids = L::select_ids(closer, prims, ids);
+            let [u, v, w] = test.b;
+            b = [L::select(closer, u, b[0]), L::select(closer, v, b[1]), L::select(closer, w, b[2])];
+        }
+    }
+    let nearest = t.least();
+    let mut first = t.less_or_equal(L::splat(nearest)).but_not(L::same(ids, L::splat_id(NO_PRIM))).bits();
+    let [u, v, w] = [b[0].to_array(), b[1].to_array(), b[2].to_array()];
+    let ids = L::ids_to_array(ids);
+    // Without any hit the lane does not matter: to look whether there is one costs less once others have been asked for.
+    let mut lane = first.trailing_zeros() as usize % WIDTH;
+    first &= first.wrapping_sub(1);
+    while first != 0 {
+        let other = first.trailing_zeros() as usize % WIDTH;
+        first &= first - 1;
+        if ids[other] < ids[lane] {
+            lane = other;
+        }
+    }
+    let hit = Hit { t: nearest, prim: ids[lane], b: [u[lane], v[lane], w[lane]] };
+    (hit.prim != NO_PRIM).then_some(hit)
+}
+
+/// As [`closest_of_few`], whether there is any.
+#[inline(always)]
+fn any_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Option<Hit> {
+    let root = root.map_or_else(|| enter::<L>(tree, ray), |root| *root);
+    let triangles = TriangleTest::<L>::new(ray, root.inv);
+    let skip = Skip::<L>::new(skip);
+    let t_max = L::splat(ray.t_max);
+    let (mut hits, mut found) = (root.hits, 0);
+    while hits != 0 {
+        for block in &tree.blocks[tree.nodes[0].next(&mut hits).blocks()] {
+            let test = triangles.test(block);
+            found |= skip.without(L::load_ids(&block.prims), test.valid & test.t.less(t_max)).bits();
+        }
+    }
+    (found != 0).then_some(Hit { t: ray.t_max, prim: NO_PRIM, b: [0.0; 3] })
+}
+
+/// Primitives that do not count. Most often there are one or two: these are compared without a loop.
+struct Skip<'a, L: Lanes> {
+    first: L::Ids,
+    second: L::Ids,
+    others: &'a [PrimId],
+}
+
+impl<'a, L: Lanes> Skip<'a, L> {
+    #[inline(always)]
+    fn new(skip: &'a [PrimId]) -> Self {
+        let (first, second) = (skip.first().map_or(NO_PRIM, |p| *p), skip.get(1).map_or(NO_PRIM, |p| *p));
+        Skip { first: L::splat_id(first), second: L::splat_id(second), others: skip.get(2..).unwrap_or_default() }
+    }
+
+    #[inline(always)]
+    fn without(&self, prims: L::Ids, mask: L::Mask) -> L::Mask {
+        let mut left = mask.but_not(L::same(prims, self.first) | L::same(prims, self.second));
+        for &other in self.others {
+            left = left.but_not(L::same(prims, L::splat_id(other)));
+        }
+        left
+    }
+}
+
 fn later(t: f32) -> f32 {
     t + t.abs() * MARGIN
 }
@@ -154,7 +263,7 @@ impl<L: Lanes> BoxTest<L> {
         // and at the end of each line the second one always is a number.
         let enter = self.near(node, 0).max(self.near(node, 1)).max(self.near(node, 2).max(self.t_min));
         let leave = self.far(node, 0).min(self.far(node, 1)).min(self.far(node, 2).min(limit));
-        (enter.to_array(), enter.less_or_equal(leave))
+        (enter.to_array(), enter.less_or_equal(leave).bits())
     }
 
     #[inline(always)]
@@ -181,21 +290,42 @@ struct TriangleTest<L> {
     t_min: L,
 }
 
+/// Where a ray meets the planes of triangles: distances, barycentric coordinates, and whether it does so inside of them, not
+/// before `t_min`.
+struct Tested<L: Lanes> {
+    t: L,
+    b: [L; 3],
+    valid: L::Mask,
+}
+
+/// To be read axis by axis. Its alignment is for the registers that are spilled beside it: the compiler aligns the frame for this,
+/// but not for them, and then loads that cross cache lines cost up to a third.
+#[repr(align(64))]
+struct RayByAxis {
+    origin: [f32; 4],
+    dir: [f32; 4],
+    inv: [f32; 4],
+}
+
 /// Per lane: distances, barycentric coordinates, and a bit for each hit.
 type TriangleHits = ([f32; WIDTH], [[f32; WIDTH]; 3], u32);
 
 impl<L: Lanes> TriangleTest<L> {
     #[inline(always)]
     fn new(ray: &Ray, inv: [f32; 3]) -> Self {
-        let (o, d) = (ray.origin.to_array(), ray.dir.to_array());
+        const NEXT: [usize; 4] = [1, 2, 0, 0];
+        let four = |v: Vec3| v.extend(0.0).to_array();
+        let RayByAxis { origin, dir, inv } =
+            &RayByAxis { origin: four(ray.origin), dir: four(ray.dir), inv: four(Vec3::from_array(inv)) };
         let size = ray.dir.abs();
-        let first = (size.x > size.y) & (size.x > size.z);
-        let [x, y, z] = [[0, 1, 2], [2, 0, 1], [1, 2, 0]][if first { 2 } else { usize::from(size.y > size.z) }];
-        let inv = inv[z];
+        let z = if (size.x > size.y) & (size.x > size.z) { 0 } else { 2 - usize::from(size.y > size.z) };
+        let x = NEXT[z & 3];
+        let y = NEXT[x & 3];
+        let inv = inv[z & 3];
         TriangleTest {
             axes: [x, y, z],
-            origin: splat([o[x], o[y], o[z]]),
-            shear: splat([d[x] * inv, d[y] * inv, inv]),
+            origin: splat([origin[x & 3], origin[y & 3], origin[z & 3]]),
+            shear: splat([dir[x & 3] * inv, dir[y & 3] * inv, inv]),
             t_min: L::splat(ray.t_min),
         }
     }
@@ -203,6 +333,18 @@ impl<L: Lanes> TriangleTest<L> {
     /// Those with `t_min <= t <= t_max`, but less than `t_max` if `ANY`.
     #[inline(always)]
     fn hits<const ANY: bool>(&self, block: &Block, t_max: f32) -> Option<TriangleHits> {
+        let Tested { t, b: [u, v, w], valid } = self.test(block);
+        let t_max = L::splat(t_max);
+        let before = if ANY { t.less(t_max) } else { t.less_or_equal(t_max) };
+        let hits = (valid & before).bits();
+        if hits == 0 {
+            return None;
+        }
+        Some((t.to_array(), [u.to_array(), v.to_array(), w.to_array()], hits))
+    }
+
+    #[inline(always)]
+    fn test(&self, block: &Block) -> Tested<L> {
         let (a, b, c) = (self.corner(block, 0), self.corner(block, 1), self.corner(block, 2));
         let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
         let zero = L::splat(0.0);
@@ -210,16 +352,11 @@ impl<L: Lanes> TriangleTest<L> {
         let det = u + v + w;
         let inv = L::splat(1.0) / det;
         let (u, v, w) = (u * inv, v * inv, w * inv);
-        // Where the determinant is zero or not a number the distance is not one either, and comparisons are false.
+        // Where the determinant is zero or not a number the distance is not one either, and comparisons are false. (One over it is
+        // zero where it is infinite.)
         let t = (u * a[2] + v * b[2] + w * c[2]) * self.shear[2];
-        let finite = det.less(L::splat(f32::INFINITY)) & L::splat(f32::NEG_INFINITY).less(det);
-        let t_max = L::splat(t_max);
-        let before = if ANY { t.less(t_max) } else { t.less_or_equal(t_max) };
-        let hits = inside & finite & before & self.t_min.less_or_equal(t);
-        if hits == 0 {
-            return None;
-        }
-        Some((t.to_array(), [u.to_array(), v.to_array(), w.to_array()], hits))
+        let finite = inv.differs(zero);
+        Tested { t, b: [u, v, w], valid: inside & finite & self.t_min.less_or_equal(t) }
     }
 
     /// A corner of each triangle, seen along the ray.
@@ -227,9 +364,9 @@ impl<L: Lanes> TriangleTest<L> {
     fn corner(&self, block: &Block, vertex: usize) -> [L; 3] {
         let [x, y, z] = self.axes;
         let corner = &block.corners[vertex];
-        let z = L::load(&corner[z % 3]) - self.origin[2];
-        let x = L::load(&corner[x % 3]) - self.origin[0] - self.shear[0] * z;
-        let y = L::load(&corner[y % 3]) - self.origin[1] - self.shear[1] * z;
+        let z = L::load(&corner[z.min(2)]) - self.origin[2];
+        let x = L::load(&corner[x.min(2)]) - self.origin[0] - self.shear[0] * z;
+        let y = L::load(&corner[y.min(2)]) - self.origin[1] - self.shear[1] * z;
         [x, y, z]
     }
 }
@@ -241,8 +378,7 @@ fn edge<L: Lanes>(p: [L; 3], q: [L; 3]) -> L {
 }
 
 /// Children that wait for their turn, as keys: the bits of a distance that is not negative (they are ordered like the distance)
-/// above those of the child. Grows if it must. The alignment is for the registers that are spilled beside it: the compiler aligns
-/// the frame for this, but not for them, and then loads that cross cache lines cost up to a third.
+/// above those of the child. Grows if it must. Aligned as [`RayByAxis`] is.
 #[repr(align(64))]
 struct Stack {
     len: usize,

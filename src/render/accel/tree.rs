@@ -20,6 +20,9 @@ pub const WIDTH: usize = 8;
 const MAX_BLOCKS: usize = (1 << COUNT_BITS) - 1;
 const COUNT_BITS: u32 = 5;
 
+/// See [`Tree::is_small`]; in blocks.
+const SMALL: usize = 16;
+
 /// Expected costs of visiting a node and a block of triangles, in the unit of the surface area heuristic.
 const NODE_COST: f32 = 1.0;
 const BLOCK_COST: f32 = 0.5;
@@ -92,6 +95,14 @@ impl Node {
         (side(0), side(1))
     }
 
+    /// The child at the first of some places, which is struck off.
+    #[inline(always)]
+    pub fn next(&self, places: &mut u32) -> Child {
+        let place = places.trailing_zeros() as usize % WIDTH;
+        *places &= places.wrapping_sub(1);
+        self.children[place]
+    }
+
     /// The box around all children.
     fn total_bounds(&self) -> (Vec3, Vec3) {
         let fold = |(lo, hi): (Vec3, Vec3), (l, h): (Vec3, Vec3)| (lo.min(l), hi.max(h));
@@ -138,6 +149,12 @@ impl Tree {
         let piles = Piles::new(&boxes);
         let binary = binary_tree(&piles.heads.iter().map(|&i| boxes[i as usize]).collect::<Vec<Aabb>>());
         Collapse::new(&binary, &piles, corners, prims).run()
+    }
+
+    /// Whether there is one node only, and few enough triangles to test all that its boxes do not exclude.
+    #[inline(always)]
+    pub fn is_small(&self) -> bool {
+        self.nodes.len() == 1 && self.blocks.len() <= SMALL
     }
 
     /// Moves the triangles; each must have been there when the tree was built.

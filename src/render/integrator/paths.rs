@@ -552,8 +552,9 @@ impl<const N: usize> Paths<N> {
             rec.line();
             let root = (N > 1).then_some(&self.roots[k]);
             let (ray, ends) = (self.shadow_ray(k), [self.prim[k], self.lights.prim[k]]);
-            let through =
-                skipping::<N, _>(bounce, &ends, |skip| scene.let_through(&ray, root, skip, toss, |c| rec.cross(&c)));
+            let mut more = Vec::new();
+            let skip = skipped::<N>(bounce, &ends, &mut more);
+            let through = scene.let_through(&ray, root, skip, toss, |c| rec.cross(&c));
             let Paths { shadows, lights, .. } = self;
             shadows.open[k] = through.is_some();
             let Some(transmittance) = through else { continue };
@@ -603,9 +604,9 @@ impl<const N: usize> Paths<N> {
         for k in self.alive.iter() {
             let root = (N > 1).then_some(&self.roots[k]);
             let (ray, own) = (self.turned_ray(k), [self.prim[k]]);
-            self.hits[k] = skipping::<N, _>(bounce, &own, |skip| {
-                seek(scene, &ray, root, skip, &mut samplers[k], options, &mut recs[k])
-            });
+            let mut more = Vec::new();
+            let skip = skipped::<N>(bounce, &own, &mut more);
+            self.hits[k] = seek(scene, &ray, root, skip, &mut samplers[k], options, &mut recs[k]);
         }
     }
 
@@ -717,14 +718,14 @@ fn choose(bounce: Bounce, si: &SurfaceInteraction, u: Vec3, sampler: &mut Sample
     Some(Choice { dir, pdf: sample.pdf, mirror: sample.mirror, goal: None })
 }
 
-/// With what a ray skips: the primitives at its ends, and [`Options::first_skip`], which paths side by side do not have.
+/// What a ray skips: the primitives at its ends, and [`Options::first_skip`], which paths side by side do not have.
 #[inline(always)]
-fn skipping<const N: usize, T>(bounce: Bounce, ends: &[PrimId], look: impl FnOnce(&[PrimId]) -> T) -> T {
+fn skipped<'a, const N: usize>(bounce: Bounce, ends: &'a [PrimId], all: &'a mut Vec<PrimId>) -> &'a [PrimId] {
     if N > 1 || bounce.number > 0 || bounce.options.first_skip.is_empty() {
-        look(ends)
-    } else {
-        look(&[ends, bounce.options.first_skip].concat())
+        return ends;
     }
+    all.extend([ends, bounce.options.first_skip].concat());
+    all
 }
 
 /// Where a ray ends, and what masks do on the way.
