@@ -91,7 +91,7 @@ impl Scene {
         toss: Toss,
         cross: impl FnMut(Crossing),
     ) -> (Option<(SurfaceInteraction, f32)>, Through) {
-        let (hit, through) = self.stop(ray, None, skip, sampler, toss, cross);
+        let (hit, through) = self.stop(ray, skip, sampler, toss, cross);
         (hit.map(|hit| (self.interaction(hit.prim, hit.b, -ray.dir), hit.t)), through)
     }
 
@@ -109,22 +109,21 @@ impl Scene {
     /// Where a ray stops, with a fair toss.
     #[inline]
     pub(crate) fn chance_hit(&self, ray: &Ray, skip: &[PrimId], sampler: &mut Sampler) -> Option<Hit> {
-        self.stop(ray, None, skip, sampler, Toss::Fair, |_| ()).0
+        self.stop(ray, skip, sampler, Toss::Fair, |_| ()).0
     }
 
-    /// Where a ray stops, and what the masks on the way do to that. It may have entered before.
+    /// Where a ray stops, and what the masks on the way do to that.
     #[inline(always)]
     pub(crate) fn stop(
         &self,
         ray: &Ray,
-        root: Option<&Root>,
         skip: &[PrimId],
         sampler: &mut Sampler,
         toss: Toss,
         cross: impl FnMut(Crossing),
     ) -> (Option<Hit>, Through) {
         if !self.masked {
-            return (self.accel.closest_from(ray, root, skip), Through::CLEAR);
+            return (self.accel.closest(ray, skip), Through::CLEAR);
         }
         self.stop_at_mask(ray, skip, sampler, toss, cross)
     }

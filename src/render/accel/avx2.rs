@@ -1,20 +1,33 @@
-//! Lanes as registers of AVX2, used only where the processor is found to have it.
+//! Lanes as registers of AVX2, used only where the processor is found to have it. With AVX-512 there are twice as many of them, which a
+//! query has use for; to make them twice as wide does not pay.
 
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
 use super::traverse::{self, Lanes, Mask, Root, traverse};
 use super::tree::{Tree, WIDTH};
-use super::{Hit, PrimId, Ray, Work};
+use super::{Hit, NO_PRIM, PrimId, Ray, Work};
 
 /// Stands for the certainty that this processor has the instructions.
 #[derive(Clone, Copy)]
-pub struct Avx2(());
+pub struct Avx2 {
+    /// It has AVX-512's registers too.
+    more_registers: bool,
+}
 
 impl Avx2 {
     pub fn detect() -> Option<Avx2> {
         let found = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi1");
-        found.then_some(Avx2(()))
+        let more_registers = is_x86_feature_detected!("avx512vl")
+            && is_x86_feature_detected!("avx512dq")
+            && is_x86_feature_detected!("avx512bw");
+        found.then_some(Avx2 { more_registers })
+    }
+
+    /// What processors without AVX-512 do.
+    #[cfg(test)]
+    pub fn with_fewer_registers(self) -> Avx2 {
+        Avx2 { more_registers: false }
     }
 
     pub fn run(self, work: impl Work) {
@@ -29,15 +42,17 @@ impl Avx2 {
     }
 
     #[inline(always)]
-    pub fn closest(self, tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Option<Hit> {
+    pub fn closest(self, tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
         // SAFETY: as above.
-        unsafe { closest(tree, ray, root, skip) }
+        unsafe {
+            if self.more_registers { closest_with_more(tree, ray, root, skip) } else { closest(tree, ray, root, skip) }
+        }
     }
 
     #[inline(always)]
     pub fn any(self, tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> bool {
         // SAFETY: as above.
-        unsafe { any(tree, ray, root, skip) }
+        unsafe { if self.more_registers { any_with_more(tree, ray, root, skip) } else { any(tree, ray, root, skip) } }
     }
 }
 
@@ -54,14 +69,26 @@ fn enter(tree: &Tree, ray: &Ray) -> Root {
 
 #[inline]
 #[target_feature(enable = "avx2,bmi1")]
-fn closest(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Option<Hit> {
+fn closest(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
     traverse::<Register, false>(tree, ray, root, skip)
 }
 
 #[inline]
 #[target_feature(enable = "avx2,bmi1")]
 fn any(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> bool {
-    traverse::<Register, true>(tree, ray, root, skip).is_some()
+    traverse::<Register, true>(tree, ray, root, skip).prim != NO_PRIM
+}
+
+#[inline]
+#[target_feature(enable = "avx2,bmi1,avx512vl,avx512dq,avx512bw")]
+fn closest_with_more(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
+    traverse::<Register, false>(tree, ray, root, skip)
+}
+
+#[inline]
+#[target_feature(enable = "avx2,bmi1,avx512vl,avx512dq,avx512bw")]
+fn any_with_more(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> bool {
+    traverse::<Register, true>(tree, ray, root, skip).prim != NO_PRIM
 }
 
 /// Private, so that it is met nowhere but in the functions above it.

@@ -51,6 +51,17 @@ pub struct Hit {
     pub b: [f32; 3],
 }
 
+impl Hit {
+    /// Stands where there is none.
+    pub const NONE: Hit = Hit { t: f32::INFINITY, prim: NO_PRIM, b: [0.0; 3] };
+
+    /// `None` for [`Hit::NONE`].
+    #[inline(always)]
+    pub fn found(self) -> Option<Hit> {
+        (self.prim != NO_PRIM).then_some(self)
+    }
+}
+
 /// The acceleration structure of one scene.
 #[derive(Clone)]
 pub struct Accel {
@@ -114,7 +125,7 @@ impl Accel {
     /// The closest hit whose primitive is not in `skip`; of hits at the same distance, that of the lowest primitive.
     #[inline]
     pub fn closest(&self, ray: &Ray, skip: &[PrimId]) -> Option<Hit> {
-        self.closest_from(ray, None, skip)
+        self.closest_from(ray, None, skip).found()
     }
 
     /// How a ray begins. This takes no turns: to ask it of many rays before anything else lets the processor work on all of them.
@@ -130,11 +141,12 @@ impl Accel {
         }
     }
 
-    /// [`Accel::closest`], where [`Accel::enter`] may have been asked before.
+    /// [`Accel::closest`] or [`Hit::NONE`], where [`Accel::enter`] may have been asked before.
     #[inline(always)]
-    pub fn closest_from(&self, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Option<Hit> {
-        if self.tree.nodes.is_empty() || !is_finite(ray) {
-            return None;
+    pub fn closest_from(&self, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
+        // What has entered is finite, or hits nothing.
+        if root.is_none() && (self.tree.nodes.is_empty() || !is_finite(ray)) {
+            return Hit::NONE;
         }
         match self.instructions {
             #[cfg(target_arch = "x86_64")]
@@ -161,7 +173,7 @@ impl Accel {
         match self.instructions {
             #[cfg(target_arch = "x86_64")]
             Instructions::Avx2(avx2) => avx2.any(&self.tree, ray, root, skip),
-            Instructions::Portable => traverse::<Portable, true>(&self.tree, ray, root, skip).is_some(),
+            Instructions::Portable => traverse::<Portable, true>(&self.tree, ray, root, skip).prim != NO_PRIM,
         }
     }
 }

@@ -12,10 +12,15 @@ fn below(rng: &mut Pcg32, count: usize) -> usize {
     rng.next_u32() as usize % count
 }
 
-/// The same tree with and without the processor's own instructions.
-fn both(corners: &[[Vec3; 3]]) -> [Accel; 2] {
+/// The same tree with and without the processor's own instructions, all and some of them.
+fn all_ways(corners: &[[Vec3; 3]]) -> [Accel; 3] {
     let accel = Accel::new(corners);
-    [Accel { instructions: Instructions::Portable, ..accel.clone() }, accel]
+    let fewer = match accel.instructions {
+        #[cfg(target_arch = "x86_64")]
+        Instructions::Avx2(avx2) => Instructions::Avx2(avx2.with_fewer_registers()),
+        Instructions::Portable => Instructions::Portable,
+    };
+    [Instructions::Portable, fewer, accel.instructions].map(|instructions| Accel { instructions, ..accel.clone() })
 }
 
 /// The triangle test written down for one triangle.
@@ -57,7 +62,7 @@ fn brute_force(corners: &[[Vec3; 3]], ray: &Ray, skip: &[PrimId]) -> Option<Hit>
 }
 
 /// Asks for the hits of a ray in all ways; they must be the same to the last bit.
-fn check(accels: &[Accel; 2], corners: &[[Vec3; 3]], ray: &Ray, skip: &[PrimId]) -> Option<Hit> {
+fn check(accels: &[Accel; 3], corners: &[[Vec3; 3]], ray: &Ray, skip: &[PrimId]) -> Option<Hit> {
     let expected = brute_force(corners, ray, skip);
     for accel in accels {
         assert_eq!(accel.closest(ray, skip), expected, "{ray:?} {skip:?}");
@@ -130,7 +135,7 @@ fn random_ray(rng: &mut Pcg32, corners: &[[Vec3; 3]]) -> Ray {
 fn agrees_with_brute_force_to_the_last_bit() {
     let mut rng = Pcg32::new(1);
     for (name, corners) in soups() {
-        let accels = both(&corners);
+        let accels = all_ways(&corners);
         assert_eq!(accels[0].tree.is_small(), name.starts_with("few") || name == "one", "{name}");
         let rays = 3_000_000 / (corners.len() + 600);
         let mut hits = 0;
@@ -154,7 +159,7 @@ fn any_size_of_coordinates_will_do() {
     let unit: Corners = soups().swap_remove(2).1;
     for scale in [1e-9f32, 1e9, 1e18] {
         let corners: Corners = unit.iter().map(|t| t.map(|p| p * scale)).collect();
-        let accels = both(&corners);
+        let accels = all_ways(&corners);
         let mut hits = 0;
         for _ in 0..1000 {
             let mut ray = random_ray(&mut rng, &unit);
@@ -172,7 +177,7 @@ fn what_overflows_is_not_hit() {
     // The edge functions are finite, but not their sum: everything divided by it is zero, the distance too.
     let far = 1.2e19;
     let corners = [[Vec3::new(-far, -far, far), Vec3::new(far, -far, far), Vec3::new(0.0, far, far)]];
-    for accel in both(&corners) {
+    for accel in all_ways(&corners) {
         for x in [0.0, 0.01, -0.3] {
             let ray = Ray::new(Vec3::ZERO, Vec3::new(x, 0.0, 1.0).normalize());
             assert!(accel.closest(&ray, &[]).is_none() && !accel.occluded(&ray, &[]));
@@ -184,7 +189,7 @@ fn what_overflows_is_not_hit() {
 fn distances_and_barycentric_coordinates_are_those_of_the_hit_point() {
     let mut rng = Pcg32::new(11);
     let corners = soups().swap_remove(2).1;
-    for accel in both(&corners) {
+    for accel in all_ways(&corners) {
         for _ in 0..2000 {
             let ray = Ray::new(2.0 * random_vec(&mut rng), random_vec(&mut rng).normalize());
             let Some(hit) = accel.closest(&ray, &[]) else { continue };
@@ -204,7 +209,7 @@ fn of_triangles_in_one_place_the_first_is_hit() {
         let mut corners = vec![one; 2000];
         corners.push(behind);
         let ray = Ray::new(Vec3::new(0.2 * size, 0.2 * size, -2.0), Vec3::Z);
-        for accel in both(&corners) {
+        for accel in all_ways(&corners) {
             let first = if size > 1e-20 { 0 } else { 2000 };
             assert_eq!(accel.closest(&ray, &[]).unwrap().prim, first, "size {size}");
             let nearly_all: Vec<PrimId> = (0..1999).collect();
@@ -224,7 +229,7 @@ fn nothing_leaves_a_closed_mesh() {
         *v *= 1.0 + 0.2 * (9.0 * v.x).sin() * (8.0 * v.y).sin();
     }
     let corners: Corners = mesh.faces.iter().map(|f| f.map(|i| mesh.vertices[i as usize])).collect();
-    for accel in both(&corners) {
+    for accel in all_ways(&corners) {
         for origin in [Vec3::ZERO, Vec3::new(0.1, -0.2, 0.05), Vec3::new(0.5, 0.0, 0.0)] {
             for tri in &corners {
                 let [a, b, c] = *tri;
@@ -256,7 +261,7 @@ fn no_gap_at_the_shared_edges_of_slivers() {
         .collect();
     let centre = Vec3::new(0.03, -0.02, 0.3);
     let corners: Corners = (0..n).map(|i| [centre, rim[i], rim[(i + 1) % n]]).collect();
-    let accels = both(&corners);
+    let accels = all_ways(&corners);
     for _ in 0..20000 {
         let i = below(&mut rng, n);
         let target = centre.lerp(rim[i], 0.99 * rng.next_f32());
@@ -269,7 +274,7 @@ fn no_gap_at_the_shared_edges_of_slivers() {
 #[test]
 fn rays_along_an_axis_hit_whatever_the_sign_of_their_zeros() {
     let corners = [[Vec3::ZERO, Vec3::X, Vec3::Y].map(|p| p - Vec3::Z)];
-    for accel in both(&corners) {
+    for accel in all_ways(&corners) {
         // Inside of it, and in the planes of its box.
         for (px, py) in [(0.2, 0.2), (0.0, 0.2), (0.2, 0.0), (0.0, 0.0), (0.5, 0.5), (1.0, 0.0)] {
             for (x, y) in [(0.0, 0.0), (0.0, -0.0), (-0.0, 0.0), (-0.0, -0.0)] {
@@ -283,7 +288,7 @@ fn rays_along_an_axis_hit_whatever_the_sign_of_their_zeros() {
 #[test]
 fn rays_that_are_no_rays_hit_nothing() {
     let corners = [[Vec3::ZERO, Vec3::X, Vec3::Y]];
-    for accel in both(&corners) {
+    for accel in all_ways(&corners) {
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             let rays = [
                 Ray::new(Vec3::splat(bad), Vec3::Z),
@@ -312,7 +317,7 @@ fn rays_that_are_no_rays_hit_nothing() {
 #[test]
 fn scenes_without_area_are_empty() {
     for corners in [vec![], vec![[Vec3::ONE; 3]; 5], vec![[Vec3::ZERO, Vec3::X, Vec3::X * 2.0]]] {
-        for mut accel in both(&corners) {
+        for mut accel in all_ways(&corners) {
             let ray = Ray::new(Vec3::ZERO, Vec3::X);
             assert!(accel.closest(&ray, &[]).is_none() && !accel.occluded(&ray, &[]));
             assert!(!accel.occluded(&Ray::new(Vec3::NAN, Vec3::X), &[]));
@@ -325,7 +330,7 @@ fn scenes_without_area_are_empty() {
 fn a_tree_refitted_is_as_good_as_a_new_one() {
     let mut rng = Pcg32::new(17);
     for (name, corners) in soups() {
-        let mut accels = both(&corners);
+        let mut accels = all_ways(&corners);
         for step in 1..4 {
             let moved: Corners = corners
                 .iter()
@@ -371,7 +376,7 @@ fn what_refitting_cannot_do_is_built_anew() {
         Ray::new(target + Vec3::Z * 5.0, -Vec3::Z)
     };
     let others: Vec<PrimId> = (0..9).filter(|&i| i != 4).collect();
-    for mut accel in both(&flat) {
+    for mut accel in all_ways(&flat) {
         let ray = through(&corners[4]);
         assert!(accel.closest(&ray, &others).is_none());
         // A triangle that had no area has one.

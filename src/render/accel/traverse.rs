@@ -65,15 +65,10 @@ pub fn enter<L: Lanes>(tree: &Tree, ray: &Ray) -> Root {
     BoxTest::<L>::new(ray, inv).root(tree, ray, inv)
 }
 
-/// The closest hit, or any if `ANY`. Of hits at the same distance the lowest primitive wins. The first node may have been tested
+/// The closest hit or, if `ANY`, whether there is one: [`Hit::NONE`] if there is none. Of hits at the same distance the lowest primitive wins. The first node may have been tested
 /// before.
 #[inline(always)]
-pub fn traverse<L: Lanes, const ANY: bool>(
-    tree: &Tree,
-    ray: &Ray,
-    root: Option<&Root>,
-    skip: &[PrimId],
-) -> Option<Hit> {
+pub fn traverse<L: Lanes, const ANY: bool>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
     if tree.is_small() {
         return if ANY { any_of_few::<L>(tree, ray, root, skip) } else { closest_of_few::<L>(tree, ray, root, skip) };
     }
@@ -84,7 +79,7 @@ pub fn traverse<L: Lanes, const ANY: bool>(
         None => boxes.root(tree, ray, inv),
     };
     if root.hits == 0 {
-        return None;
+        return Hit::NONE;
     }
     let triangles = TriangleTest::<L>::new(ray, inv);
     // Few are skipped, most often one or two: these are compared without a loop.
@@ -115,7 +110,7 @@ pub fn traverse<L: Lanes, const ANY: bool>(
                     if closer && (prim != first) & (prim != second) && !others.contains(&prim) {
                         best = Hit { t, prim, b: [b[0][lane], b[1][lane], b[2][lane]] };
                         if ANY {
-                            return Some(best);
+                            return best;
                         }
                         found = true;
                         limit = later(t);
@@ -124,7 +119,7 @@ pub fn traverse<L: Lanes, const ANY: bool>(
             }
         }
         loop {
-            let Some((child, near)) = stack.pop() else { return found.then_some(best) };
+            let Some((child, near)) = stack.pop() else { return if found { best } else { Hit::NONE } };
             if near <= limit {
                 current = child;
                 break;
@@ -137,7 +132,7 @@ pub fn traverse<L: Lanes, const ANY: bool>(
 /// the end. To sort and to stop early would take turns that cannot be foreseen, which cost more than the tests that they save.
 /// (Called from there and inlined: in a function of its own the frame is not aligned, which takes what was gained.)
 #[inline(always)]
-fn closest_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Option<Hit> {
+fn closest_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
     let root = root.map_or_else(|| enter::<L>(tree, ray), |root| *root);
     let triangles = TriangleTest::<L>::new(ray, root.inv);
     let skip = Skip::<L>::new(skip);
@@ -160,7 +155,7 @@ fn closest_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &
     let mut first = t.less_or_equal(L::splat(nearest)).but_not(L::same(ids, L::splat_id(NO_PRIM))).bits();
     let [u, v, w] = [b[0].to_array(), b[1].to_array(), b[2].to_array()];
     let ids = L::ids_to_array(ids);
-    // Without any hit the lane does not matter: to look whether there is one costs less once others have been asked for.
+    // Without any hit no lane has an id: to look whether there is one costs less once others have been asked for.
     let mut lane = first.trailing_zeros() as usize % WIDTH;
     first &= first.wrapping_sub(1);
     while first != 0 {
@@ -170,13 +165,12 @@ fn closest_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &
             lane = other;
         }
     }
-    let hit = Hit { t: nearest, prim: ids[lane], b: [u[lane], v[lane], w[lane]] };
-    (hit.prim != NO_PRIM).then_some(hit)
+    Hit { t: nearest, prim: ids[lane], b: [u[lane], v[lane], w[lane]] }
 }
 
 /// As [`closest_of_few`], whether there is any.
 #[inline(always)]
-fn any_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Option<Hit> {
+fn any_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
     let root = root.map_or_else(|| enter::<L>(tree, ray), |root| *root);
     let triangles = TriangleTest::<L>::new(ray, root.inv);
     let skip = Skip::<L>::new(skip);
@@ -188,7 +182,7 @@ fn any_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[Pri
             found |= skip.without(L::load_ids(&block.prims), test.valid & test.t.less(t_max)).bits();
         }
     }
-    (found != 0).then_some(Hit { t: ray.t_max, prim: NO_PRIM, b: [0.0; 3] })
+    Hit { prim: if found != 0 { 0 } else { NO_PRIM }, ..Hit::NONE }
 }
 
 /// Primitives that do not count. Most often there are one or two: these are compared without a loop.
@@ -318,7 +312,9 @@ impl<L: Lanes> TriangleTest<L> {
         let RayByAxis { origin, dir, inv } =
             &RayByAxis { origin: four(ray.origin), dir: four(ray.dir), inv: four(Vec3::from_array(inv)) };
         let size = ray.dir.abs();
-        let z = if (size.x > size.y) & (size.x > size.z) { 0 } else { 2 - usize::from(size.y > size.z) };
+        // Which is the steepest cannot be foreseen: no branch depends on it.
+        let others = usize::from((size.x > size.y) & (size.x > size.z)).wrapping_sub(1);
+        let z = (2 - usize::from(size.y > size.z)) & others;
         let x = NEXT[z & 3];
         let y = NEXT[x & 3];
         let inv = inv[z & 3];

@@ -192,7 +192,30 @@ pub struct Paths<const N: usize> {
     turns: Turns<N>,
     /// The start of the next rays.
     roots: [Root; N],
-    hits: [(Option<Hit>, Through); N],
+    hits: Hits<N>,
+}
+
+/// Where rays end, and what masks do on the way.
+struct Hits<const N: usize> {
+    /// As in [`Hit`], number by number: whole ones cannot be loaded while their numbers are still being stored.
+    t: [f32; N],
+    prim: [PrimId; N],
+    b: Vectors<N>,
+    through: [Through; N],
+}
+
+impl<const N: usize> Hits<N> {
+    #[inline(always)]
+    fn set(&mut self, k: usize, hit: Hit) {
+        self.t[k] = hit.t;
+        self.prim[k] = hit.prim;
+        self.b.set(k, Vec3::from_array(hit.b));
+    }
+
+    #[inline(always)]
+    fn get(&self, k: usize) -> Option<Hit> {
+        Hit { t: self.t[k], prim: self.prim[k], b: self.b.get(k).to_array() }.found()
+    }
 }
 
 /// What one step of all paths has in common.
@@ -276,7 +299,7 @@ impl<const N: usize> Paths<N> {
                 other: [Other::NONE; N],
             },
             roots: [Root::default(); N],
-            hits: [(None, Through::CLEAR); N],
+            hits: Hits { t: [0.0; N], prim: [NO_PRIM; N], b: Vectors::ZERO, through: [Through::CLEAR; N] },
         }
     }
 
@@ -321,10 +344,10 @@ impl<const N: usize> Paths<N> {
         }
         for (k, ray) in rays.iter().enumerate().take(N) {
             let root = (N > 1).then_some(&self.roots[k]);
-            self.hits[k] = seek(scene, ray, root, skip, &mut samplers[k], options, &mut recs[k]);
+            seek(scene, (ray, root, skip), &mut samplers[k], options, &mut recs[k], &mut self.hits, k);
         }
         for (k, ray) in rays.iter().enumerate().take(N) {
-            let (hit, through) = self.hits[k];
+            let (hit, through) = (self.hits.get(k), self.hits.through[k]);
             if let Some(hit) = hit {
                 let si = scene.interaction(hit.prim, hit.b, -ray.dir);
                 self.start_at(k, si, hit.t, &through, options, &mut recs[k]);
@@ -606,7 +629,7 @@ impl<const N: usize> Paths<N> {
             let (ray, own) = (self.turned_ray(k), [self.prim[k]]);
             let mut more = Vec::new();
             let skip = skipped::<N>(bounce, &own, &mut more);
-            self.hits[k] = seek(scene, &ray, root, skip, &mut samplers[k], options, &mut recs[k]);
+            seek(scene, (&ray, root, skip), &mut samplers[k], options, &mut recs[k], &mut self.hits, k);
         }
     }
 
@@ -617,7 +640,7 @@ impl<const N: usize> Paths<N> {
         let (alive, mut left) = (self.alive, Among::NONE);
         for k in alive.iter() {
             let (rec, turns) = (&mut recs[k], &self.turns);
-            let (hit, through) = &self.hits[k];
+            let (hit, through) = (self.hits.get(k), &self.hits.through[k]);
             let own = self.matte[k] && bounce.anywhere == 0.0;
             let Other { delta, attached, anywhere, goal } = if own { Other::NONE } else { turns.other[k] };
             let (dir, f) = (turns.dir.get(k), turns.f.get(k));
@@ -728,19 +751,26 @@ fn skipped<'a, const N: usize>(bounce: Bounce, ends: &'a [PrimId], all: &'a mut 
     all
 }
 
-/// Where a ray ends, and what masks do on the way.
+/// Looks where a ray ends that begins and skips as [`Accel::closest_from`](crate::render::accel::Accel::closest_from) is told.
 #[inline(always)]
-fn seek(
+fn seek<const N: usize>(
     scene: &Scene,
-    ray: &Ray,
-    root: Option<&Root>,
-    skip: &[PrimId],
+    (ray, root, skip): (&Ray, Option<&Root>, &[PrimId]),
     sampler: &mut Sampler,
     options: &Options,
     rec: &mut impl Recorder,
-) -> (Option<Hit>, Through) {
+    hits: &mut Hits<N>,
+    k: usize,
+) {
     rec.line();
-    scene.stop(ray, root, skip, sampler, options.toss, |c| rec.cross(&c))
+    if !scene.masked {
+        // Masks do what they did at first: nothing.
+        hits.set(k, scene.accel.closest_from(ray, root, skip));
+        return;
+    }
+    let (hit, through) = scene.stop(ray, skip, sampler, options.toss, |c| rec.cross(&c));
+    hits.set(k, hit.unwrap_or(Hit::NONE));
+    hits.through[k] = through;
 }
 
 fn emits(scene: &Scene, si: &SurfaceInteraction) -> bool {
