@@ -45,6 +45,21 @@ fn nothing_is_left_undone() {
     }
 }
 
+/// What is not inlined there is compiled without the instructions of the queries: it happened, and gradients took twice their time.
+#[test]
+fn walks_through_the_ray_tree_have_no_closures() {
+    let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("src/render/accel/traverse.rs")).unwrap();
+    let walk = text.lines().take_while(|l| !l.starts_with("#[cfg(test)]"));
+    for line in walk.filter(|l| !l.trim_start().starts_with("//")) {
+        // `a || b` and `a | b` are no closures: these begin an argument, or what something is.
+        let code = line.replace(' ', "");
+        assert!(
+            !["(|", ",|", "=|", "{|", "move|"].iter().any(|start| code.replace("|=", "").contains(start)),
+            "{line}"
+        );
+    }
+}
+
 /// Lower floors know nothing of scripts: no spans, no diagnostics.
 #[test]
 fn lower_floors_do_not_look_up() {

@@ -2,6 +2,9 @@
 //!
 //! Every operation on lanes is a single one of IEEE 754 (no fused multiply-add), in the same order everywhere: all instruction
 //! sets return the same bits.
+//!
+//! There are no closures here, nor the library's `map` over lanes: these are not inlined always, and then they are compiled without
+//! the instructions, every operation a call.
 
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
@@ -62,29 +65,33 @@ pub struct Root {
 #[inline(always)]
 pub fn enter<L: Lanes>(tree: &Tree, ray: &Ray) -> Root {
     let inv = ray.dir.recip().to_array();
-    BoxTest::<L>::new(ray, inv).root(tree, ray, inv)
+    let (near, hits) = BoxTest::<L>::new(ray, inv).hits(&tree.nodes[0], L::splat(later(ray.t_max)));
+    Root { near, hits, inv }
 }
 
-/// The closest hit or, if `ANY`, whether there is one: [`Hit::NONE`] if there is none. Of hits at the same distance the lowest primitive wins. The first node may have been tested
-/// before.
+/// The same, if it is not known already.
+#[inline(always)]
+fn root_of<L: Lanes>(tree: &Tree, ray: &Ray, known: Option<&Root>) -> Root {
+    match known {
+        Some(root) => *root,
+        None => enter::<L>(tree, ray),
+    }
+}
+
+/// The closest hit or, if `ANY`, whether there is one: [`Hit::NONE`] if there is none. Of hits at the same distance the lowest
+/// primitive wins. The first node may have been tested before.
 #[inline(always)]
 pub fn traverse<L: Lanes, const ANY: bool>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
     if tree.is_small() {
         return if ANY { any_of_few::<L>(tree, ray, root, skip) } else { closest_of_few::<L>(tree, ray, root, skip) };
     }
-    let inv = root.map_or_else(|| ray.dir.recip().to_array(), |root| root.inv);
-    let boxes = BoxTest::<L>::new(ray, inv);
-    let root = match root {
-        Some(root) => *root,
-        None => boxes.root(tree, ray, inv),
-    };
+    let root = root_of::<L>(tree, ray, root);
     if root.hits == 0 {
         return Hit::NONE;
     }
-    let triangles = TriangleTest::<L>::new(ray, inv);
-    // Few are skipped, most often one or two: these are compared without a loop.
-    let (first, second) = (skip.first().map_or(NO_PRIM, |p| *p), skip.get(1).map_or(NO_PRIM, |p| *p));
-    let others = skip.get(2..).unwrap_or_default();
+    let boxes = BoxTest::<L>::new(ray, root.inv);
+    let triangles = TriangleTest::<L>::new(ray, root.inv);
+    let ([first, second], others) = first_two(skip);
     // No primitive is lower than 0: at `t_max` itself nothing counts.
     let mut best = Hit { t: ray.t_max, prim: 0, b: [0.0; 3] };
     let mut found = false;
@@ -133,7 +140,7 @@ pub fn traverse<L: Lanes, const ANY: bool>(tree: &Tree, ray: &Ray, root: Option<
 /// (Called from there and inlined: in a function of its own the frame is not aligned, which takes what was gained.)
 #[inline(always)]
 fn closest_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
-    let root = root.map_or_else(|| enter::<L>(tree, ray), |root| *root);
+    let root = root_of::<L>(tree, ray, root);
     let triangles = TriangleTest::<L>::new(ray, root.inv);
     let skip = Skip::<L>::new(skip);
     let zero = L::splat(0.0);
@@ -171,7 +178,7 @@ fn closest_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &
 /// As [`closest_of_few`], whether there is any.
 #[inline(always)]
 fn any_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
-    let root = root.map_or_else(|| enter::<L>(tree, ray), |root| *root);
+    let root = root_of::<L>(tree, ray, root);
     let triangles = TriangleTest::<L>::new(ray, root.inv);
     let skip = Skip::<L>::new(skip);
     let t_max = L::splat(ray.t_max);
@@ -185,7 +192,17 @@ fn any_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[Pri
     Hit { prim: if found != 0 { 0 } else { NO_PRIM }, ..Hit::NONE }
 }
 
-/// Primitives that do not count. Most often there are one or two: these are compared without a loop.
+/// Few are skipped, most often one or two: these are compared without a loop.
+#[inline(always)]
+fn first_two(skip: &[PrimId]) -> ([PrimId; 2], &[PrimId]) {
+    match *skip {
+        [] => ([NO_PRIM; 2], &[]),
+        [only] => ([only, NO_PRIM], &[]),
+        [first, second, ref others @ ..] => ([first, second], others),
+    }
+}
+
+/// Primitives that do not count.
 struct Skip<'a, L: Lanes> {
     first: L::Ids,
     second: L::Ids,
@@ -195,8 +212,8 @@ struct Skip<'a, L: Lanes> {
 impl<'a, L: Lanes> Skip<'a, L> {
     #[inline(always)]
     fn new(skip: &'a [PrimId]) -> Self {
-        let (first, second) = (skip.first().map_or(NO_PRIM, |p| *p), skip.get(1).map_or(NO_PRIM, |p| *p));
-        Skip { first: L::splat_id(first), second: L::splat_id(second), others: skip.get(2..).unwrap_or_default() }
+        let ([first, second], others) = first_two(skip);
+        Skip { first: L::splat_id(first), second: L::splat_id(second), others }
     }
 
     #[inline(always)]
@@ -209,12 +226,12 @@ impl<'a, L: Lanes> Skip<'a, L> {
     }
 }
 
+#[inline(always)]
 fn later(t: f32) -> f32 {
     t + t.abs() * MARGIN
 }
 
-/// The same number in all lanes, for each of three numbers. (Neither here nor below is there a closure over lanes: closures
-/// and the library's `map` are not inlined always, and then they are compiled without the instructions.)
+/// The same number in all lanes, for each of three numbers.
 #[inline(always)]
 fn splat<L: Lanes>(v: [f32; 3]) -> [L; 3] {
     [L::splat(v[0]), L::splat(v[1]), L::splat(v[2])]
@@ -242,12 +259,6 @@ impl<L: Lanes> BoxTest<L> {
             enters: [x.is_sign_negative() as usize, y.is_sign_negative() as usize, z.is_sign_negative() as usize],
             t_min: L::splat(ray.t_min * (1.0 - MARGIN)),
         }
-    }
-
-    #[inline(always)]
-    fn root(&self, tree: &Tree, ray: &Ray, inv: [f32; 3]) -> Root {
-        let (near, hits) = self.hits(&tree.nodes[0], L::splat(later(ray.t_max)));
-        Root { near, hits, inv }
     }
 
     /// Where the ray enters the boxes, and which of them it hits before `limit`.
@@ -301,6 +312,11 @@ struct RayByAxis {
     inv: [f32; 4],
 }
 
+#[inline(always)]
+fn four(v: Vec3) -> [f32; 4] {
+    v.extend(0.0).to_array()
+}
+
 /// Per lane: distances, barycentric coordinates, and a bit for each hit.
 type TriangleHits = ([f32; WIDTH], [[f32; WIDTH]; 3], u32);
 
@@ -308,7 +324,6 @@ impl<L: Lanes> TriangleTest<L> {
     #[inline(always)]
     fn new(ray: &Ray, inv: [f32; 3]) -> Self {
         const NEXT: [usize; 4] = [1, 2, 0, 0];
-        let four = |v: Vec3| v.extend(0.0).to_array();
         let RayByAxis { origin, dir, inv } =
             &RayByAxis { origin: four(ray.origin), dir: four(ray.dir), inv: four(Vec3::from_array(inv)) };
         let size = ray.dir.abs();
