@@ -46,7 +46,7 @@ struct Node {
     hi: Vec3,
     /// Of all edges, each by its [`crate::render::edges::Edge::weight`].
     length: f32,
-    /// Likewise, what counts where none of them is a contour.
+    /// Of all edges, each by what it counts where it is not a contour ([`EdgeTree::crease`]).
     creases: f32,
     /// What `length` becomes with the brightness of emitters, over it.
     brightness: f32,
@@ -368,7 +368,7 @@ impl EdgeTree {
             let edge = &table.edges[e as usize];
             let weighted = edge.length() * edge.weight;
             length += weighted;
-            creases += weighted * self.crease[e as usize];
+            creases += edge.length() * self.crease[e as usize];
             bright += weighted * (1.0 + self.brightness[e as usize]);
             open |= !is_wound_consistently(edge);
             for f in &edge.faces {
@@ -673,7 +673,8 @@ mod tests {
     use super::*;
     use crate::math::Pcg32;
     use crate::mesh::Mesh;
-    use crate::render::{Material, SceneDescription, Shape};
+    use crate::render::texture::Texture;
+    use crate::render::{Input, Material, SceneDescription, Shape};
 
     /// Edges about a surface in the plane y = 0 that reflects narrowly.
     #[test]
@@ -709,6 +710,40 @@ mod tests {
             assert!((covered / f64::from(whole) - 1.0).abs() < 0.01, "{covered} {whole}");
         }
         assert!(checked > 50, "{checked}");
+    }
+
+    /// Above a floor's point most edges of a faceted ball are contours or hidden, and those that both faces are seen of are faint.
+    /// What a sample stands for (its edge's importance over the chance of finding it) must not depend much on which it is: creases
+    /// that are found too rarely weigh too much, and are most of the noise.
+    #[test]
+    fn creases_are_found_as_often_as_they_are_worth() {
+        let mesh = Mesh { normals: None, uvs: None, ..crate::mesh::shapes::sphere(0.5, 96).unwrap() };
+        let matte = MaterialKind::Diffuse { reflectance: Input::Texture(0) };
+        let material = Material { kind: matte, one_sided: false, opacity: None };
+        let shapes = vec![Shape { mesh, material, emission: None }];
+        let textures = vec![Texture::constant(Vec3::ONE)];
+        let scene = Scene::new(SceneDescription { shapes, textures, ..Default::default() }).unwrap();
+        let (table, tree) = (scene.edges(), EdgeTree::new(&scene));
+        let query = Query { ng: Vec3::Y, sees_emission: false, ..Query::around(Vec3::new(0.2, -0.6, 0.3)) };
+        let mut rng = Pcg32::new(3);
+        let (mut sum, mut squares, mut most, n) = (0.0, 0.0, 0.0, 50_000);
+        for i in 0..n {
+            let u = (i as f32 + 0.5) / n as f32;
+            let [v, pick, _] = rng.next_3d();
+            let Some(found) = tree.sample(table, &query, [u, v], pick) else { continue };
+            let edge = &table.edges[found.edge];
+            let polar = Polar::new(&query, edge.p[0], edge.p[1]).unwrap();
+            let contour = tree.may_be_contour(found.edge, query.seen_from(edge.p[0]));
+            let importance = polar.importance() * if contour { 1.0 } else { tree.crease[found.edge] };
+            let at = found.s * polar.length - polar.foot;
+            let stands_for = f64::from(importance * even(polar.d, polar.l, at) / found.pdf);
+            sum += stands_for;
+            squares += stands_for * stands_for;
+            most = stands_for.max(most);
+        }
+        let mean = sum / f64::from(n);
+        let variance = squares / f64::from(n) / (mean * mean) - 1.0;
+        assert!(variance < 2.0 && most < 30.0 * mean, "{variance} {}", most / mean);
     }
 
     /// Points found from a light, over their density, must add up to the lengths of its contours, and to their first moments:
