@@ -62,6 +62,12 @@ impl SceneCache {
         self.0.iter().find(|(s, _)| same(s)).map(|(_, lowered)| lowered.clone())
     }
 
+    /// The latest with as many shapes and lights: likely what this one was at the last step.
+    pub(super) fn before(&self, scene: &SceneValue) -> Option<Arc<Lowered>> {
+        let alike = |s: &SceneValue| s.shapes.len() == scene.shapes.len() && s.lights.len() == scene.lights.len();
+        self.0.iter().rev().find(|(s, _)| alike(s)).map(|(_, lowered)| lowered.clone())
+    }
+
     pub(super) fn insert(&mut self, scene: SceneValue, lowered: Arc<Lowered>) {
         if self.0.len() >= KEPT_SCENES {
             self.0.pop_front();
@@ -77,8 +83,8 @@ struct Builder {
     textures: HashMap<(u64, usize, bool, bool), TextureId>,
 }
 
-/// Shapes first, then area lights; delta lights in order.
-pub(super) fn lower_scene(scene: &SceneValue) -> Result<Lowered, LowerError> {
+/// Shapes first, then area lights; delta lights in order. `before` is a scene that may be much like this one.
+pub(super) fn lower_scene(scene: &SceneValue, before: Option<&Lowered>) -> Result<Lowered, LowerError> {
     let mut b = Builder::default();
     for shape in &scene.shapes {
         b.shape(shape)?;
@@ -86,7 +92,7 @@ pub(super) fn lower_scene(scene: &SceneValue) -> Result<Lowered, LowerError> {
     for (index, light) in scene.lights.iter().enumerate() {
         b.light(light, index)?;
     }
-    let scene = Scene::new(b.description).map_err(LowerError::Scene)?;
+    let scene = Scene::following(b.description, before.map(|l| &l.scene)).map_err(LowerError::Scene)?;
     Ok(Lowered { scene, slots: b.slots })
 }
 

@@ -154,7 +154,9 @@ impl Engine {
             Some(lowered) => lowered,
             None => {
                 self.statistics.scenes += 1;
-                let lowered = lower::lower_scene(&scene).map_err(|e| self.scene_error(e, &scene, &origins, span))?;
+                let before = self.scenes.before(&scene);
+                let lowered = lower::lower_scene(&scene, before.as_deref())
+                    .map_err(|e| self.scene_error(e, &scene, &origins, span))?;
                 let lowered = Arc::new(lowered);
                 self.scenes.insert(scene.clone(), lowered.clone());
                 lowered

@@ -20,9 +20,6 @@ use crate::math::unit_f32;
 /// No more slices than this: the ray tree is refitted for each in which a mesh moves.
 const MOST_SLICES: u32 = 64;
 
-/// A tree refitted to moving triangles that has become this much worse is built anew.
-const WORN: f32 = 1.3;
-
 /// The scene at one moment.
 pub struct Slice<'a> {
     pub scene: &'a Scene,
@@ -70,7 +67,7 @@ impl Scene {
                 if self.description.motions.is_empty() {
                     scene.relight()
                 } else {
-                    scene.refit(WORN)
+                    scene.refit()
                 }
                 Ok(scene)
             }

@@ -126,6 +126,12 @@ pub struct Scene {
 impl Scene {
     /// Checks the description and builds the acceleration structures.
     pub fn new(description: SceneDescription) -> Result<Scene, SceneError> {
+        Scene::following(description, None)
+    }
+
+    /// [`Scene::new`] after an earlier scene, such as that of the last step of an optimisation: if it has as many triangles its ray tree
+    /// is refitted, which takes a fraction of the time. What is rendered does not depend on it.
+    pub fn following(description: SceneDescription, before: Option<&Scene>) -> Result<Scene, SceneError> {
         validate(&description)?;
         let faces = |(i, shape): (usize, &Shape)| {
             (0..shape.mesh.faces.len() as u32).map(move |face| Prim { shape: i as u32, face })
@@ -140,11 +146,19 @@ impl Scene {
         let lights = LightTable::new(&description, &prims, radius, environment_peak.as_ref());
         let facets = prims.iter().zip(&corners).map(|(prim, corners)| Facet::new(prim.shape, *corners)).collect();
         let looks = description.shapes.iter().map(|s| Look::new(&description, s)).collect();
+        let accel = match before.filter(|before| before.prims.len() == prims.len()) {
+            Some(before) => {
+                let mut accel = before.accel.clone();
+                accel.follow(&corners);
+                accel
+            }
+            None => Accel::new(&corners),
+        };
         Ok(Scene {
             facets,
             looks,
             masked: description.shapes.iter().any(|s| s.material.opacity.is_some()),
-            accel: Accel::new(&corners),
+            accel,
             description,
             prims,
             lights,
@@ -157,13 +171,10 @@ impl Scene {
         })
     }
 
-    /// Brings everything up to date with the vertices and normals of the description, which have changed. The ray tree is
-    /// refitted, and built anew once rays cost `worn` times what they did.
-    pub(crate) fn refit(&mut self, worn: f32) {
+    /// Brings everything up to date with the vertices and normals of the description, which have changed.
+    pub(crate) fn refit(&mut self) {
         let corners = corners(&self.description);
-        if self.accel.refit(&corners) > worn {
-            self.accel = Accel::new(&corners);
-        }
+        self.accel.follow(&corners);
         for (facet, corners) in self.facets.iter_mut().zip(&corners) {
             *facet = Facet::new(facet.shape, *corners);
         }

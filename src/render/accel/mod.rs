@@ -27,6 +27,9 @@ pub type PrimId = u32;
 /// "No primitive": skips nothing.
 pub const NO_PRIM: PrimId = u32::MAX;
 
+/// Once an average ray costs so many times what it did when the tree was built, a new one is worth its time.
+const WORN: f32 = 1.3;
+
 /// A ray query. `dir` is a unit vector; hits closer than `t_min` (not negative) or not before `t_max` do not count.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
@@ -99,8 +102,8 @@ impl Accel {
     }
 
     /// Moves the triangles without rebuilding the tree, which takes a fraction of the time. Returns how much more an average
-    /// ray costs than when the tree was built, 1 if nothing changed: above 1.3 or so a new one is worth its time. If there are
-    /// more or fewer triangles than before, or some that had no area now have one, the tree is built anew.
+    /// ray costs than when the tree was built, 1 if nothing changed. If there are more or fewer triangles than before, or some that
+    /// had no area now have one, the tree is built anew.
     pub fn refit(&mut self, corners: &[[Vec3; 3]]) -> f32 {
         if corners.len() != self.count || self.left_out.iter().any(|&i| has_area(&corners[i as usize])) {
             *self = Accel::new(corners);
@@ -111,6 +114,13 @@ impl Accel {
         }
         self.tree.refit(corners);
         (self.tree.cost() / self.cost) as f32
+    }
+
+    /// [`Accel::refit`], but builds anew what would become slow.
+    pub fn follow(&mut self, corners: &[[Vec3; 3]]) {
+        if self.refit(corners) > WORN {
+            *self = Accel::new(corners);
+        }
     }
 
     /// Does work with the instructions of the queries.

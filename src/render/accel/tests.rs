@@ -391,3 +391,31 @@ fn what_refitting_cannot_do_is_built_anew() {
         assert_eq!(accel.refit(&corners), 1.0);
     }
 }
+
+#[test]
+fn what_follows_keeps_its_tree_unless_that_is_worn() {
+    let mut rng = Pcg32::new(31);
+    let corners = soups().swap_remove(2).1;
+    let moved: Corners =
+        corners.iter().map(|t| t.map(|p| p + 0.05 * Vec3::new(p.y.sin(), p.z.cos(), p.x * p.y))).collect();
+    let mut shuffled = corners.clone();
+    for _ in 0..1000 {
+        let (i, k) = (below(&mut rng, corners.len()), below(&mut rng, corners.len()));
+        shuffled.swap(i, k);
+    }
+    let order = |accel: &Accel| accel.tree.blocks.iter().flat_map(|b| b.prims).collect::<Vec<PrimId>>();
+    let first = Accel::new(&corners);
+    let mut accels = all_ways(&corners);
+    for (now, kept) in [(&moved, true), (&shuffled, false)] {
+        for accel in &mut accels {
+            accel.follow(now);
+            assert_eq!(order(accel) == order(&first), kept);
+            assert!(kept || order(accel) == order(&Accel::new(now)));
+        }
+    }
+    // Built anew they choose the instructions anew.
+    let accels = all_ways(&shuffled);
+    for _ in 0..300 {
+        check(&accels, &shuffled, &random_ray(&mut rng, &shuffled), &[]);
+    }
+}
