@@ -11,7 +11,7 @@ use dscene::grad::{Direction, Memory, NEVER, render_backward, render_backward_un
 use dscene::image::Image;
 use dscene::render::texture::{Filter, Texture, Wrap};
 use dscene::render::*;
-use glam::{Vec3, vec3};
+use glam::{Mat3, Vec3, vec3};
 
 fn scene() -> (SceneDescription, Camera) {
     let mut b = Builder::default();
@@ -31,9 +31,9 @@ fn scene() -> (SceneDescription, Camera) {
     (b.scene, look_at(vec3(0.5, 2., -4.), vec3(0., 0.4, 0.), 45., 24))
 }
 
-/// As above, through a pinhole, through a lens, through one that distorts, with a box that moves, with masks on box, wall and light, and
-/// with a ball of mirror.
-fn scenes() -> [(SceneDescription, Camera); 6] {
+/// As above, through a pinhole, through a lens, through one that distorts, with a box that moves, with masks on box, wall and light,
+/// with a ball of mirror, and under a sky with a sun.
+fn scenes() -> [(SceneDescription, Camera); 7] {
     let (description, camera) = scene();
     let lens = Lens { radius: 0.3, focus: 3.0, ..Lens::PINHOLE };
     let mut moving = description.clone();
@@ -49,6 +49,11 @@ fn scenes() -> [(SceneDescription, Camera); 6] {
     }
     let mut mirrored = Builder { scene: description.clone() };
     mirrored.ball(vec3(-0.5, 0.6, -1.0), 0.5);
+    let mut sunny = description.clone();
+    let data = (0..16 * 8 * 3).map(|i| if i / 3 == 37 { 40.0 } else { 0.2 + 0.1 * (i * 7 % 5) as f32 }).collect();
+    sunny.textures.push(Texture::new(16, 8, 3, data, Wrap::Repeat, Filter::Bilinear).unwrap());
+    let rotation = Mat3::from_rotation_y(0.3);
+    sunny.environment = Some(Environment { radiance: sunny.textures.len() - 1, rotation });
     [
         (description.clone(), camera),
         (description.clone(), Camera { lens, ..camera }),
@@ -56,6 +61,7 @@ fn scenes() -> [(SceneDescription, Camera); 6] {
         (moving, Camera { shutter, ..camera }),
         (masked, camera),
         (mirrored.scene, camera),
+        (sunny, camera),
     ]
 }
 
@@ -205,7 +211,7 @@ fn any_number_of_threads_gives_the_same_bits() {
 /// Translating everything together changes nothing: the derivatives of all placements cancel, sample by sample (T15).
 #[test]
 fn common_translation_cancels() {
-    for which in 0..6 {
+    for which in 0..scenes().len() {
         let build = |t: f32| {
             let (mut d, mut c) = scenes()[which].clone();
             let offset = vec3(0.3, -0.2, 0.5) * t;

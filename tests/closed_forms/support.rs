@@ -1,3 +1,5 @@
+use std::ops::RangeInclusive;
+
 use dscene::grad::{Memory, NEVER, Output, Scene, Settings, render, render_backward, render_backward_until};
 use dscene::image::Image;
 use dscene::mesh::Mesh;
@@ -114,9 +116,13 @@ pub struct Estimate {
     pub error: Vec<f64>,
 }
 
-pub fn estimate(seeds: u64, mut sample: impl FnMut(u64) -> Vec<f64>) -> Estimate {
-    let runs: Vec<Vec<f64>> = (0..seeds).map(|seed| sample(seed + 1)).collect();
-    let n = seeds as f64;
+pub fn estimate(seeds: u64, sample: impl FnMut(u64) -> Vec<f64>) -> Estimate {
+    estimate_over(1..=seeds, sample)
+}
+
+pub fn estimate_over(seeds: RangeInclusive<u64>, sample: impl FnMut(u64) -> Vec<f64>) -> Estimate {
+    let runs: Vec<Vec<f64>> = seeds.map(sample).collect();
+    let n = runs.len() as f64;
     let mean: Vec<f64> = (0..runs[0].len()).map(|i| runs.iter().map(|r| r[i]).sum::<f64>() / n).collect();
     let error = (0..mean.len())
         .map(|i| (runs.iter().map(|r| (r[i] - mean[i]).powi(2)).sum::<f64>() / (n * (n - 1.0))).sqrt())
@@ -138,6 +144,11 @@ impl Estimate {
             let allowed = 4.0 * self.error[i] + 0.1 * relative * scale;
             assert!(off <= allowed, "{name}[{i}] is biased by {:.1} standard errors:\n  {table}", off / self.error[i]);
         }
+    }
+
+    /// Whether every mean lies within four standard errors of zero.
+    pub fn seems_zero(&self) -> bool {
+        self.mean.iter().zip(&self.error).all(|(mean, error)| mean.abs() <= 4.0 * error + 1e-6)
     }
 
     /// Every mean lies within four standard errors of zero, and these are below `limit`.
