@@ -23,9 +23,9 @@ const REFERENCE_SPP: u32 = 16;
 const ROUNDING: f64 = 1e-6;
 /// Standard error over the value at which no more seeds are drawn.
 const ENOUGH: f64 = 0.005;
-/// CPU seconds that a gradient's seeds may take where they are noisier than that (most need a minute, one half an hour to an hour), and
-/// those that they take in any case: rare events are to be seen.
-const PATIENCE: f64 = 3000.0;
+/// CPU seconds that a gradient's seeds may take where they are noisier than that (most need a minute, one takes all of it), and those
+/// that they take in any case: rare events are to be seen.
+const PATIENCE: f64 = 1700.0;
 const DILIGENCE: f64 = 8.0;
 
 #[derive(Clone, Debug, Serialize, Deserialize)]

@@ -6,6 +6,7 @@ use std::path::Path;
 use serde::Deserialize;
 
 use crate::measure::{Forward, Reference, Row};
+use crate::scenes::Kind;
 
 pub const HEADER: &str = "scene / parameter                                              value    reference      z    error  \
                           rel. std   CPU s  primal  1/(var·CPU s)";
@@ -122,6 +123,12 @@ pub fn side_by_side(ours: &Path, peer: &Path) -> std::io::Result<()> {
         let (Some(first), Some(last)) = (ratios.first(), ratios.last()) else { continue };
         let middle = ratios[ratios.len() / 2];
         println!("| {kind} | {} | {biased} | {} | {} | {} |", ratios.len(), times(*first), times(middle), times(*last));
+    }
+    println!("\nOne gradient over its image with as many samples, in CPU time, where nothing moves:\n");
+    println!("| scene | parameter | CPU s | over the image |\n|---|---|--:|--:|");
+    for row in rows.iter().filter(|row| row.kind == Kind::Material.name()) {
+        let over = times(row.cpu_seconds / row.primal_cpu_seconds);
+        println!("| {} | {} | {:.3} | {over} |", row.scene, row.param, row.cpu_seconds);
     }
     Ok(())
 }

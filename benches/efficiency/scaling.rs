@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 use crate::common::{Builder, ceiling, floor, look_at};
 use crate::scenes::SIZE;
 
-const ROWS: [&str; 13] = [
+const ROWS: [&str; 17] = [
     "mesh 10",
     "mesh 32",
     "mesh 100",
@@ -29,6 +29,10 @@ const ROWS: [&str; 13] = [
     "environment 512",
     "environment 1024",
     "environment 2048",
+    "film 128",
+    "film 256",
+    "film 512",
+    "film 1024",
 ];
 
 pub fn table(quick: bool, only: Option<&str>) -> std::io::Result<()> {
@@ -67,13 +71,14 @@ pub fn row(row: &str) -> std::io::Result<()> {
         "mesh" => mesh(size * 1000),
         "texture" => texture(size),
         "environment" => environment(size),
+        "film" => film(size),
         _ => return Err(unknown()),
     };
     let numbers = description.slot_len(slot);
     let watch = Stopwatch::start();
     let scene = Scene::new(description).map_err(std::io::Error::other)?;
     let build = watch.elapsed();
-    let mut d_image = Image::new(SIZE, SIZE, 3);
+    let mut d_image = Image::new(camera.width, camera.height, 3);
     d_image.data.iter_mut().enumerate().for_each(|(i, d)| *d = if i % 7 < 3 { 1.0 } else { -0.5 });
     let (mut primal, mut gradient, mut cpu) = (0.0, 0.0, 0.0);
     const REPEATS: u64 = 3;
@@ -152,4 +157,10 @@ fn environment(size: usize) -> (SceneDescription, Camera, Slot) {
     b.shape(shapes::sphere(1.0, 64).unwrap_or_default(), grey);
     let camera = with_light_and_floor(&mut b);
     (b.scene, camera, Slot::Texels(0))
+}
+
+/// The mesh of 10 000 triangles on a film of size × size.
+fn film(size: usize) -> (SceneDescription, Camera, Slot) {
+    let (description, camera, slot) = mesh(10_000);
+    (description, Camera { width: size, height: size, ..camera }, slot)
 }

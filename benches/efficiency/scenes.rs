@@ -175,9 +175,11 @@ fn emissive_triangles(cases: &mut Vec<Case>) {
         };
         add(Kind::Special, scene, TRIANGLE, fisheye);
     }
-    let panorama =
-        Camera { projection: Projection::Panorama, origin: vec3(0.3, -0.2, 2.0), scale: [PI, 0.5 * PI], ..eye };
-    add(Kind::Special, "04 panorama, z = 2", TRIANGLE, panorama);
+    for (scene, z) in [("04 panorama, z = 2", 2.0), ("04 panorama, z = 5", 5.0), ("04 panorama, z = 10", 10.0)] {
+        let panorama =
+            Camera { projection: Projection::Panorama, origin: vec3(0.3, -0.2, z), scale: [PI, 0.5 * PI], ..eye };
+        add(Kind::Special, scene, TRIANGLE, panorama);
+    }
 }
 
 fn triangles(cases: &mut Vec<Case>) {
@@ -243,36 +245,42 @@ fn black() -> Material {
 fn roof_and_channels(cases: &mut Vec<Case>) {
     let eye = camera(vec3(0.1, 5., -0.5), Vec3::ZERO, 35.0);
     let sun = vec3(1.0, -1.5, 0.2);
-    let ridge = move |t: f64| 0.2 + t;
+    // Both sides stay lit and seen: radiance times projected area of each, both depending on the ridge.
+    let exact = move |ridge: f64, moved: f64| {
+        let side = |base: f64| {
+            let (base, x) = (base + moved, 0.2 + moved + ridge);
+            let p = [(base, 0., -1.), (x, 1., -1.), (x, 1., 1.), (base, 0., 1.)].map(|(x, y, z)| DVec3::new(x, y, z));
+            let normal = (p[1] - p[0]).cross(p[3] - p[0]).normalize();
+            let cosine = (normal * normal.y.signum()).dot(-sun.as_dvec3().normalize());
+            f64::from(0.8_f32) / std::f64::consts::PI * 3.0 * cosine * moment(&outline(&eye, &p), Ramp::X)
+        };
+        side(-1.0) + side(1.0)
+    };
+    let roof = move |ridge: f32, moved: f32| {
+        let mut b = Builder::default();
+        let grey = b.diffuse(Vec3::splat(0.8));
+        let x = 0.2 + ridge;
+        let v = [
+            vec3(-1., 0., -1.),
+            vec3(x, 1., -1.),
+            vec3(1., 0., -1.),
+            vec3(-1., 0., 1.),
+            vec3(x, 1., 1.),
+            vec3(1., 0., 1.),
+        ];
+        let v = v.map(|v| v + Vec3::X * moved).to_vec();
+        b.shape(mesh(v, vec![[0, 3, 4], [0, 4, 1], [1, 4, 5], [1, 5, 2]]), grey);
+        b.scene.delta_lights.push(DeltaLight::Directional { direction: sun, irradiance: Vec3::splat(3.0) });
+        (b.scene, eye)
+    };
+    let scene = "05 flat-shaded roof";
     cases.push(Case {
-        // Both sides stay lit and seen: radiance times projected area of each, both depending on the ridge.
-        exact: Some(Box::new(move |t| {
-            let side = |base: f64| {
-                let x = ridge(t);
-                let p =
-                    [(base, 0., -1.), (x, 1., -1.), (x, 1., 1.), (base, 0., 1.)].map(|(x, y, z)| DVec3::new(x, y, z));
-                let normal = (p[1] - p[0]).cross(p[3] - p[0]).normalize();
-                let cosine = (normal * normal.y.signum()).dot(-sun.as_dvec3().normalize());
-                f64::from(0.8_f32) / std::f64::consts::PI * 3.0 * cosine * moment(&outline(&eye, &p), Ramp::X)
-            };
-            side(-1.0) + side(1.0)
-        })),
-        ..Case::new(Kind::Special, "05 flat-shaded roof", "ridge x (crease)", move |t| {
-            let mut b = Builder::default();
-            let grey = b.diffuse(Vec3::splat(0.8));
-            let x = 0.2 + t;
-            let v = vec![
-                vec3(-1., 0., -1.),
-                vec3(x, 1., -1.),
-                vec3(1., 0., -1.),
-                vec3(-1., 0., 1.),
-                vec3(x, 1., 1.),
-                vec3(1., 0., 1.),
-            ];
-            b.shape(mesh(v, vec![[0, 3, 4], [0, 4, 1], [1, 4, 5], [1, 5, 2]]), grey);
-            b.scene.delta_lights.push(DeltaLight::Directional { direction: sun, irradiance: Vec3::splat(3.0) });
-            (b.scene, eye)
-        })
+        exact: Some(Box::new(move |t| exact(t, 0.0))),
+        ..Case::new(Kind::Special, scene, "ridge x (crease)", move |t| roof(t, 0.0))
+    });
+    cases.push(Case {
+        exact: Some(Box::new(move |t| exact(0.0, t))),
+        ..Case::new(Kind::Special, scene, "roof x", move |t| roof(0.0, t))
     });
 
     let shape = blob(1.0, 6);
@@ -350,6 +358,7 @@ fn blockers(cases: &mut Vec<Case>) {
     let corner_z: fn(f32, &mut Shadow) = |t, s| s.corner.z = t;
     let light_x: fn(f32, &mut Shadow) = |t, s| s.lights[0].0.x += t;
     let light_y: fn(f32, &mut Shadow) = |t, s| s.lights[0].0.y += t;
+    let light_z: fn(f32, &mut Shadow) = |t, s| s.lights[0].0.z += t;
     let small = Kind::SmallLight;
     let step = 0.08;
     for (kind, scene, base) in [
@@ -375,10 +384,14 @@ fn blockers(cases: &mut Vec<Case>) {
     });
     let bare = Shadow { blocker: None, ..Shadow::one(0.1) };
     cases.push(Case { step, ..Case::new(Kind::Special, "10 no blocker", "light x", shadow(bare.clone(), light_x)) });
-    cases.push(Case { step, ..Case::new(Kind::Special, "10 no blocker", "light y", shadow(bare, light_y)) });
+    cases.push(Case { step, ..Case::new(Kind::Special, "10 no blocker", "light y", shadow(bare.clone(), light_y)) });
+    let along = shadow(bare, light_z);
+    cases.push(Case { step, ramp: Ramp::Y, ..Case::new(Kind::Special, "10 no blocker", "light z", along) });
     let lit = || Shadow::one(0.1);
     cases.push(Case { step, ..Case::new(small, "10 with blocker", "light x", shadow(lit(), light_x)) });
     cases.push(Case { step, ..Case::new(small, "10 with blocker", "light y", shadow(lit(), light_y)) });
+    let along = shadow(lit(), light_z);
+    cases.push(Case { step, ramp: Ramp::Y, ..Case::new(small, "10 with blocker", "light z", along) });
     let receiver = shadow(lit(), |t, s| s.floor += t);
     cases.push(Case { step, ..Case::new(small, "11 receiver along its normal", "floor y", receiver) });
     let eye = shadow(lit(), |t, s| s.eye.x += t);
@@ -568,22 +581,24 @@ pub fn cornell() -> (SceneDescription, Camera) {
 fn cornell_box(cases: &mut Vec<Case>) {
     let small: fn(f32) -> Cornell = |t| Cornell { small_x: t, ..Cornell::default() };
     let tall: fn(f32) -> Cornell = |t| Cornell { tall_turn: t, ..Cornell::default() };
-    // The light is 0.01 below the ceiling: it moves from a place that leaves room for differences.
-    let light: fn(f32) -> Cornell = |t| Cornell { light_y: t - 0.2, ..Cornell::default() };
+    // Where it belongs the light is 0.01 below the ceiling. It also moves from a place that leaves room for wider differences.
+    let light: fn(f32) -> Cornell = |t| Cornell { light_y: t, ..Cornell::default() };
+    let lowered: fn(f32) -> Cornell = |t| Cornell { light_y: t - 0.2, ..Cornell::default() };
     let floor: fn(f32) -> Cornell = |t| Cornell { floor: t, ..Cornell::default() };
     let power: fn(f32) -> Cornell = |t| Cornell { light: t, ..Cornell::default() };
     for (bounces, scene) in [(1, "17 Cornell box, 1 bounce"), (4, "17 Cornell box, 4 bounces")] {
         for (kind, param, step, change) in [
             (Kind::Cornell, "small box x", 0.03, small),
             (Kind::Cornell, "tall box turned", 0.08, tall),
-            (Kind::Cornell, "light y", 0.05, light),
+            (Kind::Cornell, "light y", 0.05, lowered),
+            (Kind::Cornell, "light y at the ceiling", 0.004, light),
             (Kind::Material, "floor albedo", 0.03, floor),
             (Kind::Material, "light radiance", 0.1, power),
         ] {
             // Precise at any rate: errors of well spread samples fall faster than with their square root, as long as paths are short.
             let spp = if kind == Kind::Material && bounces == 1 { 64 } else { 16 };
             // Where shadows have sharp kinks differences need small steps; where they are noisy they cannot have them.
-            let step = if bounces == 1 { 0.5 * step } else { step };
+            let step = if bounces == 1 && param != "light y at the ceiling" { 0.5 * step } else { step };
             // Where the upright edges of the tall box come to the next column, a ramp of columns has a kink, and differences step over
             // several: they are off by 1.3 % of a sum that cancels. (At four bounces one of rows would cancel altogether.)
             let ramp = if param == "tall box turned" && bounces == 1 { Ramp::Y } else { Ramp::X };
