@@ -1,4 +1,9 @@
 //! Ray queries a second on one thread: camera rays, diffuse bounces and shadow rays.
+//!
+//! With DSCENE_EXPORT_RAYS=FOLDER the triangles and rays are written there too, as little-endian numbers of 32 bits: nine a triangle;
+//! origin, direction, t_min and t_max a ray. `docs/peers/embree_rays.cpp` asks them of Embree.
+
+use std::path::Path;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use dscene::math::{Frame, Pcg32, cosine_hemisphere};
@@ -57,6 +62,20 @@ fn rays(c: &mut Criterion) {
         let primary = primary_rays(&camera);
         let bounce = bounce_rays(&accel, &triangles, &primary);
         let shadow: Vec<Ray> = bounce.iter().map(|r| Ray { t_max: 0.8, ..*r }).collect();
+        if let Some(folder) = std::env::var_os("DSCENE_EXPORT_RAYS") {
+            let numbers = |r: &Ray| [r.origin.to_array().to_vec(), r.dir.to_array().to_vec(), vec![r.t_min, r.t_max]];
+            let of_rays = |rays: &[Ray]| rays.iter().flat_map(numbers).flatten().collect::<Vec<f32>>();
+            let corners = triangles.iter().flatten().flat_map(|v| v.to_array()).collect::<Vec<f32>>();
+            for (kind, numbers) in [
+                ("triangles", corners),
+                ("primary", of_rays(&primary)),
+                ("bounce", of_rays(&bounce)),
+                ("shadow", of_rays(&shadow)),
+            ] {
+                let file = Path::new(&folder).join(format!("{name}-{}.{kind}", triangles.len()));
+                std::fs::write(file, bytemuck::cast_slice(&numbers)).expect("the folder can be written to");
+            }
+        }
         let mut group = c.benchmark_group(format!("{name} ({} triangles)", triangles.len()));
         group.sample_size(10);
         for (kind, rays) in [("primary", &primary), ("bounce", &bounce)] {

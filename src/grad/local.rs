@@ -491,9 +491,14 @@ pub fn d_first_hit<S: Sink>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::math::Pcg32;
+    use crate::grad::sink::{Dense, Layout};
+    use crate::math::{Dual, Pcg32};
+    use crate::mesh::Mesh;
+    use crate::render::accel::Ray;
     use crate::render::bsdf::Bsdf;
-    use glam::{DQuat, DVec3};
+    use crate::render::texture::Texture;
+    use crate::render::{DeltaLight, Emission, Material, MaterialKind, Scene, SceneDescription, Shape, Slot};
+    use glam::{DQuat, DVec3, Vec2};
 
     fn vertex(ns: Vec3, wi: Vec3, bsdf: Bsdf) -> SurfaceInteraction {
         SurfaceInteraction {
@@ -575,5 +580,167 @@ mod tests {
             }
         }
         assert!(checked > 200, "{checked}");
+    }
+
+    /// Numbers in three coordinates, with their derivatives.
+    type Twin<const N: usize> = [Dual<N>; 3];
+
+    /// Variables number `first` and the two after it.
+    fn variables<const N: usize>(v: Vec3, first: usize) -> Twin<N> {
+        std::array::from_fn(|i| Dual::variable(f64::from(v[i]), first + i))
+    }
+
+    fn constants<const N: usize>(v: Vec3) -> Twin<N> {
+        std::array::from_fn(|i| Dual::constant(f64::from(v[i])))
+    }
+
+    fn minus<const N: usize>(a: Twin<N>, b: Twin<N>) -> Twin<N> {
+        std::array::from_fn(|i| a[i] - b[i])
+    }
+
+    fn times<const N: usize>(a: Twin<N>, s: Dual<N>) -> Twin<N> {
+        a.map(|x| x * s)
+    }
+
+    fn dot<const N: usize>(a: Twin<N>, b: Twin<N>) -> Dual<N> {
+        a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    }
+
+    fn cross<const N: usize>(a: Twin<N>, b: Twin<N>) -> Twin<N> {
+        std::array::from_fn(|i| a[(i + 1) % 3] * b[(i + 2) % 3] - a[(i + 2) % 3] * b[(i + 1) % 3])
+    }
+
+    fn unit<const N: usize>(a: Twin<N>) -> Twin<N> {
+        times(a, 1.0 / dot(a, a).sqrt())
+    }
+
+    fn assert_alike(what: &str, found: &[f64], expected: &[f64]) {
+        let scale = expected.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+        for (i, (a, b)) in found.iter().zip(expected).enumerate() {
+            assert!((a - b).abs() <= 1e-3 * scale + 1e-6, "{what}, {i}: {a} for {b} of {scale}");
+        }
+        assert_eq!(found.len(), expected.len());
+    }
+
+    fn numbers(vectors: &[Vec3]) -> Vec<f64> {
+        vectors.iter().flat_map(|v| v.to_array()).map(f64::from).collect()
+    }
+
+    /// A matte triangle, which shines with a radiance of 5 if it is a light.
+    fn triangle(corners: [Vec3; 3], light: bool) -> SceneDescription {
+        let textures = vec![Texture::constant(Vec3::splat(0.6)), Texture::constant(Vec3::splat(5.0))];
+        let kind = MaterialKind::Diffuse { reflectance: Input::Texture(0) };
+        let emission = light.then_some(Emission { radiance: Input::Texture(1), two_sided: true });
+        let mesh = Mesh { vertices: corners.to_vec(), faces: vec![[0, 1, 2]], ..Default::default() };
+        let shapes = vec![Shape { mesh, material: Material { kind, one_sided: false, opacity: None }, emission }];
+        SceneDescription { shapes, textures, ..Default::default() }
+    }
+
+    /// Where a ray meets a triangle: the position, the barycentric coordinates and the normal, as all six points and the ray move.
+    #[test]
+    fn sliding_matches_the_dual_number_twin() {
+        let mut rng = Pcg32::new(11);
+        let mut random = || Vec3::from_array(rng.next_3d()) * 2.0 - 1.0;
+        let mut checked = 0;
+        for _ in 0..200 {
+            let corners: [Vec3; 3] = std::array::from_fn(|_| random());
+            let (origin, [d_p, d_ng, d_b, inside]) = (3.0 * random().normalize(), std::array::from_fn(|_| random()));
+            let inside = inside.abs() / inside.abs().element_sum();
+            let target = corners[0] * inside.x + corners[1] * inside.y + corners[2] * inside.z;
+            let dir = (target - origin).normalize();
+            let scene = Scene::new(triangle(corners, false)).unwrap();
+            let Some(hit) = scene.accel.closest(&Ray::new(origin, dir), &[]) else { continue };
+            let si = scene.interaction(0, hit.b, -dir);
+            if si.ng.dot(dir).abs() < 0.1 {
+                continue;
+            }
+            checked += 1;
+            let layout = Layout::new(&scene, &[Slot::Vertices(0)]);
+            let mut out = Adjoints::new(&scene, &layout, Dense { data: vec![0.0; layout.size()] });
+            let adj = VertexAdjoint { p: d_p, ng: d_ng, b: d_b.to_array(), ..Default::default() };
+            let ray = slide(&mut out, &si, hit.t, adj);
+
+            let p: [Twin<15>; 3] = std::array::from_fn(|i| variables(corners[i], 3 * i));
+            let (o, d) = (variables(origin, 9), variables(dir, 12));
+            let n = cross(minus(p[1], p[0]), minus(p[2], p[0]));
+            let t = dot(n, minus(p[0], o)) / dot(n, d);
+            let x: Twin<15> = std::array::from_fn(|i| o[i] + t * d[i]);
+            let b: Twin<15> = std::array::from_fn(|i| {
+                let (next, last) = (p[(i + 1) % 3], p[(i + 2) % 3]);
+                dot(n, cross(minus(last, next), minus(x, next))) / dot(n, n)
+            });
+            let normal = times(unit(n), Dual::constant(f64::from(si.flip)));
+            let loss = dot(x, constants(d_p)) + dot(normal, constants(d_ng)) + dot(b, constants(d_b));
+            let found = [out.sink.data, numbers(&[ray.origin, ray.dir])].concat();
+            assert_alike("slide", &found, &loss.partials);
+        }
+        assert!(checked > 100, "{checked}");
+    }
+
+    /// A matte point in the light of a triangle, of a point and of a direction, as both move and the surface turns.
+    #[test]
+    fn arriving_light_matches_the_dual_number_twin() {
+        let mut rng = Pcg32::new(12);
+        let mut random = || Vec3::from_array(rng.next_3d()) * 2.0 - 1.0;
+        let mut checked = [0; 3];
+        for i in 0..600 {
+            let corners: [Vec3; 3] = std::array::from_fn(|_| random());
+            let (x, ns, a) = (3.0 * random().normalize(), random().normalize(), random());
+            let mut description = triangle(corners, i % 3 == 0);
+            match i % 3 {
+                1 => description.delta_lights.push(DeltaLight::Point { position: corners[0], intensity: a.abs() }),
+                2 => description
+                    .delta_lights
+                    .push(DeltaLight::Directional { direction: corners[0], irradiance: a.abs() }),
+                _ => {}
+            }
+            let slot = if i % 3 == 0 { Slot::Vertices(0) } else { Slot::LightPlacement(0) };
+            let scene = Scene::new(description).unwrap();
+            let light = scene.sample_light(Vec2::new(0.3, 0.6)).unwrap();
+            let Some(arrival) = light.arrive(x) else { continue };
+            let si = SurfaceInteraction { p: x, ..vertex(ns, ns, Bsdf::Diffuse { reflectance: Vec3::splat(0.6) }) };
+            let f = si.eval(arrival.dir);
+            if ns.dot(arrival.dir) < 0.05 || light.n.dot(arrival.dir).abs() < 0.05 && i % 3 == 0 {
+                continue;
+            }
+            checked[i % 3] += 1;
+            let layout = Layout::new(&scene, &[slot]);
+            let mut out = Adjoints::new(&scene, &layout, Dense { data: vec![0.0; layout.size()] });
+            let arriving = Arriving {
+                light: &light,
+                dir: arrival.dir,
+                distance: arrival.distance,
+                geometry: arrival.geometry,
+                weight: 0.7,
+                masks: Masks { crossings: &[], weight: 0.7 },
+            };
+            let mut adj = VertexAdjoint::default();
+            d_material(&mut out, &si, &arriving, Scattering { f, part: None, a }, &mut adj);
+
+            let (at, normal): (Twin<15>, Twin<15>) = (variables(x, 9), variables(ns, 12));
+            let power = 0.7 * 0.6 * f64::from(a.dot(light.power)) / std::f64::consts::PI;
+            let p: [Twin<15>; 3] = std::array::from_fn(|k| variables(corners[k], 3 * k));
+            let value = match i % 3 {
+                0 => {
+                    let b = light.b.map(f64::from);
+                    let y: Twin<15> = std::array::from_fn(|k| p[0][k] * b[0] + p[1][k] * b[1] + p[2][k] * b[2]);
+                    let n = cross(minus(p[1], p[0]), minus(p[2], p[0]));
+                    let (to, double_area) = (minus(y, at), dot(n, n).sqrt());
+                    let (dir, r2) = (unit(to), dot(to, to));
+                    // |cos| / r² dA, of a light of today's area.
+                    dot(normal, dir) * dot(n, dir).abs() / r2 * (power / double_area.value)
+                }
+                1 => {
+                    let to = minus(p[0], at);
+                    dot(normal, unit(to)) / dot(to, to) * power
+                }
+                _ => dot(normal, unit(p[0])) * -power,
+            };
+            let found = [out.sink.data, numbers(&[adj.p, adj.ns])].concat();
+            let moves = if i % 3 == 0 { 9 } else { 3 };
+            let expected = [&value.partials[..moves], &value.partials[9..]].concat();
+            assert_alike(["area", "point", "directional"][i % 3], &found, &expected);
+        }
+        assert!(checked.iter().all(|n| *n > 40), "{checked:?}");
     }
 }
