@@ -432,6 +432,7 @@ fn environments(cases: &mut Vec<Case>) {
         cases.push(Case {
             ramp,
             step: 0.06,
+            spp: 16,
             effort: 2,
             ..Case::new(kind, "13 constant environment", param, move |t| {
                 let mut b = Builder::default();
