@@ -52,7 +52,7 @@ page=$(mktemp)
     cat <<'END'
 # Both programs on the same scenes
 
-Written by `docs/efficiency.sh`; `docs/efficiency.md` says what follows from it. Each row, all from one run, is the derivative of one linear loss (the mean
+Written by `docs/efficiency.sh`; `docs/efficiency.md` says what follows from it. Each row is the derivative of one linear loss (the mean
 of image × ramp) in one parameter, 256 × 256 pixels, box filter. *z*: distance from a closed form or from central differences with common
 random numbers (`docs/efficiency_references.json`), in combined standard errors; *error*: that combined error over the derivative.
 *rel. std*: standard deviation of a single gradient over the derivative. *CPU s*: CPU seconds of a single gradient, all threads, warm.
