@@ -549,7 +549,7 @@ impl EdgeTree {
 /// Unit normal of a face of an edge, oriented like the face, so that a closed smooth patch has planes on one side.
 fn face_normal(edge: &Edge, f: &EdgeFace) -> Vec3 {
     let n = (edge.p[1] - edge.p[0]).cross(f.opposite - edge.p[0]).normalize_or_zero();
-    if is_forward(f) { n } else { -n }
+    if f.is_forward() { n } else { -n }
 }
 
 /// Normals of an edge's two faces, if it has two, turned alike whatever their winding.
@@ -561,13 +561,7 @@ fn face_planes(edge: &Edge) -> Option<[Vec3; 2]> {
 
 /// Whether two faces run through their edge in opposite directions, as on an oriented surface.
 fn is_wound_consistently(edge: &Edge) -> bool {
-    matches!(edge.faces.as_slice(), [a, b] if is_forward(a) != is_forward(b))
-}
-
-/// Whether a face's corners run in the direction of the edge.
-fn is_forward(f: &EdgeFace) -> bool {
-    let next = usize::from(f.corner + 1) % 3;
-    f.ends[0][next] > f.ends[1][next]
+    matches!(edge.faces.as_slice(), [a, b] if a.is_forward() != b.is_forward())
 }
 
 /// See [`EdgeTree::crease`]. Black faces show none, and smooth mirrors are found otherwise ([`super::curved`]).

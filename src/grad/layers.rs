@@ -27,8 +27,8 @@ impl Sides {
         if !has_masks(scene, edge) {
             return Some(Sides { near: Some(view.foreground), far: view.background, scale: 1.0 });
         }
-        let near = layers(scene, edge, dir, Some(view.foreground), s);
-        let far = layers(scene, edge, dir, view.background, s);
+        let near = layers(scene, edge, dir, view, Some(view.foreground), s);
+        let far = layers(scene, edge, dir, view, view.background, s);
         let scale = cover(&near).max(cover(&far));
         let u = sampler.next_1d() * scale;
         let at = |layers: &[(usize, f32)]| layers.iter().find(|&&(_, covered)| u < covered).map(|l| l.0);
@@ -42,7 +42,8 @@ pub fn contrast(scene: &Scene, edge: &Edge, dir: Vec3, view: &EdgeView, s: f32) 
     if !has_masks(scene, edge) {
         return if view.background.is_some() { 0.0 } else { 1.0 };
     }
-    cover(&layers(scene, edge, dir, Some(view.foreground), s)) - cover(&layers(scene, edge, dir, view.background, s))
+    let covered = |face: Option<usize>| cover(&layers(scene, edge, dir, view, face, s));
+    covered(Some(view.foreground)) - covered(view.background)
 }
 
 fn has_masks(scene: &Scene, edge: &Edge) -> bool {
@@ -50,14 +51,14 @@ fn has_masks(scene: &Scene, edge: &Edge) -> bool {
 }
 
 /// The faces on one side, nearest first, each with what is covered by it and those before it.
-fn layers(scene: &Scene, edge: &Edge, dir: Vec3, first: Option<usize>, s: f32) -> Vec<(usize, f32)> {
+fn layers(scene: &Scene, edge: &Edge, dir: Vec3, view: &EdgeView, first: Option<usize>, s: f32) -> Vec<(usize, f32)> {
     let Some(first) = first else { return Vec::new() };
     let mut open = 1.0;
     let mut cover = |i: usize| {
         open *= 1.0 - scene.opacity(edge.faces[i].prim, edge.barycentric(i, s, INSIDE)).unwrap_or(1.0);
         (i, 1.0 - open)
     };
-    edge.layers(dir, first).into_iter().map(&mut cover).collect()
+    edge.layers(dir, view, first).into_iter().map(&mut cover).collect()
 }
 
 fn cover(layers: &[(usize, f32)]) -> f32 {

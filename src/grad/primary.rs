@@ -189,8 +189,8 @@ impl<'a> PrimaryEdges<'a> {
         let &Chosen { edge, viewpoint, s } = chosen;
         let p = edge.point(s);
         let prims = edge.prims();
-        let view = edge.view(viewpoint.direction_to(p))?;
-        let seen = viewpoint.see(p, &prims)?;
+        let (view, aside) = viewpoint.view(edge, p)?;
+        let seen = viewpoint.see_along(p, aside, &prims)?;
         let pixel = seen.pixel_index(&viewpoint.camera);
         if skips(pixel) {
             return None;
@@ -415,7 +415,7 @@ fn is_straight(camera: &Camera) -> bool {
 
 /// Sampling weight by kind of edge; `None` if nothing can jump there.
 pub fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Option<f64> {
-    let view = edge.view(viewpoint.direction_to(edge.point(0.5)))?;
+    let (view, _) = viewpoint.view(edge, edge.point(0.5))?;
     if view.background.is_none() || edge.sharp {
         return Some(1.0);
     }

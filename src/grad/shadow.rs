@@ -32,7 +32,7 @@ use super::viewpoint::{Seen, Viewpoint, d_reflected_ray};
 use crate::math::{Frame, cosine_hemisphere, uniform_sphere};
 use crate::render::accel::{Hit, PrimId, Ray};
 use crate::render::bsdf::Bsdf;
-use crate::render::edges::Edge;
+use crate::render::edges::{Edge, EdgeOn};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::light::{LightKind, LightSample};
 use crate::render::sampler::{Discrete, ONE_MINUS_EPSILON, Sampler, hash};
@@ -207,20 +207,21 @@ impl<'a> Shadows<'a> {
         let dir = arrival.dir; // from p towards the light
 
         // The edge must hide something from the light: all its faces on one side.
-        let view = edge.view(-dir)?;
+        let distance = if arrival.distance.is_finite() { arrival.distance } else { 0.0 };
+        let (view, aside) = edge.view_from(-dir, distance, EdgeOn::Front)?;
         let covers = contrast(scene, edge, -dir, &view, s);
         if covers == 0.0 {
             return None;
         }
         let prims = edge.prims();
         let scale = scene.radius;
-        let to_light = Ray { t_max: arrival.distance * (1.0 - 1e-5), t_min: 2e-6 * scale, ..Ray::new(p, dir) };
+        let to_light = Ray { t_max: arrival.distance * (1.0 - 1e-5), t_min: 2e-6 * scale, ..Ray::new(p + aside, dir) };
         let skip: Vec<PrimId> = prims.iter().copied().chain([light.prim]).collect();
         let covers = covers * scene.transmittance(&to_light, &skip);
         if covers == 0.0 {
             return None;
         }
-        let hit = scene.chance_hit(&Ray::new(p, -dir), &prims, sampler)?;
+        let hit = scene.chance_hit(&Ray::new(p + aside, -dir), &prims, sampler)?;
         if hit.t < 1e-5 * scale {
             return None; // the edge lies on the receiver: the shadow starts under the edge itself
         }

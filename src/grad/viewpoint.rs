@@ -11,6 +11,7 @@ use glam::{Vec2, Vec3};
 use super::local::{RayAdjoint, VertexAdjoint, d_mirrored, slide};
 use super::sink::{Adjoints, Sink};
 use crate::render::accel::PrimId;
+use crate::render::edges::{Edge, EdgeOn, EdgeView};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::sensor::Projected;
 use crate::render::{Camera, Lens, MaterialKind, Scene};
@@ -235,6 +236,13 @@ impl<'a> Viewpoint<'a> {
         self.mirror.map_or(dir, |m| m.reflect(dir))
     }
 
+    /// What the camera sees of an edge at its point `p`, and how far aside to look ([`Edge::view_from`]).
+    pub fn view(&self, edge: &Edge, p: Vec3) -> Option<(EdgeView, Vec3)> {
+        let (back, distance) = self.camera.towards(self.image(p));
+        let dir = self.mirror.map_or(-back, |m| m.reflect(-back));
+        edge.view_from(dir, distance, EdgeOn::Back)
+    }
+
     /// Whether a point lies on the camera's side of the mirror and not in its plane (always true without one).
     pub fn in_front(&self, p: Vec3) -> bool {
         self.mirror.is_none_or(|m| self.side(&m) * m.height(p) > 1e-5 * self.scene.radius)
@@ -249,6 +257,11 @@ impl<'a> Viewpoint<'a> {
 
     /// Sees a world point, if it is on film and nothing but `skip` hides it.
     pub fn see(&self, p: Vec3, skip: &[PrimId]) -> Option<Seen> {
+        self.see_along(p, Vec3::ZERO, skip)
+    }
+
+    /// The same, but what stands in between is looked for a little `aside` ([`crate::render::edges::Edge::view_from`]).
+    pub fn see_along(&self, p: Vec3, aside: Vec3, skip: &[PrimId]) -> Option<Seen> {
         if !self.in_front(p) {
             return None;
         }
@@ -275,7 +288,7 @@ impl<'a> Viewpoint<'a> {
             return None;
         }
         let dir = d / distance;
-        let mut ray = crate::render::accel::Ray::new(origin, dir);
+        let mut ray = crate::render::accel::Ray::new(origin + aside, dir);
         ray.t_max = distance * (1.0 - 2e-5);
         let through = match &mirror {
             None => self.scene.transmittance(&ray, skip),

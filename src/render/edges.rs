@@ -34,6 +34,27 @@ pub struct EdgeFace {
     pub opposite: Vec3,
 }
 
+impl EdgeFace {
+    /// Whether the face's corners run in the direction of the edge.
+    pub fn is_forward(&self) -> bool {
+        let next = usize::from(self.corner + 1) % 3;
+        self.ends[0][next] > self.ends[1][next]
+    }
+}
+
+/// The side that a face shows to someone in its plane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum EdgeOn {
+    Front,
+    Back,
+}
+
+/// Sine of the angle between a direction and a face within which the face is seen edge-on: what single precision leaves uncertain.
+const EDGE_ON: f32 = 2e-6;
+
+/// What positions and directions are rounded by, over coordinates and distances, with some to spare.
+const ROUNDING: f32 = 1e-6;
+
 /// An undirected edge.
 #[derive(Clone, Debug)]
 pub struct Edge {
@@ -59,6 +80,21 @@ pub struct EdgeView {
     pub foreground: usize,
     /// The face seen on the other side, if the edge is a crease.
     pub background: Option<usize>,
+    /// How faces seen edge-on were taken.
+    edge_on: Option<EdgeOn>,
+}
+
+/// Someone's line of sight to an edge.
+struct Sight {
+    /// Unit direction of the edge.
+    e: DVec3,
+    /// Unit normal of the plane through viewer and edge.
+    n: DVec3,
+    /// Of the angle between edge and line of sight.
+    sine: f64,
+    /// Perpendicular to the edge.
+    towards_viewer: DVec3,
+    edge_on: Option<EdgeOn>,
 }
 
 impl Edge {
@@ -88,9 +124,62 @@ impl Edge {
         (self.p[1] - self.p[0]).normalize()
     }
 
-    /// Classifies the edge as seen along `dir` at its point `p` (`dir` points from the viewer to the edge, unit).
-    /// `None` if the viewer looks along the edge.
+    /// Classifies the edge as seen along `dir` (unit, from the viewer to a point of the edge). `None` if the viewer looks along the edge.
     pub fn view(&self, dir: Vec3) -> Option<EdgeView> {
+        self.classify(dir, None)
+    }
+
+    /// [`Edge::view`] for viewers that may well be in the plane of a face, as cameras and lights above the side of a box are. The face
+    /// shows them nothing; a contour lies at its near border or at its far one, and rounding, which would decide at each anew, may
+    /// have it at both or at none. So the face is said to show one side, at all its edges alike.
+    ///
+    /// To a camera `EdgeOn::Back`: the contour is then at the near border of a box's side, in front of which the radiance is the one
+    /// that is seen. To a light `EdgeOn::Front`: it is at the far border, which may be the box's foot on the floor, where there is
+    /// no shadow.
+    ///
+    /// Lines of sight along such a face would hit its other parts by rounding, or miss what hides it: returns too by how much to move
+    /// them aside (zero if there is no such face). `distance` is the viewer's.
+    pub fn view_from(&self, dir: Vec3, distance: f32, edge_on: EdgeOn) -> Option<(EdgeView, Vec3)> {
+        let view = self.classify(dir, Some(edge_on))?;
+        let e = self.direction();
+        let reach = ROUNDING * self.p[0].abs().max(self.p[1].abs()).max_element().max(distance);
+        let along = |face: &EdgeFace| {
+            let o = face.opposite - self.p[0];
+            let across = e.cross(o);
+            let off = across.dot(dir).abs();
+            let n = if face.is_forward() { across } else { -across };
+            if off <= EDGE_ON * across.length() + reach { n.normalize_or_zero() } else { Vec3::ZERO }
+        };
+        let along: Vec3 = self.faces.iter().map(along).sum();
+        let aside = match (view.background, edge_on) {
+            _ if along == Vec3::ZERO => Vec3::ZERO,
+            (None, _) => view.normal,
+            (Some(_), EdgeOn::Front) => along,
+            (Some(_), EdgeOn::Back) => -along,
+        };
+        Some((view, aside * reach))
+    }
+
+    fn classify(&self, dir: Vec3, edge_on: Option<EdgeOn>) -> Option<EdgeView> {
+        let sight = self.sight(dir, edge_on)?;
+        let mut best: [Option<(usize, f64)>; 2] = [None, None];
+        for i in 0..self.faces.len() {
+            let (above, cos) = self.place(&sight, i);
+            let slot = &mut best[usize::from(above)];
+            if slot.is_none_or(|(_, c)| cos > c) {
+                *slot = Some((i, cos));
+            }
+        }
+        let normal = sight.n.as_vec3();
+        match best {
+            [Some((f, _)), None] => Some(EdgeView { normal, foreground: f, background: None, edge_on }),
+            [None, Some((f, _))] => Some(EdgeView { normal: -normal, foreground: f, background: None, edge_on }),
+            [Some((f, _)), Some((b, _))] => Some(EdgeView { normal, foreground: f, background: Some(b), edge_on }),
+            [None, None] => None,
+        }
+    }
+
+    fn sight(&self, dir: Vec3, edge_on: Option<EdgeOn>) -> Option<Sight> {
         let e = (self.p[1] - self.p[0]).as_dvec3();
         let d = dir.as_dvec3();
         let n = e.cross(d);
@@ -98,41 +187,34 @@ impl Edge {
         if length <= 1e-9 * e.length() {
             return None;
         }
-        let n = n / length;
-        // In the plane perpendicular to the edge, the face nearest to the viewer on each side of the line of sight.
-        let e_unit = e.normalize();
-        let towards_viewer = -(d - e_unit * d.dot(e_unit)).normalize();
-        let mut best: [Option<(usize, f64)>; 2] = [None, None];
-        for (i, face) in self.faces.iter().enumerate() {
-            let o = face.opposite.as_dvec3() - self.p[0].as_dvec3();
-            let o: DVec3 = o - e_unit * o.dot(e_unit);
-            let side = n.dot(o);
-            let cos = towards_viewer.dot(o) / o.length();
-            let slot = &mut best[usize::from(side > 0.0)];
-            if slot.is_none_or(|(_, c)| cos > c) {
-                *slot = Some((i, cos));
+        let (n, sine) = (n / length, length / e.length());
+        let e = e.normalize();
+        let towards_viewer = -(d - e * d.dot(e)).normalize();
+        Some(Sight { e, n, sine, towards_viewer, edge_on })
+    }
+
+    /// In the plane perpendicular to the edge: whether a face lies on the side that `n` points to, and how near to the viewer.
+    #[inline]
+    fn place(&self, sight: &Sight, face: usize) -> (bool, f64) {
+        let face = &self.faces[face];
+        let o = face.opposite.as_dvec3() - self.p[0].as_dvec3();
+        let o = o - sight.e * o.dot(sight.e);
+        let (side, height) = (sight.n.dot(o), o.length());
+        let above = match sight.edge_on {
+            Some(shown) if side.abs() * sight.sine <= f64::from(EDGE_ON) * height => {
+                face.is_forward() == (shown == EdgeOn::Front)
             }
-        }
-        match best {
-            [Some((f, _)), None] => Some(EdgeView { normal: n.as_vec3(), foreground: f, background: None }),
-            [None, Some((f, _))] => Some(EdgeView { normal: -n.as_vec3(), foreground: f, background: None }),
-            [Some((f, _)), Some((b, _))] => Some(EdgeView { normal: n.as_vec3(), foreground: f, background: Some(b) }),
-            [None, None] => None,
-        }
+            _ => side > 0.0,
+        };
+        (above, sight.towards_viewer.dot(o) / height)
     }
 
     /// The face and all those that it hides from a viewer who looks along `dir`, nearest first.
-    pub fn layers(&self, dir: Vec3, face: usize) -> Vec<usize> {
-        let [e, d] = [self.direction(), dir].map(Vec3::as_dvec3);
-        let n = e.cross(d);
-        let towards_viewer = -(d - e * d.dot(e)).normalize();
-        let arm = |i: usize| {
-            let o = (self.faces[i].opposite - self.p[0]).as_dvec3();
-            (o - e * o.dot(e)).normalize()
-        };
-        let side = n.dot(arm(face)) > 0.0;
-        let mut layers: Vec<usize> = (0..self.faces.len()).filter(|&i| (n.dot(arm(i)) > 0.0) == side).collect();
-        layers.sort_by(|&i, &j| towards_viewer.dot(arm(j)).total_cmp(&towards_viewer.dot(arm(i))).then(i.cmp(&j)));
+    pub fn layers(&self, dir: Vec3, view: &EdgeView, face: usize) -> Vec<usize> {
+        let Some(sight) = self.sight(dir, view.edge_on) else { return vec![face] };
+        let places: Vec<(bool, f64)> = (0..self.faces.len()).map(|i| self.place(&sight, i)).collect();
+        let mut layers: Vec<usize> = (0..places.len()).filter(|&i| places[i].0 == places[face].0).collect();
+        layers.sort_by(|&i, &j| places[j].1.total_cmp(&places[i].1).then(i.cmp(&j)));
         layers
     }
 

@@ -245,7 +245,7 @@ impl Default for Plan {
 }
 
 /// Derivatives of Σ w·I in θ, by reverse mode, one for each of the seeds.
-fn gradients(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan, seeds: Range<u64>) -> Vec<f64> {
+pub fn gradients(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan, seeds: Range<u64>) -> Vec<f64> {
     let (description, camera) = build(0.0);
     let w = weights(&camera, plan.output.channels());
     let tangents = tangents(build, plan.h);
