@@ -4,7 +4,7 @@ mod common;
 
 use common::*;
 use dscene::render::*;
-use glam::{Vec3, vec3};
+use glam::{Mat3, Vec2, Vec3, vec3};
 
 /// A smooth ball of mirror, and what only it shows: a glowing triangle before a dim wall, and a black bar before the triangle.
 #[derive(Clone)]
@@ -109,4 +109,46 @@ fn caustic(f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Cam
 fn light_by_way_of_a_curved_mirror() {
     let plan = Plan { max_bounces: 2, h: 0.03, spp: 64, seeds: 64, fd_spp: 256, fd_seeds: 256, ..Plan::default() };
     agree("caustic, bar y", &caustic(|t, bar| bar.y += t), &plan);
+}
+
+/// A floor below a strip of mirror that is bent upwards along its middle. The shading normals there are so oblique that the near half
+/// would send what the floor sees in it through itself: it is folded down, the other half's is not.
+fn bent_mirror(f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut middle = vec3(0.0, 0.75, 1.6);
+        f(t, &mut middle);
+        let mut b = Builder::default();
+        let slope = |degrees: f32| Vec2::from_angle(degrees.to_radians());
+        let (near, far) = (slope(4.0) * 0.6, slope(18.0) * 0.6);
+        let start = vec3(0.0, 0.75 - near.y, 1.6 - near.x);
+        let end = vec3(0.0, 0.75 + far.y, 1.6 + far.x);
+        let down = |degrees: f32| vec3(0.0, -slope(degrees).x, slope(degrees).y);
+        let rows = [(start, 12.0), (middle, 17.0), (end, 19.0)];
+        let vertices = rows.iter().flat_map(|(p, _)| [*p - Vec3::X * 0.8, *p + Vec3::X * 0.8]).collect();
+        let normals = rows.iter().flat_map(|(_, s)| [down(*s); 2]).collect();
+        let faces = vec![[0, 1, 3], [0, 3, 2], [2, 3, 5], [2, 5, 4]];
+        let strip = dscene::mesh::Mesh { normals: Some(normals), ..mesh(vertices, faces) };
+        let reflectance = b.constant(vec3(0.9, 0.8, 0.7));
+        b.shape(strip, Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity: None });
+        let grey = b.diffuse(vec3(0.6, 0.7, 0.5));
+        b.shape(floor(Vec3::ZERO, 0.05), grey);
+        // A sky that becomes bright above the horizon.
+        let (w, h) = (4, 48);
+        let sky = |k: usize| {
+            let elevation = 90.0 - 180.0 * ((k / w) as f32 + 0.5) / h as f32;
+            [4.0 * ((elevation + 2.0) / 12.0).clamp(0.0, 1.0); 3]
+        };
+        let data = (0..w * h).flat_map(sky).collect();
+        let map = texture::Texture::new(w, h, 3, data, texture::Wrap::Repeat, texture::Filter::Bilinear);
+        b.scene.textures.push(map.unwrap());
+        b.scene.environment = Some(Environment { radiance: b.scene.textures.len() - 1, rotation: Mat3::IDENTITY });
+        (b.scene, look_at(vec3(0.0, 2.0, -2.0), Vec3::ZERO, 2.0, 8))
+    }
+}
+
+/// What coarse mirrors fold jumps between triangles: a third of this derivative.
+#[test]
+fn what_a_coarse_mirror_folds_is_seen_by_surfaces() {
+    let plan = Plan { max_bounces: 2, h: 0.005, spp: 256, seeds: 32, fd_spp: 4096, fd_seeds: 64, ..Plan::default() };
+    agree("fold in a mirror, y", &bent_mirror(|t, v| v.y += t), &plan);
 }

@@ -2,10 +2,14 @@
 //!
 //! A node can be skipped for certain if none of its edges can be a contour for the query: the planes (n, m = n·v) of all
 //! adjacent faces, relative to the node's own origin, are bounded by a box; without a sign change of n·q − m over that box
-//! every face shows the same side. Edges whose faces show a radiance jump (sharp) always count, but less.
+//! every face shows the same side. Edges whose faces show a radiance jump (sharp) always count, but less; those of smooth mirrors do near
+//! the planes of their faces, where what they show is folded.
+
+mod polar;
 
 use glam::{Vec3, Vec4, Vec4Swizzles};
 
+use self::polar::Polar;
 use super::sink::Layout;
 use super::viewpoint::MirrorPlane;
 use crate::math::luminance;
@@ -37,6 +41,8 @@ pub struct EdgeTree {
     faces: Vec<Option<[Vec3; 2]>>,
     /// By edge: what light from there may jump by where both its faces are seen, over what it may as a contour.
     crease: Vec<f32>,
+    /// By edge: sine of the elevation over one of its faces up to which it may show a crease.
+    folding: Vec<f32>,
     /// Edge numbers in leaf order.
     order: Vec<u32>,
 }
@@ -48,6 +54,8 @@ struct Node {
     length: f32,
     /// Of all edges, each by what it counts where it is not a contour ([`EdgeTree::crease`]).
     creases: f32,
+    /// The largest of [`EdgeTree::folding`].
+    folding: f32,
     /// What `length` becomes with the brightness of emitters, over it.
     brightness: f32,
     /// Plane bounds relative to the centre.
@@ -153,175 +161,6 @@ struct Candidate {
     rest: f32,
 }
 
-/// An edge around a query point: its line at distance d, points on it by their distance l from the foot of the
-/// perpendicular, or by the angle ψ = atan(l / d).
-#[derive(Clone, Copy)]
-struct Polar {
-    d: f32,
-    /// The ends, clipped to the horizon.
-    l: [f32; 2],
-    /// Position of the foot along the edge from its start.
-    foot: f32,
-    length: f32,
-    diffuse: f32,
-    glossy: f32,
-    /// Where the glossy lobe is a cosine.
-    transformed: Transformed,
-}
-
-/// An edge where a lobe is a cosine. A point at l on the edge is at `scale`·(l + foot) − `foot'` there.
-#[derive(Clone, Copy)]
-struct Transformed {
-    scale: f32,
-    d: f32,
-    l: [f32; 2],
-    foot: f32,
-}
-
-impl Transformed {
-    /// An edge from `a` in direction `e` (a unit), both relative to the query point, between two distances from its start;
-    /// with ∫ D sinφ / |q|² dl over it, for an edge whose line is at distance `d`.
-    ///
-    /// Solid angles swept by an edge are as many in the cosine's world, so that is ∫ cosθ' d / (π |q'|³) dl, the form of a
-    /// linear light's irradiance (Heitz & Hill 2017).
-    fn new(lobe: &Lobe, a: Vec3, e: Vec3, [from, to]: [f32; 2], d: f32) -> Option<(Transformed, f32)> {
-        let (a, e) = (lobe.to_cosine * a, lobe.to_cosine * e);
-        let scale = e.length();
-        let e = e / scale;
-        let (mut l0, mut l1) = (from * scale, to * scale);
-        let (h0, h1) = (a.z + e.z * l0, a.z + e.z * l1);
-        if h0 <= 0.0 && h1 <= 0.0 {
-            return None;
-        }
-        let crossing = l0 + (l1 - l0) * h0 / (h0 - h1);
-        if h0 < 0.0 {
-            l0 = crossing;
-        } else if h1 < 0.0 {
-            l1 = crossing;
-        }
-        let foot = -a.dot(e);
-        let to_foot = a + e * foot;
-        let there = Transformed { scale, d: to_foot.length(), l: [l0 - foot, l1 - foot], foot };
-        let mass = irradiance(there.d, there.l, to_foot.z, e.z) * d / (there.d * scale);
-        (mass > 0.0 && mass.is_finite() && l0 < l1).then_some((there, mass * std::f32::consts::FRAC_1_PI))
-    }
-}
-
-impl Polar {
-    fn new(query: &Query, p0: Vec3, p1: Vec3) -> Option<Polar> {
-        let length = p0.distance(p1);
-        let e = (p1 - p0) / length;
-        if query.distant {
-            return Polar::from_afar(e.cross(query.p).length(), length);
-        }
-        let a = p0 - query.p;
-        // Clip to the horizon of the geometric normal.
-        let (h0, h1) = (query.ng.dot(a), query.ng.dot(p1 - query.p));
-        let (mut l0, mut l1) = (0.0, length);
-        if !query.has_horizon() {
-        } else if h0 <= 0.0 && h1 <= 0.0 {
-            return None;
-        } else if h0 < 0.0 {
-            l0 = length * h0 / (h0 - h1);
-        } else if h1 < 0.0 {
-            l1 = length * h0 / (h0 - h1);
-        }
-        let foot = -a.dot(e);
-        let to_foot = a + e * foot;
-        let d = to_foot.length();
-        if d < 1e-6 * (a.length() + length) || l1 <= l0 {
-            return None;
-        }
-        let l = [l0 - foot, l1 - foot];
-        let diffuse = if query.has_horizon() {
-            irradiance(d, l, query.ng.dot(to_foot), query.ng.dot(e))
-        } else {
-            angle(d, l) / d
-        };
-        let diffuse = diffuse * (query.diffuse * std::f32::consts::FRAC_1_PI);
-        if diffuse.is_nan() || diffuse <= 0.0 {
-            return None;
-        }
-        let transformed = Transformed { scale: 1.0, d, l, foot };
-        let mut polar = Polar { d, l, foot, length, diffuse, glossy: 0.0, transformed };
-        if let Some((lobe, weight)) = &query.glossy
-            && let Some((transformed, mass)) = Transformed::new(lobe, a, e, [l0, l1], d)
-        {
-            polar.glossy = weight * mass;
-            polar.transformed = transformed;
-        }
-        Some(polar)
-    }
-
-    /// An edge seen at an angle of some sine by who is so far away that all its points count alike.
-    fn from_afar(sine: f32, length: f32) -> Option<Polar> {
-        const DISTANCE: f32 = 100.0; // in lengths: the angle is linear, and nothing of the edge is lost to rounding
-        let (d, foot) = (DISTANCE * length, 0.5 * length);
-        let l = [-foot, foot];
-        let transformed = Transformed { scale: 1.0, d, l, foot };
-        let diffuse = sine * length;
-        (diffuse > 0.0).then_some(Polar { d, l, foot, length, diffuse, glossy: 0.0, transformed })
-    }
-
-    fn importance(&self) -> f32 {
-        self.diffuse + self.glossy
-    }
-
-    /// With its importance multiplied.
-    fn scaled(self, by: f32) -> Polar {
-        Polar { diffuse: self.diffuse * by, glossy: self.glossy * by, ..self }
-    }
-
-    /// A position along the edge (from its start) and its density: even in the angle, as the query point sees it or as one does where
-    /// the lobe is a cosine.
-    fn sample(&self, u: f32) -> (f32, f32) {
-        let q = self.glossy / (self.diffuse + self.glossy);
-        let t = &self.transformed;
-        let at = if u < q {
-            (place(t.d, t.l, u / q) + t.foot) / t.scale
-        } else {
-            place(self.d, self.l, ((u - q) / (1.0 - q)).min(1.0)) + self.foot
-        };
-        let at = at.clamp(self.l[0] + self.foot, self.l[1] + self.foot);
-        let mut pdf = (1.0 - q) * even(self.d, self.l, at - self.foot);
-        if q > 0.0 {
-            pdf += q * t.scale * even(t.d, t.l, at * t.scale - t.foot);
-        }
-        (at, pdf)
-    }
-}
-
-/// A point of a piece of edge, chosen evenly by the angle at which it is seen.
-fn place(d: f32, l: [f32; 2], u: f32) -> f32 {
-    // From the start by an angle: (d, l₀) turned; precise even where the query point is almost in line.
-    let (sin, cos) = (angle(d, l) * u).sin_cos();
-    let at = d * (l[0] * cos + d * sin) / (d * cos - l[0] * sin).max(1e-6 * d);
-    at.clamp(l[0], l[1])
-}
-
-/// Density of [`place`] by length.
-fn even(d: f32, l: [f32; 2], at: f32) -> f32 {
-    if at < l[0] || at > l[1] { 0.0 } else { d / ((d * d + at * at) * angle(d, l)) }
-}
-
-/// The angle at which a piece of edge at distance `d`, from l₀ to l₁, is seen.
-fn angle(d: f32, [l0, l1]: [f32; 2]) -> f32 {
-    (d * (l1 - l0)).atan2(d * d + l0 * l1)
-}
-
-/// ∫ sinφ cosθ / |q|² dl over a piece of edge at distance `d`, from l₀ to l₁, at whose points the normal's component of q is
-/// a + b l: what the piece means to a Lambertian surface, for an even jump and velocity. Kept positive.
-fn irradiance(d: f32, l: [f32; 2], a: f32, b: f32) -> f32 {
-    let [l0, l1] = l;
-    let (r0, r1) = (d * d + l0 * l0, d * d + l1 * l1);
-    let length = l1 - l0;
-    let angle = angle(d, l);
-    let even = (length * (d * d - l0 * l1) / (r0 * r1) + angle / d) / (2.0 * d);
-    let slope = d * length * (l0 + l1) / (2.0 * r0 * r1);
-    let highest = ((a + b * l0) / r0).max((a + b * l1) / r1);
-    (a * even + b * slope).max(1e-3 * highest * angle / d)
-}
-
 impl EdgeTree {
     pub fn new(scene: &Scene) -> EdgeTree {
         EdgeTree::of(scene, (0..scene.edges().edges.len() as u32).collect())
@@ -347,6 +186,7 @@ impl EdgeTree {
             brightness: brightness(scene),
             faces: table.edges.iter().map(face_planes).collect(),
             crease: table.edges.iter().map(|e| crease(scene, e)).collect(),
+            folding: table.edges.iter().map(|e| folding(scene, e)).collect(),
             order: Vec::new(),
         };
         if !order.is_empty() {
@@ -363,13 +203,14 @@ impl EdgeTree {
         let centre = 0.5 * (lo + hi);
         let (mut plane_lo, mut plane_hi) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
         let mut open = false;
-        let (mut length, mut creases, mut bright) = (0.0, 0.0, 0.0);
+        let (mut length, mut creases, mut bright, mut folding) = (0.0, 0.0, 0.0, 0.0_f32);
         for &e in order.iter() {
             let edge = &table.edges[e as usize];
             let weighted = edge.length() * edge.weight;
             length += weighted;
             creases += edge.length() * self.crease[e as usize];
             bright += weighted * (1.0 + self.brightness[e as usize]);
+            folding = folding.max(self.folding[e as usize]);
             open |= !is_wound_consistently(edge);
             for f in &edge.faces {
                 let n = face_normal(edge, f);
@@ -384,6 +225,7 @@ impl EdgeTree {
             hi,
             length,
             creases,
+            folding,
             brightness: bright / length,
             plane_lo,
             plane_hi,
@@ -452,6 +294,14 @@ impl EdgeTree {
         x.min(y) <= slack && x.max(y) >= -slack
     }
 
+    /// Whether someone at `q` from an edge's start may see a jump where it is no contour.
+    fn may_be_crease(&self, edge: &Edge, at: usize, q: Vec3) -> bool {
+        let reach = self.folding[at];
+        let Some(faces) = self.faces[at].filter(|_| reach.is_finite()) else { return true };
+        let reach = reach * (q.length() + edge.length()) + SLACK;
+        faces.iter().any(|n| n.dot(q).abs() < reach)
+    }
+
     /// [`EdgeTree::sample`] with a single candidate: a number chooses edge and point, and the density is one.
     pub fn sample_one(&self, table: &EdgeTable, query: &Query, u: f64) -> Option<EdgePoint> {
         let mut found = None;
@@ -515,9 +365,11 @@ impl EdgeTree {
             let own = edge.faces.iter().any(|f| f.prim == query.prim);
             let useless = own || (query.contours_only && edge.crossing);
             let mut polar = if useless { None } else { Polar::new(query, edge.p[0], edge.p[1]) };
-            if !self.may_be_contour(e as usize, query.seen_from(edge.p[0])) {
+            let q = query.seen_from(edge.p[0]);
+            if !self.may_be_contour(e as usize, q) {
                 let crease = self.crease[e as usize];
-                polar = polar.filter(|_| crease > 0.0 && !query.contours_only).map(|p| p.scaled(crease));
+                let shows = || crease > 0.0 && !query.contours_only && self.may_be_crease(edge, e as usize, q);
+                polar = polar.filter(|_| shows()).map(|p| p.scaled(crease));
             }
             if query.sees_emission {
                 polar = polar.map(|p| p.scaled(1.0 + self.brightness[e as usize]));
@@ -564,15 +416,29 @@ fn is_wound_consistently(edge: &Edge) -> bool {
     matches!(edge.faces.as_slice(), [a, b] if a.is_forward() != b.is_forward())
 }
 
-/// See [`EdgeTree::crease`]. Black faces show none, and smooth mirrors are found otherwise ([`super::curved`]).
+/// See [`EdgeTree::crease`]. Black faces show none.
 fn crease(scene: &Scene, edge: &Edge) -> f32 {
     let shows = |f: &EdgeFace| {
         let shape = &scene.description.shapes[scene.prims[f.prim as usize].shape as usize];
         shape.emission.is_some() || shape.material.opacity.is_some() || shape.material.kind != MaterialKind::Black
     };
-    let smooth = if edge.sharp { 1.0 } else { SMOOTH_CREASE };
-    let hidden = !edge.sharp && edge.is_mirror(scene);
-    if !hidden && edge.faces.iter().any(shows) { CREASE * smooth * edge.weight } else { 0.0 }
+    let smooth = if edge.sharp || edge.is_mirror(scene) { 1.0 } else { SMOOTH_CREASE };
+    if edge.faces.iter().any(shows) { CREASE * smooth * edge.weight } else { 0.0 }
+}
+
+/// See [`EdgeTree::folding`]: infinite but for smooth mirrors. These jump only where something is folded ([`Edge::mirrors_alike`]),
+/// and that is within twice the angle between the face and its shading normals.
+fn folding(scene: &Scene, edge: &Edge) -> f32 {
+    if edge.sharp || !edge.is_mirror(scene) {
+        return f32::INFINITY;
+    }
+    let tilt = |(i, s): (usize, f32)| {
+        let face = &edge.faces[i];
+        let si = scene.interaction(face.prim, edge.barycentric(i, s, 0.0), face_normal(edge, face));
+        si.ns.angle_between(si.ng)
+    };
+    let tilts = (0..edge.faces.len()).flat_map(|i| [(i, 0.0), (i, 1.0)]).map(tilt);
+    (2.0 * tilts.fold(0.0, f32::max)).min(std::f32::consts::FRAC_PI_2).sin()
 }
 
 /// See [`EdgeTree::brightness`]. What is reflected is taken to be half of the emitted power, spread over all surfaces, and
@@ -617,6 +483,7 @@ impl Node {
         let (offset, radius) = if query.distant { (0.0, 0.0) } else { (1.0, 0.5 * (self.hi - self.lo).length()) };
         let distance = q.length();
         let near = distance.max(radius).max(1e-20);
+        let mut creases = if query.contours_only { 0.0 } else { self.creases };
         let contours = if self.open {
             self.length
         } else {
@@ -624,6 +491,10 @@ impl Node {
             let slack = SLACK * (distance + 1.0);
             let lowest = a.min(b).element_sum() - offset * self.plane_hi.w - slack;
             let highest = a.max(b).element_sum() - offset * self.plane_lo.w + slack;
+            let folding = self.folding * (distance + radius);
+            if lowest > folding || highest < -folding {
+                creases = 0.0;
+            }
             if lowest > 0.0 || highest < 0.0 {
                 0.0
             } else {
@@ -632,7 +503,7 @@ impl Node {
                 self.length / (self.spread + radius / near).clamp(0.02, 1.0)
             }
         };
-        let length = if query.contours_only { contours } else { contours + self.creases };
+        let length = contours + creases;
         if length <= 0.0 {
             return 0.0;
         }
@@ -664,47 +535,12 @@ impl Node {
 
 #[cfg(test)]
 mod tests {
+    use super::polar::even;
     use super::*;
     use crate::math::Pcg32;
     use crate::mesh::Mesh;
     use crate::render::texture::Texture;
     use crate::render::{Input, Material, SceneDescription, Shape};
-
-    /// Edges about a surface in the plane y = 0 that reflects narrowly.
-    #[test]
-    fn the_importance_of_an_edge_is_the_integral_over_it_and_positions_have_their_density() {
-        let mut rng = Pcg32::new(9);
-        let mut point = || Vec3::from_array(rng.next_3d()) * 4.0 - Vec3::new(2.0, 1.0, 2.0);
-        let mut checked = 0;
-        for i in 0..200 {
-            let alpha = [0.6, 0.2, 0.05][i % 3];
-            let lobe = Lobe::new(alpha, Vec3::Y, Vec3::new(-0.5, 0.7, 0.3).normalize());
-            let query = Query { ng: Vec3::Y, diffuse: 0.2, glossy: Some((lobe, 0.8)), ..Query::around(Vec3::ZERO) };
-            let ends = [point(), point()];
-            let Some(polar) = Polar::new(&query, ends[0], ends[1]) else { continue };
-            let (e, n) = ((ends[1] - ends[0]) / polar.length, 20_000);
-            let distance = ends[0].cross(e).length();
-            if distance < 0.1 {
-                continue;
-            }
-            checked += 1;
-            let (mut diffuse, mut glossy, mut covered) = (0.0, 0.0, 0.0);
-            for k in 0..n {
-                let q = ends[0] + e * (polar.length * (k as f32 + 0.5) / n as f32);
-                let step = f64::from(polar.length / n as f32 * distance / q.length().powi(3));
-                if q.y > 0.0 {
-                    diffuse += 0.2 * step * f64::from(q.normalize().y * std::f32::consts::FRAC_1_PI);
-                    glossy += 0.8 * step * f64::from(lobe.density(q.normalize()));
-                }
-                covered += 1.0 / f64::from(polar.sample((k as f32 + 0.5) / n as f32).1) / f64::from(n);
-            }
-            let near = |a: f32, b: f64| (f64::from(a) - b).abs() < 0.01 * b + 1e-3 * (diffuse + glossy);
-            assert!(near(polar.diffuse, diffuse) && near(polar.glossy, glossy), "{} {glossy}", polar.glossy);
-            let whole = polar.l[1] - polar.l[0];
-            assert!((covered / f64::from(whole) - 1.0).abs() < 0.01, "{covered} {whole}");
-        }
-        assert!(checked > 50, "{checked}");
-    }
 
     /// Above a floor's point most edges of a faceted ball are contours or hidden, and those that both faces are seen of are faint.
     /// What a sample stands for (its edge's importance over the chance of finding it) must not depend much on which it is: creases

@@ -207,7 +207,7 @@ impl<'a> PrimaryEdges<'a> {
         let side = normal_2d.x * gx.dot(view.normal) + normal_2d.y * gy.dot(view.normal);
         let normal_2d = if side < 0.0 { -normal_2d } else { normal_2d };
 
-        if view.background.is_some() && !edge.sharp && mirrors_alike(&viewpoint, edge, s, 0.0) {
+        if view.background.is_some() && edge.mirrors_alike(viewpoint.scene, s, -viewpoint.direction_to(p), 0.0) {
             return None;
         }
 
@@ -421,8 +421,9 @@ pub fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Opti
     }
     if settings.output == Output::Radiance && edge.is_mirror(viewpoint.scene) {
         // Nothing jumps but near the rim, and there much does.
-        let alike = |s: &f32| mirrors_alike(viewpoint, edge, *s, 0.02);
-        return (!ALONG.iter().all(alike)).then_some(1.0);
+        let back = |s: f32| -viewpoint.direction_to(edge.point(s));
+        let alike = ALONG.iter().all(|&s| edge.mirrors_alike(viewpoint.scene, s, back(s), 0.02));
+        return (!alike).then_some(1.0);
     }
     let jumps = match settings.output {
         Output::Radiance => settings.max_bounces > 0,
@@ -433,16 +434,6 @@ pub fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Opti
 
 /// Parameters at which an edge is examined.
 const ALONG: [f32; 3] = [0.0, 0.5, 1.0];
-
-/// Whether an edge between smoothly shaded faces of a mirror shows the same on both: directions that leave it high enough, relative
-/// to its faces, are not folded (`SurfaceInteraction::mirrored`).
-fn mirrors_alike(viewpoint: &Viewpoint, edge: &Edge, s: f32, least: f32) -> bool {
-    let back = -viewpoint.direction_to(edge.point(s));
-    (0..edge.faces.len()).all(|i| {
-        let si = viewpoint.scene.interaction(edge.faces[i].prim, edge.barycentric(i, s, 0.0), back);
-        si.bsdf.is_delta() && si.ng.dot(si.ns * (2.0 * si.ns.dot(back)) - back) > least
-    })
-}
 
 /// Whether what an edge shows does not depend on random numbers: first-hit channels, emission alone, direct light of a
 /// single point or directional light, all without masks.

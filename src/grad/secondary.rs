@@ -260,7 +260,8 @@ impl<'a> Secondary<'a> {
             None => (self.sight(si, mirror, p, dir, distance)?, distance * distance),
         };
         let view = edge.view(sight.dir)?;
-        if view.background.is_some() && !self.tree.shows_creases(point.edge) {
+        let alike = || !self.tree.shows_creases(point.edge) || edge.mirrors_alike(self.scene, point.s, -sight.dir, 0.0);
+        if view.background.is_some() && alike() {
             return None;
         }
         let mut skip: Vec<PrimId> = edge.prims();

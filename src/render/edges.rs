@@ -113,6 +113,16 @@ impl Edge {
         self.faces.iter().all(|f| matches!(kind(f.prim), MaterialKind::Mirror { .. }))
     }
 
+    /// Whether an edge between smoothly shaded mirrors shows the same on both sides to someone in direction `back` of its point `s`:
+    /// what leaves high enough, as measured over the faces themselves by a cosine, is not folded ([`SurfaceInteraction::mirrored`]).
+    pub fn mirrors_alike(&self, scene: &Scene, s: f32, back: Vec3, least: f32) -> bool {
+        !self.sharp
+            && (0..self.faces.len()).all(|i| {
+                let si = scene.interaction(self.faces[i].prim, self.barycentric(i, s, 0.0), back);
+                si.bsdf.is_delta() && si.ng.dot(si.ns * (2.0 * si.ns.dot(back)) - back) > least
+            })
+    }
+
     /// The parameter of a point on the edge.
     fn parameter(&self, p: Vec3) -> f32 {
         let e = self.p[1] - self.p[0];
