@@ -153,10 +153,13 @@ impl<S: Contract> Estimate for Forward<'_, S> {
     }
 }
 
+/// Numbers that all chunks together add up in.
+const MOST_SUMS: usize = 1 << 24;
+
 /// Number of chunks the work is cut into: fixed by the size of the problem, never by the number of threads, and summed in
 /// order, so that results are the same bits on any machine.
 fn chunks(items: usize, len: usize) -> Vec<Range<usize>> {
-    let n = ((1usize << 24) / len.max(1)).clamp(4, 64).min(items.max(1));
+    let n = (MOST_SUMS / len.max(1)).clamp(4, 64).min(items.max(1));
     (0..n).map(|i| items * i / n..items * (i + 1) / n).collect()
 }
 
@@ -181,17 +184,21 @@ pub fn reverse(
     total: &mut [f64],
     stop: &AtomicBool,
 ) {
-    let parts: Vec<Vec<f64>> = chunks(pass.items(), layout.size())
-        .into_par_iter()
-        .map(|range| {
-            let mut mode = Reverse::new(scene, layout, d_image, Dense { data: vec![0.0; layout.size()] });
-            run(pass, range, &mut mode, stop);
-            mode.into_sink().data
-        })
-        .collect();
-    for part in parts {
-        for (t, p) in total.iter_mut().zip(part) {
-            *t += p;
+    // No more sums of millions of numbers at a time than there are threads. (In what order they are added does not depend on it.)
+    let at_once = (MOST_SUMS / layout.size().max(1)).max(rayon::current_num_threads());
+    for ranges in chunks(pass.items(), layout.size()).chunks(at_once) {
+        let parts: Vec<Vec<f64>> = ranges
+            .par_iter()
+            .map(|range| {
+                let mut mode = Reverse::new(scene, layout, d_image, Dense { data: vec![0.0; layout.size()] });
+                run(pass, range.clone(), &mut mode, stop);
+                mode.into_sink().data
+            })
+            .collect();
+        for part in parts {
+            for (t, p) in total.iter_mut().zip(part) {
+                *t += p;
+            }
         }
     }
 }

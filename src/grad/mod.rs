@@ -83,7 +83,7 @@ pub fn render_backward_until(
     let finite = d_image.data.iter().all(|v| v.is_finite());
     let mut total = vec![if finite { 0.0 } else { f64::NAN }; layout.size()];
     if !finite {
-        return Ok(layout.starts.windows(2).map(|w| total[w[0]..w[1]].to_vec()).collect());
+        return Ok(layout.by_slot(total));
     }
     struct Run<'a>(&'a Scene, &'a Layout, &'a Image, &'a mut [f64], &'a AtomicBool);
     impl Visit for Run<'_> {
@@ -92,7 +92,7 @@ pub fn render_backward_until(
         }
     }
     passes(scene, camera, settings, &layout, d_image, memory, &mut Run(scene, &layout, d_image, &mut total, stop));
-    Ok(layout.starts.windows(2).map(|w| total[w[0]..w[1]].to_vec()).collect())
+    Ok(layout.by_slot(total))
 }
 
 /// Tangents of some slots, each in the slot's own layout; those of the others are zero.

@@ -75,6 +75,16 @@ impl Layout {
         layout
     }
 
+    /// The flat array's parts, one for each slot.
+    pub fn by_slot(&self, mut flat: Vec<f64>) -> Vec<Vec<f64>> {
+        // A single large one is not copied.
+        let mut parts: Vec<Vec<f64>> =
+            self.starts[1..self.slots.len().max(1)].iter().rev().map(|&s| flat.split_off(s)).collect();
+        parts.extend((!self.slots.is_empty()).then_some(flat));
+        parts.reverse();
+        parts
+    }
+
     /// `None` for what a scene that stands still does not have.
     fn entry(&mut self, slot: Slot) -> Option<&mut u32> {
         Some(match slot {

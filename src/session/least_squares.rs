@@ -59,9 +59,9 @@ impl Squares {
         let mean = |at: &[Residuals; 2]| 0.5 * (at[0].loss + at[1].loss);
         let mut mean_loss = found.as_ref().map_or(f64::NAN, mean);
         if let Some(base) = base {
-            put(engine, targets, &base)?;
+            put(engine, targets, base.clone())?;
             let there = measure(engine, loss, targets)?;
-            put(engine, targets, &place)?;
+            put(engine, targets, place.clone())?;
             // A step to where nothing can be rendered has failed like any other.
             let accepted = match &found {
                 Ok(at) => self.solver.accepts(both(&there), both(at)),
@@ -140,10 +140,10 @@ fn both([a, b]: &[Residuals; 2]) -> [&[f64]; 2] {
 }
 
 /// Gives the targets these values.
-pub fn put(engine: &mut Engine, targets: &[hir::Target], values: &[Vec<f64>]) -> Result<(), Diagnostic> {
+pub fn put(engine: &mut Engine, targets: &[hir::Target], values: Vec<Vec<f64>>) -> Result<(), Diagnostic> {
     for (target, data) in targets.iter().zip(values) {
         let shape = engine.target_tensor(target)?.shape;
-        engine.set_target(target, Tensor { shape, data: data.clone() })?;
+        engine.set_target(target, Tensor { shape, data })?;
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! One `optimize`, step by step.
 
 use super::clock::Stopwatch;
+use super::folder::LOGGED_NUMBERS;
 use super::least_squares::{Squares, put};
 use super::solver::{Method, solver_from};
 use crate::check::hir;
@@ -184,7 +185,10 @@ impl Optimization {
         };
         let targets: Vec<hir::Target> = self.params.iter().map(|p| p.target.clone()).collect();
         let before: Vec<Tensor> = targets.iter().map(|t| engine.target_tensor(t)).collect::<Result<_, _>>()?;
-        let values: Vec<Vec<f64>> = before.iter().map(|t| t.data.clone()).collect();
+        let small = |(_, t): &(&Moved, &Tensor)| t.len() <= LOGGED_NUMBERS;
+        let logged = self.params.iter().zip(&before).filter(small);
+        let logged = logged.map(|(p, t)| (p.name.clone(), t.shape.clone(), t.data.clone())).collect();
+        let values: Vec<Vec<f64>> = before.into_iter().map(|t| t.data).collect();
         let moved = match method {
             Method::FirstOrder(solver) => {
                 self.squares = None;
@@ -218,7 +222,7 @@ impl Optimization {
             Err(gave_up) => return Err(self.gave_up(&gave_up, &names(&gave_up.params))),
         };
         if skipped.is_none() {
-            put(engine, &targets, &moved.values)?;
+            put(engine, &targets, moved.values)?;
         }
         let seconds = watch.elapsed().wall;
 
@@ -226,9 +230,8 @@ impl Optimization {
         let stop = self.should_stop(engine, moved.loss)?;
         if let Some(base) = self.squares.as_ref().filter(|_| stop).and_then(Squares::base) {
             // Nobody would look whether the last proposal is any good.
-            put(engine, &targets, base)?;
+            put(engine, &targets, base.to_vec())?;
         }
-        let logged = self.params.iter().zip(before).map(|(p, t)| (p.name.clone(), t.shape, t.data)).collect();
         let report = StepReport {
             step: self.done,
             stage: stage_name,

@@ -245,7 +245,12 @@ pub fn backward_with(output: &Var, seed: Tensor, wrt: &[Var]) -> Result<Vec<Tens
             }
         }
     }
-    Ok(wrt.iter().map(|v| adjoints.get(&v.id()).cloned().unwrap_or_else(|| Tensor::zeros(v.shape()))).collect())
+    let found = |(i, v): (usize, &Var)| {
+        let asked_again = wrt[i + 1..].iter().any(|w| w.id() == v.id());
+        let adjoint = if asked_again { adjoints.get(&v.id()).cloned() } else { adjoints.remove(&v.id()) };
+        adjoint.unwrap_or_else(|| Tensor::zeros(v.shape()))
+    };
+    Ok(wrt.iter().enumerate().map(found).collect())
 }
 
 /// Reverse mode of a scalar.
