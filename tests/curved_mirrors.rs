@@ -50,6 +50,8 @@ fn curved_mirror() {
     agree("ball radius", &mirror_ball(pinhole, |t, s| s.radius += t), &Plan { h: 0.02, ..plan });
     agree("ball camera y", &mirror_ball(pinhole, |t, s| s.eye.y += t), &plan);
     let lens = Lens { radius: 0.25, focus: 4.5, ..pinhole };
+    let normals = Plan { output: Output::GeometricNormal, max_bounces: 0, spp: 4, fd_spp: 256, ..plan };
+    agree("normals of a ball of mirror", &mirror_ball(pinhole, |t, s| s.radius += t), &Plan { h: 0.01, ..normals });
     agree("lens, ball, triangle x", &mirror_ball(lens, |t, s| s.triangle.iter_mut().for_each(|v| v.x += t)), &plan);
 }
 
@@ -107,8 +109,18 @@ fn caustic(f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Cam
 /// What a floor sees in a curved mirror. (A shadow that it sees there agrees as well, but is too noisy for two percent.)
 #[test]
 fn light_by_way_of_a_curved_mirror() {
-    let plan = Plan { max_bounces: 2, h: 0.03, spp: 64, seeds: 64, fd_spp: 256, fd_seeds: 256, ..Plan::default() };
+    let plan = Plan { max_bounces: 2, h: 0.03, spp: 64, seeds: 24, fd_spp: 256, fd_seeds: 256, ..Plan::default() };
     agree("caustic, bar y", &caustic(|t, bar| bar.y += t), &plan);
+}
+
+/// A smooth sky of a radiance by elevation, in degrees.
+fn sky(b: &mut Builder, radiance: impl Fn(f32) -> f32) {
+    let (w, h) = (4, 48);
+    let texel = |k: usize| [radiance(90.0 - 180.0 * ((k / w) as f32 + 0.5) / h as f32); 3];
+    let data = (0..w * h).flat_map(texel).collect();
+    let map = texture::Texture::new(w, h, 3, data, texture::Wrap::Repeat, texture::Filter::Bilinear);
+    b.scene.textures.push(map.unwrap());
+    b.scene.environment = Some(Environment { radiance: b.scene.textures.len() - 1, rotation: Mat3::IDENTITY });
 }
 
 /// A floor below a strip of mirror that is bent upwards along its middle. The shading normals there are so oblique that the near half
@@ -132,16 +144,7 @@ fn bent_mirror(f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription,
         b.shape(strip, Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity: None });
         let grey = b.diffuse(vec3(0.6, 0.7, 0.5));
         b.shape(floor(Vec3::ZERO, 0.05), grey);
-        // A sky that becomes bright above the horizon.
-        let (w, h) = (4, 48);
-        let sky = |k: usize| {
-            let elevation = 90.0 - 180.0 * ((k / w) as f32 + 0.5) / h as f32;
-            [4.0 * ((elevation + 2.0) / 12.0).clamp(0.0, 1.0); 3]
-        };
-        let data = (0..w * h).flat_map(sky).collect();
-        let map = texture::Texture::new(w, h, 3, data, texture::Wrap::Repeat, texture::Filter::Bilinear);
-        b.scene.textures.push(map.unwrap());
-        b.scene.environment = Some(Environment { radiance: b.scene.textures.len() - 1, rotation: Mat3::IDENTITY });
+        sky(&mut b, |elevation| 4.0 * ((elevation + 2.0) / 12.0).clamp(0.0, 1.0));
         (b.scene, look_at(vec3(0.0, 2.0, -2.0), Vec3::ZERO, 2.0, 8))
     }
 }
@@ -151,4 +154,35 @@ fn bent_mirror(f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription,
 fn what_a_coarse_mirror_folds_is_seen_by_surfaces() {
     let plan = Plan { max_bounces: 2, h: 0.005, spp: 256, seeds: 32, fd_spp: 4096, fd_seeds: 64, ..Plan::default() };
     agree("fold in a mirror, y", &bent_mirror(|t, v| v.y += t), &plan);
+}
+
+/// A floor to which only a ball of mirror shows a sky that is bright below the horizon, and a black ball in front of it.
+fn black_ball_in_a_ball(t: f32) -> (SceneDescription, Camera) {
+    let ball = |centre: Vec3, radius: f32, segments: usize| {
+        let mut ball = dscene::mesh::shapes::sphere(1.0, segments).unwrap();
+        ball.vertices.iter_mut().for_each(|v| *v = *v * radius + centre);
+        ball
+    };
+    let mut b = Builder::default();
+    let reflectance = b.constant(Vec3::splat(0.9));
+    let mirror = Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity: None };
+    b.shape(ball(vec3(0.0, 0.9, 0.0), 0.7, 12), mirror);
+    let grey = b.diffuse(vec3(0.6, 0.7, 0.5));
+    b.shape(floor(vec3(2.0, 0.0, 0.0), 0.2), grey);
+    let black = Material { kind: MaterialKind::Black, one_sided: false, opacity: None };
+    b.shape(ball(vec3(1.1, -0.5, 0.0), 0.35 + t, 16), black);
+    sky(&mut b, |elevation| 4.0 * ((2.0 - elevation) / 12.0).clamp(0.0, 1.0));
+    (b.scene, look_at(vec3(2.0, 2.0, -2.0), vec3(2.0, 0.0, 0.0), 5.0, 8))
+}
+
+/// Which of a smooth body's edges are its contour in a mirror depends on where in the mirror. Left to a point of the mirror chosen before
+/// that is known, four fifths of this were missing. (Too noisy for two per cent.)
+#[test]
+fn contours_of_a_smooth_body_that_a_surface_sees_in_a_ball() {
+    let plan = Plan { max_bounces: 2, h: 0.02, spp: 512, fd_spp: 4096, ..Plan::default() };
+    let found = statistics(&gradients(&black_ball_in_a_ball, &plan, 0..12));
+    let expected = statistics(&finite_differences(&black_ball_in_a_ball, &plan, 0..32));
+    let error = found.error.hypot(expected.error);
+    assert!((found.mean - expected.mean).abs() < 3.0 * error, "{found:?} {expected:?}");
+    assert!(error < 0.1 * expected.mean.abs(), "{found:?} {expected:?}");
 }

@@ -41,7 +41,7 @@ pub struct EdgeTree {
     faces: Vec<Option<[Vec3; 2]>>,
     /// By edge: what light from there may jump by where both its faces are seen, over what it may as a contour.
     crease: Vec<f32>,
-    /// By edge: sine of the elevation over one of its faces up to which it may show a crease.
+    /// By edge: sine of the elevation over one of its faces up to which it may show a crease ([`Edge::folding`]).
     folding: Vec<f32>,
     /// Edge numbers in leaf order.
     order: Vec<u32>,
@@ -86,6 +86,8 @@ pub struct Query {
     sees_emission: bool,
     /// Nothing counts but what covers something.
     contours_only: bool,
+    /// Edges are looked at from elsewhere, not far from here: any may be a contour there.
+    thereabouts: bool,
 }
 
 /// A point on an edge chosen for a shading point.
@@ -115,7 +117,7 @@ impl Query {
         Query { prim: light.prim, distant, ng, ..around }
     }
 
-    /// What is around a point of a curved mirror.
+    /// What is around a point, in all directions.
     pub fn around(p: Vec3) -> Query {
         Query {
             prim: NO_PRIM,
@@ -126,7 +128,13 @@ impl Query {
             glossy: None,
             sees_emission: true,
             contours_only: false,
+            thereabouts: false,
         }
+    }
+
+    /// What is around a curved mirror that has this point.
+    pub fn around_mirror(p: Vec3) -> Query {
+        Query { thereabouts: true, ..Query::around(p) }
     }
 
     /// The way to the point from `p`; of any length if it is infinitely far away.
@@ -186,7 +194,7 @@ impl EdgeTree {
             brightness: brightness(scene),
             faces: table.edges.iter().map(face_planes).collect(),
             crease: table.edges.iter().map(|e| crease(scene, e)).collect(),
-            folding: table.edges.iter().map(|e| folding(scene, e)).collect(),
+            folding: table.edges.iter().map(|e| e.folding(scene)).collect(),
             order: Vec::new(),
         };
         if !order.is_empty() {
@@ -211,9 +219,9 @@ impl EdgeTree {
             creases += edge.length() * self.crease[e as usize];
             bright += weighted * (1.0 + self.brightness[e as usize]);
             folding = folding.max(self.folding[e as usize]);
-            open |= !is_wound_consistently(edge);
+            open |= !edge.is_wound_consistently();
             for f in &edge.faces {
-                let n = face_normal(edge, f);
+                let n = edge.face_normal(f);
                 let plane = n.extend(n.dot(edge.p[0] - centre));
                 plane_lo = plane_lo.min(plane);
                 plane_hi = plane_hi.max(plane);
@@ -366,11 +374,13 @@ impl EdgeTree {
             let useless = own || (query.contours_only && edge.crossing);
             let mut polar = if useless { None } else { Polar::new(query, edge.p[0], edge.p[1]) };
             let q = query.seen_from(edge.p[0]);
-            if !self.may_be_contour(e as usize, q) {
-                let crease = self.crease[e as usize];
-                let shows = || crease > 0.0 && !query.contours_only && self.may_be_crease(edge, e as usize, q);
-                polar = polar.filter(|_| shows()).map(|p| p.scaled(crease));
-            }
+            let counts = match () {
+                _ if query.thereabouts => edge.weight,
+                _ if self.may_be_contour(e as usize, q) => 1.0,
+                _ if query.contours_only || !self.may_be_crease(edge, e as usize, q) => 0.0,
+                _ => self.crease[e as usize],
+            };
+            polar = polar.filter(|_| counts > 0.0).map(|p| p.scaled(counts));
             if query.sees_emission {
                 polar = polar.map(|p| p.scaled(1.0 + self.brightness[e as usize]));
             }
@@ -398,22 +408,11 @@ impl EdgeTree {
     }
 }
 
-/// Unit normal of a face of an edge, oriented like the face, so that a closed smooth patch has planes on one side.
-fn face_normal(edge: &Edge, f: &EdgeFace) -> Vec3 {
-    let n = (edge.p[1] - edge.p[0]).cross(f.opposite - edge.p[0]).normalize_or_zero();
-    if f.is_forward() { n } else { -n }
-}
-
 /// Normals of an edge's two faces, if it has two, turned alike whatever their winding.
 fn face_planes(edge: &Edge) -> Option<[Vec3; 2]> {
     let [a, b] = edge.faces.as_slice() else { return None };
     let normal = |f: &EdgeFace| (edge.p[1] - edge.p[0]).cross(f.opposite - edge.p[0]).normalize_or_zero();
     Some([normal(a), -normal(b)])
-}
-
-/// Whether two faces run through their edge in opposite directions, as on an oriented surface.
-fn is_wound_consistently(edge: &Edge) -> bool {
-    matches!(edge.faces.as_slice(), [a, b] if a.is_forward() != b.is_forward())
 }
 
 /// See [`EdgeTree::crease`]. Black faces show none.
@@ -424,21 +423,6 @@ fn crease(scene: &Scene, edge: &Edge) -> f32 {
     };
     let smooth = if edge.sharp || edge.is_mirror(scene) { 1.0 } else { SMOOTH_CREASE };
     if edge.faces.iter().any(shows) { CREASE * smooth * edge.weight } else { 0.0 }
-}
-
-/// See [`EdgeTree::folding`]: infinite but for smooth mirrors. These jump only where something is folded ([`Edge::mirrors_alike`]),
-/// and that is within twice the angle between the face and its shading normals.
-fn folding(scene: &Scene, edge: &Edge) -> f32 {
-    if edge.sharp || !edge.is_mirror(scene) {
-        return f32::INFINITY;
-    }
-    let tilt = |(i, s): (usize, f32)| {
-        let face = &edge.faces[i];
-        let si = scene.interaction(face.prim, edge.barycentric(i, s, 0.0), face_normal(edge, face));
-        si.ns.angle_between(si.ng)
-    };
-    let tilts = (0..edge.faces.len()).flat_map(|i| [(i, 0.0), (i, 1.0)]).map(tilt);
-    (2.0 * tilts.fold(0.0, f32::max)).min(std::f32::consts::FRAC_PI_2).sin()
 }
 
 /// See [`EdgeTree::brightness`]. What is reflected is taken to be half of the emitted power, spread over all surfaces, and
@@ -483,8 +467,8 @@ impl Node {
         let (offset, radius) = if query.distant { (0.0, 0.0) } else { (1.0, 0.5 * (self.hi - self.lo).length()) };
         let distance = q.length();
         let near = distance.max(radius).max(1e-20);
-        let mut creases = if query.contours_only { 0.0 } else { self.creases };
-        let contours = if self.open {
+        let mut creases = if query.contours_only || query.thereabouts { 0.0 } else { self.creases };
+        let contours = if self.open || query.thereabouts {
             self.length
         } else {
             let (a, b) = (self.plane_lo.xyz() * q, self.plane_hi.xyz() * q);

@@ -153,7 +153,7 @@ impl<S: Contract> Estimate for Forward<'_, S> {
     }
 }
 
-/// Numbers that all chunks together add up in.
+/// Numbers that all chunks together add up in, if four do not have more.
 const MOST_SUMS: usize = 1 << 24;
 
 /// Number of chunks the work is cut into: fixed by the size of the problem, never by the number of threads, and summed in

@@ -207,7 +207,8 @@ impl<'a> PrimaryEdges<'a> {
         let side = normal_2d.x * gx.dot(view.normal) + normal_2d.y * gy.dot(view.normal);
         let normal_2d = if side < 0.0 { -normal_2d } else { normal_2d };
 
-        if view.background.is_some() && edge.mirrors_alike(viewpoint.scene, s, -viewpoint.direction_to(p), 0.0) {
+        let radiance = self.settings.output == Output::Radiance;
+        if radiance && view.background.is_some() && edge.mirrors_alike(viewpoint.scene, s, -seen.dir) {
             return None;
         }
 
@@ -421,9 +422,7 @@ pub fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Opti
     }
     if settings.output == Output::Radiance && edge.is_mirror(viewpoint.scene) {
         // Nothing jumps but near the rim, and there much does.
-        let back = |s: f32| -viewpoint.direction_to(edge.point(s));
-        let alike = ALONG.iter().all(|&s| edge.mirrors_alike(viewpoint.scene, s, back(s), 0.02));
-        return (!alike).then_some(1.0);
+        return may_be_folded(viewpoint, edge).then_some(1.0);
     }
     let jumps = match settings.output {
         Output::Radiance => settings.max_bounces > 0,
@@ -432,8 +431,16 @@ pub fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Opti
     jumps.then_some(SMOOTH_CREASE.into())
 }
 
-/// Parameters at which an edge is examined.
-const ALONG: [f32; 3] = [0.0, 0.5, 1.0];
+/// Whether the camera, from any point of its lens, sees a smooth mirror's faces at an edge so low that something may be folded.
+fn may_be_folded(viewpoint: &Viewpoint, edge: &Edge) -> bool {
+    const SLACK: f32 = 1e-5;
+    let folding = edge.folding(viewpoint.scene) + SLACK;
+    edge.p.iter().any(|&p| {
+        let (dir, distance) = viewpoint.way_to(p);
+        let off = folding + viewpoint.camera.lens.radius / distance;
+        edge.faces.iter().any(|f| edge.face_normal(f).dot(dir).abs() <= off)
+    })
+}
 
 /// Whether what an edge shows does not depend on random numbers: first-hit channels, emission alone, direct light of a
 /// single point or directional light, all without masks.

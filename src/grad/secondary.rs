@@ -234,7 +234,7 @@ impl<'a> Secondary<'a> {
         }
         let query = match (mirror, curved) {
             (Some(m), _) => Query::new(si).reflected(m),
-            (_, Some(tree)) => Query::around(tree.sample(f64::from(sampler.next_1d()))),
+            (_, Some(tree)) => Query::around_mirror(tree.sample(f64::from(sampler.next_1d()))),
             _ => Query::new(si),
         };
         // Seen by what stands still, only edges that move have a derivative.
@@ -260,7 +260,7 @@ impl<'a> Secondary<'a> {
             None => (self.sight(si, mirror, p, dir, distance)?, distance * distance),
         };
         let view = edge.view(sight.dir)?;
-        let alike = || !self.tree.shows_creases(point.edge) || edge.mirrors_alike(self.scene, point.s, -sight.dir, 0.0);
+        let alike = || !self.tree.shows_creases(point.edge) || edge.mirrors_alike(self.scene, point.s, -sight.dir);
         if view.background.is_some() && alike() {
             return None;
         }

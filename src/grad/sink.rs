@@ -77,9 +77,10 @@ impl Layout {
 
     /// The flat array's parts, one for each slot.
     pub fn by_slot(&self, mut flat: Vec<f64>) -> Vec<Vec<f64>> {
-        // A single large one is not copied.
+        // A single large one is not copied, and small ones do not keep its place.
         let mut parts: Vec<Vec<f64>> =
             self.starts[1..self.slots.len().max(1)].iter().rev().map(|&s| flat.split_off(s)).collect();
+        flat.shrink_to_fit();
         parts.extend((!self.slots.is_empty()).then_some(flat));
         parts.reverse();
         parts

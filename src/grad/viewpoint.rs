@@ -230,16 +230,19 @@ impl<'a> Viewpoint<'a> {
         self.mirror.map_or(p, |m| m.reflect_point(p))
     }
 
-    /// Unit direction in which the (reflected) camera looks at a world point.
+    /// Unit direction in which the (reflected) camera looks at a world point, and from how far.
+    pub fn way_to(&self, p: Vec3) -> (Vec3, f32) {
+        let (back, distance) = self.camera.towards(self.image(p));
+        (self.mirror.map_or(-back, |m| m.reflect(-back)), distance)
+    }
+
     pub fn direction_to(&self, p: Vec3) -> Vec3 {
-        let dir = -self.camera.towards(self.image(p)).0;
-        self.mirror.map_or(dir, |m| m.reflect(dir))
+        self.way_to(p).0
     }
 
     /// What the camera sees of an edge at its point `p`, and how far aside to look ([`Edge::view_from`]).
     pub fn view(&self, edge: &Edge, p: Vec3) -> Option<(EdgeView, Vec3)> {
-        let (back, distance) = self.camera.towards(self.image(p));
-        let dir = self.mirror.map_or(-back, |m| m.reflect(-back));
+        let (dir, distance) = self.way_to(p);
         edge.view_from(dir, distance, EdgeOn::Back)
     }
 

@@ -113,14 +113,46 @@ impl Edge {
         self.faces.iter().all(|f| matches!(kind(f.prim), MaterialKind::Mirror { .. }))
     }
 
+    /// Whether two faces run through their edge in opposite directions, as on an oriented surface.
+    pub fn is_wound_consistently(&self) -> bool {
+        matches!(self.faces.as_slice(), [a, b] if a.is_forward() != b.is_forward())
+    }
+
+    /// Unit normal of one of the faces, oriented like the face.
+    pub fn face_normal(&self, face: &EdgeFace) -> Vec3 {
+        let n = (self.p[1] - self.p[0]).cross(face.opposite - self.p[0]).normalize_or_zero();
+        if face.is_forward() { n } else { -n }
+    }
+
     /// Whether an edge between smoothly shaded mirrors shows the same on both sides to someone in direction `back` of its point `s`:
-    /// what leaves high enough, as measured over the faces themselves by a cosine, is not folded ([`SurfaceInteraction::mirrored`]).
-    pub fn mirrors_alike(&self, scene: &Scene, s: f32, back: Vec3, least: f32) -> bool {
+    /// nothing is folded there ([`SurfaceInteraction::mirrored`]).
+    pub fn mirrors_alike(&self, scene: &Scene, s: f32, back: Vec3) -> bool {
         !self.sharp
             && (0..self.faces.len()).all(|i| {
                 let si = scene.interaction(self.faces[i].prim, self.barycentric(i, s, 0.0), back);
-                si.bsdf.is_delta() && si.ng.dot(si.ns * (2.0 * si.ns.dot(back)) - back) > least
+                si.bsdf.is_delta() && si.ng.dot(si.ns * (2.0 * si.ns.dot(back)) - back) > 0.0
             })
+    }
+
+    /// Sine of the elevation over one of its faces up to which the edge may show a crease: infinite but for smooth mirrors. These
+    /// jump only where something is folded ([`Edge::mirrors_alike`]), and that is within twice the angle between the face and its
+    /// shading normals.
+    pub fn folding(&self, scene: &Scene) -> f32 {
+        if self.sharp || !self.is_mirror(scene) || !self.is_wound_consistently() {
+            return f32::INFINITY;
+        }
+        let reach = |(i, face): (usize, &EdgeFace)| {
+            let at = |s: f32| scene.interaction(face.prim, self.barycentric(i, s, 0.0), self.face_normal(face));
+            let ends = [at(0.0), at(1.0)];
+            // Normals on both sides of the face pass through it in between.
+            let one_side = ends[0].shading_flip == ends[1].shading_flip;
+            let reach = ends.map(|si| {
+                let (sin, cos) = (si.ns.cross(si.ng).length(), si.ns.dot(si.ng));
+                if one_side && sin < cos { 2.0 * sin * cos } else { 1.0 }
+            });
+            reach[0].max(reach[1])
+        };
+        self.faces.iter().enumerate().map(reach).fold(0.0, f32::max)
     }
 
     /// The parameter of a point on the edge.
@@ -141,7 +173,8 @@ impl Edge {
 
     /// [`Edge::view`] for viewers that may well be in the plane of a face, as cameras and lights above the side of a box are. The face
     /// shows them nothing; a contour lies at its near border or at its far one, and rounding, which would decide at each anew, may
-    /// have it at both or at none. So the face is said to show one side, at all its edges alike.
+    /// have it at both or at none. So the face is said to show one side, at all its edges alike. (Front and back are those of meshes that
+    /// are wound outwards.)
     ///
     /// To a camera `EdgeOn::Back`: the contour is then at the near border of a box's side, in front of which the radiance is the one
     /// that is seen. To a light `EdgeOn::Front`: it is at the far border, which may be the box's foot on the floor, where there is
@@ -153,12 +186,12 @@ impl Edge {
         let view = self.classify(dir, Some(edge_on))?;
         let e = self.direction();
         let reach = ROUNDING * self.p[0].abs().max(self.p[1].abs()).max_element().max(distance);
+        // Past a contour that is looked past, beside a crease only if its face was taken to be seen edge-on.
+        let slack = if view.background.is_none() { reach } else { 0.0 };
         let along = |face: &EdgeFace| {
-            let o = face.opposite - self.p[0];
-            let across = e.cross(o);
-            let off = across.dot(dir).abs();
-            let n = if face.is_forward() { across } else { -across };
-            if off <= EDGE_ON * across.length() + reach { n.normalize_or_zero() } else { Vec3::ZERO }
+            let across = e.cross(face.opposite - self.p[0]);
+            let on = across.dot(dir).abs() <= EDGE_ON * across.length() + slack;
+            if on { self.face_normal(face) } else { Vec3::ZERO }
         };
         let along: Vec3 = self.faces.iter().map(along).sum();
         let aside = match (view.background, edge_on) {

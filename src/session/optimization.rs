@@ -72,7 +72,7 @@ pub struct StepReport {
     pub skipped: Option<Vec<String>>,
     /// Wall time of value, derivative and update.
     pub seconds: f64,
-    /// The params at which the loss was taken: name, shape, numbers.
+    /// The small params at which the loss was taken ([`LOGGED_NUMBERS`]): name, shape, numbers.
     pub params: Vec<(String, Vec<usize>, Vec<f64>)>,
     /// The script's `stop_when` holds.
     pub stop: bool,

@@ -267,7 +267,11 @@ pub fn gradients(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan,
 
 /// Central differences of Σ w·I with common random numbers, at steps h and 2h, extrapolated to zero (Richardson), one for each of
 /// the seeds.
-fn finite_differences(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan, seeds: Range<u64>) -> Vec<f64> {
+pub fn finite_differences(
+    build: &dyn Fn(f32) -> (SceneDescription, Camera),
+    plan: &Plan,
+    seeds: Range<u64>,
+) -> Vec<f64> {
     let fine = central_differences(build, plan, plan.h, seeds.clone());
     let coarse = central_differences(build, plan, 2.0 * plan.h, seeds);
     fine.iter().zip(coarse).map(|(f, c)| (4.0 * f - c) / 3.0).collect()
