@@ -317,6 +317,34 @@ fn eval_prints_values_and_json() {
     assert!(stderr(&output).contains("expected an expression, but the expression ends here"), "{}", stderr(&output));
 }
 
+/// Only who asks for a derivative hears of what it lacks, however it is asked for, and once for each rendering.
+#[test]
+fn what_a_derivative_lacks_is_said_where_one_is_taken() {
+    let place = Place::new();
+    let seen = "mean(render(eye, boundary: false))";
+    let warnings = |command: &[&str]| {
+        let output = place.dsl(command);
+        assert_code(&output, 0);
+        stderr(&output).matches("leaves out silhouettes").count()
+    };
+    for (expression, expected) in [
+        (seen.to_owned(), 0),
+        (format!("fd({seen}, glow)"), 0),
+        (format!("grad({seen}, glow)"), 0), // moves nothing
+        (format!("grad({seen}, corners)"), 1),
+        (format!("grad({seen})"), 1),
+        (format!("jvp({seen}, corners)"), 1),
+        (format!("jacobian({seen}, corners)"), 1),
+        (format!("estimate(grad({seen}, corners), repeats: 2)"), 1),
+    ] {
+        place.write("t.dscene", format!("{TRIANGLE}print {expression}\nprint {expression}\n"));
+        assert_eq!(warnings(&["run", "t.dscene", "--out", "r"]), 2 * expected, "{expression}");
+        assert_eq!(warnings(&["eval", "t.dscene", &expression]), expected, "{expression}");
+    }
+    let repl = place.command(&["repl", "t.dscene"]).write_stdin(format!("grad({seen}, corners)\n")).output().unwrap();
+    assert_eq!(stderr(&repl).matches("leaves out silhouettes").count(), 1, "{}", stderr(&repl));
+}
+
 // ---- grad ----------------------------------------------------------------------------------------------------------
 
 #[test]

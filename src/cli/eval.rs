@@ -21,7 +21,7 @@ pub fn run(args: &EvalArgs) -> u8 {
     let watch = Stopwatch::start();
     let result = loaded.engine.eval(&expr);
     let seconds = watch.elapsed().wall;
-    tell_warnings(&mut loaded.engine, &mut terminal, false);
+    tell_warnings(&mut loaded.engine, &mut terminal);
     match result {
         Ok(value) => {
             if args.common.json {

@@ -24,7 +24,7 @@ pub fn run(args: &GradArgs) -> u8 {
         Some(path) => gradient_images(args, path, &mut loaded, &mut terminal),
         None => gradients(args, &mut loaded, &mut terminal),
     };
-    tell_warnings(&mut loaded.engine, &mut terminal, true);
+    tell_warnings(&mut loaded.engine, &mut terminal);
     match result {
         Ok(code) => code,
         Err(diagnostic) if diagnostic.code == crate::eval::INTERRUPTED => interrupted(&mut terminal),

@@ -39,7 +39,7 @@ pub fn run(args: &RenderArgs) -> u8 {
         Ok((value, path))
     });
     let seconds = watch.elapsed().wall;
-    tell_warnings(&mut loaded.engine, &mut terminal, false);
+    tell_warnings(&mut loaded.engine, &mut terminal);
     match result {
         Ok((value, path)) => {
             if args.common.json {

@@ -18,8 +18,9 @@ mod render;
 mod residuals;
 mod show;
 mod target;
+mod warnings;
 
-use std::collections::{HashMap, HashSet};
+use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -28,10 +29,10 @@ use crate::check::hir::{self, Decl, DeclId, DeclKind, LocalId, Target};
 use crate::check::types::Ty;
 use crate::diag::Diagnostic;
 use crate::natives::{self, value::Value};
-use crate::source::Span;
 use crate::tape::{Tensor, Var};
 
 use reach::Reach;
+use warnings::Warnings;
 
 pub use crate::natives::value;
 pub use derivative::Gradient;
@@ -169,9 +170,7 @@ pub struct Engine {
     path: u64,
     depth: usize,
     scenes: lower::SceneCache,
-    /// Things to know about results, each said once.
-    warnings: Vec<Diagnostic>,
-    said: HashSet<(Span, &'static str)>,
+    warnings: Warnings,
 }
 
 impl Engine {
@@ -200,8 +199,7 @@ impl Engine {
             path: 0,
             depth: 0,
             scenes: lower::SceneCache::default(),
-            warnings: Vec::new(),
-            said: HashSet::new(),
+            warnings: Warnings::default(),
         }
     }
 
@@ -353,9 +351,9 @@ impl Engine {
         }
     }
 
-    /// Warnings since the last call: derivatives that lack a term, images that came out black.
+    /// Warnings since the last call: derivatives taken that lack a term, images that came out black.
     pub fn take_warnings(&mut self) -> Vec<Diagnostic> {
-        std::mem::take(&mut self.warnings)
+        self.warnings.take()
     }
 
     /// The value of an expression in the program's world.

@@ -17,6 +17,7 @@ use crate::tape::{CustomOp, Tensor, Var};
 
 use super::dark::{self, Darkness};
 use super::lower::{self, LowerError, Lowered};
+use super::warnings::Warnings;
 use super::{Engine, Result, error, mix};
 
 /// Settings of a stage, in place of the arguments of every render. What no param reaches keeps its own `spp`.
@@ -40,6 +41,21 @@ struct RenderOp {
     memory: Option<Arc<Memory>>,
     /// Set from outside to end it early.
     stop: Arc<AtomicBool>,
+    /// Where it is called.
+    span: Span,
+    warnings: Warnings,
+}
+
+impl RenderOp {
+    /// Says what the derivatives in these slots lack.
+    fn warn(&self, wrt: &[Slot]) {
+        for gap in grad::coverage_gaps(&self.scene.scene, &self.camera, &self.settings, wrt) {
+            self.warnings.say(self.span, gap, || {
+                let message = format!("a term of the derivative is missing: {gap}");
+                Diagnostic::warning("dscene::gradient::incomplete", message).label(self.span, "this rendering")
+            });
+        }
+    }
 }
 
 impl CustomOp for RenderOp {
@@ -55,6 +71,7 @@ impl CustomOp for RenderOp {
         wants: &[bool],
     ) -> Result<Vec<Option<Tensor>>, String> {
         let wanted: Vec<Slot> = self.slots.iter().zip(wants).filter(|(_, w)| **w).map(|(s, _)| *s).collect();
+        self.warn(&wanted);
         let mut d_image = Image::new(output.shape[1], output.shape[0], output.shape[2]);
         d_image.data.iter_mut().zip(&g.data).for_each(|(d, g)| *d = *g as f32);
         let (scene, memory) = (&self.scene.scene, self.memory.as_deref());
@@ -86,6 +103,10 @@ impl CustomOp for RenderOp {
             moved.filter_map(|(s, t)| t.map(|t| (*s, t.to_f32()))).collect()
         };
         let along: Vec<Direction> = directions.iter().map(along).collect();
+        let mut moved: Vec<Slot> = along.iter().flatten().map(|(slot, _)| *slot).collect();
+        moved.sort_unstable();
+        moved.dedup();
+        self.warn(&moved);
         let images = grad::render_jacobian_until(&self.scene.scene, &self.camera, &self.settings, &along, &self.stop);
         Ok(images.map_err(|e| e.to_string())?.iter().map(Tensor::from_image).collect())
     }
@@ -182,22 +203,6 @@ impl Engine {
             seed,
             boundary,
         };
-        let entered = grad::motion::entered(&lowered.scene, &camera.camera, &slots);
-        let switched_off = (!boundary && entered.iter().any(|s| s.moves_visibility()))
-            .then_some("`boundary: false` leaves out silhouettes and shadow edges, which a param moves");
-        for gap in
-            grad::coverage_gaps(&lowered.scene, &camera.camera, &settings, &slots).into_iter().chain(switched_off)
-        {
-            if self.said.insert((span, gap)) {
-                self.warnings.push(
-                    Diagnostic::warning(
-                        "dscene::gradient::incomplete",
-                        format!("a term of the derivative is missing: {gap}"),
-                    )
-                    .label(span, "this rendering"),
-                );
-            }
-        }
         self.statistics.renders += 1;
         let stop = self.options.interrupt.clone().unwrap_or_default();
         let mut image = grad::render_until(&lowered.scene, &camera.camera, &settings, &stop)
@@ -205,10 +210,7 @@ impl Engine {
         self.check_interrupt(span)?;
         if output == Output::Radiance && image.data.iter().all(|x| *x == 0.0) {
             let why = dark::reason(&lowered.scene, &camera.camera);
-            let warning = black(why, &scene, &origins, span);
-            if self.said.insert((span, "black")) {
-                self.warnings.push(warning);
-            }
+            self.warnings.say(span, "black", || black(why, &scene, &origins, span));
         }
         let mut memory = None;
         if is_live && let Some(history) = &mut self.history {
@@ -223,7 +225,8 @@ impl Engine {
             }
         }
         let value = Tensor::from_image(&image);
-        let op = RenderOp { scene: lowered, camera: camera.camera, settings, slots, memory, stop };
+        let warnings = self.warnings.clone();
+        let op = RenderOp { scene: lowered, camera: camera.camera, settings, slots, memory, stop, span, warnings };
         Ok(Value::Image(Var::custom(Arc::new(op), inputs, value)))
     }
 

@@ -310,6 +310,21 @@ impl EdgeTree {
         faces.iter().any(|n| n.dot(q).abs() < reach)
     }
 
+    /// What an edge counts for a query, over a contour; zero if it cannot matter.
+    fn counts(&self, edge: &Edge, at: usize, query: &Query) -> f32 {
+        // The edges of the query's own face are its horizon: nothing arrives from there.
+        if edge.faces.iter().any(|f| f.prim == query.prim) || (query.contours_only && edge.crossing) {
+            return 0.0;
+        }
+        let q = query.seen_from(edge.p[0]);
+        match () {
+            _ if query.thereabouts => edge.weight,
+            _ if self.may_be_contour(at, q) => 1.0,
+            _ if query.contours_only || !self.may_be_crease(edge, at, q) => 0.0,
+            _ => self.crease[at],
+        }
+    }
+
     /// [`EdgeTree::sample`] with a single candidate: a number chooses edge and point, and the density is one.
     pub fn sample_one(&self, table: &EdgeTable, query: &Query, u: f64) -> Option<EdgePoint> {
         let mut found = None;
@@ -369,20 +384,13 @@ impl EdgeTree {
         let mut total = 0.0;
         for (slot, &e) in candidates.iter_mut().zip(&self.order[range]) {
             let edge = &table.edges[e as usize];
-            // The edges of the query's own face are its horizon: nothing arrives from there.
-            let own = edge.faces.iter().any(|f| f.prim == query.prim);
-            let useless = own || (query.contours_only && edge.crossing);
-            let mut polar = if useless { None } else { Polar::new(query, edge.p[0], edge.p[1]) };
-            let q = query.seen_from(edge.p[0]);
-            let counts = match () {
-                _ if query.thereabouts => edge.weight,
-                _ if self.may_be_contour(e as usize, q) => 1.0,
-                _ if query.contours_only || !self.may_be_crease(edge, e as usize, q) => 0.0,
-                _ => self.crease[e as usize],
-            };
-            polar = polar.filter(|_| counts > 0.0).map(|p| p.scaled(counts));
-            if query.sees_emission {
-                polar = polar.map(|p| p.scaled(1.0 + self.brightness[e as usize]));
+            let counts = self.counts(edge, e as usize, query);
+            let mut polar = if counts > 0.0 { Polar::new(query, edge.p[0], edge.p[1]) } else { None };
+            if let Some(p) = &mut polar {
+                p.scale(counts);
+                if query.sees_emission {
+                    p.scale(1.0 + self.brightness[e as usize]);
+                }
             }
             total += polar.as_ref().map_or(0.0, Polar::importance);
             *slot = (e as usize, polar);

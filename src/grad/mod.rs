@@ -215,14 +215,14 @@ pub fn coverage_gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &
              jumps have no derivative",
         );
     }
-    if settings.output != Output::Radiance || settings.max_bounces == 0 || !wrt.iter().any(|s| s.moves_visibility()) {
+    if !wrt.iter().any(|s| s.moves_visibility()) {
         return gaps;
     }
     if !settings.boundary {
-        gaps.push("boundary terms are switched off: silhouettes and shadows have no derivative");
-        return gaps;
+        gaps.push("`boundary: false` leaves out silhouettes and shadow edges, which a param moves");
+    } else if settings.output == Output::Radiance && settings.max_bounces > 0 {
+        gaps.extend(mirror_gaps(scene, settings));
     }
-    gaps.extend(mirror_gaps(scene, settings));
     gaps
 }
 

@@ -92,9 +92,19 @@ struct Sight {
     n: DVec3,
     /// Of the angle between edge and line of sight.
     sine: f64,
-    /// Perpendicular to the edge.
+    /// Perpendicular to the edge, of any length.
     towards_viewer: DVec3,
     edge_on: Option<EdgeOn>,
+}
+
+/// Where a face lies in the plane perpendicular to a line of sight's edge.
+struct Place {
+    /// On the side that the sight's `n` points to.
+    above: bool,
+    /// The more, the smaller is the angle to the direction towards the viewer.
+    nearness: f64,
+    /// How far the face's opposite corner, at its height over the edge, is out of the plane of someone who sees it edge-on.
+    tilt: f64,
 }
 
 impl Edge {
@@ -168,7 +178,7 @@ impl Edge {
 
     /// Classifies the edge as seen along `dir` (unit, from the viewer to a point of the edge). `None` if the viewer looks along the edge.
     pub fn view(&self, dir: Vec3) -> Option<EdgeView> {
-        self.classify(dir, None)
+        self.classify(dir, None).map(|(view, _)| view)
     }
 
     /// [`Edge::view`] for viewers that may well be in the plane of a face, as cameras and lights above the side of a box are. The face
@@ -183,17 +193,18 @@ impl Edge {
     /// Lines of sight along such a face would hit its other parts by rounding, or miss what hides it: returns too by how much to move
     /// them aside (zero if there is no such face). `distance` is the viewer's.
     pub fn view_from(&self, dir: Vec3, distance: f32, edge_on: EdgeOn) -> Option<(EdgeView, Vec3)> {
-        let view = self.classify(dir, Some(edge_on))?;
-        let e = self.direction();
+        let (view, tilt) = self.classify(dir, Some(edge_on))?;
         let reach = ROUNDING * self.p[0].abs().max(self.p[1].abs()).max_element().max(distance);
         // Past a contour that is looked past, beside a crease only if its face was taken to be seen edge-on.
-        let slack = if view.background.is_none() { reach } else { 0.0 };
-        let along = |face: &EdgeFace| {
-            let across = e.cross(face.opposite - self.p[0]);
-            let on = across.dot(dir).abs() <= EDGE_ON * across.length() + slack;
-            if on { self.face_normal(face) } else { Vec3::ZERO }
-        };
-        let along: Vec3 = self.faces.iter().map(along).sum();
+        let slack = if view.background.is_none() { f64::from(reach) } else { 0.0 };
+        if tilt > slack {
+            return Some((view, Vec3::ZERO));
+        }
+        let sight = self.sight(dir, Some(edge_on))?;
+        let along: Vec3 = (0..self.faces.len())
+            .filter(|&i| self.place(&sight, i).tilt <= slack)
+            .map(|i| self.face_normal(&self.faces[i]))
+            .sum();
         let aside = match (view.background, edge_on) {
             _ if along == Vec3::ZERO => Vec3::ZERO,
             (None, _) => view.normal,
@@ -203,61 +214,62 @@ impl Edge {
         Some((view, aside * reach))
     }
 
-    fn classify(&self, dir: Vec3, edge_on: Option<EdgeOn>) -> Option<EdgeView> {
+    /// The view, and the least [`Place::tilt`] of all faces.
+    fn classify(&self, dir: Vec3, edge_on: Option<EdgeOn>) -> Option<(EdgeView, f64)> {
         let sight = self.sight(dir, edge_on)?;
         let mut best: [Option<(usize, f64)>; 2] = [None, None];
+        let mut least = f64::INFINITY;
         for i in 0..self.faces.len() {
-            let (above, cos) = self.place(&sight, i);
+            let Place { above, nearness, tilt } = self.place(&sight, i);
+            least = least.min(tilt);
             let slot = &mut best[usize::from(above)];
-            if slot.is_none_or(|(_, c)| cos > c) {
-                *slot = Some((i, cos));
+            if slot.is_none_or(|(_, c)| nearness > c) {
+                *slot = Some((i, nearness));
             }
         }
         let normal = sight.n.as_vec3();
-        match best {
-            [Some((f, _)), None] => Some(EdgeView { normal, foreground: f, background: None, edge_on }),
-            [None, Some((f, _))] => Some(EdgeView { normal: -normal, foreground: f, background: None, edge_on }),
-            [Some((f, _)), Some((b, _))] => Some(EdgeView { normal, foreground: f, background: Some(b), edge_on }),
-            [None, None] => None,
-        }
+        let (normal, foreground, background) = match best {
+            [Some((f, _)), None] => (normal, f, None),
+            [None, Some((f, _))] => (-normal, f, None),
+            [Some((f, _)), Some((b, _))] => (normal, f, Some(b)),
+            [None, None] => return None,
+        };
+        Some((EdgeView { normal, foreground, background, edge_on }, least))
     }
 
+    #[inline]
     fn sight(&self, dir: Vec3, edge_on: Option<EdgeOn>) -> Option<Sight> {
         let e = (self.p[1] - self.p[0]).as_dvec3();
         let d = dir.as_dvec3();
         let n = e.cross(d);
-        let length = n.length();
-        if length <= 1e-9 * e.length() {
+        let (length, reach) = (e.length(), n.length());
+        if reach <= 1e-9 * length {
             return None;
         }
-        let (n, sine) = (n / length, length / e.length());
-        let e = e.normalize();
-        let towards_viewer = -(d - e * d.dot(e)).normalize();
-        Some(Sight { e, n, sine, towards_viewer, edge_on })
+        let e = e / length;
+        Some(Sight { e, n: n / reach, sine: reach / length, towards_viewer: e * d.dot(e) - d, edge_on })
     }
 
-    /// In the plane perpendicular to the edge: whether a face lies on the side that `n` points to, and how near to the viewer.
     #[inline]
-    fn place(&self, sight: &Sight, face: usize) -> (bool, f64) {
+    fn place(&self, sight: &Sight, face: usize) -> Place {
         let face = &self.faces[face];
         let o = face.opposite.as_dvec3() - self.p[0].as_dvec3();
         let o = o - sight.e * o.dot(sight.e);
         let (side, height) = (sight.n.dot(o), o.length());
+        let tilt = side.abs() * sight.sine - f64::from(EDGE_ON) * height;
         let above = match sight.edge_on {
-            Some(shown) if side.abs() * sight.sine <= f64::from(EDGE_ON) * height => {
-                face.is_forward() == (shown == EdgeOn::Front)
-            }
+            Some(shown) if tilt <= 0.0 => face.is_forward() == (shown == EdgeOn::Front),
             _ => side > 0.0,
         };
-        (above, sight.towards_viewer.dot(o) / height)
+        Place { above, nearness: sight.towards_viewer.dot(o) / height, tilt }
     }
 
     /// The face and all those that it hides from a viewer who looks along `dir`, nearest first.
     pub fn layers(&self, dir: Vec3, view: &EdgeView, face: usize) -> Vec<usize> {
         let Some(sight) = self.sight(dir, view.edge_on) else { return vec![face] };
-        let places: Vec<(bool, f64)> = (0..self.faces.len()).map(|i| self.place(&sight, i)).collect();
-        let mut layers: Vec<usize> = (0..places.len()).filter(|&i| places[i].0 == places[face].0).collect();
-        layers.sort_by(|&i, &j| places[j].1.total_cmp(&places[i].1).then(i.cmp(&j)));
+        let places: Vec<Place> = (0..self.faces.len()).map(|i| self.place(&sight, i)).collect();
+        let mut layers: Vec<usize> = (0..places.len()).filter(|&i| places[i].above == places[face].above).collect();
+        layers.sort_by(|&i, &j| places[j].nearness.total_cmp(&places[i].nearness).then(i.cmp(&j)));
         layers
     }
 

@@ -160,7 +160,7 @@ impl<'w> Repl<'w> {
     }
 
     fn report(&mut self, outcome: Result<(), Diagnostic>) {
-        crate::session::run::tell_warnings(&mut self.engine, self.world, false);
+        crate::session::run::tell_warnings(&mut self.engine, self.world);
         if let Err(diagnostic) = outcome {
             if diagnostic.code == eval::INTERRUPTED {
                 self.world.progress_done();

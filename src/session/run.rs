@@ -62,7 +62,7 @@ impl<'a> Runner<'a> {
     pub fn run(&mut self, actions: &[hir::Action]) -> Result<Flow, Diagnostic> {
         for action in actions {
             let flow = if self.world.interrupted() { Ok(Flow::Interrupted) } else { self.action(action) };
-            tell_warnings(self.engine, self.world, false);
+            tell_warnings(self.engine, self.world);
             match flow {
                 Ok(Flow::Continue) => {}
                 // An evaluation that Ctrl-C stopped half-way.
@@ -132,7 +132,7 @@ impl<'a> Runner<'a> {
                 Err(diagnostic) if diagnostic.code == eval::INTERRUPTED && self.world.interrupted() => continue,
                 other => other?,
             };
-            tell_warnings(self.engine, self.world, true);
+            tell_warnings(self.engine, self.world);
             taken += 1;
             seconds += report.seconds;
             self.report.steps += 1;
@@ -340,10 +340,9 @@ impl<'a> Runner<'a> {
     }
 }
 
-/// Passes on what evaluations warned of; what concerns derivatives only if some were asked for.
-pub fn tell_warnings(engine: &mut Engine, world: &mut dyn World, derivatives: bool) {
-    let mut warnings = engine.take_warnings();
-    warnings.retain(|w| derivatives || w.code != "dscene::gradient::incomplete");
+/// Passes on what evaluations warned of.
+pub fn tell_warnings(engine: &mut Engine, world: &mut dyn World) {
+    let warnings = engine.take_warnings();
     if !warnings.is_empty() {
         let sources = engine.program().sources.clone();
         warnings.iter().for_each(|warning| world.diagnostic(warning, &sources));

@@ -119,9 +119,10 @@ impl Polar {
         self.diffuse + self.glossy
     }
 
-    /// With its importance multiplied.
-    pub fn scaled(self, by: f32) -> Polar {
-        Polar { diffuse: self.diffuse * by, glossy: self.glossy * by, ..self }
+    /// Multiplies its importance.
+    pub fn scale(&mut self, by: f32) {
+        self.diffuse *= by;
+        self.glossy *= by;
     }
 
     /// A position along the edge (from its start) and its density: even in the angle, as the query point sees it or as one does where
