@@ -6,7 +6,7 @@ use common::*;
 use dscene::grad::render_backward;
 use dscene::image::Image;
 use dscene::render::*;
-use glam::{DMat3, DVec2, DVec3, Vec3, vec3};
+use glam::{DMat3, DVec2, DVec3, Mat3, Vec3, vec3};
 
 /// A film position that a lens shifts: the formulas of OpenCV's manual, in which y points down.
 fn distort([k1, k2, p1, p2, k3]: [f64; 5], (x, y): (f64, f64)) -> (f64, f64) {
@@ -146,5 +146,19 @@ fn area_of_a_triangle_in_every_camera() {
                 assert!((e - f).abs() < 3e-3 * size, "{projection:?} at {z}, {i}: {f} instead of {e} (of {size})");
             }
         }
+    }
+}
+
+/// A sky of one radiance, as bright with a million samples as with one.
+#[test]
+fn many_samples_add_up() {
+    let mut b = Builder::default();
+    let Input::Texture(radiance) = b.constant(Vec3::splat(0.3)) else { unreachable!() };
+    b.scene.environment = Some(Environment { radiance, rotation: Mat3::IDENTITY });
+    let scene = Scene::new(b.scene).unwrap();
+    for spp in [1, 1 << 20] {
+        let settings = Settings { output: Output::Radiance, spp, max_bounces: 0, seed: 0, boundary: false };
+        let image = render(&scene, &look_at(Vec3::Z, Vec3::ZERO, 45., 2), &settings).unwrap();
+        assert!(image.data.iter().all(|x| (x - 0.3).abs() < 1e-7), "{:?}", image.data);
     }
 }

@@ -14,6 +14,16 @@ struct MirrorBall {
     ball: Vec3,
     radius: f32,
     eye: Vec3,
+    /// Of the half that faces the camera; the other is then missing.
+    opacity: Option<f32>,
+}
+
+/// Leaves a mask of the half of the first shape that faces the camera.
+fn mask_front(b: &mut Builder, centre: Vec3, opacity: f32) {
+    let opacity = b.scalar(opacity);
+    let Shape { mesh, material, .. } = &mut b.scene.shapes[0];
+    mesh.faces.retain(|f| f.iter().all(|&v| mesh.vertices[v as usize].z < centre.z));
+    material.opacity = Some(opacity);
 }
 
 fn mirror_ball(lens: Lens, f: impl Fn(f32, &mut MirrorBall)) -> impl Fn(f32) -> (SceneDescription, Camera) {
@@ -24,10 +34,14 @@ fn mirror_ball(lens: Lens, f: impl Fn(f32, &mut MirrorBall)) -> impl Fn(f32) -> 
             ball: vec3(-0.2, 0.8, 0.0),
             radius: 0.8,
             eye: vec3(0.0, 1.6, -5.0),
+            opacity: None,
         };
         f(t, &mut s);
         let mut b = Builder::default();
         b.ball(s.ball, s.radius);
+        if let Some(opacity) = s.opacity {
+            mask_front(&mut b, s.ball, opacity);
+        }
         let black = Material { kind: MaterialKind::Black, one_sided: false, opacity: None };
         let radiance = b.constant(vec3(3.0, 2.0, 1.0));
         b.shape(mesh(s.triangle.to_vec(), vec![[0, 1, 2]]), black.clone());
@@ -52,12 +66,18 @@ fn curved_mirror() {
     let lens = Lens { radius: 0.25, focus: 4.5, ..pinhole };
     let normals = Plan { output: Output::GeometricNormal, max_bounces: 0, spp: 4, fd_spp: 256, ..plan };
     agree("normals of a ball of mirror", &mirror_ball(pinhole, |t, s| s.radius += t), &Plan { h: 0.01, ..normals });
+    let masked = |t: f32, s: &mut MirrorBall| {
+        s.triangle.iter_mut().for_each(|v| v.x += t);
+        s.opacity = Some(0.4);
+    };
+    agree("masked ball, triangle x", &mirror_ball(pinhole, masked), &plan);
     agree("lens, ball, triangle x", &mirror_ball(lens, |t, s| s.triangle.iter_mut().for_each(|v| v.x += t)), &plan);
 }
 
 /// A ball of mirror on a floor with a blocker's shadow, seen in the ball only.
 fn shadow_in_a_ball(
     light: fn(&mut Builder),
+    opacity: Option<f32>,
     f: impl Fn(f32, &mut [Vec3; 3]),
 ) -> impl Fn(f32) -> (SceneDescription, Camera) {
     move |t| {
@@ -66,6 +86,9 @@ fn shadow_in_a_ball(
         let [ball, blocker, eye] = s;
         let mut b = Builder::default();
         b.ball(ball, 0.8);
+        if let Some(opacity) = opacity {
+            mask_front(&mut b, ball, opacity);
+        }
         let grey = b.diffuse(vec3(0.6, 0.7, 0.5));
         b.shape(floor(vec3(1.2, 0.0, -1.6), 1.4), grey.clone());
         b.shape(floor(blocker, 0.35), grey);
@@ -82,11 +105,16 @@ fn shadows_in_a_curved_mirror() {
         b.scene.delta_lights.push(DeltaLight::Point { position, intensity });
     };
     let area: fn(&mut Builder) = |b| b.light(ceiling(vec3(1.8, 4.0, -2.2), 0.3), Vec3::splat(60.0));
-    agree("shadow in a ball, blocker x", &shadow_in_a_ball(point, |t, s| s[1].x += t), &plan);
-    agree("shadow in a ball, ball y", &shadow_in_a_ball(point, |t, s| s[0].y += t), &Plan { h: 0.005, ..plan });
-    agree("shadow in a ball, camera x", &shadow_in_a_ball(point, |t, s| s[2].x += t), &Plan { fd_spp: 2048, ..plan });
+    agree("shadow in a ball, blocker x", &shadow_in_a_ball(point, None, |t, s| s[1].x += t), &plan);
+    agree("shadow in a ball, ball y", &shadow_in_a_ball(point, None, |t, s| s[0].y += t), &Plan { h: 0.005, ..plan });
+    agree(
+        "shadow in a ball, camera x",
+        &shadow_in_a_ball(point, None, |t, s| s[2].x += t),
+        &Plan { fd_spp: 2048, ..plan },
+    );
+    agree("shadow in a masked ball, blocker x", &shadow_in_a_ball(point, Some(0.4), |t, s| s[1].x += t), &plan);
     let soft = Plan { h: 0.03, fd_seeds: 32, ..plan };
-    agree("soft shadow in a ball, blocker z", &shadow_in_a_ball(area, |t, s| s[1].z += t), &soft);
+    agree("soft shadow in a ball, blocker z", &shadow_in_a_ball(area, None, |t, s| s[1].z += t), &soft);
 }
 
 /// A floor to which only a ball of mirror shows a lamp, with a bar in between. The camera sees the floor alone.
@@ -124,24 +152,29 @@ fn sky(b: &mut Builder, radiance: impl Fn(f32) -> f32) {
 }
 
 /// A floor below a strip of mirror that is bent upwards along its middle. The shading normals there are so oblique that the near half
-/// would send what the floor sees in it through itself: it is folded down, the other half's is not.
-fn bent_mirror(f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+/// would send what the floor sees in it through itself: it is folded down, the other half's is not. Shading normals start at a slope.
+fn bent_mirror(
+    first: f32,
+    opacity: Option<f32>,
+    f: impl Fn(f32, &mut Vec3, &mut Builder),
+) -> impl Fn(f32) -> (SceneDescription, Camera) {
     move |t| {
         let mut middle = vec3(0.0, 0.75, 1.6);
-        f(t, &mut middle);
         let mut b = Builder::default();
+        f(t, &mut middle, &mut b);
         let slope = |degrees: f32| Vec2::from_angle(degrees.to_radians());
         let (near, far) = (slope(4.0) * 0.6, slope(18.0) * 0.6);
         let start = vec3(0.0, 0.75 - near.y, 1.6 - near.x);
         let end = vec3(0.0, 0.75 + far.y, 1.6 + far.x);
         let down = |degrees: f32| vec3(0.0, -slope(degrees).x, slope(degrees).y);
-        let rows = [(start, 12.0), (middle, 17.0), (end, 19.0)];
+        let rows = [(start, first), (middle, 17.0), (end, 19.0)];
         let vertices = rows.iter().flat_map(|(p, _)| [*p - Vec3::X * 0.8, *p + Vec3::X * 0.8]).collect();
         let normals = rows.iter().flat_map(|(_, s)| [down(*s); 2]).collect();
         let faces = vec![[0, 1, 3], [0, 3, 2], [2, 3, 5], [2, 5, 4]];
         let strip = dscene::mesh::Mesh { normals: Some(normals), ..mesh(vertices, faces) };
         let reflectance = b.constant(vec3(0.9, 0.8, 0.7));
-        b.shape(strip, Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity: None });
+        let opacity = opacity.map(|opacity| b.scalar(opacity));
+        b.shape(strip, Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity });
         let grey = b.diffuse(vec3(0.6, 0.7, 0.5));
         b.shape(floor(Vec3::ZERO, 0.05), grey);
         sky(&mut b, |elevation| 4.0 * ((elevation + 2.0) / 12.0).clamp(0.0, 1.0));
@@ -153,7 +186,19 @@ fn bent_mirror(f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription,
 #[test]
 fn what_a_coarse_mirror_folds_is_seen_by_surfaces() {
     let plan = Plan { max_bounces: 2, h: 0.005, spp: 256, seeds: 32, fd_spp: 4096, fd_seeds: 64, ..Plan::default() };
-    agree("fold in a mirror, y", &bent_mirror(|t, v| v.y += t), &plan);
+    agree("fold in a mirror, y", &bent_mirror(12.0, None, |t, v, _| v.y += t), &plan);
+}
+
+/// What surfaces see by way of what is folded: half of this derivative.
+#[test]
+fn light_by_way_of_a_coarse_mirrors_fold() {
+    let plan = Plan { max_bounces: 2, h: 0.01, spp: 256, seeds: 32, fd_spp: 4096, fd_seeds: 64, ..Plan::default() };
+    let bar = |t: f32, _: &mut Vec3, b: &mut Builder| {
+        let black = Material { kind: MaterialKind::Black, one_sided: false, opacity: None };
+        b.shape(cuboid(vec3(0.0, 0.75 + t, 3.5), vec3(0.4, 0.08, 0.08), 0.0), black);
+    };
+    agree("bar in a mirror's fold, y", &bent_mirror(17.0, None, bar), &plan);
+    agree("bar in a masked mirror's fold, y", &bent_mirror(17.0, Some(0.6), bar), &plan);
 }
 
 /// A floor to which only a ball of mirror shows a sky that is bright below the horizon, and a black ball in front of it.

@@ -163,3 +163,30 @@ fn masks_in_first_hit_channels() {
         leaves_agree(&format!("{output:?}"), Lamp::Area, GREY, &motions, Plan { output, ..plan });
     }
 }
+
+/// A box that stands on a floor under a sky. What looks past its edges meets the floor right there, masked or not.
+fn standing(masked: usize, f: impl Fn(f32, &mut [Vec3; 2])) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut s = [vec3(0.2, 0.25, 0.1), vec3(0.0, 2.6, -4.0)];
+        f(t, &mut s);
+        let [block, eye] = s;
+        let mut b = Builder::default();
+        let grey = b.diffuse(vec3(0.6, 0.7, 0.5));
+        b.shape(floor(Vec3::ZERO, 2.0), grey.clone());
+        b.shape(cuboid(block, vec3(0.3, 0.25, 0.4), 0.4), grey.clone());
+        b.shape(floor(vec3(0.0, 2.0, -9.0), 0.1), grey);
+        b.scene.shapes[masked].material.opacity = Some(b.scalar(0.5));
+        let Input::Texture(radiance) = b.constant(Vec3::ONE) else { unreachable!() };
+        b.scene.environment = Some(Environment { radiance, rotation: glam::Mat3::IDENTITY });
+        (b.scene, look_at(eye, vec3(0.0, 0.2, 0.0), 30., 32))
+    }
+}
+
+#[test]
+fn masks_and_what_touches() {
+    let plan = Plan { seeds: 32, h: 0.02, fd_spp: 1024, ..Plan::default() };
+    for (masked, name) in ["floor", "box", "rectangle out of sight"].into_iter().enumerate() {
+        agree(&format!("masked {name}, box x"), &standing(masked, |t, s| s[0].x += t), &plan);
+    }
+    agree("masked rectangle out of sight, camera x", &standing(2, |t, s| s[1].x += t), &plan);
+}

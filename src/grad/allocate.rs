@@ -101,6 +101,11 @@ impl<'a> Allocation<'a> {
         if count > 0 { sum / f64::from(count) } else { 0.0 }
     }
 
+    /// Whether the short runs of the `i`-th estimator found anything. One that did not may be worth nothing, or miss what is rare and large.
+    pub fn found(&self, i: usize) -> bool {
+        self.moments[i].variances.iter().any(|v| *v > 0.0)
+    }
+
     /// The number of samples for each estimator; together they cost what their own numbers would.
     pub fn split(&self) -> Vec<usize> {
         split(&self.moments)

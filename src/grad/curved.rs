@@ -127,6 +127,12 @@ impl Facet {
         (axis, self.fold.map_or(half, |flat| 3.0 * half.max(angle(flat * flat.dot(axis).signum(), axis))))
     }
 
+    /// How far the eye may be above the plane for a direction to be folded: mirrored by the plane's normal it would leave as far above.
+    fn fold_reach(&self) -> f64 {
+        let tilt = |flat: DVec3| self.m.iter().map(|m| angle(flat, m.normalize_or_zero())).fold(0.0, f64::max);
+        self.fold.map_or(std::f64::consts::PI, |flat| 2.0 * tilt(flat).min(tilt(-flat)))
+    }
+
     fn largest_normal(&self) -> f64 {
         self.m.iter().map(|m| m.length_squared()).fold(0.0, f64::max)
     }
@@ -457,6 +463,8 @@ struct Node {
     radius: f64,
     axis: DVec3,
     half: f64,
+    /// The largest [`Facet::fold_reach`].
+    rim: f64,
     /// Facets of a leaf; else the left child is the next node.
     range: [u32; 2],
     right: u32,
@@ -474,7 +482,11 @@ impl Node {
         }
         // asin x ≤ x + (π/2 − 1) x³
         let asin = |x: f64| x + 0.5708 * x * x * x;
-        let half = 2.0 * self.half + asin(off / far) + asin(reach / distance) + 1e-9;
+        let unsure = asin(off / far) + 1e-9;
+        if self.axis.dot(w).abs() > far * (self.rim + self.half + unsure) {
+            return false;
+        }
+        let half = 2.0 * self.half + unsure + asin(reach / distance);
         let mirrored = self.axis * (2.0 * self.axis.dot(w)) - w;
         half >= std::f64::consts::PI || q.dot(mirrored) >= half.cos() * distance * far
     }
@@ -489,7 +501,7 @@ impl MirrorTree {
         Self::of(scene, camera, mirrors, false)
     }
 
-    /// Of all mirrors, for [`MirrorTree::between`]. What the rim of a coarse mirror folds up is left out.
+    /// Of all mirrors, for [`MirrorTree::between`].
     pub fn all(scene: &Scene, camera: &Camera, mirrors: &[CurvedMirror]) -> MirrorTree {
         Self::of(scene, camera, mirrors, true)
     }
@@ -499,7 +511,6 @@ impl MirrorTree {
         let mut facets = Vec::new();
         for mirror in mirrors {
             let ways = mirror.prims.clone().flat_map(|prim| [(prim, false), (prim, true)]);
-            let ways = ways.filter(|(_, folded)| !(*folded && unseen));
             let own = ways.map(|(prim, folded)| (prim, folded, Facet::new(scene, prim, eye, folded)));
             let own = own.filter(|(_, folded, facet)| facet.normal() != DVec3::ZERO && !(*folded && facet.is_flat()));
             let turned = |f: &Facet, least: f64| f.w.iter().any(|w| w.dot(f.normal()) > least);
@@ -523,7 +534,11 @@ impl MirrorTree {
             let mut order: Vec<u32> = (0..tree.facets.len() as u32).collect();
             tree.build(&mut order, 0, &cones);
             tree.facets = order.iter().map(|&i| tree.facets[i as usize].clone()).collect();
-            let area = |f: &MirrorFacet| (f.facet.x[1] - f.facet.x[0]).cross(f.facet.x[2] - f.facet.x[0]).length();
+            // Each triangle once.
+            let area = |f: &MirrorFacet| match f.folded {
+                false => (f.facet.x[1] - f.facet.x[0]).cross(f.facet.x[2] - f.facet.x[0]).length(),
+                true => 0.0,
+            };
             tree.areas = Discrete::new(tree.facets.iter().map(area));
         }
         tree
@@ -537,17 +552,28 @@ impl MirrorTree {
         let axis = order.iter().map(|&i| cones[i as usize].0).sum::<DVec3>().normalize_or_zero();
         let half = order.iter().map(|&i| angle(axis, cones[i as usize].0) + cones[i as usize].1).fold(0.0, f64::max);
         let half = if axis == DVec3::ZERO { std::f64::consts::PI } else { half };
+        let rim = order.iter().map(|&i| self.facets[i as usize].facet.fold_reach()).fold(0.0, f64::max);
         let at = self.nodes.len();
         let range = [start as u32, (start + order.len()) as u32];
-        self.nodes.push(Node { centre, radius, axis, half, range, right: 0 });
+        self.nodes.push(Node { centre, radius, axis, half, rim, range, right: 0 });
         if order.len() <= LEAF {
             return;
         }
         let size = high - low;
         let k = (0..3).max_by(|&i, &j| size[i].total_cmp(&size[j])).unwrap_or(0);
-        let middle = order.len() / 2;
+        let folded = |i: u32| self.facets[i as usize].folded;
         let key = |i: u32| self.facets[i as usize].facet.x.iter().map(|x| x[k]).sum::<f64>();
-        order.sort_unstable_by(|&i, &j| key(i).total_cmp(&key(j)).then(i.cmp(&j)));
+        // Few directions are folded, and nodes of nothing else are skipped for all others.
+        let middle = match order.iter().filter(|&&i| !folded(i)).count() {
+            plain if 0 < plain && plain < order.len() => {
+                order.sort_unstable_by_key(|&i| (folded(i), i));
+                plain
+            }
+            _ => {
+                order.sort_unstable_by(|&i, &j| key(i).total_cmp(&key(j)).then(i.cmp(&j)));
+                order.len() / 2
+            }
+        };
         let (left, right) = order.split_at_mut(middle);
         self.build(left, start, cones);
         self.nodes[at].right = self.nodes.len() as u32;
@@ -683,7 +709,7 @@ mod tests {
             let (axis, half) = facet.normals();
             let centre = (x[0] + x[1] + x[2]) / 3.0;
             let radius = x.iter().map(|x| x.distance(centre)).fold(0.0, f64::max);
-            let node = Node { centre, radius, axis, half, range: [0, 1], right: 0 };
+            let node = Node { centre, radius, axis, half, rim: facet.fold_reach(), range: [0, 1], right: 0 };
             assert!(node.may_show(Eye::Point(eye), 0.0, p, 0.0));
             let mut found = Vec::new();
             facet.seen_along([[along[0], 0.0], [along[0], 1.0 - along[0]]], ends, |s| found.push(s));

@@ -86,8 +86,8 @@ pub struct Query {
     sees_emission: bool,
     /// Nothing counts but what covers something.
     contours_only: bool,
-    /// Edges are looked at from elsewhere, not far from here: any may be a contour there.
-    thereabouts: bool,
+    /// Edges are looked at from elsewhere, about as far from here: any may be a contour there, and none is near.
+    elsewhere: Option<f32>,
 }
 
 /// A point on an edge chosen for a shading point.
@@ -128,13 +128,19 @@ impl Query {
             glossy: None,
             sees_emission: true,
             contours_only: false,
-            thereabouts: false,
+            elsewhere: None,
         }
     }
 
-    /// What is around a curved mirror that has this point.
-    pub fn around_mirror(p: Vec3) -> Query {
-        Query { thereabouts: true, ..Query::around(p) }
+    /// What a curved mirror that has this point shows to another. To who looks by way of a mirror even what touches it is as far
+    /// away as the mirror; weighted by how near it is to one point of the mirror, rare samples would weigh much.
+    pub fn around_mirror(p: Vec3, viewer: Vec3) -> Query {
+        Query { elsewhere: Some(p.distance(viewer)), ..Query::around(p) }
+    }
+
+    /// How far a point at some distance counts as.
+    fn far(&self, distance: f32) -> f32 {
+        self.elsewhere.map_or(distance, |way| distance.hypot(way))
     }
 
     /// The way to the point from `p`; of any length if it is infinitely far away.
@@ -318,7 +324,7 @@ impl EdgeTree {
         }
         let q = query.seen_from(edge.p[0]);
         match () {
-            _ if query.thereabouts => edge.weight,
+            _ if query.elsewhere.is_some() => edge.weight,
             _ if self.may_be_contour(at, q) => 1.0,
             _ if query.contours_only || !self.may_be_crease(edge, at, q) => 0.0,
             _ => self.crease[at],
@@ -474,9 +480,9 @@ impl Node {
         // Planes do not pass infinitely far points, and nothing is near them.
         let (offset, radius) = if query.distant { (0.0, 0.0) } else { (1.0, 0.5 * (self.hi - self.lo).length()) };
         let distance = q.length();
-        let near = distance.max(radius).max(1e-20);
-        let mut creases = if query.contours_only || query.thereabouts { 0.0 } else { self.creases };
-        let contours = if self.open || query.thereabouts {
+        let near = query.far(distance.max(radius)).max(1e-20);
+        let mut creases = if query.contours_only || query.elsewhere.is_some() { 0.0 } else { self.creases };
+        let contours = if self.open || query.elsewhere.is_some() {
             self.length
         } else {
             let (a, b) = (self.plane_lo.xyz() * q, self.plane_hi.xyz() * q);

@@ -215,8 +215,8 @@ impl<'a> PrimaryEdges<'a> {
         // The same random numbers on both sides.
         let scene = viewpoint.scene;
         let sides = Sides::choose(scene, edge, seen.dir, &view, s, sampler)?;
-        let value =
-            Values { scene, settings: self.settings, viewpoint: &viewpoint, edge, seen: &seen, s, prims: &prims };
+        let settings = self.settings;
+        let value = Values { scene, settings, viewpoint: &viewpoint, edge, seen: &seen, aside, s, prims: &prims };
         let side = |face: Option<usize>| match face {
             Some(face) => value.face(face, &mut sampler.clone()),
             None => value.past(seen.projected.pixel + normal_2d * NUDGE, &mut sampler.clone()),
@@ -368,6 +368,8 @@ struct Values<'a> {
     viewpoint: &'a Viewpoint<'a>,
     edge: &'a Edge,
     seen: &'a Seen,
+    /// How far aside to look ([`Viewpoint::view`]).
+    aside: Vec3,
     s: f32,
     prims: &'a [PrimId],
 }
@@ -389,13 +391,13 @@ impl Values<'_> {
 
     /// Past the edge, through a film position just beside it.
     fn past(&self, pixel: Vec2, sampler: &mut Sampler) -> Vec3 {
-        let Some((mut ray, start, mut throughput)) = self.viewpoint.ray(pixel) else { return Vec3::ZERO };
+        let Some((ray, start, mut throughput)) = self.viewpoint.ray(pixel) else { return Vec3::ZERO };
+        let mut skip: Vec<PrimId> = self.prims.iter().copied().chain(start).collect();
         if self.scene.masked {
-            // Past all masks in front of the edge too: what they show is the same on both sides.
-            ray.t_min = self.seen.distance * (1.0 - 2e-5);
             throughput = self.seen.throughput;
+            let way = self.viewpoint.way(self.seen.origin + self.aside, self.seen.dir, self.seen.distance);
+            skip.extend(self.scene.passed(&way, &skip));
         }
-        let skip: Vec<PrimId> = self.prims.iter().copied().chain(start).collect();
         match self.settings.output {
             Output::Radiance => {
                 let options = Options::new(self.settings.max_bounces.saturating_sub(self.viewpoint.bounces()));

@@ -7,7 +7,7 @@
 //! counts for one over the mean of both (balance heuristic). That needs no inverse of a derivative that vanishes where
 //! the mirror focuses, misses no image however many there are, and is unbiased.
 
-use glam::{DVec3, Vec2, Vec3};
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::allocate::{Estimator, typical_bounces};
@@ -23,6 +23,7 @@ use crate::render::edges::{Edge, EdgeView, SMOOTH_CREASE};
 use crate::render::integrator::{NoRecord, Options, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::sampler::{Discrete, Sampler, hash};
+use crate::render::sensor::Projected;
 use crate::render::{Camera, Scene, Settings};
 
 /// Angle between an edge and the ray that looks past it.
@@ -119,15 +120,13 @@ impl<'a> Reflections<'a> {
     /// About which part of a mirror's triangle the camera sees; never zero.
     fn visibility(&self, facet: usize, seed: u64) -> f32 {
         const POINTS: u32 = 4;
-        let MirrorFacet { prim, facet, .. } = &self.tree.facets()[facet];
+        let prim = self.tree.facets()[facet].prim;
         let sees = |i: u32| {
-            let mut sampler = Sampler::new(hash(seed, u64::from(*prim)), u64::from(i));
+            let mut sampler = Sampler::new(hash(seed, u64::from(prim)), u64::from(i));
             let u = sampler.next_2d();
             let root = u.x.sqrt();
-            let [x, y, z] = facet.x.map(DVec3::as_vec3);
-            let p = x * (1.0 - root) + y * (root * (1.0 - u.y)) + z * (root * u.y);
             let camera = self.camera.sample_lens(&mut sampler);
-            reach(self.scene, &camera, *prim, p).is_some()
+            glimpse(self.scene, &camera, prim, [1.0 - root, root * (1.0 - u.y), root * u.y]).is_some()
         };
         0.05 + (0..POINTS).filter(|&i| sees(i)).count() as f32 / POINTS as f32
     }
@@ -245,13 +244,8 @@ impl<'a> Reflections<'a> {
             (a * (1.0 - u - t) + b * u + c * t) as f32
         });
         let b = [1.0 - b[0] - b[1], b[0], b[1]];
-        let [x, y, z] = scene.corners(prim);
-        let position = x * b[0] + y * b[1] + z * b[2];
-        let (film, before, through) = reach(scene, camera, prim, position)?;
-        let mirror = scene.interaction(prim, b, camera.towards(position).0);
-        if !mirror.bsdf.is_delta() {
-            return None;
-        }
+        let Glimpse { mirror, projected, before, through } = glimpse(scene, camera, prim, b)?;
+        let film = projected.pixel;
         // To the edge, with the direction that the mirror gives but for rounding.
         let q = edge.point(s) - mirror.p;
         let after = q.length();
@@ -261,17 +255,18 @@ impl<'a> Reflections<'a> {
             return None;
         }
         let view = edge.view(dir)?;
-        let skip: Vec<PrimId> = edge.prims().into_iter().chain([prim]).collect();
+        let mut skip: Vec<PrimId> = edge.prims().into_iter().chain([prim]).collect();
         let ray = Ray { t_min: 1e-5 * scene.radius, t_max: after * (1.0 - 2e-5), ..Ray::new(mirror.p, dir) };
         let through = through * scene.transmittance(&ray, &skip);
         if through == 0.0 {
             return None;
         }
+        skip.extend(scene.passed(&ray, &skip));
         let passes_by = part.passes_by([u, t], f64::from(after), view.normal.as_dvec3());
         let density = 0.5 * (passes_by[0].abs() + passes_by[1].abs()) as f32;
         let [x, y, z] = part.x;
         let area = (y - x).cross(z - x).length() as f32;
-        let pixels = camera.pixels_per_area(&camera.project(mirror.p)?, mirror.ng) * area;
+        let pixels = camera.pixels_per_area(&projected, mirror.ng) * area;
 
         // The same random numbers on both sides.
         let sides = Sides::choose(scene, edge, dir, &view, s, sampler)?;
@@ -286,11 +281,7 @@ impl<'a> Reflections<'a> {
                     Start::Surface(beside, &below)
                 }
                 None => {
-                    let mut past = mirror.spawn_ray((dir + view.normal * NUDGE).normalize());
-                    if scene.masked {
-                        // Past all masks in front of the edge too: what they show is the same on both sides.
-                        past.t_min = after * (1.0 - 2e-5);
-                    }
+                    let past = mirror.spawn_ray((dir + view.normal * NUDGE).normalize());
                     Start::Ray(past, &skip)
                 }
             };
@@ -312,16 +303,28 @@ impl<'a> Reflections<'a> {
     }
 }
 
-/// The film position at which the camera sees a point of a primitive, its distance, and what masks let through.
-fn reach(scene: &Scene, camera: &Camera, prim: PrimId, p: Vec3) -> Option<(Vec2, f32, f32)> {
-    let film = camera.project(p)?.pixel;
-    let (back, distance) = camera.towards(p);
-    if !camera.on_film(film) || distance <= 0.0 {
+/// A point of a mirror as the camera sees it.
+struct Glimpse {
+    mirror: SurfaceInteraction,
+    projected: Projected,
+    before: f32,
+    /// What masks let through: those in front, and the mirror's own.
+    through: f32,
+}
+
+/// What the camera sees of a point of a primitive, if that is a mirror.
+fn glimpse(scene: &Scene, camera: &Camera, prim: PrimId, b: [f32; 3]) -> Option<Glimpse> {
+    let [x, y, z] = scene.corners(prim);
+    let p = x * b[0] + y * b[1] + z * b[2];
+    let projected = camera.project(p)?;
+    let (back, before) = camera.towards(p);
+    if !camera.on_film(projected.pixel) || before <= 0.0 {
         return None;
     }
-    let ray = Ray { t_max: distance * (1.0 - 2e-5), ..Ray::new(p + back * distance, -back) };
-    let through = scene.transmittance(&ray, &[prim]);
-    (through > 0.0).then_some((film, distance, through))
+    let mirror = scene.interaction(prim, b, back);
+    let ray = Ray { t_max: before * (1.0 - 2e-5), ..Ray::new(p + back * before, -back) };
+    let through = scene.transmittance(&ray, &[prim]) * scene.opacity(prim, b).unwrap_or(1.0);
+    (through > 0.0 && mirror.bsdf.is_delta()).then_some(Glimpse { mirror, projected, before, through })
 }
 
 /// What curved mirrors show of a point of a primitive to a camera, and how many pixels per area perpendicular to the way to it.
@@ -329,15 +332,11 @@ pub fn see_in_mirrors(scene: &Scene, camera: &Camera, tree: &MirrorTree, own: Pr
     let mut seen = Vec::new();
     tree.showing_point(scene, camera, own, p, |prim, facet, [u, t]| {
         let b = [1.0 - u - t, u, t].map(|b| b as f32);
-        let [x, y, z] = scene.corners(prim);
-        let position = x * b[0] + y * b[1] + z * b[2];
-        let Some((_, before, through)) = reach(scene, camera, prim, position) else { return };
-        let Some(projected) = camera.project(position) else { return };
-        let mirror = scene.interaction(prim, b, camera.towards(position).0);
+        let Some(Glimpse { mirror, projected, before, through }) = glimpse(scene, camera, prim, b) else { return };
         let q = p - mirror.p;
         let distance = q.length();
         let dir = q / distance;
-        if !mirror.bsdf.is_delta() || distance.is_nan() || distance <= 1e-5 * scene.radius {
+        if distance.is_nan() || distance <= 1e-5 * scene.radius {
             return;
         }
         let ray = Ray { t_min: 1e-5 * scene.radius, t_max: distance * (1.0 - 2e-5), ..Ray::new(mirror.p, dir) };

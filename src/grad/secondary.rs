@@ -234,7 +234,7 @@ impl<'a> Secondary<'a> {
         }
         let query = match (mirror, curved) {
             (Some(m), _) => Query::new(si).reflected(m),
-            (_, Some(tree)) => Query::around_mirror(tree.sample(f64::from(sampler.next_1d()))),
+            (_, Some(tree)) => Query::around_mirror(tree.sample(f64::from(sampler.next_1d())), si.p),
             _ => Query::new(si),
         };
         // Seen by what stands still, only edges that move have a derivative.
@@ -271,6 +271,7 @@ impl<'a> Secondary<'a> {
         if through == 0.0 {
             return None;
         }
+        skip.extend(self.scene.passed(&to_edge, &skip));
         let sides = Sides::choose(self.scene, edge, sight.dir, &view, point.s, sampler)?;
 
         let options =
@@ -293,13 +294,7 @@ impl<'a> Secondary<'a> {
                     }
                     _ => self.sight(si, mirror, p, (dir + normal * NUDGE).normalize(), distance),
                 };
-                past.map_or_else(Side::default, |mut past| {
-                    if self.scene.masked {
-                        // Past all masks in front of the edge too: what they show is the same on both sides.
-                        past.ray.t_min = sight.distance * (1.0 - 2e-5);
-                    }
-                    look(Start::Ray(past.ray, &skip))
-                })
+                past.map_or_else(Side::default, |past| look(Start::Ray(past.ray, &skip)))
             }
         };
         let (foreground, background) = (side(sides.near), side(sides.far));
@@ -400,7 +395,8 @@ impl<'a> Secondary<'a> {
         if !glass.bsdf.is_delta() || before < least || distance < least {
             return None;
         }
-        let through = scene.transmittance(&si.spawn_ray_to(first, before), &[si.prim, prim]);
+        let opacity = scene.opacity(prim, b).unwrap_or(1.0);
+        let through = opacity * scene.transmittance(&si.spawn_ray_to(first, before), &[si.prim, prim]);
         let reflectance = glass.bsdf.mirror_reflectance() * (through * ways.len() as f32);
         let area = facet.area_per_solid_angle(place, f64::from(before), f64::from(distance)) as f32;
         let mirror = Some(Glass { si: glass, curved: Some([before, distance]) });

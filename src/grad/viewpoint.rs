@@ -10,7 +10,7 @@ use glam::{Vec2, Vec3};
 
 use super::local::{RayAdjoint, VertexAdjoint, d_mirrored, slide};
 use super::sink::{Adjoints, Sink};
-use crate::render::accel::PrimId;
+use crate::render::accel::{PrimId, Ray};
 use crate::render::edges::{Edge, EdgeOn, EdgeView};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::sensor::Projected;
@@ -99,7 +99,11 @@ impl Mirrors {
             }
             match planes(scene, prims.clone(), &mirrors.planes) {
                 Some(planes) => mirrors.planes.extend(planes),
-                None => mirrors.curved.push(CurvedMirror { convex: is_convex_body(scene, prims.clone()), prims }),
+                None => {
+                    // Through a mask its inside is seen.
+                    let convex = shape.material.opacity.is_none() && is_convex_body(scene, prims.clone());
+                    mirrors.curved.push(CurvedMirror { prims, convex });
+                }
             }
         }
         mirrors
@@ -291,18 +295,17 @@ impl<'a> Viewpoint<'a> {
             return None;
         }
         let dir = d / distance;
-        let mut ray = crate::render::accel::Ray::new(origin + aside, dir);
-        ray.t_max = distance * (1.0 - 2e-5);
-        let through = match &mirror {
-            None => self.scene.transmittance(&ray, skip),
-            Some((si, _)) => {
-                ray.t_min = 1e-5 * self.scene.radius;
-                let all: Vec<PrimId> = skip.iter().copied().chain([si.prim]).collect();
-                self.scene.transmittance(&ray, &all)
-            }
-        };
+        let start = mirror.map(|(si, _)| si.prim);
+        let skip: Vec<PrimId> = skip.iter().copied().chain(start).collect();
+        let through = self.scene.transmittance(&self.way(origin + aside, dir, distance), &skip);
         let throughput = throughput * through;
         (through > 0.0).then_some(Seen { projected, mirror, origin, dir, distance, throughput })
+    }
+
+    /// The ray along which something is seen, ending just before it, from the camera or the mirror.
+    pub fn way(&self, origin: Vec3, dir: Vec3, distance: f32) -> Ray {
+        let t_min = self.mirror.map_or(0.0, |_| 1e-5 * self.scene.radius);
+        Ray { t_min, t_max: distance * (1.0 - 2e-5), ..Ray::new(origin, dir) }
     }
 
     /// The mirror vertex behind a pixel position, if a surface of this mirror is seen there, with its reflectance through masks.
@@ -315,7 +318,7 @@ impl<'a> Viewpoint<'a> {
 
     /// The ray that looks past the mirror (or straight from the camera) through a pixel position, with the primitive it
     /// starts on and the reflectance so far.
-    pub fn ray(&self, pixel: Vec2) -> Option<(crate::render::accel::Ray, Option<PrimId>, Vec3)> {
+    pub fn ray(&self, pixel: Vec2) -> Option<(Ray, Option<PrimId>, Vec3)> {
         match self.mirror {
             None => Some((self.camera.ray(pixel), None, Vec3::ONE)),
             Some(_) => {

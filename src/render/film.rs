@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use glam::{IVec2, Vec2, Vec3};
+use glam::{DVec3, IVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::accel::{Ray, Work};
@@ -160,7 +160,8 @@ impl Work for Row<'_> {
         let (mut columns, mut indices) = ([0; BATCH], [0; BATCH]);
         let pinhole = camera.is_pinhole();
         let (mut paths, mut found) = (Paths::<BATCH>::nowhere(), [Vec3::ZERO; BATCH]);
-        let mut sum = Vec3::ZERO;
+        // In single precision many equal samples add up to too little.
+        let mut sum = DVec3::ZERO;
         // The next pixel and sample, and those up to which all is done.
         let (mut next, mut done) = ((0, 0), (0, 0));
         let advance = |(x, i): (usize, usize)| if i + 1 < per_pixel { (x, i + 1) } else { (x + 1, 0) };
@@ -198,15 +199,15 @@ impl Work for Row<'_> {
                 }
             }
             for found in &found[..count] {
-                sum += *found;
+                sum += found.as_dvec3();
                 let x = done.0;
                 done = advance(done);
                 if done.1 == 0 {
                     let pixel = &mut self.pixels[x * channels..][..channels];
-                    for (pixel, x) in pixel.iter_mut().zip((sum / self.count).to_array()) {
+                    for (pixel, x) in pixel.iter_mut().zip((sum / f64::from(self.count)).as_vec3().to_array()) {
                         *pixel += x;
                     }
-                    sum = Vec3::ZERO;
+                    sum = DVec3::ZERO;
                 }
             }
         }

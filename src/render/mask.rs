@@ -194,6 +194,16 @@ impl Scene {
         end.is_none().then_some(pass)
     }
 
+    /// The masks that a ray passes. Rays right beside it pass the same, and see the same of them: these leave them out where what is
+    /// behind makes a difference. (Not all that lies as near: a ray beside one that ends on a surface may meet that before.)
+    pub(crate) fn passed(&self, ray: &Ray, skip: &[PrimId]) -> Vec<PrimId> {
+        let mut passed = Vec::new();
+        if self.masked {
+            self.let_through(ray, None, skip, Toss::Fair, |crossing| passed.push(crossing.prim));
+        }
+        passed
+    }
+
     /// The first surface that is `wanted` if nothing solid is before it, with its distance and what is let through of it: its
     /// opacity, and what the masks in front of it leave.
     pub(crate) fn find(
