@@ -65,3 +65,34 @@ fn edges_between_meshes() {
     agree("dealt ball grows", &dealt(|t, v| *v += (*v - vec3(0.1, 1.1, 0.2)) * t), &plan);
     agree("dealt ball, y, 2 bounces", &dealt(|t, v| v.y += t), &Plan { max_bounces: 2, ..plan });
 }
+
+/// Two boxes on a floor, pushed together but not flush: parts of their edges are one, and a side is hidden behind a side.
+fn pushed_together(f: impl Fn(f32, &mut [Vec3; 3])) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut s = [vec3(0.0, 0.0, 0.2), vec3(0.5, 2.8, -0.5), vec3(-0.43, 2.8, 1.9)];
+        f(t, &mut s);
+        let [slide, light, eye] = s;
+        let mut b = Builder::default();
+        let turn = Mat3::from_rotation_y(0.3);
+        for (centre, albedo) in [(vec3(-0.25, 0.25, 0.0), 0.7), (vec3(0.25, 0.25, 0.0) + slide, 0.2)] {
+            let mut block = cuboid(centre, Vec3::splat(0.25), 0.0);
+            block.vertices.iter_mut().for_each(|v| *v = turn * *v);
+            let material = b.diffuse(Vec3::splat(albedo));
+            b.shape(block, material);
+        }
+        let grey = b.diffuse(Vec3::splat(0.3));
+        b.shape(floor(Vec3::ZERO, 2.5), grey);
+        b.scene.delta_lights.push(DeltaLight::Point { position: light, intensity: Vec3::splat(6.0) });
+        (b.scene, look_at(eye, vec3(0.0, 0.3, 0.0), 35.0, 32))
+    }
+}
+
+#[test]
+fn boxes_pushed_together() {
+    let plan = Plan { h: 0.01, spp: 16, fd_spp: 1024, ..Plan::default() };
+    agree("pushed together, camera x", &pushed_together(|t, s| s[2].x += t), &plan);
+    agree("pushed together, light x", &pushed_together(|t, s| s[1].x += t), &plan);
+    agree("pushed together, slide", &pushed_together(|t, s| s[0].z += t), &plan);
+    let global = Plan { max_bounces: 2, ..plan };
+    agree("pushed together, camera x, 2 bounces", &pushed_together(|t, s| s[2].x += t), &global);
+}

@@ -11,7 +11,7 @@ use glam::{DVec3, Vec3};
 
 use super::accel::PrimId;
 use super::interaction::SurfaceInteraction;
-use super::intersections::{Crossing, crossings};
+use super::intersections::{Crossing, Overlap, crossings_and_overlaps};
 use super::scene::{Input, Material, MaterialKind};
 use super::world::Scene;
 use crate::mesh::Mesh;
@@ -333,7 +333,6 @@ pub struct EdgeTable {
 
 impl EdgeTable {
     pub fn new(scene: &Scene) -> EdgeTable {
-        let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits); // + 0 turns −0 into 0
         let mut points: HashMap<[u32; 3], u32> = HashMap::new();
         let mut index: HashMap<(u32, u32), usize> = HashMap::new();
         let mut edges: Vec<Edge> = Vec::new();
@@ -367,7 +366,7 @@ impl EdgeTable {
                 });
             }
         }
-        let crossings = crossings(scene, |_| true);
+        let (crossings, overlaps) = crossings_and_overlaps(scene, |_| true);
         // Where a surface goes through another along one of its edges there is a crossing, and no edge besides.
         let mut covered: BTreeMap<usize, Vec<[f32; 2]>> = BTreeMap::new();
         for crossing in &crossings {
@@ -382,6 +381,7 @@ impl EdgeTable {
             edges[edge].faces.clear();
             edges.extend(rest);
         }
+        weld_overlaps(&mut edges, &overlaps);
         edges.retain(|e| !e.faces.is_empty());
         for edge in &mut edges {
             edge.sharp = is_sharp(scene, edge);
@@ -393,6 +393,57 @@ impl EdgeTable {
         }
         edges.extend(crossings.iter().filter_map(|c| crossing_edge(scene, c)));
         EdgeTable { edges }
+    }
+}
+
+fn key(p: Vec3) -> [u32; 3] {
+    (p + Vec3::ZERO).to_array().map(f32::to_bits) // + 0 turns −0 into 0
+}
+
+/// Cuts edges that have parts in common at one another's ends, and makes one edge of each part, with the faces of all.
+fn weld_overlaps(edges: &mut Vec<Edge>, overlaps: &[Overlap]) {
+    if overlaps.is_empty() {
+        return;
+    }
+    let ends_of = |p: [Vec3; 2]| {
+        let mut ends = p.map(key);
+        ends.sort_unstable();
+        ends
+    };
+    let mut index: HashMap<[[u32; 3]; 2], usize> = edges.iter().enumerate().map(|(i, e)| (ends_of(e.p), i)).collect();
+    let mut cuts: BTreeMap<usize, Vec<Vec3>> = BTreeMap::new();
+    for [a, b] in overlaps {
+        for (edge, other) in [(a, b), (b, a)] {
+            if let Some(&i) = index.get(&ends_of(*edge)) {
+                cuts.entry(i).or_default().extend(other);
+            }
+        }
+    }
+    for (i, cuts) in cuts {
+        let edge = edges[i].clone();
+        // A cut at one of its ends is none. (Of any length: what is shorter than rounding has no part in the picture.)
+        let mut stops: Vec<(f32, Vec3)> = cuts.into_iter().map(|p| (edge.parameter(p), p)).collect();
+        stops.retain(|(s, p)| *s > 0.0 && *s < 1.0 && !edge.p.contains(p));
+        stops.extend([(0.0, edge.p[0]), (1.0, edge.p[1])]);
+        stops.sort_by(|a, b| a.0.total_cmp(&b.0));
+        stops.dedup_by_key(|(_, p)| key(*p));
+        edges[i].faces.clear();
+        for pair in stops.windows(2) {
+            let [(from, a), (to, b)] = [pair[0], pair[1]];
+            let piece = Edge { p: [a, b], ..edge.part(from, to) };
+            let known = *index.entry(ends_of(piece.p)).or_insert(edges.len());
+            match edges.get_mut(known) {
+                None => edges.push(piece),
+                Some(known) if known.faces.is_empty() => *known = piece,
+                Some(known) => {
+                    let turned = key(known.p[0]) != key(a);
+                    known.faces.extend(piece.faces.into_iter().map(|face| match face.ends {
+                        [start, end] if turned => EdgeFace { ends: [end, start], ..face },
+                        _ => face,
+                    }));
+                }
+            }
+        }
     }
 }
 

@@ -26,12 +26,25 @@ pub struct Crossing {
     pub along: Option<[Vec3; 2]>,
 }
 
+/// Two edges, not the same, that lie on one line and have a part of it in common: those of boxes pushed together.
+pub type Overlap = [[Vec3; 2]; 2];
+
 /// All crossings with at least one wanted triangle, in the order of their triangles.
 pub fn crossings(scene: &Scene, wanted: impl Fn(PrimId) -> bool + Sync) -> Vec<Crossing> {
+    crossings_and_overlaps(scene, wanted).0
+}
+
+/// [`crossings`], and where triangles' edges overlap.
+pub fn crossings_and_overlaps(scene: &Scene, wanted: impl Fn(PrimId) -> bool + Sync) -> (Vec<Crossing>, Vec<Overlap>) {
+    let shape = |prim: PrimId| scene.prims[prim as usize].shape;
     let meetings = scene.accel.pairs(wanted, |[a, b], found| {
         let [x, y] = [a, b].map(|prim| Triangle::new(prim, scene.corners(prim)));
         if x.is_beside(&y) || y.is_beside(&x) {
             return;
+        }
+        // Neighbours in a mesh meet in whole edges.
+        if shape(a) != shape(b) || !x.shares_corner(&y) {
+            overlaps(&x, &y, |edges| found.push(Meeting::Overlap(edges)));
         }
         // Twins of a triangle cross in the very same points, whoever comes first.
         let [x, y] = [x, y].map(Triangle::sorted);
@@ -40,23 +53,28 @@ pub fn crossings(scene: &Scene, wanted: impl Fn(PrimId) -> bool + Sync) -> Vec<C
     });
     let mut crossings = Vec::new();
     let mut grazes = Vec::new();
+    let mut overlaps = Vec::new();
     for meeting in meetings {
         match meeting {
             Meeting::Cross(crossing) => crossings.push(crossing),
             Meeting::Graze(graze) => grazes.push(graze),
+            Meeting::Overlap(edges) => overlaps.push(edges),
         }
     }
     crossings.extend(join(grazes));
     crossings.sort_by_key(|c| c.prims);
     let mut seen = HashSet::new();
     crossings.retain(|c| seen.insert(key_of(c.p)));
-    crossings
+    overlaps.sort_by_key(|edges| edges.map(key_of));
+    overlaps.dedup_by_key(|edges| edges.map(key_of));
+    (crossings, overlaps)
 }
 
 /// How two triangles meet.
 enum Meeting {
     Cross(Crossing),
     Graze(Graze),
+    Overlap(Overlap),
 }
 
 /// A triangle of which one edge lies within another triangle and the rest to one side of it: half a crossing.
@@ -130,6 +148,19 @@ impl Triangle {
         self.tolerance + 1e-6 * other.tolerance
     }
 
+    fn shares_corner(&self, other: &Triangle) -> bool {
+        self.corners.iter().any(|p| other.corners.contains(p))
+    }
+
+    /// The edges of which both ends lie in a plane.
+    fn edges_in(&self, other: &Triangle, normal: DVec3) -> impl Iterator<Item = [DVec3; 2]> {
+        let (corners, heights) = (self.corners, self.heights(other, normal));
+        (0..3)
+            .map(|i| [i, (i + 1) % 3])
+            .filter(move |e| e.iter().all(|&i| heights[i] == 0.0))
+            .map(move |e| e.map(|i| corners[i]))
+    }
+
     fn key(&self) -> [[u32; 3]; 3] {
         self.corners.map(|p| bits(p.as_vec3()))
     }
@@ -172,6 +203,30 @@ fn edge_within(heights: [f64; 3]) -> Option<([usize; 2], f64)> {
         let [j, k] = [(i + 1) % 3, (i + 2) % 3];
         (heights[i] != 0.0 && heights[j] == 0.0 && heights[k] == 0.0).then_some(([j, k], heights[i]))
     })
+}
+
+/// Finds edges of two triangles that overlap without being the same.
+fn overlaps(a: &Triangle, b: &Triangle, mut found: impl FnMut(Overlap)) {
+    let (normal_a, normal_b) = (a.normal(), b.normal());
+    let tolerance = a.least_height(b).max(b.least_height(a));
+    for e in a.edges_in(b, normal_b) {
+        for f in b.edges_in(a, normal_a) {
+            let along = (e[1] - e[0]).normalize_or_zero();
+            let off = |p: DVec3| along.cross(p - e[0]).length();
+            if off(f[0]) > tolerance || off(f[1]) > tolerance {
+                continue;
+            }
+            let sorted = |p: [DVec3; 2]| {
+                let [x, y] = p.map(|p| along.dot(p - e[0]));
+                [x.min(y), x.max(y)]
+            };
+            let ([e0, e1], [f0, f1]) = (sorted(e), sorted(f));
+            let edges = [e, f].map(|edge| edge.map(|p| p.as_vec3()));
+            if e1.min(f1) - e0.max(f0) > 2.0 * tolerance && key_of(edges[0]) != key_of(edges[1]) {
+                found(edges);
+            }
+        }
+    }
 }
 
 /// Tells apart crossing and touching (after Möller 1997, "A Fast Triangle-Triangle Intersection Test"): where both planes meet
