@@ -3,7 +3,7 @@
 mod common;
 
 use common::*;
-use dscene::grad::render_backward;
+use dscene::grad::{coverage_gaps, render_backward};
 use dscene::image::Image;
 use dscene::render::*;
 use glam::{DMat3, DVec2, DVec3, Mat3, Vec3, vec3};
@@ -161,4 +161,23 @@ fn many_samples_add_up() {
         let image = render(&scene, &look_at(Vec3::Z, Vec3::ZERO, 45., 2), &settings).unwrap();
         assert!(image.data.iter().all(|x| (x - 0.3).abs() < 1e-7), "{:?}", image.data);
     }
+}
+
+/// From a film that cuts through a floor, what is in front of it is seen and what is behind it is not; no edge is there to say so.
+#[test]
+fn a_film_that_cuts_through_something_is_reported() {
+    let gaps = |back: f32, lens: f32| {
+        let mut b = Builder::default();
+        let grey = b.diffuse(Vec3::splat(0.5));
+        b.shape(floor(Vec3::ZERO, 8.0), grey);
+        let camera = look_at(vec3(0.0, 0.9, 1.8), vec3(0.0, 0.3, 0.0), 40.0, 8);
+        let origin = camera.origin - back * camera.frame[2];
+        let lens = Lens { radius: lens, ..Lens::PINHOLE };
+        let camera = Camera { projection: Projection::Orthographic, scale: [1.0, 1.0], origin, lens, ..camera };
+        let settings = Settings { output: Output::Depth, spp: 1, max_bounces: 1, seed: 0, boundary: true };
+        coverage_gaps(&Scene::new(b.scene).unwrap(), &camera, &settings, &[Slot::CameraOrigin]).len()
+    };
+    assert_eq!([gaps(0.0, 0.0), gaps(3.0, 0.0)], [1, 0]);
+    // Through the rim of a wide lens.
+    assert_eq!([gaps(2.0, 0.0), gaps(2.0, 1.0)], [0, 1]);
 }

@@ -96,3 +96,166 @@ fn boxes_pushed_together() {
     let global = Plan { max_bounces: 2, ..plan };
     agree("pushed together, camera x, 2 bounces", &pushed_together(|t, s| s[2].x += t), &global);
 }
+
+/// By how much things reach into what they stand on, how high floor and box are, where a wall and the eye are, and how much of the wall
+/// there is.
+#[derive(Clone, Copy)]
+struct Standing {
+    depth: f32,
+    floor: f32,
+    lift: f32,
+    wall: f32,
+    eye: f32,
+    opacity: f32,
+}
+
+const STANDING: Standing = Standing { depth: 0.0, floor: 0.0, lift: 0.0, wall: 0.0, eye: 0.0, opacity: 1.0 };
+
+/// A wall on a floor, seen from its lit side halfway between the two: raised, it shows the shadow on as much more of the floor as it hides
+/// of the wall when it is sunk, so that there is a derivative.
+fn wall(lamp: bool, f: impl Fn(f32, &mut Standing)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut s = STANDING;
+        f(t, &mut s);
+        let mut b = Builder::default();
+        let grey = b.diffuse(Vec3::splat(0.5));
+        b.shape(floor(vec3(0.0, s.floor, 0.0), 2.0), grey.clone());
+        let corner = |x: f32, y: f32| vec3(x, y + s.lift, s.wall);
+        let opacity = (s.opacity < 1.0).then(|| b.scalar(s.opacity));
+        let wall = quad(corner(-0.5, -s.depth), corner(0.5, -s.depth), corner(0.5, 0.5), corner(-0.5, 0.5));
+        b.shape(wall, Material { opacity, ..grey });
+        if lamp {
+            b.light(ceiling(vec3(0.0, 3.0, 1.0), 0.25), Vec3::splat(30.0));
+        } else {
+            let direction = vec3(0.0, -1.0, -0.4);
+            b.scene.delta_lights.push(DeltaLight::Directional { direction, irradiance: Vec3::splat(3.0) });
+        }
+        (b.scene, look_at(vec3(0.0, 2.0, 2.0 + s.eye), Vec3::ZERO, 40.0, 12))
+    }
+}
+
+#[test]
+fn a_wall_on_a_floor() {
+    let plan = Plan { h: 0.005, fd_spp: 4096, ..Plan::default() };
+    agree("sun, the floor rises", &wall(false, |t, s| s.floor += t), &plan);
+    agree("sun, the wall rises", &wall(false, |t, s| s.lift += t), &plan);
+    agree("lamp, the floor rises", &wall(true, |t, s| s.floor += t), &plan);
+}
+
+/// A little above its floor, on it, or in it by what rounding or the hand of a modeller may well make of its height; with holes in it one
+/// sees the shadow begin right behind it.
+#[test]
+fn a_wall_slides_alike_at_any_depth() {
+    type Motion = fn(f32, &mut Standing);
+    let motions: [(&str, Motion); 2] = [("wall", |t, s| s.wall += t), ("eye", |t, s| s.eye += t)];
+    for opacity in [1.0, 0.5] {
+        for (what, f) in motions {
+            let of = |depth: f32| {
+                let build = wall(false, move |t, s| {
+                    (s.depth, s.opacity) = (depth, opacity);
+                    f(t, s);
+                });
+                statistics(&gradients(&build, &Plan { spp: 64, ..Plan::default() }, 0..12))
+            };
+            let expected = of(1e-3);
+            println!("{what}, opacity {opacity}: {expected:?}");
+            for depth in [-1e-3, -4e-5, -3e-6, 0.0, 3e-6, 2e-5, 1e-4] {
+                let found = of(depth);
+                let allowed = 0.02 * expected.mean.abs() + 4.0 * found.error.hypot(expected.error);
+                assert!(
+                    (found.mean - expected.mean).abs() < allowed,
+                    "{what}, {opacity}: {found:?} at {depth}, {expected:?}"
+                );
+            }
+        }
+    }
+}
+
+/// A box on a floor that ends at a wall, with a shelf on the wall; all a little deeper than where they would touch.
+fn room(
+    ground: fn(&mut Builder) -> Material,
+    block: fn(&mut Builder) -> Material,
+    f: impl Fn(f32, &mut Standing),
+) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut s = STANDING;
+        f(t, &mut s);
+        let mut b = Builder::default();
+        let (ground, block, grey) = (ground(&mut b), block(&mut b), b.diffuse(vec3(0.4, 0.5, 0.6)));
+        let (back, front) = (-1.0 - s.depth, 2.0);
+        let corner = |x: f32, z: f32| vec3(x, s.floor, z);
+        b.shape(quad(corner(-2.0, front), corner(2.0, front), corner(2.0, back), corner(-2.0, back)), ground);
+        let corner = |x: f32, y: f32| vec3(x, y, -1.0 + s.wall);
+        b.shape(quad(corner(-3.0, -1.0), corner(3.0, -1.0), corner(3.0, 2.0), corner(-3.0, 2.0)), grey.clone());
+        let mut body = cuboid(vec3(0.2, 0.25 - s.depth + s.lift, -0.2), vec3(0.2, 0.25, 0.3), 0.5);
+        // Without its bottom: what two faces in one plane show has no right answer, and through a mask one sees it.
+        body.faces.drain(4..6);
+        b.shape(body, block);
+        b.shape(cuboid(vec3(-0.5, 0.8, -0.85 - s.depth), vec3(0.4, 0.03, 0.15), 0.0), grey);
+        b.light(ceiling(vec3(-1.0, 2.0, 0.5), 0.4), Vec3::splat(8.0));
+        let intensity = Vec3::splat(6.0);
+        b.scene.delta_lights.push(DeltaLight::Point { position: vec3(0.6, 2.0, 1.0), intensity });
+        (b.scene, look_at(vec3(-0.3, 1.3, 3.0), vec3(0.0, 0.3, 0.0), 35.0, 24))
+    }
+}
+
+#[test]
+fn what_stands_on_something_has_the_derivative_of_what_reaches_into_it() {
+    let white: fn(&mut Builder) -> Material = |b| b.diffuse(Vec3::splat(0.7));
+    let masked: fn(&mut Builder) -> Material = |b| {
+        let opacity = Some(b.scalar(0.6));
+        Material { opacity, ..b.diffuse(Vec3::splat(0.7)) }
+    };
+    let mirror: fn(&mut Builder) -> Material = |b| {
+        let reflectance = b.constant(Vec3::splat(0.8));
+        Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity: None }
+    };
+    type Motion = fn(f32, &mut Standing);
+    let motions: [(&str, Motion); 3] =
+        [("floor", |t, s| s.floor += t), ("box", |t, s| s.lift += t), ("wall", |t, s| s.wall += t)];
+    for (name, ground, block, seeds) in
+        [("boxes", white, white, 24), ("masked", white, masked, 24), ("mirror", mirror, white, 60)]
+    {
+        for (what, f) in motions {
+            let plan = Plan { spp: 32, max_bounces: 2, ..Plan::default() };
+            let of = |depth: f32| {
+                let build = room(ground, block, move |t, s| {
+                    s.depth = depth;
+                    f(t, s);
+                });
+                statistics(&gradients(&build, &plan, 0..seeds))
+            };
+            let (on, within) = (of(0.0), of(1e-4));
+            let error = on.error.hypot(within.error);
+            let (z, relative) = ((on.mean - within.mean) / error, error / within.mean.abs().max(100.0));
+            println!("{name}, {what}: {on:?} {within:?} z {z:.2} error {:.2} %", 100.0 * relative);
+            assert!(z.abs() < 3.0 && relative < 0.02, "{name}, {what}: {on:?} on it, {within:?} within it, z {z:.2}");
+        }
+    }
+}
+
+/// A luminous wall of two triangles on a floor, or stuck into it; `f` moves its corners.
+fn luminous(height: f32, f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut b = Builder::default();
+        let grey = b.diffuse(Vec3::splat(0.5));
+        b.shape(floor(Vec3::ZERO, 2.0), grey);
+        let mut lamp = quad(vec3(-0.5, 0., 0.3), vec3(0.5, 0., 0.3), vec3(0.5, 0.4, 0.2), vec3(-0.5, 0.4, 0.2));
+        lamp.vertices.iter_mut().for_each(|v| {
+            f(t, v);
+            v.y += height;
+        });
+        b.light(lamp, Vec3::splat(5.0));
+        b.scene.shapes[1].emission.as_mut().unwrap().two_sided = true;
+        (b.scene, look_at(vec3(0.0, 2.0, 2.0), Vec3::ZERO, 40.0, 24))
+    }
+}
+
+#[test]
+fn a_lamp_on_a_floor() {
+    let plan = Plan { h: 0.02, seeds: 32, fd_spp: 1024, ..Plan::default() };
+    agree("stuck in the floor, grows", &luminous(-0.01, |t, v| v.y *= 1.0 + t), &plan);
+    agree("stuck in the floor, z", &luminous(-0.01, |t, v| v.z += t), &plan);
+    agree("on the floor, wider", &luminous(0.0, |t, v| v.x *= 1.0 + t), &plan);
+    agree("on the floor, z", &luminous(0.0, |t, v| v.z += t), &plan);
+}

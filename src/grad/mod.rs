@@ -25,7 +25,11 @@ pub mod viewpoint;
 
 use std::sync::atomic::AtomicBool;
 
+use glam::{Mat3, Vec2, Vec3};
+
 use crate::image::Image;
+use crate::render::Projection;
+use crate::render::accel::PrimId;
 use crate::render::sampler::hash;
 use crate::render::texture::Filter;
 pub use crate::render::{
@@ -217,12 +221,46 @@ pub fn coverage_gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &
     if !wrt.iter().any(|s| s.moves_visibility()) {
         return gaps;
     }
+    if film_cuts_surfaces(scene, camera) {
+        gaps.push(
+            "the film of the orthographic camera cuts through surfaces, and where they begin in the image has no derivative \
+             (from further back it sees the same, and nothing is cut)",
+        );
+    }
     if !settings.boundary {
         gaps.push("`boundary: false` leaves out silhouettes and shadow edges, which a param moves");
     } else if settings.output == Output::Radiance && settings.max_bounces > 0 {
         gaps.extend(mirror_gaps(scene, settings));
     }
     gaps
+}
+
+/// Whether triangles go through the film of an orthographic camera, in front of which alone they are seen.
+fn film_cuts_surfaces(scene: &Scene, camera: &Camera) -> bool {
+    let cuts = |origin: Vec3, frame: [Vec3; 3], scale: [f32; 2], lens: f32| {
+        let to_film = Mat3::from_cols(frame[0] * scale[0], frame[1] * scale[1], frame[2]).inverse();
+        let half = Vec2::ONE + Vec2::splat(lens) / Vec2::from_array(scale);
+        let cuts = |prim: usize| {
+            let corners = scene.corners(prim as PrimId).map(|p| to_film * (p - origin));
+            let at_film = |i: usize| {
+                let (a, b) = (corners[i], corners[(i + 1) % 3]);
+                (a.z * b.z < 0.0).then(|| a.lerp(b, a.z / (a.z - b.z)).truncate())
+            };
+            let ends: Vec<Vec2> = (0..3).filter_map(at_film).collect();
+            matches!(ends[..], [a, b] if meets_box(a, b, half))
+        };
+        (0..scene.prims.len()).any(cuts)
+    };
+    camera.projection == Projection::Orthographic
+        && (cuts(camera.origin, camera.frame, camera.scale, camera.lens.radius)
+            || camera.closing.is_some_and(|to| cuts(to.origin, to.frame, to.scale, to.lens[0])))
+}
+
+/// Whether a segment meets a box around the origin: no axis separates the two.
+fn meets_box(a: Vec2, b: Vec2, half: Vec2) -> bool {
+    let (middle, d) = (0.5 * (a + b), 0.5 * (b - a).abs());
+    let normal = (b - a).perp();
+    middle.abs().cmple(half + d).all() && normal.dot(middle).abs() <= normal.abs().dot(half)
 }
 
 /// What mirrors show that has no derivative.

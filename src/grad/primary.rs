@@ -21,8 +21,9 @@ use crate::render::integrator::{NoRecord, Options, Start, trace};
 use crate::render::sampler::{Discrete, Sampler, hash};
 use crate::render::{Camera, Output, Projection, Scene, Settings};
 
-/// Distance in pixels between an edge and the ray that looks past it.
-const NUDGE: f32 = 1e-3;
+/// Distance between an edge and the ray that looks past it: in pixels, and over the width of the film, whichever is less. What is
+/// narrower is not seen past the edge, such as the shadow right behind the foot of something that hangs a little above a floor.
+const NUDGE: [f32; 2] = [1e-3, 1e-6];
 /// Longest piece of an edge with one sampling weight, in pixels.
 pub const PIECE: f64 = 8.0;
 /// Antithetic pairs on a piece: more than one only for pieces that something else hides in part.
@@ -216,10 +217,11 @@ impl<'a> PrimaryEdges<'a> {
         let scene = viewpoint.scene;
         let sides = Sides::choose(scene, edge, seen.dir, &view, s, sampler)?;
         let settings = self.settings;
+        let nudge = NUDGE[0].min(NUDGE[1] * viewpoint.camera.width.max(viewpoint.camera.height) as f32);
         let value = Values { scene, settings, viewpoint: &viewpoint, edge, seen: &seen, aside, s, prims: &prims };
         let side = |face: Option<usize>| match face {
             Some(face) => value.face(face, &mut sampler.clone()),
-            None => value.past(seen.projected.pixel + normal_2d * NUDGE, &mut sampler.clone()),
+            None => value.past(seen.projected.pixel + normal_2d * nudge, &mut sampler.clone()),
         };
         let jump = (side(sides.near) - side(sides.far)) * sides.scale;
         let foreground = view.foreground;

@@ -108,7 +108,8 @@ impl<'a> Shadows<'a> {
         let mut weights = Vec::new();
         for (i, edge) in table.edges.iter().enumerate().filter(|(_, e)| e.crossing) {
             // The halves of one triangle count once.
-            for face in (0..4).filter(|&f| f % 2 == 0 || edge.faces[f].prim != edge.faces[f - 1].prim) {
+            let halves = 0..edge.faces.len();
+            for face in halves.filter(|&f| f % 2 == 0 || edge.faces[f].prim != edge.faces[f - 1].prim) {
                 let power = scene.emitted_power(edge.faces[face].prim);
                 if power > 0.0 {
                     pierced.push((i, face));
@@ -222,7 +223,7 @@ impl<'a> Shadows<'a> {
             return None;
         }
         let hit = scene.chance_hit(&Ray::new(p + aside, -dir), &prims, sampler)?;
-        if hit.t < 1e-5 * scale {
+        if hit.t < 1e-5 * p.abs().max_element() {
             return None; // the edge lies on the receiver: the shadow starts under the edge itself
         }
         let tau = match light.kind {
@@ -249,13 +250,16 @@ impl<'a> Shadows<'a> {
         let away = cosine_hemisphere([(u as f32).min(ONE_MINUS_EPSILON), v]);
         let away = Frame::from_normal(n).to_world(away).normalize();
 
-        // The other surface hides what is behind it.
-        let hiding = (face + 2) % 4;
+        // The other surface hides what is behind it, if it reaches to this side of the light.
+        let surface = |face: usize| face / 2;
+        let rises = |face: &usize| n.dot(edge.faces[*face].opposite - edge.p[0]) > 0.0;
+        let mut halves = (0..edge.faces.len()).filter(|&f| surface(f) != surface(face));
+        let hiding = halves.find(rises)?;
         let covers = scene.opacity(edge.faces[hiding].prim, edge.barycentric(hiding, s, 0.0)).unwrap_or(1.0);
         let [p0, p1, p2] = scene.corners(edge.faces[hiding].prim);
         let other = (p1 - p0).cross(p2 - p0).normalize_or_zero();
         let normal = (other - n * n.dot(other)).normalize_or_zero() * other.dot(away).signum();
-        let whole = edge.faces[face ^ 1].prim == own.prim;
+        let whole = edge.faces.get(face ^ 1).is_some_and(|f| f.prim == own.prim);
         if !whole && normal.dot(own.opposite - edge.p[0]) <= 0.0 {
             return None;
         }

@@ -10,6 +10,7 @@ use glam::{Vec2, Vec3};
 
 use super::local::{RayAdjoint, VertexAdjoint, d_mirrored, slide};
 use super::sink::{Adjoints, Sink};
+use crate::math::position_key;
 use crate::render::accel::{PrimId, Ray};
 use crate::render::edges::{Edge, EdgeOn, EdgeView};
 use crate::render::interaction::SurfaceInteraction;
@@ -113,19 +114,18 @@ impl Mirrors {
 /// Whether triangles with outward normals make the closed surface of a convex body: all in one piece, and along every edge the
 /// neighbour falls back.
 fn is_convex_body(scene: &Scene, prims: Range<PrimId>) -> bool {
-    let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits); // + 0 turns −0 into 0
     let corners: Vec<[Vec3; 3]> = prims.map(|prim| scene.corners(prim)).collect();
     let sides = |[a, b, c]: [Vec3; 3]| [(a, b, c), (b, c, a), (c, a, b)];
     let mut faces = HashMap::new();
     let mut count = 0;
     for (i, &face) in corners.iter().enumerate() {
-        let keys = face.map(key);
+        let keys = face.map(position_key);
         if keys[0] == keys[1] || keys[1] == keys[2] || keys[2] == keys[0] {
             continue;
         }
         count += 1;
         for (p, q, _) in sides(face) {
-            if faces.insert((key(p), key(q)), i).is_some() {
+            if faces.insert((position_key(p), position_key(q)), i).is_some() {
                 return false;
             }
         }
@@ -136,7 +136,7 @@ fn is_convex_body(scene: &Scene, prims: Range<PrimId>) -> bool {
         let [a, b, c] = corners[i];
         let n = (b - a).cross(c - a).normalize_or_zero();
         for (p, q, _) in sides(corners[i]) {
-            let Some(&j) = faces.get(&(key(q), key(p))) else { return false };
+            let Some(&j) = faces.get(&(position_key(q), position_key(p))) else { return false };
             if corners[j].iter().any(|o| n.dot(*o - p) > 1e-6 * scene.radius) {
                 return false;
             }
@@ -305,7 +305,7 @@ impl<'a> Viewpoint<'a> {
     /// The ray along which something is seen, ending just before it, from the camera or the mirror.
     pub fn way(&self, origin: Vec3, dir: Vec3, distance: f32) -> Ray {
         let t_min = self.mirror.map_or(0.0, |_| 1e-5 * self.scene.radius);
-        Ray { t_min, t_max: distance * (1.0 - 2e-5), ..Ray::new(origin, dir) }
+        Ray { t_min, t_max: distance * (1.0 - 4e-6), ..Ray::new(origin, dir) }
     }
 
     /// The mirror vertex behind a pixel position, if a surface of this mirror is seen there, with its reflectance through masks.

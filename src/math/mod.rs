@@ -28,6 +28,18 @@ pub fn d_normalize(v: Vec3, d_unit: Vec3) -> Vec3 {
     (d_unit - unit * unit.dot(d_unit)) / length
 }
 
+/// What tells positions apart: their bits, with −0 as 0.
+pub fn position_key(p: Vec3) -> [u32; 3] {
+    (p + Vec3::ZERO).to_array().map(f32::to_bits)
+}
+
+/// What tells segments apart, whichever end comes first.
+pub fn segment_key(ends: [Vec3; 2]) -> [[u32; 3]; 2] {
+    let mut key = ends.map(position_key);
+    key.sort_unstable();
+    key
+}
+
 /// Luminance of a linear sRGB colour.
 pub fn luminance(rgb: Vec3) -> f32 {
     rgb.dot(Vec3::new(0.2126, 0.7152, 0.0722))

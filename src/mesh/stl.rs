@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use glam::{Vec3, vec3};
 
 use super::Mesh;
+use crate::math::position_key;
 
 pub(super) fn decode(bytes: &[u8]) -> Result<Mesh, String> {
     let promised = bytes.get(80..84).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as u64);
@@ -53,9 +54,7 @@ fn weld(triangles: impl Iterator<Item = [Vec3; 3]>) -> Mesh {
     let mut index: HashMap<[u32; 3], u32> = HashMap::new();
     for triangle in triangles {
         let face = triangle.map(|corner| {
-            // Adding zero makes −0 and 0 the same bits.
-            let key = (corner + Vec3::ZERO).to_array().map(f32::to_bits);
-            *index.entry(key).or_insert_with(|| {
+            *index.entry(position_key(corner)).or_insert_with(|| {
                 mesh.vertices.push(corner);
                 mesh.vertices.len() as u32 - 1
             })

@@ -8,6 +8,7 @@ use super::accel::PrimId;
 use super::intersections::crossings;
 use super::scene::MaterialKind;
 use super::world::Scene;
+use crate::math::position_key;
 
 /// A corner with more emitters than this is left out.
 const MAX_FAN: usize = 64;
@@ -15,24 +16,28 @@ const MAX_FAN: usize = 64;
 /// Receivers with the emitters that touch them. Between these emission is differentiated direction-fixed: material-fixed, as
 /// elsewhere, the receiving point slides towards an emitting point that stays, and derivatives grow like 1/distance. Either
 /// is right for any pair, as long as every estimator has the same list.
+///
+/// Emitters without an edge between them ([`super::edges::EdgeTable::flat_emitters`]) are one: where what is differentiated one way bordered
+/// on what is differentiated the other way, there would have to be one.
 pub struct Contacts {
+    /// The emitters by their patches.
     pairs: HashSet<(PrimId, PrimId)>,
+    patches: HashMap<PrimId, PrimId>,
 }
 
 impl Contacts {
     pub fn new(scene: &Scene) -> Contacts {
         let shape = |prim: PrimId| &scene.description.shapes[scene.prims[prim as usize].shape as usize];
         let all = 0..scene.prims.len() as PrimId;
-        let key = |p: Vec3| (p + Vec3::ZERO).to_array().map(f32::to_bits); // + 0 turns −0 into 0
         let mut emitters: HashMap<[u32; 3], Vec<PrimId>> = HashMap::new();
         for prim in all.clone().filter(|&p| shape(p).emission.is_some()) {
             for corner in scene.corners(prim) {
-                emitters.entry(key(corner)).or_default().push(prim);
+                emitters.entry(position_key(corner)).or_default().push(prim);
             }
         }
         let mut pairs = HashSet::new();
         if emitters.is_empty() {
-            return Contacts { pairs };
+            return Contacts { pairs, patches: HashMap::new() };
         }
         let plane = |prim: PrimId| {
             let [a, b, c] = scene.corners(prim);
@@ -43,6 +48,7 @@ impl Contacts {
             scene.corners(prim).into_iter().map(|p| side * n.dot(p - origin)).fold(0.0, f32::max)
         };
         let least = 1e-5 * scene.radius;
+        let patches = patches(&scene.edges().flat_emitters);
         let mut consider = |receiver: PrimId, emitter: PrimId| {
             let (material, at, from) = (&shape(receiver).material, plane(receiver), plane(emitter));
             let Some(emission) = shape(emitter).emission.as_ref().filter(|_| emitter != receiver) else { return };
@@ -52,12 +58,12 @@ impl Contacts {
             let lit = reach(receiver, from, 1.0) > least || (emission.two_sided && reach(receiver, from, -1.0) > least);
             let faces = reach(emitter, at, 1.0) > least || (!material.one_sided && reach(emitter, at, -1.0) > least);
             if lit && faces {
-                pairs.insert((receiver, emitter));
+                pairs.insert((receiver, patch_of(&patches, emitter)));
             }
         };
         for receiver in all {
             for corner in scene.corners(receiver) {
-                let fan = emitters.get(&key(corner)).filter(|fan| fan.len() <= MAX_FAN);
+                let fan = emitters.get(&position_key(corner)).filter(|fan| fan.len() <= MAX_FAN);
                 fan.into_iter().flatten().for_each(|&emitter| consider(receiver, emitter));
             }
         }
@@ -67,7 +73,7 @@ impl Contacts {
                 consider(b, a);
             }
         }
-        Contacts { pairs }
+        Contacts { pairs, patches }
     }
 
     pub fn is_empty(&self) -> bool {
@@ -75,11 +81,54 @@ impl Contacts {
     }
 
     pub fn contains(&self, receiver: PrimId, emitter: PrimId) -> bool {
-        self.pairs.contains(&(receiver, emitter))
+        self.pairs.contains(&(receiver, patch_of(&self.patches, emitter)))
     }
 
     /// Whether any emitter touches a receiver.
     pub fn touches(&self, receiver: PrimId, emitters: impl IntoIterator<Item = PrimId>) -> bool {
         !self.is_empty() && emitters.into_iter().any(|e| self.contains(receiver, e))
+    }
+}
+
+fn patch_of(patches: &HashMap<PrimId, PrimId>, prim: PrimId) -> PrimId {
+    patches.get(&prim).copied().unwrap_or(prim)
+}
+
+/// For each of some linked primitives the least one that it is linked with, by way of others too.
+fn patches(links: &[[PrimId; 2]]) -> HashMap<PrimId, PrimId> {
+    let mut patches: HashMap<PrimId, PrimId> = HashMap::new();
+    fn least(patches: &mut HashMap<PrimId, PrimId>, prim: PrimId) -> PrimId {
+        let mut root = prim;
+        while let Some(&next) = patches.get(&root).filter(|&&next| next != root) {
+            root = next;
+        }
+        let mut at = prim;
+        while at != root {
+            at = patches.insert(at, root).unwrap_or(root);
+        }
+        root
+    }
+    for link in links {
+        let [a, b] = link.map(|prim| least(&mut patches, prim));
+        patches.insert(a.max(b), a.min(b));
+    }
+    let linked: Vec<PrimId> = patches.keys().copied().collect();
+    linked.into_iter().for_each(|prim| {
+        least(&mut patches, prim);
+    });
+    patches
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patches_hold_together_by_way_of_others() {
+        let patches = patches(&[[5, 4], [8, 7], [4, 3], [1, 8], [9, 2], [3, 5]]);
+        let of = |prim: PrimId| patch_of(&patches, prim);
+        assert_eq!([3, 4, 5].map(of), [3; 3]);
+        assert_eq!([1, 7, 8].map(of), [1; 3]);
+        assert_eq!([2, 9, 6].map(of), [2, 2, 6]);
     }
 }

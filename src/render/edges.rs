@@ -14,6 +14,7 @@ use super::interaction::SurfaceInteraction;
 use super::intersections::{Crossing, Overlap, crossings_and_overlaps};
 use super::scene::{Input, Material, MaterialKind};
 use super::world::Scene;
+use crate::math::{position_key, segment_key};
 use crate::mesh::Mesh;
 
 /// Fraction of a face by which attributes are looked up inside of it: a texture may repeat at its very edge.
@@ -60,8 +61,8 @@ const ROUNDING: f32 = 1e-6;
 pub struct Edge {
     pub p: [Vec3; 2],
     pub faces: Vec<EdgeFace>,
-    /// The edge is where two surfaces cross: of each it has both halves, first of the one, then of the other. Seen from anywhere
-    /// it is a crease, and it moves with both surfaces' planes.
+    /// The edge is where two surfaces cross: of each it has both halves, first of the one, then of the other; of a surface that ends
+    /// there, last, the one half that there is. Seen from anywhere it is a crease, and it moves with both surfaces' planes.
     pub crossing: bool,
     /// Reflected radiance may jump across the edge where both its faces are seen.
     pub sharp: bool,
@@ -329,6 +330,8 @@ impl Edge {
 /// All edges of a scene.
 pub struct EdgeTable {
     pub edges: Vec<Edge>,
+    /// Emitters of one plane whose common edge is none of them.
+    pub flat_emitters: Vec<[PrimId; 2]>,
 }
 
 impl EdgeTable {
@@ -340,7 +343,7 @@ impl EdgeTable {
             let corners = scene.corners(prim as PrimId);
             let welded = corners.map(|p| {
                 let next = points.len() as u32;
-                *points.entry(key(p)).or_insert(next)
+                *points.entry(position_key(p)).or_insert(next)
             });
             let area = (corners[1] - corners[0]).cross(corners[2] - corners[0]).length();
             let longest = (0..3).map(|i| corners[i].distance_squared(corners[(i + 1) % 3])).fold(0.0, f32::max);
@@ -370,7 +373,7 @@ impl EdgeTable {
         // Where a surface goes through another along one of its edges there is a crossing, and no edge besides.
         let mut covered: BTreeMap<usize, Vec<[f32; 2]>> = BTreeMap::new();
         for crossing in &crossings {
-            let ends = crossing.along.map(|ends| ends.map(|p| points.get(&key(p)).copied()));
+            let ends = crossing.along.map(|ends| ends.map(|p| points.get(&position_key(p)).copied()));
             let Some([Some(a), Some(b)]) = ends else { continue };
             if let Some(&edge) = index.get(&(a.min(b), a.max(b))) {
                 covered.entry(edge).or_default().push(crossing.p.map(|p| edges[edge].parameter(p)));
@@ -387,17 +390,27 @@ impl EdgeTable {
             edge.sharp = is_sharp(scene, edge);
         }
         // Flat interior edges of one material can neither cover anything nor show a jump.
-        edges.retain(|e| e.sharp || !is_flat(e));
+        let mut flat_emitters = Vec::new();
+        edges.retain(|e| {
+            let keep = e.sharp || !is_flat(e);
+            if let [a, b] = e.faces[..]
+                && !keep
+                && emits(scene, a.prim)
+            {
+                flat_emitters.push([a.prim, b.prim]);
+            }
+            keep
+        });
         for edge in &mut edges {
             edge.weight = weight(edge);
         }
         edges.extend(crossings.iter().filter_map(|c| crossing_edge(scene, c)));
-        EdgeTable { edges }
+        EdgeTable { edges, flat_emitters }
     }
 }
 
-fn key(p: Vec3) -> [u32; 3] {
-    (p + Vec3::ZERO).to_array().map(f32::to_bits) // + 0 turns −0 into 0
+fn emits(scene: &Scene, prim: PrimId) -> bool {
+    scene.description.shapes[scene.prims[prim as usize].shape as usize].emission.is_some()
 }
 
 /// Cuts edges that have parts in common at one another's ends, and makes one edge of each part, with the faces of all.
@@ -405,16 +418,12 @@ fn weld_overlaps(edges: &mut Vec<Edge>, overlaps: &[Overlap]) {
     if overlaps.is_empty() {
         return;
     }
-    let ends_of = |p: [Vec3; 2]| {
-        let mut ends = p.map(key);
-        ends.sort_unstable();
-        ends
-    };
-    let mut index: HashMap<[[u32; 3]; 2], usize> = edges.iter().enumerate().map(|(i, e)| (ends_of(e.p), i)).collect();
+    let mut index: HashMap<[[u32; 3]; 2], usize> =
+        edges.iter().enumerate().map(|(i, e)| (segment_key(e.p), i)).collect();
     let mut cuts: BTreeMap<usize, Vec<Vec3>> = BTreeMap::new();
     for [a, b] in overlaps {
         for (edge, other) in [(a, b), (b, a)] {
-            if let Some(&i) = index.get(&ends_of(*edge)) {
+            if let Some(&i) = index.get(&segment_key(*edge)) {
                 cuts.entry(i).or_default().extend(other);
             }
         }
@@ -426,17 +435,17 @@ fn weld_overlaps(edges: &mut Vec<Edge>, overlaps: &[Overlap]) {
         stops.retain(|(s, p)| *s > 0.0 && *s < 1.0 && !edge.p.contains(p));
         stops.extend([(0.0, edge.p[0]), (1.0, edge.p[1])]);
         stops.sort_by(|a, b| a.0.total_cmp(&b.0));
-        stops.dedup_by_key(|(_, p)| key(*p));
+        stops.dedup_by_key(|(_, p)| position_key(*p));
         edges[i].faces.clear();
         for pair in stops.windows(2) {
             let [(from, a), (to, b)] = [pair[0], pair[1]];
             let piece = Edge { p: [a, b], ..edge.part(from, to) };
-            let known = *index.entry(ends_of(piece.p)).or_insert(edges.len());
+            let known = *index.entry(segment_key(piece.p)).or_insert(edges.len());
             match edges.get_mut(known) {
                 None => edges.push(piece),
                 Some(known) if known.faces.is_empty() => *known = piece,
                 Some(known) => {
-                    let turned = key(known.p[0]) != key(a);
+                    let turned = position_key(known.p[0]) != position_key(a);
                     known.faces.extend(piece.faces.into_iter().map(|face| match face.ends {
                         [start, end] if turned => EdgeFace { ends: [end, start], ..face },
                         _ => face,
@@ -485,14 +494,17 @@ fn crossing_edge(scene: &Scene, crossing: &Crossing) -> Option<Edge> {
         Some([half((0..3).min_by(by_height)?), half((0..3).max_by(by_height)?)])
     };
     let mut faces = Vec::with_capacity(4);
-    for [a, b] in crossing.prims {
+    let larger = |[x, y]: [(f64, EdgeFace); 2]| if x.0 > y.0 { x.1 } else { y.1 };
+    let [first, second] = crossing.prims;
+    for [a, b] in if crossing.stands { vec![second] } else { vec![first, second] } {
         if a == b {
             faces.extend(halves(a)?.map(|(_, face)| face));
         } else {
-            for [x, y] in [halves(a)?, halves(b)?] {
-                faces.push(if x.0 > y.0 { x.1 } else { y.1 });
-            }
+            faces.extend([larger(halves(a)?), larger(halves(b)?)]);
         }
+    }
+    if crossing.stands {
+        faces.push(larger(halves(first[0])?));
     }
     let sound = faces.iter().flat_map(|f| f.ends).flatten().all(f32::is_finite);
     sound.then_some(Edge { p, faces, crossing: true, sharp: true, weight: 1.0 })

@@ -1,7 +1,8 @@
 //! Where triangles cross: the curves along which meshes interpenetrate, segment by segment.
 //!
-//! Triangles that only touch do not cross: a box that stands on a floor, neighbours in a mesh, faces in one plane. A surface
-//! that goes through another along one of its own edges does (a ball whose equator lies in the floor).
+//! Triangles that only touch do not cross: neighbours in a mesh, faces in one plane, a corner on a face. A surface that goes through
+//! another along one of its own edges does (a ball whose equator lies in the floor), and so does one that ends on another: a box
+//! that stands on a floor has a derivative on either side, and is taken to reach into it.
 
 use std::collections::HashSet;
 
@@ -9,9 +10,13 @@ use glam::{DVec3, Vec3};
 
 use super::accel::PrimId;
 use super::world::Scene;
+use crate::math::{position_key, segment_key};
 
 /// Corners nearer to a plane than this times their largest coordinate lie in it: coordinates are only known to their last bits.
 const TOLERANCE: f64 = 1e-6;
+/// And edges of which both ends are nearer than this: a wall that was turned by 1.5708 stands on its floor too. No ray tells the two
+/// apart: an edge a little below a floor would be seen, next to the crossing above it.
+const STANDING: f64 = 1e-5;
 /// Sine of the angle below which two planes count as one. Such surfaces have no edge where they cross; it would move 1/sine
 /// times as fast as they do, and what is missed is what changes when two surfaces glide through each other at less than 0.006°.
 const LEAST_SINE: f64 = 1e-4;
@@ -22,8 +27,10 @@ pub struct Crossing {
     pub p: [Vec3; 2],
     /// Of each surface the triangles on either side of the segment: one and the same if it crosses in the triangle's inside.
     pub prims: [[PrimId; 2]; 2],
-    /// The ends of the mesh edge between the first surface's triangles, if they are two.
+    /// The ends of the first surface's mesh edge along which they cross, if they do.
     pub along: Option<[Vec3; 2]>,
+    /// The first surface ends there.
+    pub stands: bool,
 }
 
 /// Two edges, not the same, that lie on one line and have a part of it in common: those of boxes pushed together.
@@ -37,7 +44,7 @@ pub fn crossings(scene: &Scene, wanted: impl Fn(PrimId) -> bool + Sync) -> Vec<C
 /// [`crossings`], and where triangles' edges overlap.
 pub fn crossings_and_overlaps(scene: &Scene, wanted: impl Fn(PrimId) -> bool + Sync) -> (Vec<Crossing>, Vec<Overlap>) {
     let shape = |prim: PrimId| scene.prims[prim as usize].shape;
-    let meetings = scene.accel.pairs(wanted, |[a, b], found| {
+    let meetings = scene.accel.pairs(STANDING as f32, wanted, |[a, b], found| {
         let [x, y] = [a, b].map(|prim| Triangle::new(prim, scene.corners(prim)));
         if x.is_beside(&y) || y.is_beside(&x) {
             return;
@@ -61,12 +68,13 @@ pub fn crossings_and_overlaps(scene: &Scene, wanted: impl Fn(PrimId) -> bool + S
             Meeting::Overlap(edges) => overlaps.push(edges),
         }
     }
-    crossings.extend(join(grazes));
+    let is_opaque = |prim: PrimId| scene.description.shapes[shape(prim) as usize].material.opacity.is_none();
+    crossings.extend(join(grazes, is_opaque));
     crossings.sort_by_key(|c| c.prims);
     let mut seen = HashSet::new();
-    crossings.retain(|c| seen.insert(key_of(c.p)));
-    overlaps.sort_by_key(|edges| edges.map(key_of));
-    overlaps.dedup_by_key(|edges| edges.map(key_of));
+    crossings.retain(|c| seen.insert(segment_key(c.p)));
+    overlaps.sort_by_key(|edges| edges.map(segment_key));
+    overlaps.dedup_by_key(|edges| edges.map(segment_key));
     (crossings, overlaps)
 }
 
@@ -86,28 +94,24 @@ struct Graze {
     above: bool,
 }
 
-/// Pairs of grazes from either side along the same edge.
-fn join(mut grazes: Vec<Graze>) -> Vec<Crossing> {
-    let key = |g: &Graze| (g.other, key_of(g.edge));
+/// Pairs of grazes from either side along the same edge; and single ones, of faces that stand on another. That hides all that is beyond
+/// the edge only if it is opaque.
+fn join(mut grazes: Vec<Graze>, is_opaque: impl Fn(PrimId) -> bool) -> Vec<Crossing> {
+    let key = |g: &Graze| (g.other, segment_key(g.edge));
     grazes.sort_by_key(|g| (key(g), g.above, g.prim));
     let groups = grazes.chunk_by(|a, b| key(a) == key(b));
     let crossing = |group: &[Graze]| {
         let (below, above) = (group.first()?, group.last()?);
         let prims = [[below.prim, above.prim], [below.other; 2]];
-        (below.above != above.above).then_some(Crossing { p: below.p, prims, along: Some(below.edge) })
+        let stands = group.len() == 1 && is_opaque(below.other);
+        (below.above != above.above || stands).then_some(Crossing {
+            p: below.p,
+            prims,
+            along: Some(below.edge),
+            stands,
+        })
     };
     groups.filter_map(crossing).collect()
-}
-
-fn bits(p: Vec3) -> [u32; 3] {
-    (p + Vec3::ZERO).to_array().map(f32::to_bits) // + 0 turns −0 into 0
-}
-
-/// The same for both orders of two points.
-fn key_of(p: [Vec3; 2]) -> [[u32; 3]; 2] {
-    let mut key = p.map(bits);
-    key.sort_unstable();
-    key
 }
 
 struct Triangle {
@@ -136,7 +140,7 @@ impl Triangle {
     fn is_beside(&self, other: &Triangle) -> bool {
         let [a, b, c] = other.corners;
         let normal = (b - a).cross(c - a);
-        let tolerance = self.least_height(other) * normal.length();
+        let tolerance = self.least_height(other) * (STANDING / TOLERANCE) * normal.length();
         let heights = self.corners.map(|p| normal.dot(p - a));
         let count = |side: f64| heights.iter().filter(|&&h| side * h > tolerance).count();
         let within = |side: f64| heights.iter().all(|&h| side * h > -tolerance);
@@ -162,7 +166,7 @@ impl Triangle {
     }
 
     fn key(&self) -> [[u32; 3]; 3] {
-        self.corners.map(|p| bits(p.as_vec3()))
+        self.corners.map(|p| position_key(p.as_vec3()))
     }
 
     fn normal(&self) -> DVec3 {
@@ -170,12 +174,13 @@ impl Triangle {
         (b - a).cross(c - a).normalize_or_zero()
     }
 
-    /// Distances of the corners from the plane of another; zero for those that lie in it.
+    /// Distances of the corners from the plane of another; zero for those that lie in it, alone or with an edge.
     fn heights(&self, other: &Triangle, normal: DVec3) -> [f64; 3] {
-        self.corners.map(|p| {
-            let height = normal.dot(p - other.corners[0]);
-            if height.abs() <= self.least_height(other) { 0.0 } else { height }
-        })
+        let exact = self.corners.map(|p| normal.dot(p - other.corners[0]));
+        let without = |least: f64| exact.map(|height| if height.abs() <= least { 0.0 } else { height });
+        let least = self.least_height(other);
+        let of_edges = without(least * (STANDING / TOLERANCE));
+        if edge_within(of_edges).is_some() { of_edges } else { without(least) }
     }
 
     /// The points of the outline at height zero: two if the corners lie on both sides.
@@ -222,7 +227,7 @@ fn overlaps(a: &Triangle, b: &Triangle, mut found: impl FnMut(Overlap)) {
             };
             let ([e0, e1], [f0, f1]) = (sorted(e), sorted(f));
             let edges = [e, f].map(|edge| edge.map(|p| p.as_vec3()));
-            if e1.min(f1) - e0.max(f0) > 2.0 * tolerance && key_of(edges[0]) != key_of(edges[1]) {
+            if e1.min(f1) - e0.max(f0) > 2.0 * tolerance && segment_key(edges[0]) != segment_key(edges[1]) {
                 found(edges);
             }
         }
@@ -269,7 +274,7 @@ fn meet(a: &Triangle, b: &Triangle) -> Option<Meeting> {
         (None, None) if straddles(heights_a) && straddles(heights_b) => {
             let p = overlap(a.cut(heights_a)?, b.cut(heights_b)?)?;
             let prims = if a.prim < b.prim { [[a.prim; 2], [b.prim; 2]] } else { [[b.prim; 2], [a.prim; 2]] };
-            Some(Meeting::Cross(Crossing { p, prims, along: None }))
+            Some(Meeting::Cross(Crossing { p, prims, along: None, stands: false }))
         }
         _ => None,
     }
@@ -337,17 +342,32 @@ mod tests {
     }
 
     #[test]
-    fn a_box_in_a_floor_crosses_it_all_around() {
+    fn a_box_in_a_floor_or_on_it_crosses_it_all_around() {
         let cube = shapes::cube(1.0).unwrap();
-        for (y, expected) in [(0.2, 4.0), (0.5, 0.0), (-0.5, 0.0), (0.7, 0.0)] {
+        for (y, expected) in [(0.2, 4.0), (0.5, 4.0), (-0.5, 4.0), (0.7, 0.0)] {
             let all = found(vec![floor(), moved(cube.clone(), Vec3::new(0.3, y, 0.2))]);
             assert!((length(&all) - expected).abs() < 1e-5, "at {y}: {}", length(&all));
+            assert!(all.iter().all(|c| c.stands == (y.abs() == 0.5)));
         }
         // Standing with all the dirt of rotated coordinates.
         let turn = glam::Quat::from_rotation_z(1.1) * glam::Quat::from_rotation_x(0.7);
         let mut both = [floor(), moved(cube, Vec3::new(0.1, 0.5, 0.1))];
         both.iter_mut().flat_map(|m| &mut m.vertices).for_each(|v| *v = turn * *v + 0.1);
-        assert_eq!(found(both.to_vec()), []);
+        let all = found(both.to_vec());
+        assert!((length(&all) - 4.0).abs() < 1e-5 && all.iter().all(|c| c.stands), "{all:?}");
+        // The edge table has its foot once: as crossings of three halves, not as edges.
+        let scene = scene(both.to_vec());
+        let foot = |e: &&crate::render::edges::Edge| e.p.iter().all(|p| (turn.inverse() * (*p - 0.1)).y.abs() < 1e-5);
+        let foot: Vec<_> = scene.edges().edges.iter().filter(foot).filter(|e| e.length() < 1.1).collect();
+        assert!(foot.iter().all(|e| e.crossing && e.faces.len() == 3) && !foot.is_empty(), "{foot:?}");
+    }
+
+    #[test]
+    fn what_a_floor_with_holes_carries_only_touches_it() {
+        let mut described =
+            scene(vec![floor(), moved(shapes::cube(1.0).unwrap(), Vec3::new(0.3, 0.5, 0.2))]).description;
+        described.shapes[0].material.opacity = Some(Input::Texture(0));
+        assert_eq!(crossings(&Scene::new(described).unwrap(), |_| true), []);
     }
 
     #[test]
@@ -357,9 +377,10 @@ mod tests {
         }
         // In one plane, overlapping.
         assert_eq!(found(vec![floor(), moved(floor(), Vec3::new(1.0, 0.0, 0.5))]), []);
-        // On a corner, and on an edge.
+        // On a corner, and on an edge from which two faces go down.
         let tip = [Vec3::ZERO, Vec3::new(1.0, 1.0, 0.0), Vec3::new(0.0, 1.0, 1.0)];
-        let ridge = [Vec3::new(0.5, 0.0, 0.0), Vec3::new(1.0, 0.0, 0.7), Vec3::new(0.0, -1.0, 1.0)];
+        let [p, q] = [Vec3::new(0.5, 0.0, 0.0), Vec3::new(1.0, 0.0, 0.7)];
+        let ridge = [p, q, Vec3::new(0.0, -1.0, 1.0), q, p, Vec3::new(1.5, -1.0, 0.0)];
         assert_eq!(found(vec![floor(), mesh(&tip), mesh(&ridge)]), []);
     }
 

@@ -227,6 +227,8 @@ pub struct Plan {
     pub h: f32,
     /// The first of the seeds.
     pub from: u64,
+    /// Errors are relative to the derivative, but at least to this: a derivative that may be anything may be next to nothing.
+    pub least: f64,
 }
 
 impl Default for Plan {
@@ -240,6 +242,7 @@ impl Default for Plan {
             fd_seeds: 16,
             h: 0.01,
             from: 0,
+            least: 0.0,
         }
     }
 }
@@ -369,6 +372,7 @@ impl Side {
 }
 
 struct Comparison {
+    least: f64,
     gradients: Side,
     differences: Side,
 }
@@ -383,14 +387,18 @@ impl Comparison {
     }
 
     fn relative(&self) -> f64 {
-        self.error() / statistics(&self.differences.values).mean.abs()
+        self.error() / statistics(&self.differences.values).mean.abs().max(self.least)
     }
 }
 
 /// By the plan, `whole`, or as [`agree`] says.
 fn compare(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan, whole: bool) -> Comparison {
     let price = f64::from(plan.spp) * GRADIENT_PRICE;
-    let mut found = Comparison { gradients: Side::new(price), differences: Side::new(4.0 * f64::from(plan.fd_spp)) };
+    let mut found = Comparison {
+        least: plan.least,
+        gradients: Side::new(price),
+        differences: Side::new(4.0 * f64::from(plan.fd_spp)),
+    };
     let portion = |planned: u64| if whole { planned } else { (planned / 2).max(8) };
     let more_gradients = |g: &mut Side| g.add(plan.from, portion(plan.seeds), |seeds| gradients(build, plan, seeds));
     let more_differences =

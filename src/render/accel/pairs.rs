@@ -1,4 +1,4 @@
-//! Pairs of triangles whose boxes meet.
+//! Pairs of triangles whose boxes meet, or nearly.
 
 use glam::Vec3;
 use rayon::prelude::*;
@@ -7,10 +7,12 @@ use super::tree::{Block, Child, Tree, WIDTH};
 use super::{Accel, NO_PRIM, PrimId};
 
 impl Accel {
-    /// What `test` finds in all pairs of triangles whose boxes meet and of which one at least is `wanted`, in an order that
-    /// follows from the tree alone. Every pair is tested once. Takes n log n for meshes whose triangles meet few others.
+    /// What `test` finds in all pairs of triangles whose boxes are no further apart than `slack` times their coordinates and of which one
+    /// at least is `wanted`, in an order that follows from the tree alone. Every pair is tested once. Takes n log n for meshes whose
+    /// triangles meet few others.
     pub fn pairs<T: Send>(
         &self,
+        slack: f32,
         wanted: impl Fn(PrimId) -> bool + Sync,
         test: impl Fn([PrimId; 2], &mut Vec<T>) + Sync,
     ) -> Vec<T> {
@@ -21,8 +23,8 @@ impl Accel {
             .map(|leaves| {
                 let (mut found, mut near) = (Vec::new(), Vec::new());
                 for leaf in leaves {
-                    let own: Vec<(PrimId, Bounds)> =
-                        self.tree.triangles(*leaf).filter(|(prim, _)| wanted(*prim)).collect();
+                    let own = self.tree.triangles(*leaf).filter(|(prim, _)| wanted(*prim));
+                    let own: Vec<(PrimId, Bounds)> = own.map(|(prim, bounds)| (prim, bounds.grown(slack))).collect();
                     let Some(around) = own.iter().map(|(_, b)| *b).reduce(Bounds::union) else { continue };
                     near.clear();
                     self.tree.meeting(&around, &mut near);
@@ -50,6 +52,12 @@ struct Bounds {
 impl Bounds {
     fn union(self, other: Bounds) -> Bounds {
         Bounds { lo: self.lo.min(other.lo), hi: self.hi.max(other.hi) }
+    }
+
+    /// On all sides by a share of its largest coordinate.
+    fn grown(self, share: f32) -> Bounds {
+        let by = Vec3::splat(share * self.lo.abs().max(self.hi.abs()).max_element());
+        Bounds { lo: self.lo - by, hi: self.hi + by }
     }
 
     fn meets(&self, other: &Bounds) -> bool {
