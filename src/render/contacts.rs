@@ -1,6 +1,6 @@
 //! Pairs of triangles that share a corner or cross, and of which one shines on the other.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeSet, HashMap, HashSet};
 
 use glam::Vec3;
 
@@ -61,14 +61,33 @@ impl Contacts {
                 pairs.insert((receiver, patch_of(&patches, emitter)));
             }
         };
-        for receiver in all {
+        for receiver in all.clone() {
             for corner in scene.corners(receiver) {
                 let fan = emitters.get(&position_key(corner)).filter(|fan| fan.len() <= MAX_FAN);
                 fan.into_iter().flatten().for_each(|&emitter| consider(receiver, emitter));
             }
         }
-        for [a, b] in crossings(scene, |prim| shape(prim).emission.is_some()).into_iter().map(|c| c.prims) {
-            for (&a, &b) in a.iter().flat_map(|a| b.iter().map(move |b| (a, b))) {
+        // With those around: near the end of a crossing the next triangle is as close as the one that crosses.
+        let crossings: Vec<[[PrimId; 2]; 2]> =
+            crossings(scene, |prim| shape(prim).emission.is_some()).into_iter().map(|c| c.prims).collect();
+        let corners = |prims: [PrimId; 2]| prims.into_iter().flat_map(|prim| scene.corners(prim)).map(position_key);
+        let mut fans: HashMap<[u32; 3], Vec<PrimId>> = HashMap::new();
+        for corner in crossings.iter().flatten().flat_map(|prims| corners(*prims)) {
+            fans.entry(corner).or_default();
+        }
+        let far = fans.is_empty();
+        for prim in all.filter(|_| !far) {
+            for corner in scene.corners(prim) {
+                fans.entry(position_key(corner)).and_modify(|fan| fan.push(prim));
+            }
+        }
+        for crossing in crossings {
+            let around = |prims: [PrimId; 2]| {
+                let fans = corners(prims).filter_map(|corner| fans.get(&corner)).filter(|fan| fan.len() <= MAX_FAN);
+                prims.into_iter().chain(fans.flatten().copied()).collect::<BTreeSet<PrimId>>()
+            };
+            let [x, y] = crossing.map(around);
+            for (&a, &b) in x.iter().flat_map(|a| y.iter().map(move |b| (a, b))) {
                 consider(a, b);
                 consider(b, a);
             }

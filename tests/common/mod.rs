@@ -383,7 +383,8 @@ impl Comparison {
     }
 
     fn z(&self) -> f64 {
-        (statistics(&self.gradients.values).mean - statistics(&self.differences.values).mean) / self.error()
+        let difference = statistics(&self.gradients.values).mean - statistics(&self.differences.values).mean;
+        if difference == 0.0 { 0.0 } else { difference / self.error() }
     }
 
     fn relative(&self) -> f64 {

@@ -1,0 +1,338 @@
+//! Derivatives of scenes that nobody chose, against finite differences: bodies that stand in a floor, lean on walls, are pushed
+//! together, cross, shine into one another, have holes or mirror each other, and one thing of each scene that moves.
+//!
+//! `DSCENE_SCENES=100..200 cargo test --release --test random_scenes -- --nocapture` tries others.
+
+mod common;
+#[path = "common/dice.rs"]
+mod dice;
+
+use std::ops::Range;
+
+use common::*;
+use dice::Dice;
+use dscene::grad::render;
+use dscene::mesh::{Mesh, shapes};
+use dscene::render::texture::{Filter, Texture, Wrap};
+use dscene::render::*;
+use glam::{Mat3, Vec3, vec3};
+
+struct Draw(Dice);
+
+impl Draw {
+    fn number(&mut self, from: f32, to: f32) -> f32 {
+        from + (to - from) * self.0.below(1 << 20) as f32 / (1 << 20) as f32
+    }
+
+    fn chance(&mut self, of: f32) -> bool {
+        self.number(0.0, 1.0) < of
+    }
+
+    fn point(&mut self, from: Vec3, to: Vec3) -> Vec3 {
+        vec3(self.number(from.x, to.x), self.number(from.y, to.y), self.number(from.z, to.z))
+    }
+
+    /// In all three axes.
+    fn turn(&mut self, most: f32) -> Mat3 {
+        let [x, y, z] = self.point(Vec3::splat(-most), Vec3::splat(most)).to_array();
+        Mat3::from_rotation_y(y) * Mat3::from_rotation_x(x) * Mat3::from_rotation_z(z)
+    }
+}
+
+/// How a thing is arranged with others.
+#[derive(Clone, Copy, Debug)]
+enum Family {
+    /// Plates that cross.
+    Plates,
+    /// The same with holes.
+    Masks,
+    /// Boxes with a side in common, and one across both.
+    Pushed,
+    /// Bodies sunk in a floor.
+    Standing,
+    /// Boxes sunk in the walls of a corner.
+    Corner,
+    /// A lamp that sticks in a floor or a box.
+    Lamp,
+    /// A floor, a ball or a plate that mirrors.
+    Mirrors,
+}
+
+const FAMILIES: [Family; 7] =
+    [Family::Plates, Family::Masks, Family::Pushed, Family::Standing, Family::Corner, Family::Lamp, Family::Mirrors];
+
+/// A scene as it is drawn, with everything at its place at θ = `t`.
+struct World {
+    draw: Draw,
+    builder: Builder,
+    t: f32,
+    /// The things placed so far, and the number of the one that moves.
+    placed: usize,
+    moves: usize,
+}
+
+impl World {
+    /// The motion of the next thing: what it does to its points, which lie around a centre.
+    fn motion(&mut self) -> impl Fn(Vec3, Vec3) -> Vec3 + use<> {
+        let (slide, axis) = (self.draw.point(Vec3::NEG_ONE, Vec3::ONE), self.draw.point(Vec3::NEG_ONE, Vec3::ONE));
+        let kind = self.draw.0.below(3);
+        let t = if self.placed == self.moves { self.t } else { 0.0 };
+        self.placed += 1;
+        move |p, centre| match kind {
+            0 => p + slide * t,
+            1 => centre + Mat3::from_axis_angle(axis.normalize(), 2.0 * t) * (p - centre),
+            _ => p + (p - centre) * (axis * t),
+        }
+    }
+
+    fn material(&mut self) -> Material {
+        let albedo = self.draw.point(Vec3::splat(0.15), Vec3::splat(0.85));
+        let colour = self.builder.constant(albedo);
+        let rough = self.draw.number(0.25, 0.7);
+        let kind = match self.draw.0.below(5) {
+            0 => MaterialKind::Conductor { reflectance: colour, roughness: self.builder.scalar(rough) },
+            1 => {
+                let specular = self.builder.constant(Vec3::splat(0.3));
+                MaterialKind::Phong { diffuse: colour, specular, roughness: self.builder.scalar(rough) }
+            }
+            _ => MaterialKind::Diffuse { reflectance: colour },
+        };
+        Material { kind, one_sided: false, opacity: None }
+    }
+
+    fn masked(&mut self) -> Material {
+        let opacity = self.draw.number(0.2, 0.8);
+        Material { opacity: Some(self.builder.scalar(opacity)), ..self.material() }
+    }
+
+    fn mirror(&mut self) -> Material {
+        let reflectance = self.builder.constant(vec3(0.8, 0.7, 0.6));
+        Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity: None }
+    }
+
+    fn place(&mut self, mut mesh: Mesh, turn: Mat3, centre: Vec3) -> Mesh {
+        let motion = self.motion();
+        mesh.vertices.iter_mut().for_each(|v| *v = motion(turn * *v + centre, centre));
+        if let Some(normals) = &mut mesh.normals {
+            normals.iter_mut().for_each(|n| *n = turn * *n);
+        }
+        mesh
+    }
+
+    fn body(&mut self, mesh: Mesh, turn: Mat3, centre: Vec3, material: Material) {
+        let mesh = self.place(mesh, turn, centre);
+        self.builder.shape(mesh, material);
+    }
+
+    fn floor(&mut self, material: Material) {
+        self.body(floor(Vec3::ZERO, 2.5), Mat3::IDENTITY, Vec3::ZERO, material);
+    }
+
+    fn plate(&mut self) -> Mesh {
+        let (w, d) = (self.draw.number(0.4, 0.8), self.draw.number(0.4, 0.8));
+        shapes::rectangle(2.0 * w, 2.0 * d).unwrap()
+    }
+
+    /// A body of about half a unit.
+    fn solid(&mut self) -> Mesh {
+        let half = self.draw.point(Vec3::splat(0.15), Vec3::splat(0.35));
+        match self.draw.0.below(4) {
+            0 => shapes::icosphere(half.x + 0.1, 1).unwrap(),
+            1 => shapes::cylinder(half.x, 2.0 * half.y, 7).unwrap(),
+            2 => shapes::cone(half.x, 2.0 * half.y, 6).unwrap(),
+            _ => cuboid(Vec3::ZERO, half, 0.0),
+        }
+    }
+
+    fn shine(&mut self, from: f32, to: f32) -> Emission {
+        let radiance = self.draw.point(Vec3::splat(from), Vec3::splat(to));
+        Emission { radiance: self.builder.constant(radiance), two_sided: self.draw.chance(0.5) }
+    }
+
+    fn arrange(&mut self, family: Family) {
+        let near = |world: &mut World| world.draw.point(vec3(-0.3, 0.2, -0.3), vec3(0.3, 0.6, 0.3));
+        match family {
+            Family::Plates | Family::Masks => {
+                let count = 2 + self.draw.0.below(2);
+                for _ in 0..count {
+                    let (plate, turn, at) = (self.plate(), self.draw.turn(1.3), near(self));
+                    let material = if matches!(family, Family::Masks) { self.masked() } else { self.material() };
+                    self.body(plate, turn, at, material);
+                }
+                if self.draw.chance(0.6) {
+                    let material = self.material();
+                    self.floor(material);
+                }
+            }
+            Family::Pushed => {
+                // What they share would open or close with any motion of theirs, and has a derivative on either side: they stand still,
+                // or slide along it.
+                let turn = Mat3::from_rotation_y(self.draw.number(-0.7, 0.7));
+                let slid = vec3(0.0, self.draw.number(-0.1, 0.1), self.draw.number(-0.3, 0.3));
+                let t = if self.placed == self.moves { self.t } else { 0.0 };
+                self.placed += 1;
+                for place in [Vec3::NEG_X, Vec3::X] {
+                    let offset = if place.x > 0.0 { slid + vec3(0.0, 0.0, t) } else { Vec3::ZERO };
+                    let mut block = cuboid(0.25 * place + vec3(0.0, 0.15, 0.0) + offset, Vec3::splat(0.25), 0.0);
+                    block.vertices.iter_mut().for_each(|v| *v = turn * *v);
+                    let material = if self.draw.chance(0.2) { self.masked() } else { self.material() };
+                    self.builder.shape(block, material);
+                }
+                let (half, angle) = (self.draw.point(Vec3::splat(0.1), Vec3::splat(0.3)), self.draw.number(0.1, 0.7));
+                let material = self.material();
+                self.body(cuboid(Vec3::ZERO, half, angle), Mat3::IDENTITY, vec3(0.05, 0.45, 0.1), material);
+                let material = self.material();
+                self.floor(material);
+            }
+            Family::Standing => {
+                let count = 1 + self.draw.0.below(3);
+                for _ in 0..count {
+                    let (solid, at) = (self.solid(), self.draw.point(vec3(-0.7, 0.0, -0.7), vec3(0.7, 0.25, 0.7)));
+                    let turn = if self.draw.chance(0.5) {
+                        Mat3::from_rotation_y(self.draw.number(0.0, 3.0))
+                    } else {
+                        self.draw.turn(0.8)
+                    };
+                    let material = if self.draw.chance(0.2) { self.masked() } else { self.material() };
+                    self.body(solid, turn, at, material);
+                }
+                let material = self.material();
+                self.floor(material);
+            }
+            Family::Corner => {
+                let (first, second, third) = (self.material(), self.material(), self.material());
+                let wall = quad(vec3(-2., -1., 0.), vec3(2., -1., 0.), vec3(2., 1., 0.), vec3(-2., 1., 0.));
+                self.body(wall.clone(), Mat3::IDENTITY, vec3(0.3, 0.7, -0.6), first);
+                self.body(wall, Mat3::from_rotation_y(1.5), vec3(-0.7, 0.6, 0.2), second);
+                self.floor(third);
+                for _ in 0..2 {
+                    let (solid, at) = (self.solid(), self.draw.point(vec3(-0.75, 0.0, -0.7), vec3(0.3, 0.4, 0.3)));
+                    let (turn, material) = (Mat3::from_rotation_y(self.draw.number(0.0, 3.0)), self.material());
+                    self.body(solid, turn, at, material);
+                }
+            }
+            Family::Lamp => {
+                let (lamp, turn) = (self.solid(), self.draw.turn(0.8));
+                let at = self.draw.point(vec3(-0.4, 0.0, -0.4), vec3(0.4, 0.2, 0.4));
+                let lamp = self.place(lamp, turn, at);
+                let material = if self.draw.chance(0.5) {
+                    self.material()
+                } else {
+                    Material { kind: MaterialKind::Black, one_sided: false, opacity: None }
+                };
+                let emission = Some(self.shine(4.0, 9.0));
+                self.builder.scene.shapes.push(Shape { mesh: lamp, material, emission });
+                let (solid, turn, material) = (self.solid(), self.draw.turn(0.8), self.material());
+                let at = self.draw.point(vec3(-0.5, 0.1, -0.5), vec3(0.5, 0.5, 0.5));
+                self.body(solid, turn, at, material);
+                let material = self.material();
+                self.floor(material);
+            }
+            Family::Mirrors => {
+                let which = self.draw.0.below(3);
+                let floor = if which == 0 { self.mirror() } else { self.material() };
+                self.floor(floor);
+                let mirror = self.mirror();
+                match which {
+                    0 => {}
+                    1 => {
+                        let (plate, turn) = (self.plate(), self.draw.turn(0.4));
+                        self.body(plate, turn * Mat3::from_rotation_x(1.4), vec3(-0.2, 0.4, -0.7), mirror);
+                    }
+                    _ => {
+                        let ball = shapes::sphere(0.35, 24).unwrap();
+                        self.body(ball, Mat3::IDENTITY, vec3(-0.5, 0.4, -0.1), mirror);
+                    }
+                }
+                let (solid, turn, material) = (self.solid(), self.draw.turn(0.8), self.material());
+                let at = self.draw.point(vec3(0.1, 0.1, -0.4), vec3(0.6, 0.4, 0.5));
+                self.body(solid, turn, at, material);
+            }
+        }
+    }
+
+    fn light(&mut self) {
+        let at = self.draw.point(vec3(-1.0, 2.0, -1.0), vec3(1.0, 3.0, 1.0));
+        let motion = self.motion();
+        let place = motion(at, Vec3::ZERO);
+        let kind = self.draw.0.below(6);
+        let power = self.draw.point(Vec3::splat(4.0), Vec3::splat(8.0));
+        let scene = &mut self.builder.scene;
+        match kind {
+            0 => scene.delta_lights.push(DeltaLight::Point { position: place, intensity: power }),
+            1 => scene.delta_lights.push(DeltaLight::Directional { direction: -place, irradiance: 0.4 * power }),
+            2 | 3 => {
+                let data: Vec<f32> = (0..8 * 4 * 3).map(|_| self.draw.number(0.2, 1.0)).collect();
+                let spot = 3 * self.draw.0.below(16);
+                let bright = if kind == 2 { 8.0 } else { 0.0 };
+                let data = data.into_iter().enumerate();
+                let data = data.map(|(i, v)| if (spot..spot + 3).contains(&i) { v + bright } else { v }).collect();
+                let (wrap, filter) = (Wrap::Repeat, Filter::Bilinear);
+                scene.textures.push(Texture { width: 8, height: 4, channels: 3, data, wrap, filter });
+                // As far as the light's motion turns the place above.
+                let rotation = Mat3::from_quat(glam::Quat::from_rotation_arc(at.normalize(), place.normalize()));
+                scene.environment = Some(Environment { radiance: scene.textures.len() - 1, rotation });
+            }
+            _ => {
+                let (half, turn) = (self.draw.number(0.15, 0.5), self.draw.turn(0.4));
+                let mut lamp = ceiling(Vec3::ZERO, half);
+                lamp.vertices.iter_mut().for_each(|v| *v = motion(turn * *v + at, at));
+                self.builder.light(lamp, power);
+            }
+        }
+    }
+
+    fn camera(&mut self) -> Camera {
+        let (around, height) = (self.draw.number(-1.0, 1.0), self.draw.number(0.8, 2.2));
+        let at = vec3(3.0 * around.sin(), height, 3.0 * around.cos());
+        let motion = self.motion();
+        let camera = look_at(motion(at, Vec3::ZERO), vec3(0.0, 0.25, 0.0), 35.0, 16);
+        match self.draw.0.below(6) {
+            // Far enough away that its film cuts through nothing.
+            0 => {
+                let origin = camera.origin - 3.0 * camera.frame[2];
+                Camera { projection: Projection::Orthographic, scale: [1.0, 1.0], origin, ..camera }
+            }
+            1 => Camera { lens: Lens { radius: 0.06, focus: 2.8, ..Lens::PINHOLE }, ..camera },
+            2 => Camera { projection: Projection::Fisheye, scale: [0.45, 0.45], ..camera },
+            _ => camera,
+        }
+    }
+}
+
+/// The scene of a number, its family and how often light bounces.
+fn drawn(number: u64, t: f32) -> (SceneDescription, Camera, Family, u32) {
+    let mut draw = Draw(Dice((number + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15)));
+    let family = FAMILIES[number as usize % FAMILIES.len()];
+    let bounces = 1 + draw.0.below(3) as u32;
+    let moves = draw.0.below(5);
+    let mut world = World { draw, builder: Builder::default(), t, placed: 0, moves };
+    // Camera and lights first: whatever the family, they are things 0 and 1.
+    let camera = world.camera();
+    world.light();
+    world.arrange(family);
+    (world.builder.scene, camera, family, bounces)
+}
+
+#[test]
+fn scenes_that_nobody_chose() {
+    let range = std::env::var("DSCENE_SCENES").ok().and_then(|text| {
+        let (from, to) = text.split_once("..")?;
+        Some(Range { start: from.parse::<u64>().ok()?, end: to.parse::<u64>().ok()? })
+    });
+    for number in range.unwrap_or(0..18) {
+        let (.., family, max_bounces) = drawn(number, 0.0);
+        let build = |t: f32| {
+            let (scene, camera, ..) = drawn(number, t);
+            (scene, camera)
+        };
+        // What something of half a unit's size may well make of the image when it moves by one; more than nothing even in the dark.
+        let (scene, camera) = build(0.0);
+        let settings = Settings { output: Output::Radiance, spp: 64, max_bounces, seed: 1, boundary: false };
+        let image = render(&Scene::new(scene).unwrap(), &camera, &settings).unwrap();
+        let sum = |i: &[f32]| i.iter().map(|v| f64::from(v.abs())).sum::<f64>();
+        let least = (0.2 * sum(&image.data)).max(0.002 * image.data.len() as f64);
+        let plan = Plan { max_bounces, spp: 32, h: 0.008, fd_spp: 512, least, ..Plan::default() };
+        agree(&format!("scene {number}: {family:?}, {max_bounces} bounces"), &build, &plan);
+    }
+}
