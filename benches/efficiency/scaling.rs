@@ -8,7 +8,7 @@ use dscene::image::Image;
 use dscene::mesh::{Mesh, shapes};
 use dscene::render::texture::{Filter, Texture, Wrap};
 use dscene::render::{Camera, Environment, Input, Material, MaterialKind, Output, SceneDescription, Slot};
-use dscene::session::clock::Stopwatch;
+use dscene::session::clock::{Elapsed, Stopwatch};
 use glam::{Mat3, Vec3, vec3};
 use serde_json::{Value, json};
 
@@ -37,8 +37,8 @@ const ROWS: [&str; 17] = [
 
 pub fn table(quick: bool, only: Option<&str>) -> std::io::Result<()> {
     println!(
-        "{:18} {:>9} {:>9} {:>9} {:>11} {:>11} {:>9}",
-        "", "numbers", "build s", "primal s", "gradient s", "CPU s", "peak MB"
+        "{:18} {:>9} {:>9} {:>9} {:>7} {:>11} {:>7} {:>9}",
+        "", "numbers", "build s", "primal s", "CPU s", "gradient s", "CPU s", "peak MB"
     );
     let big = |row: &str| row == "mesh 1000" || row.ends_with("4096");
     for row in ROWS.iter().filter(|row| only.is_none_or(|text| row.contains(text)) && !(quick && big(row))) {
@@ -49,10 +49,11 @@ pub fn table(quick: bool, only: Option<&str>) -> std::io::Result<()> {
         };
         let f = |key: &str| v[key].as_f64().unwrap_or(f64::NAN);
         println!(
-            "{row:18} {:>9} {:>9.3} {:>9.3} {:>11.3} {:>11.3} {:>9.0}",
+            "{row:18} {:>9} {:>9.3} {:>9.3} {:>7.3} {:>11.3} {:>7.3} {:>9.0}",
             v["numbers"],
             f("build"),
             f("primal"),
+            f("primal_cpu"),
             f("gradient"),
             f("gradient_cpu"),
             f("peak_mb")
@@ -80,8 +81,11 @@ pub fn row(row: &str) -> std::io::Result<()> {
     let build = watch.elapsed();
     let mut d_image = Image::new(camera.width, camera.height, 3);
     d_image.data.iter_mut().enumerate().for_each(|(i, d)| *d = if i % 7 < 3 { 1.0 } else { -0.5 });
-    let (mut primal, mut gradient, mut cpu) = (0.0, 0.0, 0.0);
+    let (mut primal, mut gradient) = (Elapsed::default(), Elapsed::default());
     const REPEATS: u64 = 3;
+    let add = |to: &mut Elapsed, more: Elapsed| {
+        *to = Elapsed { wall: to.wall + more.wall / REPEATS as f64, cpu: to.cpu + more.cpu / REPEATS as f64 };
+    };
     for seed in 0..=REPEATS {
         let settings = Settings { output: Output::Radiance, spp: 4, max_bounces: 1, seed, boundary: true };
         let watch = Stopwatch::start();
@@ -91,14 +95,13 @@ pub fn row(row: &str) -> std::io::Result<()> {
         render_backward(&scene, &camera, &settings, &d_image, &[slot]).map_err(std::io::Error::other)?;
         let second = watch.elapsed();
         if seed > 0 {
-            primal += first.wall / REPEATS as f64;
-            gradient += second.wall / REPEATS as f64;
-            cpu += second.cpu / REPEATS as f64;
+            add(&mut primal, first);
+            add(&mut gradient, second);
         }
     }
     let object = json!({
-        "numbers": numbers, "build": build.wall, "primal": primal, "gradient": gradient, "gradient_cpu": cpu,
-        "peak_mb": peak_memory().unwrap_or(f64::NAN) / 1e6,
+        "numbers": numbers, "build": build.wall, "primal": primal.wall, "primal_cpu": primal.cpu, "gradient": gradient.wall,
+        "gradient_cpu": gradient.cpu, "peak_mb": peak_memory().unwrap_or(f64::NAN) / 1e6,
     });
     println!("{object}");
     Ok(())

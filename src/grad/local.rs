@@ -636,7 +636,8 @@ mod tests {
         SceneDescription { shapes, textures, ..Default::default() }
     }
 
-    /// Where a ray meets a triangle: the position, the barycentric coordinates and the normal, as all six points and the ray move.
+    /// Where a ray meets a triangle: the position, the barycentric coordinates, both normals and the place in the texture, as all
+    /// that the triangle has and the ray move.
     #[test]
     fn sliding_matches_the_dual_number_twin() {
         let mut rng = Pcg32::new(11);
@@ -644,33 +645,50 @@ mod tests {
         let mut checked = 0;
         for _ in 0..200 {
             let corners: [Vec3; 3] = std::array::from_fn(|_| random());
-            let (origin, [d_p, d_ng, d_b, inside]) = (3.0 * random().normalize(), std::array::from_fn(|_| random()));
+            let (origin, [d_p, d_ng, d_ns, d_b, d_uv, inside]) =
+                (3.0 * random().normalize(), std::array::from_fn(|_| random()));
             let inside = inside.abs() / inside.abs().element_sum();
             let target = corners[0] * inside.x + corners[1] * inside.y + corners[2] * inside.z;
             let dir = (target - origin).normalize();
-            let scene = Scene::new(triangle(corners, false)).unwrap();
+            let face = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
+            let normals: [Vec3; 3] = std::array::from_fn(|_| (face + 0.4 * random()).normalize());
+            let uvs: [Vec2; 3] = std::array::from_fn(|_| random().truncate());
+            let mut description = triangle(corners, false);
+            description.shapes[0].mesh.normals = Some(normals.to_vec());
+            description.shapes[0].mesh.uvs = Some(uvs.to_vec());
+            let scene = Scene::new(description).unwrap();
             let Some(hit) = scene.accel.closest(&Ray::new(origin, dir), &[]) else { continue };
             let si = scene.interaction(0, hit.b, -dir);
             if si.ng.dot(dir).abs() < 0.1 {
                 continue;
             }
             checked += 1;
-            let layout = Layout::new(&scene, &[Slot::Vertices(0)]);
-            let mut out = Adjoints::new(&scene, &layout, Dense { data: vec![0.0; layout.size()] });
-            let adj = VertexAdjoint { p: d_p, ng: d_ng, b: d_b.to_array(), ..Default::default() };
+            let layout = Layout::new(&scene, &[Slot::Vertices(0), Slot::Normals(0), Slot::Uvs(0)]);
+            let mut out = Adjoints::new(&scene, &layout, Dense::new(layout.size()));
+            let mut adj = VertexAdjoint { p: d_p, ng: d_ng, ns: d_ns, b: d_b.to_array(), ..Default::default() };
+            adj.add_b(out.uv(si.prim, si.b, d_uv.truncate()));
             let ray = slide(&mut out, &si, hit.t, adj);
 
-            let p: [Twin<15>; 3] = std::array::from_fn(|i| variables(corners[i], 3 * i));
-            let (o, d) = (variables(origin, 9), variables(dir, 12));
+            let p: [Twin<30>; 3] = std::array::from_fn(|i| variables(corners[i], 3 * i));
+            let m: [Twin<30>; 3] = std::array::from_fn(|i| variables(normals[i], 9 + 3 * i));
+            let uv = |i: usize, axis: usize| Dual::variable(f64::from(uvs[i][axis]), 18 + 2 * i + axis);
+            let (o, d) = (variables(origin, 24), variables(dir, 27));
             let n = cross(minus(p[1], p[0]), minus(p[2], p[0]));
             let t = dot(n, minus(p[0], o)) / dot(n, d);
-            let x: Twin<15> = std::array::from_fn(|i| o[i] + t * d[i]);
-            let b: Twin<15> = std::array::from_fn(|i| {
+            let x: Twin<30> = std::array::from_fn(|i| o[i] + t * d[i]);
+            let b: Twin<30> = std::array::from_fn(|i| {
                 let (next, last) = (p[(i + 1) % 3], p[(i + 2) % 3]);
                 dot(n, cross(minus(last, next), minus(x, next))) / dot(n, n)
             });
+            let between = |of: &dyn Fn(usize) -> Dual<30>| b[0] * of(0) + b[1] * of(1) + b[2] * of(2);
             let normal = times(unit(n), Dual::constant(f64::from(si.flip)));
-            let loss = dot(x, constants(d_p)) + dot(normal, constants(d_ng)) + dot(b, constants(d_b));
+            let smooth: Twin<30> = unit(std::array::from_fn(|axis| between(&|i| m[i][axis])));
+            let side = dot(smooth, constants(si.ns)).value.signum();
+            let mut loss = dot(x, constants(d_p)) + dot(normal, constants(d_ng)) + dot(b, constants(d_b));
+            loss = loss + dot(smooth, constants(d_ns)) * side;
+            for axis in 0..2 {
+                loss = loss + between(&|i| uv(i, axis)) * f64::from(d_uv[axis]);
+            }
             let found = [out.sink.data, numbers(&[ray.origin, ray.dir])].concat();
             assert_alike("slide", &found, &loss.partials);
         }
@@ -705,7 +723,7 @@ mod tests {
             }
             checked[i % 3] += 1;
             let layout = Layout::new(&scene, &[slot]);
-            let mut out = Adjoints::new(&scene, &layout, Dense { data: vec![0.0; layout.size()] });
+            let mut out = Adjoints::new(&scene, &layout, Dense::new(layout.size()));
             let arriving = Arriving {
                 light: &light,
                 dir: arrival.dir,

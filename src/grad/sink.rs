@@ -36,6 +36,8 @@ pub struct Layout {
     camera_distortion: u32,
     /// Nothing asked for moves or turns anything: paths stay where they are.
     pub still: bool,
+    /// Something asked for turns the normals of a mirror or of a narrow lobe, and with them what is seen in it.
+    turns_reflections: bool,
 }
 
 impl Layout {
@@ -61,7 +63,11 @@ impl Layout {
             camera_scale: NONE,
             camera_lens: NONE,
             camera_distortion: NONE,
-            still: !slots.iter().any(|s| s.moves_visibility() || matches!(s.opening(), Slot::Normals(_))),
+            still: !slots.iter().any(|s| s.moves_things() || matches!(s.opening(), Slot::Normals(_))),
+            turns_reflections: slots.iter().any(|s| {
+                let shape = if let Slot::Normals(i) = s.opening() { d.shapes.get(i) } else { None };
+                shape.is_some_and(|shape| shape.material.kind.may_follow_normals())
+            }),
         };
         let mut start = 0;
         for slot in slots {
@@ -147,15 +153,20 @@ impl Layout {
         self.environment_rotation != NONE
     }
 
-    /// Whether anything asked for moves surfaces or the camera, so that the points of paths slide.
+    /// Whether anything asked for moves surfaces, the camera or what is seen in a mirror, so that the points of paths slide.
     pub fn moves_points(&self) -> bool {
         let slides = |s: &Slot| !matches!(s, Slot::LightPlacement(_) | Slot::EnvironmentRotation);
-        self.slots.iter().any(|s| s.moves_visibility() && slides(s))
+        self.turns_reflections || self.slots.iter().any(|s| s.moves_things() && slides(s))
     }
 
-    /// Whether anything asked for can move a silhouette or a shadow.
+    /// Whether anything asked for moves shapes, lights or the camera.
+    pub fn moves_things(&self) -> bool {
+        self.slots.iter().any(|s| s.moves_things())
+    }
+
+    /// Whether anything asked for can move a silhouette, a shadow or the mirror image of one.
     pub fn moves_visibility(&self) -> bool {
-        self.slots.iter().any(|s| s.moves_visibility())
+        self.turns_reflections || self.moves_things()
     }
 }
 
@@ -167,12 +178,31 @@ pub trait Sink {
 /// Reverse mode: sums everything into its place.
 pub struct Dense {
     pub data: Vec<f64>,
+    /// Which blocks of `data` got anything. The others, most of a large texture, are never looked at, and have no memory yet.
+    touched: Vec<bool>,
+}
+
+/// Numbers in a block of [`Dense`]: a page of memory.
+const BLOCK: usize = 512;
+
+impl Dense {
+    pub fn new(len: usize) -> Dense {
+        Dense { data: vec![0.0; len], touched: vec![false; len.div_ceil(BLOCK)] }
+    }
+
+    pub fn add_to(&self, total: &mut [f64]) {
+        let blocks = total.chunks_mut(BLOCK).zip(self.data.chunks(BLOCK)).zip(&self.touched);
+        for ((to, from), _) in blocks.filter(|(_, touched)| **touched) {
+            to.iter_mut().zip(from).for_each(|(t, p)| *t += p);
+        }
+    }
 }
 
 impl Sink for Dense {
     #[inline]
     fn add(&mut self, index: usize, value: f32) {
         self.data[index] += f64::from(value);
+        self.touched[index / BLOCK] = true;
     }
 }
 
