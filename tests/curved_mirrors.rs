@@ -231,3 +231,59 @@ fn contours_of_a_smooth_body_that_a_surface_sees_in_a_ball() {
     assert!((found.mean - expected.mean).abs() < 3.0 * error, "{found:?} {expected:?}");
     assert!(error < 0.1 * expected.mean.abs(), "{found:?} {expected:?}");
 }
+
+/// A plate with normals of its own, and a ball under a sky with a bright quarter that is seen in it. `f` changes its corners and normals.
+fn plate_with_normals(
+    kind: impl Fn(&mut Builder) -> MaterialKind,
+    f: impl Fn(f32, &mut [Vec3], &mut [Vec3]),
+) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut b = Builder::default();
+        let mut vertices = [vec3(-0.6, -0.4, 0.0), vec3(0.6, -0.4, 0.0), vec3(0.6, 0.5, 0.0), vec3(-0.6, 0.5, 0.0)];
+        let mut normals = [vec3(0.0, 0.0, 1.0); 4];
+        f(t, &mut vertices, &mut normals);
+        let faces = vec![[0, 1, 2], [0, 2, 3]];
+        let plate = dscene::mesh::Mesh { normals: Some(normals.to_vec()), ..mesh(vertices.to_vec(), faces) };
+        let material = Material { kind: kind(&mut b), one_sided: false, opacity: None };
+        b.shape(plate, material);
+        let mut ball = dscene::mesh::shapes::icosphere(0.27, 1).unwrap();
+        ball.vertices.iter_mut().for_each(|v| *v += vec3(0.5, -0.1, 0.6));
+        let grey = b.diffuse(vec3(0.6, 0.7, 0.5));
+        b.shape(ball, grey);
+        let texels = [0.1, 1.0, 0.3, 4.0, 0.8, 2.0, 0.4, 0.2];
+        let data = texels.into_iter().flat_map(|v| [v; 3]).collect();
+        let map = texture::Texture::new(4, 2, 3, data, texture::Wrap::Repeat, texture::Filter::Bilinear);
+        b.scene.textures.push(map.unwrap());
+        b.scene.environment = Some(Environment { radiance: b.scene.textures.len() - 1, rotation: Mat3::IDENTITY });
+        (b.scene, look_at(vec3(-0.64, 0.9, 2.0), Vec3::ZERO, 40.0, 12))
+    }
+}
+
+/// Where nothing moves but normals, what is seen in a mirror or a narrow lobe does; and a flat mirror whose normals do not turn with
+/// its corners shows what they tell it to.
+#[test]
+fn what_is_seen_turns_with_normals() {
+    let plan = Plan { h: 0.01, spp: 64, seeds: 24, fd_spp: 4096, fd_seeds: 16, ..Plan::default() };
+    let mirror = |b: &mut Builder| MaterialKind::Mirror { reflectance: b.constant(vec3(0.9, 0.8, 0.7)) };
+    let metal = |b: &mut Builder| {
+        let (reflectance, roughness) = (b.constant(vec3(0.9, 0.8, 0.7)), b.scalar(0.3));
+        MaterialKind::Conductor { reflectance, roughness }
+    };
+    let bent = |t: f32, _: &mut [Vec3], n: &mut [Vec3]| {
+        n[0] += vec3(0.37 + t, 0.39, 0.0);
+        n[1] += vec3(0.15, 0.4, 0.0);
+        n[2] += vec3(0.34, 0.0, 0.0);
+        n[3] += vec3(-0.19, -0.28, 0.0);
+    };
+    agree("mirror, one normal", &plate_with_normals(mirror, bent), &plan);
+    agree("metal, one normal", &plate_with_normals(metal, bent), &Plan { spp: 256, h: 0.03, ..plan });
+    let flat = |t: f32, _: &mut [Vec3], n: &mut [Vec3]| n.iter_mut().for_each(|n| n.x += t);
+    agree("flat mirror, all normals", &plate_with_normals(mirror, flat), &plan);
+    let tilted = |t: f32, v: &mut [Vec3], _: &mut [Vec3]| v.iter_mut().for_each(|v| v.z += v.x * t);
+    agree("flat mirror, corners", &plate_with_normals(mirror, tilted), &Plan { h: 0.03, ..plan });
+    let turned = |t: f32, v: &mut [Vec3], n: &mut [Vec3]| {
+        let turn = Mat3::from_rotation_y(t);
+        v.iter_mut().chain(n).for_each(|v| *v = turn * *v);
+    };
+    agree("flat mirror, turned", &plate_with_normals(mirror, turned), &plan);
+}

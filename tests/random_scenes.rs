@@ -332,7 +332,7 @@ fn scenes_that_nobody_chose() {
         let image = render(&Scene::new(scene).unwrap(), &camera, &settings).unwrap();
         let sum = |i: &[f32]| i.iter().map(|v| f64::from(v.abs())).sum::<f64>();
         let least = (0.2 * sum(&image.data)).max(0.002 * image.data.len() as f64);
-        let plan = Plan { max_bounces, spp: 32, h: 0.008, fd_spp: 512, least, ..Plan::default() };
+        let plan = Plan { max_bounces, spp: 32, h: 0.008, fd_spp: 512, least, jointly: true, ..Plan::default() };
         agree(&format!("scene {number}: {family:?}, {max_bounces} bounces"), &build, &plan);
     }
 }

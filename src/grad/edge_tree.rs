@@ -5,10 +5,12 @@
 //! every face shows the same side. Edges whose faces show a radiance jump (sharp) always count, but less; those of smooth mirrors do near
 //! the planes of their faces, where what they show is folded.
 
+mod build;
 mod polar;
 
-use glam::{Vec3, Vec4, Vec4Swizzles};
+use glam::{Vec3, Vec4, Vec4Swizzles as _};
 
+use self::build::Builder;
 use self::polar::Polar;
 use super::sink::Layout;
 use super::viewpoint::MirrorPlane;
@@ -204,65 +206,12 @@ impl EdgeTree {
             order: Vec::new(),
         };
         if !order.is_empty() {
-            tree.build(table, &mut order, 0);
+            let mut builder = Builder::new(&tree, table);
+            builder.build(&mut order, 0, 0);
+            tree.nodes = builder.nodes;
         }
         tree.order = order;
         tree
-    }
-
-    fn build(&mut self, table: &EdgeTable, order: &mut [u32], offset: u32) -> u32 {
-        let points = || order.iter().flat_map(|&e| table.edges[e as usize].p);
-        let lo = points().fold(Vec3::INFINITY, Vec3::min);
-        let hi = points().fold(Vec3::NEG_INFINITY, Vec3::max);
-        let centre = 0.5 * (lo + hi);
-        let (mut plane_lo, mut plane_hi) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
-        let mut open = false;
-        let (mut length, mut creases, mut bright, mut folding) = (0.0, 0.0, 0.0, 0.0_f32);
-        for &e in order.iter() {
-            let edge = &table.edges[e as usize];
-            let weighted = edge.length() * edge.weight;
-            length += weighted;
-            creases += edge.length() * self.crease[e as usize];
-            bright += weighted * (1.0 + self.brightness[e as usize]);
-            folding = folding.max(self.folding[e as usize]);
-            open |= !edge.is_wound_consistently();
-            for f in &edge.faces {
-                let n = edge.face_normal(f);
-                let plane = n.extend(n.dot(edge.p[0] - centre));
-                plane_lo = plane_lo.min(plane);
-                plane_hi = plane_hi.max(plane);
-            }
-        }
-        let at = self.nodes.len();
-        self.nodes.push(Node {
-            lo,
-            hi,
-            length,
-            creases,
-            folding,
-            brightness: bright / length,
-            plane_lo,
-            plane_hi,
-            spread: (plane_hi - plane_lo).xyz().length(),
-            open,
-            start: offset,
-            count: order.len() as u32,
-            second: 0,
-        });
-        if order.len() > LEAF {
-            let axis = (hi - lo).max_position();
-            let middle = order.len() / 2;
-            let key = |e: &u32| {
-                let p = table.edges[*e as usize].p;
-                p[0][axis] + p[1][axis]
-            };
-            order.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
-            let (left, right) = order.split_at_mut(middle);
-            self.build(table, left, offset);
-            let second = self.build(table, right, offset + middle as u32);
-            self.nodes[at].second = second;
-        }
-        at as u32
     }
 
     /// Chooses an edge and a point on it, with probability roughly proportional to what it may contribute; `None` if no
@@ -572,6 +521,51 @@ mod tests {
         let mean = sum / f64::from(n);
         let variance = squares / f64::from(n) / (mean * mean) - 1.0;
         assert!(variance < 2.0 && most < 30.0 * mean, "{variance} {}", most / mean);
+    }
+
+    /// A lamp of many triangles and a floor a hundred times their size, as a point with a narrow lobe sees them. If edges of the floor
+    /// shared nodes with the lamp's, some contours of the lamp would be found once in a million samples.
+    #[test]
+    fn short_edges_are_found_beside_long_ones() {
+        let ball = crate::mesh::shapes::icosphere(0.2, 1).unwrap();
+        let vertices = ball.vertices.iter().map(|&v| v + Vec3::new(0.2, 0.85, 0.3)).collect();
+        let lamp = Mesh { vertices, faces: ball.faces, ..Default::default() };
+        let floor = crate::mesh::shapes::rectangle(5.0, 5.0).unwrap();
+        let floor = Mesh { normals: None, uvs: None, ..floor };
+        let shape = |mesh: Mesh| Shape {
+            mesh,
+            material: Material { kind: MaterialKind::Black, one_sided: false, opacity: None },
+            emission: None,
+        };
+        let emission = Some(crate::render::Emission { radiance: Input::Texture(0), two_sided: false });
+        let shapes = vec![Shape { emission, ..shape(lamp) }, shape(floor)];
+        let textures = vec![Texture::constant(Vec3::splat(8.0))];
+        let scene = Scene::new(SceneDescription { shapes, textures, ..Default::default() }).unwrap();
+        let (table, tree) = (scene.edges(), EdgeTree::new(&scene));
+        let p = Vec3::new(-0.2, 0.5, 0.0);
+        let (ng, wi) = (Vec3::new(0.22, 0.77, 0.6).normalize(), Vec3::new(-0.42, 0.25, 0.83).normalize());
+        let lobe = Lobe::new(0.073, ng, wi);
+        let query = Query { ng, diffuse: 0.03, glossy: Some((lobe, 0.6)), ..Query::around(p) };
+        let mut rng = Pcg32::new(7);
+        let (mut sum, mut squares, mut most, n) = (0.0, 0.0, 0.0, 100_000);
+        for i in 0..n {
+            let [v, pick, _] = rng.next_3d();
+            let Some(found) = tree.sample(table, &query, [(i as f32 + 0.5) / n as f32, v], pick) else { continue };
+            let edge = &table.edges[found.edge];
+            let (to, along) = (edge.point(found.s) - p, edge.direction());
+            let (distance, dir) = (to.length(), to.normalize());
+            if edge.view(dir).is_none_or(|view| view.background.is_some()) {
+                continue;
+            }
+            let seen = (lobe.density(dir) + 0.05 * ng.dot(dir).max(0.0)) * (1.0 + tree.brightness[found.edge]);
+            let stands_for = f64::from(seen * along.cross(dir).length() / (distance * found.pdf));
+            sum += stands_for;
+            squares += stands_for * stands_for;
+            most = stands_for.max(most);
+        }
+        let mean = sum / f64::from(n);
+        let variance = squares / f64::from(n) / (mean * mean) - 1.0;
+        assert!(variance < 3.0 && most < 100.0 * mean, "{variance} {}", most / mean);
     }
 
     /// Points found from a light, over their density, must add up to the lengths of its contours, and to their first moments:

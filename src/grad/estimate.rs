@@ -187,19 +187,15 @@ pub fn reverse(
     // No more sums of millions of numbers at a time than there are threads. (In what order they are added does not depend on it.)
     let at_once = (MOST_SUMS / layout.size().max(1)).max(rayon::current_num_threads());
     for ranges in chunks(pass.items(), layout.size()).chunks(at_once) {
-        let parts: Vec<Vec<f64>> = ranges
+        let parts: Vec<Dense> = ranges
             .par_iter()
             .map(|range| {
-                let mut mode = Reverse::new(scene, layout, d_image, Dense { data: vec![0.0; layout.size()] });
+                let mut mode = Reverse::new(scene, layout, d_image, Dense::new(layout.size()));
                 run(pass, range.clone(), &mut mode, stop);
-                mode.into_sink().data
+                mode.into_sink()
             })
             .collect();
-        for part in parts {
-            for (t, p) in total.iter_mut().zip(part) {
-                *t += p;
-            }
-        }
+        parts.iter().for_each(|part| part.add_to(total));
     }
 }
 

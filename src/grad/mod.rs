@@ -212,16 +212,17 @@ impl<S: Contract, F: Fn() -> S + Sync> Visit for RunForward<'_, F> {
 pub fn coverage_gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &[Slot]) -> Vec<&'static str> {
     let mut gaps = Vec::new();
     let wrt = &motion::entered(scene, camera, wrt)[..];
-    if slides_over_steps(scene, settings, wrt) {
+    let layout = Layout::new(scene, wrt);
+    if slides_over_steps(scene, settings, &layout) {
         gaps.push(
             "textures with `filter: nearest` (checkerboards too) jump between texels, and as points slide over them these \
              jumps have no derivative",
         );
     }
-    if !wrt.iter().any(|s| s.moves_visibility()) {
+    if !layout.moves_visibility() {
         return gaps;
     }
-    if film_cuts_surfaces(scene, camera) {
+    if layout.moves_things() && film_cuts_surfaces(scene, camera) {
         gaps.push(
             "the film of the orthographic camera cuts through surfaces, and where they begin in the image has no derivative \
              (from further back it sees the same, and nothing is cut)",
@@ -230,7 +231,7 @@ pub fn coverage_gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &
     if !settings.boundary {
         gaps.push("`boundary: false` leaves out silhouettes and shadow edges, which a param moves");
     } else if settings.output == Output::Radiance && settings.max_bounces > 0 {
-        gaps.extend(mirror_gaps(scene, settings));
+        gaps.extend(mirror_gaps(scene, settings, &layout));
     }
     gaps
 }
@@ -264,8 +265,8 @@ fn meets_box(a: Vec2, b: Vec2, half: Vec2) -> bool {
 }
 
 /// What mirrors show that has no derivative.
-fn mirror_gaps(scene: &Scene, settings: &Settings) -> Vec<&'static str> {
-    let mirrors = Mirrors::new(scene);
+fn mirror_gaps(scene: &Scene, settings: &Settings, layout: &Layout) -> Vec<&'static str> {
+    let mirrors = Mirrors::new(scene, layout);
     let mut gaps = Vec::new();
     if settings.max_bounces < 2 {
         return gaps;
@@ -283,7 +284,8 @@ fn mirror_gaps(scene: &Scene, settings: &Settings) -> Vec<&'static str> {
 
 /// Whether anything asked for makes points slide over a texture that is constant by parts: on a surface that moves, or is seen by
 /// a camera that does; as reflected light from any that move; and, in a mask, where light passes it.
-fn slides_over_steps(scene: &Scene, settings: &Settings, wrt: &[Slot]) -> bool {
+fn slides_over_steps(scene: &Scene, settings: &Settings, layout: &Layout) -> bool {
+    let wrt = &layout.slots;
     let d = &scene.description;
     let steps = |t: TextureId| {
         let texture = &d.textures[t];
@@ -300,10 +302,9 @@ fn slides_over_steps(scene: &Scene, settings: &Settings, wrt: &[Slot]) -> bool {
         )
     };
     let view = wrt.iter().any(of_camera);
-    let (mut moves, mut geometry, mut turns) = (false, false, view);
+    let (mut geometry, mut turns) = (false, view);
     for slot in wrt {
         geometry |= matches!(slot, Slot::Vertices(_) | Slot::Normals(_));
-        moves |= slot.moves_visibility();
         turns |= *slot == Slot::EnvironmentRotation;
     }
     let slides = |i: usize| {
@@ -316,7 +317,7 @@ fn slides_over_steps(scene: &Scene, settings: &Settings, wrt: &[Slot]) -> bool {
         let scatters = (lit || settings.output == Output::Albedo) && inputs[..count].iter().any(|i| reads(*i));
         let emits = radiance && s.emission.as_ref().is_some_and(|e| reads(e.radiance));
         let mask = s.material.opacity.is_some_and(reads);
-        (slides(i) && (scatters || emits || mask)) || (mask && lit && moves)
+        (slides(i) && (scatters || emits || mask)) || (mask && lit && layout.moves_visibility())
     };
     (radiance && sky && (turns || (geometry && lit))) || d.shapes.iter().enumerate().any(shape)
 }
@@ -348,14 +349,14 @@ fn passes(
     }
 
     let lights = settings.output == Output::Radiance && settings.max_bounces > 0;
-    let mirrors = if lights { Mirrors::new(scene) } else { Mirrors::default() };
+    let mirrors = if lights { Mirrors::new(scene, layout) } else { Mirrors::default() };
     let tree = lights.then(|| EdgeTree::new(scene));
     let curved = (!mirrors.curved.is_empty()).then(|| MirrorTree::new(scene, camera, &mirrors.curved));
     let curved = curved.as_ref();
     let ways = curved.filter(|_| settings.max_bounces > 1).map(|_| MirrorTree::all(scene, camera, &mirrors.curved));
     let viewpoints = Viewpoint::all(scene, camera, &mirrors.planes);
 
-    let primary = Some(PrimaryEdges::new(&viewpoints, settings, adjoint, seed));
+    let primary = layout.moves_things().then(|| PrimaryEdges::new(&viewpoints, settings, adjoint, seed));
     if let Some(pass) = primary.as_ref().and_then(PrimaryEdges::enumeration) {
         visit.pass(&pass);
     }

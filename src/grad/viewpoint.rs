@@ -9,7 +9,7 @@ use std::ops::Range;
 use glam::{Vec2, Vec3};
 
 use super::local::{RayAdjoint, VertexAdjoint, d_mirrored, slide};
-use super::sink::{Adjoints, Sink};
+use super::sink::{Adjoints, Layout, Sink};
 use crate::math::position_key;
 use crate::render::accel::{PrimId, Ray};
 use crate::render::edges::{Edge, EdgeOn, EdgeView};
@@ -89,16 +89,18 @@ pub struct CurvedMirror {
 }
 
 impl Mirrors {
-    pub fn new(scene: &Scene) -> Mirrors {
+    pub fn new(scene: &Scene, layout: &Layout) -> Mirrors {
         let mut mirrors = Mirrors::default();
         let mut first = 0;
-        for shape in &scene.description.shapes {
+        for (i, shape) in scene.description.shapes.iter().enumerate() {
             let prims = first..first + shape.mesh.faces.len() as PrimId;
             first = prims.end;
             if !matches!(shape.material.kind, MaterialKind::Mirror { .. }) {
                 continue;
             }
-            match planes(scene, prims.clone(), &mirrors.planes) {
+            // With normals of its own it need not stay one plane, nor show what the plane would: normals and corners may move apart.
+            let bends = shape.mesh.normals.is_some() && layout.moves(i as u32);
+            match planes(scene, prims.clone(), &mirrors.planes).filter(|_| !bends) {
                 Some(planes) => mirrors.planes.extend(planes),
                 None => {
                     // Through a mask its inside is seen.

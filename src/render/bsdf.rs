@@ -144,6 +144,11 @@ impl MaterialKind {
     pub fn may_be_attached(&self) -> bool {
         !matches!(self, MaterialKind::Black | MaterialKind::Diffuse { .. } | MaterialKind::Mirror { .. })
     }
+
+    /// Whether what a point of such a material reflects may come from directions that turn with its normal.
+    pub fn may_follow_normals(&self) -> bool {
+        self.may_be_attached() || matches!(self, MaterialKind::Mirror { .. })
+    }
 }
 
 impl Bsdf {

@@ -319,8 +319,8 @@ impl Slot {
         }
     }
 
-    /// Whether it can move a silhouette or a shadow.
-    pub fn moves_visibility(self) -> bool {
+    /// Whether it moves shapes, lights or the camera, and with them silhouettes and shadows.
+    pub fn moves_things(self) -> bool {
         !matches!(
             self.opening(),
             Slot::Normals(_)

@@ -229,6 +229,9 @@ pub struct Plan {
     pub from: u64,
     /// Errors are relative to the derivative, but at least to this: a derivative that may be anything may be next to nothing.
     pub least: f64,
+    /// Every second gradient is one by all that a scene has, though only some of it moves: what else is asked for changes how samples
+    /// are drawn, and nothing more.
+    pub jointly: bool,
 }
 
 impl Default for Plan {
@@ -243,6 +246,7 @@ impl Default for Plan {
             h: 0.01,
             from: 0,
             least: 0.0,
+            jointly: false,
         }
     }
 }
@@ -252,9 +256,12 @@ pub fn gradients(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan,
     let (description, camera) = build(0.0);
     let w = weights(&camera, plan.output.channels());
     let tangents = tangents(build, plan.h);
+    let own: Vec<Slot> = tangents.iter().map(|t| t.0).collect();
+    let others = all_slots(&description, &camera).into_iter().map(|t| t.0).filter(|slot| !own.contains(slot));
+    let all: Vec<Slot> = own.iter().copied().chain(others).collect();
     let scene = Scene::new(description).unwrap();
-    let slots: Vec<Slot> = tangents.iter().map(|t| t.0).collect();
     let one = |seed: u64| {
+        let slots = if plan.jointly && seed % 2 == 1 { &all } else { &own };
         let settings = Settings {
             output: plan.output,
             spp: plan.spp,
@@ -262,7 +269,7 @@ pub fn gradients(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan,
             seed: 1000 + seed,
             boundary: true,
         };
-        let g = render_backward(&scene, &camera, &settings, &w, &slots).unwrap();
+        let g = render_backward(&scene, &camera, &settings, &w, slots).unwrap();
         g.iter().zip(&tangents).flat_map(|(g, t)| g.iter().zip(&t.1)).map(|(g, t)| g * f64::from(*t)).sum()
     };
     seeds.map(one).collect()
