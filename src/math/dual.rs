@@ -49,6 +49,12 @@ impl<const N: usize> Dual<N> {
     pub fn abs(self) -> Dual<N> {
         if self.value < 0.0 { -self } else { self }
     }
+
+    /// The angle of the point with abscissa `x` and ordinate `self`.
+    pub fn atan2(self, x: Dual<N>) -> Dual<N> {
+        let r2 = self.value * self.value + x.value * x.value;
+        self.chain(self.value.atan2(x.value), x.value / r2) + x.chain(0.0, -self.value / r2)
+    }
 }
 
 impl<const N: usize> Add for Dual<N> {
@@ -125,7 +131,7 @@ mod tests {
     #[test]
     fn derivatives_match_differences() {
         let f = |x: Dual<2>, y: Dual<2>| {
-            (x * y + 2.0 / x - y.sqrt()).exp() * x.pow(y) + (x / y).powi(3).ln() - (1.0 - x).abs()
+            (x * y + 2.0 / x - y.sqrt()).exp() * x.pow(y) + (x / y).powi(3).ln() - (1.0 - x).abs() + y.atan2(-x)
         };
         let (x, y, h) = (0.7, 0.4, 1e-6);
         let at = |x: f64, y: f64| f(Dual::variable(x, 0), Dual::variable(y, 1));

@@ -531,4 +531,4 @@ fn reflect(wi: Vec3, h: Vec3) -> Option<Vec3> {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -55,45 +55,60 @@ fn direction(cos_theta: f32, phi: f32) -> Vec3 {
 
 // ---- The twin: the formulas as the documentation states them, in dual numbers ----
 
-fn twin(kind: &MaterialKind, ci: D, co: D, io: D, v: &[[D; 3]; 4]) -> [D; 3] {
+/// The matte part and the lobe.
+pub(crate) fn twins<const N: usize>(
+    kind: &MaterialKind,
+    cosines: [Dual<N>; 3],
+    v: &[[Dual<N>; 3]; 4],
+) -> [[Dual<N>; 3]; 2] {
+    let [ci, co, io] = cosines;
     // Mirror wi at the tangent plane where it lies behind it.
     let (ci, io) = if ci.value < 0.0 { (-ci, io - 2.0 * ci * co) } else { (ci, io) };
     let length = (2.0 + 2.0 * io).sqrt();
     let (nh, ih) = ((ci + co) / length, length / 2.0);
-    let schlick = |f0: D| f0 + (1.0 - f0) * (1.0 - ih).powi(5);
-    let lambert = |rho: D| rho * co / PI;
-    std::array::from_fn(|c| match kind {
-        MaterialKind::Diffuse { .. } => lambert(v[0][c]),
-        MaterialKind::Conductor { .. } => schlick(v[0][c]) * twin_ggx(v[1][0], nh, ci, co),
-        MaterialKind::ConductorIor { .. } => twin_conductor(ih, v[0][c], v[1][c]) * twin_ggx(v[2][0], nh, ci, co),
-        MaterialKind::Phong { .. } => lambert(v[0][c]) + schlick(v[1][c]) * twin_phong(v[2][0], nh, ci, co),
+    let schlick = |f0: Dual<N>| f0 + (1.0 - f0) * (1.0 - ih).powi(5);
+    let lambert = |rho: Dual<N>| rho * co / PI;
+    let none = Dual::constant(0.0);
+    let channels: [[Dual<N>; 2]; 3] = std::array::from_fn(|c| match kind {
+        MaterialKind::Diffuse { .. } => [lambert(v[0][c]), none],
+        MaterialKind::Conductor { .. } => [none, schlick(v[0][c]) * twin_ggx(v[1][0], nh, ci, co)],
+        MaterialKind::ConductorIor { .. } => {
+            [none, twin_conductor(ih, v[0][c], v[1][c]) * twin_ggx(v[2][0], nh, ci, co)]
+        }
+        MaterialKind::Phong { .. } => [lambert(v[0][c]), schlick(v[1][c]) * twin_phong(v[2][0], nh, ci, co)],
         MaterialKind::Principled { .. } => {
             let f0 = 0.08 * v[3][0] * (1.0 - v[1][0]) + v[0][c] * v[1][0];
-            lambert((1.0 - v[1][0]) * v[0][c]) + schlick(f0) * twin_ggx(v[2][0], nh, ci, co)
+            [lambert((1.0 - v[1][0]) * v[0][c]), schlick(f0) * twin_ggx(v[2][0], nh, ci, co)]
         }
-        MaterialKind::Black | MaterialKind::Mirror { .. } => D::constant(0.0),
-    })
+        MaterialKind::Black | MaterialKind::Mirror { .. } => [none; 2],
+    });
+    std::array::from_fn(|part| channels.map(|c| c[part]))
 }
 
-fn tan2(c: D) -> D {
+fn twin(kind: &MaterialKind, ci: D, co: D, io: D, v: &[[D; 3]; 4]) -> [D; 3] {
+    let [matte, lobe] = twins(kind, [ci, co, io], v);
+    std::array::from_fn(|c| matte[c] + lobe[c])
+}
+
+fn tan2<const N: usize>(c: Dual<N>) -> Dual<N> {
     (1.0 - c * c) / (c * c)
 }
 
 /// D G / (4 ci) in tangents, as Walter et al. print it.
-fn twin_ggx(roughness: D, nh: D, ci: D, co: D) -> D {
+fn twin_ggx<const N: usize>(roughness: Dual<N>, nh: Dual<N>, ci: Dual<N>, co: Dual<N>) -> Dual<N> {
     let a2 = roughness.powi(4);
     let d = a2 / (PI * nh.powi(4) * (a2 + tan2(nh)).powi(2));
-    let g1 = |c: D| 2.0 / (1.0 + (1.0 + a2 * tan2(c)).sqrt());
+    let g1 = |c: Dual<N>| 2.0 / (1.0 + (1.0 + a2 * tan2(c)).sqrt());
     d * g1(ci) * g1(co) / (4.0 * ci)
 }
 
-fn twin_phong(r: D, nh: D, ci: D, co: D) -> D {
+fn twin_phong<const N: usize>(r: Dual<N>, nh: Dual<N>, ci: Dual<N>, co: Dual<N>) -> Dual<N> {
     let e = 2.0 / r - 2.0;
     let d = (e + 2.0) / TAU * nh.pow(e);
-    let g1 = |c: D| {
+    let g1 = |c: Dual<N>| {
         let a = 1.0 / (r.sqrt() * tan2(c).sqrt());
         if a.value >= 1.6 {
-            return D::constant(1.0);
+            return Dual::constant(1.0);
         }
         (3.535 * a + 2.181 * a * a) / (1.0 + 2.276 * a + 2.577 * a * a)
     };
@@ -101,9 +116,9 @@ fn twin_phong(r: D, nh: D, ci: D, co: D) -> D {
 }
 
 /// |r|² of the complex Fresnel equations, with complex numbers as pairs.
-fn twin_conductor(c: D, eta: D, k: D) -> D {
-    let mul = |a: (D, D), b: (D, D)| (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);
-    let square = |a: (D, D)| a.0 * a.0 + a.1 * a.1;
+pub(crate) fn twin_conductor<const N: usize>(c: Dual<N>, eta: Dual<N>, k: Dual<N>) -> Dual<N> {
+    let mul = |a: (Dual<N>, Dual<N>), b: (Dual<N>, Dual<N>)| (a.0 * b.0 - a.1 * b.1, a.0 * b.1 + a.1 * b.0);
+    let square = |a: (Dual<N>, Dual<N>)| a.0 * a.0 + a.1 * a.1;
     let m = (eta, k);
     let m2 = mul(m, m);
     // n cos θt = √(m² − sin²)
