@@ -137,3 +137,31 @@ fn a_kink_has_the_derivative_of_one_side() {
         assert!(difference < 5e-3, "{angle}: {hidden} {there} {shown}");
     }
 }
+
+/// The faces of a thin pipe are slivers: from a point of their edges the third corner is next to straight along the edge, and single
+/// precision knows their planes only roughly.
+#[test]
+fn slivers() {
+    let build = |t: f32| {
+        let mut b = Builder::default();
+        let segments = 96;
+        let mut vertices = Vec::new();
+        for i in 0..segments {
+            let (sin, cos) = (std::f32::consts::TAU * i as f32 / segments as f32).sin_cos();
+            for x in [-2.0, 2.0] {
+                vertices.push(vec3(x, 1.0 + 0.02 * sin + 0.1 * x + t, 0.02 * cos + 0.2 * x));
+            }
+        }
+        let face = |i: u32| {
+            let (a, b) = (2 * i, 2 * ((i + 1) % segments));
+            [[a, b, a + 1], [b, b + 1, a + 1]]
+        };
+        let (pipe, ground) = (b.diffuse(Vec3::splat(0.6)), b.diffuse(Vec3::splat(0.3)));
+        b.shape(mesh(vertices, (0..segments).flat_map(face).collect()), pipe);
+        b.shape(floor(vec3(0.0, 0.85, 0.0), 2.0), ground);
+        let position = vec3(0.3, 3.0, -1.4);
+        b.scene.delta_lights.push(DeltaLight::Point { position, intensity: Vec3::splat(9.0) });
+        (b.scene, look_at(vec3(0.2, 2.0, -3.5), vec3(0.0, 0.95, 0.05), 4.0, 24))
+    };
+    agree("a thin pipe and its shadow", &build, &Plan { h: 0.002, spp: 16, fd_spp: 512, ..Plan::default() });
+}

@@ -190,3 +190,35 @@ fn masks_and_what_touches() {
     }
     agree("masked rectangle out of sight, camera x", &standing(2, |t, s| s[1].x += t), &plan);
 }
+
+/// A pane that is half opaque and half masked, bent where the two meet, in strips (of which many are found by way of the tree of edges);
+/// a lamp above sees both halves.
+fn pane(strips: u32, f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut b = Builder::default();
+        let grey = b.diffuse(Vec3::splat(0.6));
+        b.shape(floor(Vec3::ZERO, 2.0), grey.clone());
+        let half = b.scalar(0.4);
+        for (side, opacity) in [(-1.0, None), (1.0, Some(half))] {
+            let mut vertices = Vec::new();
+            for i in 0..=strips {
+                let z = 1.2 * (i as f32 / strips as f32 - 0.5);
+                vertices.extend([vec3(0.0, 1.0 + 0.1 * z, z), vec3(side * 0.8, 0.8 + 0.1 * z, z)]);
+            }
+            vertices.iter_mut().for_each(|v| f(t, v));
+            let strip = |i: u32| [[2 * i, 2 * i + 1, 2 * i + 3], [2 * i, 2 * i + 3, 2 * i + 2]];
+            b.shape(mesh(vertices, (0..strips).flat_map(strip).collect()), Material { opacity, ..grey.clone() });
+        }
+        b.scene.delta_lights.push(DeltaLight::Point { position: vec3(0.1, 3.0, -0.2), intensity: Vec3::splat(9.0) });
+        (b.scene, look_at(vec3(0.2, 1.7, -4.0), vec3(0.0, 0.2, 0.0), 45.0, 32))
+    }
+}
+
+/// Where a lamp sees both faces of an edge, its light falls differently through each.
+#[test]
+fn masks_beside_what_is_opaque() {
+    let plan = Plan { spp: 64, seeds: 32, h: 0.02, fd_spp: 1024, ..Plan::default() };
+    for strips in [1, 120] {
+        agree(&format!("a pane of {strips}"), &pane(strips, |t, v| v.x += t), &plan);
+    }
+}

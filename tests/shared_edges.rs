@@ -97,6 +97,105 @@ fn boxes_pushed_together() {
     agree("pushed together, camera x, 2 bounces", &pushed_together(|t, s| s[2].x += t), &global);
 }
 
+/// The same two boxes, the second one's corners moved by the last bits of their coordinates.
+fn rounded(f: impl Fn(f32, &mut [Vec3; 3])) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    let build = pushed_together(f);
+    move |t| {
+        let (mut scene, camera) = build(t);
+        let up = |x: f32| f32::from_bits(x.to_bits() + 1);
+        scene.shapes[1].mesh.vertices.iter_mut().for_each(|v| *v = vec3(up(v.x), v.y, up(v.z)));
+        (scene, camera)
+    }
+}
+
+#[test]
+fn edges_that_rounding_holds_apart() {
+    let plan = Plan { h: 0.01, spp: 16, fd_spp: 1024, ..Plan::default() };
+    let flush = |t: f32, s: &mut [Vec3; 3]| {
+        s[0] = Vec3::ZERO;
+        s[2].x += t;
+    };
+    agree("flush but for rounding, camera x", &rounded(flush), &plan);
+}
+
+/// A gable: a roof's half of one triangle's width, and one of two, which meet at the ridge with a corner between its ends.
+fn gable(f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let (a, b, m) = (vec3(-0.8, 0.9, 0.0), vec3(0.8, 0.9, 0.1), vec3(0.0, 0.9, 0.05));
+        let mut v = [a, b, m, vec3(0.1, 0.2, -0.7), vec3(-0.6, 0.3, 0.8), vec3(0.7, 0.2, 0.9)];
+        v.iter_mut().for_each(|v| f(t, v));
+        let mut scene = Builder::default();
+        let grey = scene.diffuse(Vec3::splat(0.6));
+        // Corners of the ridge's halves are its own, or lie between them.
+        scene.shape(mesh(v.to_vec(), vec![[1, 0, 3], [0, 2, 4], [2, 1, 5], [2, 5, 4]]), grey.clone());
+        scene.shape(floor(Vec3::ZERO, 3.0), grey);
+        let position = vec3(-0.7, 3.0, -1.8);
+        scene.scene.delta_lights.push(DeltaLight::Point { position, intensity: Vec3::splat(8.0) });
+        (scene.scene, look_at(vec3(0.3, 3.0, 0.4), vec3(0.0, 0.5, 0.0), 40.0, 32))
+    }
+}
+
+#[test]
+fn a_corner_between_the_ends_of_an_edge() {
+    let plan = Plan { h: 0.01, spp: 16, fd_spp: 1024, ..Plan::default() };
+    agree("gable, deep", &gable(|t, v| v.z *= 1.0 + t), &plan);
+    agree("gable, z", &gable(|t, v| v.z += t), &plan);
+}
+
+/// A lamp, and a matte panel with a black back, each of two triangles of which one shows its back.
+fn badly_wound(f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut b = Builder::default();
+        let halves = |centre: Vec3, r: f32| {
+            let mut mesh = floor(centre, r);
+            mesh.faces[1].swap(0, 1);
+            mesh.vertices.iter_mut().for_each(|v| f(t, v));
+            mesh
+        };
+        b.light(halves(vec3(-0.7, 0.4, 0.0), 0.5), Vec3::splat(3.0));
+        let material = b.diffuse(Vec3::splat(0.8));
+        b.shape(halves(vec3(0.7, 0.4, 0.0), 0.5), Material { one_sided: true, ..material.clone() });
+        b.shape(floor(Vec3::ZERO, 2.0), material);
+        b.scene.delta_lights.push(DeltaLight::Point { position: vec3(0.0, 3.0, -0.5), intensity: Vec3::splat(9.0) });
+        (b.scene, look_at(vec3(0.1, 3.0, -2.0), vec3(0.0, 0.3, 0.0), 45.0, 24))
+    }
+}
+
+#[test]
+fn faces_wound_against_each_other() {
+    let plan = Plan { h: 0.02, fd_spp: 1024, ..Plan::default() };
+    agree("badly wound, wide", &badly_wound(|t, v| v.x *= 1.0 + t), &plan);
+    agree("badly wound, direct, wide", &badly_wound(|t, v| v.x *= 1.0 + t), &Plan { max_bounces: 0, ..plan });
+    agree("badly wound, direct, deep", &badly_wound(|t, v| v.z *= 1.0 + t), &Plan { max_bounces: 0, ..plan });
+}
+
+/// Where nothing jumps but what a channel shows: a ball's seam, two squares that are one surface to the eye.
+#[test]
+fn seams_in_first_hit_channels() {
+    let ball = |t: f32| {
+        let mut b = Builder::default();
+        let grey = b.diffuse(Vec3::splat(0.5));
+        let mut ball = shapes::sphere(1.0, 24).unwrap();
+        ball.vertices
+            .iter_mut()
+            .for_each(|v| *v = Mat3::from_rotation_y(2.1) * Mat3::from_rotation_x(0.5) * *v + vec3(t, 0.0, 0.5 * t));
+        b.shape(ball, grey);
+        (b.scene, look_at(vec3(0.4, 1.0, -4.0), Vec3::ZERO, 45.0, 32))
+    };
+    let squares = |t: f32| {
+        let mut b = Builder::default();
+        let grey = b.diffuse(Vec3::splat(0.5));
+        let at = |x: f32, z: f32| vec3(x + t, 0.0, z);
+        b.shape(quad(at(-1.0, -1.0), at(-1.0, 1.0), at(0.1, 1.0), at(0.1, -1.0)), grey.clone());
+        b.shape(quad(at(0.1, -1.0), at(0.1, 1.0), at(1.0, 1.0), at(1.0, -1.0)), grey);
+        (b.scene, look_at(vec3(0.4, 3.0, -2.0), Vec3::ZERO, 45.0, 32))
+    };
+    let plan = Plan { h: 0.01, fd_spp: 1024, ..Plan::default() };
+    agree("uvs of a ball", &ball, &Plan { output: Output::Uv, ..plan });
+    agree("uvs of squares", &squares, &Plan { output: Output::Uv, ..plan });
+    agree("indices of squares", &squares, &Plan { output: Output::ShapeIndex, ..plan });
+}
+
 /// By how much things reach into what they stand on, how high floor and box are, where a wall and the eye are, and how much of the wall
 /// there is.
 #[derive(Clone, Copy)]

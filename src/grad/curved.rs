@@ -501,6 +501,11 @@ impl MirrorTree {
         Self::of(scene, camera, mirrors, false)
     }
 
+    /// Whether no facet is seen: of degenerate mirrors there is none.
+    pub fn is_empty(&self) -> bool {
+        self.facets.is_empty()
+    }
+
     /// Of all mirrors, for [`MirrorTree::between`].
     pub fn all(scene: &Scene, camera: &Camera, mirrors: &[CurvedMirror]) -> MirrorTree {
         Self::of(scene, camera, mirrors, true)

@@ -12,11 +12,12 @@ use glam::{Vec3, Vec4, Vec4Swizzles as _};
 
 use self::build::Builder;
 use self::polar::Polar;
+use super::layers::has_masks;
 use super::sink::Layout;
 use super::viewpoint::MirrorPlane;
 use crate::math::luminance;
 use crate::render::accel::{NO_PRIM, PrimId};
-use crate::render::edges::{Edge, EdgeFace, EdgeTable, SMOOTH_CREASE};
+use crate::render::edges::{Edge, EdgeFace, EdgeTable, INSIDE, SMOOTH_CREASE};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::light::{LightKind, LightSample};
 use crate::render::ltc::Lobe;
@@ -43,6 +44,8 @@ pub struct EdgeTree {
     faces: Vec<Option<[Vec3; 2]>>,
     /// By edge: what light from there may jump by where both its faces are seen, over what it may as a contour.
     crease: Vec<f32>,
+    /// By edge: what light from beyond may jump by where both its faces are seen, over what it may at an opaque contour: masks.
+    veil: Vec<f32>,
     /// By edge: sine of the elevation over one of its faces up to which it may show a crease ([`Edge::folding`]).
     folding: Vec<f32>,
     /// Edge numbers in leaf order.
@@ -56,6 +59,8 @@ struct Node {
     length: f32,
     /// Of all edges, each by what it counts where it is not a contour ([`EdgeTree::crease`]).
     creases: f32,
+    /// Of all edges, each by [`EdgeTree::veil`].
+    veils: f32,
     /// The largest of [`EdgeTree::folding`].
     folding: f32,
     /// What `length` becomes with the brightness of emitters, over it.
@@ -86,7 +91,7 @@ pub struct Query {
     glossy: Option<(Lobe, f32)>,
     /// Emission jumps count too, not only those of reflected light.
     sees_emission: bool,
-    /// Nothing counts but what covers something.
+    /// Nothing counts but what covers more on one side than on the other.
     contours_only: bool,
     /// Edges are looked at from elsewhere, about as far from here: any may be a contour there, and none is near.
     elsewhere: Option<f32>,
@@ -202,6 +207,7 @@ impl EdgeTree {
             brightness: brightness(scene),
             faces: table.edges.iter().map(face_planes).collect(),
             crease: table.edges.iter().map(|e| crease(scene, e)).collect(),
+            veil: table.edges.iter().map(|e| veil(scene, e)).collect(),
             folding: table.edges.iter().map(|e| e.folding(scene)).collect(),
             order: Vec::new(),
         };
@@ -275,7 +281,8 @@ impl EdgeTree {
         match () {
             _ if query.elsewhere.is_some() => edge.weight,
             _ if self.may_be_contour(at, q) => 1.0,
-            _ if query.contours_only || !self.may_be_crease(edge, at, q) => 0.0,
+            _ if query.contours_only => self.veil[at],
+            _ if !self.may_be_crease(edge, at, q) => 0.0,
             _ => self.crease[at],
         }
     }
@@ -374,8 +381,7 @@ impl EdgeTree {
 /// Normals of an edge's two faces, if it has two, turned alike whatever their winding.
 fn face_planes(edge: &Edge) -> Option<[Vec3; 2]> {
     let [a, b] = edge.faces.as_slice() else { return None };
-    let normal = |f: &EdgeFace| (edge.p[1] - edge.p[0]).cross(f.opposite - edge.p[0]).normalize_or_zero();
-    Some([normal(a), -normal(b)])
+    Some([edge.normal_with(a.opposite), -edge.normal_with(b.opposite)])
 }
 
 /// See [`EdgeTree::crease`]. Black faces show none.
@@ -386,6 +392,20 @@ fn crease(scene: &Scene, edge: &Edge) -> f32 {
     };
     let smooth = if edge.sharp || edge.is_mirror(scene) { 1.0 } else { SMOOTH_CREASE };
     if edge.faces.iter().any(shows) { CREASE * smooth * edge.weight } else { 0.0 }
+}
+
+/// See [`EdgeTree::veil`]. (Where there are not two faces no plane rules a contour out.)
+fn veil(scene: &Scene, edge: &Edge) -> f32 {
+    let [a, b] = [0, 1].map(|face| {
+        let prim = edge.faces.get(face)?.prim;
+        Some([0.0, 0.5, 1.0].map(|s| scene.opacity(prim, edge.barycentric(face, s, INSIDE)).unwrap_or(1.0)))
+    });
+    match (a, b) {
+        (Some(a), Some(b)) if !edge.crossing && has_masks(scene, edge) => {
+            a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
+        }
+        _ => 0.0,
+    }
 }
 
 /// See [`EdgeTree::brightness`]. What is reflected is taken to be half of the emitted power, spread over all surfaces, and
@@ -430,7 +450,11 @@ impl Node {
         let (offset, radius) = if query.distant { (0.0, 0.0) } else { (1.0, 0.5 * (self.hi - self.lo).length()) };
         let distance = q.length();
         let near = query.far(distance.max(radius)).max(1e-20);
-        let mut creases = if query.contours_only || query.elsewhere.is_some() { 0.0 } else { self.creases };
+        let mut creases = match () {
+            _ if query.elsewhere.is_some() => 0.0,
+            _ if query.contours_only => self.veils,
+            _ => self.creases,
+        };
         let contours = if self.open || query.elsewhere.is_some() {
             self.length
         } else {
@@ -439,7 +463,7 @@ impl Node {
             let lowest = a.min(b).element_sum() - offset * self.plane_hi.w - slack;
             let highest = a.max(b).element_sum() - offset * self.plane_lo.w + slack;
             let folding = self.folding * (distance + radius);
-            if lowest > folding || highest < -folding {
+            if !query.contours_only && (lowest > folding || highest < -folding) {
                 creases = 0.0;
             }
             if lowest > 0.0 || highest < 0.0 {

@@ -46,7 +46,7 @@ pub fn contrast(scene: &Scene, edge: &Edge, dir: Vec3, view: &EdgeView, s: f32) 
     covered(Some(view.foreground)) - covered(view.background)
 }
 
-fn has_masks(scene: &Scene, edge: &Edge) -> bool {
+pub fn has_masks(scene: &Scene, edge: &Edge) -> bool {
     scene.masked && edge.faces.iter().any(|f| scene.opacity(f.prim, [1.0, 0.0, 0.0]).is_some())
 }
 

@@ -354,6 +354,7 @@ fn passes(
     let curved = (!mirrors.curved.is_empty()).then(|| MirrorTree::new(scene, camera, &mirrors.curved));
     let curved = curved.as_ref();
     let ways = curved.filter(|_| settings.max_bounces > 1).map(|_| MirrorTree::all(scene, camera, &mirrors.curved));
+    let ways = ways.filter(|tree| !tree.is_empty());
     let viewpoints = Viewpoint::all(scene, camera, &mirrors.planes);
 
     let primary = layout.moves_things().then(|| PrimaryEdges::new(&viewpoints, settings, adjoint, seed));

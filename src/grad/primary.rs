@@ -107,7 +107,7 @@ impl<'a> PrimaryEdges<'a> {
         let mut lengths = Vec::new();
         for (v, viewpoint) in viewpoints.iter().enumerate() {
             let widest = f64::from(viewpoint.camera.widest());
-            for (e, edge) in viewpoint.scene.edges().edges.iter().enumerate() {
+            for (e, edge) in viewpoint.scene.edges_of(settings.output).edges.iter().enumerate() {
                 let class = if lens {
                     classify_through_lens(viewpoint, edge, settings)
                 } else {
@@ -176,7 +176,7 @@ impl<'a> PrimaryEdges<'a> {
     fn place(&self, piece: &Piece, rest: f64, sampler: &mut Sampler) -> Option<Chosen<'a>> {
         let viewpoint = &self.viewpoints[piece.viewpoint as usize];
         let viewpoint = viewpoint.through(viewpoint.camera.sample_lens(sampler).lens);
-        let edge = &viewpoint.scene.edges().edges[piece.edge as usize];
+        let edge = &viewpoint.scene.edges_of(self.settings.output).edges[piece.edge as usize];
         if !is_straight(&viewpoint.camera) {
             let s = (piece.sa + (piece.sb - piece.sa) * rest) as f32;
             return Some(Chosen { edge, viewpoint, s });

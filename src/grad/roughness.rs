@@ -68,7 +68,7 @@ impl<'a> RoughnessPairs<'a> {
                 None => false,
             })
             .collect();
-        let count = pixels::active(adjoint) * settings.spp.max(1) as usize / 2;
+        let count = (pixels::active(adjoint) * settings.spp.max(1) as usize).div_ceil(2);
         let pairs = RoughnessPairs { scene, camera, settings, film: FilmCurve::new(adjoint), count, asked };
         pairs.asked.contains(&true).then_some(pairs)
     }
@@ -184,5 +184,43 @@ impl Estimator for RoughnessPairs<'_> {
 
     fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {
         Sequence { of: self, count, weight: share / count as f64, seed }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::texture::Texture;
+    use crate::render::{Distortion, Environment, Lens, Material, MaterialKind, Projection, SceneDescription, Shape};
+
+    /// A single sample of a single pixel is not rounded down to none.
+    #[test]
+    fn the_smallest_image_has_a_pair() {
+        let (reflectance, roughness) = (Input::Texture(0), Input::Texture(1));
+        let material =
+            Material { kind: MaterialKind::Conductor { reflectance, roughness }, one_sided: false, opacity: None };
+        let mesh = crate::mesh::shapes::rectangle(2.0, 2.0).unwrap();
+        let textures = vec![Texture::constant(Vec3::ONE), Texture::constant_scalar(0.4)];
+        let environment = Some(Environment { radiance: 0, rotation: glam::Mat3::IDENTITY });
+        let shapes = vec![Shape { mesh, material, emission: None }];
+        let scene = Scene::new(SceneDescription { shapes, textures, environment, ..Default::default() }).unwrap();
+        let camera = Camera {
+            projection: Projection::Perspective,
+            origin: Vec3::Z,
+            frame: [Vec3::X, Vec3::Y, Vec3::NEG_Z],
+            scale: [0.5; 2],
+            width: 1,
+            height: 1,
+            lens: Lens::PINHOLE,
+            distortion: Distortion::NONE,
+            shutter: Camera::WHOLE,
+            closing: None,
+        };
+        let settings = Settings { output: Output::Radiance, spp: 1, max_bounces: 1, seed: 1, boundary: true };
+        let layout = Layout::new(&scene, &[Slot::Texels(1)]);
+        let mut adjoint = Image::new(1, 1, 3);
+        adjoint.data.fill(1.0);
+        let pairs = RoughnessPairs::new(&scene, &camera, &settings, &layout, &adjoint).unwrap();
+        assert_eq!(pairs.count(), 1);
     }
 }

@@ -206,6 +206,16 @@ impl Bsdf {
         !self.is_delta() && self.roughness_alpha().is_some_and(|alpha| alpha < ATTACHED_ALPHA)
     }
 
+    /// With which probability a path stands for the specular part of a BSDF whose diffuse part is worth `diffuse` and whose specular part
+    /// is worth `specular` to it: in proportion, but never so rarely that the derivative of a part that is black now would be lost.
+    pub fn specular_choice(&self, diffuse: f32, specular: f32) -> f32 {
+        if !matches!(self, Bsdf::Phong { .. } | Bsdf::Principled { .. }) {
+            return 1.0;
+        }
+        let share = specular / (diffuse + specular);
+        if share.is_nan() { 0.5 } else { share.clamp(MIN_LOBE_SHARE, 1.0 - MIN_LOBE_SHARE) }
+    }
+
     /// f·|cos θo|; `ci` = n·wi, `co` = n·wo, `io` = wi·wo of unit vectors. Zero for `co` ≤ 0.
     #[inline(always)]
     pub fn eval(&self, ci: f32, co: f32, io: f32) -> Vec3 {

@@ -129,9 +129,16 @@ impl Edge {
         matches!(self.faces.as_slice(), [a, b] if a.is_forward() != b.is_forward())
     }
 
+    /// Unit normal of the plane through the edge and a point, on the side from which the point lies to the left. (Slivers have edges so
+    /// nearly parallel that single precision would leave little of it.)
+    pub fn normal_with(&self, p: Vec3) -> Vec3 {
+        let [a, b, p] = [self.p[0], self.p[1], p].map(Vec3::as_dvec3);
+        (b - a).cross(p - a).normalize_or_zero().as_vec3()
+    }
+
     /// Unit normal of one of the faces, oriented like the face.
     pub fn face_normal(&self, face: &EdgeFace) -> Vec3 {
-        let n = (self.p[1] - self.p[0]).cross(face.opposite - self.p[0]).normalize_or_zero();
+        let n = self.normal_with(face.opposite);
         if face.is_forward() { n } else { -n }
     }
 
@@ -292,13 +299,17 @@ impl Edge {
     /// what changes over them is taken for a jump, at each of many edges.
     pub fn beside(&self, scene: &Scene, face: usize, s: f32, distance: f32, wi: Vec3) -> [SurfaceInteraction; 2] {
         let f = &self.faces[face];
-        let at = |inset: f32| scene.interaction(f.prim, self.barycentric(face, s, inset), wi);
+        let at = |s: f32, inset: f32| scene.interaction(f.prim, self.barycentric(face, s, inset), wi);
         let e = self.direction();
         let o = f.opposite - self.p[0];
-        let height = (o - e * o.dot(e)).length();
+        let (length, along) = (self.length(), o.dot(e));
+        let height = (o - e * along).length();
         let rounding = self.p[0].abs().max(self.p[1].abs()).max_element().max(distance);
-        let edge = at(INSIDE);
-        [edge, SurfaceInteraction { p: at((4e-6 * rounding / height).clamp(INSIDE, 1e-2)).p, ..edge }]
+        let inset = (4e-6 * rounding / height).clamp(INSIDE, 1e-2);
+        // Straight into the face: towards a sliver's corner it would be a long way along the edge.
+        let foot = ((s - inset * along / length) / (1.0 - inset)).clamp(0.0, 1.0);
+        let edge = at(s, INSIDE);
+        [edge, SurfaceInteraction { p: at(foot, inset).p, ..edge }]
     }
 
     /// Primitives of other faces that lie below the plane of `face`, on the side that `normal` points away from: no ray that leaves the
@@ -334,8 +345,16 @@ pub struct EdgeTable {
     pub flat_emitters: Vec<[PrimId; 2]>,
 }
 
+/// Which edges of a smooth or flat surface there are, besides those at which light may jump.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Seams {
+    None,
+    /// Those between shapes, and where texture coordinates jump, whether or not anything is made of them: for channels that show these.
+    All,
+}
+
 impl EdgeTable {
-    pub fn new(scene: &Scene) -> EdgeTable {
+    pub fn new(scene: &Scene, seams: Seams) -> EdgeTable {
         let mut points: HashMap<[u32; 3], u32> = HashMap::new();
         let mut index: HashMap<(u32, u32), usize> = HashMap::new();
         let mut edges: Vec<Edge> = Vec::new();
@@ -387,7 +406,7 @@ impl EdgeTable {
         weld_overlaps(&mut edges, &overlaps);
         edges.retain(|e| !e.faces.is_empty());
         for edge in &mut edges {
-            edge.sharp = is_sharp(scene, edge);
+            edge.sharp = is_sharp(scene, edge, seams);
         }
         // Flat interior edges of one material can neither cover anything nor show a jump.
         let mut flat_emitters = Vec::new();
@@ -413,29 +432,76 @@ fn emits(scene: &Scene, prim: PrimId) -> bool {
     scene.description.shapes[scene.prims[prim as usize].shape as usize].emission.is_some()
 }
 
-/// Cuts edges that have parts in common at one another's ends, and makes one edge of each part, with the faces of all.
+/// One position for ends of overlapping edges that rounding alone holds apart.
+struct Ends {
+    /// Whom a position is taken for, who may be taken for someone else.
+    taken_for: HashMap<[u32; 3], Vec3>,
+}
+
+impl Ends {
+    fn new(overlaps: &[Overlap]) -> Ends {
+        let mut ends = Ends { taken_for: HashMap::new() };
+        for [a, b] in overlaps {
+            for (p, q) in a.iter().flat_map(|p| b.iter().map(move |q| (*p, *q))) {
+                let (p, q) = (ends.of(p), ends.of(q));
+                if p != q && is_same(p, q) {
+                    ends.taken_for.insert(position_key(q), p);
+                }
+            }
+        }
+        ends
+    }
+
+    fn of(&self, mut p: Vec3) -> Vec3 {
+        while let Some(&other) = self.taken_for.get(&position_key(p)) {
+            p = other;
+        }
+        p
+    }
+
+    fn key(&self, ends: [Vec3; 2]) -> [[u32; 3]; 2] {
+        segment_key(ends.map(|p| self.of(p)))
+    }
+}
+
+/// Makes one edge of those that are the same up to rounding, cuts edges that have parts in common at one another's ends, and makes one edge
+/// of each part, with the faces of all.
 fn weld_overlaps(edges: &mut Vec<Edge>, overlaps: &[Overlap]) {
     if overlaps.is_empty() {
         return;
     }
-    let mut index: HashMap<[[u32; 3]; 2], usize> =
-        edges.iter().enumerate().map(|(i, e)| (segment_key(e.p), i)).collect();
+    let ends = Ends::new(overlaps);
+    let mut index: HashMap<[[u32; 3]; 2], usize> = HashMap::with_capacity(edges.len());
+    for i in 0..edges.len() {
+        if edges[i].faces.is_empty() {
+            continue;
+        }
+        let known = *index.entry(ends.key(edges[i].p)).or_insert(i);
+        if known != i {
+            let twin = Edge { faces: std::mem::take(&mut edges[i].faces), ..edges[i].clone() };
+            absorb(&mut edges[known], twin);
+        }
+    }
     let mut cuts: BTreeMap<usize, Vec<Vec3>> = BTreeMap::new();
     for [a, b] in overlaps {
         for (edge, other) in [(a, b), (b, a)] {
-            if let Some(&i) = index.get(&segment_key(*edge)) {
-                cuts.entry(i).or_default().extend(other);
+            if let Some(&i) = index.get(&ends.key(*edge)) {
+                cuts.entry(i).or_default().extend(other.map(|p| ends.of(p)));
             }
         }
     }
     for (i, cuts) in cuts {
         let edge = edges[i].clone();
-        // A cut at one of its ends is none. (Of any length: what is shorter than rounding has no part in the picture.)
+        let own = edge.p.map(|p| ends.of(p));
         let mut stops: Vec<(f32, Vec3)> = cuts.into_iter().map(|p| (edge.parameter(p), p)).collect();
-        stops.retain(|(s, p)| *s > 0.0 && *s < 1.0 && !edge.p.contains(p));
-        stops.extend([(0.0, edge.p[0]), (1.0, edge.p[1])]);
+        // A cut at one of its ends is none.
+        stops.retain(|(s, p)| *s > 0.0 && *s < 1.0 && own.iter().all(|end| !is_same(*p, *end)));
+        stops.extend([(0.0, own[0]), (1.0, own[1])]);
         stops.sort_by(|a, b| a.0.total_cmp(&b.0));
-        stops.dedup_by_key(|(_, p)| position_key(*p));
+        stops.dedup_by(|(_, p), (_, before)| is_same(*p, *before));
+        if stops.len() == 2 {
+            continue;
+        }
         edges[i].faces.clear();
         for pair in stops.windows(2) {
             let [(from, a), (to, b)] = [pair[0], pair[1]];
@@ -444,16 +510,24 @@ fn weld_overlaps(edges: &mut Vec<Edge>, overlaps: &[Overlap]) {
             match edges.get_mut(known) {
                 None => edges.push(piece),
                 Some(known) if known.faces.is_empty() => *known = piece,
-                Some(known) => {
-                    let turned = position_key(known.p[0]) != position_key(a);
-                    known.faces.extend(piece.faces.into_iter().map(|face| match face.ends {
-                        [start, end] if turned => EdgeFace { ends: [end, start], ..face },
-                        _ => face,
-                    }));
-                }
+                Some(known) => absorb(known, piece),
             }
         }
     }
+}
+
+/// Adds the faces of an edge with the same ends.
+fn absorb(edge: &mut Edge, twin: Edge) {
+    let turned = edge.p[0].distance_squared(twin.p[0]) > edge.p[0].distance_squared(twin.p[1]);
+    edge.faces.extend(twin.faces.into_iter().map(|face| match face.ends {
+        [start, end] if turned => EdgeFace { ends: [end, start], ..face },
+        _ => face,
+    }));
+}
+
+/// Whether two points are apart by what their coordinates are rounded by, and no more.
+fn is_same(p: Vec3, q: Vec3) -> bool {
+    p.distance(q) <= 2e-6 * p.abs().max(q.abs()).max_element()
 }
 
 /// What is left of [0, 1] without the given stretches.
@@ -537,14 +611,23 @@ fn weight(edge: &Edge) -> f32 {
     }
 }
 
-/// Whether reflected radiance can jump across an edge with both faces visible.
-fn is_sharp(scene: &Scene, edge: &Edge) -> bool {
+/// Whether reflected radiance, or what a channel shows, can jump across an edge with both faces visible.
+fn is_sharp(scene: &Scene, edge: &Edge, seams: Seams) -> bool {
     let [a, b] = edge.faces.as_slice() else {
         return true;
     };
     let shape = |f: &EdgeFace| &scene.description.shapes[scene.prims[f.prim as usize].shape as usize];
     let (sa, sb) = (shape(a), shape(b));
     if sa.material != sb.material || sa.emission != sb.emission {
+        return true;
+    }
+    let all = seams == Seams::All;
+    if all && scene.prims[a.prim as usize].shape != scene.prims[b.prim as usize].shape {
+        return true;
+    }
+    // Of faces that are wound against each other one shows its back.
+    let has_a_back = sa.material.one_sided || sa.emission.as_ref().is_some_and(|e| !e.two_sided);
+    if has_a_back && !edge.is_wound_consistently() {
         return true;
     }
     // Values at the edge's ends.
@@ -574,7 +657,7 @@ fn is_sharp(scene: &Scene, edge: &Edge) -> bool {
     let textured = |i: Input| matches!(i, Input::Texture(t) if !scene.description.textures[t].is_constant());
     let emission = sa.emission.as_ref().map(|e| e.radiance);
     let opacity = sa.material.opacity;
-    if (reads(&sa.material, &textured) || emission.is_some_and(textured) || opacity.is_some_and(textured))
+    if (all || reads(&sa.material, &textured) || emission.is_some_and(textured) || opacity.is_some_and(textured))
         && differ(&|m, v| m.uvs.as_ref().map(|u| u[v as usize].extend(0.0)))
     {
         return true;

@@ -245,11 +245,10 @@ impl SurfaceInteraction {
         }
     }
 
-    /// Chooses one of [`SurfaceInteraction::eval_split`]'s parts in proportion to its value.
+    /// Chooses one of an attached BSDF's [`SurfaceInteraction::eval_split`]s, by [`Bsdf::specular_choice`].
     pub fn choose_part(&self, wo: Vec3, u: f32) -> ChosenPart {
         let [fixed, attached] = self.eval_split(wo);
-        let (x, y) = (luminance(fixed.abs()), luminance(attached.abs()));
-        let p = if x + y > 0.0 { y / (x + y) } else { 0.5 };
+        let p = self.bsdf.specular_choice(luminance(fixed.abs()), luminance(attached.abs()));
         if u < p {
             ChosenPart { attached: true, f: attached, probability: p }
         } else {

@@ -49,8 +49,8 @@ pub fn crossings_and_overlaps(scene: &Scene, wanted: impl Fn(PrimId) -> bool + S
         if x.is_beside(&y) || y.is_beside(&x) {
             return;
         }
-        // Neighbours in a mesh meet in whole edges.
-        if shape(a) != shape(b) || !x.shares_corner(&y) {
+        // Neighbours in a mesh meet in whole edges; those that share a corner only may lie at a longer edge's end.
+        if shape(a) != shape(b) || x.shared_corners(&y) < 2 {
             overlaps(&x, &y, |edges| found.push(Meeting::Overlap(edges)));
         }
         // Twins of a triangle cross in the very same points, whoever comes first.
@@ -152,8 +152,8 @@ impl Triangle {
         self.tolerance + 1e-6 * other.tolerance
     }
 
-    fn shares_corner(&self, other: &Triangle) -> bool {
-        self.corners.iter().any(|p| other.corners.contains(p))
+    fn shared_corners(&self, other: &Triangle) -> usize {
+        self.corners.iter().filter(|p| other.corners.contains(p)).count()
     }
 
     /// The edges of which both ends lie in a plane.

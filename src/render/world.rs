@@ -7,8 +7,9 @@ use glam::{Vec2, Vec3};
 use super::accel::{Accel, PrimId};
 use super::bsdf::{Bsdf, MAX_INPUTS};
 use super::contacts::Contacts;
-use super::edges::EdgeTable;
+use super::edges::{EdgeTable, Seams};
 use super::environment::{EnvironmentPeak, EnvironmentTable};
+use super::film::Output;
 use super::light::LightTable;
 use super::sampler::Discrete;
 use super::scene::{Camera, Cone, DeltaLight, Input, LightMotion, Projection, SceneDescription, Shape};
@@ -117,7 +118,8 @@ pub struct Scene {
     /// Some material has a mask.
     pub(crate) masked: bool,
     /// Built when first asked for: the primal needs none.
-    pub(crate) edges: OnceLock<EdgeTable>,
+    edges: OnceLock<EdgeTable>,
+    seams: OnceLock<EdgeTable>,
     contacts: OnceLock<Contacts>,
     /// Triangles by area.
     surface: OnceLock<Discrete>,
@@ -166,6 +168,7 @@ impl Scene {
             environment_peak,
             radius,
             edges: OnceLock::new(),
+            seams: OnceLock::new(),
             contacts: OnceLock::new(),
             surface: OnceLock::new(),
         })
@@ -181,6 +184,7 @@ impl Scene {
         self.radius = radius(&corners);
         self.relight();
         self.edges = OnceLock::new();
+        self.seams = OnceLock::new();
         self.contacts = OnceLock::new();
         self.surface = OnceLock::new();
     }
@@ -197,7 +201,15 @@ impl Scene {
     }
 
     pub(crate) fn edges(&self) -> &EdgeTable {
-        self.edges.get_or_init(|| EdgeTable::new(self))
+        self.edges.get_or_init(|| EdgeTable::new(self, Seams::None))
+    }
+
+    /// Those of an output, which may show what light does not.
+    pub(crate) fn edges_of(&self, output: Output) -> &EdgeTable {
+        match output {
+            Output::Uv | Output::ShapeIndex => self.seams.get_or_init(|| EdgeTable::new(self, Seams::All)),
+            _ => self.edges(),
+        }
     }
 
     pub(crate) fn contacts(&self) -> &Contacts {

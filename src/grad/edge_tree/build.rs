@@ -16,6 +16,7 @@ struct Item {
     /// Its length, by [`crate::render::edges::Edge::weight`].
     weighted: f32,
     crease: f32,
+    veil: f32,
     bright: f32,
     folding: f32,
     open: bool,
@@ -69,6 +70,7 @@ impl Builder {
                 p: edge.p,
                 weighted,
                 crease: edge.length() * tree.crease[e],
+                veil: edge.length() * tree.veil[e],
                 bright: weighted * (1.0 + tree.brightness[e]),
                 folding: tree.folding[e],
                 open: !edge.is_wound_consistently(),
@@ -86,11 +88,12 @@ impl Builder {
         let centre = 0.5 * (lo + hi);
         let (mut plane_lo, mut plane_hi) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
         let mut open = false;
-        let (mut length, mut creases, mut bright, mut folding) = (0.0, 0.0, 0.0, 0.0_f32);
+        let (mut length, mut creases, mut veils, mut bright, mut folding) = (0.0, 0.0, 0.0, 0.0, 0.0_f32);
         for &e in order.iter() {
             let item = &self.items[e as usize];
             length += item.weighted;
             creases += item.crease;
+            veils += item.veil;
             bright += item.bright;
             folding = folding.max(item.folding);
             open |= item.open;
@@ -106,6 +109,7 @@ impl Builder {
             hi,
             length,
             creases,
+            veils,
             folding,
             brightness: bright / length,
             plane_lo,
