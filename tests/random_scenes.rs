@@ -314,13 +314,18 @@ fn drawn(number: u64, t: f32) -> (SceneDescription, Camera, Family, u32) {
     (world.builder.scene, camera, family, bounces)
 }
 
-#[test]
-fn scenes_that_nobody_chose() {
+/// The scenes to try.
+fn numbers(default: Range<u64>) -> Range<u64> {
     let range = std::env::var("DSCENE_SCENES").ok().and_then(|text| {
         let (from, to) = text.split_once("..")?;
         Some(Range { start: from.parse::<u64>().ok()?, end: to.parse::<u64>().ok()? })
     });
-    for number in range.unwrap_or(0..18) {
+    range.unwrap_or(default)
+}
+
+#[test]
+fn scenes_that_nobody_chose() {
+    for number in numbers(0..18) {
         let (.., family, max_bounces) = drawn(number, 0.0);
         let build = |t: f32| {
             let (scene, camera, ..) = drawn(number, t);
@@ -334,5 +339,44 @@ fn scenes_that_nobody_chose() {
         let least = (0.2 * sum(&image.data)).max(0.002 * image.data.len() as f64);
         let plan = Plan { max_bounces, spp: 32, h: 0.008, fd_spp: 512, least, jointly: true, ..Plan::default() };
         agree(&format!("scene {number}: {family:?}, {max_bounces} bounces"), &build, &plan);
+    }
+}
+
+/// With all lengths in another unit.
+fn in_units((mut scene, mut camera): (SceneDescription, Camera), unit: f32) -> (SceneDescription, Camera) {
+    scene.shapes.iter_mut().flat_map(|shape| &mut shape.mesh.vertices).for_each(|v| *v *= unit);
+    for light in &mut scene.delta_lights {
+        if let DeltaLight::Point { position, intensity } = light {
+            *position *= unit;
+            *intensity *= unit * unit;
+        }
+    }
+    camera.origin *= unit;
+    if camera.projection == Projection::Orthographic {
+        camera.scale = camera.scale.map(|s| s * unit);
+    }
+    camera.lens.radius *= unit;
+    camera.lens.focus *= unit;
+    (scene, camera)
+}
+
+/// Nothing is near or far but by comparison. By powers of two not even rounding is different.
+#[test]
+fn the_unit_of_length_means_nothing() {
+    for number in numbers(0..28) {
+        let (.., family, max_bounces) = drawn(number, 0.0);
+        let plan = Plan { max_bounces, spp: 8, h: 0.008, ..Plan::default() };
+        let of = |unit: f32| {
+            let build = |t: f32| {
+                let (scene, camera, ..) = drawn(number, t);
+                in_units((scene, camera), unit)
+            };
+            gradients(&build, &plan, 0..2)
+        };
+        let expected = of(1.0);
+        for unit in [1.0 / 1024.0, 1024.0] {
+            let found = of(unit);
+            assert_eq!(found, expected, "scene {number}: {family:?}, {max_bounces} bounces, in units of {unit}");
+        }
     }
 }

@@ -267,7 +267,7 @@ impl EdgeTree {
     fn may_be_crease(&self, edge: &Edge, at: usize, q: Vec3) -> bool {
         let reach = self.folding[at];
         let Some(faces) = self.faces[at].filter(|_| reach.is_finite()) else { return true };
-        let reach = reach * (q.length() + edge.length()) + SLACK;
+        let reach = (reach + SLACK) * (q.length() + edge.length());
         faces.iter().any(|n| n.dot(q).abs() < reach)
     }
 
@@ -459,7 +459,7 @@ impl Node {
             self.length
         } else {
             let (a, b) = (self.plane_lo.xyz() * q, self.plane_hi.xyz() * q);
-            let slack = SLACK * (distance + 1.0);
+            let slack = SLACK * (distance + radius);
             let lowest = a.min(b).element_sum() - offset * self.plane_hi.w - slack;
             let highest = a.max(b).element_sum() - offset * self.plane_lo.w + slack;
             let folding = self.folding * (distance + radius);

@@ -14,8 +14,8 @@ use super::estimate::Reverse;
 use super::shadow::Sky;
 use super::sink::{Layout, Sink};
 use crate::image::Image;
-use crate::render::Scene;
 use crate::render::sampler::{Discrete, Sampler, hash};
+use crate::render::{DeltaLight, Scene, Slot};
 
 /// Share of the samples that does not listen to pilots.
 const DEFENSIVE: f64 = 0.25;
@@ -117,12 +117,13 @@ impl Guide {
         let Lesson { scene, layout, adjoint, memory, seed } = *lesson;
         let pilots = lesson.pilots();
         let seed = hash(seed, 0x0067_7569_6465);
+        let units: Vec<f64> = layout.slots.iter().map(|slot| unit(scene, *slot)).collect();
         // Elsewhere in each cell at each step.
         let shift = if memory.is_some() { hash(seed, 0) as f64 / u64::MAX as f64 } else { 0.0 };
         let moments: Vec<f64> = (0..rows * columns)
             .into_par_iter()
             .map(|cell| {
-                let mut pilot = Pilot::new(scene, layout, adjoint, Norm::default());
+                let mut pilot = Pilot::new(scene, layout, adjoint, Norm::new(layout, &units));
                 for i in 0..pilots {
                     let number = cell * pilots + i;
                     // The middle of a stratum of the first number; the second one moves with the golden ratio.
@@ -171,16 +172,40 @@ impl Guide {
 }
 
 /// Measures samples instead of collecting them.
-pub type Pilot<'a> = Reverse<'a, Norm>;
+pub type Pilot<'a> = Reverse<'a, Norm<'a>>;
 
-/// The sum of the squares of all derivatives.
-#[derive(Default)]
-pub struct Norm {
+/// The sum of the squares of all derivatives, those in lengths times the scene's size: else it would depend on the unit of length which
+/// of a camera's derivatives count, those in its place or those in its direction.
+pub struct Norm<'a> {
+    starts: &'a [usize],
+    units: &'a [f64],
+    /// Where the last derivative went.
+    slot: usize,
     squares: f64,
 }
 
-impl Sink for Norm {
-    fn add(&mut self, _index: usize, value: f32) {
-        self.squares += f64::from(value).powi(2);
+impl<'a> Norm<'a> {
+    fn new(layout: &'a Layout, units: &'a [f64]) -> Norm<'a> {
+        Norm { starts: &layout.starts, units, slot: 0, squares: 0.0 }
     }
+}
+
+impl Sink for Norm<'_> {
+    fn add(&mut self, index: usize, value: f32) {
+        if index < self.starts[self.slot] || index >= self.starts[self.slot + 1] {
+            self.slot = self.starts.partition_point(|&s| s <= index) - 1;
+        }
+        self.squares += (f64::from(value) * self.units[self.slot]).powi(2);
+    }
+}
+
+/// What derivatives in a slot are multiplied by. A power of two: where all slots are alike nothing is rounded otherwise for it.
+fn unit(scene: &Scene, slot: Slot) -> f64 {
+    let lights = &scene.description.delta_lights;
+    let is_length = match slot {
+        Slot::Vertices(_) | Slot::CameraOrigin | Slot::CameraLens => true,
+        Slot::LightPlacement(i) => !matches!(lights[i], DeltaLight::Directional { .. }),
+        _ => false,
+    };
+    if is_length && scene.radius > 0.0 { f64::from(scene.radius).log2().round().exp2() } else { 1.0 }
 }

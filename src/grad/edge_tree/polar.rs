@@ -172,7 +172,7 @@ fn irradiance(d: f32, l: [f32; 2], a: f32, b: f32) -> f32 {
     let even = (length * (d * d - l0 * l1) / (r0 * r1) + angle / d) / (2.0 * d);
     let slope = d * length * (l0 + l1) / (2.0 * r0 * r1);
     let highest = ((a + b * l0) / r0).max((a + b * l1) / r1);
-    (a * even + b * slope).max(1e-3 * highest * angle / d)
+    (a * even + b * slope).max(1e-3 * highest * angle)
 }
 
 #[cfg(test)]
