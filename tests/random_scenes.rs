@@ -345,10 +345,15 @@ fn scenes_that_nobody_chose() {
 /// With all lengths in another unit.
 fn in_units((mut scene, mut camera): (SceneDescription, Camera), unit: f32) -> (SceneDescription, Camera) {
     scene.shapes.iter_mut().flat_map(|shape| &mut shape.mesh.vertices).for_each(|v| *v *= unit);
-    for light in &mut scene.delta_lights {
-        if let DeltaLight::Point { position, intensity } = light {
-            *position *= unit;
-            *intensity *= unit * unit;
+    scene.motions.iter_mut().flat_map(|motion| &mut motion.vertices).for_each(|v| *v *= unit);
+    let closing = scene.light_motions.iter_mut().map(|motion| &mut motion.closing);
+    for light in scene.delta_lights.iter_mut().chain(closing) {
+        match light {
+            DeltaLight::Point { position, intensity } | DeltaLight::Spot { position, intensity, .. } => {
+                *position *= unit;
+                *intensity *= unit * unit;
+            }
+            DeltaLight::Directional { .. } => {}
         }
     }
     camera.origin *= unit;
@@ -357,6 +362,28 @@ fn in_units((mut scene, mut camera): (SceneDescription, Camera), unit: f32) -> (
     }
     camera.lens.radius *= unit;
     camera.lens.focus *= unit;
+    (scene, camera)
+}
+
+/// With what the scenes lack: spot lights, things and lights that move while the shutter is open.
+fn enriched((mut scene, camera): (SceneDescription, Camera), number: u64) -> (SceneDescription, Camera) {
+    for light in &mut scene.delta_lights {
+        if let DeltaLight::Point { position, intensity } = *light {
+            let cone = Cone { axis: vec3(0.1, 0.2, 0.0) - position, beam: 0.2, cutoff: 0.7 };
+            *light = DeltaLight::Spot { position, intensity: 2.0 * intensity, cone };
+        }
+    }
+    if number % 2 == 0 {
+        let way = vec3(0.1, 0.02, -0.05);
+        if let Some(DeltaLight::Spot { position, intensity, cone }) = scene.delta_lights.first().cloned() {
+            let closing = DeltaLight::Spot { position: position + way, intensity, cone };
+            scene.light_motions.push(LightMotion { light: 0, closing });
+        }
+        let shape = number as usize % scene.shapes.len();
+        let mesh = &scene.shapes[shape].mesh;
+        let vertices = mesh.vertices.iter().map(|&v| v + way).collect();
+        scene.motions.push(Motion { shape, vertices, normals: mesh.normals.clone() });
+    }
     (scene, camera)
 }
 
@@ -369,7 +396,8 @@ fn the_unit_of_length_means_nothing() {
         let of = |unit: f32| {
             let build = |t: f32| {
                 let (scene, camera, ..) = drawn(number, t);
-                in_units((scene, camera), unit)
+                let plain = number % 3 == 0;
+                in_units(if plain { (scene, camera) } else { enriched((scene, camera), number) }, unit)
             };
             gradients(&build, &plan, 0..2)
         };
