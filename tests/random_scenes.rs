@@ -373,7 +373,7 @@ fn enriched((mut scene, camera): (SceneDescription, Camera), number: u64) -> (Sc
             *light = DeltaLight::Spot { position, intensity: 2.0 * intensity, cone };
         }
     }
-    if number % 2 == 0 {
+    if number.is_multiple_of(2) {
         let way = vec3(0.1, 0.02, -0.05);
         if let Some(DeltaLight::Spot { position, intensity, cone }) = scene.delta_lights.first().cloned() {
             let closing = DeltaLight::Spot { position: position + way, intensity, cone };
@@ -396,7 +396,7 @@ fn the_unit_of_length_means_nothing() {
         let of = |unit: f32| {
             let build = |t: f32| {
                 let (scene, camera, ..) = drawn(number, t);
-                let plain = number % 3 == 0;
+                let plain = number.is_multiple_of(3);
                 in_units(if plain { (scene, camera) } else { enriched((scene, camera), number) }, unit)
             };
             gradients(&build, &plan, 0..2)
@@ -406,5 +406,47 @@ fn the_unit_of_length_means_nothing() {
             let found = of(unit);
             assert_eq!(found, expected, "scene {number}: {family:?}, {max_bounces} bounces, in units of {unit}");
         }
+    }
+}
+
+/// With another corner in each triangle, right beside the middle of an edge: three triangles, one of them a sliver.
+fn split((mut scene, camera): (SceneDescription, Camera)) -> (SceneDescription, Camera) {
+    const AT: [f32; 3] = [0.499, 0.499, 0.002];
+    let between = |v: &[Vec3], face: [u32; 3]| face.iter().zip(AT).map(|(&i, b)| v[i as usize] * b).sum::<Vec3>();
+    for shape in &mut scene.shapes {
+        let mesh = &mut shape.mesh;
+        for face in std::mem::take(&mut mesh.faces) {
+            let [a, b, c] = face;
+            let new = mesh.vertices.len() as u32;
+            mesh.vertices.push(between(&mesh.vertices, face));
+            for values in [&mut mesh.normals, &mut mesh.colors].into_iter().flatten() {
+                values.push(between(values, face));
+            }
+            if let Some(uvs) = &mut mesh.uvs {
+                let uv = face.iter().zip(AT).map(|(&i, b)| uvs[i as usize] * b).sum();
+                uvs.push(uv);
+            }
+            mesh.faces.extend([[a, b, new], [b, c, new], [c, a, new]]);
+        }
+    }
+    (scene, camera)
+}
+
+/// What a surface is cut into means nothing.
+#[test]
+fn triangles_may_be_split() {
+    for number in numbers(0..14) {
+        let (.., family, max_bounces) = drawn(number, 0.0);
+        let plan = Plan { max_bounces, spp: 16, h: 0.008, ..Plan::default() };
+        let whole = |t: f32| {
+            let (scene, camera, ..) = drawn(number, t);
+            (scene, camera)
+        };
+        let expected = statistics(&gradients(&whole, &plan, 0..24));
+        let found = statistics(&gradients(&|t| split(whole(t)), &plan, 100..124));
+        let off = found.mean - expected.mean;
+        let z = if off == 0.0 { 0.0 } else { off / found.error.hypot(expected.error) };
+        println!("scene {number}: {family:?}, {max_bounces} bounces: {expected:?} {found:?} z {z:.2}");
+        assert!(z.abs() < 4.0, "scene {number}: {family:?}: {expected:?}, with triangles split {found:?}");
     }
 }
