@@ -15,6 +15,7 @@ the process's, over all threads. `loss` is the primal, for a check that both pro
 """
 import argparse, glob, json, math, os, resource, subprocess, sys, tempfile, time
 import ctypes.util
+import importlib.util
 
 
 def llvm():
@@ -344,6 +345,9 @@ def main():
     if a.worker:
         print(json.dumps(forward(a) if a.worker == "forward" else measure(a.worker, a)), flush=True)
         return
+    missing = [m for m in ("mitsuba", "numpy") if importlib.util.find_spec(m) is None]
+    if missing:
+        sys.exit("%s has no module %s: pip install mitsuba numpy" % (sys.executable, " and no ".join(missing)))
     for path in sorted(glob.glob(os.path.join(a.folder, "*.json"))) + ["forward"]:
         row = {}
         if path != "forward":
