@@ -314,6 +314,14 @@ fn drawn(number: u64, t: f32) -> (SceneDescription, Camera, Family, u32) {
     (world.builder.scene, camera, family, bounces)
 }
 
+/// The scene of a number alone, as its thing moves.
+fn moving(number: u64) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let (scene, camera, ..) = drawn(number, t);
+        (scene, camera)
+    }
+}
+
 /// The scenes to try.
 fn numbers(default: Range<u64>) -> Range<u64> {
     let range = std::env::var("DSCENE_SCENES").ok().and_then(|text| {
@@ -327,10 +335,7 @@ fn numbers(default: Range<u64>) -> Range<u64> {
 fn scenes_that_nobody_chose() {
     for number in numbers(0..18) {
         let (.., family, max_bounces) = drawn(number, 0.0);
-        let build = |t: f32| {
-            let (scene, camera, ..) = drawn(number, t);
-            (scene, camera)
-        };
+        let build = moving(number);
         // What something of half a unit's size may well make of the image when it moves by one; more than nothing even in the dark.
         let (scene, camera) = build(0.0);
         let settings = Settings { output: Output::Radiance, spp: 64, max_bounces, seed: 1, boundary: false };
@@ -395,9 +400,8 @@ fn the_unit_of_length_means_nothing() {
         let plan = Plan { max_bounces, spp: 8, h: 0.008, ..Plan::default() };
         let of = |unit: f32| {
             let build = |t: f32| {
-                let (scene, camera, ..) = drawn(number, t);
-                let plain = number.is_multiple_of(3);
-                in_units(if plain { (scene, camera) } else { enriched((scene, camera), number) }, unit)
+                let plain = moving(number)(t);
+                in_units(if number.is_multiple_of(3) { plain } else { enriched(plain, number) }, unit)
             };
             gradients(&build, &plan, 0..2)
         };
@@ -438,10 +442,7 @@ fn triangles_may_be_split() {
     for number in numbers(0..14) {
         let (.., family, max_bounces) = drawn(number, 0.0);
         let plan = Plan { max_bounces, spp: 16, h: 0.008, ..Plan::default() };
-        let whole = |t: f32| {
-            let (scene, camera, ..) = drawn(number, t);
-            (scene, camera)
-        };
+        let whole = moving(number);
         let expected = statistics(&gradients(&whole, &plan, 0..24));
         let found = statistics(&gradients(&|t| split(whole(t)), &plan, 100..124));
         let off = found.mean - expected.mean;
