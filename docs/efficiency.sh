@@ -55,7 +55,8 @@ page=$(mktemp)
 Written by `docs/efficiency.sh`; `docs/efficiency.md` says what follows from it. Each row is the derivative of one linear loss (the mean
 of image × ramp) in one parameter, 256 × 256 pixels, box filter. *z*: distance from a closed form or from central differences with common
 random numbers (`docs/efficiency_references.json`), in combined standard errors; *error*: that combined error over the derivative.
-*rel. std*: standard deviation of a single gradient over the derivative. *CPU s*: CPU seconds of a single gradient, all threads, warm.
+*rel. std*: standard deviation of a single gradient over the derivative. (18's derivative is zero: both are over the loss there, along a
+direction of unit length.) *CPU s*: CPU seconds of a single gradient, all threads, warm.
 Higher 1/(variance × CPU seconds) is better; *ratio* is ours over Mitsuba's. Mitsuba runs `direct_projective`, `prb_projective` or (where
 no geometry moves) `prb` with no guiding, a grid and an octree at two sample counts, kernels warm; the table shows the best of those that
 agree with the reference, or of all if none does. Both programs render the same exported arrays; where their losses differ by more than

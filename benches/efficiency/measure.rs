@@ -67,16 +67,21 @@ impl Row {
         self.reference.as_ref().map(|r| z_score(self.value, self.error(), r.value, r.error))
     }
 
-    /// Combined standard error of the difference from the reference, over the derivative's size.
-    pub fn combined_error(&self) -> Option<f64> {
-        let reference = self.reference.as_ref().filter(|r| r.value != 0.0)?;
-        Some(self.error().hypot(reference.error) / reference.value.abs())
+    /// What errors are compared with: the derivative or, where that is exactly zero, the loss.
+    fn size(&self) -> f64 {
+        let derivative = self.reference.as_ref().map_or(self.value, |r| r.value).abs();
+        if derivative > 0.0 { derivative } else { self.loss.abs() }
     }
 
-    /// Standard deviation of one gradient over the derivative's size; `None` if that is zero.
-    pub fn relative_std(&self) -> Option<f64> {
-        let size = self.reference.as_ref().map_or(self.value, |r| r.value).abs();
-        (size > 0.0).then(|| self.std / size)
+    /// Combined standard error of the difference from the reference, over the derivative's size.
+    pub fn combined_error(&self) -> Option<f64> {
+        let reference = self.reference.as_ref()?;
+        Some(self.error().hypot(reference.error) / self.size())
+    }
+
+    /// Standard deviation of one gradient over the derivative's size.
+    pub fn relative_std(&self) -> f64 {
+        self.std / self.size()
     }
 
     /// 1 / (variance × CPU seconds).

@@ -24,7 +24,7 @@ pub fn line(row: &Row) -> String {
     let reference = or_dash(row.reference.as_ref().map(|r| r.value), |x| format!("{x:.4e}"));
     let z = or_dash(row.z(), |z| format!("{z:.1}"));
     let error = or_dash(row.combined_error(), percent);
-    let relative = or_dash(row.relative_std(), percent);
+    let relative = or_dash(Some(row.relative_std()), percent);
     format!(
         "{name:55} {:>12.4e} {reference:>12} {z:>6} {error:>8} {relative:>9} {:>7.3} {:>7.3} {:>14.3e}",
         row.value,
@@ -99,7 +99,7 @@ pub fn side_by_side(ours: &Path, peer: &Path) -> std::io::Result<()> {
             row.value,
             or_dash(row.z(), |z| format!("{z:.1}")),
             or_dash(row.combined_error(), percent),
-            or_dash(row.relative_std(), percent),
+            or_dash(Some(row.relative_std()), percent),
             row.cpu_seconds,
             row.efficiency()
         );
@@ -186,7 +186,7 @@ fn their_columns(row: &Row, theirs: &PeerRow) -> (String, Option<f64>, bool) {
         "{}{note} | {} | {} | {:.2} | {} | {} |",
         theirs.setting,
         or_dash(measured.z(), |z| format!("{z:.1}")),
-        or_dash(measured.relative_std(), percent),
+        or_dash(Some(measured.relative_std()), percent),
         theirs.cpu_seconds,
         or_dash(Some(measured.efficiency()), |x| format!("{x:.2e}")),
         or_dash(ratio, |x| times(x) + if biased { " (biased)" } else { "" })

@@ -6,7 +6,7 @@
 
 use glam::{DVec2, Vec2};
 
-use super::primary::{PIECE, Piece, before, classify};
+use super::primary::{Class, PIECE, Piece, before, classify};
 use super::viewpoint::Viewpoint;
 use crate::image::Image;
 use crate::render::edges::Edge;
@@ -15,8 +15,8 @@ use crate::render::{Lens, Projection, Settings};
 /// A square around the lens, in radii.
 const CORNERS: [Vec2; 4] = [Vec2::new(-1.0, -1.0), Vec2::new(1.0, -1.0), Vec2::new(1.0, 1.0), Vec2::new(-1.0, 1.0)];
 
-/// Sampling weight by kind of edge; `None` if nothing can jump there for any point of the lens.
-pub fn classify_through_lens(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Option<f64> {
+/// Kind of an edge; `None` if nothing can jump there for any point of the lens.
+pub fn classify_through_lens(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Option<Class> {
     let p = edge.point(0.5);
     let along = (edge.p[1] - edge.p[0]).as_dvec3();
     // Sides of all faces' planes: where the corners agree, so does all of the lens.
@@ -26,7 +26,7 @@ pub fn classify_through_lens(viewpoint: &Viewpoint, edge: &Edge, settings: &Sett
         edge.faces.iter().map(move |f| along.cross((f.opposite - edge.p[0]).as_dvec3()).dot(dir) > 0.0)
     };
     if CORNERS[1..].iter().any(|&c| sides(c).ne(sides(CORNERS[0]))) {
-        return Some(1.0);
+        return Some(Class { weight: 1.0, contour: true });
     }
     classify(viewpoint, edge, settings)
 }

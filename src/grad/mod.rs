@@ -5,6 +5,7 @@
 //! other path vertex sees it, `reflections` as curved mirrors show it). All use one parametrisation per radiance component; the table is in `ARCHITECTURE.md`.
 
 pub mod allocate;
+pub mod chains;
 pub mod curved;
 pub mod edge_tree;
 pub mod estimate;
@@ -30,6 +31,7 @@ use glam::{Mat3, Vec2, Vec3};
 use crate::image::Image;
 use crate::render::Projection;
 use crate::render::accel::PrimId;
+use crate::render::edges::Edge;
 use crate::render::sampler::hash;
 use crate::render::texture::Filter;
 pub use crate::render::{
@@ -264,6 +266,9 @@ fn meets_box(a: Vec2, b: Vec2, half: Vec2) -> bool {
     middle.abs().cmple(half + d).all() && normal.dot(middle).abs() <= normal.abs().dot(half)
 }
 
+/// Sine of the elevation over its faces below which a mirror folds what it shows, from which on it is called coarse.
+const COARSE: f32 = 0.5;
+
 /// What mirrors show that has no derivative.
 fn mirror_gaps(scene: &Scene, settings: &Settings, layout: &Layout) -> Vec<&'static str> {
     let mirrors = Mirrors::new(scene, layout);
@@ -278,6 +283,13 @@ fn mirror_gaps(scene: &Scene, settings: &Settings, layout: &Layout) -> Vec<&'sta
     };
     if !alone {
         gaps.push("silhouettes seen in one mirror by way of another have no derivative");
+    }
+    let coarse = |e: &Edge| e.is_mirror(scene) && (COARSE..=1.0).contains(&e.folding(scene));
+    if settings.max_bounces > 2 && !mirrors.curved.is_empty() && scene.edges().edges.iter().any(coarse) {
+        gaps.push(
+            "a mirror with smooth normals is so coarse that its rim would reflect into itself; shadows that other surfaces see by way of \
+             such a rim have no derivative (finer triangles make rims narrow)",
+        );
     }
     gaps
 }

@@ -9,6 +9,7 @@ use glam::{DVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
 use super::allocate::{Estimator, typical_bounces};
+use super::chains::chains;
 use super::estimate::{Draw, Estimate, Pass, Sequence};
 use super::layers::Sides;
 use super::lens::{blurred, classify_through_lens};
@@ -90,9 +91,9 @@ struct Boundary<'a> {
 }
 
 impl<'a> PrimaryEdges<'a> {
-    /// Collects, clips and weights: samples go where the adjoint image is large. Pieces are stratified together in the order of the mesh's
-    /// edges, each edge's own from end to end. Along a Hilbert curve of the film, which brings edges together that are neighbours
-    /// there, derivatives were as noisy or noisier (docs/efficiency.md).
+    /// Collects, clips and weights: samples go where the adjoint image is large. Pieces are stratified together along chains of edges, so that
+    /// noise does not depend on the order of a mesh's faces. (Along a Hilbert curve of the film derivatives were as noisy or noisier,
+    /// docs/efficiency.md.)
     pub fn new(
         viewpoints: &'a [Viewpoint<'a>],
         settings: &'a Settings,
@@ -107,18 +108,16 @@ impl<'a> PrimaryEdges<'a> {
         let mut lengths = Vec::new();
         for (v, viewpoint) in viewpoints.iter().enumerate() {
             let widest = f64::from(viewpoint.camera.widest());
-            for (e, edge) in viewpoint.scene.edges_of(settings.output).edges.iter().enumerate() {
-                let class = if lens {
+            let class = |edge: &Edge| {
+                if lens {
                     classify_through_lens(viewpoint, edge, settings)
                 } else {
                     classify(viewpoint, edge, settings)
-                };
-                let Some(class) = class else { continue };
-                let mut add = |piece: Piece| {
-                    // Never zero: the middle of a curved piece may be off film where its ends are not.
-                    lengths.push(class * (piece.a.distance(piece.b) + 1e-3) * piece.share_on_film(size));
-                    pieces.push(Piece { edge: e as u32, viewpoint: v as u32, ..piece });
-                };
+                }
+            };
+            for (e, edge, weight, reversed) in in_chains(viewpoint, settings, class) {
+                let start = pieces.len();
+                let mut add = |piece: Piece| pieces.push(Piece { edge: e as u32, viewpoint: v as u32, ..piece });
                 if lens {
                     blurred(viewpoint, edge).into_iter().for_each(&mut add);
                 } else if !lines {
@@ -127,6 +126,14 @@ impl<'a> PrimaryEdges<'a> {
                     let cuts = if enumerate { pixel_cuts(&segment) } else { even_cuts(&segment) };
                     cuts.windows(2).map(|c| segment.part(c[0], c[1])).for_each(&mut add);
                 }
+                let own: &mut [Piece] = &mut pieces[start..];
+                if reversed {
+                    own.reverse();
+                    own.iter_mut().for_each(|piece| *piece = piece.reversed());
+                }
+                // Never zero: the middle of a curved piece may be off film where its ends are not.
+                let length = |p: &Piece| weight * (p.a.distance(p.b) + 1e-3) * p.share_on_film(size);
+                lengths.extend(own.iter().map(length));
             }
         }
         let mut edges = PrimaryEdges { viewpoints, settings, seed, pieces, plan: Plan::Enumerate };
@@ -138,8 +145,8 @@ impl<'a> PrimaryEdges<'a> {
 
     /// Weights by length, by the adjoint image, and by the jump that a few pilot samples find: edges that are hidden or show
     /// no contrast get little. Pilots are independent of the samples they plan, and no piece is left out, so the estimate
-    /// stays unbiased. One pilot a piece does what a depth buffer would, and is exact where that is
-    /// conservative, and costs one sample in `PIECE`·spp.
+    /// stays unbiased. One pilot a piece does what a depth buffer would, is exact where that is conservative, and costs one sample
+    /// in `PIECE`·spp: with a depth buffer besides no derivative had less noise, and all took longer (docs/efficiency.md).
     fn plan_samples(&self, lengths: &[f64], adjoint: &Image) -> Plan {
         let spp = f64::from(self.settings.spp.max(1));
         let total: f64 = lengths.iter().sum();
@@ -252,7 +259,7 @@ impl<'a> PrimaryEdges<'a> {
         let pixels = if is_straight(&b.viewpoint.camera) {
             piece.a.distance(piece.b)
         } else {
-            (piece.sb - piece.sa) * f64::from(b.speed)
+            (piece.sb - piece.sa).abs() * f64::from(b.speed)
         };
         let scale = (pixels * weight) as f32;
         out.pixel(b.pixel, |d, out| {
@@ -418,21 +425,50 @@ fn is_straight(camera: &Camera) -> bool {
     camera.keeps_lines() && camera.is_pinhole()
 }
 
-/// Sampling weight by kind of edge; `None` if nothing can jump there.
-pub fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Option<f64> {
+/// How an edge may matter to a camera.
+pub struct Class {
+    /// Sampling weight per length.
+    pub weight: f64,
+    pub contour: bool,
+}
+
+/// Kind of an edge; `None` if nothing can jump there.
+pub fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Option<Class> {
     let (view, _) = viewpoint.view(edge, edge.point(0.5))?;
-    if view.background.is_none() || edge.sharp {
-        return Some(1.0);
+    let contour = view.background.is_none();
+    let class = |weight: f64| Class { weight, contour };
+    if contour || edge.sharp {
+        return Some(class(1.0));
     }
     if settings.output == Output::Radiance && edge.is_mirror(viewpoint.scene) {
         // Nothing jumps but near the rim, and there much does.
-        return may_be_folded(viewpoint, edge).then_some(1.0);
+        return may_be_folded(viewpoint, edge).then(|| class(1.0));
     }
     let jumps = match settings.output {
         Output::Radiance => settings.max_bounces > 0,
         output => output == Output::GeometricNormal,
     };
-    jumps.then_some(SMOOTH_CREASE.into())
+    jumps.then(|| class(SMOOTH_CREASE.into()))
+}
+
+/// The edges that may matter to a viewpoint, one after the other along contours and creases, and which of them are passed from their end to
+/// their start.
+fn in_chains<'a>(
+    viewpoint: &'a Viewpoint,
+    settings: &Settings,
+    class: impl Fn(&Edge) -> Option<Class>,
+) -> Vec<(usize, &'a Edge, f64, bool)> {
+    /// More creases than that are a net in which nothing leads anywhere, and to walk them takes longer than to sample them.
+    const NET: usize = 1 << 15;
+    let edges = &viewpoint.scene.edges_of(settings.output).edges;
+    let classes: Vec<(usize, Class)> =
+        edges.iter().enumerate().filter_map(|(e, edge)| Some((e, class(edge)?))).collect();
+    let whole = classes.len() <= NET;
+    let (lines, net): (Vec<_>, Vec<_>) = classes.into_iter().partition(|(_, class)| whole || class.contour);
+    let ends: Vec<[Vec3; 2]> = lines.iter().map(|(e, _)| edges[*e].p).collect();
+    let place = |(e, class): &(usize, Class), reversed: bool| (*e, &edges[*e], class.weight, reversed);
+    let lines = chains(&ends).into_iter().map(|link| place(&lines[link.edge], link.reversed));
+    lines.chain(net.iter().map(|of| place(of, false))).collect()
 }
 
 /// Whether the camera, from any point of its lens, sees a smooth mirror's faces at an edge so low that something may be folded.
@@ -483,6 +519,12 @@ impl Piece {
     pub fn parameter(&self, t: f64) -> f64 {
         let s = t * self.za / ((1.0 - t) * self.zb + t * self.za);
         self.sa + (self.sb - self.sa) * s
+    }
+
+    /// The same piece from its other end.
+    fn reversed(self) -> Piece {
+        let Piece { a, b, za, zb, sa, sb, ta, tb, .. } = self;
+        Piece { a: b, b: a, za: zb, zb: za, sa: sb, sb: sa, ta: 1.0 - tb, tb: 1.0 - ta, ..self }
     }
 
     /// The part between two fractions of the length on film.

@@ -6,7 +6,7 @@ use dscene::image::Image;
 use dscene::math::{Pcg32, uniform_sphere};
 use dscene::mesh::{Mesh, shapes};
 use dscene::render::texture::Texture;
-use dscene::render::{Camera, DeltaLight, Emission, MaterialKind, Projection, Scene, Slot};
+use dscene::render::{Camera, DeltaLight, Emission, MaterialKind, Projection, Scene, Settings, Slot};
 use glam::{DVec3, Vec3};
 
 use crate::support::*;
@@ -95,33 +95,52 @@ fn furnace_of_random_geometry() {
     }
 }
 
-/// The same for a hundred rooms, with few samples each: together they would show a bias of a fraction of an error.
-#[test]
-fn a_hundred_furnaces() {
+/// Derivatives of rooms over their errors, a number for each shape that is seen, from few samples; and the errors.
+fn scores_of_furnaces(rooms: u64, boundary: bool) -> (Vec<f64>, Vec<f64>) {
     let mut scores = Vec::new();
     let mut errors = Vec::new();
-    for seed in 0..100 {
+    for seed in 0..rooms {
         let bounces = 1 + (seed % 3) as u32;
         let furnace = Furnace::new(100 + seed, bounces);
-        let measured = Measured { scene: &furnace.scene, camera: &furnace.camera, settings: settings(32, bounces) };
+        let settings = Settings { boundary, ..settings(128, bounces) };
+        let measured = Measured { scene: &furnace.scene, camera: &furnace.camera, settings };
         let geometry = furnace.geometry(&measured, 1..=8);
         let seen = geometry.mean.iter().zip(&geometry.error).filter(|(_, error)| **error > 0.0);
         scores.extend(seen.clone().map(|(mean, error)| mean / error));
         errors.extend(seen.map(|(_, error)| *error));
     }
+    (scores, errors)
+}
+
+fn mean_square(scores: &[f64]) -> f64 {
+    scores.iter().map(|s| s * s).sum::<f64>() / scores.len() as f64
+}
+
+/// The same for a hundred rooms, with few samples each: together they would show a bias of a fraction of an error.
+#[test]
+fn a_hundred_furnaces() {
+    let (scores, mut errors) = scores_of_furnaces(100, true);
     let n = scores.len() as f64;
     let mean = scores.iter().sum::<f64>() / n;
-    let square = scores.iter().map(|s| s * s).sum::<f64>() / n;
+    let square = mean_square(&scores);
     let worst = scores.iter().fold(0.0, |w: f64, s| w.max(s.abs()));
     errors.sort_by(f64::total_cmp);
     let median = errors[errors.len() / 2];
     println!("{n} scores: mean {mean:.3}, mean square {square:.3}, worst {worst:.2}; median error {median:.4}");
     // Student's t of eight seeds: variance 7/5, and the mean of its squares is known to about 0.15 with this many.
     assert!(n > 300.0, "only {n} shapes were seen");
-    assert!(median < 0.2, "too noisy to say anything: {median}");
+    assert!(median < 0.01, "too noisy to say anything: {median}");
     assert!(mean.abs() < 4.5 * (1.4 / n).sqrt(), "the mean score is {mean}");
     assert!(square < 2.1, "the mean square of the scores is {square}");
     assert!(worst < 12.0, "a score of {worst}");
+}
+
+/// That furnaces are zero says something: without what passes behind edges they are not.
+#[test]
+fn furnaces_notice_missing_edges() {
+    let square = mean_square(&scores_of_furnaces(20, false).0);
+    println!("mean square {square:.1}");
+    assert!(square > 4.0, "without boundary terms the mean square of the scores is {square}");
 }
 
 /// T8 again, with triangles that go through each other and through the walls: what glows of them ends at the curves.
