@@ -3,6 +3,7 @@
 //! Every estimate is a mean over independent seeds: it must lie within a few standard errors of the exact value, and
 //! the standard error itself must be small.
 
+mod edge_integral;
 mod intersections;
 mod invariance;
 mod lens;

@@ -113,17 +113,17 @@ fn coaxial_disk_light() {
 
 /// A receiver, a parallelogram light and a triangle between them, with the exact irradiance.
 #[derive(Clone)]
-struct Penumbra {
-    x: DVec3,
-    n: DVec3,
-    light: [DVec3; 4],
-    blocker: [DVec3; 3],
+pub struct Penumbra {
+    pub x: DVec3,
+    pub n: DVec3,
+    pub light: [DVec3; 4],
+    pub blocker: [DVec3; 3],
     /// Of the blocker.
-    opacity: f64,
+    pub opacity: f64,
 }
 
 impl Penumbra {
-    fn new() -> Penumbra {
+    pub fn new() -> Penumbra {
         let (a, b, d) = (DVec3::new(-0.6, 3.0, 0.5), DVec3::new(0.7, 3.1, 0.5), DVec3::new(-0.6, 3.0, -0.5));
         Penumbra {
             x: DVec3::new(0.1, 0.0, 0.05),
@@ -148,7 +148,12 @@ impl Penumbra {
     }
 
     /// Irradiance at `x`.
-    fn irradiance(&self) -> f64 {
+    pub fn irradiance(&self) -> f64 {
+        lambert(self.x, self.n, &self.light) - self.opacity * lambert(self.x, self.n, &self.hidden())
+    }
+
+    /// The part of the light that is behind the blocker.
+    pub fn hidden(&self) -> Vec<DVec3> {
         let center = self.blocker.iter().sum::<DVec3>() / 3.0;
         let mut hidden = self.light.to_vec();
         for i in 0..3 {
@@ -156,7 +161,7 @@ impl Penumbra {
             let normal = if normal.dot(center - self.x) < 0.0 { -normal } else { normal };
             hidden = self.clip(&hidden, normal);
         }
-        lambert(self.x, self.n, &self.light) - self.opacity * lambert(self.x, self.n, &hidden)
+        hidden
     }
 
     fn clip(&self, polygon: &[DVec3], normal: DVec3) -> Vec<DVec3> {
