@@ -1,0 +1,249 @@
+//! What is moved together is seen as before: of every single sample of every estimator the derivatives in all placements add up to
+//! nothing (T15). Half of a term that an estimator forgets, or gives to the wrong point, shows in the first sample that has it,
+//! also where the whole gradient of a scene would hide it.
+
+mod common;
+
+use std::collections::BTreeMap;
+use std::f32::consts::FRAC_PI_4;
+
+use common::*;
+use dscene::grad::allocate::Estimator;
+use dscene::grad::curved::MirrorTree;
+use dscene::grad::edge_tree::EdgeTree;
+use dscene::grad::estimate::{Estimate, Pass, adjoint_of};
+use dscene::grad::guide::Lesson;
+use dscene::grad::interior::Interior;
+use dscene::grad::primary::PrimaryEdges;
+use dscene::grad::reflections::Reflections;
+use dscene::grad::secondary::Secondary;
+use dscene::grad::shadow::{Shadows, Sky};
+use dscene::grad::sink::{Adjoints, Layout, Sink};
+use dscene::grad::viewpoint::{Mirrors, Viewpoint};
+use dscene::image::Image;
+use dscene::render::texture::{Filter, Texture, Wrap};
+use dscene::render::*;
+use glam::{Mat3, Vec3, vec3};
+
+/// Adds up what goes to points by coordinate: all slots that are asked for are rows of three.
+#[derive(Default)]
+struct Balance {
+    sum: [f64; 3],
+    size: [f64; 3],
+}
+
+impl Sink for Balance {
+    fn add(&mut self, index: usize, value: f32) {
+        self.sum[index % 3] += f64::from(value);
+        self.size[index % 3] += f64::from(value.abs());
+    }
+}
+
+/// Looks at one sample after the other.
+struct Samples<'a> {
+    weights: &'a Image,
+    out: Adjoints<'a, Balance>,
+    /// How many moved anything, and the largest share of one that is left over.
+    found: usize,
+    worst: f64,
+}
+
+impl Estimate for Samples<'_> {
+    type S = Balance;
+
+    fn pixel(&mut self, pixel: usize, mut f: impl FnMut(Vec3, &mut Adjoints<Balance>)) {
+        f(adjoint_of(self.weights, pixel), &mut self.out);
+        self.out.flush_camera();
+        let Balance { sum, size } = std::mem::take(&mut self.out.sink);
+        // A coordinate in which hardly anything happens is rounded as the others are.
+        let least = 1e-2 * size.into_iter().fold(0.0, f64::max);
+        for (sum, size) in sum.into_iter().zip(size).filter(|(_, size)| *size > 0.0) {
+            assert!(sum.is_finite());
+            self.worst = self.worst.max(sum.abs() / size.max(least));
+        }
+        self.found += usize::from(size != [0.0; 3]);
+    }
+
+    fn skips(&self, _pixel: usize) -> bool {
+        false
+    }
+}
+
+/// The estimators that `grad` has for a scene, each with some thousand samples.
+fn samples(description: &SceneDescription, camera: &Camera, max_bounces: u32) -> BTreeMap<&'static str, (usize, f64)> {
+    const COUNT: usize = 512;
+    let mut slots: Vec<Slot> = (0..description.shapes.len()).map(Slot::Vertices).collect();
+    let of_light = |(i, light): (usize, &DeltaLight)| {
+        (!matches!(light, DeltaLight::Directional { .. })).then_some(Slot::LightPlacement(i))
+    };
+    slots.extend(description.delta_lights.iter().enumerate().filter_map(of_light));
+    slots.push(Slot::CameraOrigin);
+    let scene = &Scene::new(description.clone()).unwrap();
+    let layout = &Layout::new(scene, &slots);
+    let settings = &Settings { output: Output::Radiance, spp: 1, max_bounces, seed: 1, boundary: true };
+    let weights = &weights(camera, 3);
+    let mut found = BTreeMap::new();
+    let mut look = |name: &'static str, pass: &dyn Fn(&mut Samples)| {
+        let out = Adjoints::new(scene, layout, Balance::default());
+        let mut samples = Samples { weights, out, found: 0, worst: 0.0 };
+        pass(&mut samples);
+        let (count, worst): &mut (usize, f64) = found.entry(name).or_default();
+        *count += samples.found;
+        *worst = worst.max(samples.worst);
+    };
+    fn draw(estimator: &impl Estimator, out: &mut Samples) {
+        if estimator.count() > 0 {
+            estimator.pass(COUNT, 1.0, 7).run(0..COUNT, out);
+        }
+    }
+
+    let mirrors = Mirrors::new(scene, layout);
+    let tree = &EdgeTree::new(scene);
+    let curved = (!mirrors.curved.is_empty()).then(|| MirrorTree::new(scene, camera, &mirrors.curved));
+    let ways = (!mirrors.curved.is_empty()).then(|| MirrorTree::all(scene, camera, &mirrors.curved));
+    let viewpoints = &Viewpoint::all(scene, camera, &mirrors.planes);
+    let lesson = &Lesson { scene, layout, adjoint: weights, memory: None, seed: 5 };
+
+    let primary = PrimaryEdges::new(viewpoints, settings, weights, 5);
+    match primary.enumeration() {
+        Some(pass) => look("primary, enumerated", &|out| pass.run(0..pass.items(), out)),
+        None => look("primary, sampled", &|out| draw(&primary, out)),
+    }
+    if let Some(reflections) =
+        curved.as_ref().and_then(|tree| Reflections::new(scene, camera, tree, settings, weights, 5))
+    {
+        look("reflections", &|out| draw(&reflections, out));
+    }
+    let skies: &[Sky] = if description.environment.is_some() { &[Sky::Peak, Sky::Whole] } else { &[Sky::Peak] };
+    for &sky in skies {
+        let mut interior = Interior::new(scene, camera, settings, layout, weights);
+        interior.fixed.sky = sky;
+        look("interior", &|out| draw(&interior, out));
+        let shadows = Shadows::new(scene, sky, viewpoints, settings, curved.as_ref(), tree, COUNT);
+        look("shadows", &|out| draw(&shadows, out));
+        let shadows = shadows.guided(lesson);
+        look("shadows", &|out| draw(&shadows, out));
+        let secondary = Secondary::new(sky, camera, tree, &mirrors.planes, ways.as_ref(), settings, lesson);
+        if let Some(secondary) = secondary {
+            look("secondary", &|out| draw(&secondary, out));
+        }
+    }
+    found
+}
+
+/// A box and a second one that sticks into it, on a floor, before a wall of some material; a camera, and no light yet.
+fn room(wall: impl FnOnce(&mut Builder) -> MaterialKind) -> (Builder, Camera) {
+    let mut b = Builder::default();
+    let grey = b.diffuse(Vec3::splat(0.6));
+    b.shape(floor(Vec3::ZERO, 2.0), grey.clone());
+    b.shape(cuboid(vec3(0.2, 0.5, 0.1), vec3(0.4, 0.3, 0.5), 0.4), grey.clone());
+    b.shape(cuboid(vec3(0.5, 0.8, -0.2), vec3(0.2, 0.25, 0.3), 1.1), grey);
+    let kind = wall(&mut b);
+    let wall = quad(vec3(-2., 0., 1.5), vec3(2., 0., 1.5), vec3(2., 2., 1.6), vec3(-2., 2., 1.6));
+    b.shape(wall, Material { kind, one_sided: false, opacity: None });
+    (b, look_at(vec3(0.5, 2., -4.), vec3(0., 0.4, 0.), 45., 24))
+}
+
+fn grey(b: &mut Builder) -> MaterialKind {
+    MaterialKind::Diffuse { reflectance: b.constant(Vec3::splat(0.4)) }
+}
+
+fn narrow(b: &mut Builder) -> MaterialKind {
+    let (diffuse, specular) = (b.constant(Vec3::splat(0.2)), b.constant(Vec3::splat(0.5)));
+    MaterialKind::Phong { diffuse, specular, roughness: b.scalar(0.03) }
+}
+
+fn metal(b: &mut Builder) -> MaterialKind {
+    MaterialKind::Conductor { reflectance: b.constant(Vec3::splat(0.7)), roughness: b.scalar(0.3) }
+}
+
+fn mirror(b: &mut Builder) -> MaterialKind {
+    MaterialKind::Mirror { reflectance: b.constant(Vec3::splat(0.8)) }
+}
+
+fn lamp(b: &mut Builder) {
+    b.light(ceiling(vec3(0.3, 3., -0.5), 0.5), Vec3::splat(10.));
+}
+
+fn bulb(b: &mut Builder) {
+    b.scene.delta_lights.push(DeltaLight::Point { position: vec3(-1., 2., -1.), intensity: Vec3::splat(4.) });
+}
+
+fn spot_and_sun(b: &mut Builder) {
+    let cone = Cone { axis: vec3(-0.3, -1., 0.4), beam: 0.2, cutoff: 0.5 };
+    b.scene.delta_lights.push(DeltaLight::Spot { position: vec3(1., 2.5, -0.5), intensity: Vec3::splat(6.), cone });
+    b.scene.delta_lights.push(DeltaLight::Directional { direction: vec3(0.4, -1., 0.3), irradiance: Vec3::ONE });
+}
+
+/// A lamp that sticks through the second box, and touches it so.
+fn pierced(b: &mut Builder) {
+    b.light(quad(vec3(0.2, 0.6, -0.9), vec3(0.9, 0.7, -0.9), vec3(0.9, 1.3, 0.2), vec3(0.2, 1.2, 0.2)), Vec3::ONE);
+    b.scene.shapes.last_mut().unwrap().emission.as_mut().unwrap().two_sided = true;
+}
+
+fn sky(b: &mut Builder) {
+    let data = (0..16 * 8 * 3).map(|i| if i / 3 == 37 { 40.0 } else { 0.2 + 0.1 * (i * 7 % 5) as f32 }).collect();
+    b.scene.textures.push(Texture::new(16, 8, 3, data, Wrap::Repeat, Filter::Bilinear).unwrap());
+    let rotation = Mat3::from_rotation_y(0.3);
+    b.scene.environment = Some(Environment { radiance: b.scene.textures.len() - 1, rotation });
+}
+
+fn ball(b: &mut Builder) {
+    b.ball(vec3(-0.5, 0.6, -1.0), 0.5);
+}
+
+/// Everything that can be seen through in part is.
+fn masks(b: &mut Builder) {
+    let data = (0..12).map(|i| (i * 7 % 10) as f32 / 9.0).collect();
+    b.scene.textures.push(Texture::new(4, 3, 1, data, Wrap::Repeat, Filter::Bilinear).unwrap());
+    let opacity = Some(Input::Texture(b.scene.textures.len() - 1));
+    b.scene.shapes[1..].iter_mut().for_each(|shape| shape.material.opacity = opacity);
+}
+
+#[test]
+fn every_sample_cancels_under_a_common_translation() {
+    type Add = fn(&mut Builder);
+    type Wall = fn(&mut Builder) -> MaterialKind;
+    let scenes: [(&str, Wall, &[Add], u32); 13] = [
+        ("area light", grey, &[lamp], 1),
+        ("area light, more bounces", grey, &[lamp], 4),
+        ("point light", grey, &[bulb], 1),
+        ("all small lights", grey, &[bulb, spot_and_sun], 3),
+        ("narrow lobe", narrow, &[lamp, bulb], 3),
+        ("metal", metal, &[lamp, bulb], 3),
+        ("flat mirror", mirror, &[lamp, bulb], 3),
+        ("curved mirror", grey, &[lamp, bulb, ball], 3),
+        ("both mirrors", mirror, &[lamp, ball], 3),
+        ("light that touches", grey, &[pierced, bulb], 2),
+        ("sky", grey, &[sky], 1),
+        ("sky, mirrors", mirror, &[sky, ball], 3),
+        ("masks", narrow, &[lamp, bulb, ball, masks], 3),
+    ];
+    let mut all: BTreeMap<&str, usize> = BTreeMap::new();
+    let mut failed = false;
+    for (name, wall, add, bounces) in scenes {
+        let (mut b, camera) = room(wall);
+        add.iter().for_each(|add| add(&mut b));
+        let lens = Lens { radius: 0.3, focus: 3.0, ..Lens::PINHOLE };
+        let distortion = Distortion { coefficients: [-0.2, 0.05, 0.01, 0.02, 0.0] };
+        let projected = |projection, scale: f32| Camera { projection, scale: [scale; 2], ..camera };
+        let cameras = [
+            ("pinhole", camera),
+            ("lens", Camera { lens, ..camera }),
+            ("distortion", Camera { distortion, ..camera }),
+            ("orthographic", projected(Projection::Orthographic, 1.5)),
+            ("fisheye", projected(Projection::Fisheye, 0.5)),
+            ("panorama", projected(Projection::Panorama, FRAC_PI_4)),
+        ];
+        for (seen_by, camera) in cameras {
+            for (estimator, (found, worst)) in samples(&b.scene, &camera, bounces) {
+                println!("{name:26} {seen_by:14} {estimator:20} {found:6} samples, at most {worst:.1e} left");
+                failed |= worst > 2e-5;
+                *all.entry(estimator).or_default() += found;
+            }
+        }
+    }
+    println!("{all:?}");
+    assert!(!failed, "samples do not cancel");
+    assert!(all.len() == 6 && all.values().all(|found| *found > 1000), "too few samples: {all:?}");
+}
