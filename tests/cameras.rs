@@ -53,8 +53,8 @@ fn area(distortion: [f64; 5], camera: &Camera, v: &[Vec3], shift: DVec3, roll: f
     let mut points = Vec::new();
     for i in 0..3 {
         let (a, b) = (v[i].as_dvec3(), v[(i + 1) % 3].as_dvec3());
-        for k in 0..4000 {
-            let p = a.lerp(b, k as f64 / 4000.0);
+        for k in 0..1000 {
+            let p = a.lerp(b, k as f64 / 1000.0);
             points.push(project(film, &frame, camera.origin.as_dvec3() + shift, p));
         }
     }
@@ -64,6 +64,8 @@ fn area(distortion: [f64; 5], camera: &Camera, v: &[Vec3], shift: DVec3, roll: f
 
 #[test]
 fn area_of_a_triangle_in_every_camera() {
+    /// After nine vertex coordinates and three of the camera; then the distortion's coefficients.
+    const TILT: usize = 12;
     let straight = [0.0f32; 5];
     let lenses = [
         (Projection::Perspective, straight),
@@ -94,10 +96,12 @@ fn area_of_a_triangle_in_every_camera() {
             let mut d_image = Image::new(48, 48, 3);
             d_image.data.iter_mut().step_by(3).for_each(|d| *d = 1.0);
             let wrt = [Slot::Vertices(0), Slot::CameraOrigin, Slot::CameraFrame, Slot::CameraDistortion];
-            // Averaged: a tilt moves the whole outline and nearly cancels, so that one run's error shows.
+            // Straight images of edges are integrated exactly, up to rounding, where velocities are linear on film: not by a lens that
+            // distorts. Curved ones are sampled.
+            let bounds = if camera.keeps_lines() { [3e-6, 5e-4] } else { [3e-4, 5e-4] };
             let mut g = [vec![0.0; 9], vec![0.0; 3], vec![0.0; 9], vec![0.0; 5]];
             for seed in 0..8 {
-                let settings = Settings { output: Output::Radiance, spp: 1024, max_bounces: 0, seed, boundary: true };
+                let settings = Settings { output: Output::Radiance, spp: 512, max_bounces: 0, seed, boundary: true };
                 let run = render_backward(&scene, &camera, &settings, &d_image, &wrt).unwrap();
                 for (sum, x) in g.iter_mut().flatten().zip(run.iter().flatten()) {
                     *sum += x / 8.0;
@@ -127,7 +131,9 @@ fn area_of_a_triangle_in_every_camera() {
             let r = camera.frame[0];
             let turned = [Vec3::ZERO, r.cross(camera.frame[1]), r.cross(camera.frame[2])];
             let rows = turned.iter().flat_map(|v| v.to_array());
-            found.push(g[2].iter().zip(rows).map(|(g, t)| g * f64::from(t)).sum());
+            let tilt: Vec<f64> = g[2].iter().zip(rows).map(|(g, t)| g * f64::from(t)).collect();
+            let terms: f64 = tilt.iter().map(|t| t.abs()).sum();
+            found.push(tilt.iter().sum());
 
             if camera.may_distort() {
                 for (i, found_here) in g[3].iter().enumerate() {
@@ -141,10 +147,17 @@ fn area_of_a_triangle_in_every_camera() {
                 }
             }
 
-            let size = expected.iter().fold(0.0f64, |m, e| m.max(e.abs()));
+            // What is not much smaller than the largest is measured by itself; a tilt by the terms of which it is the rest.
+            let largest = expected.iter().fold(0.0f64, |m, e| m.max(e.abs()));
+            let mut worst = [0.0f64; 2];
             for (i, (e, f)) in expected.iter().zip(&found).enumerate() {
-                assert!((e - f).abs() < 3e-3 * size, "{projection:?} at {z}, {i}: {f} instead of {e} (of {size})");
+                let size = if e.abs() > 0.1 * largest { e.abs() } else { largest };
+                let size = if i == TILT { terms.max(size) } else { size };
+                let (off, bound) = ((e - f).abs() / size, bounds[usize::from(i > TILT)]);
+                assert!(off < bound, "{projection:?} at {z}, {i}: {f} instead of {e} (of {size})");
+                worst[usize::from(i > TILT)] = worst[usize::from(i > TILT)].max(off);
             }
+            println!("{projection:?} {coefficients:?} at {z}: off by {worst:?}");
         }
     }
 }

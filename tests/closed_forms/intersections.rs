@@ -73,8 +73,8 @@ fn tilted_planes() {
             let measured = Measured { scene: &scene, camera: &camera, settings: settings(256, 0) };
             let pixels = (size * size) as f64;
             let scaled = |exact: &[f64]| exact.iter().map(|x| x * pixels).collect::<Vec<f64>>();
-            measured.along(12, Slot::Vertices(tilted), &motions).check("T13", &scaled(&exact), 0.01);
-            measured.along(12, Slot::Vertices(flat), &flat_motions).check("T13 flat", &scaled(&flat_exact), 0.01);
+            measured.along(12, Slot::Vertices(tilted), &motions).check_each("T13", &scaled(&exact), 1e-5);
+            measured.along(12, Slot::Vertices(flat), &flat_motions).check_each("T13 flat", &scaled(&flat_exact), 1e-5);
         }
     }
 }
@@ -162,7 +162,7 @@ fn light_through_a_wall() {
             along(&|p, h| p.wall[1] = (normal - z.as_dvec3() * h).normalize()),
             along(&|p, h| p.wall[1] = (normal - x.as_dvec3() * h).normalize()),
         ];
-        measured.along(16, Slot::Vertices(wall), &motions).check("pierced wall", &by_wall, 0.02);
+        measured.along(16, Slot::Vertices(wall), &motions).check_each("pierced wall", &by_wall, 0.01);
 
         // The light: translations, and one side growing.
         let motions = parallelogram_motions();
@@ -170,6 +170,6 @@ fn light_through_a_wall() {
             .iter()
             .map(|motion| along(&|p, h| (0..4).for_each(|i| p.light[i] += h * motion[i].as_dvec3())))
             .collect();
-        measured.along(16, Slot::Vertices(light), &motions).check("pierced light", &by_light, 0.02);
+        measured.along(16, Slot::Vertices(light), &motions).check_each("pierced light", &by_light, 0.006);
     }
 }

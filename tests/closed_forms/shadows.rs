@@ -28,6 +28,33 @@ fn fan(center: Vec3, radius: f32, n: usize) -> (dscene::mesh::Mesh, Vec<Vec3>) {
     (mesh(&vertices, &faces), (0..=n).map(|i| if i == n { Vec3::ZERO } else { rim(i) }).collect())
 }
 
+/// Mean over the patch of a plane through `x` with normal `n` that an orthographic camera sees around `x`.
+fn mean_over_patch(camera: &Camera, x: DVec3, n: DVec3, steps: usize, f: impl Fn(DVec3) -> f64) -> f64 {
+    let [right, up, forward] = camera.frame.map(|v| v.as_dvec3());
+    let film = |i: usize| f64::from(camera.scale[0]) * (2.0 * (i as f64 + 0.5) / steps as f64 - 1.0);
+    let at = |i: usize| {
+        let offset = right * film(i % steps) + up * film(i / steps);
+        f(x + offset - forward * (n.dot(offset) / n.dot(forward)))
+    };
+    (0..steps * steps).map(at).sum::<f64>() / (steps * steps) as f64
+}
+
+/// The part of a polygon on the side of a plane through `x` to which `normal` points.
+fn clip(x: DVec3, polygon: &[DVec3], normal: DVec3) -> Vec<DVec3> {
+    let mut kept = Vec::new();
+    for (i, &p) in polygon.iter().enumerate() {
+        let q = polygon[(i + 1) % polygon.len()];
+        let (dp, dq) = (normal.dot(p - x), normal.dot(q - x));
+        if dp >= 0.0 {
+            kept.push(p);
+        }
+        if (dp >= 0.0) != (dq >= 0.0) {
+            kept.push(p + (q - p) * (dp / (dp - dq)));
+        }
+    }
+    kept
+}
+
 /// T4: a small disk light half covered by a straight edge, averaged over a small patch.
 #[test]
 fn penumbra_of_a_disk_light() {
@@ -35,6 +62,7 @@ fn penumbra_of_a_disk_light() {
     let mut b = Builder::default();
     b.diffuse(floor(Vec3::ZERO, 0.1), RHO as f32);
     let (disk, _) = fan(Vec3::Y * height as f32, a as f32, 128);
+    let disk_rim = disk.vertices[..128].to_vec();
     b.light(disk, 100.0);
     // Halfway up, covers everything beyond x = s.
     let (x, y) = (s as f32, 0.5 * height as f32);
@@ -44,24 +72,23 @@ fn penumbra_of_a_disk_light() {
     let mut camera = probe(Vec3::ZERO, Vec3::new(0.0, -1.0, -1.5), 1.0);
     camera.scale = [patch as f32; 2];
 
-    // The edge at x = s seen from (x, 0, 0) lies at 2s − x on the light.
-    let full = RHO * 100.0 * a * a / (a * a + height * height);
+    // The light is a polygon: a disk is larger by more than these derivatives are noisy.
+    let rim: Vec<DVec3> = disk_rim.iter().map(|v| v.as_dvec3()).collect();
     let value = |s: f64| {
-        let n = 400;
-        let at = |i: usize| {
-            let x = patch * (2.0 * (i as f64 + 0.5) / n as f64 - 1.0);
-            let t: f64 = (2.0 * s - x) / a;
-            full * (0.5 + (t * (1.0 - t * t).sqrt() + t.asin()) / PI)
+        let at = |x: DVec3| {
+            let plane = DVec3::Z.cross(DVec3::new(s, 0.5 * height, 0.0) - x);
+            let towards_centre = if plane.x > 0.0 { -plane } else { plane };
+            lambert(x, DVec3::Y, &clip(x, &rim, towards_centre))
         };
-        (0..n).map(at).sum::<f64>() / n as f64
+        RHO / PI * 100.0 * mean_over_patch(&camera, DVec3::ZERO, DVec3::Y, 200, at)
     };
     let slope = difference(|h| value(s + h));
     let measured = Measured { scene: &scene, camera: &camera, settings: settings(SPP, 1) };
-    values(&measured).check("T4 value", &[value(s)], 0.02);
+    values(&measured).check("T4 value", &[value(s)], 0.005);
     let motion = vec![Vec3::X, Vec3::X, Vec3::ZERO, Vec3::ZERO];
     let motion = [motion];
-    measured.along(16, Slot::Vertices(shape), &motion).check("T4", &[slope], 0.01);
-    measured.remembered_along(16, Slot::Vertices(shape), &motion).check("T4, step by step", &[slope], 0.01);
+    measured.along(16, Slot::Vertices(shape), &motion).check("T4", &[slope], 1e-3);
+    measured.remembered_along(16, Slot::Vertices(shape), &motion).check("T4, step by step", &[slope], 1e-3);
 }
 
 /// T5: a long wall before a constant sky.
@@ -82,12 +109,12 @@ fn wall_before_the_sky() {
     let by_height = -RHO / 2.0 * beta.sin() * beta.cos().powi(2) / distance;
     let by_distance = RHO / 2.0 * beta.sin().powi(2) * beta.cos() / distance;
     let measured = Measured { scene: &scene, camera: &camera, settings: settings(2048, 1) };
-    measured.values(8).check("T5 value", &[value], 0.02);
+    measured.values(8).check("T5 value", &[value], 0.002);
     let grow = vec![Vec3::ZERO, Vec3::ZERO, Vec3::Y, Vec3::Y];
     let recede = vec![Vec3::X; 4];
     let (motions, exact) = ([grow, recede], [by_height, by_distance]);
-    measured.along(16, Slot::Vertices(shape), &motions).check("T5", &exact, 0.01);
-    measured.remembered_along(16, Slot::Vertices(shape), &motions).check("T5, step by step", &exact, 0.01);
+    measured.along(16, Slot::Vertices(shape), &motions).check_each("T5", &exact, 1e-3);
+    measured.remembered_along(16, Slot::Vertices(shape), &motions).check_each("T5, step by step", &exact, 1.5e-3);
 }
 
 /// T6: a coaxial disk light: no boundary at all, its outline moves with the emission.
@@ -97,18 +124,29 @@ fn coaxial_disk_light() {
     let mut b = Builder::default();
     b.diffuse(floor(Vec3::ZERO, 0.5), RHO as f32);
     let (disk, radial) = fan(Vec3::Y * z as f32, a as f32, 200);
-    let n = radial.len();
+    let (n, rim) = (radial.len(), disk.vertices[..200].to_vec());
     let shape = b.light(disk, l as f32);
     let scene = b.build();
     // Below the light and beside it.
     let camera = probe(Vec3::ZERO, Vec3::new(0.0, -0.5, -1.5), 0.9);
+    // Of a disk all would be in closed form, but this is a polygon, smaller by more than these derivatives are noisy.
+    let rim: Vec<DVec3> = rim.iter().map(|v| v.as_dvec3()).collect();
+    let value = |growth: f64, shift: DVec3| {
+        let moved: Vec<DVec3> = rim.iter().zip(&radial).map(|(p, v)| *p + v.as_dvec3() * growth + shift).collect();
+        RHO / PI * l * lambert(DVec3::ZERO, DVec3::Y, &moved)
+    };
+    let exact = [
+        difference(|h| value(h, DVec3::ZERO)),
+        difference(|h| value(0.0, DVec3::Y * h)),
+        difference(|h| value(0.0, DVec3::X * h)),
+    ];
     let s = a * a + z * z;
-    let scale = RHO * l;
-    let exact = [2.0 * scale * a * z * z / (s * s), -2.0 * scale * a * a * z / (s * s), 0.0];
+    let of_disk = [2.0 * a * z * z / (s * s), -2.0 * a * a * z / (s * s), 0.0].map(|x| x * RHO * l);
+    assert!(exact.iter().zip(of_disk).all(|(polygon, disk)| (polygon - disk).abs() < 1e-3));
     let measured = Measured { scene: &scene, camera: &camera, settings: settings(1024, 1) };
-    measured.values(8).check("T6 value", &[scale * a * a / s], 0.01);
+    measured.values(8).check("T6 value", &[value(0.0, DVec3::ZERO)], 0.002);
     let motions = [radial, vec![Vec3::Y; n], vec![Vec3::X; n]];
-    measured.along(16, Slot::Vertices(shape), &motions).check("T6", &exact, 0.01);
+    measured.along(16, Slot::Vertices(shape), &motions).check_each("T6", &exact, 2.5e-4);
 }
 
 /// A receiver, a parallelogram light and a triangle between them, with the exact irradiance.
@@ -136,15 +174,7 @@ impl Penumbra {
 
     /// Mean irradiance of the patch that an orthographic camera sees around `x`.
     fn patch_irradiance(&self, camera: &Camera) -> f64 {
-        const N: usize = 40;
-        let [right, up, forward] = camera.frame.map(|v| v.as_dvec3());
-        let film = |i: usize| f64::from(camera.scale[0]) * (2.0 * (i as f64 + 0.5) / N as f64 - 1.0);
-        let at = |i: usize| {
-            let offset = right * film(i % N) + up * film(i / N);
-            let x = self.x + offset - forward * (self.n.dot(offset) / self.n.dot(forward));
-            Penumbra { x, ..self.clone() }.irradiance()
-        };
-        (0..N * N).map(at).sum::<f64>() / (N * N) as f64
+        mean_over_patch(camera, self.x, self.n, 100, |x| Penumbra { x, ..self.clone() }.irradiance())
     }
 
     /// Irradiance at `x`.
@@ -159,24 +189,9 @@ impl Penumbra {
         for i in 0..3 {
             let normal = (self.blocker[i] - self.x).cross(self.blocker[(i + 1) % 3] - self.x);
             let normal = if normal.dot(center - self.x) < 0.0 { -normal } else { normal };
-            hidden = self.clip(&hidden, normal);
+            hidden = clip(self.x, &hidden, normal);
         }
         hidden
-    }
-
-    fn clip(&self, polygon: &[DVec3], normal: DVec3) -> Vec<DVec3> {
-        let mut kept = Vec::new();
-        for (i, &p) in polygon.iter().enumerate() {
-            let q = polygon[(i + 1) % polygon.len()];
-            let (dp, dq) = (normal.dot(p - self.x), normal.dot(q - self.x));
-            if dp >= 0.0 {
-                kept.push(p);
-            }
-            if (dp >= 0.0) != (dq >= 0.0) {
-                kept.push(p + (q - p) * (dp / (dp - dq)));
-            }
-        }
-        kept
     }
 }
 
@@ -205,7 +220,7 @@ fn penumbra(exact: &Penumbra, masked: bool) {
     camera.scale = [0.25; 2];
     let measured = Measured { scene: &scene, camera: &camera, settings: settings(SPP, 1) };
     let scale = RHO / PI;
-    values(&measured).check("T7 value", &[scale * exact.patch_irradiance(&camera)], 0.01);
+    values(&measured).check("T7 value", &[scale * exact.patch_irradiance(&camera)], 0.003);
 
     let along = |set: &dyn Fn(&mut Penumbra, f64)| {
         difference(|h| {
@@ -218,7 +233,7 @@ fn penumbra(exact: &Penumbra, masked: bool) {
     measured.gradients(16, Slot::Texels(opacity)).check("T7 opacity", &[by_opacity], 0.02);
 
     let by_blocker: Vec<f64> = (0..9).map(|i| along(&|p, h| p.blocker[i / 3][i % 3] += h)).collect();
-    measured.gradients(16, Slot::Vertices(blocker)).check("T7 blocker", &by_blocker, 0.01);
+    measured.gradients(16, Slot::Vertices(blocker)).check_each("T7 blocker", &by_blocker, 0.007);
 
     // The light stays a parallelogram: translations, and one side growing.
     let motions = parallelogram_motions();
@@ -226,17 +241,17 @@ fn penumbra(exact: &Penumbra, masked: bool) {
         .iter()
         .map(|motion| along(&|p, h| (0..4).for_each(|i| p.light[i] += h * motion[i].as_dvec3())))
         .collect();
-    measured.along(16, Slot::Vertices(light), &motions).check("T7 light", &by_light, 0.01);
+    measured.along(16, Slot::Vertices(light), &motions).check_each("T7 light", &by_light, 0.005);
 
     // The camera's ray is fixed: a receiver moving along its normal slides the seen point along the ray.
     let slide = forward.as_dvec3() / exact.n.dot(forward.as_dvec3());
     let by_receiver = [along(&|p, h| p.x += h * slide), 0.0, 0.0];
     let motions = [Vec3::Y, Vec3::X, Vec3::Z].map(|axis| vec![axis; 4]);
-    measured.along(16, Slot::Vertices(receiver), &motions).check("T17 receiver", &by_receiver, 0.01);
+    measured.along(16, Slot::Vertices(receiver), &motions).check_each("T17 receiver", &by_receiver, 0.004);
 
     // An orthographic camera that moves takes the seen point with it.
     let forward = forward.as_dvec3();
     let by_camera: Vec<f64> =
         DVec3::AXES.iter().map(|&axis| along(&|p, h| p.x += h * (axis - forward * (axis.y / forward.y)))).collect();
-    measured.gradients(16, Slot::CameraOrigin).check("T17 camera", &by_camera, 0.01);
+    measured.gradients(16, Slot::CameraOrigin).check_each("T17 camera", &by_camera, 0.01);
 }

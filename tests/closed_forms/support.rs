@@ -133,12 +133,22 @@ pub fn estimate_over(seeds: RangeInclusive<u64>, sample: impl FnMut(u64) -> Vec<
 impl Estimate {
     /// Every mean lies within four standard errors of `exact`, and these are below `relative` of `scale`.
     pub fn check_scaled(&self, name: &str, exact: &[f64], relative: f64, scale: f64) {
+        self.check_by(name, exact, relative, |_| scale);
+    }
+
+    /// [`Estimate::check`], but what is above a tenth of the largest is measured by itself.
+    pub fn check_each(&self, name: &str, exact: &[f64], relative: f64) {
+        let largest = exact.iter().fold(0.0, |m: f64, e| m.max(e.abs()));
+        self.check_by(name, exact, relative, |e| if e.abs() > 0.1 * largest { e.abs() } else { largest });
+    }
+
+    fn check_by(&self, name: &str, exact: &[f64], relative: f64, scale: impl Fn(f64) -> f64) {
         assert_eq!(self.mean.len(), exact.len());
         let line = |i: usize| format!("{:.6} ± {:.6} (exact {:.6})", self.mean[i], self.error[i], exact[i]);
         let table = (0..exact.len()).map(line).collect::<Vec<_>>().join("\n  ");
         println!("{name}:\n  {table}");
         for (i, expected) in exact.iter().enumerate() {
-            let off = (self.mean[i] - expected).abs();
+            let (off, scale) = ((self.mean[i] - expected).abs(), scale(*expected));
             assert!(self.mean[i].is_finite(), "{name}[{i}] is not finite:\n  {table}");
             assert!(self.error[i] <= relative * scale, "{name}[{i}] is too noisy:\n  {table}");
             let allowed = 4.0 * self.error[i] + 0.1 * relative * scale;
