@@ -17,6 +17,17 @@ peer() { "$python" docs/peers/mitsuba_efficiency.py $work/scenes "$@"; }
 
 measures() { [ "$part" = all ] || [ "$part" = "$1" ]; }
 
+# A line of how much memory and time a script takes.
+whole() {
+    "$python" - target/release/dsl run "$1" --quiet --out $work/whole <<'END'
+import os, resource, subprocess, sys, time
+start = time.perf_counter()
+subprocess.run(sys.argv[1:], check=True)
+seconds, peak = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+print("%-18s %6.2f GB %6.1f s" % (os.path.basename(sys.argv[3]).removesuffix(".dscene"), peak * 1024 / 1e9, seconds))
+END
+}
+
 # Notes what a part was measured with. (The page itself may have changed.)
 measured() {
     local dirty=
@@ -28,6 +39,8 @@ measured() {
 if measures rows; then
     bench --json --precise | tee $work/dscene.jsonl
     peer ${PEER_ARGUMENTS:-} | tee $work/mitsuba.jsonl
+    # Gradients of several bounces take it so long that each setting needs its time.
+    peer ${PEER_ARGUMENTS:-} --scene "3 bounces" --scene "4 bounces" --patience 300 --seconds 30 | tee -a $work/mitsuba.jsonl
     measured rows
 fi
 if measures forward; then
@@ -41,10 +54,14 @@ if measures forward; then
 fi
 if measures growth; then
     bench --scaling | tee $work/scaling.txt
+    cargo build --quiet --release
+    for script in docs/growth/*.dscene; do
+        whole "$script"
+    done | tee $work/whole.txt
     measured growth
 fi
 
-for needed in dscene.jsonl mitsuba.jsonl rows.version forward.jsonl mitsuba_forward.jsonl forward.version scaling.txt growth.version; do
+for needed in dscene.jsonl mitsuba.jsonl rows.version forward.jsonl mitsuba_forward.jsonl forward.version scaling.txt whole.txt growth.version; do
     [ -e $work/$needed ] || { echo "the page needs all parts: $work/$needed has not been measured" >&2 && exit 1; }
 done
 page=$(mktemp)
@@ -59,7 +76,7 @@ random numbers (`docs/efficiency_references.json`), in combined standard errors;
 direction of unit length.) *CPU s*: CPU seconds of a single gradient, all threads, warm.
 Higher 1/(variance × CPU seconds) is better; *ratio* is ours over Mitsuba's. Mitsuba runs `direct_projective`, `prb_projective` or (where
 no geometry moves) `prb` with no guiding, a grid and an octree at two sample counts, kernels warm; the table shows the best of those that
-agree with the reference, or of all if none does. Both programs render the same exported arrays; where their losses differ by more than
+agree with the reference, or of all if none does, and says how many were tried. Both programs render the same exported arrays; where their losses differ by more than
 1 % it says so. A ratio marked "biased" says little: Mitsuba converges there, but to another number (more than 4 standard errors and 5 %
 from the reference). Its default octree settings take minutes a gradient on a CPU and are only run by `docs/peers/mitsuba_efficiency.py
 --default`.
@@ -74,6 +91,8 @@ END
     bench --turns $work/forward.jsonl $work/mitsuba_forward.jsonl
     printf '\n## Growth\n\nOne gradient step at 256 × 256, 4 samples a pixel, direct light; `numbers` is the length of the derivative (%s).\n\n```text\n' "$(cat $work/growth.version)"
     cat $work/scaling.txt
+    printf '```\n\nWhole optimisations (`dsl run docs/growth/…`: a target, three steps of `adam`; 50, 6.3 and 1.5 million numbers), peak memory and time:\n\n```text\n'
+    cat $work/whole.txt
     echo '```'
 } >"$page"
 mv "$page" docs/efficiency_table.md

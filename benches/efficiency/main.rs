@@ -5,7 +5,8 @@
 //! cargo bench --bench efficiency                            the table, 16 seeds
 //!     -- --scene TEXT --seeds N --precise --quick --no-fd --json
 //!     -- --remember                                          gradients learn from one another, as the steps of an optimisation do
-//! cargo bench --bench efficiency -- --fd [--budget SECONDS]  renews docs/efficiency_references.json
+//! cargo bench --bench efficiency -- --fd [--budget SECONDS] [--precise]  renews docs/efficiency_references.json
+//!     -- --fd --step H                                       only prints differences of another step
 //! cargo bench --bench efficiency -- --export FOLDER          the scenes, for other renderers
 //! cargo bench --bench efficiency -- --table OURS PEER        two outputs of --json as one page
 //! cargo bench --bench efficiency -- --turns OURS PEER        outputs of --json --scene forward, made in turns
@@ -33,13 +34,14 @@ struct Args {
     scene: Option<String>,
     seeds: Option<u64>,
     quick: bool,
-    /// More seeds where noise asks for them.
+    /// More seeds where noise asks for them; a quarter of the error for references.
     precise: bool,
     remember: bool,
     no_fd: bool,
     json: bool,
     fd: bool,
     budget: Option<f64>,
+    step: Option<f32>,
     export: Option<PathBuf>,
     table: Option<(PathBuf, PathBuf)>,
     turns: Option<(PathBuf, PathBuf)>,
@@ -56,6 +58,7 @@ fn parse() -> Result<Args, String> {
             "--scene" => args.scene = Some(next()?),
             "--seeds" => args.seeds = Some(next()?.parse().map_err(|e| format!("--seeds: {e}"))?),
             "--budget" => args.budget = Some(next()?.parse().map_err(|e| format!("--budget: {e}"))?),
+            "--step" => args.step = Some(next()?.parse().map_err(|e| format!("--step: {e}"))?),
             "--export" => args.export = Some(next()?.into()),
             "--table" => args.table = Some((next()?.into(), next()?.into())),
             "--turns" => args.turns = Some((next()?.into(), next()?.into())),
@@ -107,10 +110,12 @@ fn run(args: &Args) -> std::io::Result<()> {
     let mut references = if args.no_fd { References::new() } else { measure::read_references()? };
     if args.fd {
         for case in cases.iter().filter(|case| case.exact.is_none()) {
-            let reference = measure::reference(case, args.budget.unwrap_or(60.0));
+            let reference = measure::reference(case, args);
             println!("{:60} {:12.5e} ± {:.2e}  {}", case.id(), reference.value, reference.error, reference.how);
-            references.insert(case.id(), reference);
-            measure::write_references(&references)?;
+            if args.step.is_none() {
+                references.insert(case.id(), reference);
+                measure::write_references(&references)?;
+            }
         }
         return Ok(());
     }

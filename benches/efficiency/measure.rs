@@ -173,17 +173,21 @@ pub fn row(case: &Case, seeds: u64, args: &Args, references: &References) -> Row
 }
 
 /// Central differences with common random numbers at steps h and 2h, extrapolated to zero (Richardson), over as many
-/// seeds as it takes to be precise, or as fit into `budget` CPU seconds; at least 16.
-pub fn reference(case: &Case, budget: f64) -> Reference {
+/// seeds as it takes to be precise, or as fit into `budget` CPU seconds; at least 16. The arguments may have another
+/// h than the case's, and want it more precise.
+pub fn reference(case: &Case, args: &Args) -> Reference {
     let w = weights(case);
+    let step = args.step.unwrap_or(case.step);
+    let budget = args.budget.unwrap_or(60.0);
+    let enough = if args.precise { 0.25 * ENOUGH } else { ENOUGH };
     let spp = REFERENCE_SPP * case.effort;
-    let built: Vec<_> = [case.step, -case.step, 2.0 * case.step, -2.0 * case.step]
+    let built: Vec<_> = [step, -step, 2.0 * step, -2.0 * step]
         .map(|t| (case.build)(t))
         .map(|(description, camera)| (Scene::new(description).expect("the scene is sound"), camera))
         .into();
     let watch = Stopwatch::start();
     let mut value = Moments::default();
-    let precise = |value: &Moments| value.std_error()[0] <= ENOUGH * value.mean()[0].abs();
+    let precise = |value: &Moments| value.std_error()[0] <= enough * value.mean()[0].abs();
     while value.count() < 16 || watch.elapsed().cpu < budget * f64::from(case.effort) && !precise(&value) {
         let settings = settings(case, spp, 770_000 + value.count());
         let losses: Vec<f64> = built
@@ -192,14 +196,14 @@ pub fn reference(case: &Case, budget: f64) -> Reference {
             .map(|image| dot(&image.data, &w.data))
             .collect();
         let difference = |i: usize, h: f32| (losses[i] - losses[i + 1]) / (2.0 * f64::from(h));
-        let (fine, coarse) = (difference(0, case.step), difference(2, 2.0 * case.step));
+        let (fine, coarse) = (difference(0, step), difference(2, 2.0 * step));
         value.add(&[(4.0 * fine - coarse) / 3.0]);
     }
     let n = value.count();
     Reference {
         value: value.mean()[0],
         error: value.std_error()[0],
-        how: format!("central differences, steps {h} and 2×{h}, {spp} spp × {n} seeds", h = case.step),
+        how: format!("central differences, steps {h} and 2×{h}, {spp} spp × {n} seeds", h = step),
     }
 }
 

@@ -43,6 +43,9 @@ struct PeerRow {
     error: Option<String>,
     #[serde(default)]
     setting: String,
+    /// Settings of which that is the best.
+    #[serde(default)]
+    tried: u32,
     #[serde(default)]
     loss: f64,
     #[serde(default)]
@@ -183,8 +186,9 @@ fn their_columns(row: &Row, theirs: &PeerRow) -> (String, Option<f64>, bool) {
     let biased = measured.z().is_some_and(|z| z.abs() > 4.0) && measured.reference.as_ref().is_some_and(off);
     let note = if same { String::new() } else { format!(" (loss {} off)", percent(loss_off)) };
     let text = format!(
-        "{}{note} | {} | {} | {:.2} | {} | {} |",
+        "{} (of {}){note} | {} | {} | {:.2} | {} | {} |",
         theirs.setting,
+        theirs.tried,
         or_dash(measured.z(), |z| format!("{z:.1}")),
         or_dash(Some(measured.relative_std()), percent),
         theirs.cpu_seconds,

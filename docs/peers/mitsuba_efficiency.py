@@ -302,7 +302,7 @@ def measure(path, a):
         return dict(row, error="every setting failed")
     _, _, label, integrator, spp = min(tried, key=lambda t: t[:2])
     best = sample(integrator, spp, a.seeds, 5000, a.seconds)
-    return dict(row, setting=label, reference=c["reference"], **best)
+    return dict(row, setting=label, tried=len(tried), reference=c["reference"], **best)
 
 
 def forward(a):
