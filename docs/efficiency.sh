@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Measures this renderer and Mitsuba 3 on the same scenes and writes docs/efficiency_table.md.
 #   docs/efficiency.sh            everything; PYTHON=… chooses the Python that has mitsuba
-#                                 PEER_ARGUMENTS=… passes arguments to docs/peers/mitsuba_efficiency.py (--patience, --seconds)
+#                                 PEER_ARGUMENTS=… passes arguments to docs/peers/mitsuba_efficiency.py (--patience, --seconds), but for rows of
+#                                 several bounces
 #   docs/efficiency.sh rows|forward|growth
 #                                 one part; the others are those that were measured last (in target/efficiency)
 #   docs/efficiency.sh page       only the page
@@ -39,8 +40,9 @@ measured() {
 if measures rows; then
     bench --json --precise | tee $work/dscene.jsonl
     peer ${PEER_ARGUMENTS:-} | tee $work/mitsuba.jsonl
-    # Gradients of several bounces take it so long that each setting needs its time.
-    peer ${PEER_ARGUMENTS:-} --scene "3 bounces" --scene "4 bounces" --patience 300 --seconds 30 | tee -a $work/mitsuba.jsonl
+    # Gradients of several bounces take it so long that little patience means one setting.
+    [ -z "${PEER_ARGUMENTS:-}" ] ||
+        peer --scene "3 bounces" --scene "4 bounces" --pilot 2 --timeout 1800 | tee -a $work/mitsuba.jsonl
     measured rows
 fi
 if measures forward; then
@@ -76,7 +78,7 @@ random numbers (`docs/efficiency_references.json`), in combined standard errors;
 direction of unit length.) *CPU s*: CPU seconds of a single gradient, all threads, warm.
 Higher 1/(variance × CPU seconds) is better; *ratio* is ours over Mitsuba's. Mitsuba runs `direct_projective`, `prb_projective` or (where
 no geometry moves) `prb` with no guiding, a grid and an octree at two sample counts, kernels warm; the table shows the best of those that
-agree with the reference, or of all if none does, and says how many were tried. Both programs render the same exported arrays; where their losses differ by more than
+agree with the reference, or of all if none does, and says of how many that finished. Both programs render the same exported arrays; where their losses differ by more than
 1 % it says so. A ratio marked "biased" says little: Mitsuba converges there, but to another number (more than 4 standard errors and 5 %
 from the reference). Its default octree settings take minutes a gradient on a CPU and are only run by `docs/peers/mitsuba_efficiency.py
 --default`.
@@ -91,7 +93,7 @@ END
     bench --turns $work/forward.jsonl $work/mitsuba_forward.jsonl
     printf '\n## Growth\n\nOne gradient step at 256 × 256, 4 samples a pixel, direct light; `numbers` is the length of the derivative (%s).\n\n```text\n' "$(cat $work/growth.version)"
     cat $work/scaling.txt
-    printf '```\n\nWhole optimisations (`dsl run docs/growth/…`: a target, three steps of `adam`; 50, 6.3 and 1.5 million numbers), peak memory and time:\n\n```text\n'
+    printf '```\n\nWhole optimisations (`dsl run docs/growth/…`: a target, three steps of `adam`; 1.5, 6.3 and 50 million numbers), peak memory and time:\n\n```text\n'
     cat $work/whole.txt
     echo '```'
 } >"$page"

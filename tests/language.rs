@@ -406,8 +406,8 @@ fn what_mirrors_lack_is_reported() {
         ("sphere()", &lamp, wall, 1, None),
         ("sphere()", &lamp, wall, 2, Some("by way of another")),
         ("torus()", &lamp, "", 2, Some("by way of another")),
-        ("sphere(subdivisions: 8)", &lamp, "", 2, None),
-        ("sphere(subdivisions: 8)", &lamp, "", 3, Some("so coarse")),
+        ("sphere(subdivisions: 6)", &lamp, "", 2, None),
+        ("sphere(subdivisions: 6)", &lamp, "", 3, Some("so coarse")),
         ("sphere()", &lamp, "", 3, None),
     ] {
         let mut e = engine(&format!(

@@ -91,17 +91,19 @@ fn examples_are_short_and_say_what_they_show() {
 #[test]
 fn scripts_in_documents_check() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let mut count = 0;
+    let mut scripts = Vec::new();
     for document in ["README.md", "CONTRIBUTING.md", "ARCHITECTURE.md"] {
         let text = fs::read_to_string(root.join(document)).unwrap();
-        for block in text.split("```dscene\n").skip(1) {
-            let script = block.split("```").next().unwrap();
-            let checked = dscene::check::check_text(document, None, script, &[], &dscene::check::Disk);
-            let errors: Vec<&str> =
-                checked.diagnostics.iter().filter(|d| d.is_error()).map(|d| d.message.as_str()).collect();
-            assert!(errors.is_empty(), "{document}: {errors:?}\n{script}");
-            count += 1;
-        }
+        let blocks = text.split("```dscene\n").skip(1).map(|block| block.split("```").next().unwrap().to_owned());
+        scripts.extend(blocks.map(|script| (document.to_owned(), script)));
     }
-    assert!(count > 0);
+    assert!(!scripts.is_empty());
+    let growth = files("docs/growth", "dscene").into_iter();
+    scripts.extend(growth.map(|path| (path.display().to_string(), fs::read_to_string(path).unwrap())));
+    for (document, script) in scripts {
+        let checked = dscene::check::check_text(&document, None, &script, &[], &dscene::check::Disk);
+        let errors: Vec<&str> =
+            checked.diagnostics.iter().filter(|d| d.is_error()).map(|d| d.message.as_str()).collect();
+        assert!(errors.is_empty(), "{document}: {errors:?}\n{script}");
+    }
 }

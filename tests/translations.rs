@@ -55,10 +55,10 @@ impl Estimate for Samples<'_> {
         f(adjoint_of(self.weights, pixel), &mut self.out);
         self.out.flush_camera();
         let Balance { sum, size } = std::mem::take(&mut self.out.sink);
+        assert!(sum.iter().chain(&size).all(|x| x.is_finite()));
         // A coordinate in which hardly anything happens is rounded as the others are.
         let least = 1e-2 * size.into_iter().fold(0.0, f64::max);
         for (sum, size) in sum.into_iter().zip(size).filter(|(_, size)| *size > 0.0) {
-            assert!(sum.is_finite());
             self.worst = self.worst.max(sum.abs() / size.max(least));
         }
         self.found += usize::from(size != [0.0; 3]);
@@ -69,7 +69,7 @@ impl Estimate for Samples<'_> {
     }
 }
 
-/// The estimators that `grad` has for a scene, each with some thousand samples.
+/// The estimators that `grad` has for a scene, with a few hundred samples a pass.
 fn samples(description: &SceneDescription, camera: &Camera, max_bounces: u32) -> BTreeMap<&'static str, (usize, f64)> {
     const COUNT: usize = 512;
     let mut slots: Vec<Slot> = (0..description.shapes.len()).map(Slot::Vertices).collect();

@@ -75,6 +75,9 @@ fn parse() -> Result<Args, String> {
             _ => return Err(format!("unknown argument {word}; see the head of benches/efficiency/main.rs")),
         }
     }
+    if args.step.is_some() && !args.fd {
+        return Err("--step goes with --fd".into());
+    }
     if args.seeds.is_some_and(|n| n < 2) {
         return Err("--seeds must be at least 2".into());
     }

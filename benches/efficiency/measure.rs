@@ -124,15 +124,14 @@ pub fn row(case: &Case, seeds: u64, args: &Args, references: &References) -> Row
     let (mut primal_cpu, mut cpu, mut wall) = (0.0, 0.0, 0.0);
     let kept = Memory::default();
     let exact = case.exact.as_ref().map(|f| Reference { value: derivative(f), error: 0.0, how: "closed form".into() });
-    // There is no precision of a zero.
-    let vanishes = exact.as_ref().is_some_and(|r| r.value == 0.0);
     // The first evaluation warms caches and allocators and is not counted.
-    let enough = |value: &Moments, cpu: f64| {
-        let noisy = || !vanishes && value.std_error()[0] > ENOUGH * value.mean()[0].abs();
+    let enough = |value: &Moments, loss: &Moments, cpu: f64| {
+        let of = if exact.as_ref().is_some_and(|r| r.value == 0.0) { loss } else { value };
+        let noisy = || value.std_error()[0] > ENOUGH * of.mean()[0].abs();
         value.count() >= seeds && !(args.precise && (cpu < DILIGENCE || cpu < PATIENCE && noisy()))
     };
     for seed in 0.. {
-        if enough(&value, cpu) {
+        if enough(&value, &loss, cpu) {
             break;
         }
         let settings = settings(case, case.spp, 1000 + seed);

@@ -622,7 +622,7 @@ fn furnace(cases: &mut Vec<Case>) {
         vertices.extend([(); 3].map(|()| c + point() * 0.12));
         velocities.extend([(); 3].map(|()| point()));
     }
-    // A direction of unit length: what is left of its derivative, which is zero, compares with the loss.
+    // Of unit length, so that the error of its derivative, which is zero, can be compared with the loss.
     let length = velocities.iter().map(|v: &Vec3| v.length_squared()).sum::<f32>().sqrt();
     velocities.iter_mut().for_each(|v| *v /= length);
     cases.push(Case {

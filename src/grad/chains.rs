@@ -11,8 +11,8 @@ pub struct Link {
     pub reversed: bool,
 }
 
-/// The order in which edges with these ends follow one another: each chain from one end to the other, chains by their first edge. Where
-/// more than two meet, those that turn least belong together.
+/// The order in which edges with these ends follow one another: chains that end, each from the end whose edge has the lower number, and then
+/// loops. Where more than two meet, those that turn least belong together.
 pub fn chains(edges: &[[Vec3; 2]]) -> Vec<Link> {
     // Twice an edge's number, plus one for its end.
     let mut ends: Vec<([u32; 3], u32)> = (0..2 * edges.len() as u32)

@@ -27,6 +27,7 @@ pub mod viewpoint;
 use std::sync::atomic::AtomicBool;
 
 use glam::{Mat3, Vec2, Vec3};
+use rayon::prelude::*;
 
 use crate::image::Image;
 use crate::render::Projection;
@@ -266,7 +267,8 @@ fn meets_box(a: Vec2, b: Vec2, half: Vec2) -> bool {
     middle.abs().cmple(half + d).all() && normal.dot(middle).abs() <= normal.abs().dot(half)
 }
 
-/// Sine of the elevation over its faces below which a mirror folds what it shows, from which on it is called coarse.
+/// A smooth mirror is coarse if it folds what it shows to those who see a face at angles up to the one of this sine: a ball of less than
+/// ten rings.
 const COARSE: f32 = 0.5;
 
 /// What mirrors show that has no derivative.
@@ -284,8 +286,11 @@ fn mirror_gaps(scene: &Scene, settings: &Settings, layout: &Layout) -> Vec<&'sta
     if !alone {
         gaps.push("silhouettes seen in one mirror by way of another have no derivative");
     }
-    let coarse = |e: &Edge| e.is_mirror(scene) && (COARSE..=1.0).contains(&e.folding(scene));
-    if settings.max_bounces > 2 && !mirrors.curved.is_empty() && scene.edges().edges.iter().any(coarse) {
+    let coarse = |e: &Edge| {
+        let folding = e.folding(scene);
+        folding.is_finite() && folding >= COARSE
+    };
+    if settings.max_bounces > 2 && !mirrors.curved.is_empty() && scene.edges().edges.par_iter().any(coarse) {
         gaps.push(
             "a mirror with smooth normals is so coarse that its rim would reflect into itself; shadows that other surfaces see by way of \
              such a rim have no derivative (finer triangles make rims narrow)",

@@ -34,7 +34,7 @@ const STRATA: u32 = 4;
 pub struct Piece {
     pub edge: u32,
     pub viewpoint: u32,
-    /// Film positions of its ends, in pixels, and the edge parameters they belong to.
+    /// Film positions of its ends, in pixels, and the edge parameters they belong to, which may fall from `a` to `b`.
     pub a: DVec2,
     pub b: DVec2,
     /// Depths of the whole (near-clipped) segment's ends with their parameters, to undo perspective.
@@ -92,7 +92,7 @@ struct Boundary<'a> {
 
 impl<'a> PrimaryEdges<'a> {
     /// Collects, clips and weights: samples go where the adjoint image is large. Pieces are stratified together along chains of edges, so that
-    /// noise does not depend on the order of a mesh's faces. (Along a Hilbert curve of the film derivatives were as noisy or noisier,
+    /// noise depends less on the order of a mesh's faces. (Along a Hilbert curve of the film derivatives were as noisy or noisier,
     /// docs/efficiency.md.)
     pub fn new(
         viewpoints: &'a [Viewpoint<'a>],
@@ -100,9 +100,9 @@ impl<'a> PrimaryEdges<'a> {
         adjoint: &Image,
         seed: u64,
     ) -> PrimaryEdges<'a> {
-        let lines = viewpoints.first().is_some_and(|v| is_straight(&v.camera));
+        let straight = viewpoints.first().is_some_and(|v| is_straight(&v.camera));
         let lens = viewpoints.first().is_some_and(|v| !v.camera.is_pinhole());
-        let enumerate = lines && viewpoints.first().is_some_and(|v| is_noise_free(v.scene, settings));
+        let enumerate = straight && viewpoints.first().is_some_and(|v| is_noise_free(v.scene, settings));
         let size = DVec2::new(adjoint.width as f64, adjoint.height as f64);
         let mut pieces = Vec::new();
         let mut lengths = Vec::new();
@@ -115,24 +115,26 @@ impl<'a> PrimaryEdges<'a> {
                     classify(viewpoint, edge, settings)
                 }
             };
-            for (e, edge, weight, reversed) in in_chains(viewpoint, settings, class) {
+            let table = &viewpoint.scene.edges_of(settings.output).edges;
+            for line in lines(table, class) {
+                let edge = &table[line.edge as usize];
                 let start = pieces.len();
-                let mut add = |piece: Piece| pieces.push(Piece { edge: e as u32, viewpoint: v as u32, ..piece });
+                let mut add = |piece: Piece| pieces.push(Piece { edge: line.edge, viewpoint: v as u32, ..piece });
                 if lens {
                     blurred(viewpoint, edge).into_iter().for_each(&mut add);
-                } else if !lines {
+                } else if !straight {
                     curved(viewpoint, edge, widest).into_iter().for_each(&mut add);
                 } else if let Some(segment) = clip(viewpoint, edge) {
                     let cuts = if enumerate { pixel_cuts(&segment) } else { even_cuts(&segment) };
                     cuts.windows(2).map(|c| segment.part(c[0], c[1])).for_each(&mut add);
                 }
                 let own: &mut [Piece] = &mut pieces[start..];
-                if reversed {
+                if line.reversed {
                     own.reverse();
                     own.iter_mut().for_each(|piece| *piece = piece.reversed());
                 }
                 // Never zero: the middle of a curved piece may be off film where its ends are not.
-                let length = |p: &Piece| weight * (p.a.distance(p.b) + 1e-3) * p.share_on_film(size);
+                let length = |p: &Piece| f64::from(line.weight) * (p.a.distance(p.b) + 1e-3) * p.share_on_film(size);
                 lengths.extend(own.iter().map(length));
             }
         }
@@ -429,6 +431,7 @@ fn is_straight(camera: &Camera) -> bool {
 pub struct Class {
     /// Sampling weight per length.
     pub weight: f64,
+    /// It covers something; through a lens, as seen from some of its points.
     pub contour: bool,
 }
 
@@ -451,24 +454,25 @@ pub fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Opti
     jumps.then(|| class(SMOOTH_CREASE.into()))
 }
 
-/// The edges that may matter to a viewpoint, one after the other along contours and creases, and which of them are passed from their end to
-/// their start.
-fn in_chains<'a>(
-    viewpoint: &'a Viewpoint,
-    settings: &Settings,
-    class: impl Fn(&Edge) -> Option<Class>,
-) -> Vec<(usize, &'a Edge, f64, bool)> {
-    /// More creases than that are a net in which nothing leads anywhere, and to walk them takes longer than to sample them.
+/// An edge that may matter to a viewpoint.
+struct Line {
+    edge: u32,
+    weight: f32,
+    /// It is passed from its end to its start.
+    reversed: bool,
+}
+
+/// The edges of a viewpoint, one after the other along contours and creases.
+fn lines(edges: &[Edge], class: impl Fn(&Edge) -> Option<Class>) -> impl Iterator<Item = Line> {
+    /// More creases are a net, in which no way is better than the mesh's own, and to look for one takes as long as to sample.
     const NET: usize = 1 << 15;
-    let edges = &viewpoint.scene.edges_of(settings.output).edges;
-    let classes: Vec<(usize, Class)> =
-        edges.iter().enumerate().filter_map(|(e, edge)| Some((e, class(edge)?))).collect();
-    let whole = classes.len() <= NET;
-    let (lines, net): (Vec<_>, Vec<_>) = classes.into_iter().partition(|(_, class)| whole || class.contour);
-    let ends: Vec<[Vec3; 2]> = lines.iter().map(|(e, _)| edges[*e].p).collect();
-    let place = |(e, class): &(usize, Class), reversed: bool| (*e, &edges[*e], class.weight, reversed);
-    let lines = chains(&ends).into_iter().map(|link| place(&lines[link.edge], link.reversed));
-    lines.chain(net.iter().map(|of| place(of, false))).collect()
+    let classes: Vec<(u32, Class)> = (0..).zip(edges).filter_map(|(e, edge)| Some((e, class(edge)?))).collect();
+    let creases = classes.iter().filter(|(_, class)| !class.contour).count();
+    let (chained, net): (Vec<_>, Vec<_>) = classes.into_iter().partition(|(_, class)| class.contour || creases <= NET);
+    let ends: Vec<[Vec3; 2]> = chained.iter().map(|(e, _)| edges[*e as usize].p).collect();
+    let line = |(edge, class): &(u32, Class), reversed| Line { edge: *edge, weight: class.weight as f32, reversed };
+    let chained = chains(&ends).into_iter().map(move |link| line(&chained[link.edge], link.reversed));
+    chained.chain(net.into_iter().map(move |of| line(&of, false)))
 }
 
 /// Whether the camera, from any point of its lens, sees a smooth mirror's faces at an edge so low that something may be folded.
@@ -665,4 +669,35 @@ pub fn before(viewpoint: &Viewpoint, edge: &Edge) -> Option<(Piece, [f64; 2])> {
     let (za, zb) = if perspective { (q0.z, q1.z) } else { (1.0, 1.0) };
     let piece = Piece { edge: 0, viewpoint: 0, a, b, za, zb, sa: s0, sb: s1, ta: 0.0, tb: 1.0, blur: 0.0 };
     Some((piece, [q0.z, q1.z]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reversed_piece_has_the_same_points() {
+        let whole = Piece {
+            edge: 0,
+            viewpoint: 0,
+            a: DVec2::new(3.0, 8.0),
+            b: DVec2::new(-5.0, 2.0),
+            za: 0.7,
+            zb: 2.5,
+            sa: 0.2,
+            sb: 0.9,
+            ta: 0.0,
+            tb: 1.0,
+            blur: 0.0,
+        };
+        let piece = whole.part(0.3, 0.45);
+        let reversed = piece.reversed();
+        let place = |p: &Piece, rest: f64| p.parameter(p.ta + (p.tb - p.ta) * rest);
+        for rest in [0.0, 0.25, 0.8, 1.0] {
+            assert!((place(&piece, rest) - place(&reversed, 1.0 - rest)).abs() < 1e-14, "{rest}");
+            assert!((piece.a.lerp(piece.b, rest) - reversed.a.lerp(reversed.b, 1.0 - rest)).length() < 1e-14, "{rest}");
+        }
+        // Where lines are not straight parameters go evenly.
+        assert_eq!((reversed.sa, reversed.sb), (piece.sb, piece.sa));
+    }
 }

@@ -131,7 +131,7 @@ impl<'a> Reflections<'a> {
         0.05 + (0..POINTS).filter(|&i| sees(i)).count() as f32 / POINTS as f32
     }
 
-    /// Sampling weight by kind of edge, as [`super::primary::classify`] has it.
+    /// Sampling weight by kind of edge, as [`super::primary::Class::weight`].
     fn class(&self, edge: &Edge, facet: &Facet) -> f32 {
         let from = (facet.x[0] + facet.x[1] + facet.x[2]).as_vec3() / 3.0;
         let view = edge.view((edge.point(0.5) - from).normalize_or_zero());

@@ -105,6 +105,7 @@ fn scores_of_furnaces(rooms: u64, boundary: bool) -> (Vec<f64>, Vec<f64>) {
         let settings = Settings { boundary, ..settings(128, bounces) };
         let measured = Measured { scene: &furnace.scene, camera: &furnace.camera, settings };
         let geometry = furnace.geometry(&measured, 1..=8);
+        assert!(geometry.mean.iter().chain(&geometry.error).all(|x| x.is_finite()));
         let seen = geometry.mean.iter().zip(&geometry.error).filter(|(_, error)| **error > 0.0);
         scores.extend(seen.clone().map(|(mean, error)| mean / error));
         errors.extend(seen.map(|(_, error)| *error));

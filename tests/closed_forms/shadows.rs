@@ -77,8 +77,7 @@ fn penumbra_of_a_disk_light() {
     let value = |s: f64| {
         let at = |x: DVec3| {
             let plane = DVec3::Z.cross(DVec3::new(s, 0.5 * height, 0.0) - x);
-            let towards_centre = if plane.x > 0.0 { -plane } else { plane };
-            lambert(x, DVec3::Y, &clip(x, &rim, towards_centre))
+            lambert(x, DVec3::Y, &clip(x, &rim, plane))
         };
         RHO / PI * 100.0 * mean_over_patch(&camera, DVec3::ZERO, DVec3::Y, 200, at)
     };
