@@ -331,17 +331,20 @@ fn numbers(default: Range<u64>) -> Range<u64> {
     range.unwrap_or(default)
 }
 
+/// What something of half a unit's size may well make of the image when it moves by one; more than nothing even in the dark.
+fn typical((scene, camera): (SceneDescription, Camera), max_bounces: u32) -> f64 {
+    let settings = Settings { output: Output::Radiance, spp: 64, max_bounces, seed: 1, boundary: false };
+    let image = render(&Scene::new(scene).unwrap(), &camera, &settings).unwrap();
+    let sum: f64 = image.data.iter().map(|v| f64::from(v.abs())).sum();
+    (0.2 * sum).max(0.002 * image.data.len() as f64)
+}
+
 #[test]
 fn scenes_that_nobody_chose() {
     for number in numbers(0..18) {
         let (.., family, max_bounces) = drawn(number, 0.0);
         let build = moving(number);
-        // What something of half a unit's size may well make of the image when it moves by one; more than nothing even in the dark.
-        let (scene, camera) = build(0.0);
-        let settings = Settings { output: Output::Radiance, spp: 64, max_bounces, seed: 1, boundary: false };
-        let image = render(&Scene::new(scene).unwrap(), &camera, &settings).unwrap();
-        let sum = |i: &[f32]| i.iter().map(|v| f64::from(v.abs())).sum::<f64>();
-        let least = (0.2 * sum(&image.data)).max(0.002 * image.data.len() as f64);
+        let least = typical(build(0.0), max_bounces);
         let plan = Plan { max_bounces, spp: 32, h: 0.008, fd_spp: 512, least, jointly: true, ..Plan::default() };
         agree(&format!("scene {number}: {family:?}, {max_bounces} bounces"), &build, &plan);
     }
@@ -460,15 +463,18 @@ fn rearranged((mut scene, mut camera): (SceneDescription, Camera)) -> (SceneDesc
 }
 
 /// Holds the derivatives of what scenes are `made` into against their own.
-fn mean_nothing(made: impl Fn((SceneDescription, Camera)) -> (SceneDescription, Camera) + Sync) {
-    for number in numbers(0..14) {
+fn mean_nothing(
+    scenes: impl Iterator<Item = u64>,
+    made: impl Fn((SceneDescription, Camera)) -> (SceneDescription, Camera) + Sync,
+) {
+    for number in scenes {
         let (.., family, max_bounces) = drawn(number, 0.0);
         let plan = Plan { max_bounces, spp: 16, h: 0.008, ..Plan::default() };
         let plain = moving(number);
         let expected = statistics(&gradients(&plain, &plan, 0..24));
         let found = statistics(&gradients(&|t| made(plain(t)), &plan, 100..124));
-        let off = found.mean - expected.mean;
-        let z = if off == 0.0 { 0.0 } else { off / found.error.hypot(expected.error) };
+        let rounding = 1e-6 * typical(plain(0.0), max_bounces);
+        let z = (found.mean - expected.mean) / found.error.hypot(expected.error).hypot(rounding);
         println!("scene {number}: {family:?}, {max_bounces} bounces: {expected:?} {found:?} z {z:.2}");
         assert!(z.abs() < 4.0, "scene {number}: {family:?}: {expected:?}, made into something else {found:?}");
     }
@@ -477,11 +483,12 @@ fn mean_nothing(made: impl Fn((SceneDescription, Camera)) -> (SceneDescription, 
 /// What a surface is cut into means nothing.
 #[test]
 fn triangles_may_be_split() {
-    mean_nothing(split);
+    mean_nothing(numbers(0..14), split);
 }
 
-/// Nor do directions, places and the order of things.
+/// Nor do directions, places and the order of things. (In 126 plates cross at acute angles: light beside the crossing went through them, the
+/// more the further away from the origin.)
 #[test]
 fn scenes_may_be_rearranged() {
-    mean_nothing(rearranged);
+    mean_nothing(numbers(0..14).chain([126]), rearranged);
 }

@@ -393,7 +393,7 @@ impl Values<'_> {
             Output::Radiance => {
                 let options = Options::new(self.settings.max_bounces.saturating_sub(self.viewpoint.bounces()));
                 let below = self.edge.below(face, beside.ng);
-                let start = Start::Surface(beside, &below);
+                let start = Start::Beside(beside, &below);
                 self.seen.throughput * trace(self.scene, start, sampler, &options, &mut NoRecord)
             }
             output => self.seen.throughput * first_hit(self.scene, output, &self.viewpoint.camera, &at_edge),

@@ -278,7 +278,7 @@ impl<'a> Reflections<'a> {
                 Some(face) => {
                     let [_, beside] = edge.beside(scene, face, s, after, -dir);
                     below = edge.below(face, beside.ng);
-                    Start::Surface(beside, &below)
+                    Start::Beside(beside, &below)
                 }
                 None => {
                     let past = mirror.spawn_ray((dir + view.normal * NUDGE).normalize());

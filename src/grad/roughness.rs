@@ -130,7 +130,7 @@ impl<'a> RoughnessPairs<'a> {
                     let to_area = next.ng.dot(next.wi) / (t * t);
                     let direct = next.emission * balance(pdf, self.scene.lights.area_pdf(next.prim) / to_area);
                     let options = Options { first_emission: false, ..Options::new(events - 1) };
-                    direct + trace(self.scene, Start::Surface(next, &[]), &mut sampler, &options, &mut NoRecord)
+                    direct + trace(self.scene, Start::Surface(next), &mut sampler, &options, &mut NoRecord)
                 }
                 None => self.scene.environment_radiance(dir) * balance(pdf, self.scene.environment_pdf(dir)),
             };

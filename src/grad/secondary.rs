@@ -285,7 +285,7 @@ impl<'a> Secondary<'a> {
         let side = |face: Option<usize>| match face {
             Some(i) => {
                 let [_, beside] = edge.beside(self.scene, i, point.s, distance, -sight.dir);
-                look(Start::Surface(beside, &edge.below(i, beside.ng)))
+                look(Start::Beside(beside, &edge.below(i, beside.ng)))
             }
             None => {
                 let past = match sight.mirror {

@@ -25,8 +25,10 @@ pub const MAX_DEPTH: u32 = 64;
 /// Where a path starts.
 pub enum Start<'a> {
     Ray(Ray, &'a [PrimId]),
-    /// With primitives that no ray from there meets.
-    Surface(SurfaceInteraction, &'a [PrimId]),
+    Surface(SurfaceInteraction),
+    /// [Beside](crate::render::edges::Edge::beside) an edge, with the primitives that no ray from there meets. Others may be as near as that: what
+    /// rises at the edge stands between it and a light.
+    Beside(SurfaceInteraction, &'a [PrimId]),
 }
 
 /// What the first segment may see; later segments see everything.
@@ -147,8 +149,12 @@ pub fn trace<R: Recorder>(scene: &Scene, start: Start, sampler: &mut Sampler, op
     let (samplers, recs) = (array::from_mut(sampler), array::from_mut(rec));
     let mut options = *options;
     match start {
-        Start::Surface(si, skip) => {
+        Start::Surface(si) => paths.start_at(0, si, 0.0, &Through::CLEAR, &options, &mut recs[0]),
+        Start::Beside(si, skip) => {
+            /// Light that goes to and fro in an acute angle meets its other side nearer than rays of other paths begin.
+            const NEAR: f32 = 1.0 / 16.0;
             options.first_skip = skip;
+            paths.offsets = NEAR;
             paths.start_at(0, si, 0.0, &Through::CLEAR, &options, &mut recs[0]);
         }
         Start::Ray(ray, skip) => paths.start(scene, &[ray], skip, samplers, &options, recs),

@@ -176,6 +176,8 @@ pub struct Paths<const N: usize> {
     p: Vectors<N>,
     /// Where rays from there begin: [`offset`].
     offset: [f32; N],
+    /// What all offsets are multiplied by.
+    pub offsets: f32,
     /// The shading normal.
     n: Vectors<N>,
     matte: [bool; N],
@@ -259,6 +261,7 @@ impl<const N: usize> Paths<N> {
             prim: [NO_PRIM; N],
             p: Vectors::ZERO,
             offset: [0.0; N],
+            offsets: 1.0,
             n: Vectors::ZERO,
             matte: [true; N],
             diffuse: [true; N],
@@ -383,7 +386,7 @@ impl<const N: usize> Paths<N> {
     fn place(&mut self, k: usize, si: SurfaceInteraction, all: bool) {
         self.prim[k] = si.prim;
         self.p.set(k, si.p);
-        self.offset[k] = offset(si.p);
+        self.offset[k] = offset(si.p) * self.offsets;
         self.n.set(k, si.ns);
         self.diffuse[k] = si.bsdf.is_diffuse();
         self.matte[k] = self.diffuse[k] && si.shading_flip == 0.0;
