@@ -39,10 +39,9 @@ measured() {
 [ "$part" = page ] || [ "$part" = growth ] || bench --export $work/scenes
 if measures rows; then
     bench --json --precise | tee $work/dscene.jsonl
-    peer ${PEER_ARGUMENTS:-} | tee $work/mitsuba.jsonl
     # Gradients of several bounces take it so long that little patience means one setting.
-    [ -z "${PEER_ARGUMENTS:-}" ] ||
-        peer --scene "3 bounces" --scene "4 bounces" --pilot 2 --timeout 1800 | tee -a $work/mitsuba.jsonl
+    peer ${PEER_ARGUMENTS:-} --skip "3 bounces" --skip "4 bounces" | tee $work/mitsuba.jsonl
+    peer --scene "3 bounces" --scene "4 bounces" --pilot 3 --seconds 60 --timeout 1800 | tee -a $work/mitsuba.jsonl
     measured rows
 fi
 if measures forward; then
@@ -91,7 +90,7 @@ END
     bench --table $work/dscene.jsonl $work/mitsuba.jsonl
     printf '\n## Forward path tracing\n\nThe Cornell box of scene 17, path length 5: million samples a CPU second, both programs in turns (%s).\n\n' "$(cat $work/forward.version)"
     bench --turns $work/forward.jsonl $work/mitsuba_forward.jsonl
-    printf '\n## Growth\n\nOne gradient step at 256 × 256, 4 samples a pixel, direct light; `numbers` is the length of the derivative (%s).\n\n```text\n' "$(cat $work/growth.version)"
+    printf '\n## Growth\n\nOne gradient step at 256 × 256, 4 samples a pixel, direct light; `numbers` is the length of the derivative, `over primal` compares CPU times (%s).\n\n```text\n' "$(cat $work/growth.version)"
     cat $work/scaling.txt
     printf '```\n\nWhole optimisations (`dsl run docs/growth/…`: a target, three steps of `adam`; 1.5, 6.3 and 50 million numbers), peak memory and time:\n\n```text\n'
     cat $work/whole.txt

@@ -37,8 +37,8 @@ const ROWS: [&str; 17] = [
 
 pub fn table(quick: bool, only: Option<&str>) -> std::io::Result<()> {
     println!(
-        "{:18} {:>9} {:>9} {:>9} {:>7} {:>11} {:>7} {:>9}",
-        "", "numbers", "build s", "primal s", "CPU s", "gradient s", "CPU s", "peak MB"
+        "{:18} {:>9} {:>9} {:>9} {:>7} {:>11} {:>7} {:>11} {:>9}",
+        "", "numbers", "build s", "primal s", "CPU s", "gradient s", "CPU s", "over primal", "peak MB"
     );
     let big = |row: &str| row == "mesh 1000" || row.ends_with("4096");
     for row in ROWS.iter().filter(|row| only.is_none_or(|text| row.contains(text)) && !(quick && big(row))) {
@@ -49,13 +49,14 @@ pub fn table(quick: bool, only: Option<&str>) -> std::io::Result<()> {
         };
         let f = |key: &str| v[key].as_f64().unwrap_or(f64::NAN);
         println!(
-            "{row:18} {:>9} {:>9.3} {:>9.3} {:>7.3} {:>11.3} {:>7.3} {:>9.0}",
+            "{row:18} {:>9} {:>9.3} {:>9.3} {:>7.3} {:>11.3} {:>7.3} {:>10.2}× {:>9.0}",
             v["numbers"],
             f("build"),
             f("primal"),
             f("primal_cpu"),
             f("gradient"),
             f("gradient_cpu"),
+            f("gradient_cpu") / f("primal_cpu"),
             f("peak_mb")
         );
     }

@@ -332,6 +332,7 @@ def main():
     p = argparse.ArgumentParser(formatter_class=argparse.RawDescriptionHelpFormatter, description=__doc__)
     p.add_argument("folder")
     p.add_argument("--scene", action="append", help="only cases whose name contains this (forward: path tracing without derivatives); repeatable")
+    p.add_argument("--skip", action="append", default=[], help="no cases whose name contains this; repeatable")
     p.add_argument("--seeds", type=int, default=16)
     p.add_argument("--pilot", type=int, default=4, help="seeds with which every setting is tried")
     p.add_argument("--seconds", type=float, default=30, help="wall time after which no more seeds are drawn")
@@ -353,7 +354,7 @@ def main():
         if path != "forward":
             c = json.load(open(path))
             name = "%s / %s" % (c["scene"], c["param"])
-            if a.scene and not any(text in name for text in a.scene):
+            if (a.scene and not any(text in name for text in a.scene)) or any(text in name for text in a.skip):
                 continue
             row = {"scene": c["scene"], "param": c["param"], "kind": c["kind"]}
             if why := refusal(c):

@@ -1,12 +1,14 @@
 //! Modes of differentiation: the same samples, contracted with an adjoint image (reverse) or with tangents (forward).
 
+use std::collections::BTreeMap;
 use std::ops::Range;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::sink::{Adjoints, Contract, Dense, Layout, Sink};
+use super::sink::{Adjoints, Contract, Layout, Sink, Sums, Total};
 use crate::image::Image;
 use crate::render::Scene;
 use crate::render::sampler::{self, Sampler, progress};
@@ -153,14 +155,37 @@ impl<S: Contract> Estimate for Forward<'_, S> {
     }
 }
 
-/// Numbers that all chunks together add up in, if four do not have more.
+/// Numbers that sums of chunks may have together, if four do not have more.
 const MOST_SUMS: usize = 1 << 24;
 
-/// Number of chunks the work is cut into: fixed by the size of the problem, never by the number of threads, and summed in
-/// order, so that results are the same bits on any machine.
+/// The work cut into chunks: fixed by the size of the problem, never by the number of threads, and summed in order, so that
+/// results are the same bits on any machine.
 fn chunks(items: usize, len: usize) -> Vec<Range<usize>> {
-    let n = (MOST_SUMS / len.max(1)).clamp(4, 64).min(items.max(1));
+    let n = (MOST_SUMS / len.max(1)).clamp(16, 64).min(items.max(1));
     (0..n).map(|i| items * i / n..items * (i + 1) / n).collect()
+}
+
+/// Adds the chunks' sums to a total, each in its turn whenever it is done, and lends out what sums need for the next chunks.
+struct Turns<'a> {
+    total: &'a mut Total,
+    turn: usize,
+    early: BTreeMap<usize, Sums>,
+    free: Vec<Sums>,
+}
+
+impl Turns<'_> {
+    fn lend(&mut self) -> Sums {
+        self.free.pop().unwrap_or_else(|| Sums::new(self.total.size()))
+    }
+
+    fn add(&mut self, chunk: usize, sums: Sums) {
+        self.early.insert(chunk, sums);
+        while let Some(mut sums) = self.early.remove(&self.turn) {
+            sums.drain_to(self.total);
+            self.free.push(sums);
+            self.turn += 1;
+        }
+    }
 }
 
 /// Draws a range of items, in blocks until `stop` is set.
@@ -174,29 +199,32 @@ fn run(pass: &impl Pass, range: Range<usize>, out: &mut impl Estimate, stop: &At
     }
 }
 
-/// Runs a pass in reverse mode, adding to `total` (flat, in the layout's order). Once `stop` is set it ends soon and
+/// Runs a pass in reverse mode, adding to `total`. Once `stop` is set it ends soon and
 /// `total` is good for nothing.
 pub fn reverse(
     scene: &Scene,
     layout: &Layout,
     d_image: &Image,
     pass: &impl Pass,
-    total: &mut [f64],
+    total: &mut Total,
     stop: &AtomicBool,
 ) {
-    // No more sums of millions of numbers at a time than there are threads. (In what order they are added does not depend on it.)
-    let at_once = (MOST_SUMS / layout.size().max(1)).max(rayon::current_num_threads());
-    for ranges in chunks(pass.items(), layout.size()).chunks(at_once) {
-        let parts: Vec<Dense> = ranges
-            .par_iter()
-            .map(|range| {
-                let mut mode = Reverse::new(scene, layout, d_image, Dense::new(layout.size()));
-                run(pass, range.clone(), &mut mode, stop);
-                mode.into_sink()
-            })
-            .collect();
-        parts.iter().for_each(|part| part.add_to(total));
-    }
+    let chunks = chunks(pass.items(), layout.size());
+    let next = AtomicUsize::new(0);
+    let turns = Mutex::new(Turns { total, turn: 0, early: BTreeMap::new(), free: Vec::new() });
+    let turns = || turns.lock().unwrap_or_else(PoisonError::into_inner);
+    // Chunks are begun in order, so that few wait for their turn.
+    let at_once = (MOST_SUMS / layout.size().max(1)).max(4).min(rayon::current_num_threads());
+    (0..at_once).into_par_iter().for_each(|_| {
+        while let chunk = next.fetch_add(1, Ordering::Relaxed)
+            && let Some(range) = chunks.get(chunk)
+        {
+            let sums = turns().lend();
+            let mut mode = Reverse::new(scene, layout, d_image, sums);
+            run(pass, range.clone(), &mut mode, stop);
+            turns().add(chunk, mode.into_sink());
+        }
+    });
 }
 
 /// Items of a chunk in forward mode, and runs of samples times directions that are kept at a time (24 bytes each).

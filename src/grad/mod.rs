@@ -52,7 +52,7 @@ use self::reflections::Reflections;
 use self::roughness::RoughnessPairs;
 use self::secondary::Secondary;
 use self::shadow::{Shadows, Sky};
-use self::sink::{Contract, Contraction, Contractions, Layout, Tangents};
+use self::sink::{Contract, Contraction, Contractions, Layout, Tangents, Total};
 use self::viewpoint::{Mirrors, Viewpoint};
 
 /// Most samples of one sequence over the image; more are drawn in rounds.
@@ -88,18 +88,18 @@ pub fn render_backward_until(
     let layout = Layout::new(scene, wrt);
     // Samples cannot follow an adjoint that is not a number, and the caller must hear of it.
     let finite = d_image.data.iter().all(|v| v.is_finite());
-    let mut total = vec![if finite { 0.0 } else { f64::NAN }; layout.size()];
     if !finite {
-        return Ok(layout.by_slot(total));
+        return Ok(layout.by_slot(vec![f64::NAN; layout.size()]));
     }
-    struct Run<'a>(&'a Scene, &'a Layout, &'a Image, &'a mut [f64], &'a AtomicBool);
+    let mut total = Total::new(layout.size());
+    struct Run<'a>(&'a Scene, &'a Layout, &'a Image, &'a mut Total, &'a AtomicBool);
     impl Visit for Run<'_> {
         fn pass(&mut self, pass: &impl Pass) {
             estimate::reverse(self.0, self.1, self.2, pass, self.3, self.4);
         }
     }
     passes(scene, camera, settings, &layout, d_image, memory, &mut Run(scene, &layout, d_image, &mut total, stop));
-    Ok(layout.by_slot(total))
+    Ok(layout.by_slot(total.into_vec()))
 }
 
 /// Tangents of some slots, each in the slot's own layout; those of the others are zero.

@@ -175,34 +175,85 @@ pub trait Sink {
     fn add(&mut self, index: usize, value: f32);
 }
 
-/// Reverse mode: sums everything into its place.
-pub struct Dense {
-    pub data: Vec<f64>,
-    /// Which blocks of `data` got anything. The others, most of a large texture, are never looked at, and have no memory yet.
-    touched: Vec<bool>,
+/// Reverse mode: sums everything into its place. Only blocks of numbers that got anything have memory, all of it side by side, so
+/// that what a chunk of samples costs depends on what it reaches in a large texture and not on the texture's size.
+pub struct Sums {
+    /// Where in `sums` each block's numbers start, or [`NONE`].
+    starts: Vec<u32>,
+    /// The blocks that have numbers, in the order of their places.
+    blocks: Vec<u32>,
+    sums: Vec<f64>,
 }
 
-/// Numbers in a block of [`Dense`]: a page of memory.
-const BLOCK: usize = 512;
+/// Numbers in a block of [`Sums`]: a few texels. Larger ones are mostly zeros where a texture is finer than the samples.
+const BLOCK: usize = 32;
 
-impl Dense {
-    pub fn new(len: usize) -> Dense {
-        Dense { data: vec![0.0; len], touched: vec![false; len.div_ceil(BLOCK)] }
+impl Sums {
+    /// Of `len` numbers, all zero.
+    pub fn new(len: usize) -> Sums {
+        Sums { starts: vec![NONE; len.div_ceil(BLOCK)], blocks: Vec::new(), sums: Vec::new() }
     }
 
-    pub fn add_to(&self, total: &mut [f64]) {
-        let blocks = total.chunks_mut(BLOCK).zip(self.data.chunks(BLOCK)).zip(&self.touched);
-        for ((to, from), _) in blocks.filter(|(_, touched)| **touched) {
-            to.iter_mut().zip(from).for_each(|(t, p)| *t += p);
+    /// Adds everything to `total`, of the same length, and is zero again.
+    pub fn drain_to(&mut self, total: &mut Total) {
+        for (&block, from) in self.blocks.iter().zip(self.sums.chunks_exact(BLOCK)) {
+            total.add(block as usize, from);
+            self.starts[block as usize] = NONE;
+        }
+        self.blocks.clear();
+        self.sums.clear();
+    }
+
+    #[cold]
+    fn open(&mut self, block: usize) -> usize {
+        let start = self.sums.len();
+        self.starts[block] = start as u32;
+        self.blocks.push(block as u32);
+        self.sums.resize(start + BLOCK, 0.0);
+        start
+    }
+}
+
+/// All derivatives, in the layout's order.
+pub struct Total {
+    data: Vec<f64>,
+    /// Which blocks got anything. The others have no memory yet, and to read them first would have the system lend them twice.
+    reached: Vec<bool>,
+}
+
+impl Total {
+    pub fn new(len: usize) -> Total {
+        Total { data: vec![0.0; len], reached: vec![false; len.div_ceil(BLOCK)] }
+    }
+
+    /// Number of derivatives.
+    pub fn size(&self) -> usize {
+        self.data.len()
+    }
+
+    pub fn into_vec(self) -> Vec<f64> {
+        self.data
+    }
+
+    fn add(&mut self, block: usize, sums: &[f64]) {
+        let to = &mut self.data[block * BLOCK..];
+        let len = to.len().min(BLOCK);
+        let (to, sums) = (&mut to[..len], &sums[..len]);
+        if std::mem::replace(&mut self.reached[block], true) {
+            to.iter_mut().zip(sums).for_each(|(t, s)| *t += s);
+        } else {
+            to.copy_from_slice(sums);
         }
     }
 }
 
-impl Sink for Dense {
+impl Sink for Sums {
     #[inline]
     fn add(&mut self, index: usize, value: f32) {
-        self.data[index] += f64::from(value);
-        self.touched[index / BLOCK] = true;
+        let block = index / BLOCK;
+        let start = self.starts[block];
+        let start = if start == NONE { self.open(block) } else { start as usize };
+        self.sums[start + index % BLOCK] += f64::from(value);
     }
 }
 
@@ -586,5 +637,37 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         self.add_all(self.layout.camera_scale, c.scale);
         self.add_all(self.layout.camera_lens, c.lens);
         self.add_all(self.layout.camera_distortion, c.distortion);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::math::Pcg32;
+
+    #[test]
+    fn what_is_summed_in_blocks_reaches_its_place() {
+        // The last block is not whole, and some numbers get nothing.
+        const LEN: usize = 5 * BLOCK + 3;
+        let mut rng = Pcg32::new(3);
+        let (mut sums, mut total) = (Sums::new(LEN), Total::new(LEN));
+        let mut expected = vec![0.0; LEN];
+        for _chunk in 0..3 {
+            let mut chunk = vec![0.0; LEN];
+            for _ in 0..20 {
+                let index = rng.next_u32() as usize % LEN;
+                let value = rng.next_f32() - 0.5;
+                sums.add(index, value);
+                chunk[index] += f64::from(value);
+            }
+            sums.add(LEN - 1, 1.0);
+            chunk[LEN - 1] += 1.0;
+            sums.drain_to(&mut total);
+            expected.iter_mut().zip(&chunk).for_each(|(e, c)| *e += c);
+        }
+        sums.drain_to(&mut total);
+        let found = total.into_vec();
+        assert_eq!(found, expected);
+        assert!(found.contains(&0.0) && found[LEN - 1] >= 2.0);
     }
 }

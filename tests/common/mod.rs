@@ -407,7 +407,7 @@ fn compare(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: 
         gradients: Side::new(price),
         differences: Side::new(4.0 * f64::from(plan.fd_spp)),
     };
-    let portion = |planned: u64| if whole { planned } else { (planned / 2).max(8) };
+    let portion = |planned: u64| if whole { planned } else { (planned / 4).max(8) };
     let more_gradients = |g: &mut Side| g.add(plan.from, portion(plan.seeds), |seeds| gradients(build, plan, seeds));
     let more_differences =
         |fd: &mut Side| fd.add(plan.from, portion(plan.fd_seeds), |seeds| finite_differences(build, plan, seeds));

@@ -5,7 +5,7 @@ use std::array::from_fn;
 use glam::{DQuat, DVec3, Vec2};
 
 use super::*;
-use crate::grad::sink::{Dense, Layout};
+use crate::grad::sink::{Layout, Sums};
 use crate::math::{Dual, Pcg32};
 use crate::mesh::Mesh;
 use crate::render::accel::{Hit, Ray};
@@ -150,7 +150,7 @@ fn sliding_matches_the_dual_number_twin() {
         }
         checked += 1;
         let layout = Layout::new(&scene, &[Slot::Vertices(0), Slot::Normals(0), Slot::Uvs(0)]);
-        let mut out = Adjoints::new(&scene, &layout, Dense::new(layout.size()));
+        let mut out = Adjoints::new(&scene, &layout, Sums::new(layout.size()));
         let mut adj = VertexAdjoint { p: d_p, ng: d_ng, ns: d_ns, b: d_b.to_array(), ..Default::default() };
         adj.add_b(out.uv(si.prim, si.b, d_uv.truncate()));
         let ray = slide(&mut out, &si, hit.t, adj);
@@ -175,7 +175,7 @@ fn sliding_matches_the_dual_number_twin() {
         for axis in 0..2 {
             loss = loss + between(&|i| uv(i, axis)) * f64::from(d_uv[axis]);
         }
-        let found = [out.sink.data, numbers(&[ray.origin, ray.dir])].concat();
+        let found = [dense(&mut out), numbers(&[ray.origin, ray.dir])].concat();
         assert_alike("slide", &found, &loss.partials);
     }
     assert!(checked > 100, "{checked}");
@@ -207,7 +207,7 @@ fn arriving_light_matches_the_dual_number_twin() {
         }
         checked[i % 3] += 1;
         let layout = Layout::new(&scene, &[slot]);
-        let mut out = Adjoints::new(&scene, &layout, Dense::new(layout.size()));
+        let mut out = Adjoints::new(&scene, &layout, Sums::new(layout.size()));
         let arriving = Arriving {
             light: &light,
             dir: arrival.dir,
@@ -238,7 +238,7 @@ fn arriving_light_matches_the_dual_number_twin() {
             }
             _ => dot(normal, unit(p[0])) * -power,
         };
-        let found = [out.sink.data, numbers(&[adj.p, adj.ns])].concat();
+        let found = [dense(&mut out), numbers(&[adj.p, adj.ns])].concat();
         let moves = if i % 3 == 0 { 9 } else { 3 };
         let expected = [&value.partials[..moves], &value.partials[9..]].concat();
         assert_alike(["area", "point", "directional"][i % 3], &found, &expected);
@@ -413,7 +413,7 @@ fn reflected_light_matches_the_dual_number_twin() {
             let found = moving.found(&light, [v.p, turning]);
             twin = twin + through(Some(Part::Specular), turning, found) * density * now;
         }
-        moving.assert_alike(KINDS[kind], value, &out, &sight.terms(ray), twin);
+        moving.assert_alike(KINDS[kind], value, &mut out, &sight.terms(ray), twin);
     }
     let ordinary = |kind: usize| matches!(KINDS[kind], "area" | "point");
     let enough = |kind: usize| checked[kind][..4 - usize::from(ordinary(kind))].iter().all(|n| *n > 30);
@@ -472,7 +472,7 @@ fn directions_that_turn_with_a_normal_match_the_dual_number_twin() {
         let ray = slide(&mut out, si, sight.t, adj);
         let seen = moving.radiance(moving.in_map(turning.0));
         let twin = dot(seen, constants(a)) * moving.pass(&crossings, [v.p, turning.0]);
-        moving.assert_alike(["mirrored", "attached"][i % 2], a.dot(radiance) * pass, &out, &sight.terms(ray), twin);
+        moving.assert_alike(["mirrored", "attached"][i % 2], a.dot(radiance) * pass, &mut out, &sight.terms(ray), twin);
     }
     assert!([folded, mirrored, attached, masked].iter().all(|n| *n > 40), "{folded} {mirrored} {attached} {masked}");
 }
@@ -567,7 +567,7 @@ fn first_hits_match_the_dual_number_twin() {
         let [by_origin, by_dir] = sight.terms(ray);
         let others = [by_origin, by_dir, (out.camera.origin, moves[0]), (out.camera.frame[2], moves[1])];
         let value = d.dot(channel) * through.weight;
-        moving.assert_alike(&format!("{output:?}"), value, &out, &others, twin);
+        moving.assert_alike(&format!("{output:?}"), value, &mut out, &others, twin);
     }
     assert!(checked.iter().flatten().all(|n| *n > 30), "{checked:?}");
 }

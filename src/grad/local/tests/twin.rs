@@ -4,7 +4,7 @@ use std::array::from_fn;
 
 use glam::{Mat3, Vec2, Vec3};
 
-use crate::grad::sink::{Adjoints, Dense, Layout};
+use crate::grad::sink::{Adjoints, Layout, Sums, Total};
 use crate::math::{Dual, Pcg32};
 use crate::mesh::Mesh;
 use crate::render::accel::PrimId;
@@ -47,6 +47,13 @@ pub fn cross<const N: usize>(a: Twin<N>, b: Twin<N>) -> Twin<N> {
 
 pub fn unit<const N: usize>(a: Twin<N>) -> Twin<N> {
     times(a, 1.0 / dot(a, a).sqrt())
+}
+
+/// Takes all derivatives out, in the layout's order.
+pub fn dense(out: &mut Adjoints<Sums>) -> Vec<f64> {
+    let mut total = Total::new(out.layout.size());
+    out.sink.drain_to(&mut total);
+    total.into_vec()
 }
 
 /// With the derivative along the direction in which everything moves.
@@ -208,15 +215,22 @@ impl Moving {
         Moving { scene, layout, tangents }
     }
 
-    pub fn adjoints(&self) -> Adjoints<'_, Dense> {
-        Adjoints::new(&self.scene, &self.layout, Dense::new(self.layout.size()))
+    pub fn adjoints(&self) -> Adjoints<'_, Sums> {
+        Adjoints::new(&self.scene, &self.layout, Sums::new(self.layout.size()))
     }
 
-    /// Asserts that the adjoints of the scene, and others with the directions in which these move, say what the twin does.
+    /// Asserts that the adjoints of the scene (taken out of `out`), and others with the directions in which these move, say what the twin does.
     /// All but the twin is in single precision: errors are some 1e-7 of the largest terms, divided by cosines, by distances and by
     /// how narrow a lobe is (its 1 − cos² against α²), which makes up to 3e-5 of them.
-    pub fn assert_alike(&self, what: &str, value: f32, out: &Adjoints<Dense>, others: &[(Vec3, Vec3)], twin: Number) {
-        let of_scene = out.sink.data.iter().zip(&self.tangents).map(|(d, t)| d * t);
+    pub fn assert_alike(
+        &self,
+        what: &str,
+        value: f32,
+        out: &mut Adjoints<Sums>,
+        others: &[(Vec3, Vec3)],
+        twin: Number,
+    ) {
+        let of_scene = dense(out).into_iter().zip(&self.tangents).map(|(d, t)| d * t);
         let of_others = others.iter().flat_map(|(d, t)| d.to_array().into_iter().zip(t.to_array()));
         let terms: Vec<f64> = of_scene.chain(of_others.map(|(d, t)| f64::from(d) * f64::from(t))).collect();
         let (found, expected) = (terms.iter().sum::<f64>(), twin.partials[0]);
