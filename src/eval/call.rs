@@ -93,7 +93,12 @@ impl Engine {
         let names: Vec<&str> = native.params.iter().map(|p| p.name.as_str()).collect();
         let context = self.context();
         let args = Args { names: &names, values, context: &context };
-        let value = f(&args).map_err(|e| error::native(&e, span, spans, &native.name))?;
+        let value = f(&args).map_err(|e| error::native(&e, span, spans, &native.name));
+        for warning in context.warnings.take() {
+            let what = warning.message.clone();
+            self.warnings.say(span, what, || error::native_warning(&warning, span, spans, &native.name));
+        }
+        let value = value?;
         match &value {
             Value::Camera(camera) if native.name == "camera" => Ok(self.scaled_film(camera).unwrap_or(value)),
             _ => Ok(value),

@@ -52,8 +52,16 @@ pub(super) fn internal(message: impl Into<String>, span: Span) -> Diagnostic {
 
 /// A native's error, at the argument that it blames.
 pub(super) fn native(e: &NativeError, call: Span, args: &[Option<Span>], name: &str) -> Diagnostic {
+    at_argument(Diagnostic::error("dscene::run::value", e.message.clone()), e, call, args, name)
+}
+
+/// What a native says though it succeeded: as a rule, what it left out of a file.
+pub(super) fn native_warning(e: &NativeError, call: Span, args: &[Option<Span>], name: &str) -> Diagnostic {
+    at_argument(Diagnostic::warning("dscene::run::file", e.message.clone()), e, call, args, name)
+}
+
+fn at_argument(diagnostic: Diagnostic, e: &NativeError, call: Span, args: &[Option<Span>], name: &str) -> Diagnostic {
     let blamed = e.arg.and_then(|i| args.get(i).copied().flatten());
-    let diagnostic = Diagnostic::error("dscene::run::value", e.message.clone());
     let diagnostic = match blamed {
         Some(span) if call.start <= span.start && span.end <= call.end && span.source == call.source => {
             diagnostic.label(span, "this argument")

@@ -414,7 +414,13 @@ impl Engine {
 
     fn context(&self) -> natives::Context {
         let losses = self.losses.clone();
-        natives::Context { base_dir: self.options.base_dir.clone(), seed: self.options.seed, step: self.step, losses }
+        natives::Context {
+            base_dir: self.options.base_dir.clone(),
+            seed: self.options.seed,
+            step: self.step,
+            losses,
+            warnings: Default::default(),
+        }
     }
 
     /// Notes a dependency of everything that is being evaluated.

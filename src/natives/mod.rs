@@ -9,6 +9,7 @@ mod numbers;
 mod scene;
 pub mod value;
 
+use std::cell::RefCell;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
@@ -60,6 +61,8 @@ pub struct Context {
     pub step: u64,
     /// The losses of the optimisation that is running, oldest first.
     pub losses: std::sync::Arc<Vec<f64>>,
+    /// What natives have to say though they succeed, for instance what they left out of a file.
+    pub warnings: RefCell<Vec<NativeError>>,
 }
 
 /// The arguments of one call, by the names of the declaration.
@@ -243,6 +246,11 @@ impl<'a> Args<'a> {
             Value::Shape(s) => Ok(&s.mesh),
             _ => Err(self.wrong(index, "a mesh")),
         }
+    }
+
+    /// Says something to the user without failing; the argument it is about is blamed as in an error.
+    pub fn warn(&self, warning: NativeError) {
+        self.context.warnings.borrow_mut().push(warning);
     }
 
     /// A path, relative ones starting from the script's folder.
