@@ -3,6 +3,8 @@
 //! A program flows one way: text → tree → typed program → values → scene → image → loss, and a derivative flows
 //! the same way back. `ARCHITECTURE.md` has the map and the invariants.
 
+pub mod files;
+pub mod memory;
 pub mod source;
 
 pub mod math;

@@ -40,7 +40,7 @@ pub struct Disk;
 
 impl Loader for Disk {
     fn read(&self, path: &Path) -> io::Result<String> {
-        let bytes = std::fs::read(path)?;
+        let bytes = crate::files::read(path)?;
         // Some editors put a byte order mark in front, which is not part of the text.
         let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
         let text = std::str::from_utf8(bytes).map_err(|e| io::Error::new(io::ErrorKind::InvalidData, e.to_string()))?;
@@ -68,7 +68,7 @@ pub fn check(path: &Path, overrides: &[(String, String)], loader: &(dyn Loader +
             let reason = match error.kind() {
                 io::ErrorKind::NotFound => "there is no such file".to_owned(),
                 io::ErrorKind::InvalidData => "it is not a text (not valid UTF-8)".to_owned(),
-                _ => error.to_string(),
+                _ => crate::files::describe_io(&error),
             };
             let diagnostic = Diagnostic::error("dscene::file::unreadable", format!("cannot read `{shown}`: {reason}"));
             Checked { program: None, diagnostics: vec![diagnostic], sources: SourceMap::new() }

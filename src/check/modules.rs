@@ -444,7 +444,7 @@ impl<'l> Checker<'l> {
                     let reason = if error.kind() == std::io::ErrorKind::NotFound {
                         "there is no such file".to_owned()
                     } else {
-                        error.to_string()
+                        crate::files::describe_io(&error)
                     };
                     self.diagnostics.push(
                         Diagnostic::error("dscene::import::missing", format!("cannot import `{path}`: {reason}"))

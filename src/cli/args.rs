@@ -95,6 +95,9 @@ pub struct Common {
     /// Worker threads (default: one per core); results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
+    /// Memory it may take, such as 8GB (default: half of the machine's); what needs more ends with a diagnostic
+    #[arg(long, value_name = "SIZE", value_parser = crate::memory::parse_size)]
+    pub memory: Option<u64>,
     /// No progress bar, no notes
     #[arg(long, short)]
     pub quiet: bool,
@@ -237,10 +240,12 @@ mod tests {
     #[test]
     fn every_command_takes_the_common_options() {
         for command in ["run f", "check f", "render f", "grad f", "eval f x", "repl"] {
-            let line = format!("dsl {command} --set a=1 --set b=2 --seed 3 --threads 2 --quiet --json --out d");
+            let line =
+                format!("dsl {command} --set a=1 --set b=2 --seed 3 --threads 2 --memory 4GB --quiet --json --out d");
             assert!(Cli::try_parse_from(line.split(' ')).is_ok(), "{line}");
         }
         assert!(Cli::try_parse_from(["dsl", "run"]).is_err());
         assert!(Cli::try_parse_from(["dsl", "run", "f", "--threads", "0"]).is_err());
+        assert!(Cli::try_parse_from(["dsl", "run", "f", "--memory", "much"]).is_err());
     }
 }

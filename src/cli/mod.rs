@@ -70,6 +70,9 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Eval(a) => &a.common,
         Command::Repl(a) => &a.common,
     };
+    if let Some(bytes) = common.memory {
+        crate::memory::set_limit(bytes);
+    }
     start_threads(common);
     match cli.command {
         Command::Run(args) => run::run(&args),

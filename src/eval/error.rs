@@ -1,18 +1,36 @@
 //! Diagnostics of evaluation: codes, and where to point.
 
 use crate::diag::Diagnostic;
+use crate::memory::Shortage;
 use crate::natives::NativeError;
 use crate::source::Span;
 
 /// The code of an evaluation that was stopped from outside.
 pub const INTERRUPTED: &str = "dscene::run::interrupted";
 
+/// The code of an evaluation that needs more memory than there is.
+const MEMORY: &str = "dscene::run::memory";
+
 pub(super) fn value(message: impl Into<String>, span: Span) -> Diagnostic {
-    Diagnostic::error("dscene::run::value", message).label(span, "here")
+    failure("dscene::run::value", message.into(), span, "here")
 }
 
 pub(super) fn shape(message: impl Into<String>, span: Span) -> Diagnostic {
-    Diagnostic::error("dscene::run::shape", message).label(span, "these do not fit")
+    failure("dscene::run::shape", message.into(), span, "these do not fit")
+}
+
+/// Not enough memory for the expression.
+pub(super) fn memory(shortage: Shortage, span: Span) -> Diagnostic {
+    failure(MEMORY, shortage.to_string(), span, "here")
+}
+
+/// An error of a lower floor, of which only the words are left. Of a shortage of memory they are always the same, and it
+/// has a code and a help of its own.
+fn failure(code: &'static str, message: String, span: Span, label: &str) -> Diagnostic {
+    match Shortage::help(&message) {
+        Some(help) => Diagnostic::error(MEMORY, message).label(span, "this is too large").help(help),
+        None => Diagnostic::error(code, message).label(span, label),
+    }
 }
 
 pub(super) fn index(message: impl Into<String>, span: Span) -> Diagnostic {
@@ -20,11 +38,11 @@ pub(super) fn index(message: impl Into<String>, span: Span) -> Diagnostic {
 }
 
 pub(super) fn scene(message: impl Into<String>, span: Span, label: &str) -> Diagnostic {
-    Diagnostic::error("dscene::run::scene", message).label(span, label)
+    failure("dscene::run::scene", message.into(), span, label)
 }
 
 pub(super) fn gradient(message: impl Into<String>, span: Span) -> Diagnostic {
-    Diagnostic::error("dscene::run::gradient", message).label(span, "this derivative")
+    failure("dscene::run::gradient", message.into(), span, "this derivative")
 }
 
 pub(super) fn cycle(name: &str, span: Span) -> Diagnostic {
@@ -52,7 +70,11 @@ pub(super) fn internal(message: impl Into<String>, span: Span) -> Diagnostic {
 
 /// A native's error, at the argument that it blames.
 pub(super) fn native(e: &NativeError, call: Span, args: &[Option<Span>], name: &str) -> Diagnostic {
-    at_argument(Diagnostic::error("dscene::run::value", e.message.clone()), e, call, args, name)
+    let diagnostic = match Shortage::help(&e.message) {
+        Some(help) => Diagnostic::error(MEMORY, e.message.clone()).help(help),
+        None => Diagnostic::error("dscene::run::value", e.message.clone()),
+    };
+    at_argument(diagnostic, e, call, args, name)
 }
 
 /// What a native says though it succeeded: as a rule, what it left out of a file.

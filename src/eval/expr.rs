@@ -4,12 +4,16 @@ use std::sync::Arc;
 
 use crate::check::hir::{BinaryOp, Builtin, Comprehension, Expr, ExprKind, Replacement, StrFormat, StrPart, UnaryOp};
 use crate::check::types::Ty;
+use crate::memory;
 use crate::natives::{self, value::Value};
 use crate::source::Span;
-use crate::tape::{Binary, Slice, Tensor, Var};
+use crate::tape::{Binary, Slice, Tensor, Var, broadcast_shapes};
 
 use super::call::{Closure, function};
 use super::{Engine, Result, World, error, mix, show};
+
+/// What an item of a comprehension takes, beside its numbers.
+const ITEM_BYTES: u64 = 128;
 
 /// Items of a range or comprehension, at most.
 const MAX_ITEMS: f64 = (1u64 << 22) as f64;
@@ -79,7 +83,9 @@ impl Engine {
                 StrPart::Text(t) => text.push_str(t),
                 StrPart::Value { value, format } => {
                     let v = self.expr(value)?;
-                    text.push_str(&formatted(&v, &value.ty, *format));
+                    let shown = formatted(&v, &value.ty, *format);
+                    memory::ask(2 * (text.len() + shown.len()) as u64).map_err(|e| error::memory(e, value.span))?;
+                    text.push_str(&shown);
                 }
             }
         }
@@ -91,7 +97,16 @@ impl Engine {
         if let Some(data) = literal(items) {
             return Ok(Value::tensor(data));
         }
-        let values = items.iter().map(|i| self.expr(i)).collect::<Result<Vec<_>>>()?;
+        let mut values = Vec::with_capacity(items.len());
+        let mut numbers = 0usize;
+        for item in items {
+            let value = self.expr(item)?;
+            numbers = numbers.saturating_add(value.numbers());
+            values.push(value);
+        }
+        if let [first, .., last] = items {
+            memory::ask_for::<f64>(numbers).map_err(|e| error::memory(e, first.span.to(last.span)))?;
+        }
         Ok(Value::array(values))
     }
 
@@ -209,6 +224,7 @@ impl Engine {
             return self.expr(right);
         }
         let y = self.expr(right)?;
+        self.room_for_pairs(&x, &y, span)?;
         arithmetic(op, &x, &y).map_err(|message| {
             let diagnostic = error::shape(message, span).label(left.span, x.kind()).label(right.span, y.kind());
             let images = matches!((&x, &y), (Value::Image(_), Value::Image(_)));
@@ -218,6 +234,21 @@ impl Engine {
                     .to_owned()
             }))
         })
+    }
+
+    /// Whether there is memory for what an operation makes of each pair of elements.
+    fn room_for_pairs(&self, x: &Value, y: &Value, span: Span) -> Result<()> {
+        let bytes = match (x, y) {
+            (Value::Str(a), Value::Str(b)) => (a.len() + b.len()) as u64,
+            _ => match (x.var(), y.var()) {
+                (Some(a), Some(b)) if a.len() + b.len() > 2 => {
+                    let shape = broadcast_shapes(a.shape(), b.shape()).unwrap_or_default();
+                    8 * shape.iter().fold(1u64, |n, &side| n.saturating_mul(side as u64))
+                }
+                _ => return Ok(()),
+            },
+        };
+        memory::ask(bytes).map_err(|e| error::memory(e, span))
     }
 
     fn conditional(&mut self, condition: &Expr, then: &Expr, otherwise: &Expr, span: Span) -> Result<Value> {
@@ -268,7 +299,11 @@ impl Engine {
             if out.len() as f64 >= MAX_ITEMS {
                 return Err(error::value("this makes too many items", span));
             }
-            out.push(self.expr(&c.element)?);
+            let item = self.expr(&c.element)?;
+            let bytes = ITEM_BYTES + 8 * item.numbers() as u64;
+            // Once for the item and once for the array of all of them.
+            memory::ask(2 * bytes).map_err(|e| error::memory(e, span))?;
+            out.push(item);
             return Ok(());
         };
         let items = self.expr(&clause.items)?;

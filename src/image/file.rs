@@ -1,12 +1,12 @@
 //! Image files: PNG, JPEG, Radiance HDR and OpenEXR in; PNG, HDR and EXR out. Saving is atomic.
 
-use std::fs;
-use std::io::{Cursor, Read, Write};
+use std::io::Cursor;
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 use exr::prelude::{self as openexr, ReadChannels, ReadLayers, WritableImage};
 use image::{DynamicImage, ImageFormat, ImageReader};
+
+pub use crate::files::{describe_io, read_bytes, write_atomically};
 
 use super::filter::{linear_to_srgb, srgb_to_linear};
 use super::{Image, ImageError, check_size};
@@ -24,9 +24,6 @@ pub enum Encoding {
 pub const READABLE: [&str; 5] = ["png", "jpg", "jpeg", "hdr", "exr"];
 /// Extensions of the files that [`save`] writes.
 pub const WRITABLE: [&str; 3] = ["png", "hdr", "exr"];
-
-/// The largest file that is read.
-pub const MAX_FILE_BYTES: u64 = 1 << 31;
 
 /// Reads an image. Grey files have 1 channel, colours 3, with alpha 4; EXR files have theirs, in the order R, G, B, A and
 /// then the others by name.
@@ -159,53 +156,6 @@ pub fn encode_exr(image: &Image) -> Result<Vec<u8>, ImageError> {
     Ok(bytes.into_inner())
 }
 
-/// The bytes of an ordinary file of bearable size, or why not, in words.
-pub fn read_bytes(path: &Path) -> Result<Vec<u8>, String> {
-    let metadata = fs::metadata(path).map_err(|e| describe_io(&e))?;
-    if metadata.is_dir() {
-        return Err("this is a folder, not a file".to_string());
-    }
-    if !metadata.is_file() {
-        return Err("this is not an ordinary file".to_string());
-    }
-    if metadata.len() > MAX_FILE_BYTES {
-        return Err(format!("the file has {} bytes, more than the limit of {MAX_FILE_BYTES}", metadata.len()));
-    }
-    let mut bytes = Vec::with_capacity(metadata.len() as usize);
-    let file = fs::File::open(path).map_err(|e| describe_io(&e))?;
-    file.take(MAX_FILE_BYTES).read_to_end(&mut bytes).map_err(|e| describe_io(&e))?;
-    Ok(bytes)
-}
-
-/// Writes beside the file and renames: at every moment the path holds the old file or the new one, whole.
-pub fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    static COUNTER: AtomicU64 = AtomicU64::new(0);
-    let name = path.file_name().ok_or_else(|| std::io::Error::other("the path names no file"))?;
-    let number = COUNTER.fetch_add(1, Ordering::Relaxed);
-    let temporary = path.with_file_name(format!(".{}.{}-{number}.tmp", name.to_string_lossy(), std::process::id()));
-    let written = fs::File::create(&temporary).and_then(|mut file| {
-        file.write_all(bytes)?;
-        file.sync_all()
-    });
-    let renamed = written.and_then(|()| fs::rename(&temporary, path));
-    if renamed.is_err() {
-        // What went wrong first matters more than whether the leftover can be removed.
-        let _ = fs::remove_file(&temporary);
-    }
-    renamed
-}
-
-/// An input-output error in plain words.
-pub fn describe_io(error: &std::io::Error) -> String {
-    use std::io::ErrorKind;
-    match error.kind() {
-        ErrorKind::NotFound => "there is no such file or folder".to_string(),
-        ErrorKind::PermissionDenied => "permission denied".to_string(),
-        ErrorKind::StorageFull => "the disk is full".to_string(),
-        _ => error.to_string(),
-    }
-}
-
 /// The extension in lower case, "" if there is none.
 fn extension(path: &Path) -> String {
     path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
@@ -267,6 +217,8 @@ fn decode_exr(bytes: &[u8]) -> Result<Image, ImageError> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     fn gradient(width: usize, height: usize, channels: usize) -> Image {

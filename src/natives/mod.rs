@@ -14,6 +14,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
+use crate::memory::Shortage;
 use crate::tape::{TapeError, Tensor, Var};
 use value::{MeshValue, Value};
 
@@ -46,6 +47,12 @@ impl NativeError {
 impl From<TapeError> for NativeError {
     fn from(e: TapeError) -> NativeError {
         NativeError::new(e.0)
+    }
+}
+
+impl From<Shortage> for NativeError {
+    fn from(e: Shortage) -> NativeError {
+        NativeError::new(e.to_string())
     }
 }
 

@@ -268,6 +268,11 @@ impl Value {
         }
     }
 
+    /// How many numbers it is made of; 0 for what is not.
+    pub fn numbers(&self) -> usize {
+        self.var().map_or(0, Var::len)
+    }
+
     /// The same kind of value around another node.
     pub fn with_var(&self, var: Var) -> Value {
         match self {
