@@ -3,10 +3,10 @@
 mod common;
 
 use common::*;
-use dscene::grad::allocate::Estimator;
 use dscene::grad::estimate::{Images, forward, reverse};
-use dscene::grad::interior::Interior;
+use dscene::grad::sampling::allocate::Estimator;
 use dscene::grad::sink::{Contractions, Layout, Tangents, Total};
+use dscene::grad::terms::interior::Interior;
 use dscene::grad::{Direction, Memory, NEVER, render_backward, render_backward_until, render_forward, render_jacobian};
 use dscene::image::Image;
 use dscene::render::texture::{Filter, Texture, Wrap};

@@ -8,7 +8,7 @@ use std::sync::{Mutex, PoisonError};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::sink::{Adjoints, Contract, Layout, Sink, Sums, Total};
+use crate::grad::sink::{Adjoints, Contract, Layout, Sink, Sums, Total};
 use crate::image::Image;
 use crate::render::Scene;
 use crate::render::sampler::{self, Sampler, progress};

@@ -4,8 +4,8 @@ use std::ops::Add;
 
 use glam::Vec3;
 
-use super::shadow::Sky;
-use super::sink::{Adjoints, Sink};
+use crate::grad::sink::{Adjoints, Sink};
+use crate::grad::sky::Sky;
 use crate::render::accel::PrimId;
 use crate::render::bsdf::{BsdfAdjoint, MAX_INPUTS, Part};
 use crate::render::film::first_hit;

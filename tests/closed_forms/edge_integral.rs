@@ -1,4 +1,4 @@
-//! The boundary integral of direct light, all in double precision: that the formula which `grad::shadow` samples is the right one, to
+//! The boundary integral of direct light, all in double precision: that the formula which `grad::terms::shadow` samples is the right one, to
 //! more digits than samples would ever show.
 
 use dscene::render::Scene;

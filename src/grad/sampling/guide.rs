@@ -10,9 +10,9 @@ use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
-use super::estimate::Reverse;
-use super::shadow::Sky;
-use super::sink::{Layout, Sink};
+use crate::grad::estimate::Reverse;
+use crate::grad::sink::{Layout, Sink};
+use crate::grad::sky::Sky;
 use crate::image::Image;
 use crate::render::sampler::{Discrete, Sampler, hash};
 use crate::render::{DeltaLight, Scene, Slot};

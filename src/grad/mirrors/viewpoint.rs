@@ -8,8 +8,8 @@ use std::ops::Range;
 
 use glam::{Vec2, Vec3};
 
-use super::local::{RayAdjoint, VertexAdjoint, d_mirrored, slide};
-use super::sink::{Adjoints, Layout, Sink};
+use crate::grad::local::{RayAdjoint, VertexAdjoint, d_mirrored, slide};
+use crate::grad::sink::{Adjoints, Layout, Sink};
 use crate::math::position_key;
 use crate::render::accel::{PrimId, Ray};
 use crate::render::edges::{Edge, EdgeOn, EdgeView};
@@ -17,7 +17,7 @@ use crate::render::interaction::SurfaceInteraction;
 use crate::render::sensor::Projected;
 use crate::render::{Camera, Lens, MaterialKind, Scene};
 
-/// More distinct mirror planes than this are treated as a curved mirror ([`super::reflections`]).
+/// More distinct mirror planes than this are treated as a curved mirror ([`crate::grad::terms::reflections`]).
 const MAX_MIRROR_PLANES: usize = 32;
 
 /// A plane of mirror triangles: n·x = c.

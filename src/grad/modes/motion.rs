@@ -6,7 +6,9 @@ use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
-use super::{Direction, Memory, render_backward_until, render_jacobian_until};
+use super::forward::Direction;
+use super::{backward, forward};
+use crate::grad::sampling::guide::Memory;
 use crate::image::Image;
 use crate::render::motion::Slice;
 use crate::render::{Camera, Scene, SceneError, Settings, Slot};
@@ -116,7 +118,7 @@ pub fn backward(
     let mut total: Vec<Vec<f64>> = wrt.iter().map(|s| vec![0.0; scene.description.slot_len(*s)]).collect();
     scene.slices(camera, settings, DERIVATIVES, stop, |slice| {
         let found =
-            render_backward_until(slice.scene, &slice.camera, &slice.settings, d_image, &moving.entered, memory, stop)?;
+            backward::still(slice.scene, &slice.camera, &slice.settings, d_image, &moving.entered, memory, stop);
         let of = |slot: Slot| moving.entered.binary_search(&slot).map_or(&[][..], |i| &found[i]);
         for (slot, sum) in wrt.iter().zip(&mut total) {
             if *slot == Slot::CameraShutter {
@@ -150,7 +152,7 @@ pub fn forward(
     let mut images = vec![Image::new(camera.width, camera.height, settings.output.channels()); directions.len()];
     scene.slices(camera, settings, DERIVATIVES, stop, |slice| {
         let still: Vec<Direction> = directions.iter().map(|tangents| moving.tangents(tangents, slice)).collect();
-        let parts = render_jacobian_until(slice.scene, &slice.camera, &slice.settings, &still, stop)?;
+        let parts = forward::still(slice.scene, &slice.camera, &slice.settings, &still, stop);
         for (image, part) in images.iter_mut().zip(&parts) {
             for (sum, x) in image.data.iter_mut().zip(&part.data) {
                 *sum += x * slice.weight;

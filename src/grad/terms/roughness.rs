@@ -7,17 +7,17 @@
 //!   ∂I/∂α = 1/(2α) E[ h(tail) − h(core) ],   h = 4 (wi·h) / cosθ_h × the integrand without D,
 //!
 //! and a smooth radiance leaves little of the difference. Light samples of the same integrand share by the balance heuristic. What
-//! else of the lobe depends on α (shadowing) stays with [`super::interior`], where the distribution is then held fixed.
+//! else of the lobe depends on α (shadowing) stays with [`crate::grad::terms::interior`], where the distribution is then held fixed.
 //!
 //! Only derivatives in materials and lights are found like this: where points slide, roughness textures move with them.
 
 use glam::Vec3;
 
-use super::allocate::{Estimator, typical_bounces};
-use super::estimate::{Draw, Estimate, Pass, Sequence};
-use super::interior::{Path, PathVertex};
-use super::pixels::{self, FilmCurve, FilmSample};
-use super::sink::Layout;
+use crate::grad::estimate::{Draw, Estimate, Pass, Sequence};
+use crate::grad::sampling::allocate::{Estimator, typical_bounces};
+use crate::grad::sampling::pixels::{self, FilmCurve, FilmSample};
+use crate::grad::sink::Layout;
+use crate::grad::terms::interior::{Path, PathVertex};
 use crate::image::Image;
 use crate::math::Frame;
 use crate::render::bsdf::{Part, RoughnessPair};

@@ -6,8 +6,8 @@
 
 use glam::{DVec2, Vec2};
 
-use super::primary::{Class, PIECE, Piece, before, classify};
-use super::viewpoint::Viewpoint;
+use super::pieces::{Class, PIECE, Piece, before, classify};
+use crate::grad::mirrors::viewpoint::Viewpoint;
 use crate::image::Image;
 use crate::render::edges::Edge;
 use crate::render::{Lens, Projection, Settings};

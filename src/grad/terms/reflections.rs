@@ -2,7 +2,7 @@
 //!
 //! dI = ∫ δ(h) (L_fg − L_bg) N̂·(ṗ − ṙ) du over the film, with ṗ the velocity of the edge point, ṙ that of the mirrored ray at a
 //! fixed film position u, N̂ from the covering to the uncovered side and h = N̂·(p − r). The image of an edge in a triangle of a
-//! mirror is a curve h = 0 over the triangle ([`super::curved`]). It is found along random straight lines of two families,
+//! mirror is a curve h = 0 over the triangle ([`crate::grad::mirrors::curved`]). It is found along random straight lines of two families,
 //! one for each coordinate of the triangle: a line of a family meets the curve with density |∂h| along it, so each meeting
 //! counts for one over the mean of both (balance heuristic). That needs no inverse of a derivative that vanishes where
 //! the mirror focuses, misses no image however many there are, and is unbiased.
@@ -10,13 +10,14 @@
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::allocate::{Estimator, typical_bounces};
-use super::curved::{Eye, Facet, MirrorFacet, MirrorTree, Place, Sighting, quarters};
-use super::estimate::{Draw, Estimate, Pass, Sequence};
-use super::layers::Sides;
-use super::local::RayAdjoint;
-use super::primary::{PIECE, contrasts, pilots};
-use super::viewpoint::{Seen, d_reflected_ray};
+use crate::grad::estimate::{Draw, Estimate, Pass, Sequence};
+use crate::grad::layers::Sides;
+use crate::grad::local::RayAdjoint;
+use crate::grad::mirrors::curved::{Eye, Facet, MirrorFacet, MirrorTree, Place, Sighting, quarters};
+use crate::grad::mirrors::viewpoint::{Seen, d_reflected_ray};
+use crate::grad::sampling::allocate::{Estimator, typical_bounces};
+use crate::grad::sampling::contrast::{contrasts, pilots};
+use crate::grad::terms::primary::pieces::PIECE;
 use crate::image::Image;
 use crate::render::accel::{PrimId, Ray};
 use crate::render::edges::{Edge, EdgeView, SMOOTH_CREASE};
@@ -131,7 +132,7 @@ impl<'a> Reflections<'a> {
         0.05 + (0..POINTS).filter(|&i| sees(i)).count() as f32 / POINTS as f32
     }
 
-    /// Sampling weight by kind of edge, as [`super::primary::Class::weight`].
+    /// Sampling weight by kind of edge, as [`crate::grad::terms::primary::Class::weight`].
     fn class(&self, edge: &Edge, facet: &Facet) -> f32 {
         let from = (facet.x[0] + facet.x[1] + facet.x[2]).as_vec3() / 3.0;
         let view = edge.view((edge.point(0.5) - from).normalize_or_zero());
@@ -176,7 +177,7 @@ impl<'a> Reflections<'a> {
         }
     }
 
-    /// Weights by size on film, adjoint, and what pilot samples find, as in [`super::primary`].
+    /// Weights by size on film, adjoint, and what pilot samples find, as in [`crate::grad::terms::primary`].
     fn plan(&mut self, adjoint: &Image, seed: u64) {
         let spp = f64::from(self.settings.spp.max(1));
         let pieces = self.pieces.len();

@@ -11,7 +11,7 @@ use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 
-use super::viewpoint::CurvedMirror;
+use crate::grad::mirrors::viewpoint::CurvedMirror;
 use crate::render::accel::PrimId;
 use crate::render::edges::Edge;
 use crate::render::sampler::Discrete;

@@ -3,12 +3,12 @@
 //!
 //! Choose an edge point p, a light point y, and find the receiver x behind p; then connect x to the camera, directly, in a
 //! mirror, or through further bounces. With the emission material-fixed only the covered side counts, and
-//! the boundary integral of [`super::secondary`], over the light instead of the receiver, becomes
+//! the boundary integral of [`crate::grad::terms::secondary`], over the light instead of the receiver, becomes
 //!
 //!   −∫dl ∫dA(y) cosθ_y/|y−p|² L_e sinφ f_s(x) W(x) N̂·(ṗ − (1−τ)ẋ − τẏ),  τ = |p−x|/|y−x|,
 //!
 //! W(x) the importance of x (pixels per area, adjoint of the pixel). Unbiased, every bounce; what is mirrored by way of a curved
-//! mirror and another is not found (see [`super::coverage_gaps`]).
+//! mirror and another is not found (see [`crate::grad::coverage_gaps`]).
 //!
 //! Where a light sticks through another surface its visible part ends at the curve of intersection: the same with the light
 //! point y at p, τ = 1. Choose p on the curve, and a direction in which to find x:
@@ -19,16 +19,17 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::{Vec2, Vec3};
 
-use super::allocate::{Estimator, typical_bounces};
-use super::curved::{Eye, Facet, MirrorTree};
-use super::edge_tree::{EdgeTree, Query};
-use super::estimate::{Draw, Estimate, Pass, Sequence};
-use super::guide::{Guide, Lesson, Pupil};
-use super::layers::contrast;
-use super::local::{RayAdjoint, VertexAdjoint, d_attached_direction, d_direction, slide};
-use super::reflections::see_in_mirrors;
-use super::sink::{Adjoints, Sink};
-use super::viewpoint::{Seen, Viewpoint, d_reflected_ray};
+use crate::grad::estimate::{Draw, Estimate, Pass, Sequence};
+use crate::grad::layers::contrast;
+use crate::grad::local::{RayAdjoint, VertexAdjoint, d_attached_direction, d_direction, slide};
+use crate::grad::mirrors::curved::{Eye, Facet, MirrorTree};
+use crate::grad::mirrors::viewpoint::{Seen, Viewpoint, d_reflected_ray};
+use crate::grad::sampling::allocate::{Estimator, typical_bounces};
+use crate::grad::sampling::edge_tree::{EdgeTree, Query};
+use crate::grad::sampling::guide::{Guide, Lesson, Pupil};
+use crate::grad::sink::{Adjoints, Sink};
+use crate::grad::sky::Sky;
+use crate::grad::terms::reflections::see_in_mirrors;
 use crate::math::{Frame, cosine_hemisphere, uniform_sphere};
 use crate::render::accel::{Hit, PrimId, Ray};
 use crate::render::bsdf::Bsdf;
@@ -37,25 +38,6 @@ use crate::render::interaction::SurfaceInteraction;
 use crate::render::light::{LightKind, LightSample};
 use crate::render::sampler::{Discrete, ONE_MINUS_EPSILON, Sampler, hash};
 use crate::render::{Scene, Settings};
-
-/// What of an environment's light is found edge-first, here, and turns with it. The rest is left to receiver-first samples, and is
-/// a radiance in directions that stay where they are.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Sky {
-    /// What stands out, if anything does.
-    Peak,
-    Whole,
-}
-
-impl Sky {
-    /// The share of the radiance from a direction that is left, by channel.
-    pub fn rest(self, scene: &Scene, dir: Vec3) -> Vec3 {
-        match self {
-            Sky::Whole => Vec3::ZERO,
-            Sky::Peak => scene.environment_base_share(dir),
-        }
-    }
-}
 
 /// Cells of directions by which edges of shadows are guided under a sky.
 const SKY_CELLS: [usize; 2] = [8, 8];

@@ -7,8 +7,8 @@
 
 use rayon::prelude::*;
 
-use super::estimate::{Pass, Reverse};
-use super::sink::{Layout, Sink};
+use crate::grad::estimate::{Pass, Reverse};
+use crate::grad::sink::{Layout, Sink};
 use crate::image::Image;
 use crate::render::Scene;
 use crate::render::sampler::hash;
@@ -36,36 +36,50 @@ pub fn typical_bounces(max_bounces: u32) -> f64 {
     f64::from(max_bounces.min(4))
 }
 
-/// Collects the estimators that share a budget.
-#[derive(Clone)]
-pub struct Allocation<'a> {
+/// One value for each term of a derivative that is estimated by random samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Terms<T> {
+    pub primary: T,
+    pub interior: T,
+    pub shadow: T,
+    pub secondary: T,
+    pub reflections: T,
+    pub roughness: T,
+}
+
+impl<T> Terms<T> {
+    /// In the order of the fields, in which sums over the terms are taken.
+    fn each(&self) -> [&T; 6] {
+        [&self.primary, &self.interior, &self.shadow, &self.secondary, &self.reflections, &self.roughness]
+    }
+}
+
+/// Short independent runs of estimators, which tell how noisy each is.
+#[derive(Clone, Copy)]
+pub struct ShortRuns<'a> {
     scene: &'a Scene,
     layout: &'a Layout,
     adjoint: &'a Image,
     seed: u64,
-    moments: Vec<Moments>,
 }
 
-/// What short runs of an estimator found.
-#[derive(Clone)]
-struct Moments {
+/// What short runs of an estimator found; nothing by default, as of a term that is not there.
+#[derive(Clone, Debug, Default)]
+pub struct Moments {
     count: usize,
     cost: f64,
-    /// Variances of one sample's features, slot by slot.
+    /// Variances of one sample's features, slot by slot; none where nothing was measured.
     variances: Vec<f64>,
 }
 
-impl<'a> Allocation<'a> {
+impl<'a> ShortRuns<'a> {
     pub fn new(scene: &'a Scene, layout: &'a Layout, adjoint: &'a Image, seed: u64) -> Self {
-        Allocation { scene, layout, adjoint, seed: hash(seed, 0x0073_686f_7274), moments: Vec::new() }
+        ShortRuns { scene, layout, adjoint, seed: hash(seed, 0x0073_686f_7274) }
     }
 
     /// Runs an estimator for a while, with sequences of its own.
-    pub fn measure(&mut self, estimator: &Option<impl Estimator>) {
-        let Some(estimator) = estimator.as_ref().filter(|e| e.count() > 0) else {
-            let variances = vec![0.0; self.layout.slots.len() * FEATURES];
-            return self.moments.push(Moments { count: 0, cost: 1.0, variances });
-        };
+    pub fn of(&self, estimator: &Option<impl Estimator>) -> Moments {
+        let Some(estimator) = estimator.as_ref().filter(|e| e.count() > 0) else { return Moments::default() };
         let count = (estimator.count() / SHARE).max(64);
         let sketch = |run: usize| {
             let pass = estimator.pass(count, 1.0, hash(self.seed, run as u64));
@@ -80,16 +94,30 @@ impl<'a> Allocation<'a> {
             values().map(|x| (x - mean).powi(2)).sum::<f64>() / (RUNS - 1) as f64 * count as f64
         };
         let variances = (0..self.layout.slots.len() * FEATURES).map(variance).collect();
-        self.moments.push(Moments { count: estimator.count(), cost: estimator.cost(), variances });
+        Moments { count: estimator.count(), cost: estimator.cost(), variances }
+    }
+}
+
+impl Moments {
+    /// Whether the short runs found anything. Those that did not may be worth nothing, or miss what is rare and large.
+    pub fn found(&self) -> bool {
+        self.variances.iter().any(|v| *v > 0.0)
     }
 
-    /// By how much less variance at equal cost the estimators after the first `shared` promise than others that estimate the same:
-    /// the logarithm of the ratio, a mean over features. Who finds nothing where others find something promises nothing.
-    pub fn advantage_over(&self, other: &Allocation, shared: usize) -> f64 {
+    /// The variance of one sample's feature.
+    fn variance(&self, feature: usize) -> f64 {
+        self.variances.get(feature).copied().unwrap_or(0.0)
+    }
+}
+
+impl Terms<Moments> {
+    /// By how much less variance at equal cost these terms promise than others that estimate the same: the logarithm of the ratio, a
+    /// mean over features. The primary term, which nothing else estimates, is left out. Who finds nothing where others find something
+    /// promises nothing.
+    pub fn advantage_over(&self, other: &Terms<Moments>) -> f64 {
         const MOST: f64 = 14.0;
-        let features = self.moments.first().map_or(0, |m| m.variances.len());
-        let ratios = (0..features).filter_map(|feature| {
-            let [ours, theirs] = [self, other].map(|a| least_variance(&a.moments[shared..], feature));
+        let ratios = (0..self.features().max(other.features())).filter_map(|feature| {
+            let [ours, theirs] = [self, other].map(|terms| least_variance(&terms.each()[1..], feature));
             match (ours > 0.0, theirs > 0.0) {
                 (true, true) => Some((theirs / ours).ln().clamp(-MOST, MOST)),
                 (true, false) => Some(MOST),
@@ -101,49 +129,47 @@ impl<'a> Allocation<'a> {
         if count > 0 { sum / f64::from(count) } else { 0.0 }
     }
 
-    /// Whether the short runs of the `i`-th estimator found anything. One that did not may be worth nothing, or miss what is rare and large.
-    pub fn found(&self, i: usize) -> bool {
-        self.moments[i].variances.iter().any(|v| *v > 0.0)
+    /// The number of samples for each estimator; together they cost what their own numbers would.
+    pub fn split(&self) -> Terms<usize> {
+        let [primary, interior, shadow, secondary, reflections, roughness] = split(&self.each(), self.features());
+        Terms { primary, interior, shadow, secondary, reflections, roughness }
     }
 
-    /// The number of samples for each estimator; together they cost what their own numbers would.
-    pub fn split(&self) -> Vec<usize> {
-        split(&self.moments)
+    fn features(&self) -> usize {
+        self.each().iter().map(|m| m.variances.len()).max().unwrap_or(0)
     }
 }
 
-fn split(moments: &[Moments]) -> Vec<usize> {
-    let own = || moments.iter().map(|m| m.count);
-    let features = moments.first().map_or(0, |m| m.variances.len());
+fn split<const N: usize>(moments: &[&Moments; N], features: usize) -> [usize; N] {
+    let own = moments.map(|m| m.count);
     let scales: Vec<f64> = (0..features).map(|feature| least_variance(moments, feature)).collect();
     let strength = |m: &Moments| {
         let parts = m.variances.iter().zip(&scales).filter(|(_, scale)| **scale > 0.0);
-        (parts.map(|(variance, scale)| variance / scale).sum::<f64>() / m.cost).sqrt()
+        // What is not there costs nothing, and has no variance either.
+        (parts.map(|(variance, scale)| variance / scale).sum::<f64>() / m.cost.max(f64::MIN_POSITIVE)).sqrt()
     };
-    let strengths: Vec<f64> = moments.iter().map(strength).collect();
+    let strengths: [f64; N] = moments.map(strength);
     if !strengths.iter().all(|s| s.is_finite()) || strengths.iter().all(|&s| s == 0.0) {
-        return own().collect();
+        return own;
     }
     let budget: f64 = moments.iter().map(|m| m.count as f64 * m.cost).sum();
-    let counts = |factor: f64| {
-        moments.iter().zip(&strengths).map(move |(m, s)| {
-            let own = m.count as f64;
-            (factor * s).clamp(LEAST * own, MOST * own)
-        })
+    let count = |factor: f64, i: usize| {
+        let own = moments[i].count as f64;
+        (factor * strengths[i]).clamp(LEAST * own, MOST * own)
     };
-    let cost = |factor: f64| counts(factor).zip(moments).map(|(n, m)| n * m.cost).sum::<f64>();
+    let cost = |factor: f64| (0..N).map(|i| count(factor, i) * moments[i].cost).sum::<f64>();
     let most = moments.iter().zip(&strengths).filter(|(_, s)| **s > 0.0);
     let (mut low, mut high) = (0.0, most.map(|(m, s)| MOST * m.count as f64 / s).fold(0.0, f64::max));
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
         if cost(middle) < budget { low = middle } else { high = middle }
     }
-    counts(high).zip(own()).map(|(n, own)| (n as usize).max(own.min(1))).collect()
+    std::array::from_fn(|i| (count(high, i) as usize).max(own[i].min(1)))
 }
 
 /// What unit cost could reach for one feature alone.
-fn least_variance(moments: &[Moments], feature: usize) -> f64 {
-    let root: f64 = moments.iter().map(|m| (m.variances[feature] * m.cost).sqrt()).sum();
+fn least_variance(moments: &[&Moments], feature: usize) -> f64 {
+    let root: f64 = moments.iter().map(|m| (m.variance(feature) * m.cost).sqrt()).sum();
     root * root
 }
 
@@ -183,10 +209,13 @@ impl Sink for Sketch<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::{SceneDescription, Slot};
 
     fn moments(count: usize, cost: f64, variances: &[f64]) -> Moments {
         Moments { count, cost, variances: variances.to_vec() }
+    }
+
+    fn counts<const N: usize>(moments: &[Moments; N]) -> [usize; N] {
+        split(&moments.each_ref(), moments[0].variances.len())
     }
 
     fn total_variance(moments: &[Moments], counts: &[usize], slot: usize) -> f64 {
@@ -196,13 +225,13 @@ mod tests {
     #[test]
     fn one_slot_gets_the_least_variance_for_the_cost() {
         let m = [moments(10_000, 1.0, &[1.0]), moments(10_000, 4.0, &[9.0]), moments(10_000, 2.0, &[0.5])];
-        let counts = split(&m);
+        let counts = counts(&m);
         let cost = |c: &[usize]| m.iter().zip(c).map(|(m, n)| *n as f64 * m.cost).sum::<f64>();
         assert!((cost(&counts) / 70_000.0 - 1.0).abs() < 1e-3, "{counts:?}");
         let least = total_variance(&m, &counts, 0);
         // Any exchange between two estimators at equal cost is worse.
         for (i, j) in [(0, 1), (1, 0), (0, 2), (2, 0), (1, 2), (2, 1)] {
-            let mut other = counts.clone();
+            let mut other = counts;
             other[i] += (400.0 / m[i].cost) as usize;
             other[j] -= (400.0 / m[j].cost) as usize;
             assert!(total_variance(&m, &other, 0) > least, "{counts:?} {other:?}");
@@ -211,26 +240,30 @@ mod tests {
 
     #[test]
     fn who_finds_nothing_promises_nothing() {
-        let scene = Scene::new(SceneDescription::default()).unwrap();
-        let layout = Layout::new(&scene, &[Slot::CameraOrigin, Slot::CameraScale]);
-        let adjoint = Image::new(1, 1, 1);
-        let allocation =
-            |moments: Vec<Moments>| Allocation { moments, ..Allocation::new(&scene, &layout, &adjoint, 1) };
-        let shared = || moments(100, 1.0, &[5.0, 5.0]);
-        let a = allocation(vec![shared(), moments(100, 1.0, &[4.0, 1.0])]);
-        let b = allocation(vec![shared(), moments(100, 2.0, &[1.0, 1.0])]);
-        assert!((a.advantage_over(&b, 1) - (0.5f64.ln() + 2f64.ln()) / 2.0).abs() < 1e-12);
-        let blind = allocation(vec![shared(), moments(100, 1.0, &[0.0, 0.0])]);
-        assert!(blind.advantage_over(&a, 1) < -10.0 && a.advantage_over(&blind, 1) > 10.0);
-        assert_eq!(blind.advantage_over(&blind, 1), 0.0);
+        let terms = |interior: Moments| Terms { primary: moments(100, 1.0, &[5.0, 5.0]), interior, ..Terms::default() };
+        let a = terms(moments(100, 1.0, &[4.0, 1.0]));
+        let b = terms(moments(100, 2.0, &[1.0, 1.0]));
+        assert!((a.advantage_over(&b) - (0.5f64.ln() + 2f64.ln()) / 2.0).abs() < 1e-12);
+        let blind = terms(moments(100, 1.0, &[0.0, 0.0]));
+        assert!(blind.advantage_over(&a) < -10.0 && a.advantage_over(&blind) > 10.0);
+        assert_eq!(blind.advantage_over(&blind), 0.0);
+    }
+
+    #[test]
+    fn what_is_not_there_gets_nothing() {
+        let terms =
+            Terms { interior: moments(1000, 1.0, &[2.0]), shadow: moments(500, 3.0, &[1.0]), ..Terms::default() };
+        let counts = terms.split();
+        assert_eq!((counts.primary, counts.secondary, counts.reflections, counts.roughness), (0, 0, 0, 0));
+        assert_eq!([counts.interior, counts.shadow], split(&[&terms.interior, &terms.shadow], 1));
     }
 
     #[test]
     fn an_estimator_without_noise_keeps_a_little_and_slots_count_whatever_their_scale() {
         let m = [moments(8_000, 1.0, &[0.0, 0.0]), moments(8_000, 1.0, &[1e-6, 0.0]), moments(8_000, 1.0, &[0.0, 1e6])];
-        let counts = split(&m);
+        let counts = counts(&m);
         assert_eq!(counts[0], 1_000);
         assert!(counts[1].abs_diff(counts[2]) <= 1 && counts[1] > 11_000, "{counts:?}");
-        assert_eq!(split(&[moments(500, 1.0, &[0.0])]), [500]);
+        assert_eq!(split(&[&moments(500, 1.0, &[0.0])], 1), [500]);
     }
 }

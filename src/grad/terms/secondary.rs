@@ -4,25 +4,25 @@
 //! Receiver-first, one vertex a camera path: choose a vertex x, an edge point p for it, and add
 //! sinφ/|q|² f cosθ (L_fg − L_bg) N̂·(ṗ − ẋ) (Li et al. 2018, §5, with direction-fixed radiance on both sides). The part
 //! that moves x goes back along the very path. Emission of area lights is material-fixed and not seen
-//! here: its boundary is [`super::shadow`]'s. A narrow lobe is attached: there emission counts too, and the lobe's direction
+//! here: its boundary is [`crate::grad::terms::shadow`]'s. A narrow lobe is attached: there emission counts too, and the lobe's direction
 //! moves, N̂·(ṗ − ẋ − |q|ω̇). What the point sees in a planar mirror, its mirror image sees directly: the same
 //! estimator from there, with emission on both sides. In a curved mirror the edge point is connected to x by all ways there
-//! are ([`super::curved`]), with N̂·(ṗ − ṙ), ṙ the velocity of the mirrored ray, and the area that it spreads over in place of |q|².
+//! are ([`crate::grad::mirrors::curved`]), with N̂·(ṗ − ṙ), ṙ the velocity of the mirrored ray, and the area that it spreads over in place of |q|².
 
 use glam::{Vec2, Vec3};
 
-use super::allocate::{Estimator, typical_bounces};
-use super::curved::MirrorTree;
-use super::edge_tree::{EdgeTree, Query};
-use super::estimate::{Draw, Estimate, Pass, Sequence};
-use super::guide::{Guide, Lesson, Pupil};
-use super::interior::{Injection, Path, PathVertex, anywhere, inject};
-use super::layers::Sides;
-use super::local::RayAdjoint;
-use super::pixels::{self, FilmDensity};
-use super::shadow::Sky;
-use super::sink::{Adjoints, Layout, Sink};
-use super::viewpoint::{MirrorPlane, d_mirror_image, d_reflected_ray};
+use crate::grad::estimate::{Draw, Estimate, Pass, Sequence};
+use crate::grad::layers::Sides;
+use crate::grad::local::RayAdjoint;
+use crate::grad::mirrors::curved::MirrorTree;
+use crate::grad::mirrors::viewpoint::{MirrorPlane, d_mirror_image, d_reflected_ray};
+use crate::grad::sampling::allocate::{Estimator, typical_bounces};
+use crate::grad::sampling::edge_tree::{EdgeTree, Query};
+use crate::grad::sampling::guide::{Guide, Lesson, Pupil};
+use crate::grad::sampling::pixels::{self, FilmDensity};
+use crate::grad::sink::{Adjoints, Layout, Sink};
+use crate::grad::sky::Sky;
+use crate::grad::terms::interior::{Injection, Path, PathVertex, anywhere, inject};
 use crate::render::accel::{PrimId, Ray};
 use crate::render::edges::{Edge, EdgeTable};
 use crate::render::integrator::{Options, Recorder, Start, trace};

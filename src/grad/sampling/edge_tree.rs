@@ -12,9 +12,9 @@ use glam::{Vec3, Vec4, Vec4Swizzles as _};
 
 use self::build::Builder;
 use self::polar::Polar;
-use super::layers::has_masks;
-use super::sink::Layout;
-use super::viewpoint::MirrorPlane;
+use crate::grad::layers::has_masks;
+use crate::grad::mirrors::viewpoint::MirrorPlane;
+use crate::grad::sink::Layout;
 use crate::math::luminance;
 use crate::render::accel::{NO_PRIM, PrimId};
 use crate::render::edges::{Edge, EdgeFace, EdgeTable, INSIDE, SMOOTH_CREASE};

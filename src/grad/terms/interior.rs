@@ -10,16 +10,16 @@ use std::ops::Range;
 
 use glam::Vec3;
 
-use super::allocate::{Estimator, typical_bounces};
-use super::estimate::{Estimate, Pass, Sequence};
-use super::local::{
+use crate::grad::estimate::{Estimate, Pass, Sequence};
+use crate::grad::local::{
     Arriving, Masks, RayAdjoint, Scattering, VertexAdjoint, d_arriving, d_attached_direction, d_emission_sliding,
     d_eval, d_eval_attached, d_first_hit, d_inputs, d_masks, d_material, d_mirrored, d_opacity, emission_input, slide,
 };
-use super::pixels::{self, FilmCurve, FilmSample};
-use super::shadow::Sky;
-use super::sink::{Adjoints, Layout, Sink};
-use super::viewpoint::d_reflected_ray;
+use crate::grad::mirrors::viewpoint::d_reflected_ray;
+use crate::grad::sampling::allocate::{Estimator, typical_bounces};
+use crate::grad::sampling::pixels::{self, FilmCurve, FilmSample};
+use crate::grad::sink::{Adjoints, Layout, Sink};
+use crate::grad::sky::Sky;
 use crate::image::Image;
 use crate::render::accel::{Ray, Work};
 use crate::render::bsdf::{MAX_INPUTS, Part, RoughnessPair};

@@ -1,0 +1,31 @@
+//! Reverse mode for a scene that stands still: an adjoint image becomes derivatives of slots.
+
+use std::sync::atomic::AtomicBool;
+
+use crate::grad::sampling::guide::Memory;
+use crate::grad::sink::{Layout, Total};
+use crate::grad::terms::{Request, Taker, visit_all};
+use crate::image::Image;
+use crate::render::{Camera, Scene, Settings, Slot};
+
+/// Σ d_image · ∂image/∂slot for every slot of `wrt`, in the slot's own layout; NaN if `d_image` is not finite.
+pub fn still(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    d_image: &Image,
+    wrt: &[Slot],
+    memory: Option<&Memory>,
+    stop: &AtomicBool,
+) -> Vec<Vec<f64>> {
+    let layout = Layout::new(scene, wrt);
+    // Samples cannot follow an adjoint that is not a number, and the caller must hear of it.
+    let finite = d_image.data.iter().all(|v| v.is_finite());
+    if !finite {
+        return layout.by_slot(vec![f64::NAN; layout.size()]);
+    }
+    let mut total = Total::new(layout.size());
+    let request = Request { scene, camera, settings, layout: &layout, adjoint: d_image, memory, stop };
+    visit_all(&request, &mut Taker::Slots(&mut total));
+    layout.by_slot(total.into_vec())
+}

@@ -1,0 +1,140 @@
+//! What is missing from a derivative, in words: users hear of every term that no estimator covers.
+
+use glam::{Mat3, Vec2, Vec3};
+use rayon::prelude::*;
+
+use super::motion;
+use crate::grad::mirrors::viewpoint::Mirrors;
+use crate::grad::sink::Layout;
+use crate::render::accel::PrimId;
+use crate::render::edges::Edge;
+use crate::render::texture::Filter;
+use crate::render::{Camera, Input, Output, Projection, Scene, Settings, Shape, Slot, TextureId};
+
+/// Terms that are missing from the derivatives in `wrt`, in words; empty if they are complete.
+pub fn coverage_gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &[Slot]) -> Vec<&'static str> {
+    let mut gaps = Vec::new();
+    let wrt = &motion::entered(scene, camera, wrt)[..];
+    let layout = Layout::new(scene, wrt);
+    if slides_over_steps(scene, settings, &layout) {
+        gaps.push(
+            "textures with `filter: nearest` (checkerboards too) jump between texels, and as points slide over them these \
+             jumps have no derivative",
+        );
+    }
+    if !layout.moves_visibility() {
+        return gaps;
+    }
+    if layout.moves_things() && film_cuts_surfaces(scene, camera) {
+        gaps.push(
+            "the film of the orthographic camera cuts through surfaces, and where they begin in the image has no derivative \
+             (from further back it sees the same, and nothing is cut)",
+        );
+    }
+    if !settings.boundary {
+        gaps.push("`boundary: false` leaves out silhouettes and shadow edges, which a param moves");
+    } else if settings.output == Output::Radiance && settings.max_bounces > 0 {
+        gaps.extend(mirror_gaps(scene, settings, &layout));
+    }
+    gaps
+}
+
+/// Whether triangles go through the film of an orthographic camera, in front of which alone they are seen.
+fn film_cuts_surfaces(scene: &Scene, camera: &Camera) -> bool {
+    let cuts = |origin: Vec3, frame: [Vec3; 3], scale: [f32; 2], lens: f32| {
+        let to_film = Mat3::from_cols(frame[0] * scale[0], frame[1] * scale[1], frame[2]).inverse();
+        let half = Vec2::ONE + Vec2::splat(lens) / Vec2::from_array(scale);
+        let cuts = |prim: usize| {
+            let corners = scene.corners(prim as PrimId).map(|p| to_film * (p - origin));
+            let at_film = |i: usize| {
+                let (a, b) = (corners[i], corners[(i + 1) % 3]);
+                (a.z * b.z < 0.0).then(|| a.lerp(b, a.z / (a.z - b.z)).truncate())
+            };
+            let ends: Vec<Vec2> = (0..3).filter_map(at_film).collect();
+            matches!(ends[..], [a, b] if meets_box(a, b, half))
+        };
+        (0..scene.prims.len()).any(cuts)
+    };
+    camera.projection == Projection::Orthographic
+        && (cuts(camera.origin, camera.frame, camera.scale, camera.lens.radius)
+            || camera.closing.is_some_and(|to| cuts(to.origin, to.frame, to.scale, to.lens[0])))
+}
+
+/// Whether a segment meets a box around the origin: no axis separates the two.
+fn meets_box(a: Vec2, b: Vec2, half: Vec2) -> bool {
+    let (middle, d) = (0.5 * (a + b), 0.5 * (b - a).abs());
+    let normal = (b - a).perp();
+    middle.abs().cmple(half + d).all() && normal.dot(middle).abs() <= normal.abs().dot(half)
+}
+
+/// A smooth mirror is coarse if it folds what it shows to those who see a face at angles up to the one of this sine: a ball of less than
+/// ten rings.
+const COARSE: f32 = 0.5;
+
+/// What mirrors show that has no derivative.
+fn mirror_gaps(scene: &Scene, settings: &Settings, layout: &Layout) -> Vec<&'static str> {
+    let mirrors = Mirrors::new(scene, layout);
+    let mut gaps = Vec::new();
+    if settings.max_bounces < 2 {
+        return gaps;
+    }
+    let alone = match mirrors.curved.as_slice() {
+        [] => mirrors.planes.len() < 2,
+        [one] => one.convex && mirrors.planes.is_empty(),
+        _ => false,
+    };
+    if !alone {
+        gaps.push("silhouettes seen in one mirror by way of another have no derivative");
+    }
+    let coarse = |e: &Edge| {
+        let folding = e.folding(scene);
+        folding.is_finite() && folding >= COARSE
+    };
+    if settings.max_bounces > 2 && !mirrors.curved.is_empty() && scene.edges().edges.par_iter().any(coarse) {
+        gaps.push(
+            "a mirror with smooth normals is so coarse that its rim would reflect into itself; shadows that other surfaces see by way of \
+             such a rim have no derivative (finer triangles make rims narrow)",
+        );
+    }
+    gaps
+}
+
+/// Whether anything asked for makes points slide over a texture that is constant by parts: on a surface that moves, or is seen by
+/// a camera that does; as reflected light from any that move; and, in a mask, where light passes it.
+fn slides_over_steps(scene: &Scene, settings: &Settings, layout: &Layout) -> bool {
+    let wrt = &layout.slots;
+    let d = &scene.description;
+    let steps = |t: TextureId| {
+        let texture = &d.textures[t];
+        let mut texels = texture.data.chunks_exact(texture.channels);
+        texture.filter == Filter::Nearest && texels.next().is_some_and(|first| texels.any(|t| t != first))
+    };
+    let reads = |input: Input| matches!(input, Input::Texture(t) if steps(t));
+    let radiance = settings.output == Output::Radiance;
+    let lit = radiance && settings.max_bounces > 0;
+    let of_camera = |s: &Slot| {
+        matches!(
+            s,
+            Slot::CameraOrigin | Slot::CameraFrame | Slot::CameraScale | Slot::CameraLens | Slot::CameraDistortion
+        )
+    };
+    let view = wrt.iter().any(of_camera);
+    let (mut geometry, mut turns) = (false, view);
+    for slot in wrt {
+        geometry |= matches!(slot, Slot::Vertices(_) | Slot::Normals(_));
+        turns |= *slot == Slot::EnvironmentRotation;
+    }
+    let slides = |i: usize| {
+        let own = |s: &Slot| matches!(s, Slot::Vertices(j) | Slot::Uvs(j) if *j == i);
+        view || wrt.iter().any(own) || (geometry && lit && settings.max_bounces > 1)
+    };
+    let sky = d.environment.as_ref().is_some_and(|e| steps(e.radiance));
+    let shape = |(i, s): (usize, &Shape)| {
+        let (inputs, count) = s.material.kind.inputs();
+        let scatters = (lit || settings.output == Output::Albedo) && inputs[..count].iter().any(|i| reads(*i));
+        let emits = radiance && s.emission.as_ref().is_some_and(|e| reads(e.radiance));
+        let mask = s.material.opacity.is_some_and(reads);
+        (slides(i) && (scatters || emits || mask)) || (mask && lit && layout.moves_visibility())
+    };
+    (radiance && sky && (turns || (geometry && lit))) || d.shapes.iter().enumerate().any(shape)
+}

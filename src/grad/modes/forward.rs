@@ -1,0 +1,75 @@
+//! Forward mode for a scene that stands still: tangents of slots become images.
+
+use std::sync::atomic::AtomicBool;
+
+use crate::grad::estimate::Images;
+use crate::grad::sink::{Layout, Tangents};
+use crate::grad::terms::{Request, Taker, visit_all};
+use crate::image::Image;
+use crate::render::{Camera, Scene, Settings, Slot};
+
+/// Tangents of some slots, each in the slot's own layout; those of the others are zero.
+pub type Direction = Vec<(Slot, Vec<f32>)>;
+
+/// Directions that one sweep over the samples serves; for more, the same samples are drawn again.
+pub const MAX_DIRECTIONS: usize = 64;
+
+/// The derivative of the image along each direction, from one set of samples, which depends on the slots that occur and not on the
+/// tangents.
+pub fn still(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    directions: &[Direction],
+    stop: &AtomicBool,
+) -> Vec<Image> {
+    let mut slots: Vec<Slot> = Vec::new();
+    for (slot, _) in directions.iter().flatten() {
+        if !slots.contains(slot) {
+            slots.push(*slot);
+        }
+    }
+    let layout = Layout::new(scene, &slots);
+    let groups = directions.chunks(MAX_DIRECTIONS);
+    groups.flat_map(|group| sweep(scene, camera, settings, &layout, group, stop)).collect()
+}
+
+/// One sweep.
+fn sweep(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    layout: &Layout,
+    directions: &[Direction],
+    stop: &AtomicBool,
+) -> Vec<Image> {
+    let dense = |direction: &Direction| {
+        let mut tangent = vec![0.0; layout.size()];
+        for (slot, values) in direction {
+            let Some(at) = layout.slots.iter().position(|s| s == slot) else { continue };
+            let place = &mut tangent[layout.starts[at]..layout.starts[at + 1]];
+            place.iter_mut().zip(values).for_each(|(t, v)| *t = *v);
+        }
+        tangent
+    };
+    let tangents: Vec<Vec<f32>> = directions.iter().map(dense).collect();
+    let channels = settings.output.channels();
+    let size = camera.width * camera.height * channels;
+    let mut images = Images { directions: directions.len(), channels, data: vec![0.0; size * directions.len()] };
+    // No pixel matters more than another.
+    let mut even = Image::new(camera.width, camera.height, channels);
+    even.data.fill(1.0);
+    let request = Request { scene, camera, settings, layout, adjoint: &even, memory: None, stop };
+    if let [tangent] = &tangents[..] {
+        visit_all(&request, &mut Taker::Direction(tangent, &mut images));
+    } else {
+        let tangents = Tangents::new(&tangents, layout.size());
+        visit_all(&request, &mut Taker::Directions(&tangents, &mut images));
+    }
+    let of_direction = |k: usize| {
+        let pixels = images.data.chunks_exact(channels).skip(k).step_by(directions.len());
+        let data = pixels.flatten().map(|x| *x as f32).collect();
+        Image { width: camera.width, height: camera.height, channels, data }
+    };
+    (0..directions.len()).map(of_direction).collect()
+}

@@ -1,0 +1,99 @@
+//! Reverse and forward mode: what callers ask for, of scenes that stand still and of those that move.
+
+mod backward;
+mod coverage;
+mod forward;
+mod motion;
+
+use std::sync::atomic::AtomicBool;
+
+use crate::grad::sampling::guide::Memory;
+use crate::image::Image;
+use crate::render::{Camera, NEVER, Scene, SceneError, Settings, Slot, validate_camera};
+
+pub use self::coverage::coverage_gaps;
+pub use self::forward::{Direction, MAX_DIRECTIONS};
+
+/// Reverse mode: Σ d_image · ∂image/∂slot for every slot of `wrt`, in the slot's own layout; NaN if `d_image` is not finite.
+/// Uses samples independent of [`crate::render::render`]'s with the same settings.
+pub fn render_backward(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    d_image: &Image,
+    wrt: &[Slot],
+) -> Result<Vec<Vec<f64>>, SceneError> {
+    render_backward_until(scene, camera, settings, d_image, wrt, None, &NEVER)
+}
+
+/// [`render_backward`] that remembers where its samples were of use when it was last asked, for much the same scene, and learns for
+/// the next time. Once `stop` is set it returns soon, with numbers that are good for nothing.
+pub fn render_backward_until(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    d_image: &Image,
+    wrt: &[Slot],
+    memory: Option<&Memory>,
+    stop: &AtomicBool,
+) -> Result<Vec<Vec<f64>>, SceneError> {
+    check(camera, settings, d_image)?;
+    if scene.moves_for(camera) {
+        return motion::backward(scene, camera, settings, d_image, wrt, memory, stop);
+    }
+    Ok(backward::still(scene, camera, settings, d_image, wrt, memory, stop))
+}
+
+/// Forward mode: the derivative of the image along `tangents`.
+pub fn render_forward(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    tangents: &[(Slot, Vec<f32>)],
+) -> Result<Image, SceneError> {
+    let mut images = render_jacobian(scene, camera, settings, &[tangents.to_vec()])?;
+    // One direction, one image.
+    Ok(images.swap_remove(0))
+}
+
+/// Forward mode along several directions at once: the derivative of the image along each, from one set of samples, which depends on
+/// the slots that occur and not on the tangents. Takes 8 bytes per direction, pixel and channel besides the images, and some 50 MB.
+pub fn render_jacobian(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    directions: &[Direction],
+) -> Result<Vec<Image>, SceneError> {
+    render_jacobian_until(scene, camera, settings, directions, &NEVER)
+}
+
+/// [`render_jacobian`] with the `stop` of [`render_backward_until`].
+pub fn render_jacobian_until(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    directions: &[Direction],
+    stop: &AtomicBool,
+) -> Result<Vec<Image>, SceneError> {
+    validate_camera(camera)?;
+    if scene.moves_for(camera) {
+        return motion::forward(scene, camera, settings, directions, stop);
+    }
+    Ok(forward::still(scene, camera, settings, directions, stop))
+}
+
+fn check(camera: &Camera, settings: &Settings, d_image: &Image) -> Result<(), SceneError> {
+    validate_camera(camera)?;
+    let channels = settings.output.channels();
+    if (d_image.width, d_image.height, d_image.channels) != (camera.width, camera.height, channels)
+        || d_image.data.len() != camera.width * camera.height * channels
+    {
+        return Err(SceneError::Camera {
+            what: format!(
+                "the adjoint image is {}×{}×{}, the film {}×{}×{channels}",
+                d_image.width, d_image.height, d_image.channels, camera.width, camera.height
+            ),
+        });
+    }
+    Ok(())
+}

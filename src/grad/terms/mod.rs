@@ -1,0 +1,198 @@
+//! The terms of a derivative and how they come together: which estimators there are for what is asked, how many samples each
+//! draws, and in which order.
+
+pub mod interior;
+pub mod primary;
+pub mod reflections;
+pub mod roughness;
+pub mod secondary;
+pub mod shadow;
+
+use std::sync::atomic::AtomicBool;
+
+use crate::grad::estimate::{self, Images, Pass};
+use crate::grad::mirrors::curved::MirrorTree;
+use crate::grad::mirrors::viewpoint::{Mirrors, Viewpoint};
+use crate::grad::sampling::allocate::{Estimator, Moments, ShortRuns, Terms};
+use crate::grad::sampling::edge_tree::EdgeTree;
+use crate::grad::sampling::guide::{Lesson, Memory};
+use crate::grad::sink::{Contraction, Contractions, Layout, Tangents, Total};
+use crate::grad::sky::Sky;
+use crate::image::Image;
+use crate::render::sampler::hash;
+use crate::render::texture::Filter;
+use crate::render::{Camera, Environment, Input, Output, Scene, Settings, Slot};
+
+use self::interior::Interior;
+use self::primary::PrimaryEdges;
+use self::reflections::Reflections;
+use self::roughness::RoughnessPairs;
+use self::secondary::Secondary;
+use self::shadow::Shadows;
+
+/// Most samples of one sequence over the image; more are drawn in rounds.
+const MAX_SEQUENCE: usize = 1 << 22;
+
+/// Who takes the samples. An enum, so that all that is planned is compiled once and only the samples' own loops once a mode.
+pub enum Taker<'a> {
+    /// Reverse mode: derivatives of all slots.
+    Slots(&'a mut Total),
+    /// Forward mode along one direction, and along several.
+    Direction(&'a [f32], &'a mut Images),
+    Directions(&'a Tangents, &'a mut Images),
+}
+
+impl Taker<'_> {
+    fn pass(&mut self, request: &Request, pass: &impl Pass) {
+        let &Request { scene, layout, adjoint, stop, .. } = request;
+        match self {
+            Taker::Slots(total) => estimate::reverse(scene, layout, adjoint, pass, total, stop),
+            Taker::Direction(tangent, images) => {
+                let sink = || Contraction { tangent, sum: 0.0 };
+                estimate::forward(scene, layout, &sink, pass, images, stop);
+            }
+            Taker::Directions(tangents, images) => {
+                estimate::forward(scene, layout, &|| Contractions::new(tangents), pass, images, stop);
+            }
+        }
+    }
+}
+
+/// The gradient that is asked for.
+pub struct Request<'a> {
+    pub scene: &'a Scene,
+    pub camera: &'a Camera,
+    pub settings: &'a Settings,
+    pub layout: &'a Layout,
+    /// Samples go where it is large.
+    pub adjoint: &'a Image,
+    pub memory: Option<&'a Memory>,
+    /// Once it is set samples may be left out: the result is good for nothing.
+    pub stop: &'a AtomicBool,
+}
+
+/// All estimators whose terms can be non-zero for what is asked, in a fixed order.
+pub fn visit_all(request: &Request, taker: &mut Taker) {
+    let &Request { scene, camera, settings, layout, adjoint, memory, .. } = request;
+    if layout.size() == 0 {
+        return;
+    }
+    let seed = hash(settings.seed, 0x61_646a_6f69_6e74);
+    let runs = ShortRuns::new(scene, layout, adjoint, seed);
+    let interior =
+        (!interior_vanishes(scene, settings, layout)).then(|| Interior::new(scene, camera, settings, layout, adjoint));
+    if !settings.boundary || !layout.moves_visibility() {
+        let pairs = RoughnessPairs::new(scene, camera, settings, layout, adjoint);
+        return without_boundary(interior, pairs, runs, request, seed, taker);
+    }
+
+    let lights = settings.output == Output::Radiance && settings.max_bounces > 0;
+    let mirrors = if lights { Mirrors::new(scene, layout) } else { Mirrors::default() };
+    let tree = lights.then(|| EdgeTree::new(scene));
+    let curved = (!mirrors.curved.is_empty()).then(|| MirrorTree::new(scene, camera, &mirrors.curved));
+    let curved = curved.as_ref();
+    let ways = curved.filter(|_| settings.max_bounces > 1).map(|_| MirrorTree::all(scene, camera, &mirrors.curved));
+    let ways = ways.filter(|tree| !tree.is_empty());
+    let viewpoints = Viewpoint::all(scene, camera, &mirrors.planes);
+
+    let primary = layout.moves_things().then(|| PrimaryEdges::new(&viewpoints, settings, adjoint, seed));
+    if let Some(pass) = primary.as_ref().and_then(PrimaryEdges::enumeration) {
+        taker.pass(request, &pass);
+    }
+    let reflections = curved.and_then(|tree| Reflections::new(scene, camera, tree, settings, adjoint, seed));
+
+    let lesson = Lesson { scene, layout, adjoint, memory, seed };
+    let of_primary = runs.of(&primary);
+    let along_light = |sky: Sky| {
+        let mut interior = interior.clone();
+        interior.iter_mut().for_each(|i| i.fixed.sky = sky);
+        let shadows = tree.as_ref().map(|tree| {
+            let pixels = camera.width * camera.height;
+            let count = settings.spp.max(1) as usize * (pixels / 8).clamp(1024, 131_072);
+            Shadows::new(scene, sky, &viewpoints, settings, curved, tree, count).guided(&lesson)
+        });
+        let secondary = tree
+            .as_ref()
+            .and_then(|tree| Secondary::new(sky, camera, tree, &mirrors.planes, ways.as_ref(), settings, &lesson));
+        let moments = Terms {
+            primary: of_primary.clone(),
+            interior: runs.of(&interior),
+            shadow: runs.of(&shadows),
+            secondary: runs.of(&secondary),
+            ..Terms::default()
+        };
+        ((interior, shadows, secondary), moments)
+    };
+    let whole = lights && steps_turn(scene, layout);
+    let (mut estimators, mut moments) = along_light(if whole { Sky::Whole } else { Sky::Peak });
+    if scene.environment.is_some() && lights && !whole {
+        let (others, other) = along_light(Sky::Whole);
+        // Edge-first samples that hardly ever end where the camera looks seem quiet if a mirror shows more than they do.
+        if other.shadow.found() && moments.advantage_over(&other) < 0.0 {
+            (estimators, moments) = (others, other);
+        }
+    }
+    let (interior, shadows, secondary) = estimators;
+    moments.reflections = runs.of(&reflections);
+    let counts = moments.split();
+    draw(&primary, counts.primary, request, seed, taker);
+    draw(&interior, counts.interior, request, seed, taker);
+    draw(&shadows, counts.shadow, request, seed, taker);
+    draw(&secondary, counts.secondary, request, seed, taker);
+    draw(&reflections, counts.reflections, request, seed, taker);
+}
+
+/// The interior alone, with pairs of directions for roughness where these are less noisy than scores of the paths' own samples.
+fn without_boundary(
+    mut interior: Option<Interior>,
+    pairs: Option<RoughnessPairs>,
+    runs: ShortRuns,
+    request: &Request,
+    seed: u64,
+    taker: &mut Taker,
+) {
+    if interior.is_some() && pairs.is_some() {
+        let plain = Terms { interior: runs.of(&interior), ..Terms::<Moments>::default() };
+        interior.iter_mut().for_each(|i| i.fixed.distributions = true);
+        let paired = Terms { interior: runs.of(&interior), roughness: runs.of(&pairs), ..Terms::default() };
+        if paired.advantage_over(&plain) > 0.0 {
+            let counts = paired.split();
+            draw(&interior, counts.interior, request, seed, taker);
+            return draw(&pairs, counts.roughness, request, seed, taker);
+        }
+        interior.iter_mut().for_each(|i| i.fixed.distributions = false);
+    }
+    let own = interior.as_ref().map_or(0, Estimator::count);
+    draw(&interior, own, request, seed, taker);
+}
+
+/// Draws samples of an estimator, in rounds of one sequence each.
+fn draw(estimator: &Option<impl Estimator>, count: usize, request: &Request, seed: u64, taker: &mut Taker) {
+    let Some(estimator) = estimator else { return };
+    let rounds = count.div_ceil(MAX_SEQUENCE);
+    for round in 0..rounds {
+        let part = count * (round + 1) / rounds - count * round / rounds;
+        taker.pass(request, &estimator.pass(part, part as f64 / count as f64, hash(seed, round as u64)));
+    }
+}
+
+/// Whether the environment turns and has steps between its texels: these turn with it, and a radiance that stays in its direction
+/// would know nothing of them.
+fn steps_turn(scene: &Scene, layout: &Layout) -> bool {
+    let nearest = |e: &Environment| scene.description.textures[e.radiance].filter == Filter::Nearest;
+    layout.turns_environment() && scene.description.environment.as_ref().is_some_and(nearest)
+}
+
+/// Whether nothing that is asked for changes the radiance along a path: only emission is seen, and it is the same all over
+/// each light.
+fn interior_vanishes(scene: &Scene, settings: &Settings, layout: &Layout) -> bool {
+    let d = &scene.description;
+    let constant = |t: usize| d.textures[t].is_constant();
+    let mut emitters = d.shapes.iter().filter_map(|s| s.emission.as_ref());
+    settings.output == Output::Radiance
+        && settings.max_bounces == 0
+        && !layout.slots.iter().any(|s| matches!(s, Slot::Texels(_) | Slot::Colors(_)))
+        && emitters.all(|e| matches!(e.radiance, Input::Texture(t) if constant(t)))
+        && d.environment.as_ref().is_none_or(|e| constant(e.radiance))
+        && d.shapes.iter().filter_map(|s| s.material.opacity).all(|o| matches!(o, Input::Texture(t) if constant(t)))
+}

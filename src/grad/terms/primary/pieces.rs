@@ -1,0 +1,286 @@
+//! Pieces of edges on film: which edges may matter to a camera, in which order they are passed, and how their images are clipped
+//! and cut into pieces that have one sampling weight each.
+
+use glam::{DVec2, Vec2, Vec3};
+
+use crate::grad::mirrors::viewpoint::Viewpoint;
+use crate::grad::sampling::chains::chains;
+use crate::render::edges::{Edge, SMOOTH_CREASE};
+use crate::render::{Camera, Output, Projection, Settings};
+
+/// Longest piece of an edge with one sampling weight, in pixels.
+pub const PIECE: f64 = 8.0;
+/// A piece of a projected edge on the film.
+#[derive(Clone, Copy)]
+pub struct Piece {
+    pub edge: u32,
+    pub viewpoint: u32,
+    /// Film positions of its ends, in pixels, and the edge parameters they belong to, which may fall from `a` to `b`.
+    pub a: DVec2,
+    pub b: DVec2,
+    /// Depths of the whole (near-clipped) segment's ends with their parameters, to undo perspective.
+    pub za: f64,
+    pub zb: f64,
+    pub sa: f64,
+    pub sb: f64,
+    pub ta: f64,
+    pub tb: f64,
+    /// How far from there a lens may show it, in pixels.
+    pub blur: f64,
+}
+
+/// Whether edges are sampled evenly along their straight images.
+pub fn is_straight(camera: &Camera) -> bool {
+    camera.keeps_lines() && camera.is_pinhole()
+}
+
+/// How an edge may matter to a camera.
+pub struct Class {
+    /// Sampling weight per length.
+    pub weight: f64,
+    /// It covers something; through a lens, as seen from some of its points.
+    pub contour: bool,
+}
+
+/// Kind of an edge; `None` if nothing can jump there.
+pub fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Option<Class> {
+    let (view, _) = viewpoint.view(edge, edge.point(0.5))?;
+    let contour = view.background.is_none();
+    let class = |weight: f64| Class { weight, contour };
+    if contour || edge.sharp {
+        return Some(class(1.0));
+    }
+    if settings.output == Output::Radiance && edge.is_mirror(viewpoint.scene) {
+        // Nothing jumps but near the rim, and there much does.
+        return may_be_folded(viewpoint, edge).then(|| class(1.0));
+    }
+    let jumps = match settings.output {
+        Output::Radiance => settings.max_bounces > 0,
+        output => output == Output::GeometricNormal,
+    };
+    jumps.then(|| class(SMOOTH_CREASE.into()))
+}
+
+/// An edge that may matter to a viewpoint.
+pub struct Line {
+    pub edge: u32,
+    /// Sampling weight per length.
+    pub weight: f32,
+    /// It is passed from its end to its start.
+    pub reversed: bool,
+}
+
+/// The edges of a viewpoint, one after the other along contours and creases.
+pub fn lines(edges: &[Edge], class: impl Fn(&Edge) -> Option<Class>) -> impl Iterator<Item = Line> {
+    /// More creases are a net, in which no way is better than the mesh's own, and to look for one takes as long as to sample.
+    const NET: usize = 1 << 15;
+    let classes: Vec<(u32, Class)> = (0..).zip(edges).filter_map(|(e, edge)| Some((e, class(edge)?))).collect();
+    let creases = classes.iter().filter(|(_, class)| !class.contour).count();
+    let (chained, net): (Vec<_>, Vec<_>) = classes.into_iter().partition(|(_, class)| class.contour || creases <= NET);
+    let ends: Vec<[Vec3; 2]> = chained.iter().map(|(e, _)| edges[*e as usize].p).collect();
+    let line = |(edge, class): &(u32, Class), reversed| Line { edge: *edge, weight: class.weight as f32, reversed };
+    let chained = chains(&ends).into_iter().map(move |link| line(&chained[link.edge], link.reversed));
+    chained.chain(net.into_iter().map(move |of| line(&of, false)))
+}
+
+/// Whether the camera, from any point of its lens, sees a smooth mirror's faces at an edge so low that something may be folded.
+fn may_be_folded(viewpoint: &Viewpoint, edge: &Edge) -> bool {
+    const SLACK: f32 = 1e-5;
+    let folding = edge.folding(viewpoint.scene) + SLACK;
+    edge.p.iter().any(|&p| {
+        let (dir, distance) = viewpoint.way_to(p);
+        let off = folding + viewpoint.camera.lens.radius / distance;
+        edge.faces.iter().any(|f| edge.face_normal(f).dot(dir).abs() <= off)
+    })
+}
+
+/// Fractions of a segment at which it crosses from pixel to pixel, with both ends.
+pub fn pixel_cuts(segment: &Piece) -> Vec<f64> {
+    let mut cuts = vec![0.0, 1.0];
+    let (a, d) = (segment.a, segment.b - segment.a);
+    for (a, d) in [(a.x, d.x), (a.y, d.y)] {
+        let (lo, hi) = (a.min(a + d), a.max(a + d));
+        let mut line = lo.floor() + 1.0;
+        while line < hi {
+            cuts.push((line - a) / d);
+            line += 1.0;
+        }
+    }
+    cuts.sort_by(f64::total_cmp);
+    cuts.dedup();
+    cuts
+}
+
+/// Fractions that cut a segment into equal parts no longer than [`PIECE`].
+pub fn even_cuts(segment: &Piece) -> Vec<f64> {
+    let count = (segment.a.distance(segment.b) / PIECE).ceil().max(1.0) as usize;
+    (0..=count).map(|i| i as f64 / count as f64).collect()
+}
+
+impl Piece {
+    /// The edge parameter at a fraction of the projected (near-clipped) segment.
+    pub fn parameter(&self, t: f64) -> f64 {
+        let s = t * self.za / ((1.0 - t) * self.zb + t * self.za);
+        self.sa + (self.sb - self.sa) * s
+    }
+
+    /// The same piece from its other end.
+    pub fn reversed(self) -> Piece {
+        let Piece { a, b, za, zb, sa, sb, ta, tb, .. } = self;
+        Piece { a: b, b: a, za: zb, zb: za, sa: sb, sb: sa, ta: 1.0 - tb, tb: 1.0 - ta, ..self }
+    }
+
+    /// The part between two fractions of the length on film.
+    pub fn part(&self, from: f64, to: f64) -> Piece {
+        let t = |x: f64| self.ta + (self.tb - self.ta) * x;
+        Piece { a: self.a.lerp(self.b, from), b: self.a.lerp(self.b, to), ta: t(from), tb: t(to), ..*self }
+    }
+}
+
+/// Pieces of an edge for a projection that bends lines, on or near the film: equal steps of the edge parameter or, where an ideal
+/// film would show a straight line, of that.
+pub fn curved(viewpoint: &Viewpoint, edge: &Edge, widest: f64) -> Vec<Piece> {
+    const STEPS: usize = 32;
+    let camera = &viewpoint.camera;
+    let share = |i: usize| i as f64 / STEPS as f64;
+    let places: Vec<Option<(f64, DVec2)>> = if camera.projection == Projection::Perspective {
+        let Some((line, _)) = before(viewpoint, edge) else { return Vec::new() };
+        let half = DVec2::new(0.5 * camera.width as f64, -0.5 * camera.height as f64);
+        let ideal = |p: DVec2| (p / half + DVec2::new(-1.0, 1.0)) * Vec2::from_array(camera.scale).as_dvec2();
+        let (a, b) = (ideal(line.a), ideal(line.b));
+        let Some([from, to]) = within(a, b, widest) else { return Vec::new() };
+        let place = |i: usize| {
+            let t = from + (to - from) * share(i);
+            Some((line.parameter(t), camera.distorted_pixel(a.lerp(b, t).as_vec2()).as_dvec2()))
+        };
+        (0..=STEPS).map(place).collect()
+    } else {
+        let film = |s: f64| camera.project_folded(viewpoint.image(edge.point(s as f32))).map(|q| q.pixel.as_dvec2());
+        (0..=STEPS).map(|i| Some((share(i), film(share(i))?))).collect()
+    };
+    let size = DVec2::new(camera.width as f64, camera.height as f64);
+    places
+        .windows(2)
+        .filter_map(|ends| {
+            let [(sa, a), (sb, b)] = [ends[0]?, ends[1]?];
+            // A step may jump from one side of a panorama to the other: then its length says nothing.
+            let reach = DVec2::splat(a.distance(b) + 4.0);
+            let outside = |p: DVec2| p.cmplt(-reach).any() || p.cmpgt(size + reach).any();
+            let piece = Piece { edge: 0, viewpoint: 0, a, b, za: 1.0, zb: 1.0, sa, sb, ta: 0.0, tb: 1.0, blur: 0.0 };
+            (!(outside(a) && outside(b))).then_some(piece)
+        })
+        .collect()
+}
+
+/// The part of the way from `a` to `b` that is no further than `radius` from the origin, as fractions of it.
+fn within(a: DVec2, b: DVec2, radius: f64) -> Option<[f64; 2]> {
+    let d = b - a;
+    let middle = -a.dot(d) / d.length_squared();
+    let half2 = (radius * radius - (a + d * middle).length_squared()) / d.length_squared();
+    let half = half2.sqrt(); // not a number where none is
+    let (from, to) = ((middle - half).max(0.0), (middle + half).min(1.0));
+    (half2 > 0.0 && from < to).then_some([from, to])
+}
+
+/// Clips an edge to the space before the camera (and before the mirror) and to the film.
+pub fn clip(viewpoint: &Viewpoint, edge: &Edge) -> Option<Piece> {
+    let (width, height) = (viewpoint.camera.width as f64, viewpoint.camera.height as f64);
+    let (whole, _) = before(viewpoint, edge)?;
+    let (a, b) = (whole.a, whole.b);
+    // Liang-Barsky against the film.
+    let (mut t0, mut t1) = (0.0f64, 1.0f64);
+    let d = b - a;
+    for (p, q) in [(-d.x, a.x), (d.x, width - a.x), (-d.y, a.y), (d.y, height - a.y)] {
+        if p == 0.0 {
+            if q < 0.0 {
+                return None;
+            }
+        } else if p < 0.0 {
+            t0 = t0.max(q / p);
+        } else {
+            t1 = t1.min(q / p);
+        }
+    }
+    if t0 >= t1 {
+        return None;
+    }
+    Some(Piece { a: a.lerp(b, t0), b: a.lerp(b, t1), ta: t0, tb: t1, ..whole })
+}
+
+/// The part of an edge before the camera (and before the mirror), and the depths of its ends.
+pub fn before(viewpoint: &Viewpoint, edge: &Edge) -> Option<(Piece, [f64; 2])> {
+    let camera = &viewpoint.camera;
+    let (mut s0, mut s1) = (0.0f64, 1.0f64);
+    let mut keep = |d0: f64, d1: f64| {
+        // Keep where lerp(d0, d1, s) >= 0.
+        if d0 < 0.0 && d1 < 0.0 {
+            s1 = -1.0;
+        } else if d0 < 0.0 {
+            s0 = s0.max(d0 / (d0 - d1));
+        } else if d1 < 0.0 {
+            s1 = s1.min(d0 / (d0 - d1));
+        }
+    };
+    let frame =
+        glam::DMat3::from_cols(camera.frame[0].as_dvec3(), camera.frame[1].as_dvec3(), camera.frame[2].as_dvec3())
+            .inverse();
+    let local = |p: Vec3| frame * (viewpoint.image(p).as_dvec3() - camera.origin.as_dvec3());
+    let (l0, l1) = (local(edge.p[0]), local(edge.p[1]));
+    let perspective = camera.projection == Projection::Perspective;
+    let near = 1e-5 * f64::from(viewpoint.scene.radius);
+    keep(l0.z - near, l1.z - near);
+    // A lens may have points on either side of the mirror.
+    if let Some(m) = viewpoint.mirror.filter(|_| camera.is_pinhole()) {
+        let side = viewpoint.side(&m);
+        let distance = |p: Vec3| f64::from(m.height(p) * side);
+        keep(distance(edge.p[0]), distance(edge.p[1]));
+    }
+    if s0 >= s1 {
+        return None;
+    }
+    let (q0, q1) = (l0.lerp(l1, s0), l0.lerp(l1, s1));
+    let to_film = |q: glam::DVec3| {
+        let w = if perspective { q.z } else { 1.0 };
+        let x = q.x / (w * f64::from(camera.scale[0]));
+        let y = q.y / (w * f64::from(camera.scale[1]));
+        DVec2::new((x + 1.0) * 0.5 * camera.width as f64, (1.0 - y) * 0.5 * camera.height as f64)
+    };
+    let (a, b) = (to_film(q0), to_film(q1));
+    if !a.is_finite() || !b.is_finite() {
+        return None;
+    }
+    let (za, zb) = if perspective { (q0.z, q1.z) } else { (1.0, 1.0) };
+    let piece = Piece { edge: 0, viewpoint: 0, a, b, za, zb, sa: s0, sb: s1, ta: 0.0, tb: 1.0, blur: 0.0 };
+    Some((piece, [q0.z, q1.z]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reversed_piece_has_the_same_points() {
+        let whole = Piece {
+            edge: 0,
+            viewpoint: 0,
+            a: DVec2::new(3.0, 8.0),
+            b: DVec2::new(-5.0, 2.0),
+            za: 0.7,
+            zb: 2.5,
+            sa: 0.2,
+            sb: 0.9,
+            ta: 0.0,
+            tb: 1.0,
+            blur: 0.0,
+        };
+        let piece = whole.part(0.3, 0.45);
+        let reversed = piece.reversed();
+        let place = |p: &Piece, rest: f64| p.parameter(p.ta + (p.tb - p.ta) * rest);
+        for rest in [0.0, 0.25, 0.8, 1.0] {
+            assert!((place(&piece, rest) - place(&reversed, 1.0 - rest)).abs() < 1e-14, "{rest}");
+            assert!((piece.a.lerp(piece.b, rest) - reversed.a.lerp(reversed.b, 1.0 - rest)).length() < 1e-14, "{rest}");
+        }
+        // Where lines are not straight parameters go evenly.
+        assert_eq!((reversed.sa, reversed.sb), (piece.sb, piece.sa));
+    }
+}
