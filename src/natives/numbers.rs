@@ -1,6 +1,6 @@
 //! Numbers, arrays, rotations and transforms.
 
-use crate::tape::{Binary, Slice, Tensor, Unary, Var};
+use crate::tape::{Binary, ROUNDING, Slice, Tensor, Unary, Var};
 
 use super::scene::{linear_part, transform_matrix};
 use super::value::{MeshValue, Value};
@@ -143,7 +143,7 @@ fn sqrt(a: &Args) -> Result<Value> {
 }
 
 fn arc(a: &Args, f: Unary) -> Result<Value> {
-    if let Some(x) = a.var(0)?.value().data.iter().find(|x| x.abs() > 1.0) {
+    if let Some(x) = a.var(0)?.value().data.iter().find(|x| x.abs() > 1.0 + ROUNDING) {
         return Err(NativeError::at(
             0,
             format!("no angle has {x} as its {}", if f == Unary::Asin { "sine" } else { "cosine" }),

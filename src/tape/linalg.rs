@@ -93,13 +93,14 @@ impl Var {
         Ok(self.unary(Unary::Square).sum_axes(&[rank - 1])?.unary(Unary::Sqrt))
     }
 
-    /// Unit vectors along the last axis; zero vectors stay zero.
+    /// Unit vectors along the last axis; zero vectors stay zero, with no derivative.
     pub fn normalize(&self) -> Result<Var> {
         let length = self.length()?;
         let mut shape = length.shape().to_vec();
         shape.push(1);
-        let zero = length.value().map(|l| if l == 0.0 { 1.0 } else { 0.0 });
-        let safe = if zero.data.contains(&1.0) { length.add(&Var::constant(zero))? } else { length };
+        // Over an infinite length both the vector and its derivative are 0.
+        let zero = length.value().map(|l| if l == 0.0 { f64::INFINITY } else { 0.0 });
+        let safe = if zero.data.contains(&f64::INFINITY) { length.add(&Var::constant(zero))? } else { length };
         self.div(&safe.reshape(shape)?)
     }
 

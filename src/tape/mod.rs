@@ -2,6 +2,34 @@
 //!
 //! A [`Var`] is a value together with how it came about. What no leaf reaches is folded to a constant at once.
 //! [`backward`] and [`forward`] run over the same nodes: the transpose and the tangent of every operation.
+//!
+//! # Derivatives at edges
+//!
+//! Where a value is finite, so is its derivative. At an edge it is the limit from where the operation is defined, if that is
+//! finite; otherwise 0, because an infinite slope next to a 0 (a black pixel that nothing moves, under `gamma`) would make a
+//! NaN of the whole gradient. Only where the value itself is infinite or NaN may its slope be so. A row is a test:
+//! `tape::tests::edges`.
+//!
+//! | operation | edge | derivative | because |
+//! | --- | --- | --- | --- |
+//! | `sqrt(x)` | x = 0 | 0 | the slope is infinite |
+//! | `x ^ p` | x = 0, 0 < p < 1 | 0 in x | the slope is infinite |
+//! | `x ^ 1`, `x ^ p` | x = 0, p > 1 | 1; 0 in x | the limits |
+//! | `x ^ 0` | every x | 0 in x; at x = 0 also 0 in the exponent | it is 1; in the exponent the slope is infinite |
+//! | `x ^ p` | x = 0, p > 0 | 0 in p | the limit of x^p log x |
+//! | `x ^ n` | x < 0, whole n | n x^(n − 1) in x, 0 in n | beside a whole exponent there is no value |
+//! | `x ^ p` | x = 0, p < 0 | infinite | so is the value |
+//! | `log(x)`, `1 / x` | x = 0 | infinite | so is the value |
+//! | `asin(x)`, `acos(x)` | x = ±1 | 0 | the slope is infinite |
+//! | `atan2(y, x)` | y = x = 0 | 0, 0 | there is no direction |
+//! | `abs(x)`, `sign(x)` | x = 0 | 0 | the middle of both sides |
+//! | `floor`, `ceil`, `round` | everywhere | 0 | steps have no slope, and their jumps are left out |
+//! | `min(x, y)`, `max(x, y)` | x = y | 1 in x, 0 in y | one of both sides; so `clamp` lets a value at its bound come back |
+//! | `min(v)`, `max(v)` | two are equal | 1 in the first | the same |
+//! | `x mod y` | x = n y | 1 in x, −n in y | the limit from above |
+//! | `norm(v)`, `length(v)` | v = 0 | 0 | the middle of all sides |
+//! | `normalize(v)` | v = 0 | 0 | the value stays 0; the slope is infinite |
+//! | `sigmoid(x)`, `tanh(x)` | x → ±∞ | 0 | the limits |
 
 mod linalg;
 mod op;
@@ -14,7 +42,7 @@ use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-pub use op::{AxisFilter, Binary, CustomOp, Op, Unary, invert};
+pub use op::{AxisFilter, Binary, CustomOp, Op, ROUNDING, Unary, invert};
 pub use squares::{Squares, squares};
 pub use structure::{Slice, crop_table};
 pub use tensor::{Spread, Tensor, broadcast_shapes};

@@ -31,6 +31,9 @@ pub trait CustomOp: Send + Sync {
     }
 }
 
+/// How far beyond 1 `asin` and `acos` take a number for 1.
+pub const ROUNDING: f64 = 1e-12;
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unary {
     Neg,
@@ -63,8 +66,8 @@ impl Unary {
             Unary::Sin => x.sin(),
             Unary::Cos => x.cos(),
             Unary::Tan => x.tan(),
-            Unary::Asin => x.asin(),
-            Unary::Acos => x.acos(),
+            Unary::Asin => rounded_into_unit(x).asin(),
+            Unary::Acos => rounded_into_unit(x).acos(),
             Unary::Atan => x.atan(),
             Unary::Tanh => x.tanh(),
             Unary::Exp => x.exp(),
@@ -88,15 +91,15 @@ impl Unary {
         }
     }
 
-    /// dy/dx at `x` with value `y`; the subgradient 0 at the kink of `abs` and at the end of `sqrt`.
+    /// dy/dx at `x` with value `y`. What it is where there is no derivative stands in the table of [`crate::tape`].
     pub fn slope(self, x: f64, y: f64) -> f64 {
         match self {
             Unary::Neg => -1.0,
             Unary::Sin => x.cos(),
             Unary::Cos => -x.sin(),
             Unary::Tan => 1.0 + y * y,
-            Unary::Asin => (1.0 - x * x).sqrt().recip(),
-            Unary::Acos => -(1.0 - x * x).sqrt().recip(),
+            Unary::Asin => arc_slope(x),
+            Unary::Acos => -arc_slope(x),
             Unary::Atan => (1.0 + x * x).recip(),
             Unary::Tanh => 1.0 - y * y,
             Unary::Exp => y,
@@ -151,8 +154,21 @@ impl Binary {
             Binary::Mul => x * y,
             Binary::Div => x / y,
             Binary::Pow => power(x, y),
-            Binary::Min => x.min(y),
-            Binary::Max => x.max(y),
+            // Unlike `f64::min` these pass a NaN on.
+            Binary::Min => {
+                if x <= y || x.is_nan() {
+                    x
+                } else {
+                    y
+                }
+            }
+            Binary::Max => {
+                if x >= y || x.is_nan() {
+                    x
+                } else {
+                    y
+                }
+            }
             Binary::Atan2 => x.atan2(y),
             Binary::Mod => x - y * (x / y).floor(),
             Binary::Eq => truth(x == y),
@@ -172,9 +188,11 @@ impl Binary {
             Binary::Sub => (1.0, -1.0),
             Binary::Mul => (y, x),
             Binary::Div => (y.recip(), -z / y),
-            // x^y at x ≤ 0 has no derivative in y; integer exponents need none there.
             Binary::Pow => {
-                let dx = if y == 0.0 { 0.0 } else { y * power(x, y - 1.0) };
+                // At x = 0 the slope is infinite although the value is not, between the exponents 0 and 1.
+                let steep = x == 0.0 && y < 1.0 && z.is_finite();
+                let dx = if y == 0.0 || steep { 0.0 } else { y * power(x, y - 1.0) };
+                // For x ≤ 0 there is no derivative in y; whole exponents need none there.
                 (dx, if x > 0.0 { z * x.ln() } else { 0.0 })
             }
             Binary::Min => {
@@ -192,8 +210,9 @@ impl Binary {
                 }
             }
             Binary::Atan2 => {
-                let r2 = x * x + y * y;
-                (y / r2, -x / r2)
+                // One division after the other: the square of a small number may be 0.
+                let r = x.hypot(y);
+                if r == 0.0 { (0.0, 0.0) } else { (y / r / r, -(x / r / r)) }
             }
             Binary::Mod => (1.0, -(x / y).floor()),
             Binary::Eq | Binary::Ne | Binary::Lt | Binary::Le | Binary::Gt | Binary::Ge => (0.0, 0.0),
@@ -203,6 +222,17 @@ impl Binary {
     pub fn is_comparison(self) -> bool {
         matches!(self, Binary::Eq | Binary::Ne | Binary::Lt | Binary::Le | Binary::Gt | Binary::Ge)
     }
+}
+
+/// Sines and cosines that rounding took out of −1..1, such as the scalar product of a unit vector with itself, are put back.
+fn rounded_into_unit(x: f64) -> f64 {
+    if x.abs() > 1.0 && x.abs() <= 1.0 + ROUNDING { x.signum() } else { x }
+}
+
+/// The slope of `asin`; it is infinite at ±1, where the value is not.
+fn arc_slope(x: f64) -> f64 {
+    let squared = (1.0 - x) * (1.0 + x);
+    if squared <= 0.0 { 0.0 } else { squared.sqrt().recip() }
 }
 
 fn power(x: f64, y: f64) -> f64 {
@@ -513,7 +543,12 @@ impl Op {
             Op::Unary(f) => match t[0] {
                 Some(t) => {
                     let x = inputs[0];
-                    let d = (0..x.len()).map(|i| t.data[i] * f.slope(x.data[i], output.data[i])).collect();
+                    // A tangent of zero stays zero next to an infinite slope.
+                    let along = |i: usize| match t.data[i] {
+                        0.0 => 0.0,
+                        t => t * f.slope(x.data[i], output.data[i]),
+                    };
+                    let d = (0..x.len()).map(along).collect();
                     Tensor { shape, data: d }
                 }
                 None => zero(),

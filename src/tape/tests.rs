@@ -277,3 +277,93 @@ fn a_very_long_chain_neither_overflows_nor_leaks() {
     }
     assert_eq!(backward(&y, &[x]).unwrap()[0], Tensor::scalar(1.0));
 }
+
+/// The rows of the table in the docs of `tape`: an operation at an edge, and its derivative in each input.
+#[test]
+fn edges() {
+    use Binary::{Atan2, Max, Min, Mod, Pow};
+    use Unary::{Abs, Acos, Asin, Ceil, Floor, Log, Recip, Round, Sigmoid, Sign, Sqrt, Tanh};
+    let inf = f64::INFINITY;
+    for (f, x, slope) in [
+        (Sqrt, 0.0, 0.0),
+        (Log, 0.0, inf),
+        (Recip, 0.0, -inf),
+        (Asin, 1.0, 0.0),
+        (Asin, -1.0, 0.0),
+        (Acos, 1.0, 0.0),
+        (Acos, -1.0, 0.0),
+        (Acos, 1.0 + 1e-15, 0.0),
+        (Abs, 0.0, 0.0),
+        (Sign, 0.0, 0.0),
+        (Floor, 2.0, 0.0),
+        (Ceil, 2.0, 0.0),
+        (Round, 2.5, 0.0),
+        (Sigmoid, -1e4, 0.0),
+        (Sigmoid, 1e4, 0.0),
+        (Tanh, 1e4, 0.0),
+    ] {
+        edge(&format!("{f:?} at {x}"), &[Tensor::scalar(x)], &[slope], |v| v[0].unary(f));
+    }
+    for (f, x, y, dx, dy) in [
+        (Pow, 0.0, 0.45, 0.0, 0.0),
+        (Pow, 0.0, 1.0, 1.0, 0.0),
+        (Pow, 0.0, 1.5, 0.0, 0.0),
+        (Pow, 0.0, 2.0, 0.0, 0.0),
+        (Pow, 0.0, 3.0, 0.0, 0.0),
+        (Pow, 0.0, 0.0, 0.0, 0.0),
+        (Pow, 5.0, 0.0, 0.0, 5f64.ln()),
+        (Pow, -2.0, 3.0, 12.0, 0.0),
+        (Pow, -2.0, 0.0, 0.0, 0.0),
+        (Pow, 0.0, -1.0, -inf, 0.0),
+        (Atan2, 0.0, 0.0, 0.0, 0.0),
+        (Atan2, 1e-200, 0.0, 0.0, -1e200),
+        (Min, 2.0, 2.0, 1.0, 0.0),
+        (Max, 2.0, 2.0, 1.0, 0.0),
+        (Mod, 6.0, 2.0, 1.0, -3.0),
+    ] {
+        let inputs = [Tensor::scalar(x), Tensor::scalar(y)];
+        edge(&format!("{f:?} at {x}, {y}"), &inputs, &[dx, dy], |v| v[0].binary(f, &v[1]).unwrap());
+    }
+    let equal = [Tensor::vector(vec![3.0, 3.0])];
+    edge("min of equals", &equal, &[1.0, 0.0], |v| v[0].min().unwrap());
+    edge("max of equals", &equal, &[1.0, 0.0], |v| v[0].max().unwrap());
+    let zero = [Tensor::zeros(&[3])];
+    edge("norm at 0", &zero, &[0.0; 3], |v| v[0].norm());
+    edge("length at 0", &zero, &[0.0; 3], |v| v[0].length().unwrap());
+    edge("normalize at 0", &zero, &[0.0; 3], |v| v[0].normalize().unwrap().sum());
+    let beside = [Tensor::new(vec![2, 3], vec![0.0, 0.0, 0.0, 0.0, 2.0, 0.0])];
+    edge("normalize beside 0", &beside, &[0.0, 0.0, 0.0, 0.5, 0.0, 0.5], |v| v[0].normalize().unwrap().sum());
+}
+
+/// Both modes give `slopes`; next to a derivative of 0 nothing becomes a NaN.
+fn edge(name: &str, inputs: &[Tensor], slopes: &[f64], f: impl Fn(&[Var]) -> Var) {
+    let leaves: Vec<Var> = inputs.iter().cloned().map(Var::leaf).collect();
+    let y = f(&leaves);
+    let reverse = backward(&y, &leaves).unwrap();
+    let reverse: Vec<f64> = reverse.into_iter().flat_map(|t| t.data).collect();
+    let near = |a: f64, b: f64| a == b || (a - b).abs() <= 1e-12 * b.abs();
+    assert!(reverse.iter().zip(slopes).all(|(a, b)| near(*a, *b)), "{name}: reverse {reverse:?}, not {slopes:?}");
+    let elements = leaves.iter().flat_map(|l| (0..l.len()).map(move |i| (l, i)));
+    let along: Vec<f64> = elements.map(|(l, i)| forward(&y, &unit(l, i)).unwrap().data[0]).collect();
+    assert!(along.iter().zip(slopes).all(|(a, b)| near(*a, *b)), "{name}: forward {along:?}, not {slopes:?}");
+    let still = backward(&y.scale(0.0), &leaves).unwrap();
+    assert!(still.iter().all(|t| t.data.iter().all(|x| *x == 0.0)), "{name}: {still:?}");
+    let nothing: Vec<(Var, Tensor)> = leaves.iter().map(|l| (l.clone(), Tensor::zeros(l.shape()))).collect();
+    assert_eq!(forward(&y, &nothing).unwrap().data, [0.0], "{name}");
+}
+
+#[test]
+fn nan_passes_through_minima_and_maxima() {
+    let nan = Var::from(f64::NAN);
+    for f in [Binary::Min, Binary::Max] {
+        for (x, y) in [(nan.clone(), Var::from(1.0)), (Var::from(1.0), nan.clone())] {
+            assert!(x.binary(f, &y).unwrap().value().data[0].is_nan(), "{f:?}");
+        }
+    }
+    for place in 0..3 {
+        let mut data = vec![1.0, 2.0, 3.0];
+        data[place] = f64::NAN;
+        let v = Var::constant(Tensor::vector(data));
+        assert!(v.min().unwrap().value().data[0].is_nan() && v.max().unwrap().value().data[0].is_nan(), "{place}");
+    }
+}
