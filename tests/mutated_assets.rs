@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use dscene::image::Image;
 use dscene::image::file::{self, Encoding};
-use dscene::mesh::load::load;
+use dscene::mesh::load::{Wanted, load};
 
 use dice::Dice;
 
@@ -69,7 +69,7 @@ fn damaged_assets_load_or_are_refused() {
         let is_image = ["png", "exr", "hdr"].iter().any(|e| name.ends_with(e));
         let read = || match is_image {
             true => file::load(&path, Encoding::Srgb).map(|_| ()).map_err(|e| e.to_string()),
-            false => load(&path).map(|_| ()).map_err(|e| e.to_string()),
+            false => load(&path, Wanted::Scene).map(|_| ()).map_err(|e| e.to_string()),
         };
         fs::write(&path, whole).unwrap();
         read().unwrap_or_else(|e| panic!("{name} unharmed: {e}"));

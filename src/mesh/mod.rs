@@ -6,7 +6,11 @@ pub mod save;
 pub mod shapes;
 
 mod gltf;
+mod mtl;
+mod obj;
 mod ply;
+mod polygon;
+mod reading;
 mod stl;
 mod teapot;
 

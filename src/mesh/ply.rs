@@ -1,12 +1,17 @@
-//! PLY: ASCII and both binary byte orders, any properties in any order, polygons cut into fans.
+//! PLY: ASCII and both binary byte orders, any properties in any order; polygons, strips, and texture coordinates of vertices or
+//! of the corners of faces.
 
-use std::str::SplitAsciiWhitespace;
+use std::collections::HashMap;
+use std::sync::Arc;
 
-use glam::vec3;
+use glam::{Vec2, Vec3, vec3};
 
+use crate::image::file::Encoding;
 use crate::image::filter::srgb_to_linear;
 
-use super::load::downwards;
+use super::load::{Loaded, LoadedImage, LoadedMaterial, LoadedPart, downwards};
+use super::polygon::Cutter;
+use super::reading::{Reading, lines, text_of, without_mark};
 use super::{MAX_ELEMENTS, Mesh};
 
 #[derive(Clone, Copy, PartialEq)]
@@ -39,14 +44,46 @@ struct Element {
 
 /// Where the numbers of the body come from.
 enum Body<'a> {
-    Ascii(SplitAsciiWhitespace<'a>),
+    Ascii(Rows<'a>),
     Binary { bytes: &'a [u8], big_endian: bool },
 }
 
-pub(super) fn decode(bytes: &[u8]) -> Result<Mesh, String> {
-    let (elements, mut body, remaining) = header(bytes)?;
-    let mut mesh = Mesh::default();
-    let mut seen_vertices = false;
+/// The lines of an ASCII body: one for each row of an element.
+struct Rows<'a> {
+    lines: Box<dyn Iterator<Item = (usize, &'a [u8])> + 'a>,
+    row: Vec<f64>,
+    next: usize,
+    /// Of the current row, in the file.
+    number: usize,
+}
+
+/// The header, and what follows it.
+struct Header<'a> {
+    elements: Vec<Element>,
+    body: Body<'a>,
+    remaining: usize,
+    /// Of the comments that name an image.
+    images: Vec<String>,
+}
+
+/// Texture coordinates of the three corners of a face.
+type Wedge = [Vec2; 3];
+
+#[derive(Default)]
+struct Ply {
+    mesh: Mesh,
+    /// One for each face, where faces have their own texture coordinates.
+    wedges: Vec<Wedge>,
+    has_wedges: bool,
+    cutter: Option<Cutter>,
+    seen_vertices: bool,
+    /// Number, corners and texture coordinates of faces that came before the vertices.
+    early: Vec<(usize, Vec<f64>, Vec<f64>)>,
+}
+
+pub(super) fn decode(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, String> {
+    let Header { elements, mut body, remaining, images } = header(without_mark(bytes))?;
+    let mut ply = Ply::default();
     for element in &elements {
         // Nothing is reserved for more elements than the rest of the file can hold.
         let least: usize = element.properties.iter().map(|p| p.least_bytes(&body)).sum();
@@ -55,46 +92,90 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Mesh, String> {
             return Err(format!("the PLY file promises {count} of “{name}” but is too short for them"));
         }
         match element.name.as_str() {
-            "vertex" if !seen_vertices => {
-                seen_vertices = true;
-                vertices(element, &mut body, &mut mesh)?;
+            "vertex" if !ply.seen_vertices => {
+                reading.expect(element.count as u64, 0)?;
+                ply.vertices(element, &mut body, reading)?;
+                ply.seen_vertices = true;
+                for (face, corners, uvs) in std::mem::take(&mut ply.early) {
+                    ply.polygon(face, &corners, &uvs)?;
+                }
             }
-            "face" => faces(element, &mut body, &mut mesh)?,
-            _ => {
+            "face" => {
+                reading.expect(ply.mesh.vertices.len() as u64, element.count as u64)?;
+                ply.faces(element, &mut body, reading)?;
+            }
+            "tristrips" => ply.strips(element, &mut body, reading)?,
+            name => {
+                if element.count > 0 {
+                    reading.notes.about("elements are left out", format!("“{name}”"));
+                }
                 for _ in 0..element.count {
+                    body.begin_row(element)?;
                     element.properties.iter().try_for_each(|p| p.skip(&mut body))?;
+                    body.end_row(element, reading);
                 }
             }
         }
     }
-    if !seen_vertices {
+    if !ply.seen_vertices {
         return Err("the PLY file has no element “vertex”".to_string());
     }
-    Ok(mesh)
+    let mesh = ply.finish()?;
+    let material = match &images[..] {
+        [] => None,
+        [name, others @ ..] => {
+            if !others.is_empty() {
+                reading.notes.about("only the first of several images is used; left out", others.join(", "));
+            }
+            let image = reading.image(&[reading.folder], name, Encoding::Srgb, "the surface");
+            // What a scanner saw: a colour without a highlight.
+            image.map(|image| {
+                let image = LoadedImage { image, clamp: false, nearest: false };
+                let base_color_image = Some(image.channels(0, 3));
+                Arc::new(LoadedMaterial { base_color_image, specular: 0.0, ..LoadedMaterial::default() })
+            })
+        }
+    };
+    Ok(Loaded { parts: vec![LoadedPart { mesh, material, ..LoadedPart::default() }], ..Loaded::default() })
 }
 
-fn header(bytes: &[u8]) -> Result<(Vec<Element>, Body<'_>, usize), String> {
-    let mut rest = bytes;
-    let mut line = || -> Result<&str, String> {
-        let end = rest.iter().position(|&b| b == b'\n').ok_or("the PLY header has no end")?;
-        let text = std::str::from_utf8(&rest[..end]).map_err(|_| "the PLY header is not text")?;
-        rest = &rest[end + 1..];
-        Ok(text.trim())
+fn header(bytes: &[u8]) -> Result<Header<'_>, String> {
+    // The first line tells how all lines end; what follows the header may be binary.
+    let first = bytes.iter().position(|&b| b == b'\n' || b == b'\r').ok_or("the PLY header has no end")?;
+    let ending: &[u8] = match bytes[first..] {
+        [b'\r', b'\n', ..] => b"\r\n",
+        [b'\r', ..] => b"\r",
+        _ => b"\n",
     };
-    if line()? != "ply" {
+    let mut rest = bytes;
+    let mut line_number = 0;
+    let mut line = |rest: &mut &[u8]| -> Result<String, String> {
+        let last = ending[ending.len() - 1];
+        let end = rest.iter().position(|&b| b == last).ok_or("the PLY header has no end")?;
+        let text = text_of(&rest[..end]).trim().to_string();
+        *rest = &rest[end + 1..];
+        line_number += 1;
+        Ok(text)
+    };
+    if line(&mut rest)? != "ply" {
         return Err("this is no PLY file: it does not begin with “ply”".to_string());
     }
     let mut format = None;
     let mut elements: Vec<Element> = Vec::new();
+    let mut images = Vec::new();
     loop {
-        let text = line()?;
+        let text = line(&mut rest)?;
         let words: Vec<&str> = text.split_whitespace().collect();
         let wrong =
             || format!("the PLY header line “{}” cannot be understood", text.chars().take(60).collect::<String>());
         match words.as_slice() {
+            ["comment", "TextureFile", ..] => {
+                let name = text.split_once("TextureFile").map_or("", |(_, name)| name.trim());
+                images.push(name.replace('\\', "/"));
+            }
             [] | ["comment" | "obj_info", ..] => {}
             ["end_header"] => break,
-            ["format", name, _] => format = Some(*name),
+            ["format", name, _] => format = Some(name.to_string()),
             ["element", name, count] => {
                 let count: u64 = count.parse().map_err(|_| wrong())?;
                 if count > MAX_ELEMENTS {
@@ -119,89 +200,207 @@ fn header(bytes: &[u8]) -> Result<(Vec<Element>, Body<'_>, usize), String> {
             _ => return Err(wrong()),
         }
     }
-    let body = match format {
+    let body = match format.as_deref() {
         Some("ascii") => {
-            let text = std::str::from_utf8(rest).map_err(|_| "the PLY file says it is ASCII but is not text")?;
-            Body::Ascii(text.split_ascii_whitespace())
+            let before = line_number;
+            let lines = Box::new(lines(rest).map(move |(n, line)| (n + before, line)));
+            Body::Ascii(Rows { lines, row: Vec::new(), next: 0, number: 0 })
         }
         Some("binary_little_endian") => Body::Binary { bytes: rest, big_endian: false },
         Some("binary_big_endian") => Body::Binary { bytes: rest, big_endian: true },
         Some(other) => return Err(format!("the PLY format “{other}” is unknown")),
         None => return Err("the PLY header names no format".to_string()),
     };
-    Ok((elements, body, rest.len()))
+    Ok(Header { elements, body, remaining: rest.len(), images })
 }
 
-fn vertices(element: &Element, body: &mut Body, mesh: &mut Mesh) -> Result<(), String> {
-    let find = |names: &[&str]| element.properties.iter().position(|p| names.contains(&p.name.as_str()));
-    let all = |names: [&[&str]; 3]| -> Option<[usize; 3]> { Some([find(names[0])?, find(names[1])?, find(names[2])?]) };
-    let position = all([&["x"], &["y"], &["z"]]).ok_or("the PLY file's vertices lack x, y or z")?;
-    let normal = all([&["nx"], &["ny"], &["nz"]]);
-    let color = all([&["red", "r", "diffuse_red"], &["green", "g", "diffuse_green"], &["blue", "b", "diffuse_blue"]]);
-    let uv = find(&["u", "s", "texture_u", "texture_s"]).zip(find(&["v", "t", "texture_v", "texture_t"]));
-    // Integer colours are sRGB bytes, floating ones linear.
-    let decoded = |property: usize, value: f64| match element.properties[property].kind {
-        Kind::Scalar(Number::F32 | Number::F64) => value as f32,
-        Kind::Scalar(Number::U16) => srgb_to_linear(value / 65535.0) as f32,
-        _ => srgb_to_linear(value / 255.0) as f32,
+impl Ply {
+    fn vertices(&mut self, element: &Element, body: &mut Body, reading: &mut Reading) -> Result<(), String> {
+        let find = |names: &[&str]| element.properties.iter().position(|p| names.contains(&p.name.as_str()));
+        let all =
+            |names: [&[&str]; 3]| -> Option<[usize; 3]> { Some([find(names[0])?, find(names[1])?, find(names[2])?]) };
+        let position = all([&["x"], &["y"], &["z"]]).ok_or("the PLY file's vertices lack x, y or z")?;
+        let normal = all([&["nx"], &["ny"], &["nz"]]);
+        let color =
+            all([&["red", "r", "diffuse_red"], &["green", "g", "diffuse_green"], &["blue", "b", "diffuse_blue"]]);
+        let alpha = find(&["alpha", "a", "diffuse_alpha"]).filter(|_| color.is_some());
+        let uv = find(&["u", "s", "texture_u", "texture_s"]).zip(find(&["v", "t", "texture_v", "texture_t"]));
+        let (mut normals, mut colors, mut uvs) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut alphas, mut is_transparent) = ([f64::INFINITY, f64::NEG_INFINITY], false);
+        let mut values = vec![0.0; element.properties.len()];
+        for _ in 0..element.count {
+            body.begin_row(element)?;
+            for (value, property) in values.iter_mut().zip(&element.properties) {
+                match property.kind {
+                    Kind::Scalar(number) => *value = body.next(number)?,
+                    Kind::List { .. } => property.skip(body)?,
+                }
+            }
+            body.end_row(element, reading);
+            let triple = |[a, b, c]: [usize; 3]| vec3(values[a] as f32, values[b] as f32, values[c] as f32);
+            self.mesh.vertices.push(triple(position));
+            normals.extend(normal.map(triple));
+            colors.extend(color.map(triple));
+            uvs.extend(uv.map(|(u, v)| downwards(values[u] as f32, values[v] as f32)));
+            if let Some(alpha) = alpha {
+                alphas = [alphas[0].min(values[alpha]), alphas[1].max(values[alpha])];
+                is_transparent |= alphas[0] != alphas[1] || !matches!(values[alpha], 1.0 | 255.0 | 65535.0);
+            }
+        }
+        if is_transparent {
+            reading.notes.say("the alpha of vertex colours is left out");
+        }
+        if let Some([red, ..]) = color {
+            decode_colors(&mut colors, &element.properties[red].kind, reading);
+        }
+        self.mesh.normals = normal.map(|_| normals);
+        self.mesh.colors = color.map(|_| colors);
+        self.mesh.uvs = uv.map(|_| uvs);
+        Ok(())
+    }
+
+    fn faces(&mut self, element: &Element, body: &mut Body, reading: &mut Reading) -> Result<(), String> {
+        let named = |names: &[&str]| {
+            let is_it = |p: &Property| matches!(p.kind, Kind::List { .. }) && names.contains(&p.name.as_str());
+            element.properties.iter().position(is_it)
+        };
+        let indices = named(&["vertex_indices", "vertex_index"]);
+        let texcoord = named(&["texcoord"]);
+        if element.properties.iter().any(|p| matches!(p.name.as_str(), "red" | "diffuse_red")) {
+            reading.notes.say("the colours of faces are left out");
+        }
+        let mut texture = None;
+        let (mut corners, mut uvs) = (Vec::new(), Vec::new());
+        for face in 0..element.count {
+            body.begin_row(element)?;
+            for (i, property) in element.properties.iter().enumerate() {
+                match property.kind {
+                    _ if Some(i) == indices => property.list(body, &mut corners)?,
+                    _ if Some(i) == texcoord => property.list(body, &mut uvs)?,
+                    Kind::Scalar(number) if property.name == "texnumber" => {
+                        let number = body.next(number)?;
+                        if *texture.get_or_insert(number) != number {
+                            reading.notes.say("faces have several images, of which only the first is used");
+                        }
+                    }
+                    _ => property.skip(body)?,
+                }
+            }
+            body.end_row(element, reading);
+            // A point or a line among the faces has no triangle.
+            self.polygon(face, &corners, if texcoord.is_some() { &uvs } else { &[] })?;
+            if face % (1 << 16) == 0 {
+                reading.expect(self.mesh.vertices.len() as u64, self.mesh.faces.len() as u64)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn polygon(&mut self, face: usize, corners: &[f64], uvs: &[f64]) -> Result<(), String> {
+        if !self.seen_vertices {
+            self.early.push((face, corners.to_vec(), uvs.to_vec()));
+            return Ok(());
+        }
+        let count = self.mesh.vertices.len();
+        if let Some(i) = corners.iter().find(|i| !(0.0..count as f64).contains(*i)) {
+            let last = count.saturating_sub(1);
+            return Err(format!("face {face} uses vertex {i}, but the mesh has {count} vertices (0 to {last})"));
+        }
+        let has_uvs = uvs.len() == 2 * corners.len() && !uvs.is_empty();
+        if has_uvs && !self.has_wedges {
+            self.has_wedges = true;
+            self.wedges.resize(self.mesh.faces.len(), [Vec2::ZERO; 3]);
+        }
+        let Ply { mesh, wedges, has_wedges, cutter, .. } = self;
+        let places: Vec<Vec3> = corners.iter().map(|&i| mesh.vertices[i as usize]).collect();
+        cutter.get_or_insert_with(Cutter::new).cut(&places, |t| {
+            mesh.faces.push(t.map(|k| corners[k] as u32));
+            if *has_wedges {
+                let at =
+                    |k: usize| if has_uvs { downwards(uvs[2 * k] as f32, uvs[2 * k + 1] as f32) } else { Vec2::ZERO };
+                wedges.push(t.map(at));
+            }
+        });
+        Ok(())
+    }
+
+    /// Strips of triangles, each sharing two corners with the one before; a negative index begins another.
+    fn strips(&mut self, element: &Element, body: &mut Body, reading: &mut Reading) -> Result<(), String> {
+        let mut list = Vec::new();
+        for number in 0..element.count {
+            body.begin_row(element)?;
+            for property in &element.properties {
+                match (&property.kind, property.name.as_str()) {
+                    (Kind::List { .. }, "vertex_indices" | "vertex_index") => property.list(body, &mut list)?,
+                    _ => property.skip(body)?,
+                }
+            }
+            body.end_row(element, reading);
+            reading.expect(self.mesh.vertices.len() as u64, (self.mesh.faces.len() + list.len()) as u64)?;
+            for strip in list.split(|&i| i < 0.0) {
+                for (k, t) in strip.windows(3).enumerate() {
+                    let corners = if k % 2 == 0 { [t[0], t[1], t[2]] } else { [t[1], t[0], t[2]] };
+                    // Strips turn corners by triangles without an area.
+                    if corners[0] != corners[1] && corners[1] != corners[2] && corners[2] != corners[0] {
+                        self.polygon(number, &corners, &[])?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The mesh, its vertices doubled where faces see them with different texture coordinates.
+    fn finish(self) -> Result<Mesh, String> {
+        let Ply { mesh, wedges, has_wedges, .. } = self;
+        if !has_wedges {
+            return Ok(mesh);
+        }
+        let mut index: HashMap<(u32, [u32; 2]), u32> = HashMap::new();
+        let mut from = Vec::new();
+        let mut uvs = Vec::new();
+        let mut faces = Vec::with_capacity(mesh.faces.len());
+        for (face, wedge) in mesh.faces.iter().zip(&wedges) {
+            faces.push([0, 1, 2].map(|k| {
+                let next = from.len() as u32;
+                let i = *index.entry((face[k], wedge[k].to_array().map(f32::to_bits))).or_insert(next);
+                if i == next {
+                    from.push(face[k]);
+                    uvs.push(wedge[k]);
+                }
+                i
+            }));
+        }
+        fn gather(values: &[Vec3], from: &[u32]) -> Vec<Vec3> {
+            from.iter().map(|&i| values[i as usize]).collect()
+        }
+        Ok(Mesh {
+            vertices: gather(&mesh.vertices, &from),
+            faces,
+            normals: mesh.normals.as_ref().map(|v| gather(v, &from)),
+            uvs: Some(uvs),
+            colors: mesh.colors.as_ref().map(|v| gather(v, &from)),
+        })
+    }
+}
+
+/// Integers are sRGB from 0 to the most they can be. Floats are linear, unless they are whole numbers up to 255, which are bytes.
+fn decode_colors(colors: &mut [Vec3], kind: &Kind, reading: &mut Reading) {
+    let most = match kind {
+        Kind::Scalar(Number::U16) => 65535.0,
+        Kind::Scalar(Number::F32 | Number::F64) => {
+            let all = || colors.iter().flat_map(|c| c.to_array());
+            if !(all().any(|x| x > 1.0) && all().all(|x| x.fract() == 0.0 && (0.0..=255.0).contains(&x))) {
+                return;
+            }
+            reading.notes.say("the vertex colours are whole numbers up to 255, and are taken to be bytes in sRGB");
+            255.0
+        }
+        _ => 255.0,
     };
-    let (mut normals, mut colors, mut uvs) = (Vec::new(), Vec::new(), Vec::new());
-    let mut values = vec![0.0; element.properties.len()];
-    for _ in 0..element.count {
-        for (value, property) in values.iter_mut().zip(&element.properties) {
-            match property.kind {
-                Kind::Scalar(number) => *value = body.next(number)?,
-                Kind::List { .. } => property.skip(body)?,
-            }
-        }
-        let triple = |[a, b, c]: [usize; 3]| vec3(values[a] as f32, values[b] as f32, values[c] as f32);
-        mesh.vertices.push(triple(position));
-        normals.extend(normal.map(triple));
-        colors.extend(
-            color.map(|c| vec3(decoded(c[0], values[c[0]]), decoded(c[1], values[c[1]]), decoded(c[2], values[c[2]]))),
-        );
-        uvs.extend(uv.map(|(u, v)| downwards(values[u] as f32, values[v] as f32)));
+    for color in colors {
+        *color = color.to_array().map(|x| srgb_to_linear(f64::from(x) / most) as f32).into();
     }
-    mesh.normals = normal.map(|_| normals);
-    mesh.colors = color.map(|_| colors);
-    mesh.uvs = uv.map(|_| uvs);
-    Ok(())
-}
-
-fn faces(element: &Element, body: &mut Body, mesh: &mut Mesh) -> Result<(), String> {
-    for face in 0..element.count {
-        for property in &element.properties {
-            let (count, item) = match property.kind {
-                Kind::List { count, item } if matches!(property.name.as_str(), "vertex_indices" | "vertex_index") => {
-                    (count, item)
-                }
-                _ => {
-                    property.skip(body)?;
-                    continue;
-                }
-            };
-            let corners = body.count(count)?;
-            let mut index = || -> Result<u32, String> {
-                let i = body.next(item)?;
-                if !(0.0..=u32::MAX as f64).contains(&i) {
-                    return Err(format!("face {face} of the PLY file uses vertex {i}"));
-                }
-                Ok(i as u32)
-            };
-            if corners < 3 {
-                // A point or a line among the faces.
-                (0..corners).try_for_each(|_| index().map(drop))?;
-                continue;
-            }
-            let (first, mut previous) = (index()?, index()?);
-            for _ in 2..corners {
-                let next = index()?;
-                mesh.faces.push([first, previous, next]);
-                previous = next;
-            }
-        }
-    }
-    Ok(())
 }
 
 impl Property {
@@ -213,6 +412,16 @@ impl Property {
                 (0..n).try_for_each(|_| body.next(item).map(drop))
             }
         }
+    }
+
+    /// The numbers of a list, in place of those of the row before.
+    fn list(&self, body: &mut Body, into: &mut Vec<f64>) -> Result<(), String> {
+        into.clear();
+        let Kind::List { count, item } = self.kind else { return self.skip(body) };
+        for _ in 0..body.count(count)? {
+            into.push(body.next(item)?);
+        }
+        Ok(())
     }
 
     fn least_bytes(&self, body: &Body) -> usize {
@@ -229,17 +438,50 @@ impl Property {
 }
 
 impl Body<'_> {
+    /// Goes to the next row, which in ASCII is the next line that is not empty.
+    fn begin_row(&mut self, element: &Element) -> Result<(), String> {
+        let Body::Ascii(rows) = self else { return Ok(()) };
+        if element.properties.is_empty() {
+            return Ok(());
+        }
+        (rows.next, rows.number) = (0, 0);
+        rows.row.clear();
+        for (number, line) in rows.lines.by_ref() {
+            let text = text_of(line);
+            for word in text.split_ascii_whitespace() {
+                let wrong = || {
+                    let word: String = word.chars().take(40).collect();
+                    format!("line {number} of the PLY file: “{word}” is no number")
+                };
+                rows.row.push(word.parse().map_err(|_| wrong())?);
+            }
+            if !rows.row.is_empty() {
+                rows.number = number;
+                return Ok(());
+            }
+        }
+        Err(format!("the PLY file ends before its last “{}”", element.name))
+    }
+
+    /// What stands in a line beyond what the header says belongs to nothing.
+    fn end_row(&self, element: &Element, reading: &mut Reading) {
+        let Body::Ascii(rows) = self else { return };
+        if rows.next < rows.row.len() {
+            let sentence = "lines have more numbers than the header says, which are left out";
+            reading.notes.about(sentence, format!("“{}” in line {}", element.name, rows.number));
+        }
+    }
+
     fn next(&mut self, number: Number) -> Result<f64, String> {
-        const SHORT: &str = "the PLY file ends before its last element";
         match self {
-            Body::Ascii(words) => {
-                let word = words.next().ok_or(SHORT)?;
-                word.parse().map_err(|_| {
-                    format!("“{}” in the PLY file is no number", word.chars().take(40).collect::<String>())
-                })
+            Body::Ascii(rows) => {
+                let value = rows.row.get(rows.next).copied();
+                rows.next += 1;
+                value.ok_or_else(|| format!("line {} of the PLY file has too few numbers", rows.number))
             }
             Body::Binary { bytes, big_endian } => {
-                let (here, rest) = bytes.split_at_checked(number.bytes()).ok_or(SHORT)?;
+                let (here, rest) =
+                    bytes.split_at_checked(number.bytes()).ok_or("the PLY file ends before its last element")?;
                 *bytes = rest;
                 let mut buffer = [0; 8];
                 buffer[..here.len()].copy_from_slice(here);

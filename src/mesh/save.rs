@@ -77,7 +77,7 @@ mod tests {
     use std::path::Path;
 
     use super::*;
-    use crate::mesh::load::decode_mesh;
+    use crate::mesh::load::{Wanted, decode_mesh};
     use crate::mesh::shapes;
 
     #[test]
@@ -89,7 +89,8 @@ mod tests {
         for mesh in [Mesh { normals: None, uvs: None, ..plain.clone() }, Mesh { normals: None, ..plain }, full] {
             for extension in WRITABLE {
                 let bytes = encode(&mesh, extension).unwrap();
-                let read = decode_mesh(&bytes, extension, Path::new(""), "mesh").unwrap().merged().unwrap();
+                let read =
+                    decode_mesh(&bytes, extension, Path::new(""), "mesh", Wanted::Mesh).unwrap().merged().unwrap().0;
                 // An OBJ file may number its vertices anew: what matters are the corners of its faces.
                 let corners =
                     |m: &Mesh| -> Vec<[glam::Vec3; 3]> { (0..m.faces.len()).map(|f| m.triangle(f)).collect() };

@@ -1,52 +1,112 @@
-//! STL, binary and ASCII. Corners at the same place become one vertex; shading is flat.
+//! STL, binary and ASCII. Corners at the same place become one vertex; shading is flat. Normals and colours of the facets are not read.
 
 use std::collections::HashMap;
 
 use glam::{Vec3, vec3};
 
 use super::Mesh;
+use super::load::{Loaded, LoadedPart, within_limits};
+use super::reading::{Reading, lines, text_of, without_mark};
 use crate::math::position_key;
 
-pub(super) fn decode(bytes: &[u8]) -> Result<Mesh, String> {
-    let promised = bytes.get(80..84).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as u64);
-    // Some binary files begin with “solid” too, so the length decides.
-    if promised.is_some_and(|n| 84 + 50 * n == bytes.len() as u64) {
-        return Ok(binary(&bytes[84..]));
-    }
-    if bytes.trim_ascii_start().starts_with(b"solid") {
-        return ascii(bytes);
+pub(super) fn decode(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, String> {
+    let promised = bytes.get(80..84).map(|b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
+    // Some binary files begin with “solid” too, so the length decides; then whether a facet is there in words.
+    let is_exact = promised.is_some_and(|n| 84 + 50 * n == bytes.len() as u64);
+    if !is_exact && is_text(without_mark(bytes)) {
+        return ascii(without_mark(bytes), reading);
     }
     match promised {
-        Some(n) if 84 + 50 * n < bytes.len() as u64 => Ok(binary(&bytes[84..84 + 50 * n as usize])),
+        Some(n) if 84 + 50 * n <= bytes.len() as u64 => {
+            if 84 + 50 * n < bytes.len() as u64 {
+                reading.notes.say(format!("bytes after the {n} triangles that the file promises are left out"));
+            }
+            binary(&bytes[..84 + 50 * n as usize], reading)
+        }
         Some(n) => Err(format!("the STL file promises {n} triangles but is too short for them")),
         None => Err("this is no STL file: it is shorter than a header".to_string()),
     }
 }
 
-fn binary(records: &[u8]) -> Mesh {
-    let number = |r: &[u8], i: usize| f32::from_le_bytes([r[i], r[i + 1], r[i + 2], r[i + 3]]);
-    let corner = |r: &[u8], k: usize| vec3(number(r, 12 * k), number(r, 12 * k + 4), number(r, 12 * k + 8));
-    weld(records.chunks_exact(50).map(|r| [corner(r, 1), corner(r, 2), corner(r, 3)]))
+/// Begins with “solid”, and what follows its name is a facet or the end, in any case of letters.
+fn is_text(bytes: &[u8]) -> bool {
+    let bytes = bytes.trim_ascii_start();
+    if !bytes.get(..5).is_some_and(|b| b.eq_ignore_ascii_case(b"solid")) {
+        return false;
+    }
+    let next = lines(bytes).skip(1).map(|(_, line)| line.trim_ascii()).find(|line| !line.is_empty());
+    let begins =
+        |line: &[u8], word: &str| line.get(..word.len()).is_some_and(|w| w.eq_ignore_ascii_case(word.as_bytes()));
+    // Whatever else stands there, text has no zeros.
+    next.is_none_or(|line| begins(line, "facet") || begins(line, "endsolid")) || !bytes.contains(&0)
 }
 
-fn ascii(bytes: &[u8]) -> Result<Mesh, String> {
-    let text = std::str::from_utf8(bytes).map_err(|_| "the STL file is neither binary nor text")?;
-    let mut corners = Vec::new();
-    for (k, line) in text.lines().enumerate() {
-        let mut words = line.split_whitespace();
-        if words.next() != Some("vertex") {
-            continue;
+fn binary(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, String> {
+    let (header, records) = bytes.split_at(84);
+    let count = records.len() as u64 / 50;
+    within_limits(0, count)?;
+    // Closed surfaces have half as many vertices as triangles; others at most three times as many.
+    reading.expect(count / 2, count)?;
+    let colored = |r: &[u8]| u16::from_le_bytes([r[48], r[49]]) & 0x8000 != 0;
+    if header.windows(6).any(|w| w == b"COLOR=") || records.chunks_exact(50).any(colored) {
+        reading.notes.say("the colours of the triangles are left out");
+    }
+    let number = |r: &[u8], i: usize| f32::from_le_bytes([r[i], r[i + 1], r[i + 2], r[i + 3]]);
+    let corner = |r: &[u8], k: usize| vec3(number(r, 12 * k), number(r, 12 * k + 4), number(r, 12 * k + 8));
+    let mesh = weld(records.chunks_exact(50).map(|r| [corner(r, 1), corner(r, 2), corner(r, 3)]));
+    Ok(Loaded { parts: vec![LoadedPart { mesh, ..LoadedPart::default() }], ..Loaded::default() })
+}
+
+/// One part for each solid.
+fn ascii(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, String> {
+    let mut loaded = Loaded::default();
+    let mut name = String::new();
+    let mut corners: Vec<Vec3> = Vec::new();
+    let mut total = 0;
+    let mut end = |name: &mut String, corners: &mut Vec<Vec3>, line: usize| -> Result<(), String> {
+        if !corners.len().is_multiple_of(3) {
+            return Err(format!("line {line} of the STL file ends a solid within a triangle"));
         }
-        let mut number = || words.next().and_then(|w| w.parse::<f32>().ok());
-        match (number(), number(), number()) {
-            (Some(x), Some(y), Some(z)) => corners.push(vec3(x, y, z)),
-            _ => return Err(format!("line {} of the STL file is no vertex", k + 1)),
+        if !corners.is_empty() {
+            let mesh = weld(corners.chunks_exact(3).map(|c| [c[0], c[1], c[2]]));
+            loaded.parts.push(LoadedPart { name: std::mem::take(name), mesh, ..LoadedPart::default() });
+        }
+        corners.clear();
+        Ok(())
+    };
+    let mut last = 0;
+    for (k, line) in lines(bytes) {
+        last = k;
+        let text = text_of(line);
+        let text = text.trim();
+        let (word, rest) = text.split_once(char::is_whitespace).unwrap_or((text, ""));
+        match word.to_ascii_lowercase().as_str() {
+            "" | "facet" | "outer" | "endloop" | "endfacet" => {}
+            "solid" => {
+                end(&mut name, &mut corners, k)?;
+                name = rest.trim().to_string();
+            }
+            "endsolid" => end(&mut name, &mut corners, k)?,
+            "vertex" => {
+                let mut words = rest.split_whitespace().map(str::parse::<f32>);
+                match (words.next(), words.next(), words.next()) {
+                    (Some(Ok(x)), Some(Ok(y)), Some(Ok(z))) => corners.push(vec3(x, y, z)),
+                    _ => return Err(format!("line {k} of the STL file is no vertex")),
+                }
+                total += 1;
+                if total % (3 << 16) == 0 {
+                    within_limits(0, total / 3)?;
+                    reading.expect(total / 6, total / 3)?;
+                }
+            }
+            other => {
+                let other: String = other.chars().take(40).collect();
+                reading.notes.about("lines that cannot be understood are left out", format!("`{other}` (line {k})"));
+            }
         }
     }
-    if !corners.len().is_multiple_of(3) {
-        return Err("the STL file ends within a triangle".to_string());
-    }
-    Ok(weld(corners.chunks_exact(3).map(|c| [c[0], c[1], c[2]])))
+    end(&mut name, &mut corners, last)?;
+    Ok(loaded)
 }
 
 fn weld(triangles: impl Iterator<Item = [Vec3; 3]>) -> Mesh {

@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use crate::mesh::load::load;
 use crate::mesh::{Mesh, MeshError, ops, shapes};
 use crate::tape::{CustomOp, Tensor, Var};
 
@@ -60,13 +59,6 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("teapot", |a| {
         let n = a.named_integer("subdivisions", 1..=1 << 16)?.unwrap_or(8) as usize;
         give((&shapes::teapot(n).map_err(mesh_error)?).into())
-    }),
-    ("load", |a| {
-        let whole = load(&a.path(0)?).and_then(|l| l.merged()).map_err(|e| NativeError::at(0, e.to_string()))?;
-        if whole.faces.is_empty() {
-            return Err(NativeError::at(0, "the file has no triangles"));
-        }
-        give((&whole).into())
     }),
     ("translate", |a| {
         let offset = a.vector(1, 3, false)?;

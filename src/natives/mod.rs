@@ -3,6 +3,7 @@
 //! No spans and no diagnostics here: an error blames an argument by its index, the evaluator knows the place.
 
 mod fields;
+mod files;
 mod images;
 mod meshes;
 mod numbers;
@@ -85,14 +86,21 @@ pub type Native = fn(&Args) -> Result<Value>;
 pub fn find(name: &str) -> Option<Native> {
     static TABLE: OnceLock<HashMap<&'static str, Native>> = OnceLock::new();
     let table = TABLE.get_or_init(|| {
-        [numbers::TABLE, meshes::TABLE, images::TABLE, scene::TABLE].into_iter().flatten().copied().collect()
+        [numbers::TABLE, meshes::TABLE, images::TABLE, scene::TABLE, files::TABLE]
+            .into_iter()
+            .flatten()
+            .copied()
+            .collect()
     });
     table.get(name).copied()
 }
 
 /// Every name of the table, in the table's order.
 pub fn names() -> impl Iterator<Item = &'static str> {
-    [numbers::TABLE, meshes::TABLE, images::TABLE, scene::TABLE].into_iter().flatten().map(|(name, _)| *name)
+    [numbers::TABLE, meshes::TABLE, images::TABLE, scene::TABLE, files::TABLE]
+        .into_iter()
+        .flatten()
+        .map(|(name, _)| *name)
 }
 
 /// Rendering natives, which the evaluator implements: name and what they give.

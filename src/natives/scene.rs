@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use crate::image::file::{self, Encoding};
-use crate::mesh::load::{LoadedPart, load};
 use crate::render::texture::{Filter, Wrap};
 use crate::tape::{Slice, Tensor, Var};
 
@@ -55,9 +54,6 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("scene", scene),
     ("camera", camera),
     ("moving", moving),
-    ("load_scene", |a| Ok(Value::Scene(Arc::new(load_scene(a)?)))),
-    ("load_shapes", |a| Ok(Value::list(load_scene(a)?.shapes.into_iter().map(Value::Shape).collect()))),
-    ("load_lights", |a| Ok(Value::list(load_scene(a)?.lights.into_iter().map(Value::Light).collect()))),
     ("integrator", |a| keep(a, "integrator")),
     ("sgd", |a| keep(a, "sgd")),
     ("adam", |a| keep(a, "adam")),
@@ -232,7 +228,7 @@ fn conductor(a: &Args) -> Result<Value> {
     }
 }
 
-fn grey() -> MaterialValue {
+pub(super) fn grey() -> MaterialValue {
     let inputs = vec![("reflectance", Input::Number(Var::from(0.5)))];
     MaterialValue { model: Model::Diffuse, inputs, one_sided: false }
 }
@@ -445,17 +441,7 @@ fn camera(a: &Args) -> Result<Value> {
         }
     }
     if let Some((i, _)) = a.named("film") {
-        let film = a.vector(i, 2, false)?;
-        let [w, h] = film.value().data[..] else { return Err(a.wrong(i, "`[width, height]`")) };
-        if w.fract() != 0.0 || h.fract() != 0.0 || w < 1.0 || h < 1.0 {
-            return Err(
-                NativeError::at(i, format!("a film of {w}×{h} pixels")).help("write for instance `film: [256, 256]`")
-            );
-        }
-        if w * h > crate::image::MAX_FILM_PIXELS as f64 {
-            let message = format!("a film of {w}×{h} is larger than 67 million pixels");
-            return Err(NativeError::at(i, message).help("render parts of it with cameras of their own"));
-        }
+        film(a, i)?;
     }
     if let Some((i, _)) = a.named("height") {
         let h = a.number(i)?;
@@ -494,6 +480,22 @@ fn camera(a: &Args) -> Result<Value> {
         }
     }
     Ok(Value::Camera(Arc::new(CameraValue { fields: fields(a), closing: None })))
+}
+
+/// Width and height in pixels.
+pub(super) fn film(a: &Args, i: usize) -> Result<Var> {
+    let film = a.vector(i, 2, false)?;
+    let [w, h] = film.value().data[..] else { return Err(a.wrong(i, "`[width, height]`")) };
+    if w.fract() != 0.0 || h.fract() != 0.0 || w < 1.0 || h < 1.0 {
+        return Err(
+            NativeError::at(i, format!("a film of {w}×{h} pixels")).help("write for instance `film: [256, 256]`")
+        );
+    }
+    if w * h > crate::image::MAX_FILM_PIXELS as f64 {
+        let message = format!("a film of {w}×{h} is larger than 67 million pixels");
+        return Err(NativeError::at(i, message).help("render parts of it with cameras of their own"));
+    }
+    Ok(film)
 }
 
 fn distortion(a: &Args, kind: &str) -> Result<()> {
@@ -636,48 +638,4 @@ pub(crate) fn transform_matrix(v: &Value) -> Option<Var> {
 
 pub(crate) fn linear_part(m: &Var) -> Result<Var> {
     Ok(m.slice(&[Slice::Range(0, 3), Slice::Range(0, 3)])?)
-}
-
-// ---- files with materials ------------------------------------------------------------------------------------------
-
-/// The parts of a mesh file; those that emit light are lights.
-fn load_scene(a: &Args) -> Result<SceneValue> {
-    let loaded = load(&a.path(0)?).map_err(|e| NativeError::at(0, e.to_string()))?;
-    let mut scene = SceneValue::default();
-    for part in loaded.parts.iter().filter(|p| !p.mesh.faces.is_empty()).map(part) {
-        // Every part is a shape or a light.
-        let _ = add_to_scene(&mut scene, &part);
-    }
-    if scene.shapes.is_empty() && scene.lights.is_empty() {
-        return Err(NativeError::at(0, "the file has no triangles"));
-    }
-    Ok(scene)
-}
-
-fn part(part: &LoadedPart) -> Value {
-    let mesh = Arc::new(MeshValue::from(&part.mesh));
-    let Some(loaded) = &part.material else {
-        return Value::Shape(Arc::new(ShapeValue { mesh, material: Arc::new(grey()) }));
-    };
-    let texels = |image: crate::image::Image| {
-        let texels = Var::constant(Tensor::from_image(&image));
-        Input::Texture(Arc::new(TextureValue { texels, wrap: Wrap::Repeat, filter: Filter::Bilinear }))
-    };
-    let mut inputs = vec![
-        ("base_color", texels(loaded.base_color_texels())),
-        ("metallic", texels(loaded.metallic_texels())),
-        ("roughness", texels(loaded.roughness_texels())),
-        ("specular", Input::Number(Var::from(0.5 * f64::from(loaded.specular)))),
-    ];
-    if let Some(opacity) = &loaded.opacity {
-        inputs.push(("opacity", texels((**opacity).clone())));
-    }
-    let material = Arc::new(MaterialValue { model: Model::Principled, inputs, one_sided: !loaded.double_sided });
-    match loaded.emissive_texels() {
-        Some(image) => {
-            let (radiance, two_sided) = (texels(image), loaded.double_sided);
-            Value::Light(Arc::new(LightValue::Area { mesh, radiance, two_sided, material: Some(material) }))
-        }
-        None => Value::Shape(Arc::new(ShapeValue { mesh, material })),
-    }
 }

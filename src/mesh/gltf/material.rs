@@ -1,0 +1,224 @@
+//! Materials, images and samplers of glTF.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use glam::{Vec2, Vec3, vec2};
+use gltf::material::AlphaMode;
+use gltf::texture::{Info, MagFilter, WrappingMode};
+
+use crate::image::Image;
+use crate::image::file::Encoding;
+use crate::mesh::load::{LoadedImage, LoadedMaterial};
+use crate::mesh::reading::Reading;
+
+use super::accessor::Accessors;
+use super::parse::{file_name, read_uri};
+
+/// Those made so far, by their number.
+#[derive(Default)]
+pub(super) struct Materials {
+    made: HashMap<usize, Arc<LoadedMaterial>>,
+    /// By number and encoding; `None` if it cannot be read, which has been said.
+    images: HashMap<(usize, bool), Option<Arc<Image>>>,
+}
+
+/// Which texture coordinates a material uses and how they are moved: those of its first image.
+pub(super) fn placement(material: &gltf::Material) -> (u32, UvTransform) {
+    let pbr = material.pbr_metallic_roughness();
+    let first = pbr.base_color_texture().or(pbr.metallic_roughness_texture()).or(material.emissive_texture());
+    first.map_or((0, UvTransform::IDENTITY), |info| (uv_set(&info), UvTransform::of(&info)))
+}
+
+impl Materials {
+    pub fn material(
+        &mut self,
+        material: &gltf::Material,
+        accessors: &Accessors,
+        reading: &mut Reading,
+    ) -> Result<Option<Arc<LoadedMaterial>>, String> {
+        let Some(index) = material.index() else { return Ok(None) };
+        if let Some(known) = self.made.get(&index) {
+            return Ok(Some(known.clone()));
+        }
+        let name = material.name().map_or_else(|| format!("material {index}"), |n| format!("“{n}”"));
+        if reading.materials() {
+            tell(material, &name, reading);
+        }
+        let pbr = material.pbr_metallic_roughness();
+        let at = placement(material);
+        let mut image = |info: Option<Info>, encoding| -> Option<LoadedImage> {
+            let info = info?;
+            if reading.materials() && (uv_set(&info), UvTransform::of(&info)) != at {
+                reading.notes.about("all images of a material are placed as its first one is", &name);
+            }
+            self.image(&info.texture(), encoding, &name, accessors, reading)
+        };
+        let base_color = image(pbr.base_color_texture(), Encoding::Srgb);
+        let metallic_roughness = image(pbr.metallic_roughness_texture(), Encoding::Linear);
+        let emissive = image(material.emissive_texture(), Encoding::Srgb);
+        let [r, g, b, alpha] = pbr.base_color_factor();
+        let ior = material.ior().unwrap_or(1.5);
+        let reflectance = if ior > 0.0 { ((ior - 1.0) / (ior + 1.0)).powi(2) } else { 1.0 };
+        let channels = |image: &Option<LoadedImage>, from, n| image.as_ref().map(|i| i.channels(from, n));
+        let mut made = LoadedMaterial {
+            name: material.name().unwrap_or_default().to_string(),
+            base_color: Vec3::new(r, g, b),
+            base_color_image: channels(&base_color, 0, 3),
+            metallic: pbr.metallic_factor(),
+            metallic_image: channels(&metallic_roughness, 2, 1),
+            roughness: pbr.roughness_factor(),
+            roughness_image: channels(&metallic_roughness, 1, 1),
+            specular: material.specular().map_or(1.0, |s| s.specular_factor()) * reflectance / 0.04,
+            emissive: Vec3::from(material.emissive_factor()) * material.emissive_strength().unwrap_or(1.0),
+            emissive_image: channels(&emissive, 0, 3),
+            double_sided: material.double_sided(),
+            opacity: opacity(material, base_color.as_ref(), alpha),
+        };
+        if material.unlit() {
+            // Its colour whatever the light: a surface that emits it and reflects nothing.
+            (made.emissive, made.emissive_image) = (made.base_color, made.base_color_image.take());
+            (made.base_color, made.metallic, made.specular) = (Vec3::ZERO, 0.0, 0.0);
+        }
+        let numbers = [made.metallic, made.roughness, made.specular];
+        if !(made.base_color.is_finite() && made.emissive.is_finite() && numbers.iter().all(|n| n.is_finite())) {
+            return Err(format!("{name} of the glTF file has a number that is not finite"));
+        }
+        let made = Arc::new(made);
+        self.made.insert(index, made.clone());
+        Ok(Some(made))
+    }
+
+    fn image(
+        &mut self,
+        texture: &gltf::Texture,
+        encoding: Encoding,
+        whose: &str,
+        accessors: &Accessors,
+        reading: &mut Reading,
+    ) -> Option<LoadedImage> {
+        let Some(source) = texture.source() else {
+            if reading.materials() {
+                let kinds: Vec<&str> = texture.extensions().into_iter().flat_map(|e| e.keys().map(|k| &**k)).collect();
+                let sentence = "images in formats that are not supported are left out";
+                reading.notes.about(sentence, format!("{} of {whose}", kinds.join(", ")));
+            }
+            return None;
+        };
+        let (clamp, nearest) = sampler(texture, whose, reading);
+        let (index, key) = (source.index(), (source.index(), encoding == Encoding::Srgb));
+        if let Some(known) = self.images.get(&key) {
+            return known.clone().map(|image| LoadedImage { image, clamp, nearest });
+        }
+        let json = accessors.document.as_json().images.get(index)?;
+        let read = match (&json.buffer_view, &json.uri) {
+            (None, Some(uri)) if !uri.starts_with("data:") => {
+                let image = reading.image(&[reading.folder], &file_name(uri), encoding, whose);
+                self.images.insert(key, image.clone());
+                return image.map(|image| LoadedImage { image, clamp, nearest });
+            }
+            _ if !reading.materials() => return None,
+            (Some(view), _) => accessors.view(view.value()).and_then(|bytes| reading.decoded(bytes, encoding)),
+            (None, Some(uri)) => read_uri(reading.folder, uri).and_then(|bytes| reading.decoded(&bytes, encoding)),
+            (None, None) => Err("the glTF file has no data for it".to_string()),
+        };
+        // A missing texture leaves the number it would multiply.
+        let image = read.map_err(|e| reading.notes.say(format!("image {index} of {whose}: {e}"))).ok();
+        self.images.insert(key, image.clone());
+        image.map(|image| LoadedImage { image, clamp, nearest })
+    }
+}
+
+/// Whether an image ends at its border, and whether its texels have edges.
+fn sampler(texture: &gltf::Texture, whose: &str, reading: &mut Reading) -> (bool, bool) {
+    let sampler = texture.sampler();
+    let (s, t) = (sampler.wrap_s(), sampler.wrap_t());
+    let is_mirrored = s == WrappingMode::MirroredRepeat || t == WrappingMode::MirroredRepeat;
+    if reading.materials() {
+        if is_mirrored {
+            reading.notes.about("images that are mirrored beyond their border are repeated instead", whose);
+        } else if s != t {
+            reading.notes.about(
+                "images that end along one side and are repeated along the other are repeated along both",
+                whose,
+            );
+        }
+    }
+    let clamp = s == WrappingMode::ClampToEdge && t == WrappingMode::ClampToEdge;
+    // Filters for images seen from afar are the renderer's matter: it looks at many points of a pixel.
+    (clamp, sampler.mag_filter() == Some(MagFilter::Nearest))
+}
+
+/// Tells what a material asks for and does not get.
+fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
+    let notes = &mut reading.notes;
+    if material.normal_texture().is_some() {
+        notes.about("normal maps are left out", name);
+    }
+    if material.unlit() {
+        notes.about("unlit materials (KHR_materials_unlit) shine with their colour", name);
+    }
+    if let Some(specular) = material.specular() {
+        let is_colored = specular.specular_color_factor() != [1.0; 3];
+        if is_colored || specular.specular_color_texture().is_some() || specular.specular_texture().is_some() {
+            notes.about("colours and images of KHR_materials_specular are left out", name);
+        }
+    }
+    for extension in material.extensions().into_iter().flat_map(|e| e.keys()) {
+        notes.about("extensions of materials are left out", format!("{extension} of {name}"));
+    }
+}
+
+/// Opacity as texels; `None` is opaque.
+fn opacity(material: &gltf::Material, image: Option<&LoadedImage>, alpha: f32) -> Option<LoadedImage> {
+    let of = |opacity: &dyn Fn(f32) -> f32| {
+        let values = match image.filter(|i| i.image.channels == 4) {
+            Some(image) => image.channels(3, 1),
+            None => {
+                let one = Image { width: 1, height: 1, channels: 1, data: vec![1.0] };
+                LoadedImage { image: Arc::new(one), clamp: false, nearest: false }
+            }
+        };
+        let bounded = |v: &f32| Some(opacity(*v)).filter(|o| !o.is_nan()).unwrap_or(1.0).clamp(0.0, 1.0);
+        let data = values.image.data.iter().map(bounded).collect();
+        values.with(Image { data, ..*values.image })
+    };
+    match material.alpha_mode() {
+        AlphaMode::Opaque => None,
+        AlphaMode::Blend => Some(of(&|v| alpha * v)),
+        AlphaMode::Mask => {
+            let cutoff = material.alpha_cutoff().unwrap_or(0.5);
+            Some(of(&|v| if alpha * v < cutoff { 0.0 } else { 1.0 }))
+        }
+    }
+}
+
+/// KHR_texture_transform.
+#[derive(Clone, Copy, PartialEq)]
+pub(super) struct UvTransform {
+    offset: Vec2,
+    rotation: f32,
+    scale: Vec2,
+}
+
+impl UvTransform {
+    const IDENTITY: UvTransform = UvTransform { offset: Vec2::ZERO, rotation: 0.0, scale: Vec2::ONE };
+
+    fn of(info: &Info) -> UvTransform {
+        info.texture_transform().map_or(Self::IDENTITY, |t| UvTransform {
+            offset: t.offset().into(),
+            rotation: t.rotation(),
+            scale: t.scale().into(),
+        })
+    }
+
+    pub fn apply(self, uv: Vec2) -> Vec2 {
+        let (sin, cos) = self.rotation.sin_cos();
+        let v = uv * self.scale;
+        vec2(cos * v.x + sin * v.y, -sin * v.x + cos * v.y) + self.offset
+    }
+}
+
+fn uv_set(info: &Info) -> u32 {
+    info.texture_transform().and_then(|t| t.tex_coord()).unwrap_or(info.tex_coord())
+}

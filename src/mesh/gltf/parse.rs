@@ -1,0 +1,235 @@
+//! The bytes of a glTF or GLB file as a document and its buffers.
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use gltf::json::{self, validation::Checked};
+use gltf::mesh::Semantic;
+
+use crate::image::file::read_bytes;
+use crate::mesh::reading::{Notes, Reading, without_mark};
+
+/// Extensions that are done, in whole or but for what is told where they are met.
+const DONE: [&str; 10] = [
+    "KHR_lights_punctual",
+    "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_specular",
+    "KHR_materials_unlit",
+    "KHR_texture_transform",
+    "KHR_mesh_quantization",
+    // Said material by material.
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_transmission",
+    "KHR_materials_volume",
+];
+
+/// Compression of geometry, without which there is nothing to read.
+const COMPRESSION: [&str; 3] = ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"];
+
+/// A document, and the binary chunk of a GLB.
+pub(super) struct File<'a> {
+    pub document: gltf::Document,
+    chunk: Option<&'a [u8]>,
+}
+
+/// Parses and validates.
+pub(super) fn parse<'a>(bytes: &'a [u8], notes: &mut Notes) -> Result<File<'a>, String> {
+    let (text, chunk) = match bytes.starts_with(b"glTF") {
+        true => chunks(bytes)?,
+        false => (bytes, None),
+    };
+    let mut root = root(without_mark(text))?;
+    let required: Vec<&String> = root.extensions_required.iter().filter(|e| !DONE.contains(&e.as_str())).collect();
+    if let Some(name) = required.iter().find(|e| COMPRESSION.contains(&e.as_str())) {
+        return Err(format!(
+            "its meshes are compressed ({name}), which is not supported: export it without compression"
+        ));
+    }
+    for name in required {
+        notes.about("the file requires extensions that are not supported", name);
+    }
+    // Each has been dealt with; the crate knows fewer.
+    root.extensions_required.clear();
+    root.extensions_used.clear();
+    let count = root.accessors.len();
+    for primitive in root.meshes.iter().flat_map(|m| &m.primitives) {
+        // The crate's validation takes it for granted that positions refer to an accessor.
+        if let Some(index) = primitive.attributes.values().map(|i| i.value()).find(|&i| i >= count) {
+            return Err(format!("the glTF file refers to accessor {index} but has {count}"));
+        }
+    }
+    let position =
+        |p: &json::mesh::Primitive| p.attributes.get(&Checked::Valid(Semantic::Positions)).map(|i| i.value());
+    let positions: Vec<usize> = root.meshes.iter().flat_map(|m| &m.primitives).filter_map(position).collect();
+    for index in positions {
+        // Nobody needs to know the bounds that some exporters forget.
+        let bounds = || Some(json::Value::from(vec![0.0; 3]));
+        (root.accessors[index].min, root.accessors[index].max) = (bounds(), bounds());
+    }
+    let document = gltf::Document::from_json(root).map_err(|e| format!("the glTF file is damaged: {e}"))?;
+    Ok(File { document, chunk })
+}
+
+/// The JSON text and the binary chunk of a GLB.
+fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
+    let number = |at: usize| bytes.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
+    let short = "the GLB file is shorter than its header says";
+    let (version, length) = (number(4).ok_or(short)?, number(8).ok_or(short)?);
+    if version != 2 {
+        return Err(format!("this is glTF {version}.0, which is not supported; 2.0 is"));
+    }
+    if length > bytes.len() {
+        return Err(short.to_string());
+    }
+    let mut at = 12;
+    let (mut text, mut chunk) = (None, None);
+    while let (Some(size), Some(kind)) = (number(at), bytes.get(at + 4..at + 8)) {
+        let content = at.checked_add(8 + size).and_then(|end| bytes.get(at + 8..end)).ok_or(short)?;
+        match kind {
+            b"JSON" if text.is_none() => text = Some(content),
+            b"BIN\0" if chunk.is_none() => chunk = Some(content),
+            // Others are for extensions.
+            _ => {}
+        }
+        at += 8 + size;
+    }
+    Ok((text.ok_or("the GLB file has no JSON chunk")?, chunk))
+}
+
+fn root(text: &[u8]) -> Result<json::Root, String> {
+    let first = match json::deserialize::from_slice::<json::Root>(text) {
+        Ok(root) => return Ok(root),
+        Err(e) => e,
+    };
+    let damaged = |e: &dyn std::fmt::Display| format!("the glTF file is damaged: {e}");
+    let mut value: json::Value = json::deserialize::from_slice(text).map_err(|e| damaged(&e))?;
+    let version = value.pointer("/asset/version").and_then(|v| v.as_str()).unwrap_or("2.0");
+    if !version.starts_with("2.") {
+        return Err(format!("this is glTF {version}, which is not supported; 2.0 is"));
+    }
+    // A scene may be empty, which the crate does not know.
+    for scene in value.get_mut("scenes").and_then(|s| s.as_array_mut()).into_iter().flatten() {
+        if let Some(scene) = scene.as_object_mut() {
+            scene.entry("nodes").or_insert_with(|| json::Value::Array(Vec::new()));
+        }
+    }
+    json::deserialize::from_value(value).map_err(|_| damaged(&first))
+}
+
+impl<'a> File<'a> {
+    /// The bytes of all buffers; a file that several name is read once.
+    pub fn buffers(&self, reading: &mut Reading) -> Result<Vec<Buffer<'a>>, String> {
+        let mut known: HashMap<&str, Buffer> = HashMap::new();
+        let mut buffers = Vec::new();
+        for buffer in self.document.buffers() {
+            buffers.push(match buffer.source() {
+                gltf::buffer::Source::Bin => Buffer::Chunk(self.chunk.ok_or("the glTF file lacks its binary chunk")?),
+                gltf::buffer::Source::Uri(uri) => match known.get(uri) {
+                    Some(buffer) => buffer.clone(),
+                    None => {
+                        let bytes = Arc::new(read_uri(reading.folder, uri)?);
+                        known.insert(uri, Buffer::File(bytes.clone()));
+                        Buffer::File(bytes)
+                    }
+                },
+            });
+        }
+        Ok(buffers)
+    }
+}
+
+#[derive(Clone)]
+pub(super) enum Buffer<'a> {
+    Chunk(&'a [u8]),
+    File(Arc<Vec<u8>>),
+}
+
+impl Buffer<'_> {
+    pub fn bytes(&self) -> &[u8] {
+        match self {
+            Buffer::Chunk(bytes) => bytes,
+            Buffer::File(bytes) => bytes,
+        }
+    }
+}
+
+pub(super) fn read_uri(folder: &Path, uri: &str) -> Result<Vec<u8>, String> {
+    if let Some(data) = uri.strip_prefix("data:") {
+        let (kind, data) = data.split_once(',').ok_or("a data URI of the glTF file has no comma")?;
+        let data = percent_decoded(data);
+        return match kind.ends_with(";base64") {
+            true => base64(&data).ok_or("a data URI of the glTF file is not base64".to_string()),
+            false => Ok(data),
+        };
+    }
+    let name = file_name(uri);
+    if name.contains("://") {
+        return Err(format!("“{name}” is not a file; nothing is fetched from a network"));
+    }
+    read_bytes(&folder.join(&name)).map_err(|e| format!("“{name}”: {e}"))
+}
+
+/// The file that a relative URI means.
+pub(super) fn file_name(uri: &str) -> String {
+    String::from_utf8_lossy(&percent_decoded(uri)).into_owned()
+}
+
+fn percent_decoded(uri: &str) -> Vec<u8> {
+    let mut bytes = Vec::with_capacity(uri.len());
+    let mut rest = uri.as_bytes();
+    while let [first, tail @ ..] = rest {
+        let digit = |i: usize| tail.get(i).and_then(|&c| char::from(c).to_digit(16));
+        match (first, digit(0), digit(1)) {
+            (b'%', Some(high), Some(low)) => {
+                bytes.push((high << 4 | low) as u8);
+                rest = &tail[2..];
+            }
+            _ => {
+                bytes.push(*first);
+                rest = tail;
+            }
+        }
+    }
+    bytes
+}
+
+fn base64(text: &[u8]) -> Option<Vec<u8>> {
+    let mut bytes = Vec::with_capacity(text.len() / 4 * 3);
+    let (mut bits, mut held) = (0u32, 0);
+    for &c in text.iter().filter(|c| !c.is_ascii_whitespace()) {
+        let six = match c {
+            b'A'..=b'Z' => c - b'A',
+            b'a'..=b'z' => c - b'a' + 26,
+            b'0'..=b'9' => c - b'0' + 52,
+            b'+' | b'-' => 62,
+            b'/' | b'_' => 63,
+            b'=' => break,
+            _ => return None,
+        };
+        bits = bits << 6 | u32::from(six);
+        held += 6;
+        if held >= 8 {
+            held -= 8;
+            bytes.push((bits >> held) as u8);
+        }
+    }
+    Some(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn data_uris_in_all_their_spellings() {
+        let read = |uri: &str| read_uri(Path::new(""), uri);
+        assert_eq!(read("data:;base64,aGVsbG8=").unwrap(), b"hello");
+        assert_eq!(read("data:;base64,aGVs bG8h").unwrap(), b"hello!");
+        assert_eq!(read("data:;base64,aGVsbG8%3D").unwrap(), b"hello");
+        assert_eq!(read("data:application/octet-stream,a%00%ffb").unwrap(), b"a\0\xffb");
+        assert!(read("data:;base64,a*").is_err());
+        assert_eq!(file_name("a%20b%zz%2"), "a b%zz%2");
+    }
+}

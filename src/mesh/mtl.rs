@@ -1,0 +1,389 @@
+//! MTL, the material files of OBJ, as metallic-roughness materials.
+//!
+//! `Kd` and `map_Kd` are the base colour, `Ke` and `map_Ke` what is emitted; `Pr` (or else the exponent `Ns`) is the roughness and
+//! `Pm` the metallicity, with their maps; the mean of `Ks` is `principled`'s `specular`, and without it the index `Ni` says it;
+//! `d` (or 1 − `Tr`) and `map_d` are the opacity. `illum` 0 and 1 have no highlight. What else a line asks for is told.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use glam::{Vec2, Vec3, vec2};
+
+use crate::image::Image;
+use crate::image::file::{Encoding, read_bytes};
+
+use super::load::{LoadedImage, LoadedMaterial};
+use super::reading::{Reading, lines, text_of, without_mark};
+
+/// Where images of a material lie on the surface: texture coordinates are scaled, then moved.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Placement {
+    scale: Vec2,
+    offset: Vec2,
+}
+
+impl Placement {
+    const AS_IS: Placement = Placement { scale: Vec2::ONE, offset: Vec2::ZERO };
+
+    pub fn apply(&self, uv: Vec2) -> Vec2 {
+        uv * self.scale + self.offset
+    }
+}
+
+/// An image with the options before its name.
+#[derive(Clone, Debug)]
+struct Map {
+    file: String,
+    placement: Placement,
+    clamp: bool,
+    /// Of a map of numbers: which channel, as `-imfchan` names it.
+    channel: Option<char>,
+}
+
+#[derive(Clone, Debug, Default)]
+struct Mtl {
+    /// Where its library lies.
+    folder: PathBuf,
+    diffuse: Option<Vec3>,
+    specular: Option<Vec3>,
+    emissive: Option<Vec3>,
+    exponent: Option<f32>,
+    roughness: Option<f32>,
+    metallic: Option<f32>,
+    index: Option<f32>,
+    opacity: Option<f32>,
+    transparency: Option<f32>,
+    illumination: Option<i32>,
+    /// By the statement's name.
+    maps: HashMap<&'static str, Map>,
+    /// What it asks for and does not get.
+    left_out: Vec<String>,
+}
+
+/// The materials of all libraries of a file.
+#[derive(Default)]
+pub(super) struct Library {
+    materials: HashMap<String, Mtl>,
+    is_broken: bool,
+}
+
+/// Maps that are used.
+const MAPS: [&str; 5] = ["map_Kd", "map_Ke", "map_Pr", "map_Pm", "map_d"];
+
+impl Library {
+    /// Reads what a `mtllib` names: one file, whose name may hold blanks, or several.
+    pub fn read(&mut self, names: &str, reading: &mut Reading) {
+        let whole = names.replace('\\', "/");
+        let is_file = |name: &str| reading.folder.join(name).is_file();
+        let names = match is_file(&whole) || !whole.contains(char::is_whitespace) {
+            true => vec![whole],
+            false => whole.split_whitespace().map(str::to_string).collect(),
+        };
+        for name in names {
+            let path = reading.folder.join(&name);
+            match read_bytes(&path) {
+                Ok(bytes) => self.parse(&bytes, &name, path.parent().unwrap_or(Path::new("")), reading),
+                Err(message) => {
+                    self.is_broken = true;
+                    reading.notes.say(format!("material file “{name}”: {message}"));
+                }
+            }
+        }
+    }
+
+    /// Whether a library is missing, so that materials may be, too.
+    pub fn is_broken(&self) -> bool {
+        self.is_broken
+    }
+
+    pub fn material(&self, name: &str, reading: &mut Reading) -> Option<(Arc<LoadedMaterial>, Placement)> {
+        let mtl = self.materials.get(name)?;
+        let (material, placement) = mtl.convert(name, reading);
+        Some((Arc::new(material), placement))
+    }
+
+    fn parse(&mut self, bytes: &[u8], file: &str, folder: &Path, reading: &mut Reading) {
+        let mut current: Option<&mut Mtl> = None;
+        let mut spare = Mtl::default();
+        let mut joined = String::new();
+        for (number, line) in lines(without_mark(bytes)) {
+            let text = text_of(line);
+            let is_comment = joined.is_empty() && text.trim_start().starts_with('#');
+            if let (false, Some(head)) = (is_comment, text.trim_end().strip_suffix('\\')) {
+                joined.push_str(head);
+                joined.push(' ');
+                continue;
+            }
+            joined.push_str(&text);
+            let statement = std::mem::take(&mut joined);
+            let statement = statement.trim();
+            let (word, rest) = statement.split_once(char::is_whitespace).unwrap_or((statement, ""));
+            if word.is_empty() || word.starts_with('#') {
+                continue;
+            }
+            let rest = rest.trim();
+            if word.eq_ignore_ascii_case("newmtl") {
+                if self.materials.contains_key(rest) {
+                    // The first library that defines a material is the one that counts.
+                    reading.notes.about("materials are defined twice, and the first counts", format!("“{rest}”"));
+                    current = Some(&mut spare);
+                    continue;
+                }
+                let new = Mtl { folder: folder.to_path_buf(), ..Mtl::default() };
+                current = Some(self.materials.entry(rest.to_string()).or_insert(new));
+                continue;
+            }
+            let known = current.as_mut().map(|mtl| mtl.statement(word, rest));
+            if known != Some(Ok(())) {
+                let line: String = statement.chars().take(40).collect();
+                let what = format!("`{line}` (line {number} of “{file}”)");
+                match known {
+                    Some(Err(Fault::Unknown)) => reading.notes.about("statements of materials are left out", what),
+                    _ => reading.notes.about("lines that cannot be understood are left out", what),
+                }
+            }
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Fault {
+    /// It cannot be understood.
+    Odd,
+    /// There is no such statement, or none that means something here.
+    Unknown,
+}
+
+impl Mtl {
+    fn statement(&mut self, word: &str, rest: &str) -> Result<(), Fault> {
+        let lower = word.to_ascii_lowercase();
+        match lower.as_str() {
+            "kd" => self.diffuse = Some(color(rest)?),
+            "ks" => self.specular = Some(color(rest)?),
+            "ke" => self.emissive = Some(color(rest)?),
+            "ns" => self.exponent = Some(number(rest)?),
+            "pr" => self.roughness = Some(number(rest)?),
+            "pm" => self.metallic = Some(number(rest)?),
+            "ni" => self.index = Some(number(rest)?),
+            "tr" => self.transparency = Some(number(rest)?),
+            "d" => match rest.strip_prefix("-halo") {
+                Some(rest) => {
+                    self.opacity = Some(number(rest)?);
+                    self.left_out.push("-halo".into());
+                }
+                None => self.opacity = Some(number(rest)?),
+            },
+            "illum" => {
+                let model = number(rest)?;
+                if model.fract() != 0.0 || !(0.0..=10.0).contains(&model) {
+                    return Err(Fault::Odd);
+                }
+                self.illumination = Some(model as i32);
+            }
+            "map_kd" | "map_ke" | "map_pr" | "map_pm" | "map_d" => {
+                let map = self.map(word, rest)?;
+                let name = MAPS.into_iter().find(|m| m.eq_ignore_ascii_case(word)).ok_or(Fault::Unknown)?;
+                self.maps.insert(name, map);
+            }
+            // Ambient light is what a path tracer computes; antialiasing and sharpness are not the material's here.
+            "ka" | "map_ka" | "map_aat" | "sharpness" => {}
+            // Only of transparent materials, which `illum` announces.
+            "tf" => drop(color(rest)?),
+            "ps" | "pc" | "pcr" | "aniso" | "anisor" => {
+                if number(rest)? != 0.0 {
+                    self.left_out.push(word.to_string());
+                }
+            }
+            "map_ks" | "map_ns" | "map_tr" | "map_bump" | "bump" | "norm" | "map_norm" | "disp" | "map_disp"
+            | "decal" | "refl" | "map_refl" | "map_ps" | "map_pc" | "map_pcr" | "map_ni" | "map_tf" | "map_rma"
+            | "map_orm" => {
+                self.left_out.push(word.to_string());
+            }
+            _ => return Err(Fault::Unknown),
+        }
+        Ok(())
+    }
+
+    /// Options, then the name of a file, which may hold blanks.
+    fn map(&mut self, word: &str, text: &str) -> Result<Map, Fault> {
+        let mut map = Map { file: String::new(), placement: Placement::AS_IS, clamp: false, channel: None };
+        let mut rest = text.trim();
+        while rest.starts_with('-') {
+            let (option, after) = rest.split_once(char::is_whitespace).ok_or(Fault::Odd)?;
+            let most = match option {
+                "-s" | "-o" | "-t" => 3,
+                "-mm" => 2,
+                "-bm" | "-boost" | "-texres" | "-blendu" | "-blendv" | "-cc" | "-clamp" | "-imfchan" | "-type" => 1,
+                // A file whose name begins so.
+                _ => break,
+            };
+            let mut words = Vec::new();
+            rest = after.trim_start();
+            while words.len() < most {
+                let (word, after) = rest.split_once(char::is_whitespace).ok_or(Fault::Odd)?;
+                // The second and third number are optional.
+                if most > 1 && word.parse::<f32>().is_err() {
+                    break;
+                }
+                words.push(word);
+                rest = after.trim_start();
+            }
+            if words.is_empty() {
+                return Err(Fault::Odd);
+            }
+            let at = |i: usize, or: f32| words.get(i).and_then(|w| w.parse::<f32>().ok()).unwrap_or(or);
+            let is_on = words[0].eq_ignore_ascii_case("on");
+            match option {
+                "-s" => map.placement.scale = vec2(at(0, 1.0), at(1, 1.0)),
+                "-o" => map.placement.offset = vec2(at(0, 0.0), at(1, 0.0)),
+                "-clamp" => map.clamp = is_on,
+                "-imfchan" => map.channel = words[0].chars().next(),
+                // As everybody has it, and what says nothing about how it looks.
+                "-mm" if at(0, 0.0) == 0.0 && at(1, 1.0) == 1.0 => {}
+                "-t" if (0..3).all(|i| at(i, 0.0) == 0.0) => {}
+                "-blendu" | "-blendv" if is_on => {}
+                "-cc" if !is_on => {}
+                "-boost" | "-texres" => {}
+                _ => self.left_out.push(format!("`{option}` of {word}")),
+            }
+        }
+        if rest.is_empty() {
+            return Err(Fault::Odd);
+        }
+        if !(map.placement.scale.is_finite() && map.placement.offset.is_finite()) {
+            return Err(Fault::Odd);
+        }
+        map.file = rest.trim_matches('"').replace('\\', "/");
+        Ok(map)
+    }
+
+    fn convert(&self, name: &str, reading: &mut Reading) -> (LoadedMaterial, Placement) {
+        let whose = format!("material “{name}”");
+        if reading.materials() {
+            for what in &self.left_out {
+                reading.notes.about("parts of materials are left out", format!("{what} of “{name}”"));
+            }
+            if matches!(self.illumination, Some(4 | 6 | 7 | 9)) {
+                reading
+                    .notes
+                    .about("glass (`illum` 4, 6, 7 and 9) is rendered as an opaque surface", format!("“{name}”"));
+            }
+        }
+        // All images of a material are placed as its first one is.
+        let first = MAPS.iter().find_map(|m| self.maps.get(m));
+        let placement = first.map_or(Placement::AS_IS, |m| m.placement);
+        if self.maps.values().any(|m| m.placement != placement) && reading.materials() {
+            reading.notes.about("all images of a material are placed as its first one is", format!("“{name}”"));
+        }
+        let mut image = |kind: &str, encoding| {
+            let map = self.maps.get(kind)?;
+            let here = reading.folder;
+            // Absolute paths are those of the machine it was made on.
+            let beside = Path::new(&map.file).file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+            let found = [self.folder.as_path(), here].iter().any(|f| f.join(&map.file).is_file());
+            let file = if found || !self.folder.join(&beside).is_file() { &map.file } else { &beside };
+            let image = reading.image(&[&self.folder, here], file, encoding, &whose)?;
+            Some((LoadedImage { image, clamp: map.clamp, nearest: false }, map.channel))
+        };
+        let color = |found: Option<(LoadedImage, Option<char>)>| found.map(|(image, _)| image.channels(0, 3));
+        let single = |found: Option<(LoadedImage, Option<char>)>| {
+            found.map(|(i, channel)| i.with(one_channel(&i.image, channel)))
+        };
+        let base_color_image = color(image("map_Kd", Encoding::Srgb));
+        let emissive_image = color(image("map_Ke", Encoding::Srgb));
+        let roughness_image = single(image("map_Pr", Encoding::Linear));
+        let metallic_image = single(image("map_Pm", Encoding::Linear));
+        let mask = single(image("map_d", Encoding::Linear));
+        // Exporters write a black colour beside an image, and mean the image.
+        let beside = |image: &Option<LoadedImage>, color: Option<Vec3>, or: Vec3| match (image, color) {
+            (Some(_), None | Some(Vec3::ZERO)) => Vec3::ONE,
+            (_, color) => color.unwrap_or(or),
+        };
+        let unit = |x: f32| x.clamp(0.0, 1.0);
+        let number = |image: &Option<LoadedImage>, x: Option<f32>, or: f32| match (image, x) {
+            (Some(_), None | Some(0.0)) => 1.0,
+            (_, x) => unit(x.unwrap_or(or)),
+        };
+        let from_exponent = |ns: f32| (2.0 / (ns.clamp(0.0, 1e8) + 2.0)).powf(0.25);
+        let opacity = unit(self.opacity.or(self.transparency.map(|t| 1.0 - t)).unwrap_or(1.0));
+        let material = LoadedMaterial {
+            name: name.to_string(),
+            base_color: beside(&base_color_image, self.diffuse, Vec3::ONE),
+            metallic: number(&metallic_image, self.metallic, 0.0),
+            // The exponent of Blinn and Phong as the roughness of the same width: α² = 2/(Ns + 2), α = roughness².
+            roughness: number(&roughness_image, self.roughness.or(self.exponent.map(from_exponent)), 1.0),
+            specular: self.reflectance(),
+            emissive: beside(&emissive_image, self.emissive, Vec3::ZERO),
+            opacity: match mask {
+                Some(mask) => Some(mask.with(scaled(&mask.image, if opacity == 0.0 { 1.0 } else { opacity }))),
+                None if opacity < 1.0 => {
+                    let image = Image { width: 1, height: 1, channels: 1, data: vec![opacity] };
+                    Some(LoadedImage { image: Arc::new(image), clamp: false, nearest: false })
+                }
+                None => None,
+            },
+            base_color_image,
+            metallic_image,
+            roughness_image,
+            emissive_image,
+            ..LoadedMaterial::default()
+        };
+        (material, placement)
+    }
+
+    /// What multiplies the usual 4 %.
+    fn reflectance(&self) -> f32 {
+        match (self.illumination, self.specular, self.index) {
+            (Some(0 | 1), ..) => 0.0,
+            // A `specular` of 0.5 is the usual.
+            (_, Some(specular), _) => 2.0 * (specular.element_sum() / 3.0).clamp(0.0, 1.0),
+            (.., Some(index)) if index >= 1.0 => ((index - 1.0) / (index + 1.0)).powi(2) / 0.04,
+            _ => 1.0,
+        }
+    }
+}
+
+/// Three numbers that are colours, or one for all.
+fn color(text: &str) -> Result<Vec3, Fault> {
+    let numbers: Vec<f32> = uncommented(text).split_whitespace().map(number).collect::<Result<_, _>>()?;
+    match numbers[..] {
+        [grey] => Ok(Vec3::splat(grey.max(0.0))),
+        [r, g, b] | [r, g, b, _] => Ok(Vec3::new(r, g, b).max(Vec3::ZERO)),
+        _ => Err(Fault::Odd),
+    }
+}
+
+fn number(text: &str) -> Result<f32, Fault> {
+    uncommented(text).trim().parse().ok().filter(|x: &f32| x.is_finite()).ok_or(Fault::Odd)
+}
+
+/// Numbers without a comment behind them.
+fn uncommented(text: &str) -> &str {
+    text.split('#').next().unwrap_or(text)
+}
+
+/// The channel that is asked for; otherwise alpha where there is one that says something, else the mean of the colours.
+fn one_channel(image: &Image, channel: Option<char>) -> Image {
+    let n = image.channels;
+    let colors = if n >= 3 { 3 } else { 1 };
+    let alpha = (n == 2 || n == 4).then_some(n - 1);
+    let chosen = match channel {
+        Some('r') => Some(0),
+        Some('g') => Some(1.min(colors - 1)),
+        Some('b') => Some(2.min(colors - 1)),
+        Some('m') => alpha,
+        Some(_) => None,
+        None => alpha.filter(|&a| image.data.chunks_exact(n).any(|p| p[a] != 1.0)),
+    };
+    let value = |p: &[f32]| match chosen {
+        Some(c) => p[c],
+        None => p[..colors].iter().sum::<f32>() / colors as f32,
+    };
+    Image { channels: 1, data: image.data.chunks_exact(n).map(value).collect(), ..*image }
+}
+
+fn scaled(image: &Image, factor: f32) -> Image {
+    let opacity = |v: &f32| if v.is_nan() { 1.0 } else { (v * factor).clamp(0.0, 1.0) };
+    Image { data: image.data.iter().map(opacity).collect(), ..*image }
+}

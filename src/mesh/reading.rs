@@ -1,0 +1,175 @@
+//! What the readers of all mesh formats share while one file is read: where its neighbours lie, how much memory there is,
+//! the images read so far, and what has to be told to the user.
+
+use std::collections::HashMap;
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::image::file::{Encoding, decode, read_bytes};
+use crate::image::{Image, ImageError};
+
+use crate::memory;
+
+use super::load::Wanted;
+
+/// How many names a sentence lists before it only counts, and how many are counted.
+const NAMES: usize = 4;
+const COUNTED: usize = 100;
+
+/// Bytes that a vertex with all its attributes takes: read, merged, and as the numbers of the language, which are doubles.
+const VERTEX_BYTES: u64 = 2 * 44 + 88;
+
+/// Bytes that a triangle takes: read and merged.
+const FACE_BYTES: u64 = 2 * 12;
+
+/// Bytes that a number of an image takes: read, by channels, as a number of the language, and rendered.
+const TEXEL_BYTES: u64 = 4 + 4 + 8 + 4;
+
+/// What a file asks for and does not get. Things of a kind make one sentence, which lists them by name.
+#[derive(Debug, Default)]
+pub(super) struct Notes {
+    entries: Vec<(String, Vec<String>)>,
+}
+
+impl Notes {
+    /// A sentence of its own.
+    pub fn say(&mut self, sentence: impl Into<String>) {
+        let sentence = sentence.into();
+        if !self.entries.iter().any(|(s, _)| *s == sentence) {
+            self.entries.push((sentence, Vec::new()));
+        }
+    }
+
+    /// Adds a name to those that a sentence is about; each is listed once.
+    pub fn about(&mut self, sentence: &str, name: impl Display) {
+        let name = name.to_string();
+        match self.entries.iter_mut().find(|(s, _)| s == sentence) {
+            Some((_, names)) if names.len() > COUNTED || names.contains(&name) => {}
+            Some((_, names)) => names.push(name),
+            None => self.entries.push((sentence.to_string(), vec![name])),
+        }
+    }
+
+    /// All of them, in the order in which they came up.
+    pub fn sentences(self) -> Vec<String> {
+        let sentence = |(sentence, names): (String, Vec<String>)| match names.len() {
+            0 => sentence,
+            1..=NAMES => format!("{sentence}: {}", names.join(", ")),
+            n if n > COUNTED => format!("{sentence}: {} and many more", names[..NAMES - 1].join(", ")),
+            n => format!("{sentence}: {} and {} more", names[..NAMES - 1].join(", "), n - (NAMES - 1)),
+        };
+        self.entries.into_iter().map(sentence).collect()
+    }
+}
+
+/// One file being read.
+pub(super) struct Reading<'a> {
+    pub folder: &'a Path,
+    pub wanted: Wanted,
+    pub notes: Notes,
+    /// Bytes of geometry that were asked for.
+    asked: u64,
+    /// By path and encoding; `None` if it cannot be read, which has been said.
+    images: HashMap<(PathBuf, bool), Option<Arc<Image>>>,
+}
+
+impl<'a> Reading<'a> {
+    pub fn new(folder: &'a Path, wanted: Wanted) -> Reading<'a> {
+        Reading { folder, wanted, notes: Notes::default(), asked: 0, images: HashMap::new() }
+    }
+
+    /// Whether materials are wanted, and what they lack is to be told.
+    pub fn materials(&self) -> bool {
+        self.wanted == Wanted::Scene
+    }
+
+    /// Asks for memory for so many vertices and triangles in all, before they are made.
+    pub fn expect(&mut self, vertices: u64, faces: u64) -> Result<(), String> {
+        let bytes = vertices.saturating_mul(VERTEX_BYTES).saturating_add(faces.saturating_mul(FACE_BYTES));
+        let more = bytes.saturating_sub(self.asked);
+        self.asked += more;
+        memory::ask(more).map_err(|e| format!("of its {vertices} vertices and {faces} triangles, {e}"))
+    }
+
+    /// An image beside the file, in the first of `folders` that has it. What is wrong with it is said of `whose`; then, and
+    /// if no materials are wanted, there is none.
+    pub fn image(&mut self, folders: &[&Path], name: &str, encoding: Encoding, whose: &str) -> Option<Arc<Image>> {
+        let found = folders.iter().map(|f| f.join(name)).find(|p| p.is_file());
+        let path = found.unwrap_or_else(|| folders.first().unwrap_or(&self.folder).join(name));
+        if !self.materials() {
+            if !path.is_file() {
+                self.notes.about("images are missing", format!("“{name}” of {whose}"));
+            }
+            return None;
+        }
+        let key = (path, encoding == Encoding::Srgb);
+        if let Some(known) = self.images.get(&key) {
+            return known.clone();
+        }
+        let read = read_bytes(&key.0).and_then(|bytes| self.decoded(&bytes, encoding));
+        let image = read.map_err(|message| self.notes.say(format!("image “{name}” of {whose}: {message}"))).ok();
+        self.images.insert(key, image.clone());
+        image
+    }
+
+    /// The image in some bytes.
+    pub fn decoded(&mut self, bytes: &[u8], encoding: Encoding) -> Result<Arc<Image>, String> {
+        let image = decode(bytes, encoding).map_err(|e: ImageError| e.to_string())?;
+        memory::ask(TEXEL_BYTES * image.data.len() as u64).map_err(|e| e.to_string())?;
+        Ok(Arc::new(image))
+    }
+}
+
+/// The text of a line: UTF-8, or else what the same bytes mean in Latin-1, as older exporters write.
+pub(super) fn text_of(bytes: &[u8]) -> std::borrow::Cow<'_, str> {
+    match std::str::from_utf8(bytes) {
+        Ok(text) => text.into(),
+        Err(_) => bytes.iter().map(|&b| char::from(b)).collect::<String>().into(),
+    }
+}
+
+/// Bytes without the mark that some editors put before UTF-8.
+pub(super) fn without_mark(bytes: &[u8]) -> &[u8] {
+    bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
+}
+
+/// Lines with their numbers from 1; they end at `\n`, `\r\n` or a lone `\r`.
+pub(super) fn lines(bytes: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
+    let mut rest = Some(bytes);
+    let mut number = 0;
+    std::iter::from_fn(move || {
+        let here = rest.filter(|r| !r.is_empty())?;
+        number += 1;
+        let Some(end) = here.iter().position(|&b| b == b'\n' || b == b'\r') else {
+            rest = None;
+            return Some((number, here));
+        };
+        let long = usize::from(here[end..].starts_with(b"\r\n"));
+        rest = Some(&here[end + 1 + long..]);
+        Some((number, &here[..end]))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn notes_list_names_once() {
+        let mut notes = Notes::default();
+        for name in ["a", "b", "a", "c"] {
+            notes.about("left out", name);
+        }
+        notes.say("alone");
+        (0..6).for_each(|i| notes.about("many", i));
+        assert_eq!(notes.sentences(), ["left out: a, b, c", "alone", "many: 0, 1, 2 and 3 more"]);
+    }
+
+    #[test]
+    fn lines_end_in_three_ways() {
+        let found: Vec<(usize, &[u8])> = lines(b"a\nb\r\n\rc").collect();
+        assert_eq!(found, [(1, &b"a"[..]), (2, b"b"), (3, b""), (4, b"c")]);
+        assert_eq!(text_of(b"caf\xe9"), "café");
+    }
+}

@@ -1,0 +1,236 @@
+//! Mesh and scene files: what they hold as meshes, shapes, lights and cameras, and what they ask for in vain as warnings.
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use crate::image::Image;
+use crate::mesh::load::{
+    Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart, LoadedProjection,
+    Wanted, load, load_cameras,
+};
+use crate::mesh::{Mesh, MeshError};
+use crate::render::texture::{Filter, Wrap};
+use crate::tape::{Tensor, Var};
+
+use super::scene::{add_to_scene, grey};
+use super::value::{
+    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, Model, SceneValue,
+    ShapeValue, TextureValue, Value,
+};
+use super::{Args, Native, NativeError, Result};
+
+pub(super) const TABLE: &[(&str, Native)] = &[
+    ("load", |a| {
+        let path = a.path(0)?;
+        let loaded = load(&path, Wanted::Mesh).map_err(refused)?;
+        let (mesh, warnings) = loaded.merged().map_err(refused)?;
+        tell(a, &path, warnings);
+        if mesh.faces.is_empty() {
+            return Err(NativeError::at(0, "the file has no triangles"));
+        }
+        Ok(Value::Mesh(Arc::new((&mesh).into())))
+    }),
+    ("load_scene", |a| Ok(Value::Scene(Arc::new(load_scene(a)?)))),
+    ("load_shapes", |a| Ok(Value::list(load_scene(a)?.shapes.into_iter().map(Value::Shape).collect()))),
+    ("load_lights", |a| Ok(Value::list(load_scene(a)?.lights.into_iter().map(Value::Light).collect()))),
+    ("load_cameras", cameras),
+];
+
+fn refused(e: MeshError) -> NativeError {
+    NativeError::at(0, e.to_string())
+}
+
+/// Says what a file asks for and does not get.
+fn tell(a: &Args, path: &Path, warnings: Vec<String>) {
+    let file = path.file_name().map(|n| n.to_string_lossy()).unwrap_or_default();
+    for warning in warnings {
+        a.warn(NativeError::at(0, format!("{file}: {warning}")));
+    }
+}
+
+/// The parts of a file; those that emit light are lights.
+fn load_scene(a: &Args) -> Result<SceneValue> {
+    let path = a.path(0)?;
+    let Loaded { parts, lights, mut warnings } = load(&path, Wanted::Scene).map_err(refused)?;
+    let mut scene = SceneValue::default();
+    let mut converter = Converter::default();
+    for part in parts.iter().filter(|p| !p.mesh.faces.is_empty()) {
+        // Every part is a shape or a light.
+        let _ = add_to_scene(&mut scene, &converter.part(part));
+    }
+    scene.lights.extend(lights.iter().map(|l| Arc::new(light(l))));
+    warnings.extend(converter.warnings());
+    tell(a, &path, warnings);
+    if scene.shapes.is_empty() && scene.lights.is_empty() {
+        return Err(NativeError::at(0, "the file has no triangles and no lights"));
+    }
+    Ok(scene)
+}
+
+/// Makes materials of loaded ones, each once: parts share their texels.
+#[derive(Default)]
+struct Converter {
+    made: HashMap<*const LoadedMaterial, Arc<Look>>,
+    /// Parts whose vertex colours vary beside an image.
+    uncolored: Vec<String>,
+}
+
+/// What a surface reflects and emits.
+#[derive(Clone)]
+struct Look {
+    material: Arc<MaterialValue>,
+    radiance: Option<Input>,
+    two_sided: bool,
+}
+
+impl Converter {
+    fn part(&mut self, part: &LoadedPart) -> Value {
+        let mut mesh = MeshValue::from(&part.mesh);
+        let look = match (&part.material, tint(&part.mesh)) {
+            (None, None) => Arc::new(plain(grey())),
+            // Colours alone are what the surface reflects.
+            (None, Some(_)) => Arc::new(plain(MaterialValue {
+                model: Model::Diffuse,
+                inputs: vec![("reflectance", Input::VertexColor)],
+                one_sided: false,
+            })),
+            (Some(loaded), None) => {
+                let make = || Arc::new(look(loaded));
+                self.made.entry(Arc::as_ptr(loaded)).or_insert_with(make).clone()
+            }
+            (Some(loaded), Some(Tint::Constant(tint))) => {
+                let tinted = LoadedMaterial { base_color: loaded.base_color * tint, ..(**loaded).clone() };
+                Arc::new(look(&tinted))
+            }
+            (Some(loaded), Some(Tint::Varying)) if loaded.base_color_image.is_some() => {
+                self.uncolored.push(part.name.clone());
+                let make = || Arc::new(look(loaded));
+                self.made.entry(Arc::as_ptr(loaded)).or_insert_with(make).clone()
+            }
+            (Some(loaded), Some(Tint::Varying)) => {
+                let factor = Tensor::vector(loaded.base_color.to_array().map(f64::from).to_vec());
+                // Colours of a file are constants of the right shape: this cannot fail.
+                mesh.colors = mesh.colors.and_then(|c| c.mul(&Var::constant(factor)).ok());
+                let mut look = look(loaded);
+                let mut material = (*look.material).clone();
+                let inputs = material.inputs.iter_mut().filter(|(name, _)| *name == "base_color");
+                inputs.for_each(|(_, input)| *input = Input::VertexColor);
+                look.material = Arc::new(material);
+                Arc::new(look)
+            }
+        };
+        let (mesh, material) = (Arc::new(mesh), look.material.clone());
+        match &look.radiance {
+            Some(radiance) => {
+                let (radiance, two_sided) = (radiance.clone(), look.two_sided);
+                Value::Light(Arc::new(LightValue::Area { mesh, radiance, two_sided, material: Some(material) }))
+            }
+            None => Value::Shape(Arc::new(ShapeValue { mesh, material })),
+        }
+    }
+
+    fn warnings(mut self) -> Option<String> {
+        self.uncolored.dedup();
+        let names: Vec<String> = self.uncolored.iter().take(4).map(|n| format!("“{n}”")).collect();
+        let more = if self.uncolored.len() > names.len() { " and others" } else { "" };
+        let sentence = "vertex colours beside an image of the base colour are left out";
+        (!names.is_empty()).then(|| format!("{sentence}: {}{more}", names.join(", ")))
+    }
+}
+
+/// What vertex colours say of a part.
+enum Tint {
+    /// The same everywhere.
+    Constant(glam::Vec3),
+    Varying,
+}
+
+fn tint(mesh: &Mesh) -> Option<Tint> {
+    let colors = mesh.colors.as_ref()?;
+    let first = *colors.first()?;
+    Some(if colors.iter().all(|c| *c == first) { Tint::Constant(first) } else { Tint::Varying })
+}
+
+fn plain(material: MaterialValue) -> Look {
+    Look { material: Arc::new(material), radiance: None, two_sided: false }
+}
+
+fn look(loaded: &LoadedMaterial) -> Look {
+    let mut inputs = vec![
+        ("base_color", texels(loaded.base_color_texels())),
+        ("metallic", texels(loaded.metallic_texels())),
+        ("roughness", texels(loaded.roughness_texels())),
+        ("specular", Input::Number(Var::from(0.5 * f64::from(loaded.specular)))),
+    ];
+    if let Some(opacity) = &loaded.opacity {
+        inputs.push(("opacity", texels(opacity.clone())));
+    }
+    let material = Arc::new(MaterialValue { model: Model::Principled, inputs, one_sided: !loaded.double_sided });
+    Look { material, radiance: loaded.emissive_texels().map(texels), two_sided: loaded.double_sided }
+}
+
+fn texels(loaded: LoadedImage) -> Input {
+    let image: &Image = &loaded.image;
+    let texels = Var::constant(Tensor::from_image(image));
+    let wrap = if loaded.clamp { Wrap::Clamp } else { Wrap::Repeat };
+    let filter = if loaded.nearest { Filter::Nearest } else { Filter::Bilinear };
+    Input::Texture(Arc::new(TextureValue { texels, wrap, filter }))
+}
+
+fn light(loaded: &LoadedLight) -> LightValue {
+    let vector = |v: [f64; 3]| Var::constant(Tensor::vector(v.to_vec()));
+    let position = ("position", vector(loaded.position.to_array()));
+    let direction = ("direction", vector(loaded.direction.to_array()));
+    let intensity = vector(loaded.intensity.to_array().map(f64::from));
+    let (model, numbers) = match loaded.kind {
+        LoadedLightKind::Point => (DeltaModel::Point, vec![position, ("intensity", intensity)]),
+        LoadedLightKind::Directional => (DeltaModel::Directional, vec![direction, ("irradiance", intensity)]),
+        LoadedLightKind::Spot { beam, cutoff } => {
+            let (cutoff, beam) = (("cutoff", Var::from(cutoff)), ("beam", Var::from(beam)));
+            (DeltaModel::Spot, vec![position, direction, ("intensity", intensity), cutoff, beam])
+        }
+    };
+    LightValue::Delta(DeltaLightValue { model, numbers, closing: None })
+}
+
+fn cameras(a: &Args) -> Result<Value> {
+    let path = a.path(0)?;
+    let (cameras, warnings) = load_cameras(&path).map_err(refused)?;
+    tell(a, &path, warnings);
+    if cameras.is_empty() {
+        return Err(NativeError::at(0, "the file has no cameras"));
+    }
+    let film = match a.named("film") {
+        Some((i, _)) => Some(super::scene::film(a, i)?),
+        None => None,
+    };
+    Ok(Value::list(cameras.iter().map(|c| Value::Camera(Arc::new(camera(c, film.as_ref())))).collect()))
+}
+
+/// Pixels from bottom to top of a camera whose film nobody asked for.
+const ROWS: f64 = 256.0;
+
+fn camera(loaded: &LoadedCamera, film: Option<&Var>) -> CameraValue {
+    let vector = |v: Vec<f64>| Value::Num(Var::constant(Tensor::vector(v)));
+    let film = match film {
+        Some(film) => Value::Num(film.clone()),
+        None => vector(vec![(ROWS * loaded.aspect.unwrap_or(1.0)).round().clamp(1.0, 16.0 * ROWS), ROWS]),
+    };
+    let (kind, extent) = match loaded.projection {
+        LoadedProjection::Perspective { fov } => ("perspective", ("fov", fov)),
+        LoadedProjection::Orthographic { height } => ("orthographic", ("height", height)),
+    };
+    let fields = [
+        ("position", vector(loaded.position.to_array().to_vec())),
+        ("look_at", vector((loaded.position + loaded.forward).to_array().to_vec())),
+        ("up", vector(loaded.up.to_array().to_vec())),
+        (extent.0, Value::scalar(extent.1)),
+        ("film", film),
+        ("kind", Value::Str(kind.into())),
+        ("aperture", Value::scalar(0.0)),
+        ("shutter", vector(vec![0.0, 1.0])),
+    ];
+    let fields = fields.into_iter().map(|(name, value)| (name.to_string(), value)).collect();
+    CameraValue { fields, closing: None }
+}
