@@ -272,15 +272,15 @@ fn estimates_have_errors_with_and_without_params() {
     let Value::Estimate(with_params) = eval(&mut e, "estimate(mean(render(eye, spp: 1)), 8)") else {
         panic!("no estimate")
     };
-    assert!(with_params.std_error.data[0] > 0.0);
+    assert!(with_params.std_error.value().data[0] > 0.0);
     let Value::Estimate(without) =
         eval(&mut e, "estimate(mean(render(eye, spp: 1)) with { height: 2, corners: corners_true }, 8)")
     else {
         panic!("no estimate")
     };
-    assert!(without.std_error.data[0] > 0.0);
+    assert!(without.std_error.value().data[0] > 0.0);
     let Value::Estimate(exact) = eval(&mut e, "estimate(height * 2)") else { panic!("no estimate") };
-    assert_eq!((exact.mean.data[0], exact.std_error.data[0]), (3.0, 0.0));
+    assert_eq!((exact.mean.value().data[0], exact.std_error.value().data[0]), (3.0, 0.0));
 }
 
 #[test]

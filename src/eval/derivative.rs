@@ -26,9 +26,13 @@ pub struct Gradient {
 impl Gradient {
     /// The first derivative that is NaN or infinite: which of those asked for, and its element.
     pub fn first_non_finite(&self) -> Option<(usize, usize)> {
-        let found = |(i, g): (usize, &Tensor)| g.data.iter().position(|x| !x.is_finite()).map(|k| (i, k));
-        self.grads.iter().enumerate().find_map(found)
+        first_non_finite(&self.grads)
     }
+}
+
+fn first_non_finite<'a>(grads: impl IntoIterator<Item = &'a Tensor>) -> Option<(usize, usize)> {
+    let found = |(i, g): (usize, &Tensor)| g.data.iter().position(|x| !x.is_finite()).map(|k| (i, k));
+    grads.into_iter().enumerate().find_map(found)
 }
 
 /// The default step of central differences, relative to a size of 1.
@@ -63,7 +67,8 @@ impl Engine {
 
     /// Central differences of a scalar with common random numbers, one element after the other.
     pub fn finite_difference(&mut self, of: &Expr, wrt: &Target, step: f64) -> Result<Tensor> {
-        self.on_stack(|e| e.fresh_frame(|e| e.differences(of, wrt, step, of.span)))
+        let found = self.on_stack(|e| e.fresh_frame(|e| e.differences(of, wrt, step, of.span)))?;
+        Ok(found.value().clone())
     }
 
     /// Params that reach an expression, in declaration order, frozen ones too.
@@ -80,17 +85,31 @@ impl Engine {
 
     fn gradient_here(&mut self, of: &Expr, wrt: &[Target]) -> Result<Gradient> {
         self.with_leaves(wrt, of.span, |engine, leaves| {
-            let (_, loss) = engine.numbers(of)?;
-            if loss.len() != 1 {
-                let found = Tensor::shape_text(loss.shape());
-                return Err(error::gradient(format!("only a number has a gradient, this is a {found}"), of.span)
-                    .help("`jvp` differentiates images and arrays; or take a `mean(…)`"));
-            }
-            let grads = tape::backward(&loss, leaves);
-            // A rendering that was stopped half-way leaves numbers that mean nothing.
-            engine.check_interrupt(of.span)?;
-            let grads = grads.map_err(|e| error::gradient(e.0, of.span))?;
+            let (loss, grads) = engine.gradient_in(of, leaves)?;
             Ok(Gradient { value: loss.item().unwrap_or(f64::NAN), grads })
+        })
+    }
+
+    /// A scalar and its derivatives in some nodes, which it depends on as they are.
+    fn gradient_in(&mut self, of: &Expr, leaves: &[Var]) -> Result<(Var, Vec<Tensor>)> {
+        let (_, loss) = self.numbers(of)?;
+        if loss.len() != 1 {
+            let found = Tensor::shape_text(loss.shape());
+            return Err(error::gradient(format!("only a number has a gradient, this is a {found}"), of.span)
+                .help("`jvp` differentiates images and arrays; or take a `mean(…)`"));
+        }
+        let grads = tape::backward(&loss, leaves);
+        // A rendering that was stopped half-way leaves numbers that mean nothing.
+        self.check_interrupt(of.span)?;
+        let grads = grads.map_err(|e| error::gradient(e.0, of.span))?;
+        Ok((loss, grads))
+    }
+
+    /// Derivatives as values, which can be differentiated again.
+    fn gradient_nodes(&mut self, of: &Expr, wrt: &[Target]) -> Result<Vec<Var>> {
+        self.with_leaves(wrt, of.span, |engine, leaves| {
+            let (loss, grads) = engine.gradient_in(of, leaves)?;
+            Ok(leaves.iter().zip(grads).map(|(leaf, g)| Var::gradient_of(&loss, leaf, g)).collect())
         })
     }
 
@@ -117,7 +136,7 @@ impl Engine {
                 continue;
             }
             let value = self.target_value(target, span)?;
-            let (leaf, shown) = temporary(&value, Var::leaf, span)?;
+            let (leaf, shown) = temporary(&value, Var::alias, span)?;
             leaves.push(leaf);
             overrides.push((target.clone(), shown));
         }
@@ -199,7 +218,7 @@ impl Engine {
                     return Err(error::gradient("`fd` needs one param", e.span));
                 };
                 let result = self.differences(&d.of, target, step, *span)?;
-                Ok(like(&d.of.ty, Var::constant(result)))
+                Ok(like(&d.of.ty, result))
             }
             DerivativeKind::Estimate => self.estimate(d),
         }
@@ -221,12 +240,12 @@ impl Engine {
             value?;
             let ids: Vec<DeclId> = self.program.params().filter(|p| deps.params.contains(p)).collect();
             let targets: Vec<Target> = ids.iter().map(|&decl| Target { decl, path: vec![] }).collect();
-            let found = self.gradient_here(&d.of, &targets)?;
+            let found = self.gradient_nodes(&d.of, &targets)?;
             let mut entries = Vec::with_capacity(ids.len());
-            for (target, gradient) in targets.iter().zip(found.grads) {
+            for (target, gradient) in targets.iter().zip(found) {
                 let value = match self.decl(target.decl)?.var() {
                     Some(v) => v.value().clone(),
-                    None => Tensor::zeros(&gradient.shape),
+                    None => Tensor::zeros(gradient.shape()),
                 };
                 let name = self.target_name(target);
                 entries.push(GradientEntry { name, value, gradient, std_error: None });
@@ -234,13 +253,13 @@ impl Engine {
             return Ok(Value::Gradients(Arc::new(entries)));
         }
         let targets: Vec<Target> = d.wrt.iter().map(|(t, _)| t.clone()).collect();
-        let found = self.gradient_here(&d.of, &targets)?;
-        if let Some((i, k)) = found.first_non_finite() {
+        let found = self.gradient_nodes(&d.of, &targets)?;
+        if let Some((i, k)) = first_non_finite(found.iter().map(Var::value)) {
             let name = self.target_name(&targets[i]);
             let message = format!("the derivative with respect to `{name}` is not finite (element {k})");
             return Err(error::gradient(message, e.span));
         }
-        let grads: Vec<Value> = found.grads.into_iter().map(Value::tensor).collect();
+        let grads: Vec<Value> = found.into_iter().map(Value::Num).collect();
         Ok(match <[Value; 1]>::try_from(grads) {
             Ok([one]) => one,
             Err(several) => Value::list(several),
@@ -255,50 +274,51 @@ impl Engine {
         let targets: Vec<Target> = d.wrt.iter().map(|(t, _)| t.clone()).collect();
         let (value, tangent) = self.with_leaves(&targets, e.span, |engine, leaves| {
             let (value, output) = engine.numbers(&d.of)?;
-            let mut tangents = Vec::with_capacity(leaves.len());
+            let mut along = Vec::with_capacity(leaves.len());
             for leaf in leaves {
-                let along = match &direction {
+                along.push(match &direction {
                     Some((v, span)) => v
                         .broadcast_to(leaf.shape())
-                        .map_err(|_| error::shape("the direction does not have the param's shape", *span))?
-                        .value()
-                        .clone(),
-                    None => Tensor::full(leaf.shape(), 1.0),
-                };
-                tangents.push((leaf.clone(), along));
+                        .map_err(|_| error::shape("the direction does not have the param's shape", *span))?,
+                    None => Var::constant(Tensor::full(leaf.shape(), 1.0)),
+                });
             }
+            let tangents: Vec<(Var, Tensor)> =
+                leaves.iter().cloned().zip(along.iter().map(|v| v.value().clone())).collect();
             let tangent = tape::forward(&output, &tangents);
             engine.check_interrupt(e.span)?;
             let tangent = tangent.map_err(|m| error::gradient(m.0, e.span))?;
-            Ok((value, tangent))
+            Ok((value, Var::derivative_along(&output, leaves, &along, tangent)))
         })?;
         // The derivative of a rotation is a matrix, not a rotation.
         Ok(match value {
-            Value::Image(_) => Value::Image(Var::constant(tangent)),
-            _ => Value::tensor(tangent),
+            Value::Image(_) => Value::Image(tangent),
+            _ => Value::Num(tangent),
         })
     }
 
     /// All derivatives of anything made of numbers: [`natives::value`]s as `check::results::jacobian` says.
     fn jacobian(&mut self, d: &Derivative, e: &Expr) -> Result<Value> {
         let targets: Vec<Target> = d.wrt.iter().map(|(t, _)| t.clone()).collect();
-        let (value, rows, shapes) = self.with_leaves(&targets, e.span, |engine, leaves| {
+        let found: Vec<Value> = self.with_leaves(&targets, e.span, |engine, leaves| {
             let (value, output) = engine.numbers(&d.of)?;
-            let rows = engine.rows(&output, leaves, e.span)?;
-            Ok((value, rows, leaves.iter().map(|l| l.shape().to_vec()).collect::<Vec<_>>()))
-        })?;
-        let mut rows = rows.into_iter();
-        let found: Vec<Value> = shapes
-            .iter()
-            .map(|shape| {
-                let rows: Vec<Tensor> = rows.by_ref().take(shape.iter().product()).collect();
-                match (&value, value.var()) {
-                    (Value::Image(_), _) => nested(&mut rows.into_iter(), shape),
-                    (_, Some(v)) => Value::tensor(columns(&rows, v.shape(), shape)),
-                    _ => Value::None,
+            let mut rows = engine.rows(&output, leaves, e.span)?.into_iter();
+            let of_leaf = |leaf: &Var| {
+                let rows = rows.by_ref().take(leaf.len());
+                if matches!(value, Value::Image(_)) {
+                    let image = |(k, row): (usize, Tensor)| {
+                        let (leaf, mut unit) = (leaf.clone(), Tensor::zeros(leaf.shape()));
+                        unit.data[k] = 1.0;
+                        Var::derivative_along(&output, &[leaf], &[Var::constant(unit)], row)
+                    };
+                    nested(&mut rows.enumerate().map(image), leaf.shape())
+                } else {
+                    let all = columns(&rows.collect::<Vec<_>>(), output.shape(), leaf.shape());
+                    Value::Num(Var::jacobian_of(&output, leaf, all))
                 }
-            })
-            .collect();
+            };
+            Ok(leaves.iter().map(of_leaf).collect())
+        })?;
         Ok(match <[Value; 1]>::try_from(found) {
             Ok([one]) => one,
             Err(several) => Value::list(several),
@@ -336,37 +356,44 @@ impl Engine {
     }
 
     /// (e(p + h) − e(p − h)) / 2h for each element of p; of anything made of numbers if p is one number.
-    fn differences(&mut self, of: &Expr, target: &Target, step: f64, span: Span) -> Result<Tensor> {
+    fn differences(&mut self, of: &Expr, target: &Target, step: f64, span: Span) -> Result<Var> {
         let value = self.target_value(target, span)?;
-        let (leaf, _) = temporary(&value, Var::leaf, span)?;
+        let (leaf, _) = temporary(&value, Var::alias, span)?;
         let n = leaf.len();
         let mut result: Option<Tensor> = None;
+        // What the differences depend on: derivatives of them are refused.
+        let mut from: Vec<Var> = value.var().into_iter().cloned().collect();
         for k in 0..n {
             self.check_interrupt(span)?;
-            let mut side = |h: f64| -> Result<Tensor> {
-                let moved = |mut t: Tensor| {
+            let mut side = |h: f64| -> Result<Var> {
+                let moved = |v: &Var| {
+                    let mut t = v.value().clone();
                     t.data[k] += h;
                     // Live, so that its samples vary as the value's do.
                     Var::leaf(t)
                 };
                 let (_, shown) = temporary(&value, moved, span)?;
-                self.in_world(vec![(target.clone(), shown)], 0, |e| Ok(e.numbers(of)?.1.value().clone()))
+                self.in_world(vec![(target.clone(), shown)], 0, |e| Ok(e.numbers(of)?.1))
             };
-            let (up, down) = (side(step)?, side(-step)?);
+            let (above, below) = (side(step)?, side(-step)?);
+            let (up, down) = (above.value(), below.value());
             if up.shape != down.shape {
                 return Err(error::gradient("the expression changes its size with the param", of.span));
             }
             let data = up.data.iter().zip(&down.data).map(|(u, d)| (u - d) / (2.0 * step)).collect();
-            let slope = Tensor { shape: up.shape, data };
+            let slope = Tensor { shape: up.shape.clone(), data };
+            if k == 0 {
+                from.extend([above, below]);
+            }
             if n == 1 && leaf.shape().is_empty() {
-                return Ok(slope);
+                return Ok(Var::measured("fd", from, slope));
             }
             let Some(x) = slope.item() else {
                 return Err(error::gradient("`fd` of an image or array needs a param that is one number", of.span));
             };
             result.get_or_insert_with(|| Tensor::zeros(leaf.shape())).data[k] = x;
         }
-        Ok(result.unwrap_or_else(|| Tensor::zeros(leaf.shape())))
+        Ok(Var::measured("fd", from, result.unwrap_or_else(|| Tensor::zeros(leaf.shape()))))
     }
 
     /// Mean and standard error over independent samples.
@@ -382,9 +409,9 @@ impl Engine {
         self.frames.push(Deps::default());
         let first = self.numbers(&d.of);
         let deps = self.frames.pop().unwrap_or_default();
-        first?;
+        let (_, first) = first?;
         let saved = self.sample_seed;
-        let result = self.repeated(&d.of, repeats, !deps.sample, saved);
+        let result = self.repeated(&d.of, repeats, !deps.sample, &first);
         self.set_sample_seed(saved);
         self.depends(|d| {
             d.merge(&deps);
@@ -393,7 +420,9 @@ impl Engine {
         result
     }
 
-    fn repeated(&mut self, of: &Expr, repeats: usize, fresh: bool, seed: u64) -> Result<Value> {
+    /// `like` depends on what every repetition does.
+    fn repeated(&mut self, of: &Expr, repeats: usize, fresh: bool, like: &Var) -> Result<Value> {
+        let seed = self.sample_seed;
         // Welford's running mean and sum of squared deviations.
         let mut mean: Option<Tensor> = None;
         let mut squares = Tensor::scalar(0.0);
@@ -414,22 +443,24 @@ impl Engine {
         let n = repeats as f64;
         let std_error = squares.map(|s| (s / (n * (n - 1.0))).sqrt());
         let mean = mean.unwrap_or_else(|| Tensor::scalar(f64::NAN));
+        let measured = |x: Tensor| Var::measured("estimate", vec![like.clone()], x);
+        let (mean, std_error) = (measured(mean), measured(std_error));
         Ok(Value::Estimate(Arc::new(EstimateValue { mean, std_error, repeats })))
     }
 }
 
 /// A value like `value` over a new node of its numbers (a rotation: of its tangent), and that node.
-fn temporary(value: &Value, leaf: impl Fn(Tensor) -> Var, span: Span) -> Result<(Var, Value), Diagnostic> {
+fn temporary(value: &Value, node: impl Fn(&Var) -> Var, span: Span) -> Result<(Var, Value), Diagnostic> {
     match value {
         Value::Rotation(r) => {
-            let omega = leaf(Tensor::zeros(&[3]));
-            let turned = Var::rotation_exp(&omega).and_then(|e| e.matmul(&Var::constant(r.value().clone())));
+            let omega = node(&Var::constant(Tensor::zeros(&[3])));
+            let turned = Var::rotation_exp(&omega).and_then(|e| e.matmul(r));
             Ok((omega, Value::Rotation(turned.map_err(|e| error::gradient(e.0, span))?)))
         }
         other => match other.var() {
             Some(v) => {
-                let leaf = leaf(v.value().clone());
-                Ok((leaf.clone(), other.with_var(leaf)))
+                let node = node(v);
+                Ok((node.clone(), other.with_var(node)))
             }
             None => Err(error::gradient(format!("{} has no numbers to differentiate in", other.kind()), span)),
         },
@@ -437,9 +468,9 @@ fn temporary(value: &Value, leaf: impl Fn(Tensor) -> Var, span: Span) -> Result<
 }
 
 /// Images, nested as a param's numbers are.
-fn nested(images: &mut impl Iterator<Item = Tensor>, shape: &[usize]) -> Value {
+fn nested(images: &mut impl Iterator<Item = Var>, shape: &[usize]) -> Value {
     match shape {
-        [] => images.next().map_or(Value::None, |t| Value::Image(Var::constant(t))),
+        [] => images.next().map_or(Value::None, Value::Image),
         [n, inner @ ..] => Value::list((0..*n).map(|_| nested(images, inner)).collect()),
     }
 }

@@ -42,7 +42,9 @@ pub(super) fn scene(message: impl Into<String>, span: Span, label: &str) -> Diag
 }
 
 pub(super) fn gradient(message: impl Into<String>, span: Span) -> Diagnostic {
-    failure("dscene::run::gradient", message.into(), span, "this derivative")
+    let message = message.into();
+    let help = crate::tape::help(&message);
+    failure("dscene::run::gradient", message, span, "this derivative").help_opt(help.map(str::to_owned))
 }
 
 pub(super) fn cycle(name: &str, span: Span) -> Diagnostic {

@@ -123,16 +123,16 @@ pub fn brief(value: &Value, ty: &Ty) -> String {
             format!("{}({})", s.name, fields.join(", "))
         }
         Value::Estimate(e) if e.mean.len() <= SHOWN => {
-            let pairs = numbers(&e.mean, &number_text);
-            format!("{pairs} ± {} ({} repeats)", numbers(&e.std_error, &number_text), e.repeats)
+            let pairs = numbers(e.mean.value(), &number_text);
+            format!("{pairs} ± {} ({} repeats)", numbers(e.std_error.value(), &number_text), e.repeats)
         }
         Value::Estimate(e) => {
-            format!("estimate {} over {} repeats ({})", sizes(&e.mean.shape), e.repeats, spread(&e.mean))
+            format!("estimate {} over {} repeats ({})", sizes(e.mean.shape()), e.repeats, spread(e.mean.value()))
         }
         Value::Gradients(all) => {
             let lines: Vec<String> = all
                 .iter()
-                .map(|g| format!("{}: {}", g.name, brief(&Value::tensor(g.gradient.clone()), &Ty::Any)))
+                .map(|g| format!("{}: {}", g.name, brief(&Value::Num(g.gradient.clone()), &Ty::Any)))
                 .collect();
             format!("{{ {} }}", lines.join(", "))
         }
@@ -160,7 +160,7 @@ pub fn show(value: &Value, ty: &Ty) -> String {
         Value::Gradients(all) => {
             let width = all.iter().map(|g| g.name.chars().count()).max().unwrap_or(0);
             let line = |g: &crate::natives::value::GradientEntry| {
-                format!("{:width$}  {}", g.name, brief(&Value::tensor(g.gradient.clone()), &Ty::Any))
+                format!("{:width$}  {}", g.name, brief(&Value::Num(g.gradient.clone()), &Ty::Any))
             };
             all.iter().map(line).collect::<Vec<_>>().join("\n")
         }
@@ -240,12 +240,12 @@ pub fn to_json(value: &Value) -> Json {
         Value::Num(v) | Value::Image(v) | Value::Rotation(v) | Value::Transform(v) => tensor_json(v.value()),
         Value::List(items) => Json::Array(items.iter().map(to_json).collect()),
         Value::Estimate(e) => json!({
-            "mean": tensor_json(&e.mean), "std_error": tensor_json(&e.std_error), "repeats": e.repeats,
+            "mean": tensor_json(e.mean.value()), "std_error": tensor_json(e.std_error.value()), "repeats": e.repeats,
         }),
         Value::Gradients(all) => {
             let mut map = Map::new();
             for g in all.iter() {
-                map.insert(g.name.clone(), tensor_json(&g.gradient));
+                map.insert(g.name.clone(), tensor_json(g.gradient.value()));
             }
             Json::Object(map)
         }

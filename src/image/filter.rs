@@ -147,6 +147,13 @@ impl Separable {
         (self.x.rows.len(), self.y.rows.len())
     }
 
+    /// Of each output column and row: the columns or rows that it is a sum of, with their weights.
+    pub fn taps(&self) -> (Vec<Vec<(usize, f64)>>, Vec<Vec<(usize, f64)>>) {
+        let row = |row: &Row| row.weights.iter().enumerate().map(|(k, w)| (row.start + k, *w)).collect();
+        let all = |taps: &Taps| taps.rows.iter().map(row).collect();
+        (all(&self.x), all(&self.y))
+    }
+
     /// `data[(y * width + x) * channels + c]` of the input size to the same of the output size.
     pub fn apply<T: Real>(&self, data: &[T], channels: usize) -> Vec<T> {
         let (width, height) = self.input_size();

@@ -46,11 +46,11 @@ pub fn field(value: &Value, name: &str) -> Option<Value> {
         },
         Value::Settings(s) => s.field(name).cloned(),
         Value::Estimate(e) => match name {
-            "mean" => Some(Value::tensor(e.mean.clone())),
-            "std_error" => Some(Value::tensor(e.std_error.clone())),
+            "mean" => Some(Value::Num(e.mean.clone())),
+            "std_error" => Some(Value::Num(e.std_error.clone())),
             _ => None,
         },
-        Value::Gradients(all) => all.iter().find(|g| g.name == name).map(|g| Value::tensor(g.gradient.clone())),
+        Value::Gradients(all) => all.iter().find(|g| g.name == name).map(|g| Value::Num(g.gradient.clone())),
         Value::Rotation(m) | Value::Transform(m) if name == "matrix" => Some(Value::Num(m.clone())),
         _ => None,
     }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::image::file::{self, Encoding};
 use crate::image::filter::Separable;
-use crate::tape::{AxisFilter, CustomOp, Slice, Tensor, Var};
+use crate::tape::{AxisFilter, CustomOp, Slice, TapeError, Tensor, Var};
 
 use super::value::Value;
 use super::{Args, Native, NativeError, Result};
@@ -61,6 +61,11 @@ struct Filter {
 impl CustomOp for Filter {
     fn name(&self) -> &str {
         "filter"
+    }
+
+    fn composed(&self, x: &[Var]) -> Option<Result<Var, TapeError>> {
+        let (along_x, along_y) = self.filter.taps();
+        Some(x[0].filter(AxisFilter::new(1, along_x)).and_then(|x| x.filter(AxisFilter::new(0, along_y))))
     }
 
     fn vjp(&self, x: &[&Tensor], _: &Tensor, g: &Tensor, _: &[bool]) -> Result<Vec<Option<Tensor>>, String> {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use glam::DVec3;
 
 use crate::mesh::{Mesh, MeshError, ops, shapes};
-use crate::tape::{CustomOp, Tensor, Var};
+use crate::tape::{CustomOp, TapeError, Tensor, Var};
 
 use super::numbers::{about, affine_parts, bounds, euler, identity};
 use super::value::{MeshValue, Value};
@@ -454,6 +454,10 @@ impl CustomOp for SmoothNormals {
         "smooth_normals"
     }
 
+    fn composed(&self, x: &[Var]) -> Option<Result<Var, TapeError>> {
+        Some(composed_normals(&x[0], &self.0))
+    }
+
     fn vjp(&self, x: &[&Tensor], _: &Tensor, g: &Tensor, _: &[bool]) -> Result<Vec<Option<Tensor>>, String> {
         let vertices = points(x[0]);
         let mut d = vec![DVec3::ZERO; vertices.len()];
@@ -465,6 +469,19 @@ impl CustomOp for SmoothNormals {
         let Some(t) = t[0] else { return Ok(Tensor::zeros(&y.shape)) };
         Ok(tensor(&ops::jvp_smooth_normals(&points(x[0]), &self.0, &points(t))))
     }
+}
+
+/// [`ops::smooth_normals`] made of operations of the tape.
+fn composed_normals(vertices: &Var, faces: &[[u32; 3]]) -> Result<Var, TapeError> {
+    let (place, count) = ops::weld(&points(vertices.value()));
+    let corner = |k: usize| vertices.rows(&faces.iter().map(|f| f[k]).collect::<Vec<_>>());
+    let (a, b, c) = (corner(0)?, corner(1)?, corner(2)?);
+    let crosses = b.sub(&a)?.cross(&c.sub(&a)?)?;
+    let from: Vec<u32> = (0..faces.len() as u32).flat_map(|i| [i; 3]).collect();
+    let to =
+        faces.iter().flatten().flat_map(|&i| (0..3).map(|c| 3 * place[i as usize] + c).collect::<Vec<_>>()).collect();
+    let sums = crosses.rows(&from)?.scatter(Arc::new(to), vec![count, 3]);
+    sums.rows(&place)?.normalize()
 }
 
 fn smooth_normals(mesh: &MeshValue) -> Result<Var> {

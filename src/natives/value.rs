@@ -218,8 +218,8 @@ impl SettingsValue {
 
 #[derive(Clone)]
 pub struct EstimateValue {
-    pub mean: Tensor,
-    pub std_error: Tensor,
+    pub mean: Var,
+    pub std_error: Var,
     pub repeats: usize,
 }
 
@@ -228,7 +228,7 @@ pub struct EstimateValue {
 pub struct GradientEntry {
     pub name: String,
     pub value: Tensor,
-    pub gradient: Tensor,
+    pub gradient: Var,
     /// Where the gradient was repeated.
     pub std_error: Option<Tensor>,
 }

@@ -33,6 +33,7 @@
 
 mod linalg;
 mod op;
+mod recorded;
 mod squares;
 mod structure;
 mod tensor;
@@ -43,6 +44,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 pub use op::{AxisFilter, Binary, CustomOp, Op, ROUNDING, Unary, invert};
+pub use recorded::{Later, help};
 pub use squares::{Squares, squares};
 pub use structure::{Slice, crop_table};
 pub use tensor::{Spread, Tensor, broadcast_shapes};
@@ -134,6 +136,18 @@ impl Var {
     /// Some leaf reaches it.
     pub fn is_live(&self) -> bool {
         self.0.live
+    }
+
+    fn op(&self) -> &Op {
+        &self.0.op
+    }
+
+    /// What the node is computed from: its inputs, or, of a derivative that has been recorded, that record alone.
+    fn sources(&self) -> &[Var] {
+        match &self.0.op {
+            Op::Later(later) => later.recorded().map_or(&self.0.inputs, std::slice::from_ref),
+            _ => &self.0.inputs,
+        }
     }
 
     /// Identity of the node.
@@ -229,7 +243,7 @@ fn order(roots: &[Var], wrt: &HashSet<u64>) -> (Vec<Var>, HashSet<u64>) {
         }
         // Nothing lies upstream of a leaf that was asked for.
         let stop = wrt.contains(&var.id());
-        match var.0.inputs.get(next).filter(|_| !stop) {
+        match var.sources().get(next).filter(|_| !stop) {
             Some(input) => {
                 let input = input.clone();
                 stack.push((var, next + 1));
@@ -242,7 +256,7 @@ fn order(roots: &[Var], wrt: &HashSet<u64>) -> (Vec<Var>, HashSet<u64>) {
     }
     let mut reached = wrt.clone();
     for var in &sorted {
-        if var.0.inputs.iter().any(|i| reached.contains(&i.id())) {
+        if var.sources().iter().any(|i| reached.contains(&i.id())) {
             reached.insert(var.id());
         }
     }
@@ -250,20 +264,40 @@ fn order(roots: &[Var], wrt: &HashSet<u64>) -> (Vec<Var>, HashSet<u64>) {
     (sorted, reached)
 }
 
+/// [`order`], with derivatives among the nodes recorded, so that they can be differentiated.
+fn plan(roots: &[Var], wrt: &HashSet<u64>) -> Result<(Vec<Var>, HashSet<u64>)> {
+    loop {
+        let (sorted, reached) = order(roots, wrt);
+        let mut complete = true;
+        for var in sorted.iter().filter(|v| !wrt.contains(&v.id())) {
+            if let Op::Later(later) = var.op()
+                && later.recorded().is_none()
+            {
+                later.record(&var.0.inputs)?;
+                complete = false;
+            }
+        }
+        if complete {
+            return Ok((sorted, reached));
+        }
+    }
+}
+
 /// Reverse mode: d `output` (weighted by `seed`) / d each of `wrt`, zeros where nothing reaches.
 pub fn backward_with(output: &Var, seed: Tensor, wrt: &[Var]) -> Result<Vec<Tensor>> {
     let ids: HashSet<u64> = wrt.iter().map(Var::id).collect();
-    let (sorted, reached) = order(std::slice::from_ref(output), &ids);
+    let (sorted, reached) = plan(std::slice::from_ref(output), &ids)?;
     let mut adjoints: HashMap<u64, Tensor> = HashMap::from([(output.id(), seed)]);
     for var in sorted.iter().rev() {
-        if ids.contains(&var.id()) || var.0.inputs.is_empty() {
+        if ids.contains(&var.id()) || var.sources().is_empty() {
             continue;
         }
         let Some(g) = adjoints.remove(&var.id()) else { continue };
-        let values: Vec<&Tensor> = var.0.inputs.iter().map(Var::value).collect();
-        let wants: Vec<bool> = var.0.inputs.iter().map(|i| reached.contains(&i.id())).collect();
+        let inputs = var.sources();
+        let values: Vec<&Tensor> = inputs.iter().map(Var::value).collect();
+        let wants: Vec<bool> = inputs.iter().map(|i| reached.contains(&i.id())).collect();
         let d = var.0.op.vjp_in_place(&values, var.value(), g, &wants).map_err(TapeError)?;
-        for ((input, wanted), d) in var.0.inputs.iter().zip(wants).zip(d) {
+        for ((input, wanted), d) in inputs.iter().zip(wants).zip(d) {
             let (true, Some(d)) = (wanted, d) else { continue };
             match adjoints.get_mut(&input.id()) {
                 Some(sum) => sum.accumulate(&d),
@@ -299,7 +333,7 @@ pub fn forward(output: &Var, tangents: &[(Var, Tensor)]) -> Result<Tensor> {
 /// visited once, with all directions that reach it. By output and direction.
 pub fn jacobian(outputs: &[Var], directions: &[Vec<(Var, Tensor)>]) -> Result<Vec<Vec<Tensor>>> {
     let ids: HashSet<u64> = directions.iter().flatten().map(|(v, _)| v.id()).collect();
-    let sorted = order(outputs, &ids).0;
+    let sorted = plan(outputs, &ids)?.0;
     // By node: the direction's number and the tangent, where the direction reaches it.
     let mut at: HashMap<u64, Vec<(usize, Tensor)>> = HashMap::new();
     for (k, (leaf, t)) in directions.iter().enumerate().flat_map(|(k, d)| d.iter().map(move |t| (k, t))) {
@@ -319,11 +353,11 @@ pub fn jacobian(outputs: &[Var], directions: &[Vec<(Var, Tensor)>]) -> Result<Ve
     }
     // Tangents are dropped after their last use.
     let mut uses: HashMap<u64, usize> = HashMap::new();
-    for var in sorted.iter().filter(|v| !ids.contains(&v.id())).flat_map(|v| &v.0.inputs).chain(outputs) {
+    for var in sorted.iter().filter(|v| !ids.contains(&v.id())).flat_map(|v| v.sources()).chain(outputs) {
         *uses.entry(var.id()).or_default() += 1;
     }
     for var in sorted.iter().filter(|v| !ids.contains(&v.id())) {
-        let inputs = &var.0.inputs;
+        let inputs = var.sources();
         let mut reached: Vec<usize> =
             inputs.iter().filter_map(|i| at.get(&i.id())).flatten().map(|(k, _)| *k).collect();
         reached.sort_unstable();

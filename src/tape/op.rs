@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
+use super::recorded::Later;
 use super::tensor::{Spread, Tensor, for_each_pair};
+use super::{TapeError, Var};
 
 /// An operation defined outside the tape: a mesh operation, an image operation, rendering.
 pub trait CustomOp: Send + Sync {
@@ -16,6 +18,11 @@ pub trait CustomOp: Send + Sync {
         d_output: &Tensor,
         wants: &[bool],
     ) -> Result<Vec<Option<Tensor>>, String>;
+
+    /// The same made of operations of the tape, for second derivatives; `None` if there is no such thing.
+    fn composed(&self, _inputs: &[Var]) -> Option<Result<Var, TapeError>> {
+        None
+    }
 
     /// Σ ∂output/∂input · tangent over the inputs that have one.
     fn jvp(&self, inputs: &[&Tensor], output: &Tensor, tangents: &[Option<&Tensor>]) -> Result<Tensor, String>;
@@ -314,6 +321,8 @@ pub enum Op {
     Select(Arc<Vec<bool>>),
     Filter(Arc<AxisFilter>),
     Custom(Arc<dyn CustomOp>),
+    /// A derivative. It is differentiated once it has been recorded, and then is its record.
+    Later(Arc<Later>),
 }
 
 impl Op {
@@ -331,7 +340,7 @@ impl Op {
         let n: usize = shape.iter().product();
         let data = match self {
             Op::Leaf | Op::Reshape => inputs[0].data.clone(),
-            Op::Custom(_) => unreachable!("custom values are computed by their builder"),
+            Op::Custom(_) | Op::Later(_) => unreachable!("their values are computed by their builders"),
             Op::Unary(f) => {
                 let f = *f;
                 inputs[0].data.iter().map(|&x| f.value(x)).collect()
@@ -390,7 +399,7 @@ impl Op {
         wants: &[bool],
     ) -> Result<Vec<Option<Tensor>>, String> {
         match self {
-            Op::Reshape => {
+            Op::Reshape | Op::Later(_) => {
                 g.shape = inputs[0].shape.clone();
                 Ok(vec![Some(g)])
             }
@@ -440,7 +449,7 @@ impl Op {
         Ok(match self {
             Op::Leaf => vec![],
             Op::Custom(op) => op.vjp(inputs, output, g, wants)?,
-            Op::Reshape | Op::Unary(_) => return self.vjp_in_place(inputs, output, g.clone(), wants),
+            Op::Reshape | Op::Later(_) | Op::Unary(_) => return self.vjp_in_place(inputs, output, g.clone(), wants),
             Op::Binary(f) => {
                 let (a, b) = (inputs[0], inputs[1]);
                 let (sa, sb) = (Spread::new(&a.shape, &output.shape), Spread::new(&b.shape, &output.shape));
@@ -569,6 +578,10 @@ impl Op {
                 });
                 d
             }
+            Op::Later(_) => match t[0] {
+                Some(t) => Tensor { shape, data: t.data.clone() },
+                None => zero(),
+            },
             // Linear in its one input: the same map.
             Op::Sum | Op::Gather(_) | Op::Scatter(_) | Op::Reshape | Op::Filter(_) => match t[0] {
                 Some(t) => self.forward(&[t], shape),

@@ -3,7 +3,7 @@
 use std::collections::{HashMap, HashSet};
 
 use super::op::{Binary, Op, Unary};
-use super::{Result, TapeError, Tensor, Var, fail, order};
+use super::{Result, TapeError, Tensor, Var, fail, plan};
 
 /// Σ weight · residual².
 pub struct Squares {
@@ -16,7 +16,7 @@ pub struct Squares {
 /// on through linear operations only. The error names what stands in the way.
 pub fn squares(loss: &Var, wrt: &[Var]) -> Result<Vec<Squares>> {
     let ids: HashSet<u64> = wrt.iter().map(Var::id).collect();
-    let (sorted, reached) = order(std::slice::from_ref(loss), &ids);
+    let (sorted, reached) = plan(std::slice::from_ref(loss), &ids)?;
     let mut found = Vec::new();
     let mut weights = HashMap::from([(loss.id(), Tensor::full(loss.shape(), 1.0))]);
     for var in sorted.iter().rev() {
@@ -24,7 +24,7 @@ pub fn squares(loss: &Var, wrt: &[Var]) -> Result<Vec<Squares>> {
         if ids.contains(&var.id()) {
             return fail("a part of it is linear, not a square");
         }
-        let inputs = &var.0.inputs;
+        let inputs = var.sources();
         let wants: Vec<bool> = inputs.iter().map(|i| reached.contains(&i.id())).collect();
         if is_square(var) {
             if weight.data.iter().any(|w| *w < 0.0) {
@@ -58,6 +58,7 @@ fn is_square(var: &Var) -> bool {
 fn is_linear(op: &Op, wants: &[bool]) -> bool {
     match op {
         Op::Unary(Unary::Neg) | Op::Binary(Binary::Add | Binary::Sub) => true,
+        Op::Later(_) => true,
         Op::Sum | Op::Gather(_) | Op::Scatter(_) | Op::Reshape | Op::Concat | Op::Select(_) | Op::Filter(_) => true,
         Op::Binary(Binary::Mul) | Op::MatMul => wants.iter().filter(|w| **w).count() == 1,
         Op::Binary(Binary::Div) => !wants.get(1).is_some_and(|w| *w),

@@ -367,3 +367,126 @@ fn nan_passes_through_minima_and_maxima() {
         assert!(v.min().unwrap().value().data[0].is_nan() && v.max().unwrap().value().data[0].is_nan(), "{place}");
     }
 }
+
+/// The gradient of ⟨w, gradient of f⟩, which is its second derivatives along w: as differences of gradients have it, for
+/// the nodes of reverse mode and of forward mode.
+fn check_twice(name: &str, inputs: &[Tensor], f: impl Fn(&[Var]) -> Var) {
+    let leaves: Vec<Var> = inputs.iter().cloned().map(Var::leaf).collect();
+    let directions: Vec<Tensor> = inputs.iter().enumerate().map(|(i, x)| numbers(&x.shape, 500 + i as u64)).collect();
+    let scalar = |x: &[Var]| {
+        let y = f(x);
+        let w = numbers(y.shape(), 77);
+        y.mul(&Var::constant(w)).unwrap().sum()
+    };
+    let h = 1e-5;
+    let gradients_at = |s: f64| {
+        let moved = inputs.iter().zip(&directions).map(|(x, v)| {
+            let mut x = x.clone();
+            x.accumulate(&v.scaled(s * h));
+            Var::leaf(x)
+        });
+        let moved: Vec<Var> = moved.collect();
+        backward(&scalar(&moved), &moved).unwrap()
+    };
+    let (up, down) = (gradients_at(1.0), gradients_at(-1.0));
+    let y = scalar(&leaves);
+    let constants: Vec<Var> = directions.iter().cloned().map(Var::constant).collect();
+    let first = backward(&y, &leaves).unwrap();
+    let mut along = Var::from(0.0);
+    for ((leaf, g), v) in leaves.iter().zip(first).zip(&constants) {
+        along = along.add(&Var::gradient_of(&y, leaf, g).mul(v).unwrap().sum()).unwrap();
+    }
+    let tangents: Vec<(Var, Tensor)> = leaves.iter().cloned().zip(directions.iter().cloned()).collect();
+    let tangent = forward(&y, &tangents).unwrap();
+    for (way, twice) in [("reverse", along), ("forward", Var::derivative_along(&y, &leaves, &constants, tangent))] {
+        let found = backward(&twice, &leaves).unwrap();
+        for ((found, up), down) in found.iter().zip(&up).zip(&down) {
+            for ((x, u), d) in found.data.iter().zip(&up.data).zip(&down.data) {
+                let difference = (u - d) / (2.0 * h);
+                assert!((x - difference).abs() < 1e-5 * (1.0 + x.abs()), "{name}, {way}: {x} is {difference}");
+            }
+        }
+    }
+}
+
+#[test]
+fn every_operation_has_its_second_derivatives() {
+    use Unary::*;
+    for f in [Neg, Sin, Cos, Tan, Asin, Acos, Atan, Tanh, Exp, Square, Abs, Recip, Sigmoid] {
+        check_twice(&format!("{f:?}"), &[numbers(&[7], 3).map(|x| 0.9 * x)], |x| x[0].unary(f));
+    }
+    for f in [Log, Sqrt] {
+        check_twice(&format!("{f:?}"), &[numbers(&[7], 3).map(|x| x + 1.5)], |x| x[0].unary(f));
+    }
+    for f in [Binary::Add, Binary::Sub, Binary::Mul, Binary::Div, Binary::Min, Binary::Max, Binary::Atan2] {
+        for (a, b) in [(vec![2, 3, 3], vec![3]), (vec![2, 3], vec![2, 1]), (vec![], vec![4]), (vec![3, 1], vec![1, 2])]
+        {
+            check_twice(&format!("{f:?} {a:?} {b:?}"), &[numbers(&a, 5), away(&numbers(&b, 6))], |x| {
+                // Squared, so that what is linear has second derivatives too.
+                x[0].binary(f, &x[1]).unwrap().unary(Square)
+            });
+        }
+    }
+    let positive = numbers(&[4], 1).map(|x| x + 1.5);
+    check_twice("pow", &[positive.clone(), numbers(&[4], 2)], |x| x[0].binary(Binary::Pow, &x[1]).unwrap());
+    check_twice("mod", &[numbers(&[4], 9), positive], |x| x[0].binary(Binary::Mod, &x[1]).unwrap().unary(Square));
+    check_twice("cube", &[numbers(&[4], 2)], |x| x[0].binary(Binary::Pow, &Var::from(3.0)).unwrap());
+    let x = numbers(&[3, 4, 2], 8);
+    let one = std::slice::from_ref(&x);
+    check_twice("mean", one, |x| x[0].mean().unwrap().unary(Exp));
+    check_twice("max", one, |x| x[0].max_axes(&[1]).unwrap().unary(Exp));
+    check_twice("sums", one, |x| x[0].sum_axes(&[0, 2]).unwrap().unary(Exp));
+    check_twice("norm", one, |x| x[0].norm());
+    check_twice("normalize", one, |x| x[0].normalize().unwrap());
+    check_twice("concat", &[x.clone(), numbers(&[3, 1, 2], 4)], |x| Var::concat(x, 1).unwrap().unary(Square));
+    check_twice("select", &[x.clone(), numbers(&[2], 9)], |v| {
+        Var::select(&Var::constant(x.map(|x| f64::from(x > 0.0))), &v[0], &v[1]).unwrap().unary(Square)
+    });
+    let taps = vec![vec![(0, 0.25), (1, 0.75)], vec![(3, 2.0)], vec![]];
+    check_twice("filter", one, |x| x[0].filter(AxisFilter::new(1, taps.clone())).unwrap().unary(Square));
+    let m = numbers(&[3, 3], 1);
+    check_twice("matmul", &[numbers(&[5, 3], 3), m.clone()], |x| x[0].matmul(&x[1]).unwrap());
+    check_twice("inverse", std::slice::from_ref(&m), |x| x[0].inverse().unwrap());
+    check_twice("determinant", std::slice::from_ref(&m), |x| x[0].determinant3().unwrap());
+    check_twice("exp", &[numbers(&[3], 3)], |x| Var::rotation_exp(&x[0]).unwrap());
+    check_twice("exp at 0", &[numbers(&[3], 3).scaled(1e-9)], |x| Var::rotation_exp(&x[0]).unwrap());
+}
+
+#[test]
+fn derivatives_of_any_order_and_of_aliases() {
+    let q = Var::leaf(2.0);
+    let power = |x: &Var, p: f64| x.binary(Binary::Pow, &Var::from(p)).unwrap();
+    let mut y = power(&q, 5.0);
+    for expected in [80.0, 160.0, 240.0, 240.0, 120.0, 0.0] {
+        let g = backward(&y, std::slice::from_ref(&q)).unwrap().swap_remove(0);
+        assert!((g.data[0] - expected).abs() < 1e-9, "{g:?} is not {expected}");
+        y = Var::gradient_of(&y, &q, g);
+    }
+    // The derivative of s³ in s = q², as a function of q: 3 q⁴.
+    let s = q.unary(Unary::Square).alias();
+    let cube = power(&s, 3.0);
+    let in_s = Var::gradient_of(&cube, &s, backward(&cube, std::slice::from_ref(&s)).unwrap().swap_remove(0));
+    assert_eq!(in_s.item(), Some(48.0));
+    assert!((backward(&in_s, std::slice::from_ref(&q)).unwrap()[0].data[0] - 96.0).abs() < 1e-9);
+    // At edges no derivative of a finite one is a NaN.
+    for f in [Unary::Sqrt, Unary::Abs, Unary::Asin, Unary::Acos] {
+        for x in [0.0, 1.0] {
+            let x = Var::leaf(x);
+            let y = x.unary(f);
+            let g = Var::gradient_of(&y, &x, backward(&y, std::slice::from_ref(&x)).unwrap().swap_remove(0));
+            let twice = backward(&g, std::slice::from_ref(&x)).unwrap();
+            assert!(twice[0].is_finite(), "{f:?}: {twice:?}");
+        }
+    }
+    // What is measured, and an operation that says nothing of it, are refused.
+    let op = std::sync::Arc::new(Twice(std::sync::Mutex::new(vec![])));
+    let y = Var::custom(op, vec![q.clone()], Tensor::scalar(4.0)).unary(Unary::Square);
+    let g = backward(&y, std::slice::from_ref(&q)).unwrap().swap_remove(0);
+    for (node, name) in [
+        (Var::gradient_of(&y, &q, g), "`twice` has first derivatives only"),
+        (Var::measured("fd", vec![q.clone()], Tensor::scalar(1.0)), "`fd` has first derivatives only"),
+    ] {
+        let refused = backward(&node, std::slice::from_ref(&q)).unwrap_err();
+        assert!(refused.0.contains(name) && help(&refused.0).is_some(), "{refused}");
+    }
+}
