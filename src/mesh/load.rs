@@ -269,7 +269,7 @@ fn read(path: &Path) -> Result<(Vec<u8>, String), MeshError> {
 /// Reads the bytes of a mesh file of the kind that `extension` names. `folder` is where the files it refers to lie, `name`
 /// what a part without a name is called.
 pub fn decode_mesh(bytes: &[u8], extension: &str, folder: &Path, name: &str, wanted: Wanted) -> Result<Loaded, String> {
-    let mut reading = Reading::new(folder, wanted);
+    let mut reading = Reading::new(folder, name, wanted);
     let mut loaded = match extension {
         "obj" => obj::decode(bytes, &mut reading)?,
         "ply" => ply::decode(bytes, &mut reading)?,

@@ -293,7 +293,8 @@ impl Obj {
         let (uvs, normals) = (with(1), with(2));
         if uvs > 0 && uvs < part.corners.len() {
             let sentence = "some faces have no texture coordinates and get [0, 0]";
-            reading.notes.about(sentence, format!("“{}”", part.name));
+            let name = if part.name.is_empty() { reading.name } else { &part.name };
+            reading.notes.about(sentence, format!("“{name}”"));
         }
         let colored = |c: &Corner| !self.colors[c[0] as usize].is_nan();
         let has_color = self.any_color && part.corners.iter().any(colored);

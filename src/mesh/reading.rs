@@ -66,6 +66,8 @@ impl Notes {
 /// One file being read.
 pub(super) struct Reading<'a> {
     pub folder: &'a Path,
+    /// What a part without a name is called.
+    pub name: &'a str,
     pub wanted: Wanted,
     pub notes: Notes,
     /// Bytes of geometry that were asked for.
@@ -75,8 +77,8 @@ pub(super) struct Reading<'a> {
 }
 
 impl<'a> Reading<'a> {
-    pub fn new(folder: &'a Path, wanted: Wanted) -> Reading<'a> {
-        Reading { folder, wanted, notes: Notes::default(), asked: 0, images: HashMap::new() }
+    pub fn new(folder: &'a Path, name: &'a str, wanted: Wanted) -> Reading<'a> {
+        Reading { folder, name, wanted, notes: Notes::default(), asked: 0, images: HashMap::new() }
     }
 
     /// Whether materials are wanted, and what they lack is to be told.

@@ -38,7 +38,7 @@ fn is_text(bytes: &[u8]) -> bool {
     let begins =
         |line: &[u8], word: &str| line.get(..word.len()).is_some_and(|w| w.eq_ignore_ascii_case(word.as_bytes()));
     // Whatever else stands there, text has no zeros.
-    next.is_none_or(|line| begins(line, "facet") || begins(line, "endsolid")) || !bytes.contains(&0)
+    next.is_some_and(|line| begins(line, "facet") || begins(line, "endsolid")) || !bytes.contains(&0)
 }
 
 fn binary(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, String> {

@@ -43,7 +43,7 @@ pub(super) fn decode(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, Stri
         let weights = node.weights().or(mesh.weights()).unwrap_or(&[]);
         let pose = node.skin().map(|s| Pose::new(&s, &scene, &reader.accessors)).transpose()?;
         for primitive in mesh.primitives() {
-            let name = node.name().or(mesh.name()).unwrap_or_default().to_string();
+            let name = node.name().or(mesh.name()).unwrap_or(reading.name).to_string();
             if let Some(mut part) = reader.part(&mesh, &primitive, name, weights, pose.as_ref(), reading)? {
                 // The joints of a skin say where it is; its node does not.
                 if pose.is_none() {
