@@ -1,10 +1,10 @@
 //! Operators: broadcasting, units, comparison.
 
 use super::declare::broken;
-use super::hir::{BinaryOp, ExprKind, UnaryOp};
+use super::hir::{BinaryOp, Callee, Expr, ExprKind, UnaryOp};
 use super::infer::{Typed, typed};
 use super::modules::Checker;
-use super::signature::Const;
+use super::signature::{Const, dims_agree};
 use super::types::{Dim, Ty};
 use crate::diag::Diagnostic;
 use crate::source::Span;
@@ -17,7 +17,7 @@ impl Checker<'_> {
         let fine = ty.is_unknown()
             || match op {
                 UnaryOp::Neg => matches!(ty, Ty::Num(_) | Ty::Angle | Ty::Image { .. }),
-                UnaryOp::Not => ty == Ty::Bool,
+                UnaryOp::Not => ty == Ty::Bool || matches!(ty, Ty::Num(_) | Ty::Image { .. }) && !ty.is_scalar(),
             };
         if !fine {
             let (sign, wanted) = if op == UnaryOp::Neg { ("-", "a number or an angle") } else { ("not", "a `bool`") };
@@ -47,6 +47,18 @@ impl Checker<'_> {
                     (Some(a), Some(b)) => compute(op, a, b),
                     _ => None,
                 };
+                if op == BinaryOp::Mul
+                    && matches!(b, Ty::Num(shape) if !shape.is_empty())
+                    && applied(a, b).is_ok()
+                    && is_matrix(self, &left.expr, 8)
+                {
+                    self.diagnostics.push(
+                        Diagnostic::warning("dscene::type::elementwise", "`*` multiplies element by element")
+                            .label(op_span, "not the product of matrices")
+                            .label(left.expr.span, "a matrix")
+                            .help("the product of a matrix with a vector or a matrix is `@`"),
+                    );
+                }
                 let kind = ExprKind::Binary { op, left: Box::new(left.expr), right: Box::new(right.expr) };
                 Typed { value, ..typed(kind, span, ty) }
             }
@@ -107,6 +119,7 @@ fn sign(op: BinaryOp) -> &'static str {
         BinaryOp::Sub => "-",
         BinaryOp::Mul => "*",
         BinaryOp::Div => "/",
+        BinaryOp::Apply => "@",
         BinaryOp::Pow => "^",
         BinaryOp::Eq => "==",
         BinaryOp::Ne => "!=",
@@ -134,6 +147,9 @@ fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
     match op {
         And | Or => match (a, b) {
             (Ty::Bool | Ty::Any, Ty::Bool | Ty::Any) => Ok(Ty::Bool),
+            (Ty::Num(_) | Ty::Image { .. }, Ty::Num(_) | Ty::Image { .. }) if !a.is_scalar() && !b.is_scalar() => {
+                broadcast(a, b).ok_or_else(String::new)
+            }
             _ => Err(format!("`{}` joins conditions (`bool`)", sign(op))),
         },
         Eq | Ne => match (a, b) {
@@ -143,14 +159,15 @@ fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
             _ => bad(),
         },
         Lt | Le | Gt | Ge => match (a, b) {
-            (Ty::Any, other) | (other, Ty::Any) if other.is_unknown() || other.is_scalar() || *other == Ty::Angle => {
-                Ok(Ty::Bool)
+            (Ty::Angle, Ty::Angle | Ty::Any) | (Ty::Any, Ty::Angle) => Ok(Ty::Bool),
+            // A mask if it is an array.
+            (Ty::Any, other) | (other, Ty::Any) if other.is_unknown() || other.is_scalar() => Ok(Ty::Any),
+            (Ty::Any, Ty::Num(_) | Ty::Image { .. }) | (Ty::Num(_) | Ty::Image { .. }, Ty::Any) => {
+                broadcast(a, b).ok_or_else(String::new)
             }
-            (Ty::Angle, Ty::Angle) => Ok(Ty::Bool),
             _ if a.is_scalar() && b.is_scalar() => Ok(Ty::Bool),
-            (Ty::Num(_) | Ty::Image { .. }, Ty::Num(_) | Ty::Image { .. }) => {
-                Err("compare single numbers: reduce arrays first, for instance with `max(…)` or `mean(…)`".to_owned())
-            }
+            // A mask: 1 where it is true of the elements, 0 elsewhere.
+            (Ty::Num(_) | Ty::Image { .. }, Ty::Num(_) | Ty::Image { .. }) => broadcast(a, b).ok_or_else(String::new),
             (Ty::Estimate(_), other) | (other, Ty::Estimate(_)) if other.is_scalar() => {
                 Err("take the estimate's `.mean`".to_owned())
             }
@@ -163,9 +180,10 @@ fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
         },
         Mul => match (a, b) {
             (Ty::Angle, other) | (other, Ty::Angle) if other.is_scalar() || *other == Ty::Any => Ok(Ty::Angle),
-            (Ty::Rotation | Ty::Transform, Ty::Rotation | Ty::Transform) => {
-                Err("join them with `compose(first, second)`".to_owned())
+            (Ty::Rotation | Ty::Transform, Ty::Rotation | Ty::Transform | Ty::Num(_) | Ty::Image { .. }) => {
+                Err("rotations and transforms are applied by `@`: `turn @ point`, `second @ first`".to_owned())
             }
+            (Ty::Rotation | Ty::Transform, Ty::Mesh) => Err("write `turn @ mesh`".to_owned()),
             (Ty::Mesh, _) | (_, Ty::Mesh) => Err("scale a mesh with `|> scale(2)`".to_owned()),
             _ => broadcast(a, b).ok_or_else(String::new),
         },
@@ -176,6 +194,64 @@ fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
             _ => broadcast(a, b).ok_or_else(String::new),
         },
         Pow => broadcast(a, b).ok_or_else(String::new),
+        Apply => applied(a, b),
+    }
+}
+
+/// The type of `a @ b`, or a help text (maybe empty).
+fn applied(a: &Ty, b: &Ty) -> Result<Ty, String> {
+    let three = |n: Option<&Dim>| matches!(n, Some(None | Some(3)));
+    match (a, b) {
+        (Ty::Any, _) | (_, Ty::Any) => Ok(Ty::Any),
+        (Ty::Rotation, Ty::Rotation) => Ok(Ty::Rotation),
+        (Ty::Rotation | Ty::Transform, Ty::Rotation | Ty::Transform) => Ok(Ty::Transform),
+        (Ty::Rotation | Ty::Transform, Ty::Mesh) => Ok(Ty::Mesh),
+        (Ty::Rotation | Ty::Transform, Ty::Num(shape)) if three(shape.last()) => {
+            Ok(Ty::Num(shape[..shape.len() - 1].iter().copied().chain([Some(3)]).collect()))
+        }
+        (Ty::Rotation | Ty::Transform, Ty::Image { channels, .. }) if three(Some(channels)) => Ok(b.clone()),
+        (Ty::Rotation | Ty::Transform, Ty::Num(_) | Ty::Image { .. }) => Err(format!(
+            "a {a} moves points of 3 numbers (and arrays or images of them), meshes, rotations and transforms"
+        )),
+        (Ty::Rotation | Ty::Transform, Ty::Shape) => Err("move its mesh: `turn @ ball.mesh`".to_owned()),
+        (Ty::Mesh, Ty::Rotation | Ty::Transform) => Err("what moves stands on the right: `turn @ mesh`".to_owned()),
+        (Ty::Num(_), Ty::Rotation | Ty::Transform) => {
+            Err("what moves stands on the right: `turn @ point`; a product of matrices has `matrix(turn)`".to_owned())
+        }
+        (Ty::Num(x), Ty::Num(y)) => match (x.as_slice(), y.as_slice()) {
+            ([], _) | (_, []) => Err("numbers multiply by `*`; `@` is the product of matrices".to_owned()),
+            ([.., k], [l]) | ([.., k], [l, _]) if x.len() <= 2 => {
+                if !dims_agree(*k, *l) {
+                    return Err("a matrix product needs as many columns on the left as rows on the right".to_owned());
+                }
+                Ok(Ty::Num(x[..x.len() - 1].iter().chain(&y[1..]).copied().collect()))
+            }
+            _ => {
+                Err("`@` multiplies vectors and matrices; go through arrays of them with `[… for m in ms]`".to_owned())
+            }
+        },
+        (Ty::Num(x), Ty::Image { height, width, channels, made }) => match x.as_slice() {
+            [k, c] if dims_agree(*c, *channels) => {
+                Ok(Ty::Image { height: *height, width: *width, channels: *k, made: *made })
+            }
+            _ => Err("a matrix times an image needs as many columns as there are channels".to_owned()),
+        },
+        _ => Err(String::new()),
+    }
+}
+
+/// Whether an expression says that it is a matrix, and not just an array of rows.
+fn is_matrix(checker: &Checker, e: &Expr, depth: usize) -> bool {
+    match &e.kind {
+        ExprKind::Call(call) => match &call.callee {
+            Callee::Native(id) => matches!(checker.slot(*id).name.text.as_str(), "matrix" | "inverse"),
+            _ => false,
+        },
+        ExprKind::Binary { op: BinaryOp::Apply, .. } => matches!(&e.ty, Ty::Num(shape) if shape.len() == 2),
+        ExprKind::Decl(id) if depth > 0 => {
+            checker.slot(*id).hir.body.as_ref().is_some_and(|body| is_matrix(checker, body, depth - 1))
+        }
+        _ => false,
     }
 }
 
@@ -242,6 +318,9 @@ fn negate(value: &Const) -> Option<Const> {
 /// What is known of both sides is computed; sizes, bounds and indices need it.
 fn compute(op: BinaryOp, a: &Const, b: &Const) -> Option<Const> {
     use BinaryOp::*;
+    if op == Apply {
+        return None;
+    }
     Some(match (a, b) {
         (Const::Num(x), Const::Num(y)) => match op {
             Add => Const::Num(x + y),
@@ -255,7 +334,7 @@ fn compute(op: BinaryOp, a: &Const, b: &Const) -> Option<Const> {
             Le => Const::Bool(x <= y),
             Gt => Const::Bool(x > y),
             Ge => Const::Bool(x >= y),
-            And | Or => return None,
+            And | Or | Apply => return None,
         },
         (Const::Angle(x), Const::Angle(y)) => match op {
             Add => Const::Angle(x + y),

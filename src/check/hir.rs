@@ -252,6 +252,8 @@ pub enum BinaryOp {
     Sub,
     Mul,
     Div,
+    /// `@`: the matrix product, and what rotations and transforms do to points, meshes and each other.
+    Apply,
     Pow,
     Eq,
     Ne,

@@ -353,15 +353,13 @@ impl Checker<'_> {
                 None => (Ty::Any, Some(parts.len())),
             },
             (_, Some(found)) => found,
+            // A row of pixels.
+            (Ty::Image { height, width, channels, .. }, None) => (Ty::Num(vec![*width, *channels]), *height),
             (ty, None) => {
-                let mut diagnostic =
+                self.diagnostics.push(
                     Diagnostic::error("dscene::type::mismatch", format!("{} has no elements to index", ty.a()))
-                        .label(base.expr.span, format!("this is `{ty}`"));
-                if matches!(ty, Ty::Image { .. }) {
-                    diagnostic =
-                        diagnostic.help("take a part of an image with `crop(img, x: …, y: …, width: …, height: …)`");
-                }
-                self.diagnostics.push(diagnostic);
+                        .label(base.expr.span, format!("this is `{ty}`")),
+                );
                 return broken(span);
             }
         };
@@ -456,7 +454,14 @@ impl Checker<'_> {
     pub fn condition(&mut self, e: &ast::Expr) -> hir::Expr {
         let condition = self.expr(e, None).expr;
         if !condition.ty.is_unknown() && condition.ty != Ty::Bool {
-            let help = condition.ty.is_scalar().then(|| format!("compare it: `{} > 0`", self.sources.text(e.span)));
+            let text = self.sources.text(e.span);
+            let help = match &condition.ty {
+                ty if ty.is_scalar() => Some(format!("compare it: `{text} > 0`")),
+                Ty::Num(_) | Ty::Image { .. } => Some(format!(
+                    "ask for all elements or for any: `all({text})`, `any({text})`; `where(mask, a, b)` chooses one by one"
+                )),
+                _ => None,
+            };
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::mismatch", format!("a condition is a `bool`, not `{}`", condition.ty))
                     .label(e.span, format!("this is `{}`", condition.ty))

@@ -57,6 +57,7 @@ impl Checker<'_> {
                 expr.kind = ExprKind::Str(vec![StrPart::Text(absolute.display().to_string())]);
             }
         }
+        self.check_shapes(id, found);
         if name == "moving" {
             self.check_keyframes(found);
         }

@@ -16,6 +16,7 @@ mod infer;
 mod known;
 mod modules;
 mod results;
+mod shapes;
 mod signature;
 pub mod types;
 

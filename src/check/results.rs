@@ -78,9 +78,33 @@ pub fn native(name: &str, signature: &Signature, args: &[Option<Typed>], bound: 
             _ => any_image(),
         },
         ("image", Some(of @ Ty::Image { .. })) => of.clone(),
-        ("min" | "max", Some(a)) => match ty(1) {
-            None => Ty::SCALAR,
-            Some(b) => broadcast(a, b).unwrap_or(Ty::Any),
+        ("min" | "max", Some(a)) if ty(1).is_some() => ty(1).and_then(|b| broadcast(a, b)).unwrap_or(Ty::Any),
+        ("sum" | "mean" | "norm" | "variance" | "std" | "min" | "max" | "median" | "percentile", Some(of)) => {
+            reduced(of, argument(signature, args, "axis"))
+        }
+        ("argmin" | "argmax", Some(of)) => match (argument(signature, args, "axis"), rank(of)) {
+            (Some(axis), _) => match reduced(of, Some(axis)) {
+                // A place is a number, not a pixel.
+                Ty::Image { height, width, .. } => Ty::Num(vec![height, width]),
+                other => other,
+            },
+            (None, Some(0 | 1)) => Ty::SCALAR,
+            (None, n) => n.map_or(Ty::Any, Ty::vector),
+        },
+        ("where", condition) => chosen(condition, ty(1), ty(2)),
+        ("mod", Some(a)) => match (a, ty(1)) {
+            (Ty::Angle, Some(Ty::Angle)) => Ty::Angle,
+            (a, Some(b)) => broadcast(a, b).unwrap_or(Ty::Any),
+            _ => Ty::Any,
+        },
+        ("compose", Some(Ty::Rotation)) if ty(1) == Some(&Ty::Rotation) => Ty::Rotation,
+        ("compose", Some(Ty::Rotation | Ty::Transform)) if ty(1).is_some_and(|ty| !ty.is_unknown()) => Ty::Transform,
+        ("inverse" | "transpose", Some(Ty::Rotation)) => Ty::Rotation,
+        ("inverse", Some(Ty::Transform)) => Ty::Transform,
+        ("transpose", Some(Ty::Transform)) => Ty::Num(vec![Some(4); 2]),
+        ("inverse", Some(Ty::Num(shape))) => match shape.as_slice() {
+            [a, b] => Ty::Num(vec![a.or(*b); 2]),
+            _ => Ty::Any,
         },
         ("zip", Some(a)) => {
             let items: Option<Vec<(Ty, Dim)>> = [Some(a), ty(1), ty(2)].into_iter().flatten().map(item_of).collect();
@@ -92,10 +116,29 @@ pub fn native(name: &str, signature: &Signature, args: &[Option<Typed>], bound: 
                 None => Ty::Any,
             }
         }
-        ("concat", Some(a)) => match (item_of(a), ty(1).and_then(item_of)) {
-            (Some((x, n)), Some((y, m))) => {
-                join(&x, &y).map_or(Ty::Any, |item| stack(item, n.zip(m).map(|(n, m)| n + m)))
+        ("concat", Some(a)) => joined(a, ty(1), argument(signature, args, "axis")),
+        ("stack", Some(of)) => match item_of(of) {
+            Some((Ty::Num(shape), n)) => Ty::Num([vec![n], shape].concat()),
+            Some((Ty::Image { height, width, channels, .. }, n)) => Ty::Num(vec![n, height, width, channels]),
+            _ => Ty::Any,
+        },
+        ("pad", Some(Ty::Image { height, width, channels, .. })) => {
+            let margin = |i: usize| if args.get(i).is_some_and(Option::is_none) { Some(0) } else { count(i) };
+            let wide = |n: &Dim, a: usize, b: usize| Some((*n)? + margin(a)? + margin(b)?);
+            image(wide(height, 3, 4), wide(width, 1, 2), *channels, Made(args[0].as_ref().map(|a| a.expr.span)))
+        }
+        ("sample", Some(Ty::Image { channels, .. })) => match ty(1) {
+            Some(Ty::Num(shape)) if !shape.is_empty() => {
+                Ty::Num(shape[..shape.len() - 1].iter().copied().chain([*channels]).collect())
             }
+            Some(Ty::Image { height, width, made, .. }) => image(*height, *width, *channels, *made),
+            _ => Ty::Any,
+        },
+        ("project", Some(_)) => match ty(1) {
+            Some(Ty::Num(shape)) if !shape.is_empty() => {
+                Ty::Num(shape[..shape.len() - 1].iter().copied().chain([Some(2)]).collect())
+            }
+            Some(Ty::Image { height, width, made, .. }) => image(*height, *width, Some(2), *made),
             _ => Ty::Any,
         },
         ("transpose", Some(Ty::Num(shape))) => match shape.as_slice() {
@@ -107,6 +150,126 @@ pub fn native(name: &str, signature: &Signature, args: &[Option<Typed>], bound: 
         ("matrix", Some(Ty::Rotation)) => Ty::Num(vec![Some(3), Some(3)]),
         ("matrix", Some(Ty::Transform)) => Ty::Num(vec![Some(4), Some(4)]),
         _ => declared(),
+    }
+}
+
+/// The argument of that name.
+pub fn argument<'a>(signature: &Signature, args: &'a [Option<Typed>], name: &str) -> Option<&'a Typed> {
+    let at = signature.params.iter().position(|p| p.name == name)?;
+    args.get(at)?.as_ref()
+}
+
+/// How many axes an array or image has.
+pub fn rank(ty: &Ty) -> Option<usize> {
+    match ty {
+        Ty::Num(shape) => Some(shape.len()),
+        Ty::Image { .. } => Some(3),
+        _ => None,
+    }
+}
+
+/// What is left of an array or image that is reduced along axes; of all of them if `axis` is missing.
+fn reduced(of: &Ty, axis: Option<&Typed>) -> Ty {
+    let Some(axis) = axis else { return if of.is_unknown() { Ty::Any } else { Ty::SCALAR } };
+    let Some(rank) = rank(of) else { return Ty::Any };
+    let named = |value: &Const| match value.number() {
+        Some(x) if x < 0.0 => Some((x + rank as f64) as usize),
+        x => x.map(|x| x as usize),
+    };
+    let axes: Option<Vec<usize>> = match &axis.value {
+        Some(Const::List(items)) => items.iter().map(named).collect(),
+        Some(value) => named(value).map(|axis| vec![axis]),
+        None => None,
+    };
+    let kept = |shape: &[Dim]| match &axes {
+        Some(axes) => {
+            Ty::Num(shape.iter().enumerate().filter(|(i, _)| !axes.contains(i)).map(|(_, dim)| *dim).collect())
+        }
+        // How many axes there are is known, if not which.
+        None => match &axis.expr.ty {
+            Ty::Num(named) if named.is_empty() => Ty::Num(vec![None; shape.len().saturating_sub(1)]),
+            _ => Ty::Any,
+        },
+    };
+    match of {
+        Ty::Num(shape) => kept(shape),
+        Ty::Image { height, width, channels, made } => match &axes {
+            Some(axes) if axes == &[2] => Ty::Image { height: *height, width: *width, channels: Some(1), made: *made },
+            Some(_) => kept(&[*height, *width, *channels]),
+            None => Ty::Any,
+        },
+        _ => Ty::Any,
+    }
+}
+
+/// Two arrays or images along an axis, or all of one list.
+fn joined(a: &Ty, b: Option<&Ty>, axis: Option<&Typed>) -> Ty {
+    let along = match axis {
+        None => Some(0),
+        Some(axis) => axis.value.as_ref().and_then(Const::number).map(|x| x as i64),
+    };
+    let Some(b) = b else {
+        // How many parts a list has is often known, but not always.
+        return match item_of(a) {
+            Some((item @ Ty::Image { .. }, _)) => image_without_size(&item, along),
+            Some((Ty::Num(shape), n)) if !shape.is_empty() => {
+                let at = along.map(|x| if x < 0 { x + shape.len() as i64 } else { x } as usize);
+                let times = |(i, dim): (usize, &Dim)| match at {
+                    Some(at) if at == i => dim.zip(n).map(|(d, n)| d * n),
+                    Some(_) => *dim,
+                    None => None,
+                };
+                Ty::Num(shape.iter().enumerate().map(times).collect())
+            }
+            _ => Ty::Any,
+        };
+    };
+    match (a, b) {
+        (Ty::Num(x), Ty::Num(y)) if x.len() == y.len() && !x.is_empty() => {
+            let at = along.map(|x| if x < 0 { x + y.len() as i64 } else { x } as usize);
+            let dim = |i: usize| match at {
+                Some(at) if at == i => x[i].zip(y[i]).map(|(a, b)| a + b),
+                Some(_) => x[i].or(y[i]),
+                None => None,
+            };
+            let fits = at.is_none_or(|at| (0..x.len()).all(|i| i == at || super::signature::dims_agree(x[i], y[i])));
+            if fits { Ty::Num((0..x.len()).map(dim).collect()) } else { Ty::Any }
+        }
+        (Ty::Image { height: h, width: w, channels: c, made }, Ty::Image { height, width, channels, .. }) => {
+            let at = along.map(|x| if x < 0 { x + 3 } else { x });
+            let dim = |i: i64, a: &Dim, b: &Dim| match at {
+                Some(at) if at == i => a.zip(*b).map(|(a, b)| a + b),
+                Some(_) => a.or(*b),
+                None => None,
+            };
+            let (height, width, channels) = (dim(0, h, height), dim(1, w, width), dim(2, c, channels));
+            Ty::Image { height, width, channels, made: *made }
+        }
+        _ => match (item_of(a), item_of(b)) {
+            (Some((x, n)), Some((y, m))) => {
+                join(&x, &y).map_or(Ty::Any, |item| stack(item, n.zip(m).map(|(n, m)| n + m)))
+            }
+            _ => Ty::Any,
+        },
+    }
+}
+
+fn image_without_size(of: &Ty, along: Option<i64>) -> Ty {
+    let Ty::Image { height, width, channels, made } = of else { return Ty::Any };
+    let keep = |i: i64, dim: &Dim| along.filter(|at| *at != i && *at != i - 3).and(*dim);
+    Ty::Image { height: keep(0, height), width: keep(1, width), channels: keep(2, channels), made: *made }
+}
+
+/// One of two values by a bool, or by a mask element by element.
+fn chosen(condition: Option<&Ty>, yes: Option<&Ty>, no: Option<&Ty>) -> Ty {
+    let (Some(condition), Some(yes), Some(no)) = (condition, yes, no) else { return Ty::Any };
+    match join(yes, no).or_else(|| broadcast(yes, no)) {
+        Some(both @ (Ty::Num(_) | Ty::Image { .. })) => match condition {
+            Ty::Bool => broadcast(yes, no).unwrap_or(both),
+            mask => broadcast(mask, &broadcast(yes, no).unwrap_or(both)).unwrap_or(Ty::Any),
+        },
+        Some(other) if *condition == Ty::Bool => other,
+        _ => Ty::Any,
     }
 }
 

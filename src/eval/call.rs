@@ -84,6 +84,9 @@ impl Engine {
         if let Some((_, output)) = natives::RENDERING.iter().find(|(name, _)| *name == native.name) {
             return self.render(native, *output, values, given, spans, span);
         }
+        if native.name == natives::PROJECT {
+            return self.project(values, spans, span);
+        }
         let Some(f) = natives::find(&native.name) else {
             return Err(error::internal(format!("`{}` is declared but not implemented", native.name), span));
         };

@@ -207,8 +207,9 @@ impl Engine {
         let value = self.expr(operand)?;
         match (op, &value) {
             (UnaryOp::Not, Value::Bool(b)) => Ok(Value::Bool(!b)),
-            (UnaryOp::Not, Value::Num(v)) => {
-                v.binary(Binary::Eq, &Var::from(0.0)).map(Value::Num).map_err(|e| error::shape(e.0, operand.span))
+            (UnaryOp::Not, Value::Num(v) | Value::Image(v)) => {
+                let not = v.binary(Binary::Eq, &Var::from(0.0)).map_err(|e| error::shape(e.0, operand.span))?;
+                Ok(value.with_var(not))
             }
             (UnaryOp::Neg, Value::Num(v) | Value::Image(v)) => Ok(value.with_var(v.neg())),
             (_, other) => Err(error::value(format!("{} has no such operation", other.kind()), operand.span)),
@@ -224,6 +225,12 @@ impl Engine {
             return self.expr(right);
         }
         let y = self.expr(right)?;
+        if op == BinaryOp::Apply {
+            return natives::apply(&x, &y).map_err(|e| {
+                let spans = [Some(left.span), Some(right.span)];
+                error::native(&e, span, &spans, "@").label(left.span, x.kind()).label(right.span, y.kind())
+            });
+        }
         self.room_for_pairs(&x, &y, span)?;
         arithmetic(op, &x, &y).map_err(|message| {
             let diagnostic = error::shape(message, span).label(left.span, x.kind()).label(right.span, y.kind());
@@ -430,6 +437,7 @@ pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Res
         BinaryOp::Sub => Binary::Sub,
         BinaryOp::Mul => Binary::Mul,
         BinaryOp::Div => Binary::Div,
+        BinaryOp::Apply => return natives::apply(x, y).map_err(|e| e.message),
         BinaryOp::Pow => Binary::Pow,
         BinaryOp::Eq => Binary::Eq,
         BinaryOp::Ne => Binary::Ne,
@@ -441,6 +449,14 @@ pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Res
         BinaryOp::Or => Binary::Max,
     };
     match (x, y) {
+        (Value::Num(a) | Value::Image(a), Value::Num(b) | Value::Image(b))
+            if matches!(op, BinaryOp::And | BinaryOp::Or) =>
+        {
+            let truth = |v: &Var| v.binary(Binary::Ne, &Var::from(0.0)).map_err(|e| e.0);
+            let both = truth(a)?.binary(f, &truth(b)?).map_err(|e| sizes(a, b, e.0))?;
+            let image = matches!(x, Value::Image(_)) || matches!(y, Value::Image(_));
+            Ok(if image { Value::Image(both) } else { Value::Num(both) })
+        }
         (Value::Num(a), Value::Num(b)) => {
             let z = a.binary(f, b).map_err(|e| e.0)?;
             let truth = f.is_comparison() && z.shape().is_empty();
@@ -456,17 +472,8 @@ pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Res
             arithmetic(op, &Value::Image(t.texels.clone()), y).map(|v| texture(x, v))
         }
         (Value::Image(_), Value::Texture(t)) => arithmetic(op, x, &Value::Image(t.texels.clone())),
-        (Value::Rotation(a), Value::Rotation(b)) if op == BinaryOp::Mul => {
-            a.matmul(b).map(Value::Rotation).map_err(|e| e.0)
-        }
-        (Value::Rotation(_) | Value::Transform(_), Value::Rotation(_) | Value::Transform(_)) if op == BinaryOp::Mul => {
-            match (natives::transform_matrix(x), natives::transform_matrix(y)) {
-                (Some(a), Some(b)) => a.matmul(&b).map(Value::Transform).map_err(|e| e.0),
-                _ => Err("these do not multiply".into()),
-            }
-        }
-        (Value::Rotation(a), Value::Num(b)) if op == BinaryOp::Mul && b.shape() == [3] => {
-            a.matmul(b).map(Value::Num).map_err(|e| e.0)
+        (Value::Rotation(_) | Value::Transform(_), _) if op == BinaryOp::Mul => {
+            Err("rotations and transforms are applied by `@`".into())
         }
         (Value::Bool(a), Value::Bool(b)) => match op {
             BinaryOp::Eq => Ok(Value::Bool(a == b)),

@@ -13,6 +13,7 @@ mod error;
 mod expr;
 mod history;
 mod lower;
+mod project;
 mod reach;
 mod render;
 mod residuals;

@@ -257,7 +257,7 @@ impl Engine {
         Ok((scene, origins))
     }
 
-    fn scene_error(&self, e: LowerError, scene: &SceneValue, origins: &[Origin], span: Span) -> Diagnostic {
+    pub(super) fn scene_error(&self, e: LowerError, scene: &SceneValue, origins: &[Origin], span: Span) -> Diagnostic {
         let find = |is_light: bool, index: usize| origins.iter().filter(|o| o.is_light == is_light).nth(index);
         let (what, origin) = match e {
             LowerError::Tape(message) => return error::shape(message, span),

@@ -1,6 +1,7 @@
 //! Triangle meshes: the value type, built-in shapes, operations with their derivatives, files.
 
 pub mod load;
+pub mod nearest;
 pub mod ops;
 pub mod save;
 pub mod shapes;

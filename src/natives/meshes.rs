@@ -7,7 +7,8 @@ use glam::DVec3;
 use crate::mesh::{Mesh, MeshError, ops, shapes};
 use crate::tape::{CustomOp, TapeError, Tensor, Var};
 
-use super::numbers::{about, affine_parts, bounds, euler, identity};
+use super::linear::{about, affine_parts, euler, identity};
+use super::measures::bounds;
 use super::value::{MeshValue, Value};
 use super::{Args, Native, NativeError, Result};
 
@@ -72,11 +73,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         }
         keyframes(a, |m| stretched(m, &factor))
     }),
-    ("transform", |a| {
-        let (linear, offset) = affine_parts(a, 1)?;
-        let rigid = matches!(a.value(1)?, Value::Rotation(_));
-        keyframes(a, |m| moved(m, &linear, offset.as_ref(), rigid, 1))
-    }),
+    ("transform", |a| transformed(a.mesh(0)?, a.value(1)?, 1)),
     ("flip", |a| match a.value(0)? {
         Value::Mesh(_) => keyframes(a, |m| Ok(flipped(m))),
         _ => super::images::flip(a),
@@ -111,7 +108,18 @@ fn give(mesh: MeshValue) -> Result<Value> {
 
 /// Maps the first argument, a mesh: both keyframes if it moves.
 fn keyframes(a: &Args, f: impl Fn(&MeshValue) -> Result<MeshValue>) -> Result<Value> {
-    let mesh = a.mesh(0)?;
+    both(a.mesh(0)?, f)
+}
+
+/// A mesh moved by a transform, a rotation or a matrix; argument `blame` is wrong if it is none.
+pub(super) fn transformed(mesh: &MeshValue, by: &Value, blame: usize) -> Result<Value> {
+    let (linear, offset) = affine_parts(by, blame)?;
+    let rigid = matches!(by, Value::Rotation(_));
+    both(mesh, |m| moved(m, &linear, offset.as_ref(), rigid, blame))
+}
+
+/// Maps a mesh, at both keyframes if it moves.
+fn both(mesh: &MeshValue, f: impl Fn(&MeshValue) -> Result<MeshValue>) -> Result<Value> {
     let closing = mesh.closing.as_ref().map(|m| f(m).map(Arc::new)).transpose()?;
     give(MeshValue { closing, ..f(mesh)? })
 }
@@ -216,7 +224,7 @@ fn moved(mesh: &MeshValue, linear: &Var, offset: Option<&Var>, rigid: bool, blam
         None => None,
     };
     let moved = MeshValue { vertices, normals, ..mesh.clone() };
-    let mirrored = !rigid && linear.determinant3()?.item().is_some_and(|d| d < 0.0);
+    let mirrored = !rigid && linear.determinant()?.item().is_some_and(|d| d < 0.0);
     Ok(if mirrored { reversed(moved) } else { moved })
 }
 
@@ -226,7 +234,7 @@ fn rotate(a: &Args) -> Result<Value> {
         return Err(NativeError::at(axis, "an axis without an angle").help("write `rotate(axis: …, angle: 30deg)`"));
     }
     let mut turn = euler(a)?;
-    let by = a.named("by").map(|(i, _)| affine_parts(a, i)).transpose()?.map(|(linear, _)| linear);
+    let by = a.named("by").map(|(i, v)| affine_parts(v, i)).transpose()?.map(|(linear, _)| linear);
     for next in [about(a)?, by].into_iter().flatten() {
         turn = Some(match turn {
             Some(t) => next.matmul(&t)?,
@@ -490,7 +498,7 @@ fn smooth_normals(mesh: &MeshValue) -> Result<Var> {
 }
 
 /// Edges by welded position: their two ends (a vertex of each place), and the faces beside them.
-fn welded_edges(mesh: &MeshValue) -> Vec<([u32; 2], Vec<u32>)> {
+pub(super) fn welded_edges(mesh: &MeshValue) -> Vec<([u32; 2], Vec<u32>)> {
     let (place, count) = ops::weld(&points(mesh.vertices.value()));
     let mut first = vec![0u32; count];
     for (i, &p) in place.iter().enumerate().rev() {

@@ -5,8 +5,12 @@
 mod fields;
 mod files;
 mod images;
+mod layout;
+mod linear;
+mod measures;
 mod meshes;
 mod numbers;
+mod reduce;
 mod scene;
 pub mod value;
 
@@ -20,6 +24,7 @@ use crate::tape::{TapeError, Tensor, Var};
 use value::{MeshValue, Value};
 
 pub use fields::{field, fields_of, set_field};
+pub use linear::apply;
 pub(crate) use scene::{DISTORTION_HELP, NEEDS_FOCUS, add_to_scene, cone_range, transform_matrix};
 
 /// What went wrong in a native, and which argument is to blame.
@@ -82,25 +87,28 @@ pub struct Args<'a> {
 
 pub type Native = fn(&Args) -> Result<Value>;
 
+const TABLES: [&[(&str, Native)]; 9] = [
+    numbers::TABLE,
+    reduce::TABLE,
+    linear::TABLE,
+    meshes::TABLE,
+    measures::TABLE,
+    images::TABLE,
+    layout::TABLE,
+    files::TABLE,
+    scene::TABLE,
+];
+
 /// The implementation of a declared name.
 pub fn find(name: &str) -> Option<Native> {
     static TABLE: OnceLock<HashMap<&'static str, Native>> = OnceLock::new();
-    let table = TABLE.get_or_init(|| {
-        [numbers::TABLE, meshes::TABLE, images::TABLE, scene::TABLE, files::TABLE]
-            .into_iter()
-            .flatten()
-            .copied()
-            .collect()
-    });
+    let table = TABLE.get_or_init(|| TABLES.into_iter().flatten().copied().collect());
     table.get(name).copied()
 }
 
 /// Every name of the table, in the table's order.
 pub fn names() -> impl Iterator<Item = &'static str> {
-    [numbers::TABLE, meshes::TABLE, images::TABLE, scene::TABLE, files::TABLE]
-        .into_iter()
-        .flatten()
-        .map(|(name, _)| *name)
+    TABLES.into_iter().flatten().map(|(name, _)| *name)
 }
 
 /// Rendering natives, which the evaluator implements: name and what they give.
@@ -118,6 +126,9 @@ pub const RENDERING: &[(&str, crate::grad::Output)] = {
         ("shape_index", Output::ShapeIndex),
     ]
 };
+
+/// The native that the evaluator implements because cameras become rays there.
+pub const PROJECT: &str = "project";
 
 impl<'a> Args<'a> {
     pub fn len(&self) -> usize {

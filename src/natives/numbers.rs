@@ -1,9 +1,8 @@
-//! Numbers, arrays, rotations and transforms.
+//! Numbers and arrays, element by element.
 
-use crate::tape::{Binary, ROUNDING, Slice, Tensor, Unary, Var};
+use crate::tape::{Binary, ROUNDING, Tensor, Unary, Var};
 
-use super::scene::{linear_part, transform_matrix};
-use super::value::{MeshValue, Value};
+use super::value::Value;
 use super::{Args, Native, NativeError, Result, meshes};
 
 /// Numbers in the arrays that `noise` and `uniform` make, at most.
@@ -28,21 +27,14 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("acos", |a| arc(a, Unary::Acos)),
     ("atan", |a| elementwise(a, Unary::Atan)),
     ("atan2", |a| binary(a, Binary::Atan2)),
-    ("dot", dot),
-    ("cross", |a| Ok(Value::Num(a.vector(0, 3, false)?.cross(&a.vector(1, 3, false)?)?))),
     ("length", |a| Ok(Value::Num(a.var(0)?.norm()))),
     ("normalize", normalize),
     ("clamp", clamp),
-    ("min", |a| extreme(a, Binary::Min)),
-    ("max", |a| extreme(a, Binary::Max)),
-    ("sum", |a| Ok(Value::Num(numbers(a, 0)?.sum()))),
-    ("mean", |a| numbers(a, 0)?.mean().map(Value::Num).map_err(|e| NativeError::at(0, e.0))),
-    ("norm", |a| Ok(Value::Num(numbers(a, 0)?.norm()))),
+    ("mod", modulo),
+    ("where", choose),
     ("len", len),
-    ("concat", concat),
     ("zip", zip),
     ("reshape", reshape),
-    ("transpose", |a| a.var(0)?.transpose().map(Value::Num).map_err(|e| NativeError::at(0, e.0))),
     ("noise", |a| random(a, -1.0, 1.0, true)),
     ("uniform", |a| {
         let bound = |name: &str, or: f64| a.named_number(name).map(|x| x.unwrap_or(or));
@@ -50,64 +42,10 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     }),
     ("minibatch", minibatch),
     ("plateau", plateau),
-    ("rotation", rotation),
-    ("euler", |a| Ok(Value::Rotation(euler(a)?.unwrap_or_else(identity)))),
-    ("translation", |a| Ok(Value::Transform(Var::affine(&identity(), &a.vector(0, 3, false)?)?))),
-    ("scaling", |a| {
-        let factor = a.vector(0, 3, true)?;
-        Ok(Value::Transform(Var::affine(&identity().mul(&factor)?, &Var::constant(Tensor::zeros(&[3])))?))
-    }),
-    ("look_at", look_at),
-    ("compose", compose),
-    ("matrix", |a| Ok(Value::Num(a.var(0)?.clone()))),
 ];
 
-pub(super) fn identity() -> Var {
-    Var::constant(Tensor::identity(3))
-}
-
-/// The rotation about x, then y, then z by the arguments of those names; `None` if there is none.
-pub(super) fn euler(a: &Args) -> Result<Option<Var>> {
-    let mut total: Option<Var> = None;
-    for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
-        let Some((index, _)) = a.named(axis) else { continue };
-        let angle = a.scalar(index)?;
-        if !angle.is_live() && angle.item() == Some(0.0) {
-            continue;
-        }
-        let mut direction = vec![0.0; 3];
-        direction[i] = 1.0;
-        let turn = Var::rotation_about(&Var::constant(Tensor::vector(direction)), &angle)?;
-        total = Some(match total {
-            Some(t) => turn.matmul(&t)?,
-            None => turn,
-        });
-    }
-    Ok(total)
-}
-
-/// The rotation by argument `angle` about argument `axis`.
-pub(super) fn about(a: &Args) -> Result<Option<Var>> {
-    match (a.named("axis"), a.named("angle")) {
-        (_, None) => Ok(None),
-        (axis, Some((angle, _))) => {
-            let axis = match axis {
-                Some((i, _)) => {
-                    let axis = a.vector(i, 3, false)?;
-                    if axis.value().data.iter().all(|x| *x == 0.0) {
-                        return Err(NativeError::at(i, "an axis of length 0 has no direction"));
-                    }
-                    axis
-                }
-                None => Var::constant(Tensor::vector(vec![0.0, 1.0, 0.0])),
-            };
-            Ok(Some(Var::rotation_about(&axis, &a.scalar(angle)?)?))
-        }
-    }
-}
-
 /// Numbers of argument `index`: itself, or a list of numbers of different shapes one after the other.
-fn numbers(a: &Args, index: usize) -> Result<Var> {
+pub(super) fn numbers(a: &Args, index: usize) -> Result<Var> {
     match a.value(index)? {
         Value::List(items) => {
             let flat: Option<Vec<Var>> =
@@ -157,22 +95,13 @@ fn fit(message: crate::tape::TapeError) -> NativeError {
 }
 
 /// An image wins over an array of numbers.
-fn kind_of(x: &Value, y: &Value, var: Var) -> Value {
+pub(super) fn kind_of(x: &Value, y: &Value, var: Var) -> Value {
     if matches!(x, Value::Image(_)) || matches!(y, Value::Image(_)) { Value::Image(var) } else { Value::Num(var) }
 }
 
-fn binary(a: &Args, f: Binary) -> Result<Value> {
+pub(super) fn binary(a: &Args, f: Binary) -> Result<Value> {
     let z = a.var(0)?.binary(f, a.var(1)?).map_err(fit)?;
     Ok(kind_of(a.value(0)?, a.value(1)?, z))
-}
-
-fn dot(a: &Args) -> Result<Value> {
-    let (x, y) = (a.var(0)?, a.var(1)?);
-    if x.shape() != y.shape() {
-        let (x, y) = (Tensor::shape_text(x.shape()), Tensor::shape_text(y.shape()));
-        return Err(NativeError::at(1, format!("a dot product of a {x} and a {y}")));
-    }
-    Ok(Value::Num(x.mul(y)?.sum()))
 }
 
 fn normalize(a: &Args) -> Result<Value> {
@@ -188,13 +117,32 @@ fn clamp(a: &Args) -> Result<Value> {
     Ok(a.value(0)?.with_var(x.binary(Binary::Min, a.var(2)?).map_err(at(2))?))
 }
 
-fn extreme(a: &Args, f: Binary) -> Result<Value> {
-    if a.get(1).is_some() {
-        return binary(a, f);
+fn modulo(a: &Args) -> Result<Value> {
+    if a.var(1)?.value().data.contains(&0.0) {
+        return Err(NativeError::at(1, "nothing has a remainder by 0"));
     }
-    let x = numbers(a, 0)?;
-    let found = if f == Binary::Min { x.min() } else { x.max() };
-    found.map(Value::Num).map_err(|e| NativeError::at(0, e.0))
+    binary(a, Binary::Mod)
+}
+
+/// By a bool one value or the other; by a mask element by element.
+fn choose(a: &Args) -> Result<Value> {
+    let mask = match a.value(0)? {
+        Value::Bool(truth) => Var::from(f64::from(u8::from(*truth))),
+        _ => a.var(0)?.clone(),
+    };
+    if mask.value().data.iter().any(|m| m.is_nan()) {
+        return Err(NativeError::at(0, "the condition is neither true nor false somewhere: it holds NaN"));
+    }
+    let (yes, no) = (a.value(1)?, a.value(2)?);
+    match (yes, no, a.value(0)?) {
+        (Value::Num(x) | Value::Image(x), Value::Num(y) | Value::Image(y), condition) => {
+            let chosen = Var::select(&mask, x, y)?;
+            let kind = kind_of(yes, no, chosen.clone());
+            Ok(if matches!(condition, Value::Image(_)) { Value::Image(chosen) } else { kind })
+        }
+        (_, _, Value::Bool(truth)) => Ok(if *truth { yes.clone() } else { no.clone() }),
+        _ => Err(NativeError::at(0, "only numbers are chosen element by element")),
+    }
 }
 
 fn len(a: &Args) -> Result<Value> {
@@ -205,22 +153,6 @@ fn len(a: &Args) -> Result<Value> {
         _ => return Err(a.wrong(0, "an array or a string")),
     };
     Ok(Value::scalar(n as f64))
-}
-
-fn concat(a: &Args) -> Result<Value> {
-    match (a.value(0)?, a.value(1)?) {
-        (Value::Str(x), Value::Str(y)) => Ok(Value::str(format!("{x}{y}"))),
-        (Value::Num(x), Value::Num(y))
-            if !x.shape().is_empty() && x.shape()[1..] == *y.shape().get(1..).unwrap_or(&[0]) =>
-        {
-            Ok(Value::Num(Var::concat(&[x.clone(), y.clone()], 0)?))
-        }
-        (x, y) => {
-            let mut items = x.items().ok_or_else(|| a.wrong(0, "an array"))?;
-            items.extend(y.items().ok_or_else(|| a.wrong(1, "an array"))?);
-            Ok(Value::array(items))
-        }
-    }
 }
 
 fn zip(a: &Args) -> Result<Value> {
@@ -304,77 +236,4 @@ fn minibatch(a: &Args) -> Result<Value> {
         order.swap(i, j.min(items.len() - 1));
     }
     Ok(Value::array(order[..count].iter().map(|&i| items[i].clone()).collect()))
-}
-
-fn rotation(a: &Args) -> Result<Value> {
-    if let Some((i, m)) = a.named("matrix") {
-        let m = m.var().filter(|m| m.shape() == [3, 3]).ok_or_else(|| a.wrong(i, "a 3×3 matrix"))?;
-        let gram = m.matmul(&m.transpose()?)?;
-        let off = gram.value().data.iter().zip(Tensor::identity(3).data).fold(0.0f64, |w, (x, y)| w.max((x - y).abs()));
-        if off.is_nan() || off > 1e-3 || m.determinant3()?.item().is_none_or(|d| d < 0.0) {
-            return Err(NativeError::at(
-                i,
-                "the matrix is not a rotation: its rows are not orthonormal and right-handed",
-            ));
-        }
-        return Ok(Value::Rotation(m.clone()));
-    }
-    Ok(Value::Rotation(about(a)?.unwrap_or_else(identity)))
-}
-
-/// Columns right, up, back… of something at `position` whose +z points to `target`, +y upwards, +x to the left of that view.
-fn look_at(a: &Args) -> Result<Value> {
-    let (position, target) = (a.vector(0, 3, false)?, a.vector(1, 3, false)?);
-    let up = match a.named("up") {
-        Some((i, _)) => a.vector(i, 3, false)?,
-        None => Var::constant(Tensor::vector(vec![0.0, 1.0, 0.0])),
-    };
-    let towards = target.sub(&position)?;
-    if towards.value().data.iter().all(|x| *x == 0.0) {
-        return Err(NativeError::at(1, "position and target are the same point"));
-    }
-    let z = towards.normalize()?;
-    let side = up.cross(&z)?;
-    if side.value().data.iter().all(|x| x.abs() < 1e-12) {
-        return Err(NativeError::new("`up` points along the view direction").help("give another `up`"));
-    }
-    let x = side.normalize()?;
-    let y = z.cross(&x)?;
-    let linear = Var::stack(&[x, y, z])?.transpose()?;
-    Ok(Value::Transform(Var::affine(&linear, &position)?))
-}
-
-/// First one, then the other.
-fn compose(a: &Args) -> Result<Value> {
-    match (a.value(0)?, a.value(1)?) {
-        (Value::Rotation(x), Value::Rotation(y)) => Ok(Value::Rotation(y.matmul(x)?)),
-        (x, y) => {
-            let x = transform_matrix(x).ok_or_else(|| a.wrong(0, "a rotation or transform"))?;
-            let y = transform_matrix(y).ok_or_else(|| a.wrong(1, "a rotation or transform"))?;
-            Ok(Value::Transform(y.matmul(&x)?))
-        }
-    }
-}
-
-/// The linear part and the translation of a transform argument.
-pub(super) fn affine_parts(a: &Args, index: usize) -> Result<(Var, Option<Var>)> {
-    let value = a.value(index)?;
-    if let Value::Rotation(r) = value {
-        return Ok((r.clone(), None));
-    }
-    let Some(m) = transform_matrix(value) else {
-        return Err(a.wrong(index, "a transform, a rotation or a 4×4 matrix"));
-    };
-    let last = m.slice(&[Slice::At(3)])?;
-    if last.value().data != [0.0, 0.0, 0.0, 1.0] {
-        return Err(NativeError::at(index, "the last row of a transform must be [0, 0, 0, 1]"));
-    }
-    Ok((linear_part(&m)?, Some(m.slice(&[Slice::Range(0, 3), Slice::At(3)])?)))
-}
-
-/// The box around a mesh's vertices, as nodes.
-pub(super) fn bounds(mesh: &MeshValue) -> Result<(Var, Var)> {
-    let lo = mesh.vertices.min_axes(&[0]).map_err(|_| NativeError::at(0, "the mesh has no vertices"))?;
-    let hi = mesh.vertices.max_axes(&[0]).map_err(|_| NativeError::at(0, "the mesh has no vertices"))?;
-    Ok((lo, hi))
 }

@@ -70,7 +70,7 @@ pub fn completeness(text: &str) -> Completeness {
     }
     // An expression that ends in an operator goes on in the next line.
     let dangling =
-        matches!(previous, '=' | '+' | '-' | '*' | '/' | '^' | '<' | '>' | ',' | '|') || GO_ON.contains(&&*word);
+        matches!(previous, '=' | '+' | '-' | '*' | '/' | '@' | '^' | '<' | '>' | ',' | '|') || GO_ON.contains(&&*word);
     if open > 0 || comments > 0 || dangling { Completeness::Open } else { Completeness::Complete }
 }
 

@@ -417,8 +417,26 @@ impl Builder<'_> {
     }
 
     fn index(&mut self, base: Box<Expr>, pair: P) -> ExprKind {
-        let mut parts = pair.into_inner();
-        let Some(first) = parts.next() else { return ExprKind::Error };
+        let mut parts = pair.into_inner().peekable();
+        let Some(mut first) = parts.next() else { return ExprKind::Error };
+        let mut base = base;
+        // All but the last index.
+        while parts.peek().is_some_and(|p| p.as_rule() != Rule::open_end) {
+            let start = base.span;
+            let index = self.expr(first);
+            let span = start.to(index.span);
+            if let ExprKind::Range { .. } = index.kind {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::syntax::index", "only the last of several indices may be a range")
+                        .label(index.span, "a range of rows")
+                        .help("take the part of an image by `crop(img, x: …, y: …, width: …, height: …)`"),
+                );
+                return ExprKind::Error;
+            }
+            base = Box::new(Expr { kind: ExprKind::Index { base, index: Box::new(index) }, span });
+            let Some(next) = parts.next() else { return ExprKind::Error };
+            first = next;
+        }
         if first.as_rule() == Rule::open_range {
             let inclusive = first.as_str().starts_with("..=");
             let end = first.into_inner().next().map(|p| Box::new(self.expr(p)));
@@ -569,7 +587,7 @@ fn binding(op: &str) -> (u8, u8) {
         "==" | "!=" | "<" | "<=" | ">" | ">=" => (7, 8),
         ".." | "..=" => (9, 10),
         "+" | "-" => (10, 11),
-        "*" | "/" => (12, 13),
+        "*" | "/" | "@" => (12, 13),
         _ => (15, 14),
     }
 }
@@ -580,6 +598,7 @@ fn operator(op: &str) -> Option<BinaryOp> {
         "-" => BinaryOp::Sub,
         "*" => BinaryOp::Mul,
         "/" => BinaryOp::Div,
+        "@" => BinaryOp::Apply,
         "^" => BinaryOp::Pow,
         "==" => BinaryOp::Eq,
         "!=" => BinaryOp::Ne,

@@ -87,7 +87,7 @@ fn head(text: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Option<Dia
     let (name_at, name) = token_at(text, skip_space(text, at + word.len()));
     let (next_at, next) = token_at(text, skip_space(text, name_at + name.len()));
     let spaced = if word == "fn" { String::new() } else { " ".to_owned() };
-    if !is_name(&name) || (word == "loss" && matches!(next.as_str(), "(" | "." | "+" | "-" | "*" | "/")) {
+    if !is_name(&name) || (word == "loss" && matches!(next.as_str(), "(" | "." | "+" | "-" | "*" | "/" | "@")) {
         if is_reserved(&name) {
             return None;
         }
@@ -200,13 +200,13 @@ fn help(text: &str, at: usize, found: &str) -> Option<String> {
     if found == "=" && is_name(before) && before.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') {
         return Some(format!("values are declared: `let {before} = …`"));
     }
-    // An index has one place, whatever other languages have: `img[0:4, 2]`.
+    // Ranges have two dots, whatever other languages have: `img[0:4, 2]`.
     let in_index = before.rfind('[').is_some_and(|open| {
         let owner = before[..open].ends_with(|c: char| c.is_ascii_alphanumeric() || "_)]".contains(c));
         owner && !before[open..].contains(']')
     });
     if in_index && matches!(found, ":" | ",") {
-        let help = "an index is one number or one range: `rows[2]`, `rows[1..4]`; `crop` takes a part of an image";
+        let help = "a range has two dots: `rows[1..4]`; `rows[2, 0]` is one element, and `crop` takes a part of an image";
         return Some(help.to_owned());
     }
     let help = match found {
@@ -234,7 +234,7 @@ fn help(text: &str, at: usize, found: &str) -> Option<String> {
         "lambda" => "a function value is `x => …`",
         word if is_reserved(word) => return Some(format!("`{word}` is a word of the language and cannot be a name")),
         "" => match before.chars().last() {
-            Some('=' | '+' | '-' | '*' | '/' | '^' | '(' | ',' | ':' | '<' | '>') => {
+            Some('=' | '+' | '-' | '*' | '/' | '@' | '^' | '(' | ',' | ':' | '<' | '>') => {
                 "an expression is missing at the end"
             }
             _ => return None,

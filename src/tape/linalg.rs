@@ -104,13 +104,37 @@ impl Var {
         self.div(&safe.reshape(shape)?)
     }
 
-    /// Determinant of a 3×3 matrix.
-    pub fn determinant3(&self) -> Result<Var> {
-        if self.shape() != [3, 3] {
-            return fail("a determinant needs a 3×3 matrix");
-        }
+    /// Determinant of a square matrix, by elimination with the largest remaining pivot. The derivative is right for
+    /// singular matrices too: what is left once the largest pivot is 0 is of rank n − 2 or less, and flat.
+    pub fn determinant(&self) -> Result<Var> {
+        let n = match *self.shape() {
+            [n, m] if n == m && n > 0 => n,
+            _ => return fail("only a square matrix has a determinant"),
+        };
         let row = |i: i64| self.slice(&[super::Slice::At(i)]);
-        row(0)?.cross(&row(1)?)?.dot(&row(2)?)
+        if n == 3 {
+            return row(0)?.cross(&row(1)?)?.dot(&row(2)?);
+        }
+        let (mut rest, mut product) = (self.clone(), Var::from(1.0));
+        for size in (1..=n).rev() {
+            let data = &rest.value().data;
+            let Some(at) = (0..data.len()).max_by(|&i, &j| data[i].abs().total_cmp(&data[j].abs())) else { break };
+            let (i, j) = (at / size, at % size);
+            if data[at] == 0.0 && size > 1 {
+                return Ok(Var::from(0.0));
+            }
+            let pivot = rest.slice(&[super::Slice::At(i as i64), super::Slice::At(j as i64)])?;
+            product = product.mul(&pivot)?.scale(if (i + j) % 2 == 0 { 1.0 } else { -1.0 });
+            if size == 1 {
+                break;
+            }
+            let others = |k: usize| super::Slice::List((0..size).filter(|x| *x != k).collect());
+            let above = rest.slice(&[super::Slice::At(i as i64), others(j)])?;
+            let beside = rest.slice(&[others(i), super::Slice::At(j as i64)])?;
+            let beside = beside.div(&pivot)?.reshape(vec![size - 1, 1])?;
+            rest = rest.slice(&[others(i), others(j)])?.sub(&beside.mul(&above)?)?;
+        }
+        Ok(product)
     }
 
     /// A matrix from its numbers, row by row.

@@ -34,6 +34,7 @@
 mod linalg;
 mod op;
 mod recorded;
+mod rotation;
 mod squares;
 mod structure;
 mod tensor;
@@ -46,7 +47,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 pub use op::{AxisFilter, Binary, CustomOp, Op, ROUNDING, Unary, invert};
 pub use recorded::{Later, help};
 pub use squares::{Squares, squares};
-pub use structure::{Slice, crop_table};
+pub use structure::{Group, Slice, crop_table};
 pub use tensor::{Spread, Tensor, broadcast_shapes};
 
 /// Operands that do not fit each other.

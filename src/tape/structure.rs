@@ -17,6 +17,13 @@ pub enum Slice {
     List(Vec<usize>),
 }
 
+/// Elements that are reduced to one, by their indices.
+#[derive(Clone, Debug, Default)]
+pub struct Group {
+    pub places: Vec<u32>,
+    pub sorted: Vec<u32>,
+}
+
 impl Var {
     pub fn sum(&self) -> Var {
         if self.shape().is_empty() {
@@ -36,6 +43,9 @@ impl Var {
     /// Sum over some axes, which vanish.
     pub fn sum_axes(&self, axes: &[usize]) -> Result<Var> {
         let (kept, table) = self.reduction(axes)?;
+        if kept.is_empty() {
+            return Ok(self.sum());
+        }
         Ok(Var::apply(Op::Scatter(Arc::new(table)), vec![self.clone()], kept))
     }
 
@@ -79,6 +89,25 @@ impl Var {
             return fail("the minimum or maximum of nothing is not defined");
         }
         Ok(self.gather(best, kept))
+    }
+
+    /// What remains of the shape without `axes`, and for each element that remains the elements of its group: as they lie,
+    /// and from the smallest to the largest (NaN last).
+    pub fn ordered(&self, axes: &[usize]) -> Result<(Vec<usize>, Vec<Group>)> {
+        let (kept, table) = self.reduction(axes)?;
+        let mut groups = vec![Group::default(); kept.iter().product()];
+        for (i, &group) in table.iter().enumerate() {
+            groups[group as usize].places.push(i as u32);
+        }
+        let x = &self.value().data;
+        for group in &mut groups {
+            group.sorted = group.places.clone();
+            group.sorted.sort_by(|&i, &j| {
+                let (a, b) = (x[i as usize], x[j as usize]);
+                a.is_nan().cmp(&b.is_nan()).then(a.total_cmp(&b))
+            });
+        }
+        Ok((kept, groups))
     }
 
     /// The remaining shape, and for each element its place there.

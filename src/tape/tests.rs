@@ -140,7 +140,7 @@ fn linear_algebra() {
     check("matrix vector", &[m.clone(), numbers(&[3], 3)], |x| x[0].matmul(&x[1]).unwrap());
     check("vector matrix", &[numbers(&[3], 3), n], |x| x[0].matmul(&x[1]).unwrap());
     check("inverse", std::slice::from_ref(&m), |x| x[0].inverse().unwrap());
-    check("determinant", std::slice::from_ref(&m), |x| x[0].determinant3().unwrap());
+    check("determinant", std::slice::from_ref(&m), |x| x[0].determinant().unwrap());
     check("cross", &[numbers(&[4, 3], 3), numbers(&[3], 4)], |x| x[0].cross(&x[1]).unwrap());
     check("dot", &[numbers(&[4, 3], 3), numbers(&[3], 4)], |x| x[0].dot(&x[1]).unwrap());
     check("normalize", &[numbers(&[4, 3], 3)], |x| x[0].normalize().unwrap());
@@ -447,7 +447,7 @@ fn every_operation_has_its_second_derivatives() {
     let m = numbers(&[3, 3], 1);
     check_twice("matmul", &[numbers(&[5, 3], 3), m.clone()], |x| x[0].matmul(&x[1]).unwrap());
     check_twice("inverse", std::slice::from_ref(&m), |x| x[0].inverse().unwrap());
-    check_twice("determinant", std::slice::from_ref(&m), |x| x[0].determinant3().unwrap());
+    check_twice("determinant", std::slice::from_ref(&m), |x| x[0].determinant().unwrap());
     check_twice("exp", &[numbers(&[3], 3)], |x| Var::rotation_exp(&x[0]).unwrap());
     check_twice("exp at 0", &[numbers(&[3], 3).scaled(1e-9)], |x| Var::rotation_exp(&x[0]).unwrap());
 }

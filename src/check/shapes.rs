@@ -1,0 +1,134 @@
+//! Shapes that natives ask of their arguments and that are known before anything runs: axes, squares, masks.
+
+use super::arith::{broadcast, image_sizes};
+use super::hir::DeclId;
+use super::infer::Typed;
+use super::modules::{Checker, Signature};
+use super::results::{argument, rank};
+use super::signature::{Const, dims_agree};
+use super::types::Ty;
+use crate::diag::Diagnostic;
+
+impl Checker<'_> {
+    /// What a native's arguments say of one another by their shapes.
+    pub fn check_shapes(&mut self, id: DeclId, found: &[Option<Typed>]) {
+        let Some(signature) = self.signature(id) else { return };
+        let name = self.slot(id).name.text.clone();
+        self.check_axis(&name, &signature, found);
+        match (name.as_str(), found) {
+            ("inverse" | "determinant", [Some(matrix)]) => {
+                if let Ty::Num(shape) = &matrix.expr.ty
+                    && let [a, b] = shape.as_slice()
+                    && !dims_agree(*a, *b)
+                {
+                    let message =
+                        format!("only a square matrix has {} {name}", if name == "inverse" { "an" } else { "a" });
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::type::shape", message)
+                            .label(matrix.expr.span, format!("this is `{}`", matrix.expr.ty))
+                            .help("a system of more equations than unknowns is solved by `inverse(transpose(a) @ a) @ transpose(a) @ b`"),
+                    );
+                }
+            }
+            ("rotation", _) => self.check_rotation(&signature, found),
+            ("where", [Some(condition), Some(yes), Some(no)]) => self.check_where(condition, yes, no),
+            _ => {}
+        }
+    }
+
+    fn check_axis(&mut self, name: &str, signature: &Signature, found: &[Option<Typed>]) {
+        // Of `rotate` it is a vector, of `flip` a word.
+        let counts = |p: &super::modules::SigParam| p.name == "axis" && p.sig.accepts(&Ty::SCALAR, None);
+        if !signature.params.iter().any(counts) {
+            return;
+        }
+        let (Some(axis), Some(Some(of))) = (argument(signature, found, "axis"), found.first()) else { return };
+        if let ("min" | "max", Some(Some(second))) = (name, found.get(1)) {
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::call::unknown_argument",
+                    "two values are compared element by element, along no axis",
+                )
+                .label(axis.expr.span, "an axis")
+                .label(second.expr.span, "a second value")
+                .help("leave one of them out"),
+            );
+            return;
+        }
+        let Some(rank) = rank(&of.expr.ty) else { return };
+        let numbers: Vec<f64> = match &axis.value {
+            Some(Const::Num(x)) => vec![*x],
+            Some(Const::List(items)) => items.iter().filter_map(Const::number).collect(),
+            _ => return,
+        };
+        let Some(wrong) = numbers.iter().find(|x| !(-(rank as f64)..rank as f64).contains(*x)) else { return };
+        let help = match rank {
+            0 => "a single number has none: leave it out".to_owned(),
+            1 => "a vector has the axis 0 only".to_owned(),
+            _ => format!("its axes are 0 to {}; -1 is the last", rank - 1),
+        };
+        self.diagnostics.push(
+            Diagnostic::error("dscene::type::axis", format!("there is no axis {wrong}"))
+                .label(axis.expr.span, "not an axis")
+                .label(of.expr.span, format!("of this `{}`", of.expr.ty))
+                .help(help),
+        );
+    }
+
+    /// A rotation is made from one thing.
+    fn check_rotation(&mut self, signature: &Signature, found: &[Option<Typed>]) {
+        let ways = ["angle", "matrix", "quaternion", "six"];
+        let given: Vec<(&str, &Typed)> =
+            ways.into_iter().filter_map(|name| Some((name, argument(signature, found, name)?))).collect();
+        match given[..] {
+            [(one, first), (two, second), ..] => self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::call::unknown_argument",
+                    format!("a rotation is made from `{one}` or from `{two}`, not from both"),
+                )
+                .label(second.expr.span, "one of two")
+                .label(first.expr.span, "the other")
+                .help("leave one of them out; `a @ b` is first `b`, then `a`"),
+            ),
+            [] => {
+                if let Some(axis) = argument(signature, found, "axis") {
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::call::missing", "an axis without an angle")
+                            .label(axis.expr.span, "turns by nothing")
+                            .help("write `rotation(axis: …, angle: 30deg)`"),
+                    );
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// A mask goes with what it chooses from, and only numbers are chosen one by one.
+    fn check_where(&mut self, condition: &Typed, yes: &Typed, no: &Typed) {
+        let (mask, a, b) = (&condition.expr.ty, &yes.expr.ty, &no.expr.ty);
+        if *mask == Ty::Bool || mask.is_unknown() || a.is_unknown() || b.is_unknown() {
+            return;
+        }
+        let numbers = |ty: &Ty| matches!(ty, Ty::Num(_) | Ty::Image { .. });
+        if let Some(other) = [yes, no].into_iter().find(|t| !numbers(&t.expr.ty)) {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::mismatch", "only numbers are chosen element by element")
+                    .label(other.expr.span, format!("this is `{}`", other.expr.ty))
+                    .label(condition.expr.span, format!("this is `{mask}`"))
+                    .help("ask for one answer: `where(all(…), a, b)`, or `any(…)`"),
+            );
+            return;
+        }
+        let Some(both) = broadcast(a, b) else { return };
+        if broadcast(mask, &both).is_none() {
+            let size = |ty: &Ty| image_sizes(ty).unwrap_or_else(|| format!("`{ty}`"));
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::shape", "the condition does not fit what it chooses from")
+                    .label(condition.expr.span, format!("this is {}", size(mask)))
+                    .label(yes.expr.span, format!("this is {}", size(a)))
+                    .label(no.expr.span, format!("this is {}", size(b)))
+                    .help("they must have the same shape, up to lengths of 1"),
+            );
+        }
+    }
+}

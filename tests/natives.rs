@@ -1,0 +1,483 @@
+//! Derivatives of the library: forward and reverse mode against finite differences, function by function.
+
+use dscene::check::{self, Checked, Disk, Line, hir::DeclKind};
+use dscene::diag::Diagnostic;
+use dscene::eval::value::Value;
+use dscene::eval::{Engine, EngineOptions, on_large_stack};
+
+const PARAMS: &str = "
+param s = 0.7
+param t = 1.3
+param turn = 25deg
+param v = [0.3, -0.5, 0.8]
+param w = [1.1, 0.4, -0.6]
+param six = [1, 0.2, -0.3, 0.1, 0.8, 0.5]
+param four = [0.7, 0.1, -0.4, 0.3]
+param m = [[1.2, 0.3, -0.4], [0.2, 0.9, 0.5], [-0.1, 0.6, -0.8]]
+param n = [[0.5, -1.2], [0.8, 0.3], [1.4, -0.2]]
+param im = [[[0.2, 0.9], [0.6, 0.1], [0.35, 0.75]], [[0.5, 0.31], [0.15, 0.45], [0.8, 0.55]]]
+param points = [[0.3, 0.1, 0.2], [-0.4, 0.65, -0.1], [0.2, -0.6, 0.4], [0.7, 0.3, -0.5]]
+let body = mesh(vertices: points, faces: [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]) |> smooth_normals()
+camera eye { position: [1, 2, 6], look_at: v, fov: turn * 2, film: [64, 48] }
+camera wide { position: 2 * w, look_at: v, fov: 150deg, kind: fisheye, distortion: [0.3 * s, 0.02], film: [64, 48] }
+camera flat { position: 4 * w, look_at: v, kind: orthographic, height: 3 * t, film: [64, 48] }
+camera round { position: 4 * w, look_at: v, kind: panorama, film: [64, 48] }
+";
+
+/// A native, what is differentiated, and in which param.
+const DERIVATIVES: &[(&str, &str, &str)] = &[
+    ("abs", "abs(v)", "v"),
+    ("exp", "exp(v)", "v"),
+    ("log", "log(v + 1)", "v"),
+    ("sqrt", "sqrt(v + 1)", "v"),
+    ("tanh", "tanh(v)", "v"),
+    ("pow", "pow(v + 1, s)", "v"),
+    ("pow", "pow(v + 1, s)", "s"),
+    ("sin", "sin(turn)", "turn"),
+    ("cos", "cos(turn)", "turn"),
+    ("tan", "tan(turn)", "turn"),
+    ("asin", "asin(s) / 1rad", "s"),
+    ("acos", "acos(s) / 1rad", "s"),
+    ("atan", "atan(s) / 1rad", "s"),
+    ("atan2", "atan2(s, -t) / 1rad", "s"),
+    ("atan2", "atan2(s, -t) / 1rad", "t"),
+    ("dot", "dot(v, w)", "v"),
+    ("cross", "cross(v, w)", "w"),
+    ("length", "length(v)", "v"),
+    ("normalize", "normalize(v)", "v"),
+    ("normalize", "normalize(body).vertices", "points"),
+    ("clamp", "clamp(v, -0.4, 0.9)", "v"),
+    ("mod", "mod(3 * v, s)", "v"),
+    ("mod", "mod(3 * v, s)", "s"),
+    ("where", "where(v > 0, v ^ 2, exp(v))", "v"),
+    ("where", "where(image(im) > 0.4, 0.1, image(im) ^ 2)", "im"),
+    ("min", "min(v, w)", "v"),
+    ("min", "min(n, axis: 0)", "n"),
+    ("max", "max(v, w)", "w"),
+    ("max", "max(image(im), axis: 2)", "im"),
+    ("sum", "sum(n)", "n"),
+    ("sum", "sum(n ^ 2, axis: 1)", "n"),
+    ("mean", "mean(image(im) ^ 2, axis: [0, 1])", "im"),
+    ("norm", "norm(n, axis: 0)", "n"),
+    ("variance", "variance(n, axis: 0)", "n"),
+    ("std", "std(im)", "im"),
+    ("median", "median(im, axis: 0)", "im"),
+    ("percentile", "percentile(n, 30)", "n"),
+    ("percentile", "percentile(n, 100, axis: 1)", "n"),
+    ("sort", "sort(n, axis: 0, descending: true) * [[1, 2], [3, 4], [5, 6]]", "n"),
+    ("concat", "concat(v, 2 * w)", "w"),
+    ("concat", "concat(image(im), 2 * image(im), axis: 1)", "im"),
+    ("stack", "stack([image(im), image(im) ^ 2])", "im"),
+    ("reshape", "reshape(n, [2, 3]) * [1, 2, 3]", "n"),
+    ("transpose", "transpose(n) * [1, 2, 3]", "n"),
+    ("transpose", "matrix(transpose(rotation(angle: turn)))", "turn"),
+    ("inverse", "inverse(m)", "m"),
+    ("inverse", "matrix(inverse(rotation(angle: turn) @ scaling(1 + v / 2)))", "v"),
+    ("determinant", "determinant(m)", "m"),
+    ("determinant", "determinant(transpose(n) @ n)", "n"),
+    ("determinant", "determinant(transpose(concat(im[0], im[1])) @ concat(im[0], im[1]))", "im"),
+    ("rotation", "matrix(rotation(axis: v, angle: turn))", "v"),
+    ("rotation", "matrix(rotation(axis: v, angle: turn))", "turn"),
+    ("rotation", "matrix(rotation(matrix: m))", "m"),
+    ("rotation", "matrix(rotation(matrix: m + [[0, 0, 0], [0, 0, 0], [0, 0, 2]]))", "m"),
+    ("rotation", "matrix(rotation(quaternion: four))", "four"),
+    ("rotation", "matrix(rotation(six: six))", "six"),
+    ("euler", "matrix(euler(x: turn, z: 2 * turn))", "turn"),
+    ("translation", "translation(v) @ w", "v"),
+    ("scaling", "scaling(v) @ w", "v"),
+    ("look_at", "matrix(look_at(v, w))", "v"),
+    ("compose", "matrix(compose(rotation(angle: turn), translation(v)))", "v"),
+    ("matrix", "matrix(rotation(angle: turn))", "turn"),
+    ("minibatch", "minibatch(v ^ 2, 2)", "v"),
+    ("zip", "[a * b for a, b in zip(v, w)]", "v"),
+    ("image", "image(im)", "im"),
+    ("crop", "crop(image(im), x: 1, y: 0, width: 2, height: 1)", "im"),
+    ("resize", "resize(image(im), width: 5, height: 4)", "im"),
+    ("blur", "blur(image(im), sigma: 0.7)", "im"),
+    ("downsample", "downsample(image(im))", "im"),
+    ("pyramid", "pyramid(image(im), levels: 2)[1]", "im"),
+    ("luminance", "luminance(v)", "v"),
+    ("gradient", "gradient(image(im))", "im"),
+    ("flip", "flip(image(im)) * image(im)", "im"),
+    ("pad", "pad(image(im), left: 2, bottom: 1, mode: mirror)", "im"),
+    ("pad", "pad(image(im), left: 2, bottom: 1, value: s)", "s"),
+    ("sample", "sample(image(im), n / 3 + [0.3, 0.6])", "im"),
+    ("sample", "sample(image(im), n / 3 + [0.3, 0.6])", "n"),
+    ("sample", "sample(image(im), 0.9 * n, wrap: repeat)", "n"),
+    ("rectangle", "rectangle(width: s, depth: t).vertices", "s"),
+    ("cube", "cube(size: v + 1).vertices", "v"),
+    ("sphere", "sphere(radius: s, subdivisions: 5).vertices", "s"),
+    ("icosphere", "icosphere(radius: s, subdivisions: 0).vertices", "s"),
+    ("disk", "disk(radius: s, subdivisions: 5).vertices", "s"),
+    ("cylinder", "cylinder(radius: s, height: t, subdivisions: 5).vertices", "t"),
+    ("cone", "cone(radius: s, height: t, subdivisions: 5).vertices", "s"),
+    ("torus", "torus(radius: t, tube: s / 3, subdivisions: 5).vertices", "s"),
+    ("grid", "grid(width: s, columns: 2, rows: 2).vertices", "s"),
+    ("heightfield", "heightfield(n).vertices", "n"),
+    ("mesh", "body.vertices", "points"),
+    ("translate", "(body |> translate(v)).vertices", "v"),
+    ("rotate", "(body |> rotate(axis: v, angle: turn)).vertices", "turn"),
+    ("scale", "(body |> scale(v)).vertices", "v"),
+    ("transform", "(body |> transform(m)).normals", "m"),
+    ("smooth_normals", "smooth_normals(body).normals", "points"),
+    ("flat_normals", "flat_normals(body).vertices", "points"),
+    ("subdivide", "subdivide(body).normals", "points"),
+    ("merge", "merge(body, body).vertices", "points"),
+    ("center", "center(body).vertices", "points"),
+    ("bounds", "bounds(body)", "points"),
+    ("surface_area", "surface_area(body)", "points"),
+    ("volume", "volume(body)", "points"),
+    ("centroid", "centroid(body)", "points"),
+    ("chamfer", "chamfer(points, icosphere(subdivisions: 0))", "points"),
+    ("laplacian_energy", "laplacian_energy(body)", "points"),
+    ("edge_length_energy", "edge_length_energy(body)", "points"),
+    ("normal_consistency", "normal_consistency(body)", "points"),
+    ("project", "project(eye, points)", "points"),
+    ("project", "project(eye, points)", "v"),
+    ("project", "project(eye, points)", "turn"),
+    ("project", "project(wide, points)", "points"),
+    ("project", "project(wide, points)", "w"),
+    ("project", "project(wide, points)", "s"),
+    ("project", "project(flat, points)", "t"),
+    ("project", "project(flat, points)", "w"),
+    ("project", "project(round, points)", "v"),
+    // Operators, under the names that they would have.
+    ("@", "m @ v", "m"),
+    ("@", "v @ n", "v"),
+    ("@", "m @ n", "n"),
+    ("@", "rotation(angle: turn) @ points", "turn"),
+    ("@", "(translation(v) @ rotation(angle: turn) @ body).vertices", "turn"),
+    ("@", "(scaling(v) @ body).normals", "v"),
+    ("@", "matrix(rotation(axis: v, angle: 20deg) @ rotation(axis: w, angle: 50deg))", "v"),
+    ("@", "n @ image(im)", "im"),
+    ("@", "n @ image(im)", "n"),
+    ("[]", "image(im)[1, 2]", "im"),
+    ("to_srgb", "to_srgb(image(im) - 0.2)", "im"),
+    ("from_srgb", "from_srgb(image(im) - 0.2)", "im"),
+    ("quaternion", "matrix(quaternion(s, t, 0.2, -0.4))", "s"),
+];
+
+/// Natives without a derivative of their own, and why.
+const NONE: &[(&str, &[&str])] = &[
+    (
+        "flat, constant or made of whole numbers",
+        &[
+            "sign",
+            "floor",
+            "ceil",
+            "round",
+            "stop_gradient",
+            "argmin",
+            "argmax",
+            "len",
+            "all",
+            "any",
+            "noise",
+            "uniform",
+            "pixels",
+            "teapot",
+            "checkerboard",
+            "plateau",
+        ],
+    ),
+    ("derivatives themselves", &["grad", "jvp", "jacobian", "fd", "estimate"]),
+    ("settings", &["sgd", "adam", "adam_uniform", "rmsprop", "levenberg_marquardt", "gauss_newton", "integrator"]),
+    (
+        "parts of a scene, which carry numbers to `render` as they are",
+        &[
+            "diffuse",
+            "conductor",
+            "phong",
+            "mirror",
+            "principled",
+            "one_sided",
+            "mask",
+            "texture",
+            "vertex_color",
+            "shape",
+            "light",
+            "area",
+            "point",
+            "spot",
+            "directional",
+            "environment",
+            "constant",
+            "scene",
+            "camera",
+            "moving",
+        ],
+    ),
+    (
+        "renderings: `finite_differences`, `slots`, `random_scenes` and others test these",
+        &["render", "depth", "alpha", "position", "normal", "geometric_normal", "albedo", "uv", "shape_index"],
+    ),
+];
+
+fn engine() -> Engine {
+    let Checked { program, diagnostics, .. } = check::check_text("test.dscene", None, PARAMS, &[], &Disk);
+    assert!(diagnostics.iter().all(|d| !d.is_error()), "{diagnostics:#?}");
+    Engine::new(program.expect("a program"), EngineOptions { base_dir: ".".into(), ..Default::default() })
+}
+
+/// What the checker has against a line, or else the evaluator; and whether it was the checker.
+fn fault(engine: &mut Engine, text: &str) -> Option<(bool, Diagnostic)> {
+    let mut program = engine.program().clone();
+    match check::check_line(&mut program, text) {
+        (Some(Line::Expr(e)), diagnostics) => {
+            let seen = diagnostics.into_iter().next().map(|d| (true, d));
+            seen.or_else(|| engine.eval(&e).err().map(|d| (false, d)))
+        }
+        (_, diagnostics) => diagnostics.into_iter().next().map(|d| (true, d)),
+    }
+}
+
+fn value(engine: &mut Engine, text: &str) -> Value {
+    let mut program = engine.program().clone();
+    let e = match check::check_line(&mut program, text) {
+        (Some(Line::Expr(e)), _) => e,
+        (_, diagnostics) => panic!("{text}: {diagnostics:#?}"),
+    };
+    engine.eval(&e).unwrap_or_else(|d| panic!("{text}: {d:#?}"))
+}
+
+fn numbers(engine: &mut Engine, text: &str) -> Vec<f64> {
+    match value(engine, text) {
+        Value::Bool(truth) => vec![f64::from(u8::from(truth))],
+        value => value.var().unwrap_or_else(|| panic!("{text} is not made of numbers")).value().data.clone(),
+    }
+}
+
+#[test]
+fn both_modes_agree_with_differences() {
+    on_large_stack(|| {
+        let mut engine = engine();
+        let mut wrong = Vec::new();
+        for (name, of, wrt) in DERIVATIVES {
+            // Not linear, so that no sum of derivatives is 0 by symmetry. Projection has 24 bits.
+            let loss = format!("sum(({of} + 0.3) ^ 3)");
+            let (step, tolerance) = if *name == "project" { (4e-3, 1e-3) } else { (1e-5, 1e-6) };
+            let reverse = numbers(&mut engine, &format!("grad({loss}, {wrt})"));
+            let forward = numbers(&mut engine, &format!("jacobian({loss}, {wrt})"));
+            let differences = numbers(&mut engine, &format!("fd({loss}, {wrt}, step: {step})"));
+            let size = differences.iter().fold(1e-3f64, |s, x| s.max(x.abs()));
+            let near = |a: &[f64], b: &[f64], most: f64| {
+                a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= most * size)
+            };
+            if !near(&reverse, &forward, 1e-2 * tolerance) || !near(&reverse, &differences, tolerance) {
+                wrong.push(format!(
+                    "{of} in {wrt}: reverse {reverse:?}, forward {forward:?}, differences {differences:?}"
+                ));
+            }
+            if size <= 1e-3 {
+                wrong.push(format!("{of} does not depend on {wrt}"));
+            }
+        }
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    });
+}
+
+#[test]
+fn every_native_has_a_test_of_its_derivative_or_none() {
+    let engine = engine();
+    let natives: Vec<&str> = engine
+        .program()
+        .decls
+        .iter()
+        .filter(|d| !d.user && matches!(d.kind, DeclKind::Native(_)))
+        .map(|d| d.name.as_str())
+        .collect();
+    let tested = |name: &str| DERIVATIVES.iter().any(|(n, ..)| *n == name);
+    let none = |name: &str| name.starts_with("load") || NONE.iter().any(|(_, names)| names.contains(&name));
+    for name in &natives {
+        assert!(
+            tested(name) != none(name),
+            "`{name}` has no test of its derivative here, or is among those without one"
+        );
+    }
+    for name in NONE.iter().flat_map(|(_, names)| names.iter()) {
+        assert!(natives.contains(name), "there is no `{name}`");
+    }
+}
+
+/// Expressions and the numbers that they are.
+const VALUES: &[(&str, &[f64])] = &[
+    ("[[1, 2], [3, 4]] @ [5, 6]", &[17.0, 39.0]),
+    ("[5, 6] @ [[1, 2], [3, 4]]", &[23.0, 34.0]),
+    ("[[1, 2, 3]] @ [[1], [2], [3]]", &[14.0]),
+    ("[1, 2] @ [3, 4]", &[11.0]),
+    // `@` binds as `*` does, from the left.
+    ("2 * [[0, 1], [1, 0]] @ [1, 2] + [1, 1]", &[5.0, 3.0]),
+    ("-[[0, 1], [1, 0]] @ [1, 2]", &[-2.0, -1.0]),
+    ("rotation(axis: [0, 0, 1], angle: 90deg) @ [1, 0, 0]", &[0.0, 1.0, 0.0]),
+    ("rotation(axis: [0, 0, 1], angle: 90deg) @ [[1, 0, 0], [0, 1, 0]]", &[0.0, 1.0, 0.0, -1.0, 0.0, 0.0]),
+    ("translation([1, 2, 3]) @ scaling(2) @ [1, 1, 1]", &[3.0, 4.0, 5.0]),
+    ("compose(scaling(2), translation([1, 2, 3])) @ [1, 1, 1]", &[3.0, 4.0, 5.0]),
+    ("max(abs((translation([1, 2, 3]) @ cube()).vertices - (cube() |> translate([1, 2, 3])).vertices))", &[0.0]),
+    ("matrix(inverse(translation([1, 2, 3]) @ scaling(2)))[0]", &[0.5, 0.0, 0.0, -0.5]),
+    ("inverse([[2, 1], [1, 1]])", &[1.0, -1.0, -1.0, 2.0]),
+    ("determinant([[0, 0, 0, 2], [0, 0, 3, 0], [0, 4, 0, 0], [5, 0, 0, 0]])", &[120.0]),
+    ("determinant([[0, 1], [1, 0]])", &[-1.0]),
+    ("determinant([[1, 2], [2, 4]])", &[0.0]),
+    ("quaternion(2, 0, 0, 2) @ [1, 0, 0]", &[0.0, 1.0, 0.0]),
+    ("matrix(rotation(matrix: [[0, -2, 0], [3, 0, 0], [0, 0, 0.5]]))", &[0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]),
+    // Of a matrix that mirrors, the least stretched direction turns round.
+    ("matrix(rotation(matrix: [[3, 0, 0], [0, 2, 0], [0, 0, -1]]))", &[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
+    ("rotation(six: [0, 2, 0, -1, 5, 0]) @ [1, 0, 0]", &[0.0, 1.0, 0.0]),
+    ("sum([[1, 2, 3], [4, 5, 6]], axis: 0)", &[5.0, 7.0, 9.0]),
+    ("sum([[1, 2, 3], [4, 5, 6]], axis: -1)", &[6.0, 15.0]),
+    ("mean(image([[[1, 2], [3, 4]]]), axis: [0, 1])", &[2.0, 3.0]),
+    ("image([[[1, 2], [3, 4]]]) - mean(image([[[1, 2], [3, 4]]]), axis: 2)", &[-0.5, 0.5, -0.5, 0.5]),
+    ("max([[1, 5], [3, 2]], axis: 0)", &[3.0, 5.0]),
+    ("variance([1, 2, 3, 4])", &[1.25]),
+    ("std([[1, 3], [2, 2]], axis: 1)", &[1.0, 0.0]),
+    ("median([5, 1, 2])", &[2.0]),
+    ("median([5, 1, 2, 4])", &[3.0]),
+    ("median(stack([image([[1, 2]]), image([[9, 0]]), image([[3, 1]])]), axis: 0)", &[3.0, 1.0]),
+    ("percentile([0, 10, 20], 75)", &[15.0]),
+    ("sort([[3, 1], [2, 5]])", &[1.0, 3.0, 2.0, 5.0]),
+    ("sort([3, 1, 2], descending: true)", &[3.0, 2.0, 1.0]),
+    ("argmax([[1, 5], [5, 2]])", &[0.0, 1.0]),
+    ("argmin([3, 1, 1])", &[1.0]),
+    ("argmax([[1, 5], [3, 2]], axis: 0)", &[1.0, 0.0]),
+    ("mod([5, -1, 7.5], 3)", &[2.0, 2.0, 1.5]),
+    ("mod(-30deg, 360deg) / 1deg", &[330.0]),
+    ("where([1, 2, 3] >= 2, [10, 20, 30], 0)", &[0.0, 20.0, 30.0]),
+    ("where(1 > 2, [1, 2], [3, 4])", &[3.0, 4.0]),
+    ("not ([1, 2, 3] > 1) or [1, 2, 3] > 2", &[1.0, 0.0, 1.0]),
+    ("all([1, 2] > 0)", &[1.0]),
+    ("any([1, 2] > 2)", &[0.0]),
+    ("concat(image([[1, 2]]), image([[3]]), axis: 1)", &[1.0, 2.0, 3.0]),
+    ("concat([image([[1]]), image([[2]]), image([[3]])], axis: 2)", &[1.0, 2.0, 3.0]),
+    ("concat([[1, 2], [3, 4]], [[5], [6]], axis: -1)", &[1.0, 2.0, 5.0, 3.0, 4.0, 6.0]),
+    ("concat([[1, 2], [3, 4]])", &[1.0, 2.0, 3.0, 4.0]),
+    ("pad(image([[1, 2, 3]]), left: 2, right: 1, mode: mirror)", &[2.0, 1.0, 1.0, 2.0, 3.0, 3.0]),
+    ("pad(image([[1, 2, 3]]), left: 2, right: 1, mode: wrap)", &[2.0, 3.0, 1.0, 2.0, 3.0, 1.0]),
+    ("pad(image([[1, 2]]), left: 1, top: 1, value: 7)", &[7.0, 7.0, 7.0, 7.0, 1.0, 2.0]),
+    ("sample(image([[0, 1], [2, 3]]), [0.5, 0.5])", &[1.5]),
+    ("sample(image([[0, 1], [2, 3]]), [[0.25, 0.25], [0, 1], [0.5, 0.75]])", &[0.0, 2.0, 2.5]),
+    ("sample(image([[0, 1]]), [0, 0.5], wrap: repeat)", &[0.5]),
+    ("max(abs(sample(image(im), pixels(camera(film: [3, 2]))) - image(im)))", &[0.0]),
+    ("image(im)[1, 2]", &[0.8, 0.55]),
+    ("image(im)[-1, 0, 1]", &[0.31]),
+    ("[[1, 2, 3], [4, 5, 6]][1, 1..]", &[5.0, 6.0]),
+    ("to_srgb([0, 0.5, 1])", &[0.0, 0.735356983052449, 1.0]),
+    ("from_srgb(to_srgb([0, 0.001, 0.3, 1]))", &[0.0, 0.001, 0.3, 1.0]),
+    ("bounds(cube(size: [1, 2, 3]))", &[-0.5, -1.0, -1.5, 0.5, 1.0, 1.5]),
+    ("surface_area(cube(size: [1, 2, 3]))", &[22.0]),
+    ("volume(cube(size: [1, 2, 3]) |> translate([1e6, 0, 0]))", &[6.0]),
+    ("volume(cube() |> flip())", &[-1.0]),
+    ("centroid(rectangle() |> translate([1, 2, 3]))", &[1.0, 2.0, 3.0]),
+    ("chamfer([[0, 0, 0], [2, 0, 0]], [[0, 0, 1]])", &[4.0]),
+];
+
+#[test]
+fn values_are_as_declared() {
+    on_large_stack(|| {
+        let mut engine = engine();
+        for (text, expected) in VALUES {
+            let found = numbers(&mut engine, text);
+            let near = found.len() == expected.len() && found.iter().zip(*expected).all(|(a, b)| (a - b).abs() < 1e-9);
+            assert!(near, "{text} is {found:?}, not {expected:?}");
+        }
+    });
+}
+
+/// What is refused: by the checker (`true`) where it can be known, and a part of the message.
+const REFUSED: &[(&str, bool, &str)] = &[
+    ("2 @ [1, 2]", true, "`@` does not go with"),
+    ("[[1, 2], [3, 4]] @ [1, 2, 3]", true, "`@` does not go with"),
+    ("rotation(angle: turn) @ [1, 2]", true, "`@` does not go with"),
+    ("[1, 2, 3] @ rotation(angle: turn)", true, "`@` does not go with"),
+    ("rotation(angle: turn) * [1, 2, 3]", true, "`*` does not go with"),
+    ("matrix(rotation(angle: turn)) * v", true, "element by element"),
+    ("inverse([[1, 2], [2, 4]])", false, "no inverse"),
+    ("inverse(n)", true, "square"),
+    ("determinant(n)", true, "square"),
+    ("rotation(axis: v)", true, "without an angle"),
+    ("rotation(angle: turn, matrix: m)", true, "not from both"),
+    ("rotation(matrix: [[1, 0, 0], [0, 0, 0], [0, 0, 0]])", false, "several are equally near"),
+    ("quaternion(0, 0, 0, 0)", false, "not all 0"),
+    ("rotation(six: [1, 0, 0, 2, 0, 0])", false, "different directions"),
+    ("sum([1, 2], axis: 1)", true, "no axis 1"),
+    ("sum(n, axis: [0, 0])", false, "twice"),
+    ("max(v, w, axis: 0)", true, "along no axis"),
+    ("mean(image(im), axis: 3)", true, "no axis 3"),
+    ("median([])", false, "nothing"),
+    ("max([])", false, "nothing"),
+    ("percentile(v, 101)", false, "from 0 to 100"),
+    ("mod(v, 0)", false, "by 0"),
+    ("where(v > 0, n, 0)", true, "does not fit"),
+    ("where(v > 0, cube(), cube())", true, "element by element"),
+    ("if v > 0 then 1 else 2", true, "a condition is a `bool`"),
+    ("concat(v, w, axis: 1)", true, "no axis 1"),
+    ("pad(image(im), left: -1)", false, "from 0"),
+    ("sample(image(im), [1, 2, 3])", false, "two coordinates"),
+    ("image(im)[2, 0]", true, "index 2"),
+    ("image(im)[0..1, 0]", true, "only the last"),
+    ("volume(rectangle())", false, "closed"),
+    ("chamfer([], v)", true, "`b`"),
+    ("project(eye, [1, 2, 9])", false, "not in front"),
+];
+
+#[test]
+fn what_has_no_answer_is_refused() {
+    on_large_stack(|| {
+        let mut engine = engine();
+        let mut wrong = Vec::new();
+        for (text, by_checker, message) in REFUSED {
+            match fault(&mut engine, text) {
+                None => wrong.push(format!("{text} is not refused")),
+                Some((early, d)) if early != *by_checker || !d.message.contains(message) => {
+                    wrong.push(format!("{text}: {early} {}", d.message));
+                }
+                Some(_) => {}
+            }
+        }
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    });
+}
+
+#[test]
+fn derivatives_have_derivatives() {
+    on_large_stack(|| {
+        let mut engine = engine();
+        for (of, wrt) in [
+            ("matrix(rotation(matrix: m))", "m"),
+            ("matrix(rotation(six: six))", "six"),
+            ("matrix(rotation(quaternion: four))", "four"),
+            ("inverse(m)", "m"),
+            ("determinant(m)", "m"),
+            ("variance(n, axis: 0)", "n"),
+            ("sample(image(im), n / 3 + [0.3, 0.6])", "n"),
+            ("volume(body)", "points"),
+            ("chamfer(points, icosphere(subdivisions: 0))", "points"),
+        ] {
+            let slope = format!("sum(grad(sum(({of} + 0.3) ^ 3), {wrt}) ^ 2)");
+            let found = numbers(&mut engine, &format!("grad({slope}, {wrt})"));
+            let differences = numbers(&mut engine, &format!("fd({slope}, {wrt}, step: 1e-5)"));
+            let size = differences.iter().fold(1e-3f64, |s, x| s.max(x.abs()));
+            let near = found.iter().zip(&differences).all(|(a, b)| (a - b).abs() <= 1e-5 * size);
+            assert!(near && found.len() == differences.len(), "{of}: {found:?}, differences {differences:?}");
+        }
+    });
+}
+
+#[test]
+fn the_nearest_rotation_is_the_nearest() {
+    on_large_stack(|| {
+        let mut engine = engine();
+        // General, near to singular, and mirroring.
+        for m in ["m", "m + [[0, 0, 0], [0, 0, 0], [0, 0, 2]]", "-m", "[[1, 2, 3], [2, 4, 6], [1, 0, 1]]"] {
+            let distance = |r: &str| format!("norm({m} - matrix({r}))");
+            let nearest = format!("rotation(matrix: {m})");
+            let least = numbers(&mut engine, &distance(&nearest))[0];
+            for axis in ["[1, 0, 0]", "[0, 1, 0]", "[0, 0, 1]", "[1, 1, -1]"] {
+                for angle in ["1deg", "-1deg", "40deg", "180deg"] {
+                    let other =
+                        numbers(&mut engine, &distance(&format!("rotation(axis: {axis}, angle: {angle}) @ {nearest}")));
+                    assert!(other[0] > least, "{m}: {} is not farther than {least}", other[0]);
+                }
+            }
+        }
+    });
+}
