@@ -121,7 +121,7 @@ fn damaged_assets_load_or_are_refused() {
         // A damaged MTL is met by its OBJ.
         let extension = name.split('.').next_back().map(|e| if e == "mtl" { "obj" } else { e }).unwrap();
         let read = || match is_image {
-            true => file::load(&path, Encoding::Srgb).map(|_| ()).map_err(|e| e.to_string()),
+            true => file::load(&path, Encoding::Srgb, None).map(|_| ()).map_err(|e| e.to_string()),
             false => {
                 let cameras = load_cameras(&path).map(|_| ());
                 let scene = load(&path.with_extension(extension), Wanted::Scene).map(|_| ());

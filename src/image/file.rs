@@ -1,23 +1,29 @@
 //! Image files: PNG, JPEG, Radiance HDR and OpenEXR in; PNG, HDR and EXR out. Saving is atomic.
 
-use std::io::Cursor;
 use std::path::Path;
 
-use exr::prelude::{self as openexr, ReadChannels, ReadLayers, WritableImage};
-use image::{DynamicImage, ImageFormat, ImageReader};
+use image::metadata::Orientation;
 
 pub use crate::files::{describe_io, read_bytes, write_atomically};
 
-use super::filter::{linear_to_srgb, srgb_to_linear};
-use super::{Image, ImageError, check_size};
+use super::{Image, ImageError, exr, hdr, jpeg, png};
 
 /// How the integers of PNG and JPEG files are meant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
+    /// As the file says (PNG's gAMA and sRGB chunks); sRGB if it does not, at any number of bits.
+    AsFile,
     /// Colours, sRGB-encoded: decoded to linear (but for alpha).
     Srgb,
     /// Numbers (roughness, normals, masks): only scaled to 0..1.
     Linear,
+}
+
+/// An image, and what its file asks for that was not done: whole sentences.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Decoded {
+    pub image: Image,
+    pub notes: Vec<String>,
 }
 
 /// Extensions of the files that [`load`] reads.
@@ -25,9 +31,9 @@ pub const READABLE: [&str; 5] = ["png", "jpg", "jpeg", "hdr", "exr"];
 /// Extensions of the files that [`save`] writes.
 pub const WRITABLE: [&str; 3] = ["png", "hdr", "exr"];
 
-/// Reads an image. Grey files have 1 channel, colours 3, with alpha 4; EXR files have theirs, in the order R, G, B, A and
-/// then the others by name.
-pub fn load(path: &Path, encoding: Encoding) -> Result<Image, ImageError> {
+/// Reads an image, turned upright as its EXIF data say. Grey files have 1 channel, colours 3, with alpha 4. Of an EXR file one
+/// layer is read: the named one, or the first with colours; one without colours has all its channels, by name.
+pub fn load(path: &Path, encoding: Encoding, layer: Option<&str>) -> Result<Decoded, ImageError> {
     let extension = extension(path);
     if !READABLE.contains(&extension.as_str()) {
         let path = path.display().to_string();
@@ -35,7 +41,7 @@ pub fn load(path: &Path, encoding: Encoding) -> Result<Image, ImageError> {
     }
     let failed = |message: String| ImageError::File { path: path.display().to_string(), message };
     let bytes = read_bytes(path).map_err(failed)?;
-    decode(&bytes, encoding).map_err(|e| failed(e.to_string()))
+    decode(&bytes, encoding, layer).map_err(|e| failed(e.to_string()))
 }
 
 /// Writes an image in the format of the extension: PNG in 8 bits, sRGB-encoded and clipped to 0..1; HDR and EXR linear.
@@ -43,9 +49,9 @@ pub fn save(path: &Path, image: &Image) -> Result<(), ImageError> {
     let extension = extension(path);
     let failed = |message: String| ImageError::File { path: path.display().to_string(), message };
     let bytes = match extension.as_str() {
-        "png" => encode_png(image),
-        "hdr" => encode_hdr(image),
-        "exr" => encode_exr(image),
+        "png" => png::encode(image),
+        "hdr" => hdr::encode(image),
+        "exr" => exr::encode(image),
         _ => {
             let path = path.display().to_string();
             return Err(ImageError::UnsupportedExtension { path, action: "writing", extension, extensions: &WRITABLE });
@@ -56,104 +62,67 @@ pub fn save(path: &Path, image: &Image) -> Result<(), ImageError> {
 }
 
 /// Decodes the bytes of an image file, whose format its first bytes tell.
-pub fn decode(bytes: &[u8], encoding: Encoding) -> Result<Image, ImageError> {
-    if bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
-        return decode_exr(bytes);
+pub fn decode(bytes: &[u8], encoding: Encoding, layer: Option<&str>) -> Result<Decoded, ImageError> {
+    let is = |magic: &[u8]| bytes.starts_with(magic);
+    let is_exr = is(&[0x76, 0x2f, 0x31, 0x01]);
+    if let (Some(layer), false) = (layer, is_exr) {
+        return Err(ImageError::Argument(format!("only EXR files have layers; this one has no “{layer}”")));
     }
-    let mut reader = ImageReader::new(Cursor::new(bytes))
-        .with_guessed_format()
-        .map_err(|e| ImageError::Argument(format!("the file cannot be read: {e}")))?;
-    if !matches!(reader.format(), Some(ImageFormat::Png | ImageFormat::Jpeg | ImageFormat::Hdr)) {
-        let empty = if bytes.is_empty() { "; the file is empty" } else { "" };
-        return Err(ImageError::Argument(format!("this is no PNG, JPEG, HDR or EXR image{empty}")));
-    }
-    let mut limits = image::Limits::default();
-    (limits.max_image_width, limits.max_image_height) = (Some(1 << 20), Some(1 << 20));
-    limits.max_alloc = Some(4 << 30);
-    reader.limits(limits);
-    let decoded = reader.decode().map_err(|e| ImageError::Argument(format!("the image is damaged: {e}")))?;
-    from_dynamic(decoded, encoding)
-}
-
-/// The PNG file of an image of 1 to 4 channels; two become red and green.
-pub fn encode_png(image: &Image) -> Result<Vec<u8>, ImageError> {
-    use image::ImageEncoder;
-    image.check()?;
-    let (width, height) = (image.width as u32, image.height as u32);
-    let color = match image.channels {
-        1 => image::ExtendedColorType::L8,
-        2 | 3 => image::ExtendedColorType::Rgb8,
-        4 => image::ExtendedColorType::Rgba8,
-        n => {
-            return Err(ImageError::Argument(format!(
-                "a PNG file holds 1 to 4 channels, not {n}; save as .exr instead"
-            )));
+    match () {
+        () if is_exr => exr::decode(bytes, layer),
+        () if is(b"\x89PNG\r\n\x1a\n") => png::decode(bytes, encoding),
+        () if is(&[0xff, 0xd8, 0xff]) => jpeg::decode(bytes, encoding),
+        () if hdr::MAGIC.iter().any(|magic| is(magic)) => hdr::decode(bytes),
+        () => {
+            let empty = if bytes.is_empty() { "; the file is empty" } else { "" };
+            Err(ImageError::Argument(format!("this is no PNG, JPEG, HDR or EXR image{empty}")))
         }
-    };
-    // Clipped; not-a-number becomes black.
-    let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
-    let pixels: Vec<u8> = image
-        .data
-        .chunks_exact(image.channels)
-        .flat_map(|pixel| {
-            let alpha = pixel.get(3).map(|&a| byte(a));
-            let blue = (pixel.len() == 2).then_some(0);
-            let color = pixel.iter().take(3).map(|&v| byte(linear_to_srgb(v as f64) as f32));
-            color.chain(blue).chain(alpha).collect::<Vec<_>>()
-        })
-        .collect();
-    let mut bytes = Vec::new();
-    let written = image::codecs::png::PngEncoder::new(&mut bytes).write_image(&pixels, width, height, color);
-    written.map_err(|e| ImageError::Argument(format!("the PNG file cannot be made: {e}")))?;
-    Ok(bytes)
-}
-
-/// The Radiance HDR file of an image; alpha is dropped, grey becomes a colour.
-pub fn encode_hdr(image: &Image) -> Result<Vec<u8>, ImageError> {
-    image.check()?;
-    if !matches!(image.channels, 1 | 3 | 4) {
-        let n = image.channels;
-        return Err(ImageError::Argument(format!("an HDR file holds colours, not {n} channels; save as .exr instead")));
     }
-    let at = |pixel: &[f32], c: usize| pixel[if pixel.len() == 1 { 0 } else { c }].max(0.0);
-    let pixels: Vec<image::Rgb<f32>> =
-        image.data.chunks_exact(image.channels).map(|p| image::Rgb([at(p, 0), at(p, 1), at(p, 2)])).collect();
-    let mut bytes = Vec::new();
-    let encoder = image::codecs::hdr::HdrEncoder::new(&mut bytes);
-    let written = encoder.encode(&pixels, image.width, image.height);
-    written.map_err(|e| ImageError::Argument(format!("the HDR file cannot be made: {e}")))?;
-    Ok(bytes)
 }
 
-/// The OpenEXR file of an image, 32-bit floats: Y, RG, RGB, RGBA, or numbered channels.
-pub fn encode_exr(image: &Image) -> Result<Vec<u8>, ImageError> {
-    image.check()?;
-    let name = |c: usize| match image.channels {
-        1 => "Y".to_string(),
-        2..=4 => ["R", "G", "B", "A"][c].to_string(),
-        _ => format!("channel.{c:04}"),
+/// The PNG file of an image of 1 to 4 channels, in 8 bits, sRGB-encoded; two become red and green.
+pub fn encode_png(image: &Image) -> Result<Vec<u8>, ImageError> {
+    png::encode(image)
+}
+
+/// The image turned as EXIF data ask for; as it is if they do not, or cannot be read.
+pub(super) fn oriented(image: Image, exif: Option<&[u8]>) -> Result<Image, ImageError> {
+    let orientation = exif.and_then(Orientation::from_exif_chunk).unwrap_or(Orientation::NoTransforms);
+    let (w, h) = (image.width, image.height);
+    // Where the pixel that is to stand at (x, y) comes from.
+    let from: fn(usize, usize, usize, usize) -> (usize, usize) = match orientation {
+        Orientation::NoTransforms => return Ok(image),
+        Orientation::FlipHorizontal => |x, y, w, _| (w - 1 - x, y),
+        Orientation::Rotate180 => |x, y, w, h| (w - 1 - x, h - 1 - y),
+        Orientation::FlipVertical => |x, y, _, h| (x, h - 1 - y),
+        Orientation::Rotate90FlipH => |x, y, _, _| (y, x),
+        Orientation::Rotate90 => |x, y, _, h| (y, h - 1 - x),
+        Orientation::Rotate270FlipH => |x, y, w, h| (w - 1 - y, h - 1 - x),
+        Orientation::Rotate270 => |x, y, w, _| (w - 1 - y, x),
     };
-    let channels = (0..image.channels)
-        .map(|c| {
-            let samples = image.data.iter().skip(c).step_by(image.channels).copied().collect();
-            openexr::AnyChannel::new(name(c).as_str(), openexr::FlatSamples::F32(samples))
-        })
-        .collect();
-    let encoding = openexr::Encoding {
-        compression: openexr::Compression::ZIP16,
-        blocks: openexr::Blocks::ScanLines,
-        line_order: openexr::LineOrder::Increasing,
-    };
-    let layer = openexr::Layer::new(
-        (image.width, image.height),
-        openexr::LayerAttributes::default(),
-        encoding,
-        openexr::AnyChannels::sort(channels),
+    let sideways = matches!(
+        orientation,
+        Orientation::Rotate90FlipH | Orientation::Rotate90 | Orientation::Rotate270FlipH | Orientation::Rotate270
     );
-    let mut bytes = Cursor::new(Vec::new());
-    let written = openexr::Image::from_layer(layer).write().non_parallel().to_buffered(&mut bytes);
-    written.map_err(|e| ImageError::Argument(format!("the EXR file cannot be made: {e}")))?;
-    Ok(bytes.into_inner())
+    let (width, height) = if sideways { (h, w) } else { (w, h) };
+    crate::memory::ask_for::<f32>(image.data.len())?;
+    let mut data = Vec::with_capacity(image.data.len());
+    for y in 0..height {
+        for x in 0..width {
+            let (x, y) = from(x, y, w, h);
+            data.extend_from_slice(image.pixel(x, y));
+        }
+    }
+    Ok(Image { width, height, channels: image.channels, data })
+}
+
+/// What there is to say of a colour profile that is not sRGB's: it is not applied.
+pub(super) fn profile_note(format: &str, profile: &[u8]) -> Option<String> {
+    let has = |name: &[u8]| profile.windows(name.len()).any(|w| w == name);
+    // Its description is ASCII or UTF-16, by the version of the profile.
+    let is_srgb = has(b"sRGB") || has(b"\0s\0R\0G\0B");
+    let note = format!("the {format} file has a colour profile, which is not done: its colours are taken as sRGB");
+    (!is_srgb).then_some(note)
 }
 
 /// The extension in lower case, "" if there is none.
@@ -161,64 +130,16 @@ fn extension(path: &Path) -> String {
     path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
 }
 
-fn from_dynamic(decoded: DynamicImage, encoding: Encoding) -> Result<Image, ImageError> {
-    let (width, height) = (decoded.width() as usize, decoded.height() as usize);
-    let floating = matches!(decoded, DynamicImage::ImageRgb32F(_) | DynamicImage::ImageRgba32F(_));
-    let color = decoded.color();
-    let (channels, mut data) = match (color.has_color(), color.has_alpha()) {
-        (false, false) => (1, decoded.into_luma16().into_raw().iter().map(|&v| v as f32 / 65535.0).collect::<Vec<_>>()),
-        (_, false) => (3, decoded.into_rgb32f().into_raw()),
-        (_, true) => (4, decoded.into_rgba32f().into_raw()),
-    };
-    check_size(width, height, channels)?;
-    if encoding == Encoding::Srgb && !floating {
-        let colors = data.chunks_exact_mut(channels).flat_map(|pixel| pixel.iter_mut().take(3));
-        colors.for_each(|v| *v = srgb_to_linear(*v as f64) as f32);
-    }
-    Ok(Image { width, height, channels, data })
-}
-
-fn decode_exr(bytes: &[u8]) -> Result<Image, ImageError> {
-    let damaged =
-        |e: openexr::Error| ImageError::Argument(format!("the EXR image is damaged or of an unknown kind: {e}"));
-    // The header first, so that no pixel is allocated for a size that cannot be meant.
-    let meta = exr::meta::MetaData::read_from_buffered(Cursor::new(bytes), true).map_err(damaged)?;
-    for header in &meta.headers {
-        check_size(header.layer_size.0, header.layer_size.1, header.channels.list.len())?;
-    }
-    let image = openexr::read()
-        .no_deep_data()
-        .largest_resolution_level()
-        .all_channels()
-        .first_valid_layer()
-        .all_attributes()
-        .non_parallel()
-        .from_buffered(Cursor::new(bytes))
-        .map_err(damaged)?;
-    let layer = image.layer_data;
-    let (width, height) = (layer.size.0, layer.size.1);
-    let mut channels: Vec<_> = layer.channel_data.list.iter().collect();
-    let order = |name: &str| ["R", "G", "B", "A"].iter().position(|n| *n == name).unwrap_or(4);
-    channels.sort_by_key(|c| (order(&c.name.to_string()), c.name.to_string()));
-    let numbers = check_size(width, height, channels.len())?;
-    let mut data = vec![0.0; numbers];
-    for (c, channel) in channels.iter().enumerate() {
-        let samples: Vec<f32> = channel.sample_data.values_as_f32().collect();
-        if samples.len() != width * height {
-            let name = &channel.name;
-            return Err(ImageError::Argument(format!(
-                "channel {name} of the EXR image is subsampled, which is not supported"
-            )));
-        }
-        data.iter_mut().skip(c).step_by(channels.len()).zip(samples).for_each(|(to, from)| *to = from);
-    }
-    Ok(Image { width, height, channels: channels.len(), data })
-}
-
 #[cfg(test)]
 mod tests {
     use std::fs;
+    use std::io::Cursor;
 
+    use image::ImageFormat;
+
+    use super::super::exr::encode as encode_exr;
+    use super::super::filter::linear_to_srgb;
+    use super::super::hdr::encode as encode_hdr;
     use super::*;
 
     fn gradient(width: usize, height: usize, channels: usize) -> Image {
@@ -234,7 +155,11 @@ mod tests {
             let mut image = gradient(5, 4, channels);
             image.data[3] = -1e9;
             image.data[2] = f32::INFINITY;
-            assert_eq!(decode(&encode_exr(&image).unwrap(), Encoding::Srgb).unwrap(), image, "{channels} channels");
+            assert_eq!(
+                decode(&encode_exr(&image).unwrap(), Encoding::Srgb, None).unwrap().image,
+                image,
+                "{channels} channels"
+            );
         }
     }
 
@@ -242,7 +167,7 @@ mod tests {
     fn png_keeps_colours_within_a_step() {
         for channels in [1, 3, 4] {
             let image = gradient(9, 7, channels);
-            let back = decode(&encode_png(&image).unwrap(), Encoding::Srgb).unwrap();
+            let back = decode(&encode_png(&image).unwrap(), Encoding::Srgb, None).unwrap().image;
             assert_eq!((back.width, back.height, back.channels), (9, 7, channels));
             for (k, (a, b)) in image.data.iter().zip(&back.data).enumerate() {
                 let encoded = |v: f32| if k % channels == 3 { v as f64 } else { linear_to_srgb(v as f64) };
@@ -251,9 +176,12 @@ mod tests {
         }
         let grey = Image { width: 1, height: 1, channels: 1, data: vec![0.21404] };
         let png = encode_png(&grey).unwrap();
-        assert!((decode(&png, Encoding::Linear).unwrap().data[0] - 0.5).abs() < 0.003);
+        assert!((decode(&png, Encoding::Linear, None).unwrap().image.data[0] - 0.5).abs() < 0.003);
         let wild = Image { width: 4, height: 1, channels: 1, data: vec![f32::NAN, -3.0, f32::INFINITY, 1e9] };
-        assert_eq!(decode(&encode_png(&wild).unwrap(), Encoding::Linear).unwrap().data, [0.0, 0.0, 1.0, 1.0]);
+        assert_eq!(
+            decode(&encode_png(&wild).unwrap(), Encoding::Linear, None).unwrap().image.data,
+            [0.0, 0.0, 1.0, 1.0]
+        );
         assert!(encode_png(&gradient(2, 2, 5)).is_err());
     }
 
@@ -264,7 +192,7 @@ mod tests {
         let samples: Vec<u8> = [1u16, 30000, 65535, 7].iter().flat_map(|v| v.to_ne_bytes()).collect();
         let encoder = image::codecs::png::PngEncoder::new(&mut png);
         encoder.write_image(&samples, 2, 2, image::ExtendedColorType::L16).unwrap();
-        let image = decode(&png, Encoding::Linear).unwrap();
+        let image = decode(&png, Encoding::Linear, None).unwrap().image;
         assert_eq!(image.channels, 1);
         assert!((image.data[0] * 65535.0 - 1.0).abs() < 1e-3 && (image.data[1] * 65535.0 - 30000.0).abs() < 1e-2);
     }
@@ -274,12 +202,12 @@ mod tests {
         let mut jpeg = Vec::new();
         let pixels = image::RgbImage::from_pixel(16, 16, image::Rgb([188, 188, 188]));
         pixels.write_to(&mut Cursor::new(&mut jpeg), ImageFormat::Jpeg).unwrap();
-        let image = decode(&jpeg, Encoding::Srgb).unwrap();
+        let image = decode(&jpeg, Encoding::Srgb, None).unwrap().image;
         assert!(image.data.iter().all(|v| (v - 0.5).abs() < 0.02));
 
         let mut bright = gradient(9, 3, 3);
         bright.data.iter_mut().for_each(|v| *v = *v * 50.0 + 1.0);
-        let back = decode(&encode_hdr(&bright).unwrap(), Encoding::Srgb).unwrap();
+        let back = decode(&encode_hdr(&bright).unwrap(), Encoding::Srgb, None).unwrap().image;
         assert!(bright.data.iter().zip(&back.data).all(|(a, b)| (a - b).abs() < 0.01 * 51.0));
     }
 
@@ -288,9 +216,9 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.exr");
         save(&path, &gradient(3, 3, 3)).unwrap();
-        assert_eq!(load(&path, Encoding::Srgb).unwrap(), gradient(3, 3, 3));
+        assert_eq!(load(&path, Encoding::Srgb, None).unwrap().image, gradient(3, 3, 3));
         save(&path, &gradient(2, 2, 3)).unwrap();
-        assert_eq!(load(&path, Encoding::Srgb).unwrap(), gradient(2, 2, 3));
+        assert_eq!(load(&path, Encoding::Srgb, None).unwrap().image, gradient(2, 2, 3));
         // A target that cannot be replaced leaves nothing behind.
         let taken = folder.path().join("taken.png");
         fs::create_dir(&taken).unwrap();
@@ -310,7 +238,7 @@ mod tests {
             if let Some(bytes) = bytes {
                 fs::write(&path, bytes).unwrap();
             }
-            let text = load(&path, Encoding::Srgb).unwrap_err().to_string();
+            let text = load(&path, Encoding::Srgb, None).unwrap_err().to_string();
             text.replace(&format!("{}/", folder.path().display()), "")
         };
         assert_eq!(message("a.png", None), "a.png: there is no such file or folder");
@@ -353,8 +281,8 @@ mod tests {
                     bytes.truncate(next(bytes.len()));
                 }
                 // Damage may go unnoticed; then the image is an image.
-                if let Ok(image) = decode(&bytes, Encoding::Srgb) {
-                    image.check().unwrap();
+                if let Ok(decoded) = decode(&bytes, Encoding::AsFile, None) {
+                    decoded.image.check().unwrap();
                 }
             }
         }

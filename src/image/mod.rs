@@ -1,9 +1,15 @@
 //! Images: linear, row-major, origin top left; files and filters.
 
+mod exr;
 pub mod file;
 pub mod filter;
+mod hdr;
+mod jpeg;
+mod png;
 
 use thiserror::Error;
+
+use crate::memory::Shortage;
 
 /// A `height × width × channels` array of linear values; row 0 is the top row.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -25,6 +31,8 @@ pub enum ImageError {
         MAX_NUMBERS
     )]
     TooLarge { width: usize, height: usize, channels: usize },
+    #[error("{0}")]
+    Memory(#[from] Shortage),
     /// A file that could not be read or written.
     #[error("{path}: {message}")]
     File { path: String, message: String },

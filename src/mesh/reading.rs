@@ -6,7 +6,7 @@ use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::image::file::{Encoding, decode, read_bytes};
+use crate::image::file::{Decoded, Encoding, decode, read_bytes};
 use crate::image::{Image, ImageError};
 
 use crate::memory;
@@ -117,7 +117,8 @@ impl<'a> Reading<'a> {
 
     /// The image in some bytes.
     pub fn decoded(&mut self, bytes: &[u8], encoding: Encoding) -> Result<Arc<Image>, String> {
-        let image = decode(bytes, encoding).map_err(|e: ImageError| e.to_string())?;
+        let Decoded { image, notes } = decode(bytes, encoding, None).map_err(|e: ImageError| e.to_string())?;
+        notes.into_iter().for_each(|note| self.notes.say(format!("of an image: {note}")));
         memory::ask(TEXEL_BYTES * image.data.len() as u64).map_err(|e| e.to_string())?;
         Ok(Arc::new(image))
     }

@@ -4,18 +4,14 @@ use std::sync::Arc;
 
 use crate::image::file::{self, Encoding};
 use crate::image::filter::Separable;
+use crate::memory;
 use crate::tape::{AxisFilter, CustomOp, Slice, TapeError, Tensor, Var};
 
 use super::value::Value;
 use super::{Args, Native, NativeError, Result};
 
 pub(super) const TABLE: &[(&str, Native)] = &[
-    ("load_image", |a| {
-        let path = a.path(0)?;
-        let encoding = if a.boolean("srgb")? == Some(false) { Encoding::Linear } else { Encoding::Srgb };
-        let image = file::load(&path, encoding).map_err(|e| NativeError::at(0, e.to_string()))?;
-        Ok(Value::Image(Var::constant(Tensor::from_image(&image))))
-    }),
+    ("load_image", |a| Ok(Value::Image(read_image(a, 0)?))),
     ("image", |a| Ok(Value::Image(a.image(0)?))),
     ("pixels", pixels),
     ("crop", crop),
@@ -51,6 +47,23 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("luminance", luminance),
     ("gradient", gradient),
 ];
+
+/// The image file whose path is an argument, with the call's `srgb` and `layer` if it has them. What the file asks for and is
+/// not done is said.
+pub(super) fn read_image(a: &Args, index: usize) -> Result<Var> {
+    let encoding = match a.boolean("srgb")? {
+        Some(true) => Encoding::Srgb,
+        Some(false) => Encoding::Linear,
+        None => Encoding::AsFile,
+    };
+    let layer = a.named_string("layer")?;
+    let decoded = file::load(&a.path(index)?, encoding, layer).map_err(|e| NativeError::at(index, e.to_string()))?;
+    for note in decoded.notes {
+        a.warn(NativeError::at(index, note));
+    }
+    memory::ask_for::<f64>(decoded.image.data.len())?;
+    Ok(Var::constant(Tensor::from_image(&decoded.image)))
+}
 
 /// A separable filter as an operation of the tape.
 struct Filter {

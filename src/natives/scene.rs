@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use crate::image::file::{self, Encoding};
 use crate::render::texture::{Filter, Wrap};
 use crate::tape::{Slice, Tensor, Var};
 
+use super::images::read_image;
 use super::value::{
     CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, Model, SceneValue,
     SettingsValue, ShapeValue, TextureValue, Value,
@@ -93,11 +93,7 @@ fn keep(a: &Args, name: &str) -> Result<Value> {
 
 fn texture(a: &Args) -> Result<Value> {
     let texels = match a.value(0)? {
-        Value::Str(_) => {
-            let encoding = if a.boolean("srgb")? == Some(false) { Encoding::Linear } else { Encoding::Srgb };
-            let image = file::load(&a.path(0)?, encoding).map_err(|e| NativeError::at(0, e.to_string()))?;
-            Var::constant(Tensor::from_image(&image))
-        }
+        Value::Str(_) => read_image(a, 0)?,
         Value::Num(v) if v.shape().is_empty() => v.reshape(vec![1, 1, 1])?,
         Value::Num(v) if v.shape() == [3] => v.reshape(vec![1, 1, 3])?,
         _ => a.image(0)?,
@@ -353,8 +349,7 @@ fn area(a: &Args) -> Result<Value> {
 fn environment(a: &Args) -> Result<Value> {
     let mut radiance = match a.value(0)? {
         Value::Str(_) => {
-            let image = file::load(&a.path(0)?, Encoding::Srgb).map_err(|e| NativeError::at(0, e.to_string()))?;
-            let texels = usable_channels(&Var::constant(Tensor::from_image(&image)), 0)?;
+            let texels = usable_channels(&read_image(a, 0)?, 0)?;
             Input::Texture(Arc::new(TextureValue { texels, wrap: Wrap::Repeat, filter: Filter::Bilinear }))
         }
         _ => input(a, 0, true)?,

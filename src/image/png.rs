@@ -1,0 +1,143 @@
+//! PNG files.
+
+use std::io::Cursor;
+
+use png::{BitDepth, ColorType, Transformations};
+
+use super::file::{Decoded, Encoding, oriented};
+use super::filter::{linear_to_srgb, srgb_to_linear};
+use super::{Image, ImageError, check_size};
+use crate::memory;
+
+/// Reads a PNG file of 1 to 16 bits; palettes become colours, transparent colours an alpha channel.
+pub(super) fn decode(bytes: &[u8], encoding: Encoding) -> Result<Decoded, ImageError> {
+    let damaged = |e: png::DecodingError| ImageError::Argument(format!("the PNG image is damaged: {e}"));
+    let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), png::Limits { bytes: 256 << 20 });
+    decoder.set_transformations(Transformations::EXPAND);
+    decoder.set_ignore_text_chunk(true);
+    let (width, height) = decoder.read_header_info().map_err(damaged).map(|i| (i.width as usize, i.height as usize))?;
+    check_size(width, height, 1)?;
+    let mut reader = decoder.read_info().map_err(damaged)?;
+    let (color, depth) = reader.output_color_type();
+    let (own, channels) = match color {
+        ColorType::Grayscale => (1, 1),
+        // Grey with alpha has four channels, as colours with alpha do.
+        ColorType::GrayscaleAlpha => (2, 4),
+        ColorType::Rgb | ColorType::Indexed => (3, 3),
+        ColorType::Rgba => (4, 4),
+    };
+    let numbers = check_size(width, height, channels)?;
+    let size = reader.output_buffer_size().ok_or(ImageError::TooLarge { width, height, channels })?;
+    memory::ask((size as u64).saturating_add(numbers as u64 * 4))?;
+    let mut raw = vec![0u8; size];
+    reader.next_frame(&mut raw).map_err(damaged)?;
+
+    let mut notes = Vec::new();
+    let transfer = Transfer::of(reader.info(), encoding, &mut notes);
+    let wide = depth == BitDepth::Sixteen;
+    let sample = |i: usize| match wide {
+        true => f32::from(u16::from_be_bytes([raw[2 * i], raw[2 * i + 1]])) / 65535.0,
+        false => f32::from(raw[i]) / 255.0,
+    };
+    let mut data = Vec::with_capacity(numbers);
+    for pixel in 0..width * height {
+        let at = pixel * own;
+        match own {
+            1 | 3 => data.extend((0..own).map(|c| transfer.linear(sample(at + c)))),
+            2 => data.extend([transfer.linear(sample(at)); 3].into_iter().chain([sample(at + 1)])),
+            _ => data.extend((0..3).map(|c| transfer.linear(sample(at + c))).chain([sample(at + 3)])),
+        }
+    }
+    let info = reader.info();
+    if info.animation_control.is_some() {
+        notes.push("the PNG file is animated; only its first frame is read".to_owned());
+    }
+    if info.pixel_dims.is_some_and(|d| d.xppu != d.yppu) {
+        notes.push("the PNG file's pixels are not square, which is not done".to_owned());
+    }
+    let image = oriented(Image { width, height, channels, data }, info.exif_metadata.as_deref())?;
+    Ok(Decoded { image, notes })
+}
+
+/// From the file's numbers to linear ones.
+enum Transfer {
+    Linear,
+    Srgb,
+    /// The exponent of the linear value: 1 / gAMA.
+    Power(f32),
+}
+
+impl Transfer {
+    fn of(info: &png::Info, encoding: Encoding, notes: &mut Vec<String>) -> Transfer {
+        match encoding {
+            Encoding::Linear => return Transfer::Linear,
+            Encoding::Srgb => return Transfer::Srgb,
+            Encoding::AsFile => {}
+        }
+        // What decides is cICP, then a profile, then sRGB, then gAMA (PNG specification, section 4.3).
+        if info.coding_independent_code_points.is_some() {
+            notes.push("the PNG file has a cICP chunk, which is not done: its colours are taken as sRGB".to_owned());
+            return Transfer::Srgb;
+        }
+        if let Some(profile) = &info.icc_profile {
+            notes.extend(super::file::profile_note("PNG", profile));
+            return Transfer::Srgb;
+        }
+        if info.srgb.is_some() {
+            return Transfer::Srgb;
+        }
+        if let Some(c) = &info.chrm_chunk {
+            let own = [c.red, c.green, c.blue, c.white].map(|(x, y)| (x.into_value(), y.into_value()));
+            let rec709 = [(0.64, 0.33), (0.3, 0.6), (0.15, 0.06), (0.3127, 0.329)];
+            let near = |a: f32, b: f32| (a - b).abs() < 0.002;
+            if !own.iter().zip(rec709).all(|(a, b)| near(a.0, b.0) && near(a.1, b.1)) {
+                notes.push("the PNG file has primaries of its own; its colours are taken as sRGB's".to_owned());
+            }
+        }
+        match info.gama_chunk.map(|g| g.into_value()).filter(|g| *g > 0.0) {
+            Some(gamma) => Transfer::Power(1.0 / gamma),
+            None => Transfer::Srgb,
+        }
+    }
+
+    fn linear(&self, v: f32) -> f32 {
+        match self {
+            Transfer::Linear => v,
+            Transfer::Srgb => srgb_to_linear(f64::from(v)) as f32,
+            Transfer::Power(p) => v.powf(*p),
+        }
+    }
+}
+
+/// The PNG file of an image of 1 to 4 channels, in 8 bits, sRGB-encoded; two become red and green.
+pub(super) fn encode(image: &Image) -> Result<Vec<u8>, ImageError> {
+    image.check()?;
+    let color = match image.channels {
+        1 => ColorType::Grayscale,
+        2 | 3 => ColorType::Rgb,
+        4 => ColorType::Rgba,
+        n => {
+            return Err(ImageError::Argument(format!(
+                "a PNG file holds 1 to 4 channels, not {n}; save as .exr instead"
+            )));
+        }
+    };
+    // Clipped; not-a-number becomes black.
+    let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
+    let mut pixels: Vec<u8> = Vec::with_capacity(image.width * image.height * 4);
+    for pixel in image.data.chunks_exact(image.channels) {
+        pixels.extend(pixel.iter().take(3).map(|&v| byte(linear_to_srgb(f64::from(v)) as f32)));
+        pixels.extend((pixel.len() == 2).then_some(0));
+        pixels.extend(pixel.get(3).map(|&a| byte(a)));
+    }
+    let cannot = |e: png::EncodingError| ImageError::Argument(format!("the PNG file cannot be made: {e}"));
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, image.width as u32, image.height as u32);
+    encoder.set_color(color);
+    encoder.set_depth(BitDepth::Eight);
+    encoder.set_compression(png::Compression::Fast);
+    let mut writer = encoder.write_header().map_err(cannot)?;
+    writer.write_image_data(&pixels).map_err(cannot)?;
+    writer.finish().map_err(cannot)?;
+    Ok(bytes)
+}

@@ -1,0 +1,377 @@
+//! What image files say beside their pixels: windows and layers of EXR, orientation, gamma, exposure, inks. Every file is made here.
+
+use std::fs;
+use std::io::Cursor;
+use std::path::Path;
+
+use assert_cmd::Command;
+use dscene::image::Image;
+use dscene::image::file::{Decoded, Encoding, decode};
+use exr::image::Encoding as Storage;
+use exr::prelude::*;
+
+fn read(bytes: &[u8]) -> Decoded {
+    decode(bytes, Encoding::AsFile, None).unwrap()
+}
+
+fn near(found: &[f32], expected: &[f32], tolerance: f32) {
+    assert_eq!(found.len(), expected.len(), "{found:?} {expected:?}");
+    let fits = found.iter().zip(expected).all(|(a, b)| (a - b).abs() <= tolerance * b.abs().max(1.0));
+    assert!(fits, "{found:?} is not {expected:?}");
+}
+
+// ---- OpenEXR -------------------------------------------------------------------------------------------------------
+
+/// A part of constant channels: their names and values.
+fn part(
+    name: Option<&str>,
+    size: (usize, usize),
+    at: (i32, i32),
+    channels: &[(&str, f32)],
+) -> Layer<AnyChannels<FlatSamples>> {
+    let list =
+        channels.iter().map(|(name, value)| AnyChannel::new(*name, FlatSamples::F32(vec![*value; size.0 * size.1])));
+    let mut attributes = LayerAttributes::default().with_position(Vec2(at.0, at.1));
+    attributes.layer_name = name.map(Text::from);
+    Layer::new(size, attributes, Storage::UNCOMPRESSED, AnyChannels::sort(list.collect()))
+}
+
+fn exr_file(display: Option<((i32, i32), (usize, usize))>, parts: Vec<Layer<AnyChannels<FlatSamples>>>) -> Vec<u8> {
+    let window = match display {
+        Some((position, size)) => IntegerBounds::new(Vec2(position.0, position.1), Vec2(size.0, size.1)),
+        None => IntegerBounds::from_dimensions(parts[0].size),
+    };
+    let mut bytes = Cursor::new(Vec::new());
+    let image = exr::image::Image::from_layers(ImageAttributes::new(window), parts);
+    image.write().non_parallel().to_buffered(&mut bytes).unwrap();
+    bytes.into_inner()
+}
+
+#[test]
+fn an_exr_image_is_its_display_window() {
+    // Data of 2×2 pixels whose first stands at (1, 0) of a window that begins at (−3, −2).
+    let data = AnyChannel::new("Y", FlatSamples::F32(vec![1.0, 2.0, 3.0, 4.0]));
+    let attributes = LayerAttributes::default().with_position(Vec2(-2, -2));
+    let layer = Layer::new((2, 2), attributes, Storage::UNCOMPRESSED, AnyChannels::sort([data].into_iter().collect()));
+    let found = read(&exr_file(Some(((-3, -2), (4, 3))), vec![layer.clone()]));
+    assert_eq!((found.image.width, found.image.height, found.image.channels), (4, 3, 1));
+    assert_eq!(found.image.data, [0.0, 1.0, 2.0, 0.0, 0.0, 3.0, 4.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    assert!(
+        found.notes[0].contains("data for 2×2 pixels from (1, 0) of its display window of 4×3"),
+        "{:?}",
+        found.notes
+    );
+    // A window within the data crops them.
+    let found = read(&exr_file(Some(((-1, -1), (1, 1))), vec![layer.clone()]));
+    assert_eq!((found.image.width, found.image.height, &found.image.data[..]), (1, 1, &[4.0][..]));
+    assert!(found.notes[0].contains("around its display window"), "{:?}", found.notes);
+    // The same window wherever it lies is no news.
+    let found = read(&exr_file(Some(((-2, -2), (2, 2))), vec![layer]));
+    assert_eq!((found.image.data, found.notes), (vec![1.0, 2.0, 3.0, 4.0], vec![]));
+}
+
+#[test]
+fn the_first_layer_with_colours_is_read_and_the_others_are_named() {
+    let parts = vec![
+        part(Some("VL.Depth"), (2, 1), (0, 0), &[("Z", 9.0)]),
+        part(
+            Some("VL"),
+            (2, 1),
+            (0, 0),
+            &[
+                ("VL.Combined.R", 0.1),
+                ("VL.Combined.G", 0.2),
+                ("VL.Combined.B", 0.3),
+                ("VL.Combined.A", 0.4),
+                ("VL.Mist.M", 0.5),
+            ],
+        ),
+    ];
+    let bytes = exr_file(None, parts);
+    let found = read(&bytes);
+    assert_eq!(found.image.channels, 4);
+    assert_eq!(found.image.pixel(1, 0), [0.1, 0.2, 0.3, 0.4]);
+    assert_eq!(found.notes.len(), 1);
+    assert!(found.notes[0].contains("not “VL.Depth”, “VL.Mist”"), "{:?}", found.notes);
+    let layer = |name: &str| decode(&bytes, Encoding::AsFile, Some(name)).map(|d| d.image.data);
+    assert_eq!(layer("VL.Depth").unwrap(), [9.0, 9.0]);
+    assert_eq!(layer("vl.mist").unwrap(), [0.5, 0.5]);
+    assert_eq!(layer("VL.Combined.G").unwrap(), [0.2, 0.2]);
+    let missing = layer("Normal").unwrap_err().to_string();
+    assert_eq!(missing, "the EXR file has no layer “Normal”; it has “VL.Depth”, “VL.Combined”, “VL.Mist”");
+}
+
+#[test]
+fn names_of_channels_say_what_they_are() {
+    let one = |channels: &[(&str, f32)]| read(&exr_file(None, vec![part(None, (1, 1), (0, 0), channels)]));
+    let lower = one(&[("r", 0.1), ("g", 0.2), ("b", 0.3), ("a", 0.4)]);
+    assert_eq!((lower.image.data, lower.notes), (vec![0.1, 0.2, 0.3, 0.4], vec![]));
+    let words = one(&[("Red", 0.1), ("Green", 0.2), ("Blue", 0.3)]);
+    assert_eq!(words.image.data, [0.1, 0.2, 0.3]);
+    // Depth is not alpha.
+    let depth = one(&[("R", 0.1), ("G", 0.2), ("B", 0.3), ("Z", 7.0)]);
+    assert_eq!((depth.image.channels, &depth.image.data[..]), (3, &[0.1, 0.2, 0.3][..]));
+    assert!(depth.notes[0].contains("only R, G, B are read, not “Z”"), "{:?}", depth.notes);
+    // Positions have a Y that is no luminance.
+    let position = one(&[("P.X", 1.0), ("P.Y", 2.0), ("P.Z", 3.0)]);
+    assert_eq!(position.image.data, [1.0, 2.0, 3.0]);
+    // R = 0.5, G = 0.25, B = 1 as luminance and chroma.
+    let y = 0.2126 * 0.5 + 0.7152 * 0.25 + 0.0722;
+    let chroma = one(&[("Y", y), ("RY", (0.5 - y) / y), ("BY", (1.0 - y) / y)]);
+    near(&chroma.image.data, &[0.5, 0.25, 1.0], 1e-5);
+}
+
+// ---- PNG and JPEG --------------------------------------------------------------------------------------------------
+
+/// A grey 2×1 PNG with chunks of its own before the pixels.
+fn png_file(depth: png::BitDepth, data: &[u8], set: impl FnOnce(&mut png::Info)) -> Vec<u8> {
+    let mut info = png::Info::with_size(2, 1);
+    info.bit_depth = depth;
+    info.color_type = png::ColorType::Grayscale;
+    set(&mut info);
+    let mut bytes = Vec::new();
+    let mut writer = png::Encoder::with_info(&mut bytes, info).unwrap().write_header().unwrap();
+    writer.write_image_data(data).unwrap();
+    writer.finish().unwrap();
+    bytes
+}
+
+/// IEC 61966-2-1.
+fn srgb(v: f32) -> f32 {
+    if v <= 0.040_45 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+}
+
+#[test]
+fn png_is_srgb_at_any_depth_unless_it_or_the_call_says_otherwise() {
+    use png::BitDepth::{Eight, Sixteen};
+    let v = [0.2f32, 0.8];
+    let eight: Vec<u8> = v.iter().map(|v| (v * 255.0) as u8).collect();
+    let sixteen: Vec<u8> = v.iter().flat_map(|v| ((v * 65535.0) as u16).to_be_bytes()).collect();
+    for (depth, data) in [(Eight, &eight), (Sixteen, &sixteen)] {
+        let plain = png_file(depth, data, |_| {});
+        near(&read(&plain).image.data, &v.map(srgb), 1e-4);
+        near(&decode(&plain, Encoding::Linear, None).unwrap().image.data, &v, 1e-4);
+        let gamma = |g: f32| png_file(depth, data, |info| info.source_gamma = Some(png::ScaledFloat::new(g)));
+        near(&read(&gamma(1.0)).image.data, &v, 1e-4);
+        near(&read(&gamma(0.5)).image.data, &v.map(|v| v * v), 1e-4);
+        near(&decode(&gamma(1.0), Encoding::Srgb, None).unwrap().image.data, &v.map(srgb), 1e-4);
+        // The sRGB chunk wins.
+        let both = png_file(depth, data, |info| {
+            info.srgb = Some(png::SrgbRenderingIntent::Perceptual);
+            info.source_gamma = Some(png::ScaledFloat::new(1.0));
+        });
+        near(&read(&both).image.data, &v.map(srgb), 1e-4);
+    }
+    let profiled = png_file(Eight, &eight, |info| info.icc_profile = Some(b"Display P3".to_vec().into()));
+    assert!(read(&profiled).notes[0].contains("colour profile"));
+}
+
+/// EXIF data that hold an orientation and nothing else: a TIFF header and one directory entry.
+fn exif(orientation: u8) -> Vec<u8> {
+    let mut bytes = b"II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0".to_vec();
+    bytes.extend([orientation, 0, 0, 0, 0, 0, 0, 0]);
+    bytes
+}
+
+#[test]
+fn photos_are_turned_upright() {
+    // Three by two blocks of 16 pixels: what stands where once the file is turned.
+    let (a, b, c, d, e, f) = (20u8, 60, 100, 140, 180, 220);
+    let upright: [(u8, &[&[u8]]); 8] = [
+        (1, &[&[a, b, c], &[d, e, f]]),
+        (2, &[&[c, b, a], &[f, e, d]]),
+        (3, &[&[f, e, d], &[c, b, a]]),
+        (4, &[&[d, e, f], &[a, b, c]]),
+        (5, &[&[a, d], &[b, e], &[c, f]]),
+        (6, &[&[d, a], &[e, b], &[f, c]]),
+        (7, &[&[f, c], &[e, b], &[d, a]]),
+        (8, &[&[c, f], &[b, e], &[a, d]]),
+    ];
+    let stored = [[a, b, c], [d, e, f]];
+    for (orientation, rows) in upright {
+        let pixels: Vec<u8> = (0..32 * 48).map(|i| stored[i / 48 / 16][i % 48 / 16]).collect();
+        let mut jpeg = Vec::new();
+        let mut encoder = jpeg_encoder::Encoder::new(&mut jpeg, 100);
+        encoder.add_exif_metadata(&exif(orientation)).unwrap();
+        encoder.encode(&pixels, 48, 32, jpeg_encoder::ColorType::Luma).unwrap();
+        let mut png = Vec::new();
+        let mut info = png::Info::with_size(48, 32);
+        info.exif_metadata = Some(exif(orientation).into());
+        let mut writer = png::Encoder::with_info(&mut png, info).unwrap().write_header().unwrap();
+        writer.write_image_data(&pixels).unwrap();
+        writer.finish().unwrap();
+        for (name, bytes) in [("JPEG", jpeg), ("PNG", png)] {
+            let image = decode(&bytes, Encoding::Linear, None).unwrap().image;
+            assert_eq!((image.height, image.width), (16 * rows.len(), 16 * rows[0].len()), "{name} {orientation}");
+            for (y, row) in rows.iter().enumerate() {
+                for (x, value) in row.iter().enumerate() {
+                    let found = image.pixel(16 * x + 8, 16 * y + 8)[0] * 255.0;
+                    assert!((found - f32::from(*value)).abs() < 3.0, "{name} {orientation}: {found} at ({x}, {y})");
+                }
+            }
+        }
+    }
+}
+
+/// Without a segment of that marker.
+fn without_segment(jpeg: &[u8], marker: u8) -> Vec<u8> {
+    let (mut at, mut out) = (2, jpeg[..2].to_vec());
+    while jpeg[at + 1] != 0xda {
+        let end = at + 2 + usize::from(u16::from_be_bytes([jpeg[at + 2], jpeg[at + 3]]));
+        if jpeg[at + 1] != marker {
+            out.extend(&jpeg[at..end]);
+        }
+        at = end;
+    }
+    out.extend(&jpeg[at..]);
+    out
+}
+
+#[test]
+fn inks_are_converted_with_and_without_adobes_marker() {
+    // Cyan 0.8, magenta 0.2, no yellow, black 0.5, everywhere.
+    let inks = [0.8f32, 0.2, 0.0, 0.5];
+    let expected = [0.2f32 * 0.5, 0.8 * 0.5, 0.5].map(srgb);
+    let encoded = |pixel: [u8; 4]| {
+        let mut jpeg = Vec::new();
+        let encoder = jpeg_encoder::Encoder::new(&mut jpeg, 100);
+        encoder.encode(&pixel.repeat(16 * 16), 16, 16, jpeg_encoder::ColorType::Cmyk).unwrap();
+        jpeg
+    };
+    let raw = |jpeg: &[u8]| decode(jpeg, Encoding::AsFile, None).unwrap();
+    let marked = encoded(inks.map(|v| (v * 255.0) as u8));
+    assert!(
+        marked.windows(5).any(|w| w == b"Adobe"),
+        "this encoder writes the marker, and stores what inks leave of the light"
+    );
+    near(raw(&marked).image.pixel(3, 3), &expected, 0.02);
+    let plain = without_segment(&encoded(inks.map(|v| 255 - (v * 255.0) as u8)), 0xee);
+    assert!(!plain.windows(5).any(|w| w == b"Adobe"));
+    near(raw(&plain).image.pixel(3, 3), &expected, 0.02);
+    assert!(raw(&plain).notes[0].contains("CMYK"), "{:?}", raw(&plain).notes);
+}
+
+#[test]
+fn a_photo_that_ends_early_says_so() {
+    let pixels: Vec<u8> = (0..64 * 64 * 3).map(|i| (i * 7 % 251) as u8).collect();
+    let mut jpeg = Vec::new();
+    jpeg_encoder::Encoder::new(&mut jpeg, 90).encode(&pixels, 64, 64, jpeg_encoder::ColorType::Rgb).unwrap();
+    assert_eq!(read(&jpeg).notes, Vec::<String>::new());
+    match decode(&jpeg[..jpeg.len() / 2], Encoding::AsFile, None) {
+        Ok(found) => assert!(found.notes[0].contains("ends early"), "{:?}", found.notes),
+        Err(e) => assert!(e.to_string().contains("damaged"), "{e}"),
+    }
+}
+
+// ---- Radiance HDR --------------------------------------------------------------------------------------------------
+
+#[test]
+fn hdr_headers_are_obeyed() {
+    // Flat pixels of 3×2: their reds are 1 to 6, with an exponent of 2^8 · 2^−8.
+    let pixels: Vec<u8> = (1..=6).flat_map(|i| [i, 2 * i, 0, 136]).collect();
+    let file = |header: &str, resolution: &str| [format!("{header}\n\n{resolution}\n").as_bytes(), &pixels].concat();
+    let reds = |bytes: &[u8]| -> Vec<f32> {
+        let image = read(bytes).image;
+        assert!(image.data.chunks_exact(3).all(|p| p[1] == 2.0 * p[0] && p[2] == 0.0));
+        image.data.iter().step_by(3).copied().collect()
+    };
+    for magic in ["#?RADIANCE", "#?RGBE"] {
+        assert_eq!(reds(&file(magic, "-Y 2 +X 3")), [1.0, 2.0, 3.0, 4.0, 5.0, 6.0]);
+    }
+    for (resolution, expected) in [
+        ("+Y 2 +X 3", [4.0, 5.0, 6.0, 1.0, 2.0, 3.0]),
+        ("-Y 2 -X 3", [3.0, 2.0, 1.0, 6.0, 5.0, 4.0]),
+        ("+Y 2 -X 3", [6.0, 5.0, 4.0, 3.0, 2.0, 1.0]),
+        // Three columns of two pixels each.
+        ("+X 3 -Y 2", [1.0, 3.0, 5.0, 2.0, 4.0, 6.0]),
+        ("+X 3 +Y 2", [2.0, 4.0, 6.0, 1.0, 3.0, 5.0]),
+        ("-X 3 -Y 2", [5.0, 3.0, 1.0, 6.0, 4.0, 2.0]),
+        ("-X 3 +Y 2", [6.0, 4.0, 2.0, 5.0, 3.0, 1.0]),
+    ] {
+        let found = read(&file("#?RADIANCE", resolution)).image;
+        assert_eq!((found.width, found.height), (3, 2), "{resolution}");
+        assert_eq!(reds(&file("#?RADIANCE", resolution)), expected, "{resolution}");
+    }
+    let exposed = read(&file("#?RADIANCE\nEXPOSURE=2\nEXPOSURE= 4\nCOLORCORR=0.5 1 1", "-Y 2 +X 3")).image;
+    assert_eq!(exposed.pixel(0, 0), [1.0 / 4.0, 2.0 / 8.0, 0.0]);
+    let said = read(&file("#?RADIANCE\nPIXASPECT=2\nPRIMARIES=0.7 0.3 0.2 0.7 0.1 0.1 0.3 0.3", "-Y 2 +X 3")).notes;
+    assert!(said[0].contains("PIXASPECT") && said[1].contains("PRIMARIES"), "{said:?}");
+    for wrong in ["#?RADIANCE\nEXPOSURE=0", "#?RADIANCE\nFORMAT=64-bit"] {
+        assert!(decode(&file(wrong, "-Y 2 +X 3"), Encoding::AsFile, None).is_err(), "{wrong}");
+    }
+    // White of equal energy in XYZ: Y stays, and the colour is that of CIE's white in Rec. 709.
+    let white = [b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 1 +X 1\n".as_slice(), &[128, 128, 128, 129]].concat();
+    near(&read(&white).image.data, &[1.2048, 0.9483, 0.9087], 1e-3);
+}
+
+// ---- as users see it -----------------------------------------------------------------------------------------------
+
+fn dsl(folder: &Path, line: &[&str]) -> (i32, String) {
+    let output = Command::cargo_bin("dsl").unwrap().current_dir(folder).args(line).output().unwrap();
+    let text = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+    (output.status.code().unwrap_or(-1), text)
+}
+
+#[test]
+fn what_is_not_done_is_said_once_at_the_call() {
+    let folder = tempfile::tempdir().unwrap();
+    let layers = part(None, (2, 2), (0, 0), &[("R", 0.1), ("G", 0.2), ("B", 0.3), ("Z", 7.0)]);
+    fs::write(folder.path().join("a.exr"), exr_file(None, vec![layers])).unwrap();
+    let script = "let photo = load_image(\"a.exr\")\nlet depth = load_image(\"a.exr\", layer: \"Z\")\n\
+                  print mean(photo)\nprint mean(photo.r)\nprint mean(depth)\n";
+    fs::write(folder.path().join("s.dscene"), script).unwrap();
+    let (code, text) = dsl(folder.path(), &["run", "s.dscene", "--out", "o"]);
+    assert_eq!(code, 0, "{text}");
+    assert_eq!(text.matches("of the EXR file's channels only R, G, B are read, not “Z”").count(), 1, "{text}");
+    assert!(text.contains("s.dscene:1:"), "{text}");
+    assert!(text.lines().any(|l| l.trim() == "7"), "{text}");
+}
+
+#[test]
+fn sizes_are_known_before_memory_is_taken() {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, bytes: &[u8]| fs::write(folder.path().join(name), bytes).unwrap();
+    // A header alone promises 12,000 × 12,000 pixels; no byte of them is read.
+    let mut png = png_file(png::BitDepth::Eight, &[0, 0], |_| {});
+    png[16..24].copy_from_slice(&[0, 0, 0x2e, 0xe0, 0, 0, 0x2e, 0xe0]);
+    let crc = crc(&png[12..29]);
+    png[29..33].copy_from_slice(&crc.to_be_bytes());
+    put("a.png", &png);
+    put("a.hdr", b"#?RADIANCE\n\n-Y 12000 +X 12000\n");
+    let mut exr = exr_file(Some(((0, 0), (2, 2))), vec![part(None, (2, 2), (0, 0), &[("Y", 1.0)])]);
+    for name in [&b"dataWindow\0box2i\0"[..], b"displayWindow\0box2i\0"] {
+        let at = exr.windows(name.len()).position(|w| w == name).unwrap() + name.len() + 4 + 8;
+        exr[at..at + 8].copy_from_slice(&[0xdf, 0x2e, 0, 0, 0xdf, 0x2e, 0, 0]);
+    }
+    let name = b"chunkCount\0int\0";
+    if let Some(at) = exr.windows(name.len()).position(|w| w == name) {
+        exr[at + name.len() + 4..][..4].copy_from_slice(&12000u32.to_le_bytes());
+    }
+    put("a.exr", &exr);
+    for name in ["a.png", "a.hdr", "a.exr"] {
+        fs::write(folder.path().join("s.dscene"), format!("print load_image(\"{name}\")\n")).unwrap();
+        let (code, text) = dsl(folder.path(), &["run", "s.dscene", "--memory", "200MB", "--out", "o"]);
+        assert_eq!(code, 1, "{name}: {text}");
+        assert!(text.contains("dscene::run::memory") && text.contains("--memory 16GB"), "{name}: {text}");
+        assert!(text.contains("s.dscene:1:18"), "{name}: {text}");
+    }
+}
+
+/// The check of a PNG chunk.
+fn crc(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(u32::MAX, |crc, &b| {
+        (0..8).fold(crc ^ u32::from(b), |c, _| if c & 1 == 1 { 0xedb8_8320 ^ (c >> 1) } else { c >> 1 })
+    })
+}
+
+#[test]
+fn an_image_is_what_was_saved() {
+    let mut image = Image::new(3, 2, 3);
+    image.data.iter_mut().enumerate().for_each(|(i, v)| *v = i as f32 / 18.0);
+    let folder = tempfile::tempdir().unwrap();
+    for (name, tolerance) in [("a.exr", 0.0), ("a.hdr", 0.01), ("a.png", 0.01)] {
+        let path = folder.path().join(name);
+        dscene::image::file::save(&path, &image).unwrap();
+        near(&read(&fs::read(&path).unwrap()).image.data, &image.data, tolerance);
+    }
+}
