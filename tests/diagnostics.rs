@@ -433,10 +433,7 @@ loss fit = mse(render(small), target)",
         name: "index_by_a_colon",
         prelude: "",
         script: "let rows = [[1, 2], [3, 4]]\nlet a = rows[0, 1]\nlet b = rows[0:1]\nlet c = rows[0..1, 1]",
-        wanted: &[
-            ("dscene::syntax::unexpected", ":", "`rows[1..4]`"),
-            ("dscene::syntax::index", "0..1", "`crop("),
-        ],
+        wanted: &[("dscene::syntax::unexpected", ":", "`rows[1..4]`"), ("dscene::syntax::index", "0..1", "`crop(")],
     },
     Case {
         name: "keyframes_of_different_things",

@@ -510,7 +510,11 @@ fn every_native_is_declared_and_every_declaration_implemented() {
         .collect();
     assert!(declared.len() > 50);
     // The evaluator itself renders and differentiates.
-    let rendering = dscene::natives::RENDERING.iter().map(|r| r.0).chain([dscene::natives::PROJECT]).chain(hir::DerivativeKind::ALL.map(|k| k.0));
+    let rendering = dscene::natives::RENDERING
+        .iter()
+        .map(|r| r.0)
+        .chain([dscene::natives::PROJECT])
+        .chain(hir::DerivativeKind::ALL.map(|k| k.0));
     let missing: Vec<&&str> = declared
         .iter()
         .filter(|n| dscene::natives::find(n).is_none() && !rendering.clone().any(|r| r == **n))

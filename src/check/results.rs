@@ -91,6 +91,7 @@ pub fn native(name: &str, signature: &Signature, args: &[Option<Typed>], bound: 
             (None, Some(0 | 1)) => Ty::SCALAR,
             (None, n) => n.map_or(Ty::Any, Ty::vector),
         },
+        ("sort", Some(of)) => of.clone(),
         ("where", condition) => chosen(condition, ty(1), ty(2)),
         ("mod", Some(a)) => match (a, ty(1)) {
             (Ty::Angle, Some(Ty::Angle)) => Ty::Angle,

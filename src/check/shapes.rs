@@ -30,9 +30,55 @@ impl Checker<'_> {
                     );
                 }
             }
+            ("percentile", [_, Some(percent), ..]) => {
+                if let Some(Const::Num(x)) = percent.value
+                    && !(0.0..=100.0).contains(&x)
+                {
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::value::percent", "a percentile is from 0 to 100")
+                            .label(percent.expr.span, "out of range")
+                            .help("50 is the median"),
+                    );
+                }
+            }
+            ("mod", [Some(x), Some(divisor)]) => {
+                if matches!((&x.expr.ty, &divisor.expr.ty), (Ty::Angle, Ty::Num(_)) | (Ty::Num(_), Ty::Angle)) {
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::type::unit", "an angle and a number have no remainder")
+                            .label(divisor.expr.span, format!("this is `{}`", divisor.expr.ty))
+                            .label(x.expr.span, format!("this is `{}`", x.expr.ty))
+                            .help("give both a unit, or neither: `mod(a, 360deg)`, `mod(a / 1deg, 360)`"),
+                    );
+                }
+                if matches!(divisor.value, Some(Const::Num(x) | Const::Angle(x)) if x == 0.0) {
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::value::divisor", "nothing has a remainder by 0")
+                            .label(divisor.expr.span, "this is 0"),
+                    );
+                }
+            }
+            ("sample", [Some(_), Some(place), ..]) => {
+                self.check_last(place, 2, "a place in an image has two coordinates")
+            }
+            ("project", [Some(_), Some(point)]) => self.check_last(point, 3, "a point has three coordinates"),
             ("rotation", _) => self.check_rotation(&signature, found),
             ("where", [Some(condition), Some(yes), Some(no)]) => self.check_where(condition, yes, no),
             _ => {}
+        }
+    }
+
+    /// The last axis, of coordinates, has so many numbers.
+    fn check_last(&mut self, argument: &Typed, wanted: usize, message: &str) {
+        let found = match &argument.expr.ty {
+            Ty::Num(shape) => shape.last().copied().unwrap_or(Some(1)),
+            Ty::Image { channels, .. } => *channels,
+            _ => None,
+        };
+        if found.is_some_and(|n| n != wanted) {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::shape", message)
+                    .label(argument.expr.span, format!("this is `{}`", argument.expr.ty)),
+            );
         }
     }
 

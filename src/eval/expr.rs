@@ -42,7 +42,7 @@ impl Engine {
                 let captured = self.locals[self.base..].to_vec();
                 Ok(function(Closure::Lambda { lambda: lambda.clone(), captured }))
             }
-            ExprKind::If { condition, then, otherwise } => self.conditional(condition, then, otherwise, e.span),
+            ExprKind::If { condition, then, otherwise } => self.conditional(condition, then, otherwise),
             ExprKind::Comprehension(c) => self.comprehension(c, e.span),
             ExprKind::With { body, replacements } => self.with(body, replacements, e.span),
             ExprKind::Range { start, end, inclusive } => self.range(start, end, *inclusive, e.span),
@@ -258,18 +258,13 @@ impl Engine {
         memory::ask(bytes).map_err(|e| error::memory(e, span))
     }
 
-    fn conditional(&mut self, condition: &Expr, then: &Expr, otherwise: &Expr, span: Span) -> Result<Value> {
+    fn conditional(&mut self, condition: &Expr, then: &Expr, otherwise: &Expr) -> Result<Value> {
         match self.expr(condition)? {
             Value::Bool(c) => self.expr(if c { then } else { otherwise }),
-            // A mask chooses element by element.
             Value::Num(mask) | Value::Image(mask) if !mask.shape().is_empty() => {
-                let (a, b) = (self.expr(then)?, self.expr(otherwise)?);
-                let (Some(x), Some(y)) = (a.var(), b.var()) else {
-                    return Err(error::value("both branches must be numbers here", span));
-                };
-                let picked = Var::select(&mask, x, y).map_err(|e| error::shape(e.0, span))?;
-                let image = matches!(a, Value::Image(_)) || matches!(b, Value::Image(_));
-                Ok(if image { Value::Image(picked) } else { Value::Num(picked) })
+                Err(error::value("a condition is true or false, this is a mask", condition.span).help(
+                    "ask for all elements or for any: `all(…)`, `any(…)`; `where(mask, a, b)` chooses one by one",
+                ))
             }
             Value::Num(c) => self.expr(if c.item() != Some(0.0) { then } else { otherwise }),
             other => {

@@ -206,7 +206,8 @@ fn help(text: &str, at: usize, found: &str) -> Option<String> {
         owner && !before[open..].contains(']')
     });
     if in_index && matches!(found, ":" | ",") {
-        let help = "a range has two dots: `rows[1..4]`; `rows[2, 0]` is one element, and `crop` takes a part of an image";
+        let help =
+            "a range has two dots: `rows[1..4]`; `rows[2, 0]` is one element, and `crop` takes a part of an image";
         return Some(help.to_owned());
     }
     let help = match found {

@@ -57,6 +57,16 @@ pub struct TapeError(pub String);
 
 pub type Result<T, E = TapeError> = std::result::Result<T, E>;
 
+/// Whether there is memory for an array of that shape, where an operation makes more of its operands than they are.
+fn room(shape: &[usize]) -> Result<()> {
+    let numbers = shape.iter().try_fold(1usize, |n, d| n.checked_mul(*d)).unwrap_or(usize::MAX);
+    // Asking costs more than small arrays do.
+    if numbers < 1 << 12 {
+        return Ok(());
+    }
+    crate::memory::ask_for::<f64>(numbers).map_err(|e| TapeError(e.to_string()))
+}
+
 pub(crate) fn fail<T>(message: impl Into<String>) -> Result<T> {
     Err(TapeError(message.into()))
 }
@@ -168,6 +178,7 @@ impl Var {
                 Tensor::shape_text(other.shape())
             ));
         };
+        room(&shape)?;
         // A constant square is by far the commonest power.
         if f == Binary::Pow && !other.is_live() && other.item() == Some(2.0) && other.shape().is_empty() {
             return Ok(self.unary(Unary::Square));

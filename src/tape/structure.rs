@@ -215,6 +215,7 @@ impl Var {
                 Tensor::shape_text(shape)
             ));
         }
+        super::room(shape)?;
         let spread = super::Spread::new(self.shape(), shape);
         let n: usize = shape.iter().product();
         Ok(self.gather((0..n).map(|i| spread.at(i) as u32).collect(), shape.to_vec()))
@@ -297,6 +298,7 @@ impl Var {
         let shape =
             super::broadcast_shapes(yes.shape(), no.shape()).and_then(|s| super::broadcast_shapes(&s, mask.shape()));
         let Some(shape) = shape else { return fail("the condition and its branches do not fit each other") };
+        super::room(&shape)?;
         let mask = mask.broadcast_to(&shape)?.value().data.iter().map(|&m| m != 0.0).collect();
         let inputs = vec![yes.broadcast_to(&shape)?, no.broadcast_to(&shape)?];
         Ok(Var::apply(Op::Select(Arc::new(mask)), inputs, shape))
