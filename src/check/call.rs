@@ -156,10 +156,12 @@ impl Checker<'_> {
             (signature.result.as_ref().map_or(Ty::Error, |r| unknown_as_error(r.ty())), None)
         } else if native {
             self.check_native(id, site.name, &mut found);
+            self.check_domains(&signature, &found, site);
             let name = self.slot(id).name.text.clone();
             let ty = results::native(&name, &signature, &found, &bound);
             (ty, results::known(&name, &found))
         } else {
+            self.check_domains(&signature, &found, site);
             self.instance(id, &signature, &found, span, site)
         };
         let mut args = Vec::new();

@@ -58,6 +58,7 @@ impl Checker<'_> {
         let params = f.params.iter().map(|p| SigParam {
             name: p.name.text.clone(),
             sig: p.ty.as_ref().map_or(Sig::Any, |t| self.sig(t)),
+            domain: p.domain,
             has_default: p.default.is_some(),
         });
         let params = params.collect();
@@ -387,6 +388,7 @@ impl Checker<'_> {
                 .map(|(p, s)| hir::NativeParam {
                     name: s.name.clone(),
                     ty: s.sig.to_string(),
+                    domain: s.domain,
                     optional: p.default.is_some(),
                 })
                 .collect();

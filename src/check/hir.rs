@@ -128,8 +128,57 @@ pub struct NativeParam {
     pub name: String,
     /// As declared: `color | texture`.
     pub ty: String,
+    /// As declared: `in 0..1`.
+    pub domain: Option<Domain>,
     /// May be left out; the argument is then [`Call::args`]' `None` (declared `= none`) or the default's expression.
     pub optional: bool,
+}
+
+/// Where a number, or every number of an array, has a meaning: `in 0..1`, `in 0<..` (above 0), `in 0deg..180deg`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Domain {
+    /// Angles in radians; infinite where there is no end.
+    pub low: f64,
+    pub high: f64,
+    /// The ends do not belong to it.
+    pub above_low: bool,
+    pub below_high: bool,
+    /// Its ends are angles.
+    pub angle: bool,
+}
+
+impl Domain {
+    /// NaN lies nowhere.
+    pub fn contains(&self, x: f64) -> bool {
+        let low = if self.above_low { x > self.low } else { x >= self.low };
+        let high = if self.below_high { x < self.high } else { x <= self.high };
+        low && high
+    }
+}
+
+/// In words that follow "must be": `positive`, `0 or more`, `from 0 to 1`.
+impl std::fmt::Display for Domain {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let shown = |x: f64| match self.angle {
+            true => format!("{}deg", (x.to_degrees() * 1e9).round() / 1e9),
+            false => x.to_string(),
+        };
+        let (low, high) = (shown(self.low), shown(self.high));
+        match (self.low.is_finite(), self.high.is_finite()) {
+            (true, false) if self.above_low && self.low == 0.0 => f.write_str("positive"),
+            (true, false) if self.above_low => write!(f, "above {low}"),
+            (true, false) => write!(f, "{low} or more"),
+            (false, true) if self.below_high => write!(f, "below {high}"),
+            (false, true) => write!(f, "at most {high}"),
+            (false, false) => f.write_str("a number"),
+            (true, true) => match (self.above_low, self.below_high) {
+                (false, false) => write!(f, "from {low} to {high}"),
+                (true, true) => write!(f, "above {low} and below {high}"),
+                (false, true) => write!(f, "at least {low} and below {high}"),
+                (true, false) => write!(f, "above {low} and at most {high}"),
+            },
+        }
+    }
 }
 
 #[derive(Clone, Debug)]

@@ -1,8 +1,9 @@
 //! Arguments of natives that can be seen to be wrong before anything runs: missing files, impossible sizes.
 
+use super::call::Site;
 use super::hir::{DeclId, ExprKind, StrPart};
 use super::infer::Typed;
-use super::modules::Checker;
+use super::modules::{Checker, Signature};
 use super::results;
 use super::signature::Const;
 use super::types::Ty;
@@ -151,6 +152,26 @@ impl Checker<'_> {
                     .label(expr.span, format!("{n} samples"))
                     .help("write `spp: 1` or more"),
             );
+        }
+    }
+
+    /// Numbers that are known must lie where the declaration says that they have a meaning.
+    pub fn check_domains(&mut self, signature: &Signature, found: &[Option<Typed>], site: Site) {
+        for (param, arg) in signature.params.iter().zip(found) {
+            let (Some(domain), Some(Typed { value: Some(value), expr })) = (param.domain, arg) else { continue };
+            let Some(x) = value.numbers().into_iter().find(|x| !domain.contains(*x)) else { continue };
+            // Some arguments have checks of their own, which say more.
+            if self.diagnostics.iter().rev().take(8).any(|d| d.is_error() && d.span() == Some(expr.span)) {
+                continue;
+            }
+            let shown = if matches!(expr.ty, Ty::Angle) {
+                format!("this is {}deg", (x.to_degrees() * 1e6).round() / 1e6)
+            } else {
+                format!("this is {x}")
+            };
+            let noun = if site.is_kind { "of a" } else { "of" };
+            let message = format!("`{}` {noun} `{}` must be {domain}", param.name, site.name);
+            self.diagnostics.push(Diagnostic::error("dscene::value::range", message).label(expr.span, shown));
         }
     }
 

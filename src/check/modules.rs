@@ -72,6 +72,8 @@ pub struct Signature {
 pub struct SigParam {
     pub name: String,
     pub sig: Sig,
+    /// Where its numbers have a meaning.
+    pub domain: Option<hir::Domain>,
     pub has_default: bool,
 }
 

@@ -83,6 +83,15 @@ impl Const {
         self.number().filter(|x| x.fract() == 0.0 && (0.0..1e9).contains(x)).map(|x| x as usize)
     }
 
+    /// All numbers in it; angles in radians.
+    pub fn numbers(&self) -> Vec<f64> {
+        match self {
+            Const::Num(x) | Const::Angle(x) => vec![*x],
+            Const::List(items) => items.iter().flat_map(Const::numbers).collect(),
+            _ => Vec::new(),
+        }
+    }
+
     fn is_whole(&self) -> bool {
         match self {
             Const::Num(x) => x.fract() == 0.0,

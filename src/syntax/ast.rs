@@ -89,6 +89,8 @@ pub struct Fn {
 pub struct FnParam {
     pub name: Name,
     pub ty: Option<Type>,
+    /// `in 0..1`
+    pub domain: Option<Domain>,
     pub default: Option<Expr>,
 }
 
@@ -230,7 +232,7 @@ pub enum ExprKind {
     Error,
 }
 
-pub use crate::check::hir::{BinaryOp, StrFormat, UnaryOp};
+pub use crate::check::hir::{BinaryOp, Domain, StrFormat, UnaryOp};
 
 #[derive(Clone, Debug)]
 pub enum StrPart {

@@ -169,8 +169,47 @@ impl Builder<'_> {
         let mut parts = Parts(pair.into_inner());
         let name = self.name(parts.find(Rule::ident)?);
         let ty = parts.take(Rule::type_).map(|p| self.ty(p));
+        let domain = parts.take(Rule::domain).map(|p| self.domain(p));
         let default = parts.take(Rule::expr).map(|p| self.expr(p));
-        Some(ast::FnParam { name, ty, default })
+        Some(ast::FnParam { name, ty, domain, default })
+    }
+
+    /// `in 0<..1`
+    fn domain(&mut self, pair: P) -> ast::Domain {
+        let mut domain = ast::Domain {
+            low: f64::NEG_INFINITY,
+            high: f64::INFINITY,
+            above_low: false,
+            below_high: false,
+            angle: false,
+        };
+        let mut dots = false;
+        for part in pair.into_inner() {
+            match part.as_rule() {
+                Rule::domain_dots => {
+                    (domain.above_low, domain.below_high) =
+                        (part.as_str().starts_with('<'), part.as_str().ends_with('<'));
+                    dots = true;
+                }
+                Rule::domain_end => {
+                    let value = self.signed(part);
+                    let (x, angle) = match &value.kind {
+                        ExprKind::Unary { operand, .. } => match operand.kind {
+                            ExprKind::Angle(x) => (-x, true),
+                            ExprKind::Number(x) | ExprKind::Percent(x) => (-x, false),
+                            _ => continue,
+                        },
+                        ExprKind::Angle(x) => (*x, true),
+                        ExprKind::Number(x) | ExprKind::Percent(x) => (*x, false),
+                        _ => continue,
+                    };
+                    domain.angle |= angle;
+                    if dots { domain.high = x } else { domain.low = x }
+                }
+                _ => {}
+            }
+        }
+        domain
     }
 
     fn fields(&mut self, pair: P) -> Vec<Field> {
