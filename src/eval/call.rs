@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::check::hir::{Call, Callee, DeclId, DeclKind, Expr, FnDecl, Lambda, LocalId, NativeDecl};
+use crate::memory;
 use crate::natives::{
     self, Args,
     value::{CameraValue, Function, Value},
@@ -95,6 +96,9 @@ impl Engine {
         }
         let names: Vec<&str> = native.params.iter().map(|p| p.name.as_str()).collect();
         let context = self.context();
+        // Most results are about as large as what they are made of; natives that make more ask for it themselves.
+        let numbers: usize = values.iter().map(Value::numbers).sum();
+        memory::ask_for::<f64>(numbers).map_err(|e| error::memory(e, span))?;
         let args = Args { names: &names, values, context: &context };
         let value = f(&args).map_err(|e| error::native(&e, span, spans, &native.name));
         for warning in context.warnings.take() {

@@ -7,13 +7,13 @@ use crate::check::types::Ty;
 use crate::memory;
 use crate::natives::{self, value::Value};
 use crate::source::Span;
-use crate::tape::{Binary, Slice, Tensor, Var, broadcast_shapes};
+use crate::tape::{Binary, Slice, Tensor, Var};
 
 use super::call::{Closure, function};
 use super::{Engine, Result, World, error, mix, show};
 
 /// What an item of a comprehension takes, beside its numbers.
-const ITEM_BYTES: u64 = 128;
+const ITEM_BYTES: u64 = 320;
 
 /// Items of a range or comprehension, at most.
 const MAX_ITEMS: f64 = (1u64 << 22) as f64;
@@ -211,7 +211,10 @@ impl Engine {
                 let not = v.binary(Binary::Eq, &Var::from(0.0)).map_err(|e| error::shape(e.0, operand.span))?;
                 Ok(value.with_var(not))
             }
-            (UnaryOp::Neg, Value::Num(v) | Value::Image(v)) => Ok(value.with_var(v.neg())),
+            (UnaryOp::Neg, Value::Num(v) | Value::Image(v)) => {
+                memory::ask_for::<f64>(v.len()).map_err(|e| error::memory(e, operand.span))?;
+                Ok(value.with_var(v.neg()))
+            }
             (_, other) => Err(error::value(format!("{} has no such operation", other.kind()), operand.span)),
         }
     }
@@ -231,7 +234,6 @@ impl Engine {
                 error::native(&e, span, &spans, "@").label(left.span, x.kind()).label(right.span, y.kind())
             });
         }
-        self.room_for_pairs(&x, &y, span)?;
         arithmetic(op, &x, &y).map_err(|message| {
             let diagnostic = error::shape(message, span).label(left.span, x.kind()).label(right.span, y.kind());
             let images = matches!((&x, &y), (Value::Image(_), Value::Image(_)));
@@ -241,21 +243,6 @@ impl Engine {
                     .to_owned()
             }))
         })
-    }
-
-    /// Whether there is memory for what an operation makes of each pair of elements.
-    fn room_for_pairs(&self, x: &Value, y: &Value, span: Span) -> Result<()> {
-        let bytes = match (x, y) {
-            (Value::Str(a), Value::Str(b)) => (a.len() + b.len()) as u64,
-            _ => match (x.var(), y.var()) {
-                (Some(a), Some(b)) if a.len() + b.len() > 2 => {
-                    let shape = broadcast_shapes(a.shape(), b.shape()).unwrap_or_default();
-                    8 * shape.iter().fold(1u64, |n, &side| n.saturating_mul(side as u64))
-                }
-                _ => return Ok(()),
-            },
-        };
-        memory::ask(bytes).map_err(|e| error::memory(e, span))
     }
 
     fn conditional(&mut self, condition: &Expr, then: &Expr, otherwise: &Expr) -> Result<Value> {
@@ -283,6 +270,7 @@ impl Engine {
         if count.is_nan() || count > MAX_ITEMS {
             return Err(error::value(format!("a range of {count} items is too long"), span));
         }
+        memory::ask_for::<f64>(count as usize).map_err(|e| error::memory(e, span))?;
         Ok(Value::tensor(Tensor::vector((0..count as usize).map(|i| a + i as f64).collect())))
     }
 
@@ -303,12 +291,15 @@ impl Engine {
             }
             let item = self.expr(&c.element)?;
             let bytes = ITEM_BYTES + 8 * item.numbers() as u64;
-            // Once for the item and once for the array of all of them.
-            memory::ask(2 * bytes).map_err(|e| error::memory(e, span))?;
+            memory::ask(bytes).map_err(|e| error::memory(e, span))?;
             out.push(item);
             return Ok(());
         };
         let items = self.expr(&clause.items)?;
+        if let Value::Num(v) = &items {
+            let bytes = ITEM_BYTES.saturating_mul(v.shape().first().copied().unwrap_or(0) as u64);
+            memory::ask(bytes).map_err(|e| error::memory(e, clause.items.span))?;
+        }
         let Some(items) = items.items() else {
             return Err(error::value(format!("{} has no items to go through", items.kind()), clause.items.span));
         };
@@ -478,7 +469,10 @@ pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Res
             _ => Err("`true` and `false` have no arithmetic".into()),
         },
         (Value::Str(a), Value::Str(b)) => match op {
-            BinaryOp::Add => Ok(Value::str(format!("{a}{b}"))),
+            BinaryOp::Add => {
+                memory::ask(2 * (a.len() + b.len()) as u64).map_err(|e| e.to_string())?;
+                Ok(Value::str(format!("{a}{b}")))
+            }
             BinaryOp::Eq => Ok(Value::Bool(a == b)),
             BinaryOp::Ne => Ok(Value::Bool(a != b)),
             _ => Err("strings have no such operation".into()),

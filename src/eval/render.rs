@@ -7,6 +7,7 @@ use crate::check::hir::NativeDecl;
 use crate::diag::Diagnostic;
 use crate::grad::{self, Direction, Memory, Output, SceneError, Settings};
 use crate::image::Image;
+use crate::memory;
 use crate::natives::{
     add_to_scene,
     value::{SceneValue, Value},
@@ -72,6 +73,9 @@ impl CustomOp for RenderOp {
     ) -> Result<Vec<Option<Tensor>>, String> {
         let wanted: Vec<Slot> = self.slots.iter().zip(wants).filter(|(_, w)| **w).map(|(s, _)| *s).collect();
         self.warn(&wanted);
+        // The image's derivative, and those of the slots: as they are summed up and as they are given.
+        let slots: usize = inputs.iter().zip(wants).filter(|(_, w)| **w).map(|(i, _)| i.len()).sum();
+        memory::ask_for::<f64>(g.len() + 2 * slots).map_err(|e| e.to_string())?;
         let mut d_image = Image::new(output.shape[1], output.shape[0], output.shape[2]);
         d_image.data.iter_mut().zip(&g.data).for_each(|(d, g)| *d = *g as f32);
         let (scene, memory) = (&self.scene.scene, self.memory.as_deref());
@@ -183,6 +187,10 @@ impl Engine {
                 lowered
             }
         };
+
+        // Sums and weights of the pixels, the image, and its numbers as a value.
+        let film = camera_value.film().map_or(0, |(w, h)| w.saturating_mul(h));
+        memory::ask((film as u64).saturating_mul(64)).map_err(|e| error::memory(e, at("camera")))?;
 
         let (slots, inputs): (Vec<Slot>, Vec<Var>) = lowered.slots.iter().chain(&camera.slots).cloned().unzip();
         let is_live = !slots.is_empty();

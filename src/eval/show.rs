@@ -48,8 +48,15 @@ pub(super) fn numbers(t: &Tensor, one: &impl Fn(f64) -> String) -> String {
     format!("[{}]", items.join(", "))
 }
 
+/// Arrays in arrays that are written out; a few that hold one another twice each would never end.
+const DEEPEST: usize = 4;
+
 /// One line: what the value is, numbers written out if they are few.
 pub fn brief(value: &Value, ty: &Ty) -> String {
+    brief_within(value, ty, 0)
+}
+
+fn brief_within(value: &Value, ty: &Ty, depth: usize) -> String {
     match value {
         Value::None => "none".into(),
         Value::Bool(b) => b.to_string(),
@@ -65,12 +72,13 @@ pub fn brief(value: &Value, ty: &Ty) -> String {
         }
         Value::Rotation(v) => format!("rotation {}", numbers(v.value(), &number_text)),
         Value::Transform(v) => format!("transform {}", numbers(v.value(), &number_text)),
+        Value::List(items) if depth >= DEEPEST => format!("[… {} items]", items.len()),
         Value::List(items) => {
             let (inner, n) = match ty {
                 Ty::Array(inner, _) => ((**inner).clone(), items.len()),
                 _ => (Ty::Any, items.len()),
             };
-            let mut parts: Vec<String> = items.iter().take(8).map(|i| brief(i, &inner)).collect();
+            let mut parts: Vec<String> = items.iter().take(8).map(|i| brief_within(i, &inner, depth + 1)).collect();
             if n > 8 {
                 parts.push(format!("… {} more", n - 8));
             }

@@ -18,6 +18,8 @@ mod teapot;
 use glam::{Vec2, Vec3};
 use thiserror::Error;
 
+use crate::memory::Shortage;
+
 /// An indexed triangle mesh. `normals`, `uvs` and `colors`, where given, have one entry per vertex.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Mesh {
@@ -50,6 +52,8 @@ pub enum MeshError {
     /// A mesh of more triangles (or vertices) than an index can name or a machine can hold.
     #[error("{what} would have {count} triangles, more than the limit of {limit}")]
     TooLarge { what: &'static str, count: u64, limit: u64 },
+    #[error("{0}")]
+    Memory(#[from] Shortage),
     /// A file that could not be read.
     #[error("{path}: {message}")]
     File { path: String, message: String },

@@ -6,6 +6,8 @@ use std::f32::consts::PI;
 
 use glam::{Vec2, Vec3, vec2, vec3};
 
+use crate::memory;
+
 use super::ops::{finish_smooth, to_f64};
 use super::{MAX_BUILT, Mesh, MeshError};
 
@@ -352,6 +354,8 @@ pub(super) fn limit(what: &'static str, count: u64) -> Result<(), MeshError> {
     if count > MAX_BUILT {
         return Err(MeshError::TooLarge { what, count, limit: MAX_BUILT });
     }
+    // Vertices, normals and texture coordinates in two precisions, and two faces a vertex.
+    memory::ask(count.saturating_mul(160))?;
     Ok(())
 }
 

@@ -20,6 +20,9 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         let (w, _) = a.need("width")?;
         let (h, _) = a.need("height")?;
         let (w, h) = (a.integer(w, 1..=1 << 16)? as usize, a.integer(h, 1..=1 << 16)? as usize);
+        // One axis after the other: what is between them may be larger than both ends.
+        let between = h.max(x.shape()[0]).saturating_mul(w.max(x.shape()[1])).saturating_mul(x.shape()[2]);
+        memory::ask_for::<f64>(between.saturating_mul(2))?;
         linear(&x, Separable::resize(x.shape()[1], x.shape()[0], w, h))
     }),
     ("blur", |a| {
@@ -124,6 +127,7 @@ fn pixels(a: &Args) -> Result<Value> {
     if width == 0 || height == 0 || width.saturating_mul(height) > crate::image::MAX_FILM_PIXELS {
         return Err(NativeError::at(0, format!("a film of {width}×{height} pixels")));
     }
+    memory::ask_for::<f64>(width * height * 2)?;
     let mut data = Vec::with_capacity(width * height * 2);
     for y in 0..height {
         for x in 0..width {

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
+use crate::memory;
 use crate::mesh::{Mesh, MeshError, ops, shapes};
 use crate::tape::{CustomOp, TapeError, Tensor, Var};
 
@@ -373,6 +374,8 @@ fn subdivide(a: &Args) -> Result<Value> {
 fn subdivided(mesh: &MeshValue, levels: i64) -> Result<MeshValue> {
     let mut mesh = mesh.clone();
     for _ in 0..levels {
+        // Four times as many faces, and while they are made the old ones and the table of edges too.
+        memory::ask_for::<f64>(8 * mesh.numbers())?;
         let finer = ops::subdivide(&mesh.to_mesh()).map_err(|e| NativeError::at(0, e.to_string()))?;
         let half = |v: &Var| -> Result<Var> {
             let ends: [Vec<u32>; 2] = [0, 1].map(|k| finer.parents.iter().map(|p| p[k]).collect());
@@ -394,6 +397,7 @@ fn merged(parts: &[&MeshValue]) -> Result<MeshValue> {
     if parts.is_empty() {
         return Err(NativeError::at(0, "no meshes to merge"));
     }
+    memory::ask_for::<f64>(parts.iter().map(|p| p.numbers()).sum())?;
     let mut faces = Vec::new();
     let mut base = 0u32;
     for part in parts {

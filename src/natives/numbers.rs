@@ -1,5 +1,6 @@
 //! Numbers and arrays, element by element.
 
+use crate::memory;
 use crate::tape::{Binary, ROUNDING, Tensor, Unary, Var};
 
 use super::value::Value;
@@ -182,7 +183,10 @@ fn sizes(a: &Args, index: usize) -> Result<Vec<usize>> {
     let shape: Option<Vec<usize>> = v.value().data.iter().map(whole).collect();
     let total = |s: &[usize]| s.iter().try_fold(1i64, |n, &d| n.checked_mul(d as i64)).filter(|n| *n <= MAX_NUMBERS);
     match shape {
-        Some(s) if total(&s).is_some() => Ok(s),
+        Some(s) if total(&s).is_some() => {
+            memory::ask_for::<f64>(s.iter().product())?;
+            Ok(s)
+        }
         Some(_) => Err(NativeError::at(index, format!("an array of more than {MAX_NUMBERS} numbers"))),
         None => Err(NativeError::at(index, "sizes are whole numbers of at least 0")),
     }

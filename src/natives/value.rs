@@ -268,9 +268,12 @@ impl Value {
         }
     }
 
-    /// How many numbers it is made of; 0 for what is not.
+    /// How many numbers it is made of; of a list those of its items are not counted.
     pub fn numbers(&self) -> usize {
-        self.var().map_or(0, Var::len)
+        match self {
+            Value::Mesh(m) => m.numbers(),
+            _ => self.var().map_or(0, Var::len),
+        }
     }
 
     /// The same kind of value around another node.
@@ -361,6 +364,13 @@ impl From<&crate::mesh::Mesh> for MeshValue {
 }
 
 impl MeshValue {
+    /// How many numbers it is made of, its faces included.
+    pub fn numbers(&self) -> usize {
+        let attributes = [&self.normals, &self.uvs, &self.colors].into_iter().flatten().map(Var::len).sum::<usize>();
+        let closing = self.closing.as_ref().map_or(0, |m| m.numbers());
+        self.vertices.len() + attributes + 2 * self.faces.len() + closing
+    }
+
     /// The numbers alone, of the opening keyframe.
     pub fn to_mesh(&self) -> crate::mesh::Mesh {
         let rows3 = |v: &Var| v.value().data.chunks_exact(3).map(|c| glam::dvec3(c[0], c[1], c[2]).as_vec3()).collect();

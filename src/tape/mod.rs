@@ -44,6 +44,8 @@ use std::fmt;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use crate::memory::{self, Shortage};
+
 pub use op::{AxisFilter, Binary, CustomOp, Op, ROUNDING, Unary, invert};
 pub use recorded::{Later, help};
 pub use squares::{Squares, squares};
@@ -57,14 +59,15 @@ pub struct TapeError(pub String);
 
 pub type Result<T, E = TapeError> = std::result::Result<T, E>;
 
-/// Whether there is memory for an array of that shape, where an operation makes more of its operands than they are.
-fn room(shape: &[usize]) -> Result<()> {
-    let numbers = shape.iter().try_fold(1usize, |n, d| n.checked_mul(*d)).unwrap_or(usize::MAX);
-    // Asking costs more than small arrays do.
-    if numbers < 1 << 12 {
-        return Ok(());
+impl From<Shortage> for TapeError {
+    fn from(e: Shortage) -> TapeError {
+        TapeError(e.to_string())
     }
-    crate::memory::ask_for::<f64>(numbers).map_err(|e| TapeError(e.to_string()))
+}
+
+/// Asks for the memory of a tensor of that shape.
+pub(crate) fn room(shape: &[usize]) -> Result<()> {
+    Ok(memory::ask_for::<f64>(shape.iter().fold(1, |n: usize, side| n.saturating_mul(*side)))?)
 }
 
 pub(crate) fn fail<T>(message: impl Into<String>) -> Result<T> {
@@ -183,6 +186,7 @@ impl Var {
         if f == Binary::Pow && !other.is_live() && other.item() == Some(2.0) && other.shape().is_empty() {
             return Ok(self.unary(Unary::Square));
         }
+        room(&shape)?;
         Ok(Var::apply(Op::Binary(f), vec![self.clone(), other.clone()], shape))
     }
 
@@ -308,6 +312,8 @@ pub fn backward_with(output: &Var, seed: Tensor, wrt: &[Var]) -> Result<Vec<Tens
         let inputs = var.sources();
         let values: Vec<&Tensor> = inputs.iter().map(Var::value).collect();
         let wants: Vec<bool> = inputs.iter().map(|i| reached.contains(&i.id())).collect();
+        let wanted = values.iter().zip(&wants).filter(|(_, w)| **w);
+        room(&[wanted.map(|(v, _)| v.len()).sum()])?;
         let d = var.0.op.vjp_in_place(&values, var.value(), g, &wants).map_err(TapeError)?;
         for ((input, wanted), d) in inputs.iter().zip(wants).zip(d) {
             let (true, Some(d)) = (wanted, d) else { continue };
@@ -381,6 +387,7 @@ pub fn jacobian(outputs: &[Var], directions: &[Vec<(Var, Tensor)>]) -> Result<Ve
         let along: Vec<Vec<Option<&Tensor>>> =
             reached.iter().map(|&k| inputs.iter().map(|i| tangent(i, k)).collect()).collect();
         let values: Vec<&Tensor> = inputs.iter().map(Var::value).collect();
+        room(&[var.len(), along.len()])?;
         let found = var.0.op.jvps(&values, var.value(), &along).map_err(TapeError)?;
         at.insert(var.id(), reached.into_iter().zip(found).collect());
         for input in inputs {
