@@ -1,6 +1,6 @@
 //! The interior term: one backward sweep over a recorded path with closed-form local adjoints.
 //!
-//! Parametrisation (the table in `ARCHITECTURE.md`): camera rays and reflected radiance
+//! Parametrisation (the table in `docs/derivatives.md`): camera rays and reflected radiance
 //! are direction-fixed (a hit point slides over its surface as things move), emission is material-fixed (a point of a
 //! light keeps its barycentric coordinates, one of the environment, or of its peak, turns with it), perfect mirrors and narrow lobes are attached (their directions follow the
 //! normal). What is seen through an attached direction slides, emission included. Sampling
