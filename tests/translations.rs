@@ -103,7 +103,7 @@ fn samples(description: &SceneDescription, camera: &Camera, max_bounces: u32) ->
     let curved = (!mirrors.curved.is_empty()).then(|| MirrorTree::new(scene, camera, &mirrors.curved));
     let ways = (!mirrors.curved.is_empty()).then(|| MirrorTree::all(scene, camera, &mirrors.curved));
     let viewpoints = &Viewpoint::all(scene, camera, &mirrors.planes);
-    let lesson = &Lesson { scene, layout, adjoint: weights, memory: None, seed: 5 };
+    let lesson = &Lesson { scene, layout, adjoint: weights, memory: None, effort: 1.0, seed: 5 };
 
     let primary = PrimaryEdges::new(viewpoints, settings, weights, 5);
     match primary.enumeration() {
@@ -124,7 +124,8 @@ fn samples(description: &SceneDescription, camera: &Camera, max_bounces: u32) ->
         look("shadows", &|out| draw(&shadows, out));
         let shadows = shadows.guided(lesson);
         look("shadows", &|out| draw(&shadows, out));
-        let secondary = Secondary::new(sky, camera, tree, &mirrors.planes, ways.as_ref(), settings, lesson);
+        let secondary = Secondary::new(sky, camera, tree, &mirrors.planes, ways.as_ref(), settings, lesson)
+            .map(|s| s.guided(lesson));
         if let Some(secondary) = secondary {
             look("secondary", &|out| draw(&secondary, out));
         }

@@ -117,6 +117,18 @@ impl MaterialKind {
         }
     }
 
+    /// The names of the inputs, in the same order: those of the standard library.
+    pub fn input_names(&self) -> &'static [&'static str] {
+        match self {
+            MaterialKind::Black => &[],
+            MaterialKind::Diffuse { .. } | MaterialKind::Mirror { .. } => &["reflectance"],
+            MaterialKind::Conductor { .. } => &["reflectance", "roughness"],
+            MaterialKind::ConductorIor { .. } => &["eta", "k", "roughness"],
+            MaterialKind::Phong { .. } => &["diffuse", "specular", "roughness"],
+            MaterialKind::Principled { .. } => &["base_color", "metallic", "roughness", "specular"],
+        }
+    }
+
     /// Which inputs are scalars: they read the first channel only.
     pub fn scalar_inputs(&self) -> [bool; MAX_INPUTS] {
         match self {

@@ -60,6 +60,13 @@ pub struct Settings {
     pub boundary: bool,
 }
 
+impl Default for Settings {
+    /// What a `render(…)` of the language has unless it says otherwise: radiance, 16 samples a pixel, 8 scattering events.
+    fn default() -> Settings {
+        Settings { output: Output::Radiance, spp: 16, max_bounces: 8, seed: 0, boundary: true }
+    }
+}
+
 /// The `stop` of work that nobody interrupts.
 pub static NEVER: AtomicBool = AtomicBool::new(false);
 

@@ -48,6 +48,13 @@ pub struct Material {
     pub opacity: Option<Input>,
 }
 
+impl From<MaterialKind> for Material {
+    /// Opaque, and the same on both sides.
+    fn from(kind: MaterialKind) -> Material {
+        Material { kind, one_sided: false, opacity: None }
+    }
+}
+
 /// Emission of an area light.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Emission {
@@ -218,6 +225,27 @@ pub struct Camera {
 impl Camera {
     /// Open from one keyframe to the other.
     pub const WHOLE: [f32; 2] = [0.0, 1.0];
+
+    /// A pinhole camera that looks from `position` to `target`; `fov` is the vertical angle of view in radians, `up` points upwards in the
+    /// image, but need not be perpendicular. Numbers that make no camera (a target that is the position, an angle of 180°) are refused
+    /// when something is rendered.
+    pub fn look_at(position: Vec3, target: Vec3, up: Vec3, fov: f32, [width, height]: [usize; 2]) -> Camera {
+        let forward = (target - position).normalize_or_zero();
+        let right = forward.cross(up).normalize_or_zero();
+        let tangent = (0.5 * fov).tan();
+        Camera {
+            projection: Projection::Perspective,
+            origin: position,
+            frame: [right, right.cross(forward), forward],
+            scale: [tangent * width as f32 / height.max(1) as f32, tangent],
+            width,
+            height,
+            lens: Lens::PINHOLE,
+            distortion: Distortion::NONE,
+            shutter: Camera::WHOLE,
+            closing: None,
+        }
+    }
 }
 
 /// Where a camera is, which way it looks, how wide and how sharp: what may move, each number in proportion to time (so that the rows of

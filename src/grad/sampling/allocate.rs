@@ -25,10 +25,24 @@ const MOST: f64 = 16.0;
 pub trait Estimator: Sync {
     /// The number to draw if nothing is known about the others; zero if there is nothing to draw.
     fn count(&self) -> usize;
-    /// Of one sample, in ray queries.
+    /// The time of one sample, in units of what a ray query takes in an image of the same scene: measured, not counted. Samples of
+    /// edges go one by one and look up more than paths that go side by side.
     fn cost(&self) -> f64;
     /// Draws `count` samples that make `share` of the whole estimate; those of different seeds are independent.
     fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_;
+}
+
+/// What an estimator's own number of samples would cost.
+pub fn expense(estimator: &Option<impl Estimator>) -> f64 {
+    estimator.as_ref().map_or(0.0, |e| e.count() as f64 * e.cost())
+}
+
+/// The share of their own numbers of samples that estimators of this total [`expense`] can afford, for a gradient to take a few times its
+/// image, which takes `samples` paths of so many bounces: a step of an optimisation is worth more often than precisely.
+pub fn affordable(expense: f64, samples: f64, bounces: f64) -> f64 {
+    /// Of the derivative alone, over the image's; pilots, short runs and the value come on top.
+    const PRICE: f64 = 1.8;
+    (PRICE * samples * (1.0 + 2.0 * bounces) / expense.max(f64::MIN_POSITIVE)).min(1.0)
 }
 
 /// Bounces of a path before it ends by chance, or because there may be no more.
@@ -60,6 +74,8 @@ pub struct ShortRuns<'a> {
     scene: &'a Scene,
     layout: &'a Layout,
     adjoint: &'a Image,
+    /// The share of their own numbers of samples that estimators can afford ([`affordable`]).
+    effort: f64,
     seed: u64,
 }
 
@@ -73,14 +89,15 @@ pub struct Moments {
 }
 
 impl<'a> ShortRuns<'a> {
-    pub fn new(scene: &'a Scene, layout: &'a Layout, adjoint: &'a Image, seed: u64) -> Self {
-        ShortRuns { scene, layout, adjoint, seed: hash(seed, 0x0073_686f_7274) }
+    pub fn new(scene: &'a Scene, layout: &'a Layout, adjoint: &'a Image, effort: f64, seed: u64) -> Self {
+        ShortRuns { scene, layout, adjoint, effort, seed: hash(seed, 0x0073_686f_7274) }
     }
 
     /// Runs an estimator for a while, with sequences of its own.
     pub fn of(&self, estimator: &Option<impl Estimator>) -> Moments {
         let Some(estimator) = estimator.as_ref().filter(|e| e.count() > 0) else { return Moments::default() };
-        let count = (estimator.count() / SHARE).max(64);
+        let own = (estimator.count() as f64 * self.effort).max(1.0) as usize;
+        let count = (own / SHARE).max(64);
         let sketch = |run: usize| {
             let pass = estimator.pass(count, 1.0, hash(self.seed, run as u64));
             let mut mode = Reverse::new(self.scene, self.layout, self.adjoint, Sketch::new(self.layout));
@@ -94,7 +111,7 @@ impl<'a> ShortRuns<'a> {
             values().map(|x| (x - mean).powi(2)).sum::<f64>() / (RUNS - 1) as f64 * count as f64
         };
         let variances = (0..self.layout.slots.len() * FEATURES).map(variance).collect();
-        Moments { count: estimator.count(), cost: estimator.cost(), variances }
+        Moments { count: own, cost: estimator.cost(), variances }
     }
 }
 

@@ -39,6 +39,8 @@ pub struct Lesson<'a> {
     pub adjoint: &'a Image,
     /// Of the steps before, if there were any.
     pub memory: Option<&'a Memory>,
+    /// The share of their own numbers of samples that estimators can afford.
+    pub effort: f64,
     pub seed: u64,
 }
 
@@ -51,7 +53,7 @@ impl Lesson<'_> {
     /// The number of cells that pilots of an estimator of that many samples can be spared for, at most `most` without a memory and
     /// more with one.
     pub fn cells(&self, samples: usize, most: usize) -> usize {
-        (samples / SAMPLES).min(most * PILOTS) / self.pilots()
+        ((samples as f64 * self.effort) as usize / SAMPLES).min(most * PILOTS) / self.pilots()
     }
 }
 
@@ -114,7 +116,7 @@ impl Guide {
         lesson: &Lesson,
         sample: impl Fn(Sampler, [f64; 2], &mut Pilot) + Sync,
     ) -> Guide {
-        let Lesson { scene, layout, adjoint, memory, seed } = *lesson;
+        let Lesson { scene, layout, adjoint, memory, seed, .. } = *lesson;
         let pilots = lesson.pilots();
         let seed = hash(seed, 0x0067_7569_6465);
         let units: Vec<f64> = layout.slots.iter().map(|slot| unit(scene, *slot)).collect();

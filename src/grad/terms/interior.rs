@@ -482,8 +482,8 @@ impl Estimator for Interior<'_> {
 
     fn cost(&self) -> f64 {
         match self.settings.output {
-            Output::Radiance => 1.5 * (1.0 + 2.0 * typical_bounces(self.settings.max_bounces)),
-            _ => 1.5,
+            Output::Radiance => 2.5 * (1.0 + 2.0 * typical_bounces(self.settings.max_bounces)),
+            _ => 2.5,
         }
     }
 

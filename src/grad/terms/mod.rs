@@ -13,7 +13,7 @@ use std::sync::atomic::AtomicBool;
 use crate::grad::estimate::{self, Images, Pass};
 use crate::grad::mirrors::curved::MirrorTree;
 use crate::grad::mirrors::viewpoint::{Mirrors, Viewpoint};
-use crate::grad::sampling::allocate::{Estimator, Moments, ShortRuns, Terms};
+use crate::grad::sampling::allocate::{Estimator, Moments, ShortRuns, Terms, affordable, expense, typical_bounces};
 use crate::grad::sampling::edge_tree::EdgeTree;
 use crate::grad::sampling::guide::{Lesson, Memory};
 use crate::grad::sink::{Contraction, Contractions, Layout, Tangents, Total};
@@ -78,11 +78,11 @@ pub fn visit_all(request: &Request, taker: &mut Taker) {
         return;
     }
     let seed = hash(settings.seed, 0x61_646a_6f69_6e74);
-    let runs = ShortRuns::new(scene, layout, adjoint, seed);
     let interior =
         (!interior_vanishes(scene, settings, layout)).then(|| Interior::new(scene, camera, settings, layout, adjoint));
     if !settings.boundary || !layout.moves_visibility() {
         let pairs = RoughnessPairs::new(scene, camera, settings, layout, adjoint);
+        let runs = ShortRuns::new(scene, layout, adjoint, 1.0, seed);
         return without_boundary(interior, pairs, runs, request, seed, taker);
     }
 
@@ -101,35 +101,43 @@ pub fn visit_all(request: &Request, taker: &mut Taker) {
     }
     let reflections = curved.and_then(|tree| Reflections::new(scene, camera, tree, settings, adjoint, seed));
 
-    let lesson = Lesson { scene, layout, adjoint, memory, seed };
-    let of_primary = runs.of(&primary);
+    let lesson = Lesson { scene, layout, adjoint, memory, effort: 1.0, seed };
     let along_light = |sky: Sky| {
         let mut interior = interior.clone();
         interior.iter_mut().for_each(|i| i.fixed.sky = sky);
         let shadows = tree.as_ref().map(|tree| {
             let pixels = camera.width * camera.height;
             let count = settings.spp.max(1) as usize * (pixels / 8).clamp(1024, 131_072);
-            Shadows::new(scene, sky, &viewpoints, settings, curved, tree, count).guided(&lesson)
+            Shadows::new(scene, sky, &viewpoints, settings, curved, tree, count)
         });
         let secondary = tree
             .as_ref()
             .and_then(|tree| Secondary::new(sky, camera, tree, &mirrors.planes, ways.as_ref(), settings, &lesson));
+        let total =
+            expense(&primary) + expense(&interior) + expense(&shadows) + expense(&secondary) + expense(&reflections);
+        let samples = (settings.spp.max(1) as usize * camera.width * camera.height) as f64;
+        let bounces = if lights { typical_bounces(settings.max_bounces) } else { 0.0 };
+        let effort = affordable(total, samples, bounces);
+        let lesson = Lesson { effort, ..lesson };
+        let shadows = shadows.map(|s| s.guided(&lesson));
+        let secondary = secondary.map(|s| s.guided(&lesson));
+        let runs = ShortRuns::new(scene, layout, adjoint, effort, seed);
         let moments = Terms {
-            primary: of_primary.clone(),
+            primary: runs.of(&primary),
             interior: runs.of(&interior),
             shadow: runs.of(&shadows),
             secondary: runs.of(&secondary),
             ..Terms::default()
         };
-        ((interior, shadows, secondary), moments)
+        ((interior, shadows, secondary), moments, runs)
     };
     let whole = lights && steps_turn(scene, layout);
-    let (mut estimators, mut moments) = along_light(if whole { Sky::Whole } else { Sky::Peak });
+    let (mut estimators, mut moments, mut runs) = along_light(if whole { Sky::Whole } else { Sky::Peak });
     if scene.environment.is_some() && lights && !whole {
-        let (others, other) = along_light(Sky::Whole);
+        let (others, other, other_runs) = along_light(Sky::Whole);
         // Edge-first samples that hardly ever end where the camera looks seem quiet if a mirror shows more than they do.
         if other.shadow.found() && moments.advantage_over(&other) < 0.0 {
-            (estimators, moments) = (others, other);
+            (estimators, moments, runs) = (others, other, other_runs);
         }
     }
     let (interior, shadows, secondary) = estimators;

@@ -396,7 +396,7 @@ impl Estimator for Reflections<'_> {
     }
 
     fn cost(&self) -> f64 {
-        3.0 + 4.0 * typical_bounces(self.settings.max_bounces)
+        20.0 + 4.0 * typical_bounces(self.settings.max_bounces)
     }
 
     fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {

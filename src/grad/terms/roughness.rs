@@ -179,7 +179,7 @@ impl Estimator for RoughnessPairs<'_> {
     }
 
     fn cost(&self) -> f64 {
-        2.0 + 3.0 * typical_bounces(self.settings.max_bounces)
+        3.0 + 5.0 * typical_bounces(self.settings.max_bounces)
     }
 
     fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {

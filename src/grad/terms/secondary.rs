@@ -132,7 +132,7 @@ impl<'a> Secondary<'a> {
         let count = (pixels * settings.spp.max(1) as usize / LOOKS).max(1024);
         let max_bounces = settings.max_bounces;
         let moving = if layout.moves_view() { None } else { EdgeTree::of_moving(scene, layout) };
-        let mut secondary = Secondary {
+        let secondary = Secondary {
             scene,
             sky,
             camera,
@@ -148,13 +148,18 @@ impl<'a> Secondary<'a> {
             film,
             guide: None,
         };
-        let side = (lesson.cells(count, MOST_CELLS) as f64).sqrt().max(4.0) as usize;
-        secondary.guide = Some(Guide::new(Pupil::Secondary(sky), [side; 2], lesson, |mut sampler, at, pilot| {
+        Some(secondary)
+    }
+
+    /// Learns from pilots where on film edges matter.
+    pub fn guided(mut self, lesson: &Lesson) -> Self {
+        let side = (lesson.cells(self.count, MOST_CELLS) as f64).sqrt().max(4.0) as usize;
+        self.guide = Some(Guide::new(Pupil::Secondary(self.sky), [side; 2], lesson, |mut sampler, at, pilot| {
             let _film = sampler.next_2d();
             let u = sampler.next_2d();
-            secondary.sample_at(at, u, 1.0, &mut sampler, &mut Path::default(), pilot);
+            self.sample_at(at, u, 1.0, &mut sampler, &mut Path::default(), pilot);
         }));
-        Some(secondary)
+        self
     }
 
     /// One sample: `at` chooses the place on film, `u` the edges and the points on them; `weight` is one over their density.
@@ -446,7 +451,7 @@ impl Estimator for Secondary<'_> {
 
     fn cost(&self) -> f64 {
         // Two paths look past the edge.
-        2.0 + LOOKS as f64 * (self.tree.cost() + 6.0 * typical_bounces(self.max_bounces))
+        3.0 + 1.5 * LOOKS as f64 * (self.tree.cost() + 6.0 * typical_bounces(self.max_bounces))
     }
 
     fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {

@@ -524,7 +524,7 @@ impl Estimator for Shadows<'_> {
 
     fn cost(&self) -> f64 {
         let tree = if self.tree.is_some() { 2.0 } else { 0.0 };
-        2.0 + tree + 2.0 * typical_bounces(self.max_bounces)
+        18.0 + tree + typical_bounces(self.max_bounces)
     }
 
     fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {

@@ -275,8 +275,8 @@ impl Estimator for PrimaryEdges<'_> {
 
     fn cost(&self) -> f64 {
         match self.settings.output {
-            Output::Radiance => 2.0 + 4.0 * typical_bounces(self.settings.max_bounces),
-            _ => 2.0,
+            Output::Radiance => 24.0 + 2.0 * typical_bounces(self.settings.max_bounces),
+            _ => 12.0,
         }
     }
 

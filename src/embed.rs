@@ -1,0 +1,258 @@
+//! The renderer as a library: scenes built in Rust, images of them, and derivatives by name. Scripts take the same way, from values
+//! of the language (`eval::lower`).
+//!
+//! A scene is a list of plain arrays (`render::SceneDescription`), and [`Slot`] numbers those that may carry a derivative. At this edge
+//! they have names: `NAME.FIELD` for what [`SceneBuilder`] was told a name for, `camera.FIELD` for the camera.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use glam::{Mat3, Vec3};
+
+use crate::grad::{Memory, render_backward_until, render_jacobian_until};
+use crate::image::Image;
+use crate::memory::{self, Shortage};
+use crate::mesh::Mesh;
+use crate::render::texture::Texture;
+use crate::render::{
+    Camera, DeltaLight, Emission, Environment, Input, Material, MaterialKind, Scene, SceneDescription, SceneError,
+    Settings, Shape, Slot, TextureId, render_until,
+};
+
+/// Why something could not be rendered or differentiated.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum Error {
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// No array of the scene or the camera has this name; `known` are all that there are.
+    #[error("there is no `{name}` that could carry a derivative; there are {}", known.join(", "))]
+    UnknownParam { name: String, known: Vec<String> },
+    /// A tangent has another number of elements than what it belongs to.
+    #[error("`{name}` has {expected} numbers, not {found}")]
+    Length { name: String, expected: usize, found: usize },
+    #[error(transparent)]
+    Memory(#[from] Shortage),
+    #[error("stopped")]
+    Stopped,
+}
+
+/// Builds a scene piece by piece. What gets a name can be differentiated by it.
+#[derive(Clone, Debug, Default)]
+pub struct SceneBuilder {
+    pub description: SceneDescription,
+    names: Names,
+}
+
+/// Names of arrays, in the order in which they were given.
+#[derive(Clone, Debug, Default)]
+struct Names(Vec<(String, Slot)>);
+
+impl SceneBuilder {
+    pub fn new() -> SceneBuilder {
+        SceneBuilder::default()
+    }
+
+    /// A colour that is the same everywhere, linear RGB, as an input of materials and lights.
+    pub fn constant(&mut self, rgb: Vec3) -> Input {
+        self.texture(Texture::constant(rgb))
+    }
+
+    /// A number that is the same everywhere, as a roughness.
+    pub fn scalar(&mut self, value: f32) -> Input {
+        self.texture(Texture::constant_scalar(value))
+    }
+
+    pub fn texture(&mut self, texture: Texture) -> Input {
+        self.description.textures.push(texture);
+        Input::Texture(self.description.textures.len() - 1)
+    }
+
+    /// A Lambertian material.
+    pub fn diffuse(&mut self, reflectance: Vec3) -> Material {
+        let reflectance = self.constant(reflectance);
+        Material::from(MaterialKind::Diffuse { reflectance })
+    }
+
+    /// Adds a shape without a name; returns its index.
+    pub fn push(&mut self, mesh: Mesh, material: Material, emission: Option<Emission>) -> usize {
+        self.description.shapes.push(Shape { mesh, material, emission });
+        self.description.shapes.len() - 1
+    }
+
+    /// Adds a shape. `NAME.vertices`, `NAME.normals`, `NAME.uvs` and `NAME.colors` (those that the mesh has) are its arrays, and the
+    /// inputs of its material have theirs: `NAME.reflectance`, `NAME.roughness`, ….
+    pub fn shape(&mut self, name: &str, mesh: Mesh, material: Material) -> usize {
+        self.name_inputs(name, &material);
+        let index = self.push(mesh, material, None);
+        self.name_mesh(name, index);
+        index
+    }
+
+    /// Adds an area light that reflects nothing and shines from the side of its right-hand-rule normal: `NAME.radiance` besides the
+    /// arrays of a shape.
+    pub fn area_light(&mut self, name: &str, mesh: Mesh, radiance: Vec3) -> usize {
+        let radiance = self.constant(radiance);
+        let emission = Emission { radiance, two_sided: false };
+        let index = self.push(mesh, Material::from(MaterialKind::Black), Some(emission));
+        self.name_mesh(name, index);
+        self.name_input(name, "radiance", radiance);
+        index
+    }
+
+    /// Adds a point, spot or directional light: `NAME.position` (a directional light's is its direction) and `NAME.intensity`, of a
+    /// spot `NAME.axis` and `NAME.cone` too.
+    pub fn light(&mut self, name: &str, light: DeltaLight) -> usize {
+        let index = self.description.delta_lights.len();
+        self.add_name(name, "position", Slot::LightPlacement(index));
+        self.add_name(name, "intensity", Slot::LightPower(index));
+        if light.cone().is_some() {
+            self.add_name(name, "axis", Slot::LightAxis(index));
+            self.add_name(name, "cone", Slot::LightCone(index));
+        }
+        self.description.delta_lights.push(light);
+        index
+    }
+
+    /// Surrounds the scene with light: `environment.radiance`, the texels of an equirectangular map, and `environment.rotation`.
+    pub fn environment(&mut self, radiance: Texture) -> TextureId {
+        let id = self.description.textures.len();
+        self.description.textures.push(radiance);
+        self.description.environment = Some(Environment { radiance: id, rotation: Mat3::IDENTITY });
+        self.add_name("environment", "radiance", Slot::Texels(id));
+        self.add_name("environment", "rotation", Slot::EnvironmentRotation);
+        id
+    }
+
+    /// Builds ray tree and light tables. Fails for what cannot be rendered: vertices that are not numbers, faces without their
+    /// vertices, and the like.
+    pub fn build(self) -> Result<NamedScene, Error> {
+        let numbers: usize = self.description.shapes.iter().map(|s| s.mesh.faces.len()).sum();
+        // A triangle takes some 200 bytes in the ray tree and in what shading reads.
+        memory::ask(numbers as u64 * 200)?;
+        Ok(NamedScene { scene: Scene::new(self.description)?, names: self.names })
+    }
+
+    fn name_mesh(&mut self, name: &str, index: usize) {
+        let mesh = &self.description.shapes[index].mesh;
+        let arrays = [
+            ("vertices", true, Slot::Vertices(index)),
+            ("normals", mesh.normals.is_some(), Slot::Normals(index)),
+            ("uvs", mesh.uvs.is_some(), Slot::Uvs(index)),
+            ("colors", mesh.colors.is_some(), Slot::Colors(index)),
+        ];
+        for (field, _, slot) in arrays.into_iter().filter(|(_, exists, _)| *exists) {
+            self.add_name(name, field, slot);
+        }
+    }
+
+    fn name_inputs(&mut self, name: &str, material: &Material) {
+        let (inputs, count) = material.kind.inputs();
+        for (field, input) in material.kind.input_names().iter().zip(&inputs[..count]) {
+            self.name_input(name, field, *input);
+        }
+        if let Some(opacity) = material.opacity {
+            self.name_input(name, "opacity", opacity);
+        }
+    }
+
+    fn name_input(&mut self, name: &str, field: &str, input: Input) {
+        if let Input::Texture(id) = input {
+            self.add_name(name, field, Slot::Texels(id));
+        }
+    }
+
+    fn add_name(&mut self, name: &str, field: &str, slot: Slot) {
+        self.names.0.push((format!("{name}.{field}"), slot));
+    }
+}
+
+/// A scene that is ready to be rendered, and the names of its arrays.
+pub struct NamedScene {
+    pub scene: Scene,
+    names: Names,
+}
+
+impl NamedScene {
+    /// The slot of a name. The last one counts where two things were given the same name.
+    pub fn slot(&self, name: &str) -> Result<Slot, Error> {
+        let of_camera = CAMERA.iter().find(|(n, _)| *n == name).map(|(_, slot)| *slot);
+        let found = self.names.0.iter().rev().find(|(n, _)| n == name).map(|(_, slot)| *slot);
+        found.or(of_camera).ok_or_else(|| Error::UnknownParam { name: name.to_owned(), known: self.names() })
+    }
+
+    /// All names that may carry a derivative.
+    pub fn names(&self) -> Vec<String> {
+        let own = self.names.0.iter().map(|(name, _)| name.clone());
+        own.chain(CAMERA.iter().map(|(name, _)| (*name).to_owned())).collect()
+    }
+}
+
+/// The arrays of a camera.
+const CAMERA: [(&str, Slot); 5] = [
+    ("camera.origin", Slot::CameraOrigin),
+    ("camera.frame", Slot::CameraFrame),
+    ("camera.scale", Slot::CameraScale),
+    ("camera.lens", Slot::CameraLens),
+    ("camera.distortion", Slot::CameraDistortion),
+];
+
+/// What renderings have in common: a flag that ends them early, and what gradients remember from one to the next.
+#[derive(Default)]
+pub struct RenderContext {
+    /// Set it, from any thread, and what is being rendered ends soon with [`Error::Stopped`].
+    pub stop: Arc<AtomicBool>,
+    /// Where samples were of use so far. Keep the context from step to step of an optimisation.
+    pub memory: Memory,
+}
+
+/// Derivatives by name, each in the array's own layout.
+pub type Gradient = BTreeMap<String, Vec<f64>>;
+
+impl RenderContext {
+    /// The image, `height` × `width` × channels.
+    pub fn render(&self, scene: &NamedScene, camera: &Camera, settings: &Settings) -> Result<Image, Error> {
+        let image = render_until(&scene.scene, camera, settings, &self.stop)?;
+        self.unless_stopped(image)
+    }
+
+    /// Reverse mode: Σ `d_image` · ∂image/∂param for every param named, from samples that are independent of the image's.
+    pub fn gradient(
+        &self,
+        scene: &NamedScene,
+        camera: &Camera,
+        settings: &Settings,
+        d_image: &Image,
+        params: &[&str],
+    ) -> Result<Gradient, Error> {
+        let slots = params.iter().map(|name| scene.slot(name)).collect::<Result<Vec<Slot>, Error>>()?;
+        let memory = Some(&self.memory);
+        let found = render_backward_until(&scene.scene, camera, settings, d_image, &slots, memory, &self.stop)?;
+        self.unless_stopped(params.iter().map(|name| (*name).to_owned()).zip(found).collect())
+    }
+
+    /// Forward mode: the derivative of the image along a change of the params named, each in its own layout.
+    pub fn derivative_image(
+        &self,
+        scene: &NamedScene,
+        camera: &Camera,
+        settings: &Settings,
+        tangents: &[(&str, Vec<f32>)],
+    ) -> Result<Image, Error> {
+        let mut direction = Vec::with_capacity(tangents.len());
+        for (name, values) in tangents {
+            let slot = scene.slot(name)?;
+            let (expected, found) = (scene.scene.description.slot_len(slot), values.len());
+            if expected != found {
+                return Err(Error::Length { name: (*name).to_owned(), expected, found });
+            }
+            direction.push((slot, values.clone()));
+        }
+        let mut images = render_jacobian_until(&scene.scene, camera, settings, &[direction], &self.stop)?;
+        self.unless_stopped(images.swap_remove(0)) // one direction, one image
+    }
+
+    fn unless_stopped<T>(&self, result: T) -> Result<T, Error> {
+        if self.stop.load(std::sync::atomic::Ordering::Relaxed) { Err(Error::Stopped) } else { Ok(result) }
+    }
+}
