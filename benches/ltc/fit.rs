@@ -3,7 +3,7 @@
 //! A node's M is the one under which samples of the lobe are likeliest: the loss is the relative entropy of lobe and fit, which
 //! punishes light that the fit does not find, the error that costs an importance sampler most.
 
-use dscene::render::bsdf::Bsdf;
+use dscene::render::bsdf::{Bsdf, ggx_roughness_of};
 use dscene::render::ltc::{Lobe, Node, SIZE, node};
 use glam::Vec3;
 
@@ -20,13 +20,13 @@ pub struct Samples {
 
 impl Samples {
     pub fn new(cos: f32, alpha: f32) -> Samples {
-        let bsdf = Bsdf::Conductor { reflectance: Vec3::ONE, roughness: alpha.sqrt() };
+        let bsdf = Bsdf::Conductor { reflectance: Vec3::ONE, roughness: ggx_roughness_of(alpha) };
         let wi = Vec3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
         let (mut directions, mut values) = (Vec::new(), Vec::new());
         for i in 0..STRATA * STRATA {
             let u = [i % STRATA, i / STRATA].map(|k| (k as f32 + 0.5) / STRATA as f32);
             if let Some(s) = bsdf.sample(wi, [u[0], u[1], 0.5]) {
-                let value = bsdf.eval(wi.z, s.wo.z, wi.dot(s.wo)).x;
+                let value = bsdf.eval(Vec3::Z, wi, s.wo).x;
                 directions.push((s.wo, f64::from(value / s.pdf) / (STRATA * STRATA) as f64));
                 values.push(f64::from(value));
             }

@@ -56,9 +56,9 @@ pub fn d_eval(
     d_f: Vec3,
     adj: &mut VertexAdjoint,
 ) -> (Vec3, [Vec3; MAX_INPUTS]) {
-    d_eval_with(si, wo, part, d_f, adj, |ci, co, io, d| match part {
-        Some(part) => si.bsdf.d_eval_part(part, ci, co, io, d),
-        None => si.bsdf.d_eval(ci, co, io, d),
+    d_eval_with(si, wo, part, d_f, adj, |d| match part {
+        Some(part) => si.bsdf.d_eval_part(part, si.ns, si.wi, wo, d),
+        None => si.bsdf.d_eval(si.ns, si.wi, wo, d),
     })
 }
 
@@ -68,9 +68,9 @@ fn d_eval_with(
     part: Option<Part>,
     d_f: Vec3,
     adj: &mut VertexAdjoint,
-    d_bsdf: impl Fn(f32, f32, f32, Vec3) -> BsdfAdjoint,
+    d_bsdf: impl Fn(Vec3) -> BsdfAdjoint,
 ) -> (Vec3, [Vec3; MAX_INPUTS]) {
-    let (ci, co, io) = (si.ns.dot(si.wi), si.ns.dot(wo), si.wi.dot(wo));
+    let co = si.ns.dot(wo);
     let mut d_wo = Vec3::ZERO;
     let mut d_brdf = d_f;
     if si.shading_flip != 0.0 {
@@ -78,18 +78,20 @@ fn d_eval_with(
         let g = terminator(ng_wo, co, ng_ns);
         d_brdf = d_f * g;
         if g < 1.0 {
-            let f = part.map_or_else(|| si.bsdf.eval(ci, co, io), |p| si.bsdf.eval_part(p, ci, co, io));
+            let f = match part {
+                Some(part) => si.bsdf.eval_part(part, si.ns, si.wi, wo),
+                None => si.bsdf.eval(si.ns, si.wi, wo),
+            };
             let (a, b, c) = d_terminator(ng_wo, co, ng_ns, d_f.dot(f));
             adj.ng += wo * a + si.ns * c;
             adj.ns += wo * b + si.ng * c;
             d_wo += si.ng * a + si.ns * b;
         }
     }
-    let d = d_bsdf(ci, co, io, d_brdf);
-    adj.ns += si.wi * d.d_ci + wo * d.d_co;
-    adj.wi += si.ns * d.d_ci + wo * d.d_io;
-    d_wo += si.ns * d.d_co + si.wi * d.d_io;
-    (d_wo, d.d_values)
+    let d = d_bsdf(d_brdf);
+    adj.ns += d.directions.n;
+    adj.wi += d.directions.wi;
+    (d_wo + d.directions.wo, d.d_values)
 }
 
 /// Adjoint of [`SurfaceInteraction::mirrored`], perpendicular to it.
@@ -145,7 +147,7 @@ pub fn d_eval_attached(
     adj: &mut VertexAdjoint,
 ) -> [Vec3; MAX_INPUTS] {
     let (d_direction, d_values) =
-        d_eval_with(si, wo, Some(Part::Specular), d_f, adj, |ci, co, io, d| si.bsdf.d_eval_attached(ci, co, io, d));
+        d_eval_with(si, wo, Some(Part::Specular), d_f, adj, |d| si.bsdf.d_eval_attached(si.ns, si.wi, wo, d));
     let wi = front(si).0;
     let h = (wi + wo).normalize_or_zero();
     let h_wi = h.dot(wi);

@@ -1,14 +1,17 @@
 //! Scattering models: value, adjoint, sampling and density of each material, as plain numbers.
 //!
-//! All models are isotropic: a value depends on the three cosines between shading normal `n`, direction `wi` towards
-//! where the path comes from and `wo` towards where it goes on. Every `f` has its adjoint `d_f` beneath it.
+//! All models are isotropic: a value depends on the angles between shading normal `n`, direction `wi` towards
+//! where the path comes from and `wo` towards where it goes on. All three are unit vectors, in any frame. Every `f` has its
+//! adjoint `d_f` beneath it.
 //!
 //! Where a shading normal turns away from `wi` (n·wi < 0), `wi` is mirrored at the tangent plane. Together with the
 //! absence of any test against the geometric normal this keeps a reflected value continuous there, so that no
 //! boundary term is lost.
 
+mod angles;
 mod fresnel;
 mod microfacet;
+mod principled;
 
 use std::f32::consts::FRAC_1_PI;
 
@@ -16,17 +19,19 @@ use glam::Vec3;
 
 use crate::math::{cosine_hemisphere, cosine_hemisphere_pdf, luminance};
 
+pub use self::angles::DirectionsAdjoint;
+use self::angles::{Angles, AnglesAdjoint};
 use self::fresnel::{conductor, d_conductor, d_schlick, schlick};
 use self::microfacet::{Ggx, Microfacets, Phong};
+use self::principled::{MAX_SPECULAR, Principled, PrincipledAdjoint};
 use super::scene::{Input, MaterialKind};
 
 /// The most inputs a material has.
 pub const MAX_INPUTS: usize = 4;
 
-/// GGX roughness below this (α = 0.002) cannot be told from a mirror in single precision.
-const MIN_GGX_ROUGHNESS: f32 = 0.045;
-/// Same for Phong (exponent 200 000).
-const MIN_PHONG_ROUGHNESS: f32 = 1e-5;
+/// Least roughness of a Phong lobe, of an exponent of twenty million (α = 0.0003): what is less cannot be told from a mirror in
+/// single precision. Light reflected is linear in such a roughness, so the derivative here is that at zero.
+const MIN_PHONG_ROUGHNESS: f32 = 1e-7;
 /// Microfacet lobes narrower than this are attached.
 const ATTACHED_ALPHA: f32 = 0.2;
 /// A mixture never gives a lobe less than this share of the samples, so that derivatives of a lobe that is black now are found.
@@ -74,11 +79,18 @@ impl BsdfSample {
 /// Derivatives of a scalar in everything [`Bsdf::eval`] depends on.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BsdfAdjoint {
-    pub d_ci: f32,
-    pub d_co: f32,
-    pub d_io: f32,
+    pub directions: DirectionsAdjoint,
     /// By input, in the order of [`MaterialKind::inputs`]; of a scalar input only `x` is used.
     pub d_values: [Vec3; MAX_INPUTS],
+}
+
+impl BsdfAdjoint {
+    fn add_principled(&mut self, d: &PrincipledAdjoint) {
+        self.d_values[0] += d.base_color;
+        for (value, d) in self.d_values[1..].iter_mut().zip([d.metallic, d.roughness, d.specular]) {
+            value.x += d;
+        }
+    }
 }
 
 /// Directions to sample the derivative of a GGX distribution in its roughness with: one of each sign.
@@ -96,9 +108,9 @@ impl RoughnessPair {
         self.ggx.sample_pair(u).map(|h| (h.dot(wi) > 0.0).then(|| reflect(wi, h)).flatten())
     }
 
-    /// ∂ ln D / ∂ roughness, and the density of [`RoughnessPair::sample`] on that side, at cosines as in [`Bsdf::eval`] with `ci` ≥ 0.
-    pub fn score_and_pdf(&self, ci: f32, co: f32, io: f32) -> (f32, f32) {
-        self.ggx.score_and_pair_pdf(ci, co, io)
+    /// ∂ ln D / ∂ roughness, and the density of [`RoughnessPair::sample`] on that side, at directions as in [`Bsdf::eval`].
+    pub fn score_and_pdf(&self, n: Vec3, wi: Vec3, wo: Vec3) -> (f32, f32) {
+        self.ggx.score_and_pair_pdf(&Angles::new(n, wi, wo))
     }
 }
 
@@ -167,7 +179,7 @@ impl Bsdf {
     /// The material with its inputs looked up (scalars in `x`). Values outside a model's domain are clamped;
     /// derivatives pass straight through the clamp, so that an optimiser finds its way back.
     pub fn new(kind: &MaterialKind, values: &[Vec3; MAX_INPUTS]) -> Bsdf {
-        let ggx_roughness = |v: Vec3| v.x.clamp(MIN_GGX_ROUGHNESS, 1.0);
+        let ggx_roughness = |v: Vec3| v.x.clamp(0.0, 1.0);
         match kind {
             MaterialKind::Black => Bsdf::Black,
             MaterialKind::Diffuse { .. } => Bsdf::Diffuse { reflectance: values[0] },
@@ -189,7 +201,7 @@ impl Bsdf {
                 base_color: values[0],
                 metallic: values[1].x.clamp(0.0, 1.0),
                 roughness: ggx_roughness(values[2]),
-                specular: values[3].x.max(0.0),
+                specular: values[3].x.clamp(0.0, MAX_SPECULAR),
             },
         }
     }
@@ -228,130 +240,148 @@ impl Bsdf {
         if share.is_nan() { 0.5 } else { share.clamp(MIN_LOBE_SHARE, 1.0 - MIN_LOBE_SHARE) }
     }
 
-    /// f·|cos θo|; `ci` = n·wi, `co` = n·wo, `io` = wi·wo of unit vectors. Zero for `co` ≤ 0.
+    /// f·|cos θo|. Zero for `wo` below the surface.
     #[inline(always)]
-    pub fn eval(&self, ci: f32, co: f32, io: f32) -> Vec3 {
+    pub fn eval(&self, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
         match *self {
-            Bsdf::Diffuse { reflectance } if co > 0.0 => reflectance * (FRAC_1_PI * co),
-            Bsdf::Diffuse { .. } => Vec3::ZERO,
-            _ => self.eval_parts(ci, co, io),
+            Bsdf::Diffuse { reflectance } => matte(reflectance, n.dot(wo)),
+            _ => self.eval_parts(n, wi, wo),
         }
     }
 
     #[inline(never)]
-    fn eval_parts(&self, ci: f32, co: f32, io: f32) -> Vec3 {
-        self.eval_part(Part::Diffuse, ci, co, io) + self.eval_part(Part::Specular, ci, co, io)
+    fn eval_parts(&self, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
+        self.eval_part(Part::Diffuse, n, wi, wo) + self.eval_part(Part::Specular, n, wi, wo)
     }
 
     /// One part of [`Bsdf::eval`].
-    pub fn eval_part(&self, part: Part, ci: f32, co: f32, io: f32) -> Vec3 {
+    pub fn eval_part(&self, part: Part, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
+        let co = n.dot(wo);
         if co <= 0.0 {
             return Vec3::ZERO;
         }
-        if part == Part::Diffuse {
-            let reflectance = match *self {
-                Bsdf::Diffuse { reflectance } => reflectance,
-                Bsdf::Phong { diffuse, .. } => diffuse,
-                Bsdf::Principled { base_color, metallic, .. } => base_color * (1.0 - metallic),
-                _ => return Vec3::ZERO,
-            };
-            return reflectance * (FRAC_1_PI * co);
+        match part {
+            Part::Diffuse => match *self {
+                Bsdf::Diffuse { reflectance } | Bsdf::Phong { diffuse: reflectance, .. } => matte(reflectance, co),
+                Bsdf::Principled { base_color, metallic, roughness, specular } => {
+                    let principled = Principled { base_color, metallic, roughness, specular };
+                    matte(principled.base(n.dot(wi).abs(), co), co)
+                }
+                _ => Vec3::ZERO,
+            },
+            Part::Specular => self.eval_lobe(&Angles::new(n, wi, wo)),
         }
-        let (ci, io) = turn_to_front(ci, co, io);
-        let half = half_cosine(io);
+    }
+
+    /// The specular part above the surface.
+    fn eval_lobe(&self, angles: &Angles) -> Vec3 {
+        let half = angles.half;
         match *self {
             Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Diffuse { .. } => Vec3::ZERO,
             Bsdf::Conductor { reflectance, roughness } => {
-                schlick(half, reflectance) * Ggx::new(roughness).eval(ci, co, io)
+                schlick(half, reflectance, 1.0) * Ggx::new(roughness).eval(angles)
             }
-            Bsdf::ConductorIor { eta, k, roughness } => conductor(half, eta, k) * Ggx::new(roughness).eval(ci, co, io),
-            Bsdf::Phong { specular, roughness, .. } => schlick(half, specular) * Phong::new(roughness).eval(ci, co, io),
+            Bsdf::ConductorIor { eta, k, roughness } => conductor(half, eta, k) * Ggx::new(roughness).eval(angles),
+            Bsdf::Phong { specular, roughness, .. } => {
+                schlick(half, specular, 1.0) * Phong::new(roughness).eval(angles)
+            }
             Bsdf::Principled { base_color, metallic, roughness, specular } => {
-                schlick(half, principled_f0(base_color, metallic, specular)) * Ggx::new(roughness).eval(ci, co, io)
+                let fresnel = Principled { base_color, metallic, roughness, specular }.schlick(half);
+                fresnel * Ggx::new(roughness).eval(angles)
             }
         }
     }
 
     /// Adjoint of [`Bsdf::eval_part`]: `d_f` is the derivative in its RGB result.
-    pub fn d_eval_part(&self, part: Part, ci: f32, co: f32, io: f32, d_f: Vec3) -> BsdfAdjoint {
-        self.d_eval_lobe(part, ci, co, io, d_f, false)
+    pub fn d_eval_part(&self, part: Part, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
+        if n.dot(wo) <= 0.0 {
+            return BsdfAdjoint::default();
+        }
+        match part {
+            Part::Diffuse => self.d_eval_diffuse(n, wi, wo, d_f),
+            Part::Specular => self.d_eval_lobe(n, wi, wo, d_f, false),
+        }
     }
 
     /// As [`Bsdf::d_eval_part`] for the specular part, where the half vector turns with the surface: then the normal
     /// distribution does not change.
-    pub fn d_eval_attached(&self, ci: f32, co: f32, io: f32, d_f: Vec3) -> BsdfAdjoint {
-        self.d_eval_lobe(Part::Specular, ci, co, io, d_f, true)
+    pub fn d_eval_attached(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
+        if n.dot(wo) <= 0.0 { BsdfAdjoint::default() } else { self.d_eval_lobe(n, wi, wo, d_f, true) }
     }
 
-    fn d_eval_lobe(&self, part: Part, ci: f32, co: f32, io: f32, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
+    fn d_eval_diffuse(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
         let mut out = BsdfAdjoint::default();
-        if co <= 0.0 {
-            return out;
-        }
-        if part == Part::Diffuse {
-            let d_reflectance = d_f * (FRAC_1_PI * co);
-            match *self {
-                Bsdf::Diffuse { reflectance } | Bsdf::Phong { diffuse: reflectance, .. } => {
-                    out.d_co = d_f.dot(reflectance) * FRAC_1_PI;
-                    out.d_values[0] = d_reflectance;
-                }
-                Bsdf::Principled { base_color, metallic, .. } => {
-                    out.d_co = d_f.dot(base_color) * (1.0 - metallic) * FRAC_1_PI;
-                    out.d_values[0] = d_reflectance * (1.0 - metallic);
-                    out.d_values[1].x = -d_reflectance.dot(base_color);
-                }
-                _ => {}
+        let d_reflectance = d_f * (FRAC_1_PI * n.dot(wo));
+        let d_co = match *self {
+            Bsdf::Diffuse { reflectance } | Bsdf::Phong { diffuse: reflectance, .. } => {
+                out.d_values[0] = d_reflectance;
+                d_f.dot(reflectance) * FRAC_1_PI
             }
-            return out;
-        }
-        let (front_ci, front_io) = turn_to_front(ci, co, io);
-        let cosines = [front_ci, co, front_io];
+            Bsdf::Principled { base_color, metallic, roughness, specular } => {
+                let principled = Principled { base_color, metallic, roughness, specular };
+                let (ci, co) = (n.dot(wi), n.dot(wo));
+                let ([d_ci, d_co], d) = principled.d_base(ci.abs(), co, d_reflectance);
+                let d_ci = d_ci * ci.signum();
+                out.add_principled(&d);
+                out.directions.n = wi * d_ci;
+                out.directions.wi = n * d_ci;
+                d_co + d_f.dot(principled.base(ci.abs(), co)) * FRAC_1_PI
+            }
+            _ => 0.0,
+        };
+        out.directions.n += wo * d_co;
+        out.directions.wo = n * d_co;
+        out
+    }
+
+    fn d_eval_lobe(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
+        let mut out = BsdfAdjoint::default();
+        let angles = Angles::new(n, wi, wo);
+        let mut d = AnglesAdjoint::default();
         match *self {
             Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Diffuse { .. } => {}
             Bsdf::Conductor { reflectance, roughness } => {
                 let (d_f0, d_roughness) =
-                    d_schlick_lobe(&Ggx::new(roughness), reflectance, cosines, half_fixed, d_f, &mut out);
+                    d_schlick_lobe(&Ggx::new(roughness), reflectance, &angles, half_fixed, d_f, &mut d);
                 out.d_values[0] = d_f0;
                 out.d_values[1].x = d_roughness;
             }
             Bsdf::ConductorIor { eta, k, roughness } => {
-                let half = half_cosine(front_io);
-                let lobe = Ggx::new(roughness).d_eval(front_ci, co, front_io, half_fixed);
-                let (d_half, d_eta, d_k) = d_conductor(half, eta, k, d_f * lobe.value);
-                let d_lobe = d_f.dot(conductor(half, eta, k));
-                out.d_ci = d_lobe * lobe.d_ci;
-                out.d_co = d_lobe * lobe.d_co;
-                out.d_io = d_lobe * lobe.d_io + d_half * d_half_cosine(half);
+                let lobe = Ggx::new(roughness).d_eval(&angles, half_fixed);
+                let (d_half, d_eta, d_k) = d_conductor(angles.half, eta, k, d_f * lobe.value);
+                let d_lobe = d_f.dot(conductor(angles.half, eta, k));
+                d = lobe.d_angles(d_lobe, d_half);
                 out.d_values[0] = d_eta;
                 out.d_values[1] = d_k;
                 out.d_values[2].x = d_lobe * lobe.d_roughness;
             }
             Bsdf::Phong { specular, roughness, .. } => {
                 let (d_f0, d_roughness) =
-                    d_schlick_lobe(&Phong::new(roughness), specular, cosines, half_fixed, d_f, &mut out);
+                    d_schlick_lobe(&Phong::new(roughness), specular, &angles, half_fixed, d_f, &mut d);
                 out.d_values[1] = d_f0;
                 out.d_values[2].x = d_roughness;
             }
             Bsdf::Principled { base_color, metallic, roughness, specular } => {
-                let f0 = principled_f0(base_color, metallic, specular);
-                let (d_f0, d_roughness) = d_schlick_lobe(&Ggx::new(roughness), f0, cosines, half_fixed, d_f, &mut out);
-                out.d_values[0] = d_f0 * metallic;
-                out.d_values[1].x = d_f0.dot(base_color - Vec3::splat(0.08 * specular));
-                out.d_values[2].x = d_roughness;
-                out.d_values[3].x = 0.08 * (1.0 - metallic) * d_f0.element_sum();
+                let principled = Principled { base_color, metallic, roughness, specular };
+                let lobe = Ggx::new(roughness).d_eval(&angles, half_fixed);
+                let (d_half, mut d_inputs) = principled.d_schlick(angles.half, d_f * lobe.value);
+                let d_lobe = d_f.dot(principled.schlick(angles.half));
+                d = lobe.d_angles(d_lobe, d_half);
+                d_inputs.roughness = d_lobe * lobe.d_roughness;
+                out.add_principled(&d_inputs);
             }
         }
-        d_turn_to_front(ci, co, &mut out);
+        out.directions = angles.adjoint(n, wi, wo, &d);
         out
     }
 
     /// Adjoint of [`Bsdf::eval`].
-    pub fn d_eval(&self, ci: f32, co: f32, io: f32, d_f: Vec3) -> BsdfAdjoint {
-        let mut out = self.d_eval_part(Part::Diffuse, ci, co, io, d_f);
-        let specular = self.d_eval_part(Part::Specular, ci, co, io, d_f);
-        out.d_ci += specular.d_ci;
-        out.d_co += specular.d_co;
-        out.d_io += specular.d_io;
+    pub fn d_eval(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
+        let mut out = self.d_eval_part(Part::Diffuse, n, wi, wo, d_f);
+        let specular = self.d_eval_part(Part::Specular, n, wi, wo, d_f);
+        out.directions.n += specular.directions.n;
+        out.directions.wi += specular.directions.wi;
+        out.directions.wo += specular.directions.wo;
         for (a, b) in out.d_values.iter_mut().zip(specular.d_values) {
             *a += b;
         }
@@ -376,38 +406,33 @@ impl Bsdf {
             | Bsdf::Principled { roughness, .. } => reflect(wi, Ggx::new(roughness).sample(wi, square))?,
             Bsdf::Phong { roughness, .. } => reflect(wi, Phong::new(roughness).sample(wi, square))?,
         };
-        let pdf = self.pdf(wi, wo);
+        let pdf = self.pdf(Vec3::Z, wi, wo);
         (pdf > 0.0 && pdf.is_finite()).then_some(BsdfSample { wo, pdf, mirror: None })
     }
 
-    /// Solid-angle density of [`Bsdf::sample`] in the frame of the shading normal, without delta lobes.
-    pub fn pdf(&self, wi: Vec3, wo: Vec3) -> f32 {
-        self.density(wi.z, wo.z, wi.dot(wo))
-    }
-
-    /// [`Bsdf::pdf`] by the cosines that [`Bsdf::eval`] takes.
+    /// Solid-angle density of [`Bsdf::sample`], without delta lobes.
     #[inline]
-    pub fn density(&self, ci: f32, co: f32, io: f32) -> f32 {
+    pub fn pdf(&self, n: Vec3, wi: Vec3, wo: Vec3) -> f32 {
+        let co = n.dot(wo);
         match self {
             _ if co <= 0.0 => 0.0,
             Bsdf::Diffuse { .. } => cosine_hemisphere_pdf(co),
-            _ => self.density_of_lobes(ci, co, io),
+            _ => self.pdf_of_lobes(&Angles::new(n, wi, wo)),
         }
     }
 
     #[inline(never)]
-    fn density_of_lobes(&self, ci: f32, co: f32, io: f32) -> f32 {
-        let (ci, io) = turn_to_front(ci, co, io);
-        let diffuse_share = self.diffuse_share(ci);
-        let diffuse = diffuse_share * cosine_hemisphere_pdf(co);
+    fn pdf_of_lobes(&self, angles: &Angles) -> f32 {
+        let diffuse_share = self.diffuse_share(angles.ci);
+        let diffuse = diffuse_share * cosine_hemisphere_pdf(angles.co);
         let specular_share = 1.0 - diffuse_share;
         match *self {
             Bsdf::Black | Bsdf::Mirror { .. } => 0.0,
             Bsdf::Diffuse { .. } => diffuse,
             Bsdf::Conductor { roughness, .. }
             | Bsdf::ConductorIor { roughness, .. }
-            | Bsdf::Principled { roughness, .. } => diffuse + specular_share * Ggx::new(roughness).pdf(ci, co, io),
-            Bsdf::Phong { roughness, .. } => diffuse + specular_share * Phong::new(roughness).pdf(ci, co, io),
+            | Bsdf::Principled { roughness, .. } => diffuse + specular_share * Ggx::new(roughness).pdf(angles),
+            Bsdf::Phong { roughness, .. } => diffuse + specular_share * Phong::new(roughness).pdf(angles),
         }
     }
 
@@ -464,7 +489,7 @@ impl Bsdf {
             Bsdf::Mirror { .. } => Some(0.0),
             Bsdf::Conductor { roughness, .. }
             | Bsdf::ConductorIor { roughness, .. }
-            | Bsdf::Principled { roughness, .. } => Some(roughness * roughness),
+            | Bsdf::Principled { roughness, .. } => Some(Ggx::new(roughness).alpha()),
             Bsdf::Phong { roughness, .. } => Some(roughness.sqrt()),
         }
     }
@@ -475,74 +500,53 @@ impl Bsdf {
         match *self {
             Bsdf::Black | Bsdf::Mirror { .. } => [0.0; 2],
             Bsdf::Diffuse { reflectance } => [size(reflectance), 0.0],
-            Bsdf::Conductor { reflectance, .. } => [0.0, size(schlick(ci.abs(), reflectance))],
+            Bsdf::Conductor { reflectance, .. } => [0.0, size(schlick(ci.abs(), reflectance, 1.0))],
             Bsdf::ConductorIor { eta, k, .. } => [0.0, size(conductor(ci.abs().max(1e-3), eta, k))],
-            Bsdf::Phong { diffuse, specular, .. } => [size(diffuse), size(schlick(ci.abs(), specular))],
-            Bsdf::Principled { base_color, metallic, specular, .. } => {
-                let f0 = principled_f0(base_color, metallic, specular);
-                [size(base_color * (1.0 - metallic)), size(schlick(ci.abs(), f0))]
+            Bsdf::Phong { diffuse, specular, .. } => [size(diffuse), size(schlick(ci.abs(), specular, 1.0))],
+            Bsdf::Principled { base_color, metallic, roughness, specular } => {
+                let principled = Principled { base_color, metallic, roughness, specular };
+                [size(principled.base_albedo(ci.abs())), size(principled.schlick(ci.abs()))]
             }
         }
     }
 
     /// Share of the samples that go to the cosine lobe.
     fn diffuse_share(&self, ci: f32) -> f32 {
-        let (diffuse, f0) = match *self {
+        match self {
             Bsdf::Diffuse { .. } => return 1.0,
-            Bsdf::Phong { diffuse, specular, .. } => (diffuse, specular),
-            Bsdf::Principled { base_color, metallic, specular, .. } => {
-                (base_color * (1.0 - metallic), principled_f0(base_color, metallic, specular))
-            }
+            Bsdf::Phong { .. } | Bsdf::Principled { .. } => {}
             _ => return 0.0,
-        };
-        let diffuse = luminance(diffuse.abs());
-        let specular = luminance(schlick(ci, f0).abs());
+        }
+        let [diffuse, specular] = self.lobes(ci);
         let share = diffuse / (diffuse + specular);
         if share.is_nan() { 0.5 } else { share.clamp(MIN_LOBE_SHARE, 1.0 - MIN_LOBE_SHARE) }
     }
 }
 
-/// Mirrors `wi` at the tangent plane if it lies behind it: new n·wi and wi·wo.
-fn turn_to_front(ci: f32, co: f32, io: f32) -> (f32, f32) {
-    if ci < 0.0 { (-ci, io - 2.0 * ci * co) } else { (ci, io) }
+/// The roughness with which a GGX lobe has this α.
+pub fn ggx_roughness_of(alpha: f32) -> f32 {
+    Ggx::roughness_of(alpha)
 }
 
-fn d_turn_to_front(ci: f32, co: f32, out: &mut BsdfAdjoint) {
-    if ci < 0.0 {
-        out.d_co -= 2.0 * ci * out.d_io;
-        out.d_ci = -out.d_ci - 2.0 * co * out.d_io;
-    }
+/// f·|cos θo| of the cosine lobe, at the cosine `co` = n·wo; zero below the surface.
+#[inline(always)]
+pub fn matte(reflectance: Vec3, co: f32) -> Vec3 {
+    reflectance * (FRAC_1_PI * co.max(0.0))
 }
 
-/// wi·h of the half vector h: |wi + wo|² = 2 + 2 wi·wo, wi·h = |wi + wo| / 2.
-fn half_cosine(io: f32) -> f32 {
-    (0.5 + 0.5 * io).clamp(1e-12, 1.0).sqrt()
-}
-
-fn d_half_cosine(half: f32) -> f32 {
-    0.25 / half
-}
-
-fn principled_f0(base_color: Vec3, metallic: f32, specular: f32) -> Vec3 {
-    Vec3::splat(0.08 * specular * (1.0 - metallic)) + base_color * metallic
-}
-
-/// Adjoint of `schlick(half, f0) * lobe(ci, co, io)`: adds to the cosines' derivatives, returns those of `f0` and the roughness.
+/// Adjoint of `schlick(half, f0) * lobe`: adds to the angles' derivatives, returns those of `f0` and the roughness.
 fn d_schlick_lobe(
     lobe: &impl Microfacets,
     f0: Vec3,
-    [ci, co, io]: [f32; 3],
+    angles: &Angles,
     half_fixed: bool,
     d_f: Vec3,
-    out: &mut BsdfAdjoint,
+    out: &mut AnglesAdjoint,
 ) -> (Vec3, f32) {
-    let half = half_cosine(io);
-    let lobe = lobe.d_eval(ci, co, io, half_fixed);
-    let (d_half, d_f0) = d_schlick(half, f0, d_f * lobe.value);
-    let d_lobe = d_f.dot(schlick(half, f0));
-    out.d_ci += d_lobe * lobe.d_ci;
-    out.d_co += d_lobe * lobe.d_co;
-    out.d_io += d_lobe * lobe.d_io + d_half * d_half_cosine(half);
+    let lobe = lobe.d_eval(angles, half_fixed);
+    let (d_half, d_f0, _) = d_schlick(angles.half, f0, 1.0, d_f * lobe.value);
+    let d_lobe = d_f.dot(schlick(angles.half, f0, 1.0));
+    *out = lobe.d_angles(d_lobe, d_half);
     (d_f0, d_lobe * lobe.d_roughness)
 }
 

@@ -217,22 +217,17 @@ impl SurfaceInteraction {
     /// f·cos θ towards `wo`, made continuous at the geometric horizon (see [`terminator`]).
     #[inline(always)]
     pub fn eval(&self, wo: Vec3) -> Vec3 {
-        let co = self.ns.dot(wo);
-        if co <= 0.0 {
-            return Vec3::ZERO;
-        }
-        let f = self.bsdf.eval(self.ns.dot(self.wi), co, self.wi.dot(wo));
+        let f = self.bsdf.eval(self.ns, self.wi, wo);
         if self.shading_flip == 0.0 { f } else { f * self.terminator(wo) }
     }
 
     /// One part of [`SurfaceInteraction::eval`].
     #[inline]
     pub fn eval_part(&self, part: Part, wo: Vec3) -> Vec3 {
-        let co = self.ns.dot(wo);
-        if co <= 0.0 {
+        if self.ns.dot(wo) <= 0.0 {
             return Vec3::ZERO;
         }
-        self.bsdf.eval_part(part, self.ns.dot(self.wi), co, self.wi.dot(wo)) * self.terminator(wo)
+        self.bsdf.eval_part(part, self.ns, self.wi, wo) * self.terminator(wo)
     }
 
     /// The part of the value towards `wo` that is differentiated with a fixed direction, and the one that is attached.
@@ -259,7 +254,7 @@ impl SurfaceInteraction {
     /// Solid-angle density with which the BSDF is sampled in direction `wo`, without delta lobes.
     #[inline]
     pub fn pdf(&self, wo: Vec3) -> f32 {
-        self.bsdf.density(self.ns.dot(self.wi), self.ns.dot(wo), self.wi.dot(wo))
+        self.bsdf.pdf(self.ns, self.wi, wo)
     }
 
     /// [`Bsdf::sample`], given the frame of the shading normal.

@@ -10,7 +10,8 @@ use super::ltc_table::TABLE;
 
 /// Rows and columns of the table.
 pub const SIZE: usize = 16;
-/// The least α in the table; the greatest is one, with even steps of its logarithm between.
+/// The least α in the table; the greatest is one, with even steps of its logarithm between. A narrower lobe has the shape of this one,
+/// drawn together about the mirror direction.
 pub const LEAST_ALPHA: f32 = 0.002;
 /// What a node stores: M₀₀, M₀₂, M₂₀ and M₂₂ in a frame whose z is the mirror direction and whose y is perpendicular to the
 /// plane of incidence, and the lobe's albedo where it reflects everything. By symmetry M₀₁ = M₁₀ = M₁₂ = M₂₁ = 0, and M₁₁ follows
@@ -36,6 +37,8 @@ impl Lobe {
         let [m00, m02, m20, m22, albedo] = lookup(cos.abs(), alpha);
         let (x, z) = (Vec3::new(m00, 0.0, m20), Vec3::new(m02, 0.0, m22));
         let local = Mat3::from_cols(x, Vec3::Y / (m00 * m22 - m02 * m20), z);
+        let narrow = (alpha / LEAST_ALPHA).min(1.0);
+        let local = Mat3::from_diagonal(Vec3::new(1.0, 1.0, narrow) / narrow.cbrt()) * local;
         Lobe { to_cosine: local * Mat3::from_cols(across.cross(mirror), across, mirror).transpose(), albedo }
     }
 

@@ -308,9 +308,7 @@ fn ratio(a: f32, b: f32) -> f32 {
 /// The part of a vertex's derivative in its roughness that is the distribution's.
 fn d_distribution(pair: &RoughnessPair, v: &PathVertex, a: Vec3, found: Vec3) -> f32 {
     let si = &v.si;
-    let ci = si.ns.dot(si.wi);
-    let front = if ci < 0.0 { si.wi - si.ns * (2.0 * ci) } else { si.wi };
-    let score = |wo: Vec3| pair.score_and_pdf(ci.abs(), si.ns.dot(wo), front.dot(wo)).0;
+    let score = |wo: Vec3| pair.score_and_pdf(si.ns, si.wi, wo).0;
     let mut d = 0.0;
     if let Some(c) = &v.continuation {
         let f = match c.attached {

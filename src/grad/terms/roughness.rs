@@ -119,7 +119,7 @@ impl<'a> RoughnessPairs<'a> {
         for wo in sides.into_iter().flatten() {
             let dir = frame.to_world(wo).normalize();
             let f = si.eval_part(Part::Specular, dir);
-            let (score, pdf) = pair.score_and_pdf(wi.z, si.ns.dot(dir), wi.dot(wo));
+            let (score, pdf) = pair.score_and_pdf(Vec3::Z, wi, wo);
             if f == Vec3::ZERO || si.ng.dot(dir) <= 0.0 || pdf <= 0.0 {
                 continue;
             }
@@ -147,9 +147,7 @@ impl<'a> RoughnessPairs<'a> {
         if f == Vec3::ZERO || si.ng.dot(arrival.dir) <= 0.0 {
             return Vec3::ZERO;
         }
-        let frame = Frame::from_normal(si.ns);
-        let (wi, wo) = (frame.to_local(si.wi), frame.to_local(arrival.dir));
-        let (score, pdf) = pair.score_and_pdf(wi.z.abs(), wo.z, Vec3::new(wi.x, wi.y, wi.z.abs()).dot(wo));
+        let (score, pdf) = pair.score_and_pdf(si.ns, si.wi, arrival.dir);
         let mut weight = arrival.geometry / light.pdf;
         if !light.is_delta() {
             let per_angle = if light.kind == LightKind::Area { light.pdf / arrival.geometry } else { light.pdf };

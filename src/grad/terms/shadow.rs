@@ -482,7 +482,7 @@ fn turn(bsdf: &Bsdf, wi: Vec3, sampler: &mut Sampler) -> Option<(Vec3, f32)> {
     } else {
         bsdf.sample(wi, u)?.wo
     };
-    let pdf = (1.0 - EVEN_TURNS) * bsdf.pdf(wi, wo) + EVEN_TURNS * 0.5 * FRAC_1_PI;
+    let pdf = (1.0 - EVEN_TURNS) * bsdf.pdf(Vec3::Z, wi, wo) + EVEN_TURNS * 0.5 * FRAC_1_PI;
     Some((wo, pdf))
 }
 

@@ -1,16 +1,16 @@
 use glam::Vec3;
 
-/// Schlick's Fresnel term at cosine `c` for normal-incidence reflectance `f0`.
-pub fn schlick(c: f32, f0: Vec3) -> Vec3 {
+/// Schlick's Fresnel term at cosine `c` for reflectance `f0` at normal incidence and `f90` at grazing angles.
+pub fn schlick(c: f32, f0: Vec3, f90: f32) -> Vec3 {
     let p = (1.0 - c).max(0.0).powi(5);
-    f0 * (1.0 - p) + Vec3::splat(p)
+    f0 * (1.0 - p) + Vec3::splat(f90 * p)
 }
 
-/// Adjoint of [`schlick`]: derivatives in `c` and `f0`.
-pub fn d_schlick(c: f32, f0: Vec3, d_f: Vec3) -> (f32, Vec3) {
+/// Adjoint of [`schlick`]: derivatives in `c`, `f0` and `f90`.
+pub fn d_schlick(c: f32, f0: Vec3, f90: f32, d_f: Vec3) -> (f32, Vec3, f32) {
     let m = (1.0 - c).max(0.0);
     let p4 = m.powi(4);
-    (-5.0 * p4 * d_f.dot(Vec3::ONE - f0), d_f * (1.0 - p4 * m))
+    (-5.0 * p4 * d_f.dot(Vec3::splat(f90) - f0), d_f * (1.0 - p4 * m), d_f.element_sum() * p4 * m)
 }
 
 /// Unpolarised Fresnel reflectance of a conductor with complex index `eta + i k`, per channel.

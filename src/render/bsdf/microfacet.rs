@@ -2,16 +2,18 @@ use std::f32::consts::{FRAC_1_PI, TAU};
 
 use glam::Vec3;
 
-/// A lobe without its Fresnel term, D G / (4 ci), at n·wi ≥ 0, n·wo > 0 and wi·wo.
+use super::angles::{Angles, AnglesAdjoint};
+
+/// A lobe without its Fresnel term, D G / (4 ci), at n·wo > 0.
 pub trait Microfacets {
-    fn eval(&self, ci: f32, co: f32, io: f32) -> f32;
+    fn eval(&self, angles: &Angles) -> f32;
     /// The value and its partial derivatives; with `half_fixed` for a half vector that turns with the surface, so that D is
     /// constant (were it differentiated, the terms that cancel would be 1/α² times as large as what remains).
-    fn d_eval(&self, ci: f32, co: f32, io: f32, half_fixed: bool) -> Lobe;
+    fn d_eval(&self, angles: &Angles, half_fixed: bool) -> Lobe;
     /// A microfacet normal for the local direction `wi`.
     fn sample(&self, wi: Vec3, u: [f32; 2]) -> Vec3;
     /// Solid-angle density of the direction mirrored at [`Microfacets::sample`]'s normal.
-    fn pdf(&self, ci: f32, co: f32, io: f32) -> f32;
+    fn pdf(&self, angles: &Angles) -> f32;
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -19,22 +21,16 @@ pub struct Lobe {
     pub value: f32,
     pub d_ci: f32,
     pub d_co: f32,
-    pub d_io: f32,
+    pub d_sin2: f32,
     /// With respect to the material's own roughness.
     pub d_roughness: f32,
 }
 
-/// sin²θ of the half vector: 1 − (n·wi + n·wo)² / |wi + wo|². In double precision, as it cancels for narrow lobes.
-fn half_sine_squared(ci: f32, co: f32, io: f32) -> f32 {
-    let sum = f64::from(ci) + f64::from(co);
-    let q = (2.0 + 2.0 * f64::from(io)).max(1e-10);
-    ((q - sum * sum) / q).clamp(0.0, 1.0) as f32
-}
-
-/// Partial derivatives of cos²θ = 1 − [`half_sine_squared`] in a cosine (the same for both) and in wi·wo.
-fn d_half_cosine_squared(ci: f32, co: f32, io: f32) -> (f32, f32) {
-    let (sum, q) = (ci + co, length_squared(io));
-    (2.0 * sum / q, -2.0 * sum * sum / (q * q))
+impl Lobe {
+    /// The adjoint of the angles: `d_lobe` is that of the value, `d_half` what the Fresnel term adds.
+    pub fn d_angles(&self, d_lobe: f32, d_half: f32) -> AnglesAdjoint {
+        AnglesAdjoint { ci: d_lobe * self.d_ci, co: d_lobe * self.d_co, half: d_half, sin2: d_lobe * self.d_sin2 }
+    }
 }
 
 /// ln cos²θ
@@ -42,58 +38,73 @@ fn log_cosine_squared(sin2: f32) -> f32 {
     (-sin2).ln_1p().max(-69.0)
 }
 
-/// |wi + wo|²
-fn length_squared(io: f32) -> f32 {
-    (2.0 + 2.0 * io).max(1e-10)
-}
+/// What is added to α², for α = 0.0003 at a roughness of zero. A lobe that narrow looks like a mirror, and single precision can still
+/// tell its directions apart. Added rather than clamped to, it leaves no roughness without its own derivative.
+const ALPHA_SQUARED_OF_A_MIRROR: f32 = 1e-7;
 
-/// GGX with separable Smith shadowing (Walter et al. 2007), α = roughness².
+/// GGX with separable Smith shadowing (Walter et al. 2007), α² = roughness⁴ + 1e-7.
 #[derive(Clone, Copy, Debug)]
 pub struct Ggx {
     roughness: f32,
     alpha: f32,
+    /// α²
+    a: f32,
 }
 
 impl Ggx {
     pub fn new(roughness: f32) -> Ggx {
-        Ggx { roughness, alpha: roughness * roughness }
+        let a = roughness.powi(4) + ALPHA_SQUARED_OF_A_MIRROR;
+        Ggx { roughness, alpha: a.sqrt(), a }
+    }
+
+    /// The roughness of a width α, as far as there is one.
+    pub fn roughness_of(alpha: f32) -> f32 {
+        (alpha * alpha - ALPHA_SQUARED_OF_A_MIRROR).max(0.0).sqrt().sqrt()
+    }
+
+    /// Width α of the distribution of slopes.
+    pub fn alpha(&self) -> f32 {
+        self.alpha
+    }
+
+    /// ∂α²/∂ roughness
+    fn a_by_roughness(&self) -> f32 {
+        4.0 * self.roughness.powi(3)
     }
 
     /// D = a / (π (1 + (a − 1) cos²)²) with a = α².
     fn distribution(&self, sin2: f32) -> f32 {
-        let a = self.alpha * self.alpha;
+        let a = self.a;
         let t = sin2 + a * (1.0 - sin2);
         a * FRAC_1_PI / (t * t)
     }
 
-    /// Partial derivatives of the distribution in cos² and in a.
+    /// Partial derivatives of the distribution in sin² and in a.
     fn d_distribution(&self, sin2: f32) -> (f32, f32) {
-        let a = self.alpha * self.alpha;
+        let a = self.a;
         let cos2 = 1.0 - sin2;
         let t = sin2 + a * cos2;
         let t3 = FRAC_1_PI / (t * t * t);
-        (2.0 * a * (1.0 - a) * t3, (t - 2.0 * a * cos2) * t3)
+        (-2.0 * a * (1.0 - a) * t3, (sin2 - a * cos2) * t3)
     }
 
     /// √(a + (1 − a) c²), the root in Smith's G1 = 2c / (c + root).
     fn root(&self, c: f32) -> f32 {
-        let a = self.alpha * self.alpha;
+        let a = self.a;
         (a + (1.0 - a) * c * c).sqrt()
     }
 }
 
 impl Microfacets for Ggx {
-    fn eval(&self, ci: f32, co: f32, io: f32) -> f32 {
-        let d = self.distribution(half_sine_squared(ci, co, io));
+    fn eval(&self, &Angles { ci, co, sin2, .. }: &Angles) -> f32 {
+        let d = self.distribution(sin2);
         d * co / ((ci + self.root(ci)) * (co + self.root(co)))
     }
 
-    fn d_eval(&self, ci: f32, co: f32, io: f32, half_fixed: bool) -> Lobe {
-        let a = self.alpha * self.alpha;
-        let sin2 = half_sine_squared(ci, co, io);
+    fn d_eval(&self, &Angles { ci, co, sin2, .. }: &Angles, half_fixed: bool) -> Lobe {
+        let a = self.a;
         let d = self.distribution(sin2);
-        let (d_by_cos2, d_by_a) = self.d_distribution(sin2);
-        let (cos2_by_c, cos2_by_io) = if half_fixed { (0.0, 0.0) } else { d_half_cosine_squared(ci, co, io) };
+        let (d_by_sin2, d_by_a) = self.d_distribution(sin2);
         let (root_i, root_o) = (self.root(ci), self.root(co));
         let (sum_i, sum_o) = (ci + root_i, co + root_o);
         let shadow = co / (sum_i * sum_o);
@@ -105,10 +116,10 @@ impl Microfacets for Ggx {
         let d_a = d_by_a * shadow + value * by_a;
         Lobe {
             value,
-            d_ci: value * by_ci + d_by_cos2 * cos2_by_c * shadow,
-            d_co: value * by_co + d_by_cos2 * cos2_by_c * shadow,
-            d_io: d_by_cos2 * cos2_by_io * shadow,
-            d_roughness: d_a * 4.0 * self.alpha * self.roughness,
+            d_ci: value * by_ci,
+            d_co: value * by_co,
+            d_sin2: if half_fixed { 0.0 } else { d_by_sin2 * shadow },
+            d_roughness: d_a * self.a_by_roughness(),
         }
     }
 
@@ -129,8 +140,8 @@ impl Microfacets for Ggx {
     }
 
     /// G1(ci) D / (4 ci)
-    fn pdf(&self, ci: f32, co: f32, io: f32) -> f32 {
-        self.distribution(half_sine_squared(ci, co, io)) / (2.0 * (ci + self.root(ci)))
+    fn pdf(&self, &Angles { ci, sin2, .. }: &Angles) -> f32 {
+        self.distribution(sin2) / (2.0 * (ci + self.root(ci)))
     }
 }
 
@@ -150,13 +161,13 @@ impl Ggx {
 
     /// ∂ ln D / ∂ roughness, and the solid-angle density of the direction mirrored at the normal of its side in
     /// [`Ggx::sample_pair`].
-    pub fn score_and_pair_pdf(&self, ci: f32, co: f32, io: f32) -> (f32, f32) {
-        let sin2 = half_sine_squared(ci, co, io);
-        let by_alpha = 2.0 * self.alpha * self.d_distribution(sin2).1;
-        let score = by_alpha * 2.0 * self.roughness / self.distribution(sin2);
-        // The mass on either side is 1 / 2α; wi·h = |wi + wo| / 2.
+    pub fn score_and_pair_pdf(&self, &Angles { half, sin2, .. }: &Angles) -> (f32, f32) {
+        let by_a = self.d_distribution(sin2).1;
+        let score = by_a * self.a_by_roughness() / self.distribution(sin2);
+        // The mass of ∂D/∂α on either side is 1 / 2α, and ∂D/∂α = 2α ∂D/∂a.
+        let by_alpha = 2.0 * self.alpha * by_a;
         let cos = (1.0 - sin2).sqrt();
-        (score, by_alpha.abs() * self.alpha * cos / length_squared(io).sqrt())
+        (score, by_alpha.abs() * self.alpha * cos / (2.0 * half))
     }
 }
 
@@ -183,11 +194,11 @@ impl Phong {
         FRAC_1_PI / self.roughness * (half_exponent * log_cosine_squared(sin2)).exp()
     }
 
-    /// Partial derivatives of the distribution in cos² and in the roughness.
+    /// Partial derivatives of the distribution in sin² and in the roughness.
     fn d_distribution(&self, sin2: f32) -> (f32, f32) {
         let (r, cos2) = (self.roughness, (1.0 - sin2).max(1e-30));
         let d = self.distribution(sin2);
-        (d * (1.0 / r - 1.0) / cos2, -d / r * (1.0 + log_cosine_squared(sin2) / r))
+        (-d * (1.0 / r - 1.0) / cos2, -d / r * (1.0 + log_cosine_squared(sin2) / r))
     }
 
     fn shadowing(&self, c: f32) -> Shadowing {
@@ -208,24 +219,22 @@ impl Phong {
 }
 
 impl Microfacets for Phong {
-    fn eval(&self, ci: f32, co: f32, io: f32) -> f32 {
-        let d = self.distribution(half_sine_squared(ci, co, io));
+    fn eval(&self, &Angles { ci, co, sin2, .. }: &Angles) -> f32 {
+        let d = self.distribution(sin2);
         0.25 * d * self.shadowing(ci).value * co * self.shadowing(co).value
     }
 
-    fn d_eval(&self, ci: f32, co: f32, io: f32, half_fixed: bool) -> Lobe {
-        let sin2 = half_sine_squared(ci, co, io);
+    fn d_eval(&self, &Angles { ci, co, sin2, .. }: &Angles, half_fixed: bool) -> Lobe {
         let d = self.distribution(sin2);
-        let (d_by_cos2, d_by_r) = self.d_distribution(sin2);
-        let (cos2_by_c, cos2_by_io) = if half_fixed { (0.0, 0.0) } else { d_half_cosine_squared(ci, co, io) };
+        let (d_by_sin2, d_by_r) = self.d_distribution(sin2);
         let (gi, go) = (self.shadowing(ci), self.shadowing(co));
         let shadow = 0.25 * gi.value * co * go.value;
         let by_alpha = 0.25 * d * co * (gi.d_alpha * go.value + gi.value * go.d_alpha);
         Lobe {
             value: d * shadow,
-            d_ci: 0.25 * d * gi.d_c * co * go.value + d_by_cos2 * cos2_by_c * shadow,
-            d_co: 0.25 * d * gi.value * (go.value + co * go.d_c) + d_by_cos2 * cos2_by_c * shadow,
-            d_io: d_by_cos2 * cos2_by_io * shadow,
+            d_ci: 0.25 * d * gi.d_c * co * go.value,
+            d_co: 0.25 * d * gi.value * (go.value + co * go.d_c),
+            d_sin2: if half_fixed { 0.0 } else { d_by_sin2 * shadow },
             d_roughness: d_by_r * shadow + by_alpha * 0.5 / self.roughness.sqrt(),
         }
     }
@@ -240,9 +249,7 @@ impl Microfacets for Phong {
     }
 
     /// D cos / (4 wi·h)
-    fn pdf(&self, ci: f32, co: f32, io: f32) -> f32 {
-        let sin2 = half_sine_squared(ci, co, io);
-        // wi·h = |wi + wo| / 2
-        self.distribution(sin2) * (1.0 - sin2).sqrt() / (2.0 * length_squared(io).sqrt())
+    fn pdf(&self, &Angles { half, sin2, .. }: &Angles) -> f32 {
+        self.distribution(sin2) * (1.0 - sin2).sqrt() / (4.0 * half)
     }
 }

@@ -8,9 +8,9 @@
 use glam::Vec3;
 
 use super::{Connection, Continuation, Options, Recorder};
-use crate::math::{Frame, cosine_hemisphere};
+use crate::math::{Frame, cosine_hemisphere, cosine_hemisphere_pdf};
 use crate::render::accel::{Hit, NO_PRIM, PrimId, Ray, Root};
-use crate::render::bsdf::{Bsdf, BsdfSample};
+use crate::render::bsdf::{Bsdf, BsdfSample, matte};
 use crate::render::interaction::{SurfaceInteraction, end_before, offset};
 use crate::render::light::{Arrival, LightKind, LightSample};
 use crate::render::mask::Through;
@@ -464,10 +464,9 @@ impl<const N: usize> Paths<N> {
         let keep_black = bounce.options.keep_black;
         for k in 0..N {
             let co = self.n.get(k).dot(shadows.dir.get(k));
-            let matte = Bsdf::Diffuse { reflectance: self.reflectance.get(k) };
-            let f = matte.eval(0.0, co, 0.0);
+            let f = matte(self.reflectance.get(k), co);
             shadows.f.set(k, f);
-            shadows.pdf[k] = matte.density(0.0, co, 0.0);
+            shadows.pdf[k] = cosine_hemisphere_pdf(co);
             shadows.open[k] &= (co > 0.0) & (keep_black | !is_zero(f)) | !self.matte[k];
         }
         for k in self.alive.iter() {
@@ -515,7 +514,7 @@ impl<const N: usize> Paths<N> {
             let co = normal.dot(dir);
             let pdf = BsdfSample::cosine(cosine).pdf;
             turns.dir.set(k, dir);
-            turns.f.set(k, Bsdf::Diffuse { reflectance: self.reflectance.get(k) }.eval(0.0, co, 0.0));
+            turns.f.set(k, matte(self.reflectance.get(k), co));
             turns.pdf[k] = pdf;
             turns.inv_pdf[k] = 1.0 / pdf;
             turns.on[k] = (pdf > 0.0) & (co > 0.0);

@@ -1,0 +1,75 @@
+use glam::Vec3;
+
+/// What an isotropic lobe sees of two directions at a normal.
+///
+/// A narrow lobe asks for the sine of the half vector, α or less. Told from the three cosines between the directions it would be the
+/// root of a difference of numbers near one, which single precision rounds to some 3e-4, and far worse where the directions are
+/// nearly opposite. So it is told from the half vector itself, whose parts along and across the normal are differences of vectors.
+#[derive(Clone, Copy, Debug)]
+pub struct Angles {
+    /// n·wi ≥ 0, of `wi` mirrored at the tangent plane if it lies behind it.
+    pub ci: f32,
+    /// n·wo
+    pub co: f32,
+    /// wi·h of the half vector h, which is |wi + wo| / 2.
+    pub half: f32,
+    /// sin² of the angle between n and h.
+    pub sin2: f32,
+    /// The unit half vector.
+    h: Vec3,
+    /// Its part across the normal.
+    across: Vec3,
+    /// n·wi before mirroring.
+    signed_ci: f32,
+}
+
+/// Derivatives of a scalar in [`Angles`].
+#[derive(Clone, Copy, Debug, Default)]
+pub struct AnglesAdjoint {
+    pub ci: f32,
+    pub co: f32,
+    pub half: f32,
+    pub sin2: f32,
+}
+
+/// Derivatives in the normal and both directions, each as if it had three independent numbers: what is along a unit vector means nothing.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct DirectionsAdjoint {
+    pub n: Vec3,
+    pub wi: Vec3,
+    pub wo: Vec3,
+}
+
+impl Angles {
+    #[inline]
+    pub fn new(n: Vec3, wi: Vec3, wo: Vec3) -> Angles {
+        let signed_ci = n.dot(wi);
+        let front = if signed_ci < 0.0 { wi - n * (2.0 * signed_ci) } else { wi };
+        let sum = front + wo;
+        let length = sum.length().max(1e-6);
+        let h = sum / length;
+        let across = h - n * n.dot(h);
+        let sin2 = across.length_squared().min(1.0);
+        Angles { ci: signed_ci.abs(), co: n.dot(wo), half: (0.5 * length).min(1.0), sin2, h, across, signed_ci }
+    }
+
+    /// Adjoint of [`Angles::new`].
+    pub fn adjoint(&self, n: Vec3, wi: Vec3, wo: Vec3, d: &AnglesAdjoint) -> DirectionsAdjoint {
+        let front = if self.signed_ci < 0.0 { wi - n * (2.0 * self.signed_ci) } else { wi };
+        let inv_length = 0.5 / self.half.max(5e-7);
+        // sin² = |across|² with across = h − n (n·h), and h = sum / |sum|.
+        let d_across = self.across * (2.0 * d.sin2);
+        let d_sum = self.h * (0.5 * d.half) + (d_across - self.h * self.h.dot(d_across)) * inv_length;
+        let mut out = DirectionsAdjoint {
+            n: front * d.ci + wo * d.co - d_across * n.dot(self.h),
+            wi: n * d.ci + d_sum,
+            wo: n * d.co + d_sum,
+        };
+        if self.signed_ci < 0.0 {
+            let along = n.dot(out.wi);
+            out.n -= (out.wi * self.signed_ci + wi * along) * 2.0;
+            out.wi -= n * (2.0 * along);
+        }
+        out
+    }
+}
