@@ -46,6 +46,11 @@ fn a_failed_expect_shows_both_sides_and_fails_the_run() {
     assert_code(&output, 1);
     assert!(stderr(&output).contains("4 > 5 is false"), "{}", stderr(&output));
     assert_eq!(stdout(&output).trim(), "after", "later actions still run");
+    // Numbers that look alike are told apart.
+    place.write("b.dscene", "expect 0.1 + 0.2 == 0.3");
+    let output = place.dsl(&["run", "b.dscene", "--out", "s"]);
+    assert_code(&output, 1);
+    assert!(stderr(&output).contains("0.30000000000000004 == 0.3 is false"), "{}", stderr(&output));
 }
 
 #[test]

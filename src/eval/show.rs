@@ -51,6 +51,15 @@ pub(super) fn numbers(t: &Tensor, one: &impl Fn(f64) -> String) -> String {
 /// Arrays in arrays that are written out; a few that hold one another twice each would never end.
 const DEEPEST: usize = 4;
 
+/// As [`brief`], with as many digits as tell a number from all others.
+pub fn exact(value: &Value, ty: &Ty) -> String {
+    match value {
+        Value::Num(v) if matches!(ty, Ty::Angle) => numbers(v.value(), &|x| format!("{}deg", x.to_degrees())),
+        Value::Num(v) if v.len() <= SHOWN => numbers(v.value(), &|x| format!("{x}")),
+        _ => brief(value, ty),
+    }
+}
+
 /// One line: what the value is, numbers written out if they are few.
 pub fn brief(value: &Value, ty: &Ty) -> String {
     brief_within(value, ty, 0)

@@ -311,7 +311,12 @@ impl<'a> Runner<'a> {
                         return Ok(None);
                     }
                     let (a, b) = (self.engine.eval(left)?, self.engine.eval(right)?);
-                    let (a, b) = (eval::brief(&a, &left.ty), eval::brief(&b, &right.ty));
+                    let mut shown = [(&a, &left.ty), (&b, &right.ty)].map(|(x, ty)| eval::brief(x, ty));
+                    // Numbers that only look the same are shown with all their digits.
+                    if *op != Ne && shown[0] == shown[1] {
+                        shown = [(&a, &left.ty), (&b, &right.ty)].map(|(x, ty)| eval::exact(x, ty));
+                    }
+                    let [a, b] = shown;
                     let symbol = match op {
                         Eq => "==",
                         Ne => "!=",
