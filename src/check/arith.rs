@@ -203,7 +203,7 @@ fn applied(a: &Ty, b: &Ty) -> Result<Ty, String> {
     let three = |n: Option<&Dim>| matches!(n, Some(None | Some(3)));
     match (a, b) {
         (Ty::Any, _) | (_, Ty::Any) => Ok(Ty::Any),
-        (Ty::Array(item, _), _) | (_, Ty::Array(item, _)) if item.is_unknown() => Ok(Ty::Any),
+        (Ty::Array(item, n), _) | (_, Ty::Array(item, n)) if item.is_unknown() && *n != Some(0) => Ok(Ty::Any),
         (Ty::Rotation, Ty::Rotation) => Ok(Ty::Rotation),
         (Ty::Rotation | Ty::Transform, Ty::Rotation | Ty::Transform) => Ok(Ty::Transform),
         (Ty::Rotation | Ty::Transform, Ty::Mesh) => Ok(Ty::Mesh),

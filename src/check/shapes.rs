@@ -2,7 +2,7 @@
 
 use super::arith::{broadcast, image_sizes};
 use super::hir::DeclId;
-use super::infer::Typed;
+use super::infer::{Typed, item_of};
 use super::modules::{Checker, Signature};
 use super::results::{argument, rank};
 use super::signature::{Const, dims_agree};
@@ -15,6 +15,9 @@ impl Checker<'_> {
         let Some(signature) = self.signature(id) else { return };
         let name = self.slot(id).name.text.clone();
         self.check_axis(&name, &signature, found);
+        if let ("min" | "max" | "mod", [Some(a), Some(b), ..]) = (name.as_str(), found) {
+            self.check_pair(&name, a, b);
+        }
         match (name.as_str(), found) {
             ("inverse" | "determinant", [Some(matrix)]) => {
                 if let Ty::Num(shape) = &matrix.expr.ty
@@ -61,10 +64,97 @@ impl Checker<'_> {
                 self.check_last(place, 2, "a place in an image has two coordinates")
             }
             ("project", [Some(_), Some(point)]) => self.check_last(point, 3, "a point has three coordinates"),
+            ("concat", [Some(a), b, axis]) => self.check_concat(a, b.as_ref(), axis.as_ref()),
+            ("stack", [Some(items)]) => self.check_stack(items),
             ("rotation", _) => self.check_rotation(&signature, found),
             ("where", [Some(condition), Some(yes), Some(no)]) => self.check_where(condition, yes, no),
             _ => {}
         }
+    }
+
+    /// Two arrays or images that are taken element by element.
+    fn check_pair(&mut self, name: &str, a: &Typed, b: &Typed) {
+        let numbers = |t: &Typed| matches!(t.expr.ty, Ty::Num(_) | Ty::Image { .. });
+        if !numbers(a) || !numbers(b) || broadcast(&a.expr.ty, &b.expr.ty).is_some() {
+            return;
+        }
+        let size = |ty: &Ty| image_sizes(ty).unwrap_or_else(|| format!("`{ty}`"));
+        self.diagnostics.push(
+            Diagnostic::error("dscene::type::shape", format!("`{name}` does not go with these shapes"))
+                .label(b.expr.span, format!("this is {}", size(&b.expr.ty)))
+                .label(a.expr.span, format!("this is {}", size(&a.expr.ty)))
+                .help("they must have the same shape, up to lengths of 1"),
+        );
+    }
+
+    /// Texts with texts, images with images, arrays with arrays.
+    fn check_concat(&mut self, a: &Typed, b: Option<&Typed>, axis: Option<&Typed>) {
+        let parts: Vec<&Typed> = [Some(a), b].into_iter().flatten().collect();
+        if parts.iter().any(|t| t.expr.ty.is_unknown()) {
+            return;
+        }
+        let image = |ty: &Ty| matches!(ty, Ty::Image { .. });
+        let Some(b) = b else {
+            if item_of(&a.expr.ty).is_none() || matches!(&a.expr.ty, Ty::Num(shape) if shape.len() < 2) {
+                self.refuse_parts("a list of arrays or images is joined", &parts, "for instance `concat([a, b, c])`");
+            }
+            return;
+        };
+        let (x, y) = (&a.expr.ty, &b.expr.ty);
+        let fine = match (x, y) {
+            (Ty::Str, Ty::Str) => axis.is_none(),
+            _ if image(x) || image(y) => image(x) && image(y),
+            _ => item_of(x).is_some() && item_of(y).is_some(),
+        };
+        if !fine {
+            let help = match (x, y) {
+                (Ty::Str, _) | (_, Ty::Str) => "texts are joined by interpolation: `\"{a}{b}\"`",
+                _ if image(x) || image(y) => "make an image of numbers by `image(…)`",
+                _ => "a single one stands in brackets: `concat(xs, [x])`",
+            };
+            self.refuse_parts("`concat` joins arrays with arrays, images with images", &parts, help);
+            return;
+        }
+        let along = match axis.map(|axis| axis.value.as_ref().and_then(Const::number)) {
+            None => 0.0,
+            Some(Some(x)) => x,
+            Some(None) => return,
+        };
+        if let (Ty::Image { height: h, width: w, channels: c, .. }, Ty::Image { height, width, channels, .. }) = (x, y)
+        {
+            let along = if along < 0.0 { along + 3.0 } else { along };
+            let agree = [(h, height), (w, width), (c, channels)];
+            let misfit = agree.iter().enumerate().find(|(i, (a, b))| *i as f64 != along && !dims_agree(**a, **b));
+            if let Some((i, _)) = misfit {
+                let what = ["heights", "widths", "numbers of channels"][i];
+                let message = format!("these images have different {what}");
+                self.refuse_parts(
+                    &message,
+                    &parts,
+                    "`resize`, `crop` and `pad` make images of one size; `axis: 1` joins them side by side",
+                );
+            }
+        }
+    }
+
+    /// Arrays or images of one shape.
+    fn check_stack(&mut self, items: &Typed) {
+        let ty = &items.expr.ty;
+        let fine = ty.is_unknown()
+            || match (ty, item_of(ty)) {
+                (Ty::Tuple(_), _) => false,
+                (_, Some((item, _))) => item.is_unknown() || rank(&item).is_some(),
+                (_, None) => false,
+            };
+        if !fine {
+            self.refuse_parts("`stack` takes images or arrays of one shape", &[items], "for instance `stack([a, b])`");
+        }
+    }
+
+    fn refuse_parts(&mut self, message: &str, parts: &[&Typed], help: &str) {
+        let diagnostic = Diagnostic::error("dscene::type::shape", message);
+        let label = |d: Diagnostic, t: &&Typed| d.label(t.expr.span, format!("this is `{}`", t.expr.ty));
+        self.diagnostics.push(parts.iter().rev().fold(diagnostic, label).help(help));
     }
 
     /// The last axis, of coordinates, has so many numbers.
