@@ -533,28 +533,54 @@ fn what_gltf_asks_for_in_vain_is_told_by_name() {
     }
 }
 
+/// Of a file and of the language; the highlight of `principled` is subtracted, being the same.
 #[test]
 fn vertex_colours_multiply_the_base_colour() {
     let place = Place::new();
-    let albedo = |colors: &[u8], base: Value| {
-        let mut file = Builder::new();
-        let colors = file.bytes("VEC4", 4, colors, true);
-        file.add("materials", json!({"doubleSided": true, "pbrMetallicRoughness": base}));
-        let mesh = file.triangle(json!({"COLOR_0": colors}), json!({"material": 0}));
-        file.add("nodes", json!({"mesh": mesh, "translation": [-0.25, -0.25, 0], "scale": [1, 1, 1]}));
-        place.write("a.gltf", file.text());
-        place.write("s.dscene", "camera eye { position: [0, 0, 1], look_at: [0, 0, 0], fov: 1deg, film: [1, 1] }\n");
-        let expression = "mean(albedo(eye, scene: load_scene(\"a.gltf\"), spp: 64).r)";
+    place.write("dot.png", dot(&[0.5, 1.0, 1.0]));
+    place.write("s.dscene", "camera eye { position: [0, 0, 1], look_at: [0, 0, 0], fov: 0.1deg, film: [1, 1] }\n");
+    let value = |expression: &str| {
         let output = place.dsl(&["eval", "s.dscene", expression, "--json"]);
         assert_code(&output, 0);
         serde_json::from_str::<Value>(&stdout(&output)).unwrap()["value"].as_f64().unwrap()
     };
-    let base = json!({"baseColorFactor": [0.5, 1, 1, 1], "metallicFactor": 0});
-    let same = albedo(&[51, 0, 0, 255].repeat(3), base.clone());
-    // At a quarter of both edges the corners weigh 1/2, 1/4 and 1/4.
-    let varying = albedo(&[102, 0, 0, 255, 204, 0, 0, 255, 0, 0, 0, 255], base);
-    assert!((varying / same - 2.0).abs() < 0.02, "{varying} and {same}: 0.4 and 0.2, times one half");
-    assert!((same - 0.1).abs() < 0.03, "{same}: 0.2 times one half, and a highlight");
+    let albedo = |colors: &[u8], base: Value| {
+        let mut file = Builder::new();
+        let colors = file.bytes("VEC4", 4, colors, true);
+        file.add("images", json!({"uri": "dot.png"}));
+        file.add("textures", json!({"source": 0}));
+        file.add("materials", json!({"doubleSided": true, "pbrMetallicRoughness": base}));
+        let mesh = file.triangle(json!({"COLOR_0": colors}), json!({"material": 0}));
+        file.add("nodes", json!({"mesh": mesh, "translation": [-0.25, -0.25, 0]}));
+        place.write("a.gltf", file.text());
+        value("mean(albedo(eye, scene: load_scene(\"a.gltf\")).r)")
+    };
+    let factor = json!({"baseColorFactor": [0.5, 1, 1, 1], "metallicFactor": 0});
+    let image = json!({"baseColorTexture": {"index": 0}, "metallicFactor": 0});
+    let black = albedo(&[0, 0, 0, 255].repeat(3), factor.clone());
+    for (base, half) in [(factor, 0.5), (image, f64::from(188.0f32 / 255.0).powf(2.2))] {
+        let same = albedo(&[51, 0, 0, 255].repeat(3), base.clone()) - black;
+        assert!((same - 0.2 * half).abs() < 0.01, "{same}: 0.2 times {half}");
+        // At a quarter of both edges the corners weigh 1/2, 1/4 and 1/4.
+        let varying = albedo(&[102, 0, 0, 255, 204, 0, 0, 255, 0, 0, 0, 255], base) - black;
+        assert!((varying - 0.4 * half).abs() < 0.01, "{varying}: 0.4 times {half}");
+    }
+    // A product is linear in either factor: its derivative by a texel is the colour there, and the other way round.
+    let script = "camera eye { position: [0, 0, 1], look_at: [0, 0, 0], fov: 0.1deg, film: [1, 1] }\n\
+        param texel = 0.5\nparam corner: color = [0.4, 0.2, 0.6]\nlight l = constant(1)\n\
+        shape s { mesh: mesh(vertices: [[-1, -1, 0], [1, -1, 0], [0, 1, 0]], faces: [[0, 1, 2]], colors: [corner, [0, 0, 0], [0.8, 0.8, 0.8]]),\n\
+          material: diffuse(reflectance: vertex_color(times: texture([[texel]]))) }\n\
+        loss z = mean(render(eye, spp: 4096).r)\n";
+    place.write("s.dscene", script);
+    let output = place.dsl(&["grad", "s.dscene", "--json"]);
+    assert_code(&output, 0);
+    let found: Value = serde_json::from_str(&stdout(&output)).unwrap();
+    // At the middle the corners weigh 1/4, 1/4 and 1/2.
+    let (texel, corner) = (&found["wrt"]["texel"]["mean"], &found["wrt"]["corner"]["mean"][0]);
+    let (texel, corner) = (texel.as_f64().unwrap(), corner.as_f64().unwrap());
+    assert!((texel - 0.5).abs() < 3e-3, "{texel}");
+    assert!((corner / texel - 0.25).abs() < 1e-4, "{corner} and {texel} come from the same paths");
+    assert_eq!(value("len(s.material.reflectance.texels)"), 1.0);
 }
 
 #[test]

@@ -102,7 +102,7 @@ fn shapes(scene: &SceneDescription, words: &mut Words) -> Vec<Value> {
     };
     let input = |input: Input| match input {
         Input::Texture(i) => json!(i),
-        Input::VertexColor => Value::Null,
+        Input::VertexColor | Input::Tinted(_) => Value::Null,
     };
     let material = |kind: &MaterialKind| match *kind {
         MaterialKind::Black => json!({"kind": "black"}),

@@ -32,6 +32,7 @@ pub(super) fn reason(scene: &Scene, camera: &Camera) -> Darkness {
         .map(|(shape, emission)| match emission.radiance {
             Input::Texture(t) => texture(t),
             Input::VertexColor => shape.mesh.colors.iter().flatten().any(is_lit),
+            Input::Tinted(t) => texture(t) && shape.mesh.colors.iter().flatten().any(is_lit),
         })
         .chain(description.delta_lights.iter().map(|l| is_lit(&l.power())))
         .chain(description.light_motions.iter().map(|m| is_lit(&m.closing.power())))

@@ -271,6 +271,10 @@ impl Builder {
             Input::VertexColor => return Ok(RenderInput::VertexColor),
             Input::Number(v) => (v, Wrap::Clamp, Filter::Nearest),
             Input::Texture(t) => (&t.texels, t.wrap, t.filter),
+            Input::Tinted(t) => {
+                let texture = self.input(&Input::Texture(t.clone()), color)?;
+                return Ok(texture.texture().map_or(texture, RenderInput::Tinted));
+            }
         };
         let shape: &[usize] = match var.shape() {
             [h, w, c] => &[*h, *w, if color { 3 } else { *c }],

@@ -194,6 +194,7 @@ fn input(i: &Input) -> String {
         Input::Number(v) => numbers(v.value(), &number_text),
         Input::Texture(t) => brief(&Value::Texture(t.clone()), &Ty::Texture),
         Input::VertexColor => "vertex_color()".into(),
+        Input::Tinted(t) => format!("vertex_color(times: {})", brief(&Value::Texture(t.clone()), &Ty::Texture)),
     }
 }
 

@@ -523,6 +523,14 @@ impl<'a, S: Sink> Adjoints<'a, S> {
                 }
                 face.map(|v| colors[v as usize].dot(d))
             }
+            // A product: each factor has the adjoint times the other.
+            Input::Tinted(t) => {
+                let (texture, tint) = (Input::Texture(t), Input::VertexColor);
+                let (value, color) = (self.scene.lookup(texture, prim, b), self.scene.lookup(tint, prim, b));
+                let by_texture = self.input(texture, prim, b, d * color, slides);
+                let by_color = self.input(tint, prim, b, d * value, slides);
+                std::array::from_fn(|k| by_texture[k] + by_color[k])
+            }
         }
     }
 

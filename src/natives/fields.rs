@@ -44,7 +44,8 @@ pub fn field(value: &Value, name: &str) -> Option<Value> {
             "lights" => Some(Value::list(s.lights.iter().cloned().map(Value::Light).collect())),
             _ => None,
         },
-        Value::Settings(s) => s.field(name).cloned(),
+        // Of vertex colours that multiply a texture: what the texture has.
+        Value::Settings(s) => s.field(name).cloned().or_else(|| field(s.field("times")?, name)),
         Value::Estimate(e) => match name {
             "mean" => Some(Value::Num(e.mean.clone())),
             "std_error" => Some(Value::Num(e.std_error.clone())),
@@ -75,7 +76,10 @@ pub fn fields_of(value: &Value) -> Vec<String> {
         },
         Value::Camera(c) => c.fields.iter().map(|(n, _)| n.clone()).collect(),
         Value::Scene(_) => words(&["shapes", "lights"]),
-        Value::Settings(s) => s.fields.iter().map(|(n, _)| n.clone()).collect(),
+        Value::Settings(s) => match s.field("times") {
+            Some(texture) => fields_of(texture),
+            None => s.fields.iter().map(|(n, _)| n.clone()).collect(),
+        },
         Value::Estimate(_) => words(&["mean", "std_error"]),
         Value::Gradients(all) => all.iter().map(|g| g.name.clone()).collect(),
         Value::Rotation(_) | Value::Transform(_) => words(&["matrix"]),
@@ -136,6 +140,10 @@ pub fn set_field(value: &Value, path: &[String], new: Value) -> Result<Value> {
             let closing = c.closing.clone();
             Ok(Value::Camera(Arc::new(CameraValue { fields: replaced(&c.fields, name, new), closing })))
         }
+        Value::Settings(s) if s.field("times").is_some() => {
+            let texture = s.field("times").ok_or_else(refuse)?;
+            Ok(vertex_color(Some(set_field(texture, std::slice::from_ref(name), new)?)))
+        }
         Value::Settings(s) => Ok(Value::Settings(Arc::new(SettingsValue {
             name: s.name.clone(),
             fields: replaced(&s.fields, name, new),
@@ -177,7 +185,21 @@ fn input_value(input: &Input) -> Value {
     match input {
         Input::Number(v) => Value::Num(v.clone()),
         Input::Texture(t) => Value::Texture(t.clone()),
-        Input::VertexColor => Value::Settings(Arc::new(SettingsValue { name: "vertex_color".into(), fields: vec![] })),
+        Input::VertexColor => vertex_color(None),
+        Input::Tinted(t) => vertex_color(Some(Value::Texture(t.clone()))),
+    }
+}
+
+/// The mesh's vertex colours, multiplied by a texture if there is one: its own kind of input, kept among settings.
+pub(super) fn vertex_color(times: Option<Value>) -> Value {
+    let fields = times.map(|t| ("times".to_string(), t)).into_iter().collect();
+    Value::Settings(Arc::new(SettingsValue { name: "vertex_color".into(), fields }))
+}
+
+pub(super) fn vertex_color_input(s: &SettingsValue) -> Input {
+    match s.field("times") {
+        Some(Value::Texture(t)) => Input::Tinted(t.clone()),
+        _ => Input::VertexColor,
     }
 }
 
@@ -191,7 +213,7 @@ fn as_input(value: &Value) -> Option<Input> {
             wrap: crate::render::texture::Wrap::Repeat,
             filter: crate::render::texture::Filter::Bilinear,
         }))),
-        Value::Settings(s) if s.name == "vertex_color" => Some(Input::VertexColor),
+        Value::Settings(s) if s.name == "vertex_color" => Some(vertex_color_input(s)),
         _ => None,
     }
 }

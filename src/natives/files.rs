@@ -52,7 +52,7 @@ fn tell(a: &Args, path: &Path, warnings: Vec<String>) {
 /// The parts of a file; those that emit light are lights.
 fn load_scene(a: &Args) -> Result<SceneValue> {
     let path = a.path(0)?;
-    let Loaded { parts, lights, mut warnings } = load(&path, Wanted::Scene).map_err(refused)?;
+    let Loaded { parts, lights, warnings } = load(&path, Wanted::Scene).map_err(refused)?;
     let mut scene = SceneValue::default();
     let mut converter = Converter::default();
     for part in parts.iter().filter(|p| !p.mesh.faces.is_empty()) {
@@ -60,7 +60,6 @@ fn load_scene(a: &Args) -> Result<SceneValue> {
         let _ = add_to_scene(&mut scene, &converter.part(part));
     }
     scene.lights.extend(lights.iter().map(|l| Arc::new(light(l))));
-    warnings.extend(converter.warnings());
     tell(a, &path, warnings);
     if scene.shapes.is_empty() && scene.lights.is_empty() {
         return Err(NativeError::at(0, "the file has no triangles and no lights"));
@@ -72,8 +71,6 @@ fn load_scene(a: &Args) -> Result<SceneValue> {
 #[derive(Default)]
 struct Converter {
     made: HashMap<*const LoadedMaterial, Arc<Look>>,
-    /// Parts whose vertex colours vary beside an image.
-    uncolored: Vec<String>,
 }
 
 /// What a surface reflects and emits.
@@ -86,7 +83,7 @@ struct Look {
 
 impl Converter {
     fn part(&mut self, part: &LoadedPart) -> Value {
-        let mut mesh = MeshValue::from(&part.mesh);
+        let mesh = MeshValue::from(&part.mesh);
         let look = match (&part.material, tint(&part.mesh)) {
             (None, None) => Arc::new(plain(grey())),
             // Colours alone are what the surface reflects.
@@ -95,27 +92,19 @@ impl Converter {
                 inputs: vec![("reflectance", Input::VertexColor)],
                 one_sided: false,
             })),
-            (Some(loaded), None) => {
-                let make = || Arc::new(look(loaded));
-                self.made.entry(Arc::as_ptr(loaded)).or_insert_with(make).clone()
-            }
+            (Some(loaded), None) => self.look(loaded),
             (Some(loaded), Some(Tint::Constant(tint))) => {
                 let tinted = LoadedMaterial { base_color: loaded.base_color * tint, ..(**loaded).clone() };
                 Arc::new(look(&tinted))
             }
-            (Some(loaded), Some(Tint::Varying)) if loaded.base_color_image.is_some() => {
-                self.uncolored.push(part.name.clone());
-                let make = || Arc::new(look(loaded));
-                self.made.entry(Arc::as_ptr(loaded)).or_insert_with(make).clone()
-            }
             (Some(loaded), Some(Tint::Varying)) => {
-                let factor = Tensor::vector(loaded.base_color.to_array().map(f64::from).to_vec());
-                // Colours of a file are constants of the right shape: this cannot fail.
-                mesh.colors = mesh.colors.and_then(|c| c.mul(&Var::constant(factor)).ok());
-                let mut look = look(loaded);
+                let mut look = (*self.look(loaded)).clone();
                 let mut material = (*look.material).clone();
-                let inputs = material.inputs.iter_mut().filter(|(name, _)| *name == "base_color");
-                inputs.for_each(|(_, input)| *input = Input::VertexColor);
+                for (_, input) in material.inputs.iter_mut().filter(|(name, _)| *name == "base_color") {
+                    if let Input::Texture(texels) = input {
+                        *input = Input::Tinted(texels.clone());
+                    }
+                }
                 look.material = Arc::new(material);
                 Arc::new(look)
             }
@@ -130,12 +119,8 @@ impl Converter {
         }
     }
 
-    fn warnings(mut self) -> Option<String> {
-        self.uncolored.dedup();
-        let names: Vec<String> = self.uncolored.iter().take(4).map(|n| format!("“{n}”")).collect();
-        let more = if self.uncolored.len() > names.len() { " and others" } else { "" };
-        let sentence = "vertex colours beside an image of the base colour are left out";
-        (!names.is_empty()).then(|| format!("{sentence}: {}{more}", names.join(", ")))
+    fn look(&mut self, loaded: &Arc<LoadedMaterial>) -> Arc<Look> {
+        self.made.entry(Arc::as_ptr(loaded)).or_insert_with(|| Arc::new(look(loaded))).clone()
     }
 }
 

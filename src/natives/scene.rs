@@ -15,8 +15,13 @@ use super::{Args, Native, NativeError, Result};
 pub(super) const TABLE: &[(&str, Native)] = &[
     ("texture", texture),
     ("checkerboard", checkerboard),
-    // Its own kind of input: an empty texture stands for it.
-    ("vertex_color", |_| Ok(Value::Settings(settings("vertex_color", vec![])))),
+    ("vertex_color", |a| match a.get(0) {
+        None => Ok(super::fields::vertex_color(None)),
+        Some(_) => match input(a, 0, true)? {
+            Input::Texture(t) => Ok(super::fields::vertex_color(Some(Value::Texture(t)))),
+            _ => Err(a.wrong(0, "a texture")),
+        },
+    }),
     ("diffuse", |a| material(a, Model::Diffuse, &[("reflectance", true)])),
     ("conductor", conductor),
     ("phong", |a| material(a, Model::Phong, &[("diffuse", true), ("specular", true), ("roughness", false)])),
@@ -153,7 +158,7 @@ fn input(a: &Args, index: usize, color: bool) -> Result<Input> {
     let texture = |t: &Arc<TextureValue>| Ok(Input::Texture(t.clone()));
     match a.value(index)? {
         Value::Texture(t) => texture(t),
-        Value::Settings(s) if s.name == "vertex_color" => Ok(Input::VertexColor),
+        Value::Settings(s) if s.name == "vertex_color" => Ok(super::fields::vertex_color_input(s)),
         Value::Image(v) => {
             let texels = usable_channels(v, index)?;
             texture(&Arc::new(TextureValue { texels, wrap: Wrap::Repeat, filter: Filter::Bilinear }))
@@ -173,7 +178,7 @@ fn input(a: &Args, index: usize, color: bool) -> Result<Input> {
 fn within(a: &Args, index: usize, input: &Input, range: std::ops::RangeInclusive<f64>) -> Result<()> {
     let values = match input {
         Input::Number(v) => v.value(),
-        Input::Texture(t) => t.texels.value(),
+        Input::Texture(t) | Input::Tinted(t) => t.texels.value(),
         Input::VertexColor => return Ok(()),
     };
     match values.data.iter().find(|x| !range.contains(x)) {
@@ -355,7 +360,7 @@ fn environment(a: &Args) -> Result<Value> {
         _ => input(a, 0, true)?,
     };
     within(a, 0, &radiance, 0.0..=f64::INFINITY)?;
-    if matches!(radiance, Input::VertexColor) {
+    if matches!(radiance, Input::VertexColor | Input::Tinted(_)) {
         return Err(a.wrong(0, "an image or a color"));
     }
     if a.named("scale").is_some_and(|(_, v)| v.number() != Some(1.0)) {
@@ -365,7 +370,7 @@ fn environment(a: &Args) -> Result<Value> {
             Input::Texture(t) => {
                 Input::Texture(Arc::new(TextureValue { texels: t.texels.mul(&scale)?, ..(*t).clone() }))
             }
-            Input::VertexColor => Input::VertexColor,
+            other => other,
         };
     }
     let rotation = a.named("rotation").map(|(i, v)| rotation_of(v).ok_or_else(|| a.wrong(i, "a rotation or an angle")));

@@ -72,6 +72,8 @@ pub enum Input {
     Number(Var),
     Texture(Arc<TextureValue>),
     VertexColor,
+    /// A texture multiplied by the vertex colours.
+    Tinted(Arc<TextureValue>),
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -654,7 +654,7 @@ fn is_sharp(scene: &Scene, edge: &Edge, seams: Seams) -> bool {
         let (inputs, count) = m.kind.inputs();
         m.kind != MaterialKind::Black && inputs[..count].iter().any(|i| test(*i))
     };
-    let textured = |i: Input| matches!(i, Input::Texture(t) if !scene.description.textures[t].is_constant());
+    let textured = |i: Input| i.texture().is_some_and(|t| !scene.description.textures[t].is_constant());
     let emission = sa.emission.as_ref().map(|e| e.radiance);
     let opacity = sa.material.opacity;
     if (all || reads(&sa.material, &textured) || emission.is_some_and(textured) || opacity.is_some_and(textured))
@@ -662,7 +662,7 @@ fn is_sharp(scene: &Scene, edge: &Edge, seams: Seams) -> bool {
     {
         return true;
     }
-    let coloured = |i: Input| i == Input::VertexColor;
+    let coloured = Input::reads_colors;
     (reads(&sa.material, &coloured) || emission.is_some_and(coloured) || opacity.is_some_and(coloured))
         && differ(&|m, v| m.colors.as_ref().map(|c| c[v as usize]))
 }

@@ -74,6 +74,7 @@ impl Scene {
                     None => Vec3::ONE,
                 }
             }
+            Input::Tinted(t) => self.lookup(Input::Texture(t), prim, b) * self.lookup(Input::VertexColor, prim, b),
         }
     }
 

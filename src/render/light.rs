@@ -181,8 +181,8 @@ const LAST_TURNS: f32 = 0.25;
 const MANY_LIGHTS: f32 = 0.125;
 
 fn mean_luminance(description: &SceneDescription, input: Input) -> f64 {
-    match input {
-        Input::Texture(t) => {
+    match input.texture() {
+        Some(t) => {
             let t = &description.textures[t];
             let sum: f64 = match t.channels {
                 3 => t.data.chunks_exact(3).map(|c| f64::from(luminance(Vec3::new(c[0], c[1], c[2])).abs())).sum(),
@@ -190,7 +190,7 @@ fn mean_luminance(description: &SceneDescription, input: Input) -> f64 {
             };
             sum / (t.width * t.height).max(1) as f64
         }
-        Input::VertexColor => 1.0,
+        None => 1.0,
     }
 }
 

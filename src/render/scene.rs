@@ -16,6 +16,23 @@ pub enum Input {
     Texture(TextureId),
     /// The mesh's interpolated vertex colours.
     VertexColor,
+    /// A texture multiplied by the vertex colours.
+    Tinted(TextureId),
+}
+
+impl Input {
+    /// The texture it reads.
+    pub fn texture(self) -> Option<TextureId> {
+        match self {
+            Input::Texture(t) | Input::Tinted(t) => Some(t),
+            Input::VertexColor => None,
+        }
+    }
+
+    /// Whether it reads the vertex colours.
+    pub fn reads_colors(self) -> bool {
+        matches!(self, Input::VertexColor | Input::Tinted(_))
+    }
 }
 
 /// A surface material: the closed set of scattering models with their inputs.
@@ -330,6 +347,15 @@ pub enum Slot {
 }
 
 impl Slot {
+    /// Whether an input of shape `shape` reads it.
+    pub fn is_read_by(&self, input: Input, shape: usize) -> bool {
+        match *self {
+            Slot::Texels(t) => input.texture() == Some(t),
+            Slot::Colors(i) => i == shape && input.reads_colors(),
+            _ => false,
+        }
+    }
+
     /// The slot of the opening keyframe, if this is of the closing one: what a scene that stands still has.
     pub fn opening(self) -> Slot {
         match self {

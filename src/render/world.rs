@@ -80,7 +80,7 @@ impl Look {
     fn new(description: &SceneDescription, shape: &Shape) -> Look {
         let constant = |input: Input| match input {
             Input::Texture(t) => Some(&description.textures[t]).filter(|t| t.is_constant()).map(Texture::color),
-            Input::VertexColor => None,
+            Input::VertexColor | Input::Tinted(_) => None,
         };
         let (inputs, count) = shape.material.kind.inputs();
         let mut values = [Vec3::ZERO; MAX_INPUTS];
@@ -349,25 +349,18 @@ fn validate(description: &SceneDescription) -> Result<(), SceneError> {
         let emission = shape.emission.iter().map(|e| e.radiance);
         let opacity = shape.material.opacity;
         for input in inputs[..count].iter().copied().chain(emission).chain(opacity) {
-            match input {
-                Input::VertexColor if mesh.colors.is_none() => {
-                    return fail("the material reads vertex colours, but the mesh has none".into());
-                }
-                Input::Texture(t) if t >= description.textures.len() => {
-                    return fail(format!("texture {t} does not exist"));
-                }
-                _ => {}
+            if input.reads_colors() && mesh.colors.is_none() {
+                return fail("the material reads vertex colours, but the mesh has none".into());
+            }
+            if let Some(t) = input.texture().filter(|&t| t >= description.textures.len()) {
+                return fail(format!("texture {t} does not exist"));
             }
         }
         let outside = |x: &f32| !(0.0..=1.0).contains(x);
-        let outside = match opacity {
-            Some(Input::Texture(t)) => {
-                let texture = &description.textures[t];
-                texture.data.iter().copied().step_by(texture.channels).find(outside)
-            }
-            Some(Input::VertexColor) => mesh.colors.iter().flatten().map(|c| c.x).find(outside),
-            None => None,
-        };
+        let texels = opacity.and_then(Input::texture).map(|t| &description.textures[t]);
+        let texels = texels.into_iter().flat_map(|t| t.data.iter().copied().step_by(t.channels));
+        let colors = mesh.colors.iter().flatten().filter(|_| opacity.is_some_and(Input::reads_colors));
+        let outside = texels.chain(colors.map(|c| c.x)).find(outside);
         if let Some(opacity) = outside {
             return fail(format!("an opacity must lie between 0 and 1, this one is {opacity}"));
         }

@@ -109,7 +109,7 @@ fn slides_over_steps(scene: &Scene, settings: &Settings, layout: &Layout) -> boo
         let mut texels = texture.data.chunks_exact(texture.channels);
         texture.filter == Filter::Nearest && texels.next().is_some_and(|first| texels.any(|t| t != first))
     };
-    let reads = |input: Input| matches!(input, Input::Texture(t) if steps(t));
+    let reads = |input: Input| input.texture().is_some_and(steps);
     let radiance = settings.output == Output::Radiance;
     let lit = radiance && settings.max_bounces > 0;
     let of_camera = |s: &Slot| {

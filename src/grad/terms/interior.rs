@@ -501,10 +501,7 @@ pub fn anywhere(layout: &Layout) -> f32 {
 /// for. `None` if light itself, what it passes or the camera has one.
 fn by_way_of(scene: &Scene, layout: &Layout) -> Option<Vec<bool>> {
     let shapes = &scene.description.shapes;
-    let asked = |i: usize, input: Input| match input {
-        Input::Texture(t) => layout.slots.contains(&Slot::Texels(t)),
-        Input::VertexColor => layout.slots.contains(&Slot::Colors(i)),
-    };
+    let asked = |i: usize, input: Input| layout.slots.iter().any(|slot| slot.is_read_by(input, i));
     let elsewhere = |slot: &Slot| match slot {
         Slot::Vertices(_) | Slot::Normals(_) | Slot::Uvs(_) | Slot::Colors(_) => false,
         Slot::Texels(t) => scene.description.environment.as_ref().is_some_and(|e| e.radiance == *t),
@@ -527,11 +524,8 @@ fn by_way_of(scene: &Scene, layout: &Layout) -> Option<Vec<bool>> {
 /// How paths pass masks: both ways where what is asked for changes opacities.
 fn toss(scene: &Scene, layout: &Layout) -> Toss {
     let opacity = |slot: &Slot| {
-        scene.description.shapes.iter().enumerate().any(|(i, shape)| match shape.material.opacity {
-            Some(Input::Texture(t)) => *slot == Slot::Texels(t),
-            Some(Input::VertexColor) => *slot == Slot::Colors(i),
-            None => false,
-        })
+        let shapes = scene.description.shapes.iter().enumerate();
+        shapes.into_iter().any(|(i, s)| s.material.opacity.is_some_and(|input| slot.is_read_by(input, i)))
     };
     let moves_nothing = |slot: &Slot| matches!(slot, Slot::Texels(_) | Slot::Colors(_) | Slot::LightPower(_));
     if layout.slots.iter().any(opacity) {

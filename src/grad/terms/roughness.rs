@@ -25,7 +25,7 @@ use crate::render::integrator::{NoRecord, Options, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::light::LightKind;
 use crate::render::sampler::Sampler;
-use crate::render::{Camera, Input, Output, Scene, Settings, Slot};
+use crate::render::{Camera, Output, Scene, Settings, Slot};
 
 /// Paths that end in a pair of directions.
 pub struct RoughnessPairs<'a> {
@@ -62,10 +62,9 @@ impl<'a> RoughnessPairs<'a> {
             .shapes
             .iter()
             .enumerate()
-            .map(|(i, shape)| match shape.material.kind.ggx_roughness() {
-                Some((_, Input::Texture(t))) => layout.slots.contains(&Slot::Texels(t)),
-                Some((_, Input::VertexColor)) => layout.slots.contains(&Slot::Colors(i)),
-                None => false,
+            .map(|(i, shape)| {
+                let roughness = shape.material.kind.ggx_roughness();
+                roughness.is_some_and(|(_, input)| layout.slots.iter().any(|slot| slot.is_read_by(input, i)))
             })
             .collect();
         let count = (pixels::active(adjoint) * settings.spp.max(1) as usize).div_ceil(2);
@@ -189,7 +188,9 @@ impl Estimator for RoughnessPairs<'_> {
 mod tests {
     use super::*;
     use crate::render::texture::Texture;
-    use crate::render::{Distortion, Environment, Lens, Material, MaterialKind, Projection, SceneDescription, Shape};
+    use crate::render::{
+        Distortion, Environment, Input, Lens, Material, MaterialKind, Projection, SceneDescription, Shape,
+    };
 
     /// A single sample of a single pixel is not rounded down to none.
     #[test]

@@ -106,12 +106,13 @@ impl Builder {
         self.description.textures.len() - 1
     }
 
-    /// A texture, a constant or the colours of the vertices.
+    /// A texture, a constant, the colours of the vertices, or, where it need not stay within the bounds, both.
     pub fn input(&mut self, rng: &mut Pcg32, scalar: bool) -> Input {
         let channels = if scalar && rng.next_f32() < 0.5 { 1 } else { 3 };
         match rng.next_u32() % 4 {
             0 => Input::VertexColor,
             1 => Input::Texture(self.texture(rng, [1, 1], channels)),
+            2 if !scalar => Input::Tinted(self.texture(rng, [3, 4], channels)),
             _ => Input::Texture(self.texture(rng, [3, 4], channels)),
         }
     }
@@ -292,9 +293,16 @@ impl Moving {
     }
 
     pub fn lookup(&self, input: Input, prim: PrimId, b: [Number; 3]) -> Vector {
-        let Input::Texture(t) = input else {
-            let colors = self.mesh(prim).colors.as_ref().unwrap();
-            return mix(b, from_fn(|i| self.vector(Slot::Colors(prim as usize), i, colors[i])));
+        let t = match input {
+            Input::Texture(t) => t,
+            Input::Tinted(t) => {
+                let factors = [Input::Texture(t), Input::VertexColor].map(|factor| self.lookup(factor, prim, b));
+                return from_fn(|c| factors[0][c] * factors[1][c]);
+            }
+            Input::VertexColor => {
+                let colors = self.mesh(prim).colors.as_ref().unwrap();
+                return mix(b, from_fn(|i| self.vector(Slot::Colors(prim as usize), i, colors[i])));
+            }
         };
         let texture = &self.scene.description.textures[t];
         bilinear(texture, self.uv(prim, b), [texture.wrap; 2], |i| self.number(Slot::Texels(t), i, texture.data[i]))
