@@ -4,10 +4,10 @@ use std::sync::Arc;
 
 use super::call::{Given, MAX_CALL_DEPTH, Site, plural};
 use super::hir::{self, Callee, DeclId, ExprKind};
-use super::infer::{Typed, typed};
+use super::infer::{Typed, join, typed};
 use super::modules::{Checker, Instance, Signature, State};
 use super::results;
-use super::signature::{Const, Function};
+use super::signature::{Const, Function, Sig};
 use super::types::Ty;
 use crate::diag::{Diagnostic, Label};
 use crate::source::Span;
@@ -32,6 +32,17 @@ impl Checker<'_> {
                 return self.after_error(given, span);
             }
         };
+        if let Some(Const::Function(function)) = &callee.value
+            && let Function::Declared(id) = **function
+            && given.iter().any(|g| g.name.is_some())
+            && callee.expr.ty != Ty::Error
+        {
+            // Its names are known, so it is called as if by its own.
+            let name = self.slot(id).name.text.clone();
+            let site = Site { name: &name, span: callee.expr.span, is_kind: false };
+            return self.call_decl(id, given, site, span);
+        }
+        let given = self.by_position(&callee, given);
         let required = match &callee.value {
             Some(Const::Function(function)) => self.required(function),
             _ => None,
@@ -54,20 +65,21 @@ impl Checker<'_> {
                 .label(callee.expr.span, format!("this is `{}`", callee.expr.ty)),
             );
         }
-        let args: Vec<Typed> = given.iter().map(|g| self.expr(g.value, None)).collect();
-        if let Some(named) = given.iter().find_map(|g| g.name.as_ref())
-            && callee.expr.ty != Ty::Error
-        {
-            self.diagnostics.push(
-                Diagnostic::error("dscene::call::unknown_argument", "function values take their arguments by position")
-                    .label(named.span, "named here"),
-            );
-        }
+        let args: Vec<Typed> = given.iter().map(|g| self.expr(g, None)).collect();
         let (result, value) = match &callee.value {
             Some(Const::Function(function)) if fits && callee.expr.ty != Ty::Error => {
                 self.applied(function, &args, callee.expr.span, span)
             }
-            _ => (result, None),
+            _ => {
+                for (param, arg) in params.iter().flatten().zip(&args) {
+                    if !super::signature::fits(param, &arg.expr.ty) {
+                        let text = self.sources.text(callee.expr.span).to_owned();
+                        let site = Site { name: &text, span: callee.expr.span, is_kind: false };
+                        self.report_argument(&Sig::Is(param.clone()), "1", arg, site);
+                    }
+                }
+                (result, None)
+            }
         };
         let given = vec![true; args.len()];
         let args = args.into_iter().map(|a| Some(a.expr)).collect();
@@ -80,12 +92,112 @@ impl Checker<'_> {
         match function {
             Function::Declared(id) => Some(self.signature(*id)?.params.iter().filter(|p| !p.has_default).count()),
             Function::Lambda { params, .. } => Some(params.len()),
+            Function::OneOf(all) => all.iter().filter_map(|f| self.required(f)).max(),
+        }
+    }
+
+    /// The arguments in the order of the parameters, where they are named and the names are known.
+    fn by_position<'a>(&mut self, callee: &Typed, given: &[Given<'a>]) -> Vec<&'a ast::Expr> {
+        let positional: Vec<&ast::Expr> = given.iter().map(|g| g.value).collect();
+        let Some(named) = given.iter().find_map(|g| g.name.as_ref()) else { return positional };
+        if callee.expr.ty == Ty::Error {
+            return positional;
+        }
+        let names: Option<Vec<String>> = match &callee.value {
+            Some(Const::Function(f)) => match &**f {
+                Function::Lambda { params, .. } => Some(params.iter().map(|p| p.text.clone()).collect()),
+                _ => None,
+            },
+            _ => None,
+        };
+        let Some(names) = names else {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::call::unknown_argument", "which function this is, and so what its arguments are called, is not known")
+                    .label(named.span, "named here")
+                    .help("give the arguments by position"),
+            );
+            return positional;
+        };
+        let mut slots: Vec<Option<&'a ast::Expr>> = vec![None; names.len().max(given.len())];
+        for (i, argument) in given.iter().enumerate() {
+            let at = match &argument.name {
+                None => i,
+                Some(name) => match names.iter().position(|n| *n == name.text) {
+                    Some(at) => at,
+                    None => {
+                        self.diagnostics.push(
+                            Diagnostic::error("dscene::call::unknown_argument", format!("this function has no argument `{}`", name.text))
+                                .label(name.span, "unknown argument")
+                                .help(format!("its arguments are: {}", names.iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", "))),
+                        );
+                        return positional;
+                    }
+                },
+            };
+            if slots[at].replace(argument.value).is_some()
+                && let Some(name) = &argument.name
+            {
+                self.report_twice(name, callee.expr.span);
+            }
+        }
+        slots.into_iter().flatten().collect()
+    }
+
+    /// A function given for a parameter of function type takes what that says and gives what it wants.
+    pub fn check_function_argument(&mut self, sig: &Sig, param: &str, arg: &Typed, site: Site) {
+        let (Sig::Fn(params, result), Some(Const::Function(function))) = (sig, &arg.value) else { return };
+        let (least, most) = match &arg.expr.ty {
+            Ty::Fn(found, _) => (self.required(function).unwrap_or(found.len()), found.len()),
+            _ => return,
+        };
+        let span = arg.expr.span;
+        if !(least..=most).contains(&params.len()) {
+            let (found, wanted) = (if least > params.len() { least } else { most }, params.len());
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::type::mismatch",
+                    format!("`{param}` of `{}` is called with {wanted} argument{}", site.name, plural(wanted)),
+                )
+                .label(span, format!("takes {found}"))
+                .help(format!("it is `{sig}`")),
+            );
+            return;
+        }
+        let args: Vec<Typed> = params.iter().map(|p| typed(ExprKind::Error, span, p.ty())).collect();
+        let (found, value) = self.applied(function, &args, span, span);
+        if !result.accepts(&found, value.as_ref()) {
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::type::mismatch",
+                    format!("`{param}` of `{}` gives `{result}`, this one `{found}`", site.name),
+                )
+                .label(span, format!("gives `{found}`"))
+                .help(format!("it is `{sig}`")),
+            );
         }
     }
 
     /// What a known function value gives for these arguments, as many as it has parameters.
     fn applied(&mut self, function: &Arc<Function>, args: &[Typed], callee: Span, span: Span) -> (Ty, Option<Const>) {
         match &**function {
+            Function::OneOf(all) => {
+                let mut ty = Ty::Any;
+                for one in all {
+                    let (next, _) = self.applied(one, args, callee, span);
+                    match join(&ty, &next) {
+                        Some(both) => ty = both,
+                        None => {
+                            self.diagnostics.push(
+                                Diagnostic::error("dscene::type::mismatch", "these functions give different types")
+                                    .label(span, format!("`{ty}` or `{next}`"))
+                                    .label(callee, "one of several functions"),
+                            );
+                            return (Ty::Error, None);
+                        }
+                    }
+                }
+                (ty, None)
+            }
             Function::Declared(id) => self.applied_declaration(*id, args, callee, span),
             Function::Lambda { params, body, module, locals } => {
                 let key = format!("{function:?} {:?}", facts(args.iter().map(Some)));
@@ -124,6 +236,7 @@ impl Checker<'_> {
         for (i, (param, arg)) in signature.params.iter().zip(args).enumerate() {
             if param.sig.accepts(&arg.expr.ty, arg.value.as_ref()) {
                 self.bind_variable(&param.sig, i, arg, &found, &mut bound, site);
+                self.check_function_argument(&param.sig, &param.name, arg, site);
                 let arg = self.coerce(&param.sig, arg.clone());
                 found.push(Some(arg));
             } else {
@@ -137,9 +250,13 @@ impl Checker<'_> {
         }
         match self.slot(id).hir.kind {
             hir::DeclKind::Native(_) => {
+                self.check_domains(&signature, &found, site);
                 (results::native(&name, &signature, &found, &bound), results::known(&name, &found))
             }
-            _ => self.instance(id, &signature, &found, span, site),
+            _ => {
+                self.check_domains(&signature, &found, site);
+                self.instance(id, &signature, &found, span, site)
+            }
         }
     }
 
@@ -169,6 +286,7 @@ impl Checker<'_> {
                     (Some((ty, value)), _) if !ty.is_unknown() => (ty.clone(), value.clone()),
                     (None, Some(default)) => {
                         let default = checker.expr(default, Some(&param.sig));
+                        let default = checker.coerce(&param.sig, default);
                         (default.expr.ty, default.value)
                     }
                     _ => (param.sig.ty(), None),

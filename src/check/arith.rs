@@ -16,7 +16,7 @@ impl Checker<'_> {
         let ty = operand.expr.ty.clone();
         let fine = ty.is_unknown()
             || match op {
-                UnaryOp::Neg => matches!(ty, Ty::Num(_) | Ty::Angle | Ty::Image { .. }),
+                UnaryOp::Neg => matches!(ty, Ty::Num(_) | Ty::Image { .. }) || ty.is_angle(),
                 UnaryOp::Not => ty == Ty::Bool || matches!(ty, Ty::Num(_) | Ty::Image { .. }) && !ty.is_scalar(),
             };
         if !fine {
@@ -144,6 +144,9 @@ pub fn image_sizes(ty: &Ty) -> Option<String> {
 fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
     use BinaryOp::*;
     let bad = || Err(String::new());
+    if let Some(result) = with_units(op, a, b) {
+        return result;
+    }
     match op {
         And | Or => match (a, b) {
             (Ty::Bool | Ty::Any, Ty::Bool | Ty::Any) => Ok(Ty::Bool),
@@ -154,8 +157,7 @@ fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
         },
         Eq | Ne => match (a, b) {
             (Ty::Any, _) | (_, Ty::Any) => Ok(Ty::Bool),
-            (Ty::Str, Ty::Str) | (Ty::Bool, Ty::Bool) | (Ty::Angle, Ty::Angle) => Ok(Ty::Bool),
-            (Ty::Num(_), Ty::Num(_)) if broadcast(a, b).is_some() => Ok(Ty::Bool),
+            _ if comparable(a, b) => Ok(Ty::Bool),
             _ => bad(),
         },
         Lt | Le | Gt | Ge => match (a, b) {
@@ -195,6 +197,49 @@ fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
         },
         Pow => broadcast(a, b).ok_or_else(String::new),
         Apply => applied(a, b),
+    }
+}
+
+/// The type of `a op b` where one side is an angle or an array of angles and the other is one of these or numbers.
+fn with_units(op: BinaryOp, a: &Ty, b: &Ty) -> Option<Result<Ty, String>> {
+    use BinaryOp::*;
+    let ((x, left), (y, right)) = (a.quantity()?, b.quantity()?);
+    if !left && !right {
+        return None;
+    }
+    let Some(Ty::Num(shape)) = broadcast(&Ty::Num(x), &Ty::Num(y)) else { return Some(Err(String::new())) };
+    Some(match (op, left, right) {
+        (Add | Sub, true, true) | (Mul, true, false) | (Mul, false, true) | (Div, true, false) => {
+            Ok(Ty::of_quantity(shape, true))
+        }
+        (Div, true, true) => Ok(Ty::Num(shape)),
+        (Eq | Ne, true, true) => Ok(Ty::Bool),
+        (Lt | Le | Gt | Ge, true, true) => Ok(if shape.is_empty() { Ty::Bool } else { Ty::Num(shape) }),
+        _ => Err(String::new()),
+    })
+}
+
+/// Whether `==` has a meaning: it compares the whole.
+fn comparable(a: &Ty, b: &Ty) -> bool {
+    match (a, b) {
+        _ if a.is_unknown() || b.is_unknown() => true,
+        (Ty::Str, Ty::Str) | (Ty::Bool, Ty::Bool) => true,
+        _ if a.quantity().is_some() && b.quantity().is_some() => together(a, b).is_some(),
+        (Ty::Array(x, n), Ty::Array(y, m)) => dims_agree(*n, *m) && comparable(x, y),
+        (Ty::Tuple(x), Ty::Tuple(y)) => x.len() == y.len() && x.iter().zip(y).all(|(x, y)| comparable(x, y)),
+        _ => false,
+    }
+}
+
+/// The type of an operation on two values of one unit, element by element: numbers with numbers or images, angles with angles.
+pub fn together(a: &Ty, b: &Ty) -> Option<Ty> {
+    match (a.quantity(), b.quantity()) {
+        (Some((x, true)), Some((y, true))) => match broadcast(&Ty::Num(x), &Ty::Num(y))? {
+            Ty::Num(shape) => Some(Ty::of_quantity(shape, true)),
+            _ => None,
+        },
+        (Some((_, left)), Some((_, right))) if left != right => None,
+        _ => broadcast(a, b),
     }
 }
 

@@ -1,6 +1,6 @@
 //! Calls: arguments to parameters, type variables, one check of a function's body for each combination of argument types.
 
-use super::arith::{broadcast, image_sizes};
+use super::arith::{image_sizes, together};
 use super::declare::broken;
 use super::hir::{self, Callee, DeclId, DerivativeKind, ExprKind};
 use super::infer::{Typed, typed};
@@ -123,7 +123,7 @@ impl Checker<'_> {
         broken(span)
     }
 
-    fn call_decl(&mut self, id: DeclId, given: &[Given], site: Site, span: Span) -> Typed {
+    pub fn call_decl(&mut self, id: DeclId, given: &[Given], site: Site, span: Span) -> Typed {
         self.declare(id);
         let Some(signature) = self.signature(id) else { return self.after_error(given, span) };
         let errors = self.error_count();
@@ -139,6 +139,7 @@ impl Checker<'_> {
             let arg = self.expr(given.value, Some(sig));
             let arg = if sig.accepts(&arg.expr.ty, arg.value.as_ref()) {
                 self.bind_variable(sig, i, &arg, &found, &mut bound, site);
+                self.check_function_argument(sig, &signature.params[i].name, &arg, site);
                 self.coerce(sig, arg)
             } else {
                 self.report_argument(sig, &signature.params[i].name, &arg, site);
@@ -313,7 +314,12 @@ impl Checker<'_> {
             bound.push((*letter, index, ty.clone()));
             return;
         };
-        if known == ty || fits(known, ty) || broadcast(known, ty).is_some() {
+        if let Some(both) = together(known, ty) {
+            let letter = *letter;
+            bound.iter_mut().filter(|(c, ..)| *c == letter).for_each(|(.., known)| *known = both.clone());
+            return;
+        }
+        if known == ty || fits(known, ty) || fits(ty, known) {
             return;
         }
         let (first, known) = (*first, known.clone());
@@ -371,7 +377,7 @@ impl Checker<'_> {
         let whole = matches!(sig, Sig::Int(_)) && matches!(ty, Ty::Num(_)) && fits(&sig.ty(), ty);
         let unit = matches!(
             (sig, ty),
-            (Sig::Is(Ty::Angle), Ty::Num(_)) | (Sig::Is(Ty::Num(_)), Ty::Angle) | (Sig::Number, Ty::Angle)
+            (Sig::Is(Ty::Angle), Ty::Num(_)) | (Sig::Is(Ty::Num(_)) | Sig::Number | Sig::Var('N'), Ty::Angle)
         );
         let (code, message, label) = if whole {
             let message = format!("the {noun} `{param}` of `{}` is a whole number", site.name);
@@ -388,7 +394,8 @@ impl Checker<'_> {
         let text = self.sources.text(span);
         let short = if text.len() <= 40 && !text.contains('\n') { text } else { "…" };
         let literal = matches!(found.expr.kind, ExprKind::Number(_) | ExprKind::Unary { .. });
-        let accepts = |ty: Ty| wanted.accepts(&ty, None) && !matches!(wanted, Sig::Any | Sig::Var(_));
+        let open = |c: &char| !matches!(c, 'N' | 'Q');
+        let accepts = |ty: Ty| wanted.accepts(&ty, None) && !matches!(wanted, Sig::Any) && !matches!(wanted, Sig::Var(c) if open(c));
         let is = |ty: Ty| {
             let sig = Sig::Is(ty);
             *wanted == sig || matches!(wanted, Sig::Union(choices) if choices.contains(&sig))

@@ -126,7 +126,14 @@ impl Checker<'_> {
             return Typed { expr: hir::Expr { kind, span, ty }, value };
         }
         if typed.expr.ty.is_unknown() {
+            let known = typed.expr.ty != Ty::Error;
             typed.expr.ty = sig.ty();
+            if known && matches!(sig, Sig::Color) {
+                // A number or three: known when it is there.
+                let (span, ty) = (typed.expr.span, sig.ty());
+                let kind = hir::ExprKind::Broadcast { value: Box::new(typed.expr), shape: vec![3] };
+                typed.expr = hir::Expr { kind, span, ty };
+            }
         }
         typed
     }
@@ -421,9 +428,10 @@ impl Checker<'_> {
                 self.coerce(&declared.sig, typed).expr
             });
             let local = self.new_local(&param.name.text, declared.sig.ty(), None);
-            params.push(hir::FnParam { name: param.name.text.clone(), local, span: param.name.span, default });
+            let spread = matches!(declared.sig, Sig::Color).then(|| vec![3]);
+            params.push(hir::FnParam { name: param.name.text.clone(), local, span: param.name.span, spread, default });
         }
-        let typed = self.expr(body, signature.result.as_ref());
+        let mut typed = self.expr(body, signature.result.as_ref());
         let mut result_ty = typed.expr.ty.clone();
         if let Some(wanted) = &signature.result {
             if !wanted.accepts(&result_ty, typed.value.as_ref()) {
@@ -441,8 +449,9 @@ impl Checker<'_> {
                     .label(annotation, "declared here"),
                 );
             }
-            if result_ty.is_unknown() {
-                result_ty = wanted.ty();
+            if wanted.accepts(&result_ty, typed.value.as_ref()) {
+                typed = self.coerce(wanted, typed);
+                result_ty = typed.expr.ty.clone();
             }
         }
         let slot = self.slot_mut(id);

@@ -112,6 +112,8 @@ pub struct FnParam {
     pub name: String,
     pub local: LocalId,
     pub span: Span,
+    /// A number given for a `color` is made three.
+    pub spread: Option<Vec<usize>>,
     /// Evaluated in the callee's environment (earlier parameters are visible) when the argument is missing.
     pub default: Option<Expr>,
 }

@@ -266,11 +266,23 @@ impl Checker<'_> {
         let depth = self.locals.len();
         let mut out = Vec::new();
         let mut count: Dim = Some(1);
+        // Items of different types: what is done with each is checked for each.
+        let mut mixed: Option<(Vec<Ty>, Vec<Option<Const>>)> = None;
         for clause in clauses {
             let items = self.expr(&clause.items, None);
-            let (item, n) = match item_of(&items.expr.ty) {
-                Some(found) => found,
-                None => {
+            let (item, n) = match (item_of(&items.expr.ty), &items.expr.ty) {
+                (_, Ty::Tuple(parts)) if parts.iter().try_fold(Ty::Any, |a, b| join(&a, b)).is_none() => {
+                    if clauses.len() == 1 {
+                        let values = match &items.value {
+                            Some(Const::List(values)) => values.iter().cloned().map(Some).collect(),
+                            _ => vec![None; parts.len()],
+                        };
+                        mixed = Some((parts.clone(), values));
+                    }
+                    (Ty::Any, Some(parts.len()))
+                }
+                (Some(found), _) => found,
+                (None, _) => {
                     self.diagnostics.push(
                         Diagnostic::error("dscene::type::mismatch", format!("cannot go through {}", items.expr.ty.a()))
                             .label(clause.items.span, format!("this is `{}`", items.expr.ty))
@@ -283,18 +295,76 @@ impl Checker<'_> {
                 (Some(a), Some(b), None) => a.checked_mul(b),
                 _ => None,
             };
+            let value = items.value.as_ref().and_then(Const::some_item);
+            let parts = items.value.as_ref().map(|v| columns(v, clause.names.len())).unwrap_or_default();
             let locals = self.bind(&clause.names, &item, clause.items.span);
+            let top = self.locals.len() - locals.len();
+            match clause.names.as_slice() {
+                [_] => self.locals[top].value = value,
+                _ => parts.into_iter().enumerate().for_each(|(i, part)| self.locals[top + i].value = part),
+            }
             let condition = clause.condition.as_ref().map(|c| self.condition(c));
             out.push(hir::ForClause { locals, items: items.expr, condition });
         }
-        let element = self.expr(element, None).expr;
+        let element_tree = element;
+        let element = self.expr(element_tree, None).expr;
         self.locals.truncate(depth);
-        let ty = match &element.ty {
+        let mut element_ty = element.ty.clone();
+        if let (Some((parts, values)), [clause]) = (mixed, clauses) {
+            element_ty = self.each_part(element_tree, clause, &parts, &values);
+        }
+        let ty = match &element_ty {
             Ty::Error => Ty::Error,
             Ty::Any => Ty::Array(Box::new(Ty::Any), count),
             ty => stack(ty.clone(), count),
         };
         typed(ExprKind::Comprehension(Box::new(hir::Comprehension { element, clauses: out })), span, ty)
+    }
+
+    /// The type of a comprehension's elements where items have different types: one type all the same.
+    fn each_part(
+        &mut self,
+        element: &ast::Expr,
+        clause: &ast::ForClause,
+        parts: &[Ty],
+        values: &[Option<Const>],
+    ) -> Ty {
+        let depth = self.locals.len();
+        let mut all = Ty::Any;
+        for (part, value) in parts.iter().zip(values) {
+            let outer = std::mem::take(&mut self.diagnostics);
+            self.bind(&clause.names, part, clause.items.span);
+            if clause.names.len() == 1 {
+                self.locals[depth].value = value.clone();
+            }
+            let _ = clause.condition.as_ref().map(|c| self.condition(c));
+            let ty = self.expr(element, None).expr.ty;
+            self.locals.truncate(depth);
+            let inner = std::mem::replace(&mut self.diagnostics, outer);
+            let failed = inner.iter().any(Diagnostic::is_error);
+            for diagnostic in inner {
+                let told = self.diagnostics.iter().any(|d| d.code == diagnostic.code && d.span() == diagnostic.span());
+                if !told {
+                    self.diagnostics.push(diagnostic.label(clause.items.span, format!("an item is `{part}`")));
+                }
+            }
+            if failed {
+                return Ty::Error;
+            }
+            match join(&all, &ty) {
+                Some(both) => all = both,
+                None => {
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::type::mismatch", "the elements of this list would have different types")
+                            .label(element.span, format!("`{all}` or `{ty}`"))
+                            .label(clause.items.span, "for these items")
+                            .help("make every element of one type, or write them one by one: `[f(a), f(b)]`"),
+                    );
+                    return Ty::Error;
+                }
+            }
+        }
+        all
     }
 
     /// Loop variables: one for the item, or one for each part of it.
@@ -350,7 +420,19 @@ impl Checker<'_> {
         let (item, n) = match (&base.expr.ty, item_of(&base.expr.ty)) {
             (Ty::Tuple(parts), _) => match at.and_then(|x| position(x, parts.len())) {
                 Some(i) => (parts[i].clone(), Some(parts.len())),
-                None => (Ty::Any, Some(parts.len())),
+                None if at.is_some() => (Ty::Error, Some(parts.len())),
+                None => {
+                    let all = parts.iter().try_fold(Ty::Any, |a, b| join(&a, b));
+                    if all.is_none() {
+                        self.diagnostics.push(
+                            Diagnostic::error("dscene::type::mismatch", "the elements of this list have different types, and which one is meant is not known")
+                                .label(index.expr.span, "not known before the program runs")
+                                .label(base.expr.span, format!("this is `{}`", base.expr.ty))
+                                .help("name the element by a plain number, or make all of one type"),
+                        );
+                    }
+                    (all.unwrap_or(Ty::Error), Some(parts.len()))
+                }
             },
             (_, Some(found)) => found,
             // A row of pixels.
@@ -376,6 +458,7 @@ impl Checker<'_> {
         }
         let value = match (&base.value, at, n) {
             (Some(Const::List(items)), Some(x), Some(n)) => position(x, n).and_then(|i| items.get(i).cloned()),
+            (Some(list), None, _) if index.expr.ty.is_scalar() => list.some_item(),
             _ => None,
         };
         let kind = ExprKind::Index { base: Box::new(base.expr), index: Box::new(index.expr) };
@@ -498,7 +581,11 @@ impl Checker<'_> {
                 Ty::Error
             }
         };
-        let value = known.and_then(|b| if b { then.value.clone() } else { otherwise.value.clone() });
+        let value = match known {
+            Some(true) => then.value.clone(),
+            Some(false) => otherwise.value.clone(),
+            None => then.value.clone().zip(otherwise.value.clone()).and_then(|(a, b)| Const::one_of(&[a, b])),
+        };
         let kind = ExprKind::If {
             condition: Box::new(condition),
             then: Box::new(then.expr),
@@ -675,6 +762,20 @@ fn element_sig(wanted: &Sig) -> Option<Sig> {
     }
 }
 
+/// What is known of the parts of a list's items, for `for a, b in …`: functions, as one of several.
+fn columns(list: &Const, n: usize) -> Vec<Option<Const>> {
+    let Const::List(rows) = list else { return Vec::new() };
+    let column = |i: usize| {
+        let part = |row: &Const| match row {
+            Const::List(parts) => parts.get(i).cloned(),
+            _ => None,
+        };
+        let items: Option<Vec<Const>> = rows.iter().map(part).collect();
+        items.and_then(|items| Const::one_of(&items))
+    };
+    (0..n).map(column).collect()
+}
+
 fn size(items: &[Const]) -> usize {
     items.iter().map(|i| if let Const::List(items) = i { size(items) } else { 1 }).sum()
 }
@@ -729,7 +830,8 @@ pub fn join(a: &Ty, b: &Ty) -> Option<Ty> {
             Ty::Tuple(x.iter().zip(y).map(|(x, y)| join(x, y)).collect::<Option<Vec<Ty>>>()?)
         }
         (Ty::Fn(x, r), Ty::Fn(y, s)) if x.len() == y.len() => {
-            Ty::Fn(x.clone(), Box::new(join(r, s).unwrap_or(Ty::Any)))
+            let either = |(a, b): (&Ty, &Ty)| if a == b { a.clone() } else { Ty::Any };
+            Ty::Fn(x.iter().zip(y).map(either).collect(), Box::new(join(r, s).unwrap_or(Ty::Any)))
         }
         _ if a == b => a.clone(),
         _ => return None,

@@ -1,6 +1,6 @@
 //! Result types of natives, sharper than their declarations can say: sizes of images and arrays.
 
-use super::arith::broadcast;
+use super::arith::{broadcast, together};
 use super::infer::{Typed, item_of, join, stack};
 use super::known::camera_film;
 use super::modules::Signature;
@@ -78,7 +78,7 @@ pub fn native(name: &str, signature: &Signature, args: &[Option<Typed>], bound: 
             _ => any_image(),
         },
         ("image", Some(of @ Ty::Image { .. })) => of.clone(),
-        ("min" | "max", Some(a)) if ty(1).is_some() => ty(1).and_then(|b| broadcast(a, b)).unwrap_or(Ty::Any),
+        ("min" | "max", Some(a)) if ty(1).is_some() => ty(1).and_then(|b| together(a, b)).unwrap_or(Ty::Any),
         ("sum" | "mean" | "norm" | "variance" | "std" | "min" | "max" | "median" | "percentile", Some(of)) => {
             reduced(of, argument(signature, args, "axis"))
         }
@@ -91,7 +91,7 @@ pub fn native(name: &str, signature: &Signature, args: &[Option<Typed>], bound: 
             (None, Some(0 | 1)) => Ty::SCALAR,
             (None, n) => n.map_or(Ty::Any, Ty::vector),
         },
-        ("sort", Some(of)) => of.clone(),
+        ("sort" | "normalize" | "flip", Some(of)) => of.clone(),
         ("where", condition) => chosen(condition, ty(1), ty(2)),
         ("mod", Some(a)) => match (a, ty(1)) {
             (Ty::Angle, Some(Ty::Angle)) => Ty::Angle,
@@ -165,12 +165,18 @@ pub fn rank(ty: &Ty) -> Option<usize> {
     match ty {
         Ty::Num(shape) => Some(shape.len()),
         Ty::Image { .. } => Some(3),
-        _ => None,
+        other => other.quantity().map(|(shape, _)| shape.len()),
     }
 }
 
 /// What is left of an array or image that is reduced along axes; of all of them if `axis` is missing.
 fn reduced(of: &Ty, axis: Option<&Typed>) -> Ty {
+    if let Some((shape, true)) = of.quantity() {
+        return match reduced(&Ty::Num(shape), axis) {
+            Ty::Num(shape) => Ty::of_quantity(shape, true),
+            other => other,
+        };
+    }
     let Some(axis) = axis else { return if of.is_unknown() { Ty::Any } else { Ty::SCALAR } };
     let Some(rank) = rank(of) else { return Ty::Any };
     let named = |value: &Const| match value.number() {
@@ -308,6 +314,19 @@ pub fn jacobian(of: &Ty, wrt: &Ty) -> Ty {
 pub fn known(name: &str, args: &[Option<Typed>]) -> Option<Const> {
     let first = args.first()?.as_ref()?;
     match name {
+        "zip" => {
+            let lists: Option<Vec<&Vec<Const>>> = args
+                .iter()
+                .flatten()
+                .map(|arg| match &arg.value {
+                    Some(Const::List(items)) => Some(items),
+                    _ => None,
+                })
+                .collect();
+            let lists = lists?;
+            let n = lists.iter().map(|l| l.len()).min()?;
+            Some(Const::List((0..n).map(|i| Const::List(lists.iter().map(|l| l[i].clone()).collect())).collect()))
+        }
         "len" => item_of(&first.expr.ty).and_then(|(_, n)| n).map(|n| Const::Num(n as f64)),
         "floor" => Some(Const::Num(first.value.as_ref()?.number()?.floor())),
         "round" => Some(Const::Num(first.value.as_ref()?.number()?.round())),

@@ -18,7 +18,7 @@ pub enum Sig {
     /// Any number, array of numbers, or image.
     Number,
     Any,
-    /// The same type wherever the letter stands.
+    /// The same type wherever the letter stands: `N` numbers, `Q` numbers or angles, any other letter anything.
     Var(char),
     /// One of the words that an argument may be.
     Word(String),
@@ -41,6 +41,8 @@ pub enum Const {
 
 /// A function value whose body is known, so that the type of a call's result is.
 pub enum Function {
+    /// One of several, an item of a list for instance: a call must go with each of them.
+    OneOf(Vec<Arc<Function>>),
     Declared(DeclId),
     /// `x => …`, with the names that it sees.
     Lambda {
@@ -55,6 +57,7 @@ pub enum Function {
 impl fmt::Debug for Function {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Function::OneOf(all) => write!(f, "one of {all:?}"),
             Function::Declared(id) => write!(f, "fn {}", id.0),
             Function::Lambda { body, locals, .. } => {
                 let seen: Vec<_> = locals.iter().map(|l| (&l.name, &l.ty, &l.value)).collect();
@@ -76,6 +79,24 @@ impl Const {
             Const::Num(x) => Some(*x),
             _ => None,
         }
+    }
+
+    /// What an item of a list is: known of functions only, as one of them.
+    pub fn some_item(&self) -> Option<Const> {
+        let Const::List(items) = self else { return None };
+        Const::one_of(items)
+    }
+
+    /// One of these values, if all are functions.
+    pub fn one_of(items: &[Const]) -> Option<Const> {
+        let functions: Option<Vec<Arc<Function>>> = items
+            .iter()
+            .map(|item| match item {
+                Const::Function(f) => Some(f.clone()),
+                _ => None,
+            })
+            .collect();
+        functions.filter(|all| !all.is_empty()).map(|all| Const::Function(Arc::new(Function::OneOf(all))))
     }
 
     /// A whole number that can count things.
@@ -134,6 +155,8 @@ impl Sig {
             return true;
         }
         match self {
+            Sig::Var('N') => Sig::Number.accepts(ty, value),
+            Sig::Var('Q') => Sig::Number.accepts(ty, value) || ty.is_angle(),
             Sig::Any | Sig::Var(_) => true,
             Sig::Is(wanted) => fits(wanted, ty),
             Sig::Int(shape) => fits(&Ty::Num(shape.clone()), ty) && value.is_none_or(Const::is_whole),
@@ -207,6 +230,8 @@ impl fmt::Display for Sig {
             Sig::Color => f.write_str("color"),
             Sig::Number => f.write_str("number"),
             Sig::Any => f.write_str("any"),
+            Sig::Var('N') => f.write_str("number"),
+            Sig::Var('Q') => f.write_str("number | angle"),
             Sig::Var(c) => write!(f, "{c}"),
             Sig::Word(word) => f.write_str(word),
             Sig::Union(choices) => {

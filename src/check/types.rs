@@ -74,6 +74,33 @@ impl Ty {
         matches!(self, Ty::Num(shape) if shape.is_empty())
     }
 
+    /// Numbers and angles alike: the shape, and whether they are angles. Not of images.
+    pub fn quantity(&self) -> Option<(Vec<Dim>, bool)> {
+        match self {
+            Ty::Num(shape) => Some((shape.clone(), false)),
+            Ty::Angle => Some((Vec::new(), true)),
+            Ty::Array(item, n) => {
+                let (shape, angle) = item.quantity()?;
+                angle.then(|| ([vec![*n], shape].concat(), true))
+            }
+            _ => None,
+        }
+    }
+
+    /// An array of numbers or angles of that shape.
+    pub fn of_quantity(shape: Vec<Dim>, angle: bool) -> Ty {
+        if angle {
+            shape.into_iter().rev().fold(Ty::Angle, |item, n| Ty::Array(Box::new(item), n))
+        } else {
+            Ty::Num(shape)
+        }
+    }
+
+    /// An angle, or an array of them.
+    pub fn is_angle(&self) -> bool {
+        matches!(self.quantity(), Some((_, true)))
+    }
+
     /// With its article: a `mesh`, an `angle`.
     pub fn a(&self) -> String {
         let shown = self.to_string();

@@ -144,6 +144,12 @@ impl Engine {
                 (None, Some(default)) => self.expr(default)?,
                 (None, None) => return Err(error::value(format!("the argument `{}` is missing", p.name), span)),
             };
+            let value = match (&value, &p.spread) {
+                (Value::Num(x), Some(shape)) if x.shape().is_empty() => {
+                    x.broadcast_to(shape).map(Value::Num).map_err(|e| error::shape(e.0, span))?
+                }
+                _ => value,
+            };
             self.bind(p.local, value);
         }
         self.expr(&f.body)

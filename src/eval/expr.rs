@@ -435,6 +435,9 @@ pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Res
         BinaryOp::Or => Binary::Max,
     };
     match (x, y) {
+        (Value::Num(_) | Value::List(_), Value::Num(_) | Value::List(_)) if matches!(op, BinaryOp::Eq | BinaryOp::Ne) => {
+            Ok(Value::Bool(same(x, y)? == (op == BinaryOp::Eq)))
+        }
         (Value::Num(a) | Value::Image(a), Value::Num(b) | Value::Image(b))
             if matches!(op, BinaryOp::And | BinaryOp::Or) =>
         {
@@ -481,6 +484,27 @@ pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Res
             Err("arrays of different things have no arithmetic; go through them with `[… for x in xs]`".into())
         }
         _ => Err(format!("{} and {} do not go together here", x.kind(), y.kind())),
+    }
+}
+
+/// Whether two values are equal as a whole: all numbers of arrays, all items of lists. NaN equals nothing.
+fn same(x: &Value, y: &Value) -> std::result::Result<bool, String> {
+    match (x, y) {
+        (Value::Num(a), Value::Num(b)) => {
+            Ok(a.binary(Binary::Eq, b).map_err(|e| e.0)?.value().data.iter().all(|x| *x == 1.0))
+        }
+        (Value::List(a), Value::List(b)) => {
+            if a.len() != b.len() {
+                return Ok(false);
+            }
+            for (a, b) in a.iter().zip(b.iter()) {
+                if !same(a, b)? {
+                    return Ok(false);
+                }
+            }
+            Ok(true)
+        }
+        _ => Ok(matches!(arithmetic(BinaryOp::Eq, x, y)?, Value::Bool(true))),
     }
 }
 
