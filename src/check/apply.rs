@@ -112,9 +112,12 @@ impl Checker<'_> {
         };
         let Some(names) = names else {
             self.diagnostics.push(
-                Diagnostic::error("dscene::call::unknown_argument", "which function this is, and so what its arguments are called, is not known")
-                    .label(named.span, "named here")
-                    .help("give the arguments by position"),
+                Diagnostic::error(
+                    "dscene::call::unknown_argument",
+                    "which function this is, and so what its arguments are called, is not known",
+                )
+                .label(named.span, "named here")
+                .help("give the arguments by position"),
             );
             return positional;
         };
@@ -126,9 +129,15 @@ impl Checker<'_> {
                     Some(at) => at,
                     None => {
                         self.diagnostics.push(
-                            Diagnostic::error("dscene::call::unknown_argument", format!("this function has no argument `{}`", name.text))
-                                .label(name.span, "unknown argument")
-                                .help(format!("its arguments are: {}", names.iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", "))),
+                            Diagnostic::error(
+                                "dscene::call::unknown_argument",
+                                format!("this function has no argument `{}`", name.text),
+                            )
+                            .label(name.span, "unknown argument")
+                            .help(format!(
+                                "its arguments are: {}",
+                                names.iter().map(|n| format!("`{n}`")).collect::<Vec<_>>().join(", ")
+                            )),
                         );
                         return positional;
                     }
@@ -255,6 +264,7 @@ impl Checker<'_> {
             }
             _ => {
                 self.check_domains(&signature, &found, site);
+                self.check_lengths(&signature, &found, site);
                 self.instance(id, &signature, &found, span, site)
             }
         }

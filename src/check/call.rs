@@ -163,6 +163,7 @@ impl Checker<'_> {
             (ty, results::known(&name, &found))
         } else {
             self.check_domains(&signature, &found, site);
+            self.check_lengths(&signature, &found, site);
             self.instance(id, &signature, &found, span, site)
         };
         let mut args = Vec::new();
@@ -375,10 +376,8 @@ impl Checker<'_> {
             return;
         }
         let whole = matches!(sig, Sig::Int(_)) && matches!(ty, Ty::Num(_)) && fits(&sig.ty(), ty);
-        let unit = matches!(
-            (sig, ty),
-            (Sig::Is(Ty::Angle), Ty::Num(_)) | (Sig::Is(Ty::Num(_)) | Sig::Number | Sig::Var('N'), Ty::Angle)
-        );
+        let unit = matches!((sig, ty), (Sig::Is(Ty::Angle), Ty::Num(_)) | (Sig::Is(Ty::Num(_)), Ty::Angle))
+            || matches!(sig, Sig::Number | Sig::Var('N')) && ty.is_angle();
         let (code, message, label) = if whole {
             let message = format!("the {noun} `{param}` of `{}` is a whole number", site.name);
             ("dscene::type::mismatch", message, "not whole: a count or size has no fraction".to_owned())
@@ -395,7 +394,9 @@ impl Checker<'_> {
         let short = if text.len() <= 40 && !text.contains('\n') { text } else { "…" };
         let literal = matches!(found.expr.kind, ExprKind::Number(_) | ExprKind::Unary { .. });
         let open = |c: &char| !matches!(c, 'N' | 'Q');
-        let accepts = |ty: Ty| wanted.accepts(&ty, None) && !matches!(wanted, Sig::Any) && !matches!(wanted, Sig::Var(c) if open(c));
+        let accepts = |ty: Ty| {
+            wanted.accepts(&ty, None) && !matches!(wanted, Sig::Any) && !matches!(wanted, Sig::Var(c) if open(c))
+        };
         let is = |ty: Ty| {
             let sig = Sig::Is(ty);
             *wanted == sig || matches!(wanted, Sig::Union(choices) if choices.contains(&sig))
@@ -620,6 +621,19 @@ fn path_of(e: &ast::Expr) -> Option<Vec<ast::Name>> {
         ast::ExprKind::Member { base, name } => {
             let mut path = path_of(base)?;
             path.push(name.clone());
+            Some(path)
+        }
+        ast::ExprKind::Index { base, index } => {
+            let mut path = path_of(base)?;
+            let at = match &index.kind {
+                ast::ExprKind::Number(x) => *x,
+                ast::ExprKind::Unary { op: hir::UnaryOp::Neg, operand } => match operand.kind {
+                    ast::ExprKind::Number(x) => -x,
+                    _ => return None,
+                },
+                _ => return None,
+            };
+            path.push(ast::Name { text: format!("[{at}]"), span: index.span });
             Some(path)
         }
         _ => None,

@@ -59,6 +59,7 @@ impl Checker<'_> {
             name: p.name.text.clone(),
             sig: p.ty.as_ref().map_or(Sig::Any, |t| self.sig(t)),
             domain: p.domain,
+            lens: p.ty.as_ref().map(named_lengths).unwrap_or_default(),
             has_default: p.default.is_some(),
         });
         let params = params.collect();
@@ -502,6 +503,13 @@ impl Checker<'_> {
         }
         self.diagnostics.push(diagnostic.help(help));
     }
+}
+
+/// The axes, outermost first, whose lengths have names.
+fn named_lengths(ty: &ast::Type) -> Vec<(usize, String)> {
+    let [atom] = ty.choices.as_slice() else { return Vec::new() };
+    let names = atom.len_names.iter().rev().enumerate();
+    names.filter_map(|(axis, name)| Some((axis, name.as_ref()?.text.clone()))).collect()
 }
 
 /// Bounds for each component of an array of vectors.

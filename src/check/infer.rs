@@ -355,10 +355,13 @@ impl Checker<'_> {
                 Some(both) => all = both,
                 None => {
                     self.diagnostics.push(
-                        Diagnostic::error("dscene::type::mismatch", "the elements of this list would have different types")
-                            .label(element.span, format!("`{all}` or `{ty}`"))
-                            .label(clause.items.span, "for these items")
-                            .help("make every element of one type, or write them one by one: `[f(a), f(b)]`"),
+                        Diagnostic::error(
+                            "dscene::type::mismatch",
+                            "the elements of this list would have different types",
+                        )
+                        .label(element.span, format!("`{all}` or `{ty}`"))
+                        .label(clause.items.span, "for these items")
+                        .help("make every element of one type, or write them one by one: `[f(a), f(b)]`"),
                     );
                     return Ty::Error;
                 }
@@ -418,22 +421,24 @@ impl Checker<'_> {
             );
         }
         let (item, n) = match (&base.expr.ty, item_of(&base.expr.ty)) {
-            (Ty::Tuple(parts), _) => match at.and_then(|x| position(x, parts.len())) {
-                Some(i) => (parts[i].clone(), Some(parts.len())),
-                None if at.is_some() => (Ty::Error, Some(parts.len())),
-                None => {
-                    let all = parts.iter().try_fold(Ty::Any, |a, b| join(&a, b));
-                    if all.is_none() {
-                        self.diagnostics.push(
+            (Ty::Tuple(parts), _) => {
+                match at.and_then(|x| position(x, parts.len())) {
+                    Some(i) => (parts[i].clone(), Some(parts.len())),
+                    None if at.is_some() => (Ty::Error, Some(parts.len())),
+                    None => {
+                        let all = parts.iter().try_fold(Ty::Any, |a, b| join(&a, b));
+                        if all.is_none() {
+                            self.diagnostics.push(
                             Diagnostic::error("dscene::type::mismatch", "the elements of this list have different types, and which one is meant is not known")
                                 .label(index.expr.span, "not known before the program runs")
                                 .label(base.expr.span, format!("this is `{}`", base.expr.ty))
                                 .help("name the element by a plain number, or make all of one type"),
                         );
+                        }
+                        (all.unwrap_or(Ty::Error), Some(parts.len()))
                     }
-                    (all.unwrap_or(Ty::Error), Some(parts.len()))
                 }
-            },
+            }
             (_, Some(found)) => found,
             // A row of pixels.
             (Ty::Image { height, width, channels, .. }, None) => (Ty::Num(vec![*width, *channels]), *height),
@@ -663,9 +668,12 @@ impl Checker<'_> {
     }
 
     fn with(&mut self, body: &ast::Expr, replacements: &[ast::Replacement], span: Span, wanted: Option<&Sig>) -> Typed {
+        let tree = body;
         let body = self.expr(body, wanted);
         let mut out: Vec<hir::Replacement> = Vec::new();
+        let mut changes: Vec<Change> = Vec::new();
         let mut reshaped = false;
+        let mut fine_all = true;
         let mut replaced_function = false;
         for replacement in replacements {
             let target = self.target(&replacement.path);
@@ -677,6 +685,7 @@ impl Checker<'_> {
                 continue;
             }
             let fine = replaces(&ty, &value.expr.ty);
+            fine_all &= fine;
             if !fine {
                 let decl = self.slot(target.decl).name.span;
                 let text = self.sources.text(replacement.span).to_owned();
@@ -693,6 +702,34 @@ impl Checker<'_> {
                 );
             }
             let spread = value.expr.ty.is_scalar();
+            let film = match (&self.slot(target.decl).hir.ty, target.path.as_slice()) {
+                (Ty::Camera { .. }, [field]) if field == "film" => true,
+                _ => false,
+            };
+            if film {
+                let size = match &value.value {
+                    Some(Const::List(items)) => items.iter().map(Const::count).collect(),
+                    _ => vec![None, None],
+                };
+                if let [width, height] = size[..] {
+                    let made = super::types::Made(Some(value.expr.span));
+                    changes.push(Change { decl: target.decl, ty: Ty::Camera { height, width, made }, value: None });
+                }
+                if let Some(Const::List(items)) = &value.value
+                    && items.iter().filter_map(Const::number).any(|x| x < 1.0 || x.fract() != 0.0)
+                {
+                    self.diagnostics.push(
+                        Diagnostic::error(
+                            "dscene::value::film",
+                            "a film has a whole number of pixels, at least 1 by 1",
+                        )
+                        .label(value.expr.span, "this film"),
+                    );
+                }
+                reshaped = true;
+            } else if target.path.is_empty() && !value.expr.ty.is_scalar() {
+                changes.push(Change { decl: target.decl, ty: value.expr.ty.clone(), value: value.value.clone() });
+            }
             // What a function gave may be anything now.
             replaced_function |= matches!(ty, Ty::Fn(..));
             reshaped |= !spread && (!fits(&value.expr.ty, &ty) || size_of(&ty) != size_of(&value.expr.ty));
@@ -708,6 +745,7 @@ impl Checker<'_> {
         }
         let ty = match (replaced_function, reshaped) {
             (true, _) => Ty::Any,
+            (false, true) if fine_all => self.retyped(tree, wanted, &changes, span),
             (false, true) => blur(&body.expr.ty),
             (false, false) => body.expr.ty.clone(),
         };
@@ -744,12 +782,99 @@ impl Checker<'_> {
         }
         let mut names = Vec::new();
         while let Some((name, tail)) = rest.split_first() {
-            current = self.field_of(current, name, name.span);
-            names.push(name.text.clone());
+            current = if name.text.starts_with('[') {
+                self.element(current, name)?
+            } else {
+                self.field_of(current, name, name.span)
+            };
+            names.push(name.text.split_whitespace().collect());
             rest = tail;
         }
         Some((hir::Target { decl, path: names }, current.expr.ty))
     }
+}
+
+impl Checker<'_> {
+    /// The element of an array that a path such as `points[0]` names.
+    fn element(&mut self, base: Typed, name: &ast::Name) -> Option<Typed> {
+        let at: f64 = name.text.trim_matches(['[', ']', ' ']).parse().ok()?;
+        let ty = base.expr.ty.clone();
+        let (Ty::Num(_), Some((item, n))) = (&ty, item_of(&ty)) else {
+            if !ty.is_unknown() {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::type::mismatch", format!("{} has no elements to replace", ty.a()))
+                        .label(name.span, "an element")
+                        .help("name elements of an array of numbers"),
+                );
+            }
+            return None;
+        };
+        if n.is_some_and(|n| position(at, n).is_none()) || at.fract() != 0.0 {
+            let n = n.unwrap_or_default();
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::index", format!("index {at} is outside of an array of {n}"))
+                    .label(name.span, "out of range")
+                    .help("indices count from 0; -1 is the last element"),
+            );
+            return None;
+        }
+        let kind = ExprKind::Field { base: Box::new(base.expr), name: name.text.clone() };
+        Some(typed(kind, name.span, item))
+    }
+
+    /// The type of an expression where declarations have other sizes than usual: everything that depends on them is inferred anew.
+    /// What does not fit then is told with the replacement that causes it.
+    fn retyped(&mut self, body: &ast::Expr, wanted: Option<&Sig>, changes: &[Change], span: Span) -> Ty {
+        let saved: Vec<(usize, State, hir::Decl, Option<Const>)> = self
+            .slots
+            .iter()
+            .enumerate()
+            .filter(|(_, s)| s.state == State::Done && self.modules[s.module].user)
+            .map(|(i, s)| (i, s.state, s.hir.clone(), s.value.clone()))
+            .collect();
+        let instances = self.instances.clone();
+        let (scene, integrator) = (self.default_scene.clone(), self.integrator);
+        let outer = std::mem::take(&mut self.diagnostics);
+        let user = |checker: &Self, key: &str| {
+            let id = key.split(' ').next().and_then(|id| id.parse::<u32>().ok());
+            id.is_none_or(|id| checker.slots.get(id as usize).is_none_or(|s| checker.modules[s.module].user))
+        };
+        let stale: Vec<String> = self.instances.keys().filter(|key| user(self, key)).cloned().collect();
+        stale.iter().for_each(|key| drop(self.instances.remove(key)));
+        for (i, ..) in &saved {
+            if !changes.iter().any(|c| c.decl.0 as usize == *i) {
+                self.slots[*i].state = State::Waiting;
+            }
+        }
+        for change in changes {
+            let slot = self.slot_mut(change.decl);
+            (slot.hir.ty, slot.value) = (change.ty.clone(), change.value.clone());
+        }
+        let ty = self.expr(body, wanted).expr.ty;
+        let inner = std::mem::replace(&mut self.diagnostics, outer);
+        for (i, state, hir, value) in saved {
+            let slot = &mut self.slots[i];
+            (slot.state, slot.hir, slot.value) = (state, hir, value);
+        }
+        self.instances = instances;
+        (self.default_scene, self.integrator) = (scene, integrator);
+        let mut failed = false;
+        for diagnostic in inner.into_iter().filter(Diagnostic::is_error) {
+            failed = true;
+            let known = self.diagnostics.iter().any(|d| d.code == diagnostic.code && d.span() == diagnostic.span());
+            if !known {
+                self.diagnostics.push(diagnostic.label(span, "with this replacement"));
+            }
+        }
+        if failed { Ty::Error } else { ty }
+    }
+}
+
+/// A declaration that stands for something else for a while.
+struct Change {
+    decl: hir::DeclId,
+    ty: Ty,
+    value: Option<Const>,
 }
 
 /// What an array of `wanted` asks of each element.

@@ -155,6 +155,35 @@ impl Checker<'_> {
         }
     }
 
+    /// Lengths of one name are the same.
+    pub fn check_lengths(&mut self, signature: &Signature, found: &[Option<Typed>], site: Site) {
+        let mut known: Vec<(&str, usize, Span, &str)> = Vec::new();
+        for (param, arg) in signature.params.iter().zip(found) {
+            let Some(arg) = arg else { continue };
+            for (axis, name) in &param.lens {
+                let mut ty = arg.expr.ty.clone();
+                let mut length = None;
+                for _ in 0..=*axis {
+                    let Some((item, n)) = super::infer::item_of(&ty) else { break };
+                    (ty, length) = (item, n);
+                }
+                let Some(length) = length else { continue };
+                match known.iter().find(|(n, ..)| n == name) {
+                    None => known.push((name, length, arg.expr.span, &param.name)),
+                    Some((_, first, ..)) if *first == length => {}
+                    Some((_, first, span, other)) => self.diagnostics.push(
+                        Diagnostic::error(
+                            "dscene::type::shape",
+                            format!("`{other}` and `{}` of `{}` have the same length `{name}`", param.name, site.name),
+                        )
+                        .label(arg.expr.span, format!("{length} long"))
+                        .label(*span, format!("{first} long")),
+                    ),
+                }
+            }
+        }
+    }
+
     /// Numbers that are known must lie where the declaration says that they have a meaning.
     pub fn check_domains(&mut self, signature: &Signature, found: &[Option<Typed>], site: Site) {
         for (param, arg) in signature.params.iter().zip(found) {

@@ -74,6 +74,8 @@ pub struct SigParam {
     pub sig: Sig,
     /// Where its numbers have a meaning.
     pub domain: Option<hir::Domain>,
+    /// Axes whose length has a name, the same for all arguments: `scalar[n]`.
+    pub lens: Vec<(usize, String)>,
     pub has_default: bool,
 }
 

@@ -196,7 +196,9 @@ impl Engine {
     pub fn target_name(&self, target: &Target) -> String {
         let mut name = self.program.decl(target.decl).name.clone();
         for field in &target.path {
-            name.push('.');
+            if !field.starts_with('[') {
+                name.push('.');
+            }
             name.push_str(field);
         }
         name

@@ -435,7 +435,9 @@ pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Res
         BinaryOp::Or => Binary::Max,
     };
     match (x, y) {
-        (Value::Num(_) | Value::List(_), Value::Num(_) | Value::List(_)) if matches!(op, BinaryOp::Eq | BinaryOp::Ne) => {
+        (Value::Num(_) | Value::List(_), Value::Num(_) | Value::List(_))
+            if matches!(op, BinaryOp::Eq | BinaryOp::Ne) =>
+        {
             Ok(Value::Bool(same(x, y)? == (op == BinaryOp::Eq)))
         }
         (Value::Num(a) | Value::Image(a), Value::Num(b) | Value::Image(b))

@@ -11,8 +11,14 @@ use super::value::{
 use super::{NativeError, Result};
 
 /// A field of a value; `None` if it has none of that name.
+///
+/// `[2]` is an element of an array; negative ones count from the end.
 pub fn field(value: &Value, name: &str) -> Option<Value> {
     match value {
+        Value::Num(v) if name.starts_with('[') => {
+            let i = row(name, v.shape())?;
+            v.slice(&[crate::tape::Slice::At(i as i64)]).ok().map(Value::Num)
+        }
         Value::Num(v) => swizzle(name, v.shape().last().copied()?).and_then(|which| pick(v, &which).map(Value::Num)),
         Value::Image(v) => match name {
             "width" => Some(Value::scalar(v.shape()[1] as f64)),
@@ -87,6 +93,14 @@ pub fn fields_of(value: &Value) -> Vec<String> {
     }
 }
 
+/// The row that `[2]` or `[-1]` names.
+fn row(name: &str, shape: &[usize]) -> Option<usize> {
+    let i: i64 = name.strip_prefix('[')?.strip_suffix(']')?.trim().parse().ok()?;
+    let n = i64::try_from(*shape.first()?).ok()?;
+    let i = if i < 0 { i + n } else { i };
+    (0..n).contains(&i).then_some(i as usize)
+}
+
 /// The value with one field (of a field, …) replaced. Only fields that the value holds as they were given can be.
 pub fn set_field(value: &Value, path: &[String], new: Value) -> Result<Value> {
     let Some((name, rest)) = path.split_first() else { return Ok(new) };
@@ -94,6 +108,14 @@ pub fn set_field(value: &Value, path: &[String], new: Value) -> Result<Value> {
     let new = if rest.is_empty() { new } else { set_field(&old, rest, new)? };
     let refuse = || NativeError::new(format!("the field `{name}` of {} cannot be replaced", value.kind()));
     match value {
+        Value::Num(v) if name.starts_with('[') => {
+            let i = row(name, v.shape()).ok_or_else(refuse)?;
+            let x = new.var().ok_or_else(refuse)?.broadcast_to(&v.shape()[1..])?;
+            let x = x.reshape([&[1], &v.shape()[1..]].concat())?;
+            let n = v.shape()[0] as u32;
+            let joined = Var::concat(&[v.clone(), x], 0)?;
+            Ok(Value::Num(joined.rows(&(0..n).map(|k| if k as usize == i { n } else { k }).collect::<Vec<_>>())?))
+        }
         Value::Num(v) => {
             let which = swizzle(name, v.shape().last().copied().unwrap_or(0)).ok_or_else(refuse)?;
             let ([n], Some(x)) = (v.shape(), new.var()) else { return Err(refuse()) };

@@ -144,6 +144,8 @@ pub struct TypeAtom {
     pub kind: TypeKind,
     /// `vec3[4][]`: innermost first.
     pub lens: Vec<Option<usize>>,
+    /// `scalar[n]`: the words among them.
+    pub len_names: Vec<Option<Name>>,
     pub span: Span,
 }
 
@@ -255,7 +257,7 @@ pub struct ForClause {
 
 #[derive(Clone, Debug)]
 pub struct Replacement {
-    /// `lamp`, or `lamp.radiance`.
+    /// `lamp`, `lamp.radiance`, or `points[0]` (a name `[0]`).
     pub path: Vec<Name>,
     pub span: Span,
     pub value: Expr,

@@ -34,7 +34,8 @@ impl Builder<'_> {
             Rule::let_ => {
                 let name = self.name(parts.find(Rule::ident)?);
                 let ty = parts.take(Rule::type_).map(|p| self.ty(p));
-                StatementKind::Let { name, ty, value: self.expr(parts.find(Rule::expr)?) }
+                let value = parts.0.find(|p| matches!(p.as_rule(), Rule::expr | Rule::block))?;
+                StatementKind::Let { name, ty, value: self.expr_or_block(value) }
             }
             Rule::loss => {
                 let name = self.name(parts.find(Rule::ident)?);
@@ -248,6 +249,10 @@ impl Builder<'_> {
         }
     }
 
+    fn expr_or_block(&mut self, pair: P) -> Expr {
+        if pair.as_rule() == Rule::block { self.block(pair) } else { self.expr(pair) }
+    }
+
     fn block(&mut self, pair: P) -> Expr {
         let span = self.span(&pair);
         let mut lets = Vec::new();
@@ -260,8 +265,8 @@ impl Builder<'_> {
             let mut parts = Parts(part.into_inner());
             let (Some(name), ty) = (parts.find(Rule::ident), parts.take(Rule::type_)) else { continue };
             let (name, ty) = (self.name(name), ty.map(|p| self.ty(p)));
-            if let Some(value) = parts.find(Rule::expr) {
-                lets.push((name, ty, self.expr(value)));
+            if let Some(value) = parts.0.find(|p| matches!(p.as_rule(), Rule::expr | Rule::block)) {
+                lets.push((name, ty, self.expr_or_block(value)));
             }
         }
         // Each `let` is a level of the typed tree.
@@ -288,8 +293,14 @@ impl Builder<'_> {
             }
             _ => ast::TypeKind::Named(head.as_str().to_owned()),
         };
-        let lens = parts.map(|p| p.into_inner().next().and_then(|n| n.as_str().parse().ok())).collect();
-        Some(ast::TypeAtom { kind, lens, span })
+        let mut lens = Vec::new();
+        let mut len_names = Vec::new();
+        for part in parts {
+            let len = part.into_inner().next();
+            lens.push(len.as_ref().and_then(|n| n.as_str().parse().ok()));
+            len_names.push(len.filter(|n| n.as_rule() == Rule::ident).map(|n| self.name(n)));
+        }
+        Some(ast::TypeAtom { kind, lens, len_names, span })
     }
 
     fn replacement(&mut self, pair: P) -> Option<ast::Replacement> {
@@ -351,7 +362,9 @@ impl Builder<'_> {
                 for part in pair.into_inner() {
                     match part.as_rule() {
                         Rule::ident => params.push(self.name(part)),
-                        _ => body = self.choice(part),
+                        Rule::block => body = self.block(part),
+                        // All that follows belongs to the function: `x => x + 1 |> sqrt`.
+                        _ => body = self.pipe(part),
                     }
                 }
                 Expr { kind: ExprKind::Lambda { params, body: Box::new(body) }, span }

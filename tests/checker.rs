@@ -1,0 +1,198 @@
+//! What the checker accepts gives the right value; what fails for its types, units, sizes or lengths is refused before anything runs.
+
+use dscene::check::{self, Checked, Disk, Line};
+use dscene::diag::Diagnostic;
+use dscene::eval::{Engine, EngineOptions, to_json};
+use serde_json::{Value, json};
+
+fn checked(text: &str) -> Checked {
+    check::check_text("test.dscene", None, text, &[], &Disk)
+}
+
+fn errors(text: &str) -> Vec<Diagnostic> {
+    checked(text).diagnostics.into_iter().filter(Diagnostic::is_error).collect()
+}
+
+/// The value of `text` within a file of `declarations`.
+#[track_caller]
+fn value(declarations: &str, text: &str) -> Value {
+    let Checked { program, diagnostics, .. } = checked(declarations);
+    let found: Vec<&Diagnostic> = diagnostics.iter().filter(|d| d.is_error()).collect();
+    assert!(found.is_empty(), "{declarations}\n{found:#?}");
+    let program = program.expect("a program");
+    let mut line = program.clone();
+    let e = match check::check_line(&mut line, text) {
+        (Some(Line::Expr(e)), _) => e,
+        (_, diagnostics) => panic!("{declarations}\n{text}: {diagnostics:#?}"),
+    };
+    let mut engine = Engine::new(program, EngineOptions { base_dir: ".".into(), ..Default::default() });
+    let found = engine.eval(&e).unwrap_or_else(|e| panic!("{declarations}\n{text}: {e:#?}"));
+    to_json(&found)
+}
+
+#[track_caller]
+fn close(found: &Value, wanted: &Value, what: &str) {
+    fn same(a: &Value, b: &Value) -> bool {
+        match (a, b) {
+            (Value::Array(a), Value::Array(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| same(a, b)),
+            (Value::Number(a), Value::Number(b)) => {
+                let (a, b) = (a.as_f64().expect("a number"), b.as_f64().expect("a number"));
+                (a - b).abs() <= 1e-9 * (1.0 + b.abs())
+            }
+            _ => a == b,
+        }
+    }
+    assert!(same(found, wanted), "{what} is {found}, not {wanted}");
+}
+
+/// Each script is refused, its first error has this code.
+#[track_caller]
+fn refused_for(rows: &[(String, &str)]) {
+    let wrong = rows.iter().filter_map(|(script, code)| {
+        let found = errors(script);
+        let first = found.first().map(|d| d.code);
+        (first != Some(*code))
+            .then(|| format!("{script}\n   gives {first:?}, not {code}: {:?}", found.first().map(|d| &d.message)))
+    });
+    let wrong: Vec<String> = wrong.collect();
+    assert!(wrong.is_empty(), "{}", wrong.join("\n\n"));
+}
+
+/// A scene for rows that need one.
+const SCENE: &str = "camera eye { position: [0, 1, -4], look_at: [0, 0, 0], film: [16, 8] }\n\
+    shape ball { mesh: sphere(), material: diffuse() }\nlight lamp = constant(1)\nlet shot = alpha(eye)\n";
+
+#[test]
+fn a_checked_program_fails_only_for_values() {
+    // Script and code of the first error.
+    let refused = [
+        ("let x = abs(\"a\")", "dscene::type::mismatch"),
+        ("let x = sqrt(sphere())", "dscene::type::mismatch"),
+        ("let x = exp([\"a\"])", "dscene::type::mismatch"),
+        ("let x = sum([true, false])", "dscene::type::mismatch"),
+        ("let x = normalize(\"a\")", "dscene::type::mismatch"),
+        ("let x = flip([1, 2])", "dscene::type::mismatch"),
+        ("let x = mse(\"a\", \"b\")", "dscene::type::mismatch"),
+        // Units.
+        ("let x = sqrt(30deg)", "dscene::type::unit"),
+        ("let x = floor(30.5deg)", "dscene::type::unit"),
+        ("let x = exp([30deg])", "dscene::type::unit"),
+        ("let x = [f(30) for f in [sin, cos]]", "dscene::type::unit"),
+        ("let f = sin\nlet x = f(30)", "dscene::type::unit"),
+        ("let f = if sum([1]) > 0 then sin else cos\nlet x = f(30)", "dscene::type::unit"),
+        ("let fs = [sin, cos]\nlet x = [fs[i](1) for i in 0..2]", "dscene::type::unit"),
+        ("let x = [f(a) for f, a in zip([sin, cos], [1, 2])]", "dscene::type::unit"),
+        ("let x = [30deg, 40deg] + 1", "dscene::type::mismatch"),
+        ("let x = [30deg, 40deg] * 2deg", "dscene::type::mismatch"),
+        ("let x = [30deg, 40deg] == [1, 2]", "dscene::type::mismatch"),
+        ("let x = max(30deg, 1)", "dscene::type::shape"),
+        ("let x = clamp(30deg, 0, 1)", "dscene::type::shape"),
+        ("fn twice(f, x) = f(f(x))\nlet x = twice(sin, 30deg)", "dscene::type::unit"),
+        ("let x = sin(mean([1, 2]))", "dscene::type::unit"),
+        ("let x = mean([30deg, 40deg]) + 1", "dscene::type::mismatch"),
+        // Colours.
+        ("fn f(): color = [1, 2]\nlet x = f()", "dscene::type::mismatch"),
+        ("fn f(c: color) = c + [1, 2]\nlet x = f(0.5)", "dscene::type::shape"),
+        // Functions as arguments.
+        (
+            "fn twice(f: (scalar) => scalar, x: scalar) = f(f(x))\nlet x = twice((a, b) => a + b, 1)",
+            "dscene::type::mismatch",
+        ),
+        (
+            "fn twice(f: (scalar) => scalar, x: scalar) = f(f(x))\nlet x = twice(a => \"b\", 1)",
+            "dscene::type::mismatch",
+        ),
+        ("fn twice(f: (scalar) => scalar, x: scalar) = f(f(x))\nlet x = twice(sin, 1)", "dscene::type::unit"),
+        ("fn twice(f: (scalar) => scalar, x: scalar) = f(f(x))\nlet x = twice(mix, 1)", "dscene::type::mismatch"),
+        ("let x = pyramid_loss(image([[1]]), image([[1]]), levels: 1, loss: (a, b) => a)", "dscene::type::mismatch"),
+        // Lists of different things.
+        ("let xs = [1, \"a\"]\nlet x = [a + 1 for a in xs]", "dscene::type::mismatch"),
+        ("let xs = [1, \"a\"]\nlet x = [a for a in xs]", "dscene::type::mismatch"),
+        ("let x = [[1, \"a\"][i] for i in 0..2]", "dscene::type::mismatch"),
+        ("let x = [1, 30deg]", "dscene::type::mismatch"),
+        ("let x = \"a\" == 1", "dscene::type::mismatch"),
+        ("let x = [1, 2] == [1, 2, 3]", "dscene::type::shape"),
+        // Lengths.
+        ("fn f(a: scalar[n], b: scalar[n]) = dot(a, b)\nlet x = f([1, 2], [1, 2, 3])", "dscene::type::shape"),
+    ];
+    refused_for(&refused.map(|(script, code)| (script.to_owned(), code)));
+    let in_scene = [
+        // The new film, not the old one.
+        ("let small = shot with { eye.film: [4, 4] }\nlet x = mse(small, shot)", "dscene::type::shape"),
+        (
+            "let x = mse(shot, alpha(eye)) with { eye.film: [4, 4] }\nlet y = (shot - image([[1]])) with { eye.film: [2, 2] }",
+            "dscene::type::shape",
+        ),
+        ("let x = shot with { eye.film: [0, 4] }", "dscene::value::film"),
+    ];
+    refused_for(&in_scene.map(|(script, code)| (format!("{SCENE}{script}"), code)));
+}
+
+#[test]
+fn what_is_valid_is_accepted_and_has_the_right_value() {
+    let turn = std::f64::consts::PI / 180.0;
+    let rows = [
+        // Angles, wherever numbers go.
+        ("", "max(10deg, 20deg) / 1deg", json!(20)),
+        ("", "min([30deg, 20deg]) / 1deg", json!(20)),
+        ("", "clamp(100deg, 0deg, 90deg) / 1deg", json!(90)),
+        ("", "mix(0deg, 90deg, 0.5) / 1deg", json!(45)),
+        ("", "linspace(0deg, 90deg, 3) / 1deg", json!([0, 45, 90])),
+        ("", "mean([10deg, 30deg]) / 1deg", json!(20)),
+        ("", "sum([10deg, 30deg]) / 1deg", json!(40)),
+        ("", "abs(-30deg) / 1deg", json!(30)),
+        ("", "[30deg, 60deg] / 30deg", json!([1, 2])),
+        ("", "[30deg, 60deg] / 2 + 1deg", json!([16.0 * turn, 31.0 * turn])),
+        ("", "-[30deg] / 1deg", json!([-30])),
+        ("", "[10deg, 20deg] * 2 == [20deg, 40deg]", json!(true)),
+        ("", "[sin(a) for a in linspace(0deg, 90deg, 2)]", json!([0, 1])),
+        ("", "[f(90deg) for f in [sin, cos]]", json!([1, 0])),
+        // Colours are three numbers.
+        ("fn f(): color = 0.5", "f().r", json!(0.5)),
+        ("fn f(c: color = 0.5) = c.r", "f() + f(0.25) + f([1, 0, 0])", json!(1.75)),
+        ("fn f(c: color = 0.5) = c.r\nlet g = f", "g(0.25)", json!(0.25)),
+        ("fn f(x): color = x\nfn g(x) = f(x).g", "g(0.5) + g([0, 1, 0])", json!(1.5)),
+        ("fn f(c: color) = sum(c)", "[f(x) for x in [1, 2]]", json!([3, 6])),
+        // `==` compares the whole.
+        ("", "[1, 2] == [1, 2]", json!(true)),
+        ("", "[1, 2] == [1, 3]", json!(false)),
+        ("", "[1, 2] != [1, 3]", json!(true)),
+        ("", "[\"a\", \"b\"] == [\"a\", \"b\"]", json!(true)),
+        ("", "[true, false] != [true, false]", json!(false)),
+        ("", "[1, \"a\"] == [1, \"a\"]", json!(true)),
+        // Lengths with names.
+        ("fn f(a: scalar[n], b: scalar[n]): scalar = dot(a, b)", "f([1, 2], [3, 4])", json!(11)),
+        (
+            "fn f(a: vec3[n], w: scalar[n]): vec3 = sum([p * k for p, k in zip(a, w)], axis: 0)",
+            "f([[1, 0, 0], [0, 1, 0]], [2, 3])",
+            json!([2, 3, 0]),
+        ),
+        // Elements of params and declarations.
+        ("param p = [1, 2, 3]", "sum(p) with { p[0]: 10 }", json!(15)),
+        ("param p = [1, 2, 3]", "p with { p[-1]: 10, p[0]: 7 }", json!([7, 2, 10])),
+        ("param p = [[1, 2], [3, 4]]", "p with { p[1]: [0, 9] }", json!([[1, 2], [0, 9]])),
+        ("param p = [1, 2, 3]\nlet z = sum(p ^ 2)", "grad(z, p[1])", json!(4)),
+        ("param p = [1, 2, 3]\nlet z = sum(p ^ 2)", "jvp(z, p[2])", json!(6)),
+        ("param p = [1, 2, 3]\nlet z = sum(p ^ 2)", "grad(z, [p[0], p[2]])", json!([2, 6])),
+        // Names through function values.
+        ("let f = (a, b) => a - b", "f(b: 1, a: 3)", json!(2)),
+        ("let f = mix", "f(0, t: 0.5, b: 4)", json!(2)),
+        ("fn f(a, b = 10, c = 100) = a + b + c\nlet g = f", "g(1, c: 2)", json!(13)),
+        // Blocks.
+        ("let x = { let a = 2  a * 3 }", "x", json!(6)),
+        ("let f = x => { let y = x + 1  y * y }", "f(2)", json!(9)),
+        ("fn f(n) { let g = { let k = 2  k * n }  g + 1 }", "f(3)", json!(7)),
+        // A function's body is all that follows.
+        ("let f = x => x + 1 |> sqrt", "f(8)", json!(3)),
+        ("let f = x => x |> max(2) |> sqrt", "f(1) ^ 2", json!(2)),
+        // Each item by its own type.
+        ("", "[len(x) for x in [[1, 2], \"abc\"]]", json!([2, 3])),
+        ("", "[f(4) for f in [sqrt, x => x / 2]]", json!([2, 2])),
+    ];
+    for (declarations, text, wanted) in rows {
+        close(&value(declarations, text), &wanted, text);
+    }
+    let scene = format!("{SCENE}let small = shot with {{ eye.film: [4, 2] }}\n");
+    close(&value(&scene, "small.width + 10 * small.height"), &json!(24), "a smaller film");
+    assert!(errors(&format!("{scene}let x = mse(small, image([[0, 0, 0, 0], [0, 0, 0, 0]]))")).is_empty());
+}
