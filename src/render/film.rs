@@ -9,10 +9,9 @@ use rayon::prelude::*;
 use super::accel::{Ray, Work};
 use super::integrator::{BATCH, NoRecord, Options, Paths};
 use super::interaction::SurfaceInteraction;
-use super::motion;
 use super::sampler::{Sampler, Sequence, hash};
 use super::scene::Camera;
-use super::world::{Scene, SceneError, validate_camera};
+use super::world::Scene;
 use crate::image::Image;
 
 /// What an image holds: radiance, or a property of the first hit.
@@ -69,28 +68,6 @@ impl Default for Settings {
 
 /// The `stop` of work that nobody interrupts.
 pub static NEVER: AtomicBool = AtomicBool::new(false);
-
-/// Renders an image of `settings.output`.
-pub fn render(scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Image, SceneError> {
-    render_until(scene, camera, settings, &NEVER)
-}
-
-/// [`render`], but once `stop` is set it returns soon, with an image that is good for nothing.
-pub fn render_until(
-    scene: &Scene,
-    camera: &Camera,
-    settings: &Settings,
-    stop: &AtomicBool,
-) -> Result<Image, SceneError> {
-    validate_camera(camera)?;
-    if scene.moves_for(camera) {
-        return motion::render(scene, camera, settings, stop);
-    }
-    let mut image = Image::new(camera.width, camera.height, settings.output.channels());
-    let spp = settings.spp.max(1);
-    add_samples(scene, camera, settings, 0..spp, spp as f32, stop, &mut image);
-    Ok(image)
-}
 
 /// Adds some of the samples of all pixels to an image, each divided by `count`. Scenes may differ from call to call.
 ///

@@ -6,6 +6,7 @@ pub mod contacts;
 pub mod distortion;
 pub mod edges;
 pub mod environment;
+pub mod facets;
 pub mod film;
 pub mod integrator;
 pub mod interaction;
@@ -24,6 +25,7 @@ pub mod texture;
 pub mod world;
 
 pub use distortion::Distortion;
-pub use film::{NEVER, Output, Settings, render, render_until};
+pub use film::{NEVER, Output, Settings};
+pub use motion::{render, render_until};
 pub use scene::*;
 pub use world::{Scene, SceneError, validate_camera};

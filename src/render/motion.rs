@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::Vec3;
 
-use super::film::{Settings, add_samples};
+use super::film::{NEVER, Settings, add_samples};
 use super::sampler::hash;
 use super::scene::Camera;
 use super::world::{Scene, SceneError, validate_camera};
@@ -122,14 +122,31 @@ impl Scene {
     }
 }
 
-/// Renders a scene that moves. The samples of a pixel are one sequence over all slices.
-pub fn render(scene: &Scene, camera: &Camera, settings: &Settings, stop: &AtomicBool) -> Result<Image, SceneError> {
+/// Renders an image of `settings.output`.
+pub fn render(scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Image, SceneError> {
+    render_until(scene, camera, settings, &NEVER)
+}
+
+/// [`render`], but once `stop` is set it returns soon, with an image that is good for nothing. The samples of a pixel of a scene that moves
+/// are one sequence over all slices of the time that the shutter is open.
+pub fn render_until(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    stop: &AtomicBool,
+) -> Result<Image, SceneError> {
+    validate_camera(camera)?;
     let mut image = Image::new(camera.width, camera.height, settings.output.channels());
-    scene.slices(camera, settings, 0, stop, |slice| {
-        let samples = slice.samples.clone();
-        let count = samples.len() as f32 / slice.weight;
-        add_samples(slice.scene, &slice.camera, settings, samples, count, stop, &mut image);
-        Ok(())
-    })?;
+    if scene.moves_for(camera) {
+        scene.slices(camera, settings, 0, stop, |slice| {
+            let samples = slice.samples.clone();
+            let count = samples.len() as f32 / slice.weight;
+            add_samples(slice.scene, &slice.camera, settings, samples, count, stop, &mut image);
+            Ok(())
+        })?;
+    } else {
+        let spp = settings.spp.max(1);
+        add_samples(scene, camera, settings, 0..spp, spp as f32, stop, &mut image);
+    }
     Ok(image)
 }

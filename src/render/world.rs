@@ -5,15 +5,13 @@ use std::sync::OnceLock;
 use glam::{Vec2, Vec3};
 
 use super::accel::{Accel, PrimId};
-use super::bsdf::{Bsdf, MAX_INPUTS};
-use super::contacts::Contacts;
-use super::edges::{EdgeTable, Seams};
+use super::contacts::table::Contacts;
+use super::edges::table::EdgeTable;
 use super::environment::{EnvironmentPeak, EnvironmentTable};
-use super::film::Output;
-use super::light::LightTable;
+use super::facets::{Facet, Look, Prim};
+use super::light::table::LightTable;
 use super::sampler::Discrete;
 use super::scene::{Camera, Cone, DeltaLight, Input, LightMotion, Projection, SceneDescription, Shape};
-use super::texture::Texture;
 use crate::math::uniform_triangle;
 
 /// Why a scene cannot be rendered; `shape` etc. are indices, the evaluator finds the place in the script.
@@ -27,79 +25,6 @@ pub enum SceneError {
     Light { light: usize, what: String },
     #[error("{what}")]
     Environment { what: String },
-}
-
-/// A triangle of a shape.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Prim {
-    pub shape: u32,
-    pub face: u32,
-}
-
-/// What shading and light sampling read of a triangle, in one cache line.
-#[derive(Clone, Copy)]
-#[repr(align(64))]
-pub(crate) struct Facet {
-    pub corners: [Vec3; 3],
-    /// Unit, by the right-hand rule; zero without area.
-    pub normal: Vec3,
-    pub shape: u32,
-}
-
-impl Facet {
-    fn new(shape: u32, corners: [Vec3; 3]) -> Facet {
-        let [p0, p1, p2] = corners;
-        Facet { corners, normal: (p1 - p0).cross(p2 - p0).normalize_or_zero(), shape }
-    }
-
-    /// The point with these barycentric coordinates.
-    #[inline]
-    pub fn point(&self, b: [f32; 3]) -> Vec3 {
-        let [p0, p1, p2] = self.corners;
-        p0 * b[0] + p1 * b[1] + p2 * b[2]
-    }
-}
-
-/// What is the same all over a shape.
-#[derive(Clone, Copy)]
-pub(crate) struct Look {
-    /// The material, if all its inputs are constant.
-    pub bsdf: Option<Bsdf>,
-    /// The radiance of an emitter, if it is constant.
-    pub radiance: Option<Vec3>,
-    pub emits: bool,
-    /// Emits on both sides.
-    pub two_sided: bool,
-    /// The material is black on the back.
-    pub one_sided: bool,
-    /// Has vertex normals.
-    pub smooth: bool,
-}
-
-impl Look {
-    fn new(description: &SceneDescription, shape: &Shape) -> Look {
-        let constant = |input: Input| match input {
-            Input::Texture(t) => Some(&description.textures[t]).filter(|t| t.is_constant()).map(Texture::color),
-            Input::VertexColor | Input::Tinted(_) => None,
-        };
-        let (inputs, count) = shape.material.kind.inputs();
-        let mut values = [Vec3::ZERO; MAX_INPUTS];
-        let known = values.iter_mut().zip(&inputs[..count]).all(|(value, input)| {
-            constant(*input).is_some_and(|color| {
-                *value = color;
-                true
-            })
-        });
-        let emission = shape.emission.as_ref();
-        Look {
-            bsdf: known.then(|| Bsdf::new(&shape.material.kind, &values)),
-            radiance: emission.and_then(|e| constant(e.radiance)),
-            emits: emission.is_some(),
-            two_sided: emission.is_some_and(|e| e.two_sided),
-            one_sided: shape.material.one_sided,
-            smooth: shape.mesh.normals.is_some(),
-        }
-    }
 }
 
 /// Built once from a description, used by many passes.
@@ -118,9 +43,9 @@ pub struct Scene {
     /// Some material has a mask.
     pub(crate) masked: bool,
     /// Built when first asked for: the primal needs none.
-    edges: OnceLock<EdgeTable>,
-    seams: OnceLock<EdgeTable>,
-    contacts: OnceLock<Contacts>,
+    pub(super) edge_table: OnceLock<EdgeTable>,
+    pub(super) edge_table_with_seams: OnceLock<EdgeTable>,
+    pub(super) contact_table: OnceLock<Contacts>,
     /// Triangles by area.
     surface: OnceLock<Discrete>,
 }
@@ -167,9 +92,9 @@ impl Scene {
             environment,
             environment_peak,
             radius,
-            edges: OnceLock::new(),
-            seams: OnceLock::new(),
-            contacts: OnceLock::new(),
+            edge_table: OnceLock::new(),
+            edge_table_with_seams: OnceLock::new(),
+            contact_table: OnceLock::new(),
             surface: OnceLock::new(),
         })
     }
@@ -183,9 +108,9 @@ impl Scene {
         }
         self.radius = radius(&corners);
         self.relight();
-        self.edges = OnceLock::new();
-        self.seams = OnceLock::new();
-        self.contacts = OnceLock::new();
+        self.edge_table = OnceLock::new();
+        self.edge_table_with_seams = OnceLock::new();
+        self.contact_table = OnceLock::new();
         self.surface = OnceLock::new();
     }
 
@@ -198,22 +123,6 @@ impl Scene {
     #[inline]
     pub(crate) fn corners(&self, prim: PrimId) -> [Vec3; 3] {
         self.facets[prim as usize].corners
-    }
-
-    pub(crate) fn edges(&self) -> &EdgeTable {
-        self.edges.get_or_init(|| EdgeTable::new(self, Seams::None))
-    }
-
-    /// Those of an output, which may show what light does not.
-    pub(crate) fn edges_of(&self, output: Output) -> &EdgeTable {
-        match output {
-            Output::Uv | Output::ShapeIndex => self.seams.get_or_init(|| EdgeTable::new(self, Seams::All)),
-            _ => self.edges(),
-        }
-    }
-
-    pub(crate) fn contacts(&self) -> &Contacts {
-        self.contacts.get_or_init(|| Contacts::new(self))
     }
 
     fn surface(&self) -> &Discrete {
@@ -232,13 +141,6 @@ impl Scene {
     /// Density of [`Scene::surface_point`] per unit area.
     pub(crate) fn surface_pdf(&self) -> f32 {
         1.0 / self.surface().total() as f32
-    }
-
-    /// Whether a surface touches an emitter that shines on it (see [`Contacts`]).
-    #[inline]
-    pub(crate) fn touch(&self, receiver: PrimId, emitter: PrimId) -> bool {
-        let contacts = self.contacts();
-        !contacts.is_empty() && contacts.contains(receiver, emitter)
     }
 }
 

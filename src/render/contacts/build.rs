@@ -4,25 +4,28 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 
 use glam::Vec3;
 
-use super::accel::PrimId;
-use super::intersections::crossings;
-use super::scene::MaterialKind;
-use super::world::Scene;
+use super::table::{Contacts, patch_of};
 use crate::math::position_key;
+use crate::render::accel::PrimId;
+use crate::render::intersections::crossings;
+use crate::render::scene::MaterialKind;
+use crate::render::world::Scene;
 
 /// A corner with more emitters than this is left out.
 const MAX_FAN: usize = 64;
 
-/// Receivers with the emitters that touch them. Between these emission is differentiated direction-fixed: material-fixed, as
-/// elsewhere, the receiving point slides towards an emitting point that stays, and derivatives grow like 1/distance. Either
-/// is right for any pair, as long as every estimator has the same list.
-///
-/// Emitters without an edge between them ([`super::edges::EdgeTable::flat_emitters`]) are one: where what is differentiated one way bordered
-/// on what is differentiated the other way, there would have to be one.
-pub struct Contacts {
-    /// The emitters by their patches.
-    pairs: HashSet<(PrimId, PrimId)>,
-    patches: HashMap<PrimId, PrimId>,
+impl Scene {
+    /// Built when first asked for: the primal needs none.
+    pub(crate) fn contacts(&self) -> &Contacts {
+        self.contact_table.get_or_init(|| Contacts::new(self))
+    }
+
+    /// Whether a surface touches an emitter that shines on it (see [`Contacts`]).
+    #[inline]
+    pub(crate) fn touch(&self, receiver: PrimId, emitter: PrimId) -> bool {
+        let contacts = self.contacts();
+        !contacts.is_empty() && contacts.contains(receiver, emitter)
+    }
 }
 
 impl Contacts {
@@ -94,23 +97,6 @@ impl Contacts {
         }
         Contacts { pairs, patches }
     }
-
-    pub fn is_empty(&self) -> bool {
-        self.pairs.is_empty()
-    }
-
-    pub fn contains(&self, receiver: PrimId, emitter: PrimId) -> bool {
-        self.pairs.contains(&(receiver, patch_of(&self.patches, emitter)))
-    }
-
-    /// Whether any emitter touches a receiver.
-    pub fn touches(&self, receiver: PrimId, emitters: impl IntoIterator<Item = PrimId>) -> bool {
-        !self.is_empty() && emitters.into_iter().any(|e| self.contains(receiver, e))
-    }
-}
-
-fn patch_of(patches: &HashMap<PrimId, PrimId>, prim: PrimId) -> PrimId {
-    patches.get(&prim).copied().unwrap_or(prim)
 }
 
 /// For each of some linked primitives the least one that it is linked with, by way of others too.

@@ -1,0 +1,80 @@
+//! What a scene knows of its triangles and shapes without looking anything up.
+
+use glam::Vec3;
+
+use super::bsdf::{Bsdf, MAX_INPUTS};
+use super::scene::{Input, SceneDescription, Shape};
+use super::texture::Texture;
+
+/// A triangle of a shape.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Prim {
+    pub shape: u32,
+    pub face: u32,
+}
+
+/// What shading and light sampling read of a triangle, in one cache line.
+#[derive(Clone, Copy)]
+#[repr(align(64))]
+pub(crate) struct Facet {
+    pub corners: [Vec3; 3],
+    /// Unit, by the right-hand rule; zero without area.
+    pub normal: Vec3,
+    pub shape: u32,
+}
+
+impl Facet {
+    pub(super) fn new(shape: u32, corners: [Vec3; 3]) -> Facet {
+        let [p0, p1, p2] = corners;
+        Facet { corners, normal: (p1 - p0).cross(p2 - p0).normalize_or_zero(), shape }
+    }
+
+    /// The point with these barycentric coordinates.
+    #[inline]
+    pub fn point(&self, b: [f32; 3]) -> Vec3 {
+        let [p0, p1, p2] = self.corners;
+        p0 * b[0] + p1 * b[1] + p2 * b[2]
+    }
+}
+
+/// What is the same all over a shape.
+#[derive(Clone, Copy)]
+pub(crate) struct Look {
+    /// The material, if all its inputs are constant.
+    pub bsdf: Option<Bsdf>,
+    /// The radiance of an emitter, if it is constant.
+    pub radiance: Option<Vec3>,
+    pub emits: bool,
+    /// Emits on both sides.
+    pub two_sided: bool,
+    /// The material is black on the back.
+    pub one_sided: bool,
+    /// Has vertex normals.
+    pub smooth: bool,
+}
+
+impl Look {
+    pub(super) fn new(description: &SceneDescription, shape: &Shape) -> Look {
+        let constant = |input: Input| match input {
+            Input::Texture(t) => Some(&description.textures[t]).filter(|t| t.is_constant()).map(Texture::color),
+            Input::VertexColor | Input::Tinted(_) => None,
+        };
+        let (inputs, count) = shape.material.kind.inputs();
+        let mut values = [Vec3::ZERO; MAX_INPUTS];
+        let known = values.iter_mut().zip(&inputs[..count]).all(|(value, input)| {
+            constant(*input).is_some_and(|color| {
+                *value = color;
+                true
+            })
+        });
+        let emission = shape.emission.as_ref();
+        Look {
+            bsdf: known.then(|| Bsdf::new(&shape.material.kind, &values)),
+            radiance: emission.and_then(|e| constant(e.radiance)),
+            emits: emission.is_some(),
+            two_sided: emission.is_some_and(|e| e.two_sided),
+            one_sided: shape.material.one_sided,
+            smooth: shape.mesh.normals.is_some(),
+        }
+    }
+}

@@ -1,0 +1,318 @@
+//! The lights of a scene, how often each is chosen, and how light arrives from a point of one.
+
+use glam::Vec3;
+
+use crate::math::luminance;
+use crate::render::accel::{NO_PRIM, PrimId};
+use crate::render::environment::EnvironmentPeak;
+use crate::render::facets::Prim;
+use crate::render::sampler::Discrete;
+use crate::render::scene::{Cone, DeltaLight, Input, SceneDescription};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LightKind {
+    /// A point on an emissive triangle.
+    Area,
+    /// Delta light of this index: a point light or a spot.
+    Point(u32),
+    Directional(u32),
+    Environment,
+}
+
+/// A point (or direction) on a light, chosen without regard to who asks.
+#[derive(Clone, Copy, Debug)]
+pub struct LightSample {
+    pub kind: LightKind,
+    /// Area, point: the position. Directional, environment: the unit direction towards the light.
+    pub y: Vec3,
+    /// Area: right-hand-rule unit normal.
+    pub n: Vec3,
+    /// Radiance (area, with the mask's opacity; environment), intensity (point) or perpendicular irradiance (directional), geometry apart.
+    pub power: Vec3,
+    /// Area: per unit area; environment: per steradian; delta lights: probability.
+    pub pdf: f32,
+    pub prim: PrimId,
+    pub b: [f32; 3],
+    pub two_sided: bool,
+    /// Of a spot light.
+    pub cone: Option<Cone>,
+}
+
+/// A light as it arrives at a point: `power · geometry` is what the BSDF is to be multiplied with before dividing by the pdf.
+#[derive(Clone, Copy, Debug)]
+pub struct Arrival {
+    /// Unit direction towards the light.
+    pub dir: Vec3,
+    pub distance: f32,
+    /// cos θ_y / r² (area), 1 / r² (point), [`Cone::falloff`] / r² (spot), 1 (distant).
+    pub geometry: f32,
+}
+
+impl Arrival {
+    /// Of the light of a surface at `y` with normal `n`, seen from `x`; and whether it shines that way. No branch.
+    #[inline(always)]
+    pub fn from_surface(y: Vec3, n: Vec3, two_sided: bool, x: Vec3) -> (Arrival, bool) {
+        let d = y - x;
+        let r2 = d.length_squared();
+        let r = r2.sqrt();
+        let dir = d * r.recip();
+        let c = -n.dot(dir);
+        let cos = if two_sided { c.abs() } else { c };
+        (Arrival { dir, distance: r, geometry: cos / r2 }, (r2 > 0.0) & (cos > 0.0))
+    }
+}
+
+/// The share of a spot's intensity that shines one way, and its derivatives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Falloff {
+    /// In [0, 1].
+    pub value: f32,
+    /// In the unit direction, perpendicular to it.
+    pub by_direction: Vec3,
+    /// In the axis of unit length, perpendicular to it.
+    pub by_axis: Vec3,
+    /// In beam and cutoff.
+    pub by_angles: [f32; 2],
+}
+
+impl Cone {
+    /// s² (3 − 2s), where s goes with the angle θ between axis and `dir` (of unit length) from 0 at the cutoff to 1 at the beam.
+    pub fn falloff(&self, dir: Vec3) -> Falloff {
+        let axis = self.axis.normalize();
+        // By the sine as well: the cosine alone knows nothing of small angles.
+        let (sin, cos) = (axis.cross(dir).length(), axis.dot(dir));
+        let width = self.cutoff - self.beam;
+        let s = ((self.cutoff - sin.atan2(cos)) / width).clamp(0.0, 1.0);
+        let slope = 6.0 * s * (1.0 - s) / width;
+        // ∂θ/∂dir = (dir cos θ − axis) / sin θ. In the axis the slope is 0, whatever the direction.
+        let turn = if sin > 0.0 { -slope / sin } else { 0.0 };
+        Falloff {
+            value: s * s * (3.0 - 2.0 * s),
+            by_direction: (dir * cos - axis) * turn,
+            by_axis: (axis * cos - dir) * turn,
+            by_angles: [slope * s, slope * (1.0 - s)],
+        }
+    }
+
+    /// ∫ falloff over all directions, in steradians: by parts ∫ (1 − cos θ) ∂falloff/∂θ, which the midpoint rule adds up to a
+    /// thousandth.
+    pub(super) fn solid_angle(&self) -> f64 {
+        const STEPS: u32 = 32;
+        let (beam, width) = (f64::from(self.beam), f64::from(self.cutoff - self.beam));
+        let step = |i: u32| {
+            let x = (f64::from(i) + 0.5) / f64::from(STEPS);
+            6.0 * x * (1.0 - x) * 2.0 * (0.5 * (beam + width * x)).sin().powi(2)
+        };
+        2.0 * std::f64::consts::PI * (0..STEPS).map(step).sum::<f64>() / f64::from(STEPS)
+    }
+}
+
+impl LightSample {
+    /// Stands where there is none.
+    pub(crate) const NONE: LightSample = LightSample {
+        kind: LightKind::Area,
+        y: Vec3::ZERO,
+        n: Vec3::ZERO,
+        power: Vec3::ZERO,
+        pdf: 0.0,
+        prim: NO_PRIM,
+        b: [0.0; 3],
+        two_sided: false,
+        cone: None,
+    };
+
+    /// Seen from `x`, without visibility; `None` if the light does not shine that way.
+    #[inline]
+    pub fn arrive(&self, x: Vec3) -> Option<Arrival> {
+        match self.kind {
+            LightKind::Area => {
+                let (arrival, shines) = Arrival::from_surface(self.y, self.n, self.two_sided, x);
+                shines.then_some(arrival)
+            }
+            LightKind::Point(_) => {
+                let d = self.y - x;
+                let r2 = d.length_squared();
+                let r = r2.sqrt();
+                let dir = d * r.recip();
+                let falloff = self.cone.map_or(1.0, |cone| cone.falloff(-dir).value);
+                (r2 > 0.0 && falloff > 0.0).then(|| Arrival { dir, distance: r, geometry: falloff / r2 })
+            }
+            LightKind::Directional(_) | LightKind::Environment => {
+                Some(Arrival { dir: self.y, distance: f32::INFINITY, geometry: 1.0 })
+            }
+        }
+    }
+
+    pub fn is_delta(&self) -> bool {
+        matches!(self.kind, LightKind::Point(_) | LightKind::Directional(_))
+    }
+}
+
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Entry {
+    /// With the density per unit area of its points, of all lights of the table.
+    Triangle {
+        prim: PrimId,
+        pdf: f32,
+    },
+    Delta(u32),
+    Environment,
+    Peak,
+}
+
+/// All lights with the probability of choosing each, proportional to power with a uniform share.
+#[derive(Clone, Debug, Default)]
+pub struct LightTable {
+    pub(super) entries: Vec<Entry>,
+    pub(super) pmf: Discrete,
+    /// With the environment's peak only, for edge-first shadow sampling.
+    pub(super) local_entries: Vec<Entry>,
+    pub(super) local_pmf: Discrete,
+    /// Probability per unit area of a primitive, 0 if it does not emit.
+    pub(super) area_pdf: Vec<f32>,
+    pub(super) environment_pmf: f32,
+    pub(super) last_turns: f32,
+}
+
+/// Of the paths at a diffuse surface that may turn once more only to find a light, the share that do. The others leave it to the
+/// light that was chosen: rays are saved where it is the better technique, and close to lights it is not alone.
+const LAST_TURNS: f32 = 0.25;
+/// The share of all surfaces' area that emits above which they all turn: among lights a direction is the better choice.
+const MANY_LIGHTS: f32 = 0.125;
+
+pub(super) fn mean_luminance(description: &SceneDescription, input: Input) -> f64 {
+    match input.texture() {
+        Some(t) => {
+            let t = &description.textures[t];
+            let sum: f64 = match t.channels {
+                3 => t.data.chunks_exact(3).map(|c| f64::from(luminance(Vec3::new(c[0], c[1], c[2])).abs())).sum(),
+                _ => t.data.iter().map(|&v| f64::from(v.abs())).sum(),
+            };
+            sum / (t.width * t.height).max(1) as f64
+        }
+        None => 1.0,
+    }
+}
+
+impl LightTable {
+    pub fn new(
+        description: &SceneDescription,
+        prims: &[Prim],
+        radius: f32,
+        peak: Option<&EnvironmentPeak>,
+    ) -> LightTable {
+        let (mut entries, mut weights, mut areas) = (Vec::new(), Vec::new(), Vec::new());
+        let per_shape: Vec<f64> = description
+            .shapes
+            .iter()
+            .map(|s| s.emission.as_ref().map_or(0.0, |e| mean_luminance(description, e.radiance)))
+            .collect();
+        let (mut surfaces, mut emitting) = (0.0, 0.0);
+        for (i, prim) in prims.iter().enumerate() {
+            let shape = &description.shapes[prim.shape as usize];
+            let [a, b, c] = shape.mesh.faces[prim.face as usize].map(|v| shape.mesh.vertices[v as usize]);
+            let area = 0.5 * (b - a).cross(c - a).length();
+            surfaces += area;
+            if shape.emission.is_some() && area > 0.0 {
+                emitting += area;
+                entries.push(Entry::Triangle { prim: i as u32, pdf: 0.0 });
+                areas.push(area);
+                weights.push(std::f64::consts::PI * f64::from(area) * per_shape[prim.shape as usize]);
+            }
+        }
+        for (i, light) in description.delta_lights.iter().enumerate() {
+            entries.push(Entry::Delta(i as u32));
+            weights.push(match light {
+                DeltaLight::Point { intensity, .. } => {
+                    4.0 * std::f64::consts::PI * f64::from(luminance(*intensity).abs())
+                }
+                DeltaLight::Spot { intensity, cone, .. } => cone.solid_angle() * f64::from(luminance(*intensity).abs()),
+                DeltaLight::Directional { irradiance, .. } => {
+                    std::f64::consts::PI * f64::from(radius).powi(2) * f64::from(luminance(*irradiance).abs())
+                }
+            });
+        }
+        let sky = std::f64::consts::PI.powi(2) * f64::from(radius).powi(2);
+        let (mut local_entries, mut local_weights) = (entries.clone(), weights.clone());
+        if let Some(peak) = peak {
+            local_entries.push(Entry::Peak);
+            local_weights.push(sky * f64::from(peak.mean));
+        }
+        let local_pmf = Discrete::new(defensive(&local_weights));
+        // All weights may be beyond what can be added up: then nothing is chosen.
+        let probability = |pmf: &Discrete, i: usize| if pmf.is_empty() { 0.0 } else { pmf.pmf(i) as f32 };
+        let set_densities = |entries: &mut [Entry], pmf: &Discrete| {
+            for (i, entry) in entries.iter_mut().enumerate() {
+                if let Entry::Triangle { pdf, .. } = entry {
+                    *pdf = probability(pmf, i) / areas[i]; // triangles come first
+                }
+            }
+        };
+        set_densities(&mut local_entries, &local_pmf);
+        if let Some(e) = &description.environment {
+            entries.push(Entry::Environment);
+            let mean = mean_luminance(description, Input::Texture(e.radiance));
+            weights.push(sky * mean);
+        }
+        let pmf = Discrete::new(defensive(&weights));
+        set_densities(&mut entries, &pmf);
+        let mut area_pdf = vec![0.0; prims.len()];
+        let mut environment_pmf = 0.0;
+        for (i, entry) in entries.iter().enumerate() {
+            match entry {
+                Entry::Triangle { prim, pdf } => area_pdf[*prim as usize] = *pdf,
+                Entry::Environment => environment_pmf = probability(&pmf, i),
+                Entry::Delta(_) | Entry::Peak => {}
+            }
+        }
+        let last_turns = match entries.last() {
+            Some(Entry::Environment) => 1.0,
+            _ if emitting > MANY_LIGHTS * surfaces => 1.0,
+            _ if emitting > 0.0 => LAST_TURNS,
+            _ => 0.0,
+        };
+        LightTable { entries, pmf, local_entries, local_pmf, area_pdf, environment_pmf, last_turns }
+    }
+
+    /// Probability per unit area with which `Scene::sample_light` finds points of an emissive primitive.
+    #[inline]
+    pub fn area_pdf(&self, prim: PrimId) -> f32 {
+        self.area_pdf[prim as usize]
+    }
+
+    /// Probability of choosing the environment.
+    #[inline]
+    pub fn environment_pmf(&self) -> f32 {
+        self.environment_pmf
+    }
+
+    /// The share of paths that are worth a turn at a diffuse surface which nothing but a light can follow: none where no ray can find
+    /// one, all under a sky.
+    #[inline]
+    pub fn last_turns(&self) -> f32 {
+        self.last_turns
+    }
+
+    /// Whether the only light is one without area.
+    pub fn is_single_delta(&self) -> bool {
+        matches!(self.entries.as_slice(), [Entry::Delta(_)])
+    }
+
+    /// Number of lights, the environment one of them.
+    pub fn count(&self) -> usize {
+        self.entries.len()
+    }
+
+    /// Number of lights, of the environment only its peak.
+    pub fn local_count(&self) -> usize {
+        self.local_entries.len()
+    }
+}
+
+/// Power-proportional with a tenth shared equally: a light estimated as dark (a texture of zeros that is being optimised)
+/// is still found.
+fn defensive(weights: &[f64]) -> Vec<f64> {
+    let total: f64 = weights.iter().filter(|w| w.is_finite()).sum();
+    let share = if total > 0.0 { 0.1 * total / weights.len() as f64 } else { 1.0 };
+    weights.iter().map(|w| w + share).collect()
+}
