@@ -12,7 +12,7 @@ mod common;
 const PORTION: u64 = 10;
 const MOST: u64 = 640;
 /// The error over the largest element, with which no more is drawn and with which a comparison says something.
-const PRECISE: f64 = 0.02;
+const PRECISE: f64 = 0.03;
 const TELLING: f64 = 0.08;
 
 struct Case {
@@ -243,10 +243,15 @@ fn agree(name: &str, text: &str, step: f64) {
         for r in start..start + PORTION {
             engine.set_sample_seed(r + 1);
             let found = engine.gradient(&y, std::slice::from_ref(&target)).unwrap_or_else(|e| panic!("{name}: {e:#?}"));
-            let differences = engine.finite_difference(&y, &target, step).unwrap_or_else(|e| panic!("{name}: {e:#?}"));
+            // At two steps, extrapolated to none (Richardson): a step alone is off by its curvature.
+            let mut at = |step: f64| {
+                engine.finite_difference(&y, &target, step).unwrap_or_else(|e| panic!("{name}: {e:#?}")).data
+            };
+            let (fine, coarse) = (at(0.5 * step), at(step));
+            let differences: Vec<f64> = fine.iter().zip(&coarse).map(|(f, c)| (4.0 * f - c) / 3.0).collect();
             assert_eq!(found.grads[0].len(), differences.len(), "{name}");
             drawn.resize(differences.len(), [Vec::new(), Vec::new()]);
-            for ((d, g), fd) in drawn.iter_mut().zip(&found.grads[0].data).zip(&differences.data) {
+            for ((d, g), fd) in drawn.iter_mut().zip(&found.grads[0].data).zip(&differences) {
                 d[0].push(*g);
                 d[1].push(*fd);
             }

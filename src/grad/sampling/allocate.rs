@@ -42,7 +42,9 @@ pub fn expense(estimator: &Option<impl Estimator>) -> f64 {
 pub fn affordable(expense: f64, samples: f64, bounces: f64) -> f64 {
     /// Of the derivative alone, over the image's; pilots, short runs and the value come on top.
     const PRICE: f64 = 1.8;
-    (PRICE * samples * (1.0 + 2.0 * bounces) / expense.max(f64::MIN_POSITIVE)).min(1.0)
+    /// In ray queries, some five milliseconds: what small images can afford whatever they take themselves.
+    const LEAST: f64 = 1e5;
+    ((PRICE * samples * (1.0 + 2.0 * bounces)).max(LEAST) / expense.max(f64::MIN_POSITIVE)).min(1.0)
 }
 
 /// Bounces of a path before it ends by chance, or because there may be no more.
