@@ -39,6 +39,9 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+// Only the kernel of the ray queries (`render::accel::avx2`) is allowed to.
+#![deny(unsafe_code)]
+
 pub mod files;
 pub mod memory;
 pub mod source;

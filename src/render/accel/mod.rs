@@ -5,6 +5,7 @@
 //! time where the processor has it, `portable` elsewhere, and both return the same bits.
 
 #[cfg(target_arch = "x86_64")]
+#[allow(unsafe_code)]
 mod avx2;
 mod pairs;
 mod portable;
