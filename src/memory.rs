@@ -100,7 +100,7 @@ pub fn parse_size(text: &str) -> Result<u64, String> {
         _ => return Err(expected()),
     };
     let bytes = number * factor;
-    if !(bytes >= 5e7 && bytes < 1e18) {
+    if !(5e7..1e18).contains(&bytes) {
         return Err("expected at least 50MB, which the program itself takes".to_owned());
     }
     Ok(bytes as u64)

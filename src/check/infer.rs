@@ -702,10 +702,8 @@ impl Checker<'_> {
                 );
             }
             let spread = value.expr.ty.is_scalar();
-            let film = match (&self.slot(target.decl).hir.ty, target.path.as_slice()) {
-                (Ty::Camera { .. }, [field]) if field == "film" => true,
-                _ => false,
-            };
+            let kind = (&self.slot(target.decl).hir.ty, target.path.as_slice());
+            let film = matches!(kind, (Ty::Camera { .. }, [field]) if field == "film");
             if film {
                 let size = match &value.value {
                     Some(Const::List(items)) => items.iter().map(Const::count).collect(),

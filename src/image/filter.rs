@@ -97,6 +97,9 @@ pub struct Separable {
     y: Taps,
 }
 
+/// One output as a sum of inputs: their numbers and weights.
+pub type Sum = Vec<(usize, f64)>;
+
 impl Separable {
     pub fn blur(width: usize, height: usize, sigma: f64) -> Result<Separable, ImageError> {
         if !(sigma.is_finite() && sigma >= 0.0) {
@@ -148,10 +151,10 @@ impl Separable {
     }
 
     /// Of each output column and row: the columns or rows that it is a sum of, with their weights.
-    pub fn taps(&self) -> (Vec<Vec<(usize, f64)>>, Vec<Vec<(usize, f64)>>) {
+    pub fn taps(&self) -> [Vec<Sum>; 2] {
         let row = |row: &Row| row.weights.iter().enumerate().map(|(k, w)| (row.start + k, *w)).collect();
         let all = |taps: &Taps| taps.rows.iter().map(row).collect();
-        (all(&self.x), all(&self.y))
+        [all(&self.x), all(&self.y)]
     }
 
     /// `data[(y * width + x) * channels + c]` of the input size to the same of the output size.

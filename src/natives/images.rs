@@ -80,7 +80,7 @@ impl CustomOp for Filter {
     }
 
     fn composed(&self, x: &[Var]) -> Option<Result<Var, TapeError>> {
-        let (along_x, along_y) = self.filter.taps();
+        let [along_x, along_y] = self.filter.taps();
         Some(x[0].filter(AxisFilter::new(1, along_x)).and_then(|x| x.filter(AxisFilter::new(0, along_y))))
     }
 

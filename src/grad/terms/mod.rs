@@ -49,10 +49,10 @@ impl Taker<'_> {
             Taker::Slots(total) => estimate::reverse(scene, layout, adjoint, pass, total, stop),
             Taker::Direction(tangent, images) => {
                 let sink = || Contraction { tangent, sum: 0.0 };
-                estimate::forward(scene, layout, &sink, pass, images, stop);
+                estimate::forward(scene, layout, sink, pass, images, stop);
             }
             Taker::Directions(tangents, images) => {
-                estimate::forward(scene, layout, &|| Contractions::new(tangents), pass, images, stop);
+                estimate::forward(scene, layout, || Contractions::new(tangents), pass, images, stop);
             }
         }
     }

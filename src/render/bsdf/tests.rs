@@ -172,10 +172,10 @@ fn d_vectors([by_ci, by_co, by_io]: [f64; 3], [n, wi, wo]: [DVec3; 3]) -> [DVec3
 fn directions(i: usize, width: f32, least: f32, rng: &mut Pcg32) -> [Vec3; 3] {
     let mut anywhere = || direction(least + (0.99 - least) * rng.next_f32(), std::f32::consts::TAU * rng.next_f32());
     let (wi, mut wo, axis) = (anywhere(), anywhere(), anywhere());
-    if i % 2 == 0 {
+    if i.is_multiple_of(2) {
         wo = (Vec3::new(-wi.x, -wi.y, wi.z) + width * wo).normalize();
     }
-    let wi = if i % 5 == 0 { wi.with_z(-wi.z) } else { wi };
+    let wi = if i.is_multiple_of(5) { wi.with_z(-wi.z) } else { wi };
     let turn = Quat::from_axis_angle(axis, 7.0 * axis.x);
     [Vec3::Z, wi, wo].map(|v| (turn * v).normalize())
 }
