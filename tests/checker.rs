@@ -196,3 +196,121 @@ fn what_is_valid_is_accepted_and_has_the_right_value() {
     close(&value(&scene, "small.width + 10 * small.height"), &json!(24), "a smaller film");
     assert!(errors(&format!("{scene}let x = mse(small, image([[0, 0, 0, 0], [0, 0, 0, 0]]))")).is_empty());
 }
+
+#[test]
+fn what_can_be_known_is_checked_before_anything_runs() {
+    let rows = [
+        ("let x = camera(film: [-3, 10])", "dscene::value::range"),
+        ("camera c { film: [0, 10] }", "dscene::value::film"),
+        ("let x = sphere(radius: -1)", "dscene::value::range"),
+        ("let r = 1 - 2\nlet x = [disk(radius: r)]", "dscene::value::range"),
+        ("fn ball(r) = sphere(radius: r)\nlet x = ball(0)", "dscene::value::range"),
+        ("let x = torus(tube: 0)", "dscene::value::range"),
+        ("let x = cube(size: [1, 0, 1])", "dscene::value::range"),
+        ("let x = sphere(subdivisions: 2)", "dscene::value::range"),
+        ("integrator i { max_bounces: -1 }", "dscene::value::range"),
+        ("let x = diffuse(reflectance: 1.5)", "dscene::value::range"),
+        ("let x = conductor(roughness: -0.1)", "dscene::value::range"),
+        ("let x = point(position: [0, 0, 0], intensity: -1)", "dscene::value::range"),
+        ("let x = blur(image([[1]]), sigma: -1)", "dscene::value::range"),
+        ("let x = adam(lr: -1)", "dscene::value::range"),
+        ("let x = sgd(momentum: 1)", "dscene::value::range"),
+        ("param p = 1 { lr: -1 }", "dscene::value::range"),
+        ("param p = 1 { scale: 0 }", "dscene::value::range"),
+        ("param p = 1\nloss l = p ^ 2\noptimize l { steps: -3 }", "dscene::value::range"),
+        ("param p = 1\nloss l = p ^ 2\noptimize l { steps: 0 }", "dscene::value::range"),
+        ("param p = 1\nloss l = p ^ 2\noptimize l { steps: 1, film_scale: -1 }", "dscene::value::range"),
+        ("param p = 1\nloss l = p ^ 2\noptimize l { steps: 1, max_bounces: 0 - 1 }", "dscene::value::range"),
+        ("param p = 1\nloss l = p ^ 2\noptimize l { stage a { steps: 1, spp: 0 } }", "dscene::value::range"),
+        // Indices, lengths, sizes.
+        ("let x = [1, 2, 3][3]", "dscene::type::index"),
+        ("let x = [1, 2, 3][1..9]", "dscene::type::index"),
+        ("let x = [1, 2, 3][-4..]", "dscene::type::index"),
+        ("let x = [a + b for a, b in zip([1, 2], [1, 2, 3])]", "dscene::type::shape"),
+        ("let x = reshape([1, 2, 3, 4], [2, 3])", "dscene::type::shape"),
+        ("let x = crop(image([[1, 2], [3, 4]]), x: 1, width: 2, height: 1)", "dscene::type::index"),
+        ("let x = crop(image([[1, 2], [3, 4]]), width: 2, height: 3)", "dscene::type::index"),
+        ("let x = minibatch([1, 2], 3)", "dscene::value::range"),
+        ("param p = [1, 2]\nlet x = p with { p[2]: 1 }", "dscene::type::index"),
+        // Files that are written.
+        ("save image([[1]]) to \"x\"", "dscene::file::format"),
+        ("save image([[1]]) to \"a.b/x\"", "dscene::file::format"),
+        ("save image([[1]]) to \"x.jpgg\"", "dscene::file::format"),
+        ("save sphere() to \"x.png\"", "dscene::file::format"),
+        ("let n = 1\nsave image([[1]]) to \"{n}x\"", "dscene::file::format"),
+        // Where there is no step.
+        ("print step", "dscene::name::step"),
+        ("save image([[1]]) to \"{step}.png\"", "dscene::name::step"),
+        // Nothing moves.
+        ("param p = 1 { frozen: true }\nloss l = p ^ 2\noptimize l { steps: 1 }", "dscene::flow::frozen"),
+    ];
+    refused_for(&rows.map(|(script, code)| (script.to_owned(), code)));
+    let fine = [
+        "let x = [1, 2, 3][3..]",
+        "let x = [1, 2, 3][-3..]",
+        "let x = crop(image([[1, 2], [3, 4]]), x: 1, width: 1, height: 2)",
+        "param p = 1\nloss l = p ^ 2\noptimize l { steps: 1  every 1 { print step } }",
+        "let n = \"a\"\nsave image([[1]]) to \"{n}\"",
+        "let n = \"a\"\nsave image([[1]]) to \"{n}.png\"",
+    ];
+    for script in fine {
+        assert!(errors(script).is_empty(), "{script}: {:#?}", errors(script));
+    }
+}
+
+#[test]
+fn warnings_tell_what_is_not_what_it_seems() {
+    let rows = [
+        ("let x = 7 // 2", "dscene::syntax::comment"),
+        ("let n = 7\nlet x = n // 2", "dscene::syntax::comment"),
+        ("let n = 7\nlet x = n // 2 + 1", "dscene::syntax::comment"),
+        ("import std.studio\nlet x = floor(1.5)", "dscene::import::hidden"),
+        (
+            "param p = 1\nparam q = 1\nloss l = p ^ 2 + 0 * q\nloss m = p ^ 2\noptimize m { over: [q], steps: 1 }",
+            "dscene::flow::unused_param",
+        ),
+    ];
+    for (script, code) in rows {
+        let found = checked(script).diagnostics;
+        let codes: Vec<&str> = found.iter().map(|d| d.code).collect();
+        assert_eq!(codes, [code], "{script}\n{found:#?}");
+    }
+    for script in
+        ["let x = 7 // seven", "let x = 7 // 2 is too few", "let x = 1 // a", "// 2\nlet x = 1", "let x = 1\n// 3"]
+    {
+        let found = checked(script).diagnostics;
+        assert!(found.is_empty(), "{script}\n{found:#?}");
+    }
+    // The library's own is what is called.
+    close(&value("import std.studio\nlet x = floor(1.5)", "x"), &json!(1), "floor");
+}
+
+#[test]
+fn imports_bring_declarations_and_no_actions() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
+    write("lib.dscene", "let a = 2\nprint a\nexpect a == 3\nsave image([[1]]) to \"a.png\"\n");
+    write("main.dscene", "import \"lib.dscene\"\nlet b = a + 1\nprint b\n");
+    let checked = check::check(&folder.path().join("main.dscene"), &[], &Disk);
+    let program = checked.program.expect("a program");
+    assert_eq!(program.actions.len(), 1);
+    assert!(program.find("a").is_some());
+}
+
+#[test]
+fn what_fails_inside_the_library_is_shown_at_the_call() {
+    // The sizes are known only when the sum is.
+    let script =
+        "let n = floor(sum([1, 1]))\nlet a = [i for i in 0..n]\nlet b = [i for i in 0..n + 1]\nlet x = mse(a, b)";
+    let Checked { program, diagnostics, sources } = checked(script);
+    let program = program.unwrap_or_else(|| panic!("{diagnostics:#?}"));
+    let mut line = program.clone();
+    let (Some(Line::Expr(e)), _) = check::check_line(&mut line, "x") else { panic!("an expression") };
+    let mut engine = Engine::new(program, EngineOptions { base_dir: ".".into(), ..Default::default() });
+    let error = engine.eval(&e).err().expect("these do not fit");
+    assert!(!error.labels.is_empty());
+    for label in &error.labels {
+        assert_eq!(sources.name(label.span.source), "test.dscene", "{error:#?}");
+        assert_eq!(sources.text(label.span), "mse(a, b)");
+    }
+}

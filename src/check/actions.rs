@@ -15,7 +15,9 @@ const STAGE: [&str; 6] = ["steps", "using", "spp", "film_scale", "max_bounces", 
 
 impl Checker<'_> {
     pub fn top_action(&mut self, action: &ast::Action) {
+        self.no_step = !matches!(action, ast::Action::Optimize(_));
         let action = self.action(action);
+        self.no_step = false;
         self.actions.push(action);
     }
 
@@ -37,14 +39,14 @@ impl Checker<'_> {
                             ),
                     );
                 }
-                hir::Action::Save { path: self.path(path, &value.ty), value, span: *span }
+                hir::Action::Save { path: self.path(path, Some(&value.ty)), value, span: *span }
             }
             ast::Action::Print { values, span } => {
                 hir::Action::Print { values: values.iter().map(|v| self.expr(v, None).expr).collect(), span: *span }
             }
             ast::Action::Plot { values, path, span } => hir::Action::Plot {
                 values: values.iter().map(|v| self.plotted(v)).collect(),
-                path: path.as_ref().map(|p| self.path(p, &Ty::Any)),
+                path: path.as_ref().map(|p| self.path(p, None)),
                 span: *span,
             },
             ast::Action::Expect { condition, span } => {
@@ -76,7 +78,8 @@ impl Checker<'_> {
         (!known).then(|| format!("{stem}.{}", name.text))
     }
 
-    fn path(&mut self, path: &ast::Expr, saved: &Ty) -> hir::Expr {
+    /// Where something is written; `saved` is the type of what is saved.
+    fn path(&mut self, path: &ast::Expr, saved: Option<&Ty>) -> hir::Expr {
         if let Some(name) = self.unquoted(path) {
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::mismatch", "a path is a string")
@@ -92,30 +95,40 @@ impl Checker<'_> {
                     .label(path.span, format!("this is `{}`", typed.expr.ty)),
             );
         }
-        // The ending is known even where the name is interpolated.
-        let ending = match &typed.expr.kind {
-            hir::ExprKind::Str(parts) => match parts.last() {
-                Some(hir::StrPart::Text(text)) => text.rsplit_once('.').map(|(_, e)| e.to_lowercase()),
-                _ => None,
-            },
-            _ => None,
-        };
+        let Some(saved) = saved else { return typed.expr };
         let known: &[&str] = match saved {
             Ty::Num(shape) if shape.len() < 2 => &["json", "txt"],
             Ty::Image { .. } | Ty::Num(_) | Ty::Texture => &["png", "exr", "hdr", "json", "txt"],
             Ty::Mesh => &["obj", "ply", "json", "txt"],
-            _ => &[],
+            _ => &["png", "exr", "hdr", "obj", "ply", "json", "txt"],
         };
-        if let Some(ending) = ending
-            && !known.is_empty()
-            && !known.contains(&ending.as_str())
-        {
-            let known: Vec<String> = known.iter().map(|k| format!("`.{k}`")).collect();
-            self.diagnostics.push(
+        // The ending is known even where the name is interpolated.
+        let tail = match (&typed.expr.kind, &typed.value) {
+            (_, Some(Const::Str(text))) => Some((text.as_str(), true)),
+            (hir::ExprKind::Str(parts), _) => match parts.last() {
+                Some(hir::StrPart::Text(text)) => Some((text.as_str(), false)),
+                _ => None,
+            },
+            _ => None,
+        };
+        let Some((tail, whole)) = tail else { return typed.expr };
+        let file = tail.rsplit(['/', '\\']).next().unwrap_or(tail);
+        let shown: Vec<String> = known.iter().map(|k| format!("`.{k}`")).collect();
+        let shown = shown.join(", ");
+        match file.rsplit_once('.') {
+            Some((_, ending)) if known.contains(&ending.to_lowercase().as_str()) => {}
+            Some((_, ending)) => self.diagnostics.push(
                 Diagnostic::error("dscene::file::format", format!("{} cannot be saved as `.{ending}`", saved.a()))
                     .label(path.span, "unknown ending")
-                    .help(format!("the endings are: {}", known.join(", "))),
-            );
+                    .help(format!("the endings are: {shown}")),
+            ),
+            // `"{name}"` may end in anything.
+            None if whole || !file.is_empty() => self.diagnostics.push(
+                Diagnostic::error("dscene::file::format", "the name of a file ends in what it is")
+                    .label(path.span, "has no ending")
+                    .help(format!("for instance `\"{tail}.{}\"`; the endings are: {shown}", known[0])),
+            ),
+            None => {}
         }
         typed.expr
     }
@@ -201,7 +214,23 @@ impl Checker<'_> {
     }
 
     fn steps(&mut self, field: &ast::Field) -> hir::Expr {
-        self.checked_field(field, &Sig::Int(Vec::new()))
+        self.ranged_field(field, &Sig::Int(Vec::new()), 1.0, f64::INFINITY)
+    }
+
+    /// A number that, if it is known, lies within both ends.
+    fn ranged_field(&mut self, field: &ast::Field, wanted: &Sig, low: f64, high: f64) -> hir::Expr {
+        let typed = self.checked_value(field, wanted);
+        let domain = hir::Domain { low, high, above_low: false, below_high: false, angle: false };
+        if let Some(x) = typed.value.as_ref().and_then(Const::number)
+            && !domain.contains(x)
+        {
+            let wanted = if low == f64::MIN_POSITIVE { "positive".to_owned() } else { domain.to_string() };
+            self.diagnostics.push(
+                Diagnostic::error("dscene::value::range", format!("`{}` must be {wanted}", field.name.text))
+                    .label(typed.expr.span, format!("this is {x}")),
+            );
+        }
+        typed.expr
     }
 
     fn setting(&mut self, field: &ast::Field, what: &str, known: &[&'static str]) -> Option<(String, hir::Expr)> {
@@ -222,16 +251,12 @@ impl Checker<'_> {
                 return None;
             }
         };
-        let value = self.checked_field(field, &wanted);
-        if let hir::ExprKind::Number(x) = value.kind
-            && Const::Num(x).number().is_some_and(|x| x <= 0.0)
-            && name != "max_bounces"
-        {
-            self.diagnostics.push(
-                Diagnostic::error("dscene::value::range", format!("`{name}` must be positive"))
-                    .label(value.span, "not positive"),
-            );
-        }
+        let value = match name {
+            "spp" => self.ranged_field(field, &wanted, 1.0, f64::INFINITY),
+            "max_bounces" => self.ranged_field(field, &wanted, 0.0, f64::INFINITY),
+            "film_scale" => self.ranged_field(field, &wanted, f64::MIN_POSITIVE, 16.0),
+            _ => self.checked_field(field, &wanted),
+        };
         Some((name.to_owned(), value))
     }
 

@@ -213,7 +213,18 @@ impl Checker<'_> {
                     continue;
                 }
             };
-            let value = Some(self.checked_field(field, &wanted));
+            let typed = self.checked_value(field, &wanted);
+            let (fault, expected): (fn(f64) -> bool, &str) = match field.name.text.as_str() {
+                "lr" => (|x| x < 0.0 || x.is_nan(), "0 or more"),
+                _ => (|x| x <= 0.0 || x.is_nan(), "positive"),
+            };
+            if let Some(x) = typed.value.as_ref().and_then(|v| v.numbers().into_iter().find(|x| fault(*x))) {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::value::range", format!("`{}` must be {expected}", field.name.text))
+                        .label(typed.expr.span, format!("this is {x}")),
+                );
+            }
+            let value = Some(typed.expr);
             match field.name.text.as_str() {
                 "lr" => decl.lr = value,
                 "scale" => decl.scale = value,
@@ -227,6 +238,10 @@ impl Checker<'_> {
 
     /// `name: value` with a wanted type.
     pub fn checked_field(&mut self, field: &ast::Field, wanted: &Sig) -> hir::Expr {
+        self.checked_value(field, wanted).expr
+    }
+
+    pub fn checked_value(&mut self, field: &ast::Field, wanted: &Sig) -> Typed {
         let typed = self.expr(&field.value, Some(wanted));
         if !wanted.accepts(&typed.expr.ty, typed.value.as_ref()) {
             let help = self.conversion_help(wanted, &typed, field.value.span);
@@ -239,7 +254,7 @@ impl Checker<'_> {
                 .help_opt(help),
             );
         }
-        self.coerce(wanted, typed).expr
+        self.coerce(wanted, typed)
     }
 
     fn bounds(

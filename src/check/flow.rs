@@ -55,7 +55,10 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
     for action in &program.actions {
         if let Action::Optimize(o) = action {
             has_loss = true;
-            flow.expr(&o.loss, &BTreeSet::new(), &mut reached);
+            let mut found = BTreeSet::new();
+            flow.expr(&o.loss, &BTreeSet::new(), &mut found);
+            out.extend(unmoved(program, o, &found));
+            reached.extend(found);
         }
     }
     if has_loss {
@@ -65,6 +68,35 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
         }
     }
     out
+}
+
+/// What an `optimize` is to move must be there, and reach its loss.
+fn unmoved(program: &Program, o: &Optimize, reached: &BTreeSet<DeclId>) -> Vec<Diagnostic> {
+    let Some(over) = &o.over else {
+        let frozen = |id: &DeclId| match &program.decl(*id).kind {
+            DeclKind::Param(p) => Some(p.frozen.as_ref().is_some_and(|f| matches!(f.kind, ExprKind::Bool(true)))),
+            _ => None,
+        };
+        let params: Vec<(DeclId, bool)> = reached.iter().filter_map(|id| Some((*id, frozen(id)?))).collect();
+        if params.is_empty() || params.iter().any(|(_, frozen)| !frozen) {
+            return Vec::new();
+        }
+        let names: Vec<String> = params.iter().map(|(id, _)| program.decl(*id).name.clone()).collect();
+        let diagnostic =
+            Diagnostic::error("dscene::flow::frozen", "nothing is left to optimise: every param is frozen")
+                .label(o.loss.span, format!("depends on {} only", names.join(", ")))
+                .help(format!("leave out `frozen: true`, or say what moves: `over: [{}]`", names.join(", ")));
+        return vec![diagnostic];
+    };
+    let lost = over.iter().filter(|(target, _)| !reached.contains(&target.decl));
+    lost.map(|(target, span)| {
+        let name = &program.decl(target.decl).name;
+        Diagnostic::warning("dscene::flow::unused_param", format!("`{name}` does not reach the loss `{}`", o.name))
+            .label(*span, "moves nothing")
+            .label(o.loss.span, "this loss does not depend on it")
+            .help("leave it out, or use it in what the loss compares")
+    })
+    .collect()
 }
 
 /// Which declarations need which, directly.

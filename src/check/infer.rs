@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::declare::broken;
 use super::hir::{self, Builtin, ExprKind};
 use super::modules::{Checker, State};
+use super::results::is_mixed;
 use super::signature::{Const, Function, Sig, fits};
 use super::types::{Dim, Ty};
 use crate::diag::{Diagnostic, did_you_mean, suggest};
@@ -129,6 +130,17 @@ impl Checker<'_> {
                 _ => None,
             };
             if let Some(builtin) = builtin {
+                if self.no_step && self.stack.is_empty() {
+                    self.diagnostics.push(
+                        Diagnostic::error(
+                            "dscene::name::step",
+                            format!("`{name}` has a value only while an `optimize` runs"),
+                        )
+                        .label(span, "no step is being made here")
+                        .help("use it in the fields of `optimize`, in `every N { … }` or in what a loss is made of"),
+                    );
+                    return broken(span);
+                }
                 return typed(ExprKind::Builtin(builtin), span, Ty::SCALAR);
             }
         }
@@ -271,8 +283,14 @@ impl Checker<'_> {
         for clause in clauses {
             let items = self.expr(&clause.items, None);
             let (item, n) = match (item_of(&items.expr.ty), &items.expr.ty) {
-                (_, Ty::Tuple(parts)) if parts.iter().try_fold(Ty::Any, |a, b| join(&a, b)).is_none() => {
-                    if clauses.len() == 1 {
+                (_, Ty::Tuple(parts)) if is_mixed(&items.expr.ty) => {
+                    if clauses.len() > 1 {
+                        self.diagnostics.push(
+                            Diagnostic::error("dscene::type::mismatch", "the items of this list have different types")
+                                .label(clause.items.span, format!("this is `{}`", items.expr.ty))
+                                .help("go through such a list alone, or make its items of one type"),
+                        );
+                    } else {
                         let values = match &items.value {
                             Some(Const::List(values)) => values.iter().cloned().map(Some).collect(),
                             _ => vec![None; parts.len()],
@@ -508,6 +526,19 @@ impl Checker<'_> {
             );
             return broken(span);
         };
+        for (i, n) in n.iter().flat_map(|n| [(0, *n), (1, *n)]) {
+            let at = ends[i].as_ref().and_then(|t| Some((t.value.as_ref()?.number()?, t.expr.span)));
+            let Some((x, place)) = at else { continue };
+            let last = n as f64 - f64::from(u8::from(i == 1 && inclusive));
+            if x > last || x < -(n as f64) {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::type::index", format!("{x} is outside of an array of {n}"))
+                        .label(place, "out of range")
+                        .label(base.expr.span, format!("has {n} element{}", if n == 1 { "" } else { "s" })),
+                );
+                return broken(span);
+            }
+        }
         let count = n.and_then(|n| {
             let (a, b) = (known(0, n, 0)?, known(1, n, n)? + usize::from(inclusive && ends[1].is_some()));
             Some(b.min(n).saturating_sub(a))

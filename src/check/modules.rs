@@ -118,6 +118,8 @@ pub struct Checker<'l> {
     pub in_stop_when: bool,
     /// Names whose declarations could not be read: their uses are not reported.
     pub unread: HashSet<String>,
+    /// In an action outside of `optimize`, where there is no step.
+    pub no_step: bool,
     /// No dataflow warnings (REPL lines).
     pub quiet: bool,
     pending_actions: Vec<(ModuleId, Arc<ast::Statement>)>,
@@ -147,6 +149,7 @@ impl<'l> Checker<'l> {
             origin: Origin::default(),
             in_stop_when: false,
             unread: HashSet::new(),
+            no_step: false,
             quiet: false,
             pending_actions: Vec::new(),
             files: HashMap::new(),
@@ -315,6 +318,8 @@ impl<'l> Checker<'l> {
         for statement in statements {
             match &statement.kind {
                 StatementKind::Import(_) => imports.push(statement),
+                // Imports bring declarations, never actions.
+                StatementKind::Action(_) if module != self.main => {}
                 StatementKind::Action(_) => self.pending_actions.push((module, statement)),
                 _ => self.add_declaration(module, statement, lines),
             }
@@ -395,6 +400,19 @@ impl<'l> Checker<'l> {
         }
         for id in self.modules[target].own.clone() {
             let name = self.slot(id).name.clone();
+            let hidden = self.builtin(&name.text).is_some_and(|known| known != id);
+            if hidden && !self.modules[module].names.contains_key(&name.text) {
+                let from = self.sources.text(import.span).to_owned();
+                self.diagnostics.push(
+                    Diagnostic::warning(
+                        "dscene::import::hidden",
+                        format!("`{0}` stays the library's: the `{0}` of this import has the same name", name.text),
+                    )
+                    .label(import.span, format!("brings a `{}` too", name.text))
+                    .help(format!("import it under a name: `{from} as lib`, then `lib.{}`", name.text)),
+                );
+                continue;
+            }
             if let Some(&known) = self.modules[module].names.get(&name.text) {
                 if known != id {
                     self.diagnostics.push(

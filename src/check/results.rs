@@ -107,6 +107,15 @@ pub fn native(name: &str, signature: &Signature, args: &[Option<Typed>], bound: 
             [a, b] => Ty::Num(vec![a.or(*b); 2]),
             _ => Ty::Any,
         },
+        ("zip", Some(a)) if [Some(a), ty(1), ty(2)].into_iter().flatten().any(is_mixed) => {
+            let lists: Vec<&Ty> = [Some(a), ty(1), ty(2)].into_iter().flatten().collect();
+            let n = lists.iter().filter_map(|list| item_of(list)?.1).min().unwrap_or(0);
+            let part = |list: &Ty, i: usize| match list {
+                Ty::Tuple(parts) => parts.get(i).cloned().unwrap_or(Ty::Any),
+                list => item_of(list).map_or(Ty::Any, |(item, _)| item),
+            };
+            Ty::Tuple((0..n).map(|i| Ty::Tuple(lists.iter().map(|list| part(list, i)).collect())).collect())
+        }
         ("zip", Some(a)) => {
             let items: Option<Vec<(Ty, Dim)>> = [Some(a), ty(1), ty(2)].into_iter().flatten().map(item_of).collect();
             match items {
@@ -152,6 +161,11 @@ pub fn native(name: &str, signature: &Signature, args: &[Option<Typed>], bound: 
         ("matrix", Some(Ty::Transform)) => Ty::Num(vec![Some(4), Some(4)]),
         _ => declared(),
     }
+}
+
+/// A list whose items have no common type.
+pub fn is_mixed(ty: &Ty) -> bool {
+    matches!(ty, Ty::Tuple(parts) if parts.iter().try_fold(Ty::Any, |a, b| join(&a, b)).is_none())
 }
 
 /// The argument of that name.

@@ -67,8 +67,82 @@ impl Checker<'_> {
             ("concat", [Some(a), b, axis]) => self.check_concat(a, b.as_ref(), axis.as_ref()),
             ("stack", [Some(items)]) => self.check_stack(items),
             ("rotation", _) => self.check_rotation(&signature, found),
+            ("zip", _) => self.check_zip(found),
+            ("reshape", [Some(of), Some(shape)]) => self.check_reshape(of, shape),
+            ("crop", [Some(image), ..]) => self.check_crop(&signature, image, found),
+            ("minibatch", [Some(items), Some(count)]) => {
+                if let (Some((_, Some(n))), Some(k)) =
+                    (item_of(&items.expr.ty), count.value.as_ref().and_then(Const::number))
+                    && k > n as f64
+                {
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::value::range", format!("`{k}` items cannot be drawn from {n}"))
+                            .label(count.expr.span, "too many")
+                            .label(items.expr.span, format!("has {n}")),
+                    );
+                }
+            }
             ("where", [Some(condition), Some(yes), Some(no)]) => self.check_where(condition, yes, no),
             _ => {}
+        }
+    }
+
+    /// Lists side by side are equally long.
+    fn check_zip(&mut self, found: &[Option<Typed>]) {
+        let lengths: Vec<(usize, &Typed)> =
+            found.iter().flatten().filter_map(|t| Some((item_of(&t.expr.ty)?.1?, t))).collect();
+        let Some(((n, first), rest)) = lengths.split_first() else { return };
+        if let Some((m, other)) = rest.iter().find(|(m, _)| m != n) {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::shape", format!("{m} items do not pair up with {n}"))
+                    .label(other.expr.span, format!("has {m}"))
+                    .label(first.expr.span, format!("has {n}"))
+                    .help("both must have the same length: take a part of the longer one, `xs[0..n]`"),
+            );
+        }
+    }
+
+    /// As many numbers as before.
+    fn check_reshape(&mut self, of: &Typed, shape: &Typed) {
+        let Ty::Num(dims) = &of.expr.ty else { return };
+        let before: Option<usize> = dims.iter().copied().try_fold(1, |a: usize, n| a.checked_mul(n?));
+        let Some(Const::List(items)) = &shape.value else { return };
+        let after: Option<usize> = items.iter().map(Const::count).try_fold(1, |a: usize, n| a.checked_mul(n?));
+        if let (Some(before), Some(after)) = (before, after)
+            && before != after
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::shape", format!("{before} numbers do not fill {after} places"))
+                    .label(shape.expr.span, format!("room for {after}"))
+                    .label(of.expr.span, format!("this is `{}`", of.expr.ty))
+                    .help("a reshaped array has the same numbers"),
+            );
+        }
+    }
+
+    /// What is cropped lies inside.
+    fn check_crop(&mut self, signature: &Signature, image: &Typed, found: &[Option<Typed>]) {
+        let Ty::Image { height, width, .. } = &image.expr.ty else { return };
+        for (size, start, length) in [(width, "x", "width"), (height, "y", "height")] {
+            let known = |name: &str| argument(signature, found, name);
+            let number = |t: Option<&Typed>| t.and_then(|t| t.value.as_ref()).and_then(Const::number);
+            let first = if known(start).is_some() { number(known(start)) } else { Some(0.0) };
+            let (Some(size), Some(first), Some(n), Some(place)) = (size, first, number(known(length)), known(length))
+            else {
+                continue;
+            };
+            if first >= 0.0 && n >= 1.0 && first + n > *size as f64 {
+                let place = if first > 0.0 { known(start).unwrap_or(place) } else { place };
+                self.diagnostics.push(
+                    Diagnostic::error(
+                        "dscene::type::index",
+                        format!("`{start}: {first}, {length}: {n}` reaches beyond the image's {length} of {size}"),
+                    )
+                    .label(place.expr.span, "out of range")
+                    .label(image.expr.span, format!("this is `{}`", image.expr.ty))
+                    .help(format!("{start} + {length} is at most {size}")),
+                );
+            }
         }
     }
 

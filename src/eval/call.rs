@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::check::hir::{Call, Callee, DeclId, DeclKind, Expr, FnDecl, Lambda, LocalId, NativeDecl};
+use crate::diag::Diagnostic;
 use crate::memory;
 use crate::natives::{
     self, Args,
@@ -133,7 +134,27 @@ impl Engine {
         let result = self.bind_and_run(f, args, span);
         self.locals.truncate(saved.1);
         (self.base, self.path) = (saved.0, saved.2);
-        result
+        result.map_err(|e| self.outside_of_library(e, span))
+    }
+
+    /// The library's text is none of the user's business: what fails there is shown at the call that led into it.
+    fn outside_of_library(&self, mut error: Diagnostic, call: Span) -> Diagnostic {
+        let library = |span: Span| {
+            let file = self.program.sources.get(span.source);
+            file.is_some_and(|f| f.path.is_none() && f.name.starts_with("std/"))
+        };
+        if library(call) || !error.labels.iter().any(|l| library(l.span)) {
+            return error;
+        }
+        let inside: Vec<String> = error.labels.iter().filter(|l| library(l.span)).map(|l| l.text.clone()).collect();
+        error.labels.retain(|l| !library(l.span));
+        let text = if inside.len() > 1 {
+            format!("in this call: {}", inside[1..].join(", "))
+        } else {
+            "in this call".to_owned()
+        };
+        error.labels.insert(0, crate::diag::Label { span: call, text });
+        error
     }
 
     fn bind_and_run(&mut self, f: &FnDecl, args: Vec<Option<Value>>, span: Span) -> Result<Value> {

@@ -115,7 +115,10 @@ fn normalize(a: &Args) -> Result<Value> {
 fn clamp(a: &Args) -> Result<Value> {
     let at = |i: usize| move |e: crate::tape::TapeError| NativeError::at(i, e.0);
     let x = a.var(0)?.binary(Binary::Max, a.var(1)?).map_err(at(1))?;
-    Ok(a.value(0)?.with_var(x.binary(Binary::Min, a.var(2)?).map_err(at(2))?))
+    let held = x.binary(Binary::Min, a.var(2)?).map_err(at(2))?;
+    // Of three values the one that is an image says what comes out.
+    let image = (0..3).find_map(|i| a.get(i).filter(|v| matches!(v, Value::Image(_))));
+    Ok(image.unwrap_or(a.value(0)?).with_var(held))
 }
 
 fn modulo(a: &Args) -> Result<Value> {

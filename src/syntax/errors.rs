@@ -266,7 +266,7 @@ fn expected(error: &Error<Rule>) -> String {
     }
     // Where an expression may begin, nothing smaller is worth naming; where one may go on, its end matters more.
     if names.contains(&"an expression") {
-        names.retain(|n| !matches!(*n, "`-` or `not`" | "an operator" | "`if`"));
+        names.retain(|n| !matches!(*n, "`-` or `not`" | "an operator" | "`if`" | "`{`"));
     }
     if names.len() > 1 {
         names.retain(|n| *n != "an operator");

@@ -77,6 +77,23 @@ pub fn scan(source: SourceId, text: &str) -> Scan {
     Scan { text: text_out, pieces, diagnostics }
 }
 
+/// Whether a comment stands where the second half of `7 // 2` or `(n // count)` would: behind a value, and nothing but a number,
+/// or a word or number with closing brackets or an operator behind it.
+fn is_division(before: &str, comment: &str) -> bool {
+    let before = before.rsplit('\n').next().unwrap_or(before).trim_end();
+    let behind_value = before.ends_with(|c: char| c.is_ascii_alphanumeric() || matches!(c, '_' | ')' | ']'));
+    let text = comment.trim_start_matches('/').trim();
+    if !behind_value || comment.starts_with("///") {
+        return false;
+    }
+    let end = text.find(|c: char| !(c.is_ascii_alphanumeric() || matches!(c, '_' | '.'))).unwrap_or(text.len());
+    let (operand, rest) = (&text[..end], text[end..].trim());
+    let number = operand.starts_with(|c: char| c.is_ascii_digit()) && operand.parse::<f64>().is_ok();
+    let closes = !rest.is_empty() && rest.chars().all(|c| matches!(c, ')' | ']' | ','));
+    let goes_on = rest.starts_with(['+', '-', '*', '/']) && rest[1..].trim().parse::<f64>().is_ok();
+    !operand.is_empty() && (number && (rest.is_empty() || goes_on) || closes)
+}
+
 /// Whether a text has brackets or a string still open: the REPL then asks for another line.
 pub fn is_incomplete(text: &str) -> bool {
     let scan = scan(SourceId(0), text);
@@ -180,6 +197,13 @@ impl Lexer<'_> {
         let line = &self.text[start..end];
         if let Some(doc) = line.strip_prefix("///").filter(|d| !d.starts_with('/')) {
             self.docs.push((start, end, doc.strip_prefix(' ').unwrap_or(doc).trim_end().to_owned()));
+        }
+        if is_division(&self.text[..start], line) {
+            self.diagnostics.push(
+                Diagnostic::warning("dscene::syntax::comment", "`//` begins a comment, it does not divide")
+                    .label(Span::new(self.source, start, start + line.trim_end().len()), "not read")
+                    .help("a whole quotient is `floor(a / b)`"),
+            );
         }
         self.blanks.push((start, end));
         self.at = end;
