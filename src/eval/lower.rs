@@ -4,7 +4,7 @@ use std::collections::{HashMap, VecDeque};
 use std::f64::consts::{FRAC_PI_4, PI};
 use std::sync::Arc;
 
-use glam::{Mat3, Vec3};
+use glam::{DVec3, Mat3, Vec3};
 
 use crate::grad::{Scene, SceneError};
 use crate::mesh::Mesh;
@@ -43,6 +43,17 @@ impl From<TapeError> for LowerError {
 pub(super) struct LoweredCamera {
     pub camera: Camera,
     pub slots: Vec<(Slot, Var)>,
+    /// Where it is, in double precision, at its opening and at its closing keyframe.
+    origins: [DVec3; 2],
+}
+
+impl LoweredCamera {
+    /// The camera among positions that are relative to `origin`.
+    pub(super) fn relative_to(&self, origin: DVec3) -> Camera {
+        let [opening, closing] = self.origins.map(|o| (o - origin).as_vec3());
+        let closing = self.camera.closing.map(|pose| Pose { origin: closing, ..pose });
+        Camera { origin: opening, closing, ..self.camera }
+    }
 }
 
 /// The last few scenes: several renders of one step look at the same one.
@@ -86,6 +97,7 @@ struct Builder {
 /// Shapes first, then area lights; delta lights in order. `before` is a scene that may be much like this one.
 pub(super) fn lower_scene(scene: &SceneValue, before: Option<&Lowered>) -> Result<Lowered, LowerError> {
     let mut b = Builder::default();
+    b.description.origin = middle(scene);
     for shape in &scene.shapes {
         b.shape(shape)?;
     }
@@ -94,6 +106,35 @@ pub(super) fn lower_scene(scene: &SceneValue, before: Option<&Lowered>) -> Resul
     }
     let scene = Scene::following(b.description, before.map(|l| &l.scene)).map_err(LowerError::Scene)?;
     Ok(Lowered { scene, slots: b.slots })
+}
+
+/// What positions are taken relative to: nothing, or a point near the middle of a scene that stands far from the origin for its size.
+/// There single precision would tell neighbouring points apart no better than their distance from the origin allows. The point has
+/// a grid as coarse as the scene, so that it stays where it is while params move things, and a scene in other units has the same.
+fn middle(scene: &SceneValue) -> DVec3 {
+    /// Distance from the origin, in radii of the scene, up to which nothing is gained.
+    const NEAR: f64 = 4.0;
+    let areas = scene.lights.iter().filter_map(|light| match &**light {
+        LightValue::Area { mesh, .. } => Some(mesh),
+        _ => None,
+    });
+    let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+    for mesh in scene.shapes.iter().map(|shape| &shape.mesh).chain(areas) {
+        for vertices in [Some(&mesh.vertices), mesh.closing.as_ref().map(|c| &c.vertices)].into_iter().flatten() {
+            for v in vertices.value().data.chunks_exact(3) {
+                let v = DVec3::new(v[0], v[1], v[2]);
+                (low, high) = (low.min(v), high.max(v));
+            }
+        }
+    }
+    let (middle, radius) = (0.5 * (low + high), 0.5 * (high - low).length());
+    // What is not finite is found, and blamed on its shape, by the scene itself.
+    let far = middle.is_finite() && radius.is_finite() && radius > 0.0 && middle.abs().max_element() > NEAR * radius;
+    if !far {
+        return DVec3::ZERO;
+    }
+    let grid = radius.log2().ceil().exp2();
+    (middle / grid).round() * grid
 }
 
 /// The light of an index among [`SceneDescription::delta_lights`], as an index into the scene's lights.
@@ -109,10 +150,10 @@ pub(super) fn area_light(scene: &SceneValue, shape: usize) -> Option<usize> {
     scene.lights.iter().enumerate().filter(|(_, l)| is_area(l)).nth(nth).map(|(i, _)| i)
 }
 
-fn vec3(t: &Tensor) -> Vec3 {
+fn dvec3(t: &Tensor) -> DVec3 {
     match t.data[..] {
-        [x, y, z] => Vec3::new(x as f32, y as f32, z as f32),
-        _ => Vec3::NAN,
+        [x, y, z] => DVec3::new(x, y, z),
+        _ => DVec3::NAN,
     }
 }
 
@@ -132,6 +173,7 @@ impl Builder {
 
     fn mesh(&mut self, mesh: &MeshValue, material: Material, emission: Option<Emission>) {
         let index = self.description.shapes.len();
+        let origin = self.description.origin;
         self.feed(Slot::Vertices(index), &mesh.vertices);
         for (slot, attribute) in
             [(Slot::Normals(index), &mesh.normals), (Slot::Uvs(index), &mesh.uvs), (Slot::Colors(index), &mesh.colors)]
@@ -145,10 +187,10 @@ impl Builder {
             if let Some(normals) = &closing.normals {
                 self.feed(Slot::ClosingNormals(index), normals);
             }
-            let Mesh { vertices, normals, .. } = closing.to_mesh();
+            let Mesh { vertices, normals, .. } = closing.to_mesh_around(origin);
             self.description.motions.push(Motion { shape: index, vertices, normals });
         }
-        self.description.shapes.push(Shape { mesh: mesh.to_mesh(), material, emission });
+        self.description.shapes.push(Shape { mesh: mesh.to_mesh_around(origin), material, emission });
     }
 
     fn light(&mut self, light: &LightValue, index: usize) -> Result<(), LowerError> {
@@ -207,10 +249,12 @@ impl Builder {
     ) -> Result<DeltaLight, LowerError> {
         let find =
             |name: &str| light.number(name).ok_or_else(|| LowerError::Tape(format!("the light has no `{name}`")));
+        let origin = self.description.origin;
         let mut get = |name: &str, slot: Slot| -> Result<Vec3, LowerError> {
             let number = find(name)?;
             self.feed(slot, number);
-            Ok(vec3(number.value()))
+            let value = dvec3(number.value());
+            Ok(if name == "position" { value - origin } else { value }.as_vec3())
         };
         Ok(match light.model {
             DeltaModel::Point => {
@@ -381,6 +425,7 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
     if distortion.is_live() && !lowered.may_distort() {
         return Err(bad("only perspective and fisheye cameras have a distortion, and no aperture beside it"));
     }
+    let origins = [&opening, closing.as_ref().unwrap_or(&opening)].map(|pose| dvec3(pose.origin.value()));
     let mut slots = vec![
         (Slot::CameraOrigin, opening.origin),
         (Slot::CameraFrame, opening.frame),
@@ -395,7 +440,8 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
         slots.push((Slot::ClosingCameraScale, scale));
         slots.push((Slot::ClosingCameraLens, lens));
     }
-    Ok(LoweredCamera { camera: lowered, slots: slots.into_iter().filter(|(_, v)| v.is_live()).collect() })
+    let slots = slots.into_iter().filter(|(_, v)| v.is_live()).collect();
+    Ok(LoweredCamera { camera: lowered, slots, origins })
 }
 
 impl PoseVars {
@@ -407,7 +453,7 @@ impl PoseVars {
             _ => Err(bad("a lens or a field of view of other than two numbers")),
         };
         Ok(Pose {
-            origin: vec3(self.origin.value()),
+            origin: dvec3(self.origin.value()).as_vec3(),
             frame: [row(0), row(1), row(2)],
             scale: pair(&self.scale)?,
             lens: pair(&self.lens)?,

@@ -99,11 +99,12 @@ impl Engine {
         let lowered =
             lower::lower_camera(camera).map_err(|e| self.scene_error(e, &SceneValue::default(), &[], at(0)))?;
         // Seen through the middle of the lens, when the shutter opens.
-        let pinhole = lowered.camera.at(0.0);
+        let around = lowered.camera.origin.as_dvec3();
+        let pinhole = lowered.relative_to(around).at(0.0);
         let size = [f64::from(pinhole.width as f32), f64::from(pinhole.height as f32)];
         let (mut projected, mut places) = (Vec::new(), Vec::new());
         for (k, p) in points.value().data.chunks_exact(3).enumerate() {
-            let point = DVec3::new(p[0], p[1], p[2]).as_vec3();
+            let point = (DVec3::new(p[0], p[1], p[2]) - around).as_vec3();
             let seen = pinhole.project(point).ok_or_else(|| unseen(k, p, points.len() == 3, at(1)))?;
             places.extend([f64::from(seen.pixel.x) / size[0], f64::from(seen.pixel.y) / size[1]]);
             projected.push(seen);

@@ -192,6 +192,7 @@ impl Engine {
         let film = camera_value.film().map_or(0, |(w, h)| w.saturating_mul(h));
         memory::ask((film as u64).saturating_mul(64)).map_err(|e| error::memory(e, at("camera")))?;
 
+        let seen_by = camera.relative_to(lowered.scene.description.origin);
         let (slots, inputs): (Vec<Slot>, Vec<Var>) = lowered.slots.iter().chain(&camera.slots).cloned().unzip();
         let is_live = !slots.is_empty();
         // What params reach is seen with fresh samples at every step; the rest is rendered once.
@@ -213,11 +214,11 @@ impl Engine {
         };
         self.statistics.renders += 1;
         let stop = self.options.interrupt.clone().unwrap_or_default();
-        let mut image = grad::render_until(&lowered.scene, &camera.camera, &settings, &stop)
+        let mut image = grad::render_until(&lowered.scene, &seen_by, &settings, &stop)
             .map_err(|e| self.scene_error(LowerError::Scene(e), &scene, &origins, span))?;
         self.check_interrupt(span)?;
         if output == Output::Radiance && image.data.iter().all(|x| *x == 0.0) {
-            let why = dark::reason(&lowered.scene, &camera.camera);
+            let why = dark::reason(&lowered.scene, &seen_by);
             self.warnings.say(span, "black", || black(why, &scene, &origins, span));
         }
         let mut memory = None;
@@ -227,14 +228,14 @@ impl Engine {
             memory = Some(site.memory.clone());
             if overrides.control_variates {
                 self.statistics.renders += u64::from(site.goes_on());
-                let next = site.next(image, &lowered, camera.camera, &settings, &stop);
+                let next = site.next(image, &lowered, seen_by, &settings, &stop);
                 image = next.map_err(|e| self.scene_error(LowerError::Scene(e), &scene, &origins, span))?;
                 self.check_interrupt(span)?;
             }
         }
         let value = Tensor::from_image(&image);
         let warnings = self.warnings.clone();
-        let op = RenderOp { scene: lowered, camera: camera.camera, settings, slots, memory, stop, span, warnings };
+        let op = RenderOp { scene: lowered, camera: seen_by, settings, slots, memory, stop, span, warnings };
         Ok(Value::Image(Var::custom(Arc::new(op), inputs, value)))
     }
 

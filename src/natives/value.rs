@@ -375,10 +375,18 @@ impl MeshValue {
 
     /// The numbers alone, of the opening keyframe.
     pub fn to_mesh(&self) -> crate::mesh::Mesh {
-        let rows3 = |v: &Var| v.value().data.chunks_exact(3).map(|c| glam::dvec3(c[0], c[1], c[2]).as_vec3()).collect();
+        self.to_mesh_around(glam::DVec3::ZERO)
+    }
+
+    /// With positions relative to `origin`, which are rounded to single precision only then.
+    pub fn to_mesh_around(&self, origin: glam::DVec3) -> crate::mesh::Mesh {
+        let rows3_from = |v: &Var, origin: glam::DVec3| {
+            v.value().data.chunks_exact(3).map(|c| (glam::dvec3(c[0], c[1], c[2]) - origin).as_vec3()).collect()
+        };
+        let rows3 = |v: &Var| rows3_from(v, glam::DVec3::ZERO);
         let rows2 = |v: &Var| v.value().data.chunks_exact(2).map(|c| glam::dvec2(c[0], c[1]).as_vec2()).collect();
         crate::mesh::Mesh {
-            vertices: rows3(&self.vertices),
+            vertices: rows3_from(&self.vertices, origin),
             faces: self.faces.to_vec(),
             normals: self.normals.as_ref().map(rows3),
             uvs: self.uvs.as_ref().map(rows2),

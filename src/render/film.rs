@@ -204,7 +204,7 @@ pub(crate) fn first_hit(scene: &Scene, output: Output, camera: &Camera, si: &Sur
         Output::Radiance => Vec3::ZERO,
         Output::Depth => Vec3::X * camera.frame[2].normalize().dot(si.p - camera.origin),
         Output::Alpha => Vec3::X,
-        Output::Position => si.p,
+        Output::Position => (si.p.as_dvec3() + scene.description.origin).as_vec3(),
         Output::Normal => si.ns,
         Output::GeometricNormal => si.ng,
         Output::Albedo => si.bsdf.albedo(),

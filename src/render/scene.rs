@@ -1,6 +1,6 @@
 //! What a renderer is given: plain arrays, no language values. `Slot` names every array that may carry a derivative.
 
-use glam::{Mat3, Vec2, Vec3};
+use glam::{DVec3, Mat3, Vec2, Vec3};
 
 use crate::mesh::Mesh;
 
@@ -201,6 +201,9 @@ pub struct SceneDescription {
     /// No more than one for a light.
     pub light_motions: Vec<LightMotion>,
     pub environment: Option<Environment>,
+    /// What the positions of vertices, lights and cameras are relative to: light is transported, and derivatives taken, around it,
+    /// and only the position channel adds it again.
+    pub origin: DVec3,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -185,7 +185,7 @@ pub fn validate_camera(camera: &Camera) -> Result<(), SceneError> {
         return fail("the camera's position and orientation do not make a frame (does it look along `up`, or at its own position?)".into());
     }
     if is_too_far(camera.origin) {
-        return fail(format!("the camera is too far out: {} (at most 1e9 from the origin)", camera.origin));
+        return fail("the camera is too far out: more than 1e9 from the scene".into());
     }
     if !camera.scale.iter().all(|s| s.is_finite() && *s > 0.0) {
         return fail("the camera's field of view must be above zero and below 180 degrees".into());
@@ -223,8 +223,9 @@ fn validate(description: &SceneDescription) -> Result<(), SceneError> {
         if let Some(v) = mesh.vertices.iter().position(|v| !v.is_finite()) {
             return fail(format!("vertex {v} is not finite: {}", mesh.vertices[v]));
         }
-        if let Some(v) = mesh.vertices.iter().position(|v| is_too_far(*v)) {
-            return fail(format!("vertex {v} is too far out: {} (at most 1e9 from the origin)", mesh.vertices[v]));
+        if let Some(v) = mesh.vertices.iter().position(|v| is_too_far(*v + description.origin.as_vec3())) {
+            let place = mesh.vertices[v] + description.origin.as_vec3();
+            return fail(format!("vertex {v} is too far out: {place} (at most 1e9 from the origin)"));
         }
         let n = mesh.vertices.len();
         if let Some(f) = mesh.faces.iter().position(|f| f.iter().any(|&v| v as usize >= n)) {
@@ -279,7 +280,7 @@ fn validate(description: &SceneDescription) -> Result<(), SceneError> {
         if motion.normals.as_ref().map(Vec::len) != mesh.normals.as_ref().map(Vec::len) {
             return fail("both keyframes must have normals, or neither".into());
         }
-        if motion.vertices.iter().any(|v| !v.is_finite() || is_too_far(*v)) {
+        if motion.vertices.iter().any(|v| !v.is_finite() || is_too_far(*v + description.origin.as_vec3())) {
             return fail("vertices of the closing keyframe are not finite, or more than 1e9 from the origin".into());
         }
         if motion.normals.iter().flatten().any(|v| !v.is_finite()) {
@@ -349,7 +350,7 @@ fn validate_light(light: &DeltaLight) -> Result<(), &'static str> {
         return if placement.length_squared() == 0.0 { Err("a directional light needs a direction") } else { Ok(()) };
     }
     if is_too_far(placement) {
-        return Err("the light is too far out (at most 1e9 from the origin)");
+        return Err("the light is too far out (at most 1e9 from the scene)");
     }
     let Some(Cone { axis, beam, cutoff }) = light.cone() else { return Ok(()) };
     if axis.try_normalize().is_none() {
