@@ -1,8 +1,9 @@
-//! Materials of which a part reflects nothing: its derivative is there all the same.
+//! Materials with lobes: derivatives against differences over all roughnesses, also of a part that reflects nothing.
 
 mod common;
 
 use common::*;
+use dscene::render::texture::{Filter, Texture, Wrap};
 use dscene::render::*;
 use glam::{Vec3, vec3};
 
@@ -58,4 +59,139 @@ fn a_part_that_is_black_has_a_derivative() {
         &floor_of(PRINCIPLED, [0.0, 1.0], first),
         &Plan { max_bounces: 3, ..plan },
     );
+}
+
+/// What lights a plate.
+#[derive(Clone, Copy, Debug)]
+enum Light {
+    /// Four by two texels, without a sun.
+    Sky,
+    /// A square where the lobe looks.
+    Lamp,
+}
+
+/// What moves.
+#[derive(Clone, Copy, Debug)]
+enum Moves {
+    Tilt,
+    Roughness,
+    Colour,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Row {
+    material: &'static str,
+    roughness: f32,
+    light: Light,
+    /// Between the line of sight and the plate's normal.
+    angle: f32,
+    moves: Moves,
+}
+
+impl Row {
+    /// A large plate of the material in the middle of a narrow view; its edges are out of sight.
+    fn build(&self, t: f32) -> (SceneDescription, Camera) {
+        let shift = |moves: bool| if moves { t } else { 0.0 };
+        let mut b = Builder::default();
+        let colour = vec3(0.7, 0.5, 0.6) + shift(matches!(self.moves, Moves::Colour));
+        let roughness = b.scalar(self.roughness + shift(matches!(self.moves, Moves::Roughness)));
+        let colour = b.constant(colour);
+        let kind = match self.material {
+            "conductor" => MaterialKind::Conductor { reflectance: colour, roughness },
+            "conductor by its index" => {
+                let k = b.constant(vec3(3.6, 2.6, 2.3));
+                MaterialKind::ConductorIor { eta: colour, k, roughness }
+            }
+            "phong" => MaterialKind::Phong { diffuse: b.constant(Vec3::splat(0.2)), specular: colour, roughness },
+            "principled" => MaterialKind::Principled {
+                base_color: colour,
+                metallic: b.scalar(0.5),
+                roughness,
+                specular: b.scalar(0.6),
+            },
+            other => panic!("{other}"),
+        };
+        let tilt = shift(matches!(self.moves, Moves::Tilt));
+        let mut plate = floor(Vec3::ZERO, 3.0);
+        for v in &mut plate.vertices {
+            *v = glam::Quat::from_rotation_x(tilt) * *v;
+        }
+        b.shape(plate, Material { kind, one_sided: false, opacity: None });
+        let (sin, cos) = self.angle.to_radians().sin_cos();
+        match self.light {
+            Light::Sky => {
+                // Bright above the plate as the lobe sees it: any texel differs from its neighbours.
+                let texels = [0.3, 1.4, 0.5, 2.0, 0.7, 0.2, 1.6, 0.4];
+                let data = texels.iter().flat_map(|x| [*x, 0.8 * x + 0.1, 1.2 - 0.4 * x]).collect();
+                let (wrap, filter) = (Wrap::Repeat, Filter::Bilinear);
+                b.scene.textures.push(Texture { width: 4, height: 2, channels: 3, data, wrap, filter });
+                let radiance = b.scene.textures.len() - 1;
+                // Where the mirror direction is, colours change along the tilt.
+                let rotation = glam::Mat3::from_rotation_z(0.6);
+                b.scene.environment = Some(Environment { radiance, rotation });
+            }
+            Light::Lamp => {
+                let centre = vec3(0.0, cos, sin) * 3.0;
+                let mut lamp = ceiling(Vec3::ZERO, 0.5);
+                for v in &mut lamp.vertices {
+                    *v = glam::Quat::from_rotation_x(self.angle.to_radians()) * *v + centre + vec3(0.1, 0.2, -0.1);
+                }
+                b.light(lamp, Vec3::splat(4.0));
+            }
+        }
+        (b.scene, look_at(vec3(0.01, cos, -sin) * 4.0, Vec3::ZERO, 12.0, 8))
+    }
+
+    fn check(&self) {
+        let spp = if matches!(self.light, Light::Lamp) { 64 } else { 16 };
+        let h = match self.moves {
+            Moves::Tilt => 0.01,
+            Moves::Roughness => 0.2 * self.roughness.min(0.5),
+            Moves::Colour => 0.05,
+        };
+        let size = match self.moves {
+            Moves::Roughness => 1.0 / (self.roughness + 0.1),
+            _ => 1.0,
+        };
+        let plan = Plan { spp, fd_spp: 4 * spp, h, least: 0.5 * f64::from(size), ..Plan::default() };
+        agree(&format!("{self:?}"), &|t| self.build(t), &plan);
+    }
+}
+
+/// The rows that went wrong when half vectors were told from cosines.
+#[test]
+fn narrow_lobes_have_their_derivatives() {
+    let (sky, lamp) = (Light::Sky, Light::Lamp);
+    let row = |material, roughness, light, angle, moves| Row { material, roughness, light, angle, moves };
+    for row in [
+        row("conductor", 0.0, sky, 60.0, Moves::Tilt),
+        row("conductor", 0.05, sky, 60.0, Moves::Tilt),
+        row("conductor", 0.05, sky, 5.0, Moves::Roughness),
+        row("conductor", 0.05, lamp, 30.0, Moves::Colour),
+        row("principled", 0.02, sky, 75.0, Moves::Tilt),
+        row("principled", 0.3, sky, 75.0, Moves::Roughness),
+    ] {
+        row.check();
+    }
+}
+
+/// Every material with a lobe, from a mirror to the roughest, head on and at grazing angles.
+#[cfg(feature = "truth")]
+#[test]
+fn lobes_of_all_roughnesses_have_their_derivatives() {
+    for material in ["conductor", "conductor by its index", "phong", "principled"] {
+        for roughness in [0.0, 0.02, 0.05, 0.1, 0.3, 1.0] {
+            for light in [Light::Sky, Light::Lamp] {
+                for angle in [5.0, 80.0] {
+                    for moves in [Moves::Tilt, Moves::Roughness, Moves::Colour] {
+                        // At both ends of the domain there is a derivative to one side only.
+                        if matches!(moves, Moves::Roughness) && (roughness == 0.0 || roughness == 1.0) {
+                            continue;
+                        }
+                        Row { material, roughness, light, angle, moves }.check();
+                    }
+                }
+            }
+        }
+    }
 }
