@@ -60,6 +60,7 @@ pub mod check;
 pub mod grad;
 pub mod optim;
 
+pub mod data;
 pub mod natives;
 
 pub mod eval;

@@ -26,8 +26,18 @@ impl Checker<'_> {
             ast::Action::Optimize(o) => hir::Action::Optimize(Box::new(self.optimize(o))),
             ast::Action::Save { value, path, span } => {
                 let value = self.expr(value, None).expr;
-                let savable =
-                    matches!(value.ty, Ty::Image { .. } | Ty::Mesh | Ty::Num(_) | Ty::Texture) || value.ty.is_unknown();
+                let savable = !matches!(
+                    value.ty,
+                    Ty::Camera { .. }
+                        | Ty::Fn(..)
+                        | Ty::Shape
+                        | Ty::Light
+                        | Ty::Material
+                        | Ty::Medium
+                        | Ty::Scene
+                        | Ty::Integrator
+                        | Ty::Optimizer
+                );
                 if !savable {
                     let help = matches!(value.ty, Ty::Camera { .. })
                         .then(|| format!("render it: `save render({}) to …`", self.sources.text(value.span)));
@@ -97,8 +107,11 @@ impl Checker<'_> {
         }
         let Some(saved) = saved else { return typed.expr };
         let known: &[&str] = match saved {
-            Ty::Num(shape) if shape.len() < 2 => &["json", "txt"],
-            Ty::Image { .. } | Ty::Num(_) | Ty::Texture => &["png", "exr", "hdr", "json", "txt"],
+            Ty::Num(shape) if shape.len() < 2 => &["json", "csv", "npy", "txt"],
+            Ty::Num(_) => &["png", "exr", "hdr", "json", "csv", "npy", "txt"],
+            Ty::Image { .. } | Ty::Texture => &["png", "exr", "hdr", "npy", "json", "txt"],
+            Ty::Angle | Ty::Rotation | Ty::Transform => &["json", "csv", "npy", "txt"],
+            Ty::Bool | Ty::Str | Ty::Array(..) | Ty::Tuple(_) | Ty::Estimate(_) | Ty::Gradients => &["json", "txt"],
             Ty::Mesh => &["obj", "ply", "json", "txt"],
             _ => &["png", "exr", "hdr", "obj", "ply", "json", "txt"],
         };

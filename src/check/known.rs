@@ -28,7 +28,16 @@ impl Checker<'_> {
     pub fn check_native(&mut self, id: DeclId, name: &str, found: &mut [Option<Typed>]) {
         let is_file = matches!(
             self.slot(id).name.text.as_str(),
-            "load" | "load_scene" | "load_shapes" | "load_lights" | "load_image" | "texture" | "environment"
+            "load"
+                | "load_scene"
+                | "load_shapes"
+                | "load_lights"
+                | "load_image"
+                | "load_json"
+                | "load_table"
+                | "load_array"
+                | "texture"
+                | "environment"
         );
         if is_file && let Some(Some(Typed { value: Some(Const::Str(path)), expr })) = found.first_mut() {
             let folder = self.folder();

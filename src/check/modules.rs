@@ -14,12 +14,13 @@ use crate::syntax::ast::{self, StatementKind};
 use crate::syntax::{self};
 
 /// The standard library: module name and text. The `prelude` ones are visible everywhere, the others by `import std.NAME`.
-const LIBRARY: [(&str, bool, &str); 9] = [
+const LIBRARY: [(&str, bool, &str); 10] = [
     ("math", true, include_str!("../../stdlib/math.dscene")),
     ("mesh", true, include_str!("../../stdlib/mesh.dscene")),
     ("material", true, include_str!("../../stdlib/material.dscene")),
     ("scene", true, include_str!("../../stdlib/scene.dscene")),
     ("image", true, include_str!("../../stdlib/image.dscene")),
+    ("data", true, include_str!("../../stdlib/data.dscene")),
     ("loss", true, include_str!("../../stdlib/loss.dscene")),
     ("optimize", true, include_str!("../../stdlib/optimize.dscene")),
     ("derivative", true, include_str!("../../stdlib/derivative.dscene")),

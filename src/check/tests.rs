@@ -101,7 +101,17 @@ fn every_library_declaration_has_a_docstring_and_an_example_that_checks() {
         if !example.contains(name.as_str()) && name != "zip" && name != "constant_rate" {
             wrong.push(format!("{name}: the example does not use it"));
         }
-        if matches!(name.as_str(), "load" | "load_scene" | "load_shapes" | "load_lights" | "load_image") {
+        if matches!(
+            name.as_str(),
+            "load"
+                | "load_scene"
+                | "load_shapes"
+                | "load_lights"
+                | "load_image"
+                | "load_json"
+                | "load_table"
+                | "load_array"
+        ) {
             continue; // They need a file.
         }
         let (line, diagnostics) = check_line(&mut fixture, example);

@@ -153,6 +153,15 @@ fn brief_within(value: &Value, ty: &Ty, depth: usize) -> String {
                 .collect();
             format!("{{ {} }}", lines.join(", "))
         }
+        Value::Record(_) if depth >= DEEPEST => "{ … }".into(),
+        Value::Record(fields) => {
+            let mut parts: Vec<String> =
+                fields.iter().take(16).map(|(n, v)| format!("{n}: {}", brief_within(v, &Ty::Any, depth + 1))).collect();
+            if fields.len() > 16 {
+                parts.push(format!("… {} more", fields.len() - 16));
+            }
+            format!("{{ {} }}", parts.join(", "))
+        }
         Value::Function(_) => match ty {
             Ty::Fn(..) => format!("function {ty}"),
             _ => "function".into(),

@@ -52,6 +52,7 @@ pub fn field(value: &Value, name: &str) -> Option<Value> {
         },
         // Of vertex colours that multiply a texture: what the texture has.
         Value::Settings(s) => s.field(name).cloned().or_else(|| field(s.field("times")?, name)),
+        Value::Record(r) => r.iter().find(|(n, _)| n == name).map(|(_, v)| v.clone()),
         Value::Estimate(e) => match name {
             "mean" => Some(Value::Num(e.mean.clone())),
             "std_error" => Some(Value::Num(e.std_error.clone())),
@@ -86,6 +87,7 @@ pub fn fields_of(value: &Value) -> Vec<String> {
             Some(texture) => fields_of(texture),
             None => s.fields.iter().map(|(n, _)| n.clone()).collect(),
         },
+        Value::Record(r) => r.iter().map(|(n, _)| n.clone()).collect(),
         Value::Estimate(_) => words(&["mean", "std_error"]),
         Value::Gradients(all) => all.iter().map(|g| g.name.clone()).collect(),
         Value::Rotation(_) | Value::Transform(_) => words(&["matrix"]),

@@ -2,6 +2,7 @@
 //!
 //! No spans and no diagnostics here: an error blames an argument by its index, the evaluator knows the place.
 
+mod data;
 mod fields;
 mod files;
 mod images;
@@ -87,13 +88,14 @@ pub struct Args<'a> {
 
 pub type Native = fn(&Args) -> Result<Value>;
 
-const TABLES: [&[(&str, Native)]; 9] = [
+const TABLES: [&[(&str, Native)]; 10] = [
     numbers::TABLE,
     reduce::TABLE,
     linear::TABLE,
     meshes::TABLE,
     measures::TABLE,
     images::TABLE,
+    data::TABLE,
     layout::TABLE,
     files::TABLE,
     scene::TABLE,

@@ -35,6 +35,8 @@ pub enum Value {
     Settings(Arc<SettingsValue>),
     Estimate(Arc<EstimateValue>),
     Gradients(Arc<Vec<GradientEntry>>),
+    /// What a data file holds under names, in its order.
+    Record(Arc<Vec<(String, Value)>>),
     Function(Function),
 }
 
@@ -345,6 +347,7 @@ impl Value {
             },
             Value::Estimate(_) => "an estimate",
             Value::Gradients(_) => "gradients",
+            Value::Record(_) => "a record",
             Value::Function(_) => "a function",
         }
     }

@@ -11,6 +11,7 @@ use super::show::significant;
 use super::world::{Progress, World};
 use crate::check::hir;
 use crate::check::types::Ty;
+use crate::data::{npy, table};
 use crate::diag::Diagnostic;
 use crate::eval::{self, Engine};
 use crate::image::file::describe_io;
@@ -391,6 +392,14 @@ pub fn save_value(value: &Value, ty: &Ty, path: &Path) -> Result<(), SaveError> 
             let text = format!("{}\n", eval::to_json(value));
             write_atomically(path, text.as_bytes()).map_err(SaveError::Io)
         }
+        "npy" => {
+            let array = value.var().ok_or_else(|| SaveError::Other {
+                message: format!("a .npy file holds an array of numbers, this is {}", value.kind()),
+                help: "give the file the extension .json, which holds any value".to_owned(),
+            })?;
+            write_atomically(path, &npy::encode(array.value())).map_err(SaveError::Io)
+        }
+        "csv" => write_atomically(path, &table_of(value)?).map_err(SaveError::Io),
         "txt" => write_atomically(path, format!("{}\n", eval::show(value, ty)).as_bytes()).map_err(SaveError::Io),
         "png" | "exr" | "hdr" => {
             let image = image_of(value).ok_or_else(|| SaveError::Other {
@@ -421,9 +430,52 @@ pub fn save_value(value: &Value, ty: &Ty, path: &Path) -> Result<(), SaveError> 
             } else {
                 format!("`.{other}` is not a format that can be written")
             },
-            help: "use .png, .exr or .hdr for images, .obj or .ply for meshes, .json or .txt for any value".to_owned(),
+            help: "use .png, .exr or .hdr for images, .obj or .ply for meshes, .npy or .csv for numbers, .json or .txt for any value".to_owned(),
         }),
     }
+}
+
+/// The table that a value is: a column for a vector, rows for a matrix, and named columns for a record of vectors.
+fn table_of(value: &Value) -> Result<Vec<u8>, SaveError> {
+    let no_table = || SaveError::Other {
+        message: format!("a table holds a vector, rows of numbers or a record of columns, this is {}", value.kind()),
+        help: "give the file the extension .json, which holds any value".to_owned(),
+    };
+    let failed = |message: String| SaveError::Other { message, help: "save it as .json".to_owned() };
+    // `{}` writes as many digits as it takes to read the same number back.
+    let cells = |row: &[f64]| row.iter().map(f64::to_string).collect::<Vec<String>>();
+    if let Value::Record(fields) = value {
+        let column = |v: &Value| -> Option<Vec<String>> {
+            match v {
+                Value::Num(v) if v.shape().len() == 1 => Some(cells(&v.value().data)),
+                Value::List(items) => items
+                    .iter()
+                    .map(|item| match item {
+                        Value::Str(s) => Some(s.to_string()),
+                        _ => None,
+                    })
+                    .collect(),
+                _ => None,
+            }
+        };
+        let columns: Option<Vec<Vec<String>>> = fields.iter().map(|(_, v)| column(v)).collect();
+        let columns = columns.ok_or_else(no_table)?;
+        let length = columns.first().map_or(0, Vec::len);
+        if columns.iter().any(|c| c.len() != length) {
+            return Err(failed("the columns of the table have different lengths".to_owned()));
+        }
+        let rows: Vec<Vec<String>> = (0..length).map(|i| columns.iter().map(|c| c[i].clone()).collect()).collect();
+        let names: Vec<&str> = fields.iter().map(|(n, _)| n.as_str()).collect();
+        return table::encode(Some(&names), &rows).map_err(failed);
+    }
+    let tensor = value.var().ok_or_else(no_table)?.value();
+    let width = match tensor.shape[..] {
+        [] | [_] => 1,
+        [_, width] => width.max(1),
+        _ => return Err(no_table()),
+    };
+    let rows: Vec<Vec<String>> = tensor.data.chunks(width).map(cells).collect();
+    table::encode(None, &rows).map_err(failed)
 }
 
 /// The picture that a value is, or that its numbers make: `[height, width]` or `[height, width, channels ≤ 4]`.

@@ -1,0 +1,92 @@
+//! Data files: JSON, tables and arrays, as values of the language.
+
+use std::sync::Arc;
+
+use serde_json::Value as Json;
+
+use crate::data::{npy, table};
+use crate::files::read_bytes;
+use crate::memory;
+use crate::tape::Tensor;
+
+use super::value::Value;
+use super::{Args, Native, NativeError, Result};
+
+pub(super) const TABLE: &[(&str, Native)] = &[
+    ("load_json", |a| {
+        let bytes = bytes(a)?;
+        // A tree of numbers takes some twenty times as much as their text.
+        memory::ask(bytes.len() as u64 * 20)?;
+        let json: Json = serde_json::from_slice(&bytes).map_err(|e| NativeError::at(0, format!("{}: {e}", name(a))))?;
+        Ok(from_json(&json))
+    }),
+    ("load_table", |a| {
+        match table::decode(&bytes(a)?).map_err(|e| NativeError::at(0, format!("{}: {e}", name(a))))? {
+            table::Table::Rows(rows) => Ok(Value::tensor(rows)),
+            table::Table::Columns(columns) => {
+                let value = |column| match column {
+                    table::Column::Numbers(numbers) => Value::tensor(Tensor::vector(numbers)),
+                    table::Column::Words(words) => Value::list(words.into_iter().map(Value::str).collect()),
+                };
+                Ok(Value::Record(Arc::new(columns.into_iter().map(|(n, c)| (n, value(c))).collect())))
+            }
+        }
+    }),
+    ("load_array", |a| {
+        let read = npy::decode(&bytes(a)?).map_err(|e| NativeError::at(0, format!("{}: {e}", name(a))))?;
+        if let Some(note) = read.note {
+            a.warn(NativeError::at(0, note));
+        }
+        Ok(Value::tensor(read.array))
+    }),
+];
+
+fn name(a: &Args) -> String {
+    a.string(0).unwrap_or_default().to_owned()
+}
+
+fn bytes(a: &Args) -> Result<Vec<u8>> {
+    read_bytes(&a.path(0)?).map_err(|e| NativeError::at(0, format!("{}: {e}", name(a))))
+}
+
+/// Objects become records, arrays of numbers tensors where their lengths agree, and null, which stands for what is no number in
+/// files written here, not-a-number.
+fn from_json(json: &Json) -> Value {
+    if let Some(numbers) = numbers(json) {
+        return Value::tensor(numbers);
+    }
+    match json {
+        Json::Bool(b) => Value::Bool(*b),
+        Json::String(s) => Value::str(s.as_str()),
+        Json::Array(items) => Value::list(items.iter().map(from_json).collect()),
+        Json::Object(fields) => {
+            Value::Record(Arc::new(fields.iter().map(|(n, v)| (n.clone(), from_json(v))).collect()))
+        }
+        Json::Null | Json::Number(_) => Value::scalar(f64::NAN),
+    }
+}
+
+/// The tensor that a number, or arrays of numbers of equal lengths, are.
+fn numbers(json: &Json) -> Option<Tensor> {
+    fn fill(json: &Json, depth: usize, shape: &mut Vec<usize>, data: &mut Vec<f64>) -> Option<()> {
+        match json {
+            Json::Array(items) => {
+                // The first way down decides how deep and how long.
+                if shape.len() == depth && data.is_empty() {
+                    shape.push(items.len());
+                }
+                if shape.get(depth) != Some(&items.len()) {
+                    return None;
+                }
+                items.iter().try_for_each(|item| fill(item, depth + 1, shape, data))
+            }
+            _ if shape.len() != depth => None,
+            Json::Null => Some(data.push(f64::NAN)),
+            Json::Number(n) => Some(data.push(n.as_f64()?)),
+            _ => None,
+        }
+    }
+    let (mut shape, mut data) = (Vec::new(), Vec::new());
+    fill(json, 0, &mut shape, &mut data)?;
+    (shape.iter().product::<usize>() == data.len()).then_some(Tensor { shape, data })
+}

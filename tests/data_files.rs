@@ -1,0 +1,161 @@
+//! JSON, tables and arrays from and to other programs, and files that are no ordinary ones.
+
+use std::fs;
+use std::path::Path;
+
+use assert_cmd::Command;
+
+fn run(folder: &Path, script: &str, more: &[&str]) -> (i32, String) {
+    fs::write(folder.join("s.dscene"), script).unwrap();
+    let mut command = Command::cargo_bin("dsl").unwrap();
+    command.current_dir(folder).args(["run", "s.dscene", "--out", "o"]).args(more);
+    let output = command.timeout(std::time::Duration::from_secs(60)).output().unwrap();
+    let _ = fs::remove_dir_all(folder.join("o.old"));
+    let _ = fs::rename(folder.join("o"), folder.join("o.old"));
+    let text = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+    (output.status.code().unwrap_or(-1), text)
+}
+
+fn holds(folder: &Path, script: &str) {
+    let (code, text) = run(folder, script, &[]);
+    assert_eq!(code, 0, "{text}");
+}
+
+#[test]
+fn json_records_have_fields() {
+    let folder = tempfile::tempdir().unwrap();
+    let json = r#"{"camera": {"fov": 30.5, "film": [64, 48]}, "name": "scan", "ok": true,
+                   "rows": [[1, 2], [3, 4]], "ragged": [[1], [2, 3]], "nothing": null, "shapes": [{"r": 1}, {"r": 2}]}"#;
+    fs::write(folder.path().join("a.json"), json).unwrap();
+    holds(
+        folder.path(),
+        "let data = load_json(\"a.json\")\nexpect data.camera.fov == 30.5\nexpect data.camera.film.x == 64\n\
+         expect data.name == \"scan\"\nexpect data.ok\nexpect data.rows[1, 0] == 3\nexpect data.ragged[1][1] == 3\n\
+         expect sum([s.r for s in data.shapes]) == 3\nexpect mean(data.rows * 2) == 5\n",
+    );
+    let (code, text) = run(folder.path(), "print load_json(\"a.json\").camera.fow\n", &[]);
+    assert_eq!(code, 1);
+    assert!(text.contains("a record has no field `fow`") && text.contains("it has: fov, film"), "{text}");
+    fs::write(folder.path().join("b.json"), "{\"a\": [1, 2").unwrap();
+    let (code, text) = run(folder.path(), "print load_json(\"b.json\")\n", &[]);
+    assert!(code == 1 && text.contains("b.json: EOF while parsing") && text.contains("s.dscene:1:17"), "{text}");
+}
+
+#[test]
+fn tables_and_arrays_are_values() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("a.csv"), "wave length,n\n400,1.5\n500,1.4\n").unwrap();
+    fs::write(folder.path().join("b.csv"), "1;2\n3;4\n5;6\n").unwrap();
+    holds(
+        folder.path(),
+        "let glass = load_table(\"a.csv\")\nexpect glass.wave_length[1] == 500\nexpect mean(glass.n) == 1.45\n\
+         let rows = load_table(\"b.csv\")\nexpect rows[2, 1] == 6\n",
+    );
+}
+
+#[test]
+fn what_is_saved_is_loaded() {
+    let folder = tempfile::tempdir().unwrap();
+    holds(
+        folder.path(),
+        "let v = noise([50])\nlet m = noise([20, 3])\nlet t = noise([4, 5, 3])\nlet words = [\"a\", \"b\"]\n\
+         save v to \"v.json\"\nsave v to \"v.csv\"\nsave v to \"v.npy\"\n\
+         save m to \"m.json\"\nsave m to \"m.csv\"\nsave m to \"m.npy\"\n\
+         save t to \"t.json\"\nsave t to \"t.npy\"\nsave image(t) to \"i.npy\"\n\
+         save words to \"w.json\"\nsave true to \"b.json\"\nsave 90deg to \"angle.npy\"\n",
+    );
+    for (from, to) in [
+        "v.json",
+        "v.csv",
+        "v.npy",
+        "m.json",
+        "m.csv",
+        "m.npy",
+        "t.json",
+        "t.npy",
+        "i.npy",
+        "w.json",
+        "b.json",
+        "angle.npy",
+    ]
+    .map(|n| (folder.path().join("o.old").join(n), folder.path().join(n)))
+    {
+        fs::copy(&from, to).unwrap_or_else(|e| panic!("{}: {e}", from.display()));
+    }
+    holds(
+        folder.path(),
+        "let v = noise([50])\nlet m = noise([20, 3])\nlet t = noise([4, 5, 3])\n\
+         expect max(abs(load_json(\"v.json\") - v)) == 0\nexpect max(abs(load_table(\"v.csv\")[.., 0] - v)) == 0\n\
+         expect max(abs(load_array(\"v.npy\") - v)) == 0\nexpect max(abs(load_json(\"m.json\") - m)) == 0\n\
+         expect max(abs(load_table(\"m.csv\") - m)) == 0\nexpect max(abs(load_array(\"m.npy\") - m)) == 0\n\
+         expect max(abs(load_json(\"t.json\") - t)) == 0\nexpect max(abs(load_array(\"t.npy\") - t)) == 0\n\
+         expect max(abs(load_array(\"i.npy\") - t)) == 0\nexpect load_json(\"w.json\")[1] == \"b\"\n\
+         expect load_json(\"b.json\")\nexpect abs(load_array(\"angle.npy\") - pi / 2) == 0\n\
+         save load_json(\"v.json\") to \"again.npy\"\n",
+    );
+    // A record of columns goes back to a table of them.
+    fs::write(folder.path().join("a.csv"), "x,name\n0.1,p\n-2.5e-7,q\n").unwrap();
+    holds(folder.path(), "save load_table(\"a.csv\") to \"b.csv\"\nsave load_table(\"a.csv\") to \"b.json\"\n");
+    let text = fs::read_to_string(folder.path().join("o.old/b.csv")).unwrap();
+    assert_eq!(text, "x,name\n0.1,p\n-0.00000025,q\n");
+    let (code, text) = run(folder.path(), "save load_table(\"a.csv\") to \"b.npy\"\n", &[]);
+    assert!(code == 1 && text.contains("a .npy file holds an array of numbers, this is a record"), "{text}");
+}
+
+/// Scripts, imports and all kinds of data: a pipe never begins and a device never ends.
+#[cfg(unix)]
+#[test]
+fn only_ordinary_files_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let status = std::process::Command::new("mkfifo").arg(folder.path().join("pipe.dscene")).status().unwrap();
+    assert!(status.success());
+    for script in [
+        "import \"pipe.dscene\"\n",
+        "import \"/dev/zero\"\n",
+        "print load_json(\"/dev/zero\")\n",
+        "print load_table(\"pipe.dscene\")\n",
+        "print load_array(\"/dev/full\")\n",
+    ] {
+        let (code, text) = run(folder.path(), script, &[]);
+        assert_eq!(code, 1, "{script}{text}");
+        assert!(text.contains("only ordinary files are read"), "{script}{text}");
+    }
+    let mut command = Command::cargo_bin("dsl").unwrap();
+    let output =
+        command.arg("check").arg(folder.path().join("pipe.dscene")).timeout(std::time::Duration::from_secs(20));
+    let text = String::from_utf8_lossy(&output.output().unwrap().stderr).into_owned();
+    assert!(text.contains("this is a pipe; only ordinary files are read"), "{text}");
+}
+
+/// Each would take gigabytes, and ends at the expression that would.
+#[test]
+fn what_does_not_fit_into_memory_ends_with_a_diagnostic() {
+    let folder = tempfile::tempdir().unwrap();
+    let chain = |start: &str, next: &dyn Fn(&str) -> String| {
+        (0..40).fold(format!("let s0 = {start}\n"), |text, i| {
+            text + &format!("let s{} = {}\n", i + 1, next(&format!("s{i}")))
+        })
+    };
+    let scripts = [
+        chain("\"0123456789\"", &|s| format!("\"{{{s}}}{{{s}}}\"")) + "expect s40 == s0\n",
+        chain("[1, 2]", &|s| format!("[{s}, {s}]")) + "print mean(s40)\n",
+        "let m = sphere(subdivisions: 100)\nprint merge([m for i in 0..2000])\n".to_owned(),
+        "print subdivide(sphere(subdivisions: 64), levels: 8)\n".to_owned(),
+        "print mean(resize(image([[0, 1], [1, 0]]), width: 16000, height: 16000))\n".to_owned(),
+        "print mean(reshape(noise([20000]), [20000, 1]) * reshape(noise([20000]), [1, 20000]))\n".to_owned(),
+        "camera eye { position: [0, 0, 3], film: [8000, 8000] }\nlight sky = constant(1)\nprint mean(render(eye, spp: 1))\n".to_owned(),
+        "let all = [i for i in 0..4000000]\nprint mean([i * [1, 2, 3] for i in all])\n".to_owned(),
+    ];
+    for script in scripts {
+        let (code, text) = run(folder.path(), &script, &["--memory", "200MB"]);
+        assert_eq!(code, 1, "{script}{text}");
+        assert!(
+            text.contains("dscene::run::memory") || text.contains("of memory, more than is left"),
+            "{script}{text}"
+        );
+        assert!(text.contains("--memory 16GB") && text.contains("s.dscene:"), "{script}{text}");
+    }
+    // What nests in itself is shown in short.
+    let (code, text) = run(folder.path(), &(chain("[\"a\", \"b\"]", &|s| format!("[{s}, {s}]")) + "print s40\n"), &[]);
+    assert!(code == 0 && text.len() < 10_000, "{}", text.len());
+}
