@@ -182,7 +182,7 @@ impl Checker<'_> {
                     let value = self.checked_field(field, &Sig::Is(Ty::Bool));
                     if !matches!(value.kind, hir::ExprKind::Bool(false)) {
                         let help = "leave it out: a loss and its derivative use independent samples, which keeps the gradient unbiased";
-                        self.diagnostics.push(super::foreign::unavailable("correlated", field.name.span).help(help));
+                        self.diagnostics.push(crate::diag::advice::unavailable("correlated", field.name.span).help(help));
                     }
                 }
                 "stop_when" => {
@@ -253,7 +253,11 @@ impl Checker<'_> {
             "film_scale" => Sig::Is(Ty::SCALAR),
             "control_variates" => Sig::Is(Ty::Bool),
             _ => {
-                let foreign = super::foreign::field(name, known).map(|f| format!("did you mean `{f}`?"));
+                let value = self.sources.text(field.value.span);
+                let foreign = crate::diag::advice::solver_setting(name)
+                    .filter(|_| known.contains(&"using"))
+                    .map(|(solver, setting)| format!("it belongs to the solver: `using: {solver}({setting}: {value})`"))
+                    .or_else(|| crate::diag::advice::field(name, known).map(|f| format!("did you mean `{f}`?")));
                 let help = foreign.or_else(|| did_you_mean(name, "its fields are", known.iter().copied()));
                 self.diagnostics.push(
                     Diagnostic::error("dscene::name::field", format!("{what} has no field `{name}`"))

@@ -4,7 +4,7 @@ use super::arith::{image_sizes, together};
 use super::declare::broken;
 use super::hir::{self, Callee, DeclId, DerivativeKind, ExprKind};
 use super::infer::{Typed, typed};
-use super::modules::{Checker, Signature, State};
+use super::modules::{Checker, SigParam, Signature, State};
 use super::results;
 use super::signature::{Const, Sig, fits};
 use super::types::Ty;
@@ -190,15 +190,37 @@ impl Checker<'_> {
         let params = &signature.params;
         let mut out: Vec<Option<usize>> = vec![None; params.len()];
         let mut named = false;
+        let mut disordered = false;
+        // Parameters that an unknown name was probably meant to be.
+        let mut meant: Vec<usize> = Vec::new();
+        if self.is_other_light(given, site, params) {
+            return out;
+        }
         for (i, arg) in given.iter().enumerate() {
             let Some(name) = &arg.name else {
                 if named {
-                    self.diagnostics.push(
-                        Diagnostic::error("dscene::call::order", "positional arguments come before named ones")
-                            .label(arg.value.span, "has no name")
-                            .help("give it a name, or move it to the front"),
-                    );
-                    self.expr(arg.value, None);
+                    // The next one that nobody names.
+                    let is_named = |p: &SigParam| given.iter().any(|g| g.name.as_ref().is_some_and(|n| n.text == p.name));
+                    let slot = (0..out.len()).find(|&s| out[s].is_none() && !is_named(&params[s]));
+                    if !disordered {
+                        disordered = true;
+                        let text = self.sources.text(arg.value.span);
+                        let help = match slot {
+                            Some(slot) => format!("give it a name, or move it to the front: `{}: {text}`", params[slot].name),
+                            None => "leave it out: all arguments have a value".to_owned(),
+                        };
+                        self.diagnostics.push(
+                            Diagnostic::error("dscene::call::order", "positional arguments come before named ones")
+                                .label(arg.value.span, "has no name")
+                                .help(help),
+                        );
+                    }
+                    match slot {
+                        Some(slot) => out[slot] = Some(i),
+                        None => {
+                            self.expr(arg.value, None);
+                        }
+                    }
                 } else if i < out.len() {
                     out[i] = Some(i);
                 } else {
@@ -235,20 +257,17 @@ impl Checker<'_> {
                 },
                 None => {
                     let known: Vec<&str> = params.iter().map(|p| p.name.as_str()).collect();
-                    let foreign = super::foreign::field(&name.text, &known).map(|f| format!("did you mean `{f}`?"));
+                    let foreign = crate::diag::advice::field(&name.text, &known).map(|f| format!("did you mean `{f}`?"));
                     let what = format!("its {}s are", site.noun());
-                    if foreign.is_none() && super::foreign::is_planned(&name.text) {
-                        self.diagnostics.push(super::foreign::unavailable(&name.text, name.span));
+                    if foreign.is_none() && crate::diag::advice::is_planned(&name.text) {
+                        self.diagnostics.push(crate::diag::advice::unavailable(&name.text, name.span));
                         self.expr(arg.value, None);
                         continue;
                     }
-                    let other = (site.is_kind && site.name == "light")
-                        .then(|| super::foreign::light_with(&name.text))
-                        .flatten()
-                        .map(|light| {
-                            format!("an area light has fields; write `light NAME = {light}({}: …)`", name.text)
-                        });
-                    let help = other.or(foreign).or_else(|| did_you_mean(&name.text, &what, known));
+                    let near = crate::diag::advice::field(&name.text, &known)
+                        .or_else(|| crate::diag::suggest(&name.text, known.iter().copied()));
+                    meant.extend(params.iter().position(|p| Some(p.name.as_str()) == near));
+                    let help = foreign.or_else(|| did_you_mean(&name.text, &what, known));
                     let (code, message) = if site.is_kind {
                         ("dscene::name::field", format!("a {} has no field `{}`", site.name, name.text))
                     } else {
@@ -263,7 +282,9 @@ impl Checker<'_> {
                 }
             }
         }
-        let missing: Vec<usize> = (0..params.len()).filter(|i| out[*i].is_none() && !params[*i].has_default).collect();
+        let missing: Vec<usize> = (0..params.len())
+            .filter(|i| out[*i].is_none() && !params[*i].has_default && !meant.contains(i))
+            .collect();
         if !missing.is_empty() {
             let names: Vec<String> = missing.iter().map(|i| format!("`{}`", params[*i].name)).collect();
             let fields: Vec<String> = missing.iter().map(|i| format!("{}: …", params[*i].name)).collect();
@@ -286,9 +307,37 @@ impl Checker<'_> {
         out
     }
 
+    /// `light NAME { position: …, intensity: … }`: fields of a light that has none, said once.
+    fn is_other_light(&mut self, given: &[Given], site: Site, params: &[SigParam]) -> bool {
+        if !(site.is_kind && site.name == "light") {
+            return false;
+        }
+        let foreign = given.iter().filter_map(|g| g.name.as_ref()).find_map(|name| {
+            let known = params.iter().any(|p| p.name == name.text);
+            Some((name, crate::diag::advice::light_with(&name.text).filter(|_| !known)?))
+        });
+        let Some((name, light)) = foreign else { return false };
+        let name = name.clone();
+        let arguments: Vec<String> = given
+            .iter()
+            .filter_map(|g| Some(format!("{}: {}", g.name.as_ref()?.text, self.sources.text(g.value.span))))
+            .collect();
+        let declared = self.stack.last().map_or("NAME".to_owned(), |id| self.slot(*id).name.text.clone());
+        let help = format!("an area light has fields; write `light {declared} = {light}({})`", arguments.join(", "));
+        self.diagnostics.push(
+            Diagnostic::error("dscene::name::field", format!("a light has no field `{}`", name.text))
+                .label(name.span, "unknown field")
+                .help(help),
+        );
+        for given in given {
+            self.expr(given.value, None);
+        }
+        true
+    }
+
     /// `area(mesh: mesh, radiance: color | texture = …)`
     fn show_signature(&self, id: DeclId, signature: &Signature) -> String {
-        let param = |p: &super::modules::SigParam| {
+        let param = |p: &SigParam| {
             let optional = if p.has_default { "?" } else { "" };
             format!("{}{optional}: {}", p.name, p.sig)
         };
@@ -401,12 +450,22 @@ impl Checker<'_> {
             let sig = Sig::Is(ty);
             *wanted == sig || matches!(wanted, Sig::Union(choices) if choices.contains(&sig))
         };
+        if let Some(call) = self.named_value(wanted, found) {
+            return Some(format!("what has settings is a function: `{call}`"));
+        }
         Some(match &found.expr.ty {
             Ty::Num(shape) if is(Ty::Angle) && shape.is_empty() => {
                 if literal {
                     format!("write `{short}deg` or `{short}rad`")
                 } else {
-                    format!("angles have a unit: `({short}) * 1deg`")
+                    // `pi / 4` is thought in radians.
+                    let bracketed = short.contains(['+', '-', '/', '<', '>', '=']) || short.contains(" if ");
+                    let unit = if short.contains("pi") || short.contains("tau") { "rad" } else { "deg" };
+                    if bracketed {
+                        format!("angles have a unit: `({short}) * 1{unit}`")
+                    } else {
+                        format!("angles have a unit: `{short} * 1{unit}`")
+                    }
                 }
             }
             Ty::Angle if accepts(Ty::SCALAR) => format!("divide by a unit to get a number: `{short} / 1deg`"),
@@ -442,6 +501,23 @@ impl Checker<'_> {
                 _ => return None,
             },
         })
+    }
+
+    /// `adam()` for `"adam"`, where an optimiser is wanted.
+    fn named_value(&self, wanted: &Sig, found: &Typed) -> Option<String> {
+        let Some(Const::Str(name)) = &found.value else { return None };
+        let plain = name.to_lowercase();
+        let name = if self.builtin(&plain).is_some() { plain.as_str() } else { crate::diag::advice::function(&plain)? };
+        let id = self.builtin(name)?;
+        let StatementKind::Fn(f) = &self.slot(id).statement.kind else { return None };
+        let result = self.slot(id).signature.as_ref().and_then(|s| s.result.clone());
+        let result = result.or_else(|| match f.result.as_ref()?.choices.as_slice() {
+            [ast::TypeAtom { kind: ast::TypeKind::Named(name), lens, .. }] if lens.is_empty() => super::signature::named(name),
+            _ => None,
+        })?;
+        let fits = wanted.accepts(&result.ty(), None) && !matches!(wanted, Sig::Any | Sig::Var(_));
+        let missing: Vec<String> = f.params.iter().filter(|p| p.default.is_none()).map(|p| format!("{}: …", p.name.text)).collect();
+        fits.then(|| format!("{name}({})", missing.join(", ")))
     }
 
     /// The default of a native's parameter; `None` for `= none`.

@@ -84,7 +84,7 @@ impl Checker<'_> {
                 Sig::Fn(params, Box::new(self.sig(result)))
             }
             ast::TypeKind::Named(name) => signature::named(name).unwrap_or_else(|| {
-                let foreign = super::foreign::type_name(name).map(|t| format!("did you mean `{t}`?"));
+                let foreign = crate::diag::advice::type_name(name).map(|t| format!("did you mean `{t}`?"));
                 let help = foreign.or_else(|| did_you_mean(name, "the types are", signature::TYPE_NAMES));
                 self.diagnostics.push(
                     Diagnostic::error("dscene::type::unknown", format!("there is no type `{name}`"))
@@ -199,11 +199,11 @@ impl Checker<'_> {
                 "precondition" => {
                     let help =
                         "leave it out; smooth shapes can be asked for in the loss: `+ 0.01 * laplacian_energy(mesh)`";
-                    self.diagnostics.push(super::foreign::unavailable("precondition", field.name.span).help(help));
+                    self.diagnostics.push(crate::diag::advice::unavailable("precondition", field.name.span).help(help));
                     continue;
                 }
                 name => {
-                    let foreign = super::foreign::field(name, &PARAM_SETTINGS).map(|f| format!("did you mean `{f}`?"));
+                    let foreign = crate::diag::advice::field(name, &PARAM_SETTINGS).map(|f| format!("did you mean `{f}`?"));
                     let help = foreign.or_else(|| did_you_mean(name, "the settings are", PARAM_SETTINGS));
                     self.diagnostics.push(
                         Diagnostic::error("dscene::name::field", format!("a param has no setting `{name}`"))
@@ -357,10 +357,13 @@ impl Checker<'_> {
                         )
                         .label(value.span, format!("this is `{}`", typed.expr.ty))
                         .label(kind.span, format!("declared as a {word}"))
-                        .help_opt(help),
+                        .help_opt(help.or_else(|| self.conversion_help(&wanted, &typed, value.span))),
                     );
+                    // What uses it is not to blame.
+                    Typed { expr: hir::Expr { ty: Ty::Error, ..typed.expr }, value: None }
+                } else {
+                    typed
                 }
-                typed
             }
         };
         self.set_value(id, DeclKind::Kind(word), typed);

@@ -46,12 +46,12 @@ impl Checker<'_> {
             Some(ty) => ty,
             None => {
                 let ty = &base.expr.ty;
-                let known = fields_of(ty);
-                let foreign = super::foreign::field(&name.text, &known).map(|f| format!("did you mean `{f}`?"));
+                let known: Vec<&str> = fields_of(ty).into_iter().filter(|f| field_type(ty, f).is_some()).collect();
+                let foreign = crate::diag::advice::field(&name.text, &known).map(|f| format!("did you mean `{f}`?"));
                 let near = suggest(&name.text, known.iter().copied()).map(|f| format!("did you mean `{f}`?"));
                 let help = foreign
                     .or(near)
-                    .or_else(|| self.as_pipe(&base, &name.text))
+                    .or_else(|| self.as_function(&base, name))
                     .or_else(|| did_you_mean(&name.text, "the fields are", known));
                 self.diagnostics.push(
                     Diagnostic::error("dscene::name::field", format!("{} has no field `{}`", ty.a(), name.text))
@@ -73,15 +73,30 @@ impl Checker<'_> {
         Typed { value, ..typed(ExprKind::Field { base: Box::new(base.expr), name: name.text.clone() }, span, ty) }
     }
 
-    /// `cube().translate(p)`, as other languages write it, is a pipe here.
-    fn as_pipe(&self, base: &Typed, name: &str) -> Option<String> {
-        let id = self.lookup(name)?;
-        if !matches!(self.slot(id).statement.kind, ast::StatementKind::Fn(_)) {
-            return None;
-        }
+    /// `cube().translate(p)`, as other languages write it, is a pipe here; other methods have another name or form.
+    fn as_function(&mut self, base: &Typed, name: &ast::Name) -> Option<String> {
+        use crate::diag::advice::{self, Around, Place};
+        let renamed = advice::function(&name.text).unwrap_or(&name.text);
+        let function = self
+            .lookup(renamed)
+            .filter(|id| matches!(self.slot(*id).statement.kind, ast::StatementKind::Fn(_)))
+            .and_then(|id| self.signature(id));
+        let is_function = function
+            .and_then(|f| f.params.first().map(|p| p.sig.accepts(&base.expr.ty, None)))
+            .unwrap_or(false);
         let text = self.sources.text(base.expr.span);
         let short = if text.len() <= 40 && !text.contains('\n') { text } else { "…" };
-        Some(format!("`{name}` is a function: write `{short} |> {name}(…)`"))
+        let source = &self.sources.get(name.span.source)?.text;
+        let arguments = crate::syntax::snippet::arguments(source, name.span.end as usize).map(|(a, _)| a).unwrap_or_default();
+        if is_function {
+            let typed = if arguments.is_empty() {
+                format!("{renamed}({short})")
+            } else {
+                format!("{short} |> {renamed}({})", arguments.join(", "))
+            };
+            return Some(format!("`{renamed}` is a function: write `{typed}`"));
+        }
+        advice::help(Place::Method, &name.text, &Around { before: short, arguments, ..Around::default() })
     }
 }
 

@@ -193,16 +193,15 @@ impl Checker<'_> {
         let mut library: Vec<&str> = self.modules[super::modules::PRELUDE].names.keys().map(String::as_str).collect();
         library.sort_unstable();
         let guess = own
-            .or_else(|| super::foreign::function(name).map(str::to_owned))
+            .or_else(|| crate::diag::advice::function(name).map(str::to_owned))
             .or_else(|| suggest(name, library.iter().copied()).map(str::to_owned));
-        if super::foreign::is_planned(name) {
-            self.diagnostics.push(super::foreign::unavailable(name, span));
+        if crate::diag::advice::is_planned(name) {
+            self.diagnostics.push(crate::diag::advice::unavailable(name, span));
             return;
         }
+        let foreign = self.foreign_name(name, span);
         let help = match guess {
-            _ if matches!(name, "np" | "numpy" | "torch" | "math" | "jnp") => {
-                "functions need no module: `mean(…)`, `sin(…)`".to_owned()
-            }
+            _ if foreign.is_some() => foreign.unwrap_or_default(),
             Some(found) => format!("did you mean `{found}`?"),
             None => format!("declare it: `let {name} = …`"),
         };
@@ -211,6 +210,35 @@ impl Checker<'_> {
                 .label(span, "not found")
                 .help(help),
         );
+    }
+
+    /// What a name of another language is here, with its arguments if it is called.
+    fn foreign_name(&self, name: &str, span: Span) -> Option<String> {
+        use crate::diag::advice::{Around, Place, help, is_module};
+        let text = &self.sources.get(span.source)?.text;
+        let mut end = span.end as usize;
+        let mut last = name;
+        if is_module(name) {
+            // `np.linalg.norm`: the last name is the function.
+            let path = text.get(end..)?;
+            let path = &path[..path.find(|c: char| !(c.is_ascii_alphanumeric() || c == '_' || c == '.')).unwrap_or(path.len())];
+            end += path.len();
+            last = path.rsplit('.').next().filter(|last| !last.is_empty())?;
+        }
+        let called = crate::syntax::snippet::arguments(text, end);
+        let advice = match &called {
+            Some((arguments, _)) => help(Place::Call, last, &Around { arguments: arguments.clone(), ..Around::default() }),
+            None => help(Place::Name, last, &Around::default()),
+        };
+        if advice.is_some() || last == name {
+            return advice;
+        }
+        let renamed = crate::diag::advice::function(last).unwrap_or(last);
+        let known = self.lookup(renamed).map(|_| renamed).or_else(|| {
+            suggest(renamed, self.modules[super::modules::PRELUDE].names.keys().map(String::as_str))
+        })?;
+        let arguments = called.map_or(String::new(), |(arguments, _)| format!("({})", arguments.join(", ")));
+        Some(format!("functions need no module: `{known}{arguments}`"))
     }
 
     fn array(&mut self, items: &[ast::Expr], span: Span, wanted: Option<&Sig>) -> Typed {

@@ -10,7 +10,6 @@ mod call;
 mod declare;
 mod fields;
 mod flow;
-mod foreign;
 pub mod hir;
 mod infer;
 mod known;

@@ -1,6 +1,7 @@
 //! Diagnostics: what is wrong, where, why, and what to write instead. One shape for errors of scripts, of files
 //! and of runs; shown in a terminal ([`render`]), as JSON ([`to_json`]) and by an editor.
 
+pub mod advice;
 mod render;
 mod suggest;
 

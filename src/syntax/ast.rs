@@ -17,6 +17,20 @@ pub struct Statement {
     pub span: Span,
 }
 
+impl Statement {
+    /// The name that it declares.
+    pub fn declares(&self) -> Option<&str> {
+        match &self.kind {
+            StatementKind::Let { name, .. } | StatementKind::Loss { name, .. } | StatementKind::Kind { name, .. } => {
+                Some(&name.text)
+            }
+            StatementKind::Param(param) => Some(&param.name.text),
+            StatementKind::Fn(f) => Some(&f.name.text),
+            StatementKind::Import(_) | StatementKind::Action(_) => None,
+        }
+    }
+}
+
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Name {
     pub text: String,

@@ -4,12 +4,23 @@ use pest::error::{Error, ErrorVariant, InputLocation};
 
 use super::grammar::Rule;
 use super::scan::{is_reserved, statement_words};
+use super::{habits, snippet};
+use crate::diag::advice::{self, Around, Place};
 use crate::diag::{Diagnostic, suggest};
 use crate::source::{SourceId, Span};
 
-/// What stopped the parser in a statement, where, and what was expected there.
-pub fn explain(error: &Error<Rule>, text: &str, source: SourceId, offset: usize) -> Diagnostic {
+/// What stopped the parser in a statement, where, and what was expected there. `declared` are the names of statements before.
+pub fn explain(
+    error: &Error<Rule>,
+    text: &str,
+    source: SourceId,
+    offset: usize,
+    declared: &dyn std::ops::Fn(&str) -> bool,
+) -> Diagnostic {
     let span = |start: usize, end: usize| Span::new(source, offset + start, offset + end);
+    if let Some(habit) = habits::find(text, place(error, text), declared) {
+        return habit.diagnostic(&span);
+    }
     if let Some(diagnostic) = head(text, &span) {
         return diagnostic;
     }
@@ -19,6 +30,9 @@ pub fn explain(error: &Error<Rule>, text: &str, source: SourceId, offset: usize)
 /// What stopped the parser in a lone expression.
 pub fn explain_expr(error: &Error<Rule>, text: &str, source: SourceId) -> Diagnostic {
     let span = |start: usize, end: usize| Span::new(source, start, end);
+    if let Some(habit) = habits::find(text, place(error, text), &|_| false) {
+        return habit.diagnostic(&span);
+    }
     // Two words side by side are no expression: someone meant a statement.
     let first = token_at(text, skip_space(text, 0));
     let second = token_at(text, skip_space(text, first.0 + first.1.len()));
@@ -31,16 +45,21 @@ pub fn explain_expr(error: &Error<Rule>, text: &str, source: SourceId) -> Diagno
     unexpected(error, text, "the expression", &span)
 }
 
+/// Where the parser stopped.
+fn place(error: &Error<Rule>, text: &str) -> usize {
+    let at = match error.location {
+        InputLocation::Pos(at) | InputLocation::Span((at, _)) => at.min(text.len()),
+    };
+    skip_space(text, at)
+}
+
 fn unexpected(
     error: &Error<Rule>,
     text: &str,
     whole: &str,
     span: &dyn std::ops::Fn(usize, usize) -> Span,
 ) -> Diagnostic {
-    let at = match error.location {
-        InputLocation::Pos(at) | InputLocation::Span((at, _)) => at.min(text.len()),
-    };
-    let (mut at, mut found) = token_at(text, skip_space(text, at));
+    let (mut at, mut found) = token_at(text, place(error, text));
     // `fov = 45deg`: the word is fine, the sign after it is not.
     let next = skip_space(text, at + found.len());
     let wants_field = matches!(&error.variant, ErrorVariant::ParsingError { positives, .. } if positives.iter().any(|r| matches!(r, Rule::field | Rule::word)));
@@ -53,7 +72,7 @@ fn unexpected(
         return ends_early(text, whole, &expected, span).help_opt(help);
     }
     let (message, label) = match expected.as_str() {
-        "" => (format!("this does not fit here: found `{found}`"), "unexpected".to_owned()),
+        "" => (format!("`{found}` does not fit here"), "what stands before it is complete".to_owned()),
         wanted => (format!("expected {wanted}, but found `{found}`"), format!("expected {wanted}")),
     };
     Diagnostic::error("dscene::syntax::unexpected", message).label(span(at, at + found.len()), label).help_opt(help)
@@ -143,26 +162,17 @@ fn is_name(token: &str) -> bool {
 fn unknown_word(text: &str, at: usize, word: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Diagnostic {
     let shown: String = if word.is_empty() { text.trim_start().chars().take(1).collect() } else { word.to_owned() };
     let length = shown.len();
-    let foreign = match word {
-        "var" | "const" | "val" | "auto" | "set" => Some("let"),
-        "def" | "func" | "function" | "fun" => Some("fn"),
-        "parameter" | "variable" | "unknown" => Some("param"),
-        "sensor" => Some("camera"),
-        "bsdf" | "brdf" | "diffuse" | "conductor" | "phong" | "principled" => Some("material"),
-        "emitter" => Some("light"),
-        "object" | "geometry" | "sphere" | "cube" | "rectangle" => Some("shape"),
-        "environment" | "area" | "point" | "directional" | "constant" => Some("light"),
-        "objective" | "cost" => Some("loss"),
-        "minimize" | "minimise" | "optimise" | "fit" => Some("optimize"),
-        "assert" | "check" => Some("expect"),
-        "echo" | "log" => Some("print"),
-        "write" | "export" => Some("save"),
-        "use" | "include" | "from" => Some("import"),
-        _ => None,
-    };
-    let guess = foreign.or_else(|| suggest(word, statement_words()));
+    let behind = text.get(at + word.len()..).unwrap_or("").trim().trim_end_matches(';');
+    let arguments = snippet::arguments(text, at + word.len());
+    let foreign = advice::help(Place::Statement, word, &Around { behind, ..Around::default() });
+    let guess = suggest(word, statement_words());
     let help = match guess {
+        _ if foreign.is_some() => foreign.unwrap_or_default(),
         Some(word) => format!("did you mean `{word}`?"),
+        // An expression on its own.
+        None if arguments.is_some_and(|(_, close)| text.get(close + 1..).is_some_and(|t| t.trim().is_empty())) => {
+            format!("a value is shown by `print {}`", text.trim())
+        }
         None => {
             "statements begin with `let`, `param`, `fn`, `camera`, `material`, `shape`, `light`, `loss`, `optimize`, \
              `save`, `print`, `plot`, `expect` or `import`"
@@ -192,14 +202,6 @@ fn token_at(text: &str, at: usize) -> (usize, String) {
 fn help(text: &str, at: usize, found: &str) -> Option<String> {
     let rest = text.get(at..).unwrap_or("");
     let before = text.get(..at).unwrap_or("").trim_end();
-    // `height = 3` on a line of its own, or as a whole line.
-    let begins_line = text.get(before.len()..at).is_some_and(|gap| gap.contains('\n'));
-    if is_name(found) && begins_line && token_at(text, skip_space(text, at + found.len())).1 == "=" {
-        return Some(format!("values are declared: `let {found} = …`"));
-    }
-    if found == "=" && is_name(before) && before.chars().all(|c| c.is_ascii_alphanumeric() || c == '_') {
-        return Some(format!("values are declared: `let {before} = …`"));
-    }
     // Ranges have two dots, whatever other languages have: `img[0:4, 2]`.
     let in_index = before.rfind('[').is_some_and(|open| {
         let owner = before[..open].ends_with(|c: char| c.is_ascii_alphanumeric() || "_)]".contains(c));
@@ -211,17 +213,7 @@ fn help(text: &str, at: usize, found: &str) -> Option<String> {
         return Some(help.to_owned());
     }
     let help = match found {
-        "&&" | "&" => "write `and`",
-        "||" => "write `or`",
-        "!" => "write `not`",
-        "**" => "write `^` for a power",
-        ">" if before.ends_with('-') => "write `=>` for a function value: `x => x + 1`",
-        "->" => "write `=>` for a function value, `:` before a result's type",
-        "%" => "there is no remainder; a percentage has no space: `30%`",
         "," if before.contains('(') => "values side by side are an array, in square brackets: `[a, b]`",
-        ";" => "statements need no semicolon",
-        "'" => "strings have double quotes: `\"…\"`",
-        "?" => "write `if c then a else b`",
         "=" if before.ends_with(|c: char| c.is_ascii_alphanumeric() || c == '_') => {
             "fields and named arguments have a colon: `name: value`"
         }
@@ -232,7 +224,6 @@ fn help(text: &str, at: usize, found: &str) -> Option<String> {
         "while" | "return" => "there are no loops and no `return`: everything is an expression",
         "if" => "`if` is part of an expression: `let a = if c then x else y`",
         "\"" if text.trim_start().starts_with("save") => "write `save EXPR to \"image.png\"`",
-        "lambda" => "a function value is `x => …`",
         word if is_reserved(word) => return Some(format!("`{word}` is a word of the language and cannot be a name")),
         "" => match before.chars().last() {
             Some('=' | '+' | '-' | '*' | '/' | '@' | '^' | '(' | ',' | ':' | '<' | '>') => {
@@ -268,9 +259,8 @@ fn expected(error: &Error<Rule>) -> String {
     if names.contains(&"an expression") {
         names.retain(|n| !matches!(*n, "`-` or `not`" | "an operator" | "`if`" | "`{`"));
     }
-    if names.len() > 1 {
-        names.retain(|n| *n != "an operator");
-    }
+    // Where it may go on by an operator it may end too: that is the parser's knowledge and nobody's question.
+    names.retain(|n| *n != "an operator");
     names.truncate(4);
     match names.as_slice() {
         [] => String::new(),

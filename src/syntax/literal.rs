@@ -34,6 +34,7 @@ pub fn number(text: &str) -> Result<ExprKind, Wrong> {
                 "degrees" | "degree" | "degs" | "d" | "deg" => format!("write `{digits}deg`"),
                 "radians" | "radian" | "rads" | "r" | "rad" => format!("write `{digits}rad`"),
                 "turns" | "rev" | "turn" => format!("write `{digits}turn`"),
+                "f" | "l" | "u" | "n" | "i32" | "f32" | "f64" => format!("numbers are all of one kind: `{digits}`"),
                 _ => "the units are: `deg`, `rad`, `turn`, `%`; lengths have none".to_owned(),
             };
             wrong("dscene::syntax::unit", format!("there is no unit `{unit}`"), "unknown unit", Some(help))

@@ -4,8 +4,10 @@ pub mod ast;
 mod build;
 mod errors;
 mod grammar;
+mod habits;
 mod literal;
 mod scan;
+pub mod snippet;
 
 pub use scan::{KINDS, is_blank, is_incomplete, is_reserved, statement_words};
 
@@ -43,7 +45,12 @@ pub fn parse(sources: &SourceMap, source: SourceId) -> (ast::File, Vec<Diagnosti
                 }
             }
             Err(_) if has_lexical_error => {}
-            Err(error) => diagnostics.push(errors::explain(&error, text, source, piece.start)),
+            Err(error) => {
+                let declared = |name: &str| {
+                    tree.unread.iter().any(|n| n == name) || tree.statements.iter().any(|s| s.declares() == Some(name))
+                };
+                diagnostics.push(errors::explain(&error, text, source, piece.start, &declared));
+            }
         }
         if tree.statements.len() == read {
             tree.unread.extend(scan::declared_name(text).map(str::to_owned));

@@ -100,11 +100,15 @@ pub fn is_incomplete(text: &str) -> bool {
     scan.diagnostics.iter().any(|d| d.code == "dscene::syntax::unclosed")
 }
 
-/// The name that a statement declares, as far as its first words tell.
+/// The name that a statement declares, as far as its first words tell; of `x = 3` that is `x`.
 pub fn declared_name(text: &str) -> Option<&str> {
     let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
     let mut words = text.split(|c: char| !is_word(c)).filter(|w| !w.is_empty());
-    words.next()?;
+    let first = words.next()?;
+    let behind = text.trim_start().get(first.len()..).unwrap_or("").trim_start();
+    if !is_reserved(first) && behind.starts_with(['=', ':', '+', '-', '*', '/', '.']) {
+        return Some(first);
+    }
     words.find(|w| !is_reserved(w))
 }
 
@@ -164,6 +168,7 @@ impl Lexer<'_> {
                     self.word();
                     self.push(TokenKind::Word, start);
                 }
+                b'#' if self.is_foreign_comment() => self.foreign_comment(),
                 b'0'..=b'9' | b'#' => {
                     self.at += 1;
                     self.word();
@@ -203,6 +208,33 @@ impl Lexer<'_> {
                 Diagnostic::warning("dscene::syntax::comment", "`//` begins a comment, it does not divide")
                     .label(Span::new(self.source, start, start + line.trim_end().len()), "not read")
                     .help("a whole quotient is `floor(a / b)`"),
+            );
+        }
+        self.blanks.push((start, end));
+        self.at = end;
+    }
+
+    /// Whether a `#` begins what other languages have for a comment, and no colour: a blank or a sign follows, or it begins its
+    /// line and what follows is no colour either.
+    fn is_foreign_comment(&self) -> bool {
+        let after = self.text.get(self.at + 1..).unwrap_or("");
+        let word = &after[..after.find(|c: char| !c.is_ascii_alphanumeric()).unwrap_or(after.len())];
+        let is_color = matches!(word.len(), 3 | 4 | 6 | 8) && word.bytes().all(|b| b.is_ascii_hexdigit());
+        let begins_line = self.text[..self.at].rsplit('\n').next().is_some_and(|line| line.trim().is_empty());
+        word.is_empty() || (begins_line && !is_color)
+    }
+
+    /// Said once for a file, and then read as the comment that it is meant to be.
+    fn foreign_comment(&mut self) {
+        let start = self.at;
+        let end = self.text[start..].find('\n').map_or(self.bytes.len(), |n| start + n);
+        let code = "dscene::syntax::comment";
+        if !self.diagnostics.iter().any(|d| d.code == code) {
+            let text = self.text[start..end].trim_start_matches(['#', '!']).trim();
+            self.diagnostics.push(
+                Diagnostic::error(code, "comments begin with `//`, not with `#`")
+                    .label(Span::new(self.source, start, start + 1), "begins a colour: `#ff8800`")
+                    .help(format!("write `// {text}`")),
             );
         }
         self.blanks.push((start, end));
@@ -416,6 +448,9 @@ fn begins_statement<'a>(
     text: &str,
 ) -> bool {
     let Some(first) = word(i) else { return false };
+    if is_assignment(tokens, i, text) {
+        return true;
+    }
     let after_dot = i > 0 && matches!(&text[tokens[i - 1].start..tokens[i - 1].end], "." | "#");
     let a_field = tokens.get(i + 1).is_some_and(|t| &text[t.start..t.end] == ":");
     if after_dot || a_field {
@@ -426,8 +461,10 @@ fn begins_statement<'a>(
     if first == "fn" && previous == Some("native") {
         return false;
     }
+    // Nothing that a colon leads to is a statement: `for i in range(3): print(i)`.
+    let after_colon = i > 0 && &text[tokens[i - 1].start..tokens[i - 1].end] == ":";
     if STATEMENTS.contains(&first) {
-        return true;
+        return !after_colon;
     }
     if is_reserved(first) {
         return false;
@@ -437,7 +474,62 @@ fn begins_statement<'a>(
         return false;
     }
     let next = tokens.get(i + 2).map_or("", |t| &text[t.start..t.end]);
+    if !KINDS.contains(&first) && !(begins_line(text, tokens[i].start) && !text[tokens[i].end..tokens[i + 1].start].contains('\n')) {
+        return false;
+    }
     KINDS.contains(&first) && matches!(next, "{" | "=" | ":") || matches!(next, "{" | "=" | ":" | "(")
+}
+
+fn begins_line(text: &str, at: usize) -> bool {
+    text[..at].rsplit('\n').next().is_some_and(|line| line.trim().is_empty())
+}
+
+/// `x = 3`, `x += 2`, `x++`, `eye.fov = 30deg` or `draw(x)` on a line of its own, behind something that is complete. None of these is
+/// a statement, but it is one mistake, and what stands before it is none.
+fn is_assignment(tokens: &[Token], i: usize, text: &str) -> bool {
+    let shown = |t: &Token| &text[t.start..t.end];
+    let first = shown(&tokens[i]);
+    let is_loop = matches!(first, "for" | "if");
+    if !begins_line(text, tokens[i].start) || (is_reserved(first) && !is_loop) || KINDS.contains(&first) {
+        return false;
+    }
+    let is_complete = match i.checked_sub(1).and_then(|p| tokens.get(p)) {
+        None => true,
+        Some(t) => match t.kind {
+            TokenKind::Word => !is_reserved(shown(t)) && !KINDS.contains(&shown(t)) || matches!(shown(t), "true" | "false"),
+            TokenKind::Close => true,
+            TokenKind::Open => false,
+            TokenKind::Other => shown(t).starts_with(|c: char| c.is_ascii_digit() || matches!(c, '"' | '#' | '%')),
+        },
+    };
+    if !is_complete {
+        return false;
+    }
+    if is_loop {
+        return true;
+    }
+    // The name with its dots, then what follows.
+    let mut next = i + 1;
+    while tokens.get(next).is_some_and(|t| shown(t) == ".")
+        && tokens.get(next + 1).is_some_and(|t| t.kind == TokenKind::Word)
+    {
+        next += 2;
+    }
+    let Some(sign) = tokens.get(next) else { return false };
+    let rest = &text[sign.start..];
+    let assigns = rest.starts_with('=') && !rest.starts_with("==") && !rest.starts_with("=>");
+    let changes = ["+=", "-=", "*=", "/=", "^=", "**=", ":=", "++", "--"].iter().any(|op| rest.starts_with(op));
+    // A call that ends its line does nothing.
+    let calls = rest.starts_with('(') && tokens[next - 1].end == sign.start;
+    // Two things side by side are never one expression.
+    let same_line = !text[tokens[next - 1].end..sign.start].contains('\n');
+    let beside = same_line
+        && match sign.kind {
+            TokenKind::Word => !is_reserved(shown(sign)),
+            TokenKind::Other => rest.starts_with(|c: char| c.is_ascii_digit() || c == '"'),
+            _ => false,
+        };
+    assigns || changes || calls || beside
 }
 
 /// `camera {` or `param =` at the beginning of a line: a statement whose name was forgotten.

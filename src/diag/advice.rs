@@ -1,0 +1,368 @@
+//! What people write who come from Python, GLSL, JavaScript, Mitsuba, PBRT, Blender or PyTorch, and what is written here
+//! instead. Everything that the language knows of other languages stands in this file; parser and checker ask it with
+//! what they found and where, and every row is a test (`tests/advice.rs`).
+
+use crate::diag::Diagnostic;
+use crate::source::Span;
+
+/// Where a foreign spelling was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// Between two operands, or before one.
+    Operator,
+    /// After an operand, with nothing behind it: `i++`.
+    Postfix,
+    /// The first word of a statement.
+    Statement,
+    /// A name that is called.
+    Call,
+    /// A name that is not called.
+    Name,
+    /// A name that is called after a dot, or a field that nothing has.
+    Method,
+}
+
+/// One way to write something elsewhere.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    pub place: Place,
+    /// The spellings, separated by blanks.
+    pub spellings: &'static str,
+    /// The text to type, with what the user wrote in place of `$<` (the operand before, or the value before the dot), `$>` (the
+    /// operand behind, or the rest of the statement), `$1` to `$3` and `$*` (the arguments).
+    pub write: &'static str,
+    /// Why, put before the text to type; may be empty.
+    pub why: &'static str,
+}
+
+const fn row(place: Place, spellings: &'static str, write: &'static str, why: &'static str) -> Row {
+    Row { place, spellings, write, why }
+}
+
+/// What stood around a foreign spelling.
+#[derive(Clone, Debug, Default)]
+pub struct Around<'a> {
+    pub before: &'a str,
+    pub behind: &'a str,
+    pub arguments: Vec<&'a str>,
+}
+
+const KEEPS: &str = "a name keeps its value; give the new one a name of its own";
+const NO_LOOPS: &str = "there are no loops: an array is built at once";
+
+/// The table. A spelling may have several rows, for different numbers of arguments: the first that can be filled counts.
+pub const TABLE: &[Row] = &[
+    row(Place::Operator, "&& &", "$< and $>", ""),
+    row(Place::Operator, "||", "$< or $>", ""),
+    row(Place::Operator, "! ~", "not $>", ""),
+    row(Place::Operator, "**", "$< ^ $>", ""),
+    row(Place::Operator, "<> !== =/= /= ~=", "$< != $>", ""),
+    row(Place::Operator, "===", "$< == $>", ""),
+    row(Place::Operator, "=<", "$< <= $>", ""),
+    row(Place::Operator, "++", "concat($<, $>)", "arrays are joined by a function, numbers added by `+`"),
+    row(Place::Operator, "+=", "let $<2 = $< + $>", KEEPS),
+    row(Place::Operator, "-=", "let $<2 = $< - $>", KEEPS),
+    row(Place::Operator, "*=", "let $<2 = $< * $>", KEEPS),
+    row(Place::Operator, "**= ^=", "let $<2 = $< ^ $>", KEEPS),
+    row(Place::Operator, "%", "mod($<, $>)", "`%` is per cent, as in `30%`; the remainder is a function"),
+    row(Place::Operator, ":=", "let $< = $>", "values are declared"),
+    row(Place::Operator, "->", "$< => $>", "a function value has a double arrow"),
+    row(Place::Operator, "..< ...", "$<..$>", "a range `a..b` ends before b, `a..=b` with it"),
+    row(Place::Operator, "::", "$<.$>", ""),
+    row(Place::Operator, "??", "$<", "nothing is missing here that could be replaced"),
+    row(Place::Postfix, "++", "let $<2 = $< + 1", KEEPS),
+    row(Place::Postfix, "--", "let $<2 = $< - 1", KEEPS),
+    row(Place::Postfix, "°", "$<deg", "angles have the units `deg`, `rad` and `turn`"),
+    row(Place::Statement, "var const val auto set mut static final define", "let $>", ""),
+    row(Place::Statement, "float double integer boolean number vec2 vec3 vec4 float3 color scalar int bool string", "let $>", "types stand behind the name and are seldom needed"),
+    row(Place::Statement, "parameter variable unknown", "param $>", ""),
+    row(Place::Statement, "sensor", "camera $>", ""),
+    row(Place::Statement, "bsdf brdf shader diffuse conductor phong principled", "material $>", ""),
+    row(Place::Statement, "emitter lamp LightSource AreaLightSource environment area point directional constant", "light $>", ""),
+    row(Place::Statement, "object geometry sphere cube rectangle", "shape $>", ""),
+    row(Place::Statement, "objective cost", "loss $>", ""),
+    row(Place::Statement, "minimize minimise optimise fit train", "optimize $>", ""),
+    row(Place::Statement, "assert check require", "expect $>", ""),
+    row(Place::Statement, "echo log println puts", "print $>", ""),
+    row(Place::Statement, "use include require using", "import $>", ""),
+    row(Place::Statement, "for while loop repeat", "[… for i in 0..n]", NO_LOOPS),
+    row(Place::Statement, "if unless switch match", "let NAME = if … then … else …", "`if` is part of an expression"),
+    row(Place::Statement, "class struct record interface enum trait namespace", "fn", "there are no types of one's own: a function makes things anew"),
+    row(Place::Statement, "return yield", "print $>", "a script has no result, it shows values"),
+    row(Place::Call, "zeros", "[0 for i in 0..$1]", ""),
+    row(Place::Call, "ones", "[1 for i in 0..$1]", ""),
+    row(Place::Call, "full fill repeat", "[$2 for i in 0..$1]", ""),
+    row(Place::Call, "zeros_like", "0 * $1", ""),
+    row(Place::Call, "ones_like", "0 * $1 + 1", ""),
+    row(Place::Call, "range arange iota", "$1..$2", ""),
+    row(Place::Call, "range arange iota", "0..$1", ""),
+    row(Place::Call, "radians deg2rad to_radians torad", "$1 * 1deg", "angles have units"),
+    row(Place::Call, "degrees rad2deg to_degrees todeg", "$1 / 1deg", "angles have units"),
+    row(Place::Call, "rgb RGB rgba vec2 vec3 vec4 float2 float3 float4 color Color color3f Vector Vector3 Vec3 Point3f Vector3f Color3f array tensor asarray list tuple Tensor as_tensor", "[$*]", "values side by side are an array"),
+    row(Place::Call, "str repr to_string toString format", "\"{$1}\"", "a string may hold values"),
+    row(Place::Call, "int Int trunc", "floor($1)", ""),
+    row(Place::Call, "float Float double f32 f64 number Number", "$1", "numbers are all of one kind"),
+    row(Place::Call, "saturate", "clamp($1, 0, 1)", ""),
+    row(Place::Call, "relu", "max($1, 0)", ""),
+    row(Place::Call, "inversesqrt rsqrt", "1 / sqrt($1)", ""),
+    row(Place::Call, "fract frac", "$1 - floor($1)", ""),
+    row(Place::Call, "reflect", "$1 - 2 * dot($1, $2) * $2", ""),
+    row(Place::Call, "square sqr", "$1 ^ 2", ""),
+    row(Place::Call, "cbrt", "$1 ^ (1 / 3)", ""),
+    row(Place::Call, "exp2", "2 ^ $1", ""),
+    row(Place::Call, "log2", "log($1) / log(2)", ""),
+    row(Place::Call, "log10", "log($1) / log(10)", ""),
+    row(Place::Call, "append push cons", "concat($1, [$2])", ""),
+    row(Place::Call, "map", "[$1(x) for x in $2]", "functions are applied by a comprehension"),
+    row(Place::Call, "filter", "[x for x in $2 if $1(x)]", ""),
+    row(Place::Call, "enumerate", "zip(0..len($1), $1)", ""),
+    row(Place::Call, "rand random", "uniform($1)", ""),
+    row(Place::Call, "randn normal_noise", "noise($1)", ""),
+    row(Place::Call, "twosided two_sided TwoSided", "$1", "every material has two sides; `one_sided(…)` takes one away"),
+    row(Place::Call, "roughdielectric glass thindielectric", "mirror()", "light does not pass through bodies in this version"),
+    row(Place::Name, "True TRUE yes on", "true", ""),
+    row(Place::Name, "False FALSE no off", "false", ""),
+    row(Place::Name, "None null nil undefined NULL nullptr Null", "none", ""),
+    row(Place::Name, "PI M_PI Pi", "pi", ""),
+    row(Place::Name, "inf Infinity infinity INFINITY", "1e9", "there is no infinite number; write a large one"),
+    row(Place::Method, "map", "[$1(x) for x in $<]", "functions are applied by a comprehension"),
+    row(Place::Method, "filter", "[x for x in $< if $1(x)]", ""),
+    row(Place::Method, "append push push_back add extend", "concat($<, [$1])", ""),
+    row(Place::Method, "shape size length count len", "len($<)", ""),
+    row(Place::Method, "T", "transpose($<)", ""),
+    row(Place::Method, "item numpy cpu clone copy tolist to_list", "$<", "a value needs no conversion"),
+    row(Place::Method, "detach", "stop_gradient($<)", ""),
+    row(Place::Method, "backward gradient", "grad($<)", ""),
+    row(Place::Method, "toString to_string", "\"{$<}\"", "a string may hold values"),
+    row(Place::Method, "save write", "save $< to $1", "saving is a statement"),
+    row(Place::Method, "requires_grad requires_grad_", "param NAME = $<", "what moves is declared so"),
+];
+
+/// Modules of other languages, whose functions are simply there in this one.
+pub fn is_module(name: &str) -> bool {
+    const MODULES: &str = "np numpy torch math Math tf jnp jax mi dr mitsuba drjit glm bpy F nn cp scipy THREE std";
+    MODULES.split(' ').any(|m| m == name)
+}
+
+/// Written before a string elsewhere: `f"…"`.
+pub fn is_string_prefix(word: &str) -> bool {
+    "f r b u F R B U fr rf".split(' ').any(|p| p == word)
+}
+
+/// The help for a foreign spelling: why, and the text to type.
+pub fn help(place: Place, spelling: &str, around: &Around) -> Option<String> {
+    let text = |row: &&Row| (row.place == place && row.spellings.split(' ').any(|s| s == spelling)).then(|| fill(row.write, around))?;
+    let row = TABLE.iter().find(|row| text(row).is_some())?;
+    let typed = text(&row)?;
+    Some(if row.why.is_empty() { format!("write `{typed}`") } else { format!("{}: `{typed}`", row.why) })
+}
+
+/// Operators of other languages, for the parser: longest first.
+pub fn operators() -> Vec<&'static str> {
+    let rows = TABLE.iter().filter(|r| matches!(r.place, Place::Operator | Place::Postfix));
+    let mut all: Vec<&str> = rows.flat_map(|r| r.spellings.split(' ')).collect();
+    all.sort_unstable_by_key(|s| std::cmp::Reverse(s.len()));
+    all
+}
+
+/// A template with what the user wrote; `None` if it needs what is not there.
+fn fill(template: &str, around: &Around) -> Option<String> {
+    let one_line = |text: &str| text.split_whitespace().collect::<Vec<&str>>().join(" ");
+    let present = |text: &str| (!text.trim().is_empty()).then(|| one_line(text));
+    let mut out = String::new();
+    let mut rest = template;
+    while let Some((text, after)) = rest.split_once('$') {
+        out.push_str(text);
+        let mut chars = after.chars();
+        let what = chars.next()?;
+        rest = chars.as_str();
+        let value = match what {
+            '<' => present(around.before)?,
+            '>' => present(around.behind)?,
+            '*' => {
+                // `array([1, 2])` has its brackets.
+                if let ([one], true) = (around.arguments.as_slice(), out.ends_with('['))
+                    && one.trim_start().starts_with('[')
+                {
+                    out.pop();
+                    rest = rest.strip_prefix(']').unwrap_or(rest);
+                    one_line(one)
+                } else {
+                    present(&around.arguments.join(", "))?
+                }
+            }
+            digit => present(around.arguments.get(digit.to_digit(10)?.checked_sub(1)? as usize)?)?,
+        };
+        // What has an operator is put into brackets beside another one.
+        let beside = [out.trim_end().chars().next_back(), rest.trim_start().chars().next()];
+        let bare = beside.iter().all(|c| c.is_none_or(|c| "([{,=\")]}:.".contains(c)));
+        let compound = what.is_ascii_digit() && !bare && value.contains(|c: char| "+-*/^<>=".contains(c)) && !value.starts_with('(');
+        if compound { out.push_str(&format!("({value})")) } else { out.push_str(&value) }
+    }
+    out.push_str(rest);
+    Some(out)
+}
+
+/// The field or argument that `name` is called here, given what the callee has.
+pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
+    let candidates: &[&'static str] = match name.to_lowercase().as_str() {
+        "albedo" | "kd" | "rho" | "diffuse_reflectance" | "base_colour" | "basecolor" => {
+            &["reflectance", "diffuse", "base_color"]
+        }
+        "color" | "colour" => &["reflectance", "base_color", "radiance", "intensity", "irradiance", "diffuse"],
+        "ks" | "specular_reflectance" => &["specular", "reflectance"],
+        "alpha" => &["roughness", "opacity"],
+        "glossiness" | "shininess" | "exponent" => &["roughness"],
+        "opacity_map" | "alpha_map" | "coverage" | "transparency" => &["opacity"],
+        "bsdf" | "brdf" | "shader" => &["material"],
+        "geometry" | "shape" | "primitive" | "model" => &["mesh"],
+        "lookat" | "target" | "center" | "at" | "focus_point" => &["look_at"],
+        "origin" | "eye" | "pos" | "location" | "from" => &["position"],
+        "sensor" | "resolution" | "size" | "pixels" | "image_size" => &["film", "camera"],
+        "fovy" | "field_of_view" | "angle" | "fov_y" => &["fov"],
+        "fovx" => &["fov_x"],
+        "cutoff_angle" | "outer_angle" | "outer_cone_angle" | "cone_angle" => &["cutoff"],
+        "beam_width" | "inner_angle" | "inner_cone_angle" => &["beam"],
+        "aperture_radius" | "lens_radius" => &["aperture"],
+        "focus_distance" | "focal_distance" | "focus_depth" => &["focus"],
+        "distortion_params" | "dist_coeffs" | "radial_distortion" | "lens_distortion" => &["distortion"],
+        "shutter_open" | "shutter_close" | "exposure" => &["shutter"],
+        "type" | "projection" | "model_type" => &["kind"],
+        "to_world" | "matrix" | "pose" => &["transform"],
+        "emission" | "power" | "intensity" | "energy" | "strength" | "le" => &["radiance", "intensity", "irradiance"],
+        "emitters" | "lamps" => &["lights"],
+        "objects" | "meshes" => &["shapes"],
+        "samples" | "sample_count" | "samples_per_pixel" | "num_samples" => &["spp"],
+        "max_depth" | "depth" | "bounces" | "maxdepth" => &["max_bounces"],
+        "learning_rate" | "rate" | "step_size" | "stepsize" => &["lr"],
+        "beta_1" => &["beta1"],
+        "beta_2" => &["beta2"],
+        "eps" => &["epsilon"],
+        "optimizer" | "optimiser" | "with" | "solver" | "method" => &["using"],
+        "iterations" | "epochs" | "iters" | "max_steps" => &["steps"],
+        "params" | "parameters" | "wrt" | "variables" => &["over"],
+        "indices" | "triangles" | "tris" => &["faces"],
+        "points" | "positions" | "verts" => &["vertices"],
+        "texcoords" | "uv" | "st" => &["uvs"],
+        "filename" | "file" => &["path", "source", "image"],
+        "r" => &["radius"],
+        "w" => &["width"],
+        "h" => &["height"],
+        "length" => &["depth", "height"],
+        "segments" | "resolution_u" | "detail" | "level" | "levels" | "sides" => &["subdivisions"],
+        "by" | "amount" | "vector" | "translation" => &["offset", "factor"],
+        _ => &[],
+    };
+    candidates.iter().find(|c| known.contains(c)).copied()
+}
+
+/// What is set in a solver, not in `optimize`: the solver and its setting.
+pub fn solver_setting(name: &str) -> Option<(&'static str, &'static str)> {
+    Some(match name.to_lowercase().as_str() {
+        "lr" | "learning_rate" | "rate" | "step_size" | "stepsize" => ("adam", "lr"),
+        "beta1" | "beta_1" => ("adam", "beta1"),
+        "beta2" | "beta_2" => ("adam", "beta2"),
+        "epsilon" | "eps" => ("adam", "epsilon"),
+        "momentum" => ("sgd", "momentum"),
+        "nesterov" => ("sgd", "nesterov"),
+        "damping" => ("levenberg_marquardt", "damping"),
+        _ => return None,
+    })
+}
+
+/// The light that has such an argument, which the fields of `light NAME { … }` (an area light) have not.
+pub fn light_with(argument: &str) -> Option<&'static str> {
+    Some(match argument {
+        "position" | "intensity" => "point",
+        "direction" | "irradiance" => "directional",
+        "cutoff" | "beam" => "spot",
+        "image" | "rotation" => "environment",
+        _ => return None,
+    })
+}
+
+/// The function that `name` is called here.
+pub fn function(name: &str) -> Option<&'static str> {
+    Some(match name.to_lowercase().as_str() {
+        "lambertian" | "lambert" | "matte" => "diffuse",
+        "metal" | "roughconductor" | "ggx" => "conductor",
+        "cutout" | "alpha_mask" | "opacity_mask" => "mask",
+        "plane" | "quad" | "rect" | "square" => "rectangle",
+        "box" => "cube",
+        "envmap" | "environment_map" | "infinite" | "sky" | "ibl" => "environment",
+        "emitter" | "area_light" | "arealight" => "area",
+        "sun" | "distant" => "directional",
+        "pointlight" | "point_light" => "point",
+        "perspective" | "sensor" | "pinhole" => "camera",
+        "obj" | "ply" | "load_mesh" | "load_obj" | "import_mesh" => "load",
+        "imread" | "read_image" | "open" => "load_image",
+        "bitmap" | "image_texture" => "texture",
+        "gaussian" | "gaussian_blur" => "blur",
+        "average" | "avg" => "mean",
+        "stddev" | "standard_deviation" => "std",
+        "var" => "variance",
+        "quantile" => "percentile",
+        "clip" | "saturate" => "clamp",
+        "fmod" | "modulo" | "remainder" => "mod",
+        "select" | "cond" | "ifelse" => "where",
+        "inv" | "invert" => "inverse",
+        "det" => "determinant",
+        "quat" => "quaternion",
+        "cat" | "append" | "hstack" | "vstack" | "concatenate" => "concat",
+        "grid_sample" | "bilinear" => "sample",
+        "linear_to_srgb" => "to_srgb",
+        "srgb_to_linear" => "from_srgb",
+        "bbox" | "bounding_box" | "aabb" => "bounds",
+        "chamfer_distance" => "chamfer",
+        "center_of_mass" | "barycenter" => "centroid",
+        "project_points" | "world_to_screen" => "project",
+        "lerp" => "mix",
+        "ln" => "log",
+        "sqr" | "square_root" => "sqrt",
+        "arcsin" => "asin",
+        "arccos" => "acos",
+        "arctan" => "atan",
+        "arctan2" => "atan2",
+        "l2_loss" | "mean_squared_error" => "mse",
+        "l1_loss" | "mae" => "l1",
+        "gradient_descent" => "sgd",
+        "backward" | "gradients" => "grad",
+        "move" | "shift" => "translate",
+        "turn" => "rotate",
+        "length_of" | "size" | "count" => "len",
+        _ => return None,
+    })
+}
+
+/// The type that `name` is called here.
+pub fn type_name(name: &str) -> Option<&'static str> {
+    Some(match name.to_lowercase().as_str() {
+        "float" | "double" | "real" | "f32" | "f64" | "num" => "scalar",
+        "integer" | "i32" | "usize" => "int",
+        "boolean" => "bool",
+        "str" | "text" => "string",
+        "rgb" | "colour" | "spectrum" => "color",
+        "point3" | "vector3" | "float3" | "vector" | "point" => "vec3",
+        "point2" | "float2" | "vector2" => "vec2",
+        "matrix" | "mat" => "mat4",
+        "bsdf" | "brdf" => "material",
+        "emitter" => "light",
+        "sensor" => "camera",
+        "quaternion" | "quat" => "rotation",
+        _ => return None,
+    })
+}
+
+/// What the language will have and this version has not.
+pub fn is_planned(name: &str) -> bool {
+    const FUNCTIONS: &str = "dielectric plastic emissive blend normal_map bump decimate unwrap lbfgs classifier \
+                             laplacian medium";
+    const FIELDS: &str = "focal sensor_width";
+    FUNCTIONS.split_whitespace().chain(FIELDS.split_whitespace()).any(|planned| planned == name)
+}
+
+/// Something that is planned was used.
+pub fn unavailable(name: &str, span: Span) -> Diagnostic {
+    Diagnostic::error("dscene::feature::unavailable", format!("`{name}` is not available yet"))
+        .label(span, "not in this version")
+}

@@ -1,0 +1,261 @@
+//! Habits from other languages and systems: each wrong script gives one error, at the smallest place that proves it, with a text to
+//! type; and what is typed then checks.
+
+use dscene::check::{Disk, check_text};
+use dscene::diag::Diagnostic;
+
+/// What the scripts may use.
+const SCENE: &str = "\
+camera eye { position: [0, 1, -4], look_at: [0, 0, 0], fov: 45deg, film: [64, 64] }
+param size = 1
+param n = 3 { frozen: true }
+shape ball { mesh: sphere(radius: size), material: diffuse(reflectance: 0.5) }
+light lamp = area(rectangle() |> flip() |> translate([0, 3, 0]), radiance: 10)
+let c = true
+let d = false
+let v = [3, 4, 0]
+loss fit = mean(render(eye)) + n
+";
+
+/// The wrong script, the text under the first label, the text to type (`…` and `NAME` stand for anything), the mended script.
+type Row = (&'static str, &'static str, &'static str, &'static str);
+
+const ROWS: &[Row] = &[
+    // Units.
+    ("camera k { fov: pi / 4 }", "pi / 4", "(pi / 4) * 1rad", "camera k { fov: (pi / 4) * 1rad }"),
+    ("camera k { fov: size * 30 }", "size * 30", "size * 30 * 1deg", "camera k { fov: size * 30 * 1deg }"),
+    ("camera k { fov: 45 }", "45", "45deg", "camera k { fov: 45deg }"),
+    ("let a = 45 deg", "deg", "45deg", "let a = 45deg"),
+    ("let a = sin(30 degrees)", "degrees", "30deg", "let a = sin(30deg)"),
+    ("let a = 1.5 rad", "rad", "1.5rad", "let a = 1.5rad"),
+    ("let a = 45°", "°", "45deg", "let a = 45deg"),
+    ("let a = 45degrees", "45degrees", "45deg", "let a = 45deg"),
+    ("let a = sin(radians(45))", "radians", "45 * 1deg", "let a = sin(45 * 1deg)"),
+    ("let a = degrees(atan2(1, 2))", "degrees", "atan2(1, 2) / 1deg", "let a = atan2(1, 2) / 1deg"),
+    // Assignments.
+    ("x = 3\nlet y = x + x", "=", "let x = 3", "let x = 3\nlet y = x + x"),
+    ("let a = 1\nx = 3\nprint x, a", "=", "let x = 3", "let a = 1\nlet x = 3\nprint x, a"),
+    ("let x = 1\nx += 2", "+=", "let x2 = x + 2", "let x = 1\nlet x2 = x + 2"),
+    ("let x = 1\nx -= 2", "-=", "let x2 = x - 2", "let x = 1\nlet x2 = x - 2"),
+    ("let x = 1\nx *= 2", "*=", "let x2 = x * 2", "let x = 1\nlet x2 = x * 2"),
+    ("let x = 1\nx++", "++", "let x2 = x + 1", "let x = 1\nlet x2 = x + 1"),
+    ("let x = 1\nx--", "--", "let x2 = x - 1", "let x = 1\nlet x2 = x - 1"),
+    ("let x = 1\nx = x + 1", "=", "let x2 = x + 1", "let x = 1\nlet x2 = x + 1"),
+    ("let x := 1", ":=", "let x = 1", "let x = 1"),
+    ("x := 1", ":=", "let x = 1", "let x = 1"),
+    ("eye.fov = 30deg", "=", "let changed = eye with { eye.fov: 30deg }", "let changed = eye with { eye.fov: 30deg }"),
+    ("let x = 1;", ";", "", "let x = 1"),
+    ("var x = 1", "var", "let x = 1", "let x = 1"),
+    ("const x = 1;", "const", "let x = 1", "let x = 1"),
+    ("float x = 1.0;", "float", "let x = 1.0", "let x = 1.0"),
+    ("vec3 p = [1, 2, 3]", "vec3", "let p = [1, 2, 3]", "let p = [1, 2, 3]"),
+    // Operators.
+    ("expect 1 = 1", "=", "1 == 1", "expect 1 == 1"),
+    ("let a = if v.x = 3 then 1 else 2", "=", "v.x == 3", "let a = if v.x == 3 then 1 else 2"),
+    ("let a = 2 ** 3", "**", "2 ^ 3", "let a = 2 ^ 3"),
+    ("let a = 2 <> 3", "<>", "2 != 3", "let a = 2 != 3"),
+    ("let a = 2 === 3", "===", "2 == 3", "let a = 2 == 3"),
+    ("let a = 2 !== 3", "!==", "2 != 3", "let a = 2 != 3"),
+    ("let a = 2 =< 3", "=<", "2 <= 3", "let a = 2 <= 3"),
+    ("let a = c && d", "&&", "c and d", "let a = c and d"),
+    ("let a = c || d", "||", "c or d", "let a = c or d"),
+    ("let a = !c", "!", "not c", "let a = not c"),
+    ("let a = v ++ [5]", "++", "concat(v, [5])", "let a = concat(v, [5])"),
+    ("let a = c ? 1 : 2", "?", "if c then 1 else 2", "let a = if c then 1 else 2"),
+    ("let a = n is 3", "is", "n == 3", "let a = n == 3"),
+    ("let a = n is not 3", "is", "n != 3", "let a = n != 3"),
+    ("let a = 7 % 2", "%", "mod(7, 2)", "let a = mod(7, 2)"),
+    ("let f = x -> x", "->", "x => x", "let f = x => x"),
+    ("let f = lambda x: x + 1", "lambda", "x => x + 1", "let f = x => x + 1"),
+    ("let f = |x| x + 1", "|x|", "x => x + 1", "let f = x => x + 1"),
+    ("let a = [i for i in 0...3]", "...", "0..3", "let a = [i for i in 0..3]"),
+    ("let a = [i for i in 0..]", "..", "0..n", "let a = [i for i in 0..n]"),
+    ("param p = 1 in 0..", "..", "0..1e9", "param p = 1 in 0..1e9"),
+    // Literals.
+    ("let a = .5", ".5", "0.5", "let a = 0.5"),
+    ("let a = 1. + 2", "1.", "1.0", "let a = 1.0 + 2"),
+    ("let a = 1.0f", "1.0f", "1.0", "let a = 1.0"),
+    ("let a = 'text'", "'text'", "\"text\"", "let a = \"text\""),
+    ("let a = `n is ${n}`", "`n is ${n}`", "\"n is {n}\"", "let a = \"n is {n}\""),
+    ("let a = f\"n is {n}\"", "f", "\"n is {n}\"", "let a = \"n is {n}\""),
+    ("let a = {a: 1, b: 2}", "{", "[1, 2]", "let a = [1, 2]"),
+    ("let a = {1, 2}", "{", "[1, 2]", "let a = [1, 2]"),
+    ("let a = (1, 2, 3)", ",", "[1, 2, 3]", "let a = [1, 2, 3]"),
+    ("let a = True", "True", "true", "let a = true"),
+    ("let a = FALSE", "FALSE", "false", "let a = false"),
+    ("let a = PI", "PI", "pi", "let a = pi"),
+    ("# a comment\nlet a = 1 # another", "#", "// a comment", "// a comment\nlet a = 1 // another"),
+    ("#!/usr/bin/env dsl\nlet a = #ff8800", "#", "// /usr/bin/env dsl", "// /usr/bin/env dsl\nlet a = #ff8800"),
+    // Choices, functions and loops.
+    ("let a = if c { 1 } else { 2 }", "{", "if c then 1 else 2", "let a = if c then 1 else 2"),
+    ("let a = if (c) { 1 } else { 2 }", "{", "if c then 1 else 2", "let a = if c then 1 else 2"),
+    ("let a = if c: 1 else: 2", ":", "if c then 1 else 2", "let a = if c then 1 else 2"),
+    ("let a = 1 if c else 2", "if", "if c then 1 else 2", "let a = if c then 1 else 2"),
+    ("let a = if c then 1 elif d then 2 else 3", "elif", "else if", "let a = if c then 1 else if d then 2 else 3"),
+    ("def f(x): return x + 1", "def", "fn f(x) = x + 1", "fn f(x) = x + 1"),
+    ("function f(x) { return x + 1; }", "function", "fn f(x) = x + 1", "fn f(x) = x + 1"),
+    ("fn f(x) -> scalar = x + 1", "->", "fn f(x): scalar = x + 1", "fn f(x): scalar = x + 1"),
+    ("fn f(x) => x + 1", "=>", "fn f(x) = x + 1", "fn f(x) = x + 1"),
+    ("let f(x) = x + 1", "let", "fn f(x) = x + 1", "fn f(x) = x + 1"),
+    ("fn f(x) {\n  return x + 1\n}", "return", "x + 1", "fn f(x) {\n  x + 1\n}"),
+    ("return n", "return", "print n", "print n"),
+    ("for i in range(3): print(i)", "for", "[… for i in 0..n]", "print [i for i in 0..n]"),
+    ("while c: n", "while", "[… for i in 0..n]", "print [i for i in 0..n]"),
+    // Calls and statements.
+    ("print(\"a\", 1)", ",", "print \"a\", 1", "print \"a\", 1"),
+    ("save(render(eye), \"a.png\")", ",", "save render(eye) to \"a.png\"", "save render(eye) to \"a.png\""),
+    ("save render(eye) \"a.png\"", "\"", "save render(eye) to \"a.png\"", "save render(eye) to \"a.png\""),
+    ("render(eye)", "render", "print render(eye)", "print render(eye)"),
+    ("let a = render(eye, spp = 4)", "=", "spp: 4", "let a = render(eye, spp: 4)"),
+    ("camera k { fov = 45deg }", "=", "fov: 45deg", "camera k { fov: 45deg }"),
+    ("param p: list[int] = [1, 2]", "list[int]", "int[]", "param p: int[] = [1, 2]"),
+    ("param p: float = 1", "float", "scalar", "param p: scalar = 1"),
+    ("let a = zeros(3)", "zeros", "[0 for i in 0..3]", "let a = [0 for i in 0..3]"),
+    ("let a = ones(3)", "ones", "[1 for i in 0..3]", "let a = [1 for i in 0..3]"),
+    ("let a = [i for i in range(3)]", "range", "0..3", "let a = [i for i in 0..3]"),
+    ("let a = [i for i in range(1, 3)]", "range", "1..3", "let a = [i for i in 1..3]"),
+    ("let a = rgb(1, 0, 0)", "rgb", "[1, 0, 0]", "let a = [1, 0, 0]"),
+    ("let a = vec3(1, 2, n)", "vec3", "[1, 2, n]", "let a = [1, 2, n]"),
+    ("let a = str(n)", "str", "\"{n}\"", "let a = \"{n}\""),
+    ("let a = int(3.5)", "int", "floor(3.5)", "let a = floor(3.5)"),
+    ("let a = saturate(n)", "saturate", "clamp(n, 0, 1)", "let a = clamp(n, 0, 1)"),
+    ("let a = lerp(1, 2, 0.5)", "lerp", "mix", "let a = mix(1, 2, 0.5)"),
+    ("let a = log10(n)", "log10", "log(n) / log(10)", "let a = log(n) / log(10)"),
+    ("let a = rsqrt(n)", "rsqrt", "1 / sqrt(n)", "let a = 1 / sqrt(n)"),
+    ("let a = map(sqrt, v)", "map", "[sqrt(x) for x in v]", "let a = [sqrt(x) for x in v]"),
+    ("let a = np.mean(v)", "np", "mean(v)", "let a = mean(v)"),
+    ("let a = np.array([1, 2])", "np", "[1, 2]", "let a = [1, 2]"),
+    ("let a = Math.sqrt(n)", "Math", "sqrt(n)", "let a = sqrt(n)"),
+    ("let a = torch.zeros(3)", "torch", "[0 for i in 0..3]", "let a = [0 for i in 0..3]"),
+    ("let a = np.linalg.norm(v)", "np", "norm(v)", "let a = norm(v)"),
+    ("import numpy as np\nlet a = 1", "import numpy as np", "", "let a = 1"),
+    // Methods and fields.
+    ("let a = fit.grad", "grad", "grad(fit)", "let a = grad(fit)"),
+    ("let a = fit.backward()", "backward", "grad(fit)", "let a = grad(fit)"),
+    ("let a = v.map(sqrt)", "map", "[sqrt(x) for x in v]", "let a = [sqrt(x) for x in v]"),
+    ("let a = v.mean()", "mean", "mean(v)", "let a = mean(v)"),
+    ("let a = v.append(5)", "append", "concat(v, [5])", "let a = concat(v, [5])"),
+    ("let a = v.shape", "shape", "len(v)", "let a = len(v)"),
+    ("let a = n.item()", "item", "n", "let a = n"),
+    ("let a = n.detach()", "detach", "stop_gradient(n)", "let a = stop_gradient(n)"),
+    (
+        "let a = cube().translate([1, 0, 0])",
+        "translate",
+        "cube() |> translate([1, 0, 0])",
+        "let a = cube() |> translate([1, 0, 0])",
+    ),
+    ("let a = depth(eye).g", "g", "r", "let a = depth(eye).r"),
+    // Other renderers.
+    ("sensor k { fov: 45deg }", "sensor", "camera k { fov: 45deg }", "camera k { fov: 45deg }"),
+    ("emitter l = point(position: v)", "emitter", "light l = point(position: v)", "light l = point(position: v)"),
+    ("bsdf m = diffuse()", "bsdf", "material m = diffuse()", "material m = diffuse()"),
+    ("shape s { mesh: cube(), bsdf: diffuse() }", "bsdf", "material", "shape s { mesh: cube(), material: diffuse() }"),
+    ("shape s { mesh: cube(), material: \"diffuse\" }", "\"diffuse\"", "diffuse()", "shape s { mesh: cube(), material: diffuse() }"),
+    ("shape s { mesh: \"sphere\" }", "\"sphere\"", "sphere()", "shape s { mesh: sphere() }"),
+    ("let m = diffuse(albedo: 0.5)", "albedo", "reflectance", "let m = diffuse(reflectance: 0.5)"),
+    ("let m = lambertian()", "lambertian", "diffuse", "let m = diffuse()"),
+    ("let m = twosided(diffuse())", "twosided", "diffuse()", "let m = diffuse()"),
+    (
+        "light l { position: v, intensity: 3 }",
+        "position",
+        "light l = point(position: v, intensity: 3)",
+        "light l = point(position: v, intensity: 3)",
+    ),
+    ("camera k { fov: 45deg, lookat: [0, 0, 0] }", "lookat", "look_at", "camera k { fov: 45deg, look_at: [0, 0, 0] }"),
+    // Optimisers.
+    ("optimize fit { using: \"adam\" }", "\"adam\"", "adam()", "optimize fit { using: adam() }"),
+    ("optimize fit { using: \"Adam\" }", "\"Adam\"", "adam()", "optimize fit { using: adam() }"),
+    ("optimize fit { lr: 0.1 }", "lr", "using: adam(lr: 0.1)", "optimize fit { using: adam(lr: 0.1) }"),
+    ("optimize fit { optimizer: adam() }", "optimizer", "using", "optimize fit { using: adam() }"),
+    ("optimize fit { epochs: 3 }", "epochs", "steps", "optimize fit { steps: 3 }"),
+    ("minimize fit { steps: 3 }", "minimize", "optimize fit { steps: 3 }", "optimize fit { steps: 3 }"),
+    ("optimize fit { using: SGD(lr: 0.1) }", "SGD", "sgd", "optimize fit { using: sgd(lr: 0.1) }"),
+    // One cause, one error.
+    ("let a = mix(a: 1, 2, 0.5)", "2", "b: 2", "let a = mix(a: 1, b: 2, t: 0.5)"),
+    (
+        "texture wood = \"wood.png\"\nmaterial m = diffuse(reflectance: wood)",
+        "\"wood.png\"",
+        "texture(\"wood.png\")",
+        "texture wood = checkerboard() // texture(\"wood.png\")\nmaterial m = diffuse(reflectance: wood)",
+    ),
+];
+
+/// Scripts with one mistake, whatever uses what is wrong, and the text that is to blame.
+const ONE_CAUSE: &[(&str, &str)] = &[
+    ("let a = nowhere\nlet b = a + 1\nlet e = b.x + sin(b * 1deg)\nexpect e > b", "nowhere"),
+    ("let a = (1 + 2\nlet b = a + 1\nprint b", "("),
+    ("x = 3\nprint x\nprint x + 1\nlet y = x.z", "="),
+    ("let x == 3\nprint x\nprint x + 1", "=="),
+    ("camera k { fov: 45 }\nlet i = render(k)\nprint mean(i)", "45"),
+    ("fn f(x) = x + nothing\nprint f(1), f(2), f([1, 2])", "nothing"),
+    ("mesh m = 3\nshape s { mesh: m }\nlet w = m.vertices", "3"),
+    ("material m = \"red\"\nshape s { mesh: cube(), material: m }", "\"red\""),
+    ("light l { direction: v, irradiance: 3 }\nscene s = scene(shapes: [ball], lights: [l])", "direction"),
+    ("let w = sphere(radios: 2)\nlet u = w |> translate([1, 0, 0])", "radios"),
+    ("import \"nowhere.dscene\" as lib\nprint lib.x, lib.f(3)", "import \"nowhere.dscene\" as lib"),
+    ("param p: colour = 1\nmaterial m = diffuse(reflectance: p)", "colour"),
+    ("for i in range(3):\n    print(i)", "for"),
+    ("let a = [1, 2\nx = 3", "["),
+];
+
+#[test]
+fn one_cause_gives_one_error() {
+    let mut failures = Vec::new();
+    for (script, blamed) in ONE_CAUSE {
+        let found = errors(script);
+        if found.len() != 1 || found[0].1 != *blamed {
+            let shown: Vec<String> = found.iter().map(|(d, at)| format!("    {} at `{at}`", d.message)).collect();
+            failures.push(format!("{script:?} should blame `{blamed}` alone\n{}", shown.join("\n")));
+        }
+    }
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+/// The errors of a script behind the scene.
+fn errors(script: &str) -> Vec<(Diagnostic, String)> {
+    let checked = check_text("script.dscene", None, format!("{SCENE}{script}\n"), &[], &Disk);
+    let label = |d: &Diagnostic| d.span().map_or("", |s| checked.sources.text(s)).to_owned();
+    checked.diagnostics.iter().filter(|d| d.is_error()).map(|d| (d.clone(), label(d))).collect()
+}
+
+/// Whether a text to type stands in a script, `…` and `NAME` for anything.
+fn contains(script: &str, typed: &str) -> bool {
+    let mut rest = script;
+    typed.split('…').flat_map(|part| part.split("NAME")).all(|part| match rest.find(part) {
+        Some(at) => {
+            rest = &rest[at + part.len()..];
+            true
+        }
+        None => false,
+    })
+}
+
+#[test]
+fn each_habit_gives_one_error_and_the_text_to_type() {
+    let mut failures = Vec::new();
+    for (wrong, blamed, typed, mended) in ROWS.iter().filter(|row| !row.3.is_empty()) {
+        let found = errors(wrong);
+        let shown: Vec<String> =
+            found.iter().map(|(d, at)| format!("    {} at `{at}`: {:?}", d.message, d.helps)).collect();
+        let shown = shown.join("\n");
+        match found.as_slice() {
+            [(error, at)] => {
+                if at != blamed {
+                    failures.push(format!("{wrong:?} should blame `{blamed}`\n{shown}"));
+                }
+                let help = error.helps.join("\n");
+                if !help.contains(&format!("`{typed}`")) && !typed.is_empty() || help.is_empty() {
+                    failures.push(format!("{wrong:?} should say to type `{typed}`\n{shown}"));
+                }
+            }
+            _ => failures.push(format!("{wrong:?} gives {} errors\n{shown}", found.len())),
+        }
+        if !contains(mended, typed) {
+            failures.push(format!("{mended:?} is not what `{typed}` says"));
+        }
+        for (error, at) in errors(mended) {
+            failures.push(format!("{mended:?} is still wrong: {} at `{at}`", error.message));
+        }
+    }
+    assert!(failures.is_empty(), "{} failures\n{}", failures.len(), failures.join("\n"));
+}
