@@ -104,9 +104,9 @@ pub fn check_text(
 /// What a line of the REPL turned out to be.
 #[derive(Clone, Debug)]
 pub enum Line {
-    /// It declared or replaced something; the program has it. The ids of what is new or changed.
-    Declared(Vec<hir::DeclId>),
-    Action(hir::Action),
+    /// Statements. What they declared or replaced the program has; the ids of what is new or changed, and what is to be done, in
+    /// the order of the line.
+    Statements { declared: Vec<hir::DeclId>, actions: Vec<hir::Action> },
     Expr(hir::Expr),
     /// Nothing but white space and comments.
     Empty,
@@ -140,7 +140,7 @@ pub fn check_line(program: &mut hir::Program, text: &str) -> (Option<Line>, Vec<
     if diagnostics.iter().any(Diagnostic::is_error) {
         return (None, diagnostics);
     }
-    if let Line::Declared(_) = result {
+    if matches!(&result, Line::Statements { declared, actions } if !declared.is_empty() || actions.is_empty()) {
         *program = new_program;
     }
     (Some(result), diagnostics)

@@ -212,14 +212,11 @@ impl<'l> Checker<'l> {
     pub fn line_result(&mut self, line: SourceId) -> Line {
         let declared: Vec<DeclId> =
             self.slots.iter().filter(|s| s.statement.span.source == line).map(|s| s.hir.id).collect();
-        let of_line = |a: &hir::Action| action_span(a).source == line;
-        if declared.is_empty()
-            && let Some(at) = self.actions.iter().rposition(of_line)
-        {
-            return Line::Action(self.actions.remove(at));
-        }
-        // An import declares nothing of its own.
-        Line::Declared(declared)
+        // They are done once, and are no part of the program. (An import declares nothing of its own.)
+        let (actions, rest) =
+            std::mem::take(&mut self.actions).into_iter().partition(|a| action_span(a).source == line);
+        self.actions = rest;
+        Line::Statements { declared, actions }
     }
 
     /// A REPL line that is an expression.

@@ -220,14 +220,14 @@ fn lines_add_replace_and_ask() {
     assert!(diagnostics.is_empty());
     assert!(matches!(line, Some(Line::Expr(e)) if e.ty.is_scalar()));
     let (line, _) = check_line(&mut program, "param corners: vec3[4] = [[0, 3, 0], [1, 3, 0], [0, 3, 1], [1, 3, 1]]");
-    assert!(matches!(line, Some(Line::Declared(ids)) if ids == [corners]));
+    assert!(matches!(line, Some(Line::Statements { declared, .. }) if declared == [corners]));
     assert_eq!(program.find("corners"), Some(corners));
     let (line, _) = check_line(&mut program, "let half = shadow / 2");
-    assert!(matches!(line, Some(Line::Declared(ids)) if ids.len() == 1));
+    assert!(matches!(line, Some(Line::Statements { declared, .. }) if declared.len() == 1));
     let (line, _) = check_line(&mut program, "half + shadow");
     assert!(matches!(line, Some(Line::Expr(_))));
     let (line, _) = check_line(&mut program, "save render(eye) to \"a.png\"");
-    assert!(matches!(line, Some(Line::Action(Action::Save { .. }))));
+    assert!(matches!(line, Some(Line::Statements { actions, .. }) if matches!(actions[..], [Action::Save { .. }])));
     assert_eq!(program.actions.len(), 3);
     let (line, diagnostics) = check_line(&mut program, "grad(shadow)");
     assert!(matches!(line, Some(Line::Expr(_))), "{diagnostics:?}");

@@ -535,7 +535,7 @@ fn formatted(v: &Value, ty: &Ty, format: Option<StrFormat>) -> String {
         };
     };
     let one = |x: f64| {
-        let x = if matches!(ty, Ty::Angle) { x.to_degrees() } else { x };
+        let x = if show::is_angle(ty) { x.to_degrees() } else { x };
         match (format.precision, format.exponent) {
             (Some(p), true) => format!("{x:.*e}", p.min(40)),
             (None, true) => format!("{x:e}"),

@@ -41,7 +41,7 @@ pub use error::INTERRUPTED;
 pub use history::History;
 pub use render::RenderOverrides;
 pub use residuals::Residuals;
-pub use show::{brief, exact, number_text, show, to_json};
+pub use show::{brief, exact, is_angle, number_text, show, to_json};
 
 pub type Result<T, E = Diagnostic> = std::result::Result<T, E>;
 

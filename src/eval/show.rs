@@ -48,17 +48,30 @@ pub(super) fn numbers(t: &Tensor, one: &impl Fn(f64) -> String) -> String {
     format!("[{}]", items.join(", "))
 }
 
-/// Arrays in arrays that are written out; a few that hold one another twice each would never end.
-const DEEPEST: usize = 4;
-
-/// As [`brief`], with as many digits as tell a number from all others.
-pub fn exact(value: &Value, ty: &Ty) -> String {
-    match value {
-        Value::Num(v) if matches!(ty, Ty::Angle) => numbers(v.value(), &|x| format!("{}deg", x.to_degrees())),
-        Value::Num(v) if v.len() <= SHOWN => numbers(v.value(), &|x| format!("{x}")),
-        _ => brief(value, ty),
+/// Whether numbers of that type are angles: one, or an array of them.
+pub fn is_angle(ty: &Ty) -> bool {
+    match ty {
+        Ty::Angle => true,
+        Ty::Array(item, _) => is_angle(item),
+        _ => false,
     }
 }
+
+fn angle_text(x: f64) -> String {
+    format!("{}deg", number_text(x.to_degrees()))
+}
+
+/// Numbers to their last digit, for two that [`brief`] does not tell apart; everything else as [`brief`] has it.
+pub fn exact(value: &Value, ty: &Ty) -> String {
+    match value {
+        Value::Num(v) if is_angle(ty) => numbers(v.value(), &|x| format!("{x}rad")),
+        Value::Num(v) if v.len() <= SHOWN => numbers(v.value(), &|x| if x.is_finite() { format!("{x}") } else { number_text(x) }),
+        other => brief(other, ty),
+    }
+}
+
+/// Arrays in arrays that are written out; a few that hold one another twice each would never end.
+const DEEPEST: usize = 4;
 
 /// One line: what the value is, numbers written out if they are few.
 pub fn brief(value: &Value, ty: &Ty) -> String {
@@ -70,8 +83,9 @@ fn brief_within(value: &Value, ty: &Ty, depth: usize) -> String {
         Value::None => "none".into(),
         Value::Bool(b) => b.to_string(),
         Value::Str(s) => format!("{s:?}"),
-        Value::Num(v) if matches!(ty, Ty::Angle) => {
-            numbers(v.value(), &|x| format!("{}deg", number_text(x.to_degrees())))
+        Value::Num(v) if is_angle(ty) && v.len() <= SHOWN => numbers(v.value(), &angle_text),
+        Value::Num(v) if is_angle(ty) => {
+            format!("array {} ({})", sizes(v.shape()), spread_of(v.value(), &angle_text))
         }
         Value::Num(v) if v.len() <= SHOWN => numbers(v.value(), &number_text),
         Value::Num(v) => format!("array {} ({})", sizes(v.shape()), spread(v.value())),
@@ -173,7 +187,7 @@ fn brief_within(value: &Value, ty: &Ty, depth: usize) -> String {
 pub fn show(value: &Value, ty: &Ty) -> String {
     match value {
         Value::Str(s) => s.to_string(),
-        Value::Num(v) if v.shape().len() >= 2 && v.len() <= SHOWN && !matches!(ty, Ty::Angle) => {
+        Value::Num(v) if v.shape().len() >= 2 && v.len() <= SHOWN && !is_angle(ty) => {
             let run: usize = v.shape()[1..].iter().product();
             let rows: Vec<String> = v
                 .value()
@@ -235,6 +249,10 @@ fn sizes(shape: &[usize]) -> String {
 }
 
 fn spread(t: &Tensor) -> String {
+    spread_of(t, &number_text)
+}
+
+fn spread_of(t: &Tensor, text: &dyn Fn(f64) -> String) -> String {
     if t.data.is_empty() {
         return "empty".into();
     }
@@ -245,23 +263,33 @@ fn spread(t: &Tensor) -> String {
         sum += x;
     }
     let mean = sum / t.data.len() as f64;
-    format!("{} to {}, mean {}", number_text(lo), number_text(hi), number_text(mean))
+    format!("{} to {}, mean {}", text(lo), text(hi), text(mean))
+}
+
+/// JSON has no number for what is not finite: `"nan"`, `"inf"` and `"-inf"` say which it was.
+pub fn number_json(x: f64) -> Json {
+    match x {
+        x if x.is_finite() => json!(x),
+        x if x.is_nan() => json!("nan"),
+        x => json!(if x > 0.0 { "inf" } else { "-inf" }),
+    }
 }
 
 fn tensor_json(t: &Tensor) -> Json {
     if t.shape.is_empty() {
-        // JSON has no NaN.
-        return t.data.first().map_or(Json::Null, |x| json!(x));
+        return t.data.first().map_or(Json::Null, |x| number_json(*x));
     }
     let run: usize = t.shape[1..].iter().product();
     let part = |i: usize| Tensor { shape: t.shape[1..].to_vec(), data: t.data[i * run..(i + 1) * run].to_vec() };
     Json::Array((0..t.shape[0]).map(|i| tensor_json(&part(i))).collect())
 }
 
-/// Numbers as (nested) arrays, things as objects of their fields, angles in radians.
+/// Numbers as (nested) arrays, things as objects of their fields, angles in radians; what is not finite as [`number_json`] has it,
+/// and a function as `{"function": null}`, since JSON cannot hold one.
 pub fn to_json(value: &Value) -> Json {
     match value {
-        Value::None | Value::Function(_) => Json::Null,
+        Value::None => Json::Null,
+        Value::Function(_) => json!({ "function": null }),
         Value::Bool(b) => json!(b),
         Value::Str(s) => json!(&**s),
         Value::Num(v) | Value::Image(v) | Value::Rotation(v) | Value::Transform(v) => tensor_json(v.value()),

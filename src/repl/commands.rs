@@ -4,11 +4,13 @@ use std::path::{Path, PathBuf};
 
 use super::{Next, Repl};
 use crate::check::hir;
+use crate::check::types::Ty;
 use crate::diag::{self, Diagnostic};
 use crate::eval;
 use crate::session::clock::{Stopwatch, human_seconds};
 use crate::session::folder::write_atomically;
 use crate::session::{Optimization, Runner, show};
+use crate::source::Span;
 use crate::tape::Tensor;
 
 /// Name, arguments and what it does, in the order of `:help`.
@@ -108,21 +110,20 @@ impl Repl<'_> {
         let mut rows = vec![["param", "type", "bounds", "", "value"].map(str::to_owned).to_vec()];
         for info in self.engine.params()? {
             let value = self.engine.param_value(info.id)?;
-            let ty = self.engine.program().decl(info.id).ty.to_string();
-            let bounds = info
-                .bounds
-                .as_ref()
-                .map_or(String::new(), |(lo, hi)| format!("{}..{}", show::tensor(lo), show::tensor(hi)));
+            let ty = self.engine.program().decl(info.id).ty.clone();
+            let shown = |t: &Tensor| show::with_unit(t, &ty);
+            let bounds =
+                info.bounds.as_ref().map_or(String::new(), |(lo, hi)| format!("{}..{}", shown(lo), shown(hi)));
             let mut notes = Vec::new();
             notes.extend(info.frozen.then(|| "frozen".to_owned()));
             notes.extend(info.lr.map(|lr| format!("lr × {}", show::digits(lr))));
             notes.extend(info.scale.map(|scale| format!("scale {}", show::digits(scale))));
             rows.push(vec![
                 info.name.clone(),
-                ty,
+                ty.to_string(),
                 bounds,
                 notes.join(", "),
-                crate::session::run::shortened(&show::tensor(&value)),
+                crate::session::run::shortened(&shown(&value)),
             ]);
         }
         if rows.len() == 1 {
@@ -173,13 +174,15 @@ impl Repl<'_> {
         if let Some((lo, hi)) = info.and_then(|info| info.bounds)
             && tensor.data.iter().zip(lo.data.iter().zip(&hi.data)).any(|(x, (lo, hi))| x < lo || x > hi)
         {
-            let message = format!("`{name}` stays within {}..{}", show::tensor(&lo), show::tensor(&hi));
+            let ty = &self.engine.program().decl(id).ty;
+            let message = format!("`{name}` stays within {}..{}", show::with_unit(&lo, ty), show::with_unit(&hi, ty));
             return Err(Diagnostic::error("dscene::type::bounds", message)
                 .label(expr.span, "out of its bounds")
                 .help(format!("declare it anew with other bounds: `param {name} = {value} in lo..hi`")));
         }
         self.engine.set_param(id, tensor)?;
-        let text = show::tensor(&self.engine.param_value(id)?);
+        let value = self.engine.param_value(id)?;
+        let text = show::with_unit(&value, &self.engine.program().decl(id).ty);
         self.world.print(&format!("{name} = {text}"));
         Ok(())
     }
@@ -212,7 +215,9 @@ impl Repl<'_> {
         }
         let mut runner = Runner::new(&mut self.engine, &mut *self.world);
         runner.outputs = self.common.out.clone().unwrap_or_default();
+        runner.histories = std::mem::take(&mut self.histories);
         let flow = runner.advance(&mut optimization, count);
+        self.histories = std::mem::take(&mut runner.histories);
         self.world.progress_done();
         optimization.leave(&mut self.engine);
         let (done, total) = (optimization.done(), optimization.total());
@@ -303,41 +308,94 @@ impl Repl<'_> {
         Ok(())
     }
 
+    /// The file and the lines typed since, each with only what still holds; params that moved have their present values.
     fn script(&mut self) -> Result<String, Diagnostic> {
         let sources = self.engine.program().sources.clone();
-        let root = sources.iter().find(|(_, f)| f.path.is_some() && f.path == self.file);
-        let mut text = root.map_or(String::new(), |(_, f)| f.text.clone());
-        let mut edits: Vec<(usize, usize, String)> = Vec::new();
-        let mut later = String::new();
+        let root = sources.iter().find(|(_, f)| f.path.is_some() && f.path == self.file).map(|(id, _)| id);
+        let mut values: Vec<(Span, String)> = Vec::new();
+        let mut elsewhere = String::new();
         for id in self.engine.program().params().collect::<Vec<_>>() {
-            let value = full(&self.engine.param_value(id)?);
-            let decl = self.engine.program().decl(id);
-            let Some(body) = &decl.body else { continue };
-            if root.is_some_and(|(id, _)| id == body.span.source) {
-                edits.push((body.span.start as usize, body.span.end as usize, value));
+            let present = self.engine.param_value(id)?;
+            let (ty, name, body) = {
+                let decl = self.engine.program().decl(id);
+                let Some(body) = &decl.body else { continue };
+                (decl.ty.clone(), decl.name.clone(), body.clone())
+            };
+            let initial = self.engine.eval(&body)?;
+            if initial.var().is_some_and(|v| same_bits(v.value(), &present)) {
+                continue;
+            }
+            let text = as_script(&present, &ty);
+            if Some(body.span.source) == root || self.typed.contains(&body.span.source) {
+                values.push((body.span, text));
             } else {
-                later.push_str(&format!("// {} = {value}\n", decl.name));
+                elsewhere.push_str(&format!("// {name} = {text}\n"));
             }
         }
-        edits.sort_by_key(|edit| std::cmp::Reverse(edit.0));
-        for (start, end, value) in edits {
-            if text.get(start..end).is_some() {
-                text.replace_range(start..end, &value);
+        let mut out = String::new();
+        for source in root.into_iter().chain(self.typed.iter().copied()) {
+            let Some(file) = sources.get(source) else { continue };
+            let mut edits: Vec<(usize, usize, &str)> = values
+                .iter()
+                .filter(|(span, _)| span.source == source)
+                .map(|(span, text)| (span.start as usize, span.end as usize, text.as_str()))
+                .collect();
+            // What a later line declares anew is left out here, and so is what a line did but not declare.
+            for statement in crate::syntax::parse(&sources, source).0.statements {
+                let span = statement.span;
+                let holds = match statement.declares() {
+                    Some(name) => self
+                        .engine
+                        .program()
+                        .find(name)
+                        .is_none_or(|id| self.engine.program().decl(id).name_span.source == source),
+                    None => Some(source) == root || matches!(statement.kind, crate::syntax::ast::StatementKind::Import(_)),
+                };
+                if !holds {
+                    edits.retain(|(start, ..)| !(span.start as usize..span.end as usize).contains(start));
+                    edits.push((span.start as usize, span.end as usize, ""));
+                }
+            }
+            let mut text = file.text.clone();
+            edits.sort_by_key(|edit| std::cmp::Reverse(edit.0));
+            for (start, end, new) in edits {
+                if text.get(start..end).is_some() {
+                    text.replace_range(start..end, new);
+                }
+            }
+            if !text.trim().is_empty() || Some(source) == root {
+                out.push_str(text.trim_end());
+                out.push('\n');
             }
         }
-        if !self.typed.is_empty() {
-            text.push_str(&format!("\n{}\n", self.typed.join("\n")));
+        if !elsewhere.is_empty() {
+            out.push_str(&format!("\n// Values of params that other files declare:\n{elsewhere}"));
         }
-        if !later.is_empty() {
-            text.push_str(&format!("\n// Values of params that other files declare:\n{later}"));
-        }
-        Ok(text)
+        Ok(out)
     }
 }
 
-/// Every number to its last digit, as an expression.
-fn full(t: &Tensor) -> String {
-    crate::session::folder::nested(&t.shape, &t.data).to_string().replace(',', ", ").replace('"', "")
+fn same_bits(a: &Tensor, b: &Tensor) -> bool {
+    a.shape == b.shape && a.data.iter().zip(&b.data).all(|(x, y)| x.to_bits() == y.to_bits())
+}
+
+/// A param's value to its last bit, as an expression of its type.
+fn as_script(t: &Tensor, ty: &Ty) -> String {
+    let numbers = || crate::session::folder::nested(&t.shape, &t.data).to_string().replace(',', ", ").replace('"', "");
+    match (ty, t.item()) {
+        (Ty::Angle, Some(x)) => {
+            // In degrees where that is the same number.
+            let degrees = (x.to_degrees() * 1e9).round() / 1e9;
+            if (degrees * std::f64::consts::PI / 180.0).to_bits() == x.to_bits() {
+                format!("{degrees}deg")
+            } else {
+                format!("{}rad", crate::session::folder::nested(&[], &[x]))
+            }
+        }
+        (Ty::Rotation, _) => format!("rotation(matrix: {})", numbers()),
+        (Ty::Image { .. }, _) => format!("image({})", numbers()),
+        _ => numbers(),
+    }
 }
 
 fn usage(message: &str, help: &str) -> Diagnostic {

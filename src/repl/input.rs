@@ -87,23 +87,27 @@ fn skip_string(chars: &mut std::iter::Peekable<std::str::Chars<'_>>) {
     }
 }
 
-/// Cuts piped text into inputs, each of whole lines and complete (the last one may be open).
-pub fn split_inputs(text: &str) -> Vec<String> {
-    let mut inputs = Vec::new();
-    let mut current = String::new();
-    for line in text.lines() {
-        current.push_str(line);
-        if completeness(&current) == Completeness::Complete {
-            inputs.push(std::mem::take(&mut current));
-        } else {
-            current.push('\n');
+/// Puts lines together to inputs, each complete (the last one may be open).
+#[derive(Debug, Default)]
+pub struct Inputs {
+    open: String,
+}
+
+impl Inputs {
+    /// One more line; the input that it completes, unless that is blank.
+    pub fn line(&mut self, line: &str) -> Option<String> {
+        self.open.push_str(line);
+        if completeness(&self.open) == Completeness::Complete {
+            return self.rest();
         }
+        self.open.push('\n');
+        None
     }
-    if !current.trim().is_empty() {
-        inputs.push(current);
+
+    /// What is left when no line follows.
+    pub fn rest(&mut self) -> Option<String> {
+        Some(std::mem::take(&mut self.open)).filter(|text| !text.trim().is_empty())
     }
-    inputs.retain(|i| !i.trim().is_empty());
-    inputs
 }
 
 #[cfg(test)]
@@ -149,6 +153,9 @@ mod tests {
     #[test]
     fn piped_text_is_cut_into_inputs() {
         let text = "let a = 1\n\ncamera eye {\n  fov: 45deg\n}\na -\n1\nf(";
-        assert_eq!(split_inputs(text), ["let a = 1", "camera eye {\n  fov: 45deg\n}", "a -\n1", "f(\n"]);
+        let mut inputs = Inputs::default();
+        let mut found: Vec<String> = text.lines().filter_map(|line| inputs.line(line)).collect();
+        found.extend(inputs.rest());
+        assert_eq!(found, ["let a = 1", "camera eye {\n  fov: 45deg\n}", "a -\n1", "f(\n"]);
     }
 }

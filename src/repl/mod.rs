@@ -5,7 +5,7 @@ mod editor;
 pub mod input;
 pub mod picture;
 
-use std::io::{IsTerminal, Read};
+use std::io::{BufRead, IsTerminal};
 use std::path::{Path, PathBuf};
 
 use crate::check::{self, Line, hir};
@@ -17,7 +17,9 @@ use crate::session::line::check_line;
 use crate::session::measure::repeat_seed;
 use crate::session::stats::Moments;
 use crate::session::world::{EXIT_INTERRUPTED, catch_interrupts, clear_interrupt, interrupted};
+use crate::session::run::Histories;
 use crate::session::{MeasureOptions, Optimization, Runner, World, measure, show};
+use crate::source::SourceId;
 
 use editor::{Input, LineEditor, Words};
 
@@ -41,8 +43,10 @@ pub struct Repl<'w> {
     file: Option<PathBuf>,
     /// The optimisation that `:step` advances.
     optimization: Option<Optimization>,
-    /// Declarations typed so far, for `:save`.
-    typed: Vec<String>,
+    /// Lines with declarations, for `:save`.
+    typed: Vec<SourceId>,
+    /// The losses of what was optimised, for `plot`.
+    histories: Histories,
     /// Draw images as characters.
     pictures: bool,
     failed: bool,
@@ -72,6 +76,7 @@ impl<'w> Repl<'w> {
             file: None,
             optimization: None,
             typed: Vec::new(),
+            histories: Histories::default(),
             pictures: false,
             failed: false,
         }
@@ -107,19 +112,26 @@ impl<'w> Repl<'w> {
         0
     }
 
-    /// Input from a pipe: each complete piece of text in turn; fails if any of them did.
+    /// Input from a pipe: each complete piece of text as soon as it is there; fails if any of them did.
     fn read_piped(&mut self) -> u8 {
-        let mut bytes = Vec::new();
-        if let Err(error) = std::io::stdin().read_to_end(&mut bytes) {
-            out::error_line(&format!("cannot read standard input: {error}"));
-            return EXIT_WRONG;
-        }
-        for text in input::split_inputs(&String::from_utf8_lossy(&bytes)) {
-            let next = self.line(&text);
+        let mut inputs = input::Inputs::default();
+        let mut stdin = std::io::stdin().lock();
+        loop {
+            let mut bytes = Vec::new();
+            let is_end = match stdin.read_until(b'\n', &mut bytes) {
+                Ok(count) => count == 0,
+                Err(error) => {
+                    out::error_line(&format!("cannot read standard input: {error}"));
+                    return EXIT_WRONG;
+                }
+            };
+            // Answered at once: a program may wait for it before it writes the next line.
+            let text = if is_end { inputs.rest() } else { inputs.line(String::from_utf8_lossy(&bytes).trim_end_matches(['\n', '\r'])) };
+            let next = text.map_or(Next::Read, |text| self.line(&text));
             if interrupted() {
                 return EXIT_INTERRUPTED;
             }
-            if next == Next::Quit {
+            if is_end || next == Next::Quit {
                 break;
             }
         }
@@ -142,7 +154,7 @@ impl<'w> Repl<'w> {
             return self.command(command);
         }
         if let Some(line) = self.check(text) {
-            let outcome = self.evaluate(text, line);
+            let outcome = self.evaluate(line);
             self.report(outcome);
             self.name_the_loss();
         }
@@ -196,24 +208,26 @@ impl<'w> Repl<'w> {
         }
     }
 
-    fn evaluate(&mut self, text: &str, line: Line) -> Result<(), Diagnostic> {
+    fn evaluate(&mut self, line: Line) -> Result<(), Diagnostic> {
         match line {
-            Line::Declared(ids) => {
-                self.typed.push(text.to_owned());
-                // What is being optimised may have changed its meaning.
-                self.optimization = None;
-                for id in ids {
+            Line::Statements { declared, actions } => {
+                if !declared.is_empty() || actions.is_empty() {
+                    let line = self.engine.program().origin.lines.last();
+                    self.typed.extend(line);
+                    // What is being optimised may have changed its meaning.
+                    self.optimization = None;
+                }
+                for id in declared {
                     let decl = self.engine.program().decl(id);
                     let text = format!("{} : {}", decl.name, decl.ty);
                     self.world.print(&text);
                 }
-                Ok(())
-            }
-            Line::Action(action) => {
                 let mut runner = Runner::new(&mut self.engine, &mut *self.world);
                 runner.outputs = self.common.out.clone().unwrap_or_default();
-                let flow = runner.run(&[action]);
+                runner.histories = std::mem::take(&mut self.histories);
+                let flow = runner.run(&actions);
                 self.failed |= runner.report.failed_expects > 0;
+                self.histories = std::mem::take(&mut runner.histories);
                 flow.map(|_| ())
             }
             Line::Expr(expr) => self.show(&expr),
@@ -307,6 +321,7 @@ impl<'w> Repl<'w> {
         self.file = Some(file.to_path_buf());
         self.optimization = None;
         self.typed.clear();
+        self.histories.clear();
         self.name_the_loss();
         let program = self.engine.program();
         let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });

@@ -51,12 +51,20 @@ pub struct Runner<'a> {
     pub report: RunReport,
     /// What each `plot` has shown so far.
     curves: HashMap<Span, Vec<f64>>,
+    /// The losses of what was optimised, step by step.
+    pub histories: Histories,
+    /// Inside of an `every`, where a plot shows the value of its step.
+    in_every: bool,
 }
+
+/// The losses at every step, by the text of what was optimised.
+pub type Histories = HashMap<String, Vec<f64>>;
 
 impl<'a> Runner<'a> {
     pub fn new(engine: &'a mut Engine, world: &'a mut dyn World) -> Runner<'a> {
         let (outputs, report, curves) = (PathBuf::new(), RunReport::default(), HashMap::new());
-        Runner { engine, world, folder: None, outputs, steps: None, report, curves }
+        let histories = Histories::default();
+        Runner { engine, world, folder: None, outputs, steps: None, report, curves, histories, in_every: false }
     }
 
     /// All of them, until one fails or the user interrupts. A failed `expect` is reported and the run goes on.
@@ -136,6 +144,10 @@ impl<'a> Runner<'a> {
             tell_warnings(self.engine, self.world);
             taken += 1;
             seconds += report.seconds;
+            if report.step == 0 {
+                self.histories.remove(optimization.name());
+            }
+            self.histories.entry(optimization.name().to_owned()).or_default().push(report.loss);
             self.report.steps += 1;
             if let Some(names) = &report.skipped {
                 let whose = if names.is_empty() { "the learning rate".to_owned() } else { names.join(", ") };
@@ -193,10 +205,11 @@ impl<'a> Runner<'a> {
             if optimization.done().is_multiple_of(period) {
                 // Pictures are taken as the script says, not at the stage's resolution.
                 optimization.leave(self.engine);
-                for action in &every.actions {
-                    // An interruption is seen before the next step.
-                    let _ = self.action(action)?;
-                }
+                self.in_every = true;
+                // An interruption is seen before the next step.
+                let done: Result<(), Diagnostic> = every.actions.iter().try_for_each(|a| self.action(a).map(|_| ()));
+                self.in_every = false;
+                done?;
             }
         }
         Ok(())
@@ -250,6 +263,10 @@ impl<'a> Runner<'a> {
             let curve = self.curves.entry(expr.span).or_default();
             if !is_scalar {
                 curve.clear();
+            }
+            // What was optimised comes with its way here.
+            if is_scalar && !self.in_every && curve.is_empty() {
+                curve.extend(self.histories.get(&name).into_iter().flatten());
             }
             curve.extend(numbers);
             series.push((name, curve.clone()));

@@ -1,6 +1,7 @@
 //! Figures for people: numbers with their errors, tables of gradients.
 
-use super::stats::z_score;
+use super::stats::{Agreement, agreement};
+use crate::check::types::Ty;
 use crate::tape::Tensor;
 
 /// Arrays with more numbers than this are summarised.
@@ -46,11 +47,24 @@ fn range(data: &[f64]) -> String {
     format!("min {}, mean {}, max {}{broken}", significant(min, 4), significant(mean, 4), significant(max, 4))
 }
 
+/// A param's value: numbers nested as they are shaped, angles in degrees, large arrays by shape and range.
+pub fn with_unit(t: &Tensor, ty: &Ty) -> String {
+    if !crate::eval::is_angle(ty) {
+        return tensor(t);
+    }
+    let degrees = Tensor { shape: t.shape.clone(), data: t.data.iter().map(|x| x.to_degrees()).collect() };
+    tensor_in(&degrees, "deg")
+}
+
 /// Numbers nested as they are shaped; large arrays by shape and range.
 pub fn tensor(t: &Tensor) -> String {
-    fn nest(shape: &[usize], data: &[f64], out: &mut String) {
+    tensor_in(t, "")
+}
+
+fn tensor_in(t: &Tensor, unit: &str) -> String {
+    fn nest(shape: &[usize], data: &[f64], unit: &str, out: &mut String) {
         let Some((first, rest)) = shape.split_first() else {
-            out.push_str(&data.first().map_or("nothing".into(), |x| digits(*x)));
+            out.push_str(&data.first().map_or("nothing".into(), |x| format!("{}{unit}", digits(*x))));
             return;
         };
         let stride: usize = rest.iter().product();
@@ -59,16 +73,17 @@ pub fn tensor(t: &Tensor) -> String {
             if i > 0 {
                 out.push_str(", ");
             }
-            nest(rest, data.get(i * stride..(i + 1) * stride).unwrap_or(&[]), out);
+            nest(rest, data.get(i * stride..(i + 1) * stride).unwrap_or(&[]), unit, out);
         }
         out.push(']');
     }
     if t.data.len() > SHOWN_NUMBERS {
         let shape: Vec<String> = t.shape.iter().map(usize::to_string).collect();
-        return format!("array {}: {}", shape.join("×"), range(&t.data));
+        let unit = if unit.is_empty() { String::new() } else { format!(" ({unit})") };
+        return format!("array {}: {}{unit}", shape.join("×"), range(&t.data));
     }
     let mut out = String::new();
-    nest(&t.shape, &t.data, &mut out);
+    nest(&t.shape, &t.data, unit, &mut out);
     out
 }
 
@@ -141,9 +156,13 @@ pub fn gradient_table(params: &[GradientRow<'_>]) -> String {
                 let (fd, fd_error) = p.difference.map_or((f64::NAN, 0.0), |(d, e)| {
                     (d.get(i).copied().unwrap_or(f64::NAN), e.get(i).copied().unwrap_or(0.0))
                 });
-                let z = z_score(g, error, fd, fd_error);
                 row.push(plus_minus(fd, fd_error));
-                row.push(if z.is_finite() { format!("{z:+.1}") } else { "–".to_owned() });
+                row.push(match agreement(g, error, fd, fd_error) {
+                    Agreement::Exact => "exact".to_owned(),
+                    Agreement::Relative(r) => format!("Δ {} %", significant(100.0 * r, 2)),
+                    Agreement::Z(z) if z.is_finite() => format!("{z:+.1}"),
+                    Agreement::Z(_) => "–".to_owned(),
+                });
             }
             if has_spread {
                 let (std, seconds) =
@@ -170,7 +189,10 @@ fn summary_row(p: &GradientRow<'_>, has_value: bool, has_difference: bool) -> Ve
         let zs = p.difference.map(|(d, e)| {
             let scores = (0..p.gradient.len()).map(|i| {
                 let error = p.std_error.and_then(|s| s.get(i)).copied().unwrap_or(0.0);
-                z_score(p.gradient[i], error, d[i], e[i]).abs()
+                match agreement(p.gradient[i], error, d[i], e[i]) {
+                    Agreement::Z(z) => z.abs(),
+                    _ => 0.0,
+                }
             });
             scores.filter(|z| z.is_finite()).fold(0.0, f64::max)
         });

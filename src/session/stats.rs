@@ -46,6 +46,28 @@ impl Moments {
     }
 }
 
+/// How two figures go together.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Agreement {
+    /// They have no noise and are the same up to the error of finite differences (a millionth).
+    Exact,
+    /// They have no noise and differ by so much of the larger one.
+    Relative(f64),
+    /// They have noise, and differ by so many standard errors.
+    Z(f64),
+}
+
+/// Compares `a` with `b`. Where neither has an error worth the name (a billionth: rounding), the difference is not counted in it.
+pub fn agreement(a: f64, a_error: f64, b: f64, b_error: f64) -> Agreement {
+    let size = a.abs().max(b.abs());
+    let error = (a_error * a_error + b_error * b_error).sqrt();
+    if error > 1e-9 * size || !size.is_finite() {
+        return Agreement::Z(z_score(a, a_error, b, b_error));
+    }
+    let relative = if size > 0.0 { (a - b).abs() / size } else { 0.0 };
+    if relative < 1e-6 { Agreement::Exact } else { Agreement::Relative(relative) }
+}
+
 /// `(a − b) / √(σa² + σb²)`: 0 where both agree exactly, infinite where two exact numbers differ.
 pub fn z_score(a: f64, a_error: f64, b: f64, b_error: f64) -> f64 {
     let error = (a_error * a_error + b_error * b_error).sqrt();

@@ -66,7 +66,9 @@ impl Var {
         if !self.value().is_finite() {
             return fail("the matrix is not finite");
         }
-        let Some(found) = nearest(&self.value().data) else {
+        // A rotation is its own nearest one, to the bit: what was saved is what is read.
+        let own = self.value().data.as_slice().try_into().ok().filter(is_rotation);
+        let Some(found) = own.or_else(|| nearest(&self.value().data)) else {
             return fail("there is no nearest rotation: several are equally near");
         };
         let mut rotation = Var::constant(Tensor::new(vec![3, 3], found.to_vec()));
@@ -84,6 +86,17 @@ impl Var {
         }
         Ok(rotation)
     }
+}
+
+/// Whether R Rᵀ is the identity to rounding, and R no reflection.
+fn is_rotation(r: &[f64; 9]) -> bool {
+    let row = |i: usize| [r[3 * i], r[3 * i + 1], r[3 * i + 2]];
+    let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+    let (x, y, z) = (row(0), row(1), row(2));
+    let cross = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]];
+    let rounding = 16.0 * f64::EPSILON;
+    let units = [(x, x, 1.0), (y, y, 1.0), (z, z, 1.0), (x, y, 0.0), (y, z, 0.0), (z, x, 0.0), (cross, z, 1.0)];
+    units.into_iter().all(|(a, b, wanted): ([f64; 3], [f64; 3], f64)| (dot(a, b) - wanted).abs() < rounding)
 }
 
 /// The nearest rotation's nine numbers, row by row; `None` if several are equally near.
