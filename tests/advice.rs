@@ -150,7 +150,12 @@ const ROWS: &[Row] = &[
     ("emitter l = point(position: v)", "emitter", "light l = point(position: v)", "light l = point(position: v)"),
     ("bsdf m = diffuse()", "bsdf", "material m = diffuse()", "material m = diffuse()"),
     ("shape s { mesh: cube(), bsdf: diffuse() }", "bsdf", "material", "shape s { mesh: cube(), material: diffuse() }"),
-    ("shape s { mesh: cube(), material: \"diffuse\" }", "\"diffuse\"", "diffuse()", "shape s { mesh: cube(), material: diffuse() }"),
+    (
+        "shape s { mesh: cube(), material: \"diffuse\" }",
+        "\"diffuse\"",
+        "diffuse()",
+        "shape s { mesh: cube(), material: diffuse() }",
+    ),
     ("shape s { mesh: \"sphere\" }", "\"sphere\"", "sphere()", "shape s { mesh: sphere() }"),
     ("let m = diffuse(albedo: 0.5)", "albedo", "reflectance", "let m = diffuse(reflectance: 0.5)"),
     ("let m = lambertian()", "lambertian", "diffuse", "let m = diffuse()"),
@@ -195,7 +200,6 @@ const ONE_CAUSE: &[(&str, &str)] = &[
     ("import \"nowhere.dscene\" as lib\nprint lib.x, lib.f(3)", "import \"nowhere.dscene\" as lib"),
     ("param p: colour = 1\nmaterial m = diffuse(reflectance: p)", "colour"),
     ("for i in range(3):\n    print(i)", "for"),
-    ("let a = [1, 2\nx = 3", "["),
 ];
 
 #[test]

@@ -182,7 +182,8 @@ impl Checker<'_> {
                     let value = self.checked_field(field, &Sig::Is(Ty::Bool));
                     if !matches!(value.kind, hir::ExprKind::Bool(false)) {
                         let help = "leave it out: a loss and its derivative use independent samples, which keeps the gradient unbiased";
-                        self.diagnostics.push(crate::diag::advice::unavailable("correlated", field.name.span).help(help));
+                        self.diagnostics
+                            .push(crate::diag::advice::unavailable("correlated", field.name.span).help(help));
                     }
                 }
                 "stop_when" => {

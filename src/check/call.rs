@@ -200,13 +200,16 @@ impl Checker<'_> {
             let Some(name) = &arg.name else {
                 if named {
                     // The next one that nobody names.
-                    let is_named = |p: &SigParam| given.iter().any(|g| g.name.as_ref().is_some_and(|n| n.text == p.name));
+                    let is_named =
+                        |p: &SigParam| given.iter().any(|g| g.name.as_ref().is_some_and(|n| n.text == p.name));
                     let slot = (0..out.len()).find(|&s| out[s].is_none() && !is_named(&params[s]));
                     if !disordered {
                         disordered = true;
                         let text = self.sources.text(arg.value.span);
                         let help = match slot {
-                            Some(slot) => format!("give it a name, or move it to the front: `{}: {text}`", params[slot].name),
+                            Some(slot) => {
+                                format!("give it a name, or move it to the front: `{}: {text}`", params[slot].name)
+                            }
                             None => "leave it out: all arguments have a value".to_owned(),
                         };
                         self.diagnostics.push(
@@ -257,7 +260,8 @@ impl Checker<'_> {
                 },
                 None => {
                     let known: Vec<&str> = params.iter().map(|p| p.name.as_str()).collect();
-                    let foreign = crate::diag::advice::field(&name.text, &known).map(|f| format!("did you mean `{f}`?"));
+                    let foreign =
+                        crate::diag::advice::field(&name.text, &known).map(|f| format!("did you mean `{f}`?"));
                     let what = format!("its {}s are", site.noun());
                     if foreign.is_none() && crate::diag::advice::is_planned(&name.text) {
                         self.diagnostics.push(crate::diag::advice::unavailable(&name.text, name.span));
@@ -282,9 +286,8 @@ impl Checker<'_> {
                 }
             }
         }
-        let missing: Vec<usize> = (0..params.len())
-            .filter(|i| out[*i].is_none() && !params[*i].has_default && !meant.contains(i))
-            .collect();
+        let missing: Vec<usize> =
+            (0..params.len()).filter(|i| out[*i].is_none() && !params[*i].has_default && !meant.contains(i)).collect();
         if !missing.is_empty() {
             let names: Vec<String> = missing.iter().map(|i| format!("`{}`", params[*i].name)).collect();
             let fields: Vec<String> = missing.iter().map(|i| format!("{}: …", params[*i].name)).collect();
@@ -512,11 +515,14 @@ impl Checker<'_> {
         let StatementKind::Fn(f) = &self.slot(id).statement.kind else { return None };
         let result = self.slot(id).signature.as_ref().and_then(|s| s.result.clone());
         let result = result.or_else(|| match f.result.as_ref()?.choices.as_slice() {
-            [ast::TypeAtom { kind: ast::TypeKind::Named(name), lens, .. }] if lens.is_empty() => super::signature::named(name),
+            [ast::TypeAtom { kind: ast::TypeKind::Named(name), lens, .. }] if lens.is_empty() => {
+                super::signature::named(name)
+            }
             _ => None,
         })?;
         let fits = wanted.accepts(&result.ty(), None) && !matches!(wanted, Sig::Any | Sig::Var(_));
-        let missing: Vec<String> = f.params.iter().filter(|p| p.default.is_none()).map(|p| format!("{}: …", p.name.text)).collect();
+        let missing: Vec<String> =
+            f.params.iter().filter(|p| p.default.is_none()).map(|p| format!("{}: …", p.name.text)).collect();
         fits.then(|| format!("{name}({})", missing.join(", ")))
     }
 

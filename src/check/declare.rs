@@ -203,7 +203,8 @@ impl Checker<'_> {
                     continue;
                 }
                 name => {
-                    let foreign = crate::diag::advice::field(name, &PARAM_SETTINGS).map(|f| format!("did you mean `{f}`?"));
+                    let foreign =
+                        crate::diag::advice::field(name, &PARAM_SETTINGS).map(|f| format!("did you mean `{f}`?"));
                     let help = foreign.or_else(|| did_you_mean(name, "the settings are", PARAM_SETTINGS));
                     self.diagnostics.push(
                         Diagnostic::error("dscene::name::field", format!("a param has no setting `{name}`"))

@@ -76,18 +76,24 @@ impl Checker<'_> {
     /// `cube().translate(p)`, as other languages write it, is a pipe here; other methods have another name or form.
     fn as_function(&mut self, base: &Typed, name: &ast::Name) -> Option<String> {
         use crate::diag::advice::{self, Around, Place};
-        let renamed = advice::function(&name.text).unwrap_or(&name.text);
+        let is_row = advice::help(
+            Place::Method,
+            &name.text,
+            &Around { before: "…", arguments: vec!["…"; 3], ..Around::default() },
+        )
+        .is_some();
+        let renamed = advice::function(&name.text).filter(|_| !is_row).unwrap_or(&name.text);
         let function = self
             .lookup(renamed)
             .filter(|id| matches!(self.slot(*id).statement.kind, ast::StatementKind::Fn(_)))
             .and_then(|id| self.signature(id));
-        let is_function = function
-            .and_then(|f| f.params.first().map(|p| p.sig.accepts(&base.expr.ty, None)))
-            .unwrap_or(false);
+        let is_function =
+            function.and_then(|f| f.params.first().map(|p| p.sig.accepts(&base.expr.ty, None))).unwrap_or(false);
         let text = self.sources.text(base.expr.span);
         let short = if text.len() <= 40 && !text.contains('\n') { text } else { "…" };
         let source = &self.sources.get(name.span.source)?.text;
-        let arguments = crate::syntax::snippet::arguments(source, name.span.end as usize).map(|(a, _)| a).unwrap_or_default();
+        let arguments =
+            crate::syntax::snippet::arguments(source, name.span.end as usize).map(|(a, _)| a).unwrap_or_default();
         if is_function {
             let typed = if arguments.is_empty() {
                 format!("{renamed}({short})")

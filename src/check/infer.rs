@@ -221,22 +221,26 @@ impl Checker<'_> {
         if is_module(name) {
             // `np.linalg.norm`: the last name is the function.
             let path = text.get(end..)?;
-            let path = &path[..path.find(|c: char| !(c.is_ascii_alphanumeric() || c == '_' || c == '.')).unwrap_or(path.len())];
+            let path = &path
+                [..path.find(|c: char| !(c.is_ascii_alphanumeric() || c == '_' || c == '.')).unwrap_or(path.len())];
             end += path.len();
             last = path.rsplit('.').next().filter(|last| !last.is_empty())?;
         }
         let called = crate::syntax::snippet::arguments(text, end);
         let advice = match &called {
-            Some((arguments, _)) => help(Place::Call, last, &Around { arguments: arguments.clone(), ..Around::default() }),
+            Some((arguments, _)) => {
+                help(Place::Call, last, &Around { arguments: arguments.clone(), ..Around::default() })
+            }
             None => help(Place::Name, last, &Around::default()),
         };
         if advice.is_some() || last == name {
             return advice;
         }
         let renamed = crate::diag::advice::function(last).unwrap_or(last);
-        let known = self.lookup(renamed).map(|_| renamed).or_else(|| {
-            suggest(renamed, self.modules[super::modules::PRELUDE].names.keys().map(String::as_str))
-        })?;
+        let known = self
+            .lookup(renamed)
+            .map(|_| renamed)
+            .or_else(|| suggest(renamed, self.modules[super::modules::PRELUDE].names.keys().map(String::as_str)))?;
         let arguments = called.map_or(String::new(), |(arguments, _)| format!("({})", arguments.join(", ")));
         Some(format!("functions need no module: `{known}{arguments}`"))
     }

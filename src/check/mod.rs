@@ -106,7 +106,10 @@ pub fn check_text(
 pub enum Line {
     /// Statements. What they declared or replaced the program has; the ids of what is new or changed, and what is to be done, in
     /// the order of the line.
-    Statements { declared: Vec<hir::DeclId>, actions: Vec<hir::Action> },
+    Statements {
+        declared: Vec<hir::DeclId>,
+        actions: Vec<hir::Action>,
+    },
     Expr(hir::Expr),
     /// Nothing but white space and comments.
     Empty,

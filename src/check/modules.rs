@@ -437,7 +437,9 @@ impl<'l> Checker<'l> {
         let names: Vec<String> = LIBRARY.iter().map(|(n, ..)| format!("std.{n}")).collect();
         let foreign = name.split('.').next().is_some_and(crate::diag::advice::is_module);
         let help = match suggest(name, names.iter().map(String::as_str)) {
-            _ if foreign && !name.starts_with("std.") => "leave it out: all functions of the library are there".to_owned(),
+            _ if foreign && !name.starts_with("std.") => {
+                "leave it out: all functions of the library are there".to_owned()
+            }
             Some(found) => format!("did you mean `{found}`?"),
             None => format!("files are imported by path: `import \"{name}.dscene\"`; the library has `std.studio`"),
         };

@@ -5,9 +5,9 @@ use serde_json::json;
 use super::args::EvalArgs;
 use super::{EXIT_WRONG, Terminal, load, out};
 use crate::eval;
+use crate::session::World;
 use crate::session::clock::Stopwatch;
 use crate::session::run::tell_warnings;
-use crate::session::{World, world};
 
 pub fn run(args: &EvalArgs) -> u8 {
     let mut terminal = Terminal::new(&args.common);
@@ -17,7 +17,6 @@ pub fn run(args: &EvalArgs) -> u8 {
     let Some(expr) = loaded.expression(&args.expr, "EXPR", &mut terminal) else {
         return EXIT_WRONG;
     };
-    world::catch_interrupts();
     let watch = Stopwatch::start();
     let result = loaded.engine.eval(&expr);
     let seconds = watch.elapsed().wall;

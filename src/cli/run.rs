@@ -8,14 +8,13 @@ use crate::diag::Diagnostic;
 use crate::image::file::describe_io;
 use crate::session::clock::{Date, Stopwatch, human_seconds};
 use crate::session::folder::SourceText;
-use crate::session::{Flow, RunFolder, RunInfo, Runner, World, world};
+use crate::session::{Flow, RunFolder, RunInfo, Runner, World};
 
 pub fn run(args: &RunArgs) -> u8 {
     let mut terminal = Terminal::new(&args.common);
     let Some(mut loaded) = load(&args.file, &args.common, &mut terminal) else {
         return EXIT_WRONG;
     };
-    world::catch_interrupts();
     let watch = Stopwatch::start();
     let info = run_info(args, &loaded);
     let path = args.common.out.clone().unwrap_or_else(|| RunFolder::fresh_path(&info.name, Date::now()));

@@ -74,11 +74,21 @@ pub const TABLE: &[Row] = &[
     row(Place::Postfix, "--", "let $<2 = $< - 1", KEEPS),
     row(Place::Postfix, "°", "$<deg", "angles have the units `deg`, `rad` and `turn`"),
     row(Place::Statement, "var const val auto set mut static final define", "let $>", ""),
-    row(Place::Statement, "float double integer boolean number vec2 vec3 vec4 float3 color scalar int bool string", "let $>", "types stand behind the name and are seldom needed"),
+    row(
+        Place::Statement,
+        "float double integer boolean number vec2 vec3 vec4 float3 color scalar int bool string",
+        "let $>",
+        "types stand behind the name and are seldom needed",
+    ),
     row(Place::Statement, "parameter variable unknown", "param $>", ""),
     row(Place::Statement, "sensor", "camera $>", ""),
     row(Place::Statement, "bsdf brdf shader diffuse conductor phong principled", "material $>", ""),
-    row(Place::Statement, "emitter lamp LightSource AreaLightSource environment area point directional constant", "light $>", ""),
+    row(
+        Place::Statement,
+        "emitter lamp LightSource AreaLightSource environment area point directional constant",
+        "light $>",
+        "",
+    ),
     row(Place::Statement, "object geometry sphere cube rectangle", "shape $>", ""),
     row(Place::Statement, "objective cost", "loss $>", ""),
     row(Place::Statement, "minimize minimise optimise fit train", "optimize $>", ""),
@@ -87,7 +97,12 @@ pub const TABLE: &[Row] = &[
     row(Place::Statement, "use include require using", "import $>", ""),
     row(Place::Statement, "for while loop repeat", "[… for i in 0..n]", NO_LOOPS),
     row(Place::Statement, "if unless switch match", "let NAME = if … then … else …", "`if` is part of an expression"),
-    row(Place::Statement, "class struct record interface enum trait namespace", "fn", "there are no types of one's own: a function makes things anew"),
+    row(
+        Place::Statement,
+        "class struct record interface enum trait namespace",
+        "fn",
+        "there are no types of one's own: a function makes things anew",
+    ),
     row(Place::Statement, "return yield", "print $>", "a script has no result, it shows values"),
     row(Place::Call, "zeros", "[0 for i in 0..$1]", ""),
     row(Place::Call, "ones", "[1 for i in 0..$1]", ""),
@@ -98,7 +113,12 @@ pub const TABLE: &[Row] = &[
     row(Place::Call, "range arange iota", "0..$1", ""),
     row(Place::Call, "radians deg2rad to_radians torad", "$1 * 1deg", "angles have units"),
     row(Place::Call, "degrees rad2deg to_degrees todeg", "$1 / 1deg", "angles have units"),
-    row(Place::Call, "rgb RGB rgba vec2 vec3 vec4 float2 float3 float4 color Color color3f Vector Vector3 Vec3 Point3f Vector3f Color3f array tensor asarray list tuple Tensor as_tensor", "[$*]", "values side by side are an array"),
+    row(
+        Place::Call,
+        "rgb RGB rgba vec2 vec3 vec4 float2 float3 float4 color Color color3f Vector Vector3 Vec3 Point3f Vector3f Color3f array tensor asarray list tuple Tensor as_tensor",
+        "[$*]",
+        "values side by side are an array",
+    ),
     row(Place::Call, "str repr to_string toString format", "\"{$1}\"", "a string may hold values"),
     row(Place::Call, "int Int trunc", "floor($1)", ""),
     row(Place::Call, "float Float double f32 f64 number Number", "$1", "numbers are all of one kind"),
@@ -118,8 +138,18 @@ pub const TABLE: &[Row] = &[
     row(Place::Call, "enumerate", "zip(0..len($1), $1)", ""),
     row(Place::Call, "rand random", "uniform($1)", ""),
     row(Place::Call, "randn normal_noise", "noise($1)", ""),
-    row(Place::Call, "twosided two_sided TwoSided", "$1", "every material has two sides; `one_sided(…)` takes one away"),
-    row(Place::Call, "roughdielectric glass thindielectric", "mirror()", "light does not pass through bodies in this version"),
+    row(
+        Place::Call,
+        "twosided two_sided TwoSided",
+        "$1",
+        "every material has two sides; `one_sided(…)` takes one away",
+    ),
+    row(
+        Place::Call,
+        "roughdielectric glass thindielectric",
+        "mirror()",
+        "light does not pass through bodies in this version",
+    ),
     row(Place::Name, "True TRUE yes on", "true", ""),
     row(Place::Name, "False FALSE no off", "false", ""),
     row(Place::Name, "None null nil undefined NULL nullptr Null", "none", ""),
@@ -151,7 +181,9 @@ pub fn is_string_prefix(word: &str) -> bool {
 
 /// The help for a foreign spelling: why, and the text to type.
 pub fn help(place: Place, spelling: &str, around: &Around) -> Option<String> {
-    let text = |row: &&Row| (row.place == place && row.spellings.split(' ').any(|s| s == spelling)).then(|| fill(row.write, around))?;
+    let text = |row: &&Row| {
+        (row.place == place && row.spellings.split(' ').any(|s| s == spelling)).then(|| fill(row.write, around))?
+    };
     let row = TABLE.iter().find(|row| text(row).is_some())?;
     let typed = text(&row)?;
     Some(if row.why.is_empty() { format!("write `{typed}`") } else { format!("{}: `{typed}`", row.why) })
@@ -196,7 +228,10 @@ fn fill(template: &str, around: &Around) -> Option<String> {
         // What has an operator is put into brackets beside another one.
         let beside = [out.trim_end().chars().next_back(), rest.trim_start().chars().next()];
         let bare = beside.iter().all(|c| c.is_none_or(|c| "([{,=\")]}:.".contains(c)));
-        let compound = what.is_ascii_digit() && !bare && value.contains(|c: char| "+-*/^<>=".contains(c)) && !value.starts_with('(');
+        let compound = what.is_ascii_digit()
+            && !bare
+            && value.contains(|c: char| "+-*/^<>=".contains(c))
+            && !value.starts_with('(');
         if compound { out.push_str(&format!("({value})")) } else { out.push_str(&value) }
     }
     out.push_str(rest);

@@ -238,6 +238,11 @@ impl Engine {
         }
     }
 
+    /// The seed that samples are drawn from now.
+    pub fn sample_seed(&self) -> u64 {
+        self.sample_seed
+    }
+
     /// Fresh samples for everything that params reach; independent of the step's.
     pub fn set_sample_seed(&mut self, seed: u64) {
         if seed != self.sample_seed {

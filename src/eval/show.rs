@@ -65,7 +65,9 @@ fn angle_text(x: f64) -> String {
 pub fn exact(value: &Value, ty: &Ty) -> String {
     match value {
         Value::Num(v) if is_angle(ty) => numbers(v.value(), &|x| format!("{x}rad")),
-        Value::Num(v) if v.len() <= SHOWN => numbers(v.value(), &|x| if x.is_finite() { format!("{x}") } else { number_text(x) }),
+        Value::Num(v) if v.len() <= SHOWN => {
+            numbers(v.value(), &|x| if x.is_finite() { format!("{x}") } else { number_text(x) })
+        }
         other => brief(other, ty),
     }
 }

@@ -112,8 +112,7 @@ impl Repl<'_> {
             let value = self.engine.param_value(info.id)?;
             let ty = self.engine.program().decl(info.id).ty.clone();
             let shown = |t: &Tensor| show::with_unit(t, &ty);
-            let bounds =
-                info.bounds.as_ref().map_or(String::new(), |(lo, hi)| format!("{}..{}", shown(lo), shown(hi)));
+            let bounds = info.bounds.as_ref().map_or(String::new(), |(lo, hi)| format!("{}..{}", shown(lo), shown(hi)));
             let mut notes = Vec::new();
             notes.extend(info.frozen.then(|| "frozen".to_owned()));
             notes.extend(info.lr.map(|lr| format!("lr × {}", show::digits(lr))));
@@ -349,7 +348,9 @@ impl Repl<'_> {
                         .program()
                         .find(name)
                         .is_none_or(|id| self.engine.program().decl(id).name_span.source == source),
-                    None => Some(source) == root || matches!(statement.kind, crate::syntax::ast::StatementKind::Import(_)),
+                    None => {
+                        Some(source) == root || matches!(statement.kind, crate::syntax::ast::StatementKind::Import(_))
+                    }
                 };
                 if !holds {
                     edits.retain(|(start, ..)| !(span.start as usize..span.end as usize).contains(start));

@@ -15,9 +15,9 @@ use crate::diag::Diagnostic;
 use crate::eval::{self, Engine};
 use crate::session::line::check_line;
 use crate::session::measure::repeat_seed;
-use crate::session::stats::Moments;
-use crate::session::world::{EXIT_INTERRUPTED, catch_interrupts, clear_interrupt, interrupted};
 use crate::session::run::Histories;
+use crate::session::stats::Moments;
+use crate::session::world::{EXIT_INTERRUPTED, clear_interrupt, interrupted};
 use crate::session::{MeasureOptions, Optimization, Runner, World, measure, show};
 use crate::source::SourceId;
 
@@ -58,7 +58,6 @@ pub fn run(args: &ReplArgs) -> u8 {
     let is_interactive = std::io::stdin().is_terminal();
     let mut repl = Repl::new(args.common.clone(), &mut terminal);
     repl.pictures = std::io::stdout().is_terminal();
-    catch_interrupts();
     if let Some(file) = &args.file {
         repl.load(file);
     }
@@ -126,7 +125,11 @@ impl<'w> Repl<'w> {
                 }
             };
             // Answered at once: a program may wait for it before it writes the next line.
-            let text = if is_end { inputs.rest() } else { inputs.line(String::from_utf8_lossy(&bytes).trim_end_matches(['\n', '\r'])) };
+            let text = if is_end {
+                inputs.rest()
+            } else {
+                inputs.line(String::from_utf8_lossy(&bytes).trim_end_matches(['\n', '\r']))
+            };
             let next = text.map_or(Next::Read, |text| self.line(&text));
             if interrupted() {
                 return EXIT_INTERRUPTED;

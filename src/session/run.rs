@@ -5,9 +5,11 @@ use std::path::{Path, PathBuf};
 
 use super::clock::{Stopwatch, human_seconds};
 use super::folder::{LogEntry, RunFolder, output_path, write_atomically};
+use super::measure::repeat_seed;
 use super::optimization::{Optimization, whole_number};
 use super::plot;
-use super::show::significant;
+use super::show::{plus_minus, significant};
+use super::stats::Moments;
 use super::world::{Progress, World};
 use crate::check::hir;
 use crate::check::types::Ty;
@@ -19,6 +21,9 @@ use crate::image::{Image, ImageError};
 use crate::natives::value::Value;
 use crate::source::Span;
 use crate::tape::Tensor;
+
+/// Sets the seeds of the summary apart from those of the steps.
+const AFTER: u64 = 0x5eed_af7e_2000_0000;
 
 /// Whether to go on with the next action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -111,7 +116,8 @@ impl<'a> Runner<'a> {
         if let (Ok(Flow::Continue), Some((first, last))) = (&flow, optimization.losses()) {
             let (name, steps) = (optimization.name(), optimization.done());
             let seconds = human_seconds(begun.elapsed().wall);
-            let (first, last) = (significant(first, 4), significant(last, 4));
+            let last = self.loss_now(&optimize.loss)?.unwrap_or_else(|| significant(last, 4));
+            let first = significant(first, 4);
             self.world.note(&format!(
                 "optimised `{name}` from {first} to {last}: {steps} step{} in {seconds}",
                 if steps == 1 { "" } else { "s" }
@@ -122,6 +128,35 @@ impl<'a> Runner<'a> {
             self.world.diagnostic(&warning, &sources);
         }
         flow
+    }
+
+    /// The loss after the last update, as the mean over seeds that no step has used, with its error if it has any; `None` if
+    /// Ctrl-C came first, or where it has no value any more.
+    fn loss_now(&mut self, loss: &hir::Expr) -> Result<Option<String>, Diagnostic> {
+        const SEEDS: u64 = 4;
+        let seed = self.engine.options().seed;
+        let before = self.engine.sample_seed();
+        let mut moments = Moments::default();
+        for repeat in 0..SEEDS {
+            self.engine.set_sample_seed(repeat_seed(seed ^ AFTER, repeat));
+            let value = match self.engine.eval(loss) {
+                Ok(value) => value.number(),
+                Err(diagnostic) if diagnostic.code == eval::INTERRUPTED => None,
+                Err(_) => None,
+            };
+            let Some(value) = value else { break };
+            let is_exact = moments.mean().first().is_some_and(|mean| mean.to_bits() == value.to_bits());
+            moments.add(&[value]);
+            if is_exact {
+                break;
+            }
+        }
+        self.engine.set_sample_seed(before);
+        let (mean, error) = (moments.mean().first(), moments.std_error());
+        Ok(mean.map(|mean| match error.first() {
+            Some(error) if *error > 0.0 => plus_minus(*mean, *error),
+            _ => significant(*mean, 4),
+        }))
     }
 
     /// Up to `count` more steps of an optimisation.

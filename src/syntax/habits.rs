@@ -1,10 +1,8 @@
 //! Habits from other languages at the place where the parser stopped: which one it is, what proves it, and the text to type.
 //! The spellings themselves stand in [`crate::diag::advice`]; here is what has more to it than one word.
 
-use super::scan::is_reserved;
-use super::snippet::{
-    arguments, closing, expression_after, open_bracket, operand_after, operand_before, parts,
-};
+use super::scan::{is_reserved, statement_words};
+use super::snippet::{arguments, closing, expression_after, open_bracket, operand_after, operand_before, parts};
 use crate::diag::Diagnostic;
 use crate::diag::advice::{self, Around, Place};
 use crate::source::Span;
@@ -26,7 +24,13 @@ impl Habit {
     }
 }
 
-fn habit(start: usize, end: usize, message: impl Into<String>, label: &'static str, help: impl Into<String>) -> Option<Habit> {
+fn habit(
+    start: usize,
+    end: usize,
+    message: impl Into<String>,
+    label: &'static str,
+    help: impl Into<String>,
+) -> Option<Habit> {
     Some(Habit { start, end, message: message.into(), label, help: help.into() })
 }
 
@@ -34,7 +38,8 @@ fn habit(start: usize, end: usize, message: impl Into<String>, label: &'static s
 pub fn find(text: &str, at: usize, declared: &dyn Fn(&str) -> bool) -> Option<Habit> {
     // `x += 2`: no statement begins so, but the sign behind the name says what was meant.
     let name = operand_after(text, at);
-    let sign = at + name.len() + text.get(at + name.len()..).map_or(0, |t| t.len() - t.trim_start_matches([' ', '\t']).len());
+    let sign =
+        at + name.len() + text.get(at + name.len()..).map_or(0, |t| t.len() - t.trim_start_matches([' ', '\t']).len());
     let begins = text.get(..at).is_some_and(|t| t.trim().is_empty())
         && name.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_')
         && !is_reserved(leading_word(name))
@@ -119,7 +124,12 @@ impl<'a> Stop<'a> {
             }
             _ => (start, start + first.len()),
         };
-        body = body.trim_start_matches(['=', '>', ':', '{']).trim().trim_end_matches(['}', ';']).trim().trim_end_matches(';');
+        body = body
+            .trim_start_matches(['=', '>', ':', '{'])
+            .trim()
+            .trim_end_matches(['}', ';'])
+            .trim()
+            .trim_end_matches(';');
         body = body.strip_prefix("return ").unwrap_or(body).trim();
         let body = if body.is_empty() || body.contains(['\n', ';']) { "…" } else { body };
         let typed = format!("fn {name}{parameters}{result} = {body}");
@@ -143,12 +153,25 @@ impl<'a> Stop<'a> {
         if previous == "lambda" {
             let (names, body) = rest_of_lambda(self.text.get(self.at..)?)?;
             let names = if names.contains(',') { format!("({names})") } else { names.to_owned() };
-            return habit(start, start + 6, "there is no `lambda`", "not a word of the language", format!("a function value is `{names} => {body}`"));
+            return habit(
+                start,
+                start + 6,
+                "there is no `lambda`",
+                "not a word of the language",
+                format!("a function value is `{names} => {body}`"),
+            );
         }
         if matches!(previous, "new" | "await" | "const" | "mut") && !here.is_empty() && start > 0 {
-            return habit(start, start + previous.len(), format!("there is no `{previous}`"), "not needed", format!("leave it out: `{rest}`"));
+            return habit(
+                start,
+                start + previous.len(),
+                format!("there is no `{previous}`"),
+                "not needed",
+                format!("leave it out: `{rest}`"),
+            );
         }
-        let number = previous.starts_with(|c: char| c.is_ascii_digit()) && !previous.contains(|c: char| c.is_ascii_alphabetic());
+        let number =
+            previous.starts_with(|c: char| c.is_ascii_digit()) && !previous.contains(|c: char| c.is_ascii_alphabetic());
         let unit = match here {
             "deg" | "degrees" | "degree" => "deg",
             "rad" | "radians" | "radian" => "rad",
@@ -158,16 +181,34 @@ impl<'a> Stop<'a> {
         if number && !unit.is_empty() {
             let digits = operand_before(self.text, self.at);
             let end = self.at + here.len();
-            return habit(self.at, end, "a unit stands right behind its number", "too far away", format!("write `{digits}{unit}`"));
+            return habit(
+                self.at,
+                end,
+                "a unit stands right behind its number",
+                "too far away",
+                format!("write `{digits}{unit}`"),
+            );
         }
         if matches!(here, "elif" | "elsif" | "elseif") {
-            return habit(self.at, self.at + here.len(), format!("there is no `{here}`"), "two words here", "write `else if`");
+            return habit(
+                self.at,
+                self.at + here.len(),
+                format!("there is no `{here}`"),
+                "two words here",
+                "write `else if`",
+            );
         }
         if here == "is" {
             let not = leading_word(self.rest()[2..].trim_start()) == "not";
             let (op, skip) = if not { ("!=", self.rest().find("not")? + 3) } else { ("==", 2) };
             let (left, right) = (operand_before(self.text, self.at), operand_after(self.text, self.at + skip));
-            return habit(self.at, self.at + 2, "there is no `is`", "not an operator", format!("write `{left} {op} {right}`"));
+            return habit(
+                self.at,
+                self.at + 2,
+                "there is no `is`",
+                "not an operator",
+                format!("write `{left} {op} {right}`"),
+            );
         }
         None
     }
@@ -182,14 +223,17 @@ impl<'a> Stop<'a> {
                     continue;
                 }
                 let end = start + op.len();
-                let around = Around {
-                    before: operand_before(self.text, start),
-                    behind: operand_after(self.text, end),
-                    ..Around::default()
-                };
-                let help = advice::help(Place::Operator, op, &around).or_else(|| advice::help(Place::Postfix, op, &around));
+                // A function's body is all that follows.
+                let behind = if op == "->" { expression_after(self.text, end) } else { operand_after(self.text, end) };
+                let around = Around { before: operand_before(self.text, start), behind, ..Around::default() };
+                let help =
+                    advice::help(Place::Operator, op, &around).or_else(|| advice::help(Place::Postfix, op, &around));
                 let Some(help) = help else { continue };
-                let message = if op == "°" { "there is no unit `°`".to_owned() } else { format!("there is no operator `{op}`") };
+                let message = if op == "°" {
+                    "there is no unit `°`".to_owned()
+                } else {
+                    format!("there is no operator `{op}`")
+                };
                 let label = if op == "°" { "not a unit" } else { "not an operator" };
                 return habit(start, end, message, label, help);
             }
@@ -211,13 +255,18 @@ impl<'a> Stop<'a> {
         }
         let left = operand_before(self.text, at);
         let right = expression_after(self.text, at + 1);
+        if statement_words().any(|word| word == left) {
+            return None;
+        }
         let is_name = !left.is_empty() && left.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
         let lead = self.text.get(..at)?.trim_end().strip_suffix(left)?.trim_end();
         let message = "`=` does not fit here";
         if lead.is_empty() {
             let (base, field) = left.split_once('.').unwrap_or((left, ""));
             let help = if !field.is_empty() {
-                format!("write it into the declaration of `{base}`, or make a changed one: `let changed = {base} with {{ {left}: {right} }}`")
+                format!(
+                    "write it into the declaration of `{base}`, or make a changed one: `let changed = {base} with {{ {left}: {right} }}`"
+                )
             } else if !is_name {
                 return None;
             } else if (self.declared)(left) {
@@ -228,10 +277,13 @@ impl<'a> Stop<'a> {
             return habit(at, at + 1, message, "not a declaration", help);
         }
         let open = open_bracket(self.text, at);
-        let begins = lead.ends_with(['(', ',', '{']) || lead.len() < self.text.get(..at)?.trim_end().len() - left.len() && open.is_some_and(|(_, b)| b == b'{') && self.text.get(lead.len()..at)?.contains('\n');
+        let begins = lead.ends_with(['(', ',', '{'])
+            || lead.len() < self.text.get(..at)?.trim_end().len() - left.len()
+                && open.is_some_and(|(_, b)| b == b'{')
+                && self.text.get(lead.len()..at)?.contains('\n');
         if is_name && begins && open.is_some_and(|(_, b)| b != b'[') {
             let help = format!("fields and named arguments have a colon: `{left}: {right}`");
-            return habit(at, at + 1, format!("expected `:`, but found `=`"), "expected `:`", help);
+            return habit(at, at + 1, "expected `:`, but found `=`", "expected `:`", help);
         }
         let right = operand_after(self.text, at + 1);
         (!left.is_empty() && !right.is_empty() && !is_reserved(left))
@@ -255,7 +307,11 @@ impl<'a> Stop<'a> {
             let rest = self.text.get(close + 1..)?.trim_start();
             let otherwise = rest.strip_prefix("else").map(str::trim_start).and_then(|r| {
                 let open = self.text.len() - r.len();
-                if r.starts_with('{') { self.text.get(open + 1..closing(self.text, open)?).map(str::trim) } else { Some(expression_after(self.text, open)) }
+                if r.starts_with('{') {
+                    self.text.get(open + 1..closing(self.text, open)?).map(str::trim)
+                } else {
+                    Some(expression_after(self.text, open))
+                }
             });
             let typed = format!("if {condition} then {inside} else {}", otherwise.unwrap_or("…"));
             return habit(self.at, self.at + 1, "an `if` has no braces", "expected `then`", format!("write `{typed}`"));
@@ -273,8 +329,13 @@ impl<'a> Stop<'a> {
             })
             .collect();
         let is_record = values.iter().zip(&items).any(|(value, item)| value != item);
-        let message = if is_record { "there are no records or dictionaries" } else { "braces hold fields of a declaration" };
-        let why = if is_record { "give each value a declaration of its own, or set them side by side" } else { "values side by side are an array" };
+        let message =
+            if is_record { "there are no records or dictionaries" } else { "braces hold fields of a declaration" };
+        let why = if is_record {
+            "give each value a declaration of its own, or set them side by side"
+        } else {
+            "values side by side are an array"
+        };
         habit(self.at, self.at + 1, message, "not a value", format!("{why}: `[{}]`", values.join(", ")))
     }
 
@@ -284,19 +345,40 @@ impl<'a> Stop<'a> {
         if let Some(quote) = rest.chars().next().filter(|c| matches!(c, '\'' | '`')) {
             let end = rest[1..].find(quote)? + 1;
             let inner = rest.get(1..end)?.replace("${", "{");
-            return habit(self.at, self.at + end + 1, format!("strings have double quotes, not {quote}"), "not a string", format!("write `\"{inner}\"`"));
+            return habit(
+                self.at,
+                self.at + end + 1,
+                format!("strings have double quotes, not {quote}"),
+                "not a string",
+                format!("write `\"{inner}\"`"),
+            );
         }
         let (start, word) = self.previous();
         if rest.starts_with('"') && start + word.len() == self.at && advice::is_string_prefix(word) {
             let end = rest.get(1..)?.find('"')? + 2;
             let help = format!("strings hold values in braces without more ado: `{}`", &rest[..end]);
-            return habit(start, self.at, format!("a string has nothing before it, such as `{word}`"), "leave this out", help);
+            return habit(
+                start,
+                self.at,
+                format!("a string has nothing before it, such as `{word}`"),
+                "leave this out",
+                help,
+            );
         }
-        if rest.starts_with('"') && self.text.trim_start().starts_with("save") && open_bracket(self.text, self.at).is_none() {
+        if rest.starts_with('"')
+            && self.text.trim_start().starts_with("save")
+            && open_bracket(self.text, self.at).is_none()
+        {
             let value = self.text.trim_start().get(4..)?.trim_start();
             let value = operand_after(value, 0);
             let string = operand_after(self.text, self.at);
-            return habit(self.at, self.at + 1, "expected `to`, but found a string", "expected `to`", format!("write `save {value} to {string}`"));
+            return habit(
+                self.at,
+                self.at + 1,
+                "expected `to`, but found a string",
+                "expected `to`",
+                format!("write `save {value} to {string}`"),
+            );
         }
         None
     }
@@ -309,15 +391,28 @@ impl<'a> Stop<'a> {
         let rest = self.rest();
         if let Some(after) = rest.strip_prefix('.').filter(|r| r.starts_with(|c: char| c.is_ascii_digit())) {
             let number = digits(after);
-            return habit(self.at, self.at + 1 + number.len(), "a number begins with a digit", "not a number", format!("write `0.{number}`"));
+            return habit(
+                self.at,
+                self.at + 1 + number.len(),
+                "a number begins with a digit",
+                "not a number",
+                format!("write `0.{number}`"),
+            );
         }
         // The parser stops behind the point, or at it.
         let point = if rest.starts_with('.') { self.at } else { self.before().len().checked_sub(1)? };
         let number = operand_before(self.text, point);
-        let is_point = self.text.as_bytes().get(point) == Some(&b'.') && self.text.as_bytes().get(point + 1) != Some(&b'.');
+        let is_point =
+            self.text.as_bytes().get(point) == Some(&b'.') && self.text.as_bytes().get(point + 1) != Some(&b'.');
         if is_point && !number.is_empty() && number.bytes().all(|b| b.is_ascii_digit()) {
             let start = point - number.len();
-            return habit(start, point + 1, "a point stands between digits", "not a number", format!("write `{number}.0`"));
+            return habit(
+                start,
+                point + 1,
+                "a point stands between digits",
+                "not a number",
+                format!("write `{number}.0`"),
+            );
         }
         None
     }
@@ -336,7 +431,13 @@ impl<'a> Stop<'a> {
                 ("save", [value, path]) => format!("save {value} to {path}"),
                 (first, items) => format!("{first} {}", items.join(", ")),
             };
-            return habit(self.at, self.at + 1, format!("`{}` is a statement, not a function", self.first()), "no arguments here", format!("write `{typed}`"));
+            return habit(
+                self.at,
+                self.at + 1,
+                format!("`{}` is a statement, not a function", self.first()),
+                "no arguments here",
+                format!("write `{typed}`"),
+            );
         }
         if let Some((open, b'(')) = open
             && rest.starts_with(',')
@@ -344,16 +445,30 @@ impl<'a> Stop<'a> {
         {
             let close = closing(self.text, open)?;
             let typed = format!("[{}]", self.text.get(open + 1..close)?.trim().trim_end_matches(','));
-            return habit(self.at, self.at + 1, "round brackets hold one value", "a second value", format!("values side by side are an array: `{typed}`"));
+            return habit(
+                self.at,
+                self.at + 1,
+                "round brackets hold one value",
+                "a second value",
+                format!("values side by side are an array: `{typed}`"),
+            );
         }
-        if let Some((open, b'[' )) = open
-            && let Some(list) = ["list", "List", "Array", "array", "Vec", "vector", "tuple", "Sequence", "Tuple"].into_iter().find(|l| self.text[..open].ends_with(l))
+        if let Some((open, b'[')) = open
+            && let Some(list) = ["list", "List", "Array", "array", "Vec", "vector", "tuple", "Sequence", "Tuple"]
+                .into_iter()
+                .find(|l| self.text[..open].ends_with(l))
             && self.text[..open - list.len()].trim_end().ends_with([':', '|', '('])
         {
             let close = closing(self.text, open)?;
             let item = parts(self.text.get(open + 1..close)?).first().copied().unwrap_or("scalar");
             let start = open - list.len();
-            return habit(start, close + 1, format!("there is no type `{list}[…]`"), "not a type", format!("an array type is written `{item}[]`"));
+            return habit(
+                start,
+                close + 1,
+                format!("there is no type `{list}[…]`"),
+                "not a type",
+                format!("an array type is written `{item}[]`"),
+            );
         }
         if self.before().ends_with("..") && (rest.is_empty() || rest.starts_with([']', ')', '{', ','])) {
             let at = self.before().len() - 2;
@@ -375,7 +490,13 @@ impl<'a> Stop<'a> {
             let condition = self.text.get(start..self.at)?.trim();
             let (then, otherwise) = whole.split_once(':')?;
             let typed = format!("if {condition} then {} else {}", then.trim(), otherwise.trim());
-            return habit(self.at, self.at + 1, "there is no operator `?`", "not an operator", format!("write `{typed}`"));
+            return habit(
+                self.at,
+                self.at + 1,
+                "there is no operator `?`",
+                "not an operator",
+                format!("write `{typed}`"),
+            );
         }
         if self.here() == "if" {
             let start = value_start(self.text, self.at);
@@ -385,7 +506,13 @@ impl<'a> Stop<'a> {
                 return None;
             }
             let typed = format!("if {} then {then} else {}", condition.trim(), otherwise.trim());
-            return habit(self.at, self.at + 2, "an `if` begins with its condition", "comes first", format!("write `{typed}`"));
+            return habit(
+                self.at,
+                self.at + 2,
+                "an `if` begins with its condition",
+                "comes first",
+                format!("write `{typed}`"),
+            );
         }
         if rest.starts_with(':')
             && let Some(start) = last_word(self.before(), "if")
@@ -403,7 +530,13 @@ impl<'a> Stop<'a> {
     fn signs(&self) -> Option<Habit> {
         let rest = self.rest();
         if rest.starts_with(';') {
-            return habit(self.at, self.at + 1, "statements need no semicolon", "leave it out", "a line's end is enough; a block's `let`s have a line each");
+            return habit(
+                self.at,
+                self.at + 1,
+                "statements need no semicolon",
+                "leave it out",
+                "a line's end is enough; a block's `let`s have a line each",
+            );
         }
         if let Some(inner) = rest.strip_prefix('|')
             && let Some((names, _)) = inner.split_once('|')
@@ -412,7 +545,13 @@ impl<'a> Stop<'a> {
         {
             let body = expression_after(self.text, self.at + names.len() + 2);
             let shown = if names.contains(',') { format!("({names})") } else { names.to_owned() };
-            return habit(self.at, self.at + names.len() + 2, "a function value has no bars", "not an operand", format!("write `{shown} => {body}`"));
+            return habit(
+                self.at,
+                self.at + names.len() + 2,
+                "a function value has no bars",
+                "not an operand",
+                format!("write `{shown} => {body}`"),
+            );
         }
         None
     }
@@ -426,7 +565,10 @@ fn leading_word(text: &str) -> &str {
 fn rest_of_lambda(text: &str) -> Option<(&str, &str)> {
     let colon = text.find(':')?;
     let names = text[..colon].trim();
-    names.bytes().all(|b| b.is_ascii_alphanumeric() || b"_, ".contains(&b)).then(|| (names, expression_after(text, colon + 1)))
+    names
+        .bytes()
+        .all(|b| b.is_ascii_alphanumeric() || b"_, ".contains(&b))
+        .then(|| (names, expression_after(text, colon + 1)))
 }
 
 /// Where the last whole word of that spelling begins.
@@ -446,7 +588,10 @@ fn value_start(text: &str, at: usize) -> usize {
             b')' | b']' | b'}' => depth += 1,
             b'(' | b'[' | b'{' if depth > 0 => depth -= 1,
             b'(' | b'[' | b'{' | b',' | b':' if depth == 0 => return i + 1,
-            b'=' if depth == 0 && bytes.get(i + 1) != Some(&b'=') && !matches!(bytes.get(i.wrapping_sub(1)), Some(b'=' | b'<' | b'>' | b'!')) => {
+            b'=' if depth == 0
+                && bytes.get(i + 1) != Some(&b'=')
+                && !matches!(bytes.get(i.wrapping_sub(1)), Some(b'=' | b'<' | b'>' | b'!')) =>
+            {
                 return i + 1 + usize::from(bytes.get(i + 1) == Some(&b'>'));
             }
             _ => {}

@@ -474,7 +474,9 @@ fn begins_statement<'a>(
         return false;
     }
     let next = tokens.get(i + 2).map_or("", |t| &text[t.start..t.end]);
-    if !KINDS.contains(&first) && !(begins_line(text, tokens[i].start) && !text[tokens[i].end..tokens[i + 1].start].contains('\n')) {
+    if !KINDS.contains(&first)
+        && !(begins_line(text, tokens[i].start) && !text[tokens[i].end..tokens[i + 1].start].contains('\n'))
+    {
         return false;
     }
     KINDS.contains(&first) && matches!(next, "{" | "=" | ":") || matches!(next, "{" | "=" | ":" | "(")
@@ -496,7 +498,9 @@ fn is_assignment(tokens: &[Token], i: usize, text: &str) -> bool {
     let is_complete = match i.checked_sub(1).and_then(|p| tokens.get(p)) {
         None => true,
         Some(t) => match t.kind {
-            TokenKind::Word => !is_reserved(shown(t)) && !KINDS.contains(&shown(t)) || matches!(shown(t), "true" | "false"),
+            TokenKind::Word => {
+                !is_reserved(shown(t)) && !KINDS.contains(&shown(t)) || matches!(shown(t), "true" | "false")
+            }
             TokenKind::Close => true,
             TokenKind::Open => false,
             TokenKind::Other => shown(t).starts_with(|c: char| c.is_ascii_digit() || matches!(c, '"' | '#' | '%')),
