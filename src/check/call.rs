@@ -140,6 +140,7 @@ impl Checker<'_> {
             let arg = if sig.accepts(&arg.expr.ty, arg.value.as_ref()) {
                 self.bind_variable(sig, i, &arg, &found, &mut bound, site);
                 self.check_function_argument(sig, &signature.params[i].name, &arg, site);
+                self.check_count(sig, &signature.params[i].name, &arg.expr);
                 self.coerce(sig, arg)
             } else {
                 self.report_argument(sig, &signature.params[i].name, &arg, site);

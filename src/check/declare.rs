@@ -232,6 +232,18 @@ impl Checker<'_> {
                 _ => decl.frozen = value,
             }
         }
+        let whole = param.ty.as_ref().is_some_and(|t| matches!(self.sig(t), Sig::Int(_)));
+        if whole && !super::whole::is_frozen(&decl) {
+            let name = &param.name.text;
+            let value = self.sources.text(initial.span).to_owned();
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::whole", format!("`{name}` is a whole number and has no derivative"))
+                    .label(param.name.span, "cannot be optimised")
+                    .help(format!(
+                        "write `let {name} = {value}`, or `param {name}: int = {value} {{ frozen: true }}` to set it from outside"
+                    )),
+            );
+        }
         self.set_value(id, DeclKind::Param(Box::new(decl)), typed);
         // The value moves: nothing may be computed from its start.
         self.slot_mut(id).value = None;
@@ -255,6 +267,7 @@ impl Checker<'_> {
                 .help_opt(help),
             );
         }
+        self.check_count(wanted, &field.name.text, &typed.expr);
         self.coerce(wanted, typed)
     }
 

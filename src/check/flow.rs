@@ -282,7 +282,7 @@ pub fn walk(e: &Expr, f: &mut dyn FnMut(&Expr)) {
 }
 
 /// Calls `f` for the expressions directly below one.
-pub fn children(e: &Expr, f: &mut dyn FnMut(&Expr)) {
+pub fn children<'a>(e: &'a Expr, f: &mut dyn FnMut(&'a Expr)) {
     match &e.kind {
         ExprKind::Number(_)
         | ExprKind::Angle(_)

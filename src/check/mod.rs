@@ -8,6 +8,7 @@ mod apply;
 mod arith;
 mod call;
 mod declare;
+mod domains;
 mod fields;
 mod flow;
 pub mod hir;
@@ -18,6 +19,7 @@ mod results;
 mod shapes;
 mod signature;
 pub mod types;
+mod whole;
 
 use std::io;
 use std::path::Path;
@@ -25,7 +27,8 @@ use std::path::Path;
 use crate::diag::{self, Diagnostic};
 use crate::source::SourceMap;
 
-pub use flow::{reaching_params, reaching_params_of};
+pub use domains::{Reached, domain_of_field, domains};
+pub use flow::{children, reaching_params, reaching_params_of};
 use modules::Checker;
 
 /// The outside world as the checker sees it.

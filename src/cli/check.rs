@@ -14,7 +14,7 @@ pub fn run(args: &CheckArgs) -> u8 {
             *(if diagnostic.is_error() { &mut errors } else { &mut warnings }) += 1;
             if args.common.json {
                 out::line(&diag::to_json(diagnostic, &checked.sources).to_string());
-            } else if diagnostic.is_error() || !args.common.quiet {
+            } else if diagnostic.is_always_told() || !args.common.quiet {
                 out::error_line(&diag::render(diagnostic, &checked.sources, render_options()));
             }
         }

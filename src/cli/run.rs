@@ -46,7 +46,7 @@ pub fn run(args: &RunArgs) -> u8 {
             EXIT_WRONG
         }
         Ok(Flow::Interrupted) => EXIT_INTERRUPTED,
-        Ok(Flow::Continue) if report.failed_expects > 0 => EXIT_WRONG,
+        Ok(Flow::Continue) if !report.is_success() => EXIT_WRONG,
         Ok(Flow::Continue) => 0,
     };
     let seconds = watch.elapsed().wall;
@@ -54,7 +54,7 @@ pub fn run(args: &RunArgs) -> u8 {
         let saved: Vec<String> = report.saved.iter().map(|p| p.display().to_string()).collect();
         let done = json!({
             "event": "done", "exit": code, "out": path.display().to_string(), "steps": report.steps, "saved": saved,
-            "expects": report.expects, "failed_expects": report.failed_expects, "interrupted": report.interrupted,
+            "skipped_steps": report.skipped_steps, "failed_optimizations": report.failed_optimizations, "expects": report.expects, "failed_expects": report.failed_expects, "interrupted": report.interrupted,
             "seconds": seconds,
         });
         out::line(&done.to_string());
@@ -64,8 +64,16 @@ pub fn run(args: &RunArgs) -> u8 {
             (n, 0) => format!(", {n} of {n} expects hold"),
             (n, failed) => format!(", {failed} of {n} expects failed"),
         };
+        let skipped = match report.skipped_steps {
+            0 => String::new(),
+            n => format!(", {n} of {} steps skipped", report.steps),
+        };
+        let ended = match report.failed_optimizations {
+            0 => String::new(),
+            n => format!(", {n} optimisation{} failed", if n == 1 { "" } else { "s" }),
+        };
         let how = if report.interrupted { "interrupted: " } else { "" };
-        terminal.note(&format!("{how}{} in {}{expects}", path.display(), human_seconds(seconds)));
+        terminal.note(&format!("{how}{} in {}{expects}{skipped}{ended}", path.display(), human_seconds(seconds)));
     }
     code
 }

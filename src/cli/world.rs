@@ -61,7 +61,7 @@ impl World for Terminal {
     }
 
     fn diagnostic(&mut self, diagnostic: &Diagnostic, sources: &SourceMap) {
-        if self.quiet && !diagnostic.is_error() {
+        if self.quiet && !diagnostic.is_always_told() {
             return;
         }
         if self.json {

@@ -64,6 +64,11 @@ impl Diagnostic {
         self.severity == Severity::Error
     }
 
+    /// Even the quiet are told what is wrong, and what a derivative lacks: results look the same without.
+    pub fn is_always_told(&self) -> bool {
+        self.is_error() || self.code.starts_with("dscene::gradient::")
+    }
+
     /// Where it is wrong.
     pub fn span(&self) -> Option<Span> {
         self.labels.first().map(|l| l.span)

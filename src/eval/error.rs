@@ -8,6 +8,9 @@ use crate::source::Span;
 /// The code of an evaluation that was stopped from outside.
 pub const INTERRUPTED: &str = "dscene::run::interrupted";
 
+/// The code of a comparison or condition with a NaN in it.
+pub const NOT_A_NUMBER: &str = "dscene::run::nan";
+
 /// The code of an evaluation that needs more memory than there is.
 const MEMORY: &str = "dscene::run::memory";
 
@@ -45,6 +48,19 @@ pub(super) fn gradient(message: impl Into<String>, span: Span) -> Diagnostic {
     let message = message.into();
     let help = crate::tape::help(&message);
     failure("dscene::run::gradient", message, span, "this derivative").help_opt(help.map(str::to_owned))
+}
+
+/// Something that is neither true nor false. `parts` are its places with what is NaN there.
+pub(super) fn not_a_number(what: &str, span: Span, parts: Vec<(Span, String)>) -> Diagnostic {
+    let message = format!("{what} with a NaN in it is neither true nor false");
+    let mut told = Diagnostic::error(NOT_A_NUMBER, message);
+    for (span, text) in parts {
+        told = told.label(span, text);
+    }
+    if told.labels.is_empty() {
+        told = told.label(span, "has a NaN in it");
+    }
+    told.help("find out where it comes from: 0 / 0, a logarithm, a file; `is_nan(x)` asks whether there is one")
 }
 
 pub(super) fn cycle(name: &str, span: Span) -> Diagnostic {

@@ -10,7 +10,7 @@ use crate::source::Span;
 use crate::tape::{Binary, Slice, Tensor, Var};
 
 use super::call::{Closure, function};
-use super::{Engine, Result, World, error, mix, show};
+use super::{Engine, Result, World, error, mix, origin, show};
 
 /// What an item of a comprehension takes, beside its numbers.
 const ITEM_BYTES: u64 = 320;
@@ -208,6 +208,7 @@ impl Engine {
         match (op, &value) {
             (UnaryOp::Not, Value::Bool(b)) => Ok(Value::Bool(!b)),
             (UnaryOp::Not, Value::Num(v) | Value::Image(v)) => {
+                known(&value, operand.span)?;
                 let not = v.binary(Binary::Eq, &Var::from(0.0)).map_err(|e| error::shape(e.0, operand.span))?;
                 Ok(value.with_var(not))
             }
@@ -234,6 +235,14 @@ impl Engine {
                 error::native(&e, span, &spans, "@").label(left.span, x.kind()).label(right.span, y.kind())
             });
         }
+        if !matches!(op, BinaryOp::Add | BinaryOp::Sub | BinaryOp::Mul | BinaryOp::Div | BinaryOp::Pow) {
+            let sides = [(&x, left.span), (&y, right.span)];
+            let nan = |(value, span): (&Value, Span)| origin::first(value, f64::is_nan).map(|text| (span, text));
+            let found: Vec<(Span, String)> = sides.into_iter().filter_map(nan).collect();
+            if !found.is_empty() {
+                return Err(error::not_a_number("a comparison", span, found));
+            }
+        }
         arithmetic(op, &x, &y).map_err(|message| {
             let diagnostic = error::shape(message, span).label(left.span, x.kind()).label(right.span, y.kind());
             let images = matches!((&x, &y), (Value::Image(_), Value::Image(_)));
@@ -246,7 +255,9 @@ impl Engine {
     }
 
     fn conditional(&mut self, condition: &Expr, then: &Expr, otherwise: &Expr) -> Result<Value> {
-        match self.expr(condition)? {
+        let chosen = self.expr(condition)?;
+        known(&chosen, condition.span)?;
+        match chosen {
             Value::Bool(c) => self.expr(if c { then } else { otherwise }),
             Value::Num(mask) | Value::Image(mask) if !mask.shape().is_empty() => {
                 Err(error::value("a condition is true or false, this is a mask", condition.span).help(
@@ -321,7 +332,10 @@ impl Engine {
             let keep = match &clause.condition {
                 Some(condition) => match self.expr(condition)? {
                     Value::Bool(b) => b,
-                    other => other.number() != Some(0.0),
+                    other => {
+                        known(&other, condition.span)?;
+                        other.number() != Some(0.0)
+                    }
                 },
                 None => true,
             };
@@ -381,6 +395,14 @@ impl Engine {
             Value::Num(x) => x.broadcast_to(shape).map(Value::Num).map_err(|m| error::shape(m.0, e.span)),
             _ => Ok(v),
         }
+    }
+}
+
+/// A condition without a NaN.
+fn known(condition: &Value, span: Span) -> Result<()> {
+    match origin::first(condition, f64::is_nan) {
+        Some(text) => Err(error::not_a_number("a condition", span, vec![(span, text)])),
+        None => Ok(()),
     }
 }
 

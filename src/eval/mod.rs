@@ -13,6 +13,7 @@ mod error;
 mod expr;
 mod history;
 mod lower;
+mod origin;
 mod project;
 mod reach;
 mod render;
@@ -37,8 +38,9 @@ use warnings::Warnings;
 
 pub use crate::natives::value;
 pub use derivative::Gradient;
-pub use error::INTERRUPTED;
+pub use error::{INTERRUPTED, NOT_A_NUMBER};
 pub use history::History;
+pub use origin::Origin;
 pub use render::RenderOverrides;
 pub use residuals::Residuals;
 pub use show::{brief, exact, is_angle, number_text, show, to_json};

@@ -28,6 +28,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("acos", |a| arc(a, Unary::Acos)),
     ("atan", |a| elementwise(a, Unary::Atan)),
     ("atan2", |a| binary(a, Binary::Atan2)),
+    ("is_nan", |a| Ok(Value::Bool(numbers(a, 0)?.value().data.iter().any(|x| x.is_nan())))),
     ("length", |a| Ok(Value::Num(a.var(0)?.norm()))),
     ("normalize", normalize),
     ("clamp", clamp),

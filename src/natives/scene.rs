@@ -181,22 +181,43 @@ fn within(a: &Args, index: usize, input: &Input, range: std::ops::RangeInclusive
         Input::Texture(t) | Input::Tinted(t) => t.texels.value(),
         Input::VertexColor => return Ok(()),
     };
-    match values.data.iter().find(|x| !range.contains(x)) {
+    match values.data.iter().position(|x| !range.contains(x)) {
         None => Ok(()),
-        Some(x) => {
-            let (lo, hi) = (range.start(), range.end());
-            let bounds = if hi.is_infinite() { format!("{lo} or more") } else { format!("from {lo} to {hi}") };
-            Err(NativeError::at(index, format!("`{}` must be {bounds}, this is {x}", a.names[index])))
+        Some(at) => {
+            let (lo, hi, x) = (range.start(), range.end(), values.data[at]);
+            let place = match values.shape[..] {
+                [_, width, channels] if width * channels > 0 => {
+                    let pixel = at / channels;
+                    format!(" at pixel ({}, {})", pixel % width, pixel / width)
+                }
+                _ => String::new(),
+            };
+            if x.is_nan() || x.is_infinite() {
+                let message = format!("`{}` must be a number, this is {x}{place}", a.names[index]);
+                return Err(NativeError::at(index, message).help(
+                    "mend the value where it comes from: a file's broken pixel, a division by 0, a logarithm of 0",
+                ));
+            }
+            if x > *hi && *hi == LARGEST {
+                let message = format!("`{}` is too large: {x:e}{place}, where {LARGEST:e} is the most", a.names[index]);
+                return Err(NativeError::at(index, message)
+                    .help("light is computed in single precision: scale all lights down"));
+            }
+            let bounds = if *hi == LARGEST { format!("{lo} or more") } else { format!("from {lo} to {hi}") };
+            Err(NativeError::at(index, format!("`{}` must be {bounds}, this is {x}{place}", a.names[index])))
         }
     }
 }
+
+/// Of what light is multiplied by. Products of a few must not leave single precision.
+const LARGEST: f64 = 1e30;
 
 fn material(a: &Args, model: Model, wanted: &[(&'static str, bool)]) -> Result<Value> {
     let mut inputs = Vec::new();
     for &(name, color) in wanted {
         let (index, _) = a.need(name)?;
         let value = input(a, index, color)?;
-        let range = if color || name == "specular" { 0.0..=f64::INFINITY } else { 0.0..=1.0 };
+        let range = if color || name == "specular" { 0.0..=LARGEST } else { 0.0..=1.0 };
         within(a, index, &value, range)?;
         inputs.push((name, value));
     }
@@ -212,7 +233,7 @@ fn conductor(a: &Args) -> Result<Value> {
             let reflectance = match a.named("reflectance") {
                 Some((i, _)) => {
                     let r = input(a, i, true)?;
-                    within(a, i, &r, 0.0..=f64::INFINITY)?;
+                    within(a, i, &r, 0.0..=LARGEST)?;
                     r
                 }
                 None => Input::Number(Var::from(0.9)),
@@ -332,7 +353,7 @@ fn spot(a: &Args) -> Result<Value> {
 fn power(a: &Args, name: &str) -> Result<Var> {
     let Some((i, _)) = a.named(name) else { return Ok(Var::constant(Tensor::full(&[3], 1.0))) };
     let v = a.vector(i, 3, true)?;
-    within(a, i, &Input::Number(v.clone()), 0.0..=f64::INFINITY)?;
+    within(a, i, &Input::Number(v.clone()), 0.0..=LARGEST)?;
     Ok(v)
 }
 
@@ -341,7 +362,7 @@ fn area(a: &Args) -> Result<Value> {
     let radiance = match a.named("radiance") {
         Some((i, _)) => {
             let radiance = input(a, i, true)?;
-            within(a, i, &radiance, 0.0..=f64::INFINITY)?;
+            within(a, i, &radiance, 0.0..=LARGEST)?;
             radiance
         }
         None => Input::Number(Var::from(1.0)),
@@ -359,7 +380,7 @@ fn environment(a: &Args) -> Result<Value> {
         }
         _ => input(a, 0, true)?,
     };
-    within(a, 0, &radiance, 0.0..=f64::INFINITY)?;
+    within(a, 0, &radiance, 0.0..=LARGEST)?;
     if matches!(radiance, Input::VertexColor | Input::Tinted(_)) {
         return Err(a.wrong(0, "an image or a color"));
     }

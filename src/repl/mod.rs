@@ -229,7 +229,7 @@ impl<'w> Repl<'w> {
                 runner.outputs = self.common.out.clone().unwrap_or_default();
                 runner.histories = std::mem::take(&mut self.histories);
                 let flow = runner.run(&actions);
-                self.failed |= runner.report.failed_expects > 0;
+                self.failed |= !runner.report.is_success();
                 self.histories = std::mem::take(&mut runner.histories);
                 flow.map(|_| ())
             }

@@ -7,6 +7,7 @@ pub mod line;
 pub mod measure;
 pub mod optimization;
 pub mod plot;
+mod retreat;
 pub mod run;
 pub mod show;
 pub mod solver;

@@ -3,10 +3,12 @@
 use super::clock::Stopwatch;
 use super::folder::LOGGED_NUMBERS;
 use super::least_squares::{Squares, put};
+use super::retreat::{Footing, NOT_FINITE};
+use super::show::digits;
 use super::solver::{Method, solver_from};
-use crate::check::hir;
+use crate::check::{self, Reached, hir};
 use crate::diag::Diagnostic;
-use crate::eval::{Engine, History, ParamInfo, ParamKind, RenderOverrides};
+use crate::eval::{Engine, History, Origin, ParamInfo, ParamKind, RenderOverrides};
 use crate::natives::value::Value;
 use crate::optim::{GaveUp, Geometry, Optimizer, Solver, Space, StepOutcome};
 use crate::source::Span;
@@ -31,6 +33,14 @@ pub struct Optimization {
     losses: Vec<f64>,
     /// For each param, whether its derivative was ever anything but 0.
     felt: Vec<bool>,
+    /// Where to go back to.
+    pub(super) footing: Option<Footing>,
+    /// Params that an update would have given, were they finite.
+    pub(super) rejected: Option<Vec<Vec<f64>>>,
+    /// Params that are kept where they make sense although the script does not say so.
+    notes: Vec<String>,
+    /// Where the numbers came from that made the first step be skipped.
+    origin: Option<Origin>,
 }
 
 /// A stage with its share of the steps.
@@ -81,7 +91,7 @@ pub struct StepReport {
 impl Optimization {
     /// `steps` replaces the script's number of steps (stages keep their proportions).
     pub fn new(engine: &mut Engine, optimize: &hir::Optimize, steps: Option<u64>) -> Result<Optimization, Diagnostic> {
-        let (params, spaces) = moved_params(engine, optimize)?;
+        let (params, spaces, notes) = moved_params(engine, optimize)?;
         engine.clear_losses();
         let stages = plan(engine, optimize, steps)?;
         Ok(Optimization {
@@ -96,11 +106,20 @@ impl Optimization {
             squares: None,
             history: History::default(),
             losses: Vec::new(),
+            footing: None,
+            rejected: None,
+            notes,
+            origin: None,
         })
     }
 
     pub fn name(&self) -> &str {
         &self.optimize.name
+    }
+
+    /// What is known of the params beyond what the script says: one sentence each.
+    pub fn notes(&self) -> &[String] {
+        &self.notes
     }
 
     pub fn every(&self) -> &[hir::Every] {
@@ -120,9 +139,10 @@ impl Optimization {
         self.losses.last().copied()
     }
 
-    /// The losses at the first and the last step taken.
+    /// The losses at the first and the last step taken where they were finite.
     pub fn losses(&self) -> Option<(f64, f64)> {
-        Some((*self.losses.first()?, *self.losses.last()?))
+        let finite = || self.losses.iter().copied().filter(|x| x.is_finite());
+        Some((finite().next()?, finite().next_back()?))
     }
 
     /// Params that could not move: their derivative was exactly 0 in every step.
@@ -141,10 +161,50 @@ impl Optimization {
         let message =
             format!("the derivative of `{name}` with respect to {} was 0 in all {steps} steps", names.join(", "));
         Some(
-            Diagnostic::warning("dscene::run::zero_gradient", message)
+            Diagnostic::warning("dscene::gradient::zero", message)
                 .label(self.optimize.loss.span, "does not feel it")
                 .help("is it in view, lit, and within reach of what the loss compares?"),
         )
+    }
+
+    /// The steps that were skipped, if there were any: an error if nothing else was done.
+    pub fn not_taken(&self) -> Option<Diagnostic> {
+        let (skipped, done, name) = (self.skipped(), self.done, &self.optimize.name);
+        if skipped == 0 || done == 0 {
+            return None;
+        }
+        let what = format!(
+            "of `{name}` {} skipped: what they would have followed is not finite",
+            if skipped == 1 { "was" } else { "were" }
+        );
+        let told = if skipped >= done {
+            Diagnostic::error(NOT_FINITE, format!("all {done} steps {what}"))
+        } else {
+            Diagnostic::warning("dscene::gradient::skipped", format!("{skipped} of {done} steps {what}"))
+        };
+        Some(self.with_origin(told))
+    }
+
+    /// Says where numbers came from that are not finite.
+    fn with_origin(&self, told: Diagnostic) -> Diagnostic {
+        match &self.origin {
+            Some(origin) => told.label(origin.span, origin.text.clone()).label(self.optimize.loss.span, "in this loss"),
+            None => told.label(self.optimize.loss.span, "the derivative of this"),
+        }
+    }
+
+    /// No step follows.
+    pub(super) fn ended(&mut self, why: Diagnostic) -> Diagnostic {
+        self.total = self.done;
+        why
+    }
+
+    pub(super) fn targets(&self) -> Vec<hir::Target> {
+        self.params.iter().map(|p| p.target.clone()).collect()
+    }
+
+    pub(super) fn loss(&self) -> hir::Expr {
+        self.optimize.loss.clone()
     }
 
     /// Steps skipped because of gradients that were not finite.
@@ -183,12 +243,13 @@ impl Optimization {
                 })?
             }
         };
-        let targets: Vec<hir::Target> = self.params.iter().map(|p| p.target.clone()).collect();
+        let targets = self.targets();
         let before: Vec<Tensor> = targets.iter().map(|t| engine.target_tensor(t)).collect::<Result<_, _>>()?;
         let small = |(_, t): &(&Moved, &Tensor)| t.len() <= LOGGED_NUMBERS;
         let logged = self.params.iter().zip(&before).filter(small);
         let logged = logged.map(|(p, t)| (p.name.clone(), t.shape.clone(), t.data.clone())).collect();
         let values: Vec<Vec<f64>> = before.into_iter().map(|t| t.data).collect();
+        let here = values.clone();
         let moved = match method {
             Method::FirstOrder(solver) => {
                 self.squares = None;
@@ -219,15 +280,29 @@ impl Optimization {
         let skipped = match moved.outcome {
             Ok(StepOutcome::Moved) => None,
             Ok(StepOutcome::Skipped { params }) => Some(names(&params)),
-            Err(gave_up) => return Err(self.gave_up(&gave_up, &names(&gave_up.params))),
+            Err(gave_up) => {
+                let whose = names(&gave_up.params);
+                self.find_origin(engine);
+                return Err(self.gave_up(&gave_up, &whose, &here, lr));
+            }
         };
         if skipped.is_none() {
+            self.footing = Some(Footing { step: self.done, values: here, rate: lr });
+            if moved.values.iter().flatten().any(|x| !x.is_finite()) {
+                self.rejected = Some(moved.values);
+                let message = "there is no such number: it is too large";
+                return Err(
+                    Diagnostic::error("dscene::run::diverged", message).label(self.optimize.span, "stopped here")
+                );
+            }
             put(engine, &targets, moved.values)?;
+        } else {
+            self.find_origin(engine);
         }
         let seconds = watch.elapsed().wall;
 
         self.losses.push(moved.loss);
-        let stop = self.should_stop(engine, moved.loss)?;
+        let stop = skipped.is_none() && self.should_stop(engine, moved.loss)?;
         if let Some(base) = self.squares.as_ref().filter(|_| stop).and_then(Squares::base) {
             // Nobody would look whether the last proposal is any good.
             put(engine, &targets, base.to_vec())?;
@@ -256,7 +331,11 @@ impl Optimization {
         lr: f64,
     ) -> Result<Move, Diagnostic> {
         let gradient = engine.gradient_after(&mut self.history, &self.optimize.loss, targets)?;
-        let grads: Vec<Vec<f64>> = gradient.grads.into_iter().map(|t| t.data).collect();
+        let mut grads: Vec<Vec<f64>> = gradient.grads.into_iter().map(|t| t.data).collect();
+        if !gradient.value.is_finite() {
+            // What is infinite or NaN has no direction in which it falls, whatever its derivatives say.
+            grads.iter_mut().flatten().for_each(|g| *g = f64::NAN);
+        }
         let felt = grads.iter().map(|grad| grad.iter().any(|g| *g != 0.0)).collect();
         let grad_norm = self.optimizer.grad_norm(&values, &grads);
         let outcome = self.optimizer.step(&mut values, &grads, lr);
@@ -271,26 +350,46 @@ impl Optimization {
         Ok(matches!(engine.eval(condition)?, Value::Bool(true)))
     }
 
-    fn gave_up(&self, gave_up: &GaveUp, names: &[String]) -> Diagnostic {
-        let whose: Vec<String> = names.iter().map(|n| format!("`{n}`")).collect();
-        let whose = if whose.is_empty() { "learning rate".to_owned() } else { whose.join(", ") };
-        let message = if names.is_empty() {
-            format!("the {whose} was not finite in {} steps in a row, up to step {}", gave_up.in_a_row, self.done)
-        } else {
-            let many = gave_up.in_a_row;
-            format!(
-                "the gradient with respect to {whose} was not finite in {many} steps in a row, up to step {}",
-                self.done
-            )
+    /// Looks once for where numbers came from that are not finite.
+    fn find_origin(&mut self, engine: &mut Engine) {
+        if self.origin.is_none() {
+            self.origin = engine.origin(&self.optimize.loss);
+        }
+    }
+
+    /// Why the loop ends, at these values of the params.
+    fn gave_up(&self, gave_up: &GaveUp, names: &[String], values: &[Vec<f64>], rate: f64) -> Diagnostic {
+        let (many, step, name) = (gave_up.in_a_row, self.done, self.name());
+        let why = match &self.origin {
+            _ if names.is_empty() => "the learning rate is not finite".to_owned(),
+            Some(_) => "the loss is not finite".to_owned(),
+            None => "the gradient is not finite".to_owned(),
         };
-        Diagnostic::error("dscene::run::non_finite_gradient", message)
-            .label(self.optimize.span, "stopped here")
-            .help("lower the learning rate, or bound the param with `in lo..hi`")
+        let at = names.iter().zip(gave_up.params.iter().filter_map(|&i| values.get(i)));
+        let at: Vec<String> = at
+            .take(3)
+            .map(|(name, value)| match value[..] {
+                [x] => format!("`{name}` = {}", digits(x)),
+                _ => format!("`{name}`"),
+            })
+            .collect();
+        let at = if at.is_empty() { String::new() } else { format!(" at {}", at.join(", ")) };
+        let rate = digits(rate);
+        let message = format!("{why}{at} in {many} steps in a row of `{name}`, up to step {step} at rate {rate}");
+        let help = if self.footing.is_none() {
+            "it was never finite: mend the expression that is marked, or bound the param with `in lo..hi`"
+        } else {
+            "lower the rate, or bound the param with `in lo..hi`; the params are those of the last step taken"
+        };
+        self.with_origin(Diagnostic::error(NOT_FINITE, message)).help(help)
     }
 }
 
 /// Which params move, and how.
-fn moved_params(engine: &mut Engine, optimize: &hir::Optimize) -> Result<(Vec<Moved>, Vec<Space>), Diagnostic> {
+fn moved_params(
+    engine: &mut Engine,
+    optimize: &hir::Optimize,
+) -> Result<(Vec<Moved>, Vec<Space>, Vec<String>), Diagnostic> {
     let infos: Vec<ParamInfo> = engine.params()?;
     let targets: Vec<(hir::Target, Span)> = match &optimize.over {
         Some(over) => over.clone(),
@@ -307,12 +406,54 @@ fn moved_params(engine: &mut Engine, optimize: &hir::Optimize) -> Result<(Vec<Mo
     }
     let mut moved = Vec::new();
     let mut spaces = Vec::new();
+    let mut notes = Vec::new();
+    let reached = check::domains(engine.program());
     for (target, _) in targets {
         let info = infos.iter().find(|info| info.id == target.decl && target.path.is_empty());
-        spaces.push(info.map_or_else(Space::plain, space_of));
-        moved.push(Moved { name: engine.target_name(&target), target });
+        let mut space = info.map_or_else(Space::plain, space_of);
+        let name = engine.target_name(&target);
+        let domains: Vec<Reached> = match info {
+            Some(info) => reached.get(&info.id).cloned().unwrap_or_default(),
+            None => check::domain_of_field(engine.program(), &target).into_iter().collect(),
+        };
+        if space.geometry == Geometry::Plain && !domains.is_empty() {
+            let value = engine.target_tensor(&target)?;
+            notes.extend(domains.iter().filter_map(|d| kept_inside(&mut space, d, &value, &name)));
+        }
+        spaces.push(space);
+        moved.push(Moved { name, target });
     }
-    Ok((moved, spaces))
+    Ok((moved, spaces, notes))
+}
+
+/// Narrows the bounds of a param to the domain of an input that it reaches; says so if they were wider. What starts outside (and
+/// is an error of its own, or has more room there than others) is left alone.
+fn kept_inside(space: &mut Space, reached: &Reached, value: &Tensor, name: &str) -> Option<String> {
+    let inside = |at: usize| reached.part.contains(&value.shape, at);
+    let domain = &reached.domain;
+    // An end that does not belong to it is come near to, not reached.
+    let margin = if domain.angle { 0.1f64.to_radians() } else { 1e-9 };
+    let low = domain.low + if domain.above_low { margin } else { 0.0 };
+    let high = domain.high - if domain.below_high { margin } else { 0.0 };
+    if value.data.iter().enumerate().any(|(at, x)| inside(at) && !(low..=high).contains(x)) {
+        return None;
+    }
+    let n = value.len();
+    let side = |old: &Option<Vec<f64>>, free: f64| -> Vec<f64> {
+        let old = old.as_deref().filter(|b| !b.is_empty());
+        (0..n).map(|i| old.map_or(free, |b| b[i % b.len()])).collect()
+    };
+    let (old_low, old_high) = (side(&space.lower, f64::NEG_INFINITY), side(&space.upper, f64::INFINITY));
+    let narrow = |old: &[f64], f: fn(f64, f64) -> f64, limit: f64| -> Vec<f64> {
+        old.iter().enumerate().map(|(i, &b)| if inside(i) { f(b, limit) } else { b }).collect()
+    };
+    let (new_low, new_high) = (narrow(&old_low, f64::max, low), narrow(&old_high, f64::min, high));
+    if (&new_low, &new_high) == (&old_low, &old_high) {
+        return None;
+    }
+    (space.lower, space.upper) = (Some(new_low), Some(new_high));
+    let (argument, function) = (&reached.argument, &reached.function);
+    Some(format!("`{name}` stays {domain}: it is the `{argument}` of `{function}`"))
 }
 
 fn space_of(info: &ParamInfo) -> Space {
@@ -424,5 +565,5 @@ pub fn whole_number(engine: &mut Engine, expr: &hir::Expr, what: &str) -> Result
 
 fn out_of_range(expr: &hir::Expr, what: &str, x: f64, rule: &str) -> Diagnostic {
     Diagnostic::error("dscene::run::out_of_range", format!("{what} {rule}"))
-        .label(expr.span, format!("this is {}", super::show::digits(x)))
+        .label(expr.span, format!("this is {}", digits(x)))
 }

@@ -41,6 +41,17 @@ pub struct RunReport {
     pub failed_expects: u64,
     pub saved: Vec<PathBuf>,
     pub steps: u64,
+    /// Steps that moved nothing, because what they would have followed was not finite.
+    pub skipped_steps: u64,
+    /// Optimisations that ended before their time, or took no step at all.
+    pub failed_optimizations: u64,
+}
+
+impl RunReport {
+    /// Whether all went as the script wants it.
+    pub fn is_success(&self) -> bool {
+        self.failed_expects == 0 && self.failed_optimizations == 0
+    }
 }
 
 /// Runs actions against an engine and the world.
@@ -109,7 +120,11 @@ impl<'a> Runner<'a> {
 
     fn optimize(&mut self, optimize: &hir::Optimize) -> Result<Flow, Diagnostic> {
         let mut optimization = Optimization::new(self.engine, optimize, self.steps)?;
+        for note in optimization.notes() {
+            self.world.note(note);
+        }
         let begun = Stopwatch::start();
+        let failed_before = self.report.failed_optimizations;
         let flow = self.advance(&mut optimization, u64::MAX);
         self.world.progress_done();
         optimization.leave(self.engine);
@@ -118,14 +133,22 @@ impl<'a> Runner<'a> {
             let seconds = human_seconds(begun.elapsed().wall);
             let last = self.loss_now(&optimize.loss)?.unwrap_or_else(|| significant(last, 4));
             let first = significant(first, 4);
+            let skipped = match optimization.skipped() {
+                0 => String::new(),
+                n => format!(", {n} of them skipped"),
+            };
             self.world.note(&format!(
-                "optimised `{name}` from {first} to {last}: {steps} step{} in {seconds}",
+                "optimised `{name}` from {first} to {last}: {steps} step{} in {seconds}{skipped}",
                 if steps == 1 { "" } else { "s" }
             ));
         }
+        self.report.skipped_steps += optimization.skipped();
+        if let Some(told) = optimization.not_taken().filter(|_| self.report.failed_optimizations == failed_before) {
+            self.report.failed_optimizations += u64::from(told.is_error());
+            self.tell(&told);
+        }
         if let (Ok(Flow::Continue), Some(warning)) = (&flow, optimization.unfelt()) {
-            let sources = self.engine.program().sources.clone();
-            self.world.diagnostic(&warning, &sources);
+            self.tell(&warning);
         }
         flow
     }
@@ -159,6 +182,11 @@ impl<'a> Runner<'a> {
         }))
     }
 
+    fn tell(&mut self, diagnostic: &Diagnostic) {
+        let sources = self.engine.program().sources.clone();
+        self.world.diagnostic(diagnostic, &sources);
+    }
+
     /// Up to `count` more steps of an optimisation.
     pub fn advance(&mut self, optimization: &mut Optimization, count: u64) -> Result<Flow, Diagnostic> {
         let mut seconds = 0.0;
@@ -174,7 +202,14 @@ impl<'a> Runner<'a> {
             let report = match self.every(optimization).and_then(|()| optimization.step(self.engine)) {
                 // The next turn says so.
                 Err(diagnostic) if diagnostic.code == eval::INTERRUPTED && self.world.interrupted() => continue,
-                other => other?,
+                Err(diagnostic) => {
+                    let told = optimization.retreat(self.engine, diagnostic)?;
+                    self.report.failed_optimizations += 1;
+                    self.world.progress_done();
+                    self.tell(&told);
+                    break;
+                }
+                Ok(report) => report,
             };
             tell_warnings(self.engine, self.world);
             taken += 1;
@@ -329,7 +364,17 @@ impl<'a> Runner<'a> {
 
     fn expect(&mut self, condition: &hir::Expr, span: Span) -> Result<(), Diagnostic> {
         self.report.expects += 1;
-        let Some(failure) = self.failure(condition)? else {
+        let failure = match self.failure(condition) {
+            // What compares a NaN holds neither nor fails to: it is not what was expected.
+            Err(touched) if touched.code == eval::NOT_A_NUMBER => {
+                let origin = self.engine.origin(condition);
+                let labels = touched.labels.into_iter().map(|l| (l.span, l.text));
+                let labels = labels.chain(origin.map(|o| (o.span, format!("it came from here: {}", o.text)))).collect();
+                Some(Failure { message: format!("expectation failed: {}", touched.message), labels })
+            }
+            other => other?,
+        };
+        let Some(failure) = failure else {
             let text = self.engine.program().sources.text(condition.span).to_owned();
             self.world.note(&format!("expect holds: {}", shortened(&text)));
             return Ok(());

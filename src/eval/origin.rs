@@ -1,0 +1,96 @@
+//! Where a number that is not finite came from: the expression that made it of finite ones.
+
+use crate::check::children;
+use crate::check::hir::{Callee, DeclKind, Expr, ExprKind};
+use crate::natives::value::Value;
+use crate::source::Span;
+
+use super::{Engine, Result};
+
+/// The place that a NaN or an infinity came from, and what it is there.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Origin {
+    pub span: Span,
+    /// `pixel (3, 4) of `sky.exr` is NaN`.
+    pub text: String,
+}
+
+/// Expressions that are looked at, at most: each is evaluated once more.
+const MOST: usize = 10_000;
+
+impl Engine {
+    /// Where the first NaN of a value came from, or else its first infinity; `None` if all of it is finite. What has no value of
+    /// its own outside (the body of a function, an item of a comprehension) is not looked into.
+    pub fn origin(&mut self, of: &Expr) -> Option<Origin> {
+        let search = |engine: &mut Engine| -> Result<Option<Origin>> {
+            let mut left = MOST;
+            let nan = engine.source_of(of, f64::is_nan, &mut left);
+            Ok(nan.or_else(|| engine.source_of(of, f64::is_infinite, &mut left)))
+        };
+        self.on_stack(|e| e.fresh_frame(search)).ok().flatten()
+    }
+
+    /// The deepest expression whose value has such a number.
+    fn source_of(&mut self, e: &Expr, bad: fn(f64) -> bool, left: &mut usize) -> Option<Origin> {
+        *left = left.checked_sub(1)?;
+        let value = self.expr(e).ok()?;
+        let found = first(&value, bad)?;
+        let part = match &e.kind {
+            ExprKind::Decl(id) => {
+                let program = self.shared();
+                let decl = program.decl(*id);
+                match (&decl.kind, &decl.body) {
+                    (DeclKind::Param(_), _) => {
+                        return Some(Origin { span: decl.name_span, text: format!("{found}: it is a param") });
+                    }
+                    (_, Some(body)) => self.source_of(body, bad, left),
+                    _ => None,
+                }
+            }
+            _ => {
+                let mut parts = Vec::new();
+                children(e, &mut |child| parts.push(child));
+                let same = parts.iter().find_map(|part| self.source_of(part, bad, left));
+                // ∞ − ∞ is NaN: what made the infinity is of more interest.
+                same.or_else(|| parts.iter().find_map(|part| self.source_of(part, f64::is_infinite, left)))
+            }
+        };
+        part.or_else(|| {
+            let file = self.file_of(e).map_or_else(String::new, |file| format!(" (in `{file}`)"));
+            Some(Origin { span: e.span, text: format!("{found}{file}") })
+        })
+    }
+
+    /// The file that a call loads.
+    fn file_of(&mut self, e: &Expr) -> Option<String> {
+        let ExprKind::Call(call) = &e.kind else { return None };
+        let Callee::Native(id) = call.callee else { return None };
+        let loads = ["load_image", "texture", "environment"].contains(&self.program.decl(id).name.as_str());
+        match self.expr(call.args.first().filter(|_| loads)?.as_ref()?) {
+            Ok(Value::Str(path)) => Some(path.to_string()),
+            _ => None,
+        }
+    }
+}
+
+/// What the first such number of a value is, and which it is.
+pub(super) fn first(value: &Value, bad: fn(f64) -> bool) -> Option<String> {
+    if let Value::List(items) = value {
+        return items.iter().find_map(|item| first(item, bad));
+    }
+    let tensor = value.var()?.value();
+    let at = tensor.data.iter().position(|x| bad(*x))?;
+    let what = match tensor.data[at] {
+        x if x.is_nan() => "NaN",
+        x if x > 0.0 => "infinite",
+        _ => "minus infinity",
+    };
+    Some(match (value, &tensor.shape[..]) {
+        (Value::Image(_) | Value::Texture(_), &[_, width, channels]) => {
+            let (pixel, channel) = (at / channels, at % channels);
+            format!("pixel ({}, {}) is {what}, channel {channel}", pixel % width, pixel / width)
+        }
+        (_, []) => format!("this is {what}"),
+        _ => format!("number {at} of this is {what}"),
+    })
+}
