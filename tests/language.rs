@@ -472,7 +472,7 @@ fn an_edit_keeps_what_it_does_not_touch() {
     let renders = e.statistics().renders;
     let mut program = e.program().clone();
     let (line, diagnostics) = check::check_line(&mut program, "let extra = 5");
-    assert!(matches!(line, Some(Line::Declared(_))), "{diagnostics:#?}");
+    assert!(matches!(line, Some(Line::Statements { .. })), "{diagnostics:#?}");
     e.update(program);
     eval(&mut e, "[mean(target), extra]");
     assert_eq!(e.statistics().renders, renders);

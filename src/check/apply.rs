@@ -7,7 +7,7 @@ use super::hir::{self, Callee, DeclId, ExprKind};
 use super::infer::{Typed, join, typed};
 use super::modules::{Checker, Instance, Signature, State};
 use super::results;
-use super::signature::{Const, Function, Sig};
+use super::signature::{Const, Function, FunctionKey, Sig};
 use super::types::Ty;
 use crate::diag::{Diagnostic, Label};
 use crate::source::Span;
@@ -15,6 +15,13 @@ use crate::syntax::ast::{self, StatementKind};
 
 /// What is known of an argument: its type, and its value unless that is long.
 type Fact = Option<(Ty, Option<Const>)>;
+
+/// Calls within calls: a function is checked anew for so many different values of its arguments, and then for their types only.
+/// `f1 = x => f0(f0(x))`, `f2 = x => f1(f1(x))`, … would else be followed through as many calls as it makes.
+const MOST_VALUES: u32 = 64;
+
+/// And for so many different types; of further ones the result is not known.
+const MOST_TYPES: u32 = 256;
 
 impl Checker<'_> {
     pub fn call_value(&mut self, callee: &ast::Expr, given: &[Given], span: Span) -> Typed {
@@ -208,18 +215,20 @@ impl Checker<'_> {
                 (ty, None)
             }
             Function::Declared(id) => self.applied_declaration(*id, args, callee, span),
-            Function::Lambda { params, body, module, locals } => {
-                let key = format!("{function:?} {:?}", facts(args.iter().map(Some)));
+            Function::Lambda { params, body, module, locals, number } => {
+                let function = FunctionKey::Lambda(*number);
+                let facts = self.facts(function, args.iter().map(Some));
                 let name = self.sources.text(callee).to_owned();
                 if self.applied > MAX_CALL_DEPTH {
                     return (Ty::Any, None);
                 }
                 self.applied += 1;
-                let result = self.once(key, true, &name, span, |checker| {
+                let result = self.once(function, &facts, true, &name, span, |checker| {
                     let module = std::mem::replace(&mut checker.module, *module);
                     checker.locals = locals.clone();
-                    for (param, arg) in params.iter().zip(args) {
-                        checker.new_local(&param.text, arg.expr.ty.clone(), arg.value.clone());
+                    for (param, fact) in params.iter().zip(&facts) {
+                        let (ty, value) = fact.clone().unwrap_or((Ty::Any, None));
+                        checker.new_local(&param.text, ty, value);
                     }
                     let result = checker.expr(body, None);
                     checker.module = module;
@@ -282,13 +291,13 @@ impl Checker<'_> {
         let statement: Arc<ast::Statement> = self.slot(id).statement.clone();
         let StatementKind::Fn(f) = &statement.kind else { return (Ty::Error, None) };
         let Some(body) = &f.body else { return (Ty::Error, None) };
-        let facts = facts(args.iter().map(Option::as_ref));
+        let function = FunctionKey::Declared(id);
+        let facts = self.facts(function, args.iter().map(Option::as_ref));
         if self.stack.len() > MAX_CALL_DEPTH {
             return (Ty::Any, None);
         }
-        let key = format!("{} {facts:?}", id.0);
         let user = self.is_user(id);
-        self.once(key, user, site.name, span, |checker| {
+        self.once(function, &facts, user, site.name, span, |checker| {
             let module = checker.enter_module_of(id);
             checker.stack.push(id);
             for (i, param) in signature.params.iter().enumerate() {
@@ -317,29 +326,47 @@ impl Checker<'_> {
         })
     }
 
-    /// Checks a body without the locals of the caller, once for each `key`; its errors are told with the call in `span`.
+    /// What a call tells a function of its arguments: types, and values unless they are long, or too many were told already.
+    fn facts<'a>(&self, function: FunctionKey, args: impl Iterator<Item = Option<&'a Typed>>) -> Vec<Fact> {
+        let many = self.nested > 0 && self.specialised.get(&function).is_some_and(|n| *n >= MOST_VALUES);
+        let small = |c: &Const| !many && !matches!(c, Const::List(items) if items.len() > 16);
+        args.map(|a| a.map(|a| (a.expr.ty.clone(), a.value.clone().filter(small)))).collect()
+    }
+
+    /// Checks a function's body without the locals of the caller, once for what is known of its arguments; its errors are told
+    /// with the call in `span`.
     fn once(
         &mut self,
-        key: String,
+        function: FunctionKey,
+        facts: &[Fact],
         user: bool,
         name: &str,
         span: Span,
         body: impl FnOnce(&mut Self) -> (Ty, Option<Const>),
     ) -> (Ty, Option<Const>) {
+        let key = format!("{function:?} {facts:?}");
         if let Some(known) = self.instances.get(&key) {
             return (known.ty.clone(), known.value.clone());
+        }
+        if self.nested > 0 {
+            let instances = self.specialised.entry(function).or_default();
+            if *instances >= MOST_TYPES {
+                return (Ty::Any, None);
+            }
+            *instances += 1;
         }
         // Stands for itself should it be called from within.
         let nothing = Instance { ty: Ty::Error, value: None };
         self.instances.insert(key.clone(), nothing);
         let outer = std::mem::take(&mut self.diagnostics);
         let locals = std::mem::take(&mut self.locals);
+        self.nested += 1;
         let (ty, value) = body(self);
+        self.nested -= 1;
         self.locals = locals;
         let inner = std::mem::replace(&mut self.diagnostics, outer);
         for diagnostic in inner.iter().filter(|d| d.is_error()) {
-            let known = self.diagnostics.iter().any(|d| d.code == diagnostic.code && d.span() == diagnostic.span());
-            if known {
+            if self.diagnostics.has(diagnostic) {
                 continue;
             }
             let mut shown = diagnostic.clone();
@@ -356,10 +383,4 @@ impl Checker<'_> {
         self.instances.insert(key, Instance { ty: ty.clone(), value: value.clone() });
         (ty, value)
     }
-}
-
-/// What is known of arguments: types, and values unless they are long.
-fn facts<'a>(args: impl Iterator<Item = Option<&'a Typed>>) -> Vec<Fact> {
-    let small = |c: &Const| !matches!(c, Const::List(items) if items.len() > 16);
-    args.map(|a| a.map(|a| (a.expr.ty.clone(), a.value.clone().filter(small)))).collect()
 }

@@ -546,7 +546,7 @@ impl Checker<'_> {
     }
 
     pub fn error_count(&self) -> usize {
-        self.diagnostics.iter().filter(|d| d.is_error()).count()
+        self.diagnostics.errors()
     }
 
     /// `grad(e, p)` and its kin.

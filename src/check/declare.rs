@@ -7,9 +7,13 @@ use super::infer::{Typed, error_expr};
 use super::modules::{Checker, Local, SigParam, Signature, State};
 use super::signature::{self, Const, Function, Sig};
 use super::types::Ty;
+use super::with_room;
 use crate::diag::{Diagnostic, did_you_mean};
 use crate::source::Span;
 use crate::syntax::ast::{self, KindBody, StatementKind};
+
+/// Longer circles of declarations are not told link by link.
+const LONGEST_CYCLE: usize = 12;
 
 /// Settings of a param.
 const PARAM_SETTINGS: [&str; 3] = ["lr", "scale", "frozen"];
@@ -18,10 +22,13 @@ impl Checker<'_> {
     /// Checks a declaration if that was not done yet. A cycle is reported and gives the error type.
     pub fn declare(&mut self, id: DeclId) {
         match self.slot(id).state {
-            State::Done => return,
-            State::Busy => return self.report_cycle(id),
-            State::Waiting => {}
+            State::Done => {}
+            State::Busy => self.report_cycle(id),
+            State::Waiting => with_room(|| self.declare_now(id)),
         }
+    }
+
+    fn declare_now(&mut self, id: DeclId) {
         self.slot_mut(id).state = State::Busy;
         self.stack.push(id);
         let locals = std::mem::take(&mut self.locals);
@@ -519,9 +526,20 @@ impl Checker<'_> {
     fn report_cycle(&mut self, id: DeclId) {
         let from = self.stack.iter().position(|s| *s == id).unwrap_or(0);
         let cycle: Vec<DeclId> = self.stack[from..].to_vec();
-        let names: Vec<String> = cycle.iter().map(|c| format!("`{}`", self.slot(*c).name.text)).collect();
-        let first = names.first().cloned().unwrap_or_default();
-        let path = names.iter().chain([&first]).cloned().collect::<Vec<_>>().join(" → ");
+        // Of a long circle the beginning and the end: nobody follows hundreds of links.
+        let told =
+            |i: usize| cycle.len() <= LONGEST_CYCLE || i < LONGEST_CYCLE / 2 || i + LONGEST_CYCLE / 2 >= cycle.len();
+        let name = |i: usize| format!("`{}`", self.slot(cycle[i % cycle.len()]).name.text);
+        let first = name(0);
+        let mut path: Vec<String> = Vec::new();
+        for i in 0..=cycle.len() {
+            match told(i) {
+                true => path.push(name(i)),
+                false if path.last().is_some_and(|p| p != "…") => path.push("…".to_owned()),
+                false => {}
+            }
+        }
+        let path = path.join(" → ");
         let is_fn = cycle.iter().any(|c| matches!(self.slot(*c).statement.kind, StatementKind::Fn(_)));
         let help = if is_fn {
             "functions cannot call themselves; repeat with a comprehension: `[… for i in 0..n]`"
@@ -529,9 +547,8 @@ impl Checker<'_> {
             "declarations are a graph of values: break the circle with a `param` or another value"
         };
         let mut diagnostic = Diagnostic::error("dscene::name::cycle", format!("{first} depends on itself: {path}"));
-        for (i, decl) in cycle.iter().enumerate() {
-            let next = &names[(i + 1) % names.len()];
-            diagnostic = diagnostic.label(self.slot(*decl).name.span, format!("needs {next}"));
+        for (i, decl) in cycle.iter().enumerate().filter(|(i, _)| told(*i)) {
+            diagnostic = diagnostic.label(self.slot(*decl).name.span, format!("needs {}", name(i + 1)));
         }
         self.diagnostics.push(diagnostic.help(help));
     }

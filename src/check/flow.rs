@@ -1,6 +1,6 @@
 //! Dataflow: which params reach an expression, and warnings for those that reach no loss.
 
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 
 use super::hir::*;
 use crate::diag::Diagnostic;
@@ -8,9 +8,13 @@ use crate::diag::Diagnostic;
 /// The params that reach an expression, in declaration order.
 pub fn reaching_params(program: &Program, expr: &Expr) -> Vec<DeclId> {
     let mut flow = Flow::new(program);
-    let mut found = BTreeSet::new();
-    flow.expr(expr, &BTreeSet::new(), &mut found);
-    found.into_iter().filter(|id| matches!(program.decl(*id).kind, DeclKind::Param(_))).collect()
+    let mut found = Reached::default();
+    flow.expr(expr, &mut found);
+    found.decls.into_iter().filter(|id| is_param(program, *id)).collect()
+}
+
+fn is_param(program: &Program, id: DeclId) -> bool {
+    matches!(program.decl(id).kind, DeclKind::Param(_))
 }
 
 /// The params that reach a declaration.
@@ -27,15 +31,13 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
     if quiet || !out.is_empty() {
         return out;
     }
-    let mut reached: BTreeSet<DeclId> = BTreeSet::new();
+    let mut reached = Reached::default();
     let mut flow = Flow::new(program);
     let mut has_loss = false;
     for id in program.losses() {
         has_loss = true;
         let decl = program.decl(id);
-        let found = flow.decl(id, &BTreeSet::new());
-        let params = found.iter().filter(|id| matches!(program.decl(**id).kind, DeclKind::Param(_))).count();
-        if params == 0 {
+        if !flow.depends_on_params(id) {
             let help = if program.params().next().is_none() {
                 "declare an unknown: `param NAME = …`, and use it in the scene"
             } else {
@@ -50,17 +52,18 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
                 .help(help),
             );
         }
-        reached.extend(found);
+        flow.decl(id, &mut reached);
     }
     for action in &program.actions {
         if let Action::Optimize(o) = action {
             has_loss = true;
-            let mut found = BTreeSet::new();
-            flow.expr(&o.loss, &BTreeSet::new(), &mut found);
-            out.extend(unmoved(program, o, &found));
-            reached.extend(found);
+            let mut found = Reached::default();
+            flow.expr(&o.loss, &mut found);
+            out.extend(unmoved(program, o, &found.decls));
+            flow.expr(&o.loss, &mut reached);
         }
     }
+    let reached = reached.decls;
     if has_loss {
         let users = users_of(program);
         for param in program.params().filter(|p| !reached.contains(p)) {
@@ -145,19 +148,19 @@ fn unused_param(
     let diagnostic =
         Diagnostic::warning("dscene::flow::unused_param", format!("no loss depends on the param `{name}`"))
             .label(decl.name_span, "never moves");
-    // Follow the chain of uses to where it ends.
+    // Follow the chain of uses to where it ends, or as far as anyone would read on.
     let mut chain = vec![param];
     let mut current = param;
-    while let Some(next) =
-        users.get(&current).and_then(|u| u.iter().find(|u| !chain.contains(u) && !reached.contains(u)))
+    while chain.len() < LONGEST_CHAIN
+        && let Some(next) =
+            users.get(&current).and_then(|u| u.iter().find(|u| !chain.contains(u) && !reached.contains(u)))
     {
         chain.push(*next);
         current = *next;
     }
     let last = program.decl(current);
     if current == param {
-        let replaced = reached.iter().any(|id| mentions(program, *id, param));
-        if replaced || users.get(&param).is_some_and(|u| !u.is_empty()) {
+        if users.get(&param).is_some_and(|u| !u.is_empty()) {
             return diagnostic.help(format!("every use of `{name}` that a loss sees is replaced by a `with`"));
         }
         return diagnostic.help(format!("nothing uses `{name}`: use it in the scene, or make it a `let`"));
@@ -179,20 +182,23 @@ fn unused_param(
     ))
 }
 
-fn mentions(program: &Program, id: DeclId, param: DeclId) -> bool {
-    direct(program, id).contains(&param)
-}
-
 /// A shape or light whose value needs a render of the scene that holds it.
 fn scene_cycles(program: &Program) -> Vec<Diagnostic> {
     let mut out = Vec::new();
+    // Parts share what they are made of: what renders nothing is looked through once.
+    let mut quiet = Reached::default();
     for &part in &program.default_scene {
         let decl = program.decl(part);
         let Some(body) = &decl.body else { continue };
         let mut flow = Flow::new(program);
-        let mut found = BTreeSet::new();
-        flow.expr(body, &BTreeSet::new(), &mut found);
-        if flow.renders_scene && found.contains(&part) {
+        flow.expr(body, &mut quiet);
+        if !flow.renders_scene {
+            continue;
+        }
+        let mut found = Reached::default();
+        flow.expr(body, &mut found);
+        quiet = Reached::default();
+        if found.decls.contains(&part) {
             out.push(
                 Diagnostic::error(
                     "dscene::name::cycle",
@@ -206,83 +212,174 @@ fn scene_cycles(program: &Program) -> Vec<Diagnostic> {
     out
 }
 
-/// What an expression depends on, `with` taken into account.
+/// Longer chains of uses are not told in full.
+const LONGEST_CHAIN: usize = 24;
+
+/// Which declarations are replaced: a number for each such set.
+type Context = usize;
+
+/// A declaration where others are replaced.
+type Place = (DeclId, Context);
+
+/// What was come across on the way.
+#[derive(Default)]
+struct Reached {
+    decls: BTreeSet<DeclId>,
+    places: HashSet<Place>,
+}
+
+/// What an expression depends on, `with` taken into account. Walks with a stack of its own, and never twice through a place.
 struct Flow<'p> {
     program: &'p Program,
-    /// What a declaration depends on, itself included, with these declarations replaced.
-    known: HashMap<(DeclId, BTreeSet<DeclId>), BTreeSet<DeclId>>,
+    contexts: Vec<BTreeSet<DeclId>>,
+    numbers: HashMap<BTreeSet<DeclId>, Context>,
+    /// Whether a param reaches a place, as far as that is known.
+    moves: HashMap<Place, bool>,
     renders_scene: bool,
 }
 
 impl<'p> Flow<'p> {
     fn new(program: &'p Program) -> Flow<'p> {
-        Flow { program, known: HashMap::new(), renders_scene: false }
+        let nothing = BTreeSet::new();
+        Flow {
+            program,
+            numbers: HashMap::from([(nothing.clone(), 0)]),
+            contexts: vec![nothing],
+            moves: HashMap::new(),
+            renders_scene: false,
+        }
     }
 
-    fn decl(&mut self, id: DeclId, replaced: &BTreeSet<DeclId>) -> BTreeSet<DeclId> {
-        if replaced.contains(&id) {
-            return BTreeSet::new();
+    /// Adds a declaration and all that it depends on.
+    fn decl(&mut self, id: DeclId, found: &mut Reached) {
+        let mut waiting = vec![(id, 0)];
+        self.follow(&mut waiting, found);
+    }
+
+    /// Adds all that an expression depends on.
+    fn expr(&mut self, e: &Expr, found: &mut Reached) {
+        let mut waiting = Vec::new();
+        self.mentioned(e, 0, &mut waiting);
+        self.follow(&mut waiting, found);
+    }
+
+    fn follow(&mut self, waiting: &mut Vec<Place>, found: &mut Reached) {
+        while let Some(place) = waiting.pop() {
+            if found.places.insert(place) {
+                found.decls.insert(place.0);
+                self.direct(place, waiting);
+            }
         }
-        let key = (id, replaced.clone());
-        if let Some(known) = self.known.get(&key) {
-            return known.clone();
+    }
+
+    /// Whether a param reaches a declaration.
+    fn depends_on_params(&mut self, id: DeclId) -> bool {
+        let start = (id, 0);
+        // The place from which each was come to.
+        let mut from: HashMap<Place, Place> = HashMap::new();
+        let mut waiting = vec![(start, start)];
+        let mut next = Vec::new();
+        while let Some((place, before)) = waiting.pop() {
+            if self.moves.get(&place) == Some(&false) || from.contains_key(&place) {
+                continue;
+            }
+            from.insert(place, before);
+            if self.moves.get(&place) == Some(&true) || is_param(self.program, place.0) {
+                let mut at = place;
+                self.moves.insert(at, true);
+                while at != start {
+                    at = from[&at];
+                    self.moves.insert(at, true);
+                }
+                return true;
+            }
+            self.direct(place, &mut next);
+            waiting.extend(next.drain(..).map(|p| (p, place)));
         }
-        // A scene that renders itself ends here.
-        self.known.insert(key.clone(), BTreeSet::from([id]));
-        let program = self.program;
-        let mut found = BTreeSet::from([id]);
-        let decl = program.decl(id);
+        self.moves.extend(from.into_keys().map(|place| (place, false)));
+        false
+    }
+
+    /// The places that a declaration needs directly.
+    fn direct(&mut self, (id, context): Place, out: &mut Vec<Place>) {
+        let decl = self.program.decl(id);
         if let Some(body) = &decl.body {
-            self.expr(body, replaced, &mut found);
+            self.mentioned(body, context, out);
         }
         if let DeclKind::Fn(f) = &decl.kind {
-            self.expr(&f.body, replaced, &mut found);
-            f.params.iter().filter_map(|p| p.default.as_ref()).for_each(|d| self.expr(d, replaced, &mut found));
+            self.mentioned(&f.body, context, out);
+            f.params.iter().filter_map(|p| p.default.as_ref()).for_each(|d| self.mentioned(d, context, out));
         }
-        self.known.insert(key, found.clone());
-        found
     }
 
-    fn expr(&mut self, e: &Expr, replaced: &BTreeSet<DeclId>, found: &mut BTreeSet<DeclId>) {
-        match &e.kind {
-            ExprKind::Decl(id) => found.extend(self.decl(*id, replaced)),
-            ExprKind::With { body, replacements } => {
-                let mut inner = replaced.clone();
-                // A replaced field leaves the rest of its declaration.
-                inner.extend(replacements.iter().filter(|r| r.target.path.is_empty()).map(|r| r.target.decl));
-                self.expr(body, &inner, found);
-                replacements.iter().for_each(|r| self.expr(&r.value, replaced, found));
+    fn mentioned(&mut self, root: &Expr, context: Context, out: &mut Vec<Place>) {
+        let add = |flow: &Flow, id: DeclId, context: Context, out: &mut Vec<Place>| {
+            if !flow.contexts[context].contains(&id) {
+                out.push((id, context));
             }
-            ExprKind::Call(call) => {
-                match &call.callee {
-                    Callee::Decl(id) => found.extend(self.decl(*id, replaced)),
-                    Callee::Value(callee) => self.expr(callee, replaced, found),
-                    Callee::Native(id) => {
-                        let name = self.program.decl(*id).name.as_str();
-                        let renders = name == "render" || super::results::is_channel(name);
-                        if renders && call.args.get(1).is_some_and(Option::is_none) {
-                            self.renders_scene = true;
-                            for part in self.program.default_scene.iter().chain(&self.program.integrator) {
-                                found.extend(self.decl(*part, replaced));
+        };
+        let mut waiting = vec![(root, context)];
+        while let Some((e, context)) = waiting.pop() {
+            match &e.kind {
+                ExprKind::Decl(id) => add(self, *id, context, out),
+                ExprKind::With { body, replacements } => {
+                    // A replaced field leaves the rest of its declaration.
+                    let whole = replacements.iter().filter(|r| r.target.path.is_empty()).map(|r| r.target.decl);
+                    let inner = self.within(context, whole);
+                    waiting.push((body, inner));
+                    waiting.extend(replacements.iter().map(|r| (&r.value, context)));
+                }
+                ExprKind::Call(call) => {
+                    match &call.callee {
+                        Callee::Decl(id) => add(self, *id, context, out),
+                        Callee::Value(callee) => waiting.push((callee, context)),
+                        Callee::Native(id) => {
+                            let name = self.program.decl(*id).name.as_str();
+                            let renders = name == "render" || super::results::is_channel(name);
+                            if renders && call.args.get(1).is_some_and(Option::is_none) {
+                                self.renders_scene = true;
+                                for part in self.program.default_scene.iter().chain(&self.program.integrator) {
+                                    add(self, *part, context, out);
+                                }
                             }
                         }
                     }
+                    waiting.extend(call.args.iter().flatten().map(|a| (a, context)));
                 }
-                call.args.iter().flatten().for_each(|a| self.expr(a, replaced, found));
+                _ => waiting.extend(below(e).into_iter().map(|child| (child, context))),
             }
-            _ => children(e, &mut |child| self.expr(child, replaced, found)),
         }
+    }
+
+    /// The context in which these are replaced as well.
+    fn within(&mut self, context: Context, replaced: impl Iterator<Item = DeclId>) -> Context {
+        let mut inner = self.contexts[context].clone();
+        inner.extend(replaced);
+        let next = self.contexts.len();
+        let number = *self.numbers.entry(inner.clone()).or_insert(next);
+        if number == next {
+            self.contexts.push(inner);
+        }
+        number
     }
 }
 
 /// Calls `f` for an expression and all below it.
 pub fn walk(e: &Expr, f: &mut dyn FnMut(&Expr)) {
-    f(e);
-    children(e, &mut |child| walk(child, f));
+    let mut waiting = vec![e];
+    while let Some(e) = waiting.pop() {
+        f(e);
+        waiting.extend(below(e));
+    }
 }
 
 /// Calls `f` for the expressions directly below one.
 pub fn children<'a>(e: &'a Expr, f: &mut dyn FnMut(&'a Expr)) {
+    below(e).into_iter().for_each(f);
+}
+
+/// The expressions directly below one.
+pub fn below(e: &Expr) -> Vec<&Expr> {
     match &e.kind {
         ExprKind::Number(_)
         | ExprKind::Angle(_)
@@ -290,64 +387,41 @@ pub fn children<'a>(e: &'a Expr, f: &mut dyn FnMut(&'a Expr)) {
         | ExprKind::Local(_)
         | ExprKind::Decl(_)
         | ExprKind::Builtin(_)
-        | ExprKind::Error => {}
-        ExprKind::Str(parts) => {
-            for part in parts {
-                if let StrPart::Value { value, .. } = part {
-                    f(value);
-                }
-            }
-        }
-        ExprKind::Array(items) => items.iter().for_each(f),
-        ExprKind::Index { base, index } => {
-            f(base);
-            f(index);
-        }
+        | ExprKind::Error => Vec::new(),
+        ExprKind::Str(parts) => parts
+            .iter()
+            .filter_map(|part| match part {
+                StrPart::Value { value, .. } => Some(value),
+                StrPart::Text(_) => None,
+            })
+            .collect(),
+        ExprKind::Array(items) => items.iter().collect(),
+        ExprKind::Index { base, index } => vec![base, index],
         ExprKind::Slice { base, start, end, .. } => {
-            f(base);
-            [start, end].into_iter().flatten().for_each(|e| f(e));
+            std::iter::once(&**base).chain([start, end].into_iter().flatten().map(|e| &**e)).collect()
         }
-        ExprKind::Field { base, .. } => f(base),
-        ExprKind::Unary { operand, .. } => f(operand),
-        ExprKind::Binary { left, right, .. } => {
-            f(left);
-            f(right);
-        }
+        ExprKind::Field { base, .. } => vec![base],
+        ExprKind::Unary { operand, .. } => vec![operand],
+        ExprKind::Binary { left, right, .. } => vec![left, right],
         ExprKind::Call(call) => {
-            if let Callee::Value(callee) = &call.callee {
-                f(callee);
-            }
-            call.args.iter().flatten().for_each(f);
+            let callee = match &call.callee {
+                Callee::Value(callee) => Some(callee),
+                _ => None,
+            };
+            callee.into_iter().chain(call.args.iter().flatten()).collect()
         }
-        ExprKind::Lambda(lambda) => f(&lambda.body),
-        ExprKind::If { condition, then, otherwise } => {
-            f(condition);
-            f(then);
-            f(otherwise);
-        }
+        ExprKind::Lambda(lambda) => vec![&lambda.body],
+        ExprKind::If { condition, then, otherwise } => vec![condition, then, otherwise],
         ExprKind::Comprehension(c) => {
-            for clause in &c.clauses {
-                f(&clause.items);
-                clause.condition.iter().for_each(&mut *f);
-            }
-            f(&c.element);
+            let clauses = c.clauses.iter().flat_map(|c| std::iter::once(&c.items).chain(&c.condition));
+            clauses.chain([&c.element]).collect()
         }
         ExprKind::With { body, replacements } => {
-            f(body);
-            replacements.iter().for_each(|r| f(&r.value));
+            std::iter::once(&**body).chain(replacements.iter().map(|r| &r.value)).collect()
         }
-        ExprKind::Range { start, end, .. } => {
-            f(start);
-            f(end);
-        }
-        ExprKind::Let { value, body, .. } => {
-            f(value);
-            f(body);
-        }
-        ExprKind::Derivative(d) => {
-            f(&d.of);
-            d.argument.iter().for_each(f);
-        }
-        ExprKind::Broadcast { value, .. } => f(value),
+        ExprKind::Range { start, end, .. } => vec![start, end],
+        ExprKind::Let { value, body, .. } => vec![value, body],
+        ExprKind::Derivative(d) => std::iter::once(&d.of).chain(&d.argument).collect(),
+        ExprKind::Broadcast { value, .. } => vec![value],
     }
 }

@@ -21,6 +21,8 @@ pub struct Typed {
 
 /// Lists with more elements than this are not followed as constants.
 const MAX_CONST: usize = 1024;
+/// Tuples of tuples of tuples, with more parts than this in all, are not followed either.
+const MAX_PARTS: usize = 4096;
 
 pub fn error_expr(span: Span) -> hir::Expr {
     hir::Expr { kind: ExprKind::Error, span, ty: Ty::Error }
@@ -186,15 +188,11 @@ impl Checker<'_> {
             );
             return;
         }
-        let mut names: Vec<&str> = self.locals.iter().map(|l| l.name.as_str()).collect();
-        names.extend(self.modules[self.module].names.keys().map(String::as_str));
-        names.sort_unstable();
-        let own = suggest(name, names.iter().copied()).map(str::to_owned);
-        let mut library: Vec<&str> = self.modules[super::modules::PRELUDE].names.keys().map(String::as_str).collect();
-        library.sort_unstable();
-        let guess = own
+        let local = suggest(name, self.locals.iter().map(|l| l.name.as_str())).map(str::to_owned);
+        let guess = local
+            .or_else(|| self.nearest_name(self.module, name))
             .or_else(|| crate::diag::advice::function(name).map(str::to_owned))
-            .or_else(|| suggest(name, library.iter().copied()).map(str::to_owned));
+            .or_else(|| self.nearest_name(super::modules::PRELUDE, name));
         if crate::diag::advice::is_planned(name) {
             self.diagnostics.push(crate::diag::advice::unavailable(name, span));
             return;
@@ -296,7 +294,8 @@ impl Checker<'_> {
                         );
                         return Ty::Error;
                     }
-                    return Ty::Tuple(items.iter().map(|i| i.expr.ty.clone()).collect());
+                    let tuple = Ty::Tuple(items.iter().map(|i| i.expr.ty.clone()).collect());
+                    return if tuple.parts() > MAX_PARTS { Ty::Any } else { tuple };
                 }
             }
         }
@@ -392,7 +391,7 @@ impl Checker<'_> {
             self.locals.truncate(depth);
             let inner = std::mem::replace(&mut self.diagnostics, outer);
             let failed = inner.iter().any(Diagnostic::is_error);
-            for diagnostic in inner {
+            for diagnostic in inner.into_all() {
                 let told = self.diagnostics.iter().any(|d| d.code == diagnostic.code && d.span() == diagnostic.span());
                 if !told {
                     self.diagnostics.push(diagnostic.label(clause.items.span, format!("an item is `{part}`")));
@@ -679,6 +678,7 @@ impl Checker<'_> {
             body: body.clone(),
             module: self.module,
             locals: self.locals.clone(),
+            number: self.lambda_number(body.span),
         };
         let locals = params.iter().enumerate().map(|(i, p)| self.new_local(&p.text, ty(i), None)).collect();
         let body = self.expr(body, None).expr;
@@ -920,7 +920,7 @@ impl Checker<'_> {
         self.instances = instances;
         (self.default_scene, self.integrator) = (scene, integrator);
         let mut failed = false;
-        for diagnostic in inner.into_iter().filter(Diagnostic::is_error) {
+        for diagnostic in inner.into_all().into_iter().filter(Diagnostic::is_error) {
             failed = true;
             let known = self.diagnostics.iter().any(|d| d.code == diagnostic.code && d.span() == diagnostic.span());
             if !known {

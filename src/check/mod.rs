@@ -18,6 +18,7 @@ mod modules;
 mod results;
 mod shapes;
 mod signature;
+mod told;
 pub mod types;
 mod whole;
 
@@ -94,7 +95,7 @@ pub fn check_text(
         .map(|(name, expr)| (name.clone(), sources.add(format!("--set {name}"), path, expr.as_str())))
         .collect();
     let origin = hir::Origin { main: Some(main), overrides, lines: Vec::new() };
-    with_deep_stack(move || {
+    with_room(move || {
         let mut checker = Checker::new(sources, loader);
         checker.run(origin);
         let (program, mut diagnostics, sources) = checker.finish();
@@ -126,7 +127,7 @@ pub fn check_line(program: &mut hir::Program, text: &str) -> (Option<Line>, Vec<
     let line = sources.add("<line>", path.as_deref(), text);
     program.sources = sources.clone();
     let mut origin = program.origin.clone();
-    let (new_program, result, mut diagnostics) = with_deep_stack(move || {
+    let (new_program, result, mut diagnostics) = with_room(move || {
         let mut checker = Checker::new(sources, &Disk);
         checker.quiet = true;
         let result = if crate::syntax::is_statement(text) {
@@ -158,17 +159,12 @@ pub fn library() -> hir::Program {
     checked.program.unwrap_or_default()
 }
 
-/// Trees may be as deep as the parser lets them be; the checker walks them on a stack that suffices.
-fn with_deep_stack<R: Send>(work: impl FnOnce() -> R + Send) -> R {
-    const STACK: usize = 256 << 20;
-    std::thread::scope(|scope| match std::thread::Builder::new().stack_size(STACK).spawn_scoped(scope, work) {
-        Ok(handle) => match handle.join() {
-            Ok(result) => result,
-            Err(panic) => std::panic::resume_unwind(panic),
-        },
-        // No thread to be had: nothing can run at all.
-        Err(error) => std::panic::panic_any(format!("cannot start the checker's thread: {error}")),
-    })
+/// Runs `work` with room on the stack: a chain of declarations may be as long as a script, and each is checked within the one
+/// that needs it.
+fn with_room<R>(work: impl FnOnce() -> R) -> R {
+    const NEEDED: usize = 256 << 10;
+    const GROWN: usize = 8 << 20;
+    stacker::maybe_grow(NEEDED, GROWN, work)
 }
 
 #[cfg(test)]

@@ -5,10 +5,11 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::hir::{self, DeclId, LocalId, Origin, Program};
-use super::signature::{Const, Sig};
+use super::signature::{Const, FunctionKey, Sig};
+use super::told::Told;
 use super::types::Ty;
 use super::{Line, Loader};
-use crate::diag::{Diagnostic, did_you_mean, suggest};
+use crate::diag::{Diagnostic, Names, did_you_mean, suggest};
 use crate::source::{SourceId, SourceMap, Span};
 use crate::syntax::ast::{self, StatementKind};
 use crate::syntax::{self};
@@ -26,6 +27,9 @@ const LIBRARY: [(&str, bool, &str); 10] = [
     ("derivative", true, include_str!("../../stdlib/derivative.dscene")),
     ("studio", false, include_str!("../../stdlib/studio.dscene")),
 ];
+
+/// Glances at names of one check that look for what an unknown name may have meant: some tenth of a second.
+const SPELLING_BUDGET: usize = 1 << 24;
 
 pub type ModuleId = usize;
 
@@ -98,7 +102,7 @@ pub struct Instance {
 pub struct Checker<'l> {
     pub sources: SourceMap,
     pub loader: &'l (dyn Loader + Sync),
-    pub diagnostics: Vec<Diagnostic>,
+    pub diagnostics: Told,
     pub modules: Vec<Module>,
     pub slots: Vec<Slot>,
     pub locals: Vec<Local>,
@@ -111,6 +115,12 @@ pub struct Checker<'l> {
     /// How deep calls of function values are nested.
     pub applied: usize,
     pub instances: HashMap<String, Instance>,
+    /// How many bodies are being checked for a call, each within another.
+    pub nested: usize,
+    /// How many instances of a function calls within other calls have asked for.
+    pub specialised: HashMap<FunctionKey, u32>,
+    /// A number for each function value: its text, and what it sees.
+    pub lambdas: HashMap<String, u32>,
     pub actions: Vec<hir::Action>,
     pub default_scene: Vec<DeclId>,
     pub integrator: Option<DeclId>,
@@ -123,6 +133,10 @@ pub struct Checker<'l> {
     pub no_step: bool,
     /// No dataflow warnings (REPL lines).
     pub quiet: bool,
+    /// What names of a module may have been meant by others, made when it is first asked for.
+    spelling: HashMap<ModuleId, Names>,
+    /// What looking for them may still cost.
+    spelling_budget: usize,
     pending_actions: Vec<(ModuleId, Arc<ast::Statement>)>,
     files: HashMap<PathBuf, ModuleId>,
     parsed: HashMap<SourceId, Vec<Arc<ast::Statement>>>,
@@ -134,7 +148,7 @@ impl<'l> Checker<'l> {
         Checker {
             sources,
             loader,
-            diagnostics: Vec::new(),
+            diagnostics: Told::default(),
             modules: vec![Module::default()],
             slots: Vec::new(),
             locals: Vec::new(),
@@ -144,6 +158,9 @@ impl<'l> Checker<'l> {
             next_local: 0,
             applied: 0,
             instances: HashMap::new(),
+            nested: 0,
+            specialised: HashMap::new(),
+            lambdas: HashMap::new(),
             actions: Vec::new(),
             default_scene: Vec::new(),
             integrator: None,
@@ -152,6 +169,8 @@ impl<'l> Checker<'l> {
             unread: HashSet::new(),
             no_step: false,
             quiet: false,
+            spelling: HashMap::new(),
+            spelling_budget: SPELLING_BUDGET,
             pending_actions: Vec::new(),
             files: HashMap::new(),
             parsed: HashMap::new(),
@@ -202,10 +221,10 @@ impl<'l> Checker<'l> {
             integrator: self.integrator,
             origin: self.origin,
         };
-        if !self.diagnostics.iter().any(Diagnostic::is_error) {
+        if self.diagnostics.errors() == 0 {
             self.diagnostics.extend(super::flow::check(&program, self.quiet));
         }
-        (program, self.diagnostics, self.sources)
+        (program, self.diagnostics.into_all(), self.sources)
     }
 
     /// What the statement of a REPL line declared.
@@ -257,6 +276,20 @@ impl<'l> Checker<'l> {
     pub fn lookup(&self, name: &str) -> Option<DeclId> {
         let own = self.modules[self.module].names.get(name);
         own.or_else(|| self.modules[PRELUDE].names.get(name)).copied()
+    }
+
+    /// The number of a function value: of its text, and of what it sees.
+    pub fn lambda_number(&mut self, body: Span) -> u32 {
+        let seen: Vec<_> = self.locals.iter().map(|l| (&l.name, &l.ty, &l.value)).collect();
+        let next = u32::try_from(self.lambdas.len()).unwrap_or(u32::MAX);
+        *self.lambdas.entry(format!("{body:?} {seen:?}")).or_insert(next)
+    }
+
+    /// The name of a module that is spelled almost like this one.
+    pub fn nearest_name(&mut self, module: ModuleId, name: &str) -> Option<String> {
+        let names = self.spelling.entry(module);
+        let names = names.or_insert_with(|| Names::new(self.modules[module].names.keys().map(String::as_str)));
+        names.nearest(name, &mut self.spelling_budget).map(str::to_owned)
     }
 
     /// The library's declaration of that name.

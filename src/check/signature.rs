@@ -50,19 +50,24 @@ pub enum Function {
         body: ast::Expr,
         module: ModuleId,
         locals: Vec<Local>,
+        /// The same for the same text that sees the same: all that its result depends on.
+        number: u32,
     },
 }
 
-/// Says which function it is, and what it sees of which type: all that its result depends on.
+/// Which function it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum FunctionKey {
+    Declared(DeclId),
+    Lambda(u32),
+}
+
 impl fmt::Debug for Function {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Function::OneOf(all) => write!(f, "one of {all:?}"),
-            Function::Declared(id) => write!(f, "fn {}", id.0),
-            Function::Lambda { body, locals, .. } => {
-                let seen: Vec<_> = locals.iter().map(|l| (&l.name, &l.ty, &l.value)).collect();
-                write!(f, "fn {:?} {seen:?}", body.span)
-            }
+            Function::Declared(id) => FunctionKey::Declared(*id).fmt(f),
+            Function::Lambda { number, .. } => FunctionKey::Lambda(*number).fmt(f),
         }
     }
 }

@@ -108,6 +108,16 @@ impl Ty {
         format!("{article} `{shown}`")
     }
 
+    /// How many types it is made of.
+    pub fn parts(&self) -> usize {
+        match self {
+            Ty::Tuple(items) => 1 + items.iter().map(Ty::parts).sum::<usize>(),
+            Ty::Array(item, _) => 1 + item.parts(),
+            Ty::Fn(params, result) => 1 + result.parts() + params.iter().map(Ty::parts).sum::<usize>(),
+            _ => 1,
+        }
+    }
+
     /// Silent in further checks.
     pub fn is_unknown(&self) -> bool {
         matches!(self, Ty::Error | Ty::Any)

@@ -6,7 +6,7 @@ mod render;
 mod suggest;
 
 pub use render::{RenderOptions, render, render_all, to_json};
-pub use suggest::{did_you_mean, suggest};
+pub use suggest::{Names, did_you_mean, suggest};
 
 use crate::source::Span;
 

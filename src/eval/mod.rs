@@ -8,6 +8,7 @@
 
 mod call;
 mod dark;
+mod deps;
 mod derivative;
 mod error;
 mod expr;
@@ -33,6 +34,7 @@ use crate::diag::Diagnostic;
 use crate::natives::{self, value::Value};
 use crate::tape::{Tensor, Var};
 
+use deps::{Deps, Evaluating, Params};
 use reach::Reach;
 use warnings::Warnings;
 
@@ -47,10 +49,14 @@ pub use show::{brief, exact, is_angle, number_text, show, to_json};
 
 pub type Result<T, E = Diagnostic> = std::result::Result<T, E>;
 
-/// Nested evaluations on a stack made by [`on_large_stack`], and elsewhere.
+/// Nested evaluations, and as many more for each declaration that waits for another: a chain of those may be long, calls of
+/// function values that never end must end.
 const MAX_DEPTH: usize = 20_000;
-const MAX_DEPTH_SMALL_STACK: usize = 150;
-const STACK_BYTES: usize = 512 << 20;
+const MAX_DEPTH_OF_DECLARATION: usize = 16;
+const STACK_BYTES: usize = 64 << 20;
+/// What one level may need of the stack, natives and renders included, and by how much it grows.
+const STACK_NEEDED: usize = 1 << 20;
+const STACK_GROWN: usize = 16 << 20;
 
 #[derive(Clone, Debug, Default)]
 pub struct EngineOptions {
@@ -95,35 +101,6 @@ pub struct Statistics {
     pub declarations: u64,
 }
 
-/// What a cached value depends on, beyond the program.
-#[derive(Clone, Debug, Default)]
-struct Deps {
-    params: Vec<DeclId>,
-    /// `step` or `progress`.
-    step: bool,
-    /// Random samples that are drawn afresh.
-    sample: bool,
-    /// Overrides of render settings.
-    settings: bool,
-}
-
-impl Deps {
-    fn merge(&mut self, other: &Deps) {
-        for &p in &other.params {
-            self.param(p);
-        }
-        self.step |= other.step;
-        self.sample |= other.sample;
-        self.settings |= other.settings;
-    }
-
-    fn param(&mut self, id: DeclId) {
-        if !self.params.contains(&id) {
-            self.params.push(id);
-        }
-    }
-}
-
 struct Entry {
     value: Value,
     deps: Deps,
@@ -165,7 +142,9 @@ pub struct Engine {
     worlds: Vec<World>,
     /// Dependencies of what is being evaluated, innermost last.
     frames: Vec<Deps>,
-    evaluating: Vec<(usize, DeclId)>,
+    evaluating: Evaluating,
+    /// Params that moved since values that depend on them were last forgotten.
+    moved: Params,
     locals: Vec<(LocalId, Value)>,
     /// Locals of the function being evaluated start here.
     base: usize,
@@ -195,7 +174,8 @@ impl Engine {
             statistics: Statistics::default(),
             worlds: vec![root],
             frames: vec![],
-            evaluating: vec![],
+            evaluating: Evaluating::default(),
+            moved: Params::default(),
             locals: vec![],
             base: 0,
             world: 0,
@@ -226,7 +206,8 @@ impl Engine {
         let same_scene = same_scene && self.program.integrator == program.integrator;
         self.reach = Arc::new(Reach::new(&program));
         let reach = self.reach.clone();
-        let stale = |id: DeclId| changed.iter().any(|&c| reach.reaches(id, c)) || (!same_scene && reach.renders(id));
+        let touched = reach.reaching_any(&changed);
+        let stale = |id: DeclId| touched.contains(&id.0) || (!same_scene && reach.renders(id));
         self.params.retain(|id, _| !changed.contains(id));
         self.worlds[0].cache.retain(|id, _| !stale(*id));
         self.program = Arc::new(program);
@@ -348,14 +329,14 @@ impl Engine {
         }
         let value = Tensor { shape: state.value.shape.clone(), data: value.data };
         *state = ParamState::new(&state.shown, value).map_err(|e| error::value(e, span))?;
-        self.forget(|d| d.params.contains(&id));
+        self.moved.insert(id);
         Ok(())
     }
 
     /// Back to the initial value.
     pub fn reset_param(&mut self, id: DeclId) {
         if self.params.remove(&id).is_some() {
-            self.forget(|d| d.params.contains(&id));
+            self.moved.insert(id);
         }
     }
 
@@ -460,23 +441,27 @@ impl Engine {
         if let DeclKind::Fn(_) | DeclKind::Native(_) = decl.kind {
             return Ok(call::function(call::Closure::Decl(id)));
         }
+        if !self.moved.is_empty() {
+            let moved = std::mem::take(&mut self.moved);
+            self.forget(|d| d.params.intersects(&moved));
+        }
         let home = self.home(id);
         if let Some(entry) = self.worlds[home].cache.get(&id) {
             let (value, deps) = (entry.value.clone(), entry.deps.clone());
             self.depends(|d| d.merge(&deps));
             return Ok(value);
         }
-        if self.evaluating.contains(&(home, id)) {
+        let nested = self.evaluating.len();
+        if !self.evaluating.push(home, id) {
             return Err(error::cycle(&decl.name, decl.name_span));
         }
-        self.evaluating.push((home, id));
         self.frames.push(Deps::default());
         let saved = (self.world, self.base, self.path);
         (self.world, self.base) = (home, self.locals.len());
         self.path = mix(self.worlds[home].path, 0x1000_0000 + u64::from(id.0));
         let value = self.decl_value(decl);
         (self.world, self.base, self.path) = saved;
-        self.evaluating.pop();
+        self.evaluating.truncate(nested);
         let deps = self.frames.pop().unwrap_or_default();
         let value = value?;
         self.depends(|d| d.merge(&deps));
@@ -558,12 +543,13 @@ impl Engine {
 
     /// Counts nesting, so that runaway recursion ends in a diagnostic.
     fn deeper<T>(&mut self, span: crate::source::Span, f: impl FnOnce(&mut Engine) -> Result<T>) -> Result<T> {
-        let limit = if is_large_stack() { MAX_DEPTH } else { MAX_DEPTH_SMALL_STACK };
+        let waiting = self.evaluating.len().min(self.program.decls.len());
+        let limit = MAX_DEPTH + MAX_DEPTH_OF_DECLARATION * waiting;
         if self.depth >= limit {
             return Err(error::recursion(span));
         }
         self.depth += 1;
-        let result = f(self);
+        let result = stacker::maybe_grow(STACK_NEEDED, STACK_GROWN, || f(self));
         self.depth = self.depth.saturating_sub(1);
         result
     }

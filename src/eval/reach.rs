@@ -1,41 +1,61 @@
 //! Which declarations a declaration may need, transitively: what a replacement can change.
 
+use std::collections::{HashMap, HashSet};
+use std::sync::{Arc, Mutex, PoisonError};
+
 use crate::check::hir::{Callee, DeclId, DeclKind, Expr, ExprKind, FnDecl, Program, StrPart};
 use crate::natives;
 
-/// One bit for each pair (declaration, declaration it reaches); every declaration reaches itself.
+/// Which declarations mention which, and what follows: every declaration reaches itself. What reaches a declaration is looked
+/// for when it is first asked, and kept.
 pub(super) struct Reach {
-    words: usize,
-    bits: Vec<u64>,
+    /// By declaration: those that mention it.
+    users: Vec<Vec<u32>>,
     renders: Vec<bool>,
+    known: Mutex<HashMap<DeclId, Arc<HashSet<u32>>>>,
 }
 
 impl Reach {
     pub(super) fn new(program: &Program) -> Reach {
         let n = program.decls.len();
-        let words = n.div_ceil(64);
-        let direct: Vec<Vec<u32>> = program.decls.iter().map(|d| direct(program, d.id)).collect();
-        let mut reach = Reach { words, bits: vec![0; n * words], renders: vec![false; n] };
-        for start in 0..n {
-            let mut stack = vec![start as u32];
-            while let Some(at) = stack.pop() {
-                let (word, bit) = (at as usize / 64, at % 64);
-                let slot = &mut reach.bits[start * words + word];
-                if *slot & (1 << bit) != 0 {
-                    continue;
+        let mut users = vec![Vec::new(); n];
+        for decl in &program.decls {
+            for used in direct(program, decl.id) {
+                if let Some(users) = users.get_mut(used as usize) {
+                    users.push(decl.id.0);
                 }
-                *slot |= 1 << bit;
-                stack.extend(&direct[at as usize]);
             }
-            reach.renders[start] =
-                program.ids().any(|id| is_rendering(program, id) && reach.reaches(DeclId(start as u32), id));
         }
+        let mut reach = Reach { users, renders: Vec::new(), known: Mutex::default() };
+        let rendering = program.ids().filter(|id| is_rendering(program, *id)).map(|id| id.0).collect();
+        let renders = reach.all_users(rendering);
+        reach.renders = (0..n as u32).map(|id| renders.contains(&id)).collect();
         reach
     }
 
     pub(super) fn reaches(&self, from: DeclId, to: DeclId) -> bool {
-        let (from, to) = (from.0 as usize, to.0 as usize);
-        self.bits.get(from * self.words + to / 64).is_some_and(|w| w & (1 << (to % 64)) != 0) || from == to
+        from == to || self.reaching(to).contains(&from.0)
+    }
+
+    /// What reaches a declaration, itself included.
+    pub(super) fn reaching(&self, to: DeclId) -> Arc<HashSet<u32>> {
+        let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
+        known.entry(to).or_insert_with(|| Arc::new(self.all_users(vec![to.0]))).clone()
+    }
+
+    /// What reaches any of several declarations, themselves included.
+    pub(super) fn reaching_any(&self, to: &[DeclId]) -> HashSet<u32> {
+        self.all_users(to.iter().map(|id| id.0).collect())
+    }
+
+    fn all_users(&self, mut waiting: Vec<u32>) -> HashSet<u32> {
+        let mut found = HashSet::new();
+        while let Some(at) = waiting.pop() {
+            if found.insert(at) {
+                waiting.extend(self.users.get(at as usize).into_iter().flatten());
+            }
+        }
+        found
     }
 
     /// It may render the default scene.

@@ -1,0 +1,110 @@
+//! What a computed value depends on, and what is being computed.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+
+use crate::check::hir::DeclId;
+
+/// What a cached value depends on, beyond the program.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Deps {
+    pub params: Params,
+    /// `step` or `progress`.
+    pub step: bool,
+    /// Random samples that are drawn afresh.
+    pub sample: bool,
+    /// Overrides of render settings.
+    pub settings: bool,
+}
+
+impl Deps {
+    pub fn merge(&mut self, other: &Deps) {
+        self.params.merge(&other.params);
+        self.step |= other.step;
+        self.sample |= other.sample;
+        self.settings |= other.settings;
+    }
+
+    pub fn param(&mut self, id: DeclId) {
+        self.params.insert(id);
+    }
+}
+
+/// A set of params: one bit for each, shared by all values that depend on the same ones.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Params(Option<Arc<Vec<u64>>>);
+
+impl Params {
+    pub fn is_empty(&self) -> bool {
+        self.0.is_none()
+    }
+
+    pub fn contains(&self, id: &DeclId) -> bool {
+        let (word, bit) = (id.0 as usize / 64, id.0 % 64);
+        self.0.as_ref().and_then(|words| words.get(word)).is_some_and(|w| w & (1 << bit) != 0)
+    }
+
+    pub fn insert(&mut self, id: DeclId) {
+        if self.contains(&id) {
+            return;
+        }
+        let (word, bit) = (id.0 as usize / 64, id.0 % 64);
+        let words = Arc::make_mut(self.0.get_or_insert_default());
+        words.resize(words.len().max(word + 1), 0);
+        words[word] |= 1 << bit;
+    }
+
+    pub fn intersects(&self, other: &Params) -> bool {
+        match (&self.0, &other.0) {
+            (Some(a), Some(b)) => a.iter().zip(b.iter()).any(|(a, b)| a & b != 0),
+            _ => false,
+        }
+    }
+
+    fn merge(&mut self, other: &Params) {
+        let Some(new) = &other.0 else { return };
+        let Some(own) = &mut self.0 else {
+            self.0 = Some(new.clone());
+            return;
+        };
+        let word = |words: &[u64], i: usize| words.get(i).copied().unwrap_or(0);
+        if Arc::ptr_eq(own, new) || (0..new.len()).all(|i| word(new, i) & !word(own, i) == 0) {
+            return;
+        }
+        if (0..own.len()).all(|i| word(own, i) & !word(new, i) == 0) {
+            *own = new.clone();
+            return;
+        }
+        let own = Arc::make_mut(own);
+        own.resize(own.len().max(new.len()), 0);
+        own.iter_mut().zip(new.iter()).for_each(|(own, new)| *own |= new);
+    }
+}
+
+/// Declarations that are being evaluated, innermost last, each in a world.
+#[derive(Debug, Default)]
+pub(super) struct Evaluating {
+    stack: Vec<(usize, DeclId)>,
+    set: HashSet<(usize, DeclId)>,
+}
+
+impl Evaluating {
+    pub fn len(&self) -> usize {
+        self.stack.len()
+    }
+
+    /// Adds one; whether it was not there.
+    pub fn push(&mut self, world: usize, id: DeclId) -> bool {
+        let new = self.set.insert((world, id));
+        if new {
+            self.stack.push((world, id));
+        }
+        new
+    }
+
+    pub fn truncate(&mut self, len: usize) {
+        for at in self.stack.drain(len.min(self.stack.len())..) {
+            self.set.remove(&at);
+        }
+    }
+}
