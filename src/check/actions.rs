@@ -113,7 +113,7 @@ impl Checker<'_> {
             Ty::Angle | Ty::Rotation | Ty::Transform => &["json", "csv", "npy", "txt"],
             Ty::Bool | Ty::Str | Ty::Array(..) | Ty::Tuple(_) | Ty::Estimate(_) | Ty::Gradients => &["json", "txt"],
             Ty::Mesh => &["obj", "ply", "json", "txt"],
-            _ => &["png", "exr", "hdr", "obj", "ply", "json", "txt"],
+            _ => &["png", "exr", "hdr", "obj", "ply", "json", "csv", "npy", "txt"],
         };
         // The ending is known even where the name is interpolated.
         let tail = match (&typed.expr.kind, &typed.value) {
