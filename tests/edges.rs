@@ -169,9 +169,9 @@ fn a_run_of_skipped_steps_is_no_success() {
 
 #[test]
 fn a_step_out_of_the_domain_ends_the_loop_and_not_the_script() {
-    // Roughness is reached through arithmetic: nobody knows its bounds.
+    // The reflectance is reached through arithmetic: nobody knows its bounds.
     let script = format!(
-        "{SCENE}param a = 1\nparam b = 0.5\nshape ball {{ mesh: sphere(), material: diffuse(a * b) }}\n\
+        "{SCENE}param a = 1\nshape ball {{ mesh: sphere(), material: diffuse(a * 0.5) }}\n\
          optimize mean(render(eye, spp: 1)) {{ using: sgd(lr: 100), steps: 9 }}\n\
          save render(eye) to \"after.png\"\nexpect a == 1\nprint \"after\"\n"
     );
@@ -226,7 +226,7 @@ fn params_stay_where_their_inputs_are_defined() {
         (
             "r = 1deg",
             "camera it { position: [0, 0, 4], fov: r }\n".to_owned(),
-            "r * (1 / 1deg)",
+            "r / 1deg",
             "stays above 0deg and below 180deg: it is the `fov` of `camera`",
         ),
         (

@@ -552,7 +552,7 @@ fn black_images_say_why() {
 
 #[test]
 fn meshes_that_would_only_exhaust_the_memory_are_refused() {
-    let mut e = engine("param n = 5000");
+    let mut e = engine("param n = 5000 { frozen: true }");
     for (text, count) in [
         ("grid(columns: n, rows: n)", "50000000 triangles"),
         ("sphere(subdivisions: n - 800)", "triangles, more than the limit"),

@@ -33,7 +33,12 @@ impl Engine {
     /// The deepest expression whose value has such a number.
     fn source_of(&mut self, e: &Expr, bad: fn(f64) -> bool, left: &mut usize) -> Option<Origin> {
         *left = left.checked_sub(1)?;
-        let value = self.expr(e).ok()?;
+        let Ok(value) = self.expr(e) else {
+            // A comparison with a NaN has no value; its sides have.
+            let mut parts = Vec::new();
+            children(e, &mut |child| parts.push(child));
+            return parts.iter().find_map(|part| self.source_of(part, bad, left));
+        };
         let found = first(&value, bad)?;
         let part = match &e.kind {
             ExprKind::Decl(id) => {
