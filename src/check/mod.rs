@@ -6,6 +6,7 @@
 mod actions;
 mod apply;
 mod arith;
+mod arrays;
 mod call;
 mod declare;
 mod domains;

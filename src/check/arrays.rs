@@ -1,0 +1,425 @@
+//! Arrays: literals, comprehensions, indices, slices and ranges.
+
+use super::declare::broken;
+use super::hir::{self, ExprKind};
+use super::infer::*;
+use super::modules::Checker;
+use super::results::is_mixed;
+use super::signature::{Const, Sig};
+use super::types::{Dim, Ty};
+use crate::diag::Diagnostic;
+use crate::source::Span;
+use crate::syntax::ast;
+
+impl Checker<'_> {
+    pub(super) fn array(&mut self, items: &[ast::Expr], span: Span, wanted: Option<&Sig>) -> Typed {
+        let inner = wanted.and_then(element_sig);
+        let items: Vec<Typed> = items.iter().map(|i| self.expr(i, inner.as_ref())).collect();
+        let n = items.len();
+        let ty = self.array_type(&items, wanted);
+        let values: Option<Vec<Const>> =
+            if n <= MAX_CONST { items.iter().map(|i| i.value.clone()).collect() } else { None };
+        let value = values.filter(|v| size(v) <= MAX_CONST).map(Const::List);
+        let kind = ExprKind::Array(items.into_iter().map(|i| i.expr).collect());
+        Typed { value, ..typed(kind, span, ty) }
+    }
+
+    /// Items of one numeric shape are a tensor; items of one other type a list; mixed ones a tuple.
+    pub(super) fn array_type(&mut self, items: &[Typed], wanted: Option<&Sig>) -> Ty {
+        let n = Some(items.len());
+        let Some(first) = items.iter().find(|i| !i.expr.ty.is_unknown()) else {
+            return Ty::Array(Box::new(Ty::Any), n);
+        };
+        let mut joined = first.expr.ty.clone();
+        for item in items {
+            let ty = &item.expr.ty;
+            if ty.is_unknown() {
+                continue;
+            }
+            match join(&joined, ty) {
+                Some(both) => joined = both,
+                None => {
+                    let numbers = matches!((&joined, ty), (Ty::Num(_), Ty::Num(_)));
+                    let wants_numbers =
+                        matches!(wanted, Some(Sig::Is(Ty::Num(_)) | Sig::Int(_) | Sig::Color | Sig::Number));
+                    if numbers && (wants_numbers || wanted.is_none()) {
+                        self.diagnostics.push(
+                            Diagnostic::error(
+                                "dscene::type::shape",
+                                "the elements of this array have different shapes",
+                            )
+                            .label(item.expr.span, format!("this is `{ty}`"))
+                            .label(first.expr.span, format!("but this is `{}`", first.expr.ty))
+                            .help("give every element the same shape"),
+                        );
+                        return Ty::Error;
+                    }
+                    if matches!((&joined, ty), (Ty::Num(_), Ty::Angle) | (Ty::Angle, Ty::Num(_))) {
+                        self.diagnostics.push(
+                            Diagnostic::error("dscene::type::mismatch", "this array mixes angles and numbers")
+                                .label(item.expr.span, format!("this is `{ty}`"))
+                                .label(first.expr.span, format!("but this is `{}`", first.expr.ty))
+                                .help("angles have a unit: `45deg`, `0.5rad`"),
+                        );
+                        return Ty::Error;
+                    }
+                    let tuple = Ty::Tuple(items.iter().map(|i| i.expr.ty.clone()).collect());
+                    return if tuple.parts() > MAX_PARTS { Ty::Any } else { tuple };
+                }
+            }
+        }
+        if items.iter().any(|i| i.expr.ty.is_unknown()) && !matches!(joined, Ty::Num(_)) {
+            return Ty::Array(Box::new(joined), n);
+        }
+        stack(joined, n)
+    }
+
+    pub(super) fn comprehension(&mut self, element: &ast::Expr, clauses: &[ast::ForClause], span: Span) -> Typed {
+        let depth = self.locals.len();
+        let mut out = Vec::new();
+        let mut count: Dim = Some(1);
+        // Items of different types: what is done with each is checked for each.
+        let mut mixed: Option<(Vec<Ty>, Vec<Option<Const>>)> = None;
+        for clause in clauses {
+            let items = self.expr(&clause.items, None);
+            let (item, n) = match (item_of(&items.expr.ty), &items.expr.ty) {
+                (_, Ty::Tuple(parts)) if is_mixed(&items.expr.ty) => {
+                    if clauses.len() > 1 {
+                        self.diagnostics.push(
+                            Diagnostic::error("dscene::type::mismatch", "the items of this list have different types")
+                                .label(clause.items.span, format!("this is `{}`", items.expr.ty))
+                                .help("go through such a list alone, or make its items of one type"),
+                        );
+                    } else {
+                        let values = match &items.value {
+                            Some(Const::List(values)) => values.iter().cloned().map(Some).collect(),
+                            _ => vec![None; parts.len()],
+                        };
+                        mixed = Some((parts.clone(), values));
+                    }
+                    (Ty::Any, Some(parts.len()))
+                }
+                (Some(found), _) => found,
+                (None, _) => {
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::type::mismatch", format!("cannot go through {}", items.expr.ty.a()))
+                            .label(clause.items.span, format!("this is `{}`", items.expr.ty))
+                            .help("go through an array or a range: `for i in 0..8`"),
+                    );
+                    (Ty::Error, None)
+                }
+            };
+            count = match (count, n, &clause.condition) {
+                (Some(a), Some(b), None) => a.checked_mul(b),
+                _ => None,
+            };
+            let value = items.value.as_ref().and_then(Const::some_item);
+            let parts = items.value.as_ref().map(|v| columns(v, clause.names.len())).unwrap_or_default();
+            let locals = self.bind(&clause.names, &item, clause.items.span);
+            let top = self.locals.len() - locals.len();
+            match clause.names.as_slice() {
+                [_] => self.locals[top].value = value,
+                _ => parts.into_iter().enumerate().for_each(|(i, part)| self.locals[top + i].value = part),
+            }
+            let condition = clause.condition.as_ref().map(|c| self.condition(c));
+            out.push(hir::ForClause { locals, items: items.expr, condition });
+        }
+        let element_tree = element;
+        let element = self.expr(element_tree, None).expr;
+        self.locals.truncate(depth);
+        let mut element_ty = element.ty.clone();
+        if let (Some((parts, values)), [clause]) = (mixed, clauses) {
+            element_ty = self.each_part(element_tree, clause, &parts, &values);
+        }
+        let ty = match &element_ty {
+            Ty::Error => Ty::Error,
+            Ty::Any => Ty::Array(Box::new(Ty::Any), count),
+            ty => stack(ty.clone(), count),
+        };
+        typed(ExprKind::Comprehension(Box::new(hir::Comprehension { element, clauses: out })), span, ty)
+    }
+
+    /// The type of a comprehension's elements where items have different types: one type all the same.
+    pub(super) fn each_part(
+        &mut self,
+        element: &ast::Expr,
+        clause: &ast::ForClause,
+        parts: &[Ty],
+        values: &[Option<Const>],
+    ) -> Ty {
+        let depth = self.locals.len();
+        let mut all = Ty::Any;
+        for (part, value) in parts.iter().zip(values) {
+            let outer = std::mem::take(&mut self.diagnostics);
+            self.bind(&clause.names, part, clause.items.span);
+            if clause.names.len() == 1 {
+                self.locals[depth].value = value.clone();
+            }
+            let _ = clause.condition.as_ref().map(|c| self.condition(c));
+            let ty = self.expr(element, None).expr.ty;
+            self.locals.truncate(depth);
+            let inner = std::mem::replace(&mut self.diagnostics, outer);
+            let failed = inner.iter().any(Diagnostic::is_error);
+            for diagnostic in inner.into_all() {
+                let told = self.diagnostics.iter().any(|d| d.code == diagnostic.code && d.span() == diagnostic.span());
+                if !told {
+                    self.diagnostics.push(diagnostic.label(clause.items.span, format!("an item is `{part}`")));
+                }
+            }
+            if failed {
+                return Ty::Error;
+            }
+            match join(&all, &ty) {
+                Some(both) => all = both,
+                None => {
+                    self.diagnostics.push(
+                        Diagnostic::error(
+                            "dscene::type::mismatch",
+                            "the elements of this list would have different types",
+                        )
+                        .label(element.span, format!("`{all}` or `{ty}`"))
+                        .label(clause.items.span, "for these items")
+                        .help("make every element of one type, or write them one by one: `[f(a), f(b)]`"),
+                    );
+                    return Ty::Error;
+                }
+            }
+        }
+        all
+    }
+
+    /// Loop variables: one for the item, or one for each part of it.
+    pub(super) fn bind(&mut self, names: &[ast::Name], item: &Ty, span: Span) -> Vec<hir::LocalId> {
+        if let [name] = names {
+            return vec![self.new_local(&name.text, item.clone(), None)];
+        }
+        let parts: Vec<Ty> = match item {
+            Ty::Tuple(parts) => parts.clone(),
+            Ty::Array(part, n) => vec![(**part).clone(); n.unwrap_or(names.len()).min(64)],
+            Ty::Num(shape) if !shape.is_empty() => {
+                vec![Ty::Num(shape[1..].to_vec()); shape[0].unwrap_or(names.len()).min(64)]
+            }
+            ty if ty.is_unknown() => vec![ty.clone(); names.len()],
+            _ => vec![item.clone()],
+        };
+        if parts.len() != names.len()
+            && let (Some(first), Some(last)) = (names.first(), names.last())
+        {
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::type::mismatch",
+                    format!("{} names for items of {} parts", names.len(), parts.len()),
+                )
+                .label(first.span.to(last.span), format!("{} names", names.len()))
+                .label(span, format!("each item is `{item}`"))
+                .help("go through two arrays at once with `for a, b in zip(xs, ys)`"),
+            );
+        }
+        let part = |i: usize| parts.get(i).cloned().unwrap_or(Ty::Error);
+        names.iter().enumerate().map(|(i, n)| self.new_local(&n.text, part(i), None)).collect()
+    }
+
+    pub(super) fn index(&mut self, base: &ast::Expr, index: &ast::Expr, span: Span) -> Typed {
+        let base = self.expr(base, None);
+        let index = self.expr(index, None);
+        if !index.expr.ty.is_unknown() && !index.expr.ty.is_scalar() {
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::type::mismatch",
+                    format!("an index is a whole number, not `{}`", index.expr.ty),
+                )
+                .label(index.expr.span, format!("this is `{}`", index.expr.ty)),
+            );
+        }
+        let at = index.value.as_ref().and_then(Const::number);
+        if let Some(x) = at.filter(|x| x.fract() != 0.0) {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::mismatch", format!("an index is a whole number, not {x}"))
+                    .label(index.expr.span, "not a whole number"),
+            );
+        }
+        let (item, n) = match (&base.expr.ty, item_of(&base.expr.ty)) {
+            (Ty::Tuple(parts), _) => {
+                match at.and_then(|x| position(x, parts.len())) {
+                    Some(i) => (parts[i].clone(), Some(parts.len())),
+                    None if at.is_some() => (Ty::Error, Some(parts.len())),
+                    None => {
+                        let all = parts.iter().try_fold(Ty::Any, |a, b| join(&a, b));
+                        if all.is_none() {
+                            self.diagnostics.push(
+                            Diagnostic::error("dscene::type::mismatch", "the elements of this list have different types, and which one is meant is not known")
+                                .label(index.expr.span, "not known before the program runs")
+                                .label(base.expr.span, format!("this is `{}`", base.expr.ty))
+                                .help("name the element by a plain number, or make all of one type"),
+                        );
+                        }
+                        (all.unwrap_or(Ty::Error), Some(parts.len()))
+                    }
+                }
+            }
+            (_, Some(found)) => found,
+            // A row of pixels.
+            (Ty::Image { height, width, channels, .. }, None) => (Ty::Num(vec![*width, *channels]), *height),
+            (ty, None) => {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::type::mismatch", format!("{} has no elements to index", ty.a()))
+                        .label(base.expr.span, format!("this is `{ty}`")),
+                );
+                return broken(span);
+            }
+        };
+        if let (Some(x), Some(n)) = (at, n)
+            && x.fract() == 0.0
+            && position(x, n).is_none()
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::index", format!("index {x} is outside of an array of {n}"))
+                    .label(index.expr.span, "out of range")
+                    .label(base.expr.span, format!("has {n} element{}", if n == 1 { "" } else { "s" }))
+                    .help("indices count from 0; -1 is the last element"),
+            );
+        }
+        let value = match (&base.value, at, n) {
+            (Some(Const::List(items)), Some(x), Some(n)) => position(x, n).and_then(|i| items.get(i).cloned()),
+            (Some(list), None, _) if index.expr.ty.is_scalar() => list.some_item(),
+            _ => None,
+        };
+        let kind = ExprKind::Index { base: Box::new(base.expr), index: Box::new(index.expr) };
+        Typed { value, ..typed(kind, span, item) }
+    }
+
+    pub(super) fn slice(
+        &mut self,
+        base: &ast::Expr,
+        start: Option<&ast::Expr>,
+        end: Option<&ast::Expr>,
+        inclusive: bool,
+        span: Span,
+    ) -> Typed {
+        let base = self.expr(base, None);
+        let ends = [start, end].map(|e| {
+            e.map(|e| {
+                let typed = self.expr(e, None);
+                if !typed.expr.ty.is_unknown() && !typed.expr.ty.is_scalar() {
+                    self.diagnostics.push(
+                        Diagnostic::error(
+                            "dscene::type::mismatch",
+                            format!("an index is a whole number, not `{}`", typed.expr.ty),
+                        )
+                        .label(e.span, format!("this is `{}`", typed.expr.ty)),
+                    );
+                }
+                typed
+            })
+        });
+        let known = |i: usize, n: usize, default: usize| match &ends[i] {
+            None => Some(default),
+            Some(t) => t.value.as_ref().and_then(Const::number).map(|x| {
+                let x = if x < 0.0 { x + n as f64 } else { x };
+                x.clamp(0.0, n as f64) as usize
+            }),
+        };
+        let Some((item, n)) = item_of(&base.expr.ty) else {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::mismatch", format!("{} has no elements to slice", base.expr.ty.a()))
+                    .label(base.expr.span, format!("this is `{}`", base.expr.ty)),
+            );
+            return broken(span);
+        };
+        for (i, n) in n.iter().flat_map(|n| [(0, *n), (1, *n)]) {
+            let at = ends[i].as_ref().and_then(|t| Some((t.value.as_ref()?.number()?, t.expr.span)));
+            let Some((x, place)) = at else { continue };
+            let last = n as f64 - f64::from(u8::from(i == 1 && inclusive));
+            if x > last || x < -(n as f64) {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::type::index", format!("{x} is outside of an array of {n}"))
+                        .label(place, "out of range")
+                        .label(base.expr.span, format!("has {n} element{}", if n == 1 { "" } else { "s" })),
+                );
+                return broken(span);
+            }
+        }
+        let count = n.and_then(|n| {
+            let (a, b) = (known(0, n, 0)?, known(1, n, n)? + usize::from(inclusive && ends[1].is_some()));
+            Some(b.min(n).saturating_sub(a))
+        });
+        let [start, end] = ends.map(|e| e.map(|t| Box::new(t.expr)));
+        let ty = if item.is_unknown() { base.expr.ty.clone() } else { stack(item, count) };
+        typed(ExprKind::Slice { base: Box::new(base.expr), start, end, inclusive }, span, ty)
+    }
+
+    pub(super) fn range(&mut self, start: &ast::Expr, end: &ast::Expr, inclusive: bool, span: Span) -> Typed {
+        let (start, end) = (self.expr(start, None), self.expr(end, None));
+        for side in [&start, &end] {
+            if !side.expr.ty.is_unknown() && !side.expr.ty.is_scalar() {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::type::mismatch", "a range goes from one whole number to another")
+                        .label(side.expr.span, format!("this is `{}`", side.expr.ty)),
+                );
+            }
+        }
+        let number = |t: &Typed| t.value.as_ref().and_then(Const::number);
+        let count = match (number(&start), number(&end)) {
+            (Some(a), Some(b)) if (b - a) < 1e9 => {
+                Some(((b - a).ceil().max(0.0)) as usize + usize::from(inclusive && b >= a))
+            }
+            _ => None,
+        };
+        let kind = ExprKind::Range { start: Box::new(start.expr), end: Box::new(end.expr), inclusive };
+        typed(kind, span, Ty::Num(vec![count]))
+    }
+
+    /// A condition: a bool.
+    pub fn condition(&mut self, e: &ast::Expr) -> hir::Expr {
+        let condition = self.expr(e, None).expr;
+        if !condition.ty.is_unknown() && condition.ty != Ty::Bool {
+            let text = self.sources.text(e.span);
+            let help = match &condition.ty {
+                ty if ty.is_scalar() => Some(format!("compare it: `{text} > 0`")),
+                Ty::Num(_) | Ty::Image { .. } => Some(format!(
+                    "ask for all elements or for any: `all({text})`, `any({text})`; `where(mask, a, b)` chooses one by one"
+                )),
+                _ => None,
+            };
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::mismatch", format!("a condition is a `bool`, not `{}`", condition.ty))
+                    .label(e.span, format!("this is `{}`", condition.ty))
+                    .help_opt(help),
+            );
+        }
+        condition
+    }
+}
+
+/// What an array of `wanted` asks of each element.
+fn element_sig(wanted: &Sig) -> Option<Sig> {
+    match wanted {
+        Sig::List(item, _) => Some((**item).clone()),
+        Sig::Is(Ty::Num(shape)) if !shape.is_empty() => Some(Sig::Is(Ty::Num(shape[1..].to_vec()))),
+        Sig::Union(choices) => choices.iter().find_map(element_sig),
+        _ => None,
+    }
+}
+
+/// What is known of the parts of a list's items, for `for a, b in …`: functions, as one of several.
+fn columns(list: &Const, n: usize) -> Vec<Option<Const>> {
+    let Const::List(rows) = list else { return Vec::new() };
+    let column = |i: usize| {
+        let part = |row: &Const| match row {
+            Const::List(parts) => parts.get(i).cloned(),
+            _ => None,
+        };
+        let items: Option<Vec<Const>> = rows.iter().map(part).collect();
+        items.and_then(|items| Const::one_of(&items))
+    };
+    (0..n).map(column).collect()
+}
+
+fn size(items: &[Const]) -> usize {
+    items.iter().map(|i| if let Const::List(items) = i { size(items) } else { 1 }).sum()
+}
+
+pub(super) fn position(x: f64, n: usize) -> Option<usize> {
+    let x = if x < 0.0 { x + n as f64 } else { x };
+    (x >= 0.0 && x < n as f64).then_some(x as usize)
+}
