@@ -59,7 +59,7 @@ fn the_repl_sets_only_what_is_there_and_within_its_bounds() {
     for (line, problem) in [
         (":set glow 5", "`glow` stays within 0..1"),
         (":set glwo 0.5", "did you mean `glow`?"),
-        ("glow = 0.7", "`let glow = …`"),
+        ("glow = 0.7", "`let glow = 0.7`"),
     ] {
         let output = repl(&place, &["t.dscene"], line);
         assert_diagnosed(&output);

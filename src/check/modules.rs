@@ -377,6 +377,7 @@ impl<'l> Checker<'l> {
             if lines.contains(&statement.span.source) {
                 let slot = self.slot_mut(first);
                 slot.hir.doc = statement.doc.clone();
+                (slot.hir.span, slot.hir.name_span) = (statement.span, name.span);
                 (slot.name, slot.statement) = (name, statement);
                 return;
             }
