@@ -49,8 +49,8 @@ fn bytes(a: &Args) -> Result<Vec<u8>> {
     read_bytes(&a.path(0)?).map_err(|e| NativeError::at(0, format!("{}: {e}", name(a))))
 }
 
-/// Objects become records, arrays of numbers tensors where their lengths agree, and null, which stands for what is no number in
-/// files written here, not-a-number.
+/// Objects become records, arrays of numbers tensors where their lengths agree. What is not finite is `"nan"`, `"inf"` or `"-inf"` in
+/// files written here, and not-a-number `null` in many others.
 fn from_json(json: &Json) -> Value {
     if let Some(numbers) = numbers(json) {
         return Value::tensor(numbers);
@@ -82,6 +82,7 @@ fn numbers(json: &Json) -> Option<Tensor> {
             }
             _ if shape.len() != depth => None,
             Json::Null => Some(data.push(f64::NAN)),
+            Json::String(s) if matches!(s.as_str(), "nan" | "inf" | "-inf") => Some(data.push(s.parse().ok()?)),
             Json::Number(n) => Some(data.push(n.as_f64()?)),
             _ => None,
         }

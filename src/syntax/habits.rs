@@ -330,7 +330,7 @@ impl<'a> Stop<'a> {
             .collect();
         let is_record = values.iter().zip(&items).any(|(value, item)| value != item);
         let message =
-            if is_record { "there are no records or dictionaries" } else { "braces hold fields of a declaration" };
+            if is_record { "a record or dictionary cannot be written here" } else { "braces hold fields of a declaration" };
         let why = if is_record {
             "give each value a declaration of its own, or set them side by side"
         } else {
