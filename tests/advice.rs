@@ -108,7 +108,7 @@ const ROWS: &[Row] = &[
     ("render(eye)", "render", "print render(eye)", "print render(eye)"),
     ("let a = render(eye, spp = 4)", "=", "spp: 4", "let a = render(eye, spp: 4)"),
     ("camera k { fov = 45deg }", "=", "fov: 45deg", "camera k { fov: 45deg }"),
-    ("param p: list[int] = [1, 2]", "list[int]", "int[]", "param p: int[] = [1, 2]"),
+    ("fn f(p: list[int]) = p", "list[int]", "int[]", "fn f(p: int[]) = p"),
     ("param p: float = 1", "float", "scalar", "param p: scalar = 1"),
     ("let a = zeros(3)", "zeros", "[0 for i in 0..3]", "let a = [0 for i in 0..3]"),
     ("let a = ones(3)", "ones", "[1 for i in 0..3]", "let a = [1 for i in 0..3]"),

@@ -90,16 +90,23 @@ impl Checker<'_> {
                 let params = params.iter().map(|p| self.sig(p)).collect();
                 Sig::Fn(params, Box::new(self.sig(result)))
             }
-            ast::TypeKind::Named(name) => signature::named(name).unwrap_or_else(|| {
-                let foreign = crate::diag::advice::type_name(name).map(|t| format!("did you mean `{t}`?"));
-                let help = foreign.or_else(|| did_you_mean(name, "the types are", signature::TYPE_NAMES));
-                self.diagnostics.push(
-                    Diagnostic::error("dscene::type::unknown", format!("there is no type `{name}`"))
-                        .label(atom.span, "unknown type")
-                        .help_opt(help),
-                );
-                Sig::Any
-            }),
+            ast::TypeKind::Named(name) => match signature::named(name) {
+                Some(sig) => sig,
+                None => {
+                    // `list[int]`
+                    let item = atom.len_names.iter().flatten().next().map_or("scalar", |n| n.text.as_str());
+                    let array = crate::diag::advice::is_array_type(name)
+                        .then(|| format!("an array type is written `{item}[]`"));
+                    let foreign = crate::diag::advice::type_name(name).map(|t| format!("did you mean `{t}`?"));
+                    let help = array.or(foreign).or_else(|| did_you_mean(name, "the types are", signature::TYPE_NAMES));
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::type::unknown", format!("there is no type `{name}`"))
+                            .label(atom.span, "unknown type")
+                            .help_opt(help),
+                    );
+                    return Sig::Any;
+                }
+            },
         };
         for n in &atom.lens {
             sig = signature::array_of(sig, *n);

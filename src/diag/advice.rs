@@ -174,6 +174,11 @@ pub fn is_module(name: &str) -> bool {
     MODULES.split(' ').any(|m| m == name)
 }
 
+/// What arrays are called in types elsewhere: `list[int]`.
+pub fn is_array_type(name: &str) -> bool {
+    "list List Array array Vec vector tuple Tuple Sequence".split(' ').any(|t| t == name)
+}
+
 /// Written before a string elsewhere: `f"…"`.
 pub fn is_string_prefix(word: &str) -> bool {
     "f r b u F R B U fr rf".split(' ').any(|p| p == word)

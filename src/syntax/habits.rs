@@ -292,12 +292,15 @@ impl<'a> Stop<'a> {
 
     /// `{a: 1}`, `{1, 2}`, `if c { x } else { y }`.
     fn braces(&self) -> Option<Habit> {
-        if !self.rest().starts_with('{') {
-            return None;
-        }
-        let close = closing(self.text, self.at)?;
-        let inside = self.text.get(self.at + 1..close)?.trim();
-        let before = self.before();
+        let at = match open_bracket(self.text, self.at) {
+            _ if self.rest().starts_with('{') => self.at,
+            // The parser took it for a block, up to the first colon or comma.
+            Some((open, b'{')) if self.rest().starts_with([':', ',']) => open,
+            _ => return None,
+        };
+        let close = closing(self.text, at)?;
+        let inside = self.text.get(at + 1..close)?.trim();
+        let before = self.text.get(..at)?.trim_end();
         // The last `if` that has no `then`.
         if let Some(start) = last_word(before, "if")
             && last_word(before, "then").is_none_or(|then| then < start)
@@ -314,7 +317,7 @@ impl<'a> Stop<'a> {
                 }
             });
             let typed = format!("if {condition} then {inside} else {}", otherwise.unwrap_or("…"));
-            return habit(self.at, self.at + 1, "an `if` has no braces", "expected `then`", format!("write `{typed}`"));
+            return habit(at, at + 1, "an `if` has no braces", "expected `then`", format!("write `{typed}`"));
         }
         let starts_value = before.ends_with(['=', '(', ',', '[', ':']);
         if !starts_value {
@@ -329,14 +332,17 @@ impl<'a> Stop<'a> {
             })
             .collect();
         let is_record = values.iter().zip(&items).any(|(value, item)| value != item);
-        let message =
-            if is_record { "a record or dictionary cannot be written here" } else { "braces hold fields of a declaration" };
+        let message = if is_record {
+            "a record or dictionary cannot be written here"
+        } else {
+            "braces hold fields of a declaration"
+        };
         let why = if is_record {
             "give each value a declaration of its own, or set them side by side"
         } else {
             "values side by side are an array"
         };
-        habit(self.at, self.at + 1, message, "not a value", format!("{why}: `[{}]`", values.join(", ")))
+        habit(at, at + 1, message, "not a value", format!("{why}: `[{}]`", values.join(", ")))
     }
 
     /// `'text'`, `` `text` ``, `f"text"`.
@@ -454,9 +460,7 @@ impl<'a> Stop<'a> {
             );
         }
         if let Some((open, b'[')) = open
-            && let Some(list) = ["list", "List", "Array", "array", "Vec", "vector", "tuple", "Sequence", "Tuple"]
-                .into_iter()
-                .find(|l| self.text[..open].ends_with(l))
+            && let Some(list) = Some(operand_before(self.text, open)).filter(|l| advice::is_array_type(l))
             && self.text[..open - list.len()].trim_end().ends_with([':', '|', '('])
         {
             let close = closing(self.text, open)?;
