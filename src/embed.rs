@@ -4,6 +4,8 @@
 //! A scene is a list of plain arrays (`render::SceneDescription`), and [`Slot`] numbers those that may carry a derivative. At this edge
 //! they have names: `NAME.FIELD` for what [`SceneBuilder`] was told a name for, `camera.FIELD` for the camera.
 
+#![deny(missing_docs)]
+
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -23,16 +25,31 @@ use crate::render::{
 /// Why something could not be rendered or differentiated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum Error {
+    /// The scene or the camera is not one that can be rendered.
     #[error(transparent)]
     Scene(#[from] SceneError),
     /// No array of the scene or the camera has this name; `known` are all that there are.
     #[error("there is no `{name}` that could carry a derivative; there are {}", known.join(", "))]
-    UnknownParam { name: String, known: Vec<String> },
+    UnknownParam {
+        /// What was asked for.
+        name: String,
+        /// All names that there are, as `NAME.FIELD`.
+        known: Vec<String>,
+    },
     /// A tangent has another number of elements than what it belongs to.
     #[error("`{name}` has {expected} numbers, not {found}")]
-    Length { name: String, expected: usize, found: usize },
+    Length {
+        /// The array the tangent was given for.
+        name: String,
+        /// How many numbers that array has.
+        expected: usize,
+        /// How many the tangent has.
+        found: usize,
+    },
+    /// The work would take more memory than there is.
     #[error(transparent)]
     Memory(#[from] Shortage),
+    /// [`RenderContext::stop`] was set before it was done.
     #[error("stopped")]
     Stopped,
 }
@@ -40,6 +57,7 @@ pub enum Error {
 /// Builds a scene piece by piece. What gets a name can be differentiated by it.
 #[derive(Clone, Debug, Default)]
 pub struct SceneBuilder {
+    /// What has been added so far. It may be changed directly; what is added that way has no name.
     pub description: SceneDescription,
     names: Names,
 }
@@ -49,6 +67,7 @@ pub struct SceneBuilder {
 struct Names(Vec<(String, Slot)>);
 
 impl SceneBuilder {
+    /// A scene of nothing: no shapes, no lights, black all around.
     pub fn new() -> SceneBuilder {
         SceneBuilder::default()
     }
@@ -63,6 +82,7 @@ impl SceneBuilder {
         self.texture(Texture::constant_scalar(value))
     }
 
+    /// A bitmap as an input of materials and lights; it is looked up at the texture coordinates of the mesh.
     pub fn texture(&mut self, texture: Texture) -> Input {
         self.description.textures.push(texture);
         Input::Texture(self.description.textures.len() - 1)
@@ -169,6 +189,7 @@ impl SceneBuilder {
 
 /// A scene that is ready to be rendered, and the names of its arrays.
 pub struct NamedScene {
+    /// What is rendered.
     pub scene: Scene,
     names: Names,
 }

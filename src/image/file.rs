@@ -22,7 +22,9 @@ pub enum Encoding {
 /// An image, and what its file asks for that was not done: whole sentences.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Decoded {
+    /// What the file shows, linear.
     pub image: Image,
+    /// One sentence for each thing that was not done.
     pub notes: Vec<String>,
 }
 

@@ -75,6 +75,7 @@ pub fn d_linear_to_srgb(linear: f64) -> f64 {
 
 /// What a filter's numbers may be.
 pub trait Real: Copy + Default + AddAssign {
+    /// The number times a weight.
     fn scaled(self, weight: f64) -> Self;
 }
 
@@ -101,6 +102,7 @@ pub struct Separable {
 pub type Sum = Vec<(usize, f64)>;
 
 impl Separable {
+    /// See [`blur`]. Fails if `sigma`, in pixels, is negative or not finite.
     pub fn blur(width: usize, height: usize, sigma: f64) -> Result<Separable, ImageError> {
         if !(sigma.is_finite() && sigma >= 0.0) {
             return Err(ImageError::Argument(format!("the sigma of a blur must be 0 or more, not {sigma}")));
@@ -108,6 +110,7 @@ impl Separable {
         Ok(Separable { x: Taps::gaussian(width, sigma), y: Taps::gaussian(height, sigma) })
     }
 
+    /// See [`downsample`]. Fails for an image without pixels.
     pub fn downsample(width: usize, height: usize) -> Result<Separable, ImageError> {
         nonempty("the image to downsample", width, height)?;
         Ok(Separable { x: Taps::halve(width), y: Taps::halve(height) })

@@ -1,5 +1,7 @@
 //! Images: linear, row-major, origin top left; files and filters.
 
+#![deny(missing_docs)]
+
 mod exr;
 pub mod file;
 pub mod filter;
@@ -14,8 +16,11 @@ use crate::memory::Shortage;
 /// A `height × width × channels` array of linear values; row 0 is the top row.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Image {
+    /// Pixels from left to right.
     pub width: usize,
+    /// Pixels from top to bottom.
     pub height: usize,
+    /// Numbers a pixel: 3 of a colour image (red, green, blue).
     pub channels: usize,
     /// `data[(y * width + x) * channels + c]`.
     pub data: Vec<f32>,
@@ -24,20 +29,45 @@ pub struct Image {
 /// What can be wrong with an image, a request for one, or a file that holds one.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ImageError {
+    /// A size, or a number given to a filter, that makes no image; in words.
     #[error("{0}")]
     Argument(String),
+    /// It would hold more than [`MAX_NUMBERS`].
     #[error(
         "an image of {width}×{height} pixels with {channels} channels would hold more than {} numbers",
         MAX_NUMBERS
     )]
-    TooLarge { width: usize, height: usize, channels: usize },
+    TooLarge {
+        /// Pixels from left to right.
+        width: usize,
+        /// Pixels from top to bottom.
+        height: usize,
+        /// Numbers a pixel.
+        channels: usize,
+    },
+    /// It would take more memory than there is.
     #[error("{0}")]
     Memory(#[from] Shortage),
     /// A file that could not be read or written.
     #[error("{path}: {message}")]
-    File { path: String, message: String },
+    File {
+        /// Which file.
+        path: String,
+        /// What is wrong with it, in words.
+        message: String,
+    },
+    /// The name of a file ends in what is no format of images here.
     #[error("{path}: {action} “.{extension}” is not supported; {}", supported(extensions))]
-    UnsupportedExtension { path: String, action: &'static str, extension: String, extensions: &'static [&'static str] },
+    UnsupportedExtension {
+        /// Which file.
+        path: String,
+        /// What was to be done with it: `reading` or `writing`.
+        action: &'static str,
+        /// The end of its name, without the dot.
+        extension: String,
+        /// The ends of names that would do.
+        extensions: &'static [&'static str],
+    },
 }
 
 /// The most numbers an image may hold: a 16384 × 16384 RGB picture.
@@ -47,15 +77,18 @@ pub const MAX_NUMBERS: usize = 3 << 28;
 pub const MAX_FILM_PIXELS: usize = 1 << 26;
 
 impl Image {
+    /// A black image. [`check_size`] says beforehand whether there may be one of that size.
     pub fn new(width: usize, height: usize, channels: usize) -> Self {
         Image { width, height, channels, data: vec![0.0; width * height * channels] }
     }
 
+    /// The channels of column `x`, row `y`, which must lie within the image.
     pub fn pixel(&self, x: usize, y: usize) -> &[f32] {
         let i = (y * self.width + x) * self.channels;
         &self.data[i..i + self.channels]
     }
 
+    /// The same, to be written.
     pub fn pixel_mut(&mut self, x: usize, y: usize) -> &mut [f32] {
         let i = (y * self.width + x) * self.channels;
         &mut self.data[i..i + self.channels]

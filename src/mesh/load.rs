@@ -38,16 +38,22 @@ pub struct Loaded {
 /// A piece of surface of one material.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoadedPart {
+    /// Of the object in the file; may be empty.
     pub name: String,
+    /// In world space.
     pub mesh: Mesh,
+    /// Shared by all parts that have it; `None` if the file gives none.
     pub material: Option<Arc<LoadedMaterial>>,
 }
 
 /// A light without area, in world space. What is photometric in the file (candela, lux) is taken as the radiometric number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedLight {
+    /// Of the light in the file; may be empty.
     pub name: String,
+    /// Which of the numbers below count, and how.
     pub kind: LoadedLightKind,
+    /// Length units; of no meaning for a directional light.
     pub position: DVec3,
     /// Where it shines to, of length 1.
     pub direction: DVec3,
@@ -55,42 +61,58 @@ pub struct LoadedLight {
     pub intensity: Vec3,
 }
 
+/// Into which directions a light shines.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LoadedLightKind {
+    /// Into all, from its position.
     Point,
     /// Angles from the direction, in radians: full up to `beam`, nothing beyond `cutoff`.
     Spot {
+        /// Up to this angle the light is full.
         beam: f64,
+        /// Beyond this angle there is none.
         cutoff: f64,
     },
+    /// Into one, from infinitely far away.
     Directional,
 }
 
 /// A camera of a file, in world space.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedCamera {
+    /// Of the camera in the file; may be empty.
     pub name: String,
+    /// Length units.
     pub position: DVec3,
     /// Along the line of sight, of length 1.
     pub forward: DVec3,
     /// Of length 1, at right angles to `forward`.
     pub up: DVec3,
+    /// How much it sees.
     pub projection: LoadedProjection,
     /// Width over height of the film, if the file says it.
     pub aspect: Option<f64>,
 }
 
+/// How much a camera sees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LoadedProjection {
-    /// The vertical field of view, radians.
-    Perspective { fov: f64 },
-    /// What it sees from bottom to top, length units.
-    Orthographic { height: f64 },
+    /// Rays from one point.
+    Perspective {
+        /// The vertical angle of view, radians.
+        fov: f64,
+    },
+    /// Parallel rays.
+    Orthographic {
+        /// What it sees from bottom to top, length units.
+        height: f64,
+    },
 }
 
 /// Texels that multiply a number of a material, and how they are looked up.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedImage {
+    /// Linear; row 0 is the top, v = 0.
     pub image: Arc<Image>,
     /// Beyond its border the last texel goes on; otherwise the image is repeated.
     pub clamp: bool,
@@ -118,14 +140,17 @@ impl LoadedImage {
 /// A metallic-roughness material. Where there is an image, its texels multiply the number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedMaterial {
+    /// Of the material in the file; may be empty.
     pub name: String,
     /// Linear RGB.
     pub base_color: Vec3,
     /// Three channels, linear.
     pub base_color_image: Option<LoadedImage>,
+    /// From 0, a dielectric, to 1, a metal.
     pub metallic: f32,
     /// One channel.
     pub metallic_image: Option<LoadedImage>,
+    /// From 0, polished, to 1; the α of the microfacets is its square.
     pub roughness: f32,
     /// One channel.
     pub roughness_image: Option<LoadedImage>,

@@ -1,5 +1,7 @@
 //! Triangle meshes: the value type, built-in shapes, operations with their derivatives, files.
 
+#![deny(missing_docs)]
+
 pub mod load;
 pub mod nearest;
 pub mod ops;
@@ -40,25 +42,79 @@ pub struct Mesh {
 pub enum MeshError {
     /// A number given to a built-in shape makes no such shape.
     #[error("{name} must be {expected}, not {found}")]
-    Argument { name: &'static str, expected: &'static str, found: String },
+    Argument {
+        /// Of which argument.
+        name: &'static str,
+        /// What it may be, in words.
+        expected: &'static str,
+        /// What it is.
+        found: String,
+    },
+    /// A face has a corner that is no vertex.
     #[error("face {face} uses vertex {index}, but the mesh has {vertices} vertices (0 to {})", vertices.saturating_sub(1))]
-    IndexOutOfRange { face: usize, index: u32, vertices: usize },
+    IndexOutOfRange {
+        /// Index of the face.
+        face: usize,
+        /// The vertex it asks for, counted from 0.
+        index: u32,
+        /// How many vertices there are.
+        vertices: usize,
+    },
+    /// A position is infinite or not a number.
     #[error("vertex {vertex} is not finite: [{}, {}, {}]", position[0], position[1], position[2])]
-    NotFinite { vertex: usize, position: [f32; 3] },
+    NotFinite {
+        /// Index of the first such vertex.
+        vertex: usize,
+        /// Its x, y and z.
+        position: [f32; 3],
+    },
+    /// There is not one normal, texture coordinate or colour for each vertex.
     #[error("the mesh has {vertices} vertices but {count} {what}")]
-    AttributeCount { what: &'static str, count: usize, vertices: usize },
+    AttributeCount {
+        /// `normals`, `uvs` or `colors`.
+        what: &'static str,
+        /// How many of them there are.
+        count: usize,
+        /// How many vertices there are.
+        vertices: usize,
+    },
+    /// A normal, texture coordinate or colour is infinite or not a number.
     #[error("{what} of vertex {vertex} are not finite")]
-    AttributeNotFinite { what: &'static str, vertex: usize },
+    AttributeNotFinite {
+        /// `normals`, `uvs` or `colors`.
+        what: &'static str,
+        /// Index of the first such vertex.
+        vertex: usize,
+    },
     /// A mesh of more triangles (or vertices) than an index can name or a machine can hold.
     #[error("{what} would have {count} triangles, more than the limit of {limit}")]
-    TooLarge { what: &'static str, count: u64, limit: u64 },
+    TooLarge {
+        /// Which mesh.
+        what: &'static str,
+        /// How many triangles it would have.
+        count: u64,
+        /// How many it may have: [`MAX_ELEMENTS`] or [`MAX_BUILT`].
+        limit: u64,
+    },
+    /// It would take more memory than there is.
     #[error("{0}")]
     Memory(#[from] Shortage),
     /// A file that could not be read.
     #[error("{path}: {message}")]
-    File { path: String, message: String },
+    File {
+        /// Which file.
+        path: String,
+        /// What is wrong with it, in words.
+        message: String,
+    },
+    /// The name of a file ends in what is no format of meshes here.
     #[error("{path}: files ending in “.{extension}” hold no mesh that can be read here; supported are {}", load::EXTENSIONS.map(|e| format!(".{e}")).join(", "))]
-    UnsupportedExtension { path: String, extension: String },
+    UnsupportedExtension {
+        /// Which file.
+        path: String,
+        /// The end of its name, without the dot.
+        extension: String,
+    },
 }
 
 /// The most vertices or faces that a file, or meshes merged, may have.

@@ -52,6 +52,7 @@ pub fn bounds(vertices: &[Vec3]) -> Option<(Vec3, Vec3)> {
 /// A mesh whose faces were cut in four.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Subdivision {
+    /// Four faces for each old one; the old vertices come first.
     pub mesh: Mesh,
     /// Each new vertex (and its attributes) is the mean of these two old ones; a kept vertex has itself twice.
     /// That is the whole linear map, and [`d_subdivide`] its transpose.

@@ -1,5 +1,7 @@
 //! Images from scenes: radiance, or a property of the first hit, averaged over each pixel (box filter).
 
+#![deny(missing_docs)]
+
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -38,6 +40,7 @@ pub enum Output {
 }
 
 impl Output {
+    /// How many numbers a pixel has.
     pub fn channels(self) -> usize {
         match self {
             Output::Radiance | Output::Position | Output::Normal | Output::GeometricNormal | Output::Albedo => 3,
@@ -47,13 +50,16 @@ impl Output {
     }
 }
 
+/// What is rendered and how well. The same settings give the same image, with any number of threads.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
+    /// What a pixel holds.
     pub output: Output,
     /// Camera samples a pixel.
     pub spp: u32,
     /// Scattering events: 0 emitters only, 1 direct light, 2 one interreflection.
     pub max_bounces: u32,
+    /// Chooses the random numbers: images with different seeds have independent noise.
     pub seed: u64,
     /// Include the boundary (visibility) terms of derivatives.
     pub boundary: bool,

@@ -1,5 +1,7 @@
 //! What a renderer is given: plain arrays, no language values. `Slot` names every array that may carry a derivative.
 
+#![deny(missing_docs)]
+
 use glam::{DVec3, Mat3, Vec2, Vec3};
 
 use crate::mesh::Mesh;
@@ -13,6 +15,7 @@ pub type TextureId = usize;
 /// Where a material reads one of its inputs from. Constants are 1×1 textures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Input {
+    /// A texture, at the texture coordinates of the hit.
     Texture(TextureId),
     /// The mesh's interpolated vertex colours.
     VertexColor,
@@ -42,22 +45,58 @@ pub enum MaterialKind {
     /// Absorbs everything (a light without a material).
     Black,
     /// Lambertian reflection.
-    Diffuse { reflectance: Input },
+    Diffuse {
+        /// The share of the light that is reflected, RGB in [0, 1].
+        reflectance: Input,
+    },
     /// GGX microfacets, Schlick's Fresnel with normal-incidence `reflectance`; α = roughness².
-    Conductor { reflectance: Input, roughness: Input },
+    Conductor {
+        /// The share of perpendicular light that is reflected (F0), RGB in [0, 1].
+        reflectance: Input,
+        /// From 0, polished, to 1.
+        roughness: Input,
+    },
     /// GGX microfacets, exact conductor Fresnel with per-channel complex index `eta + i k`; α = roughness².
-    ConductorIor { eta: Input, k: Input, roughness: Input },
+    ConductorIor {
+        /// The refractive index's real part, RGB.
+        eta: Input,
+        /// Its imaginary part, which says how strongly the metal absorbs, RGB.
+        k: Input,
+        /// From 0, polished, to 1.
+        roughness: Input,
+    },
     /// Li et al. 2018: Lambert plus normalised Blinn-Phong microfacets, D = (e+2)/2π cosᵉ, e = 2/r − 2,
     /// Smith G by Walter's rational fit with α = √r, Schlick F.
-    Phong { diffuse: Input, specular: Input, roughness: Input },
+    Phong {
+        /// The reflectance of the Lambertian part, RGB in [0, 1].
+        diffuse: Input,
+        /// The normal-incidence reflectance (F0) of the microfacets, RGB in [0, 1].
+        specular: Input,
+        /// r above; the smaller, the sharper the highlight.
+        roughness: Input,
+    },
     /// Perfect specular reflection.
-    Mirror { reflectance: Input },
+    Mirror {
+        /// The share of the light that is reflected, the same at all angles, RGB in [0, 1].
+        reflectance: Input,
+    },
     /// Metallic-roughness: (1−metallic)·base/π diffuse plus GGX with F0 = mix(0.08·specular, base, metallic).
-    Principled { base_color: Input, metallic: Input, roughness: Input, specular: Input },
+    Principled {
+        /// Reflectance of what is not metal, and F0 of what is, RGB in [0, 1].
+        base_color: Input,
+        /// From 0, a dielectric (plastic, wood, stone), to 1, a metal.
+        metallic: Input,
+        /// From 0, polished, to 1; α = roughness².
+        roughness: Input,
+        /// In [0, 1]: F0 of what is not metal is 0.08 times this, so 0.5 is the usual 4 %.
+        specular: Input,
+    },
 }
 
+/// How a surface scatters light, on which sides, and where it has holes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
+    /// The scattering model and its inputs.
     pub kind: MaterialKind,
     /// Reflects (and is seen) only on the side of the right-hand-rule normal; the back is black.
     pub one_sided: bool,
@@ -84,20 +123,40 @@ pub struct Emission {
 /// A mesh with its material, and emission if it is a light.
 #[derive(Clone, Debug)]
 pub struct Shape {
+    /// In world space.
     pub mesh: Mesh,
+    /// How it reflects light; a light may reflect too.
     pub material: Material,
+    /// The light it gives off; `None` if it gives none.
     pub emission: Option<Emission>,
 }
 
 /// Lights without area.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DeltaLight {
-    /// Radiant intensity (W/sr, RGB) at a position.
-    Point { position: Vec3, intensity: Vec3 },
-    /// As a point light, but only into a cone; `intensity` is that within the beam.
-    Spot { position: Vec3, intensity: Vec3, cone: Cone },
-    /// Light travelling along `direction` (need not be unit length) with perpendicular irradiance.
-    Directional { direction: Vec3, irradiance: Vec3 },
+    /// A point that shines equally in all directions.
+    Point {
+        /// In world space.
+        position: Vec3,
+        /// Radiant intensity, W/sr, linear RGB.
+        intensity: Vec3,
+    },
+    /// As a point light, but only into a cone.
+    Spot {
+        /// In world space.
+        position: Vec3,
+        /// Radiant intensity within the beam, W/sr, linear RGB.
+        intensity: Vec3,
+        /// Which way it shines, and how widely.
+        cone: Cone,
+    },
+    /// Parallel light from infinitely far away.
+    Directional {
+        /// Where the light travels to; need not be of unit length.
+        direction: Vec3,
+        /// On a surface perpendicular to it, W/m², linear RGB.
+        irradiance: Vec3,
+    },
 }
 
 /// Which way a spot light shines: all of it within the angle `beam` of the axis, nothing beyond `cutoff`, and less and less in
@@ -108,6 +167,7 @@ pub struct Cone {
     pub axis: Vec3,
     /// In radians: 0 ≤ beam < cutoff ≤ π.
     pub beam: f32,
+    /// In radians, from the axis as well.
     pub cutoff: f32,
 }
 
@@ -128,6 +188,7 @@ impl DeltaLight {
         }
     }
 
+    /// The cone of a spot light; other lights have none.
     pub fn cone(&self) -> Option<Cone> {
         match *self {
             DeltaLight::Spot { cone, .. } => Some(cone),
@@ -169,7 +230,9 @@ impl DeltaLight {
 /// looked up in the direction `rotationᵀ · d`. A constant environment is a 1×1 map.
 #[derive(Clone, Debug)]
 pub struct Environment {
+    /// The map; its top row lies straight up.
     pub radiance: TextureId,
+    /// Turns directions of the map into those of the world.
     pub rotation: Mat3,
 }
 
@@ -177,7 +240,9 @@ pub struct Environment {
 /// normal, moves on a straight line at constant speed.
 #[derive(Clone, Debug)]
 pub struct Motion {
+    /// Index into [`SceneDescription::shapes`].
     pub shape: usize,
+    /// As many as the mesh has, in the same order.
     pub vertices: Vec<Vec3>,
     /// If the mesh has normals.
     pub normals: Option<Vec<Vec3>>,
@@ -186,26 +251,33 @@ pub struct Motion {
 /// The closing keyframe of a light without area that moves or fades while the shutter is open: a light of the same kind.
 #[derive(Clone, Debug)]
 pub struct LightMotion {
+    /// Index into [`SceneDescription::delta_lights`].
     pub light: usize,
+    /// What the light is at the end of the motion.
     pub closing: DeltaLight,
 }
 
 /// Everything that is rendered but the camera.
 #[derive(Clone, Debug, Default)]
 pub struct SceneDescription {
+    /// Surfaces, area lights among them.
     pub shapes: Vec<Shape>,
     /// No more than one for a shape.
     pub motions: Vec<Motion>,
+    /// What materials, area lights and the environment read, by index.
     pub textures: Vec<Texture>,
+    /// Point, spot and directional lights.
     pub delta_lights: Vec<DeltaLight>,
     /// No more than one for a light.
     pub light_motions: Vec<LightMotion>,
+    /// What is seen where a ray hits nothing; `None` is black.
     pub environment: Option<Environment>,
     /// What the positions of vertices, lights and cameras are relative to: light is transported, and derivatives taken, around it,
     /// and only the position channel adds it again.
     pub origin: DVec3,
 }
 
+/// Which ray belongs to which point of the film, in terms of the frame and the scale of [`Camera`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Projection {
     /// Ray through film point (x, y) ∈ [−1, 1]²: origin, direction `right·x·scale.x + up·y·scale.y + forward`.
@@ -222,16 +294,20 @@ pub enum Projection {
 /// A camera. Pixel (0, 0) is top left: film x grows to the right, film y grows upwards.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
+    /// How points of the film become rays.
     pub projection: Projection,
+    /// Where rays start (but see [`Projection::Orthographic`]), world space.
     pub origin: Vec3,
     /// Rows: right, up, forward (world space; orthonormal for an ordinary camera, any invertible triple is allowed).
     pub frame: [Vec3; 3],
     /// Perspective: tangents of the half angles (x, y); orthographic: half width and half height of the view;
     /// fisheye, panorama: half angles in radians.
     pub scale: [f32; 2],
-    /// Film size in pixels.
+    /// Pixels from left to right.
     pub width: usize,
+    /// Pixels from top to bottom.
     pub height: usize,
+    /// What makes things out of focus blurred.
     pub lens: Lens,
     /// Of perspective and fisheye cameras without an aperture: the film sees at (x·scale.x, y·scale.y) what an ideal one would see
     /// elsewhere.
@@ -272,8 +348,11 @@ impl Camera {
 /// a frame that turns are not quite orthonormal on the way).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
+    /// As [`Camera::origin`].
     pub origin: Vec3,
+    /// As [`Camera::frame`].
     pub frame: [Vec3; 3],
+    /// As [`Camera::scale`].
     pub scale: [f32; 2],
     /// Radius of the lens and distance of focus.
     pub lens: [f32; 2],
@@ -292,6 +371,7 @@ pub struct Lens {
 }
 
 impl Lens {
+    /// No lens: everything is sharp.
     pub const PINHOLE: Lens = Lens { radius: 0.0, focus: 1.0, point: Vec2::ZERO };
 }
 
@@ -319,11 +399,11 @@ pub enum Slot {
     LightCone(usize),
     /// Entries of the environment's rotation matrix, row-major, `[3][3]`.
     EnvironmentRotation,
-    /// `[3]`
+    /// World-space origin of the camera, `[3]`.
     CameraOrigin,
     /// Rows right, up, forward: `[3][3]`.
     CameraFrame,
-    /// `[2]`
+    /// [`Camera::scale`], x and y, `[2]`.
     CameraScale,
     /// Radius of the lens and distance of focus, `[2]`.
     CameraLens,
@@ -337,13 +417,17 @@ pub enum Slot {
     ClosingLightPlacement(usize),
     /// Intensity or irradiance of delta light i at its closing keyframe, `[3]`.
     ClosingLightPower(usize),
-    /// Axis, and beam and cutoff, of delta light i at its closing keyframe, if it is a spot, `[3]` and `[2]`.
+    /// Axis of delta light i at its closing keyframe, if it is a spot, `[3]`.
     ClosingLightAxis(usize),
+    /// Beam and cutoff of delta light i at its closing keyframe, if it is a spot, in radians, `[2]`.
     ClosingLightCone(usize),
-    /// Of the camera at its closing keyframe, as the slots without `Closing`.
+    /// Origin of the camera at its closing keyframe, `[3]`.
     ClosingCameraOrigin,
+    /// Rows right, up, forward of the camera at its closing keyframe, `[3][3]`.
     ClosingCameraFrame,
+    /// Scale of the camera at its closing keyframe, as [`Slot::CameraScale`], `[2]`.
     ClosingCameraScale,
+    /// Radius of the lens and distance of focus at the camera's closing keyframe, `[2]`.
     ClosingCameraLens,
     /// Times at which the shutter opens and closes, `[2]`.
     CameraShutter,

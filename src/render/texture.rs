@@ -1,41 +1,72 @@
 //! Bitmap textures, bilinear, with derivatives in the texels and in uv.
 
+#![deny(missing_docs)]
+
 use glam::{Vec2, Vec3};
 
+/// What a texture is outside of [0, 1]², where its bitmap ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wrap {
+    /// The bitmap again, side by side.
     Repeat,
+    /// The nearest texel of the border.
     Clamp,
 }
 
+/// What a texture is between the centres of its texels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filter {
+    /// Interpolated from the four around; continuous, so that it has derivatives in uv.
     Bilinear,
+    /// The nearest texel; the derivatives in uv are zero.
     Nearest,
 }
 
 /// A bitmap; row 0 is the top (v = 0), texel centres lie at (i + 0.5) / n. 1×1 is a constant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
+    /// Texels along u.
     pub width: usize,
+    /// Texels along v.
     pub height: usize,
     /// 1 or 3.
     pub channels: usize,
     /// `data[(y * width + x) * channels + c]`.
     pub data: Vec<f32>,
+    /// What it is outside of [0, 1]².
     pub wrap: Wrap,
+    /// What it is between the texels.
     pub filter: Filter,
 }
 
 /// Why an array is not a texture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TextureError {
+    /// It has no texels.
     #[error("a texture needs at least one texel, this one is {width}×{height}")]
-    Empty { width: usize, height: usize },
+    Empty {
+        /// Texels along u.
+        width: usize,
+        /// Texels along v.
+        height: usize,
+    },
+    /// It has neither 1 channel, a number, nor 3, a colour.
     #[error("a texture has 1 or 3 channels, not {0}")]
     Channels(usize),
+    /// There are more or fewer numbers than its size asks for.
     #[error("a {width}×{height} texture of {channels} channels holds {expected} numbers, not {found}")]
-    Length { width: usize, height: usize, channels: usize, expected: usize, found: usize },
+    Length {
+        /// Texels along u.
+        width: usize,
+        /// Texels along v.
+        height: usize,
+        /// Numbers a texel.
+        channels: usize,
+        /// width · height · channels.
+        expected: usize,
+        /// How many numbers were given.
+        found: usize,
+    },
 }
 
 /// The texels a lookup reads, with weights that sum to one and their derivatives in u and v.
@@ -43,7 +74,9 @@ pub enum TextureError {
 pub struct Footprint {
     /// Index of the texel's first channel in [`Texture::data`].
     pub texels: [usize; 4],
+    /// How much of each texel the looked-up value has.
     pub weights: [f32; 4],
+    /// Derivatives of the weights in u and v.
     pub d_weights: [Vec2; 4],
 }
 
@@ -65,6 +98,8 @@ impl Texture {
         Texture { channels: 1, data: vec![value], ..Texture::constant(Vec3::ZERO) }
     }
 
+    /// A bitmap of `height × width × channels` numbers. Fails if it is empty, if its channels are not 1 or 3, or if
+    /// `data` has another length.
     pub fn new(
         width: usize,
         height: usize,
@@ -86,6 +121,7 @@ impl Texture {
         Ok(Texture { width, height, channels, data, wrap, filter })
     }
 
+    /// Whether it is a single texel, and so the same everywhere.
     #[inline]
     pub fn is_constant(&self) -> bool {
         self.width == 1 && self.height == 1

@@ -1,5 +1,7 @@
 //! A scene made ready for rendering: flattened triangles, ray tree, light table.
 
+#![deny(missing_docs)]
+
 use std::sync::OnceLock;
 
 use glam::{Vec2, Vec3};
@@ -17,18 +19,39 @@ use crate::math::uniform_triangle;
 /// Why a scene cannot be rendered; `shape` etc. are indices, the evaluator finds the place in the script.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SceneError {
+    /// A mesh, its material, its emission or its motion is not usable.
     #[error("{what}")]
-    Shape { shape: usize, what: String },
+    Shape {
+        /// Index into [`SceneDescription::shapes`].
+        shape: usize,
+        /// What is wrong, in words.
+        what: String,
+    },
+    /// The camera has no film, no direction, numbers that are not finite, or the like.
     #[error("{what}")]
-    Camera { what: String },
+    Camera {
+        /// What is wrong, in words.
+        what: String,
+    },
+    /// A light without area, or its motion, is not usable.
     #[error("{what}")]
-    Light { light: usize, what: String },
+    Light {
+        /// Index into [`SceneDescription::delta_lights`].
+        light: usize,
+        /// What is wrong, in words.
+        what: String,
+    },
+    /// The environment's map or rotation is not usable.
     #[error("{what}")]
-    Environment { what: String },
+    Environment {
+        /// What is wrong, in words.
+        what: String,
+    },
 }
 
 /// Built once from a description, used by many passes.
 pub struct Scene {
+    /// What it was built from.
     pub description: SceneDescription,
     pub(crate) accel: Accel,
     pub(crate) prims: Vec<Prim>,
