@@ -382,7 +382,7 @@ fn far_scene(place: &str) -> String {
 
 /// Value and gradient of a scene at some place.
 fn at_place(place: &str) -> (f64, Vec<f64>) {
-    let checked = check::check_text(place, None, &far_scene(place), &[], &Disk);
+    let checked = check::check_text(place, None, far_scene(place), &[], &Disk);
     let errors: Vec<_> = checked.diagnostics.iter().filter(|d| d.is_error()).collect();
     assert!(errors.is_empty(), "{errors:#?}");
     let mut engine = Engine::new(checked.program.unwrap(), EngineOptions::default());

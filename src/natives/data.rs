@@ -81,10 +81,15 @@ fn numbers(json: &Json) -> Option<Tensor> {
                 items.iter().try_for_each(|item| fill(item, depth + 1, shape, data))
             }
             _ if shape.len() != depth => None,
-            Json::Null => Some(data.push(f64::NAN)),
-            Json::String(s) if matches!(s.as_str(), "nan" | "inf" | "-inf") => Some(data.push(s.parse().ok()?)),
-            Json::Number(n) => Some(data.push(n.as_f64()?)),
-            _ => None,
+            _ => {
+                data.push(match json {
+                    Json::Null => f64::NAN,
+                    Json::String(s) if matches!(s.as_str(), "nan" | "inf" | "-inf") => s.parse().ok()?,
+                    Json::Number(n) => n.as_f64()?,
+                    _ => return None,
+                });
+                Some(())
+            }
         }
     }
     let (mut shape, mut data) = (Vec::new(), Vec::new());

@@ -385,11 +385,11 @@ impl Optimization {
     }
 }
 
+/// The params that move, the spaces in which they do, and what is to be said of these.
+type Found = (Vec<Moved>, Vec<Space>, Vec<String>);
+
 /// Which params move, and how.
-fn moved_params(
-    engine: &mut Engine,
-    optimize: &hir::Optimize,
-) -> Result<(Vec<Moved>, Vec<Space>, Vec<String>), Diagnostic> {
+fn moved_params(engine: &mut Engine, optimize: &hir::Optimize) -> Result<Found, Diagnostic> {
     let infos: Vec<ParamInfo> = engine.params()?;
     let targets: Vec<(hir::Target, Span)> = match &optimize.over {
         Some(over) => over.clone(),

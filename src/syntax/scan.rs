@@ -475,7 +475,7 @@ fn begins_statement<'a>(
     }
     let next = tokens.get(i + 2).map_or("", |t| &text[t.start..t.end]);
     if !KINDS.contains(&first)
-        && !(begins_line(text, tokens[i].start) && !text[tokens[i].end..tokens[i + 1].start].contains('\n'))
+        && (!begins_line(text, tokens[i].start) || text[tokens[i].end..tokens[i + 1].start].contains('\n'))
     {
         return false;
     }
