@@ -286,7 +286,7 @@ fn tensor_json(t: &Tensor) -> Json {
     Json::Array((0..t.shape[0]).map(|i| tensor_json(&part(i))).collect())
 }
 
-/// Numbers as (nested) arrays, things as objects of their fields, angles in radians; what is not finite as [`number_json`] has it,
+/// Numbers as (nested) arrays, things as objects of their fields, angles in radians; what is not finite as strings (`"nan"`, `"inf"`, `"-inf"`),
 /// and a function as `{"function": null}`, since JSON cannot hold one.
 pub fn to_json(value: &Value) -> Json {
     match value {
