@@ -160,7 +160,8 @@ mod tests {
     #[test]
     fn what_was_taken_is_held() {
         let before = held();
-        let taken = vec![1u8; 64 << 20];
-        assert!(held() >= before + (60 << 20), "{} bytes", taken.len());
+        let taken = std::hint::black_box(vec![1u8; 256 << 20]);
+        // Other tests of this process may give something back meanwhile.
+        assert!(held() >= before + (128 << 20), "{} bytes", taken.len());
     }
 }

@@ -116,9 +116,8 @@ pub struct Estimate {
     pub error: Vec<f64>,
 }
 
-/// Over four times the seeds that are named: they were chosen when one gradient drew four times as many samples.
 pub fn estimate(seeds: u64, sample: impl FnMut(u64) -> Vec<f64>) -> Estimate {
-    estimate_over(1..=4 * seeds, sample)
+    estimate_over(1..=seeds, sample)
 }
 
 pub fn estimate_over(seeds: RangeInclusive<u64>, sample: impl FnMut(u64) -> Vec<f64>) -> Estimate {

@@ -38,13 +38,14 @@ pub fn expense(estimator: &Option<impl Estimator>) -> f64 {
 }
 
 /// The share of their own numbers of samples that estimators of this total [`expense`] can afford, for a gradient to take a few times its
-/// image, which takes `samples` paths of so many bounces: a step of an optimisation is worth more often than precisely.
-pub fn affordable(expense: f64, samples: f64, bounces: f64) -> f64 {
+/// image, which takes `spp` paths a pixel of so many bounces: a step of an optimisation is worth more often than precisely. Small images can
+/// afford what one of a middle size can: their edges are no fewer.
+pub fn affordable(expense: f64, spp: u32, pixels: usize, bounces: f64) -> f64 {
     /// Of the derivative alone, over the image's; pilots, short runs and the value come on top.
     const PRICE: f64 = 1.8;
-    /// In ray queries, some five milliseconds: what small images can afford whatever they take themselves.
-    const LEAST: f64 = 1e5;
-    ((PRICE * samples * (1.0 + 2.0 * bounces)).max(LEAST) / expense.max(f64::MIN_POSITIVE)).min(1.0)
+    const LEAST_PIXELS: usize = 8192;
+    let samples = f64::from(spp.max(1)) * pixels.max(LEAST_PIXELS) as f64;
+    (PRICE * samples * (1.0 + 2.0 * bounces) / expense.max(f64::MIN_POSITIVE)).min(1.0)
 }
 
 /// Bounces of a path before it ends by chance, or because there may be no more.

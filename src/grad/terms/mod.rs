@@ -115,9 +115,8 @@ pub fn visit_all(request: &Request, taker: &mut Taker) {
             .and_then(|tree| Secondary::new(sky, camera, tree, &mirrors.planes, ways.as_ref(), settings, &lesson));
         let total =
             expense(&primary) + expense(&interior) + expense(&shadows) + expense(&secondary) + expense(&reflections);
-        let samples = (settings.spp.max(1) as usize * camera.width * camera.height) as f64;
         let bounces = if lights { typical_bounces(settings.max_bounces) } else { 0.0 };
-        let effort = affordable(total, samples, bounces);
+        let effort = affordable(total, settings.spp, camera.width * camera.height, bounces);
         let lesson = Lesson { effort, ..lesson };
         let shadows = shadows.map(|s| s.guided(&lesson));
         let secondary = secondary.map(|s| s.guided(&lesson));
