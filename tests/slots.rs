@@ -1,6 +1,9 @@
 //! Every array of a scene that can carry derivatives, reached from the language: reverse mode against central
 //! differences of the same expression, over independent seeds.
 
+// Most of what stands here is for the long statistics.
+#![cfg_attr(not(feature = "truth"), allow(dead_code, unused_imports))]
+
 use dscene::check::{self, Disk, Line};
 use dscene::eval::{Engine, EngineOptions};
 
@@ -286,6 +289,7 @@ fn agree(name: &str, text: &str, step: f64) {
 }
 
 #[test]
+#[cfg(feature = "truth")]
 fn every_slot_of_a_scene() {
     for case in CASES {
         let camera = "camera eye { position: [0, 0, 5], look_at: [0, 0, 0], fov: 40deg, film: [16, 12] }";
@@ -294,6 +298,7 @@ fn every_slot_of_a_scene() {
 }
 
 #[test]
+#[cfg(feature = "truth")]
 fn every_slot_of_a_camera() {
     let scene = "
 shape ground { mesh: rectangle(width: 9, depth: 9) |> translate([0, -1, 0]), material: diffuse(reflectance: texture([[0.1, 0.8], [0.4, 0.2]])) }
