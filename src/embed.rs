@@ -12,7 +12,7 @@ use std::sync::atomic::AtomicBool;
 
 use glam::{Mat3, Vec3};
 
-use crate::grad::{Memory, render_backward_until, render_jacobian_until};
+use crate::grad::{GuideCache, render_backward_until, render_jacobian_until};
 use crate::image::Image;
 use crate::memory::{self, Shortage};
 use crate::mesh::Mesh;
@@ -224,7 +224,7 @@ pub struct RenderContext {
     /// Set it, from any thread, and what is being rendered ends soon with [`Error::Stopped`].
     pub stop: Arc<AtomicBool>,
     /// Where samples were of use so far. Keep the context from step to step of an optimisation.
-    pub memory: Memory,
+    pub guides: GuideCache,
 }
 
 /// Derivatives by name, each in the array's own layout.
@@ -247,8 +247,8 @@ impl RenderContext {
         params: &[&str],
     ) -> Result<Gradient, Error> {
         let slots = params.iter().map(|name| scene.slot(name)).collect::<Result<Vec<Slot>, Error>>()?;
-        let memory = Some(&self.memory);
-        let found = render_backward_until(&scene.scene, camera, settings, d_image, &slots, memory, &self.stop)?;
+        let guides = Some(&self.guides);
+        let found = render_backward_until(&scene.scene, camera, settings, d_image, &slots, guides, &self.stop)?;
         self.unless_stopped(params.iter().map(|name| (*name).to_owned()).zip(found).collect())
     }
 

@@ -7,7 +7,9 @@ use dscene::grad::estimate::{Images, forward, reverse};
 use dscene::grad::sampling::allocate::Estimator;
 use dscene::grad::sink::{Contractions, Layout, Tangents, Total};
 use dscene::grad::terms::interior::Interior;
-use dscene::grad::{Direction, Memory, NEVER, render_backward, render_backward_until, render_forward, render_jacobian};
+use dscene::grad::{
+    Direction, GuideCache, NEVER, render_backward, render_backward_until, render_forward, render_jacobian,
+};
 use dscene::image::Image;
 use dscene::render::texture::{Filter, Texture, Wrap};
 use dscene::render::*;
@@ -190,7 +192,7 @@ fn any_number_of_threads_gives_the_same_bits() {
                 let gradient = render_backward(&scene, &camera, &settings, &image, &wrt).unwrap();
                 let jacobian = render_jacobian(&scene, &camera, &settings, &directions).unwrap();
                 // Those of an optimisation's steps, which learn from one another.
-                let memory = Memory::default();
+                let memory = GuideCache::default();
                 let steps = (0..3).map(|seed| {
                     let settings = Settings { seed, ..settings };
                     render_backward_until(&scene, &camera, &settings, &image, &wrt, Some(&memory), &NEVER).unwrap()

@@ -8,14 +8,14 @@ use std::collections::BTreeMap;
 use std::f32::consts::FRAC_PI_4;
 
 use common::*;
+use dscene::grad::environment::MovingEnvironment;
 use dscene::grad::estimate::{Estimate, Pass, adjoint_of};
 use dscene::grad::mirrors::curved::MirrorTree;
 use dscene::grad::mirrors::viewpoint::{Mirrors, Viewpoint};
 use dscene::grad::sampling::allocate::Estimator;
 use dscene::grad::sampling::edge_tree::EdgeTree;
-use dscene::grad::sampling::guide::Lesson;
+use dscene::grad::sampling::guide::GuideTraining;
 use dscene::grad::sink::{Adjoints, Layout, Sink};
-use dscene::grad::sky::Sky;
 use dscene::grad::terms::interior::Interior;
 use dscene::grad::terms::primary::PrimaryEdges;
 use dscene::grad::terms::reflections::Reflections;
@@ -103,7 +103,7 @@ fn samples(description: &SceneDescription, camera: &Camera, max_bounces: u32) ->
     let curved = (!mirrors.curved.is_empty()).then(|| MirrorTree::new(scene, camera, &mirrors.curved));
     let ways = (!mirrors.curved.is_empty()).then(|| MirrorTree::all(scene, camera, &mirrors.curved));
     let viewpoints = &Viewpoint::all(scene, camera, &mirrors.planes);
-    let lesson = &Lesson { scene, layout, adjoint: weights, memory: None, effort: 1.0, seed: 5 };
+    let training = &GuideTraining { scene, layout, adjoint: weights, guides: None, effort: 1.0, seed: 5 };
 
     let primary = PrimaryEdges::new(viewpoints, settings, weights, 5);
     match primary.enumeration() {
@@ -115,17 +115,17 @@ fn samples(description: &SceneDescription, camera: &Camera, max_bounces: u32) ->
     {
         look("reflections", &|out| draw(&reflections, out));
     }
-    let skies: &[Sky] = if description.environment.is_some() { &[Sky::Peak, Sky::Whole] } else { &[Sky::Peak] };
-    for &sky in skies {
+    let whole = description.environment.is_some().then_some(MovingEnvironment::Whole);
+    for environment in std::iter::once(MovingEnvironment::Peak).chain(whole) {
         let mut interior = Interior::new(scene, camera, settings, layout, weights);
-        interior.fixed.sky = sky;
+        interior.detached.environment = environment;
         look("interior", &|out| draw(&interior, out));
-        let shadows = Shadows::new(scene, sky, viewpoints, settings, curved.as_ref(), tree, COUNT);
+        let shadows = Shadows::new(scene, environment, viewpoints, settings, curved.as_ref(), tree, COUNT);
         look("shadows", &|out| draw(&shadows, out));
-        let shadows = shadows.guided(lesson);
+        let shadows = shadows.guided(training);
         look("shadows", &|out| draw(&shadows, out));
-        let secondary = Secondary::new(sky, camera, tree, &mirrors.planes, ways.as_ref(), settings, lesson)
-            .map(|s| s.guided(lesson));
+        let secondary = Secondary::new(environment, camera, tree, &mirrors.planes, ways.as_ref(), settings, training)
+            .map(|s| s.guided(training));
         if let Some(secondary) = secondary {
             look("secondary", &|out| draw(&secondary, out));
         }

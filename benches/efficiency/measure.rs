@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use dscene::grad::{Memory, NEVER, Scene, Settings, render, render_backward_until};
+use dscene::grad::{GuideCache, NEVER, Scene, Settings, render, render_backward_until};
 use dscene::image::Image;
 use dscene::render::Slot;
 use dscene::session::clock::Stopwatch;
@@ -122,7 +122,7 @@ pub fn row(case: &Case, seeds: u64, args: &Args, references: &References) -> Row
     let scene = Scene::new(description).expect("the scene is sound");
     let (mut loss, mut value) = (Moments::default(), Moments::default());
     let (mut primal_cpu, mut cpu, mut wall) = (0.0, 0.0, 0.0);
-    let kept = Memory::default();
+    let kept = GuideCache::default();
     let exact = case.exact.as_ref().map(|f| Reference { value: derivative(f), error: 0.0, how: "closed form".into() });
     // The first evaluation warms caches and allocators and is not counted.
     let enough = |value: &Moments, loss: &Moments, cpu: f64| {

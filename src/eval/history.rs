@@ -4,7 +4,7 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use crate::grad::{self, Memory, SceneError, Settings};
+use crate::grad::{self, GuideCache, SceneError, Settings};
 use crate::image::Image;
 use crate::render::Camera;
 use crate::render::recursion::Recursion;
@@ -25,7 +25,7 @@ pub(super) struct Site {
     camera: Option<Camera>,
     /// Whether this step has come here.
     visited: bool,
-    pub(super) memory: Arc<Memory>,
+    pub(super) guides: Arc<GuideCache>,
     last: Option<Last>,
 }
 
@@ -64,7 +64,7 @@ impl History {
     pub(super) fn site(&mut self, span: Span, path: u64, camera: Option<Camera>) -> &mut Site {
         let here = |s: &Site| !s.visited && (s.span, s.path) == (span, path) && s.camera == camera;
         let known = self.sites.iter().position(here).map(|i| self.sites.remove(i));
-        let new = || Site { span, path, camera, visited: true, memory: Arc::default(), last: None };
+        let new = || Site { span, path, camera, visited: true, guides: Arc::default(), last: None };
         let site = known.unwrap_or_else(new);
         self.sites.push(Site { visited: true, ..site });
         let last = self.sites.len() - 1;

@@ -5,7 +5,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::check::hir::NativeDecl;
 use crate::diag::Diagnostic;
-use crate::grad::{self, Direction, Memory, Output, SceneError, Settings};
+use crate::grad::{self, Direction, GuideCache, Output, SceneError, Settings};
 use crate::image::Image;
 use crate::memory;
 use crate::natives::{
@@ -39,7 +39,7 @@ struct RenderOp {
     settings: Settings,
     slots: Vec<Slot>,
     /// Where samples of the steps before were of use.
-    memory: Option<Arc<Memory>>,
+    guides: Option<Arc<GuideCache>>,
     /// Set from outside to end it early.
     stop: Arc<AtomicBool>,
     /// Where it is called.
@@ -78,9 +78,9 @@ impl CustomOp for RenderOp {
         memory::ask_for::<f64>(g.len() + 2 * slots).map_err(|e| e.to_string())?;
         let mut d_image = Image::new(output.shape[1], output.shape[0], output.shape[2]);
         d_image.data.iter_mut().zip(&g.data).for_each(|(d, g)| *d = *g as f32);
-        let (scene, memory) = (&self.scene.scene, self.memory.as_deref());
+        let (scene, guides) = (&self.scene.scene, self.guides.as_deref());
         let found =
-            grad::render_backward_until(scene, &self.camera, &self.settings, &d_image, &wanted, memory, &self.stop)
+            grad::render_backward_until(scene, &self.camera, &self.settings, &d_image, &wanted, guides, &self.stop)
                 .map_err(|e| e.to_string())?;
         let mut found = found.into_iter();
         wants
@@ -221,11 +221,11 @@ impl Engine {
             let why = dark::reason(&lowered.scene, &seen_by);
             self.warnings.say(span, "black", || black(why, &scene, &origins, span));
         }
-        let mut memory = None;
+        let mut guides = None;
         if is_live && let Some(history) = &mut self.history {
             let standing = camera.slots.is_empty().then_some(camera.camera);
             let site = history.site(span, self.path, standing);
-            memory = Some(site.memory.clone());
+            guides = Some(site.guides.clone());
             if overrides.control_variates {
                 self.statistics.renders += u64::from(site.goes_on());
                 let next = site.next(image, &lowered, seen_by, &settings, &stop);
@@ -235,7 +235,7 @@ impl Engine {
         }
         let value = Tensor::from_image(&image);
         let warnings = self.warnings.clone();
-        let op = RenderOp { scene: lowered, camera: seen_by, settings, slots, memory, stop, span, warnings };
+        let op = RenderOp { scene: lowered, camera: seen_by, settings, slots, guides, stop, span, warnings };
         Ok(Value::Image(Var::custom(Arc::new(op), inputs, value)))
     }
 

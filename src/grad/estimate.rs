@@ -165,25 +165,29 @@ fn chunks(items: usize, len: usize) -> Vec<Range<usize>> {
     (0..n).map(|i| items * i / n..items * (i + 1) / n).collect()
 }
 
-/// Adds the chunks' sums to a total, each in its turn whenever it is done, and lends out what sums need for the next chunks.
-struct Turns<'a> {
+/// Adds the sums of chunks to a total in the order of the chunks, whichever is done first, so that rounding is always the same. Lends out
+/// the memory of sums already added to the next chunks.
+struct OrderedSum<'a> {
     total: &'a mut Total,
-    turn: usize,
-    early: BTreeMap<usize, Sums>,
-    free: Vec<Sums>,
+    /// The chunk to be added next.
+    next: usize,
+    /// Chunks that are done before their turn.
+    waiting: BTreeMap<usize, Sums>,
+    /// Emptied sums, lent out again.
+    spare: Vec<Sums>,
 }
 
-impl Turns<'_> {
+impl OrderedSum<'_> {
     fn lend(&mut self) -> Sums {
-        self.free.pop().unwrap_or_else(|| Sums::new(self.total.size()))
+        self.spare.pop().unwrap_or_else(|| Sums::new(self.total.size()))
     }
 
     fn add(&mut self, chunk: usize, sums: Sums) {
-        self.early.insert(chunk, sums);
-        while let Some(mut sums) = self.early.remove(&self.turn) {
+        self.waiting.insert(chunk, sums);
+        while let Some(mut sums) = self.waiting.remove(&self.next) {
             sums.drain_to(self.total);
-            self.free.push(sums);
-            self.turn += 1;
+            self.spare.push(sums);
+            self.next += 1;
         }
     }
 }
@@ -211,18 +215,18 @@ pub fn reverse(
 ) {
     let chunks = chunks(pass.items(), layout.size());
     let next = AtomicUsize::new(0);
-    let turns = Mutex::new(Turns { total, turn: 0, early: BTreeMap::new(), free: Vec::new() });
-    let turns = || turns.lock().unwrap_or_else(PoisonError::into_inner);
+    let ordered = Mutex::new(OrderedSum { total, next: 0, waiting: BTreeMap::new(), spare: Vec::new() });
+    let ordered = || ordered.lock().unwrap_or_else(PoisonError::into_inner);
     // Chunks are begun in order, so that few wait for their turn.
     let at_once = (MOST_SUMS / layout.size().max(1)).max(4).min(rayon::current_num_threads());
     (0..at_once).into_par_iter().for_each(|_| {
         while let chunk = next.fetch_add(1, Ordering::Relaxed)
             && let Some(range) = chunks.get(chunk)
         {
-            let sums = turns().lend();
+            let sums = ordered().lend();
             let mut mode = Reverse::new(scene, layout, d_image, sums);
             run(pass, range.clone(), &mut mode, stop);
-            turns().add(chunk, mode.into_sink());
+            ordered().add(chunk, mode.into_sink());
         }
     });
 }

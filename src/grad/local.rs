@@ -4,14 +4,14 @@ use std::ops::Add;
 
 use glam::Vec3;
 
+use crate::grad::environment::MovingEnvironment;
 use crate::grad::sink::{Adjoints, Sink};
-use crate::grad::sky::Sky;
 use crate::render::accel::PrimId;
 use crate::render::bsdf::{BsdfAdjoint, MAX_INPUTS, Part};
 use crate::render::film::first_hit;
 use crate::render::interaction::{SurfaceInteraction, d_terminator, terminator};
 use crate::render::light::{LightKind, LightSample};
-use crate::render::mask::{Crossing, Through};
+use crate::render::mask::{Crossing, MaskWeight};
 use crate::render::{Camera, Input, Output};
 
 /// Adjoints of the numbers of one surface interaction.
@@ -163,7 +163,12 @@ pub fn d_eval_attached(
 /// triangle's arrays and returns the adjoint of the ray.
 ///
 /// ẋ = u + d (n·(V−u))/(n·d), with u the velocity of the ray at the hit and V that of the material point; ḃ_i = ∇b_i·(ẋ−V).
-pub fn slide<S: Sink>(out: &mut Adjoints<S>, si: &SurfaceInteraction, t: f32, mut adj: VertexAdjoint) -> RayAdjoint {
+pub fn d_intersection<S: Sink>(
+    out: &mut Adjoints<S>,
+    si: &SurfaceInteraction,
+    t: f32,
+    mut adj: VertexAdjoint,
+) -> RayAdjoint {
     if si.shading_flip == 0.0 {
         adj.ng += adj.ns;
     } else if adj.ns != Vec3::ZERO {
@@ -263,7 +268,7 @@ pub fn d_masks<S: Sink>(out: &mut Adjoints<S>, dir: Vec3, crossings: &[Crossing]
             let si = out.scene.interaction(c.prim, c.b, -dir);
             let mut adj = VertexAdjoint::default();
             d_opacity(out, &si, d_opacity_here, &mut adj);
-            ray = ray + slide(out, &si, c.t, adj);
+            ray = ray + d_intersection(out, &si, c.t, adj);
         }
     }
     ray
@@ -279,34 +284,36 @@ pub fn emission_input<S: Sink>(out: &Adjoints<S>, prim: PrimId) -> Option<Input>
 }
 
 /// Adjoint of light that arrives at a vertex: material-fixed, but where surfaces touch, or through an attached lobe.
-pub fn d_arriving<S: Sink>(
+pub fn d_incident<S: Sink>(
     out: &mut Adjoints<S>,
     si: &SurfaceInteraction,
-    c: &Arriving,
+    c: &IncidentLight,
     a: Vec3,
-    sky: Sky,
+    environment: MovingEnvironment,
     adj: &mut VertexAdjoint,
 ) -> [Vec3; MAX_INPUTS] {
     if c.light.is_delta() {
-        return d_material(out, si, c, Scattering { f: si.eval(c.dir), part: None, a }, adj);
+        return d_material_fixed(out, si, c, Scattering { f: si.eval(c.dir), part: None, a }, adj);
     }
     let [fixed, attached] = si.eval_split(c.dir);
     let part = si.bsdf.is_attached().then_some(Part::Diffuse);
     let scattering = Scattering { f: fixed, part, a };
     let touches = c.light.kind == LightKind::Area && out.scene.touch(si.prim, c.light.prim);
-    let splits = c.light.kind == LightKind::Environment && sky != Sky::Whole && out.layout.turns_environment();
+    let splits = c.light.kind == LightKind::Environment
+        && environment != MovingEnvironment::Whole
+        && out.layout.turns_environment();
     let mut d_values = if splits {
-        d_sky(out, si, c, scattering, sky, adj)
+        d_environment_light(out, si, c, scattering, environment, adj)
     } else if !touches {
-        d_material(out, si, c, scattering, adj)
+        d_material_fixed(out, si, c, scattering, adj)
     } else {
         let d_f = a * c.light.power * (c.geometry * c.weight);
-        d_found(out, c, a * fixed, adj);
+        d_direction_fixed(out, c, a * fixed, adj);
         d_eval(si, c.dir, part, d_f, adj).1
     };
     if si.bsdf.is_attached() {
         let d_f = a * c.light.power * (c.geometry * c.weight);
-        let d_dir = d_found(out, c, a * attached, adj);
+        let d_dir = d_direction_fixed(out, c, a * attached, adj);
         for (d, e) in d_values.iter_mut().zip(d_eval_attached(si, c.dir, d_f, d_dir, adj)) {
             *d += e;
         }
@@ -315,18 +322,18 @@ pub fn d_arriving<S: Sink>(
 }
 
 /// Adjoint of light from a direction of which a part turns with the environment and the rest stays where it is.
-fn d_sky<S: Sink>(
+fn d_environment_light<S: Sink>(
     out: &mut Adjoints<S>,
     si: &SurfaceInteraction,
-    c: &Arriving,
+    c: &IncidentLight,
     scattering: Scattering,
-    sky: Sky,
+    environment: MovingEnvironment,
     adj: &mut VertexAdjoint,
 ) -> [Vec3; MAX_INPUTS] {
     let Scattering { f, part, a } = scattering;
-    let rest = c.light.power * sky.rest(out.scene, c.dir);
+    let rest = c.light.power * environment.direction_fixed_share(out.scene, c.dir);
     let turning = LightSample { power: c.light.power - rest, ..*c.light };
-    let mut d_values = d_material(out, si, &Arriving { light: &turning, ..*c }, scattering, adj);
+    let mut d_values = d_material_fixed(out, si, &IncidentLight { light: &turning, ..*c }, scattering, adj);
     let scale = c.geometry * c.weight;
     out.environment_base(c.dir, a * f * scale);
     adj.p += d_masks(out, c.dir, c.masks.crossings, a.dot(f * rest) * c.geometry * c.masks.weight).origin;
@@ -338,7 +345,7 @@ fn d_sky<S: Sink>(
 
 /// Adjoint of what a ray finds on a light that it slides over: `a` includes the BSDF. Adds the vertex's part, returns the
 /// direction's.
-fn d_found<S: Sink>(out: &mut Adjoints<S>, c: &Arriving, a: Vec3, adj: &mut VertexAdjoint) -> Vec3 {
+fn d_direction_fixed<S: Sink>(out: &mut Adjoints<S>, c: &IncidentLight, a: Vec3, adj: &mut VertexAdjoint) -> Vec3 {
     let d_power = a * (c.geometry * c.weight);
     let mut ray = d_masks(out, c.dir, c.masks.crossings, a.dot(c.light.power) * (c.geometry * c.masks.weight));
     if c.light.kind == LightKind::Environment {
@@ -349,7 +356,7 @@ fn d_found<S: Sink>(out: &mut Adjoints<S>, c: &Arriving, a: Vec3, adj: &mut Vert
         d_light.add_b(d_b);
         if d_light.b != [0.0; 3] {
             let there = out.scene.interaction(c.light.prim, c.light.b, -c.dir);
-            ray = ray + slide(out, &there, c.distance, d_light);
+            ray = ray + d_intersection(out, &there, c.distance, d_light);
         }
     }
     adj.p += ray.origin;
@@ -358,7 +365,7 @@ fn d_found<S: Sink>(out: &mut Adjoints<S>, c: &Arriving, a: Vec3, adj: &mut Vert
 
 /// Light arriving at a vertex from a light sample: contribution a·(f·power)·geometry·weight.
 #[derive(Clone, Copy)]
-pub struct Arriving<'a> {
+pub struct IncidentLight<'a> {
     pub light: &'a LightSample,
     pub dir: Vec3,
     pub distance: f32,
@@ -383,10 +390,10 @@ pub struct Scattering {
 }
 
 /// Adjoint of light from a point that stays where it is on its light.
-pub fn d_material<S: Sink>(
+pub fn d_material_fixed<S: Sink>(
     out: &mut Adjoints<S>,
     si: &SurfaceInteraction,
-    c: &Arriving,
+    c: &IncidentLight,
     Scattering { f, part, a }: Scattering,
     adj: &mut VertexAdjoint,
 ) -> [Vec3; MAX_INPUTS] {
@@ -461,7 +468,7 @@ pub fn d_first_hit<S: Sink>(
     output: Output,
     camera: &Camera,
     (si, t): (&SurfaceInteraction, f32),
-    through: &Through,
+    through: &MaskWeight,
     d: Vec3,
 ) -> RayAdjoint {
     let mut adj = VertexAdjoint::default();
@@ -487,7 +494,7 @@ pub fn d_first_hit<S: Sink>(
             adj.add_b(d_b);
         }
     }
-    slide(out, si, t, adj)
+    d_intersection(out, si, t, adj)
 }
 
 #[cfg(test)]

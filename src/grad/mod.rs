@@ -14,6 +14,7 @@
 //! | `estimate`, `sink` | how a sample becomes sums of derivatives |
 //! | `local`, `layers`, `sky` | adjoints of one vertex; masks beside edges; which part of a sky turns with it |
 
+pub mod environment;
 pub mod estimate;
 pub mod layers;
 pub mod local;
@@ -21,14 +22,13 @@ pub mod mirrors;
 pub mod modes;
 pub mod sampling;
 pub mod sink;
-pub mod sky;
 pub mod terms;
 
 pub use self::modes::{
     Direction, MAX_DIRECTIONS, coverage_gaps, render_backward, render_backward_until, render_forward, render_jacobian,
     render_jacobian_until,
 };
-pub use self::sampling::guide::Memory;
+pub use self::sampling::guide::GuideCache;
 pub use crate::render::{
     Camera, Input, NEVER, Output, Scene, SceneError, Settings, Slot, render, render_until, validate_camera,
 };

@@ -39,7 +39,7 @@ impl Facet {
 
 /// What is the same all over a shape.
 #[derive(Clone, Copy)]
-pub(crate) struct Look {
+pub(crate) struct ShapeShading {
     /// The material, if all its inputs are constant.
     pub bsdf: Option<Bsdf>,
     /// The radiance of an emitter, if it is constant.
@@ -53,8 +53,8 @@ pub(crate) struct Look {
     pub smooth: bool,
 }
 
-impl Look {
-    pub(super) fn new(description: &SceneDescription, shape: &Shape) -> Look {
+impl ShapeShading {
+    pub(super) fn new(description: &SceneDescription, shape: &Shape) -> ShapeShading {
         let constant = |input: Input| match input {
             Input::Texture(t) => Some(&description.textures[t]).filter(|t| t.is_constant()).map(Texture::color),
             Input::VertexColor | Input::Tinted(_) => None,
@@ -68,7 +68,7 @@ impl Look {
             })
         });
         let emission = shape.emission.as_ref();
-        Look {
+        ShapeShading {
             bsdf: known.then(|| Bsdf::new(&shape.material.kind, &values)),
             radiance: emission.and_then(|e| constant(e.radiance)),
             emits: emission.is_some(),

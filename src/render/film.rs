@@ -149,7 +149,7 @@ impl Work for Row<'_> {
         let mut rays = [Ray::new(Vec3::ZERO, Vec3::ZERO); BATCH];
         let (mut columns, mut indices) = ([0; BATCH], [0; BATCH]);
         let pinhole = camera.is_pinhole();
-        let (mut paths, mut found) = (Paths::<BATCH>::nowhere(), [Vec3::ZERO; BATCH]);
+        let (mut paths, mut found) = (Paths::<BATCH>::new(), [Vec3::ZERO; BATCH]);
         // In single precision many equal samples add up to too little.
         let mut sum = DVec3::ZERO;
         // The next pixel and sample, and those up to which all is done.
@@ -184,7 +184,7 @@ impl Work for Row<'_> {
                 }
             } else {
                 for (found, (ray, sampler)) in found.iter_mut().zip(rays[..count].iter().zip(&mut samplers)) {
-                    let hit = scene.chance(ray, &[], sampler);
+                    let hit = scene.random_interaction(ray, &[], sampler);
                     *found = hit.map_or(Vec3::ZERO, |(si, _)| first_hit(scene, output, camera, &si));
                 }
             }

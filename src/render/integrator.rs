@@ -13,7 +13,7 @@ use glam::Vec3;
 use super::accel::{PrimId, Ray};
 use super::interaction::SurfaceInteraction;
 use super::light::LightSample;
-use super::mask::{Crossing, Through, Toss};
+use super::mask::{Crossing, MaskSampling, MaskWeight};
 use super::sampler::Sampler;
 use super::world::Scene;
 
@@ -26,9 +26,9 @@ pub const MAX_DEPTH: u32 = 64;
 pub enum Start<'a> {
     Ray(Ray, &'a [PrimId]),
     Surface(SurfaceInteraction),
-    /// [Beside](crate::render::edges::Edge::beside) an edge, with the primitives that no ray from there meets. Others may be as near as that: what
+    /// A surface point right [beside](crate::render::edges::Edge::beside) an edge, with the primitives that no ray from there meets. Others may be as near as that: what
     /// rises at the edge stands between it and a light.
-    Beside(SurfaceInteraction, &'a [PrimId]),
+    BesideEdge(SurfaceInteraction, &'a [PrimId]),
 }
 
 /// What the first segment may see; later segments see everything.
@@ -39,20 +39,20 @@ pub struct Options<'a> {
     pub first_emission: bool,
     /// Count the environment if the first ray leaves the scene.
     pub first_environment: bool,
-    /// Keep walking where the throughput is zero: a black albedo has derivatives too.
+    /// Go on where the throughput is zero: a black albedo has derivatives too.
     pub keep_black: bool,
     /// Let each continuation stand for one part of its BSDF, chosen by value, where the parts are differentiated differently.
     pub split_lobes: bool,
     /// Sample the lights at each vertex; without it only the path itself is of use.
     pub next_event: bool,
     /// How masks are passed.
-    pub toss: Toss,
-    /// The share of turns that lead to a point chosen by area, anywhere on the scene's surfaces, where a path can go on after that:
-    /// lines that meet a surface at a grazing angle are rare among directions, but not among points.
-    pub anywhere: f32,
-    /// By shape: whether light counts once it has been there; that of a path which has been to none is not looked for. All of it
-    /// counts without.
-    pub by_way_of: Option<&'a [bool]>,
+    pub mask_sampling: MaskSampling,
+    /// The fraction of scattered directions that lead to a point chosen by area on any of the scene's surfaces, where a path can go on
+    /// after that: segments that meet a surface at a grazing angle are rare among BSDF samples, but not among points.
+    pub area_sampling_fraction: f32,
+    /// By shape: whether it is required. Light contributes only to paths that have met a required shape, and is not sampled before;
+    /// `None` requires nothing.
+    pub required_shapes: Option<&'a [bool]>,
     /// Primitives that rays from the first vertex do not meet.
     pub first_skip: &'a [PrimId],
 }
@@ -66,15 +66,15 @@ impl<'a> Options<'a> {
             keep_black: false,
             split_lobes: false,
             next_event: true,
-            toss: Toss::Fair,
-            anywhere: 0.0,
-            by_way_of: None,
+            mask_sampling: MaskSampling::Opacity,
+            area_sampling_fraction: 0.0,
+            required_shapes: None,
             first_skip: &[],
         }
     }
 
-    fn counts(&self, shape: u32) -> bool {
-        self.by_way_of.is_none_or(|counts| counts[shape as usize])
+    fn is_required(&self, shape: u32) -> bool {
+        self.required_shapes.is_none_or(|required| required[shape as usize])
     }
 }
 
@@ -108,7 +108,7 @@ pub struct Continuation {
     /// Distance travelled, infinite if nothing was hit.
     pub t: f32,
     /// What masks on the way do to what is found.
-    pub through: Through,
+    pub through: MaskWeight,
     /// MIS weight of emission found at the end of this segment.
     pub emission_weight: f32,
     /// If the segment ends on an emitter: that point as a light sample (its pdf is the density of this very technique).
@@ -117,16 +117,16 @@ pub struct Continuation {
     pub escaped: Option<Vec3>,
 }
 
-/// Watches a path being built, in order.
+/// Is told of a path as it is built, in order.
 pub trait Recorder {
     /// Whether anything is recorded at all.
-    const WATCHES: bool = true;
+    const RECORDS: bool = true;
 
     /// A vertex reached with `throughput · through.weight` (before scattering), at distance `t` from the previous one.
-    fn vertex(&mut self, _si: &SurfaceInteraction, _throughput: Vec3, _t: f32, _through: &Through) {}
-    /// A straight line begins. Masks on it follow, then, if it counts, what it belongs to.
-    fn line(&mut self) {}
-    /// A mask passed, unless the toss is fair.
+    fn vertex(&mut self, _si: &SurfaceInteraction, _throughput: Vec3, _t: f32, _through: &MaskWeight) {}
+    /// A new segment begins. Masks on it follow, then, if it is of use, the vertex or connection that it belongs to.
+    fn segment(&mut self) {}
+    /// A mask passed, unless masks are passed by opacity ([`MaskSampling::Opacity`]).
     fn cross(&mut self, _crossing: &Crossing) {}
     /// An unoccluded light connection of the latest vertex.
     fn connect(&mut self, _connection: &Connection) {}
@@ -139,27 +139,27 @@ pub trait Recorder {
 pub struct NoRecord;
 
 impl Recorder for NoRecord {
-    const WATCHES: bool = false;
+    const RECORDS: bool = false;
 }
 
 /// One-sample estimate of the radiance along a path's first segment, towards its start.
 #[inline(always)]
 pub fn trace<R: Recorder>(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Options, rec: &mut R) -> Vec3 {
-    let mut paths = Paths::<1>::nowhere();
+    let mut paths = Paths::<1>::new();
     let (samplers, recs) = (array::from_mut(sampler), array::from_mut(rec));
     let mut options = *options;
     match start {
-        Start::Surface(si) => paths.start_at(0, si, 0.0, &Through::CLEAR, &options, &mut recs[0]),
-        Start::Beside(si, skip) => {
+        Start::Surface(si) => paths.start_at(0, si, 0.0, &MaskWeight::CLEAR, &options, &mut recs[0]),
+        Start::BesideEdge(si, skip) => {
             /// Light that goes to and fro in an acute angle meets its other side nearer than rays of other paths begin.
             const NEAR: f32 = 1.0 / 16.0;
             options.first_skip = skip;
-            paths.offsets = NEAR;
-            paths.start_at(0, si, 0.0, &Through::CLEAR, &options, &mut recs[0]);
+            paths.offset_scale = NEAR;
+            paths.start_at(0, si, 0.0, &MaskWeight::CLEAR, &options, &mut recs[0]);
         }
         Start::Ray(ray, skip) => paths.start(scene, &[ray], skip, samplers, &options, recs),
     }
-    paths.go_on(scene, samplers, &options, recs);
+    paths.run(scene, samplers, &options, recs);
     paths.radiance(0)
 }
 
@@ -212,13 +212,13 @@ mod tests {
 
     /// Whatever is used to choose directions, light is the same.
     #[test]
-    fn turns_to_points_anywhere_find_the_light_that_directions_find() {
+    fn area_sampling_finds_the_light_that_bsdf_sampling_finds() {
         const N: u64 = 60_000;
         let scene = corner();
         for (x, y) in [(0.0, -0.9), (0.15, -0.4), (-0.4, -0.2)] {
             let ray = Ray::new(Vec3::new(0.0, 2.0, 3.0), Vec3::new(x, y, -1.0).normalize());
-            let radiance = |anywhere: f32, split_lobes: bool| {
-                let options = Options { anywhere, split_lobes, ..Options::new(4) };
+            let radiance = |fraction: f32, split_lobes: bool| {
+                let options = Options { area_sampling_fraction: fraction, split_lobes, ..Options::new(4) };
                 let (mut sum, mut squares) = (0.0, 0.0);
                 for i in 0..N {
                     // Independent samples, of which the error can be told.
@@ -230,11 +230,11 @@ mod tests {
                 (mean, (squares / n - mean * mean) / n)
             };
             let (expected, variance) = radiance(0.0, false);
-            for (anywhere, split_lobes) in [(0.25, false), (0.7, false), (0.5, true)] {
-                let (found, own) = radiance(anywhere, split_lobes);
+            for (fraction, split_lobes) in [(0.25, false), (0.7, false), (0.5, true)] {
+                let (found, own) = radiance(fraction, split_lobes);
                 let error = (variance + own).sqrt();
                 assert!(error < 0.015 * expected, "{error} of {expected}");
-                assert!((found - expected).abs() < 3.5 * error, "{anywhere}: {found} instead of {expected} ± {error}");
+                assert!((found - expected).abs() < 3.5 * error, "{fraction}: {found} instead of {expected} ± {error}");
             }
         }
     }
@@ -259,12 +259,12 @@ mod tests {
         let all_options = [
             plain,
             Options::new(1),
-            Options { anywhere: 0.3, ..plain },
-            Options { by_way_of: Some(&[false, false, true, false]), next_event: false, ..Options::new(4) },
+            Options { area_sampling_fraction: 0.3, ..plain },
+            Options { required_shapes: Some(&[false, false, true, false]), next_event: false, ..Options::new(4) },
         ];
         let pairs = scenes.iter().flat_map(|scene| all_options.iter().map(move |options| (scene, options)));
         for (case, (scene, options)) in pairs.enumerate() {
-            let mut paths = Paths::<BATCH>::nowhere();
+            let mut paths = Paths::<BATCH>::new();
             let mut lit = 0;
             for batch in 0..20 {
                 let count = if batch % 3 == 0 { BATCH } else { 1 + batch };

@@ -82,16 +82,17 @@ impl Scene {
     #[inline(always)]
     pub(crate) fn interaction(&self, prim: PrimId, b: [f32; 3], wi: Vec3) -> SurfaceInteraction {
         let facet = &self.facets[prim as usize];
-        let look = &self.looks[facet.shape as usize];
+        let shading = &self.shape_shading[facet.shape as usize];
         let flip = if facet.normal.dot(wi) < 0.0 { -1.0 } else { 1.0 };
         let ng = facet.normal * flip;
-        let (ns, shading_flip) = if look.smooth { self.shading_normal(prim, b, ng) } else { (ng, 0.0) };
-        let bsdf = match look.bsdf {
-            _ if look.one_sided && flip < 0.0 => Bsdf::Black,
+        let (ns, shading_flip) = if shading.smooth { self.shading_normal(prim, b, ng) } else { (ng, 0.0) };
+        let bsdf = match shading.bsdf {
+            _ if shading.one_sided && flip < 0.0 => Bsdf::Black,
             Some(bsdf) => bsdf,
             None => self.bsdf(&self.description.shapes[facet.shape as usize].material.kind, prim, b),
         };
-        let emission = if look.emits && (look.two_sided || flip > 0.0) { self.emitted(prim, b) } else { Vec3::ZERO };
+        let emission =
+            if shading.emits && (shading.two_sided || flip > 0.0) { self.emitted(prim, b) } else { Vec3::ZERO };
         SurfaceInteraction {
             prim,
             shape: facet.shape,
@@ -125,7 +126,7 @@ impl Scene {
     #[inline(always)]
     pub(crate) fn emitted(&self, prim: PrimId, b: [f32; 3]) -> Vec3 {
         let shape = self.facets[prim as usize].shape as usize;
-        self.looks[shape].radiance.unwrap_or_else(|| self.emitted_by_texture(shape, prim, b))
+        self.shape_shading[shape].radiance.unwrap_or_else(|| self.emitted_by_texture(shape, prim, b))
     }
 
     #[inline(never)]

@@ -1,6 +1,6 @@
 //! Masks: surfaces that are there with the probability of their opacity, else a ray passes straight through.
 //!
-//! Paths toss a coin at every mask they meet; shadow rays carry what is let through, Π(1 − opacity). Opacities are continuous over
+//! Paths choose at random at every mask they meet; shadow rays carry what is let through, Π(1 − opacity). Opacities are continuous over
 //! a surface, so that derivatives need no edges besides those of the mesh.
 
 use super::accel::{Hit, PrimId, Ray, Root};
@@ -29,7 +29,7 @@ impl Crossing {
 
 /// What masks do to what a ray finds: `weight` is pass · opacity · inv_choice.
 #[derive(Clone, Copy, Debug)]
-pub struct Through {
+pub struct MaskWeight {
     /// Product over the masks passed.
     pub pass: f32,
     /// Of the surface that is found; 1 without a mask.
@@ -39,31 +39,31 @@ pub struct Through {
     pub weight: f32,
 }
 
-impl Through {
-    pub const CLEAR: Through = Through { pass: 1.0, opacity: 1.0, inv_choice: 1.0, weight: 1.0 };
+impl MaskWeight {
+    pub const CLEAR: MaskWeight = MaskWeight { pass: 1.0, opacity: 1.0, inv_choice: 1.0, weight: 1.0 };
 }
 
 /// How a path chooses between a mask and what is behind it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Toss {
-    /// By opacity: all weights are one. Nothing that is asked for changes opacities.
-    Fair,
+pub enum MaskSampling {
+    /// In proportion to opacity: all weights are one. For values, and derivatives that change no opacity.
+    Opacity,
     /// Neither side is rare where the mask is neither opaque nor clear: for derivatives of points that slide over a mask.
-    Slopes,
+    PartlyOpaque,
     /// Neither side is ever rare: for derivatives in the opacities themselves, which need both sides everywhere.
-    Both,
+    BothSides,
 }
 
 /// The least probability of either side where both are wanted.
 const RARE: f32 = 0.1;
 
-impl Toss {
+impl MaskSampling {
     fn probability(self, opacity: f32) -> f32 {
         let certain = opacity <= 0.0 || opacity >= 1.0;
         match self {
-            Toss::Fair => opacity,
-            Toss::Slopes if certain => opacity,
-            Toss::Slopes | Toss::Both => opacity.clamp(RARE, 1.0 - RARE),
+            MaskSampling::Opacity => opacity,
+            MaskSampling::PartlyOpaque if certain => opacity,
+            MaskSampling::PartlyOpaque | MaskSampling::BothSides => opacity.clamp(RARE, 1.0 - RARE),
         }
     }
 }
@@ -81,70 +81,70 @@ impl Scene {
     }
 
     /// The surface that a ray stops at, its distance, and the weight that masks give it. `cross` is told the masks passed, unless
-    /// the toss is fair.
+    /// these are passed by opacity.
     #[inline]
-    pub(crate) fn follow(
+    pub(crate) fn sample_interaction(
         &self,
         ray: &Ray,
         skip: &[PrimId],
         sampler: &mut Sampler,
-        toss: Toss,
+        sampling: MaskSampling,
         cross: impl FnMut(Crossing),
-    ) -> (Option<(SurfaceInteraction, f32)>, Through) {
-        let (hit, through) = self.stop(ray, skip, sampler, toss, cross);
+    ) -> (Option<(SurfaceInteraction, f32)>, MaskWeight) {
+        let (hit, through) = self.sample_hit(ray, skip, sampler, sampling, cross);
         (hit.map(|hit| (self.interaction(hit.prim, hit.b, -ray.dir), hit.t)), through)
     }
 
-    /// [`Scene::follow`] with a fair toss.
+    /// [`Scene::sample_interaction`] with masks passed by opacity.
     #[inline]
-    pub(crate) fn chance(
+    pub(crate) fn random_interaction(
         &self,
         ray: &Ray,
         skip: &[PrimId],
         sampler: &mut Sampler,
     ) -> Option<(SurfaceInteraction, f32)> {
-        self.follow(ray, skip, sampler, Toss::Fair, |_| ()).0
+        self.sample_interaction(ray, skip, sampler, MaskSampling::Opacity, |_| ()).0
     }
 
-    /// Where a ray stops, with a fair toss.
+    /// Where a ray stops, with masks passed by opacity.
     #[inline]
-    pub(crate) fn chance_hit(&self, ray: &Ray, skip: &[PrimId], sampler: &mut Sampler) -> Option<Hit> {
-        self.stop(ray, skip, sampler, Toss::Fair, |_| ()).0
+    pub(crate) fn random_hit(&self, ray: &Ray, skip: &[PrimId], sampler: &mut Sampler) -> Option<Hit> {
+        self.sample_hit(ray, skip, sampler, MaskSampling::Opacity, |_| ()).0
     }
 
     /// Where a ray stops, and what the masks on the way do to that.
     #[inline(always)]
-    pub(crate) fn stop(
+    pub(crate) fn sample_hit(
         &self,
         ray: &Ray,
         skip: &[PrimId],
         sampler: &mut Sampler,
-        toss: Toss,
+        sampling: MaskSampling,
         cross: impl FnMut(Crossing),
-    ) -> (Option<Hit>, Through) {
+    ) -> (Option<Hit>, MaskWeight) {
         if !self.masked {
-            return (self.accel.closest(ray, skip), Through::CLEAR);
+            return (self.accel.closest(ray, skip), MaskWeight::CLEAR);
         }
-        self.stop_at_mask(ray, skip, sampler, toss, cross)
+        self.sample_hit_with_masks(ray, skip, sampler, sampling, cross)
     }
 
-    fn stop_at_mask(
+    fn sample_hit_with_masks(
         &self,
         ray: &Ray,
         skip: &[PrimId],
         sampler: &mut Sampler,
-        toss: Toss,
+        sampling: MaskSampling,
         mut cross: impl FnMut(Crossing),
-    ) -> (Option<Hit>, Through) {
-        let mut through = Through::CLEAR;
+    ) -> (Option<Hit>, MaskWeight) {
+        let mut through = MaskWeight::CLEAR;
         let hit = self.walk(ray, skip, |hit| {
             let Some(opacity) = self.opacity(hit.prim, hit.b) else { return true };
-            let p = toss.probability(opacity);
+            let p = sampling.probability(opacity);
             if p >= 1.0 || (p > 0.0 && sampler.next_1d() < p) {
                 (through.opacity, through.inv_choice) = (opacity, 1.0 / p);
                 return true;
             }
-            if toss != Toss::Fair {
+            if sampling != MaskSampling::Opacity {
                 let inv_choice = 1.0 / (1.0 - p);
                 let crossing = Crossing { prim: hit.prim, b: hit.b, t: hit.t, opacity, inv_choice };
                 through.pass *= crossing.weight();
@@ -152,7 +152,7 @@ impl Scene {
             }
             false
         });
-        if toss != Toss::Fair {
+        if sampling != MaskSampling::Opacity {
             through.weight = through.pass * through.opacity * through.inv_choice;
         }
         (hit, through)
@@ -161,18 +161,18 @@ impl Scene {
     /// What masks let through along a ray, 0 behind anything solid.
     #[inline]
     pub(crate) fn transmittance(&self, ray: &Ray, skip: &[PrimId]) -> f32 {
-        self.let_through(ray, None, skip, Toss::Fair, |_| ()).unwrap_or(0.0)
+        self.unoccluded(ray, None, skip, MaskSampling::Opacity, |_| ()).unwrap_or(0.0)
     }
 
-    /// [`Scene::transmittance`]; `None` where it is zero and no opacity can change that, or the toss says that none will. `cross`
+    /// [`Scene::transmittance`]; `None` where it is zero and no opacity can change that, or none is asked for. `cross`
     /// is told the masks passed.
     #[inline]
-    pub(crate) fn let_through(
+    pub(crate) fn unoccluded(
         &self,
         ray: &Ray,
         root: Option<&Root>,
         skip: &[PrimId],
-        toss: Toss,
+        sampling: MaskSampling,
         mut cross: impl FnMut(Crossing),
     ) -> Option<f32> {
         if !self.masked {
@@ -182,7 +182,7 @@ impl Scene {
             return None;
         }
         // One opaque mask may still become less so, where that is asked for; two hide each other.
-        let allowed = u32::from(toss == Toss::Both);
+        let allowed = u32::from(sampling == MaskSampling::BothSides);
         let (mut pass, mut opaque) = (1.0, 0);
         let end = self.walk(ray, skip, |hit| {
             let Some(opacity) = self.opacity(hit.prim, hit.b) else { return true };
@@ -196,17 +196,17 @@ impl Scene {
 
     /// The masks that a ray passes. Rays right beside it pass the same, and see the same of them: these leave them out where what is
     /// behind makes a difference. (Not all that lies as near: a ray beside one that ends on a surface may meet that before.)
-    pub(crate) fn passed(&self, ray: &Ray, skip: &[PrimId]) -> Vec<PrimId> {
+    pub(crate) fn masks_passed(&self, ray: &Ray, skip: &[PrimId]) -> Vec<PrimId> {
         let mut passed = Vec::new();
         if self.masked {
-            self.let_through(ray, None, skip, Toss::Fair, |crossing| passed.push(crossing.prim));
+            self.unoccluded(ray, None, skip, MaskSampling::Opacity, |crossing| passed.push(crossing.prim));
         }
         passed
     }
 
     /// The first surface that is `wanted` if nothing solid is before it, with its distance and what is let through of it: its
     /// opacity, and what the masks in front of it leave.
-    pub(crate) fn find(
+    pub(crate) fn first_wanted(
         &self,
         ray: &Ray,
         skip: &[PrimId],

@@ -10,7 +10,7 @@ use super::accel::{Accel, PrimId};
 use super::contacts::table::Contacts;
 use super::edges::table::EdgeTable;
 use super::environment::{EnvironmentPeak, EnvironmentTable};
-use super::facets::{Facet, Look, Prim};
+use super::facets::{Facet, Prim, ShapeShading};
 use super::light::table::LightTable;
 use super::sampler::Discrete;
 use super::scene::{Camera, Cone, DeltaLight, Input, LightMotion, Projection, SceneDescription, Shape};
@@ -57,7 +57,7 @@ pub struct Scene {
     pub(crate) prims: Vec<Prim>,
     pub(crate) facets: Vec<Facet>,
     /// By shape.
-    pub(crate) looks: Vec<Look>,
+    pub(crate) shape_shading: Vec<ShapeShading>,
     pub(crate) lights: LightTable,
     pub(crate) environment: Option<EnvironmentTable>,
     pub(crate) environment_peak: Option<EnvironmentPeak>,
@@ -95,7 +95,7 @@ impl Scene {
             description.environment.as_ref().and_then(|e| EnvironmentPeak::new(&description.textures[e.radiance]));
         let lights = LightTable::new(&description, &prims, radius, environment_peak.as_ref());
         let facets = prims.iter().zip(&corners).map(|(prim, corners)| Facet::new(prim.shape, *corners)).collect();
-        let looks = description.shapes.iter().map(|s| Look::new(&description, s)).collect();
+        let shape_shading = description.shapes.iter().map(|s| ShapeShading::new(&description, s)).collect();
         let accel = match before.filter(|before| before.prims.len() == prims.len()) {
             Some(before) => {
                 let mut accel = before.accel.clone();
@@ -106,7 +106,7 @@ impl Scene {
         };
         Ok(Scene {
             facets,
-            looks,
+            shape_shading,
             masked: description.shapes.iter().any(|s| s.material.opacity.is_some()),
             accel,
             description,

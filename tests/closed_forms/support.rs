@@ -1,6 +1,6 @@
 use std::ops::RangeInclusive;
 
-use dscene::grad::{Memory, NEVER, Output, Scene, Settings, render, render_backward, render_backward_until};
+use dscene::grad::{GuideCache, NEVER, Output, Scene, Settings, render, render_backward, render_backward_until};
 use dscene::image::Image;
 use dscene::mesh::Mesh;
 use dscene::render::texture::Texture;
@@ -216,7 +216,7 @@ impl Measured<'_> {
 
     /// As below, of steps that learn from one another.
     pub fn remembered_along(&self, steps: u64, slot: Slot, motions: &[Vec<Vec3>]) -> Estimate {
-        let (memory, d_image) = (Memory::default(), self.first_channel());
+        let (memory, d_image) = (GuideCache::default(), self.first_channel());
         estimate(steps, |seed| {
             let (settings, memory) = (Settings { seed, ..self.settings }, Some(&memory));
             let found =

@@ -11,7 +11,7 @@ use crate::mesh::Mesh;
 use crate::render::accel::{Hit, Ray};
 use crate::render::bsdf::Bsdf;
 use crate::render::distortion::Distortion;
-use crate::render::mask::Toss;
+use crate::render::mask::MaskSampling;
 use crate::render::sampler::Sampler;
 use crate::render::scene::{Cone, Lens};
 use crate::render::texture::Texture;
@@ -153,7 +153,7 @@ fn sliding_matches_the_dual_number_twin() {
         let mut out = Adjoints::new(&scene, &layout, Sums::new(layout.size()));
         let mut adj = VertexAdjoint { p: d_p, ng: d_ng, ns: d_ns, b: d_b.to_array(), ..Default::default() };
         adj.add_b(out.uv(si.prim, si.b, d_uv.truncate()));
-        let ray = slide(&mut out, &si, hit.t, adj);
+        let ray = d_intersection(&mut out, &si, hit.t, adj);
 
         let p: [Twin<30>; 3] = std::array::from_fn(|i| variables(corners[i], 3 * i));
         let m: [Twin<30>; 3] = std::array::from_fn(|i| variables(normals[i], 9 + 3 * i));
@@ -208,7 +208,7 @@ fn arriving_light_matches_the_dual_number_twin() {
         checked[i % 3] += 1;
         let layout = Layout::new(&scene, &[slot]);
         let mut out = Adjoints::new(&scene, &layout, Sums::new(layout.size()));
-        let arriving = Arriving {
+        let incident = IncidentLight {
             light: &light,
             dir: arrival.dir,
             distance: arrival.distance,
@@ -217,7 +217,7 @@ fn arriving_light_matches_the_dual_number_twin() {
             masks: Masks { crossings: &[], weight: 0.7 },
         };
         let mut adj = VertexAdjoint::default();
-        d_material(&mut out, &si, &arriving, Scattering { f, part: None, a }, &mut adj);
+        d_material_fixed(&mut out, &si, &incident, Scattering { f, part: None, a }, &mut adj);
 
         let (at, normal): (Twin<15>, Twin<15>) = (variables(x, 9), variables(ns, 12));
         let power = 0.7 * 0.6 * f64::from(a.dot(light.power)) / std::f64::consts::PI;
@@ -247,16 +247,16 @@ fn arriving_light_matches_the_dual_number_twin() {
 }
 
 /// A ray that finds a triangle, and how both move.
-struct Sight {
+struct CameraHit {
     si: SurfaceInteraction,
     t: f32,
     ray: Ray,
     moves: [Vec3; 2],
 }
 
-impl Sight {
+impl CameraHit {
     /// Of a triangle with these corners, if it is not too grazing and nothing is a sliver, whose normal has too few digits.
-    fn new(rng: &mut Pcg32, scene: &Scene, corners: [Vec3; 3]) -> Option<Sight> {
+    fn new(rng: &mut Pcg32, scene: &Scene, corners: [Vec3; 3]) -> Option<CameraHit> {
         let b = Vec3::from(rng.next_3d());
         let target = (corners[0] * b.x + corners[1] * b.y + corners[2] * b.z) / b.element_sum();
         let origin = target + 2.0 * anywhere(rng).normalize();
@@ -272,7 +272,7 @@ impl Sight {
         let clear = stout && si.ng.dot(si.wi) > STEEP && si.ns.dot(si.wi).abs() > STEEP;
         // Directions remain of unit length.
         let turn = ray.dir.cross(anywhere(rng));
-        clear.then(|| Sight { si, t, ray, moves: [anywhere(rng), turn] })
+        clear.then(|| CameraHit { si, t, ray, moves: [anywhere(rng), turn] })
     }
 
     fn line(&self) -> [Vector; 2] {
@@ -290,7 +290,7 @@ const STEEP: f32 = 0.15;
 /// The masks that a ray passes, unless one is met at a grazing angle.
 fn masks(scene: &Scene, ray: &Ray, skip: &[PrimId]) -> Option<(Vec<Crossing>, f32)> {
     let mut crossings = Vec::new();
-    let pass = scene.let_through(ray, None, skip, Toss::Fair, |c| crossings.push(c))?;
+    let pass = scene.unoccluded(ray, None, skip, MaskSampling::Opacity, |c| crossings.push(c))?;
     let steep = |c: &Crossing| scene.facets[c.prim as usize].normal.dot(ray.dir).abs() > STEEP;
     crossings.iter().all(steep).then_some((crossings, pass))
 }
@@ -345,8 +345,8 @@ fn reflected_light_matches_the_dual_number_twin() {
         }
         let moving = Moving::new(rng, builder.description);
         let scene = &moving.scene;
-        let Some(sight) = Sight::new(rng, scene, corners) else { continue };
-        let (si, line) = (&sight.si, sight.line());
+        let Some(hit) = CameraHit::new(rng, scene, corners) else { continue };
+        let (si, line) = (&hit.si, hit.line());
         let light = scene.sample_light(Vec2::from(rng.next_2d())).unwrap();
         let Some(arrival) = light.arrive(si.p) else { continue };
         let dir = arrival.dir;
@@ -373,7 +373,7 @@ fn reflected_light_matches_the_dual_number_twin() {
         checked[kind].iter_mut().zip(also).for_each(|(n, also)| *n += i32::from(also));
 
         let (a, w) = (0.6 + 0.4 * anywhere(rng), 0.7);
-        let arriving = Arriving {
+        let incident = IncidentLight {
             light: &light,
             dir,
             distance: arrival.distance,
@@ -381,11 +381,11 @@ fn reflected_light_matches_the_dual_number_twin() {
             weight: w * pass,
             masks: Masks { crossings: &crossings, weight: w },
         };
-        let sky = if kind == 6 { Sky::Peak } else { Sky::Whole };
+        let environment = if kind == 6 { MovingEnvironment::Peak } else { MovingEnvironment::Whole };
         let (mut out, mut adj) = (moving.adjoints(), VertexAdjoint::default());
-        let d_values = d_arriving(&mut out, si, &arriving, a, sky, &mut adj);
+        let d_values = d_incident(&mut out, si, &incident, a, environment, &mut adj);
         d_inputs(&mut out, si, &d_values, &mut adj);
-        let ray = slide(&mut out, si, sight.t, adj);
+        let ray = d_intersection(&mut out, si, hit.t, adj);
         let value = a.dot(si.eval(dir) * light.power) * (arrival.geometry * w * pass);
 
         let v = moving.vertex(si, line);
@@ -413,7 +413,7 @@ fn reflected_light_matches_the_dual_number_twin() {
             let found = moving.found(&light, [v.p, turning]);
             twin = twin + through(Some(Part::Specular), turning, found) * density * now;
         }
-        moving.assert_alike(KINDS[kind], value, &mut out, &sight.terms(ray), twin);
+        moving.assert_alike(KINDS[kind], value, &mut out, &hit.terms(ray), twin);
     }
     let ordinary = |kind: usize| matches!(KINDS[kind], "area" | "point");
     let enough = |kind: usize| checked[kind][..4 - usize::from(ordinary(kind))].iter().all(|n| *n > 30);
@@ -438,9 +438,9 @@ fn directions_that_turn_with_a_normal_match_the_dual_number_twin() {
         }
         let moving = Moving::new(rng, builder.description);
         let scene = &moving.scene;
-        let Some(sight) = Sight::new(rng, scene, corners) else { continue };
-        let si = &sight.si;
-        let v = moving.vertex(si, sight.line());
+        let Some(hit) = CameraHit::new(rng, scene, corners) else { continue };
+        let si = &hit.si;
+        let v = moving.vertex(si, hit.line());
         let (dir, turning) = if i % 2 == 0 {
             (si.mirrored(), v.mirrored())
         } else {
@@ -469,10 +469,10 @@ fn directions_that_turn_with_a_normal_match_the_dual_number_twin() {
         } else {
             d_attached_direction(si, dir, d_dir, &mut adj);
         }
-        let ray = slide(&mut out, si, sight.t, adj);
+        let ray = d_intersection(&mut out, si, hit.t, adj);
         let seen = moving.radiance(moving.in_map(turning.0));
         let twin = dot(seen, constants(a)) * moving.pass(&crossings, [v.p, turning.0]);
-        moving.assert_alike(["mirrored", "attached"][i % 2], a.dot(radiance) * pass, &mut out, &sight.terms(ray), twin);
+        moving.assert_alike(["mirrored", "attached"][i % 2], a.dot(radiance) * pass, &mut out, &hit.terms(ray), twin);
     }
     assert!([folded, mirrored, attached, masked].iter().all(|n| *n > 40), "{folded} {mirrored} {attached} {masked}");
 }
@@ -505,12 +505,13 @@ fn first_hits_match_the_dual_number_twin() {
         }
         let moving = Moving::new(rng, builder.description);
         let scene = &moving.scene;
-        let Some(sight) = Sight::new(rng, scene, first) else { continue };
+        let Some(hit) = CameraHit::new(rng, scene, first) else { continue };
         let mut crossings = Vec::new();
         let mut sampler = Sampler::new(5, i as u64);
-        let found = scene.follow(&sight.ray, &[], &mut sampler, Toss::Both, |c| crossings.push(c));
+        let found =
+            scene.sample_interaction(&hit.ray, &[], &mut sampler, MaskSampling::BothSides, |c| crossings.push(c));
         let (Some((si, t)), through) = found else { continue };
-        let steep = |prim: PrimId| scene.facets[prim as usize].normal.dot(sight.ray.dir).abs() > STEEP;
+        let steep = |prim: PrimId| scene.facets[prim as usize].normal.dot(hit.ray.dir).abs() > STEEP;
         if !(steep(si.prim) && crossings.iter().all(|c| steep(c.prim))) {
             continue;
         }
@@ -537,15 +538,15 @@ fn first_hits_match_the_dual_number_twin() {
             let mut adj = VertexAdjoint::default();
             d_emission_sliding(&mut out, &si, d * through.weight, &mut adj);
             d_opacity(&mut out, &si, d.dot(si.emission) * through.pass * through.inv_choice, &mut adj);
-            (si.emission, slide(&mut out, &si, t, adj))
+            (si.emission, d_intersection(&mut out, &si, t, adj))
         } else {
             let ray = d_first_hit(&mut out, output, &camera, (&si, t), &through, d);
             (first_hit(scene, output, &camera, &si), ray)
         };
         let d_pass = d.dot(channel) * (through.opacity * through.inv_choice);
-        let ray = ray + d_masks(&mut out, sight.ray.dir, &crossings, d_pass);
+        let ray = ray + d_masks(&mut out, hit.ray.dir, &crossings, d_pass);
 
-        let v = moving.vertex(&si, sight.line());
+        let v = moving.vertex(&si, hit.line());
         let first_of = |x: Number| [x, Dual::constant(0.0), Dual::constant(0.0)];
         let (forward, eye) = (vector(camera.frame[2], moves[1]), vector(camera.origin, moves[0]));
         let emission = scene.description.shapes[si.prim as usize].emission.as_ref().unwrap();
@@ -563,8 +564,8 @@ fn first_hits_match_the_dual_number_twin() {
             _ => first_of(Dual::constant(1.0)),
         };
         let stops = moving.opacity(si.prim, v.b) * f64::from(through.inv_choice);
-        let twin = dot(twin, constants(d)) * stops * moving.pass(&crossings, sight.line());
-        let [by_origin, by_dir] = sight.terms(ray);
+        let twin = dot(twin, constants(d)) * stops * moving.pass(&crossings, hit.line());
+        let [by_origin, by_dir] = hit.terms(ray);
         let others = [by_origin, by_dir, (out.camera.origin, moves[0]), (out.camera.frame[2], moves[1])];
         let value = d.dot(channel) * through.weight;
         moving.assert_alike(&format!("{output:?}"), value, &mut out, &others, twin);

@@ -17,8 +17,8 @@ use crate::render::edges::Edge;
 use crate::render::sampler::Discrete;
 use crate::render::{Camera, Scene};
 
-/// Barycentric coordinates of a triangle's second and third corner.
-pub type Place = [f64; 2];
+/// A place in a triangle: barycentric coordinates of its second and third corner.
+pub type Barycentric = [f64; 2];
 
 /// Where a mirror is seen from.
 #[derive(Clone, Copy, Debug)]
@@ -51,7 +51,7 @@ impl Eye {
 
 /// A triangle of a mirror, or a part of one, as seen from an eye.
 #[derive(Clone, Copy, Debug)]
-pub struct Facet {
+pub struct MirrorPatch {
     /// Points, normals and directions to the eye at the corners.
     pub x: [DVec3; 3],
     m: [DVec3; 3],
@@ -60,8 +60,8 @@ pub struct Facet {
     fold: Option<DVec3>,
 }
 
-impl Facet {
-    pub fn new(scene: &Scene, prim: PrimId, eye: Eye, folded: bool) -> Facet {
+impl MirrorPatch {
+    pub fn new(scene: &Scene, prim: PrimId, eye: Eye, folded: bool) -> MirrorPatch {
         let id = scene.prims[prim as usize];
         let mesh = &scene.description.shapes[id.shape as usize].mesh;
         let x = scene.corners(prim).map(Vec3::as_dvec3);
@@ -70,13 +70,13 @@ impl Facet {
             Some(normals) => mesh.faces[id.face as usize].map(|v| normals[v as usize].as_dvec3()),
             None => [flat; 3],
         };
-        Facet { x, m, w: x.map(|x| eye.from(x)), fold: folded.then_some(flat) }
+        MirrorPatch { x, m, w: x.map(|x| eye.from(x)), fold: folded.then_some(flat) }
     }
 
     /// The part between three places.
-    pub fn part(&self, corners: [Place; 3]) -> Facet {
+    pub fn part(&self, corners: [Barycentric; 3]) -> MirrorPatch {
         let at = |v: &[DVec3; 3]| corners.map(|[u, t]| v[0] * (1.0 - u - t) + v[1] * u + v[2] * t);
-        Facet { x: at(&self.x), m: at(&self.m), w: at(&self.w), fold: self.fold }
+        MirrorPatch { x: at(&self.x), m: at(&self.m), w: at(&self.w), fold: self.fold }
     }
 
     /// Unit normal of the plane.
@@ -99,7 +99,7 @@ impl Facet {
     }
 
     /// Whether a direction leaves on the side that the eye sees: else the other way of mirroring, folded or not, applies.
-    fn leaves(&self, [u, t]: Place, d: DVec3) -> bool {
+    fn leaves(&self, [u, t]: Barycentric, d: DVec3) -> bool {
         let w = self.w[0] * (1.0 - u - t) + self.w[1] * u + self.w[2] * t;
         let n = self.normal();
         n.dot(d) * n.dot(w) > 0.0
@@ -112,7 +112,7 @@ impl Facet {
     }
 
     /// Whether the mirrored direction leaves on the eye's side anywhere.
-    pub fn faces_out(&self) -> bool {
+    pub fn reflects_outwards(&self) -> bool {
         let n = self.normal();
         let seen: Form<f64> = Form::linear(self.w.map(|w| w.dot(n)));
         !self.direction().times(&seen, |d, s| d.dot(n) * s).is_below(0.0)
@@ -157,8 +157,8 @@ impl Facet {
 
     /// All places on a straight line from corner to corner coordinates `from` and `to` (in [0, 1]² of this part) at which the
     /// segment is seen.
-    pub fn seen_along(&self, [from, to]: [Place; 2], ends: [DVec3; 2], mut found: impl FnMut(Sighting)) {
-        let at = |v: &[DVec3; 3], [u, t]: Place| v[0] * (1.0 - u - t) + v[1] * u + v[2] * t;
+    pub fn images_on_line(&self, [from, to]: [Barycentric; 2], ends: [DVec3; 2], mut found: impl FnMut(SegmentImage)) {
+        let at = |v: &[DVec3; 3], [u, t]: Barycentric| v[0] * (1.0 - u - t) + v[1] * u + v[2] * t;
         let line = |v: &[DVec3; 3]| [at(v, from), at(v, to) - at(v, from)];
         let ([x0, x1], [m0, m1], [w0, w1]) = (line(&self.x), line(&self.m), line(&self.w));
         let mw = [m0.dot(w0), m0.dot(w1) + m1.dot(w0), m1.dot(w1)];
@@ -190,19 +190,19 @@ impl Facet {
             if !self.leaves(place, d) {
                 return;
             }
-            found(Sighting { place, s: beta / (alpha + beta) });
+            found(SegmentImage { place, s: beta / (alpha + beta) });
         });
     }
 
     /// Derivatives, in the place, of how far the mirrored ray passes by in direction `n`, perpendicular to it, at `distance`.
-    pub fn passes_by(&self, place: Place, distance: f64, n: DVec3) -> [f64; 2] {
+    pub fn d_miss(&self, place: Barycentric, distance: f64, n: DVec3) -> [f64; 2] {
         let local = self.mirrored(place);
         let length = local.d.length();
         [0, 1].map(|k| n.dot(local.x_k[k]) + distance * n.dot(local.d_k[k]) / length)
     }
 
     /// Area at `distance` along the mirrored ray, perpendicular to it, over area of the mirror.
-    pub fn spread(&self, place: Place, distance: f64) -> f64 {
+    pub fn area_magnification(&self, place: Barycentric, distance: f64) -> f64 {
         let local = self.mirrored(place);
         let length = local.d.length();
         let [a, b] = [0, 1].map(|k| local.x_k[k] + local.d_k[k] * (distance / length));
@@ -210,7 +210,7 @@ impl Facet {
         (a.cross(b).dot(local.d) / length).abs() / x.cross(y).length()
     }
 
-    fn mirrored(&self, [u, t]: Place) -> Mirrored {
+    fn mirrored(&self, [u, t]: Barycentric) -> Mirrored {
         let at = |v: &[DVec3; 3]| v[0] * (1.0 - u - t) + v[1] * u + v[2] * t;
         let (x, m, w) = (at(&self.x), at(&self.m), at(&self.w));
         let (mw, mm) = (m.dot(w), m.dot(m));
@@ -241,7 +241,7 @@ impl Facet {
     }
 
     /// All places at which a point is seen: Newton's method, in parts so small that they mirror almost linearly.
-    fn seen_at(&self, p: DVec3, found: impl FnMut(Place)) {
+    fn images_of(&self, p: DVec3, found: impl FnMut(Barycentric)) {
         const DEPTH: u32 = 2;
         let (e1, e2) = (p - self.x[0]).normalize_or_zero().any_orthonormal_pair();
         let mut places = Vec::new();
@@ -250,13 +250,20 @@ impl Facet {
     }
 
     /// Area at `distance` along the mirrored ray, perpendicular to it, over the solid angle at an eye that is `before` away.
-    pub fn area_per_solid_angle(&self, place: Place, before: f64, distance: f64) -> f64 {
+    pub fn area_per_solid_angle(&self, place: Barycentric, before: f64, distance: f64) -> f64 {
         let [u, t] = place;
         let w = self.w[0] * (1.0 - u - t) + self.w[1] * u + self.w[2] * t;
-        self.spread(place, distance) * before * before / w.normalize_or_zero().dot(self.normal()).abs()
+        self.area_magnification(place, distance) * before * before / w.normalize_or_zero().dot(self.normal()).abs()
     }
 
-    fn search(&self, p: DVec3, across: [DVec3; 2], corners: [Place; 3], depth: u32, found: &mut Vec<Place>) {
+    fn search(
+        &self,
+        p: DVec3,
+        across: [DVec3; 2],
+        corners: [Barycentric; 3],
+        depth: u32,
+        found: &mut Vec<Barycentric>,
+    ) {
         if !self.part(corners).may_see_point(p, across, 0.0) {
             return;
         }
@@ -287,7 +294,7 @@ impl Facet {
         let Mirrored { x, d, .. } = self.mirrored(at);
         let inside = at[0] >= -NEAR && at[1] >= -NEAR && at[0] + at[1] <= 1.0 + NEAR;
         let met = (p - x).dot(d) > 0.0 && (p - x).cross(d).length() < 1e-6 * (p - x).length() * d.length();
-        let again = |q: &Place| (q[0] - at[0]).abs() + (q[1] - at[1]).abs() < 4.0 * NEAR;
+        let again = |q: &Barycentric| (q[0] - at[0]).abs() + (q[1] - at[1]).abs() < 4.0 * NEAR;
         if inside && met && self.leaves(at, d) && !found.iter().any(again) {
             found.push(at);
         }
@@ -295,9 +302,9 @@ impl Facet {
 }
 
 /// A triangle of places cut into four.
-pub fn quarters(corners: [Place; 3]) -> [[Place; 3]; 4] {
+pub fn quarters(corners: [Barycentric; 3]) -> [[Barycentric; 3]; 4] {
     let [a, b, c] = corners;
-    let middle = |p: Place, q: Place| [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])];
+    let middle = |p: Barycentric, q: Barycentric| [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])];
     let (ab, bc, ca) = (middle(a, b), middle(b, c), middle(c, a));
     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [bc, ca, ab]]
 }
@@ -312,8 +319,8 @@ struct Mirrored {
 
 /// Where a mirror shows a point of a segment.
 #[derive(Clone, Copy, Debug)]
-pub struct Sighting {
-    pub place: Place,
+pub struct SegmentImage {
+    pub place: Barycentric,
     /// Parameter of the point on the segment.
     pub s: f64,
 }
@@ -440,7 +447,7 @@ fn roots(c: &[f64], found: &mut dyn FnMut(f64)) {
 /// The triangles of curved mirrors, in a tree of spheres around them and cones around their normals.
 pub struct MirrorTree {
     mirrors: Vec<Range<PrimId>>,
-    facets: Vec<MirrorFacet>,
+    triangles: Vec<MirrorTriangle>,
     nodes: Vec<Node>,
     areas: Discrete,
     eye: Eye,
@@ -449,11 +456,11 @@ pub struct MirrorTree {
 
 /// A triangle of a mirror.
 #[derive(Clone, Debug)]
-pub struct MirrorFacet {
+pub struct MirrorTriangle {
     pub prim: PrimId,
     pub folded: bool,
     /// As the camera sees it.
-    pub facet: Facet,
+    pub patch: MirrorPatch,
     /// Triangles that it never shows to the camera, because they belong to the same convex body.
     hidden: Range<PrimId>,
 }
@@ -463,7 +470,7 @@ struct Node {
     radius: f64,
     axis: DVec3,
     half: f64,
-    /// The largest [`Facet::fold_reach`].
+    /// The largest [`MirrorPatch::fold_reach`].
     rim: f64,
     /// Facets of a leaf; else the left child is the next node.
     range: [u32; 2],
@@ -501,63 +508,68 @@ impl MirrorTree {
         Self::of(scene, camera, mirrors, false)
     }
 
-    /// Whether no facet is seen: of degenerate mirrors there is none.
+    /// Whether no patch is seen: of degenerate mirrors there is none.
     pub fn is_empty(&self) -> bool {
-        self.facets.is_empty()
+        self.triangles.is_empty()
     }
 
-    /// Of all mirrors, for [`MirrorTree::between`].
+    /// Of all mirrors, for [`MirrorTree::specular_paths`].
     pub fn all(scene: &Scene, camera: &Camera, mirrors: &[CurvedMirror]) -> MirrorTree {
         Self::of(scene, camera, mirrors, true)
     }
 
     fn of(scene: &Scene, camera: &Camera, mirrors: &[CurvedMirror], unseen: bool) -> MirrorTree {
         let (eye, slack) = (Eye::of(camera), Eye::slack(camera));
-        let mut facets = Vec::new();
+        let mut triangles = Vec::new();
         for mirror in mirrors {
             let ways = mirror.prims.clone().flat_map(|prim| [(prim, false), (prim, true)]);
-            let own = ways.map(|(prim, folded)| (prim, folded, Facet::new(scene, prim, eye, folded)));
-            let own = own.filter(|(_, folded, facet)| facet.normal() != DVec3::ZERO && !(*folded && facet.is_flat()));
-            let turned = |f: &Facet, least: f64| f.w.iter().any(|w| w.dot(f.normal()) > least);
-            let start = facets.len();
-            let seen = |f: &Facet| unseen || slack > 0.0 || f.faces_out();
-            let own = own.filter(|(_, _, facet)| seen(facet));
-            facets.extend(own.map(|(prim, folded, facet)| MirrorFacet { prim, folded, facet, hidden: prim..prim + 1 }));
+            let own = ways.map(|(prim, folded)| (prim, folded, MirrorPatch::new(scene, prim, eye, folded)));
+            let own = own.filter(|(_, folded, patch)| patch.normal() != DVec3::ZERO && !(*folded && patch.is_flat()));
+            let turned = |f: &MirrorPatch, least: f64| f.w.iter().any(|w| w.dot(f.normal()) > least);
+            let start = triangles.len();
+            let seen = |f: &MirrorPatch| unseen || slack > 0.0 || f.reflects_outwards();
+            let own = own.filter(|(_, _, patch)| seen(patch));
+            triangles.extend(own.map(|(prim, folded, patch)| MirrorTriangle {
+                prim,
+                folded,
+                patch,
+                hidden: prim..prim + 1,
+            }));
             // A convex body is seen from outside if any of its faces is turned to the eye, and then only these are seen.
-            if !unseen && mirror.convex && facets[start..].iter().any(|f: &MirrorFacet| turned(&f.facet, slack)) {
-                let mut seen = facets.split_off(start);
-                seen.retain(|f| turned(&f.facet, -slack));
+            if !unseen && mirror.convex && triangles[start..].iter().any(|f: &MirrorTriangle| turned(&f.patch, slack)) {
+                let mut seen = triangles.split_off(start);
+                seen.retain(|f| turned(&f.patch, -slack));
                 seen.iter_mut().for_each(|f| f.hidden = mirror.prims.clone());
-                facets.extend(seen);
+                triangles.extend(seen);
             }
         }
         let mirrors = mirrors.iter().map(|m| m.prims.clone()).collect();
-        let nodes = Vec::with_capacity(2 * facets.len());
-        let mut tree = MirrorTree { mirrors, nodes, facets, areas: Discrete::default(), eye, slack };
-        if !tree.facets.is_empty() {
-            let cones: Vec<(DVec3, f64)> = tree.facets.iter().map(|f| f.facet.normals()).collect();
-            let mut order: Vec<u32> = (0..tree.facets.len() as u32).collect();
+        let nodes = Vec::with_capacity(2 * triangles.len());
+        let mut tree = MirrorTree { mirrors, nodes, triangles, areas: Discrete::default(), eye, slack };
+        if !tree.triangles.is_empty() {
+            let cones: Vec<(DVec3, f64)> = tree.triangles.iter().map(|f| f.patch.normals()).collect();
+            let mut order: Vec<u32> = (0..tree.triangles.len() as u32).collect();
             tree.build(&mut order, 0, &cones);
-            tree.facets = order.iter().map(|&i| tree.facets[i as usize].clone()).collect();
+            tree.triangles = order.iter().map(|&i| tree.triangles[i as usize].clone()).collect();
             // Each triangle once.
-            let area = |f: &MirrorFacet| match f.folded {
-                false => (f.facet.x[1] - f.facet.x[0]).cross(f.facet.x[2] - f.facet.x[0]).length(),
+            let area = |f: &MirrorTriangle| match f.folded {
+                false => (f.patch.x[1] - f.patch.x[0]).cross(f.patch.x[2] - f.patch.x[0]).length(),
                 true => 0.0,
             };
-            tree.areas = Discrete::new(tree.facets.iter().map(area));
+            tree.areas = Discrete::new(tree.triangles.iter().map(area));
         }
         tree
     }
 
     fn build(&mut self, order: &mut [u32], start: usize, cones: &[(DVec3, f64)]) {
-        let corners = || order.iter().flat_map(|&i| self.facets[i as usize].facet.x);
+        let corners = || order.iter().flat_map(|&i| self.triangles[i as usize].patch.x);
         let (low, high) = corners().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
         let centre = 0.5 * (low + high);
         let radius = corners().map(|p| p.distance(centre)).fold(0.0, f64::max);
         let axis = order.iter().map(|&i| cones[i as usize].0).sum::<DVec3>().normalize_or_zero();
         let half = order.iter().map(|&i| angle(axis, cones[i as usize].0) + cones[i as usize].1).fold(0.0, f64::max);
         let half = if axis == DVec3::ZERO { std::f64::consts::PI } else { half };
-        let rim = order.iter().map(|&i| self.facets[i as usize].facet.fold_reach()).fold(0.0, f64::max);
+        let rim = order.iter().map(|&i| self.triangles[i as usize].patch.fold_reach()).fold(0.0, f64::max);
         let at = self.nodes.len();
         let range = [start as u32, (start + order.len()) as u32];
         self.nodes.push(Node { centre, radius, axis, half, rim, range, right: 0 });
@@ -566,8 +578,8 @@ impl MirrorTree {
         }
         let size = high - low;
         let k = (0..3).max_by(|&i, &j| size[i].total_cmp(&size[j])).unwrap_or(0);
-        let folded = |i: u32| self.facets[i as usize].folded;
-        let key = |i: u32| self.facets[i as usize].facet.x.iter().map(|x| x[k]).sum::<f64>();
+        let folded = |i: u32| self.triangles[i as usize].folded;
+        let key = |i: u32| self.triangles[i as usize].patch.x.iter().map(|x| x[k]).sum::<f64>();
         // Few directions are folded, and nodes of nothing else are skipped for all others.
         let middle = match order.iter().filter(|&&i| !folded(i)).count() {
             plain if 0 < plain && plain < order.len() => {
@@ -585,8 +597,8 @@ impl MirrorTree {
         self.build(right, start + middle, cones);
     }
 
-    pub fn facets(&self) -> &[MirrorFacet] {
-        &self.facets
+    pub fn triangles(&self) -> &[MirrorTriangle] {
+        &self.triangles
     }
 
     /// Whether the triangle belongs to a curved mirror.
@@ -597,13 +609,13 @@ impl MirrorTree {
     /// A random point of the mirrors.
     pub fn sample(&self, u: f64) -> Vec3 {
         let (i, _, rest) = self.areas.sample(u);
-        self.facets[i].facet.x[0].lerp(self.facets[i].facet.x[1], rest).as_vec3()
+        self.triangles[i].patch.x[0].lerp(self.triangles[i].patch.x[1], rest).as_vec3()
     }
 
-    /// Numbers of all facets that may show a point of the edge to the camera.
-    pub fn showing(&self, edge: &Edge, mut found: impl FnMut(usize)) {
+    /// Numbers of all triangles that may show a point of the edge to the camera.
+    pub fn triangles_showing(&self, edge: &Edge, mut found: impl FnMut(usize)) {
         // A single convex mirror never shows itself.
-        if let ([_], Some(f)) = (self.mirrors.as_slice(), self.facets.first())
+        if let ([_], Some(f)) = (self.mirrors.as_slice(), self.triangles.first())
             && edge.faces.iter().all(|e| f.hidden.contains(&e.prim))
         {
             return;
@@ -611,43 +623,50 @@ impl MirrorTree {
         let ends = edge.p.map(Vec3::as_dvec3);
         let reach = 0.5 * ends[0].distance(ends[1]);
         self.visit(self.eye, self.slack, 0.5 * (ends[0] + ends[1]), reach, |i| {
-            let MirrorFacet { prim, facet, hidden, .. } = &self.facets[i];
+            let MirrorTriangle { prim, patch, hidden, .. } = &self.triangles[i];
             let own = edge.faces.iter().any(|f| f.prim == *prim) || edge.faces.iter().all(|f| hidden.contains(&f.prim));
-            if !own && facet.may_see(ends, self.slack) {
+            if !own && patch.may_see(ends, self.slack) {
                 found(i);
             }
         });
     }
 
     /// All places at which the camera, through the point of its lens, may see a point of the primitive `own`.
-    pub fn showing_point(
+    pub fn images_of_point(
         &self,
         scene: &Scene,
         camera: &Camera,
         own: PrimId,
         p: Vec3,
-        mut found: impl FnMut(PrimId, &Facet, Place),
+        mut found: impl FnMut(PrimId, &MirrorPatch, Barycentric),
     ) {
         self.visit(self.eye, self.slack, p.as_dvec3(), 0.0, |i| {
-            let MirrorFacet { prim, folded, facet, ref hidden } = self.facets[i];
-            if !hidden.contains(&own) && facet.may_see_from(p.as_dvec3(), self.slack) {
-                let facet = if self.slack > 0.0 { Facet::new(scene, prim, Eye::of(camera), folded) } else { facet };
-                facet.seen_at(p.as_dvec3(), |place| found(prim, &facet, place));
+            let MirrorTriangle { prim, folded, patch, ref hidden } = self.triangles[i];
+            if !hidden.contains(&own) && patch.may_see_from(p.as_dvec3(), self.slack) {
+                let patch =
+                    if self.slack > 0.0 { MirrorPatch::new(scene, prim, Eye::of(camera), folded) } else { patch };
+                patch.images_of(p.as_dvec3(), |place| found(prim, &patch, place));
             }
         });
     }
 
     /// All places at which a point is mirrored to another.
-    pub fn between(&self, scene: &Scene, from: Vec3, to: Vec3, mut found: impl FnMut(PrimId, &Facet, Place)) {
+    pub fn specular_paths(
+        &self,
+        scene: &Scene,
+        from: Vec3,
+        to: Vec3,
+        mut found: impl FnMut(PrimId, &MirrorPatch, Barycentric),
+    ) {
         let eye = Eye::Point(from.as_dvec3());
         self.visit(eye, 0.0, to.as_dvec3(), 0.0, |i| {
-            let MirrorFacet { prim, folded, .. } = self.facets[i];
-            let facet = Facet::new(scene, prim, eye, folded);
-            facet.seen_at(to.as_dvec3(), |place| found(prim, &facet, place));
+            let MirrorTriangle { prim, folded, .. } = self.triangles[i];
+            let patch = MirrorPatch::new(scene, prim, eye, folded);
+            patch.images_of(to.as_dvec3(), |place| found(prim, &patch, place));
         });
     }
 
-    /// Numbers of the facets that may mirror the eye to anything within a sphere.
+    /// Numbers of the triangles that may mirror the eye to anything within a sphere.
     fn visit(&self, eye: Eye, slack: f64, middle: DVec3, reach: f64, mut found: impl FnMut(usize)) {
         let mut stack = vec![0];
         while let Some(at) = stack.pop() {
@@ -693,7 +712,7 @@ mod tests {
         }
     }
 
-    /// A random curved facet mirrors a random ray: it must be found again, and subdivision must never lose it.
+    /// A random curved patch mirrors a random ray: it must be found again, and subdivision must never lose it.
     #[test]
     fn whatever_a_facet_shows_is_found() {
         let mut rng = Pcg32::new(7);
@@ -703,41 +722,41 @@ mod tests {
             let x = [DVec3::ZERO, DVec3::X, DVec3::Y].map(|p| p + random(0.2));
             let m = x.map(|_| DVec3::Z + random(0.3));
             let eye = DVec3::Z * 4.0 + random(1.0);
-            let facet = Facet { x, m, w: x.map(|x| eye - x), fold: None };
-            let along: Place = [0.2 + 0.1 * random(1.0).x, 0.3 + 0.1 * random(1.0).x];
-            let here = facet.part([along; 3]);
+            let patch = MirrorPatch { x, m, w: x.map(|x| eye - x), fold: None };
+            let along: Barycentric = [0.2 + 0.1 * random(1.0).x, 0.3 + 0.1 * random(1.0).x];
+            let here = patch.part([along; 3]);
             let d = (here.m[0] * (2.0 * here.m[0].dot(here.w[0])) - here.w[0] * here.m[0].length_squared()).normalize();
             let p = here.x[0] + d * 3.0;
             let e = random(1.0);
             let ends = [p - e * 0.3, p + e * 0.7];
-            assert!(facet.may_see(ends, 0.0));
-            let (axis, half) = facet.normals();
+            assert!(patch.may_see(ends, 0.0));
+            let (axis, half) = patch.normals();
             let centre = (x[0] + x[1] + x[2]) / 3.0;
             let radius = x.iter().map(|x| x.distance(centre)).fold(0.0, f64::max);
-            let node = Node { centre, radius, axis, half, rim: facet.fold_reach(), range: [0, 1], right: 0 };
+            let node = Node { centre, radius, axis, half, rim: patch.fold_reach(), range: [0, 1], right: 0 };
             assert!(node.may_show(Eye::Point(eye), 0.0, p, 0.0));
             let mut found = Vec::new();
-            facet.seen_along([[along[0], 0.0], [along[0], 1.0 - along[0]]], ends, |s| found.push(s));
+            patch.images_on_line([[along[0], 0.0], [along[0], 1.0 - along[0]]], ends, |s| found.push(s));
             let hit = found.iter().find(|s| (s.place[1] - along[1]).abs() < 1e-6).expect("a sighting");
             assert!((hit.s - 0.3).abs() < 1e-6);
             let (e1, e2) = d.any_orthonormal_pair();
-            assert!(facet.may_see_point(p, [e1, e2], 0.0));
+            assert!(patch.may_see_point(p, [e1, e2], 0.0));
             let mut places = Vec::new();
-            facet.seen_at(p, |place| places.push(place));
+            patch.images_of(p, |place| places.push(place));
             assert!(places.iter().any(|q| (q[0] - along[0]).abs() + (q[1] - along[1]).abs() < 1e-7), "{places:?}");
             // Inside of a small part: at its corner rounding would decide.
             let [u, t] = along;
             let small = [[u - 0.003, t - 0.003], [u + 0.01, t - 0.003], [u - 0.003, t + 0.01]];
-            assert!(facet.part(small).may_see(ends, 0.0));
+            assert!(patch.part(small).may_see(ends, 0.0));
 
             // How far the ray passes by, by differences.
             let n = e.cross(d).normalize();
-            let by = facet.passes_by(along, 3.0, n);
+            let by = patch.d_miss(along, 3.0, n);
             for k in 0..2 {
                 let pass = |t: f64| {
                     let mut place = along;
                     place[k] += t;
-                    let f = facet.part([place; 3]);
+                    let f = patch.part([place; 3]);
                     let d = (f.m[0] * (2.0 * f.m[0].dot(f.w[0])) - f.w[0] * f.m[0].length_squared()).normalize();
                     n.dot(f.x[0] + d * 3.0)
                 };

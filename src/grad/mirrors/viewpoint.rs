@@ -8,7 +8,7 @@ use std::ops::Range;
 
 use glam::{Vec2, Vec3};
 
-use crate::grad::local::{RayAdjoint, VertexAdjoint, d_mirrored, slide};
+use crate::grad::local::{RayAdjoint, VertexAdjoint, d_intersection, d_mirrored};
 use crate::grad::sink::{Adjoints, Layout, Sink};
 use crate::math::position_key;
 use crate::render::accel::{PrimId, Ray};
@@ -68,7 +68,7 @@ pub fn d_reflected_ray<S: Sink>(
 ) -> RayAdjoint {
     let mut adj = VertexAdjoint { p: ray.origin, ..Default::default() };
     d_mirrored(mirror, ray.dir, &mut adj);
-    slide(out, mirror, t, adj)
+    d_intersection(out, mirror, t, adj)
 }
 
 /// The mirrors of a scene.
@@ -192,13 +192,13 @@ pub struct Viewpoint<'a> {
     pub mirror: Option<MirrorPlane>,
 }
 
-/// A scene point as the camera sees it.
+/// The connection from the camera to a point of the scene, directly or by way of a flat mirror.
 #[derive(Clone, Copy, Debug)]
-pub struct Seen {
+pub struct CameraConnection {
     pub projected: Projected,
     /// The mirror vertex on the way and its distance from the camera.
     pub mirror: Option<(SurfaceInteraction, f32)>,
-    /// Last point before the seen one (camera or mirror) and unit direction from there.
+    /// Start of the last segment (camera or mirror) and unit direction from there.
     pub origin: Vec3,
     pub dir: Vec3,
     pub distance: f32,
@@ -206,7 +206,7 @@ pub struct Seen {
     pub throughput: Vec3,
 }
 
-impl Seen {
+impl CameraConnection {
     /// Index of the pixel.
     pub fn pixel_index(&self, camera: &Camera) -> usize {
         self.projected.pixel.y as usize * camera.width + self.projected.pixel.x as usize
@@ -237,18 +237,18 @@ impl<'a> Viewpoint<'a> {
     }
 
     /// Unit direction in which the (reflected) camera looks at a world point, and from how far.
-    pub fn way_to(&self, p: Vec3) -> (Vec3, f32) {
+    pub fn first_direction_to(&self, p: Vec3) -> (Vec3, f32) {
         let (back, distance) = self.camera.towards(self.image(p));
         (self.mirror.map_or(-back, |m| m.reflect(-back)), distance)
     }
 
     pub fn direction_to(&self, p: Vec3) -> Vec3 {
-        self.way_to(p).0
+        self.first_direction_to(p).0
     }
 
     /// What the camera sees of an edge at its point `p`, and how far aside to look ([`Edge::view_from`]).
     pub fn view(&self, edge: &Edge, p: Vec3) -> Option<(EdgeView, Vec3)> {
-        let (dir, distance) = self.way_to(p);
+        let (dir, distance) = self.first_direction_to(p);
         edge.view_from(dir, distance, EdgeOn::Back)
     }
 
@@ -264,13 +264,13 @@ impl<'a> Viewpoint<'a> {
         viewer.signum()
     }
 
-    /// Sees a world point, if it is on film and nothing but `skip` hides it.
-    pub fn see(&self, p: Vec3, skip: &[PrimId]) -> Option<Seen> {
-        self.see_along(p, Vec3::ZERO, skip)
+    /// Connects the camera to a world point, if that is on film and nothing but `skip` hides it.
+    pub fn connect(&self, p: Vec3, skip: &[PrimId]) -> Option<CameraConnection> {
+        self.connect_aside(p, Vec3::ZERO, skip)
     }
 
     /// The same, but what stands in between is looked for a little `aside` ([`crate::render::edges::Edge::view_from`]).
-    pub fn see_along(&self, p: Vec3, aside: Vec3, skip: &[PrimId]) -> Option<Seen> {
+    pub fn connect_aside(&self, p: Vec3, aside: Vec3, skip: &[PrimId]) -> Option<CameraConnection> {
         if !self.in_front(p) {
             return None;
         }
@@ -299,13 +299,13 @@ impl<'a> Viewpoint<'a> {
         let dir = d / distance;
         let start = mirror.map(|(si, _)| si.prim);
         let skip: Vec<PrimId> = skip.iter().copied().chain(start).collect();
-        let through = self.scene.transmittance(&self.way(origin + aside, dir, distance), &skip);
+        let through = self.scene.transmittance(&self.last_segment(origin + aside, dir, distance), &skip);
         let throughput = throughput * through;
-        (through > 0.0).then_some(Seen { projected, mirror, origin, dir, distance, throughput })
+        (through > 0.0).then_some(CameraConnection { projected, mirror, origin, dir, distance, throughput })
     }
 
-    /// The ray along which something is seen, ending just before it, from the camera or the mirror.
-    pub fn way(&self, origin: Vec3, dir: Vec3, distance: f32) -> Ray {
+    /// The ray of the last segment, from the camera or the mirror, ending just before the point.
+    pub fn last_segment(&self, origin: Vec3, dir: Vec3, distance: f32) -> Ray {
         let t_min = self.mirror.map_or(0.0, |_| 1e-5 * self.scene.radius);
         Ray { t_min, t_max: distance * (1.0 - 4e-6), ..Ray::new(origin, dir) }
     }
@@ -314,7 +314,7 @@ impl<'a> Viewpoint<'a> {
     fn mirror_hit(&self, pixel: Vec2) -> Option<(SurfaceInteraction, f32, Vec3)> {
         let plane = self.mirror?;
         let ours = |si: &SurfaceInteraction| si.bsdf.is_delta() && plane.contains(si.ng, si.p, self.scene.radius);
-        let (si, t, through) = self.scene.find(&self.camera.ray(pixel), &[], ours)?;
+        let (si, t, through) = self.scene.first_wanted(&self.camera.ray(pixel), &[], ours)?;
         Some((si, t, si.bsdf.mirror_reflectance() * through))
     }
 
@@ -332,14 +332,14 @@ impl<'a> Viewpoint<'a> {
     }
 
     /// Pixels per unit area of a surface with unit normal `n` at a seen point.
-    pub fn pixels_per_area(&self, seen: &Seen, n: Vec3) -> f32 {
+    pub fn pixels_per_area(&self, connection: &CameraConnection, n: Vec3) -> f32 {
         let n = self.mirror.map_or(n, |m| m.reflect(n));
-        self.camera.pixels_per_area(&seen.projected, n)
+        self.camera.pixels_per_area(&connection.projected, n)
     }
 
     /// Gradients of the pixel coordinates in the seen point.
-    pub fn projection_gradient(&self, seen: &Seen) -> [Vec3; 2] {
-        let g = self.camera.projection_gradient(&seen.projected);
+    pub fn projection_gradient(&self, connection: &CameraConnection) -> [Vec3; 2] {
+        let g = self.camera.projection_gradient(&connection.projected);
         match self.mirror {
             None => g,
             Some(m) => g.map(|v| m.reflect(v)),
@@ -347,18 +347,24 @@ impl<'a> Viewpoint<'a> {
     }
 
     /// Adjoint of the pixel position of a seen point that moves freely: returns the point's, adds mirror's and camera's.
-    pub fn d_position<S: Sink>(&self, out: &mut Adjoints<S>, p: Vec3, seen: &Seen, d_pixel: Vec2) -> Vec3 {
-        let d_image = self.camera.d_project(&seen.projected, d_pixel, &mut out.camera);
-        let Some((si, _)) = &seen.mirror else { return d_image };
+    pub fn d_position<S: Sink>(
+        &self,
+        out: &mut Adjoints<S>,
+        p: Vec3,
+        connection: &CameraConnection,
+        d_pixel: Vec2,
+    ) -> Vec3 {
+        let d_image = self.camera.d_project(&connection.projected, d_pixel, &mut out.camera);
+        let Some((si, _)) = &connection.mirror else { return d_image };
         d_mirror_image(out, si, p, d_image)
     }
 
     /// Adjoint of the ray that sees a point through a fixed pixel position, on to mirror and camera.
-    pub fn d_ray<S: Sink>(&self, out: &mut Adjoints<S>, seen: &Seen, ray: RayAdjoint) {
-        let ray = match &seen.mirror {
+    pub fn d_ray<S: Sink>(&self, out: &mut Adjoints<S>, connection: &CameraConnection, ray: RayAdjoint) {
+        let ray = match &connection.mirror {
             None => ray,
             Some((si, t)) => d_reflected_ray(out, si, *t, ray),
         };
-        self.camera.d_ray(seen.projected.pixel, ray.origin, ray.dir, &mut out.camera);
+        self.camera.d_ray(connection.projected.pixel, ray.origin, ray.dir, &mut out.camera);
     }
 }

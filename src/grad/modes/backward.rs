@@ -2,20 +2,20 @@
 
 use std::sync::atomic::AtomicBool;
 
-use crate::grad::sampling::guide::Memory;
+use crate::grad::sampling::guide::GuideCache;
 use crate::grad::sink::{Layout, Total};
-use crate::grad::terms::{Request, Taker, visit_all};
+use crate::grad::terms::{Accumulator, Request, run_estimators};
 use crate::image::Image;
 use crate::render::{Camera, Scene, Settings, Slot};
 
 /// Σ d_image · ∂image/∂slot for every slot of `wrt`, in the slot's own layout; NaN if `d_image` is not finite.
-pub fn still(
+pub fn static_scene(
     scene: &Scene,
     camera: &Camera,
     settings: &Settings,
     d_image: &Image,
     wrt: &[Slot],
-    memory: Option<&Memory>,
+    guides: Option<&GuideCache>,
     stop: &AtomicBool,
 ) -> Vec<Vec<f64>> {
     let layout = Layout::new(scene, wrt);
@@ -25,7 +25,7 @@ pub fn still(
         return layout.by_slot(vec![f64::NAN; layout.size()]);
     }
     let mut total = Total::new(layout.size());
-    let request = Request { scene, camera, settings, layout: &layout, adjoint: d_image, memory, stop };
-    visit_all(&request, &mut Taker::Slots(&mut total));
+    let request = Request { scene, camera, settings, layout: &layout, adjoint: d_image, guides, stop };
+    run_estimators(&request, &mut Accumulator::Slots(&mut total));
     layout.by_slot(total.into_vec())
 }

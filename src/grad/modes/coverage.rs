@@ -14,7 +14,7 @@ use crate::render::{Camera, Input, Output, Projection, Scene, Settings, Shape, S
 /// Terms that are missing from the derivatives in `wrt`, in words; empty if they are complete.
 pub fn coverage_gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &[Slot]) -> Vec<&'static str> {
     let mut gaps = Vec::new();
-    let wrt = &motion::entered(scene, camera, wrt)[..];
+    let wrt = &motion::slice_slots(scene, camera, wrt)[..];
     let layout = Layout::new(scene, wrt);
     if slides_over_steps(scene, settings, &layout) {
         gaps.push(

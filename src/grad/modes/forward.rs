@@ -4,7 +4,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::grad::estimate::Images;
 use crate::grad::sink::{Layout, Tangents};
-use crate::grad::terms::{Request, Taker, visit_all};
+use crate::grad::terms::{Accumulator, Request, run_estimators};
 use crate::image::Image;
 use crate::render::{Camera, Scene, Settings, Slot};
 
@@ -16,7 +16,7 @@ pub const MAX_DIRECTIONS: usize = 64;
 
 /// The derivative of the image along each direction, from one set of samples, which depends on the slots that occur and not on the
 /// tangents.
-pub fn still(
+pub fn static_scene(
     scene: &Scene,
     camera: &Camera,
     settings: &Settings,
@@ -59,12 +59,12 @@ fn sweep(
     // No pixel matters more than another.
     let mut even = Image::new(camera.width, camera.height, channels);
     even.data.fill(1.0);
-    let request = Request { scene, camera, settings, layout, adjoint: &even, memory: None, stop };
+    let request = Request { scene, camera, settings, layout, adjoint: &even, guides: None, stop };
     if let [tangent] = &tangents[..] {
-        visit_all(&request, &mut Taker::Direction(tangent, &mut images));
+        run_estimators(&request, &mut Accumulator::Direction(tangent, &mut images));
     } else {
         let tangents = Tangents::new(&tangents, layout.size());
-        visit_all(&request, &mut Taker::Directions(&tangents, &mut images));
+        run_estimators(&request, &mut Accumulator::Directions(&tangents, &mut images));
     }
     let of_direction = |k: usize| {
         let pixels = images.data.chunks_exact(channels).skip(k).step_by(directions.len());

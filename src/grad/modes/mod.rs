@@ -7,7 +7,7 @@ mod motion;
 
 use std::sync::atomic::AtomicBool;
 
-use crate::grad::sampling::guide::Memory;
+use crate::grad::sampling::guide::GuideCache;
 use crate::image::Image;
 use crate::render::{Camera, NEVER, Scene, SceneError, Settings, Slot, validate_camera};
 
@@ -34,14 +34,14 @@ pub fn render_backward_until(
     settings: &Settings,
     d_image: &Image,
     wrt: &[Slot],
-    memory: Option<&Memory>,
+    guides: Option<&GuideCache>,
     stop: &AtomicBool,
 ) -> Result<Vec<Vec<f64>>, SceneError> {
     check(camera, settings, d_image)?;
     if scene.moves_for(camera) {
-        return motion::backward(scene, camera, settings, d_image, wrt, memory, stop);
+        return motion::backward(scene, camera, settings, d_image, wrt, guides, stop);
     }
-    Ok(backward::still(scene, camera, settings, d_image, wrt, memory, stop))
+    Ok(backward::static_scene(scene, camera, settings, d_image, wrt, guides, stop))
 }
 
 /// Forward mode: the derivative of the image along `tangents`.
@@ -79,7 +79,7 @@ pub fn render_jacobian_until(
     if scene.moves_for(camera) {
         return motion::forward(scene, camera, settings, directions, stop);
     }
-    Ok(forward::still(scene, camera, settings, directions, stop))
+    Ok(forward::static_scene(scene, camera, settings, directions, stop))
 }
 
 fn check(camera: &Camera, settings: &Settings, d_image: &Image) -> Result<(), SceneError> {

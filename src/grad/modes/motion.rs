@@ -8,7 +8,7 @@ use glam::Vec3;
 
 use super::forward::Direction;
 use super::{backward, forward};
-use crate::grad::sampling::guide::Memory;
+use crate::grad::sampling::guide::GuideCache;
 use crate::image::Image;
 use crate::render::motion::Slice;
 use crate::render::{Camera, Scene, SceneError, Settings, Slot};
@@ -17,15 +17,15 @@ use crate::render::{Camera, Scene, SceneError, Settings, Slot};
 const DERIVATIVES: u64 = 1;
 
 /// How the slots of a moving scene make those of its slices.
-struct Moving {
+struct MovingSlots {
     /// What moves, as slots of a slice, and how far from one keyframe to the other.
     velocities: Vec<(Slot, Vec<f32>)>,
     /// Slots of a slice that what is asked for enters.
-    entered: Vec<Slot>,
+    slice_slots: Vec<Slot>,
 }
 
-impl Moving {
-    fn new(scene: &Scene, camera: &Camera, slots: impl Iterator<Item = Slot>) -> Moving {
+impl MovingSlots {
+    fn new(scene: &Scene, camera: &Camera, slots: impl Iterator<Item = Slot>) -> MovingSlots {
         let velocity = |from: &[Vec3], to: &[Vec3]| -> Vec<f32> {
             from.iter().zip(to).flat_map(|(a, b)| (*b - *a).to_array()).collect()
         };
@@ -51,7 +51,7 @@ impl Moving {
                 velocities.push((Slot::Normals(motion.shape), velocity(from, to)));
             }
         }
-        let mut entered = Vec::new();
+        let mut slice_slots = Vec::new();
         for slot in slots {
             let of_slot: Vec<Slot> = match slot {
                 Slot::CameraShutter => {
@@ -59,11 +59,11 @@ impl Moving {
                 }
                 slot => vec![slot.opening()],
             };
-            entered.extend(of_slot);
+            slice_slots.extend(of_slot);
         }
-        entered.sort_unstable();
-        entered.dedup();
-        Moving { velocities, entered }
+        slice_slots.sort_unstable();
+        slice_slots.dedup();
+        MovingSlots { velocities, slice_slots }
     }
 
     /// What a keyframe counts for at a time; 1 for what stands still.
@@ -80,9 +80,9 @@ impl Moving {
     /// Tangents of a slice's slots.
     fn tangents(&self, tangents: &Direction, slice: &Slice) -> Direction {
         let zero = |s: &Slot| (*s, vec![0.0; slice.scene.description.slot_len(*s)]);
-        let mut still: Direction = self.entered.iter().map(zero).collect();
+        let mut still: Direction = self.slice_slots.iter().map(zero).collect();
         let mut add = |slot: Slot, values: &[f32], factor: f32| {
-            if let Ok(i) = self.entered.binary_search(&slot) {
+            if let Ok(i) = self.slice_slots.binary_search(&slot) {
                 still[i].1.iter_mut().zip(values).for_each(|(sum, v)| *sum += v * factor);
             }
         };
@@ -100,8 +100,8 @@ impl Moving {
 }
 
 /// Slots of a scene that stands still, at any moment, that what is asked for enters.
-pub fn entered(scene: &Scene, camera: &Camera, wrt: &[Slot]) -> Vec<Slot> {
-    Moving::new(scene, camera, wrt.iter().copied()).entered
+pub fn slice_slots(scene: &Scene, camera: &Camera, wrt: &[Slot]) -> Vec<Slot> {
+    MovingSlots::new(scene, camera, wrt.iter().copied()).slice_slots
 }
 
 /// [`super::render_backward_until`] for a scene that moves.
@@ -111,15 +111,22 @@ pub fn backward(
     settings: &Settings,
     d_image: &Image,
     wrt: &[Slot],
-    memory: Option<&Memory>,
+    guides: Option<&GuideCache>,
     stop: &AtomicBool,
 ) -> Result<Vec<Vec<f64>>, SceneError> {
-    let moving = Moving::new(scene, camera, wrt.iter().copied());
+    let moving = MovingSlots::new(scene, camera, wrt.iter().copied());
     let mut total: Vec<Vec<f64>> = wrt.iter().map(|s| vec![0.0; scene.description.slot_len(*s)]).collect();
     scene.slices(camera, settings, DERIVATIVES, stop, |slice| {
-        let found =
-            backward::still(slice.scene, &slice.camera, &slice.settings, d_image, &moving.entered, memory, stop);
-        let of = |slot: Slot| moving.entered.binary_search(&slot).map_or(&[][..], |i| &found[i]);
+        let found = backward::static_scene(
+            slice.scene,
+            &slice.camera,
+            &slice.settings,
+            d_image,
+            &moving.slice_slots,
+            guides,
+            stop,
+        );
+        let of = |slot: Slot| moving.slice_slots.binary_search(&slot).map_or(&[][..], |i| &found[i]);
         for (slot, sum) in wrt.iter().zip(&mut total) {
             if *slot == Slot::CameraShutter {
                 let along = |(slot, v): &(Slot, Vec<f32>)| -> f64 {
@@ -148,11 +155,11 @@ pub fn forward(
     directions: &[Direction],
     stop: &AtomicBool,
 ) -> Result<Vec<Image>, SceneError> {
-    let moving = Moving::new(scene, camera, directions.iter().flatten().map(|t| t.0));
+    let moving = MovingSlots::new(scene, camera, directions.iter().flatten().map(|t| t.0));
     let mut images = vec![Image::new(camera.width, camera.height, settings.output.channels()); directions.len()];
     scene.slices(camera, settings, DERIVATIVES, stop, |slice| {
         let still: Vec<Direction> = directions.iter().map(|tangents| moving.tangents(tangents, slice)).collect();
-        let parts = forward::still(slice.scene, &slice.camera, &slice.settings, &still, stop);
+        let parts = forward::static_scene(slice.scene, &slice.camera, &slice.settings, &still, stop);
         for (image, part) in images.iter_mut().zip(&parts) {
             for (sum, x) in image.data.iter_mut().zip(&part.data) {
                 *sum += x * slice.weight;

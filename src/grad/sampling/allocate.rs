@@ -1,7 +1,7 @@
 //! How many samples each estimator draws.
 //!
 //! The variance of a sum of independent estimators, n_s samples of cost c_s each, is least for n_s ∝ √(V_s / c_s), V_s the
-//! variance of one sample (Neyman 1934). Short independent runs measure V_s of some features of each slot, summed in units of the
+//! variance of one sample (Neyman 1934). Independent pilot runs measure V_s of some features of each slot, summed in units of the
 //! least variance that each could have, so that all count whatever their scale: what is noisy up and down does not decide for
 //! sideways. Counts are fixed before the samples proper are drawn: no bias.
 
@@ -13,10 +13,10 @@ use crate::image::Image;
 use crate::render::Scene;
 use crate::render::sampler::hash;
 
-/// Short runs of each estimator, and the share of its samples that each of them draws.
+/// Pilot runs of each estimator, and the share of its samples that each of them draws.
 const RUNS: usize = 8;
 const SHARE: usize = 256;
-/// No estimator gets less than this share of its own number, or more than that many times it: short runs may miss what is rare,
+/// No estimator gets less than this share of its own number, or more than that many times it: pilot runs may miss what is rare,
 /// and then this bounds the price.
 const LEAST: f64 = 0.125;
 const MOST: f64 = 16.0;
@@ -41,7 +41,7 @@ pub fn expense(estimator: &Option<impl Estimator>) -> f64 {
 /// image, which takes `spp` paths a pixel of so many bounces: a step of an optimisation is worth more often than precisely. Small images can
 /// afford what one of a middle size can: their edges are no fewer.
 pub fn affordable(expense: f64, spp: u32, pixels: usize, bounces: f64) -> f64 {
-    /// Of the derivative alone, over the image's; pilots, short runs and the value come on top.
+    /// Of the derivative alone, over the image's; guides, pilot runs and the value come on top.
     const PRICE: f64 = 1.8;
     const LEAST_PIXELS: usize = 8192;
     let samples = f64::from(spp.max(1)) * pixels.max(LEAST_PIXELS) as f64;
@@ -66,14 +66,14 @@ pub struct Terms<T> {
 
 impl<T> Terms<T> {
     /// In the order of the fields, in which sums over the terms are taken.
-    fn each(&self) -> [&T; 6] {
+    fn in_order(&self) -> [&T; 6] {
         [&self.primary, &self.interior, &self.shadow, &self.secondary, &self.reflections, &self.roughness]
     }
 }
 
-/// Short independent runs of estimators, which tell how noisy each is.
+/// Independent pilot runs of estimators, which tell how noisy each is.
 #[derive(Clone, Copy)]
-pub struct ShortRuns<'a> {
+pub struct PilotRuns<'a> {
     scene: &'a Scene,
     layout: &'a Layout,
     adjoint: &'a Image,
@@ -82,7 +82,7 @@ pub struct ShortRuns<'a> {
     seed: u64,
 }
 
-/// What short runs of an estimator found; nothing by default, as of a term that is not there.
+/// What pilot runs of an estimator found; nothing by default, as of a term that is not there.
 #[derive(Clone, Debug, Default)]
 pub struct Moments {
     count: usize,
@@ -91,9 +91,9 @@ pub struct Moments {
     variances: Vec<f64>,
 }
 
-impl<'a> ShortRuns<'a> {
+impl<'a> PilotRuns<'a> {
     pub fn new(scene: &'a Scene, layout: &'a Layout, adjoint: &'a Image, effort: f64, seed: u64) -> Self {
-        ShortRuns { scene, layout, adjoint, effort, seed: hash(seed, 0x0073_686f_7274) }
+        PilotRuns { scene, layout, adjoint, effort, seed: hash(seed, 0x0073_686f_7274) }
     }
 
     /// Runs an estimator for a while, with sequences of its own.
@@ -119,7 +119,7 @@ impl<'a> ShortRuns<'a> {
 }
 
 impl Moments {
-    /// Whether the short runs found anything. Those that did not may be worth nothing, or miss what is rare and large.
+    /// Whether the pilot runs found anything. Those that did not may be worth nothing, or miss what is rare and large.
     pub fn found(&self) -> bool {
         self.variances.iter().any(|v| *v > 0.0)
     }
@@ -137,7 +137,7 @@ impl Terms<Moments> {
     pub fn advantage_over(&self, other: &Terms<Moments>) -> f64 {
         const MOST: f64 = 14.0;
         let ratios = (0..self.features().max(other.features())).filter_map(|feature| {
-            let [ours, theirs] = [self, other].map(|terms| least_variance(&terms.each()[1..], feature));
+            let [ours, theirs] = [self, other].map(|terms| least_variance(&terms.in_order()[1..], feature));
             match (ours > 0.0, theirs > 0.0) {
                 (true, true) => Some((theirs / ours).ln().clamp(-MOST, MOST)),
                 (true, false) => Some(MOST),
@@ -151,12 +151,12 @@ impl Terms<Moments> {
 
     /// The number of samples for each estimator; together they cost what their own numbers would.
     pub fn split(&self) -> Terms<usize> {
-        let [primary, interior, shadow, secondary, reflections, roughness] = split(&self.each(), self.features());
+        let [primary, interior, shadow, secondary, reflections, roughness] = split(&self.in_order(), self.features());
         Terms { primary, interior, shadow, secondary, reflections, roughness }
     }
 
     fn features(&self) -> usize {
-        self.each().iter().map(|m| m.variances.len()).max().unwrap_or(0)
+        self.in_order().iter().map(|m| m.variances.len()).max().unwrap_or(0)
     }
 }
 

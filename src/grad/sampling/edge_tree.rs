@@ -45,7 +45,7 @@ pub struct EdgeTree {
     /// By edge: what light from there may jump by where both its faces are seen, over what it may as a contour.
     crease: Vec<f32>,
     /// By edge: what light from beyond may jump by where both its faces are seen, over what it may at an opaque contour: masks.
-    veil: Vec<f32>,
+    mask_jump: Vec<f32>,
     /// By edge: sine of the elevation over one of its faces up to which it may show a crease ([`Edge::folding`]).
     folding: Vec<f32>,
     /// Edge numbers in leaf order.
@@ -59,8 +59,8 @@ struct Node {
     length: f32,
     /// Of all edges, each by what it counts where it is not a contour ([`EdgeTree::crease`]).
     creases: f32,
-    /// Of all edges, each by [`EdgeTree::veil`].
-    veils: f32,
+    /// Of all edges, each by [`EdgeTree::mask_jump`].
+    mask_jumps: f32,
     /// The largest of [`EdgeTree::folding`].
     folding: f32,
     /// What `length` becomes with the brightness of emitters, over it.
@@ -93,8 +93,8 @@ pub struct Query {
     sees_emission: bool,
     /// Nothing counts but what covers more on one side than on the other.
     contours_only: bool,
-    /// Edges are looked at from elsewhere, about as far from here: any may be a contour there, and none is near.
-    elsewhere: Option<f32>,
+    /// The edges are seen by a viewer elsewhere, about as far from here: any may be a contour there, and none is near.
+    viewer_distance: Option<f32>,
 }
 
 /// A point on an edge chosen for a shading point.
@@ -135,23 +135,23 @@ impl Query {
             glossy: None,
             sees_emission: true,
             contours_only: false,
-            elsewhere: None,
+            viewer_distance: None,
         }
     }
 
     /// What a curved mirror that has this point shows to another. To who looks by way of a mirror even what touches it is as far
     /// away as the mirror; weighted by how near it is to one point of the mirror, rare samples would weigh much.
     pub fn around_mirror(p: Vec3, viewer: Vec3) -> Query {
-        Query { elsewhere: Some(p.distance(viewer)), ..Query::around(p) }
+        Query { viewer_distance: Some(p.distance(viewer)), ..Query::around(p) }
     }
 
     /// How far a point at some distance counts as.
-    fn far(&self, distance: f32) -> f32 {
-        self.elsewhere.map_or(distance, |way| distance.hypot(way))
+    fn effective_distance(&self, distance: f32) -> f32 {
+        self.viewer_distance.map_or(distance, |way| distance.hypot(way))
     }
 
     /// The way to the point from `p`; of any length if it is infinitely far away.
-    fn seen_from(&self, p: Vec3) -> Vec3 {
+    fn vector_from(&self, p: Vec3) -> Vec3 {
         if self.distant { self.p } else { self.p - p }
     }
 
@@ -207,7 +207,7 @@ impl EdgeTree {
             brightness: brightness(scene),
             faces: table.edges.iter().map(face_planes).collect(),
             crease: table.edges.iter().map(|e| crease(scene, e)).collect(),
-            veil: table.edges.iter().map(|e| veil(scene, e)).collect(),
+            mask_jump: table.edges.iter().map(|e| mask_jump(scene, e)).collect(),
             folding: table.edges.iter().map(|e| e.folding(scene)).collect(),
             order: Vec::new(),
         };
@@ -231,8 +231,8 @@ impl EdgeTree {
         let count = self.order.len().div_ceil(LEAF).min(CANDIDATES);
         let mut picked: Option<(usize, Polar)> = None;
         let (mut total, mut u_pick) = (0.0, u_pick);
-        let mut ways: [f64; CANDIDATES] = std::array::from_fn(|i| (i as f64 + f64::from(u_tree)) / count as f64);
-        self.descend(table, query, 0, 1.0, &mut ways[..count], &mut |Candidate { edge, polar, weight, .. }| {
+        let mut descents: [f64; CANDIDATES] = std::array::from_fn(|i| (i as f64 + f64::from(u_tree)) / count as f64);
+        self.descend(table, query, 0, 1.0, &mut descents[..count], &mut |Candidate { edge, polar, weight, .. }| {
             // Reservoir: keep the new one with probability weight / total.
             total += weight;
             let keep = weight / total;
@@ -272,16 +272,16 @@ impl EdgeTree {
     }
 
     /// What an edge counts for a query, over a contour; zero if it cannot matter.
-    fn counts(&self, edge: &Edge, at: usize, query: &Query) -> f32 {
+    fn relevance(&self, edge: &Edge, at: usize, query: &Query) -> f32 {
         // The edges of the query's own face are its horizon: nothing arrives from there.
         if edge.faces.iter().any(|f| f.prim == query.prim) || (query.contours_only && edge.crossing) {
             return 0.0;
         }
-        let q = query.seen_from(edge.p[0]);
+        let q = query.vector_from(edge.p[0]);
         match () {
-            _ if query.elsewhere.is_some() => edge.weight,
+            _ if query.viewer_distance.is_some() => edge.weight,
             _ if self.may_be_contour(at, q) => 1.0,
-            _ if query.contours_only => self.veil[at],
+            _ if query.contours_only => self.mask_jump[at],
             _ if !self.may_be_crease(edge, at, q) => 0.0,
             _ => self.crease[at],
         }
@@ -305,12 +305,12 @@ impl EdgeTree {
         query: &Query,
         at: usize,
         probability: f32,
-        ways: &mut [f64],
+        descents: &mut [f64],
         found: &mut impl FnMut(Candidate),
     ) {
         let Some(node) = self.nodes.get(at) else { return };
         if node.second == 0 {
-            return self.choose(table, query, node, probability, ways, found);
+            return self.choose(table, query, node, probability, descents, found);
         }
         let (a, b) = (at + 1, node.second as usize);
         let (wa, wb) = (self.nodes[a].importance(query), self.nodes[b].importance(query));
@@ -320,7 +320,7 @@ impl EdgeTree {
         }
         let p = wa / sum;
         let threshold = f64::from(p);
-        let (left, right) = ways.split_at_mut(ways.partition_point(|&u| u < threshold));
+        let (left, right) = descents.split_at_mut(descents.partition_point(|&u| u < threshold));
         if !left.is_empty() {
             left.iter_mut().for_each(|u| *u /= threshold);
             self.descend(table, query, a, probability * p, left, found);
@@ -338,7 +338,7 @@ impl EdgeTree {
         query: &Query,
         node: &Node,
         probability: f32,
-        ways: &[f64],
+        descents: &[f64],
         found: &mut impl FnMut(Candidate),
     ) {
         let range = node.start as usize..(node.start + node.count) as usize;
@@ -346,10 +346,10 @@ impl EdgeTree {
         let mut total = 0.0;
         for (slot, &e) in candidates.iter_mut().zip(&self.order[range]) {
             let edge = &table.edges[e as usize];
-            let counts = self.counts(edge, e as usize, query);
-            let mut polar = if counts > 0.0 { Polar::new(query, edge.p[0], edge.p[1]) } else { None };
+            let relevance = self.relevance(edge, e as usize, query);
+            let mut polar = if relevance > 0.0 { Polar::new(query, edge.p[0], edge.p[1]) } else { None };
             if let Some(p) = &mut polar {
-                p.scale(counts);
+                p.scale(relevance);
                 if query.sees_emission {
                     p.scale(1.0 + self.brightness[e as usize]);
                 }
@@ -361,7 +361,7 @@ impl EdgeTree {
         if !(weight > 0.0 && weight.is_finite()) {
             return;
         }
-        for &u in ways {
+        for &u in descents {
             let mut x = u * f64::from(total);
             let mut chosen = None;
             for (edge, polar) in candidates.iter().filter_map(|(e, p)| p.map(|p| (*e, p))) {
@@ -394,8 +394,8 @@ fn crease(scene: &Scene, edge: &Edge) -> f32 {
     if edge.faces.iter().any(shows) { CREASE * smooth * edge.weight } else { 0.0 }
 }
 
-/// See [`EdgeTree::veil`]. (Where there are not two faces no plane rules a contour out.)
-fn veil(scene: &Scene, edge: &Edge) -> f32 {
+/// See [`EdgeTree::mask_jump`]. (Where there are not two faces no plane rules a contour out.)
+fn mask_jump(scene: &Scene, edge: &Edge) -> f32 {
     let [a, b] = [0, 1].map(|face| {
         let prim = edge.faces.get(face)?.prim;
         Some([0.0, 0.5, 1.0].map(|s| scene.opacity(prim, edge.barycentric(face, s, INSIDE)).unwrap_or(1.0)))
@@ -445,17 +445,17 @@ impl Node {
             return 0.0;
         }
         let centre = 0.5 * (self.lo + self.hi);
-        let q = query.seen_from(centre);
+        let q = query.vector_from(centre);
         // Planes do not pass infinitely far points, and nothing is near them.
         let (offset, radius) = if query.distant { (0.0, 0.0) } else { (1.0, 0.5 * (self.hi - self.lo).length()) };
         let distance = q.length();
-        let near = query.far(distance.max(radius)).max(1e-20);
+        let near = query.effective_distance(distance.max(radius)).max(1e-20);
         let mut creases = match () {
-            _ if query.elsewhere.is_some() => 0.0,
-            _ if query.contours_only => self.veils,
+            _ if query.viewer_distance.is_some() => 0.0,
+            _ if query.contours_only => self.mask_jumps,
             _ => self.creases,
         };
-        let contours = if self.open || query.elsewhere.is_some() {
+        let contours = if self.open || query.viewer_distance.is_some() {
             self.length
         } else {
             let (a, b) = (self.plane_lo.xyz() * q, self.plane_hi.xyz() * q);
@@ -534,7 +534,7 @@ mod tests {
             let Some(found) = tree.sample(table, &query, [u, v], pick) else { continue };
             let edge = &table.edges[found.edge];
             let polar = Polar::new(&query, edge.p[0], edge.p[1]).unwrap();
-            let contour = tree.may_be_contour(found.edge, query.seen_from(edge.p[0]));
+            let contour = tree.may_be_contour(found.edge, query.vector_from(edge.p[0]));
             let importance = polar.importance() * if contour { 1.0 } else { tree.crease[found.edge] };
             let at = found.s * polar.length - polar.foot;
             let stands_for = f64::from(importance * even(polar.d, polar.l, at) / found.pdf);
@@ -612,7 +612,7 @@ mod tests {
             let height = |e: &Edge, s: f32| f64::from(e.point(s).dot(Vec3::new(0.3, -0.9, 0.2)));
             let (mut length, mut moment) = (0.0, 0.0);
             for e in &table.edges {
-                let dir = -query.seen_from(e.point(0.5)).normalize();
+                let dir = -query.vector_from(e.point(0.5)).normalize();
                 if e.view(dir).is_some_and(|v| v.background.is_none()) {
                     length += f64::from(e.length());
                     moment += f64::from(e.length()) * height(e, 0.5);
@@ -624,7 +624,7 @@ mod tests {
                 let point = tree.sample_one(table, &query, (f64::from(i) + 0.5) / f64::from(n));
                 let Some(point) = point else { continue };
                 let e = &table.edges[point.edge];
-                let dir = -query.seen_from(e.point(point.s)).normalize();
+                let dir = -query.vector_from(e.point(point.s)).normalize();
                 if e.view(dir).is_some_and(|v| v.background.is_none()) {
                     found += 1.0 / f64::from(point.pdf) / f64::from(n);
                     found_moment += height(e, point.s) / f64::from(point.pdf) / f64::from(n);

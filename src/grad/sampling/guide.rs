@@ -3,24 +3,24 @@
 //! The unit square is cut into cells; pilots measure the second moment of the derivatives in each, and the samples proper
 //! are drawn in proportion to its root, the best density there is. Pilots are independent of these samples, the histogram
 //! is frozen before they are drawn and no cell is left out: so the estimate stays unbiased. From one step of an optimisation
-//! to the next little changes: what earlier steps found is kept ([`Memory`]), so that as many pilots tell smaller cells apart.
+//! to the next little changes: what earlier steps found is cached ([`GuideCache`]), so that as many pilots tell smaller cells apart.
 
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
 
+use crate::grad::environment::MovingEnvironment;
 use crate::grad::estimate::Reverse;
 use crate::grad::sink::{Layout, Sink};
-use crate::grad::sky::Sky;
 use crate::image::Image;
 use crate::render::sampler::{Discrete, Sampler, hash};
 use crate::render::{DeltaLight, Scene, Slot};
 
-/// Share of the samples that does not listen to pilots.
+/// Share of the samples that is spread evenly, whatever the pilots found (defensive sampling).
 const DEFENSIVE: f64 = 0.25;
 
-/// Rows to either side from which a cell learns what it may have missed.
+/// Rows to either side whose mean a cell counts besides its own pilots, which may have missed what is rare.
 const SURROUNDINGS: usize = 16;
 
 /// Pilots a cell, and the samples that one pilot serves.
@@ -31,23 +31,24 @@ const SAMPLES: usize = 8;
 /// follow a scene that moves.
 const REMEMBERED: usize = 16;
 
-/// What pilots are drawn for.
+/// What a guide is trained for, with pilot samples.
 #[derive(Clone, Copy)]
-pub struct Lesson<'a> {
+pub struct GuideTraining<'a> {
     pub scene: &'a Scene,
     pub layout: &'a Layout,
     pub adjoint: &'a Image,
-    /// Of the steps before, if there were any.
-    pub memory: Option<&'a Memory>,
-    /// The share of their own numbers of samples that estimators can afford.
+    /// What the guides of the steps before found, if there were any.
+    pub guides: Option<&'a GuideCache>,
+    /// The share of their own numbers of samples that estimators can afford
+    /// ([`affordable`](crate::grad::sampling::allocate::affordable)).
     pub effort: f64,
     pub seed: u64,
 }
 
-impl Lesson<'_> {
+impl GuideTraining<'_> {
     /// Pilots a cell.
     fn pilots(&self) -> usize {
-        if self.memory.is_some() { 1 } else { PILOTS }
+        if self.guides.is_some() { 1 } else { PILOTS }
     }
 
     /// The number of cells that pilots of an estimator of that many samples can be spared for, at most `most` without a memory and
@@ -57,36 +58,36 @@ impl Lesson<'_> {
     }
 }
 
-/// Whose samples a guide is for.
+/// Which estimator a guide is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Pupil {
-    Shadows(Sky),
-    Secondary(Sky),
+pub enum GuideKey {
+    Shadows(MovingEnvironment),
+    Secondary(MovingEnvironment),
 }
 
-/// What guides have found so far, kept from one gradient to the next of a scene that moves a little in between. Edges, lights
+/// What guides have found so far, cached from one gradient to the next of a scene that moves a little in between. Edges, lights
 /// and places on film keep their cells; where they do not, the cell's guess is a poor one, but no more than that.
 #[derive(Default)]
-pub struct Memory {
-    kept: Mutex<HashMap<Pupil, Kept>>,
+pub struct GuideCache {
+    cached: Mutex<HashMap<GuideKey, CachedMoments>>,
 }
 
 /// Second moments by cell.
-struct Kept {
+struct CachedMoments {
     size: [usize; 2],
     moments: Vec<f64>,
     /// Steps that they stand for.
     steps: usize,
 }
 
-impl Memory {
+impl GuideCache {
     /// Adds what new pilots found to what is remembered, and returns both together.
-    fn learn(&self, of: Pupil, size: [usize; 2], mut moments: Vec<f64>) -> Vec<f64> {
+    fn update(&self, key: GuideKey, size: [usize; 2], mut moments: Vec<f64>) -> Vec<f64> {
         // Steps are compared by the mean of the roots: by that of the moments themselves, one that found something rare would say
         // that there was little of anything else.
         let mean = (moments.iter().map(|m| m.sqrt()).sum::<f64>() / moments.len().max(1) as f64).powi(2);
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let old = kept.get(&of).filter(|k| k.size == size);
+        let mut cached = self.cached.lock().unwrap_or_else(PoisonError::into_inner);
+        let old = cached.get(&key).filter(|k| k.size == size);
         if !(mean > 0.0 && mean.is_finite()) {
             return old.map_or(moments, |k| k.moments.clone());
         }
@@ -97,7 +98,7 @@ impl Memory {
             let share = 1.0 / steps as f64;
             moments.iter_mut().zip(&old.moments).for_each(|(m, old)| *m = old + share * (*m - old));
         }
-        kept.insert(of, Kept { size, moments: moments.clone(), steps });
+        cached.insert(key, CachedMoments { size, moments: moments.clone(), steps });
         moments
     }
 }
@@ -111,21 +112,21 @@ pub struct Guide {
 impl Guide {
     /// Measures `rows` × `columns` cells. `sample` draws a pilot from a sampler, with its first two random numbers as given.
     pub fn new(
-        of: Pupil,
+        key: GuideKey,
         [rows, columns]: [usize; 2],
-        lesson: &Lesson,
+        training: &GuideTraining,
         sample: impl Fn(Sampler, [f64; 2], &mut Pilot) + Sync,
     ) -> Guide {
-        let Lesson { scene, layout, adjoint, memory, seed, .. } = *lesson;
-        let pilots = lesson.pilots();
+        let GuideTraining { scene, layout, adjoint, guides, seed, .. } = *training;
+        let pilots = training.pilots();
         let seed = hash(seed, 0x0067_7569_6465);
         let units: Vec<f64> = layout.slots.iter().map(|slot| unit(scene, *slot)).collect();
         // Elsewhere in each cell at each step.
-        let shift = if memory.is_some() { hash(seed, 0) as f64 / u64::MAX as f64 } else { 0.0 };
+        let shift = if guides.is_some() { hash(seed, 0) as f64 / u64::MAX as f64 } else { 0.0 };
         let moments: Vec<f64> = (0..rows * columns)
             .into_par_iter()
             .map(|cell| {
-                let mut pilot = Pilot::new(scene, layout, adjoint, Norm::new(layout, &units));
+                let mut pilot = Pilot::new(scene, layout, adjoint, SquaredNorm::new(layout, &units));
                 for i in 0..pilots {
                     let number = cell * pilots + i;
                     // The middle of a stratum of the first number; the second one moves with the golden ratio.
@@ -138,8 +139,8 @@ impl Guide {
                 pilot.into_sink().squares
             })
             .collect();
-        let moments = match memory {
-            Some(memory) => memory.learn(of, [rows, columns], moments),
+        let moments = match guides {
+            Some(cache) => cache.update(key, [rows, columns], moments),
             None => moments,
         };
         let mut sums = vec![0.0];
@@ -164,8 +165,8 @@ impl Guide {
         Guide { rows: Discrete::new(columns.iter().map(Discrete::total)), columns }
     }
 
-    /// Where a point of the unit square goes, and the density there.
-    pub fn map(&self, u: [f64; 2]) -> ([f64; 2], f64) {
+    /// Warps a uniform point of the unit square to one of this density, which is returned too.
+    pub fn warp(&self, u: [f64; 2]) -> ([f64; 2], f64) {
         let (row, p, x) = self.rows.sample(u[0]);
         let (column, q, y) = self.columns[row].sample(u[1]);
         let (rows, columns) = (self.columns.len() as f64, self.columns[row].len() as f64);
@@ -173,12 +174,12 @@ impl Guide {
     }
 }
 
-/// Measures samples instead of collecting them.
-pub type Pilot<'a> = Reverse<'a, Norm<'a>>;
+/// Measures how large the derivatives of samples are instead of collecting them.
+pub type Pilot<'a> = Reverse<'a, SquaredNorm<'a>>;
 
 /// The sum of the squares of all derivatives, those in lengths times the scene's size: else it would depend on the unit of length which
 /// of a camera's derivatives count, those in its place or those in its direction.
-pub struct Norm<'a> {
+pub struct SquaredNorm<'a> {
     starts: &'a [usize],
     units: &'a [f64],
     /// Where the last derivative went.
@@ -186,13 +187,13 @@ pub struct Norm<'a> {
     squares: f64,
 }
 
-impl<'a> Norm<'a> {
-    fn new(layout: &'a Layout, units: &'a [f64]) -> Norm<'a> {
-        Norm { starts: &layout.starts, units, slot: 0, squares: 0.0 }
+impl<'a> SquaredNorm<'a> {
+    fn new(layout: &'a Layout, units: &'a [f64]) -> SquaredNorm<'a> {
+        SquaredNorm { starts: &layout.starts, units, slot: 0, squares: 0.0 }
     }
 }
 
-impl Sink for Norm<'_> {
+impl Sink for SquaredNorm<'_> {
     fn add(&mut self, index: usize, value: f32) {
         if index < self.starts[self.slot] || index >= self.starts[self.slot + 1] {
             self.slot = self.starts.partition_point(|&s| s <= index) - 1;

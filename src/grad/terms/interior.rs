@@ -10,23 +10,24 @@ use std::ops::Range;
 
 use glam::Vec3;
 
+use crate::grad::environment::MovingEnvironment;
 use crate::grad::estimate::{Estimate, Pass, Sequence};
 use crate::grad::local::{
-    Arriving, Masks, RayAdjoint, Scattering, VertexAdjoint, d_arriving, d_attached_direction, d_emission_sliding,
-    d_eval, d_eval_attached, d_first_hit, d_inputs, d_masks, d_material, d_mirrored, d_opacity, emission_input, slide,
+    IncidentLight, Masks, RayAdjoint, Scattering, VertexAdjoint, d_attached_direction, d_emission_sliding, d_eval,
+    d_eval_attached, d_first_hit, d_incident, d_inputs, d_intersection, d_masks, d_material_fixed, d_mirrored,
+    d_opacity, emission_input,
 };
 use crate::grad::mirrors::viewpoint::d_reflected_ray;
 use crate::grad::sampling::allocate::{Estimator, typical_bounces};
 use crate::grad::sampling::pixels::{self, FilmCurve, FilmSample};
 use crate::grad::sink::{Adjoints, Layout, Sink};
-use crate::grad::sky::Sky;
 use crate::image::Image;
 use crate::render::accel::{Ray, Work};
 use crate::render::bsdf::{MAX_INPUTS, Part, RoughnessPair};
 use crate::render::film::first_hit;
 use crate::render::integrator::{self, BATCH, Connection, Continuation, Options, Recorder};
 use crate::render::interaction::SurfaceInteraction;
-use crate::render::mask::{Crossing, Through, Toss};
+use crate::render::mask::{Crossing, MaskSampling, MaskWeight};
 use crate::render::sampler::Sampler;
 use crate::render::{Camera, Input, Output, Scene, Settings, Shape, Slot};
 
@@ -36,12 +37,12 @@ pub struct PathVertex {
     pub si: SurfaceInteraction,
     /// Product of f·cos/pdf and of what masks do, up to, but without, this vertex and the line that found it.
     pub throughput: Vec3,
-    pub through: Through,
+    pub through: MaskWeight,
     /// Distance from the previous vertex.
     pub t: f32,
     pub connection: Option<Connection>,
     pub continuation: Option<Continuation>,
-    /// Masks on the line that found it, on the line to the light, and on the way out of the scene, if it ends there.
+    /// Masks on the segment that found it, on that to the light, and on that out of the scene, if the path ends there.
     incoming: Span,
     to_light: Span,
     out: Span,
@@ -54,32 +55,32 @@ type Span = (u32, u32);
 #[derive(Clone, Debug, Default)]
 pub struct Path {
     pub vertices: Vec<PathVertex>,
-    /// Masks passed, line by line; the last line's may not belong to a vertex yet.
+    /// Masks passed, segment by segment; the last segment's may not belong to a vertex yet.
     crossings: Vec<Crossing>,
-    claimed: u32,
+    taken: u32,
 }
 
 impl Path {
     pub fn clear(&mut self) {
         self.vertices.clear();
         self.crossings.clear();
-        self.claimed = 0;
+        self.taken = 0;
     }
 
     fn crossings(&self, (from, to): Span) -> &[Crossing] {
         &self.crossings[from as usize..to as usize]
     }
 
-    /// Takes the masks of the latest line.
-    fn claim(&mut self) -> Span {
-        let from = std::mem::replace(&mut self.claimed, self.crossings.len() as u32);
-        (from, self.claimed)
+    /// Takes the masks of the latest segment.
+    fn take_crossings(&mut self) -> Span {
+        let from = std::mem::replace(&mut self.taken, self.crossings.len() as u32);
+        (from, self.taken)
     }
 }
 
 impl Recorder for Path {
-    fn vertex(&mut self, si: &SurfaceInteraction, throughput: Vec3, t: f32, through: &Through) {
-        let incoming = self.claim();
+    fn vertex(&mut self, si: &SurfaceInteraction, throughput: Vec3, t: f32, through: &MaskWeight) {
+        let incoming = self.take_crossings();
         self.vertices.push(PathVertex {
             si: *si,
             throughput,
@@ -93,8 +94,8 @@ impl Recorder for Path {
         });
     }
 
-    fn line(&mut self) {
-        self.crossings.truncate(self.claimed as usize);
+    fn segment(&mut self) {
+        self.crossings.truncate(self.taken as usize);
     }
 
     fn cross(&mut self, crossing: &Crossing) {
@@ -102,7 +103,7 @@ impl Recorder for Path {
     }
 
     fn connect(&mut self, connection: &Connection) {
-        let to_light = self.claim();
+        let to_light = self.take_crossings();
         if let Some(v) = self.vertices.last_mut() {
             v.connection = Some(*connection);
             v.to_light = to_light;
@@ -110,7 +111,7 @@ impl Recorder for Path {
     }
 
     fn advance(&mut self, continuation: &Continuation) {
-        let out = if continuation.escaped.is_some() { self.claim() } else { (0, 0) };
+        let out = if continuation.escaped.is_some() { self.take_crossings() } else { (0, 0) };
         if let Some(v) = self.vertices.last_mut() {
             v.continuation = Some(*continuation);
             v.out = out;
@@ -156,22 +157,22 @@ pub fn inject<S: Sink>(out: &mut Adjoints<S>, path: &Path, injection: &Injection
                 d_attached_direction(&v.si, c.dir, ray.dir, &mut adj);
             }
         }
-        ray = slide(out, &v.si, v.t, adj);
+        ray = d_intersection(out, &v.si, v.t, adj);
     }
     ray
 }
 
-/// What a sweep takes for constant, as something else takes care of it.
+/// What a sweep takes for constant (is detached from), because another estimator differentiates it.
 #[derive(Clone, Copy, Debug)]
-pub struct Fixed {
-    /// GGX distributions do not depend on roughness.
+pub struct Detached {
+    /// GGX distributions are taken not to depend on roughness: [`crate::grad::terms::roughness`] differentiates them.
     pub distributions: bool,
-    /// What of the environment turns with it: its other directions stay where they are.
-    pub sky: Sky,
+    /// The part of the environment that turns with it; the light of the rest stays in its directions.
+    pub environment: MovingEnvironment,
 }
 
 /// Backward sweep: adds the derivative of `a · radiance(path)` to `out` and returns the adjoint of the path's first ray.
-pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, fixed: Fixed) -> RayAdjoint {
+pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, detached: Detached) -> RayAdjoint {
     let mut reflected = Vec3::ZERO; // by the vertex after the current one
     let mut ray = RayAdjoint::default();
     for (k, v) in path.vertices.iter().enumerate().rev() {
@@ -225,8 +226,8 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, fixed: Fixed)
                 if direction_fixed != Vec3::ZERO {
                     add_values(d_eval(si, c.dir, part, d_f * direction_fixed, &mut adj).1);
                     if c.escaped.is_some() && out.layout.turns_environment() {
-                        let rest = fixed.sky.rest(out.scene, c.dir);
-                        if fixed.sky != Sky::Whole {
+                        let rest = detached.environment.direction_fixed_share(out.scene, c.dir);
+                        if detached.environment != MovingEnvironment::Whole {
                             out.environment_base(c.dir, d_sky);
                         }
                         // What turns takes its direction along.
@@ -241,7 +242,7 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, fixed: Fixed)
                 {
                     let weight = c.emission_weight / light.pdf * c.through.inv_choice;
                     let crossings = path.vertices.get(k + 1).map_or(&[][..], |next| path.crossings(next.incoming));
-                    let arriving = Arriving {
+                    let incident = IncidentLight {
                         light,
                         dir: arrival.dir,
                         distance: arrival.distance,
@@ -249,14 +250,14 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, fixed: Fixed)
                         weight: weight * c.through.pass,
                         masks: Masks { crossings, weight },
                     };
-                    add_values(d_material(out, si, &arriving, Scattering { f: c.f, part, a: a_k }, &mut adj));
+                    add_values(d_material_fixed(out, si, &incident, Scattering { f: c.f, part, a: a_k }, &mut adj));
                 }
             }
         }
         if let Some(c) = &v.connection {
             let weight = c.weight * c.transmittance;
             out_going += c.f * c.light.power * (c.geometry * weight);
-            let arriving = Arriving {
+            let incident = IncidentLight {
                 light: &c.light,
                 dir: c.dir,
                 distance: c.distance,
@@ -264,7 +265,7 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, fixed: Fixed)
                 weight,
                 masks: Masks { crossings: path.crossings(v.to_light), weight: c.weight },
             };
-            add_values(d_arriving(out, si, &arriving, a_k, fixed.sky, &mut adj));
+            add_values(d_incident(out, si, &incident, a_k, detached.environment, &mut adj));
         }
         if let Some(weight) = sliding_emission(out.scene, path, k)
             && (si.emission != Vec3::ZERO || emission_input(out, si.prim).is_some())
@@ -277,7 +278,7 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, fixed: Fixed)
                 d_emission_sliding(out, si, a_k * weight, &mut adj);
             }
         }
-        if fixed.distributions
+        if detached.distributions
             && let Some(pair) = si.bsdf.roughness_pair()
         {
             d_values[pair.input].x -= d_distribution(&pair, v, a_k, found);
@@ -294,7 +295,7 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, fixed: Fixed)
             ray = RayAdjoint::default();
         }
         if !out.layout.still {
-            ray = ray + slide(out, si, v.t, adj);
+            ray = ray + d_intersection(out, si, v.t, adj);
         }
         reflected = out_going;
     }
@@ -333,10 +334,10 @@ pub struct Interior<'a> {
     settings: &'a Settings,
     film: FilmCurve,
     count: usize,
-    toss: Toss,
-    anywhere: f32,
-    by_way_of: Option<Vec<bool>>,
-    pub fixed: Fixed,
+    mask_sampling: MaskSampling,
+    area_sampling_fraction: f32,
+    required_shapes: Option<Vec<bool>>,
+    pub detached: Detached,
 }
 
 impl<'a> Interior<'a> {
@@ -355,18 +356,18 @@ impl<'a> Interior<'a> {
             settings,
             film: FilmCurve::new(adjoint),
             count,
-            toss: toss(scene, layout),
-            anywhere: anywhere(layout),
-            by_way_of: by_way_of(scene, layout),
-            fixed: Fixed { distributions: false, sky: Sky::Whole },
+            mask_sampling: mask_sampling(scene, layout),
+            area_sampling_fraction: area_sampling_fraction(layout),
+            required_shapes: required_shapes(scene, layout),
+            detached: Detached { distributions: false, environment: MovingEnvironment::Whole },
         }
     }
 
     /// What a first-hit channel at a film position says; `weight` is what a pixel's adjoint counts for it.
-    fn first_hit(&self, at: &Seen, sampler: &mut Sampler, path: &mut Path, out: &mut impl Estimate) {
-        let (output, Seen { camera, ray, film, weight }) = (self.settings.output, at);
+    fn first_hit(&self, camera_ray: &CameraRay, sampler: &mut Sampler, path: &mut Path, out: &mut impl Estimate) {
+        let (output, CameraRay { camera, ray, film, weight }) = (self.settings.output, camera_ray);
         path.clear();
-        let (hit, through) = self.scene.follow(ray, &[], sampler, self.toss, |c| path.cross(&c));
+        let (hit, through) = self.scene.sample_interaction(ray, &[], sampler, self.mask_sampling, |c| path.cross(&c));
         let Some((si, t)) = hit else { return };
         out.pixel(film.pixel, |d, out| {
             let d = d * *weight;
@@ -378,8 +379,8 @@ impl<'a> Interior<'a> {
     }
 
     /// The derivative along a path that was recorded.
-    fn swept(&self, at: &Seen, path: &Path, out: &mut impl Estimate) {
-        let Seen { camera, ray, film, weight } = at;
+    fn sweep(&self, camera_ray: &CameraRay, path: &Path, out: &mut impl Estimate) {
+        let CameraRay { camera, ray, film, weight } = camera_ray;
         out.pixel(film.pixel, |d, out| {
             let d = d * *weight;
             let ray_adjoint = if path.vertices.is_empty() {
@@ -388,7 +389,7 @@ impl<'a> Interior<'a> {
                 let d_pass = d.dot(self.scene.environment_radiance(ray.dir));
                 RayAdjoint { origin: Vec3::ZERO, dir } + d_masks(out, ray.dir, &path.crossings, d_pass)
             } else {
-                sweep(out, path, d, self.fixed)
+                sweep(out, path, d, self.detached)
             };
             if !out.layout.still {
                 camera.d_ray(film.position, ray_adjoint.origin, ray_adjoint.dir, &mut out.camera);
@@ -397,9 +398,9 @@ impl<'a> Interior<'a> {
     }
 }
 
-/// Where a path starts: through which point of which camera's film.
+/// The first ray of a path: through which point of which camera's film.
 #[derive(Clone, Copy)]
-struct Seen {
+struct CameraRay {
     camera: Camera,
     ray: Ray,
     film: FilmSample,
@@ -422,14 +423,14 @@ impl<E: Estimate> Work for Batches<'_, E> {
         let options = Options {
             keep_black: true,
             split_lobes: true,
-            toss: interior.toss,
-            anywhere: interior.anywhere,
-            by_way_of: interior.by_way_of.as_deref(),
+            mask_sampling: interior.mask_sampling,
+            area_sampling_fraction: interior.area_sampling_fraction,
+            required_shapes: interior.required_shapes.as_deref(),
             ..Options::new(interior.settings.max_bounces)
         };
         let mut paths: [Path; BATCH] = std::array::from_fn(|_| Path::default());
-        let mut together = integrator::Paths::<BATCH>::nowhere();
-        let mut seen: Vec<Seen> = Vec::with_capacity(BATCH);
+        let mut together = integrator::Paths::<BATCH>::new();
+        let mut camera_rays: Vec<CameraRay> = Vec::with_capacity(BATCH);
         let mut rays = [Ray::new(Vec3::ZERO, Vec3::ZERO); BATCH];
         let mut points = of.points(items.start);
         let mut next = items.start;
@@ -438,25 +439,25 @@ impl<E: Estimate> Work for Batches<'_, E> {
                 points = of.points(next);
             }
             let mut samplers: [Sampler; BATCH] = std::array::from_fn(|_| Sampler::new(0, 0));
-            seen.clear();
+            camera_rays.clear();
             for i in (next..items.end.min(next + BATCH)).take_while(|&i| points.has(i as u64)) {
-                let k = seen.len();
+                let k = camera_rays.len();
                 let (first, mut sampler) = of.point(i, &points);
                 let film = interior.film.place(first, sampler.next_2d());
                 let camera = interior.camera.sample_lens(&mut sampler);
                 let weight = (film.weight * of.weight) as f32;
                 (rays[k], samplers[k]) = (camera.ray(film.position), sampler);
-                seen.push(Seen { camera, ray: rays[k], film, weight });
+                camera_rays.push(CameraRay { camera, ray: rays[k], film, weight });
                 paths[k].clear();
             }
-            next += seen.len();
+            next += camera_rays.len();
             if interior.settings.output == Output::Radiance {
-                together.trace(interior.scene, &rays[..seen.len()], &mut samplers, &options, &mut paths);
+                together.trace(interior.scene, &rays[..camera_rays.len()], &mut samplers, &options, &mut paths);
             }
-            for ((seen, path), sampler) in seen.iter().zip(&mut paths).zip(&mut samplers) {
+            for ((camera_ray, path), sampler) in camera_rays.iter().zip(&mut paths).zip(&mut samplers) {
                 match interior.settings.output {
-                    Output::Radiance => interior.swept(seen, path, out),
-                    _ => interior.first_hit(seen, sampler, path, out),
+                    Output::Radiance => interior.sweep(camera_ray, path, out),
+                    _ => interior.first_hit(camera_ray, sampler, path, out),
                 }
             }
         }
@@ -490,16 +491,16 @@ impl Estimator for Interior<'_> {
     }
 }
 
-/// [`Options::anywhere`] of paths that are differentiated. A point slides by up to 1/cos θ along a direction in which it meets a
+/// [`Options::area_sampling_fraction`] of paths that are differentiated. A point slides by up to 1/cos θ along a direction in which it meets a
 /// surface at a grazing angle θ, and this multiplies from bounce to bounce: found by directions alone it makes the variance infinite.
-pub fn anywhere(layout: &Layout) -> f32 {
+pub fn area_sampling_fraction(layout: &Layout) -> f32 {
     const SHARE: f32 = 0.25;
     if layout.moves_points() { SHARE } else { 0.0 }
 }
 
-/// [`Options::by_way_of`]: a path's light has a derivative once the path has been to a shape that moves, or whose material is asked
-/// for. `None` if light itself, what it passes or the camera has one.
-fn by_way_of(scene: &Scene, layout: &Layout) -> Option<Vec<bool>> {
+/// [`Options::required_shapes`]: light has a derivative only if its path has met a shape that moves, or whose material is asked
+/// for. `None` if the light itself, a mask or the camera has one.
+fn required_shapes(scene: &Scene, layout: &Layout) -> Option<Vec<bool>> {
     let shapes = &scene.description.shapes;
     let asked = |i: usize, input: Input| layout.slots.iter().any(|slot| slot.is_read_by(input, i));
     let elsewhere = |slot: &Slot| match slot {
@@ -522,17 +523,17 @@ fn by_way_of(scene: &Scene, layout: &Layout) -> Option<Vec<bool>> {
 }
 
 /// How paths pass masks: both ways where what is asked for changes opacities.
-fn toss(scene: &Scene, layout: &Layout) -> Toss {
+fn mask_sampling(scene: &Scene, layout: &Layout) -> MaskSampling {
     let opacity = |slot: &Slot| {
         let shapes = scene.description.shapes.iter().enumerate();
         shapes.into_iter().any(|(i, s)| s.material.opacity.is_some_and(|input| slot.is_read_by(input, i)))
     };
     let moves_nothing = |slot: &Slot| matches!(slot, Slot::Texels(_) | Slot::Colors(_) | Slot::LightPower(_));
     if layout.slots.iter().any(opacity) {
-        Toss::Both
+        MaskSampling::BothSides
     } else if layout.slots.iter().all(moves_nothing) {
-        Toss::Fair
+        MaskSampling::Opacity
     } else {
-        Toss::Slopes
+        MaskSampling::PartlyOpaque
     }
 }

@@ -10,14 +10,14 @@ pub mod shadow;
 
 use std::sync::atomic::AtomicBool;
 
+use crate::grad::environment::MovingEnvironment;
 use crate::grad::estimate::{self, Images, Pass};
 use crate::grad::mirrors::curved::MirrorTree;
 use crate::grad::mirrors::viewpoint::{Mirrors, Viewpoint};
-use crate::grad::sampling::allocate::{Estimator, Moments, ShortRuns, Terms, affordable, expense, typical_bounces};
+use crate::grad::sampling::allocate::{Estimator, Moments, PilotRuns, Terms, affordable, expense, typical_bounces};
 use crate::grad::sampling::edge_tree::EdgeTree;
-use crate::grad::sampling::guide::{Lesson, Memory};
+use crate::grad::sampling::guide::{GuideCache, GuideTraining};
 use crate::grad::sink::{Contraction, Contractions, Layout, Tangents, Total};
-use crate::grad::sky::Sky;
 use crate::image::Image;
 use crate::render::sampler::hash;
 use crate::render::texture::Filter;
@@ -33,8 +33,8 @@ use self::shadow::Shadows;
 /// Most samples of one sequence over the image; more are drawn in rounds.
 const MAX_SEQUENCE: usize = 1 << 22;
 
-/// Who takes the samples. An enum, so that all that is planned is compiled once and only the samples' own loops once a mode.
-pub enum Taker<'a> {
+/// Where samples are added up. An enum, so that all that is planned is compiled once and only the samples' own loops once a mode.
+pub enum Accumulator<'a> {
     /// Reverse mode: derivatives of all slots.
     Slots(&'a mut Total),
     /// Forward mode along one direction, and along several.
@@ -42,16 +42,16 @@ pub enum Taker<'a> {
     Directions(&'a Tangents, &'a mut Images),
 }
 
-impl Taker<'_> {
+impl Accumulator<'_> {
     fn pass(&mut self, request: &Request, pass: &impl Pass) {
         let &Request { scene, layout, adjoint, stop, .. } = request;
         match self {
-            Taker::Slots(total) => estimate::reverse(scene, layout, adjoint, pass, total, stop),
-            Taker::Direction(tangent, images) => {
+            Accumulator::Slots(total) => estimate::reverse(scene, layout, adjoint, pass, total, stop),
+            Accumulator::Direction(tangent, images) => {
                 let sink = || Contraction { tangent, sum: 0.0 };
                 estimate::forward(scene, layout, sink, pass, images, stop);
             }
-            Taker::Directions(tangents, images) => {
+            Accumulator::Directions(tangents, images) => {
                 estimate::forward(scene, layout, || Contractions::new(tangents), pass, images, stop);
             }
         }
@@ -66,14 +66,14 @@ pub struct Request<'a> {
     pub layout: &'a Layout,
     /// Samples go where it is large.
     pub adjoint: &'a Image,
-    pub memory: Option<&'a Memory>,
+    pub guides: Option<&'a GuideCache>,
     /// Once it is set samples may be left out: the result is good for nothing.
     pub stop: &'a AtomicBool,
 }
 
 /// All estimators whose terms can be non-zero for what is asked, in a fixed order.
-pub fn visit_all(request: &Request, taker: &mut Taker) {
-    let &Request { scene, camera, settings, layout, adjoint, memory, .. } = request;
+pub fn run_estimators(request: &Request, accumulator: &mut Accumulator) {
+    let &Request { scene, camera, settings, layout, adjoint, guides, .. } = request;
     if layout.size() == 0 {
         return;
     }
@@ -82,8 +82,8 @@ pub fn visit_all(request: &Request, taker: &mut Taker) {
         (!interior_vanishes(scene, settings, layout)).then(|| Interior::new(scene, camera, settings, layout, adjoint));
     if !settings.boundary || !layout.moves_visibility() {
         let pairs = RoughnessPairs::new(scene, camera, settings, layout, adjoint);
-        let runs = ShortRuns::new(scene, layout, adjoint, 1.0, seed);
-        return without_boundary(interior, pairs, runs, request, seed, taker);
+        let runs = PilotRuns::new(scene, layout, adjoint, 1.0, seed);
+        return without_boundary(interior, pairs, runs, request, seed, accumulator);
     }
 
     let lights = settings.output == Output::Radiance && settings.max_bounces > 0;
@@ -91,36 +91,37 @@ pub fn visit_all(request: &Request, taker: &mut Taker) {
     let tree = lights.then(|| EdgeTree::new(scene));
     let curved = (!mirrors.curved.is_empty()).then(|| MirrorTree::new(scene, camera, &mirrors.curved));
     let curved = curved.as_ref();
-    let ways = curved.filter(|_| settings.max_bounces > 1).map(|_| MirrorTree::all(scene, camera, &mirrors.curved));
-    let ways = ways.filter(|tree| !tree.is_empty());
+    let all_curved =
+        curved.filter(|_| settings.max_bounces > 1).map(|_| MirrorTree::all(scene, camera, &mirrors.curved));
+    let all_curved = all_curved.filter(|tree| !tree.is_empty());
     let viewpoints = Viewpoint::all(scene, camera, &mirrors.planes);
 
     let primary = layout.moves_things().then(|| PrimaryEdges::new(&viewpoints, settings, adjoint, seed));
     if let Some(pass) = primary.as_ref().and_then(PrimaryEdges::enumeration) {
-        taker.pass(request, &pass);
+        accumulator.pass(request, &pass);
     }
     let reflections = curved.and_then(|tree| Reflections::new(scene, camera, tree, settings, adjoint, seed));
 
-    let lesson = Lesson { scene, layout, adjoint, memory, effort: 1.0, seed };
-    let along_light = |sky: Sky| {
+    let training = GuideTraining { scene, layout, adjoint, guides, effort: 1.0, seed };
+    let light_estimators = |environment: MovingEnvironment| {
         let mut interior = interior.clone();
-        interior.iter_mut().for_each(|i| i.fixed.sky = sky);
+        interior.iter_mut().for_each(|i| i.detached.environment = environment);
         let shadows = tree.as_ref().map(|tree| {
             let pixels = camera.width * camera.height;
             let count = settings.spp.max(1) as usize * (pixels / 8).clamp(1024, 131_072);
-            Shadows::new(scene, sky, &viewpoints, settings, curved, tree, count)
+            Shadows::new(scene, environment, &viewpoints, settings, curved, tree, count)
         });
-        let secondary = tree
-            .as_ref()
-            .and_then(|tree| Secondary::new(sky, camera, tree, &mirrors.planes, ways.as_ref(), settings, &lesson));
+        let secondary = tree.as_ref().and_then(|tree| {
+            Secondary::new(environment, camera, tree, &mirrors.planes, all_curved.as_ref(), settings, &training)
+        });
         let total =
             expense(&primary) + expense(&interior) + expense(&shadows) + expense(&secondary) + expense(&reflections);
         let bounces = if lights { typical_bounces(settings.max_bounces) } else { 0.0 };
         let effort = affordable(total, settings.spp, camera.width * camera.height, bounces);
-        let lesson = Lesson { effort, ..lesson };
-        let shadows = shadows.map(|s| s.guided(&lesson));
-        let secondary = secondary.map(|s| s.guided(&lesson));
-        let runs = ShortRuns::new(scene, layout, adjoint, effort, seed);
+        let training = GuideTraining { effort, ..training };
+        let shadows = shadows.map(|s| s.guided(&training));
+        let secondary = secondary.map(|s| s.guided(&training));
+        let runs = PilotRuns::new(scene, layout, adjoint, effort, seed);
         let moments = Terms {
             primary: runs.of(&primary),
             interior: runs.of(&interior),
@@ -130,10 +131,11 @@ pub fn visit_all(request: &Request, taker: &mut Taker) {
         };
         ((interior, shadows, secondary), moments, runs)
     };
-    let whole = lights && steps_turn(scene, layout);
-    let (mut estimators, mut moments, mut runs) = along_light(if whole { Sky::Whole } else { Sky::Peak });
+    let whole = lights && texel_steps_turn(scene, layout);
+    let (mut estimators, mut moments, mut runs) =
+        light_estimators(if whole { MovingEnvironment::Whole } else { MovingEnvironment::Peak });
     if scene.environment.is_some() && lights && !whole {
-        let (others, other, other_runs) = along_light(Sky::Whole);
+        let (others, other, other_runs) = light_estimators(MovingEnvironment::Whole);
         // Edge-first samples that hardly ever end where the camera looks seem quiet if a mirror shows more than they do.
         if other.shadow.found() && moments.advantage_over(&other) < 0.0 {
             (estimators, moments, runs) = (others, other, other_runs);
@@ -142,50 +144,50 @@ pub fn visit_all(request: &Request, taker: &mut Taker) {
     let (interior, shadows, secondary) = estimators;
     moments.reflections = runs.of(&reflections);
     let counts = moments.split();
-    draw(&primary, counts.primary, request, seed, taker);
-    draw(&interior, counts.interior, request, seed, taker);
-    draw(&shadows, counts.shadow, request, seed, taker);
-    draw(&secondary, counts.secondary, request, seed, taker);
-    draw(&reflections, counts.reflections, request, seed, taker);
+    draw(&primary, counts.primary, request, seed, accumulator);
+    draw(&interior, counts.interior, request, seed, accumulator);
+    draw(&shadows, counts.shadow, request, seed, accumulator);
+    draw(&secondary, counts.secondary, request, seed, accumulator);
+    draw(&reflections, counts.reflections, request, seed, accumulator);
 }
 
 /// The interior alone, with pairs of directions for roughness where these are less noisy than scores of the paths' own samples.
 fn without_boundary(
     mut interior: Option<Interior>,
     pairs: Option<RoughnessPairs>,
-    runs: ShortRuns,
+    runs: PilotRuns,
     request: &Request,
     seed: u64,
-    taker: &mut Taker,
+    accumulator: &mut Accumulator,
 ) {
     if interior.is_some() && pairs.is_some() {
         let plain = Terms { interior: runs.of(&interior), ..Terms::<Moments>::default() };
-        interior.iter_mut().for_each(|i| i.fixed.distributions = true);
+        interior.iter_mut().for_each(|i| i.detached.distributions = true);
         let paired = Terms { interior: runs.of(&interior), roughness: runs.of(&pairs), ..Terms::default() };
         if paired.advantage_over(&plain) > 0.0 {
             let counts = paired.split();
-            draw(&interior, counts.interior, request, seed, taker);
-            return draw(&pairs, counts.roughness, request, seed, taker);
+            draw(&interior, counts.interior, request, seed, accumulator);
+            return draw(&pairs, counts.roughness, request, seed, accumulator);
         }
-        interior.iter_mut().for_each(|i| i.fixed.distributions = false);
+        interior.iter_mut().for_each(|i| i.detached.distributions = false);
     }
     let own = interior.as_ref().map_or(0, Estimator::count);
-    draw(&interior, own, request, seed, taker);
+    draw(&interior, own, request, seed, accumulator);
 }
 
 /// Draws samples of an estimator, in rounds of one sequence each.
-fn draw(estimator: &Option<impl Estimator>, count: usize, request: &Request, seed: u64, taker: &mut Taker) {
+fn draw(estimator: &Option<impl Estimator>, count: usize, request: &Request, seed: u64, accumulator: &mut Accumulator) {
     let Some(estimator) = estimator else { return };
     let rounds = count.div_ceil(MAX_SEQUENCE);
     for round in 0..rounds {
         let part = count * (round + 1) / rounds - count * round / rounds;
-        taker.pass(request, &estimator.pass(part, part as f64 / count as f64, hash(seed, round as u64)));
+        accumulator.pass(request, &estimator.pass(part, part as f64 / count as f64, hash(seed, round as u64)));
     }
 }
 
 /// Whether the environment turns and has steps between its texels: these turn with it, and a radiance that stays in its direction
 /// would know nothing of them.
-fn steps_turn(scene: &Scene, layout: &Layout) -> bool {
+fn texel_steps_turn(scene: &Scene, layout: &Layout) -> bool {
     let nearest = |e: &Environment| scene.description.textures[e.radiance].filter == Filter::Nearest;
     layout.turns_environment() && scene.description.environment.as_ref().is_some_and(nearest)
 }

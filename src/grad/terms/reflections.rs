@@ -13,8 +13,8 @@ use rayon::prelude::*;
 use crate::grad::estimate::{Draw, Estimate, Pass, Sequence};
 use crate::grad::layers::Sides;
 use crate::grad::local::RayAdjoint;
-use crate::grad::mirrors::curved::{Eye, Facet, MirrorFacet, MirrorTree, Place, Sighting, quarters};
-use crate::grad::mirrors::viewpoint::{Seen, d_reflected_ray};
+use crate::grad::mirrors::curved::{Barycentric, Eye, MirrorPatch, MirrorTree, MirrorTriangle, SegmentImage, quarters};
+use crate::grad::mirrors::viewpoint::{CameraConnection, d_reflected_ray};
 use crate::grad::sampling::allocate::{Estimator, typical_bounces};
 use crate::grad::sampling::contrast::{contrasts, pilots};
 use crate::grad::terms::primary::pieces::PIECE;
@@ -47,8 +47,8 @@ pub struct Reflections<'a> {
 #[derive(Clone, Copy)]
 struct Piece {
     edge: u32,
-    facet: u32,
-    corners: [Place; 3],
+    triangle: u32,
+    corners: [Barycentric; 3],
     /// Film positions of the corners, if the camera sees them all.
     film: Option<[Vec2; 3]>,
     /// Size on film in pixels, times how much is likely to be seen.
@@ -88,15 +88,16 @@ impl<'a> Reflections<'a> {
     }
 
     fn collect(&self, seed: u64) -> Vec<Piece> {
-        let seen: Vec<f32> = (0..self.tree.facets().len()).into_par_iter().map(|i| self.visibility(i, seed)).collect();
+        let visible: Vec<f32> =
+            (0..self.tree.triangles().len()).into_par_iter().map(|i| self.visibility(i, seed)).collect();
         let edges = &self.scene.edges().edges;
         let of_edge = |e: usize| {
             let mut pieces = Vec::new();
-            self.tree.showing(&edges[e], |facet| {
-                let weight = seen[facet] * self.class(&edges[e], &self.tree.facets()[facet].facet);
+            self.tree.triangles_showing(&edges[e], |triangle| {
+                let weight = visible[triangle] * self.class(&edges[e], &self.tree.triangles()[triangle].patch);
                 let whole = Piece {
                     edge: e as u32,
-                    facet: facet as u32,
+                    triangle: triangle as u32,
                     corners: [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
                     film: None,
                     weight,
@@ -119,22 +120,22 @@ impl<'a> Reflections<'a> {
     }
 
     /// About which part of a mirror's triangle the camera sees; never zero.
-    fn visibility(&self, facet: usize, seed: u64) -> f32 {
+    fn visibility(&self, triangle: usize, seed: u64) -> f32 {
         const POINTS: u32 = 4;
-        let prim = self.tree.facets()[facet].prim;
+        let prim = self.tree.triangles()[triangle].prim;
         let sees = |i: u32| {
             let mut sampler = Sampler::new(hash(seed, u64::from(prim)), u64::from(i));
             let u = sampler.next_2d();
             let root = u.x.sqrt();
             let camera = self.camera.sample_lens(&mut sampler);
-            glimpse(self.scene, &camera, prim, [1.0 - root, root * (1.0 - u.y), root * u.y]).is_some()
+            connect_to_mirror(self.scene, &camera, prim, [1.0 - root, root * (1.0 - u.y), root * u.y]).is_some()
         };
         0.05 + (0..POINTS).filter(|&i| sees(i)).count() as f32 / POINTS as f32
     }
 
     /// Sampling weight by kind of edge, as [`crate::grad::terms::primary::Class::weight`].
-    fn class(&self, edge: &Edge, facet: &Facet) -> f32 {
-        let from = (facet.x[0] + facet.x[1] + facet.x[2]).as_vec3() / 3.0;
+    fn class(&self, edge: &Edge, patch: &MirrorPatch) -> f32 {
+        let from = (patch.x[0] + patch.x[1] + patch.x[2]).as_vec3() / 3.0;
         let view = edge.view((edge.point(0.5) - from).normalize_or_zero());
         let jumps = edge.sharp || view.is_none_or(|v| v.background.is_none());
         if jumps { 1.0 } else { SMOOTH_CREASE }
@@ -142,8 +143,8 @@ impl<'a> Reflections<'a> {
 
     /// A piece with its place on film; `None` if it is off film.
     fn on_film(&self, piece: Piece) -> Option<Piece> {
-        let facet = &self.tree.facets()[piece.facet as usize].facet;
-        let part = facet.part(piece.corners);
+        let patch = &self.tree.triangles()[piece.triangle as usize].patch;
+        let part = patch.part(piece.corners);
         let [a, b, c] = part.x.map(|x| self.camera.project(x.as_vec3()).map(|q| q.pixel));
         let film = a.zip(b).zip(c).map(|((a, b), c)| [a, b, c]);
         if let Some([a, b, c]) = film.filter(|_| self.camera.is_pinhole() && self.camera.keeps_lines()) {
@@ -163,10 +164,10 @@ impl<'a> Reflections<'a> {
             return out.push(piece);
         }
         let ends = self.scene.edges().edges[piece.edge as usize].p.map(Vec3::as_dvec3);
-        let facet = &self.tree.facets()[piece.facet as usize].facet;
+        let patch = &self.tree.triangles()[piece.triangle as usize].patch;
         let parts: Vec<Piece> = quarters(piece.corners)
             .into_iter()
-            .filter(|corners| facet.part(*corners).may_see(ends, self.tree.slack()))
+            .filter(|corners| patch.part(*corners).may_see(ends, self.tree.slack()))
             .filter_map(|corners| self.on_film(Piece { corners, ..piece }))
             .collect();
         if parts.len() > 2 && f64::from(size) <= PIECE {
@@ -215,37 +216,38 @@ impl<'a> Reflections<'a> {
     fn visit(&self, piece: &Piece, at: f64, sampler: &mut Sampler, mut each: impl FnMut(Boundary<'a>)) {
         let camera = self.camera.sample_lens(sampler);
         let edge = &self.scene.edges().edges[piece.edge as usize];
-        let MirrorFacet { prim, folded, facet, .. } = &self.tree.facets()[piece.facet as usize];
-        let facet = if camera.is_pinhole() { *facet } else { Facet::new(self.scene, *prim, Eye::of(&camera), *folded) };
-        let part = facet.part(piece.corners);
+        let MirrorTriangle { prim, folded, patch, .. } = &self.tree.triangles()[piece.triangle as usize];
+        let patch =
+            if camera.is_pinhole() { *patch } else { MirrorPatch::new(self.scene, *prim, Eye::of(&camera), *folded) };
+        let part = patch.part(piece.corners);
         let c = (2.0 * at).fract();
         let line = if at < 0.5 { [[c, 0.0], [c, 1.0 - c]] } else { [[0.0, c], [1.0 - c, c]] };
-        part.seen_along(line, edge.p.map(Vec3::as_dvec3), |sighting| {
-            let seen = self.look(&camera, *prim, piece, &part, edge, sighting, &mut sampler.clone());
-            seen.into_iter().for_each(&mut each);
+        part.images_on_line(line, edge.p.map(Vec3::as_dvec3), |image| {
+            let boundary = self.evaluate(&camera, *prim, piece, &part, edge, image, &mut sampler.clone());
+            boundary.into_iter().for_each(&mut each);
         });
     }
 
     #[allow(clippy::too_many_arguments)]
-    fn look(
+    fn evaluate(
         &self,
         camera: &Camera,
         prim: PrimId,
         piece: &Piece,
-        part: &Facet,
+        part: &MirrorPatch,
         edge: &'a Edge,
-        sighting: Sighting,
+        image: SegmentImage,
         sampler: &mut Sampler,
     ) -> Option<Boundary<'a>> {
         let scene = self.scene;
-        let Sighting { place: [u, t], s } = sighting;
+        let SegmentImage { place: [u, t], s } = image;
         let s = s as f32;
         let b = [0, 1].map(|k| {
             let [a, b, c] = piece.corners.map(|corner| corner[k]);
             (a * (1.0 - u - t) + b * u + c * t) as f32
         });
         let b = [1.0 - b[0] - b[1], b[0], b[1]];
-        let Glimpse { mirror, projected, before, through } = glimpse(scene, camera, prim, b)?;
+        let MirrorConnection { mirror, projected, before, through } = connect_to_mirror(scene, camera, prim, b)?;
         let film = projected.pixel;
         // To the edge, with the direction that the mirror gives but for rounding.
         let q = edge.point(s) - mirror.p;
@@ -262,9 +264,9 @@ impl<'a> Reflections<'a> {
         if through == 0.0 {
             return None;
         }
-        skip.extend(scene.passed(&ray, &skip));
-        let passes_by = part.passes_by([u, t], f64::from(after), view.normal.as_dvec3());
-        let density = 0.5 * (passes_by[0].abs() + passes_by[1].abs()) as f32;
+        skip.extend(scene.masks_passed(&ray, &skip));
+        let d_miss = part.d_miss([u, t], f64::from(after), view.normal.as_dvec3());
+        let density = 0.5 * (d_miss[0].abs() + d_miss[1].abs()) as f32;
         let [x, y, z] = part.x;
         let area = (y - x).cross(z - x).length() as f32;
         let pixels = camera.pixels_per_area(&projected, mirror.ng) * area;
@@ -279,7 +281,7 @@ impl<'a> Reflections<'a> {
                 Some(face) => {
                     let [_, beside] = edge.beside(scene, face, s, after, -dir);
                     below = edge.below(face, beside.ng);
-                    Start::Beside(beside, &below)
+                    Start::BesideEdge(beside, &below)
                 }
                 None => {
                     let past = mirror.spawn_ray((dir + view.normal * NUDGE).normalize());
@@ -304,8 +306,8 @@ impl<'a> Reflections<'a> {
     }
 }
 
-/// A point of a mirror as the camera sees it.
-struct Glimpse {
+/// The connection from the camera to a point of a mirror.
+struct MirrorConnection {
     mirror: SurfaceInteraction,
     projected: Projected,
     before: f32,
@@ -313,8 +315,8 @@ struct Glimpse {
     through: f32,
 }
 
-/// What the camera sees of a point of a primitive, if that is a mirror.
-fn glimpse(scene: &Scene, camera: &Camera, prim: PrimId, b: [f32; 3]) -> Option<Glimpse> {
+/// Connects the camera to a point of a primitive, if that is a mirror and visible.
+fn connect_to_mirror(scene: &Scene, camera: &Camera, prim: PrimId, b: [f32; 3]) -> Option<MirrorConnection> {
     let [x, y, z] = scene.corners(prim);
     let p = x * b[0] + y * b[1] + z * b[2];
     let projected = camera.project(p)?;
@@ -325,15 +327,25 @@ fn glimpse(scene: &Scene, camera: &Camera, prim: PrimId, b: [f32; 3]) -> Option<
     let mirror = scene.interaction(prim, b, back);
     let ray = Ray { t_max: before * (1.0 - 2e-5), ..Ray::new(p + back * before, -back) };
     let through = scene.transmittance(&ray, &[prim]) * scene.opacity(prim, b).unwrap_or(1.0);
-    (through > 0.0 && mirror.bsdf.is_delta()).then_some(Glimpse { mirror, projected, before, through })
+    (through > 0.0 && mirror.bsdf.is_delta()).then_some(MirrorConnection { mirror, projected, before, through })
 }
 
-/// What curved mirrors show of a point of a primitive to a camera, and how many pixels per area perpendicular to the way to it.
-pub fn see_in_mirrors(scene: &Scene, camera: &Camera, tree: &MirrorTree, own: PrimId, p: Vec3) -> Vec<(Seen, f32)> {
-    let mut seen = Vec::new();
-    tree.showing_point(scene, camera, own, p, |prim, facet, [u, t]| {
+/// Connects the camera to a point of a primitive by way of curved mirrors, in all ways there are, each with the pixels per area
+/// perpendicular to its last segment.
+pub fn connect_by_curved_mirrors(
+    scene: &Scene,
+    camera: &Camera,
+    tree: &MirrorTree,
+    own: PrimId,
+    p: Vec3,
+) -> Vec<(CameraConnection, f32)> {
+    let mut connections = Vec::new();
+    tree.images_of_point(scene, camera, own, p, |prim, patch, [u, t]| {
         let b = [1.0 - u - t, u, t].map(|b| b as f32);
-        let Some(Glimpse { mirror, projected, before, through }) = glimpse(scene, camera, prim, b) else { return };
+        let Some(MirrorConnection { mirror, projected, before, through }) = connect_to_mirror(scene, camera, prim, b)
+        else {
+            return;
+        };
         let q = p - mirror.p;
         let distance = q.length();
         let dir = q / distance;
@@ -342,13 +354,14 @@ pub fn see_in_mirrors(scene: &Scene, camera: &Camera, tree: &MirrorTree, own: Pr
         }
         let ray = Ray { t_min: 1e-5 * scene.radius, t_max: distance * (1.0 - 2e-5), ..Ray::new(mirror.p, dir) };
         let throughput = mirror.bsdf.mirror_reflectance() * (through * scene.transmittance(&ray, &[own, prim]));
-        let pixels = camera.pixels_per_area(&projected, mirror.ng) / facet.spread([u, t], f64::from(distance)) as f32;
+        let pixels = camera.pixels_per_area(&projected, mirror.ng)
+            / patch.area_magnification([u, t], f64::from(distance)) as f32;
         if throughput != Vec3::ZERO && pixels.is_finite() {
             let (origin, mirror) = (mirror.p, Some((mirror, before)));
-            seen.push((Seen { projected, mirror, origin, dir, distance, throughput }, pixels));
+            connections.push((CameraConnection { projected, mirror, origin, dir, distance, throughput }, pixels));
         }
     });
-    seen
+    connections
 }
 
 impl Piece {

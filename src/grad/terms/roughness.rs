@@ -124,7 +124,7 @@ impl<'a> RoughnessPairs<'a> {
             }
             // The same numbers for both sides.
             let mut sampler = sampler.clone();
-            let found = match self.scene.chance(&si.spawn_ray(dir), &[si.prim], &mut sampler) {
+            let found = match self.scene.random_interaction(&si.spawn_ray(dir), &[si.prim], &mut sampler) {
                 Some((next, t)) => {
                     let to_area = next.ng.dot(next.wi) / (t * t);
                     let direct = next.emission * balance(pdf, self.scene.lights.area_pdf(next.prim) / to_area);

@@ -6,11 +6,12 @@
 //! that moves x goes back along the very path. Emission of area lights is material-fixed and not seen
 //! here: its boundary is [`crate::grad::terms::shadow`]'s. A narrow lobe is attached: there emission counts too, and the lobe's direction
 //! moves, N̂·(ṗ − ẋ − |q|ω̇). What the point sees in a planar mirror, its mirror image sees directly: the same
-//! estimator from there, with emission on both sides. In a curved mirror the edge point is connected to x by all ways there
+//! estimator from there, with emission on both sides. In a curved mirror the edge point is connected to x by all specular paths there
 //! are ([`crate::grad::mirrors::curved`]), with N̂·(ṗ − ṙ), ṙ the velocity of the mirrored ray, and the area that it spreads over in place of |q|².
 
 use glam::{Vec2, Vec3};
 
+use crate::grad::environment::MovingEnvironment;
 use crate::grad::estimate::{Draw, Estimate, Pass, Sequence};
 use crate::grad::layers::Sides;
 use crate::grad::local::RayAdjoint;
@@ -18,16 +19,15 @@ use crate::grad::mirrors::curved::MirrorTree;
 use crate::grad::mirrors::viewpoint::{MirrorPlane, d_mirror_image, d_reflected_ray};
 use crate::grad::sampling::allocate::{Estimator, typical_bounces};
 use crate::grad::sampling::edge_tree::{EdgeTree, Query};
-use crate::grad::sampling::guide::{Guide, Lesson, Pupil};
+use crate::grad::sampling::guide::{Guide, GuideKey, GuideTraining};
 use crate::grad::sampling::pixels::{self, FilmDensity};
 use crate::grad::sink::{Adjoints, Layout, Sink};
-use crate::grad::sky::Sky;
-use crate::grad::terms::interior::{Injection, Path, PathVertex, anywhere, inject};
+use crate::grad::terms::interior::{Injection, Path, PathVertex, area_sampling_fraction, inject};
 use crate::render::accel::{PrimId, Ray};
 use crate::render::edges::{Edge, EdgeTable};
 use crate::render::integrator::{Options, Recorder, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
-use crate::render::mask::Through;
+use crate::render::mask::MaskWeight;
 use crate::render::sampler::{ONE_MINUS_EPSILON, Sampler, hash};
 use crate::render::{Camera, Scene, Settings};
 
@@ -37,24 +37,24 @@ const NUDGE: f32 = 2e-5;
 /// Cells of the guide over the film, at most.
 const MOST_CELLS: usize = 64 * 64;
 
-/// Edge points that one path looks for. What a surface sees of something that moves past it appears on one side and vanishes on
-/// the other: looked at from one place, these go against each other, and the path is shared.
-const LOOKS: usize = 4;
+/// Edge points sampled for each path. What moves past a surface appears on one side and vanishes on the other: sampled from one vertex,
+/// these two cancel in part, and the path is shared.
+const EDGE_POINTS: usize = 4;
 
 /// Receiver-first samples.
 pub struct Secondary<'a> {
     scene: &'a Scene,
-    /// What of the environment is found elsewhere.
-    sky: Sky,
+    /// The part of the environment whose shadows are sampled from the edges.
+    environment: MovingEnvironment,
     camera: &'a Camera,
     mirrors: &'a [MirrorPlane],
     curved: Option<&'a MirrorTree>,
     table: &'a EdgeTable,
     tree: &'a EdgeTree,
     layout: &'a Layout,
-    /// As of interior paths.
-    anywhere: f32,
-    /// Edges that move, for those who look on unmoved.
+    /// [`Options::area_sampling_fraction`], as of interior paths.
+    area_sampling_fraction: f32,
+    /// Only the edges that move, for path vertices that do not.
     moving: Option<EdgeTree>,
     max_bounces: u32,
     count: usize,
@@ -75,7 +75,7 @@ pub struct SecondarySample {
     pub p: Vec3,
     /// From covering to uncovered side, of the edge as x sees it (in the mirror, if there is one).
     pub normal: Vec3,
-    pub mirror: Option<Glass>,
+    pub mirror: Option<MirrorVertex>,
     pub weight: Vec3,
     /// The share of the weight whose direction is attached, and that direction with the distance of the edge along it.
     pub attached: Vec3,
@@ -83,24 +83,24 @@ pub struct SecondarySample {
     pub distance: f32,
 }
 
-/// A mirror on the way to an edge.
+/// The vertex on a mirror between a path vertex and an edge.
 #[derive(Clone, Copy, Debug)]
-pub struct Glass {
+pub struct MirrorVertex {
     pub si: SurfaceInteraction,
     /// Of a curved one: its distance from the path vertex, and that of the edge from it.
     pub curved: Option<[f32; 2]>,
 }
 
-/// What is seen on one side of an edge: the first surface's own light apart from everything else.
+/// The radiance on one side of an edge: the first surface's own emission apart from everything else.
 #[derive(Default)]
-struct Side {
+struct SideRadiance {
     first: Option<PrimId>,
     emission: Vec3,
     radiance: Vec3,
 }
 
-impl Recorder for Side {
-    fn vertex(&mut self, si: &SurfaceInteraction, _throughput: Vec3, _t: f32, _through: &Through) {
+impl Recorder for SideRadiance {
+    fn vertex(&mut self, si: &SurfaceInteraction, _throughput: Vec3, _t: f32, _through: &MaskWeight) {
         if self.first.is_none() {
             self.first = Some(si.prim);
             self.emission = si.emission;
@@ -111,17 +111,17 @@ impl Recorder for Side {
 impl<'a> Secondary<'a> {
     /// `None` if no path vertex can see anything but lights.
     pub fn new(
-        sky: Sky,
+        environment: MovingEnvironment,
         camera: &'a Camera,
         tree: &'a EdgeTree,
         mirrors: &'a [MirrorPlane],
         curved: Option<&'a MirrorTree>,
         settings: &Settings,
-        lesson: &Lesson<'a>,
+        training: &GuideTraining<'a>,
     ) -> Option<Secondary<'a>> {
-        let Lesson { scene, layout, adjoint, .. } = *lesson;
-        let sees_sky = scene.environment.is_some() && sky != Sky::Whole;
-        let direct = sees_sky || !scene.contacts().is_empty() || has_attached_lobes(scene);
+        let GuideTraining { scene, layout, adjoint, .. } = *training;
+        let sees_environment = scene.environment.is_some() && environment != MovingEnvironment::Whole;
+        let direct = sees_environment || !scene.contacts().is_empty() || has_attached_lobes(scene);
         let reach = if direct { 1 } else { 2 };
         let table = scene.edges();
         let film = FilmDensity::new(adjoint);
@@ -129,19 +129,19 @@ impl<'a> Secondary<'a> {
             return None;
         }
         let pixels = pixels::active(adjoint);
-        let count = (pixels * settings.spp.max(1) as usize / LOOKS).max(1024);
+        let count = (pixels * settings.spp.max(1) as usize / EDGE_POINTS).max(1024);
         let max_bounces = settings.max_bounces;
         let moving = if layout.moves_view() { None } else { EdgeTree::of_moving(scene, layout) };
         let secondary = Secondary {
             scene,
-            sky,
+            environment,
             camera,
             mirrors,
             curved,
             table,
             tree,
             layout,
-            anywhere: anywhere(layout),
+            area_sampling_fraction: area_sampling_fraction(layout),
             moving,
             max_bounces,
             count,
@@ -152,13 +152,14 @@ impl<'a> Secondary<'a> {
     }
 
     /// Learns from pilots where on film edges matter.
-    pub fn guided(mut self, lesson: &Lesson) -> Self {
-        let side = (lesson.cells(self.count, MOST_CELLS) as f64).sqrt().max(4.0) as usize;
-        self.guide = Some(Guide::new(Pupil::Secondary(self.sky), [side; 2], lesson, |mut sampler, at, pilot| {
-            let _film = sampler.next_2d();
-            let u = sampler.next_2d();
-            self.sample_at(at, u, 1.0, &mut sampler, &mut Path::default(), pilot);
-        }));
+    pub fn guided(mut self, training: &GuideTraining) -> Self {
+        let side = (training.cells(self.count, MOST_CELLS) as f64).sqrt().max(4.0) as usize;
+        self.guide =
+            Some(Guide::new(GuideKey::Secondary(self.environment), [side; 2], training, |mut sampler, at, pilot| {
+                let _film = sampler.next_2d();
+                let u = sampler.next_2d();
+                self.sample_at(at, u, 1.0, &mut sampler, &mut Path::default(), pilot);
+            }));
         self
     }
 
@@ -182,14 +183,14 @@ impl<'a> Secondary<'a> {
         let options = Options {
             next_event: false,
             split_lobes: true,
-            anywhere: self.anywhere,
+            area_sampling_fraction: self.area_sampling_fraction,
             ..Options::new(self.max_bounces - 1)
         };
         path.clear();
         trace(self.scene, Start::Ray(ray, &[]), sampler, &options, path);
-        let weight = (film.weight * weight / LOOKS as f64) as f32;
-        for look in 0..LOOKS {
-            let u = Vec2::new((u.x + look as f32) / LOOKS as f32, u.y).min(Vec2::splat(ONE_MINUS_EPSILON));
+        let weight = (film.weight * weight / EDGE_POINTS as f64) as f32;
+        for i in 0..EDGE_POINTS {
+            let u = Vec2::new((u.x + i as f32) / EDGE_POINTS as f32, u.y).min(Vec2::splat(ONE_MINUS_EPSILON));
             let Some(sample) = self.sample(path, u, sampler) else { continue };
             out.pixel(film.pixel, |d, out| {
                 let injection = self.scatter(out, &sample, d * weight);
@@ -206,8 +207,8 @@ impl<'a> Secondary<'a> {
         let events_left = |k: usize| self.max_bounces.saturating_sub(k as u32 + 1);
         let contacts = self.scene.contacts();
         let least_direct = |v: &PathVertex| {
-            let sees_sky = self.scene.environment.is_some() && self.sky != Sky::Whole;
-            let sees_light = sees_sky || !contacts.is_empty() || v.si.bsdf.is_attached();
+            let sees_environment = self.scene.environment.is_some() && self.environment != MovingEnvironment::Whole;
+            let sees_light = sees_environment || !contacts.is_empty() || v.si.bsdf.is_attached();
             u32::from(!sees_light)
         };
         let weight = |k: usize| {
@@ -250,73 +251,74 @@ impl<'a> Secondary<'a> {
         let edge = &self.table.edges[point.edge];
         let p = edge.point(point.s);
         let by_mirror = match curved {
-            Some(tree) => Some(self.sight_by(tree, si, edge, p, sampler)?),
+            Some(tree) => Some(self.connect_by_curved_mirror(tree, si, edge, p, sampler)?),
             None => None,
         };
         let q = mirror.map_or(p, |m| m.reflect_point(p)) - si.p;
         let (dir, distance) =
-            by_mirror.as_ref().map_or((q / q.length(), q.length()), |by| (by.first, by.sight.distance));
+            by_mirror.as_ref().map_or((q / q.length(), q.length()), |by| (by.first, by.connection.distance));
         let [fixed, attached] = si.eval_split(dir);
         if fixed + attached == Vec3::ZERO || si.ng.dot(dir) <= 0.0 {
             return None;
         }
-        let (sight, area) = match by_mirror {
-            Some(by) => (by.sight, by.area),
-            None => (self.sight(si, mirror, p, dir, distance)?, distance * distance),
+        let (connection, area) = match by_mirror {
+            Some(by) => (by.connection, by.area),
+            None => (self.connect(si, mirror, p, dir, distance)?, distance * distance),
         };
-        let view = edge.view(sight.dir)?;
-        let alike = || !self.tree.shows_creases(point.edge) || edge.mirrors_alike(self.scene, point.s, -sight.dir);
+        let view = edge.view(connection.dir)?;
+        let alike = || !self.tree.shows_creases(point.edge) || edge.mirrors_alike(self.scene, point.s, -connection.dir);
         if view.background.is_some() && alike() {
             return None;
         }
         let mut skip: Vec<PrimId> = edge.prims();
-        skip.push(sight.prim);
-        let to_edge = Ray { t_max: sight.distance * (1.0 - 2e-5), ..sight.ray };
+        skip.push(connection.prim);
+        let to_edge = Ray { t_max: connection.distance * (1.0 - 2e-5), ..connection.ray };
         let through = self.scene.transmittance(&to_edge, &skip);
         if through == 0.0 {
             return None;
         }
-        skip.extend(self.scene.passed(&to_edge, &skip));
-        let sides = Sides::choose(self.scene, edge, sight.dir, &view, point.s, sampler)?;
+        skip.extend(self.scene.masks_passed(&to_edge, &skip));
+        let sides = Sides::choose(self.scene, edge, connection.dir, &view, point.s, sampler)?;
 
         let options =
-            Options { first_emission: false, ..Options::new(events_left(k) - u32::from(sight.mirror.is_some())) };
-        let look = |start: Start| {
-            let mut side = Side::default();
+            Options { first_emission: false, ..Options::new(events_left(k) - u32::from(connection.mirror.is_some())) };
+        let radiance = |start: Start| {
+            let mut side = SideRadiance::default();
             side.radiance = trace(self.scene, start, &mut sampler.clone(), &options, &mut side);
             side
         };
         let normal = mirror.map_or(view.normal, |m| m.reflect(view.normal));
         let side = |face: Option<usize>| match face {
             Some(i) => {
-                let [_, beside] = edge.beside(self.scene, i, point.s, distance, -sight.dir);
-                look(Start::Beside(beside, &edge.below(i, beside.ng)))
+                let [_, beside] = edge.beside(self.scene, i, point.s, distance, -connection.dir);
+                radiance(Start::BesideEdge(beside, &edge.below(i, beside.ng)))
             }
             None => {
-                let past = match sight.mirror {
-                    Some(Glass { si: glass, curved: Some(_) }) => {
-                        Some(Sight { ray: glass.spawn_ray((sight.dir + normal * NUDGE).normalize()), ..sight })
-                    }
-                    _ => self.sight(si, mirror, p, (dir + normal * NUDGE).normalize(), distance),
+                let past = match connection.mirror {
+                    Some(MirrorVertex { si: mirror_si, curved: Some(_) }) => Some(EdgeConnection {
+                        ray: mirror_si.spawn_ray((connection.dir + normal * NUDGE).normalize()),
+                        ..connection
+                    }),
+                    _ => self.connect(si, mirror, p, (dir + normal * NUDGE).normalize(), distance),
                 };
-                past.map_or_else(Side::default, |past| look(Start::Ray(past.ray, &skip)))
+                past.map_or_else(SideRadiance::default, |past| radiance(Start::Ray(past.ray, &skip)))
             }
         };
         let (foreground, background) = (side(sides.near), side(sides.far));
         // Emission is direction-fixed behind a mirror and where the surfaces touch, else material-fixed. Of the environment
         // some is left to the edge-first estimator.
-        let sliding = |side: &Side| match side.first {
-            _ if sight.mirror.is_some() => side.radiance + side.emission,
+        let sliding = |side: &SideRadiance| match side.first {
+            _ if connection.mirror.is_some() => side.radiance + side.emission,
             Some(emitter) if contacts.contains(si.prim, emitter) => side.radiance + side.emission,
             Some(_) => side.radiance,
-            None => side.radiance * self.sky.rest(self.scene, sight.dir),
+            None => side.radiance * self.environment.direction_fixed_share(self.scene, connection.dir),
         };
-        let all = |side: &Side| side.radiance + side.emission;
+        let all = |side: &SideRadiance| side.radiance + side.emission;
         let fixed = fixed * (sliding(&foreground) - sliding(&background));
         let attached = attached * (all(&foreground) - all(&background));
-        let sin_phi = edge.direction().cross(sight.dir).length();
+        let sin_phi = edge.direction().cross(connection.dir).length();
         let pdf = point.pdf * weight(k) / (total * (mirrors + 1) as f32);
-        let scale = vertex.throughput * sight.reflectance * (through * sides.scale * sin_phi / (area * pdf));
+        let scale = vertex.throughput * connection.reflectance * (through * sides.scale * sin_phi / (area * pdf));
         let (weight, attached) = (scale * (fixed + attached), scale * attached);
         (weight != Vec3::ZERO && weight.is_finite()).then_some(SecondarySample {
             vertex: k,
@@ -325,7 +327,7 @@ impl<'a> Secondary<'a> {
             s: point.s,
             p,
             normal,
-            mirror: sight.mirror,
+            mirror: connection.mirror,
             weight,
             attached,
             dir,
@@ -333,18 +335,18 @@ impl<'a> Secondary<'a> {
         })
     }
 
-    /// The last segment of the way from a shading point to an edge point in direction `dir`, past a mirror if there is one.
-    fn sight(
+    /// Connects a shading point to an edge point in direction `dir`, by way of a flat mirror if there is one.
+    fn connect(
         &self,
         si: &SurfaceInteraction,
         mirror: Option<&MirrorPlane>,
         p: Vec3,
         dir: Vec3,
         distance: f32,
-    ) -> Option<Sight> {
+    ) -> Option<EdgeConnection> {
         let ray = si.spawn_ray(dir);
         let Some(plane) = mirror else {
-            return Some(Sight { ray, dir, distance, prim: si.prim, reflectance: Vec3::ONE, mirror: None });
+            return Some(EdgeConnection { ray, dir, distance, prim: si.prim, reflectance: Vec3::ONE, mirror: None });
         };
         let least = 1e-5 * self.scene.radius;
         let (here, there) = (plane.height(si.p), plane.height(p));
@@ -352,67 +354,67 @@ impl<'a> Secondary<'a> {
             return None;
         }
         let ours = |hit: &SurfaceInteraction| hit.bsdf.is_delta() && plane.contains(hit.ng, hit.p, self.scene.radius);
-        let (hit, t, through) = self.scene.find(&ray, &[si.prim], ours)?;
+        let (hit, t, through) = self.scene.first_wanted(&ray, &[si.prim], ours)?;
         if t >= distance {
             return None;
         }
         let dir = plane.reflect(dir);
-        Some(Sight {
+        Some(EdgeConnection {
             ray: hit.spawn_ray(dir),
             dir,
             distance: distance - t,
             prim: hit.prim,
             reflectance: hit.bsdf.mirror_reflectance() * through,
-            mirror: Some(Glass { si: hit, curved: None }),
+            mirror: Some(MirrorVertex { si: hit, curved: None }),
         })
     }
 
-    /// A way from a shading point to an edge point by a curved mirror, one of all there are.
-    fn sight_by(
+    /// Connects a shading point to an edge point by way of a curved mirror: by one of all specular paths between them, chosen at random.
+    fn connect_by_curved_mirror(
         &self,
         tree: &MirrorTree,
         si: &SurfaceInteraction,
         edge: &Edge,
         p: Vec3,
         sampler: &mut Sampler,
-    ) -> Option<Reflected> {
+    ) -> Option<CurvedConnection> {
         let scene = self.scene;
-        let mut ways = Vec::new();
+        let mut specular_paths = Vec::new();
         let own = edge.prims();
-        tree.between(scene, si.p, p, |prim, facet, place| {
+        tree.specular_paths(scene, si.p, p, |prim, patch, place| {
             if prim != si.prim && !own.contains(&prim) {
-                ways.push((prim, *facet, place));
+                specular_paths.push((prim, *patch, place));
             }
         });
-        let choice = (sampler.next_1d() * ways.len() as f32) as usize;
-        let &(prim, facet, place) = ways.get(choice)?;
+        let choice = (sampler.next_1d() * specular_paths.len() as f32) as usize;
+        let &(prim, patch, place) = specular_paths.get(choice)?;
         let [x, y, z] = scene.corners(prim);
         let [u, t] = place;
         let b = [1.0 - u - t, u, t].map(|b| b as f32);
         let to_mirror = x * b[0] + y * b[1] + z * b[2] - si.p;
         let before = to_mirror.length();
         let first = to_mirror / before;
-        let glass = scene.interaction(prim, b, -first);
-        let q = p - glass.p;
+        let mirror_si = scene.interaction(prim, b, -first);
+        let q = p - mirror_si.p;
         let distance = q.length();
         let dir = q / distance;
         let least = 1e-5 * scene.radius;
-        if !glass.bsdf.is_delta() || before < least || distance < least {
+        if !mirror_si.bsdf.is_delta() || before < least || distance < least {
             return None;
         }
         let opacity = scene.opacity(prim, b).unwrap_or(1.0);
         let through = opacity * scene.transmittance(&si.spawn_ray_to(first, before), &[si.prim, prim]);
-        let reflectance = glass.bsdf.mirror_reflectance() * (through * ways.len() as f32);
-        let area = facet.area_per_solid_angle(place, f64::from(before), f64::from(distance)) as f32;
-        let mirror = Some(Glass { si: glass, curved: Some([before, distance]) });
-        let sight = Sight { ray: glass.spawn_ray(dir), dir, distance, prim, reflectance, mirror };
-        (reflectance != Vec3::ZERO).then_some(Reflected { sight, first, area })
+        let reflectance = mirror_si.bsdf.mirror_reflectance() * (through * specular_paths.len() as f32);
+        let area = patch.area_per_solid_angle(place, f64::from(before), f64::from(distance)) as f32;
+        let mirror = Some(MirrorVertex { si: mirror_si, curved: Some([before, distance]) });
+        let connection = EdgeConnection { ray: mirror_si.spawn_ray(dir), dir, distance, prim, reflectance, mirror };
+        (reflectance != Vec3::ZERO).then_some(CurvedConnection { connection, first, area })
     }
 
     /// Adds the derivatives of a sample's edge and mirror; returns the adjoint of the path vertex's position.
     fn scatter<S: Sink>(&self, out: &mut Adjoints<S>, sample: &SecondarySample, d: Vec3) -> Injection {
         let d_image = sample.normal * d.dot(sample.weight);
-        if let Some(Glass { si, curved: Some([before, after]) }) = &sample.mirror {
+        if let Some(MirrorVertex { si, curved: Some([before, after]) }) = &sample.mirror {
             out.edge_point(&self.table.edges[sample.edge], sample.foreground, sample.s, d_image);
             // The direction at the vertex is fixed, but for the attached share.
             let mut back = |share: Vec3| {
@@ -439,7 +441,7 @@ impl Draw for Secondary<'_> {
     fn draw(&self, first: f64, mut sampler: Sampler, weight: f64, path: &mut Path, out: &mut impl Estimate) {
         let [column, u, v] = sampler.next_3d();
         let (at, u) = ([first, f64::from(column)], Vec2::new(u, v));
-        let (at, density) = self.guide.as_ref().map_or((at, 1.0), |g| g.map(at));
+        let (at, density) = self.guide.as_ref().map_or((at, 1.0), |g| g.warp(at));
         self.sample_at(at, u, weight / density, &mut sampler, path, out);
     }
 }
@@ -451,7 +453,7 @@ impl Estimator for Secondary<'_> {
 
     fn cost(&self) -> f64 {
         // Two paths look past the edge.
-        3.0 + 1.5 * LOOKS as f64 * (self.tree.cost() + 6.0 * typical_bounces(self.max_bounces))
+        3.0 + 1.5 * EDGE_POINTS as f64 * (self.tree.cost() + 6.0 * typical_bounces(self.max_bounces))
     }
 
     fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_ {
@@ -459,21 +461,21 @@ impl Estimator for Secondary<'_> {
     }
 }
 
-/// A line of sight to an edge.
+/// The last segment of the connection from a path vertex to an edge point.
 #[derive(Clone, Copy)]
-struct Sight {
+struct EdgeConnection {
     ray: Ray,
     dir: Vec3,
     distance: f32,
     /// Where it starts.
     prim: PrimId,
     reflectance: Vec3,
-    mirror: Option<Glass>,
+    mirror: Option<MirrorVertex>,
 }
 
-/// A line of sight by a curved mirror.
-struct Reflected {
-    sight: Sight,
+/// The connection from a path vertex to an edge point by way of a curved mirror.
+struct CurvedConnection {
+    connection: EdgeConnection,
     /// Direction of its first segment.
     first: Vec3,
     /// At the edge, perpendicular to it, over the solid angle at its start.

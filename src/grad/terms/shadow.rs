@@ -19,17 +19,17 @@ use std::f32::consts::FRAC_1_PI;
 
 use glam::{Vec2, Vec3};
 
+use crate::grad::environment::MovingEnvironment;
 use crate::grad::estimate::{Draw, Estimate, Pass, Sequence};
 use crate::grad::layers::contrast;
-use crate::grad::local::{RayAdjoint, VertexAdjoint, d_attached_direction, d_direction, slide};
-use crate::grad::mirrors::curved::{Eye, Facet, MirrorTree};
-use crate::grad::mirrors::viewpoint::{Seen, Viewpoint, d_reflected_ray};
+use crate::grad::local::{RayAdjoint, VertexAdjoint, d_attached_direction, d_direction, d_intersection};
+use crate::grad::mirrors::curved::{Eye, MirrorPatch, MirrorTree};
+use crate::grad::mirrors::viewpoint::{CameraConnection, Viewpoint, d_reflected_ray};
 use crate::grad::sampling::allocate::{Estimator, typical_bounces};
 use crate::grad::sampling::edge_tree::{EdgeTree, Query};
-use crate::grad::sampling::guide::{Guide, Lesson, Pupil};
+use crate::grad::sampling::guide::{Guide, GuideKey, GuideTraining};
 use crate::grad::sink::{Adjoints, Sink};
-use crate::grad::sky::Sky;
-use crate::grad::terms::reflections::see_in_mirrors;
+use crate::grad::terms::reflections::connect_by_curved_mirrors;
 use crate::math::{Frame, cosine_hemisphere, uniform_sphere};
 use crate::render::accel::{Hit, PrimId, Ray};
 use crate::render::bsdf::Bsdf;
@@ -45,23 +45,22 @@ const SKY_CELLS: [usize; 2] = [8, 8];
 /// Cells of a guide along the edges, at most.
 const MOST_ROWS: usize = 1024;
 
-/// Of a walk's turns the share that is spread evenly over the hemisphere. A walk leaves a surface as a camera's path meets it, and the
-/// more grazing it does the further the point slides: by 1/cos θ, of which directions in proportion to the cosine would make the
-/// variance infinite.
-const EVEN_TURNS: f32 = 0.25;
+/// The fraction of a walk's directions that is uniform over the hemisphere. A walk leaves a surface where a camera path would arrive, and
+/// at a grazing angle θ the point slides by 1/cos θ: with directions in proportion to the cosine alone the variance would be infinite.
+const UNIFORM_FRACTION: f32 = 0.25;
 
 /// Edge-first shadow samples.
 pub struct Shadows<'a> {
     scene: &'a Scene,
-    sky: Sky,
+    environment: MovingEnvironment,
     viewpoints: &'a [Viewpoint<'a>],
     max_bounces: u32,
     count: usize,
     curved: Option<&'a MirrorTree>,
     edges: Discrete,
     /// Edges and their emitting faces where lights stick through surfaces, and the share of samples for these.
-    pierced: Vec<(usize, usize)>,
-    pierced_pmf: Discrete,
+    crossings: Vec<(usize, usize)>,
+    crossing_pmf: Discrete,
     share: f64,
     /// For scenes of many edges, few of which are contours for a light: found from the light.
     tree: Option<&'a EdgeTree>,
@@ -74,7 +73,7 @@ pub struct Shadows<'a> {
 impl<'a> Shadows<'a> {
     pub fn new(
         scene: &'a Scene,
-        sky: Sky,
+        environment: MovingEnvironment,
         viewpoints: &'a [Viewpoint<'a>],
         settings: &Settings,
         curved: Option<&'a MirrorTree>,
@@ -86,7 +85,7 @@ impl<'a> Shadows<'a> {
         let table = scene.edges();
         let weight = |e: &Edge| if e.crossing { 0.0 } else { f64::from(e.length() * e.weight) };
         let edges = Discrete::new(table.edges.iter().map(weight));
-        let mut pierced = Vec::new();
+        let mut crossings = Vec::new();
         let mut weights = Vec::new();
         for (i, edge) in table.edges.iter().enumerate().filter(|(_, e)| e.crossing) {
             // The halves of one triangle count once.
@@ -94,60 +93,61 @@ impl<'a> Shadows<'a> {
             for face in halves.filter(|&f| f % 2 == 0 || edge.faces[f].prim != edge.faces[f - 1].prim) {
                 let power = scene.emitted_power(edge.faces[face].prim);
                 if power > 0.0 {
-                    pierced.push((i, face));
+                    crossings.push((i, face));
                     weights.push(f64::from(edge.length()) * power);
                 }
             }
         }
-        let share = match (edges.is_empty(), pierced.is_empty()) {
+        let share = match (edges.is_empty(), crossings.is_empty()) {
             (_, true) => 0.0,
             (true, false) => 1.0,
             (false, false) => 0.25,
         };
-        let pierced_pmf = Discrete::new(weights);
+        let crossing_pmf = Discrete::new(weights);
         let tree = (edges.len() > FEW).then_some(tree);
         let max_bounces = settings.max_bounces;
         Shadows {
             scene,
-            sky,
+            environment,
             viewpoints,
             max_bounces,
             count,
             curved,
             edges,
-            pierced,
-            pierced_pmf,
+            crossings,
+            crossing_pmf,
             share,
             tree,
             guide: None,
-            cells: match sky {
-                Sky::Peak => [scene.lights.local_count().clamp(1, 16), 1],
-                Sky::Whole => SKY_CELLS, // directions differ
+            cells: match environment {
+                MovingEnvironment::Peak => [scene.lights.local_count().clamp(1, 16), 1],
+                MovingEnvironment::Whole => SKY_CELLS, // directions differ
             },
         }
     }
 
     /// Learns from pilots which edges cast shadows of which lights where it matters.
-    pub fn guided(mut self, lesson: &Lesson) -> Self {
+    pub fn guided(mut self, training: &GuideTraining) -> Self {
         if self.count() > 0 {
             let columns = self.cells[0] * self.cells[1];
-            let rows = lesson.cells(self.count, MOST_ROWS * columns) / columns;
+            let rows = training.cells(self.count, MOST_ROWS * columns) / columns;
             let size = [rows.max(4), columns];
-            self.guide = Some(Guide::new(Pupil::Shadows(self.sky), size, lesson, |mut sampler, at, pilot| {
-                let v = sampler.next_2d().y;
-                self.sample(at, v, 1.0, &mut sampler, pilot);
-            }));
+            self.guide =
+                Some(Guide::new(GuideKey::Shadows(self.environment), size, training, |mut sampler, at, pilot| {
+                    let v = sampler.next_2d().y;
+                    self.sample(at, v, 1.0, &mut sampler, pilot);
+                }));
         }
         self
     }
 
     /// One sample: `at` and `v` choose the edge point and the light point, `weight` is one over their density.
     fn sample(&self, at: [f64; 2], v: f32, weight: f64, sampler: &mut Sampler, out: &mut impl Estimate) {
-        let (pierced, share) = if at[0] < self.share { (true, self.share) } else { (false, 1.0 - self.share) };
-        let u = [(if pierced { at[0] } else { at[0] - self.share }) / share, at[1]];
-        let cast = if pierced { self.cast_at_crossing(u, v, sampler) } else { self.cast_by_edge(u, v, sampler) };
-        if let Some(cast) = cast {
-            self.walk(&cast, (weight / share) as f32, sampler, out);
+        let (at_crossing, share) = if at[0] < self.share { (true, self.share) } else { (false, 1.0 - self.share) };
+        let u = [(if at_crossing { at[0] } else { at[0] - self.share }) / share, at[1]];
+        let shadow = if at_crossing { self.sample_crossing(u, v, sampler) } else { self.sample_edge(u, v, sampler) };
+        if let Some(shadow) = shadow {
+            self.walk(&shadow, (weight / share) as f32, sampler, out);
         }
     }
 
@@ -164,13 +164,13 @@ impl<'a> Shadows<'a> {
         )
     }
 
-    /// An edge that stands in the way of a light.
-    fn cast_by_edge(&self, at: [f64; 2], v: f32, sampler: &mut Sampler) -> Option<Cast<'_>> {
+    /// Samples an edge that hides a light.
+    fn sample_edge(&self, at: [f64; 2], v: f32, sampler: &mut Sampler) -> Option<ShadowSample<'_>> {
         let scene = self.scene;
         let u_light = self.unfold(at[1], v);
-        let light = match self.sky {
-            Sky::Peak => scene.sample_local_light(u_light)?,
-            Sky::Whole => scene.sample_light(u_light)?,
+        let light = match self.environment {
+            MovingEnvironment::Peak => scene.sample_local_light(u_light)?,
+            MovingEnvironment::Whole => scene.sample_light(u_light)?,
         };
         let table = scene.edges();
         let (edge, s, per_length) = match self.tree {
@@ -204,7 +204,7 @@ impl<'a> Shadows<'a> {
         if covers == 0.0 {
             return None;
         }
-        let hit = scene.chance_hit(&Ray::new(p + aside, -dir), &prims, sampler)?;
+        let hit = scene.random_hit(&Ray::new(p + aside, -dir), &prims, sampler)?;
         if hit.t < 1e-5 * p.abs().max_element() {
             return None; // the edge lies on the receiver: the shadow starts under the edge itself
         }
@@ -215,14 +215,14 @@ impl<'a> Shadows<'a> {
         let sin_phi = edge.direction().cross(dir).length();
         let power = light.power * (-covers * arrival.geometry * sin_phi / (per_length * light.pdf));
         // As seen from the receiver the covered side is the same.
-        Some(Cast { edge, face: view.foreground, s, normal: view.normal, light, dir, hit, tau, power })
+        Some(ShadowSample { edge, face: view.foreground, s, normal: view.normal, light, dir, hit, tau, power })
     }
 
-    /// A light that sticks through a surface.
-    fn cast_at_crossing(&self, at: [f64; 2], v: f32, sampler: &mut Sampler) -> Option<Cast<'_>> {
+    /// Samples the curve along which a light sticks through a surface.
+    fn sample_crossing(&self, at: [f64; 2], v: f32, sampler: &mut Sampler) -> Option<ShadowSample<'_>> {
         let scene = self.scene;
-        let (i, pmf, rest) = self.pierced_pmf.sample(at[0]);
-        let (edge, face) = self.pierced[i];
+        let (i, pmf, rest) = self.crossing_pmf.sample(at[0]);
+        let (edge, face) = self.crossings[i];
         let edge = &scene.edges().edges[edge];
         let (s, per_length) = (rest as f32, pmf as f32 / edge.length());
         let own = &edge.faces[face];
@@ -245,18 +245,18 @@ impl<'a> Shadows<'a> {
         if !whole && normal.dot(own.opposite - edge.p[0]) <= 0.0 {
             return None;
         }
-        let hit = scene.chance_hit(&Ray::new(edge.point(s), away), &edge.prims(), sampler)?;
+        let hit = scene.random_hit(&Ray::new(edge.point(s), away), &edge.prims(), sampler)?;
         if hit.t < 1e-5 * scene.radius {
             return None;
         }
         let power = light.power * (-covers * std::f32::consts::PI * sides / per_length);
-        Some(Cast { edge, face, s, normal, light, dir: -away, hit, tau: 1.0, power })
+        Some(ShadowSample { edge, face, s, normal, light, dir: -away, hit, tau: 1.0, power })
     }
 
     /// Carries a change of direct light from its receiver to the camera; `weight` is that of the sample.
-    fn walk(&self, cast: &Cast, weight: f32, sampler: &mut Sampler, out: &mut impl Estimate) {
+    fn walk(&self, shadow: &ShadowSample, weight: f32, sampler: &mut Sampler, out: &mut impl Estimate) {
         let scene = self.scene;
-        let &Cast { light, dir, hit, power, .. } = cast;
+        let &ShadowSample { light, dir, hit, power, .. } = shadow;
         let lens = self.viewpoints[0].camera.sample_lens(sampler).lens;
         let mut walk = Walk { vertices: Vec::with_capacity(4), weight: power * weight };
         let mut towards = dir; // direction in which the light leaves backwards: from the surface towards where it came
@@ -265,21 +265,22 @@ impl<'a> Shadows<'a> {
             // Connect the current vertex to every viewpoint, and to the camera through curved mirrors.
             let here = scene.interaction(prim, b, towards);
             let position = here.p;
-            let at = At { prim, b, towards, bounce };
+            let end = WalkEnd { prim, b, towards, bounce };
             for viewpoint in self.viewpoints.iter().map(|v| v.through(lens)) {
                 if bounce + viewpoint.bounces() <= self.max_bounces
-                    && let Some(seen) = viewpoint.see(position, &[prim])
+                    && let Some(connection) = viewpoint.connect(position, &[prim])
                 {
-                    let pixels = |n: Vec3| viewpoint.pixels_per_area(&seen, n);
-                    self.arrive(cast, &walk, at, &viewpoint, &seen, pixels, sampler, out);
+                    let pixels = |n: Vec3| viewpoint.pixels_per_area(&connection, n);
+                    self.splat(shadow, &walk, end, &viewpoint, &connection, pixels, sampler, out);
                 }
             }
             let scatters = !here.bsdf.is_delta() && !here.bsdf.is_black() && bounce < self.max_bounces;
             if let Some(mirrors) = self.curved.filter(|_| scatters) {
                 let viewpoint = self.viewpoints[0].through(lens);
-                for (seen, pixels) in see_in_mirrors(scene, &viewpoint.camera, mirrors, prim, position) {
-                    let pixels = |n: Vec3| pixels * n.dot(seen.dir).abs();
-                    self.arrive(cast, &walk, at, &viewpoint, &seen, pixels, sampler, out);
+                for (connection, pixels) in connect_by_curved_mirrors(scene, &viewpoint.camera, mirrors, prim, position)
+                {
+                    let pixels = |n: Vec3| pixels * n.dot(connection.dir).abs();
+                    self.splat(shadow, &walk, end, &viewpoint, &connection, pixels, sampler, out);
                 }
             }
             if bounce == self.max_bounces {
@@ -308,7 +309,7 @@ impl<'a> Shadows<'a> {
                 let frame = Frame::from_normal(si.ns);
                 let local = frame.to_local(towards);
                 let local = Vec3::new(local.x, local.y, local.z.abs());
-                let Some((wo, pdf)) = turn(&si.bsdf, local, sampler) else { break };
+                let Some((wo, pdf)) = sample_direction(&si.bsdf, local, sampler) else { break };
                 let away = frame.to_world(wo).normalize();
                 if si.ng.dot(away) <= 0.0 {
                     break;
@@ -322,27 +323,27 @@ impl<'a> Shadows<'a> {
             if bounce > 3 && sampler.next_1d() >= survival {
                 break;
             }
-            let Some(next) = scene.chance_hit(&si.spawn_ray(away), &[prim], sampler) else { break };
+            let Some(next) = scene.random_hit(&si.spawn_ray(away), &[prim], sampler) else { break };
             let weight = weight * self.solid_angles(&si, &walk, next.t * away);
             walk.weight *= weight / survival;
-            walk.vertices.push(Step { si, t: next.t, scattered });
+            walk.vertices.push(WalkVertex { si, t: next.t, scattered });
             (prim, b) = (next.prim, next.b);
             towards = -away;
         }
     }
 }
 
-/// The latest point of a walk, the `bounce`-th, and where its light comes from.
+/// The latest vertex of a walk, after `bounce` scattering events, and the direction its light comes from.
 #[derive(Clone, Copy)]
-struct At {
+struct WalkEnd {
     prim: PrimId,
     b: [f32; 3],
     towards: Vec3,
     bounce: u32,
 }
 
-/// Where the light of a receiver ends.
-struct Cast<'a> {
+/// A point at which the shadow of an edge ends: the edge point, the light point and the receiver in line with both.
+struct ShadowSample<'a> {
     edge: &'a Edge,
     face: usize,
     s: f32,
@@ -361,12 +362,12 @@ struct Cast<'a> {
 
 /// A chain of vertices from the shadow receiver towards the camera.
 struct Walk {
-    vertices: Vec<Step>,
+    vertices: Vec<WalkVertex>,
     weight: Vec3,
 }
 
 /// One vertex of a walk.
-struct Step {
+struct WalkVertex {
     si: SurfaceInteraction,
     /// Distance to the next vertex.
     t: f32,
@@ -391,33 +392,33 @@ impl Shadows<'_> {
             return 1.0;
         };
         let (t, place) = ([before.t, on.length()].map(f64::from), [si.b[1], si.b[2]].map(f64::from));
-        let facet = |eye: Vec3| Facet::new(self.scene, si.prim, Eye::Point(eye.as_dvec3()), false);
-        let forth = facet(before.si.p).area_per_solid_angle(place, t[0], t[1]);
-        let back = facet(si.p + on).area_per_solid_angle(place, t[1], t[0]);
+        let patch = |eye: Vec3| MirrorPatch::new(self.scene, si.prim, Eye::Point(eye.as_dvec3()), false);
+        let forth = patch(before.si.p).area_per_solid_angle(place, t[0], t[1]);
+        let back = patch(si.p + on).area_per_solid_angle(place, t[1], t[0]);
         (forth / back) as f32
     }
 
-    /// A walk that the camera sees; `pixels` per unit area of a surface, by its normal.
+    /// Splats the contribution of a walk, connected to the camera, on its pixel; `pixels` per unit area of a surface, by its normal.
     #[allow(clippy::too_many_arguments)]
-    fn arrive(
+    fn splat(
         &self,
-        cast: &Cast,
+        shadow: &ShadowSample,
         walk: &Walk,
-        at: At,
+        end: WalkEnd,
         viewpoint: &Viewpoint,
-        seen: &Seen,
+        connection: &CameraConnection,
         pixels: impl Fn(Vec3) -> f32,
         sampler: &mut Sampler,
         out: &mut impl Estimate,
     ) {
-        let &Cast { edge, face, s, normal, light, dir, hit, tau, .. } = cast;
-        let pixel = seen.pixel_index(&viewpoint.camera);
+        let &ShadowSample { edge, face, s, normal, light, dir, hit, tau, .. } = shadow;
+        let pixel = connection.pixel_index(&viewpoint.camera);
         if out.skips(pixel) {
             return;
         }
-        let si = self.scene.interaction(at.prim, at.b, -seen.dir);
-        let Some(scattered) = self.scatter(&si, at.towards, at.bounce, &light, sampler) else { return };
-        let m = walk.weight * seen.throughput * scattered.ratio * pixels(si.ng);
+        let si = self.scene.interaction(end.prim, end.b, -connection.dir);
+        let Some(scattered) = self.scatter(&si, end.towards, end.bounce, &light, sampler) else { return };
+        let m = walk.weight * connection.throughput * scattered.ratio * pixels(si.ng);
         if !m.is_finite() || m == Vec3::ZERO {
             return;
         }
@@ -439,8 +440,8 @@ impl Shadows<'_> {
                     d_step(out, &step.si, step.t, &step.scattered, ray)
                 };
             }
-            let ray = d_step(out, &si, seen.distance, &scattered, ray);
-            viewpoint.d_ray(out, seen, ray);
+            let ray = d_step(out, &si, connection.distance, &scattered, ray);
+            viewpoint.d_ray(out, connection, ray);
         });
     }
 
@@ -473,16 +474,16 @@ impl Shadows<'_> {
     }
 }
 
-/// A direction for a walk to go on in, in the frame of the shading normal, and its density.
-fn turn(bsdf: &Bsdf, wi: Vec3, sampler: &mut Sampler) -> Option<(Vec3, f32)> {
+/// Samples the direction that a walk goes on in, in the frame of the shading normal, with its density.
+fn sample_direction(bsdf: &Bsdf, wi: Vec3, sampler: &mut Sampler) -> Option<(Vec3, f32)> {
     let u = sampler.next_3d();
-    let wo = if sampler.next_1d() < EVEN_TURNS {
+    let wo = if sampler.next_1d() < UNIFORM_FRACTION {
         let dir = uniform_sphere([u[0], u[1]]);
         dir.with_z(dir.z.abs())
     } else {
         bsdf.sample(wi, u)?.wo
     };
-    let pdf = (1.0 - EVEN_TURNS) * bsdf.pdf(Vec3::Z, wi, wo) + EVEN_TURNS * 0.5 * FRAC_1_PI;
+    let pdf = (1.0 - UNIFORM_FRACTION) * bsdf.pdf(Vec3::Z, wi, wo) + UNIFORM_FRACTION * 0.5 * FRAC_1_PI;
     Some((wo, pdf))
 }
 
@@ -498,7 +499,7 @@ fn d_step<S: Sink>(
     if scattered.attached {
         d_attached_direction(si, scattered.towards, ray.dir, &mut adj);
     }
-    slide(out, si, t, adj)
+    d_intersection(out, si, t, adj)
 }
 
 impl Draw for Shadows<'_> {
@@ -507,18 +508,18 @@ impl Draw for Shadows<'_> {
     fn draw(&self, first: f64, mut sampler: Sampler, weight: f64, _: &mut (), out: &mut impl Estimate) {
         let u = sampler.next_2d();
         let at = [first, f64::from(u.x)];
-        let (at, density) = self.guide.as_ref().map_or((at, 1.0), |g| g.map(at));
+        let (at, density) = self.guide.as_ref().map_or((at, 1.0), |g| g.warp(at));
         self.sample(at, u.y, weight / density, &mut sampler, out);
     }
 }
 
 impl Estimator for Shadows<'_> {
     fn count(&self) -> usize {
-        let lights = match self.sky {
-            Sky::Peak => self.scene.lights.local_count(),
-            Sky::Whole => self.scene.lights.count(),
+        let lights = match self.environment {
+            MovingEnvironment::Peak => self.scene.lights.local_count(),
+            MovingEnvironment::Whole => self.scene.lights.count(),
         };
-        let edges = !self.edges.is_empty() || !self.pierced.is_empty();
+        let edges = !self.edges.is_empty() || !self.crossings.is_empty();
         if edges && lights > 0 && self.max_bounces > 0 { self.count } else { 0 }
     }
 

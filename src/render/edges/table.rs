@@ -75,8 +75,8 @@ pub struct EdgeView {
     edge_on: Option<EdgeOn>,
 }
 
-/// Someone's line of sight to an edge.
-struct Sight {
+/// An edge as seen along a direction.
+struct ViewFrame {
     /// Unit direction of the edge.
     e: DVec3,
     /// Unit normal of the plane through viewer and edge.
@@ -88,9 +88,9 @@ struct Sight {
     edge_on: Option<EdgeOn>,
 }
 
-/// Where a face lies in the plane perpendicular to a line of sight's edge.
-struct Place {
-    /// On the side that the sight's `n` points to.
+/// Where a face lies in the plane perpendicular to the edge.
+struct FacePlace {
+    /// On the side that [`ViewFrame::n`] points to.
     above: bool,
     /// The more, the smaller is the angle to the direction towards the viewer.
     nearness: f64,
@@ -161,9 +161,9 @@ impl Edge {
         if tilt > slack {
             return Some((view, Vec3::ZERO));
         }
-        let sight = self.sight(dir, Some(edge_on))?;
+        let frame = self.view_frame(dir, Some(edge_on))?;
         let along: Vec3 = (0..self.faces.len())
-            .filter(|&i| self.place(&sight, i).tilt <= slack)
+            .filter(|&i| self.face_place(&frame, i).tilt <= slack)
             .map(|i| self.face_normal(&self.faces[i]))
             .sum();
         let aside = match (view.background, edge_on) {
@@ -175,20 +175,20 @@ impl Edge {
         Some((view, aside * reach))
     }
 
-    /// The view, and the least [`Place::tilt`] of all faces.
+    /// The view, and the least [`FacePlace::tilt`] of all faces.
     fn classify(&self, dir: Vec3, edge_on: Option<EdgeOn>) -> Option<(EdgeView, f64)> {
-        let sight = self.sight(dir, edge_on)?;
+        let frame = self.view_frame(dir, edge_on)?;
         let mut best: [Option<(usize, f64)>; 2] = [None, None];
         let mut least = f64::INFINITY;
         for i in 0..self.faces.len() {
-            let Place { above, nearness, tilt } = self.place(&sight, i);
+            let FacePlace { above, nearness, tilt } = self.face_place(&frame, i);
             least = least.min(tilt);
             let slot = &mut best[usize::from(above)];
             if slot.is_none_or(|(_, c)| nearness > c) {
                 *slot = Some((i, nearness));
             }
         }
-        let normal = sight.n.as_vec3();
+        let normal = frame.n.as_vec3();
         let (normal, foreground, background) = match best {
             [Some((f, _)), None] => (normal, f, None),
             [None, Some((f, _))] => (-normal, f, None),
@@ -199,7 +199,7 @@ impl Edge {
     }
 
     #[inline]
-    fn sight(&self, dir: Vec3, edge_on: Option<EdgeOn>) -> Option<Sight> {
+    fn view_frame(&self, dir: Vec3, edge_on: Option<EdgeOn>) -> Option<ViewFrame> {
         let e = (self.p[1] - self.p[0]).as_dvec3();
         let d = dir.as_dvec3();
         let n = e.cross(d);
@@ -208,27 +208,27 @@ impl Edge {
             return None;
         }
         let e = e / length;
-        Some(Sight { e, n: n / reach, sine: reach / length, towards_viewer: e * d.dot(e) - d, edge_on })
+        Some(ViewFrame { e, n: n / reach, sine: reach / length, towards_viewer: e * d.dot(e) - d, edge_on })
     }
 
     #[inline]
-    fn place(&self, sight: &Sight, face: usize) -> Place {
+    fn face_place(&self, frame: &ViewFrame, face: usize) -> FacePlace {
         let face = &self.faces[face];
         let o = face.opposite.as_dvec3() - self.p[0].as_dvec3();
-        let o = o - sight.e * o.dot(sight.e);
-        let (side, height) = (sight.n.dot(o), o.length());
-        let tilt = side.abs() * sight.sine - f64::from(EDGE_ON) * height;
-        let above = match sight.edge_on {
+        let o = o - frame.e * o.dot(frame.e);
+        let (side, height) = (frame.n.dot(o), o.length());
+        let tilt = side.abs() * frame.sine - f64::from(EDGE_ON) * height;
+        let above = match frame.edge_on {
             Some(shown) if tilt <= 0.0 => face.is_forward() == (shown == EdgeOn::Front),
             _ => side > 0.0,
         };
-        Place { above, nearness: sight.towards_viewer.dot(o) / height, tilt }
+        FacePlace { above, nearness: frame.towards_viewer.dot(o) / height, tilt }
     }
 
     /// The face and all those that it hides from a viewer who looks along `dir`, nearest first.
     pub fn layers(&self, dir: Vec3, view: &EdgeView, face: usize) -> Vec<usize> {
-        let Some(sight) = self.sight(dir, view.edge_on) else { return vec![face] };
-        let places: Vec<Place> = (0..self.faces.len()).map(|i| self.place(&sight, i)).collect();
+        let Some(frame) = self.view_frame(dir, view.edge_on) else { return vec![face] };
+        let places: Vec<FacePlace> = (0..self.faces.len()).map(|i| self.face_place(&frame, i)).collect();
         let mut layers: Vec<usize> = (0..places.len()).filter(|&i| places[i].above == places[face].above).collect();
         layers.sort_by(|&i, &j| places[j].nearness.total_cmp(&places[i].nearness).then(i.cmp(&j)));
         layers

@@ -13,7 +13,7 @@ use crate::render::accel::{Hit, NO_PRIM, PrimId, Ray, Root};
 use crate::render::bsdf::{Bsdf, BsdfSample, matte};
 use crate::render::interaction::{SurfaceInteraction, end_before, offset};
 use crate::render::light::{Arrival, LightKind, LightSample};
-use crate::render::mask::Through;
+use crate::render::mask::MaskWeight;
 use crate::render::sampler::Sampler;
 use crate::render::world::Scene;
 
@@ -38,32 +38,32 @@ impl<const N: usize> Vectors<N> {
     }
 }
 
-/// Which of many paths, in ascending order.
+/// A subset of the paths: their numbers in ascending order.
 #[derive(Clone, Copy)]
-struct Among<const N: usize> {
+struct PathSet<const N: usize> {
     paths: [u8; N],
     count: usize,
 }
 
-impl<const N: usize> Among<N> {
-    const NONE: Among<N> = Among { paths: [0; N], count: 0 };
+impl<const N: usize> PathSet<N> {
+    const NONE: PathSet<N> = PathSet { paths: [0; N], count: 0 };
 
     #[inline(always)]
     fn iter(&self) -> impl Iterator<Item = usize> {
         self.paths[..self.count].iter().map(|&k| k as usize % N)
     }
 
-    /// Adds one after all others, if it is to be there. No branch depends on that, which cannot be foreseen.
+    /// Appends a path if `wanted`, without a branch: the processor could not predict it.
     #[inline(always)]
-    fn add_if(&mut self, there: bool, k: usize) {
+    fn add_if(&mut self, wanted: bool, k: usize) {
         self.paths[self.count % N] = k as u8;
-        self.count += usize::from(there);
+        self.count += usize::from(wanted);
     }
 
-    /// Those that are marked.
+    /// The paths of this set that are marked.
     #[inline(always)]
-    fn filter(&self, marked: &[bool; N]) -> Among<N> {
-        let mut left = Among::NONE;
+    fn filter(&self, marked: &[bool; N]) -> PathSet<N> {
+        let mut left = PathSet::NONE;
         for k in self.iter() {
             left.add_if(marked[k], k);
         }
@@ -71,8 +71,8 @@ impl<const N: usize> Among<N> {
     }
 }
 
-/// The lights that vertices are to be connected with.
-struct Lights<const N: usize> {
+/// The light sample of each path: what its vertex is to be connected with.
+struct LightSamples<const N: usize> {
     chosen: [bool; N],
     /// As in [`LightSample`].
     y: Vectors<N>,
@@ -84,11 +84,11 @@ struct Lights<const N: usize> {
     /// Points on surfaces.
     area: [bool; N],
     delta: [bool; N],
-    /// All of them, of points on surfaces only if someone watches.
+    /// The whole sample; of points on surfaces only if a recorder asks for it.
     sample: [LightSample; N],
 }
 
-impl<const N: usize> Lights<N> {
+impl<const N: usize> LightSamples<N> {
     #[inline(always)]
     fn set<R: Recorder>(&mut self, k: usize, light: &LightSample) {
         self.chosen[k] = true;
@@ -100,14 +100,14 @@ impl<const N: usize> Lights<N> {
         self.prim[k] = light.prim;
         self.area[k] = light.kind == LightKind::Area;
         self.delta[k] = light.is_delta();
-        if R::WATCHES || !self.area[k] {
+        if R::RECORDS || !self.area[k] {
             self.sample[k] = *light;
         }
     }
 }
 
-/// Connections that have yet to be tested.
-struct Shadows<const N: usize> {
+/// Shadow rays from the vertices to their light samples.
+struct ShadowRays<const N: usize> {
     dir: Vectors<N>,
     distance: [f32; N],
     t_max: [f32; N],
@@ -116,60 +116,61 @@ struct Shadows<const N: usize> {
     weight: [f32; N],
     f: Vectors<N>,
     pdf: [f32; N],
-    /// Light arrives, unless something is in between.
+    /// The light is above the horizon and shines this way: it arrives unless something hides it.
     open: [bool; N],
     transmittance: [f32; N],
 }
 
 /// The random numbers that choose where paths go on.
-struct Draws<const N: usize> {
+struct RandomNumbers<const N: usize> {
     /// Of [`Bsdf::sample`](Bsdf::sample).
     u: Vectors<N>,
     roulette: [f32; N],
 }
 
-/// Where paths go on.
-struct Turns<const N: usize> {
+/// The scattered directions that paths go on in.
+struct Scatter<const N: usize> {
     dir: Vectors<N>,
     pdf: [f32; N],
     /// As in [`Continuation`].
     inv_pdf: [f32; N],
     f: Vectors<N>,
-    /// They do go on.
+    /// The path goes on: it was not ended by Russian roulette, nor below the surface.
     on: [bool; N],
     /// The throughput at the next vertex, masks apart.
     throughput: Vectors<N>,
-    /// Of those that are chosen by [`choose`]: at surfaces that are not matte, or where turns lead anywhere.
-    other: [Other; N],
+    /// Of directions from [`sample_direction`]: at surfaces that are not matte, or with area sampling.
+    general: [GeneralScatter; N],
 }
 
-/// What only a turn by [`choose`] can be.
+/// What a direction from [`sample_direction`] has besides: a matte surface without area sampling needs none of it.
 #[derive(Clone, Copy)]
-struct Other {
+struct GeneralScatter {
     delta: bool,
     attached: bool,
-    /// The share of turns that lead to a point anywhere, and what this one leads to if it is one of them.
-    anywhere: f32,
-    goal: Option<PrimId>,
+    /// [`Options::area_sampling_fraction`] at this vertex, and the primitive aimed at if this direction was sampled by area.
+    area_sampling_fraction: f32,
+    target: Option<PrimId>,
 }
 
-impl Other {
-    const NONE: Other = Other { delta: false, attached: false, anywhere: 0.0, goal: None };
+impl GeneralScatter {
+    const NONE: GeneralScatter =
+        GeneralScatter { delta: false, attached: false, area_sampling_fraction: 0.0, target: None };
 }
 
-/// A direction in which a path may go on.
-struct Choice {
+/// A sampled direction in which a path may go on.
+struct DirectionSample {
     dir: Vec3,
     pdf: f32,
     /// The reflectance of a perfect mirror.
     mirror: Option<Vec3>,
-    /// The surface with the point that it leads to, if that was chosen.
-    goal: Option<PrimId>,
+    /// The primitive aimed at, if the direction was sampled by area.
+    target: Option<PrimId>,
 }
 
 /// Paths side by side, each at a vertex.
 pub struct Paths<const N: usize> {
-    alive: Among<N>,
+    alive: PathSet<N>,
     radiance: Vectors<N>,
     throughput: Vectors<N>,
     prim: [PrimId; N],
@@ -177,22 +178,22 @@ pub struct Paths<const N: usize> {
     /// Where rays from there begin: [`offset`].
     offset: [f32; N],
     /// What all offsets are multiplied by.
-    pub offsets: f32,
+    pub offset_scale: f32,
     /// The shading normal.
     n: Vectors<N>,
     matte: [bool; N],
     diffuse: [bool; N],
     /// Of matte surfaces.
     reflectance: Vectors<N>,
-    /// Light counts: see [`Options::by_way_of`].
-    counts: [bool; N],
-    /// All of the vertex, of matte ones only if that is needed.
+    /// The path has met one of [`Options::required_shapes`], so that light contributes from here on.
+    contributes: [bool; N],
+    /// The whole interaction; of matte surfaces only if it is needed ([`needs_all`]).
     si: [SurfaceInteraction; N],
-    lights: Lights<N>,
-    shadows: Shadows<N>,
-    draws: Draws<N>,
-    turns: Turns<N>,
-    /// The start of the next rays.
+    lights: LightSamples<N>,
+    shadows: ShadowRays<N>,
+    random: RandomNumbers<N>,
+    scatter: Scatter<N>,
+    /// The first steps of the next rays through the ray tree.
     roots: [Root; N],
     hits: Hits<N>,
 }
@@ -203,7 +204,7 @@ struct Hits<const N: usize> {
     t: [f32; N],
     prim: [PrimId; N],
     b: Vectors<N>,
-    through: [Through; N],
+    through: [MaskWeight; N],
 }
 
 impl<const N: usize> Hits<N> {
@@ -226,49 +227,56 @@ struct Bounce<'a> {
     scene: &'a Scene,
     options: &'a Options<'a>,
     number: u32,
-    /// A turn can only lead to a light, and these are also chosen.
+    /// The last bounce: a scattered ray can only find light, which light sampling finds too.
     last: bool,
-    /// [`LightTable::last_turns`](crate::render::light::LightTable::last_turns).
-    last_turns: f32,
-    /// The share of turns that lead to a point anywhere, but for mirrors; [`Bounce::turns`] is 1 where there are any.
-    anywhere: f32,
+    /// [`LightTable::last_bounce_probability`](crate::render::light::LightTable::last_bounce_probability).
+    last_bounce_probability: f32,
+    /// [`Options::area_sampling_fraction`]; none at the last bounce, and never at mirrors.
+    area_sampling_fraction: f32,
 }
 
 impl<'a> Bounce<'a> {
     #[inline(always)]
     fn new(scene: &'a Scene, options: &'a Options, number: u32) -> Bounce<'a> {
         let last = number + 1 == options.max_bounces && options.next_event;
-        let anywhere = if last { 0.0 } else { options.anywhere };
-        Bounce { scene, options, number, last, last_turns: scene.lights.last_turns(), anywhere }
+        let area_sampling_fraction = if last { 0.0 } else { options.area_sampling_fraction };
+        Bounce {
+            scene,
+            options,
+            number,
+            last,
+            last_bounce_probability: scene.lights.last_bounce_probability(),
+            area_sampling_fraction,
+        }
     }
 
-    /// The probability with which a path turns, roulette apart.
+    /// The probability with which a path scatters on, before Russian roulette.
     #[inline(always)]
-    fn turns(self, counts: bool, diffuse: bool) -> f32 {
-        let last = if (self.last_turns == 0.0) | diffuse { self.last_turns } else { 1.0 };
-        let last = if counts { last } else { 0.0 };
+    fn scatter_probability(self, contributes: bool, diffuse: bool) -> f32 {
+        let last = if (self.last_bounce_probability == 0.0) | diffuse { self.last_bounce_probability } else { 1.0 };
+        let last = if contributes { last } else { 0.0 };
         if self.last { last } else { 1.0 }
     }
 }
 
 impl<const N: usize> Paths<N> {
     #[inline(always)]
-    pub fn nowhere() -> Paths<N> {
+    pub fn new() -> Paths<N> {
         Paths {
-            alive: Among::NONE,
+            alive: PathSet::NONE,
             radiance: Vectors::ZERO,
             throughput: Vectors::ZERO,
             prim: [NO_PRIM; N],
             p: Vectors::ZERO,
             offset: [0.0; N],
-            offsets: 1.0,
+            offset_scale: 1.0,
             n: Vectors::ZERO,
             matte: [true; N],
             diffuse: [true; N],
             reflectance: Vectors::ZERO,
-            counts: [false; N],
+            contributes: [false; N],
             si: [SurfaceInteraction::NOWHERE; N],
-            lights: Lights {
+            lights: LightSamples {
                 chosen: [false; N],
                 y: Vectors::ZERO,
                 n: Vectors::ZERO,
@@ -280,7 +288,7 @@ impl<const N: usize> Paths<N> {
                 delta: [false; N],
                 sample: [LightSample::NONE; N],
             },
-            shadows: Shadows {
+            shadows: ShadowRays {
                 dir: Vectors::ZERO,
                 distance: [0.0; N],
                 t_max: [0.0; N],
@@ -291,18 +299,18 @@ impl<const N: usize> Paths<N> {
                 open: [false; N],
                 transmittance: [0.0; N],
             },
-            draws: Draws { u: Vectors::ZERO, roulette: [0.0; N] },
-            turns: Turns {
+            random: RandomNumbers { u: Vectors::ZERO, roulette: [0.0; N] },
+            scatter: Scatter {
                 dir: Vectors::ZERO,
                 pdf: [0.0; N],
                 inv_pdf: [0.0; N],
                 f: Vectors::ZERO,
                 on: [false; N],
                 throughput: Vectors::ZERO,
-                other: [Other::NONE; N],
+                general: [GeneralScatter::NONE; N],
             },
             roots: [Root::default(); N],
-            hits: Hits { t: [0.0; N], prim: [NO_PRIM; N], b: Vectors::ZERO, through: [Through::CLEAR; N] },
+            hits: Hits { t: [0.0; N], prim: [NO_PRIM; N], b: Vectors::ZERO, through: [MaskWeight::CLEAR; N] },
         }
     }
 
@@ -317,7 +325,7 @@ impl<const N: usize> Paths<N> {
         recs: &mut [R; N],
     ) {
         self.start(scene, rays, &[], samplers, options, recs);
-        self.go_on(scene, samplers, options, recs);
+        self.run(scene, samplers, options, recs);
     }
 
     /// What was found along a ray.
@@ -339,7 +347,7 @@ impl<const N: usize> Paths<N> {
     ) {
         const { assert!(0 < N && N <= 256, "paths are numbered by bytes") }
         debug_assert!(rays.len() <= N);
-        self.alive = Among::NONE;
+        self.alive = PathSet::NONE;
         if N > 1 {
             for (root, ray) in self.roots.iter_mut().zip(rays) {
                 *root = scene.accel.enter(ray);
@@ -347,7 +355,7 @@ impl<const N: usize> Paths<N> {
         }
         for (k, ray) in rays.iter().enumerate().take(N) {
             let root = (N > 1).then_some(&self.roots[k]);
-            seek(scene, (ray, root, skip), &mut samplers[k], options, &mut recs[k], &mut self.hits, k);
+            intersect(scene, (ray, root, skip), &mut samplers[k], options, &mut recs[k], &mut self.hits, k);
         }
         for (k, ray) in rays.iter().enumerate().take(N) {
             let (hit, through) = (self.hits.get(k), self.hits.through[k]);
@@ -368,7 +376,7 @@ impl<const N: usize> Paths<N> {
         k: usize,
         si: SurfaceInteraction,
         t: f32,
-        through: &Through,
+        through: &MaskWeight,
         options: &Options,
         rec: &mut R,
     ) {
@@ -376,17 +384,17 @@ impl<const N: usize> Paths<N> {
         let throughput = Vec3::splat(through.weight);
         self.throughput.set(k, throughput);
         self.radiance.set(k, if options.first_emission { throughput * si.emission } else { Vec3::ZERO });
-        self.counts[k] = options.counts(si.shape);
+        self.contributes[k] = options.is_required(si.shape);
         self.alive.add_if(!si.bsdf.is_black(), k);
-        self.place(k, si, needs_all::<R>(options));
+        self.set_vertex(k, si, needs_all::<R>(options));
     }
 
     /// Puts a path at a vertex, with `all` of it or what its matte surface needs.
     #[inline(always)]
-    fn place(&mut self, k: usize, si: SurfaceInteraction, all: bool) {
+    fn set_vertex(&mut self, k: usize, si: SurfaceInteraction, all: bool) {
         self.prim[k] = si.prim;
         self.p.set(k, si.p);
-        self.offset[k] = offset(si.p) * self.offsets;
+        self.offset[k] = offset(si.p) * self.offset_scale;
         self.n.set(k, si.ns);
         self.diffuse[k] = si.bsdf.is_diffuse();
         self.matte[k] = self.diffuse[k] && si.shading_flip == 0.0;
@@ -399,7 +407,7 @@ impl<const N: usize> Paths<N> {
     }
 
     #[inline(always)]
-    pub(super) fn go_on<R: Recorder>(
+    pub(super) fn run<R: Recorder>(
         &mut self,
         scene: &Scene,
         samplers: &mut [Sampler; N],
@@ -411,36 +419,36 @@ impl<const N: usize> Paths<N> {
                 break; // the next random number is the caller's
             }
             let bounce = Bounce::new(scene, options, number);
-            self.choose_lights::<R>(bounce, samplers);
-            self.meet_lights(bounce);
+            self.sample_lights::<R>(bounce, samplers);
+            self.evaluate_lights(bounce);
             let lit = self.alive.filter(&self.shadows.open);
-            self.draw(samplers);
-            self.turn(bounce, samplers);
+            self.draw_random_numbers(samplers);
+            self.sample_scatter(bounce, samplers);
             self.connect(bounce, lit, recs);
-            self.alive = self.alive.filter(&self.turns.on);
-            self.seek(bounce, samplers, recs);
+            self.alive = self.alive.filter(&self.scatter.on);
+            self.intersect(bounce, samplers, recs);
             self.arrive(bounce, recs);
         }
     }
 
-    /// Chooses a light for each vertex.
+    /// Samples a light for each vertex.
     #[inline(always)]
-    fn choose_lights<R: Recorder>(&mut self, bounce: Bounce, samplers: &mut [Sampler; N]) {
+    fn sample_lights<R: Recorder>(&mut self, bounce: Bounce, samplers: &mut [Sampler; N]) {
         let Paths { lights, .. } = self;
         lights.chosen = [false; N];
         if !bounce.options.next_event {
             return;
         }
         for k in self.alive.iter() {
-            if self.counts[k] && (self.matte[k] || !self.si[k].bsdf.is_delta()) {
+            if self.contributes[k] && (self.matte[k] || !self.si[k].bsdf.is_delta()) {
                 bounce.scene.sample_light_into(samplers[k].next_2d(), |light| lights.set::<R>(k, light));
             }
         }
     }
 
-    /// How the lights arrive: not at all if they are below the horizon or shine elsewhere.
+    /// Evaluates BSDF, geometry and MIS weight of each light sample, if it is above the horizon and shines this way.
     #[inline(always)]
-    fn meet_lights(&mut self, bounce: Bounce) {
+    fn evaluate_lights(&mut self, bounce: Bounce) {
         let Paths { lights, shadows, .. } = self;
         for k in 0..N {
             let (arrival, shines) =
@@ -479,14 +487,15 @@ impl<const N: usize> Paths<N> {
                 shadows.pdf[k] = si.pdf(dir);
             }
         }
-        let anywhere = bounce.anywhere;
-        let surface_pdf = if anywhere > 0.0 { bounce.scene.surface_pdf() } else { 0.0 };
+        let area_sampling_fraction = bounce.area_sampling_fraction;
+        let surface_pdf = if area_sampling_fraction > 0.0 { bounce.scene.surface_pdf() } else { 0.0 };
         for k in 0..N {
             // The balance heuristic over the light's density, with the BSDF's in the same measure.
-            let turns = bounce.turns(self.counts[k], self.diffuse[k]);
-            let other = if lights.delta[k] { 0.0 } else { shadows.pdf[k] * turns * shadows.geometry[k] };
+            let probability = bounce.scatter_probability(self.contributes[k], self.diffuse[k]);
+            let other = if lights.delta[k] { 0.0 } else { shadows.pdf[k] * probability * shadows.geometry[k] };
             let by_area = if lights.area[k] { surface_pdf } else { 0.0 };
-            let other = if anywhere > 0.0 { other + anywhere * (by_area - other) } else { other };
+            let other =
+                if area_sampling_fraction > 0.0 { other + area_sampling_fraction * (by_area - other) } else { other };
             shadows.weight[k] = 1.0 / (lights.pdf[k] + other);
             shadows.t_max[k] = end_before(shadows.distance[k], self.offset[k]);
         }
@@ -494,43 +503,43 @@ impl<const N: usize> Paths<N> {
 
     /// The random numbers of all paths.
     #[inline(always)]
-    fn draw(&mut self, samplers: &mut [Sampler; N]) {
+    fn draw_random_numbers(&mut self, samplers: &mut [Sampler; N]) {
         for k in self.alive.iter() {
             let sampler = &mut samplers[k];
             let [x, y, z, roulette] = sampler.next_3d_and_1d();
-            self.draws.u.set(k, Vec3::new(x, y, z));
-            self.draws.roulette[k] = roulette;
+            self.random.u.set(k, Vec3::new(x, y, z));
+            self.random.roulette[k] = roulette;
         }
     }
 
-    /// Chooses where paths go on.
+    /// Samples the directions that paths go on in.
     #[inline(always)]
-    fn turn(&mut self, bounce: Bounce, samplers: &mut [Sampler; N]) {
-        let Paths { turns, draws, .. } = self;
+    fn sample_scatter(&mut self, bounce: Bounce, samplers: &mut [Sampler; N]) {
+        let Paths { scatter, random, .. } = self;
         for k in 0..N {
-            let u = draws.u.get(k);
+            let u = random.u.get(k);
             let (cosine, normal) = (cosine_hemisphere([u.x, u.y]), self.n.get(k));
             let dir = Frame::from_normal(normal).to_world(cosine);
             let co = normal.dot(dir);
             let pdf = BsdfSample::cosine(cosine).pdf;
-            turns.dir.set(k, dir);
-            turns.f.set(k, matte(self.reflectance.get(k), co));
-            turns.pdf[k] = pdf;
-            turns.inv_pdf[k] = 1.0 / pdf;
-            turns.on[k] = (pdf > 0.0) & (co > 0.0);
+            scatter.dir.set(k, dir);
+            scatter.f.set(k, matte(self.reflectance.get(k), co));
+            scatter.pdf[k] = pdf;
+            scatter.inv_pdf[k] = 1.0 / pdf;
+            scatter.on[k] = (pdf > 0.0) & (co > 0.0);
         }
         for k in self.alive.iter() {
-            if self.matte[k] && bounce.anywhere == 0.0 {
+            if self.matte[k] && bounce.area_sampling_fraction == 0.0 {
                 continue;
             }
-            // The roulette's number is known: no need to ask where it says no.
-            let possible = draws.roulette[k] < bounce.turns(self.counts[k], self.diffuse[k]);
+            // Russian roulette may already have ended the path: then no direction is needed.
+            let possible = random.roulette[k] < bounce.scatter_probability(self.contributes[k], self.diffuse[k]);
             let (si, sampler) = (&self.si[k], &mut samplers[k]);
-            let choice = if possible { choose(bounce, si, draws.u.get(k), sampler) } else { None };
-            turns.on[k] = choice.is_some();
-            let Some(Choice { dir, pdf, mirror, goal }) = choice else { continue };
+            let choice = if possible { sample_direction(bounce, si, random.u.get(k), sampler) } else { None };
+            scatter.on[k] = choice.is_some();
+            let Some(DirectionSample { dir, pdf, mirror, target }) = choice else { continue };
             if pdf <= 0.0 {
-                turns.on[k] = false;
+                scatter.on[k] = false;
                 continue;
             }
             let mut f = mirror.unwrap_or_else(|| si.eval(dir));
@@ -541,32 +550,37 @@ impl<const N: usize> Paths<N> {
                 (attached, f) = (chosen.attached, chosen.f);
                 inv_pdf /= chosen.probability;
             }
-            turns.dir.set(k, dir);
-            turns.f.set(k, f);
-            (turns.pdf[k], turns.inv_pdf[k]) = (pdf, inv_pdf);
-            turns.other[k] = Other { delta: mirror.is_some(), attached, anywhere: anywhere(bounce, si), goal };
+            scatter.dir.set(k, dir);
+            scatter.f.set(k, f);
+            (scatter.pdf[k], scatter.inv_pdf[k]) = (pdf, inv_pdf);
+            scatter.general[k] = GeneralScatter {
+                delta: mirror.is_some(),
+                attached,
+                area_sampling_fraction: area_sampling_fraction(bounce, si),
+                target,
+            };
             // Below the surface `eval` is zero.
-            turns.on[k] = si.ng.dot(dir) > 0.0;
+            scatter.on[k] = si.ng.dot(dir) > 0.0;
         }
         let (keep_black, roulette) = (bounce.options.keep_black, bounce.number >= ROULETTE_START);
         for k in 0..N {
-            let (f, throughput) = (turns.f.get(k), self.throughput.get(k));
-            let all = bounce.turns(self.counts[k], self.diffuse[k]);
-            let inv_pdf = turns.inv_pdf[k];
+            let (f, throughput) = (scatter.f.get(k), self.throughput.get(k));
+            let all = bounce.scatter_probability(self.contributes[k], self.diffuse[k]);
+            let inv_pdf = scatter.inv_pdf[k];
             let share = (throughput * f * inv_pdf).max_element().clamp(0.05, 1.0);
             let survival = if roulette { all * share } else { all };
             let inv_pdf = inv_pdf / survival;
-            turns.on[k] &= (draws.roulette[k] < survival) & (keep_black | !is_zero(f)) & is_finite(f);
-            turns.pdf[k] *= all;
-            turns.inv_pdf[k] = inv_pdf;
-            turns.throughput.set(k, throughput * (f * inv_pdf));
+            scatter.on[k] &= (random.roulette[k] < survival) & (keep_black | !is_zero(f)) & is_finite(f);
+            scatter.pdf[k] *= all;
+            scatter.inv_pdf[k] = inv_pdf;
+            scatter.throughput.set(k, throughput * (f * inv_pdf));
         }
     }
 
-    /// Takes the light of connections, as far as it is visible.
+    /// Traces the shadow rays and adds the light that arrives.
     #[inline(always)]
-    fn connect<R: Recorder>(&mut self, bounce: Bounce, lit: Among<N>, recs: &mut [R; N]) {
-        let (scene, toss) = (bounce.scene, bounce.options.toss);
+    fn connect<R: Recorder>(&mut self, bounce: Bounce, lit: PathSet<N>, recs: &mut [R; N]) {
+        let (scene, masks) = (bounce.scene, bounce.options.mask_sampling);
         if N > 1 {
             for k in lit.iter() {
                 self.roots[k] = scene.accel.enter(&self.shadow_ray(k));
@@ -574,17 +588,17 @@ impl<const N: usize> Paths<N> {
         }
         for k in lit.iter() {
             let rec = &mut recs[k];
-            rec.line();
+            rec.segment();
             let root = (N > 1).then_some(&self.roots[k]);
             let (ray, ends) = (self.shadow_ray(k), [self.prim[k], self.lights.prim[k]]);
             let mut more = Vec::new();
             let skip = skipped::<N>(bounce, &ends, &mut more);
-            let through = scene.let_through(&ray, root, skip, toss, |c| rec.cross(&c));
+            let through = scene.unoccluded(&ray, root, skip, masks, |c| rec.cross(&c));
             let Paths { shadows, lights, .. } = self;
             shadows.open[k] = through.is_some();
             let Some(transmittance) = through else { continue };
             shadows.transmittance[k] = transmittance;
-            if R::WATCHES {
+            if R::RECORDS {
                 rec.connect(&Connection {
                     light: lights.sample[k],
                     dir: shadows.dir.get(k),
@@ -612,52 +626,53 @@ impl<const N: usize> Paths<N> {
     }
 
     #[inline(always)]
-    fn turned_ray(&self, k: usize) -> Ray {
-        let (origin, dir) = (self.p.get(k), self.turns.dir.get(k));
+    fn scattered_ray(&self, k: usize) -> Ray {
+        let (origin, dir) = (self.p.get(k), self.scatter.dir.get(k));
         Ray { origin, dir, t_min: self.offset[k], t_max: f32::INFINITY }
     }
 
-    /// Where turns lead.
+    /// Intersects the scattered rays with the scene.
     #[inline(always)]
-    fn seek<R: Recorder>(&mut self, bounce: Bounce, samplers: &mut [Sampler; N], recs: &mut [R; N]) {
+    fn intersect<R: Recorder>(&mut self, bounce: Bounce, samplers: &mut [Sampler; N], recs: &mut [R; N]) {
         let (scene, options) = (bounce.scene, bounce.options);
         if N > 1 {
             for k in self.alive.iter() {
-                self.roots[k] = scene.accel.enter(&self.turned_ray(k));
+                self.roots[k] = scene.accel.enter(&self.scattered_ray(k));
             }
         }
         for k in self.alive.iter() {
             let root = (N > 1).then_some(&self.roots[k]);
-            let (ray, own) = (self.turned_ray(k), [self.prim[k]]);
+            let (ray, own) = (self.scattered_ray(k), [self.prim[k]]);
             let mut more = Vec::new();
             let skip = skipped::<N>(bounce, &own, &mut more);
-            seek(scene, (&ray, root, skip), &mut samplers[k], options, &mut recs[k], &mut self.hits, k);
+            intersect(scene, (&ray, root, skip), &mut samplers[k], options, &mut recs[k], &mut self.hits, k);
         }
     }
 
-    /// Takes the light that turns find, and moves on to where they end; those that end nowhere are no longer alive.
+    /// Adds the light that scattered rays find, and moves paths to where these end; paths that leave the scene end.
     #[inline(always)]
     fn arrive<R: Recorder>(&mut self, bounce: Bounce, recs: &mut [R; N]) {
         let Bounce { scene, options, .. } = bounce;
-        let (alive, mut left) = (self.alive, Among::NONE);
+        let (alive, mut left) = (self.alive, PathSet::NONE);
         for k in alive.iter() {
-            let (rec, turns) = (&mut recs[k], &self.turns);
+            let (rec, scatter) = (&mut recs[k], &self.scatter);
             let (hit, through) = (self.hits.get(k), &self.hits.through[k]);
-            let own = self.matte[k] && bounce.anywhere == 0.0;
-            let Other { delta, attached, anywhere, goal } = if own { Other::NONE } else { turns.other[k] };
-            let (dir, f) = (turns.dir.get(k), turns.f.get(k));
-            let (mut pdf, mut inv_pdf) = (turns.pdf[k], turns.inv_pdf[k]);
-            let mut throughput = turns.throughput.get(k);
-            if anywhere > 0.0 {
-                if goal.is_some() && goal != hit.map(|hit| hit.prim) {
+            let own = self.matte[k] && bounce.area_sampling_fraction == 0.0;
+            let GeneralScatter { delta, attached, area_sampling_fraction, target } =
+                if own { GeneralScatter::NONE } else { scatter.general[k] };
+            let (dir, f) = (scatter.dir.get(k), scatter.f.get(k));
+            let (mut pdf, mut inv_pdf) = (scatter.pdf[k], scatter.inv_pdf[k]);
+            let mut throughput = scatter.throughput.get(k);
+            if area_sampling_fraction > 0.0 {
+                if target.is_some() && target != hit.map(|hit| hit.prim) {
                     continue; // something hides it
                 }
-                // Both ways to choose this direction, the second as a density of directions too.
+                // The density of the mixture of BSDF and area sampling, both per solid angle.
                 let by_area = hit.map_or(0.0, |hit| {
                     let cos = scene.facets[hit.prim as usize].normal.dot(dir).abs().max(1e-9);
                     scene.surface_pdf() * hit.t * hit.t / cos
                 });
-                let both = pdf + anywhere * (by_area - pdf);
+                let both = pdf + area_sampling_fraction * (by_area - pdf);
                 inv_pdf *= pdf / both;
                 pdf = both;
                 throughput = self.throughput.get(k) * (f * inv_pdf);
@@ -697,7 +712,7 @@ impl<const N: usize> Paths<N> {
                     let other = scene.lights.area_pdf(hit.prim) / to_area;
                     continuation.emission_weight = balance(pdf, other);
                 }
-                if R::WATCHES {
+                if R::RECORDS {
                     continuation.hit_light = scene.area_sample(hit.prim, hit.b, to_area / inv_pdf);
                 }
                 let found = throughput * si.emission * (continuation.emission_weight * through.weight);
@@ -706,9 +721,9 @@ impl<const N: usize> Paths<N> {
             rec.advance(&continuation);
             rec.vertex(&si, throughput, hit.t, through);
             self.throughput.set(k, throughput * through.weight);
-            self.counts[k] |= options.counts(si.shape);
+            self.contributes[k] |= options.is_required(si.shape);
             left.add_if(!si.bsdf.is_black(), k);
-            self.place(k, si, needs_all::<R>(options));
+            self.set_vertex(k, si, needs_all::<R>(options));
         }
         self.alive = left;
     }
@@ -716,31 +731,36 @@ impl<const N: usize> Paths<N> {
 
 /// Whether even of a matte surface all is asked for.
 fn needs_all<R: Recorder>(options: &Options) -> bool {
-    R::WATCHES || options.anywhere > 0.0
+    R::RECORDS || options.area_sampling_fraction > 0.0
 }
 
-/// [`Bounce::anywhere`] at a vertex.
-fn anywhere(bounce: Bounce, si: &SurfaceInteraction) -> f32 {
-    if si.bsdf.is_delta() { 0.0 } else { bounce.anywhere }
+/// [`Bounce::area_sampling_fraction`] at a vertex: a mirror has only one direction.
+fn area_sampling_fraction(bounce: Bounce, si: &SurfaceInteraction) -> f32 {
+    if si.bsdf.is_delta() { 0.0 } else { bounce.area_sampling_fraction }
 }
 
-/// A direction in proportion to the BSDF, or, as a share [`anywhere`] of all, that of a point on any surface; with the density of
-/// the first way to choose it.
+/// A direction in proportion to the BSDF, or, with the probability [`area_sampling_fraction`], towards a point chosen by area on the scene's
+/// surfaces. The density returned is that of BSDF sampling; [`Paths::arrive`] mixes in the other, which depends on what the ray hits.
 #[inline(always)]
-fn choose(bounce: Bounce, si: &SurfaceInteraction, u: Vec3, sampler: &mut Sampler) -> Option<Choice> {
-    let anywhere = anywhere(bounce, si);
-    if anywhere > 0.0 {
+fn sample_direction(
+    bounce: Bounce,
+    si: &SurfaceInteraction,
+    u: Vec3,
+    sampler: &mut Sampler,
+) -> Option<DirectionSample> {
+    let area_sampling_fraction = area_sampling_fraction(bounce, si);
+    if area_sampling_fraction > 0.0 {
         let which = sampler.next_1d();
-        if which < anywhere {
-            let (prim, p) = bounce.scene.surface_point(which / anywhere, [u.x, u.y]);
+        if which < area_sampling_fraction {
+            let (prim, p) = bounce.scene.surface_point(which / area_sampling_fraction, [u.x, u.y]);
             let dir = (p - si.p).normalize_or_zero();
-            return Some(Choice { dir, pdf: si.pdf(dir), mirror: None, goal: Some(prim) });
+            return Some(DirectionSample { dir, pdf: si.pdf(dir), mirror: None, target: Some(prim) });
         }
     }
     let frame = Frame::from_normal(si.ns);
     let sample = si.sample(&frame, u.to_array())?;
     let dir = if sample.mirror.is_some() { si.mirrored() } else { frame.to_world(sample.wo) };
-    Some(Choice { dir, pdf: sample.pdf, mirror: sample.mirror, goal: None })
+    Some(DirectionSample { dir, pdf: sample.pdf, mirror: sample.mirror, target: None })
 }
 
 /// What a ray skips: the primitives at its ends, and [`Options::first_skip`], which paths side by side do not have.
@@ -753,9 +773,9 @@ fn skipped<'a, const N: usize>(bounce: Bounce, ends: &'a [PrimId], all: &'a mut 
     all
 }
 
-/// Looks where a ray ends that begins and skips as [`Accel::closest_from`](crate::render::accel::Accel::closest_from) is told.
+/// Finds where a ray ends, with the start in the tree and the primitives to skip as [`Accel::closest_from`](crate::render::accel::Accel::closest_from) is told.
 #[inline(always)]
-fn seek<const N: usize>(
+fn intersect<const N: usize>(
     scene: &Scene,
     (ray, root, skip): (&Ray, Option<&Root>, &[PrimId]),
     sampler: &mut Sampler,
@@ -764,20 +784,20 @@ fn seek<const N: usize>(
     hits: &mut Hits<N>,
     k: usize,
 ) {
-    rec.line();
+    rec.segment();
     if !scene.masked {
-        // Masks do what they did at first: nothing.
+        // No mask: `through` stays clear.
         hits.set(k, scene.accel.closest_from(ray, root, skip));
         return;
     }
-    let (hit, through) = scene.stop(ray, skip, sampler, options.toss, |c| rec.cross(&c));
+    let (hit, through) = scene.sample_hit(ray, skip, sampler, options.mask_sampling, |c| rec.cross(&c));
     hits.set(k, hit.unwrap_or(Hit::NONE));
     hits.through[k] = through;
 }
 
 fn emits(scene: &Scene, si: &SurfaceInteraction) -> bool {
-    let look = &scene.looks[si.shape as usize];
-    look.emits && (look.two_sided || si.flip > 0.0)
+    let shading = &scene.shape_shading[si.shape as usize];
+    shading.emits && (shading.two_sided || si.flip > 0.0)
 }
 
 fn balance(a: f32, b: f32) -> f32 {

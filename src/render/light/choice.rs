@@ -90,7 +90,7 @@ impl Scene {
     /// The light sample of a given point, unless the primitive does not emit.
     #[inline]
     pub(crate) fn area_sample(&self, prim: PrimId, b: [f32; 3], pdf: f32) -> Option<LightSample> {
-        let emits = self.looks[self.facets[prim as usize].shape as usize].emits;
+        let emits = self.shape_shading[self.facets[prim as usize].shape as usize].emits;
         emits.then(|| self.light_at(prim, b, pdf))
     }
 
@@ -106,7 +106,7 @@ impl Scene {
             pdf,
             prim,
             b,
-            two_sided: self.looks[facet.shape as usize].two_sided,
+            two_sided: self.shape_shading[facet.shape as usize].two_sided,
             cone: None,
         }
     }

@@ -171,13 +171,13 @@ pub struct LightTable {
     /// Probability per unit area of a primitive, 0 if it does not emit.
     pub(super) area_pdf: Vec<f32>,
     pub(super) environment_pmf: f32,
-    pub(super) last_turns: f32,
+    pub(super) last_bounce_probability: f32,
 }
 
-/// Of the paths at a diffuse surface that may turn once more only to find a light, the share that do. The others leave it to the
-/// light that was chosen: rays are saved where it is the better technique, and close to lights it is not alone.
-const LAST_TURNS: f32 = 0.25;
-/// The share of all surfaces' area that emits above which they all turn: among lights a direction is the better choice.
+/// The probability with which a path takes its last bounce from a diffuse surface, which can only find a light. Otherwise light sampling
+/// alone finds it: that saves rays where it is the better technique, and close to lights it is not alone.
+const LAST_BOUNCE: f32 = 0.25;
+/// The share of all surfaces' area that emits above which all take it: among many lights BSDF sampling is the better technique.
 const MANY_LIGHTS: f32 = 0.125;
 
 pub(super) fn mean_luminance(description: &SceneDescription, input: Input) -> f64 {
@@ -265,13 +265,13 @@ impl LightTable {
                 Entry::Delta(_) | Entry::Peak => {}
             }
         }
-        let last_turns = match entries.last() {
+        let last_bounce_probability = match entries.last() {
             Some(Entry::Environment) => 1.0,
             _ if emitting > MANY_LIGHTS * surfaces => 1.0,
-            _ if emitting > 0.0 => LAST_TURNS,
+            _ if emitting > 0.0 => LAST_BOUNCE,
             _ => 0.0,
         };
-        LightTable { entries, pmf, local_entries, local_pmf, area_pdf, environment_pmf, last_turns }
+        LightTable { entries, pmf, local_entries, local_pmf, area_pdf, environment_pmf, last_bounce_probability }
     }
 
     /// Probability per unit area with which `Scene::sample_light` finds points of an emissive primitive.
@@ -286,11 +286,10 @@ impl LightTable {
         self.environment_pmf
     }
 
-    /// The share of paths that are worth a turn at a diffuse surface which nothing but a light can follow: none where no ray can find
-    /// one, all under a sky.
+    /// The probability with which a path takes its last bounce from a diffuse surface: 0 where no ray can find a light, 1 under a sky.
     #[inline]
-    pub fn last_turns(&self) -> f32 {
-        self.last_turns
+    pub fn last_bounce_probability(&self) -> f32 {
+        self.last_bounce_probability
     }
 
     /// Whether the only light is one without area.

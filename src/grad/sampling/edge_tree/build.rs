@@ -16,7 +16,7 @@ struct Item {
     /// Its length, by [`crate::render::edges::Edge::weight`].
     weighted: f32,
     crease: f32,
-    veil: f32,
+    mask_jump: f32,
     bright: f32,
     folding: f32,
     open: bool,
@@ -70,7 +70,7 @@ impl Builder {
                 p: edge.p,
                 weighted,
                 crease: edge.length() * tree.crease[e],
-                veil: edge.length() * tree.veil[e],
+                mask_jump: edge.length() * tree.mask_jump[e],
                 bright: weighted * (1.0 + tree.brightness[e]),
                 folding: tree.folding[e],
                 open: !edge.is_wound_consistently(),
@@ -88,12 +88,12 @@ impl Builder {
         let centre = 0.5 * (lo + hi);
         let (mut plane_lo, mut plane_hi) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
         let mut open = false;
-        let (mut length, mut creases, mut veils, mut bright, mut folding) = (0.0, 0.0, 0.0, 0.0, 0.0_f32);
+        let (mut length, mut creases, mut mask_jumps, mut bright, mut folding) = (0.0, 0.0, 0.0, 0.0, 0.0_f32);
         for &e in order.iter() {
             let item = &self.items[e as usize];
             length += item.weighted;
             creases += item.crease;
-            veils += item.veil;
+            mask_jumps += item.mask_jump;
             bright += item.bright;
             folding = folding.max(item.folding);
             open |= item.open;
@@ -109,7 +109,7 @@ impl Builder {
             hi,
             length,
             creases,
-            veils,
+            mask_jumps,
             folding,
             brightness: bright / length,
             plane_lo,

@@ -80,7 +80,7 @@ impl Polar {
         }
         let foot = -a.dot(e);
         let to_foot = a + e * foot;
-        let d = query.far(to_foot.length());
+        let d = query.effective_distance(to_foot.length());
         if d < 1e-6 * (a.length() + length) || l1 <= l0 {
             return None;
         }

@@ -14,7 +14,7 @@ use self::lens::{blurred, classify_through_lens};
 use self::pieces::{Piece, classify, clip, curved, even_cuts, is_straight, lines, pixel_cuts};
 use crate::grad::estimate::{Draw, Estimate, Pass, Sequence};
 use crate::grad::layers::Sides;
-use crate::grad::mirrors::viewpoint::{Seen, Viewpoint};
+use crate::grad::mirrors::viewpoint::{CameraConnection, Viewpoint};
 use crate::grad::sampling::allocate::{Estimator, typical_bounces};
 use crate::grad::sampling::contrast::contrasts;
 use crate::image::Image;
@@ -39,7 +39,7 @@ pub struct PrimaryEdges<'a> {
     plan: Plan,
 }
 
-/// How edge points are chosen.
+/// How edge points are sampled.
 enum Plan {
     /// Antithetic pairs on every piece. For radiance without noise and pieces within one pixel: there the jump and the
     /// adjoint are constant and the velocity is linear, so the pair integrates them exactly, and where something else
@@ -49,8 +49,8 @@ enum Plan {
     Sample { pmf: Discrete, count: u32 },
 }
 
-/// An edge point chosen for a primary boundary sample.
-struct Chosen<'a> {
+/// A sampled point of an edge, and the viewpoint that it is seen from.
+struct EdgeSample<'a> {
     edge: &'a Edge,
     viewpoint: Viewpoint<'a>,
     s: f32,
@@ -63,7 +63,7 @@ struct Boundary<'a> {
     s: f32,
     p: Vec3,
     foreground: usize,
-    seen: Seen,
+    connection: CameraConnection,
     pixel: usize,
     /// Image normal from the covering to the uncovered side.
     normal_2d: Vec2,
@@ -139,8 +139,8 @@ impl<'a> PrimaryEdges<'a> {
         let factors = contrasts(groups, self.settings.spp, hash(self.seed, 0x70_696c_6f74), |g, sampler| {
             let (u, range) = (sampler.next_2d(), range(g));
             let piece = &self.pieces[range.start + (u.x * range.len() as f32) as usize];
-            let chosen = self.place(piece, f64::from(u.y), sampler);
-            let boundary = chosen.and_then(|c| self.look(&c, sampler, |_| false));
+            let sample = self.edge_sample(piece, f64::from(u.y), sampler);
+            let boundary = sample.and_then(|c| self.evaluate(&c, sampler, |_| false));
             boundary.map_or(0.0, |b| f64::from(b.jump.length_squared()))
         });
         let mean_adjoint = adjoint.data.iter().map(|v| f64::from(v.abs())).sum::<f64>()
@@ -164,30 +164,35 @@ impl<'a> PrimaryEdges<'a> {
     }
 
     /// The point of a piece at the fraction `rest` of its length on film (or of its parameter), as a point of the lens sees it.
-    fn place(&self, piece: &Piece, rest: f64, sampler: &mut Sampler) -> Option<Chosen<'a>> {
+    fn edge_sample(&self, piece: &Piece, rest: f64, sampler: &mut Sampler) -> Option<EdgeSample<'a>> {
         let viewpoint = &self.viewpoints[piece.viewpoint as usize];
         let viewpoint = viewpoint.through(viewpoint.camera.sample_lens(sampler).lens);
         let edge = &viewpoint.scene.edges_of(self.settings.output).edges[piece.edge as usize];
         if !is_straight(&viewpoint.camera) {
             let s = (piece.sa + (piece.sb - piece.sa) * rest) as f32;
-            return Some(Chosen { edge, viewpoint, s });
+            return Some(EdgeSample { edge, viewpoint, s });
         }
         let s = piece.parameter(piece.ta + (piece.tb - piece.ta) * rest) as f32;
-        (piece.a != piece.b).then_some(Chosen { edge, viewpoint, s })
+        (piece.a != piece.b).then_some(EdgeSample { edge, viewpoint, s })
     }
 
-    /// What a chosen point shows, unless its pixel is skipped or it is hidden or shows nothing.
-    fn look(&self, chosen: &Chosen<'a>, sampler: &mut Sampler, skips: impl Fn(usize) -> bool) -> Option<Boundary<'a>> {
-        let &Chosen { edge, viewpoint, s } = chosen;
+    /// What a sampled point shows, unless its pixel is skipped or it is hidden or shows nothing.
+    fn evaluate(
+        &self,
+        sample: &EdgeSample<'a>,
+        sampler: &mut Sampler,
+        skips: impl Fn(usize) -> bool,
+    ) -> Option<Boundary<'a>> {
+        let &EdgeSample { edge, viewpoint, s } = sample;
         let p = edge.point(s);
         let prims = edge.prims();
         let (view, aside) = viewpoint.view(edge, p)?;
-        let seen = viewpoint.see_along(p, aside, &prims)?;
-        let pixel = seen.pixel_index(&viewpoint.camera);
+        let connection = viewpoint.connect_aside(p, aside, &prims)?;
+        let pixel = connection.pixel_index(&viewpoint.camera);
         if skips(pixel) {
             return None;
         }
-        let [gx, gy] = viewpoint.projection_gradient(&seen);
+        let [gx, gy] = viewpoint.projection_gradient(&connection);
         let along = edge.p[1] - edge.p[0];
         let along = Vec2::new(gx.dot(along), gy.dot(along));
         let speed = along.length();
@@ -200,19 +205,28 @@ impl<'a> PrimaryEdges<'a> {
         let normal_2d = if side < 0.0 { -normal_2d } else { normal_2d };
 
         let radiance = self.settings.output == Output::Radiance;
-        if radiance && view.background.is_some() && edge.mirrors_alike(viewpoint.scene, s, -seen.dir) {
+        if radiance && view.background.is_some() && edge.mirrors_alike(viewpoint.scene, s, -connection.dir) {
             return None;
         }
 
         // The same random numbers on both sides.
         let scene = viewpoint.scene;
-        let sides = Sides::choose(scene, edge, seen.dir, &view, s, sampler)?;
+        let sides = Sides::choose(scene, edge, connection.dir, &view, s, sampler)?;
         let settings = self.settings;
         let nudge = NUDGE[0].min(NUDGE[1] * viewpoint.camera.width.max(viewpoint.camera.height) as f32);
-        let value = Values { scene, settings, viewpoint: &viewpoint, edge, seen: &seen, aside, s, prims: &prims };
+        let value = SideRadiance {
+            scene,
+            settings,
+            viewpoint: &viewpoint,
+            edge,
+            connection: &connection,
+            aside,
+            s,
+            prims: &prims,
+        };
         let side = |face: Option<usize>| match face {
             Some(face) => value.face(face, &mut sampler.clone()),
-            None => value.past(seen.projected.pixel + normal_2d * nudge, &mut sampler.clone()),
+            None => value.past(connection.projected.pixel + normal_2d * nudge, &mut sampler.clone()),
         };
         let jump = (side(sides.near) - side(sides.far)) * sides.scale;
         let foreground = view.foreground;
@@ -222,7 +236,7 @@ impl<'a> PrimaryEdges<'a> {
             s,
             p,
             foreground,
-            seen,
+            connection,
             pixel,
             normal_2d,
             speed,
@@ -237,8 +251,8 @@ impl<'a> PrimaryEdges<'a> {
 
     /// One boundary sample on a piece, at a fraction of it; `weight` is one over the fraction's density.
     fn sample(&self, piece: &Piece, rest: f64, weight: f64, sampler: &mut Sampler, out: &mut impl Estimate) {
-        let Some(chosen) = self.place(piece, rest, sampler) else { return };
-        let Some(b) = self.look(&chosen, sampler, |pixel| out.skips(pixel)) else { return };
+        let Some(sample) = self.edge_sample(piece, rest, sampler) else { return };
+        let Some(b) = self.evaluate(&sample, sampler, |pixel| out.skips(pixel)) else { return };
         // Per fraction → per pixel of arc length on film.
         let pixels = if is_straight(&b.viewpoint.camera) {
             piece.a.distance(piece.b)
@@ -248,7 +262,7 @@ impl<'a> PrimaryEdges<'a> {
         let scale = (pixels * weight) as f32;
         out.pixel(b.pixel, |d, out| {
             let d_pixel = b.normal_2d * (d.dot(b.jump) * scale);
-            let d_p = b.viewpoint.d_position(out, b.p, &b.seen, d_pixel);
+            let d_p = b.viewpoint.d_position(out, b.p, &b.connection, d_pixel);
             out.edge_point(b.edge, b.foreground, b.s, d_p);
         });
     }
@@ -309,31 +323,32 @@ impl Pass for Enumeration<'_> {
     }
 }
 
-/// What is seen on either side of an edge point.
-struct Values<'a> {
+/// Radiance (or another channel) on either side of an edge point.
+struct SideRadiance<'a> {
     scene: &'a Scene,
     settings: &'a Settings,
     viewpoint: &'a Viewpoint<'a>,
     edge: &'a Edge,
-    seen: &'a Seen,
+    connection: &'a CameraConnection,
     /// How far aside to look ([`Viewpoint::view`]).
     aside: Vec3,
     s: f32,
     prims: &'a [PrimId],
 }
 
-impl Values<'_> {
-    /// On one of the edge's own faces, a hair's breadth inside of it.
+impl SideRadiance<'_> {
+    /// On one of the edge's own faces, right beside the edge.
     fn face(&self, face: usize, sampler: &mut Sampler) -> Vec3 {
-        let [at_edge, beside] = self.edge.beside(self.scene, face, self.s, self.seen.distance, -self.seen.dir);
+        let [at_edge, beside] =
+            self.edge.beside(self.scene, face, self.s, self.connection.distance, -self.connection.dir);
         match self.settings.output {
             Output::Radiance => {
                 let options = Options::new(self.settings.max_bounces.saturating_sub(self.viewpoint.bounces()));
                 let below = self.edge.below(face, beside.ng);
-                let start = Start::Beside(beside, &below);
-                self.seen.throughput * trace(self.scene, start, sampler, &options, &mut NoRecord)
+                let start = Start::BesideEdge(beside, &below);
+                self.connection.throughput * trace(self.scene, start, sampler, &options, &mut NoRecord)
             }
-            output => self.seen.throughput * first_hit(self.scene, output, &self.viewpoint.camera, &at_edge),
+            output => self.connection.throughput * first_hit(self.scene, output, &self.viewpoint.camera, &at_edge),
         }
     }
 
@@ -342,16 +357,20 @@ impl Values<'_> {
         let Some((ray, start, mut throughput)) = self.viewpoint.ray(pixel) else { return Vec3::ZERO };
         let mut skip: Vec<PrimId> = self.prims.iter().copied().chain(start).collect();
         if self.scene.masked {
-            throughput = self.seen.throughput;
-            let way = self.viewpoint.way(self.seen.origin + self.aside, self.seen.dir, self.seen.distance);
-            skip.extend(self.scene.passed(&way, &skip));
+            throughput = self.connection.throughput;
+            let way = self.viewpoint.last_segment(
+                self.connection.origin + self.aside,
+                self.connection.dir,
+                self.connection.distance,
+            );
+            skip.extend(self.scene.masks_passed(&way, &skip));
         }
         match self.settings.output {
             Output::Radiance => {
                 let options = Options::new(self.settings.max_bounces.saturating_sub(self.viewpoint.bounces()));
                 throughput * trace(self.scene, Start::Ray(ray, &skip), sampler, &options, &mut NoRecord)
             }
-            output => match self.scene.chance(&ray, &skip, sampler) {
+            output => match self.scene.random_interaction(&ray, &skip, sampler) {
                 Some((si, _)) => throughput * first_hit(self.scene, output, &self.viewpoint.camera, &si),
                 None => Vec3::ZERO,
             },

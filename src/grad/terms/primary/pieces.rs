@@ -88,7 +88,7 @@ fn may_be_folded(viewpoint: &Viewpoint, edge: &Edge) -> bool {
     const SLACK: f32 = 1e-5;
     let folding = edge.folding(viewpoint.scene) + SLACK;
     edge.p.iter().any(|&p| {
-        let (dir, distance) = viewpoint.way_to(p);
+        let (dir, distance) = viewpoint.first_direction_to(p);
         let off = folding + viewpoint.camera.lens.radius / distance;
         edge.faces.iter().any(|f| edge.face_normal(f).dot(dir).abs() <= off)
     })
