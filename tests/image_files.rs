@@ -48,6 +48,20 @@ fn exr_file(display: Option<((i32, i32), (usize, usize))>, parts: Vec<Layer<AnyC
 }
 
 #[test]
+fn pixels_that_are_no_numbers_are_told_once_a_file() {
+    let file = |values: Vec<f32>| {
+        let y = AnyChannel::new("Y", FlatSamples::F32(values));
+        let channels = AnyChannels::sort([y].into_iter().collect());
+        let layer = Layer::new((2, 2), LayerAttributes::default(), Storage::UNCOMPRESSED, channels);
+        read(&exr_file(None, vec![layer])).notes
+    };
+    assert!(file(vec![1.0, 2.0, 3.0, 4.0]).is_empty());
+    assert_eq!(file(vec![1.0, f32::NAN, 3.0, 4.0]), ["the image's pixel [1, 0] is NaN"]);
+    let several = file(vec![1.0, 2.0, f32::INFINITY, f32::NAN]);
+    assert_eq!(several, ["2 of the image's pixels are not finite; the first, [0, 1], is infinite"]);
+}
+
+#[test]
 fn an_exr_image_is_its_display_window() {
     // Data of 2×2 pixels whose first stands at (1, 0) of a window that begins at (−3, −2).
     let data = AnyChannel::new("Y", FlatSamples::F32(vec![1.0, 2.0, 3.0, 4.0]));

@@ -70,16 +70,33 @@ pub fn decode(bytes: &[u8], encoding: Encoding, layer: Option<&str>) -> Result<D
     if let (Some(layer), false) = (layer, is_exr) {
         return Err(ImageError::Argument(format!("only EXR files have layers; this one has no “{layer}”")));
     }
-    match () {
-        () if is_exr => exr::decode(bytes, layer),
-        () if is(b"\x89PNG\r\n\x1a\n") => png::decode(bytes, encoding),
-        () if is(&[0xff, 0xd8, 0xff]) => jpeg::decode(bytes, encoding),
-        () if hdr::MAGIC.iter().any(|magic| is(magic)) => hdr::decode(bytes),
+    let mut decoded = match () {
+        () if is_exr => exr::decode(bytes, layer)?,
+        () if is(b"\x89PNG\r\n\x1a\n") => png::decode(bytes, encoding)?,
+        () if is(&[0xff, 0xd8, 0xff]) => jpeg::decode(bytes, encoding)?,
+        () if hdr::MAGIC.iter().any(|magic| is(magic)) => hdr::decode(bytes)?,
         () => {
             let empty = if bytes.is_empty() { "; the file is empty" } else { "" };
-            Err(ImageError::Argument(format!("this is no PNG, JPEG, HDR or EXR image{empty}")))
+            return Err(ImageError::Argument(format!("this is no PNG, JPEG, HDR or EXR image{empty}")));
         }
-    }
+    };
+    decoded.notes.extend(not_finite(&decoded.image));
+    Ok(decoded)
+}
+
+/// The first pixel that holds no finite number, and how many others do not: all that is computed from them is lost.
+fn not_finite(image: &Image) -> Option<String> {
+    let is_broken = |pixel: &&[f32]| pixel.iter().any(|x| !x.is_finite());
+    let pixels = || image.data.chunks_exact(image.channels.max(1));
+    let at = pixels().position(|pixel| is_broken(&pixel))?;
+    let (x, y) = (at % image.width, at / image.width);
+    let count = pixels().filter(is_broken).count();
+    let value = image.data[at * image.channels..].iter().find(|x| !x.is_finite())?;
+    let value = if value.is_nan() { "NaN" } else { "infinite" };
+    Some(match count {
+        1 => format!("the image's pixel [{x}, {y}] is {value}"),
+        n => format!("{n} of the image's pixels are not finite; the first, [{x}, {y}], is {value}"),
+    })
 }
 
 /// The PNG file of an image of 1 to 4 channels, in 8 bits, sRGB-encoded; two become red and green.
