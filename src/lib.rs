@@ -68,7 +68,6 @@ pub mod eval;
 pub mod session;
 
 pub mod cli;
-pub mod repl;
 
 pub mod embed;
 

@@ -73,6 +73,35 @@ fn a_checked_program_fails_only_for_values() {
         ("let x = normalize(\"a\")", "dscene::type::mismatch"),
         ("let x = flip([1, 2])", "dscene::type::mismatch"),
         ("let x = mse(\"a\", \"b\")", "dscene::type::mismatch"),
+        ("param p = [1, 2]\nlet x = jacobian(rectangle(width: p.x), p)", "dscene::type::loss"),
+        ("let x = estimate(sphere())", "dscene::type::loss"),
+        ("param p = 1\nlet z = p ^ 2\nlet x = fd(z, p, step: \"a\")", "dscene::type::mismatch"),
+        ("let x = image(1)", "dscene::type::shape"),
+        ("let x = image([1, 2])", "dscene::type::shape"),
+        ("let x = texture([1, 2])", "dscene::type::shape"),
+        ("let x = len(5)", "dscene::type::mismatch"),
+        ("let x = len(sphere())", "dscene::type::mismatch"),
+        ("let x = zip(1, 2)", "dscene::type::mismatch"),
+        ("let x = minibatch(sphere(), 1)", "dscene::type::mismatch"),
+        ("let x = sort(1)", "dscene::type::shape"),
+        ("let x = normalize(1)", "dscene::type::shape"),
+        ("let x = concat([\"a\"], [\"b\"], axis: 1)", "dscene::type::shape"),
+        ("let x = concat([[1, 2]], [[1], [2]], axis: 1)", "dscene::type::shape"),
+        ("let x = concat([\"a\"], [1])[1] + \"b\"", "dscene::type::mismatch"),
+        ("let x = [\"a\", 1, 2][1..][0] + \"b\"", "dscene::type::mismatch"),
+        ("let x = pad(image([[1]]), left: 1, value: [1, 2])", "dscene::type::shape"),
+        ("let x = dot([1, 2], [1, 2, 3])", "dscene::type::shape"),
+        (
+            "let x = mesh(vertices: [[0, 0, 0], [1, 0, 0], [0, 1, 0]], faces: [[0, 1, 2]], uvs: [[0, 0], [1, 1]])",
+            "dscene::type::shape",
+        ),
+        // Fields that the value was not made with.
+        ("let x = diffuse().roughness", "dscene::name::field"),
+        ("let m = mask(one_sided(mirror()), 0.5)\nlet x = m.metallic", "dscene::name::field"),
+        ("let x = constant(1).position", "dscene::name::field"),
+        ("let x = area(disk()).material", "dscene::name::field"),
+        ("let x = camera().fov_x", "dscene::name::field"),
+        ("let x = texture([[1]]).source", "dscene::name::field"),
         // Units.
         ("let x = sqrt(30deg)", "dscene::type::unit"),
         ("let x = floor(30.5deg)", "dscene::type::unit"),
@@ -147,6 +176,21 @@ fn what_is_valid_is_accepted_and_has_the_right_value() {
         ("", "[10deg, 20deg] * 2 == [20deg, 40deg]", json!(true)),
         ("", "[sin(a) for a in linspace(0deg, 90deg, 2)]", json!([0, 1])),
         ("", "[f(90deg) for f in [sin, cos]]", json!([1, 0])),
+        // Parts of lists and of things.
+        ("", "[\"a\", 1, 2][1..][1] + 1", json!(3)),
+        ("", "zip([1, 2], [3, 4])[1][0..1]", json!([2])),
+        ("", "concat([\"a\"], [1])[1] + 1", json!(2)),
+        ("", "len(minibatch([\"a\", \"b\"], 1))", json!(1)),
+        ("", "texture([[1, 2], [3, 4]]).texels.width", json!(2)),
+        (
+            "",
+            "mask(diffuse(), 0.25).opacity + mask(conductor(roughness: 0.5, reflectance: 1), 1).roughness",
+            json!(0.75),
+        ),
+        ("", "spot(position: [0, 0, 0], direction: [0, 1, 0], cutoff: 40deg).beam / 1deg", json!(30)),
+        // Derivatives and estimates of images are images.
+        ("param p = image([[1, 2], [3, 4]])\nlet z = sum(p ^ 2)", "grad(z, p).width + sum(grad(z, p))", json!(22)),
+        ("param p = 2", "estimate(image([[1, 2]]) * p, repeats: 2).mean.width", json!(2)),
         // Colours are three numbers.
         ("fn f(): color = 0.5", "f().r", json!(0.5)),
         ("fn f(c: color = 0.5) = c.r", "f() + f(0.25) + f([1, 0, 0])", json!(1.75)),
@@ -241,7 +285,18 @@ fn what_can_be_known_is_checked_before_anything_runs() {
         // Where there is no step.
         ("print step", "dscene::name::step"),
         ("save image([[1]]) to \"{step}.png\"", "dscene::name::step"),
+        ("let rate = 2 * step\nprint rate", "dscene::name::step"),
+        ("let soft = exponential(4, 1)\nlet twice = 2 * soft\nsave [twice] to \"a.json\"", "dscene::name::step"),
+        ("param p = 1\nloss l = p ^ 2 * progress\nprint l\noptimize l { steps: 1 }", "dscene::name::step"),
         // Nothing moves.
+        (
+            "param p = 1\nparam q = 1\nloss l = p ^ 2 + 0 * q\nloss m = p ^ 2\noptimize m { over: [q], steps: 1 }",
+            "dscene::flow::unreached",
+        ),
+        (
+            "param p = 1\nparam q = 1\nloss l = p ^ 2\nloss m = q ^ 2\noptimize l { over: [p, q], steps: 1 }",
+            "dscene::flow::unreached",
+        ),
         ("param p = 1 { frozen: true }\nloss l = p ^ 2\noptimize l { steps: 1 }", "dscene::flow::frozen"),
     ];
     refused_for(&rows.map(|(script, code)| (script.to_owned(), code)));
@@ -250,6 +305,8 @@ fn what_can_be_known_is_checked_before_anything_runs() {
         "let x = [1, 2, 3][-3..]",
         "let x = crop(image([[1, 2], [3, 4]]), x: 1, width: 1, height: 2)",
         "param p = 1\nloss l = p ^ 2\noptimize l { steps: 1  every 1 { print step } }",
+        "param p = 1\nlet rate = 2 * step\nloss l = p ^ 2\noptimize l { steps: 1 }\nprint rate",
+        "let rate = 2 * step\nprint rate with { rate: 3 }",
         "let n = \"a\"\nsave image([[1]]) to \"{n}\"",
         "let n = \"a\"\nsave image([[1]]) to \"{n}.png\"",
     ];
@@ -265,10 +322,6 @@ fn warnings_tell_what_is_not_what_it_seems() {
         ("let n = 7\nlet x = n // 2", "dscene::syntax::comment"),
         ("let n = 7\nlet x = n // 2 + 1", "dscene::syntax::comment"),
         ("import std.studio\nlet x = floor(1.5)", "dscene::import::hidden"),
-        (
-            "param p = 1\nparam q = 1\nloss l = p ^ 2 + 0 * q\nloss m = p ^ 2\noptimize m { over: [q], steps: 1 }",
-            "dscene::flow::unused_param",
-        ),
     ];
     for (script, code) in rows {
         let found = checked(script).diagnostics;

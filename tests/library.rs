@@ -1,10 +1,13 @@
 //! The standard library: every example evaluates, and what the checker says of a value's type is true of the value.
 
-use dscene::check::types::{Dim, Ty};
 use dscene::check::{Disk, Line, check_line, check_text};
 use dscene::diag::{RenderOptions, render, render_all};
-use dscene::eval::value::Value;
 use dscene::eval::{Engine, EngineOptions, on_large_stack};
+
+#[path = "common/typed.rs"]
+mod typed;
+
+use typed::disagreement;
 
 /// What the examples may use.
 const FIXTURE: &str = "
@@ -183,55 +186,6 @@ fn faults(engine: &mut Engine, text: &str) -> Option<String> {
     }
 }
 
-/// How a value contradicts its static type.
-fn disagreement(ty: &Ty, value: &Value) -> Option<String> {
-    let shape_of = |wanted: &[Dim], found: &[usize]| {
-        let same = wanted.len() == found.len() && wanted.iter().zip(found).all(|(w, f)| w.is_none_or(|w| w == *f));
-        (!same).then(|| format!("its shape is {found:?}"))
-    };
-    match (ty, value) {
-        (Ty::Any, _) => None,
-        (Ty::Num(shape), Value::Num(v)) => shape_of(shape, v.shape()),
-        (Ty::Angle, Value::Num(v)) => shape_of(&[], v.shape()),
-        (Ty::Image { height, width, channels, .. }, Value::Image(v)) => {
-            shape_of(&[*height, *width, *channels], v.shape())
-        }
-        (Ty::Array(item, n), Value::List(items)) => {
-            if n.is_some_and(|n| n != items.len()) {
-                return Some(format!("it has {} items", items.len()));
-            }
-            items.iter().find_map(|i| disagreement(item, i))
-        }
-        (Ty::Array(item, n), Value::Num(v)) => {
-            let fine = n.is_none_or(|n| v.shape().first() == Some(&n))
-                && matches!(**item, Ty::Num(_) | Ty::Any | Ty::Tuple(_) | Ty::Angle);
-            (!fine).then(|| format!("it is numbers of shape {:?}", v.shape()))
-        }
-        (Ty::Tuple(types), Value::List(items)) => {
-            if types.len() != items.len() {
-                return Some(format!("it has {} items", items.len()));
-            }
-            types.iter().zip(items.iter()).find_map(|(t, i)| disagreement(t, i))
-        }
-        (Ty::Bool, Value::Bool(_))
-        | (Ty::Str, Value::Str(_))
-        | (Ty::Rotation, Value::Rotation(_))
-        | (Ty::Transform, Value::Transform(_))
-        | (Ty::Texture, Value::Texture(_))
-        | (Ty::Mesh, Value::Mesh(_))
-        | (Ty::Material, Value::Material(_))
-        | (Ty::Shape, Value::Shape(_))
-        | (Ty::Light, Value::Light(_))
-        | (Ty::Camera { .. }, Value::Camera(_))
-        | (Ty::Scene, Value::Scene(_))
-        | (Ty::Integrator | Ty::Optimizer, Value::Settings(_))
-        | (Ty::Estimate(_), Value::Estimate(_))
-        | (Ty::Gradients, Value::Gradients(_))
-        | (Ty::Fn(..), Value::Function(_)) => None,
-        _ => Some("its value is of another kind".to_owned()),
-    }
-}
-
 #[test]
 fn every_example_of_the_library_evaluates_to_what_its_type_says() {
     on_large_stack(|| {
@@ -268,5 +222,38 @@ fn inferred_sizes_are_the_real_ones() {
         let mut engine = engine();
         let wrong: Vec<String> = SIZES.iter().filter_map(|e| faults(&mut engine, e)).collect();
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    });
+}
+
+/// Whatever field of a thing the checker lets through is there, with the type that it says.
+#[test]
+fn fields_that_check_are_there() {
+    let things = "eye; sky; lamp; ball; img; [1, 2, 3]; diffuse(); mirror(); conductor(reflectance: 1); conductor(eta: 1, k: 2); \
+        phong(); principled(); mask(diffuse(), 0.5); one_sided(mask(mirror(), 0.5)); point(position: [0, 0, 0]); \
+        spot(position: [0, 1, 0], direction: [0, -1, 0]); directional(direction: [0, -1, 0]); environment([1, 1, 1]); constant(1); \
+        area(disk(), material: diffuse()); camera(); camera(fov_x: 40deg, focus: 2, distortion: [0.1]); texture([[1]]); checkerboard(); \
+        scene(shapes: [ball], lights: [sky]); estimate(fit, repeats: 2); estimate(img, repeats: 2)";
+    // Of meshes not: which of theirs there are depends on the file or function that made them.
+    let fields = "x y z w r g b a xy bgr width height channels texels position look_at up fov fov_x film kind transform aperture focus \
+        distortion shutter mesh material radiance two_sided intensity direction irradiance cutoff beam image rotation scale \
+        reflectance roughness eta k diffuse specular base_color metallic opacity source filter wrap srgb tiles shapes lights mean \
+        std_error vertices faces";
+    on_large_stack(|| {
+        let mut engine = engine();
+        let mut there = 0;
+        let mut wrong = Vec::new();
+        for thing in things.split("; ") {
+            for field in fields.split_whitespace() {
+                let text = format!("{thing}.{field}");
+                let mut program = engine.program().clone();
+                if !matches!(check_line(&mut program, &text), (Some(Line::Expr(_)), _)) {
+                    continue;
+                }
+                there += 1;
+                wrong.extend(faults(&mut engine, &text));
+            }
+        }
+        assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+        assert!(there > 100, "{there}");
     });
 }

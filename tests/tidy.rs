@@ -60,18 +60,230 @@ fn walks_through_the_ray_tree_have_no_closures() {
     }
 }
 
+/// A row of the floors in `ARCHITECTURE.md`: a module, and which ones it may use (`None`: everything).
+struct Floor {
+    module: String,
+    may_use: Option<Vec<String>>,
+}
+
+fn floors() -> Vec<Floor> {
+    let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("ARCHITECTURE.md")).unwrap();
+    let cells = |line: &str| line.trim_matches('|').split('|').map(|c| c.trim().to_owned()).collect::<Vec<String>>();
+    let rows = text.lines().map(cells).filter(|row| row.len() == 4 && row[0].parse::<u32>().is_ok());
+    let floor = |row: Vec<String>| Floor {
+        module: row[1].trim_matches('`').to_owned(),
+        may_use: match row[3].as_str() {
+            "everything" => None,
+            "–" => Some(Vec::new()),
+            names => Some(names.split(", ").map(str::to_owned).collect()),
+        },
+    };
+    rows.map(floor).collect()
+}
+
+/// The code of a file, without comments.
+fn code(path: &Path) -> String {
+    let text = fs::read_to_string(path).unwrap();
+    text.lines().map(|l| l.split("//").next().unwrap_or_default()).collect::<Vec<&str>>().join("\n")
+}
+
+/// The words that follow `before` in a text.
+fn following<'t>(text: &'t str, before: &'t str) -> impl Iterator<Item = &'t str> {
+    let word = |rest: &'t str| &rest[..rest.find(|c: char| !c.is_alphanumeric() && c != '_').unwrap_or(rest.len())];
+    text.split(before).skip(1).map(word)
+}
+
+/// Where a file of `src/` belongs: `src/check/call.rs` to `check`, `src/memory.rs` to `memory`.
+fn module_of(path: &Path) -> String {
+    let below = path.strip_prefix(Path::new(env!("CARGO_MANIFEST_DIR")).join("src")).unwrap();
+    below.iter().next().unwrap().to_str().unwrap().trim_end_matches(".rs").to_owned()
+}
+
+/// Every module uses what the table of floors says, and nothing above itself.
+#[test]
+fn modules_use_what_their_floor_may() {
+    let floors = floors();
+    let mut seen: Vec<&str> = Vec::new();
+    for floor in &floors {
+        for used in floor.may_use.iter().flatten() {
+            assert!(seen.contains(&used.as_str()), "`{}` may use `{used}`, which is not below it", floor.module);
+        }
+        seen.push(&floor.module);
+    }
+    for path in files("src", "rs") {
+        let module = module_of(&path);
+        if module == "lib" || module == "main" {
+            continue;
+        }
+        let Some(floor) = floors.iter().find(|f| f.module == module) else {
+            panic!("ARCHITECTURE.md has no floor for `{module}`");
+        };
+        let Some(may_use) = &floor.may_use else { continue };
+        for used in following(&code(&path), "crate::") {
+            let fine = used == module || may_use.iter().any(|m| m == used);
+            assert!(fine, "{} uses `{used}`, which its floor may not", path.display());
+        }
+    }
+}
+
+/// Every name that a `use` tree brings, as a path: `a::{b, c::d}` is `a::b` and `a::c::d`.
+fn paths(tree: &str, before: &str, out: &mut Vec<String>) {
+    let Some((head, inside)) = tree.split_once('{') else {
+        let path = format!("{before}{}", tree.split(" as ").next().unwrap_or_default().trim());
+        out.push(path.trim_end_matches("::self").to_owned());
+        return;
+    };
+    let before = format!("{before}{}", head.trim());
+    let (mut depth, mut start) = (0, 0);
+    let inside = inside.trim().trim_end_matches('}');
+    for (i, c) in inside.char_indices().chain([(inside.len(), ',')]) {
+        match c {
+            '{' => depth += 1,
+            '}' => depth -= 1,
+            ',' if depth == 0 => {
+                let part = inside[start..i].trim();
+                // The outermost brace was taken off; a tree within has kept its own.
+                let closing = if part.contains('{') && !part.ends_with('}') { "}" } else { "" };
+                if !part.is_empty() {
+                    paths(&format!("{part}{closing}"), &before, out);
+                }
+                start = i + 1;
+            }
+            _ => {}
+        }
+    }
+}
+
+/// A file of the renderer: its module, what it uses as absolute paths, and names that it passes on with where they are from.
+struct File {
+    module: Vec<String>,
+    uses: Vec<Vec<String>>,
+    passes_on: Vec<Vec<String>>,
+}
+
+fn file_of(path: &Path) -> File {
+    let below = path.strip_prefix(Path::new(env!("CARGO_MANIFEST_DIR")).join("src")).unwrap().with_extension("");
+    let mut module: Vec<String> = below.iter().map(|s| s.to_str().unwrap().to_owned()).collect();
+    module.pop_if(|last| last == "mod");
+    let code = code(path);
+    let code = code.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
+    let absolute = |path: &str| -> Vec<String> {
+        let mut from = module.clone();
+        let mut names: Vec<&str> = path.split("::").map(str::trim).collect();
+        match names[0] {
+            "crate" => from.clear(),
+            "self" => {}
+            "super" => {
+                names.iter().take_while(|n| **n == "super").for_each(|_| drop(from.pop()));
+            }
+            _ => return from.into_iter().chain(names.into_iter().map(str::to_owned)).collect(),
+        }
+        names.retain(|n| !matches!(*n, "crate" | "self" | "super"));
+        from.into_iter().chain(names.into_iter().map(str::to_owned)).collect()
+    };
+    let (mut uses, mut passes_on) = (Vec::new(), Vec::new());
+    for statement in code.split(';').map(str::trim) {
+        let last = statement.rsplit("\n\n").next().unwrap_or_default().trim();
+        let (is_public, tree) = match (last.strip_prefix("use "), last.split_once(" use ")) {
+            (Some(tree), _) => (false, tree),
+            (None, Some((visibility, tree))) if visibility.starts_with("pub") => (true, tree),
+            _ => continue,
+        };
+        let mut found = Vec::new();
+        paths(&tree.replace('\n', " "), "", &mut found);
+        let found = found.iter().map(|p| absolute(p));
+        if is_public { passes_on.extend(found) } else { uses.extend(found) }
+    }
+    let mut inline = Vec::new();
+    for start in ["crate::", "super::"] {
+        for (at, _) in code.match_indices(start) {
+            let path = &code[at..];
+            let end = path.find(|c: char| !(c.is_alphanumeric() || c == '_' || c == ':')).unwrap_or(path.len());
+            inline.push(absolute(path[..end].trim_end_matches(':')));
+        }
+    }
+    uses.extend(inline);
+    File { module, uses, passes_on }
+}
+
+/// The file in which what a path names is declared.
+fn declared_in(files: &[File], path: &[String], depth: usize) -> Option<usize> {
+    let (index, file) =
+        files.iter().enumerate().filter(|(_, f)| path.starts_with(&f.module)).max_by_key(|(_, f)| f.module.len())?;
+    let name = path.get(file.module.len());
+    let passed = file.passes_on.iter().find(|p| p.last() == name && name.is_some());
+    match passed {
+        Some(from) if depth < 8 => declared_in(files, from, depth + 1),
+        _ => Some(index),
+    }
+}
+
+/// Circles that are known and on their way out.
+const KNOWN: [[&str; 2]; 1] = [["render::ltc_table", "render::ltc"]];
+
+/// Whoever reads a file of the renderer finds what it builds upon in files that do not build upon it. A file and those in the folder
+/// of its name are one thing.
+#[test]
+fn files_of_the_renderer_go_in_no_circle() {
+    for root in ["render", "grad"] {
+        let files: Vec<File> = files(&format!("src/{root}"), "rs").iter().map(|p| file_of(p)).collect();
+        let name = |i: usize| files[i].module.join("::");
+        let mut uses: Vec<Vec<usize>> = Vec::new();
+        for (i, file) in files.iter().enumerate() {
+            let found = file.uses.iter().filter_map(|p| declared_in(&files, p, 0));
+            let family =
+                |k: usize| files[k].module.starts_with(&file.module) || file.module.starts_with(&files[k].module);
+            let known = |k: usize| KNOWN.iter().any(|pair| *pair == [name(i).as_str(), name(k).as_str()]);
+            uses.push(found.filter(|k| !family(*k) && !known(*k)).collect());
+        }
+        assert!(uses.iter().map(Vec::len).sum::<usize>() > files.len(), "nothing was read");
+        // What uses only files that are done is done; what is never done goes in a circle.
+        let mut done = vec![false; files.len()];
+        while let Some(next) = (0..files.len()).find(|i| !done[*i] && uses[*i].iter().all(|k| done[*k])) {
+            done[next] = true;
+        }
+        let circle: Vec<String> = (0..files.len())
+            .filter(|i| !done[*i])
+            .map(|i| {
+                let to: Vec<String> = uses[i].iter().filter(|k| !done[**k]).map(|k| name(*k)).collect();
+                format!("{} uses {}", name(i), to.join(", "))
+            })
+            .collect();
+        assert!(circle.is_empty(), "in a circle, or using one that is:\n{}", circle.join("\n"));
+    }
+}
+
 /// Lower floors know nothing of scripts: no spans, no diagnostics.
 #[test]
-fn lower_floors_do_not_look_up() {
-    for module in ["math", "image", "mesh", "render", "grad", "tape", "optim", "natives"] {
-        for path in files(&format!("src/{module}"), "rs") {
-            let text = fs::read_to_string(&path).unwrap();
-            let code = text.lines().filter(|l| !l.trim_start().starts_with("//")).collect::<Vec<&str>>().join("\n");
-            for upper in
-                ["crate::diag", "crate::source", "crate::syntax", "crate::check::hir", "crate::session", "crate::cli"]
-            {
-                assert!(!code.contains(upper), "{} uses {upper}", path.display());
+fn lower_floors_know_no_scripts() {
+    let low = ["math", "image", "mesh", "render", "grad", "tape", "optim", "natives"];
+    for floor in floors().iter().filter(|f| low.contains(&f.module.as_str())) {
+        for used in floor.may_use.iter().flatten() {
+            let upper = ["diag", "source", "syntax", "check", "eval", "session", "cli"].contains(&used.as_str());
+            assert!(!upper, "`{}` may use `{used}`", floor.module);
+        }
+    }
+}
+
+/// `render` and `grad` are read by people who look for one thing: functions there are held to their length once their tables are.
+const FUNCTIONS_TO_BE_CUT: [&str; 2] = ["render", "grad"];
+
+#[test]
+fn functions_are_short() {
+    const LONGEST: usize = 100;
+    for path in files("src", "rs").into_iter().filter(|p| !FUNCTIONS_TO_BE_CUT.contains(&module_of(p).as_str())) {
+        let text = fs::read_to_string(&path).unwrap();
+        let lines: Vec<&str> = text.lines().collect();
+        for (i, line) in lines.iter().enumerate() {
+            let head = line.trim_start();
+            let head = head.strip_prefix("pub").map_or(head, |rest| rest.trim_start_matches(|c| c != ' ').trim_start());
+            if !head.trim_start_matches("const ").trim_start_matches("unsafe ").starts_with("fn ") {
+                continue;
             }
+            let indent = &line[..line.len() - line.trim_start().len()];
+            let end = format!("{indent}}}");
+            let length = lines[i..].iter().position(|l| l.starts_with(&end)).unwrap_or(0) + 1;
+            assert!(length <= LONGEST, "{}:{} has {length} lines", path.display(), i + 1);
         }
     }
 }

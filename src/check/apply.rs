@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::arguments::Arguments;
 use super::call::{Given, MAX_CALL_DEPTH, Site, plural};
 use super::hir::{self, Callee, DeclId, ExprKind};
 use super::infer::{Typed, join, typed};
@@ -268,8 +269,11 @@ impl Checker<'_> {
         }
         match self.slot(id).hir.kind {
             hir::DeclKind::Native(_) => {
+                self.check_native(id, &mut found);
                 self.check_domains(&signature, &found, site);
-                (results::native(&name, &signature, &found, &bound), results::known(&name, &found))
+                self.check_lengths(&signature, &found, site);
+                let args = Arguments::new(&signature, &found);
+                (results::native(&name, args, &bound), results::known(&name, args))
             }
             _ => {
                 self.check_domains(&signature, &found, site);

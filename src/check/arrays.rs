@@ -343,8 +343,19 @@ impl Checker<'_> {
             let (a, b) = (known(0, n, 0)?, known(1, n, n)? + usize::from(inclusive && ends[1].is_some()));
             Some(b.min(n).saturating_sub(a))
         });
+        let ty = match &base.expr.ty {
+            // Of items of different types some.
+            Ty::Tuple(parts) if is_mixed(&base.expr.ty) => {
+                let first = known(0, parts.len(), 0);
+                match first.zip(count).and_then(|(first, n)| parts.get(first..first + n)) {
+                    Some(some) => Ty::Tuple(some.to_vec()),
+                    None => Ty::Array(Box::new(Ty::Any), None),
+                }
+            }
+            ty if matches!(item, Ty::Error) || *ty == Ty::Any => ty.clone(),
+            _ => stack(item, count),
+        };
         let [start, end] = ends.map(|e| e.map(|t| Box::new(t.expr)));
-        let ty = if item.is_unknown() { base.expr.ty.clone() } else { stack(item, count) };
         typed(ExprKind::Slice { base: Box::new(base.expr), start, end, inclusive }, span, ty)
     }
 

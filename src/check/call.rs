@@ -1,5 +1,6 @@
 //! Calls: arguments to parameters, type variables, one check of a function's body for each combination of argument types.
 
+use super::arguments::Arguments;
 use super::arith::{image_sizes, together};
 use super::declare::broken;
 use super::hir::{self, Callee, DeclId, DerivativeKind, ExprKind};
@@ -157,11 +158,12 @@ impl Checker<'_> {
         let (ty, value) = if failed {
             (signature.result.as_ref().map_or(Ty::Error, |r| unknown_as_error(r.ty())), None)
         } else if native {
-            self.check_native(id, site.name, &mut found);
+            self.check_native(id, &mut found);
             self.check_domains(&signature, &found, site);
-            let name = self.slot(id).name.text.clone();
-            let ty = results::native(&name, &signature, &found, &bound);
-            (ty, results::known(&name, &found))
+            self.check_lengths(&signature, &found, site);
+            let name = self.slot(id).name.text.as_str();
+            let args = Arguments::new(&signature, &found);
+            (results::native(name, args, &bound), results::known(name, args))
         } else {
             self.check_domains(&signature, &found, site);
             self.check_lengths(&signature, &found, site);
@@ -181,7 +183,7 @@ impl Checker<'_> {
     }
 
     /// For each parameter, which of the given arguments it takes.
-    fn match_arguments(
+    pub fn match_arguments(
         &mut self,
         signature: &Signature,
         given: &[Given],
@@ -191,61 +193,29 @@ impl Checker<'_> {
         let params = &signature.params;
         let mut out: Vec<Option<usize>> = vec![None; params.len()];
         let mut named = false;
-        let mut disordered = false;
         // Parameters that an unknown name was probably meant to be.
         let mut meant: Vec<usize> = Vec::new();
         if self.is_other_light(given, site, params) {
             return out;
         }
+        let mut disordered = false;
         for (i, arg) in given.iter().enumerate() {
             let Some(name) = &arg.name else {
-                if named {
-                    // The next one that nobody names.
-                    let is_named =
-                        |p: &SigParam| given.iter().any(|g| g.name.as_ref().is_some_and(|n| n.text == p.name));
-                    let slot = (0..out.len()).find(|&s| out[s].is_none() && !is_named(&params[s]));
-                    if !disordered {
-                        disordered = true;
-                        let text = self.sources.text(arg.value.span);
-                        let help = match slot {
-                            Some(slot) => {
-                                format!("give it a name, or move it to the front: `{}: {text}`", params[slot].name)
-                            }
-                            None => "leave it out: all arguments have a value".to_owned(),
-                        };
-                        self.diagnostics.push(
-                            Diagnostic::error("dscene::call::order", "positional arguments come before named ones")
-                                .label(arg.value.span, "has no name")
-                                .help(help),
-                        );
+                let slot = if named {
+                    let slot = next_unnamed(params, given, &out);
+                    if !std::mem::replace(&mut disordered, true) {
+                        self.report_disorder(arg, slot.map(|s| params[s].name.as_str()));
                     }
-                    match slot {
-                        Some(slot) => out[slot] = Some(i),
-                        None => {
-                            self.expr(arg.value, None);
-                        }
-                    }
-                } else if i < out.len() {
-                    out[i] = Some(i);
+                    slot
                 } else {
                     if i == out.len() {
-                        let shown = self.show_signature(id, signature);
-                        self.diagnostics.push(
-                            Diagnostic::error(
-                                "dscene::call::count",
-                                format!(
-                                    "`{}` takes {} argument{}, not {}",
-                                    site.name,
-                                    params.len(),
-                                    plural(params.len()),
-                                    given.len()
-                                ),
-                            )
-                            .label(arg.value.span, "one too many")
-                            .help(format!("it is `{shown}`")),
-                        );
+                        self.report_one_too_many(signature, given.len(), arg, site, id);
                     }
-                    self.expr(arg.value, None);
+                    (i < out.len()).then_some(i)
+                };
+                match slot {
+                    Some(slot) => out[slot] = Some(i),
+                    None => drop(self.expr(arg.value, None)),
                 }
                 continue;
             };
@@ -260,29 +230,7 @@ impl Checker<'_> {
                     None => out[slot] = Some(i),
                 },
                 None => {
-                    let known: Vec<&str> = params.iter().map(|p| p.name.as_str()).collect();
-                    let foreign =
-                        crate::diag::advice::field(&name.text, &known).map(|f| format!("did you mean `{f}`?"));
-                    let what = format!("its {}s are", site.noun());
-                    if foreign.is_none() && crate::diag::advice::is_planned(&name.text) {
-                        self.diagnostics.push(crate::diag::advice::unavailable(&name.text, name.span));
-                        self.expr(arg.value, None);
-                        continue;
-                    }
-                    let near = crate::diag::advice::field(&name.text, &known)
-                        .or_else(|| crate::diag::suggest(&name.text, known.iter().copied()));
-                    meant.extend(params.iter().position(|p| Some(p.name.as_str()) == near));
-                    let help = foreign.or_else(|| did_you_mean(&name.text, &what, known));
-                    let (code, message) = if site.is_kind {
-                        ("dscene::name::field", format!("a {} has no field `{}`", site.name, name.text))
-                    } else {
-                        ("dscene::call::unknown_argument", format!("`{}` has no argument `{}`", site.name, name.text))
-                    };
-                    self.diagnostics.push(
-                        Diagnostic::error(code, message)
-                            .label(name.span, format!("unknown {}", site.noun()))
-                            .help_opt(help),
-                    );
+                    meant.extend(self.report_unknown_argument(params, name, site));
                     self.expr(arg.value, None);
                 }
             }
@@ -290,25 +238,82 @@ impl Checker<'_> {
         let missing: Vec<usize> =
             (0..params.len()).filter(|i| out[*i].is_none() && !params[*i].has_default && !meant.contains(i)).collect();
         if !missing.is_empty() {
-            let names: Vec<String> = missing.iter().map(|i| format!("`{}`", params[*i].name)).collect();
-            let fields: Vec<String> = missing.iter().map(|i| format!("{}: …", params[*i].name)).collect();
-            let s = if missing.len() == 1 { "" } else { "s" };
-            let shown = self.show_signature(id, signature);
-            let help = if site.is_kind {
-                format!("add `{}`", fields.join(", "))
-            } else {
-                format!("add `{}`; it is `{shown}`", fields.join(", "))
-            };
-            self.diagnostics.push(
-                Diagnostic::error(
-                    "dscene::call::missing",
-                    format!("`{}` needs the {}{s} {}", site.name, site.noun(), names.join(", ")),
-                )
-                .label(site.span, format!("missing {}", names.join(", ")))
-                .help(help),
-            );
+            self.report_missing(signature, &missing, site, id);
         }
         out
+    }
+
+    /// An argument by position after one by name, which was probably meant for the parameter `slot`.
+    fn report_disorder(&mut self, arg: &Given, slot: Option<&str>) {
+        let text = self.sources.text(arg.value.span);
+        let help = match slot {
+            Some(slot) => format!("give it a name, or move it to the front: `{slot}: {text}`"),
+            None => "leave it out: all arguments have a value".to_owned(),
+        };
+        self.diagnostics.push(
+            Diagnostic::error("dscene::call::order", "positional arguments come before named ones")
+                .label(arg.value.span, "has no name")
+                .help(help),
+        );
+    }
+
+    fn report_one_too_many(&mut self, signature: &Signature, given: usize, arg: &Given, site: Site, id: DeclId) {
+        let n = signature.params.len();
+        let shown = self.show_signature(id, signature);
+        self.diagnostics.push(
+            Diagnostic::error(
+                "dscene::call::count",
+                format!("`{}` takes {n} argument{}, not {given}", site.name, plural(n)),
+            )
+            .label(arg.value.span, "one too many")
+            .help(format!("it is `{shown}`")),
+        );
+    }
+
+    /// A name that no parameter has; gives the parameter that it was probably meant to be.
+    fn report_unknown_argument(&mut self, params: &[SigParam], name: &ast::Name, site: Site) -> Option<usize> {
+        let known: Vec<&str> = params.iter().map(|p| p.name.as_str()).collect();
+        let foreign = crate::diag::advice::field(&name.text, &known);
+        if foreign.is_none() && crate::diag::advice::is_planned(&name.text) {
+            self.diagnostics.push(crate::diag::advice::unavailable(&name.text, name.span));
+            return None;
+        }
+        let near = foreign.or_else(|| crate::diag::suggest(&name.text, known.iter().copied()));
+        let meant = params.iter().position(|p| Some(p.name.as_str()) == near);
+        let what = format!("its {}s are", site.noun());
+        let help = match foreign {
+            Some(field) => Some(format!("did you mean `{field}`?")),
+            None => did_you_mean(&name.text, &what, known),
+        };
+        let (code, message) = if site.is_kind {
+            ("dscene::name::field", format!("a {} has no field `{}`", site.name, name.text))
+        } else {
+            ("dscene::call::unknown_argument", format!("`{}` has no argument `{}`", site.name, name.text))
+        };
+        self.diagnostics
+            .push(Diagnostic::error(code, message).label(name.span, format!("unknown {}", site.noun())).help_opt(help));
+        meant
+    }
+
+    fn report_missing(&mut self, signature: &Signature, missing: &[usize], site: Site, id: DeclId) {
+        let params = &signature.params;
+        let names: Vec<String> = missing.iter().map(|i| format!("`{}`", params[*i].name)).collect();
+        let fields: Vec<String> = missing.iter().map(|i| format!("{}: …", params[*i].name)).collect();
+        let s = plural(missing.len());
+        let shown = self.show_signature(id, signature);
+        let help = if site.is_kind {
+            format!("add `{}`", fields.join(", "))
+        } else {
+            format!("add `{}`; it is `{shown}`", fields.join(", "))
+        };
+        self.diagnostics.push(
+            Diagnostic::error(
+                "dscene::call::missing",
+                format!("`{}` needs the {}{s} {}", site.name, site.noun(), names.join(", ")),
+            )
+            .label(site.span, format!("missing {}", names.join(", ")))
+            .help(help),
+        );
     }
 
     /// `light NAME { position: …, intensity: … }`: fields of a light that has none, said once.
@@ -528,7 +533,7 @@ impl Checker<'_> {
     }
 
     /// The default of a native's parameter; `None` for `= none`.
-    fn native_default(&mut self, id: DeclId, index: usize) -> Option<hir::Expr> {
+    pub fn native_default(&mut self, id: DeclId, index: usize) -> Option<hir::Expr> {
         let statement = self.slot(id).statement.clone();
         let StatementKind::Fn(f) = &statement.kind else { return None };
         let default = f.params.get(index)?.default.as_ref()?;
@@ -548,179 +553,12 @@ impl Checker<'_> {
     pub fn error_count(&self) -> usize {
         self.diagnostics.errors()
     }
-
-    /// `grad(e, p)` and its kin.
-    fn derivative(&mut self, kind: DerivativeKind, name: &str, given: &[Given], callee: Span, span: Span) -> Typed {
-        let params: &[&str] = match kind {
-            DerivativeKind::Grad | DerivativeKind::Jacobian => &["of", "wrt"],
-            DerivativeKind::Jvp => &["of", "wrt", "direction"],
-            DerivativeKind::FiniteDifference => &["of", "wrt", "step"],
-            DerivativeKind::Estimate => &["of", "repeats"],
-        };
-        let Some(id) = self.builtin(name) else { return broken(span) };
-        let Some(signature) = self.signature(id) else { return broken(span) };
-        let errors = self.error_count();
-        let site = Site { name, span: callee, is_kind: false };
-        let slots = self.match_arguments(&signature, given, site, id);
-        if self.error_count() > errors {
-            return broken(span);
-        }
-        let arg = |name: &str| {
-            params.iter().position(|p| *p == name).and_then(|i| slots.get(i).copied().flatten()).map(|i| given[i].value)
-        };
-        let Some(of) = arg("of") else { return broken(span) };
-        let of = self.expr(of, None).expr;
-        if matches!(kind, DerivativeKind::Grad | DerivativeKind::FiniteDifference)
-            && !of.ty.is_unknown()
-            && !of.ty.is_scalar()
-        {
-            let help = match kind {
-                DerivativeKind::Grad => {
-                    "reduce it to a scalar, or take a directional derivative: `jvp(e, p)`, or all of them: `jacobian(e, p)`"
-                }
-                _ => "reduce it to a scalar first: `mean(…)`",
-            };
-            self.diagnostics.push(
-                Diagnostic::error("dscene::type::loss", format!("`{name}` needs a scalar, found `{}`", of.ty))
-                    .label(of.span, format!("this is `{}`", of.ty))
-                    .help(help),
-            );
-        }
-        let mut wrt = Vec::new();
-        let mut types = Vec::new();
-        match arg("wrt").map(|w| (&w.kind, w)) {
-            None => {}
-            Some((ast::ExprKind::Array(items), w))
-                if matches!(kind, DerivativeKind::Grad | DerivativeKind::Jacobian) =>
-            {
-                if items.is_empty() {
-                    let message = format!("`{name}` needs at least one param");
-                    self.diagnostics.push(Diagnostic::error("dscene::type::param", message).label(w.span, "none"));
-                    return broken(span);
-                }
-                for item in items {
-                    let Some((target, ty)) = self.wrt(item) else { continue };
-                    wrt.push((target, item.span));
-                    types.push(ty);
-                }
-                if types.len() < items.len() {
-                    return broken(span);
-                }
-            }
-            Some((_, w)) => match self.wrt(w) {
-                Some((target, ty)) => {
-                    wrt.push((target, w.span));
-                    types.push(ty);
-                }
-                None => return broken(span),
-            },
-        }
-        let ty = types.first().cloned().unwrap_or(Ty::Gradients);
-        let argument = match kind {
-            DerivativeKind::Grad | DerivativeKind::Jacobian => None,
-            DerivativeKind::Jvp => arg("direction").map(|d| {
-                let direction = self.expr(d, None).expr;
-                if !fits(&ty, &direction.ty) && !direction.ty.is_scalar() {
-                    self.diagnostics.push(
-                        Diagnostic::error(
-                            "dscene::type::shape",
-                            format!("the direction is `{}`, the param `{ty}`", direction.ty),
-                        )
-                        .label(d.span, format!("this is `{}`", direction.ty))
-                        .help("a direction has the shape of the param"),
-                    );
-                }
-                direction
-            }),
-            DerivativeKind::FiniteDifference => arg("step").map(|s| self.expr(s, None).expr),
-            DerivativeKind::Estimate => {
-                let value = arg("repeats").map(|r| self.expr(r, None).expr);
-                value.or_else(|| self.native_default(id, 1))
-            }
-        };
-        let slope = |ty: &Ty| match kind {
-            DerivativeKind::Jacobian => results::jacobian(&of.ty, ty),
-            _ => results::gradient(ty),
-        };
-        let result = match kind {
-            DerivativeKind::Grad | DerivativeKind::Jacobian | DerivativeKind::FiniteDifference => match &types[..] {
-                [] => ty,
-                [one] => slope(one),
-                several => Ty::Tuple(several.iter().map(slope).collect()),
-            },
-            DerivativeKind::Jvp => of.ty.clone(),
-            DerivativeKind::Estimate => Ty::Estimate(Box::new(of.ty.clone())),
-        };
-        let result = if result == Ty::Angle { Ty::SCALAR } else { result };
-        typed(ExprKind::Derivative(Box::new(hir::Derivative { kind, of, wrt, argument })), span, result)
-    }
-
-    /// What a derivative is taken with respect to: a param or a numeric field of a declaration.
-    pub fn wrt(&mut self, e: &ast::Expr) -> Option<(hir::Target, Ty)> {
-        let Some(path) = path_of(e) else {
-            self.diagnostics.push(
-                Diagnostic::error("dscene::type::param", "derivatives are taken with respect to a param or a field")
-                    .label(e.span, "neither a param nor a field")
-                    .help("name a `param`, or a numeric field such as `lamp.radiance`"),
-            );
-            self.expr(e, None);
-            return None;
-        };
-        let (target, ty) = self.target(&path)?;
-        let is_param = matches!(self.slot(target.decl).statement.kind, StatementKind::Param(_));
-        let numeric =
-            matches!(ty, Ty::Num(_) | Ty::Angle | Ty::Rotation | Ty::Image { .. } | Ty::Texture) || ty.is_unknown();
-        if (!is_param && target.path.is_empty()) || !numeric {
-            let name = self.slot(target.decl).name.clone();
-            let (message, help) = if numeric {
-                (format!("`{}` is not a param", name.text), format!("declare it with `param {} = …`", name.text))
-            } else {
-                let text = self.sources.text(e.span);
-                let fields: Vec<String> =
-                    super::fields::numeric_fields(&ty).iter().map(|f| format!("`{text}.{f}`")).collect();
-                let help = if fields.is_empty() {
-                    "name a `param`".to_owned()
-                } else {
-                    format!("name a numeric field: {}", fields.join(", "))
-                };
-                (format!("`{}` is `{ty}`, not a number", self.sources.text(e.span)), help)
-            };
-            self.diagnostics.push(
-                Diagnostic::error("dscene::type::param", message)
-                    .label(e.span, format!("this is `{ty}`"))
-                    .label(name.span, "declared here")
-                    .help(help),
-            );
-            return None;
-        }
-        Some((target, ty))
-    }
 }
 
-/// `a.b.c` as names.
-fn path_of(e: &ast::Expr) -> Option<Vec<ast::Name>> {
-    match &e.kind {
-        ast::ExprKind::Name(name) => Some(vec![ast::Name { text: name.clone(), span: e.span }]),
-        ast::ExprKind::Member { base, name } => {
-            let mut path = path_of(base)?;
-            path.push(name.clone());
-            Some(path)
-        }
-        ast::ExprKind::Index { base, index } => {
-            let mut path = path_of(base)?;
-            let at = match &index.kind {
-                ast::ExprKind::Number(x) => *x,
-                ast::ExprKind::Unary { op: hir::UnaryOp::Neg, operand } => match operand.kind {
-                    ast::ExprKind::Number(x) => -x,
-                    _ => return None,
-                },
-                _ => return None,
-            };
-            path.push(ast::Name { text: format!("[{at}]"), span: index.span });
-            Some(path)
-        }
-        _ => None,
-    }
+/// The next parameter that has no argument yet and that nobody names.
+fn next_unnamed(params: &[SigParam], given: &[Given], taken: &[Option<usize>]) -> Option<usize> {
+    let is_named = |p: &SigParam| given.iter().any(|g| g.name.as_ref().is_some_and(|n| n.text == p.name));
+    (0..params.len()).find(|&s| taken[s].is_none() && !is_named(&params[s]))
 }
 
 fn unknown_as_error(ty: Ty) -> Ty {

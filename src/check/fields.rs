@@ -1,7 +1,7 @@
 //! `v.xy`, `mesh.vertices`, `lamp.radiance`, `studio.three_point`.
 
-use super::hir::ExprKind;
-use super::infer::{Typed, typed};
+use super::hir::{Callee, Expr, ExprKind, Program, Target};
+use super::infer::{Typed, item_of, typed};
 use super::modules::Checker;
 use super::types::{Dim, Ty};
 use crate::diag::{Diagnostic, did_you_mean, suggest};
@@ -62,6 +62,7 @@ impl Checker<'_> {
                 Ty::Error
             }
         };
+        let ty = if ty != Ty::Error && self.lacks(&base.expr, name, 16) { Ty::Error } else { ty };
         let value = match &base.value {
             Some(super::signature::Const::List(items))
                 if name.text.len() == 1 && matches!(&base.expr.ty, Ty::Num(s) if s.len() == 1) =>
@@ -71,6 +72,55 @@ impl Checker<'_> {
             _ => None,
         };
         Typed { value, ..typed(ExprKind::Field { base: Box::new(base.expr), name: name.text.clone() }, span, ty) }
+    }
+
+    /// Whether a light, material or camera whose making is known has no such field, which is told.
+    fn lacks(&mut self, made: &Expr, name: &ast::Name, depth: usize) -> bool {
+        if depth == 0 || !matches!(made.ty, Ty::Light | Ty::Material | Ty::Camera { .. }) {
+            return false;
+        }
+        let call = match &made.kind {
+            ExprKind::Call(call) => call,
+            ExprKind::Decl(id) => {
+                let body = self.slot(*id).hir.body.clone();
+                return body.is_some_and(|body| self.lacks(&body, name, depth - 1));
+            }
+            _ => return false,
+        };
+        let Callee::Native(id) = call.callee else { return false };
+        let native = self.slot(id).name.text.clone();
+        if matches!(native.as_str(), "one_sided" | "mask" | "moving") {
+            let own = native == "mask" && name.text == "opacity";
+            return match &call.args[0] {
+                Some(inner) if !own => self.lacks(inner, name, depth - 1),
+                _ => false,
+            };
+        }
+        let parts = LIGHTS.iter().chain(&MATERIALS).find(|(n, _)| *n == native).map(|(_, parts)| *parts);
+        let Some(signature) = self.signature(id) else { return false };
+        let at = signature.params.iter().position(|p| p.name == name.text);
+        let left_out = at.is_some_and(|i| call.args.get(i).is_some_and(Option::is_none));
+        // What follows from other arguments is there all the same.
+        let follows = matches!((native.as_str(), name.text.as_str()), ("spot", "beam") | ("environment", "rotation"));
+        let (message, help) = match parts {
+            Some(parts) if !parts.contains(&name.text.as_str()) => (
+                format!("`{native}` makes a {} without `{}`", made.ty, name.text),
+                did_you_mean(&name.text, "it has", parts.iter().copied()),
+            ),
+            _ if left_out && !follows => (
+                format!("this {} was made without `{}`", made.ty, name.text),
+                Some(format!("say where it is made what that is: `{native}({}: …)`", name.text)),
+            ),
+            _ => return false,
+        };
+        let made_here = made.span;
+        self.diagnostics.push(
+            Diagnostic::error("dscene::name::field", message)
+                .label(name.span, "not there")
+                .label(made_here, "made here")
+                .help_opt(help),
+        );
+        true
     }
 
     /// `cube().translate(p)`, as other languages write it, is a pipe here; other methods have another name or form.
@@ -106,6 +156,45 @@ impl Checker<'_> {
     }
 }
 
+/// The type of a declaration or of a part of its value.
+pub fn type_of(program: &Program, target: &Target) -> Ty {
+    let part = |ty: Ty, name: &String| match name.starts_with('[') {
+        true => item_of(&ty).map_or(Ty::Any, |(item, _)| item),
+        false => field_type(&ty, name).unwrap_or(Ty::Any),
+    };
+    target.path.iter().fold(program.decl(target.decl).ty.clone(), part)
+}
+
+/// The lights by their constructors, with the fields that they have.
+const LIGHTS: [(&str, &[&str]); 7] = [
+    ("area", &["radiance", "mesh", "two_sided", "material"]),
+    ("light", &["radiance", "mesh", "two_sided", "material"]),
+    ("point", &["position", "intensity"]),
+    ("spot", &["position", "direction", "intensity", "cutoff", "beam"]),
+    ("directional", &["direction", "irradiance"]),
+    ("environment", &["image", "radiance", "rotation"]),
+    ("constant", &["radiance", "image", "rotation"]),
+];
+
+/// The materials by their constructors, with the inputs that they have.
+const MATERIALS: [(&str, &[&str]); 5] = [
+    ("diffuse", &["reflectance"]),
+    ("mirror", &["reflectance"]),
+    ("conductor", &["reflectance", "roughness", "eta", "k"]),
+    ("phong", &["diffuse", "specular", "roughness"]),
+    ("principled", &["base_color", "metallic", "roughness", "specular"]),
+];
+
+fn all_parts(table: &[(&'static str, &'static [&'static str])]) -> Vec<&'static str> {
+    let mut all: Vec<&'static str> = Vec::new();
+    for part in table.iter().flat_map(|(_, parts)| *parts) {
+        if !all.contains(part) {
+            all.push(part);
+        }
+    }
+    all
+}
+
 /// The fields that a value has, for "did you mean".
 pub fn fields_of(ty: &Ty) -> Vec<&'static str> {
     match ty {
@@ -120,38 +209,9 @@ pub fn fields_of(ty: &Ty) -> Vec<&'static str> {
             fields.split(' ').collect()
         }
         Ty::Shape => vec!["mesh", "material"],
-        Ty::Light => {
-            vec![
-                "radiance",
-                "mesh",
-                "two_sided",
-                "material",
-                "position",
-                "intensity",
-                "direction",
-                "irradiance",
-                "cutoff",
-                "beam",
-                "image",
-                "rotation",
-                "scale",
-            ]
-        }
-        Ty::Material => {
-            vec![
-                "reflectance",
-                "roughness",
-                "eta",
-                "k",
-                "diffuse",
-                "specular",
-                "base_color",
-                "metallic",
-                "opacity",
-                "material",
-            ]
-        }
-        Ty::Texture => vec!["source", "filter", "wrap", "srgb", "a", "b", "tiles"],
+        Ty::Light => all_parts(&LIGHTS),
+        Ty::Material => [all_parts(&MATERIALS), vec!["opacity"]].concat(),
+        Ty::Texture => vec!["texels", "width", "height"],
         Ty::Scene => vec!["shapes", "lights"],
         Ty::Estimate(_) => vec!["mean", "std_error"],
         _ => Vec::new(),
@@ -199,14 +259,17 @@ fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
         (Ty::Camera { .. }, "kind") => Ty::Str,
         (Ty::Camera { .. }, "transform") => Ty::Any,
         (Ty::Shape | Ty::Light, "mesh") => Ty::Mesh,
-        (Ty::Shape | Ty::Light | Ty::Material, "material") => Ty::Material,
+        (Ty::Shape | Ty::Light, "material") => Ty::Material,
+        (Ty::Light, "rotation") => Ty::Rotation,
+        (Ty::Texture, "texels") => super::signature::any_image(),
+        (Ty::Texture, "width" | "height") => Ty::SCALAR,
         (Ty::Light, "position" | "direction") => Ty::vector(3),
         (Ty::Light, "cutoff" | "beam") => Ty::Angle,
         (Ty::Light, "two_sided") => Ty::Bool,
         (Ty::Scene, "shapes") => Ty::Array(Box::new(Ty::Shape), None),
         (Ty::Scene, "lights") => Ty::Array(Box::new(Ty::Light), None),
         (Ty::Estimate(of), "mean" | "std_error") => (**of).clone(),
-        (Ty::Light | Ty::Material | Ty::Texture, _) if fields_of(ty).contains(&name) => Ty::Any,
+        (Ty::Light | Ty::Material, _) if fields_of(ty).contains(&name) => Ty::Any,
         _ => return None,
     })
 }

@@ -28,11 +28,22 @@ pub fn reaching_params_of(program: &Program, decl: DeclId) -> Vec<DeclId> {
 /// Warnings of a program without errors; and the one cycle that only shows here: a part of the scene that renders the scene.
 pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
     let mut out = scene_cycles(program);
+    if !out.is_empty() {
+        return out;
+    }
+    let mut flow = Flow::new(program);
+    for action in &program.actions {
+        if let Action::Optimize(o) = action {
+            let mut found = Reached::default();
+            flow.expr(&o.loss, &mut found);
+            out.extend(unmoved(program, o, &found.decls));
+        }
+    }
     if quiet || !out.is_empty() {
         return out;
     }
+    out.extend(without_step(program, &mut flow));
     let mut reached = Reached::default();
-    let mut flow = Flow::new(program);
     let mut has_loss = false;
     for id in program.losses() {
         has_loss = true;
@@ -57,9 +68,6 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
     for action in &program.actions {
         if let Action::Optimize(o) = action {
             has_loss = true;
-            let mut found = Reached::default();
-            flow.expr(&o.loss, &mut found);
-            out.extend(unmoved(program, o, &found.decls));
             flow.expr(&o.loss, &mut reached);
         }
     }
@@ -94,12 +102,71 @@ fn unmoved(program: &Program, o: &Optimize, reached: &BTreeSet<DeclId>) -> Vec<D
     let lost = over.iter().filter(|(target, _)| !reached.contains(&target.decl));
     lost.map(|(target, span)| {
         let name = &program.decl(target.decl).name;
-        Diagnostic::warning("dscene::flow::unused_param", format!("`{name}` does not reach the loss `{}`", o.name))
-            .label(*span, "moves nothing")
+        let others: Vec<String> =
+            reached.iter().filter(|id| is_param(program, **id)).map(|id| program.decl(*id).name.clone()).collect();
+        let help = match others.as_slice() {
+            [] => "use it in what the loss compares".to_owned(),
+            all => {
+                format!("use it in what the loss compares, or move what does reach it: `over: [{}]`", all.join(", "))
+            }
+        };
+        Diagnostic::error("dscene::flow::unreached", format!("`{name}` does not reach the loss `{}`", o.name))
+            .label(*span, "would move nothing")
             .label(o.loss.span, "this loss does not depend on it")
-            .help("leave it out, or use it in what the loss compares")
+            .help(help)
     })
     .collect()
+}
+
+/// Actions before any `optimize` that depend on `step` or `progress`, which have no value yet.
+fn without_step(program: &Program, flow: &mut Flow) -> Vec<Diagnostic> {
+    let mut scheduled: HashMap<DeclId, bool> = HashMap::new();
+    let mut out = Vec::new();
+    for action in &program.actions {
+        let parts: Vec<&Expr> = match action {
+            // From here on they have those of the last step.
+            Action::Optimize(_) => return out,
+            Action::Save { value, path, .. } => vec![value, path],
+            Action::Print { values, .. } => values.iter().collect(),
+            Action::Plot { values, path, .. } => values.iter().chain(path).collect(),
+            Action::Expect { condition, .. } => vec![condition],
+        };
+        for part in parts {
+            let mut found = Reached::default();
+            flow.expr(part, &mut found);
+            let own = |id: &DeclId| *scheduled.entry(*id).or_insert_with(|| names_step(program, *id));
+            let Some(id) = found.decls.into_iter().rev().find(own) else { continue };
+            let decl = program.decl(id);
+            let mut told = Diagnostic::error(
+                "dscene::name::step",
+                format!("`{}` follows the steps of an `optimize`, and none has run yet", decl.name),
+            )
+            .label(part.span, format!("needs `{}`", decl.name));
+            if decl.user {
+                told = told.label(decl.name_span, "has a value at every step");
+            }
+            let help = match &decl.kind {
+                DeclKind::Fn(_) => "move this behind the `optimize`".to_owned(),
+                _ => format!("move this behind the `optimize`, or say what it is: `… with {{ {}: … }}`", decl.name),
+            };
+            out.push(told.help(help));
+        }
+    }
+    out
+}
+
+/// Whether a declaration itself names `step` or `progress`.
+fn names_step(program: &Program, id: DeclId) -> bool {
+    let decl = program.decl(id);
+    let body = match &decl.kind {
+        DeclKind::Fn(f) => Some(&f.body),
+        _ => decl.body.as_deref(),
+    };
+    let mut found = false;
+    if let Some(body) = body {
+        walk(body, &mut |e| found |= matches!(e.kind, ExprKind::Builtin(Builtin::Step | Builtin::Progress)));
+    }
+    found
 }
 
 /// Which declarations need which, directly.
@@ -335,7 +402,7 @@ impl<'p> Flow<'p> {
                         Callee::Value(callee) => waiting.push((callee, context)),
                         Callee::Native(id) => {
                             let name = self.program.decl(*id).name.as_str();
-                            let renders = name == "render" || super::results::is_channel(name);
+                            let renders = Rendering::named(name).is_some();
                             if renders && call.args.get(1).is_some_and(Option::is_none) {
                                 self.renders_scene = true;
                                 for part in self.program.default_scene.iter().chain(&self.program.integrator) {

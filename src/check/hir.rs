@@ -5,6 +5,8 @@ use std::sync::Arc;
 use super::types::Ty;
 use crate::source::{SourceMap, Span};
 
+pub use crate::syntax::ast::{BinaryOp, Domain, StrFormat, UnaryOp};
+
 /// Index into [`Program::decls`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct DeclId(pub u32);
@@ -136,53 +138,6 @@ pub struct NativeParam {
     pub optional: bool,
 }
 
-/// Where a number, or every number of an array, has a meaning: `in 0..1`, `in 0<..` (above 0), `in 0deg..180deg`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Domain {
-    /// Angles in radians; infinite where there is no end.
-    pub low: f64,
-    pub high: f64,
-    /// The ends do not belong to it.
-    pub above_low: bool,
-    pub below_high: bool,
-    /// Its ends are angles.
-    pub angle: bool,
-}
-
-impl Domain {
-    /// NaN lies nowhere.
-    pub fn contains(&self, x: f64) -> bool {
-        let low = if self.above_low { x > self.low } else { x >= self.low };
-        let high = if self.below_high { x < self.high } else { x <= self.high };
-        low && high
-    }
-}
-
-/// In words that follow "must be": `positive`, `0 or more`, `from 0 to 1`.
-impl std::fmt::Display for Domain {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let shown = |x: f64| match self.angle {
-            true => format!("{}deg", (x.to_degrees() * 1e9).round() / 1e9),
-            false => x.to_string(),
-        };
-        let (low, high) = (shown(self.low), shown(self.high));
-        match (self.low.is_finite(), self.high.is_finite()) {
-            (true, false) if self.above_low && self.low == 0.0 => f.write_str("positive"),
-            (true, false) if self.above_low => write!(f, "above {low}"),
-            (true, false) => write!(f, "{low} or more"),
-            (false, true) if self.below_high => write!(f, "below {high}"),
-            (false, true) => write!(f, "at most {high}"),
-            (false, false) => f.write_str("a number"),
-            (true, true) => match (self.above_low, self.below_high) {
-                (false, false) => write!(f, "from {low} to {high}"),
-                (true, true) => write!(f, "above {low} and below {high}"),
-                (false, true) => write!(f, "at least {low} and below {high}"),
-                (true, false) => write!(f, "above {low} and at most {high}"),
-            },
-        }
-    }
-}
-
 #[derive(Clone, Debug)]
 pub struct Expr {
     pub kind: ExprKind,
@@ -270,50 +225,15 @@ pub enum StrPart {
     Value { value: Expr, format: Option<StrFormat> },
 }
 
-/// `{step:04}`, `{loss:.3}`, `{x:8.2}`, `{loss:.3e}`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
-pub struct StrFormat {
-    pub zero_pad: bool,
-    pub width: usize,
-    pub precision: Option<usize>,
-    /// With a power of ten.
-    pub exponent: bool,
-}
-
 /// Names that change while an `optimize` runs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Builtin {
-    /// The step number, from 0; 0 outside `optimize`.
+    /// The step number, from 0. Before an `optimize` runs it is that of the first step, afterwards that of the last.
     Step,
     /// Step over all steps, 0..1.
     Progress,
     /// The loss at this step (only in `stop_when`).
     Loss,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum UnaryOp {
-    Neg,
-    Not,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum BinaryOp {
-    Add,
-    Sub,
-    Mul,
-    Div,
-    /// `@`: the matrix product, and what rotations and transforms do to points, meshes and each other.
-    Apply,
-    Pow,
-    Eq,
-    Ne,
-    Lt,
-    Le,
-    Gt,
-    Ge,
-    And,
-    Or,
 }
 
 #[derive(Clone, Debug)]
@@ -391,6 +311,43 @@ impl DerivativeKind {
 
     pub fn named(name: &str) -> Option<DerivativeKind> {
         Self::ALL.iter().find(|(n, _)| *n == name).map(|(_, kind)| *kind)
+    }
+}
+
+/// What a native that renders shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Rendering {
+    Radiance,
+    Depth,
+    Alpha,
+    Position,
+    Normal,
+    GeometricNormal,
+    Albedo,
+    Uv,
+    ShapeIndex,
+}
+
+impl Rendering {
+    /// With their names in the language, and how many channels their images have.
+    pub const ALL: [(&str, Rendering, usize); 9] = [
+        ("render", Rendering::Radiance, 3),
+        ("depth", Rendering::Depth, 1),
+        ("alpha", Rendering::Alpha, 1),
+        ("position", Rendering::Position, 3),
+        ("normal", Rendering::Normal, 3),
+        ("geometric_normal", Rendering::GeometricNormal, 3),
+        ("albedo", Rendering::Albedo, 3),
+        ("uv", Rendering::Uv, 2),
+        ("shape_index", Rendering::ShapeIndex, 1),
+    ];
+
+    pub fn named(name: &str) -> Option<Rendering> {
+        Self::ALL.iter().find(|(n, ..)| *n == name).map(|(_, rendering, _)| *rendering)
+    }
+
+    pub fn channels(self) -> usize {
+        Self::ALL.iter().find(|(_, rendering, _)| *rendering == self).map_or(3, |(.., channels)| *channels)
     }
 }
 

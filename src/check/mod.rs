@@ -5,10 +5,13 @@
 
 mod actions;
 mod apply;
+mod arguments;
 mod arith;
 mod arrays;
 mod call;
+mod camera;
 mod declare;
+mod derivative;
 mod domains;
 mod fields;
 mod flow;
@@ -30,6 +33,7 @@ use crate::diag::{self, Diagnostic};
 use crate::source::SourceMap;
 
 pub use domains::{Reached, domain_of_field, domains};
+pub use fields::type_of;
 pub use flow::{children, reaching_params, reaching_params_of};
 use modules::Checker;
 

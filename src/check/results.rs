@@ -1,88 +1,120 @@
 //! Result types of natives, sharper than their declarations can say: sizes of images and arrays.
 
+use super::arguments::Arguments;
 use super::arith::{broadcast, together};
+use super::camera::camera_film;
+use super::hir::Rendering;
 use super::infer::{Typed, item_of, join, stack};
-use super::known::camera_film;
-use super::modules::Signature;
-use super::signature::{Const, any_image};
+use super::signature::{Const, Sig, any_image};
 use super::types::{Dim, Made, Ty};
 
-/// First-hit channels with their number of image channels.
-const CHANNELS: [(&str, usize); 8] = [
-    ("depth", 1),
-    ("alpha", 1),
-    ("position", 3),
-    ("normal", 3),
-    ("geometric_normal", 3),
-    ("albedo", 3),
-    ("uv", 2),
-    ("shape_index", 1),
-];
-
-pub fn is_channel(name: &str) -> bool {
-    CHANNELS.iter().any(|(n, _)| *n == name)
+/// The type of a native's result. `bound` are the types that the letters of its declaration stand for.
+pub fn native(name: &str, args: Arguments, bound: &[(char, usize, Ty)]) -> Ty {
+    of_scenes(name, args)
+        .or_else(|| of_images(name, args))
+        .or_else(|| of_reductions(name, args))
+        .or_else(|| of_matrices(name, args))
+        .or_else(|| of_lists(name, args))
+        .unwrap_or_else(|| match &args.signature.result {
+            Some(Sig::Var(letter)) => bound.iter().find(|(c, ..)| c == letter).map_or(Ty::Any, |(.., ty)| ty.clone()),
+            Some(sig) => sig.ty(),
+            None => Ty::Any,
+        })
 }
 
-/// The type of a native's result.
-pub fn native(name: &str, signature: &Signature, args: &[Option<Typed>], bound: &[(char, usize, Ty)]) -> Ty {
-    let ty = |i: usize| args.get(i).and_then(Option::as_ref).map(|a| &a.expr.ty);
-    let count = |i: usize| args.get(i).and_then(Option::as_ref).and_then(|a| a.value.as_ref()).and_then(Const::count);
-    let declared = || match &signature.result {
-        Some(super::signature::Sig::Var(letter)) => {
-            bound.iter().find(|(c, ..)| c == letter).map_or(Ty::Any, |(.., ty)| ty.clone())
+fn image(height: Dim, width: Dim, channels: Dim, made: Made) -> Ty {
+    Ty::Image { height, width, channels, made }
+}
+
+/// Cameras, and what they see.
+fn of_scenes(name: &str, args: Arguments) -> Option<Ty> {
+    let channels = match name {
+        "camera" => {
+            let (height, width, made) = match camera_film(args) {
+                Some((w, h, span)) => (Some(h), Some(w), Made(Some(span))),
+                None if args.get("film").is_none() => (Some(256), Some(256), Made(None)),
+                None => (None, None, Made(None)),
+            };
+            return Some(Ty::Camera { height, width, made });
         }
-        Some(sig) => sig.ty(),
-        None => Ty::Any,
+        "moving" => {
+            let (opening, closing) = (args.ty("opening")?, args.ty("closing"));
+            return Some(closing.and_then(|to| join(opening, to)).unwrap_or_else(|| opening.clone()));
+        }
+        "project" => {
+            return match args.ty("point")? {
+                Ty::Num(shape) if !shape.is_empty() => Some(Ty::Num(with_last(shape, Some(2)))),
+                Ty::Image { height, width, made, .. } => Some(image(*height, *width, Some(2), *made)),
+                _ => Some(Ty::Any),
+            };
+        }
+        "pixels" => 2,
+        _ => Rendering::named(name)?.channels(),
     };
-    let image = |height: Dim, width: Dim, channels: Dim, made: Made| Ty::Image { height, width, channels, made };
-    let span = |i: usize| Made(args.get(i).and_then(Option::as_ref).map(|a| a.expr.span));
-    match (name, ty(0)) {
-        ("camera", _) => {
-            let (height, width, made) = match (camera_film(args), args.get(5)) {
-                (Some((w, h, span)), _) => (Some(h), Some(w), Made(Some(span))),
-                (None, Some(None)) => (Some(256), Some(256), Made(None)),
-                _ => (None, None, Made(None)),
-            };
-            Ty::Camera { height, width, made }
-        }
-        ("render", Some(Ty::Camera { height, width, made })) => image(*height, *width, Some(3), *made),
-        ("pixels", Some(Ty::Camera { height, width, made })) => image(*height, *width, Some(2), *made),
-        (_, Some(Ty::Camera { height, width, made })) if is_channel(name) => {
-            let channels = CHANNELS.iter().find(|(n, _)| *n == name).map(|(_, c)| *c);
-            image(*height, *width, channels, *made)
-        }
-        ("moving", Some(of)) => ty(1).and_then(|to| join(of, to)).unwrap_or_else(|| of.clone()),
-        ("crop", Some(Ty::Image { channels, .. })) => image(count(4), count(3), *channels, span(3)),
-        ("resize", Some(Ty::Image { channels, .. })) => image(count(2), count(1), *channels, span(1)),
-        ("blur", Some(of @ Ty::Image { .. })) => of.clone(),
-        ("gradient", Some(Ty::Image { height, width, channels, made })) => {
-            image(*height, *width, channels.map(|c| 2 * c), *made)
-        }
-        ("downsample", Some(Ty::Image { height, width, channels, made })) => {
-            let factor = if args.get(1).is_some_and(Option::is_none) { Some(2) } else { count(1) };
-            let by = |d: &Dim| match (d, factor) {
-                (Some(d), Some(f)) if f > 0 => Some(d.div_ceil(f)),
-                _ => None,
-            };
+    match args.ty("camera") {
+        Some(Ty::Camera { height, width, made }) => Some(image(*height, *width, Some(channels), *made)),
+        _ => Some(image(None, None, Some(channels), Made(None))),
+    }
+}
+
+/// What gives images of other sizes.
+fn of_images(name: &str, args: Arguments) -> Option<Ty> {
+    let place = |name: &str| Made(args.get(name).map(|a| a.expr.span));
+    let of = args.first().map(|a| &a.expr.ty)?;
+    if name == "image" {
+        return Some(match of {
+            Ty::Num(shape) => match shape.as_slice() {
+                [h, w] => image(*h, *w, Some(1), Made(None)),
+                [h, w, c] => image(*h, *w, *c, Made(None)),
+                _ => any_image(),
+            },
+            Ty::Image { .. } => of.clone(),
+            _ => any_image(),
+        });
+    }
+    if let ("luminance", Ty::Num(_)) = (name, of) {
+        return Some(Ty::SCALAR);
+    }
+    let Ty::Image { height, width, channels, made } = of else { return None };
+    Some(match name {
+        "crop" => image(args.count("height"), args.count("width"), *channels, place("width")),
+        "resize" => image(args.count("height"), args.count("width"), *channels, place("width")),
+        "blur" => of.clone(),
+        "gradient" => image(*height, *width, channels.map(|c| 2 * c), *made),
+        "downsample" => {
+            let factor = args.count_or("factor", 2).filter(|f| *f > 0);
+            let by = |d: &Dim| Some(d.as_ref()?.div_ceil(factor?));
             image(by(height), by(width), *channels, *made)
         }
-        ("pyramid", Some(Ty::Image { channels, .. })) => {
-            let levels = if args.get(1).is_some_and(Option::is_none) { Some(4) } else { count(1) };
-            Ty::Array(Box::new(image(None, None, *channels, Made(None))), levels)
+        "pyramid" => Ty::Array(Box::new(image(None, None, *channels, Made(None))), args.count_or("levels", 4)),
+        "luminance" => image(*height, *width, Some(1), *made),
+        "pad" => {
+            let wide = |n: &Dim, a: &str, b: &str| Some((*n)? + args.count_or(a, 0)? + args.count_or(b, 0)?);
+            image(wide(height, "top", "bottom"), wide(width, "left", "right"), *channels, place("image"))
         }
-        ("luminance", Some(Ty::Image { height, width, made, .. })) => image(*height, *width, Some(1), *made),
-        ("luminance", Some(Ty::Num(_))) => Ty::SCALAR,
-        ("image", Some(Ty::Num(shape))) => match shape.as_slice() {
-            [h, w] => image(*h, *w, Some(1), Made(None)),
-            [h, w, c] => image(*h, *w, *c, Made(None)),
-            _ => any_image(),
+        "sample" => match args.ty("uv") {
+            Some(Ty::Num(shape)) if !shape.is_empty() => Ty::Num(with_last(shape, *channels)),
+            Some(Ty::Image { height, width, made, .. }) => image(*height, *width, *channels, *made),
+            _ => Ty::Any,
         },
-        ("image", Some(of @ Ty::Image { .. })) => of.clone(),
-        ("min" | "max", Some(a)) if ty(1).is_some() => ty(1).and_then(|b| together(a, b)).unwrap_or(Ty::Any),
-        ("sum" | "mean" | "norm" | "variance" | "std" | "min" | "max" | "median" | "percentile", Some(of)) => {
-            reduced(of, argument(signature, args, "axis"))
+        _ => return None,
+    })
+}
+
+/// The shape with another length of its last axis.
+fn with_last(shape: &[Dim], last: Dim) -> Vec<Dim> {
+    shape[..shape.len() - 1].iter().copied().chain([last]).collect()
+}
+
+/// What goes over all elements, or along axes, or takes them one by one.
+fn of_reductions(name: &str, args: Arguments) -> Option<Ty> {
+    let of = args.first().map(|a| &a.expr.ty)?;
+    Some(match name {
+        "min" | "max" if args.get("b").is_some() => together(of, args.ty("b")?).unwrap_or(Ty::Any),
+        "sum" | "mean" | "norm" | "variance" | "std" | "min" | "max" | "median" | "percentile" => {
+            reduced(of, args.get("axis"))
         }
-        ("argmin" | "argmax", Some(of)) => match (argument(signature, args, "axis"), rank(of)) {
+        "argmin" | "argmax" => match (args.get("axis"), rank(of)) {
             (Some(axis), _) => match reduced(of, Some(axis)) {
                 // A place is a number, not a pixel.
                 Ty::Image { height, width, .. } => Ty::Num(vec![height, width]),
@@ -91,87 +123,81 @@ pub fn native(name: &str, signature: &Signature, args: &[Option<Typed>], bound: 
             (None, Some(0 | 1)) => Ty::SCALAR,
             (None, n) => n.map_or(Ty::Any, Ty::vector),
         },
-        ("sort" | "normalize" | "flip", Some(of)) => of.clone(),
-        ("where", condition) => chosen(condition, ty(1), ty(2)),
-        ("mod", Some(a)) => match (a, ty(1)) {
+        "sort" | "normalize" | "flip" => of.clone(),
+        "where" => chosen(Some(of), args.ty("yes"), args.ty("no")),
+        "mod" => match (of, args.ty("divisor")) {
             (Ty::Angle, Some(Ty::Angle)) => Ty::Angle,
             (a, Some(b)) => broadcast(a, b).unwrap_or(Ty::Any),
             _ => Ty::Any,
         },
-        ("compose", Some(Ty::Rotation)) if ty(1) == Some(&Ty::Rotation) => Ty::Rotation,
-        ("compose", Some(Ty::Rotation | Ty::Transform)) if ty(1).is_some_and(|ty| !ty.is_unknown()) => Ty::Transform,
-        ("inverse" | "transpose", Some(Ty::Rotation)) => Ty::Rotation,
-        ("inverse", Some(Ty::Transform)) => Ty::Transform,
-        ("transpose", Some(Ty::Transform)) => Ty::Num(vec![Some(4); 2]),
-        ("inverse", Some(Ty::Num(shape))) => match shape.as_slice() {
+        _ => return None,
+    })
+}
+
+/// Rotations, transforms and matrices.
+fn of_matrices(name: &str, args: Arguments) -> Option<Ty> {
+    Some(match (name, &args.first()?.expr.ty) {
+        ("compose", Ty::Rotation) if args.ty("second") == Some(&Ty::Rotation) => Ty::Rotation,
+        ("compose", Ty::Rotation | Ty::Transform) if args.ty("second").is_some_and(|ty| !ty.is_unknown()) => {
+            Ty::Transform
+        }
+        ("inverse" | "transpose", Ty::Rotation) => Ty::Rotation,
+        ("inverse", Ty::Transform) => Ty::Transform,
+        ("transpose", Ty::Transform) => Ty::Num(vec![Some(4); 2]),
+        ("inverse", Ty::Num(shape)) => match shape.as_slice() {
             [a, b] => Ty::Num(vec![a.or(*b); 2]),
             _ => Ty::Any,
         },
-        ("zip", Some(a)) if [Some(a), ty(1), ty(2)].into_iter().flatten().any(is_mixed) => {
-            let lists: Vec<&Ty> = [Some(a), ty(1), ty(2)].into_iter().flatten().collect();
-            let n = lists.iter().filter_map(|list| item_of(list)?.1).min().unwrap_or(0);
-            let part = |list: &Ty, i: usize| match list {
-                Ty::Tuple(parts) => parts.get(i).cloned().unwrap_or(Ty::Any),
-                list => item_of(list).map_or(Ty::Any, |(item, _)| item),
-            };
-            Ty::Tuple((0..n).map(|i| Ty::Tuple(lists.iter().map(|list| part(list, i)).collect())).collect())
-        }
-        ("zip", Some(a)) => {
-            let items: Option<Vec<(Ty, Dim)>> = [Some(a), ty(1), ty(2)].into_iter().flatten().map(item_of).collect();
-            match items {
-                Some(items) => {
-                    let n = items.iter().map(|(_, n)| *n).reduce(|a, b| a.zip(b).map(|(a, b)| a.min(b))).flatten();
-                    Ty::Array(Box::new(Ty::Tuple(items.into_iter().map(|(ty, _)| ty).collect())), n)
-                }
-                None => Ty::Any,
-            }
-        }
-        ("concat", Some(a)) => joined(a, ty(1), argument(signature, args, "axis")),
-        ("stack", Some(of)) => match item_of(of) {
+        ("transpose", Ty::Num(shape)) => match shape.as_slice() {
+            [a, b] => Ty::Num(vec![*b, *a]),
+            _ => return None,
+        },
+        ("matrix", Ty::Rotation) => Ty::Num(vec![Some(3), Some(3)]),
+        ("matrix", Ty::Transform) => Ty::Num(vec![Some(4), Some(4)]),
+        _ => return None,
+    })
+}
+
+/// What joins, pairs and shapes arrays.
+fn of_lists(name: &str, args: Arguments) -> Option<Ty> {
+    let first = &args.first()?.expr.ty;
+    Some(match name {
+        "zip" => zipped(args),
+        "concat" => joined(first, args.ty("b"), args.get("axis")),
+        "stack" => match item_of(first) {
             Some((Ty::Num(shape), n)) => Ty::Num([vec![n], shape].concat()),
             Some((Ty::Image { height, width, channels, .. }, n)) => Ty::Num(vec![n, height, width, channels]),
             _ => Ty::Any,
         },
-        ("pad", Some(Ty::Image { height, width, channels, .. })) => {
-            let margin = |i: usize| if args.get(i).is_some_and(Option::is_none) { Some(0) } else { count(i) };
-            let wide = |n: &Dim, a: usize, b: usize| Some((*n)? + margin(a)? + margin(b)?);
-            image(wide(height, 3, 4), wide(width, 1, 2), *channels, Made(args[0].as_ref().map(|a| a.expr.span)))
-        }
-        ("sample", Some(Ty::Image { channels, .. })) => match ty(1) {
-            Some(Ty::Num(shape)) if !shape.is_empty() => {
-                Ty::Num(shape[..shape.len() - 1].iter().copied().chain([*channels]).collect())
-            }
-            Some(Ty::Image { height, width, made, .. }) => image(*height, *width, *channels, *made),
-            _ => Ty::Any,
+        "reshape" | "noise" | "uniform" => shape_of(args.get("shape")),
+        "minibatch" => match item_of(first)? {
+            _ if is_mixed(first) => Ty::Array(Box::new(Ty::Any), args.count("count")),
+            (item, _) => stack(item, args.count("count")),
         },
-        ("project", Some(_)) => match ty(1) {
-            Some(Ty::Num(shape)) if !shape.is_empty() => {
-                Ty::Num(shape[..shape.len() - 1].iter().copied().chain([Some(2)]).collect())
-            }
-            Some(Ty::Image { height, width, made, .. }) => image(*height, *width, Some(2), *made),
-            _ => Ty::Any,
-        },
-        ("transpose", Some(Ty::Num(shape))) => match shape.as_slice() {
-            [a, b] => Ty::Num(vec![*b, *a]),
-            _ => declared(),
-        },
-        ("reshape", _) => shape_of(args.get(1)),
-        ("noise" | "uniform", _) => shape_of(args.first()),
-        ("matrix", Some(Ty::Rotation)) => Ty::Num(vec![Some(3), Some(3)]),
-        ("matrix", Some(Ty::Transform)) => Ty::Num(vec![Some(4), Some(4)]),
-        _ => declared(),
+        _ => return None,
+    })
+}
+
+/// Lists side by side.
+fn zipped(args: Arguments) -> Ty {
+    let lists: Vec<&Ty> = args.given().map(|a| &a.expr.ty).collect();
+    if lists.iter().any(|list| is_mixed(list)) {
+        let n = lists.iter().filter_map(|list| item_of(list)?.1).min().unwrap_or(0);
+        let part = |list: &Ty, i: usize| match list {
+            Ty::Tuple(parts) => parts.get(i).cloned().unwrap_or(Ty::Any),
+            list => item_of(list).map_or(Ty::Any, |(item, _)| item),
+        };
+        return Ty::Tuple((0..n).map(|i| Ty::Tuple(lists.iter().map(|list| part(list, i)).collect())).collect());
     }
+    let items: Option<Vec<(Ty, Dim)>> = lists.into_iter().map(item_of).collect();
+    let Some(items) = items else { return Ty::Any };
+    let n = items.iter().map(|(_, n)| *n).reduce(|a, b| a.zip(b).map(|(a, b)| a.min(b))).flatten();
+    Ty::Array(Box::new(Ty::Tuple(items.into_iter().map(|(ty, _)| ty).collect())), n)
 }
 
 /// A list whose items have no common type.
 pub fn is_mixed(ty: &Ty) -> bool {
     matches!(ty, Ty::Tuple(parts) if parts.iter().try_fold(Ty::Any, |a, b| join(&a, b)).is_none())
-}
-
-/// The argument of that name.
-pub fn argument<'a>(signature: &Signature, args: &'a [Option<Typed>], name: &str) -> Option<&'a Typed> {
-    let at = signature.params.iter().position(|p| p.name == name)?;
-    args.get(at)?.as_ref()
 }
 
 /// How many axes an array or image has.
@@ -254,7 +280,7 @@ fn joined(a: &Ty, b: Option<&Ty>, axis: Option<&Typed>) -> Ty {
                 None => None,
             };
             let fits = at.is_none_or(|at| (0..x.len()).all(|i| i == at || super::signature::dims_agree(x[i], y[i])));
-            if fits { Ty::Num((0..x.len()).map(dim).collect()) } else { Ty::Any }
+            if fits { Ty::Num((0..x.len()).map(dim).collect()) } else { listed(a, b) }
         }
         (Ty::Image { height: h, width: w, channels: c, made }, Ty::Image { height, width, channels, .. }) => {
             let at = along.map(|x| if x < 0 { x + 3 } else { x });
@@ -267,12 +293,27 @@ fn joined(a: &Ty, b: Option<&Ty>, axis: Option<&Typed>) -> Ty {
             Ty::Image { height, width, channels, made: *made }
         }
         _ => match (item_of(a), item_of(b)) {
-            (Some((x, n)), Some((y, m))) => {
-                join(&x, &y).map_or(Ty::Any, |item| stack(item, n.zip(m).map(|(n, m)| n + m)))
-            }
+            (Some((x, n)), Some((y, m))) => match join(&x, &y).filter(|_| !is_mixed(a) && !is_mixed(b)) {
+                Some(item) => stack(item, n.zip(m).map(|(n, m)| n + m)),
+                None => listed(a, b),
+            },
             _ => Ty::Any,
         },
     }
+}
+
+/// The types of a list's items, if that are few.
+fn one_by_one(list: &Ty) -> Option<Vec<Ty>> {
+    match (list, item_of(list)?) {
+        (Ty::Tuple(parts), _) => Some(parts.clone()),
+        (_, (item, Some(n))) if n <= 64 => Some(vec![item; n]),
+        _ => None,
+    }
+}
+
+/// The items of two arrays in one list, though they have no common type.
+fn listed(a: &Ty, b: &Ty) -> Ty {
+    one_by_one(a).zip(one_by_one(b)).map_or(Ty::Any, |(a, b)| Ty::Tuple([a, b].concat()))
 }
 
 fn image_without_size(of: &Ty, along: Option<i64>) -> Ty {
@@ -284,7 +325,7 @@ fn image_without_size(of: &Ty, along: Option<i64>) -> Ty {
 /// One of two values by a bool, or by a mask element by element.
 fn chosen(condition: Option<&Ty>, yes: Option<&Ty>, no: Option<&Ty>) -> Ty {
     let (Some(condition), Some(yes), Some(no)) = (condition, yes, no) else { return Ty::Any };
-    match join(yes, no).or_else(|| broadcast(yes, no)) {
+    match join(yes, no).or_else(|| together(yes, no)) {
         Some(both @ (Ty::Num(_) | Ty::Image { .. })) => match condition {
             Ty::Bool => broadcast(yes, no).unwrap_or(both),
             mask => broadcast(mask, &broadcast(yes, no).unwrap_or(both)).unwrap_or(Ty::Any),
@@ -294,44 +335,55 @@ fn chosen(condition: Option<&Ty>, yes: Option<&Ty>, no: Option<&Ty>) -> Ty {
     }
 }
 
+/// The numbers of a value without what they stand for, as `jvp` and `estimate` give them: a rotation is a matrix.
+pub fn plain(ty: &Ty) -> Ty {
+    match ty {
+        Ty::Rotation => Ty::Num(vec![Some(3); 2]),
+        Ty::Transform => Ty::Num(vec![Some(4); 2]),
+        Ty::Texture => Ty::Num(vec![None; 3]),
+        ty => ty.clone(),
+    }
+}
+
+/// The type of a value's derivative along a direction.
+pub fn tangent(of: &Ty) -> Ty {
+    match of.quantity() {
+        Some((shape, true)) => Ty::Num(shape),
+        _ => plain(of),
+    }
+}
+
 /// The type of a number's derivative with respect to something.
 pub fn gradient(wrt: &Ty) -> Ty {
     match wrt {
-        Ty::Angle => Ty::SCALAR,
         Ty::Rotation => Ty::vector(3),
-        ty => ty.clone(),
+        Ty::Texture => any_image(),
+        ty => tangent(ty),
     }
 }
 
 /// The type of `jacobian(of, wrt)`: numbers get the param's dimensions after their own; of images there is one for each of the
 /// param's numbers, nested as those are.
 pub fn jacobian(of: &Ty, wrt: &Ty) -> Ty {
-    let inner = match wrt {
-        Ty::Num(shape) => shape.clone(),
-        Ty::Angle => vec![],
-        Ty::Rotation => vec![Some(3)],
-        Ty::Image { height, width, channels, .. } => vec![*height, *width, *channels],
+    let inner = match gradient(wrt) {
+        Ty::Num(shape) => shape,
+        Ty::Image { height, width, channels, .. } => vec![height, width, channels],
         _ => return Ty::Any,
     };
-    let numbers = |outer: &[Dim]| Ty::Num(outer.iter().chain(&inner).copied().collect());
-    match of {
-        Ty::Num(shape) => numbers(shape),
-        Ty::Angle => numbers(&[]),
-        Ty::Rotation => numbers(&[Some(3); 2]),
-        Ty::Transform => numbers(&[Some(4); 2]),
-        Ty::Image { .. } => inner.iter().rev().fold(of.clone(), |item, n| Ty::Array(Box::new(item), *n)),
+    match tangent(of) {
+        Ty::Num(outer) => Ty::Num([outer, inner].concat()),
+        of @ Ty::Image { .. } => inner.iter().rev().fold(of, |item, n| Ty::Array(Box::new(item), *n)),
         _ => Ty::Any,
     }
 }
 
 /// What is known of a native's value before the program runs.
-pub fn known(name: &str, args: &[Option<Typed>]) -> Option<Const> {
-    let first = args.first()?.as_ref()?;
+pub fn known(name: &str, args: Arguments) -> Option<Const> {
+    let first = args.first()?;
     match name {
         "zip" => {
             let lists: Option<Vec<&Vec<Const>>> = args
-                .iter()
-                .flatten()
+                .given()
                 .map(|arg| match &arg.value {
                     Some(Const::List(items)) => Some(items),
                     _ => None,
@@ -346,7 +398,7 @@ pub fn known(name: &str, args: &[Option<Typed>]) -> Option<Const> {
         "round" => Some(Const::Num(first.value.as_ref()?.number()?.round())),
         "sqrt" => Some(Const::Num(first.value.as_ref()?.number()?.sqrt())),
         "min" | "max" => {
-            let (a, b) = (first.value.as_ref()?.number()?, args.get(1)?.as_ref()?.value.as_ref()?.number()?);
+            let (a, b) = (args.number("a")?, args.number("b")?);
             Some(Const::Num(if name == "min" { a.min(b) } else { a.max(b) }))
         }
         _ => None,
@@ -354,8 +406,8 @@ pub fn known(name: &str, args: &[Option<Typed>]) -> Option<Const> {
 }
 
 /// The tensor whose shape an argument gives.
-fn shape_of(arg: Option<&Option<Typed>>) -> Ty {
-    let Some(Some(arg)) = arg else { return Ty::Any };
+fn shape_of(arg: Option<&Typed>) -> Ty {
+    let Some(arg) = arg else { return Ty::Any };
     match &arg.value {
         Some(Const::List(items)) => Ty::Num(items.iter().map(Const::count).collect()),
         Some(Const::Num(_)) => Ty::Num(vec![arg.value.as_ref().and_then(Const::count)]),

@@ -1,96 +1,180 @@
 //! Shapes that natives ask of their arguments and that are known before anything runs: axes, squares, masks.
 
+use super::arguments::Arguments;
 use super::arith::{broadcast, image_sizes};
-use super::hir::DeclId;
 use super::infer::{Typed, item_of};
-use super::modules::{Checker, Signature};
-use super::results::{argument, rank};
+use super::modules::Checker;
+use super::results::rank;
 use super::signature::{Const, dims_agree};
-use super::types::Ty;
+use super::types::{Dim, Ty};
 use crate::diag::Diagnostic;
+
+/// Two arrays of numbers or angles that can be joined along an axis other than the first: all other lengths agree.
+fn side_by_side(x: &Ty, y: &Ty, along: f64) -> Option<()> {
+    let ((x, left), (y, right)) = (x.quantity()?, y.quantity()?);
+    let along = if along < 0.0 { along + x.len() as f64 } else { along };
+    let agree = |(i, (a, b)): (usize, (&Dim, &Dim))| i as f64 == along || dims_agree(*a, *b);
+    (left == right && x.len() == y.len() && x.iter().zip(&y).enumerate().all(agree)).then_some(())
+}
 
 impl Checker<'_> {
     /// What a native's arguments say of one another by their shapes.
-    pub fn check_shapes(&mut self, id: DeclId, found: &[Option<Typed>]) {
-        let Some(signature) = self.signature(id) else { return };
-        let name = self.slot(id).name.text.clone();
-        self.check_axis(&name, &signature, found);
-        if let ("min" | "max" | "mod", [Some(a), Some(b), ..]) = (name.as_str(), found) {
-            self.check_pair(&name, a, b);
-        }
-        match (name.as_str(), found) {
-            ("inverse" | "determinant", [Some(matrix)]) => {
-                if let Ty::Num(shape) = &matrix.expr.ty
-                    && let [a, b] = shape.as_slice()
-                    && !dims_agree(*a, *b)
-                {
-                    let message =
-                        format!("only a square matrix has {} {name}", if name == "inverse" { "an" } else { "a" });
-                    self.diagnostics.push(
-                        Diagnostic::error("dscene::type::shape", message)
-                            .label(matrix.expr.span, format!("this is `{}`", matrix.expr.ty))
-                            .help("a system of more equations than unknowns is solved by `inverse(transpose(a) @ a) @ transpose(a) @ b`"),
-                    );
-                }
+    pub fn check_shapes(&mut self, name: &str, args: Arguments) {
+        self.check_axis(name, args);
+        match name {
+            "min" | "max" => self.check_pair(name, args.get("a"), args.get("b")),
+            "mod" => {
+                self.check_pair(name, args.get("x"), args.get("divisor"));
+                self.check_remainder(args);
             }
-            ("percentile", [_, Some(percent), ..]) => {
-                if let Some(Const::Num(x)) = percent.value
-                    && !(0.0..=100.0).contains(&x)
-                {
-                    self.diagnostics.push(
-                        Diagnostic::error("dscene::value::percent", "a percentile is from 0 to 100")
-                            .label(percent.expr.span, "out of range")
-                            .help("50 is the median"),
-                    );
-                }
+            "inverse" | "determinant" => self.check_square(name, args),
+            "percentile" => self.check_percent(args),
+            "sample" => self.check_last(args.get("uv"), 2, "a place in an image has two coordinates"),
+            "project" => self.check_last(args.get("point"), 3, "a point has three coordinates"),
+            "concat" => self.check_concat(args),
+            "stack" => self.check_stack(args),
+            "rotation" => self.check_rotation(args),
+            "zip" => {
+                args.given().for_each(|list| self.check_items(name, list));
+                self.check_zip(args);
             }
-            ("mod", [Some(x), Some(divisor)]) => {
-                if matches!((&x.expr.ty, &divisor.expr.ty), (Ty::Angle, Ty::Num(_)) | (Ty::Num(_), Ty::Angle)) {
-                    self.diagnostics.push(
-                        Diagnostic::error("dscene::type::unit", "an angle and a number have no remainder")
-                            .label(divisor.expr.span, format!("this is `{}`", divisor.expr.ty))
-                            .label(x.expr.span, format!("this is `{}`", x.expr.ty))
-                            .help("give both a unit, or neither: `mod(a, 360deg)`, `mod(a / 1deg, 360)`"),
-                    );
-                }
-                if matches!(divisor.value, Some(Const::Num(x) | Const::Angle(x)) if x == 0.0) {
-                    self.diagnostics.push(
-                        Diagnostic::error("dscene::value::divisor", "nothing has a remainder by 0")
-                            .label(divisor.expr.span, "this is 0"),
-                    );
-                }
+            "len" => {
+                let text = args.ty("x").is_some_and(|ty| *ty == Ty::Str);
+                args.get("x").filter(|_| !text).into_iter().for_each(|list| self.check_items(name, list));
             }
-            ("sample", [Some(_), Some(place), ..]) => {
-                self.check_last(place, 2, "a place in an image has two coordinates")
+            "sort" | "normalize" => self.check_not_one(name, args.get("x")),
+            "pad" => self.check_margin(args),
+            "reshape" => self.check_reshape(args),
+            "crop" => self.check_crop(args),
+            "minibatch" => {
+                args.get("items").into_iter().for_each(|list| self.check_items(name, list));
+                self.check_minibatch(args);
             }
-            ("project", [Some(_), Some(point)]) => self.check_last(point, 3, "a point has three coordinates"),
-            ("concat", [Some(a), b, axis]) => self.check_concat(a, b.as_ref(), axis.as_ref()),
-            ("stack", [Some(items)]) => self.check_stack(items),
-            ("rotation", _) => self.check_rotation(&signature, found),
-            ("zip", _) => self.check_zip(found),
-            ("reshape", [Some(of), Some(shape)]) => self.check_reshape(of, shape),
-            ("crop", [Some(image), ..]) => self.check_crop(&signature, image, found),
-            ("minibatch", [Some(items), Some(count)]) => {
-                if let (Some((_, Some(n))), Some(k)) =
-                    (item_of(&items.expr.ty), count.value.as_ref().and_then(Const::number))
-                    && k > n as f64
-                {
-                    self.diagnostics.push(
-                        Diagnostic::error("dscene::value::range", format!("`{k}` items cannot be drawn from {n}"))
-                            .label(count.expr.span, "too many")
-                            .label(items.expr.span, format!("has {n}")),
-                    );
-                }
-            }
-            ("where", [Some(condition), Some(yes), Some(no)]) => self.check_where(condition, yes, no),
+            "where" => self.check_where(args),
+            "image" => self.check_rows(args.get("values"), "an image has rows and columns, and maybe channels", false),
+            "texture" => self.check_rows(args.get("source"), "a texture is one colour, or has rows and columns", true),
             _ => {}
         }
     }
 
+    /// Numbers that make an image: `[height][width]` or `[height][width][channels]`, or one colour if that will do.
+    fn check_rows(&mut self, numbers: Option<&Typed>, message: &str, or_colour: bool) {
+        let Some(numbers) = numbers else { return };
+        let Ty::Num(shape) = &numbers.expr.ty else { return };
+        let fine = match shape.as_slice() {
+            [] | [None | Some(3)] => or_colour,
+            _ => matches!(shape.len(), 2 | 3),
+        };
+        if !fine {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::shape", message)
+                    .label(numbers.expr.span, format!("this is `{}`", numbers.expr.ty))
+                    .help("for instance `[[0, 1], [1, 0]]`"),
+            );
+        }
+    }
+
+    /// Something that has items.
+    fn check_items(&mut self, name: &str, list: &Typed) {
+        if item_of(&list.expr.ty).is_none() {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::mismatch", format!("`{name}` takes arrays, not `{}`", list.expr.ty))
+                    .label(list.expr.span, format!("this is `{}`", list.expr.ty)),
+            );
+        }
+    }
+
+    /// Several numbers, not a single one.
+    fn check_not_one(&mut self, name: &str, x: Option<&Typed>) {
+        let Some(x) = x else { return };
+        if x.expr.ty.is_scalar() || x.expr.ty == Ty::Angle {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::shape", format!("`{name}` takes several numbers"))
+                    .label(x.expr.span, format!("this is `{}`", x.expr.ty)),
+            );
+        }
+    }
+
+    /// The value of a margin: one number, or one for each channel.
+    fn check_margin(&mut self, args: Arguments) {
+        let (Some(Ty::Image { channels: Some(channels), .. }), Some(value)) = (args.ty("image"), args.get("value"))
+        else {
+            return;
+        };
+        if let Ty::Num(shape) = &value.expr.ty
+            && let [Some(n)] = shape.as_slice()
+            && n != channels
+            && *n != 1
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::shape", format!("the image has {channels} channels"))
+                    .label(value.expr.span, format!("this is `{}`", value.expr.ty))
+                    .help("write one number, or one for each channel"),
+            );
+        }
+    }
+
+    fn check_square(&mut self, name: &str, args: Arguments) {
+        let Some(matrix) = args.get("x") else { return };
+        if let Ty::Num(shape) = &matrix.expr.ty
+            && let [a, b] = shape.as_slice()
+            && !dims_agree(*a, *b)
+        {
+            let message = format!("only a square matrix has {} {name}", if name == "inverse" { "an" } else { "a" });
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::shape", message)
+                    .label(matrix.expr.span, format!("this is `{}`", matrix.expr.ty))
+                    .help("a system of more equations than unknowns is solved by `inverse(transpose(a) @ a) @ transpose(a) @ b`"),
+            );
+        }
+    }
+
+    fn check_percent(&mut self, args: Arguments) {
+        if let (Some(x), Some(percent)) = (args.number("percent"), args.get("percent"))
+            && !(0.0..=100.0).contains(&x)
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::value::percent", "a percentile is from 0 to 100")
+                    .label(percent.expr.span, "out of range")
+                    .help("50 is the median"),
+            );
+        }
+    }
+
+    fn check_remainder(&mut self, args: Arguments) {
+        let (Some(x), Some(divisor)) = (args.get("x"), args.get("divisor")) else { return };
+        if matches!((&x.expr.ty, &divisor.expr.ty), (Ty::Angle, Ty::Num(_)) | (Ty::Num(_), Ty::Angle)) {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::unit", "an angle and a number have no remainder")
+                    .label(divisor.expr.span, format!("this is `{}`", divisor.expr.ty))
+                    .label(x.expr.span, format!("this is `{}`", x.expr.ty))
+                    .help("give both a unit, or neither: `mod(a, 360deg)`, `mod(a / 1deg, 360)`"),
+            );
+        }
+        if matches!(divisor.value, Some(Const::Num(x) | Const::Angle(x)) if x == 0.0) {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::value::divisor", "nothing has a remainder by 0")
+                    .label(divisor.expr.span, "this is 0"),
+            );
+        }
+    }
+
+    fn check_minibatch(&mut self, args: Arguments) {
+        let (Some(items), Some(count)) = (args.get("items"), args.get("count")) else { return };
+        if let (Some((_, Some(n))), Some(k)) = (item_of(&items.expr.ty), args.number("count"))
+            && k > n as f64
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::value::range", format!("`{k}` items cannot be drawn from {n}"))
+                    .label(count.expr.span, "too many")
+                    .label(items.expr.span, format!("has {n}")),
+            );
+        }
+    }
+
     /// Lists side by side are equally long.
-    fn check_zip(&mut self, found: &[Option<Typed>]) {
-        let lengths: Vec<(usize, &Typed)> =
-            found.iter().flatten().filter_map(|t| Some((item_of(&t.expr.ty)?.1?, t))).collect();
+    fn check_zip(&mut self, args: Arguments) {
+        let lengths: Vec<(usize, &Typed)> = args.given().filter_map(|t| Some((item_of(&t.expr.ty)?.1?, t))).collect();
         let Some(((n, first), rest)) = lengths.split_first() else { return };
         if let Some((m, other)) = rest.iter().find(|(m, _)| m != n) {
             self.diagnostics.push(
@@ -103,7 +187,8 @@ impl Checker<'_> {
     }
 
     /// As many numbers as before.
-    fn check_reshape(&mut self, of: &Typed, shape: &Typed) {
+    fn check_reshape(&mut self, args: Arguments) {
+        let (Some(of), Some(shape)) = (args.get("x"), args.get("shape")) else { return };
         let Ty::Num(dims) = &of.expr.ty else { return };
         let before: Option<usize> = dims.iter().copied().try_fold(1, |a: usize, n| a.checked_mul(n?));
         let Some(Const::List(items)) = &shape.value else { return };
@@ -121,18 +206,17 @@ impl Checker<'_> {
     }
 
     /// What is cropped lies inside.
-    fn check_crop(&mut self, signature: &Signature, image: &Typed, found: &[Option<Typed>]) {
+    fn check_crop(&mut self, args: Arguments) {
+        let Some(image) = args.get("image") else { return };
         let Ty::Image { height, width, .. } = &image.expr.ty else { return };
         for (size, start, length) in [(width, "x", "width"), (height, "y", "height")] {
-            let known = |name: &str| argument(signature, found, name);
-            let number = |t: Option<&Typed>| t.and_then(|t| t.value.as_ref()).and_then(Const::number);
-            let first = if known(start).is_some() { number(known(start)) } else { Some(0.0) };
-            let (Some(size), Some(first), Some(n), Some(place)) = (size, first, number(known(length)), known(length))
+            let first = if args.get(start).is_some() { args.number(start) } else { Some(0.0) };
+            let (Some(size), Some(first), Some(n), Some(place)) = (size, first, args.number(length), args.get(length))
             else {
                 continue;
             };
             if first >= 0.0 && n >= 1.0 && first + n > *size as f64 {
-                let place = if first > 0.0 { known(start).unwrap_or(place) } else { place };
+                let place = if first > 0.0 { args.get(start).unwrap_or(place) } else { place };
                 self.diagnostics.push(
                     Diagnostic::error(
                         "dscene::type::index",
@@ -147,7 +231,8 @@ impl Checker<'_> {
     }
 
     /// Two arrays or images that are taken element by element.
-    fn check_pair(&mut self, name: &str, a: &Typed, b: &Typed) {
+    fn check_pair(&mut self, name: &str, a: Option<&Typed>, b: Option<&Typed>) {
+        let (Some(a), Some(b)) = (a, b) else { return };
         let numbers = |t: &Typed| matches!(t.expr.ty, Ty::Num(_) | Ty::Image { .. });
         if !numbers(a) || !numbers(b) || broadcast(&a.expr.ty, &b.expr.ty).is_some() {
             return;
@@ -162,7 +247,9 @@ impl Checker<'_> {
     }
 
     /// Texts with texts, images with images, arrays with arrays.
-    fn check_concat(&mut self, a: &Typed, b: Option<&Typed>, axis: Option<&Typed>) {
+    fn check_concat(&mut self, args: Arguments) {
+        let Some(a) = args.get("a") else { return };
+        let (b, axis) = (args.get("b"), args.get("axis"));
         let parts: Vec<&Typed> = [Some(a), b].into_iter().flatten().collect();
         if parts.iter().any(|t| t.expr.ty.is_unknown()) {
             return;
@@ -194,6 +281,11 @@ impl Checker<'_> {
             Some(Some(x)) => x,
             Some(None) => return,
         };
+        if along != 0.0 && !image(x) && side_by_side(x, y, along).is_none() {
+            let help = "rows are joined side by side where there are as many of both: `concat([[1], [2]], [[3], [4]], axis: 1)`";
+            self.refuse_parts("only arrays of numbers that fit are joined along an axis", &parts, help);
+            return;
+        }
         if let (Ty::Image { height: h, width: w, channels: c, .. }, Ty::Image { height, width, channels, .. }) = (x, y)
         {
             let along = if along < 0.0 { along + 3.0 } else { along };
@@ -212,7 +304,8 @@ impl Checker<'_> {
     }
 
     /// Arrays or images of one shape.
-    fn check_stack(&mut self, items: &Typed) {
+    fn check_stack(&mut self, args: Arguments) {
+        let Some(items) = args.get("items") else { return };
         let ty = &items.expr.ty;
         let fine = ty.is_unknown()
             || match (ty, item_of(ty)) {
@@ -232,7 +325,8 @@ impl Checker<'_> {
     }
 
     /// The last axis, of coordinates, has so many numbers.
-    fn check_last(&mut self, argument: &Typed, wanted: usize, message: &str) {
+    fn check_last(&mut self, argument: Option<&Typed>, wanted: usize, message: &str) {
+        let Some(argument) = argument else { return };
         let found = match &argument.expr.ty {
             Ty::Num(shape) => shape.last().copied().unwrap_or(Some(1)),
             Ty::Image { channels, .. } => *channels,
@@ -246,14 +340,14 @@ impl Checker<'_> {
         }
     }
 
-    fn check_axis(&mut self, name: &str, signature: &Signature, found: &[Option<Typed>]) {
+    fn check_axis(&mut self, name: &str, args: Arguments) {
         // Of `rotate` it is a vector, of `flip` a word.
         let counts = |p: &super::modules::SigParam| p.name == "axis" && p.sig.accepts(&Ty::SCALAR, None);
-        if !signature.params.iter().any(counts) {
+        if !args.signature.params.iter().any(counts) {
             return;
         }
-        let (Some(axis), Some(Some(of))) = (argument(signature, found, "axis"), found.first()) else { return };
-        if let ("min" | "max", Some(Some(second))) = (name, found.get(1)) {
+        let (Some(axis), Some(of)) = (args.get("axis"), args.first()) else { return };
+        if let ("min" | "max", Some(second)) = (name, args.get("b")) {
             self.diagnostics.push(
                 Diagnostic::error(
                     "dscene::call::unknown_argument",
@@ -286,10 +380,9 @@ impl Checker<'_> {
     }
 
     /// A rotation is made from one thing.
-    fn check_rotation(&mut self, signature: &Signature, found: &[Option<Typed>]) {
+    fn check_rotation(&mut self, args: Arguments) {
         let ways = ["angle", "matrix", "quaternion", "six"];
-        let given: Vec<(&str, &Typed)> =
-            ways.into_iter().filter_map(|name| Some((name, argument(signature, found, name)?))).collect();
+        let given: Vec<(&str, &Typed)> = ways.into_iter().filter_map(|name| Some((name, args.get(name)?))).collect();
         match given[..] {
             [(one, first), (two, second), ..] => self.diagnostics.push(
                 Diagnostic::error(
@@ -301,7 +394,7 @@ impl Checker<'_> {
                 .help("leave one of them out; `a @ b` is first `b`, then `a`"),
             ),
             [] => {
-                if let Some(axis) = argument(signature, found, "axis") {
+                if let Some(axis) = args.get("axis") {
                     self.diagnostics.push(
                         Diagnostic::error("dscene::call::missing", "an axis without an angle")
                             .label(axis.expr.span, "turns by nothing")
@@ -314,7 +407,10 @@ impl Checker<'_> {
     }
 
     /// A mask goes with what it chooses from, and only numbers are chosen one by one.
-    fn check_where(&mut self, condition: &Typed, yes: &Typed, no: &Typed) {
+    fn check_where(&mut self, args: Arguments) {
+        let (Some(condition), Some(yes), Some(no)) = (args.get("condition"), args.get("yes"), args.get("no")) else {
+            return;
+        };
         let (mask, a, b) = (&condition.expr.ty, &yes.expr.ty, &no.expr.ty);
         if *mask == Ty::Bool || mask.is_unknown() || a.is_unknown() || b.is_unknown() {
             return;

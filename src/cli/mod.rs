@@ -7,6 +7,7 @@ mod grad;
 mod load;
 pub mod out;
 mod render;
+mod repl;
 mod run;
 mod world;
 
@@ -84,7 +85,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Render(args) => render::run(&args),
         Command::Grad(args) => grad::run(&args),
         Command::Eval(args) => eval::run(&args),
-        Command::Repl(args) => crate::repl::run(&args),
+        Command::Repl(args) => repl::run(&args),
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::check::hir::{Call, Callee, DeclId, DeclKind, Expr, FnDecl, Lambda, LocalId, NativeDecl};
+use crate::check::hir::{Call, Callee, DeclId, DeclKind, Expr, FnDecl, Lambda, LocalId, NativeDecl, Rendering};
 use crate::diag::Diagnostic;
 use crate::memory;
 use crate::natives::{
@@ -83,8 +83,8 @@ impl Engine {
         span: Span,
     ) -> Result<Value> {
         self.check_interrupt(span)?;
-        if let Some((_, output)) = natives::RENDERING.iter().find(|(name, _)| *name == native.name) {
-            return self.render(native, *output, values, given, spans, span);
+        if let Some(rendering) = Rendering::named(&native.name) {
+            return self.render(native, rendering, values, given, spans, span);
         }
         if native.name == natives::PROJECT {
             return self.project(values, spans, span);
@@ -163,7 +163,7 @@ impl Engine {
             let value = match (args.next().flatten(), &p.default) {
                 (Some(value), _) => value,
                 (None, Some(default)) => self.expr(default)?,
-                (None, None) => return Err(error::value(format!("the argument `{}` is missing", p.name), span)),
+                (None, None) => return Err(error::kind(format!("the argument `{}` is missing", p.name), span)),
             };
             let value = match (&value, &p.spread) {
                 (Value::Num(x), Some(shape)) if x.shape().is_empty() => {
@@ -188,13 +188,13 @@ impl Engine {
                 match &program.decl(*id).kind {
                     DeclKind::Fn(f) => {
                         if args.len() > f.params.len() {
-                            return Err(error::value(format!("{} arguments for {}", args.len(), f.params.len()), span));
+                            return Err(error::kind(format!("{} arguments for {}", args.len(), f.params.len()), span));
                         }
                         self.language_function(f, args.into_iter().map(Some).collect(), span)
                     }
                     DeclKind::Native(native) => {
                         if args.len() > native.params.len() {
-                            return Err(error::value(
+                            return Err(error::kind(
                                 format!("{} arguments for {}", args.len(), native.params.len()),
                                 span,
                             ));
@@ -205,13 +205,13 @@ impl Engine {
                         let spans = vec![Some(span); values.len()];
                         self.native(native, &values, &given, &spans, span)
                     }
-                    _ => Err(error::value("this is not a function", f_span)),
+                    _ => Err(error::kind("this is not a function", f_span)),
                 }
             }
             Some(Closure::Lambda { lambda, captured }) => {
                 if lambda.params.len() != args.len() {
                     let message = format!("{} arguments for a function of {}", args.len(), lambda.params.len());
-                    return Err(error::value(message, span));
+                    return Err(error::kind(message, span));
                 }
                 let saved = (self.base, self.locals.len(), self.path);
                 self.base = saved.1;
@@ -223,7 +223,7 @@ impl Engine {
                 (self.base, self.path) = (saved.0, saved.2);
                 result
             }
-            None => Err(error::value(format!("{} cannot be called", f.kind()), f_span)),
+            None => Err(error::kind(format!("{} cannot be called", f.kind()), f_span)),
         }
     }
 }

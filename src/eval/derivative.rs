@@ -3,7 +3,6 @@
 use std::sync::Arc;
 
 use crate::check::hir::{DeclId, DeclKind, Derivative, DerivativeKind, Expr, Target};
-use crate::check::types::Ty;
 use crate::diag::Diagnostic;
 use crate::grad::MAX_DIRECTIONS;
 use crate::natives::{
@@ -220,7 +219,7 @@ impl Engine {
                     return Err(error::gradient("`fd` needs one param", e.span));
                 };
                 let result = self.differences(&d.of, target, step, *span)?;
-                Ok(like(&d.of.ty, result))
+                Ok(slope(&self.target_value(target, *span)?, result))
             }
             DerivativeKind::Estimate => self.estimate(d),
         }
@@ -250,7 +249,8 @@ impl Engine {
                     None => Tensor::zeros(gradient.shape()),
                 };
                 let name = self.target_name(target);
-                entries.push(GradientEntry { name, value, gradient, std_error: None });
+                let is_angle = self.program.decl(target.decl).ty.is_angle();
+                entries.push(GradientEntry { name, value, gradient, is_angle, std_error: None });
             }
             return Ok(Value::Gradients(Arc::new(entries)));
         }
@@ -261,7 +261,10 @@ impl Engine {
             let message = format!("the derivative with respect to `{name}` is not finite (element {k})");
             return Err(error::gradient(message, e.span));
         }
-        let grads: Vec<Value> = found.into_iter().map(Value::Num).collect();
+        let mut grads = Vec::with_capacity(found.len());
+        for (gradient, (target, span)) in found.into_iter().zip(&d.wrt) {
+            grads.push(slope(&self.target_value(target, *span)?, gradient));
+        }
         Ok(match <[Value; 1]>::try_from(grads) {
             Ok([one]) => one,
             Err(several) => Value::list(several),
@@ -411,19 +414,21 @@ impl Engine {
         self.frames.push(Deps::default());
         let first = self.numbers(&d.of);
         let deps = self.frames.pop().unwrap_or_default();
-        let (_, first) = first?;
+        let (value, first) = first?;
         let saved = self.sample_seed;
         let result = self.repeated(&d.of, repeats, !deps.sample, &first);
+        let is_image = matches!(value, Value::Image(_));
+        let result = result.map(|(mean, std_error)| EstimateValue { mean, std_error, repeats, is_image });
         self.set_sample_seed(saved);
         self.depends(|d| {
             d.merge(&deps);
             d.sample = true;
         });
-        result
+        Ok(Value::Estimate(Arc::new(result?)))
     }
 
-    /// `like` depends on what every repetition does.
-    fn repeated(&mut self, of: &Expr, repeats: usize, fresh: bool, like: &Var) -> Result<Value> {
+    /// Mean and standard error; `like` depends on what every repetition does.
+    fn repeated(&mut self, of: &Expr, repeats: usize, fresh: bool, like: &Var) -> Result<(Var, Var)> {
         let seed = self.sample_seed;
         // Welford's running mean and sum of squared deviations.
         let mut mean: Option<Tensor> = None;
@@ -446,8 +451,7 @@ impl Engine {
         let std_error = squares.map(|s| (s / (n * (n - 1.0))).sqrt());
         let mean = mean.unwrap_or_else(|| Tensor::scalar(f64::NAN));
         let measured = |x: Tensor| Var::measured("estimate", vec![like.clone()], x);
-        let (mean, std_error) = (measured(mean), measured(std_error));
-        Ok(Value::Estimate(Arc::new(EstimateValue { mean, std_error, repeats })))
+        Ok((measured(mean), measured(std_error)))
     }
 }
 
@@ -484,6 +488,10 @@ fn columns(rows: &[Tensor], value: &[usize], param: &[usize]) -> Tensor {
     Tensor { shape: value.iter().chain(param).copied().collect(), data }
 }
 
-fn like(ty: &Ty, v: Var) -> Value {
-    if matches!(ty, Ty::Image { .. }) && v.shape().len() == 3 { Value::Image(v) } else { Value::Num(v) }
+/// A derivative in every number of a value: of an image or a texture it is an image.
+fn slope(of: &Value, v: Var) -> Value {
+    match of {
+        Value::Image(_) | Value::Texture(_) => Value::Image(v),
+        _ => Value::Num(v),
+    }
 }

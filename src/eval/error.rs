@@ -11,11 +11,20 @@ pub const INTERRUPTED: &str = "dscene::run::interrupted";
 /// The code of a comparison or condition with a NaN in it.
 pub const NOT_A_NUMBER: &str = "dscene::run::nan";
 
+/// The code of an operation on a value of a kind that it does not take.
+const KIND: &str = "dscene::run::type";
+
 /// The code of an evaluation that needs more memory than there is.
 const MEMORY: &str = "dscene::run::memory";
 
 pub(super) fn value(message: impl Into<String>, span: Span) -> Diagnostic {
     failure("dscene::run::value", message.into(), span, "here")
+}
+
+/// A value of another kind than the operation takes. Where a program was checked this is met only behind what is not known before
+/// it runs, for instance what a data file holds.
+pub(super) fn kind(message: impl Into<String>, span: Span) -> Diagnostic {
+    Diagnostic::error(KIND, message).label(span, "here")
 }
 
 pub(super) fn shape(message: impl Into<String>, span: Span) -> Diagnostic {
@@ -90,6 +99,7 @@ pub(super) fn internal(message: impl Into<String>, span: Span) -> Diagnostic {
 pub(super) fn native(e: &NativeError, call: Span, args: &[Option<Span>], name: &str) -> Diagnostic {
     let diagnostic = match Shortage::help(&e.message) {
         Some(help) => Diagnostic::error(MEMORY, e.message.clone()).help(help),
+        None if e.of_kind => Diagnostic::error(KIND, e.message.clone()),
         None => Diagnostic::error("dscene::run::value", e.message.clone()),
     };
     at_argument(diagnostic, e, call, args, name)

@@ -32,7 +32,7 @@ impl Engine {
             ExprKind::Array(items) => self.array(items),
             ExprKind::Index { base, index } => self.index(base, index),
             ExprKind::Slice { base, start, end, inclusive } => {
-                self.slice(base, start.as_deref(), end.as_deref(), *inclusive, e.span)
+                self.slice(base, start.as_deref(), end.as_deref(), *inclusive, e)
             }
             ExprKind::Field { base, name } => self.field(base, name, e.span),
             ExprKind::Unary { op, operand } => self.unary(*op, operand),
@@ -114,7 +114,7 @@ impl Engine {
         match value.number() {
             Some(x) if x.fract() == 0.0 && x.abs() < 1e15 => Ok(x as i64),
             Some(x) => Err(error::value(format!("an index is a whole number, this is {x}"), span)),
-            None => Err(error::value(format!("an index is a whole number, this is {}", value.kind()), span)),
+            None => Err(error::kind(format!("an index is a whole number, this is {}", value.kind()), span)),
         }
     }
 
@@ -148,7 +148,7 @@ impl Engine {
             Value::Num(v) | Value::Image(v) | Value::Rotation(v) | Value::Transform(v) => {
                 v.slice(&[Slice::At(i)]).map(Value::Num).map_err(out)
             }
-            other => Err(error::value(format!("{} has no elements", other.kind()), base.span)),
+            other => Err(error::kind(format!("{} has no elements", other.kind()), base.span)),
         }
     }
 
@@ -158,8 +158,9 @@ impl Engine {
         start: Option<&Expr>,
         end: Option<&Expr>,
         inclusive: bool,
-        span: Span,
+        e: &Expr,
     ) -> Result<Value> {
+        let span = e.span;
         let value = self.expr(base)?;
         let mut bound = |e: Option<&Expr>| -> Result<Option<i64>> {
             let Some(e) = e else { return Ok(None) };
@@ -170,7 +171,7 @@ impl Engine {
         let n = match &value {
             Value::List(items) => items.len(),
             Value::Num(v) | Value::Image(v) => v.shape().first().copied().unwrap_or(0),
-            other => return Err(error::value(format!("{} cannot be sliced", other.kind()), base.span)),
+            other => return Err(error::kind(format!("{} cannot be sliced", other.kind()), base.span)),
         } as i64;
         let wrap = |i: i64| if i < 0 { i + n } else { i };
         let first = wrap(start.unwrap_or(0));
@@ -183,13 +184,17 @@ impl Engine {
             return Err(error::index(format!("{first}..{last} is out of range for {n} items"), span));
         }
         match value {
-            Value::List(items) => Ok(Value::list(items[first as usize..last as usize].to_vec())),
+            Value::List(items) => {
+                let some = items[first as usize..last as usize].to_vec();
+                // What a list of rows has lost may be an array again.
+                Ok(if matches!(e.ty, Ty::Num(_)) { Value::array(some) } else { Value::list(some) })
+            }
             Value::Image(v) => {
                 v.slice(&[Slice::Range(first, last)]).map(Value::Image).map_err(|e| error::index(e.0, span))
             }
             other => match other.var() {
                 Some(v) => v.slice(&[Slice::Range(first, last)]).map(Value::Num).map_err(|e| error::index(e.0, span)),
-                None => Err(error::value("this cannot be sliced", base.span)),
+                None => Err(error::kind("this cannot be sliced", base.span)),
             },
         }
     }
@@ -216,7 +221,7 @@ impl Engine {
                 memory::ask_for::<f64>(v.len()).map_err(|e| error::memory(e, operand.span))?;
                 Ok(value.with_var(v.neg()))
             }
-            (_, other) => Err(error::value(format!("{} has no such operation", other.kind()), operand.span)),
+            (_, other) => Err(error::kind(format!("{} has no such operation", other.kind()), operand.span)),
         }
     }
 
@@ -260,13 +265,13 @@ impl Engine {
         match chosen {
             Value::Bool(c) => self.expr(if c { then } else { otherwise }),
             Value::Num(mask) | Value::Image(mask) if !mask.shape().is_empty() => {
-                Err(error::value("a condition is true or false, this is a mask", condition.span).help(
+                Err(error::kind("a condition is true or false, this is a mask", condition.span).help(
                     "ask for all elements or for any: `all(…)`, `any(…)`; `where(mask, a, b)` chooses one by one",
                 ))
             }
             Value::Num(c) => self.expr(if c.item() != Some(0.0) { then } else { otherwise }),
             other => {
-                Err(error::value(format!("a condition is true or false, this is {}", other.kind()), condition.span))
+                Err(error::kind(format!("a condition is true or false, this is {}", other.kind()), condition.span))
             }
         }
     }
@@ -274,7 +279,7 @@ impl Engine {
     fn range(&mut self, start: &Expr, end: &Expr, inclusive: bool, span: Span) -> Result<Value> {
         let (first, last) = (self.expr(start)?, self.expr(end)?);
         let (Some(a), Some(b)) = (first.number(), last.number()) else {
-            return Err(error::value("a range goes from a number to a number", span));
+            return Err(error::kind("a range goes from a number to a number", span));
         };
         let b = if inclusive { b + 1.0 } else { b };
         let count = (b - a).ceil().max(0.0);
@@ -312,7 +317,7 @@ impl Engine {
             memory::ask(bytes).map_err(|e| error::memory(e, clause.items.span))?;
         }
         let Some(items) = items.items() else {
-            return Err(error::value(format!("{} has no items to go through", items.kind()), clause.items.span));
+            return Err(error::kind(format!("{} has no items to go through", items.kind()), clause.items.span));
         };
         let path = self.path;
         for (i, item) in items.into_iter().enumerate() {
@@ -324,7 +329,7 @@ impl Engine {
                 several => {
                     let parts = item.items().filter(|p| p.len() == several.len()).ok_or_else(|| {
                         let message = format!("an item of {} does not have {} parts", item.kind(), several.len());
-                        error::value(message, clause.items.span)
+                        error::kind(message, clause.items.span)
                     })?;
                     self.locals.extend(several.iter().copied().zip(parts));
                 }

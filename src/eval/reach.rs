@@ -3,8 +3,7 @@
 use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::check::hir::{Callee, DeclId, DeclKind, Expr, ExprKind, FnDecl, Program, StrPart};
-use crate::natives;
+use crate::check::hir::{Callee, DeclId, DeclKind, Expr, ExprKind, FnDecl, Program, Rendering, StrPart};
 
 /// Which declarations mention which, and what follows: every declaration reaches itself. What reaches a declaration is looked
 /// for when it is first asked, and kept.
@@ -66,7 +65,7 @@ impl Reach {
 
 fn is_rendering(program: &Program, id: DeclId) -> bool {
     let decl = program.decl(id);
-    matches!(decl.kind, DeclKind::Native(_)) && natives::RENDERING.iter().any(|(name, _)| *name == decl.name)
+    matches!(decl.kind, DeclKind::Native(_)) && Rendering::named(&decl.name).is_some()
 }
 
 fn direct(program: &Program, id: DeclId) -> Vec<u32> {

@@ -3,14 +3,14 @@
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use crate::check::hir::NativeDecl;
+use crate::check::hir::{NativeDecl, Rendering};
 use crate::diag::Diagnostic;
 use crate::grad::{self, Direction, GuideCache, Output, SceneError, Settings};
 use crate::image::Image;
 use crate::memory;
 use crate::natives::{
     add_to_scene,
-    value::{SceneValue, Value},
+    value::{SceneValue, SettingsValue, Value},
 };
 use crate::render::{Camera, Slot};
 use crate::source::Span;
@@ -116,108 +116,128 @@ impl CustomOp for RenderOp {
     }
 }
 
+/// A call that renders: its arguments, and behind those that it leaves out the settings of the file's `integrator`.
+struct RenderCall<'a> {
+    native: &'a NativeDecl,
+    values: &'a [Value],
+    given: &'a [bool],
+    spans: &'a [Option<Span>],
+    span: Span,
+    defaults: Option<Arc<SettingsValue>>,
+}
+
+impl RenderCall<'_> {
+    fn place(&self, name: &str) -> Option<usize> {
+        self.native.params.iter().position(|p| p.name == name)
+    }
+
+    /// Where an argument stands, or else the call.
+    fn at(&self, name: &str) -> Span {
+        self.place(name).and_then(|i| self.spans.get(i).copied().flatten()).unwrap_or(self.span)
+    }
+
+    fn argument(&self, name: &str) -> Option<&Value> {
+        self.place(name).and_then(|i| self.values.get(i)).filter(|v| !matches!(v, Value::None))
+    }
+
+    fn setting(&self, name: &str) -> Option<Value> {
+        let is_given = self.place(name).is_some_and(|i| self.given.get(i) == Some(&true));
+        let default = self.defaults.as_ref().filter(|_| !is_given).and_then(|d| d.field(name).cloned());
+        default.or_else(|| self.argument(name).cloned())
+    }
+
+    fn count(&self, name: &str, or: u32, least: u32) -> Result<u32> {
+        let Some(v) = self.setting(name) else { return Ok(or) };
+        match v.number() {
+            Some(x) if x.fract() == 0.0 && x >= f64::from(least) && x <= 1e9 => Ok(x as u32),
+            Some(x) => Err(error::value(
+                format!("`{name}` must be a whole number of at least {least}, this is {x}"),
+                self.at(name),
+            )),
+            None => Err(error::value(format!("`{name}` must be a whole number"), self.at(name))),
+        }
+    }
+
+    /// The settings, with the seed that the call itself asks for.
+    fn settings(&self, rendering: Rendering) -> Result<(Settings, Option<f64>)> {
+        let settings = Settings {
+            output: output(rendering),
+            spp: self.count("spp", 16, 1)?,
+            max_bounces: self.count("max_bounces", 8, 0)?,
+            boundary: !matches!(self.setting("boundary"), Some(Value::Bool(false))),
+            ..Settings::default()
+        };
+        Ok((settings, self.setting("seed").and_then(|v| v.number())))
+    }
+}
+
+/// What the renderer is asked for.
+fn output(rendering: Rendering) -> Output {
+    match rendering {
+        Rendering::Radiance => Output::Radiance,
+        Rendering::Depth => Output::Depth,
+        Rendering::Alpha => Output::Alpha,
+        Rendering::Position => Output::Position,
+        Rendering::Normal => Output::Normal,
+        Rendering::GeometricNormal => Output::GeometricNormal,
+        Rendering::Albedo => Output::Albedo,
+        Rendering::Uv => Output::Uv,
+        Rendering::ShapeIndex => Output::ShapeIndex,
+    }
+}
+
 impl Engine {
     /// `render(camera, scene, spp, …)` and its kin.
     pub(super) fn render(
         &mut self,
         native: &NativeDecl,
-        output: Output,
+        rendering: Rendering,
         values: &[Value],
         given: &[bool],
         spans: &[Option<Span>],
         span: Span,
     ) -> Result<Value> {
         self.check_interrupt(span)?;
-        let place = |name: &str| native.params.iter().position(|p| p.name == name);
-        let is_given = |name: &str| place(name).is_some_and(|i| given.get(i) == Some(&true));
-        let at = |name: &str| place(name).and_then(|i| spans.get(i).copied().flatten()).unwrap_or(span);
-        let argument = |name: &str| place(name).and_then(|i| values.get(i)).filter(|v| !matches!(v, Value::None));
-
-        // Defaults come from the file's integrator.
-        let program = self.shared();
-        let defaults = match program.integrator {
+        let defaults = match self.shared().integrator {
             Some(id) => match self.decl(id)? {
                 Value::Settings(s) => Some(s),
                 _ => None,
             },
             None => None,
         };
-        let setting = |name: &str| {
-            let default = defaults.as_ref().filter(|_| !is_given(name)).and_then(|d| d.field(name).cloned());
-            default.or_else(|| argument(name).cloned())
-        };
-        let count = |name: &str, or: u32, least: u32| -> Result<u32> {
-            let Some(v) = setting(name) else { return Ok(or) };
-            match v.number() {
-                Some(x) if x.fract() == 0.0 && x >= f64::from(least) && x <= 1e9 => Ok(x as u32),
-                Some(x) => Err(error::value(
-                    format!("`{name}` must be a whole number of at least {least}, this is {x}"),
-                    at(name),
-                )),
-                None => Err(error::value(format!("`{name}` must be a whole number"), at(name))),
-            }
-        };
-        let spp = count("spp", 16, 1)?;
-        let max_bounces = count("max_bounces", 8, 0)?;
-        let boundary = !matches!(setting("boundary"), Some(Value::Bool(false)));
-        let own_seed = setting("seed").and_then(|v| v.number());
+        let call = RenderCall { native, values, given, spans, span, defaults };
+        let (mut settings, own_seed) = call.settings(rendering)?;
 
         self.depends(|d| d.settings = true);
-        let overrides = self.overrides;
-        let Some(Value::Camera(camera_value)) = argument("camera") else {
-            return Err(error::value("the first argument must be a camera", at("camera")));
+        let Some(Value::Camera(camera_value)) = call.argument("camera") else {
+            return Err(error::kind("the first argument must be a camera", call.at("camera")));
         };
         let camera = lower::lower_camera(camera_value)
-            .map_err(|e| self.scene_error(e, &SceneValue::default(), &[], at("camera")))?;
-
-        let (scene, origins) = match argument("scene") {
+            .map_err(|e| self.scene_error(e, &SceneValue::default(), &[], call.at("camera")))?;
+        let (scene, origins) = match call.argument("scene") {
             Some(Value::Scene(s)) => ((**s).clone(), vec![]),
-            Some(_) => return Err(error::value("`scene` must be a scene", at("scene"))),
+            Some(_) => return Err(error::kind("`scene` must be a scene", call.at("scene"))),
             None => self.default_scene(span)?,
         };
-        let lowered = match self.scenes.get(&scene) {
-            Some(lowered) => lowered,
-            None => {
-                self.statistics.scenes += 1;
-                let before = self.scenes.before(&scene);
-                let lowered = lower::lower_scene(&scene, before.as_deref())
-                    .map_err(|e| self.scene_error(e, &scene, &origins, span))?;
-                let lowered = Arc::new(lowered);
-                self.scenes.insert(scene.clone(), lowered.clone());
-                lowered
-            }
-        };
+        let lowered = self.lowered(&scene, &origins, span)?;
 
         // Sums and weights of the pixels, the image, and its numbers as a value.
         let film = camera_value.film().map_or(0, |(w, h)| w.saturating_mul(h));
-        memory::ask((film as u64).saturating_mul(64)).map_err(|e| error::memory(e, at("camera")))?;
+        memory::ask((film as u64).saturating_mul(64)).map_err(|e| error::memory(e, call.at("camera")))?;
 
         let seen_by = camera.relative_to(lowered.scene.description.origin);
         let (slots, inputs): (Vec<Slot>, Vec<Var>) = lowered.slots.iter().chain(&camera.slots).cloned().unzip();
         let is_live = !slots.is_empty();
-        // What params reach is seen with fresh samples at every step; the rest is rendered once.
-        let varies = is_live || self.is_fresh();
-        let mut seed = mix(self.options.seed, own_seed.map_or(0, |s| s.to_bits()));
-        if own_seed.is_none() {
-            seed = mix(mix(mix(seed, self.path), u64::from(span.start)), u64::from(span.source.0));
-        }
-        if varies {
-            self.depends(|d| d.sample = true);
-            seed = mix(mix(seed, self.sample_seed), self.step);
-        }
-        let settings = Settings {
-            output,
-            spp: overrides.spp.filter(|_| is_live).unwrap_or(spp),
-            max_bounces: overrides.max_bounces.unwrap_or(max_bounces),
-            seed,
-            boundary,
-        };
+        settings.seed = self.render_seed(own_seed, is_live, span);
+        settings.spp = self.overrides.spp.filter(|_| is_live).unwrap_or(settings.spp);
+        settings.max_bounces = self.overrides.max_bounces.unwrap_or(settings.max_bounces);
+
         self.statistics.renders += 1;
         let stop = self.options.interrupt.clone().unwrap_or_default();
-        let mut image = grad::render_until(&lowered.scene, &seen_by, &settings, &stop)
-            .map_err(|e| self.scene_error(LowerError::Scene(e), &scene, &origins, span))?;
+        let failed = |engine: &Engine, e| engine.scene_error(LowerError::Scene(e), &scene, &origins, span);
+        let mut image = grad::render_until(&lowered.scene, &seen_by, &settings, &stop).map_err(|e| failed(self, e))?;
         self.check_interrupt(span)?;
-        if output == Output::Radiance && image.data.iter().all(|x| *x == 0.0) {
+        if settings.output == Output::Radiance && image.data.iter().all(|x| *x == 0.0) {
             let why = dark::reason(&lowered.scene, &seen_by);
             self.warnings.say(span, "black", || black(why, &scene, &origins, span));
         }
@@ -226,10 +246,10 @@ impl Engine {
             let standing = camera.slots.is_empty().then_some(camera.camera);
             let site = history.site(span, self.path, standing);
             guides = Some(site.guides.clone());
-            if overrides.control_variates {
+            if self.overrides.control_variates {
                 self.statistics.renders += u64::from(site.goes_on());
                 let next = site.next(image, &lowered, seen_by, &settings, &stop);
-                image = next.map_err(|e| self.scene_error(LowerError::Scene(e), &scene, &origins, span))?;
+                image = next.map_err(|e| failed(self, e))?;
                 self.check_interrupt(span)?;
             }
         }
@@ -237,6 +257,33 @@ impl Engine {
         let warnings = self.warnings.clone();
         let op = RenderOp { scene: lowered, camera: seen_by, settings, slots, guides, stop, span, warnings };
         Ok(Value::Image(Var::custom(Arc::new(op), inputs, value)))
+    }
+
+    /// The scene with its ray tree; what was built before is used again.
+    fn lowered(&mut self, scene: &SceneValue, origins: &[Origin], span: Span) -> Result<Arc<Lowered>> {
+        if let Some(lowered) = self.scenes.get(scene) {
+            return Ok(lowered);
+        }
+        self.statistics.scenes += 1;
+        let before = self.scenes.before(scene);
+        let lowered =
+            lower::lower_scene(scene, before.as_deref()).map_err(|e| self.scene_error(e, scene, origins, span))?;
+        let lowered = Arc::new(lowered);
+        self.scenes.insert(scene.clone(), lowered.clone());
+        Ok(lowered)
+    }
+
+    /// The seed of a render at this place. What params reach is seen with fresh samples at every step; the rest is rendered once.
+    fn render_seed(&mut self, own_seed: Option<f64>, is_live: bool, span: Span) -> u64 {
+        let mut seed = mix(self.options.seed, own_seed.map_or(0, |s| s.to_bits()));
+        if own_seed.is_none() {
+            seed = mix(mix(mix(seed, self.path), u64::from(span.start)), u64::from(span.source.0));
+        }
+        if is_live || self.is_fresh() {
+            self.depends(|d| d.sample = true);
+            seed = mix(mix(seed, self.sample_seed), self.step);
+        }
+        seed
     }
 
     /// The shapes and lights that the file declares, with the places of their declarations.

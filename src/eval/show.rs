@@ -3,7 +3,7 @@
 use serde_json::{Map, Value as Json, json};
 
 use crate::check::types::Ty;
-use crate::natives::value::{DeltaLightValue, Input, LightValue, Value};
+use crate::natives::value::{DeltaLightValue, GradientEntry, Input, LightValue, MaterialValue, MeshValue, Value};
 use crate::natives::{field, fields_of};
 use crate::tape::{Tensor, Var};
 
@@ -113,30 +113,8 @@ fn brief_within(value: &Value, ty: &Ty, depth: usize) -> String {
             let [h, w, c] = t.texels.shape() else { return "texture".into() };
             format!("texture {w}×{h}, {c} channel{}", if *c == 1 { "" } else { "s" })
         }
-        Value::Mesh(m) => {
-            let count = |n: usize, one: &str, many: &str| format!("{n} {}", if n == 1 { one } else { many });
-            let vertices = count(m.vertices.shape()[0], "vertex", "vertices");
-            let mut text = format!("mesh of {vertices} and {}", count(m.faces.len(), "face", "faces"));
-            let extras: Vec<&str> = [("normals", &m.normals), ("uvs", &m.uvs), ("colors", &m.colors)]
-                .iter()
-                .filter(|(_, v)| v.is_some())
-                .map(|(n, _)| *n)
-                .collect();
-            if !extras.is_empty() {
-                text.push_str(&format!(", with {}", extras.join(", ")));
-            }
-            text
-        }
-        Value::Material(m) => {
-            let own = m.inputs.iter().filter(|(n, _)| *n != "opacity");
-            let inputs: Vec<String> = own.map(|(n, i)| format!("{n}: {}", input(i))).collect();
-            let inner = format!("{}({})", m.model.name(), inputs.join(", "));
-            let inner = if m.one_sided { format!("one_sided({inner})") } else { inner };
-            match m.input("opacity") {
-                Some(opacity) => format!("mask({inner}, opacity: {})", input(opacity)),
-                None => inner,
-            }
-        }
+        Value::Mesh(m) => mesh(m),
+        Value::Material(m) => material(m),
         Value::Shape(s) => {
             let (mesh, material) = (Value::Mesh(s.mesh.clone()), Value::Material(s.material.clone()));
             format!("shape {{ mesh: {}, material: {} }}", brief(&mesh, &Ty::Mesh), brief(&material, &Ty::Material))
@@ -153,7 +131,7 @@ fn brief_within(value: &Value, ty: &Ty, depth: usize) -> String {
         Value::Scene(s) => format!("scene of {} shapes and {} lights", s.shapes.len(), s.lights.len()),
         Value::Settings(s) => {
             let fields: Vec<String> = s.fields.iter().map(|(n, v)| format!("{n}: {}", brief(v, &Ty::Any))).collect();
-            format!("{}({})", s.name, fields.join(", "))
+            format!("{}({})", s.kind.name(), fields.join(", "))
         }
         Value::Estimate(e) if e.mean.len() <= SHOWN => {
             let pairs = numbers(e.mean.value(), &number_text);
@@ -163,10 +141,7 @@ fn brief_within(value: &Value, ty: &Ty, depth: usize) -> String {
             format!("estimate {} over {} repeats ({})", sizes(e.mean.shape()), e.repeats, spread(e.mean.value()))
         }
         Value::Gradients(all) => {
-            let lines: Vec<String> = all
-                .iter()
-                .map(|g| format!("{}: {}", g.name, brief(&Value::Num(g.gradient.clone()), &Ty::Any)))
-                .collect();
+            let lines: Vec<String> = all.iter().map(|g| format!("{}: {}", g.name, slope(g))).collect();
             format!("{{ {} }}", lines.join(", "))
         }
         Value::Record(_) if depth >= DEEPEST => "{ … }".into(),
@@ -182,6 +157,38 @@ fn brief_within(value: &Value, ty: &Ty, depth: usize) -> String {
             Ty::Fn(..) => format!("function {ty}"),
             _ => "function".into(),
         },
+    }
+}
+
+/// A derivative, with its unit if what it is in has one.
+fn slope(g: &GradientEntry) -> String {
+    let per = if g.is_angle { " per radian" } else { "" };
+    format!("{}{per}", brief(&Value::Num(g.gradient.clone()), &Ty::Any))
+}
+
+fn mesh(m: &MeshValue) -> String {
+    let count = |n: usize, one: &str, many: &str| format!("{n} {}", if n == 1 { one } else { many });
+    let vertices = count(m.vertices.shape()[0], "vertex", "vertices");
+    let mut text = format!("mesh of {vertices} and {}", count(m.faces.len(), "face", "faces"));
+    let extras: Vec<&str> = [("normals", &m.normals), ("uvs", &m.uvs), ("colors", &m.colors)]
+        .iter()
+        .filter(|(_, v)| v.is_some())
+        .map(|(n, _)| *n)
+        .collect();
+    if !extras.is_empty() {
+        text.push_str(&format!(", with {}", extras.join(", ")));
+    }
+    text
+}
+
+fn material(m: &MaterialValue) -> String {
+    let own = m.inputs.iter().filter(|(n, _)| *n != "opacity");
+    let inputs: Vec<String> = own.map(|(n, i)| format!("{n}: {}", input(i))).collect();
+    let inner = format!("{}({})", m.model.name(), inputs.join(", "));
+    let inner = if m.one_sided { format!("one_sided({inner})") } else { inner };
+    match m.input("opacity") {
+        Some(opacity) => format!("mask({inner}, opacity: {})", input(opacity)),
+        None => inner,
     }
 }
 
@@ -201,9 +208,7 @@ pub fn show(value: &Value, ty: &Ty) -> String {
         }
         Value::Gradients(all) => {
             let width = all.iter().map(|g| g.name.chars().count()).max().unwrap_or(0);
-            let line = |g: &crate::natives::value::GradientEntry| {
-                format!("{:width$}  {}", g.name, brief(&Value::Num(g.gradient.clone()), &Ty::Any))
-            };
+            let line = |g: &GradientEntry| format!("{:width$}  {}", g.name, slope(g));
             all.iter().map(line).collect::<Vec<_>>().join("\n")
         }
         other => brief(other, ty),
@@ -309,7 +314,7 @@ pub fn to_json(value: &Value) -> Json {
         other => {
             let mut map = Map::new();
             if let Value::Settings(s) = other {
-                map.insert("kind".into(), json!(s.name));
+                map.insert("kind".into(), json!(s.kind.name()));
             }
             if let Value::Material(m) = other {
                 map.insert("kind".into(), json!(m.model.name()));

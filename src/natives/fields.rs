@@ -6,7 +6,8 @@ use crate::tape::{Tensor, Var};
 
 use super::scene::rotation_of;
 use super::value::{
-    CameraValue, Input, LightValue, MaterialValue, MeshValue, SettingsValue, ShapeValue, TextureValue, Value,
+    CameraValue, Input, LightValue, MaterialValue, MeshValue, SettingsKind, SettingsValue, ShapeValue, TextureValue,
+    Value,
 };
 use super::{NativeError, Result};
 
@@ -53,11 +54,14 @@ pub fn field(value: &Value, name: &str) -> Option<Value> {
         // Of vertex colours that multiply a texture: what the texture has.
         Value::Settings(s) => s.field(name).cloned().or_else(|| field(s.field("times")?, name)),
         Value::Record(r) => r.iter().find(|(n, _)| n == name).map(|(_, v)| v.clone()),
-        Value::Estimate(e) => match name {
-            "mean" => Some(Value::Num(e.mean.clone())),
-            "std_error" => Some(Value::Num(e.std_error.clone())),
-            _ => None,
-        },
+        Value::Estimate(e) => {
+            let shown = |v: &Var| if e.is_image { Value::Image(v.clone()) } else { Value::Num(v.clone()) };
+            match name {
+                "mean" => Some(shown(&e.mean)),
+                "std_error" => Some(shown(&e.std_error)),
+                _ => None,
+            }
+        }
         Value::Gradients(all) => all.iter().find(|g| g.name == name).map(|g| Value::Num(g.gradient.clone())),
         Value::Rotation(m) | Value::Transform(m) if name == "matrix" => Some(Value::Num(m.clone())),
         _ => None,
@@ -168,10 +172,9 @@ pub fn set_field(value: &Value, path: &[String], new: Value) -> Result<Value> {
             let texture = s.field("times").ok_or_else(refuse)?;
             Ok(vertex_color(Some(set_field(texture, std::slice::from_ref(name), new)?)))
         }
-        Value::Settings(s) => Ok(Value::Settings(Arc::new(SettingsValue {
-            name: s.name.clone(),
-            fields: replaced(&s.fields, name, new),
-        }))),
+        Value::Settings(s) => {
+            Ok(Value::Settings(Arc::new(SettingsValue { kind: s.kind, fields: replaced(&s.fields, name, new) })))
+        }
         _ => Err(refuse()),
     }
 }
@@ -217,7 +220,7 @@ fn input_value(input: &Input) -> Value {
 /// The mesh's vertex colours, multiplied by a texture if there is one: its own kind of input, kept among settings.
 pub(super) fn vertex_color(times: Option<Value>) -> Value {
     let fields = times.map(|t| ("times".to_string(), t)).into_iter().collect();
-    Value::Settings(Arc::new(SettingsValue { name: "vertex_color".into(), fields }))
+    Value::Settings(Arc::new(SettingsValue { kind: SettingsKind::VertexColor, fields }))
 }
 
 pub(super) fn vertex_color_input(s: &SettingsValue) -> Input {
@@ -237,7 +240,7 @@ fn as_input(value: &Value) -> Option<Input> {
             wrap: crate::render::texture::Wrap::Repeat,
             filter: crate::render::texture::Filter::Bilinear,
         }))),
-        Value::Settings(s) if s.name == "vertex_color" => Some(vertex_color_input(s)),
+        Value::Settings(s) if s.kind == SettingsKind::VertexColor => Some(vertex_color_input(s)),
         _ => None,
     }
 }

@@ -26,7 +26,7 @@ use value::{MeshValue, Value};
 
 pub use fields::{field, fields_of, set_field};
 pub use linear::apply;
-pub(crate) use scene::{DISTORTION_HELP, NEEDS_FOCUS, add_to_scene, cone_range, transform_matrix};
+pub(crate) use scene::{NEEDS_FOCUS, add_to_scene, transform_matrix};
 
 /// What went wrong in a native, and which argument is to blame.
 #[derive(Clone, Debug, PartialEq)]
@@ -34,15 +34,17 @@ pub struct NativeError {
     pub arg: Option<usize>,
     pub message: String,
     pub help: Option<String>,
+    /// The argument is of a kind that the native does not take, whatever its value: what checking refuses where types are known.
+    pub of_kind: bool,
 }
 
 impl NativeError {
     pub fn new(message: impl Into<String>) -> NativeError {
-        NativeError { arg: None, message: message.into(), help: None }
+        NativeError { arg: None, message: message.into(), help: None, of_kind: false }
     }
 
     pub fn at(arg: usize, message: impl Into<String>) -> NativeError {
-        NativeError { arg: Some(arg), message: message.into(), help: None }
+        NativeError { arg: Some(arg), ..NativeError::new(message) }
     }
 
     pub fn help(mut self, help: impl Into<String>) -> NativeError {
@@ -113,22 +115,6 @@ pub fn names() -> impl Iterator<Item = &'static str> {
     TABLES.into_iter().flatten().map(|(name, _)| *name)
 }
 
-/// Rendering natives, which the evaluator implements: name and what they give.
-pub const RENDERING: &[(&str, crate::grad::Output)] = {
-    use crate::grad::Output;
-    &[
-        ("render", Output::Radiance),
-        ("depth", Output::Depth),
-        ("alpha", Output::Alpha),
-        ("position", Output::Position),
-        ("normal", Output::Normal),
-        ("geometric_normal", Output::GeometricNormal),
-        ("albedo", Output::Albedo),
-        ("uv", Output::Uv),
-        ("shape_index", Output::ShapeIndex),
-    ]
-};
-
 /// The native that the evaluator implements because cameras become rays there.
 pub const PROJECT: &str = "project";
 
@@ -177,7 +163,7 @@ impl<'a> Args<'a> {
     pub fn wrong(&self, index: usize, expected: &str) -> NativeError {
         let found = self.values.get(index).map_or("nothing", |v| v.kind());
         let name = self.names.get(index).unwrap_or(&"?");
-        NativeError::at(index, format!("`{name}` must be {expected}, this is {found}"))
+        NativeError { of_kind: true, ..NativeError::at(index, format!("`{name}` must be {expected}, this is {found}")) }
     }
 
     /// Anything made of numbers.

@@ -2,13 +2,14 @@
 
 use std::sync::Arc;
 
+use crate::optim::Rule;
 use crate::render::texture::{Filter, Wrap};
 use crate::tape::{Slice, Tensor, Var};
 
 use super::images::read_image;
 use super::value::{
     CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, Model, SceneValue,
-    SettingsValue, ShapeValue, TextureValue, Value,
+    SettingsKind, SettingsValue, ShapeValue, TextureValue, Value,
 };
 use super::{Args, Native, NativeError, Result};
 
@@ -59,25 +60,21 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("scene", scene),
     ("camera", camera),
     ("moving", moving),
-    ("integrator", |a| keep(a, "integrator")),
-    ("sgd", |a| keep(a, "sgd")),
-    ("adam", |a| keep(a, "adam")),
-    ("adam_uniform", |a| keep(a, "adam_uniform")),
-    ("rmsprop", |a| keep(a, "rmsprop")),
-    ("levenberg_marquardt", |a| keep(a, "levenberg_marquardt")),
-    ("gauss_newton", |a| keep(a, "gauss_newton")),
+    ("integrator", |a| keep(a, SettingsKind::Integrator)),
+    ("sgd", |a| keep(a, SettingsKind::Optimizer(Rule::Sgd))),
+    ("adam", |a| keep(a, SettingsKind::Optimizer(Rule::Adam))),
+    ("adam_uniform", |a| keep(a, SettingsKind::Optimizer(Rule::AdamUniform))),
+    ("rmsprop", |a| keep(a, SettingsKind::Optimizer(Rule::RmsProp))),
+    ("levenberg_marquardt", |a| keep(a, SettingsKind::Optimizer(Rule::LevenbergMarquardt))),
+    ("gauss_newton", |a| keep(a, SettingsKind::Optimizer(Rule::GaussNewton))),
 ];
-
-fn settings(name: &str, fields: Vec<(String, Value)>) -> Arc<SettingsValue> {
-    Arc::new(SettingsValue { name: name.to_string(), fields })
-}
 
 /// All arguments by name, the missing ones left out.
 fn fields(a: &Args) -> Vec<(String, Value)> {
     a.names.iter().enumerate().filter_map(|(i, n)| a.get(i).map(|v| (n.to_string(), v.clone()))).collect()
 }
 
-fn keep(a: &Args, name: &str) -> Result<Value> {
+fn keep(a: &Args, kind: SettingsKind) -> Result<Value> {
     for (i, field) in a.names.iter().enumerate() {
         let Some(x) = a.get(i).and_then(Value::number) else { continue };
         let fault = match *field {
@@ -91,7 +88,7 @@ fn keep(a: &Args, name: &str) -> Result<Value> {
             return Err(NativeError::at(i, format!("`{field}` must be {expected}, this is {x}")));
         }
     }
-    Ok(Value::Settings(settings(name, fields(a))))
+    Ok(Value::Settings(Arc::new(SettingsValue { kind, fields: fields(a) })))
 }
 
 // ---- textures ------------------------------------------------------------------------------------------------------
@@ -118,7 +115,7 @@ fn texture(a: &Args) -> Result<Value> {
 }
 
 fn unknown(a: &Args, argument: &str, found: &str, expected: &str) -> NativeError {
-    NativeError { arg: a.index(argument), message: format!("`{argument}` is {expected}, not `{found}`"), help: None }
+    NativeError { arg: a.index(argument), ..NativeError::new(format!("`{argument}` is {expected}, not `{found}`")) }
 }
 
 /// One or three channels; alpha is dropped, grey with alpha too.
@@ -158,7 +155,7 @@ fn input(a: &Args, index: usize, color: bool) -> Result<Input> {
     let texture = |t: &Arc<TextureValue>| Ok(Input::Texture(t.clone()));
     match a.value(index)? {
         Value::Texture(t) => texture(t),
-        Value::Settings(s) if s.name == "vertex_color" => Ok(super::fields::vertex_color_input(s)),
+        Value::Settings(s) if s.kind == SettingsKind::VertexColor => Ok(super::fields::vertex_color_input(s)),
         Value::Image(v) => {
             let texels = usable_channels(v, index)?;
             texture(&Arc::new(TextureValue { texels, wrap: Wrap::Repeat, filter: Filter::Bilinear }))
@@ -309,7 +306,7 @@ fn axis(a: &Args) -> Result<Var> {
 }
 
 /// What a spot light's angles can be.
-pub(crate) fn cone_range(name: &str) -> String {
+fn cone_range(name: &str) -> String {
     let least = if name == "cutoff" { "above 0deg" } else { "at least 0deg" };
     format!("a spot light's `{name}` is {least} and at most 180deg")
 }
@@ -327,17 +324,14 @@ fn spot(a: &Args) -> Result<Value> {
         if !(inside && degrees <= 180.0) {
             let message = format!("{}, this is {}deg", cone_range(name), short(degrees));
             let help = "it is the angle between the light's direction and the edge of its cone";
-            return Err(NativeError { arg: a.index(name), message, help: Some(help.into()) });
+            return Err(NativeError { arg: a.index(name), ..NativeError::new(message).help(help) });
         }
     }
     if beam.value().data >= cutoff.value().data {
         let help =
             "light that ends at a sharp edge has no derivative there: leave `beam` out for three quarters of `cutoff`";
-        return Err(NativeError {
-            arg: a.index("beam"),
-            message: "a spot light's `beam` must be smaller than its `cutoff`".into(),
-            help: Some(help.into()),
-        });
+        let error = NativeError::new("a spot light's `beam` must be smaller than its `cutoff`").help(help);
+        return Err(NativeError { arg: a.index("beam"), ..error });
     }
     let numbers = vec![
         ("position", a.needed_vector("position")?),
@@ -524,7 +518,7 @@ fn distortion(a: &Args, kind: &str) -> Result<()> {
     let v = a.var(i)?;
     if !matches!(v.shape(), [0..=5]) {
         let message = format!("`distortion` is up to five numbers, this is a {}", Tensor::shape_text(v.shape()));
-        return Err(NativeError::at(i, message).help(DISTORTION_HELP));
+        return Err(NativeError::at(i, message).help("they are k1, k2, p1, p2, k3 as OpenCV has them"));
     }
     if !v.value().is_finite() {
         return Err(NativeError::at(i, "coefficients of a distortion must be finite"));
@@ -538,10 +532,6 @@ fn distortion(a: &Args, kind: &str) -> Result<()> {
     }
     Ok(())
 }
-
-/// What a camera's `distortion` is.
-pub(crate) const DISTORTION_HELP: &str =
-    "they are k1, k2, p1, p2, k3 as OpenCV has them: write for instance `distortion: [-0.2, 0.05]`";
 
 /// What [`moving`] says of things that move already.
 pub(super) fn moves_already(a: &Args, i: usize, what: &str) -> NativeError {

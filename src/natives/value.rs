@@ -4,6 +4,7 @@
 use std::any::Any;
 use std::sync::Arc;
 
+use crate::optim::Rule;
 use crate::render::texture::{Filter, Wrap};
 use crate::tape::{Tensor, Var};
 
@@ -195,10 +196,29 @@ pub struct SceneValue {
     pub lights: Vec<Arc<LightValue>>,
 }
 
+/// What settings are of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SettingsKind {
+    Optimizer(Rule),
+    Integrator,
+    /// A mesh's vertex colours, which stand where a texture may.
+    VertexColor,
+}
+
+impl SettingsKind {
+    /// The constructor's name.
+    pub fn name(self) -> &'static str {
+        match self {
+            SettingsKind::Optimizer(rule) => rule.name(),
+            SettingsKind::Integrator => "integrator",
+            SettingsKind::VertexColor => "vertex_color",
+        }
+    }
+}
+
 #[derive(Clone)]
 pub struct SettingsValue {
-    /// The constructor: `adam`, `integrator`, `laplacian`.
-    pub name: String,
+    pub kind: SettingsKind,
     /// By argument name; missing ones are absent.
     pub fields: Vec<(String, Value)>,
 }
@@ -225,6 +245,8 @@ pub struct EstimateValue {
     pub mean: Var,
     pub std_error: Var,
     pub repeats: usize,
+    /// Of an image, as both are then.
+    pub is_image: bool,
 }
 
 /// One line of what `grad(loss)` gives.
@@ -233,6 +255,8 @@ pub struct GradientEntry {
     pub name: String,
     pub value: Tensor,
     pub gradient: Var,
+    /// It is one per radian.
+    pub is_angle: bool,
     /// Where the gradient was repeated.
     pub std_error: Option<Tensor>,
 }
@@ -340,10 +364,10 @@ impl Value {
             Value::Light(_) => "a light",
             Value::Camera(_) => "a camera",
             Value::Scene(_) => "a scene",
-            Value::Settings(s) => match s.name.as_str() {
-                "integrator" => "an integrator",
-                "vertex_color" => "a texture",
-                _ => "an optimizer",
+            Value::Settings(s) => match s.kind {
+                SettingsKind::Integrator => "an integrator",
+                SettingsKind::VertexColor => "a texture",
+                SettingsKind::Optimizer(_) => "an optimizer",
             },
             Value::Estimate(_) => "an estimate",
             Value::Gradients(_) => "gradients",

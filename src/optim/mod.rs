@@ -13,6 +13,30 @@ pub use solver::{Solver, State};
 pub use space::{Geometry, Space};
 pub use stopping::{is_plateau, plateau_ratio};
 
+/// The optimisers of the language.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rule {
+    Sgd,
+    Adam,
+    AdamUniform,
+    RmsProp,
+    LevenbergMarquardt,
+    GaussNewton,
+}
+
+impl Rule {
+    pub fn name(self) -> &'static str {
+        match self {
+            Rule::Sgd => "sgd",
+            Rule::Adam => "adam",
+            Rule::AdamUniform => "adam_uniform",
+            Rule::RmsProp => "rmsprop",
+            Rule::LevenbergMarquardt => "levenberg_marquardt",
+            Rule::GaussNewton => "gauss_newton",
+        }
+    }
+}
+
 /// Non-finite gradients in a row after which an optimisation gives up.
 pub const MAX_SKIPPED_IN_A_ROW: u64 = 5;
 

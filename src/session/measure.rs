@@ -6,7 +6,7 @@ use super::clock::{Elapsed, Stopwatch};
 use super::folder::{nested, number};
 use super::show::{GradientRow, gradient_table, plus_minus};
 use super::stats::Moments;
-use crate::check::hir;
+use crate::check::{self, hir};
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, History};
 
@@ -37,6 +37,8 @@ pub struct Measurement {
 pub struct MeasuredParam {
     pub name: String,
     pub shape: Vec<usize>,
+    /// Its derivative is one per radian.
+    pub is_angle: bool,
     pub gradient: Moments,
     /// Finite differences and their step.
     pub difference: Option<(Moments, f64)>,
@@ -90,9 +92,11 @@ pub fn measure(
 
         value.add(&[result.value]);
         if params.is_empty() {
-            let fresh = |((name, _), grad): (&(String, hir::Target), &crate::tape::Tensor)| MeasuredParam {
+            let program = engine.program();
+            let fresh = |((name, target), grad): (&(String, hir::Target), &crate::tape::Tensor)| MeasuredParam {
                 name: name.clone(),
                 shape: grad.shape.clone(),
+                is_angle: check::type_of(program, target).is_angle(),
                 gradient: Moments::default(),
                 difference: options.fd_step.map(|step| (Moments::default(), step)),
             };
@@ -200,7 +204,9 @@ impl Measurement {
         } else {
             format!("{} repeats", self.repeats)
         };
-        format!("{of} = {}   ({repeats})\n\n{}", plus_minus(mean, error), gradient_table(&rows))
+        let angles: Vec<&str> = self.wrt.iter().filter(|p| p.is_angle).map(|p| p.name.as_str()).collect();
+        let per = if angles.is_empty() { String::new() } else { format!("\nper radian: {}", angles.join(", ")) };
+        format!("{of} = {}   ({repeats})\n\n{}{per}", plus_minus(mean, error), gradient_table(&rows))
     }
 }
 
@@ -235,10 +241,11 @@ mod tests {
                 MeasuredParam {
                     name: "v".into(),
                     shape: vec![2],
+                    is_angle: false,
                     gradient: vector.clone(),
                     difference: Some((vector, 0.01)),
                 },
-                MeasuredParam { name: "s".into(), shape: vec![], gradient: scalar, difference: None },
+                MeasuredParam { name: "s".into(), shape: vec![], is_angle: false, gradient: scalar, difference: None },
             ],
         };
         let expected = json!({

@@ -1,7 +1,7 @@
 //! From an optimizer of the language (`adam(lr: 0.01)`) to a solver and its rate.
 
-use crate::natives::value::{SettingsValue, Value};
-use crate::optim::Solver;
+use crate::natives::value::{SettingsKind, Value};
+use crate::optim::{Rule, Solver};
 
 /// The rate when the script says nothing.
 pub const DEFAULT_RATE: f64 = 0.01;
@@ -17,10 +17,9 @@ pub enum Method {
 
 /// The method that a value describes, and its learning rate; else what is wrong with it.
 pub fn solver_from(value: &Value) -> Result<(Method, f64), String> {
-    let Value::Settings(settings) = value else {
-        return Err(format!("`using` needs an optimizer such as `adam(lr: 0.01)`, this is {}", value.kind()));
-    };
-    let settings: &SettingsValue = settings;
+    let found = |what: &str| format!("`using` needs an optimizer such as `adam(lr: 0.01)`, this is {what}");
+    let Value::Settings(settings) = value else { return Err(found(value.kind())) };
+    let SettingsKind::Optimizer(rule) = settings.kind else { return Err(found(value.kind())) };
     let number = |name: &str, default: f64| settings.number(name).unwrap_or(default);
     let fraction = |name: &str, default: f64| {
         let x = number(name, default);
@@ -34,32 +33,31 @@ pub fn solver_from(value: &Value) -> Result<(Method, f64), String> {
     if lr < 0.0 {
         return Err(format!("the rate `lr` must not be negative, it is {lr}"));
     }
-    let solver = match settings.name.as_str() {
-        "levenberg_marquardt" | "gauss_newton" => {
-            let careful = settings.name == "levenberg_marquardt";
+    let solver = match rule {
+        Rule::LevenbergMarquardt | Rule::GaussNewton => {
+            let careful = rule == Rule::LevenbergMarquardt;
             let damping = if careful { positive("damping", 0.1)? } else { 0.0 };
             return Ok((Method::LeastSquares { damping, careful }, number("lr", 1.0)));
         }
-        "sgd" => Solver::Sgd {
+        Rule::Sgd => Solver::Sgd {
             momentum: fraction("momentum", 0.0)?,
             nesterov: settings.boolean("nesterov").unwrap_or(false),
         },
-        "adam" => Solver::Adam {
+        Rule::Adam => Solver::Adam {
             beta1: fraction("beta1", 0.9)?,
             beta2: fraction("beta2", 0.999)?,
             epsilon: positive("epsilon", 1e-8)?,
         },
-        "adam_uniform" => Solver::AdamUniform {
+        Rule::AdamUniform => Solver::AdamUniform {
             beta1: fraction("beta1", 0.9)?,
             beta2: fraction("beta2", 0.999)?,
             epsilon: positive("epsilon", 1e-8)?,
         },
-        "rmsprop" => Solver::RmsProp {
+        Rule::RmsProp => Solver::RmsProp {
             decay: fraction("decay", 0.99)?,
             epsilon: positive("epsilon", 1e-8)?,
             momentum: fraction("momentum", 0.0)?,
         },
-        other => return Err(format!("`using` needs an optimizer such as `adam(lr: 0.01)`, this is `{other}(…)`")),
     };
     Ok((Method::FirstOrder(solver), lr))
 }
@@ -69,32 +67,36 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
+    use crate::natives::value::SettingsValue;
 
-    fn settings(name: &str, fields: &[(&str, f64)]) -> Value {
+    const ADAM: SettingsKind = SettingsKind::Optimizer(Rule::Adam);
+
+    fn settings(kind: SettingsKind, fields: &[(&str, f64)]) -> Value {
         let fields = fields.iter().map(|(n, x)| ((*n).to_owned(), Value::scalar(*x))).collect();
-        Value::Settings(Arc::new(SettingsValue { name: name.into(), fields }))
+        Value::Settings(Arc::new(SettingsValue { kind, fields }))
     }
 
     #[test]
     fn settings_become_solvers() {
-        let (solver, lr) = solver_from(&settings("adam", &[("lr", 0.5), ("beta1", 0.8)])).unwrap();
+        let (solver, lr) = solver_from(&settings(ADAM, &[("lr", 0.5), ("beta1", 0.8)])).unwrap();
         assert_eq!(solver, Method::FirstOrder(Solver::Adam { beta1: 0.8, beta2: 0.999, epsilon: 1e-8 }));
         assert_eq!(lr, 0.5);
-        let damped = solver_from(&settings("levenberg_marquardt", &[("damping", 0.5)])).unwrap();
+        let damped =
+            solver_from(&settings(SettingsKind::Optimizer(Rule::LevenbergMarquardt), &[("damping", 0.5)])).unwrap();
         assert_eq!(damped, (Method::LeastSquares { damping: 0.5, careful: true }, 1.0));
-        assert_eq!(solver_from(&settings("sgd", &[])).unwrap().1, DEFAULT_RATE);
+        assert_eq!(solver_from(&settings(SettingsKind::Optimizer(Rule::Sgd), &[])).unwrap().1, DEFAULT_RATE);
     }
 
     #[test]
     fn nonsense_is_refused() {
-        for (name, field, x) in [
-            ("adam", "beta1", 1.0),
-            ("sgd", "momentum", -0.1),
-            ("sgd", "lr", -1.0),
-            ("levenberg_marquardt", "damping", 0.0),
-            ("integrator", "a", 1.0),
+        for (kind, field, x) in [
+            (ADAM, "beta1", 1.0),
+            (SettingsKind::Optimizer(Rule::Sgd), "momentum", -0.1),
+            (SettingsKind::Optimizer(Rule::Sgd), "lr", -1.0),
+            (SettingsKind::Optimizer(Rule::LevenbergMarquardt), "damping", 0.0),
+            (SettingsKind::Integrator, "a", 1.0),
         ] {
-            assert!(solver_from(&settings(name, &[(field, x)])).is_err(), "{name} {field}");
+            assert!(solver_from(&settings(kind, &[(field, x)])).is_err(), "{kind:?} {field}");
         }
         assert!(solver_from(&Value::scalar(1.0)).is_err());
     }

@@ -248,12 +248,92 @@ pub enum ExprKind {
     Error,
 }
 
-pub use crate::check::hir::{BinaryOp, Domain, StrFormat, UnaryOp};
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum UnaryOp {
+    Neg,
+    Not,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum BinaryOp {
+    Add,
+    Sub,
+    Mul,
+    Div,
+    /// `@`: the matrix product, and what rotations and transforms do to points, meshes and each other.
+    Apply,
+    Pow,
+    Eq,
+    Ne,
+    Lt,
+    Le,
+    Gt,
+    Ge,
+    And,
+    Or,
+}
+
+/// Where a number, or every number of an array, has a meaning: `in 0..1`, `in 0<..` (above 0), `in 0deg..180deg`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Domain {
+    /// Angles in radians; infinite where there is no end.
+    pub low: f64,
+    pub high: f64,
+    /// The ends do not belong to it.
+    pub above_low: bool,
+    pub below_high: bool,
+    /// Its ends are angles.
+    pub angle: bool,
+}
+
+impl Domain {
+    /// NaN lies nowhere.
+    pub fn contains(&self, x: f64) -> bool {
+        let low = if self.above_low { x > self.low } else { x >= self.low };
+        let high = if self.below_high { x < self.high } else { x <= self.high };
+        low && high
+    }
+}
+
+/// In words that follow "must be": `positive`, `0 or more`, `from 0 to 1`.
+impl std::fmt::Display for Domain {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let shown = |x: f64| match self.angle {
+            true => format!("{}deg", (x.to_degrees() * 1e9).round() / 1e9),
+            false => x.to_string(),
+        };
+        let (low, high) = (shown(self.low), shown(self.high));
+        match (self.low.is_finite(), self.high.is_finite()) {
+            (true, false) if self.above_low && self.low == 0.0 => f.write_str("positive"),
+            (true, false) if self.above_low => write!(f, "above {low}"),
+            (true, false) => write!(f, "{low} or more"),
+            (false, true) if self.below_high => write!(f, "below {high}"),
+            (false, true) => write!(f, "at most {high}"),
+            (false, false) => f.write_str("a number"),
+            (true, true) => match (self.above_low, self.below_high) {
+                (false, false) => write!(f, "from {low} to {high}"),
+                (true, true) => write!(f, "above {low} and below {high}"),
+                (false, true) => write!(f, "at least {low} and below {high}"),
+                (true, false) => write!(f, "above {low} and at most {high}"),
+            },
+        }
+    }
+}
 
 #[derive(Clone, Debug)]
 pub enum StrPart {
     Text(String),
     Value { value: Expr, format: Option<StrFormat> },
+}
+
+/// `{step:04}`, `{loss:.3}`, `{x:8.2}`, `{loss:.3e}`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct StrFormat {
+    pub zero_pad: bool,
+    pub width: usize,
+    pub precision: Option<usize>,
+    /// With a power of ten.
+    pub exponent: bool,
 }
 
 #[derive(Clone, Debug)]

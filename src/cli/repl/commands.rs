@@ -240,9 +240,9 @@ impl Repl<'_> {
         let mut words = text.split_whitespace().peekable();
         let camera = match words.next_if(|w| w.parse::<u32>().is_err()) {
             Some(name) => name.to_owned(),
-            None => crate::cli::choose_camera(self.engine.program(), None)?,
+            None => super::choose_camera(self.engine.program(), None)?,
         };
-        let camera = crate::cli::choose_camera(self.engine.program(), Some(&camera))?;
+        let camera = super::choose_camera(self.engine.program(), Some(&camera))?;
         let spp = words.next().map(|n| n.parse::<u32>());
         let call = match spp {
             None => format!("render({camera})"),

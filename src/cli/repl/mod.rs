@@ -8,9 +8,9 @@ pub mod picture;
 use std::io::{BufRead, IsTerminal};
 use std::path::{Path, PathBuf};
 
+use super::args::{Common, ReplArgs};
+use super::{EXIT_WRONG, Terminal, check_file, choose_camera, engine_options, out};
 use crate::check::{self, Line, hir};
-use crate::cli::args::{Common, ReplArgs};
-use crate::cli::{EXIT_WRONG, Terminal, engine_options, out};
 use crate::diag::Diagnostic;
 use crate::eval::{self, Engine};
 use crate::session::line::check_line;
@@ -311,7 +311,7 @@ impl<'w> Repl<'w> {
 
     /// Replaces the program by a file's; keeps the old one if the file is wrong.
     fn load(&mut self, file: &Path) -> bool {
-        let checked = crate::cli::check_file(file, &self.common);
+        let checked = check_file(file, &self.common);
         for diagnostic in &checked.diagnostics {
             self.world.diagnostic(diagnostic, &checked.sources);
         }

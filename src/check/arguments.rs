@@ -1,0 +1,65 @@
+//! The arguments of a call of a native, by the names of its declaration.
+
+use super::infer::Typed;
+use super::modules::Signature;
+use super::signature::Const;
+use super::types::Ty;
+
+#[derive(Clone, Copy)]
+pub struct Arguments<'a> {
+    pub signature: &'a Signature,
+    found: &'a [Option<Typed>],
+}
+
+impl<'a> Arguments<'a> {
+    pub fn new(signature: &'a Signature, found: &'a [Option<Typed>]) -> Arguments<'a> {
+        Arguments { signature, found }
+    }
+
+    fn index(&self, name: &str) -> Option<usize> {
+        self.signature.params.iter().position(|p| p.name == name)
+    }
+
+    /// The argument of that name, if the call gives it.
+    pub fn get(&self, name: &str) -> Option<&'a Typed> {
+        self.found.get(self.index(name)?)?.as_ref()
+    }
+
+    pub fn first(&self) -> Option<&'a Typed> {
+        self.found.first()?.as_ref()
+    }
+
+    /// All arguments that the call gives, in the order of the declaration.
+    pub fn given(&self) -> impl Iterator<Item = &'a Typed> + use<'a> {
+        self.found.iter().flatten()
+    }
+
+    pub fn ty(&self, name: &str) -> Option<&'a Ty> {
+        self.get(name).map(|a| &a.expr.ty)
+    }
+
+    /// The argument's value, if it is known before anything runs.
+    pub fn value(&self, name: &str) -> Option<&'a Const> {
+        self.get(name)?.value.as_ref()
+    }
+
+    pub fn number(&self, name: &str) -> Option<f64> {
+        self.value(name)?.number()
+    }
+
+    pub fn count(&self, name: &str) -> Option<usize> {
+        self.value(name)?.count()
+    }
+
+    /// The count that was given, or the one that stands for a missing argument.
+    pub fn count_or(&self, name: &str, default: usize) -> Option<usize> {
+        if self.get(name).is_none() { Some(default) } else { self.count(name) }
+    }
+
+    pub fn word(&self, name: &str) -> Option<&'a str> {
+        match self.value(name)? {
+            Const::Str(word) => Some(word),
+            _ => None,
+        }
+    }
+}

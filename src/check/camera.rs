@@ -1,0 +1,186 @@
+//! Cameras, spot lights and what moves: numbers that contradict one another before anything runs.
+
+use super::arguments::Arguments;
+use super::modules::Checker;
+use super::signature::Const;
+use super::types::Ty;
+use crate::diag::Diagnostic;
+use crate::source::Span;
+
+/// Width, height and the place of a camera's film, if known.
+pub fn camera_film(args: Arguments) -> Option<(usize, usize, Span)> {
+    let film = args.get("film")?;
+    let Some(Const::List(items)) = &film.value else { return None };
+    match items.as_slice() {
+        [w, h] => Some((w.count()?, h.count()?, film.expr.span)),
+        _ => None,
+    }
+}
+
+impl Checker<'_> {
+    pub(super) fn check_camera(&mut self, args: Arguments) {
+        self.check_film(args);
+        let whole_turn = matches!(args.word("kind"), Some("fisheye" | "panorama"));
+        if let (Some(fov), Some(fov_x)) = (args.get("fov"), args.get("fov_x")) {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::value::fov", "a camera has `fov` or `fov_x`, not both")
+                    .label(fov_x.expr.span, "the horizontal field of view")
+                    .label(fov.expr.span, "the vertical one: each follows from the other and the film")
+                    .help("leave one of them out"),
+            );
+        }
+        for name in ["fov", "fov_x"] {
+            if let (Some(Const::Angle(a)), Some(fov)) = (args.value(name), args.get(name))
+                && !(*a > 0.0 && *a < std::f64::consts::PI)
+                && !(whole_turn && *a > 0.0 && *a <= std::f64::consts::TAU)
+            {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::value::fov", "a field of view lies between 0deg and 180deg")
+                        .label(fov.expr.span, "out of range")
+                        .help("45deg is a common choice"),
+                );
+            }
+        }
+        self.check_lens(args, whole_turn);
+        self.check_distortion(args);
+        if let (Some(position), Some(target)) = (args.get("position"), args.get("look_at"))
+            && position.value.is_some()
+            && position.value == target.value
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::value::look_at", "the camera looks at where it stands")
+                    .label(target.expr.span, "the same point")
+                    .label(position.expr.span, "as this"),
+            );
+        }
+    }
+
+    fn check_film(&mut self, args: Arguments) {
+        let Some((w, h, span)) = camera_film(args) else { return };
+        let (what, help) = if w == 0 || h == 0 {
+            ("has no pixels", "give a width and a height of at least 1: `film: [256, 256]`")
+        } else if w.saturating_mul(h) > crate::image::MAX_FILM_PIXELS {
+            ("is larger than 67 million pixels", "render parts of it with cameras of their own")
+        } else {
+            return;
+        };
+        self.diagnostics.push(
+            Diagnostic::error("dscene::value::film", format!("a film of {w}×{h} {what}"))
+                .label(span, "this film")
+                .help(help),
+        );
+    }
+
+    /// `aperture`, `focus` and `shutter`.
+    fn check_lens(&mut self, args: Arguments, whole_turn: bool) {
+        let number = |name: &str| Some((args.number(name)?, args.get(name)?.expr.span));
+        if let Some((focus, span)) = number("focus").filter(|(x, _)| *x <= 0.0) {
+            let label = if focus < 0.0 { "behind the camera" } else { "at the camera itself" };
+            let help = "it is the distance along the viewing direction at which the image is sharp";
+            self.fault("dscene::value::focus", "`focus` must be positive", span, label, help);
+        }
+        if let (Some(Const::List(times)), Some(shutter)) = (args.value("shutter"), args.get("shutter"))
+            && let [Const::Num(open), Const::Num(close)] = times[..]
+            && !(0.0 <= open && open <= close && close <= 1.0)
+        {
+            let label = if open > close { "closes before it opens" } else { "outside of the keyframes" };
+            let message = "a shutter opens and closes between 0 and 1";
+            let help = "write for instance `shutter: [0, 0.5]`";
+            self.fault("dscene::value::shutter", message, shutter.expr.span, label, help);
+        }
+        let code = "dscene::value::aperture";
+        match number("aperture") {
+            Some((x, span)) if x < 0.0 => {
+                let help = "it is the radius of the lens in scene units; 0 is a pinhole";
+                self.fault(code, "`aperture` must be 0 or more", span, "a negative radius", help);
+            }
+            Some((x, span)) if x > 0.0 && whole_turn => {
+                let message = "only perspective and orthographic cameras have an `aperture`";
+                self.fault(code, message, span, "this camera has no lens", "leave it out: everything is sharp");
+            }
+            _ => {}
+        }
+    }
+
+    fn check_distortion(&mut self, args: Arguments) {
+        let (Some(Const::List(numbers)), Some(given)) = (args.value("distortion"), args.get("distortion")) else {
+            return;
+        };
+        let span = given.expr.span;
+        let code = "dscene::value::distortion";
+        if numbers.len() > 5 {
+            let label = format!("{} numbers", numbers.len());
+            let help = "they are k1, k2, p1, p2, k3 as OpenCV has them: write for instance `distortion: [-0.2, 0.05]`";
+            self.fault(code, "`distortion` is up to five numbers", span, &label, help);
+        } else if args.word("kind").is_some_and(|k| k != "perspective" && k != "fisheye") {
+            let message = "only perspective and fisheye cameras have a `distortion`";
+            self.fault(code, message, span, "this camera has no such lens", "leave it out");
+        } else if args.number("aperture").is_some_and(|x| x > 0.0) {
+            let message = "a camera has a `distortion` or an `aperture`, not both";
+            let help = "leave one of them out: derivatives through both are not available";
+            self.fault(code, message, span, "the aperture makes this impossible", help);
+        }
+    }
+
+    fn fault(&mut self, code: &'static str, message: &str, span: Span, label: &str, help: &str) {
+        self.diagnostics.push(Diagnostic::error(code, message).label(span, label).help(help));
+    }
+
+    /// What moves is the same thing at both keyframes.
+    pub(super) fn check_keyframes(&mut self, args: Arguments) {
+        let (Some(opening), Some(closing)) = (args.get("opening"), args.get("closing")) else { return };
+        let (opening, closing) = (&opening.expr, &closing.expr);
+        if opening.ty.is_unknown() || closing.ty.is_unknown() {
+            return;
+        }
+        let mut fault = |code, message: &str, first: String, second: String, help: &str| {
+            self.diagnostics.push(
+                Diagnostic::error(code, message).label(closing.span, second).label(opening.span, first).help(help),
+            );
+        };
+        match (&opening.ty, &closing.ty) {
+            (
+                Ty::Camera { height: Some(h), width: Some(w), .. },
+                Ty::Camera { height: Some(g), width: Some(v), .. },
+            ) if (h, w) != (g, v) => {
+                let message = "the film of a moving camera keeps its size";
+                fault(
+                    "dscene::type::shape",
+                    message,
+                    format!("a film of {w}×{h}"),
+                    format!("a film of {v}×{g}"),
+                    "write the same `film` in both",
+                );
+            }
+            (Ty::Camera { .. }, Ty::Camera { .. }) => {}
+            (a, b) if std::mem::discriminant(a) != std::mem::discriminant(b) => {
+                fault(
+                    "dscene::type::mismatch",
+                    "keyframes of different things",
+                    format!("this is `{a}`"),
+                    format!("and this `{b}`"),
+                    "`moving` takes the same thing in two places, for instance `moving(ball, ball |> translate([1, 0, 0]))`",
+                );
+            }
+            _ => {}
+        }
+    }
+
+    /// A spot light fades between its `beam` and its `cutoff`.
+    pub(super) fn check_cone(&mut self, args: Arguments) {
+        let known = |name: &str| match args.value(name)? {
+            Const::Angle(a) => Some((*a, args.get(name)?.expr.span)),
+            _ => None,
+        };
+        if let (Some((cutoff, outer)), Some((beam, inner))) = (known("cutoff"), known("beam"))
+            && beam >= cutoff
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::value::cone", "a spot light's `beam` must be smaller than its `cutoff`")
+                    .label(inner, "shines evenly up to here")
+                    .label(outer, "and is dark from here on")
+                    .help("light with a sharp edge has no derivative there: without `beam` it fades over the last quarter of `cutoff`"),
+            );
+        }
+    }
+}
