@@ -12,7 +12,8 @@
 //! | `sampling` | where samples go |
 //! | `mirrors` | what mirrors show |
 //! | `estimate`, `sink` | how a sample becomes sums of derivatives |
-//! | `local`, `layers`, `sky` | adjoints of one vertex; masks beside edges; which part of a sky turns with it |
+//! | `local`, `path` | adjoints of one vertex; recorded paths and the sweep back over them |
+//! | `layers`, `environment` | masks beside edges; which part of an environment turns with it |
 
 pub mod environment;
 pub mod estimate;
@@ -20,6 +21,7 @@ pub mod layers;
 pub mod local;
 pub mod mirrors;
 pub mod modes;
+pub mod path;
 pub mod sampling;
 pub mod sink;
 pub mod terms;

@@ -22,10 +22,12 @@ pub mod scene;
 pub mod sensor;
 mod sobol;
 pub mod texture;
+mod validate;
 pub mod world;
 
 pub use distortion::Distortion;
 pub use film::{NEVER, Output, Settings};
 pub use motion::{render, render_until};
 pub use scene::*;
-pub use world::{Scene, SceneError, validate_camera};
+pub use validate::{SceneError, validate_camera};
+pub use world::Scene;

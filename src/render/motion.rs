@@ -13,7 +13,8 @@ use glam::Vec3;
 use super::film::{NEVER, Settings, add_samples};
 use super::sampler::hash;
 use super::scene::Camera;
-use super::world::{Scene, SceneError, validate_camera};
+use super::validate::{SceneError, validate_camera};
+use super::world::Scene;
 use crate::image::Image;
 use crate::math::unit_f32;
 

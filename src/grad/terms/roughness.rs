@@ -14,10 +14,10 @@
 use glam::Vec3;
 
 use crate::grad::estimate::{Draw, Estimate, Pass, Sequence};
+use crate::grad::path::{Path, PathVertex};
 use crate::grad::sampling::allocate::{Estimator, typical_bounces};
 use crate::grad::sampling::pixels::{self, FilmCurve, FilmSample};
 use crate::grad::sink::Layout;
-use crate::grad::terms::interior::{Path, PathVertex};
 use crate::image::Image;
 use crate::math::Frame;
 use crate::render::bsdf::{Part, RoughnessPair};

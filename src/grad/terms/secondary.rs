@@ -17,14 +17,14 @@ use crate::grad::layers::Sides;
 use crate::grad::local::RayAdjoint;
 use crate::grad::mirrors::curved::MirrorTree;
 use crate::grad::mirrors::viewpoint::{MirrorPlane, d_mirror_image, d_reflected_ray};
+use crate::grad::path::{Injection, Path, PathVertex, area_sampling_fraction, inject};
 use crate::grad::sampling::allocate::{Estimator, typical_bounces};
-use crate::grad::sampling::edge_tree::{EdgeTree, Query};
+use crate::grad::sampling::edge_tree::{EdgePoint, EdgeTree, Query};
 use crate::grad::sampling::guide::{Guide, GuideKey, GuideTraining};
 use crate::grad::sampling::pixels::{self, FilmDensity};
 use crate::grad::sink::{Adjoints, Layout, Sink};
-use crate::grad::terms::interior::{Injection, Path, PathVertex, area_sampling_fraction, inject};
 use crate::render::accel::{PrimId, Ray};
-use crate::render::edges::{Edge, EdgeTable};
+use crate::render::edges::{Edge, EdgeTable, EdgeView};
 use crate::render::integrator::{Options, Recorder, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::mask::MaskWeight;
@@ -202,69 +202,132 @@ impl<'a> Secondary<'a> {
 
     /// One sample for a recorded path. `u` chooses the edge and the point on it.
     fn sample(&self, path: &Path, u: Vec2, sampler: &mut Sampler) -> Option<SecondarySample> {
-        let u_choice = sampler.next_1d();
-        // Choose a vertex with probability proportional to what it passes on.
-        let events_left = |k: usize| self.max_bounces.saturating_sub(k as u32 + 1);
-        let contacts = self.scene.contacts();
-        let least_direct = |v: &PathVertex| {
-            let sees_environment = self.scene.environment.is_some() && self.environment != MovingEnvironment::Whole;
-            let sees_light = sees_environment || !contacts.is_empty() || v.si.bsdf.is_attached();
-            u32::from(!sees_light)
-        };
+        let chosen = self.choose_vertex(path, sampler.next_1d())?;
+        let vertex = &path.vertices[chosen.index];
+        let (route, routes) = self.choose_route(chosen.index, sampler);
+        if matches!(route, Route::Direct) && self.events_left(chosen.index) < self.least_events(vertex) {
+            return None;
+        }
+        let point = self.choose_edge_point(&path.vertices[..=chosen.index], route, u, sampler)?;
+        let at = self.connect_by_route(&vertex.si, route, point, sampler)?;
+        let jump = self.jump(&at, self.events_left(chosen.index), sampler)?;
+        let Shading { edge, connection, dir, area, .. } = at;
+        let sin_phi = edge.direction().cross(connection.dir).length();
+        let pdf = point.pdf * chosen.weight / (chosen.total * routes as f32);
+        let scale = vertex.throughput * connection.reflectance * (jump.covers * sin_phi / (area * pdf));
+        let (weight, attached) = (scale * (jump.fixed + jump.attached), scale * jump.attached);
+        (weight != Vec3::ZERO && weight.is_finite()).then_some(SecondarySample {
+            vertex: chosen.index,
+            edge: point.edge,
+            foreground: jump.view.foreground,
+            s: point.s,
+            p: edge.point(point.s),
+            normal: route.mirrored(jump.view.normal),
+            mirror: connection.mirror,
+            weight,
+            attached,
+            dir,
+            distance: connection.whole,
+        })
+    }
+
+    /// Scattering events that a path may have after its vertex `k`.
+    fn events_left(&self, k: usize) -> u32 {
+        self.max_bounces.saturating_sub(k as u32 + 1)
+    }
+
+    /// Events that must be left for a vertex to see anything directly that is sampled here: none where it sees lights.
+    fn least_events(&self, v: &PathVertex) -> u32 {
+        let sees_environment = self.scene.environment.is_some() && self.environment != MovingEnvironment::Whole;
+        let sees_light = sees_environment || !self.scene.contacts().is_empty() || v.si.bsdf.is_attached();
+        u32::from(!sees_light)
+    }
+
+    /// Chooses a vertex with probability proportional to what it passes on.
+    fn choose_vertex(&self, path: &Path, u: f32) -> Option<ChosenVertex> {
         let weight = |k: usize| {
             let v = &path.vertices[k];
             let useless = v.si.bsdf.is_black() || v.si.bsdf.is_delta() || k as u32 >= self.max_bounces;
-            if useless || events_left(k) < least_direct(v) { 0.0 } else { v.throughput.max_element().max(1e-3) }
+            if useless || self.events_left(k) < self.least_events(v) {
+                0.0
+            } else {
+                v.throughput.max_element().max(1e-3)
+            }
         };
         let n = path.vertices.len();
         let total: f32 = (0..n).map(weight).sum();
         if total <= 0.0 {
             return None;
         }
-        let mut x = u_choice * total;
-        let k = (0..n).find(|&k| {
+        let mut x = u * total;
+        let index = (0..n).find(|&k| {
             x -= weight(k);
             x < 0.0
         })?;
-        let vertex = &path.vertices[k];
-        let si = &vertex.si;
+        Some(ChosenVertex { index, weight: weight(index), total })
+    }
 
-        // Look directly, or into one of the mirrors: the curved ones together count as one.
+    /// Chooses whether vertex `k` looks directly or into one of the mirrors, of which the curved ones together count as one. Returns the
+    /// number of routes too, which are chosen with equal probability.
+    fn choose_route(&self, k: usize, sampler: &mut Sampler) -> (Route<'a>, usize) {
         let kinds = self.mirrors.len() + usize::from(self.curved.is_some());
-        let mirrors = if events_left(k) >= 1 { kinds } else { 0 };
+        let mirrors = if self.events_left(k) >= 1 { kinds } else { 0 };
         let choice = (sampler.next_1d() * (mirrors + 1) as f32) as usize;
-        let mirror = choice.checked_sub(1).and_then(|i| self.mirrors.get(i));
-        let curved = self.curved.filter(|_| choice > self.mirrors.len());
-        if mirror.is_none() && curved.is_none() && events_left(k) < least_direct(vertex) {
-            return None;
-        }
-        let query = match (mirror, curved) {
-            (Some(m), _) => Query::new(si).reflected(m),
-            (_, Some(tree)) => Query::around_mirror(tree.sample(f64::from(sampler.next_1d())), si.p),
-            _ => Query::new(si),
+        let flat = choice.checked_sub(1).and_then(|i| self.mirrors.get(i)).map(Route::Flat);
+        let curved = self.curved.filter(|_| choice > self.mirrors.len()).map(Route::Curved);
+        (flat.or(curved).unwrap_or(Route::Direct), mirrors + 1)
+    }
+
+    /// Chooses an edge and a point on it for the last of some vertices of a path.
+    fn choose_edge_point(
+        &self,
+        vertices: &[PathVertex],
+        route: Route,
+        u: Vec2,
+        sampler: &mut Sampler,
+    ) -> Option<EdgePoint> {
+        let si = &vertices.last()?.si;
+        let query = match route {
+            Route::Direct => Query::new(si),
+            Route::Flat(mirror) => Query::new(si).reflected(mirror),
+            Route::Curved(tree) => Query::around_mirror(tree.sample(f64::from(sampler.next_1d())), si.p),
         };
         // Seen by what stands still, only edges that move have a derivative.
         let moves = |prim: PrimId| self.layout.moves(self.scene.prims[prim as usize].shape);
-        let still = mirror.is_none() && curved.is_none() && !path.vertices[..=k].iter().any(|v| moves(v.si.prim));
+        let still = matches!(route, Route::Direct) && !vertices.iter().any(|v| moves(v.si.prim));
         let tree = self.moving.as_ref().filter(|_| still).unwrap_or(self.tree);
-        let point = tree.sample(self.table, &query, u.to_array(), sampler.next_1d())?;
+        tree.sample(self.table, &query, u.to_array(), sampler.next_1d())
+    }
+
+    /// Connects a shading point to an edge point, if it reflects anything that comes from there.
+    fn connect_by_route<'s>(
+        &'s self,
+        si: &'s SurfaceInteraction,
+        route: Route<'s>,
+        point: EdgePoint,
+        sampler: &mut Sampler,
+    ) -> Option<Shading<'s>> {
         let edge = &self.table.edges[point.edge];
         let p = edge.point(point.s);
-        let by_mirror = match curved {
-            Some(tree) => Some(self.connect_by_curved_mirror(tree, si, edge, p, sampler)?),
-            None => None,
+        let reflected = |dir: Vec3| {
+            let f = si.eval_split(dir);
+            (f[0] + f[1] != Vec3::ZERO && si.ng.dot(dir) > 0.0).then_some(f)
         };
-        let q = mirror.map_or(p, |m| m.reflect_point(p)) - si.p;
-        let (dir, distance) =
-            by_mirror.as_ref().map_or((q / q.length(), q.length()), |by| (by.first, by.connection.distance));
-        let [fixed, attached] = si.eval_split(dir);
-        if fixed + attached == Vec3::ZERO || si.ng.dot(dir) <= 0.0 {
-            return None;
+        if let Route::Curved(tree) = route {
+            let CurvedConnection { last, first, area } = self.connect_by_curved_mirror(tree, si, edge, p, sampler)?;
+            let f = reflected(first)?;
+            return Some(Shading { si, route, edge, point, connection: last, dir: first, area, f });
         }
-        let (connection, area) = match by_mirror {
-            Some(by) => (by.connection, by.area),
-            None => (self.connect(si, mirror, p, dir, distance)?, distance * distance),
-        };
+        let q = route.image(p) - si.p;
+        let (dir, distance) = (q / q.length(), q.length());
+        let f = reflected(dir)?;
+        let connection = self.connect(si, route, p, dir, distance)?;
+        Some(Shading { si, route, edge, point, connection, dir, area: distance * distance, f })
+    }
+
+    /// The jump of reflected radiance across an edge, with `events` scattering events left after the shading point.
+    fn jump(&self, at: &Shading, events: u32, sampler: &mut Sampler) -> Option<Jump> {
+        let &Shading { si, edge, point, connection, .. } = at;
         let view = edge.view(connection.dir)?;
         let alike = || !self.tree.shows_creases(point.edge) || edge.mirrors_alike(self.scene, point.s, -connection.dir);
         if view.background.is_some() && alike() {
@@ -279,74 +342,79 @@ impl<'a> Secondary<'a> {
         }
         skip.extend(self.scene.masks_passed(&to_edge, &skip));
         let sides = Sides::choose(self.scene, edge, connection.dir, &view, point.s, sampler)?;
-
-        let options =
-            Options { first_emission: false, ..Options::new(events_left(k) - u32::from(connection.mirror.is_some())) };
-        let radiance = |start: Start| {
-            let mut side = SideRadiance::default();
-            side.radiance = trace(self.scene, start, &mut sampler.clone(), &options, &mut side);
-            side
-        };
-        let normal = mirror.map_or(view.normal, |m| m.reflect(view.normal));
+        let events = events - u32::from(connection.mirror.is_some());
         let side = |face: Option<usize>| match face {
-            Some(i) => {
-                let [_, beside] = edge.beside(self.scene, i, point.s, distance, -connection.dir);
-                radiance(Start::BesideEdge(beside, &edge.below(i, beside.ng)))
-            }
-            None => {
-                let past = match connection.mirror {
-                    Some(MirrorVertex { si: mirror_si, curved: Some(_) }) => Some(EdgeConnection {
-                        ray: mirror_si.spawn_ray((connection.dir + normal * NUDGE).normalize()),
-                        ..connection
-                    }),
-                    _ => self.connect(si, mirror, p, (dir + normal * NUDGE).normalize(), distance),
-                };
-                past.map_or_else(SideRadiance::default, |past| radiance(Start::Ray(past.ray, &skip)))
-            }
+            Some(face) => self.radiance_on_face(at, face, events, sampler),
+            None => self.radiance_past(at, at.route.mirrored(view.normal), &skip, events, sampler),
         };
         let (foreground, background) = (side(sides.near), side(sides.far));
         // Emission is direction-fixed behind a mirror and where the surfaces touch, else material-fixed. Of the environment
         // some is left to the edge-first estimator.
+        let all = |side: &SideRadiance| side.radiance + side.emission;
         let sliding = |side: &SideRadiance| match side.first {
-            _ if connection.mirror.is_some() => side.radiance + side.emission,
-            Some(emitter) if contacts.contains(si.prim, emitter) => side.radiance + side.emission,
+            _ if connection.mirror.is_some() => all(side),
+            Some(emitter) if self.scene.contacts().contains(si.prim, emitter) => all(side),
             Some(_) => side.radiance,
             None => side.radiance * self.environment.direction_fixed_share(self.scene, connection.dir),
         };
-        let all = |side: &SideRadiance| side.radiance + side.emission;
-        let fixed = fixed * (sliding(&foreground) - sliding(&background));
-        let attached = attached * (all(&foreground) - all(&background));
-        let sin_phi = edge.direction().cross(connection.dir).length();
-        let pdf = point.pdf * weight(k) / (total * (mirrors + 1) as f32);
-        let scale = vertex.throughput * connection.reflectance * (through * sides.scale * sin_phi / (area * pdf));
-        let (weight, attached) = (scale * (fixed + attached), scale * attached);
-        (weight != Vec3::ZERO && weight.is_finite()).then_some(SecondarySample {
-            vertex: k,
-            edge: point.edge,
-            foreground: view.foreground,
-            s: point.s,
-            p,
-            normal,
-            mirror: connection.mirror,
-            weight,
-            attached,
-            dir,
-            distance,
+        let [fixed, attached] = at.f;
+        Some(Jump {
+            view,
+            covers: through * sides.scale,
+            fixed: fixed * (sliding(&foreground) - sliding(&background)),
+            attached: attached * (all(&foreground) - all(&background)),
         })
+    }
+
+    /// The radiance that a face of the edge sends to the shading point. (The same random numbers for both sides.)
+    fn radiance_on_face(&self, at: &Shading, face: usize, events: u32, sampler: &Sampler) -> SideRadiance {
+        let &Shading { edge, point, connection, .. } = at;
+        let [_, beside] = edge.beside(self.scene, face, point.s, connection.whole, -connection.dir);
+        self.trace_side(Start::BesideEdge(beside, &edge.below(face, beside.ng)), events, sampler)
+    }
+
+    /// The radiance past the edge: from right beside it, on the side that `normal` points to.
+    fn radiance_past(
+        &self,
+        at: &Shading,
+        normal: Vec3,
+        skip: &[PrimId],
+        events: u32,
+        sampler: &Sampler,
+    ) -> SideRadiance {
+        let &Shading { si, route, edge, point, connection, dir, .. } = at;
+        let ray = match connection.mirror {
+            Some(MirrorVertex { si: mirror_si, curved: Some(_) }) => {
+                Some(mirror_si.spawn_ray((connection.dir + normal * NUDGE).normalize()))
+            }
+            _ => {
+                let aside = (dir + normal * NUDGE).normalize();
+                self.connect(si, route, edge.point(point.s), aside, connection.whole).map(|c| c.ray)
+            }
+        };
+        ray.map_or_else(SideRadiance::default, |ray| self.trace_side(Start::Ray(ray, skip), events, sampler))
+    }
+
+    fn trace_side(&self, start: Start, events: u32, sampler: &Sampler) -> SideRadiance {
+        let options = Options { first_emission: false, ..Options::new(events) };
+        let mut side = SideRadiance::default();
+        side.radiance = trace(self.scene, start, &mut sampler.clone(), &options, &mut side);
+        side
     }
 
     /// Connects a shading point to an edge point in direction `dir`, by way of a flat mirror if there is one.
     fn connect(
         &self,
         si: &SurfaceInteraction,
-        mirror: Option<&MirrorPlane>,
+        route: Route,
         p: Vec3,
         dir: Vec3,
         distance: f32,
     ) -> Option<EdgeConnection> {
         let ray = si.spawn_ray(dir);
-        let Some(plane) = mirror else {
-            return Some(EdgeConnection { ray, dir, distance, prim: si.prim, reflectance: Vec3::ONE, mirror: None });
+        let Route::Flat(plane) = route else {
+            let (prim, reflectance) = (si.prim, Vec3::ONE);
+            return Some(EdgeConnection { ray, dir, distance, whole: distance, prim, reflectance, mirror: None });
         };
         let least = 1e-5 * self.scene.radius;
         let (here, there) = (plane.height(si.p), plane.height(p));
@@ -363,6 +431,7 @@ impl<'a> Secondary<'a> {
             ray: hit.spawn_ray(dir),
             dir,
             distance: distance - t,
+            whole: distance,
             prim: hit.prim,
             reflectance: hit.bsdf.mirror_reflectance() * through,
             mirror: Some(MirrorVertex { si: hit, curved: None }),
@@ -407,8 +476,9 @@ impl<'a> Secondary<'a> {
         let reflectance = mirror_si.bsdf.mirror_reflectance() * (through * specular_paths.len() as f32);
         let area = patch.area_per_solid_angle(place, f64::from(before), f64::from(distance)) as f32;
         let mirror = Some(MirrorVertex { si: mirror_si, curved: Some([before, distance]) });
-        let connection = EdgeConnection { ray: mirror_si.spawn_ray(dir), dir, distance, prim, reflectance, mirror };
-        (reflectance != Vec3::ZERO).then_some(CurvedConnection { connection, first, area })
+        let ray = mirror_si.spawn_ray(dir);
+        let last = EdgeConnection { ray, dir, distance, whole: distance, prim, reflectance, mirror };
+        (reflectance != Vec3::ZERO).then_some(CurvedConnection { last, first, area })
     }
 
     /// Adds the derivatives of a sample's edge and mirror; returns the adjoint of the path vertex's position.
@@ -461,12 +531,68 @@ impl Estimator for Secondary<'_> {
     }
 }
 
+/// A vertex chosen for a boundary sample, with its weight and that of all vertices.
+struct ChosenVertex {
+    index: usize,
+    weight: f32,
+    total: f32,
+}
+
+/// How a shading point is connected to an edge.
+#[derive(Clone, Copy)]
+enum Route<'a> {
+    Direct,
+    /// By way of a flat mirror.
+    Flat(&'a MirrorPlane),
+    /// By way of a curved mirror.
+    Curved(&'a MirrorTree),
+}
+
+impl Route<'_> {
+    /// The image of a point in a flat mirror.
+    fn image(self, p: Vec3) -> Vec3 {
+        if let Route::Flat(mirror) = self { mirror.reflect_point(p) } else { p }
+    }
+
+    /// The image of a direction in a flat mirror.
+    fn mirrored(self, v: Vec3) -> Vec3 {
+        if let Route::Flat(mirror) = self { mirror.reflect(v) } else { v }
+    }
+}
+
+/// A shading point and the edge point that it is connected to.
+struct Shading<'a> {
+    si: &'a SurfaceInteraction,
+    route: Route<'a>,
+    edge: &'a Edge,
+    point: EdgePoint,
+    connection: EdgeConnection,
+    /// Of the connection at the shading point.
+    dir: Vec3,
+    /// At the edge, perpendicular to the connection, over the solid angle at the shading point.
+    area: f32,
+    /// f·cos in this direction: of the part of the BSDF whose directions are fixed, and of an attached lobe.
+    f: [Vec3; 2],
+}
+
+/// What a shading point reflects more of one side of an edge than of the other.
+struct Jump {
+    view: EdgeView,
+    /// What masks leave of it.
+    covers: f32,
+    /// Through the part of the BSDF whose directions are fixed, and through an attached lobe.
+    fixed: Vec3,
+    attached: Vec3,
+}
+
 /// The last segment of the connection from a path vertex to an edge point.
 #[derive(Clone, Copy)]
 struct EdgeConnection {
     ray: Ray,
     dir: Vec3,
     distance: f32,
+    /// Distance of the edge from the shading point by way of a flat mirror; by way of a curved one that from the mirror.
+    whole: f32,
     /// Where it starts.
     prim: PrimId,
     reflectance: Vec3,
@@ -475,7 +601,7 @@ struct EdgeConnection {
 
 /// The connection from a path vertex to an edge point by way of a curved mirror.
 struct CurvedConnection {
-    connection: EdgeConnection,
+    last: EdgeConnection,
     /// Direction of its first segment.
     first: Vec3,
     /// At the edge, perpendicular to it, over the solid angle at its start.

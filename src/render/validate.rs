@@ -1,0 +1,263 @@
+//! What can be rendered: scenes and cameras are checked before anything is built of them.
+
+#![deny(missing_docs)]
+
+use glam::{Vec2, Vec3};
+
+use super::scene::{Camera, Cone, DeltaLight, Input, Motion, Projection, SceneDescription, Shape};
+use super::texture::Texture;
+use crate::mesh::Mesh;
+
+/// Why a scene cannot be rendered; `shape` etc. are indices, the evaluator finds the place in the script.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum SceneError {
+    /// A mesh, its material, its emission or its motion is not usable.
+    #[error("{what}")]
+    Shape {
+        /// Index into [`SceneDescription::shapes`].
+        shape: usize,
+        /// What is wrong, in words.
+        what: String,
+    },
+    /// The camera has no film, no direction, numbers that are not finite, or the like.
+    #[error("{what}")]
+    Camera {
+        /// What is wrong, in words.
+        what: String,
+    },
+    /// A light without area, or its motion, is not usable.
+    #[error("{what}")]
+    Light {
+        /// Index into [`SceneDescription::delta_lights`].
+        light: usize,
+        /// What is wrong, in words.
+        what: String,
+    },
+    /// The environment's map or rotation is not usable.
+    #[error("{what}")]
+    Environment {
+        /// What is wrong, in words.
+        what: String,
+    },
+}
+
+/// Coordinates beyond this overflow in single precision when areas are squared.
+const FARTHEST: f32 = 1e9;
+
+fn is_too_far(p: Vec3) -> bool {
+    p.abs().max_element() > FARTHEST
+}
+
+/// Refuses cameras no image can be made with.
+pub fn validate_camera(camera: &Camera) -> Result<(), SceneError> {
+    let fail = |what: String| Err(SceneError::Camera { what });
+    if let Some(to) = &camera.closing {
+        validate_camera(&camera.at(1.0))?;
+        // On a straight line between them there may be no frame.
+        if camera.frame.iter().zip(&to.frame).any(|(a, b)| a.dot(*b) <= 0.0) {
+            return fail("the camera turns by 90 degrees or more while its shutter is open".into());
+        }
+    }
+    if camera.width == 0 || camera.height == 0 {
+        return fail(format!("a film of {}×{} pixels has no pixel", camera.width, camera.height));
+    }
+    if camera.width.saturating_mul(camera.height) > crate::image::MAX_FILM_PIXELS {
+        return fail(format!("a film of {}×{} pixels is larger than 67 million pixels", camera.width, camera.height));
+    }
+    let frame = glam::Mat3::from_cols(camera.frame[0], camera.frame[1], camera.frame[2]);
+    if !camera.origin.is_finite() || !frame.is_finite() || frame.determinant().abs() < 1e-12 {
+        return fail("the camera's position and orientation do not make a frame (does it look along `up`, or at its own position?)".into());
+    }
+    if is_too_far(camera.origin) {
+        return fail("the camera is too far out: more than 1e9 from the scene".into());
+    }
+    if !camera.scale.iter().all(|s| s.is_finite() && *s > 0.0) {
+        return fail("the camera's field of view must be above zero and below 180 degrees".into());
+    }
+    let lens = camera.lens;
+    if !(lens.radius.is_finite() && lens.radius >= 0.0) {
+        return fail(format!("the camera's aperture must be 0 or more, it is {}", lens.radius));
+    }
+    if lens.radius > 0.0 && !(lens.focus.is_finite() && lens.focus > 0.0) {
+        return fail(format!("the camera's distance of focus must be positive, it is {}", lens.focus));
+    }
+    if lens.radius > 0.0 && !matches!(camera.projection, Projection::Perspective | Projection::Orthographic) {
+        return fail("only perspective and orthographic cameras have an aperture".into());
+    }
+    validate_distortion(camera).map_err(|what| SceneError::Camera { what })?;
+    let [open, close] = camera.shutter;
+    if !(0.0 <= open && open <= close && close <= 1.0) {
+        return fail(format!("a shutter opens and closes between 0 and 1, this one at {open} and {close}"));
+    }
+    let [x, y] = camera.scale;
+    let pi = std::f32::consts::PI * (1.0 + 1e-5);
+    match camera.projection {
+        Projection::Fisheye if x.hypot(y) > pi => {
+            fail("a fisheye film must not see beyond 180 degrees from its axis in the corners".into())
+        }
+        Projection::Panorama if x > pi || y > 0.5 * pi => fail("a panorama sees at most 360 by 180 degrees".into()),
+        _ => Ok(()),
+    }
+}
+
+/// Refuses scenes no image can be made of.
+pub(super) fn validate(description: &SceneDescription) -> Result<(), SceneError> {
+    for (i, shape) in description.shapes.iter().enumerate() {
+        let checked = validate_mesh(&shape.mesh, description.origin.as_vec3());
+        let checked = checked.and_then(|()| validate_inputs(shape, &description.textures));
+        checked.map_err(|what| SceneError::Shape { shape: i, what })?;
+    }
+    for motion in &description.motions {
+        validate_motion(motion, description).map_err(|what| SceneError::Shape { shape: motion.shape, what })?;
+    }
+    for (i, light) in description.delta_lights.iter().enumerate() {
+        validate_light(light).map_err(|what| SceneError::Light { light: i, what: what.into() })?;
+    }
+    for motion in &description.light_motions {
+        let opening = description.delta_lights.get(motion.light);
+        validate_light_motion(opening, &motion.closing)
+            .map_err(|what| SceneError::Light { light: motion.light, what: what.into() })?;
+    }
+    if let Some(e) = &description.environment
+        && (e.radiance >= description.textures.len() || !e.rotation.is_finite())
+    {
+        return Err(SceneError::Environment { what: "the environment's map or rotation is not usable".into() });
+    }
+    Ok(())
+}
+
+/// Whether the arrays of a mesh, whose vertices are relative to `origin`, fit together and are numbers.
+fn validate_mesh(mesh: &Mesh, origin: Vec3) -> Result<(), String> {
+    if let Some(v) = mesh.vertices.iter().position(|v| !v.is_finite()) {
+        return Err(format!("vertex {v} is not finite: {}", mesh.vertices[v]));
+    }
+    if let Some(v) = mesh.vertices.iter().position(|v| is_too_far(*v + origin)) {
+        let place = mesh.vertices[v] + origin;
+        return Err(format!("vertex {v} is too far out: {place} (at most 1e9 from the origin)"));
+    }
+    let n = mesh.vertices.len();
+    if let Some(f) = mesh.faces.iter().position(|f| f.iter().any(|&v| v as usize >= n)) {
+        let (face, last) = (mesh.faces[f], n.max(1) - 1);
+        return Err(format!("face {f} is {face:?}, but the mesh has only {n} vertices (0 to {last})"));
+    }
+    let lengths = [
+        ("normals", mesh.normals.as_ref().map(Vec::len)),
+        ("uvs", mesh.uvs.as_ref().map(Vec::len)),
+        ("colors", mesh.colors.as_ref().map(Vec::len)),
+    ];
+    for (what, len) in lengths {
+        if let Some(len) = len.filter(|&len| len != n) {
+            return Err(format!("{len} {what} for {n} vertices"));
+        }
+    }
+    if mesh.normals.iter().flatten().any(|v| !v.is_finite()) || mesh.uvs.iter().flatten().any(|v| !v.is_finite()) {
+        return Err("normals and uvs must be finite".into());
+    }
+    Ok(())
+}
+
+/// Whether what a shape's material and emission read is there, and opacities are between 0 and 1.
+fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
+    let mesh = &shape.mesh;
+    let (inputs, count) = shape.material.kind.inputs();
+    let emission = shape.emission.iter().map(|e| e.radiance);
+    let opacity = shape.material.opacity;
+    for input in inputs[..count].iter().copied().chain(emission).chain(opacity) {
+        if input.reads_colors() && mesh.colors.is_none() {
+            return Err("the material reads vertex colours, but the mesh has none".into());
+        }
+        if let Some(t) = input.texture().filter(|&t| t >= textures.len()) {
+            return Err(format!("texture {t} does not exist"));
+        }
+    }
+    let texels = opacity.and_then(Input::texture).map(|t| &textures[t]);
+    let texels = texels.into_iter().flat_map(|t| t.data.iter().copied().step_by(t.channels));
+    let colors = mesh.colors.iter().flatten().filter(|_| opacity.is_some_and(Input::reads_colors));
+    match texels.chain(colors.map(|c| c.x)).find(|x| !(0.0..=1.0).contains(x)) {
+        Some(opacity) => Err(format!("an opacity must lie between 0 and 1, this one is {opacity}")),
+        None => Ok(()),
+    }
+}
+
+/// Whether the closing keyframe of a shape fits its opening one.
+fn validate_motion(motion: &Motion, description: &SceneDescription) -> Result<(), String> {
+    let Some(Shape { mesh, .. }) = description.shapes.get(motion.shape) else {
+        return Err(format!("shape {} moves, but does not exist", motion.shape));
+    };
+    if motion.vertices.len() != mesh.vertices.len() {
+        let (from, to) = (mesh.vertices.len(), motion.vertices.len());
+        return Err(format!("{from} vertices become {to} while the shutter is open"));
+    }
+    if motion.normals.as_ref().map(Vec::len) != mesh.normals.as_ref().map(Vec::len) {
+        return Err("both keyframes must have normals, or neither".into());
+    }
+    let origin = description.origin.as_vec3();
+    if motion.vertices.iter().any(|v| !v.is_finite() || is_too_far(*v + origin)) {
+        return Err("vertices of the closing keyframe are not finite, or more than 1e9 from the origin".into());
+    }
+    if motion.normals.iter().flatten().any(|v| !v.is_finite()) {
+        return Err("normals must be finite".into());
+    }
+    Ok(())
+}
+
+/// Whether a light may become another while a shutter is open.
+fn validate_light_motion(opening: Option<&DeltaLight>, closing: &DeltaLight) -> Result<(), &'static str> {
+    let Some(opening) = opening else { return Err("the light moves, but does not exist") };
+    if std::mem::discriminant(opening) != std::mem::discriminant(closing) {
+        return Err("the keyframes are different kinds of light");
+    }
+    validate_light(closing)?;
+    let turns_far = match (opening, closing) {
+        (DeltaLight::Directional { direction: a, .. }, DeltaLight::Directional { direction: b, .. }) => {
+            a.dot(*b) <= 0.0
+        }
+        (DeltaLight::Spot { cone: a, .. }, DeltaLight::Spot { cone: b, .. }) => a.axis.dot(b.axis) <= 0.0,
+        _ => false,
+    };
+    if turns_far { Err("the light turns by 90 degrees or more while a shutter is open") } else { Ok(()) }
+}
+
+/// Every film position must have a ray.
+fn validate_distortion(camera: &Camera) -> Result<(), String> {
+    if camera.distortion.is_none() {
+        return Ok(());
+    }
+    if !camera.distortion.coefficients.iter().all(|c| c.is_finite()) {
+        return Err("the coefficients of the camera's distortion must be finite".into());
+    }
+    if !camera.may_distort() {
+        return Err("only perspective and fisheye cameras have a distortion, and no aperture beside it".into());
+    }
+    const STEPS: usize = 32;
+    let places = |size: usize| (0..=STEPS).map(move |i| size as f32 * i as f32 / STEPS as f32);
+    for (x, y) in places(camera.height).flat_map(|y| places(camera.width).map(move |x| (x, y))) {
+        if !camera.ray(Vec2::new(x, y)).dir.is_finite() {
+            return Err(format!(
+                "the camera's distortion folds the image: nothing is seen at pixel ({x:.0}, {y:.0}); with a smaller field of view, or smaller coefficients, every pixel has a ray"
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn validate_light(light: &DeltaLight) -> Result<(), &'static str> {
+    let (placement, power) = (light.placement(), light.power());
+    if !placement.is_finite() || !power.is_finite() {
+        return Err("the light's numbers must be finite");
+    }
+    if let DeltaLight::Directional { .. } = light {
+        return if placement.length_squared() == 0.0 { Err("a directional light needs a direction") } else { Ok(()) };
+    }
+    if is_too_far(placement) {
+        return Err("the light is too far out (at most 1e9 from the scene)");
+    }
+    let Some(Cone { axis, beam, cutoff }) = light.cone() else { return Ok(()) };
+    if axis.try_normalize().is_none() {
+        return Err("a spot light needs a direction");
+    }
+    if !(0.0 <= beam && beam < cutoff && cutoff <= std::f32::consts::PI * 1.000_001) {
+        return Err("a spot light fades between its `beam` and its `cutoff`: 0deg <= beam < cutoff <= 180deg");
+    }
+    Ok(())
+}
