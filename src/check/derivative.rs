@@ -38,7 +38,10 @@ impl Checker<'_> {
             DerivativeKind::FiniteDifference => arg("step").map(|s| self.setting_of(id, "step", s, site)),
             DerivativeKind::Estimate => match arg("repeats") {
                 Some(repeats) => Some(self.setting_of(id, "repeats", repeats, site)),
-                None => self.native_default(id, 1),
+                None => {
+                    let at = signature.params.iter().position(|p| p.name == "repeats");
+                    at.and_then(|at| self.native_default(id, at))
+                }
             },
         };
         let slope = |ty: &Ty| match kind {

@@ -401,9 +401,7 @@ impl<'p> Flow<'p> {
                         Callee::Decl(id) => add(self, *id, context, out),
                         Callee::Value(callee) => waiting.push((callee, context)),
                         Callee::Native(id) => {
-                            let name = self.program.decl(*id).name.as_str();
-                            let renders = Rendering::named(name).is_some();
-                            if renders && call.args.get(1).is_some_and(Option::is_none) {
+                            if renders_file(self.program, *id, call) {
                                 self.renders_scene = true;
                                 for part in self.program.default_scene.iter().chain(&self.program.integrator) {
                                     add(self, *part, context, out);
@@ -429,6 +427,14 @@ impl<'p> Flow<'p> {
         }
         number
     }
+}
+
+/// Whether a call renders the scene that the file declares: it names no other.
+fn renders_file(program: &Program, native: DeclId, call: &Call) -> bool {
+    let decl = program.decl(native);
+    let DeclKind::Native(signature) = &decl.kind else { return false };
+    let scene = signature.params.iter().position(|p| p.name == "scene");
+    Rendering::named(&decl.name).is_some() && scene.is_some_and(|i| matches!(call.args.get(i), Some(None)))
 }
 
 /// Calls `f` for an expression and all below it.
