@@ -188,6 +188,11 @@ fn what_is_valid_is_accepted_and_has_the_right_value() {
             json!(0.75),
         ),
         ("", "spot(position: [0, 0, 0], direction: [0, 1, 0], cutoff: 40deg).beam / 1deg", json!(30)),
+        (
+            "light lamp = point(position: [0, 0, 0], intensity: 5)",
+            "sum([20deg, 20deg] * mean(lamp.intensity)) / 1deg",
+            json!(200),
+        ),
         // Derivatives and estimates of images are images.
         ("param p = image([[1, 2], [3, 4]])\nlet z = sum(p ^ 2)", "grad(z, p).width + sum(grad(z, p))", json!(22)),
         ("param p = 2", "estimate(image([[1, 2]]) * p, repeats: 2).mean.width", json!(2)),

@@ -144,7 +144,7 @@ pub fn image_sizes(ty: &Ty) -> Option<String> {
 fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
     use BinaryOp::*;
     let bad = || Err(String::new());
-    if let Some(result) = with_units(op, a, b) {
+    if let Some(result) = with_units(op, a, b).or_else(|| unit_and_unknown(op, a, b)) {
         return result;
     }
     match op {
@@ -161,7 +161,6 @@ fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
             _ => bad(),
         },
         Lt | Le | Gt | Ge => match (a, b) {
-            (Ty::Angle, Ty::Angle | Ty::Any) | (Ty::Any, Ty::Angle) => Ok(Ty::Bool),
             // A mask if it is an array.
             (Ty::Any, other) | (other, Ty::Any) if other.is_unknown() || other.is_scalar() => Ok(Ty::Any),
             (Ty::Any, Ty::Num(_) | Ty::Image { .. }) | (Ty::Num(_) | Ty::Image { .. }, Ty::Any) => {
@@ -176,12 +175,10 @@ fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
             _ => bad(),
         },
         Add | Sub => match (a, b) {
-            (Ty::Angle, Ty::Angle | Ty::Any) | (Ty::Any, Ty::Angle) => Ok(Ty::Angle),
             (Ty::Str, Ty::Str) => Err("join texts by interpolation: `\"{a}{b}\"`".to_owned()),
             _ => broadcast(a, b).ok_or_else(String::new),
         },
         Mul => match (a, b) {
-            (Ty::Angle, other) | (other, Ty::Angle) if other.is_scalar() || *other == Ty::Any => Ok(Ty::Angle),
             (Ty::Rotation | Ty::Transform, Ty::Rotation | Ty::Transform | Ty::Num(_) | Ty::Image { .. }) => {
                 Err("rotations and transforms are applied by `@`: `turn @ point`, `second @ first`".to_owned())
             }
@@ -189,13 +186,7 @@ fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
             (Ty::Mesh, _) | (_, Ty::Mesh) => Err("scale a mesh with `|> scale(2)`".to_owned()),
             _ => broadcast(a, b).ok_or_else(String::new),
         },
-        Div => match (a, b) {
-            (Ty::Angle, Ty::Angle) => Ok(Ty::SCALAR),
-            (Ty::Angle, other) if other.is_scalar() => Ok(Ty::Angle),
-            (Ty::Angle, Ty::Any) | (Ty::Any, Ty::Angle) => Ok(Ty::Any),
-            _ => broadcast(a, b).ok_or_else(String::new),
-        },
-        Pow => broadcast(a, b).ok_or_else(String::new),
+        Div | Pow => broadcast(a, b).ok_or_else(String::new),
         Apply => applied(a, b),
     }
 }
@@ -216,6 +207,19 @@ fn with_units(op: BinaryOp, a: &Ty, b: &Ty) -> Option<Result<Ty, String>> {
         (Eq | Ne, true, true) => Ok(Ty::Bool),
         (Lt | Le | Gt | Ge, true, true) => Ok(if shape.is_empty() { Ty::Bool } else { Ty::Num(shape) }),
         _ => Err(String::new()),
+    })
+}
+
+/// The type of `a op b` where one side is made of angles and the other is not known: it may be numbers or angles, one or many.
+fn unit_and_unknown(op: BinaryOp, a: &Ty, b: &Ty) -> Option<Result<Ty, String>> {
+    use BinaryOp::*;
+    if !(a.is_angle() && *b == Ty::Any || *a == Ty::Any && b.is_angle()) {
+        return None;
+    }
+    Some(match op {
+        Eq | Ne => Ok(Ty::Bool),
+        Add | Sub | Mul | Div | Lt | Le | Gt | Ge => Ok(Ty::Any),
+        Pow | And | Or | Apply => Err(String::new()),
     })
 }
 
