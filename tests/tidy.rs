@@ -265,13 +265,10 @@ fn lower_floors_know_no_scripts() {
     }
 }
 
-/// `render` and `grad` are read by people who look for one thing: functions there are held to their length once their tables are.
-const FUNCTIONS_TO_BE_CUT: [&str; 2] = ["render", "grad"];
-
 #[test]
 fn functions_are_short() {
     const LONGEST: usize = 100;
-    for path in files("src", "rs").into_iter().filter(|p| !FUNCTIONS_TO_BE_CUT.contains(&module_of(p).as_str())) {
+    for path in files("src", "rs") {
         let text = fs::read_to_string(&path).unwrap();
         let lines: Vec<&str> = text.lines().collect();
         for (i, line) in lines.iter().enumerate() {
