@@ -12,11 +12,12 @@ shape ground { mesh: rectangle(width: 4, depth: 4), material: grey }
 shape blocker { mesh: mesh(vertices: corners, faces: [[0, 1, 2], [1, 3, 2]]), material: grey }
 light lamp = area(rectangle(width: 0.2, depth: 0.2) |> flip() |> translate([0, 5, 0]), radiance: 1000)
 loss y = mean(render(eye, max_bounces: 2))",
-    "camera eye { position: [0, 1, -4], look_at: [0, 0, 0], kind: orthographic, height: 3, aperture: 0.2, focus: 3, film: [5, 5] }
+    "camera eye { position: [0, 1, -4], look_at: [0, 0, 0], kind: orthographic, height: 3, aperture: 0.2, focus: 3, film: [3, 3] }
 param size = 1.5
 param turn: rotation = euler(x: 10deg, y: 20deg)
 shape pot { mesh: cylinder(radius: size, height: 0.5, subdivisions: 5) |> rotate(by: turn) |> scale([1, 2, 0.5]), material: phong(diffuse: 0.3, specular: 0.4, roughness: 0.2) }
-shape ring { mesh: torus(radius: 2, tube: 0.1, subdivisions: 4) |> smooth_normals(), material: mirror(reflectance: 0.9) }
+shape ring { mesh: torus(radius: 2, tube: 0.1, subdivisions: 4) |> smooth_normals(), material: conductor(roughness: 0.4) }
+shape glass { mesh: rectangle(width: 2, depth: 1) |> translate([0, -0.5, 1]), material: mirror(reflectance: 0.9) }
 light sky = environment(image([[1, 2], [0.5, 3]]), rotation: 30deg, scale: 0.7)
 light bulb = point(position: [1, 2, -3], intensity: 4)
 light beam = spot(position: [1, 3, -2], direction: [-0.3, -1, 0.5], intensity: 8, cutoff: 35deg, beam: 12deg)
@@ -35,6 +36,13 @@ let v = normalize([1, 2, 2]) * length([3, 4])
 param p = 0.4 in 0..1
 let m = cube(size: 2) |> subdivide(levels: 1) |> center() |> normalize()
 loss y = huber(p * xs, 0.3 * xs, delta: 0.1) + sum(v[0..2]) + sqrt(p + 0.1) + log(p + 2) + acos(p / 4) / 1deg + laplacian_energy(m) * p + sum(uniform(3, low: 0, high: 1, seed: 4)) + p ^ 0.5 + mean(crop(image([[1, 2, 3], [4, 5, 6]]), x: 1, y: 0, width: 2, height: 1)) * p",
+    // What a curved mirror shows is searched for triangle by triangle: the scene around it is small.
+    "camera eye { position: [0, 1, -4], look_at: [0, 0, 0], fov: 40deg, film: [3, 3] }
+param size = 0.8
+shape ball { mesh: sphere(radius: size, subdivisions: 4) |> smooth_normals(), material: mirror(reflectance: 0.9) }
+shape tile { mesh: rectangle(width: 2, depth: 1) |> translate([0, 2, -1]), material: diffuse(reflectance: 0.5) }
+light bulb = point(position: [1, 2, -3], intensity: 4)
+loss y = mean(render(eye, max_bounces: 2))",
 ];
 
 const HOSTILE: &[&str] = &["0", "(-1)", "1e-30", "1e30", "3.7", "(0/0)", "(1/0)", "1000003", "[]", "\"x\""];
@@ -116,7 +124,7 @@ fn a_shadow() {
 }
 
 #[test]
-fn every_light_and_a_mirror() {
+fn every_light_and_a_flat_mirror() {
     mutate(SCRIPTS[1]);
 }
 
@@ -128,6 +136,11 @@ fn textures_and_image_filters() {
 #[test]
 fn numbers_and_meshes() {
     mutate(SCRIPTS[3]);
+}
+
+#[test]
+fn a_curved_mirror() {
+    mutate(SCRIPTS[4]);
 }
 
 #[test]

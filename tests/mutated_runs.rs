@@ -14,7 +14,7 @@ use dscene::session::{Recorder, Runner};
 use dice::Dice;
 
 const SCRIPTS: &[&str] = &[
-    r#"camera eye { position: [0, 1, -4], look_at: [0, 0, 0], fov: 45deg, film: [12, 12] }
+    r#"camera eye { position: [0, 1, -4], look_at: [0, 0, 0], fov: 45deg, film: [8, 8] }
 param p: vec3[3] = [[-1, -0.8, 0], [1, -0.9, 0], [0.1, 1, 0]]
 param glow = 0.5 in 0..1 { lr: 2, scale: 0.5 }
 shape panel { mesh: mesh(vertices: p, faces: [[0, 2, 1]]) |> scale(1.5) |> rotate(y: 20deg), material: diffuse(reflectance: glow) }
@@ -40,7 +40,7 @@ save xs |> sum() to "x.json"
 "#,
     r#"camera eye { position: [0, 0, -3], look_at: [0, 0, 0], fov: 40deg, film: [8, 8], kind: orthographic, height: 3 }
 let img = image([[[0.1, 0.2, 0.3], [0.9, 0.8, 0.7]], [[0, 0, 0], [1, 1, 1]]])
-shape ball { mesh: sphere(subdivisions: 2) |> scale([1, 0.5, 1]), material: phong(diffuse: texture(img), specular: 0.3, roughness: 0.2) }
+shape ball { mesh: sphere(subdivisions: 4) |> scale([1, 0.5, 1]), material: phong(diffuse: texture(img), specular: 0.3, roughness: 0.2) }
 light sun = directional(direction: [1, -2, 1], irradiance: 3)
 light lamp = spot(position: [1, 3, -2], direction: [-0.3, -1, 0.5], intensity: 8, cutoff: 35deg, beam: 12deg)
 light env = environment(img, rotation: rotation(axis: [0, 1, 0], angle: 45deg))
@@ -142,6 +142,7 @@ fn damaged_scripts_end_in_values_or_diagnostics() {
             Ok(has_run) => ran += usize::from(has_run),
             Err(_) => panic!("mutant {number} panicked:\n{text}"),
         }
+        if begun.elapsed().as_millis() > 400 {}
         assert!(begun.elapsed() < Duration::from_secs(30), "mutant {number} took {:?}:\n{text}", begun.elapsed());
     }
     println!("{ran} of {MUTANTS} mutants ran, in {:?}", started.elapsed());

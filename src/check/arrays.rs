@@ -426,7 +426,8 @@ fn columns(list: &Const, n: usize) -> Vec<Option<Const>> {
     (0..n).map(column).collect()
 }
 
-fn size(items: &[Const]) -> usize {
+/// How many constants there are in these, and in theirs.
+pub(super) fn size(items: &[Const]) -> usize {
     items.iter().map(|i| if let Const::List(items) = i { size(items) } else { 1 }).sum()
 }
 

@@ -19,7 +19,7 @@ pub struct LocalId(pub u32);
 #[derive(Clone, Debug, Default)]
 pub struct Program {
     /// The standard library's declarations come first. Replaced declarations (REPL) keep their id.
-    pub decls: Vec<Decl>,
+    pub decls: Vec<Arc<Decl>>,
     /// In the order of the file.
     pub actions: Vec<Action>,
     pub sources: SourceMap,
@@ -29,6 +29,8 @@ pub struct Program {
     pub integrator: Option<DeclId>,
     /// What it was made of, to check further lines against it ([`super::check_line`]).
     pub origin: Origin,
+    /// What the checker knew when it had checked the last line.
+    pub(super) known: super::lines::Known,
 }
 
 /// The texts of a program.

@@ -508,25 +508,15 @@ impl Checker<'_> {
     /// The type of an expression where declarations have other sizes than usual: everything that depends on them is inferred anew.
     /// What does not fit then is told with the replacement that causes it.
     fn retyped(&mut self, body: &ast::Expr, wanted: Option<&Sig>, changes: &[Change], span: Span) -> Ty {
-        let saved: Vec<(usize, State, hir::Decl, Option<Const>)> = self
-            .slots
-            .iter()
-            .enumerate()
-            .filter(|(_, s)| s.state == State::Done && self.modules[s.module].user)
-            .map(|(i, s)| (i, s.state, s.hir.clone(), s.value.clone()))
-            .collect();
+        let saved = self.slots.clone();
         let instances = self.instances.clone();
         let (scene, integrator) = (self.default_scene.clone(), self.integrator);
         let outer = std::mem::take(&mut self.diagnostics);
-        let user = |checker: &Self, key: &str| {
-            let id = key.split(' ').next().and_then(|id| id.parse::<u32>().ok());
-            id.is_none_or(|id| checker.slots.get(id as usize).is_none_or(|s| checker.modules[s.module].user))
-        };
-        let stale: Vec<String> = self.instances.keys().filter(|key| user(self, key)).cloned().collect();
-        stale.iter().for_each(|key| drop(self.instances.remove(key)));
-        for (i, ..) in &saved {
-            if !changes.iter().any(|c| c.decl.0 as usize == *i) {
-                self.slots[*i].state = State::Waiting;
+        self.forget_user_instances();
+        for (i, slot) in saved.iter().enumerate() {
+            let is_settled = slot.state == State::Done && self.modules[slot.module].user;
+            if is_settled && !changes.iter().any(|c| c.decl.0 as usize == i) {
+                self.slot_mut(hir::DeclId(i as u32)).state = State::Waiting;
             }
         }
         for change in changes {
@@ -535,10 +525,7 @@ impl Checker<'_> {
         }
         let ty = self.expr(body, wanted).expr.ty;
         let inner = std::mem::replace(&mut self.diagnostics, outer);
-        for (i, state, hir, value) in saved {
-            let slot = &mut self.slots[i];
-            (slot.state, slot.hir, slot.value) = (state, hir, value);
-        }
+        self.slots = saved;
         self.instances = instances;
         (self.default_scene, self.integrator) = (scene, integrator);
         let mut failed = false;
@@ -550,6 +537,18 @@ impl Checker<'_> {
             }
         }
         if failed { Ty::Error } else { ty }
+    }
+}
+
+impl Checker<'_> {
+    /// What functions of the user give for their arguments is worked out anew.
+    pub fn forget_user_instances(&mut self) {
+        let (slots, modules) = (&self.slots, &self.modules);
+        let is_user = |key: &str| {
+            let id = key.split(' ').next().and_then(|id| id.parse::<usize>().ok());
+            id.is_none_or(|id| slots.get(id).is_none_or(|s| modules[s.module].user))
+        };
+        self.instances.retain(|key, _| !is_user(key));
     }
 }
 

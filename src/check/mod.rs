@@ -18,6 +18,7 @@ mod flow;
 pub mod hir;
 mod infer;
 mod known;
+mod lines;
 mod modules;
 mod results;
 mod shapes;
@@ -35,6 +36,7 @@ use crate::source::SourceMap;
 pub use domains::{Reached, domain_of_field, domains};
 pub use fields::type_of;
 pub use flow::{children, reaching_params, reaching_params_of};
+pub use lines::{Line, check_line};
 use modules::Checker;
 
 /// The outside world as the checker sees it.
@@ -108,54 +110,6 @@ pub fn check_text(
         let failed = diagnostics.iter().any(Diagnostic::is_error);
         Checked { program: (!failed).then_some(program), diagnostics, sources }
     })
-}
-
-/// What a line of the REPL turned out to be.
-#[derive(Clone, Debug)]
-pub enum Line {
-    /// Statements. What they declared or replaced the program has; the ids of what is new or changed, and what is to be done, in
-    /// the order of the line.
-    Statements {
-        declared: Vec<hir::DeclId>,
-        actions: Vec<hir::Action>,
-    },
-    Expr(hir::Expr),
-    /// Nothing but white space and comments.
-    Empty,
-}
-
-/// Checks a line (a declaration, an action or an expression) against a program. Declarations of the same name are
-/// replaced and keep their id. The program is changed only if there are no errors, but it always gets the line's source.
-pub fn check_line(program: &mut hir::Program, text: &str) -> (Option<Line>, Vec<Diagnostic>) {
-    let mut sources = program.sources.clone();
-    let path = program.origin.main.and_then(|id| sources.get(id)).and_then(|f| f.path.clone());
-    let line = sources.add("<line>", path.as_deref(), text);
-    program.sources = sources.clone();
-    let mut origin = program.origin.clone();
-    let (new_program, result, mut diagnostics) = with_room(move || {
-        let mut checker = Checker::new(sources, &Disk);
-        checker.quiet = true;
-        let result = if crate::syntax::is_statement(text) {
-            origin.lines.push(line);
-            checker.run(origin);
-            checker.line_result(line)
-        } else {
-            checker.run(origin);
-            checker.line_expr(line)
-        };
-        let (program, diagnostics, _) = checker.finish();
-        (program, result, diagnostics)
-    });
-    diag::sort(&mut diagnostics);
-    // Warnings about the rest of the file were told when it was checked.
-    diagnostics.retain(|d| d.is_error() || d.span().is_some_and(|s| s.source == line));
-    if diagnostics.iter().any(Diagnostic::is_error) {
-        return (None, diagnostics);
-    }
-    if matches!(&result, Line::Statements { declared, actions } if !declared.is_empty() || actions.is_empty()) {
-        *program = new_program;
-    }
-    (Some(result), diagnostics)
 }
 
 /// The declarations of the standard library (and nothing else), for documentation and completion.

@@ -4,11 +4,11 @@ use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::Loader;
 use super::hir::{self, DeclId, LocalId, Origin, Program};
 use super::signature::{Const, FunctionKey, Sig};
 use super::told::Told;
 use super::types::Ty;
-use super::{Line, Loader};
 use crate::diag::{Diagnostic, Names, did_you_mean, suggest};
 use crate::source::{SourceId, SourceMap, Span};
 use crate::syntax::ast::{self, StatementKind};
@@ -36,7 +36,7 @@ pub type ModuleId = usize;
 /// Module 0 is the prelude.
 pub const PRELUDE: ModuleId = 0;
 
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Module {
     pub names: HashMap<String, DeclId>,
     pub aliases: HashMap<String, ModuleId>,
@@ -54,6 +54,7 @@ pub enum State {
 }
 
 /// A declaration on its way from tree to typed program.
+#[derive(Clone)]
 pub struct Slot {
     pub name: ast::Name,
     pub module: ModuleId,
@@ -104,7 +105,8 @@ pub struct Checker<'l> {
     pub loader: &'l (dyn Loader + Sync),
     pub diagnostics: Told,
     pub modules: Vec<Module>,
-    pub slots: Vec<Slot>,
+    /// Shared with what the lines before left, until one of them changes.
+    pub slots: Vec<Arc<Slot>>,
     pub locals: Vec<Local>,
     /// The module whose names are visible.
     pub module: ModuleId,
@@ -133,14 +135,17 @@ pub struct Checker<'l> {
     pub no_step: bool,
     /// No dataflow warnings (REPL lines).
     pub quiet: bool,
+    /// Declarations of the program before that are as they were, by their number.
+    pub unchanged: Vec<Option<Arc<hir::Decl>>>,
     /// What names of a module may have been meant by others, made when it is first asked for.
     spelling: HashMap<ModuleId, Names>,
     /// What looking for them may still cost.
     spelling_budget: usize,
-    pending_actions: Vec<(ModuleId, Arc<ast::Statement>)>,
-    files: HashMap<PathBuf, ModuleId>,
+    /// Statements of actions, in order.
+    pub action_statements: Vec<Arc<ast::Statement>>,
+    pub files: HashMap<PathBuf, ModuleId>,
     parsed: HashMap<SourceId, Vec<Arc<ast::Statement>>>,
-    library: HashMap<&'static str, ModuleId>,
+    pub library: HashMap<&'static str, ModuleId>,
 }
 
 impl<'l> Checker<'l> {
@@ -169,9 +174,10 @@ impl<'l> Checker<'l> {
             unread: HashSet::new(),
             no_step: false,
             quiet: false,
+            unchanged: Vec::new(),
             spelling: HashMap::new(),
             spelling_budget: SPELLING_BUDGET,
-            pending_actions: Vec::new(),
+            action_statements: Vec::new(),
             files: HashMap::new(),
             parsed: HashMap::new(),
             library: HashMap::new(),
@@ -200,19 +206,24 @@ impl<'l> Checker<'l> {
         for i in 0..self.slots.len() {
             self.declare(DeclId(i as u32));
         }
-        for (module, statement) in std::mem::take(&mut self.pending_actions) {
-            self.module = module;
-            if let StatementKind::Action(action) = &statement.kind {
-                self.top_action(action);
-            }
+        for statement in self.action_statements.clone() {
+            self.action_statement(&statement);
         }
-        self.module = self.main;
         self.check_default_scene();
+    }
+
+    pub fn action_statement(&mut self, statement: &ast::Statement) {
+        self.module = self.main;
+        if let StatementKind::Action(action) = &statement.kind {
+            self.top_action(action);
+        }
     }
 
     /// The program (not to be used if there are errors), the diagnostics and the sources.
     pub fn finish(mut self) -> (Program, Vec<Diagnostic>, SourceMap) {
-        let decls = self.slots.into_iter().map(|s| s.hir).collect();
+        let unchanged = self.unchanged.into_iter().chain(std::iter::repeat(None));
+        let own = |slot: Arc<Slot>| Arc::new(Arc::try_unwrap(slot).map_or_else(|s| s.hir.clone(), |s| s.hir));
+        let decls = self.slots.into_iter().zip(unchanged).map(|(slot, old)| old.unwrap_or_else(|| own(slot))).collect();
         let program = Program {
             decls,
             actions: self.actions,
@@ -220,6 +231,7 @@ impl<'l> Checker<'l> {
             default_scene: self.default_scene,
             integrator: self.integrator,
             origin: self.origin,
+            known: Default::default(),
         };
         if self.diagnostics.errors() == 0 {
             self.diagnostics.extend(super::flow::check(&program, self.quiet));
@@ -227,39 +239,12 @@ impl<'l> Checker<'l> {
         (program, self.diagnostics.into_all(), self.sources)
     }
 
-    /// What the statement of a REPL line declared.
-    pub fn line_result(&mut self, line: SourceId) -> Line {
-        let declared: Vec<DeclId> =
-            self.slots.iter().filter(|s| s.statement.span.source == line).map(|s| s.hir.id).collect();
-        // They are done once, and are no part of the program. (An import declares nothing of its own.)
-        let (actions, rest) =
-            std::mem::take(&mut self.actions).into_iter().partition(|a| action_span(a).source == line);
-        self.actions = rest;
-        Line::Statements { declared, actions }
-    }
-
-    /// A REPL line that is an expression.
-    pub fn line_expr(&mut self, line: SourceId) -> Line {
-        let (expr, diagnostics) = syntax::parse_expr(&self.sources, line);
-        self.diagnostics.extend(diagnostics);
-        let blank = self.sources.get(line).is_none_or(|f| syntax::is_blank(&f.text));
-        if blank {
-            self.diagnostics.retain(|d| d.span().is_none_or(|s| s.source != line));
-            return Line::Empty;
-        }
-        self.module = self.main;
-        match expr {
-            Some(expr) => Line::Expr(self.expr(&expr, None).expr),
-            None => Line::Empty,
-        }
-    }
-
     pub fn slot(&self, id: DeclId) -> &Slot {
         &self.slots[id.0 as usize]
     }
 
     pub fn slot_mut(&mut self, id: DeclId) -> &mut Slot {
-        &mut self.slots[id.0 as usize]
+        Arc::make_mut(&mut self.slots[id.0 as usize])
     }
 
     pub fn is_user(&self, id: DeclId) -> bool {
@@ -331,7 +316,7 @@ impl<'l> Checker<'l> {
         self.modules.len() - 1
     }
 
-    fn parse(&mut self, source: SourceId) -> Vec<Arc<ast::Statement>> {
+    pub fn parse(&mut self, source: SourceId) -> Vec<Arc<ast::Statement>> {
         if let Some(parsed) = self.parsed.get(&source) {
             return parsed.clone();
         }
@@ -344,14 +329,14 @@ impl<'l> Checker<'l> {
     }
 
     /// Enters declarations into a module; statements of `lines` replace earlier ones of the same name.
-    fn add_statements(&mut self, module: ModuleId, statements: Vec<Arc<ast::Statement>>, lines: &[SourceId]) {
+    pub fn add_statements(&mut self, module: ModuleId, statements: Vec<Arc<ast::Statement>>, lines: &[SourceId]) {
         let mut imports = Vec::new();
         for statement in statements {
             match &statement.kind {
                 StatementKind::Import(_) => imports.push(statement),
                 // Imports bring declarations, never actions.
                 StatementKind::Action(_) if module != self.main => {}
-                StatementKind::Action(_) => self.pending_actions.push((module, statement)),
+                StatementKind::Action(_) => self.action_statements.push(statement),
                 _ => self.add_declaration(module, statement, lines),
             }
         }
@@ -405,7 +390,7 @@ impl<'l> Checker<'l> {
         };
         self.modules[module].names.insert(name.text.clone(), id);
         self.modules[module].own.push(id);
-        self.slots.push(Slot {
+        self.slots.push(Arc::new(Slot {
             name,
             module,
             statement,
@@ -414,7 +399,7 @@ impl<'l> Checker<'l> {
             hir,
             value: None,
             signature: None,
-        });
+        }));
     }
 
     fn import(&mut self, module: ModuleId, import: &ast::Import) {
@@ -609,16 +594,6 @@ fn override_field(kind: &mut StatementKind, field: ast::Name, value: ast::Expr, 
         None => args.push(ast::Argument { name: Some(field), value }),
     }
     true
-}
-
-pub fn action_span(action: &hir::Action) -> Span {
-    match action {
-        hir::Action::Optimize(o) => o.span,
-        hir::Action::Save { span, .. }
-        | hir::Action::Print { span, .. }
-        | hir::Action::Plot { span, .. }
-        | hir::Action::Expect { span, .. } => *span,
-    }
 }
 
 /// `a/./b/../c` and `a/c` are one file.

@@ -2,9 +2,10 @@
 
 use super::arguments::Arguments;
 use super::arith::{broadcast, together};
+use super::arrays::size;
 use super::camera::camera_film;
 use super::hir::Rendering;
-use super::infer::{Typed, item_of, join, stack};
+use super::infer::{MAX_CONST, MAX_PARTS, Typed, item_of, join, stack};
 use super::signature::{Const, Sig, any_image};
 use super::types::{Dim, Made, Ty};
 
@@ -162,7 +163,7 @@ fn of_matrices(name: &str, args: Arguments) -> Option<Ty> {
 fn of_lists(name: &str, args: Arguments) -> Option<Ty> {
     let first = &args.first()?.expr.ty;
     Some(match name {
-        "zip" => zipped(args),
+        "zip" => followed(zipped(args)),
         "concat" => joined(first, args.ty("b"), args.get("axis")),
         "stack" => match item_of(first) {
             Some((Ty::Num(shape), n)) => Ty::Num([vec![n], shape].concat()),
@@ -377,6 +378,11 @@ pub fn jacobian(of: &Ty, wrt: &Ty) -> Ty {
     }
 }
 
+/// A type, unless it has too many parts: pairs of pairs of pairs double with each `zip`.
+fn followed(ty: Ty) -> Ty {
+    if ty.parts() > MAX_PARTS { Ty::Any } else { ty }
+}
+
 /// What is known of a native's value before the program runs.
 pub fn known(name: &str, args: Arguments) -> Option<Const> {
     let first = args.first()?;
@@ -391,6 +397,9 @@ pub fn known(name: &str, args: Arguments) -> Option<Const> {
                 .collect();
             let lists = lists?;
             let n = lists.iter().map(|l| l.len()).min()?;
+            if lists.iter().map(|items| size(items)).sum::<usize>() > MAX_CONST {
+                return None;
+            }
             Some(Const::List((0..n).map(|i| Const::List(lists.iter().map(|l| l[i].clone()).collect())).collect()))
         }
         "len" => item_of(&first.expr.ty).and_then(|(_, n)| n).map(|n| Const::Num(n as f64)),

@@ -28,11 +28,6 @@ impl Engine {
     pub(super) fn call(&mut self, call: &Call, e: &Expr) -> Result<Value> {
         match &call.callee {
             Callee::Native(id) => {
-                let program = self.shared();
-                let decl = program.decl(*id);
-                let DeclKind::Native(native) = &decl.kind else {
-                    return Err(error::internal(format!("`{}` is not a native", decl.name), e.span));
-                };
                 let mut values = Vec::with_capacity(call.args.len());
                 for arg in &call.args {
                     values.push(match arg {
@@ -40,13 +35,7 @@ impl Engine {
                         None => Value::None,
                     });
                 }
-                let spans: Vec<Option<Span>> = call
-                    .args
-                    .iter()
-                    .zip(&call.given)
-                    .map(|(a, given)| a.as_ref().filter(|_| *given).map(|a| a.span))
-                    .collect();
-                self.native(native, &values, &call.given, &spans, e.span)
+                self.call_native(*id, call, &values, e)
             }
             Callee::Decl(id) => {
                 let program = self.shared();
@@ -74,7 +63,19 @@ impl Engine {
         }
     }
 
-    fn native(
+    /// A call of a native whose arguments are known.
+    pub(super) fn call_native(&mut self, id: DeclId, call: &Call, values: &[Value], e: &Expr) -> Result<Value> {
+        let program = self.shared();
+        let decl = program.decl(id);
+        let DeclKind::Native(native) = &decl.kind else {
+            return Err(error::internal(format!("`{}` is not a native", decl.name), e.span));
+        };
+        let given = call.args.iter().zip(&call.given);
+        let spans: Vec<Option<Span>> = given.map(|(a, given)| a.as_ref().filter(|_| *given).map(|a| a.span)).collect();
+        self.native(native, values, &call.given, &spans, e.span)
+    }
+
+    pub(super) fn native(
         &mut self,
         native: &NativeDecl,
         values: &[Value],

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::check::hir::{BinaryOp, Builtin, Comprehension, Expr, ExprKind, Replacement, StrFormat, StrPart, UnaryOp};
+use crate::check::hir::{BinaryOp, Builtin, Expr, ExprKind, Replacement, StrFormat, StrPart, UnaryOp};
 use crate::check::types::Ty;
 use crate::memory;
 use crate::natives::{self, value::Value};
@@ -12,11 +12,8 @@ use crate::tape::{Binary, Slice, Tensor, Var};
 use super::call::{Closure, function};
 use super::{Engine, Result, World, error, mix, origin, show};
 
-/// What an item of a comprehension takes, beside its numbers.
-const ITEM_BYTES: u64 = 320;
-
 /// Items of a range or comprehension, at most.
-const MAX_ITEMS: f64 = (1u64 << 22) as f64;
+pub(super) const MAX_ITEMS: f64 = (1u64 << 22) as f64;
 
 impl Engine {
     pub(super) fn expr(&mut self, e: &Expr) -> Result<Value> {
@@ -290,69 +287,6 @@ impl Engine {
         Ok(Value::tensor(Tensor::vector((0..count as usize).map(|i| a + i as f64).collect())))
     }
 
-    fn comprehension(&mut self, c: &Comprehension, span: Span) -> Result<Value> {
-        let mut out = Vec::new();
-        let saved = (self.locals.len(), self.path);
-        let result = self.clause(c, 0, &mut out, span);
-        self.locals.truncate(saved.0);
-        self.path = saved.1;
-        result?;
-        Ok(Value::array(out))
-    }
-
-    fn clause(&mut self, c: &Comprehension, depth: usize, out: &mut Vec<Value>, span: Span) -> Result<()> {
-        let Some(clause) = c.clauses.get(depth) else {
-            if out.len() as f64 >= MAX_ITEMS {
-                return Err(error::value("this makes too many items", span));
-            }
-            let item = self.expr(&c.element)?;
-            let bytes = ITEM_BYTES + 8 * item.numbers() as u64;
-            memory::ask(bytes).map_err(|e| error::memory(e, span))?;
-            out.push(item);
-            return Ok(());
-        };
-        let items = self.expr(&clause.items)?;
-        if let Value::Num(v) = &items {
-            let bytes = ITEM_BYTES.saturating_mul(v.shape().first().copied().unwrap_or(0) as u64);
-            memory::ask(bytes).map_err(|e| error::memory(e, clause.items.span))?;
-        }
-        let Some(items) = items.items() else {
-            return Err(error::kind(format!("{} has no items to go through", items.kind()), clause.items.span));
-        };
-        let path = self.path;
-        for (i, item) in items.into_iter().enumerate() {
-            self.check_interrupt(span)?;
-            let top = self.locals.len();
-            self.path = mix(path, i as u64 + 1);
-            match &clause.locals[..] {
-                [one] => self.locals.push((*one, item)),
-                several => {
-                    let parts = item.items().filter(|p| p.len() == several.len()).ok_or_else(|| {
-                        let message = format!("an item of {} does not have {} parts", item.kind(), several.len());
-                        error::kind(message, clause.items.span)
-                    })?;
-                    self.locals.extend(several.iter().copied().zip(parts));
-                }
-            }
-            let keep = match &clause.condition {
-                Some(condition) => match self.expr(condition)? {
-                    Value::Bool(b) => b,
-                    other => {
-                        known(&other, condition.span)?;
-                        other.number() != Some(0.0)
-                    }
-                },
-                None => true,
-            };
-            if keep {
-                self.clause(c, depth + 1, out, span)?;
-            }
-            self.locals.truncate(top);
-        }
-        self.path = path;
-        Ok(())
-    }
-
     fn with(&mut self, body: &Expr, replacements: &[Replacement], span: Span) -> Result<Value> {
         let mut overrides = Vec::with_capacity(replacements.len());
         for r in replacements {
@@ -404,7 +338,7 @@ impl Engine {
 }
 
 /// A condition without a NaN.
-fn known(condition: &Value, span: Span) -> Result<()> {
+pub(super) fn known(condition: &Value, span: Span) -> Result<()> {
     match origin::first(condition, f64::is_nan) {
         Some(text) => Err(error::not_a_number("a condition", span, vec![(span, text)])),
         None => Ok(()),

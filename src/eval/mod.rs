@@ -7,12 +7,14 @@
 //! * `lower` is where values become a scene with slots; rendering is one operation of the tape.
 
 mod call;
+mod comprehensions;
 mod dark;
 mod deps;
 mod derivative;
 mod error;
 mod expr;
 mod history;
+mod lanes;
 mod lower;
 mod origin;
 mod project;
@@ -204,11 +206,15 @@ impl Engine {
         let changed: Vec<DeclId> = program.ids().filter(|&id| !same_decl(&self.program, &program, id)).collect();
         let same_scene = self.program.default_scene == program.default_scene;
         let same_scene = same_scene && self.program.integrator == program.integrator;
-        self.reach = Arc::new(Reach::new(&program));
+        let rendering = if same_scene { Vec::new() } else { self.reach.rendering() };
+        match Arc::get_mut(&mut self.reach) {
+            Some(reach) => reach.update(&program, changed.iter().copied().chain(rendering)),
+            None => self.reach = Arc::new(Reach::new(&program)),
+        }
         let reach = self.reach.clone();
         let touched = reach.reaching_any(&changed);
         let stale = |id: DeclId| touched.contains(&id.0) || (!same_scene && reach.renders(id));
-        self.params.retain(|id, _| !changed.contains(id));
+        changed.iter().for_each(|id| drop(self.params.remove(id)));
         self.worlds[0].cache.retain(|id, _| !stale(*id));
         self.program = Arc::new(program);
     }
@@ -578,7 +584,10 @@ impl ParamState {
 /// The same declaration in two versions of a program.
 fn same_decl(old: &hir::Program, new: &hir::Program, id: DeclId) -> bool {
     let Some(a) = old.decls.get(id.0 as usize) else { return false };
-    let b = new.decl(id);
+    let b = &new.decls[id.0 as usize];
+    if Arc::ptr_eq(a, b) {
+        return true;
+    }
     let same_body = match (&a.body, &b.body) {
         // A program that was checked again has new trees of the same texts.
         (Some(x), Some(y)) => Arc::ptr_eq(x, y) || format!("{x:?}") == format!("{y:?}"),

@@ -1,35 +1,55 @@
 //! Which declarations a declaration may need, transitively: what a replacement can change.
 
 use std::collections::{HashMap, HashSet};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use crate::check::hir::{Callee, DeclId, DeclKind, Expr, ExprKind, FnDecl, Program, Rendering, StrPart};
 
 /// Which declarations mention which, and what follows: every declaration reaches itself. What reaches a declaration is looked
 /// for when it is first asked, and kept.
+#[derive(Default)]
 pub(super) struct Reach {
     /// By declaration: those that mention it.
     users: Vec<Vec<u32>>,
-    renders: Vec<bool>,
+    /// By declaration: those that it mentions.
+    uses: Vec<Vec<u32>>,
+    /// Natives that may render the default scene.
+    rendering: Vec<u32>,
+    renders: OnceLock<HashSet<u32>>,
     known: Mutex<HashMap<DeclId, Arc<HashSet<u32>>>>,
 }
 
 impl Reach {
     pub(super) fn new(program: &Program) -> Reach {
-        let n = program.decls.len();
-        let mut users = vec![Vec::new(); n];
-        for decl in &program.decls {
-            for used in direct(program, decl.id) {
-                if let Some(users) = users.get_mut(used as usize) {
-                    users.push(decl.id.0);
-                }
-            }
-        }
-        let mut reach = Reach { users, renders: Vec::new(), known: Mutex::default() };
-        let rendering = program.ids().filter(|id| is_rendering(program, *id)).map(|id| id.0).collect();
-        let renders = reach.all_users(rendering);
-        reach.renders = (0..n as u32).map(|id| renders.contains(&id)).collect();
+        let mut reach = Reach::default();
+        reach.update(program, program.ids());
         reach
+    }
+
+    /// Takes a program in which some declarations are new or changed.
+    pub(super) fn update(&mut self, program: &Program, changed: impl IntoIterator<Item = DeclId>) {
+        self.users.resize(program.decls.len(), Vec::new());
+        self.uses.resize(program.decls.len(), Vec::new());
+        for id in changed {
+            if is_rendering(program, id) && !self.rendering.contains(&id.0) {
+                self.rendering.push(id.0);
+            }
+            let new = direct(program, id);
+            for used in std::mem::take(&mut self.uses[id.0 as usize]) {
+                self.users[used as usize].retain(|user| *user != id.0);
+            }
+            for used in &new {
+                self.users[*used as usize].push(id.0);
+            }
+            self.uses[id.0 as usize] = new;
+        }
+        self.renders = OnceLock::new();
+        self.known = Mutex::default();
+    }
+
+    /// Natives that may render the default scene, which they mention.
+    pub(super) fn rendering(&self) -> Vec<DeclId> {
+        self.rendering.iter().copied().map(DeclId).collect()
     }
 
     pub(super) fn reaches(&self, from: DeclId, to: DeclId) -> bool {
@@ -59,7 +79,7 @@ impl Reach {
 
     /// It may render the default scene.
     pub(super) fn renders(&self, id: DeclId) -> bool {
-        self.renders.get(id.0 as usize).copied().unwrap_or(true)
+        self.renders.get_or_init(|| self.all_users(self.rendering.clone())).contains(&id.0)
     }
 }
 

@@ -236,12 +236,21 @@ fn plateau(a: &Args) -> Result<Value> {
 
 /// `count` different items, drawn afresh at every step.
 fn minibatch(a: &Args) -> Result<Value> {
-    let items = a.value(0)?.items().ok_or_else(|| a.wrong(0, "an array"))?;
-    let count = a.integer(1, 0..=items.len() as i64)? as usize;
-    let mut order: Vec<usize> = (0..items.len()).collect();
+    let n = match a.value(0)? {
+        Value::List(items) => items.len(),
+        Value::Num(x) if !x.shape().is_empty() => x.shape()[0],
+        _ => return Err(a.wrong(0, "an array")),
+    };
+    let count = a.integer(1, 0..=n as i64)? as usize;
+    let mut order: Vec<u32> = (0..n as u32).collect();
     for i in 0..count {
-        let j = i + (unit(a.context.seed ^ mix64(a.context.step), i as u64) * (items.len() - i) as f64) as usize;
-        order.swap(i, j.min(items.len() - 1));
+        let j = i + (unit(a.context.seed ^ mix64(a.context.step), i as u64) * (n - i) as f64) as usize;
+        order.swap(i, j.min(n - 1));
     }
-    Ok(Value::array(order[..count].iter().map(|&i| items[i].clone()).collect()))
+    let order = &order[..count];
+    Ok(match a.value(0)? {
+        Value::Num(x) if count > 0 => Value::Num(x.rows(order)?),
+        Value::List(items) => Value::array(order.iter().map(|&i| items[i as usize].clone()).collect()),
+        _ => Value::list(Vec::new()),
+    })
 }

@@ -141,9 +141,5 @@ fn both([a, b]: &[Residuals; 2]) -> [&[f64]; 2] {
 
 /// Gives the targets these values.
 pub fn put(engine: &mut Engine, targets: &[hir::Target], values: Vec<Vec<f64>>) -> Result<(), Diagnostic> {
-    for (target, data) in targets.iter().zip(values) {
-        let shape = engine.target_tensor(target)?.shape;
-        engine.set_target(target, Tensor { shape, data })?;
-    }
-    Ok(())
+    engine.set_targets(targets.iter().zip(values.into_iter().map(Tensor::vector)))
 }

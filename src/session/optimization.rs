@@ -1,5 +1,7 @@
 //! One `optimize`, step by step.
 
+use std::collections::{HashMap, HashSet};
+
 use super::clock::Stopwatch;
 use super::folder::LOGGED_NUMBERS;
 use super::least_squares::{Squares, put};
@@ -394,7 +396,7 @@ fn moved_params(engine: &mut Engine, optimize: &hir::Optimize) -> Result<Found, 
     let targets: Vec<(hir::Target, Span)> = match &optimize.over {
         Some(over) => over.clone(),
         None => {
-            let reaching = engine.reaching_params(&optimize.loss)?;
+            let reaching: HashSet<hir::DeclId> = engine.reaching_params(&optimize.loss)?.into_iter().collect();
             let wanted = infos.iter().filter(|info| reaching.contains(&info.id) && !info.frozen);
             wanted.map(|info| (hir::Target { decl: info.id, path: Vec::new() }, optimize.span)).collect()
         }
@@ -408,8 +410,9 @@ fn moved_params(engine: &mut Engine, optimize: &hir::Optimize) -> Result<Found, 
     let mut spaces = Vec::new();
     let mut notes = Vec::new();
     let reached = check::domains(engine.program());
+    let infos: HashMap<hir::DeclId, ParamInfo> = infos.into_iter().map(|info| (info.id, info)).collect();
     for (target, _) in targets {
-        let info = infos.iter().find(|info| info.id == target.decl && target.path.is_empty());
+        let info = infos.get(&target.decl).filter(|_| target.path.is_empty());
         let mut space = info.map_or_else(Space::plain, space_of);
         let name = engine.target_name(&target);
         let domains: Vec<Reached> = match info {

@@ -220,7 +220,7 @@ impl Lexer<'_> {
         let after = self.text.get(self.at + 1..).unwrap_or("");
         let word = &after[..after.find(|c: char| !c.is_ascii_alphanumeric()).unwrap_or(after.len())];
         let is_color = matches!(word.len(), 3 | 4 | 6 | 8) && word.bytes().all(|b| b.is_ascii_hexdigit());
-        let begins_line = self.text[..self.at].rsplit('\n').next().is_some_and(|line| line.trim().is_empty());
+        let begins_line = begins_line(self.text, self.at);
         word.is_empty() || (begins_line && !is_color)
     }
 
@@ -483,7 +483,9 @@ fn begins_statement<'a>(
 }
 
 fn begins_line(text: &str, at: usize) -> bool {
-    text[..at].rsplit('\n').next().is_some_and(|line| line.trim().is_empty())
+    // Looks at the blanks only: a line may be as long as a file.
+    let before = text[..at].trim_end_matches(|c: char| c != '\n' && c.is_whitespace());
+    before.is_empty() || before.ends_with('\n')
 }
 
 /// `x = 3`, `x += 2`, `x++`, `eye.fov = 30deg` or `draw(x)` on a line of its own, behind something that is complete. None of these is
@@ -539,10 +541,9 @@ fn is_assignment(tokens: &[Token], i: usize, text: &str) -> bool {
 /// `camera {` or `param =` at the beginning of a line: a statement whose name was forgotten.
 fn nameless(tokens: &[Token], i: usize, text: &str) -> bool {
     let shown = |t: &Token| &text[t.start..t.end];
-    let line = text[..tokens[i].start].rsplit('\n').next().unwrap_or("");
     let goes_on = i > 0 && matches!(shown(&tokens[i - 1]), ":" | "|" | ">" | "=" | "with");
     KINDS.contains(&shown(&tokens[i]))
-        && line.trim().is_empty()
+        && begins_line(text, tokens[i].start)
         && !goes_on
         && tokens.get(i + 1).is_some_and(|t| matches!(shown(t), "{" | "="))
 }

@@ -164,6 +164,18 @@ impl Var {
         }
     }
 
+    /// How many nodes it is computed from, itself and those that derivatives reach included.
+    #[cfg(test)]
+    pub(crate) fn nodes(&self) -> usize {
+        let (mut seen, mut waiting) = (HashSet::new(), vec![self]);
+        while let Some(var) = waiting.pop() {
+            if seen.insert(var.id()) {
+                waiting.extend(var.sources());
+            }
+        }
+        seen.len()
+    }
+
     /// Identity of the node.
     pub fn id(&self) -> u64 {
         self.0.id
@@ -309,28 +321,49 @@ pub fn backward_with(output: &Var, seed: Tensor, wrt: &[Var]) -> Result<Vec<Tens
             continue;
         }
         let Some(g) = adjoints.remove(&var.id()) else { continue };
-        let inputs = var.sources();
-        let values: Vec<&Tensor> = inputs.iter().map(Var::value).collect();
-        let wants: Vec<bool> = inputs.iter().map(|i| reached.contains(&i.id())).collect();
-        let wanted = values.iter().zip(&wants).filter(|(_, w)| **w);
-        room(&[wanted.map(|(v, _)| v.len()).sum()])?;
-        let d = var.0.op.vjp_in_place(&values, var.value(), g, &wants).map_err(TapeError)?;
-        for ((input, wanted), d) in inputs.iter().zip(wants).zip(d) {
-            let (true, Some(d)) = (wanted, d) else { continue };
-            match adjoints.get_mut(&input.id()) {
-                Some(sum) => sum.accumulate(&d),
-                None => {
-                    adjoints.insert(input.id(), d);
-                }
+        pull_back(var, g, &reached, &mut adjoints)?;
+    }
+    // The same one may be asked for several times.
+    let mut left: HashMap<u64, usize> = HashMap::new();
+    wrt.iter().for_each(|v| *left.entry(v.id()).or_default() += 1);
+    let found = |v: &Var| {
+        let again = left.get_mut(&v.id()).is_some_and(|left| {
+            *left -= 1;
+            *left > 0
+        });
+        let adjoint = if again { adjoints.get(&v.id()).cloned() } else { adjoints.remove(&v.id()) };
+        adjoint.unwrap_or_else(|| Tensor::zeros(v.shape()))
+    };
+    Ok(wrt.iter().map(found).collect())
+}
+
+/// Adds to the adjoints of what a node is computed from what its own adjoint `g` makes of them.
+fn pull_back(var: &Var, g: Tensor, reached: &HashSet<u64>, adjoints: &mut HashMap<u64, Tensor>) -> Result<()> {
+    let inputs = var.sources();
+    if let (Op::Gather(table), [x]) = (&var.0.op, inputs) {
+        // In place: of a long array that is taken apart item by item, each item writes its own numbers only.
+        if !adjoints.contains_key(&x.id()) {
+            room(x.shape())?;
+        }
+        let sum = adjoints.entry(x.id()).or_insert_with(|| Tensor::zeros(x.shape()));
+        table.iter().zip(&g.data).for_each(|(&i, g)| sum.data[i as usize] += g);
+        return Ok(());
+    }
+    let values: Vec<&Tensor> = inputs.iter().map(Var::value).collect();
+    let wants: Vec<bool> = inputs.iter().map(|i| reached.contains(&i.id())).collect();
+    let wanted = values.iter().zip(&wants).filter(|(_, w)| **w);
+    room(&[wanted.map(|(v, _)| v.len()).sum()])?;
+    let d = var.0.op.vjp_in_place(&values, var.value(), g, &wants).map_err(TapeError)?;
+    for ((input, wanted), d) in inputs.iter().zip(wants).zip(d) {
+        let (true, Some(d)) = (wanted, d) else { continue };
+        match adjoints.get_mut(&input.id()) {
+            Some(sum) => sum.accumulate(&d),
+            None => {
+                adjoints.insert(input.id(), d);
             }
         }
     }
-    let found = |(i, v): (usize, &Var)| {
-        let asked_again = wrt[i + 1..].iter().any(|w| w.id() == v.id());
-        let adjoint = if asked_again { adjoints.get(&v.id()).cloned() } else { adjoints.remove(&v.id()) };
-        adjoint.unwrap_or_else(|| Tensor::zeros(v.shape()))
-    };
-    Ok(wrt.iter().enumerate().map(found).collect())
+    Ok(())
 }
 
 /// Reverse mode of a scalar.

@@ -133,24 +133,70 @@ impl Var {
 fn gradient(output: &Var, seed: &Var, wrt: &[Var]) -> Result<Vec<Var>> {
     let ids: HashSet<u64> = wrt.iter().map(Var::id).collect();
     let (sorted, reached) = plan(std::slice::from_ref(output), &ids)?;
-    let mut adjoints: HashMap<u64, Var> = HashMap::from([(output.id(), seed.clone())]);
+    let mut adjoints = Adjoints::default();
+    adjoints.whole.insert(output.id(), seed.clone());
     for var in sorted.iter().rev() {
         if ids.contains(&var.id()) || var.sources().is_empty() {
             continue;
         }
-        let Some(g) = adjoints.remove(&var.id()) else { continue };
+        let Some(g) = adjoints.take(var)? else { continue };
+        if let (Op::Gather(table), [x]) = (var.op(), var.sources()) {
+            adjoints.taken.entry(x.id()).or_default().push((table.clone(), g));
+            continue;
+        }
         let wants: Vec<bool> = var.sources().iter().map(|i| reached.contains(&i.id())).collect();
         for (input, d) in var.sources().iter().zip(transposed(var, &g, &wants)?) {
-            let Some(d) = d else { continue };
-            let sum = match adjoints.get(&input.id()) {
-                Some(sum) => sum.add(&d)?,
-                None => d,
-            };
-            adjoints.insert(input.id(), sum);
+            if let Some(d) = d {
+                adjoints.add(input, d)?;
+            }
         }
     }
     let zero = |v: &Var| Var::constant(Tensor::zeros(v.shape()));
-    Ok(wrt.iter().map(|v| adjoints.get(&v.id()).cloned().unwrap_or_else(|| zero(v))).collect())
+    // The same variable may be asked for twice.
+    let mut found: HashMap<u64, Var> = HashMap::new();
+    for v in wrt {
+        if !found.contains_key(&v.id()) {
+            found.insert(v.id(), adjoints.take(v)?.unwrap_or_else(|| zero(v)));
+        }
+    }
+    Ok(wrt.iter().map(|v| found[&v.id()].clone()).collect())
+}
+
+/// Derivatives of an output in nodes, as far as they are known.
+#[derive(Default)]
+struct Adjoints {
+    whole: HashMap<u64, Var>,
+    /// Of what was taken from a node: where it lay, and its derivative. They are put back together at once, for a long array may
+    /// have been taken apart item by item.
+    taken: HashMap<u64, Vec<(Arc<Vec<u32>>, Var)>>,
+}
+
+impl Adjoints {
+    fn add(&mut self, to: &Var, d: Var) -> Result<()> {
+        let sum = match self.whole.get(&to.id()) {
+            Some(sum) => sum.add(&d)?,
+            None => d,
+        };
+        self.whole.insert(to.id(), sum);
+        Ok(())
+    }
+
+    /// All of a node's derivative; `None` is zero.
+    fn take(&mut self, of: &Var) -> Result<Option<Var>> {
+        let put_back = match self.taken.remove(&of.id()).as_deref() {
+            None => None,
+            Some([(table, g)]) => Some(g.scatter(table.clone(), of.shape().to_vec())),
+            Some(parts) => {
+                let flat = parts.iter().map(|(_, g)| g.reshape(vec![g.len()])).collect::<Result<Vec<Var>>>()?;
+                let table = parts.iter().flat_map(|(table, _)| table.iter().copied()).collect();
+                Some(Var::concat(&flat, 0)?.scatter(Arc::new(table), of.shape().to_vec()))
+            }
+        };
+        if let Some(d) = put_back {
+            self.add(of, d)?;
+        }
+        Ok(self.whole.remove(&of.id()))
+    }
 }
 
 /// The derivative along directions, from reverse mode twice: ⟨u, J v⟩ is linear in u, and its gradient in u is J v.

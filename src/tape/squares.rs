@@ -3,7 +3,7 @@
 use std::collections::{HashMap, HashSet};
 
 use super::op::{Binary, Op, Unary};
-use super::{Result, TapeError, Tensor, Var, fail, plan};
+use super::{Result, Tensor, Var, fail, plan, pull_back};
 
 /// Σ weight · residual².
 pub struct Squares {
@@ -36,12 +36,7 @@ pub fn squares(loss: &Var, wrt: &[Var]) -> Result<Vec<Squares>> {
         if !is_linear(&var.0.op, &wants) {
             return fail(format!("there is {} between its squares and the loss", name(&var.0.op)));
         }
-        let values: Vec<&Tensor> = inputs.iter().map(Var::value).collect();
-        let d = var.0.op.vjp_in_place(&values, var.value(), weight, &wants).map_err(TapeError)?;
-        for ((input, wanted), d) in inputs.iter().zip(wants).zip(d) {
-            let (true, Some(d)) = (wanted, d) else { continue };
-            weights.entry(input.id()).and_modify(|sum| sum.accumulate(&d)).or_insert(d);
-        }
+        pull_back(var, weight, &reached, &mut weights)?;
     }
     Ok(found)
 }

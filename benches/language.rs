@@ -1,0 +1,95 @@
+//! What the language costs apart from rendering: checking generated scripts as they grow, lines of the REPL, comprehensions and
+//! their derivatives. Each group doubles as a table of growth: ten times the lines should take ten times as long.
+
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+use dscene::check::{self, Disk};
+use dscene::eval::{Engine, EngineOptions};
+use dscene::session::line::check_line;
+
+/// Checks a text, which may be wrong.
+fn check(text: &str) -> usize {
+    check::check_text("bench.dscene", None, text, &[], &Disk).diagnostics.len()
+}
+
+fn engine(text: &str) -> Engine {
+    let program = check::check_text("bench.dscene", None, text, &[], &Disk).program;
+    Engine::new(program.expect("a right script"), EngineOptions::default())
+}
+
+fn lines(n: usize, line: impl Fn(usize) -> String) -> String {
+    (0..n).map(|i| line(i) + "\n").collect()
+}
+
+fn checking(c: &mut Criterion) {
+    type Line = fn(usize) -> String;
+    let kinds: [(&str, Line); 4] = [
+        ("scripts", |i| match i % 4 {
+            0 => format!("param p{i} = {i} in 0..{}", i + 1),
+            1 => format!("fn f{i}(x, k = 2) = x * k + p{}", i - 1),
+            2 => format!("let v{i} = f{}([1, 2, 3]) |> sum()", i - 1),
+            _ => format!("let w{i} = [t * v{} for t in 0..3]", i - 1),
+        }),
+        ("chains of lets", |i| if i == 0 { "let a0 = 1".to_owned() } else { format!("let a{i} = a{} + 1", i - 1) }),
+        ("undeclared names", |i| format!("let a{i} = nowhere_{i} * 2")),
+        ("chains of functions", |i| match i {
+            0 => "fn f0(x) = x".to_owned(),
+            i => format!("fn f{i}(x) = f{0}(x) + f{0}(x)", i - 1),
+        }),
+    ];
+    for (name, line) in kinds {
+        let mut group = c.benchmark_group(format!("check {name}"));
+        group.sample_size(10);
+        let sizes: &[usize] = if name.ends_with("functions") { &[10, 20, 40] } else { &[1_000, 10_000, 50_000] };
+        for &n in sizes {
+            let text = lines(n, line);
+            group.throughput(Throughput::Elements(n as u64));
+            group.bench_with_input(BenchmarkId::from_parameter(n), &text, |b, text| b.iter(|| check(text)));
+        }
+        group.finish();
+    }
+}
+
+fn typing(c: &mut Criterion) {
+    let mut group = c.benchmark_group("REPL declarations");
+    group.sample_size(10);
+    for n in [250, 500, 1_000] {
+        group.throughput(Throughput::Elements(n as u64));
+        group.bench_with_input(BenchmarkId::from_parameter(n), &n, |b, &n| {
+            b.iter(|| {
+                let mut engine = engine("let a0 = 1");
+                for i in 1..n {
+                    check_line(&mut engine, &format!("let a{i} = a{} + 1", i - 1));
+                }
+                engine.program().decls.len()
+            });
+        });
+    }
+    group.finish();
+}
+
+/// Value and derivative.
+fn comprehensions(c: &mut Criterion) {
+    for (name, body) in [("at once", "(1 - x) ^ 2"), ("one by one", "norm([1 - x, 0]) ^ 2")] {
+        let mut group = c.benchmark_group(format!("comprehensions {name}"));
+        group.sample_size(10);
+        for n in [1_000, 10_000, 100_000] {
+            let mut engine =
+                engine(&format!("param q = [0 * i for i in 0..{n}]\nloss l = mean([{body} for x in q])\n"));
+            let loss =
+                engine.program().find("l").and_then(|id| engine.program().decl(id).body.clone()).expect("a loss");
+            let params = vec![engine.program().find("q").expect("a param")];
+            group.throughput(Throughput::Elements(n as u64));
+            group.bench_function(BenchmarkId::from_parameter(n), |b| {
+                b.iter(|| {
+                    // New samples would be drawn: nothing of the last time is kept.
+                    engine.reset_param(params[0]);
+                    engine.gradient_of_params(&loss, &params).map(|g| g.value)
+                });
+            });
+        }
+        group.finish();
+    }
+}
+
+criterion_group!(benches, checking, typing, comprehensions);
+criterion_main!(benches);

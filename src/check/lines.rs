@@ -1,0 +1,284 @@
+//! Lines of the REPL, checked against a program.
+//!
+//! What was checked before stays checked. A line that declares a new name costs what that declaration costs; one that declares
+//! a name anew checks what depends on it once more. Only what may change the meaning of names that are in use already (an
+//! import, a name of the library) has everything checked again.
+
+use std::collections::{HashMap, HashSet};
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use super::hir::{self, Callee, DeclId, DeclKind, Expr, ExprKind, Program};
+use super::modules::{Checker, Instance, Module, ModuleId, PRELUDE, Slot, State};
+use super::types::Ty;
+use super::{Disk, flow, with_room};
+use crate::diag::{self, Diagnostic};
+use crate::source::{SourceId, Span};
+use crate::syntax;
+use crate::syntax::ast::{self, StatementKind};
+
+/// What a line of the REPL turned out to be.
+#[derive(Clone, Debug)]
+pub enum Line {
+    /// Statements. What they declared or replaced the program has; the ids of what is new or changed, and what is to be done, in
+    /// the order of the line.
+    Statements {
+        declared: Vec<hir::DeclId>,
+        actions: Vec<hir::Action>,
+    },
+    Expr(hir::Expr),
+    /// Nothing but white space and comments.
+    Empty,
+}
+
+/// What the checker knew when it had checked a line: the next one goes on from there.
+#[derive(Clone, Default)]
+pub struct Known(Option<Arc<Knowledge>>);
+
+impl fmt::Debug for Known {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(if self.0.is_some() { "Known" } else { "Unknown" })
+    }
+}
+
+struct Knowledge {
+    modules: Vec<Module>,
+    main: ModuleId,
+    slots: Vec<Arc<Slot>>,
+    next_local: u32,
+    instances: HashMap<String, Instance>,
+    lambdas: HashMap<String, u32>,
+    unread: HashSet<String>,
+    files: HashMap<PathBuf, ModuleId>,
+    library: HashMap<&'static str, ModuleId>,
+    /// Those of the file.
+    action_statements: Vec<Arc<ast::Statement>>,
+}
+
+/// Checks a line (a declaration, an action or an expression) against a program. Declarations of the same name are
+/// replaced and keep their id. The program is changed only if there are no errors, but it always gets the line's source.
+pub fn check_line(program: &mut Program, text: &str) -> (Option<Line>, Vec<Diagnostic>) {
+    let mut sources = program.sources.clone();
+    let path = program.origin.main.and_then(|id| sources.get(id)).and_then(|f| f.path.clone());
+    let line = sources.add("<line>", path.as_deref(), text);
+    program.sources = sources.clone();
+    let (new_program, result, mut diagnostics) = with_room(|| {
+        let mut checker = Checker::new(sources, &Disk);
+        checker.quiet = true;
+        let result = checker.line(program, line, text);
+        let knowledge = checker.knowledge();
+        let (mut new_program, diagnostics, _) = checker.finish();
+        new_program.known = Known(Some(Arc::new(knowledge)));
+        (new_program, result, diagnostics)
+    });
+    diag::sort(&mut diagnostics);
+    // Warnings about the rest of the file were told when it was checked.
+    diagnostics.retain(|d| d.is_error() || d.span().is_some_and(|s| s.source == line));
+    if diagnostics.iter().any(Diagnostic::is_error) {
+        return (None, diagnostics);
+    }
+    if matches!(&result, Line::Statements { declared, actions } if !declared.is_empty() || actions.is_empty()) {
+        *program = new_program;
+    } else if program.known.0.is_none() {
+        program.known = new_program.known;
+    }
+    (Some(result), diagnostics)
+}
+
+impl Checker<'_> {
+    fn line(&mut self, program: &Program, line: SourceId, text: &str) -> Line {
+        let mut origin = program.origin.clone();
+        let is_statement = syntax::is_statement(text);
+        if is_statement {
+            origin.lines.push(line);
+        }
+        match &program.known.0 {
+            Some(known) => {
+                self.take_up(known, program);
+                let statements = if is_statement { self.parse(line) } else { Vec::new() };
+                if statements.iter().all(|s| self.stays_apart(s, program)) {
+                    self.origin = origin;
+                    self.go_on(program, statements, line);
+                } else {
+                    *self = Checker::new(std::mem::take(&mut self.sources), self.loader);
+                    self.quiet = true;
+                    self.run(origin);
+                }
+            }
+            None => self.run(origin),
+        }
+        if is_statement { self.line_result(line) } else { self.line_expr(line) }
+    }
+
+    /// To be asked for before the checker is finished.
+    fn knowledge(&mut self) -> Knowledge {
+        let lines: HashSet<SourceId> = self.origin.lines.iter().copied().collect();
+        let mut action_statements = std::mem::take(&mut self.action_statements);
+        action_statements.retain(|s| !lines.contains(&s.span.source));
+        Knowledge {
+            modules: std::mem::take(&mut self.modules),
+            main: self.main,
+            slots: self.slots.clone(),
+            next_local: self.next_local,
+            instances: std::mem::take(&mut self.instances),
+            lambdas: std::mem::take(&mut self.lambdas),
+            unread: std::mem::take(&mut self.unread),
+            files: std::mem::take(&mut self.files),
+            library: std::mem::take(&mut self.library),
+            action_statements,
+        }
+    }
+
+    fn take_up(&mut self, known: &Knowledge, program: &Program) {
+        self.modules = known.modules.clone();
+        self.main = known.main;
+        self.slots = known.slots.clone();
+        self.next_local = known.next_local;
+        self.instances = known.instances.clone();
+        self.lambdas = known.lambdas.clone();
+        self.unread = known.unread.clone();
+        self.files = known.files.clone();
+        self.library = known.library.clone();
+        self.action_statements = known.action_statements.clone();
+        self.actions = program.actions.clone();
+        self.default_scene = program.default_scene.clone();
+        self.integrator = program.integrator;
+    }
+
+    /// Whether a statement leaves the meaning of all names as it is that were in use before.
+    fn stays_apart(&self, statement: &ast::Statement, program: &Program) -> bool {
+        let Some(name) = statement.declares() else { return matches!(statement.kind, StatementKind::Action(_)) };
+        match self.modules[self.main].names.get(name) {
+            // Of a file that is imported, or given a value from outside.
+            Some(id) => self.slot(*id).module == self.main && program.origin.overrides.is_empty(),
+            None => {
+                let is_taken = self.modules[PRELUDE].names.contains_key(name);
+                !is_taken && !self.modules[self.main].aliases.contains_key(name) && !matches!(name, "step" | "progress")
+            }
+        }
+    }
+
+    /// Checks statements of a line, and what depends on what they declare anew.
+    fn go_on(&mut self, program: &Program, statements: Vec<Arc<ast::Statement>>, line: SourceId) {
+        let before = self.slots.len();
+        let declared = statements.iter().filter_map(|s| self.modules[self.main].names.get(s.declares()?));
+        let again: Vec<DeclId> = declared.copied().collect();
+        let stale = users(program, &again);
+        for &id in &stale {
+            let slot = self.slot_mut(id);
+            (slot.state, slot.value, slot.signature) = (State::Waiting, None, None);
+            (slot.hir.kind, slot.hir.ty, slot.hir.body) = (DeclKind::Let, Ty::Error, None);
+        }
+        if !stale.is_empty() {
+            self.forget_user_instances();
+            self.default_scene.retain(|id| !stale.contains(id));
+            self.integrator = self.integrator.filter(|id| !stale.contains(id));
+            self.actions.clear();
+        }
+        let file_actions = self.action_statements.len();
+        self.add_statements(self.main, statements, &[line]);
+        let new = (before..self.slots.len()).map(|i| DeclId(i as u32));
+        let mut touched: Vec<DeclId> = stale.iter().copied().chain(new).collect();
+        touched.sort_unstable();
+        for &id in &touched {
+            self.declare(id);
+        }
+        // Actions of the file are checked again if anything that they may name has changed.
+        let first = if stale.is_empty() { file_actions } else { 0 };
+        for statement in self.action_statements[first..].to_vec() {
+            self.action_statement(&statement);
+        }
+        self.check_default_scene();
+        let kept = |decl: &Arc<hir::Decl>| (!stale.contains(&decl.id)).then(|| decl.clone());
+        self.unchanged = program.decls.iter().map(kept).collect();
+    }
+
+    /// What the statements of a line declared.
+    fn line_result(&mut self, line: SourceId) -> Line {
+        let slots = self.slots.iter().filter(|s| s.statement.span.source == line);
+        let declared: Vec<DeclId> = slots.map(|s| s.hir.id).collect();
+        // Actions of lines are done once, and are no part of the program. (An import declares nothing of its own.)
+        let (actions, rest) =
+            std::mem::take(&mut self.actions).into_iter().partition(|a| action_span(a).source == line);
+        self.actions = rest;
+        let lines: HashSet<SourceId> = self.origin.lines.iter().copied().collect();
+        self.actions.retain(|a| !lines.contains(&action_span(a).source));
+        Line::Statements { declared, actions }
+    }
+
+    /// A line that is an expression.
+    fn line_expr(&mut self, line: SourceId) -> Line {
+        let (expr, diagnostics) = syntax::parse_expr(&self.sources, line);
+        self.diagnostics.extend(diagnostics);
+        let blank = self.sources.get(line).is_none_or(|f| syntax::is_blank(&f.text));
+        if blank {
+            self.diagnostics.retain(|d| d.span().is_none_or(|s| s.source != line));
+            return Line::Empty;
+        }
+        self.module = self.main;
+        match expr {
+            Some(expr) => Line::Expr(self.expr(&expr, None).expr),
+            None => Line::Empty,
+        }
+    }
+}
+
+/// Declarations whose check looks at any of these, directly or not, and these themselves.
+fn users(program: &Program, of: &[DeclId]) -> HashSet<DeclId> {
+    if of.is_empty() {
+        return HashSet::new();
+    }
+    let mut users: HashMap<DeclId, Vec<DeclId>> = HashMap::new();
+    for decl in program.decls.iter().filter(|d| d.user) {
+        let mut note = |e: &Expr| {
+            let mut used = |id: DeclId| users.entry(id).or_default().push(decl.id);
+            match &e.kind {
+                ExprKind::Decl(id) => used(*id),
+                ExprKind::Call(call) => match call.callee {
+                    Callee::Decl(id) | Callee::Native(id) => used(id),
+                    Callee::Value(_) => {}
+                },
+                ExprKind::With { replacements, .. } => replacements.iter().for_each(|r| used(r.target.decl)),
+                ExprKind::Derivative(d) => d.wrt.iter().for_each(|(target, _)| used(target.decl)),
+                _ => {}
+            }
+        };
+        roots(decl).into_iter().for_each(|e| flow::walk(e, &mut note));
+    }
+    let mut found = HashSet::new();
+    let mut waiting = of.to_vec();
+    while let Some(id) = waiting.pop() {
+        if found.insert(id) {
+            waiting.extend(users.get(&id).into_iter().flatten());
+        }
+    }
+    found
+}
+
+/// All expressions of a declaration.
+fn roots(decl: &hir::Decl) -> Vec<&Expr> {
+    let mut all: Vec<&Expr> = decl.body.as_deref().into_iter().collect();
+    match &decl.kind {
+        DeclKind::Param(param) => {
+            all.extend(param.bounds.iter().flat_map(|(low, high)| [low, high]));
+            all.extend([&param.lr, &param.scale, &param.frozen].into_iter().flatten());
+        }
+        DeclKind::Fn(f) => {
+            all.push(&f.body);
+            all.extend(f.params.iter().filter_map(|p| p.default.as_ref()));
+        }
+        _ => {}
+    }
+    all
+}
+
+fn action_span(action: &hir::Action) -> Span {
+    match action {
+        hir::Action::Optimize(o) => o.span,
+        hir::Action::Save { span, .. }
+        | hir::Action::Print { span, .. }
+        | hir::Action::Plot { span, .. }
+        | hir::Action::Expect { span, .. } => *span,
+    }
+}

@@ -1,0 +1,383 @@
+//! Comprehensions whose items are computed at once: `[(1 - x) ^ 2 for x in q]` is one expression of whole arrays.
+//!
+//! The element of a comprehension is followed once, with a row for each item in place of what differs from item to item
+//! ([`Lanes`]). The operations are those that each item would have seen, so values and derivatives are the same. Only what works
+//! on single numbers is done so: arithmetic, functions of each element, conditions, functions of the language made of these.
+//! Anything else, and anything that would be an error, gives `None`: the items are then computed one by one, and find the error.
+
+use crate::check::hir::{BinaryOp, Call, Callee, DeclKind, Expr, ExprKind, FnDecl, ForClause, LocalId, UnaryOp};
+use crate::natives::{self, value::Value};
+use crate::tape::{Binary, Slice, Tensor, Var};
+
+use super::Engine;
+use super::comprehensions::Items;
+use super::expr::arithmetic;
+
+/// Natives that treat every number alone.
+const ELEMENTWISE: &[&str] = &[
+    "abs",
+    "sign",
+    "floor",
+    "ceil",
+    "round",
+    "exp",
+    "tanh",
+    "stop_gradient",
+    "log",
+    "sqrt",
+    "pow",
+    "sin",
+    "cos",
+    "tan",
+    "asin",
+    "acos",
+    "atan",
+    "atan2",
+    "mod",
+    "min",
+    "max",
+    "clamp",
+];
+
+/// What an expression is for all items.
+#[derive(Clone)]
+enum Lanes {
+    /// The same for each of them.
+    Same(Value),
+    /// Numbers: a row for each item, shape `[items, …]`.
+    Each(Var),
+    /// True (1) or false (0) for each item, shape `[items]`.
+    Truth(Var),
+}
+
+/// Names that have lanes, innermost last.
+type Names = Vec<(LocalId, Lanes)>;
+
+impl Engine {
+    /// The array that a comprehension's last `for` makes, if it can be computed at once.
+    pub(super) fn at_once(&mut self, clause: &ForClause, element: &Expr, items: &Items) -> Option<Value> {
+        let mut n = items.len();
+        let mut names = columns(clause, items)?;
+        if let Some(condition) = &clause.condition {
+            let kept = chosen(&self.lanes(condition, n, &mut names)?, n)?.0;
+            if kept.len() < n {
+                names = subset(&names, &kept)?;
+                n = kept.len();
+            }
+        }
+        if n == 0 {
+            return None;
+        }
+        match self.lanes(element, n, &mut names)? {
+            Lanes::Truth(mask) => Some(Value::list(mask.value().data.iter().map(|x| Value::Bool(*x != 0.0)).collect())),
+            lanes => Some(Value::Num(rows(&lanes, n)?)),
+        }
+    }
+
+    /// An expression for `n` items.
+    fn lanes(&mut self, e: &Expr, n: usize, names: &mut Names) -> Option<Lanes> {
+        self.deeper(e.span, |engine| Ok(engine.lanes_inner(e, n, names))).ok().flatten()
+    }
+
+    fn lanes_inner(&mut self, e: &Expr, n: usize, names: &mut Names) -> Option<Lanes> {
+        match &e.kind {
+            ExprKind::Number(_) | ExprKind::Angle(_) | ExprKind::Bool(_) | ExprKind::Decl(_) | ExprKind::Builtin(_) => {
+                self.expr(e).ok().map(Lanes::Same)
+            }
+            ExprKind::Local(id) => match names.iter().rev().find(|(local, _)| local == id) {
+                Some((_, lanes)) => Some(lanes.clone()),
+                None => self.expr(e).ok().map(Lanes::Same),
+            },
+            ExprKind::Unary { op, operand } => match (op, self.lanes(operand, n, names)?) {
+                (UnaryOp::Neg, Lanes::Each(x)) => Some(Lanes::Each(x.neg())),
+                (UnaryOp::Neg, Lanes::Same(Value::Num(x))) => Some(Lanes::Same(Value::Num(x.neg()))),
+                (UnaryOp::Not, Lanes::Truth(x)) => x.binary(Binary::Eq, &Var::from(0.0)).ok().map(Lanes::Truth),
+                (UnaryOp::Not, Lanes::Same(Value::Bool(x))) => Some(Lanes::Same(Value::Bool(!x))),
+                _ => None,
+            },
+            ExprKind::Binary { op: BinaryOp::And, left, right } => {
+                self.choice(left, n, names, |e, n, names| e.lanes(right, n, names), |_, _, _| truth(false))
+            }
+            ExprKind::Binary { op: BinaryOp::Or, left, right } => {
+                self.choice(left, n, names, |_, _, _| truth(true), |e, n, names| e.lanes(right, n, names))
+            }
+            ExprKind::Binary { op, left, right } => {
+                let (x, y) = (self.lanes(left, n, names)?, self.lanes(right, n, names)?);
+                combined(*op, &x, &y)
+            }
+            ExprKind::If { condition, then, otherwise } => self.choice(
+                condition,
+                n,
+                names,
+                |e, n, names| e.lanes(then, n, names),
+                |e, n, names| e.lanes(otherwise, n, names),
+            ),
+            ExprKind::Let { local, value, body } => {
+                let value = self.lanes(value, n, names)?;
+                let top = names.len();
+                names.push((*local, value));
+                let result = self.lanes(body, n, names);
+                names.truncate(top);
+                result
+            }
+            ExprKind::Field { base, name } => match self.lanes(base, n, names)? {
+                Lanes::Same(value) => natives::field(&value, name).map(Lanes::Same),
+                Lanes::Each(x) if x.shape().len() > 1 && !name.starts_with('[') => {
+                    match natives::field(&Value::Num(x), name)? {
+                        Value::Num(parts) => Some(Lanes::Each(parts)),
+                        _ => None,
+                    }
+                }
+                _ => None,
+            },
+            ExprKind::Index { base, index } => {
+                let (base, index) = (self.lanes(base, n, names)?, self.lanes(index, n, names)?);
+                element(&base, &index)
+            }
+            ExprKind::Call(call) => self.lanes_of_call(call, e, n, names),
+            _ => None,
+        }
+    }
+
+    /// One expression for the items for which a condition holds, another for the rest; each looks at its own items only.
+    fn choice(
+        &mut self,
+        condition: &Expr,
+        n: usize,
+        names: &mut Names,
+        yes: impl FnOnce(&mut Engine, usize, &mut Names) -> Option<Lanes>,
+        no: impl FnOnce(&mut Engine, usize, &mut Names) -> Option<Lanes>,
+    ) -> Option<Lanes> {
+        let (holds, fails) = chosen(&self.lanes(condition, n, names)?, n)?;
+        if fails.is_empty() {
+            return yes(self, n, names);
+        }
+        if holds.is_empty() {
+            return no(self, n, names);
+        }
+        let x = yes(self, holds.len(), &mut subset(names, &holds)?)?;
+        let y = no(self, fails.len(), &mut subset(names, &fails)?)?;
+        // Back in the order of the items.
+        let mut from = vec![0u32; n];
+        for (at, item) in holds.iter().chain(&fails).enumerate() {
+            from[*item as usize] = at as u32;
+        }
+        let is_truth = |lanes: &Lanes| matches!(lanes, Lanes::Truth(_) | Lanes::Same(Value::Bool(_)));
+        let both = [rows(&x, holds.len())?, rows(&y, fails.len())?];
+        let joined = Var::concat(&both, 0).ok()?.rows(&from).ok()?;
+        match (is_truth(&x), is_truth(&y)) {
+            (true, true) => Some(Lanes::Truth(joined)),
+            (false, false) => Some(Lanes::Each(joined)),
+            _ => None,
+        }
+    }
+
+    fn lanes_of_call(&mut self, call: &Call, e: &Expr, n: usize, names: &mut Names) -> Option<Lanes> {
+        let program = self.shared();
+        match &call.callee {
+            Callee::Native(id) => {
+                let DeclKind::Native(native) = &program.decl(*id).kind else { return None };
+                if !ELEMENTWISE.contains(&native.name.as_str()) {
+                    return None;
+                }
+                let written: Vec<&Expr> = call.args.iter().map_while(Option::as_ref).collect();
+                // `min` and `max` of one value, or along an axis, reduce it.
+                let reduces = matches!(native.name.as_str(), "min" | "max") && written.len() != 2;
+                if reduces || call.args[written.len()..].iter().any(Option::is_some) {
+                    return None;
+                }
+                let args: Option<Vec<Lanes>> = written.into_iter().map(|arg| self.lanes(arg, n, names)).collect();
+                let args = args?;
+                let (varies, args) = aligned(&args)?;
+                let mut values: Vec<Value> = args.into_iter().map(Value::Num).collect();
+                values.resize(call.args.len(), Value::None);
+                let value = self.native(native, &values, &call.given, &vec![None; values.len()], e.span).ok()?;
+                match value {
+                    Value::Num(x) if varies => Some(Lanes::Each(x)),
+                    value => (!varies).then_some(Lanes::Same(value)),
+                }
+            }
+            Callee::Decl(id) => {
+                let DeclKind::Fn(f) = &program.decl(*id).kind else { return None };
+                self.lanes_of_function(f, call, n, names)
+            }
+            Callee::Value(_) => None,
+        }
+    }
+
+    fn lanes_of_function(&mut self, f: &FnDecl, call: &Call, n: usize, names: &mut Names) -> Option<Lanes> {
+        let mut own = Vec::with_capacity(f.params.len());
+        for (i, param) in f.params.iter().enumerate() {
+            let value = match (call.args.get(i).and_then(Option::as_ref), &param.default) {
+                _ if param.spread.is_some() => return None,
+                (Some(arg), _) => self.lanes(arg, n, names)?,
+                (None, Some(default)) => self.lanes(default, n, &mut own)?,
+                (None, None) => return None,
+            };
+            own.push((param.local, value));
+        }
+        self.lanes(&f.body, n, &mut own)
+    }
+}
+
+fn truth(holds: bool) -> Option<Lanes> {
+    Some(Lanes::Same(Value::Bool(holds)))
+}
+
+/// What the names of a `for` stand for.
+fn columns(clause: &ForClause, items: &Items) -> Option<Names> {
+    let each = |items: &Items| match items {
+        Items::Numbers(x) => Some(Lanes::Each(x.clone())),
+        _ => None,
+    };
+    match (&clause.locals[..], items) {
+        ([one], items) => Some(vec![(*one, each(items)?)]),
+        (several, Items::Side(columns)) if several.len() == columns.len() => {
+            several.iter().zip(columns).map(|(local, items)| Some((*local, each(items)?))).collect()
+        }
+        (several, Items::Numbers(x)) if x.shape().get(1) == Some(&several.len()) => {
+            let part = |(k, local): (usize, &LocalId)| {
+                Some((*local, Lanes::Each(x.slice(&[Slice::All, Slice::At(k as i64)]).ok()?)))
+            };
+            several.iter().enumerate().map(part).collect()
+        }
+        _ => None,
+    }
+}
+
+/// The same names for some of the items.
+fn subset(names: &Names, kept: &[u32]) -> Option<Names> {
+    let some = |lanes: &Lanes| {
+        Some(match lanes {
+            Lanes::Same(value) => Lanes::Same(value.clone()),
+            Lanes::Each(x) => Lanes::Each(x.rows(kept).ok()?),
+            Lanes::Truth(x) => Lanes::Truth(x.rows(kept).ok()?),
+        })
+    };
+    names.iter().map(|(local, lanes)| Some((*local, some(lanes)?))).collect()
+}
+
+/// Items for which a condition holds, and those for which it does not.
+fn chosen(condition: &Lanes, n: usize) -> Option<(Vec<u32>, Vec<u32>)> {
+    let all = 0..n as u32;
+    match condition {
+        Lanes::Same(Value::Bool(true)) => Some((all.collect(), Vec::new())),
+        Lanes::Same(Value::Bool(false)) => Some((Vec::new(), all.collect())),
+        Lanes::Truth(mask) => Some(all.partition(|i| mask.value().data[*i as usize] != 0.0)),
+        _ => None,
+    }
+}
+
+/// A row for each item.
+fn rows(lanes: &Lanes, n: usize) -> Option<Var> {
+    match lanes {
+        Lanes::Each(x) | Lanes::Truth(x) => Some(x.clone()),
+        Lanes::Same(Value::Num(x)) => x.broadcast_to(&[&[n], x.shape()].concat()).ok(),
+        Lanes::Same(Value::Bool(b)) => Some(Var::constant(Tensor::full(&[n], f64::from(u8::from(*b))))),
+        Lanes::Same(_) => None,
+    }
+}
+
+/// Numbers whose rows go together as the items would: axes of length 1 stand for those that one item has and another lacks.
+/// Whether any of them differs from item to item.
+fn aligned(args: &[Lanes]) -> Option<(bool, Vec<Var>)> {
+    let rank = |lanes: &Lanes| match lanes {
+        Lanes::Same(Value::Num(x)) => Some(x.shape().len()),
+        Lanes::Each(x) => Some(x.shape().len() - 1),
+        _ => None,
+    };
+    let highest = args.iter().map(rank).collect::<Option<Vec<_>>>()?.into_iter().max()?;
+    let widened = |lanes: &Lanes| match lanes {
+        Lanes::Each(x) => {
+            let mut shape = x.shape().to_vec();
+            shape.splice(1..1, std::iter::repeat_n(1, highest + 1 - x.shape().len()));
+            x.reshape(shape).ok()
+        }
+        Lanes::Same(Value::Num(x)) => Some(x.clone()),
+        _ => None,
+    };
+    let varies = args.iter().any(|a| matches!(a, Lanes::Each(_)));
+    Some((varies, args.iter().map(widened).collect::<Option<_>>()?))
+}
+
+fn combined(op: BinaryOp, x: &Lanes, y: &Lanes) -> Option<Lanes> {
+    if let (Lanes::Same(x), Lanes::Same(y)) = (x, y) {
+        let compares_nan = |v: &Value| super::origin::first(v, f64::is_nan).is_some();
+        let is_number = matches!(op, BinaryOp::Add | BinaryOp::Sub | BinaryOp::Mul | BinaryOp::Div | BinaryOp::Pow);
+        if op == BinaryOp::Apply || (!is_number && (compares_nan(x) || compares_nan(y))) {
+            return None;
+        }
+        return arithmetic(op, x, y).ok().map(Lanes::Same);
+    }
+    let f = match op {
+        BinaryOp::Add => Binary::Add,
+        BinaryOp::Sub => Binary::Sub,
+        BinaryOp::Mul => Binary::Mul,
+        BinaryOp::Div => Binary::Div,
+        BinaryOp::Pow => Binary::Pow,
+        BinaryOp::Eq => Binary::Eq,
+        BinaryOp::Ne => Binary::Ne,
+        BinaryOp::Lt => Binary::Lt,
+        BinaryOp::Le => Binary::Le,
+        BinaryOp::Gt => Binary::Gt,
+        BinaryOp::Ge => Binary::Ge,
+        BinaryOp::Apply | BinaryOp::And | BinaryOp::Or => return None,
+    };
+    let (_, sides) = aligned(&[x.clone(), y.clone()])?;
+    let result = sides[0].binary(f, &sides[1]).ok()?;
+    if !f.is_comparison() {
+        return Some(Lanes::Each(result));
+    }
+    // Arrays are compared as a whole, and with a NaN nothing is.
+    let unclear = sides.iter().any(|side| side.value().data.iter().any(|x| x.is_nan()));
+    (result.shape().len() == 1 && !unclear).then_some(Lanes::Truth(result))
+}
+
+/// `base[index]`: the same element of each item, or for each item another one of the same array.
+fn element(base: &Lanes, index: &Lanes) -> Option<Lanes> {
+    let whole = |x: f64| (x.fract() == 0.0 && x.abs() < 1e9).then_some(x as i64);
+    match (base, index) {
+        (Lanes::Each(x), Lanes::Same(Value::Num(at))) if at.shape().is_empty() => {
+            x.slice(&[Slice::All, Slice::At(whole(at.item()?)?)]).ok().map(Lanes::Each)
+        }
+        (Lanes::Same(Value::Num(x)), Lanes::Each(at)) if at.shape().len() == 1 => {
+            let n = *x.shape().first()? as i64;
+            let row = |x: &f64| {
+                let i = whole(*x)?;
+                u32::try_from(if i < 0 { i + n } else { i }).ok()
+            };
+            let picked: Vec<u32> = at.value().data.iter().map(row).collect::<Option<_>>()?;
+            x.rows(&picked).ok().map(Lanes::Each)
+        }
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::check::{Disk, check_text};
+    use crate::eval::{Engine, EngineOptions};
+
+    /// Nodes of the graph that a comprehension over `n` numbers leaves.
+    fn nodes(body: &str, n: usize) -> usize {
+        let text = format!("param q = [0.5 * i for i in 0..{n}]\nparam a = 2\nlet y = sum([{body} for x in q])\n");
+        let program = check_text("test.dscene", None, text, &[], &Disk).program.expect("a right script");
+        let mut engine = Engine::new(program, EngineOptions::default());
+        let y = engine.program().find("y").expect("declared");
+        engine.eval_decl(y).expect("a value").var().expect("a number").nodes()
+    }
+
+    #[test]
+    fn arithmetic_takes_as_many_nodes_for_many_items_as_for_few() {
+        for body in ["(1 - x) ^ 2", "if x > 1 then a * x else sin(x * 1deg)", "sigmoid(x) + max(x, a)", "q[0] * x"] {
+            assert_eq!(nodes(body, 10), nodes(body, 1000), "{body}");
+        }
+    }
+
+    #[test]
+    fn what_is_done_one_by_one_takes_as_many_nodes_for_each_item() {
+        let body = "norm([x, a]) * x";
+        let [few, more, most] = [100, 200, 300].map(|n| nodes(body, n));
+        assert_eq!(most - more, more - few, "{body}");
+    }
+}
