@@ -130,6 +130,11 @@ let n = 3
         ("[x - y for x, y in pts]", "[pts[0][0] - pts[0][1], pts[1][0] - pts[1][1], pts[2][0] - pts[2][1]]"),
         ("[pts[i] * pts[i + 1].x for i in 0..n - 1]", "[pts[0] * pts[1].x, pts[1] * pts[2].x]"),
         ("[pts[-i - 1][1] for i in 0..2]", "[pts[-1][1], pts[-2][1]]"),
+        (
+            "[[x, k[1] * y] for x, y in pts]",
+            "[[pts[0].x, 3 * pts[0].y], [pts[1].x, 3 * pts[1].y], [pts[2].x, 3 * pts[2].y]]",
+        ),
+        ("[[p, k] for p in pts]", "[[pts[0], k], [pts[1], k], [pts[2], k]]"),
         ("[k * 2 for p in pts]", "[k * 2, k * 2, k * 2]"),
         ("[p.x * j for p in pts for j in 0..2]", "[0, pts[0].x, 0, pts[1].x, 0, pts[2].x]"),
         ("[i * j for i in 1..3 for j in 0..2 if i != j]", "[0, 0, 2]"),

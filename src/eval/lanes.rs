@@ -134,6 +134,10 @@ impl Engine {
                 let (base, index) = (self.lanes(base, n, names)?, self.lanes(index, n, names)?);
                 element(&base, &index)
             }
+            ExprKind::Array(items) => {
+                let parts: Option<Vec<Lanes>> = items.iter().map(|item| self.lanes(item, n, names)).collect();
+                side_by_side(parts?, n)
+            }
             ExprKind::Call(call) => self.lanes_of_call(call, e, n, names),
             _ => None,
         }
@@ -300,6 +304,28 @@ fn aligned(args: &[Lanes]) -> Option<(bool, Vec<Var>)> {
     Some((varies, args.iter().map(widened).collect::<Option<_>>()?))
 }
 
+/// An array of the parts for each item.
+fn side_by_side(parts: Vec<Lanes>, n: usize) -> Option<Lanes> {
+    let same = |lanes: &Lanes| match lanes {
+        Lanes::Same(value) => Some(value.clone()),
+        _ => None,
+    };
+    if let Some(values) = parts.iter().map(same).collect() {
+        return Some(Lanes::Same(Value::array(values)));
+    }
+    let column = |lanes: &Lanes| match lanes {
+        Lanes::Truth(_) | Lanes::Same(Value::Bool(_)) => None,
+        lanes => {
+            let x = rows(lanes, n)?;
+            let shape = [&[n, 1], &x.shape()[1..]].concat();
+            x.reshape(shape).ok()
+        }
+    };
+    let columns: Vec<Var> = parts.iter().map(column).collect::<Option<_>>()?;
+    let equal = columns.iter().all(|c| c.shape() == columns[0].shape());
+    equal.then(|| Var::concat(&columns, 1).ok().map(Lanes::Each))?
+}
+
 fn combined(op: BinaryOp, x: &Lanes, y: &Lanes) -> Option<Lanes> {
     if let (Lanes::Same(x), Lanes::Same(y)) = (x, y) {
         let compares_nan = |v: &Value| super::origin::first(v, f64::is_nan).is_some();
@@ -333,10 +359,13 @@ fn combined(op: BinaryOp, x: &Lanes, y: &Lanes) -> Option<Lanes> {
     (result.shape().len() == 1 && !unclear).then_some(Lanes::Truth(result))
 }
 
-/// `base[index]`: the same element of each item, or for each item another one of the same array.
+/// `base[index]`: an element of an array, the same element of each item, or for each item another one of the same array.
 fn element(base: &Lanes, index: &Lanes) -> Option<Lanes> {
     let whole = |x: f64| (x.fract() == 0.0 && x.abs() < 1e9).then_some(x as i64);
     match (base, index) {
+        (Lanes::Same(Value::Num(x)), Lanes::Same(Value::Num(at))) if at.shape().is_empty() => {
+            x.slice(&[Slice::At(whole(at.item()?)?)]).ok().map(|x| Lanes::Same(Value::Num(x)))
+        }
         (Lanes::Each(x), Lanes::Same(Value::Num(at))) if at.shape().is_empty() => {
             x.slice(&[Slice::All, Slice::At(whole(at.item()?)?)]).ok().map(Lanes::Each)
         }
@@ -369,7 +398,9 @@ mod tests {
 
     #[test]
     fn arithmetic_takes_as_many_nodes_for_many_items_as_for_few() {
-        for body in ["(1 - x) ^ 2", "if x > 1 then a * x else sin(x * 1deg)", "sigmoid(x) + max(x, a)", "q[0] * x"] {
+        for body in
+            ["(1 - x) ^ 2", "if x > 1 then a * x else sin(x * 1deg)", "sigmoid(x) + max(x, a)", "q[0] * x", "[x, a]"]
+        {
             assert_eq!(nodes(body, 10), nodes(body, 1000), "{body}");
         }
     }
