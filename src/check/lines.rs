@@ -186,8 +186,9 @@ impl Checker<'_> {
         }
         // Actions of the file are checked again if anything that they may name has changed.
         let first = if stale.is_empty() { file_actions } else { 0 };
-        for statement in self.action_statements[first..].to_vec() {
-            self.action_statement(&statement);
+        let actions = self.action_statements[first..].to_vec();
+        for statement in &actions {
+            self.action_statement(statement);
         }
         self.check_default_scene();
         let kept = |decl: &Arc<hir::Decl>| (!stale.contains(&decl.id)).then(|| decl.clone());

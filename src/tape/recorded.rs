@@ -5,6 +5,7 @@
 //! ([`gradient`]); the node then stands for the result. So first derivatives cost nothing more, and there is no second set of
 //! rules for second ones. Renderings have first derivatives only, and say so.
 
+use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, OnceLock};
 
@@ -155,20 +156,22 @@ fn gradient(output: &Var, seed: &Var, wrt: &[Var]) -> Result<Vec<Var>> {
     // The same variable may be asked for twice.
     let mut found: HashMap<u64, Var> = HashMap::new();
     for v in wrt {
-        if !found.contains_key(&v.id()) {
-            found.insert(v.id(), adjoints.take(v)?.unwrap_or_else(|| zero(v)));
+        if let Entry::Vacant(place) = found.entry(v.id()) {
+            place.insert(adjoints.take(v)?.unwrap_or_else(|| zero(v)));
         }
     }
     Ok(wrt.iter().map(|v| found[&v.id()].clone()).collect())
 }
 
+/// Where numbers lay that were taken from a node, and their derivative.
+type Taken = (Arc<Vec<u32>>, Var);
+
 /// Derivatives of an output in nodes, as far as they are known.
 #[derive(Default)]
 struct Adjoints {
     whole: HashMap<u64, Var>,
-    /// Of what was taken from a node: where it lay, and its derivative. They are put back together at once, for a long array may
-    /// have been taken apart item by item.
-    taken: HashMap<u64, Vec<(Arc<Vec<u32>>, Var)>>,
+    /// They are put back together at once, for a long array may have been taken apart item by item.
+    taken: HashMap<u64, Vec<Taken>>,
 }
 
 impl Adjoints {
