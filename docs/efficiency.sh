@@ -20,7 +20,7 @@ measures() { [ "$part" = all ] || [ "$part" = "$1" ]; }
 
 # A line of how much memory and time a script takes.
 whole() {
-    "$python" - target/release/dsl run "$1" --quiet --out $work/whole <<'END'
+    "$python" - target/release/dsl run "$1" --quiet --force --out $work/whole <<'END'
 import os, resource, subprocess, sys, time
 start = time.perf_counter()
 subprocess.run(sys.argv[1:], check=True)

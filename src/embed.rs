@@ -8,7 +8,7 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::{Mat3, Vec3};
 
@@ -21,6 +21,7 @@ use crate::render::{
     Camera, DeltaLight, Emission, Environment, Input, Material, MaterialKind, Scene, SceneDescription, SceneError,
     Settings, Shape, Slot, TextureId, render_until,
 };
+use crate::stop;
 
 /// Why something could not be rendered or differentiated.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -233,8 +234,7 @@ pub type Gradient = BTreeMap<String, Vec<f64>>;
 impl RenderContext {
     /// The image, `height` × `width` × channels.
     pub fn render(&self, scene: &NamedScene, camera: &Camera, settings: &Settings) -> Result<Image, Error> {
-        let image = render_until(&scene.scene, camera, settings, &self.stop)?;
-        self.unless_stopped(image)
+        self.unless_stopped(|| render_until(&scene.scene, camera, settings, &self.stop))
     }
 
     /// Reverse mode: Σ `d_image` · ∂image/∂param for every param named, from samples that are independent of the image's.
@@ -248,8 +248,10 @@ impl RenderContext {
     ) -> Result<Gradient, Error> {
         let slots = params.iter().map(|name| scene.slot(name)).collect::<Result<Vec<Slot>, Error>>()?;
         let guides = Some(&self.guides);
-        let found = render_backward_until(&scene.scene, camera, settings, d_image, &slots, guides, &self.stop)?;
-        self.unless_stopped(params.iter().map(|name| (*name).to_owned()).zip(found).collect())
+        let found = self.unless_stopped(|| {
+            render_backward_until(&scene.scene, camera, settings, d_image, &slots, guides, &self.stop)
+        })?;
+        Ok(params.iter().map(|name| (*name).to_owned()).zip(found).collect())
     }
 
     /// Forward mode: the derivative of the image along a change of the params named, each in its own layout.
@@ -269,11 +271,14 @@ impl RenderContext {
             }
             direction.push((slot, values.clone()));
         }
-        let mut images = render_jacobian_until(&scene.scene, camera, settings, &[direction], &self.stop)?;
-        self.unless_stopped(images.swap_remove(0)) // one direction, one image
+        let mut images =
+            self.unless_stopped(|| render_jacobian_until(&scene.scene, camera, settings, &[direction], &self.stop))?;
+        Ok(images.swap_remove(0)) // one direction, one image
     }
 
-    fn unless_stopped<T>(&self, result: T) -> Result<T, Error> {
-        if self.stop.load(std::sync::atomic::Ordering::Relaxed) { Err(Error::Stopped) } else { Ok(result) }
+    fn unless_stopped<T>(&self, work: impl FnOnce() -> Result<T, SceneError>) -> Result<T, Error> {
+        let done = stop::until(&self.stop, work).map_err(|stop::Stopped| Error::Stopped)??;
+        // What is drawn in parallel comes back as it is when it was stopped.
+        if self.stop.load(Ordering::Relaxed) { Err(Error::Stopped) } else { Ok(done) }
     }
 }

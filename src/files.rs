@@ -1,9 +1,11 @@
 //! Files of the outside world: read whole, if they are ordinary and of bearable size; written whole or not at all.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::io::{self, Read, Write};
-use std::path::Path;
+use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use crate::memory;
 
@@ -23,6 +25,7 @@ pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     // Once more: between the two the path may have come to mean another file.
     let metadata = file.metadata()?;
     ordinary(&metadata)?;
+    note_input(path);
     memory::ask(metadata.len()).map_err(io::Error::other)?;
     let mut bytes = Vec::with_capacity(metadata.len() as usize);
     file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes)?;
@@ -62,16 +65,78 @@ fn too_large(bytes: u64) -> io::Error {
     io::Error::new(io::ErrorKind::FileTooLarge, format!("the file has {size}, more than the limit of {limit}"))
 }
 
-/// Writes beside the file and renames: at every moment the path holds the old file or the new one, whole.
+/// The files that this process has read or is about to read.
+static INPUTS: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+
+/// Remembers a file that is read, or named to be read later: [`is_input`] says so from now on.
+pub fn note_input(path: &Path) {
+    if let Ok(path) = path.canonicalize() {
+        INPUTS.lock().unwrap_or_else(PoisonError::into_inner).insert(path);
+    }
+}
+
+/// Whether something written to this path would replace a file that was read: by the same or another spelling, or through a link.
+pub fn is_input(path: &Path) -> bool {
+    // What is not there was not read.
+    let Ok(target) = path.canonicalize() else { return false };
+    let inputs = INPUTS.lock().unwrap_or_else(PoisonError::into_inner);
+    inputs.contains(&target) || inputs.iter().any(|input| is_same_file(input, &target))
+}
+
+/// Whether two paths are hard links to one file.
+#[cfg(unix)]
+fn is_same_file(a: &Path, b: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let identity = |path: &Path| fs::metadata(path).ok().map(|m| (m.dev(), m.ino()));
+    identity(a).is_some() && identity(a) == identity(b)
+}
+
+#[cfg(not(unix))]
+fn is_same_file(a: &Path, b: &Path) -> bool {
+    a == b
+}
+
+/// Why no output may have this name, in words and with what to do about it; `None` if it may. An output is named by a relative
+/// path that stays inside of its folder, and is none of the files that runs write about themselves.
+pub fn refused_output(name: &str) -> Option<(&'static str, &'static str)> {
+    let path = Path::new(name);
+    let is_inside = path.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
+    if !is_inside || path.file_name().is_none() {
+        return Some((
+            "outputs are written into the run folder",
+            "give a relative path without `..`, such as \"pictures/final.exr\"",
+        ));
+    }
+    let mut names = path.components().filter(|c| matches!(c, Component::Normal(_)));
+    let first = names.next().filter(|_| names.next().is_none());
+    let is_own = first.is_some_and(|name| is_run_file(&name.as_os_str().to_string_lossy()));
+    is_own.then_some(("this is the name of a file in which the run itself is recorded", "give the output another name"))
+}
+
+/// Names, at the top of a run folder, of what dscene writes there on its own account. Some file systems know neither upper and
+/// lower case nor dots and blanks at the end of a name, so none of them makes another name here.
+pub fn is_run_file(name: &str) -> bool {
+    let name = name.to_uppercase().to_lowercase();
+    let name = name.trim_end_matches(['.', ' ']);
+    let is_or_precedes =
+        |own: &str| name.strip_prefix(own).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'));
+    ["run.json", "log.jsonl", "report.html", "checkpoint", RUN_LOCK].into_iter().any(is_or_precedes)
+}
+
+/// The file in a run folder that its writer keeps locked.
+pub const RUN_LOCK: &str = ".lock";
+
+/// Writes beside the file and renames: at every moment the path holds the old file or the new one, whole. A link at the path is
+/// replaced, not followed.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> io::Result<()> {
     static COUNTER: AtomicU64 = AtomicU64::new(0);
     let name = path.file_name().ok_or_else(|| io::Error::other("the path names no file"))?;
     let number = COUNTER.fetch_add(1, Ordering::Relaxed);
     let temporary = path.with_file_name(format!(".{}.{}-{number}.tmp", name.to_string_lossy(), std::process::id()));
-    let written = fs::File::create(&temporary).and_then(|mut file| {
-        file.write_all(bytes)?;
-        file.sync_all()
-    });
+    // Made anew: what already has the name, a link for instance, is not written through.
+    let mut file = fs::File::create_new(&temporary)?;
+    let written = file.write_all(bytes).and_then(|()| file.sync_all());
+    drop(file);
     let renamed = written.and_then(|()| fs::rename(&temporary, path));
     if renamed.is_err() {
         // What went wrong first matters more than whether the leftover can be removed.
@@ -87,6 +152,8 @@ pub fn describe_io(error: &io::Error) -> String {
         ErrorKind::NotFound => "there is no such file or folder".to_string(),
         ErrorKind::PermissionDenied => "permission denied".to_string(),
         ErrorKind::StorageFull => "the disk is full".to_string(),
+        ErrorKind::QuotaExceeded => "your share of the disk is used up".to_string(),
+        ErrorKind::ReadOnlyFilesystem => "the disk can only be read".to_string(),
         ErrorKind::IsADirectory => "this is a folder, not a file".to_string(),
         _ => error.to_string(),
     }
@@ -113,5 +180,50 @@ mod tests {
                 "this is a device; only ordinary files are read"
             );
         }
+    }
+    #[test]
+    fn what_was_read_is_an_input_by_every_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, other) = (folder.path().join("a"), folder.path().join("b"));
+        fs::write(&file, "abc").unwrap();
+        fs::write(&other, "abc").unwrap();
+        fs::create_dir(folder.path().join("deep")).unwrap();
+        fs::hard_link(&file, folder.path().join("hard")).unwrap();
+        #[cfg(unix)]
+        std::os::unix::fs::symlink(&file, folder.path().join("soft")).unwrap();
+        assert!(!is_input(&file));
+        read(&file).unwrap();
+        assert!(is_input(&file) && is_input(&folder.path().join("deep/../a")));
+        assert!(!cfg!(unix) || is_input(&folder.path().join("hard")) && is_input(&folder.path().join("soft")));
+        assert!(!is_input(&other) && !is_input(&folder.path().join("none")));
+    }
+
+    #[test]
+    fn outputs_stay_inside_and_spare_the_record() {
+        for name in
+            ["x.png", "./x.png", "frames/0001.png", "frames/run.json", "running.json", "checkpoints/x.json", "locked"]
+        {
+            assert_eq!(refused_output(name), None, "{name:?}");
+        }
+        for name in ["", "..", "../x.png", "/etc/x.png", "a/../../x.png", "a/../run.json", "."] {
+            assert_eq!(refused_output(name).unwrap().0, "outputs are written into the run folder", "{name:?}");
+        }
+        let own = ["run.json", "./run.json", ".//Run.JSON", "LOG.jsonl", "checkpoint.json", "chec\u{212a}point.npy"];
+        let own = own.into_iter().chain(["run.json.part", "run.json. ", "run.j\u{17f}on", ".lock", "report.html"]);
+        for name in own {
+            assert!(refused_output(name).is_some_and(|(what, _)| what.contains("run itself")), "{name:?}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_link_is_replaced_and_not_followed() {
+        let folder = tempfile::tempdir().unwrap();
+        let (file, link) = (folder.path().join("a"), folder.path().join("link"));
+        fs::write(&file, "abc").unwrap();
+        std::os::unix::fs::symlink(&file, &link).unwrap();
+        write_atomically(&link, b"new").unwrap();
+        assert_eq!((fs::read(&file).unwrap(), fs::read(&link).unwrap()), (b"abc".to_vec(), b"new".to_vec()));
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 2);
     }
 }

@@ -45,6 +45,7 @@
 pub mod files;
 pub mod memory;
 pub mod source;
+pub mod stop;
 
 pub mod math;
 

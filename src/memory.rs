@@ -4,6 +4,7 @@
 //! Nothing is reserved and nothing needs to be given back: what is held is what the system says that the process holds. The
 //! limit is one for the whole process ([`set_limit`], `--memory` on the command line); half of the machine's memory unless set.
 
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -74,6 +75,24 @@ pub fn ask(bytes: u64) -> Result<(), Shortage> {
 /// Room for `count` things of type `T`.
 pub fn ask_for<T>(count: usize) -> Result<(), Shortage> {
     ask((count as u64).saturating_mul(size_of::<T>() as u64))
+}
+
+/// Takes room for `bytes` in work whose way back has no errors, as that of tables that are built when first looked at: where there is
+/// none the work ends, and [`bounded`] tells.
+pub fn need(bytes: u64) {
+    if let Err(shortage) = ask(bytes) {
+        // No panic: no hook is called.
+        resume_unwind(Box::new(shortage));
+    }
+}
+
+/// Does work that ends early for want of memory: where it [`need`]s more than there is.
+pub fn bounded<T>(work: impl FnOnce() -> T) -> Result<T, Shortage> {
+    catch_unwind(AssertUnwindSafe(work)).map_err(|payload| match payload.downcast::<Shortage>() {
+        Ok(shortage) => *shortage,
+        // Something else, which is somebody else's to catch.
+        Err(payload) => resume_unwind(payload),
+    })
 }
 
 /// Bytes that this process holds; 0 where the system does not say.
@@ -155,6 +174,8 @@ mod tests {
         assert!(Shortage::help(&format!("a.png: {refused}")).is_some(), "{refused}");
         assert_eq!(Shortage::help("a.png: the image is damaged"), None);
         assert!(ask_for::<f64>(usize::MAX).is_err());
+        assert_eq!(bounded(|| need(1000)), Ok(()));
+        assert_eq!(bounded(|| need(u64::MAX / 2)).unwrap_err().needed, u64::MAX / 2);
     }
 
     #[test]

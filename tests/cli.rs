@@ -118,7 +118,7 @@ fn outputs_cannot_leave_the_run_folder() {
     let place = Place::new();
     for name in ["../x.json", "/tmp/dscene-must-not-exist.json"] {
         place.write("a.dscene", format!("save 1 to \"{name}\"\n"));
-        assert_diagnosed(&place.dsl(&["run", "a.dscene", "--out", "r"]));
+        assert_diagnosed(&place.dsl(&["run", "a.dscene", "--out", "r", "--force"]));
     }
     assert!(!Path::new("/tmp/dscene-must-not-exist.json").exists());
 }
@@ -343,7 +343,7 @@ fn what_a_derivative_lacks_is_said_where_one_is_taken() {
         (format!("estimate(grad({seen}, corners), repeats: 2)"), 1),
     ] {
         place.write("t.dscene", format!("{TRIANGLE}print {expression}\nprint {expression}\n"));
-        assert_eq!(warnings(&["run", "t.dscene", "--out", "r"]), 2 * expected, "{expression}");
+        assert_eq!(warnings(&["run", "t.dscene", "--out", "r", "--force"]), 2 * expected, "{expression}");
         assert_eq!(warnings(&["eval", "t.dscene", &expression]), expected, "{expression}");
     }
     let repl = place.command(&["repl", "t.dscene"]).write_stdin(format!("grad({seen}, corners)\n")).output().unwrap();
@@ -517,7 +517,7 @@ fn empty_files_and_comments_run() {
     for text in ["", "\n\n", "// nothing\n/* at /* all */ */", "\u{feff}let a = 1\n"] {
         place.write("e.dscene", text);
         assert_code(&place.dsl(&["check", "e.dscene"]), 0);
-        assert_code(&place.dsl(&["run", "e.dscene", "--out", "r"]), 0);
+        assert_code(&place.dsl(&["run", "e.dscene", "--out", "r", "--force"]), 0);
     }
 }
 
@@ -608,7 +608,7 @@ fn scenes_at_the_edge_have_an_answer() {
     let place = Place::new();
     for (script, must_fail) in scripts {
         place.write("e.dscene", &script);
-        let output = place.dsl(&["run", "e.dscene", "--out", "r"]);
+        let output = place.dsl(&["run", "e.dscene", "--out", "r", "--force"]);
         let code = output.status.code();
         assert!(code == Some(1) || (!must_fail && code == Some(0)), "{code:?} for\n{script}\n{}", stderr(&output));
         if code == Some(1) {
@@ -643,7 +643,7 @@ fn hostile_asset_files_are_diagnosed() {
             format!("save load_image(\"{name}\") to \"x.png\"\n")
         };
         place.write("h.dscene", format!("{usual}{use_it}"));
-        let output = place.dsl(&["run", "h.dscene", "--out", "r"]);
+        let output = place.dsl(&["run", "h.dscene", "--out", "r", "--force"]);
         assert!(output.status.code() == Some(1), "{name}: {:?} {}", output.status, stderr(&output));
         assert_diagnosed(&output);
     }
@@ -709,7 +709,7 @@ fn a_long_rendering_is_interrupted_half_way() {
     let place = Place::new();
     let slow = TRIANGLE.replace("[16, 16]", "[2000, 2000]").replace("let target", "// ");
     place.write("slow.dscene", slow.replace("loss fit", "// ") + "print 1\nprint mean(render(eye, spp: 1000000))\n");
-    for arguments in [&["run", "slow.dscene", "--out", "r"][..], &["repl", "slow.dscene"]] {
+    for arguments in [&["run", "slow.dscene", "--out", "r", "--force"][..], &["repl", "slow.dscene"]] {
         place.write("lines", "print 1\nmean(render(eye, spp: 1000000))\nprint 2\n");
         let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin!("dsl"))
             .args(arguments)

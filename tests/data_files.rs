@@ -8,7 +8,7 @@ use assert_cmd::Command;
 fn run(folder: &Path, script: &str, more: &[&str]) -> (i32, String) {
     fs::write(folder.join("s.dscene"), script).unwrap();
     let mut command = Command::cargo_bin("dsl").unwrap();
-    command.current_dir(folder).args(["run", "s.dscene", "--out", "o"]).args(more);
+    command.current_dir(folder).args(["run", "s.dscene", "--out", "o", "--force"]).args(more);
     let output = command.timeout(std::time::Duration::from_secs(60)).output().unwrap();
     let _ = fs::remove_dir_all(folder.join("o.old"));
     let _ = fs::rename(folder.join("o"), folder.join("o.old"));

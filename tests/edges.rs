@@ -34,7 +34,7 @@ optimize z { over: [q], using: adam(lr: 0.05), steps: 400 }
 expect abs(q - 1) < 1e-3
 ",
     );
-    let out = place.dsl(&["run", "second.dscene", "--out", "o"]);
+    let out = place.dsl(&["run", "second.dscene", "--out", "o", "--force"]);
     assert_code(&out, 0);
 }
 
@@ -51,7 +51,7 @@ expect abs(grad(grad(bend, q), q) / fd(grad(bend, q), q, step: 1e-4) - 1) < 1e-5
 expect abs(grad(grad(blurred, q), q) / fd(grad(blurred, q), q, step: 1e-4) - 1) < 1e-5
 ",
     );
-    let out = place.dsl(&["run", "second.dscene", "--out", "o"]);
+    let out = place.dsl(&["run", "second.dscene", "--out", "o", "--force"]);
     assert_code(&out, 0);
 }
 
@@ -69,7 +69,7 @@ fn second_derivatives_of_what_renders_are_refused() {
     ] {
         let place = Place::new();
         place.write("second.dscene", format!("{scene}{what}\n"));
-        let out = place.dsl(&["run", "second.dscene", "--out", "o"]);
+        let out = place.dsl(&["run", "second.dscene", "--out", "o", "--force"]);
         assert_code(&out, 1);
         let said = stderr(&out);
         assert!(said.contains(&format!("{name} has first derivatives only")) && said.contains("fd(grad("), "{said}");
@@ -82,7 +82,7 @@ fn second_derivatives_of_what_renders_are_refused() {
             "{scene}print fd(grad(bright, r), r)\nprint grad(r * stop_gradient(grad(bright, r)), r)\noptimize bright - stop_gradient(grad(bright, r)) {{ steps: 2 }}\n"
         ),
     );
-    assert_code(&place.dsl(&["run", "fine.dscene", "--out", "o"]), 0);
+    assert_code(&place.dsl(&["run", "fine.dscene", "--out", "o", "--force"]), 0);
 }
 
 #[test]
@@ -99,7 +99,7 @@ fn gamma_of_a_black_background_optimises() {
              optimize fit {{ using: adam(lr: 0.05), steps: 60 }}\nexpect abs(r - 0.7) < 0.05\n"
         ),
     );
-    let out = place.dsl(&["run", "gamma.dscene", "--out", "o"]);
+    let out = place.dsl(&["run", "gamma.dscene", "--out", "o", "--force"]);
     assert_code(&out, 0);
     assert!(!stderr(&out).contains("skipped"), "{}", stderr(&out));
     assert!(!stdout(&out).contains("nan"), "{}", stdout(&out));
@@ -108,7 +108,7 @@ fn gamma_of_a_black_background_optimises() {
 fn run(script: &str, arguments: &[&str]) -> (i32, String) {
     let place = Place::new();
     place.write("s.dscene", script);
-    let out = place.dsl(&[&["run", "s.dscene", "--out", "o"], arguments].concat());
+    let out = place.dsl(&[&["run", "s.dscene", "--out", "o", "--force"], arguments].concat());
     (out.status.code().unwrap_or(-1), format!("{}{}", stdout(&out), stderr(&out)))
 }
 
@@ -277,7 +277,7 @@ fn what_is_too_large_or_not_a_number_is_said_where_it_is() {
     }
     let place = Place::new();
     place.write("make.dscene", "save image([[1, 1, 1], [1, 0 / 0, 1]]) to \"broken.exr\"\n");
-    assert_code(&place.dsl(&["run", "make.dscene", "--out", "o"]), 0);
+    assert_code(&place.dsl(&["run", "make.dscene", "--out", "o", "--force"]), 0);
     std::fs::copy(place.path("o/broken.exr"), place.path("broken.exr")).unwrap();
     place.write(
         "use.dscene",

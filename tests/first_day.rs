@@ -13,7 +13,7 @@ const EYE: &str = "camera eye { position: [0, 0, -5], look_at: [0, 0, 0], fov: 4
 #[track_caller]
 fn run(place: &Place, script: &str) -> String {
     place.write("script.dscene", script);
-    let output = place.dsl(&["run", "script.dscene", "--out", "run"]);
+    let output = place.dsl(&["run", "script.dscene", "--out", "run", "--force"]);
     assert_code(&output, 0);
     stdout(&output)
 }
@@ -142,7 +142,7 @@ fn control_variates_take_the_bias_of_noise_away() {
              print gain"
         );
         place.write("script.dscene", script);
-        place.dsl(&["run", "script.dscene", "--out", "run", "--seed", seed])
+        place.dsl(&["run", "script.dscene", "--out", "run", "--force", "--seed", seed])
     };
     // Where one seed ends is noisy itself: the mean of four.
     let bias = |settings: &str| -> f64 {
@@ -238,7 +238,7 @@ fn a_photo_at_a_coarse_stage() {
     };
     // A photo keeps its size; the message says how it may follow.
     place.write("script.dscene", fit("photo"));
-    let output = place.dsl(&["run", "script.dscene", "--out", "run"]);
+    let output = place.dsl(&["run", "script.dscene", "--out", "run", "--force"]);
     assert_diagnosed(&output);
     assert!(stderr(&output).contains("resize(photo, width: eye.film.x, height: eye.film.y)"), "{}", stderr(&output));
     run(&place, &fit("resize(photo, width: eye.film.x, height: eye.film.y)"));

@@ -334,7 +334,7 @@ fn what_is_not_done_is_said_once_at_the_call() {
     let script = "let photo = load_image(\"a.exr\")\nlet depth = load_image(\"a.exr\", layer: \"Z\")\n\
                   print mean(photo)\nprint mean(photo.r)\nprint mean(depth)\n";
     fs::write(folder.path().join("s.dscene"), script).unwrap();
-    let (code, text) = dsl(folder.path(), &["run", "s.dscene", "--out", "o"]);
+    let (code, text) = dsl(folder.path(), &["run", "s.dscene", "--out", "o", "--force"]);
     assert_eq!(code, 0, "{text}");
     assert_eq!(text.matches("of the EXR file's channels only R, G, B are read, not “Z”").count(), 1, "{text}");
     assert!(text.contains("s.dscene:1:"), "{text}");
@@ -364,7 +364,7 @@ fn sizes_are_known_before_memory_is_taken() {
     put("a.exr", &exr);
     for name in ["a.png", "a.hdr", "a.exr"] {
         fs::write(folder.path().join("s.dscene"), format!("print load_image(\"{name}\")\n")).unwrap();
-        let (code, text) = dsl(folder.path(), &["run", "s.dscene", "--memory", "200MB", "--out", "o"]);
+        let (code, text) = dsl(folder.path(), &["run", "s.dscene", "--memory", "200MB", "--out", "o", "--force"]);
         assert_eq!(code, 1, "{name}: {text}");
         assert!(text.contains("dscene::run::memory") && text.contains("--memory 16GB"), "{name}: {text}");
         assert!(text.contains("s.dscene:1:18"), "{name}: {text}");

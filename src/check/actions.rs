@@ -105,6 +105,16 @@ impl Checker<'_> {
                     .label(path.span, format!("this is `{}`", typed.expr.ty)),
             );
         }
+        if let Some(Const::Str(name)) = &typed.value
+            && let Some((why, help)) = crate::files::refused_output(name)
+        {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::file::output", format!("cannot write `{name}`: {why}"))
+                    .label(path.span, "this file")
+                    .help(help),
+            );
+            return typed.expr;
+        }
         let Some(saved) = saved else { return typed.expr };
         let known: &[&str] = match saved {
             Ty::Num(shape) if shape.len() < 2 => &["json", "csv", "npy", "txt"],

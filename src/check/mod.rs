@@ -59,6 +59,8 @@ impl Loader for Disk {
     }
 
     fn exists(&self, path: &Path) -> bool {
+        // What a script names it will read, at the latest when the value is needed.
+        crate::files::note_input(path);
         path.exists()
     }
 }

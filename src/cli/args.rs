@@ -30,6 +30,7 @@ pub enum Command {
 Examples:
   dsl run scene.dscene                               into runs/scene-TIMESTAMP/
   dsl run scene.dscene --out result --seed 7         into result/, with other random samples
+  dsl run scene.dscene --out result --force          the same once more, in place of the run that is there
   dsl run scene.dscene --set spp=16 --steps 20       override a declaration, shorten the optimisation
 
 The run folder holds run.json (script, imports, overrides, version, seed), log.jsonl (one object per step) and what the
@@ -116,6 +117,9 @@ pub struct RunArgs {
     /// Steps of each `optimize`, in place of the script's
     #[arg(long, value_name = "N")]
     pub steps: Option<u64>,
+    /// Take an `--out` folder that has files in it: an earlier run there is replaced
+    #[arg(long)]
+    pub force: bool,
     #[command(flatten)]
     pub common: Common,
 }

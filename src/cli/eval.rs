@@ -5,9 +5,9 @@ use serde_json::json;
 use super::args::EvalArgs;
 use super::{EXIT_WRONG, Terminal, load, out};
 use crate::eval;
-use crate::session::World;
 use crate::session::clock::Stopwatch;
 use crate::session::run::tell_warnings;
+use crate::session::{World, world};
 
 pub fn run(args: &EvalArgs) -> u8 {
     let mut terminal = Terminal::new(&args.common);
@@ -18,7 +18,7 @@ pub fn run(args: &EvalArgs) -> u8 {
         return EXIT_WRONG;
     };
     let watch = Stopwatch::start();
-    let result = loaded.engine.eval(&expr);
+    let result = world::listening(|| loaded.engine.eval(&expr));
     let seconds = watch.elapsed().wall;
     tell_warnings(&mut loaded.engine, &mut terminal);
     match result {

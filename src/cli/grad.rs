@@ -19,11 +19,10 @@ pub fn run(args: &GradArgs) -> u8 {
     let Some(mut loaded) = load(&args.file, &args.common, &mut terminal) else {
         return EXIT_WRONG;
     };
-    world::catch_interrupts();
-    let result = match &args.image {
+    let result = world::listening(|| match &args.image {
         Some(path) => gradient_images(args, path, &mut loaded, &mut terminal),
         None => gradients(args, &mut loaded, &mut terminal),
-    };
+    });
     tell_warnings(&mut loaded.engine, &mut terminal);
     match result {
         Ok(code) => code,
@@ -175,7 +174,8 @@ fn gradient_images(
         let value = loaded.engine.eval(&derivative)?;
         let path = if names.len() == 1 { path.to_path_buf() } else { with_suffix(path, name) };
         let path = in_folder(args.common.out.as_deref(), &path)?;
-        save_value(&value, &derivative.ty, &path).map_err(|e| cannot_save(&path, e))?;
+        let written = loaded.engine.stoppable(|| save_value(&value, &derivative.ty, &path))?;
+        written.map_err(|e| cannot_save(&path, e))?;
         terminal.note(&format!("saved {}: ∂({of})/∂{name}", path.display()));
         saved.push(path.display().to_string());
     }

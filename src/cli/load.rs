@@ -1,5 +1,6 @@
 //! From a file on the command line to an engine.
 
+use std::mem::ManuallyDrop;
 use std::path::Path;
 
 use super::args::Common;
@@ -11,7 +12,8 @@ use crate::session::{World, world};
 
 /// A script that may run.
 pub struct Loaded {
-    pub engine: Engine,
+    /// The process ends with it: to free millions of values one by one would only delay that.
+    pub engine: ManuallyDrop<Engine>,
 }
 
 /// Reads and checks a file with the `--set` overrides.
@@ -30,7 +32,7 @@ pub fn load(file: &Path, common: &Common, world: &mut dyn World) -> Option<Loade
         return None;
     }
     let options = engine_options(common, file);
-    Some(Loaded { engine: Engine::new(checked.program?, options) })
+    Some(Loaded { engine: ManuallyDrop::new(Engine::new(checked.program?, options)) })
 }
 
 /// The seed, the folder that relative paths start from, and Ctrl-C.

@@ -63,10 +63,7 @@ fn ended(code: u8) -> ExitCode {
 }
 
 fn dispatch(cli: Cli) -> u8 {
-    // Before anything else: from here on Ctrl-C is heard where evaluations and actions look for it. `check` has no such place.
-    if !matches!(cli.command, Command::Check(_)) {
-        crate::session::world::catch_interrupts();
-    }
+    crate::session::world::catch_interrupts();
     let common = match &cli.command {
         Command::Run(a) => &a.common,
         Command::Check(a) => &a.common,

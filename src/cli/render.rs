@@ -9,8 +9,9 @@ use super::{EXIT_INTERRUPTED, EXIT_WRONG, Terminal, load, out};
 use crate::check::hir::{self, DeclKind};
 use crate::diag::{self, Diagnostic};
 use crate::eval;
-use crate::image::file::describe_io;
+use crate::files::is_run_file;
 use crate::session::clock::{Stopwatch, human_seconds};
+use crate::session::folder::{cannot_write, spare_inputs};
 use crate::session::run::{SaveError, save_value, tell_warnings};
 use crate::session::{World, world};
 
@@ -31,12 +32,15 @@ pub fn run(args: &RenderArgs) -> u8 {
     let Some(expr) = loaded.expression(&format!("render({camera}{spp})"), "render", &mut terminal) else {
         return EXIT_WRONG;
     };
-    world::catch_interrupts();
     let watch = Stopwatch::start();
-    let result = output(args).and_then(|path| {
+    let result = world::listening(|| {
+        let path = output(args)?;
         let value = loaded.engine.eval(&expr)?;
-        save_value(&value, &expr.ty, &path).map_err(|e| cannot_save(&path, e))?;
-        Ok((value, path))
+        // Only now all files are known that the script reads.
+        writable(&path)?;
+        let saved = loaded.engine.stoppable(|| save_value(&value, &expr.ty, &path))?;
+        saved.map_err(|e| cannot_save(&path, e))?;
+        Ok::<_, Diagnostic>((value, path))
     });
     let seconds = watch.elapsed().wall;
     tell_warnings(&mut loaded.engine, &mut terminal);
@@ -73,11 +77,27 @@ fn output(args: &RenderArgs) -> Result<PathBuf, Diagnostic> {
     in_folder(args.common.out.as_deref(), &file)
 }
 
-/// A file below the `--out` folder, which is made if it is not there.
+/// Refuses a path at which an output would replace an input, or the record of a run.
+pub fn writable(path: &Path) -> Result<(), Diagnostic> {
+    if path.file_name().is_some_and(|name| is_run_file(&name.to_string_lossy())) {
+        let message =
+            format!("cannot write `{}`: this is the name of a file in which a run is recorded", path.display());
+        return Err(Diagnostic::error("dscene::run::write", message).help("give the output another name"));
+    }
+    spare_inputs(path)
+}
+
+/// A file below the `--out` folder, which is made if it is not there. Inputs are spared.
 pub fn in_folder(folder: Option<&Path>, file: &Path) -> Result<PathBuf, Diagnostic> {
-    let Some(folder) = folder else { return Ok(file.to_path_buf()) };
-    std::fs::create_dir_all(folder).map_err(|e| cannot_save(folder, SaveError::Io(e)))?;
-    Ok(folder.join(file))
+    let path = match folder {
+        None => file.to_path_buf(),
+        Some(folder) => {
+            std::fs::create_dir_all(folder).map_err(|e| cannot_write(folder, &e))?;
+            folder.join(file)
+        }
+    };
+    writable(&path)?;
+    Ok(path)
 }
 
 /// What Ctrl-C leaves to say.
@@ -89,9 +109,7 @@ pub fn interrupted(terminal: &mut Terminal) -> u8 {
 /// A failed [`save_value`] as a diagnostic without a place in the script.
 pub fn cannot_save(path: &Path, error: SaveError) -> Diagnostic {
     match error {
-        SaveError::Io(e) => {
-            Diagnostic::error("dscene::run::write", format!("cannot write `{}`: {}", path.display(), describe_io(&e)))
-        }
+        SaveError::Io(e) => cannot_write(path, &e),
         SaveError::Other { message, help } => Diagnostic::error("dscene::run::save", message).help(help),
     }
 }

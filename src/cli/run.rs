@@ -4,11 +4,9 @@ use serde_json::json;
 
 use super::args::RunArgs;
 use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load, out};
-use crate::diag::Diagnostic;
-use crate::image::file::describe_io;
 use crate::session::clock::{Date, Stopwatch, human_seconds};
 use crate::session::folder::SourceText;
-use crate::session::{Flow, RunFolder, RunInfo, Runner, World};
+use crate::session::{Flow, RunFolder, RunInfo, Runner, World, world};
 
 pub fn run(args: &RunArgs) -> u8 {
     let mut terminal = Terminal::new(&args.common);
@@ -17,17 +15,18 @@ pub fn run(args: &RunArgs) -> u8 {
     };
     let watch = Stopwatch::start();
     let info = run_info(args, &loaded);
-    let path = args.common.out.clone().unwrap_or_else(|| RunFolder::fresh_path(&info.name, Date::now()));
-    let mut folder = match RunFolder::create(&path, &info) {
+    let folder = match &args.common.out {
+        Some(path) => RunFolder::at(path, args.force, &info),
+        None => RunFolder::fresh(&info, Date::now()),
+    };
+    let mut folder = match folder {
         Ok(folder) => folder,
-        Err(error) => {
-            let why = if path.is_file() { "it is a file".to_owned() } else { describe_io(&error) };
-            let message = format!("cannot write the run folder `{}`: {why}", path.display());
-            let diagnostic = Diagnostic::error("dscene::run::folder", message).help("choose another with --out DIR");
+        Err(diagnostic) => {
             terminal.diagnostic(&diagnostic, &loaded.engine.program().sources.clone());
             return EXIT_WRONG;
         }
     };
+    let path = folder.path().to_path_buf();
 
     let actions = loaded.engine.program().actions.clone();
     if actions.is_empty() {
@@ -36,7 +35,7 @@ pub fn run(args: &RunArgs) -> u8 {
     let mut runner = Runner::new(&mut loaded.engine, &mut terminal);
     runner.folder = Some(&mut folder);
     runner.steps = args.steps;
-    let outcome = runner.run(&actions);
+    let outcome = world::listening(|| runner.run(&actions));
     let report = runner.report.clone();
     terminal.progress_done();
 

@@ -10,6 +10,7 @@ use crate::natives::{
     value::{CameraValue, Function, Value},
 };
 use crate::source::Span;
+use crate::stop;
 use crate::tape::Tensor;
 
 use super::{Engine, Result, error, mix};
@@ -83,7 +84,7 @@ impl Engine {
         spans: &[Option<Span>],
         span: Span,
     ) -> Result<Value> {
-        self.check_interrupt(span)?;
+        stop::check();
         if let Some(rendering) = Rendering::named(&native.name) {
             return self.render(native, rendering, values, given, spans, span);
         }
@@ -128,7 +129,7 @@ impl Engine {
     }
 
     fn language_function(&mut self, f: &FnDecl, args: Vec<Option<Value>>, span: Span) -> Result<Value> {
-        self.check_interrupt(span)?;
+        stop::check();
         let saved = (self.base, self.locals.len(), self.path);
         self.base = saved.1;
         self.path = mix(mix(saved.2, u64::from(span.start)), u64::from(span.source.0));

@@ -6,6 +6,7 @@ use crate::check::hir::{Callee, Comprehension, ExprKind, ForClause};
 use crate::memory::{self, Shortage};
 use crate::natives::value::Value;
 use crate::source::Span;
+use crate::stop;
 use crate::tape::{Slice, TapeError, Tensor, Var};
 
 use super::expr::{MAX_ITEMS, known};
@@ -42,7 +43,7 @@ impl Engine {
         }
         let path = self.path;
         for i in 0..items.len() {
-            self.check_interrupt(span)?;
+            stop::check();
             let top = self.locals.len();
             self.path = mix(path, i as u64 + 1);
             match &clause.locals[..] {

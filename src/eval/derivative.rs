@@ -10,6 +10,7 @@ use crate::natives::{
     value::{EstimateValue, GradientEntry, Value},
 };
 use crate::source::Span;
+use crate::stop;
 use crate::tape::{self, Tensor, Var};
 
 use super::{Deps, Engine, History, Result, error, mix};
@@ -99,7 +100,7 @@ impl Engine {
         }
         let grads = tape::backward(&loss, leaves);
         // A rendering that was stopped half-way leaves numbers that mean nothing.
-        self.check_interrupt(of.span)?;
+        stop::check();
         let grads = grads.map_err(|e| error::gradient(e.0, of.span))?;
         Ok((loss, grads))
     }
@@ -291,7 +292,7 @@ impl Engine {
             let tangents: Vec<(Var, Tensor)> =
                 leaves.iter().cloned().zip(along.iter().map(|v| v.value().clone())).collect();
             let tangent = tape::forward(&output, &tangents);
-            engine.check_interrupt(e.span)?;
+            stop::check();
             let tangent = tangent.map_err(|m| error::gradient(m.0, e.span))?;
             Ok((value, Var::derivative_along(&output, leaves, &along, tangent)))
         })?;
@@ -336,7 +337,7 @@ impl Engine {
         if output.len() == 1 {
             // A gradient: reverse mode has it at one price.
             let grads = tape::backward(output, leaves);
-            self.check_interrupt(span)?;
+            stop::check();
             let grads = grads.map_err(failed)?;
             let one = |x: f64| Tensor::full(output.shape(), x);
             return Ok(grads.iter().flat_map(|g| g.data.iter().map(|x| one(*x))).collect());
@@ -354,7 +355,7 @@ impl Engine {
         for group in elements.chunks(MAX_DIRECTIONS) {
             let directions: Vec<_> = group.iter().map(|(leaf, i)| tape::unit(leaf, *i)).collect();
             let found = tape::jacobian(std::slice::from_ref(output), &directions);
-            self.check_interrupt(span)?;
+            stop::check();
             rows.extend(found.map_err(failed)?.into_iter().flatten());
         }
         Ok(rows)
@@ -369,7 +370,7 @@ impl Engine {
         // What the differences depend on: derivatives of them are refused.
         let mut from: Vec<Var> = value.var().into_iter().cloned().collect();
         for k in 0..n {
-            self.check_interrupt(span)?;
+            stop::check();
             let mut side = |h: f64| -> Result<Var> {
                 let moved = |v: &Var| {
                     let mut t = v.value().clone();
@@ -434,7 +435,7 @@ impl Engine {
         let mut mean: Option<Tensor> = None;
         let mut squares = Tensor::scalar(0.0);
         for r in 0..repeats {
-            self.check_interrupt(of.span)?;
+            stop::check();
             self.set_sample_seed(mix(seed, 0xE57 + r as u64));
             let x = if fresh { self.in_world(vec![], r as u64, |e| e.numbers(of))?.1 } else { self.numbers(of)?.1 };
             let m = mean.get_or_insert_with(|| {

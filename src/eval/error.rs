@@ -84,8 +84,8 @@ pub(super) fn recursion(span: Span) -> Diagnostic {
         .help("a function that calls itself needs an end: `if n == 0 then … else …`")
 }
 
-pub(super) fn interrupted(span: Span) -> Diagnostic {
-    Diagnostic::error(INTERRUPTED, "stopped").label(span, "while evaluating this")
+pub(super) fn stopped() -> Diagnostic {
+    Diagnostic::error(INTERRUPTED, "stopped")
 }
 
 /// Something the checker should have ruled out.

@@ -7,6 +7,7 @@ use crate::check::types::Ty;
 use crate::memory;
 use crate::natives::{self, value::Value};
 use crate::source::Span;
+use crate::stop;
 use crate::tape::{Binary, Slice, Tensor, Var};
 
 use super::call::{Closure, function};
@@ -77,12 +78,12 @@ impl Engine {
         let mut text = String::new();
         for part in parts {
             match part {
-                StrPart::Text(t) => text.push_str(t),
+                StrPart::Text(t) => append(&mut text, t),
                 StrPart::Value { value, format } => {
                     let v = self.expr(value)?;
                     let shown = formatted(&v, &value.ty, *format);
                     memory::ask(2 * (text.len() + shown.len()) as u64).map_err(|e| error::memory(e, value.span))?;
-                    text.push_str(&shown);
+                    append(&mut text, &shown);
                 }
             }
         }
@@ -437,7 +438,10 @@ pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Res
         (Value::Str(a), Value::Str(b)) => match op {
             BinaryOp::Add => {
                 memory::ask(2 * (a.len() + b.len()) as u64).map_err(|e| e.to_string())?;
-                Ok(Value::str(format!("{a}{b}")))
+                let mut text = String::with_capacity(a.len() + b.len());
+                append(&mut text, a);
+                append(&mut text, b);
+                Ok(Value::str(text))
             }
             BinaryOp::Eq => Ok(Value::Bool(a == b)),
             BinaryOp::Ne => Ok(Value::Bool(a != b)),
@@ -447,6 +451,17 @@ pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Res
             Err("arrays of different things have no arithmetic; go through them with `[… for x in xs]`".into())
         }
         _ => Err(format!("{} and {} do not go together here", x.kind(), y.kind())),
+    }
+}
+
+/// Adds to a text, which may be of gigabytes.
+fn append(text: &mut String, mut more: &str) {
+    while !more.is_empty() {
+        stop::check();
+        let end = (0..4).map(|k| (1 << 24) - k).find(|&end| more.is_char_boundary(end)).unwrap_or(more.len());
+        let (part, rest) = more.split_at(end);
+        text.push_str(part);
+        more = rest;
     }
 }
 

@@ -28,12 +28,13 @@ mod warnings;
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 
 use crate::check::hir::{self, Decl, DeclId, DeclKind, LocalId, Target};
 use crate::check::types::Ty;
 use crate::diag::Diagnostic;
 use crate::natives::{self, value::Value};
+use crate::stop;
 use crate::tape::{Tensor, Var};
 
 use deps::{Deps, Evaluating, Params};
@@ -365,13 +366,19 @@ impl Engine {
         self.fresh_frame(|engine| engine.expr(e))
     }
 
+    /// Does work beside evaluations, which is stopped as they are.
+    pub fn stoppable<T>(&self, work: impl FnOnce() -> T) -> Result<T> {
+        until(self.options.interrupt.clone(), work)
+    }
+
     /// Runs `f` with no locals, in the first world.
     fn fresh_frame<T>(&mut self, f: impl FnOnce(&mut Engine) -> Result<T>) -> Result<T> {
         let saved = (self.base, self.world, self.path, self.locals.len(), self.frames.len(), self.depth);
         (self.base, self.world, self.path) = (self.locals.len(), 0, 0);
         let nested = self.evaluating.len();
-        let result = f(self);
-        // An error may leave any of the stacks higher than it was.
+        let flag = self.options.interrupt.clone();
+        let result = until(flag, || f(self)).and_then(|done| done);
+        // An error, or being stopped, may leave any of the stacks higher than it was.
         self.evaluating.truncate(nested);
         self.locals.truncate(saved.3);
         self.frames.truncate(saved.4);
@@ -398,13 +405,6 @@ impl Engine {
             at = self.worlds[i].parent;
         }
         false
-    }
-
-    fn check_interrupt(&self, span: crate::source::Span) -> Result<()> {
-        match &self.options.interrupt {
-            Some(flag) if flag.load(Ordering::Relaxed) => Err(error::interrupted(span)),
-            _ => Ok(()),
-        }
     }
 
     fn context(&self) -> natives::Context {
@@ -558,6 +558,14 @@ impl Engine {
         let result = stacker::maybe_grow(STACK_NEEDED, STACK_GROWN, || f(self));
         self.depth = self.depth.saturating_sub(1);
         result
+    }
+}
+
+/// Does work that ends with a diagnostic once the flag is set.
+fn until<T>(flag: Option<Arc<AtomicBool>>, work: impl FnOnce() -> T) -> Result<T> {
+    match flag {
+        Some(flag) => stop::until(&flag, work).map_err(|stop::Stopped| error::stopped()),
+        None => Ok(work()),
     }
 }
 

@@ -14,6 +14,7 @@ use crate::natives::{
 };
 use crate::render::{Camera, Slot};
 use crate::source::Span;
+use crate::stop;
 use crate::tape::{CustomOp, Tensor, Var};
 
 use super::dark::{self, Darkness};
@@ -197,7 +198,7 @@ impl Engine {
         spans: &[Option<Span>],
         span: Span,
     ) -> Result<Value> {
-        self.check_interrupt(span)?;
+        stop::check();
         let defaults = match self.shared().integrator {
             Some(id) => match self.decl(id)? {
                 Value::Settings(s) => Some(s),
@@ -236,7 +237,7 @@ impl Engine {
         let stop = self.options.interrupt.clone().unwrap_or_default();
         let failed = |engine: &Engine, e| engine.scene_error(LowerError::Scene(e), &scene, &origins, span);
         let mut image = grad::render_until(&lowered.scene, &seen_by, &settings, &stop).map_err(|e| failed(self, e))?;
-        self.check_interrupt(span)?;
+        stop::check();
         if settings.output == Output::Radiance && image.data.iter().all(|x| *x == 0.0) {
             let why = dark::reason(&lowered.scene, &seen_by);
             self.warnings.say(span, "black", || black(why, &scene, &origins, span));
@@ -250,7 +251,7 @@ impl Engine {
                 self.statistics.renders += u64::from(site.goes_on());
                 let next = site.next(image, &lowered, seen_by, &settings, &stop);
                 image = next.map_err(|e| failed(self, e))?;
-                self.check_interrupt(span)?;
+                stop::check();
             }
         }
         let value = Tensor::from_image(&image);
@@ -317,6 +318,7 @@ impl Engine {
         let find = |is_light: bool, index: usize| origins.iter().filter(|o| o.is_light == is_light).nth(index);
         let (what, origin) = match e {
             LowerError::Tape(message) => return error::shape(message, span),
+            LowerError::Scene(SceneError::Memory(shortage)) => return error::memory(shortage, span),
             LowerError::Scene(SceneError::Camera { what }) => return error::scene(what, span, "seen by this camera"),
             LowerError::Scene(SceneError::Environment { what }) => (what, None),
             LowerError::Scene(SceneError::Light { light, what }) => {

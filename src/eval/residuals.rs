@@ -2,6 +2,7 @@
 
 use crate::check::hir::{Expr, Target};
 use crate::diag::Diagnostic;
+use crate::stop;
 use crate::tape::{self, Tensor, Var};
 
 use super::{Engine, Result, error, mix};
@@ -47,24 +48,26 @@ impl Engine {
             return Err(error::gradient(message, of.span)
                 .help("it is for few unknowns, at most 256; take `adam`, or render a smaller film"));
         }
-        let mut rows = Vec::with_capacity(elements.len());
-        for group in elements.chunks(crate::grad::MAX_DIRECTIONS) {
-            let directions: Vec<_> = group.iter().map(|(leaf, i)| tape::unit(leaf, *i)).collect();
-            let found = tape::jacobian(&residuals.nodes, &directions);
-            self.check_interrupt(of.span)?;
-            let found = found.map_err(failed)?;
-            rows.extend((0..group.len()).map(|k| -> Vec<f64> {
-                let parts = found.iter().zip(&residuals.roots);
-                parts.flat_map(|(along, roots)| along[k].data.iter().zip(roots).map(|(x, root)| x * root)).collect()
-            }));
-        }
-        Ok(rows)
+        self.fresh_frame(|_| {
+            let mut rows = Vec::with_capacity(elements.len());
+            for group in elements.chunks(crate::grad::MAX_DIRECTIONS) {
+                let directions: Vec<_> = group.iter().map(|(leaf, i)| tape::unit(leaf, *i)).collect();
+                let found = tape::jacobian(&residuals.nodes, &directions);
+                stop::check();
+                let found = found.map_err(failed)?;
+                rows.extend((0..group.len()).map(|k| -> Vec<f64> {
+                    let parts = found.iter().zip(&residuals.roots);
+                    parts.flat_map(|(along, roots)| along[k].data.iter().zip(roots).map(|(x, root)| x * root)).collect()
+                }));
+            }
+            Ok(rows)
+        })
     }
 
     fn residuals_here(&mut self, of: &Expr, wrt: &[Target]) -> Result<Residuals> {
         self.with_leaves(wrt, of.span, |engine, leaves| {
             let (_, loss) = engine.numbers(of)?;
-            engine.check_interrupt(of.span)?;
+            stop::check();
             if loss.len() != 1 {
                 let found = Tensor::shape_text(loss.shape());
                 return Err(error::gradient(format!("a loss is a number, this is a {found}"), of.span));

@@ -6,6 +6,8 @@
 use std::ops::AddAssign;
 
 use super::{Image, ImageError};
+use crate::memory;
+use crate::stop::Pace;
 
 /// Gaussian blur of standard deviation `sigma` pixels; weights are renormalised at the borders, so a constant stays one.
 pub fn blur(image: &Image, sigma: f64) -> Result<Image, ImageError> {
@@ -107,6 +109,9 @@ impl Separable {
         if !(sigma.is_finite() && sigma >= 0.0) {
             return Err(ImageError::Argument(format!("the sigma of a blur must be 0 or more, not {sigma}")));
         }
+        // Each output has its own weights.
+        let weights = |n: usize| n.saturating_mul(gaussian_radius(n, sigma).saturating_mul(2).min(n));
+        memory::ask_for::<f64>(weights(width).saturating_add(weights(height)))?;
         Ok(Separable { x: Taps::gaussian(width, sigma), y: Taps::gaussian(height, sigma) })
     }
 
@@ -166,9 +171,11 @@ impl Separable {
         assert_eq!(data.len(), width * height * channels, "the filter was made for {width}×{height} pixels");
         let (out_width, out_height) = self.output_size();
         let mut narrow = vec![T::default(); out_width * height * channels];
+        let mut pace = Pace::default();
         for y in 0..height {
             let (row, out) = (&data[y * width * channels..], &mut narrow[y * out_width * channels..]);
             for (x, taps) in self.x.rows.iter().enumerate() {
+                pace.step(taps.weights.len() * channels);
                 for (k, &weight) in taps.weights.iter().enumerate() {
                     for c in 0..channels {
                         out[x * channels + c] += row[(taps.start + k) * channels + c].scaled(weight);
@@ -180,6 +187,7 @@ impl Separable {
         let mut result = vec![T::default(); stride * out_height];
         for (y, taps) in self.y.rows.iter().enumerate() {
             for (k, &weight) in taps.weights.iter().enumerate() {
+                pace.step(stride);
                 let from = &narrow[(taps.start + k) * stride..][..stride];
                 result[y * stride..][..stride].iter_mut().zip(from).for_each(|(r, f)| *r += f.scaled(weight));
             }
@@ -198,8 +206,10 @@ impl Separable {
         );
         let stride = out_width * channels;
         let mut narrow = vec![T::default(); stride * height];
+        let mut pace = Pace::default();
         for (y, taps) in self.y.rows.iter().enumerate() {
             for (k, &weight) in taps.weights.iter().enumerate() {
+                pace.step(stride);
                 let from = &d_output[y * stride..][..stride];
                 let to = &mut narrow[(taps.start + k) * stride..][..stride];
                 to.iter_mut().zip(from).for_each(|(t, f)| *t += f.scaled(weight));
@@ -209,6 +219,7 @@ impl Separable {
         for y in 0..height {
             let (d_row, row) = (&narrow[y * stride..], &mut result[y * width * channels..]);
             for (x, taps) in self.x.rows.iter().enumerate() {
+                pace.step(taps.weights.len() * channels);
                 for (k, &weight) in taps.weights.iter().enumerate() {
                     for c in 0..channels {
                         row[(taps.start + k) * channels + c] += d_row[x * channels + c].scaled(weight);
@@ -252,12 +263,13 @@ struct Row {
 
 impl Taps {
     fn gaussian(n: usize, sigma: f64) -> Taps {
-        // Beyond five deviations a weight is below 4e-6 of the largest.
-        let radius = ((5.0 * sigma).ceil() as usize).min(n);
+        let radius = gaussian_radius(n, sigma);
+        let mut pace = Pace::default();
         let weight =
             |distance: usize| if distance == 0 { 1.0 } else { (-0.5 * (distance as f64 / sigma).powi(2)).exp() };
         let row = |i: usize| {
             let (start, end) = (i.saturating_sub(radius), (i + radius + 1).min(n));
+            pace.step(16 * (end - start));
             Row::normalised(start, (start..end).map(|j| weight(i.abs_diff(j))).collect())
         };
         Taps { input: n, rows: (0..n).map(row).collect() }
@@ -283,6 +295,11 @@ impl Taps {
     fn window(n: usize, at: usize, length: usize) -> Taps {
         Taps { input: n, rows: (0..length).map(|i| Row { start: at + i, weights: vec![1.0] }).collect() }
     }
+}
+
+/// Pixels on either side that a gaussian of `n` reaches: beyond five deviations a weight is below 4e-6 of the largest.
+fn gaussian_radius(n: usize, sigma: f64) -> usize {
+    ((5.0 * sigma).ceil() as usize).min(n)
 }
 
 impl Row {

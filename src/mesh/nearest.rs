@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use crate::stop;
+
 /// Points in an order in which each range is split at its middle: smaller ones along the longest side of their box before.
 pub struct Nearest {
     points: Arc<[[f64; 3]]>,
@@ -52,6 +54,9 @@ impl Nearest {
 fn split(points: &[[f64; 3]], order: &mut [u32], axes: &mut [u8]) {
     if order.len() < 2 {
         return;
+    }
+    if order.len() > 1 << 10 {
+        stop::check();
     }
     let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     for p in order.iter().map(|i| points[*i as usize]) {

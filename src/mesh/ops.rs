@@ -7,6 +7,7 @@ use glam::{DVec3, Vec3};
 
 use super::shapes::limit;
 use super::{MAX_ELEMENTS, Mesh, MeshError};
+use crate::stop::Pace;
 
 /// Reverses every face and, where given, every normal.
 pub fn flip(mut mesh: Mesh) -> Mesh {
@@ -66,7 +67,9 @@ pub fn subdivide(mesh: &Mesh) -> Result<Subdivision, MeshError> {
     let mut parents: Vec<[u32; 2]> = (0..mesh.vertices.len() as u32).map(|i| [i, i]).collect();
     let mut midpoints: HashMap<[u32; 2], u32> = HashMap::with_capacity(mesh.faces.len() * 2);
     let mut faces = Vec::with_capacity(4 * mesh.faces.len());
+    let mut pace = Pace::default();
     for &[a, b, c] in &mesh.faces {
+        pace.step(16);
         let mut middle = |i: u32, j: u32| {
             *midpoints.entry([i.min(j), i.max(j)]).or_insert_with_key(|&edge| {
                 parents.push(edge);
@@ -108,9 +111,11 @@ pub fn d_subdivide(parents: &[[u32; 2]], d_new: &[f64], width: usize, d_old: &mu
 /// For each vertex the number of its place in space: vertices with equal positions share one. Also the number of places.
 pub fn weld(vertices: &[DVec3]) -> (Vec<u32>, usize) {
     let mut places: HashMap<[u64; 3], u32> = HashMap::with_capacity(vertices.len());
+    let mut pace = Pace::default();
     let place = vertices
         .iter()
         .map(|v| {
+            pace.step(8);
             let next = places.len() as u32;
             // Adding zero makes −0 and 0 the same bits.
             *places.entry(v.to_array().map(|x| (x + 0.0).to_bits())).or_insert(next)
@@ -123,7 +128,9 @@ pub fn weld(vertices: &[DVec3]) -> (Vec<u32>, usize) {
 pub fn edges(place: &[u32], faces: &[[u32; 3]]) -> Vec<([u32; 2], Vec<u32>)> {
     let mut index: HashMap<[u32; 2], usize> = HashMap::with_capacity(faces.len() * 2);
     let mut edges: Vec<([u32; 2], Vec<u32>)> = Vec::new();
+    let mut pace = Pace::default();
     for (f, face) in faces.iter().enumerate() {
+        pace.step(16);
         for k in 0..3 {
             let (a, b) = (place[face[k] as usize], place[face[(k + 1) % 3] as usize]);
             if a == b {
@@ -151,7 +158,9 @@ pub fn smooth_normals(vertices: &[DVec3], faces: &[[u32; 3]]) -> Vec<DVec3> {
 pub fn jvp_smooth_normals(vertices: &[DVec3], faces: &[[u32; 3]], t_vertices: &[DVec3]) -> Vec<DVec3> {
     let (place, sums) = normal_sums(vertices, faces);
     let mut t_sums = vec![DVec3::ZERO; sums.len()];
+    let mut pace = Pace::default();
     for face in faces {
+        pace.step(2);
         let [a, b, c] = face.map(|i| vertices[i as usize]);
         let [ta, tb, tc] = face.map(|i| t_vertices[i as usize]);
         let t = (tb - ta).cross(c - a) + (b - a).cross(tc - ta);
@@ -170,7 +179,9 @@ pub fn d_smooth_normals(vertices: &[DVec3], faces: &[[u32; 3]], d_normals: &[DVe
         // The Jacobian of normalisation is symmetric.
         d_sums[p as usize] += through_unit(sums[p as usize], d);
     }
+    let mut pace = Pace::default();
     for face in faces {
+        pace.step(2);
         let d = places_of(face, &place).into_iter().map(|p| d_sums[p]).sum::<DVec3>();
         let [a, b, c] = face.map(|i| vertices[i as usize]);
         // n = (b − a) × (c − a)
@@ -202,7 +213,9 @@ pub(super) fn to_f64(vertices: &[Vec3]) -> Vec<DVec3> {
 fn normal_sums(vertices: &[DVec3], faces: &[[u32; 3]]) -> (Vec<u32>, Vec<DVec3>) {
     let (place, count) = weld(vertices);
     let mut sums = vec![DVec3::ZERO; count];
+    let mut pace = Pace::default();
     for face in faces {
+        pace.step(2);
         let [a, b, c] = face.map(|i| vertices[i as usize]);
         let n = (b - a).cross(c - a);
         for p in places_of(face, &place) {

@@ -10,6 +10,7 @@ use crate::image::file::{Decoded, Encoding, decode, read_bytes};
 use crate::image::{Image, ImageError};
 
 use crate::memory;
+use crate::stop;
 
 use super::load::Wanted;
 
@@ -90,6 +91,7 @@ impl<'a> Reading<'a> {
     pub fn expect(&mut self, vertices: u64, faces: u64) -> Result<(), String> {
         let bytes = vertices.saturating_mul(VERTEX_BYTES).saturating_add(faces.saturating_mul(FACE_BYTES));
         let more = bytes.saturating_sub(self.asked);
+        stop::check();
         self.asked += more;
         memory::ask(more).map_err(|e| format!("of its {vertices} vertices and {faces} triangles, {e}"))
     }

@@ -7,6 +7,7 @@ use serde_json::Value as Json;
 use crate::data::{npy, table};
 use crate::files::read_bytes;
 use crate::memory;
+use crate::stop;
 use crate::tape::Tensor;
 
 use super::value::Value;
@@ -14,26 +15,25 @@ use super::{Args, Native, NativeError, Result};
 
 pub(super) const TABLE: &[(&str, Native)] = &[
     ("load_json", |a| {
-        let bytes = bytes(a)?;
-        // A tree of numbers takes some twenty times as much as their text.
-        memory::ask(bytes.len() as u64 * 20)?;
-        let json: Json = serde_json::from_slice(&bytes).map_err(|e| NativeError::at(0, format!("{}: {e}", name(a))))?;
-        Ok(from_json(&json))
+        read(a, |bytes| {
+            // A tree of numbers takes some twenty times as much as their text.
+            memory::ask(bytes.len() as u64 * 20).map_err(|e| e.to_string())?;
+            let json: Json = serde_json::from_slice(bytes).map_err(|e| e.to_string())?;
+            Ok(from_json(&json))
+        })
     }),
-    ("load_table", |a| {
-        match table::decode(&bytes(a)?).map_err(|e| NativeError::at(0, format!("{}: {e}", name(a))))? {
-            table::Table::Rows(rows) => Ok(Value::tensor(rows)),
-            table::Table::Columns(columns) => {
-                let value = |column| match column {
-                    table::Column::Numbers(numbers) => Value::tensor(Tensor::vector(numbers)),
-                    table::Column::Words(words) => Value::list(words.into_iter().map(Value::str).collect()),
-                };
-                Ok(Value::Record(Arc::new(columns.into_iter().map(|(n, c)| (n, value(c))).collect())))
-            }
+    ("load_table", |a| match read(a, table::decode)? {
+        table::Table::Rows(rows) => Ok(Value::tensor(rows)),
+        table::Table::Columns(columns) => {
+            let value = |column| match column {
+                table::Column::Numbers(numbers) => Value::tensor(Tensor::vector(numbers)),
+                table::Column::Words(words) => Value::list(words.into_iter().map(Value::str).collect()),
+            };
+            Ok(Value::Record(Arc::new(columns.into_iter().map(|(n, c)| (n, value(c))).collect())))
         }
     }),
     ("load_array", |a| {
-        let read = npy::decode(&bytes(a)?).map_err(|e| NativeError::at(0, format!("{}: {e}", name(a))))?;
+        let read = read(a, npy::decode)?;
         if let Some(note) = read.note {
             a.warn(NativeError::at(0, note));
         }
@@ -41,12 +41,11 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     }),
 ];
 
-fn name(a: &Args) -> String {
-    a.string(0).unwrap_or_default().to_owned()
-}
-
-fn bytes(a: &Args) -> Result<Vec<u8>> {
-    read_bytes(&a.path(0)?).map_err(|e| NativeError::at(0, format!("{}: {e}", name(a))))
+/// What `decode` makes of the file that the first argument names.
+fn read<T: Send + 'static>(a: &Args, decode: fn(&[u8]) -> Result<T, String>) -> Result<T> {
+    let path = a.path(0)?;
+    let decoded = stop::apart(move || decode(&read_bytes(&path)?));
+    decoded.map_err(|e| NativeError::at(0, format!("{}: {e}", a.string(0).unwrap_or_default())))
 }
 
 /// Objects become records, arrays of numbers tensors where their lengths agree. What is not finite is `"nan"`, `"inf"` or `"-inf"` in

@@ -11,6 +11,7 @@ use crate::mesh::load::{
 };
 use crate::mesh::{Mesh, MeshError};
 use crate::render::texture::{Filter, Wrap};
+use crate::stop;
 use crate::tape::{Tensor, Var};
 
 use super::scene::{add_to_scene, grey};
@@ -23,8 +24,9 @@ use super::{Args, Native, NativeError, Result};
 pub(super) const TABLE: &[(&str, Native)] = &[
     ("load", |a| {
         let path = a.path(0)?;
-        let loaded = load(&path, Wanted::Mesh).map_err(refused)?;
-        let (mesh, warnings) = loaded.merged().map_err(refused)?;
+        let from = path.clone();
+        let merged = stop::apart(move || load(&from, Wanted::Mesh).and_then(Loaded::merged));
+        let (mesh, warnings) = merged.map_err(refused)?;
         tell(a, &path, warnings);
         if mesh.faces.is_empty() {
             return Err(NativeError::at(0, "the file has no triangles"));
@@ -52,7 +54,8 @@ fn tell(a: &Args, path: &Path, warnings: Vec<String>) {
 /// The parts of a file; those that emit light are lights.
 fn load_scene(a: &Args) -> Result<SceneValue> {
     let path = a.path(0)?;
-    let Loaded { parts, lights, warnings } = load(&path, Wanted::Scene).map_err(refused)?;
+    let from = path.clone();
+    let Loaded { parts, lights, warnings } = stop::apart(move || load(&from, Wanted::Scene)).map_err(refused)?;
     let mut scene = SceneValue::default();
     let mut converter = Converter::default();
     for part in parts.iter().filter(|p| !p.mesh.faces.is_empty()) {
@@ -181,7 +184,8 @@ fn light(loaded: &LoadedLight) -> LightValue {
 
 fn cameras(a: &Args) -> Result<Value> {
     let path = a.path(0)?;
-    let (cameras, warnings) = load_cameras(&path).map_err(refused)?;
+    let from = path.clone();
+    let (cameras, warnings) = stop::apart(move || load_cameras(&from)).map_err(refused)?;
     tell(a, &path, warnings);
     if cameras.is_empty() {
         return Err(NativeError::at(0, "the file has no cameras"));

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use crate::image::file::{self, Encoding};
 use crate::image::filter::Separable;
 use crate::memory;
+use crate::stop;
 use crate::tape::{AxisFilter, CustomOp, Slice, TapeError, Tensor, Var};
 
 use super::value::Value;
@@ -60,7 +61,9 @@ pub(super) fn read_image(a: &Args, index: usize) -> Result<Var> {
         None => Encoding::AsFile,
     };
     let layer = a.named_string("layer")?;
-    let decoded = file::load(&a.path(index)?, encoding, layer).map_err(|e| NativeError::at(index, e.to_string()))?;
+    let (path, layer) = (a.path(index)?, layer.map(str::to_owned));
+    let decoded = stop::apart(move || file::load(&path, encoding, layer.as_deref()));
+    let decoded = decoded.map_err(|e| NativeError::at(index, e.to_string()))?;
     for note in decoded.notes {
         a.warn(NativeError::at(index, note));
     }

@@ -1,10 +1,12 @@
 //! What meshes and point sets measure.
 
 use std::sync::Arc;
+use std::sync::atomic::Ordering;
 
 use rayon::prelude::*;
 
 use crate::mesh::nearest::Nearest;
+use crate::stop;
 use crate::tape::{Tensor, Unary, Var};
 
 use super::meshes::welded_edges;
@@ -90,7 +92,10 @@ fn chamfer(a: &Args) -> Result<Value> {
     let (x, y) = (points(0)?, points(1)?);
     let one_way = |from: &Var, to: &Var| -> Result<Var> {
         let tree = Nearest::new(rows(to.value()));
-        let found: Vec<u32> = rows(from.value()).par_iter().map(|p| tree.find(*p)).collect();
+        let stop = stop::flag();
+        let find = |p: &[f64; 3]| if stop.load(Ordering::Relaxed) { 0 } else { tree.find(*p) };
+        let found: Vec<u32> = rows(from.value()).par_iter().map(find).collect();
+        stop::check();
         let apart = from.sub(&to.rows(&found)?)?;
         Ok(apart.unary(Unary::Square).sum().scale(1.0 / found.len() as f64))
     };

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::value::{MeshValue, Value};
 use super::*;
+use crate::stop::{self, Stopped};
 use crate::tape::{Tensor, Var, backward_with, forward};
 
 fn context() -> Context {
@@ -216,5 +217,59 @@ fn no_name_is_implemented_twice() {
     let mut seen = std::collections::HashSet::new();
     for name in names() {
         assert!(seen.insert(name), "{name}");
+    }
+}
+
+#[test]
+fn long_natives_check_as_they_go() {
+    let image = |w: usize, h: usize| Value::Image(Var::constant(numbers(&[h, w, 1], 1)));
+    let matrix = |n: usize| Value::tensor(numbers(&[n, n], 2));
+    let points = |n: usize| Value::tensor(numbers(&[n, 3], 3));
+    let ball = |n: f64| call("sphere", &[("radius", Value::scalar(1.0)), ("subdivisions", Value::scalar(n))]).unwrap();
+    let size = |n: f64| [("width", Value::scalar(n)), ("height", Value::scalar(n))];
+    // With how many elements are worked on at least; a check comes after some 65536 of them.
+    type Case = (&'static str, Vec<(&'static str, Value)>, u64);
+    let cases: Vec<Case> = vec![
+        ("blur", vec![("image", image(300, 300)), ("sigma", Value::scalar(1e3))], 2 * 300 * 300 * 300),
+        ("resize", [vec![("image", image(100, 100))], size(2000.0).to_vec()].concat(), 2 * 2000 * 2000),
+        ("sort", vec![("x", vector(&numbers(&[300_000], 4).data))], 10 * 300_000),
+        ("inverse", vec![("x", matrix(200))], 200 * 200 * 200),
+        ("chamfer", vec![("a", points(60_000)), ("b", points(60_000))], 60_000),
+        ("subdivide", vec![("mesh", ball(64.0)), ("levels", Value::scalar(3.0))], 16 * 64 * 64 * 2 * 20),
+        ("smooth_normals", vec![("mesh", ball(400.0))], 8 * 400 * 400),
+        ("laplacian_energy", vec![("mesh", ball(400.0))], 16 * 400 * 400),
+        ("sin", vec![("x", Value::tensor(numbers(&[3_000_000], 5)))], 700_000),
+    ];
+    for (name, args, work) in cases {
+        let before = stop::checks();
+        call(name, &args).unwrap();
+        let checks = stop::checks() - before;
+        assert!(checks > work / (1 << 17), "{name}: {checks} checks");
+        let set = Arc::new(true.into());
+        assert_eq!(stop::until(&set, || call(name, &args).map(|_| ())), Err(Stopped), "{name}");
+    }
+    let product = |x: &Value| apply(x, x).map(|_| ());
+    let before = stop::checks();
+    product(&matrix(200)).unwrap();
+    assert!(stop::checks() - before > 200 * 200 * 200 / (1 << 17));
+}
+
+#[test]
+fn files_are_read_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let set = Arc::new(true.into());
+    for (name, file) in [
+        ("load", "a.obj"),
+        ("load_scene", "a.gltf"),
+        ("load_cameras", "a.glb"),
+        ("load_image", "a.exr"),
+        ("texture", "a.png"),
+        ("load_json", "a.json"),
+        ("load_table", "a.csv"),
+        ("load_array", "a.npy"),
+    ] {
+        let path = Value::str(folder.path().join(file).display().to_string());
+        assert_eq!(stop::until(&set, || call(name, &[("path", path.clone())]).map(|_| ())), Err(Stopped), "{name}");
+        assert!(call(name, &[("path", path)]).is_err(), "{name}");
     }
 }

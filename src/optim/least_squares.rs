@@ -6,6 +6,7 @@
 //! about is the noise. Two places are compared with the same samples, which hides most of it.
 
 use super::space::Space;
+use crate::stop::Pace;
 
 /// One of two measurements of the residuals, or of their derivatives by unknown.
 type Both<'a, T> = [&'a [T]; 2];
@@ -180,11 +181,13 @@ impl Model {
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let mut model =
             Model { gradient: vec![0.0; n], noise: vec![0.0; n], matrix: vec![0.0; n * n], diagonal: vec![0.0; n] };
+        let mut pace = Pace::default();
         for i in 0..n {
             let (a, b) = (scales[i] * dot(&ja[i], rb), scales[i] * dot(&jb[i], ra));
             (model.gradient[i], model.noise[i]) = (a + b, a - b);
             model.diagonal[i] = scales[i] * scales[i] * (dot(&ja[i], &ja[i]) + dot(&jb[i], &jb[i]));
             for k in 0..=i {
+                pace.step(2 * ra.len());
                 let x = scales[i] * scales[k] * (dot(&ja[i], &jb[k]) + dot(&jb[i], &ja[k]));
                 (model.matrix[i * n + k], model.matrix[k * n + i]) = (x, x);
             }

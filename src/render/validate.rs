@@ -6,6 +6,7 @@ use glam::{Vec2, Vec3};
 
 use super::scene::{Camera, Cone, DeltaLight, Input, Motion, Projection, SceneDescription, Shape};
 use super::texture::Texture;
+use crate::memory::Shortage;
 use crate::mesh::Mesh;
 
 /// Why a scene cannot be rendered; `shape` etc. are indices, the evaluator finds the place in the script.
@@ -39,6 +40,9 @@ pub enum SceneError {
         /// What is wrong, in words.
         what: String,
     },
+    /// What is built of it, its ray tree for instance, needs more memory than there is.
+    #[error(transparent)]
+    Memory(#[from] Shortage),
 }
 
 /// Coordinates beyond this overflow in single precision when areas are squared.

@@ -16,6 +16,7 @@ use super::sampler::Discrete;
 use super::scene::{SceneDescription, Shape};
 use super::validate::{SceneError, validate};
 use crate::math::uniform_triangle;
+use crate::memory;
 
 /// Built once from a description, used by many passes.
 pub struct Scene {
@@ -51,6 +52,12 @@ impl Scene {
     /// is refitted, which takes a fraction of the time. What is rendered does not depend on it.
     pub fn following(description: SceneDescription, before: Option<&Scene>) -> Result<Scene, SceneError> {
         validate(&description)?;
+        memory::bounded(|| Scene::build(description, before)).map_err(SceneError::Memory)
+    }
+
+    fn build(description: SceneDescription, before: Option<&Scene>) -> Scene {
+        let triangles: u64 = description.shapes.iter().map(|s| s.mesh.faces.len() as u64).sum();
+        memory::need(triangles * (size_of::<Prim>() + size_of::<Facet>() + size_of::<[Vec3; 3]>()) as u64);
         let faces = |(i, shape): (usize, &Shape)| {
             (0..shape.mesh.faces.len() as u32).map(move |face| Prim { shape: i as u32, face })
         };
@@ -72,7 +79,7 @@ impl Scene {
             }
             None => Accel::new(&corners),
         };
-        Ok(Scene {
+        Scene {
             facets,
             shape_shading,
             masked: description.shapes.iter().any(|s| s.material.opacity.is_some()),
@@ -87,7 +94,7 @@ impl Scene {
             edge_table_with_seams: OnceLock::new(),
             contact_table: OnceLock::new(),
             surface: OnceLock::new(),
-        })
+        }
     }
 
     /// Brings everything up to date with the vertices and normals of the description, which have changed.

@@ -1,13 +1,16 @@
 //! The run folder: what was run, how each step went, what was saved.
 
-use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
+use std::ffi::OsString;
+use std::fs::{self, File, OpenOptions, TryLockError};
+use std::io::{self, Write};
 use std::path::{Component, Path, PathBuf};
 
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::clock::Date;
+use crate::diag::Diagnostic;
+use crate::files::{RUN_LOCK, describe_io, is_input, refused_output, write_atomically};
 
 /// Params with more numbers than this are left out of the log.
 pub const LOGGED_NUMBERS: usize = 64;
@@ -102,74 +105,191 @@ pub fn nested(shape: &[usize], data: &[f64]) -> Value {
     Value::Array((0..*first).map(row).collect())
 }
 
-/// An existing folder that one run writes into.
+/// An existing folder that this run, and no other, writes into.
 #[derive(Debug)]
 pub struct RunFolder {
     path: PathBuf,
-    log: BufWriter<File>,
+    log: WholeLines<File>,
+    /// Held until the run ends, however it ends: the system unlocks the files of a process that died.
+    _lock: File,
 }
 
 impl RunFolder {
-    /// `runs/NAME-TIMESTAMP` below the current folder; a run in the same second gets a number.
-    pub fn fresh_path(name: &str, date: Date) -> PathBuf {
-        let base = Path::new("runs").join(format!("{name}-{}", date.stamp()));
-        let numbered = (2..1000).map(|n| PathBuf::from(format!("{}-{n}", base.display())));
-        let free = std::iter::once(base.clone()).chain(numbered).find(|p| !p.exists());
-        free.unwrap_or(base)
+    /// A new folder `runs/NAME-TIMESTAMP` below the current one; further runs of the same second get a number.
+    pub fn fresh(info: &RunInfo, date: Date) -> Result<RunFolder, Diagnostic> {
+        let base = Path::new("runs").join(format!("{}-{}", info.name, date.stamp()));
+        fs::create_dir_all("runs").map_err(|e| no_folder(Path::new("runs"), &e))?;
+        let numbered = (2_u64..).map(|n| PathBuf::from(format!("{}-{n}", base.display())));
+        for path in std::iter::once(base.clone()).chain(numbered) {
+            // Whether it exists is asked by making it: of runs that start together, one gets the folder.
+            match fs::create_dir(&path) {
+                Ok(()) => {
+                    let lock = lock(&path)?;
+                    return RunFolder::begin(path, lock, info);
+                }
+                Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(e) => return Err(no_folder(&path, &e)),
+            }
+        }
+        Err(no_folder(&base, &io::Error::other("every number is taken")))
     }
 
-    /// Makes the folder (it may exist), writes `run.json` and starts an empty log.
-    pub fn create(path: &Path, info: &RunInfo) -> io::Result<RunFolder> {
-        fs::create_dir_all(path)?;
-        let text = serde_json::to_string_pretty(info).map_err(io::Error::other)?;
-        write_atomically(&path.join("run.json"), format!("{text}\n").as_bytes())?;
-        let log = BufWriter::new(File::create(path.join("log.jsonl"))?);
-        Ok(RunFolder { path: path.to_path_buf(), log })
+    /// The folder of that name, made if it is not there. One with files in it is only taken if `force` says so, and one that
+    /// another run writes into is not taken at all.
+    pub fn at(path: &Path, force: bool, info: &RunInfo) -> Result<RunFolder, Diagnostic> {
+        fs::create_dir_all(path).map_err(|e| no_folder(path, &e))?;
+        let free = || if force { Ok(()) } else { assert_empty(path) };
+        // In a folder that is refused nothing is left behind, not even a lock.
+        let has_lock = path.join(RUN_LOCK).symlink_metadata().is_ok();
+        let held = has_lock.then(|| lock(path)).transpose()?;
+        free()?;
+        let lock = held.map_or_else(|| lock(path), Ok)?;
+        // Another run may have come and gone since.
+        free()?;
+        RunFolder::begin(path.to_path_buf(), lock, info)
+    }
+
+    /// Writes `run.json` and starts an empty log.
+    fn begin(path: PathBuf, lock: File, info: &RunInfo) -> Result<RunFolder, Diagnostic> {
+        let text = serde_json::to_string_pretty(info).map_err(|e| no_folder(&path, &io::Error::other(e)))?;
+        let (record, log) = (path.join("run.json"), path.join("log.jsonl"));
+        write_atomically(&record, format!("{text}\n").as_bytes()).map_err(|e| no_folder(&path, &e))?;
+        // What has the name is not written into: it may be a link to something else.
+        match fs::remove_file(&log) {
+            Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(cannot_write(&log, &e)),
+            _ => {}
+        }
+        let file = OpenOptions::new().append(true).create_new(true).open(&log).map_err(|e| cannot_write(&log, &e))?;
+        Ok(RunFolder { path, log: WholeLines { file, whole: 0 }, _lock: lock })
     }
 
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Appends a line; flushed at once, so that a killed run keeps its log.
-    pub fn log(&mut self, entry: &LogEntry<'_>) -> io::Result<()> {
-        writeln!(self.log, "{}", entry.to_json())?;
-        self.log.flush()
-    }
-
-    /// Where a script's `save … to "name"` goes, its folders made. Only below the run folder.
-    pub fn output_path(&self, name: &str) -> io::Result<PathBuf> {
-        output_path(&self.path, name)
+    /// Appends a line at once, so that a killed run keeps its log.
+    pub fn log(&mut self, entry: &LogEntry<'_>) -> Result<(), Diagnostic> {
+        self.log.add(&entry.to_json().to_string()).map_err(|e| cannot_write(&self.path.join("log.jsonl"), &e))
     }
 }
 
-/// `name` below `folder`, with the folders between them made. Absolute names and `..` are refused.
-pub fn output_path(folder: &Path, name: &str) -> io::Result<PathBuf> {
-    let relative = Path::new(name);
-    let is_inside = relative.components().all(|c| matches!(c, Component::Normal(_) | Component::CurDir));
-    if name.is_empty() || !is_inside || relative.file_name().is_none() {
-        let message = "outputs are written into the run folder: give a relative path without `..`";
-        return Err(io::Error::new(io::ErrorKind::InvalidInput, message));
+/// The lock of a run folder, as long as the file is open.
+fn lock(folder: &Path) -> Result<File, Diagnostic> {
+    let path = folder.join(RUN_LOCK);
+    if path.symlink_metadata().is_ok_and(|m| !m.is_file()) {
+        return Err(no_folder(folder, &io::Error::other("its `.lock` is not an ordinary file")));
     }
-    let path = folder.join(relative);
-    if let Some(parent) = path.parent() {
-        fs::create_dir_all(parent)?;
+    let options = OpenOptions::new().write(true).create(true).truncate(false).open(&path);
+    let file = options.map_err(|e| no_folder(folder, &e))?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => Err(refused(folder, "another run is writing into it")
+            .help("wait until that run has ended, or choose another folder: `--out DIR`")),
+        // There are file systems without locks.
+        Err(TryLockError::Error(e)) if e.kind() == io::ErrorKind::Unsupported => Ok(file),
+        Err(TryLockError::Error(e)) => Err(no_folder(folder, &e)),
     }
+}
+
+/// Refuses a folder with anything in it.
+fn assert_empty(folder: &Path) -> Result<(), Diagnostic> {
+    let entries = fs::read_dir(folder).map_err(|e| no_folder(folder, &e))?;
+    let names: Vec<OsString> = entries.filter_map(|e| Some(e.ok()?.file_name())).filter(|n| n != RUN_LOCK).collect();
+    if names.is_empty() {
+        return Ok(());
+    }
+    let holds_run = names.iter().any(|n| n == "run.json");
+    let (why, force) = if holds_run {
+        ("it holds an earlier run", "`--force` to replace that run")
+    } else {
+        ("it has files in it that are not a run's", "`--force` to write among them")
+    };
+    Err(refused(folder, why).help(format!("choose a new folder with `--out DIR`, or add {force}")))
+}
+
+fn refused(folder: &Path, why: &str) -> Diagnostic {
+    Diagnostic::error("dscene::run::folder", format!("cannot use `{}` as the run folder: {why}", folder.display()))
+}
+
+fn no_folder(path: &Path, error: &io::Error) -> Diagnostic {
+    let why = if path.is_file() { "it is a file".to_owned() } else { describe_io(error) };
+    Diagnostic::error("dscene::run::folder", format!("cannot write the run folder `{}`: {why}", path.display()))
+        .help("choose another with `--out DIR`")
+}
+
+/// A file that could not be written.
+pub fn cannot_write(path: &Path, error: &io::Error) -> Diagnostic {
+    let message = format!("cannot write `{}`: {}", path.display(), describe_io(error));
+    Diagnostic::error("dscene::run::write", message)
+}
+
+/// Where a script's `save … to "name"` goes below `folder`, with the folders between them made. A name that leads elsewhere is
+/// refused, through links too, and so are names of inputs and of what a run itself writes.
+pub fn output_path(folder: &Path, name: &str) -> Result<PathBuf, Diagnostic> {
+    if let Some((why, help)) = refused_output(name) {
+        return Err(Diagnostic::error("dscene::run::write", format!("cannot write `{name}`: {why}")).help(help));
+    }
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    fs::create_dir_all(folder).map_err(|e| cannot_write(folder, &e))?;
+    let root = folder.canonicalize().map_err(|e| cannot_write(folder, &e))?;
+    let relative: PathBuf = Path::new(name).components().filter(|c| matches!(c, Component::Normal(_))).collect();
+    let mut parent = if folder == Path::new(".") { PathBuf::new() } else { folder.to_path_buf() };
+    for part in relative.parent().into_iter().flat_map(Path::components) {
+        parent.push(part);
+        match fs::create_dir(&parent) {
+            Err(e) if e.kind() != io::ErrorKind::AlreadyExists => return Err(cannot_write(&parent, &e)),
+            _ => {}
+        }
+        if !parent.canonicalize().map_err(|e| cannot_write(&parent, &e))?.starts_with(&root) {
+            let message =
+                format!("cannot write `{name}`: `{}` is a link that leads out of the folder", parent.display());
+            return Err(Diagnostic::error("dscene::run::write", message).help("give a path without that link"));
+        }
+    }
+    let path = parent.join(relative.file_name().unwrap_or_default());
+    spare_inputs(&path)?;
     Ok(path)
 }
 
-/// Writes beside the place and renames: a full disk or a crash leaves no half file.
-pub fn write_atomically(path: &Path, bytes: &[u8]) -> io::Result<()> {
-    let mut name = path.file_name().unwrap_or_default().to_os_string();
-    name.push(".part");
-    let part = path.with_file_name(name);
-    let written = File::create(&part).and_then(|mut file| file.write_all(bytes));
-    let renamed = written.and_then(|()| fs::rename(&part, path));
-    if renamed.is_err() {
-        // The error at hand is the one worth telling.
-        let _ = fs::remove_file(&part);
+/// Refuses a path at which the output would replace a file that was read.
+pub fn spare_inputs(path: &Path) -> Result<(), Diagnostic> {
+    if !is_input(path) {
+        return Ok(());
     }
-    renamed
+    let message = format!("cannot write `{}`: the script reads this file, which would be lost", path.display());
+    Err(Diagnostic::error("dscene::run::write", message).help("give the output another name"))
+}
+
+/// A file of lines none of which is ever left half written: not if the disk is full, and not if it fails.
+#[derive(Debug)]
+struct WholeLines<F> {
+    file: F,
+    /// Bytes of all whole lines.
+    whole: u64,
+}
+
+impl<F: Shorten> WholeLines<F> {
+    fn add(&mut self, line: &str) -> io::Result<()> {
+        let line = format!("{line}\n");
+        if let Err(error) = self.file.write_all(line.as_bytes()) {
+            // The error at hand is the one worth telling.
+            let _ = self.file.shorten(self.whole);
+            return Err(error);
+        }
+        self.whole += line.len() as u64;
+        Ok(())
+    }
+}
+
+/// Something to write to that can take back its end.
+trait Shorten: Write {
+    fn shorten(&mut self, length: u64) -> io::Result<()>;
+}
+
+impl Shorten for File {
+    fn shorten(&mut self, length: u64) -> io::Result<()> {
+        self.set_len(length)
+    }
 }
 
 #[cfg(test)]
@@ -207,16 +327,34 @@ mod tests {
     #[test]
     fn outputs_stay_inside_the_folder() {
         let folder = tempfile::tempdir().unwrap();
-        assert!(output_path(folder.path(), "frames/0001.png").unwrap().parent().unwrap().is_dir());
-        for name in ["", "..", "../x.png", "/etc/x.png", "a/../../x.png", "."] {
-            assert!(output_path(folder.path(), name).is_err(), "{name:?}");
+        let run = folder.path().join("run");
+        assert!(output_path(&run, "frames/./0001.png").unwrap().parent().unwrap().is_dir());
+        for name in ["", "..", "../x.png", "/etc/x.png", "a/../../x.png", ".", "./Run.json"] {
+            assert!(output_path(&run, name).is_err(), "{name:?}");
+        }
+        #[cfg(unix)]
+        {
+            std::os::unix::fs::symlink(folder.path(), run.join("out")).unwrap();
+            std::os::unix::fs::symlink("frames", run.join("in")).unwrap();
+            assert!(output_path(&run, "in/x.png").is_ok());
+            for name in ["out/x.png", "out/run/x.png/../../y.png", "in/../out/x.png", "out/deeper/x.png"] {
+                assert!(output_path(&run, name).is_err(), "{name:?}");
+            }
+            assert!(!folder.path().join("deeper").exists());
         }
     }
 
     #[test]
-    fn a_run_folder_holds_the_run_and_the_log() {
+    fn inputs_are_not_replaced() {
         let folder = tempfile::tempdir().unwrap();
-        let info = RunInfo {
+        fs::write(folder.path().join("a.json"), "1").unwrap();
+        crate::files::note_input(&folder.path().join("a.json"));
+        assert!(output_path(folder.path(), "./a.json").unwrap_err().message.contains("the script reads this file"));
+        assert!(output_path(folder.path(), "b.json").is_ok());
+    }
+
+    fn info() -> RunInfo {
+        RunInfo {
             version: "1",
             name: "x".into(),
             file: "x.dscene".into(),
@@ -226,11 +364,68 @@ mod tests {
             started: Date::from_unix(0).iso(),
             overrides: vec![Override { name: "a".into(), value: "1".into() }],
             sources: vec![SourceText { file: "x.dscene".into(), text: "let a = 0".into() }],
-        };
-        let run = RunFolder::create(&folder.path().join("deep/er"), &info).unwrap();
+        }
+    }
+
+    #[test]
+    fn a_run_folder_holds_the_run_and_the_log() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = RunFolder::at(&folder.path().join("deep/er"), false, &info()).unwrap();
         let read: Value = serde_json::from_slice(&fs::read(run.path().join("run.json")).unwrap()).unwrap();
         assert_eq!(read["seed"], 7);
         assert_eq!(read["sources"][0]["text"], "let a = 0");
         assert!(run.path().join("log.jsonl").is_file());
+    }
+
+    #[test]
+    fn a_run_folder_has_one_writer_and_is_not_taken_twice() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run");
+        let why = |force| RunFolder::at(&path, force, &info()).unwrap_err().message;
+        let first = RunFolder::at(&path, false, &info()).unwrap();
+        assert!(why(false).contains("another run is writing"));
+        assert!(why(true).contains("another run is writing"));
+        drop(first);
+        assert!(why(false).contains("it holds an earlier run"));
+        fs::write(path.join("log.jsonl"), "old").unwrap();
+        let _second = RunFolder::at(&path, true, &info()).unwrap();
+        assert_eq!(fs::read(path.join("log.jsonl")).unwrap(), b"");
+        // Somebody else's folder is left as it was.
+        fs::write(folder.path().join("letter.txt"), "dear").unwrap();
+        let told = RunFolder::at(folder.path(), false, &info()).unwrap_err();
+        assert!(told.message.contains("not a run's") && told.helps.iter().any(|h| h.contains("--force")));
+        assert!(!folder.path().join(RUN_LOCK).exists());
+    }
+
+    /// Has room for so many bytes.
+    struct Small(Vec<u8>, usize);
+
+    impl Write for Small {
+        fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+            let fits = bytes.len().min(self.1 - self.0.len());
+            self.0.extend(&bytes[..fits]);
+            if fits == 0 { Err(io::ErrorKind::StorageFull.into()) } else { Ok(fits) }
+        }
+
+        fn flush(&mut self) -> io::Result<()> {
+            Ok(())
+        }
+    }
+
+    impl Shorten for Small {
+        fn shorten(&mut self, length: u64) -> io::Result<()> {
+            self.0.truncate(length as usize);
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn a_full_disk_leaves_whole_lines() {
+        for room in 0..20 {
+            let mut log = WholeLines { file: Small(Vec::new(), room), whole: 0 };
+            let error = (0..10).find_map(|_| log.add("1234").err()).unwrap();
+            assert_eq!(error.kind(), io::ErrorKind::StorageFull);
+            assert_eq!(log.file.0, b"1234\n".repeat(room / 5));
+        }
     }
 }

@@ -86,7 +86,7 @@ impl Squares {
         }
         let rows = [engine.residual_rows(loss, &at[0])?, engine.residual_rows(loss, &at[1])?];
         let params = self.feel(&place, &rows);
-        let norm = self.solver.rebase(&place, both(&at), [&rows[0], &rows[1]]);
+        let norm = engine.stoppable(|| self.solver.rebase(&place, both(&at), [&rows[0], &rows[1]]))?;
         let Some(norm) = norm.filter(|_| lr.is_finite()) else {
             // Residuals that are not finite are nobody's.
             let all = params.is_empty() && lr.is_finite();
@@ -99,7 +99,7 @@ impl Squares {
             return Ok(self.moved(mean_loss, place, outcome));
         };
         (self.grad_norm, self.in_a_row) = (norm, 0);
-        let next = self.solver.propose(lr).unwrap_or(place);
+        let next = engine.stoppable(|| self.solver.propose(lr))?.unwrap_or(place);
         Ok(self.moved(mean_loss, next, Ok(StepOutcome::Moved)))
     }
 

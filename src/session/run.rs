@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use super::clock::{Stopwatch, human_seconds};
-use super::folder::{LogEntry, RunFolder, output_path, write_atomically};
+use super::folder::{LogEntry, RunFolder, cannot_write, output_path};
 use super::measure::repeat_seed;
 use super::optimization::{Optimization, whole_number};
 use super::plot;
@@ -16,10 +16,11 @@ use crate::check::types::Ty;
 use crate::data::{npy, table};
 use crate::diag::Diagnostic;
 use crate::eval::{self, Engine};
-use crate::image::file::describe_io;
+use crate::files::write_atomically;
 use crate::image::{Image, ImageError};
 use crate::natives::value::Value;
 use crate::source::Span;
+use crate::stop;
 use crate::tape::Tensor;
 
 /// Sets the seeds of the summary apart from those of the steps.
@@ -237,7 +238,7 @@ impl<'a> Runner<'a> {
                     seconds: report.seconds,
                     params: &report.params,
                 };
-                folder.log(&entry).map_err(|e| cannot_write(&folder.path().join("log.jsonl"), &e, None))?;
+                folder.log(&entry)?;
             }
             let name = match &report.stage {
                 Some(stage) => format!("{} · {stage}", optimization.name()),
@@ -293,8 +294,9 @@ impl<'a> Runner<'a> {
         let ty = &value.ty;
         let value_span = value.span;
         let value = self.engine.eval(value)?;
-        save_value(&value, ty, &target).map_err(|problem| match problem {
-            SaveError::Io(e) => cannot_write(&target, &e, Some(path.span)),
+        let saved = self.engine.stoppable(|| save_value(&value, ty, &target))?;
+        saved.map_err(|problem| match problem {
+            SaveError::Io(e) => cannot_write(&target, &e).label(path.span, "this file"),
             SaveError::Other { message, help } => {
                 Diagnostic::error("dscene::run::save", message).label(value_span, "cannot be saved so").help(help)
             }
@@ -312,11 +314,8 @@ impl<'a> Runner<'a> {
     }
 
     fn output_path(&self, name: &str, span: Span) -> Result<PathBuf, Diagnostic> {
-        let path = match &self.folder {
-            Some(folder) => folder.output_path(name),
-            None => output_path(&self.outputs, name),
-        };
-        path.map_err(|e| cannot_write(Path::new(name), &e, Some(span)))
+        let folder = self.folder.as_ref().map_or(self.outputs.as_path(), |folder| folder.path());
+        output_path(folder, name).map_err(|told| told.label(span, "this file"))
     }
 
     fn plot(&mut self, values: &[hir::Expr], path: Option<&hir::Expr>, span: Span) -> Result<(), Diagnostic> {
@@ -355,7 +354,7 @@ impl<'a> Runner<'a> {
                 };
                 let target = self.output_path(&name, path.span)?;
                 write_atomically(&target, plot::svg(&series).as_bytes())
-                    .map_err(|e| cannot_write(&target, &e, Some(path.span)))?;
+                    .map_err(|e| cannot_write(&target, &e).label(path.span, "this file"))?;
                 self.saved(target);
             }
         }
@@ -483,6 +482,12 @@ pub enum SaveError {
 
 /// Writes a value by its file's extension: images as PNG, EXR or HDR, meshes as OBJ or PLY; anything as JSON or text.
 pub fn save_value(value: &Value, ty: &Ty, path: &Path) -> Result<(), SaveError> {
+    let (value, ty, path) = (value.clone(), ty.clone(), path.to_path_buf());
+    // To compress a large image takes seconds.
+    stop::apart(move || write_value(&value, &ty, &path))
+}
+
+fn write_value(value: &Value, ty: &Ty, path: &Path) -> Result<(), SaveError> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
     match extension.as_str() {
         "json" => {
@@ -585,13 +590,4 @@ pub fn image_of(value: &Value) -> Option<Image> {
     };
     let data = tensor.data.iter().map(|x| *x as f32).collect();
     Some(Image { width, height, channels, data })
-}
-
-fn cannot_write(path: &Path, error: &std::io::Error, span: Option<Span>) -> Diagnostic {
-    let message = format!("cannot write `{}`: {}", path.display(), describe_io(error));
-    let diagnostic = Diagnostic::error("dscene::run::write", message);
-    match span {
-        Some(span) => diagnostic.label(span, "this file"),
-        None => diagnostic,
-    }
 }

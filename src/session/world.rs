@@ -1,6 +1,6 @@
 //! The outside world, as a session sees it: something to print to, to show progress on, and that may ask to stop.
 
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 
 use crate::diag::Diagnostic;
@@ -70,10 +70,11 @@ impl World for Recorder {
     }
 }
 
-static PRESSES: AtomicUsize = AtomicUsize::new(0);
-
 /// Exit code of a process that Ctrl-C ended.
 pub const EXIT_INTERRUPTED: u8 = 130;
+
+/// Whether there is work that wants to end in its own way.
+static LISTENING: AtomicBool = AtomicBool::new(false);
 
 /// Set by Ctrl-C; evaluations look at it.
 pub fn interrupt_flag() -> Arc<AtomicBool> {
@@ -81,16 +82,25 @@ pub fn interrupt_flag() -> Arc<AtomicBool> {
     FLAG.get_or_init(|| Arc::new(AtomicBool::new(false))).clone()
 }
 
-/// From now on the first Ctrl-C sets the flag of [`interrupted`], and a second one ends the process.
+/// From now on Ctrl-C ends the process with [`EXIT_INTERRUPTED`]: at once, or while there is work that listens when pressed twice.
 pub fn catch_interrupts() {
     let flag = interrupt_flag();
     // Without a handler Ctrl-C simply ends the process: nothing to report.
     let _ = ctrlc::set_handler(move || {
-        flag.store(true, Ordering::SeqCst);
-        if PRESSES.fetch_add(1, Ordering::SeqCst) > 0 {
+        let was_pressed = flag.swap(true, Ordering::SeqCst);
+        if was_pressed || !LISTENING.load(Ordering::SeqCst) {
             std::process::exit(i32::from(EXIT_INTERRUPTED));
         }
     });
+}
+
+/// Does work that [`interrupted`] and the flag of its engine tell of a Ctrl-C. Before and after, where nothing would be lost, a
+/// Ctrl-C ends the process at once.
+pub fn listening<T>(work: impl FnOnce() -> T) -> T {
+    let outer = LISTENING.swap(true, Ordering::SeqCst);
+    let done = work();
+    LISTENING.store(outer, Ordering::SeqCst);
+    done
 }
 
 /// Ctrl-C was pressed since the last [`clear_interrupt`].
@@ -101,5 +111,4 @@ pub fn interrupted() -> bool {
 /// Forgets a Ctrl-C: the REPL starts the next line afresh.
 pub fn clear_interrupt() {
     interrupt_flag().store(false, Ordering::SeqCst);
-    PRESSES.store(0, Ordering::SeqCst);
 }

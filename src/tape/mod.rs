@@ -45,6 +45,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use crate::memory::{self, Shortage};
+use crate::stop;
 
 pub use op::{AxisFilter, Binary, CustomOp, Op, ROUNDING, Unary, invert};
 pub use recorded::{Later, help};
@@ -112,6 +113,7 @@ impl Var {
     }
 
     fn apply(op: Op, inputs: Vec<Var>, shape: Vec<usize>) -> Var {
+        stop::check();
         let values: Vec<&Tensor> = inputs.iter().map(Var::value).collect();
         let value = op.forward(&values, shape);
         Var::record(op, inputs, value)
@@ -321,6 +323,7 @@ pub fn backward_with(output: &Var, seed: Tensor, wrt: &[Var]) -> Result<Vec<Tens
             continue;
         }
         let Some(g) = adjoints.remove(&var.id()) else { continue };
+        stop::check();
         pull_back(var, g, &reached, &mut adjoints)?;
     }
     // The same one may be asked for several times.
@@ -421,6 +424,7 @@ pub fn jacobian(outputs: &[Var], directions: &[Vec<(Var, Tensor)>]) -> Result<Ve
             reached.iter().map(|&k| inputs.iter().map(|i| tangent(i, k)).collect()).collect();
         let values: Vec<&Tensor> = inputs.iter().map(Var::value).collect();
         room(&[var.len(), along.len()])?;
+        stop::check();
         let found = var.0.op.jvps(&values, var.value(), &along).map_err(TapeError)?;
         at.insert(var.id(), reached.into_iter().zip(found).collect());
         for input in inputs {

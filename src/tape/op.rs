@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use super::recorded::Later;
-use super::tensor::{Spread, Tensor, for_each_pair};
+use super::tensor::{CHUNK, Spread, Tensor, for_each_pair, mapped};
 use super::{TapeError, Var};
+use crate::stop::{self, Pace};
 
 /// An operation defined outside the tape: a mesh operation, an image operation, rendering.
 pub trait CustomOp: Send + Sync {
@@ -285,8 +286,10 @@ impl AxisFilter {
         // (outer, source or output, inner): contiguous runs of `inner` elements move together.
         let outer: usize = shape[..self.axis].iter().product();
         let inner: usize = shape[self.axis + 1..].iter().product();
+        let mut pace = Pace::default();
         for o in 0..outer {
             for j in 0..self.outputs() {
+                pace.step(inner * (self.starts[j + 1] - self.starts[j]) as usize);
                 for k in self.starts[j] as usize..self.starts[j + 1] as usize {
                     let from = (o * shape[self.axis] + self.sources[k] as usize) * inner;
                     let to = (o * self.outputs() + j) * inner;
@@ -343,7 +346,7 @@ impl Op {
             Op::Custom(_) | Op::Later(_) => unreachable!("their values are computed by their builders"),
             Op::Unary(f) => {
                 let f = *f;
-                inputs[0].data.iter().map(|&x| f.value(x)).collect()
+                mapped(&inputs[0].data, |x| f.value(x))
             }
             Op::Binary(f) => {
                 let (a, b) = (inputs[0], inputs[1]);
@@ -365,11 +368,12 @@ impl Op {
                 out
             }
             Op::Sum => vec![inputs[0].data.iter().sum()],
-            Op::Gather(table) => table.iter().map(|&i| inputs[0].data[i as usize]).collect(),
+            Op::Gather(table) => mapped(table, |i| inputs[0].data[i as usize]),
             Op::Scatter(table) => {
                 let mut out = vec![0.0; n];
-                for (&i, &x) in table.iter().zip(&inputs[0].data) {
-                    out[i as usize] += x;
+                for (table, data) in table.chunks(CHUNK).zip(inputs[0].data.chunks(CHUNK)) {
+                    stop::check();
+                    table.iter().zip(data).for_each(|(&i, &x)| out[i as usize] += x);
                 }
                 out
             }
@@ -404,7 +408,9 @@ impl Op {
                 Ok(vec![Some(g)])
             }
             Op::Unary(f) => {
+                let mut pace = Pace::default();
                 for ((g, x), y) in g.data.iter_mut().zip(&inputs[0].data).zip(&output.data) {
+                    pace.step(1);
                     // An adjoint of zero stays zero next to an infinite slope.
                     if *g != 0.0 {
                         *g *= f.slope(*x, *y);
@@ -553,9 +559,13 @@ impl Op {
                 Some(t) => {
                     let x = inputs[0];
                     // A tangent of zero stays zero next to an infinite slope.
-                    let along = |i: usize| match t.data[i] {
-                        0.0 => 0.0,
-                        t => t * f.slope(x.data[i], output.data[i]),
+                    let mut pace = Pace::default();
+                    let along = |i: usize| {
+                        pace.step(1);
+                        match t.data[i] {
+                            0.0 => 0.0,
+                            t => t * f.slope(x.data[i], output.data[i]),
+                        }
                     };
                     let d = (0..x.len()).map(along).collect();
                     Tensor { shape, data: d }
@@ -615,8 +625,10 @@ impl Op {
 fn matmul(a: &Tensor, b: &Tensor) -> Vec<f64> {
     let (n, k, m) = (a.shape[0], a.shape[1], b.shape[1]);
     let mut out = vec![0.0; n * m];
+    let mut pace = Pace::default();
     for i in 0..n {
         for l in 0..k {
+            pace.step(m);
             let x = a.data[i * k + l];
             for j in 0..m {
                 out[i * m + j] += x * b.data[l * m + j];
@@ -642,6 +654,7 @@ pub fn invert(a: &[f64], n: usize) -> Option<Vec<f64>> {
     let mut a = a.to_vec();
     let mut out = Tensor::identity(n).data;
     let size = a.iter().fold(0.0f64, |m, x| m.max(x.abs()));
+    let mut pace = Pace::default();
     for col in 0..n {
         let pivot = (col..n).max_by(|&i, &j| a[i * n + col].abs().total_cmp(&a[j * n + col].abs()))?;
         let p = a[pivot * n + col];
@@ -657,6 +670,7 @@ pub fn invert(a: &[f64], n: usize) -> Option<Vec<f64>> {
             out[col * n + j] /= p;
         }
         for i in (0..n).filter(|&i| i != col) {
+            pace.step(n);
             let f = a[i * n + col];
             for j in 0..n {
                 a[i * n + j] -= f * a[col * n + j];

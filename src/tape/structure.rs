@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::op::{AxisFilter, Op};
 use super::{Result, Tensor, Var, fail, room};
+use crate::stop::Pace;
 
 /// What to keep of one axis.
 #[derive(Clone, Debug, PartialEq)]
@@ -79,7 +80,9 @@ impl Var {
         let (kept, table) = self.reduction(axes)?;
         let mut best = vec![u32::MAX; kept.iter().product()];
         let x = &self.value().data;
+        let mut pace = Pace::default();
         for (i, &group) in table.iter().enumerate() {
+            pace.step(1);
             let slot = &mut best[group as usize];
             if *slot == u32::MAX || x[i].is_nan() || better(x[i], x[*slot as usize]) {
                 *slot = i as u32;
@@ -96,13 +99,17 @@ impl Var {
     pub fn ordered(&self, axes: &[usize]) -> Result<(Vec<usize>, Vec<Group>)> {
         let (kept, table) = self.reduction(axes)?;
         let mut groups = vec![Group::default(); kept.iter().product()];
+        let mut pace = Pace::default();
         for (i, &group) in table.iter().enumerate() {
+            pace.step(1);
             groups[group as usize].places.push(i as u32);
         }
         let x = &self.value().data;
+        let mut pace = Pace::default();
         for group in &mut groups {
             group.sorted = group.places.clone();
             group.sorted.sort_by(|&i, &j| {
+                pace.step(1);
                 let (a, b) = (x[i as usize], x[j as usize]);
                 a.is_nan().cmp(&b.is_nan()).then(a.total_cmp(&b))
             });

@@ -1,6 +1,7 @@
 //! Dense row-major arrays of `f64` and the broadcasting rule.
 
 use crate::image::Image;
+use crate::stop;
 
 /// A dense array, row-major. `shape == []` is a scalar with one element.
 #[derive(Clone, Debug, PartialEq)]
@@ -90,7 +91,7 @@ impl Tensor {
     }
 
     pub fn map(&self, f: impl Fn(f64) -> f64) -> Tensor {
-        Tensor { shape: self.shape.clone(), data: self.data.iter().map(|&x| f(x)).collect() }
+        Tensor { shape: self.shape.clone(), data: mapped(&self.data, f) }
     }
 
     pub fn scaled(&self, s: f64) -> Tensor {
@@ -99,8 +100,9 @@ impl Tensor {
 
     /// Elementwise sum into `self`; lengths must agree.
     pub fn accumulate(&mut self, other: &Tensor) {
-        for (a, b) in self.data.iter_mut().zip(&other.data) {
-            *a += b;
+        for (a, b) in self.data.chunks_mut(CHUNK).zip(other.data.chunks(CHUNK)) {
+            stop::check();
+            a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
         }
     }
 
@@ -184,7 +186,9 @@ impl Spread {
         let mut table = Vec::with_capacity(total);
         let mut index = vec![0usize; out.len()];
         let mut at = 0usize;
+        let mut pace = stop::Pace::default();
         for _ in 0..total {
+            pace.step(1);
             table.push(at as u32);
             for axis in (0..out.len()).rev() {
                 index[axis] += 1;
@@ -211,14 +215,31 @@ impl Spread {
     }
 }
 
+/// Elements that are worked on between two checks.
+pub(super) const CHUNK: usize = 1 << 18;
+
+/// `f` of every element.
+pub(super) fn mapped<T: Copy>(data: &[T], f: impl Fn(T) -> f64) -> Vec<f64> {
+    let mut out = Vec::with_capacity(data.len());
+    for chunk in data.chunks(CHUNK) {
+        stop::check();
+        out.extend(chunk.iter().map(|&x| f(x)));
+    }
+    out
+}
+
 /// Calls `f(i, index in a, index in b)` for every output element, with tight loops for the common cases.
 #[inline]
 pub fn for_each_pair(n: usize, a: &Spread, b: &Spread, mut f: impl FnMut(usize, usize, usize)) {
-    match (a, b) {
-        (Spread::Same, Spread::Same) => (0..n).for_each(|i| f(i, i, i)),
-        (Spread::Same, Spread::One) => (0..n).for_each(|i| f(i, i, 0)),
-        (Spread::One, Spread::Same) => (0..n).for_each(|i| f(i, 0, i)),
-        _ => (0..n).for_each(|i| f(i, a.at(i), b.at(i))),
+    for start in (0..n).step_by(CHUNK) {
+        stop::check();
+        let chunk = start..n.min(start + CHUNK);
+        match (a, b) {
+            (Spread::Same, Spread::Same) => chunk.for_each(|i| f(i, i, i)),
+            (Spread::Same, Spread::One) => chunk.for_each(|i| f(i, i, 0)),
+            (Spread::One, Spread::Same) => chunk.for_each(|i| f(i, 0, i)),
+            _ => chunk.for_each(|i| f(i, a.at(i), b.at(i))),
+        }
     }
 }
 

@@ -7,8 +7,9 @@ use crate::check::hir;
 use crate::check::types::Ty;
 use crate::diag::{self, Diagnostic};
 use crate::eval;
+use crate::files::write_atomically;
 use crate::session::clock::{Stopwatch, human_seconds};
-use crate::session::folder::write_atomically;
+use crate::session::folder::{cannot_write, spare_inputs};
 use crate::session::{Optimization, Runner, show};
 use crate::source::Span;
 use crate::tape::Tensor;
@@ -300,9 +301,12 @@ impl Repl<'_> {
             ));
         }
         let path = PathBuf::from(text.trim_matches('"'));
+        // The script itself may be replaced by what became of it, other files that it reads may not.
+        if self.file.as_ref() != Some(&path) {
+            spare_inputs(&path)?;
+        }
         let script = self.script()?;
-        write_atomically(&path, script.as_bytes())
-            .map_err(|e| Diagnostic::error("dscene::run::write", format!("cannot write `{}`: {e}", path.display())))?;
+        write_atomically(&path, script.as_bytes()).map_err(|e| cannot_write(&path, &e))?;
         self.world.note(&format!("saved {}", path.display()));
         Ok(())
     }

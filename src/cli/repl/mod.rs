@@ -17,7 +17,7 @@ use crate::session::line::check_line;
 use crate::session::measure::repeat_seed;
 use crate::session::run::Histories;
 use crate::session::stats::Moments;
-use crate::session::world::{EXIT_INTERRUPTED, clear_interrupt, interrupted};
+use crate::session::world::{EXIT_INTERRUPTED, clear_interrupt, interrupted, listening};
 use crate::session::{MeasureOptions, Optimization, Runner, World, measure, show};
 use crate::source::SourceId;
 
@@ -95,7 +95,7 @@ impl<'w> Repl<'w> {
             match editor.read() {
                 Ok(Input::Text(text)) => {
                     clear_interrupt();
-                    if self.line(&text) == Next::Quit {
+                    if listening(|| self.line(&text)) == Next::Quit {
                         break;
                     }
                 }
@@ -130,7 +130,7 @@ impl<'w> Repl<'w> {
             } else {
                 inputs.line(String::from_utf8_lossy(&bytes).trim_end_matches(['\n', '\r']))
             };
-            let next = text.map_or(Next::Read, |text| self.line(&text));
+            let next = text.map_or(Next::Read, |text| listening(|| self.line(&text)));
             if interrupted() {
                 return EXIT_INTERRUPTED;
             }

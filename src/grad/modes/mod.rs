@@ -9,6 +9,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::grad::sampling::guide::GuideCache;
 use crate::image::Image;
+use crate::memory::bounded;
 use crate::render::{Camera, NEVER, Scene, SceneError, Settings, Slot, validate_camera};
 
 pub use self::coverage::coverage_gaps;
@@ -38,10 +39,13 @@ pub fn render_backward_until(
     stop: &AtomicBool,
 ) -> Result<Vec<Vec<f64>>, SceneError> {
     check(camera, settings, d_image)?;
-    if scene.moves_for(camera) {
-        return motion::backward(scene, camera, settings, d_image, wrt, guides, stop);
-    }
-    Ok(backward::static_scene(scene, camera, settings, d_image, wrt, guides, stop))
+    // Edges are collected when they are first looked at, and what is collected of them when samples are drawn.
+    bounded(|| {
+        if scene.moves_for(camera) {
+            return motion::backward(scene, camera, settings, d_image, wrt, guides, stop);
+        }
+        Ok(backward::static_scene(scene, camera, settings, d_image, wrt, guides, stop))
+    })?
 }
 
 /// Forward mode: the derivative of the image along `tangents`.
@@ -76,10 +80,12 @@ pub fn render_jacobian_until(
     stop: &AtomicBool,
 ) -> Result<Vec<Image>, SceneError> {
     validate_camera(camera)?;
-    if scene.moves_for(camera) {
-        return motion::forward(scene, camera, settings, directions, stop);
-    }
-    Ok(forward::static_scene(scene, camera, settings, directions, stop))
+    bounded(|| {
+        if scene.moves_for(camera) {
+            return motion::forward(scene, camera, settings, directions, stop);
+        }
+        Ok(forward::static_scene(scene, camera, settings, directions, stop))
+    })?
 }
 
 fn check(camera: &Camera, settings: &Settings, d_image: &Image) -> Result<(), SceneError> {

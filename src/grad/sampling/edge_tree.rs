@@ -16,6 +16,7 @@ use crate::grad::layers::has_masks;
 use crate::grad::mirrors::viewpoint::MirrorPlane;
 use crate::grad::sink::Layout;
 use crate::math::luminance;
+use crate::memory;
 use crate::render::accel::{NO_PRIM, PrimId};
 use crate::render::edges::{Edge, EdgeFace, EdgeTable, INSIDE, SMOOTH_CREASE};
 use crate::render::interaction::SurfaceInteraction;
@@ -172,6 +173,9 @@ impl Query {
     }
 }
 
+/// Bytes that an edge takes while a tree is built.
+const BUILDING: u64 = 200;
+
 /// An edge found on one way down the tree.
 struct Candidate {
     edge: usize,
@@ -202,6 +206,7 @@ impl EdgeTree {
 
     fn of(scene: &Scene, mut order: Vec<u32>) -> EdgeTree {
         let table = scene.edges();
+        memory::need(table.edges.len() as u64 * BUILDING);
         let mut tree = EdgeTree {
             nodes: Vec::new(),
             brightness: brightness(scene),

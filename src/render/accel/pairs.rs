@@ -1,10 +1,13 @@
 //! Pairs of triangles whose boxes meet, or nearly.
 
+use std::sync::atomic::Ordering;
+
 use glam::Vec3;
 use rayon::prelude::*;
 
 use super::tree::{Block, Child, Tree, WIDTH};
 use super::{Accel, NO_PRIM, PrimId};
+use crate::{memory, stop};
 
 impl Accel {
     /// What `test` finds in all pairs of triangles whose boxes are no further apart than `slack` times their coordinates and of which one
@@ -18,11 +21,19 @@ impl Accel {
     ) -> Vec<T> {
         let leaf = |child: &Child| *child != Child::EMPTY && child.node().is_none();
         let leaves: Vec<Child> = self.tree.nodes.iter().flat_map(|n| n.children).filter(leaf).collect();
+        let stop = stop::flag();
         let found: Vec<Vec<T>> = leaves
             .par_chunks(256)
             .map(|leaves| {
                 let (mut found, mut near) = (Vec::new(), Vec::new());
+                let mut granted = 0;
                 for leaf in leaves {
+                    if stop.load(Ordering::Relaxed) {
+                        break;
+                    }
+                    // In a soup of triangles all may meet all: how much is found is known only when it is. It is held twice at the end.
+                    memory::need(((found.len() - granted) * 2 * size_of::<T>()) as u64);
+                    granted = found.len();
                     let own = self.tree.triangles(*leaf).filter(|(prim, _)| wanted(*prim));
                     let own: Vec<(PrimId, Bounds)> = own.map(|(prim, bounds)| (prim, bounds.grown(slack))).collect();
                     let Some(around) = own.iter().map(|(_, b)| *b).reduce(Bounds::union) else { continue };
@@ -38,6 +49,7 @@ impl Accel {
                 found
             })
             .collect();
+        stop::check();
         found.into_iter().flatten().collect()
     }
 }

@@ -417,3 +417,18 @@ fn what_follows_keeps_its_tree_unless_that_is_worn() {
         }
     }
 }
+
+#[test]
+fn trees_are_built_with_checks() {
+    let corner = |i: u32| Vec3::new((i % 512) as f32, (i / 512) as f32, 0.0);
+    let corners: Vec<[Vec3; 3]> = (0..100_000).map(|i| [corner(i), corner(i) + Vec3::X, corner(i) + Vec3::Y]).collect();
+    let before = crate::stop::checks();
+    let tree = Accel::new(&corners);
+    let found: Vec<PrimId> = tree.pairs(0.0, |_| true, |[a, _], found| found.push(a));
+    assert!(found.len() > 100_000);
+    assert!(crate::stop::checks() - before > 10, "{}", crate::stop::checks() - before);
+    let set = std::sync::Arc::new(true.into());
+    let stopped = Err(crate::stop::Stopped);
+    assert_eq!(crate::stop::until(&set, || drop(Accel::new(&corners))), stopped);
+    assert_eq!(crate::stop::until(&set, || drop(tree.pairs(0.0, |_| true, |_, found| found.push(0)))), stopped);
+}

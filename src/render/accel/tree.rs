@@ -13,12 +13,20 @@ use obvhs::ploc::PlocBuilder;
 
 use super::{NO_PRIM, PrimId};
 use crate::math::hash_words;
+use crate::memory;
+use crate::stop::{self, Pace};
 
 /// Children of a node, and triangles of a block.
 pub const WIDTH: usize = 8;
 /// What a leaf's reference has room for.
 const MAX_BLOCKS: usize = (1 << COUNT_BITS) - 1;
 const COUNT_BITS: u32 = 5;
+
+/// Boxes whose binary tree takes so long that Ctrl-C may come first.
+const SLOW: usize = 1 << 16;
+
+/// Bytes that a triangle takes while a tree is built: boxes, two binary trees and their costs, and the tree itself.
+const BUILDING: u64 = 400;
 
 /// See [`Tree::is_small`]; in blocks.
 const SMALL: usize = 16;
@@ -139,6 +147,7 @@ impl Tree {
         if prims.is_empty() {
             return Tree { nodes: Vec::new(), blocks: Vec::new() };
         }
+        memory::need(prims.len() as u64 * BUILDING);
         let boxes: Vec<Aabb> = prims
             .iter()
             .map(|&p| {
@@ -147,7 +156,9 @@ impl Tree {
             })
             .collect();
         let piles = Piles::new(&boxes);
-        let binary = binary_tree(&piles.heads.iter().map(|&i| boxes[i as usize]).collect::<Vec<Aabb>>());
+        let heads: Vec<Aabb> = piles.heads.iter().map(|&i| boxes[i as usize]).collect();
+        drop(boxes);
+        let binary = if heads.len() > SLOW { stop::apart(move || binary_tree(&heads)) } else { binary_tree(&heads) };
         Collapse::new(&binary, &piles, corners, prims).run()
     }
 
@@ -288,7 +299,9 @@ impl<'a> Collapse<'a> {
         self.find_costs();
         self.tree.nodes.push(Node::EMPTY);
         let mut pending = vec![(0, 0)];
+        let mut pace = Pace::default();
         while let Some((index, place)) = pending.pop() {
+            pace.step(64);
             self.emit(index, place, &mut pending);
         }
         self.tree
@@ -316,7 +329,9 @@ impl<'a> Collapse<'a> {
             order.push(index as u32);
             pending.extend(self.pair(index).into_iter().flatten());
         }
+        let mut pace = Pace::default();
         for &index in order.iter().rev() {
+            pace.step(16);
             let index = index as usize;
             let Some(pair) = self.pair(index) else {
                 self.counts[index] = self.leaf_piles(index).map(|pile| self.piles.members(pile).count() as u32).sum();

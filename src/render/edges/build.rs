@@ -6,12 +6,14 @@ use glam::{DVec3, Vec3};
 
 use super::table::{Edge, EdgeFace, EdgeTable, Seams};
 use crate::math::{position_key, segment_key};
+use crate::memory;
 use crate::mesh::Mesh;
 use crate::render::accel::PrimId;
 use crate::render::film::Output;
 use crate::render::intersections::{Crossing, Overlap, crossings_and_overlaps};
 use crate::render::scene::{Input, Material, MaterialKind};
 use crate::render::world::Scene;
+use crate::stop::Pace;
 
 impl Scene {
     /// Built when first asked for: the primal needs none.
@@ -30,13 +32,20 @@ impl Scene {
     }
 }
 
+/// Bytes that a triangle takes while edges are collected: the edges it has a share in with their faces, and the tables in which
+/// they are looked up.
+const BUILDING: u64 = 400;
+
 impl EdgeTable {
     /// Collects, welds and classifies the edges of a scene.
     pub fn new(scene: &Scene, seams: Seams) -> EdgeTable {
         let mut points: HashMap<[u32; 3], u32> = HashMap::new();
         let mut index: HashMap<(u32, u32), usize> = HashMap::new();
         let mut edges: Vec<Edge> = Vec::new();
+        memory::need(scene.prims.len() as u64 * BUILDING);
+        let mut pace = Pace::default();
         for prim in 0..scene.prims.len() {
+            pace.step(32);
             let corners = scene.corners(prim as PrimId);
             let welded = corners.map(|p| {
                 let next = points.len() as u32;
@@ -84,6 +93,7 @@ impl EdgeTable {
         weld_overlaps(&mut edges, &overlaps);
         edges.retain(|e| !e.faces.is_empty());
         for edge in &mut edges {
+            pace.step(16);
             edge.sharp = is_sharp(scene, edge, seams);
         }
         // Flat interior edges of one material can neither cover anything nor show a jump.

@@ -4,6 +4,7 @@ use glam::{Vec3, Vec4, Vec4Swizzles};
 
 use super::{EdgeTree, LEAF, Node};
 use crate::render::edges::EdgeTable;
+use crate::stop::Pace;
 
 /// Planes between which a node may be cut along each axis, and one more.
 const BINS: usize = 16;
@@ -56,6 +57,7 @@ pub struct Builder {
     items: Vec<Item>,
     normals: Vec<Vec3>,
     pub nodes: Vec<Node>,
+    pace: Pace,
 }
 
 impl Builder {
@@ -77,11 +79,12 @@ impl Builder {
                 normals: [start, normals.len() as u32],
             }
         });
-        Builder { items: items.collect(), normals, nodes: Vec::new() }
+        Builder { items: items.collect(), normals, nodes: Vec::new(), pace: Pace::default() }
     }
 
     /// The node of some edges, which are brought into the order of its leaves, and all below it.
     pub fn build(&mut self, order: &mut [u32], offset: u32, depth: u32) -> u32 {
+        self.pace.step(order.len());
         let points = || order.iter().flat_map(|&e| self.items[e as usize].p);
         let lo = points().fold(Vec3::INFINITY, Vec3::min);
         let hi = points().fold(Vec3::NEG_INFINITY, Vec3::max);

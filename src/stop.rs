@@ -1,0 +1,160 @@
+//! How long work is ended early, as Ctrl-C asks for it. Whoever may want to stop some work runs it by [`until`] with a flag; every
+//! loop that may take more than some hundredths of a second calls [`check`] now and then, which ends the work once the flag is set.
+//!
+//! What is ended unwinds to [`until`], so that neither filters nor readers nor builders of trees need a result of their own for it;
+//! what they were making is dropped. Work that asks nobody, since others wrote it, goes through [`apart`].
+
+use std::cell::{Cell, RefCell};
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{RecvTimeoutError, sync_channel};
+use std::time::Duration;
+
+/// The work was ended before its end.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stopped;
+
+/// Elements of cheap work between two checks of a [`Pace`]: some milliseconds.
+const STRIDE: usize = 1 << 16;
+
+/// How often the flag is looked at while work is done [`apart`].
+const LOOK: Duration = Duration::from_millis(20);
+
+/// Stack of a thread that works apart: readers of files nest as deeply as files do.
+const STACK: usize = 64 << 20;
+
+thread_local! {
+    static FLAG: RefCell<Option<Arc<AtomicBool>>> = const { RefCell::new(None) };
+    static CHECKS: Cell<u64> = const { Cell::new(0) };
+}
+
+/// Does `work`, which ends early if it checks after `flag` was set. What it changes must bear being left half done.
+pub fn until<T>(flag: &Arc<AtomicBool>, work: impl FnOnce() -> T) -> Result<T, Stopped> {
+    /// Puts back the flag of the work around this one, also when unwinding.
+    struct Outer(Option<Arc<AtomicBool>>);
+    impl Drop for Outer {
+        fn drop(&mut self) {
+            FLAG.set(self.0.take());
+        }
+    }
+    let _outer = Outer(FLAG.replace(Some(flag.clone())));
+    catch_unwind(AssertUnwindSafe(work)).map_err(|payload| match payload.downcast::<Stopped>() {
+        Ok(stopped) => *stopped,
+        // A fault, which is somebody else's to catch.
+        Err(payload) => resume_unwind(payload),
+    })
+}
+
+/// Ends the work of this thread if it is to stop. Costs some nanoseconds.
+pub fn check() {
+    CHECKS.set(CHECKS.get() + 1);
+    if FLAG.with_borrow(|flag| flag.as_ref().is_some_and(|f| f.load(Ordering::Relaxed))) {
+        // No panic: no hook is called, and nothing is told.
+        resume_unwind(Box::new(Stopped));
+    }
+}
+
+/// How often this thread has checked: tests count work by it.
+pub fn checks() -> u64 {
+    CHECKS.get()
+}
+
+/// Counts what is done and checks from time to time, for loops that take little a turn.
+#[derive(Default)]
+pub struct Pace(usize);
+
+impl Pace {
+    /// So many elements are about to be worked on.
+    #[inline]
+    pub fn step(&mut self, elements: usize) {
+        self.0 += elements;
+        if self.0 >= STRIDE {
+            self.0 = 0;
+            check();
+        }
+    }
+}
+
+/// The flag of this thread's work, for threads that help with it: they look at it and return, and this one checks afterwards.
+pub fn flag() -> Arc<AtomicBool> {
+    FLAG.with_borrow(Option::clone).unwrap_or_default()
+}
+
+/// Does work that never checks on a thread of its own, which is left behind if this one is to stop. Where nobody may want to stop,
+/// it is done here.
+pub fn apart<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
+    let Some(flag) = FLAG.with_borrow(Option::clone) else { return work() };
+    let (sender, receiver) = sync_channel(1);
+    let inner = flag.clone();
+    let body = move || {
+        // What does check within ends there too, and frees what it held.
+        let done = catch_unwind(AssertUnwindSafe(|| until(&inner, work)));
+        // Nobody listens any more if it was left behind.
+        let _ = sender.send(done);
+    };
+    if std::thread::Builder::new().stack_size(STACK).spawn(body).is_err() {
+        // Without threads there is no more to be done than to say so; the system has none left for anything else either.
+        resume_unwind(Box::new("no thread can be started"));
+    }
+    loop {
+        check();
+        match receiver.recv_timeout(LOOK) {
+            Ok(Ok(Ok(value))) => return value,
+            Ok(Ok(Err(stopped))) => resume_unwind(Box::new(stopped)),
+            Ok(Err(payload)) => resume_unwind(payload),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => resume_unwind(Box::new("a thread was lost")),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flag(set: bool) -> Arc<AtomicBool> {
+        Arc::new(AtomicBool::new(set))
+    }
+
+    #[test]
+    fn work_ends_at_its_next_check() {
+        let stop = flag(false);
+        let mut done = 0;
+        let ended = until(&stop, || {
+            let mut pace = Pace::default();
+            for i in 0..1000 {
+                stop.fetch_or(i == 33, Ordering::Relaxed);
+                pace.step(STRIDE / 10);
+                done = i;
+            }
+        });
+        assert_eq!((ended, done), (Err(Stopped), 42));
+        // Outside nothing is stopped, and within another work only that one.
+        check();
+        assert_eq!(until(&flag(false), || until(&flag(true), check)), Ok(Err(Stopped)));
+        assert_eq!(until(&flag(false), || (until(&flag(true), || 1), check())), Ok((Ok(1), ())));
+    }
+
+    #[test]
+    fn work_apart_is_left_behind() {
+        assert_eq!(apart(|| 1), 1);
+        assert_eq!(until(&flag(false), || apart(|| 2)), Ok(2));
+        let stop = flag(false);
+        let (end, ends) = sync_channel::<()>(1);
+        let set = stop.clone();
+        let endless = move || {
+            set.store(true, Ordering::Relaxed);
+            // Never, as long as the other end is there.
+            let _ = ends.recv();
+        };
+        assert_eq!(until(&stop, || apart(endless)), Err(Stopped));
+        drop(end);
+    }
+
+    #[test]
+    fn a_fault_is_no_stop() {
+        let caught = catch_unwind(|| until(&flag(false), || apart(|| resume_unwind(Box::new("fault")))));
+        assert_eq!(caught.unwrap_err().downcast_ref(), Some(&"fault"));
+    }
+}
