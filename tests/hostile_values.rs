@@ -15,7 +15,7 @@ loss y = mean(render(eye, max_bounces: 2))",
     "camera eye { position: [0, 1, -4], look_at: [0, 0, 0], kind: orthographic, height: 3, aperture: 0.2, focus: 3, film: [3, 3] }
 param size = 1.5
 param turn: rotation = euler(x: 10deg, y: 20deg)
-shape pot { mesh: cylinder(radius: size, height: 0.5, subdivisions: 5) |> rotate(by: turn) |> scale([1, 2, 0.5]), material: phong(diffuse: 0.3, specular: 0.4, roughness: 0.2) }
+shape pot { mesh: cylinder(radius: size, height: 0.5, subdivisions: 3) |> rotate(by: turn) |> scale([1, 2, 0.5]), material: phong(diffuse: 0.3, specular: 0.4, roughness: 0.2) }
 shape ring { mesh: torus(radius: 2, tube: 0.1, subdivisions: 4) |> smooth_normals(), material: conductor(roughness: 0.4) }
 shape glass { mesh: rectangle(width: 2, depth: 1) |> translate([0, -0.5, 1]), material: mirror(reflectance: 0.9) }
 light sky = environment(image([[1, 2], [0.5, 3]]), rotation: 30deg, scale: 0.7)

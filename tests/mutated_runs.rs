@@ -24,7 +24,7 @@ light sky = constant(radiance: 0.2)
 let target = render(eye, spp: 4) with { glow: 0.8, lamp.radiance: 4 }
 loss fit = mse(render(eye, spp: 1, max_bounces: 2), target) + 0.1 * glow ^ 2
 optimize fit { over: [p, glow], using: adam(lr: cosine(0.02, 0.001)), steps: 2, stop_when: loss < 0.0001, every 1 { print "{step:03} {glow:.3}" } }
-optimize fit { over: [p, glow], using: levenberg_marquardt(damping: 0.01), steps: 3 }
+optimize fit { over: [p, glow], using: levenberg_marquardt(damping: 0.01), steps: 2 }
 expect fit >= 0
 "#,
     r#"fn wave(x, n = 3) { let k = x * 2  sum([k ^ i / (i + 1) for i in 0..n if i != 2]) }
@@ -111,7 +111,7 @@ fn run(text: &str, flag: &Arc<AtomicBool>) -> bool {
 
 #[test]
 fn damaged_scripts_end_in_values_or_diagnostics() {
-    const MUTANTS: usize = 1000;
+    const MUTANTS: usize = 750;
     let started = Instant::now();
     let (mut ran, mut dice) = (0, Dice(0x77_1234_abcd));
     for number in 0..MUTANTS {
@@ -142,7 +142,6 @@ fn damaged_scripts_end_in_values_or_diagnostics() {
             Ok(has_run) => ran += usize::from(has_run),
             Err(_) => panic!("mutant {number} panicked:\n{text}"),
         }
-        if begun.elapsed().as_millis() > 400 {}
         assert!(begun.elapsed() < Duration::from_secs(30), "mutant {number} took {:?}:\n{text}", begun.elapsed());
     }
     println!("{ran} of {MUTANTS} mutants ran, in {:?}", started.elapsed());
