@@ -368,9 +368,9 @@ impl Generator<'_, '_> {
             (8, [4]) => self.form_of("reshape(", T::Num(vec![2, 2]), ", [4])", depth),
             (9, [4]) => self.form_of("linspace(", SCALAR, ", 2, 4)", depth),
             (7, [3, 3]) => self.both(" @ ", t, t, depth),
-            (8, [3, 3]) => self.call("inverse", &[t.clone()], depth).loosely(),
+            (8, [3, 3]) => self.call("inverse", std::slice::from_ref(t), depth).loosely(),
             (9, [3, 3]) => self.call("matrix", &[T::Rotation], depth),
-            (10, [3, 3]) => self.call("transpose", &[t.clone()], depth).loosely(),
+            (10, [3, 3]) => self.call("transpose", std::slice::from_ref(t), depth).loosely(),
             (11, [3, 3]) if !self.inside => {
                 let of = self.expr(&vector(3), depth);
                 self.form(&["jacobian(", ", corner)"], vec![free(of)])
