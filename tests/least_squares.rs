@@ -79,7 +79,10 @@ fn what_is_no_sum_of_squares_is_said_to_be_none() {
     }
     let d = error(&format!("param p = noise(300)\nloss fit = mse(p, 0)\noptimize fit {using}"));
     assert!(d.code == "dscene::run::gradient" && d.message.contains("300 unknowns"), "{d:?}");
-    let d = error("param p = 1\nloss fit = mse(p, 0)\noptimize fit { using: levenberg_marquardt(damping: -1) }");
+    // A value that the checker does not know.
+    let d = error(
+        "param p = 1\nlet d = -sum([1])\nloss fit = mse(p, 0)\noptimize fit { using: levenberg_marquardt(damping: d) }",
+    );
     assert!(d.code == "dscene::run::optimizer" && d.message.contains("`damping`"), "{d:?}");
 }
 
@@ -123,7 +126,9 @@ fn poses_take_a_few_steps() {
             let (_, params) = run_with(&script, seed).unwrap();
             distance(&params[0], &[0.0; 3]) + distance(&params[1], &IDENTITY)
         };
-        (0..3).map(one).sum::<f64>() / 3.0
+        // One run is off by 0.009 from the next: their noise is that of the images.
+        const RUNS: u64 = 8;
+        (0..RUNS).map(one).sum::<f64>() / RUNS as f64
     };
     let few = error("levenberg_marquardt()", 10);
     let many = error("adam(lr: cosine(0.05, 0.003))", 30);

@@ -503,8 +503,8 @@ fn mean_nothing(
         dark += usize::from(expected.mean == 0.0 && expected.error == 0.0);
         mute += usize::from(error >= TELLING * typical);
     }
-    assert!(!LONG || 4 * mute <= scenes_seen, "of {scenes_seen} scenes {mute} are too noisy to tell anything");
-    assert!(!LONG || 4 * dark <= scenes_seen, "of {scenes_seen} scenes {dark} have nothing that moves in sight");
+    assert!(4 * mute <= scenes_seen, "of {scenes_seen} scenes {mute} are too noisy to tell anything");
+    assert!(4 * dark <= scenes_seen, "of {scenes_seen} scenes {dark} have nothing that moves in sight");
 }
 
 /// What a surface is cut into means nothing.

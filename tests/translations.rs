@@ -8,6 +8,8 @@ use std::collections::BTreeMap;
 use std::f32::consts::FRAC_PI_4;
 
 use common::*;
+use dscene::check::{self, Disk, Line};
+use dscene::eval::{Engine, EngineOptions};
 use dscene::grad::environment::MovingEnvironment;
 use dscene::grad::estimate::{Estimate, Pass, adjoint_of};
 use dscene::grad::mirrors::curved::MirrorTree;
@@ -248,4 +250,43 @@ fn every_sample_cancels_under_a_common_translation() {
     println!("{all:?}");
     assert!(!failed, "samples do not cancel");
     assert!(all.len() == 6 && all.values().all(|found| *found > 1000), "too few samples: {all:?}");
+}
+
+/// Everything that can move, at a place from which all else is told. Its numbers are halves and quarters, so that no place rounds them.
+fn far_scene(place: &str) -> String {
+    format!(
+        "param p = [0.25, 0.5, 0.125]
+        let o = {place}
+        camera eye {{ position: o + [0.5, 2, -4] + p, look_at: o, fov: 40deg, film: [16, 16] }}
+        light lamp = area(rectangle(width: 1, depth: 1) |> flip() |> translate(o + [1, 3, 0] + p), radiance: 5)
+        light bulb = point(position: o + [-1, 2, -1] + p * p.x, intensity: 3)
+        shape floor {{ mesh: rectangle(width: 4, depth: 4) |> translate(o), material: principled(roughness: 0.25) }}
+        shape box {{ mesh: cube() |> scale(0.5) |> translate(o + [p.y, 0.5, 0.25 * p.x]) }}
+        let y = mean(render(eye, spp: 8, max_bounces: 2) * (pixels(eye).x + 2 * pixels(eye).y))"
+    )
+}
+
+/// Value and gradient of a scene at some place.
+fn at_place(place: &str) -> (f64, Vec<f64>) {
+    let checked = check::check_text(place, None, far_scene(place), &[], &Disk);
+    let errors: Vec<_> = checked.diagnostics.iter().filter(|d| d.is_error()).collect();
+    assert!(errors.is_empty(), "{errors:#?}");
+    let mut engine = Engine::new(checked.program.unwrap(), EngineOptions::default());
+    let mut program = engine.program().clone();
+    let Some(Line::Expr(y)) = check::check_line(&mut program, "y").0 else { panic!("no y") };
+    let target = check::hir::Target { decl: engine.program().find("p").unwrap(), path: vec![] };
+    let found = engine.gradient(&y, std::slice::from_ref(&target)).unwrap_or_else(|e| panic!("{e:#?}"));
+    (found.value, found.grads[0].data.clone())
+}
+
+/// Light is transported around the middle of the scene: wherever that is, the picture and its derivatives are the same to the bit, as long
+/// as double precision can tell the scene's own numbers.
+#[test]
+fn scenes_far_from_the_origin_are_seen_as_near_it() {
+    // Of the same length, because samples depend on where in the text a rendering stands.
+    let near = at_place("[0e0, 0e0, 0e0]");
+    assert!(near.0 > 0.0 && near.1.iter().all(|d| *d != 0.0), "{near:?}");
+    for far in ["[0e0, 4e3, 0e0]", "[1e6, 0e0, 0e0]", "[1e6, 2e6, 4e6]", "[4e7, 0e0, 8e8]"] {
+        assert_eq!(at_place(far), near, "{far}");
+    }
 }

@@ -241,7 +241,7 @@ impl Optimization {
             Some(using) => {
                 let value = engine.eval(using)?;
                 solver_from(&value).map_err(|message| {
-                    Diagnostic::error("dscene::run::optimizer", message).label(using.span, "not an optimizer")
+                    Diagnostic::error("dscene::run::optimizer", message).label(using.span, "this optimizer")
                 })?
             }
         };

@@ -191,7 +191,7 @@ fn white_furnace() {
     let measured = Measured { scene: &scene, camera: &camera, settings: settings(1024, 2) };
     measured.values(64).check("T9 value", &[16.0], 2e-4);
     let motions: Vec<Vec<Vec3>> = (0..4).map(|_| (0..count).map(|_| random_vector(&mut rng)).collect()).collect();
-    measured.along(16, Slot::Vertices(shape), &motions).check_zero("T9", 0.05);
+    measured.along(48, Slot::Vertices(shape), &motions).check_zero("T9", 0.05);
     measured.gradients(16, Slot::CameraOrigin).check_zero("T9 camera", 0.0025);
 }
 
