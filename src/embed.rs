@@ -219,13 +219,22 @@ const CAMERA: [(&str, Slot); 5] = [
     ("camera.distortion", Slot::CameraDistortion),
 ];
 
-/// What renderings have in common: a flag that ends them early, and what gradients remember from one to the next.
-#[derive(Default)]
+/// What renderings have in common: a flag that ends them early, the memory they may take, and what gradients remember from one to the
+/// next.
 pub struct RenderContext {
     /// Set it, from any thread, and what is being rendered ends soon with [`Error::Stopped`].
     pub stop: Arc<AtomicBool>,
-    /// Where samples were of use so far. Keep the context from step to step of an optimisation.
+    /// Bytes that this process may hold while something is rendered; what needs more is refused with [`Error::Memory`] before it takes
+    /// them. [`memory::limit`] holds besides, and alone by default.
+    pub memory: u64,
+    /// Where samples of gradients were of use so far. Keep the context from step to step of an optimisation.
     pub guides: GuideCache,
+}
+
+impl Default for RenderContext {
+    fn default() -> RenderContext {
+        RenderContext { stop: Arc::default(), memory: u64::MAX, guides: GuideCache::default() }
+    }
 }
 
 /// Derivatives by name, each in the array's own layout.
@@ -234,6 +243,7 @@ pub type Gradient = BTreeMap<String, Vec<f64>>;
 impl RenderContext {
     /// The image, `height` × `width` × channels.
     pub fn render(&self, scene: &NamedScene, camera: &Camera, settings: &Settings) -> Result<Image, Error> {
+        self.ask(image_numbers(camera, settings))?;
         self.unless_stopped(|| render_until(&scene.scene, camera, settings, &self.stop))
     }
 
@@ -247,6 +257,8 @@ impl RenderContext {
         params: &[&str],
     ) -> Result<Gradient, Error> {
         let slots = params.iter().map(|name| scene.slot(name)).collect::<Result<Vec<Slot>, Error>>()?;
+        let derivatives: usize = slots.iter().map(|slot| scene.scene.description.slot_len(*slot)).sum();
+        self.ask(image_numbers(camera, settings).saturating_add(derivatives as u64))?;
         let guides = Some(&self.guides);
         let found = self.unless_stopped(|| {
             render_backward_until(&scene.scene, camera, settings, d_image, &slots, guides, &self.stop)
@@ -271,14 +283,83 @@ impl RenderContext {
             }
             direction.push((slot, values.clone()));
         }
+        self.ask(image_numbers(camera, settings).saturating_mul(2))?;
         let mut images =
             self.unless_stopped(|| render_jacobian_until(&scene.scene, camera, settings, &[direction], &self.stop))?;
         Ok(images.swap_remove(0)) // one direction, one image
+    }
+
+    /// Asks for the memory of so many numbers: each is summed up in double precision, and handed over in single or double precision.
+    fn ask(&self, numbers: u64) -> Result<(), Error> {
+        Ok(memory::ask_within(numbers.saturating_mul(16), self.memory)?)
     }
 
     fn unless_stopped<T>(&self, work: impl FnOnce() -> Result<T, SceneError>) -> Result<T, Error> {
         let done = stop::until(&self.stop, work).map_err(|stop::Stopped| Error::Stopped)??;
         // What is drawn in parallel comes back as it is when it was stopped.
         if self.stop.load(Ordering::Relaxed) { Err(Error::Stopped) } else { Ok(done) }
+    }
+}
+
+/// Numbers of an image.
+fn image_numbers(camera: &Camera, settings: &Settings) -> u64 {
+    let numbers = camera.width.saturating_mul(camera.height).saturating_mul(settings.output.channels());
+    numbers as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::shapes::rectangle;
+
+    fn floor_under_a_sky() -> (NamedScene, Camera, Settings) {
+        let mut scene = SceneBuilder::new();
+        let grey = scene.diffuse(Vec3::splat(0.5));
+        scene.shape("floor", rectangle(4.0, 4.0).unwrap(), grey);
+        scene.environment(Texture::constant(Vec3::ONE));
+        let camera = Camera::look_at(Vec3::new(0.0, 3.0, 5.0), Vec3::ZERO, Vec3::Y, 0.8, [16, 16]);
+        (scene.build().unwrap(), camera, Settings { spp: 4, max_bounces: 1, ..Settings::default() })
+    }
+
+    /// All that a context does, as `Ok(())` or its error.
+    fn outcomes(context: &RenderContext) -> [Result<(), Error>; 3] {
+        let (scene, camera, settings) = floor_under_a_sky();
+        let d_image = Image { data: vec![1.0; 16 * 16 * 3], ..Image::new(16, 16, 3) };
+        let tangents = [("floor.reflectance", vec![1.0; 3])];
+        [
+            context.render(&scene, &camera, &settings).map(drop),
+            context.gradient(&scene, &camera, &settings, &d_image, &["floor.reflectance"]).map(drop),
+            context.derivative_image(&scene, &camera, &settings, &tangents).map(drop),
+        ]
+    }
+
+    #[test]
+    fn a_context_renders_and_differentiates() {
+        assert_eq!(outcomes(&RenderContext::default()), [Ok(()), Ok(()), Ok(())]);
+    }
+
+    #[test]
+    fn a_context_that_is_told_to_stop_stops() {
+        let context = RenderContext::default();
+        context.stop.store(true, Ordering::Relaxed);
+        assert_eq!(outcomes(&context), [Err(Error::Stopped), Err(Error::Stopped), Err(Error::Stopped)]);
+        // An image of hours ends when another thread says so.
+        let context = RenderContext::default();
+        let (scene, camera, settings) = floor_under_a_sky();
+        let long = Settings { spp: 1 << 30, ..settings };
+        let stopped = std::thread::scope(|scope| {
+            let render = scope.spawn(|| context.render(&scene, &camera, &long).map(drop));
+            context.stop.store(true, Ordering::Relaxed);
+            render.join().unwrap()
+        });
+        assert_eq!(stopped, Err(Error::Stopped));
+    }
+
+    #[test]
+    fn a_context_without_memory_refuses() {
+        let context = RenderContext { memory: 1, ..RenderContext::default() };
+        for outcome in outcomes(&context) {
+            assert!(matches!(outcome, Err(Error::Memory(Shortage { limit: 1, .. }))), "{outcome:?}");
+        }
     }
 }

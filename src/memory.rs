@@ -72,6 +72,13 @@ pub fn ask(bytes: u64) -> Result<(), Shortage> {
     if held.saturating_add(bytes) > limit { Err(Shortage { needed: bytes, held, limit }) } else { Ok(()) }
 }
 
+/// Whether `bytes` more fit within `limit`, if that is less than the process's own.
+pub fn ask_within(bytes: u64, limit: u64) -> Result<(), Shortage> {
+    ask(bytes)?;
+    let held = held();
+    if held.saturating_add(bytes) > limit { Err(Shortage { needed: bytes, held, limit }) } else { Ok(()) }
+}
+
 /// Room for `count` things of type `T`.
 pub fn ask_for<T>(count: usize) -> Result<(), Shortage> {
     ask((count as u64).saturating_mul(size_of::<T>() as u64))

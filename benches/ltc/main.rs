@@ -37,11 +37,11 @@ fn main() -> std::io::Result<()> {
 fn text(table: &[Node]) -> String {
     let mut text = String::from(
         "//! Written by `cargo bench --bench ltc -- --write`: transformed cosines fitted to the GGX lobe.\n\n\
-         use super::ltc::{Node, SIZE};\n\n\
          /// By angle of incidence, then by α.\n\
          #[rustfmt::skip]\n\
-         pub static TABLE: [Node; SIZE * SIZE] = [\n",
+         pub static TABLE: [[f32; 5]; ",
     );
+    text += &format!("{}] = [\n", table.len());
     for node in table {
         text += &format!("    [{}],\n", node.map(|x| format!("{x:.5e}")).join(", "));
     }

@@ -4,6 +4,7 @@
 //! alike: a [`Recorder`] is told each vertex and each light connection with the numbers that were used, so that the derivative
 //! code re-uses exactly this transport.
 
+mod lanes;
 mod paths;
 
 use std::array;

@@ -1,10 +1,8 @@
 //! Written by `cargo bench --bench ltc -- --write`: transformed cosines fitted to the GGX lobe.
 
-use super::ltc::{Node, SIZE};
-
 /// By angle of incidence, then by α.
 #[rustfmt::skip]
-pub static TABLE: [Node; SIZE * SIZE] = [
+pub static TABLE: [[f32; 5]; 256] = [
     [6.29957e0, -2.96737e-8, 4.25700e-6, 2.51986e-2, 1.00000e0],
     [5.48697e0, 4.25693e-8, 2.55141e-5, 3.32150e-2, 1.00000e0],
     [4.77916e0, -1.97343e-7, -7.27414e-6, 4.37820e-2, 1.00000e0],

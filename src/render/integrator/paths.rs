@@ -7,6 +7,7 @@
 
 use glam::Vec3;
 
+use super::lanes::{PathSet, Vectors};
 use super::{Connection, Continuation, Options, Recorder};
 use crate::math::{Frame, cosine_hemisphere, cosine_hemisphere_pdf};
 use crate::render::accel::{Hit, NO_PRIM, PrimId, Ray, Root};
@@ -19,57 +20,6 @@ use crate::render::world::Scene;
 
 /// Scattering events before Russian roulette starts.
 const ROULETTE_START: u32 = 3;
-
-/// A vector for each path, coordinate by coordinate, so that the processor works on many at a time.
-#[derive(Clone, Copy)]
-struct Vectors<const N: usize>([[f32; N]; 3]);
-
-impl<const N: usize> Vectors<N> {
-    const ZERO: Vectors<N> = Vectors([[0.0; N]; 3]);
-
-    #[inline(always)]
-    fn get(&self, k: usize) -> Vec3 {
-        Vec3::new(self.0[0][k], self.0[1][k], self.0[2][k])
-    }
-
-    #[inline(always)]
-    fn set(&mut self, k: usize, v: Vec3) {
-        (self.0[0][k], self.0[1][k], self.0[2][k]) = (v.x, v.y, v.z);
-    }
-}
-
-/// A subset of the paths: their numbers in ascending order.
-#[derive(Clone, Copy)]
-struct PathSet<const N: usize> {
-    paths: [u8; N],
-    count: usize,
-}
-
-impl<const N: usize> PathSet<N> {
-    const NONE: PathSet<N> = PathSet { paths: [0; N], count: 0 };
-
-    #[inline(always)]
-    fn iter(&self) -> impl Iterator<Item = usize> {
-        self.paths[..self.count].iter().map(|&k| k as usize % N)
-    }
-
-    /// Appends a path if `wanted`, without a branch: the processor could not predict it.
-    #[inline(always)]
-    fn add_if(&mut self, wanted: bool, k: usize) {
-        self.paths[self.count % N] = k as u8;
-        self.count += usize::from(wanted);
-    }
-
-    /// The paths of this set that are marked.
-    #[inline(always)]
-    fn filter(&self, marked: &[bool; N]) -> PathSet<N> {
-        let mut left = PathSet::NONE;
-        for k in self.iter() {
-            left.add_if(marked[k], k);
-        }
-        left
-    }
-}
 
 /// The light sample of each path: what its vertex is to be connected with.
 struct LightSamples<const N: usize> {
