@@ -89,10 +89,10 @@ fn area_of_a_triangle_in_every_camera() {
                 Projection::Panorama => [3.0, 1.5],
             };
             let mut b = Builder::default();
-            b.light(mesh(v.to_vec(), vec![[0, 2, 1]]), Vec3::ONE);
-            let emission = b.scene.shapes[0].emission.as_mut().unwrap();
+            b.lamp(mesh(v.to_vec(), vec![[0, 2, 1]]), Vec3::ONE);
+            let emission = b.description.shapes[0].emission.as_mut().unwrap();
             emission.two_sided = true;
-            let scene = Scene::new(b.scene).unwrap();
+            let scene = Scene::new(b.description).unwrap();
             let mut d_image = Image::new(48, 48, 3);
             d_image.data.iter_mut().step_by(3).for_each(|d| *d = 1.0);
             let wrt = [Slot::Vertices(0), Slot::CameraOrigin, Slot::CameraFrame, Slot::CameraDistortion];
@@ -165,8 +165,8 @@ fn area_of_a_triangle_in_every_camera() {
 fn many_samples_add_up() {
     let mut b = Builder::default();
     let Input::Texture(radiance) = b.constant(Vec3::splat(0.3)) else { unreachable!() };
-    b.scene.environment = Some(Environment { radiance, rotation: Mat3::IDENTITY });
-    let scene = Scene::new(b.scene).unwrap();
+    b.description.environment = Some(Environment { radiance, rotation: Mat3::IDENTITY });
+    let scene = Scene::new(b.description).unwrap();
     for spp in [1, 1 << 20] {
         let settings = Settings { output: Output::Radiance, spp, max_bounces: 0, seed: 0, boundary: false };
         let image = render(&scene, &look_at(Vec3::Z, Vec3::ZERO, 45., 2), &settings).unwrap();
@@ -180,13 +180,13 @@ fn a_film_that_cuts_through_something_is_reported() {
     let gaps = |back: f32, lens: f32| {
         let mut b = Builder::default();
         let grey = b.diffuse(Vec3::splat(0.5));
-        b.shape(floor(Vec3::ZERO, 8.0), grey);
+        b.add(floor(Vec3::ZERO, 8.0), grey);
         let camera = look_at(vec3(0.0, 0.9, 1.8), vec3(0.0, 0.3, 0.0), 40.0, 8);
         let origin = camera.origin - back * camera.frame[2];
         let lens = Lens { radius: lens, ..Lens::PINHOLE };
         let camera = Camera { projection: Projection::Orthographic, scale: [1.0, 1.0], origin, lens, ..camera };
         let settings = Settings { output: Output::Depth, spp: 1, max_bounces: 1, seed: 0, boundary: true };
-        coverage_gaps(&Scene::new(b.scene).unwrap(), &camera, &settings, &[Slot::CameraOrigin]).len()
+        coverage_gaps(&Scene::new(b.description).unwrap(), &camera, &settings, &[Slot::CameraOrigin]).len()
     };
     assert_eq!([gaps(0.0, 0.0), gaps(3.0, 0.0)], [1, 0]);
     // Through the rim of a wide lens.

@@ -21,7 +21,7 @@ struct MirrorBall {
 /// Leaves a mask of the half of the first shape that faces the camera.
 fn mask_front(b: &mut Builder, centre: Vec3, opacity: f32) {
     let opacity = b.scalar(opacity);
-    let Shape { mesh, material, .. } = &mut b.scene.shapes[0];
+    let Shape { mesh, material, .. } = &mut b.description.shapes[0];
     mesh.faces.retain(|f| f.iter().all(|&v| mesh.vertices[v as usize].z < centre.z));
     material.opacity = Some(opacity);
 }
@@ -44,12 +44,12 @@ fn mirror_ball(lens: Lens, f: impl Fn(f32, &mut MirrorBall)) -> impl Fn(f32) -> 
         }
         let black = Material { kind: MaterialKind::Black, one_sided: false, opacity: None };
         let radiance = b.constant(vec3(3.0, 2.0, 1.0));
-        b.shape(mesh(s.triangle.to_vec(), vec![[0, 1, 2]]), black.clone());
-        b.scene.shapes[1].emission = Some(Emission { radiance, two_sided: true });
-        b.shape(cuboid(s.bar, vec3(0.3, 0.25, 0.1), 0.4), black);
+        b.add(mesh(s.triangle.to_vec(), vec![[0, 1, 2]]), black.clone());
+        b.description.shapes[1].emission = Some(Emission { radiance, two_sided: true });
+        b.add(cuboid(s.bar, vec3(0.3, 0.25, 0.1), 0.4), black);
         let (x, z) = (4.0, -6.0);
-        b.light(quad(vec3(x, -1., z), vec3(-x, -1., z), vec3(-x, 5., z), vec3(x, 5., z)), vec3(0.3, 0.5, 0.4));
-        (b.scene, Camera { lens, ..look_at(s.eye, vec3(-0.2, 0.8, 0.0), 20., 32) })
+        b.lamp(quad(vec3(x, -1., z), vec3(-x, -1., z), vec3(-x, 5., z), vec3(x, 5., z)), vec3(0.3, 0.5, 0.4));
+        (b.description, Camera { lens, ..look_at(s.eye, vec3(-0.2, 0.8, 0.0), 20., 32) })
     }
 }
 
@@ -90,10 +90,10 @@ fn shadow_in_a_ball(
             mask_front(&mut b, ball, opacity);
         }
         let grey = b.diffuse(vec3(0.6, 0.7, 0.5));
-        b.shape(floor(vec3(1.2, 0.0, -1.6), 1.4), grey.clone());
-        b.shape(floor(blocker, 0.35), grey);
+        b.add(floor(vec3(1.2, 0.0, -1.6), 1.4), grey.clone());
+        b.add(floor(blocker, 0.35), grey);
         light(&mut b);
-        (b.scene, look_at(eye, vec3(0.3, 1.2, 0.0), 16., 32))
+        (b.description, look_at(eye, vec3(0.3, 1.2, 0.0), 16., 32))
     }
 }
 
@@ -102,9 +102,9 @@ fn shadows_in_a_curved_mirror() {
     let plan = Plan { max_bounces: 2, h: 0.01, spp: 16, fd_spp: 1024, ..Plan::default() };
     let point: fn(&mut Builder) = |b| {
         let (position, intensity) = (vec3(1.8, 4.0, -2.2), Vec3::splat(20.0));
-        b.scene.delta_lights.push(DeltaLight::Point { position, intensity });
+        b.description.delta_lights.push(DeltaLight::Point { position, intensity });
     };
-    let area: fn(&mut Builder) = |b| b.light(ceiling(vec3(1.8, 4.0, -2.2), 0.3), Vec3::splat(60.0));
+    let area: fn(&mut Builder) = |b| b.lamp(ceiling(vec3(1.8, 4.0, -2.2), 0.3), Vec3::splat(60.0));
     agree("shadow in a ball, blocker x", &shadow_in_a_ball(point, None, |t, s| s[1].x += t), &plan);
     agree("shadow in a ball, ball y", &shadow_in_a_ball(point, None, |t, s| s[0].y += t), &Plan { h: 0.005, ..plan });
     agree(
@@ -125,12 +125,12 @@ fn caustic(f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Cam
         let mut b = Builder::default();
         b.ball(vec3(0.0, 1.2, 0.0), 0.7);
         let grey = b.diffuse(vec3(0.6, 0.7, 0.5));
-        b.shape(floor(vec3(2.2, 0.0, 0.0), 0.5), grey);
+        b.add(floor(vec3(2.2, 0.0, 0.0), 0.5), grey);
         let dark = Material { kind: MaterialKind::Black, one_sided: false, opacity: None };
-        b.shape(cuboid(bar, vec3(0.12, 0.1, 0.4), 0.3), dark);
+        b.add(cuboid(bar, vec3(0.12, 0.1, 0.4), 0.3), dark);
         let lamp = [[-0.5, -0.5], [-0.5, 0.5], [0.5, 0.5], [0.5, -0.5]].map(|[y, z]| vec3(1.5, 1.6 + y, z));
-        b.light(quad(lamp[0], lamp[1], lamp[2], lamp[3]), Vec3::splat(40.0));
-        (b.scene, look_at(vec3(2.2, 4.0, -2.0), vec3(2.2, 0.0, 0.0), 10., 32))
+        b.lamp(quad(lamp[0], lamp[1], lamp[2], lamp[3]), Vec3::splat(40.0));
+        (b.description, look_at(vec3(2.2, 4.0, -2.0), vec3(2.2, 0.0, 0.0), 10., 32))
     }
 }
 
@@ -147,8 +147,9 @@ fn sky(b: &mut Builder, radiance: impl Fn(f32) -> f32) {
     let texel = |k: usize| [radiance(90.0 - 180.0 * ((k / w) as f32 + 0.5) / h as f32); 3];
     let data = (0..w * h).flat_map(texel).collect();
     let map = texture::Texture::new(w, h, 3, data, texture::Wrap::Repeat, texture::Filter::Bilinear);
-    b.scene.textures.push(map.unwrap());
-    b.scene.environment = Some(Environment { radiance: b.scene.textures.len() - 1, rotation: Mat3::IDENTITY });
+    b.description.textures.push(map.unwrap());
+    b.description.environment =
+        Some(Environment { radiance: b.description.textures.len() - 1, rotation: Mat3::IDENTITY });
 }
 
 /// A floor below a strip of mirror that is bent upwards along its middle. The shading normals there are so oblique that the near half
@@ -174,11 +175,11 @@ fn bent_mirror(
         let strip = dscene::mesh::Mesh { normals: Some(normals), ..mesh(vertices, faces) };
         let reflectance = b.constant(vec3(0.9, 0.8, 0.7));
         let opacity = opacity.map(|opacity| b.scalar(opacity));
-        b.shape(strip, Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity });
+        b.add(strip, Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity });
         let grey = b.diffuse(vec3(0.6, 0.7, 0.5));
-        b.shape(floor(Vec3::ZERO, 0.05), grey);
+        b.add(floor(Vec3::ZERO, 0.05), grey);
         sky(&mut b, |elevation| 4.0 * ((elevation + 2.0) / 12.0).clamp(0.0, 1.0));
-        (b.scene, look_at(vec3(0.0, 2.0, -2.0), Vec3::ZERO, 2.0, 8))
+        (b.description, look_at(vec3(0.0, 2.0, -2.0), Vec3::ZERO, 2.0, 8))
     }
 }
 
@@ -195,7 +196,7 @@ fn light_by_way_of_a_coarse_mirrors_fold() {
     let plan = Plan { max_bounces: 2, h: 0.01, spp: 256, seeds: 32, fd_spp: 4096, fd_seeds: 64, ..Plan::default() };
     let bar = |t: f32, _: &mut Vec3, b: &mut Builder| {
         let black = Material { kind: MaterialKind::Black, one_sided: false, opacity: None };
-        b.shape(cuboid(vec3(0.0, 0.75 + t, 3.5), vec3(0.4, 0.08, 0.08), 0.0), black);
+        b.add(cuboid(vec3(0.0, 0.75 + t, 3.5), vec3(0.4, 0.08, 0.08), 0.0), black);
     };
     agree("bar in a mirror's fold, y", &bent_mirror(17.0, None, bar), &plan);
     agree("bar in a masked mirror's fold, y", &bent_mirror(17.0, Some(0.6), bar), &plan);
@@ -211,13 +212,13 @@ fn black_ball_in_a_ball(t: f32) -> (SceneDescription, Camera) {
     let mut b = Builder::default();
     let reflectance = b.constant(Vec3::splat(0.9));
     let mirror = Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity: None };
-    b.shape(ball(vec3(0.0, 0.9, 0.0), 0.7, 12), mirror);
+    b.add(ball(vec3(0.0, 0.9, 0.0), 0.7, 12), mirror);
     let grey = b.diffuse(vec3(0.6, 0.7, 0.5));
-    b.shape(floor(vec3(2.0, 0.0, 0.0), 0.2), grey);
+    b.add(floor(vec3(2.0, 0.0, 0.0), 0.2), grey);
     let black = Material { kind: MaterialKind::Black, one_sided: false, opacity: None };
-    b.shape(ball(vec3(1.1, -0.5, 0.0), 0.35 + t, 16), black);
+    b.add(ball(vec3(1.1, -0.5, 0.0), 0.35 + t, 16), black);
     sky(&mut b, |elevation| 4.0 * ((2.0 - elevation) / 12.0).clamp(0.0, 1.0));
-    (b.scene, look_at(vec3(2.0, 2.0, -2.0), vec3(2.0, 0.0, 0.0), 5.0, 8))
+    (b.description, look_at(vec3(2.0, 2.0, -2.0), vec3(2.0, 0.0, 0.0), 5.0, 8))
 }
 
 /// Which of a smooth body's edges are its contour in a mirror depends on where in the mirror. Left to a point of the mirror chosen before
@@ -245,17 +246,18 @@ fn plate_with_normals(
         let faces = vec![[0, 1, 2], [0, 2, 3]];
         let plate = dscene::mesh::Mesh { normals: Some(normals.to_vec()), ..mesh(vertices.to_vec(), faces) };
         let material = Material { kind: kind(&mut b), one_sided: false, opacity: None };
-        b.shape(plate, material);
+        b.add(plate, material);
         let mut ball = dscene::mesh::shapes::icosphere(0.27, 1).unwrap();
         ball.vertices.iter_mut().for_each(|v| *v += vec3(0.5, -0.1, 0.6));
         let grey = b.diffuse(vec3(0.6, 0.7, 0.5));
-        b.shape(ball, grey);
+        b.add(ball, grey);
         let texels = [0.1, 1.0, 0.3, 4.0, 0.8, 2.0, 0.4, 0.2];
         let data = texels.into_iter().flat_map(|v| [v; 3]).collect();
         let map = texture::Texture::new(4, 2, 3, data, texture::Wrap::Repeat, texture::Filter::Bilinear);
-        b.scene.textures.push(map.unwrap());
-        b.scene.environment = Some(Environment { radiance: b.scene.textures.len() - 1, rotation: Mat3::IDENTITY });
-        (b.scene, look_at(vec3(-0.64, 0.9, 2.0), Vec3::ZERO, 40.0, 12))
+        b.description.textures.push(map.unwrap());
+        b.description.environment =
+            Some(Environment { radiance: b.description.textures.len() - 1, rotation: Mat3::IDENTITY });
+        (b.description, look_at(vec3(-0.64, 0.9, 2.0), Vec3::ZERO, 40.0, 12))
     }
 }
 

@@ -25,8 +25,8 @@ impl Upright {
         let h = vec3(0.5, 0.4, 0.6) * size;
         let mut b = Builder::default();
         let (red, grey) = (b.diffuse(vec3(0.7, 0.3, 0.2)), b.diffuse(Vec3::splat(0.5)));
-        b.shape(cuboid(foot + vec3(0.0, h.y, 0.0) + self.aside, h, self.angle), red);
-        b.shape(floor(self.aside, 3.0), grey);
+        b.add(cuboid(foot + vec3(0.0, h.y, 0.0) + self.aside, h, self.angle), red);
+        b.add(floor(self.aside, 3.0), grey);
         b
     }
 
@@ -47,7 +47,7 @@ const SLIDE: Motion = |t, foot, _| *foot += vec3(t, 0.0, 0.5 * t);
 const GROW: Motion = |t, _, size| *size += t;
 
 fn sun(b: &mut Builder) {
-    b.scene
+    b.description
         .delta_lights
         .push(DeltaLight::Directional { direction: vec3(0.0, -1.0, 0.0), irradiance: Vec3::splat(2.0) });
 }
@@ -67,7 +67,7 @@ fn under_a_sun_right_above() {
             let build = |t: f32| {
                 let mut b = upright.scene(t, motion);
                 sun(&mut b);
-                (b.scene, upright.eye())
+                (b.description, upright.eye())
             };
             agree(&format!("{name}: {what}"), &build, &plan);
         }
@@ -86,8 +86,8 @@ fn seen_from_right_above() {
         for (what, motion) in [("slides", SLIDE), ("grows", GROW)] {
             let build = |t: f32| {
                 let mut b = upright.scene(t, motion);
-                b.light(ceiling(vec3(-0.8, 4.0, -1.5) + upright.aside, 0.4), Vec3::splat(30.0));
-                (b.scene, upright.plan_view())
+                b.lamp(ceiling(vec3(-0.8, 4.0, -1.5) + upright.aside, 0.4), Vec3::splat(30.0));
+                (b.description, upright.plan_view())
             };
             agree(&format!("plan view, {name}: {what}"), &build, &plan);
         }
@@ -101,8 +101,8 @@ fn an_eye_and_a_lamp_in_the_plane_of_a_side() {
     let upright = Upright { foot: 0.4, angle: 0.0, aside: Vec3::ZERO };
     let lamp = |t: f32, position: Vec3, motion: Motion, eye: Vec3| {
         let mut b = upright.scene(t, motion);
-        b.scene.delta_lights.push(DeltaLight::Point { position, intensity: Vec3::splat(20.0) });
-        (b.scene, look_at(eye, vec3(0.0, 0.5, 0.0), 40.0, 32))
+        b.description.delta_lights.push(DeltaLight::Point { position, intensity: Vec3::splat(20.0) });
+        (b.description, look_at(eye, vec3(0.0, 0.5, 0.0), 40.0, 32))
     };
     // The right side is at 0.1 + 0.5.
     let [above, beside] = [vec3(1.2, 3.9, -4.0), vec3(0.6, 3.9, -4.0)];
@@ -122,8 +122,8 @@ fn a_kink_has_the_derivative_of_one_side() {
             let (mut foot, mut size) = (Vec3::ZERO, 1.0);
             motion(t, &mut foot, &mut size);
             let lamp = cuboid(foot, Vec3::splat(0.5 * size), angle);
-            b.light(lamp, Vec3::ONE);
-            (b.scene, look_at(eye, vec3(0.0, 0.1, 0.2), 40.0, 32))
+            b.lamp(lamp, Vec3::ONE);
+            (b.description, look_at(eye, vec3(0.0, 0.1, 0.2), 40.0, 32))
         };
         let plan = Plan { max_bounces: 0, spp: 64, ..Plan::default() };
         statistics(&gradients(&build, &plan, 0..8)).mean
@@ -157,11 +157,11 @@ fn slivers() {
             [[a, b, a + 1], [b, b + 1, a + 1]]
         };
         let (pipe, ground) = (b.diffuse(Vec3::splat(0.6)), b.diffuse(Vec3::splat(0.3)));
-        b.shape(mesh(vertices, (0..segments).flat_map(face).collect()), pipe);
-        b.shape(floor(vec3(0.0, 0.85, 0.0), 2.0), ground);
+        b.add(mesh(vertices, (0..segments).flat_map(face).collect()), pipe);
+        b.add(floor(vec3(0.0, 0.85, 0.0), 2.0), ground);
         let position = vec3(0.3, 3.0, -1.4);
-        b.scene.delta_lights.push(DeltaLight::Point { position, intensity: Vec3::splat(9.0) });
-        (b.scene, look_at(vec3(0.2, 2.0, -3.5), vec3(0.0, 0.95, 0.05), 4.0, 24))
+        b.description.delta_lights.push(DeltaLight::Point { position, intensity: Vec3::splat(9.0) });
+        (b.description, look_at(vec3(0.2, 2.0, -3.5), vec3(0.0, 0.95, 0.05), 4.0, 24))
     };
     agree("a thin pipe and its shadow", &build, &Plan { h: 0.002, spp: 16, fd_spp: 512, ..Plan::default() });
 }

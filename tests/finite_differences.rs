@@ -11,10 +11,10 @@ fn single_triangle(v: impl Fn(f32) -> [Vec3; 3]) -> impl Fn(f32) -> (SceneDescri
     move |t| {
         let mut b = Builder::default();
         let grey = b.diffuse(vec3(0.5, 0.4, 0.6));
-        b.shape(mesh(v(t).to_vec(), vec![[0, 1, 2]]), grey);
+        b.add(mesh(v(t).to_vec(), vec![[0, 1, 2]]), grey);
         let light = quad(vec3(-1., -1., -7.), vec3(1., -1., -7.), vec3(1., 1., -7.), vec3(-1., 1., -7.));
-        b.light(light, Vec3::splat(20.));
-        (b.scene, look_at(vec3(0., 0., -5.), Vec3::ZERO, 45., 32))
+        b.lamp(light, Vec3::splat(20.));
+        (b.description, look_at(vec3(0., 0., -5.), Vec3::ZERO, 45., 32))
     }
 }
 
@@ -61,10 +61,10 @@ fn blocker(f: impl Fn(f32, &mut Blocker)) -> impl Fn(f32) -> (SceneDescription, 
         f(t, &mut s);
         let mut b = Builder::default();
         let grey = b.diffuse(Vec3::splat(0.5));
-        b.shape(floor(vec3(0., s.floor, 0.), 2.0), grey.clone());
-        b.shape(mesh(s.blocker.to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
-        b.light(ceiling(s.light, s.light_size), Vec3::splat(1000.));
-        (b.scene, look_at(s.eye, s.target, 45., 32))
+        b.add(floor(vec3(0., s.floor, 0.), 2.0), grey.clone());
+        b.add(mesh(s.blocker.to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
+        b.lamp(ceiling(s.light, s.light_size), Vec3::splat(1000.));
+        (b.description, look_at(s.eye, s.target, 45., 32))
     }
 }
 
@@ -107,8 +107,8 @@ fn environment_shadow(f: impl Fn(f32, &mut Blocker)) -> impl Fn(f32) -> (SceneDe
         f(t, &mut s);
         let mut b = Builder::default();
         let grey = b.diffuse(Vec3::splat(0.5));
-        b.shape(floor(vec3(0., s.floor, 0.), 2.0), grey.clone());
-        b.shape(mesh(s.blocker.to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
+        b.add(floor(vec3(0., s.floor, 0.), 2.0), grey.clone());
+        b.add(mesh(s.blocker.to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
         // A sky brighter in the middle of the map.
         let (w, h) = (8, 4);
         let data = (0..w * h)
@@ -121,11 +121,11 @@ fn environment_shadow(f: impl Fn(f32, &mut Blocker)) -> impl Fn(f32) -> (SceneDe
         let wrap = dscene::render::texture::Wrap::Repeat;
         let filter = dscene::render::texture::Filter::Bilinear;
         let map = dscene::render::texture::Texture { width: w, height: h, channels: 3, data, wrap, filter };
-        b.scene.textures.push(map);
-        let radiance = b.scene.textures.len() - 1;
+        b.description.textures.push(map);
+        let radiance = b.description.textures.len() - 1;
         let rotation = glam::Mat3::from_rotation_y(s.light.x) * glam::Mat3::from_rotation_x(s.light.z);
-        b.scene.environment = Some(Environment { radiance, rotation });
-        (b.scene, look_at(s.eye, s.target, 45., 32))
+        b.description.environment = Some(Environment { radiance, rotation });
+        (b.description, look_at(s.eye, s.target, 45., 32))
     }
 }
 
@@ -157,13 +157,13 @@ fn two_triangles() {
             let mut b = Builder::default();
             let red = b.diffuse(vec3(0.35, 0.05, 0.05));
             let green = b.diffuse(vec3(0.05, 0.35, 0.05));
-            b.shape(mesh(v[..3].to_vec(), vec![[0, 1, 2]]), red);
-            b.shape(mesh(v[3..].to_vec(), vec![[0, 1, 2]]), green);
-            b.light(
+            b.add(mesh(v[..3].to_vec(), vec![[0, 1, 2]]), red);
+            b.add(mesh(v[3..].to_vec(), vec![[0, 1, 2]]), green);
+            b.lamp(
                 quad(vec3(-1., -1., -7.), vec3(1., -1., -7.), vec3(1., 1., -7.), vec3(-1., 1., -7.)),
                 Vec3::splat(20.),
             );
-            (b.scene, look_at(vec3(0., 0., -5.), Vec3::ZERO, 45., 32))
+            (b.description, look_at(vec3(0., 0., -5.), Vec3::ZERO, 45., 32))
         }
     };
     let plan = Plan::default();
@@ -187,15 +187,15 @@ fn reflection(
         f(t, &mut s);
         let mut b = Builder::default();
         let glossy = material(&mut b);
-        b.shape(floor(vec3(0., s.floor, 0.), 2.5), glossy);
+        b.add(floor(vec3(0., s.floor, 0.), 2.5), glossy);
         let grey = b.diffuse(vec3(0.3, 0.5, 0.4));
-        b.shape(mesh(s.blocker.to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
+        b.add(mesh(s.blocker.to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
         let z = 4.0;
         let wall = quad(vec3(-3., 0.2, z), vec3(3., 0.2, z), vec3(3., 5., z), vec3(-3., 5., z));
         let wall = Mesh { faces: wall.faces.iter().map(|f| [f[0], f[2], f[1]]).collect(), ..wall };
-        b.light(wall, Vec3::splat(2.));
-        b.light(ceiling(vec3(s.light.x, 4.0, -2.0), 1.0), Vec3::splat(8.));
-        (b.scene, look_at(s.eye, s.target, 45., 32))
+        b.lamp(wall, Vec3::splat(2.));
+        b.lamp(ceiling(vec3(s.light.x, 4.0, -2.0), 1.0), Vec3::splat(8.));
+        (b.description, look_at(s.eye, s.target, 45., 32))
     }
 }
 
@@ -262,11 +262,11 @@ fn glossy_ball() {
                 Material { kind: MaterialKind::Conductor { reflectance, roughness }, one_sided: false, opacity: None };
             let mut sphere = dscene::mesh::shapes::sphere(0.8, 16).unwrap();
             sphere.vertices.iter_mut().for_each(|v| *v += ball);
-            b.shape(sphere, metal);
+            b.add(sphere, metal);
             let grey = b.diffuse(vec3(0.3, 0.5, 0.4));
-            b.shape(floor(Vec3::ZERO, 2.5), grey);
-            b.light(ceiling(light, 0.7), Vec3::splat(10.));
-            (b.scene, look_at(eye, vec3(0.1, 0.7, 0.0), 30., 32))
+            b.add(floor(Vec3::ZERO, 2.5), grey);
+            b.lamp(ceiling(light, 0.7), Vec3::splat(10.));
+            (b.description, look_at(eye, vec3(0.1, 0.7, 0.0), 30., 32))
         }
     }
     let plan = Plan { max_bounces: 2, h: 0.05, spp: 64, seeds: 64, ..Plan::default() };
@@ -308,15 +308,15 @@ fn cornell(f: impl Fn(f32, &mut Cornell)) -> impl Fn(f32) -> (SceneDescription, 
         let green = b.diffuse(vec3(0.12, 0.45, 0.15));
         let (w, h, d) = (5.56, 5.49, 5.59);
         let p = |x: f32, y: f32, z: f32| vec3(x * w, y * h, z * d);
-        b.shape(quad(p(0., 0., 0.), p(1., 0., 0.), p(1., 0., 1.), p(0., 0., 1.)), white.clone());
-        b.shape(quad(p(0., 1., 0.), p(1., 1., 0.), p(1., 1., 1.), p(0., 1., 1.)), white.clone());
-        b.shape(quad(p(0., 0., 1.), p(1., 0., 1.), p(1., 1., 1.), p(0., 1., 1.)), white.clone());
-        b.shape(quad(p(0., 0., 0.), p(0., 0., 1.), p(0., 1., 1.), p(0., 1., 0.)), green);
-        b.shape(quad(p(1., 0., 0.), p(1., 0., 1.), p(1., 1., 1.), p(1., 1., 0.)), red);
-        b.shape(cuboid(s.small, vec3(0.82, 0.83, 0.82), 0.3), white.clone());
-        b.shape(cuboid(s.tall, vec3(0.82, 1.65, 0.82), -0.3), white);
-        b.light(ceiling(s.light, 0.65), vec3(18., 12., 5.));
-        (b.scene, look_at(vec3(2.78, 2.73, -8.0), vec3(2.78, 2.73, 0.), 39., 32))
+        b.add(quad(p(0., 0., 0.), p(1., 0., 0.), p(1., 0., 1.), p(0., 0., 1.)), white.clone());
+        b.add(quad(p(0., 1., 0.), p(1., 1., 0.), p(1., 1., 1.), p(0., 1., 1.)), white.clone());
+        b.add(quad(p(0., 0., 1.), p(1., 0., 1.), p(1., 1., 1.), p(0., 1., 1.)), white.clone());
+        b.add(quad(p(0., 0., 0.), p(0., 0., 1.), p(0., 1., 1.), p(0., 1., 0.)), green);
+        b.add(quad(p(1., 0., 0.), p(1., 0., 1.), p(1., 1., 1.), p(1., 1., 0.)), red);
+        b.add(cuboid(s.small, vec3(0.82, 0.83, 0.82), 0.3), white.clone());
+        b.add(cuboid(s.tall, vec3(0.82, 1.65, 0.82), -0.3), white);
+        b.lamp(ceiling(s.light, 0.65), vec3(18., 12., 5.));
+        (b.description, look_at(vec3(2.78, 2.73, -8.0), vec3(2.78, 2.73, 0.), 39., 32))
     }
 }
 
@@ -356,11 +356,11 @@ fn flat_shaded_ridge() {
             ],
             vec![[0, 3, 4], [0, 4, 1], [1, 4, 5], [1, 5, 2]],
         );
-        b.shape(roof, grey);
-        b.scene
+        b.add(roof, grey);
+        b.description
             .delta_lights
             .push(DeltaLight::Directional { direction: vec3(1., -1.5, 0.2), irradiance: Vec3::splat(3.) });
-        (b.scene, look_at(vec3(0.1, 5., -0.5), Vec3::ZERO, 35., 32))
+        (b.description, look_at(vec3(0.1, 5., -0.5), Vec3::ZERO, 35., 32))
     };
     agree("ridge x", &build, &Plan::default());
 }
@@ -380,7 +380,7 @@ fn uv_seams_are_not_silhouettes() {
         let data = (0..8 * 8).flat_map(|i| [0.3 + 0.5 * ((i * 7) % 11) as f32 / 11.0, 0.5, 0.4]).collect();
         let wrap = dscene::render::texture::Wrap::Clamp;
         let filter = dscene::render::texture::Filter::Bilinear;
-        b.scene.textures.push(dscene::render::texture::Texture {
+        b.description.textures.push(dscene::render::texture::Texture {
             width: 8,
             height: 8,
             channels: 3,
@@ -390,11 +390,11 @@ fn uv_seams_are_not_silhouettes() {
         });
         let reflectance = Input::Texture(0);
         let material = Material { kind: MaterialKind::Diffuse { reflectance }, one_sided: false, opacity: None };
-        b.shape(Mesh { vertices, faces, uvs: Some(uvs), ..Default::default() }, material);
+        b.add(Mesh { vertices, faces, uvs: Some(uvs), ..Default::default() }, material);
         let grey = b.diffuse(Vec3::splat(0.5));
-        b.shape(floor(Vec3::ZERO, 3.0), grey);
-        b.light(ceiling(vec3(1., 5., -2.), 0.7), Vec3::splat(20.));
-        (b.scene, look_at(vec3(0., 3., -4.), vec3(0., 0.4, 0.), 45., 32))
+        b.add(floor(Vec3::ZERO, 3.0), grey);
+        b.lamp(ceiling(vec3(1., 5., -2.), 0.7), Vec3::splat(20.));
+        (b.description, look_at(vec3(0., 3., -4.), vec3(0., 0.4, 0.), 45., 32))
     };
     agree("uv seams", &build, &Plan { h: 0.05, seeds: 256, fd_spp: 512, ..Plan::default() });
 }
@@ -404,16 +404,16 @@ fn very_large_triangle() {
     let build = |t: f32| {
         let mut b = Builder::default();
         let grey = b.diffuse(Vec3::splat(0.5));
-        b.shape(
+        b.add(
             mesh(vec![vec3(-200., -150., 1.), vec3(-200., 150. + t, 1.), vec3(300., -150., 1.)], vec![[0, 2, 1]]),
             grey,
         );
         let light = quad(vec3(-1., -1., -7.), vec3(1., -1., -7.), vec3(1., 1., -7.), vec3(-1., 1., -7.));
         let light = Mesh { vertices: light.vertices.iter().map(|v| *v + vec3(0.5, 30., 0.)).collect(), ..light };
-        b.light(light, Vec3::splat(20.));
+        b.lamp(light, Vec3::splat(20.));
         let mut camera = look_at(vec3(50., 0., -5.), vec3(50., 0., 0.), 45., 32);
         camera.origin = vec3(0.5, 30.5, -5.);
-        (b.scene, camera)
+        (b.description, camera)
     };
     agree("large triangle y", &build, &Plan { h: 0.05, ..Plan::default() });
 }
@@ -424,12 +424,12 @@ fn delta_lights() {
         move |t: f32| {
             let mut b = Builder::default();
             let grey = b.diffuse(Vec3::splat(0.5));
-            b.shape(floor(Vec3::ZERO, 2.0), grey.clone());
+            b.add(floor(Vec3::ZERO, 2.0), grey.clone());
             let t_blocker = blocker * t;
             let v = Blocker::default().blocker.map(|v| v * vec3(1.0, 0.5, 1.0) + vec3(t_blocker, 0., -t_blocker));
-            b.shape(mesh(v.to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
-            b.scene.delta_lights.push(light(t * (1.0 - blocker)));
-            (b.scene, look_at(vec3(0., 2.4, -5.), Vec3::ZERO, 45., 32))
+            b.add(mesh(v.to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
+            b.description.delta_lights.push(light(t * (1.0 - blocker)));
+            (b.description, look_at(vec3(0., 2.4, -5.), Vec3::ZERO, 45., 32))
         }
     };
     let point: fn(f32) -> DeltaLight =
@@ -452,17 +452,17 @@ fn turning_sun() {
         let steps = filter == texture::Filter::Nearest;
         let mut b = Builder::default();
         let grey = b.diffuse(Vec3::splat(0.5));
-        b.shape(floor(Vec3::ZERO, if steps { 9.0 } else { 2.0 }), grey.clone()); // steps are not to be seen
-        b.shape(floor(vec3(0.2, 0.8, 0.1), 0.5), grey);
+        b.add(floor(Vec3::ZERO, if steps { 9.0 } else { 2.0 }), grey.clone()); // steps are not to be seen
+        b.add(floor(vec3(0.2, 0.8, 0.1), 0.5), grey);
         let (width, height) = (32, 16);
         let wave = |i: usize| 0.3 + 0.2 * (i as f32 / (3 * width) as f32 * std::f32::consts::TAU).sin();
         let mut data: Vec<f32> = (0..width * height * 3).map(wave).collect();
         data[(3 * width + 20) * 3..][..6].fill(sun);
         let map = texture::Texture::new(width, height, 3, data, texture::Wrap::Repeat, filter);
-        b.scene.textures.push(map.unwrap());
+        b.description.textures.push(map.unwrap());
         let rotation = glam::Mat3::from_rotation_x(t);
-        b.scene.environment = Some(Environment { radiance: b.scene.textures.len() - 1, rotation });
-        (b.scene, look_at(vec3(0., 4., -3.), vec3(0., 0., 0.2), 45., 32))
+        b.description.environment = Some(Environment { radiance: b.description.textures.len() - 1, rotation });
+        (b.description, look_at(vec3(0., 4., -3.), vec3(0., 0., 0.2), 45., 32))
     };
     let plan = Plan { h: 0.05, spp: 64, fd_spp: 512, ..Plan::default() };
     let build = |t| turned(60.0, texture::Filter::Bilinear, t);
@@ -479,22 +479,23 @@ fn shadow_of_a_ball() {
         move |t| {
             let mut b = Builder::default();
             let grey = b.diffuse(Vec3::splat(0.5));
-            b.shape(floor(Vec3::ZERO, 2.5), grey.clone());
+            b.add(floor(Vec3::ZERO, 2.5), grey.clone());
             let mut ball = dscene::mesh::shapes::sphere(0.5, 64).unwrap();
             ball.vertices.iter_mut().for_each(|v| *v += vec3(0.2 + t, 1.6 + t, 0.1));
-            b.shape(ball, grey);
+            b.add(ball, grey);
             light(&mut b);
-            (b.scene, look_at(vec3(0., 4., -3.), vec3(0., 0., 0.2), 45., 32))
+            (b.description, look_at(vec3(0., 4., -3.), vec3(0., 0., 0.2), 45., 32))
         }
     }
     let plan = Plan { h: 0.04, spp: 192, fd_spp: 512, ..Plan::default() };
-    let area: fn(&mut Builder) = |b| b.light(ceiling(vec3(0.3, 4.0, 0.5), 0.3), Vec3::splat(30.));
+    let area: fn(&mut Builder) = |b| b.lamp(ceiling(vec3(0.3, 4.0, 0.5), 0.3), Vec3::splat(30.));
     agree("ball, area light", &build(area), &plan);
-    let point: fn(&mut Builder) =
-        |b| b.scene.delta_lights.push(DeltaLight::Point { position: vec3(0.3, 4., 0.5), intensity: Vec3::splat(20.) });
+    let point: fn(&mut Builder) = |b| {
+        b.description.delta_lights.push(DeltaLight::Point { position: vec3(0.3, 4., 0.5), intensity: Vec3::splat(20.) })
+    };
     agree("ball, point light", &build(point), &plan);
     let sun: fn(&mut Builder) = |b| {
-        b.scene
+        b.description
             .delta_lights
             .push(DeltaLight::Directional { direction: vec3(0.3, -1., 0.2), irradiance: Vec3::splat(3.) })
     };
@@ -507,14 +508,14 @@ fn terminator_of_a_smooth_ball_in_reflected_light() {
     let build = |t: f32| {
         let mut b = Builder::default();
         let grey = b.diffuse(Vec3::splat(0.8));
-        b.shape(floor(Vec3::ZERO, 2.5), grey.clone());
+        b.add(floor(Vec3::ZERO, 2.5), grey.clone());
         let mut ball = dscene::mesh::shapes::sphere(0.6, 8).unwrap();
         ball.vertices.iter_mut().for_each(|v| *v += vec3(0.2 + t, 0.9 + t, 0.1));
-        b.shape(ball, grey);
-        b.scene
+        b.add(ball, grey);
+        b.description
             .delta_lights
             .push(DeltaLight::Directional { direction: vec3(0.9, 0.2, 0.3), irradiance: Vec3::splat(3.) });
-        (b.scene, look_at(vec3(-2., 2., 0.1), vec3(-1.2, 0., 0.1), 45., 32))
+        (b.description, look_at(vec3(-2., 2., 0.1), vec3(-1.2, 0., 0.1), 45., 32))
     };
     let plan = Plan { h: 0.02, max_bounces: 2, spp: 64, fd_spp: 512, ..Plan::default() };
     agree("smooth ball, seen by a floor", &build, &plan);
@@ -526,15 +527,15 @@ fn orthographic_camera_and_channels() {
         move |t: f32| {
             let mut b = Builder::default();
             let grey = b.diffuse(Vec3::splat(0.5));
-            b.shape(cuboid(vec3(0.1 + t, 0.3, 0.2 - 0.5 * t), vec3(0.5, 0.6, 0.4), 0.5 + t), grey.clone());
-            b.shape(floor(vec3(0., -0.6, 0.), 3.0), grey);
-            b.light(ceiling(vec3(1., 5., -2.), 0.7), Vec3::splat(20.));
+            b.add(cuboid(vec3(0.1 + t, 0.3, 0.2 - 0.5 * t), vec3(0.5, 0.6, 0.4), 0.5 + t), grey.clone());
+            b.add(floor(vec3(0., -0.6, 0.), 3.0), grey);
+            b.lamp(ceiling(vec3(1., 5., -2.), 0.7), Vec3::splat(20.));
             let mut c = look_at(vec3(-0.3 * t, 3., -4.), vec3(0., 0.4, 0.), 45., 32);
             c.projection = projection;
             if projection == Projection::Orthographic {
                 c.scale = [2.0 + 0.1 * t, 2.0];
             }
-            (b.scene, c)
+            (b.description, c)
         }
     };
     agree(
@@ -572,20 +573,20 @@ fn lensed(
         f(t, &mut s);
         let mut b = Builder::default();
         let receiver = material(&mut b);
-        b.shape(floor(Vec3::ZERO, 2.5), receiver);
+        b.add(floor(Vec3::ZERO, 2.5), receiver);
         let grey = b.diffuse(vec3(0.3, 0.5, 0.4));
         let corners = [vec3(-0.6, 0.5, 0.3), vec3(-0.5, 1.6, 0.3), vec3(0.6, 0.4, 0.5), vec3(0.4, 1.5, 0.3)];
-        b.shape(mesh(corners.map(|v| v + s.blocker).to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
+        b.add(mesh(corners.map(|v| v + s.blocker).to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
         let wall = quad(vec3(-3., 0.2, 4.), vec3(-3., 5., 4.), vec3(3., 5., 4.), vec3(3., 0.2, 4.));
-        b.light(wall, Vec3::splat(2.));
-        b.light(ceiling(s.light, 1.0), Vec3::splat(8.));
+        b.lamp(wall, Vec3::splat(2.));
+        b.lamp(ceiling(s.light, 1.0), Vec3::splat(8.));
         let target = vec3(0., 0., 0.5);
         let [right, up, forward] = look_at(eye, target, 45., 32).frame;
         let at = |x: f32, y: f32| eye + right * x + up * y + forward * 2.0;
-        b.light(quad(at(-1.5, -0.5), at(-0.8, -0.5), at(-0.8, 0.5), at(-1.5, 0.5)), Vec3::splat(3.));
+        b.lamp(quad(at(-1.5, -0.5), at(-0.8, -0.5), at(-0.8, 0.5), at(-1.5, 0.5)), Vec3::splat(3.));
         let mut camera = look_at(s.eye, target, 45., 32);
         camera.lens = Lens { radius: s.radius, focus: s.focus, ..Lens::PINHOLE };
-        (b.scene, camera)
+        (b.description, camera)
     }
 }
 
@@ -728,10 +729,10 @@ fn sunk_box(f: impl Fn(f32, &mut Vec3, &mut Vec3)) -> impl Fn(f32) -> (SceneDesc
             * glam::Mat3::from_rotation_z(turn.z);
         let mut whole = cuboid(Vec3::ZERO, vec3(0.6, 0.7, 0.5), 0.0);
         whole.vertices.iter_mut().for_each(|v| *v = centre + turn * *v);
-        b.shape(whole, red);
-        b.shape(floor(Vec3::ZERO, 3.0), grey);
-        b.light(ceiling(vec3(1.5, 4., -2.), 0.7), Vec3::splat(20.));
-        (b.scene, look_at(vec3(0., 2.5, -4.), vec3(0., 0.3, 0.), 40., 32))
+        b.add(whole, red);
+        b.add(floor(Vec3::ZERO, 3.0), grey);
+        b.lamp(ceiling(vec3(1.5, 4., -2.), 0.7), Vec3::splat(20.));
+        (b.description, look_at(vec3(0., 2.5, -4.), vec3(0., 0.3, 0.), 40., 32))
     }
 }
 
@@ -761,10 +762,10 @@ fn ball_in_a_floor() {
             let mut ball = dscene::mesh::shapes::icosphere(0.8, 2).unwrap();
             ball.normals = None;
             ball.vertices.iter_mut().for_each(|v| *v += centre);
-            b.shape(ball, white);
-            b.shape(floor(Vec3::ZERO, 3.0), metal);
-            b.light(ceiling(vec3(1.5, 4., -2.), 0.7), Vec3::splat(20.));
-            (b.scene, look_at(vec3(0., 3., -4.), vec3(0., 0.3, 0.), 40., 32))
+            b.add(ball, white);
+            b.add(floor(Vec3::ZERO, 3.0), metal);
+            b.lamp(ceiling(vec3(1.5, 4., -2.), 0.7), Vec3::splat(20.));
+            (b.description, look_at(vec3(0., 3., -4.), vec3(0., 0.3, 0.), 40., 32))
         }
     }
     let plan = Plan { max_bounces: 2, h: 0.02, spp: 64, seeds: 24, ..Plan::default() };
@@ -783,11 +784,11 @@ fn light_in_a_floor() {
             let mut lamp = dscene::mesh::shapes::icosphere(0.5, 1).unwrap();
             lamp.normals = None;
             lamp.vertices.iter_mut().for_each(|v| *v = *v * vec3(1.0, 1.3, 0.8) + centre);
-            b.light(lamp, Vec3::splat(4.));
-            b.shape(floor(Vec3::ZERO, 3.0), grey.clone());
+            b.lamp(lamp, Vec3::splat(4.));
+            b.add(floor(Vec3::ZERO, 3.0), grey.clone());
             let wall = quad(vec3(3., 0.3, 1.5), vec3(-3., 0.3, 1.5), vec3(-3., 3., 1.5), vec3(3., 3., 1.5));
-            b.shape(wall, grey);
-            (b.scene, look_at(vec3(0., 2.0, -4.), vec3(0., 0.5, 0.), 40., 32))
+            b.add(wall, grey);
+            (b.description, look_at(vec3(0., 2.0, -4.), vec3(0., 0.5, 0.), 40., 32))
         }
     }
     let plan = Plan { h: 0.03, spp: 64, ..Plan::default() };

@@ -61,36 +61,38 @@ fn leaves(
         let data = (0..36).map(|i| s.density * opacity(i)).collect();
         let (wrap, filter) = (Wrap::Clamp, Filter::Bilinear);
         let texture = Texture { width: 6, height: 6, channels: 1, data, wrap, filter };
-        b.scene.textures.push(texture);
-        let opacity = Some(Input::Texture(b.scene.textures.len() - 1));
+        b.description.textures.push(texture);
+        let opacity = Some(Input::Texture(b.description.textures.len() - 1));
         let uvs = [[0.1, 0.1], [0.95, 0.0], [0.9, 1.0], [0.0, 0.9]].map(|[u, v]| glam::vec2(u + s.shift, v));
         let ground = ground(&mut b);
-        b.shape(floor(vec3(0., s.floor, 0.), 2.0), ground);
+        b.add(floor(vec3(0., s.floor, 0.), 2.0), ground);
         let green = b.diffuse(vec3(0.3, 0.6, 0.2));
         let quad = |v: [Vec3; 4]| Mesh { uvs: Some(uvs.to_vec()), ..quad(v[0], v[1], v[2], v[3]) };
-        b.shape(quad(s.leaf), Material { opacity, ..green.clone() });
+        b.add(quad(s.leaf), Material { opacity, ..green.clone() });
         let half = b.scalar(s.block_opacity);
-        b.shape(cuboid(s.block, vec3(0.3, 0.25, 0.4), 0.4), Material { opacity: Some(half), ..green });
+        b.add(cuboid(s.block, vec3(0.3, 0.25, 0.4), 0.4), Material { opacity: Some(half), ..green });
         match lamp {
-            Lamp::Area => b.light(ceiling(s.light, 0.5), Vec3::splat(40.)),
+            Lamp::Area => b.lamp(ceiling(s.light, 0.5), Vec3::splat(40.)),
             Lamp::Masked => {
                 let corners = ceiling(s.light, 0.8).vertices;
-                b.light(quad([corners[0], corners[1], corners[2], corners[3]]), Vec3::splat(20.));
-                b.scene.shapes.last_mut().unwrap().material.opacity = opacity;
+                b.lamp(quad([corners[0], corners[1], corners[2], corners[3]]), Vec3::splat(20.));
+                b.description.shapes.last_mut().unwrap().material.opacity = opacity;
             }
             Lamp::Point => {
-                b.scene.delta_lights.push(DeltaLight::Point { position: s.light, intensity: Vec3::splat(30.) });
+                b.description.delta_lights.push(DeltaLight::Point { position: s.light, intensity: Vec3::splat(30.) });
             }
             Lamp::Sun => {
-                b.scene.delta_lights.push(DeltaLight::Directional { direction: -s.light, irradiance: Vec3::splat(3.) });
+                b.description
+                    .delta_lights
+                    .push(DeltaLight::Directional { direction: -s.light, irradiance: Vec3::splat(3.) });
             }
             Lamp::Sky => {
                 let radiance = b.constant(Vec3::splat(1.0));
                 let Input::Texture(radiance) = radiance else { unreachable!() };
-                b.scene.environment = Some(Environment { radiance, rotation: glam::Mat3::IDENTITY });
+                b.description.environment = Some(Environment { radiance, rotation: glam::Mat3::IDENTITY });
             }
         }
-        (b.scene, look_at(s.eye, vec3(0., 0.4, 0.), 45., 32))
+        (b.description, look_at(s.eye, vec3(0., 0.4, 0.), 45., 32))
     }
 }
 
@@ -172,13 +174,13 @@ fn standing(masked: usize, f: impl Fn(f32, &mut [Vec3; 2])) -> impl Fn(f32) -> (
         let [block, eye] = s;
         let mut b = Builder::default();
         let grey = b.diffuse(vec3(0.6, 0.7, 0.5));
-        b.shape(floor(Vec3::ZERO, 2.0), grey.clone());
-        b.shape(cuboid(block, vec3(0.3, 0.25, 0.4), 0.4), grey.clone());
-        b.shape(floor(vec3(0.0, 2.0, -9.0), 0.1), grey);
-        b.scene.shapes[masked].material.opacity = Some(b.scalar(0.5));
+        b.add(floor(Vec3::ZERO, 2.0), grey.clone());
+        b.add(cuboid(block, vec3(0.3, 0.25, 0.4), 0.4), grey.clone());
+        b.add(floor(vec3(0.0, 2.0, -9.0), 0.1), grey);
+        b.description.shapes[masked].material.opacity = Some(b.scalar(0.5));
         let Input::Texture(radiance) = b.constant(Vec3::ONE) else { unreachable!() };
-        b.scene.environment = Some(Environment { radiance, rotation: glam::Mat3::IDENTITY });
-        (b.scene, look_at(eye, vec3(0.0, 0.2, 0.0), 30., 32))
+        b.description.environment = Some(Environment { radiance, rotation: glam::Mat3::IDENTITY });
+        (b.description, look_at(eye, vec3(0.0, 0.2, 0.0), 30., 32))
     }
 }
 
@@ -197,7 +199,7 @@ fn pane(strips: u32, f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescri
     move |t| {
         let mut b = Builder::default();
         let grey = b.diffuse(Vec3::splat(0.6));
-        b.shape(floor(Vec3::ZERO, 2.0), grey.clone());
+        b.add(floor(Vec3::ZERO, 2.0), grey.clone());
         let half = b.scalar(0.4);
         for (side, opacity) in [(-1.0, None), (1.0, Some(half))] {
             let mut vertices = Vec::new();
@@ -207,10 +209,12 @@ fn pane(strips: u32, f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescri
             }
             vertices.iter_mut().for_each(|v| f(t, v));
             let strip = |i: u32| [[2 * i, 2 * i + 1, 2 * i + 3], [2 * i, 2 * i + 3, 2 * i + 2]];
-            b.shape(mesh(vertices, (0..strips).flat_map(strip).collect()), Material { opacity, ..grey.clone() });
+            b.add(mesh(vertices, (0..strips).flat_map(strip).collect()), Material { opacity, ..grey.clone() });
         }
-        b.scene.delta_lights.push(DeltaLight::Point { position: vec3(0.1, 3.0, -0.2), intensity: Vec3::splat(9.0) });
-        (b.scene, look_at(vec3(0.2, 1.7, -4.0), vec3(0.0, 0.2, 0.0), 45.0, 32))
+        b.description
+            .delta_lights
+            .push(DeltaLight::Point { position: vec3(0.1, 3.0, -0.2), intensity: Vec3::splat(9.0) });
+        (b.description, look_at(vec3(0.2, 1.7, -4.0), vec3(0.0, 0.2, 0.0), 45.0, 32))
     }
 }
 

@@ -38,11 +38,11 @@ fn floor_of(make: Make, black: [f32; 2], f: impl Fn(f32, &mut Lobes)) -> impl Fn
         f(t, &mut lobes);
         let mut b = Builder::default();
         let kind = make(&mut b, &lobes);
-        b.shape(floor(Vec3::ZERO, 1.5), Material { kind, one_sided: false, opacity: None });
+        b.add(floor(Vec3::ZERO, 1.5), Material { kind, one_sided: false, opacity: None });
         let grey = b.diffuse(Vec3::splat(0.6));
-        b.shape(cuboid(vec3(0.2, 0.4, 0.3), Vec3::splat(0.3), 0.4), grey);
-        b.light(ceiling(vec3(0.3, 1.5, 0.5), 0.5), Vec3::splat(4.0));
-        (b.scene, look_at(vec3(0.0, 1.2, -2.5), vec3(0.0, 0.2, 0.0), 40.0, 12))
+        b.add(cuboid(vec3(0.2, 0.4, 0.3), Vec3::splat(0.3), 0.4), grey);
+        b.lamp(ceiling(vec3(0.3, 1.5, 0.5), 0.5), Vec3::splat(4.0));
+        (b.description, look_at(vec3(0.0, 1.2, -2.5), vec3(0.0, 0.2, 0.0), 40.0, 12))
     }
 }
 
@@ -117,7 +117,7 @@ impl Row {
         for v in &mut plate.vertices {
             *v = glam::Quat::from_rotation_x(tilt) * *v;
         }
-        b.shape(plate, Material { kind, one_sided: false, opacity: None });
+        b.add(plate, Material { kind, one_sided: false, opacity: None });
         let (sin, cos) = self.angle.to_radians().sin_cos();
         match self.light {
             Light::Sky => {
@@ -125,11 +125,11 @@ impl Row {
                 let texels = [0.3, 1.4, 0.5, 2.0, 0.7, 0.2, 1.6, 0.4];
                 let data = texels.iter().flat_map(|x| [*x, 0.8 * x + 0.1, 1.2 - 0.4 * x]).collect();
                 let (wrap, filter) = (Wrap::Repeat, Filter::Bilinear);
-                b.scene.textures.push(Texture { width: 4, height: 2, channels: 3, data, wrap, filter });
-                let radiance = b.scene.textures.len() - 1;
+                b.description.textures.push(Texture { width: 4, height: 2, channels: 3, data, wrap, filter });
+                let radiance = b.description.textures.len() - 1;
                 // Where the mirror direction is, colours change along the tilt.
                 let rotation = glam::Mat3::from_rotation_z(0.6);
-                b.scene.environment = Some(Environment { radiance, rotation });
+                b.description.environment = Some(Environment { radiance, rotation });
             }
             Light::Lamp => {
                 let centre = vec3(0.0, cos, sin) * 3.0;
@@ -137,10 +137,10 @@ impl Row {
                 for v in &mut lamp.vertices {
                     *v = glam::Quat::from_rotation_x(self.angle.to_radians()) * *v + centre + vec3(0.1, 0.2, -0.1);
                 }
-                b.light(lamp, Vec3::splat(4.0));
+                b.lamp(lamp, Vec3::splat(4.0));
             }
         }
-        (b.scene, look_at(vec3(0.01, cos, -sin) * 4.0, Vec3::ZERO, 12.0, 8))
+        (b.description, look_at(vec3(0.01, cos, -sin) * 4.0, Vec3::ZERO, 12.0, 8))
     }
 
     /// Σ |w·I|.

@@ -18,19 +18,23 @@ use glam::{Mat3, Vec3, vec3};
 fn scene() -> (SceneDescription, Camera) {
     let mut b = Builder::default();
     let grey = b.diffuse(Vec3::splat(0.6));
-    b.shape(floor(Vec3::ZERO, 2.0), grey.clone());
-    b.shape(cuboid(vec3(0.2, 0.5, 0.1), vec3(0.4, 0.3, 0.5), 0.4), grey);
+    b.add(floor(Vec3::ZERO, 2.0), grey.clone());
+    b.add(cuboid(vec3(0.2, 0.5, 0.1), vec3(0.4, 0.3, 0.5), 0.4), grey);
     let (diffuse, specular) = (b.constant(Vec3::splat(0.2)), b.constant(Vec3::splat(0.5)));
     let roughness = b.scalar(0.03); // narrow: attached
     let phong =
         Material { kind: MaterialKind::Phong { diffuse, specular, roughness }, one_sided: false, opacity: None };
-    b.shape(quad(vec3(-2., 0., 1.5), vec3(2., 0., 1.5), vec3(2., 2., 1.6), vec3(-2., 2., 1.6)), phong);
-    b.light(ceiling(vec3(0.3, 3., -0.5), 0.5), Vec3::splat(10.));
-    b.scene.delta_lights.push(DeltaLight::Point { position: vec3(-1., 2., -1.), intensity: Vec3::splat(4.) });
-    b.scene.delta_lights.push(DeltaLight::Directional { direction: vec3(0.4, -1., 0.3), irradiance: Vec3::ONE });
+    b.add(quad(vec3(-2., 0., 1.5), vec3(2., 0., 1.5), vec3(2., 2., 1.6), vec3(-2., 2., 1.6)), phong);
+    b.lamp(ceiling(vec3(0.3, 3., -0.5), 0.5), Vec3::splat(10.));
+    b.description.delta_lights.push(DeltaLight::Point { position: vec3(-1., 2., -1.), intensity: Vec3::splat(4.) });
+    b.description.delta_lights.push(DeltaLight::Directional { direction: vec3(0.4, -1., 0.3), irradiance: Vec3::ONE });
     let cone = Cone { axis: vec3(-0.3, -1., 0.4), beam: 0.2, cutoff: 0.5 };
-    b.scene.delta_lights.push(DeltaLight::Spot { position: vec3(1., 2.5, -0.5), intensity: Vec3::splat(6.), cone });
-    (b.scene, look_at(vec3(0.5, 2., -4.), vec3(0., 0.4, 0.), 45., 24))
+    b.description.delta_lights.push(DeltaLight::Spot {
+        position: vec3(1., 2.5, -0.5),
+        intensity: Vec3::splat(6.),
+        cone,
+    });
+    (b.description, look_at(vec3(0.5, 2., -4.), vec3(0., 0.4, 0.), 45., 24))
 }
 
 /// As above, through a pinhole, through a lens, through one that distorts, with a box that moves, with masks on box, wall and light,
@@ -49,7 +53,8 @@ fn scenes() -> [(SceneDescription, Camera); 7] {
     for shape in &mut masked.shapes[1..] {
         shape.material.opacity = Some(Input::Texture(masked.textures.len() - 1));
     }
-    let mut mirrored = Builder { scene: description.clone() };
+    let mut mirrored = Builder::new();
+    mirrored.description = description.clone();
     mirrored.ball(vec3(-0.5, 0.6, -1.0), 0.5);
     let mut sunny = description.clone();
     let data = (0..16 * 8 * 3).map(|i| if i / 3 == 37 { 40.0 } else { 0.2 + 0.1 * (i * 7 % 5) as f32 }).collect();
@@ -62,7 +67,7 @@ fn scenes() -> [(SceneDescription, Camera); 7] {
         (description, Camera { distortion, ..camera }),
         (moving, Camera { shutter, ..camera }),
         (masked, camera),
-        (mirrored.scene, camera),
+        (mirrored.description, camera),
         (sunny, camera),
     ]
 }

@@ -121,7 +121,7 @@ impl World {
 
     fn body(&mut self, mesh: Mesh, turn: Mat3, centre: Vec3, material: Material) {
         let mesh = self.place(mesh, turn, centre);
-        self.builder.shape(mesh, material);
+        self.builder.add(mesh, material);
     }
 
     fn floor(&mut self, material: Material) {
@@ -176,7 +176,7 @@ impl World {
                     let mut block = cuboid(0.25 * place + vec3(0.0, 0.15, 0.0) + offset, Vec3::splat(0.25), 0.0);
                     block.vertices.iter_mut().for_each(|v| *v = turn * *v);
                     let material = if self.draw.chance(0.2) { self.masked() } else { self.material() };
-                    self.builder.shape(block, material);
+                    self.builder.add(block, material);
                 }
                 let (half, angle) = (self.draw.point(Vec3::splat(0.1), Vec3::splat(0.3)), self.draw.number(0.1, 0.7));
                 let material = self.material();
@@ -221,7 +221,7 @@ impl World {
                     Material { kind: MaterialKind::Black, one_sided: false, opacity: None }
                 };
                 let emission = Some(self.shine(4.0, 9.0));
-                self.builder.scene.shapes.push(Shape { mesh: lamp, material, emission });
+                self.builder.description.shapes.push(Shape { mesh: lamp, material, emission });
                 let (solid, turn, material) = (self.solid(), self.draw.turn(0.8), self.material());
                 let at = self.draw.point(vec3(-0.5, 0.1, -0.5), vec3(0.5, 0.5, 0.5));
                 self.body(solid, turn, at, material);
@@ -257,7 +257,7 @@ impl World {
         let place = motion(at, Vec3::ZERO);
         let kind = self.draw.0.below(6);
         let power = self.draw.point(Vec3::splat(4.0), Vec3::splat(8.0));
-        let scene = &mut self.builder.scene;
+        let scene = &mut self.builder.description;
         match kind {
             0 => scene.delta_lights.push(DeltaLight::Point { position: place, intensity: power }),
             1 => scene.delta_lights.push(DeltaLight::Directional { direction: -place, irradiance: 0.4 * power }),
@@ -277,7 +277,7 @@ impl World {
                 let (half, turn) = (self.draw.number(0.15, 0.5), self.draw.turn(0.4));
                 let mut lamp = ceiling(Vec3::ZERO, half);
                 lamp.vertices.iter_mut().for_each(|v| *v = motion(turn * *v + at, at));
-                self.builder.light(lamp, power);
+                self.builder.lamp(lamp, power);
             }
         }
     }
@@ -311,7 +311,7 @@ fn drawn(number: u64, t: f32) -> (SceneDescription, Camera, Family, u32) {
     let camera = world.camera();
     world.light();
     world.arrange(family);
-    (world.builder.scene, camera, family, bounces)
+    (world.builder.description, camera, family, bounces)
 }
 
 /// The scene of a number alone, as its thing moves.

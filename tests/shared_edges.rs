@@ -17,10 +17,10 @@ fn book(f: impl Fn(f32, &mut [Vec3; 8])) -> impl Fn(f32) -> (SceneDescription, C
         let mut b = Builder::default();
         let (paper, grey) = (b.diffuse(vec3(0.8, 0.7, 0.5)), b.diffuse(Vec3::splat(0.5)));
         let leaf = |i: u32| [[0, 2 * i, 2 * i + 1], [0, 2 * i + 1, 1]];
-        b.shape(mesh(v.to_vec(), [leaf(1), leaf(2), leaf(3)].concat()), paper);
-        b.shape(floor(Vec3::ZERO, 3.0), grey);
-        b.light(ceiling(vec3(-0.8, 4.0, -1.5), 0.4), Vec3::splat(30.0));
-        (b.scene, look_at(vec3(1.2, 2.9, -4.0), vec3(0.0, 0.7, 0.0), 45.0, 32))
+        b.add(mesh(v.to_vec(), [leaf(1), leaf(2), leaf(3)].concat()), paper);
+        b.add(floor(Vec3::ZERO, 3.0), grey);
+        b.lamp(ceiling(vec3(-0.8, 4.0, -1.5), 0.4), Vec3::splat(30.0));
+        (b.description, look_at(vec3(1.2, 2.9, -4.0), vec3(0.0, 0.7, 0.0), 45.0, 32))
     }
 }
 
@@ -50,11 +50,11 @@ fn dealt(f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Camer
         let vertices: Vec<Vec3> = ball.vertices.iter().map(place).collect();
         for half in 0..2 {
             let faces = ball.faces.iter().enumerate().filter(|(i, _)| i % 2 == half).map(|(_, f)| *f).collect();
-            b.shape(mesh(vertices.clone(), faces), red.clone());
+            b.add(mesh(vertices.clone(), faces), red.clone());
         }
-        b.shape(floor(Vec3::ZERO, 3.0), grey);
-        b.light(ceiling(vec3(1.0, 4.0, -1.0), 0.4), Vec3::splat(30.0));
-        (b.scene, look_at(vec3(0.0, 2.2, -4.0), vec3(0.0, 0.8, 0.0), 40.0, 32))
+        b.add(floor(Vec3::ZERO, 3.0), grey);
+        b.lamp(ceiling(vec3(1.0, 4.0, -1.0), 0.4), Vec3::splat(30.0));
+        (b.description, look_at(vec3(0.0, 2.2, -4.0), vec3(0.0, 0.8, 0.0), 40.0, 32))
     }
 }
 
@@ -78,12 +78,12 @@ fn pushed_together(f: impl Fn(f32, &mut [Vec3; 3])) -> impl Fn(f32) -> (SceneDes
             let mut block = cuboid(centre, Vec3::splat(0.25), 0.0);
             block.vertices.iter_mut().for_each(|v| *v = turn * *v);
             let material = b.diffuse(Vec3::splat(albedo));
-            b.shape(block, material);
+            b.add(block, material);
         }
         let grey = b.diffuse(Vec3::splat(0.3));
-        b.shape(floor(Vec3::ZERO, 2.5), grey);
-        b.scene.delta_lights.push(DeltaLight::Point { position: light, intensity: Vec3::splat(6.0) });
-        (b.scene, look_at(eye, vec3(0.0, 0.3, 0.0), 35.0, 32))
+        b.add(floor(Vec3::ZERO, 2.5), grey);
+        b.description.delta_lights.push(DeltaLight::Point { position: light, intensity: Vec3::splat(6.0) });
+        (b.description, look_at(eye, vec3(0.0, 0.3, 0.0), 35.0, 32))
     }
 }
 
@@ -127,11 +127,11 @@ fn gable(f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Camer
         let mut scene = Builder::default();
         let grey = scene.diffuse(Vec3::splat(0.6));
         // Corners of the ridge's halves are its own, or lie between them.
-        scene.shape(mesh(v.to_vec(), vec![[1, 0, 3], [0, 2, 4], [2, 1, 5], [2, 5, 4]]), grey.clone());
-        scene.shape(floor(Vec3::ZERO, 3.0), grey);
+        scene.add(mesh(v.to_vec(), vec![[1, 0, 3], [0, 2, 4], [2, 1, 5], [2, 5, 4]]), grey.clone());
+        scene.add(floor(Vec3::ZERO, 3.0), grey);
         let position = vec3(-0.7, 3.0, -1.8);
-        scene.scene.delta_lights.push(DeltaLight::Point { position, intensity: Vec3::splat(8.0) });
-        (scene.scene, look_at(vec3(0.3, 3.0, 0.4), vec3(0.0, 0.5, 0.0), 40.0, 32))
+        scene.description.delta_lights.push(DeltaLight::Point { position, intensity: Vec3::splat(8.0) });
+        (scene.description, look_at(vec3(0.3, 3.0, 0.4), vec3(0.0, 0.5, 0.0), 40.0, 32))
     }
 }
 
@@ -152,12 +152,14 @@ fn badly_wound(f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription,
             mesh.vertices.iter_mut().for_each(|v| f(t, v));
             mesh
         };
-        b.light(halves(vec3(-0.7, 0.4, 0.0), 0.5), Vec3::splat(3.0));
+        b.lamp(halves(vec3(-0.7, 0.4, 0.0), 0.5), Vec3::splat(3.0));
         let material = b.diffuse(Vec3::splat(0.8));
-        b.shape(halves(vec3(0.7, 0.4, 0.0), 0.5), Material { one_sided: true, ..material.clone() });
-        b.shape(floor(Vec3::ZERO, 2.0), material);
-        b.scene.delta_lights.push(DeltaLight::Point { position: vec3(0.0, 3.0, -0.5), intensity: Vec3::splat(9.0) });
-        (b.scene, look_at(vec3(0.1, 3.0, -2.0), vec3(0.0, 0.3, 0.0), 45.0, 24))
+        b.add(halves(vec3(0.7, 0.4, 0.0), 0.5), Material { one_sided: true, ..material.clone() });
+        b.add(floor(Vec3::ZERO, 2.0), material);
+        b.description
+            .delta_lights
+            .push(DeltaLight::Point { position: vec3(0.0, 3.0, -0.5), intensity: Vec3::splat(9.0) });
+        (b.description, look_at(vec3(0.1, 3.0, -2.0), vec3(0.0, 0.3, 0.0), 45.0, 24))
     }
 }
 
@@ -179,16 +181,16 @@ fn seams_in_first_hit_channels() {
         ball.vertices
             .iter_mut()
             .for_each(|v| *v = Mat3::from_rotation_y(2.1) * Mat3::from_rotation_x(0.5) * *v + vec3(t, 0.0, 0.5 * t));
-        b.shape(ball, grey);
-        (b.scene, look_at(vec3(0.4, 1.0, -4.0), Vec3::ZERO, 45.0, 32))
+        b.add(ball, grey);
+        (b.description, look_at(vec3(0.4, 1.0, -4.0), Vec3::ZERO, 45.0, 32))
     };
     let squares = |t: f32| {
         let mut b = Builder::default();
         let grey = b.diffuse(Vec3::splat(0.5));
         let at = |x: f32, z: f32| vec3(x + t, 0.0, z);
-        b.shape(quad(at(-1.0, -1.0), at(-1.0, 1.0), at(0.1, 1.0), at(0.1, -1.0)), grey.clone());
-        b.shape(quad(at(0.1, -1.0), at(0.1, 1.0), at(1.0, 1.0), at(1.0, -1.0)), grey);
-        (b.scene, look_at(vec3(0.4, 3.0, -2.0), Vec3::ZERO, 45.0, 32))
+        b.add(quad(at(-1.0, -1.0), at(-1.0, 1.0), at(0.1, 1.0), at(0.1, -1.0)), grey.clone());
+        b.add(quad(at(0.1, -1.0), at(0.1, 1.0), at(1.0, 1.0), at(1.0, -1.0)), grey);
+        (b.description, look_at(vec3(0.4, 3.0, -2.0), Vec3::ZERO, 45.0, 32))
     };
     let plan = Plan { h: 0.01, fd_spp: 1024, ..Plan::default() };
     agree("uvs of a ball", &ball, &Plan { output: Output::Uv, ..plan });
@@ -218,18 +220,18 @@ fn wall(lamp: bool, f: impl Fn(f32, &mut Standing)) -> impl Fn(f32) -> (SceneDes
         f(t, &mut s);
         let mut b = Builder::default();
         let grey = b.diffuse(Vec3::splat(0.5));
-        b.shape(floor(vec3(0.0, s.floor, 0.0), 2.0), grey.clone());
+        b.add(floor(vec3(0.0, s.floor, 0.0), 2.0), grey.clone());
         let corner = |x: f32, y: f32| vec3(x, y + s.lift, s.wall);
         let opacity = (s.opacity < 1.0).then(|| b.scalar(s.opacity));
         let wall = quad(corner(-0.5, -s.depth), corner(0.5, -s.depth), corner(0.5, 0.5), corner(-0.5, 0.5));
-        b.shape(wall, Material { opacity, ..grey });
+        b.add(wall, Material { opacity, ..grey });
         if lamp {
-            b.light(ceiling(vec3(0.0, 3.0, 1.0), 0.25), Vec3::splat(30.0));
+            b.lamp(ceiling(vec3(0.0, 3.0, 1.0), 0.25), Vec3::splat(30.0));
         } else {
             let direction = vec3(0.0, -1.0, -0.4);
-            b.scene.delta_lights.push(DeltaLight::Directional { direction, irradiance: Vec3::splat(3.0) });
+            b.description.delta_lights.push(DeltaLight::Directional { direction, irradiance: Vec3::splat(3.0) });
         }
-        (b.scene, look_at(vec3(0.0, 2.0, 2.0 + s.eye), Vec3::ZERO, 40.0, 12))
+        (b.description, look_at(vec3(0.0, 2.0, 2.0 + s.eye), Vec3::ZERO, 40.0, 12))
     }
 }
 
@@ -283,18 +285,18 @@ fn room(
         let (ground, block, grey) = (ground(&mut b), block(&mut b), b.diffuse(vec3(0.4, 0.5, 0.6)));
         let (back, front) = (-1.0 - s.depth, 2.0);
         let corner = |x: f32, z: f32| vec3(x, s.floor, z);
-        b.shape(quad(corner(-2.0, front), corner(2.0, front), corner(2.0, back), corner(-2.0, back)), ground);
+        b.add(quad(corner(-2.0, front), corner(2.0, front), corner(2.0, back), corner(-2.0, back)), ground);
         let corner = |x: f32, y: f32| vec3(x, y, -1.0 + s.wall);
-        b.shape(quad(corner(-3.0, -1.0), corner(3.0, -1.0), corner(3.0, 2.0), corner(-3.0, 2.0)), grey.clone());
+        b.add(quad(corner(-3.0, -1.0), corner(3.0, -1.0), corner(3.0, 2.0), corner(-3.0, 2.0)), grey.clone());
         let mut body = cuboid(vec3(0.2, 0.25 - s.depth + s.lift, -0.2), vec3(0.2, 0.25, 0.3), 0.5);
         // Without its bottom: what two faces in one plane show has no right answer, and through a mask one sees it.
         body.faces.drain(4..6);
-        b.shape(body, block);
-        b.shape(cuboid(vec3(-0.5, 0.8, -0.85 - s.depth), vec3(0.4, 0.03, 0.15), 0.0), grey);
-        b.light(ceiling(vec3(-1.0, 2.0, 0.5), 0.4), Vec3::splat(8.0));
+        b.add(body, block);
+        b.add(cuboid(vec3(-0.5, 0.8, -0.85 - s.depth), vec3(0.4, 0.03, 0.15), 0.0), grey);
+        b.lamp(ceiling(vec3(-1.0, 2.0, 0.5), 0.4), Vec3::splat(8.0));
         let intensity = Vec3::splat(6.0);
-        b.scene.delta_lights.push(DeltaLight::Point { position: vec3(0.6, 2.0, 1.0), intensity });
-        (b.scene, look_at(vec3(-0.3, 1.3, 3.0), vec3(0.0, 0.3, 0.0), 35.0, 24))
+        b.description.delta_lights.push(DeltaLight::Point { position: vec3(0.6, 2.0, 1.0), intensity });
+        (b.description, look_at(vec3(-0.3, 1.3, 3.0), vec3(0.0, 0.3, 0.0), 35.0, 24))
     }
 }
 
@@ -338,15 +340,15 @@ fn luminous(height: f32, f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDe
     move |t| {
         let mut b = Builder::default();
         let grey = b.diffuse(Vec3::splat(0.5));
-        b.shape(floor(Vec3::ZERO, 2.0), grey);
+        b.add(floor(Vec3::ZERO, 2.0), grey);
         let mut lamp = quad(vec3(-0.5, 0., 0.3), vec3(0.5, 0., 0.3), vec3(0.5, 0.4, 0.2), vec3(-0.5, 0.4, 0.2));
         lamp.vertices.iter_mut().for_each(|v| {
             f(t, v);
             v.y += height;
         });
-        b.light(lamp, Vec3::splat(5.0));
-        b.scene.shapes[1].emission.as_mut().unwrap().two_sided = true;
-        (b.scene, look_at(vec3(0.0, 2.0, 2.0), Vec3::ZERO, 40.0, 24))
+        b.lamp(lamp, Vec3::splat(5.0));
+        b.description.shapes[1].emission.as_mut().unwrap().two_sided = true;
+        (b.description, look_at(vec3(0.0, 2.0, 2.0), Vec3::ZERO, 40.0, 24))
     }
 }
 

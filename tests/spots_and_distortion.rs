@@ -30,12 +30,12 @@ fn stage(f: impl Fn(f32, &mut Stage)) -> impl Fn(f32) -> (SceneDescription, Came
         f(t, &mut s);
         let mut b = Builder::default();
         let grey = b.diffuse(Vec3::splat(0.5));
-        b.shape(floor(vec3(0., s.floor, 0.), 2.0), grey.clone());
+        b.add(floor(vec3(0., s.floor, 0.), 2.0), grey.clone());
         let corners = [vec3(-0.9, 1.5, -0.4), vec3(-0.8, 1.8, 0.5), vec3(0.1, 1.4, -0.5), vec3(0.2, 1.6, 0.4)];
-        b.shape(mesh(corners.map(|v| v + s.blocker).to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
+        b.add(mesh(corners.map(|v| v + s.blocker).to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
         let cone = Cone { axis: s.axis, beam: s.beam, cutoff: s.cutoff };
-        b.scene.delta_lights.push(DeltaLight::Spot { position: s.position, intensity: Vec3::splat(30.), cone });
-        (b.scene, look_at(vec3(0., 2.4, -5.), Vec3::ZERO, 45., 32))
+        b.description.delta_lights.push(DeltaLight::Spot { position: s.position, intensity: Vec3::splat(30.), cone });
+        (b.description, look_at(vec3(0., 2.4, -5.), Vec3::ZERO, 45., 32))
     }
 }
 
@@ -102,21 +102,21 @@ fn distorted(
             b.diffuse(Vec3::splat(0.5))
         };
         // Narrow, so that its long sides are seen; they end behind the camera.
-        b.shape(quad(vec3(-1.5, 0., 3.), vec3(1.4, 0., 3.), vec3(1.6, 0., -6.), vec3(-1.3, 0., -6.)), ground);
+        b.add(quad(vec3(-1.5, 0., 3.), vec3(1.4, 0., 3.), vec3(1.6, 0., -6.), vec3(-1.3, 0., -6.)), ground);
         let grey = b.diffuse(vec3(0.3, 0.5, 0.4));
         let corners = [vec3(-0.6, 0.5, 0.3), vec3(-0.5, 1.6, 0.3), vec3(0.6, 0.4, 0.5), vec3(0.4, 1.5, 0.3)];
-        b.shape(mesh(corners.map(|v| v + s.blocker).to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
+        b.add(mesh(corners.map(|v| v + s.blocker).to_vec(), vec![[0, 1, 2], [1, 3, 2]]), grey);
         // Beyond the film on all other sides.
         let wall = quad(vec3(-9., 0.2, 4.), vec3(-9., 9., 4.), vec3(9., 9., 4.), vec3(9., 0.2, 4.));
-        b.light(wall, Vec3::splat(2.));
-        b.light(ceiling(s.light, 1.0), Vec3::splat(8.));
+        b.lamp(wall, Vec3::splat(2.));
+        b.lamp(ceiling(s.light, 1.0), Vec3::splat(8.));
         let mut camera = look_at(s.eye, vec3(0., 0.6, 0.5), 55., 32);
         if fisheye {
             (camera.projection, camera.scale) = (Projection::Fisheye, [0.9, 0.9]);
         }
         camera.scale = camera.scale.map(|x| x * (1.0 + s.scale));
         camera.distortion = Distortion { coefficients: s.coefficients };
-        (b.scene, camera)
+        (b.description, camera)
     }
 }
 

@@ -139,12 +139,12 @@ fn samples(description: &SceneDescription, camera: &Camera, max_bounces: u32) ->
 fn room(wall: impl FnOnce(&mut Builder) -> MaterialKind) -> (Builder, Camera) {
     let mut b = Builder::default();
     let grey = b.diffuse(Vec3::splat(0.6));
-    b.shape(floor(Vec3::ZERO, 2.0), grey.clone());
-    b.shape(cuboid(vec3(0.2, 0.5, 0.1), vec3(0.4, 0.3, 0.5), 0.4), grey.clone());
-    b.shape(cuboid(vec3(0.5, 0.8, -0.2), vec3(0.2, 0.25, 0.3), 1.1), grey);
+    b.add(floor(Vec3::ZERO, 2.0), grey.clone());
+    b.add(cuboid(vec3(0.2, 0.5, 0.1), vec3(0.4, 0.3, 0.5), 0.4), grey.clone());
+    b.add(cuboid(vec3(0.5, 0.8, -0.2), vec3(0.2, 0.25, 0.3), 1.1), grey);
     let kind = wall(&mut b);
     let wall = quad(vec3(-2., 0., 1.5), vec3(2., 0., 1.5), vec3(2., 2., 1.6), vec3(-2., 2., 1.6));
-    b.shape(wall, Material { kind, one_sided: false, opacity: None });
+    b.add(wall, Material { kind, one_sided: false, opacity: None });
     (b, look_at(vec3(0.5, 2., -4.), vec3(0., 0.4, 0.), 45., 24))
 }
 
@@ -166,30 +166,34 @@ fn mirror(b: &mut Builder) -> MaterialKind {
 }
 
 fn lamp(b: &mut Builder) {
-    b.light(ceiling(vec3(0.3, 3., -0.5), 0.5), Vec3::splat(10.));
+    b.lamp(ceiling(vec3(0.3, 3., -0.5), 0.5), Vec3::splat(10.));
 }
 
 fn bulb(b: &mut Builder) {
-    b.scene.delta_lights.push(DeltaLight::Point { position: vec3(-1., 2., -1.), intensity: Vec3::splat(4.) });
+    b.description.delta_lights.push(DeltaLight::Point { position: vec3(-1., 2., -1.), intensity: Vec3::splat(4.) });
 }
 
 fn spot_and_sun(b: &mut Builder) {
     let cone = Cone { axis: vec3(-0.3, -1., 0.4), beam: 0.2, cutoff: 0.5 };
-    b.scene.delta_lights.push(DeltaLight::Spot { position: vec3(1., 2.5, -0.5), intensity: Vec3::splat(6.), cone });
-    b.scene.delta_lights.push(DeltaLight::Directional { direction: vec3(0.4, -1., 0.3), irradiance: Vec3::ONE });
+    b.description.delta_lights.push(DeltaLight::Spot {
+        position: vec3(1., 2.5, -0.5),
+        intensity: Vec3::splat(6.),
+        cone,
+    });
+    b.description.delta_lights.push(DeltaLight::Directional { direction: vec3(0.4, -1., 0.3), irradiance: Vec3::ONE });
 }
 
 /// A lamp that sticks through the second box, and touches it so.
 fn pierced(b: &mut Builder) {
-    b.light(quad(vec3(0.2, 0.6, -0.9), vec3(0.9, 0.7, -0.9), vec3(0.9, 1.3, 0.2), vec3(0.2, 1.2, 0.2)), Vec3::ONE);
-    b.scene.shapes.last_mut().unwrap().emission.as_mut().unwrap().two_sided = true;
+    b.lamp(quad(vec3(0.2, 0.6, -0.9), vec3(0.9, 0.7, -0.9), vec3(0.9, 1.3, 0.2), vec3(0.2, 1.2, 0.2)), Vec3::ONE);
+    b.description.shapes.last_mut().unwrap().emission.as_mut().unwrap().two_sided = true;
 }
 
 fn sky(b: &mut Builder) {
     let data = (0..16 * 8 * 3).map(|i| if i / 3 == 37 { 40.0 } else { 0.2 + 0.1 * (i * 7 % 5) as f32 }).collect();
-    b.scene.textures.push(Texture::new(16, 8, 3, data, Wrap::Repeat, Filter::Bilinear).unwrap());
+    b.description.textures.push(Texture::new(16, 8, 3, data, Wrap::Repeat, Filter::Bilinear).unwrap());
     let rotation = Mat3::from_rotation_y(0.3);
-    b.scene.environment = Some(Environment { radiance: b.scene.textures.len() - 1, rotation });
+    b.description.environment = Some(Environment { radiance: b.description.textures.len() - 1, rotation });
 }
 
 fn ball(b: &mut Builder) {
@@ -199,9 +203,9 @@ fn ball(b: &mut Builder) {
 /// Everything that can be seen through in part is.
 fn masks(b: &mut Builder) {
     let data = (0..12).map(|i| (i * 7 % 10) as f32 / 9.0).collect();
-    b.scene.textures.push(Texture::new(4, 3, 1, data, Wrap::Repeat, Filter::Bilinear).unwrap());
-    let opacity = Some(Input::Texture(b.scene.textures.len() - 1));
-    b.scene.shapes[1..].iter_mut().for_each(|shape| shape.material.opacity = opacity);
+    b.description.textures.push(Texture::new(4, 3, 1, data, Wrap::Repeat, Filter::Bilinear).unwrap());
+    let opacity = Some(Input::Texture(b.description.textures.len() - 1));
+    b.description.shapes[1..].iter_mut().for_each(|shape| shape.material.opacity = opacity);
 }
 
 #[test]
@@ -240,7 +244,7 @@ fn every_sample_cancels_under_a_common_translation() {
             ("panorama", projected(Projection::Panorama, FRAC_PI_4)),
         ];
         for (seen_by, camera) in cameras {
-            for (estimator, (found, worst)) in samples(&b.scene, &camera, bounces) {
+            for (estimator, (found, worst)) in samples(&b.description, &camera, bounces) {
                 println!("{name:26} {seen_by:14} {estimator:20} {found:6} samples, at most {worst:.1e} left");
                 failed |= worst > 2e-5;
                 *all.entry(estimator).or_default() += found;

@@ -12,7 +12,7 @@ use dscene::session::clock::{Elapsed, Stopwatch};
 use glam::{Mat3, Vec3, vec3};
 use serde_json::{Value, json};
 
-use crate::common::{Builder, ceiling, floor, look_at};
+use crate::common::{Builder, Pieces as _, ceiling, floor, look_at};
 use crate::scenes::SIZE;
 
 const ROWS: [&str; 17] = [
@@ -117,8 +117,8 @@ fn peak_memory() -> Option<f64> {
 
 fn with_light_and_floor(b: &mut Builder) -> Camera {
     let grey = b.diffuse(Vec3::splat(0.5));
-    b.shape(floor(vec3(0., -1.2, 0.), 4.0), grey);
-    b.light(ceiling(vec3(0., 5., 0.), 0.5), Vec3::splat(40.0));
+    b.add(floor(vec3(0., -1.2, 0.), 4.0), grey);
+    b.lamp(ceiling(vec3(0., 5., 0.), 0.5), Vec3::splat(40.0));
     look_at(vec3(0., 2., -5.), Vec3::ZERO, 45.0, SIZE)
 }
 
@@ -132,9 +132,9 @@ fn mesh(triangles: usize) -> (SceneDescription, Camera, Slot) {
     let mesh = Mesh { normals: None, uvs: None, ..mesh };
     let mut b = Builder::default();
     let grey = b.diffuse(Vec3::splat(0.6));
-    b.shape(mesh, grey);
+    b.add(mesh, grey);
     let camera = with_light_and_floor(&mut b);
-    (b.scene, camera, Slot::Vertices(0))
+    (b.description, camera, Slot::Vertices(0))
 }
 
 fn painted(width: usize, height: usize) -> Texture {
@@ -145,22 +145,22 @@ fn painted(width: usize, height: usize) -> Texture {
 /// A sphere with a texture of size × size, derivatives of the texels.
 fn texture(size: usize) -> (SceneDescription, Camera, Slot) {
     let mut b = Builder::default();
-    b.scene.textures.push(painted(size, size));
+    b.description.textures.push(painted(size, size));
     let kind = MaterialKind::Diffuse { reflectance: Input::Texture(0) };
-    b.shape(shapes::sphere(1.0, 64).unwrap_or_default(), Material { kind, one_sided: false, opacity: None });
+    b.add(shapes::sphere(1.0, 64).unwrap_or_default(), Material { kind, one_sided: false, opacity: None });
     let camera = with_light_and_floor(&mut b);
-    (b.scene, camera, Slot::Texels(0))
+    (b.description, camera, Slot::Texels(0))
 }
 
 /// A sphere on a floor under an environment of size × size / 2, derivatives of its texels.
 fn environment(size: usize) -> (SceneDescription, Camera, Slot) {
     let mut b = Builder::default();
-    b.scene.textures.push(painted(size, size / 2));
-    b.scene.environment = Some(Environment { radiance: 0, rotation: Mat3::IDENTITY });
+    b.description.textures.push(painted(size, size / 2));
+    b.description.environment = Some(Environment { radiance: 0, rotation: Mat3::IDENTITY });
     let grey = b.diffuse(Vec3::splat(0.6));
-    b.shape(shapes::sphere(1.0, 64).unwrap_or_default(), grey);
+    b.add(shapes::sphere(1.0, 64).unwrap_or_default(), grey);
     let camera = with_light_and_floor(&mut b);
-    (b.scene, camera, Slot::Texels(0))
+    (b.description, camera, Slot::Texels(0))
 }
 
 /// The mesh of 10 000 triangles on a film of size × size.

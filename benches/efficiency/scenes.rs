@@ -13,7 +13,7 @@ use dscene::render::{
 use glam::{DVec3, Mat3, Vec3, vec3};
 
 use crate::closed::{grey, intersection, moment, outline};
-use crate::common::{Builder, ceiling, cuboid, floor, mesh, quad};
+use crate::common::{Builder, Pieces as _, ceiling, cuboid, floor, mesh, quad};
 
 /// Width and height of all images.
 pub const SIZE: usize = 256;
@@ -151,8 +151,8 @@ fn emissive_triangles(cases: &mut Vec<Case>) {
             let mut v = v;
             v[2].y += t;
             let mut b = Builder::default();
-            b.light(mesh(v.to_vec(), vec![[0, 1, 2]]), WARM);
-            (b.scene, camera)
+            b.lamp(mesh(v.to_vec(), vec![[0, 1, 2]]), WARM);
+            (b.description, camera)
         }
     };
     let mut add = |kind, scene, v: [Vec3; 3], camera: Camera| {
@@ -189,12 +189,12 @@ fn triangles(cases: &mut Vec<Case>) {
             let mut b = Builder::default();
             let grey = b.diffuse(vec3(0.5, 0.4, 0.6));
             let v = vec![vec3(-1.7, 1.0, 0.0), vec3(1.0 + t, 1.0, 0.0), vec3(-0.5, -1.0, 0.0)];
-            b.shape(mesh(v, vec![[0, 1, 2]]), grey);
+            b.add(mesh(v, vec![[0, 1, 2]]), grey);
             let (x, y, z) = (1.0, 1.0, -7.0);
             let light = quad(vec3(-x, -y, z), vec3(x, -y, z), vec3(x, y, z), vec3(-x, y, z));
             let light = Mesh { vertices: light.vertices.iter().map(|p| *p * vec3(0.1, 0.1, 1.0)).collect(), ..light };
-            b.light(light, Vec3::splat(2000.0));
-            (b.scene, camera(vec3(0., 0., -5.), Vec3::ZERO, 45.0))
+            b.lamp(light, Vec3::splat(2000.0));
+            (b.description, camera(vec3(0., 0., -5.), Vec3::ZERO, 45.0))
         })
     });
 
@@ -212,9 +212,9 @@ fn triangles(cases: &mut Vec<Case>) {
         })),
         ..Case::new(Kind::Silhouette, "03 two triangles", "front triangle x", move |t| {
             let mut b = Builder::default();
-            b.light(mesh(BACK.to_vec(), vec![[0, 1, 2]]), WARM);
-            b.light(mesh(FRONT.map(|v| v + Vec3::X * t).to_vec(), vec![[0, 1, 2]]), COLD);
-            (b.scene, eye)
+            b.lamp(mesh(BACK.to_vec(), vec![[0, 1, 2]]), WARM);
+            b.lamp(mesh(FRONT.map(|v| v + Vec3::X * t).to_vec(), vec![[0, 1, 2]]), COLD);
+            (b.description, eye)
         })
     });
 }
@@ -269,9 +269,9 @@ fn roof_and_channels(cases: &mut Vec<Case>) {
             vec3(1., 0., 1.),
         ];
         let v = v.map(|v| v + Vec3::X * moved).to_vec();
-        b.shape(mesh(v, vec![[0, 3, 4], [0, 4, 1], [1, 4, 5], [1, 5, 2]]), grey);
-        b.scene.delta_lights.push(DeltaLight::Directional { direction: sun, irradiance: Vec3::splat(3.0) });
-        (b.scene, eye)
+        b.add(mesh(v, vec![[0, 3, 4], [0, 4, 1], [1, 4, 5], [1, 5, 2]]), grey);
+        b.description.delta_lights.push(DeltaLight::Directional { direction: sun, irradiance: Vec3::splat(3.0) });
+        (b.description, eye)
     };
     let scene = "05 flat-shaded roof";
     cases.push(Case {
@@ -291,8 +291,8 @@ fn roof_and_channels(cases: &mut Vec<Case>) {
             let mut b = Builder::default();
             let turn = Mat3::from_axis_angle(vec3(1.0, 2.0, 0.5).normalize(), t);
             let moved = turned(&shape, turn, Vec3::ZERO);
-            b.shape(moved, black());
-            (b.scene, camera(vec3(0.5, 1., -4.), Vec3::ZERO, 40.0))
+            b.add(moved, black());
+            (b.description, camera(vec3(0.5, 1., -4.), Vec3::ZERO, 40.0))
         })
     });
 }
@@ -332,17 +332,17 @@ impl Shadow {
     fn build(&self) -> (SceneDescription, Camera) {
         let mut b = Builder::default();
         let grey = b.diffuse(Vec3::splat(0.5));
-        b.shape(floor(Vec3::Y * self.floor, 2.0), grey.clone());
+        b.add(floor(Vec3::Y * self.floor, 2.0), grey.clone());
         if let Some(c) = self.blocker {
             let mut blocker = floor(c, 0.5);
             blocker.vertices[1] += self.corner;
-            b.shape(blocker, grey);
+            b.add(blocker, grey);
         }
         for &(c, half) in &self.lights {
             let power = 40.0 / self.lights.len() as f32;
-            b.light(ceiling(c, half), Vec3::splat(power / (4.0 * half * half)));
+            b.lamp(ceiling(c, half), Vec3::splat(power / (4.0 * half * half)));
         }
-        (b.scene, camera(self.eye, Vec3::ZERO, 45.0))
+        (b.description, camera(self.eye, Vec3::ZERO, 45.0))
     }
 }
 
@@ -376,10 +376,10 @@ fn blockers(cases: &mut Vec<Case>) {
         ..Case::new(Kind::SoftShadow, "08 soft shadow, blocker out of view", "blocker x", |t| {
             let mut b = Builder::default();
             let grey = b.diffuse(Vec3::splat(0.7));
-            b.shape(floor(Vec3::ZERO, 6.0), grey);
-            b.shape(floor(vec3(0.6 + t, 2., 0.), 0.5), black());
-            b.light(ceiling(vec3(0., 4., 0.), 0.5), vec3(20., 18., 15.));
-            (b.scene, camera(vec3(0., 3., 5.), Vec3::ZERO, 30.0))
+            b.add(floor(Vec3::ZERO, 6.0), grey);
+            b.add(floor(vec3(0.6 + t, 2., 0.), 0.5), black());
+            b.lamp(ceiling(vec3(0., 4., 0.), 0.5), vec3(20., 18., 15.));
+            (b.description, camera(vec3(0., 3., 5.), Vec3::ZERO, 30.0))
         })
     });
     let bare = Shadow { blocker: None, ..Shadow::one(0.1) };
@@ -401,10 +401,10 @@ fn blockers(cases: &mut Vec<Case>) {
         ..Case::new(Kind::Special, "12 camera, blocker out of view", "camera x", |t| {
             let mut b = Builder::default();
             let grey = b.diffuse(Vec3::splat(0.5));
-            b.shape(floor(Vec3::ZERO, 20.0), grey.clone());
-            b.shape(floor(vec3(0., 10., 0.), 0.5), grey);
-            b.light(ceiling(vec3(0., 15., 0.), 0.1), Vec3::splat(5000.0));
-            (b.scene, camera(vec3(t, 9., 0.), vec3(t, 0., 0.), 45.0))
+            b.add(floor(Vec3::ZERO, 20.0), grey.clone());
+            b.add(floor(vec3(0., 10., 0.), 0.5), grey);
+            b.lamp(ceiling(vec3(0., 15., 0.), 0.1), Vec3::splat(5000.0));
+            (b.description, camera(vec3(t, 9., 0.), vec3(t, 0., 0.), 45.0))
         })
     });
 }
@@ -425,8 +425,8 @@ fn sky(width: usize, height: usize, sun: Vec3, peak: f32, sharpness: f32) -> Tex
 fn environments(cases: &mut Vec<Case>) {
     let kind = Kind::EnvironmentShadow;
     let lit = |b: &mut Builder, texture: Texture, rotation: Mat3| {
-        b.scene.textures.push(texture);
-        b.scene.environment = Some(Environment { radiance: b.scene.textures.len() - 1, rotation });
+        b.description.textures.push(texture);
+        b.description.environment = Some(Environment { radiance: b.description.textures.len() - 1, rotation });
     };
     for (param, ramp, slide, raise) in [("blocker x", Ramp::X, 1.0, 0.0), ("blocker y", Ramp::Y, 0.0, 1.0)] {
         cases.push(Case {
@@ -437,11 +437,11 @@ fn environments(cases: &mut Vec<Case>) {
             ..Case::new(kind, "13 constant environment", param, move |t| {
                 let mut b = Builder::default();
                 let grey = b.diffuse(Vec3::splat(0.5));
-                b.shape(floor(Vec3::ZERO, 2.0), grey);
+                b.add(floor(Vec3::ZERO, 2.0), grey);
                 let c = vec3(0.1 + slide * t, 0.7 + raise * t, 0.0);
-                b.shape(floor(c, 0.5), black());
+                b.add(floor(c, 0.5), black());
                 lit(&mut b, Texture::constant(Vec3::splat(0.8)), Mat3::IDENTITY);
-                (b.scene, camera(vec3(0., 2.5, -5.), Vec3::ZERO, 45.0))
+                (b.description, camera(vec3(0., 2.5, -5.), Vec3::ZERO, 45.0))
             })
         });
     }
@@ -456,11 +456,11 @@ fn environments(cases: &mut Vec<Case>) {
             ..Case::new(kind, "14 sun, sky and teapot", param, move |t| {
                 let mut b = Builder::default();
                 let grey = b.diffuse(vec3(0.5, 0.45, 0.4));
-                b.shape(floor(Vec3::ZERO, 3.0), grey);
+                b.add(floor(Vec3::ZERO, 3.0), grey);
                 let shift = vec3(slide * t, 0.02, 0.0);
-                b.shape(turned(&teapot, Mat3::from_diagonal(Vec3::splat(0.35)), shift), black());
+                b.add(turned(&teapot, Mat3::from_diagonal(Vec3::splat(0.35)), shift), black());
                 lit(&mut b, sunny.clone(), Mat3::from_rotation_y(turn * t));
-                (b.scene, camera(vec3(0., 2.5, -5.), vec3(0., 0.3, 0.), 40.0))
+                (b.description, camera(vec3(0., 2.5, -5.), vec3(0., 0.3, 0.), 40.0))
             })
         });
     }
@@ -488,11 +488,11 @@ fn mirrors(cases: &mut Vec<Case>) {
                     one_sided: false,
                     opacity: None,
                 };
-                b.shape(floor(Vec3::Y * mirror * t, 4.5), material);
+                b.add(floor(Vec3::Y * mirror * t, 4.5), material);
                 let mut v = V;
                 v[1].y += vertex * t;
-                b.light(mesh(v.to_vec(), vec![[0, 1, 2]]), WARM);
-                (b.scene, eye)
+                b.lamp(mesh(v.to_vec(), vec![[0, 1, 2]]), WARM);
+                (b.description, eye)
             })
         });
     }
@@ -505,11 +505,11 @@ fn mirrors(cases: &mut Vec<Case>) {
                 let kind = MaterialKind::Mirror { reflectance: b.constant(Vec3::splat(0.9)) };
                 let ball =
                     turned(&shapes::sphere(1.0, 64).expect("a sphere"), Mat3::IDENTITY, Vec3::Y * (mirror * t - 0.8));
-                b.shape(ball, Material { kind, one_sided: false, opacity: None });
+                b.add(ball, Material { kind, one_sided: false, opacity: None });
                 let mut v = V;
                 v[1].y += vertex * t;
-                b.light(mesh(v.to_vec(), vec![[0, 1, 2]]), WARM);
-                (b.scene, eye)
+                b.lamp(mesh(v.to_vec(), vec![[0, 1, 2]]), WARM);
+                (b.description, eye)
             })
         });
     }
@@ -527,11 +527,11 @@ fn mirrors(cases: &mut Vec<Case>) {
                 let mut b = Builder::default();
                 let (reflectance, roughness) = (b.constant(Vec3::ONE), b.scalar(alpha.sqrt()));
                 let glossy = MaterialKind::Conductor { reflectance, roughness };
-                b.shape(floor(Vec3::ZERO, 3.0), Material { kind: glossy, one_sided: false, opacity: None });
-                b.shape(turned(&shape, Mat3::IDENTITY, vec3(0.2 + t, 1.1, 0.5)), black());
+                b.add(floor(Vec3::ZERO, 3.0), Material { kind: glossy, one_sided: false, opacity: None });
+                b.add(turned(&shape, Mat3::IDENTITY, vec3(0.2 + t, 1.1, 0.5)), black());
                 let (x, z) = (3.0, 2.9);
-                b.light(quad(vec3(x, 0.1, z), vec3(-x, 0.1, z), vec3(-x, 4.0, z), vec3(x, 4.0, z)), WARM);
-                (b.scene, camera(vec3(0., 2.2, -5.), vec3(0., 0., -0.5), 40.0))
+                b.lamp(quad(vec3(x, 0.1, z), vec3(-x, 0.1, z), vec3(-x, 4.0, z), vec3(x, 4.0, z)), WARM);
+                (b.description, camera(vec3(0., 2.2, -5.), vec3(0., 0., -0.5), 40.0))
             })
         });
     }
@@ -554,7 +554,7 @@ impl Cornell {
         let (x, y, z) = (Vec3::X, Vec3::Y, Vec3::Z);
         let wall = |c: Vec3, a: Vec3, u: Vec3| quad(c - a - u, c + a - u, c + a + u, c - a + u);
         let ground = b.diffuse(white + self.floor);
-        b.shape(wall(-y, z, x), ground);
+        b.add(wall(-y, z, x), ground);
         for (m, colour) in [
             (wall(y, x, z), white),
             (wall(-z, x, y), white),
@@ -564,13 +564,13 @@ impl Cornell {
             (cuboid(vec3(-0.33, -0.4, -0.28), vec3(0.3, 0.6, 0.3), 18.25f32.to_radians() + self.tall_turn), white),
         ] {
             let material = b.diffuse(colour);
-            b.shape(m, material);
+            b.add(m, material);
         }
         let light = ceiling(Vec3::ZERO, 1.0);
         let place = |v: &Vec3| *v * vec3(0.23, 1.0, 0.19) + vec3(0.0, 0.99 + self.light_y, 0.01);
         let light = Mesh { vertices: light.vertices.iter().map(place).collect(), ..light };
-        b.light(light, vec3(18.387, 13.9873, 6.75357) * (1.0 + self.light));
-        (b.scene, camera(vec3(0., 0., 3.9), Vec3::ZERO, 39.3077))
+        b.lamp(light, vec3(18.387, 13.9873, 6.75357) * (1.0 + self.light));
+        (b.description, camera(vec3(0., 0., 3.9), Vec3::ZERO, 39.3077))
     }
 }
 
@@ -635,12 +635,12 @@ fn furnace(cases: &mut Vec<Case>) {
                 let material =
                     Material { kind: MaterialKind::Diffuse { reflectance }, one_sided: false, opacity: None };
                 let emission = Some(Emission { radiance, two_sided: true });
-                b.scene.shapes.push(Shape { mesh, material, emission });
+                b.description.shapes.push(Shape { mesh, material, emission });
             };
             add(cuboid(Vec3::ZERO, Vec3::ONE, 0.0));
             let moved = vertices.iter().zip(&velocities).map(|(v, w)| *v + *w * t).collect();
             add(mesh(moved, (0..1000).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect()));
-            (b.scene, camera(vec3(0.1, 0.05, -0.98), Vec3::ZERO, 70.0))
+            (b.description, camera(vec3(0.1, 0.05, -0.98), Vec3::ZERO, 70.0))
         })
     });
 }
@@ -653,10 +653,10 @@ fn interpenetrating(cases: &mut Vec<Case>) {
             let (moved, i) = (f32::from(i == 0), i as f32);
             let tilt = Mat3::from_rotation_y(0.3 + 2.1 * i) * Mat3::from_rotation_x(0.9 + 0.2 * i + moved * turn);
             let material = b.diffuse(colour);
-            b.shape(turned(&floor(Vec3::ZERO, 1.2), tilt, vec3(0.1 * i, moved * rise, 0.0)), material);
+            b.add(turned(&floor(Vec3::ZERO, 1.2), tilt, vec3(0.1 * i, moved * rise, 0.0)), material);
         }
-        b.light(ceiling(vec3(0.5, 5., -2.), 0.5), Vec3::splat(30.));
-        (b.scene, camera(vec3(0., 3., -4.), Vec3::ZERO, 40.0))
+        b.lamp(ceiling(vec3(0.5, 5., -2.), 0.5), Vec3::splat(30.));
+        (b.description, camera(vec3(0., 3., -4.), Vec3::ZERO, 40.0))
     };
     let scene = "19 three quads through each other";
     cases.push(Case { step: 0.03, ..Case::new(Kind::Special, scene, "one turned", move |t| quads(t, 0.0)) });
@@ -666,10 +666,10 @@ fn interpenetrating(cases: &mut Vec<Case>) {
             let mut b = Builder::default();
             let (red, grey) = (b.diffuse(vec3(0.7, 0.3, 0.2)), b.diffuse(Vec3::splat(0.6)));
             let pot = Mesh { normals: None, ..shapes::teapot(6).unwrap_or_default() };
-            b.shape(turned(&pot, Mat3::from_rotation_z(0.3), vec3(0.0, t - 0.5, 0.0)), red);
-            b.shape(floor(Vec3::ZERO, 4.0), grey);
-            b.light(ceiling(vec3(1.5, 6., -3.), 0.7), Vec3::splat(40.));
-            (b.scene, camera(vec3(0., 4., -6.), vec3(0., 0.5, 0.), 40.0))
+            b.add(turned(&pot, Mat3::from_rotation_z(0.3), vec3(0.0, t - 0.5, 0.0)), red);
+            b.add(floor(Vec3::ZERO, 4.0), grey);
+            b.lamp(ceiling(vec3(1.5, 6., -3.), 0.7), Vec3::splat(40.));
+            (b.description, camera(vec3(0., 4., -6.), vec3(0., 0.5, 0.), 40.0))
         };
         cases.push(Case { bounces, spp: 16, step: 0.03, ..Case::new(Kind::Special, scene, "teapot y", build) });
     }
@@ -699,8 +699,8 @@ fn textures(cases: &mut Vec<Case>) {
                 let mut b = Builder::default();
                 let sphere = Mesh { normals: None, ..shapes::sphere(0.95, 96).unwrap_or_default() };
                 let mut texture = |texture: Texture| {
-                    b.scene.textures.push(texture);
-                    Input::Texture(b.scene.textures.len() - 1)
+                    b.description.textures.push(texture);
+                    Input::Texture(b.description.textures.len() - 1)
                 };
                 let direction = |u: f32, v: f32| 1.0 + 0.5 * wave(u + 0.1, v);
                 let base = painted(2048, 3, |u, v| 0.5 + 0.3 * wave(u, v) + albedo * t * direction(u, v));
@@ -710,12 +710,12 @@ fn textures(cases: &mut Vec<Case>) {
                 let metal = MaterialKind::Conductor { reflectance: one, roughness: texture(rough) };
                 for (kind, x) in [(diffuse, -1.0), (metal, 1.0)] {
                     let sphere = turned(&sphere, Mat3::IDENTITY, vec3(x, 0.0, 0.0));
-                    b.shape(sphere, Material { kind, one_sided: false, opacity: None });
+                    b.add(sphere, Material { kind, one_sided: false, opacity: None });
                 }
-                b.scene.textures.push(sunny.clone());
-                b.scene.environment =
-                    Some(Environment { radiance: b.scene.textures.len() - 1, rotation: Mat3::IDENTITY });
-                (b.scene, camera(vec3(0., 0.8, -5.), Vec3::ZERO, 45.0))
+                b.description.textures.push(sunny.clone());
+                b.description.environment =
+                    Some(Environment { radiance: b.description.textures.len() - 1, rotation: Mat3::IDENTITY });
+                (b.description, camera(vec3(0., 0.8, -5.), Vec3::ZERO, 45.0))
             })
         });
     }
@@ -732,14 +732,14 @@ fn seams(cases: &mut Vec<Case>) {
             let faces = (0..vertices.len() as u32 / 3).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
             let corners = [[(0., 0.), (1., 0.), (1., 1.)], [(0., 0.), (1., 1.), (0., 1.)]];
             let uvs = (0..vertices.len()).map(|i| glam::Vec2::from(corners[i / 3 % 2][i % 3])).collect();
-            b.scene.textures.push(painted(64, 3, |u, v| 0.5 + 0.3 * (6.0 * u).sin() * (5.0 * v).cos()));
+            b.description.textures.push(painted(64, 3, |u, v| 0.5 + 0.3 * (6.0 * u).sin() * (5.0 * v).cos()));
             let kind = MaterialKind::Diffuse { reflectance: Input::Texture(0) };
             let mesh = Mesh { uvs: Some(uvs), ..mesh(vertices, faces) };
-            b.shape(mesh, Material { kind, one_sided: false, opacity: None });
+            b.add(mesh, Material { kind, one_sided: false, opacity: None });
             let grey = b.diffuse(Vec3::splat(0.5));
-            b.shape(floor(Vec3::ZERO, 3.0), grey);
-            b.light(ceiling(vec3(1., 5., -2.), 0.7), Vec3::splat(20.));
-            (b.scene, camera(vec3(0.2, 3., -4.), vec3(0., 0.4, 0.), 45.0))
+            b.add(floor(Vec3::ZERO, 3.0), grey);
+            b.lamp(ceiling(vec3(1., 5., -2.), 0.7), Vec3::splat(20.));
+            (b.description, camera(vec3(0.2, 3., -4.), vec3(0., 0.4, 0.), 45.0))
         })
     });
 }

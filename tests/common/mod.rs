@@ -6,50 +6,35 @@ use std::ops::Range;
 use dscene::grad::{render, render_backward};
 use dscene::image::Image;
 use dscene::mesh::Mesh;
-use dscene::render::texture::Texture;
 use dscene::render::*;
 use glam::{Mat3, Vec3, vec3};
 
-/// A scene under construction.
-#[derive(Clone, Default)]
-pub struct Builder {
-    pub scene: SceneDescription,
+pub use dscene::SceneBuilder as Builder;
+
+/// What tests add to a scene, without names.
+pub trait Pieces {
+    fn add(&mut self, mesh: Mesh, material: Material);
+    /// A smoothly shaded ball of mirror.
+    fn ball(&mut self, centre: Vec3, radius: f32);
+    /// An area light that reflects nothing.
+    fn lamp(&mut self, mesh: Mesh, radiance: Vec3);
 }
 
-impl Builder {
-    pub fn constant(&mut self, rgb: Vec3) -> Input {
-        self.scene.textures.push(Texture::constant(rgb));
-        Input::Texture(self.scene.textures.len() - 1)
+impl Pieces for Builder {
+    fn add(&mut self, mesh: Mesh, material: Material) {
+        self.push(mesh, material, None);
     }
 
-    pub fn scalar(&mut self, v: f32) -> Input {
-        self.scene.textures.push(Texture::constant_scalar(v));
-        Input::Texture(self.scene.textures.len() - 1)
-    }
-
-    pub fn diffuse(&mut self, rgb: Vec3) -> Material {
-        let reflectance = self.constant(rgb);
-        Material { kind: MaterialKind::Diffuse { reflectance }, one_sided: false, opacity: None }
-    }
-
-    pub fn shape(&mut self, mesh: Mesh, material: Material) {
-        self.scene.shapes.push(Shape { mesh, material, emission: None });
-    }
-
-    /// A smoothly shaded ball of mirror.
-    pub fn ball(&mut self, centre: Vec3, radius: f32) {
+    fn ball(&mut self, centre: Vec3, radius: f32) {
         let reflectance = self.constant(vec3(0.9, 0.8, 0.7));
         let mut ball = dscene::mesh::shapes::sphere(1.0, 32).unwrap();
         ball.vertices.iter_mut().for_each(|v| *v = *v * radius + centre);
-        self.shape(ball, Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity: None });
+        self.add(ball, MaterialKind::Mirror { reflectance }.into());
     }
 
-    /// An area light that reflects nothing.
-    pub fn light(&mut self, mesh: Mesh, radiance: Vec3) {
+    fn lamp(&mut self, mesh: Mesh, radiance: Vec3) {
         let radiance = self.constant(radiance);
-        let emission = Some(Emission { radiance, two_sided: false });
-        let material = Material { kind: MaterialKind::Black, one_sided: false, opacity: None };
-        self.scene.shapes.push(Shape { mesh, material, emission });
+        self.push(mesh, MaterialKind::Black.into(), Some(Emission { radiance, two_sided: false }));
     }
 }
 
