@@ -158,8 +158,8 @@ impl Row {
             (Light::Sky, _) => 16,
         };
         let h = match self.moves {
-            // The mirrored lamp has outlines, which must not move as far as a pixel: weights are another in the next.
-            Moves::Tilt if matches!(self.light, Light::Lamp) => 0.0025,
+            // A lamp mirrored by a narrow lobe has outlines, which must not move as far as a pixel: weights are another in the next.
+            Moves::Tilt if matches!(self.light, Light::Lamp) && self.roughness < 0.3 => 0.0025,
             Moves::Tilt => 0.01,
             Moves::Roughness => 0.2 * self.roughness.min(0.5),
             Moves::Colour => 0.05,
@@ -171,7 +171,7 @@ impl Row {
             Moves::Roughness => 0.5 * self.brightness() / f64::from(self.roughness),
             Moves::Tilt | Moves::Colour => 0.1 * self.brightness(),
         };
-        let plan = Plan { spp, fd_spp: 4 * spp, h, least, ..Plan::default() };
+        let plan = Plan { spp, fd_spp: 1024, h, least, ..Plan::default() };
         agree(&format!("{self:?}"), &|t| self.build(t), &plan);
     }
 }
