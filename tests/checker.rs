@@ -141,6 +141,22 @@ fn a_checked_program_fails_only_for_values() {
         ("let x = [1, 30deg]", "dscene::type::mismatch"),
         ("let x = \"a\" == 1", "dscene::type::mismatch"),
         ("let x = [1, 2] == [1, 2, 3]", "dscene::type::shape"),
+        // The fields of lights that are always numbers.
+        ("let x = \"a\" == mean(point(position: [0, 0, 0], intensity: 5).intensity)", "dscene::type::mismatch"),
+        ("let x = \"a\" == sum(directional(direction: [0, 1, 0]).irradiance)", "dscene::type::mismatch"),
+        ("let x = spot(position: [0, 1, 0], direction: [0, 1, 0]).intensity + [1, 2]", "dscene::type::shape"),
+        (
+            "light lamp = point(position: [0, 0, 0])\nlet x = \"a\" == ([[1, 2], [3, 4]] * mean(lamp.intensity))[1][1]",
+            "dscene::type::mismatch",
+        ),
+        (
+            "light lamp = point(position: [0, 0, 0])\nlet x = lamp.intensity with { lamp.intensity: texture([[1]]) }",
+            "dscene::type::mismatch",
+        ),
+        // Of several things those that are known disagree, though one is not known.
+        ("let x = [[1, constant(1).radiance, \"a\"][i] for i in 0..3]", "dscene::type::mismatch"),
+        ("let x = [1, constant(1).radiance, 30deg]", "dscene::type::mismatch"),
+        ("let x = [[1, 2], constant(1).radiance, [1, 2, 3]]", "dscene::type::shape"),
         // Lengths.
         ("fn f(a: scalar[n], b: scalar[n]) = dot(a, b)\nlet x = f([1, 2], [1, 2, 3])", "dscene::type::shape"),
     ];
@@ -193,6 +209,19 @@ fn what_is_valid_is_accepted_and_has_the_right_value() {
             "sum([20deg, 20deg] * mean(lamp.intensity)) / 1deg",
             json!(200),
         ),
+        // What is not known may be of any type, and what it is among too.
+        ("light sky = constant(2)", "len([\"a\", \"b\", mean(sky.radiance)])", json!(3)),
+        ("light sky = constant(2)", "[\"a\", mean(sky.radiance)][1] + 1", json!(3)),
+        ("light sky = constant(2)", "[1, mean(sky.radiance), 3].y + 1", json!(3)),
+        ("light sky = constant(2)\nparam p = [1, mean(sky.radiance)]", "grad(sum(p ^ 2), p)", json!([2, 4])),
+        ("fn f(x) = [x, 1] + x\nlet g = f", "concat(f(1), g(2))", json!([2, 2, 4, 3])),
+        ("light lamp = point(position: [0, 0, 0], intensity: 5)", "lamp.intensity.zy", json!([5, 5])),
+        ("light lamp = point(position: [0, 0, 0])", "lamp.intensity with { lamp.intensity: 2 }", json!([2, 2, 2])),
+        ("light lamp = directional(direction: [0, 1, 0])", "lamp.irradiance", json!([1, 1, 1])),
+        // Comprehensions of bools.
+        ("", "[true for i in 0..2]", json!([true, true])),
+        ("", "[[false for i in 0..2][0], true]", json!([false, true])),
+        ("", "[if true then i > 0 or true else false for i in 0..2]", json!([true, true])),
         // Derivatives and estimates of images are images.
         ("param p = image([[1, 2], [3, 4]])\nlet z = sum(p ^ 2)", "grad(z, p).width + sum(grad(z, p))", json!(22)),
         ("param p = 2", "estimate(image([[1, 2]]) * p, repeats: 2).mean.width", json!(2)),

@@ -198,7 +198,7 @@ impl Checker<'_> {
     fn applied(&mut self, function: &Arc<Function>, args: &[Typed], callee: Span, span: Span) -> (Ty, Option<Const>) {
         match &**function {
             Function::OneOf(all) => {
-                let mut ty = Ty::Any;
+                let mut ty = Ty::Error;
                 for one in all {
                     let (next, _) = self.applied(one, args, callee, span);
                     match join(&ty, &next) {

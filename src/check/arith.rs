@@ -14,7 +14,7 @@ impl Checker<'_> {
     pub fn unary(&mut self, op: UnaryOp, operand: &ast::Expr, span: Span) -> Typed {
         let operand = self.expr(operand, None);
         let ty = operand.expr.ty.clone();
-        let fine = ty.is_unknown()
+        let fine = ty.may_be_numbers()
             || match op {
                 UnaryOp::Neg => matches!(ty, Ty::Num(_) | Ty::Image { .. }) || ty.is_angle(),
                 UnaryOp::Not => ty == Ty::Bool || matches!(ty, Ty::Num(_) | Ty::Image { .. }) && !ty.is_scalar(),
@@ -144,13 +144,16 @@ pub fn image_sizes(ty: &Ty) -> Option<String> {
 fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
     use BinaryOp::*;
     let bad = || Err(String::new());
+    let (a, b) = (unknown_as_any(a), unknown_as_any(b));
     if let Some(result) = with_units(op, a, b).or_else(|| unit_and_unknown(op, a, b)) {
         return result;
     }
     match op {
         And | Or => match (a, b) {
-            (Ty::Bool | Ty::Any, Ty::Bool | Ty::Any) => Ok(Ty::Bool),
-            (Ty::Num(_) | Ty::Image { .. }, Ty::Num(_) | Ty::Image { .. }) if !a.is_scalar() && !b.is_scalar() => {
+            (Ty::Bool, Ty::Bool | Ty::Any) | (Ty::Any, Ty::Bool) => Ok(Ty::Bool),
+            (Ty::Num(_) | Ty::Image { .. } | Ty::Any, Ty::Num(_) | Ty::Image { .. } | Ty::Any)
+                if !a.is_scalar() && !b.is_scalar() =>
+            {
                 broadcast(a, b).ok_or_else(String::new)
             }
             _ => Err(format!("`{}` joins conditions (`bool`)", sign(op))),
@@ -252,7 +255,6 @@ fn applied(a: &Ty, b: &Ty) -> Result<Ty, String> {
     let three = |n: Option<&Dim>| matches!(n, Some(None | Some(3)));
     match (a, b) {
         (Ty::Any, _) | (_, Ty::Any) => Ok(Ty::Any),
-        (Ty::Array(item, n), _) | (_, Ty::Array(item, n)) if item.is_unknown() && *n != Some(0) => Ok(Ty::Any),
         (Ty::Rotation, Ty::Rotation) => Ok(Ty::Rotation),
         (Ty::Rotation | Ty::Transform, Ty::Rotation | Ty::Transform) => Ok(Ty::Transform),
         (Ty::Rotation | Ty::Transform, Ty::Mesh) => Ok(Ty::Mesh),
@@ -307,7 +309,7 @@ fn is_matrix(checker: &Checker, e: &Expr, depth: usize) -> bool {
 
 /// Shapes are aligned at their last axes; a length of 1 is repeated. Images go with numbers for all pixels or channels.
 pub fn broadcast(a: &Ty, b: &Ty) -> Option<Ty> {
-    match (a, b) {
+    match (unknown_as_any(a), unknown_as_any(b)) {
         (Ty::Any, Ty::Num(_) | Ty::Image { .. } | Ty::Any) => {
             Some(if matches!(b, Ty::Image { .. }) { b.clone() } else { Ty::Any })
         }
@@ -342,10 +344,15 @@ pub fn broadcast(a: &Ty, b: &Ty) -> Option<Ty> {
             Some(Ty::Image { height: *height, width: *width, channels, made: *made })
         }
         (Ty::Array(item, n), other) | (other, Ty::Array(item, n)) if matches!(**item, Ty::Any) => {
-            matches!(other, Ty::Num(_) | Ty::Array(..)).then(|| Ty::Array(Box::new(Ty::Any), *n))
+            matches!(other, Ty::Num(_) | Ty::Array(..) | Ty::Any).then(|| Ty::Array(Box::new(Ty::Any), *n))
         }
         _ => None,
     }
+}
+
+/// Of an array of what is not known, nothing is known.
+fn unknown_as_any(ty: &Ty) -> &Ty {
+    if ty.may_be_numbers() { &Ty::Any } else { ty }
 }
 
 fn dim(a: Dim, b: Dim) -> Option<Dim> {

@@ -24,7 +24,7 @@ impl Checker<'_> {
         Typed { value, ..typed(kind, span, ty) }
     }
 
-    /// Items of one numeric shape are a tensor; items of one other type a list; mixed ones a tuple.
+    /// Items of one numeric shape are a tensor; items of one other type a list; mixed ones a tuple; of what is not known a list.
     pub(super) fn array_type(&mut self, items: &[Typed], wanted: Option<&Sig>) -> Ty {
         let n = Some(items.len());
         let Some(first) = items.iter().find(|i| !i.expr.ty.is_unknown()) else {
@@ -68,10 +68,8 @@ impl Checker<'_> {
                 }
             }
         }
-        if items.iter().any(|i| i.expr.ty.is_unknown()) && !matches!(joined, Ty::Num(_)) {
-            return Ty::Array(Box::new(joined), n);
-        }
-        stack(joined, n)
+        // Of one item that is not known the others do not tell the type.
+        stack(if items.iter().any(|i| i.expr.ty == Ty::Any) { Ty::Any } else { joined }, n)
     }
 
     pub(super) fn comprehension(&mut self, element: &ast::Expr, clauses: &[ast::ForClause], span: Span) -> Typed {
@@ -148,7 +146,7 @@ impl Checker<'_> {
         values: &[Option<Const>],
     ) -> Ty {
         let depth = self.locals.len();
-        let mut all = Ty::Any;
+        let mut all = Ty::Error;
         for (part, value) in parts.iter().zip(values) {
             let outer = std::mem::take(&mut self.diagnostics);
             self.bind(&clause.names, part, clause.items.span);
@@ -244,7 +242,7 @@ impl Checker<'_> {
                     Some(i) => (parts[i].clone(), Some(parts.len())),
                     None if at.is_some() => (Ty::Error, Some(parts.len())),
                     None => {
-                        let all = parts.iter().try_fold(Ty::Any, |a, b| join(&a, b));
+                        let all = join_all(parts);
                         if all.is_none() {
                             self.diagnostics.push(
                             Diagnostic::error("dscene::type::mismatch", "the elements of this list have different types, and which one is meant is not known")

@@ -185,7 +185,7 @@ impl Checker<'_> {
         let initial = replaced.unwrap_or(&param.value);
         let typed = self.annotated(param.ty.as_ref(), initial);
         let ty = typed.expr.ty.clone();
-        let may_move = matches!(ty, Ty::Num(_) | Ty::Angle | Ty::Rotation | Ty::Image { .. }) || ty.is_unknown();
+        let may_move = matches!(ty, Ty::Num(_) | Ty::Angle | Ty::Rotation | Ty::Image { .. }) || ty.may_be_numbers();
         if !may_move {
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::param", format!("a param cannot be a {ty}"))

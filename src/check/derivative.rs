@@ -64,7 +64,7 @@ impl Checker<'_> {
     fn check_differentiable(&mut self, kind: DerivativeKind, name: &str, of: &hir::Expr) {
         let numbers = of.ty.quantity().is_some()
             || matches!(of.ty, Ty::Image { .. } | Ty::Rotation | Ty::Transform | Ty::Texture)
-            || of.ty.is_unknown();
+            || of.ty.may_be_numbers();
         let scalar = matches!(kind, DerivativeKind::Grad | DerivativeKind::FiniteDifference);
         if numbers && (!scalar || of.ty.is_unknown() || of.ty.is_scalar()) {
             return;
@@ -152,7 +152,7 @@ impl Checker<'_> {
         let (target, ty) = self.target(&path)?;
         let is_param = matches!(self.slot(target.decl).statement.kind, StatementKind::Param(_));
         let numeric =
-            matches!(ty, Ty::Num(_) | Ty::Angle | Ty::Rotation | Ty::Image { .. } | Ty::Texture) || ty.is_unknown();
+            matches!(ty, Ty::Num(_) | Ty::Angle | Ty::Rotation | Ty::Image { .. } | Ty::Texture) || ty.may_be_numbers();
         if (!is_param && target.path.is_empty()) || !numeric {
             let name = self.slot(target.decl).name.clone();
             let (message, help) = if numeric {

@@ -244,6 +244,7 @@ fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
             }
             Ty::Num(shape)
         }
+        (Ty::Array(..), _) if ty.may_be_numbers() => swizzle(name, None).map(|_| Ty::Any)?,
         (Ty::Image { .. }, "width" | "height" | "channels") => Ty::SCALAR,
         (Ty::Image { height, width, channels, made }, _) => {
             let count = swizzle(name, *channels)?;
@@ -263,7 +264,8 @@ fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
         (Ty::Light, "rotation") => Ty::Rotation,
         (Ty::Texture, "texels") => super::signature::any_image(),
         (Ty::Texture, "width" | "height") => Ty::SCALAR,
-        (Ty::Light, "position" | "direction") => Ty::vector(3),
+        // Of a number the constructors make three.
+        (Ty::Light, "position" | "direction" | "intensity" | "irradiance") => Ty::vector(3),
         (Ty::Light, "cutoff" | "beam") => Ty::Angle,
         (Ty::Light, "two_sided") => Ty::Bool,
         (Ty::Scene, "shapes") => Ty::Array(Box::new(Ty::Shape), None),

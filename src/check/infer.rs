@@ -577,21 +577,19 @@ pub fn item_of(ty: &Ty) -> Option<(Ty, Dim)> {
     match ty {
         Ty::Num(shape) => shape.split_first().map(|(n, rest)| (Ty::Num(rest.to_vec()), *n)),
         Ty::Array(item, n) => Some(((**item).clone(), *n)),
-        Ty::Tuple(items) => {
-            let all = items.iter().try_fold(Ty::Any, |a, b| join(&a, b)).unwrap_or(Ty::Any);
-            Some((all, Some(items.len())))
-        }
+        Ty::Tuple(items) => Some((join_all(items).unwrap_or(Ty::Any), Some(items.len()))),
         Ty::Error => Some((Ty::Error, None)),
         Ty::Any => Some((Ty::Any, None)),
         _ => None,
     }
 }
 
-/// The type of something that is one or the other.
+/// The type of something that is one or the other; not known if one of them is not.
 pub fn join(a: &Ty, b: &Ty) -> Option<Ty> {
     let dims = |a: &Dim, b: &Dim| if a == b { *a } else { None };
     Some(match (a, b) {
-        (Ty::Error | Ty::Any, other) | (other, Ty::Error | Ty::Any) => other.clone(),
+        (Ty::Error, other) | (other, Ty::Error) => other.clone(),
+        (Ty::Any, _) | (_, Ty::Any) => Ty::Any,
         (Ty::Num(x), Ty::Num(y)) if fits(a, b) => Ty::Num(x.iter().zip(y).map(|(x, y)| dims(x, y)).collect()),
         (Ty::Image { height, width, channels, made }, Ty::Image { height: h, width: w, channels: c, .. }) => {
             Ty::Image { height: dims(height, h), width: dims(width, w), channels: dims(channels, c), made: *made }
@@ -599,7 +597,19 @@ pub fn join(a: &Ty, b: &Ty) -> Option<Ty> {
         (Ty::Camera { height, width, made }, Ty::Camera { height: h, width: w, .. }) => {
             Ty::Camera { height: dims(height, h), width: dims(width, w), made: *made }
         }
+        // An empty list may be one of anything.
+        (Ty::Array(x, Some(0)), list @ Ty::Array(..)) | (list @ Ty::Array(..), Ty::Array(x, Some(0)))
+            if x.is_unknown() =>
+        {
+            let Ty::Array(item, n) = list else { return None };
+            Ty::Array(item.clone(), dims(&Some(0), n))
+        }
         (Ty::Array(x, n), Ty::Array(y, m)) => Ty::Array(Box::new(join(x, y)?), dims(n, m)),
+        (list @ Ty::Array(x, n), Ty::Num(shape)) | (Ty::Num(shape), list @ Ty::Array(x, n))
+            if list.may_be_numbers() && !shape.is_empty() =>
+        {
+            Ty::Array(Box::new(join(x, &Ty::Num(shape[1..].to_vec()))?), dims(n, &shape[0]))
+        }
         (Ty::Tuple(x), Ty::Tuple(y)) if x.len() == y.len() => {
             Ty::Tuple(x.iter().zip(y).map(|(x, y)| join(x, y)).collect::<Option<Vec<Ty>>>()?)
         }
@@ -610,6 +620,12 @@ pub fn join(a: &Ty, b: &Ty) -> Option<Ty> {
         _ if a == b => a.clone(),
         _ => return None,
     })
+}
+
+/// The type of something that is one of several. What is known of them must agree; if anything is not known, their type is not.
+pub fn join_all(types: &[Ty]) -> Option<Ty> {
+    let known = types.iter().filter(|ty| **ty != Ty::Any).try_fold(Ty::Error, |all, ty| join(&all, ty))?;
+    Some(if types.is_empty() || types.contains(&Ty::Any) { Ty::Any } else { known })
 }
 
 /// Whether a value of type `new` may stand for one of type `old` in a `with`.

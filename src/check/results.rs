@@ -5,7 +5,7 @@ use super::arith::{broadcast, together};
 use super::arrays::size;
 use super::camera::camera_film;
 use super::hir::Rendering;
-use super::infer::{MAX_CONST, MAX_PARTS, Typed, item_of, join, stack};
+use super::infer::{MAX_CONST, MAX_PARTS, Typed, item_of, join, join_all, stack};
 use super::signature::{Const, Sig, any_image};
 use super::types::{Dim, Made, Ty};
 
@@ -198,7 +198,7 @@ fn zipped(args: Arguments) -> Ty {
 
 /// A list whose items have no common type.
 pub fn is_mixed(ty: &Ty) -> bool {
-    matches!(ty, Ty::Tuple(parts) if parts.iter().try_fold(Ty::Any, |a, b| join(&a, b)).is_none())
+    matches!(ty, Ty::Tuple(parts) if join_all(parts).is_none())
 }
 
 /// How many axes an array or image has.
@@ -218,7 +218,7 @@ fn reduced(of: &Ty, axis: Option<&Typed>) -> Ty {
             other => other,
         };
     }
-    let Some(axis) = axis else { return if of.is_unknown() { Ty::Any } else { Ty::SCALAR } };
+    let Some(axis) = axis else { return if of.may_be_numbers() { Ty::Any } else { Ty::SCALAR } };
     let Some(rank) = rank(of) else { return Ty::Any };
     let named = |value: &Const| match value.number() {
         Some(x) if x < 0.0 => Some((x + rank as f64) as usize),
@@ -293,6 +293,7 @@ fn joined(a: &Ty, b: Option<&Ty>, axis: Option<&Typed>) -> Ty {
             let (height, width, channels) = (dim(0, h, height), dim(1, w, width), dim(2, c, channels));
             Ty::Image { height, width, channels, made: *made }
         }
+        (Ty::Any, _) | (_, Ty::Any) => Ty::Any,
         _ => match (item_of(a), item_of(b)) {
             (Some((x, n)), Some((y, m))) => match join(&x, &y).filter(|_| !is_mixed(a) && !is_mixed(b)) {
                 Some(item) => stack(item, n.zip(m).map(|(n, m)| n + m)),
@@ -327,7 +328,7 @@ fn image_without_size(of: &Ty, along: Option<i64>) -> Ty {
 fn chosen(condition: Option<&Ty>, yes: Option<&Ty>, no: Option<&Ty>) -> Ty {
     let (Some(condition), Some(yes), Some(no)) = (condition, yes, no) else { return Ty::Any };
     match join(yes, no).or_else(|| together(yes, no)) {
-        Some(both @ (Ty::Num(_) | Ty::Image { .. })) => match condition {
+        Some(both @ (Ty::Num(_) | Ty::Image { .. } | Ty::Any)) => match condition {
             Ty::Bool => broadcast(yes, no).unwrap_or(both),
             mask => broadcast(mask, &broadcast(yes, no).unwrap_or(both)).unwrap_or(Ty::Any),
         },

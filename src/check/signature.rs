@@ -165,8 +165,8 @@ impl Sig {
             Sig::Any | Sig::Var(_) => true,
             Sig::Is(wanted) => fits(wanted, ty),
             Sig::Int(shape) => fits(&Ty::Num(shape.clone()), ty) && value.is_none_or(Const::is_whole),
-            Sig::Color => matches!(ty, Ty::Num(s) if s.is_empty() || matches!(s.as_slice(), [None | Some(3)])),
-            Sig::Number => matches!(ty, Ty::Num(_) | Ty::Image { .. }) || is_empty_list(ty),
+            Sig::Color => ty.is_scalar() || fits(&Ty::vector(3), ty),
+            Sig::Number => matches!(ty, Ty::Num(_) | Ty::Image { .. }) || is_empty_list(ty) || ty.may_be_numbers(),
             Sig::Word(word) => match value {
                 Some(Const::Str(s)) => s == word,
                 _ => *ty == Ty::Str,
@@ -213,7 +213,7 @@ pub fn fits(wanted: &Ty, found: &Ty) -> bool {
 }
 
 fn is_empty_list(ty: &Ty) -> bool {
-    matches!(ty, Ty::Array(item, _) if item.is_unknown())
+    matches!(ty, Ty::Array(item, Some(0)) if item.is_unknown())
 }
 
 pub fn dims_agree(a: Dim, b: Dim) -> bool {

@@ -118,6 +118,14 @@ impl Ty {
         }
     }
 
+    /// Not known, or an array (of arrays) of what is not known.
+    pub fn may_be_numbers(&self) -> bool {
+        match self {
+            Ty::Array(item, n) => *n != Some(0) && item.may_be_numbers(),
+            ty => ty.is_unknown(),
+        }
+    }
+
     /// Silent in further checks.
     pub fn is_unknown(&self) -> bool {
         matches!(self, Ty::Error | Ty::Any)

@@ -185,7 +185,8 @@ impl Engine {
             Value::List(items) => {
                 let some = items[first as usize..last as usize].to_vec();
                 // What a list of rows has lost may be an array again.
-                Ok(if matches!(e.ty, Ty::Num(_)) { Value::array(some) } else { Value::list(some) })
+                let numbers = matches!(e.ty, Ty::Num(_)) || e.ty.may_be_numbers();
+                Ok(if numbers { Value::array(some) } else { Value::list(some) })
             }
             Value::Image(v) => {
                 v.slice(&[Slice::Range(first, last)]).map(Value::Image).map_err(|e| error::index(e.0, span))

@@ -24,7 +24,7 @@ pub fn disagreement(ty: &Ty, value: &Value) -> Option<String> {
         }
         (Ty::Array(item, n), Value::Num(v)) => {
             let fine = n.is_none_or(|n| v.shape().first() == Some(&n))
-                && matches!(**item, Ty::Num(_) | Ty::Any | Ty::Tuple(_) | Ty::Angle);
+                && (matches!(**item, Ty::Num(_) | Ty::Tuple(_) | Ty::Angle) || item.may_be_numbers());
             (!fine).then(|| format!("it is numbers of shape {:?}", v.shape()))
         }
         (Ty::Tuple(types), Value::List(items)) => {
