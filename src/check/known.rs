@@ -156,7 +156,9 @@ impl Checker<'_> {
             };
             let noun = if site.is_kind { "of a" } else { "of" };
             let message = format!("`{}` {noun} `{}` must be {domain}", param.name, site.name);
-            self.diagnostics.push(Diagnostic::error("dscene::value::range", message).label(expr.span, shown));
+            self.diagnostics.push(
+                Diagnostic::error("dscene::value::range", message).label(expr.span, shown).help_opt(domain.nearest(x)),
+            );
         }
     }
 }

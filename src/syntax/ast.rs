@@ -293,16 +293,30 @@ impl Domain {
         let high = if self.below_high { x < self.high } else { x <= self.high };
         low && high
     }
+
+    /// What to write instead of a number that lies outside.
+    pub fn nearest(&self, x: f64) -> Option<String> {
+        let (low, high) = (self.shown(self.low), self.shown(self.high));
+        let above = x > self.high || self.below_high && x == self.high;
+        let below = x < self.low || self.above_low && x == self.low;
+        match (above, below) {
+            (true, _) if self.below_high => Some(format!("write less than `{high}`")),
+            (true, _) => Some(format!("write at most `{high}`")),
+            (_, true) if self.above_low => Some(format!("write more than `{low}`")),
+            (_, true) => Some(format!("write at least `{low}`")),
+            _ => None,
+        }
+    }
+
+    fn shown(&self, x: f64) -> String {
+        if self.angle { format!("{}deg", (x.to_degrees() * 1e9).round() / 1e9) } else { x.to_string() }
+    }
 }
 
 /// In words that follow "must be": `positive`, `0 or more`, `from 0 to 1`.
 impl std::fmt::Display for Domain {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let shown = |x: f64| match self.angle {
-            true => format!("{}deg", (x.to_degrees() * 1e9).round() / 1e9),
-            false => x.to_string(),
-        };
-        let (low, high) = (shown(self.low), shown(self.high));
+        let (low, high) = (self.shown(self.low), self.shown(self.high));
         match (self.low.is_finite(), self.high.is_finite()) {
             (true, false) if self.above_low && self.low == 0.0 => f.write_str("positive"),
             (true, false) if self.above_low => write!(f, "above {low}"),
