@@ -50,6 +50,13 @@ enum Lanes {
     Truth(Var),
 }
 
+impl Lanes {
+    /// Whether each is true or false.
+    fn is_truth(&self) -> bool {
+        matches!(self, Lanes::Truth(_) | Lanes::Same(Value::Bool(_)))
+    }
+}
+
 /// Names that have lanes, innermost last.
 type Names = Vec<(LocalId, Lanes)>;
 
@@ -68,10 +75,12 @@ impl Engine {
         if n == 0 {
             return None;
         }
-        match self.lanes(element, n, &mut names)? {
-            Lanes::Truth(mask) => Some(Value::list(mask.value().data.iter().map(|x| Value::Bool(*x != 0.0)).collect())),
-            lanes => Some(Value::Num(rows(&lanes, n)?)),
+        let lanes = self.lanes(element, n, &mut names)?;
+        let found = rows(&lanes, n)?;
+        if lanes.is_truth() {
+            return Some(Value::list(found.value().data.iter().map(|x| Value::Bool(*x != 0.0)).collect()));
         }
+        Some(Value::Num(found))
     }
 
     /// An expression for `n` items.
@@ -166,10 +175,9 @@ impl Engine {
         for (at, item) in holds.iter().chain(&fails).enumerate() {
             from[*item as usize] = at as u32;
         }
-        let is_truth = |lanes: &Lanes| matches!(lanes, Lanes::Truth(_) | Lanes::Same(Value::Bool(_)));
         let both = [rows(&x, holds.len())?, rows(&y, fails.len())?];
         let joined = Var::concat(&both, 0).ok()?.rows(&from).ok()?;
-        match (is_truth(&x), is_truth(&y)) {
+        match (x.is_truth(), y.is_truth()) {
             (true, true) => Some(Lanes::Truth(joined)),
             (false, false) => Some(Lanes::Each(joined)),
             _ => None,
@@ -314,7 +322,7 @@ fn side_by_side(parts: Vec<Lanes>, n: usize) -> Option<Lanes> {
         return Some(Lanes::Same(Value::array(values)));
     }
     let column = |lanes: &Lanes| match lanes {
-        Lanes::Truth(_) | Lanes::Same(Value::Bool(_)) => None,
+        lanes if lanes.is_truth() => None,
         lanes => {
             let x = rows(lanes, n)?;
             let shape = [&[n, 1], &x.shape()[1..]].concat();

@@ -59,7 +59,16 @@ fn config(cases: u32) -> ProptestConfig {
     // The same programs each time; `PROPTEST_CASES` asks for more, and for others.
     let cases = std::env::var("PROPTEST_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(cases);
     let rng_seed = proptest::test_runner::RngSeed::Fixed(u64::from(cases));
-    ProptestConfig { cases, rng_seed, failure_persistence: None, max_shrink_iters: 4000, ..ProptestConfig::default() }
+    // Programs without a place to edit are passed over.
+    let max_global_rejects = 2 * cases;
+    ProptestConfig {
+        cases,
+        rng_seed,
+        failure_persistence: None,
+        max_shrink_iters: 4000,
+        max_global_rejects,
+        ..ProptestConfig::default()
+    }
 }
 
 proptest! {

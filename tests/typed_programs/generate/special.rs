@@ -277,8 +277,9 @@ impl Generator<'_, '_> {
                 E::Form(vec!["[", ", ", "]", "(", ")"], vec![free(f), free(g), which, Place { e: x, wrong: &[] }])
             }
             40 => {
+                // A condition that is known would leave one of the two out.
                 let t = T::Fn(vec![ANGLE], Box::new(SCALAR));
-                let (c, f, x) = (self.at(&T::Bool, depth), self.expr(&t, depth), self.expr(&ANGLE, depth));
+                let (c, f, x) = (free(atom("level > 2")), self.expr(&t, depth), self.expr(&ANGLE, depth));
                 let x = Place { e: x, wrong: &["1", "\"a\"", "true"] };
                 self.form(&["(if ", " then sin else ", ")(", ")"], vec![c, Place { e: f, wrong: &["1", "\"a\""] }, x])
             }
@@ -342,7 +343,7 @@ impl Generator<'_, '_> {
                 self.form(&["where(", " > 0.2, ", ", ", ")"], vec![beside(m, t), beside(a, t), beside(b, t)])
             }
             (7, [3]) => self.call("cross", &[vector(3), vector(3)], depth),
-            (8, [3]) => self.both(" @ ", &T::Rotation, &vector(3), depth),
+            (8, [3]) => self.both(" @ ", &T::Rotation, &vector(3), depth).loosely(),
             (9, [3]) => self.both(" @ ", &T::Num(vec![3, 3]), &vector(3), depth),
             (10, [3]) => self.open("centroid", &T::Mesh, depth),
             (11, [3]) if !self.inside => {
@@ -354,7 +355,12 @@ impl Generator<'_, '_> {
             (7, [2]) => self.field("", vector(3), ".xy", depth),
             (8, [2]) => self.field("", vector(3), ".rg", depth),
             (9, [2]) => self.both(" @ ", &T::Num(vec![2, 3]), &vector(3), depth),
-            (10, [2]) => self.call("project", &[T::Camera([4, 3]), vector(3)], depth).loosely(),
+            (10, [2]) => {
+                let (camera, e) = (self.arg(&T::Camera([4, 3]), depth), self.expr(&vector(3), depth));
+                let place = Place { e, wrong: &["\"a\"", "true", "eye"] };
+                let args = vec![camera, Argument { name: None, place, needed: true }];
+                E::Call(Call { callee: Box::new(atom("project")), args, full: true })
+            }
             (11, [2]) => {
                 let e = self.expr(&vector(4), depth);
                 self.form(&["", "[1..3]"], vec![Place { e, wrong: &["1", "true", "30deg"] }])
@@ -377,7 +383,7 @@ impl Generator<'_, '_> {
             }
             (7, [2, 3]) => self.call("bounds", &[T::Mesh], depth),
             (8, [2, 3]) => self.both(" @ ", t, &T::Num(vec![3, 3]), depth),
-            (9, [2, 3]) => self.both(" @ ", &T::Transform, t, depth),
+            (9, [2, 3]) => self.both(" @ ", &T::Transform, t, depth).loosely(),
             (10, [2, 3]) => self.form_of("reshape(", T::Num(vec![6]), ", [2, 3])", depth),
             (_, [n]) => {
                 // Along an axis.
