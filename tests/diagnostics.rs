@@ -419,7 +419,7 @@ loss fit = mse(render(small), target)",
                  camera a { distortion: [0, 0, 0, 0, 0, 1] }\ncamera b { kind: panorama, distortion: [-0.1] }\n\
                  camera c { distortion: [-0.1], aperture: 0.1 }\ncamera d { distortion: 0.1 }",
         wanted: &[
-            ("dscene::value::range", "200deg", ""),
+            ("dscene::value::range", "200deg", "at most `180deg`"),
             ("dscene::value::cone", "30deg", "without `beam`"),
             ("dscene::call::unknown_argument", "beam_width", "`beam`"),
             ("dscene::value::distortion", "[0, 0, 0, 0, 0, 1]", "k1, k2, p1, p2, k3"),
