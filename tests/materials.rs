@@ -169,9 +169,9 @@ impl Row {
         // looks much the same from everywhere, and is turned.
         let least = match self.moves {
             Moves::Roughness => 0.5 * self.brightness() / f64::from(self.roughness),
-            Moves::Tilt | Moves::Colour => 0.1 * self.brightness(),
+            Moves::Tilt | Moves::Colour => 0.25 * self.brightness(),
         };
-        let plan = Plan { spp, fd_spp: 1024, h, least, ..Plan::default() };
+        let plan = Plan { spp, fd_spp: 512, h, least, ..Plan::default() };
         agree(&format!("{self:?}"), &|t| self.build(t), &plan);
     }
 }
