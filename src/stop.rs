@@ -76,6 +76,12 @@ impl Pace {
     }
 }
 
+/// The same items, with a [`Pace`] that each of them steps on by so many elements: for loops that are iterators.
+pub fn paced<I: IntoIterator>(items: I, elements: usize) -> impl Iterator<Item = I::Item> {
+    let mut pace = Pace::default();
+    items.into_iter().inspect(move |_| pace.step(elements))
+}
+
 /// The flag of this thread's work, for threads that help with it: they look at it and return, and this one checks afterwards.
 pub fn flag() -> Arc<AtomicBool> {
     FLAG.with_borrow(Option::clone).unwrap_or_default()
@@ -130,6 +136,8 @@ mod tests {
             }
         });
         assert_eq!((ended, done), (Err(Stopped), 42));
+        assert_eq!(until(&stop, || paced(0..2 * STRIDE, 1).for_each(|i| done = i)), Err(Stopped));
+        assert_eq!((done, paced(0..2 * STRIDE, 1).map(|i| i as u64).max()), (STRIDE - 2, Some(2 * STRIDE as u64 - 1)));
         // Outside nothing is stopped, and within another work only that one.
         check();
         assert_eq!(until(&flag(false), || until(&flag(true), check)), Ok(Err(Stopped)));

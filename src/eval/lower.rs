@@ -18,6 +18,7 @@ use crate::render::{
     Camera, Cone, DeltaLight, Distortion, Emission, Environment, Input as RenderInput, Lens, LightMotion, Material,
     MaterialKind, Motion, Pose, Projection, SceneDescription, Shape, Slot, TextureId,
 };
+use crate::stop::paced;
 use crate::tape::{Slice, TapeError, Tensor, Unary, Var};
 
 /// A scene ready to render, with the nodes that feed it.
@@ -121,7 +122,7 @@ fn middle(scene: &SceneValue) -> DVec3 {
     let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for mesh in scene.shapes.iter().map(|shape| &shape.mesh).chain(areas) {
         for vertices in [Some(&mesh.vertices), mesh.closing.as_ref().map(|c| &c.vertices)].into_iter().flatten() {
-            for v in vertices.value().data.chunks_exact(3) {
+            for v in paced(vertices.value().data.chunks_exact(3), 3) {
                 let v = DVec3::new(v[0], v[1], v[2]);
                 (low, high) = (low.min(v), high.max(v));
             }

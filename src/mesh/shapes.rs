@@ -7,6 +7,7 @@ use std::f32::consts::PI;
 use glam::{Vec2, Vec3, vec2, vec3};
 
 use crate::memory;
+use crate::stop::{Pace, paced};
 
 use super::ops::{finish_smooth, to_f64};
 use super::{MAX_BUILT, Mesh, MeshError};
@@ -52,7 +53,7 @@ pub fn heightfield(heights: &[f32], nx: usize, nz: usize, width: f32, depth: f32
         return Err(MeshError::Argument { name: "heights", expected: "one number per column and row", found });
     }
     let mut mesh = grid(nx - 1, nz - 1, width, depth)?;
-    for (k, vertex) in mesh.vertices.iter_mut().enumerate() {
+    for (k, vertex) in paced(mesh.vertices.iter_mut().enumerate(), 1) {
         // Grid vertices run from the near row (+z, v = 0) to the far one.
         let (i, j) = (k % nx, k / nx);
         vertex.y = heights[(nz - 1 - j) * nx + i];
@@ -129,9 +130,9 @@ pub fn icosphere(radius: f32, subdivisions: usize) -> Result<Mesh, MeshError> {
     mesh.vertices.iter_mut().for_each(|v| *v = v.normalize());
     for _ in 0..subdivisions {
         mesh = super::ops::subdivide(&mesh)?.mesh;
-        mesh.vertices.iter_mut().for_each(|v| *v = v.normalize());
+        paced(&mut mesh.vertices, 1).for_each(|v| *v = v.normalize());
     }
-    mesh.uvs = Some(mesh.vertices.iter().map(|d| sphere_uv(*d)).collect());
+    mesh.uvs = Some(paced(&mesh.vertices, TRIGONOMETRY).map(|d| sphere_uv(*d)).collect());
     mesh.normals = Some(mesh.vertices.clone());
     mesh.vertices.iter_mut().for_each(|v| *v *= radius);
     Ok(mesh)
@@ -214,7 +215,11 @@ pub(super) struct Patches {
     normals: Vec<Vec3>,
     uvs: Vec<Vec2>,
     faces: Vec<[u32; 3]>,
+    pace: Pace,
 }
+
+/// Elements of cheap work that a vertex takes whose place is given by sines and cosines.
+const TRIGONOMETRY: usize = 8;
 
 impl Patches {
     pub(super) fn new((vertices, faces): (usize, usize)) -> Patches {
@@ -223,6 +228,7 @@ impl Patches {
             normals: Vec::with_capacity(vertices),
             uvs: Vec::with_capacity(vertices),
             faces: Vec::with_capacity(faces),
+            pace: Pace::default(),
         }
     }
 
@@ -232,6 +238,7 @@ impl Patches {
         let base = self.vertices.len();
         for j in 0..=nv {
             for i in 0..=nu {
+                self.pace.step(TRIGONOMETRY);
                 let (position, normal, uv) = at(i, j);
                 self.vertices.push(position);
                 self.normals.push(normal);
@@ -241,6 +248,7 @@ impl Patches {
         let index = |i: usize, j: usize| (base + j * (nu + 1) + i) as u32;
         for j in 0..nv {
             for i in 0..nu {
+                self.pace.step(2);
                 let [a, b, c, d] = [index(i, j), index(i + 1, j), index(i + 1, j + 1), index(i, j + 1)];
                 self.face([a, b, c], [a, c, d]);
             }
@@ -254,6 +262,7 @@ impl Patches {
         self.vertices.push(vec3(0.0, y, 0.0));
         self.uvs.push(vec2(0.5, 0.5));
         for i in 0..segments {
+            self.pace.step(TRIGONOMETRY);
             let (x, z) = circle(i, segments);
             self.vertices.push(vec3(x * radius, y, z * radius));
             self.uvs.push(vec2(0.5 + 0.5 * x, 0.5 + 0.5 * z * normal.y));
@@ -289,13 +298,13 @@ impl Patches {
     fn drop_unused(&mut self, base: usize) {
         let mut used = vec![false; self.vertices.len() - base];
         let new_faces = self.faces.iter_mut().filter(|f| f[0] as usize >= base);
-        new_faces.flat_map(|f| f.iter()).for_each(|&i| used[i as usize - base] = true);
+        paced(new_faces.flat_map(|f| f.iter()), 1).for_each(|&i| used[i as usize - base] = true);
         if used.iter().all(|&u| u) {
             return;
         }
         let mut renumbered = Vec::with_capacity(used.len());
         let mut next = base;
-        for (k, &keep) in used.iter().enumerate() {
+        for (k, &keep) in paced(used.iter().enumerate(), 1) {
             renumbered.push(next as u32);
             if keep {
                 self.vertices[next] = self.vertices[base + k];
@@ -307,7 +316,7 @@ impl Patches {
         self.vertices.truncate(next);
         self.normals.truncate(next);
         self.uvs.truncate(next);
-        for index in self.faces.iter_mut().filter(|f| f[0] as usize >= base).flatten() {
+        for index in paced(self.faces.iter_mut().filter(|f| f[0] as usize >= base).flatten(), 1) {
             *index = renumbered[*index as usize - base];
         }
     }

@@ -226,6 +226,7 @@ fn long_natives_check_as_they_go() {
     let matrix = |n: usize| Value::tensor(numbers(&[n, n], 2));
     let points = |n: usize| Value::tensor(numbers(&[n, 3], 3));
     let ball = |n: f64| call("sphere", &[("radius", Value::scalar(1.0)), ("subdivisions", Value::scalar(n))]).unwrap();
+    let number = |(name, x): (&'static str, f64)| (name, Value::scalar(x));
     let size = |n: f64| [("width", Value::scalar(n)), ("height", Value::scalar(n))];
     // With how many elements are worked on at least; a check comes after some 65536 of them.
     type Case = (&'static str, Vec<(&'static str, Value)>, u64);
@@ -238,6 +239,10 @@ fn long_natives_check_as_they_go() {
         ("subdivide", vec![("mesh", ball(64.0)), ("levels", Value::scalar(3.0))], 16 * 64 * 64 * 2 * 20),
         ("smooth_normals", vec![("mesh", ball(400.0))], 8 * 400 * 400),
         ("laplacian_energy", vec![("mesh", ball(400.0))], 16 * 400 * 400),
+        ("sphere", [("radius", 1.0), ("subdivisions", 300.0)].map(number).to_vec(), 8 * 2 * 300 * 300),
+        ("torus", vec![number(("subdivisions", 600.0))], 8 * 600 * 600),
+        ("icosphere", vec![number(("subdivisions", 7.0))], 10 * 4 * 4 * 4 * 4 * 4 * 4 * 4 * 8),
+        ("disk", [("radius", 1.0), ("subdivisions", 100_000.0)].map(number).to_vec(), 8 * 100_000),
         ("sin", vec![("x", Value::tensor(numbers(&[3_000_000], 5)))], 700_000),
     ];
     for (name, args, work) in cases {

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use crate::optim::Rule;
 use crate::render::texture::{Filter, Wrap};
+use crate::stop::paced;
 use crate::tape::{Tensor, Var};
 
 /// What an expression evaluates to.
@@ -408,10 +409,13 @@ impl MeshValue {
     /// With positions relative to `origin`, which are rounded to single precision only then.
     pub fn to_mesh_around(&self, origin: glam::DVec3) -> crate::mesh::Mesh {
         let rows3_from = |v: &Var, origin: glam::DVec3| {
-            v.value().data.chunks_exact(3).map(|c| (glam::dvec3(c[0], c[1], c[2]) - origin).as_vec3()).collect()
+            paced(v.value().data.chunks_exact(3), 3)
+                .map(|c| (glam::dvec3(c[0], c[1], c[2]) - origin).as_vec3())
+                .collect()
         };
         let rows3 = |v: &Var| rows3_from(v, glam::DVec3::ZERO);
-        let rows2 = |v: &Var| v.value().data.chunks_exact(2).map(|c| glam::dvec2(c[0], c[1]).as_vec2()).collect();
+        let rows2 =
+            |v: &Var| paced(v.value().data.chunks_exact(2), 2).map(|c| glam::dvec2(c[0], c[1]).as_vec2()).collect();
         crate::mesh::Mesh {
             vertices: rows3_from(&self.vertices, origin),
             faces: self.faces.to_vec(),

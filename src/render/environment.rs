@@ -6,6 +6,7 @@ use std::f32::consts::{FRAC_1_PI, PI, TAU};
 use glam::{Vec2, Vec3};
 
 use super::texture::Texture;
+use crate::stop::paced;
 
 /// This share of the samples is spread evenly over the sphere, so that derivatives in black texels are found as well.
 const DEFENSIVE_SHARE: f64 = 0.05;
@@ -88,7 +89,7 @@ impl EnvironmentPeak {
             return None;
         }
         let base = Self::envelope(texture);
-        let data = texture.data.iter().zip(&base.data).map(|(l, b)| l - b).collect();
+        let data = paced(texture.data.iter().zip(&base.data), 1).map(|(l, b)| l - b).collect();
         let (table, mean) = EnvironmentTable::with_strength(&Texture { data, ..texture.clone() }, 0.0, |s| s);
         Some(EnvironmentPeak { base, table, mean: mean as f32 })
     }
@@ -97,10 +98,10 @@ impl EnvironmentPeak {
     fn envelope(texture: &Texture) -> Texture {
         let (width, height, channels) = (texture.width, texture.height, texture.channels);
         let mean = |texel: &[f32]| texel.iter().map(|c| c.abs()).sum::<f32>() / channels as f32;
-        let means: Vec<f32> = texture.data.chunks_exact(channels).map(mean).collect();
+        let means: Vec<f32> = paced(texture.data.chunks_exact(channels), channels).map(mean).collect();
         let radius = (width / Self::WINDOW).max(1);
         let down = |map: &mut Vec<f32>, better: Better| {
-            for x in 0..width {
+            for x in paced(0..width, 8 * height) {
                 let column: Vec<f32> = (0..height).map(|y| map[y * width + x]).collect();
                 let extremes = sliding(&column, radius.min(height - 1), better);
                 extremes.into_iter().enumerate().for_each(|(y, m)| map[y * width + x] = m);
@@ -108,7 +109,7 @@ impl EnvironmentPeak {
         };
         // The window is as wide at any height.
         let along = |map: &mut Vec<f32>, better: Better| {
-            for (y, row) in map.chunks_exact_mut(width).enumerate() {
+            for (y, row) in paced(map.chunks_exact_mut(width).enumerate(), 16 * width) {
                 let ring = ((y as f32 + 0.5) / height as f32 * PI).sin();
                 let radius = ((radius as f32 / ring) as usize).min(width / 2);
                 let around: Vec<f32> = (0..width + 2 * radius).map(|x| row[(x + width - radius) % width]).collect();
@@ -123,7 +124,7 @@ impl EnvironmentPeak {
         along(&mut opened, more);
         down(&mut opened, more);
         let share = |i: usize| if means[i] > 0.0 { (opened[i] / means[i]).clamp(0.0, 1.0) } else { 0.0 };
-        let data = texture.data.iter().enumerate().map(|(i, l)| l * share(i / channels)).collect();
+        let data = paced(texture.data.iter().enumerate(), 1).map(|(i, l)| l * share(i / channels)).collect();
         Texture { data, ..texture.clone() }
     }
 }
@@ -171,7 +172,7 @@ impl EnvironmentTable {
         // Power of each piece, then mixed with a uniform density.
         let mut piece_strength = Vec::with_capacity(columns * rows);
         let mut power = 0.0;
-        for row in 0..rows {
+        for row in paced(0..rows, 16 * columns) {
             let (above, below) = (row.saturating_sub(1), row.min(height - 1));
             for column in 0..columns {
                 let (left, right) = ((column + columns - 1) % columns, column);
@@ -193,7 +194,7 @@ impl EnvironmentTable {
             density: Vec::with_capacity(columns * rows),
         };
         let mut total = 0.0;
-        for (row, strengths) in piece_strength.chunks(columns).enumerate() {
+        for (row, strengths) in paced(piece_strength.chunks(columns).enumerate(), 4 * columns) {
             let row_sum: f64 = strengths.iter().map(|s| s * scale + share * uniform).sum();
             let mut sum = 0.0;
             for s in strengths {
@@ -275,6 +276,22 @@ mod tests {
 
     fn lookup(map: &Texture, dir: Vec3) -> Vec3 {
         map.value(&map.environment_footprint(environment_uv(dir)))
+    }
+
+    #[test]
+    fn tables_end_early() {
+        let map = |w: usize, h: usize| {
+            let data = (0..w * h).map(|i| if i % 997 == 0 { 1e3 } else { 0.1 }).collect();
+            Texture::new(w, h, 1, data, Wrap::Repeat, Filter::Bilinear).unwrap()
+        };
+        let (map, set) = (map(400, 300), std::sync::Arc::new(true.into()));
+        let before = crate::stop::checks();
+        assert!(EnvironmentPeak::new(&map).is_some());
+        // Three tables and an opening in four passes.
+        assert!(crate::stop::checks() - before > 3 * 400 * 300 * 16 / (1 << 17));
+        let stopped = Err(crate::stop::Stopped);
+        assert_eq!(crate::stop::until(&set, || drop(EnvironmentTable::new(&map))), stopped);
+        assert_eq!(crate::stop::until(&set, || drop(EnvironmentPeak::envelope(&map))), stopped);
     }
 
     #[test]

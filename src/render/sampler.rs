@@ -3,6 +3,7 @@
 use glam::Vec2;
 
 use super::sobol::{INDEX_BITS, Scramble};
+use crate::stop::paced;
 
 /// Mixes two words into a well distributed one (xxHash/murmur finaliser style).
 #[inline]
@@ -183,7 +184,7 @@ impl Discrete {
     pub fn new(weights: impl IntoIterator<Item = f64>) -> Discrete {
         let mut total = 0.0;
         let mut cdf = vec![0.0];
-        cdf.extend(weights.into_iter().map(|w| {
+        cdf.extend(paced(weights, 1).map(|w| {
             total += if w.is_finite() { w.max(0.0) } else { 0.0 };
             total
         }));
@@ -195,7 +196,7 @@ impl Discrete {
         let n = discrete.len();
         if n > SHORT {
             let (mut guide, mut i) = (Vec::with_capacity(n), 0);
-            for step in 0..n {
+            for step in paced(0..n, 4) {
                 while i + 1 < n && discrete.cdf[i + 1] * n as f64 <= step as f64 {
                     i += 1;
                 }

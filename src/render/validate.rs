@@ -8,6 +8,7 @@ use super::scene::{Camera, Cone, DeltaLight, Input, Motion, Projection, SceneDes
 use super::texture::Texture;
 use crate::memory::Shortage;
 use crate::mesh::Mesh;
+use crate::stop::paced;
 
 /// Why a scene cannot be rendered; `shape` etc. are indices, the evaluator finds the place in the script.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -132,15 +133,15 @@ pub(super) fn validate(description: &SceneDescription) -> Result<(), SceneError>
 
 /// Whether the arrays of a mesh, whose vertices are relative to `origin`, fit together and are numbers.
 fn validate_mesh(mesh: &Mesh, origin: Vec3) -> Result<(), String> {
-    if let Some(v) = mesh.vertices.iter().position(|v| !v.is_finite()) {
+    if let Some(v) = paced(&mesh.vertices, 1).position(|v| !v.is_finite()) {
         return Err(format!("vertex {v} is not finite: {}", mesh.vertices[v]));
     }
-    if let Some(v) = mesh.vertices.iter().position(|v| is_too_far(*v + origin)) {
+    if let Some(v) = paced(&mesh.vertices, 1).position(|v| is_too_far(*v + origin)) {
         let place = mesh.vertices[v] + origin;
         return Err(format!("vertex {v} is too far out: {place} (at most 1e9 from the origin)"));
     }
     let n = mesh.vertices.len();
-    if let Some(f) = mesh.faces.iter().position(|f| f.iter().any(|&v| v as usize >= n)) {
+    if let Some(f) = paced(&mesh.faces, 1).position(|f| f.iter().any(|&v| v as usize >= n)) {
         let (face, last) = (mesh.faces[f], n.max(1) - 1);
         return Err(format!("face {f} is {face:?}, but the mesh has only {n} vertices (0 to {last})"));
     }
@@ -154,7 +155,8 @@ fn validate_mesh(mesh: &Mesh, origin: Vec3) -> Result<(), String> {
             return Err(format!("{len} {what} for {n} vertices"));
         }
     }
-    if mesh.normals.iter().flatten().any(|v| !v.is_finite()) || mesh.uvs.iter().flatten().any(|v| !v.is_finite()) {
+    let normals = paced(mesh.normals.iter().flatten(), 1).all(|v| v.is_finite());
+    if !(normals && paced(mesh.uvs.iter().flatten(), 1).all(|v| v.is_finite())) {
         return Err("normals and uvs must be finite".into());
     }
     Ok(())
@@ -177,7 +179,7 @@ fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
     let texels = opacity.and_then(Input::texture).map(|t| &textures[t]);
     let texels = texels.into_iter().flat_map(|t| t.data.iter().copied().step_by(t.channels));
     let colors = mesh.colors.iter().flatten().filter(|_| opacity.is_some_and(Input::reads_colors));
-    match texels.chain(colors.map(|c| c.x)).find(|x| !(0.0..=1.0).contains(x)) {
+    match paced(texels.chain(colors.map(|c| c.x)), 1).find(|x| !(0.0..=1.0).contains(x)) {
         Some(opacity) => Err(format!("an opacity must lie between 0 and 1, this one is {opacity}")),
         None => Ok(()),
     }

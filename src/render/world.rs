@@ -17,6 +17,7 @@ use super::scene::{SceneDescription, Shape};
 use super::validate::{SceneError, validate};
 use crate::math::uniform_triangle;
 use crate::memory;
+use crate::stop::paced;
 
 /// Built once from a description, used by many passes.
 pub struct Scene {
@@ -61,7 +62,7 @@ impl Scene {
         let faces = |(i, shape): (usize, &Shape)| {
             (0..shape.mesh.faces.len() as u32).map(move |face| Prim { shape: i as u32, face })
         };
-        let prims: Vec<Prim> = description.shapes.iter().enumerate().flat_map(faces).collect();
+        let prims: Vec<Prim> = paced(description.shapes.iter().enumerate().flat_map(faces), 2).collect();
         let corners = corners(&description);
         let radius = radius(&corners);
         let environment =
@@ -69,7 +70,8 @@ impl Scene {
         let environment_peak =
             description.environment.as_ref().and_then(|e| EnvironmentPeak::new(&description.textures[e.radiance]));
         let lights = LightTable::new(&description, &prims, radius, environment_peak.as_ref());
-        let facets = prims.iter().zip(&corners).map(|(prim, corners)| Facet::new(prim.shape, *corners)).collect();
+        let facets =
+            paced(prims.iter().zip(&corners), 16).map(|(prim, corners)| Facet::new(prim.shape, *corners)).collect();
         let shape_shading = description.shapes.iter().map(|s| ShapeShading::new(&description, s)).collect();
         let accel = match before.filter(|before| before.prims.len() == prims.len()) {
             Some(before) => {
@@ -126,7 +128,7 @@ impl Scene {
     fn surface(&self) -> &Discrete {
         self.surface.get_or_init(|| {
             let area = |[a, b, c]: [Vec3; 3]| f64::from(0.5 * (b - a).cross(c - a).length());
-            Discrete::new(self.facets.iter().map(|f| area(f.corners)))
+            Discrete::new(paced(&self.facets, 4).map(|f| area(f.corners)))
         })
     }
 
@@ -145,12 +147,12 @@ impl Scene {
 /// Corners of all triangles, in the order of the primitives.
 fn corners(description: &SceneDescription) -> Vec<[Vec3; 3]> {
     let meshes = description.shapes.iter().map(|s| &s.mesh);
-    meshes.flat_map(|m| m.faces.iter().map(|f| f.map(|v| m.vertices[v as usize]))).collect()
+    paced(meshes.flat_map(|m| m.faces.iter().map(|f| f.map(|v| m.vertices[v as usize]))), 4).collect()
 }
 
 /// Half the diagonal of the bounding box; 1 for an empty scene.
 fn radius(corners: &[[Vec3; 3]]) -> f32 {
-    let points = corners.iter().flatten();
+    let points = paced(corners.iter().flatten(), 1);
     let (lo, hi) = points.fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), p| (lo.min(*p), hi.max(*p)));
     if corners.is_empty() { 1.0 } else { 0.5 * (hi - lo).length() }
 }

@@ -43,7 +43,7 @@ impl Tensor {
 
     /// Shape `[n, N]` of rows.
     pub fn rows<const N: usize>(rows: impl IntoIterator<Item = [f64; N]>) -> Self {
-        let data: Vec<f64> = rows.into_iter().flatten().collect();
+        let data: Vec<f64> = stop::paced(rows, N).flatten().collect();
         Tensor { shape: vec![data.len() / N.max(1), N], data }
     }
 
@@ -51,7 +51,7 @@ impl Tensor {
     pub fn from_image(image: &Image) -> Self {
         Tensor {
             shape: vec![image.height, image.width, image.channels],
-            data: image.data.iter().map(|&x| f64::from(x)).collect(),
+            data: stop::paced(&image.data, 1).map(|&x| f64::from(x)).collect(),
         }
     }
 
@@ -66,7 +66,7 @@ impl Tensor {
     }
 
     pub fn to_f32(&self) -> Vec<f32> {
-        self.data.iter().map(|&x| x as f32).collect()
+        stop::paced(&self.data, 1).map(|&x| x as f32).collect()
     }
 
     pub fn len(&self) -> usize {

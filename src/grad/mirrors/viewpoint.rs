@@ -16,6 +16,7 @@ use crate::render::edges::{Edge, EdgeOn, EdgeView};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::sensor::Projected;
 use crate::render::{Camera, Lens, MaterialKind, Scene};
+use crate::stop::{Pace, paced};
 
 /// More distinct mirror planes than this are treated as a curved mirror ([`crate::grad::terms::reflections`]).
 const MAX_MIRROR_PLANES: usize = 32;
@@ -120,7 +121,7 @@ fn is_convex_body(scene: &Scene, prims: Range<PrimId>) -> bool {
     let sides = |[a, b, c]: [Vec3; 3]| [(a, b, c), (b, c, a), (c, a, b)];
     let mut faces = HashMap::new();
     let mut count = 0;
-    for (i, &face) in corners.iter().enumerate() {
+    for (i, &face) in paced(corners.iter().enumerate(), 64) {
         let keys = face.map(position_key);
         if keys[0] == keys[1] || keys[1] == keys[2] || keys[2] == keys[0] {
             continue;
@@ -134,7 +135,9 @@ fn is_convex_body(scene: &Scene, prims: Range<PrimId>) -> bool {
     }
     let Some(&start) = faces.values().min() else { return false };
     let (mut reached, mut stack) = (HashSet::from([start]), vec![start]);
+    let mut pace = Pace::default();
     while let Some(i) = stack.pop() {
+        pace.step(64);
         let [a, b, c] = corners[i];
         let n = (b - a).cross(c - a).normalize_or_zero();
         for (p, q, _) in sides(corners[i]) {
@@ -153,7 +156,7 @@ fn is_convex_body(scene: &Scene, prims: Range<PrimId>) -> bool {
 /// The planes of a shape's triangles that are not among the known ones; `None` if it is not flat-shaded, or they are too many.
 fn planes(scene: &Scene, prims: Range<PrimId>, known: &[MirrorPlane]) -> Option<Vec<MirrorPlane>> {
     let mut planes: Vec<MirrorPlane> = Vec::new();
-    for prim in prims {
+    for prim in paced(prims, 32) {
         let [a, b, c] = scene.corners(prim);
         let n = (b - a).cross(c - a).normalize_or_zero();
         if n == Vec3::ZERO {

@@ -1,5 +1,7 @@
 //! What is missing from a derivative, in words: users hear of every term that no estimator covers.
 
+use std::sync::atomic::Ordering;
+
 use glam::{Mat3, Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -11,6 +13,7 @@ use crate::render::accel::PrimId;
 use crate::render::edges::Edge;
 use crate::render::texture::Filter;
 use crate::render::{Camera, Input, Output, Projection, Scene, Settings, Shape, Slot, TextureId};
+use crate::stop::{self, paced};
 
 /// Terms that are missing from the derivatives in `wrt`, in words; empty if they are complete.
 pub fn coverage_gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &[Slot]) -> Vec<&'static str> {
@@ -59,7 +62,7 @@ fn film_cuts_surfaces(scene: &Scene, camera: &Camera) -> bool {
             let ends: Vec<Vec2> = (0..3).filter_map(at_film).collect();
             matches!(ends[..], [a, b] if meets_box(a, b, half))
         };
-        (0..scene.prims.len()).any(cuts)
+        paced(0..scene.prims.len(), 16).any(cuts)
     };
     camera.projection == Projection::Orthographic
         && (cuts(camera.origin, camera.frame, camera.scale, camera.lens.radius)
@@ -92,11 +95,15 @@ fn mirror_gaps(scene: &Scene, settings: &Settings, layout: &Layout) -> Vec<&'sta
     if !alone {
         gaps.push("silhouettes seen in one mirror by way of another have no derivative");
     }
+    let stop = stop::flag();
     let coarse = |e: &Edge| {
         let folding = e.folding(scene);
-        folding.is_finite() && folding >= COARSE
+        // Whoever is to stop has seen enough.
+        (folding.is_finite() && folding >= COARSE) || stop.load(Ordering::Relaxed)
     };
-    if settings.max_bounces > 2 && !mirrors.curved.is_empty() && scene.edges().edges.par_iter().any(coarse) {
+    let coarse = settings.max_bounces > 2 && !mirrors.curved.is_empty() && scene.edges().edges.par_iter().any(coarse);
+    stop::check();
+    if coarse {
         gaps.push(
             "a mirror with smooth normals is so coarse that its rim would reflect into itself; shadows that other surfaces see by way of \
              such a rim have no derivative (finer triangles make rims narrow)",
@@ -112,7 +119,7 @@ fn slides_over_steps(scene: &Scene, settings: &Settings, layout: &Layout) -> boo
     let d = &scene.description;
     let steps = |t: TextureId| {
         let texture = &d.textures[t];
-        let mut texels = texture.data.chunks_exact(texture.channels);
+        let mut texels = paced(texture.data.chunks_exact(texture.channels), texture.channels);
         texture.filter == Filter::Nearest && texels.next().is_some_and(|first| texels.any(|t| t != first))
     };
     let reads = |input: Input| input.texture().is_some_and(steps);

@@ -7,6 +7,8 @@
 //! counts for one over the mean of both (balance heuristic). That needs no inverse of a derivative that vanishes where
 //! the mirror focuses, misses no image however many there are, and is unbiased.
 
+use std::sync::atomic::Ordering;
+
 use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
@@ -26,6 +28,7 @@ use crate::render::interaction::SurfaceInteraction;
 use crate::render::sampler::{Discrete, Sampler, hash};
 use crate::render::sensor::Projected;
 use crate::render::{Camera, Scene, Settings};
+use crate::stop;
 
 /// Angle between an edge and the ray that looks past it.
 const NUDGE: f32 = 2e-5;
@@ -88,11 +91,18 @@ impl<'a> Reflections<'a> {
     }
 
     fn collect(&self, seed: u64) -> Vec<Piece> {
-        let visible: Vec<f32> =
-            (0..self.tree.triangles().len()).into_par_iter().map(|i| self.visibility(i, seed)).collect();
+        // The threads that help leave out what is left once the work is to stop; this one ends it then.
+        let stop = stop::flag();
+        let stopped = || stop.load(Ordering::Relaxed);
+        let visibility = |i: usize| if stopped() { 0.0 } else { self.visibility(i, seed) };
+        let visible: Vec<f32> = (0..self.tree.triangles().len()).into_par_iter().map(visibility).collect();
+        stop::check();
         let edges = &self.scene.edges().edges;
         let of_edge = |e: usize| {
             let mut pieces = Vec::new();
+            if stopped() {
+                return pieces;
+            }
             self.tree.triangles_showing(&edges[e], |triangle| {
                 let weight = visible[triangle] * self.class(&edges[e], &self.tree.triangles()[triangle].patch);
                 let whole = Piece {
@@ -109,6 +119,7 @@ impl<'a> Reflections<'a> {
             pieces
         };
         let parts: Vec<Vec<Piece>> = (0..edges.len()).into_par_iter().map(of_edge).collect();
+        stop::check();
         let diagonal = (self.camera.width as f32).hypot(self.camera.height as f32);
         let size = |piece: &Piece| match piece.film {
             Some([a, b, c]) => a.distance(b).max(b.distance(c)).max(c.distance(a)).min(diagonal),

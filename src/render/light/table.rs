@@ -8,6 +8,7 @@ use crate::render::environment::EnvironmentPeak;
 use crate::render::facets::Prim;
 use crate::render::sampler::Discrete;
 use crate::render::scene::{Cone, DeltaLight, Input, SceneDescription};
+use crate::stop::paced;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LightKind {
@@ -185,8 +186,10 @@ pub(super) fn mean_luminance(description: &SceneDescription, input: Input) -> f6
         Some(t) => {
             let t = &description.textures[t];
             let sum: f64 = match t.channels {
-                3 => t.data.chunks_exact(3).map(|c| f64::from(luminance(Vec3::new(c[0], c[1], c[2])).abs())).sum(),
-                _ => t.data.iter().map(|&v| f64::from(v.abs())).sum(),
+                3 => paced(t.data.chunks_exact(3), 3)
+                    .map(|c| f64::from(luminance(Vec3::new(c[0], c[1], c[2])).abs()))
+                    .sum(),
+                _ => paced(&t.data, 1).map(|&v| f64::from(v.abs())).sum(),
             };
             sum / (t.width * t.height).max(1) as f64
         }
@@ -208,7 +211,7 @@ impl LightTable {
             .map(|s| s.emission.as_ref().map_or(0.0, |e| mean_luminance(description, e.radiance)))
             .collect();
         let (mut surfaces, mut emitting) = (0.0, 0.0);
-        for (i, prim) in prims.iter().enumerate() {
+        for (i, prim) in paced(prims.iter().enumerate(), 8) {
             let shape = &description.shapes[prim.shape as usize];
             let [a, b, c] = shape.mesh.faces[prim.face as usize].map(|v| shape.mesh.vertices[v as usize]);
             let area = 0.5 * (b - a).cross(c - a).length();
