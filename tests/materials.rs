@@ -79,6 +79,9 @@ enum Moves {
     Colour,
 }
 
+/// Between the roughnesses of the table in `principled`.
+const CELL: f32 = 0.05;
+
 #[derive(Clone, Copy, Debug)]
 struct Row {
     material: &'static str,
@@ -95,7 +98,7 @@ impl Row {
         let shift = |moves: bool| if moves { t } else { 0.0 };
         let mut b = Builder::default();
         let colour = vec3(0.7, 0.5, 0.6) + shift(matches!(self.moves, Moves::Colour));
-        let roughness = b.scalar(self.roughness + shift(matches!(self.moves, Moves::Roughness)));
+        let roughness = b.scalar(self.roughness() + shift(matches!(self.moves, Moves::Roughness)));
         let colour = b.constant(colour);
         let kind = match self.material {
             "conductor" => MaterialKind::Conductor { reflectance: colour, roughness },
@@ -143,6 +146,14 @@ impl Row {
         (b.description, look_at(vec3(0.01, cos, -sin) * 4.0, Vec3::ZERO, 12.0, 8))
     }
 
+    /// Where derivatives are taken: what `principled` reads from its table is linear between rows, and has none at a row.
+    fn roughness(&self) -> f32 {
+        match (self.material, self.moves) {
+            ("principled", Moves::Roughness) => ((self.roughness / CELL).round() + 0.5) * CELL,
+            _ => self.roughness,
+        }
+    }
+
     /// Σ |w·I|.
     fn brightness(&self) -> f64 {
         let (scene, camera) = self.build(0.0);
@@ -161,6 +172,7 @@ impl Row {
             // A lamp mirrored by a narrow lobe has outlines, which must not move as far as a pixel: weights are another in the next.
             Moves::Tilt if matches!(self.light, Light::Lamp) && self.roughness < 0.3 => 0.0025,
             Moves::Tilt => 0.01,
+            Moves::Roughness if self.material == "principled" => 0.2 * CELL,
             Moves::Roughness => 0.2 * self.roughness.min(0.5),
             Moves::Colour => 0.05,
         };

@@ -9,6 +9,7 @@
 //! which is symmetric and reflects 1 − E(ci) in all (Kelemen & Szirmay-Kalos 2001): a white base under it reflects all light but what
 //! the rough facets shadow from each other. With Schlick's Fresnel term E = F0 + (F90 − F0) P, but for that shadowing, where P is
 //! what a lobe with Fresnel term (1 − wi·h)⁵ reflects: a table by roughness and cosine, which errs on the side of too much.
+//! It is linear between its rows, so that the derivative in the roughness jumps where roughness is a multiple of 1 / 20.
 
 use glam::Vec3;
 

@@ -211,7 +211,7 @@ impl<'a> Bounce<'a> {
 
 impl<const N: usize> Paths<N> {
     #[inline(always)]
-    pub fn new() -> Paths<N> {
+    pub(crate) fn new() -> Paths<N> {
         Paths {
             alive: PathSet::NONE,
             radiance: Vectors::ZERO,
