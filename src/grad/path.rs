@@ -386,8 +386,8 @@ fn d_distribution(pair: &RoughnessPair, v: &PathVertex, a: Vec3, found: Vec3) ->
     d
 }
 
-/// [`Options::area_sampling_fraction`] of paths that are differentiated. A point slides by up to 1/cos θ along a direction in which it meets a
-/// surface at a grazing angle θ, and this multiplies from bounce to bounce: found by directions alone it makes the variance infinite.
+/// The [area sampling fraction](crate::render::integrator::Options::area_sampling_fraction) of paths that are differentiated. A point
+/// slides by up to 1/cos θ along a direction in which it meets a surface at a grazing angle θ, and this multiplies from bounce to bounce: found by directions alone it makes the variance infinite.
 pub fn area_sampling_fraction(layout: &Layout) -> f32 {
     const SHARE: f32 = 0.25;
     if layout.moves_points() { SHARE } else { 0.0 }
