@@ -7,7 +7,8 @@ use rayon::prelude::*;
 
 use super::tree::{Block, Child, Tree, WIDTH};
 use super::{Accel, NO_PRIM, PrimId};
-use crate::{memory, stop};
+use crate::memory;
+use crate::stop;
 
 impl Accel {
     /// What `test` finds in all pairs of triangles whose boxes are no further apart than `slack` times their coordinates and of which one
