@@ -1,10 +1,7 @@
 //! Every array of a scene that can carry derivatives, reached from the language: reverse mode against central
 //! differences of the same expression, over independent seeds.
 
-use dscene::check::{self, Disk, Line};
-use dscene::eval::{Engine, EngineOptions};
-
-use common::{LONG, Measured, statistics};
+use common::{LONG, Measured, statistics, value_and_param};
 
 mod common;
 
@@ -234,13 +231,7 @@ const LOSS: &str =
 
 /// Means agree within 3.5 combined standard errors, which are a few per cent of the largest element.
 fn agree(name: &str, text: &str, step: f64) {
-    let checked = check::check_text(name, None, text, &[], &Disk);
-    let errors: Vec<_> = checked.diagnostics.iter().filter(|d| d.is_error()).collect();
-    assert!(errors.is_empty(), "{name}: {errors:#?}");
-    let mut engine = Engine::new(checked.program.unwrap(), EngineOptions::default());
-    let mut program = engine.program().clone();
-    let Some(Line::Expr(y)) = check::check_line(&mut program, "y").0 else { panic!("{name}: no y") };
-    let target = check::hir::Target { decl: engine.program().find("p").unwrap(), path: vec![] };
+    let (mut engine, y, target) = value_and_param(name, text);
     let mut drawn: Vec<[Vec<f64>; 2]> = Vec::new();
     let found = loop {
         let start = drawn.first().map_or(0, |d| d[0].len() as u64);

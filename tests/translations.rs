@@ -8,8 +8,6 @@ use std::collections::BTreeMap;
 use std::f32::consts::FRAC_PI_4;
 
 use common::*;
-use dscene::check::{self, Disk, Line};
-use dscene::eval::{Engine, EngineOptions};
 use dscene::grad::environment::MovingEnvironment;
 use dscene::grad::estimate::{Estimate, Pass, adjoint_of};
 use dscene::grad::mirrors::curved::MirrorTree;
@@ -272,13 +270,7 @@ fn far_scene(place: &str) -> String {
 
 /// Value and gradient of a scene at some place.
 fn at_place(place: &str) -> (f64, Vec<f64>) {
-    let checked = check::check_text(place, None, far_scene(place), &[], &Disk);
-    let errors: Vec<_> = checked.diagnostics.iter().filter(|d| d.is_error()).collect();
-    assert!(errors.is_empty(), "{errors:#?}");
-    let mut engine = Engine::new(checked.program.unwrap(), EngineOptions::default());
-    let mut program = engine.program().clone();
-    let Some(Line::Expr(y)) = check::check_line(&mut program, "y").0 else { panic!("no y") };
-    let target = check::hir::Target { decl: engine.program().find("p").unwrap(), path: vec![] };
+    let (mut engine, y, target) = value_and_param(place, &far_scene(place));
     let found = engine.gradient(&y, std::slice::from_ref(&target)).unwrap_or_else(|e| panic!("{e:#?}"));
     (found.value, found.grads[0].data.clone())
 }

@@ -217,18 +217,22 @@ impl Checker<'_> {
         names.iter().enumerate().map(|(i, n)| self.new_local(&n.text, part(i), None)).collect()
     }
 
-    pub(super) fn index(&mut self, base: &ast::Expr, index: &ast::Expr, span: Span) -> Typed {
-        let base = self.expr(base, None);
-        let index = self.expr(index, None);
-        if !index.expr.ty.is_unknown() && !index.expr.ty.is_scalar() {
+    /// What an element is counted by: an index, or an end of a slice.
+    fn index_number(&mut self, number: &ast::Expr) -> Typed {
+        let typed = self.expr(number, None);
+        let ty = &typed.expr.ty;
+        if !ty.is_unknown() && !ty.is_scalar() {
             self.diagnostics.push(
-                Diagnostic::error(
-                    "dscene::type::mismatch",
-                    format!("an index is a whole number, not `{}`", index.expr.ty),
-                )
-                .label(index.expr.span, format!("this is `{}`", index.expr.ty)),
+                Diagnostic::error("dscene::type::mismatch", format!("an index is a whole number, not `{ty}`"))
+                    .label(typed.expr.span, format!("this is `{ty}`")),
             );
         }
+        typed
+    }
+
+    pub(super) fn index(&mut self, base: &ast::Expr, index: &ast::Expr, span: Span) -> Typed {
+        let base = self.expr(base, None);
+        let index = self.index_number(index);
         let at = index.value.as_ref().and_then(Const::number);
         if let Some(x) = at.filter(|x| x.fract() != 0.0) {
             self.diagnostics.push(
@@ -295,21 +299,7 @@ impl Checker<'_> {
         span: Span,
     ) -> Typed {
         let base = self.expr(base, None);
-        let ends = [start, end].map(|e| {
-            e.map(|e| {
-                let typed = self.expr(e, None);
-                if !typed.expr.ty.is_unknown() && !typed.expr.ty.is_scalar() {
-                    self.diagnostics.push(
-                        Diagnostic::error(
-                            "dscene::type::mismatch",
-                            format!("an index is a whole number, not `{}`", typed.expr.ty),
-                        )
-                        .label(e.span, format!("this is `{}`", typed.expr.ty)),
-                    );
-                }
-                typed
-            })
-        });
+        let ends = [start, end].map(|e| e.map(|e| self.index_number(e)));
         let known = |i: usize, n: usize, default: usize| match &ends[i] {
             None => Some(default),
             Some(t) => t.value.as_ref().and_then(Const::number).map(|x| {

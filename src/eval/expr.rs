@@ -379,14 +379,14 @@ fn literal(items: &[Expr]) -> Option<Tensor> {
     (shape.iter().product::<usize>() == data.len()).then_some(Tensor { shape, data })
 }
 
-/// A binary operation on values; the error is a message.
-pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Result<Value, String> {
-    let f = match op {
+/// The operation of the tape that does `op` element by element; `@` does not go element by element. Masks are ones and zeros, of which
+/// the smaller is `and`.
+pub(super) fn elementwise(op: BinaryOp) -> Option<Binary> {
+    Some(match op {
         BinaryOp::Add => Binary::Add,
         BinaryOp::Sub => Binary::Sub,
         BinaryOp::Mul => Binary::Mul,
         BinaryOp::Div => Binary::Div,
-        BinaryOp::Apply => return natives::apply(x, y).map_err(|e| e.message),
         BinaryOp::Pow => Binary::Pow,
         BinaryOp::Eq => Binary::Eq,
         BinaryOp::Ne => Binary::Ne,
@@ -396,7 +396,13 @@ pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Res
         BinaryOp::Ge => Binary::Ge,
         BinaryOp::And => Binary::Min,
         BinaryOp::Or => Binary::Max,
-    };
+        BinaryOp::Apply => return None,
+    })
+}
+
+/// A binary operation on values; the error is a message.
+pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Result<Value, String> {
+    let Some(f) = elementwise(op) else { return natives::apply(x, y).map_err(|e| e.message) };
     match (x, y) {
         (Value::Num(_) | Value::List(_), Value::Num(_) | Value::List(_))
             if matches!(op, BinaryOp::Eq | BinaryOp::Ne) =>

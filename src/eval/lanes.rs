@@ -11,7 +11,7 @@ use crate::tape::{Binary, Slice, Tensor, Var};
 
 use super::Engine;
 use super::comprehensions::Items;
-use super::expr::arithmetic;
+use super::expr::{arithmetic, elementwise};
 
 /// Natives that treat every number alone.
 const ELEMENTWISE: &[&str] = &[
@@ -343,20 +343,7 @@ fn combined(op: BinaryOp, x: &Lanes, y: &Lanes) -> Option<Lanes> {
         }
         return arithmetic(op, x, y).ok().map(Lanes::Same);
     }
-    let f = match op {
-        BinaryOp::Add => Binary::Add,
-        BinaryOp::Sub => Binary::Sub,
-        BinaryOp::Mul => Binary::Mul,
-        BinaryOp::Div => Binary::Div,
-        BinaryOp::Pow => Binary::Pow,
-        BinaryOp::Eq => Binary::Eq,
-        BinaryOp::Ne => Binary::Ne,
-        BinaryOp::Lt => Binary::Lt,
-        BinaryOp::Le => Binary::Le,
-        BinaryOp::Gt => Binary::Gt,
-        BinaryOp::Ge => Binary::Ge,
-        BinaryOp::Apply | BinaryOp::And | BinaryOp::Or => return None,
-    };
+    let f = elementwise(op)?;
     let (_, sides) = aligned(&[x.clone(), y.clone()])?;
     let result = sides[0].binary(f, &sides[1]).ok()?;
     if !f.is_comparison() {

@@ -3,6 +3,8 @@
 
 use std::ops::Range;
 
+use dscene::check::{self, Disk, Line, hir};
+use dscene::eval::{Engine, EngineOptions};
 use dscene::grad::{render, render_backward};
 use dscene::image::Image;
 use dscene::mesh::Mesh;
@@ -198,6 +200,17 @@ pub fn statistics(x: &[f64]) -> Measured {
     Measured { mean, error: (var / n).sqrt() }
 }
 
+/// A script's engine, and what its `y` and its param `p` are there.
+pub fn value_and_param(name: &str, text: &str) -> (Engine, hir::Expr, hir::Target) {
+    let checked = check::check_text(name, None, text, &[], &Disk);
+    let errors: Vec<_> = checked.diagnostics.iter().filter(|d| d.is_error()).collect();
+    assert!(errors.is_empty(), "{name}: {errors:#?}");
+    let engine = Engine::new(checked.program.unwrap(), EngineOptions::default());
+    let Some(Line::Expr(y)) = check::check_line(&mut engine.program().clone(), "y").0 else { panic!("{name}: no y") };
+    let target = hir::Target { decl: engine.program().find("p").unwrap(), path: vec![] };
+    (engine, y, target)
+}
+
 /// How a comparison is to be run.
 #[derive(Clone, Copy, Debug)]
 pub struct Plan {
@@ -368,12 +381,12 @@ impl Side {
     }
 }
 
-/// A plan of a sixteenth of the samples, of no fewer than a few values.
+/// A plan of a thirty-second of the samples, of no fewer than a few values.
 fn brief(plan: Plan) -> Plan {
     Plan {
-        spp: (plan.spp / 2).max(4),
+        spp: (plan.spp / 4).max(4),
         seeds: (plan.seeds / 8).max(8),
-        fd_spp: (plan.fd_spp / 4).max(16),
+        fd_spp: (plan.fd_spp / 8).max(16),
         fd_seeds: (plan.fd_seeds / 4).max(8),
         ..plan
     }
