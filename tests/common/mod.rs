@@ -316,7 +316,7 @@ fn central_differences(
 /// Half of what is planned comes first. Then, each time, more of that one of the two from which more is to be had for its price: up to
 /// the plan while the comparison could be more precise, beyond it while it says nothing. And an error estimated from few values is
 /// itself uncertain: of hundreds of rows some would fail by chance. What looks doubtful is measured afresh, with other seeds and four
-/// times as many as planned, all of them, and that decides.
+/// times as many as planned, all of them (and more while that says nothing), and that decides.
 pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) {
     /// Standard errors from which a difference is doubtful.
     const DOUBT: f64 = 2.5;
@@ -347,6 +347,9 @@ pub const LONG: bool = cfg!(feature = "truth");
 /// The combined error, over the finite difference, with which a comparison says something, and the one that is always enough.
 const ENOUGH: f64 = if LONG { 0.02 } else { 0.08 };
 const PRECISE: f64 = if LONG { 0.007 } else { 0.04 };
+
+/// How many times its plan a comparison may draw while it says nothing. Brief plans are so short that some rows need much of this.
+const BEYOND: u64 = if LONG { 30 } else { 120 };
 
 /// A sample of a gradient takes about as long as twenty of an image.
 const GRADIENT_PRICE: f64 = 20.0;
@@ -427,11 +430,12 @@ fn compare(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: 
         |fd: &mut Side| fd.add(plan.from, portion(plan.fd_seeds), |seeds| finite_differences(build, plan, seeds));
     more_gradients(&mut found.gradients);
     more_differences(&mut found.differences);
-    while !whole && found.relative() >= PRECISE {
+    let precise = if whole { ENOUGH } else { PRECISE };
+    while found.relative() >= precise {
         let (g, fd) = (&mut found.gradients, &mut found.differences);
         let worth = g.gain() > fd.gain();
         let (drawn, planned) = if worth { (g.drawn(), plan.seeds) } else { (fd.drawn(), plan.fd_seeds) };
-        let most = if found.relative() < ENOUGH { planned } else { 30 * planned };
+        let most = if found.relative() < ENOUGH { planned } else { BEYOND * planned };
         if drawn >= most {
             break;
         }
