@@ -285,6 +285,38 @@ fn functions_are_short() {
     }
 }
 
+/// A group of tests that draws more for the long statistics is named in the command that asks for them, and no other is.
+#[test]
+fn the_long_statistics_name_their_groups() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let manifest = fs::read_to_string(root.join("Cargo.toml")).unwrap();
+    let command = fs::read_to_string(root.join(".cargo/config.toml")).unwrap();
+    let named: Vec<&str> =
+        command.split("\"--test\", \"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
+    let only_long = |group: &str| {
+        let entry = manifest.split("[[test]]").find(|entry| entry.contains(&format!("name = \"{group}\"")));
+        entry.is_some_and(|entry| entry.contains("required-features = [\"truth\"]"))
+    };
+    let mut groups = Vec::new();
+    for path in files("tests", "rs") {
+        let inside = path.strip_prefix(root.join("tests")).unwrap();
+        let group = match inside.components().count() {
+            1 => inside.file_stem().unwrap(),
+            2 if inside.ends_with("main.rs") => inside.parent().unwrap().as_os_str(),
+            _ => continue,
+        };
+        let group = group.to_str().unwrap().to_owned();
+        let text = fs::read_to_string(&path).unwrap();
+        let draws_more = text.lines().any(|line| line == "mod common;")
+            && ["agree(", "LONG "].iter().any(|word| text.contains(word));
+        if draws_more || only_long(&group) {
+            groups.push(group);
+        }
+    }
+    groups.sort();
+    assert_eq!(named, groups);
+}
+
 #[test]
 fn examples_are_short_and_say_what_they_show() {
     for path in files("examples", "dscene") {

@@ -340,7 +340,7 @@ pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan
     assert!(relative < ENOUGH, "{name}: combined error {:.2} % says nothing", 100.0 * relative);
 }
 
-/// Whether the long statistics are asked for: `cargo test --release --features truth`. Without it every comparison is made all the same,
+/// Whether the long statistics are asked for: `cargo truth`. Without it every comparison is made all the same,
 /// from a fraction of the samples: what is wrong by a tenth fails, what is wrong by a hundredth fails in the long ones.
 pub const LONG: bool = cfg!(feature = "truth");
 
