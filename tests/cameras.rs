@@ -98,7 +98,7 @@ fn area_of_a_triangle_in_every_camera() {
             let wrt = [Slot::Vertices(0), Slot::CameraOrigin, Slot::CameraFrame, Slot::CameraDistortion];
             // Straight images of edges are integrated exactly, up to rounding, where velocities are linear on film: not by a lens that
             // distorts. Curved ones are sampled.
-            let bounds = if camera.keeps_lines() { [3e-6, 5e-4] } else { [3e-4, 5e-4] };
+            let bounds = if camera.is_rectilinear() { [3e-6, 5e-4] } else { [3e-4, 5e-4] };
             let mut g = [vec![0.0; 9], vec![0.0; 3], vec![0.0; 9], vec![0.0; 5]];
             for seed in 0..8 {
                 let settings = Settings { output: Output::Radiance, spp: 512, max_bounces: 0, seed, boundary: true };
@@ -133,7 +133,7 @@ fn area_of_a_triangle_in_every_camera() {
             let rows = turned.iter().flat_map(|v| v.to_array());
             found.push(g[2].iter().zip(rows).map(|(g, t)| g * f64::from(t)).sum());
 
-            if camera.may_distort() {
+            if camera.supports_distortion() {
                 for (i, found_here) in g[3].iter().enumerate() {
                     let with = |t: f64| {
                         let mut bent = bent;

@@ -5,7 +5,7 @@ mod common;
 use common::*;
 use dscene::grad::estimate::{Images, forward, reverse};
 use dscene::grad::sampling::allocate::Estimator;
-use dscene::grad::sink::{Contractions, Layout, Tangents, Total};
+use dscene::grad::sink::{DenseSums, DirectionalDerivatives, Layout, Tangents};
 use dscene::grad::terms::interior::Interior;
 use dscene::grad::{
     Direction, GuideCache, NEVER, render_backward, render_backward_until, render_forward, render_jacobian,
@@ -150,14 +150,14 @@ fn rows_of_the_jacobian_make_the_gradient_of_any_adjoint() {
     let interior = Interior::new(&scene, &camera, &settings, &layout, &even);
     let pass = interior.pass(interior.count(), 1.0, 5);
     let residual = weights(&camera, 3);
-    let mut gradient = Total::new(layout.size());
+    let mut gradient = DenseSums::new(layout.size());
     reverse(&scene, &layout, &residual, &pass, &mut gradient, &NEVER);
     let gradient = gradient.into_vec();
     let dense: Vec<Vec<f32>> = directions.iter().map(|d| d.iter().flat_map(|t| t.1.clone()).collect()).collect();
     let tangents = Tangents::new(&dense, layout.size());
     let data = vec![0.0; even.data.len() * dense.len()];
     let mut rows = Images { directions: dense.len(), channels: 3, data };
-    forward(&scene, &layout, || Contractions::new(&tangents), &pass, &mut rows, &NEVER);
+    forward(&scene, &layout, || DirectionalDerivatives::new(&tangents), &pass, &mut rows, &NEVER);
     for (k, tangent) in dense.iter().enumerate() {
         let row = rows.data.chunks_exact(3).skip(k).step_by(dense.len()).flatten();
         let terms: Vec<f64> = row.zip(&residual.data).map(|(j, r)| j * f64::from(*r)).collect();

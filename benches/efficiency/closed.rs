@@ -10,7 +10,7 @@ const PIECES: usize = 8192;
 
 /// The film outline of a polygon, in pixels. All of it lies in front of the camera and on the film.
 pub fn outline(camera: &Camera, polygon: &[DVec3]) -> Vec<DVec2> {
-    let pieces = if camera.keeps_lines() { 1 } else { PIECES };
+    let pieces = if camera.is_rectilinear() { 1 } else { PIECES };
     let n = polygon.len();
     (0..n * pieces)
         .map(|i| {

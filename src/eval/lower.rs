@@ -423,7 +423,7 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
         shutter: [open, close],
         closing: closing.as_ref().map(PoseVars::values).transpose()?,
     };
-    if distortion.is_live() && !lowered.may_distort() {
+    if distortion.is_live() && !lowered.supports_distortion() {
         return Err(bad("only perspective and fisheye cameras have a distortion, and no aperture beside it"));
     }
     let origins = [&opening, closing.as_ref().unwrap_or(&opening)].map(|pose| dvec3(pose.origin.value()));

@@ -8,7 +8,7 @@ use std::sync::{Mutex, PoisonError};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::grad::sink::{Adjoints, Contract, Layout, Sink, Sums, Total};
+use crate::grad::sink::{Adjoints, DenseSums, ForwardSink, Layout, Sink, SparseSums};
 use crate::image::Image;
 use crate::render::Scene;
 use crate::render::sampler::{self, Sampler, progress};
@@ -123,17 +123,17 @@ impl<S: Sink> Estimate for Reverse<'_, S> {
 }
 
 /// Forward mode: collects pixel values along each direction.
-pub struct Forward<'a, S: Contract> {
+pub struct Forward<'a, S: ForwardSink> {
     out: Adjoints<'a, S>,
     directions: usize,
     channels: usize,
-    /// Of each run of samples of the same pixel.
+    /// The pixel of each run of consecutive samples of one pixel.
     pixels: Vec<usize>,
-    /// The run's sums, by direction.
+    /// The sums of each run, by direction.
     sums: Vec<DVec3>,
 }
 
-impl<S: Contract> Estimate for Forward<'_, S> {
+impl<S: ForwardSink> Estimate for Forward<'_, S> {
     type S = S;
 
     fn pixel(&mut self, pixel: usize, mut f: impl FnMut(Vec3, &mut Adjoints<S>)) {
@@ -155,7 +155,7 @@ impl<S: Contract> Estimate for Forward<'_, S> {
     }
 }
 
-/// Numbers that sums of chunks may have together, if four do not have more.
+/// Most numbers in the sums of all chunks at work together, unless those of four chunks are more.
 const MOST_SUMS: usize = 1 << 24;
 
 /// The work cut into chunks: fixed by the size of the problem, never by the number of threads, and summed in order, so that
@@ -165,24 +165,24 @@ fn chunks(items: usize, len: usize) -> Vec<Range<usize>> {
     (0..n).map(|i| items * i / n..items * (i + 1) / n).collect()
 }
 
-/// Adds the sums of chunks to a total in the order of the chunks, whichever is done first, so that rounding is always the same. Lends out
-/// the memory of sums already added to the next chunks.
+/// Adds the sums of chunks to a total in the order of the chunks, whichever finishes first, so that rounding is always the same. The memory
+/// of sums that were added is used again for later chunks.
 struct OrderedSum<'a> {
-    total: &'a mut Total,
+    total: &'a mut DenseSums,
     /// The chunk to be added next.
     next: usize,
     /// Chunks that are done before their turn.
-    waiting: BTreeMap<usize, Sums>,
+    waiting: BTreeMap<usize, SparseSums>,
     /// Emptied sums, lent out again.
-    spare: Vec<Sums>,
+    spare: Vec<SparseSums>,
 }
 
 impl OrderedSum<'_> {
-    fn lend(&mut self) -> Sums {
-        self.spare.pop().unwrap_or_else(|| Sums::new(self.total.size()))
+    fn lend(&mut self) -> SparseSums {
+        self.spare.pop().unwrap_or_else(|| SparseSums::new(self.total.size()))
     }
 
-    fn add(&mut self, chunk: usize, sums: Sums) {
+    fn add(&mut self, chunk: usize, sums: SparseSums) {
         self.waiting.insert(chunk, sums);
         while let Some(mut sums) = self.waiting.remove(&self.next) {
             sums.drain_to(self.total);
@@ -210,7 +210,7 @@ pub fn reverse(
     layout: &Layout,
     d_image: &Image,
     pass: &impl Pass,
-    total: &mut Total,
+    total: &mut DenseSums,
     stop: &AtomicBool,
 ) {
     let chunks = chunks(pass.items(), layout.size());
@@ -243,7 +243,7 @@ pub struct Images {
 }
 
 /// Runs a pass in forward mode, with a sink made for each chunk, adding to `images`. `stop` as in [`reverse`].
-pub fn forward<S: Contract>(
+pub fn forward<S: ForwardSink>(
     scene: &Scene,
     layout: &Layout,
     sink: impl Fn() -> S + Sync,
@@ -252,7 +252,7 @@ pub fn forward<S: Contract>(
     stop: &AtomicBool,
 ) {
     let (directions, channels, items) = (images.directions, images.channels, pass.items());
-    // Nor do the chunks depend on the number of directions: each gets what it would get alone.
+    // Chunks do not depend on the number of directions, so that each direction gets the same bits that it would get alone.
     let len = items.div_ceil(64).clamp(1, FORWARD_CHUNK);
     let round = (FORWARD_KEPT / (FORWARD_CHUNK * directions.max(1))).max(1) * len;
     for start in (0..items).step_by(round) {

@@ -11,7 +11,7 @@ use crate::render::bsdf::{BsdfAdjoint, MAX_INPUTS, Part};
 use crate::render::film::first_hit;
 use crate::render::interaction::{SurfaceInteraction, d_terminator, terminator};
 use crate::render::light::{LightKind, LightSample};
-use crate::render::mask::{Crossing, MaskWeight};
+use crate::render::mask::{MaskCrossing, MaskWeight};
 use crate::render::{Camera, Input, Output};
 
 /// Adjoints of the numbers of one surface interaction.
@@ -259,7 +259,7 @@ pub fn d_opacity<S: Sink>(out: &mut Adjoints<S>, si: &SurfaceInteraction, d: f32
 
 /// Adjoint of what masks on a line let through: `d` is that of the product of their weights. Returns the adjoint of the line, a
 /// ray along `dir`.
-pub fn d_masks<S: Sink>(out: &mut Adjoints<S>, dir: Vec3, crossings: &[Crossing], d: f32) -> RayAdjoint {
+pub fn d_masks<S: Sink>(out: &mut Adjoints<S>, dir: Vec3, crossings: &[MaskCrossing], d: f32) -> RayAdjoint {
     let mut ray = RayAdjoint::default();
     for (i, c) in crossings.iter().enumerate() {
         let others: f32 = crossings.iter().enumerate().filter(|&(j, _)| j != i).map(|(_, c)| c.weight()).product();
@@ -377,7 +377,7 @@ pub struct IncidentLight<'a> {
 /// Masks on the way of light: `weight` is the whole one without theirs.
 #[derive(Clone, Copy)]
 pub struct Masks<'a> {
-    pub crossings: &'a [Crossing],
+    pub crossings: &'a [MaskCrossing],
     pub weight: f32,
 }
 

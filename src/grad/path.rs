@@ -23,7 +23,7 @@ use crate::render::Scene;
 use crate::render::bsdf::{MAX_INPUTS, Part, RoughnessPair};
 use crate::render::integrator::{Connection, Continuation, Recorder};
 use crate::render::interaction::SurfaceInteraction;
-use crate::render::mask::{Crossing, MaskWeight};
+use crate::render::mask::{MaskCrossing, MaskWeight};
 
 /// One vertex of a recorded path.
 #[derive(Clone, Debug)]
@@ -50,7 +50,7 @@ type Span = (u32, u32);
 pub struct Path {
     pub vertices: Vec<PathVertex>,
     /// Masks passed, segment by segment; the last segment's may not belong to a vertex yet.
-    pub crossings: Vec<Crossing>,
+    pub crossings: Vec<MaskCrossing>,
     taken: u32,
 }
 
@@ -61,7 +61,7 @@ impl Path {
         self.taken = 0;
     }
 
-    fn crossings(&self, (from, to): Span) -> &[Crossing] {
+    fn crossings(&self, (from, to): Span) -> &[MaskCrossing] {
         &self.crossings[from as usize..to as usize]
     }
 
@@ -92,7 +92,7 @@ impl Recorder for Path {
         self.crossings.truncate(self.taken as usize);
     }
 
-    fn cross(&mut self, crossing: &Crossing) {
+    fn cross(&mut self, crossing: &MaskCrossing) {
         self.crossings.push(*crossing);
     }
 
@@ -355,7 +355,7 @@ impl<S: Sink> VertexSweep<'_, '_, S> {
             let d_pass = d_weight * through.opacity * through.inv_choice;
             ray = d_masks(out, -si.wi, path.crossings(v.incoming), d_pass);
         }
-        if !out.layout.still {
+        if !out.layout.is_static {
             ray = ray + d_intersection(out, si, v.t, adj);
         }
         ray

@@ -1,5 +1,5 @@
-//! Where derivatives go: a flat array of all requested slots, filled (reverse mode) or contracted with a tangent
-//! (forward mode).
+//! Where derivatives go. All requested slots lie in one flat array of numbers ([`Layout`]). Reverse mode sums derivatives into that array;
+//! forward mode multiplies each by the tangent of its number and sums these products.
 
 use glam::{DVec3, Vec2, Vec3};
 
@@ -10,14 +10,14 @@ use crate::render::sensor::CameraAdjoint;
 use crate::render::texture::{Footprint, Texture};
 use crate::render::{Environment, Input, Scene, Slot};
 
-/// "Nobody asked for this slot."
+/// The position of a slot that was not requested.
 const NONE: u32 = u32::MAX;
 
 /// Positions of the requested slots in one flat array.
 #[derive(Clone, Debug)]
 pub struct Layout {
     pub slots: Vec<Slot>,
-    /// Start of each slot, and the end of the last.
+    /// Position of each slot's first number, and the end of the last slot.
     pub starts: Vec<usize>,
     vertices: Vec<u32>,
     normals: Vec<u32>,
@@ -34,9 +34,9 @@ pub struct Layout {
     camera_scale: u32,
     camera_lens: u32,
     camera_distortion: u32,
-    /// Nothing asked for moves or turns anything: paths stay where they are.
-    pub still: bool,
-    /// Something asked for turns the normals of a mirror or of a narrow lobe, and with them what is seen in it.
+    /// No requested slot moves anything or turns a normal, so that paths do not depend on the slots.
+    pub is_static: bool,
+    /// A requested slot turns the normals of a mirror or of a surface with narrow lobes, and so moves what it reflects.
     turns_reflections: bool,
 }
 
@@ -63,7 +63,7 @@ impl Layout {
             camera_scale: NONE,
             camera_lens: NONE,
             camera_distortion: NONE,
-            still: !slots.iter().any(|s| s.moves_things() || matches!(s.opening(), Slot::Normals(_))),
+            is_static: !slots.iter().any(|s| s.moves_things() || matches!(s.opening(), Slot::Normals(_))),
             turns_reflections: slots.iter().any(|s| {
                 let shape = if let Slot::Normals(i) = s.opening() { d.shapes.get(i) } else { None };
                 shape.is_some_and(|shape| shape.material.kind.may_follow_normals())
@@ -81,9 +81,9 @@ impl Layout {
         layout
     }
 
-    /// The flat array's parts, one for each slot.
+    /// Splits the flat array into the slots.
     pub fn by_slot(&self, mut flat: Vec<f64>) -> Vec<Vec<f64>> {
-        // A single large one is not copied, and small ones do not keep its place.
+        // The first slot keeps the array's memory, so that a single large slot is not copied; the array is shrunk to it.
         let mut parts: Vec<Vec<f64>> =
             self.starts[1..self.slots.len().max(1)].iter().rev().map(|&s| flat.split_off(s)).collect();
         flat.shrink_to_fit();
@@ -92,7 +92,7 @@ impl Layout {
         parts
     }
 
-    /// `None` for what a scene that stands still does not have.
+    /// The position of a slot, to be set; `None` for slots of closing keyframes and the shutter, since estimators see one moment only.
     fn entry(&mut self, slot: Slot) -> Option<&mut u32> {
         Some(match slot {
             Slot::Vertices(i) => self.vertices.get_mut(i)?,
@@ -124,18 +124,18 @@ impl Layout {
         })
     }
 
-    /// Number of derivatives in all.
+    /// Number of derivatives of all slots together.
     pub fn size(&self) -> usize {
         self.starts.last().copied().unwrap_or(0)
     }
 
-    /// Whether anything asked for moves a shape or turns its normals.
+    /// Whether a requested slot moves a shape's vertices or turns its normals.
     pub fn moves(&self, shape: u32) -> bool {
         let asked = |slots: &[u32]| slots.get(shape as usize).is_some_and(|&start| start != NONE);
         asked(&self.vertices) || asked(&self.normals)
     }
 
-    /// Whether anything asked for moves what a camera sees through a pixel, or what comes from the environment.
+    /// Whether a requested slot moves camera rays or turns the environment.
     pub fn moves_view(&self) -> bool {
         let all = [
             self.camera_origin,
@@ -148,54 +148,54 @@ impl Layout {
         all.iter().any(|&start| start != NONE)
     }
 
-    /// Whether the environment's rotation is asked for.
+    /// Whether the environment's rotation is requested.
     pub fn turns_environment(&self) -> bool {
         self.environment_rotation != NONE
     }
 
-    /// Whether anything asked for moves surfaces, the camera or what is seen in a mirror, so that the points of paths slide.
+    /// Whether a requested slot moves surfaces, the camera or what a mirror reflects, so that path vertices slide over surfaces.
     pub fn moves_points(&self) -> bool {
         let slides = |s: &Slot| !matches!(s, Slot::LightPlacement(_) | Slot::EnvironmentRotation);
         self.turns_reflections || self.slots.iter().any(|s| s.moves_things() && slides(s))
     }
 
-    /// Whether anything asked for moves shapes, lights or the camera.
+    /// Whether a requested slot moves shapes, lights or the camera.
     pub fn moves_things(&self) -> bool {
         self.slots.iter().any(|s| s.moves_things())
     }
 
-    /// Whether anything asked for can move a silhouette, a shadow or the mirror image of one.
+    /// Whether a requested slot can move a silhouette, a shadow or the mirror image of one, so that boundary terms are needed.
     pub fn moves_visibility(&self) -> bool {
         self.turns_reflections || self.moves_things()
     }
 }
 
-/// Takes derivatives one number at a time.
+/// Takes derivatives: `value` is one sample's derivative in the number at `index` of the flat array.
 pub trait Sink {
     fn add(&mut self, index: usize, value: f32);
 }
 
-/// Reverse mode: sums everything into its place. Only blocks of numbers that got anything have memory, all of it side by side, so
-/// that what a chunk of samples costs depends on what it reaches in a large texture and not on the texture's size.
-pub struct Sums {
+/// Reverse mode: the sums of one chunk of samples. Only blocks of numbers that received a derivative have memory, all of it contiguous.
+/// So a chunk's cost depends on how many texels of a large texture it reaches, and not on the size of the texture.
+pub struct SparseSums {
     /// Where in `sums` each block's numbers start, or [`NONE`].
     starts: Vec<u32>,
-    /// The blocks that have numbers, in the order of their places.
+    /// The blocks that have memory, in the order of their memory in `sums`.
     blocks: Vec<u32>,
     sums: Vec<f64>,
 }
 
-/// Numbers in a block of [`Sums`]: a few texels. Larger ones are mostly zeros where a texture is finer than the samples.
+/// Numbers in a block of [`SparseSums`]: a few texels. Larger blocks would be mostly zeros where a texture is finer than the samples.
 const BLOCK: usize = 32;
 
-impl Sums {
-    /// Of `len` numbers, all zero.
-    pub fn new(len: usize) -> Sums {
-        Sums { starts: vec![NONE; len.div_ceil(BLOCK)], blocks: Vec::new(), sums: Vec::new() }
+impl SparseSums {
+    /// Sums of `len` numbers, all zero.
+    pub fn new(len: usize) -> SparseSums {
+        SparseSums { starts: vec![NONE; len.div_ceil(BLOCK)], blocks: Vec::new(), sums: Vec::new() }
     }
 
-    /// Adds everything to `total`, of the same length, and is zero again.
-    pub fn drain_to(&mut self, total: &mut Total) {
+    /// Adds all sums to `total`, which has the same length, and sets them to zero.
+    pub fn drain_to(&mut self, total: &mut DenseSums) {
         for (&block, from) in self.blocks.iter().zip(self.sums.chunks_exact(BLOCK)) {
             total.add(block as usize, from);
             self.starts[block as usize] = NONE;
@@ -204,6 +204,7 @@ impl Sums {
         self.sums.clear();
     }
 
+    /// Gives memory to a block. Returns where it starts.
     #[cold]
     fn open(&mut self, block: usize) -> usize {
         let start = self.sums.len();
@@ -214,16 +215,17 @@ impl Sums {
     }
 }
 
-/// All derivatives, in the layout's order.
-pub struct Total {
+/// Reverse mode: the derivatives of all samples, in the layout's order.
+pub struct DenseSums {
     data: Vec<f64>,
-    /// Which blocks got anything. The others have no memory yet, and to read them first would have the system lend them twice.
+    /// Which blocks received anything. The first sums of a block are copied and not added: pages of zeros that were never written have no
+    /// memory yet, and a page that is read before it is written is mapped twice by the operating system.
     reached: Vec<bool>,
 }
 
-impl Total {
-    pub fn new(len: usize) -> Total {
-        Total { data: vec![0.0; len], reached: vec![false; len.div_ceil(BLOCK)] }
+impl DenseSums {
+    pub fn new(len: usize) -> DenseSums {
+        DenseSums { data: vec![0.0; len], reached: vec![false; len.div_ceil(BLOCK)] }
     }
 
     /// Number of derivatives.
@@ -247,7 +249,7 @@ impl Total {
     }
 }
 
-impl Sink for Sums {
+impl Sink for SparseSums {
     #[inline]
     fn add(&mut self, index: usize, value: f32) {
         let block = index / BLOCK;
@@ -257,43 +259,43 @@ impl Sink for Sums {
     }
 }
 
-/// Forward mode: Σ derivative · tangent along each of some directions.
-pub trait Contract: Sink {
-    /// Hands the sums over, by direction, and begins anew.
+/// Forward mode: sums derivative · tangent along one or more directions in the space of all slots.
+pub trait ForwardSink: Sink {
+    /// Passes the sum of each direction to `to`, and sets it to zero.
     fn take(&mut self, to: impl FnMut(usize, f64));
 }
 
-/// Forward mode along one direction.
-pub struct Contraction<'a> {
+/// Forward mode along one direction, whose tangent has the layout's order.
+pub struct DirectionalDerivative<'a> {
     pub tangent: &'a [f32],
     pub sum: f64,
 }
 
-impl Sink for Contraction<'_> {
+impl Sink for DirectionalDerivative<'_> {
     #[inline]
     fn add(&mut self, index: usize, value: f32) {
         self.sum += f64::from(value) * f64::from(self.tangent[index]);
     }
 }
 
-impl Contract for Contraction<'_> {
+impl ForwardSink for DirectionalDerivative<'_> {
     #[inline]
     fn take(&mut self, mut to: impl FnMut(usize, f64)) {
         to(0, std::mem::take(&mut self.sum));
     }
 }
 
-/// Tangents of several directions by element of the layout, zeros left out.
+/// The tangents of several directions as a sparse matrix: for each number of the layout its non-zero tangents.
 pub struct Tangents {
     pub directions: usize,
-    /// Start of each element's entries, and the end of the last.
+    /// Start of each number's entries, and the end of the last.
     starts: Vec<usize>,
-    /// Direction and tangent.
+    /// Direction and tangent of each entry.
     entries: Vec<(u32, f32)>,
 }
 
 impl Tangents {
-    /// From dense tangents, each in the layout's order.
+    /// From dense tangents, one for each direction, each with `size` numbers in the layout's order.
     pub fn new(dense: &[Vec<f32>], size: usize) -> Tangents {
         let mut tangents = Tangents { directions: dense.len(), starts: vec![0], entries: Vec::new() };
         for index in 0..size {
@@ -305,19 +307,19 @@ impl Tangents {
     }
 }
 
-/// Forward mode along several directions: a derivative costs as much as directions move what it is the derivative in.
-pub struct Contractions<'a> {
+/// Forward mode along several directions. Adding a derivative takes as many operations as directions have a non-zero tangent there.
+pub struct DirectionalDerivatives<'a> {
     tangents: &'a Tangents,
     sums: Vec<f64>,
 }
 
-impl<'a> Contractions<'a> {
+impl<'a> DirectionalDerivatives<'a> {
     pub fn new(tangents: &'a Tangents) -> Self {
-        Contractions { tangents, sums: vec![0.0; tangents.directions] }
+        DirectionalDerivatives { tangents, sums: vec![0.0; tangents.directions] }
     }
 }
 
-impl Sink for Contractions<'_> {
+impl Sink for DirectionalDerivatives<'_> {
     #[inline]
     fn add(&mut self, index: usize, value: f32) {
         let value = f64::from(value);
@@ -328,7 +330,7 @@ impl Sink for Contractions<'_> {
     }
 }
 
-impl Contract for Contractions<'_> {
+impl ForwardSink for DirectionalDerivatives<'_> {
     fn take(&mut self, mut to: impl FnMut(usize, f64)) {
         for (direction, sum) in self.sums.iter_mut().enumerate() {
             to(direction, std::mem::take(sum));
@@ -336,7 +338,7 @@ impl Contract for Contractions<'_> {
     }
 }
 
-/// A sink that knows the scene: adjoints of scene quantities by name.
+/// Turns adjoints of quantities of the scene (a point of a surface, a normal, a radiance) into derivatives in the requested slots.
 pub struct Adjoints<'a, S: Sink> {
     pub scene: &'a Scene,
     pub layout: &'a Layout,
@@ -378,7 +380,7 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         self.layout.vertices[shape as usize] != NONE
     }
 
-    /// Adjoint of a material point of a primitive (fixed barycentric coordinates).
+    /// Adjoint of a material point of a primitive: a point with fixed barycentric coordinates `b`.
     #[inline]
     pub fn material_point(&mut self, prim: PrimId, b: [f32; 3], d: Vec3) {
         let id = self.scene.prims[prim as usize];
@@ -391,9 +393,9 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         }
     }
 
-    /// Adjoint of an edge's point at `s`, perpendicular to the edge. That of a mesh edge is a material point of its faces, of
-    /// which `face` is one. Where surfaces cross the point stays in both planes: n·(ṗ − V) = 0 with the velocities V of their
-    /// material points, so that d = α n_A + β n_B goes to these as α n_A and β n_B.
+    /// Adjoint of an edge's point at parameter `s`; `d` is perpendicular to the edge. A point of a mesh edge is a material point of its
+    /// faces, one of which is `face`. A point at which two surfaces cross stays in the planes of both: n·(ṗ − V) = 0 with the normal n of
+    /// either plane and the velocity V of its material point there. So of d = α n_A + β n_B one surface gets α n_A, the other β n_B.
     pub fn edge_point(&mut self, edge: &Edge, face: usize, s: f32, d: Vec3) {
         if !edge.crossing {
             return self.material_point(edge.faces[face].prim, edge.barycentric(face, s, 0.0), d);
@@ -420,7 +422,7 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         }
     }
 
-    /// Adjoint of a primitive's unit right-hand-rule normal.
+    /// Adjoint of a primitive's unit normal, which has the direction (v1 − v0) × (v2 − v0).
     pub fn geometric_normal(&mut self, prim: PrimId, d_n: Vec3) {
         let id = self.scene.prims[prim as usize];
         if d_n == Vec3::ZERO || !self.wants_vertices(id.shape) {
@@ -450,7 +452,7 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         self.corners(prim, [n.cross(p2 - p1), n.cross(p0 - p2), n.cross(p1 - p0)]);
     }
 
-    /// Adjoint of interpolated vertex normals, Σ b_i n_i before normalisation; returns the adjoint of b.
+    /// Adjoint of the interpolated vertex normal Σ b_i n_i, before normalisation; returns the adjoint of b.
     pub fn interpolated_normal(&mut self, prim: PrimId, b: [f32; 3], d: Vec3) -> [f32; 3] {
         let id = self.scene.prims[prim as usize];
         let mesh = &self.scene.description.shapes[id.shape as usize].mesh;
@@ -463,7 +465,7 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         face.map(|v| normals[v as usize].dot(d))
     }
 
-    /// Adjoint of texture coordinates; returns the adjoint of b.
+    /// Adjoint of the interpolated texture coordinates; returns the adjoint of b.
     pub fn uv(&mut self, prim: PrimId, b: [f32; 3], d: Vec2) -> [f32; 3] {
         let id = self.scene.prims[prim as usize];
         let mesh = &self.scene.description.shapes[id.shape as usize].mesh;
@@ -480,7 +482,8 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         face.map(|v| uvs[v as usize].dot(d))
     }
 
-    /// Adjoint of an input's value at a point. Returns the adjoint of b where the point slides over the surface.
+    /// Adjoint of an input's value at a point of a primitive. Returns the adjoint of b; if the point does not slide over the surface
+    /// (`slides`) and texture coordinates are not requested, that of a texture is not computed and zero.
     pub fn input(&mut self, input: Input, prim: PrimId, b: [f32; 3], d: Vec3, slides: bool) -> [f32; 3] {
         match input {
             Input::Texture(t) => {
@@ -523,7 +526,7 @@ impl<'a, S: Sink> Adjoints<'a, S> {
                 }
                 face.map(|v| colors[v as usize].dot(d))
             }
-            // A product: each factor has the adjoint times the other.
+            // The value is a product: the adjoint of each factor is `d` times the other factor.
             Input::Tinted(t) => {
                 let (texture, tint) = (Input::Texture(t), Input::VertexColor);
                 let (value, color) = (self.scene.lookup(texture, prim, b), self.scene.lookup(tint, prim, b));
@@ -534,7 +537,7 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         }
     }
 
-    /// Adjoint of the environment's radiance in world direction `dir`; returns the direction's adjoint.
+    /// Adjoint of the environment's radiance in the world direction `dir`; returns the adjoint of `dir`.
     pub fn environment(&mut self, dir: Vec3, d: Vec3) -> Vec3 {
         let scene = self.scene;
         let Some(e) = &scene.description.environment else { return Vec3::ZERO };
@@ -544,7 +547,7 @@ impl<'a, S: Sink> Adjoints<'a, S> {
             self.add3(start, 0, d);
             return Vec3::ZERO;
         }
-        if start == NONE && self.layout.still {
+        if start == NONE && self.layout.is_static {
             return Vec3::ZERO;
         }
         let footprint = texture.environment_footprint(environment_uv(e.rotation.transpose() * dir));
@@ -552,13 +555,13 @@ impl<'a, S: Sink> Adjoints<'a, S> {
             let sink = &mut self.sink;
             texture.scatter_footprint(&footprint, d, |i, v| sink.add(start as usize + i, v));
         }
-        if self.layout.still {
+        if self.layout.is_static {
             return Vec3::ZERO;
         }
         self.turned_map(e, texture, &footprint, dir, d)
     }
 
-    /// Adjoint of what a map, turned as the environment, holds in world direction `dir`; returns the direction's.
+    /// Adjoint of the value of a map that is rotated like the environment, in the world direction `dir`; returns the adjoint of `dir`.
     fn turned_map(&mut self, e: &Environment, map: &Texture, footprint: &Footprint, dir: Vec3, d: Vec3) -> Vec3 {
         let [du, dv] = map.uv_gradient(footprint);
         let local = e.rotation.transpose() * dir;
@@ -575,7 +578,8 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         e.rotation * d_local
     }
 
-    /// Adjoint of the radiance of the environment's base in world direction `dir`, which stays where it is; its texels are constants.
+    /// Adjoint of the radiance of the environment's base (all of it but its peak) in a fixed world direction `dir`. The texels of the base
+    /// are taken as constants, so that only the environment's rotation gets a derivative.
     pub fn environment_base(&mut self, dir: Vec3, d: Vec3) {
         let scene = self.scene;
         let Some(e) = scene.description.environment.as_ref().filter(|_| self.layout.turns_environment()) else {
@@ -588,8 +592,8 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         }
     }
 
-    /// Adjoint of the radiance of the environment's own point seen in world direction `dir`, as [`Adjoints::environment`] but for
-    /// a point that turns with the environment.
+    /// Adjoint of the radiance of a point of the environment that is seen in the world direction `dir` now and turns with the environment.
+    /// Unlike in [`Adjoints::environment`], rotation does not change it, so that only the texels get derivatives.
     pub fn environment_point(&mut self, dir: Vec3, d: Vec3) {
         let Some(e) = &self.scene.description.environment else { return };
         let start = self.layout.texels[e.radiance];
@@ -605,7 +609,7 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         texture.scatter_footprint(&footprint, d, |i, v| sink.add(start as usize + i, v));
     }
 
-    /// Adjoint of the world direction of a point of the environment.
+    /// Adjoint of the world direction of a point that turns with the environment.
     pub fn environment_direction(&mut self, dir: Vec3, d_dir: Vec3) {
         let Some(e) = self.scene.description.environment.as_ref().filter(|_| self.layout.turns_environment()) else {
             return;
@@ -619,7 +623,7 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         }
     }
 
-    /// Adjoint of a delta light's position or (not normalised) direction.
+    /// Adjoint of a delta light's position, or of its direction before normalisation.
     pub fn light_placement(&mut self, light: u32, d: Vec3) {
         self.add3(self.layout.light_placement[light as usize], 0, d);
     }
@@ -629,13 +633,13 @@ impl<'a, S: Sink> Adjoints<'a, S> {
         self.add3(self.layout.light_power[light as usize], 0, d);
     }
 
-    /// Adjoint of a spot light's (not normalised) axis, and of its beam and cutoff.
+    /// Adjoint of a spot light's axis before normalisation, and of its beam and cutoff angles.
     pub fn light_cone(&mut self, light: u32, d_axis: Vec3, d_angles: [f32; 2]) {
         self.add3(self.layout.light_axis[light as usize], 0, d_axis);
         self.add_all(self.layout.light_cone[light as usize], d_angles);
     }
 
-    /// Moves the collected camera adjoint into the sink.
+    /// Passes the camera's adjoint, which was summed up so far, to the sink and sets it to zero.
     pub fn flush_camera(&mut self) {
         let c = std::mem::take(&mut self.camera);
         self.add3(self.layout.camera_origin, 0, c.origin);
@@ -655,10 +659,10 @@ mod tests {
 
     #[test]
     fn what_is_summed_in_blocks_reaches_its_place() {
-        // The last block is not whole, and some numbers get nothing.
+        // The last block is not full, and some numbers receive nothing.
         const LEN: usize = 5 * BLOCK + 3;
         let mut rng = Pcg32::new(3);
-        let (mut sums, mut total) = (Sums::new(LEN), Total::new(LEN));
+        let (mut sums, mut total) = (SparseSums::new(LEN), DenseSums::new(LEN));
         let mut expected = vec![0.0; LEN];
         for _chunk in 0..3 {
             let mut chunk = vec![0.0; LEN];

@@ -1,12 +1,11 @@
-//! Scattering models: value, adjoint, sampling and density of each material, as plain numbers.
+//! Scattering models: value, adjoint, sampling and density of each material, computed from numbers that were looked up before.
 //!
-//! All models are isotropic: a value depends on the angles between shading normal `n`, direction `wi` towards
-//! where the path comes from and `wo` towards where it goes on. All three are unit vectors, in any frame. Every `f` has its
+//! All models are isotropic: a value depends on the angles between the shading normal `n`, the direction `wi` towards the camera's side
+//! of the path and the direction `wo` in which the path goes on. All three are unit vectors, in any frame. Every function `f` has its
 //! adjoint `d_f` beneath it.
 //!
-//! Where a shading normal turns away from `wi` (n·wi < 0), `wi` is mirrored at the tangent plane. Together with the
-//! absence of any test against the geometric normal this keeps a reflected value continuous there, so that no
-//! boundary term is lost.
+//! Where a shading normal turns away from `wi` (n·wi < 0), `wi` is mirrored at the tangent plane, and no model tests directions against
+//! the geometric normal. So the reflected radiance is continuous where n·wi changes its sign, and needs no boundary term there.
 
 mod angles;
 mod fresnel;
@@ -29,15 +28,15 @@ use super::scene::{Input, MaterialKind};
 /// The most inputs a material has.
 pub const MAX_INPUTS: usize = 4;
 
-/// Least roughness of a Phong lobe, of an exponent of twenty million (α = 0.0003): what is less cannot be told from a mirror in
-/// single precision. Light reflected is linear in such a roughness, so the derivative here is that at zero.
+/// Least roughness of a Phong lobe: an exponent of twenty million, α = 0.0003. In single precision a narrower lobe cannot be told from a
+/// mirror. The reflected light is linear in so small a roughness, so that the derivative at this value is the derivative at zero.
 const MIN_PHONG_ROUGHNESS: f32 = 1e-7;
-/// Microfacet lobes narrower than this are attached.
+/// Microfacet lobes with an α below this are attached ([`Bsdf::is_attached`]).
 const ATTACHED_ALPHA: f32 = 0.2;
-/// A mixture never gives a lobe less than this share of the samples, so that derivatives of a lobe that is black now are found.
+/// Each lobe of a mixture gets at least this share of the samples, so that a lobe that is black now still gets derivatives.
 const MIN_LOBE_SHARE: f32 = 0.1;
 
-/// A material at a point of a surface: numbers only.
+/// A material at a point of a surface, with its inputs looked up.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Bsdf {
     Black,
@@ -64,12 +63,12 @@ pub struct BsdfSample {
     pub wo: Vec3,
     /// Solid-angle density; 1 for a delta lobe.
     pub pdf: f32,
-    /// Of a delta lobe: its reflectance.
+    /// The reflectance of a delta lobe; `None` for other lobes.
     pub mirror: Option<Vec3>,
 }
 
 impl BsdfSample {
-    /// Of the cosine lobe alone.
+    /// A sample of a material whose only lobe is the cosine lobe.
     #[inline(always)]
     pub fn cosine(wo: Vec3) -> BsdfSample {
         BsdfSample { wo, pdf: cosine_hemisphere_pdf(wo.z), mirror: None }
@@ -80,7 +79,7 @@ impl BsdfSample {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BsdfAdjoint {
     pub directions: DirectionsAdjoint,
-    /// By input, in the order of [`MaterialKind::inputs`]; of a scalar input only `x` is used.
+    /// Derivatives in the inputs, in the order of [`MaterialKind::inputs`]. For a scalar input only `x` is used.
     pub d_values: [Vec3; MAX_INPUTS],
 }
 
@@ -93,17 +92,18 @@ impl BsdfAdjoint {
     }
 }
 
-/// Directions to sample the derivative of a GGX distribution in its roughness with: one of each sign.
+/// Samples the derivative of a GGX distribution in its roughness by pairs of directions: one from where the derivative is positive and one
+/// from where it is negative.
 #[derive(Clone, Copy, Debug)]
 pub struct RoughnessPair {
-    /// Number of the roughness among the material's inputs.
+    /// Index of the roughness among the material's inputs.
     pub input: usize,
     ggx: Ggx,
 }
 
 impl RoughnessPair {
-    /// A direction where the distribution grows with roughness and one where it shrinks, in the frame of the shading normal; each
-    /// with a density of its own. `None` below the surface.
+    /// Two directions in the frame of the shading normal: one where the distribution grows with roughness and one where it shrinks, each
+    /// with its own density. `None` for a direction below the surface.
     pub fn sample(&self, wi: Vec3, u: [f32; 2]) -> [Option<Vec3>; 2] {
         self.ggx.sample_pair(u).map(|h| (h.dot(wi) > 0.0).then(|| reflect(wi, h)).flatten())
     }
@@ -153,7 +153,7 @@ impl MaterialKind {
 }
 
 impl MaterialKind {
-    /// Number and input of the roughness of a GGX lobe.
+    /// The index and the input of a GGX lobe's roughness; `None` for materials without such a lobe.
     pub fn ggx_roughness(&self) -> Option<(usize, Input)> {
         match *self {
             MaterialKind::Conductor { roughness, .. } => Some((1, roughness)),
@@ -169,15 +169,15 @@ impl MaterialKind {
         !matches!(self, MaterialKind::Black | MaterialKind::Diffuse { .. } | MaterialKind::Mirror { .. })
     }
 
-    /// Whether what a point of such a material reflects may come from directions that turn with its normal.
+    /// Whether a point of such a material may reflect along directions that turn with its normal: a mirror or an attached lobe.
     pub fn may_follow_normals(&self) -> bool {
         self.may_be_attached() || matches!(self, MaterialKind::Mirror { .. })
     }
 }
 
 impl Bsdf {
-    /// The material with its inputs looked up (scalars in `x`). Values outside a model's domain are clamped;
-    /// derivatives pass straight through the clamp, so that an optimiser finds its way back.
+    /// The material with the values of its inputs (of scalar inputs in `x`). Values outside a model's domain are clamped. The adjoint
+    /// ignores the clamp, so that an optimiser can bring such a value back into the domain.
     pub fn new(kind: &MaterialKind, values: &[Vec3; MAX_INPUTS]) -> Bsdf {
         let ggx_roughness = |v: Vec3| v.x.clamp(0.0, 1.0);
         match kind {
@@ -206,32 +206,33 @@ impl Bsdf {
         }
     }
 
-    /// Reflects in one direction only: `eval` and `pdf` are zero, `sample` is all there is.
+    /// Whether it reflects in one direction only. Then `eval` and `pdf` are zero, and only `sample` finds the direction.
     #[inline]
     pub fn is_delta(&self) -> bool {
         matches!(self, Bsdf::Mirror { .. })
     }
 
-    /// Reflects nothing, whatever its inputs.
+    /// Whether it reflects nothing, whatever its inputs.
     #[inline]
     pub fn is_black(&self) -> bool {
         matches!(self, Bsdf::Black)
     }
 
-    /// Whether it is one cosine lobe.
+    /// Whether its only lobe is the cosine lobe.
     #[inline]
     pub fn is_diffuse(&self) -> bool {
         matches!(self, Bsdf::Diffuse { .. })
     }
 
-    /// Whether a narrow lobe is differentiated with its directions attached to the surface (α < 0.2:
-    /// below that the variance is less, above it more).
+    /// Whether the specular lobe is so narrow that derivatives are taken with the half vector attached to the shading normal: sampled
+    /// directions turn with the surface. With α < 0.2 this has less variance than fixed directions, with larger α more.
     pub fn is_attached(&self) -> bool {
         !self.is_delta() && self.roughness_alpha().is_some_and(|alpha| alpha < ATTACHED_ALPHA)
     }
 
-    /// With which probability a path stands for the specular part of a BSDF whose diffuse part is worth `diffuse` and whose specular part
-    /// is worth `specular` to it: in proportion, but never so rarely that the derivative of a part that is black now would be lost.
+    /// The probability with which a path chooses the specular part of the BSDF, given the values `diffuse` and `specular` of both parts. It
+    /// is in proportion to them, but neither part gets less than [`MIN_LOBE_SHARE`], so that a part that is black now still gets
+    /// derivatives.
     pub fn specular_choice(&self, diffuse: f32, specular: f32) -> f32 {
         if !matches!(self, Bsdf::Phong { .. } | Bsdf::Principled { .. }) {
             return 1.0;
@@ -240,11 +241,11 @@ impl Bsdf {
         if share.is_nan() { 0.5 } else { share.clamp(MIN_LOBE_SHARE, 1.0 - MIN_LOBE_SHARE) }
     }
 
-    /// f·|cos θo|. Zero for `wo` below the surface.
+    /// The value of the BSDF times |cos θo|. Zero for `wo` below the surface.
     #[inline(always)]
     pub fn eval(&self, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
         match *self {
-            Bsdf::Diffuse { reflectance } => matte(reflectance, n.dot(wo)),
+            Bsdf::Diffuse { reflectance } => lambertian(reflectance, n.dot(wo)),
             _ => self.eval_parts(n, wi, wo),
         }
     }
@@ -262,10 +263,10 @@ impl Bsdf {
         }
         match part {
             Part::Diffuse => match *self {
-                Bsdf::Diffuse { reflectance } | Bsdf::Phong { diffuse: reflectance, .. } => matte(reflectance, co),
+                Bsdf::Diffuse { reflectance } | Bsdf::Phong { diffuse: reflectance, .. } => lambertian(reflectance, co),
                 Bsdf::Principled { base_color, metallic, roughness, specular } => {
                     let principled = Principled { base_color, metallic, roughness, specular };
-                    matte(principled.base(n.dot(wi).abs(), co), co)
+                    lambertian(principled.base(n.dot(wi).abs(), co), co)
                 }
                 _ => Vec3::ZERO,
             },
@@ -273,7 +274,7 @@ impl Bsdf {
         }
     }
 
-    /// The specular part above the surface.
+    /// The specular part, for `wo` above the surface.
     fn eval_lobe(&self, angles: &Angles) -> Vec3 {
         let half = angles.half;
         match *self {
@@ -303,8 +304,8 @@ impl Bsdf {
         }
     }
 
-    /// As [`Bsdf::d_eval_part`] for the specular part, where the half vector turns with the surface: then the normal
-    /// distribution does not change.
+    /// [`Bsdf::d_eval_part`] of the specular part for an attached half vector: it turns with the surface, so that the normal
+    /// distribution is constant.
     pub fn d_eval_attached(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
         if n.dot(wo) <= 0.0 { BsdfAdjoint::default() } else { self.d_eval_lobe(n, wi, wo, d_f, true) }
     }
@@ -436,7 +437,7 @@ impl Bsdf {
         }
     }
 
-    /// The GGX lobe's derivative in its roughness, if there is such a lobe.
+    /// How to sample the derivative of the GGX lobe in its roughness; `None` without such a lobe.
     pub fn roughness_pair(&self) -> Option<RoughnessPair> {
         let (input, roughness) = match *self {
             Bsdf::Conductor { roughness, .. } => (1, roughness),
@@ -482,7 +483,7 @@ impl Bsdf {
         d_values
     }
 
-    /// Width α of the specular lobe as a Beckmann-like slope; 0 for a mirror, `None` without such a lobe.
+    /// Width α of the specular lobe, comparable to that of a Beckmann distribution; 0 for a mirror, `None` without a specular lobe.
     pub fn roughness_alpha(&self) -> Option<f32> {
         match *self {
             Bsdf::Black | Bsdf::Diffuse { .. } => None,
@@ -494,8 +495,9 @@ impl Bsdf {
         }
     }
 
-    /// About how much the cosine lobe and the microfacet lobe reflect; the latter without shadowing.
-    pub fn lobes(&self, ci: f32) -> [f32; 2] {
+    /// Approximate albedos (as luminances) of the cosine lobe and of the specular lobe for light from a direction with cosine `ci`; the
+    /// latter without shadowing. They decide how samples are split between the lobes.
+    pub fn lobe_albedos(&self, ci: f32) -> [f32; 2] {
         let size = |rgb: Vec3| luminance(rgb.abs());
         match *self {
             Bsdf::Black | Bsdf::Mirror { .. } => [0.0; 2],
@@ -517,24 +519,24 @@ impl Bsdf {
             Bsdf::Phong { .. } | Bsdf::Principled { .. } => {}
             _ => return 0.0,
         }
-        let [diffuse, specular] = self.lobes(ci);
+        let [diffuse, specular] = self.lobe_albedos(ci);
         let share = diffuse / (diffuse + specular);
         if share.is_nan() { 0.5 } else { share.clamp(MIN_LOBE_SHARE, 1.0 - MIN_LOBE_SHARE) }
     }
 }
 
-/// The roughness with which a GGX lobe has this α.
+/// The roughness of a GGX lobe with this α.
 pub fn ggx_roughness_of(alpha: f32) -> f32 {
     Ggx::roughness_of(alpha)
 }
 
-/// f·|cos θo| of the cosine lobe, at the cosine `co` = n·wo; zero below the surface.
+/// A Lambertian BSDF times |cos θo|, at the cosine `co` = n·wo; zero below the surface.
 #[inline(always)]
-pub fn matte(reflectance: Vec3, co: f32) -> Vec3 {
+pub fn lambertian(reflectance: Vec3, co: f32) -> Vec3 {
     reflectance * (FRAC_1_PI * co.max(0.0))
 }
 
-/// Adjoint of `schlick(half, f0) * lobe`: adds to the angles' derivatives, returns those of `f0` and the roughness.
+/// Adjoint of `schlick(half, f0) * lobe`: writes the derivatives in the angles to `out`, returns those in `f0` and the roughness.
 fn d_schlick_lobe(
     lobe: &impl Microfacets,
     f0: Vec3,

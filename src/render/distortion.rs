@@ -1,11 +1,14 @@
-//! Lens distortion: where a real lens draws what an ideal one would draw elsewhere.
+//! Lens distortion: the map from the film position of an ideal pinhole image to that in the image of a real lens.
 
 use glam::Vec2;
 
-/// Brown's model of radial and tangential distortion (Brown 1966, "Decentering distortion of lenses"), with the coefficients of
-/// OpenCV in its order k1, k2, p1, p2, k3 (there y points down). An ideal film position q, in units of the focal length, is seen at
-/// q (1 + k1 r² + k2 r⁴ + k3 r⁶), r = |q|, and a little to the side by p1 and p2. For a fisheye q is the angle from the axis as a
-/// vector, which without p1 and p2 is the model of Kannala and Brandt 2006.
+/// Brown's model of radial and tangential distortion (Brown 1966, "Decentering distortion of lenses"), with OpenCV's coefficients in its
+/// order k1, k2, p1, p2, k3. (In OpenCV y points down, here up.) An undistorted film position q, in units of the focal length, is moved
+/// to q (1 + k1 r² + k2 r⁴ + k3 r⁶) with r = |q|; p1 and p2 add the tangential part. For a fisheye |q| is the angle from the axis in
+/// radians: without p1 and p2 this is the model of Kannala and Brandt 2006.
+///
+/// "Folded" is the part of an image beyond the radius at which the polynomial stops growing with r: it shows points again, mirrored,
+/// that no ray through those film positions reaches.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Distortion {
     pub coefficients: [f32; 5],
@@ -19,7 +22,7 @@ impl Distortion {
         self.coefficients == [0.0; 5]
     }
 
-    /// Where an ideal film position is seen.
+    /// The distorted position of an undistorted one.
     pub fn apply(&self, q: Vec2) -> Vec2 {
         let [k1, k2, p1, p2, k3] = self.coefficients;
         let r2 = q.length_squared();
@@ -27,8 +30,8 @@ impl Distortion {
         q * radial + Vec2::new(p2, -p1) * r2 + q * (2.0 * Vec2::new(p2, -p1).dot(q))
     }
 
-    /// Derivatives of [`Distortion::apply`] in the ideal position, ∂x/∂x, ∂x/∂y = ∂y/∂x and ∂y/∂y: it is a gradient.
-    pub fn slopes(&self, q: Vec2) -> [f32; 3] {
+    /// The Jacobian of [`Distortion::apply`]: ∂x/∂x, ∂x/∂y = ∂y/∂x and ∂y/∂y. It is symmetric because the map is the gradient of a scalar.
+    pub fn jacobian(&self, q: Vec2) -> [f32; 3] {
         let [k1, k2, p1, p2, k3] = self.coefficients;
         let r2 = q.length_squared();
         let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
@@ -43,31 +46,31 @@ impl Distortion {
     }
 
     /// Derivatives of [`Distortion::apply`] in the coefficients.
-    pub fn by_coefficients(&self, q: Vec2) -> [Vec2; 5] {
+    pub fn coefficient_derivatives(&self, q: Vec2) -> [Vec2; 5] {
         let r2 = q.length_squared();
         let aside = |unit: Vec2| unit * r2 + q * (2.0 * unit.dot(q));
         [q * r2, q * (r2 * r2), aside(Vec2::NEG_Y), aside(Vec2::X), q * (r2 * r2 * r2)]
     }
 
-    /// The ideal position of what is seen at `seen`, by Newton's method; not a number where the image is folded.
-    pub fn undo(&self, seen: Vec2) -> Vec2 {
+    /// The undistorted position of a distorted one, by Newton's method. NaN where the image is folded.
+    pub fn invert(&self, seen: Vec2) -> Vec2 {
         const STEPS: usize = 64;
         let mut q = seen;
-        // From somewhere inside of the fold, and never beyond it.
-        while !self.keeps_sides(q) {
+        // Start inside the radius at which the image folds, and never step beyond it.
+        while !self.preserves_orientation(q) {
             q *= 0.5;
             if q == Vec2::ZERO || q.is_nan() {
                 return Vec2::NAN;
             }
         }
         for _ in 0..STEPS {
-            let whole = self.solve(q, self.apply(q) - seen);
+            let whole = self.solve_jacobian(q, self.apply(q) - seen);
             let mut step = whole;
-            while !self.keeps_sides(q - step) && step.length_squared() > 1e-12 * whole.length_squared() {
+            while !self.preserves_orientation(q - step) && step.length_squared() > 1e-12 * whole.length_squared() {
                 step *= 0.5;
             }
             q -= step;
-            // As far as single precision goes: what is left is the square of that.
+            // The relative step is below 1e-6. Newton's method converges quadratically, so the remaining error is about its square.
             if whole.length_squared() <= 1e-12 * q.length_squared() {
                 return q;
             }
@@ -75,22 +78,23 @@ impl Distortion {
         Vec2::NAN
     }
 
-    /// Whether the image is not turned over there.
-    fn keeps_sides(&self, q: Vec2) -> bool {
-        let [a, b, c] = self.slopes(q);
+    /// Whether the Jacobian at `q` is positive definite, so that the image is not folded there.
+    fn preserves_orientation(&self, q: Vec2) -> bool {
+        let [a, b, c] = self.jacobian(q);
         a * c > b * b && a > 0.0
     }
 
-    /// `v` over the slopes at `q`: a step of Newton's method, and the adjoint of [`Distortion::undo`].
-    pub fn solve(&self, q: Vec2, v: Vec2) -> Vec2 {
-        let [a, b, c] = self.slopes(q);
+    /// The inverse of the Jacobian at `q` times `v`: a step of Newton's method, and also the adjoint of [`Distortion::invert`], because the
+    /// Jacobian is symmetric.
+    pub fn solve_jacobian(&self, q: Vec2, v: Vec2) -> Vec2 {
+        let [a, b, c] = self.jacobian(q);
         Vec2::new(c * v.x - b * v.y, a * v.y - b * v.x) / (a * c - b * b)
     }
 
-    /// Whether an ideal position is where what is seen there comes from: beyond the radius at which an image turns back, the
-    /// polynomial draws things into it that no ray from there finds.
-    pub fn shows(&self, q: Vec2) -> bool {
-        self.undo(self.apply(q)).distance_squared(q) < 1e-6 * q.length_squared() + 1e-12
+    /// Whether a camera sees the undistorted position `q`: inverting its distorted position gives `q` again. It does not where the image
+    /// is folded.
+    pub fn is_visible(&self, q: Vec2) -> bool {
+        self.invert(self.apply(q)).distance_squared(q) < 1e-6 * q.length_squared() + 1e-12
     }
 }
 
@@ -114,8 +118,8 @@ mod tests {
             let lens = Distortion { coefficients };
             for _ in 0..2000 {
                 let q = Vec2::new(rng.next_f32() * 2.0 - 1.0, rng.next_f32() * 2.0 - 1.0) * 0.8;
-                assert!(lens.undo(lens.apply(q)).distance(q) < 1e-5, "{coefficients:?} at {q}");
-                assert!(lens.shows(q));
+                assert!(lens.invert(lens.apply(q)).distance(q) < 1e-5, "{coefficients:?} at {q}");
+                assert!(lens.is_visible(q));
             }
         }
     }
@@ -125,15 +129,16 @@ mod tests {
         let lens = Distortion { coefficients: LENSES[0] };
         // r (1 − r² / 5) is largest at √(5/3) = 1.291.
         for (r, seen) in [(1.0, true), (1.25, true), (1.35, false), (1.6, false), (2.5, false)] {
-            assert_eq!(lens.shows(Vec2::new(0.6, 0.8) * r), seen, "{r}");
+            assert_eq!(lens.is_visible(Vec2::new(0.6, 0.8) * r), seen, "{r}");
         }
-        assert!(lens.undo(Vec2::new(0.9, 0.0)).is_nan());
-        // Folded only where nothing is seen, though where it is seen would be there; and steep.
+        assert!(lens.invert(Vec2::new(0.9, 0.0)).is_nan());
+        // These images fold only beyond the radii tried here. But for the first polynomial the start value of Newton's method, the
+        // distorted position, may lie in the folded part; the second one is steep.
         for (coefficients, widest) in [([0.588, -0.275, 0.0, 0.0, -0.061], 0.92), ([0.0, 0.0, 0.0, 0.0, 1.0], 2.4)] {
             let lens = Distortion { coefficients };
             for i in 0..=64 {
                 let q = Vec2::new(0.6, -0.8) * (widest * i as f32 / 64.0);
-                assert!(lens.undo(lens.apply(q)).distance(q) <= 1e-5 * (1.0 + q.length()), "{coefficients:?} at {q}");
+                assert!(lens.invert(lens.apply(q)).distance(q) <= 1e-5 * (1.0 + q.length()), "{coefficients:?} at {q}");
             }
         }
     }
@@ -165,10 +170,10 @@ mod tests {
             let lens = Distortion { coefficients };
             let h = 1e-2;
             let along = |d: Vec2| (lens.apply(q + d * h) - lens.apply(q - d * h)) / (2.0 * h);
-            let [a, b, c] = lens.slopes(q);
+            let [a, b, c] = lens.jacobian(q);
             assert!(along(Vec2::X).distance(Vec2::new(a, b)) < 1e-3);
             assert!(along(Vec2::Y).distance(Vec2::new(b, c)) < 1e-3);
-            for (i, by) in lens.by_coefficients(q).into_iter().enumerate() {
+            for (i, by) in lens.coefficient_derivatives(q).into_iter().enumerate() {
                 let (mut up, mut down) = (lens, lens);
                 up.coefficients[i] += h;
                 down.coefficients[i] -= h;

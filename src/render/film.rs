@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::{DVec3, IVec2, Vec2, Vec3};
 use rayon::prelude::*;
 
-use super::accel::{Ray, Work};
+use super::accel::{Kernel, Ray};
 use super::integrator::{BATCH, NoRecord, Options, Paths};
 use super::interaction::SurfaceInteraction;
 use super::sampler::{Sampler, Sequence, hash};
@@ -133,7 +133,7 @@ struct Row<'a> {
     pixels: &'a mut [f32],
 }
 
-impl Work for Row<'_> {
+impl Kernel for Row<'_> {
     #[inline(always)]
     fn run(self) {
         let Row { scene, camera, output, .. } = self;

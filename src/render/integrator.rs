@@ -14,7 +14,7 @@ use glam::Vec3;
 use super::accel::{PrimId, Ray};
 use super::interaction::SurfaceInteraction;
 use super::light::LightSample;
-use super::mask::{Crossing, MaskSampling, MaskWeight};
+use super::mask::{MaskCrossing, MaskSampling, MaskWeight};
 use super::sampler::Sampler;
 use super::world::Scene;
 
@@ -128,7 +128,7 @@ pub trait Recorder {
     /// A new segment begins. Masks on it follow, then, if it is of use, the vertex or connection that it belongs to.
     fn segment(&mut self) {}
     /// A mask passed, unless masks are passed by opacity ([`MaskSampling::Opacity`]).
-    fn cross(&mut self, _crossing: &Crossing) {}
+    fn cross(&mut self, _crossing: &MaskCrossing) {}
     /// An unoccluded light connection of the latest vertex.
     fn connect(&mut self, _connection: &Connection) {}
     /// The continuation of the latest vertex.

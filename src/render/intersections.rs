@@ -1,8 +1,9 @@
-//! Where triangles cross: the curves along which meshes interpenetrate, segment by segment.
+//! Crossings: the segments along which triangles of the scene intersect.
 //!
-//! Triangles that only touch do not cross: neighbours in a mesh, faces in one plane, a corner on a face. A surface that goes through
-//! another along one of its own edges does (a ball whose equator lies in the floor), and so does one that ends on another: a box
-//! that stands on a floor has a derivative on either side, and is taken to reach into it.
+//! Triangles that only touch do not cross: neighbours in a mesh, faces in one plane, a corner on a face. Two cases in which a mesh edge
+//! lies within another triangle count as crossings too. One is a surface that passes through another exactly along one of its own mesh
+//! edges, such as a ball whose equator lies in the floor. The other is a surface that ends on another, such as a box that stands on a
+//! floor: moving the box up and moving it down have different derivatives, and the box is taken to reach into the floor.
 
 use std::collections::HashSet;
 
@@ -12,64 +13,69 @@ use super::accel::PrimId;
 use super::world::Scene;
 use crate::math::{position_key, segment_key};
 
-/// Corners nearer to a plane than this times their largest coordinate lie in it: coordinates are only known to their last bits.
-const TOLERANCE: f64 = 1e-6;
-/// And edges of which both ends are nearer than this: a wall that was turned by 1.5708 stands on its floor too. No ray tells the two
-/// apart: an edge a little below a floor would be seen, next to the crossing above it.
-const STANDING: f64 = 1e-5;
-/// Sine of the angle below which two planes count as one. Such surfaces have no edge where they cross; it would move 1/sine
-/// times as fast as they do, and what is missed is what changes when two surfaces glide through each other at less than 0.006°.
-const LEAST_SINE: f64 = 1e-4;
+/// A corner lies in a plane if its distance is less than this times its triangle's largest coordinate: coordinates are rounded.
+const CORNER_TOLERANCE: f64 = 1e-6;
+/// An edge lies in a plane if both its ends are nearer than this times the largest coordinate. It is larger than [`CORNER_TOLERANCE`] so
+/// that a wall that was turned by 1.5708 instead of π/2 stands on its floor too. Rays cannot resolve so small a distance: an edge so
+/// little below a floor would be seen beside the crossing above it.
+const EDGE_TOLERANCE: f64 = 1e-5;
+/// Two planes count as one if the sine of the angle between them is less than this. Such surfaces get no crossing, which would move
+/// 1/sine times as fast as they do. So derivatives miss what changes when surfaces slide through each other at less than 0.006°.
+const MIN_SINE: f64 = 1e-4;
 
 /// A segment along which two surfaces cross.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Crossing {
     pub p: [Vec3; 2],
-    /// Of each surface the triangles on either side of the segment: one and the same if it crosses in the triangle's inside.
+    /// By surface: its triangles on either side of the segment. They are the same triangle if the segment runs through its inside.
     pub prims: [[PrimId; 2]; 2],
-    /// The ends of the first surface's mesh edge along which they cross, if they do.
-    pub along: Option<[Vec3; 2]>,
-    /// The first surface ends there.
-    pub stands: bool,
+    /// The ends of the first surface's mesh edge, if the segment lies on one.
+    pub mesh_edge: Option<[Vec3; 2]>,
+    /// The first surface ends at the segment: it has triangles on one side only.
+    pub first_surface_ends: bool,
 }
 
-/// Two edges, not the same, that lie on one line and have a part of it in common: those of boxes pushed together.
-pub type Overlap = [[Vec3; 2]; 2];
+/// Two different mesh edges on one line that have a part of it in common, such as those of boxes that were pushed together.
+pub type EdgeOverlap = [[Vec3; 2]; 2];
 
-/// All crossings with at least one wanted triangle, in the order of their triangles.
+/// All crossings of which at least one triangle is `wanted`, sorted by their triangles.
 pub fn crossings(scene: &Scene, wanted: impl Fn(PrimId) -> bool + Sync) -> Vec<Crossing> {
     crossings_and_overlaps(scene, wanted).0
 }
 
-/// [`crossings`], and where triangles' edges overlap.
-pub fn crossings_and_overlaps(scene: &Scene, wanted: impl Fn(PrimId) -> bool + Sync) -> (Vec<Crossing>, Vec<Overlap>) {
+/// [`crossings`], and the pairs of mesh edges that overlap.
+pub fn crossings_and_overlaps(
+    scene: &Scene,
+    wanted: impl Fn(PrimId) -> bool + Sync,
+) -> (Vec<Crossing>, Vec<EdgeOverlap>) {
     let shape = |prim: PrimId| scene.prims[prim as usize].shape;
-    let meetings = scene.accel.pairs(STANDING as f32, wanted, |[a, b], found| {
+    let intersections = scene.accel.overlapping_pairs(EDGE_TOLERANCE as f32, wanted, |[a, b], found| {
         let [x, y] = [a, b].map(|prim| Triangle::new(prim, scene.corners(prim)));
-        if x.is_beside(&y) || y.is_beside(&x) {
+        if x.is_on_one_side_of(&y) || y.is_on_one_side_of(&x) {
             return;
         }
-        // Neighbours in a mesh meet in whole edges; those that share a corner only may lie at a longer edge's end.
+        // Neighbours in a mesh have whole edges in common. If they share no more than a corner, an edge of one may overlap an edge of
+        // the other.
         if shape(a) != shape(b) || x.shared_corners(&y) < 2 {
-            overlaps(&x, &y, |edges| found.push(Meeting::Overlap(edges)));
+            overlaps(&x, &y, |edges| found.push(Intersection::EdgeOverlap(edges)));
         }
-        // Twins of a triangle cross in the very same points, whoever comes first.
+        // In a canonical order, so that triangles with the same corners get crossings with the same bits.
         let [x, y] = [x, y].map(Triangle::sorted);
         let (x, y) = if x.key() <= y.key() { (x, y) } else { (y, x) };
-        found.extend(meet(&x, &y));
+        found.extend(intersect(&x, &y));
     });
     let mut crossings = Vec::new();
-    let mut grazes = Vec::new();
+    let mut halves = Vec::new();
     let mut overlaps = Vec::new();
-    for meeting in meetings {
-        match meeting {
-            Meeting::Cross(crossing) => crossings.push(crossing),
-            Meeting::Graze(graze) => grazes.push(graze),
-            Meeting::Overlap(edges) => overlaps.push(edges),
+    for intersection in intersections {
+        match intersection {
+            Intersection::Crossing(crossing) => crossings.push(crossing),
+            Intersection::HalfCrossing(half_crossing) => halves.push(half_crossing),
+            Intersection::EdgeOverlap(edges) => overlaps.push(edges),
         }
     }
     let is_opaque = |prim: PrimId| scene.description.shapes[shape(prim) as usize].material.opacity.is_none();
-    crossings.extend(join(grazes, is_opaque));
+    crossings.extend(pair_half_crossings(halves, is_opaque));
     crossings.sort_by_key(|c| c.prims);
     let mut seen = HashSet::new();
     crossings.retain(|c| seen.insert(segment_key(c.p)));
@@ -78,37 +84,40 @@ pub fn crossings_and_overlaps(scene: &Scene, wanted: impl Fn(PrimId) -> bool + S
     (crossings, overlaps)
 }
 
-/// How two triangles meet.
-enum Meeting {
-    Cross(Crossing),
-    Graze(Graze),
-    Overlap(Overlap),
+/// How two triangles intersect.
+enum Intersection {
+    Crossing(Crossing),
+    HalfCrossing(HalfCrossing),
+    EdgeOverlap(EdgeOverlap),
 }
 
-/// A triangle of which one edge lies within another triangle and the rest to one side of it: half a crossing.
-struct Graze {
+/// A triangle (`prim`) with one edge in the plane of another (`other`) and the rest on one side of it. Two of them, from either side of the
+/// same edge, make a crossing.
+struct HalfCrossing {
+    /// The part of the edge within the other triangle.
     p: [Vec3; 2],
     edge: [Vec3; 2],
     prim: PrimId,
     other: PrimId,
+    /// On which side of the other triangle's plane `prim` lies.
     above: bool,
 }
 
-/// Pairs of grazes from either side along the same edge; and single ones, of faces that stand on another. That hides all that is beyond
-/// the edge only if it is opaque.
-fn join(mut grazes: Vec<Graze>, is_opaque: impl Fn(PrimId) -> bool) -> Vec<Crossing> {
-    let key = |g: &Graze| (g.other, segment_key(g.edge));
-    grazes.sort_by_key(|g| (key(g), g.above, g.prim));
-    let groups = grazes.chunk_by(|a, b| key(a) == key(b));
-    let crossing = |group: &[Graze]| {
+/// Makes crossings of half crossings from either side of the same edge, and of single ones, whose surface ends on the other one. Single
+/// ones count only if the other surface is opaque: only then does it hide all that would be on its far side.
+fn pair_half_crossings(mut halves: Vec<HalfCrossing>, is_opaque: impl Fn(PrimId) -> bool) -> Vec<Crossing> {
+    let key = |g: &HalfCrossing| (g.other, segment_key(g.edge));
+    halves.sort_by_key(|g| (key(g), g.above, g.prim));
+    let groups = halves.chunk_by(|a, b| key(a) == key(b));
+    let crossing = |group: &[HalfCrossing]| {
         let (below, above) = (group.first()?, group.last()?);
         let prims = [[below.prim, above.prim], [below.other; 2]];
-        let stands = group.len() == 1 && is_opaque(below.other);
-        (below.above != above.above || stands).then_some(Crossing {
+        let first_surface_ends = group.len() == 1 && is_opaque(below.other);
+        (below.above != above.above || first_surface_ends).then_some(Crossing {
             p: below.p,
             prims,
-            along: Some(below.edge),
-            stands,
+            mesh_edge: Some(below.edge),
+            first_surface_ends,
         })
     };
     groups.filter_map(crossing).collect()
@@ -124,10 +133,10 @@ struct Triangle {
 impl Triangle {
     fn new(prim: PrimId, corners: [Vec3; 3]) -> Triangle {
         let largest = corners.iter().map(|p| p.abs().max_element()).fold(0.0, f32::max);
-        Triangle { prim, corners: corners.map(|p| p.as_dvec3()), tolerance: TOLERANCE * f64::from(largest) }
+        Triangle { prim, corners: corners.map(|p| p.as_dvec3()), tolerance: CORNER_TOLERANCE * f64::from(largest) }
     }
 
-    /// With its corners in an order of their own, whatever the face's.
+    /// The same triangle with its corners sorted by their coordinates.
     fn sorted(mut self) -> Triangle {
         self.corners.sort_by(|a, b| {
             let by = |i: usize| a[i].total_cmp(&b[i]);
@@ -136,19 +145,19 @@ impl Triangle {
         self
     }
 
-    /// Whether it surely lies on one side of another's plane: with no corner in it, or with one.
-    fn is_beside(&self, other: &Triangle) -> bool {
+    /// Whether the triangle certainly lies on one side of another's plane, with at most one corner in the plane.
+    fn is_on_one_side_of(&self, other: &Triangle) -> bool {
         let [a, b, c] = other.corners;
         let normal = (b - a).cross(c - a);
-        let tolerance = self.least_height(other) * (STANDING / TOLERANCE) * normal.length();
+        let tolerance = self.plane_tolerance(other) * (EDGE_TOLERANCE / CORNER_TOLERANCE) * normal.length();
         let heights = self.corners.map(|p| normal.dot(p - a));
         let count = |side: f64| heights.iter().filter(|&&h| side * h > tolerance).count();
         let within = |side: f64| heights.iter().all(|&h| side * h > -tolerance);
         (count(1.0) > 1 && within(1.0)) || (count(-1.0) > 1 && within(-1.0))
     }
 
-    /// Below this a corner lies in another's plane.
-    fn least_height(&self, other: &Triangle) -> f64 {
+    /// A corner that is nearer to another triangle's plane than this lies in it.
+    fn plane_tolerance(&self, other: &Triangle) -> f64 {
         self.tolerance + 1e-6 * other.tolerance
     }
 
@@ -156,7 +165,7 @@ impl Triangle {
         self.corners.iter().filter(|p| other.corners.contains(p)).count()
     }
 
-    /// The edges of which both ends lie in a plane.
+    /// The edges that lie in the plane of another triangle.
     fn edges_in(&self, other: &Triangle, normal: DVec3) -> impl Iterator<Item = [DVec3; 2]> {
         let (corners, heights) = (self.corners, self.heights(other, normal));
         (0..3)
@@ -174,16 +183,18 @@ impl Triangle {
         (b - a).cross(c - a).normalize_or_zero()
     }
 
-    /// Distances of the corners from the plane of another; zero for those that lie in it, alone or with an edge.
+    /// Signed distances of the corners from another triangle's plane. They are zero for corners that lie in the plane by [`EDGE_TOLERANCE`]
+    /// if that puts exactly one edge there, and else by [`CORNER_TOLERANCE`].
     fn heights(&self, other: &Triangle, normal: DVec3) -> [f64; 3] {
         let exact = self.corners.map(|p| normal.dot(p - other.corners[0]));
         let without = |least: f64| exact.map(|height| if height.abs() <= least { 0.0 } else { height });
-        let least = self.least_height(other);
-        let of_edges = without(least * (STANDING / TOLERANCE));
+        let least = self.plane_tolerance(other);
+        let of_edges = without(least * (EDGE_TOLERANCE / CORNER_TOLERANCE));
         if edge_within(of_edges).is_some() { of_edges } else { without(least) }
     }
 
-    /// The points of the outline at height zero: two if the corners lie on both sides.
+    /// The two points in which the triangle's outline intersects the plane from which its corners have these heights; `None` if there are
+    /// not two.
     fn cut(&self, heights: [f64; 3]) -> Option<[DVec3; 2]> {
         let mut points = Vec::with_capacity(2);
         for i in 0..3 {
@@ -202,7 +213,7 @@ fn straddles(heights: [f64; 3]) -> bool {
     heights.iter().any(|&h| h > 0.0) && heights.iter().any(|&h| h < 0.0)
 }
 
-/// The corners of an edge at height zero, with the height of the third.
+/// The corners of the edge that lies in the plane, if exactly one does, and the height of the third corner.
 fn edge_within(heights: [f64; 3]) -> Option<([usize; 2], f64)> {
     (0..3).find_map(|i| {
         let [j, k] = [(i + 1) % 3, (i + 2) % 3];
@@ -210,10 +221,10 @@ fn edge_within(heights: [f64; 3]) -> Option<([usize; 2], f64)> {
     })
 }
 
-/// Finds edges of two triangles that overlap without being the same.
-fn overlaps(a: &Triangle, b: &Triangle, mut found: impl FnMut(Overlap)) {
+/// Calls `found` for every two edges of two triangles that overlap without being the same.
+fn overlaps(a: &Triangle, b: &Triangle, mut found: impl FnMut(EdgeOverlap)) {
     let (normal_a, normal_b) = (a.normal(), b.normal());
-    let tolerance = a.least_height(b).max(b.least_height(a));
+    let tolerance = a.plane_tolerance(b).max(b.plane_tolerance(a));
     for e in a.edges_in(b, normal_b) {
         for f in b.edges_in(a, normal_a) {
             let along = (e[1] - e[0]).normalize_or_zero();
@@ -234,9 +245,9 @@ fn overlaps(a: &Triangle, b: &Triangle, mut found: impl FnMut(Overlap)) {
     }
 }
 
-/// Tells apart crossing and touching (after Möller 1997, "A Fast Triangle-Triangle Intersection Test"): where both planes meet
-/// each triangle has an interval, and these must overlap.
-fn meet(a: &Triangle, b: &Triangle) -> Option<Meeting> {
+/// Intersects two triangles; `None` if they do not intersect or only touch. After Möller 1997, "A Fast Triangle-Triangle Intersection
+/// Test": each triangle covers an interval of the line in which the planes intersect, and these intervals must overlap.
+fn intersect(a: &Triangle, b: &Triangle) -> Option<Intersection> {
     let normal_b = b.normal();
     let heights_a = a.heights(b, normal_b);
     let within_a = edge_within(heights_a);
@@ -247,7 +258,7 @@ fn meet(a: &Triangle, b: &Triangle) -> Option<Meeting> {
     let heights_b = b.heights(a, normal_a);
     let within_b = edge_within(heights_b);
     let along = normal_a.cross(normal_b);
-    if along.length() < LEAST_SINE {
+    if along.length() < MIN_SINE {
         return None;
     }
     let along = along.normalize();
@@ -262,19 +273,19 @@ fn meet(a: &Triangle, b: &Triangle) -> Option<Meeting> {
         let p = [from.as_vec3(), to.as_vec3()];
         (along.dot(to - from) > a.tolerance.min(b.tolerance) && p[0] != p[1]).then_some(p)
     };
-    let graze = |x: &Triangle, ([i, j], height): ([usize; 2], f64), y: &Triangle, cut: [DVec3; 2]| {
+    let half_crossing = |x: &Triangle, ([i, j], height): ([usize; 2], f64), y: &Triangle, cut: [DVec3; 2]| {
         let edge = [x.corners[i], x.corners[j]];
         let p = overlap(edge, cut)?;
         let edge = edge.map(|p| p.as_vec3());
-        Some(Meeting::Graze(Graze { p, edge, prim: x.prim, other: y.prim, above: height > 0.0 }))
+        Some(Intersection::HalfCrossing(HalfCrossing { p, edge, prim: x.prim, other: y.prim, above: height > 0.0 }))
     };
     match (within_a, within_b) {
-        (Some(edge), None) if straddles(heights_b) => graze(a, edge, b, b.cut(heights_b)?),
-        (None, Some(edge)) if straddles(heights_a) => graze(b, edge, a, a.cut(heights_a)?),
+        (Some(edge), None) if straddles(heights_b) => half_crossing(a, edge, b, b.cut(heights_b)?),
+        (None, Some(edge)) if straddles(heights_a) => half_crossing(b, edge, a, a.cut(heights_a)?),
         (None, None) if straddles(heights_a) && straddles(heights_b) => {
             let p = overlap(a.cut(heights_a)?, b.cut(heights_b)?)?;
             let prims = if a.prim < b.prim { [[a.prim; 2], [b.prim; 2]] } else { [[b.prim; 2], [a.prim; 2]] };
-            Some(Meeting::Cross(Crossing { p, prims, along: None, stands: false }))
+            Some(Intersection::Crossing(Crossing { p, prims, mesh_edge: None, first_surface_ends: false }))
         }
         _ => None,
     }
@@ -347,15 +358,15 @@ mod tests {
         for (y, expected) in [(0.2, 4.0), (0.5, 4.0), (-0.5, 4.0), (0.7, 0.0)] {
             let all = found(vec![floor(), moved(cube.clone(), Vec3::new(0.3, y, 0.2))]);
             assert!((length(&all) - expected).abs() < 1e-5, "at {y}: {}", length(&all));
-            assert!(all.iter().all(|c| c.stands == (y.abs() == 0.5)));
+            assert!(all.iter().all(|c| c.first_surface_ends == (y.abs() == 0.5)));
         }
-        // Standing with all the dirt of rotated coordinates.
+        // The box stands on the floor also when rotation has rounded its coordinates.
         let turn = glam::Quat::from_rotation_z(1.1) * glam::Quat::from_rotation_x(0.7);
         let mut both = [floor(), moved(cube, Vec3::new(0.1, 0.5, 0.1))];
         both.iter_mut().flat_map(|m| &mut m.vertices).for_each(|v| *v = turn * *v + 0.1);
         let all = found(both.to_vec());
-        assert!((length(&all) - 4.0).abs() < 1e-5 && all.iter().all(|c| c.stands), "{all:?}");
-        // The edge table has its foot once: as crossings of three halves, not as edges.
+        assert!((length(&all) - 4.0).abs() < 1e-5 && all.iter().all(|c| c.first_surface_ends), "{all:?}");
+        // In the edge table the foot of the box is a crossing with three faces, and not an edge of the box besides.
         let scene = scene(both.to_vec());
         let foot = |e: &&crate::render::edges::Edge| e.p.iter().all(|p| (turn.inverse() * (*p - 0.1)).y.abs() < 1e-5);
         let foot: Vec<_> = scene.edges().edges.iter().filter(foot).filter(|e| e.length() < 1.1).collect();
@@ -397,7 +408,7 @@ mod tests {
             let all = found(both.to_vec());
             let chords = length(&all);
             assert!(chords < TAU && chords > 0.95 * TAU, "{chords}");
-            assert!(all.iter().all(|c| c.along.is_some()));
+            assert!(all.iter().all(|c| c.mesh_edge.is_some()));
             // The edge table has them once: as crossings, not as edges.
             let scene = scene(both.to_vec());
             let within = |e: &&crate::render::edges::Edge| {

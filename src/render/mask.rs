@@ -1,16 +1,16 @@
-//! Masks: surfaces that are there with the probability of their opacity, else a ray passes straight through.
+//! Masks: surfaces with an opacity. A ray hits such a surface with a probability of its opacity, and else passes straight through.
 //!
-//! Paths choose at random at every mask they meet; shadow rays carry what is let through, Π(1 − opacity). Opacities are continuous over
-//! a surface, so that derivatives need no edges besides those of the mesh.
+//! Paths choose at random at every mask they hit. Shadow rays carry the transmittance Π(1 − opacity) instead. Opacities are continuous
+//! over a surface, so that derivatives need no edges besides those of the mesh.
 
-use super::accel::{Hit, PrimId, Ray, Root};
+use super::accel::{Hit, PrimId, Ray, RootHits};
 use super::interaction::SurfaceInteraction;
 use super::sampler::Sampler;
 use super::world::Scene;
 
-/// A mask that a ray passes.
+/// A masked surface that a ray passes through.
 #[derive(Clone, Copy, Debug)]
-pub struct Crossing {
+pub struct MaskCrossing {
     pub prim: PrimId,
     pub b: [f32; 3],
     /// Distance along the ray.
@@ -20,8 +20,8 @@ pub struct Crossing {
     pub inv_choice: f32,
 }
 
-impl Crossing {
-    /// The factor it puts on what lies behind.
+impl MaskCrossing {
+    /// The factor on radiance from behind the mask: its transmittance over the probability of passing.
     pub fn weight(&self) -> f32 {
         (1.0 - self.opacity) * self.inv_choice
     }
@@ -89,7 +89,7 @@ impl Scene {
         skip: &[PrimId],
         sampler: &mut Sampler,
         sampling: MaskSampling,
-        cross: impl FnMut(Crossing),
+        cross: impl FnMut(MaskCrossing),
     ) -> (Option<(SurfaceInteraction, f32)>, MaskWeight) {
         let (hit, through) = self.sample_hit(ray, skip, sampler, sampling, cross);
         (hit.map(|hit| (self.interaction(hit.prim, hit.b, -ray.dir), hit.t)), through)
@@ -120,7 +120,7 @@ impl Scene {
         skip: &[PrimId],
         sampler: &mut Sampler,
         sampling: MaskSampling,
-        cross: impl FnMut(Crossing),
+        cross: impl FnMut(MaskCrossing),
     ) -> (Option<Hit>, MaskWeight) {
         if !self.masked {
             return (self.accel.closest(ray, skip), MaskWeight::CLEAR);
@@ -134,7 +134,7 @@ impl Scene {
         skip: &[PrimId],
         sampler: &mut Sampler,
         sampling: MaskSampling,
-        mut cross: impl FnMut(Crossing),
+        mut cross: impl FnMut(MaskCrossing),
     ) -> (Option<Hit>, MaskWeight) {
         let mut through = MaskWeight::CLEAR;
         let hit = self.walk(ray, skip, |hit| {
@@ -146,7 +146,7 @@ impl Scene {
             }
             if sampling != MaskSampling::Opacity {
                 let inv_choice = 1.0 / (1.0 - p);
-                let crossing = Crossing { prim: hit.prim, b: hit.b, t: hit.t, opacity, inv_choice };
+                let crossing = MaskCrossing { prim: hit.prim, b: hit.b, t: hit.t, opacity, inv_choice };
                 through.pass *= crossing.weight();
                 cross(crossing);
             }
@@ -170,10 +170,10 @@ impl Scene {
     pub(crate) fn unoccluded(
         &self,
         ray: &Ray,
-        root: Option<&Root>,
+        root: Option<&RootHits>,
         skip: &[PrimId],
         sampling: MaskSampling,
-        mut cross: impl FnMut(Crossing),
+        mut cross: impl FnMut(MaskCrossing),
     ) -> Option<f32> {
         if !self.masked {
             return (!self.accel.occluded_from(ray, root, skip)).then_some(1.0);
@@ -188,7 +188,7 @@ impl Scene {
             let Some(opacity) = self.opacity(hit.prim, hit.b) else { return true };
             opaque += u32::from(opacity >= 1.0);
             pass *= 1.0 - opacity;
-            cross(Crossing { prim: hit.prim, b: hit.b, t: hit.t, opacity, inv_choice: 1.0 });
+            cross(MaskCrossing { prim: hit.prim, b: hit.b, t: hit.t, opacity, inv_choice: 1.0 });
             opaque > allowed
         });
         end.is_none().then_some(pass)

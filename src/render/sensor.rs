@@ -1,8 +1,8 @@
 //! Camera rays and projection, each with its adjoint.
 //!
-//! A thin lens is a family of pinhole cameras, one for each point of the lens: moved there, and sheared so that the plane of
-//! focus stays where it is on film. Film position and lens point are fixed as things move; everything that is known of a
-//! pinhole camera holds for each of them.
+//! A thin lens is treated as a family of pinhole cameras, one for each point of the lens. Each is moved to its lens point and sheared so
+//! that all of them image the plane of focus in the same way. Derivatives are taken at a fixed film position and a fixed lens point, so
+//! that the derivatives of a pinhole camera hold for each of them.
 
 use glam::{Mat3, Vec2, Vec3};
 
@@ -26,7 +26,7 @@ pub struct CameraAdjoint {
     pub origin: Vec3,
     pub frame: [Vec3; 3],
     pub scale: [f32; 2],
-    /// Of the lens's radius and its distance of focus.
+    /// Adjoints of the lens's radius and of its focus distance.
     pub lens: [f32; 2],
     pub distortion: [f32; 5],
 }
@@ -37,13 +37,13 @@ impl Camera {
         self.lens.radius == 0.0
     }
 
-    /// What may move of it, at its opening keyframe.
+    /// The numbers of the camera that may change while the shutter is open, at the opening keyframe.
     pub fn pose(&self) -> Pose {
         let Camera { origin, frame, scale, lens, .. } = *self;
         Pose { origin, frame, scale, lens: [lens.radius, lens.focus] }
     }
 
-    /// The camera as it stands at one moment, from the opening keyframe (0) to the closing one (1).
+    /// The camera at one moment, from the opening keyframe (0) to the closing one (1).
     pub fn at(&self, time: f32) -> Camera {
         let Some(to) = self.closing else { return *self };
         let from = self.pose();
@@ -59,7 +59,7 @@ impl Camera {
         }
     }
 
-    /// The same camera, seeing through one point of its lens only.
+    /// The same camera with the lens reduced to one of its points, given in the unit disk.
     pub fn through(&self, point: Vec2) -> Camera {
         Camera { lens: Lens { point, ..self.lens }, ..*self }
     }
@@ -70,8 +70,8 @@ impl Camera {
         if self.is_pinhole() { *self } else { self.through(uniform_disk(sampler.next_2d().to_array())) }
     }
 
-    /// Origin and frame of the pinhole camera at the lens's point. A film position's ray meets the plane of focus where the one
-    /// from the lens's centre does.
+    /// Origin and frame of the pinhole camera at the lens point. Its ray through a film position intersects the plane of focus where the
+    /// ray from the lens's centre does.
     #[inline(always)]
     pub fn pinhole(&self) -> (Vec3, [Vec3; 3]) {
         if self.is_pinhole() {
@@ -79,8 +79,8 @@ impl Camera {
         }
         let Lens { radius, focus, point } = self.lens;
         let [right, up, forward] = self.frame;
-        let aside = (right * point.x + up * point.y) * radius;
-        (self.origin + aside, [right, up, forward - aside / focus])
+        let offset = (right * point.x + up * point.y) * radius;
+        (self.origin + offset, [right, up, forward - offset / focus])
     }
 
     /// Adjoint of [`Camera::pinhole`].
@@ -94,15 +94,15 @@ impl Camera {
         }
         let Lens { radius, focus, point } = self.lens;
         let unit = self.frame[0] * point.x + self.frame[1] * point.y;
-        let d_aside = d_origin - d_frame[2] / focus;
-        adjoint.frame[0] += d_aside * (point.x * radius);
-        adjoint.frame[1] += d_aside * (point.y * radius);
-        adjoint.lens[0] += unit.dot(d_aside);
+        let d_offset = d_origin - d_frame[2] / focus;
+        adjoint.frame[0] += d_offset * (point.x * radius);
+        adjoint.frame[1] += d_offset * (point.y * radius);
+        adjoint.lens[0] += unit.dot(d_offset);
         adjoint.lens[1] += unit.dot(d_frame[2]) * radius / (focus * focus);
     }
 
-    /// Radius in pixels of the blur of a point at `depth` along the forward axis.
-    pub fn blur(&self, depth: f64) -> f64 {
+    /// Radius, in pixels, of the circle of confusion of a point at `depth` along the forward axis.
+    pub fn blur_radius(&self, depth: f64) -> f64 {
         let focus = f64::from(self.lens.focus);
         let spread = match self.projection {
             Projection::Orthographic => depth / focus - 1.0,
@@ -123,35 +123,35 @@ impl Camera {
         Vec2::new(0.5 * self.width as f32, -0.5 * self.height as f32)
     }
 
-    /// Whether all rays leave one centre.
+    /// Whether this is a central projection: all rays of the pinhole camera start at one point.
     pub fn is_central(&self) -> bool {
         self.projection != Projection::Orthographic
     }
 
-    /// Whether straight edges are straight on film.
-    pub fn keeps_lines(&self) -> bool {
+    /// Whether the images of straight edges are straight on film.
+    pub fn is_rectilinear(&self) -> bool {
         self.distortion.is_none() && matches!(self.projection, Projection::Perspective | Projection::Orthographic)
     }
 
-    /// Whether there are derivatives in the coefficients of a distortion, even of one that is none.
-    pub fn may_distort(&self) -> bool {
+    /// Whether this kind of camera can have a lens distortion. If so it has derivatives in the coefficients, even while they are zero.
+    pub fn supports_distortion(&self) -> bool {
         matches!(self.projection, Projection::Perspective | Projection::Fisheye) && self.is_pinhole()
     }
 
-    /// The ideal position of a scaled film position; not a number where the image is folded.
+    /// Removes the distortion from a scaled film position. NaN where the distorted image is folded over itself.
     #[inline(always)]
-    fn ideal(&self, seen: Vec2) -> Vec2 {
-        if self.distortion.is_none() { seen } else { self.distortion.undo(seen) }
+    fn undistort(&self, seen: Vec2) -> Vec2 {
+        if self.distortion.is_none() { seen } else { self.distortion.invert(seen) }
     }
 
-    /// A little more than the largest distance of an ideal position from the axis that the film sees.
-    pub fn widest(&self) -> f32 {
+    /// The largest distance from the optical axis of an undistorted position whose image lies on film, and 5 % more.
+    pub fn max_ideal_radius(&self) -> f32 {
         let corners = [-1.0, 0.0, 1.0].map(|x| [-1.0, 0.0, 1.0].map(|y| Vec2::new(x, y)));
-        let widest = |most: f32, film: &Vec2| most.max(self.ideal(*film * Vec2::from_array(self.scale)).length());
-        1.05 * corners.iter().flatten().fold(0.0, widest)
+        let farther = |most: f32, film: &Vec2| most.max(self.undistort(*film * Vec2::from_array(self.scale)).length());
+        1.05 * corners.iter().flatten().fold(0.0, farther)
     }
 
-    /// Direction in the camera's frame for scaled film coordinates (central projections), and its derivatives in both.
+    /// Direction in the camera's frame for scaled film coordinates, of any length, and its derivatives in both coordinates.
     #[inline(always)]
     fn local_direction(&self, x: f32, y: f32) -> (Vec3, [Vec3; 2]) {
         match self.projection {
@@ -166,7 +166,7 @@ impl Camera {
     #[inline(always)]
     pub fn ray(&self, pixel: Vec2) -> Ray {
         let film = self.film(pixel);
-        let Vec2 { x, y } = self.ideal(Vec2::new(film.x * self.scale[0], film.y * self.scale[1]));
+        let Vec2 { x, y } = self.undistort(Vec2::new(film.x * self.scale[0], film.y * self.scale[1]));
         let (origin, frame) = self.pinhole();
         if self.projection == Projection::Orthographic {
             return Ray::new(origin + frame[0] * x + frame[1] * y, frame[2].normalize());
@@ -178,7 +178,7 @@ impl Camera {
     /// Adjoint of [`Camera::ray`] at a fixed pixel position.
     pub fn d_ray(&self, pixel: Vec2, d_origin: Vec3, d_dir: Vec3, adjoint: &mut CameraAdjoint) {
         let film = self.film(pixel);
-        let ideal = self.ideal(Vec2::new(film.x * self.scale[0], film.y * self.scale[1]));
+        let ideal = self.undistort(Vec2::new(film.x * self.scale[0], film.y * self.scale[1]));
         let Vec2 { x, y } = ideal;
         let (l, [lx, ly]) = self.local_direction(x, y);
         let (_, frame) = self.pinhole();
@@ -196,14 +196,14 @@ impl Camera {
             (d_x, d_y) = (d_local.x, d_local.y);
         }
         self.d_pinhole(d_origin, d_frame, adjoint);
-        if self.may_distort() {
-            // seen = D(ideal; c) stays: ∂ideal = D'⁻¹ (∂seen − ∂D/∂c ∂c), and D' is symmetric.
+        if self.supports_distortion() {
+            // The distorted position is fixed: from seen = D(ideal; c) follows ∂ideal = D'⁻¹ (∂seen − ∂D/∂c ∂c). D' is symmetric.
             let mut d_seen = Vec2::new(d_x, d_y);
             if !self.distortion.is_none() {
-                d_seen = self.distortion.solve(ideal, d_seen);
+                d_seen = self.distortion.solve_jacobian(ideal, d_seen);
             }
             (d_x, d_y) = (d_seen.x, d_seen.y);
-            for (d, by) in adjoint.distortion.iter_mut().zip(self.distortion.by_coefficients(ideal)) {
+            for (d, by) in adjoint.distortion.iter_mut().zip(self.distortion.coefficient_derivatives(ideal)) {
                 *d -= by.dot(d_seen);
             }
         }
@@ -211,20 +211,21 @@ impl Camera {
         adjoint.scale[1] += film.y * d_y;
     }
 
-    /// Columns right, up, forward, inverted: world offsets to camera coordinates.
+    /// The inverse of the matrix with columns right, up, forward: maps offsets in world space to camera coordinates.
     fn inverse_frame(&self) -> Mat3 {
         let (_, [right, up, forward]) = self.pinhole();
         Mat3::from_cols(right, up, forward).inverse()
     }
 
-    /// Projects a point; `None` behind (or at) a perspective camera, and where only a folded image would show it. A central
-    /// projection of a seen point inverts [`Camera::ray`].
+    /// Projects a point. `None` for a point behind (or at) a perspective camera, and for one that only the folded part of a distorted
+    /// image would show. Inverts [`Camera::ray`]: a point on the ray through a pixel position projects to that position.
     pub fn project(&self, p: Vec3) -> Option<Projected> {
         let projected = self.project_folded(p)?;
-        (self.distortion.is_none() || self.distortion.shows(self.ideal_position(projected.local))).then_some(projected)
+        (self.distortion.is_none() || self.distortion.is_visible(self.ideal_position(projected.local)))
+            .then_some(projected)
     }
 
-    /// As [`Camera::project`], with what is seen in a folded image: its places are connected.
+    /// [`Camera::project`], but with the folded part of a distorted image, so that the image of a connected curve is connected.
     pub fn project_folded(&self, p: Vec3) -> Option<Projected> {
         let local = self.inverse_frame() * (p - self.pinhole().0);
         if self.projection == Projection::Perspective && local.z <= 0.0 {
@@ -234,14 +235,14 @@ impl Camera {
         (pixel.is_finite()).then_some(Projected { pixel, local })
     }
 
-    /// The pixel position in which an ideal position in scaled film coordinates is seen.
+    /// The pixel position of an undistorted position in scaled film coordinates.
     pub fn distorted_pixel(&self, ideal: Vec2) -> Vec2 {
         let seen = if self.distortion.is_none() { ideal } else { self.distortion.apply(ideal) };
         let (x, y) = (seen.x / self.scale[0], seen.y / self.scale[1]);
         Vec2::new((x + 1.0) * 0.5 * self.width as f32, (1.0 - y) * 0.5 * self.height as f32)
     }
 
-    /// Scaled film coordinates, without distortion, of a point given in the camera's frame.
+    /// Undistorted position, in scaled film coordinates, of a point given in the camera's frame.
     fn ideal_position(&self, local: Vec3) -> Vec2 {
         let (x, y) = match self.projection {
             Projection::Perspective => (local.x / local.z, local.y / local.z),
@@ -290,14 +291,14 @@ impl Camera {
         let (gx, gy) = if self.distortion.is_none() {
             (gx, gy)
         } else {
-            let [a, b, c] = self.distortion.slopes(self.ideal_position(q));
+            let [a, b, c] = self.distortion.jacobian(self.ideal_position(q));
             (gx * a + gy * b, gx * b + gy * c)
         };
         let transposed = inverse.transpose();
         [transposed * gx * (to_pixel.x / self.scale[0]), transposed * gy * (to_pixel.y / self.scale[1])]
     }
 
-    /// Adjoint of [`Camera::project`]: returns the point's, adds the camera's.
+    /// Adjoint of [`Camera::project`]: returns the adjoint of the point and adds those of the camera to `adjoint`.
     pub fn d_project(&self, projected: &Projected, d_pixel: Vec2, adjoint: &mut CameraAdjoint) -> Vec3 {
         let gradient = self.projection_gradient(projected);
         let d_p = gradient[0] * d_pixel.x + gradient[1] * d_pixel.y;
@@ -307,24 +308,27 @@ impl Camera {
         let film = self.film(projected.pixel);
         adjoint.scale[0] -= film.x / self.scale[0] * d_film.x;
         adjoint.scale[1] -= film.y / self.scale[1] * d_film.y;
-        if self.may_distort() {
+        if self.supports_distortion() {
             let d_seen = d_film / Vec2::from_array(self.scale);
-            for (d, by) in adjoint.distortion.iter_mut().zip(self.distortion.by_coefficients(self.ideal_position(q))) {
+            for (d, by) in
+                adjoint.distortion.iter_mut().zip(self.distortion.coefficient_derivatives(self.ideal_position(q)))
+            {
                 *d += by.dot(d_seen);
             }
         }
         d_p
     }
 
-    /// Pixels per unit area of a surface at a projected point with unit normal `n`.
+    /// Pixels of film per unit area of a surface at a projected point, where its unit normal is `n`.
     pub fn pixels_per_area(&self, projected: &Projected, n: Vec3) -> f32 {
         let [gx, gy] = self.projection_gradient(projected);
         gx.cross(gy).dot(n).abs()
     }
 
-    /// Unit direction from the point towards the camera, and the distance of where its ray starts. An orthographic camera's rays need
-    /// not be perpendicular to the plane that they start from: its axes are not, half-way through a turn.
-    pub fn towards(&self, p: Vec3) -> (Vec3, f32) {
+    /// Unit direction from a point towards the camera, and the distance along it to where the camera's ray to the point starts. Rays of an
+    /// orthographic camera need not be perpendicular to the plane in which they start: its axes are interpolated between keyframes, and
+    /// half-way through a turn they are not perpendicular to each other.
+    pub fn direction_from(&self, p: Vec3) -> (Vec3, f32) {
         let (origin, [right, up, forward]) = self.pinhole();
         if self.is_central() {
             let v = origin - p;
@@ -384,7 +388,7 @@ mod tests {
     const NUMBERS: [f32; 21] =
         [0.1, 0.2, -3.0, 0.9, 0.1, 0.2, -0.1, 1.1, 0.05, -0.2, 0.02, 1.0, 0.4, 0.3, 0.0, 2.5, 0.0, 0.0, 0.0, 0.0, 0.0];
 
-    /// All projections, those that have one with a lens, and those that have one with a distortion.
+    /// All projections; again those that support a lens, with one; and again those that support a distortion, with one.
     fn cameras() -> impl Iterator<Item = (Projection, [f32; 21])> {
         let mut wide = NUMBERS;
         wide[14] = 0.3;
@@ -407,14 +411,14 @@ mod tests {
                 let ray = camera.ray(pixel);
                 let q = camera.project(ray.origin + ray.dir * 3.0).unwrap();
                 assert!(q.pixel.distance(pixel) < 1e-3);
-                let (back, distance) = camera.towards(ray.origin + ray.dir * 3.0);
+                let (back, distance) = camera.direction_from(ray.origin + ray.dir * 3.0);
                 assert!(back.distance(-ray.dir) < 1e-5);
                 assert!((distance - 3.0).abs() < 1e-4);
             }
         }
     }
 
-    /// Every point of the lens shows what is in focus at the same place, and other points no further away than they blur.
+    /// From every lens point, a point in focus is seen at the same film position, and any other point within its circle of confusion.
     #[test]
     fn a_lens_is_sharp_where_it_is_focused() {
         for (projection, numbers) in cameras().filter(|(_, n)| n[14] > 0.0) {
@@ -430,7 +434,7 @@ mod tests {
                 assert!(seen(ray.origin + ray.dir * (2.5 * per_depth)) < 1e-3);
                 for z in [0.7, 6.0] {
                     let p = ray.origin + ray.dir * (z * per_depth);
-                    let (off, blur) = (f64::from(seen(p)), camera.blur(depth(p)));
+                    let (off, blur) = (f64::from(seen(p)), camera.blur_radius(depth(p)));
                     assert!(off < 1.001 * blur && off > 0.7 * blur, "{projection:?} at {z}: {off} of {blur}");
                 }
             }
@@ -465,7 +469,7 @@ mod tests {
             };
             let counts = |i: &usize| match i {
                 14..16 => !base.is_pinhole(),
-                16.. => base.may_distort(),
+                16.. => base.supports_distortion(),
                 _ => true,
             };
             for i in (0..21).filter(counts) {

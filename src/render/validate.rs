@@ -232,7 +232,7 @@ fn validate_distortion(camera: &Camera) -> Result<(), String> {
     if !camera.distortion.coefficients.iter().all(|c| c.is_finite()) {
         return Err("the coefficients of the camera's distortion must be finite".into());
     }
-    if !camera.may_distort() {
+    if !camera.supports_distortion() {
         return Err("only perspective and fisheye cameras have a distortion, and no aperture beside it".into());
     }
     const STEPS: usize = 32;

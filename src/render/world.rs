@@ -76,7 +76,7 @@ impl Scene {
         let accel = match before.filter(|before| before.prims.len() == prims.len()) {
             Some(before) => {
                 let mut accel = before.accel.clone();
-                accel.follow(&corners);
+                accel.refit_or_rebuild(&corners);
                 accel
             }
             None => Accel::new(&corners),
@@ -102,7 +102,7 @@ impl Scene {
     /// Brings everything up to date with the vertices and normals of the description, which have changed.
     pub(crate) fn refit(&mut self) {
         let corners = corners(&self.description);
-        self.accel.follow(&corners);
+        self.accel.refit_or_rebuild(&corners);
         for (facet, corners) in self.facets.iter_mut().zip(&corners) {
             *facet = Facet::new(facet.shape, *corners);
         }

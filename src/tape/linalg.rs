@@ -99,14 +99,14 @@ impl Var {
         let length = self.length()?;
         let mut shape = length.shape().to_vec();
         shape.push(1);
-        // Over an infinite length both the vector and its derivative are 0.
+        // A vector of infinite length becomes 0, with a derivative of 0.
         let zero = length.value().map(|l| if l == 0.0 { f64::INFINITY } else { 0.0 });
         let safe = if zero.data.contains(&f64::INFINITY) { length.add(&Var::constant(zero))? } else { length };
         self.div(&safe.reshape(shape)?)
     }
 
-    /// Determinant of a square matrix, by elimination with the largest remaining pivot. The derivative is right for
-    /// singular matrices too: what is left once the largest pivot is 0 is of rank n − 2 or less, and flat.
+    /// Determinant of a square matrix, by elimination with full pivoting. The derivative is right for singular matrices too: if the largest
+    /// pivot is 0 before the last one, the rank is n − 2 or less, and the derivative of the determinant is 0.
     pub fn determinant(&self) -> Result<Var> {
         let n = match *self.shape() {
             [n, m] if n == m && n > 0 => n,

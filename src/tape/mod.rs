@@ -1,14 +1,15 @@
 //! Reverse and forward mode over one recorded graph of tensor operations.
 //!
-//! A [`Var`] is a value together with how it came about. What no leaf reaches is folded to a constant at once.
-//! [`backward`] and [`forward`] run over the same nodes: the transpose and the tangent of every operation.
+//! A [`Var`] is a value together with the operation and the inputs that it was computed from. A value that depends on no leaf is stored as
+//! a constant, without its inputs. [`backward`] and [`forward`] visit the same nodes: the one applies the transpose of every operation's
+//! Jacobian, the other the Jacobian.
 //!
 //! # Derivatives at edges
 //!
-//! Where a value is finite, so is its derivative. At an edge it is the limit from where the operation is defined, if that is
-//! finite; otherwise 0, because an infinite slope next to a 0 (a black pixel that nothing moves, under `gamma`) would make a
-//! NaN of the whole gradient. Only where the value itself is infinite or NaN may its slope be so. A row is a test:
-//! `tape::tests::edges`.
+//! Where a value is finite, so is its derivative. At the edge of its domain, or where it is not differentiable, an operation has as its
+//! derivative the limit from within the domain if that is finite, and otherwise 0: an infinite slope times a zero adjoint (as of a black
+//! pixel under `gamma`) would make the whole gradient NaN. Only where the value itself is infinite or NaN may the derivative be so.
+//! Every row of this table is tested by `tape::tests::edges`.
 //!
 //! | operation | edge | derivative | because |
 //! | --- | --- | --- | --- |
@@ -66,7 +67,7 @@ impl From<Shortage> for TapeError {
     }
 }
 
-/// Asks for the memory of a tensor of that shape.
+/// Checks that there is memory for a tensor of that shape.
 pub(crate) fn room(shape: &[usize]) -> Result<()> {
     Ok(memory::ask_for::<f64>(shape.iter().fold(1, |n: usize, side| n.saturating_mul(*side)))?)
 }
@@ -84,7 +85,7 @@ struct Node {
     value: Arc<Tensor>,
     op: Op,
     inputs: Vec<Var>,
-    /// A leaf reaches it.
+    /// It depends on a leaf.
     live: bool,
 }
 
@@ -99,12 +100,12 @@ impl Var {
         Var::node(Arc::new(value.into()), Op::Leaf, vec![], false)
     }
 
-    /// A value that derivatives can be taken in.
+    /// A variable: a value with respect to which derivatives can be taken.
     pub fn leaf(value: impl Into<Tensor>) -> Var {
         Var::node(Arc::new(value.into()), Op::Leaf, vec![], true)
     }
 
-    /// The result of an operation; folded to a constant if no leaf reaches it.
+    /// The result of an operation; a constant if it depends on no leaf.
     fn record(op: Op, inputs: Vec<Var>, value: Tensor) -> Var {
         if op.is_flat() || !inputs.iter().any(Var::is_live) {
             return Var::constant(value);
@@ -149,7 +150,7 @@ impl Var {
         self.0.value.item()
     }
 
-    /// Some leaf reaches it.
+    /// Whether it depends on a leaf.
     pub fn is_live(&self) -> bool {
         self.0.live
     }
@@ -158,7 +159,7 @@ impl Var {
         &self.0.op
     }
 
-    /// What the node is computed from: its inputs, or, of a derivative that has been recorded, that record alone.
+    /// The nodes that this one is computed from: its inputs or, for a derivative that was recorded as a graph, that graph's root alone.
     fn sources(&self) -> &[Var] {
         match &self.0.op {
             Op::Later(later) => later.recorded().map_or(&self.0.inputs, std::slice::from_ref),
@@ -166,7 +167,7 @@ impl Var {
         }
     }
 
-    /// How many nodes it is computed from, itself and those that derivatives reach included.
+    /// Number of nodes of its graph, itself and recorded derivatives included.
     #[cfg(test)]
     pub(crate) fn nodes(&self) -> usize {
         let (mut seen, mut waiting) = (HashSet::new(), vec![self]);
@@ -195,8 +196,7 @@ impl Var {
                 Tensor::shape_text(other.shape())
             ));
         };
-        room(&shape)?;
-        // A constant square is by far the commonest power.
+        // A constant square is by far the most common power, and has an operation of its own.
         if f == Binary::Pow && !other.is_live() && other.item() == Some(2.0) && other.shape().is_empty() {
             return Ok(self.unary(Unary::Square));
         }
@@ -250,7 +250,7 @@ impl From<f64> for Var {
     }
 }
 
-// A long chain of nodes must not be dropped by recursion.
+// Without this a long chain of nodes would be dropped recursively and overflow the stack.
 impl Drop for Node {
     fn drop(&mut self) {
         let mut pending = std::mem::take(&mut self.inputs);
@@ -262,7 +262,7 @@ impl Drop for Node {
     }
 }
 
-/// Nodes between the leaves of `wrt` and `roots` that `wrt` reaches, inputs before outputs.
+/// The nodes from the leaves `wrt` to `roots` that depend on `wrt`, inputs before outputs; and the ids of all that depend on `wrt`.
 fn order(roots: &[Var], wrt: &HashSet<u64>) -> (Vec<Var>, HashSet<u64>) {
     let mut sorted = Vec::new();
     let mut seen = HashSet::new();
@@ -271,7 +271,7 @@ fn order(roots: &[Var], wrt: &HashSet<u64>) -> (Vec<Var>, HashSet<u64>) {
         if next == 0 && !seen.insert(var.id()) {
             continue;
         }
-        // Nothing lies upstream of a leaf that was asked for.
+        // The search ends at the nodes of `wrt`, whose own inputs do not matter.
         let stop = wrt.contains(&var.id());
         match var.sources().get(next).filter(|_| !stop) {
             Some(input) => {
@@ -294,7 +294,7 @@ fn order(roots: &[Var], wrt: &HashSet<u64>) -> (Vec<Var>, HashSet<u64>) {
     (sorted, reached)
 }
 
-/// [`order`], with derivatives among the nodes recorded, so that they can be differentiated.
+/// [`order`], but first records the derivatives among the nodes as graphs, so that they can be differentiated again.
 fn plan(roots: &[Var], wrt: &HashSet<u64>) -> Result<(Vec<Var>, HashSet<u64>)> {
     loop {
         let (sorted, reached) = order(roots, wrt);
@@ -313,7 +313,7 @@ fn plan(roots: &[Var], wrt: &HashSet<u64>) -> Result<(Vec<Var>, HashSet<u64>)> {
     }
 }
 
-/// Reverse mode: d `output` (weighted by `seed`) / d each of `wrt`, zeros where nothing reaches.
+/// Reverse mode: the derivative of ⟨`seed`, `output`⟩ with respect to each of `wrt`; zeros where `output` does not depend on it.
 pub fn backward_with(output: &Var, seed: Tensor, wrt: &[Var]) -> Result<Vec<Tensor>> {
     let ids: HashSet<u64> = wrt.iter().map(Var::id).collect();
     let (sorted, reached) = plan(std::slice::from_ref(output), &ids)?;
@@ -326,7 +326,7 @@ pub fn backward_with(output: &Var, seed: Tensor, wrt: &[Var]) -> Result<Vec<Tens
         stop::check();
         pull_back(var, g, &reached, &mut adjoints)?;
     }
-    // The same one may be asked for several times.
+    // The same node may be in `wrt` several times. Its adjoint is moved out at its last place and cloned before.
     let mut left: HashMap<u64, usize> = HashMap::new();
     wrt.iter().for_each(|v| *left.entry(v.id()).or_default() += 1);
     let found = |v: &Var| {
@@ -340,11 +340,11 @@ pub fn backward_with(output: &Var, seed: Tensor, wrt: &[Var]) -> Result<Vec<Tens
     Ok(wrt.iter().map(found).collect())
 }
 
-/// Adds to the adjoints of what a node is computed from what its own adjoint `g` makes of them.
+/// Adds a node's contribution to the adjoints of its inputs; `g` is the adjoint of the node.
 fn pull_back(var: &Var, g: Tensor, reached: &HashSet<u64>, adjoints: &mut HashMap<u64, Tensor>) -> Result<()> {
     let inputs = var.sources();
     if let (Op::Gather(table), [x]) = (&var.0.op, inputs) {
-        // In place: of a long array that is taken apart item by item, each item writes its own numbers only.
+        // Added in place. If a long array is indexed item by item, each item writes its own numbers only.
         if !adjoints.contains_key(&x.id()) {
             room(x.shape())?;
         }
@@ -377,18 +377,18 @@ pub fn backward(loss: &Var, wrt: &[Var]) -> Result<Vec<Tensor>> {
     backward_with(loss, Tensor::full(loss.shape(), 1.0), wrt)
 }
 
-/// Forward mode: the derivative of `output` along `tangents` of some leaves.
+/// Forward mode: the derivative of `output` along a direction, given by the tangents of some leaves.
 pub fn forward(output: &Var, tangents: &[(Var, Tensor)]) -> Result<Tensor> {
     let mut found = jacobian(std::slice::from_ref(output), &[tangents.to_vec()])?;
     Ok(found.pop().and_then(|mut along| along.pop()).unwrap_or_else(|| Tensor::zeros(output.shape())))
 }
 
-/// Forward mode: the derivatives of `outputs` along several directions, each the tangents of some leaves. Every operation is
-/// visited once, with all directions that reach it. By output and direction.
+/// Forward mode: the derivatives of `outputs` along several directions, each given by the tangents of some leaves. Every operation is
+/// visited once, for all directions on which it depends. The result is indexed by output and then by direction.
 pub fn jacobian(outputs: &[Var], directions: &[Vec<(Var, Tensor)>]) -> Result<Vec<Vec<Tensor>>> {
     let ids: HashSet<u64> = directions.iter().flatten().map(|(v, _)| v.id()).collect();
     let sorted = plan(outputs, &ids)?.0;
-    // By node: the direction's number and the tangent, where the direction reaches it.
+    // By node: index and tangent of each direction in which it changes.
     let mut at: HashMap<u64, Vec<(usize, Tensor)>> = HashMap::new();
     for (k, (leaf, t)) in directions.iter().enumerate().flat_map(|(k, d)| d.iter().map(move |t| (k, t))) {
         if leaf.len() != t.len() {
@@ -446,14 +446,14 @@ pub fn jacobian(outputs: &[Var], directions: &[Vec<(Var, Tensor)>]) -> Result<Ve
     Ok(outputs.iter().map(of).collect())
 }
 
-/// The direction of one element of a leaf.
+/// The direction in which one element of a leaf grows.
 pub fn unit(leaf: &Var, element: usize) -> Vec<(Var, Tensor)> {
     let mut t = Tensor::zeros(leaf.shape());
     t.data[element] = 1.0;
     vec![(leaf.clone(), t)]
 }
 
-/// A leaf in `wrt` that reaches `output`.
+/// Whether `output` depends on the node `wrt`.
 pub fn depends(output: &Var, wrt: &Var) -> bool {
     order(std::slice::from_ref(output), &HashSet::from([wrt.id()])).1.contains(&output.id())
 }

@@ -20,7 +20,7 @@ pub trait CustomOp: Send + Sync {
         wants: &[bool],
     ) -> Result<Vec<Option<Tensor>>, String>;
 
-    /// The same made of operations of the tape, for second derivatives; `None` if there is no such thing.
+    /// The same operation composed of operations of the tape, for second derivatives; `None` if that is not possible.
     fn composed(&self, _inputs: &[Var]) -> Option<Result<Var, TapeError>> {
         None
     }
@@ -28,7 +28,7 @@ pub trait CustomOp: Send + Sync {
     /// Σ ∂output/∂input · tangent over the inputs that have one.
     fn jvp(&self, inputs: &[&Tensor], output: &Tensor, tangents: &[Option<&Tensor>]) -> Result<Tensor, String>;
 
-    /// [`CustomOp::jvp`] along each of several directions, for what is cheaper when it is done at once.
+    /// [`CustomOp::jvp`] along each of several directions, for operations that are cheaper for all directions at once.
     fn jvps(
         &self,
         inputs: &[&Tensor],
@@ -39,7 +39,7 @@ pub trait CustomOp: Send + Sync {
     }
 }
 
-/// How far beyond 1 `asin` and `acos` take a number for 1.
+/// `asin` and `acos` take a number that is larger than 1 by less than this for 1.
 pub const ROUNDING: f64 = 1e-12;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -99,7 +99,7 @@ impl Unary {
         }
     }
 
-    /// dy/dx at `x` with value `y`. What it is where there is no derivative stands in the table of [`crate::tape`].
+    /// dy/dx at `x`, where the value is `y`. The table in [`crate::tape`] says what it is where there is no derivative.
     pub fn slope(self, x: f64, y: f64) -> f64 {
         match self {
             Unary::Neg => -1.0,
@@ -162,7 +162,7 @@ impl Binary {
             Binary::Mul => x * y,
             Binary::Div => x / y,
             Binary::Pow => power(x, y),
-            // Unlike `f64::min` these pass a NaN on.
+            // Unlike `f64::min` and `f64::max` these return NaN if an operand is NaN.
             Binary::Min => {
                 if x <= y || x.is_nan() {
                     x
@@ -218,7 +218,7 @@ impl Binary {
                 }
             }
             Binary::Atan2 => {
-                // One division after the other: the square of a small number may be 0.
+                // Divides twice, because the square of a small number may underflow to 0.
                 let r = x.hypot(y);
                 if r == 0.0 { (0.0, 0.0) } else { (y / r / r, -(x / r / r)) }
             }
@@ -232,7 +232,7 @@ impl Binary {
     }
 }
 
-/// Sines and cosines that rounding took out of −1..1, such as the scalar product of a unit vector with itself, are put back.
+/// Clamps a sine or cosine to −1..1 if rounding took it out of that range, such as the scalar product of a unit vector with itself.
 fn rounded_into_unit(x: f64) -> f64 {
     if x.abs() > 1.0 && x.abs() <= 1.0 + ROUNDING { x.signum() } else { x }
 }
@@ -324,12 +324,12 @@ pub enum Op {
     Select(Arc<Vec<bool>>),
     Filter(Arc<AxisFilter>),
     Custom(Arc<dyn CustomOp>),
-    /// A derivative. It is differentiated once it has been recorded, and then is its record.
+    /// A derivative. To differentiate it, it is recorded first, and then equals the root of its recorded graph.
     Later(Arc<Later>),
 }
 
 impl Op {
-    /// Derivatives do not pass.
+    /// Whether the derivative is 0 everywhere, so that nothing needs to be recorded.
     pub fn is_flat(&self) -> bool {
         match self {
             Op::Unary(f) => f.is_flat(),
@@ -394,7 +394,7 @@ impl Op {
         Tensor { shape, data }
     }
 
-    /// As [`Op::vjp`], reusing the output's derivative where its place is all that is needed.
+    /// [`Op::vjp`], but reuses the memory of the output's adjoint if an input's adjoint has the same size.
     pub(super) fn vjp_in_place(
         &self,
         inputs: &[&Tensor],
@@ -592,7 +592,7 @@ impl Op {
                 Some(t) => Tensor { shape, data: t.data.clone() },
                 None => zero(),
             },
-            // Linear in its one input: the same map.
+            // These are linear in their only input: the tangent is mapped like the value.
             Op::Sum | Op::Gather(_) | Op::Scatter(_) | Op::Reshape | Op::Filter(_) => match t[0] {
                 Some(t) => self.forward(&[t], shape),
                 None => zero(),

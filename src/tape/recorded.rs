@@ -1,9 +1,10 @@
 //! Derivatives as nodes of the graph, so that they can be differentiated again.
 //!
-//! A derivative that a program asks for is a node ([`Later`]) whose value is computed as ever, by the quick way. Only when
-//! somebody wants the derivative of that node is the first derivative done once more, this time with operations of the tape
-//! ([`gradient`]); the node then stands for the result. So first derivatives cost nothing more, and there is no second set of
-//! rules for second ones. Renderings have first derivatives only, and say so.
+//! A derivative that a program asks for becomes a node ([`Later`]). Its value is computed by [`super::backward`] or [`super::forward`] on
+//! plain numbers. If the derivative of that node is asked for, the first derivative is computed again, this time recorded as operations
+//! of the tape ([`gradient`]), and the node is then differentiated through that record. So first derivatives cost no more than without
+//! this, and second derivatives follow from the rules of the recorded operations. Renderings have first derivatives only; asking for
+//! second ones is an error.
 
 use std::collections::hash_map::Entry;
 use std::collections::{HashMap, HashSet};
@@ -12,10 +13,10 @@ use std::sync::{Arc, OnceLock};
 use super::op::{AxisFilter, Binary, Op, Unary};
 use super::{Result, Slice, Spread, TapeError, Tensor, Var, fail, plan};
 
-/// Numbers in a Jacobian that is differentiated again, at most: each row is a graph of its own.
+/// Most numbers in a Jacobian that is differentiated again. Each row of it is recorded as a graph of its own.
 const MAX_ROWS: usize = 4096;
 
-/// What the message of an operation without second derivatives says, behind its name.
+/// The message about an operation without second derivatives, after its name.
 const FIRST_ONLY: &str = "has first derivatives only, and this asks for the derivative of one";
 
 /// Advice for a message of this module.
@@ -29,11 +30,11 @@ pub(super) fn first_only(name: &str) -> TapeError {
     TapeError(format!("`{name}` {FIRST_ONLY}"))
 }
 
-/// A derivative whose own derivative nobody has asked for yet. Its node's inputs are what is differentiated, then what it is
-/// differentiated in, then directions.
+/// A derivative that is recorded only when its own derivative is asked for. The inputs of its node are first the function, then the
+/// variables, then the directions (in forward mode).
 pub struct Later {
     kind: Kind,
-    /// The same derivative, of operations of the tape.
+    /// The same derivative computed by operations of the tape, once it has been recorded.
     recorded: OnceLock<Result<Var>>,
 }
 
@@ -44,7 +45,7 @@ enum Kind {
     Along,
     /// The output's dimensions, then the variable's.
     Jacobian,
-    /// What it is called. It has no derivative.
+    /// A value without a derivative, by its name for messages.
     Measured(&'static str),
 }
 
@@ -53,7 +54,7 @@ impl Later {
         self.recorded.get().and_then(|r| r.as_ref().ok())
     }
 
-    /// Does the derivative over, in nodes.
+    /// Computes the derivative again as a graph of nodes.
     pub(super) fn record(&self, inputs: &[Var]) -> Result<()> {
         self.recorded.get_or_init(|| self.derived(inputs)).clone().map(|_| ())
     }
@@ -95,7 +96,7 @@ fn first(mut all: Vec<Var>) -> Result<Var> {
 }
 
 impl Var {
-    /// The same value as a node of its own, in which derivatives can be taken; what it came from is not forgotten.
+    /// The same value as a new node, with respect to which derivatives can be taken. It still depends on this node.
     pub fn alias(&self) -> Var {
         if self.is_live() {
             Var::node(self.tensor(), Op::Reshape, vec![self.clone()], true)
@@ -108,29 +109,29 @@ impl Var {
         Var::record(Op::Later(Arc::new(Later { kind, recorded: OnceLock::new() })), inputs, value)
     }
 
-    /// `value`, which is the gradient of the number `of` in `wrt`.
+    /// A node for `value`, the gradient of the number `of` with respect to `wrt`.
     pub fn gradient_of(of: &Var, wrt: &Var, value: Tensor) -> Var {
         Var::later(Kind::Gradient, vec![of.clone(), wrt.clone()], value)
     }
 
-    /// `value`, which is the derivative of `of` along a direction in each of `wrt`.
+    /// A node for `value`, the derivative of `of` along a direction in the space of all of `wrt`.
     pub fn derivative_along(of: &Var, wrt: &[Var], directions: &[Var], value: Tensor) -> Var {
         let inputs = std::iter::once(of).chain(wrt).chain(directions).cloned().collect();
         Var::later(Kind::Along, inputs, value)
     }
 
-    /// `value`, which is the Jacobian of `of` in `wrt`: the dimensions of both.
+    /// A node for `value`, the Jacobian of `of` with respect to `wrt`; its shape is that of `of` followed by that of `wrt`.
     pub fn jacobian_of(of: &Var, wrt: &Var, value: Tensor) -> Var {
         Var::later(Kind::Jacobian, vec![of.clone(), wrt.clone()], value)
     }
 
-    /// `value`, which was measured (by `what`) of things that depend on what `from` do, and cannot be differentiated.
+    /// A node for `value`, which the function `what` computed from `from`, and which cannot be differentiated.
     pub fn measured(what: &'static str, from: Vec<Var>, value: Tensor) -> Var {
         Var::later(Kind::Measured(what), from, value)
     }
 }
 
-/// [`super::backward_with`], of nodes and in nodes.
+/// [`super::backward_with`], but recorded: seed and results are nodes.
 fn gradient(output: &Var, seed: &Var, wrt: &[Var]) -> Result<Vec<Var>> {
     let ids: HashSet<u64> = wrt.iter().map(Var::id).collect();
     let (sorted, reached) = plan(std::slice::from_ref(output), &ids)?;
@@ -153,7 +154,7 @@ fn gradient(output: &Var, seed: &Var, wrt: &[Var]) -> Result<Vec<Var>> {
         }
     }
     let zero = |v: &Var| Var::constant(Tensor::zeros(v.shape()));
-    // The same variable may be asked for twice.
+    // The same variable may be in `wrt` twice.
     let mut found: HashMap<u64, Var> = HashMap::new();
     for v in wrt {
         if let Entry::Vacant(place) = found.entry(v.id()) {
@@ -163,14 +164,14 @@ fn gradient(output: &Var, seed: &Var, wrt: &[Var]) -> Result<Vec<Var>> {
     Ok(wrt.iter().map(|v| found[&v.id()].clone()).collect())
 }
 
-/// Where numbers lay that were taken from a node, and their derivative.
+/// The index table of a gather from a node, and the derivative of its result.
 type Taken = (Arc<Vec<u32>>, Var);
 
-/// Derivatives of an output in nodes, as far as they are known.
+/// Adjoints of nodes, summed up while going back from the output.
 #[derive(Default)]
 struct Adjoints {
     whole: HashMap<u64, Var>,
-    /// They are put back together at once, for a long array may have been taken apart item by item.
+    /// Gathers from each node. They are scattered together in one operation, because a long array may have been indexed item by item.
     taken: HashMap<u64, Vec<Taken>>,
 }
 
@@ -184,7 +185,7 @@ impl Adjoints {
         Ok(())
     }
 
-    /// All of a node's derivative; `None` is zero.
+    /// The sum of a node's adjoint; `None` if it is zero.
     fn take(&mut self, of: &Var) -> Result<Option<Var>> {
         let put_back = match self.taken.remove(&of.id()).as_deref() {
             None => None,
@@ -202,7 +203,7 @@ impl Adjoints {
     }
 }
 
-/// The derivative along directions, from reverse mode twice: ⟨u, J v⟩ is linear in u, and its gradient in u is J v.
+/// Forward mode by using reverse mode twice: ⟨u, J v⟩ = ⟨Jᵀ u, v⟩ is linear in u, and its gradient with respect to u is J v.
 fn along(output: &Var, wrt: &[Var], directions: &[Var]) -> Result<Var> {
     let u = Var::leaf(Tensor::zeros(output.shape()));
     let mut sum = Var::from(0.0);
@@ -212,7 +213,7 @@ fn along(output: &Var, wrt: &[Var], directions: &[Var]) -> Result<Var> {
     first(gradient(&sum, &Var::from(1.0), &[u])?)
 }
 
-/// `g · slope`, where a slope that is not finite counts as 0, as next to an adjoint of 0.
+/// `g · slope`, where a slope that is not finite counts as 0.
 fn times(g: &Var, slope: &Var) -> Result<Var> {
     if slope.value().is_finite() {
         return g.mul(slope);
@@ -221,7 +222,7 @@ fn times(g: &Var, slope: &Var) -> Result<Var> {
     g.mul(&Var::select(&finite, slope, &Var::from(0.0))?)
 }
 
-/// Sums over what broadcasting repeated.
+/// Adjoint of broadcasting: sums over the axes along which elements were repeated.
 fn summed_to(g: &Var, shape: &[usize]) -> Result<Var> {
     if g.shape() == shape {
         return Ok(g.clone());
@@ -233,14 +234,14 @@ fn summed_to(g: &Var, shape: &[usize]) -> Result<Var> {
     Ok(g.scatter(Arc::new((0..g.len()).map(|i| spread.at(i) as u32).collect()), shape.to_vec()))
 }
 
-/// As `Op::vjp`: for each source that is wanted its derivative, from that of the node.
+/// `Op::vjp`, but recorded: the adjoints of the sources that are wanted, from the adjoint of the node.
 fn transposed(var: &Var, g: &Var, wants: &[bool]) -> Result<Vec<Option<Var>>> {
     let sources = var.sources();
     let x = &sources[0];
     let one = |d: Result<Var>| d.map(|d| vec![Some(d)]);
     match var.op() {
         Op::Leaf => Ok(vec![]),
-        // Recorded: it is its one source.
+        // A recorded derivative equals its only source.
         Op::Later(_) => one(Ok(g.clone())),
         Op::Reshape => one(g.reshape(x.shape().to_vec())),
         Op::Unary(f) => one(slope(*f, x, var).and_then(|s| times(g, &s))),
@@ -288,7 +289,7 @@ fn transposed(var: &Var, g: &Var, wants: &[bool]) -> Result<Vec<Option<Var>>> {
         }
         Op::Filter(filter) => one(g.filter(backwards(filter, x.shape()[filter.axis]))),
         Op::Custom(op) => {
-            // The same thing made of operations of the tape, if there is such.
+            // The same operation composed of operations of the tape, if that is possible.
             let inputs: Vec<Var> = sources.iter().map(Var::alias).collect();
             let composed = op.composed(&inputs).ok_or_else(|| first_only(op.name()))??;
             let found = gradient(&composed, g, &inputs)?;

@@ -1,8 +1,8 @@
-//! Rotation matrices from what describes a rotation: six numbers, a quaternion, the nearest matrix.
+//! Rotation matrices from other descriptions of a rotation: six numbers, a quaternion, a matrix that is nearly a rotation.
 
 use super::{Result, Slice, Tensor, Var, fail};
 
-/// Eigenvalues this near to each other, relative to the largest, are taken to be the same one.
+/// Eigenvalues count as equal if they differ by less than this, relative to the largest.
 const SAME: f64 = 1e-10;
 
 impl Var {
@@ -33,9 +33,8 @@ impl Var {
         Var::matrix(3, 3, &entries)
     }
 
-    /// The rotation whose first two columns are the two halves of six numbers made orthonormal, one after the other
-    /// (Zhou et al. 2019, "On the continuity of rotation representations in neural networks"): no two turns apart, it is
-    /// continuous everywhere.
+    /// The rotation from six numbers (Zhou et al. 2019, "On the continuity of rotation representations in neural networks"): its first two
+    /// columns are the two halves of the numbers, orthonormalised by Gram-Schmidt. The representation is continuous everywhere.
     pub fn rotation_of_six(six: &Var) -> Result<Var> {
         if six.shape() != [6] {
             return fail("this form of a rotation has six numbers");
@@ -53,12 +52,11 @@ impl Var {
         Var::stack(&[first, second, third])?.transpose()
     }
 
-    /// The rotation nearest to a 3×3 matrix (least sum of squared differences): the orthogonal factor of its polar
-    /// decomposition, or, of a matrix that mirrors, the best that does not.
+    /// The rotation nearest to a 3×3 matrix, with the least sum of squared differences: the orthogonal factor of its polar decomposition,
+    /// or the nearest rotation if that factor is a reflection.
     ///
-    /// A numeric solution is found first. Two steps of Newton's method from there, which are recorded, change nothing of
-    /// the value; but each squares what the error is as a function of the matrix, so that first and second derivatives
-    /// are exact.
+    /// A numeric solution is found first, without recording it. Two steps of Newton's method from there are recorded. They do not change
+    /// the value, but each step squares the error as a function of the matrix, so that first and second derivatives are exact.
     pub fn nearest_rotation(&self) -> Result<Var> {
         if self.shape() != [3, 3] {
             return fail("the nearest rotation needs a 3×3 matrix");
@@ -66,7 +64,7 @@ impl Var {
         if !self.value().is_finite() {
             return fail("the matrix is not finite");
         }
-        // A rotation is its own nearest one, to the bit: what was saved is what is read.
+        // A rotation is returned unchanged, to the bit, so that one that was saved is the same when it is read again.
         let own = self.value().data.as_slice().try_into().ok().filter(is_rotation);
         let Some(found) = own.or_else(|| nearest(&self.value().data)) else {
             return fail("there is no nearest rotation: several are equally near");

@@ -1,4 +1,4 @@
-//! A scalar as a sum of squares, which is what Gauss-Newton steps need to know of it.
+//! Writes a scalar loss as a weighted sum of squared residuals, the form that Gauss-Newton steps need.
 
 use std::collections::{HashMap, HashSet};
 
@@ -8,12 +8,12 @@ use super::{Result, Tensor, Var, fail, plan, pull_back};
 /// Σ weight · residual².
 pub struct Squares {
     pub residual: Var,
-    /// Of the residual's shape; none is negative.
+    /// One weight for each element of the residual, at least 0.
     pub weights: Tensor,
 }
 
-/// `loss` as a sum of squares and what `wrt` does not reach: every way from `wrt` to the loss leads through a square, and from there
-/// on through linear operations only. The error names what stands in the way.
+/// Writes `loss` as a sum of squares plus a constant that does not depend on `wrt`. This is possible if every path from `wrt` to the loss
+/// goes through a square and from there on through linear operations only. Otherwise the error names the operation that is not linear.
 pub fn squares(loss: &Var, wrt: &[Var]) -> Result<Vec<Squares>> {
     let ids: HashSet<u64> = wrt.iter().map(Var::id).collect();
     let (sorted, reached) = plan(std::slice::from_ref(loss), &ids)?;
@@ -49,7 +49,7 @@ fn is_square(var: &Var) -> bool {
     }
 }
 
-/// Linear in the inputs that count.
+/// Whether an operation is linear in the inputs that depend on `wrt`.
 fn is_linear(op: &Op, wants: &[bool]) -> bool {
     match op {
         Op::Unary(Unary::Neg) | Op::Binary(Binary::Add | Binary::Sub) => true,

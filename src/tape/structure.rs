@@ -1,4 +1,4 @@
-//! Reductions, indexing and rearranging: all of them gathers and scatters over index tables.
+//! Reductions, indexing and rearranging of elements. All of them are gathers or scatters with index tables.
 
 use std::sync::Arc;
 
@@ -6,7 +6,7 @@ use super::op::{AxisFilter, Op};
 use super::{Result, Tensor, Var, fail, room};
 use crate::stop::Pace;
 
-/// What to keep of one axis.
+/// The elements to keep along one axis.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Slice {
     All,
@@ -18,10 +18,12 @@ pub enum Slice {
     List(Vec<usize>),
 }
 
-/// Elements that are reduced to one, by their indices.
+/// Indices of the elements that a reduction reduces to one.
 #[derive(Clone, Debug, Default)]
 pub struct Group {
+    /// In ascending order of the indices.
     pub places: Vec<u32>,
+    /// In ascending order of the values.
     pub sorted: Vec<u32>,
 }
 
@@ -33,7 +35,7 @@ impl Var {
         Var::apply(Op::Sum, vec![self.clone()], vec![])
     }
 
-    /// NaN-free mean of all elements; an empty tensor has none.
+    /// Mean of all elements; an error for an empty tensor.
     pub fn mean(&self) -> Result<Var> {
         if self.is_empty() {
             return fail("the mean of nothing is not defined");
@@ -41,7 +43,7 @@ impl Var {
         Ok(self.sum().scale(1.0 / self.len() as f64))
     }
 
-    /// Sum over some axes, which vanish.
+    /// Sum over some axes, which the result does not have.
     pub fn sum_axes(&self, axes: &[usize]) -> Result<Var> {
         let (kept, table) = self.reduction(axes)?;
         if kept.is_empty() {
@@ -75,7 +77,8 @@ impl Var {
         self.extreme(axes, |new, old| new > old)
     }
 
-    /// The derivative goes to the first extreme element.
+    /// Minimum or maximum over some axes: the first element than which no other is `better`, or the last NaN. The derivative goes to that
+    /// element.
     fn extreme(&self, axes: &[usize], better: impl Fn(f64, f64) -> bool) -> Result<Var> {
         let (kept, table) = self.reduction(axes)?;
         let mut best = vec![u32::MAX; kept.iter().product()];
@@ -94,8 +97,8 @@ impl Var {
         Ok(self.gather(best, kept))
     }
 
-    /// What remains of the shape without `axes`, and for each element that remains the elements of its group: as they lie,
-    /// and from the smallest to the largest (NaN last).
+    /// The shape without `axes`, and for each element of that shape the elements that are reduced to it, in their order and sorted from the
+    /// smallest to the largest (NaN last).
     pub fn ordered(&self, axes: &[usize]) -> Result<(Vec<usize>, Vec<Group>)> {
         let (kept, table) = self.reduction(axes)?;
         let mut groups = vec![Group::default(); kept.iter().product()];
@@ -117,7 +120,7 @@ impl Var {
         Ok((kept, groups))
     }
 
-    /// The remaining shape, and for each element its place there.
+    /// The shape without `axes`, and for each element of this tensor the flat index in that shape that it is reduced to.
     fn reduction(&self, axes: &[usize]) -> Result<(Vec<usize>, Vec<u32>)> {
         let shape = self.shape();
         if let Some(axis) = axes.iter().find(|a| **a >= shape.len()) {
@@ -133,7 +136,7 @@ impl Var {
         Ok((kept, walk(shape, &strides, 0)))
     }
 
-    /// `y[i] = x[table[i]]`; the table must stay within the tensor.
+    /// `y[i] = x[table[i]]`; all entries of the table must be less than the number of elements.
     pub fn gather(&self, table: Vec<u32>, shape: Vec<usize>) -> Var {
         debug_assert_eq!(table.len(), shape.iter().product::<usize>());
         Var::apply(Op::Gather(Arc::new(table)), vec![self.clone()], shape)
@@ -144,7 +147,7 @@ impl Var {
         Var::apply(Op::Scatter(table), vec![self.clone()], shape)
     }
 
-    /// Rows of the first axis, in the given order.
+    /// Picks elements along the first axis, in the given order.
     pub fn rows(&self, rows: &[u32]) -> Result<Var> {
         let shape = self.shape();
         let Some((&n, rest)) = shape.split_first() else { return fail("a number has no elements") };
@@ -159,7 +162,7 @@ impl Var {
         Ok(self.gather(table, out))
     }
 
-    /// Several axes at once; missing ones are kept whole.
+    /// Slices several axes at once; axes without a slice are kept whole.
     pub fn slice(&self, slices: &[Slice]) -> Result<Var> {
         let shape = self.shape();
         if slices.len() > shape.len() {
@@ -253,7 +256,7 @@ impl Var {
         if self.shape().len() == 2 { self.permute(&[1, 0]) } else { fail("only a matrix can be transposed") }
     }
 
-    /// Equal shapes, a new first axis.
+    /// Stacks tensors of equal shapes along a new first axis.
     pub fn stack(parts: &[Var]) -> Result<Var> {
         let Some(first) = parts.first() else { return Ok(Var::constant(Tensor::zeros(&[0]))) };
         if let Some(other) = parts.iter().find(|p| p.shape() != first.shape()) {
@@ -269,7 +272,7 @@ impl Var {
         Ok(Var::apply(Op::Concat, parts.to_vec(), shape))
     }
 
-    /// Joins along an axis.
+    /// Joins tensors along an axis; all other sizes must be equal.
     pub fn concat(parts: &[Var], axis: usize) -> Result<Var> {
         let Some(first) = parts.first() else { return Ok(Var::constant(Tensor::zeros(&[0]))) };
         let rank = first.shape().len();

@@ -5,7 +5,7 @@ use std::array::from_fn;
 use glam::{DQuat, DVec3, Vec2};
 
 use super::*;
-use crate::grad::sink::{Layout, Sums};
+use crate::grad::sink::{Layout, SparseSums};
 use crate::math::{Dual, Pcg32};
 use crate::mesh::Mesh;
 use crate::render::accel::{Hit, Ray};
@@ -150,7 +150,7 @@ fn sliding_matches_the_dual_number_twin() {
         }
         checked += 1;
         let layout = Layout::new(&scene, &[Slot::Vertices(0), Slot::Normals(0), Slot::Uvs(0)]);
-        let mut out = Adjoints::new(&scene, &layout, Sums::new(layout.size()));
+        let mut out = Adjoints::new(&scene, &layout, SparseSums::new(layout.size()));
         let mut adj = VertexAdjoint { p: d_p, ng: d_ng, ns: d_ns, b: d_b.to_array(), ..Default::default() };
         adj.add_b(out.uv(si.prim, si.b, d_uv.truncate()));
         let ray = d_intersection(&mut out, &si, hit.t, adj);
@@ -207,7 +207,7 @@ fn arriving_light_matches_the_dual_number_twin() {
         }
         checked[i % 3] += 1;
         let layout = Layout::new(&scene, &[slot]);
-        let mut out = Adjoints::new(&scene, &layout, Sums::new(layout.size()));
+        let mut out = Adjoints::new(&scene, &layout, SparseSums::new(layout.size()));
         let incident = IncidentLight {
             light: &light,
             dir: arrival.dir,
@@ -288,10 +288,10 @@ impl CameraHit {
 const STEEP: f32 = 0.15;
 
 /// The masks that a ray passes, unless one is met at a grazing angle.
-fn masks(scene: &Scene, ray: &Ray, skip: &[PrimId]) -> Option<(Vec<Crossing>, f32)> {
+fn masks(scene: &Scene, ray: &Ray, skip: &[PrimId]) -> Option<(Vec<MaskCrossing>, f32)> {
     let mut crossings = Vec::new();
     let pass = scene.unoccluded(ray, None, skip, MaskSampling::Opacity, |c| crossings.push(c))?;
-    let steep = |c: &Crossing| scene.facets[c.prim as usize].normal.dot(ray.dir).abs() > STEEP;
+    let steep = |c: &MaskCrossing| scene.facets[c.prim as usize].normal.dot(ray.dir).abs() > STEEP;
     crossings.iter().all(steep).then_some((crossings, pass))
 }
 

@@ -241,7 +241,7 @@ impl<'a> Viewpoint<'a> {
 
     /// Unit direction in which the (reflected) camera looks at a world point, and from how far.
     pub fn first_direction_to(&self, p: Vec3) -> (Vec3, f32) {
-        let (back, distance) = self.camera.towards(self.image(p));
+        let (back, distance) = self.camera.direction_from(self.image(p));
         (self.mirror.map_or(-back, |m| m.reflect(-back)), distance)
     }
 
@@ -283,7 +283,7 @@ impl<'a> Viewpoint<'a> {
         }
         let (mirror, origin, throughput) = match self.mirror {
             None => {
-                let (back, distance) = self.camera.towards(p);
+                let (back, distance) = self.camera.direction_from(p);
                 if distance <= 0.0 {
                     return None;
                 }

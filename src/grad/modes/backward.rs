@@ -3,7 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use crate::grad::sampling::guide::GuideCache;
-use crate::grad::sink::{Layout, Total};
+use crate::grad::sink::{DenseSums, Layout};
 use crate::grad::terms::{Accumulator, Request, run_estimators};
 use crate::image::Image;
 use crate::render::{Camera, Scene, Settings, Slot};
@@ -24,7 +24,7 @@ pub fn static_scene(
     if !finite {
         return layout.by_slot(vec![f64::NAN; layout.size()]);
     }
-    let mut total = Total::new(layout.size());
+    let mut total = DenseSums::new(layout.size());
     let request = Request { scene, camera, settings, layout: &layout, adjoint: d_image, guides, stop };
     run_estimators(&request, &mut Accumulator::Slots(&mut total));
     layout.by_slot(total.into_vec())

@@ -1,9 +1,10 @@
-//! Choosing an edge for a shading point: a binary tree over edges with conservative rejection and lobe-aware importance.
+//! Chooses an edge for a shading point, with a binary tree over all edges. The importance of a node is zero only if none of its edges can
+//! have a boundary term at the point, and it takes the lobes of the point's BSDF into account.
 //!
-//! A node can be skipped for certain if none of its edges can be a contour for the query: the planes (n, m = n·v) of all
-//! adjacent faces, relative to the node's own origin, are bounded by a box; without a sign change of n·q − m over that box
-//! every face shows the same side. Edges whose faces show a radiance jump (sharp) always count, but less; those of smooth mirrors do near
-//! the planes of their faces, where what they show is folded.
+//! Rejection: a node bounds the planes (n, m = n·v) of all faces at its edges by a box in four dimensions, relative to the node's centre.
+//! If n·q − m has one sign over that box, where q is the query point, all faces show the same side to the point, and none of the edges is a
+//! contour. Creases may have a jump from anywhere: these always count, but with less weight. Creases of smooth mirrors count only near
+//! the planes of their faces, where the mirrored direction is folded up ([`Edge::folding`]).
 
 mod build;
 mod polar;
@@ -24,30 +25,33 @@ use crate::render::light::{LightKind, LightSample};
 use crate::render::ltc::Lobe;
 use crate::render::{MaterialKind, Scene};
 
+/// Most edges of a leaf.
 const LEAF: usize = 6;
-/// Sine of an angle within which rounding decides what is a contour.
+/// Sine of the angle to a face's plane within which rounding may decide whether an edge is a contour.
 const SLACK: f32 = 1e-5;
-/// How much the jump across a crease with both faces in sight is, to that across a contour, for a right angle.
+/// Typical jump across a crease of a right angle, of which both faces are visible, relative to the jump across a contour.
 const CREASE: f32 = 0.25;
-/// Share of the samples of a purely glossy surface that follows a cosine, for light that the lobe's fit does not find.
+/// Weight of a cosine lobe for a surface that is purely glossy: it finds light that the fitted lobe misses.
 const DEFENSIVE: f32 = 0.05;
-/// A box's mean is taken to be what is at this share of its half diagonal, squared, from its nearest point.
+/// The mean of a lobe over a box is estimated at a distance from the box's nearest point: this times the squared half diagonal is added to
+/// the squared distance.
 const SMEAR: f32 = 0.25;
-/// Leaves that are looked at for one sample.
+/// Descents through the tree for one sample.
 const CANDIDATES: usize = 4;
 
 /// Bounding volume tree over the edges of a table.
 pub struct EdgeTree {
     nodes: Vec<Node>,
-    /// By edge: the radiance that its faces emit over a typical reflected one.
+    /// By edge: the radiance that its faces emit, relative to a typical reflected radiance.
     brightness: Vec<f32>,
-    /// By edge: unit normals of its faces, if there are two, turned like one surface.
+    /// By edge: unit normals of its two faces, oriented as those of one surface; `None` if there are not two.
     faces: Vec<Option<[Vec3; 2]>>,
-    /// By edge: what light from there may jump by where both its faces are seen, over what it may as a contour.
+    /// By edge: the typical jump where both its faces are visible, relative to the jump where it is a contour.
     crease: Vec<f32>,
-    /// By edge: what light from beyond may jump by where both its faces are seen, over what it may at an opaque contour: masks.
+    /// By edge: the difference between its faces' opacities. That is the jump of light from behind where both faces are visible, relative
+    /// to the jump at an opaque contour.
     mask_jump: Vec<f32>,
-    /// By edge: sine of the elevation over one of its faces up to which it may show a crease ([`Edge::folding`]).
+    /// By edge: sine of the elevation above one of its faces up to which it counts as a crease ([`Edge::folding`]).
     folding: Vec<f32>,
     /// Edge numbers in leaf order.
     order: Vec<u32>,
@@ -56,30 +60,32 @@ pub struct EdgeTree {
 struct Node {
     lo: Vec3,
     hi: Vec3,
-    /// Of all edges, each by its [`crate::render::edges::Edge::weight`].
+    /// Sum of the lengths of all edges, each times [`crate::render::edges::Edge::weight`].
     length: f32,
-    /// Of all edges, each by what it counts where it is not a contour ([`EdgeTree::crease`]).
+    /// Sum of the lengths of all edges, each times [`EdgeTree::crease`].
     creases: f32,
-    /// Of all edges, each by [`EdgeTree::mask_jump`].
+    /// Sum of the lengths of all edges, each times [`EdgeTree::mask_jump`].
     mask_jumps: f32,
-    /// The largest of [`EdgeTree::folding`].
+    /// The largest [`EdgeTree::folding`] of all edges.
     folding: f32,
-    /// What `length` becomes with the brightness of emitters, over it.
+    /// The mean of 1 + [`EdgeTree::brightness`] over all edges, by weighted length.
     brightness: f32,
-    /// Plane bounds relative to the centre.
+    /// Bounds of the planes (n, n·v) of all faces, relative to the node's centre.
     plane_lo: Vec4,
     plane_hi: Vec4,
-    /// About how far the planes' normals are apart.
+    /// Diagonal of the bounds of the planes' normals.
     spread: f32,
-    /// There are edges that the planes say nothing about.
+    /// Some edges do not have two consistently oriented faces: they may be contours whatever the planes are.
     open: bool,
-    /// Leaf: range in `order`. Inner: the second child; the first one follows the node.
+    /// The node's edges: `count` entries of `order` from `start` on. `second` is the index of the second child, or 0 for a leaf; the first
+    /// child follows the node.
     start: u32,
     count: u32,
     second: u32,
 }
 
-/// Where light may come from at a shading point, or go to from a light.
+/// The point for which an edge is searched: a shading point that receives light from behind the edge, or a point of a light that shines
+/// past the edge.
 pub struct Query {
     prim: PrimId,
     /// The point, or the unit vector towards it if it is infinitely far away.
@@ -87,14 +93,15 @@ pub struct Query {
     distant: bool,
     /// Unit normal of the horizon; zero without one.
     ng: Vec3,
-    /// How much the cosine lobe counts, and the glossy one with its own.
+    /// Weight of the cosine lobe, and the glossy lobe with its weight.
     diffuse: f32,
     glossy: Option<(Lobe, f32)>,
-    /// Emission jumps count too, not only those of reflected light.
+    /// Jumps of emitted radiance count too, not only those of reflected radiance.
     sees_emission: bool,
-    /// Nothing counts but what covers more on one side than on the other.
+    /// Only edges count that cover more on one side than on the other: contours, and edges between masks.
     contours_only: bool,
-    /// The edges are seen by a viewer elsewhere, about as far from here: any may be a contour there, and none is near.
+    /// Set for a point of a curved mirror: the edges are seen by a viewer at this distance from the point. Any edge may be a contour for the
+    /// viewer, and none counts as nearer than this.
     viewer_distance: Option<f32>,
 }
 
@@ -109,7 +116,7 @@ pub struct EdgePoint {
 
 impl Query {
     pub fn new(si: &SurfaceInteraction) -> Query {
-        let ([diffuse, specular], alpha) = (si.bsdf.lobes(si.ns.dot(si.wi)), si.bsdf.roughness_alpha());
+        let ([diffuse, specular], alpha) = (si.bsdf.lobe_albedos(si.ns.dot(si.wi)), si.bsdf.roughness_alpha());
         let lobe = alpha.map(|alpha| Lobe::new(alpha, si.ns, si.wi));
         let glossy = lobe.map(|lobe| (lobe, specular * lobe.albedo)).filter(|g| g.1 > 0.0);
         let diffuse = diffuse.max(glossy.map_or(1.0, |g| DEFENSIVE * g.1));
@@ -117,7 +124,7 @@ impl Query {
         Query { prim: si.prim, ng: si.ng, diffuse, glossy, sees_emission, ..Query::around(si.p) }
     }
 
-    /// What a point of a light shines on.
+    /// A point of a light that shines past edges.
     pub fn from_light(light: &LightSample) -> Query {
         let distant = !matches!(light.kind, LightKind::Area | LightKind::Point(_));
         let ng = if light.kind == LightKind::Area && !light.two_sided { light.n } else { Vec3::ZERO };
@@ -125,7 +132,7 @@ impl Query {
         Query { prim: light.prim, distant, ng, ..around }
     }
 
-    /// What is around a point, in all directions.
+    /// A point that receives light evenly from all directions.
     pub fn around(p: Vec3) -> Query {
         Query {
             prim: NO_PRIM,
@@ -140,18 +147,18 @@ impl Query {
         }
     }
 
-    /// What a curved mirror that has this point shows to another. To who looks by way of a mirror even what touches it is as far
-    /// away as the mirror; weighted by how near it is to one point of the mirror, rare samples would weigh much.
+    /// A point `p` of a curved mirror that `viewer` looks at. For the viewer an edge is at least as far away as the mirror, even if it
+    /// touches the mirror. If edges were weighted by their distance from `p` alone, few samples would have large weights.
     pub fn around_mirror(p: Vec3, viewer: Vec3) -> Query {
         Query { viewer_distance: Some(p.distance(viewer)), ..Query::around(p) }
     }
 
-    /// How far a point at some distance counts as.
+    /// The distance from the viewer of an edge at some distance from the query point.
     fn effective_distance(&self, distance: f32) -> f32 {
         self.viewer_distance.map_or(distance, |way| distance.hypot(way))
     }
 
-    /// The way to the point from `p`; of any length if it is infinitely far away.
+    /// The vector from `p` to the query point; only its direction counts if that is infinitely far away.
     fn vector_from(&self, p: Vec3) -> Vec3 {
         if self.distant { self.p } else { self.p - p }
     }
@@ -160,10 +167,10 @@ impl Query {
         self.ng != Vec3::ZERO
     }
 
-    /// The same point's image in a mirror: what it sees there, it sees directly.
+    /// The query for the point's mirror image, which sees directly what the point sees in the mirror.
     pub fn reflected(self, mirror: &MirrorPlane) -> Query {
         Query {
-            prim: NO_PRIM, // its own edges are no horizon in a mirror
+            prim: NO_PRIM, // edges of the point's own face are its horizon when seen directly, but not in a mirror
             p: mirror.reflect_point(self.p),
             ng: mirror.reflect(self.ng),
             glossy: self.glossy.map(|(lobe, weight)| (lobe.reflected(|v| mirror.reflect(v)), weight)),
@@ -173,16 +180,16 @@ impl Query {
     }
 }
 
-/// Bytes that an edge takes while a tree is built. Measured by what the process held at most: 170 for a ball of a million edges.
+/// Bytes per edge while a tree is built. Measured as the peak memory of the process: 170 for a ball with a million edges.
 const BUILDING: u64 = 200;
 
-/// An edge found on one way down the tree.
+/// An edge found by one descent through the tree.
 struct Candidate {
     edge: usize,
     polar: Polar,
-    /// Its importance over the probability of finding it.
+    /// The importance of the edge over the probability of finding it.
     weight: f32,
-    /// What is left of the number that led to it, uniform again.
+    /// The random number that chose the edge, rescaled so that it is uniform in [0, 1) again.
     rest: f32,
 }
 
@@ -191,7 +198,7 @@ impl EdgeTree {
         EdgeTree::of(scene, (0..scene.edges().edges.len() as u32).collect())
     }
 
-    /// Of the edges that the slots of a layout move; `None` if these are all.
+    /// A tree of the edges that the requested slots move; `None` if these are all edges.
     pub fn of_moving(scene: &Scene, layout: &Layout) -> Option<EdgeTree> {
         let edges = &scene.edges().edges;
         let moves = |edge: &Edge| edge.faces.iter().any(|f| layout.moves(scene.prims[f.prim as usize].shape));
@@ -199,7 +206,7 @@ impl EdgeTree {
         (moving.len() < edges.len()).then(|| EdgeTree::of(scene, moving))
     }
 
-    /// What [`EdgeTree::sample`] takes, in ray queries.
+    /// Time of [`EdgeTree::sample`], in units of a ray query.
     pub fn cost(&self) -> f64 {
         CANDIDATES as f64 * 0.2 * f64::from(self.order.len().max(1) as u32).log2()
     }
@@ -225,12 +232,11 @@ impl EdgeTree {
         tree
     }
 
-    /// Chooses an edge and a point on it, with probability roughly proportional to what it may contribute; `None` if no
-    /// edge can.
+    /// Chooses an edge and a point on it, with a probability roughly in proportion to its contribution; `None` if no edge was found.
     ///
-    /// Resampled importance sampling (Talbot et al. 2005): `u`, stratified, leads down to several leaves, because what a node may
-    /// contribute is known only roughly, and `u_pick` chooses among what is found there by what the edges may contribute.
-    /// The density returned is that of an estimator, not of a distribution: its reciprocal has the right mean.
+    /// This is resampled importance sampling (Talbot et al. 2005). The importance of a node is known only roughly, so `u[0]`, stratified,
+    /// makes several descents to leaves, and `u_pick` chooses among the edges found there by their own importance; `u[1]` chooses the
+    /// point. The density returned is not that of a distribution: its reciprocal is an unbiased estimate of the weight of the sample.
     pub fn sample(&self, table: &EdgeTable, query: &Query, u: [f32; 2], u_pick: f32) -> Option<EdgePoint> {
         let [u_tree, u_position] = u;
         let count = self.order.len().div_ceil(LEAF).min(CANDIDATES);
@@ -255,12 +261,12 @@ impl EdgeTree {
         (pdf > 0.0 && pdf.is_finite()).then_some(EdgePoint { edge, s, pdf })
     }
 
-    /// Whether light from an edge can jump where both its faces are seen.
+    /// Whether radiance may be discontinuous across an edge where both its faces are visible.
     pub fn shows_creases(&self, edge: usize) -> bool {
         self.crease[edge] > 0.0
     }
 
-    /// Whether someone at `q` from an edge's start may see it as a contour.
+    /// Whether the edge may be a contour as seen from the point at offset `q` from the edge's start.
     fn may_be_contour(&self, edge: usize, q: Vec3) -> bool {
         let Some([a, b]) = self.faces[edge] else { return true };
         let (x, y) = (a.dot(q), b.dot(q));
@@ -268,7 +274,7 @@ impl EdgeTree {
         x.min(y) <= slack && x.max(y) >= -slack
     }
 
-    /// Whether someone at `q` from an edge's start may see a jump where it is no contour.
+    /// Whether an edge that is no contour may have a jump as seen from the point at offset `q` from the edge's start.
     fn may_be_crease(&self, edge: &Edge, at: usize, q: Vec3) -> bool {
         let reach = self.folding[at];
         let Some(faces) = self.faces[at].filter(|_| reach.is_finite()) else { return true };
@@ -276,7 +282,7 @@ impl EdgeTree {
         faces.iter().any(|n| n.dot(q).abs() < reach)
     }
 
-    /// What an edge counts for a query, over a contour; zero if it cannot matter.
+    /// The importance of an edge for a query relative to that of a contour; zero if it has no boundary term there.
     fn relevance(&self, edge: &Edge, at: usize, query: &Query) -> f32 {
         // The edges of the query's own face are its horizon: nothing arrives from there.
         if edge.faces.iter().any(|f| f.prim == query.prim) || (query.contours_only && edge.crossing) {
@@ -292,7 +298,7 @@ impl EdgeTree {
         }
     }
 
-    /// [`EdgeTree::sample`] with a single candidate: a number chooses edge and point, and the density is one.
+    /// [`EdgeTree::sample`] with a single descent: `u` chooses both edge and point, and `pdf` is the density of a distribution.
     pub fn sample_one(&self, table: &EdgeTable, query: &Query, u: f64) -> Option<EdgePoint> {
         let mut found = None;
         self.descend(table, query, 0, 1.0, &mut [u], &mut |c| found = Some(c));
@@ -303,7 +309,8 @@ impl EdgeTree {
         (pdf > 0.0 && pdf.is_finite()).then_some(EdgePoint { edge: c.edge, s, pdf })
     }
 
-    /// Ways down from a node that was reached with some probability, by numbers in ascending order; each finds an edge or nothing.
+    /// Descends from a node that was reached with some probability, once for each number in `descents`, which are in ascending order. Each
+    /// descent finds an edge or nothing.
     fn descend(
         &self,
         table: &EdgeTable,
@@ -336,7 +343,7 @@ impl EdgeTree {
         }
     }
 
-    /// One of a leaf's edges for each way that ends there.
+    /// Chooses one of a leaf's edges for each descent that ends there.
     fn choose(
         &self,
         table: &EdgeTable,
@@ -383,7 +390,7 @@ impl EdgeTree {
     }
 }
 
-/// Normals of an edge's two faces, if it has two, turned alike whatever their winding.
+/// Unit normals of an edge's two faces, consistently oriented whatever the winding of the faces; `None` if there are not two.
 fn face_planes(edge: &Edge) -> Option<[Vec3; 2]> {
     let [a, b] = edge.faces.as_slice() else { return None };
     Some([edge.normal_with(a.opposite), -edge.normal_with(b.opposite)])
@@ -399,7 +406,7 @@ fn crease(scene: &Scene, edge: &Edge) -> f32 {
     if edge.faces.iter().any(shows) { CREASE * smooth * edge.weight } else { 0.0 }
 }
 
-/// See [`EdgeTree::mask_jump`]. (Where there are not two faces no plane rules a contour out.)
+/// See [`EdgeTree::mask_jump`]. Zero for an edge without two faces, which always counts as a contour.
 fn mask_jump(scene: &Scene, edge: &Edge) -> f32 {
     let [a, b] = [0, 1].map(|face| {
         let prim = edge.faces.get(face)?.prim;
@@ -413,8 +420,8 @@ fn mask_jump(scene: &Scene, edge: &Edge) -> f32 {
     }
 }
 
-/// See [`EdgeTree::brightness`]. What is reflected is taken to be half of the emitted power, spread over all surfaces, and
-/// the environment.
+/// See [`EdgeTree::brightness`]. The typical reflected radiance is estimated as half of the emitted power spread over all surfaces, plus
+/// the radiance of the environment.
 fn brightness(scene: &Scene) -> Vec<f32> {
     const MOST: f32 = 100.0;
     let emitted = |prim: PrimId| {
@@ -443,7 +450,7 @@ fn brightness(scene: &Scene) -> Vec<f32> {
 impl Node {
     /// Zero only if no edge below can contribute.
     fn importance(&self, query: &Query) -> f32 {
-        // Below the horizon: the corner furthest along the normal.
+        // The box is below the horizon if its corner that is farthest along the normal is.
         let corner = Vec3::select(query.ng.cmpgt(Vec3::ZERO), self.hi, self.lo);
         let height = query.ng.dot(corner - query.p);
         if query.has_horizon() && height <= 0.0 {
@@ -451,7 +458,7 @@ impl Node {
         }
         let centre = 0.5 * (self.lo + self.hi);
         let q = query.vector_from(centre);
-        // Planes do not pass infinitely far points, and nothing is near them.
+        // For a query infinitely far away only the signs of n·q matter: the planes' offsets and the node's extent vanish beside q.
         let (offset, radius) = if query.distant { (0.0, 0.0) } else { (1.0, 0.5 * (self.hi - self.lo).length()) };
         let distance = q.length();
         let near = query.effective_distance(distance.max(radius)).max(1e-20);
@@ -474,8 +481,9 @@ impl Node {
             if lowest > 0.0 || highest < 0.0 {
                 0.0
             } else {
-                // The weights of edges are chances from anywhere; of points from where the planes do not rule a contour out, about
-                // this share is left.
+                // `length` counts each edge by its weight, which is about its probability to be a contour from a random point. The planes
+                // allow contours from a fraction of all points only, about the clamped sum below. As the query point is one of these,
+                // contours are more probable by the inverse of that fraction.
                 self.length / (self.spread + radius / near).clamp(0.02, 1.0)
             }
         };
@@ -492,7 +500,7 @@ impl Node {
         let near2 = near * near;
         let mut seen = query.diffuse * cos / near2;
         if let Some((lobe, weight)) = &query.glossy {
-            // The box where the lobe is a cosine, and a box around that.
+            // The box in the space where the lobe is a cosine, bounded by an axis-aligned box.
             let m = &lobe.to_cosine;
             let half = 0.5 * (self.hi - self.lo);
             let there = m.x_axis * -q.x + m.y_axis * -q.y + m.z_axis * -q.z;
@@ -511,16 +519,16 @@ impl Node {
 
 #[cfg(test)]
 mod tests {
-    use super::polar::even;
+    use super::polar::angle_pdf;
     use super::*;
     use crate::math::Pcg32;
     use crate::mesh::Mesh;
     use crate::render::texture::Texture;
     use crate::render::{Input, Material, SceneDescription, Shape};
 
-    /// Above a floor's point most edges of a faceted ball are contours or hidden, and those that both faces are seen of are faint.
-    /// What a sample stands for (its edge's importance over the chance of finding it) must not depend much on which it is: creases
-    /// that are found too rarely weigh too much, and are most of the noise.
+    /// From a point below a faceted ball most edges are contours or hidden, and creases of which both faces are visible have small jumps.
+    /// The weight of a sample (its edge's importance over the probability of finding it) must not vary much: creases that are found too
+    /// rarely have large weights, and cause most of the noise.
     #[test]
     fn creases_are_found_as_often_as_they_are_worth() {
         let mesh = Mesh { normals: None, uvs: None, ..crate::mesh::shapes::sphere(0.5, 96).unwrap() };
@@ -542,7 +550,7 @@ mod tests {
             let contour = tree.may_be_contour(found.edge, query.vector_from(edge.p[0]));
             let importance = polar.importance() * if contour { 1.0 } else { tree.crease[found.edge] };
             let at = found.s * polar.length - polar.foot;
-            let stands_for = f64::from(importance * even(polar.d, polar.l, at) / found.pdf);
+            let stands_for = f64::from(importance * angle_pdf(polar.d, polar.l, at) / found.pdf);
             sum += stands_for;
             squares += stands_for * stands_for;
             most = stands_for.max(most);
@@ -552,8 +560,8 @@ mod tests {
         assert!(variance < 2.0 && most < 30.0 * mean, "{variance} {}", most / mean);
     }
 
-    /// A lamp of many triangles and a floor a hundred times their size, as a point with a narrow lobe sees them. If edges of the floor
-    /// shared nodes with the lamp's, some contours of the lamp would be found once in a million samples.
+    /// A lamp of many triangles and a floor a hundred times their size, searched from a point with a narrow lobe. If edges of the floor
+    /// shared nodes with edges of the lamp, some contours of the lamp would be found only once in a million samples.
     #[test]
     fn short_edges_are_found_beside_long_ones() {
         let ball = crate::mesh::shapes::icosphere(0.2, 1).unwrap();
@@ -597,8 +605,8 @@ mod tests {
         assert!(variance < 3.0 && most < 100.0 * mean, "{variance} {}", most / mean);
     }
 
-    /// Points found from a light, over their density, must add up to the lengths of its contours, and to their first moments:
-    /// whether the light is near or infinitely far away.
+    /// Points found for a query from a light, weighted by the inverse of their density, must estimate the length of the contours and its
+    /// first moment, whether the light is near or infinitely far away.
     #[test]
     fn points_found_from_lights_cover_contours_evenly() {
         let mesh = crate::mesh::shapes::sphere(0.35, 48).unwrap();

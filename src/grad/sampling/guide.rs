@@ -1,9 +1,10 @@
 //! Importance sampling learned from pilot samples: a histogram over the first two random numbers of an estimator.
 //!
-//! The unit square is cut into cells; pilots measure the second moment of the derivatives in each, and the samples proper
-//! are drawn in proportion to its root, the best density there is. Pilots are independent of these samples, the histogram
-//! is frozen before they are drawn and no cell is left out: so the estimate stays unbiased. From one step of an optimisation
-//! to the next little changes: what earlier steps found is cached ([`GuideCache`]), so that as many pilots tell smaller cells apart.
+//! The unit square is divided into cells. Pilot samples measure the second moment of the derivatives in each cell, and the samples proper
+//! are drawn with a density in proportion to its root, which is the density of least variance. The estimate stays unbiased: pilots are
+//! independent of the samples proper, the histogram is fixed before these are drawn, and every cell has a positive density. From one
+//! step of an optimisation to the next little changes, so second moments are cached ([`GuideCache`]): with the same number of pilots a
+//! step the histogram can have smaller cells.
 
 use std::collections::HashMap;
 use std::sync::{Mutex, PoisonError};
@@ -20,39 +21,40 @@ use crate::render::{DeltaLight, Scene, Slot};
 /// Share of the samples that is spread evenly, whatever the pilots found (defensive sampling).
 const DEFENSIVE: f64 = 0.25;
 
-/// Rows to either side whose mean a cell counts besides its own pilots, which may have missed what is rare.
+/// Number of rows to either side whose mean is averaged into a cell: its own pilots may have missed rare large derivatives.
 const SURROUNDINGS: usize = 16;
 
-/// Pilots a cell, and the samples that one pilot serves.
+/// Pilots in each cell, without a cache.
 const PILOTS: usize = 4;
+/// Samples proper for each pilot.
 const SAMPLES: usize = 8;
 
-/// Pilots before those of a step that count (of a scene with a shutter, those of its slices): enough to tell cells apart, few enough to
-/// follow a scene that moves.
+/// Steps over which cached moments are averaged (for a scene with a shutter, each time slice is a step): enough to tell cells apart, few
+/// enough to follow a scene that changes.
 const REMEMBERED: usize = 16;
 
-/// What a guide is trained for, with pilot samples.
+/// The problem for which a guide is trained with pilot samples.
 #[derive(Clone, Copy)]
 pub struct GuideTraining<'a> {
     pub scene: &'a Scene,
     pub layout: &'a Layout,
     pub adjoint: &'a Image,
-    /// What the guides of the steps before found, if there were any.
+    /// Moments from earlier steps of an optimisation; `None` outside of one.
     pub guides: Option<&'a GuideCache>,
-    /// The share of their own numbers of samples that estimators can afford
+    /// The fraction of their own numbers of samples that the budget allows estimators
     /// ([`affordable`](crate::grad::sampling::allocate::affordable)).
     pub effort: f64,
     pub seed: u64,
 }
 
 impl GuideTraining<'_> {
-    /// Pilots a cell.
+    /// Number of pilots in each cell.
     fn pilots(&self) -> usize {
         if self.guides.is_some() { 1 } else { PILOTS }
     }
 
-    /// The number of cells that pilots of an estimator of that many samples can be spared for, at most `most` without a memory and
-    /// more with one.
+    /// Number of cells for an estimator with that many samples: as many as have pilots, given one pilot for [`SAMPLES`] samples. At most
+    /// `most`; with a cache, which needs fewer pilots in each cell, four times as many.
     pub fn cells(&self, samples: usize, most: usize) -> usize {
         ((samples as f64 * self.effort) as usize / SAMPLES).min(most * PILOTS) / self.pilots()
     }
@@ -65,8 +67,8 @@ pub enum GuideKey {
     Secondary(MovingEnvironment),
 }
 
-/// What guides have found so far, cached from one gradient to the next of a scene that moves a little in between. Edges, lights
-/// and places on film keep their cells; where they do not, the cell's guess is a poor one, but no more than that.
+/// Second moments that guides measured in earlier steps, for a scene that changes little from step to step. Most edges, lights and film
+/// positions stay in their cells. Where they do not, the density is a poor one for a while, but the estimate stays unbiased.
 #[derive(Default)]
 pub struct GuideCache {
     cached: Mutex<HashMap<GuideKey, CachedMoments>>,
@@ -76,15 +78,15 @@ pub struct GuideCache {
 struct CachedMoments {
     size: [usize; 2],
     moments: Vec<f64>,
-    /// Steps that they stand for.
+    /// Number of steps that the moments are averages of, at most [`REMEMBERED`].
     steps: usize,
 }
 
 impl GuideCache {
-    /// Adds what new pilots found to what is remembered, and returns both together.
+    /// Averages the moments of new pilots into the cached ones, and returns these.
     fn update(&self, key: GuideKey, size: [usize; 2], mut moments: Vec<f64>) -> Vec<f64> {
-        // Steps are compared by the mean of the roots: by that of the moments themselves, one that found something rare would say
-        // that there was little of anything else.
+        // Each step's moments are normalised by the mean of their roots. Normalised by their own mean, a step that found one rare and very
+        // large derivative would have hardly anything in all other cells.
         let mean = (moments.iter().map(|m| m.sqrt()).sum::<f64>() / moments.len().max(1) as f64).powi(2);
         let mut cached = self.cached.lock().unwrap_or_else(PoisonError::into_inner);
         let old = cached.get(&key).filter(|k| k.size == size);
@@ -110,7 +112,7 @@ pub struct Guide {
 }
 
 impl Guide {
-    /// Measures `rows` × `columns` cells. `sample` draws a pilot from a sampler, with its first two random numbers as given.
+    /// Trains a guide of `rows` × `columns` cells. `sample` draws one pilot sample; its first two random numbers are given.
     pub fn new(
         key: GuideKey,
         [rows, columns]: [usize; 2],
@@ -121,7 +123,7 @@ impl Guide {
         let pilots = training.pilots();
         let seed = hash(seed, 0x0067_7569_6465);
         let units: Vec<f64> = layout.slots.iter().map(|slot| unit(scene, *slot)).collect();
-        // Elsewhere in each cell at each step.
+        // With a cache, pilots have other positions within their cells at each step.
         let shift = if guides.is_some() { hash(seed, 0) as f64 / u64::MAX as f64 } else { 0.0 };
         let moments: Vec<f64> = (0..rows * columns)
             .into_par_iter()
@@ -147,8 +149,8 @@ impl Guide {
         for row in moments.chunks_exact(columns) {
             sums.push(sums[sums.len() - 1] + row.iter().sum::<f64>() / columns as f64);
         }
-        // Neighbours share what they found: pilots are few. And where they found nothing there may be what is rare, so that each
-        // cell counts the mean of its surroundings as one cell more.
+        // Pilots are few, so a cell is averaged with the cells in the rows above and below. A cell in which pilots found nothing may still
+        // have rare derivatives, so the mean of its surroundings is averaged in as one more cell.
         let smooth = |row: usize, column: usize| {
             let near = row.saturating_sub(1)..(row + 2).min(rows);
             let around = row.saturating_sub(SURROUNDINGS)..(row + SURROUNDINGS + 1).min(rows);
@@ -165,7 +167,7 @@ impl Guide {
         Guide { rows: Discrete::new(columns.iter().map(Discrete::total)), columns }
     }
 
-    /// Warps a uniform point of the unit square to one of this density, which is returned too.
+    /// Warps a uniform point of the unit square to one with this density; returns the point and the density.
     pub fn warp(&self, u: [f64; 2]) -> ([f64; 2], f64) {
         let (row, p, x) = self.rows.sample(u[0]);
         let (column, q, y) = self.columns[row].sample(u[1]);
@@ -174,15 +176,15 @@ impl Guide {
     }
 }
 
-/// Measures how large the derivatives of samples are instead of collecting them.
+/// Draws pilot samples: measures the size of their derivatives instead of summing them.
 pub type Pilot<'a> = Reverse<'a, SquaredNorm<'a>>;
 
-/// The sum of the squares of all derivatives, those in lengths times the scene's size: else it would depend on the unit of length which
-/// of a camera's derivatives count, those in its place or those in its direction.
+/// The sum of the squares of all derivatives. Derivatives with respect to lengths are multiplied by the size of the scene. Otherwise the
+/// unit of length would decide whether, for instance, a camera's position or its direction counts more.
 pub struct SquaredNorm<'a> {
     starts: &'a [usize],
     units: &'a [f64],
-    /// Where the last derivative went.
+    /// The slot of the last derivative, where the search for the next one's slot begins.
     slot: usize,
     squares: f64,
 }
@@ -202,7 +204,7 @@ impl Sink for SquaredNorm<'_> {
     }
 }
 
-/// What derivatives in a slot are multiplied by. A power of two: where all slots are alike nothing is rounded otherwise for it.
+/// The factor of a slot's derivatives. It is a power of two, so that multiplying does not round.
 fn unit(scene: &Scene, slot: Slot) -> f64 {
     let lights = &scene.description.delta_lights;
     let is_length = match slot {

@@ -12,10 +12,10 @@ use crate::grad::sampling::allocate::{Estimator, typical_bounces};
 use crate::grad::sampling::pixels::{self, FilmCurve, FilmSample};
 use crate::grad::sink::Layout;
 use crate::image::Image;
-use crate::render::accel::{Ray, Work};
+use crate::render::accel::{Kernel, Ray};
 use crate::render::film::first_hit;
 use crate::render::integrator::{self, BATCH, Options, Recorder};
-use crate::render::mask::{Crossing, MaskSampling};
+use crate::render::mask::{MaskCrossing, MaskSampling};
 use crate::render::sampler::Sampler;
 use crate::render::{Camera, Input, Output, Scene, Settings, Shape, Slot};
 
@@ -77,14 +77,14 @@ impl<'a> Interior<'a> {
         out.pixel(film.pixel, |d, out| {
             let d = d * *weight;
             let ray_adjoint = if path.vertices.is_empty() {
-                let pass: f32 = path.crossings.iter().map(Crossing::weight).product();
+                let pass: f32 = path.crossings.iter().map(MaskCrossing::weight).product();
                 let dir = out.environment(ray.dir, d * pass);
                 let d_pass = d.dot(self.scene.environment_radiance(ray.dir));
                 RayAdjoint { origin: Vec3::ZERO, dir } + d_masks(out, ray.dir, &path.crossings, d_pass)
             } else {
                 sweep(out, path, d, self.detached)
             };
-            if !out.layout.still {
+            if !out.layout.is_static {
                 camera.d_ray(film.position, ray_adjoint.origin, ray_adjoint.dir, &mut out.camera);
             }
         });
@@ -108,7 +108,7 @@ struct Batches<'a, E> {
     out: &'a mut E,
 }
 
-impl<E: Estimate> Work for Batches<'_, E> {
+impl<E: Estimate> Kernel for Batches<'_, E> {
     #[inline(always)]
     fn run(self) {
         let Batches { of, items, out } = self;

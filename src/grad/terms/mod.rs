@@ -17,7 +17,7 @@ use crate::grad::mirrors::viewpoint::{Mirrors, Viewpoint};
 use crate::grad::sampling::allocate::{Estimator, Moments, PilotRuns, Terms, affordable, expense, typical_bounces};
 use crate::grad::sampling::edge_tree::EdgeTree;
 use crate::grad::sampling::guide::{GuideCache, GuideTraining};
-use crate::grad::sink::{Contraction, Contractions, Layout, Tangents, Total};
+use crate::grad::sink::{DenseSums, DirectionalDerivative, DirectionalDerivatives, Layout, Tangents};
 use crate::image::Image;
 use crate::render::sampler::hash;
 use crate::render::texture::Filter;
@@ -36,7 +36,7 @@ const MAX_SEQUENCE: usize = 1 << 22;
 /// Where samples are added up. An enum, so that all that is planned is compiled once and only the samples' own loops once a mode.
 pub enum Accumulator<'a> {
     /// Reverse mode: derivatives of all slots.
-    Slots(&'a mut Total),
+    Slots(&'a mut DenseSums),
     /// Forward mode along one direction, and along several.
     Direction(&'a [f32], &'a mut Images),
     Directions(&'a Tangents, &'a mut Images),
@@ -48,11 +48,11 @@ impl Accumulator<'_> {
         match self {
             Accumulator::Slots(total) => estimate::reverse(scene, layout, adjoint, pass, total, stop),
             Accumulator::Direction(tangent, images) => {
-                let sink = || Contraction { tangent, sum: 0.0 };
+                let sink = || DirectionalDerivative { tangent, sum: 0.0 };
                 estimate::forward(scene, layout, sink, pass, images, stop);
             }
             Accumulator::Directions(tangents, images) => {
-                estimate::forward(scene, layout, || Contractions::new(tangents), pass, images, stop);
+                estimate::forward(scene, layout, || DirectionalDerivatives::new(tangents), pass, images, stop);
             }
         }
     }

@@ -19,7 +19,7 @@ use crate::grad::mirrors::curved::{Barycentric, Eye, MirrorPatch, MirrorTree, Mi
 use crate::grad::mirrors::viewpoint::{CameraConnection, d_reflected_ray};
 use crate::grad::sampling::allocate::{Estimator, typical_bounces};
 use crate::grad::sampling::contrast::{contrasts, pilots};
-use crate::grad::terms::primary::pieces::PIECE;
+use crate::grad::terms::primary::pieces::MAX_PIECE_LENGTH;
 use crate::image::Image;
 use crate::render::accel::{PrimId, Ray};
 use crate::render::edges::{Edge, EdgeView, SMOOTH_CREASE};
@@ -144,7 +144,7 @@ impl<'a> Reflections<'a> {
         0.05 + (0..POINTS).filter(|&i| sees(i)).count() as f32 / POINTS as f32
     }
 
-    /// Sampling weight by kind of edge, as [`crate::grad::terms::primary::Class::weight`].
+    /// Sampling weight by kind of edge, as [`crate::grad::terms::primary::pieces::EdgeClass::weight`].
     fn class(&self, edge: &Edge, patch: &MirrorPatch) -> f32 {
         let from = (patch.x[0] + patch.x[1] + patch.x[2]).as_vec3() / 3.0;
         let view = edge.view((edge.point(0.5) - from).normalize_or_zero());
@@ -158,7 +158,7 @@ impl<'a> Reflections<'a> {
         let part = patch.part(piece.corners);
         let [a, b, c] = part.x.map(|x| self.camera.project(x.as_vec3()).map(|q| q.pixel));
         let film = a.zip(b).zip(c).map(|((a, b), c)| [a, b, c]);
-        if let Some([a, b, c]) = film.filter(|_| self.camera.is_pinhole() && self.camera.keeps_lines()) {
+        if let Some([a, b, c]) = film.filter(|_| self.camera.is_pinhole() && self.camera.is_rectilinear()) {
             let (low, high) = (a.min(b).min(c), a.max(b).max(c));
             let size = Vec2::new(self.camera.width as f32, self.camera.height as f32);
             if high.cmplt(Vec2::splat(-1.0)).any() || low.cmpgt(size + 1.0).any() {
@@ -181,7 +181,7 @@ impl<'a> Reflections<'a> {
             .filter(|corners| patch.part(*corners).may_see(ends, self.tree.slack()))
             .filter_map(|corners| self.on_film(Piece { corners, ..piece }))
             .collect();
-        if parts.len() > 2 && f64::from(size) <= PIECE {
+        if parts.len() > 2 && f64::from(size) <= MAX_PIECE_LENGTH {
             return out.push(piece);
         }
         for part in parts {
@@ -331,7 +331,7 @@ fn connect_to_mirror(scene: &Scene, camera: &Camera, prim: PrimId, b: [f32; 3]) 
     let [x, y, z] = scene.corners(prim);
     let p = x * b[0] + y * b[1] + z * b[2];
     let projected = camera.project(p)?;
-    let (back, before) = camera.towards(p);
+    let (back, before) = camera.direction_from(p);
     if !camera.on_film(projected.pixel) || before <= 0.0 {
         return None;
     }

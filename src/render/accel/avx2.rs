@@ -1,97 +1,95 @@
-//! Lanes as registers of AVX2, used only where the processor is found to have it. With AVX-512 there are twice as many of them, which a
-//! query has use for; to make them twice as wide does not pay.
+//! Lanes as AVX2 registers, used only if the processor has these. With AVX-512 there are twice as many registers, and queries are compiled
+//! for that too. Registers twice as wide (16 lanes) were tried and were not faster.
 
 use std::arch::x86_64::*;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
-use super::traverse::{self, Lanes, Mask, Root, traverse};
+use super::traverse::{self, Lanes, Mask, RootHits, traverse};
 use super::tree::{Tree, WIDTH};
-use super::{Hit, NO_PRIM, PrimId, Ray, Work};
+use super::{Hit, Kernel, NO_PRIM, PrimId, Ray};
 
-/// Stands for the certainty that this processor has the instructions.
+/// A value of this type proves that the processor has AVX2: only [`Avx2::detect`] makes one.
 #[derive(Clone, Copy)]
 pub struct Avx2 {
-    /// It has AVX-512's registers too.
-    more_registers: bool,
+    /// The processor also has AVX-512.
+    has_avx512: bool,
 }
 
 impl Avx2 {
     pub fn detect() -> Option<Avx2> {
         let found = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("bmi1");
-        let more_registers = is_x86_feature_detected!("avx512vl")
+        let has_avx512 = is_x86_feature_detected!("avx512vl")
             && is_x86_feature_detected!("avx512dq")
             && is_x86_feature_detected!("avx512bw");
-        found.then_some(Avx2 { more_registers })
+        found.then_some(Avx2 { has_avx512 })
     }
 
-    /// What processors without AVX-512 do.
+    /// Makes queries as processors without AVX-512 do.
     #[cfg(test)]
-    pub fn with_fewer_registers(self) -> Avx2 {
-        Avx2 { more_registers: false }
+    pub fn without_avx512(self) -> Avx2 {
+        Avx2 { has_avx512: false }
     }
 
-    pub fn run(self, work: impl Work) {
+    pub fn run(self, kernel: impl Kernel) {
         // SAFETY: a value of this type exists only where the instructions were detected.
-        unsafe { run(work) }
+        unsafe { run(kernel) }
     }
 
     #[inline(always)]
-    pub fn enter(self, tree: &Tree, ray: &Ray) -> Root {
+    pub fn intersect_root(self, tree: &Tree, ray: &Ray) -> RootHits {
         // SAFETY: as above.
-        unsafe { enter(tree, ray) }
+        unsafe { intersect_root(tree, ray) }
     }
 
     #[inline(always)]
-    pub fn closest(self, tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
+    pub fn closest(self, tree: &Tree, ray: &Ray, root: Option<&RootHits>, skip: &[PrimId]) -> Hit {
         // SAFETY: as above.
-        unsafe {
-            if self.more_registers { closest_with_more(tree, ray, root, skip) } else { closest(tree, ray, root, skip) }
-        }
+        unsafe { if self.has_avx512 { closest_avx512(tree, ray, root, skip) } else { closest(tree, ray, root, skip) } }
     }
 
     #[inline(always)]
-    pub fn any(self, tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> bool {
+    pub fn any(self, tree: &Tree, ray: &Ray, root: Option<&RootHits>, skip: &[PrimId]) -> bool {
         // SAFETY: as above.
-        unsafe { if self.more_registers { any_with_more(tree, ray, root, skip) } else { any(tree, ray, root, skip) } }
+        unsafe { if self.has_avx512 { any_avx512(tree, ray, root, skip) } else { any(tree, ray, root, skip) } }
     }
 }
 
 #[target_feature(enable = "avx2,bmi1")]
-fn run(work: impl Work) {
-    work.run();
-}
-
-#[inline]
-#[target_feature(enable = "avx2,bmi1")]
-fn enter(tree: &Tree, ray: &Ray) -> Root {
-    traverse::enter::<Register>(tree, ray)
+fn run(kernel: impl Kernel) {
+    kernel.run();
 }
 
 #[inline]
 #[target_feature(enable = "avx2,bmi1")]
-fn closest(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
+fn intersect_root(tree: &Tree, ray: &Ray) -> RootHits {
+    traverse::intersect_root::<Register>(tree, ray)
+}
+
+#[inline]
+#[target_feature(enable = "avx2,bmi1")]
+fn closest(tree: &Tree, ray: &Ray, root: Option<&RootHits>, skip: &[PrimId]) -> Hit {
     traverse::<Register, false>(tree, ray, root, skip)
 }
 
 #[inline]
 #[target_feature(enable = "avx2,bmi1")]
-fn any(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> bool {
+fn any(tree: &Tree, ray: &Ray, root: Option<&RootHits>, skip: &[PrimId]) -> bool {
     traverse::<Register, true>(tree, ray, root, skip).prim != NO_PRIM
 }
 
 #[inline]
 #[target_feature(enable = "avx2,bmi1,avx512vl,avx512dq,avx512bw")]
-fn closest_with_more(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
+fn closest_avx512(tree: &Tree, ray: &Ray, root: Option<&RootHits>, skip: &[PrimId]) -> Hit {
     traverse::<Register, false>(tree, ray, root, skip)
 }
 
 #[inline]
 #[target_feature(enable = "avx2,bmi1,avx512vl,avx512dq,avx512bw")]
-fn any_with_more(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> bool {
+fn any_avx512(tree: &Tree, ray: &Ray, root: Option<&RootHits>, skip: &[PrimId]) -> bool {
     traverse::<Register, true>(tree, ray, root, skip).prim != NO_PRIM
 }
 
-/// Private, so that it is met nowhere but in the functions above it.
+/// Eight numbers. Private, so that it is used only within the functions above, which enable AVX2.
 #[derive(Clone, Copy)]
 struct Register(__m256);
 
@@ -132,7 +130,7 @@ impl Lanes for Register {
     }
 
     #[inline(always)]
-    fn least(self) -> f32 {
+    fn min_lane(self) -> f32 {
         unsafe {
             let x = _mm_min_ps(_mm256_castps256_ps128(self.0), _mm256_extractf128_ps::<1>(self.0));
             let x = _mm_min_ps(x, _mm_movehl_ps(x, x));
@@ -151,7 +149,7 @@ impl Lanes for Register {
     }
 
     #[inline(always)]
-    fn differs(self, other: Self) -> Flags {
+    fn not_equal(self, other: Self) -> Flags {
         Flags(unsafe { _mm256_cmp_ps::<_CMP_NEQ_OQ>(self.0, other.0) })
     }
 
@@ -178,12 +176,12 @@ impl Lanes for Register {
     }
 
     #[inline(always)]
-    fn same(a: __m256i, b: __m256i) -> Flags {
+    fn ids_equal(a: __m256i, b: __m256i) -> Flags {
         Flags(unsafe { _mm256_castsi256_ps(_mm256_cmpeq_epi32(a, b)) })
     }
 
     #[inline(always)]
-    fn lower(a: __m256i, b: __m256i) -> Flags {
+    fn ids_less(a: __m256i, b: __m256i) -> Flags {
         Flags(unsafe { _mm256_castsi256_ps(_mm256_cmpgt_epi32(b, a)) })
     }
 
@@ -200,7 +198,7 @@ impl Mask for Flags {
     }
 
     #[inline(always)]
-    fn but_not(self, other: Self) -> Self {
+    fn and_not(self, other: Self) -> Self {
         Flags(unsafe { _mm256_andnot_ps(other.0, self.0) })
     }
 }

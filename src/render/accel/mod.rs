@@ -1,8 +1,9 @@
-//! Ray queries: a tree of eight boxes a node, with a watertight triangle test and skipping by primitive id.
+//! Ray queries: a bounding volume hierarchy with eight child boxes a node and a watertight triangle test. A query can skip
+//! primitives by their ids.
 //!
-//! Edge sampling sends rays that graze shared edges, so neighbouring triangles must agree about which of them an edge ray
-//! hits; triangles are never enlarged. The walk (`traverse`) is written once over lanes of numbers; `avx2` is chosen at run
-//! time where the processor has it, `portable` elsewhere, and both return the same bits.
+//! Edge sampling sends rays along edges that two triangles share. So the triangle test is watertight without enlarging any
+//! triangle: of two neighbours, a ray through their common edge hits at least one. The traversal (`traverse`) is written once,
+//! generic over SIMD lanes: `avx2` is chosen at run time where the processor has it, `portable` elsewhere. Both return the same bits.
 
 #[cfg(target_arch = "x86_64")]
 #[allow(unsafe_code)]
@@ -18,20 +19,20 @@ mod tests;
 use glam::Vec3;
 
 use portable::Portable;
-pub use traverse::Root;
+pub use traverse::RootHits;
 use traverse::traverse;
 use tree::Tree;
 
 /// Index of a triangle over all shapes of a scene.
 pub type PrimId = u32;
 
-/// "No primitive": skips nothing.
+/// Stands for "no primitive". In a list of primitives to skip it skips nothing.
 pub const NO_PRIM: PrimId = u32::MAX;
 
-/// Once an average ray costs so many times what it did when the tree was built, a new one is worth its time.
-const WORN: f32 = 1.3;
+/// A refitted tree is rebuilt once an average ray costs more than this many times what it cost when the tree was built.
+const REBUILD_RATIO: f32 = 1.3;
 
-/// A ray query. `dir` is a unit vector; hits closer than `t_min` (not negative) or not before `t_max` do not count.
+/// A ray query. `dir` is a unit vector. Only hits with `t_min` ≤ t < `t_max` count; `t_min` is not negative.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
     pub origin: Vec3,
@@ -46,7 +47,7 @@ impl Ray {
     }
 }
 
-/// The closest hit: where on which triangle.
+/// A hit of a ray with a triangle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     pub t: f32,
@@ -56,7 +57,7 @@ pub struct Hit {
 }
 
 impl Hit {
-    /// Stands where there is none.
+    /// The result of a query that hits nothing.
     pub const NONE: Hit = Hit { t: f32::INFINITY, prim: NO_PRIM, b: [0.0; 3] };
 
     /// `None` for [`Hit::NONE`].
@@ -71,17 +72,17 @@ impl Hit {
 pub struct Accel {
     tree: Tree,
     instructions: Instructions,
-    /// Number of triangles given, and which of them have no area: they are never hit, and many of them in one place make a
-    /// poor tree.
+    /// Number of triangles given to [`Accel::new`].
     count: usize,
-    left_out: Vec<PrimId>,
-    /// Of the tree when it was built.
+    /// Those of them without area. They are not in the tree: no ray hits them, and many of them in one place make a poor tree.
+    degenerate: Vec<PrimId>,
+    /// Cost of the tree ([`Tree::cost`]) when it was built.
     cost: f64,
 }
 
-/// Something that asks so many queries that it is worth being compiled with their instructions, once for each set.
-pub trait Work {
-    /// To be marked `#[inline(always)]`, as what it calls: only what is inlined is compiled so.
+/// A loop that makes many ray queries. It is compiled once for each set of instructions, so that queries are inlined into it.
+pub trait Kernel {
+    /// Mark this and the functions that it calls `#[inline(always)]`: only inlined code is compiled with those instructions.
     fn run(self);
 }
 
@@ -93,20 +94,20 @@ enum Instructions {
 }
 
 impl Accel {
-    /// Builds over triangles given by their corners; finite coordinates are the caller's duty.
+    /// Builds a tree over triangles given by their corners, whose coordinates must be finite.
     pub fn new(corners: &[[Vec3; 3]]) -> Accel {
         let ids = 0..corners.len() as PrimId;
-        let (prims, left_out): (Vec<PrimId>, Vec<PrimId>) = ids.partition(|&i| has_area(&corners[i as usize]));
+        let (prims, degenerate): (Vec<PrimId>, Vec<PrimId>) = ids.partition(|&i| has_area(&corners[i as usize]));
         let tree = Tree::new(corners, &prims);
         let cost = tree.cost();
-        Accel { tree, instructions: Instructions::best(), count: corners.len(), left_out, cost }
+        Accel { tree, instructions: Instructions::best(), count: corners.len(), degenerate, cost }
     }
 
-    /// Moves the triangles without rebuilding the tree, which takes a fraction of the time. Returns how much more an average
-    /// ray costs than when the tree was built, 1 if nothing changed. If there are more or fewer triangles than before, or some that
-    /// had no area now have one, the tree is built anew.
+    /// Moves the triangles and updates the tree's boxes, which takes a fraction of the time of a new tree. Returns the cost of an
+    /// average ray over its cost when the tree was built: 1 if nothing changed. The tree is rebuilt if the number of triangles
+    /// differs, or if a triangle that had no area now has one.
     pub fn refit(&mut self, corners: &[[Vec3; 3]]) -> f32 {
-        if corners.len() != self.count || self.left_out.iter().any(|&i| has_area(&corners[i as usize])) {
+        if corners.len() != self.count || self.degenerate.iter().any(|&i| has_area(&corners[i as usize])) {
             *self = Accel::new(corners);
             return 1.0;
         }
@@ -117,45 +118,46 @@ impl Accel {
         (self.tree.cost() / self.cost) as f32
     }
 
-    /// [`Accel::refit`], but builds anew what would become slow.
-    pub fn follow(&mut self, corners: &[[Vec3; 3]]) {
-        if self.refit(corners) > WORN {
+    /// [`Accel::refit`], but rebuilds the tree if rays have become much slower ([`REBUILD_RATIO`]).
+    pub fn refit_or_rebuild(&mut self, corners: &[[Vec3; 3]]) {
+        if self.refit(corners) > REBUILD_RATIO {
             *self = Accel::new(corners);
         }
     }
 
-    /// Does work with the instructions of the queries.
-    pub fn run(&self, work: impl Work) {
+    /// Runs a kernel that was compiled with the same instructions as the queries.
+    pub fn run(&self, kernel: impl Kernel) {
         match self.instructions {
             #[cfg(target_arch = "x86_64")]
-            Instructions::Avx2(avx2) => avx2.run(work),
-            Instructions::Portable => work.run(),
+            Instructions::Avx2(avx2) => avx2.run(kernel),
+            Instructions::Portable => kernel.run(),
         }
     }
 
-    /// The closest hit whose primitive is not in `skip`; of hits at the same distance, that of the lowest primitive.
+    /// The closest hit whose primitive is not in `skip`. Of hits at the same distance, the one with the lowest primitive id.
     #[inline]
     pub fn closest(&self, ray: &Ray, skip: &[PrimId]) -> Option<Hit> {
         self.closest_from(ray, None, skip).found()
     }
 
-    /// How a ray begins. This takes no turns: to ask it of many rays before anything else lets the processor work on all of them.
+    /// Intersects a ray with the root's boxes. This has no branches that depend on the ray, so that a processor can overlap the tests of
+    /// many rays if they are made one after the other.
     #[inline(always)]
-    pub fn enter(&self, ray: &Ray) -> Root {
+    pub fn intersect_root(&self, ray: &Ray) -> RootHits {
         if self.tree.nodes.is_empty() || !is_finite(ray) {
-            return Root::default();
+            return RootHits::default();
         }
         match self.instructions {
             #[cfg(target_arch = "x86_64")]
-            Instructions::Avx2(avx2) => avx2.enter(&self.tree, ray),
-            Instructions::Portable => traverse::enter::<Portable>(&self.tree, ray),
+            Instructions::Avx2(avx2) => avx2.intersect_root(&self.tree, ray),
+            Instructions::Portable => traverse::intersect_root::<Portable>(&self.tree, ray),
         }
     }
 
-    /// [`Accel::closest`] or [`Hit::NONE`], where [`Accel::enter`] may have been asked before.
+    /// [`Accel::closest`], but [`Hit::NONE`] where nothing is hit. Takes the result of [`Accel::intersect_root`] if it is known.
     #[inline(always)]
-    pub fn closest_from(&self, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
-        // What has entered is finite, or hits nothing.
+    pub fn closest_from(&self, ray: &Ray, root: Option<&RootHits>, skip: &[PrimId]) -> Hit {
+        // A ray whose root test is known is finite, or hits none of the root's boxes.
         if root.is_none() && (self.tree.nodes.is_empty() || !is_finite(ray)) {
             return Hit::NONE;
         }
@@ -166,15 +168,15 @@ impl Accel {
         }
     }
 
-    /// Whether anything not in `skip` lies on the ray. Nothing is seen along a ray that is not finite.
+    /// Whether the ray hits any primitive that is not in `skip`. A ray that is not finite counts as occluded.
     #[inline]
     pub fn occluded(&self, ray: &Ray, skip: &[PrimId]) -> bool {
         self.occluded_from(ray, None, skip)
     }
 
-    /// [`Accel::occluded`], where [`Accel::enter`] may have been asked before.
+    /// [`Accel::occluded`]. Takes the result of [`Accel::intersect_root`] if it is known.
     #[inline(always)]
-    pub fn occluded_from(&self, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> bool {
+    pub fn occluded_from(&self, ray: &Ray, root: Option<&RootHits>, skip: &[PrimId]) -> bool {
         if self.tree.nodes.is_empty() {
             return false;
         }
@@ -199,7 +201,7 @@ impl Instructions {
     }
 }
 
-/// Positions of the order of 1e19 and more overflow in the arithmetic of single precision.
+/// Whether a ray's origin and direction are finite numbers.
 #[inline]
 fn is_finite(ray: &Ray) -> bool {
     (ray.origin.abs() + ray.dir.abs()).element_sum() < f32::INFINITY

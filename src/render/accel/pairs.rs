@@ -1,4 +1,4 @@
-//! Pairs of triangles whose boxes meet, or nearly.
+//! Pairs of triangles whose boxes overlap, or nearly do.
 
 use std::sync::atomic::Ordering;
 
@@ -11,10 +11,10 @@ use crate::memory;
 use crate::stop;
 
 impl Accel {
-    /// What `test` finds in all pairs of triangles whose boxes are no further apart than `slack` times their coordinates and of which one
-    /// at least is `wanted`, in an order that follows from the tree alone. Every pair is tested once. Takes n log n for meshes whose
-    /// triangles meet few others.
-    pub fn pairs<T: Send>(
+    /// Calls `test` once for every pair of triangles whose boxes are no further apart than `slack` times their coordinates and of which at
+    /// least one is `wanted`; returns what it finds, in an order that depends on the tree alone. Takes time O(n log n) for meshes whose
+    /// triangles overlap few others.
+    pub fn overlapping_pairs<T: Send>(
         &self,
         slack: f32,
         wanted: impl Fn(PrimId) -> bool + Sync,
@@ -32,17 +32,18 @@ impl Accel {
                     if stop.load(Ordering::Relaxed) {
                         break;
                     }
-                    // In a soup of triangles all may meet all: how much is found is known only when it is. It is held twice at the end.
+                    // The memory for results cannot be asked for beforehand: all triangles may overlap all others. Results are held
+                    // twice when they are joined at the end.
                     memory::need(((found.len() - granted) * 2 * size_of::<T>()) as u64);
                     granted = found.len();
                     let own = self.tree.triangles(*leaf).filter(|(prim, _)| wanted(*prim));
-                    let own: Vec<(PrimId, Bounds)> = own.map(|(prim, bounds)| (prim, bounds.grown(slack))).collect();
+                    let own: Vec<(PrimId, Bounds)> = own.map(|(prim, bounds)| (prim, bounds.expanded(slack))).collect();
                     let Some(around) = own.iter().map(|(_, b)| *b).reduce(Bounds::union) else { continue };
                     near.clear();
-                    self.tree.meeting(&around, &mut near);
+                    self.tree.find_overlapping(&around, &mut near);
                     for (a, bounds) in &own {
                         let others = near.iter().filter(|(b, _)| b > a || (b < a && !wanted(*b)));
-                        for (b, _) in others.filter(|(_, other)| bounds.meets(other)) {
+                        for (b, _) in others.filter(|(_, other)| bounds.overlaps(other)) {
                             test([*a, *b], &mut found);
                         }
                     }
@@ -67,13 +68,13 @@ impl Bounds {
         Bounds { lo: self.lo.min(other.lo), hi: self.hi.max(other.hi) }
     }
 
-    /// On all sides by a share of its largest coordinate.
-    fn grown(self, share: f32) -> Bounds {
+    /// Expanded on all sides by a fraction of its largest coordinate.
+    fn expanded(self, share: f32) -> Bounds {
         let by = Vec3::splat(share * self.lo.abs().max(self.hi.abs()).max_element());
         Bounds { lo: self.lo - by, hi: self.hi + by }
     }
 
-    fn meets(&self, other: &Bounds) -> bool {
+    fn overlaps(&self, other: &Bounds) -> bool {
         self.lo.cmple(other.hi).all() && other.lo.cmple(self.hi).all()
     }
 }
@@ -84,21 +85,21 @@ impl Tree {
         self.blocks[leaf.blocks()].iter().flat_map(Block::triangles)
     }
 
-    /// Adds all triangles whose boxes meet a given one.
-    fn meeting(&self, around: &Bounds, found: &mut Vec<(PrimId, Bounds)>) {
+    /// Adds to `found` all triangles whose boxes overlap a given one.
+    fn find_overlapping(&self, around: &Bounds, found: &mut Vec<(PrimId, Bounds)>) {
         let mut pending = vec![0];
         while let Some(index) = pending.pop() {
             let node = &self.nodes[index];
-            let mut meets = [true; WIDTH];
+            let mut overlaps = [true; WIDTH];
             for (axis, [lo, hi]) in node.bounds.iter().enumerate() {
                 for i in 0..WIDTH {
-                    meets[i] &= lo[i] <= around.hi[axis] && around.lo[axis] <= hi[i];
+                    overlaps[i] &= lo[i] <= around.hi[axis] && around.lo[axis] <= hi[i];
                 }
             }
-            for (child, _) in node.children.iter().zip(meets).filter(|(_, meets)| *meets) {
+            for (child, _) in node.children.iter().zip(overlaps).filter(|(_, overlaps)| *overlaps) {
                 match child.node() {
                     Some(inner) => pending.push(inner),
-                    None => found.extend(self.triangles(*child).filter(|(_, bounds)| bounds.meets(around))),
+                    None => found.extend(self.triangles(*child).filter(|(_, bounds)| bounds.overlaps(around))),
                 }
             }
         }

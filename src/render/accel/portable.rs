@@ -1,4 +1,4 @@
-//! Lanes as arrays, for processors without a set of instructions of their own here.
+//! Lanes as arrays, for processors without an implementation of their own here.
 
 use std::array::from_fn;
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
@@ -39,7 +39,7 @@ impl Mask for Flags {
     }
 
     #[inline(always)]
-    fn but_not(self, other: Self) -> Self {
+    fn and_not(self, other: Self) -> Self {
         Flags(from_fn(|i| self.0[i] & !other.0[i]))
     }
 }
@@ -92,7 +92,7 @@ impl Lanes for Portable {
     }
 
     #[inline(always)]
-    fn least(self) -> f32 {
+    fn min_lane(self) -> f32 {
         self.0.into_iter().fold(f32::INFINITY, f32::min)
     }
 
@@ -107,7 +107,7 @@ impl Lanes for Portable {
     }
 
     #[inline(always)]
-    fn differs(self, other: Self) -> Flags {
+    fn not_equal(self, other: Self) -> Flags {
         self.compare(other, |a, b| a.partial_cmp(&b).is_some_and(std::cmp::Ordering::is_ne))
     }
 
@@ -132,12 +132,12 @@ impl Lanes for Portable {
     }
 
     #[inline(always)]
-    fn same(a: Self::Ids, b: Self::Ids) -> Flags {
+    fn ids_equal(a: Self::Ids, b: Self::Ids) -> Flags {
         Flags(from_fn(|i| a[i] == b[i]))
     }
 
     #[inline(always)]
-    fn lower(a: Self::Ids, b: Self::Ids) -> Flags {
+    fn ids_less(a: Self::Ids, b: Self::Ids) -> Flags {
         Flags(from_fn(|i| a[i].cast_signed() < b[i].cast_signed()))
     }
 

@@ -17,7 +17,7 @@ fn all_ways(corners: &[[Vec3; 3]]) -> [Accel; 3] {
     let accel = Accel::new(corners);
     let fewer = match accel.instructions {
         #[cfg(target_arch = "x86_64")]
-        Instructions::Avx2(avx2) => Instructions::Avx2(avx2.with_fewer_registers()),
+        Instructions::Avx2(avx2) => Instructions::Avx2(avx2.without_avx512()),
         Instructions::Portable => Instructions::Portable,
     };
     [Instructions::Portable, fewer, accel.instructions].map(|instructions| Accel { instructions, ..accel.clone() })
@@ -408,7 +408,7 @@ fn what_follows_keeps_its_tree_unless_that_is_worn() {
     let mut accels = all_ways(&corners);
     for (now, kept) in [(&moved, true), (&shuffled, false)] {
         for accel in &mut accels {
-            accel.follow(now);
+            accel.refit_or_rebuild(now);
             assert_eq!(order(accel) == order(&first), kept);
             assert!(kept || order(accel) == order(&Accel::new(now)));
         }
@@ -424,11 +424,14 @@ fn trees_are_built_with_checks() {
     let corners: Vec<[Vec3; 3]> = (0..100_000).map(|i| [corner(i), corner(i) + Vec3::X, corner(i) + Vec3::Y]).collect();
     let before = crate::stop::checks();
     let tree = Accel::new(&corners);
-    let found: Vec<PrimId> = tree.pairs(0.0, |_| true, |[a, _], found| found.push(a));
+    let found: Vec<PrimId> = tree.overlapping_pairs(0.0, |_| true, |[a, _], found| found.push(a));
     assert!(found.len() > 100_000);
     assert!(crate::stop::checks() - before > 10, "{}", crate::stop::checks() - before);
     let set = std::sync::Arc::new(true.into());
     let stopped = Err(crate::stop::Stopped);
     assert_eq!(crate::stop::until(&set, || drop(Accel::new(&corners))), stopped);
-    assert_eq!(crate::stop::until(&set, || drop(tree.pairs(0.0, |_| true, |_, found| found.push(0)))), stopped);
+    assert_eq!(
+        crate::stop::until(&set, || drop(tree.overlapping_pairs(0.0, |_| true, |_, found| found.push(0)))),
+        stopped
+    );
 }

@@ -1,10 +1,10 @@
-//! The walk through the tree, written once for all instruction sets.
+//! Traversal of the tree, written once for all instruction sets.
 //!
-//! Every operation on lanes is a single one of IEEE 754 (no fused multiply-add), in the same order everywhere: all instruction
-//! sets return the same bits.
+//! Every operation on lanes is a single operation of IEEE 754 (no fused multiply-add), in the same order everywhere, so that all
+//! instruction sets return the same bits.
 //!
-//! There are no closures here, nor the library's `map` over lanes: these are not inlined always, and then they are compiled without
-//! the instructions, every operation a call.
+//! This file uses no closures, and no `map` of the standard library over lanes. The compiler does not always inline them, and a function
+//! that is not inlined is compiled without the wider instructions: every operation on a register would be a call.
 
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Sub};
 
@@ -13,8 +13,8 @@ use glam::Vec3;
 use super::tree::{Block, Child, Node, Tree, WIDTH};
 use super::{Hit, NO_PRIM, PrimId, Ray};
 
-/// Numbers as wide as the tree. Where one of two operands is not a number, comparisons are false and `min`, `max` return the
-/// second.
+/// [`WIDTH`] numbers on which operations work at once. If one of two operands is NaN, comparisons are false, and `min` and `max` return
+/// the second operand.
 pub trait Lanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> {
     type Mask: Mask;
     type Ids: Copy;
@@ -24,66 +24,70 @@ pub trait Lanes: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = S
     fn to_array(self) -> [f32; WIDTH];
     fn min(self, other: Self) -> Self;
     fn max(self, other: Self) -> Self;
-    /// The least of all lanes, of which none is "not a number".
-    fn least(self) -> f32;
+    /// The least of all lanes, none of which may be NaN.
+    fn min_lane(self) -> f32;
     fn less_or_equal(self, other: Self) -> Self::Mask;
     fn less(self, other: Self) -> Self::Mask;
-    fn differs(self, other: Self) -> Self::Mask;
+    fn not_equal(self, other: Self) -> Self::Mask;
     fn select(mask: Self::Mask, yes: Self, no: Self) -> Self;
 
     fn load_ids(ids: &[PrimId; WIDTH]) -> Self::Ids;
     fn splat_id(id: PrimId) -> Self::Ids;
     fn ids_to_array(ids: Self::Ids) -> [PrimId; WIDTH];
-    fn same(a: Self::Ids, b: Self::Ids) -> Self::Mask;
-    /// [`NO_PRIM`] is lower than all others.
-    fn lower(a: Self::Ids, b: Self::Ids) -> Self::Mask;
+    fn ids_equal(a: Self::Ids, b: Self::Ids) -> Self::Mask;
+    /// Whether `a` < `b` as signed integers, so that [`NO_PRIM`] is less than all others.
+    fn ids_less(a: Self::Ids, b: Self::Ids) -> Self::Mask;
     fn select_ids(mask: Self::Mask, yes: Self::Ids, no: Self::Ids) -> Self::Ids;
 }
 
-/// Yes or no in every lane.
+/// A boolean in every lane.
 pub trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> {
-    /// A bit for each lane, the first lowest.
+    /// One bit for each lane, the lowest for the first.
     fn bits(self) -> u32;
-    /// Where this is so and the other is not.
-    fn but_not(self, other: Self) -> Self;
+    /// `self & !other`
+    fn and_not(self, other: Self) -> Self;
 }
 
-/// How far boxes are enlarged, relative to the distance: a dozen roundings, more than those of the box test and of the
-/// triangle test together. What the triangle test hits is never lost to a box.
+/// How far boxes are enlarged, relative to the distance. This is some sixteen roundings of single precision, more than the box
+/// test and the triangle test have together: so no triangle is missed because the box around it was.
 const MARGIN: f32 = 1e-6;
 
-/// Which children of the first node a ray hits, and where it enters them.
+/// Which children of the root a ray hits (bits of `hits`), and at which distances it enters them.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Root {
+pub struct RootHits {
     near: [f32; WIDTH],
     hits: u32,
     /// One over the ray's direction.
     inv: [f32; 3],
 }
 
-/// Tests a ray against the first node.
+/// Tests a ray against the boxes of the root's children.
 #[inline(always)]
-pub fn enter<L: Lanes>(tree: &Tree, ray: &Ray) -> Root {
+pub fn intersect_root<L: Lanes>(tree: &Tree, ray: &Ray) -> RootHits {
     let inv = ray.dir.recip().to_array();
-    let (near, hits) = BoxTest::<L>::new(ray, inv).hits(&tree.nodes[0], L::splat(later(ray.t_max)));
-    Root { near, hits, inv }
+    let (near, hits) = BoxTest::<L>::new(ray, inv).hits(&tree.nodes[0], L::splat(with_margin(ray.t_max)));
+    RootHits { near, hits, inv }
 }
 
-/// The same, if it is not known already.
+/// [`intersect_root`], unless its result is known already.
 #[inline(always)]
-fn root_of<L: Lanes>(tree: &Tree, ray: &Ray, known: Option<&Root>) -> Root {
+fn root_of<L: Lanes>(tree: &Tree, ray: &Ray, known: Option<&RootHits>) -> RootHits {
     match known {
         Some(root) => *root,
-        None => enter::<L>(tree, ray),
+        None => intersect_root::<L>(tree, ray),
     }
 }
 
-/// The closest hit or, if `ANY`, whether there is one: [`Hit::NONE`] if there is none. Of hits at the same distance the lowest
-/// primitive wins. The first node may have been tested before.
+/// The closest hit or, if `ANY`, any hit; [`Hit::NONE`] if there is none. Of hits at the same distance the one with the lowest primitive id
+/// is returned. `root` is the result of [`intersect_root`], if it is known.
 #[inline(always)]
-pub fn traverse<L: Lanes, const ANY: bool>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
+pub fn traverse<L: Lanes, const ANY: bool>(tree: &Tree, ray: &Ray, root: Option<&RootHits>, skip: &[PrimId]) -> Hit {
     if tree.is_small() {
-        return if ANY { any_of_few::<L>(tree, ray, root, skip) } else { closest_of_few::<L>(tree, ray, root, skip) };
+        return if ANY {
+            any_hit_small::<L>(tree, ray, root, skip)
+        } else {
+            closest_hit_small::<L>(tree, ray, root, skip)
+        };
     }
     let root = root_of::<L>(tree, ray, root);
     if root.hits == 0 {
@@ -92,10 +96,10 @@ pub fn traverse<L: Lanes, const ANY: bool>(tree: &Tree, ray: &Ray, root: Option<
     let boxes = BoxTest::<L>::new(ray, root.inv);
     let triangles = TriangleTest::<L>::new(ray, root.inv);
     let ([first, second], others) = first_two(skip);
-    // No primitive is lower than 0: at `t_max` itself nothing counts.
+    // Hits at `t_max` itself do not count: since no id is less than 0, none is preferred to this start value.
     let mut best = Hit { t: ray.t_max, prim: 0, b: [0.0; 3] };
     let mut found = false;
-    let mut limit = later(best.t);
+    let mut limit = with_margin(best.t);
     let mut stack = Stack::new();
     let mut current = stack.push::<ANY>(&tree.nodes[0], &root.near, root.hits);
     loop {
@@ -120,7 +124,7 @@ pub fn traverse<L: Lanes, const ANY: bool>(tree: &Tree, ray: &Ray, root: Option<
                             return best;
                         }
                         found = true;
-                        limit = later(t);
+                        limit = with_margin(t);
                     }
                 }
             }
@@ -135,11 +139,12 @@ pub fn traverse<L: Lanes, const ANY: bool>(tree: &Tree, ray: &Ray, root: Option<
     }
 }
 
-/// [`traverse`] where there are [few](Tree::is_small) triangles: all that a ray may hit are tested, lane by lane, and compared once at
-/// the end. To sort and to stop early would take turns that cannot be foreseen, which cost more than the tests that they save.
-/// (Called from there and inlined: in a function of its own the frame is not aligned, which takes what was gained.)
+/// Closest hit in a [small](Tree::is_small) tree. All blocks whose boxes the ray hits are tested, each lane keeps its closest hit, and the
+/// lanes are compared once at the end. Sorting by distance and stopping early would take branches that the processor cannot predict, and
+/// these cost more than the tests that they save. (This must be inlined into [`traverse`]: in a function of its own the stack frame is
+/// not aligned, which costs as much as is gained.)
 #[inline(always)]
-fn closest_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
+fn closest_hit_small<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&RootHits>, skip: &[PrimId]) -> Hit {
     let root = root_of::<L>(tree, ray, root);
     let triangles = TriangleTest::<L>::new(ray, root.inv);
     let skip = Skip::<L>::new(skip);
@@ -150,7 +155,7 @@ fn closest_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &
         for block in &tree.blocks[tree.nodes[0].next(&mut hits).blocks()] {
             let test = triangles.test(block);
             let prims = L::load_ids(&block.prims);
-            let closer = test.t.less(t) | (test.t.less_or_equal(t) & L::lower(prims, ids));
+            let closer = test.t.less(t) | (test.t.less_or_equal(t) & L::ids_less(prims, ids));
             let closer = skip.without(prims, closer & test.valid);
             t = L::select(closer, test.t, t);
             ids = L::select_ids(closer, prims, ids);
@@ -158,11 +163,11 @@ fn closest_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &
             b = [L::select(closer, u, b[0]), L::select(closer, v, b[1]), L::select(closer, w, b[2])];
         }
     }
-    let nearest = t.least();
-    let mut first = t.less_or_equal(L::splat(nearest)).but_not(L::same(ids, L::splat_id(NO_PRIM))).bits();
+    let nearest = t.min_lane();
+    let mut first = t.less_or_equal(L::splat(nearest)).and_not(L::ids_equal(ids, L::splat_id(NO_PRIM))).bits();
     let [u, v, w] = [b[0].to_array(), b[1].to_array(), b[2].to_array()];
     let ids = L::ids_to_array(ids);
-    // Without any hit no lane has an id: to look whether there is one costs less once others have been asked for.
+    // Of lanes at the same distance, the one with the lowest id. Without any hit this starts from lane 0, whose id is `NO_PRIM`.
     let mut lane = first.trailing_zeros() as usize % WIDTH;
     first &= first.wrapping_sub(1);
     while first != 0 {
@@ -175,9 +180,9 @@ fn closest_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &
     Hit { t: nearest, prim: ids[lane], b: [u[lane], v[lane], w[lane]] }
 }
 
-/// As [`closest_of_few`], whether there is any.
+/// Any hit in a [small](Tree::is_small) tree: of the result only whether `prim` is [`NO_PRIM`] means anything.
 #[inline(always)]
-fn any_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[PrimId]) -> Hit {
+fn any_hit_small<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&RootHits>, skip: &[PrimId]) -> Hit {
     let root = root_of::<L>(tree, ray, root);
     let triangles = TriangleTest::<L>::new(ray, root.inv);
     let skip = Skip::<L>::new(skip);
@@ -192,7 +197,7 @@ fn any_of_few<L: Lanes>(tree: &Tree, ray: &Ray, root: Option<&Root>, skip: &[Pri
     Hit { prim: if found != 0 { 0 } else { NO_PRIM }, ..Hit::NONE }
 }
 
-/// Few are skipped, most often one or two: these are compared without a loop.
+/// The first two primitives to skip, and the others. Most queries skip one or two, and these are compared without a loop.
 #[inline(always)]
 fn first_two(skip: &[PrimId]) -> ([PrimId; 2], &[PrimId]) {
     match *skip {
@@ -202,7 +207,7 @@ fn first_two(skip: &[PrimId]) -> ([PrimId; 2], &[PrimId]) {
     }
 }
 
-/// Primitives that do not count.
+/// Primitives that a query skips.
 struct Skip<'a, L: Lanes> {
     first: L::Ids,
     second: L::Ids,
@@ -218,26 +223,27 @@ impl<'a, L: Lanes> Skip<'a, L> {
 
     #[inline(always)]
     fn without(&self, prims: L::Ids, mask: L::Mask) -> L::Mask {
-        let mut left = mask.but_not(L::same(prims, self.first) | L::same(prims, self.second));
+        let mut left = mask.and_not(L::ids_equal(prims, self.first) | L::ids_equal(prims, self.second));
         for &other in self.others {
-            left = left.but_not(L::same(prims, L::splat_id(other)));
+            left = left.and_not(L::ids_equal(prims, L::splat_id(other)));
         }
         left
     }
 }
 
+/// A distance, enlarged by [`MARGIN`].
 #[inline(always)]
-fn later(t: f32) -> f32 {
+fn with_margin(t: f32) -> f32 {
     t + t.abs() * MARGIN
 }
 
-/// The same number in all lanes, for each of three numbers.
+/// Three numbers, each in all lanes.
 #[inline(always)]
 fn splat<L: Lanes>(v: [f32; 3]) -> [L; 3] {
     [L::splat(v[0]), L::splat(v[1]), L::splat(v[2])]
 }
 
-/// One ray against eight boxes (the slab test, made conservative as by Ize 2013).
+/// Tests one ray against eight boxes: the slab test, made conservative as in Ize 2013, "Robust BVH Ray Traversal".
 struct BoxTest<L> {
     origin: [L; 3],
     inv_near: [L; 3],
@@ -261,11 +267,11 @@ impl<L: Lanes> BoxTest<L> {
         }
     }
 
-    /// Where the ray enters the boxes, and which of them it hits before `limit`.
+    /// The distances at which the ray enters the boxes, and a bit for each box that it hits before `limit`.
     #[inline(always)]
     fn hits(&self, node: &Node, limit: L) -> ([f32; WIDTH], u32) {
-        // A ray in the plane of a box's side gives 0 · ∞ there, which is not a number. As the first operand it is passed over,
-        // and at the end of each line the second one always is a number.
+        // A ray that lies in the plane of a box's side gives 0 · ∞ = NaN there. `max` and `min` ignore a NaN that is their first operand,
+        // and the second operand that ends each line is never NaN.
         let enter = self.near(node, 0).max(self.near(node, 1)).max(self.near(node, 2).max(self.t_min));
         let leave = self.far(node, 0).min(self.far(node, 1)).min(self.far(node, 2).min(limit));
         (enter.to_array(), enter.less_or_equal(leave).bits())
@@ -284,27 +290,27 @@ impl<L: Lanes> BoxTest<L> {
     }
 }
 
-/// One ray against eight triangles (Woop et al. 2013): the ray is turned and sheared into the z axis, where the edge functions
-/// of an edge are the same up to sign for both its triangles, and have the right sign or vanish. So no ray slips through
-/// between triangles that share an edge or a vertex. Nothing is enlarged.
+/// Tests one ray against eight triangles (Woop et al. 2013, "Watertight Ray/Triangle Intersection"). Space is permuted and sheared so that
+/// the ray runs along the z axis. There the edge function of an edge is the same up to its sign for both triangles that share the edge.
+/// So no ray passes between triangles that share an edge or a vertex, although no triangle is enlarged.
 struct TriangleTest<L> {
-    /// The axes, the ray's steepest last.
+    /// The permutation of the axes: last the one along which the direction is longest.
     axes: [usize; 3],
     origin: [L; 3],
     shear: [L; 3],
     t_min: L,
 }
 
-/// Where a ray meets the planes of triangles: distances, barycentric coordinates, and whether it does so inside of them, not
+/// Where a ray intersects the planes of triangles: distances, barycentric coordinates, and whether that is inside the triangles and not
 /// before `t_min`.
-struct Tested<L: Lanes> {
+struct PlaneHits<L: Lanes> {
     t: L,
     b: [L; 3],
     valid: L::Mask,
 }
 
-/// To be read axis by axis. Its alignment is for the registers that are spilled beside it: the compiler aligns the frame for this,
-/// but not for them, and then loads that cross cache lines cost up to a third.
+/// A ray whose numbers are read by the index of an axis. The alignment is for the sake of registers that are spilled to the same stack
+/// frame: the compiler aligns the frame for this struct but not for them, and loads that cross cache lines cost up to a third of the time.
 #[repr(align(64))]
 struct RayByAxis {
     origin: [f32; 4],
@@ -327,7 +333,7 @@ impl<L: Lanes> TriangleTest<L> {
         let RayByAxis { origin, dir, inv } =
             &RayByAxis { origin: four(ray.origin), dir: four(ray.dir), inv: four(Vec3::from_array(inv)) };
         let size = ray.dir.abs();
-        // Which is the steepest cannot be foreseen: no branch depends on it.
+        // The longest axis is found without a branch, which the processor could not predict.
         let others = usize::from((size.x > size.y) & (size.x > size.z)).wrapping_sub(1);
         let z = (2 - usize::from(size.y > size.z)) & others;
         let x = NEXT[z & 3];
@@ -341,10 +347,10 @@ impl<L: Lanes> TriangleTest<L> {
         }
     }
 
-    /// Those with `t_min <= t <= t_max`, but less than `t_max` if `ANY`.
+    /// Hits with `t_min` ≤ t ≤ `t_max`, or t < `t_max` if `ANY`. At `t_max` itself the caller compares primitive ids.
     #[inline(always)]
     fn hits<const ANY: bool>(&self, block: &Block, t_max: f32) -> Option<TriangleHits> {
-        let Tested { t, b: [u, v, w], valid } = self.test(block);
+        let PlaneHits { t, b: [u, v, w], valid } = self.test(block);
         let t_max = L::splat(t_max);
         let before = if ANY { t.less(t_max) } else { t.less_or_equal(t_max) };
         let hits = (valid & before).bits();
@@ -355,7 +361,7 @@ impl<L: Lanes> TriangleTest<L> {
     }
 
     #[inline(always)]
-    fn test(&self, block: &Block) -> Tested<L> {
+    fn test(&self, block: &Block) -> PlaneHits<L> {
         let (a, b, c) = (self.corner(block, 0), self.corner(block, 1), self.corner(block, 2));
         let (u, v, w) = (edge(c, b), edge(a, c), edge(b, a));
         let zero = L::splat(0.0);
@@ -363,14 +369,14 @@ impl<L: Lanes> TriangleTest<L> {
         let det = u + v + w;
         let inv = L::splat(1.0) / det;
         let (u, v, w) = (u * inv, v * inv, w * inv);
-        // Where the determinant is zero or not a number the distance is not one either, and comparisons are false. (One over it is
-        // zero where it is infinite.)
+        // Where the determinant is zero or NaN the distance is NaN, and comparisons with it are false. Where it is infinite its
+        // inverse is zero.
         let t = (u * a[2] + v * b[2] + w * c[2]) * self.shear[2];
-        let finite = inv.differs(zero);
-        Tested { t, b: [u, v, w], valid: inside & finite & self.t_min.less_or_equal(t) }
+        let finite = inv.not_equal(zero);
+        PlaneHits { t, b: [u, v, w], valid: inside & finite & self.t_min.less_or_equal(t) }
     }
 
-    /// A corner of each triangle, seen along the ray.
+    /// One corner of each triangle, in the space where the ray runs along the z axis.
     #[inline(always)]
     fn corner(&self, block: &Block, vertex: usize) -> [L; 3] {
         let [x, y, z] = self.axes;
@@ -382,23 +388,25 @@ impl<L: Lanes> TriangleTest<L> {
     }
 }
 
-/// Twice the area that is spanned with the ray; swapping the ends changes its sign and nothing else.
+/// The edge function: twice the signed area of the triangle that two corners make with the ray. Swapping the corners changes its sign and
+/// nothing else.
 #[inline(always)]
 fn edge<L: Lanes>(p: [L; 3], q: [L; 3]) -> L {
     p[0] * q[1] - p[1] * q[0]
 }
 
-/// Children that wait for their turn, as keys: the bits of a distance that is not negative (they are ordered like the distance)
-/// above those of the child. Grows if it must. Aligned as [`RayByAxis`] is.
+/// Children to be visited. Each is a key: in the upper half the bits of the distance at which the ray enters it (bits of numbers that are
+/// not negative are ordered like the numbers), in the lower half the child. Entries that do not fit spill to the heap. Aligned for the
+/// same reason as [`RayByAxis`].
 #[repr(align(64))]
 struct Stack {
     len: usize,
     keys: [u64; Stack::ROOM],
-    /// The bottom of the stack if it is higher than the room.
+    /// The bottom of a stack that has more than `ROOM` entries.
     spilled: Vec<u64>,
 }
 
-/// Of the first child that is hit.
+/// The key of the first child that is hit.
 #[inline(always)]
 fn key(node: &Node, near: &[f32; WIDTH], hits: u32) -> u64 {
     let place = hits.trailing_zeros() as usize % WIDTH;
@@ -413,8 +421,8 @@ impl Stack {
         Stack { len: 0, keys: [0; Stack::ROOM], spilled: Vec::new() }
     }
 
-    /// Pushes the children that are hit, the closest last, but returns that one instead. The order of the others does not matter
-    /// if any hit will do.
+    /// Returns the closest of the children that are hit and pushes the others, the farthest first. If `ANY` the others are not sorted,
+    /// because the first hit ends the query.
     #[inline(always)]
     fn push<const ANY: bool>(&mut self, node: &Node, near: &[f32; WIDTH], mut hits: u32) -> Child {
         if self.len + WIDTH > Stack::ROOM {

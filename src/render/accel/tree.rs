@@ -1,8 +1,8 @@
-//! The tree: nodes of eight child boxes in single precision over blocks of eight triangles.
+//! The bounding volume hierarchy: nodes of eight child boxes in single precision over blocks of eight triangles.
 //!
-//! obvhs builds a binary tree (parallel locally-ordered clustering, then reinsertion). It is collapsed by dynamic
-//! programming over the surface area heuristic (Ylitie et al. 2017): of all ways to cut a binary tree into wide nodes and
-//! leaves this finds the cheapest.
+//! The crate obvhs builds a binary tree (parallel locally-ordered clustering, then reinsertion). It is collapsed into wide nodes by
+//! dynamic programming over the surface area heuristic (Ylitie et al. 2017, "Efficient Incoherent Ray Traversal on GPUs Through
+//! Compressed Wide BVHs"): of all ways to cut the binary tree into wide nodes and leaves this finds the cheapest.
 
 use glam::{Vec3, Vec3A};
 use obvhs::BvhBuildParams;
@@ -16,21 +16,21 @@ use crate::math::hash_words;
 use crate::memory;
 use crate::stop::{self, Pace};
 
-/// Children of a node, and triangles of a block.
+/// Number of children of a node, and of triangles of a block.
 pub const WIDTH: usize = 8;
-/// What a leaf's reference has room for.
-const MAX_BLOCKS: usize = (1 << COUNT_BITS) - 1;
+/// Most blocks of a leaf: as many as the bits of its reference can count.
+const MAX_LEAF_BLOCKS: usize = (1 << COUNT_BITS) - 1;
 const COUNT_BITS: u32 = 5;
 
-/// Boxes whose binary tree takes so long that Ctrl-C may come first.
-const SLOW: usize = 1 << 16;
+/// Binary trees over more boxes than this take so long that Ctrl-C must be able to interrupt them.
+const MAX_UNINTERRUPTED: usize = 1 << 16;
 
-/// Bytes that a triangle takes while a tree is built: boxes, two binary trees and their costs, and the tree itself. Measured by what the
-/// process held at most: 200 to 230 for balls of 0.6 and for 0.3 million separate triangles.
-const BUILDING: u64 = 250;
+/// Bytes per triangle while a tree is built: boxes, two binary trees and their costs, and the tree itself. Measured as the peak memory of
+/// the process: 200 to 230 bytes for a ball of 0.6 million triangles and for 0.3 million separate ones.
+const BYTES_PER_TRIANGLE: u64 = 250;
 
-/// See [`Tree::is_small`]; in blocks.
-const SMALL: usize = 16;
+/// Most blocks of a small tree ([`Tree::is_small`]).
+const MAX_SMALL_BLOCKS: usize = 16;
 
 /// Expected costs of visiting a node and a block of triangles, in the unit of the surface area heuristic.
 const NODE_COST: f32 = 1.0;
@@ -40,18 +40,19 @@ const BLOCK_COST: f32 = 0.5;
 #[derive(Clone, Copy)]
 #[repr(C, align(32))]
 pub struct Node {
-    /// Of each axis: the lower and the upper bounds of the children. Those of an empty place are inside out.
+    /// By axis: the lower and the upper bounds of the children. An empty slot has +∞ as its lower and −∞ as its upper bound.
     pub bounds: [[[f32; WIDTH]; 2]; 3],
     pub children: [Child; WIDTH],
 }
 
-/// A reference to a node, or to the blocks of a leaf: their first above the bits that count them.
+/// A reference to a node, or to the blocks of a leaf. Of a leaf the lowest bits are the number of its blocks, and those above them the
+/// index of the first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Child(pub u32);
 
 const LEAF: u32 = 1 << 31;
 
-/// Eight triangles; an unused place has no number among its coordinates and thus is never hit.
+/// Eight triangles. The corners of an unused slot are NaN, so that no ray hits it.
 #[derive(Clone, Copy)]
 #[repr(C, align(32))]
 pub struct Block {
@@ -92,24 +93,24 @@ impl Node {
     const EMPTY: Node =
         Node { bounds: [[[f32::INFINITY; WIDTH], [f32::NEG_INFINITY; WIDTH]]; 3], children: [Child::EMPTY; WIDTH] };
 
-    fn set_bounds(&mut self, place: usize, lo: Vec3, hi: Vec3) {
+    fn set_bounds(&mut self, slot: usize, lo: Vec3, hi: Vec3) {
         for axis in 0..3 {
-            self.bounds[axis][0][place] = lo[axis];
-            self.bounds[axis][1][place] = hi[axis];
+            self.bounds[axis][0][slot] = lo[axis];
+            self.bounds[axis][1][slot] = hi[axis];
         }
     }
 
-    fn child_bounds(&self, place: usize) -> (Vec3, Vec3) {
-        let side = |side: usize| Vec3::from_array(self.bounds.map(|b| b[side][place]));
+    fn child_bounds(&self, slot: usize) -> (Vec3, Vec3) {
+        let side = |side: usize| Vec3::from_array(self.bounds.map(|b| b[side][slot]));
         (side(0), side(1))
     }
 
-    /// The child at the first of some places, which is struck off.
+    /// Takes the lowest slot out of a bit set of slots and returns its child.
     #[inline(always)]
-    pub fn next(&self, places: &mut u32) -> Child {
-        let place = places.trailing_zeros() as usize % WIDTH;
-        *places &= places.wrapping_sub(1);
-        self.children[place]
+    pub fn next(&self, slots: &mut u32) -> Child {
+        let slot = slots.trailing_zeros() as usize % WIDTH;
+        *slots &= slots.wrapping_sub(1);
+        self.children[slot]
     }
 
     /// The box around all children.
@@ -127,7 +128,7 @@ impl Block {
         block
     }
 
-    /// Takes the corners of its primitives, and returns the box around them.
+    /// Copies the corners of its primitives, and returns the box around them.
     fn fill(&mut self, corners: &[[Vec3; 3]]) -> (Vec3, Vec3) {
         let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
         for (lane, prim) in self.prims.iter().enumerate().take_while(|(_, p)| **p != NO_PRIM) {
@@ -143,12 +144,12 @@ impl Block {
 }
 
 impl Tree {
-    /// Over the given primitives, of all whose corners are given.
+    /// Builds a tree over the primitives `prims`; `corners` are those of all primitives, by id.
     pub fn new(corners: &[[Vec3; 3]], prims: &[PrimId]) -> Tree {
         if prims.is_empty() {
             return Tree { nodes: Vec::new(), blocks: Vec::new() };
         }
-        memory::need(prims.len() as u64 * BUILDING);
+        memory::need(prims.len() as u64 * BYTES_PER_TRIANGLE);
         let boxes: Vec<Aabb> = prims
             .iter()
             .map(|&p| {
@@ -156,25 +157,29 @@ impl Tree {
                 Aabb::new(a.min(b).min(c), a.max(b).max(c))
             })
             .collect();
-        let piles = Piles::new(&boxes);
-        let heads: Vec<Aabb> = piles.heads.iter().map(|&i| boxes[i as usize]).collect();
+        let groups = BoxGroups::new(&boxes);
+        let representatives: Vec<Aabb> = groups.representatives.iter().map(|&i| boxes[i as usize]).collect();
         drop(boxes);
-        let binary = if heads.len() > SLOW { stop::apart(move || binary_tree(&heads)) } else { binary_tree(&heads) };
-        Collapse::new(&binary, &piles, corners, prims).run()
+        let binary = if representatives.len() > MAX_UNINTERRUPTED {
+            stop::apart(move || binary_tree(&representatives))
+        } else {
+            binary_tree(&representatives)
+        };
+        Collapse::new(&binary, &groups, corners, prims).run()
     }
 
-    /// Whether there is one node only, and few enough triangles to test all that its boxes do not exclude.
+    /// Whether there is only one node, over so few triangles that testing them in any order is faster than sorting them by distance.
     #[inline(always)]
     pub fn is_small(&self) -> bool {
-        self.nodes.len() == 1 && self.blocks.len() <= SMALL
+        self.nodes.len() == 1 && self.blocks.len() <= MAX_SMALL_BLOCKS
     }
 
-    /// Moves the triangles; each must have been there when the tree was built.
+    /// Moves the triangles and updates the boxes around them. There must be as many triangles as when the tree was built.
     pub fn refit(&mut self, corners: &[[Vec3; 3]]) {
         for index in (0..self.nodes.len()).rev() {
             let mut node = self.nodes[index];
-            for place in 0..WIDTH {
-                let child = node.children[place];
+            for slot in 0..WIDTH {
+                let child = node.children[slot];
                 if child == Child::EMPTY {
                     continue;
                 }
@@ -185,13 +190,13 @@ impl Tree {
                         .map(|b| b.fill(corners))
                         .fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(lo, hi), (l, h)| (lo.min(l), hi.max(h))),
                 };
-                node.set_bounds(place, lo, hi);
+                node.set_bounds(slot, lo, hi);
             }
             self.nodes[index] = node;
         }
     }
 
-    /// The surface area heuristic's cost of a ray that hits the root's box.
+    /// Expected cost of a ray that hits the root's box, by the surface area heuristic.
     pub fn cost(&self) -> f64 {
         let half_area = |(lo, hi): (Vec3, Vec3)| {
             let d = (hi - lo).as_dvec3();
@@ -200,59 +205,61 @@ impl Tree {
         let Some(root) = self.nodes.first() else { return 0.0 };
         let mut sum = 0.0;
         for node in &self.nodes {
-            for (place, child) in node.children.iter().enumerate().filter(|(_, c)| **c != Child::EMPTY) {
+            for (slot, child) in node.children.iter().enumerate().filter(|(_, c)| **c != Child::EMPTY) {
                 let cost = match child.node() {
                     Some(_) => f64::from(NODE_COST),
                     None => f64::from(BLOCK_COST) * child.blocks().len() as f64,
                 };
-                sum += cost * half_area(node.child_bounds(place));
+                sum += cost * half_area(node.child_bounds(slot));
             }
         }
         f64::from(NODE_COST) + sum / half_area(root.total_bounds()).max(f64::MIN_POSITIVE)
     }
 }
 
-/// Primitives with the same box, at most a leaf's worth of them, are one to the builder: many boxes that are all equally near to
-/// each other would make a tree like a chain, in quadratic time.
-struct Piles {
-    /// The first primitive of each pile.
-    heads: Vec<u32>,
-    /// Of each primitive: the next in its pile, or `LAST`.
+/// Groups of primitives that have the same box, each at most as large as a leaf. The builder of the binary tree sees one box for each
+/// group: from many equal boxes it would build a tree as deep as a list, in quadratic time.
+struct BoxGroups {
+    /// By group: its first primitive.
+    representatives: Vec<u32>,
+    /// By primitive: the next in its group, or `LAST`.
     next: Vec<u32>,
 }
 
 const LAST: u32 = u32::MAX;
 
-impl Piles {
-    fn new(boxes: &[Aabb]) -> Piles {
+impl BoxGroups {
+    fn new(boxes: &[Aabb]) -> BoxGroups {
         let words = |b: &Aabb| [b.min.x, b.min.y, b.min.z, b.max.x, b.max.y, b.max.z].map(f32::to_bits);
         let mut keys: Vec<u64> = (0u64..).zip(boxes).map(|(i, b)| u64::from(hash_words(&words(b))) << 32 | i).collect();
         keys.sort_unstable();
         let mut next = vec![LAST; boxes.len()];
-        let mut heads = Vec::with_capacity(boxes.len());
+        let mut representatives = Vec::with_capacity(boxes.len());
         let (mut last, mut height) = (LAST, 0);
         for index in keys.iter().map(|&key| key as u32) {
             let same = last != LAST && words(&boxes[last as usize]) == words(&boxes[index as usize]);
-            if same && height < MAX_BLOCKS * WIDTH {
+            if same && height < MAX_LEAF_BLOCKS * WIDTH {
                 next[last as usize] = index;
                 height += 1;
             } else {
-                heads.push(index);
+                representatives.push(index);
                 height = 1;
             }
             last = index;
         }
-        // In the order they came, which is better for the caches than that of their hashes.
-        heads.sort_unstable();
-        Piles { heads, next }
+        // In the order in which primitives were given, which is better for the caches than the order of hashes.
+        representatives.sort_unstable();
+        BoxGroups { representatives, next }
     }
 
-    fn members(&self, pile: u32) -> impl Iterator<Item = u32> {
-        std::iter::successors(Some(self.heads[pile as usize]), |&i| Some(self.next[i as usize]).filter(|&n| n != LAST))
+    fn members(&self, group: u32) -> impl Iterator<Item = u32> {
+        std::iter::successors(Some(self.representatives[group as usize]), |&i| {
+            Some(self.next[i as usize]).filter(|&n| n != LAST)
+        })
     }
 }
 
-/// What obvhs calls a medium build, with one box in each leaf.
+/// The binary tree that obvhs calls a medium build, with one box in each leaf.
 fn binary_tree(boxes: &[Aabb]) -> Bvh2 {
     let params = BvhBuildParams::medium_build();
     let mut tree = PlocBuilder::with_capacity(boxes.len()).build(
@@ -268,25 +275,25 @@ fn binary_tree(boxes: &[Aabb]) -> Bvh2 {
 
 struct Collapse<'a> {
     binary: &'a Bvh2,
-    piles: &'a Piles,
+    groups: &'a BoxGroups,
     corners: &'a [[Vec3; 3]],
     prims: &'a [PrimId],
-    /// Triangles below each binary node.
+    /// By binary node: the number of triangles below it.
     counts: Vec<u32>,
-    /// The cost of what is below a binary node if it takes up at most 1, 2, … 7 places of its parent.
+    /// By binary node: the least cost of its subtree if that takes up at most 1, 2, … 7 slots of the wide node above it.
     costs: Vec<[f32; WIDTH - 1]>,
-    /// Lengths are multiplied by this before they make areas: those neither overflow nor vanish.
+    /// Lengths are multiplied by this before they make areas, so that areas neither overflow nor underflow.
     scale: f32,
     tree: Tree,
 }
 
 impl<'a> Collapse<'a> {
-    fn new(binary: &'a Bvh2, piles: &'a Piles, corners: &'a [[Vec3; 3]], prims: &'a [PrimId]) -> Collapse<'a> {
+    fn new(binary: &'a Bvh2, groups: &'a BoxGroups, corners: &'a [[Vec3; 3]], prims: &'a [PrimId]) -> Collapse<'a> {
         let scale = 1.0 / binary.nodes[0].aabb().diagonal().max_element();
         let count = binary.nodes.len();
         Collapse {
             binary,
-            piles,
+            groups,
             corners,
             prims,
             counts: vec![0; count],
@@ -301,29 +308,29 @@ impl<'a> Collapse<'a> {
         self.tree.nodes.push(Node::EMPTY);
         let mut pending = vec![(0, 0)];
         let mut pace = Pace::default();
-        while let Some((index, place)) = pending.pop() {
+        while let Some((index, target)) = pending.pop() {
             pace.step(64);
-            self.emit(index, place, &mut pending);
+            self.emit(index, target, &mut pending);
         }
         self.tree
     }
 
-    /// Indices of the two below a binary node, unless that is a leaf.
+    /// Indices of a binary node's two children, unless it is a leaf.
     fn pair(&self, index: usize) -> Option<[usize; 2]> {
         let node = &self.binary.nodes[index];
         let first = node.first_index as usize;
         (!node.is_leaf()).then_some([first, first + 1])
     }
 
-    /// The piles in a binary leaf.
-    fn leaf_piles(&self, index: usize) -> impl Iterator<Item = u32> {
+    /// The groups in a binary leaf.
+    fn leaf_groups(&self, index: usize) -> impl Iterator<Item = u32> {
         let leaf = &self.binary.nodes[index];
         let first = leaf.first_index as usize;
         self.binary.primitive_indices[first..first + leaf.prim_count as usize].iter().copied()
     }
 
     fn find_costs(&mut self) {
-        // Reinsertion leaves no order of the nodes to rely on.
+        // Children before parents. The order of obvhs's nodes does not tell, since reinsertion moves them about.
         let mut order = Vec::with_capacity(self.binary.nodes.len());
         let mut pending = vec![0];
         while let Some(index) = pending.pop() {
@@ -335,16 +342,17 @@ impl<'a> Collapse<'a> {
             pace.step(16);
             let index = index as usize;
             let Some(pair) = self.pair(index) else {
-                self.counts[index] = self.leaf_piles(index).map(|pile| self.piles.members(pile).count() as u32).sum();
+                self.counts[index] =
+                    self.leaf_groups(index).map(|group| self.groups.members(group).count() as u32).sum();
                 self.costs[index] = [self.leaf_cost(index); WIDTH - 1];
                 continue;
             };
             self.counts[index] = self.counts[pair[0]] + self.counts[pair[1]];
             let mut cost = self.leaf_cost(index).min(self.node_cost(index, pair));
             self.costs[index][0] = cost;
-            for places in 2..WIDTH {
-                cost = cost.min(self.cheapest_split(pair, places).0);
-                self.costs[index][places - 1] = cost;
+            for slots in 2..WIDTH {
+                cost = cost.min(self.cheapest_split(pair, slots).0);
+                self.costs[index][slots - 1] = cost;
             }
         }
     }
@@ -356,24 +364,24 @@ impl<'a> Collapse<'a> {
 
     fn leaf_cost(&self, index: usize) -> f32 {
         let blocks = (self.counts[index] as usize).div_ceil(WIDTH);
-        if blocks > MAX_BLOCKS { f32::INFINITY } else { self.area(index) * BLOCK_COST * blocks as f32 }
+        if blocks > MAX_LEAF_BLOCKS { f32::INFINITY } else { self.area(index) * BLOCK_COST * blocks as f32 }
     }
 
     fn node_cost(&self, index: usize, pair: [usize; 2]) -> f32 {
         self.area(index) * NODE_COST + self.cheapest_split(pair, WIDTH).0
     }
 
-    /// The least cost of a pair that shares a number of places (at least two), and how many of them the first takes.
-    fn cheapest_split(&self, pair: [usize; 2], places: usize) -> (f32, usize) {
+    /// The least cost of two subtrees that share a number of slots (at least two), and how many of these the first one takes.
+    fn cheapest_split(&self, pair: [usize; 2], slots: usize) -> (f32, usize) {
         let [a, b] = pair.map(|i| &self.costs[i]);
-        let cost = |first: usize| a[first - 1] + b[places - first - 1];
-        (1..places)
+        let cost = |first: usize| a[first - 1] + b[slots - first - 1];
+        (1..slots)
             .map(|first| (cost(first), first))
             .fold((f32::INFINITY, 1), |best, x| if x.0 < best.0 { x } else { best })
     }
 
-    /// Fills a node with what is below a binary one.
-    fn emit(&mut self, index: usize, place: usize, pending: &mut Vec<(usize, usize)>) {
+    /// Fills the node at index `target` with the subtree of a binary node. Children that are nodes themselves are put on `pending`.
+    fn emit(&mut self, index: usize, target: usize, pending: &mut Vec<(usize, usize)>) {
         let mut children = Vec::with_capacity(WIDTH);
         match self.pair(index) {
             Some(pair) => self.cut_pair(pair, WIDTH, &mut children),
@@ -395,23 +403,22 @@ impl<'a> Collapse<'a> {
                 _ => self.emit_leaf(child),
             };
         }
-        self.tree.nodes[place] = node;
+        self.tree.nodes[target] = node;
     }
 
-    fn cut_pair(&self, pair: [usize; 2], places: usize, children: &mut Vec<usize>) {
-        let (_, first) = self.cheapest_split(pair, places);
+    fn cut_pair(&self, pair: [usize; 2], slots: usize, children: &mut Vec<usize>) {
+        let (_, first) = self.cheapest_split(pair, slots);
         self.cut(pair[0], first, children);
-        self.cut(pair[1], places - first, children);
+        self.cut(pair[1], slots - first, children);
     }
 
-    /// The binary nodes that take up the places given to one.
-    fn cut(&self, index: usize, places: usize, children: &mut Vec<usize>) {
+    /// Adds the binary nodes that take up the slots given to a subtree.
+    fn cut(&self, index: usize, slots: usize, children: &mut Vec<usize>) {
         let costs = &self.costs[index];
         match self.pair(index) {
-            Some(pair) if costs[places - 1] < costs[0] => {
-                // Fewer places may do as well.
-                let needed =
-                    (1..places).rev().take_while(|&n| costs[n - 1] == costs[places - 1]).last().unwrap_or(places);
+            Some(pair) if costs[slots - 1] < costs[0] => {
+                // The fewest slots that have the same cost.
+                let needed = (1..slots).rev().take_while(|&n| costs[n - 1] == costs[slots - 1]).last().unwrap_or(slots);
                 self.cut_pair(pair, needed, children);
             }
             _ => children.push(index),
@@ -425,7 +432,7 @@ impl<'a> Collapse<'a> {
             match self.pair(index) {
                 Some(pair) => pending.extend(pair),
                 None => {
-                    let members = self.leaf_piles(index).flat_map(|pile| self.piles.members(pile));
+                    let members = self.leaf_groups(index).flat_map(|group| self.groups.members(group));
                     prims.extend(members.map(|i| self.prims[i as usize]));
                 }
             }

@@ -1,23 +1,24 @@
 use glam::Vec3;
 
-/// What an isotropic lobe sees of two directions at a normal.
+/// The angles between two directions and a normal on which an isotropic lobe depends.
 ///
-/// A narrow lobe asks for the sine of the half vector, α or less. Told from the three cosines between the directions it would be the
-/// root of a difference of numbers near one, which single precision rounds to some 3e-4, and far worse where the directions are
-/// nearly opposite. So it is told from the half vector itself, whose parts along and across the normal are differences of vectors.
+/// A narrow lobe depends on the sine of the angle between normal and half vector, which is as small as α. Computed from the three cosines
+/// between the directions, this sine would be the root of a difference of numbers near one, with an error of 3e-4 in single precision,
+/// and far more where the directions are nearly opposite. So it is computed from the half vector, as the length of its component
+/// perpendicular to the normal.
 #[derive(Clone, Copy, Debug)]
 pub struct Angles {
-    /// n·wi ≥ 0, of `wi` mirrored at the tangent plane if it lies behind it.
+    /// |n·wi|: where n·wi < 0, `wi` is mirrored at the tangent plane.
     pub ci: f32,
     /// n·wo
     pub co: f32,
-    /// wi·h of the half vector h, which is |wi + wo| / 2.
+    /// wi·h with the half vector h. It equals |wi + wo| / 2.
     pub half: f32,
     /// sin² of the angle between n and h.
     pub sin2: f32,
     /// The unit half vector.
     h: Vec3,
-    /// Its part across the normal.
+    /// The half vector's component perpendicular to the normal.
     across: Vec3,
     /// n·wi before mirroring.
     signed_ci: f32,
@@ -32,7 +33,8 @@ pub struct AnglesAdjoint {
     pub sin2: f32,
 }
 
-/// Derivatives in the normal and both directions, each as if it had three independent numbers: what is along a unit vector means nothing.
+/// Derivatives in the normal and both directions, with the three coordinates of each taken as independent. Only the components
+/// perpendicular to each unit vector are meaningful.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct DirectionsAdjoint {
     pub n: Vec3,

@@ -30,7 +30,7 @@ pub fn d_conductor(c: f32, eta: Vec3, k: Vec3, d_f: Vec3) -> (f32, Vec3, Vec3) {
     (d_c, d_eta, d_k)
 }
 
-/// With A = η² − k² − sin², P = a² + b² = √(A² + 4η²k²), a = √((P + A)/2):
+/// One channel of [`conductor`] (the exact Fresnel equations). With A = η² − k² − sin², P = a² + b² = √(A² + 4η²k²), a = √((P + A)/2):
 /// Rs = (P + c² − 2ac) / (P + c² + 2ac), Rp/Rs = (c²P + sin⁴ − 2ac sin²) / (c²P + sin⁴ + 2ac sin²).
 fn conductor_channel(c: f32, eta: f32, k: f32) -> f32 {
     let t = ConductorTerms::new(c, eta, k);

@@ -4,15 +4,15 @@ use glam::Vec3;
 
 use super::angles::{Angles, AnglesAdjoint};
 
-/// A lobe without its Fresnel term, D G / (4 ci), at n·wo > 0.
+/// A microfacet lobe without its Fresnel term: D G / (4 ci), for n·wo > 0.
 pub trait Microfacets {
     fn eval(&self, angles: &Angles) -> f32;
-    /// The value and its partial derivatives; with `half_fixed` for a half vector that turns with the surface, so that D is
-    /// constant (were it differentiated, the terms that cancel would be 1/α² times as large as what remains).
+    /// The value and its partial derivatives. `half_fixed` means that the half vector is attached to the surface and turns with it, so
+    /// that D is constant. (If D were differentiated too, its derivatives would cancel, but be 1/α² times as large as what remains.)
     fn d_eval(&self, angles: &Angles, half_fixed: bool) -> Lobe;
     /// A microfacet normal for the local direction `wi`.
     fn sample(&self, wi: Vec3, u: [f32; 2]) -> Vec3;
-    /// Solid-angle density of the direction mirrored at [`Microfacets::sample`]'s normal.
+    /// Solid-angle density of `wi` mirrored at a normal from [`Microfacets::sample`].
     fn pdf(&self, angles: &Angles) -> f32;
 }
 
@@ -22,12 +22,12 @@ pub struct Lobe {
     pub d_ci: f32,
     pub d_co: f32,
     pub d_sin2: f32,
-    /// With respect to the material's own roughness.
+    /// Derivative in the material's roughness (not in α).
     pub d_roughness: f32,
 }
 
 impl Lobe {
-    /// The adjoint of the angles: `d_lobe` is that of the value, `d_half` what the Fresnel term adds.
+    /// The adjoint of the angles, where `d_lobe` is the adjoint of the value and `d_half` comes from the Fresnel term.
     pub fn d_angles(&self, d_lobe: f32, d_half: f32) -> AnglesAdjoint {
         AnglesAdjoint { ci: d_lobe * self.d_ci, co: d_lobe * self.d_co, half: d_half, sin2: d_lobe * self.d_sin2 }
     }
@@ -38,9 +38,9 @@ fn log_cosine_squared(sin2: f32) -> f32 {
     (-sin2).ln_1p().max(-69.0)
 }
 
-/// What is added to α², for α = 0.0003 at a roughness of zero. A lobe that narrow looks like a mirror, and single precision can still
-/// tell its directions apart. Added rather than clamped to, it leaves no roughness without its own derivative.
-const ALPHA_SQUARED_OF_A_MIRROR: f32 = 1e-7;
+/// Added to α², so that a roughness of zero has α = 0.0003. So narrow a lobe looks like a mirror, but single precision can still resolve
+/// its directions. It is added, rather than α² clamped, so that derivatives are right at every roughness.
+const MIN_ALPHA_SQUARED: f32 = 1e-7;
 
 /// GGX with separable Smith shadowing (Walter et al. 2007), α² = roughness⁴ + 1e-7.
 #[derive(Clone, Copy, Debug)]
@@ -53,16 +53,16 @@ pub struct Ggx {
 
 impl Ggx {
     pub fn new(roughness: f32) -> Ggx {
-        let a = roughness.powi(4) + ALPHA_SQUARED_OF_A_MIRROR;
+        let a = roughness.powi(4) + MIN_ALPHA_SQUARED;
         Ggx { roughness, alpha: a.sqrt(), a }
     }
 
-    /// The roughness of a width α, as far as there is one.
+    /// The roughness that has this α; 0 if α is less than any roughness has.
     pub fn roughness_of(alpha: f32) -> f32 {
-        (alpha * alpha - ALPHA_SQUARED_OF_A_MIRROR).max(0.0).sqrt().sqrt()
+        (alpha * alpha - MIN_ALPHA_SQUARED).max(0.0).sqrt().sqrt()
     }
 
-    /// Width α of the distribution of slopes.
+    /// Width α of the GGX distribution.
     pub fn alpha(&self) -> f32 {
         self.alpha
     }
@@ -123,7 +123,7 @@ impl Microfacets for Ggx {
         }
     }
 
-    /// Visible normals, Heitz 2018.
+    /// Samples the distribution of visible normals (Heitz 2018, "Sampling the GGX Distribution of Visible Normals").
     fn sample(&self, wi: Vec3, u: [f32; 2]) -> Vec3 {
         let stretched = Vec3::new(self.alpha * wi.x, self.alpha * wi.y, wi.z).normalize_or(Vec3::Z);
         let length2 = stretched.x * stretched.x + stretched.y * stretched.y;
@@ -146,9 +146,9 @@ impl Microfacets for Ggx {
 }
 
 impl Ggx {
-    /// Microfacet normals, evenly about the pole, with densities in proportion to |∂D/∂α| cosθ where it is positive (tan²θ > α²)
-    /// and where it is negative. With t = tanθ the distribution function of D cosθ is t²/(t² + α²), so t²/α² is the same number on one
-    /// side as its inverse on the other.
+    /// Two microfacet normals, uniform in azimuth, with densities in proportion to |∂D/∂α| cosθ: the first where ∂D/∂α is positive
+    /// (tan²θ > α²), the second where it is negative. The cumulative distribution of D cosθ is t²/(t² + α²) with t = tanθ. Its derivative
+    /// in α is symmetric under t²/α² → α²/t², so that the second sample is the first with this ratio inverted.
     pub fn sample_pair(&self, u: [f32; 2]) -> [Vec3; 2] {
         let tail = (2.0 - u[0] + 2.0 * (1.0 - u[0]).sqrt()) / u[0].max(1e-12);
         let (sin_phi, cos_phi) = (TAU * u[1]).sin_cos();
@@ -159,8 +159,8 @@ impl Ggx {
         })
     }
 
-    /// ∂ ln D / ∂ roughness, and the solid-angle density of the direction mirrored at the normal of its side in
-    /// [`Ggx::sample_pair`].
+    /// ∂ ln D / ∂ roughness, and the solid-angle density of the direction mirrored at a normal from [`Ggx::sample_pair`]: at the first
+    /// of the pair where ∂D/∂α is positive, at the second where it is negative.
     pub fn score_and_pair_pdf(&self, &Angles { half, sin2, .. }: &Angles) -> (f32, f32) {
         let by_a = self.d_distribution(sin2).1;
         let score = by_a * self.a_by_roughness() / self.distribution(sin2);
@@ -171,13 +171,14 @@ impl Ggx {
     }
 }
 
-/// Normalised Blinn-Phong with Walter's fit to Smith's shadowing: D = cosᵉ / (π r), e = 2/r − 2, α = √r.
+/// Normalised Blinn-Phong distribution, D = cosᵉ / (π r) with exponent e = 2/r − 2 and α = √r for the roughness r, with the rational fit to
+/// Smith shadowing of Walter et al. 2007, "Microfacet Models for Refraction through Rough Surfaces".
 #[derive(Clone, Copy, Debug)]
 pub struct Phong {
     roughness: f32,
 }
 
-/// Walter's G1(c)/c with a = c / (α sin): value, derivative in c, derivative in α.
+/// G1(c)/c with Walter's fit in a = c / (α sin), and its derivatives in the cosine c and in α.
 struct Shadowing {
     value: f32,
     d_c: f32,
@@ -239,7 +240,7 @@ impl Microfacets for Phong {
         }
     }
 
-    /// Normals with density D cos.
+    /// Samples normals with density D cosθ.
     fn sample(&self, _wi: Vec3, u: [f32; 2]) -> Vec3 {
         // cos = u^(1/(e + 2)) = u^(r/2); 1 − cos² without cancellation for sharp lobes.
         let log_cos2 = self.roughness * u[0].max(1e-30).ln();

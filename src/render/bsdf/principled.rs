@@ -1,21 +1,21 @@
-//! Metallic-roughness, a mixture of two materials by `metallic`: a metal of the base colour, and a matte base of that colour under a
-//! rough dielectric.
+//! The metallic-roughness model: `metallic` mixes a metal of the base colour with a diffuse base of that colour under a rough dielectric.
 //!
-//! What the dielectric reflects cannot reach the base. With E(c) the part of light at cosine c that the dielectric reflects, the base
-//! has the share
+//! Light that the dielectric reflects does not reach the base. Let E(c) be the directional albedo of the dielectric at cosine c. Then the
+//! base is weighted by
 //!
 //!   (1 − E(ci)) (1 − E(co)) / (1 − Ē),   Ē = 2 ∫ E(c) c dc,
 //!
-//! which is symmetric and reflects 1 − E(ci) in all (Kelemen & Szirmay-Kalos 2001): a white base under it reflects all light but what
-//! the rough facets shadow from each other. With Schlick's Fresnel term E = F0 + (F90 − F0) P, but for that shadowing, where P is
-//! what a lobe with Fresnel term (1 − wi·h)⁵ reflects: a table by roughness and cosine, which errs on the side of too much.
-//! It is linear between its rows, so that the derivative in the roughness jumps where roughness is a multiple of 1 / 20.
+//! which is symmetric in ci and co and integrates to 1 − E(ci) (Kelemen & Szirmay-Kalos 2001). So a white base with its dielectric
+//! reflects all light, except what is lost to shadowing between microfacets. With Schlick's Fresnel term, and without that shadowing,
+//! E = F0 + (F90 − F0) P, where P is the directional albedo of a lobe with Fresnel term (1 − wi·h)⁵. P is tabulated by roughness and
+//! cosine, and where the table is not exact its values are too large, never too small, so that no energy is gained. The table is
+//! interpolated linearly, so that the derivative in the roughness jumps where the roughness is a multiple of 1 / 20.
 
 use glam::Vec3;
 
 use super::fresnel::{d_schlick, schlick};
 
-/// Cells of the table along the cosine and along the roughness, both of which run from 0 to 1.
+/// Numbers of cells of the table along the cosine and along the roughness, both of which range from 0 to 1.
 const COSINES: usize = 24;
 const ROUGHNESSES: usize = 20;
 
@@ -28,7 +28,7 @@ pub struct Principled {
     pub specular: f32,
 }
 
-/// Derivatives in them.
+/// Derivatives in the fields of [`Principled`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct PrincipledAdjoint {
     pub base_color: Vec3,
@@ -37,12 +37,13 @@ pub struct PrincipledAdjoint {
     pub specular: f32,
 }
 
-/// F0 of the dielectric by `specular`.
+/// F0 of the dielectric is this times `specular`.
 const F0: f32 = 0.08;
-/// Where the dielectric's F0 is small, so is its reflectance at grazing angles: F90 reaches one at `specular` 0.25, an F0 of 2 %, which is
-/// less than any solid or liquid has (Lagarde & de Rousiers 2014).
+/// F90 of the dielectric is this times `specular`, and at most 1: a dielectric with a small F0 also reflects little at grazing angles. It is
+/// 1 from a `specular` of 0.25 on, an F0 of 2 %, which is less than any solid or liquid has (Lagarde & de Rousiers 2014, "Moving
+/// Frostbite to Physically Based Rendering").
 const F90: f32 = 4.0;
-/// The most that `specular` may be: the base needs some light.
+/// Largest `specular`: an F0 of 96 %, so that some light reaches the base.
 pub const MAX_SPECULAR: f32 = 12.0;
 
 impl Principled {
@@ -75,26 +76,28 @@ impl Principled {
         (d_half, d)
     }
 
-    /// Reflectance of the base as seen through the dielectric from cosine `ci`, over all directions.
+    /// Directional albedo of the base under the dielectric, for light at cosine `ci`.
     pub fn base_albedo(&self, ci: f32) -> Vec3 {
-        self.base_color * ((1.0 - self.metallic) * (1.0 - self.dielectric(Reflected::at(ci, self.roughness).value)))
+        self.base_color
+            * ((1.0 - self.metallic)
+                * (1.0 - self.dielectric_albedo(SchlickAlbedo::directional(ci, self.roughness).value)))
     }
 
-    /// The base's share of light from `ci` to `co`, times its colour.
+    /// The weight of the base for light from cosine `ci` to cosine `co` (see the top of this file), times its colour.
     pub fn base(&self, ci: f32, co: f32) -> Vec3 {
-        let [i, o, mean] = self.reflected(ci, co).map(|r| 1.0 - self.dielectric(r.value));
+        let [i, o, mean] = self.schlick_albedos(ci, co).map(|r| 1.0 - self.dielectric_albedo(r.value));
         self.base_color * ((1.0 - self.metallic) * (i * o / mean))
     }
 
     /// Adjoint of [`Principled::base`]: the derivatives in `ci` and `co`, and those in the inputs.
     pub fn d_base(&self, ci: f32, co: f32, d_base: Vec3) -> ([f32; 2], PrincipledAdjoint) {
-        let reflected = self.reflected(ci, co);
-        let [i, o, mean] = reflected.map(|r| 1.0 - self.dielectric(r.value));
+        let albedos = self.schlick_albedos(ci, co);
+        let [i, o, mean] = albedos.map(|r| 1.0 - self.dielectric_albedo(r.value));
         let share = i * o / mean;
         let d_share = d_base.dot(self.base_color) * (1.0 - self.metallic);
-        // Of E at ci, at co, and on average.
+        // Derivatives in E at ci, in E at co, and in the mean Ē.
         let d_e = [-d_share * o / mean, -d_share * i / mean, d_share * share / mean];
-        let slope = self.dielectric(1.0) - self.dielectric(0.0);
+        let slope = self.dielectric_albedo(1.0) - self.dielectric_albedo(0.0);
         let d_p = d_e.map(|d| d * slope);
         let by_f90 = if F90 * self.specular < 1.0 { F90 } else { 0.0 };
         let by_specular = |p: f32| F0 * (1.0 - p) + by_f90 * p;
@@ -102,56 +105,60 @@ impl Principled {
         let d = PrincipledAdjoint {
             base_color: d_base * ((1.0 - self.metallic) * share),
             metallic: -d_base.dot(self.base_color) * share,
-            roughness: sum(&|k| d_p[k] * reflected[k].by_roughness),
-            specular: sum(&|k| d_e[k] * by_specular(reflected[k].value)),
+            roughness: sum(&|k| d_p[k] * albedos[k].by_roughness),
+            specular: sum(&|k| d_e[k] * by_specular(albedos[k].value)),
         };
-        ([d_p[0] * reflected[0].by_c, d_p[1] * reflected[1].by_c], d)
+        ([d_p[0] * albedos[0].by_c, d_p[1] * albedos[1].by_c], d)
     }
 
-    /// E of the dielectric where P is `p`.
-    fn dielectric(&self, p: f32) -> f32 {
+    /// The albedo E of the dielectric where P is `p`.
+    fn dielectric_albedo(&self, p: f32) -> f32 {
         let f0 = F0 * self.specular;
         f0 + ((F90 * self.specular).min(1.0) - f0) * p
     }
 
-    /// P at both cosines and on average.
-    fn reflected(&self, ci: f32, co: f32) -> [Reflected; 3] {
-        [Reflected::at(ci, self.roughness), Reflected::at(co, self.roughness), Reflected::mean(self.roughness)]
+    /// P at both cosines, and its mean 2 ∫ P(c) c dc.
+    fn schlick_albedos(&self, ci: f32, co: f32) -> [SchlickAlbedo; 3] {
+        [
+            SchlickAlbedo::directional(ci, self.roughness),
+            SchlickAlbedo::directional(co, self.roughness),
+            SchlickAlbedo::mean(self.roughness),
+        ]
     }
 }
 
-/// P and its derivatives.
+/// P, the albedo of a lobe with the Fresnel term (1 − wi·h)⁵, and its derivatives.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Reflected {
+pub(super) struct SchlickAlbedo {
     pub value: f32,
     pub by_c: f32,
     pub by_roughness: f32,
 }
 
-impl Reflected {
-    /// At a cosine.
-    pub fn at(c: f32, roughness: f32) -> Reflected {
+impl SchlickAlbedo {
+    /// P at the cosine `c`.
+    pub fn directional(c: f32, roughness: f32) -> SchlickAlbedo {
         let (i, x) = cell(roughness, ROUGHNESSES);
         let (j, y) = cell(c, COSINES);
         let [[a, b], [c, d]] = [i, i + 1].map(|i| [TABLE[i][j], TABLE[i][j + 1]]);
         let (low, high) = (a + (b - a) * y, c + (d - c) * y);
-        Reflected {
+        SchlickAlbedo {
             value: low + (high - low) * x,
             by_c: ((b - a) * (1.0 - x) + (d - c) * x) * COSINES as f32,
             by_roughness: (high - low) * ROUGHNESSES as f32,
         }
     }
 
-    /// 2 ∫ P c dc
-    pub fn mean(roughness: f32) -> Reflected {
+    /// The mean 2 ∫ P(c) c dc over the hemisphere.
+    pub fn mean(roughness: f32) -> SchlickAlbedo {
         let (i, x) = cell(roughness, ROUGHNESSES);
         let (low, high) = (MEANS[i], MEANS[i + 1]);
         let by_roughness = (high - low) * ROUGHNESSES as f32;
-        Reflected { value: low + (high - low) * x, by_c: 0.0, by_roughness }
+        SchlickAlbedo { value: low + (high - low) * x, by_c: 0.0, by_roughness }
     }
 }
 
-/// The cell of `x` in [0, 1] among `cells`, and where in it.
+/// The index of the cell of `x` in [0, 1] divided into `cells`, and the position of `x` within it as a fraction.
 fn cell(x: f32, cells: usize) -> (usize, f32) {
     let x = (x * cells as f32).clamp(0.0, cells as f32);
     let i = (x as usize).min(cells - 1);
@@ -160,7 +167,7 @@ fn cell(x: f32, cells: usize) -> (usize, f32) {
 
 const MEANS: [f32; ROUGHNESSES + 1] = means();
 
-/// Of every row 2 ∫ P c dc, exactly for what is straight between the nodes.
+/// 2 ∫ P c dc for every row, exact for the linear interpolation between its nodes.
 const fn means() -> [f32; ROUGHNESSES + 1] {
     let mut means = [0.0; ROUGHNESSES + 1];
     let mut i = 0;
@@ -177,8 +184,8 @@ const fn means() -> [f32; ROUGHNESSES + 1] {
     means
 }
 
-/// P by roughness and cosine, by quadrature over visible normals, raised at nodes where straight lines would be less than P between
-/// them: by 0.024 at most, but for the first column, at a cosine of zero.
+/// P by roughness (rows) and cosine (columns), by quadrature over the visible normals. Nodes are raised where linear interpolation
+/// between them would be less than P: by at most 0.024, except in the first column, at a cosine of zero.
 #[rustfmt::skip]
 const TABLE: [[f32; COSINES + 1]; ROUGHNESSES + 1] = [
     [

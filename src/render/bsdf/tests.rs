@@ -2,7 +2,7 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Quat};
 
-use super::principled::Reflected;
+use super::principled::SchlickAlbedo;
 use super::*;
 use crate::math::{Dual, Pcg32};
 
@@ -108,13 +108,13 @@ fn twin_reflected<const N: usize>(cos: Option<Dual<N>>, roughness: Dual<N>) -> D
     let r = roughness.value as f32;
     match cos {
         Some(cos) => {
-            let at = Reflected::at(cos.value as f32, r);
+            let at = SchlickAlbedo::directional(cos.value as f32, r);
             let slopes =
                 (cos - cos.value) * f64::from(at.by_c) + (roughness - roughness.value) * f64::from(at.by_roughness);
             slopes + f64::from(at.value)
         }
         None => {
-            let mean = Reflected::mean(r);
+            let mean = SchlickAlbedo::mean(r);
             (roughness - roughness.value) * f64::from(mean.by_roughness) + f64::from(mean.value)
         }
     }
@@ -404,16 +404,16 @@ fn the_dielectric_reflects_what_its_table_says() {
         let bsdf = Bsdf::Conductor { reflectance: Vec3::ZERO, roughness };
         for cos in [0.01, 0.02, 0.05, 0.11, 0.19, 0.27, 0.4, 0.6, 0.8, 1.0] {
             let (lobe, table) =
-                (furnace(&bsdf, direction(cos, 0.4), 128), f64::from(Reflected::at(cos, roughness).value));
+                (furnace(&bsdf, direction(cos, 0.4), 128), f64::from(SchlickAlbedo::directional(cos, roughness).value));
             let slack = if cos < 1.0 / 24.0 { 0.15 } else { 0.025 };
             assert!(lobe < table + 4e-3 && table < lobe + slack, "{roughness} at {cos}: {lobe} {table}");
         }
         let steps = 4000;
         let mean: f32 = (0..steps)
             .map(|i| (i as f32 + 0.5) / steps as f32)
-            .map(|c| 2.0 * c * Reflected::at(c, roughness).value)
+            .map(|c| 2.0 * c * SchlickAlbedo::directional(c, roughness).value)
             .sum();
-        assert!((mean / steps as f32 - Reflected::mean(roughness).value).abs() < 1e-4);
+        assert!((mean / steps as f32 - SchlickAlbedo::mean(roughness).value).abs() < 1e-4);
     }
 }
 

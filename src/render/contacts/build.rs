@@ -1,4 +1,4 @@
-//! Pairs of triangles that share a corner or cross, and of which one shines on the other.
+//! Finds contacts: pairs of triangles that share a corner or cross, of which one is an emitter that shines on the other.
 
 use std::collections::{BTreeSet, HashMap, HashSet};
 
@@ -11,16 +11,16 @@ use crate::render::intersections::crossings;
 use crate::render::scene::MaterialKind;
 use crate::render::world::Scene;
 
-/// A corner with more emitters than this is left out.
+/// Corners that belong to more emitters than this are left out, so that building the table stays linear in the number of triangles.
 const MAX_FAN: usize = 64;
 
 impl Scene {
-    /// Built when first asked for: the primal needs none.
+    /// The scene's contacts. They are found when first asked for, because rendering without derivatives needs none.
     pub(crate) fn contacts(&self) -> &Contacts {
         self.contact_table.get_or_init(|| Contacts::new(self))
     }
 
-    /// Whether a surface touches an emitter that shines on it (see [`Contacts`]).
+    /// Whether `receiver` touches `emitter` and can be lit by it (see [`Contacts`]).
     #[inline]
     pub(crate) fn touch(&self, receiver: PrimId, emitter: PrimId) -> bool {
         let contacts = self.contacts();
@@ -46,7 +46,7 @@ impl Contacts {
             let [a, b, c] = scene.corners(prim);
             ((b - a).cross(c - a).normalize_or_zero(), a)
         };
-        // Largest distance of a triangle's corners before (+) or behind (−) the plane of another.
+        // Largest distance of a triangle's corners in front of (+) or behind (−) the plane of another.
         let reach = |prim: PrimId, (n, origin): (Vec3, Vec3), side: f32| {
             scene.corners(prim).into_iter().map(|p| side * n.dot(p - origin)).fold(0.0, f32::max)
         };
@@ -70,7 +70,8 @@ impl Contacts {
                 fan.into_iter().flatten().for_each(|&emitter| consider(receiver, emitter));
             }
         }
-        // With those around: near the end of a crossing the next triangle is as close as the one that crosses.
+        // Triangles that cross count together with all triangles that share a corner with them: near the end of a crossing these are as
+        // close.
         let crossings: Vec<[[PrimId; 2]; 2]> =
             crossings(scene, |prim| shape(prim).emission.is_some()).into_iter().map(|c| c.prims).collect();
         let corners = |prims: [PrimId; 2]| prims.into_iter().flat_map(|prim| scene.corners(prim)).map(position_key);
@@ -99,7 +100,7 @@ impl Contacts {
     }
 }
 
-/// For each of some linked primitives the least one that it is linked with, by way of others too.
+/// Connected components of a graph of primitives (by union-find): maps each linked primitive to the least one of its component.
 fn patches(links: &[[PrimId; 2]]) -> HashMap<PrimId, PrimId> {
     let mut patches: HashMap<PrimId, PrimId> = HashMap::new();
     fn least(patches: &mut HashMap<PrimId, PrimId>, prim: PrimId) -> PrimId {

@@ -1,4 +1,4 @@
-//! Pairs of triangles that share a corner or cross, and of which one shines on the other.
+//! Contacts: emitters and receivers that share a corner or cross, so that light reaches the receiver from arbitrarily close by.
 
 mod build;
 pub mod table;

@@ -1,18 +1,20 @@
-//! Which pairs of triangles touch, of which one shines on the other.
+//! The table of contacts: pairs of triangles that touch and of which one shines on the other.
 
 use std::collections::{HashMap, HashSet};
 
 use crate::render::accel::PrimId;
 
-/// Receivers with the emitters that touch them. Between these emission is differentiated direction-fixed: material-fixed, as
-/// elsewhere, the receiving point slides towards an emitting point that stays, and derivatives grow like 1/distance. Either
-/// is right for any pair, as long as every estimator has the same list.
+/// Receivers and the emitters that touch them. For these pairs the emission is differentiated with its direction fixed. Elsewhere it is
+/// differentiated with the emitting point fixed to its surface; for a pair that touches, the two points may be arbitrarily close, and
+/// derivatives would grow like 1/distance. Either parametrisation is right for any pair, as long as all estimators use the same one.
 ///
-/// Emitters without an edge between them ([`crate::render::edges::EdgeTable::flat_emitters`]) are one: where what is differentiated one way bordered
-/// on what is differentiated the other way, there would have to be one.
+/// Coplanar emitters that have no edge between them ([`crate::render::edges::EdgeTable::flat_emitters`]) form a patch, and a receiver
+/// touches all emitters of a patch or none. If the parametrisation changed within a patch, there would have to be an edge with a boundary
+/// term at that place.
 pub struct Contacts {
-    /// The emitters by their patches.
+    /// Receivers with the patches that touch them.
     pub(super) pairs: HashSet<(PrimId, PrimId)>,
+    /// The patch of an emitter, named by the least primitive in it. Emitters that are not here are a patch of their own.
     pub(super) patches: HashMap<PrimId, PrimId>,
 }
 
@@ -25,7 +27,7 @@ impl Contacts {
         self.pairs.contains(&(receiver, patch_of(&self.patches, emitter)))
     }
 
-    /// Whether any emitter touches a receiver.
+    /// Whether any of the emitters touches a receiver.
     pub fn touches(&self, receiver: PrimId, emitters: impl IntoIterator<Item = PrimId>) -> bool {
         !self.is_empty() && emitters.into_iter().any(|e| self.contains(receiver, e))
     }

@@ -10,7 +10,7 @@ use crate::memory;
 use crate::mesh::Mesh;
 use crate::render::accel::PrimId;
 use crate::render::film::Output;
-use crate::render::intersections::{Crossing, Overlap, crossings_and_overlaps};
+use crate::render::intersections::{Crossing, EdgeOverlap, crossings_and_overlaps};
 use crate::render::scene::{Input, Material, MaterialKind};
 use crate::render::world::Scene;
 use crate::stop::Pace;
@@ -80,7 +80,7 @@ impl EdgeTable {
         // Where a surface goes through another along one of its edges there is a crossing, and no edge besides.
         let mut covered: BTreeMap<usize, Vec<[f32; 2]>> = BTreeMap::new();
         for crossing in &crossings {
-            let ends = crossing.along.map(|ends| ends.map(|p| points.get(&position_key(p)).copied()));
+            let ends = crossing.mesh_edge.map(|ends| ends.map(|p| points.get(&position_key(p)).copied()));
             let Some([Some(a), Some(b)]) = ends else { continue };
             if let Some(&edge) = index.get(&(a.min(b), a.max(b))) {
                 covered.entry(edge).or_default().push(crossing.p.map(|p| edges[edge].parameter(p)));
@@ -128,7 +128,7 @@ struct Ends {
 }
 
 impl Ends {
-    fn new(overlaps: &[Overlap]) -> Ends {
+    fn new(overlaps: &[EdgeOverlap]) -> Ends {
         let mut ends = Ends { taken_for: HashMap::new() };
         for [a, b] in overlaps {
             for (p, q) in a.iter().flat_map(|p| b.iter().map(move |q| (*p, *q))) {
@@ -155,7 +155,7 @@ impl Ends {
 
 /// Makes one edge of those that are the same up to rounding, cuts edges that have parts in common at one another's ends, and makes one edge
 /// of each part, with the faces of all.
-fn weld_overlaps(edges: &mut Vec<Edge>, overlaps: &[Overlap]) {
+fn weld_overlaps(edges: &mut Vec<Edge>, overlaps: &[EdgeOverlap]) {
     if overlaps.is_empty() {
         return;
     }
@@ -259,14 +259,14 @@ fn crossing_edge(scene: &Scene, crossing: &Crossing) -> Option<Edge> {
     let mut faces = Vec::with_capacity(4);
     let larger = |[x, y]: [(f64, EdgeFace); 2]| if x.0 > y.0 { x.1 } else { y.1 };
     let [first, second] = crossing.prims;
-    for [a, b] in if crossing.stands { vec![second] } else { vec![first, second] } {
+    for [a, b] in if crossing.first_surface_ends { vec![second] } else { vec![first, second] } {
         if a == b {
             faces.extend(halves(a)?.map(|(_, face)| face));
         } else {
             faces.extend([larger(halves(a)?), larger(halves(b)?)]);
         }
     }
-    if crossing.stands {
+    if crossing.first_surface_ends {
         faces.push(larger(halves(first[0])?));
     }
     let sound = faces.iter().flat_map(|f| f.ends).flatten().all(f32::is_finite);

@@ -1,16 +1,19 @@
-//! What an edge is, from wherever it is seen: its faces, its kind, and the points beside it.
+//! Edges: their faces, and their kind as seen from a viewpoint.
 //!
-//! An edge is classified from a viewpoint without normals: the plane through the viewpoint and the edge has all opposite vertices of the
-//! adjacent faces on one side (*contour*) or not (*crease*).
+//! An edge is classified by the plane through the viewpoint and the edge. If the opposite vertices of all its faces lie on one side of that
+//! plane, the edge is a *contour*: what is behind shows past it. If they lie on both sides, it is a *crease*: both its sides show a face.
+//! Normals are not needed.
 
 use glam::{DVec3, Vec3};
 
 use crate::render::accel::PrimId;
 
-/// Fraction of a face by which attributes are looked up inside of it: a texture may repeat at its very edge.
+/// Attributes at an edge are looked up inside of the face, by this fraction of it: exactly at the edge, a texture that repeats might be
+/// looked up on its other side.
 pub const INSIDE: f32 = 1e-5;
 
-/// Sampling weight of edges between smoothly shaded faces relative to a silhouette: only the shadow terminator jumps there.
+/// Sampling weight of creases between smoothly shaded faces, relative to contours. The radiance is discontinuous there only at the shadow
+/// terminator, where one face is turned away from a light and the other is not.
 pub const SMOOTH_CREASE: f32 = 0.05;
 
 /// A face at an edge, or one half of a face that the edge cuts in two.
@@ -19,7 +22,8 @@ pub struct EdgeFace {
     pub prim: PrimId,
     /// Barycentric coordinates of the edge's start and end.
     pub ends: [[f32; 3]; 2],
-    /// A corner that is not on the edge: for a mesh edge the third one, else the one furthest into this half.
+    /// Index of a corner that is not on the edge: for a mesh edge the third corner, for a crossing the corner of this half that is farthest
+    /// from the edge.
     pub corner: u8,
     /// Its position.
     pub opposite: Vec3,
@@ -33,17 +37,18 @@ impl EdgeFace {
     }
 }
 
-/// The side that a face shows to someone in its plane.
+/// The side that a face is taken to show to a viewer in its plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum EdgeOn {
     Front,
     Back,
 }
 
-/// Sine of the angle between a direction and a face within which the face is seen edge-on: what single precision leaves uncertain.
+/// A face is seen edge-on if the sine of the angle between the line of sight and the face is less than this, the uncertainty of single
+/// precision.
 const EDGE_ON: f32 = 2e-6;
 
-/// What positions and directions are rounded by, over coordinates and distances, with some to spare.
+/// Rounding error of a position relative to its coordinates and its distance, with a margin.
 const ROUNDING: f32 = 1e-6;
 
 /// An undirected edge.
@@ -51,17 +56,18 @@ const ROUNDING: f32 = 1e-6;
 pub struct Edge {
     pub p: [Vec3; 2],
     pub faces: Vec<EdgeFace>,
-    /// The edge is where two surfaces cross: of each it has both halves, first of the one, then of the other; of a surface that ends
-    /// there, last, the one half that there is. Seen from anywhere it is a crease, and it moves with both surfaces' planes.
+    /// The edge is a crossing: two surfaces intersect there. Its faces are the two halves of the one surface and then the two halves of the
+    /// other; of a surface that ends there, only one half, last. It is a crease from every viewpoint, and its points stay in the planes
+    /// of both surfaces.
     pub crossing: bool,
-    /// Reflected radiance may jump across the edge where both its faces are seen.
+    /// The reflected radiance may be discontinuous across the edge where both its faces are visible.
     pub sharp: bool,
-    /// How likely the edge is to matter to someone who looks from anywhere, in (0, 1]: about its exterior dihedral angle over
-    /// π/2, for such is the chance that it is a contour and the size of the jump across it.
+    /// Sampling weight of the edge if nothing is known about the viewpoint, in (0, 1]: its exterior dihedral angle over π/2. Both the
+    /// probability that it is a contour and the jump across it as a crease are about in proportion to that angle.
     pub weight: f32,
 }
 
-/// What a viewpoint sees of an edge.
+/// An edge as classified from a viewpoint.
 #[derive(Clone, Copy, Debug)]
 pub struct EdgeView {
     /// Unit normal of the plane through viewpoint and edge, pointing from the covering to the uncovered side
@@ -71,30 +77,32 @@ pub struct EdgeView {
     pub foreground: usize,
     /// The face seen on the other side, if the edge is a crease.
     pub background: Option<usize>,
-    /// How faces seen edge-on were taken.
+    /// The side that faces seen edge-on were taken to show.
     edge_on: Option<EdgeOn>,
 }
 
-/// An edge as seen along a direction.
+/// Geometry of an edge and a line of sight to it.
 struct ViewFrame {
     /// Unit direction of the edge.
     e: DVec3,
     /// Unit normal of the plane through viewer and edge.
     n: DVec3,
-    /// Of the angle between edge and line of sight.
+    /// Sine of the angle between the edge and the line of sight.
     sine: f64,
-    /// Perpendicular to the edge, of any length.
+    /// Component of the direction towards the viewer that is perpendicular to the edge, not normalised.
     towards_viewer: DVec3,
     edge_on: Option<EdgeOn>,
 }
 
-/// Where a face lies in the plane perpendicular to the edge.
-struct FacePlace {
-    /// On the side that [`ViewFrame::n`] points to.
+/// The position of a face relative to the plane through the viewer and the edge.
+struct FacePosition {
+    /// Whether the face lies on the side that [`ViewFrame::n`] points to.
     above: bool,
-    /// The more, the smaller is the angle to the direction towards the viewer.
+    /// Cosine of the angle between the face and the direction towards the viewer, up to a positive factor: of two faces on one side of the
+    /// plane, the one with the larger value hides the other.
     nearness: f64,
-    /// How far the face's opposite corner, at its height over the edge, is out of the plane of someone who sees it edge-on.
+    /// How far the face is from being seen edge-on: the distance of its opposite corner from the plane through viewer and edge, less the
+    /// distance that counts as edge-on. Negative if the face is seen edge-on.
     tilt: f64,
 }
 
@@ -108,25 +116,25 @@ impl Edge {
         self.p[0].lerp(self.p[1], s)
     }
 
-    /// Whether two faces run through their edge in opposite directions, as on an oriented surface.
+    /// Whether the edge has two faces with consistent winding: they run through the edge in opposite directions.
     pub fn is_wound_consistently(&self) -> bool {
         matches!(self.faces.as_slice(), [a, b] if a.is_forward() != b.is_forward())
     }
 
-    /// Unit normal of the plane through the edge and a point, on the side from which the point lies to the left. (Slivers have edges so
-    /// nearly parallel that single precision would leave little of it.)
+    /// Unit normal of the plane through the edge and a point `p`, in the direction (p1 − p0) × (p − p0). Computed in double precision: in a
+    /// sliver the two vectors are so nearly parallel that their product in single precision would be mostly rounding error.
     pub fn normal_with(&self, p: Vec3) -> Vec3 {
         let [a, b, p] = [self.p[0], self.p[1], p].map(Vec3::as_dvec3);
         (b - a).cross(p - a).normalize_or_zero().as_vec3()
     }
 
-    /// Unit normal of one of the faces, oriented like the face.
+    /// Unit normal of one of the faces, by the face's winding.
     pub fn face_normal(&self, face: &EdgeFace) -> Vec3 {
         let n = self.normal_with(face.opposite);
         if face.is_forward() { n } else { -n }
     }
 
-    /// The parameter of a point on the edge.
+    /// The parameter, in [0, 1], of the edge's point that is nearest to `p`.
     pub(super) fn parameter(&self, p: Vec3) -> f32 {
         let e = self.p[1] - self.p[0];
         ((p - self.p[0]).dot(e) / e.length_squared()).clamp(0.0, 1.0)
@@ -142,28 +150,29 @@ impl Edge {
         self.classify(dir, None).map(|(view, _)| view)
     }
 
-    /// [`Edge::view`] for viewers that may well be in the plane of a face, as cameras and lights above the side of a box are. The face
-    /// shows them nothing; a contour lies at its near border or at its far one, and rounding, which would decide at each anew, may
-    /// have it at both or at none. So the face is said to show one side, at all its edges alike. (Front and back are those of meshes that
-    /// are wound outwards.)
+    /// [`Edge::view`] for viewers that may lie in the plane of a face, such as a camera or a light straight above a side of a box. Such a
+    /// face is seen edge-on, and the contour is either at its near border or at its far one. If rounding decided at each border, the
+    /// contour might be at both or at none. So all edges of the face take it to show the same side, `edge_on`. (Front and back are
+    /// those of a mesh that is wound outwards.)
     ///
-    /// To a camera `EdgeOn::Back`: the contour is then at the near border of a box's side, in front of which the radiance is the one
-    /// that is seen. To a light `EdgeOn::Front`: it is at the far border, which may be the box's foot on the floor, where there is
-    /// no shadow.
+    /// For a camera use [`EdgeOn::Back`]: the contour is then at the near border, and the radiance on its covering side is the one that
+    /// the camera sees. For a light use [`EdgeOn::Front`]: the contour is then at the far border, which may be the foot of the box on a
+    /// floor, where the box casts no shadow.
     ///
-    /// Lines of sight along such a face would hit its other parts by rounding, or miss what hides it: returns too by how much to move
-    /// them aside (zero if there is no such face). `distance` is the viewer's.
+    /// A line of sight along such a face might hit other parts of the face by rounding, or miss what hides them. So an offset for lines of
+    /// sight is returned too; it is zero if no face is seen edge-on. `distance` is the distance of the viewer.
     pub fn view_from(&self, dir: Vec3, distance: f32, edge_on: EdgeOn) -> Option<(EdgeView, Vec3)> {
         let (view, tilt) = self.classify(dir, Some(edge_on))?;
         let reach = ROUNDING * self.p[0].abs().max(self.p[1].abs()).max_element().max(distance);
-        // Past a contour that is looked past, beside a crease only if its face was taken to be seen edge-on.
+        // At a contour lines of sight are moved past any face within reach of rounding; at a crease only aside of a face that counted as
+        // seen edge-on.
         let slack = if view.background.is_none() { f64::from(reach) } else { 0.0 };
         if tilt > slack {
             return Some((view, Vec3::ZERO));
         }
         let frame = self.view_frame(dir, Some(edge_on))?;
         let along: Vec3 = (0..self.faces.len())
-            .filter(|&i| self.face_place(&frame, i).tilt <= slack)
+            .filter(|&i| self.face_position(&frame, i).tilt <= slack)
             .map(|i| self.face_normal(&self.faces[i]))
             .sum();
         let aside = match (view.background, edge_on) {
@@ -175,13 +184,13 @@ impl Edge {
         Some((view, aside * reach))
     }
 
-    /// The view, and the least [`FacePlace::tilt`] of all faces.
+    /// The edge's view, and the least [`FacePosition::tilt`] of all faces.
     fn classify(&self, dir: Vec3, edge_on: Option<EdgeOn>) -> Option<(EdgeView, f64)> {
         let frame = self.view_frame(dir, edge_on)?;
         let mut best: [Option<(usize, f64)>; 2] = [None, None];
         let mut least = f64::INFINITY;
         for i in 0..self.faces.len() {
-            let FacePlace { above, nearness, tilt } = self.face_place(&frame, i);
+            let FacePosition { above, nearness, tilt } = self.face_position(&frame, i);
             least = least.min(tilt);
             let slot = &mut best[usize::from(above)];
             if slot.is_none_or(|(_, c)| nearness > c) {
@@ -212,7 +221,7 @@ impl Edge {
     }
 
     #[inline]
-    fn face_place(&self, frame: &ViewFrame, face: usize) -> FacePlace {
+    fn face_position(&self, frame: &ViewFrame, face: usize) -> FacePosition {
         let face = &self.faces[face];
         let o = face.opposite.as_dvec3() - self.p[0].as_dvec3();
         let o = o - frame.e * o.dot(frame.e);
@@ -222,13 +231,13 @@ impl Edge {
             Some(shown) if tilt <= 0.0 => face.is_forward() == (shown == EdgeOn::Front),
             _ => side > 0.0,
         };
-        FacePlace { above, nearness: frame.towards_viewer.dot(o) / height, tilt }
+        FacePosition { above, nearness: frame.towards_viewer.dot(o) / height, tilt }
     }
 
-    /// The face and all those that it hides from a viewer who looks along `dir`, nearest first.
+    /// All faces on the same side of the edge as `face`, as seen along `dir`: the nearest first, each hiding those after it.
     pub fn layers(&self, dir: Vec3, view: &EdgeView, face: usize) -> Vec<usize> {
         let Some(frame) = self.view_frame(dir, view.edge_on) else { return vec![face] };
-        let places: Vec<FacePlace> = (0..self.faces.len()).map(|i| self.face_place(&frame, i)).collect();
+        let places: Vec<FacePosition> = (0..self.faces.len()).map(|i| self.face_position(&frame, i)).collect();
         let mut layers: Vec<usize> = (0..places.len()).filter(|&i| places[i].above == places[face].above).collect();
         layers.sort_by(|&i, &j| places[j].nearness.total_cmp(&places[i].nearness).then(i.cmp(&j)));
         layers
@@ -247,22 +256,23 @@ impl Edge {
         b
     }
 
-    /// Primitives of other faces that lie below the plane of `face`, on the side that `normal` points away from: no ray that leaves the
-    /// face upwards meets them. Where it starts [beside](Edge::beside) the edge at a grazing angle, rounding would have it do so.
+    /// Primitives of other faces that lie in or below the plane of `face`, where `normal` points up. No ray that leaves `face` upwards hits
+    /// them, but because of rounding the intersection test may report a hit for a ray that starts [beside](Edge::beside) the edge at a
+    /// grazing angle. So such rays skip them.
     pub fn below(&self, face: usize, normal: Vec3) -> Vec<PrimId> {
         let own = self.faces[face].prim;
-        // By more than corners are rounded: halves of a quadrilateral are one plane.
+        // A face rises if its corner is above the plane by more than rounding: the halves of a quadrilateral lie in one plane.
         let rounding = 1e-6 * self.p[0].abs().max(self.p[1].abs()).max_element();
         let rises = |f: &EdgeFace| {
             let o = f.opposite - self.p[0];
             normal.dot(o) > rounding + 1e-6 * o.length()
         };
-        // Of a triangle that crosses this one both halves are faces, and one rises.
+        // A triangle that crosses this one has two halves here, one of which rises: rays may hit it.
         let lies = |prim: PrimId| !self.faces.iter().any(|f| f.prim == prim && rises(f));
         self.faces.iter().map(|f| f.prim).filter(|&prim| prim != own && lies(prim)).collect()
     }
 
-    /// The part between two of its parameters.
+    /// The part of the edge between two parameters.
     pub(super) fn part(&self, from: f32, to: f32) -> Edge {
         let mut part = self.clone();
         part.p = [from, to].map(|s| self.point(s));
@@ -276,14 +286,15 @@ impl Edge {
 /// All edges of a scene.
 pub struct EdgeTable {
     pub edges: Vec<Edge>,
-    /// Emitters of one plane whose common edge is none of them.
+    /// Pairs of coplanar emitters whose common edge is not in the table, because nothing is discontinuous there.
     pub flat_emitters: Vec<[PrimId; 2]>,
 }
 
-/// Which edges of a smooth or flat surface there are, besides those at which light may jump.
+/// Which edges between faces that join smoothly are in the table, besides those at which radiance may be discontinuous.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seams {
     None,
-    /// Those between shapes, and where texture coordinates jump, whether or not anything is made of them: for channels that show these.
+    /// Edges between shapes, and edges at which texture coordinates are discontinuous, whether or not a material depends on them: for
+    /// output channels that show shapes or texture coordinates.
     All,
 }

@@ -10,8 +10,8 @@ use glam::Vec3;
 use super::lanes::{PathSet, Vectors};
 use super::{Connection, Continuation, Options, Recorder};
 use crate::math::{Frame, cosine_hemisphere, cosine_hemisphere_pdf};
-use crate::render::accel::{Hit, NO_PRIM, PrimId, Ray, Root};
-use crate::render::bsdf::{Bsdf, BsdfSample, matte};
+use crate::render::accel::{Hit, NO_PRIM, PrimId, Ray, RootHits};
+use crate::render::bsdf::{Bsdf, BsdfSample, lambertian};
 use crate::render::interaction::{SurfaceInteraction, end_before, offset};
 use crate::render::light::{Arrival, LightKind, LightSample};
 use crate::render::mask::MaskWeight;
@@ -144,7 +144,7 @@ pub struct Paths<const N: usize> {
     random: RandomNumbers<N>,
     scatter: Scatter<N>,
     /// The first steps of the next rays through the ray tree.
-    roots: [Root; N],
+    roots: [RootHits; N],
     hits: Hits<N>,
 }
 
@@ -259,7 +259,7 @@ impl<const N: usize> Paths<N> {
                 throughput: Vectors::ZERO,
                 general: [GeneralScatter::NONE; N],
             },
-            roots: [Root::default(); N],
+            roots: [RootHits::default(); N],
             hits: Hits { t: [0.0; N], prim: [NO_PRIM; N], b: Vectors::ZERO, through: [MaskWeight::CLEAR; N] },
         }
     }
@@ -300,7 +300,7 @@ impl<const N: usize> Paths<N> {
         self.alive = PathSet::NONE;
         if N > 1 {
             for (root, ray) in self.roots.iter_mut().zip(rays) {
-                *root = scene.accel.enter(ray);
+                *root = scene.accel.intersect_root(ray);
             }
         }
         for (k, ray) in rays.iter().enumerate().take(N) {
@@ -422,7 +422,7 @@ impl<const N: usize> Paths<N> {
         let keep_black = bounce.options.keep_black;
         for k in 0..N {
             let co = self.n.get(k).dot(shadows.dir.get(k));
-            let f = matte(self.reflectance.get(k), co);
+            let f = lambertian(self.reflectance.get(k), co);
             shadows.f.set(k, f);
             shadows.pdf[k] = cosine_hemisphere_pdf(co);
             shadows.open[k] &= (co > 0.0) & (keep_black | !is_zero(f)) | !self.matte[k];
@@ -473,7 +473,7 @@ impl<const N: usize> Paths<N> {
             let co = normal.dot(dir);
             let pdf = BsdfSample::cosine(cosine).pdf;
             scatter.dir.set(k, dir);
-            scatter.f.set(k, matte(self.reflectance.get(k), co));
+            scatter.f.set(k, lambertian(self.reflectance.get(k), co));
             scatter.pdf[k] = pdf;
             scatter.inv_pdf[k] = 1.0 / pdf;
             scatter.on[k] = (pdf > 0.0) & (co > 0.0);
@@ -533,7 +533,7 @@ impl<const N: usize> Paths<N> {
         let (scene, masks) = (bounce.scene, bounce.options.mask_sampling);
         if N > 1 {
             for k in lit.iter() {
-                self.roots[k] = scene.accel.enter(&self.shadow_ray(k));
+                self.roots[k] = scene.accel.intersect_root(&self.shadow_ray(k));
             }
         }
         for k in lit.iter() {
@@ -587,7 +587,7 @@ impl<const N: usize> Paths<N> {
         let (scene, options) = (bounce.scene, bounce.options);
         if N > 1 {
             for k in self.alive.iter() {
-                self.roots[k] = scene.accel.enter(&self.scattered_ray(k));
+                self.roots[k] = scene.accel.intersect_root(&self.scattered_ray(k));
             }
         }
         for k in self.alive.iter() {
@@ -727,7 +727,7 @@ fn skipped<'a, const N: usize>(bounce: Bounce, ends: &'a [PrimId], all: &'a mut 
 #[inline(always)]
 fn intersect<const N: usize>(
     scene: &Scene,
-    (ray, root, skip): (&Ray, Option<&Root>, &[PrimId]),
+    (ray, root, skip): (&Ray, Option<&RootHits>, &[PrimId]),
     sampler: &mut Sampler,
     options: &Options,
     rec: &mut impl Recorder,

@@ -4,7 +4,7 @@ use std::array::from_fn;
 
 use glam::{Mat3, Vec2, Vec3};
 
-use crate::grad::sink::{Adjoints, Layout, Sums, Total};
+use crate::grad::sink::{Adjoints, DenseSums, Layout, SparseSums};
 use crate::math::{Dual, Pcg32};
 use crate::mesh::Mesh;
 use crate::render::accel::PrimId;
@@ -13,7 +13,7 @@ use crate::render::bsdf::tests::{twin_conductor, twins};
 use crate::render::environment::EnvironmentPeak;
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::light::{LightKind, LightSample};
-use crate::render::mask::Crossing;
+use crate::render::mask::MaskCrossing;
 use crate::render::texture::{Filter, Texture, Wrap};
 use crate::render::{Emission, Environment, Input, Material, MaterialKind, Scene, SceneDescription, Shape, Slot};
 
@@ -50,8 +50,8 @@ pub fn unit<const N: usize>(a: Twin<N>) -> Twin<N> {
 }
 
 /// Takes all derivatives out, in the layout's order.
-pub fn dense(out: &mut Adjoints<Sums>) -> Vec<f64> {
-    let mut total = Total::new(out.layout.size());
+pub fn dense(out: &mut Adjoints<SparseSums>) -> Vec<f64> {
+    let mut total = DenseSums::new(out.layout.size());
     out.sink.drain_to(&mut total);
     total.into_vec()
 }
@@ -216,8 +216,8 @@ impl Moving {
         Moving { scene, layout, tangents }
     }
 
-    pub fn adjoints(&self) -> Adjoints<'_, Sums> {
-        Adjoints::new(&self.scene, &self.layout, Sums::new(self.layout.size()))
+    pub fn adjoints(&self) -> Adjoints<'_, SparseSums> {
+        Adjoints::new(&self.scene, &self.layout, SparseSums::new(self.layout.size()))
     }
 
     /// Asserts that the adjoints of the scene (taken out of `out`), and others with the directions in which these move, say what the twin does.
@@ -227,7 +227,7 @@ impl Moving {
         &self,
         what: &str,
         value: f32,
-        out: &mut Adjoints<Sums>,
+        out: &mut Adjoints<SparseSums>,
         others: &[(Vec3, Vec3)],
         twin: Number,
     ) {
@@ -315,8 +315,8 @@ impl Moving {
     }
 
     /// What masks let through along a line, over the probability of passing.
-    pub fn pass(&self, crossings: &[Crossing], line: [Vector; 2]) -> Number {
-        let one = |c: &Crossing| (1.0 - self.opacity(c.prim, self.hit(c.prim, line).1)) * f64::from(c.inv_choice);
+    pub fn pass(&self, crossings: &[MaskCrossing], line: [Vector; 2]) -> Number {
+        let one = |c: &MaskCrossing| (1.0 - self.opacity(c.prim, self.hit(c.prim, line).1)) * f64::from(c.inv_choice);
         crossings.iter().fold(Dual::constant(1.0), |all, c| all * one(c))
     }
 

@@ -1,4 +1,4 @@
-//! Building the tree: edges of one place and size into one node.
+//! Builds the edge tree: edges that are close to each other and of similar size share a node.
 
 use glam::{Vec3, Vec4, Vec4Swizzles};
 
@@ -6,26 +6,26 @@ use super::{EdgeTree, LEAF, Node};
 use crate::render::edges::EdgeTable;
 use crate::stop::Pace;
 
-/// Planes between which a node may be cut along each axis, and one more.
+/// Number of bins along each axis. A node may be split between any two of them.
 const BINS: usize = 16;
-/// Levels below which nodes are cut in halves, lest the tree become a list.
-const DEEP: u32 = 48;
+/// Nodes deeper than this are split into halves of equal number, so that the depth of the tree is bounded.
+const MAX_BINNED_DEPTH: u32 = 48;
 
-/// What a node takes from an edge.
+/// The numbers of an edge from which those of a node are computed.
 struct Item {
     p: [Vec3; 2],
-    /// Its length, by [`crate::render::edges::Edge::weight`].
+    /// Length times [`crate::render::edges::Edge::weight`].
     weighted: f32,
     crease: f32,
     mask_jump: f32,
-    bright: f32,
+    bright_length: f32,
     folding: f32,
     open: bool,
-    /// Range in `Builder::normals`.
+    /// The range of its faces' normals in `Builder::normals`.
     normals: [u32; 2],
 }
 
-/// Edges of a bin, or of a run of bins.
+/// The box around the edges of one or more bins, with their number and weighted length.
 #[derive(Clone, Copy)]
 struct Bounds {
     lo: Vec3,
@@ -46,8 +46,9 @@ impl Bounds {
         }
     }
 
-    /// How far off a node's importance may be: what it has, over how large an area that may be. (Estevez & Kulla 2018 do so with lights;
-    /// of edges boxes may be flat, and are taken by their diagonals.)
+    /// Cost of a node: its weighted length times the squared diagonal of its box. A large box makes the importance of a node imprecise, and
+    /// the more so the more length is in it. (Estevez & Kulla 2018, "Importance Sampling of Many Lights with Adaptive Tree Splitting",
+    /// use power times surface area for lights. Boxes of edges may be flat, so the diagonal stands for the area.)
     fn cost(&self) -> f32 {
         if self.count == 0 { 0.0 } else { self.weighted * (self.hi - self.lo).length_squared() }
     }
@@ -61,7 +62,7 @@ pub struct Builder {
 }
 
 impl Builder {
-    /// Of a tree that knows its edges, but has no nodes.
+    /// A builder for a tree that has its tables by edge, but no nodes yet.
     pub fn new(tree: &EdgeTree, table: &EdgeTable) -> Builder {
         let mut normals = Vec::with_capacity(2 * table.edges.len());
         let items = table.edges.iter().enumerate().map(|(e, edge)| {
@@ -73,7 +74,7 @@ impl Builder {
                 weighted,
                 crease: edge.length() * tree.crease[e],
                 mask_jump: edge.length() * tree.mask_jump[e],
-                bright: weighted * (1.0 + tree.brightness[e]),
+                bright_length: weighted * (1.0 + tree.brightness[e]),
                 folding: tree.folding[e],
                 open: !edge.is_wound_consistently(),
                 normals: [start, normals.len() as u32],
@@ -82,7 +83,8 @@ impl Builder {
         Builder { items: items.collect(), normals, nodes: Vec::new(), pace: Pace::default() }
     }
 
-    /// The node of some edges, which are brought into the order of its leaves, and all below it.
+    /// Builds the subtree over some edges, whose place in the tree's order begins at `offset`, and sorts `order` by its leaves. Returns the
+    /// index of its root.
     pub fn build(&mut self, order: &mut [u32], offset: u32, depth: u32) -> u32 {
         self.pace.step(order.len());
         let points = || order.iter().flat_map(|&e| self.items[e as usize].p);
@@ -91,13 +93,13 @@ impl Builder {
         let centre = 0.5 * (lo + hi);
         let (mut plane_lo, mut plane_hi) = (Vec4::INFINITY, Vec4::NEG_INFINITY);
         let mut open = false;
-        let (mut length, mut creases, mut mask_jumps, mut bright, mut folding) = (0.0, 0.0, 0.0, 0.0, 0.0_f32);
+        let (mut length, mut creases, mut mask_jumps, mut bright_length, mut folding) = (0.0, 0.0, 0.0, 0.0, 0.0_f32);
         for &e in order.iter() {
             let item = &self.items[e as usize];
             length += item.weighted;
             creases += item.crease;
             mask_jumps += item.mask_jump;
-            bright += item.bright;
+            bright_length += item.bright_length;
             folding = folding.max(item.folding);
             open |= item.open;
             for n in &self.normals[item.normals[0] as usize..item.normals[1] as usize] {
@@ -114,7 +116,7 @@ impl Builder {
             creases,
             mask_jumps,
             folding,
-            brightness: bright / length,
+            brightness: bright_length / length,
             plane_lo,
             plane_hi,
             spread: (plane_hi - plane_lo).xyz().length(),
@@ -133,9 +135,10 @@ impl Builder {
         at as u32
     }
 
-    /// Brings edges into an order in which they are cut in two, and says where. In halves by number long edges would come to lie with
-    /// short ones, and what is far apart with one another: over so large a box an edge counts for nothing, is hardly ever found, and weighs
-    /// so much then that a thousand samples tell neither the mean nor its error.
+    /// Partitions edges into two groups where the sum of their costs is least; returns the size of the first group. (Split into halves by
+    /// number, nodes would mix long with short edges and edges that are far apart. In so large a box a short edge has hardly any
+    /// importance. It would be found very rarely and then with a very large weight, so that a thousand samples would give neither the
+    /// mean nor its error.)
     fn cut(&self, order: &mut [u32], depth: u32) -> usize {
         let key = |e: u32| {
             let p = self.items[e as usize].p;
@@ -147,7 +150,7 @@ impl Builder {
         let scale = Vec3::splat(BINS as f32) / extent.max(Vec3::splat(f32::MIN_POSITIVE));
         let bin = |e: u32| ((key(e) - lo) * scale).min(Vec3::splat(BINS as f32 - 1.0)).as_uvec3();
         let mut best: Option<(f32, usize, u32)> = None;
-        if depth < DEEP && extent.max_element() > 0.0 && extent.is_finite() {
+        if depth < MAX_BINNED_DEPTH && extent.max_element() > 0.0 && extent.is_finite() {
             let mut bins = [[Bounds::NONE; BINS]; 3];
             for &e in order.iter() {
                 let Item { p: [a, b], weighted, .. } = self.items[e as usize];
@@ -177,7 +180,7 @@ impl Builder {
             order.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
             return middle;
         };
-        // Stable on either side: nothing depends on how a library sorts.
+        // Both groups keep their order, so that the result does not depend on a library's sorting.
         let (left, right): (Vec<u32>, Vec<u32>) = order.iter().partition(|&&e| bin(e)[axis] < at);
         order[..left.len()].copy_from_slice(&left);
         order[left.len()..].copy_from_slice(&right);

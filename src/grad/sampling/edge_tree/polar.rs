@@ -1,27 +1,29 @@
-//! An edge as a surface's point sees it: what it may contribute, in closed form, and positions on it in proportion.
+//! An edge in coordinates around a query point: its importance in closed form, and positions on it sampled in proportion to it.
 
 use glam::Vec3;
 
 use super::Query;
 use crate::render::ltc::Lobe;
 
-/// An edge around a query point: its line at distance d, points on it by their distance l from the foot of the
-/// perpendicular, or by the angle ψ = atan(l / d).
+/// An edge relative to a query point. The edge's line is at distance d from the point. Positions on the edge are given by their signed
+/// distance l from the foot of the perpendicular, or by the angle ψ = atan(l / d) at the query point.
 #[derive(Clone, Copy)]
 pub struct Polar {
     pub d: f32,
-    /// The ends, clipped to the horizon.
+    /// Positions l of both ends, clipped to the horizon.
     pub l: [f32; 2],
-    /// Position of the foot along the edge from its start.
+    /// Distance of the perpendicular's foot from the edge's start, along the edge.
     pub foot: f32,
     pub length: f32,
+    /// Importance for the cosine lobe and for the glossy lobe.
     diffuse: f32,
     glossy: f32,
-    /// Where the glossy lobe is a cosine.
+    /// The edge in the space where the glossy lobe is a cosine.
     transformed: Transformed,
 }
 
-/// An edge where a lobe is a cosine. A point at l on the edge is at `scale`·(l + foot) − `foot'` there.
+/// An edge after the linear transformation that makes a lobe a cosine. The point at l on the original edge, whose foot is at `foot`, is at
+/// l' = `scale`·(l + foot) − foot' there, with foot' the field of this struct.
 #[derive(Clone, Copy)]
 struct Transformed {
     scale: f32,
@@ -31,11 +33,13 @@ struct Transformed {
 }
 
 impl Transformed {
-    /// An edge from `a` in direction `e` (a unit), both relative to the query point, between two distances from its start;
-    /// with ∫ D sinφ / |q|² dl over it, for an edge whose line is at distance `d`.
+    /// Transforms the part of an edge between two distances from its start. The start is at `a` relative to the query point, `e` is the unit
+    /// direction and `d` the distance of the edge's line. Also returns the importance ∫ D sinφ / |q|² dl over that part, where D is the
+    /// density of the lobe.
     ///
-    /// Solid angles swept by an edge are as many in the cosine's world, so that is ∫ cosθ' d / (π |q'|³) dl, the form of a
-    /// linear light's irradiance (Heitz & Hill 2017).
+    /// D is a density by solid angle, so its integral over the solid angle that a moving edge sweeps is the same after the transformation.
+    /// There the importance is ∫ cosθ' d / (π |q'|³) dl, the irradiance of a linear light (Heitz & Hill 2017, "Linear-Light Shading with
+    /// Linearly Transformed Cosines").
     fn new(lobe: &Lobe, a: Vec3, e: Vec3, [from, to]: [f32; 2], d: f32) -> Option<(Transformed, f32)> {
         let (a, e) = (lobe.to_cosine * a, lobe.to_cosine * e);
         let scale = e.length();
@@ -105,9 +109,11 @@ impl Polar {
         Some(polar)
     }
 
-    /// An edge seen at an angle of some sine by who is so far away that all its points count alike.
+    /// An edge for a query infinitely far away, where all its points have the same importance. `sine` is that of the angle between the edge
+    /// and the direction to the query.
     fn from_afar(sine: f32, length: f32) -> Option<Polar> {
-        const DISTANCE: f32 = 100.0; // in lengths: the angle is linear, and nothing of the edge is lost to rounding
+        // In lengths of the edge: so far away the angle is linear in the position, and so near that rounding does no harm.
+        const DISTANCE: f32 = 100.0;
         let (d, foot) = (DISTANCE * length, 0.5 * length);
         let l = [-foot, foot];
         let transformed = Transformed { scale: 1.0, d, l, foot };
@@ -119,51 +125,51 @@ impl Polar {
         self.diffuse + self.glossy
     }
 
-    /// Multiplies its importance.
+    /// Multiplies the importance by a factor.
     pub fn scale(&mut self, by: f32) {
         self.diffuse *= by;
         self.glossy *= by;
     }
 
-    /// A position along the edge (from its start) and its density: even in the angle, as the query point sees it or as one does where
-    /// the lobe is a cosine.
+    /// Samples a position along the edge; returns its distance from the start and its density by length. Positions are uniform in the angle
+    /// at the query point or, with the glossy lobe's share of the probability, in that angle after the transformation.
     pub fn sample(&self, u: f32) -> (f32, f32) {
         let q = self.glossy / (self.diffuse + self.glossy);
         let t = &self.transformed;
         let at = if u < q {
-            (place(t.d, t.l, u / q) + t.foot) / t.scale
+            (sample_angle(t.d, t.l, u / q) + t.foot) / t.scale
         } else {
-            place(self.d, self.l, ((u - q) / (1.0 - q)).min(1.0)) + self.foot
+            sample_angle(self.d, self.l, ((u - q) / (1.0 - q)).min(1.0)) + self.foot
         };
         let at = at.clamp(self.l[0] + self.foot, self.l[1] + self.foot);
-        let mut pdf = (1.0 - q) * even(self.d, self.l, at - self.foot);
+        let mut pdf = (1.0 - q) * angle_pdf(self.d, self.l, at - self.foot);
         if q > 0.0 {
-            pdf += q * t.scale * even(t.d, t.l, at * t.scale - t.foot);
+            pdf += q * t.scale * angle_pdf(t.d, t.l, at * t.scale - t.foot);
         }
         (at, pdf)
     }
 }
 
-/// A point of a piece of edge, chosen evenly by the angle at which it is seen.
-fn place(d: f32, l: [f32; 2], u: f32) -> f32 {
-    // From the start by an angle: (d, l₀) turned; precise even where the query point is almost in line.
+/// Samples a position l on a piece of edge, uniformly by the angle at the query point.
+fn sample_angle(d: f32, l: [f32; 2], u: f32) -> f32 {
+    // Rotates (d, l₀) by a fraction of the angle. This is precise even if the query point is almost on the edge's line.
     let (sin, cos) = (angle(d, l) * u).sin_cos();
     let at = d * (l[0] * cos + d * sin) / (d * cos - l[0] * sin).max(1e-6 * d);
     at.clamp(l[0], l[1])
 }
 
-/// Density of [`place`] by length.
-pub fn even(d: f32, l: [f32; 2], at: f32) -> f32 {
+/// Density of [`sample_angle`], by length.
+pub fn angle_pdf(d: f32, l: [f32; 2], at: f32) -> f32 {
     if at < l[0] || at > l[1] { 0.0 } else { d / ((d * d + at * at) * angle(d, l)) }
 }
 
-/// The angle at which a piece of edge at distance `d`, from l₀ to l₁, is seen.
+/// The angle that a piece of edge at distance `d`, from l₀ to l₁, subtends at the query point.
 fn angle(d: f32, [l0, l1]: [f32; 2]) -> f32 {
     (d * (l1 - l0)).atan2(d * d + l0 * l1)
 }
 
-/// ∫ sinφ cosθ / |q|² dl over a piece of edge at distance `d`, from l₀ to l₁, at whose points the normal's component of q is
-/// a + b l: what the piece means to a Lambertian surface, for an even jump and velocity. Kept positive.
+/// ∫ sinφ cosθ / |q|² dl over a piece of edge at distance `d`, from l₀ to l₁: its importance for a Lambertian surface if jump and velocity
+/// are constant along it. The component of q along the surface's normal is a + b l. The result is clamped to be positive.
 fn irradiance(d: f32, l: [f32; 2], a: f32, b: f32) -> f32 {
     let [l0, l1] = l;
     let (r0, r1) = (d * d + l0 * l0, d * d + l1 * l1);
@@ -180,7 +186,7 @@ mod tests {
     use super::*;
     use crate::math::Pcg32;
 
-    /// Edges about a surface in the plane y = 0 that reflects narrowly.
+    /// Edges around a point of the plane y = 0 with a cosine lobe and a narrow one.
     #[test]
     fn the_importance_of_an_edge_is_the_integral_over_it_and_positions_have_their_density() {
         let mut rng = Pcg32::new(9);

@@ -6,7 +6,7 @@
 
 use glam::{DVec2, Vec2};
 
-use super::pieces::{Class, PIECE, Piece, before, classify};
+use super::pieces::{EdgeClass, MAX_PIECE_LENGTH, Piece, classify, clip_to_front};
 use crate::grad::mirrors::viewpoint::Viewpoint;
 use crate::image::Image;
 use crate::render::edges::Edge;
@@ -16,7 +16,7 @@ use crate::render::{Lens, Projection, Settings};
 const CORNERS: [Vec2; 4] = [Vec2::new(-1.0, -1.0), Vec2::new(1.0, -1.0), Vec2::new(1.0, 1.0), Vec2::new(-1.0, 1.0)];
 
 /// Kind of an edge; `None` if nothing can jump there for any point of the lens.
-pub fn classify_through_lens(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Option<Class> {
+pub fn classify_through_lens(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Option<EdgeClass> {
     let p = edge.point(0.5);
     let along = (edge.p[1] - edge.p[0]).as_dvec3();
     // Sides of all faces' planes: where the corners agree, so does all of the lens.
@@ -26,7 +26,7 @@ pub fn classify_through_lens(viewpoint: &Viewpoint, edge: &Edge, settings: &Sett
         edge.faces.iter().map(move |f| along.cross((f.opposite - edge.p[0]).as_dvec3()).dot(dir) > 0.0)
     };
     if CORNERS[1..].iter().any(|&c| sides(c).ne(sides(CORNERS[0]))) {
-        return Some(Class { weight: 1.0, contour: true });
+        return Some(EdgeClass { weight: 1.0, contour: true });
     }
     classify(viewpoint, edge, settings)
 }
@@ -36,7 +36,7 @@ pub fn blurred(viewpoint: &Viewpoint, edge: &Edge) -> Vec<Piece> {
     /// Shortest part of an edge's length on film that is cut again.
     const LEAST: f64 = 1e-4;
     let camera = &viewpoint.camera;
-    let Some((whole, [z0, z1])) = before(viewpoint, edge) else { return Vec::new() };
+    let Some((whole, [z0, z1])) = clip_to_front(viewpoint, edge) else { return Vec::new() };
     let perspective = camera.projection == Projection::Perspective;
     // Along the line on film 1/depth is linear (and so is the blur, but for its sign), without perspective the depth.
     let depth = |t: f64| if perspective { 1.0 / ((1.0 - t) / z0 + t / z1) } else { (1.0 - t) * z0 + t * z1 };
@@ -45,12 +45,12 @@ pub fn blurred(viewpoint: &Viewpoint, edge: &Edge) -> Vec<Piece> {
     let mut rest = vec![(0.0, 1.0)];
     while let Some((from, to)) = rest.pop() {
         let part = whole.part(from, to);
-        let blur = camera.blur(depth(from)).max(camera.blur(depth(to))) + 1.0;
+        let blur = camera.blur_radius(depth(from)).max(camera.blur_radius(depth(to))) + 1.0;
         let piece = Piece { sa: whole.parameter(from), sb: whole.parameter(to), ta: 0.0, tb: 1.0, blur, ..part };
         if piece.share_on_film(size) <= 0.0 {
             continue;
         }
-        if piece.a.distance(piece.b) > blur.max(PIECE) && to - from > LEAST {
+        if piece.a.distance(piece.b) > blur.max(MAX_PIECE_LENGTH) && to - from > LEAST {
             let middle = 0.5 * (from + to);
             rest.extend([(middle, to), (from, middle)]);
         } else {

@@ -11,7 +11,7 @@ pub mod pieces;
 use glam::{DVec2, Vec2, Vec3};
 
 use self::lens::{blurred, classify_through_lens};
-use self::pieces::{Piece, classify, clip, curved, even_cuts, is_straight, lines, pixel_cuts};
+use self::pieces::{Piece, classify, clip, curved_pieces, even_cuts, is_straight, ordered_edges, pixel_cuts};
 use crate::grad::estimate::{Draw, Estimate, Pass, Sequence};
 use crate::grad::layers::Sides;
 use crate::grad::mirrors::viewpoint::{CameraConnection, Viewpoint};
@@ -89,7 +89,7 @@ impl<'a> PrimaryEdges<'a> {
         let mut pieces = Vec::new();
         let mut lengths = Vec::new();
         for (v, viewpoint) in viewpoints.iter().enumerate() {
-            let widest = f64::from(viewpoint.camera.widest());
+            let max_radius = f64::from(viewpoint.camera.max_ideal_radius());
             let class = |edge: &Edge| {
                 if lens {
                     classify_through_lens(viewpoint, edge, settings)
@@ -98,14 +98,14 @@ impl<'a> PrimaryEdges<'a> {
                 }
             };
             let table = &viewpoint.scene.edges_of(settings.output).edges;
-            for line in lines(table, class) {
+            for line in ordered_edges(table, class) {
                 let edge = &table[line.edge as usize];
                 let start = pieces.len();
                 let mut add = |piece: Piece| pieces.push(Piece { edge: line.edge, viewpoint: v as u32, ..piece });
                 if lens {
                     blurred(viewpoint, edge).into_iter().for_each(&mut add);
                 } else if !straight {
-                    curved(viewpoint, edge, widest).into_iter().for_each(&mut add);
+                    curved_pieces(viewpoint, edge, max_radius).into_iter().for_each(&mut add);
                 } else if let Some(segment) = clip(viewpoint, edge) {
                     let cuts = if enumerate { pixel_cuts(&segment) } else { even_cuts(&segment) };
                     cuts.windows(2).map(|c| segment.part(c[0], c[1])).for_each(&mut add);
@@ -130,7 +130,7 @@ impl<'a> PrimaryEdges<'a> {
     /// Weights by length, by the adjoint image, and by the jump that a few pilot samples find: edges that are hidden or show
     /// no contrast get little. Pilots are independent of the samples they plan, and no piece is left out, so the estimate
     /// stays unbiased. One pilot a piece does what a depth buffer would, is exact where that is conservative, and costs one sample
-    /// in `PIECE`·spp: with a depth buffer besides no derivative had less noise, and all took longer (docs/efficiency.md).
+    /// in `MAX_PIECE_LENGTH`·spp: with a depth buffer besides no derivative had less noise, and all took longer (docs/efficiency.md).
     fn plan_samples(&self, lengths: &[f64], adjoint: &Image) -> Plan {
         let spp = f64::from(self.settings.spp.max(1));
         let total: f64 = lengths.iter().sum();
