@@ -65,7 +65,7 @@ impl Checker<'_> {
         }
     }
 
-    /// What can be drawn as a curve.
+    /// Checks that a value can be drawn as a curve.
     fn plotted(&mut self, value: &ast::Expr) -> hir::Expr {
         let value = self.expr(value, None).expr;
         if !matches!(value.ty, Ty::Num(_) | Ty::Angle) && !value.ty.is_unknown() {
@@ -88,7 +88,7 @@ impl Checker<'_> {
         (!known).then(|| format!("{stem}.{}", name.text))
     }
 
-    /// Where something is written; `saved` is the type of what is saved.
+    /// Checks the name of an output file; `saved` is the type of the value that is saved.
     fn path(&mut self, path: &ast::Expr, saved: Option<&Ty>) -> hir::Expr {
         if let Some(name) = self.unquoted(path) {
             self.diagnostics.push(
@@ -125,7 +125,7 @@ impl Checker<'_> {
             Ty::Mesh => &["obj", "ply", "json", "txt"],
             _ => &["png", "exr", "hdr", "obj", "ply", "json", "csv", "npy", "txt"],
         };
-        // The ending is known even where the name is interpolated.
+        // The extension may be known even if the name is interpolated.
         let tail = match (&typed.expr.kind, &typed.value) {
             (_, Some(Const::Str(text))) => Some((text.as_str(), true)),
             (hir::ExprKind::Str(parts), _) => match parts.last() {
@@ -145,7 +145,7 @@ impl Checker<'_> {
                     .label(path.span, "unknown ending")
                     .help(format!("the endings are: {shown}")),
             ),
-            // `"{name}"` may end in anything.
+            // A name that ends with an interpolation may have any extension.
             None if whole || !file.is_empty() => self.diagnostics.push(
                 Diagnostic::error("dscene::file::format", "the name of a file ends in what it is")
                     .label(path.span, "has no ending")
@@ -241,7 +241,7 @@ impl Checker<'_> {
         self.ranged_field(field, &Sig::Int(Vec::new()), 1.0, f64::INFINITY)
     }
 
-    /// A number that, if it is known, lies within both ends.
+    /// Checks a number that must lie within bounds, if its value is known.
     fn ranged_field(&mut self, field: &ast::Field, wanted: &Sig, low: f64, high: f64) -> hir::Expr {
         let typed = self.checked_value(field, wanted);
         let domain = hir::Domain { low, high, above_low: false, below_high: false, angle: false };

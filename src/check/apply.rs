@@ -1,4 +1,4 @@
-//! What a call gives: the body of a function, checked once for each combination of argument types; function values.
+//! Result types of calls: the body of a function is checked once for each combination of argument types. Also calls of function values.
 
 use std::sync::Arc;
 
@@ -14,14 +14,14 @@ use crate::diag::{Diagnostic, Label};
 use crate::source::Span;
 use crate::syntax::ast::{self, StatementKind};
 
-/// What is known of an argument: its type, and its value unless that is long.
+/// What the checker knows about an argument: its type, and its value if that is known and short.
 type Fact = Option<(Ty, Option<Const>)>;
 
-/// Calls within calls: a function is checked anew for so many different values of its arguments, and then for their types only.
-/// `f1 = x => f0(f0(x))`, `f2 = x => f1(f1(x))`, … would else be followed through as many calls as it makes.
+/// Within calls, a function is checked again for at most so many different values of its arguments, and beyond that for their types only.
+/// Otherwise `f1 = x => f0(f0(x))`, `f2 = x => f1(f1(x))`, … would be checked through exponentially many calls.
 const MOST_VALUES: u32 = 64;
 
-/// And for so many different types; of further ones the result is not known.
+/// Most different argument types for which a function is checked within calls; for further ones the result type is unknown.
 const MOST_TYPES: u32 = 256;
 
 impl Checker<'_> {
@@ -45,7 +45,7 @@ impl Checker<'_> {
             && given.iter().any(|g| g.name.is_some())
             && callee.expr.ty != Ty::Error
         {
-            // Its names are known, so it is called as if by its own.
+            // The function is known, so its parameter names are too, and it is called like a declared function.
             let name = self.slot(id).name.text.clone();
             let site = Site { name: &name, span: callee.expr.span, is_kind: false };
             return self.call_decl(id, given, site, span);
@@ -95,7 +95,7 @@ impl Checker<'_> {
         Typed { value, ..typed(ExprKind::Call(Box::new(call)), span, result) }
     }
 
-    /// How many arguments a known function needs.
+    /// Number of arguments that a known function requires: its parameters without a default.
     fn required(&mut self, function: &Function) -> Option<usize> {
         match function {
             Function::Declared(id) => Some(self.signature(*id)?.params.iter().filter(|p| !p.has_default).count()),
@@ -160,7 +160,8 @@ impl Checker<'_> {
         slots.into_iter().flatten().collect()
     }
 
-    /// A function given for a parameter of function type takes what that says and gives what it wants.
+    /// Checks a function that is given for a parameter of function type: it must accept the declared arguments and return the declared
+    /// type.
     pub fn check_function_argument(&mut self, sig: &Sig, param: &str, arg: &Typed, site: Site) {
         let (Sig::Fn(params, result), Some(Const::Function(function))) = (sig, &arg.value) else { return };
         let (least, most) = match &arg.expr.ty {
@@ -194,7 +195,7 @@ impl Checker<'_> {
         }
     }
 
-    /// What a known function value gives for these arguments, as many as it has parameters.
+    /// The result type of a known function value for these arguments, one for each parameter.
     fn applied(&mut self, function: &Arc<Function>, args: &[Typed], callee: Span, span: Span) -> (Ty, Option<Const>) {
         match &**function {
             Function::OneOf(all) => {
@@ -283,7 +284,7 @@ impl Checker<'_> {
         }
     }
 
-    /// Checks a function's body for these argument types; its errors are told with the call that leads to them.
+    /// Checks a function's body for these argument types. Errors in it are reported with the call that leads to them.
     pub fn instance(
         &mut self,
         id: DeclId,
@@ -330,15 +331,16 @@ impl Checker<'_> {
         })
     }
 
-    /// What a call tells a function of its arguments: types, and values unless they are long, or too many were told already.
+    /// The facts about its arguments with which a function is checked: types, and values unless they are long or too many different
+    /// values were checked already.
     fn facts<'a>(&self, function: FunctionKey, args: impl Iterator<Item = Option<&'a Typed>>) -> Vec<Fact> {
         let many = self.nested > 0 && self.specialised.get(&function).is_some_and(|n| *n >= MOST_VALUES);
         let small = |c: &Const| !many && !matches!(c, Const::List(items) if items.len() > 16);
         args.map(|a| a.map(|a| (a.expr.ty.clone(), a.value.clone().filter(small)))).collect()
     }
 
-    /// Checks a function's body without the locals of the caller, once for what is known of its arguments; its errors are told
-    /// with the call in `span`.
+    /// Checks a function's body without the locals of the caller, once for each set of facts about its arguments. Errors in it are
+    /// reported with the call in `span`.
     fn once(
         &mut self,
         function: FunctionKey,
@@ -359,7 +361,7 @@ impl Checker<'_> {
             }
             *instances += 1;
         }
-        // Stands for itself should it be called from within.
+        // A placeholder, in case the function calls itself.
         let nothing = Instance { ty: Ty::Error, value: None };
         self.instances.insert(key.clone(), nothing);
         let outer = std::mem::take(&mut self.diagnostics);
@@ -377,7 +379,7 @@ impl Checker<'_> {
             if user {
                 shown.labels.push(Label { span, text: format!("in this call of `{name}`") });
             } else {
-                // The library's inside is none of the user's business.
+                // Errors inside of the standard library are not shown to the user.
                 shown.message = format!("`{name}` does not go with these arguments: {}", shown.message);
                 shown.labels.retain(|l| self.modules[self.module].user && l.span.source == span.source);
                 shown.labels.insert(0, Label { span, text: "in this call".to_owned() });

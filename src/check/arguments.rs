@@ -1,4 +1,4 @@
-//! The arguments of a call of a native, by the names of its declaration.
+//! The arguments of a call of a native, by the names of its parameters.
 
 use super::infer::Typed;
 use super::modules::Signature;
@@ -20,7 +20,7 @@ impl<'a> Arguments<'a> {
         self.signature.params.iter().position(|p| p.name == name)
     }
 
-    /// The argument of that name, if the call gives it.
+    /// The argument with a name, if the call gives it.
     pub fn get(&self, name: &str) -> Option<&'a Typed> {
         self.found.get(self.index(name)?)?.as_ref()
     }
@@ -29,7 +29,7 @@ impl<'a> Arguments<'a> {
         self.found.first()?.as_ref()
     }
 
-    /// All arguments that the call gives, in the order of the declaration.
+    /// All arguments that the call gives, in the order of the parameters.
     pub fn given(&self) -> impl Iterator<Item = &'a Typed> + use<'a> {
         self.found.iter().flatten()
     }
@@ -38,7 +38,7 @@ impl<'a> Arguments<'a> {
         self.get(name).map(|a| &a.expr.ty)
     }
 
-    /// The argument's value, if it is known before anything runs.
+    /// The value of an argument, if it is known before the program runs.
     pub fn value(&self, name: &str) -> Option<&'a Const> {
         self.get(name)?.value.as_ref()
     }
@@ -51,7 +51,7 @@ impl<'a> Arguments<'a> {
         self.value(name)?.count()
     }
 
-    /// The count that was given, or the one that stands for a missing argument.
+    /// A count that the call gives, or its default.
     pub fn count_or(&self, name: &str, default: usize) -> Option<usize> {
         if self.get(name).is_none() { Some(default) } else { self.count(name) }
     }

@@ -164,13 +164,13 @@ fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
             _ => bad(),
         },
         Lt | Le | Gt | Ge => match (a, b) {
-            // A mask if it is an array.
+            // Comparing arrays gives a mask.
             (Ty::Any, other) | (other, Ty::Any) if other.is_unknown() || other.is_scalar() => Ok(Ty::Any),
             (Ty::Any, Ty::Num(_) | Ty::Image { .. }) | (Ty::Num(_) | Ty::Image { .. }, Ty::Any) => {
                 broadcast(a, b).ok_or_else(String::new)
             }
             _ if a.is_scalar() && b.is_scalar() => Ok(Ty::Bool),
-            // A mask: 1 where it is true of the elements, 0 elsewhere.
+            // A mask has 1 where the condition holds for the elements and 0 elsewhere.
             (Ty::Num(_) | Ty::Image { .. }, Ty::Num(_) | Ty::Image { .. }) => broadcast(a, b).ok_or_else(String::new),
             (Ty::Estimate(_), other) | (other, Ty::Estimate(_)) if other.is_scalar() => {
                 Err("take the estimate's `.mean`".to_owned())
@@ -213,7 +213,8 @@ fn with_units(op: BinaryOp, a: &Ty, b: &Ty) -> Option<Result<Ty, String>> {
     })
 }
 
-/// The type of `a op b` where one side is made of angles and the other is not known: it may be numbers or angles, one or many.
+/// The type of `a op b` where one side is made of angles and the type of the other is unknown: it may be numbers or angles, scalars or
+/// arrays.
 fn unit_and_unknown(op: BinaryOp, a: &Ty, b: &Ty) -> Option<Result<Ty, String>> {
     use BinaryOp::*;
     if !(a.is_angle() && *b == Ty::Any || *a == Ty::Any && b.is_angle()) {
@@ -226,7 +227,7 @@ fn unit_and_unknown(op: BinaryOp, a: &Ty, b: &Ty) -> Option<Result<Ty, String>> 
     })
 }
 
-/// Whether `==` has a meaning: it compares the whole.
+/// Whether `==` can compare these types. It compares values as a whole.
 fn comparable(a: &Ty, b: &Ty) -> bool {
     match (a, b) {
         _ if a.is_unknown() || b.is_unknown() => true,
@@ -238,7 +239,7 @@ fn comparable(a: &Ty, b: &Ty) -> bool {
     }
 }
 
-/// The type of an operation on two values of one unit, element by element: numbers with numbers or images, angles with angles.
+/// The type of an element-wise operation on two values of one unit: numbers with numbers or images, or angles with angles.
 pub fn together(a: &Ty, b: &Ty) -> Option<Ty> {
     match (a.quantity(), b.quantity()) {
         (Some((x, true)), Some((y, true))) => match broadcast(&Ty::Num(x), &Ty::Num(y))? {
@@ -292,7 +293,7 @@ fn applied(a: &Ty, b: &Ty) -> Result<Ty, String> {
     }
 }
 
-/// Whether an expression says that it is a matrix, and not just an array of rows.
+/// Whether an expression is written as a matrix, and not only as an array of rows.
 fn is_matrix(checker: &Checker, e: &Expr, depth: usize) -> bool {
     match &e.kind {
         ExprKind::Call(call) => match &call.callee {
@@ -307,7 +308,8 @@ fn is_matrix(checker: &Checker, e: &Expr, depth: usize) -> bool {
     }
 }
 
-/// Shapes are aligned at their last axes; a length of 1 is repeated. Images go with numbers for all pixels or channels.
+/// Broadcasts two shapes: they are aligned at their last axes, and a length of 1 is repeated. Images combine with numbers for all pixels
+/// or for each channel.
 pub fn broadcast(a: &Ty, b: &Ty) -> Option<Ty> {
     match (unknown_as_any(a), unknown_as_any(b)) {
         (Ty::Any, Ty::Num(_) | Ty::Image { .. } | Ty::Any) => {
@@ -350,7 +352,7 @@ pub fn broadcast(a: &Ty, b: &Ty) -> Option<Ty> {
     }
 }
 
-/// Of an array of what is not known, nothing is known.
+/// The elements of an array of unknown type are unknown.
 fn unknown_as_any(ty: &Ty) -> &Ty {
     if ty.may_be_numbers() { &Ty::Any } else { ty }
 }
@@ -372,7 +374,7 @@ fn negate(value: &Const) -> Option<Const> {
     })
 }
 
-/// What is known of both sides is computed; sizes, bounds and indices need it.
+/// Computes the value if those of both sides are known: sizes, bounds and indices need it.
 fn compute(op: BinaryOp, a: &Const, b: &Const) -> Option<Const> {
     use BinaryOp::*;
     if op == Apply {

@@ -24,7 +24,8 @@ impl Checker<'_> {
         Typed { value, ..typed(kind, span, ty) }
     }
 
-    /// Items of one numeric shape are a tensor; items of one other type a list; mixed ones a tuple; of what is not known a list.
+    /// The type of an array literal: a tensor for items of one numeric shape, a list for items of one other type or of unknown type, and
+    /// a tuple for mixed types.
     pub(super) fn array_type(&mut self, items: &[Typed], wanted: Option<&Sig>) -> Ty {
         let n = Some(items.len());
         let Some(first) = items.iter().find(|i| !i.expr.ty.is_unknown()) else {
@@ -68,7 +69,7 @@ impl Checker<'_> {
                 }
             }
         }
-        // Of one item that is not known the others do not tell the type.
+        // If the type of one item is unknown, that of the list is not known from the others.
         stack(if items.iter().any(|i| i.expr.ty == Ty::Any) { Ty::Any } else { joined }, n)
     }
 
@@ -76,7 +77,7 @@ impl Checker<'_> {
         let depth = self.locals.len();
         let mut out = Vec::new();
         let mut count: Dim = Some(1);
-        // Items of different types: what is done with each is checked for each.
+        // The items have different types, so the element is checked for each of them.
         let mut mixed: Option<(Vec<Ty>, Vec<Option<Const>>)> = None;
         for clause in clauses {
             let items = self.expr(&clause.items, None);
@@ -137,7 +138,8 @@ impl Checker<'_> {
         typed(ExprKind::Comprehension(Box::new(hir::Comprehension { element, clauses: out })), span, ty)
     }
 
-    /// The type of a comprehension's elements where items have different types: one type all the same.
+    /// The type of a comprehension's elements if items have different types: the element is checked for each item, and all results must
+    /// have a common type.
     pub(super) fn each_part(
         &mut self,
         element: &ast::Expr,
@@ -186,7 +188,7 @@ impl Checker<'_> {
         all
     }
 
-    /// Loop variables: one for the item, or one for each part of it.
+    /// Loop variables: one name for the item, or one for each of its parts.
     pub(super) fn bind(&mut self, names: &[ast::Name], item: &Ty, span: Span) -> Vec<hir::LocalId> {
         if let [name] = names {
             return vec![self.new_local(&name.text, item.clone(), None)];
@@ -217,7 +219,7 @@ impl Checker<'_> {
         names.iter().enumerate().map(|(i, n)| self.new_local(&n.text, part(i), None)).collect()
     }
 
-    /// What an element is counted by: an index, or an end of a slice.
+    /// Checks an index, or an end of a slice.
     fn index_number(&mut self, number: &ast::Expr) -> Typed {
         let typed = self.expr(number, None);
         let ty = &typed.expr.ty;
@@ -260,7 +262,7 @@ impl Checker<'_> {
                 }
             }
             (_, Some(found)) => found,
-            // A row of pixels.
+            // An index into an image gives a row of pixels.
             (Ty::Image { height, width, channels, .. }, None) => (Ty::Num(vec![*width, *channels]), *height),
             (ty, None) => {
                 self.diagnostics.push(
@@ -332,7 +334,7 @@ impl Checker<'_> {
             Some(b.min(n).saturating_sub(a))
         });
         let ty = match &base.expr.ty {
-            // Of items of different types some.
+            // A slice of a tuple is a tuple if its ends are known, and else an array of unknown items.
             Ty::Tuple(parts) if is_mixed(&base.expr.ty) => {
                 let first = known(0, parts.len(), 0);
                 match first.zip(count).and_then(|(first, n)| parts.get(first..first + n)) {
@@ -368,7 +370,7 @@ impl Checker<'_> {
         typed(kind, span, Ty::Num(vec![count]))
     }
 
-    /// A condition: a bool.
+    /// Checks a condition, which must be a bool.
     pub fn condition(&mut self, e: &ast::Expr) -> hir::Expr {
         let condition = self.expr(e, None).expr;
         if !condition.ty.is_unknown() && condition.ty != Ty::Bool {
@@ -390,7 +392,7 @@ impl Checker<'_> {
     }
 }
 
-/// What an array of `wanted` asks of each element.
+/// The type that each element of an array must have if the array must have the type `wanted`.
 fn element_sig(wanted: &Sig) -> Option<Sig> {
     match wanted {
         Sig::List(item, _) => Some((**item).clone()),
@@ -400,7 +402,7 @@ fn element_sig(wanted: &Sig) -> Option<Sig> {
     }
 }
 
-/// What is known of the parts of a list's items, for `for a, b in …`: functions, as one of several.
+/// What is known about the parts of a list's items, for `for a, b in …`: if they are functions, one of several.
 fn columns(list: &Const, n: usize) -> Vec<Option<Const>> {
     let Const::List(rows) = list else { return Vec::new() };
     let column = |i: usize| {
@@ -414,7 +416,7 @@ fn columns(list: &Const, n: usize) -> Vec<Option<Const>> {
     (0..n).map(column).collect()
 }
 
-/// How many constants there are in these, and in theirs.
+/// Number of constants in these, nested ones included.
 pub(super) fn size(items: &[Const]) -> usize {
     items.iter().map(|i| if let Const::List(items) = i { size(items) } else { 1 }).sum()
 }

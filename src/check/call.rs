@@ -1,4 +1,4 @@
-//! Calls: arguments to parameters, type variables, one check of a function's body for each combination of argument types.
+//! Calls: matching arguments to parameters, type variables, and one check of a function's body for each combination of argument types.
 
 use super::arguments::Arguments;
 use super::arith::{image_sizes, together};
@@ -13,10 +13,10 @@ use crate::diag::{Diagnostic, did_you_mean};
 use crate::source::Span;
 use crate::syntax::ast::{self, StatementKind};
 
-/// Functions call functions at most so deep.
+/// Most nested calls of functions.
 pub const MAX_CALL_DEPTH: usize = 48;
 
-/// What is called, in words: a function with arguments or a kind with fields.
+/// Words for messages about the callee: a function with arguments, or a kind with fields.
 #[derive(Clone, Copy)]
 pub struct Site<'a> {
     pub name: &'a str,
@@ -56,7 +56,7 @@ impl Checker<'_> {
             if let Some(kind) = DerivativeKind::named(&name) {
                 return self.derivative(kind, &name, &given, callee.span, span);
             }
-            // `constant` is a light, and where a number is wanted a schedule.
+            // `constant` is a light, but a schedule where a number is wanted.
             let number = matches!(wanted, Some(Sig::Is(Ty::Num(_)) | Sig::Int(_) | Sig::Number));
             if name == "constant"
                 && number
@@ -70,8 +70,8 @@ impl Checker<'_> {
         self.call_decl(id, &given, site, span)
     }
 
-    /// The function that a name means before `(`. A value of yours hides a function of the library only where it can
-    /// itself be called: `let depth = depth(eye)` is fine.
+    /// The function that a name before `(` means. A user's value shadows a function of the library only if it can be called itself: `let
+    /// depth = depth(eye)` is allowed.
     fn called(&self, name: &str) -> Option<DeclId> {
         let is_function = |id: &DeclId| matches!(self.slot(*id).statement.kind, StatementKind::Fn(_));
         let library = || self.builtin(name).filter(is_function);
@@ -116,7 +116,7 @@ impl Checker<'_> {
         self.call_decl(id, &given, site, all)
     }
 
-    /// The arguments are still worth checking.
+    /// The arguments are checked all the same, to report errors in them.
     pub fn after_error(&mut self, given: &[Given], span: Span) -> Typed {
         for given in given {
             self.expr(given.value, None);
@@ -182,7 +182,7 @@ impl Checker<'_> {
         Typed { value, ..typed(kind, span, ty) }
     }
 
-    /// For each parameter, which of the given arguments it takes.
+    /// By parameter: the index of the argument that it takes.
     pub fn match_arguments(
         &mut self,
         signature: &Signature,
@@ -193,7 +193,7 @@ impl Checker<'_> {
         let params = &signature.params;
         let mut out: Vec<Option<usize>> = vec![None; params.len()];
         let mut named = false;
-        // Parameters that an unknown name was probably meant to be.
+        // Parameters that misspelled names were probably meant for.
         let mut meant: Vec<usize> = Vec::new();
         if self.is_other_light(given, site, params) {
             return out;
@@ -243,7 +243,7 @@ impl Checker<'_> {
         out
     }
 
-    /// An argument by position after one by name, which was probably meant for the parameter `slot`.
+    /// Reports a positional argument after a named one; it was probably meant for the parameter `slot`.
     fn report_disorder(&mut self, arg: &Given, slot: Option<&str>) {
         let text = self.sources.text(arg.value.span);
         let help = match slot {
@@ -270,7 +270,7 @@ impl Checker<'_> {
         );
     }
 
-    /// A name that no parameter has; gives the parameter that it was probably meant to be.
+    /// Reports a name that no parameter has; returns the parameter that it was probably meant for.
     fn report_unknown_argument(&mut self, params: &[SigParam], name: &ast::Name, site: Site) -> Option<usize> {
         let known: Vec<&str> = params.iter().map(|p| p.name.as_str()).collect();
         let foreign = crate::diag::advice::field(&name.text, &known);
@@ -316,7 +316,7 @@ impl Checker<'_> {
         );
     }
 
-    /// `light NAME { position: …, intensity: … }`: fields of a light that has none, said once.
+    /// Reports fields that a light does not have, such as those of another light in `light NAME { position: …, intensity: … }`, once.
     fn is_other_light(&mut self, given: &[Given], site: Site, params: &[SigParam]) -> bool {
         if !(site.is_kind && site.name == "light") {
             return false;
@@ -354,7 +354,7 @@ impl Checker<'_> {
         format!("{}({})", self.slot(id).name.text, params.join(", "))
     }
 
-    /// Arguments of one type variable must go together.
+    /// Arguments whose parameters share a type variable must have compatible types.
     pub fn bind_variable(
         &mut self,
         sig: &Sig,
@@ -446,7 +446,7 @@ impl Checker<'_> {
         self.diagnostics.push(Diagnostic::error(code, message).label(arg.expr.span, label).help_opt(help));
     }
 
-    /// What to write instead, where one type is commonly taken for another.
+    /// A help text for types that are commonly confused.
     pub fn conversion_help(&self, wanted: &Sig, found: &Typed, span: Span) -> Option<String> {
         let text = self.sources.text(span);
         let short = if text.len() <= 40 && !text.contains('\n') { text } else { "…" };
@@ -467,7 +467,7 @@ impl Checker<'_> {
                 if literal {
                     format!("write `{short}deg` or `{short}rad`")
                 } else {
-                    // `pi / 4` is thought in radians.
+                    // Someone who writes `pi / 4` means radians.
                     let bracketed = short.contains(['+', '-', '/', '<', '>', '=']) || short.contains(" if ");
                     let unit = if short.contains("pi") || short.contains("tau") { "rad" } else { "deg" };
                     if bracketed {
@@ -512,7 +512,7 @@ impl Checker<'_> {
         })
     }
 
-    /// `adam()` for `"adam"`, where an optimiser is wanted.
+    /// Suggests `adam()` for `"adam"` where an optimiser is wanted.
     fn named_value(&self, wanted: &Sig, found: &Typed) -> Option<String> {
         let Some(Const::Str(name)) = &found.value else { return None };
         let plain = name.to_lowercase();
@@ -555,7 +555,7 @@ impl Checker<'_> {
     }
 }
 
-/// The next parameter that has no argument yet and that nobody names.
+/// The next parameter without an argument that no named argument is for.
 fn next_unnamed(params: &[SigParam], given: &[Given], taken: &[Option<usize>]) -> Option<usize> {
     let is_named = |p: &SigParam| given.iter().any(|g| g.name.as_ref().is_some_and(|n| n.text == p.name));
     (0..params.len()).find(|&s| taken[s].is_none() && !is_named(&params[s]))

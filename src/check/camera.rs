@@ -1,4 +1,4 @@
-//! Cameras, spot lights and what moves: numbers that contradict one another before anything runs.
+//! Checks numbers of cameras, spot lights and moving things that contradict one another, before anything runs.
 
 use super::arguments::Arguments;
 use super::modules::Checker;
@@ -7,7 +7,7 @@ use super::types::Ty;
 use crate::diag::Diagnostic;
 use crate::source::Span;
 
-/// Width, height and the place of a camera's film, if known.
+/// Width and height of a camera's film, if known, and its place in the source.
 pub fn camera_film(args: Arguments) -> Option<(usize, usize, Span)> {
     let film = args.get("film")?;
     let Some(Const::List(items)) = &film.value else { return None };
@@ -71,7 +71,7 @@ impl Checker<'_> {
         );
     }
 
-    /// `aperture`, `focus` and `shutter`.
+    /// Checks `aperture`, `focus` and `shutter`.
     fn check_lens(&mut self, args: Arguments, whole_turn: bool) {
         let number = |name: &str| Some((args.number(name)?, args.get(name)?.expr.span));
         if let Some((focus, span)) = number("focus").filter(|(x, _)| *x <= 0.0) {
@@ -126,7 +126,7 @@ impl Checker<'_> {
         self.diagnostics.push(Diagnostic::error(code, message).label(span, label).help(help));
     }
 
-    /// What moves is the same thing at both keyframes.
+    /// Checks that a moving thing is the same at both keyframes.
     pub(super) fn check_keyframes(&mut self, args: Arguments) {
         let (Some(opening), Some(closing)) = (args.get("opening"), args.get("closing")) else { return };
         let (opening, closing) = (&opening.expr, &closing.expr);
@@ -166,7 +166,7 @@ impl Checker<'_> {
         }
     }
 
-    /// A spot light fades between its `beam` and its `cutoff`.
+    /// Checks that a spot light's `beam` is less than its `cutoff`, between which it fades.
     pub(super) fn check_cone(&mut self, args: Arguments) {
         let known = |name: &str| match args.value(name)? {
             Const::Angle(a) => Some((*a, args.get(name)?.expr.span)),

@@ -12,14 +12,14 @@ use crate::diag::{Diagnostic, did_you_mean};
 use crate::source::Span;
 use crate::syntax::ast::{self, KindBody, StatementKind};
 
-/// Longer circles of declarations are not told link by link.
+/// Longer cycles of declarations are not reported link by link.
 const LONGEST_CYCLE: usize = 12;
 
 /// Settings of a param.
 const PARAM_SETTINGS: [&str; 3] = ["lr", "scale", "frozen"];
 
 impl Checker<'_> {
-    /// Checks a declaration if that was not done yet. A cycle is reported and gives the error type.
+    /// Checks a declaration unless it was checked already. A cycle is reported and has the error type.
     pub fn declare(&mut self, id: DeclId) {
         match self.slot(id).state {
             State::Done => {}
@@ -114,7 +114,7 @@ impl Checker<'_> {
         sig
     }
 
-    /// A value checked against its annotation.
+    /// Checks a value against its annotation.
     fn annotated(&mut self, ty: Option<&ast::Type>, value: &ast::Expr) -> Typed {
         let Some(ty) = ty else { return self.expr(value, None) };
         let sig = self.sig(ty);
@@ -131,7 +131,7 @@ impl Checker<'_> {
         self.coerce(&sig, typed)
     }
 
-    /// Spreads a scalar over a declared `color`, and sharpens or blurs the type to what is known.
+    /// Spreads a scalar over a declared `color`, and combines the declared type with what is known about the value.
     pub fn coerce(&mut self, sig: &Sig, mut typed: Typed) -> Typed {
         if let Some(shape) = sig.spread(&typed.expr.ty) {
             let span = typed.expr.span;
@@ -144,7 +144,7 @@ impl Checker<'_> {
             let known = typed.expr.ty != Ty::Error;
             typed.expr.ty = sig.ty();
             if known && matches!(sig, Sig::Color) {
-                // A number or three: known when it is there.
+                // A number or a colour: known only at run time.
                 let (span, ty) = (typed.expr.span, sig.ty());
                 let kind = hir::ExprKind::Broadcast { value: Box::new(typed.expr), shape: vec![3] };
                 typed.expr = hir::Expr { kind, span, ty };
@@ -259,7 +259,7 @@ impl Checker<'_> {
             );
         }
         self.set_value(id, DeclKind::Param(Box::new(decl)), typed);
-        // The value moves: nothing may be computed from its start.
+        // A param changes, so nothing may be computed from its initial value.
         self.slot_mut(id).value = None;
     }
 
@@ -387,7 +387,7 @@ impl Checker<'_> {
                         .label(kind.span, format!("declared as a {word}"))
                         .help_opt(help.or_else(|| self.conversion_help(&wanted, &typed, value.span))),
                     );
-                    // What uses it is not to blame.
+                    // Uses of a declaration with an error are not reported.
                     Typed { expr: hir::Expr { ty: Ty::Error, ..typed.expr }, value: None }
                 } else {
                     typed
@@ -413,7 +413,7 @@ impl Checker<'_> {
         }
     }
 
-    /// Source order, whatever order the declarations were needed in; the scene's parts may not look at the scene.
+    /// The parts of the scene in source order, whatever the order in which declarations were checked. Parts must not depend on the scene.
     pub fn check_default_scene(&mut self) {
         let slots = &self.slots;
         self.default_scene.sort_by_key(|id| id.0);
@@ -533,7 +533,7 @@ impl Checker<'_> {
     fn report_cycle(&mut self, id: DeclId) {
         let from = self.stack.iter().position(|s| *s == id).unwrap_or(0);
         let cycle: Vec<DeclId> = self.stack[from..].to_vec();
-        // Of a long circle the beginning and the end: nobody follows hundreds of links.
+        // Of a long cycle only the beginning and the end are shown.
         let told =
             |i: usize| cycle.len() <= LONGEST_CYCLE || i < LONGEST_CYCLE / 2 || i + LONGEST_CYCLE / 2 >= cycle.len();
         let name = |i: usize| format!("`{}`", self.slot(cycle[i % cycle.len()]).name.text);
@@ -561,7 +561,7 @@ impl Checker<'_> {
     }
 }
 
-/// The axes, outermost first, whose lengths have names.
+/// The axes whose lengths have names, outermost first.
 fn named_lengths(ty: &ast::Type) -> Vec<(usize, String)> {
     let [atom] = ty.choices.as_slice() else { return Vec::new() };
     let names = atom.len_names.iter().rev().enumerate();
@@ -582,7 +582,7 @@ fn last_dim_fits(ty: &Ty, side: &Ty) -> bool {
     }
 }
 
-/// Whether any pair of elements satisfies the test; scalars meet every element.
+/// Whether any pair of corresponding elements satisfies the test; a scalar corresponds to every element.
 fn compare_any(a: &Const, b: &Const, test: &dyn Fn(f64, f64) -> bool) -> bool {
     match (a, b) {
         (Const::Num(a), Const::Num(b)) | (Const::Angle(a), Const::Angle(b)) => test(*a, *b),
@@ -593,7 +593,7 @@ fn compare_any(a: &Const, b: &Const, test: &dyn Fn(f64, f64) -> bool) -> bool {
     }
 }
 
-/// An expression that was reported.
+/// The expression that stands for a reported error.
 pub fn broken(span: Span) -> Typed {
     Typed { expr: error_expr(span), value: None }
 }

@@ -1,4 +1,4 @@
-//! `grad(e, p)` and its kin, and what derivatives are taken with respect to.
+//! Checks `grad(e, p)` and the other derivative operators, and the targets that derivatives are taken with respect to.
 
 use super::call::{Given, Site};
 use super::declare::broken;
@@ -60,7 +60,7 @@ impl Checker<'_> {
         typed(ExprKind::Derivative(Box::new(hir::Derivative { kind, of, wrt, argument })), span, result)
     }
 
-    /// What is differentiated is made of numbers, and one of them where that is asked for.
+    /// Checks that the differentiated expression is made of numbers, and a single number where that is required.
     fn check_differentiable(&mut self, kind: DerivativeKind, name: &str, of: &hir::Expr) {
         let numbers = of.ty.quantity().is_some()
             || matches!(of.ty, Ty::Image { .. } | Ty::Rotation | Ty::Transform | Ty::Texture)
@@ -84,7 +84,7 @@ impl Checker<'_> {
         );
     }
 
-    /// The params or fields of a derivative with their types; none where all that reach it are meant.
+    /// The targets of a derivative with their types; none if all params that the expression depends on are meant.
     #[expect(clippy::type_complexity)]
     fn all_wrt(
         &mut self,
@@ -138,7 +138,7 @@ impl Checker<'_> {
         found.expr
     }
 
-    /// What a derivative is taken with respect to: a param or a numeric field of a declaration.
+    /// Checks a target: a param or a numeric field of a declaration.
     pub fn wrt(&mut self, e: &ast::Expr) -> Option<(hir::Target, Ty)> {
         let Some(path) = path_of(e) else {
             self.diagnostics.push(

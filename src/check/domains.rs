@@ -1,5 +1,5 @@
-//! Where params go: those that arrive unchanged at an input of the library that is defined for some numbers only (`roughness:
-//! scalar in 0..1`) have to stay there, or the next step of an optimisation has no value.
+//! Finds params that are passed unchanged to an input of the library with a limited domain (`roughness: scalar in 0..1`). They have to
+//! stay in that domain, or the next step of an optimisation cannot be evaluated.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -7,11 +7,11 @@ use super::flow::children;
 use super::hir::*;
 use super::types::Ty;
 
-/// An input of the library that a param is, with the numbers that it is defined for.
+/// An input of the library to which a param is passed, with its domain.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reached {
     pub domain: Domain,
-    /// Which part of the param goes there.
+    /// The part of the param that is passed.
     pub part: Part,
     /// `conductor` and `roughness`.
     pub function: String,
@@ -22,14 +22,14 @@ pub struct Reached {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Part {
     Whole,
-    /// One along the first axis.
+    /// One element along the first axis.
     Item(usize),
-    /// Some along the last axis.
+    /// Some elements along the last axis.
     Components(Vec<usize>),
 }
 
 impl Part {
-    /// Whether the number at a flat place of a param of that shape belongs to it.
+    /// Whether the number at a flat index of a param with that shape belongs to the part.
     pub fn contains(&self, shape: &[usize], at: usize) -> bool {
         match self {
             Part::Whole => true,
@@ -39,12 +39,12 @@ impl Part {
     }
 }
 
-/// Calls and expressions that are looked at, at most, so that functions that call functions cost what they say.
+/// Most calls and expressions that are searched: functions that call functions could otherwise take exponential time.
 const MOST: usize = 200_000;
-/// Names that stand for names.
+/// Longest chain of names that stand for other names.
 const DEEPEST: usize = 100;
 
-/// For each param the domains of the inputs that it reaches as it is: through names, functions, textures, arrays and their parts.
+/// By param: the domains of the inputs to which it is passed unchanged, through names, functions, textures, arrays and their parts.
 pub fn domains(program: &Program) -> BTreeMap<DeclId, Vec<Reached>> {
     let mut walk =
         Walk { program, found: BTreeMap::new(), locals: HashMap::new(), seen: HashSet::new(), left: MOST, depth: 0 };
@@ -61,7 +61,7 @@ pub fn domains(program: &Program) -> BTreeMap<DeclId, Vec<Reached>> {
     walk.found
 }
 
-/// The domain of a field (`lamp.radiance`): that of the constructor's argument.
+/// The domain of a field (`lamp.radiance`), which is that of the constructor's argument.
 pub fn domain_of_field(program: &Program, target: &Target) -> Option<Reached> {
     let [name] = &target.path[..] else { return None };
     let mut body = program.decl(target.decl).body.as_deref()?;
@@ -85,21 +85,21 @@ fn domain(native: &NativeDecl, param: &NativeParam, part: Part) -> Option<Reache
     Some(Reached { domain, part, function: native.name.clone(), argument: param.name.clone() })
 }
 
-/// A param, or a part of it, that an expression is.
+/// A param, or part of one, that an expression equals.
 type Source = (DeclId, Part);
 
 struct Walk<'p> {
     program: &'p Program,
     found: BTreeMap<DeclId, Vec<Reached>>,
     locals: HashMap<LocalId, Vec<Source>>,
-    /// Functions that were looked into with no param among their arguments.
+    /// Functions that were already searched with no param among their arguments.
     seen: HashSet<DeclId>,
     left: usize,
     depth: usize,
 }
 
 impl<'p> Walk<'p> {
-    /// Notes the domains that an expression's calls ask for.
+    /// Collects the domains of the inputs in an expression's calls.
     fn visit(&mut self, e: &'p Expr) {
         let Some(left) = self.left.checked_sub(1) else { return };
         self.left = left;
@@ -128,7 +128,7 @@ impl<'p> Walk<'p> {
         for (param, arg) in native.params.iter().zip(&call.args) {
             if let (Some(arg), Some(mut domain)) = (arg, domain(native, param, Part::Whole)) {
                 if domain.function == "camera" && domain.domain.angle && !sees_around(native, call) {
-                    // A plane shows less than half of the world.
+                    // A perspective projection sees less than 180°.
                     domain.domain.high = domain.domain.high.min(std::f64::consts::PI);
                     domain.domain.below_high = true;
                 }
@@ -148,7 +148,7 @@ impl<'p> Walk<'p> {
         }
     }
 
-    /// Looks into a function, with what its arguments are.
+    /// Searches the body of a function, given the params that its arguments equal.
     fn enter(&mut self, id: DeclId, call: &'p Call) {
         let program = self.program;
         let DeclKind::Fn(f) = &program.decl(id).kind else { return };
@@ -171,7 +171,7 @@ impl<'p> Walk<'p> {
         any
     }
 
-    /// The names that an expression gives to parts of others.
+    /// Binds the local names of an expression to the params that they equal.
     fn bind(&mut self, e: &'p Expr) {
         match &e.kind {
             ExprKind::Let { local, value, .. } => {
@@ -180,7 +180,7 @@ impl<'p> Walk<'p> {
             }
             ExprKind::Comprehension(c) => {
                 for clause in &c.clauses {
-                    // Each item in turn is all of them.
+                    // A loop variable takes the value of every item.
                     let sources = self.sources(&clause.items);
                     if let [one] = clause.locals[..] {
                         self.locals.insert(one, sources);
@@ -191,7 +191,7 @@ impl<'p> Walk<'p> {
         }
     }
 
-    /// The params that an expression is, as they are.
+    /// The params, or parts of params, that an expression equals.
     fn sources(&mut self, e: &'p Expr) -> Vec<Source> {
         let Some(left) = self.left.checked_sub(1).filter(|_| self.depth < DEEPEST) else { return Vec::new() };
         self.left = left;
@@ -231,7 +231,7 @@ impl<'p> Walk<'p> {
                 }
                 let part = match index.kind {
                     ExprKind::Number(i) if i >= 0.0 => Part::Item(i as usize),
-                    // Which one is only known later: it may be any.
+                    // The index is known only at run time, so any element may be meant.
                     _ => Part::Whole,
                 };
                 within(self.sources(base), &part)
@@ -258,7 +258,7 @@ impl<'p> Walk<'p> {
     }
 }
 
-/// Whether a camera is written to be of a kind whose field of view may be more than 180deg.
+/// Whether a camera is of a kind whose field of view may be more than 180°.
 fn sees_around(native: &NativeDecl, call: &Call) -> bool {
     let kind = native.params.iter().zip(&call.args).find(|(param, _)| param.name == "kind");
     match kind.and_then(|(_, arg)| arg.as_ref()).map(|arg| &arg.kind) {
@@ -270,7 +270,8 @@ fn sees_around(native: &NativeDecl, call: &Call) -> bool {
     }
 }
 
-/// A part of what is whole; of what is a part already only that is left out which is not surely in it.
+/// The sources of a part of a value. A part of a whole param is that part; a part of a part is not followed, because it is not certain
+/// which elements it has.
 fn within(sources: Vec<Source>, part: &Part) -> Vec<Source> {
     let narrowed = |(id, old): Source| match (old, part) {
         (old, Part::Whole) => Some((id, old)),
@@ -280,7 +281,7 @@ fn within(sources: Vec<Source>, part: &Part) -> Vec<Source> {
     sources.into_iter().filter_map(narrowed).collect()
 }
 
-/// `xz` as the places 0 and 2.
+/// The indices of a swizzle: 0 and 2 for `xz`.
 fn components(name: &str) -> Option<Vec<usize>> {
     name.chars().map(|c| "xyzw".find(c).or_else(|| "rgba".find(c))).collect()
 }

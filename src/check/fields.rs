@@ -20,7 +20,7 @@ impl Checker<'_> {
         self.field_of(base, name, span)
     }
 
-    /// `studio.three_point`: the declaration, or an error that was reported; `None` if `base` is no module.
+    /// Resolves `studio.three_point` to a declaration, or reports an error; `None` if `base` is no module.
     pub fn module_member(&mut self, base: &ast::Expr, name: &ast::Name) -> Option<Result<super::hir::DeclId, ()>> {
         let ast::ExprKind::Name(alias) = &base.kind else { return None };
         if self.locals.iter().any(|l| l.name == *alias) {
@@ -74,7 +74,7 @@ impl Checker<'_> {
         Typed { value, ..typed(ExprKind::Field { base: Box::new(base.expr), name: name.text.clone() }, span, ty) }
     }
 
-    /// Whether a light, material or camera whose making is known has no such field, which is told.
+    /// Reports a field that a light, material or camera does not have, if it is known how the value is constructed.
     fn lacks(&mut self, made: &Expr, name: &ast::Name, depth: usize) -> bool {
         if depth == 0 || !matches!(made.ty, Ty::Light | Ty::Material | Ty::Camera { .. }) {
             return false;
@@ -100,7 +100,7 @@ impl Checker<'_> {
         let Some(signature) = self.signature(id) else { return false };
         let at = signature.params.iter().position(|p| p.name == name.text);
         let left_out = at.is_some_and(|i| call.args.get(i).is_some_and(Option::is_none));
-        // What follows from other arguments is there all the same.
+        // Fields that follow from other arguments exist too.
         let follows = matches!((native.as_str(), name.text.as_str()), ("spot", "beam") | ("environment", "rotation"));
         let (message, help) = match parts {
             Some(parts) if !parts.contains(&name.text.as_str()) => (
@@ -123,7 +123,7 @@ impl Checker<'_> {
         true
     }
 
-    /// `cube().translate(p)`, as other languages write it, is a pipe here; other methods have another name or form.
+    /// A help for method calls such as `cube().translate(p)`, which are written with a pipe here; some methods have another name or form.
     fn as_function(&mut self, base: &Typed, name: &ast::Name) -> Option<String> {
         use crate::diag::advice::{self, Around, Place};
         let is_row = advice::help(
@@ -165,7 +165,7 @@ pub fn type_of(program: &Program, target: &Target) -> Ty {
     target.path.iter().fold(program.decl(target.decl).ty.clone(), part)
 }
 
-/// The lights by their constructors, with the fields that they have.
+/// Lights by constructor, with their fields.
 const LIGHTS: [(&str, &[&str]); 7] = [
     ("area", &["radiance", "mesh", "two_sided", "material"]),
     ("light", &["radiance", "mesh", "two_sided", "material"]),
@@ -176,7 +176,7 @@ const LIGHTS: [(&str, &[&str]); 7] = [
     ("constant", &["radiance", "image", "rotation"]),
 ];
 
-/// The materials by their constructors, with the inputs that they have.
+/// Materials by constructor, with their inputs.
 const MATERIALS: [(&str, &[&str]); 5] = [
     ("diffuse", &["reflectance"]),
     ("mirror", &["reflectance"]),
@@ -195,7 +195,7 @@ fn all_parts(table: &[(&'static str, &'static [&'static str])]) -> Vec<&'static 
     all
 }
 
-/// The fields that a value has, for "did you mean".
+/// The fields of a value, for suggestions.
 pub fn fields_of(ty: &Ty) -> Vec<&'static str> {
     match ty {
         Ty::Num(shape) if !shape.is_empty() => {
@@ -264,7 +264,7 @@ fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
         (Ty::Light, "rotation") => Ty::Rotation,
         (Ty::Texture, "texels") => super::signature::any_image(),
         (Ty::Texture, "width" | "height") => Ty::SCALAR,
-        // Of a number the constructors make three.
+        // The constructors make a colour of a number.
         (Ty::Light, "position" | "direction" | "intensity" | "irradiance") => Ty::vector(3),
         (Ty::Light, "cutoff" | "beam") => Ty::Angle,
         (Ty::Light, "two_sided") => Ty::Bool,

@@ -25,7 +25,8 @@ pub fn reaching_params_of(program: &Program, decl: DeclId) -> Vec<DeclId> {
     }
 }
 
-/// Warnings of a program without errors; and the one cycle that only shows here: a part of the scene that renders the scene.
+/// Warnings about a program without errors. Also reports the one kind of cycle that is found only here: a part of the scene that renders
+/// the scene.
 pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
     let mut out = scene_cycles(program);
     if !out.is_empty() {
@@ -81,7 +82,7 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
     out
 }
 
-/// What an `optimize` is to move must be there, and reach its loss.
+/// Checks that an `optimize` has params to move, and that its loss depends on them.
 fn unmoved(program: &Program, o: &Optimize, reached: &BTreeSet<DeclId>) -> Vec<Diagnostic> {
     let Some(over) = &o.over else {
         let frozen = |id: &DeclId| match &program.decl(*id).kind {
@@ -124,7 +125,7 @@ fn without_step(program: &Program, flow: &mut Flow) -> Vec<Diagnostic> {
     let mut out = Vec::new();
     for action in &program.actions {
         let parts: Vec<&Expr> = match action {
-            // From here on they have those of the last step.
+            // After an `optimize`, `step` and `progress` keep their last values.
             Action::Optimize(_) => return out,
             Action::Save { value, path, .. } => vec![value, path],
             Action::Print { values, .. } => values.iter().collect(),
@@ -155,7 +156,7 @@ fn without_step(program: &Program, flow: &mut Flow) -> Vec<Diagnostic> {
     out
 }
 
-/// Whether a declaration itself names `step` or `progress`.
+/// Whether a declaration directly mentions `step` or `progress`.
 fn names_step(program: &Program, id: DeclId) -> bool {
     let decl = program.decl(id);
     let body = match &decl.kind {
@@ -169,7 +170,7 @@ fn names_step(program: &Program, id: DeclId) -> bool {
     found
 }
 
-/// Which declarations need which, directly.
+/// By declaration: those that it directly depends on.
 fn users_of(program: &Program) -> BTreeMap<DeclId, BTreeSet<DeclId>> {
     let mut users: BTreeMap<DeclId, BTreeSet<DeclId>> = BTreeMap::new();
     for id in program.ids().filter(|id| program.decl(*id).user) {
@@ -203,7 +204,7 @@ fn direct(program: &Program, id: DeclId) -> BTreeSet<DeclId> {
     found
 }
 
-/// A param that no loss reaches: the link of its chain that is broken.
+/// The warning about a param that no loss depends on, with the declaration at which its chain of uses ends.
 fn unused_param(
     program: &Program,
     param: DeclId,
@@ -215,7 +216,7 @@ fn unused_param(
     let diagnostic =
         Diagnostic::warning("dscene::flow::unused_param", format!("no loss depends on the param `{name}`"))
             .label(decl.name_span, "never moves");
-    // Follow the chain of uses to where it ends, or as far as anyone would read on.
+    // Follows the chain of uses to its end, or as far as it is worth showing.
     let mut chain = vec![param];
     let mut current = param;
     while chain.len() < LONGEST_CHAIN
@@ -252,7 +253,7 @@ fn unused_param(
 /// A shape or light whose value needs a render of the scene that holds it.
 fn scene_cycles(program: &Program) -> Vec<Diagnostic> {
     let mut out = Vec::new();
-    // Parts share what they are made of: what renders nothing is looked through once.
+    // Parts share declarations, so those that were found to render nothing are not searched again.
     let mut quiet = Reached::default();
     for &part in &program.default_scene {
         let decl = program.decl(part);
@@ -279,28 +280,28 @@ fn scene_cycles(program: &Program) -> Vec<Diagnostic> {
     out
 }
 
-/// Longer chains of uses are not told in full.
+/// Longer chains of uses are not shown in full.
 const LONGEST_CHAIN: usize = 24;
 
-/// Which declarations are replaced: a number for each such set.
+/// A set of replaced declarations, as a number.
 type Context = usize;
 
-/// A declaration where others are replaced.
+/// A declaration in a world where others are replaced.
 type Place = (DeclId, Context);
 
-/// What was come across on the way.
+/// What a walk through the dependencies finds.
 #[derive(Default)]
 struct Reached {
     decls: BTreeSet<DeclId>,
     places: HashSet<Place>,
 }
 
-/// What an expression depends on, `with` taken into account. Walks with a stack of its own, and never twice through a place.
+/// The dependencies of an expression, with `with` taken into account. The walk uses an explicit stack and visits each place once.
 struct Flow<'p> {
     program: &'p Program,
     contexts: Vec<BTreeSet<DeclId>>,
     numbers: HashMap<BTreeSet<DeclId>, Context>,
-    /// Whether a param reaches a place, as far as that is known.
+    /// Whether a place depends on a param, as far as that is known.
     moves: HashMap<Place, bool>,
     renders_scene: bool,
 }
@@ -339,10 +340,10 @@ impl<'p> Flow<'p> {
         }
     }
 
-    /// Whether a param reaches a declaration.
+    /// Whether a declaration depends on a param.
     fn depends_on_params(&mut self, id: DeclId) -> bool {
         let start = (id, 0);
-        // The place from which each was come to.
+        // By place: the one from which the walk came.
         let mut from: HashMap<Place, Place> = HashMap::new();
         let mut waiting = vec![(start, start)];
         let mut next = Vec::new();
@@ -367,7 +368,7 @@ impl<'p> Flow<'p> {
         false
     }
 
-    /// The places that a declaration needs directly.
+    /// The places that a declaration directly depends on.
     fn direct(&mut self, (id, context): Place, out: &mut Vec<Place>) {
         let decl = self.program.decl(id);
         if let Some(body) = &decl.body {
@@ -416,7 +417,7 @@ impl<'p> Flow<'p> {
         }
     }
 
-    /// The context in which these are replaced as well.
+    /// The context in which further declarations are replaced.
     fn within(&mut self, context: Context, replaced: impl Iterator<Item = DeclId>) -> Context {
         let mut inner = self.contexts[context].clone();
         inner.extend(replaced);
@@ -429,7 +430,7 @@ impl<'p> Flow<'p> {
     }
 }
 
-/// Whether a call renders the scene that the file declares: it names no other.
+/// Whether a call renders the scene that the file declares, because it names no other.
 fn renders_file(program: &Program, native: DeclId, call: &Call) -> bool {
     let decl = program.decl(native);
     let DeclKind::Native(signature) = &decl.kind else { return false };

@@ -27,9 +27,9 @@ pub struct Program {
     pub default_scene: Vec<DeclId>,
     /// The file's one `integrator` declaration: defaults of every `render`.
     pub integrator: Option<DeclId>,
-    /// What it was made of, to check further lines against it ([`super::check_line`]).
+    /// The source texts that it was checked from, to check further lines against it ([`super::check_line`]).
     pub origin: Origin,
-    /// What the checker knew when it had checked the last line.
+    /// The state of the checker after the last line.
     pub(super) known: super::lines::Known,
 }
 
@@ -116,7 +116,7 @@ pub struct FnParam {
     pub name: String,
     pub local: LocalId,
     pub span: Span,
-    /// A number given for a `color` is made three.
+    /// The shape to which a number is spread, such as three channels for a `color`.
     pub spread: Option<Vec<usize>>,
     /// Evaluated in the callee's environment (earlier parameters are visible) when the argument is missing.
     pub default: Option<Expr>,
@@ -217,7 +217,7 @@ pub enum ExprKind {
         value: Box<Expr>,
         shape: Vec<usize>,
     },
-    /// Stands for something that was reported; never in a program that is evaluated.
+    /// Stands for a reported error; never in a program that is evaluated.
     Error,
 }
 
@@ -316,7 +316,7 @@ impl DerivativeKind {
     }
 }
 
-/// What a native that renders shows.
+/// The output of a native that renders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Rendering {
     Radiance,

@@ -19,9 +19,9 @@ pub struct Typed {
     pub value: Option<Const>,
 }
 
-/// Lists with more elements than this are not followed as constants.
+/// Lists with more elements than this are not evaluated as constants.
 pub(super) const MAX_CONST: usize = 1024;
-/// Tuples of tuples of tuples, with more parts than this in all, are not followed either.
+/// Nested tuples with more parts than this in all are not evaluated as constants either.
 pub(super) const MAX_PARTS: usize = 4096;
 
 pub fn error_expr(span: Span) -> hir::Expr {
@@ -116,7 +116,7 @@ impl Checker<'_> {
             let out = typed(ExprKind::Local(local.id), span, local.ty.clone());
             return Typed { value: local.value.clone(), ..out };
         }
-        // A word of the argument: `kind: orthographic`.
+        // One of the words that the parameter accepts, such as `kind: orthographic`.
         if wanted.is_some_and(|w| w.words().contains(&name)) {
             let kind = ExprKind::Str(vec![hir::StrPart::Text(name.to_owned())]);
             return Typed { value: Some(Const::Str(name.to_owned())), ..typed(kind, span, Ty::Str) };
@@ -155,7 +155,7 @@ impl Checker<'_> {
         }
     }
 
-    /// The value of a declaration, checked first if that was not done.
+    /// Refers to a declaration, which is checked first if necessary.
     pub fn decl_value(&mut self, id: hir::DeclId, span: Span) -> Typed {
         self.declare(id);
         let slot = self.slot(id);
@@ -210,7 +210,7 @@ impl Checker<'_> {
         );
     }
 
-    /// What a name of another language is here, with its arguments if it is called.
+    /// A help for a name of another language: what to write here instead, with the arguments if it is called.
     fn foreign_name(&self, name: &str, span: Span) -> Option<String> {
         use crate::diag::advice::{Around, Place, help, is_module};
         let text = &self.sources.get(span.source)?.text;
@@ -413,7 +413,7 @@ impl Checker<'_> {
             } else if target.path.is_empty() && !value.expr.ty.is_scalar() {
                 changes.push(Change { decl: target.decl, ty: value.expr.ty.clone(), value: value.value.clone() });
             }
-            // What a function gave may be anything now.
+            // The results of functions may have changed.
             replaced_function |= matches!(ty, Ty::Fn(..));
             reshaped |= !spread && (!fits(&value.expr.ty, &ty) || size_of(&ty) != size_of(&value.expr.ty));
             let mut value = value.expr;
@@ -505,8 +505,8 @@ impl Checker<'_> {
         Some(typed(kind, name.span, item))
     }
 
-    /// The type of an expression where declarations have other sizes than usual: everything that depends on them is inferred anew.
-    /// What does not fit then is told with the replacement that causes it.
+    /// The type of an expression where replaced declarations have other sizes than usual. Everything that depends on them is inferred
+    /// again, and errors are reported with the replacement that causes them.
     fn retyped(&mut self, body: &ast::Expr, wanted: Option<&Sig>, changes: &[Change], span: Span) -> Ty {
         let saved = self.slots.clone();
         let instances = self.instances.clone();
@@ -541,7 +541,7 @@ impl Checker<'_> {
 }
 
 impl Checker<'_> {
-    /// What functions of the user give for their arguments is worked out anew.
+    /// Results of the user's functions are inferred again.
     pub fn forget_user_instances(&mut self) {
         let (slots, modules) = (&self.slots, &self.modules);
         let is_user = |key: &str| {
@@ -552,7 +552,7 @@ impl Checker<'_> {
     }
 }
 
-/// A declaration that stands for something else for a while.
+/// A declaration that is temporarily replaced.
 struct Change {
     decl: hir::DeclId,
     ty: Ty,
@@ -572,7 +572,7 @@ pub fn stack(item: Ty, n: Dim) -> Ty {
     }
 }
 
-/// What an array's items are, and how many there are.
+/// The type of an array's items, and their number.
 pub fn item_of(ty: &Ty) -> Option<(Ty, Dim)> {
     match ty {
         Ty::Num(shape) => shape.split_first().map(|(n, rest)| (Ty::Num(rest.to_vec()), *n)),
@@ -584,7 +584,7 @@ pub fn item_of(ty: &Ty) -> Option<(Ty, Dim)> {
     }
 }
 
-/// The type of something that is one or the other; not known if one of them is not.
+/// The common type of two alternatives; unknown if one of them is unknown.
 pub fn join(a: &Ty, b: &Ty) -> Option<Ty> {
     let dims = |a: &Dim, b: &Dim| if a == b { *a } else { None };
     Some(match (a, b) {
@@ -597,7 +597,7 @@ pub fn join(a: &Ty, b: &Ty) -> Option<Ty> {
         (Ty::Camera { height, width, made }, Ty::Camera { height: h, width: w, .. }) => {
             Ty::Camera { height: dims(height, h), width: dims(width, w), made: *made }
         }
-        // An empty list may be one of anything.
+        // An empty list is compatible with a list of any type.
         (Ty::Array(x, Some(0)), list @ Ty::Array(..)) | (list @ Ty::Array(..), Ty::Array(x, Some(0)))
             if x.is_unknown() =>
         {
@@ -622,13 +622,13 @@ pub fn join(a: &Ty, b: &Ty) -> Option<Ty> {
     })
 }
 
-/// The type of something that is one of several. What is known of them must agree; if anything is not known, their type is not.
+/// The common type of several alternatives. The known types must agree; if any type is unknown, the result is unknown.
 pub fn join_all(types: &[Ty]) -> Option<Ty> {
     let known = types.iter().filter(|ty| **ty != Ty::Any).try_fold(Ty::Error, |all, ty| join(&all, ty))?;
     Some(if types.is_empty() || types.contains(&Ty::Any) { Ty::Any } else { known })
 }
 
-/// Whether a value of type `new` may stand for one of type `old` in a `with`.
+/// Whether a value of type `new` may replace one of type `old` in a `with`.
 fn replaces(old: &Ty, new: &Ty) -> bool {
     match (old, new) {
         (Ty::Image { .. }, Ty::Image { .. }) => true,

@@ -1,4 +1,4 @@
-//! Arguments of natives that can be seen to be wrong before anything runs: missing files, impossible sizes.
+//! Reports arguments of natives that are known to be wrong before the program runs: missing files, impossible sizes.
 
 use super::arguments::Arguments;
 use super::call::Site;
@@ -25,7 +25,7 @@ const READERS: [&str; 11] = [
     "environment",
 ];
 
-/// What a file is by its ending, and what reads such files, if `callee` does not.
+/// The kind of a file by its extension, and the native that reads such files, if `callee` does not.
 fn other_reader(callee: &str, path: &str) -> Option<(&'static str, &'static str)> {
     let ending = path.rsplit_once('.')?.1.to_lowercase();
     let is = |endings: &[&str]| endings.contains(&ending.as_str());
@@ -39,7 +39,7 @@ fn other_reader(callee: &str, path: &str) -> Option<(&'static str, &'static str)
 }
 
 impl Checker<'_> {
-    /// Files that are named literally must exist; sizes must make sense.
+    /// Checks that files with literal names exist, and that sizes are possible.
     pub fn check_native(&mut self, id: DeclId, found: &mut [Option<Typed>]) {
         let Some(signature) = self.signature(id) else { return };
         let name = self.slot(id).name.text.clone();
@@ -69,7 +69,7 @@ impl Checker<'_> {
         }
     }
 
-    /// A file that is named literally is there, and is what `callee` reads.
+    /// Checks that a file with a literal name exists, and that `callee` reads such files.
     fn check_file(&mut self, callee: &str, file: &mut Typed) {
         let Typed { value: Some(Const::Str(path)), expr } = file else { return };
         let folder = self.folder();
@@ -91,12 +91,12 @@ impl Checker<'_> {
         } else if folder != self.main_folder()
             && let Ok(absolute) = std::path::absolute(&full)
         {
-            // Paths in an imported file start from its own folder, at run time too.
+            // Paths in an imported file are relative to its own folder, as they are at run time.
             expr.kind = ExprKind::Str(vec![StrPart::Text(absolute.display().to_string())]);
         }
     }
 
-    /// A built-in mesh has no more triangles than anything could draw.
+    /// Checks that a built-in mesh does not have too many triangles.
     fn check_triangles(&mut self, name: &str, args: Arguments) {
         let Some(triangles) = triangles(name, args).filter(|n| *n > crate::mesh::MAX_BUILT as f64) else { return };
         let Some(place) = args.given().map(|a| a.expr.span).reduce(Span::to) else { return };
@@ -111,7 +111,7 @@ impl Checker<'_> {
         );
     }
 
-    /// Lengths of one name are the same.
+    /// Checks that axes with the same name have the same length.
     pub fn check_lengths(&mut self, signature: &Signature, found: &[Option<Typed>], site: Site) {
         let mut known: Vec<(&str, usize, Span, &str)> = Vec::new();
         for (param, arg) in signature.params.iter().zip(found) {
@@ -140,12 +140,12 @@ impl Checker<'_> {
         }
     }
 
-    /// Numbers that are known must lie where the declaration says that they have a meaning.
+    /// Checks that known numbers lie within the range that the declaration gives.
     pub fn check_domains(&mut self, signature: &Signature, found: &[Option<Typed>], site: Site) {
         for (param, arg) in signature.params.iter().zip(found) {
             let (Some(domain), Some(Typed { value: Some(value), expr })) = (param.domain, arg) else { continue };
             let Some(x) = value.numbers().into_iter().find(|x| !domain.contains(*x)) else { continue };
-            // Some arguments have checks of their own, which say more.
+            // Some arguments have checks of their own, with better messages.
             if self.diagnostics.iter().rev().take(8).any(|d| d.is_error() && d.span() == Some(expr.span)) {
                 continue;
             }
@@ -163,7 +163,7 @@ impl Checker<'_> {
     }
 }
 
-/// How many triangles a built-in mesh will have, if its arguments are known.
+/// Number of triangles of a built-in mesh, if its arguments are known.
 fn triangles(name: &str, args: Arguments) -> Option<f64> {
     Some(match name {
         "sphere" => args.number("subdivisions")?.powi(2),

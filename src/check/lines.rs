@@ -1,8 +1,8 @@
 //! Lines of the REPL, checked against a program.
 //!
-//! What was checked before stays checked. A line that declares a new name costs what that declaration costs; one that declares
-//! a name anew checks what depends on it once more. Only what may change the meaning of names that are in use already (an
-//! import, a name of the library) has everything checked again.
+//! Declarations that were checked before are not checked again. A line with a new name costs the check of that declaration; a line that
+//! declares a name again also checks everything that depends on it. Only a line that may change the meaning of names in use (an import,
+//! or a name of the library) has everything checked again.
 
 use std::collections::{HashMap, HashSet};
 use std::fmt;
@@ -18,21 +18,21 @@ use crate::source::{SourceId, Span};
 use crate::syntax;
 use crate::syntax::ast::{self, StatementKind};
 
-/// What a line of the REPL turned out to be.
+/// The result of checking a line of the REPL.
 #[derive(Clone, Debug)]
 pub enum Line {
-    /// Statements. What they declared or replaced the program has; the ids of what is new or changed, and what is to be done, in
-    /// the order of the line.
+    /// Statements. The program contains their declarations; these are the ids of those that are new or changed, and the actions in the
+    /// order of the line.
     Statements {
         declared: Vec<hir::DeclId>,
         actions: Vec<hir::Action>,
     },
     Expr(hir::Expr),
-    /// Nothing but white space and comments.
+    /// Only white space and comments.
     Empty,
 }
 
-/// What the checker knew when it had checked a line: the next one goes on from there.
+/// The state of the checker after a line, with which it continues at the next one.
 #[derive(Clone, Default)]
 pub struct Known(Option<Arc<Knowledge>>);
 
@@ -73,7 +73,7 @@ pub fn check_line(program: &mut Program, text: &str) -> (Option<Line>, Vec<Diagn
         (new_program, result, diagnostics)
     });
     diag::sort(&mut diagnostics);
-    // Warnings about the rest of the file were told when it was checked.
+    // Warnings about the file itself were reported when it was checked.
     diagnostics.retain(|d| d.is_error() || d.span().is_some_and(|s| s.source == line));
     if diagnostics.iter().any(Diagnostic::is_error) {
         return (None, diagnostics);
@@ -111,7 +111,7 @@ impl Checker<'_> {
         if is_statement { self.line_result(line) } else { self.line_expr(line) }
     }
 
-    /// To be asked for before the checker is finished.
+    /// Must be called before [`Checker::finish`].
     fn knowledge(&mut self) -> Knowledge {
         let lines: HashSet<SourceId> = self.origin.lines.iter().copied().collect();
         let mut action_statements = std::mem::take(&mut self.action_statements);
@@ -146,11 +146,11 @@ impl Checker<'_> {
         self.integrator = program.integrator;
     }
 
-    /// Whether a statement leaves the meaning of all names as it is that were in use before.
+    /// Whether a statement does not change the meaning of any name that was in use before.
     fn stays_apart(&self, statement: &ast::Statement, program: &Program) -> bool {
         let Some(name) = statement.declares() else { return matches!(statement.kind, StatementKind::Action(_)) };
         match self.modules[self.main].names.get(name) {
-            // Of a file that is imported, or given a value from outside.
+            // Replacing a declaration changes no other name, unless it was imported or values were given from outside (`--set`).
             Some(id) => self.slot(*id).module == self.main && program.origin.overrides.is_empty(),
             None => {
                 let is_taken = self.modules[PRELUDE].names.contains_key(name);
@@ -159,7 +159,7 @@ impl Checker<'_> {
         }
     }
 
-    /// Checks statements of a line, and what depends on what they declare anew.
+    /// Checks the statements of a line, and what depends on the declarations that they replace.
     fn go_on(&mut self, program: &Program, statements: Vec<Arc<ast::Statement>>, line: SourceId) {
         let before = self.slots.len();
         let declared = statements.iter().filter_map(|s| self.modules[self.main].names.get(s.declares()?));
@@ -184,7 +184,7 @@ impl Checker<'_> {
         for &id in &touched {
             self.declare(id);
         }
-        // Actions of the file are checked again if anything that they may name has changed.
+        // Actions of the file are checked again if anything that they may mention has changed.
         let first = if stale.is_empty() { file_actions } else { 0 };
         let actions = self.action_statements[first..].to_vec();
         for statement in &actions {
@@ -195,11 +195,11 @@ impl Checker<'_> {
         self.unchanged = program.decls.iter().map(kept).collect();
     }
 
-    /// What the statements of a line declared.
+    /// The declarations of a line's statements.
     fn line_result(&mut self, line: SourceId) -> Line {
         let slots = self.slots.iter().filter(|s| s.statement.span.source == line);
         let declared: Vec<DeclId> = slots.map(|s| s.hir.id).collect();
-        // Actions of lines are done once, and are no part of the program. (An import declares nothing of its own.)
+        // Actions of lines run once and are not part of the program. (An import declares nothing itself.)
         let (actions, rest) =
             std::mem::take(&mut self.actions).into_iter().partition(|a| action_span(a).source == line);
         self.actions = rest;
@@ -208,7 +208,7 @@ impl Checker<'_> {
         Line::Statements { declared, actions }
     }
 
-    /// A line that is an expression.
+    /// Checks a line that is an expression.
     fn line_expr(&mut self, line: SourceId) -> Line {
         let (expr, diagnostics) = syntax::parse_expr(&self.sources, line);
         self.diagnostics.extend(diagnostics);
@@ -225,7 +225,7 @@ impl Checker<'_> {
     }
 }
 
-/// Declarations whose check looks at any of these, directly or not, and these themselves.
+/// Declarations whose check depends on any of these, directly or not, and these themselves.
 fn users(program: &Program, of: &[DeclId]) -> HashSet<DeclId> {
     if of.is_empty() {
         return HashSet::new();

@@ -52,20 +52,20 @@ pub struct Disk;
 impl Loader for Disk {
     fn read(&self, path: &Path) -> io::Result<String> {
         let bytes = crate::files::read(path)?;
-        // Some editors put a byte order mark in front, which is not part of the text.
+        // A byte order mark, which some editors write, is not part of the text.
         let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(&bytes);
         let text = std::str::from_utf8(bytes).map_err(|e| io::Error::new(io::ErrorKind::InvalidData, e.to_string()))?;
         Ok(text.to_owned())
     }
 
     fn exists(&self, path: &Path) -> bool {
-        // What a script names it will read, at the latest when the value is needed.
+        // Files that a script names are read when their values are needed.
         crate::files::note_input(path);
         path.exists()
     }
 }
 
-/// What checking gives: the program if there are no errors, all diagnostics in source order, and the texts they point into.
+/// The result of checking: the program if there are no errors, all diagnostics in source order, and the sources that they refer to.
 pub struct Checked {
     pub program: Option<hir::Program>,
     pub diagnostics: Vec<Diagnostic>,
@@ -120,8 +120,8 @@ pub fn library() -> hir::Program {
     checked.program.unwrap_or_default()
 }
 
-/// Runs `work` with room on the stack: a chain of declarations may be as long as a script, and each is checked within the one
-/// that needs it.
+/// Runs `work`, growing the stack if necessary: each declaration is checked within the one that needs it, and such chains may be as long
+/// as a script.
 fn with_room<R>(work: impl FnOnce() -> R) -> R {
     const NEEDED: usize = 256 << 10;
     const GROWN: usize = 8 << 20;

@@ -28,7 +28,7 @@ const LIBRARY: [(&str, bool, &str); 10] = [
     ("studio", false, include_str!("../../stdlib/studio.dscene")),
 ];
 
-/// Glances at names of one check that look for what an unknown name may have meant: some tenth of a second.
+/// Most names that are compared in one check to find suggestions for unknown names; about a tenth of a second.
 const SPELLING_BUDGET: usize = 1 << 24;
 
 pub type ModuleId = usize;
@@ -42,7 +42,7 @@ pub struct Module {
     pub aliases: HashMap<String, ModuleId>,
     pub path: Option<PathBuf>,
     pub user: bool,
-    /// Own declarations in order (imported names are in `names` only).
+    /// The module's own declarations in order. (Imported names are in `names` only.)
     pub own: Vec<DeclId>,
 }
 
@@ -53,7 +53,7 @@ pub enum State {
     Done,
 }
 
-/// A declaration on its way from tree to typed program.
+/// A declaration during checking, between its syntax tree and the typed program.
 #[derive(Clone)]
 pub struct Slot {
     pub name: ast::Name,
@@ -78,9 +78,9 @@ pub struct Signature {
 pub struct SigParam {
     pub name: String,
     pub sig: Sig,
-    /// Where its numbers have a meaning.
+    /// The range of its numbers.
     pub domain: Option<hir::Domain>,
-    /// Axes whose length has a name, the same for all arguments: `scalar[n]`.
+    /// Axes whose length has a name, which is the same in all arguments: `scalar[n]`.
     pub lens: Vec<(usize, String)>,
     pub has_default: bool,
 }
@@ -93,7 +93,7 @@ pub struct Local {
     pub value: Option<Const>,
 }
 
-/// What a function's body gives for certain argument types.
+/// The result of checking a function's body for certain argument types.
 #[derive(Clone)]
 pub struct Instance {
     pub ty: Ty,
@@ -105,7 +105,7 @@ pub struct Checker<'l> {
     pub loader: &'l (dyn Loader + Sync),
     pub diagnostics: Told,
     pub modules: Vec<Module>,
-    /// Shared with what the lines before left, until one of them changes.
+    /// Shared with the state that earlier lines left, until one of the two changes.
     pub slots: Vec<Arc<Slot>>,
     pub locals: Vec<Local>,
     /// The module whose names are visible.
@@ -117,29 +117,29 @@ pub struct Checker<'l> {
     /// How deep calls of function values are nested.
     pub applied: usize,
     pub instances: HashMap<String, Instance>,
-    /// How many bodies are being checked for a call, each within another.
+    /// Number of nested function bodies that are being checked.
     pub nested: usize,
-    /// How many instances of a function calls within other calls have asked for.
+    /// By function: number of instances that were checked for calls within other calls.
     pub specialised: HashMap<FunctionKey, u32>,
-    /// A number for each function value: its text, and what it sees.
+    /// A number for each function value, by its text and the names that it sees.
     pub lambdas: HashMap<String, u32>,
     pub actions: Vec<hir::Action>,
     pub default_scene: Vec<DeclId>,
     pub integrator: Option<DeclId>,
     pub origin: Origin,
-    /// The name `loss` means the running loss (in `stop_when`).
+    /// Whether the name `loss` means the running loss (in `stop_when`).
     pub in_stop_when: bool,
     /// Names whose declarations could not be read: their uses are not reported.
     pub unread: HashSet<String>,
-    /// In an action outside of `optimize`, where there is no step.
+    /// Whether an action outside of `optimize` is checked, where there is no step.
     pub no_step: bool,
-    /// No dataflow warnings (REPL lines).
+    /// Whether dataflow warnings are off (for lines of the REPL).
     pub quiet: bool,
-    /// Declarations of the program before that are as they were, by their number.
+    /// By id: declarations of the previous program that did not change.
     pub unchanged: Vec<Option<Arc<hir::Decl>>>,
-    /// What names of a module may have been meant by others, made when it is first asked for.
+    /// The index for suggesting names, made when it is first needed.
     spelling: HashMap<ModuleId, Names>,
-    /// What looking for them may still cost.
+    /// Remaining budget for suggestions.
     spelling_budget: usize,
     /// Statements of actions, in order.
     pub action_statements: Vec<Arc<ast::Statement>>,
@@ -219,7 +219,7 @@ impl<'l> Checker<'l> {
         }
     }
 
-    /// The program (not to be used if there are errors), the diagnostics and the sources.
+    /// The program (which must not be used if there are errors), the diagnostics and the sources.
     pub fn finish(mut self) -> (Program, Vec<Diagnostic>, SourceMap) {
         let unchanged = self.unchanged.into_iter().chain(std::iter::repeat(None));
         let own = |slot: Arc<Slot>| Arc::new(Arc::try_unwrap(slot).map_or_else(|s| s.hir.clone(), |s| s.hir));
@@ -270,7 +270,7 @@ impl<'l> Checker<'l> {
         *self.lambdas.entry(format!("{body:?} {seen:?}")).or_insert(next)
     }
 
-    /// The name of a module that is spelled almost like this one.
+    /// A module whose name is similar, as a suggestion.
     pub fn nearest_name(&mut self, module: ModuleId, name: &str) -> Option<String> {
         let names = self.spelling.entry(module);
         let names = names.or_insert_with(|| Names::new(self.modules[module].names.keys().map(String::as_str)));
@@ -282,12 +282,12 @@ impl<'l> Checker<'l> {
         self.modules[PRELUDE].names.get(name).copied()
     }
 
-    /// Where relative paths of the present module start.
+    /// Folder of the present module, where its relative paths start.
     pub fn folder(&self) -> PathBuf {
         self.folder_of(self.module)
     }
 
-    /// Where relative paths of the program's own file start.
+    /// Folder of the program's file.
     pub fn main_folder(&self) -> PathBuf {
         self.folder_of(self.main)
     }
@@ -328,7 +328,7 @@ impl<'l> Checker<'l> {
         statements
     }
 
-    /// Enters declarations into a module; statements of `lines` replace earlier ones of the same name.
+    /// Adds declarations to a module; statements of `lines` replace earlier ones with the same name.
     pub fn add_statements(&mut self, module: ModuleId, statements: Vec<Arc<ast::Statement>>, lines: &[SourceId]) {
         let mut imports = Vec::new();
         for statement in statements {
@@ -564,7 +564,7 @@ impl<'l> Checker<'l> {
     }
 }
 
-/// The expression that a declaration is, if it is no list of fields.
+/// The expression of a declaration, unless it is a list of fields.
 fn value_of(kind: &StatementKind) -> Option<&ast::Expr> {
     match kind {
         StatementKind::Let { value, .. } | StatementKind::Kind { body: ast::KindBody::Value(value), .. } => Some(value),
@@ -572,7 +572,7 @@ fn value_of(kind: &StatementKind) -> Option<&ast::Expr> {
     }
 }
 
-/// Puts a value in the place of a field of `KIND NAME { … }`, or of an argument of `NAME = f(…)`.
+/// Replaces the value of a field of `KIND NAME { … }`, or of an argument of `NAME = f(…)`.
 fn override_field(kind: &mut StatementKind, field: ast::Name, value: ast::Expr, parameters: &[String]) -> bool {
     let call = match kind {
         StatementKind::Kind { body: ast::KindBody::Fields(fields), .. } => {
@@ -596,7 +596,7 @@ fn override_field(kind: &mut StatementKind, field: ast::Name, value: ast::Expr, 
     true
 }
 
-/// `a/./b/../c` and `a/c` are one file.
+/// Normalises a path, so that `a/./b/../c` and `a/c` are the same file.
 fn normal(path: &Path) -> PathBuf {
     let mut out = PathBuf::new();
     for part in path.components() {

@@ -1,4 +1,4 @@
-//! Result types of natives, sharper than their declarations can say: sizes of images and arrays.
+//! Result types of natives that are more precise than their declarations can be, such as sizes of images and arrays.
 
 use super::arguments::Arguments;
 use super::arith::{broadcast, together};
@@ -9,7 +9,7 @@ use super::infer::{MAX_CONST, MAX_PARTS, Typed, item_of, join, join_all, stack};
 use super::signature::{Const, Sig, any_image};
 use super::types::{Dim, Made, Ty};
 
-/// The type of a native's result. `bound` are the types that the letters of its declaration stand for.
+/// The type of a native's result. `bound` are the types of the declaration's type variables.
 pub fn native(name: &str, args: Arguments, bound: &[(char, usize, Ty)]) -> Ty {
     of_scenes(name, args)
         .or_else(|| of_images(name, args))
@@ -27,7 +27,7 @@ fn image(height: Dim, width: Dim, channels: Dim, made: Made) -> Ty {
     Ty::Image { height, width, channels, made }
 }
 
-/// Cameras, and what they see.
+/// Results of natives about cameras, and of those that render.
 fn of_scenes(name: &str, args: Arguments) -> Option<Ty> {
     let channels = match name {
         "camera" => {
@@ -58,7 +58,7 @@ fn of_scenes(name: &str, args: Arguments) -> Option<Ty> {
     }
 }
 
-/// What gives images of other sizes.
+/// Results of natives that change the size of images.
 fn of_images(name: &str, args: Arguments) -> Option<Ty> {
     let place = |name: &str| Made(args.get(name).map(|a| a.expr.span));
     let of = args.first().map(|a| &a.expr.ty)?;
@@ -107,7 +107,7 @@ fn with_last(shape: &[Dim], last: Dim) -> Vec<Dim> {
     shape[..shape.len() - 1].iter().copied().chain([last]).collect()
 }
 
-/// What goes over all elements, or along axes, or takes them one by one.
+/// Results of reductions and of element-wise natives.
 fn of_reductions(name: &str, args: Arguments) -> Option<Ty> {
     let of = args.first().map(|a| &a.expr.ty)?;
     Some(match name {
@@ -117,7 +117,7 @@ fn of_reductions(name: &str, args: Arguments) -> Option<Ty> {
         }
         "argmin" | "argmax" => match (args.get("axis"), rank(of)) {
             (Some(axis), _) => match reduced(of, Some(axis)) {
-                // A place is a number, not a pixel.
+                // A position is a number, not a pixel.
                 Ty::Image { height, width, .. } => Ty::Num(vec![height, width]),
                 other => other,
             },
@@ -135,7 +135,7 @@ fn of_reductions(name: &str, args: Arguments) -> Option<Ty> {
     })
 }
 
-/// Rotations, transforms and matrices.
+/// Results of natives about rotations, transforms and matrices.
 fn of_matrices(name: &str, args: Arguments) -> Option<Ty> {
     Some(match (name, &args.first()?.expr.ty) {
         ("compose", Ty::Rotation) if args.ty("second") == Some(&Ty::Rotation) => Ty::Rotation,
@@ -159,7 +159,7 @@ fn of_matrices(name: &str, args: Arguments) -> Option<Ty> {
     })
 }
 
-/// What joins, pairs and shapes arrays.
+/// Results of natives that join, zip and reshape arrays.
 fn of_lists(name: &str, args: Arguments) -> Option<Ty> {
     let first = &args.first()?.expr.ty;
     Some(match name {
@@ -179,7 +179,7 @@ fn of_lists(name: &str, args: Arguments) -> Option<Ty> {
     })
 }
 
-/// Lists side by side.
+/// The type of zipped lists.
 fn zipped(args: Arguments) -> Ty {
     let lists: Vec<&Ty> = args.given().map(|a| &a.expr.ty).collect();
     if lists.iter().any(|list| is_mixed(list)) {
@@ -201,7 +201,7 @@ pub fn is_mixed(ty: &Ty) -> bool {
     matches!(ty, Ty::Tuple(parts) if join_all(parts).is_none())
 }
 
-/// How many axes an array or image has.
+/// Number of axes of an array or image.
 pub fn rank(ty: &Ty) -> Option<usize> {
     match ty {
         Ty::Num(shape) => Some(shape.len()),
@@ -210,7 +210,7 @@ pub fn rank(ty: &Ty) -> Option<usize> {
     }
 }
 
-/// What is left of an array or image that is reduced along axes; of all of them if `axis` is missing.
+/// The type of an array or image after a reduction along axes; of all axes if `axis` is missing.
 fn reduced(of: &Ty, axis: Option<&Typed>) -> Ty {
     if let Some((shape, true)) = of.quantity() {
         return match reduced(&Ty::Num(shape), axis) {
@@ -233,7 +233,7 @@ fn reduced(of: &Ty, axis: Option<&Typed>) -> Ty {
         Some(axes) => {
             Ty::Num(shape.iter().enumerate().filter(|(i, _)| !axes.contains(i)).map(|(_, dim)| *dim).collect())
         }
-        // How many axes there are is known, if not which.
+        // The number of remaining axes is known, even if their lengths are not.
         None => match &axis.expr.ty {
             Ty::Num(named) if named.is_empty() => Ty::Num(vec![None; shape.len().saturating_sub(1)]),
             _ => Ty::Any,
@@ -250,14 +250,14 @@ fn reduced(of: &Ty, axis: Option<&Typed>) -> Ty {
     }
 }
 
-/// Two arrays or images along an axis, or all of one list.
+/// The type of two arrays or images, or all items of a list, joined along an axis.
 fn joined(a: &Ty, b: Option<&Ty>, axis: Option<&Typed>) -> Ty {
     let along = match axis {
         None => Some(0),
         Some(axis) => axis.value.as_ref().and_then(Const::number).map(|x| x as i64),
     };
     let Some(b) = b else {
-        // How many parts a list has is often known, but not always.
+        // The number of items of a list is not always known.
         return match item_of(a) {
             Some((item @ Ty::Image { .. }, _)) => image_without_size(&item, along),
             Some((Ty::Num(shape), n)) if !shape.is_empty() => {
@@ -304,7 +304,7 @@ fn joined(a: &Ty, b: Option<&Ty>, axis: Option<&Typed>) -> Ty {
     }
 }
 
-/// The types of a list's items, if that are few.
+/// The types of a list's items, if there are few.
 fn one_by_one(list: &Ty) -> Option<Vec<Ty>> {
     match (list, item_of(list)?) {
         (Ty::Tuple(parts), _) => Some(parts.clone()),
@@ -324,7 +324,7 @@ fn image_without_size(of: &Ty, along: Option<i64>) -> Ty {
     Ty::Image { height: keep(0, height), width: keep(1, width), channels: keep(2, channels), made: *made }
 }
 
-/// One of two values by a bool, or by a mask element by element.
+/// The type of a selection: one of two values by a bool, or their elements by a mask.
 fn chosen(condition: Option<&Ty>, yes: Option<&Ty>, no: Option<&Ty>) -> Ty {
     let (Some(condition), Some(yes), Some(no)) = (condition, yes, no) else { return Ty::Any };
     match join(yes, no).or_else(|| together(yes, no)) {
@@ -337,7 +337,7 @@ fn chosen(condition: Option<&Ty>, yes: Option<&Ty>, no: Option<&Ty>) -> Ty {
     }
 }
 
-/// The numbers of a value without what they stand for, as `jvp` and `estimate` give them: a rotation is a matrix.
+/// The type of a value's plain numbers, as `jvp` and `estimate` return them: a rotation is a matrix.
 pub fn plain(ty: &Ty) -> Ty {
     match ty {
         Ty::Rotation => Ty::Num(vec![Some(3); 2]),
@@ -379,12 +379,12 @@ pub fn jacobian(of: &Ty, wrt: &Ty) -> Ty {
     }
 }
 
-/// A type, unless it has too many parts: pairs of pairs of pairs double with each `zip`.
+/// The type, or an unknown one if it has too many parts: nested pairs double their parts with each `zip`.
 fn followed(ty: Ty) -> Ty {
     if ty.parts() > MAX_PARTS { Ty::Any } else { ty }
 }
 
-/// What is known of a native's value before the program runs.
+/// The value of a native, as far as it is known before the program runs.
 pub fn known(name: &str, args: Arguments) -> Option<Const> {
     let first = args.first()?;
     match name {
@@ -415,7 +415,7 @@ pub fn known(name: &str, args: Arguments) -> Option<Const> {
     }
 }
 
-/// The tensor whose shape an argument gives.
+/// The type of a tensor whose shape is an argument.
 fn shape_of(arg: Option<&Typed>) -> Ty {
     let Some(arg) = arg else { return Ty::Any };
     match &arg.value {

@@ -1,4 +1,4 @@
-//! Shapes that natives ask of their arguments and that are known before anything runs: axes, squares, masks.
+//! Checks shapes of arguments that natives require and that are known before the program runs: axes, squares, masks.
 
 use super::arguments::Arguments;
 use super::arith::{broadcast, image_sizes};
@@ -18,7 +18,7 @@ fn side_by_side(x: &Ty, y: &Ty, along: f64) -> Option<()> {
 }
 
 impl Checker<'_> {
-    /// What a native's arguments say of one another by their shapes.
+    /// Checks that the shapes of a native's arguments fit one another.
     pub fn check_shapes(&mut self, name: &str, args: Arguments) {
         self.check_axis(name, args);
         match name {
@@ -57,7 +57,7 @@ impl Checker<'_> {
         }
     }
 
-    /// Numbers that make an image: `[height][width]` or `[height][width][channels]`, or one colour if that will do.
+    /// Checks numbers that stand for an image: `[height][width]` or `[height][width][channels]`, or one colour where that is allowed.
     fn check_rows(&mut self, numbers: Option<&Typed>, message: &str, or_colour: bool) {
         let Some(numbers) = numbers else { return };
         let Ty::Num(shape) = &numbers.expr.ty else { return };
@@ -74,7 +74,7 @@ impl Checker<'_> {
         }
     }
 
-    /// Something that has items.
+    /// Checks that an argument has items.
     fn check_items(&mut self, name: &str, list: &Typed) {
         if item_of(&list.expr.ty).is_none() {
             self.diagnostics.push(
@@ -84,7 +84,7 @@ impl Checker<'_> {
         }
     }
 
-    /// Several numbers, not a single one.
+    /// Checks that an argument is an array of numbers, not a single one.
     fn check_not_one(&mut self, name: &str, x: Option<&Typed>) {
         let Some(x) = x else { return };
         if x.expr.ty.is_scalar() || x.expr.ty == Ty::Angle {
@@ -95,7 +95,7 @@ impl Checker<'_> {
         }
     }
 
-    /// The value of a margin: one number, or one for each channel.
+    /// Checks the value of a margin: one number, or one for each channel.
     fn check_margin(&mut self, args: Arguments) {
         let (Some(Ty::Image { channels: Some(channels), .. }), Some(value)) = (args.ty("image"), args.get("value"))
         else {
@@ -172,7 +172,7 @@ impl Checker<'_> {
         }
     }
 
-    /// Lists side by side are equally long.
+    /// Checks that zipped lists have the same length.
     fn check_zip(&mut self, args: Arguments) {
         let lengths: Vec<(usize, &Typed)> = args.given().filter_map(|t| Some((item_of(&t.expr.ty)?.1?, t))).collect();
         let Some(((n, first), rest)) = lengths.split_first() else { return };
@@ -186,7 +186,7 @@ impl Checker<'_> {
         }
     }
 
-    /// As many numbers as before.
+    /// Checks that a reshape keeps the number of elements.
     fn check_reshape(&mut self, args: Arguments) {
         let (Some(of), Some(shape)) = (args.get("x"), args.get("shape")) else { return };
         let Ty::Num(dims) = &of.expr.ty else { return };
@@ -205,7 +205,7 @@ impl Checker<'_> {
         }
     }
 
-    /// What is cropped lies inside.
+    /// Checks that a cropped region lies within the image.
     fn check_crop(&mut self, args: Arguments) {
         let Some(image) = args.get("image") else { return };
         let Ty::Image { height, width, .. } = &image.expr.ty else { return };
@@ -246,7 +246,7 @@ impl Checker<'_> {
         );
     }
 
-    /// Texts with texts, images with images, arrays with arrays.
+    /// Checks that values to be joined are of one kind: texts, images or arrays.
     fn check_concat(&mut self, args: Arguments) {
         let Some(a) = args.get("a") else { return };
         let (b, axis) = (args.get("b"), args.get("axis"));
@@ -303,7 +303,7 @@ impl Checker<'_> {
         }
     }
 
-    /// Arrays or images of one shape.
+    /// Checks that arrays or images have the same shape.
     fn check_stack(&mut self, args: Arguments) {
         let Some(items) = args.get("items") else { return };
         let ty = &items.expr.ty;
@@ -341,7 +341,7 @@ impl Checker<'_> {
     }
 
     fn check_axis(&mut self, name: &str, args: Arguments) {
-        // Of `rotate` it is a vector, of `flip` a word.
+        // `axis` is a vector for `rotate` and a word for `flip`.
         let counts = |p: &super::modules::SigParam| p.name == "axis" && p.sig.accepts(&Ty::SCALAR, None);
         if !args.signature.params.iter().any(counts) {
             return;
@@ -379,7 +379,7 @@ impl Checker<'_> {
         );
     }
 
-    /// A rotation is made from one thing.
+    /// Checks that a rotation is made from exactly one description.
     fn check_rotation(&mut self, args: Arguments) {
         let ways = ["angle", "matrix", "quaternion", "six"];
         let given: Vec<(&str, &Typed)> = ways.into_iter().filter_map(|name| Some((name, args.get(name)?))).collect();
@@ -406,7 +406,7 @@ impl Checker<'_> {
         }
     }
 
-    /// A mask goes with what it chooses from, and only numbers are chosen one by one.
+    /// Checks that a mask fits the values that it selects from; a mask can select only numbers.
     fn check_where(&mut self, args: Arguments) {
         let (Some(condition), Some(yes), Some(no)) = (args.get("condition"), args.get("yes"), args.get("no")) else {
             return;

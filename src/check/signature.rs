@@ -11,19 +11,20 @@ use crate::syntax::ast;
 #[derive(Clone, Debug, PartialEq)]
 pub enum Sig {
     Is(Ty),
-    /// A whole number, or an array of such of that shape.
+    /// A whole number, or an array of whole numbers with that shape.
     Int(Vec<Dim>),
-    /// A number (grey) or three.
+    /// A number (grey) or a colour.
     Color,
     /// Any number, array of numbers, or image.
     Number,
     Any,
-    /// The same type wherever the letter stands: `N` numbers, `Q` numbers or angles, any other letter anything.
+    /// A type variable, which stands for the same type wherever it occurs: `N` for numbers, `Q` for numbers or angles, any other letter
+    /// for anything.
     Var(char),
     /// One of the words that an argument may be.
     Word(String),
     Union(Vec<Sig>),
-    /// Things that are no numbers.
+    /// Values that are not numbers.
     List(Box<Sig>, Dim),
     Fn(Vec<Sig>, Box<Sig>),
 }
@@ -39,9 +40,9 @@ pub enum Const {
     Function(Arc<Function>),
 }
 
-/// A function value whose body is known, so that the type of a call's result is.
+/// A function value whose body is known, so that the result type of a call is too.
 pub enum Function {
-    /// One of several, an item of a list for instance: a call must go with each of them.
+    /// One of several functions, for instance an item of a list: a call must be valid for each of them.
     OneOf(Vec<Arc<Function>>),
     Declared(DeclId),
     /// `x => …`, with the names that it sees.
@@ -50,7 +51,7 @@ pub enum Function {
         body: ast::Expr,
         module: ModuleId,
         locals: Vec<Local>,
-        /// The same for the same text that sees the same: all that its result depends on.
+        /// Identifies the function: the same for the same text with the same visible names, on which alone its result depends.
         number: u32,
     },
 }
@@ -86,7 +87,7 @@ impl Const {
         }
     }
 
-    /// What an item of a list is: known of functions only, as one of them.
+    /// What is known about an item of a list: only functions are known, as one of them.
     pub fn some_item(&self) -> Option<Const> {
         let Const::List(items) = self else { return None };
         Const::one_of(items)
@@ -104,12 +105,12 @@ impl Const {
         functions.filter(|all| !all.is_empty()).map(|all| Const::Function(Arc::new(Function::OneOf(all))))
     }
 
-    /// A whole number that can count things.
+    /// The value as a count: a whole number that is not negative.
     pub fn count(&self) -> Option<usize> {
         self.number().filter(|x| x.fract() == 0.0 && (0.0..1e9).contains(x)).map(|x| x as usize)
     }
 
-    /// All numbers in it; angles in radians.
+    /// All numbers of the value; angles in radians.
     pub fn numbers(&self) -> Vec<f64> {
         match self {
             Const::Num(x) | Const::Angle(x) => vec![*x],
@@ -146,7 +147,7 @@ impl Sig {
         }
     }
 
-    /// The words that an argument may be.
+    /// The words that the parameter accepts.
     pub fn words(&self) -> Vec<&str> {
         match self {
             Sig::Word(word) => vec![word],
@@ -190,7 +191,7 @@ impl Sig {
     }
 }
 
-/// `found` may stand where `wanted` is asked for; unknown lengths agree with all.
+/// Whether a value of type `found` may be used where `wanted` is required. Unknown lengths agree with all.
 pub fn fits(wanted: &Ty, found: &Ty) -> bool {
     match (wanted, found) {
         (Ty::Error | Ty::Any, _) | (_, Ty::Error | Ty::Any) => true,

@@ -1,5 +1,5 @@
-//! The diagnostics of a check so far, with the two questions that are asked again and again answered at once: how many
-//! errors there are, and whether one was told before.
+//! The diagnostics of a check so far. Counting errors and finding out whether a diagnostic was reported already are frequent, so both are
+//! fast.
 
 use std::collections::HashSet;
 
@@ -10,7 +10,7 @@ use crate::source::Span;
 pub struct Told {
     all: Vec<Diagnostic>,
     errors: usize,
-    /// Codes and places of the first `indexed` ones.
+    /// Codes and places of the first `indexed` diagnostics.
     places: HashSet<(&'static str, Option<Span>)>,
     indexed: usize,
 }
@@ -31,12 +31,12 @@ impl Told {
         self.extend(all);
     }
 
-    /// How many errors there are.
+    /// Number of errors.
     pub fn errors(&self) -> usize {
         self.errors
     }
 
-    /// Whether there is one of the same code at the same place.
+    /// Whether a diagnostic with the same code at the same place was reported already.
     pub fn has(&mut self, diagnostic: &Diagnostic) -> bool {
         for told in &self.all[self.indexed..] {
             self.places.insert((told.code, told.span()));

@@ -1,4 +1,4 @@
-//! Types: numbers with shapes, angles apart from numbers, and the nouns of a scene.
+//! Types: numbers with shapes, angles (which are distinct from numbers), and the nouns of a scene.
 
 use std::fmt;
 
@@ -7,7 +7,8 @@ use crate::source::Span;
 /// A length that may only be known at run time.
 pub type Dim = Option<usize>;
 
-/// Where a size was decided (a `film:` field), to point at in diagnostics. All are equal: they are not part of the type.
+/// The place where a size was given (a `film:` field), to point at in diagnostics. All places compare as equal, because they are not part
+/// of the type.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Made(pub Option<Span>);
 
@@ -19,7 +20,7 @@ impl PartialEq for Made {
 
 #[derive(Clone, Debug, PartialEq, Default)]
 pub enum Ty {
-    /// Something that was already reported: agrees with everything, silently.
+    /// The type after a reported error. It agrees with every type, so that no further errors follow.
     #[default]
     Error,
     /// Not known before the program runs; agrees with everything.
@@ -74,7 +75,7 @@ impl Ty {
         matches!(self, Ty::Num(shape) if shape.is_empty())
     }
 
-    /// Numbers and angles alike: the shape, and whether they are angles. Not of images.
+    /// The shape of numbers or angles, and whether they are angles; `None` for images and everything else.
     pub fn quantity(&self) -> Option<(Vec<Dim>, bool)> {
         match self {
             Ty::Num(shape) => Some((shape.clone(), false)),
@@ -108,7 +109,7 @@ impl Ty {
         format!("{article} `{shown}`")
     }
 
-    /// How many types it is made of.
+    /// Number of types that it is made of.
     pub fn parts(&self) -> usize {
         match self {
             Ty::Tuple(items) => 1 + items.iter().map(Ty::parts).sum::<usize>(),
@@ -118,7 +119,7 @@ impl Ty {
         }
     }
 
-    /// Not known, or an array (of arrays) of what is not known.
+    /// Whether the type is unknown, or that of an array (of arrays) of unknown type.
     pub fn may_be_numbers(&self) -> bool {
         match self {
             Ty::Array(item, n) => *n != Some(0) && item.may_be_numbers(),
@@ -126,7 +127,7 @@ impl Ty {
         }
     }
 
-    /// Silent in further checks.
+    /// Whether further checks report nothing about it.
     pub fn is_unknown(&self) -> bool {
         matches!(self, Ty::Error | Ty::Any)
     }

@@ -1,4 +1,4 @@
-//! Places that need a whole number have no derivative: a param that moves cannot stand there.
+//! Checks places that need a whole number. They have no derivative, so a param that moves must not determine them.
 
 use std::collections::HashSet;
 
@@ -9,10 +9,10 @@ use super::signature::Sig;
 use super::types::Ty;
 use crate::diag::Diagnostic;
 
-/// Functions behind which it does not matter that a param moves: their values are steps or constants.
+/// Functions whose results may depend on a moving param all the same: their values are steps or constants.
 const FLAT: [&str; 6] = ["round", "floor", "ceil", "sign", "len", "stop_gradient"];
 
-/// Whether a value of this kind counts something.
+/// Whether a parameter of this type is a count.
 fn is_count(sig: &Sig) -> bool {
     match sig {
         Sig::Int(_) => true,
@@ -27,7 +27,7 @@ pub fn is_frozen(param: &ParamDecl) -> bool {
 }
 
 impl Checker<'_> {
-    /// Refuses a param that moves where `name` counts something.
+    /// Reports a moving param that determines `name`, which is a count.
     pub fn check_count(&mut self, sig: &Sig, name: &str, e: &Expr) {
         if !is_count(sig) {
             return;
@@ -46,7 +46,7 @@ impl Checker<'_> {
         );
     }
 
-    /// A param that may move, and that a number follows when it does.
+    /// The moving param that determines a number, if there is one.
     fn moving_param(&self, e: &Expr) -> Option<DeclId> {
         let mut seen = HashSet::new();
         let mut stack = vec![e];
@@ -63,7 +63,7 @@ impl Checker<'_> {
                         _ => {}
                     }
                 }
-                // A part of something else than numbers is not followed: it is rarely what moves there.
+                // Fields of values other than numbers are not searched: they rarely depend on the param.
                 ExprKind::Field { base, .. } if !matches!(base.ty, Ty::Num(_)) => {}
                 ExprKind::Binary { op, .. } if is_step(*op) => {}
                 ExprKind::Call(call) => {

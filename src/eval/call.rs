@@ -15,7 +15,7 @@ use crate::tape::Tensor;
 
 use super::{Engine, Result, error, mix};
 
-/// What a function value holds.
+/// The contents of a function value.
 pub(super) enum Closure {
     Decl(DeclId),
     Lambda { lambda: Arc<Lambda>, captured: Vec<(LocalId, Value)> },
@@ -99,7 +99,7 @@ impl Engine {
         }
         let names: Vec<&str> = native.params.iter().map(|p| p.name.as_str()).collect();
         let context = self.context();
-        // Most results are about as large as what they are made of; natives that make more ask for it themselves.
+        // Most results are about as large as their arguments. Natives whose results are larger request the memory themselves.
         let numbers: usize = values.iter().map(Value::numbers).sum();
         memory::ask_for::<f64>(numbers).map_err(|e| error::memory(e, span))?;
         let args = Args { names: &names, values, context: &context };
@@ -115,7 +115,7 @@ impl Engine {
         }
     }
 
-    /// The camera with the film that a stage's `film_scale` asks for.
+    /// The camera with its film scaled by a stage's `film_scale`.
     fn scaled_film(&mut self, camera: &CameraValue) -> Option<Value> {
         self.depends(|d| d.settings = true);
         let scale = self.overrides.film_scale?;
@@ -139,7 +139,7 @@ impl Engine {
         result.map_err(|e| self.outside_of_library(e, span))
     }
 
-    /// The library's text is none of the user's business: what fails there is shown at the call that led into it.
+    /// An error inside of the standard library is shown at the user's call that led to it.
     fn outside_of_library(&self, mut error: Diagnostic, call: Span) -> Diagnostic {
         let library = |span: Span| {
             let file = self.program.sources.get(span.source);

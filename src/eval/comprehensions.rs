@@ -1,4 +1,4 @@
-//! Comprehensions, item by item; [`super::lanes`] does at once what it can.
+//! Comprehensions, evaluated item by item. [`super::lanes`] evaluates all items at once where that is possible.
 
 use std::sync::Arc;
 
@@ -12,7 +12,7 @@ use crate::tape::{Slice, TapeError, Tensor, Var};
 use super::expr::{MAX_ITEMS, known};
 use super::{Engine, Result, error, mix};
 
-/// What an item of a comprehension takes, beside its numbers.
+/// Bytes of memory per item of a comprehension, besides its numbers.
 const ITEM_BYTES: u64 = 320;
 
 impl Engine {
@@ -79,7 +79,7 @@ impl Engine {
         Ok(())
     }
 
-    /// What a `for` goes through. Arrays side by side (`zip`) are not made into pairs first.
+    /// The items that a `for` iterates over. Zipped arrays are not made into pairs first.
     fn items_of(&mut self, clause: &ForClause) -> Result<Items> {
         if let ExprKind::Call(call) = &clause.items.kind
             && let Callee::Native(id) = call.callee
@@ -99,7 +99,7 @@ impl Engine {
             if let Some(columns) = columns.filter(|c| c.iter().all(|items| items.len() == c[0].len())) {
                 return Ok(Items::Side(columns));
             }
-            // What does not go together is told as ever.
+            // Anything else is left to `zip` itself, which also reports errors such as different lengths.
             let pairs = self.call_native(id, call, &values, &clause.items)?;
             return Items::of(pairs).ok_or_else(|| error::kind("there are no items to go through", clause.items.span));
         }
@@ -109,12 +109,12 @@ impl Engine {
     }
 }
 
-/// What a comprehension goes through.
+/// The items that a comprehension iterates over.
 pub(super) enum Items {
     List(Arc<Vec<Value>>),
     /// Numbers, along the first axis.
     Numbers(Var),
-    /// The parts of each item, each in an array of its own, all equally long.
+    /// Zipped arrays, all of the same length: each has one part of every item.
     Side(Vec<Items>),
 }
 
@@ -145,7 +145,7 @@ impl Items {
         }
     }
 
-    /// The parts of an item, if it has so many.
+    /// The parts of an item; `None` if it has another number of parts.
     fn parts(&self, i: usize, count: usize) -> Option<Vec<Value>> {
         match self {
             Items::Side(columns) if columns.len() == count => columns.iter().map(|c| c.item(i).ok()).collect(),
@@ -154,15 +154,15 @@ impl Items {
     }
 }
 
-/// An array that is being made. Numbers without derivatives, all of one shape, are kept as numbers alone.
+/// An array under construction. Numbers of one shape without derivatives are kept as plain numbers.
 #[derive(Default)]
 struct Collected {
     numbers: Vec<f64>,
-    /// Of each item in `numbers`.
+    /// Shape of each item in `numbers`.
     shape: Option<Vec<usize>>,
-    /// Everything, once it is no longer plain numbers.
+    /// All items, once they are no longer plain numbers.
     values: Vec<Value>,
-    /// One array that is all there is.
+    /// A single array that has been appended, with nothing else.
     whole: Option<Value>,
     count: usize,
 }
@@ -198,14 +198,14 @@ impl Collected {
         (0..items.len()).filter_map(|i| items.item(i).ok()).try_for_each(|item| self.push(item))
     }
 
-    /// Makes items of the array that was all there was.
+    /// Splits that single array into items.
     fn spread(&mut self) -> std::result::Result<(), Shortage> {
         let Some(whole) = self.whole.take().and_then(Items::of) else { return Ok(()) };
         self.count = 0;
         (0..whole.len()).filter_map(|i| whole.item(i).ok()).try_for_each(|item| self.push(item))
     }
 
-    /// Makes values of plain numbers.
+    /// Converts plain numbers to values.
     fn settle(&mut self) -> std::result::Result<(), Shortage> {
         let Some(shape) = self.shape.take() else { return Ok(()) };
         memory::ask(ITEM_BYTES * self.count as u64)?;

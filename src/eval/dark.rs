@@ -1,24 +1,24 @@
-//! Why an image came out black: nobody should have to guess.
+//! Finds out why an image is black, for a warning.
 
 use glam::{Vec2, Vec3};
 
 use crate::render::accel::Ray;
 use crate::render::{Camera, Input, Scene};
 
-/// What keeps all light from the camera.
+/// The reason why no light reaches the camera.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Darkness {
     NoLight,
-    /// Every light's power is zero.
+    /// The power of every light is zero.
     LightsOff,
     /// The camera is inside this shape of the scene.
     Inside(usize),
     NothingInView,
-    /// There are lights, but none is seen, and none was found to reach what is seen.
+    /// There are lights, but the camera sees none of them, and no visible point was found that they light.
     Unlit,
 }
 
-/// Looks at a scene that a camera sees black. One that moves stands half-way, meshes at their first keyframe.
+/// Examines a scene of which a camera's image is black. A moving camera is taken half-way, meshes at their opening keyframe.
 pub(super) fn reason(scene: &Scene, camera: &Camera) -> Darkness {
     let description = &scene.description;
     let [open, close] = camera.shutter;
@@ -58,12 +58,12 @@ pub(super) fn reason(scene: &Scene, camera: &Camera) -> Darkness {
     }
 }
 
-/// The shape that rays in all directions hit first.
+/// The shape that rays from the camera in all directions hit first; `None` if they hit several or none.
 fn enclosing_shape(scene: &Scene, from: Vec3) -> Option<usize> {
     let signs = [-1.0_f32, 0.0, 1.0];
     let directions = signs.iter().flat_map(|&x| signs.iter().flat_map(move |&y| signs.map(|z| Vec3::new(x, y, z))));
     let mut found = None;
-    // Slightly turned, so as not to slip through the seams of symmetric meshes.
+    // The directions are slightly rotated, so that they miss the seams of symmetric meshes.
     for direction in directions.filter(|d| *d != Vec3::ZERO) {
         let direction = (direction + Vec3::new(0.013, 0.029, 0.041)).normalize();
         let (hit, _) = scene.intersect(&Ray::new(from, direction), &[])?;

@@ -1,19 +1,19 @@
-//! What a computed value depends on, and what is being computed.
+//! Dependencies of computed values, and the declarations that are being evaluated.
 
 use std::collections::HashSet;
 use std::sync::Arc;
 
 use crate::check::hir::DeclId;
 
-/// What a cached value depends on, beyond the program.
+/// The state outside of the program that a cached value depends on.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Deps {
     pub params: Params,
-    /// `step` or `progress`.
+    /// The value of `step` or `progress`.
     pub step: bool,
-    /// Random samples that are drawn afresh.
+    /// The seed of random samples, which changes from step to step.
     pub sample: bool,
-    /// Overrides of render settings.
+    /// Render settings that a stage replaces.
     pub settings: bool,
 }
 
@@ -93,7 +93,7 @@ impl Evaluating {
         self.stack.len()
     }
 
-    /// Adds one; whether it was not there.
+    /// Adds a declaration; returns whether it was not there yet.
     pub fn push(&mut self, world: usize, id: DeclId) -> bool {
         let new = self.set.insert((world, id));
         if new {

@@ -1,4 +1,4 @@
-//! Derivatives as expressions and as the optimiser asks for them.
+//! Derivatives: as expressions of the language, and for the optimiser.
 
 use std::sync::Arc;
 
@@ -19,12 +19,12 @@ use super::{Deps, Engine, History, Result, error, mix};
 #[derive(Clone, Debug)]
 pub struct Gradient {
     pub value: f64,
-    /// In the order asked for; a rotation's has 3 numbers.
+    /// The derivatives in the order of the request; that of a rotation has 3 numbers.
     pub grads: Vec<Tensor>,
 }
 
 impl Gradient {
-    /// The first derivative that is NaN or infinite: which of those asked for, and its element.
+    /// The first derivative that is NaN or infinite: its index in the request, and the index of the element.
     pub fn first_non_finite(&self) -> Option<(usize, usize)> {
         first_non_finite(&self.grads)
     }
@@ -38,7 +38,7 @@ fn first_non_finite<'a>(grads: impl IntoIterator<Item = &'a Tensor>) -> Option<(
 /// The default step of central differences, relative to a size of 1.
 const FD_STEP: f64 = 1e-2;
 const ESTIMATE_REPEATS: usize = 16;
-/// Most numbers of a Jacobian: half a gigabyte.
+/// Most numbers of a Jacobian; they take half a gigabyte.
 const MAX_JACOBIAN: usize = 1 << 26;
 
 impl Engine {
@@ -53,25 +53,25 @@ impl Engine {
         self.gradient(of, &targets)
     }
 
-    /// [`Engine::gradient`] in a step of an optimisation: its renderings go on from those of the steps before.
+    /// [`Engine::gradient`] in a step of an optimisation: renderings use what those of earlier steps left in its history.
     pub fn gradient_after(&mut self, history: &mut History, of: &Expr, wrt: &[Target]) -> Result<Gradient> {
         let mut lent = std::mem::take(history);
         lent.begin_step();
         self.history = Some(lent);
         let found = self.gradient(of, wrt);
         let kept = self.history.take().unwrap_or_default();
-        // What was stopped half-way is good for nothing.
+        // An interrupted evaluation leaves meaningless numbers.
         *history = if found.is_ok() { kept } else { History::default() };
         found
     }
 
-    /// Central differences of a scalar with common random numbers, one element after the other.
+    /// Central differences of a scalar, one element after the other. Both sides use the same random numbers.
     pub fn finite_difference(&mut self, of: &Expr, wrt: &Target, step: f64) -> Result<Tensor> {
         let found = self.on_stack(|e| e.fresh_frame(|e| e.differences(of, wrt, step, of.span)))?;
         Ok(found.value().clone())
     }
 
-    /// Params that reach an expression, in declaration order, frozen ones too.
+    /// Params that an expression depends on, frozen ones too, in the order of their declarations.
     pub fn reaching_params(&mut self, of: &Expr) -> Result<Vec<DeclId>> {
         self.on_stack(|e| {
             e.fresh_frame(|e| {
@@ -90,7 +90,7 @@ impl Engine {
         })
     }
 
-    /// A scalar and its derivatives in some nodes, which it depends on as they are.
+    /// A scalar and its derivatives with respect to nodes that it was computed from.
     fn gradient_in(&mut self, of: &Expr, leaves: &[Var]) -> Result<(Var, Vec<Tensor>)> {
         let (_, loss) = self.numbers(of)?;
         if loss.len() != 1 {
@@ -99,13 +99,13 @@ impl Engine {
                 .help("`jvp` differentiates images and arrays; or take a `mean(…)`"));
         }
         let grads = tape::backward(&loss, leaves);
-        // A rendering that was stopped half-way leaves numbers that mean nothing.
+        // An interrupted rendering leaves meaningless numbers.
         stop::check();
         let grads = grads.map_err(|e| error::gradient(e.0, of.span))?;
         Ok((loss, grads))
     }
 
-    /// Derivatives as values, which can be differentiated again.
+    /// Derivatives as values that can be differentiated again.
     fn gradient_nodes(&mut self, of: &Expr, wrt: &[Target]) -> Result<Vec<Var>> {
         self.with_leaves(wrt, of.span, |engine, leaves| {
             let (loss, grads) = engine.gradient_in(of, leaves)?;
@@ -121,7 +121,7 @@ impl Engine {
         }
     }
 
-    /// Runs `f` with a leaf for each target: a param's own, or a temporary one in place of a field or declaration.
+    /// Runs `f` with a leaf for each target: that of a param, or a temporary one that replaces a field or declaration.
     pub(super) fn with_leaves<T>(
         &mut self,
         targets: &[Target],
@@ -143,11 +143,11 @@ impl Engine {
         if overrides.is_empty() {
             return f(self, &leaves);
         }
-        // The samples are those of the world outside, so that values agree.
+        // Samples are those of the world outside, so that values are the same.
         self.in_world(overrides, 0, |engine| f(engine, &leaves))
     }
 
-    /// The leaf of a param that no `with` replaces here.
+    /// The leaf of a param, unless a `with` replaces the param here.
     fn param_leaf(&mut self, target: &Target) -> Result<Option<Var>> {
         let is_param = matches!(self.program.decl(target.decl).kind, DeclKind::Param(_));
         if !is_param || !target.path.is_empty() || self.is_replaced(target.decl) {
@@ -178,7 +178,7 @@ impl Engine {
         Ok(value)
     }
 
-    /// The value that a target has, as a tensor (a rotation's matrix).
+    /// The current value of a target as a tensor (for a rotation, its matrix).
     pub fn target_tensor(&mut self, target: &Target) -> Result<Tensor> {
         let span = self.program.decl(target.decl).name_span;
         self.on_stack(|e| {
@@ -331,11 +331,11 @@ impl Engine {
         })
     }
 
-    /// The derivatives of `output` in each number of each leaf.
+    /// The derivatives of `output` with respect to each number of each leaf.
     fn rows(&mut self, output: &Var, leaves: &[Var], span: Span) -> Result<Vec<Tensor>> {
         let failed = |e: tape::TapeError| error::gradient(e.0, span);
         if output.len() == 1 {
-            // A gradient: reverse mode has it at one price.
+            // For a single output, one pass of reverse mode gives all derivatives.
             let grads = tape::backward(output, leaves);
             stop::check();
             let grads = grads.map_err(failed)?;
@@ -361,13 +361,13 @@ impl Engine {
         Ok(rows)
     }
 
-    /// (e(p + h) − e(p − h)) / 2h for each element of p; of anything made of numbers if p is one number.
+    /// Central differences (e(p + h) − e(p − h)) / 2h for each element of p. If p is one number, e may be anything made of numbers.
     fn differences(&mut self, of: &Expr, target: &Target, step: f64, span: Span) -> Result<Var> {
         let value = self.target_value(target, span)?;
         let (leaf, _) = temporary(&value, Var::alias, span)?;
         let n = leaf.len();
         let mut result: Option<Tensor> = None;
-        // What the differences depend on: derivatives of them are refused.
+        // The node remembers what the differences depend on, so that differentiating them is an error and not zero.
         let mut from: Vec<Var> = value.var().into_iter().cloned().collect();
         for k in 0..n {
             stop::check();
@@ -375,7 +375,7 @@ impl Engine {
                 let moved = |v: &Var| {
                     let mut t = v.value().clone();
                     t.data[k] += h;
-                    // Live, so that its samples vary as the value's do.
+                    // A leaf, so that the expression's samples vary from step to step as those of the value do.
                     Var::leaf(t)
                 };
                 let (_, shown) = temporary(&value, moved, span)?;
@@ -411,7 +411,7 @@ impl Engine {
             },
             None => ESTIMATE_REPEATS,
         };
-        // Samples that do not vary from step to step must vary here.
+        // Samples that are the same at every step must still differ between repetitions.
         self.frames.push(Deps::default());
         let first = self.numbers(&d.of);
         let deps = self.frames.pop().unwrap_or_default();
@@ -428,7 +428,7 @@ impl Engine {
         Ok(Value::Estimate(Arc::new(result?)))
     }
 
-    /// Mean and standard error; `like` depends on what every repetition does.
+    /// A value of mean and standard error; the dependencies are those of `like`, one repetition.
     fn repeated(&mut self, of: &Expr, repeats: usize, fresh: bool, like: &Var) -> Result<(Var, Var)> {
         let seed = self.sample_seed;
         // Welford's running mean and sum of squared deviations.
@@ -456,7 +456,7 @@ impl Engine {
     }
 }
 
-/// A value like `value` over a new node of its numbers (a rotation: of its tangent), and that node.
+/// A new leaf for the numbers of `value` (for a rotation, for its tangent), and a value of the same kind that depends on this leaf.
 fn temporary(value: &Value, node: impl Fn(&Var) -> Var, span: Span) -> Result<(Var, Value), Diagnostic> {
     match value {
         Value::Rotation(r) => {
@@ -474,7 +474,7 @@ fn temporary(value: &Value, node: impl Fn(&Var) -> Var, span: Span) -> Result<(V
     }
 }
 
-/// Images, nested as a param's numbers are.
+/// Nests a list of images like the numbers of a param.
 fn nested(images: &mut impl Iterator<Item = Var>, shape: &[usize]) -> Value {
     match shape {
         [] => images.next().map_or(Value::None, Value::Image),
@@ -482,14 +482,15 @@ fn nested(images: &mut impl Iterator<Item = Var>, shape: &[usize]) -> Value {
     }
 }
 
-/// Derivatives in each number of a param, as one array: the value's dimensions, then the param's.
+/// Stacks the derivatives with respect to each number of a param into one array, whose shape is that of the value followed by that of the
+/// param.
 fn columns(rows: &[Tensor], value: &[usize], param: &[usize]) -> Tensor {
     let len = value.iter().product();
     let data = (0..len).flat_map(|i| rows.iter().map(move |row| row.data[i])).collect();
     Tensor { shape: value.iter().chain(param).copied().collect(), data }
 }
 
-/// A derivative in every number of a value: of an image or a texture it is an image.
+/// The value of a gradient with respect to a value: an image for an image or a texture.
 fn slope(of: &Value, v: Var) -> Value {
     match of {
         Value::Image(_) | Value::Texture(_) => Value::Image(v),

@@ -21,8 +21,8 @@ pub(super) fn value(message: impl Into<String>, span: Span) -> Diagnostic {
     failure("dscene::run::value", message.into(), span, "here")
 }
 
-/// A value of another kind than the operation takes. Where a program was checked this is met only behind what is not known before
-/// it runs, for instance what a data file holds.
+/// An error about a value of a kind that the operation does not take. The checker finds these, except for values whose type is known only
+/// at run time, such as the contents of a data file.
 pub(super) fn kind(message: impl Into<String>, span: Span) -> Diagnostic {
     Diagnostic::error(KIND, message).label(span, "here")
 }
@@ -36,8 +36,8 @@ pub(super) fn memory(shortage: Shortage, span: Span) -> Diagnostic {
     failure(MEMORY, shortage.to_string(), span, "here")
 }
 
-/// An error of a lower floor, of which only the words are left. Of a shortage of memory they are always the same, and it
-/// has a code and a help of its own.
+/// An error of a lower module, of which only the message is left. A shortage of memory always has the same message, and gets its own code
+/// and help.
 fn failure(code: &'static str, message: String, span: Span, label: &str) -> Diagnostic {
     match Shortage::help(&message) {
         Some(help) => Diagnostic::error(MEMORY, message).label(span, "this is too large").help(help),
@@ -59,7 +59,7 @@ pub(super) fn gradient(message: impl Into<String>, span: Span) -> Diagnostic {
     failure("dscene::run::gradient", message, span, "this derivative").help_opt(help.map(str::to_owned))
 }
 
-/// Something that is neither true nor false. `parts` are its places with what is NaN there.
+/// An error about a condition that compares a NaN. `parts` are the operands with their places, and what is NaN there.
 pub(super) fn not_a_number(what: &str, span: Span, parts: Vec<(Span, String)>) -> Diagnostic {
     let message = format!("{what} with a NaN in it is neither true nor false");
     let mut told = Diagnostic::error(NOT_A_NUMBER, message);
@@ -88,14 +88,14 @@ pub(super) fn stopped() -> Diagnostic {
     Diagnostic::error(INTERRUPTED, "stopped")
 }
 
-/// Something the checker should have ruled out.
+/// An internal error: the checker should have refused this program.
 pub(super) fn internal(message: impl Into<String>, span: Span) -> Diagnostic {
     Diagnostic::error("dscene::internal", message)
         .label(span, "while evaluating this")
         .help("this is a fault of dscene: please report it, with the script")
 }
 
-/// A native's error, at the argument that it blames.
+/// The diagnostic of a native's error, at the argument to blame.
 pub(super) fn native(e: &NativeError, call: Span, args: &[Option<Span>], name: &str) -> Diagnostic {
     let diagnostic = match Shortage::help(&e.message) {
         Some(help) => Diagnostic::error(MEMORY, e.message.clone()).help(help),
@@ -105,7 +105,7 @@ pub(super) fn native(e: &NativeError, call: Span, args: &[Option<Span>], name: &
     at_argument(diagnostic, e, call, args, name)
 }
 
-/// What a native says though it succeeded: as a rule, what it left out of a file.
+/// The diagnostic of a native's warning, usually about what it did not read from a file.
 pub(super) fn native_warning(e: &NativeError, call: Span, args: &[Option<Span>], name: &str) -> Diagnostic {
     at_argument(Diagnostic::warning("dscene::run::file", e.message.clone()), e, call, args, name)
 }
@@ -116,7 +116,7 @@ fn at_argument(diagnostic: Diagnostic, e: &NativeError, call: Span, args: &[Opti
         Some(span) if call.start <= span.start && span.end <= call.end && span.source == call.source => {
             diagnostic.label(span, "this argument")
         }
-        // A default of the standard library is not the user's text.
+        // An argument that is a default of the standard library has no place in the user's source.
         _ => diagnostic.label(call, format!("in this `{name}`")),
     };
     diagnostic.help_opt(e.help.clone())

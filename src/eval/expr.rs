@@ -13,7 +13,7 @@ use crate::tape::{Binary, Slice, Tensor, Var};
 use super::call::{Closure, function};
 use super::{Engine, Result, World, error, mix, origin, show};
 
-/// Items of a range or comprehension, at most.
+/// Most items of a range or comprehension.
 pub(super) const MAX_ITEMS: f64 = (1u64 << 22) as f64;
 
 impl Engine {
@@ -21,7 +21,7 @@ impl Engine {
         self.deeper(e.span, |engine| engine.expr_inner(e))
     }
 
-    /// Kept small: its frame counts at every level of nesting.
+    /// This function is kept small, because its stack frame is needed at every level of nesting.
     fn expr_inner(&mut self, e: &Expr) -> Result<Value> {
         match &e.kind {
             ExprKind::Number(x) | ExprKind::Angle(x) => Ok(Value::scalar(*x)),
@@ -91,7 +91,7 @@ impl Engine {
     }
 
     fn array(&mut self, items: &[Expr]) -> Result<Value> {
-        // Plain numbers, the common case, without a node for each.
+        // An array of plain numbers, the common case, is evaluated without a tape node for each number.
         if let Some(data) = literal(items) {
             return Ok(Value::tensor(data));
         }
@@ -184,7 +184,7 @@ impl Engine {
         match value {
             Value::List(items) => {
                 let some = items[first as usize..last as usize].to_vec();
-                // What a list of rows has lost may be an array again.
+                // Without some of its items, a list of rows may be an array again.
                 let numbers = matches!(e.ty, Ty::Num(_)) || e.ty.may_be_numbers();
                 Ok(if numbers { Value::array(some) } else { Value::list(some) })
             }
@@ -298,7 +298,7 @@ impl Engine {
         self.in_world(overrides, seed, |engine| engine.expr(body))
     }
 
-    /// Evaluates in a new layer of replacements over the current world.
+    /// Evaluates in a new world: a layer of replacements over the current one.
     pub(super) fn in_world<T>(
         &mut self,
         overrides: Vec<(crate::check::hir::Target, Value)>,
@@ -306,14 +306,14 @@ impl Engine {
         f: impl FnOnce(&mut Engine) -> Result<T>,
     ) -> Result<T> {
         let (parent, path) = (self.world, self.path);
-        // With no replacement at all everything is evaluated anew.
+        // A `with` without any replacement evaluates everything again, with new samples.
         let fresh = overrides.is_empty();
         self.worlds.push(World {
             parent: Some(parent),
             overrides,
             fresh,
             cache: std::collections::HashMap::new(),
-            // Seed 0 keeps the samples of the world outside.
+            // A seed of 0 keeps the samples of the world outside.
             path: if seed == 0 { self.worlds[parent].path } else { mix(mix(self.worlds[parent].path, path), seed) },
         });
         self.world = self.worlds.len() - 1;
@@ -339,7 +339,7 @@ impl Engine {
     }
 }
 
-/// A condition without a NaN.
+/// A condition; an error if it compares a NaN.
 pub(super) fn known(condition: &Value, span: Span) -> Result<()> {
     match origin::first(condition, f64::is_nan) {
         Some(text) => Err(error::not_a_number("a condition", span, vec![(span, text)])),
@@ -379,8 +379,8 @@ fn literal(items: &[Expr]) -> Option<Tensor> {
     (shape.iter().product::<usize>() == data.len()).then_some(Tensor { shape, data })
 }
 
-/// The operation of the tape that does `op` element by element; `@` does not go element by element. Masks are ones and zeros, of which
-/// the smaller is `and`.
+/// The operation of the tape for an operator that works element by element; `None` for `@`. Masks are arrays of ones and zeros, so `and`
+/// is their minimum.
 pub(super) fn elementwise(op: BinaryOp) -> Option<Binary> {
     Some(match op {
         BinaryOp::Add => Binary::Add,
@@ -461,7 +461,7 @@ pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Res
     }
 }
 
-/// Adds to a text, which may be of gigabytes.
+/// Appends to a text, which may become gigabytes long; an error if there is no memory.
 fn append(text: &mut String, mut more: &str) {
     while !more.is_empty() {
         stop::check();
@@ -472,7 +472,7 @@ fn append(text: &mut String, mut more: &str) {
     }
 }
 
-/// Whether two values are equal as a whole: all numbers of arrays, all items of lists. NaN equals nothing.
+/// Whether two values are equal as a whole: all numbers of arrays, all items of lists. A NaN is not equal to anything.
 fn same(x: &Value, y: &Value) -> std::result::Result<bool, String> {
     match (x, y) {
         (Value::Num(a), Value::Num(b)) => {
@@ -509,7 +509,7 @@ fn sizes(a: &Var, b: &Var, or: String) -> String {
     }
 }
 
-/// A value inside a string.
+/// The text of a value that is interpolated into a string.
 fn formatted(v: &Value, ty: &Ty, format: Option<StrFormat>) -> String {
     let Some(format) = format else {
         return match v {
@@ -541,12 +541,12 @@ fn formatted(v: &Value, ty: &Ty, format: Option<StrFormat>) -> String {
 }
 
 impl Engine {
-    /// A function's or lambda's parameter gets its value.
+    /// Binds a parameter of a function or lambda to its value.
     pub(super) fn bind(&mut self, local: crate::check::hir::LocalId, value: Value) {
         self.locals.push((local, value));
     }
 
-    /// The program, shared, so that evaluation may borrow the engine.
+    /// A shared reference to the program, so that evaluation can borrow the engine mutably.
     pub(super) fn shared(&self) -> Arc<crate::check::hir::Program> {
         self.program.clone()
     }

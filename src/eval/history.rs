@@ -1,5 +1,5 @@
-//! What the renderings of an optimisation's steps leave for those of the next: where samples were of use, and images as control
-//! variates. An optimisation owns it and lends it to the engine, step by step.
+//! State that the renderings of an optimisation's step leave for those of the next: guides (where samples contributed most) and images
+//! as control variates. An optimisation owns it and lends it to the engine for each step.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -12,24 +12,25 @@ use crate::source::Span;
 
 use super::lower::Lowered;
 
-/// What the renderings of an optimisation's steps leave for those of the next.
+/// The sites of all renderings of an optimisation, with what each leaves for the next step.
 #[derive(Default)]
 pub struct History {
     sites: Vec<Site>,
 }
 
-/// One rendering, step after step: of the same place in the program and the same world, seen by the same camera, unless params move that.
+/// A rendering that recurs at every step: at the same place in the program, in the same world, with the same camera (unless params move
+/// the camera).
 pub(super) struct Site {
     span: Span,
     path: u64,
     camera: Option<Camera>,
-    /// Whether this step has come here.
+    /// Whether the current step has rendered it already.
     visited: bool,
     pub(super) guides: Arc<GuideCache>,
     last: Option<Last>,
 }
 
-/// The last step's scene, and the estimate of its image.
+/// The scene of the last step and the estimate of its image.
 struct Last {
     scene: Arc<Lowered>,
     camera: Camera,
@@ -37,7 +38,8 @@ struct Last {
     recursion: Recursion,
 }
 
-/// Cameras may be drawn anew at every step; those that come again are rarely more. Scenes are large.
+/// Most sites and most scenes that are kept. A program may choose new cameras at every step, so sites that do not recur must be dropped;
+/// scenes are large.
 const MOST_SITES: usize = 256;
 const MOST_SCENES: usize = 4;
 
@@ -60,7 +62,7 @@ impl History {
         }
     }
 
-    /// The first of its kind that this step has not come to. The latest is the last.
+    /// The first matching site that the current step has not used yet. Sites are ordered by their last use.
     pub(super) fn site(&mut self, span: Span, path: u64, camera: Option<Camera>) -> &mut Site {
         let here = |s: &Site| !s.visited && (s.span, s.path) == (span, path) && s.camera == camera;
         let known = self.sites.iter().position(here).map(|i| self.sites.remove(i));
@@ -73,12 +75,12 @@ impl History {
 }
 
 impl Site {
-    /// Whether [`Site::next`] renders what the last step saw once more.
+    /// Whether [`Site::next`] also renders the scene of the last step again.
     pub(super) fn goes_on(&self) -> bool {
         self.last.is_some()
     }
 
-    /// The step's image from `image` alone and what is known from the steps before.
+    /// The step's image from its own rendering `image` and the estimate from the steps before.
     pub(super) fn next(
         &mut self,
         image: Image,
@@ -87,7 +89,7 @@ impl Site {
         settings: &Settings,
         stop: &AtomicBool,
     ) -> Result<Image, SceneError> {
-        // Fewer bounces are another image.
+        // With another number of bounces the expected image differs, so the estimate starts again.
         let fits = |last: &Last| last.recursion.fits(&image) && last.max_bounces == settings.max_bounces;
         let recursion = match self.last.take().filter(fits) {
             Some(mut last) => {

@@ -1,9 +1,9 @@
 //! Comprehensions whose items are computed at once: `[(1 - x) ^ 2 for x in q]` is one expression of whole arrays.
 //!
-//! The element of a comprehension is followed once, with a row for each item in place of what differs from item to item
-//! ([`Lanes`]). The operations are those that each item would have seen, so values and derivatives are the same. Only what works
-//! on single numbers is done so: arithmetic, functions of each element, conditions, functions of the language made of these.
-//! Anything else, and anything that would be an error, gives `None`: the items are then computed one by one, and find the error.
+//! The element expression of a comprehension is evaluated once. Values that differ between items are arrays with one row for each item
+//! ([`Lanes`]). The operations are those that would be done for each item, so values and derivatives are the same. This is possible for
+//! arithmetic, element-wise functions, conditions, and functions of the language made of these. For anything else, and wherever an error
+//! occurs, the result is `None`: then the items are evaluated one by one, which also finds the error.
 
 use crate::check::hir::{BinaryOp, Call, Callee, DeclKind, Expr, ExprKind, FnDecl, ForClause, LocalId, UnaryOp};
 use crate::natives::{self, value::Value};
@@ -13,7 +13,7 @@ use super::Engine;
 use super::comprehensions::Items;
 use super::expr::{arithmetic, elementwise};
 
-/// Natives that treat every number alone.
+/// Natives that work on every number separately.
 const ELEMENTWISE: &[&str] = &[
     "abs",
     "sign",
@@ -39,29 +39,29 @@ const ELEMENTWISE: &[&str] = &[
     "clamp",
 ];
 
-/// What an expression is for all items.
+/// The values of an expression for all items.
 #[derive(Clone)]
 enum Lanes {
-    /// The same for each of them.
+    /// The same value for each item.
     Same(Value),
-    /// Numbers: a row for each item, shape `[items, …]`.
+    /// Numbers of shape `[items, …]`: one row for each item.
     Each(Var),
-    /// True (1) or false (0) for each item, shape `[items]`.
+    /// A bool for each item, as 1 or 0; shape `[items]`.
     Truth(Var),
 }
 
 impl Lanes {
-    /// Whether each is true or false.
+    /// The bools of all items, as 1 or 0.
     fn is_truth(&self) -> bool {
         matches!(self, Lanes::Truth(_) | Lanes::Same(Value::Bool(_)))
     }
 }
 
-/// Names that have lanes, innermost last.
+/// Local names with their lanes, innermost last.
 type Names = Vec<(LocalId, Lanes)>;
 
 impl Engine {
-    /// The array that a comprehension's last `for` makes, if it can be computed at once.
+    /// The array of the innermost `for` of a comprehension, if all items can be evaluated at once.
     pub(super) fn at_once(&mut self, clause: &ForClause, element: &Expr, items: &Items) -> Option<Value> {
         let mut n = items.len();
         let mut names = columns(clause, items)?;
@@ -83,7 +83,7 @@ impl Engine {
         Some(Value::Num(found))
     }
 
-    /// An expression for `n` items.
+    /// Evaluates an expression for `n` items.
     fn lanes(&mut self, e: &Expr, n: usize, names: &mut Names) -> Option<Lanes> {
         self.deeper(e.span, |engine| Ok(engine.lanes_inner(e, n, names))).ok().flatten()
     }
@@ -152,7 +152,8 @@ impl Engine {
         }
     }
 
-    /// One expression for the items for which a condition holds, another for the rest; each looks at its own items only.
+    /// Evaluates one expression for the items for which a condition holds and another for the rest. Each is evaluated for its own items
+    /// only.
     fn choice(
         &mut self,
         condition: &Expr,
@@ -170,7 +171,7 @@ impl Engine {
         }
         let x = yes(self, holds.len(), &mut subset(names, &holds)?)?;
         let y = no(self, fails.len(), &mut subset(names, &fails)?)?;
-        // Back in the order of the items.
+        // Puts the results back into the order of the items.
         let mut from = vec![0u32; n];
         for (at, item) in holds.iter().chain(&fails).enumerate() {
             from[*item as usize] = at as u32;
@@ -193,7 +194,7 @@ impl Engine {
                     return None;
                 }
                 let written: Vec<&Expr> = call.args.iter().map_while(Option::as_ref).collect();
-                // `min` and `max` of one value, or along an axis, reduce it.
+                // With one argument, or along an axis, `min` and `max` are reductions and not element-wise.
                 let reduces = matches!(native.name.as_str(), "min" | "max") && written.len() != 2;
                 if reduces || call.args[written.len()..].iter().any(Option::is_some) {
                     return None;
@@ -236,7 +237,7 @@ fn truth(holds: bool) -> Option<Lanes> {
     Some(Lanes::Same(Value::Bool(holds)))
 }
 
-/// What the names of a `for` stand for.
+/// The values of the names that a `for` binds.
 fn columns(clause: &ForClause, items: &Items) -> Option<Names> {
     let each = |items: &Items| match items {
         Items::Numbers(x) => Some(Lanes::Each(x.clone())),
@@ -269,7 +270,7 @@ fn subset(names: &Names, kept: &[u32]) -> Option<Names> {
     names.iter().map(|(local, lanes)| Some((*local, some(lanes)?))).collect()
 }
 
-/// Items for which a condition holds, and those for which it does not.
+/// Indices of the items for which a condition holds, and of the others.
 fn chosen(condition: &Lanes, n: usize) -> Option<(Vec<u32>, Vec<u32>)> {
     let all = 0..n as u32;
     match condition {
@@ -280,7 +281,7 @@ fn chosen(condition: &Lanes, n: usize) -> Option<(Vec<u32>, Vec<u32>)> {
     }
 }
 
-/// A row for each item.
+/// Repeats a value that is the same for all items, so that there is a row for each.
 fn rows(lanes: &Lanes, n: usize) -> Option<Var> {
     match lanes {
         Lanes::Each(x) | Lanes::Truth(x) => Some(x.clone()),
@@ -290,8 +291,8 @@ fn rows(lanes: &Lanes, n: usize) -> Option<Var> {
     }
 }
 
-/// Numbers whose rows go together as the items would: axes of length 1 stand for those that one item has and another lacks.
-/// Whether any of them differs from item to item.
+/// Brings operands to ranks at which their rows broadcast as the items would: axes of length 1 are inserted where one operand's items
+/// have an axis and another's lack it. Also returns whether any operand differs between items.
 fn aligned(args: &[Lanes]) -> Option<(bool, Vec<Var>)> {
     let rank = |lanes: &Lanes| match lanes {
         Lanes::Same(Value::Num(x)) => Some(x.shape().len()),
@@ -312,7 +313,7 @@ fn aligned(args: &[Lanes]) -> Option<(bool, Vec<Var>)> {
     Some((varies, args.iter().map(widened).collect::<Option<_>>()?))
 }
 
-/// An array of the parts for each item.
+/// Stacks the parts of an array literal, for each item.
 fn side_by_side(parts: Vec<Lanes>, n: usize) -> Option<Lanes> {
     let same = |lanes: &Lanes| match lanes {
         Lanes::Same(value) => Some(value.clone()),
@@ -349,12 +350,12 @@ fn combined(op: BinaryOp, x: &Lanes, y: &Lanes) -> Option<Lanes> {
     if !f.is_comparison() {
         return Some(Lanes::Each(result));
     }
-    // Arrays are compared as a whole, and with a NaN nothing is.
+    // `==` compares arrays as a whole, and a comparison with NaN is an error, so both are left to the evaluation by item.
     let unclear = sides.iter().any(|side| side.value().data.iter().any(|x| x.is_nan()));
     (result.shape().len() == 1 && !unclear).then_some(Lanes::Truth(result))
 }
 
-/// `base[index]`: an element of an array, the same element of each item, or for each item another one of the same array.
+/// `base[index]`: an element of an array. Either the array or the index may differ between items, but not both.
 fn element(base: &Lanes, index: &Lanes) -> Option<Lanes> {
     let whole = |x: f64| (x.fract() == 0.0 && x.abs() < 1e9).then_some(x as i64);
     match (base, index) {

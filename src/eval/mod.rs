@@ -52,32 +52,32 @@ pub use show::{brief, exact, is_angle, number_text, show, to_json};
 
 pub type Result<T, E = Diagnostic> = std::result::Result<T, E>;
 
-/// Nested evaluations, and as many more for each declaration that waits for another: a chain of those may be long, calls of
-/// function values that never end must end.
+/// Most nested evaluations. Each declaration that is being evaluated allows as many again, because chains of declarations may be long.
+/// Calls of function values that never end hit this limit.
 const MAX_DEPTH: usize = 20_000;
 const MAX_DEPTH_OF_DECLARATION: usize = 16;
 const STACK_BYTES: usize = 64 << 20;
-/// What one level may need of the stack, natives and renders included, and by how much it grows.
+/// Stack space that one level may need, natives and renders included, and the size by which the stack grows.
 const STACK_NEEDED: usize = 1 << 20;
 const STACK_GROWN: usize = 16 << 20;
 
 #[derive(Clone, Debug, Default)]
 pub struct EngineOptions {
-    /// Everything random follows from it.
+    /// The seed of all random numbers.
     pub seed: u64,
-    /// Relative paths of the script start here.
+    /// Folder that relative paths of the script start from.
     pub base_dir: PathBuf,
-    /// Set from outside to stop an evaluation: it ends with a diagnostic of code [`INTERRUPTED`].
+    /// Set from outside to interrupt an evaluation, which then ends with a diagnostic of code [`INTERRUPTED`].
     pub interrupt: Option<Arc<AtomicBool>>,
 }
 
-/// How a param moves.
+/// The geometry of a param.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ParamKind {
     Plain,
     /// Radians.
     Angle,
-    /// Value: a 3×3 matrix R. Gradients are 3 numbers: of ω in `exp([ω]×)` · R at ω = 0.
+    /// A rotation. Its value is a 3×3 matrix R; gradients have 3 numbers, with respect to ω in `exp([ω]×)` · R at ω = 0.
     Rotation,
 }
 
@@ -85,7 +85,7 @@ pub enum ParamKind {
 pub struct ParamInfo {
     pub id: DeclId,
     pub name: String,
-    /// Of the value.
+    /// Shape of the value.
     pub shape: Vec<usize>,
     pub kind: ParamKind,
     pub bounds: Option<(Tensor, Tensor)>,
@@ -94,11 +94,11 @@ pub struct ParamInfo {
     pub frozen: bool,
 }
 
-/// How much work was done, for tests and curiosity.
+/// Counts of the work done, for tests.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Statistics {
     pub renders: u64,
-    /// Scenes built (ray trees).
+    /// Scenes whose ray tree was built.
     pub scenes: u64,
     /// Declarations evaluated.
     pub declarations: u64,
@@ -113,21 +113,21 @@ struct Entry {
 struct World {
     parent: Option<usize>,
     overrides: Vec<(Target, Value)>,
-    /// Everything is evaluated anew in it.
+    /// Nothing is taken from the worlds below: everything is evaluated again.
     fresh: bool,
     cache: HashMap<DeclId, Entry>,
-    /// Seeds of what is evaluated in it follow from this.
+    /// Seeds within this world are derived from this.
     path: u64,
 }
 
 struct ParamState {
     value: Tensor,
-    /// What derivatives are taken in: the value, or the tangent of a rotation.
+    /// The leaf with respect to which derivatives are taken: the value or, for a rotation, the tangent.
     leaf: Var,
     shown: Value,
 }
 
-/// A program with its state: values of params, the step, what has been computed.
+/// A program with its state: values of params, the current step, computed values.
 pub struct Engine {
     program: Arc<hir::Program>,
     reach: Arc<Reach>,
@@ -139,17 +139,17 @@ pub struct Engine {
     loss: f64,
     losses: Arc<Vec<f64>>,
     overrides: RenderOverrides,
-    /// Of the optimisation whose step is being taken.
+    /// The history of the optimisation that is taking a step.
     history: Option<History>,
     statistics: Statistics,
     worlds: Vec<World>,
-    /// Dependencies of what is being evaluated, innermost last.
+    /// Dependencies found so far of the declarations being evaluated, innermost last.
     frames: Vec<Deps>,
     evaluating: Evaluating,
-    /// Params that moved since values that depend on them were last forgotten.
+    /// Params that changed since the cache was last cleared of values that depend on them.
     moved: Params,
     locals: Vec<(LocalId, Value)>,
-    /// Locals of the function being evaluated start here.
+    /// Index of the first local of the function being evaluated.
     base: usize,
     world: usize,
     path: u64,
@@ -201,8 +201,8 @@ impl Engine {
         self.statistics
     }
 
-    /// Takes an edited program (its declarations keep their ids). Params whose declaration is unchanged keep their
-    /// values, everything else that the edit does not reach stays computed.
+    /// Replaces the program by an edited one, in which declarations keep their ids. Params whose declaration did not change keep their
+    /// values, and all values that do not depend on the edit stay computed.
     pub fn update(&mut self, program: hir::Program) {
         let changed: Vec<DeclId> = program.ids().filter(|&id| !same_decl(&self.program, &program, id)).collect();
         let same_scene = self.program.default_scene == program.default_scene;
@@ -220,7 +220,7 @@ impl Engine {
         self.program = Arc::new(program);
     }
 
-    /// `step` and `progress` of expressions. A new step draws fresh samples.
+    /// Sets the values of `step` and `progress`. A new step draws new samples.
     pub fn set_step(&mut self, step: u64, total: u64) {
         if (step, total) != (self.step, self.total) {
             (self.step, self.total) = (step, total);
@@ -228,12 +228,12 @@ impl Engine {
         }
     }
 
-    /// The seed that samples are drawn from now.
+    /// Sets the seed from which samples are drawn.
     pub fn sample_seed(&self) -> u64 {
         self.sample_seed
     }
 
-    /// Fresh samples for everything that params reach; independent of the step's.
+    /// Draws new samples for everything that depends on params, independent of those of the step.
     pub fn set_sample_seed(&mut self, seed: u64) {
         if seed != self.sample_seed {
             self.sample_seed = seed;
@@ -241,21 +241,21 @@ impl Engine {
         }
     }
 
-    /// An optimisation begins: there are no losses yet.
+    /// Begins an optimisation, without any losses yet.
     pub fn clear_losses(&mut self) {
         self.loss = f64::NAN;
         self.losses = Arc::default();
         self.forget(|d| d.step);
     }
 
-    /// The value of `loss` in `stop_when`, and the last of the losses that `plateau` looks at.
+    /// Sets the value of `loss` in `stop_when`, and adds it to the losses that `plateau` uses.
     pub fn set_loss(&mut self, loss: f64) {
         self.loss = loss;
         Arc::make_mut(&mut self.losses).push(loss);
         self.forget(|d| d.step);
     }
 
-    /// Settings that replace arguments of renders, as stages do.
+    /// Sets the settings of a stage, which replace arguments of renders.
     pub fn set_render_overrides(&mut self, overrides: RenderOverrides) {
         if overrides != self.overrides {
             self.overrides = overrides;
@@ -263,7 +263,7 @@ impl Engine {
         }
     }
 
-    /// All params in declaration order; evaluates their initial values.
+    /// All params in the order of their declarations. Evaluates their initial values.
     pub fn params(&mut self) -> Result<Vec<ParamInfo>> {
         let ids: Vec<DeclId> = self.program.params().collect();
         ids.into_iter().map(|id| self.param_info(id)).collect()
@@ -316,13 +316,13 @@ impl Engine {
         })
     }
 
-    /// The current value of a param (a rotation: its matrix).
+    /// The current value of a param (for a rotation, its matrix).
     pub fn param_value(&mut self, id: DeclId) -> Result<Tensor> {
         self.on_stack(|e| e.ensure_param(id))?;
         Ok(self.params.get(&id).map_or_else(|| Tensor::scalar(f64::NAN), |s| s.value.clone()))
     }
 
-    /// Moves a param; `value` must have its shape.
+    /// Sets a param; `value` must have its shape.
     pub fn set_param(&mut self, id: DeclId, value: Tensor) -> Result<()> {
         self.on_stack(|e| e.ensure_param(id))?;
         let span = self.program.decl(id).name_span;
@@ -340,14 +340,14 @@ impl Engine {
         Ok(())
     }
 
-    /// Back to the initial value.
+    /// Resets a param to its initial value.
     pub fn reset_param(&mut self, id: DeclId) {
         if self.params.remove(&id).is_some() {
             self.moved.insert(id);
         }
     }
 
-    /// Warnings since the last call: derivatives taken that lack a term, images that came out black.
+    /// Warnings since the last call, for instance about derivatives that lack a term or images that are black.
     pub fn take_warnings(&mut self) -> Vec<Diagnostic> {
         self.warnings.take()
     }
@@ -366,19 +366,19 @@ impl Engine {
         self.fresh_frame(|engine| engine.expr(e))
     }
 
-    /// Does work beside evaluations, which is stopped as they are.
+    /// Does work that is not an evaluation but can be interrupted like one.
     pub fn stoppable<T>(&self, work: impl FnOnce() -> T) -> Result<T> {
         until(self.options.interrupt.clone(), work)
     }
 
-    /// Runs `f` with no locals, in the first world.
+    /// Runs `f` without locals, in the outermost world.
     fn fresh_frame<T>(&mut self, f: impl FnOnce(&mut Engine) -> Result<T>) -> Result<T> {
         let saved = (self.base, self.world, self.path, self.locals.len(), self.frames.len(), self.depth);
         (self.base, self.world, self.path) = (self.locals.len(), 0, 0);
         let nested = self.evaluating.len();
         let flag = self.options.interrupt.clone();
         let result = until(flag, || f(self)).and_then(|done| done);
-        // An error, or being stopped, may leave any of the stacks higher than it was.
+        // After an error or an interruption the stacks may have entries left, which are dropped.
         self.evaluating.truncate(nested);
         self.locals.truncate(saved.3);
         self.frames.truncate(saved.4);
@@ -395,7 +395,7 @@ impl Engine {
         }
     }
 
-    /// Some world around the current one evaluates everything anew.
+    /// Whether the current world, or one around it, evaluates everything again.
     fn is_fresh(&self) -> bool {
         let mut at = Some(self.world);
         while let Some(i) = at {
@@ -418,7 +418,7 @@ impl Engine {
         }
     }
 
-    /// Notes a dependency of everything that is being evaluated.
+    /// Adds a dependency to all declarations that are being evaluated.
     fn depends(&mut self, f: impl Fn(&mut Deps)) {
         if let Some(frame) = self.frames.last_mut() {
             f(frame);
@@ -476,7 +476,7 @@ impl Engine {
     }
 
     fn decl_value(&mut self, decl: &Decl) -> Result<Value> {
-        // The innermost replacement of the whole, then those of fields further in.
+        // The innermost replacement of the whole declaration applies first, then replacements of its fields in worlds further in.
         let mut fields: Vec<(Target, Value)> = Vec::new();
         let mut whole = None;
         let mut at = Some(self.world);
@@ -542,12 +542,12 @@ impl Engine {
 
     // ---- stacks ----------------------------------------------------------------------------------------------------
 
-    /// Evaluation recurses over the program; give it room.
+    /// Evaluation recurses over the program, so the stack is grown when it runs short.
     fn on_stack<T: Send>(&mut self, f: impl FnOnce(&mut Engine) -> T + Send) -> T {
         on_large_stack(|| f(self))
     }
 
-    /// Counts nesting, so that runaway recursion ends in a diagnostic.
+    /// Counts the depth of nesting, so that endless recursion ends in a diagnostic.
     fn deeper<T>(&mut self, span: crate::source::Span, f: impl FnOnce(&mut Engine) -> Result<T>) -> Result<T> {
         let waiting = self.evaluating.len().min(self.program.decls.len());
         let limit = MAX_DEPTH + MAX_DEPTH_OF_DECLARATION * waiting;
@@ -561,7 +561,7 @@ impl Engine {
     }
 }
 
-/// Does work that ends with a diagnostic once the flag is set.
+/// Does work that ends with a diagnostic if the flag is set.
 fn until<T>(flag: Option<Arc<AtomicBool>>, work: impl FnOnce() -> T) -> Result<T> {
     match flag {
         Some(flag) => stop::until(&flag, work).map_err(|stop::Stopped| error::stopped()),
@@ -570,7 +570,7 @@ fn until<T>(flag: Option<Arc<AtomicBool>>, work: impl FnOnce() -> T) -> Result<T
 }
 
 impl ParamState {
-    /// A param that shows itself as `like` does.
+    /// A value of the same kind as `like` for a param's leaf.
     fn new(like: &Value, value: Tensor) -> std::result::Result<ParamState, String> {
         match like {
             Value::Rotation(_) => {
@@ -589,7 +589,7 @@ impl ParamState {
     }
 }
 
-/// The same declaration in two versions of a program.
+/// Whether a declaration is the same in two versions of a program.
 fn same_decl(old: &hir::Program, new: &hir::Program, id: DeclId) -> bool {
     let Some(a) = old.decls.get(id.0 as usize) else { return false };
     let b = &new.decls[id.0 as usize];
@@ -597,7 +597,7 @@ fn same_decl(old: &hir::Program, new: &hir::Program, id: DeclId) -> bool {
         return true;
     }
     let same_body = match (&a.body, &b.body) {
-        // A program that was checked again has new trees of the same texts.
+        // After checking again, the syntax trees are new but the texts are the same.
         (Some(x), Some(y)) => Arc::ptr_eq(x, y) || format!("{x:?}") == format!("{y:?}"),
         (None, None) => true,
         _ => false,
@@ -625,10 +625,10 @@ fn is_large_stack() -> bool {
     LARGE_STACK.with(std::cell::Cell::get)
 }
 
-/// Runs `f` on a thread with a large stack, unless this is one. Callers that evaluate a lot may wrap their whole work
-/// in it, to save the threads.
+/// Runs `f` on a thread with a large stack, or directly if this is such a thread. Callers that evaluate often can wrap all their work in
+/// it, so that only one thread is started.
 pub fn on_large_stack<T: Send>(f: impl FnOnce() -> T + Send) -> T {
-    // Inside a thread pool the work stays in that pool.
+    // If this runs in a thread pool, the work uses that pool.
     if is_large_stack() || rayon::current_thread_index().is_some() {
         return f();
     }
@@ -641,7 +641,7 @@ pub fn on_large_stack<T: Send>(f: impl FnOnce() -> T + Send) -> T {
     let result = std::thread::scope(|scope| {
         match std::thread::Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, body) {
             Ok(handle) => handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)),
-            // No thread to be had: on this stack, with the small limit.
+            // If no thread can be started, `f` runs on this stack with the smaller limit.
             Err(_) => take().map(|f| f()),
         }
     });

@@ -1,4 +1,4 @@
-//! Where a number that is not finite came from: the expression that made it of finite ones.
+//! Finds the origin of a number that is not finite: the expression that computed it from finite ones.
 
 use crate::check::children;
 use crate::check::hir::{Callee, DeclKind, Expr, ExprKind};
@@ -15,12 +15,12 @@ pub struct Origin {
     pub text: String,
 }
 
-/// Expressions that are looked at, at most: each is evaluated once more.
+/// Most expressions that are searched. Each is evaluated again.
 const MOST: usize = 10_000;
 
 impl Engine {
-    /// Where the first NaN of a value came from, or else its first infinity; `None` if all of it is finite. What has no value of
-    /// its own outside (the body of a function, an item of a comprehension) is not looked into.
+    /// The origin of the first NaN of a value or, if there is none, of its first infinity; `None` if all of it is finite. The search does
+    /// not go into bodies of functions and items of comprehensions, which cannot be evaluated on their own.
     pub fn origin(&mut self, of: &Expr) -> Option<Origin> {
         let search = |engine: &mut Engine| -> Result<Option<Origin>> {
             let mut left = MOST;
@@ -34,7 +34,7 @@ impl Engine {
     fn source_of(&mut self, e: &Expr, bad: fn(f64) -> bool, left: &mut usize) -> Option<Origin> {
         *left = left.checked_sub(1)?;
         let Ok(value) = self.expr(e) else {
-            // A comparison with a NaN has no value; its sides have.
+            // A comparison with a NaN has no value, but its operands have.
             let mut parts = Vec::new();
             children(e, &mut |child| parts.push(child));
             return parts.iter().find_map(|part| self.source_of(part, bad, left));
@@ -56,7 +56,7 @@ impl Engine {
                 let mut parts = Vec::new();
                 children(e, &mut |child| parts.push(child));
                 let same = parts.iter().find_map(|part| self.source_of(part, bad, left));
-                // ∞ − ∞ is NaN: what made the infinity is of more interest.
+                // If a NaN was computed from an infinity (∞ − ∞), the origin of the infinity is reported.
                 same.or_else(|| parts.iter().find_map(|part| self.source_of(part, f64::is_infinite, left)))
             }
         };
@@ -78,7 +78,7 @@ impl Engine {
     }
 }
 
-/// What the first such number of a value is, and which it is.
+/// Kind and position of the first number of a value that is not finite.
 pub(super) fn first(value: &Value, bad: fn(f64) -> bool) -> Option<String> {
     if let Value::List(items) = value {
         return items.iter().find_map(|item| first(item, bad));

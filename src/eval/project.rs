@@ -1,4 +1,4 @@
-//! Where points of the world are seen on a camera's film: [`Camera::project`] as an operation of the tape.
+//! Projects points of the world onto a camera's film: [`Camera::project`] as an operation of the tape.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use crate::tape::{CustomOp, Tensor, Var};
 
 use super::{Engine, Result, error, lower};
 
-/// One call: the points, then what of the camera a leaf reaches.
+/// One call. Its inputs are the points, followed by the camera's slots that depend on a leaf.
 struct ProjectOp {
     camera: Camera,
     slots: Vec<Slot>,
@@ -21,7 +21,7 @@ struct ProjectOp {
 }
 
 impl ProjectOp {
-    /// The adjoints of a point and of the camera's numbers, from that of one point's place on film.
+    /// Adjoints of a point and of the camera's numbers, from the adjoint of the point's film position.
     fn adjoint(&self, projected: &Projected, d_place: Vec2, camera: &mut CameraAdjoint) -> Vec3 {
         let size = Vec2::new(self.camera.width as f32, self.camera.height as f32);
         self.camera.d_project(projected, d_place / size, camera)
@@ -36,7 +36,7 @@ fn of_slot(slot: Slot, d: &CameraAdjoint) -> Vec<f64> {
         Slot::CameraFrame => d.frame.iter().flat_map(|row| row.to_array()).map(f64::from).collect(),
         Slot::CameraScale => all(&d.scale),
         Slot::CameraDistortion => all(&d.distortion),
-        // A point is seen through the middle of a lens, when the shutter opens.
+        // A point is projected through the centre of the lens, at the opening keyframe.
         _ => Vec::new(),
     }
 }
@@ -81,7 +81,7 @@ impl CustomOp for ProjectOp {
 }
 
 impl Engine {
-    /// `project(camera, point)`: places in 0..1 from the top left of the film, for points, arrays or images of them.
+    /// `project(camera, point)`: film positions in 0..1 from the top left, for points or arrays or images of points.
     pub(super) fn project(&mut self, values: &[Value], spans: &[Option<Span>], span: Span) -> Result<Value> {
         let at = |i: usize| spans.get(i).copied().flatten().unwrap_or(span);
         let (Some(Value::Camera(camera)), Some(value)) = (values.first(), values.get(1)) else {
@@ -98,7 +98,7 @@ impl Engine {
         };
         let lowered =
             lower::lower_camera(camera).map_err(|e| self.scene_error(e, &SceneValue::default(), &[], at(0)))?;
-        // Seen through the middle of the lens, when the shutter opens.
+        // Points are projected through the centre of the lens, at the opening keyframe.
         let around = lowered.camera.origin.as_dvec3();
         let pinhole = lowered.relative_to(around).at(0.0);
         let size = [f64::from(pinhole.width as f32), f64::from(pinhole.height as f32)];

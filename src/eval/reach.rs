@@ -1,12 +1,12 @@
-//! Which declarations a declaration may need, transitively: what a replacement can change.
+//! Which declarations depend on which, transitively: those that change if a declaration is replaced.
 
 use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use crate::check::hir::{Callee, DeclId, DeclKind, Expr, ExprKind, FnDecl, Program, Rendering, StrPart};
 
-/// Which declarations mention which, and what follows: every declaration reaches itself. What reaches a declaration is looked
-/// for when it is first asked, and kept.
+/// The graph of declarations that mention one another, and its transitive closure. A declaration "reaches" another if it may depend on
+/// it, and every declaration reaches itself. What reaches a declaration is computed when it is first asked for, and cached.
 #[derive(Default)]
 pub(super) struct Reach {
     /// By declaration: those that mention it.
@@ -26,7 +26,7 @@ impl Reach {
         reach
     }
 
-    /// Takes a program in which some declarations are new or changed.
+    /// Updates the graph for a program in which some declarations are new or changed.
     pub(super) fn update(&mut self, program: &Program, changed: impl IntoIterator<Item = DeclId>) {
         self.users.resize(program.decls.len(), Vec::new());
         self.uses.resize(program.decls.len(), Vec::new());
@@ -56,13 +56,13 @@ impl Reach {
         from == to || self.reaching(to).contains(&from.0)
     }
 
-    /// What reaches a declaration, itself included.
+    /// The declarations that may depend on a declaration, itself included.
     pub(super) fn reaching(&self, to: DeclId) -> Arc<HashSet<u32>> {
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         known.entry(to).or_insert_with(|| Arc::new(self.all_users(vec![to.0]))).clone()
     }
 
-    /// What reaches any of several declarations, themselves included.
+    /// The declarations that may depend on any of several declarations, themselves included.
     pub(super) fn reaching_any(&self, to: &[DeclId]) -> HashSet<u32> {
         self.all_users(to.iter().map(|id| id.0).collect())
     }
@@ -77,7 +77,7 @@ impl Reach {
         found
     }
 
-    /// It may render the default scene.
+    /// Whether a declaration may render the default scene.
     pub(super) fn renders(&self, id: DeclId) -> bool {
         self.renders.get_or_init(|| self.all_users(self.rendering.clone())).contains(&id.0)
     }
@@ -92,7 +92,7 @@ fn direct(program: &Program, id: DeclId) -> Vec<u32> {
     let decl = program.decl(id);
     let mut found = Vec::new();
     match &decl.kind {
-        // A param has its own value; where it started from no longer matters.
+        // A param has a value of its own, which no longer depends on the declarations of its initial value.
         DeclKind::Param(_) => return found,
         DeclKind::Native(_) if is_rendering(program, id) => {
             found.extend(program.default_scene.iter().chain(&program.integrator).map(|d| d.0));
@@ -115,7 +115,7 @@ fn function(f: &FnDecl, found: &mut Vec<u32>) {
 
 /// Declarations that an expression mentions.
 pub(super) fn collect(root: &Expr, found: &mut Vec<u32>) {
-    // An explicit stack: expressions may be nested deeply.
+    // An explicit stack is used, because expressions may be deeply nested.
     let mut stack = vec![root];
     while let Some(e) = stack.pop() {
         match &e.kind {

@@ -1,4 +1,4 @@
-//! OpenEXR files: parts, layers and windows in; one part of numbers out.
+//! Reads OpenEXR files with parts, layers and windows; writes files with a single part.
 
 use std::io::Cursor;
 
@@ -13,9 +13,9 @@ use super::file::Decoded;
 use super::{Image, ImageError, check_size};
 use crate::memory;
 
-/// Reads one layer: the named one, or else the first with red, green and blue, then the first with luminance; a file without
-/// colours gives all channels of its first part, in the order R, G, B, A and then by name. The image is the display window,
-/// and 0 where the file has no data.
+/// Reads one layer: the named one, or else the first with red, green and blue, or else the first with luminance. A file without colours
+/// gives all channels of its first part, in the order R, G, B, A and then by name. The image is the display window; pixels for which the
+/// file has no data are 0.
 pub(super) fn decode(bytes: &[u8], layer: Option<&str>) -> Result<Decoded, ImageError> {
     let reader = exr::block::read(Cursor::new(bytes), false).map_err(refused)?;
     let layers = layers(reader.headers());
@@ -27,7 +27,7 @@ pub(super) fn decode(bytes: &[u8], layer: Option<&str>) -> Result<Decoded, Image
     let numbers = check_size(window.width, window.height, slots)?;
     check_size(header.layer_size.0, header.layer_size.1, header.channels.list.len())?;
     memory::ask_for::<f32>(numbers)?;
-    // A block is unpacked as a whole, whatever its size.
+    // A block is decompressed as a whole, so memory for the largest one is requested too.
     let rows = match header.blocks {
         exr::meta::BlockDescription::Tiles(tiles) => tiles.tile_size.area(),
         exr::meta::BlockDescription::ScanLines => {
@@ -110,12 +110,12 @@ pub(super) fn encode(image: &Image) -> Result<Vec<u8>, ImageError> {
     Ok(bytes.into_inner())
 }
 
-/// Channels of one part whose names begin alike: `VL.Combined.R`, `VL.Combined.G`, …
+/// A layer: channels of one part whose names have the same prefix, such as `VL.Combined.R`, `VL.Combined.G`, …
 struct Layer {
     part: usize,
-    /// The part's name and what its channels' names begin with; empty for the plain `R`, `G`, `B` of a file with one part.
+    /// The name of the part and the prefix of the channels' names; empty for the plain `R`, `G`, `B` of a file with one part.
     name: String,
-    /// Indices of channels in the part, and the ends of their names in lower case.
+    /// Indices of the channels in the part, and the rest of their names in lower case.
     channels: Vec<(usize, String)>,
 }
 
@@ -123,11 +123,11 @@ struct Layer {
 enum Kind {
     /// Red, green, blue, and perhaps alpha.
     Color,
-    /// Y, RY and BY, and perhaps alpha: to be converted.
+    /// Luminance and chroma (Y, RY, BY), and perhaps alpha; converted to RGB.
     LuminanceAndChroma,
     /// Y, and perhaps alpha.
     Luminance,
-    /// Channels that are no colours.
+    /// Channels that are not colours.
     Numbers,
 }
 
@@ -163,7 +163,7 @@ fn layers(headers: &[Header]) -> Vec<Layer> {
                 None => layers.push(Layer { part, name, channels: vec![(index, end)] }),
             }
         }
-        // Channels without a layer's name come first, then those of layers in the file's order.
+        // Channels without a layer come first, then layers in the order of the file.
         layers[first..].sort_by_key(|l| l.name != part_name);
     }
     layers
@@ -174,7 +174,7 @@ impl Layer {
         self.channels.iter().find(|(_, e)| e == end).map(|(i, _)| *i)
     }
 
-    /// The channels of these names, if all are there, and alpha if it is.
+    /// The channels with these names, if all exist, followed by alpha if it exists.
     fn all_of(&self, kind: Kind, ends: &[&str]) -> Option<Choice> {
         let channels: Option<Vec<usize>> = ends.iter().map(|end| self.channel(end)).collect();
         let channels = channels?.into_iter().chain(self.channel("a")).collect();
@@ -186,7 +186,8 @@ impl Layer {
     }
 
     fn luminance(&self) -> Option<Choice> {
-        // Positions and directions have a Y too.
+        // A layer with an X channel, or with a Z channel and no alpha, is a position or direction, whose Y is no luminance. (With alpha,
+        // Z is depth.)
         if self.channel("x").is_some() || self.channel("z").is_some() && self.channel("a").is_none() {
             return None;
         }
@@ -210,7 +211,7 @@ fn choose(headers: &[Header], layers: &[Layer], wanted: Option<&str>) -> Result<
         if let Some(layer) = layers.iter().find(|l| l.name.eq_ignore_ascii_case(wanted)) {
             return Ok(layer.color().or_else(|| layer.luminance()).unwrap_or_else(|| layer.numbers()));
         }
-        // A single channel by its whole name.
+        // A name may also be that of a single channel.
         for layer in layers {
             let named = |(index, _): &&(usize, String)| {
                 let name = channel_of(headers, layer.part, *index).name.to_string();
@@ -227,7 +228,7 @@ fn choose(headers: &[Header], layers: &[Layer], wanted: Option<&str>) -> Result<
     if let Some(choice) = found {
         return Ok(choice);
     }
-    // No colours: the whole first part.
+    // Without colours, all channels of the first part are read.
     let first = layers[0].part;
     let channels = layers.iter().filter(|l| l.part == first).flat_map(|l| l.channels.iter().cloned()).collect();
     Ok(Layer { part: first, name: String::new(), channels }.numbers())
@@ -237,7 +238,7 @@ fn channel_of(headers: &[Header], part: usize, index: usize) -> &ChannelDescript
     &headers[part].channels.list[index]
 }
 
-/// Layers by their names, and channels outside of layers by theirs.
+/// Names of layers, and of channels outside of layers, for messages.
 fn names(headers: &[Header], layers: &[Layer], of: impl Fn(&Layer, usize) -> bool) -> String {
     let mut names: Vec<String> = Vec::new();
     for layer in layers {
@@ -257,7 +258,7 @@ fn names(headers: &[Header], layers: &[Layer], of: impl Fn(&Layer, usize) -> boo
     names.join(", ")
 }
 
-/// What the file has beside the choice.
+/// A note about layers of the file that were not read.
 fn unread(headers: &[Header], layers: &[Layer], choice: &Choice) -> Vec<String> {
     let mut notes = Vec::new();
     let others = names(headers, layers, |layer, i| layer.part != choice.part || !choice.channels.contains(&i));
@@ -273,7 +274,7 @@ fn unread(headers: &[Header], layers: &[Layer], choice: &Choice) -> Vec<String> 
     notes
 }
 
-/// The display window, and where the data begin in it.
+/// The display window, and the position of the data window in it.
 struct Window {
     width: usize,
     height: usize,
@@ -316,7 +317,7 @@ impl Window {
         Ok(Window { width, height, left, top })
     }
 
-    /// The image's row of a row of data.
+    /// The row of the image for a row of the data window.
     fn row(&self, y: usize) -> Option<usize> {
         usize::try_from(y as i64 + self.top).ok().filter(|y| *y < self.height)
     }

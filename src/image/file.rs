@@ -1,4 +1,4 @@
-//! Image files: PNG, JPEG, Radiance HDR and OpenEXR in; PNG, HDR and EXR out. Saving is atomic.
+//! Reads image files (PNG, JPEG, Radiance HDR, OpenEXR) and writes PNG, HDR and EXR. Saving is atomic.
 
 use std::path::Path;
 
@@ -8,23 +8,23 @@ pub use crate::files::{describe_io, read_bytes, write_atomically};
 
 use super::{Image, ImageError, exr, hdr, jpeg, png};
 
-/// How the integers of PNG and JPEG files are meant.
+/// The encoding of the integers in PNG and JPEG files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
-    /// As the file says (PNG's gAMA and sRGB chunks); sRGB if it does not, at any number of bits.
+    /// As the file declares (PNG's gAMA and sRGB chunks), and sRGB if it does not, for any bit depth.
     AsFile,
-    /// Colours, sRGB-encoded: decoded to linear (but for alpha).
+    /// sRGB-encoded colours: decoded to linear values, except alpha.
     Srgb,
-    /// Numbers (roughness, normals, masks): only scaled to 0..1.
+    /// Data such as roughness, normals and masks: only scaled to 0..1.
     Linear,
 }
 
-/// An image, and what its file asks for that was not done: whole sentences.
+/// An image, and notes about features of its file that are not supported.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Decoded {
-    /// What the file shows, linear.
+    /// The image, in linear values.
     pub image: Image,
-    /// One sentence for each thing that was not done.
+    /// One sentence for each feature that is not supported.
     pub notes: Vec<String>,
 }
 
@@ -33,8 +33,8 @@ pub const READABLE: [&str; 5] = ["png", "jpg", "jpeg", "hdr", "exr"];
 /// Extensions of the files that [`save`] writes.
 pub const WRITABLE: [&str; 3] = ["png", "hdr", "exr"];
 
-/// Reads an image, turned upright as its EXIF data say. Grey files have 1 channel, colours 3, with alpha 4. Of an EXR file one
-/// layer is read: the named one, or the first with colours; one without colours has all its channels, by name.
+/// Reads an image and orients it by its EXIF data. Grey files have 1 channel, colours 3, with alpha 4. Of an EXR file one layer is read:
+/// the named one, or the first with colours; a file without colours gives all its channels, ordered by name.
 pub fn load(path: &Path, encoding: Encoding, layer: Option<&str>) -> Result<Decoded, ImageError> {
     let extension = extension(path);
     if !READABLE.contains(&extension.as_str()) {
@@ -63,7 +63,7 @@ pub fn save(path: &Path, image: &Image) -> Result<(), ImageError> {
     write_atomically(path, &bytes).map_err(|e| failed(describe_io(&e)))
 }
 
-/// Decodes the bytes of an image file, whose format its first bytes tell.
+/// Decodes the bytes of an image file; the format is recognised by its first bytes.
 pub fn decode(bytes: &[u8], encoding: Encoding, layer: Option<&str>) -> Result<Decoded, ImageError> {
     let is = |magic: &[u8]| bytes.starts_with(magic);
     let is_exr = is(&[0x76, 0x2f, 0x31, 0x01]);
@@ -84,7 +84,8 @@ pub fn decode(bytes: &[u8], encoding: Encoding, layer: Option<&str>) -> Result<D
     Ok(decoded)
 }
 
-/// The first pixel that holds no finite number, and how many others do not: all that is computed from them is lost.
+/// A note about pixels that are not finite: the first of them and the number of others. Everything computed from them would be NaN or
+/// infinite.
 fn not_finite(image: &Image) -> Option<String> {
     let is_broken = |pixel: &&[f32]| pixel.iter().any(|x| !x.is_finite());
     let pixels = || image.data.chunks_exact(image.channels.max(1));
@@ -104,11 +105,11 @@ pub fn encode_png(image: &Image) -> Result<Vec<u8>, ImageError> {
     png::encode(image)
 }
 
-/// The image turned as EXIF data ask for; as it is if they do not, or cannot be read.
+/// The image oriented by EXIF data; unchanged if there are none, or they cannot be read.
 pub(super) fn oriented(image: Image, exif: Option<&[u8]>) -> Result<Image, ImageError> {
     let orientation = exif.and_then(Orientation::from_exif_chunk).unwrap_or(Orientation::NoTransforms);
     let (w, h) = (image.width, image.height);
-    // Where the pixel that is to stand at (x, y) comes from.
+    // The source of the pixel at (x, y).
     let from: fn(usize, usize, usize, usize) -> (usize, usize) = match orientation {
         Orientation::NoTransforms => return Ok(image),
         Orientation::FlipHorizontal => |x, y, w, _| (w - 1 - x, y),
@@ -135,10 +136,10 @@ pub(super) fn oriented(image: Image, exif: Option<&[u8]>) -> Result<Image, Image
     Ok(Image { width, height, channels: image.channels, data })
 }
 
-/// What there is to say of a colour profile that is not sRGB's: it is not applied.
+/// A note about a colour profile other than sRGB, which is not applied.
 pub(super) fn profile_note(format: &str, profile: &[u8]) -> Option<String> {
     let has = |name: &[u8]| profile.windows(name.len()).any(|w| w == name);
-    // Its description is ASCII or UTF-16, by the version of the profile.
+    // The profile's description is ASCII or UTF-16, depending on the profile's version.
     let is_srgb = has(b"sRGB") || has(b"\0s\0R\0G\0B");
     let note = format!("the {format} file has a colour profile, which is not done: its colours are taken as sRGB");
     (!is_srgb).then_some(note)

@@ -1,7 +1,7 @@
 //! Linear image filters with their adjoints, and the sRGB transfer functions.
 //!
-//! Every filter here is a pair of one-dimensional maps, one along x and one along y, so its transpose is the pair of
-//! transposes. `f(x) = A x` is `blur`, its adjoint `Aᵀ d` is `d_blur`, and so on; for derivatives in `f64` use [`Separable`].
+//! Every filter here is separable: a linear map along x and one along y. Its adjoint is made of their transposes. `blur` computes A x,
+//! its adjoint `d_blur` Aᵀ d, and so on; for derivatives in `f64` use [`Separable`].
 
 use std::ops::AddAssign;
 
@@ -75,7 +75,7 @@ pub fn d_linear_to_srgb(linear: f64) -> f64 {
     if a <= 0.0031308 { 12.92 } else { 1.055 / 2.4 * a.powf(1.0 / 2.4 - 1.0) }
 }
 
-/// What a filter's numbers may be.
+/// Numbers that a filter works on: `f32` or `f64`.
 pub trait Real: Copy + Default + AddAssign {
     /// The number times a weight.
     fn scaled(self, weight: f64) -> Self;
@@ -100,7 +100,7 @@ pub struct Separable {
     y: Taps,
 }
 
-/// One output as a sum of inputs: their numbers and weights.
+/// One output as a weighted sum of inputs: their indices and weights.
 pub type Sum = Vec<(usize, f64)>;
 
 impl Separable {
@@ -158,7 +158,7 @@ impl Separable {
         (self.x.rows.len(), self.y.rows.len())
     }
 
-    /// Of each output column and row: the columns or rows that it is a sum of, with their weights.
+    /// For each output column and row: the input columns or rows that it is a sum of, with their weights.
     pub fn taps(&self) -> [Vec<Sum>; 2] {
         let row = |row: &Row| row.weights.iter().enumerate().map(|(k, w)| (row.start + k, *w)).collect();
         let all = |taps: &Taps| taps.rows.iter().map(row).collect();
@@ -297,7 +297,8 @@ impl Taps {
     }
 }
 
-/// Pixels on either side that a gaussian of `n` reaches: beyond five deviations a weight is below 4e-6 of the largest.
+/// Radius in pixels of a Gaussian kernel over a row of `n` pixels: five standard deviations, beyond which weights are below 4e-6 of the
+/// largest.
 fn gaussian_radius(n: usize, sigma: f64) -> usize {
     ((5.0 * sigma).ceil() as usize).min(n)
 }

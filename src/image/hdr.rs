@@ -1,4 +1,4 @@
-//! Radiance's `.hdr` and `.pic` files: colours with a common exponent.
+//! Radiance `.hdr` and `.pic` files: colours whose channels share an exponent (RGBE).
 
 use std::io::Cursor;
 
@@ -9,12 +9,12 @@ use super::file::Decoded;
 use super::{Image, ImageError, check_size};
 use crate::memory;
 
-/// What a file begins with; some programs write the second.
+/// The first bytes of a file; some programs write the second form.
 pub(super) const MAGIC: [&[u8]; 2] = [b"#?RADIANCE", b"#?RGBE"];
 
-/// What the lines before the pixels say.
+/// The header.
 struct Header {
-    /// Values were multiplied by it.
+    /// The factor by which values were multiplied.
     exposure: f64,
     corrections: [f64; 3],
     is_xyz: bool,
@@ -22,26 +22,27 @@ struct Header {
     notes: Vec<String>,
 }
 
-/// The resolution line: two axes, the one of lines first.
+/// The resolution line: two axes, the axis of scanlines first.
 #[derive(Clone, Copy)]
 struct Order {
     lines: usize,
     length: usize,
-    /// Lines are columns of the image.
+    /// Scanlines are columns of the image.
     columns: bool,
-    /// The first line is the last row or column.
+    /// Scanlines are stored in reverse order.
     lines_reversed: bool,
     length_reversed: bool,
 }
 
-/// Reads the radiance that was before exposure and colour correction, top left first.
+/// Reads the radiance before exposure and colour correction, row by row from the top left.
 pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, ImageError> {
     let (header, pixels) = header(bytes).map_err(|e| ImageError::Argument(format!("the HDR image is damaged: {e}")))?;
     let Order { lines, length, columns, .. } = header.order;
     let (width, height) = if columns { (lines, length) } else { (length, lines) };
     let numbers = check_size(width, height, 3)?;
     memory::ask_for::<f32>(numbers.saturating_mul(3))?;
-    // The crate knows one order of axes, which changes nothing about how lines are stored.
+    // The crate decodes one order of axes only. Scanlines are stored in the same way for all orders, so the file is given to it as that
+    // order.
     let mut plain = format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {lines} +X {length}\n").into_bytes();
     plain.extend_from_slice(pixels);
     let damaged = |e: image::ImageError| ImageError::Argument(format!("the HDR image is damaged: {e}"));
@@ -68,7 +69,7 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, ImageError> {
 }
 
 impl Order {
-    /// Column and row of an element of a line.
+    /// Column and row of an element of a scanline.
     fn place(self, line: usize, element: usize) -> (usize, usize) {
         let line = if self.lines_reversed { self.lines - 1 - line } else { line };
         let element = if self.length_reversed { self.length - 1 - element } else { element };
@@ -80,7 +81,7 @@ impl Order {
         let wrong = || format!("its resolution is “{}”", text.chars().take(40).collect::<String>());
         let [first, lines, second, length] = words[..] else { return Err(wrong()) };
         let number = |s: &str| s.parse::<u32>().map(|n| n as usize).map_err(|_| wrong());
-        // Down and to the right is the usual way.
+        // Rows from the top, columns from the left: the usual order.
         let axis = |s: &str| match s {
             "-Y" => Ok((false, false)),
             "+Y" => Ok((false, true)),

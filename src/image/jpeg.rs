@@ -1,4 +1,4 @@
-//! JPEG files: grey, colours, and the four inks of print.
+//! Reads JPEG files: grey, RGB and CMYK.
 
 use zune_jpeg::JpegDecoder;
 use zune_jpeg::zune_core::bytestream::ZCursor;
@@ -10,7 +10,7 @@ use super::filter::srgb_to_linear;
 use super::{Image, ImageError, check_size};
 use crate::memory;
 
-/// Reads a JPEG file. Grey ones have one channel, all others three.
+/// Reads a JPEG file. Grey files have one channel, all others three.
 pub(super) fn decode(bytes: &[u8], encoding: Encoding) -> Result<Decoded, ImageError> {
     let damaged =
         |e: zune_jpeg::errors::DecodeErrors| ImageError::Argument(format!("the JPEG image is damaged: {e:?}"));
@@ -18,7 +18,7 @@ pub(super) fn decode(bytes: &[u8], encoding: Encoding) -> Result<Decoded, ImageE
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
     decoder.decode_headers().map_err(damaged)?;
     let (width, height) = decoder.dimensions().unwrap_or_default();
-    // Inks without Adobe's marker are stored as they are, with it as what they leave of the light.
+    // CMYK is stored as amounts of ink; with Adobe's marker it is stored inverted.
     let marker = segments(bytes).any(|(kind, body)| kind == 0xee && body.starts_with(b"Adobe"));
     let space = match decoder.input_colorspace() {
         Some(ColorSpace::Luma) => ColorSpace::Luma,
@@ -28,7 +28,7 @@ pub(super) fn decode(bytes: &[u8], encoding: Encoding) -> Result<Decoded, ImageE
     decoder.set_options(options.jpeg_set_out_colorspace(space));
     let channels = if space == ColorSpace::Luma { 1 } else { 3 };
     let numbers = check_size(width, height, channels)?;
-    // The decoder keeps 16 bits a sample of progressive files, in blocks of 16.
+    // The decoder keeps 16 bits per sample of progressive files, in blocks of 16.
     memory::ask(numbers as u64 * 4 + (width + 16) as u64 * (height + 16) as u64 * 12)?;
     let raw = decoder.decode().map_err(damaged)?;
 
@@ -63,7 +63,7 @@ pub(super) fn decode(bytes: &[u8], encoding: Encoding) -> Result<Decoded, ImageE
     Ok(Decoded { image, notes })
 }
 
-/// The segments before the pixels: the second byte of their marker, and what they hold.
+/// The segments before the pixels: the second byte of each marker, and the segment's data.
 fn segments(bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
     let mut rest = bytes.get(2..).unwrap_or_default();
     std::iter::from_fn(move || {
@@ -71,7 +71,7 @@ fn segments(bytes: &[u8]) -> impl Iterator<Item = (u8, &[u8])> {
         let length = usize::from(u16::from_be_bytes([high, low]));
         let body = rest.get(4..2 + length)?;
         rest = &rest[2 + length..];
-        // Where the pixels begin there are no more.
+        // The segments end where the pixels begin.
         (kind != 0xda).then_some((kind, body))
     })
 }

@@ -1,4 +1,4 @@
-//! Images: linear, row-major, origin top left; files and filters.
+//! Images (linear values, row-major, origin at the top left), image files and filters.
 
 #![deny(missing_docs)]
 
@@ -20,19 +20,19 @@ pub struct Image {
     pub width: usize,
     /// Pixels from top to bottom.
     pub height: usize,
-    /// Numbers a pixel: 3 of a colour image (red, green, blue).
+    /// Channels per pixel: 3 for a colour image (red, green, blue).
     pub channels: usize,
     /// `data[(y * width + x) * channels + c]`.
     pub data: Vec<f32>,
 }
 
-/// What can be wrong with an image, a request for one, or a file that holds one.
+/// Errors of images, filters and image files.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum ImageError {
-    /// A size, or a number given to a filter, that makes no image; in words.
+    /// A size of an image, or a number given to a filter, is out of its range; in words.
     #[error("{0}")]
     Argument(String),
-    /// It would hold more than [`MAX_NUMBERS`].
+    /// The image would have more than [`MAX_NUMBERS`] numbers.
     #[error(
         "an image of {width}×{height} pixels with {channels} channels would hold more than {} numbers",
         MAX_NUMBERS
@@ -42,10 +42,10 @@ pub enum ImageError {
         width: usize,
         /// Pixels from top to bottom.
         height: usize,
-        /// Numbers a pixel.
+        /// Channels per pixel.
         channels: usize,
     },
-    /// It would take more memory than there is.
+    /// There is not enough memory.
     #[error("{0}")]
     Memory(#[from] Shortage),
     /// A file that could not be read or written.
@@ -53,31 +53,31 @@ pub enum ImageError {
     File {
         /// Which file.
         path: String,
-        /// What is wrong with it, in words.
+        /// The reason, in words.
         message: String,
     },
-    /// The name of a file ends in what is no format of images here.
+    /// The extension of a file is none of a supported image format.
     #[error("{path}: {action} “.{extension}” is not supported; {}", supported(extensions))]
     UnsupportedExtension {
         /// Which file.
         path: String,
-        /// What was to be done with it: `reading` or `writing`.
+        /// The operation: `reading` or `writing`.
         action: &'static str,
-        /// The end of its name, without the dot.
+        /// The extension, without the dot.
         extension: String,
-        /// The ends of names that would do.
+        /// Supported extensions.
         extensions: &'static [&'static str],
     },
 }
 
-/// The most numbers an image may hold: a 16384 × 16384 RGB picture.
+/// Most numbers of an image: those of a 16384 × 16384 RGB picture.
 pub const MAX_NUMBERS: usize = 3 << 28;
 
-/// The most pixels of a camera's film: 8192 × 8192.
+/// Most pixels of a camera's film: 8192 × 8192.
 pub const MAX_FILM_PIXELS: usize = 1 << 26;
 
 impl Image {
-    /// A black image. [`check_size`] says beforehand whether there may be one of that size.
+    /// A black image. Its size should have passed [`check_size`].
     pub fn new(width: usize, height: usize, channels: usize) -> Self {
         Image { width, height, channels, data: vec![0.0; width * height * channels] }
     }
@@ -88,13 +88,13 @@ impl Image {
         &self.data[i..i + self.channels]
     }
 
-    /// The same, to be written.
+    /// The channels of column `x`, row `y`, mutable.
     pub fn pixel_mut(&mut self, x: usize, y: usize) -> &mut [f32] {
         let i = (y * self.width + x) * self.channels;
         &mut self.data[i..i + self.channels]
     }
 
-    /// At least one pixel and one channel, and as many numbers as that takes.
+    /// Checks that there are at least one pixel and one channel, and that the length of `data` fits the size.
     pub fn check(&self) -> Result<(), ImageError> {
         let Image { width, height, channels, .. } = *self;
         let expected = check_size(width, height, channels)?;
@@ -108,7 +108,7 @@ impl Image {
     }
 }
 
-/// The number of numbers of an image that is neither empty nor too large.
+/// The number of numbers of an image; an error if it is empty or too large.
 pub fn check_size(width: usize, height: usize, channels: usize) -> Result<usize, ImageError> {
     if width == 0 || height == 0 || channels == 0 {
         return Err(ImageError::Argument(format!(

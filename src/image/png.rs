@@ -9,7 +9,7 @@ use super::filter::{linear_to_srgb, srgb_to_linear};
 use super::{Image, ImageError, check_size};
 use crate::memory;
 
-/// Reads a PNG file of 1 to 16 bits; palettes become colours, transparent colours an alpha channel.
+/// Reads a PNG file of 1 to 16 bits. Palettes become colours, and a transparent colour an alpha channel.
 pub(super) fn decode(bytes: &[u8], encoding: Encoding) -> Result<Decoded, ImageError> {
     let damaged = |e: png::DecodingError| ImageError::Argument(format!("the PNG image is damaged: {e}"));
     let mut decoder = png::Decoder::new_with_limits(Cursor::new(bytes), png::Limits { bytes: 256 << 20 });
@@ -59,7 +59,7 @@ pub(super) fn decode(bytes: &[u8], encoding: Encoding) -> Result<Decoded, ImageE
     Ok(Decoded { image, notes })
 }
 
-/// From the file's numbers to linear ones.
+/// The conversion from the numbers of the file to linear values.
 enum Transfer {
     Linear,
     Srgb,
@@ -74,7 +74,7 @@ impl Transfer {
             Encoding::Srgb => return Transfer::Srgb,
             Encoding::AsFile => {}
         }
-        // What decides is cICP, then a profile, then sRGB, then gAMA (PNG specification, section 4.3).
+        // The encoding is decided by the first of these chunks: cICP, a colour profile, sRGB, gAMA (PNG specification, section 4.3).
         if info.coding_independent_code_points.is_some() {
             notes.push("the PNG file has a cICP chunk, which is not done: its colours are taken as sRGB".to_owned());
             return Transfer::Srgb;
@@ -122,7 +122,7 @@ pub(super) fn encode(image: &Image) -> Result<Vec<u8>, ImageError> {
             )));
         }
     };
-    // Clipped; not-a-number becomes black.
+    // Values are clipped to 0..1, and NaN becomes black.
     let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
     let mut pixels: Vec<u8> = Vec::with_capacity(image.width * image.height * 4);
     for pixel in image.data.chunks_exact(image.channels) {

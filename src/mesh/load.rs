@@ -1,5 +1,5 @@
-//! Mesh and scene files: OBJ, PLY, glTF/GLB, STL. Whatever is in a file, the answer is meshes that pass [`Mesh::validate`] or an
-//! error; what a file asks for and does not get is told.
+//! Mesh and scene files: OBJ, PLY, glTF/GLB, STL. Whatever the file contains, the result is either meshes that pass [`Mesh::validate`] or
+//! an error. Features of a file that are not supported are reported as notes.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -15,118 +15,119 @@ use super::{MAX_ELEMENTS, Mesh, MeshError, gltf, obj, ops, ply, polygon, stl};
 /// Extensions of the files that [`load`] reads.
 pub const EXTENSIONS: [&str; 5] = ["obj", "ply", "gltf", "glb", "stl"];
 
-/// What is wanted of a file.
+/// Which contents of a file to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wanted {
-    /// The surface alone: no image is read, and nothing is told of what materials and lights lack.
+    /// The surface alone: no image is read, and nothing is reported about unsupported materials and lights.
     Mesh,
     /// Materials and lights too.
     Scene,
 }
 
-/// What a file holds.
+/// The contents of a file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Loaded {
-    /// One per object and material, in world space.
+    /// One part for each object and material, in world space.
     pub parts: Vec<LoadedPart>,
     /// Lights without area.
     pub lights: Vec<LoadedLight>,
-    /// What was left out, one sentence for each kind of thing.
+    /// What was not read, one sentence for each kind of feature.
     pub warnings: Vec<String>,
 }
 
-/// A piece of surface of one material.
+/// A part of the surface with one material.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LoadedPart {
-    /// Of the object in the file; may be empty.
+    /// Name of the object in the file; may be empty.
     pub name: String,
     /// In world space.
     pub mesh: Mesh,
-    /// Shared by all parts that have it; `None` if the file gives none.
+    /// Shared by all parts with this material; `None` if the file gives none.
     pub material: Option<Arc<LoadedMaterial>>,
 }
 
-/// A light without area, in world space. What is photometric in the file (candela, lux) is taken as the radiometric number.
+/// A light without area, in world space. Photometric quantities of the file (candela, lux) are taken as radiometric ones without
+/// conversion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedLight {
-    /// Of the light in the file; may be empty.
+    /// Name of the light in the file; may be empty.
     pub name: String,
-    /// Which of the numbers below count, and how.
+    /// The kind of light, which decides which of the numbers below matter.
     pub kind: LoadedLightKind,
-    /// Length units; of no meaning for a directional light.
+    /// Position in length units; without meaning for a directional light.
     pub position: DVec3,
-    /// Where it shines to, of length 1.
+    /// Unit direction in which it shines.
     pub direction: DVec3,
-    /// Linear RGB: radiant intensity, or irradiance of a directional light.
+    /// Linear RGB: radiant intensity, or the irradiance of a directional light.
     pub intensity: Vec3,
 }
 
-/// Into which directions a light shines.
+/// The directions in which a light shines.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LoadedLightKind {
-    /// Into all, from its position.
+    /// In all directions, from its position.
     Point,
-    /// Angles from the direction, in radians: full up to `beam`, nothing beyond `cutoff`.
+    /// In a cone, with angles from its axis in radians: full intensity up to `beam`, none beyond `cutoff`.
     Spot {
-        /// Up to this angle the light is full.
+        /// Angle up to which the intensity is full.
         beam: f64,
-        /// Beyond this angle there is none.
+        /// Angle beyond which the intensity is zero.
         cutoff: f64,
     },
-    /// Into one, from infinitely far away.
+    /// In one direction, from infinitely far away.
     Directional,
 }
 
 /// A camera of a file, in world space.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedCamera {
-    /// Of the camera in the file; may be empty.
+    /// Name of the camera in the file; may be empty.
     pub name: String,
-    /// Length units.
+    /// Position, in length units.
     pub position: DVec3,
-    /// Along the line of sight, of length 1.
+    /// Unit vector along the line of sight.
     pub forward: DVec3,
-    /// Of length 1, at right angles to `forward`.
+    /// Unit vector perpendicular to `forward`.
     pub up: DVec3,
-    /// How much it sees.
+    /// The projection, with its field of view.
     pub projection: LoadedProjection,
-    /// Width over height of the film, if the file says it.
+    /// Width over height of the film, if the file gives it.
     pub aspect: Option<f64>,
 }
 
-/// How much a camera sees.
+/// The projection of a camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum LoadedProjection {
-    /// Rays from one point.
+    /// Perspective: rays start at one point.
     Perspective {
-        /// The vertical angle of view, radians.
+        /// Vertical field of view in radians.
         fov: f64,
     },
-    /// Parallel rays.
+    /// Orthographic: rays are parallel.
     Orthographic {
-        /// What it sees from bottom to top, length units.
+        /// Height of the visible region, in length units.
         height: f64,
     },
 }
 
-/// Texels that multiply a number of a material, and how they are looked up.
+/// A texture that multiplies a number of a material, and how it is looked up.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedImage {
-    /// Linear; row 0 is the top, v = 0.
+    /// Linear values; row 0 is the top, at v = 0.
     pub image: Arc<Image>,
-    /// Beyond its border the last texel goes on; otherwise the image is repeated.
+    /// Beyond its border the nearest border texel is used; otherwise the image is repeated.
     pub clamp: bool,
-    /// Texels have edges; otherwise they are interpolated.
+    /// The nearest texel is used; otherwise texels are interpolated.
     pub nearest: bool,
 }
 
 impl LoadedImage {
-    /// Some channels of it.
+    /// A texture of some of its channels.
     pub(super) fn channels(&self, from: usize, n: usize) -> LoadedImage {
         LoadedImage { image: Arc::new(with_channels(&self.image, from, n)), ..*self }
     }
 
-    /// The same lookup in other texels.
+    /// The same lookup with other texels.
     pub(super) fn with(&self, image: Image) -> LoadedImage {
         LoadedImage { image: Arc::new(image), ..*self }
     }
@@ -137,32 +138,33 @@ impl LoadedImage {
     }
 }
 
-/// A metallic-roughness material. Where there is an image, its texels multiply the number.
+/// A metallic-roughness material. If an input has a texture, the texture multiplies the number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedMaterial {
-    /// Of the material in the file; may be empty.
+    /// Name of the material in the file; may be empty.
     pub name: String,
     /// Linear RGB.
     pub base_color: Vec3,
     /// Three channels, linear.
     pub base_color_image: Option<LoadedImage>,
-    /// From 0, a dielectric, to 1, a metal.
+    /// 0 for a dielectric, 1 for a metal.
     pub metallic: f32,
     /// One channel.
     pub metallic_image: Option<LoadedImage>,
-    /// From 0, polished, to 1; the α of the microfacets is its square.
+    /// From 0 (smooth) to 1. The α of the microfacet distribution is its square.
     pub roughness: f32,
     /// One channel.
     pub roughness_image: Option<LoadedImage>,
-    /// Multiplies the normal-incidence reflectance of the dielectric part; 1 is the usual 4 %, `principled`'s `specular` of 0.5.
+    /// Scales the reflectance of the dielectric part at normal incidence: 1 is the usual 4 %, which is 0.5 as `specular` of `principled`.
     pub specular: f32,
     /// Radiance, linear RGB.
     pub emissive: Vec3,
     /// Three channels, linear.
     pub emissive_image: Option<LoadedImage>,
-    /// Seen from behind too.
+    /// Visible from both sides.
     pub double_sided: bool,
-    /// One channel, from 0 to 1; `None` is opaque. A cutoff has been applied texel by texel: between texels there is a slope.
+    /// Opacity in one channel, from 0 to 1; `None` is opaque. An alpha cutoff of the file was applied to each texel; interpolation makes
+    /// a slope between texels.
     pub opacity: Option<LoadedImage>,
 }
 
@@ -186,22 +188,22 @@ impl Default for LoadedMaterial {
 }
 
 impl LoadedMaterial {
-    /// Base colour as three-channel texels, the number multiplied in; 1×1 if there is no image.
+    /// Base colour as a texture of three channels, already multiplied by the number; of size 1×1 if the file has no image.
     pub fn base_color_texels(&self) -> LoadedImage {
         texels(self.base_color_image.as_ref(), &self.base_color.to_array())
     }
 
-    /// Metallicity as one-channel texels.
+    /// Metallicity as a texture of one channel.
     pub fn metallic_texels(&self) -> LoadedImage {
         texels(self.metallic_image.as_ref(), &[self.metallic])
     }
 
-    /// Roughness as one-channel texels.
+    /// Roughness as a texture of one channel.
     pub fn roughness_texels(&self) -> LoadedImage {
         texels(self.roughness_image.as_ref(), &[self.roughness])
     }
 
-    /// Emitted radiance as three-channel texels; `None` if nothing is emitted.
+    /// Emitted radiance as a texture of three channels; `None` if nothing is emitted.
     pub fn emissive_texels(&self) -> Option<LoadedImage> {
         (self.emissive != Vec3::ZERO).then(|| texels(self.emissive_image.as_ref(), &self.emissive.to_array()))
     }
@@ -215,8 +217,8 @@ fn texels(image: Option<&LoadedImage>, factor: &[f32]) -> LoadedImage {
 }
 
 impl Loaded {
-    /// All parts as one mesh. Where some parts lack what others have, it is filled in so that nothing looks different: normals
-    /// by those of the faces, colours by white. Texture coordinates are filled in with zeros, which is told.
+    /// All parts as one mesh. Attributes that only some parts have are filled in for the others so that they look the same: normals by
+    /// those of the faces, colours by white. Texture coordinates are filled in with zeros, which is reported.
     pub fn merged(mut self) -> Result<(Mesh, Vec<String>), MeshError> {
         self.parts.retain(|p| !p.mesh.faces.is_empty());
         let some = |has: fn(&Mesh) -> bool| self.parts.iter().any(|p| has(&p.mesh));
@@ -246,7 +248,7 @@ impl Loaded {
     }
 }
 
-/// Gives each face corners of its own, with its normal: what a mesh without normals looks like.
+/// Gives each face its own three vertices with the face's normal, so that a mesh without normals keeps its flat shading.
 fn flatten(mesh: &mut Mesh) {
     fn gather<T: Copy>(values: &[T], faces: &[[u32; 3]]) -> Vec<T> {
         faces.iter().flatten().map(|&i| values[i as usize]).collect()
@@ -260,7 +262,7 @@ fn flatten(mesh: &mut Mesh) {
     mesh.normals = Some(mesh.vertices.chunks_exact(3).flat_map(|c| [normal(c); 3]).collect());
 }
 
-/// Reads a mesh file. Textures are looked for beside it.
+/// Reads a mesh file. Paths of textures are relative to its folder.
 pub fn load(path: &Path, wanted: Wanted) -> Result<Loaded, MeshError> {
     let (bytes, extension) = read(path)?;
     let folder = path.parent().unwrap_or(Path::new(""));
@@ -268,7 +270,7 @@ pub fn load(path: &Path, wanted: Wanted) -> Result<Loaded, MeshError> {
     decode_mesh(&bytes, &extension, folder, &stem, wanted).map_err(|message| failed(path, message))
 }
 
-/// Reads the cameras of a glTF file, with what was left out.
+/// Reads the cameras of a glTF file. Also returns notes about what was not read.
 pub fn load_cameras(path: &Path) -> Result<(Vec<LoadedCamera>, Vec<String>), MeshError> {
     let (bytes, extension) = read(path)?;
     if extension != "gltf" && extension != "glb" {
@@ -281,7 +283,7 @@ fn failed(path: &Path, message: String) -> MeshError {
     MeshError::File { path: path.display().to_string(), message }
 }
 
-/// The bytes of a file whose extension is known, and that extension in lower case.
+/// The bytes of a file whose extension is supported, and the extension in lower case.
 fn read(path: &Path) -> Result<(Vec<u8>, String), MeshError> {
     let extension = path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default();
     if !EXTENSIONS.contains(&extension.as_str()) {
@@ -291,8 +293,8 @@ fn read(path: &Path) -> Result<(Vec<u8>, String), MeshError> {
     Ok((bytes, extension))
 }
 
-/// Reads the bytes of a mesh file of the kind that `extension` names. `folder` is where the files it refers to lie, `name`
-/// what a part without a name is called.
+/// Reads the bytes of a mesh file whose format `extension` names. Files that it refers to are relative to `folder`; parts without a name
+/// are called `name`.
 pub fn decode_mesh(bytes: &[u8], extension: &str, folder: &Path, name: &str, wanted: Wanted) -> Result<Loaded, String> {
     let mut reading = Reading::new(folder, name, wanted);
     let mut loaded = match extension {
@@ -319,7 +321,7 @@ pub fn decode_mesh(bytes: &[u8], extension: &str, folder: &Path, name: &str, wan
     Ok(loaded)
 }
 
-/// Takes out vertices that no face uses, if one of them is not finite: such a one does no harm, and need not refuse the file.
+/// If an unused vertex is not finite, removes all unused vertices, so that it does not make the file invalid.
 fn drop_unused(mesh: &mut Mesh) {
     let is_finite = |i: usize| {
         mesh.vertices[i].is_finite()
@@ -331,7 +333,7 @@ fn drop_unused(mesh: &mut Mesh) {
     }
     let mut used = vec![false; mesh.vertices.len()];
     for &i in mesh.faces.iter().flatten() {
-        // An index out of range is the validation's to tell.
+        // Indices out of range are reported by the validation.
         let Some(used) = used.get_mut(i as usize) else { return };
         *used = true;
     }
@@ -348,11 +350,11 @@ fn drop_unused(mesh: &mut Mesh) {
     mesh.colors.iter_mut().for_each(|v| keep(v, &used));
 }
 
-/// Normals of no length would shade black, and those that are not finite not at all: such a vertex gets that of its faces.
-/// True if some were not finite.
+/// Replaces normals of length zero, and normals that are not finite, by the mean normal of the faces around the vertex. Returns whether
+/// some were not finite.
 fn repair_normals(mesh: &mut Mesh) -> bool {
     let Some(normals) = &mut mesh.normals else { return false };
-    // NaN compares as false.
+    // This is also false for NaN.
     let is_good = |n: &Vec3| n.is_finite() && n.length_squared() > 1e-12;
     if normals.iter().all(is_good) || mesh.faces.iter().flatten().any(|&i| i as usize >= mesh.vertices.len()) {
         return false;
@@ -363,7 +365,7 @@ fn repair_normals(mesh: &mut Mesh) -> bool {
     any_infinite
 }
 
-/// Refuses more vertices or triangles than any mesh may have.
+/// An error if there are more vertices or triangles than a mesh may have.
 pub(super) fn within_limits(vertices: u64, faces: u64) -> Result<(), String> {
     let (count, what) = if vertices > faces { (vertices, "vertices") } else { (faces, "triangles") };
     if count > MAX_ELEMENTS {
@@ -372,7 +374,7 @@ pub(super) fn within_limits(vertices: u64, faces: u64) -> Result<(), String> {
     Ok(())
 }
 
-/// The first `n` channels of an image; grey becomes a colour, a missing channel 0.
+/// The first `n` channels of an image. Grey is repeated for a colour; other missing channels are 0.
 pub(super) fn with_channels(image: &Image, from: usize, n: usize) -> Image {
     let at =
         |pixel: &[f32], c: usize| if pixel.len() < 3 { pixel[0] } else { pixel.get(from + c).copied().unwrap_or(0.0) };
@@ -381,7 +383,7 @@ pub(super) fn with_channels(image: &Image, from: usize, n: usize) -> Image {
     Image { channels: n, data, ..*image }
 }
 
-/// A texture coordinate counted upwards (OBJ, PLY) as one counted downwards (glTF, and here).
+/// Converts a texture coordinate v that points up (OBJ, PLY) to one that points down (glTF, and here).
 pub(super) fn downwards(u: f32, v: f32) -> Vec2 {
     vec2(u, 1.0 - v)
 }

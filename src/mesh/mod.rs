@@ -37,30 +37,30 @@ pub struct Mesh {
     pub colors: Option<Vec<Vec3>>,
 }
 
-/// What can be wrong with a mesh, a request for one, or a file that holds one.
+/// Errors of meshes, of built-in shapes and of mesh files.
 #[derive(Clone, Debug, PartialEq, Error)]
 pub enum MeshError {
-    /// A number given to a built-in shape makes no such shape.
+    /// A number given to a built-in shape is out of its range.
     #[error("{name} must be {expected}, not {found}")]
     Argument {
-        /// Of which argument.
+        /// Name of the argument.
         name: &'static str,
-        /// What it may be, in words.
+        /// Its range, in words.
         expected: &'static str,
-        /// What it is.
+        /// The value given.
         found: String,
     },
-    /// A face has a corner that is no vertex.
+    /// A face refers to a vertex that does not exist.
     #[error("face {face} uses vertex {index}, but the mesh has {vertices} vertices (0 to {})", vertices.saturating_sub(1))]
     IndexOutOfRange {
         /// Index of the face.
         face: usize,
-        /// The vertex it asks for, counted from 0.
+        /// Index of the vertex, from 0.
         index: u32,
         /// How many vertices there are.
         vertices: usize,
     },
-    /// A position is infinite or not a number.
+    /// A position is infinite or NaN.
     #[error("vertex {vertex} is not finite: [{}, {}, {}]", position[0], position[1], position[2])]
     NotFinite {
         /// Index of the first such vertex.
@@ -68,7 +68,7 @@ pub enum MeshError {
         /// Its x, y and z.
         position: [f32; 3],
     },
-    /// There is not one normal, texture coordinate or colour for each vertex.
+    /// The number of normals, texture coordinates or colours differs from the number of vertices.
     #[error("the mesh has {vertices} vertices but {count} {what}")]
     AttributeCount {
         /// `normals`, `uvs` or `colors`.
@@ -78,7 +78,7 @@ pub enum MeshError {
         /// How many vertices there are.
         vertices: usize,
     },
-    /// A normal, texture coordinate or colour is infinite or not a number.
+    /// A normal, texture coordinate or colour is infinite or NaN.
     #[error("{what} of vertex {vertex} are not finite")]
     AttributeNotFinite {
         /// `normals`, `uvs` or `colors`.
@@ -86,17 +86,17 @@ pub enum MeshError {
         /// Index of the first such vertex.
         vertex: usize,
     },
-    /// A mesh of more triangles (or vertices) than an index can name or a machine can hold.
+    /// A mesh with more triangles or vertices than are supported.
     #[error("{what} would have {count} triangles, more than the limit of {limit}")]
     TooLarge {
-        /// Which mesh.
+        /// The mesh, in words.
         what: &'static str,
         /// How many triangles it would have.
         count: u64,
         /// How many it may have: [`MAX_ELEMENTS`] or [`MAX_BUILT`].
         limit: u64,
     },
-    /// It would take more memory than there is.
+    /// There is not enough memory.
     #[error("{0}")]
     Memory(#[from] Shortage),
     /// A file that could not be read.
@@ -104,35 +104,35 @@ pub enum MeshError {
     File {
         /// Which file.
         path: String,
-        /// What is wrong with it, in words.
+        /// The reason, in words.
         message: String,
     },
-    /// The name of a file ends in what is no format of meshes here.
+    /// The extension of a file is none of a supported mesh format.
     #[error("{path}: files ending in “.{extension}” hold no mesh that can be read here; supported are {}", load::EXTENSIONS.map(|e| format!(".{e}")).join(", "))]
     UnsupportedExtension {
         /// Which file.
         path: String,
-        /// The end of its name, without the dot.
+        /// The extension, without the dot.
         extension: String,
     },
 }
 
-/// The most vertices or faces that a file, or meshes merged, may have.
+/// Most vertices or faces of a mesh from a file, or of merged meshes.
 pub const MAX_ELEMENTS: u64 = 1 << 27;
 
-/// The most triangles of a built-in or subdivided mesh: more would only exhaust the memory.
+/// Most triangles of a built-in or subdivided mesh. More would only exhaust the memory.
 pub const MAX_BUILT: u64 = 10_000_000;
 
 impl Mesh {
-    /// A mesh of positions and faces alone, checked.
+    /// A mesh that has positions and faces only; an error if it is not valid.
     pub fn new(vertices: Vec<Vec3>, faces: Vec<[u32; 3]>) -> Result<Mesh, MeshError> {
         let mesh = Mesh { vertices, faces, ..Mesh::default() };
         mesh.validate()?;
         Ok(mesh)
     }
 
-    /// Indices in range, everything finite, one attribute per vertex. Degenerate triangles are allowed (they have no
-    /// area and are never hit); so is a mesh without any triangle.
+    /// Checks that indices are in range, that all numbers are finite and that attributes have one entry per vertex. Degenerate triangles
+    /// are allowed (they have no area and are never hit), and so is a mesh without triangles.
     pub fn validate(&self) -> Result<(), MeshError> {
         let vertices = self.vertices.len();
         for (face, indices) in self.faces.iter().enumerate() {

@@ -1,8 +1,9 @@
-//! MTL, the material files of OBJ, as metallic-roughness materials.
+//! Reads MTL, the material files of OBJ, as metallic-roughness materials.
 //!
-//! `Kd` and `map_Kd` are the base colour, `Ke` and `map_Ke` what is emitted; `Pr` (or else the exponent `Ns`) is the roughness and
-//! `Pm` the metallicity, with their maps; the mean of `Ks` is `principled`'s `specular`, and without it the index `Ni` says it;
-//! `d` (or 1 − `Tr`) and `map_d` are the opacity. `illum` 0 and 1 have no highlight. What else a line asks for is told.
+//! `Kd` and `map_Kd` are the base colour, `Ke` and `map_Ke` the emission. `Pr` is the roughness (if it is missing, the exponent `Ns`) and
+//! `Pm` the metallicity, with their maps. `specular` of `principled` follows from the mean of `Ks` or, if that is missing, from the index
+//! of refraction `Ni`. `d` (or 1 − `Tr`) and `map_d` are the opacity. `illum` 0 and 1 have no highlight. Other statements are reported as
+//! not supported.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -16,7 +17,7 @@ use crate::image::file::{Encoding, read_bytes};
 use super::load::{LoadedImage, LoadedMaterial};
 use super::reading::{Reading, lines, text_of, without_mark};
 
-/// Where images of a material lie on the surface: texture coordinates are scaled, then moved.
+/// Transformation of a material's texture coordinates: they are scaled, then translated.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Placement {
     scale: Vec2,
@@ -31,19 +32,19 @@ impl Placement {
     }
 }
 
-/// An image with the options before its name.
+/// A map statement: an image and its options.
 #[derive(Clone, Debug)]
 struct Map {
     file: String,
     placement: Placement,
     clamp: bool,
-    /// Of a map of numbers: which channel, as `-imfchan` names it.
+    /// The channel of a map of numbers, as the option `-imfchan` names it.
     channel: Option<char>,
 }
 
 #[derive(Clone, Debug, Default)]
 struct Mtl {
-    /// Where its library lies.
+    /// Folder of the material library.
     folder: PathBuf,
     diffuse: Option<Vec3>,
     specular: Option<Vec3>,
@@ -55,9 +56,9 @@ struct Mtl {
     opacity: Option<f32>,
     transparency: Option<f32>,
     illumination: Option<i32>,
-    /// By the statement's name.
+    /// By the name of the statement.
     maps: HashMap<&'static str, Map>,
-    /// What it asks for and does not get.
+    /// Statements and options that are not supported.
     left_out: Vec<String>,
 }
 
@@ -72,7 +73,7 @@ pub(super) struct Library {
 const MAPS: [&str; 5] = ["map_Kd", "map_Ke", "map_Pr", "map_Pm", "map_d"];
 
 impl Library {
-    /// Reads what a `mtllib` names: one file, whose name may hold blanks, or several.
+    /// Reads the material libraries that a `mtllib` statement names: one file, whose name may contain blanks, or several.
     pub fn read(&mut self, names: &str, reading: &mut Reading) {
         let whole = names.replace('\\', "/");
         let is_file = |name: &str| reading.folder.join(name).is_file();
@@ -92,7 +93,7 @@ impl Library {
         }
     }
 
-    /// Whether a library is missing, so that materials may be, too.
+    /// Whether a library could not be read, so that materials may be missing.
     pub fn is_broken(&self) -> bool {
         self.is_broken
     }
@@ -125,7 +126,7 @@ impl Library {
             let rest = rest.trim();
             if word.eq_ignore_ascii_case("newmtl") {
                 if self.materials.contains_key(rest) {
-                    // The first library that defines a material is the one that counts.
+                    // If several libraries define a material, the first one counts.
                     reading.notes.about("materials are defined twice, and the first counts", format!("“{rest}”"));
                     current = Some(&mut spare);
                     continue;
@@ -149,9 +150,9 @@ impl Library {
 
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Fault {
-    /// It cannot be understood.
+    /// The statement is malformed.
     Odd,
-    /// There is no such statement, or none that means something here.
+    /// The statement is not known, or has no meaning here.
     Unknown,
 }
 
@@ -186,9 +187,9 @@ impl Mtl {
                 let name = MAPS.into_iter().find(|m| m.eq_ignore_ascii_case(word)).ok_or(Fault::Unknown)?;
                 self.maps.insert(name, map);
             }
-            // Ambient light is what a path tracer computes; antialiasing and sharpness are not the material's here.
+            // The path tracer computes ambient light itself; antialiasing and sharpness are no properties of the material here.
             "ka" | "map_ka" | "map_aat" | "sharpness" => {}
-            // Only of transparent materials, which `illum` announces.
+            // These matter only for transparent materials, which `illum` reports.
             "tf" => drop(color(rest)?),
             "ps" | "pc" | "pcr" | "aniso" | "anisor" => {
                 if number(rest)? != 0.0 {
@@ -205,7 +206,7 @@ impl Mtl {
         Ok(())
     }
 
-    /// Options, then the name of a file, which may hold blanks.
+    /// Parses options and then the name of a file, which may contain blanks.
     fn map(&mut self, word: &str, text: &str) -> Result<Map, Fault> {
         let mut map = Map { file: String::new(), placement: Placement::AS_IS, clamp: false, channel: None };
         let mut rest = text.trim();
@@ -215,7 +216,7 @@ impl Mtl {
                 "-s" | "-o" | "-t" => 3,
                 "-mm" => 2,
                 "-bm" | "-boost" | "-texres" | "-blendu" | "-blendv" | "-cc" | "-clamp" | "-imfchan" | "-type" => 1,
-                // A file whose name begins so.
+                // Not an option: the name of a file that begins with a dash.
                 _ => break,
             };
             let mut words = Vec::new();
@@ -239,7 +240,7 @@ impl Mtl {
                 "-o" => map.placement.offset = vec2(at(0, 0.0), at(1, 0.0)),
                 "-clamp" => map.clamp = is_on,
                 "-imfchan" => map.channel = words[0].chars().next(),
-                // As everybody has it, and what says nothing about how it looks.
+                // Options that have their default value, or do not change the appearance.
                 "-mm" if at(0, 0.0) == 0.0 && at(1, 1.0) == 1.0 => {}
                 "-t" if (0..3).all(|i| at(i, 0.0) == 0.0) => {}
                 "-blendu" | "-blendv" if is_on => {}
@@ -270,7 +271,7 @@ impl Mtl {
                     .about("glass (`illum` 4, 6, 7 and 9) is rendered as an opaque surface", format!("“{name}”"));
             }
         }
-        // All images of a material are placed as its first one is.
+        // A material has one transformation of texture coordinates: that of its first image.
         let first = MAPS.iter().find_map(|m| self.maps.get(m));
         let placement = first.map_or(Placement::AS_IS, |m| m.placement);
         if self.maps.values().any(|m| m.placement != placement) && reading.materials() {
@@ -279,7 +280,7 @@ impl Mtl {
         let mut image = |kind: &str, encoding| {
             let map = self.maps.get(kind)?;
             let here = reading.folder;
-            // Absolute paths are those of the machine it was made on.
+            // Absolute paths are those of the machine on which the file was made, so only the name of the file counts.
             let beside = Path::new(&map.file).file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
             let found = [self.folder.as_path(), here].iter().any(|f| f.join(&map.file).is_file());
             let file = if found || !self.folder.join(&beside).is_file() { &map.file } else { &beside };
@@ -295,7 +296,7 @@ impl Mtl {
         let roughness_image = single(image("map_Pr", Encoding::Linear));
         let metallic_image = single(image("map_Pm", Encoding::Linear));
         let mask = single(image("map_d", Encoding::Linear));
-        // Exporters write a black colour beside an image, and mean the image.
+        // Some exporters write a black colour together with an image; then the image alone counts.
         let beside = |image: &Option<LoadedImage>, color: Option<Vec3>, or: Vec3| match (image, color) {
             (Some(_), None | Some(Vec3::ZERO)) => Vec3::ONE,
             (_, color) => color.unwrap_or(or),
@@ -311,7 +312,7 @@ impl Mtl {
             name: name.to_string(),
             base_color: beside(&base_color_image, self.diffuse, Vec3::ONE),
             metallic: number(&metallic_image, self.metallic, 0.0),
-            // The exponent of Blinn and Phong as the roughness of the same width: α² = 2/(Ns + 2), α = roughness².
+            // Converts a Blinn-Phong exponent to the roughness of a lobe of the same width: α² = 2/(Ns + 2), α = roughness².
             roughness: number(&roughness_image, self.roughness.or(self.exponent.map(from_exponent)), 1.0),
             specular: self.reflectance(),
             emissive: beside(&emissive_image, self.emissive, Vec3::ZERO),
@@ -332,11 +333,11 @@ impl Mtl {
         (material, placement)
     }
 
-    /// What multiplies the usual 4 %.
+    /// The factor on the usual reflectance of 4 % at normal incidence.
     fn reflectance(&self) -> f32 {
         match (self.illumination, self.specular, self.index) {
             (Some(0 | 1), ..) => 0.0,
-            // A `specular` of 0.5 is the usual.
+            // A `specular` of 0.5 stands for those 4 %.
             (_, Some(specular), _) => 2.0 * (specular.element_sum() / 3.0).clamp(0.0, 1.0),
             (.., Some(index)) if index >= 1.0 => ((index - 1.0) / (index + 1.0)).powi(2) / 0.04,
             _ => 1.0,
@@ -344,7 +345,7 @@ impl Mtl {
     }
 }
 
-/// Three numbers that are colours, or one for all.
+/// Three numbers as a colour, or one number for all channels.
 fn color(text: &str) -> Result<Vec3, Fault> {
     let numbers: Vec<f32> = uncommented(text).split_whitespace().map(number).collect::<Result<_, _>>()?;
     match numbers[..] {
@@ -358,12 +359,13 @@ fn number(text: &str) -> Result<f32, Fault> {
     uncommented(text).trim().parse().ok().filter(|x: &f32| x.is_finite()).ok_or(Fault::Odd)
 }
 
-/// Numbers without a comment behind them.
+/// Parses numbers up to the beginning of a comment.
 fn uncommented(text: &str) -> &str {
     text.split('#').next().unwrap_or(text)
 }
 
-/// The channel that is asked for; otherwise alpha where there is one that says something, else the mean of the colours.
+/// The channel that the option names. Without the option, alpha if the image has an alpha channel that is not 1 everywhere, and else the
+/// mean of the colour channels.
 fn one_channel(image: &Image, channel: Option<char>) -> Image {
     let n = image.channels;
     let colors = if n >= 3 { 3 } else { 1 };

@@ -1,19 +1,20 @@
-//! The nearest of many points, by a k-d tree.
+//! Nearest neighbour search with a k-d tree.
 
 use std::sync::Arc;
 
 use crate::stop;
 
-/// Points in an order in which each range is split at its middle: smaller ones along the longest side of their box before.
+/// A balanced k-d tree. The points of every subtree are a range of `order`; the point in the middle of the range is the root and splits
+/// the others along the longest side of their bounding box.
 pub struct Nearest {
     points: Arc<[[f64; 3]]>,
     order: Vec<u32>,
-    /// By the middle of a range, the axis that it is split along.
+    /// For the middle of each range: the axis along which the range is split.
     axes: Vec<u8>,
 }
 
 impl Nearest {
-    /// Of finite points, at least one and fewer than 2³².
+    /// Builds a tree of points, which must be finite, at least one and fewer than 2³².
     pub fn new(points: Arc<[[f64; 3]]>) -> Nearest {
         let mut order: Vec<u32> = (0..points.len() as u32).collect();
         let mut axes = vec![0; points.len()];
@@ -21,7 +22,7 @@ impl Nearest {
         Nearest { points, order, axes }
     }
 
-    /// The index of the point nearest to `p`; of equally near ones the first.
+    /// Index of the point that is nearest to `p`. Of points at equal distances, the one with the lowest index.
     pub fn find(&self, p: [f64; 3]) -> u32 {
         let mut best = (f64::INFINITY, u32::MAX);
         self.search(p, 0, self.order.len(), &mut best);
@@ -44,7 +45,7 @@ impl Nearest {
         let (near, far) =
             if off < 0.0 { ((start, middle), (middle + 1, end)) } else { ((middle + 1, end), (start, middle)) };
         self.search(p, near.0, near.1, best);
-        // Equal distances count, for the sake of the smaller index.
+        // A subtree at exactly the same distance is searched too, because it may have a point with a lower index.
         if off * off <= best.0 {
             self.search(p, far.0, far.1, best);
         }

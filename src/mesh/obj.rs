@@ -1,5 +1,5 @@
-//! OBJ: polygons with their texture coordinates, normals, colours, smoothing groups and materials. Free-form curves and surfaces,
-//! points and lines are left out, which is told.
+//! Reads OBJ: polygons with texture coordinates, normals, colours, smoothing groups and materials. Free-form curves and surfaces, points
+//! and lines are not supported, which is reported.
 
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::Arc;
@@ -12,10 +12,10 @@ use super::polygon::{self, Cutter};
 use super::reading::{Reading, lines, text_of, without_mark};
 use super::{MAX_ELEMENTS, Mesh};
 
-/// Stands for an attribute that a corner does not have.
+/// Index of an attribute that a corner does not have.
 const NONE: u32 = u32::MAX;
 
-/// Position, texture coordinate and normal of a corner, by number from 0.
+/// Indices, from 0, of a corner's position, texture coordinate and normal.
 type Corner = [u32; 3];
 
 /// Faces of one object and one material.
@@ -29,14 +29,14 @@ struct Part {
 #[derive(Clone, Copy)]
 struct Face {
     corners: u32,
-    /// The group within which it is smooth; 0 is none.
+    /// The smoothing group; 0 for none.
     smoothing: u32,
 }
 
 #[derive(Default)]
 struct Obj {
     positions: Vec<Vec3>,
-    /// Not a number for a position without one.
+    /// NaN for a position without a colour.
     colors: Vec<Vec3>,
     any_color: bool,
     uvs: Vec<Vec2>,
@@ -44,12 +44,12 @@ struct Obj {
     parts: Vec<Part>,
     by_name: HashMap<(String, Option<String>), usize>,
     libraries: Vec<String>,
-    /// What the next face belongs to.
+    /// The object, material and smoothing group of the next face.
     name: String,
     material: Option<String>,
     smoothing: u32,
     part: Option<usize>,
-    /// The largest index of each kind, and its line: indices may run ahead of what they name.
+    /// The largest index of each kind and its line. It is checked at the end, because a face may refer to vertices that follow it.
     largest: [(u32, usize); 3],
     left_out: HashSet<String>,
 }
@@ -169,7 +169,7 @@ impl Obj {
         Ok(())
     }
 
-    /// The number from 0 of what a corner names: counted from 1, or backwards from −1.
+    /// Converts an index of the file, which counts from 1 or backwards from −1, to one that counts from 0.
     fn index(&mut self, field: &str, kind: usize, line: usize) -> Result<u32, String> {
         let count = [self.positions.len(), self.uvs.len(), self.normals.len()][kind] as i64;
         let index = match field.parse::<i64>() {
@@ -238,8 +238,8 @@ impl Obj {
         Ok(loaded)
     }
 
-    /// Gives normals to faces without: those of smoothing groups the mean of the faces around, and flat ones their own where
-    /// other faces of the part have some.
+    /// Adds normals to faces without. Faces in a smoothing group get the mean of the faces around each vertex. Flat faces get their own
+    /// normal if other faces of the part have normals.
     fn complete_normals(&mut self) {
         let mut sums: BTreeMap<(u32, u32), DVec3> = BTreeMap::new();
         let mut corners_of = Vec::new();
@@ -333,7 +333,7 @@ impl Obj {
 }
 
 impl Part {
-    /// Each face with its corners.
+    /// Iterates over the faces, each with its corners.
     fn faces(&self) -> impl Iterator<Item = (Face, &[Corner])> {
         let mut rest = self.corners.as_slice();
         self.faces.iter().map(move |&face| {
@@ -352,7 +352,7 @@ fn numbers(text: &str, line: usize) -> Result<Vec<f32>, String> {
     uncommented(text).split_whitespace().map(number).collect()
 }
 
-/// A line of numbers without a comment at its end; names may hold its sign.
+/// A line of numbers up to a comment. (Names, unlike numbers, may contain `#`.)
 fn uncommented(text: &str) -> &str {
     text.split('#').next().unwrap_or(text)
 }

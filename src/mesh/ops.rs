@@ -1,5 +1,5 @@
-//! Operations on meshes. What depends on positions non-linearly comes with its Jacobian–vector and vector–Jacobian product;
-//! those work on `f64`, as the tape does.
+//! Operations on meshes. Those that are not linear in the positions also have their Jacobian-vector and vector-Jacobian products; these
+//! work on `f64`, as the tape does.
 
 use std::collections::HashMap;
 
@@ -18,7 +18,7 @@ pub fn flip(mut mesh: Mesh) -> Mesh {
     mesh
 }
 
-/// One mesh of several. Normals, uvs and colours survive if every part with a face has them.
+/// Merges several meshes into one. It has normals, uvs or colours if all parts that have faces have them.
 pub fn merge<'a>(parts: impl IntoIterator<Item = &'a Mesh>) -> Result<Mesh, MeshError> {
     let parts: Vec<&Mesh> = parts.into_iter().filter(|m| !m.vertices.is_empty()).collect();
     let vertices: u64 = parts.iter().map(|m| m.vertices.len() as u64).sum();
@@ -44,23 +44,24 @@ pub fn merge<'a>(parts: impl IntoIterator<Item = &'a Mesh>) -> Result<Mesh, Mesh
     Ok(mesh)
 }
 
-/// Smallest and largest corner; `None` for a mesh without vertices.
+/// Bounding box of the vertices; `None` for a mesh without vertices.
 pub fn bounds(vertices: &[Vec3]) -> Option<(Vec3, Vec3)> {
     let first = *vertices.first()?;
     Some(vertices.iter().fold((first, first), |(lo, hi), &v| (lo.min(v), hi.max(v))))
 }
 
-/// A mesh whose faces were cut in four.
+/// A subdivided mesh.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Subdivision {
     /// Four faces for each old one; the old vertices come first.
     pub mesh: Mesh,
-    /// Each new vertex (and its attributes) is the mean of these two old ones; a kept vertex has itself twice.
-    /// That is the whole linear map, and [`d_subdivide`] its transpose.
+    /// Each new vertex (with its attributes) is the mean of these two old vertices; a kept vertex has itself twice. So subdivision is a
+    /// linear map, and [`d_subdivide`] is its transpose.
     pub parents: Vec<[u32; 2]>,
 }
 
-/// Halves every edge: each face becomes four. Vertices that lie together but are indexed apart (uv seams) stay apart.
+/// Subdivides every face into four by the midpoints of its edges. Vertices at the same position with different indices (uv seams) stay
+/// separate.
 pub fn subdivide(mesh: &Mesh) -> Result<Subdivision, MeshError> {
     mesh.validate()?;
     limit("the subdivided mesh", 4 * mesh.faces.len() as u64)?;
@@ -98,7 +99,7 @@ pub fn subdivide(mesh: &Mesh) -> Result<Subdivision, MeshError> {
     Ok(Subdivision { mesh: subdivided, parents })
 }
 
-/// Adds to `d_old` the derivative that flows through the means: `d_new` and `d_old` hold `width` numbers a vertex.
+/// Adjoint of subdivision: adds to `d_old` the derivatives in the old vertices. `d_new` and `d_old` have `width` numbers per vertex.
 pub fn d_subdivide(parents: &[[u32; 2]], d_new: &[f64], width: usize, d_old: &mut [f64]) {
     for (new, &[i, j]) in d_new.chunks_exact(width).zip(parents) {
         for (k, &d) in new.iter().enumerate() {
@@ -108,7 +109,8 @@ pub fn d_subdivide(parents: &[[u32; 2]], d_new: &[f64], width: usize, d_old: &mu
     }
 }
 
-/// For each vertex the number of its place in space: vertices with equal positions share one. Also the number of places.
+/// Welds vertices by position: for each vertex the number of its position, the same for vertices with equal positions, and the count of
+/// different positions.
 pub fn weld(vertices: &[DVec3]) -> (Vec<u32>, usize) {
     let mut places: HashMap<[u64; 3], u32> = HashMap::with_capacity(vertices.len());
     let mut pace = Pace::default();
@@ -117,14 +119,14 @@ pub fn weld(vertices: &[DVec3]) -> (Vec<u32>, usize) {
         .map(|v| {
             pace.step(8);
             let next = places.len() as u32;
-            // Adding zero makes −0 and 0 the same bits.
+            // Adding 0 turns −0 into 0, so that the two have equal bits.
             *places.entry(v.to_array().map(|x| (x + 0.0).to_bits())).or_insert(next)
         })
         .collect();
     (place, places.len())
 }
 
-/// Edges between places of [`weld`], each once, with the (one, two or more) faces that share it; in order of appearance.
+/// Edges between the welded positions of [`weld`]: each once, with the faces that share it, in the order in which they first appear.
 pub fn edges(place: &[u32], faces: &[[u32; 3]]) -> Vec<([u32; 2], Vec<u32>)> {
     let mut index: HashMap<[u32; 2], usize> = HashMap::with_capacity(faces.len() * 2);
     let mut edges: Vec<([u32; 2], Vec<u32>)> = Vec::new();
@@ -208,8 +210,8 @@ pub(super) fn to_f64(vertices: &[Vec3]) -> Vec<DVec3> {
     vertices.iter().map(|v| v.as_dvec3()).collect()
 }
 
-/// Places and, for each, the sum of twice-area-weighted face normals. A face that touches a place with two of its corners
-/// has no area, so it does not matter how often it counts.
+/// Welded positions and, for each, the sum of face normals weighted by twice the face's area. A face that has two corners at one position
+/// has no area, so it does not matter that it is added twice.
 fn normal_sums(vertices: &[DVec3], faces: &[[u32; 3]]) -> (Vec<u32>, Vec<DVec3>) {
     let (place, count) = weld(vertices);
     let mut sums = vec![DVec3::ZERO; count];
@@ -233,7 +235,7 @@ fn unit(v: DVec3) -> DVec3 {
     v.try_normalize().unwrap_or(DVec3::Y)
 }
 
-/// The Jacobian of v ↦ v/|v| applied to `t`; zero where `unit` is constant.
+/// The Jacobian of v ↦ v/|v| times `t`; zero for a vector of length zero, where `unit` is constant.
 fn through_unit(v: DVec3, t: DVec3) -> DVec3 {
     match v.try_normalize() {
         Some(n) => (t - n * n.dot(t)) / v.length(),

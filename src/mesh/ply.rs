@@ -1,5 +1,5 @@
-//! PLY: ASCII and both binary byte orders, any properties in any order; polygons, strips, and texture coordinates of vertices or
-//! of the corners of faces.
+//! Reads PLY: ASCII and both binary byte orders, properties in any order, polygons and triangle strips, and texture coordinates of
+//! vertices or of the corners of faces.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -42,7 +42,7 @@ struct Element {
     properties: Vec<Property>,
 }
 
-/// Where the numbers of the body come from.
+/// The source of the body's numbers.
 enum Body<'a> {
     Ascii(Rows<'a>),
     Binary { bytes: &'a [u8], big_endian: bool },
@@ -53,16 +53,16 @@ struct Rows<'a> {
     lines: Box<dyn Iterator<Item = (usize, &'a [u8])> + 'a>,
     row: Vec<f64>,
     next: usize,
-    /// Of the current row, in the file.
+    /// Number of the current row's line in the file.
     number: usize,
 }
 
-/// The header, and what follows it.
+/// The header and the bytes after it.
 struct Header<'a> {
     elements: Vec<Element>,
     body: Body<'a>,
     remaining: usize,
-    /// Of the comments that name an image.
+    /// The image that a comment names as the texture.
     images: Vec<String>,
 }
 
@@ -72,12 +72,12 @@ type Wedge = [Vec2; 3];
 #[derive(Default)]
 struct Ply {
     mesh: Mesh,
-    /// One for each face, where faces have their own texture coordinates.
+    /// One entry for each face, if faces have texture coordinates of their own.
     wedges: Vec<Wedge>,
     has_wedges: bool,
     cutter: Option<Cutter>,
     seen_vertices: bool,
-    /// Number, corners and texture coordinates of faces that came before the vertices.
+    /// Faces that come before the vertices in the file: number, corners and texture coordinates.
     early: Vec<(usize, Vec<f64>, Vec<f64>)>,
 }
 
@@ -85,7 +85,7 @@ pub(super) fn decode(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, Stri
     let Header { elements, mut body, remaining, images } = header(without_mark(bytes))?;
     let mut ply = Ply::default();
     for element in &elements {
-        // Nothing is reserved for more elements than the rest of the file can hold.
+        // The header may be wrong: memory is reserved for no more elements than the rest of the file can contain.
         let least: usize = element.properties.iter().map(|p| p.least_bytes(&body)).sum();
         if (element.count as u64).saturating_mul(least.max(1) as u64) > remaining as u64 + 1 {
             let Element { name, count, .. } = element;
@@ -128,7 +128,7 @@ pub(super) fn decode(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, Stri
                 reading.notes.about("only the first of several images is used; left out", others.join(", "));
             }
             let image = reading.image(&[reading.folder], name, Encoding::Srgb, "the surface");
-            // What a scanner saw: a colour without a highlight.
+            // Vertex colours of a scan are a diffuse colour without a highlight.
             image.map(|image| {
                 let image = LoadedImage { image, clamp: false, nearest: false };
                 let base_color_image = Some(image.channels(0, 3));
@@ -140,7 +140,7 @@ pub(super) fn decode(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, Stri
 }
 
 fn header(bytes: &[u8]) -> Result<Header<'_>, String> {
-    // The first line tells how all lines end; what follows the header may be binary.
+    // The line ending of the first line is that of all header lines. The body may be binary.
     let first = bytes.iter().position(|&b| b == b'\n' || b == b'\r').ok_or("the PLY header has no end")?;
     let ending: &[u8] = match bytes[first..] {
         [b'\r', b'\n', ..] => b"\r\n",
@@ -287,7 +287,7 @@ impl Ply {
                 }
             }
             body.end_row(element, reading);
-            // A point or a line among the faces has no triangle.
+            // Faces with fewer than three corners have no triangle.
             self.polygon(face, &corners, if texcoord.is_some() { &uvs } else { &[] })?;
             if face % (1 << 16) == 0 {
                 reading.expect(self.mesh.vertices.len() as u64, self.mesh.faces.len() as u64)?;
@@ -324,7 +324,7 @@ impl Ply {
         Ok(())
     }
 
-    /// Strips of triangles, each sharing two corners with the one before; a negative index begins another.
+    /// Triangle strips: each triangle shares two corners with the one before. A negative index begins another strip.
     fn strips(&mut self, element: &Element, body: &mut Body, reading: &mut Reading) -> Result<(), String> {
         let mut list = Vec::new();
         for number in 0..element.count {
@@ -340,7 +340,7 @@ impl Ply {
             for strip in list.split(|&i| i < 0.0) {
                 for (k, t) in strip.windows(3).enumerate() {
                     let corners = if k % 2 == 0 { [t[0], t[1], t[2]] } else { [t[1], t[0], t[2]] };
-                    // Strips turn corners by triangles without an area.
+                    // Strips contain degenerate triangles to change direction; they are skipped.
                     if corners[0] != corners[1] && corners[1] != corners[2] && corners[2] != corners[0] {
                         self.polygon(number, &corners, &[])?;
                     }
@@ -350,7 +350,7 @@ impl Ply {
         Ok(())
     }
 
-    /// The mesh, its vertices doubled where faces see them with different texture coordinates.
+    /// The mesh. Vertices that have different texture coordinates in different faces are duplicated.
     fn finish(self) -> Result<Mesh, String> {
         let Ply { mesh, wedges, has_wedges, .. } = self;
         if !has_wedges {
@@ -384,7 +384,8 @@ impl Ply {
     }
 }
 
-/// Integers are sRGB from 0 to the most they can be. Floats are linear, unless they are whole numbers up to 255, which are bytes.
+/// Integer colours are sRGB-encoded, from 0 to the largest value of their type. Floats are linear, unless they are whole numbers up to
+/// 255: these are bytes.
 fn decode_colors(colors: &mut [Vec3], kind: &Kind, reading: &mut Reading) {
     let most = match kind {
         Kind::Scalar(Number::U16) => 65535.0,
@@ -414,7 +415,7 @@ impl Property {
         }
     }
 
-    /// The numbers of a list, in place of those of the row before.
+    /// Reads the numbers of a list into `into`, replacing those of the row before.
     fn list(&self, body: &mut Body, into: &mut Vec<f64>) -> Result<(), String> {
         into.clear();
         let Kind::List { count, item } = self.kind else { return self.skip(body) };
@@ -430,7 +431,7 @@ impl Property {
             Kind::List { count, .. } => count,
         };
         match body {
-            // A digit and a space.
+            // At least one digit and a space for each number.
             Body::Ascii(_) => 2,
             Body::Binary { .. } => number.bytes(),
         }
@@ -438,7 +439,7 @@ impl Property {
 }
 
 impl Body<'_> {
-    /// Goes to the next row, which in ASCII is the next line that is not empty.
+    /// Begins the next row: in ASCII, the next line that is not empty.
     fn begin_row(&mut self, element: &Element) -> Result<(), String> {
         let Body::Ascii(rows) = self else { return Ok(()) };
         if element.properties.is_empty() {
@@ -463,7 +464,7 @@ impl Body<'_> {
         Err(format!("the PLY file ends before its last “{}”", element.name))
     }
 
-    /// What stands in a line beyond what the header says belongs to nothing.
+    /// Ignores the rest of a line beyond the properties that the header declares.
     fn end_row(&self, element: &Element, reading: &mut Reading) {
         let Body::Ascii(rows) = self else { return };
         if rows.next < rows.row.len() {
@@ -512,7 +513,7 @@ impl Number {
         }
     }
 
-    /// The number in the first bytes, little-endian.
+    /// The number in the first bytes, which are little-endian.
     fn value(self, b: [u8; 8]) -> f64 {
         let four = [b[0], b[1], b[2], b[3]];
         match self {

@@ -1,9 +1,9 @@
-//! Polygons cut into triangles: fans where they are convex, by ear clipping where they are not.
+//! Triangulates polygons: convex ones as fans, others by ear clipping.
 
 use earcut::Earcut;
 use glam::{DVec3, Vec3};
 
-/// Cuts polygons; keeps its memory from one to the next.
+/// A triangulator, which uses its memory again for the next polygon.
 pub(super) struct Cutter {
     ears: Earcut<f64>,
     flat: Vec<[f64; 2]>,
@@ -15,8 +15,8 @@ impl Cutter {
         Cutter { ears: Earcut::new(), flat: Vec::new(), cut: Vec::new() }
     }
 
-    /// Triangles of a polygon as numbers of its corners, wound as it is. A polygon that is not flat is looked at along its
-    /// mean normal. Fewer than three corners have no triangle.
+    /// Triangles of a polygon as indices of its corners, with the winding of the polygon. A polygon that is not planar is projected along
+    /// its mean normal. With fewer than three corners there are none.
     pub fn cut(&mut self, corners: &[Vec3], mut give: impl FnMut([usize; 3])) {
         let n = corners.len();
         if n > 3 && self.project(corners) && !is_convex(&self.flat) {
@@ -24,7 +24,7 @@ impl Cutter {
             if !self.cut.is_empty() {
                 for t in self.cut.chunks_exact(3) {
                     let [a, b, c] = [t[0] as usize, t[1] as usize, t[2] as usize];
-                    // The plane was chosen so that the polygon runs counter-clockwise in it.
+                    // The polygon is counter-clockwise in the plane onto which it was projected.
                     let reversed = turn(self.flat[a], self.flat[b], self.flat[c]) < 0.0;
                     give(if reversed { [a, c, b] } else { [a, b, c] });
                 }
@@ -34,7 +34,7 @@ impl Cutter {
         (2..n).for_each(|k| give([0, k - 1, k]));
     }
 
-    /// Puts the corners into `flat`, seen against the polygon's normal; false if it has none.
+    /// Projects the corners along the polygon's normal into `flat`; false if the polygon has no normal.
     fn project(&mut self, corners: &[Vec3]) -> bool {
         let from = corners[0].as_dvec3();
         let normal = normal(corners);
@@ -60,7 +60,7 @@ fn turn(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
     (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 }
 
-/// Never turns right, and goes round once.
+/// Whether a polygon is convex: it never turns right and winds around once.
 fn is_convex(p: &[[f64; 2]]) -> bool {
     let n = p.len();
     let mut reversals = 0;

@@ -1,5 +1,5 @@
-//! What the readers of all mesh formats share while one file is read: where its neighbours lie, how much memory there is,
-//! the images read so far, and what has to be told to the user.
+//! State that the readers of all mesh formats share while they read a file: its folder, a budget of memory, images read so far, and notes
+//! for the user.
 
 use std::collections::HashMap;
 use std::fmt::Display;
@@ -14,27 +14,27 @@ use crate::stop;
 
 use super::load::Wanted;
 
-/// How many names a sentence lists before it only counts, and how many are counted.
+/// Most names that a note lists, and most names that it counts.
 const NAMES: usize = 4;
 const COUNTED: usize = 100;
 
-/// Bytes that a vertex with all its attributes takes: read, merged, and as the numbers of the language, which are doubles.
+/// Bytes per vertex with all its attributes: as read, after merging, and as numbers of the language in double precision.
 const VERTEX_BYTES: u64 = 2 * 44 + 88;
 
-/// Bytes that a triangle takes: read and merged.
+/// Bytes per triangle: as read and after merging.
 const FACE_BYTES: u64 = 2 * 12;
 
-/// Bytes that a number of an image takes: read, by channels, as a number of the language, and rendered.
+/// Bytes per number of an image: as read, split into channels, as a number of the language, and as rendered.
 const TEXEL_BYTES: u64 = 4 + 4 + 8 + 4;
 
-/// What a file asks for and does not get. Things of a kind make one sentence, which lists them by name.
+/// Notes about features of a file that are not supported. Features of one kind make one sentence, which lists them by name.
 #[derive(Debug, Default)]
 pub(super) struct Notes {
     entries: Vec<(String, Vec<String>)>,
 }
 
 impl Notes {
-    /// A sentence of its own.
+    /// Adds a sentence.
     pub fn say(&mut self, sentence: impl Into<String>) {
         let sentence = sentence.into();
         if !self.entries.iter().any(|(s, _)| *s == sentence) {
@@ -42,7 +42,7 @@ impl Notes {
         }
     }
 
-    /// Adds a name to those that a sentence is about; each is listed once.
+    /// Adds a name to those that a sentence lists; each is listed once.
     pub fn about(&mut self, sentence: &str, name: impl Display) {
         let name = name.to_string();
         match self.entries.iter_mut().find(|(s, _)| s == sentence) {
@@ -52,7 +52,7 @@ impl Notes {
         }
     }
 
-    /// All of them, in the order in which they came up.
+    /// All sentences, in the order in which they were added.
     pub fn sentences(self) -> Vec<String> {
         let sentence = |(sentence, names): (String, Vec<String>)| match names.len() {
             0 => sentence,
@@ -67,13 +67,13 @@ impl Notes {
 /// One file being read.
 pub(super) struct Reading<'a> {
     pub folder: &'a Path,
-    /// What a part without a name is called.
+    /// Name of parts without a name.
     pub name: &'a str,
     pub wanted: Wanted,
     pub notes: Notes,
-    /// Bytes of geometry that were asked for.
+    /// Bytes of geometry that were requested.
     asked: u64,
-    /// By path and encoding; `None` if it cannot be read, which has been said.
+    /// Images by path and encoding; `None` for one that could not be read, which has been reported.
     images: HashMap<(PathBuf, bool), Option<Arc<Image>>>,
 }
 
@@ -82,12 +82,12 @@ impl<'a> Reading<'a> {
         Reading { folder, name, wanted, notes: Notes::default(), asked: 0, images: HashMap::new() }
     }
 
-    /// Whether materials are wanted, and what they lack is to be told.
+    /// Whether materials are read, and their unsupported features reported.
     pub fn materials(&self) -> bool {
         self.wanted == Wanted::Scene
     }
 
-    /// Asks for memory for so many vertices and triangles in all, before they are made.
+    /// Requests memory for a total number of vertices and triangles, before they are made.
     pub fn expect(&mut self, vertices: u64, faces: u64) -> Result<(), String> {
         let bytes = vertices.saturating_mul(VERTEX_BYTES).saturating_add(faces.saturating_mul(FACE_BYTES));
         let more = bytes.saturating_sub(self.asked);
@@ -96,8 +96,8 @@ impl<'a> Reading<'a> {
         memory::ask(more).map_err(|e| format!("of its {vertices} vertices and {faces} triangles, {e}"))
     }
 
-    /// An image beside the file, in the first of `folders` that has it. What is wrong with it is said of `whose`; then, and
-    /// if no materials are wanted, there is none.
+    /// Reads an image from the first of `folders` that has it. If it cannot be read, that is reported about `whose` and there is none;
+    /// nor is there if materials are not read.
     pub fn image(&mut self, folders: &[&Path], name: &str, encoding: Encoding, whose: &str) -> Option<Arc<Image>> {
         let found = folders.iter().map(|f| f.join(name)).find(|p| p.is_file());
         let path = found.unwrap_or_else(|| folders.first().unwrap_or(&self.folder).join(name));
@@ -117,7 +117,7 @@ impl<'a> Reading<'a> {
         image
     }
 
-    /// The image in some bytes.
+    /// Decodes an image from bytes.
     pub fn decoded(&mut self, bytes: &[u8], encoding: Encoding) -> Result<Arc<Image>, String> {
         let Decoded { image, notes } = decode(bytes, encoding, None).map_err(|e: ImageError| e.to_string())?;
         notes.into_iter().for_each(|note| self.notes.say(format!("of an image: {note}")));
@@ -126,7 +126,7 @@ impl<'a> Reading<'a> {
     }
 }
 
-/// The text of a line: UTF-8, or else what the same bytes mean in Latin-1, as older exporters write.
+/// The text of a line: UTF-8 or, if the bytes are not, Latin-1, which older exporters write.
 pub(super) fn text_of(bytes: &[u8]) -> std::borrow::Cow<'_, str> {
     match std::str::from_utf8(bytes) {
         Ok(text) => text.into(),
@@ -134,7 +134,7 @@ pub(super) fn text_of(bytes: &[u8]) -> std::borrow::Cow<'_, str> {
     }
 }
 
-/// Bytes without the mark that some editors put before UTF-8.
+/// The bytes without a UTF-8 byte order mark.
 pub(super) fn without_mark(bytes: &[u8]) -> &[u8] {
     bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)
 }

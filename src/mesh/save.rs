@@ -1,5 +1,5 @@
-//! Mesh files out: OBJ (text) and PLY (binary, little endian). What [`super::load`] reads again is the same mesh.
-//! In these files texture coordinates count upwards, here downwards.
+//! Writes meshes as OBJ (text) and PLY (binary, little-endian). [`super::load`] reads the same mesh back. In these files texture
+//! coordinates v point up, here down.
 
 use std::fmt::Write;
 
@@ -8,7 +8,7 @@ use super::Mesh;
 /// Extensions of the files that [`encode`] writes.
 pub const WRITABLE: [&str; 2] = ["obj", "ply"];
 
-/// The bytes of a mesh file of the kind that `extension` names; `None` if there is no such kind.
+/// The bytes of a mesh file in the format that `extension` names; `None` if that is not supported.
 pub fn encode(mesh: &Mesh, extension: &str) -> Option<Vec<u8>> {
     match extension {
         "obj" => Some(obj(mesh).into_bytes()),
@@ -17,7 +17,7 @@ pub fn encode(mesh: &Mesh, extension: &str) -> Option<Vec<u8>> {
     }
 }
 
-/// Vertex colours stand behind the positions, as most programs write them.
+/// Vertex colours follow the positions, as most programs write them.
 fn obj(mesh: &Mesh) -> String {
     let mut out = String::from("# Written by dscene\n");
     // Writing to a string cannot fail.

@@ -21,8 +21,8 @@ pub fn triangle(a: Vec3, b: Vec3, c: Vec3) -> Result<Mesh, MeshError> {
     Ok(mesh)
 }
 
-/// `width` along x, `depth` along z, centred at the origin, normal +y; u along x, v along z: an image lies upright for who
-/// looks down with −z at the top.
+/// A rectangle: `width` along x, `depth` along z, centred at the origin, normal +y. u runs along x and v along z, so that an image is
+/// upright when seen from above with −z at the top.
 pub fn rectangle(width: f32, depth: f32) -> Result<Mesh, MeshError> {
     grid(1, 1, width, depth)
 }
@@ -36,7 +36,7 @@ pub fn grid(nx: usize, nz: usize, width: f32, depth: f32) -> Result<Mesh, MeshEr
     let mut patch = Patches::new(grid_size(nx, nz)?);
     patch.grid(nx, nz, |i, j| {
         let uv = vec2(i as f32 / nx as f32, j as f32 / nz as f32);
-        // Symmetric to the last bit.
+        // Computed so that positions are symmetric to the last bit.
         let centred = |i: usize, n: usize| (2.0 * i as f32 - n as f32) / (2.0 * n as f32);
         (positive_zero(vec3(centred(i, nx) * width, 0.0, -centred(j, nz) * depth)), Vec3::Y, uv)
     });
@@ -102,8 +102,8 @@ pub fn sphere(radius: f32, segments: usize) -> Result<Mesh, MeshError> {
     Ok(patches.mesh())
 }
 
-/// An icosahedron whose edges were halved `subdivisions` times, on the sphere of `radius`; exact normals.
-/// Texture coordinates are those of [`sphere`], without vertices doubled along the seam.
+/// An icosphere: an icosahedron subdivided `subdivisions` times, with its vertices moved to the sphere of `radius`; exact normals.
+/// Texture coordinates are those of [`sphere`], without duplicated vertices along the seam.
 pub fn icosphere(radius: f32, subdivisions: usize) -> Result<Mesh, MeshError> {
     positive("radius", radius)?;
     let faces = 20u64.saturating_mul(4u64.saturating_pow(subdivisions.min(64) as u32));
@@ -218,7 +218,7 @@ pub(super) struct Patches {
     pace: Pace,
 }
 
-/// Elements of cheap work that a vertex takes whose place is given by sines and cosines.
+/// Work to compute a vertex by sines and cosines, in units of [`Pace`].
 const TRIGONOMETRY: usize = 8;
 
 impl Patches {
@@ -294,7 +294,7 @@ impl Patches {
         }
     }
 
-    /// A row of vertices at a pole has one that no face uses.
+    /// Removes unused vertices: a row at a pole has one that no face uses.
     fn drop_unused(&mut self, base: usize) {
         let mut used = vec![false; self.vertices.len() - base];
         let new_faces = self.faces.iter_mut().filter(|f| f[0] as usize >= base);

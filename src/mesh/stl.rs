@@ -1,4 +1,5 @@
-//! STL, binary and ASCII. Corners at the same place become one vertex; shading is flat. Normals and colours of the facets are not read.
+//! Reads STL, binary and ASCII. Corners at the same position become one vertex. Shading is flat: normals and colours of the facets are
+//! not read.
 
 use std::collections::HashMap;
 
@@ -11,7 +12,8 @@ use crate::math::position_key;
 
 pub(super) fn decode(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, String> {
     let promised = bytes.get(80..84).map(|b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])));
-    // Some binary files begin with “solid” too, so the length decides; then whether a facet is there in words.
+    // Some binary files begin with “solid” too. So a file with exactly the length of a binary one is binary, and any other is ASCII if it
+    // looks like text.
     let is_exact = promised.is_some_and(|n| 84 + 50 * n == bytes.len() as u64);
     if !is_exact && is_text(without_mark(bytes)) {
         return ascii(without_mark(bytes), reading);
@@ -28,7 +30,8 @@ pub(super) fn decode(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, Stri
     }
 }
 
-/// Begins with “solid”, and what follows its name is a facet or the end, in any case of letters.
+/// Whether the bytes begin with “solid” and are text: the next line begins a facet or ends the solid, in upper or lower case, or there
+/// are no zero bytes.
 fn is_text(bytes: &[u8]) -> bool {
     let bytes = bytes.trim_ascii_start();
     if !bytes.get(..5).is_some_and(|b| b.eq_ignore_ascii_case(b"solid")) {
@@ -37,7 +40,7 @@ fn is_text(bytes: &[u8]) -> bool {
     let next = lines(bytes).skip(1).map(|(_, line)| line.trim_ascii()).find(|line| !line.is_empty());
     let begins =
         |line: &[u8], word: &str| line.get(..word.len()).is_some_and(|w| w.eq_ignore_ascii_case(word.as_bytes()));
-    // Whatever else stands there, text has no zeros.
+    // Whatever the next line is, a text contains no zero bytes.
     next.is_some_and(|line| begins(line, "facet") || begins(line, "endsolid")) || !bytes.contains(&0)
 }
 
@@ -57,7 +60,7 @@ fn binary(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, String> {
     Ok(Loaded { parts: vec![LoadedPart { mesh, ..LoadedPart::default() }], ..Loaded::default() })
 }
 
-/// One part for each solid.
+/// Makes one part for each solid.
 fn ascii(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, String> {
     let mut loaded = Loaded::default();
     let mut name = String::new();

@@ -1,7 +1,7 @@
 //! The Utah teapot: Martin Newell's 32 bicubic Bézier patches (1975), bottom included.
 //!
-//! The data set's 306 control points repeat themselves: 24 patches are quarter turns of six profile curves and the eight of
-//! handle and spout are four and their mirror images. So that is how they are kept here.
+//! The data set's 306 control points are redundant: 24 patches are quarter turns of six profile curves, and the eight patches of handle
+//! and spout are four patches and their mirror images. So only the profiles and halves are stored here.
 
 use glam::{Vec3, vec2, vec3};
 
@@ -24,8 +24,8 @@ pub fn teapot(subdivisions: usize) -> Result<Mesh, MeshError> {
     Ok(patches.mesh())
 }
 
-/// Radius, off-axis control coordinate and height: a quarter turn's control points are
-/// (r, 0), (r, q), (q, r), (0, r) at that height.
+/// Radius r, coordinate q of the off-axis control points, and height. The control points of a quarter turn at that height are (r, 0), (r,
+/// q), (q, r), (0, r).
 type ProfilePoint = [f32; 3];
 
 /// Lip, upper body, lower body, bottom; from the lip's inner edge down.
@@ -42,8 +42,8 @@ const LID: [[ProfilePoint; 4]; 2] = [
     [[0.2, 0.112, 2.7], [0.4, 0.224, 2.55], [1.3, 0.728, 2.55], [1.3, 0.728, 2.4]],
 ];
 
-/// One half of a tube's ring: inner x and height, outer x and height, half width. Control points are
-/// (inner, 0), (inner, w), (outer, w), (outer, 0).
+/// One half of a tube's cross section: inner x and height, outer x and height, half width w. Its control points are (inner, 0), (inner,
+/// w), (outer, w), (outer, 0).
 type Rib = ([f32; 2], [f32; 2], f32);
 
 /// From the upper end on the body round to the lower one.
@@ -100,7 +100,7 @@ fn bernstein(t: f32) -> ([f32; 4], [f32; 4]) {
     (values, slopes)
 }
 
-/// Patch number and parameter of grid line `k`, `n` cells a patch: the last line of all belongs to the last patch.
+/// Patch number and parameter of grid line `k` with `n` cells per patch. The very last line belongs to the last patch.
 fn locate(k: usize, n: usize, patches: usize) -> (usize, f32) {
     let patch = (k / n).min(patches - 1);
     (patch, (k - patch * n) as f32 / n as f32)
@@ -115,7 +115,7 @@ fn revolve(patches: &mut Patches, profile: &[[ProfilePoint; 4]], n: usize) {
         let control =
             profile[part].map(|[r, q, y]| [vec3(r, y, 0.0), vec3(r, y, -q), vec3(q, y, -r), vec3(0.0, y, -r)]);
         let (mut position, ds, dt) = bezier(&control, s, t);
-        // The height does not depend on s; free of its rounding, a pole is one point.
+        // The height does not depend on s. It is computed from t alone, so that rounding does not split a pole into several points.
         position.y = bernstein(t).0.iter().zip(profile[part]).map(|(b, [_, _, y])| b * y).sum();
         // Outward, with u to the right and v up: ∂u × ∂v = ∂s × (−∂t). At a pole ∂s vanishes and the axis is normal.
         let across = dt.cross(ds);
@@ -132,7 +132,8 @@ fn mirror(patches: &mut Patches, ribs: &[[Rib; 4]; 2], n: usize) {
     // Less than four sides would be a flat tube.
     let half = n.max(2);
     let (nu, nv) = (2 * half, 2 * n);
-    // The handle's ribs run towards −x, the spout's towards +x: u turns the other way, so that the outside stays outside.
+    // The handle extends towards −x and the spout towards +x. u runs in opposite directions on them, so that both have their outside
+    // outside.
     let towards = if ribs[0][0].0[0] < 0.0 { -1.0 } else { 1.0 };
     patches.grid(nu, nv, |i, j| {
         let (part, t) = locate(j, n, 2);

@@ -16,7 +16,7 @@ use super::{Args, Native, NativeError, Result};
 pub(super) const TABLE: &[(&str, Native)] = &[
     ("load_json", |a| {
         read(a, |bytes| {
-            // A tree of numbers takes some twenty times as much as their text.
+            // A JSON tree of numbers takes some twenty times as much memory as its text.
             memory::ask(bytes.len() as u64 * 20).map_err(|e| e.to_string())?;
             let json: Json = serde_json::from_slice(bytes).map_err(|e| e.to_string())?;
             Ok(from_json(&json))
@@ -41,15 +41,15 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     }),
 ];
 
-/// What `decode` makes of the file that the first argument names.
+/// Reads the file that the first argument names and decodes its bytes with `decode`.
 fn read<T: Send + 'static>(a: &Args, decode: fn(&[u8]) -> Result<T, String>) -> Result<T> {
     let path = a.path(0)?;
     let decoded = stop::apart(move || decode(&read_bytes(&path)?));
     decoded.map_err(|e| NativeError::at(0, format!("{}: {e}", a.string(0).unwrap_or_default())))
 }
 
-/// Objects become records, arrays of numbers tensors where their lengths agree. What is not finite is `"nan"`, `"inf"` or `"-inf"` in
-/// files written here, and not-a-number `null` in many others.
+/// Objects become records, and arrays of numbers tensors if their lengths agree. Numbers that are not finite are the strings `"nan"`,
+/// `"inf"` or `"-inf"` in files written here; many other programs write NaN as `null`.
 fn from_json(json: &Json) -> Value {
     if let Some(numbers) = numbers(json) {
         return Value::tensor(numbers);
@@ -65,12 +65,12 @@ fn from_json(json: &Json) -> Value {
     }
 }
 
-/// The tensor that a number, or arrays of numbers of equal lengths, are.
+/// A number, or nested arrays of numbers with equal lengths, as a tensor; `None` for anything else.
 fn numbers(json: &Json) -> Option<Tensor> {
     fn fill(json: &Json, depth: usize, shape: &mut Vec<usize>, data: &mut Vec<f64>) -> Option<()> {
         match json {
             Json::Array(items) => {
-                // The first way down decides how deep and how long.
+                // The first elements decide the depth and the lengths, which all others must have.
                 if shape.len() == depth && data.is_empty() {
                     shape.push(items.len());
                 }

@@ -11,9 +11,9 @@ use super::value::{
 };
 use super::{NativeError, Result};
 
-/// A field of a value; `None` if it has none of that name.
+/// A field of a value; `None` if the value has no field of that name.
 ///
-/// `[2]` is an element of an array; negative ones count from the end.
+/// `[2]` is an element of an array; negative indices count from the end.
 pub fn field(value: &Value, name: &str) -> Option<Value> {
     match value {
         Value::Num(v) if name.starts_with('[') => {
@@ -51,7 +51,7 @@ pub fn field(value: &Value, name: &str) -> Option<Value> {
             "lights" => Some(Value::list(s.lights.iter().cloned().map(Value::Light).collect())),
             _ => None,
         },
-        // Of vertex colours that multiply a texture: what the texture has.
+        // Vertex colours that multiply a texture have the fields of the texture too.
         Value::Settings(s) => s.field(name).cloned().or_else(|| field(s.field("times")?, name)),
         Value::Record(r) => r.iter().find(|(n, _)| n == name).map(|(_, v)| v.clone()),
         Value::Estimate(e) => {
@@ -68,7 +68,7 @@ pub fn field(value: &Value, name: &str) -> Option<Value> {
     }
 }
 
-/// Names of the fields a value has now.
+/// Names of the fields that a value has.
 pub fn fields_of(value: &Value) -> Vec<String> {
     let words = |w: &[&str]| w.iter().map(|s| s.to_string()).collect::<Vec<_>>();
     match value {
@@ -99,7 +99,7 @@ pub fn fields_of(value: &Value) -> Vec<String> {
     }
 }
 
-/// The row that `[2]` or `[-1]` names.
+/// The index that `[2]` or `[-1]` stands for.
 fn row(name: &str, shape: &[usize]) -> Option<usize> {
     let i: i64 = name.strip_prefix('[')?.strip_suffix(']')?.trim().parse().ok()?;
     let n = i64::try_from(*shape.first()?).ok()?;
@@ -107,7 +107,7 @@ fn row(name: &str, shape: &[usize]) -> Option<usize> {
     (0..n).contains(&i).then_some(i as usize)
 }
 
-/// The value with one field (of a field, …) replaced. Only fields that the value holds as they were given can be.
+/// The value with one field (or field of a field, …) replaced. Only fields that the value stores as they were given can be replaced.
 pub fn set_field(value: &Value, path: &[String], new: Value) -> Result<Value> {
     let Some((name, rest)) = path.split_first() else { return Ok(new) };
     let old = field(value, name).ok_or_else(|| NativeError::new(format!("{} has no field `{name}`", value.kind())))?;
@@ -183,7 +183,7 @@ fn replaced(fields: &[(String, Value)], name: &str, new: Value) -> Vec<(String, 
     fields.iter().map(|(n, v)| (n.clone(), if n == name { new.clone() } else { v.clone() })).collect()
 }
 
-/// `x`, `yz`, `rgb`: places on an axis of length `n`.
+/// The indices that a swizzle (`x`, `yz`, `rgb`) picks along an axis of length `n`.
 fn swizzle(name: &str, n: usize) -> Option<Vec<usize>> {
     let place =
         |letters: &str| -> Option<Vec<usize>> { name.chars().map(|c| letters.find(c).filter(|i| *i < n)).collect() };
@@ -217,7 +217,8 @@ fn input_value(input: &Input) -> Value {
     }
 }
 
-/// The mesh's vertex colours, multiplied by a texture if there is one: its own kind of input, kept among settings.
+/// The input that stands for the mesh's vertex colours, multiplied by a texture if there is one. It is kept among settings, as an input
+/// of its own kind.
 pub(super) fn vertex_color(times: Option<Value>) -> Value {
     let fields = times.map(|t| ("times".to_string(), t)).into_iter().collect();
     Value::Settings(Arc::new(SettingsValue { kind: SettingsKind::VertexColor, fields }))

@@ -1,4 +1,4 @@
-//! Mesh and scene files: what they hold as meshes, shapes, lights and cameras, and what they ask for in vain as warnings.
+//! Mesh and scene files: their meshes, shapes, lights and cameras as values, and warnings about features that are not supported.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -43,7 +43,7 @@ fn refused(e: MeshError) -> NativeError {
     NativeError::at(0, e.to_string())
 }
 
-/// Says what a file asks for and does not get.
+/// Warns about features of a file that are not supported.
 fn tell(a: &Args, path: &Path, warnings: Vec<String>) {
     let file = path.file_name().map(|n| n.to_string_lossy()).unwrap_or_default();
     for warning in warnings {
@@ -51,7 +51,7 @@ fn tell(a: &Args, path: &Path, warnings: Vec<String>) {
     }
 }
 
-/// The parts of a file; those that emit light are lights.
+/// The parts of a file as shapes; parts that emit light as lights.
 fn load_scene(a: &Args) -> Result<SceneValue> {
     let path = a.path(0)?;
     let from = path.clone();
@@ -59,7 +59,7 @@ fn load_scene(a: &Args) -> Result<SceneValue> {
     let mut scene = SceneValue::default();
     let mut converter = Converter::default();
     for part in parts.iter().filter(|p| !p.mesh.faces.is_empty()) {
-        // Every part is a shape or a light.
+        // Every part becomes a shape or a light.
         let _ = add_to_scene(&mut scene, &converter.part(part));
     }
     scene.lights.extend(lights.iter().map(|l| Arc::new(light(l))));
@@ -70,13 +70,13 @@ fn load_scene(a: &Args) -> Result<SceneValue> {
     Ok(scene)
 }
 
-/// Makes materials of loaded ones, each once: parts share their texels.
+/// Converts materials of a file to values, each once, so that parts share their textures.
 #[derive(Default)]
 struct Converter {
     made: HashMap<*const LoadedMaterial, Arc<Look>>,
 }
 
-/// What a surface reflects and emits.
+/// The material and the emission of a part.
 #[derive(Clone)]
 struct Look {
     material: Arc<MaterialValue>,
@@ -89,7 +89,7 @@ impl Converter {
         let mesh = MeshValue::from(&part.mesh);
         let look = match (&part.material, tint(&part.mesh)) {
             (None, None) => Arc::new(plain(grey())),
-            // Colours alone are what the surface reflects.
+            // Vertex colours without a material are the reflectance.
             (None, Some(_)) => Arc::new(plain(MaterialValue {
                 model: Model::Diffuse,
                 inputs: vec![("reflectance", Input::VertexColor)],
@@ -127,9 +127,9 @@ impl Converter {
     }
 }
 
-/// What vertex colours say of a part.
+/// The vertex colours of a part.
 enum Tint {
-    /// The same everywhere.
+    /// The same colour at every vertex.
     Constant(glam::Vec3),
     Varying,
 }
@@ -197,7 +197,7 @@ fn cameras(a: &Args) -> Result<Value> {
     Ok(Value::list(cameras.iter().map(|c| Value::Camera(Arc::new(camera(c, film.as_ref())))).collect()))
 }
 
-/// Pixels from bottom to top of a camera whose film nobody asked for.
+/// Height in pixels of a camera's film if the call does not give one.
 const ROWS: f64 = 256.0;
 
 fn camera(loaded: &LoadedCamera, film: Option<&Var>) -> CameraValue {

@@ -21,7 +21,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         let (w, _) = a.need("width")?;
         let (h, _) = a.need("height")?;
         let (w, h) = (a.integer(w, 1..=1 << 16)? as usize, a.integer(h, 1..=1 << 16)? as usize);
-        // One axis after the other: what is between them may be larger than both ends.
+        // The axes are filtered one after the other. The intermediate image may be larger than both input and output.
         let between = h.max(x.shape()[0]).saturating_mul(w.max(x.shape()[1])).saturating_mul(x.shape()[2]);
         memory::ask_for::<f64>(between.saturating_mul(2))?;
         linear(&x, Separable::resize(x.shape()[1], x.shape()[0], w, h))
@@ -52,8 +52,8 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("gradient", gradient),
 ];
 
-/// The image file whose path is an argument, with the call's `srgb` and `layer` if it has them. What the file asks for and is
-/// not done is said.
+/// Reads the image file that an argument names, with the call's `srgb` and `layer` if it has them. Warns about features of the file that
+/// are not supported.
 pub(super) fn read_image(a: &Args, index: usize) -> Result<Var> {
     let encoding = match a.boolean("srgb")? {
         Some(true) => Encoding::Srgb,
@@ -106,7 +106,7 @@ fn linear(x: &Var, filter: Result<Separable, crate::image::ImageError>) -> Resul
     Ok(Value::Image(Var::custom(Arc::new(Filter { filter, channels }), vec![x.clone()], value)))
 }
 
-/// Means of blocks; blocks at the right and lower end may be cut off.
+/// Means over blocks of pixels; blocks at the right and lower border may be smaller.
 fn downsampled(x: &Var, factor: usize) -> Result<Var> {
     let mut out = x.clone();
     for axis in 0..2 {
@@ -184,7 +184,7 @@ fn luminance(a: &Args) -> Result<Value> {
     }
 }
 
-/// Differences to the next pixel along x, then along y; zero at the last column and row.
+/// Differences to the next pixel along x and along y; zero at the last column and row.
 fn gradient(a: &Args) -> Result<Value> {
     let x = a.image(0)?;
     let along = |axis: usize| {

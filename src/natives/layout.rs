@@ -1,4 +1,4 @@
-//! Arrays and images side by side, with margins, and between their pixels.
+//! Joining, stacking and padding of arrays and images, and interpolation between pixels.
 
 use crate::tape::{Binary, Slice, Tensor, Var};
 
@@ -7,7 +7,7 @@ use super::{Args, Native, NativeError, Result};
 
 pub(super) const TABLE: &[(&str, Native)] = &[("concat", concat), ("stack", stack), ("pad", pad), ("sample", sample)];
 
-/// Two arrays, or all of one list, one after the other along an axis; images stay images.
+/// Joins two arrays, or all items of one list, along an axis; images stay images.
 fn concat(a: &Args) -> Result<Value> {
     let parts = match (a.value(0)?, a.get(1)) {
         (x, Some(y)) => vec![x.clone(), y.clone()],
@@ -25,7 +25,7 @@ fn concat(a: &Args) -> Result<Value> {
             _ => None,
         })
         .collect();
-    // Rows of different lengths are a list of lists; they still follow one another.
+    // Rows of different lengths are a list of lists; these can be joined along the first axis.
     let rank = vars.as_ref().and_then(|v| v.first()).map_or(1, |v| v.shape().len());
     let along = axis.map_or(0, |(_, x)| if x < 0 { x + rank as i64 } else { x });
     if let Some((i, x)) = axis.filter(|_| !(0..rank as i64).contains(&along)) {
@@ -59,7 +59,7 @@ fn is_image(value: &Value) -> bool {
     matches!(value, Value::Image(_))
 }
 
-/// Arrays or images of one size as one array, with a new first axis.
+/// Stacks arrays or images of one size into an array with a new first axis.
 fn stack(a: &Args) -> Result<Value> {
     let items = a.value(0)?.items().ok_or_else(|| a.wrong(0, "an array of images or arrays"))?;
     let parts: Option<Vec<Var>> = items
@@ -73,12 +73,13 @@ fn stack(a: &Args) -> Result<Value> {
     Var::stack(&parts).map(Value::Num).map_err(|e| NativeError::at(0, e.0))
 }
 
-/// Where a place beyond the edge reads, or nowhere.
+/// The index of the image that is read for index `i` of a padded axis, where the image has length `n`; `None` where the padding is a
+/// constant.
 fn beyond(mode: &str, i: i64, n: i64) -> Option<i64> {
     match mode {
         "edge" => Some(i.clamp(0, n - 1)),
         "wrap" => Some(i.rem_euclid(n)),
-        // The edge pixel itself is repeated: b a | a b c | c b.
+        // Reflection repeats the edge pixel: b a | a b c | c b.
         "mirror" => {
             let at = i.rem_euclid(2 * n);
             Some(at.min(2 * n - 1 - at))
@@ -115,9 +116,9 @@ fn pad(a: &Args) -> Result<Value> {
     Ok(Value::Image(Var::select(&Var::constant(mask), &wide, &value)?))
 }
 
-/// Bilinear between pixel centres, which lie at (i + 0.5) / n of the image's width and height, as those of textures do.
-/// Within a cell between four centres the derivative in `uv` is that of the bilinear function; at a centre, that of the
-/// cell to the right and below.
+/// Bilinear interpolation between pixel centres, which lie at (i + 0.5) / n of the image's width and height, as those of textures do.
+/// Within a cell between four centres the derivative in `uv` is that of the bilinear function; exactly at a centre, that of the cell to
+/// the right and below.
 fn sample(a: &Args) -> Result<Value> {
     let image = a.image(0)?;
     let uv = a.var(1)?;
@@ -132,7 +133,7 @@ fn sample(a: &Args) -> Result<Value> {
     let (height, width, channels) = (image.shape()[0], image.shape()[1], image.shape()[2]);
     let count = uv.len() / 2;
     let pairs = uv.reshape(vec![count, 2])?;
-    // By axis: the pixels before and after a place, and how far it is on the way between them.
+    // By axis: the pixels before and after each position, and the fraction of the way between them.
     let axis = |which: usize, n: usize| -> Result<(Vec<usize>, Vec<usize>, Var)> {
         let mut at = pairs.component(which)?.scale(n as f64).shift(-0.5);
         if !wrap {

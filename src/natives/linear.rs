@@ -25,8 +25,8 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("matrix", |a| Ok(Value::Num(a.var(0)?.clone()))),
 ];
 
-/// What `x @ y` is: the matrix product of arrays, a matrix on every pixel, and what rotations and transforms do to points
-/// (vectors of 3 numbers, or arrays and images of such), to meshes and to one another.
+/// `x @ y`: the matrix product of arrays, a matrix times every pixel of an image, or a rotation or transform applied to points (vectors
+/// of 3 numbers, or arrays and images of such), to meshes or to another rotation or transform.
 pub fn apply(x: &Value, y: &Value) -> Result<Value> {
     match (x, y) {
         (Value::Rotation(a), Value::Rotation(b)) => Ok(Value::Rotation(a.matmul(b)?)),
@@ -65,7 +65,7 @@ pub fn apply(x: &Value, y: &Value) -> Result<Value> {
     }
 }
 
-/// The matrix times each vector along the last axis.
+/// A matrix times each vector along the last axis.
 fn each(matrix: &Var, vectors: &Var) -> Result<Var> {
     let Some((&n, outer)) = vectors.shape().split_last() else { return Err(NativeError::new("a number is no vector")) };
     let rows = outer.iter().product();
@@ -112,7 +112,7 @@ pub(super) fn identity() -> Var {
     Var::constant(Tensor::identity(3))
 }
 
-/// The rotation about x, then y, then z by the arguments of those names; `None` if there is none.
+/// The rotation about x, then y, then z by the arguments with those names; `None` if none is given.
 pub(super) fn euler(a: &Args) -> Result<Option<Var>> {
     let mut total: Option<Var> = None;
     for (i, axis) in ["x", "y", "z"].into_iter().enumerate() {
@@ -152,7 +152,7 @@ pub(super) fn about(a: &Args) -> Result<Option<Var>> {
     }
 }
 
-/// What a rotation can be made from, one at a time.
+/// The arguments from which a rotation can be made; a call gives one of them.
 fn rotation(a: &Args) -> Result<Value> {
     let ways: Vec<(usize, &str)> = ["angle", "matrix", "quaternion", "six"]
         .into_iter()
@@ -179,7 +179,8 @@ fn rotation(a: &Args) -> Result<Value> {
     made.map(Value::Rotation).map_err(|e| NativeError::at(ways[0].0, e.0))
 }
 
-/// Columns right, up, back… of something at `position` whose +z points to `target`, +y upwards, +x to the left of that view.
+/// The transform of an object at `position` that looks at `target`: its columns are +x to the left of the line of sight, +y up and +z
+/// towards the target.
 fn look_at(a: &Args) -> Result<Value> {
     let (position, target) = (a.vector(0, 3, false)?, a.vector(1, 3, false)?);
     let up = match a.named("up") {
@@ -201,7 +202,7 @@ fn look_at(a: &Args) -> Result<Value> {
     Ok(Value::Transform(Var::affine(&linear, &position)?))
 }
 
-/// First one, then the other.
+/// The composition of two transforms: first the first, then the second.
 fn compose(a: &Args) -> Result<Value> {
     match (a.value(0)?, a.value(1)?) {
         (Value::Rotation(x), Value::Rotation(y)) => Ok(Value::Rotation(y.matmul(x)?)),
@@ -213,7 +214,7 @@ fn compose(a: &Args) -> Result<Value> {
     }
 }
 
-/// The linear part and the translation of a transform, a rotation or a matrix; argument `blame` is wrong if it is none.
+/// The linear part and the translation of a transform, rotation or matrix. For anything else, an error that blames argument `blame`.
 pub(super) fn affine_parts(value: &Value, blame: usize) -> Result<(Var, Option<Var>)> {
     if let Value::Rotation(r) = value {
         return Ok((r.clone(), None));

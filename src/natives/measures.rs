@@ -1,4 +1,4 @@
-//! What meshes and point sets measure.
+//! Measures of meshes and point sets: bounds, areas, volumes, distances.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -24,14 +24,14 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("chamfer", chamfer),
 ];
 
-/// The box around a mesh's vertices, as nodes.
+/// The bounding box of a mesh's vertices, as nodes of the tape.
 pub(super) fn bounds(mesh: &MeshValue) -> Result<(Var, Var)> {
     let lo = mesh.vertices.min_axes(&[0]).map_err(|_| NativeError::at(0, "the mesh has no vertices"))?;
     let hi = mesh.vertices.max_axes(&[0]).map_err(|_| NativeError::at(0, "the mesh has no vertices"))?;
     Ok((lo, hi))
 }
 
-/// The corners of all faces: the first ones, the second ones, the third ones.
+/// Positions of the first, second and third corners of all faces.
 fn corners(vertices: &Var, mesh: &MeshValue) -> Result<[Var; 3]> {
     let corner = |k: usize| vertices.rows(&mesh.faces.iter().map(|f| f[k]).collect::<Vec<_>>());
     Ok([corner(0)?, corner(1)?, corner(2)?])
@@ -42,7 +42,7 @@ fn face_areas(mesh: &MeshValue) -> Result<Var> {
     Ok(q.sub(&p)?.cross(&r.sub(&p)?)?.length()?.scale(0.5))
 }
 
-/// The mean point of the surface.
+/// The centroid of the surface.
 fn centroid(a: &Args) -> Result<Value> {
     let mesh = a.mesh(0)?;
     let areas = face_areas(mesh)?;
@@ -57,8 +57,8 @@ fn centroid(a: &Args) -> Result<Value> {
     Ok(Value::Num(weighted.div(&total)?))
 }
 
-/// The signed sum of the tetrahedra from one point to all faces: from which point does not matter to a closed mesh. It is the
-/// middle of the vertices, so that far from the origin little cancels.
+/// The volume as a signed sum of the tetrahedra from one point to all faces. For a closed mesh any point gives the same sum. Here it is
+/// the mean of the vertices, so that little cancels for a mesh far from the origin.
 fn volume(a: &Args) -> Result<Value> {
     let mesh = a.mesh(0)?;
     let open = welded_edges(mesh).iter().filter(|(_, faces)| faces.len() % 2 == 1).count();
@@ -72,8 +72,8 @@ fn volume(a: &Args) -> Result<Value> {
     Ok(Value::Num(p.dot(&q.cross(&r)?)?.sum().scale(1.0 / 6.0)))
 }
 
-/// The mean squared distance of each point to the nearest of the others, both ways added. Which is the nearest is constant
-/// to the derivative, as it is between the places where that changes.
+/// The chamfer distance: the mean squared distance of each point to the nearest one of the other set, added over both directions. The
+/// derivative takes the pairs of nearest points as constant, which is right except where a pair changes.
 fn chamfer(a: &Args) -> Result<Value> {
     let points = |i: usize| -> Result<Var> {
         let points = match a.value(i)? {

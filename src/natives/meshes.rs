@@ -1,4 +1,4 @@
-//! Meshes: shapes whose sizes carry derivatives, files, and operations that move vertices and normals along.
+//! Meshes: built-in shapes that are differentiable in their sizes, mesh files, and operations on vertices and normals.
 
 use std::sync::Arc;
 
@@ -107,25 +107,25 @@ fn give(mesh: MeshValue) -> Result<Value> {
     Ok(Value::Mesh(Arc::new(mesh)))
 }
 
-/// Maps the first argument, a mesh: both keyframes if it moves.
+/// Applies a function to the first argument, a mesh; to both keyframes if it moves.
 fn keyframes(a: &Args, f: impl Fn(&MeshValue) -> Result<MeshValue>) -> Result<Value> {
     both(a.mesh(0)?, f)
 }
 
-/// A mesh moved by a transform, a rotation or a matrix; argument `blame` is wrong if it is none.
+/// A mesh transformed by a transform, rotation or matrix. For anything else, an error that blames argument `blame`.
 pub(super) fn transformed(mesh: &MeshValue, by: &Value, blame: usize) -> Result<Value> {
     let (linear, offset) = affine_parts(by, blame)?;
     let rigid = matches!(by, Value::Rotation(_));
     both(mesh, |m| moved(m, &linear, offset.as_ref(), rigid, blame))
 }
 
-/// Maps a mesh, at both keyframes if it moves.
+/// Applies a function to a mesh; to both keyframes if it moves.
 fn both(mesh: &MeshValue, f: impl Fn(&MeshValue) -> Result<MeshValue>) -> Result<Value> {
     let closing = mesh.closing.as_ref().map(|m| f(m).map(Arc::new)).transpose()?;
     give(MeshValue { closing, ..f(mesh)? })
 }
 
-/// A mesh that moves from one keyframe to the other.
+/// A mesh that moves from an opening to a closing keyframe.
 pub(super) fn moving(a: &Args) -> Result<Value> {
     let (opening, closing) = (a.mesh(0)?, a.mesh(1)?);
     for (i, mesh) in [opening, closing].into_iter().enumerate() {
@@ -162,7 +162,7 @@ fn positive(index: usize, name: &str, v: &Var) -> Result<()> {
     }
 }
 
-/// A positive length.
+/// An argument that must be a positive length.
 fn size(a: &Args, name: &str, default: f64) -> Result<Var> {
     match a.named(name) {
         None => Ok(Var::from(default)),
@@ -179,13 +179,13 @@ fn sized(unit: Result<Mesh, MeshError>, [x, y, z]: [Var; 3]) -> Result<Value> {
     give(stretched(&unit, &Var::stack(&[x, y, z])?)?)
 }
 
-/// Scaled alike in all directions: normals stay.
+/// Scales uniformly; normals do not change.
 fn uniform(unit: Result<Mesh, MeshError>, factor: Var) -> Result<Value> {
     let unit = MeshValue::from(&unit.map_err(mesh_error)?);
     give(MeshValue { vertices: unit.vertices.mul(&factor)?, ..unit })
 }
 
-/// Scaled along the axes; normals by the inverse.
+/// Scales along the axes; normals are scaled by the inverse.
 fn stretched(mesh: &MeshValue, factor: &Var) -> Result<MeshValue> {
     let mirrored = factor.value().data.iter().product::<f64>() < 0.0;
     let normals = match &mesh.normals {
@@ -200,7 +200,7 @@ fn stretched(mesh: &MeshValue, factor: &Var) -> Result<MeshValue> {
     Ok(if mirrored { reversed(scaled) } else { scaled })
 }
 
-/// Turns the faces round, and leaves the normals: what a reflection needs to keep its outside.
+/// Reverses the winding of the faces but not the normals, which keeps the outside outside after a reflection.
 fn reversed(mesh: MeshValue) -> MeshValue {
     MeshValue { faces: Arc::new(mesh.faces.iter().map(|&[a, b, c]| [a, c, b]).collect()), ..mesh }
 }
@@ -209,7 +209,7 @@ fn flipped(mesh: &MeshValue) -> MeshValue {
     MeshValue { normals: mesh.normals.as_ref().map(Var::neg), ..reversed(mesh.clone()) }
 }
 
-/// Vertices by `linear · v + offset`, normals by the inverse transpose of `linear`.
+/// Maps vertices by `linear · v + offset` and normals by the inverse transpose of `linear`.
 fn moved(mesh: &MeshValue, linear: &Var, offset: Option<&Var>, rigid: bool, blame: usize) -> Result<MeshValue> {
     let mut vertices = mesh.vertices.matmul(&linear.transpose()?)?;
     if let Some(offset) = offset {
@@ -323,7 +323,7 @@ fn finite(v: &Var, index: usize, name: &str) -> Result<()> {
 fn torus(a: &Args) -> Result<Value> {
     let n = a.named_integer("subdivisions", 3..=1 << 16)?.unwrap_or(32) as usize;
     let (major, minor) = (size(a, "radius", 1.0)?, size(a, "tube", 0.25)?);
-    // Linear in both radii: the difference of two tori gives the ring.
+    // A torus is linear in both radii: the difference of two tori is the derivative in a radius.
     let thin: MeshValue = (&shapes::torus(2.0, 1.0, n, n).map_err(mesh_error)?).into();
     let wide: MeshValue = (&shapes::torus(3.0, 1.0, n, n).map_err(mesh_error)?).into();
     let ring = wide.vertices.sub(&thin.vertices)?;
@@ -349,14 +349,15 @@ fn heightfield(a: &Args) -> Result<Value> {
     let zero = Var::from(0.0);
     let spread = Var::stack(&[w, zero.clone(), d])?;
     let up = Var::constant(Tensor::vector(vec![0.0, 1.0, 0.0]));
-    // Vertices run from the near row (+z) to the far one, which is row 0 of the heights.
+    // Vertices are ordered from the near row (+z) to the far one, which is row 0 of the heights.
     let order: Vec<u32> = (0..rows as u32).rev().collect();
     let lifted = heights.reshape(vec![rows, columns])?.rows(&order)?.reshape(vec![n, 1])?.mul(&up)?;
     let lifted = MeshValue { vertices: flat.vertices.mul(&spread)?.add(&lifted)?, normals: None, ..flat };
     give(MeshValue { normals: Some(smooth_normals(&lifted)?), ..lifted })
 }
 
-/// A closed cylinder or cone without the faces whose corners are all at such a height and whose normal is vertical.
+/// A closed cylinder or cone without its cap at a height: without the faces whose corners are all at that height and whose normal is
+/// vertical.
 fn without_caps(mut m: Mesh, at_cap: impl Fn(f32) -> bool) -> Mesh {
     let vertices = &m.vertices;
     m.faces.retain(|f| {
@@ -374,7 +375,7 @@ fn subdivide(a: &Args) -> Result<Value> {
 fn subdivided(mesh: &MeshValue, levels: i64) -> Result<MeshValue> {
     let mut mesh = mesh.clone();
     for _ in 0..levels {
-        // Four times as many faces, and while they are made the old ones and the table of edges too.
+        // There are four times as many faces, and while they are made also the old ones and a table of edges.
         memory::ask_for::<f64>(8 * mesh.numbers())?;
         let finer = ops::subdivide(&mesh.to_mesh()).map_err(|e| NativeError::at(0, e.to_string()))?;
         let half = |v: &Var| -> Result<Var> {
@@ -404,7 +405,7 @@ fn merged(parts: &[&MeshValue]) -> Result<MeshValue> {
         faces.extend(part.faces.iter().map(|f| f.map(|i| i + base)));
         base += part.vertices.shape()[0] as u32;
     }
-    // An attribute survives if every part has it.
+    // The merged mesh has an attribute if every part has it.
     let join = |of: fn(&MeshValue) -> Option<&Var>| -> Result<Option<Var>> {
         let all: Option<Vec<Var>> = parts.iter().map(|p| of(p).cloned()).collect();
         Ok(all.map(|v| Var::concat(&v, 0)).transpose()?)
@@ -425,21 +426,21 @@ fn merged(parts: &[&MeshValue]) -> Result<MeshValue> {
     })
 }
 
-/// Moved by the middle of the bounding box (of the opening keyframe).
+/// Translated so that the middle of the bounding box (of the opening keyframe) is at the origin.
 fn centered(mesh: &MeshValue) -> Result<MeshValue> {
     let (lo, hi) = bounds(mesh)?;
     let middle = lo.add(&hi)?.scale(0.5);
     with_vertices(mesh, |v| Ok(v.sub(&middle)?))
 }
 
-/// Both keyframes with other vertices.
+/// Applies a function to the vertices of both keyframes.
 fn with_vertices(mesh: &MeshValue, f: impl Fn(&Var) -> Result<Var>) -> Result<MeshValue> {
     let still = |m: &MeshValue| -> Result<MeshValue> { Ok(MeshValue { vertices: f(&m.vertices)?, ..m.clone() }) };
     let closing = mesh.closing.as_ref().map(|m| still(m).map(Arc::new)).transpose()?;
     Ok(MeshValue { closing, ..still(mesh)? })
 }
 
-/// Centred, the longest side of its bounding box 2 long.
+/// Centred, and scaled so that the longest side of the bounding box is 2.
 pub(super) fn normalized(mesh: &MeshValue) -> Result<MeshValue> {
     let (lo, hi) = bounds(mesh)?;
     let extent = hi.sub(&lo)?.max()?;
@@ -501,7 +502,7 @@ fn smooth_normals(mesh: &MeshValue) -> Result<Var> {
     Ok(Var::custom(Arc::new(SmoothNormals(mesh.faces.clone())), vec![mesh.vertices.clone()], value))
 }
 
-/// Edges by welded position: their two ends (a vertex of each place), and the faces beside them.
+/// Edges by welded position: their two ends (one vertex of each position) and the faces at them.
 pub(super) fn welded_edges(mesh: &MeshValue) -> Vec<([u32; 2], Vec<u32>)> {
     let (place, count) = ops::weld(&points(mesh.vertices.value()));
     let mut first = vec![0u32; count];
@@ -511,7 +512,7 @@ pub(super) fn welded_edges(mesh: &MeshValue) -> Vec<([u32; 2], Vec<u32>)> {
     ops::edges(&place, &mesh.faces).into_iter().map(|(e, f)| (e.map(|p| first[p as usize]), f)).collect()
 }
 
-/// Mean over vertices of the squared distance to the mean of their neighbours.
+/// Mean, over all vertices, of the squared distance to the mean of their neighbours.
 fn laplacian_energy(a: &Args) -> Result<Value> {
     let mesh = a.mesh(0)?;
     let n = mesh.vertices.shape()[0];
@@ -527,7 +528,7 @@ fn laplacian_energy(a: &Args) -> Result<Value> {
     }
     let scatter: Vec<u32> = to.iter().flat_map(|&i| (0..3).map(move |c| 3 * i + c)).collect();
     let sums = mesh.vertices.rows(&from)?.scatter(Arc::new(scatter), vec![n, 3]);
-    // Places beyond their first vertex have no edges and count as nothing.
+    // Of several vertices at one position, all but the first have no edges and count as zero.
     let used: Vec<f64> = degree.iter().map(|&d| if d > 0.0 { 1.0 } else { 0.0 }).collect();
     let inverse: Vec<f64> = degree.iter().map(|&d| 1.0 / d.max(1.0)).collect();
     let count: f64 = used.iter().sum();
@@ -546,7 +547,7 @@ fn edge_length_energy(a: &Args) -> Result<Value> {
     Ok(Value::Num(along.mul(&along)?.sum().scale(1.0 / edges.len().max(1) as f64)))
 }
 
-/// Mean of 1 − cos of the angle between the normals of neighbouring faces.
+/// Mean, over all edges, of 1 − cos of the angle between the normals of the two faces.
 fn normal_consistency(a: &Args) -> Result<Value> {
     let mesh = a.mesh(0)?;
     let corner = |k: usize| mesh.vertices.rows(&mesh.faces.iter().map(|f| f[k]).collect::<Vec<_>>());

@@ -1,6 +1,7 @@
-//! The Rust halves of the standard library: one table from declared names to functions on values.
+//! The natives: functions of the standard library that are implemented in Rust. A table maps their declared names to functions on values.
 //!
-//! No spans and no diagnostics here: an error blames an argument by its index, the evaluator knows the place.
+//! There are no spans and no diagnostics here: an error blames an argument by its index, and the evaluator knows that argument's place in
+//! the source.
 
 mod data;
 mod fields;
@@ -28,13 +29,13 @@ pub use fields::{field, fields_of, set_field};
 pub use linear::apply;
 pub(crate) use scene::{NEEDS_FOCUS, add_to_scene, transform_matrix};
 
-/// What went wrong in a native, and which argument is to blame.
+/// An error of a native, with the argument to blame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NativeError {
     pub arg: Option<usize>,
     pub message: String,
     pub help: Option<String>,
-    /// The argument is of a kind that the native does not take, whatever its value: what checking refuses where types are known.
+    /// The argument is of a kind that the native does not take, whatever its value. The checker reports this where types are known.
     pub of_kind: bool,
 }
 
@@ -67,21 +68,21 @@ impl From<Shortage> for NativeError {
 
 pub type Result<T, E = NativeError> = std::result::Result<T, E>;
 
-/// What natives may know of the world.
+/// The state outside of its arguments that a native may use.
 #[derive(Clone, Debug)]
 pub struct Context {
-    /// Relative paths start here.
+    /// Folder that relative paths start from.
     pub base_dir: PathBuf,
-    /// For natives that draw random numbers.
+    /// Seed for natives that draw random numbers.
     pub seed: u64,
     pub step: u64,
-    /// The losses of the optimisation that is running, oldest first.
+    /// Losses of the running optimisation so far, oldest first.
     pub losses: std::sync::Arc<Vec<f64>>,
-    /// What natives have to say though they succeed, for instance what they left out of a file.
+    /// Warnings of natives that succeeded, for instance about what they did not read from a file.
     pub warnings: RefCell<Vec<NativeError>>,
 }
 
-/// The arguments of one call, by the names of the declaration.
+/// The arguments of one call, with the names of their parameters.
 pub struct Args<'a> {
     pub names: &'a [&'a str],
     pub values: &'a [Value],
@@ -103,19 +104,19 @@ const TABLES: [&[(&str, Native)]; 10] = [
     scene::TABLE,
 ];
 
-/// The implementation of a declared name.
+/// The implementation of the native with a name.
 pub fn find(name: &str) -> Option<Native> {
     static TABLE: OnceLock<HashMap<&'static str, Native>> = OnceLock::new();
     let table = TABLE.get_or_init(|| TABLES.into_iter().flatten().copied().collect());
     table.get(name).copied()
 }
 
-/// Every name of the table, in the table's order.
+/// All names, in the order of the tables.
 pub fn names() -> impl Iterator<Item = &'static str> {
     TABLES.into_iter().flatten().map(|(name, _)| *name)
 }
 
-/// The native that the evaluator implements because cameras become rays there.
+/// This native is implemented by the evaluator, because it turns a camera into rays.
 pub const PROJECT: &str = "project";
 
 impl<'a> Args<'a> {
@@ -127,7 +128,7 @@ impl<'a> Args<'a> {
         self.values.is_empty()
     }
 
-    /// The argument at a position, unless it is missing.
+    /// The argument at an index; `None` if it is missing.
     pub fn get(&self, index: usize) -> Option<&'a Value> {
         self.values.get(index).filter(|v| !matches!(v, Value::None))
     }
@@ -136,13 +137,13 @@ impl<'a> Args<'a> {
         self.names.iter().position(|n| *n == name)
     }
 
-    /// The argument of that name, unless it is missing.
+    /// The argument with a name; `None` if it is missing.
     pub fn named(&self, name: &str) -> Option<(usize, &'a Value)> {
         let index = self.index(name)?;
         self.get(index).map(|v| (index, v))
     }
 
-    /// Three numbers that have to be there.
+    /// Three numbers; an error if the argument is missing.
     pub fn needed_vector(&self, name: &str) -> Result<Var> {
         let (i, _) = self.need(name)?;
         self.vector(i, 3, false)
@@ -166,7 +167,7 @@ impl<'a> Args<'a> {
         NativeError { of_kind: true, ..NativeError::at(index, format!("`{name}` must be {expected}, this is {found}")) }
     }
 
-    /// Anything made of numbers.
+    /// The tape node of an argument that is made of numbers.
     pub fn var(&self, index: usize) -> Result<&'a Var> {
         match self.value(index)? {
             Value::Num(v) | Value::Image(v) | Value::Rotation(v) | Value::Transform(v) => Ok(v),
@@ -178,7 +179,7 @@ impl<'a> Args<'a> {
         self.named(name).map(|(i, _)| self.var(i)).transpose()
     }
 
-    /// A vector of `n` numbers; one number counts for all if `broadcast`.
+    /// A vector of `n` numbers; if `broadcast`, a single number stands for `n` equal ones.
     pub fn vector(&self, index: usize, n: usize, broadcast: bool) -> Result<Var> {
         let v = self.var(index)?;
         if v.shape() == [n] {
@@ -262,12 +263,12 @@ impl<'a> Args<'a> {
         }
     }
 
-    /// Says something to the user without failing; the argument it is about is blamed as in an error.
+    /// Warns the user without failing. The argument that it is about is given as for an error.
     pub fn warn(&self, warning: NativeError) {
         self.context.warnings.borrow_mut().push(warning);
     }
 
-    /// A path, relative ones starting from the script's folder.
+    /// A path; relative paths start from the script's folder.
     pub fn path(&self, index: usize) -> Result<PathBuf> {
         let path = Path::new(self.string(index)?);
         Ok(if path.is_absolute() { path.to_path_buf() } else { self.context.base_dir.join(path) })

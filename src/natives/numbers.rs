@@ -6,7 +6,7 @@ use crate::tape::{Binary, ROUNDING, Tensor, Unary, Var};
 use super::value::Value;
 use super::{Args, Native, NativeError, Result, meshes};
 
-/// Numbers in the arrays that `noise` and `uniform` make, at most.
+/// Most numbers in an array that `noise` or `uniform` makes.
 const MAX_NUMBERS: i64 = 1 << 24;
 
 pub(super) const TABLE: &[(&str, Native)] = &[
@@ -46,7 +46,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("plateau", plateau),
 ];
 
-/// Numbers of argument `index`: itself, or a list of numbers of different shapes one after the other.
+/// The numbers of argument `index`: the argument itself, or the numbers of all items of a list.
 pub(super) fn numbers(a: &Args, index: usize) -> Result<Var> {
     match a.value(index)? {
         Value::List(items) => {
@@ -96,7 +96,7 @@ fn fit(message: crate::tape::TapeError) -> NativeError {
     NativeError::at(1, message.0)
 }
 
-/// An image wins over an array of numbers.
+/// If one operand is an image the result is one.
 pub(super) fn kind_of(x: &Value, y: &Value, var: Var) -> Value {
     if matches!(x, Value::Image(_)) || matches!(y, Value::Image(_)) { Value::Image(var) } else { Value::Num(var) }
 }
@@ -117,7 +117,7 @@ fn clamp(a: &Args) -> Result<Value> {
     let at = |i: usize| move |e: crate::tape::TapeError| NativeError::at(i, e.0);
     let x = a.var(0)?.binary(Binary::Max, a.var(1)?).map_err(at(1))?;
     let held = x.binary(Binary::Min, a.var(2)?).map_err(at(2))?;
-    // Of three values the one that is an image says what comes out.
+    // If one of the three values is an image the result is one.
     let image = (0..3).find_map(|i| a.get(i).filter(|v| matches!(v, Value::Image(_))));
     Ok(image.unwrap_or(a.value(0)?).with_var(held))
 }
@@ -129,7 +129,7 @@ fn modulo(a: &Args) -> Result<Value> {
     binary(a, Binary::Mod)
 }
 
-/// By a bool one value or the other; by a mask element by element.
+/// Selects one of two values by a bool, or their elements by a mask.
 fn choose(a: &Args) -> Result<Value> {
     let mask = match a.value(0)? {
         Value::Bool(truth) => Var::from(f64::from(u8::from(*truth))),
@@ -180,7 +180,7 @@ fn reshape(a: &Args) -> Result<Value> {
     numbers(a, 0)?.reshape(shape).map(Value::Num).map_err(|e| NativeError::at(1, e.0))
 }
 
-/// A shape: one whole number or an array of them.
+/// A shape, given by one whole number or an array of them.
 fn sizes(a: &Args, index: usize) -> Result<Vec<usize>> {
     let v = a.var(index)?;
     let whole = |x: &f64| (x.fract() == 0.0 && *x >= 0.0 && *x <= MAX_NUMBERS as f64).then_some(*x as usize);
@@ -202,14 +202,14 @@ fn mix64(mut x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
-/// The i-th number of a stream, in [0, 1).
+/// The i-th random number of a stream, in [0, 1).
 fn unit(seed: u64, i: u64) -> f64 {
     let bits =
         mix64(mix64(seed.wrapping_add(0x9E37_79B9_7F4A_7C15)).wrapping_add(i.wrapping_mul(0xD134_2543_DE82_EF95)));
     (bits >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// Uniform in [low, high), or standard normal. The same numbers for the same seed.
+/// Random numbers, uniform in [low, high) or standard normal. The same seed gives the same numbers.
 fn random(a: &Args, low: f64, high: f64, normal: bool) -> Result<Value> {
     let shape = sizes(a, 0)?;
     let seed = mix64(a.named_integer("seed", i64::MIN..=i64::MAX)?.unwrap_or(0) as u64);
@@ -224,17 +224,17 @@ fn random(a: &Args, low: f64, high: f64, normal: bool) -> Result<Value> {
             }
         })
         .collect();
-    // One number as the shape gives a vector; a scalar comes from an empty shape.
+    // A shape of one number gives a vector; the empty shape gives a scalar.
     Ok(Value::tensor(Tensor::new(shape, data)))
 }
 
-/// Whether the loss no longer falls.
+/// Whether the loss has stopped falling.
 fn plateau(a: &Args) -> Result<Value> {
     let window = a.integer(0, 1..=1_000_000_000)? as usize;
     Ok(Value::Bool(crate::optim::is_plateau(&a.context.losses, window, a.number(1)?)))
 }
 
-/// `count` different items, drawn afresh at every step.
+/// `count` different items, chosen at random at every step.
 fn minibatch(a: &Args) -> Result<Value> {
     let n = match a.value(0)? {
         Value::List(items) => items.len(),

@@ -1,5 +1,5 @@
-//! Reductions: of all elements, or along axes. A reduced axis vanishes; only an image without its channels stays an image,
-//! of one channel, so that it still goes with other images.
+//! Reductions of all elements or along axes. The result lacks the axes that were reduced. An image whose channels are reduced stays an
+//! image of one channel, so that it can be combined with other images; other reductions of images are arrays.
 
 use crate::tape::{Binary, Group, Tensor, Unary, Var};
 
@@ -31,7 +31,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("argmax", |a| position(a, |group| group.sorted.last())),
 ];
 
-/// The axes that argument `axis` names, of an array with `rank` of them; `None` if it is missing.
+/// The axes that argument `axis` names, for an array with `rank` axes; `None` if it is missing.
 fn axes(a: &Args, rank: usize) -> Result<Option<Vec<usize>>> {
     let Some((index, value)) = a.named("axis") else { return Ok(None) };
     let named = value.var().ok_or_else(|| a.wrong(index, "a whole number or an array of them"))?;
@@ -54,7 +54,7 @@ fn axes(a: &Args, rank: usize) -> Result<Option<Vec<usize>>> {
     Ok(Some(axes))
 }
 
-/// Reduces the first argument along the axes that are asked for, or all of them.
+/// Reduces the first argument along the axes that argument `axis` names, or along all.
 fn along(a: &Args, f: impl Fn(&Var, &[usize]) -> Result<Var>) -> Result<Value> {
     let x = numbers(a, 0)?;
     let rank = x.shape().len();
@@ -89,7 +89,7 @@ fn extreme(a: &Args, f: Binary) -> Result<Value> {
     along(a, |x, axes| Ok(if f == Binary::Min { x.min_axes(axes)? } else { x.max_axes(axes)? }))
 }
 
-/// Between the two elements around that place in their order; the derivative goes to these two.
+/// Interpolates between the two elements around that position in the sorted order; the derivative goes to these two.
 fn percentile(x: &Var, percent: f64, axes: &[usize]) -> Result<Var> {
     let (kept, groups) = x.ordered(axes)?;
     let (mut below, mut above, mut share) = (Vec::new(), Vec::new(), 0.0);
@@ -146,7 +146,7 @@ fn sort(a: &Args) -> Result<Value> {
     Ok(a.value(0)?.with_var(x.gather(table, x.shape().to_vec())))
 }
 
-/// Where the element that `find` names lies: along an axis its index, else one index for each axis.
+/// The position of the element that `find` chooses: an index along an axis, or one index for each axis.
 fn position(a: &Args, find: impl Fn(&Group) -> Option<&u32>) -> Result<Value> {
     let x = numbers(a, 0)?;
     let rank = x.shape().len();
@@ -159,7 +159,7 @@ fn position(a: &Args, find: impl Fn(&Group) -> Option<&u32>) -> Result<Value> {
             return Err(NativeError::at(0, "nothing has no smallest or largest element"));
         };
         let data = |i: u32| x.value().data[i as usize];
-        // NaN is taken for the extreme, as `min` and `max` take it; of equal elements the first.
+        // A NaN counts as the extreme, as in `min` and `max`; of equal elements the first is chosen.
         let at = if data(last).is_nan() { last } else { at };
         let same = |i: &u32| data(*i) == data(at) || data(*i).is_nan() && data(at).is_nan();
         found.push(group.places.iter().copied().find(same).unwrap_or(at) as usize);

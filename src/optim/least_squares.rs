@@ -1,98 +1,100 @@
 //! Gauss-Newton and Levenberg-Marquardt steps from noisy residuals.
 //!
-//! The loss L = Σ r² and its residuals' derivatives J are measured twice, A and B, with independent samples. Products of A with B
-//! are then unbiased whatever the noise: L = Σ r_A r_B, its gradient J_Aᵀ r_B + J_Bᵀ r_A, and the Gauss-Newton matrix
-//! J_Aᵀ J_B + J_Bᵀ J_A; from a single measurement each would be too large by the variance, and steps too short. What A and B disagree
-//! about is the noise. Two places are compared with the same samples, which hides most of it.
+//! The residuals r of the loss L = Σ r² and their derivatives J are measured twice, A and B, with independent samples. Products of A with
+//! B are then unbiased whatever the noise: L = Σ r_A r_B, its gradient J_Aᵀ r_B + J_Bᵀ r_A, and the Gauss-Newton matrix J_Aᵀ J_B + J_Bᵀ
+//! J_A. With a single measurement, the matrix would be too large by the variance of J, and steps too short. The difference of A and B
+//! measures the noise. Two points are compared with the same samples, so that most of the noise cancels.
 
 use super::space::Space;
 use crate::stop::Pace;
 
-/// One of two measurements of the residuals, or of their derivatives by unknown.
+/// Two measurements of the residuals, or of their derivatives by unknown.
 type Both<'a, T> = [&'a [T]; 2];
 
-/// Growth of the damping when a step fails, doubled at each further one, and its decay when one succeeds.
+/// The damping grows by this factor when a step fails (doubled at each further failure), and shrinks by `DECAY` when one succeeds.
 const GROWTH: f64 = 8.0;
 const DECAY: f64 = 0.2;
-/// A loss has risen if it has by more than so many standard errors.
+/// A loss counts as higher if it has risen by more than this many standard errors.
 const CERTAIN: f64 = 2.0;
-/// The share of what noise adds to the matrix's diagonal that stays uncertain, and may not decide a step.
+/// Noise adds to the matrix's diagonal. Pivots that are less than this fraction of what it adds are uncertain, and a step must not depend
+/// on them.
 const UNCERTAIN: f64 = 0.1;
 
-/// By how much the loss falls from one place to another, and the standard error of that; both places measured with the same samples.
+/// The decrease of the loss from one point to another and its standard error, if both points were measured with the same samples.
 fn gain([a, b]: Both<f64>, [a2, b2]: Both<f64>) -> (f64, f64) {
     let (mut gain, mut error, mut variance) = (0.0, 0.0, 0.0);
     for ((a, b), (a2, b2)) in a.iter().zip(b).zip(a2.iter().zip(b2)) {
         gain += a * b - a2 * b2;
-        // Varies as the gain does.
+        // Has the same variance as the gain.
         let differs = 0.5 * ((a * a - a2 * a2) - (b * b - b2 * b2));
         error += differs;
         variance += differs * differs;
     }
-    // Residuals may be correlated, as levels of a pyramid are: then the sum's square tells, if from one sample only.
+    // Residuals may be correlated, such as those of levels of a pyramid. Then the square of the sum estimates the variance, although from
+    // one sample only.
     (gain, f64::max(variance.sqrt(), error.abs()))
 }
 
-/// The quadratic model of the loss around a point, in the coordinates that are optimised.
+/// The quadratic model of the loss around a point, in the coordinates in which it is minimised.
 #[derive(Clone, Debug)]
 struct Model {
     gradient: Vec<f64>,
-    /// What the measurements' gradients differ by: as noisy as the gradient, without what they agree on.
+    /// The difference of the two measurements' gradients. It has the noise of the gradient, without its mean.
     noise: Vec<f64>,
     /// Row-major.
     matrix: Vec<f64>,
-    /// The matrix's diagonal with the noise in it, never negative.
+    /// The diagonal of the matrix including the noise; never negative.
     diagonal: Vec<f64>,
 }
 
-/// Where a step starts.
+/// The point from which a step starts.
 #[derive(Clone, Debug)]
 struct Base {
     values: Vec<Vec<f64>>,
-    /// The mean of so many measurements.
+    /// The mean over `measured` measurements.
     model: Model,
     measured: u32,
-    /// The fall of the loss that the last step was to bring.
+    /// The decrease of the loss that the model predicted for the last step.
     predicted: f64,
 }
 
-/// The state of a solver for a fixed list of params.
+/// A Gauss-Newton or Levenberg-Marquardt solver for a fixed list of params.
 #[derive(Clone, Debug)]
 pub struct LeastSquares {
     spaces: Vec<Space>,
     damping: f64,
-    /// Steps that failed since the last that did not.
+    /// Number of failed steps since the last successful one.
     failed: i32,
-    /// Steps no longer than their noise.
+    /// Number of steps that were no longer than their noise.
     noisy: u32,
     base: Option<Base>,
 }
 
 impl LeastSquares {
-    /// With a first damping, relative to the matrix's diagonal.
+    /// A solver with an initial damping, relative to the matrix's diagonal.
     pub fn new(spaces: Vec<Space>, damping: f64) -> LeastSquares {
         LeastSquares { spaces, damping, failed: 0, noisy: 0, base: None }
     }
 
-    /// The last params that were good, while others are tried.
+    /// The params of the last successful step, while others are being tried.
     pub fn base(&self) -> Option<&[Vec<f64>]> {
         self.base.as_ref().map(|b| &b.values[..])
     }
 
-    /// Steps are mostly noise: a failure is no reason for more damping, but for better derivatives.
+    /// Whether steps are mostly noise. Then a failed step calls for better derivatives and not for more damping.
     pub fn is_noisy(&self) -> bool {
         self.noisy > 0
     }
 
-    /// Whether the params that were tried may become the new base, by the residuals there and at the base, from the same samples;
-    /// adapts the damping.
+    /// Whether the params that were tried are accepted as the new base, by the residuals at both points from the same samples. Adapts the
+    /// damping.
     pub fn accepts(&mut self, base: Both<f64>, tried: Both<f64>) -> bool {
         let predicted = self.base.as_ref().map_or(0.0, |b| b.predicted);
         let (gain, error) = gain(base, tried);
-        // Nor is a loss that is not finite any better.
+        // A loss that is not finite is not accepted.
         let fell = gain + CERTAIN * error >= 0.0;
         if !self.is_noisy() {
-            // Where the loss falls by much less than expected the model is poor (Marquardt's rule).
+            // If the loss falls by much less than predicted, the model is poor and the damping grows (Marquardt's rule).
             let poor = gain + error < 0.25 * predicted;
             let factor = match (fell, poor) {
                 (false, _) => GROWTH * f64::from(1 << self.failed.min(8)),
@@ -105,8 +107,9 @@ impl LeastSquares {
         fell
     }
 
-    /// Makes `values` the base, or measures there again: `rows` are the derivatives of `residuals` in each unknown (3 of a rotation),
-    /// param after param. Returns the norm of the gradient; `None`, and nothing changes, if anything is not finite.
+    /// Makes `values` the base or, if they are the base already, adds another measurement to it. `rows` are the derivatives of
+    /// `residuals` with respect to each unknown (3 for a rotation), param after param. Returns the norm of the gradient; `None`, and
+    /// nothing changes, if anything is not finite.
     pub fn rebase(&mut self, values: &[Vec<f64>], residuals: Both<f64>, rows: Both<Vec<f64>>) -> Option<f64> {
         let scales: Vec<f64> = self.unknowns(values).map(|(space, _)| space.scale).collect();
         let mut model = Model::new(&scales, residuals, rows)?;
@@ -130,10 +133,10 @@ impl LeastSquares {
         Some(norm)
     }
 
-    /// The params to try next, a step of `rate` from the base. What runs into a bound is left out of the others' account.
+    /// The params to try next: a step from the base, scaled by `rate`. Unknowns at a bound that the step would leave are fixed.
     ///
-    /// Near the solution every step goes to an independent estimate of it. From where a step is mostly noise the n-th is shortened to
-    /// 1 / (n + 1), which makes the params the mean of those estimates.
+    /// Near the solution every step leads to an independent estimate of it. Once steps are mostly noise, the n-th is divided by n + 1, so
+    /// that the params are the mean of those estimates.
     pub fn propose(&mut self, rate: f64) -> Option<Vec<Vec<f64>>> {
         let base = self.base.as_ref()?;
         let places: Vec<(usize, usize)> = self.unknowns(&base.values).map(|(_, place)| place).collect();
@@ -168,7 +171,7 @@ impl LeastSquares {
         Some(values)
     }
 
-    /// Each unknown's space, param and index.
+    /// By unknown: its space, param and index.
     fn unknowns<'a>(&'a self, values: &'a [Vec<f64>]) -> impl Iterator<Item = (&'a Space, (usize, usize))> {
         let params = self.spaces.iter().zip(values).enumerate();
         params.flat_map(|(p, (space, v))| (0..space.unknowns(v.len())).map(move |i| (space, (p, i))))
@@ -196,7 +199,7 @@ impl Model {
         numbers.iter().all(|x| x.iter().all(|x| x.is_finite())).then_some(model)
     }
 
-    /// `share` of another model, and the rest of this one.
+    /// Averages another model into this one, with weight `share`.
     fn mix(&mut self, other: &Model, share: f64) {
         for (own, other) in [
             (&mut self.gradient, &other.gradient),
@@ -208,14 +211,14 @@ impl Model {
         }
     }
 
-    /// −(matrix + damping · diagonal)⁻¹ `gradient` over the free unknowns, zero elsewhere; with more damping if there is no such
-    /// thing that the noise leaves certain.
+    /// The step −(matrix + damping · diagonal)⁻¹ `gradient` for the free unknowns, zero for the others. The damping is increased until
+    /// the matrix is positive definite in spite of the noise.
     fn solve(&self, free: &[bool], gradient: &[f64], damping: f64) -> Vec<f64> {
         let n = self.gradient.len();
         let free: Vec<usize> = (0..n).filter(|&i| free[i] && self.diagonal[i] > 0.0).collect();
         let mut step = vec![0.0; n];
         let mut damping = damping;
-        // With more damping than that the diagonal alone is left.
+        // With so much damping only the diagonal counts.
         while damping < 1e12 {
             if let Some(x) = self.cholesky(&free, gradient, damping) {
                 free.iter().zip(x).for_each(|(&i, x)| step[i] = -x);
@@ -238,7 +241,7 @@ impl Model {
                 }
                 x += damping * self.diagonal[fi];
                 let noise = (self.diagonal[fi] - self.matrix[fi * n + fi]).abs();
-                // Nor is what is not a number certain.
+                // This also refuses NaN.
                 let certain = x > (UNCERTAIN * noise).max(1e-12 * self.diagonal[fi]);
                 if !certain {
                     return None;
@@ -256,7 +259,7 @@ impl Model {
         Some(x)
     }
 
-    /// By how much the loss should fall.
+    /// The decrease of the loss that the model predicts for a step.
     fn gain(&self, step: &[f64]) -> f64 {
         let n = step.len();
         let slope: f64 = step.iter().zip(&self.gradient).map(|(s, g)| s * g).sum();

@@ -1,7 +1,7 @@
 //! Optimisers: solvers (one update rule each), parameter spaces (bounds, scales, rotations), stopping rules.
 //!
-//! Everything works on plain slices of `f64`, one per param. A [`Solver`] knows nothing of params, a [`Space`] nothing of
-//! solvers; [`Optimizer`] joins them and keeps non-finite gradients out.
+//! Everything works on plain slices of `f64`, one for each param. A [`Solver`] knows nothing about spaces and a [`Space`] nothing about
+//! solvers. [`Optimizer`] combines them, and skips steps whose gradient is not finite.
 
 mod least_squares;
 mod solver;
@@ -13,7 +13,7 @@ pub use solver::{Solver, State};
 pub use space::{Geometry, Space};
 pub use stopping::{is_plateau, plateau_ratio};
 
-/// The optimisers of the language.
+/// The optimisers that the language has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rule {
     Sgd,
@@ -40,7 +40,7 @@ impl Rule {
 /// Non-finite gradients in a row after which an optimisation gives up.
 pub const MAX_SKIPPED_IN_A_ROW: u64 = 5;
 
-/// What one step did.
+/// The result of one step.
 #[derive(Clone, Debug, PartialEq)]
 pub enum StepOutcome {
     /// The params moved.
@@ -49,16 +49,16 @@ pub enum StepOutcome {
     Skipped { params: Vec<usize> },
 }
 
-/// Too many steps in a row had to be skipped.
+/// The error after too many skipped steps in a row.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("the gradient was not finite in {in_a_row} steps in a row")]
 pub struct GaveUp {
     pub in_a_row: u64,
-    /// Indices of the params whose gradient was not finite in the last one.
+    /// Indices of the params whose gradient was not finite in the last step.
     pub params: Vec<usize>,
 }
 
-/// A solver with its memory for a fixed list of params.
+/// A solver with its state for a fixed list of params.
 #[derive(Clone, Debug)]
 pub struct Optimizer {
     solver: Solver,
@@ -69,13 +69,13 @@ pub struct Optimizer {
 }
 
 impl Optimizer {
-    /// A fresh optimiser; `spaces` holds one entry per param, in the order that [`Optimizer::step`] gets them.
+    /// A new optimiser; `spaces` has one entry per param, in the order of the arguments of [`Optimizer::step`].
     pub fn new(solver: Solver, spaces: Vec<Space>) -> Optimizer {
         let states = spaces.iter().map(|_| State::default()).collect();
         Optimizer { solver, spaces, states, skipped: 0, in_a_row: 0 }
     }
 
-    /// Replaces the update rule or its constants (a schedule may vary them); keeps the memory if the rule is the same.
+    /// Sets the update rule and its constants, which a schedule may vary. The state is kept if the rule is the same.
     pub fn set_solver(&mut self, solver: Solver) {
         if std::mem::discriminant(&self.solver) != std::mem::discriminant(&solver) {
             self.states.iter_mut().for_each(|state| *state = State::default());
@@ -83,12 +83,12 @@ impl Optimizer {
         self.solver = solver;
     }
 
-    /// Steps skipped so far.
+    /// Number of steps skipped so far.
     pub fn skipped(&self) -> u64 {
         self.skipped
     }
 
-    /// Euclidean norm of the gradient over all params that are not frozen, in the coordinates that are optimised.
+    /// Euclidean norm of the gradient over all params that are not frozen, in the coordinates in which they are optimised.
     pub fn grad_norm(&self, values: &[Vec<f64>], grads: &[Vec<f64>]) -> f64 {
         let spaces = self.spaces.iter().zip(values.iter().zip(grads));
         let squares = spaces.filter(|(space, _)| !space.frozen).map(|(space, (value, grad))| {
@@ -98,8 +98,8 @@ impl Optimizer {
         squares.sum::<f64>().sqrt()
     }
 
-    /// Moves `values` against `grads` (both one slice per param) at rate `lr`. A gradient with a NaN or an infinity
-    /// moves nothing; [`MAX_SKIPPED_IN_A_ROW`] of them in a row are an error.
+    /// Takes a step: moves `values` against `grads` (each with one slice per param) at rate `lr`. If the gradient has a NaN or an
+    /// infinity, nothing moves; after [`MAX_SKIPPED_IN_A_ROW`] such gradients in a row it is an error.
     pub fn step(&mut self, values: &mut [Vec<f64>], grads: &[Vec<f64>], lr: f64) -> Result<StepOutcome, GaveUp> {
         let is_broken =
             |(_, (space, grad)): &(usize, (&Space, &Vec<f64>))| !space.frozen && grad.iter().any(|g| !g.is_finite());

@@ -3,29 +3,30 @@
 /// A first-order update rule.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Solver {
-    /// v ← momentum · v + g; moves by −lr · v, or −lr · (g + momentum · v) with `nesterov`.
+    /// Gradient descent with momentum: v ← momentum · v + g; the step is −lr · v or, with `nesterov`, −lr · (g + momentum · v).
     Sgd { momentum: f64, nesterov: bool },
-    /// Kingma and Ba 2015, with bias correction.
+    /// Adam (Kingma and Ba 2015), with bias correction.
     Adam { beta1: f64, beta2: f64, epsilon: f64 },
-    /// Adam with one second moment per tensor, the largest of its elements (Nicolet et al. 2021): keeps the direction.
+    /// Adam with a single second moment per tensor, the largest of its elements (Nicolet et al. 2021), so that the step has the direction
+    /// of the gradient.
     AdamUniform { beta1: f64, beta2: f64, epsilon: f64 },
-    /// g divided by the root of the running mean of g² (Hinton), with optional momentum on the result.
+    /// RMSProp (Hinton): g divided by the root of the running mean of g², with optional momentum on the result.
     RmsProp { decay: f64, epsilon: f64, momentum: f64 },
 }
 
-/// What a solver remembers of one param.
+/// The state of a solver for one param.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct State {
     /// Velocity or first moment.
     first: Vec<f64>,
     /// Second moment.
     second: Vec<f64>,
-    /// Updates made.
+    /// Number of updates.
     count: i32,
 }
 
 impl State {
-    /// Drops the momentum of the marked elements.
+    /// Sets the momentum of some elements to zero.
     pub fn forget_momentum(&mut self, elements: &[usize]) {
         for &element in elements {
             if let Some(first) = self.first.get_mut(element) {

@@ -1,23 +1,23 @@
-//! Parameter spaces: where a param may move, and in which coordinates it is optimised.
+//! Parameter spaces: the bounds of a param, and the coordinates in which it is optimised.
 
 /// The geometry of a param's values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Geometry {
-    /// Numbers, each for itself.
+    /// Independent numbers.
     #[default]
     Plain,
-    /// A row-major 3×3 rotation matrix R, moved along R ← `exp([ω]×)` · R with ω in the world frame, in radians.
+    /// A row-major 3×3 rotation matrix R, updated by R ← `exp([ω]×)` · R with ω in the world frame, in radians.
     Rotation,
 }
 
-/// How one param is optimised.
+/// The space of one param.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Space {
     pub geometry: Geometry,
-    /// Elementwise bounds (plain params).
+    /// Bounds of each element (for plain params).
     pub lower: Option<Vec<f64>>,
     pub upper: Option<Vec<f64>>,
-    /// `value / scale` is optimised.
+    /// The optimiser works on `value / scale`.
     pub scale: f64,
     /// Factor on the optimiser's rate.
     pub lr: f64,
@@ -30,19 +30,19 @@ impl Space {
         Space { geometry: Geometry::Plain, lower: None, upper: None, scale: 1.0, lr: 1.0, frozen: false }
     }
 
-    /// How many numbers an update has.
+    /// Number of unknowns of a param with `len` elements.
     pub fn unknowns(&self, len: usize) -> usize {
         if self.geometry == Geometry::Rotation && len == 9 { 3 } else { len }
     }
 
-    /// Whether an element is at the bound that a step would take it beyond.
+    /// Whether an element is at a bound that a step would take it beyond.
     pub fn is_stuck(&self, value: &[f64], index: usize, step: f64) -> bool {
         let (lower, upper) = self.bounds_at(index);
         self.geometry == Geometry::Plain && if step < 0.0 { value[index] <= lower } else { value[index] >= upper }
     }
 
-    /// The gradient in the coordinates that are optimised: as many numbers as `value` (plain) or 3 (rotation, from a
-    /// gradient of the 9 entries of R or of ω itself).
+    /// The gradient in the coordinates of the optimiser: as many numbers as `value` (plain) or 3 (rotation). For a rotation, `grad` is
+    /// with respect to the 9 entries of R or to ω.
     pub fn tangent_gradient(&self, value: &[f64], grad: &[f64]) -> Vec<f64> {
         match self.geometry {
             Geometry::Rotation if value.len() == 9 && grad.len() == 9 => {
@@ -52,8 +52,7 @@ impl Space {
         }
     }
 
-    /// Moves `value` by an update in those coordinates and puts it back into the bounds. Returns the elements that
-    /// stopped at a bound.
+    /// Moves `value` by an update in those coordinates and clamps it to the bounds. Returns the elements that were stopped by a bound.
     pub fn retract(&self, value: &mut [f64], update: &[f64]) -> Vec<usize> {
         if self.geometry == Geometry::Rotation && value.len() == 9 && update.len() == 3 {
             let omega = [update[0] * self.scale, update[1] * self.scale, update[2] * self.scale];
@@ -67,7 +66,7 @@ impl Space {
         self.project(value)
     }
 
-    /// Clamps `value` into the bounds; returns the elements that had left them.
+    /// Clamps `value` to the bounds; returns the elements that were outside.
     pub fn project(&self, value: &mut [f64]) -> Vec<usize> {
         let mut stuck = Vec::new();
         for (index, v) in value.iter_mut().enumerate() {
@@ -88,7 +87,8 @@ impl Space {
     }
 }
 
-/// A bound of one number holds for every element; a shorter bound repeats over leading dimensions.
+/// The bound of an element. A bound of one number holds for every element, and a bound with fewer numbers than the param repeats over the
+/// leading dimensions.
 fn bound_at(bound: &[f64], index: usize) -> Option<f64> {
     if bound.is_empty() { None } else { bound.get(index % bound.len()).copied() }
 }
@@ -138,7 +138,7 @@ fn multiplied(a: &[f64; 9], b: &[f64]) -> [f64; 9] {
     out
 }
 
-/// Gram-Schmidt on the rows; only ever removes rounding.
+/// Gram-Schmidt on the rows, which removes rounding errors.
 fn orthonormalized(m: &[f64; 9]) -> [f64; 9] {
     let normalized = |v: [f64; 3]| {
         let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();

@@ -1,13 +1,13 @@
-//! When to stop: a loss that no longer falls.
+//! Stopping rules: detects a loss that has stopped falling.
 
-/// True if the mean loss of the last `window` steps fell by less than the fraction `tolerance` below the mean of the
-/// `window` steps before. Means, not minima: a noisy loss's minimum keeps falling by luck.
+/// Whether the mean loss of the last `window` steps is lower than that of the `window` steps before by less than the fraction
+/// `tolerance`. Means are compared and not minima, because the minimum of a noisy loss keeps falling by chance.
 pub fn is_plateau(losses: &[f64], window: usize, tolerance: f64) -> bool {
     plateau_ratio(losses, window).is_some_and(|ratio| ratio > 1.0 - tolerance)
 }
 
-/// Mean of the last `window` losses over the mean of the `window` before; `None` before there are that many. Losses
-/// that are all zero, or not finite, count as a plateau (1).
+/// Mean of the last `window` losses over the mean of the `window` losses before; `None` if there are fewer. Losses that are all zero, or
+/// not finite, count as a plateau (ratio 1).
 pub fn plateau_ratio(losses: &[f64], window: usize) -> Option<f64> {
     let window = window.max(1);
     let start = losses.len().checked_sub(window.checked_mul(2)?)?;

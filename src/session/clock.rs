@@ -21,8 +21,8 @@ impl Stopwatch {
         Stopwatch { wall: Instant::now(), cpu: cpu_seconds() }
     }
 
-    /// CPU time is the process's, over all threads. Where the system does not tell (not Linux) it is the wall time
-    /// multiplied by the number of worker threads: an upper bound.
+    /// CPU time is that of the process, summed over all threads. If the operating system does not give it (other than Linux), it is
+    /// estimated by the wall time multiplied by the number of worker threads, an upper bound.
     pub fn elapsed(&self) -> Elapsed {
         let wall = self.wall.elapsed().as_secs_f64();
         let cpu = match (self.cpu, cpu_seconds()) {
@@ -33,8 +33,8 @@ impl Stopwatch {
     }
 }
 
-/// CPU time of this process so far. Summed over the threads' scheduler statistics (nanoseconds); else from the process
-/// statistics (clock ticks of 10 ms).
+/// CPU time of this process so far: the sum of the threads' scheduler statistics (in nanoseconds) or, if there are none, the process
+/// statistics (in clock ticks of 10 ms).
 pub fn cpu_seconds() -> Option<f64> {
     let nanoseconds = |task: std::fs::DirEntry| {
         let text = std::fs::read_to_string(task.path().join("schedstat")).ok()?;
@@ -76,7 +76,7 @@ impl Date {
     /// From seconds since 1970, by the proleptic Gregorian calendar.
     pub fn from_unix(seconds: u64) -> Date {
         let (days, second_of_day) = ((seconds / 86_400) as i64, (seconds % 86_400) as u32);
-        // Years that begin in March put the leap day last: eras of 400 years = 146,097 days.
+        // Counts years from March, so that the leap day comes last. Eras have 400 years = 146,097 days.
         let shifted = days + 719_468;
         let era = shifted.div_euclid(146_097);
         let day_of_era = shifted.rem_euclid(146_097);

@@ -15,10 +15,10 @@ pub struct MeasureOptions {
     /// At least 1.
     pub repeats: u32,
     pub seed: u64,
-    /// Step of central finite differences, if they are wanted.
+    /// Step of central finite differences; `None` to measure none.
     pub fd_step: Option<f64>,
-    /// What guides have learnt is kept from repeat to repeat, as it is from step to step of an optimisation. Each repeat has random
-    /// numbers of its own all the same, so that means and standard errors stay what they are.
+    /// Whether guides are cached from repeat to repeat, as they are from step to step of an optimisation. Each repeat still has its own
+    /// random numbers, so that means and standard errors are right.
     pub warm: bool,
 }
 
@@ -27,7 +27,7 @@ pub struct MeasureOptions {
 pub struct Measurement {
     pub repeats: u32,
     pub value: Moments,
-    /// Means over the repeats of one evaluation of the value, and of value and derivative.
+    /// Mean times over the repeats of one evaluation of the value, and of the value with its derivative.
     pub primal: Elapsed,
     pub gradient: Elapsed,
     pub wrt: Vec<MeasuredParam>,
@@ -37,14 +37,14 @@ pub struct Measurement {
 pub struct MeasuredParam {
     pub name: String,
     pub shape: Vec<usize>,
-    /// Its derivative is one per radian.
+    /// The derivative is with respect to an angle in radians.
     pub is_angle: bool,
     pub gradient: Moments,
     /// Finite differences and their step.
     pub difference: Option<(Moments, f64)>,
 }
 
-/// Seed of one repeat: well apart for neighbouring seeds and repeats (splitmix64).
+/// Seed of one repeat. Seeds of neighbouring repeats, and for neighbouring seeds, are unrelated (splitmix64).
 pub fn repeat_seed(seed: u64, repeat: u64) -> u64 {
     let mut z = seed ^ repeat.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -52,8 +52,8 @@ pub fn repeat_seed(seed: u64, repeat: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Measures ∂`of`/∂`wrt`. The engine's sample seed is left at the last repeat's. `is_interrupted` is asked between
-/// evaluations; `None` if it said so.
+/// Measures ∂`of`/∂`wrt`. Leaves the engine with the sample seed of the last repeat. `is_interrupted` is called between evaluations;
+/// `None` if it returned true.
 pub fn measure(
     engine: &mut Engine,
     of: &hir::Expr,
@@ -62,7 +62,7 @@ pub fn measure(
     is_interrupted: &dyn Fn() -> bool,
 ) -> Result<Option<Measurement>, Diagnostic> {
     let targets: Vec<hir::Target> = wrt.iter().map(|(_, target)| target.clone()).collect();
-    // What no param reaches (targets, loaded files) is computed now and is not part of any time.
+    // Values that depend on no param (target images, loaded files) are computed first, so that they are not part of any time.
     engine.set_sample_seed(repeat_seed(options.seed, 0));
     engine.eval(of)?;
 
@@ -74,7 +74,7 @@ pub fn measure(
         if is_interrupted() {
             return Ok(None);
         }
-        // A fresh seed for each evaluation drops what an earlier one may have left in the cache.
+        // A new seed for each evaluation, so that nothing that an earlier one left in the cache is used.
         let seed = repeat_seed(options.seed, u64::from(repeat));
         engine.set_sample_seed(seed.wrapping_add(1));
         let watch = Stopwatch::start();
@@ -132,7 +132,7 @@ fn add(total: &mut Elapsed, elapsed: Elapsed) {
 }
 
 impl Measurement {
-    /// The object that `dsl grad --json` prints: a contract. One repeat tells no spread: `std` and `std_error` are null.
+    /// The object that `dsl grad --json` prints, whose format is stable. With one repeat `std` and `std_error` are null.
     pub fn to_json(&self, file: &str, of: &str, seed: u64, threads: usize) -> Json {
         let first = |data: &[f64]| data.first().map_or(Json::Null, |x| number(*x));
         let known = |spread: Json| if self.repeats < 2 { Json::Null } else { spread };
@@ -167,7 +167,7 @@ impl Measurement {
         })
     }
 
-    /// The value and the table of all params; with how much they spread, and at what price, if `spread` and more than one is known.
+    /// The value and a table of all params; with standard deviations and times if `spread` is true and there is more than one repeat.
     pub fn to_text(&self, of: &str, spread: bool) -> String {
         struct Figures<'a> {
             param: &'a MeasuredParam,

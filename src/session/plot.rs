@@ -1,6 +1,6 @@
-//! Curves: a line of characters for terminals, an SVG file for the rest.
+//! Plots of curves: as a line of characters for terminals, and as SVG files.
 
-/// One character for each column, eight heights; values that are not finite are blank.
+/// A sparkline: one character per column with eight heights; values that are not finite are blank.
 pub fn sparkline(values: &[f64], columns: usize) -> String {
     const BARS: [char; 8] = ['▁', '▂', '▃', '▄', '▅', '▆', '▇', '█'];
     let columns = columns.min(values.len());
@@ -25,7 +25,7 @@ pub fn sparkline(values: &[f64], columns: usize) -> String {
     cells.iter().map(bar).collect()
 }
 
-/// Named curves over their index, in one frame with the extremes written at it.
+/// An SVG of named curves over their index, in one frame labelled with the extremes.
 pub fn svg(series: &[(String, Vec<f64>)]) -> String {
     const COLORS: [&str; 6] = ["#1f77b4", "#d62728", "#2ca02c", "#ff7f0e", "#9467bd", "#17becf"];
     let (width, height, margin) = (640.0, 360.0, 56.0);

@@ -1,5 +1,5 @@
-//! What becomes of an optimisation that left the domain of its loss: its params go back to where all was well, and the user is
-//! told which step took which of them where.
+//! Handles an error of an optimisation whose params left the domain of the loss: the params of the last good step are restored, and the
+//! user is told which step moved which param where.
 
 use super::least_squares::put;
 use super::optimization::Optimization;
@@ -16,18 +16,19 @@ pub(super) struct Footing {
     pub rate: f64,
 }
 
-/// Params that are tried one by one, to find the one to blame.
+/// Most params that are tried one by one to find the one that causes the error.
 const MOST_SUSPECTS: usize = 16;
 
-/// Codes of errors that have nothing to do with where the params are.
+/// Codes of errors that do not depend on the values of params.
 const ELSEWHERE: [&str; 4] =
     ["dscene::run::write", "dscene::run::save", "dscene::run::plot", "dscene::run::out_of_range"];
 
-/// Gradients that were not finite, again and again.
+/// Code of the error after too many gradients that were not finite.
 pub(super) const NOT_FINITE: &str = "dscene::gradient::not_finite";
 
 impl Optimization {
-    /// Ends the loop after an error of a step, with the params of the last good one. Gives the error back if no update led to it.
+    /// Ends the loop after an error of a step and restores the params of the last good one. Returns the error as `Err` if no update led
+    /// to it.
     pub fn retreat(&mut self, engine: &mut Engine, error: Diagnostic) -> Result<Diagnostic, Diagnostic> {
         if ELSEWHERE.contains(&error.code) {
             return Err(error);
@@ -53,7 +54,8 @@ impl Optimization {
         Ok(self.ended(told))
     }
 
-    /// `` `r` from 0.5 to 1e9 ``: the params that cannot be where the update took them, by trial; else the one that moved most.
+    /// Text such as `` `r` from 0.5 to 1e9 `` about the first param whose update alone causes the error, found by trying them one by one;
+    /// if there is none, about the param that moved most.
     fn culprit(&self, engine: &mut Engine, footing: &Footing, error: &Diagnostic) -> Option<String> {
         let targets = self.targets();
         let now: Vec<Tensor> = targets.iter().map(|t| engine.target_tensor(t)).collect::<Result<_, _>>().ok()?;

@@ -1,4 +1,4 @@
-//! Figures for people: numbers with their errors, tables of gradients.
+//! Formats numbers with their errors, and tables of gradients.
 
 use super::stats::{Agreement, agreement};
 use crate::check::types::Ty;
@@ -20,7 +20,7 @@ pub fn significant(x: f64, n: usize) -> String {
     if !x.is_finite() {
         return if x.is_nan() { "nan".into() } else { format!("{}inf", if x < 0.0 { "-" } else { "" }) };
     }
-    // Rounded first: 9.9999996 has the exponent of 10.
+    // The exponent is that of the rounded number: 9.9999996 rounds to 10.
     let scientific = format!("{x:.*e}", n.saturating_sub(1));
     let (mantissa, exponent) = scientific.split_once('e').unwrap_or((&scientific, "0"));
     let exponent: i32 = exponent.parse().unwrap_or(0);
@@ -47,7 +47,7 @@ fn range(data: &[f64]) -> String {
     format!("min {}, mean {}, max {}{broken}", significant(min, 4), significant(mean, 4), significant(max, 4))
 }
 
-/// A param's value: numbers nested as they are shaped, angles in degrees, large arrays by shape and range.
+/// The value of a param: numbers nested by their shape, angles in degrees, large arrays by shape and range.
 pub fn with_unit(t: &Tensor, ty: &Ty) -> String {
     if !crate::eval::is_angle(ty) {
         return tensor(t);
@@ -56,7 +56,7 @@ pub fn with_unit(t: &Tensor, ty: &Ty) -> String {
     tensor_in(&degrees, "deg")
 }
 
-/// Numbers nested as they are shaped; large arrays by shape and range.
+/// Numbers nested by their shape; large arrays by shape and range.
 pub fn tensor(t: &Tensor) -> String {
     tensor_in(t, "")
 }
@@ -114,7 +114,7 @@ pub struct GradientRow<'a> {
     pub spread: Option<(&'a [f64], f64)>,
 }
 
-/// The relative standard deviation of one evaluation, and what it is worth: 1 / (variance · CPU seconds).
+/// The relative standard deviation of one evaluation, and its efficiency 1 / (variance · CPU seconds).
 fn worth(gradient: f64, std: f64, seconds: f64) -> [String; 2] {
     let known = |x: f64, text: String| if x.is_finite() && x > 0.0 { text } else { "–".to_owned() };
     let (relative, efficiency) = (std / gradient.abs(), 1.0 / (std * std * seconds));
@@ -229,7 +229,7 @@ fn entry_name(name: &str, shape: &[usize], index: usize) -> String {
     format!("{name}{brackets}{letter}")
 }
 
-/// Columns set below each other: the first to the left, the others to the right.
+/// Aligns the columns of a table: the first to the left, the others to the right.
 pub fn table(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let width = |c: usize| rows.iter().filter_map(|r| r.get(c)).map(|t| t.chars().count()).max().unwrap_or(0);

@@ -1,21 +1,21 @@
-//! From an optimizer of the language (`adam(lr: 0.01)`) to a solver and its rate.
+//! Converts an optimiser of the language (`adam(lr: 0.01)`) to a solver and its rate.
 
 use crate::natives::value::{SettingsKind, Value};
 use crate::optim::{Rule, Solver};
 
-/// The rate when the script says nothing.
+/// The default rate.
 pub const DEFAULT_RATE: f64 = 0.01;
 
-/// How an optimisation moves.
+/// The kind of solver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Method {
-    /// Against the gradient.
+    /// First-order: steps against the gradient.
     FirstOrder(Solver),
-    /// By the residuals' derivatives: Levenberg-Marquardt, Gauss-Newton if not `careful`.
+    /// Least squares, from the derivatives of the residuals: Levenberg-Marquardt, or Gauss-Newton if not `careful`.
     LeastSquares { damping: f64, careful: bool },
 }
 
-/// The method that a value describes, and its learning rate; else what is wrong with it.
+/// The method that a value describes, and its learning rate; an error says what is wrong with it.
 pub fn solver_from(value: &Value) -> Result<(Method, f64), String> {
     let found = |what: &str| format!("`using` needs an optimizer such as `adam(lr: 0.01)`, this is {what}");
     let Value::Settings(settings) = value else { return Err(found(value.kind())) };

@@ -46,18 +46,18 @@ impl Moments {
     }
 }
 
-/// How two figures go together.
+/// Agreement of two numbers that may have errors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Agreement {
-    /// They have no noise and are the same up to the error of finite differences (a millionth).
+    /// Both are exact, and equal up to the error of finite differences (1e-6).
     Exact,
-    /// They have no noise and differ by so much of the larger one.
+    /// Both are exact, and differ by this fraction of the larger one.
     Relative(f64),
-    /// They have noise, and differ by so many standard errors.
+    /// At least one has a standard error; they differ by this many standard errors.
     Z(f64),
 }
 
-/// Compares `a` with `b`. Where neither has an error worth the name (a billionth: rounding), the difference is not counted in it.
+/// Compares `a` with `b`. Standard errors below 1e-9 of the numbers are rounding: with such errors, both count as exact.
 pub fn agreement(a: f64, a_error: f64, b: f64, b_error: f64) -> Agreement {
     let size = a.abs().max(b.abs());
     let error = (a_error * a_error + b_error * b_error).sqrt();

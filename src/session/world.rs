@@ -1,4 +1,4 @@
-//! The outside world, as a session sees it: something to print to, to show progress on, and that may ask to stop.
+//! The outside world of a session: it prints text, shows progress, and may ask to stop.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
@@ -6,43 +6,43 @@ use std::sync::{Arc, OnceLock};
 use crate::diag::Diagnostic;
 use crate::source::SourceMap;
 
-/// How far an optimisation is.
+/// Progress of an optimisation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Progress<'a> {
-    /// The loss's name, with the stage's if there is one.
+    /// The name of the loss, with that of the stage if there is one.
     pub name: &'a str,
-    /// Steps done, and steps in all.
+    /// Number of steps done, and total number of steps.
     pub done: u64,
     pub total: u64,
     pub loss: f64,
-    /// Mean wall time of a step so far.
+    /// Mean wall time of a step so far, in seconds.
     pub seconds_per_step: f64,
 }
 
-/// Where a session's words go. The command line, the REPL and tests each have their own.
+/// Receives the output of a session. The command line, the REPL and tests have implementations of their own.
 pub trait World {
-    /// What the script prints, one line or more without the final newline.
+    /// Output of `print`: one or more lines, without the final newline.
     fn print(&mut self, text: &str);
-    /// What the user may like to know (saved files, skipped steps); dropped when quiet.
+    /// Information such as saved files and skipped steps; dropped in quiet mode.
     fn note(&mut self, text: &str);
-    /// Something that is wrong, or may be.
+    /// An error or a warning.
     fn diagnostic(&mut self, diagnostic: &Diagnostic, sources: &SourceMap);
     /// Called after each step of an optimisation.
     fn progress(&mut self, progress: Progress<'_>);
-    /// An optimisation has ended.
+    /// Called when an optimisation has ended.
     fn progress_done(&mut self);
-    /// The user wants to stop; asked between steps.
+    /// Whether the user wants to stop; called between steps.
     fn interrupted(&self) -> bool;
 }
 
-/// A world that remembers: for tests and for callers that want the text.
+/// A world that stores all output, for tests and for callers that want the text.
 #[derive(Debug, Default)]
 pub struct Recorder {
     pub printed: Vec<String>,
     pub notes: Vec<String>,
     pub diagnostics: Vec<Diagnostic>,
     pub steps: u64,
-    /// Ask to stop after so many steps.
+    /// Number of steps after which to ask to stop.
     pub stop_after: Option<u64>,
 }
 
@@ -70,22 +70,23 @@ impl World for Recorder {
     }
 }
 
-/// Exit code of a process that Ctrl-C ended.
+/// Exit code of a process that was ended by Ctrl-C.
 pub const EXIT_INTERRUPTED: u8 = 130;
 
-/// Whether there is work that wants to end in its own way.
+/// Whether there is work that handles Ctrl-C itself.
 static LISTENING: AtomicBool = AtomicBool::new(false);
 
-/// Set by Ctrl-C; evaluations look at it.
+/// Set by Ctrl-C; evaluations check it.
 pub fn interrupt_flag() -> Arc<AtomicBool> {
     static FLAG: OnceLock<Arc<AtomicBool>> = OnceLock::new();
     FLAG.get_or_init(|| Arc::new(AtomicBool::new(false))).clone()
 }
 
-/// From now on Ctrl-C ends the process with [`EXIT_INTERRUPTED`]: at once, or while there is work that listens when pressed twice.
+/// Installs the handler: Ctrl-C ends the process with [`EXIT_INTERRUPTED`], at once or, while there is work that handles it, when it is
+/// pressed twice.
 pub fn catch_interrupts() {
     let flag = interrupt_flag();
-    // Without a handler Ctrl-C simply ends the process: nothing to report.
+    // If the handler cannot be installed, Ctrl-C simply ends the process.
     let _ = ctrlc::set_handler(move || {
         let was_pressed = flag.swap(true, Ordering::SeqCst);
         if was_pressed || !LISTENING.load(Ordering::SeqCst) {
@@ -94,8 +95,8 @@ pub fn catch_interrupts() {
     });
 }
 
-/// Does work that [`interrupted`] and the flag of its engine tell of a Ctrl-C. Before and after, where nothing would be lost, a
-/// Ctrl-C ends the process at once.
+/// Does work during which Ctrl-C sets [`interrupted`] and the engine's flag. Before and after it, Ctrl-C ends the process at once, since
+/// nothing would be lost.
 pub fn listening<T>(work: impl FnOnce() -> T) -> T {
     let outer = LISTENING.swap(true, Ordering::SeqCst);
     let done = work();
@@ -103,12 +104,12 @@ pub fn listening<T>(work: impl FnOnce() -> T) -> T {
     done
 }
 
-/// Ctrl-C was pressed since the last [`clear_interrupt`].
+/// Whether Ctrl-C was pressed since the last [`clear_interrupt`].
 pub fn interrupted() -> bool {
     interrupt_flag().load(Ordering::SeqCst)
 }
 
-/// Forgets a Ctrl-C: the REPL starts the next line afresh.
+/// Clears the flag, before the REPL runs the next line.
 pub fn clear_interrupt() {
     interrupt_flag().store(false, Ordering::SeqCst);
 }

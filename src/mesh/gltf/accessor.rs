@@ -1,11 +1,11 @@
-//! Accessors as numbers. They are read here, with every offset checked, because the crate's own readers trust the file.
+//! Reads accessors as numbers. The readers of the crate `gltf` trust the offsets in a file; these check every one.
 
 use gltf::accessor::sparse::IndexType;
 use gltf::accessor::{Accessor, DataType, Dimensions};
 
 use super::parse::Buffer;
 
-/// Zeros that a file may ask for without holding them.
+/// Most zeros that an accessor without a buffer view may have.
 const MAX_IMPLICIT: usize = 1 << 22;
 
 pub(super) struct Accessors<'a> {
@@ -22,7 +22,7 @@ impl Accessors<'_> {
             .ok_or(format!("buffer view {index} of the glTF file reaches beyond its buffer"))
     }
 
-    /// The numbers of an accessor of `n` components, integers scaled to 0..1 or −1..1 if it says so.
+    /// The numbers of an accessor with `n` components; normalised integers are scaled to 0..1 or −1..1.
     pub fn floats(&self, accessor: &Accessor, n: usize) -> Result<Vec<f32>, String> {
         let kind = accessor.data_type();
         let scale = match kind {

@@ -1,4 +1,4 @@
-//! Materials, images and samplers of glTF.
+//! Reads materials, images and samplers of glTF.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -15,11 +15,11 @@ use crate::mesh::reading::Reading;
 use super::accessor::Accessors;
 use super::parse::{file_name, read_uri};
 
-/// Those made so far, by their number.
+/// Materials read so far, by their index.
 #[derive(Default)]
 pub(super) struct Materials {
     made: HashMap<usize, Arc<LoadedMaterial>>,
-    /// By number and encoding; `None` if it cannot be read, which has been said.
+    /// Images by index and encoding; `None` for one that could not be read, which has been reported.
     images: HashMap<(usize, bool), Option<Arc<Image>>>,
 }
 
@@ -76,7 +76,7 @@ impl Materials {
             opacity: opacity(material, base_color.as_ref(), alpha),
         };
         if material.unlit() {
-            // Its colour whatever the light: a surface that emits it and reflects nothing.
+            // An unlit material shows its colour whatever the light: it emits that colour and reflects nothing.
             (made.emissive, made.emissive_image) = (made.base_color, made.base_color_image.take());
             (made.base_color, made.metallic, made.specular) = (Vec3::ZERO, 0.0, 0.0);
         }
@@ -122,14 +122,14 @@ impl Materials {
             (None, Some(uri)) => read_uri(reading.folder, uri).and_then(|bytes| reading.decoded(&bytes, encoding)),
             (None, None) => Err("the glTF file has no data for it".to_string()),
         };
-        // A missing texture leaves the number it would multiply.
+        // If a texture is missing, the number that it would multiply remains.
         let image = read.map_err(|e| reading.notes.say(format!("image {index} of {whose}: {e}"))).ok();
         self.images.insert(key, image.clone());
         image.map(|image| LoadedImage { image, clamp, nearest })
     }
 }
 
-/// Whether an image ends at its border, and whether its texels have edges.
+/// Whether texture coordinates are clamped, and whether the nearest texel is used.
 fn sampler(texture: &gltf::Texture, whose: &str, reading: &mut Reading) -> (bool, bool) {
     let sampler = texture.sampler();
     let (s, t) = (sampler.wrap_s(), sampler.wrap_t());
@@ -145,11 +145,11 @@ fn sampler(texture: &gltf::Texture, whose: &str, reading: &mut Reading) -> (bool
         }
     }
     let clamp = s == WrappingMode::ClampToEdge && t == WrappingMode::ClampToEdge;
-    // Filters for images seen from afar are the renderer's matter: it looks at many points of a pixel.
+    // Filters for minification do not matter: the renderer averages many samples per pixel.
     (clamp, sampler.mag_filter() == Some(MagFilter::Nearest))
 }
 
-/// Tells what a material asks for and does not get.
+/// Reports features of a material that are not supported.
 fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
     let notes = &mut reading.notes;
     if material.normal_texture().is_some() {
@@ -169,7 +169,7 @@ fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
     }
 }
 
-/// Opacity as texels; `None` is opaque.
+/// Opacity as a texture; `None` is opaque.
 fn opacity(material: &gltf::Material, image: Option<&LoadedImage>, alpha: f32) -> Option<LoadedImage> {
     let of = |opacity: &dyn Fn(f32) -> f32| {
         let values = match image.filter(|i| i.image.channels == 4) {
@@ -193,7 +193,7 @@ fn opacity(material: &gltf::Material, image: Option<&LoadedImage>, alpha: f32) -
     }
 }
 
-/// KHR_texture_transform.
+/// The transformation of the extension KHR_texture_transform.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct UvTransform {
     offset: Vec2,

@@ -1,5 +1,5 @@
-//! glTF 2.0 and GLB: the default scene in world space, at rest. Every triangle with its metallic-roughness material, morph
-//! targets by their default weights, skins as their joints stand; lights without area and cameras. Animations are left out.
+//! Reads glTF 2.0 and GLB: the default scene in world space, without animation. Triangles with metallic-roughness materials, morph
+//! targets with their default weights, skins with their joints at rest, lights without area, and cameras. Animations are not read.
 
 mod accessor;
 mod material;
@@ -23,7 +23,7 @@ use skin::Pose;
 pub(super) fn decode(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, String> {
     let file = parse::parse(bytes, &mut reading.notes)?;
     let scene = Walk::new(&file.document)?;
-    // Accessors say how many vertices there are: before any is read, what all nodes together take is known.
+    // Counts vertices by the accessors, so that the memory for all nodes is requested before any is read.
     let (vertices, faces) = scene.size();
     within_limits(vertices, faces)?;
     reading.expect(vertices, faces)?;
@@ -45,7 +45,7 @@ pub(super) fn decode(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, Stri
         for primitive in mesh.primitives() {
             let name = node.name().or(mesh.name()).unwrap_or(reading.name).to_string();
             if let Some(mut part) = reader.part(&mesh, &primitive, name, weights, pose.as_ref(), reading)? {
-                // The joints of a skin say where it is; its node does not.
+                // A skinned mesh is placed by its joints; the transform of its node does not count.
                 if pose.is_none() {
                     place(&mut part.mesh, *transform);
                 }
@@ -56,7 +56,7 @@ pub(super) fn decode(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, Stri
     Ok(loaded)
 }
 
-/// The cameras of the default scene, and what was left out.
+/// The cameras of the default scene, and notes about what was not read.
 pub(super) fn cameras(bytes: &[u8]) -> Result<(Vec<LoadedCamera>, Vec<String>), String> {
     let mut notes = Notes::default();
     let file = parse::parse(bytes, &mut notes)?;
@@ -65,7 +65,7 @@ pub(super) fn cameras(bytes: &[u8]) -> Result<(Vec<LoadedCamera>, Vec<String>), 
     for (node, transform) in &scene.nodes {
         let Some(camera) = node.camera() else { continue };
         let name = node.name().or(camera.name()).unwrap_or_default().to_string();
-        // Not by the crate's `projection`, which takes it for granted that the member of its type is there.
+        // The crate's `projection` panics if the member for the camera's type is missing, so it is not used.
         let json = file.document.as_json().cameras.get(camera.index());
         let (perspective, orthographic) =
             json.map_or((None, None), |c| (c.perspective.as_ref(), c.orthographic.as_ref()));
@@ -93,13 +93,13 @@ pub(super) fn cameras(bytes: &[u8]) -> Result<(Vec<LoadedCamera>, Vec<String>), 
     Ok((cameras, notes.sentences()))
 }
 
-/// The nodes of the default scene with what takes them to the world.
+/// The nodes of the default scene with their transforms to world space.
 struct Walk<'a> {
     document: &'a gltf::Document,
     nodes: Vec<(gltf::Node<'a>, DMat4)>,
-    /// Where among them the node of a number is.
+    /// By node index of the file: its position among these nodes.
     place: Vec<Option<usize>>,
-    /// The parent of each node of the file.
+    /// By node of the file: its parent.
     parents: Vec<Option<usize>>,
 }
 
@@ -119,7 +119,7 @@ impl<'a> Walk<'a> {
             node.children().for_each(|child| parents[child.index()] = Some(node.index()));
         }
         while let Some((node, parent)) = stack.pop() {
-            // A node has one parent at most; this also stops cycles.
+            // A node may have one parent at most. This also rules out cycles.
             if std::mem::replace(&mut visited[node.index()], true) {
                 if scene.is_some() {
                     return Err(format!("node {} of the glTF file has two parents", node.index()));
@@ -134,7 +134,7 @@ impl<'a> Walk<'a> {
         Ok(Walk { document, nodes, place, parents })
     }
 
-    /// What takes a node to the world, also one that is no part of the scene.
+    /// The transform from a node to world space, also for a node outside of the scene.
     fn world(&self, node: &gltf::Node) -> Result<DMat4, String> {
         if let Some(place) = self.place[node.index()] {
             return Ok(self.nodes[place].1);
@@ -149,7 +149,7 @@ impl<'a> Walk<'a> {
         Err(format!("node {} of the glTF file is among its own children", node.index()))
     }
 
-    /// Vertices and triangles of all nodes, as the accessors say.
+    /// Numbers of vertices and triangles of all nodes, by the accessors.
     fn size(&self) -> (u64, u64) {
         let mut total = (0u64, 0u64);
         for primitive in self.nodes.iter().filter_map(|(n, _)| n.mesh()).flat_map(|m| m.primitives()) {
@@ -185,7 +185,7 @@ fn local(node: &gltf::Node) -> DMat4 {
     DMat4::from_cols_array_2d(&columns)
 }
 
-/// Moves a mesh into the world; a mirroring transform turns its faces round.
+/// Transforms a mesh to world space. If the transform is a reflection, the winding of the faces is reversed.
 fn place(mesh: &mut Mesh, transform: DMat4) {
     let linear = DMat3::from_mat4(transform);
     mesh.vertices.iter_mut().for_each(|v| *v = transform.transform_point3(v.as_dvec3()).as_vec3());
@@ -198,7 +198,8 @@ fn place(mesh: &mut Mesh, transform: DMat4) {
     }
 }
 
-/// What turns normals: the inverse transpose without a division, so that it keeps what is outside where it mirrors.
+/// The matrix for normals: the inverse transpose times the absolute value of the determinant. It is computed without a division, so that
+/// it exists for singular matrices too, and keeps normals on the outside if `linear` is a reflection.
 fn cofactor(linear: DMat3) -> DMat3 {
     let [x, y, z] = [linear.x_axis, linear.y_axis, linear.z_axis];
     let sign = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
@@ -208,9 +209,9 @@ fn cofactor(linear: DMat3) -> DMat3 {
 struct Reader<'a> {
     accessors: Accessors<'a>,
     materials: Materials,
-    /// How many nodes show a mesh.
+    /// By mesh: the number of nodes that show it.
     uses: HashMap<usize, usize>,
-    /// Geometry of primitives that several nodes show, by mesh and primitive, as it is without morphs and skins.
+    /// Geometry of primitives that several nodes show, by mesh and primitive, before morph targets and skins are applied.
     known: HashMap<(usize, usize), Mesh>,
 }
 
@@ -325,8 +326,7 @@ fn triangles(mode: Mode, i: &[u32]) -> Vec<[u32; 3]> {
     }
 }
 
-/// A light of KHR_lights_punctual, whose candela and lux are taken as radiant intensity and irradiance, as its nits are as
-/// radiance.
+/// A light of the extension KHR_lights_punctual. Candela and lux are taken as radiant intensity and irradiance, and nits as radiance.
 fn convert_light(
     light: &gltf::khr_lights_punctual::Light,
     transform: DMat4,
@@ -356,7 +356,7 @@ fn convert_light(
             if !(cutoff > 0.0 && cutoff <= std::f64::consts::PI && beam >= 0.0) {
                 return Err(format!("the cone of the light “{name}” of the glTF file has no such angles"));
             }
-            // A sharp edge has no derivative.
+            // A cone with a sharp edge is not differentiable, so it gets a narrow falloff.
             let widest = 0.99 * cutoff;
             if beam > widest {
                 notes.about("cones of light with a sharp edge get a narrow soft one", format!("“{name}”"));

@@ -1,4 +1,4 @@
-//! The bytes of a glTF or GLB file as a document and its buffers.
+//! Parses a glTF or GLB file into a document and its buffers.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -10,7 +10,7 @@ use gltf::mesh::Semantic;
 use crate::image::file::read_bytes;
 use crate::mesh::reading::{Notes, Reading, without_mark};
 
-/// Extensions that are done, in whole or but for what is told where they are met.
+/// Supported extensions. Where support is partial, the missing features are reported where they occur.
 const DONE: [&str; 10] = [
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
@@ -19,13 +19,13 @@ const DONE: [&str; 10] = [
     "KHR_materials_unlit",
     "KHR_texture_transform",
     "KHR_mesh_quantization",
-    // Said material by material.
+    // These are reported for each material.
     "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_transmission",
     "KHR_materials_volume",
 ];
 
-/// Compression of geometry, without which there is nothing to read.
+/// Extensions that compress geometry, which are an error because nothing can be read without them.
 const COMPRESSION: [&str; 3] = ["KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression"];
 
 /// A document, and the binary chunk of a GLB.
@@ -50,12 +50,12 @@ pub(super) fn parse<'a>(bytes: &'a [u8], notes: &mut Notes) -> Result<File<'a>, 
     for name in required {
         notes.about("the file requires extensions that are not supported", name);
     }
-    // Each has been dealt with; the crate knows fewer.
+    // Required extensions were checked above. They are removed because the crate knows fewer of them.
     root.extensions_required.clear();
     root.extensions_used.clear();
     let count = root.accessors.len();
     for primitive in root.meshes.iter().flat_map(|m| &m.primitives) {
-        // The crate's validation takes it for granted that positions refer to an accessor.
+        // The crate's validation panics if the accessor of positions does not exist, so the indices of all attributes are checked first.
         if let Some(index) = primitive.attributes.values().map(|i| i.value()).find(|&i| i >= count) {
             return Err(format!("the glTF file refers to accessor {index} but has {count}"));
         }
@@ -64,7 +64,7 @@ pub(super) fn parse<'a>(bytes: &'a [u8], notes: &mut Notes) -> Result<File<'a>, 
         |p: &json::mesh::Primitive| p.attributes.get(&Checked::Valid(Semantic::Positions)).map(|i| i.value());
     let positions: Vec<usize> = root.meshes.iter().flat_map(|m| &m.primitives).filter_map(position).collect();
     for index in positions {
-        // Nobody needs to know the bounds that some exporters forget.
+        // The crate's validation requires bounds of positions, which some exporters omit. Nothing here needs them, so any will do.
         let bounds = || Some(json::Value::from(vec![0.0; 3]));
         (root.accessors[index].min, root.accessors[index].max) = (bounds(), bounds());
     }
@@ -90,7 +90,7 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), String> {
         match kind {
             b"JSON" if text.is_none() => text = Some(content),
             b"BIN\0" if chunk.is_none() => chunk = Some(content),
-            // Others are for extensions.
+            // Other chunks belong to extensions.
             _ => {}
         }
         at += 8 + size;
@@ -109,7 +109,7 @@ fn root(text: &[u8]) -> Result<json::Root, String> {
     if !version.starts_with("2.") {
         return Err(format!("this is glTF {version}, which is not supported; 2.0 is"));
     }
-    // A scene may be empty, which the crate does not know.
+    // A scene may lack nodes, which the crate's parser does not allow.
     for scene in value.get_mut("scenes").and_then(|s| s.as_array_mut()).into_iter().flatten() {
         if let Some(scene) = scene.as_object_mut() {
             scene.entry("nodes").or_insert_with(|| json::Value::Array(Vec::new()));
@@ -119,7 +119,7 @@ fn root(text: &[u8]) -> Result<json::Root, String> {
 }
 
 impl<'a> File<'a> {
-    /// The bytes of all buffers; a file that several name is read once.
+    /// The bytes of all buffers. A file that several buffers name is read once.
     pub fn buffers(&self, reading: &mut Reading) -> Result<Vec<Buffer<'a>>, String> {
         let mut known: HashMap<&str, Buffer> = HashMap::new();
         let mut buffers = Vec::new();

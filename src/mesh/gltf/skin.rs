@@ -1,4 +1,4 @@
-//! Skins at rest: each vertex follows its joints, as they stand without animation.
+//! Skins at rest: each vertex is transformed by its joints, without animation.
 
 use glam::{DMat3, DMat4, DVec3};
 use gltf::mesh::Semantic;
@@ -8,7 +8,7 @@ use crate::mesh::Mesh;
 use super::accessor::Accessors;
 use super::{Walk, cofactor};
 
-/// For each joint of a skin, what takes a vertex from where it was bound to the world.
+/// For each joint of a skin: the transform from the bind pose of a vertex to world space.
 pub(super) struct Pose {
     joints: Vec<DMat4>,
 }
@@ -35,7 +35,7 @@ impl Pose {
         Ok(Pose { joints })
     }
 
-    /// Moves the vertices of a primitive to the world.
+    /// Transforms the vertices of a primitive to world space.
     pub fn apply(
         &self,
         primitive: &gltf::Primitive,
@@ -72,7 +72,8 @@ impl Pose {
                 sum += *matrix * f64::from(weight);
                 total += f64::from(weight);
             }
-            // Weights of one vertex add up to 1, but for rounding; a vertex without any follows the first joint.
+            // The weights of a vertex are normalised, because rounding may keep their sum from being 1. A vertex without weights follows
+            // the first joint.
             let matrix = match self.joints.first() {
                 _ if total != 0.0 => sum * (1.0 / total),
                 Some(first) => *first,
@@ -84,7 +85,7 @@ impl Pose {
                 normals[v] = turned.normalize_or_zero().as_vec3();
             }
         }
-        // Joints that mirror turn the surface inside out.
+        // Reverses the winding if the joints' transforms are reflections.
         if self.joints.first().is_some_and(|m| m.determinant() < 0.0) {
             mesh.faces.iter_mut().for_each(|f| f.swap(1, 2));
         }
