@@ -313,10 +313,10 @@ fn central_differences(
 /// Compares and prints; fails if they differ by more than three combined standard errors, or if the errors are too large
 /// (relative to the value) for the comparison to mean anything.
 ///
-/// Half of what is planned comes first. Then, each time, more of that one of the two from which more is to be had for its price: up to
-/// the plan while the comparison could be more precise, beyond it while it says nothing. And an error estimated from few values is
-/// itself uncertain: of hundreds of rows some would fail by chance. What looks doubtful is measured afresh, with other seeds and four
-/// times as many as planned, all of them (and more while that says nothing), and that decides.
+/// A quarter of what is planned comes first. Then, each time, more of that one of the two from which more is to be had for its price: up
+/// to the plan while the comparison could be more precise, beyond it while it says nothing. And an error estimated from few values is
+/// itself uncertain: of hundreds of rows some would fail by chance. What looks doubtful is measured afresh, with other seeds, at least 32
+/// of each and up to four times as many as planned, and that decides.
 pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) {
     /// Standard errors from which a difference is doubtful.
     const DOUBT: f64 = 2.5;
@@ -325,15 +325,12 @@ pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan
     let step: f32 = std::env::var("DSCENE_STEP").ok().and_then(|s| s.parse().ok()).unwrap_or(1.0);
     let plan = Plan { h: plan.h * step, ..*plan };
     let plan = if LONG { plan } else { brief(plan) };
-    let times = |more: u64, plan: Plan| Plan { seeds: plan.seeds * more, fd_seeds: plan.fd_seeds * more, ..plan };
-    let mut found = match more {
-        Some(more) => compare(name, build, &times(more, plan), true),
-        None => compare(name, build, &plan, false),
-    };
+    let more = more.unwrap_or(1);
+    let plan = Plan { seeds: plan.seeds * more, fd_seeds: plan.fd_seeds * more, ..plan };
+    let mut found = compare(name, build, &plan, if more > 1 { plan.seeds } else { 8 });
     if found.z().abs() >= DOUBT {
-        let Plan { seeds, fd_seeds, .. } = times(4 * more.unwrap_or(1), plan);
-        let (seeds, fd_seeds) = (seeds.max(found.gradients.drawn()), fd_seeds.max(found.differences.drawn()));
-        found = compare(name, build, &Plan { seeds, fd_seeds, from: 1_000_000, ..plan }, true);
+        let afresh = Plan { seeds: 4 * plan.seeds, fd_seeds: 4 * plan.fd_seeds, from: 1_000_000, ..plan };
+        found = compare(name, build, &afresh, 32);
     }
     let (z, relative) = (found.z(), found.relative());
     assert!(z.abs() < 3.0, "{name}: gradient and finite differences are {z:.2} standard errors apart");
@@ -346,7 +343,7 @@ pub const LONG: bool = cfg!(feature = "truth");
 
 /// The combined error, over the finite difference, with which a comparison says something, and the one that is always enough.
 const ENOUGH: f64 = if LONG { 0.02 } else { 0.08 };
-const PRECISE: f64 = if LONG { 0.007 } else { 0.04 };
+const PRECISE: f64 = if LONG { 0.01 } else { 0.04 };
 
 /// How many times its plan a comparison may draw while it says nothing. Brief plans are so short that some rows need much of this.
 const BEYOND: u64 = if LONG { 30 } else { 120 };
@@ -416,22 +413,21 @@ impl Comparison {
     }
 }
 
-/// By the plan, `whole`, or as [`agree`] says.
-fn compare(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan, whole: bool) -> Comparison {
+/// At first `least` of each, or a quarter of the plan; then more as [`agree`] says.
+fn compare(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan, least: u64) -> Comparison {
     let price = f64::from(plan.spp) * GRADIENT_PRICE;
     let mut found = Comparison {
         least: plan.least,
         gradients: Side::new(price),
         differences: Side::new(4.0 * f64::from(plan.fd_spp)),
     };
-    let portion = |planned: u64| if whole { planned } else { (planned / 4).max(8) };
+    let portion = |planned: u64| (planned / 4).max(least);
     let more_gradients = |g: &mut Side| g.add(plan.from, portion(plan.seeds), |seeds| gradients(build, plan, seeds));
     let more_differences =
         |fd: &mut Side| fd.add(plan.from, portion(plan.fd_seeds), |seeds| finite_differences(build, plan, seeds));
     more_gradients(&mut found.gradients);
     more_differences(&mut found.differences);
-    let precise = if whole { ENOUGH } else { PRECISE };
-    while found.relative() >= precise {
+    while found.relative() >= PRECISE {
         let (g, fd) = (&mut found.gradients, &mut found.differences);
         let worth = g.gain() > fd.gain();
         let (drawn, planned) = if worth { (g.drawn(), plan.seeds) } else { (fd.drawn(), plan.fd_seeds) };
