@@ -168,12 +168,8 @@ impl SceneBuilder {
     }
 
     fn name_inputs(&mut self, name: &str, material: &Material) {
-        let (inputs, count) = material.kind.inputs();
-        for (field, input) in material.kind.input_names().iter().zip(&inputs[..count]) {
-            self.name_input(name, field, *input);
-        }
-        if let Some(opacity) = material.opacity {
-            self.name_input(name, "opacity", opacity);
+        for (field, input) in material.inputs() {
+            self.name_input(name, field.name, *input);
         }
     }
 

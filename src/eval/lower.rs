@@ -9,14 +9,14 @@ use glam::{DVec3, Mat3, Vec3};
 use crate::grad::{Scene, SceneError};
 use crate::mesh::Mesh;
 use crate::natives::value::{
-    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, Model, SceneValue,
-    ShapeValue, Value,
+    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, SceneValue, ShapeValue,
+    Value,
 };
 use crate::natives::{NEEDS_FOCUS, transform_matrix};
 use crate::render::texture::{Filter, Texture, Wrap};
 use crate::render::{
     Camera, Cone, DeltaLight, Distortion, Emission, Environment, Input as RenderInput, Lens, LightMotion, Material,
-    MaterialKind, Motion, Pose, Projection, SceneDescription, Shape, Slot, TextureId,
+    MaterialKind, Motion, Pose, Projection, Quantity, SceneDescription, Shape, Slot, TextureId,
 };
 use crate::stop::paced;
 use crate::tape::{Slice, TapeError, Tensor, Unary, Var};
@@ -200,7 +200,7 @@ impl Builder {
                 let radiance = self.input(radiance, true)?;
                 let material = match material {
                     Some(m) => self.material(m)?,
-                    None => Material { kind: MaterialKind::Black, one_sided: false, opacity: None },
+                    None => MaterialKind::Black.into(),
                 };
                 self.mesh(mesh, material, Some(Emission { radiance, two_sided: *two_sided }));
             }
@@ -279,35 +279,7 @@ impl Builder {
     }
 
     fn material(&mut self, material: &MaterialValue) -> Result<Material, LowerError> {
-        let mut get = |name: &str, color: bool| match material.input(name) {
-            Some(input) => self.input(input, color),
-            None => Err(LowerError::Tape(format!("the material has no `{name}`"))),
-        };
-        let kind = match material.model {
-            Model::Diffuse => MaterialKind::Diffuse { reflectance: get("reflectance", true)? },
-            Model::Conductor => {
-                MaterialKind::Conductor { reflectance: get("reflectance", true)?, roughness: get("roughness", false)? }
-            }
-            Model::ConductorIor => MaterialKind::ConductorIor {
-                eta: get("eta", true)?,
-                k: get("k", true)?,
-                roughness: get("roughness", false)?,
-            },
-            Model::Phong => MaterialKind::Phong {
-                diffuse: get("diffuse", true)?,
-                specular: get("specular", true)?,
-                roughness: get("roughness", false)?,
-            },
-            Model::Mirror => MaterialKind::Mirror { reflectance: get("reflectance", true)? },
-            Model::Principled => MaterialKind::Principled {
-                base_color: get("base_color", true)?,
-                metallic: get("metallic", false)?,
-                roughness: get("roughness", false)?,
-                specular: get("specular", false)?,
-            },
-        };
-        let opacity = material.input("opacity").map(|input| self.input(input, false)).transpose()?;
-        Ok(Material { kind, one_sided: material.one_sided, opacity })
+        material.try_map(|field, input| self.input(input, field.quantity == Quantity::Color))
     }
 
     /// Texels of an input: three channels if it is a color. The same node is one texture.

@@ -182,11 +182,10 @@ fn mesh(m: &MeshValue) -> String {
 }
 
 fn material(m: &MaterialValue) -> String {
-    let own = m.inputs.iter().filter(|(n, _)| *n != "opacity");
-    let inputs: Vec<String> = own.map(|(n, i)| format!("{n}: {}", input(i))).collect();
-    let inner = format!("{}({})", m.model.name(), inputs.join(", "));
+    let inputs: Vec<String> = m.kind.inputs().map(|(field, i)| format!("{}: {}", field.name, input(i))).collect();
+    let inner = format!("{}({})", m.kind.name(), inputs.join(", "));
     let inner = if m.one_sided { format!("one_sided({inner})") } else { inner };
-    match m.input("opacity") {
+    match &m.opacity {
         Some(opacity) => format!("mask({inner}, opacity: {})", input(opacity)),
         None => inner,
     }
@@ -317,7 +316,7 @@ pub fn to_json(value: &Value) -> Json {
                 map.insert("kind".into(), json!(s.kind.name()));
             }
             if let Value::Material(m) = other {
-                map.insert("kind".into(), json!(m.model.name()));
+                map.insert("kind".into(), json!(m.kind.name()));
             }
             for name in fields_of(other) {
                 if let Some(v) = field(other, &name) {

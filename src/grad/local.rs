@@ -7,12 +7,12 @@ use glam::Vec3;
 use crate::grad::environment::MovingEnvironment;
 use crate::grad::sink::{Adjoints, Sink};
 use crate::render::accel::PrimId;
-use crate::render::bsdf::{BsdfAdjoint, MAX_INPUTS, Part};
+use crate::render::bsdf::{BsdfAdjoint, Part};
 use crate::render::film::first_hit;
 use crate::render::interaction::{SurfaceInteraction, d_terminator, terminator};
 use crate::render::light::{LightKind, LightSample};
 use crate::render::mask::{MaskCrossing, MaskWeight};
-use crate::render::{Camera, Input, Output};
+use crate::render::{Camera, Input, MAX_INPUTS, Output, Quantity};
 
 /// Adjoints of the numbers of one surface interaction.
 #[derive(Clone, Copy, Debug, Default)]
@@ -217,12 +217,10 @@ pub fn d_inputs<S: Sink>(
     adj: &mut VertexAdjoint,
 ) {
     let kind = &out.scene.description.shapes[si.shape as usize].material.kind;
-    let (inputs, count) = kind.inputs();
-    let scalar = kind.scalar_inputs();
-    for i in 0..count {
-        let d = if scalar[i] { Vec3::X * d[i].x } else { d[i] };
+    for ((field, input), d) in kind.inputs().zip(d) {
+        let d = if field.quantity == Quantity::Color { *d } else { Vec3::X * d.x };
         if d != Vec3::ZERO {
-            let d_b = out.input(inputs[i], si.prim, si.b, d, true);
+            let d_b = out.input(*input, si.prim, si.b, d, true);
             adj.add_b(d_b);
         }
     }

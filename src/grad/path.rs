@@ -19,11 +19,11 @@ use crate::grad::local::{
 };
 use crate::grad::mirrors::viewpoint::d_reflected_ray;
 use crate::grad::sink::{Adjoints, Layout, Sink};
-use crate::render::Scene;
-use crate::render::bsdf::{MAX_INPUTS, Part, RoughnessPair};
+use crate::render::bsdf::{Part, RoughnessPair};
 use crate::render::integrator::{Connection, Continuation, Recorder};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::mask::{MaskCrossing, MaskWeight};
+use crate::render::{MAX_INPUTS, Scene};
 
 /// One vertex of a recorded path.
 #[derive(Clone, Debug)]

@@ -6,8 +6,7 @@ use crate::tape::{Tensor, Var};
 
 use super::scene::rotation_of;
 use super::value::{
-    CameraValue, Input, LightValue, MaterialValue, MeshValue, SettingsKind, SettingsValue, ShapeValue, TextureValue,
-    Value,
+    CameraValue, Input, LightValue, MeshValue, SettingsKind, SettingsValue, ShapeValue, TextureValue, Value,
 };
 use super::{NativeError, Result};
 
@@ -34,7 +33,7 @@ pub fn field(value: &Value, name: &str) -> Option<Value> {
             _ => None,
         },
         Value::Mesh(m) => mesh_field(m, name),
-        Value::Material(m) => m.input(name).map(input_value),
+        Value::Material(m) => m.inputs().find(|(f, _)| f.name == name).map(|(_, input)| input_value(input)),
         Value::Shape(s) => match name {
             "mesh" => Some(Value::Mesh(s.mesh.clone())),
             "material" => Some(Value::Material(s.material.clone())),
@@ -78,7 +77,7 @@ pub fn fields_of(value: &Value) -> Vec<String> {
             .into_iter()
             .filter(|n| mesh_field(m, n).is_some())
             .collect(),
-        Value::Material(m) => m.inputs.iter().map(|(n, _)| n.to_string()).collect(),
+        Value::Material(m) => m.inputs().map(|(f, _)| f.name.to_owned()).collect(),
         Value::Shape(_) => words(&["mesh", "material"]),
         Value::Light(l) => match &**l {
             LightValue::Area { .. } => words(&["mesh", "radiance", "two_sided", "material"]),
@@ -150,9 +149,8 @@ pub fn set_field(value: &Value, path: &[String], new: Value) -> Result<Value> {
         }
         Value::Material(m) => {
             let input = as_input(&new).ok_or_else(refuse)?;
-            let inputs =
-                m.inputs.iter().map(|(n, i)| (*n, if n == name { input.clone() } else { i.clone() })).collect();
-            Ok(Value::Material(Arc::new(MaterialValue { inputs, ..(**m).clone() })))
+            let material = m.map(|field, old| if field.name == name { input.clone() } else { old.clone() });
+            Ok(Value::Material(Arc::new(material)))
         }
         Value::Shape(s) => match new {
             Value::Mesh(mesh) if name == "mesh" => {

@@ -10,14 +10,15 @@ use crate::mesh::load::{
     Wanted, load, load_cameras,
 };
 use crate::mesh::{Mesh, MeshError};
+use crate::render::MaterialKind;
 use crate::render::texture::{Filter, Wrap};
 use crate::stop;
 use crate::tape::{Tensor, Var};
 
 use super::scene::{add_to_scene, grey};
 use super::value::{
-    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, Model, SceneValue,
-    ShapeValue, TextureValue, Value,
+    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, SceneValue, ShapeValue,
+    TextureValue, Value,
 };
 use super::{Args, Native, NativeError, Result};
 
@@ -90,11 +91,7 @@ impl Converter {
         let look = match (&part.material, tint(&part.mesh)) {
             (None, None) => Arc::new(plain(grey())),
             // Vertex colours without a material are the reflectance.
-            (None, Some(_)) => Arc::new(plain(MaterialValue {
-                model: Model::Diffuse,
-                inputs: vec![("reflectance", Input::VertexColor)],
-                one_sided: false,
-            })),
+            (None, Some(_)) => Arc::new(plain(MaterialKind::Diffuse { reflectance: Input::VertexColor }.into())),
             (Some(loaded), None) => self.look(loaded),
             (Some(loaded), Some(Tint::Constant(tint))) => {
                 let tinted = LoadedMaterial { base_color: loaded.base_color * tint, ..(**loaded).clone() };
@@ -103,10 +100,10 @@ impl Converter {
             (Some(loaded), Some(Tint::Varying)) => {
                 let mut look = (*self.look(loaded)).clone();
                 let mut material = (*look.material).clone();
-                for (_, input) in material.inputs.iter_mut().filter(|(name, _)| *name == "base_color") {
-                    if let Input::Texture(texels) = input {
-                        *input = Input::Tinted(texels.clone());
-                    }
+                if let MaterialKind::Principled { base_color, .. } = &mut material.kind
+                    && let Input::Texture(texels) = base_color
+                {
+                    *base_color = Input::Tinted(texels.clone());
                 }
                 look.material = Arc::new(material);
                 Arc::new(look)
@@ -145,16 +142,14 @@ fn plain(material: MaterialValue) -> Look {
 }
 
 fn look(loaded: &LoadedMaterial) -> Look {
-    let mut inputs = vec![
-        ("base_color", texels(loaded.base_color_texels())),
-        ("metallic", texels(loaded.metallic_texels())),
-        ("roughness", texels(loaded.roughness_texels())),
-        ("specular", Input::Number(Var::from(0.5 * f64::from(loaded.specular)))),
-    ];
-    if let Some(opacity) = &loaded.opacity {
-        inputs.push(("opacity", texels(opacity.clone())));
-    }
-    let material = Arc::new(MaterialValue { model: Model::Principled, inputs, one_sided: !loaded.double_sided });
+    let kind = MaterialKind::Principled {
+        base_color: texels(loaded.base_color_texels()),
+        metallic: texels(loaded.metallic_texels()),
+        roughness: texels(loaded.roughness_texels()),
+        specular: Input::Number(Var::from(0.5 * f64::from(loaded.specular))),
+    };
+    let opacity = loaded.opacity.clone().map(texels);
+    let material = Arc::new(MaterialValue { kind, one_sided: !loaded.double_sided, opacity });
     Look { material, radiance: loaded.emissive_texels().map(texels), two_sided: loaded.double_sided }
 }
 

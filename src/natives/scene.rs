@@ -4,12 +4,13 @@ use std::sync::Arc;
 
 use crate::optim::Rule;
 use crate::render::texture::{Filter, Wrap};
+use crate::render::{InputField, MaterialKind, OPACITY, Quantity};
 use crate::tape::{Slice, Tensor, Var};
 
 use super::images::read_image;
 use super::value::{
-    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, Model, SceneValue,
-    SettingsKind, SettingsValue, ShapeValue, TextureValue, Value,
+    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, SceneValue, SettingsKind,
+    SettingsValue, ShapeValue, TextureValue, Value,
 };
 use super::{Args, Native, NativeError, Result};
 
@@ -23,13 +24,12 @@ pub(super) const TABLE: &[(&str, Native)] = &[
             _ => Err(a.wrong(0, "a texture")),
         },
     }),
-    ("diffuse", |a| material(a, Model::Diffuse, &[("reflectance", true)])),
+    ("diffuse", |a| material(a, &MaterialKind::Diffuse { reflectance: () })),
     ("conductor", conductor),
-    ("phong", |a| material(a, Model::Phong, &[("diffuse", true), ("specular", true), ("roughness", false)])),
-    ("mirror", |a| material(a, Model::Mirror, &[("reflectance", true)])),
+    ("phong", |a| material(a, &MaterialKind::Phong { diffuse: (), specular: (), roughness: () })),
+    ("mirror", |a| material(a, &MaterialKind::Mirror { reflectance: () })),
     ("principled", |a| {
-        let inputs = [("base_color", true), ("metallic", false), ("roughness", false), ("specular", false)];
-        material(a, Model::Principled, &inputs)
+        material(a, &MaterialKind::Principled { base_color: (), metallic: (), roughness: (), specular: () })
     }),
     ("one_sided", |a| {
         let inner = material_of(a, 0)?;
@@ -209,38 +209,34 @@ fn within(a: &Args, index: usize, input: &Input, range: std::ops::RangeInclusive
 /// Of what light is multiplied by. Products of a few must not leave single precision.
 const LARGEST: f64 = 1e30;
 
-fn material(a: &Args, model: Model, wanted: &[(&'static str, bool)]) -> Result<Value> {
-    let mut inputs = Vec::new();
-    for &(name, color) in wanted {
-        let (index, _) = a.need(name)?;
-        let value = input(a, index, color)?;
-        let range = if color || name == "specular" { 0.0..=LARGEST } else { 0.0..=1.0 };
-        within(a, index, &value, range)?;
-        inputs.push((name, value));
-    }
-    Ok(Value::Material(Arc::new(MaterialValue { model, inputs, one_sided: false })))
+/// A material whose inputs are the arguments of their names.
+fn material(a: &Args, model: &MaterialKind<()>) -> Result<Value> {
+    Ok(material_value(model.try_map(|field, ()| material_input(a, field))?))
+}
+
+fn material_value(kind: MaterialKind<Input>) -> Value {
+    Value::Material(Arc::new(kind.into()))
+}
+
+fn material_input(a: &Args, field: InputField) -> Result<Input> {
+    let (index, _) = a.need(field.name)?;
+    let value = input(a, index, field.quantity == Quantity::Color)?;
+    let most = if field.quantity == Quantity::Fraction { 1.0 } else { LARGEST };
+    within(a, index, &value, 0.0..=most)?;
+    Ok(value)
 }
 
 fn conductor(a: &Args) -> Result<Value> {
     match (a.named("reflectance"), a.named("eta"), a.named("k")) {
-        (_, None, None) => {
-            let (i, _) = a.need("roughness")?;
-            let roughness = input(a, i, false)?;
-            within(a, i, &roughness, 0.0..=1.0)?;
-            let reflectance = match a.named("reflectance") {
-                Some((i, _)) => {
-                    let r = input(a, i, true)?;
-                    within(a, i, &r, 0.0..=LARGEST)?;
-                    r
-                }
-                None => Input::Number(Var::from(0.9)),
-            };
-            let inputs = vec![("reflectance", reflectance), ("roughness", roughness)];
-            Ok(Value::Material(Arc::new(MaterialValue { model: Model::Conductor, inputs, one_sided: false })))
+        (reflectance, None, None) => {
+            let model = MaterialKind::Conductor { reflectance: (), roughness: () };
+            let kind = model.try_map(|field, ()| match reflectance {
+                None if field.name == "reflectance" => Ok(Input::Number(Var::from(0.9))),
+                _ => material_input(a, field),
+            })?;
+            Ok(material_value(kind))
         }
-        (None, Some(_), Some(_)) => {
-            material(a, Model::ConductorIor, &[("eta", true), ("k", true), ("roughness", false)])
-        }
+        (None, Some(_), Some(_)) => material(a, &MaterialKind::ConductorIor { eta: (), k: (), roughness: () }),
         (Some((i, _)), ..) => Err(NativeError::at(i, "a conductor has a `reflectance` or `eta` and `k`, not both")),
         (None, Some((i, _)), None) => Err(NativeError::at(i, "`eta` needs `k`")),
         (None, None, Some((i, _))) => Err(NativeError::at(i, "`k` needs `eta`")),
@@ -248,22 +244,17 @@ fn conductor(a: &Args) -> Result<Value> {
 }
 
 pub(super) fn grey() -> MaterialValue {
-    let inputs = vec![("reflectance", Input::Number(Var::from(0.5)))];
-    MaterialValue { model: Model::Diffuse, inputs, one_sided: false }
+    MaterialKind::Diffuse { reflectance: Input::Number(Var::from(0.5)) }.into()
 }
 
-/// The material with an `opacity` among its inputs.
+/// The material with an opacity.
 fn mask(a: &Args) -> Result<Value> {
     let inner = material_of(a, 0)?;
-    if inner.input("opacity").is_some() {
+    if inner.opacity.is_some() {
         return Err(NativeError::at(0, "this material has a mask already").help("multiply the two opacities"));
     }
-    let (index, _) = a.need("opacity")?;
-    let opacity = input(a, index, false)?;
-    within(a, index, &opacity, 0.0..=1.0)?;
-    let mut material = (*inner).clone();
-    material.inputs.push(("opacity", opacity));
-    Ok(Value::Material(Arc::new(material)))
+    let opacity = Some(material_input(a, OPACITY)?);
+    Ok(Value::Material(Arc::new(MaterialValue { opacity, ..(*inner).clone() })))
 }
 
 fn material_of(a: &Args, index: usize) -> Result<Arc<MaterialValue>> {

@@ -5,6 +5,7 @@ use std::any::Any;
 use std::sync::Arc;
 
 use crate::optim::Rule;
+use crate::render::Material;
 use crate::render::texture::{Filter, Wrap};
 use crate::stop::paced;
 use crate::tape::{Tensor, Var};
@@ -80,42 +81,7 @@ pub enum Input {
     Tinted(Arc<TextureValue>),
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Model {
-    Diffuse,
-    Conductor,
-    ConductorIor,
-    Phong,
-    Mirror,
-    Principled,
-}
-
-impl Model {
-    /// The word of the language.
-    pub fn name(self) -> &'static str {
-        match self {
-            Model::Diffuse => "diffuse",
-            Model::Conductor | Model::ConductorIor => "conductor",
-            Model::Phong => "phong",
-            Model::Mirror => "mirror",
-            Model::Principled => "principled",
-        }
-    }
-}
-
-#[derive(Clone)]
-pub struct MaterialValue {
-    pub model: Model,
-    /// By the name of the constructor's argument.
-    pub inputs: Vec<(&'static str, Input)>,
-    pub one_sided: bool,
-}
-
-impl MaterialValue {
-    pub fn input(&self, name: &str) -> Option<&Input> {
-        self.inputs.iter().find(|(n, _)| *n == name).map(|(_, i)| i)
-    }
-}
+pub type MaterialValue = Material<Input>;
 
 #[derive(Clone)]
 pub struct ShapeValue {

@@ -23,10 +23,7 @@ use self::angles::{Angles, AnglesAdjoint};
 use self::fresnel::{conductor, d_conductor, d_schlick, schlick};
 use self::microfacet::{Ggx, Microfacets, Phong};
 use self::principled::{MAX_SPECULAR, Principled, PrincipledAdjoint};
-use super::scene::{Input, MaterialKind};
-
-/// The most inputs a material has.
-pub const MAX_INPUTS: usize = 4;
+use super::material::{Input, MAX_INPUTS, MaterialKind};
 
 /// Least roughness of a Phong lobe: an exponent of twenty million, α = 0.0003. In single precision a narrower lobe cannot be told from a
 /// mirror. The reflected light is linear in so small a roughness, so that the derivative at this value is the derivative at zero.
@@ -115,51 +112,12 @@ impl RoughnessPair {
 }
 
 impl MaterialKind {
-    /// The inputs in their fixed order, and how many there are. Entries past the count repeat the last one.
-    pub fn inputs(&self) -> ([Input; MAX_INPUTS], usize) {
+    /// The input of a GGX lobe's roughness; `None` for materials without such a lobe.
+    pub fn ggx_roughness(&self) -> Option<Input> {
         match *self {
-            MaterialKind::Black => ([Input::VertexColor; 4], 0),
-            MaterialKind::Diffuse { reflectance } | MaterialKind::Mirror { reflectance } => ([reflectance; 4], 1),
-            MaterialKind::Conductor { reflectance, roughness } => ([reflectance, roughness, roughness, roughness], 2),
-            MaterialKind::ConductorIor { eta, k, roughness } => ([eta, k, roughness, roughness], 3),
-            MaterialKind::Phong { diffuse, specular, roughness } => ([diffuse, specular, roughness, roughness], 3),
-            MaterialKind::Principled { base_color, metallic, roughness, specular } => {
-                ([base_color, metallic, roughness, specular], 4)
-            }
-        }
-    }
-
-    /// The names of the inputs, in the same order: those of the standard library.
-    pub fn input_names(&self) -> &'static [&'static str] {
-        match self {
-            MaterialKind::Black => &[],
-            MaterialKind::Diffuse { .. } | MaterialKind::Mirror { .. } => &["reflectance"],
-            MaterialKind::Conductor { .. } => &["reflectance", "roughness"],
-            MaterialKind::ConductorIor { .. } => &["eta", "k", "roughness"],
-            MaterialKind::Phong { .. } => &["diffuse", "specular", "roughness"],
-            MaterialKind::Principled { .. } => &["base_color", "metallic", "roughness", "specular"],
-        }
-    }
-
-    /// Which inputs are scalars: they read the first channel only.
-    pub fn scalar_inputs(&self) -> [bool; MAX_INPUTS] {
-        match self {
-            MaterialKind::Black | MaterialKind::Diffuse { .. } | MaterialKind::Mirror { .. } => [false; 4],
-            MaterialKind::Conductor { .. } => [false, true, false, false],
-            MaterialKind::ConductorIor { .. } | MaterialKind::Phong { .. } => [false, false, true, false],
-            MaterialKind::Principled { .. } => [false, true, true, true],
-        }
-    }
-}
-
-impl MaterialKind {
-    /// The index and the input of a GGX lobe's roughness; `None` for materials without such a lobe.
-    pub fn ggx_roughness(&self) -> Option<(usize, Input)> {
-        match *self {
-            MaterialKind::Conductor { roughness, .. } => Some((1, roughness)),
-            MaterialKind::ConductorIor { roughness, .. } | MaterialKind::Principled { roughness, .. } => {
-                Some((2, roughness))
-            }
+            MaterialKind::Conductor { roughness, .. }
+            | MaterialKind::ConductorIor { roughness, .. }
+            | MaterialKind::Principled { roughness, .. } => Some(roughness),
             _ => None,
         }
     }
@@ -178,30 +136,28 @@ impl MaterialKind {
 impl Bsdf {
     /// The material with the values of its inputs (of scalar inputs in `x`). Values outside a model's domain are clamped. The adjoint
     /// ignores the clamp, so that an optimiser can bring such a value back into the domain.
-    pub fn new(kind: &MaterialKind, values: &[Vec3; MAX_INPUTS]) -> Bsdf {
+    pub fn new(values: &MaterialKind<Vec3>) -> Bsdf {
         let ggx_roughness = |v: Vec3| v.x.clamp(0.0, 1.0);
-        match kind {
+        match *values {
             MaterialKind::Black => Bsdf::Black,
-            MaterialKind::Diffuse { .. } => Bsdf::Diffuse { reflectance: values[0] },
-            MaterialKind::Mirror { .. } => Bsdf::Mirror { reflectance: values[0] },
-            MaterialKind::Conductor { .. } => {
-                Bsdf::Conductor { reflectance: values[0], roughness: ggx_roughness(values[1]) }
+            MaterialKind::Diffuse { reflectance } => Bsdf::Diffuse { reflectance },
+            MaterialKind::Mirror { reflectance } => Bsdf::Mirror { reflectance },
+            MaterialKind::Conductor { reflectance, roughness } => {
+                Bsdf::Conductor { reflectance, roughness: ggx_roughness(roughness) }
             }
-            MaterialKind::ConductorIor { .. } => Bsdf::ConductorIor {
-                eta: values[0].max(Vec3::splat(1e-2)),
-                k: values[1].max(Vec3::ZERO),
-                roughness: ggx_roughness(values[2]),
+            MaterialKind::ConductorIor { eta, k, roughness } => Bsdf::ConductorIor {
+                eta: eta.max(Vec3::splat(1e-2)),
+                k: k.max(Vec3::ZERO),
+                roughness: ggx_roughness(roughness),
             },
-            MaterialKind::Phong { .. } => Bsdf::Phong {
-                diffuse: values[0],
-                specular: values[1],
-                roughness: values[2].x.clamp(MIN_PHONG_ROUGHNESS, 1.0),
-            },
-            MaterialKind::Principled { .. } => Bsdf::Principled {
-                base_color: values[0],
-                metallic: values[1].x.clamp(0.0, 1.0),
-                roughness: ggx_roughness(values[2]),
-                specular: values[3].x.clamp(0.0, MAX_SPECULAR),
+            MaterialKind::Phong { diffuse, specular, roughness } => {
+                Bsdf::Phong { diffuse, specular, roughness: roughness.x.clamp(MIN_PHONG_ROUGHNESS, 1.0) }
+            }
+            MaterialKind::Principled { base_color, metallic, roughness, specular } => Bsdf::Principled {
+                base_color,
+                metallic: metallic.x.clamp(0.0, 1.0),
+                roughness: ggx_roughness(roughness),
+                specular: specular.x.clamp(0.0, MAX_SPECULAR),
             },
         }
     }

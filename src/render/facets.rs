@@ -2,8 +2,9 @@
 
 use glam::Vec3;
 
-use super::bsdf::{Bsdf, MAX_INPUTS};
-use super::scene::{Input, SceneDescription, Shape};
+use super::bsdf::Bsdf;
+use super::material::Input;
+use super::scene::{SceneDescription, Shape};
 use super::texture::Texture;
 
 /// A triangle of a shape.
@@ -59,17 +60,10 @@ impl ShapeShading {
             Input::Texture(t) => Some(&description.textures[t]).filter(|t| t.is_constant()).map(Texture::color),
             Input::VertexColor | Input::Tinted(_) => None,
         };
-        let (inputs, count) = shape.material.kind.inputs();
-        let mut values = [Vec3::ZERO; MAX_INPUTS];
-        let known = values.iter_mut().zip(&inputs[..count]).all(|(value, input)| {
-            constant(*input).is_some_and(|color| {
-                *value = color;
-                true
-            })
-        });
+        let values = shape.material.kind.try_map(|_, input| constant(*input).ok_or(()));
         let emission = shape.emission.as_ref();
         ShapeShading {
-            bsdf: known.then(|| Bsdf::new(&shape.material.kind, &values)),
+            bsdf: values.ok().map(|values| Bsdf::new(&values)),
             radiance: emission.and_then(|e| constant(e.radiance)),
             emits: emission.is_some(),
             two_sided: emission.is_some_and(|e| e.two_sided),

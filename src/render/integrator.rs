@@ -174,9 +174,8 @@ mod tests {
     use super::*;
     use crate::mesh::Mesh;
     use crate::mesh::shapes::{icosphere, rectangle};
-    use crate::render::scene::{
-        DeltaLight, Emission, Environment, Input, Material, MaterialKind, SceneDescription, Shape,
-    };
+    use crate::render::material::{Input, Material, MaterialKind};
+    use crate::render::scene::{DeltaLight, Emission, Environment, SceneDescription, Shape};
     use crate::render::texture::{Filter, Texture, Wrap};
 
     /// A glossy ball in a corner, a lamp, and a sky of two halves.
@@ -189,7 +188,7 @@ mod tests {
         let (white, black) = (constant(Vec3::splat(0.7)), constant(Vec3::ZERO));
         let (roughness, bright) = (constant(Vec3::splat(0.4)), constant(Vec3::splat(5.0)));
         let mut add = |mesh: Mesh, kind: MaterialKind, emission: Option<Emission>| {
-            d.shapes.push(Shape { mesh, material: Material { kind, one_sided: false, opacity: None }, emission });
+            d.shapes.push(Shape { mesh, material: Material::from(kind), emission });
         };
         let quad = |turn: Mat3, at: Vec3, size: f32| {
             let mut mesh = rectangle(size, size).unwrap();

@@ -3,9 +3,10 @@
 use glam::{Vec2, Vec3};
 
 use super::accel::{NO_PRIM, PrimId, Ray};
-use super::bsdf::{Bsdf, BsdfSample, MAX_INPUTS, Part};
+use super::bsdf::{Bsdf, BsdfSample, Part};
 use super::environment::environment_uv;
-use super::scene::{Environment, Input, MaterialKind};
+use super::material::{Input, MaterialKind};
+use super::scene::Environment;
 use super::texture::Texture;
 use super::world::Scene;
 use crate::math::{Frame, cosine_hemisphere, luminance};
@@ -136,12 +137,7 @@ impl Scene {
     }
 
     fn bsdf(&self, kind: &MaterialKind, prim: PrimId, b: [f32; 3]) -> Bsdf {
-        let (inputs, count) = kind.inputs();
-        let mut values = [Vec3::ZERO; MAX_INPUTS];
-        for (value, input) in values.iter_mut().zip(&inputs[..count]) {
-            *value = self.lookup(*input, prim, b);
-        }
-        Bsdf::new(kind, &values)
+        Bsdf::new(&kind.map(|_, input| self.lookup(*input, prim, b)))
     }
 
     /// The closest surface along a ray.

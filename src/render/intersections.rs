@@ -298,15 +298,12 @@ mod tests {
     use super::*;
     use crate::math::Pcg32;
     use crate::mesh::{Mesh, shapes};
-    use crate::render::scene::{Input, Material, MaterialKind, SceneDescription, Shape};
+    use crate::render::material::{Input, Material, MaterialKind};
+    use crate::render::scene::{SceneDescription, Shape};
     use crate::render::texture::Texture;
 
     fn scene(meshes: Vec<Mesh>) -> Scene {
-        let material = Material {
-            kind: MaterialKind::Diffuse { reflectance: Input::Texture(0) },
-            one_sided: false,
-            opacity: None,
-        };
+        let material = Material::from(MaterialKind::Diffuse { reflectance: Input::Texture(0) });
         let shape = |mesh: Mesh| Shape { mesh: Mesh { uvs: None, ..mesh }, material: material.clone(), emission: None };
         let textures = vec![Texture::constant(Vec3::ONE)];
         let shapes = meshes.into_iter().map(shape).collect();

@@ -15,6 +15,7 @@ pub mod light;
 pub mod ltc;
 pub mod ltc_table;
 pub mod mask;
+pub mod material;
 pub mod motion;
 pub mod recursion;
 pub mod sampler;
@@ -27,6 +28,7 @@ pub mod world;
 
 pub use distortion::Distortion;
 pub use film::{NEVER, Output, Settings};
+pub use material::*;
 pub use motion::{render, render_until};
 pub use scene::*;
 pub use validate::{SceneError, validate_camera};

@@ -4,7 +4,8 @@
 
 use glam::{Vec2, Vec3};
 
-use super::scene::{Camera, Cone, DeltaLight, Input, Motion, Projection, SceneDescription, Shape};
+use super::material::Input;
+use super::scene::{Camera, Cone, DeltaLight, Motion, Projection, SceneDescription, Shape};
 use super::texture::Texture;
 use crate::memory::Shortage;
 use crate::mesh::Mesh;
@@ -165,10 +166,10 @@ fn validate_mesh(mesh: &Mesh, origin: Vec3) -> Result<(), String> {
 /// Whether what a shape's material and emission read is there, and opacities are between 0 and 1.
 fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
     let mesh = &shape.mesh;
-    let (inputs, count) = shape.material.kind.inputs();
+    let inputs = shape.material.inputs().map(|(_, input)| *input);
     let emission = shape.emission.iter().map(|e| e.radiance);
     let opacity = shape.material.opacity;
-    for input in inputs[..count].iter().copied().chain(emission).chain(opacity) {
+    for input in inputs.chain(emission) {
         if input.reads_colors() && mesh.colors.is_none() {
             return Err("the material reads vertex colours, but the mesh has none".into());
         }

@@ -118,7 +118,7 @@ fn triangle(corners: [Vec3; 3], light: bool) -> SceneDescription {
     let kind = MaterialKind::Diffuse { reflectance: Input::Texture(0) };
     let emission = light.then_some(Emission { radiance: Input::Texture(1), two_sided: true });
     let mesh = Mesh { vertices: corners.to_vec(), faces: vec![[0, 1, 2]], ..Default::default() };
-    let shapes = vec![Shape { mesh, material: Material { kind, one_sided: false, opacity: None }, emission }];
+    let shapes = vec![Shape { mesh, material: Material::from(kind), emission }];
     SceneDescription { shapes, textures, ..Default::default() }
 }
 

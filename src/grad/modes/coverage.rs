@@ -143,8 +143,7 @@ fn slides_over_steps(scene: &Scene, settings: &Settings, layout: &Layout) -> boo
     };
     let sky = d.environment.as_ref().is_some_and(|e| steps(e.radiance));
     let shape = |(i, s): (usize, &Shape)| {
-        let (inputs, count) = s.material.kind.inputs();
-        let scatters = (lit || settings.output == Output::Albedo) && inputs[..count].iter().any(|i| reads(*i));
+        let scatters = (lit || settings.output == Output::Albedo) && s.material.kind.inputs().any(|(_, i)| reads(*i));
         let emits = radiance && s.emission.as_ref().is_some_and(|e| reads(e.radiance));
         let mask = s.material.opacity.is_some_and(reads);
         (slides(i) && (scatters || emits || mask)) || (mask && lit && layout.moves_visibility())

@@ -64,7 +64,7 @@ impl<'a> RoughnessPairs<'a> {
             .enumerate()
             .map(|(i, shape)| {
                 let roughness = shape.material.kind.ggx_roughness();
-                roughness.is_some_and(|(_, input)| layout.slots.iter().any(|slot| slot.is_read_by(input, i)))
+                roughness.is_some_and(|input| layout.slots.iter().any(|slot| slot.is_read_by(input, i)))
             })
             .collect();
         let count = (pixels::active(adjoint) * settings.spp.max(1) as usize).div_ceil(2);
@@ -101,7 +101,7 @@ impl<'a> RoughnessPairs<'a> {
         let weight = v.throughput * v.through.weight * (film.weight as f32 * total / strength(v));
         let d_roughness = radiance * weight;
         let input = self.scene.description.shapes[v.si.shape as usize].material.kind.ggx_roughness();
-        if let Some((_, input)) = input.filter(|_| d_roughness != Vec3::ZERO && d_roughness.is_finite()) {
+        if let Some(input) = input.filter(|_| d_roughness != Vec3::ZERO && d_roughness.is_finite()) {
             out.pixel(film.pixel, |d, out| {
                 out.input(input, v.si.prim, v.si.b, Vec3::X * d.dot(d_roughness), false);
             });
@@ -196,8 +196,7 @@ mod tests {
     #[test]
     fn the_smallest_image_has_a_pair() {
         let (reflectance, roughness) = (Input::Texture(0), Input::Texture(1));
-        let material =
-            Material { kind: MaterialKind::Conductor { reflectance, roughness }, one_sided: false, opacity: None };
+        let material = Material::from(MaterialKind::Conductor { reflectance, roughness });
         let mesh = crate::mesh::shapes::rectangle(2.0, 2.0).unwrap();
         let textures = vec![Texture::constant(Vec3::ONE), Texture::constant_scalar(0.4)];
         let environment = Some(Environment { radiance: 0, rotation: glam::Mat3::IDENTITY });

@@ -8,7 +8,7 @@ use super::table::{Contacts, patch_of};
 use crate::math::position_key;
 use crate::render::accel::PrimId;
 use crate::render::intersections::crossings;
-use crate::render::scene::MaterialKind;
+use crate::render::material::MaterialKind;
 use crate::render::world::Scene;
 
 /// Corners that belong to more emitters than this are left out, so that building the table stays linear in the number of triangles.

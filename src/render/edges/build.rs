@@ -11,7 +11,7 @@ use crate::mesh::Mesh;
 use crate::render::accel::PrimId;
 use crate::render::film::Output;
 use crate::render::intersections::{Crossing, EdgeOverlap, crossings_and_overlaps};
-use crate::render::scene::{Input, Material, MaterialKind};
+use crate::render::material::{Input, Material};
 use crate::render::world::Scene;
 use crate::stop::Pace;
 
@@ -339,10 +339,7 @@ fn is_sharp(scene: &Scene, edge: &Edge, seams: Seams) -> bool {
     } else if differ(&|m, v| m.normals.as_ref().map(|n| n[v as usize].normalize_or_zero())) {
         return true;
     }
-    let reads = |m: &Material, test: &dyn Fn(Input) -> bool| {
-        let (inputs, count) = m.kind.inputs();
-        m.kind != MaterialKind::Black && inputs[..count].iter().any(|i| test(*i))
-    };
+    let reads = |m: &Material, test: &dyn Fn(Input) -> bool| m.kind.inputs().any(|(_, i)| test(*i));
     let textured = |i: Input| i.texture().is_some_and(|t| !scene.description.textures[t].is_constant());
     let emission = sa.emission.as_ref().map(|e| e.radiance);
     let opacity = sa.material.opacity;

@@ -5,7 +5,7 @@ use glam::Vec3;
 use super::table::{Edge, EdgeFace, INSIDE};
 use crate::render::accel::PrimId;
 use crate::render::interaction::SurfaceInteraction;
-use crate::render::scene::MaterialKind;
+use crate::render::material::MaterialKind;
 use crate::render::world::Scene;
 
 impl Edge {

@@ -138,7 +138,8 @@ mod tests {
     use super::*;
     use crate::math::Pcg32;
     use crate::mesh::Mesh;
-    use crate::render::scene::{Cone, Emission, Environment, Input, Material, MaterialKind, SceneDescription, Shape};
+    use crate::render::material::{Input, Material, MaterialKind};
+    use crate::render::scene::{Cone, Emission, Environment, SceneDescription, Shape};
     use crate::render::texture::{Filter, Texture, Wrap};
 
     const ROWS: usize = 10;
@@ -152,7 +153,7 @@ mod tests {
             let radiance = Input::Texture(d.textures.len() - 1);
             d.shapes.push(Shape {
                 mesh: Mesh { vertices, faces, ..Mesh::default() },
-                material: Material { kind: MaterialKind::Black, one_sided: false, opacity: None },
+                material: Material::from(MaterialKind::Black),
                 emission: Some(Emission { radiance, two_sided: true }),
             });
         };

@@ -6,8 +6,9 @@ use crate::math::luminance;
 use crate::render::accel::{NO_PRIM, PrimId};
 use crate::render::environment::EnvironmentPeak;
 use crate::render::facets::Prim;
+use crate::render::material::Input;
 use crate::render::sampler::Discrete;
-use crate::render::scene::{Cone, DeltaLight, Input, SceneDescription};
+use crate::render::scene::{Cone, DeltaLight, SceneDescription};
 use crate::stop::paced;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -15,7 +15,9 @@ use crate::render::interaction::SurfaceInteraction;
 use crate::render::light::{LightKind, LightSample};
 use crate::render::mask::MaskCrossing;
 use crate::render::texture::{Filter, Texture, Wrap};
-use crate::render::{Emission, Environment, Input, Material, MaterialKind, Scene, SceneDescription, Shape, Slot};
+use crate::render::{
+    Emission, Environment, Input, MAX_INPUTS, Material, MaterialKind, Scene, SceneDescription, Shape, Slot,
+};
 
 /// Numbers in three coordinates, with their derivatives.
 pub type Twin<const N: usize> = [Dual<N>; 3];
@@ -148,7 +150,7 @@ impl Builder {
             uvs: (rng.next_f32() < 0.7).then(|| uvs.to_vec()),
             colors: Some(colors.to_vec()),
         };
-        let material = Material { kind, one_sided: false, opacity: None };
+        let material = Material::from(kind);
         self.description.shapes.push(Shape { mesh, material, emission: None });
         self.description.shapes.last_mut().unwrap()
     }
@@ -282,7 +284,10 @@ impl Moving {
             if dot(n, ng).value < 0.0 { n.map(|x| -x) } else { n }
         });
         let kind = &self.scene.description.shapes[si.prim as usize].material.kind;
-        let inputs = kind.inputs().0.map(|input| self.lookup(input, si.prim, b));
+        let mut inputs = [constants(Vec3::ZERO); MAX_INPUTS];
+        for (value, (_, input)) in inputs.iter_mut().zip(kind.inputs()) {
+            *value = self.lookup(*input, si.prim, b);
+        }
         Vertex { p, b, ng, ns: smooth.unwrap_or(ng), wi: line[1].map(|x| -x), smooth: smooth.is_some(), inputs }
     }
 

@@ -1,0 +1,228 @@
+//! Materials: the scattering models with their inputs, declared once for the language and the renderer.
+
+#![deny(missing_docs)]
+
+use std::convert::Infallible;
+
+/// Index into a scene's textures.
+pub type TextureId = usize;
+
+/// The most inputs a scattering model has.
+pub const MAX_INPUTS: usize = 4;
+
+/// Where a material reads one of its inputs from. Constants are 1×1 textures.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Input {
+    /// A texture, at the texture coordinates of the hit.
+    Texture(TextureId),
+    /// The mesh's interpolated vertex colours.
+    VertexColor,
+    /// A texture multiplied by the vertex colours.
+    Tinted(TextureId),
+}
+
+impl Input {
+    /// The texture it reads.
+    pub fn texture(self) -> Option<TextureId> {
+        match self {
+            Input::Texture(t) | Input::Tinted(t) => Some(t),
+            Input::VertexColor => None,
+        }
+    }
+
+    /// Whether it reads the vertex colours.
+    pub fn reads_colors(self) -> bool {
+        matches!(self, Input::VertexColor | Input::Tinted(_))
+    }
+}
+
+/// What the language calls an input of a material, and what numbers it takes there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InputField {
+    /// The argument of the constructor, and the field of the material.
+    pub name: &'static str,
+    /// What its numbers mean.
+    pub quantity: Quantity,
+}
+
+/// What the numbers of an input mean.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Quantity {
+    /// RGB, each of at least 0.
+    Color,
+    /// From 0 to 1, in the first channel.
+    Fraction,
+    /// At least 0, in the first channel.
+    Number,
+}
+
+/// A surface material: the closed set of scattering models with their inputs. An input is what the stage of the program makes of it:
+/// nothing yet, a value of the language, where the renderer reads it from, or the number that was read.
+#[derive(Clone, Debug, PartialEq)]
+pub enum MaterialKind<I = Input> {
+    /// Absorbs everything (a light without a material).
+    Black,
+    /// Lambertian reflection.
+    Diffuse {
+        /// The share of the light that is reflected, RGB in [0, 1].
+        reflectance: I,
+    },
+    /// GGX microfacets, Schlick's Fresnel with normal-incidence `reflectance`; α = roughness².
+    Conductor {
+        /// The share of perpendicular light that is reflected (F0), RGB in [0, 1].
+        reflectance: I,
+        /// From 0, polished, to 1.
+        roughness: I,
+    },
+    /// GGX microfacets, exact conductor Fresnel with per-channel complex index `eta + i k`; α = roughness².
+    ConductorIor {
+        /// The refractive index's real part, RGB.
+        eta: I,
+        /// Its imaginary part, which says how strongly the metal absorbs, RGB.
+        k: I,
+        /// From 0, polished, to 1.
+        roughness: I,
+    },
+    /// Li et al. 2018: Lambert plus normalised Blinn-Phong microfacets, D = (e+2)/2π cosᵉ, e = 2/r − 2,
+    /// Smith G by Walter's rational fit with α = √r, Schlick F.
+    Phong {
+        /// The reflectance of the Lambertian part, RGB in [0, 1].
+        diffuse: I,
+        /// The normal-incidence reflectance (F0) of the microfacets, RGB in [0, 1].
+        specular: I,
+        /// r above; the smaller, the sharper the highlight.
+        roughness: I,
+    },
+    /// Perfect specular reflection.
+    Mirror {
+        /// The share of the light that is reflected, the same at all angles, RGB in [0, 1].
+        reflectance: I,
+    },
+    /// Metallic-roughness: (1−metallic)·base/π diffuse plus GGX with F0 = mix(0.08·specular, base, metallic).
+    Principled {
+        /// Reflectance of what is not metal, and F0 of what is, RGB in [0, 1].
+        base_color: I,
+        /// From 0, a dielectric (plastic, wood, stone), to 1, a metal.
+        metallic: I,
+        /// From 0, polished, to 1; α = roughness².
+        roughness: I,
+        /// In [0, 1]: F0 of what is not metal is 0.08 times this, so 0.5 is the usual 4 %.
+        specular: I,
+    },
+}
+
+impl<I> MaterialKind<I> {
+    /// What the language calls the constructor; of what reflects nothing there is none.
+    pub fn name(&self) -> &'static str {
+        match self {
+            MaterialKind::Black => "black",
+            MaterialKind::Diffuse { .. } => "diffuse",
+            MaterialKind::Conductor { .. } | MaterialKind::ConductorIor { .. } => "conductor",
+            MaterialKind::Phong { .. } => "phong",
+            MaterialKind::Mirror { .. } => "mirror",
+            MaterialKind::Principled { .. } => "principled",
+        }
+    }
+
+    /// The same model with something made of every input, one after the other. This is the only place that names them and says in which
+    /// order they stand.
+    #[inline]
+    pub fn try_map<'a, J, E>(
+        &'a self,
+        mut make: impl FnMut(InputField, &'a I) -> Result<J, E>,
+    ) -> Result<MaterialKind<J>, E> {
+        use Quantity::{Color, Fraction, Number};
+        let mut make = |name, quantity, input| make(InputField { name, quantity }, input);
+        Ok(match self {
+            MaterialKind::Black => MaterialKind::Black,
+            MaterialKind::Diffuse { reflectance } => {
+                MaterialKind::Diffuse { reflectance: make("reflectance", Color, reflectance)? }
+            }
+            MaterialKind::Conductor { reflectance, roughness } => MaterialKind::Conductor {
+                reflectance: make("reflectance", Color, reflectance)?,
+                roughness: make("roughness", Fraction, roughness)?,
+            },
+            MaterialKind::ConductorIor { eta, k, roughness } => MaterialKind::ConductorIor {
+                eta: make("eta", Color, eta)?,
+                k: make("k", Color, k)?,
+                roughness: make("roughness", Fraction, roughness)?,
+            },
+            MaterialKind::Phong { diffuse, specular, roughness } => MaterialKind::Phong {
+                diffuse: make("diffuse", Color, diffuse)?,
+                specular: make("specular", Color, specular)?,
+                roughness: make("roughness", Fraction, roughness)?,
+            },
+            MaterialKind::Mirror { reflectance } => {
+                MaterialKind::Mirror { reflectance: make("reflectance", Color, reflectance)? }
+            }
+            MaterialKind::Principled { base_color, metallic, roughness, specular } => MaterialKind::Principled {
+                base_color: make("base_color", Color, base_color)?,
+                metallic: make("metallic", Fraction, metallic)?,
+                roughness: make("roughness", Fraction, roughness)?,
+                specular: make("specular", Number, specular)?,
+            },
+        })
+    }
+
+    /// As [`MaterialKind::try_map`], of what cannot fail.
+    #[inline]
+    pub fn map<'a, J>(&'a self, mut make: impl FnMut(InputField, &'a I) -> J) -> MaterialKind<J> {
+        let Ok(kind) = self.try_map(|field, input| Ok::<J, Infallible>(make(field, input)));
+        kind
+    }
+
+    /// The inputs in the order of their declaration.
+    #[inline]
+    pub fn inputs(&self) -> impl Iterator<Item = (InputField, &I)> {
+        let (mut inputs, mut count) = ([None; MAX_INPUTS], 0);
+        self.map(|field, input| {
+            inputs[count] = Some((field, input));
+            count += 1;
+        });
+        inputs.into_iter().flatten()
+    }
+}
+
+/// How a surface scatters light, on which sides, and where it has holes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material<I = Input> {
+    /// The scattering model and its inputs.
+    pub kind: MaterialKind<I>,
+    /// Reflects (and is seen) only on the side of the right-hand-rule normal; the back is black.
+    pub one_sided: bool,
+    /// In [0, 1], the first channel: how much of the surface there is, the rest is a hole. `None` is opaque.
+    pub opacity: Option<I>,
+}
+
+/// The input that all materials may have.
+pub const OPACITY: InputField = InputField { name: "opacity", quantity: Quantity::Fraction };
+
+impl<I> Material<I> {
+    /// The same material with something made of every input, one after the other.
+    pub fn try_map<'a, J, E>(
+        &'a self,
+        mut make: impl FnMut(InputField, &'a I) -> Result<J, E>,
+    ) -> Result<Material<J>, E> {
+        let kind = self.kind.try_map(&mut make)?;
+        let opacity = self.opacity.as_ref().map(|opacity| make(OPACITY, opacity)).transpose()?;
+        Ok(Material { kind, one_sided: self.one_sided, opacity })
+    }
+
+    /// As [`Material::try_map`], of what cannot fail.
+    pub fn map<'a, J>(&'a self, mut make: impl FnMut(InputField, &'a I) -> J) -> Material<J> {
+        let Ok(material) = self.try_map(|field, input| Ok::<J, Infallible>(make(field, input)));
+        material
+    }
+
+    /// The inputs of the model, then the opacity of a material with holes.
+    pub fn inputs(&self) -> impl Iterator<Item = (InputField, &I)> {
+        self.kind.inputs().chain(self.opacity.as_ref().map(|opacity| (OPACITY, opacity)))
+    }
+}
+
+impl<I> From<MaterialKind<I>> for Material<I> {
+    /// Opaque, and the same on both sides.
+    fn from(kind: MaterialKind<I>) -> Material<I> {
+        Material { kind, one_sided: false, opacity: None }
+    }
+}
