@@ -42,7 +42,7 @@ fn mirror_ball(lens: Lens, f: impl Fn(f32, &mut MirrorBall)) -> impl Fn(f32) -> 
         if let Some(opacity) = s.opacity {
             mask_front(&mut b, s.ball, opacity);
         }
-        let black = Material { kind: MaterialKind::Black, one_sided: false, opacity: None };
+        let black = Material::from(MaterialKind::Black);
         let radiance = b.constant(vec3(3.0, 2.0, 1.0));
         b.add(mesh(s.triangle.to_vec(), vec![[0, 1, 2]]), black.clone());
         b.description.shapes[1].emission = Some(Emission { radiance, two_sided: true });
@@ -126,7 +126,7 @@ fn caustic(f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Cam
         b.ball(vec3(0.0, 1.2, 0.0), 0.7);
         let grey = b.diffuse(vec3(0.6, 0.7, 0.5));
         b.add(floor(vec3(2.2, 0.0, 0.0), 0.5), grey);
-        let dark = Material { kind: MaterialKind::Black, one_sided: false, opacity: None };
+        let dark = Material::from(MaterialKind::Black);
         b.add(cuboid(bar, vec3(0.12, 0.1, 0.4), 0.3), dark);
         let lamp = [[-0.5, -0.5], [-0.5, 0.5], [0.5, 0.5], [0.5, -0.5]].map(|[y, z]| vec3(1.5, 1.6 + y, z));
         b.lamp(quad(lamp[0], lamp[1], lamp[2], lamp[3]), Vec3::splat(40.0));
@@ -195,7 +195,7 @@ fn what_a_coarse_mirror_folds_is_seen_by_surfaces() {
 fn light_by_way_of_a_coarse_mirrors_fold() {
     let plan = Plan { max_bounces: 2, h: 0.01, spp: 256, seeds: 32, fd_spp: 4096, fd_seeds: 64, ..Plan::default() };
     let bar = |t: f32, _: &mut Vec3, b: &mut Builder| {
-        let black = Material { kind: MaterialKind::Black, one_sided: false, opacity: None };
+        let black = Material::from(MaterialKind::Black);
         b.add(cuboid(vec3(0.0, 0.75 + t, 3.5), vec3(0.4, 0.08, 0.08), 0.0), black);
     };
     agree("bar in a mirror's fold, y", &bent_mirror(17.0, None, bar), &plan);
@@ -211,11 +211,11 @@ fn black_ball_in_a_ball(t: f32) -> (SceneDescription, Camera) {
     };
     let mut b = Builder::default();
     let reflectance = b.constant(Vec3::splat(0.9));
-    let mirror = Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity: None };
+    let mirror = Material::from(MaterialKind::Mirror { reflectance });
     b.add(ball(vec3(0.0, 0.9, 0.0), 0.7, 12), mirror);
     let grey = b.diffuse(vec3(0.6, 0.7, 0.5));
     b.add(floor(vec3(2.0, 0.0, 0.0), 0.2), grey);
-    let black = Material { kind: MaterialKind::Black, one_sided: false, opacity: None };
+    let black = Material::from(MaterialKind::Black);
     b.add(ball(vec3(1.1, -0.5, 0.0), 0.35 + t, 16), black);
     sky(&mut b, |elevation| 4.0 * ((2.0 - elevation) / 12.0).clamp(0.0, 1.0));
     (b.description, look_at(vec3(2.0, 2.0, -2.0), vec3(2.0, 0.0, 0.0), 5.0, 8))

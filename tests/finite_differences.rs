@@ -204,7 +204,7 @@ fn glossy() {
     let material: fn(&mut Builder) -> Material = |b| {
         let (diffuse, specular) = (b.constant(Vec3::splat(0.1)), b.constant(Vec3::splat(0.7)));
         let roughness = b.scalar(0.03);
-        Material { kind: MaterialKind::Phong { diffuse, specular, roughness }, one_sided: false, opacity: None }
+        Material::from(MaterialKind::Phong { diffuse, specular, roughness })
     };
     let plan = Plan { max_bounces: 2, h: 0.05, spp: 64, ..Plan::default() };
     agree("glossy blocker x", &reflection(material, |t, s| s.blocker.iter_mut().for_each(|v| v.x += t)), &plan);
@@ -220,7 +220,7 @@ fn glossy_narrow() {
     let material: fn(&mut Builder) -> Material = |b| {
         let (diffuse, specular) = (b.constant(Vec3::splat(0.05)), b.constant(Vec3::splat(0.9)));
         let roughness = b.scalar(5e-4);
-        Material { kind: MaterialKind::Phong { diffuse, specular, roughness }, one_sided: false, opacity: None }
+        Material::from(MaterialKind::Phong { diffuse, specular, roughness })
     };
     let plan = Plan { max_bounces: 2, h: 0.05, spp: 64, seeds: 64, ..Plan::default() };
     agree("narrow blocker v1.y", &reflection(material, |t, s| s.blocker[1].y += t), &plan);
@@ -234,7 +234,7 @@ fn glossy_floors() {
     fn metal<const ALPHA_PERCENT: u32>(b: &mut Builder) -> Material {
         let alpha = ALPHA_PERCENT as f32 / 100.0;
         let (reflectance, roughness) = (b.constant(Vec3::splat(0.8)), b.scalar(alpha.sqrt()));
-        Material { kind: MaterialKind::Conductor { reflectance, roughness }, one_sided: false, opacity: None }
+        Material::from(MaterialKind::Conductor { reflectance, roughness })
     }
     let plan = Plan { max_bounces: 2, h: 0.05, spp: 64, ..Plan::default() };
     for (alpha, material) in
@@ -258,8 +258,7 @@ fn glossy_ball() {
             let [ball, light, eye] = s;
             let mut b = Builder::default();
             let (reflectance, roughness) = (b.constant(vec3(0.9, 0.7, 0.5)), b.scalar(0.35));
-            let metal =
-                Material { kind: MaterialKind::Conductor { reflectance, roughness }, one_sided: false, opacity: None };
+            let metal = Material::from(MaterialKind::Conductor { reflectance, roughness });
             let mut sphere = dscene::mesh::shapes::sphere(0.8, 16).unwrap();
             sphere.vertices.iter_mut().for_each(|v| *v += ball);
             b.add(sphere, metal);
@@ -277,7 +276,7 @@ fn glossy_ball() {
 fn mirror() {
     let material: fn(&mut Builder) -> Material = |b| {
         let reflectance = b.constant(Vec3::splat(0.9));
-        Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity: None }
+        Material::from(MaterialKind::Mirror { reflectance })
     };
     let plan = Plan { max_bounces: 2, h: 0.04, spp: 64, fd_spp: 512, ..Plan::default() };
     agree("mirror blocker x", &reflection(material, |t, s| s.blocker.iter_mut().for_each(|v| v.x += t)), &plan);
@@ -389,7 +388,7 @@ fn uv_seams_are_not_silhouettes() {
             filter,
         });
         let reflectance = Input::Texture(0);
-        let material = Material { kind: MaterialKind::Diffuse { reflectance }, one_sided: false, opacity: None };
+        let material = Material::from(MaterialKind::Diffuse { reflectance });
         b.add(Mesh { vertices, faces, uvs: Some(uvs), ..Default::default() }, material);
         let grey = b.diffuse(Vec3::splat(0.5));
         b.add(floor(Vec3::ZERO, 3.0), grey);
@@ -606,7 +605,7 @@ fn thin_lens() {
 fn thin_lens_and_mirror() {
     let mirror: fn(&mut Builder) -> Material = |b| {
         let reflectance = b.constant(Vec3::splat(0.9));
-        Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity: None }
+        Material::from(MaterialKind::Mirror { reflectance })
     };
     let plan = Plan { max_bounces: 2, h: 0.05, spp: 64, fd_spp: 512, ..Plan::default() };
     agree("lens, mirror, blocker x", &lensed(mirror, |t, s| s.blocker.x += t), &plan);
@@ -757,8 +756,7 @@ fn ball_in_a_floor() {
             let mut b = Builder::default();
             let white = b.diffuse(Vec3::splat(0.9));
             let (reflectance, roughness) = (b.constant(Vec3::splat(0.5)), b.scalar(0.6));
-            let metal =
-                Material { kind: MaterialKind::Conductor { reflectance, roughness }, one_sided: false, opacity: None };
+            let metal = Material::from(MaterialKind::Conductor { reflectance, roughness });
             let mut ball = dscene::mesh::shapes::icosphere(0.8, 2).unwrap();
             ball.normals = None;
             ball.vertices.iter_mut().for_each(|v| *v += centre);

@@ -146,12 +146,12 @@ fn masks_seen_in_mirrors_and_glossy_floors() {
     let plan = Plan { seeds: 64, max_bounces: 2, fd_spp: 1024, ..Plan::default() };
     let mirror: fn(&mut Builder) -> Material = |b| {
         let reflectance = b.constant(Vec3::splat(0.7));
-        Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity: None }
+        Material::from(MaterialKind::Mirror { reflectance })
     };
     let glossy: fn(&mut Builder) -> Material = |b| {
         let (diffuse, specular) = (b.constant(Vec3::splat(0.1)), b.constant(Vec3::splat(0.6)));
         let roughness = b.scalar(0.02);
-        Material { kind: MaterialKind::Phong { diffuse, specular, roughness }, one_sided: false, opacity: None }
+        Material::from(MaterialKind::Phong { diffuse, specular, roughness })
     };
     leaves_agree("mirror", Lamp::Area, mirror, &["density"], plan);
     leaves_agree("glossy", Lamp::Area, glossy, &["floor"], plan);

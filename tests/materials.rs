@@ -38,7 +38,7 @@ fn floor_of(make: Make, black: [f32; 2], f: impl Fn(f32, &mut Lobes)) -> impl Fn
         f(t, &mut lobes);
         let mut b = Builder::default();
         let kind = make(&mut b, &lobes);
-        b.add(floor(Vec3::ZERO, 1.5), Material { kind, one_sided: false, opacity: None });
+        b.add(floor(Vec3::ZERO, 1.5), Material::from(kind));
         let grey = b.diffuse(Vec3::splat(0.6));
         b.add(cuboid(vec3(0.2, 0.4, 0.3), Vec3::splat(0.3), 0.4), grey);
         b.lamp(ceiling(vec3(0.3, 1.5, 0.5), 0.5), Vec3::splat(4.0));
@@ -120,7 +120,7 @@ impl Row {
         for v in &mut plate.vertices {
             *v = glam::Quat::from_rotation_x(tilt) * *v;
         }
-        b.add(plate, Material { kind, one_sided: false, opacity: None });
+        b.add(plate, Material::from(kind));
         let (sin, cos) = self.angle.to_radians().sin_cos();
         match self.light {
             Light::Sky => {

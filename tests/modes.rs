@@ -22,8 +22,7 @@ fn scene() -> (SceneDescription, Camera) {
     b.add(cuboid(vec3(0.2, 0.5, 0.1), vec3(0.4, 0.3, 0.5), 0.4), grey);
     let (diffuse, specular) = (b.constant(Vec3::splat(0.2)), b.constant(Vec3::splat(0.5)));
     let roughness = b.scalar(0.03); // narrow: attached
-    let phong =
-        Material { kind: MaterialKind::Phong { diffuse, specular, roughness }, one_sided: false, opacity: None };
+    let phong = Material::from(MaterialKind::Phong { diffuse, specular, roughness });
     b.add(quad(vec3(-2., 0., 1.5), vec3(2., 0., 1.5), vec3(2., 2., 1.6), vec3(-2., 2., 1.6)), phong);
     b.lamp(ceiling(vec3(0.3, 3., -0.5), 0.5), Vec3::splat(10.));
     b.description.delta_lights.push(DeltaLight::Point { position: vec3(-1., 2., -1.), intensity: Vec3::splat(4.) });

@@ -97,7 +97,7 @@ impl World {
             }
             _ => MaterialKind::Diffuse { reflectance: colour },
         };
-        Material { kind, one_sided: false, opacity: None }
+        Material::from(kind)
     }
 
     fn masked(&mut self) -> Material {
@@ -107,7 +107,7 @@ impl World {
 
     fn mirror(&mut self) -> Material {
         let reflectance = self.builder.constant(vec3(0.8, 0.7, 0.6));
-        Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity: None }
+        Material::from(MaterialKind::Mirror { reflectance })
     }
 
     fn place(&mut self, mut mesh: Mesh, turn: Mat3, centre: Vec3) -> Mesh {
@@ -215,11 +215,8 @@ impl World {
                 let (lamp, turn) = (self.solid(), self.draw.turn(0.8));
                 let at = self.draw.point(vec3(-0.4, 0.0, -0.4), vec3(0.4, 0.2, 0.4));
                 let lamp = self.place(lamp, turn, at);
-                let material = if self.draw.chance(0.5) {
-                    self.material()
-                } else {
-                    Material { kind: MaterialKind::Black, one_sided: false, opacity: None }
-                };
+                let material =
+                    if self.draw.chance(0.5) { self.material() } else { Material::from(MaterialKind::Black) };
                 let emission = Some(self.shine(4.0, 9.0));
                 self.builder.description.shapes.push(Shape { mesh: lamp, material, emission });
                 let (solid, turn, material) = (self.solid(), self.draw.turn(0.8), self.material());

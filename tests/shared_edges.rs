@@ -309,7 +309,7 @@ fn what_stands_on_something_has_the_derivative_of_what_reaches_into_it() {
     };
     let mirror: fn(&mut Builder) -> Material = |b| {
         let reflectance = b.constant(Vec3::splat(0.8));
-        Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity: None }
+        Material::from(MaterialKind::Mirror { reflectance })
     };
     type Motion = fn(f32, &mut Standing);
     let motions: [(&str, Motion); 3] =

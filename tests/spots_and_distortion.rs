@@ -97,7 +97,7 @@ fn distorted(
         let mut b = Builder::default();
         let ground = if mirror {
             let reflectance = b.constant(Vec3::splat(0.9));
-            Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity: None }
+            Material::from(MaterialKind::Mirror { reflectance })
         } else {
             b.diffuse(Vec3::splat(0.5))
         };

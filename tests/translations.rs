@@ -142,7 +142,7 @@ fn room(wall: impl FnOnce(&mut Builder) -> MaterialKind) -> (Builder, Camera) {
     b.add(cuboid(vec3(0.5, 0.8, -0.2), vec3(0.2, 0.25, 0.3), 1.1), grey);
     let kind = wall(&mut b);
     let wall = quad(vec3(-2., 0., 1.5), vec3(2., 0., 1.5), vec3(2., 2., 1.6), vec3(-2., 2., 1.6));
-    b.add(wall, Material { kind, one_sided: false, opacity: None });
+    b.add(wall, Material::from(kind));
     (b, look_at(vec3(0.5, 2., -4.), vec3(0., 0.4, 0.), 45., 24))
 }
 

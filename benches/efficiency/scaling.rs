@@ -147,7 +147,7 @@ fn texture(size: usize) -> (SceneDescription, Camera, Slot) {
     let mut b = Builder::default();
     b.description.textures.push(painted(size, size));
     let kind = MaterialKind::Diffuse { reflectance: Input::Texture(0) };
-    b.add(shapes::sphere(1.0, 64).unwrap_or_default(), Material { kind, one_sided: false, opacity: None });
+    b.add(shapes::sphere(1.0, 64).unwrap_or_default(), Material::from(kind));
     let camera = with_light_and_floor(&mut b);
     (b.description, camera, Slot::Texels(0))
 }

@@ -7,8 +7,8 @@ use std::f32::consts::PI;
 use dscene::mesh::{Mesh, ops, shapes};
 use dscene::render::texture::{Filter, Texture, Wrap};
 use dscene::render::{
-    Camera, DeltaLight, Distortion, Emission, Environment, Input, Lens, Material, MaterialKind, Output, Projection,
-    SceneDescription, Shape,
+    Camera, DeltaLight, Emission, Environment, Input, Material, MaterialKind, Output, Projection, SceneDescription,
+    Shape,
 };
 use glam::{DVec3, Mat3, Vec3, vec3};
 
@@ -100,22 +100,9 @@ impl Case {
 }
 
 fn camera(origin: Vec3, target: Vec3, fov_degrees: f32) -> Camera {
-    let forward = (target - origin).normalize();
-    let up = if forward.y.abs() > 0.99 { Vec3::Z } else { Vec3::Y };
-    let right = forward.cross(up).normalize();
-    let t = (0.5 * fov_degrees.to_radians()).tan();
-    Camera {
-        projection: Projection::Perspective,
-        origin,
-        frame: [right, right.cross(forward), forward],
-        scale: [t; 2],
-        width: SIZE,
-        height: SIZE,
-        lens: Lens::PINHOLE,
-        distortion: Distortion::NONE,
-        shutter: Camera::WHOLE,
-        closing: None,
-    }
+    let steep = (target - origin).normalize().y.abs() > 0.99;
+    let up = if steep { Vec3::Z } else { Vec3::Y };
+    Camera::look_at(origin, target, up, fov_degrees.to_radians(), [SIZE, SIZE])
 }
 
 fn exact3(v: [Vec3; 3], index: usize, direction: DVec3) -> impl Fn(f64) -> [DVec3; 3] {
@@ -239,7 +226,7 @@ fn turned(mesh: &Mesh, turn: Mat3, shift: Vec3) -> Mesh {
 }
 
 fn black() -> Material {
-    Material { kind: MaterialKind::Black, one_sided: false, opacity: None }
+    Material::from(MaterialKind::Black)
 }
 
 fn roof_and_channels(cases: &mut Vec<Case>) {
@@ -483,11 +470,7 @@ fn mirrors(cases: &mut Vec<Case>) {
             ..Case::new(Kind::Special, "15 planar mirror", param, move |t| {
                 let mut b = Builder::default();
                 let (mirror, vertex) = (mirror as f32, vertex as f32);
-                let material = Material {
-                    kind: MaterialKind::Mirror { reflectance: b.constant(Vec3::splat(0.9)) },
-                    one_sided: false,
-                    opacity: None,
-                };
+                let material = Material::from(MaterialKind::Mirror { reflectance: b.constant(Vec3::splat(0.9)) });
                 b.add(floor(Vec3::Y * mirror * t, 4.5), material);
                 let mut v = V;
                 v[1].y += vertex * t;
@@ -505,7 +488,7 @@ fn mirrors(cases: &mut Vec<Case>) {
                 let kind = MaterialKind::Mirror { reflectance: b.constant(Vec3::splat(0.9)) };
                 let ball =
                     turned(&shapes::sphere(1.0, 64).expect("a sphere"), Mat3::IDENTITY, Vec3::Y * (mirror * t - 0.8));
-                b.add(ball, Material { kind, one_sided: false, opacity: None });
+                b.add(ball, Material::from(kind));
                 let mut v = V;
                 v[1].y += vertex * t;
                 b.lamp(mesh(v.to_vec(), vec![[0, 1, 2]]), WARM);
@@ -632,8 +615,7 @@ fn furnace(cases: &mut Vec<Case>) {
             let mut b = Builder::default();
             let (reflectance, radiance) = (b.constant(Vec3::splat(0.5)), b.constant(Vec3::ONE));
             let mut add = |mesh: Mesh| {
-                let material =
-                    Material { kind: MaterialKind::Diffuse { reflectance }, one_sided: false, opacity: None };
+                let material = Material::from(MaterialKind::Diffuse { reflectance });
                 let emission = Some(Emission { radiance, two_sided: true });
                 b.description.shapes.push(Shape { mesh, material, emission });
             };
@@ -710,7 +692,7 @@ fn textures(cases: &mut Vec<Case>) {
                 let metal = MaterialKind::Conductor { reflectance: one, roughness: texture(rough) };
                 for (kind, x) in [(diffuse, -1.0), (metal, 1.0)] {
                     let sphere = turned(&sphere, Mat3::IDENTITY, vec3(x, 0.0, 0.0));
-                    b.add(sphere, Material { kind, one_sided: false, opacity: None });
+                    b.add(sphere, Material::from(kind));
                 }
                 b.description.textures.push(sunny.clone());
                 b.description.environment =
@@ -735,7 +717,7 @@ fn seams(cases: &mut Vec<Case>) {
             b.description.textures.push(painted(64, 3, |u, v| 0.5 + 0.3 * (6.0 * u).sin() * (5.0 * v).cos()));
             let kind = MaterialKind::Diffuse { reflectance: Input::Texture(0) };
             let mesh = Mesh { uvs: Some(uvs), ..mesh(vertices, faces) };
-            b.add(mesh, Material { kind, one_sided: false, opacity: None });
+            b.add(mesh, Material::from(kind));
             let grey = b.diffuse(Vec3::splat(0.5));
             b.add(floor(Vec3::ZERO, 3.0), grey);
             b.lamp(ceiling(vec3(1., 5., -2.), 0.7), Vec3::splat(20.));

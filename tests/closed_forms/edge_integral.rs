@@ -6,7 +6,7 @@ use dscene::render::edges::{Edge, EdgeTable, Seams};
 use glam::{DVec2, DVec3, Vec3};
 
 use crate::shadows::Penumbra;
-use crate::support::{Builder, triangle};
+use crate::support::{Builder, Pieces as _, triangle};
 
 /// Nodes and weights on [0, 1].
 fn gauss_legendre(n: usize) -> Vec<(f64, f64)> {
@@ -173,7 +173,7 @@ fn interior_and_boundary_are_the_derivative() {
         let exact = Penumbra { blocker: corners.map(|p| p.as_dvec3()), ..Penumbra::new() };
         let mut b = Builder::default();
         b.black(triangle(corners));
-        let scene: Scene = b.build();
+        let scene: Scene = b.scene();
         let edges = &EdgeTable::new(&scene, Seams::None).edges;
         assert_eq!(edges.len(), 3);
         for (name, motion) in &motions {

@@ -22,9 +22,9 @@ fn tilted_planes() {
     let mut b = Builder::default();
     let (flat, flat_corners) = plane(Vec3::ZERO, n, along);
     let (tilted, corners) = plane(Vec3::Z * z0, uphill, along);
-    let flat = b.light(flat, 2.0);
-    let tilted = b.light(tilted, 0.5);
-    let scene = b.build();
+    let flat = b.glowing(flat, 2.0);
+    let tilted = b.glowing(tilted, 0.5);
+    let scene = b.scene();
 
     // The line n·x = c, its chord in the unit square that the camera sees of z = 0, and the chord's middle.
     let (g, n) = (f64::from(gamma), n.as_dvec3());
@@ -124,8 +124,8 @@ fn light_through_a_wall() {
     let (x, z) = (x.as_vec3(), normal.cross(x).as_vec3());
     for one_sided in [false, true] {
         let mut b = Builder::default();
-        b.diffuse(floor(Vec3::ZERO, 1.0), RHO as f32);
-        let light = b.light(quad(exact.light.map(|p| p.as_vec3())), 3.0);
+        b.matte(floor(Vec3::ZERO, 1.0), RHO as f32);
+        let light = b.glowing(quad(exact.light.map(|p| p.as_vec3())), 3.0);
         if one_sided {
             // Its right-hand normal points away from the receiver: turn it.
             let shape = &mut b.description.shapes[light];
@@ -137,7 +137,7 @@ fn light_through_a_wall() {
         }
         let (wall_mesh, corners) = plane(exact.wall[0].as_vec3(), x, z);
         let wall = b.black(wall_mesh);
-        let scene = b.build();
+        let scene = b.scene();
         let mut camera = probe(Vec3::ZERO, -Vec3::Y, 0.2);
         camera.scale = [HALF; 2];
         let measured = Measured { scene: &scene, camera: &camera, settings: settings(256, 1) };

@@ -27,7 +27,7 @@ fn blob(center: Vec3, radius: f32, jitter: f32, rng: &mut Pcg32) -> Mesh {
 struct Furnace {
     scene: Scene,
     camera: Camera,
-    reflectance: usize,
+    reflectance: Slot,
     /// Random motions of each shape's vertices.
     motions: Vec<Vec<Vec3>>,
 }
@@ -38,8 +38,8 @@ impl Furnace {
     fn new(seed: u64, bounces: u32) -> Furnace {
         let mut rng = Pcg32::new(seed);
         let mut b = Builder::default();
-        let reflectance = b.texture(Texture::constant(Vec3::splat(Self::RHO)));
-        let radiance = b.gray(1.0);
+        let reflectance = b.grey(Self::RHO);
+        let radiance = b.grey(1.0);
         // Direct light in a jagged room. With interreflections a convex one: where everything glows, light close to an
         // edge makes 1/r² tails that only many samples would average out.
         let mut room = blob(Vec3::ZERO, 3.0, if bounces == 1 { 0.4 } else { 0.0 }, &mut rng);
@@ -54,13 +54,13 @@ impl Furnace {
         let center = uniform_sphere(rng.next_2d()) * 1.5;
         meshes.push(blob(center, 0.4, if bounces == 1 { 0.5 } else { 0.1 }, &mut rng));
         for mesh in &meshes {
-            let kind = MaterialKind::Diffuse { reflectance: dscene::render::Input::Texture(reflectance) };
-            b.shape(mesh.clone(), kind, Some(Emission { radiance, two_sided: true }));
+            let material = MaterialKind::Diffuse { reflectance }.into();
+            b.push(mesh.clone(), material, Some(Emission { radiance, two_sided: true }));
         }
         let forward = uniform_sphere(rng.next_2d());
         let camera = camera(Projection::Perspective, Vec3::ZERO, forward, 1.2, 2);
         let motions = meshes.iter().map(|m| m.vertices.iter().map(|_| random_vector(&mut rng)).collect()).collect();
-        Furnace { scene: b.build(), camera, reflectance, motions }
+        Furnace { scene: b.scene(), camera, reflectance: texels(reflectance), motions }
     }
 
     /// Derivatives along the motions, shape by shape: all zero.
@@ -84,8 +84,7 @@ fn furnace_of_random_geometry() {
         let slope: f64 = (1..=bounces as i32).map(|i| f64::from(i) * rho.powi(i - 1)).sum();
         let pixels = 4.0;
         measured.values(8).check("T8 value", &[pixels * value], 0.01);
-        let reflectance = Slot::Texels(furnace.reflectance);
-        let by_rho = estimate(8, |seed| vec![measured.gradient(seed, &[reflectance])[0].iter().sum()]);
+        let by_rho = estimate(8, |seed| vec![measured.gradient(seed, &[furnace.reflectance])[0].iter().sum()]);
         by_rho.check("T8 reflectance", &[pixels * slope], 0.01);
         // The image's sum is `pixels * value`. Of fifteen numbers in sixteen draws each one is four standard errors off in one run of
         // sixty: what looks doubtful is drawn afresh, four times as often.
@@ -151,17 +150,18 @@ fn furnace_of_interpenetrating_triangles() {
     for (seed, bounces) in [(1, 1), (3, 2)] {
         let mut rng = Pcg32::new(seed);
         let mut b = Builder::default();
-        let reflectance = b.gray(RHO);
-        let radiance = b.gray(1.0);
+        let reflectance = b.grey(RHO);
+        let radiance = b.grey(1.0);
         let mut meshes = vec![blob(Vec3::ZERO, 2.0, 0.0, &mut rng)];
         for _ in 0..4 {
             let center = Vec3::new(0.0, 0.0, -1.2);
             meshes.push(triangle(std::array::from_fn(|_| center + 1.6 * uniform_sphere(rng.next_2d()))));
         }
         for mesh in &meshes {
-            b.shape(mesh.clone(), MaterialKind::Diffuse { reflectance }, Some(Emission { radiance, two_sided: true }));
+            let material = MaterialKind::Diffuse { reflectance }.into();
+            b.push(mesh.clone(), material, Some(Emission { radiance, two_sided: true }));
         }
-        let scene = b.build();
+        let scene = b.scene();
         let camera = camera(Projection::Perspective, Vec3::Z * 1.5, -Vec3::Z, 0.8, 2);
         let measured = Measured { scene: &scene, camera: &camera, settings: settings(512, bounces) };
         let slots: Vec<Slot> = (0..meshes.len()).map(Slot::Vertices).collect();
@@ -184,9 +184,9 @@ fn white_furnace() {
     body.normals = None;
     body.vertices.iter_mut().for_each(|v| *v *= Vec3::new(1.0, 0.7, 1.2));
     let count = body.vertices.len();
-    let shape = b.diffuse(body, 1.0);
+    let shape = b.matte(body, 1.0);
     b.environment(Texture::constant(Vec3::ONE));
-    let scene = b.build();
+    let scene = b.scene();
     let camera = camera(Projection::Perspective, Vec3::new(0.5, 1.0, 3.0), Vec3::new(-0.15, -0.3, -1.0), 0.6, 4);
     let measured = Measured { scene: &scene, camera: &camera, settings: settings(1024, 2) };
     measured.values(64).check("T9 value", &[16.0], 2e-4);
@@ -200,15 +200,15 @@ fn white_furnace() {
 fn the_world_moves_as_one() {
     let mut b = Builder::default();
     let mut rng = Pcg32::new(13);
-    b.diffuse(floor(Vec3::ZERO, 3.0), 0.7);
-    b.diffuse(blob(Vec3::new(0.3, 0.8, -0.2), 0.5, 0.3, &mut rng), 0.5);
-    b.diffuse(blob(Vec3::new(-0.5, 0.1, 0.6), 0.4, 0.3, &mut rng), 0.5); // in the floor
+    b.matte(floor(Vec3::ZERO, 3.0), 0.7);
+    b.matte(blob(Vec3::new(0.3, 0.8, -0.2), 0.5, 0.3, &mut rng), 0.5);
+    b.matte(blob(Vec3::new(-0.5, 0.1, 0.6), 0.4, 0.3, &mut rng), 0.5); // in the floor
     b.black(triangle([Vec3::new(-1.0, 1.2, 0.3), Vec3::new(0.0, 1.5, 0.1), Vec3::new(-0.6, 1.4, -0.8)]));
-    b.light(floor(Vec3::new(0.4, 3.0, 0.5), 0.5), 6.0);
+    b.glowing(floor(Vec3::new(0.4, 3.0, 0.5), 0.5), 6.0);
     let shapes = b.description.shapes.len();
     let direction = Vec3::new(0.4, -1.0, 0.3);
     b.description.delta_lights.push(DeltaLight::Directional { direction, irradiance: Vec3::splat(0.8) });
-    let area_and_sun = b.build();
+    let area_and_sun = b.scene();
 
     let camera = camera(Projection::Perspective, Vec3::new(0.0, 2.0, 4.0), Vec3::new(0.0, -0.4, -1.0), 0.6, 8);
     let mut d_image = Image::new(8, 8, 3);
@@ -264,11 +264,11 @@ fn a_mirror_ball_in_a_furnace_has_no_contour() {
     let camera = camera(Projection::Perspective, Vec3::ZERO, forward, 0.58, 24);
     let along_scale = |mirror: bool| {
         let mut b = Builder::default();
-        let reflectance = b.gray(1.0);
+        let reflectance = b.grey(1.0);
         let kind = if mirror { MaterialKind::Mirror { reflectance } } else { MaterialKind::Black };
-        let shape = b.shape(ball.clone(), kind, None);
+        let shape = b.add(ball.clone(), kind);
         b.environment(Texture::constant(Vec3::splat(0.7)));
-        let scene = b.build();
+        let scene = b.scene();
         let measured = Measured { scene: &scene, camera: &camera, settings: settings(64, 4) };
         let motion: Vec<f64> = ball.vertices.iter().flat_map(|v| [f64::from(v.x), 0.0, 0.0]).collect();
         estimate(16, |seed| {

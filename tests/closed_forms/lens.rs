@@ -60,11 +60,11 @@ fn half_plane_out_of_focus() {
             let exact = Blurred::new(projection, focus);
             let (x, z) = (exact.edge as f32, -exact.depth as f32);
             let mut b = Builder::default();
-            let shape = b.light(
+            let shape = b.glowing(
                 quad([[x, -9.0], [x, 9.0], [x - 9.0, 9.0], [x - 9.0, -9.0]].map(|[x, y]| Vec3::new(x, y, z))),
                 1.0,
             );
-            let scene = b.build();
+            let scene = b.scene();
             let mut camera = camera(projection, Vec3::ZERO, -Vec3::Z, exact.scale as f32, SIZE);
             camera.lens = Lens { radius: exact.aperture as f32, focus: focus as f32, ..Lens::PINHOLE };
             let measured = Measured { scene: &scene, camera: &camera, settings: settings(1024, 0) };
@@ -91,8 +91,8 @@ fn half_plane_out_of_focus() {
 fn a_triangle_in_focus() {
     let v = [Vec3::new(-0.7, 0.5, -2.0), Vec3::new(0.1, -0.8, -2.0), Vec3::new(0.9, 0.4, -2.0)];
     let mut b = Builder::default();
-    let shape = b.light(triangle(v), 1.0);
-    let scene = b.build();
+    let shape = b.glowing(triangle(v), 1.0);
+    let scene = b.scene();
     let mut camera = camera(Projection::Perspective, Vec3::ZERO, -Vec3::Z, 0.8, 16);
     camera.lens = Lens { radius: 0.2, focus: 2.0, ..Lens::PINHOLE };
     // Area in pixels, a quadratic function of the corners in this plane.

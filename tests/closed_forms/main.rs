@@ -3,6 +3,8 @@
 //! Every estimate is a mean over independent seeds: it must lie within a few standard errors of the exact value, and
 //! the standard error itself must be small. (`edge_integral` estimates nothing: it holds the formula against a closed form.)
 
+#[path = "../common/mod.rs"]
+mod common;
 mod edge_integral;
 mod intersections;
 mod invariance;

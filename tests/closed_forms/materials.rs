@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use dscene::math::{Dual, Pcg32};
 use dscene::render::texture::{Filter, Texture, Wrap};
-use dscene::render::{Emission, Input, MaterialKind, Projection, Slot};
+use dscene::render::{Emission, Input, MaterialKind, Projection};
 use glam::{DVec3, Vec2, Vec3};
 
 use crate::support::*;
@@ -67,18 +67,15 @@ fn roughness_and_reflectance_under_a_square_light() {
         ("Phong, narrow", phong, 0.05),
     ] {
         let mut b = Builder::default();
-        let reflectance = b.texture(Texture::constant(Vec3::splat(f0)));
-        let rough = b.texture(Texture::constant_scalar(roughness));
-        let (specular, roughness_input) = (Input::Texture(reflectance), Input::Texture(rough));
+        let (specular, rough) = (b.grey(f0), b.scalar(roughness));
         let kind = if name.starts_with("GGX") {
-            MaterialKind::Conductor { reflectance: specular, roughness: roughness_input }
+            MaterialKind::Conductor { reflectance: specular, roughness: rough }
         } else {
-            let diffuse = b.gray(0.3);
-            MaterialKind::Phong { diffuse, specular, roughness: roughness_input }
+            MaterialKind::Phong { diffuse: b.grey(0.3), specular, roughness: rough }
         };
-        b.shape(floor(Vec3::ZERO, 0.3), kind, None);
-        b.light(quad(light), 5.0);
-        let scene = b.build();
+        b.add(floor(Vec3::ZERO, 0.3), kind);
+        b.glowing(quad(light), 5.0);
+        let scene = b.scene();
         let camera = probe(Vec3::ZERO, forward, 0.8);
         let (d_f0, d_roughness) = (D::variable(f64::from(f0), 0), D::variable(f64::from(roughness), 1));
         let exact =
@@ -87,7 +84,7 @@ fn roughness_and_reflectance_under_a_square_light() {
         let measured = Measured { scene: &scene, camera: &camera, settings: settings(4096, 1) };
         measured.values(8).check(&format!("T11 {name}, value"), &[exact.value], 0.01);
         let gradients = estimate(16, |seed| {
-            let g = measured.gradient(seed, &[Slot::Texels(reflectance), Slot::Texels(rough)]);
+            let g = measured.gradient(seed, &[texels(specular), texels(rough)]);
             vec![g[0].iter().sum(), g[1][0]]
         });
         for (i, what) in ["reflectance", "roughness"].into_iter().enumerate() {
@@ -115,13 +112,11 @@ fn roughness_under_a_smooth_sky() {
     };
     for (roughness, limit) in [(0.6f32, 3e-4), (0.3, 4e-3)] {
         let mut b = Builder::default();
-        let reflectance = b.texture(Texture::constant(Vec3::splat(f0)));
-        let rough = b.texture(Texture::constant_scalar(roughness));
-        let kind =
-            MaterialKind::Conductor { reflectance: Input::Texture(reflectance), roughness: Input::Texture(rough) };
-        b.shape(floor(Vec3::ZERO, 0.3), kind, None);
+        let (reflectance, rough) = (b.grey(f0), b.scalar(roughness));
+        let kind = MaterialKind::Conductor { reflectance, roughness: rough };
+        b.add(floor(Vec3::ZERO, 0.3), kind);
         b.environment(Texture::new(4, rows, 3, data.clone(), Wrap::Repeat, Filter::Bilinear).unwrap());
-        let scene = b.build();
+        let scene = b.scene();
         let camera = probe(Vec3::ZERO, forward, 0.8);
         let (d_f0, d_roughness) = (D::variable(f64::from(f0), 0), D::variable(f64::from(roughness), 1));
         let wi = -forward.as_dvec3();
@@ -146,7 +141,7 @@ fn roughness_under_a_smooth_sky() {
         }
         let measured = Measured { scene: &scene, camera: &camera, settings: settings(4096, 1) };
         measured.values(8).check(&format!("T11 sky, roughness {roughness}, value"), &[exact.value], 1.5e-4);
-        let gradients = estimate(64, |seed| vec![measured.gradient(seed, &[Slot::Texels(rough)])[0][0]]);
+        let gradients = estimate(64, |seed| vec![measured.gradient(seed, &[texels(rough)])[0][0]]);
         gradients.check(&format!("T11 sky, roughness {roughness}"), &[exact.partials[1]], limit);
     }
 }
@@ -167,20 +162,18 @@ fn linear_texels_and_radiances() {
         m.uvs = Some([[0.0, 0.0], [1.3, 0.0], [1.3, 1.1], [0.0, 1.1]].map(|[u, v]| Vec2::new(u, v)).to_vec());
         m
     };
-    let reflectance = Input::Texture(albedo);
-    b.shape(with_uvs(floor(Vec3::ZERO, 2.0)), MaterialKind::Diffuse { reflectance }, None);
-    let emission = Emission { radiance: Input::Texture(radiance), two_sided: true };
+    b.add(with_uvs(floor(Vec3::ZERO, 2.0)), MaterialKind::Diffuse { reflectance: albedo });
+    let emission = Emission { radiance, two_sided: true };
     let high = with_uvs(floor(Vec3::Y * 2.0, 0.6));
-    b.shape(high, MaterialKind::Black, Some(emission));
-    let lit = b.build();
+    b.push(high, MaterialKind::Black.into(), Some(emission));
+    let lit = b.scene();
 
     let mut b = Builder::default();
     let sky_albedo = b.texture(random_texture(5, 4, 3));
-    let reflectance = Input::Texture(sky_albedo);
-    b.shape(with_uvs(floor(Vec3::ZERO, 2.0)), MaterialKind::Diffuse { reflectance }, None);
+    b.add(with_uvs(floor(Vec3::ZERO, 2.0)), MaterialKind::Diffuse { reflectance: sky_albedo });
     b.black(triangle([Vec3::new(-0.5, 0.5, 0.0), Vec3::new(0.6, 0.8, 0.2), Vec3::new(0.0, 0.6, -0.7)]));
-    let sky = b.environment(random_texture(8, 5, 4));
-    let under_sky = b.build();
+    let sky = Input::Texture(b.environment(random_texture(8, 5, 4)));
+    let under_sky = b.scene();
 
     let forward = Vec3::new(0.0, -1.0, -1.4);
     let camera = camera(Projection::Perspective, -2.0 * forward.normalize(), forward, 0.2, 8);
@@ -188,15 +181,15 @@ fn linear_texels_and_radiances() {
         let measured = Measured { scene, camera: &camera, settings: settings(128, 1) };
         let value = measured.values(12);
         for texture in textures {
-            let texels = &scene.description.textures[texture].data;
+            let values = &scene.description.textures[texture.texture().unwrap()].data;
             let sum = estimate(12, |seed| {
-                let gradient = measured.gradient(seed, &[Slot::Texels(texture)]).remove(0);
-                vec![gradient.iter().zip(texels).map(|(g, &w)| g * f64::from(w)).sum::<f64>()]
+                let gradient = measured.gradient(seed, &[texels(texture)]).remove(0);
+                vec![gradient.iter().zip(values).map(|(g, &w)| g * f64::from(w)).sum::<f64>()]
             });
             let error = value.error[0].hypot(sum.error[0]);
             println!("T12 {name}: {} ± {}, {} ± {}", value.mean[0], value.error[0], sum.mean[0], sum.error[0]);
-            assert!((value.mean[0] - sum.mean[0]).abs() < 4.0 * error, "{name}, texture {texture}");
-            assert!(error < 0.01 * value.mean[0], "{name}, texture {texture}: too noisy");
+            assert!((value.mean[0] - sum.mean[0]).abs() < 4.0 * error, "{name}, {texture:?}");
+            assert!(error < 0.01 * value.mean[0], "{name}, {texture:?}: too noisy");
         }
     }
 }

@@ -65,9 +65,9 @@ fn rectangle_leaving_the_view() {
         [[left, BOTTOM], [right, BOTTOM], [right, top], [left, top]].map(|[x, y]| Vec3::new(x as f32, y as f32, -1.0))
     };
     let mut b = Builder::default();
-    let shape = b.light(quad(corners(0)), 1.0);
+    let shape = b.glowing(quad(corners(0)), 1.0);
     b.description.motions.push(Motion { shape, vertices: corners(1).to_vec(), normals: None });
-    let scene = b.build();
+    let scene = b.scene();
     let mut camera = camera(Projection::Orthographic, Vec3::ZERO, -Vec3::Z, 1.0, SIZE);
     camera.shutter = LEAVING.shutter.map(|t| t as f32);
     let measured = Measured { scene: &scene, camera: &camera, settings: settings(256, 0) };
@@ -107,8 +107,8 @@ fn camera_that_moves_past_a_rectangle() {
 
     let mut b = Builder::default();
     let corner = |[x, y]: [f64; 2]| Vec3::new(x as f32, y as f32, -1.0);
-    b.light(quad([[left, bottom], [right, bottom], [right, top], [left, top]].map(corner)), 1.0);
-    let scene = b.build();
+    b.glowing(quad([[left, bottom], [right, bottom], [right, top], [left, top]].map(corner)), 1.0);
+    let scene = b.scene();
     let mut camera = camera(Projection::Orthographic, Vec3::ZERO, -Vec3::Z, 1.0, SIZE);
     camera.shutter = shutter.map(|t| t as f32);
     let pose = camera.pose();
@@ -145,7 +145,7 @@ fn light_that_rises_and_fades() {
     };
 
     let mut b = Builder::default();
-    b.diffuse(floor(Vec3::ZERO, 1.0), 0.5);
+    b.matte(floor(Vec3::ZERO, 1.0), 0.5);
     let up = |y: f64| Vec3::new(0.0, y as f32, 0.0);
     let of = |power: f64| Vec3::splat(power as f32);
     b.description.delta_lights.push(DeltaLight::Point { position: up(heights[0]), intensity: of(powers[0]) });
@@ -153,7 +153,7 @@ fn light_that_rises_and_fades() {
         light: 0,
         closing: DeltaLight::Point { position: up(heights[1]), intensity: of(powers[1]) },
     });
-    let scene = b.build();
+    let scene = b.scene();
     // One pixel that sees the foot of the light alone.
     let mut camera = camera(Projection::Orthographic, Vec3::new(0.0, 5.0, 0.0), -Vec3::Y, 1e-3, 1);
     camera.shutter = shutter.map(|t| t as f32);
@@ -176,9 +176,9 @@ fn light_that_rises_and_fades() {
 fn one_sample_a_pixel_sees_any_time() {
     let mut b = Builder::default();
     let floor = |x: f32| floor(Vec3::new(x, 0.0, 0.0), 0.5);
-    let shape = b.light(floor(0.0), 1.0);
+    let shape = b.glowing(floor(0.0), 1.0);
     b.description.motions.push(Motion { shape, vertices: floor(2.0).vertices, normals: None });
-    let scene = b.build();
+    let scene = b.scene();
     // Sees 0.5 < x < 1.5 of the way from −0.5 … 0.5 to 1.5 … 2.5: half of it, on average.
     let camera = camera(Projection::Orthographic, Vec3::new(1.0, 2.0, 0.0), -Vec3::Y, 0.5, 4);
     let measured = Measured { scene: &scene, camera: &camera, settings: settings(1, 0) };

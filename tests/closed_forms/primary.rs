@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use dscene::math::Dual;
 use dscene::mesh::{Mesh, shapes};
 use dscene::render::texture::{Filter, Texture, Wrap};
-use dscene::render::{DeltaLight, Input, MaterialKind, Projection, Slot};
+use dscene::render::{DeltaLight, MaterialKind, Projection, Slot};
 use glam::{DVec2, DVec3, Vec3};
 
 use crate::support::*;
@@ -19,17 +19,17 @@ fn masked_half_plane_before_a_light() {
         let square =
             |x: f32, z: f32| quad([[-9.0, -9.0], [x, -9.0], [x, 9.0], [-9.0, 9.0]].map(|[x, y]| Vec3::new(x, y, z)));
         let mut b = Builder::default();
-        let shape = b.light(square(c, -1.0), screen as f32);
-        b.light(square(9.0, -2.0), wall as f32);
-        let texture = b.texture(Texture::constant_scalar(opacity));
-        b.description.shapes[shape].material.opacity = Some(Input::Texture(texture));
-        let scene = b.build();
+        let shape = b.glowing(square(c, -1.0), screen as f32);
+        b.glowing(square(9.0, -2.0), wall as f32);
+        let opacity_input = b.scalar(opacity);
+        b.description.shapes[shape].material.opacity = Some(opacity_input);
+        let scene = b.scene();
         let camera = camera(Projection::Orthographic, Vec3::ZERO, -Vec3::Z, 0.5, 1);
         let measured = Measured { scene: &scene, camera: &camera, settings: settings(256, 0) };
         let a = f64::from(opacity);
         measured.values(8).check("masked value", &[wall + share * a * (screen - wall)], 0.01);
         let by_opacity = [share * (screen - wall)];
-        measured.gradients(16, Slot::Texels(texture)).check("masked by opacity", &by_opacity, 0.02);
+        measured.gradients(16, texels(opacity_input)).check("masked by opacity", &by_opacity, 0.02);
         let motions = [vec![Vec3::ZERO, Vec3::X, Vec3::X, Vec3::ZERO], vec![Vec3::Z; 4]];
         let by_place = [a * (screen - wall), 0.0];
         measured.along(16, Slot::Vertices(shape), &motions).check_scaled("masked by place", &by_place, 0.01, 1.3);
@@ -44,8 +44,8 @@ fn half_plane_over_a_pixel() {
     let corners = [(c, -3.0), (c, 3.0), (c - 6.0, 3.0), (c - 6.0, -3.0)];
     let corners = corners.map(|(along, across)| n * along + tangent * across - Vec3::Z);
     let mut b = Builder::default();
-    let shape = b.light(quad(corners), 1.0);
-    let scene = b.build();
+    let shape = b.glowing(quad(corners), 1.0);
+    let scene = b.scene();
     let camera = camera(Projection::Orthographic, Vec3::ZERO, -Vec3::Z, 0.5, 1);
 
     // The chord: the line c·n + s·t clipped to the pixel [−½, ½]².
@@ -72,8 +72,8 @@ fn area_of_a_projected_triangle() {
     let scale = 0.8f32;
     for size in [16, 33] {
         let mut b = Builder::default();
-        let shape = b.light(triangle(v), 2.5);
-        let scene = b.build();
+        let shape = b.glowing(triangle(v), 2.5);
+        let scene = b.scene();
         let camera = camera(Projection::Perspective, Vec3::ZERO, -Vec3::Z, scale, size);
 
         type D = Dual<9>;
@@ -99,8 +99,8 @@ fn camera_and_polygon_areas() {
     let (half, distance, scale, size) = (0.6f32, 2.5f32, 0.7f32, 16);
     let mut b = Builder::default();
     let corners = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]];
-    b.light(quad(corners.map(|[x, y]| Vec3::new(x * half, y * half, -distance))), 1.0);
-    let scene = b.build();
+    b.glowing(quad(corners.map(|[x, y]| Vec3::new(x * half, y * half, -distance))), 1.0);
+    let scene = b.scene();
     let perspective = camera(Projection::Perspective, Vec3::ZERO, -Vec3::Z, scale, size);
     let side = f64::from(half / (distance * scale)) * size as f64;
     let area = side * side;
@@ -119,8 +119,8 @@ fn camera_and_polygon_areas() {
     let vertices: Vec<Vec3> = (0..=n).map(|i| if i == n { -Vec3::Z } else { rim(i) * r as f32 - Vec3::Z }).collect();
     let faces: Vec<[u32; 3]> = (0..n as u32).map(|i| [n as u32, i, (i + 1) % n as u32]).collect();
     let mut b = Builder::default();
-    let shape = b.light(mesh(&vertices, &faces), 1.0);
-    let scene = b.build();
+    let shape = b.glowing(mesh(vertices, faces), 1.0);
+    let scene = b.scene();
     let orthographic = camera(Projection::Orthographic, Vec3::ZERO, -Vec3::Z, 1.0, size);
     let grow = (0..=n).map(|i| if i == n { Vec3::ZERO } else { rim(i) }).collect();
     let pixels = (size * size) as f64 / 4.0;
@@ -136,9 +136,9 @@ fn one_triangle_before_another() {
     let near = [Vec3::new(-0.1, -0.2, -1.0), Vec3::new(0.9, 0.0, -1.0), Vec3::new(0.3, 0.7, -1.0)];
     let (l_far, l_near) = (1.0, 3.0);
     let mut b = Builder::default();
-    b.light(triangle(far), l_far);
-    let shape = b.light(triangle(near), l_near);
-    let scene = b.build();
+    b.glowing(triangle(far), l_far);
+    let shape = b.glowing(triangle(near), l_near);
+    let scene = b.scene();
     let size = 16;
     let camera = camera(Projection::Orthographic, Vec3::ZERO, -Vec3::Z, 1.0, size);
     let pixels = (size * size) as f64 / 4.0;
@@ -193,10 +193,10 @@ fn clip(polygon: &[DVec2], triangle: &[DVec2; 3]) -> Vec<DVec2> {
 #[test]
 fn surfaces_of_equal_brightness_cut_each_other_unseen() {
     let mut b = Builder::default();
-    let back = b.light(floor(Vec3::ZERO, 4.0), 1.0);
+    let back = b.glowing(floor(Vec3::ZERO, 4.0), 1.0);
     let tilted = floor(Vec3::ZERO, 0.5).vertices.iter().map(|&p| p + Vec3::Y * (0.4 * p.x)).collect::<Vec<_>>();
-    let front = b.light(mesh(&tilted, &[[0, 1, 2], [0, 2, 3]]), 1.0);
-    let scene = b.build();
+    let front = b.glowing(mesh(tilted, vec![[0, 1, 2], [0, 2, 3]]), 1.0);
+    let scene = b.scene();
     let camera = camera(Projection::Orthographic, Vec3::Y * 2.0, -Vec3::Y, 1.0, 8);
     let measured = Measured { scene: &scene, camera: &camera, settings: settings(32, 0) };
     for shape in [back, front] {
@@ -210,10 +210,10 @@ fn triangle_in_a_mirror() {
     let v = [Vec3::new(-0.5, 0.4, -3.2), Vec3::new(0.1, 1.1, -2.9), Vec3::new(0.6, 0.5, -3.4)];
     let (eye, forward, scale, size) = (Vec3::new(0.1, 1.5, 0.5), Vec3::new(0.0, -0.9, -1.0), 0.4f32, 16);
     let mut b = Builder::default();
-    let shape = b.light(triangle(v), 1.5);
-    let reflectance = b.gray(0.8);
-    let mirror = b.shape(floor(Vec3::new(0.0, 0.0, -2.0), 4.0), MaterialKind::Mirror { reflectance }, None);
-    let scene = b.build();
+    let shape = b.glowing(triangle(v), 1.5);
+    let reflectance = b.grey(0.8);
+    let mirror = b.add(floor(Vec3::new(0.0, 0.0, -2.0), 4.0), MaterialKind::Mirror { reflectance });
+    let scene = b.scene();
     let camera = camera(Projection::Perspective, eye, forward, scale, size);
 
     // Vertices, then the mirror's height.
@@ -245,15 +245,15 @@ fn triangle_in_a_sphere_mirror() {
     let v = [DVec3::new(1.4, 0.2, -1.3), DVec3::new(2.3, 1.0, -0.9), DVec3::new(1.2, 1.6, -1.0)];
     let (eye, scale, size) = (DVec3::new(0.0, 0.5, -5.0), 0.25, 16);
     let mut b = Builder::default();
-    let shape = b.light(triangle(v.map(|p| p.as_vec3())), 1.5);
-    let reflectance = b.gray(0.8);
+    let shape = b.glowing(triangle(v.map(|p| p.as_vec3())), 1.5);
+    let reflectance = b.grey(0.8);
     // Of a fine sphere the part that matters: every triangle is tilted a little against the sphere.
     let mut sphere = shapes::sphere(1.0, 256).unwrap();
     let middle = (eye.normalize() + v[1].normalize()).normalize().as_vec3();
     let vertices = sphere.vertices.clone();
     sphere.faces.retain(|f| f.iter().all(|&v| vertices[v as usize].dot(middle) > 0.92));
-    let mirror = b.shape(sphere, MaterialKind::Mirror { reflectance }, None);
-    let scene = b.build();
+    let mirror = b.add(sphere, MaterialKind::Mirror { reflectance });
+    let scene = b.scene();
     let camera = camera(Projection::Perspective, eye.as_vec3(), -eye.as_vec3(), scale as f32, size);
 
     let mirrored = |p: DVec3, centre: DVec3, radius: f64| {
@@ -310,9 +310,9 @@ fn moving_ridge_of_a_flat_shaded_roof() {
         x(1.0, 0.0, 1.0),
     ];
     let mut b = Builder::default();
-    let roof = b.diffuse(mesh(&vertices, &[[0, 3, 2], [0, 2, 1], [3, 5, 4], [3, 4, 2]]), 0.8);
+    let roof = b.matte(mesh(vertices.to_vec(), vec![[0, 3, 2], [0, 2, 1], [3, 5, 4], [3, 4, 2]]), 0.8);
     b.description.delta_lights.push(DeltaLight::Directional { direction, irradiance: Vec3::splat(3.0) });
-    let scene = b.build();
+    let scene = b.scene();
     // The view is narrower than the roof in z, so that its gables stay out of sight, and as wide in x.
     let size = 16;
     let mut camera = camera(Projection::Orthographic, Vec3::Y * 3.0, -Vec3::Y, 1.0, size);
@@ -343,7 +343,7 @@ fn ways_to_cut_a_ball() -> [Vec<Mesh>; 3] {
     let round = shapes::icosphere(0.6, 1).unwrap();
     let of = |vertices: &[Vec3], faces: &[[u32; 3]]| {
         let uvs = vertices.iter().map(|v| 0.5 + 0.7 * v.truncate()).collect();
-        Mesh { uvs: Some(uvs), ..mesh(vertices, faces) }
+        Mesh { uvs: Some(uvs), ..mesh(vertices.to_vec(), faces.to_vec()) }
     };
     let cut: Vec<Vec3> = round.faces.iter().flatten().map(|&i| round.vertices[i as usize]).collect();
     let faces: Vec<[u32; 3]> = (0..round.faces.len() as u32).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect();
@@ -373,7 +373,7 @@ fn welded_and_split_meshes_agree() {
     for (max_bounces, spp, ways) in [(1, 128, &ways[..]), (2, 256, &ways[..2])] {
         let run = |parts: &[Mesh]| {
             let mut b = Builder::default();
-            b.diffuse(floor(Vec3::new(0.0, -0.8, 0.0), 2.0), 0.7);
+            b.matte(floor(Vec3::new(0.0, -0.8, 0.0), 2.0), 0.7);
             let texture = b.texture(Texture {
                 width: 2,
                 height: 2,
@@ -382,11 +382,10 @@ fn welded_and_split_meshes_agree() {
                 wrap: Wrap::Clamp,
                 filter: Filter::Bilinear,
             });
-            let kind = MaterialKind::Diffuse { reflectance: Input::Texture(texture) };
-            let slots: Vec<Slot> =
-                parts.iter().map(|m| Slot::Vertices(b.shape(m.clone(), kind.clone(), None))).collect();
-            b.light(floor(Vec3::new(0.8, 2.5, 0.4), 0.4), 8.0);
-            let scene = b.build();
+            let kind = MaterialKind::Diffuse { reflectance: texture };
+            let slots: Vec<Slot> = parts.iter().map(|m| Slot::Vertices(b.add(m.clone(), kind.clone()))).collect();
+            b.glowing(floor(Vec3::new(0.8, 2.5, 0.4), 0.4), 8.0);
+            let scene = b.scene();
             let camera = camera(Projection::Perspective, Vec3::new(0.0, 1.0, 3.0), Vec3::new(0.0, -0.4, -1.0), 0.5, 12);
             let measured = Measured { scene: &scene, camera: &camera, settings: settings(spp, max_bounces) };
             estimate(100, |seed| along_turns(parts, &measured.gradient(seed, &slots)))
@@ -410,8 +409,8 @@ fn welded_and_split_outlines_are_the_same() {
     let ways = ways_to_cut_a_ball();
     let run = |parts: &[Mesh]| {
         let mut b = Builder::default();
-        let slots: Vec<Slot> = parts.iter().map(|m| Slot::Vertices(b.light(m.clone(), 2.0))).collect();
-        let scene = b.build();
+        let slots: Vec<Slot> = parts.iter().map(|m| Slot::Vertices(b.glowing(m.clone(), 2.0))).collect();
+        let scene = b.scene();
         let camera = camera(Projection::Perspective, Vec3::new(0.3, 0.4, 3.0), Vec3::new(-0.1, -0.1, -1.0), 0.5, 12);
         let measured = Measured { scene: &scene, camera: &camera, settings: settings(1, 0) };
         along_turns(parts, &measured.gradient(0, &slots))

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use dscene::render::texture::Texture;
-use dscene::render::{Camera, Input, Slot};
+use dscene::render::{Camera, Slot};
 use glam::{DVec3, Vec3};
 
 use crate::support::*;
@@ -25,7 +25,7 @@ fn fan(center: Vec3, radius: f32, n: usize) -> (dscene::mesh::Mesh, Vec<Vec3>) {
     };
     let vertices: Vec<Vec3> = (0..=n).map(|i| if i == n { center } else { center + rim(i) * radius }).collect();
     let faces: Vec<[u32; 3]> = (0..n as u32).map(|i| [n as u32, i, (i + 1) % n as u32]).collect();
-    (mesh(&vertices, &faces), (0..=n).map(|i| if i == n { Vec3::ZERO } else { rim(i) }).collect())
+    (mesh(vertices, faces), (0..=n).map(|i| if i == n { Vec3::ZERO } else { rim(i) }).collect())
 }
 
 /// Mean over the patch of a plane through `x` with normal `n` that an orthographic camera sees around `x`.
@@ -60,15 +60,15 @@ fn clip(x: DVec3, polygon: &[DVec3], normal: DVec3) -> Vec<DVec3> {
 fn penumbra_of_a_disk_light() {
     let (a, height, s, patch) = (0.05f64, 2.0f64, -0.008f64, 0.015f64);
     let mut b = Builder::default();
-    b.diffuse(floor(Vec3::ZERO, 0.1), RHO as f32);
+    b.matte(floor(Vec3::ZERO, 0.1), RHO as f32);
     let (disk, _) = fan(Vec3::Y * height as f32, a as f32, 128);
     let disk_rim = disk.vertices[..128].to_vec();
-    b.light(disk, 100.0);
+    b.glowing(disk, 100.0);
     // Halfway up, covers everything beyond x = s.
     let (x, y) = (s as f32, 0.5 * height as f32);
     let blocker = [[x, -0.06], [x, 0.06], [0.12, 0.06], [0.12, -0.06]].map(|[x, z]| Vec3::new(x, y, z));
     let shape = b.black(quad(blocker));
-    let scene = b.build();
+    let scene = b.scene();
     let mut camera = probe(Vec3::ZERO, Vec3::new(0.0, -1.0, -1.5), 1.0);
     camera.scale = [patch as f32; 2];
 
@@ -95,12 +95,12 @@ fn penumbra_of_a_disk_light() {
 fn wall_before_the_sky() {
     let (height, distance) = (1.3f64, 2.0f64);
     let mut b = Builder::default();
-    b.diffuse(floor(Vec3::ZERO, 0.5), RHO as f32);
+    b.matte(floor(Vec3::ZERO, 0.5), RHO as f32);
     let (h, d) = (height as f32, distance as f32);
     let wall = [[0.0, -60.0], [0.0, 60.0], [h, 60.0], [h, -60.0]].map(|[y, z]| Vec3::new(d, y, z));
     let shape = b.black(quad(wall));
     b.environment(Texture::constant(Vec3::ONE));
-    let scene = b.build();
+    let scene = b.scene();
     let camera = probe(Vec3::ZERO, Vec3::new(0.4, -1.0, 0.2), 1.0);
 
     let beta = height.atan2(distance);
@@ -121,11 +121,11 @@ fn wall_before_the_sky() {
 fn coaxial_disk_light() {
     let (a, z, l) = (0.6f64, 1.4f64, 2.0f64);
     let mut b = Builder::default();
-    b.diffuse(floor(Vec3::ZERO, 0.5), RHO as f32);
+    b.matte(floor(Vec3::ZERO, 0.5), RHO as f32);
     let (disk, radial) = fan(Vec3::Y * z as f32, a as f32, 200);
     let (n, rim) = (radial.len(), disk.vertices[..200].to_vec());
-    let shape = b.light(disk, l as f32);
-    let scene = b.build();
+    let shape = b.glowing(disk, l as f32);
+    let scene = b.scene();
     // Below the light and beside it.
     let camera = probe(Vec3::ZERO, Vec3::new(0.0, -0.5, -1.5), 0.9);
     // Of a disk all would be in closed form, but this is a polygon, smaller by more than these derivatives are noisy.
@@ -208,12 +208,12 @@ fn polygon_light_behind_a_mask() {
 
 fn penumbra(exact: &Penumbra, masked: bool) {
     let mut b = Builder::default();
-    let receiver = b.diffuse(floor(exact.x.as_vec3(), 0.8), RHO as f32);
-    let light = b.light(quad(exact.light.map(|p| p.as_vec3())), 1.0);
+    let receiver = b.matte(floor(exact.x.as_vec3(), 0.8), RHO as f32);
+    let light = b.glowing(quad(exact.light.map(|p| p.as_vec3())), 1.0);
     let blocker = b.black(triangle(exact.blocker.map(|p| p.as_vec3())));
-    let opacity = b.texture(Texture::constant_scalar(exact.opacity as f32));
-    b.description.shapes[blocker].material.opacity = masked.then_some(Input::Texture(opacity));
-    let scene = b.build();
+    let opacity = b.scalar(exact.opacity as f32);
+    b.description.shapes[blocker].material.opacity = masked.then_some(opacity);
+    let scene = b.scene();
     let forward = Vec3::new(0.3, -1.0, -1.2).normalize();
     let mut camera = probe(exact.x.as_vec3(), forward, 1.0);
     camera.scale = [0.25; 2];
@@ -229,7 +229,7 @@ fn penumbra(exact: &Penumbra, masked: bool) {
         })
     };
     let by_opacity = if masked { along(&|p, h| p.opacity += h) } else { 0.0 };
-    measured.gradients(16, Slot::Texels(opacity)).check("T7 opacity", &[by_opacity], 0.02);
+    measured.gradients(16, texels(opacity)).check("T7 opacity", &[by_opacity], 0.02);
 
     let by_blocker: Vec<f64> = (0..9).map(|i| along(&|p, h| p.blocker[i / 3][i % 3] += h)).collect();
     measured.gradients(16, Slot::Vertices(blocker)).check_each("T7 blocker", &by_blocker, 0.007);

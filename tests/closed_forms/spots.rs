@@ -3,7 +3,7 @@ use std::f64::consts::PI;
 use dscene::render::{Cone, DeltaLight, Projection, Slot};
 use glam::{DVec3, Vec3};
 
-use super::support::{Builder, Measured, camera, contract, difference, floor, probe, settings};
+use super::support::{Builder, Measured, Pieces as _, camera, contract, difference, floor, probe, settings};
 
 /// A spot light in double precision.
 #[derive(Clone, Copy)]
@@ -67,9 +67,9 @@ fn radiance_below_a_spot() {
         [(DVec3::new(0.57, 0.0, -0.07), false), (DVec3::new(0.9, 0.0, 0.6), true), (DVec3::new(-2.0, 0.0, 1.0), false)]
     {
         let mut b = Builder::default();
-        b.diffuse(floor(Vec3::ZERO, 4.0), REFLECTANCE as f32);
+        b.matte(floor(Vec3::ZERO, 4.0), REFLECTANCE as f32);
         b.description.delta_lights.push(spot.light());
-        let scene = b.build();
+        let scene = b.scene();
         // Looks past the light.
         let camera = probe(x.as_vec3(), Vec3::new(0.3, -1.0, 0.4), 3.0);
         let measured = Measured { scene: &scene, camera: &camera, settings: settings(64, 1) };
@@ -90,9 +90,9 @@ fn flux_of_a_spot() {
     let spot = Spot { position: DVec3::new(0.3, 2.0, -0.2), axis: DVec3::new(0.2, -1.5, 0.1), beam: 0.2, cutoff: 0.6 };
     let half = 2.5;
     let mut b = Builder::default();
-    b.diffuse(floor(Vec3::ZERO, 4.0), REFLECTANCE as f32);
+    b.matte(floor(Vec3::ZERO, 4.0), REFLECTANCE as f32);
     b.description.delta_lights.push(spot.light());
-    let scene = b.build();
+    let scene = b.scene();
     let camera = camera(Projection::Orthographic, Vec3::Y * 5.0, -Vec3::Y, half, 32);
     let measured = Measured { scene: &scene, camera: &camera, settings: settings(256, 1) };
     // The sum over pixels of area `pixel`.

@@ -3,101 +3,30 @@ use std::ops::RangeInclusive;
 use dscene::grad::{GuideCache, NEVER, Output, Scene, Settings, render, render_backward, render_backward_until};
 use dscene::image::Image;
 use dscene::mesh::Mesh;
-use dscene::render::texture::Texture;
-use dscene::render::{
-    Camera, Distortion, Emission, Environment, Input, Lens, Material, MaterialKind, Projection, SceneDescription,
-    Shape, Slot,
-};
-use glam::{DVec3, Mat3, Vec3};
+use dscene::render::{Camera, Input, Projection, Slot};
+use glam::{DVec3, Vec3};
 
-/// Assembles a scene description from meshes and constants.
-#[derive(Default)]
-pub struct Builder {
-    pub description: SceneDescription,
-}
-
-impl Builder {
-    pub fn texture(&mut self, texture: Texture) -> usize {
-        self.description.textures.push(texture);
-        self.description.textures.len() - 1
-    }
-
-    pub fn color(&mut self, rgb: Vec3) -> Input {
-        Input::Texture(self.texture(Texture::constant(rgb)))
-    }
-
-    pub fn gray(&mut self, value: f32) -> Input {
-        self.color(Vec3::splat(value))
-    }
-
-    pub fn shape(&mut self, mesh: Mesh, kind: MaterialKind, emission: Option<Emission>) -> usize {
-        let material = Material { kind, one_sided: false, opacity: None };
-        self.description.shapes.push(Shape { mesh, material, emission });
-        self.description.shapes.len() - 1
-    }
-
-    /// A black shape that glows with the given radiance on both sides.
-    pub fn light(&mut self, mesh: Mesh, radiance: f32) -> usize {
-        let radiance = self.gray(radiance);
-        self.shape(mesh, MaterialKind::Black, Some(Emission { radiance, two_sided: true }))
-    }
-
-    pub fn diffuse(&mut self, mesh: Mesh, reflectance: f32) -> usize {
-        let reflectance = self.gray(reflectance);
-        self.shape(mesh, MaterialKind::Diffuse { reflectance }, None)
-    }
-
-    pub fn black(&mut self, mesh: Mesh) -> usize {
-        self.shape(mesh, MaterialKind::Black, None)
-    }
-
-    pub fn environment(&mut self, texture: Texture) -> usize {
-        let radiance = self.texture(texture);
-        self.description.environment = Some(Environment { radiance, rotation: Mat3::IDENTITY });
-        radiance
-    }
-
-    pub fn build(self) -> Scene {
-        Scene::new(self.description).unwrap()
-    }
-}
-
-pub fn mesh(vertices: &[Vec3], faces: &[[u32; 3]]) -> Mesh {
-    Mesh { vertices: vertices.to_vec(), faces: faces.to_vec(), ..Mesh::default() }
-}
+use crate::common;
+pub use crate::common::{Builder, Pieces, floor, mesh};
 
 pub fn triangle(vertices: [Vec3; 3]) -> Mesh {
-    mesh(&vertices, &[[0, 1, 2]])
+    mesh(vertices.to_vec(), vec![[0, 1, 2]])
 }
 
 /// A quadrilateral with its corners in order.
-pub fn quad(corners: [Vec3; 4]) -> Mesh {
-    mesh(&corners, &[[0, 1, 2], [0, 2, 3]])
-}
-
-/// Horizontal square of half side `half` around a point, facing up.
-pub fn floor(center: Vec3, half: f32) -> Mesh {
-    quad([[-1.0, 1.0], [1.0, 1.0], [1.0, -1.0], [-1.0, -1.0]].map(|[x, z]| center + Vec3::new(x, 0.0, z) * half))
+pub fn quad([a, b, c, d]: [Vec3; 4]) -> Mesh {
+    common::quad(a, b, c, d)
 }
 
 pub fn camera(projection: Projection, origin: Vec3, forward: Vec3, scale: f32, size: usize) -> Camera {
-    let forward = forward.normalize();
-    let hint = if forward.y.abs() > 0.9 { Vec3::Z } else { Vec3::Y };
-    let right = forward.cross(hint).normalize();
-    let frame = [right, right.cross(forward), forward];
-    let (lens, distortion, shutter) = (Lens::PINHOLE, Distortion::NONE, Camera::WHOLE);
-    Camera {
-        projection,
-        origin,
-        frame,
-        scale: [scale; 2],
-        width: size,
-        height: size,
-        lens,
-        distortion,
-        shutter,
-        closing: None,
-    }
+    let up = if forward.normalize().y.abs() > 0.9 { Vec3::Z } else { Vec3::Y };
+    let base = Camera::look_at(Vec3::ZERO, forward, up, 1.0, [size, size]);
+    Camera { projection, origin, scale: [scale; 2], ..base }
+}
+
+/// The numbers of a texture that a material reads.
+pub fn texels(input: Input) -> Slot {
+    Slot::Texels(input.texture().unwrap())
 }
 
 /// One pixel that looks at a tiny patch around `target` along `forward`: radiance at a point.

@@ -15,28 +15,59 @@ pub use dscene::SceneBuilder as Builder;
 
 /// What tests add to a scene, without names.
 pub trait Pieces {
-    fn add(&mut self, mesh: Mesh, material: Material);
+    /// Returns the shape's index, as the others do.
+    fn add(&mut self, mesh: Mesh, material: impl Into<Material>) -> usize;
     /// A smoothly shaded ball of mirror.
-    fn ball(&mut self, centre: Vec3, radius: f32);
+    fn ball(&mut self, centre: Vec3, radius: f32) -> usize;
     /// An area light that reflects nothing.
-    fn lamp(&mut self, mesh: Mesh, radiance: Vec3);
+    fn lamp(&mut self, mesh: Mesh, radiance: Vec3) -> usize;
+    /// The same light in all channels, on both sides of a shape that reflects nothing.
+    fn glowing(&mut self, mesh: Mesh, radiance: f32) -> usize;
+    /// A grey Lambertian shape.
+    fn matte(&mut self, mesh: Mesh, reflectance: f32) -> usize;
+    fn black(&mut self, mesh: Mesh) -> usize;
+    /// A colour with three equal channels.
+    fn grey(&mut self, value: f32) -> Input;
+    fn scene(self) -> Scene;
 }
 
 impl Pieces for Builder {
-    fn add(&mut self, mesh: Mesh, material: Material) {
-        self.push(mesh, material, None);
+    fn add(&mut self, mesh: Mesh, material: impl Into<Material>) -> usize {
+        self.push(mesh, material.into(), None)
     }
 
-    fn ball(&mut self, centre: Vec3, radius: f32) {
+    fn ball(&mut self, centre: Vec3, radius: f32) -> usize {
         let reflectance = self.constant(vec3(0.9, 0.8, 0.7));
         let mut ball = dscene::mesh::shapes::sphere(1.0, 32).unwrap();
         ball.vertices.iter_mut().for_each(|v| *v = *v * radius + centre);
-        self.add(ball, MaterialKind::Mirror { reflectance }.into());
+        self.add(ball, MaterialKind::Mirror { reflectance })
     }
 
-    fn lamp(&mut self, mesh: Mesh, radiance: Vec3) {
+    fn lamp(&mut self, mesh: Mesh, radiance: Vec3) -> usize {
         let radiance = self.constant(radiance);
-        self.push(mesh, MaterialKind::Black.into(), Some(Emission { radiance, two_sided: false }));
+        self.push(mesh, MaterialKind::Black.into(), Some(Emission { radiance, two_sided: false }))
+    }
+
+    fn glowing(&mut self, mesh: Mesh, radiance: f32) -> usize {
+        let radiance = self.grey(radiance);
+        self.push(mesh, MaterialKind::Black.into(), Some(Emission { radiance, two_sided: true }))
+    }
+
+    fn matte(&mut self, mesh: Mesh, reflectance: f32) -> usize {
+        let material = self.diffuse(Vec3::splat(reflectance));
+        self.add(mesh, material)
+    }
+
+    fn black(&mut self, mesh: Mesh) -> usize {
+        self.add(mesh, MaterialKind::Black)
+    }
+
+    fn grey(&mut self, value: f32) -> Input {
+        self.constant(Vec3::splat(value))
+    }
+
+    fn scene(self) -> Scene {
+        Scene::new(self.description).unwrap()
     }
 }
 
@@ -79,23 +110,10 @@ pub fn cuboid(c: Vec3, h: Vec3, angle: f32) -> Mesh {
 }
 
 pub fn look_at(position: Vec3, target: Vec3, fov_degrees: f32, film: usize) -> Camera {
-    let forward = (target - position).normalize();
     // Rolled: edges that run along pixel rows would make the loss kink wherever they cross into the next row.
-    let up = if forward.y.abs() > 0.99 { vec3(0.3, 0.0, 1.0) } else { vec3(0.35, 1.0, 0.1) };
-    let right = forward.cross(up).normalize();
-    let t = (0.5 * fov_degrees.to_radians()).tan();
-    Camera {
-        projection: Projection::Perspective,
-        origin: position,
-        frame: [right, right.cross(forward), forward],
-        scale: [t, t],
-        width: film,
-        height: film,
-        lens: Lens::PINHOLE,
-        distortion: Distortion::NONE,
-        shutter: Camera::WHOLE,
-        closing: None,
-    }
+    let steep = (target - position).normalize().y.abs() > 0.99;
+    let up = if steep { vec3(0.3, 0.0, 1.0) } else { vec3(0.35, 1.0, 0.1) };
+    Camera::look_at(position, target, up, fov_degrees.to_radians(), [film, film])
 }
 
 /// The slot of a light without area at its closing keyframe.
