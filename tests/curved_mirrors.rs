@@ -104,7 +104,9 @@ fn shadows_in_a_curved_mirror() {
         let (position, intensity) = (vec3(1.8, 4.0, -2.2), Vec3::splat(20.0));
         b.description.delta_lights.push(DeltaLight::Point { position, intensity });
     };
-    let area: fn(&mut Builder) = |b| b.lamp(ceiling(vec3(1.8, 4.0, -2.2), 0.3), Vec3::splat(60.0));
+    let area: fn(&mut Builder) = |b| {
+        b.lamp(ceiling(vec3(1.8, 4.0, -2.2), 0.3), Vec3::splat(60.0));
+    };
     agree("shadow in a ball, blocker x", &shadow_in_a_ball(point, None, |t, s| s[1].x += t), &plan);
     agree("shadow in a ball, ball y", &shadow_in_a_ball(point, None, |t, s| s[0].y += t), &Plan { h: 0.005, ..plan });
     agree(

@@ -487,7 +487,9 @@ fn shadow_of_a_ball() {
         }
     }
     let plan = Plan { h: 0.04, spp: 192, fd_spp: 512, ..Plan::default() };
-    let area: fn(&mut Builder) = |b| b.lamp(ceiling(vec3(0.3, 4.0, 0.5), 0.3), Vec3::splat(30.));
+    let area: fn(&mut Builder) = |b| {
+        b.lamp(ceiling(vec3(0.3, 4.0, 0.5), 0.3), Vec3::splat(30.));
+    };
     agree("ball, area light", &build(area), &plan);
     let point: fn(&mut Builder) = |b| {
         b.description.delta_lights.push(DeltaLight::Point { position: vec3(0.3, 4., 0.5), intensity: Vec3::splat(20.) })

@@ -72,11 +72,13 @@ fn leaves(
         let half = b.scalar(s.block_opacity);
         b.add(cuboid(s.block, vec3(0.3, 0.25, 0.4), 0.4), Material { opacity: Some(half), ..green });
         match lamp {
-            Lamp::Area => b.lamp(ceiling(s.light, 0.5), Vec3::splat(40.)),
+            Lamp::Area => {
+                b.lamp(ceiling(s.light, 0.5), Vec3::splat(40.));
+            }
             Lamp::Masked => {
                 let corners = ceiling(s.light, 0.8).vertices;
-                b.lamp(quad([corners[0], corners[1], corners[2], corners[3]]), Vec3::splat(20.));
-                b.description.shapes.last_mut().unwrap().material.opacity = opacity;
+                let lamp = b.lamp(quad([corners[0], corners[1], corners[2], corners[3]]), Vec3::splat(20.));
+                b.description.shapes[lamp].material.opacity = opacity;
             }
             Lamp::Point => {
                 b.description.delta_lights.push(DeltaLight::Point { position: s.light, intensity: Vec3::splat(30.) });
