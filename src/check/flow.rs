@@ -8,7 +8,7 @@ use crate::diag::Diagnostic;
 /// The params that reach an expression, in declaration order.
 pub fn reaching_params(program: &Program, expr: &Expr) -> Vec<DeclId> {
     let mut flow = Flow::new(program);
-    let mut found = Reached::default();
+    let mut found = Dependencies::default();
     flow.expr(expr, &mut found);
     found.decls.into_iter().filter(|id| is_param(program, *id)).collect()
 }
@@ -35,7 +35,7 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
     let mut flow = Flow::new(program);
     for action in &program.actions {
         if let Action::Optimize(o) = action {
-            let mut found = Reached::default();
+            let mut found = Dependencies::default();
             flow.expr(&o.loss, &mut found);
             out.extend(unmoved(program, o, &found.decls));
         }
@@ -44,7 +44,7 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
         return out;
     }
     out.extend(without_step(program, &mut flow));
-    let mut reached = Reached::default();
+    let mut reached = Dependencies::default();
     let mut has_loss = false;
     for id in program.losses() {
         has_loss = true;
@@ -133,7 +133,7 @@ fn without_step(program: &Program, flow: &mut Flow) -> Vec<Diagnostic> {
             Action::Expect { condition, .. } => vec![condition],
         };
         for part in parts {
-            let mut found = Reached::default();
+            let mut found = Dependencies::default();
             flow.expr(part, &mut found);
             let own = |id: &DeclId| *scheduled.entry(*id).or_insert_with(|| names_step(program, *id));
             let Some(id) = found.decls.into_iter().rev().find(own) else { continue };
@@ -254,7 +254,7 @@ fn unused_param(
 fn scene_cycles(program: &Program) -> Vec<Diagnostic> {
     let mut out = Vec::new();
     // Parts share declarations, so those that were found to render nothing are not searched again.
-    let mut quiet = Reached::default();
+    let mut quiet = Dependencies::default();
     for &part in &program.default_scene {
         let decl = program.decl(part);
         let Some(body) = &decl.body else { continue };
@@ -263,9 +263,9 @@ fn scene_cycles(program: &Program) -> Vec<Diagnostic> {
         if !flow.renders_scene {
             continue;
         }
-        let mut found = Reached::default();
+        let mut found = Dependencies::default();
         flow.expr(body, &mut found);
-        quiet = Reached::default();
+        quiet = Dependencies::default();
         if found.decls.contains(&part) {
             out.push(
                 Diagnostic::error(
@@ -291,7 +291,7 @@ type Place = (DeclId, Context);
 
 /// What a walk through the dependencies finds.
 #[derive(Default)]
-struct Reached {
+struct Dependencies {
     decls: BTreeSet<DeclId>,
     places: HashSet<Place>,
 }
@@ -319,19 +319,19 @@ impl<'p> Flow<'p> {
     }
 
     /// Adds a declaration and all that it depends on.
-    fn decl(&mut self, id: DeclId, found: &mut Reached) {
+    fn decl(&mut self, id: DeclId, found: &mut Dependencies) {
         let mut waiting = vec![(id, 0)];
         self.follow(&mut waiting, found);
     }
 
     /// Adds all that an expression depends on.
-    fn expr(&mut self, e: &Expr, found: &mut Reached) {
+    fn expr(&mut self, e: &Expr, found: &mut Dependencies) {
         let mut waiting = Vec::new();
         self.mentioned(e, 0, &mut waiting);
         self.follow(&mut waiting, found);
     }
 
-    fn follow(&mut self, waiting: &mut Vec<Place>, found: &mut Reached) {
+    fn follow(&mut self, waiting: &mut Vec<Place>, found: &mut Dependencies) {
         while let Some(place) = waiting.pop() {
             if found.places.insert(place) {
                 found.decls.insert(place.0);

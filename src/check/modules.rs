@@ -7,7 +7,7 @@ use std::sync::Arc;
 use super::Loader;
 use super::hir::{self, DeclId, LocalId, Origin, Program};
 use super::signature::{Const, FunctionKey, Sig};
-use super::told::Told;
+use super::told::DiagnosticLog;
 use super::types::Ty;
 use crate::diag::{Diagnostic, Names, did_you_mean, suggest};
 use crate::source::{SourceId, SourceMap, Span};
@@ -103,7 +103,7 @@ pub struct Instance {
 pub struct Checker<'l> {
     pub sources: SourceMap,
     pub loader: &'l (dyn Loader + Sync),
-    pub diagnostics: Told,
+    pub diagnostics: DiagnosticLog,
     pub modules: Vec<Module>,
     /// Shared with the state that earlier lines left, until one of the two changes.
     pub slots: Vec<Arc<Slot>>,
@@ -153,7 +153,7 @@ impl<'l> Checker<'l> {
         Checker {
             sources,
             loader,
-            diagnostics: Told::default(),
+            diagnostics: DiagnosticLog::default(),
             modules: vec![Module::default()],
             slots: Vec::new(),
             locals: Vec::new(),

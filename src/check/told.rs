@@ -7,7 +7,7 @@ use crate::diag::Diagnostic;
 use crate::source::Span;
 
 #[derive(Default)]
-pub struct Told {
+pub struct DiagnosticLog {
     all: Vec<Diagnostic>,
     errors: usize,
     /// Codes and places of the first `indexed` diagnostics.
@@ -15,7 +15,7 @@ pub struct Told {
     indexed: usize,
 }
 
-impl Told {
+impl DiagnosticLog {
     pub fn push(&mut self, diagnostic: Diagnostic) {
         self.errors += usize::from(diagnostic.is_error());
         self.all.push(diagnostic);

@@ -1,4 +1,4 @@
-//! Modes of differentiation: the same samples, contracted with an adjoint image (reverse) or with tangents (forward).
+//! Modes of differentiation. The same samples are multiplied with an adjoint image (reverse mode) or with tangents (forward mode).
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -13,38 +13,38 @@ use crate::image::Image;
 use crate::render::Scene;
 use crate::render::sampler::{self, Sampler, progress};
 
-/// A class of samples: the interior term, or one kind of boundary.
+/// The samples of one term: the interior term, or one of the boundary terms.
 pub trait Pass: Sync {
-    /// Number of samples (or groups of samples) in all.
+    /// Total number of samples, or of groups of samples.
     fn items(&self) -> usize;
-    /// Draws the samples of a range of items. What is drawn depends on the item's number only.
+    /// Draws the samples of a range of items. They depend on the items' indices only.
     fn run(&self, items: Range<usize>, out: &mut impl Estimate);
 }
 
-/// Samples that stand on their own, each drawn from a sampler.
+/// An estimator whose samples are drawn one by one.
 pub trait Draw: Sync {
-    /// Memory that is used again from sample to sample.
+    /// Memory that is reused from sample to sample.
     type Scratch: Default;
-    /// Adds one sample times `weight`. Its first random number, `first`, grows from sample to sample.
+    /// Draws one sample and adds it times `weight`. Its first random number, `first`, increases from sample to sample.
     fn draw(&self, first: f64, sampler: Sampler, weight: f64, scratch: &mut Self::Scratch, out: &mut impl Estimate);
 }
 
-/// The samples of one sequence.
+/// The pass of an estimator whose samples form one sequence.
 pub struct Sequence<'a, D> {
     pub of: &'a D,
     pub count: usize,
-    /// Of each sample.
+    /// Weight of each sample.
     pub weight: f64,
     pub seed: u64,
 }
 
 impl<D> Sequence<'_, D> {
-    /// The random numbers of sample `i` and of those close by.
+    /// The part of the sequence that contains sample `i`.
     pub fn points(&self, i: usize) -> sampler::Sequence {
         sampler::Sequence::new(self.seed, i as u64)
     }
 
-    /// How far along the sequence a sample is, and its other random numbers.
+    /// A sample's first random number, which is its position along the sequence, and its other random numbers.
     #[inline(always)]
     pub fn point<'p>(&self, i: usize, points: &'p sampler::Sequence) -> (f64, Sampler<'p>) {
         (progress(self.seed, i, self.count), points.sampler(i as u64))
@@ -69,26 +69,26 @@ impl<D: Draw> Pass for Sequence<'_, D> {
     }
 }
 
-/// Receives samples of the derivative of single pixels.
+/// Receives samples of derivatives of single pixels.
 pub trait Estimate {
     type S: Sink;
 
-    /// Calls `f` with an adjoint of the pixel's channels and the place for what follows from it (once in reverse mode,
-    /// once a channel in forward mode).
+    /// Calls `f` with an adjoint of the pixel's channels and the adjoints to which it adds the derivatives that follow: once in reverse
+    /// mode, once per channel in forward mode.
     fn pixel(&mut self, pixel: usize, f: impl FnMut(Vec3, &mut Adjoints<Self::S>));
 
-    /// Whether the pixel's samples cannot matter.
+    /// Whether samples of a pixel contribute nothing, so that they need not be drawn.
     fn skips(&self, pixel: usize) -> bool;
 }
 
-/// A pixel of an adjoint image; channels it does not have are zero.
+/// A pixel of an adjoint image; missing channels are zero.
 pub fn adjoint_of(image: &Image, pixel: usize) -> Vec3 {
     let c = image.channels;
     let p = &image.data[pixel * c..(pixel + 1) * c];
     Vec3::new(p[0], p.get(1).copied().unwrap_or(0.0), p.get(2).copied().unwrap_or(0.0))
 }
 
-/// Reverse mode: into whatever takes derivatives.
+/// Reverse mode, into any sink.
 pub struct Reverse<'a, S: Sink> {
     d_image: &'a Image,
     out: Adjoints<'a, S>,
@@ -122,7 +122,7 @@ impl<S: Sink> Estimate for Reverse<'_, S> {
     }
 }
 
-/// Forward mode: collects pixel values along each direction.
+/// Forward mode: collects derivatives of pixels along each direction.
 pub struct Forward<'a, S: ForwardSink> {
     out: Adjoints<'a, S>,
     directions: usize,
@@ -158,8 +158,8 @@ impl<S: ForwardSink> Estimate for Forward<'_, S> {
 /// Most numbers in the sums of all chunks at work together, unless those of four chunks are more.
 const MOST_SUMS: usize = 1 << 24;
 
-/// The work cut into chunks: fixed by the size of the problem, never by the number of threads, and summed in order, so that
-/// results are the same bits on any machine.
+/// Divides the work into chunks. They depend on the size of the problem only, and not on the number of threads, and are summed in order,
+/// so that the result has the same bits on any machine.
 fn chunks(items: usize, len: usize) -> Vec<Range<usize>> {
     let n = (MOST_SUMS / len.max(1)).clamp(16, 64).min(items.max(1));
     (0..n).map(|i| items * i / n..items * (i + 1) / n).collect()
@@ -171,9 +171,9 @@ struct OrderedSum<'a> {
     total: &'a mut DenseSums,
     /// The chunk to be added next.
     next: usize,
-    /// Chunks that are done before their turn.
+    /// Chunks that finished before their turn.
     waiting: BTreeMap<usize, SparseSums>,
-    /// Emptied sums, lent out again.
+    /// Sums that were added and can be reused.
     spare: Vec<SparseSums>,
 }
 
@@ -192,7 +192,7 @@ impl OrderedSum<'_> {
     }
 }
 
-/// Draws a range of items, in blocks until `stop` is set.
+/// Draws a range of items, block by block, until `stop` is set.
 fn run(pass: &impl Pass, range: Range<usize>, out: &mut impl Estimate, stop: &AtomicBool) {
     const BLOCK: usize = 2048;
     for start in range.clone().step_by(BLOCK) {
@@ -203,8 +203,7 @@ fn run(pass: &impl Pass, range: Range<usize>, out: &mut impl Estimate, stop: &At
     }
 }
 
-/// Runs a pass in reverse mode, adding to `total`. Once `stop` is set it ends soon and
-/// `total` is good for nothing.
+/// Runs a pass in reverse mode and adds the derivatives to `total`. After `stop` is set it returns soon, and `total` is meaningless.
 pub fn reverse(
     scene: &Scene,
     layout: &Layout,
@@ -217,7 +216,7 @@ pub fn reverse(
     let next = AtomicUsize::new(0);
     let ordered = Mutex::new(OrderedSum { total, next: 0, waiting: BTreeMap::new(), spare: Vec::new() });
     let ordered = || ordered.lock().unwrap_or_else(PoisonError::into_inner);
-    // Chunks are begun in order, so that few wait for their turn.
+    // Chunks are begun in order, so that few have to wait for their turn.
     let at_once = (MOST_SUMS / layout.size().max(1)).max(4).min(rayon::current_num_threads());
     (0..at_once).into_par_iter().for_each(|_| {
         while let chunk = next.fetch_add(1, Ordering::Relaxed)
@@ -231,18 +230,18 @@ pub fn reverse(
     });
 }
 
-/// Items of a chunk in forward mode, and runs of samples times directions that are kept at a time (24 bytes each).
+/// Items of a chunk in forward mode, and most runs of samples times directions that are kept at a time (24 bytes each).
 const FORWARD_CHUNK: usize = 1024;
 const FORWARD_KEPT: usize = 1 << 21;
 
-/// Derivatives of an image along several directions: by pixel, direction and channel.
+/// Derivatives of an image along several directions, indexed by pixel, direction and channel.
 pub struct Images {
     pub directions: usize,
     pub channels: usize,
     pub data: Vec<f64>,
 }
 
-/// Runs a pass in forward mode, with a sink made for each chunk, adding to `images`. `stop` as in [`reverse`].
+/// Runs a pass in forward mode and adds the derivatives to `images`; `sink` makes a sink for each chunk. `stop` is as in [`reverse`].
 pub fn forward<S: ForwardSink>(
     scene: &Scene,
     layout: &Layout,

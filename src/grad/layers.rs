@@ -1,11 +1,12 @@
-//! What masked faces at an edge cover: on either side of an edge a line of sight crosses all faces of that side or none.
+//! Coverage of masked faces at an edge: on either side of the edge, a line of sight crosses all faces of that side or none.
 
 use crate::render::Scene;
 use crate::render::edges::{Edge, EdgeView, INSIDE};
 use crate::render::sampler::Sampler;
 use glam::Vec3;
 
-/// What a boundary sample compares, times `scale`: the faces it looks at on either side, or past the edge.
+/// The two sides whose radiances a boundary sample subtracts, and the factor `scale` on the difference: a face of the edge on either
+/// side, or the scene past the edge.
 #[derive(Clone, Copy, Debug)]
 pub struct Sides {
     pub near: Option<usize>,
@@ -14,8 +15,9 @@ pub struct Sides {
 }
 
 impl Sides {
-    /// By a toss of a coin where faces are masked, the same for both sides: past the edge both see the same, so only where one of
-    /// them is covered is of interest. `None` if nothing covers anything.
+    /// Chooses the faces. Where faces are masked, one random number decides on both sides whether the line of sight is covered. Where
+    /// neither side is covered both see the same past the edge, so only cases in which one is covered are sampled. `None` if nothing
+    /// covers anything.
     pub fn choose(
         scene: &Scene,
         edge: &Edge,
@@ -36,8 +38,8 @@ impl Sides {
     }
 }
 
-/// How much more the faces on the covering side of an edge cover than those on the other: 1 for an opaque contour, 0 where opaque
-/// faces are on both sides.
+/// The coverage of the faces on the covering side of an edge minus that on the other side: 1 for an opaque contour, 0 if both sides have
+/// opaque faces.
 pub fn contrast(scene: &Scene, edge: &Edge, dir: Vec3, view: &EdgeView, s: f32) -> f32 {
     if !has_masks(scene, edge) {
         return if view.background.is_some() { 0.0 } else { 1.0 };
@@ -50,7 +52,7 @@ pub fn has_masks(scene: &Scene, edge: &Edge) -> bool {
     scene.masked && edge.faces.iter().any(|f| scene.opacity(f.prim, [1.0, 0.0, 0.0]).is_some())
 }
 
-/// The faces on one side, nearest first, each with what is covered by it and those before it.
+/// The faces on one side, the nearest first, each with the coverage of it and those before it.
 fn layers(scene: &Scene, edge: &Edge, dir: Vec3, view: &EdgeView, first: Option<usize>, s: f32) -> Vec<(usize, f32)> {
     let Some(first) = first else { return Vec::new() };
     let mut open = 1.0;

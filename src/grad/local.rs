@@ -1,4 +1,4 @@
-//! Local adjoints: closed forms for one vertex of a path.
+//! Local adjoints of one path vertex, in closed form.
 
 use std::ops::Add;
 
@@ -24,7 +24,7 @@ pub struct VertexAdjoint {
     pub b: [f32; 3],
 }
 
-/// What a moving hit point asks of the ray that found it.
+/// Adjoint of a ray: of its origin and its direction.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct RayAdjoint {
     pub origin: Vec3,
@@ -47,8 +47,8 @@ impl VertexAdjoint {
     }
 }
 
-/// Adjoint of [`SurfaceInteraction::eval`] (of one part of it, if given) with both directions given: adds to the vertex,
-/// returns the adjoint of `wo` and of the material's inputs.
+/// Adjoint of [`SurfaceInteraction::eval`] (or of one part of it) at fixed directions. Adds to the adjoint of the vertex; returns the
+/// adjoints of `wo` and of the material's inputs.
 pub fn d_eval(
     si: &SurfaceInteraction,
     wo: Vec3,
@@ -107,14 +107,14 @@ pub fn d_mirrored(si: &SurfaceInteraction, mut d_dir: Vec3, adj: &mut VertexAdjo
     adj.wi += si.ns * (2.0 * si.ns.dot(d_dir)) - d_dir;
 }
 
-/// The incoming direction on the front of the shading normal, as the BSDF has it.
+/// `wi` mirrored to the front of the shading normal, as the BSDF uses it.
 fn front(si: &SurfaceInteraction) -> (Vec3, f32) {
     let ci = si.ns.dot(si.wi);
     if ci < 0.0 { (si.wi - si.ns * (2.0 * ci), ci) } else { (si.wi, ci) }
 }
 
-/// Adjoint of an attached direction: `wo` is `wi` mirrored at a half vector h that turns with the shading normal, by the
-/// smallest rotation that takes the normal along. `d_wo` goes to the normal and `wi`; `d_h` is an adjoint h has besides.
+/// Adjoint of an attached direction: `wo` is `wi` mirrored at a half vector h that turns with the shading normal, by the smallest
+/// rotation between the old and the new normal. `d_wo` is passed on to the normal and `wi`; `d_h` is a further adjoint of h.
 fn d_attached(si: &SurfaceInteraction, h: Vec3, mut d_h: Vec3, d_wo: Vec3, mut d_wi: Vec3, adj: &mut VertexAdjoint) {
     let (wi, ci) = front(si);
     let (h_wi, h_d) = (h.dot(wi), h.dot(d_wo));
@@ -122,7 +122,7 @@ fn d_attached(si: &SurfaceInteraction, h: Vec3, mut d_h: Vec3, d_wo: Vec3, mut d
     d_wi += h * (2.0 * h_d) - d_wo;
     adj.ns += h.cross(d_h).cross(si.ns);
     if ci < 0.0 {
-        // wi was mirrored at the tangent plane.
+        // Here `wi` was mirrored at the tangent plane.
         let along = si.ns.dot(d_wi);
         adj.ns -= (d_wi * ci + si.wi * along) * 2.0;
         d_wi -= si.ns * (2.0 * along);
@@ -136,9 +136,9 @@ pub fn d_attached_direction(si: &SurfaceInteraction, wo: Vec3, d_wo: Vec3, adj: 
     d_attached(si, h, Vec3::ZERO, d_wo, Vec3::ZERO, adj);
 }
 
-/// Adjoint of the specular part of [`SurfaceInteraction::eval`] where its direction is attached: the half vector is what
-/// was sampled and turns with the surface, so the integrand is f·cos·|∂ω/∂h| = 4 f·cos·(wi·h). `d_wo` is the adjoint that the
-/// radiance from there has in the direction. Returns the adjoint of the material's inputs.
+/// Adjoint of the specular part of [`SurfaceInteraction::eval`] for an attached direction. The half vector is sampled and turns with the
+/// surface, so the integrand is f·cos·|∂ω/∂h| = 4 f·cos·(wi·h). `d_wo` is the adjoint of the direction through the radiance that arrives
+/// from it. Returns the adjoint of the material's inputs.
 pub fn d_eval_attached(
     si: &SurfaceInteraction,
     wo: Vec3,
@@ -159,8 +159,8 @@ pub fn d_eval_attached(
     d_values
 }
 
-/// Adjoint of a vertex whose position is where a ray (direction −wi, distance `t`) meets its triangle: distributes to the
-/// triangle's arrays and returns the adjoint of the ray.
+/// Adjoint of a vertex at the intersection of a ray (direction −wi, distance `t`) with its triangle: adds to the adjoints of the
+/// triangle's vertices and attributes, and returns the adjoint of the ray.
 ///
 /// ẋ = u + d (n·(V−u))/(n·d), with u the velocity of the ray at the hit and V that of the material point; ḃ_i = ∇b_i·(ẋ−V).
 pub fn d_intersection<S: Sink>(
@@ -226,7 +226,7 @@ pub fn d_inputs<S: Sink>(
     }
 }
 
-/// Adjoint of emission seen where a direction-fixed ray hits (camera rays, mirrors).
+/// Adjoint of emission at the hit of a ray with a fixed direction (camera rays, mirrors).
 pub fn d_emission_sliding<S: Sink>(out: &mut Adjoints<S>, si: &SurfaceInteraction, d: Vec3, adj: &mut VertexAdjoint) {
     if let Some(input) = emission_input(out, si.prim) {
         let d_b = out.input(input, si.prim, si.b, d, true);
@@ -234,8 +234,7 @@ pub fn d_emission_sliding<S: Sink>(out: &mut Adjoints<S>, si: &SurfaceInteractio
     }
 }
 
-/// Adjoint of a light's power, its radiance times the opacity of its mask, at a point. Returns the adjoint of b as
-/// [`Adjoints::input`] does.
+/// Adjoint of a light's power (radiance times the opacity of its mask) at a point. Returns the adjoint of b as [`Adjoints::input`] does.
 fn d_light_power<S: Sink>(out: &mut Adjoints<S>, prim: PrimId, b: [f32; 3], d: Vec3, slides: bool) -> [f32; 3] {
     let Some(radiance) = emission_input(out, prim) else { return [0.0; 3] };
     let (scene, opacity) = (out.scene, opacity_input(out, prim));
@@ -255,8 +254,8 @@ pub fn d_opacity<S: Sink>(out: &mut Adjoints<S>, si: &SurfaceInteraction, d: f32
     }
 }
 
-/// Adjoint of what masks on a line let through: `d` is that of the product of their weights. Returns the adjoint of the line, a
-/// ray along `dir`.
+/// Adjoint of the transmittance of masks along a line: `d` is the adjoint of the product of their weights. Returns the adjoint of the
+/// line as a ray along `dir`.
 pub fn d_masks<S: Sink>(out: &mut Adjoints<S>, dir: Vec3, crossings: &[MaskCrossing], d: f32) -> RayAdjoint {
     let mut ray = RayAdjoint::default();
     for (i, c) in crossings.iter().enumerate() {
@@ -281,7 +280,8 @@ pub fn emission_input<S: Sink>(out: &Adjoints<S>, prim: PrimId) -> Option<Input>
     out.scene.description.shapes[shape].emission.as_ref().map(|e| e.radiance)
 }
 
-/// Adjoint of light that arrives at a vertex: material-fixed, but where surfaces touch, or through an attached lobe.
+/// Adjoint of light that arrives at a vertex: with the light's point fixed on its surface or, where surfaces touch or through an attached
+/// lobe, with a point that slides.
 pub fn d_incident<S: Sink>(
     out: &mut Adjoints<S>,
     si: &SurfaceInteraction,
@@ -319,7 +319,8 @@ pub fn d_incident<S: Sink>(
     d_values
 }
 
-/// Adjoint of light from a direction of which a part turns with the environment and the rest stays where it is.
+/// Adjoint of radiance from a direction of the environment, of which a part turns with the environment and the rest has a fixed
+/// direction.
 fn d_environment_light<S: Sink>(
     out: &mut Adjoints<S>,
     si: &SurfaceInteraction,
@@ -341,8 +342,8 @@ fn d_environment_light<S: Sink>(
     d_values
 }
 
-/// Adjoint of what a ray finds on a light that it slides over: `a` includes the BSDF. Adds the vertex's part, returns the
-/// direction's.
+/// Adjoint of the emission at the hit of a ray, which slides over the light; `a` includes the BSDF. Adds to the adjoint of the hit, and
+/// returns that of the direction.
 fn d_direction_fixed<S: Sink>(out: &mut Adjoints<S>, c: &IncidentLight, a: Vec3, adj: &mut VertexAdjoint) -> Vec3 {
     let d_power = a * (c.geometry * c.weight);
     let mut ray = d_masks(out, c.dir, c.masks.crossings, a.dot(c.light.power) * (c.geometry * c.masks.weight));
@@ -372,14 +373,15 @@ pub struct IncidentLight<'a> {
     pub masks: Masks<'a>,
 }
 
-/// Masks on the way of light: `weight` is the whole one without theirs.
+/// Masks between light and vertex; `weight` does not include them.
 #[derive(Clone, Copy)]
 pub struct Masks<'a> {
     pub crossings: &'a [MaskCrossing],
     pub weight: f32,
 }
 
-/// How a vertex passes light on: by a part of its BSDF, or all of it, with the value `f`; `a` is the adjoint of what leaves.
+/// The scattering of light at a vertex: by a part of its BSDF or all of it, with the value `f`; `a` is the adjoint of the scattered
+/// radiance.
 #[derive(Clone, Copy)]
 pub struct Scattering {
     pub f: Vec3,
@@ -387,7 +389,7 @@ pub struct Scattering {
     pub a: Vec3,
 }
 
-/// Adjoint of light from a point that stays where it is on its light.
+/// Adjoint of light from a point that is fixed on its light's surface.
 pub fn d_material_fixed<S: Sink>(
     out: &mut Adjoints<S>,
     si: &SurfaceInteraction,
@@ -401,7 +403,7 @@ pub fn d_material_fixed<S: Sink>(
     let d_power = a * f * scale;
     let d_value = a.dot(f * light.power);
     let d_geometry = d_value * c.weight;
-    // Where the line crosses a mask moves with both its ends.
+    // The point at which the line crosses a mask moves with both its ends.
     let masks = d_masks(out, c.dir, c.masks.crossings, d_value * c.geometry * c.masks.weight);
     adj.p += masks.origin;
     d_dir += masks.dir;
@@ -418,7 +420,8 @@ pub fn d_material_fixed<S: Sink>(
             adj.p -= d;
             out.material_point(light.prim, light.b, d);
             out.geometric_normal(light.prim, -c.dir * d_cos);
-            // The measure is dA = 2A du dv; the density, a constant, cancels it only in value.
+            // The measure is dA = 2A du dv. The sampling density contains 1/A but is a constant to the derivative, so that the derivative
+            // of the area remains.
             let [p0, p1, p2] = out.scene.corners(light.prim);
             let area = 0.5 * (p1 - p0).cross(p2 - p0).length();
             out.area(light.prim, d_geometry * c.geometry / area);
@@ -451,7 +454,7 @@ pub fn d_material_fixed<S: Sink>(
     d_values
 }
 
-/// Adjoint of the unit direction towards a directional light → its `direction` (which points the other way).
+/// Passes the adjoint of the unit direction towards a directional light on to the light's `direction`, which points the opposite way.
 pub fn d_direction<S: Sink>(out: &mut Adjoints<S>, light: u32, d_towards: Vec3) {
     if let crate::render::DeltaLight::Directional { direction, .. } = out.scene.description.delta_lights[light as usize]
     {
@@ -459,8 +462,8 @@ pub fn d_direction<S: Sink>(out: &mut Adjoints<S>, light: u32, d_towards: Vec3) 
     }
 }
 
-/// Adjoint of a first-hit channel (see `first_hit`) seen through masks → adjoint of the camera ray. The camera's own
-/// part of the depth goes straight to `out.camera`.
+/// Adjoint of a first-hit channel (`first_hit`) seen through masks; returns the adjoint of the camera ray. The direct dependence of the
+/// depth channel on the camera is added to `out.camera`.
 pub fn d_first_hit<S: Sink>(
     out: &mut Adjoints<S>,
     output: Output,

@@ -1,8 +1,8 @@
 //! Recorded paths, and the backward sweep over them with closed-form local adjoints.
 //!
-//! The integrator tells a [`Path`] each vertex with the numbers that were used; [`sweep`] goes back over them, from the last vertex to the
-//! first, and adds the derivative of the path's radiance to whatever it depends on. [`inject`] does the same for a derivative that enters
-//! the path from outside, at one of its vertices.
+//! The integrator records each vertex in a [`Path`] with the numbers that were used. [`sweep`] goes back from the last vertex to the
+//! first and adds the derivative of the path's radiance to everything that it depends on. [`inject`] does the same for a derivative that
+//! enters the path from outside at one of its vertices.
 //!
 //! Parametrisation (the table in `docs/derivatives.md`): camera rays and reflected radiance
 //! are direction-fixed (a hit point slides over its surface as things move), emission is material-fixed (a point of a
@@ -29,14 +29,14 @@ use crate::render::{MAX_INPUTS, Scene};
 #[derive(Clone, Debug)]
 pub struct PathVertex {
     pub si: SurfaceInteraction,
-    /// Product of f·cos/pdf and of what masks do, up to, but without, this vertex and the line that found it.
+    /// Product of f·cos/pdf and of masks' weights up to this vertex, without the vertex itself and the segment that leads to it.
     pub throughput: Vec3,
     pub through: MaskWeight,
     /// Distance from the previous vertex.
     pub t: f32,
     pub connection: Option<Connection>,
     pub continuation: Option<Continuation>,
-    /// Masks on the segment that found it, on that to the light, and on that out of the scene, if the path ends there.
+    /// Masks on the segment that leads to the vertex, on that to the light, and on that out of the scene, if the path ends there.
     incoming: Span,
     to_light: Span,
     out: Span,
@@ -45,11 +45,11 @@ pub struct PathVertex {
 /// A range of a path's crossings.
 type Span = (u32, u32);
 
-/// A recorded path, re-used from sample to sample.
+/// A recorded path, whose memory is reused from sample to sample.
 #[derive(Clone, Debug, Default)]
 pub struct Path {
     pub vertices: Vec<PathVertex>,
-    /// Masks passed, segment by segment; the last segment's may not belong to a vertex yet.
+    /// Masks passed, segment by segment. Those of the last segment may not belong to a vertex yet.
     pub crossings: Vec<MaskCrossing>,
     taken: u32,
 }
@@ -113,8 +113,8 @@ impl Recorder for Path {
     }
 }
 
-/// The weight with which the emission of a vertex is seen sliding over its surface: by the camera, through an attached
-/// direction, or from a surface that it touches. `None` where it is material-fixed.
+/// The weight with which the emission of a vertex slides over its surface: seen by the camera, through an attached direction, or from a
+/// surface that it touches. `None` where the emitting point is fixed to its surface.
 fn sliding_emission(scene: &Scene, path: &Path, k: usize) -> Option<f32> {
     let Some(before) = k.checked_sub(1).map(|i| &path.vertices[i]) else { return Some(1.0) };
     let (c, here) = (before.continuation.as_ref()?, path.vertices.get(k)?);
@@ -132,7 +132,7 @@ pub struct Injection {
     pub d_dir: Vec3,
 }
 
-/// Carries a derivative that enters a path at one of its vertices back to the path's first ray.
+/// Propagates a derivative that enters a path at one of its vertices back to the path's first ray.
 pub fn inject<S: Sink>(out: &mut Adjoints<S>, path: &Path, injection: &Injection) -> RayAdjoint {
     let mut ray = RayAdjoint::default();
     for (k, v) in path.vertices[..=injection.vertex].iter().enumerate().rev() {
@@ -156,12 +156,12 @@ pub fn inject<S: Sink>(out: &mut Adjoints<S>, path: &Path, injection: &Injection
     ray
 }
 
-/// What a sweep takes for constant (is detached from), because another estimator differentiates it.
+/// Dependencies that a sweep takes as constant (detached), because another estimator differentiates them.
 #[derive(Clone, Copy, Debug)]
 pub struct Detached {
-    /// GGX distributions are taken not to depend on roughness: [`crate::grad::terms::roughness`] differentiates them.
+    /// GGX distributions are constant in the roughness: [`crate::grad::terms::roughness`] differentiates them.
     pub distributions: bool,
-    /// The part of the environment that turns with it; the light of the rest stays in its directions.
+    /// The part of the environment that turns with it; the rest has fixed directions.
     pub environment: MovingEnvironment,
 }
 
@@ -186,7 +186,7 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, detached: Det
             adj: VertexAdjoint { p: ray.origin, ..Default::default() },
             d_values: [Vec3::ZERO; MAX_INPUTS],
         };
-        // What the continuation finds, and all that leaves the vertex.
+        // The radiance that the continuation finds, and the radiance that leaves the vertex.
         let found = v.continuation.as_ref().map_or(Vec3::ZERO, |c| vertex.continue_path(c, reflected, ray.dir));
         let mut outgoing = v.continuation.as_ref().map_or(Vec3::ZERO, |c| c.f * c.inv_pdf * found);
         if let Some(c) = &v.connection {
@@ -199,7 +199,7 @@ pub fn sweep<S: Sink>(out: &mut Adjoints<S>, path: &Path, a: Vec3, detached: Det
     ray
 }
 
-/// The sweep at one vertex. Its parts add to what they differentiate, one after the other.
+/// The sweep at one vertex. Its methods add to these adjoints one after the other.
 struct VertexSweep<'s, 'a, S: Sink> {
     out: &'s mut Adjoints<'a, S>,
     path: &'s Path,
@@ -209,11 +209,12 @@ struct VertexSweep<'s, 'a, S: Sink> {
     a: Vec3,
     detached: Detached,
     adj: VertexAdjoint,
-    /// Of the material's inputs.
+    /// Adjoints of the material's inputs.
     d_values: [Vec3; MAX_INPUTS],
 }
 
-/// What the continuation of a vertex finds: emission of a surface, radiance of the environment, and what the next vertex reflects.
+/// The radiance that the continuation of a vertex finds: emission of a surface, radiance of the environment, and radiance reflected by
+/// the next vertex.
 #[derive(Clone, Copy)]
 struct Found {
     emission: Vec3,
@@ -228,11 +229,11 @@ impl<S: Sink> VertexSweep<'_, '_, S> {
         }
     }
 
-    /// Differentiates what the continuation finds, of which the next vertex reflects `reflected`; `d_dir` is the adjoint of its
-    /// direction so far. Returns all that it finds.
+    /// Differentiates the radiance that the continuation finds, of which the next vertex reflects `reflected`; `d_dir` is the adjoint of
+    /// the direction so far. Returns that radiance.
     fn continue_path(&mut self, c: &Continuation, reflected: Vec3, mut d_dir: Vec3) -> Vec3 {
         let si = &self.v.si;
-        // A light's power has the opacity of its own mask already.
+        // A light's power already includes the opacity of its mask.
         let power = c.hit_light.as_ref().map_or(Vec3::ZERO, |light| light.power);
         let emission = power * (c.emission_weight * c.through.pass * c.through.inv_choice);
         let sky = c.escaped.map_or(Vec3::ZERO, |sky| sky * (c.emission_weight * c.through.weight));
@@ -248,7 +249,7 @@ impl<S: Sink> VertexSweep<'_, '_, S> {
         }
         let d_f = self.a * c.inv_pdf;
         if c.delta {
-            // The direction follows the normal and the incoming direction.
+            // The direction is attached: it depends on the normal and the incoming direction.
             self.add_values([d_f * found, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO]);
             d_mirrored(si, d_dir, &mut self.adj);
         } else if c.attached {
@@ -260,7 +261,7 @@ impl<S: Sink> VertexSweep<'_, '_, S> {
         found
     }
 
-    /// [`VertexSweep::continue_path`] where the direction does not follow the surface.
+    /// [`VertexSweep::continue_path`] for a direction that is not attached.
     fn continue_detached(&mut self, c: &Continuation, found: Found, d_dir: Vec3) {
         let si = &self.v.si;
         let part = si.bsdf.is_attached().then_some(Part::Diffuse);
@@ -294,7 +295,7 @@ impl<S: Sink> VertexSweep<'_, '_, S> {
         }
     }
 
-    /// The part of the environment that turns takes the direction of the continuation along.
+    /// For the part of the environment that turns, the direction of the continuation turns with it.
     fn turn_environment(&mut self, c: &Continuation, part: Option<Part>, sky: Vec3, d_dir: Vec3) {
         let step = c.f * c.inv_pdf;
         let rest = self.detached.environment.direction_fixed_share(self.out.scene, c.dir);
@@ -325,7 +326,7 @@ impl<S: Sink> VertexSweep<'_, '_, S> {
         c.f * c.light.power * (c.geometry * weight)
     }
 
-    /// Differentiates the vertex's own emission, where that slides.
+    /// Differentiates the vertex's own emission, if it slides.
     fn emit(&mut self) {
         let si = &self.v.si;
         let Some(weight) = sliding_emission(self.out.scene, self.path, self.index) else { return };
@@ -335,8 +336,8 @@ impl<S: Sink> VertexSweep<'_, '_, S> {
         }
     }
 
-    /// Hands the adjoints of the vertex on, to material, masks and shape; returns the adjoint of the ray that found it. `a` is the
-    /// adjoint of the radiance in front of the vertex's own mask.
+    /// Passes the adjoints of the vertex on to material, masks and shape; returns the adjoint of the ray that hit it. `a` is the adjoint
+    /// of the radiance in front of the vertex's own mask.
     fn finish(mut self, a: Vec3, found: Vec3, outgoing: Vec3) -> RayAdjoint {
         let (v, si) = (self.v, &self.v.si);
         if self.detached.distributions
@@ -348,7 +349,7 @@ impl<S: Sink> VertexSweep<'_, '_, S> {
         d_inputs(out, si, &self.d_values, &mut adj);
         let mut ray = RayAdjoint::default();
         if out.scene.masked {
-            // The vertex's own mask and those in front of it, as far as what is found slides over the surface.
+            // The vertex's own mask and those in front of it, for the part of the radiance that slides over the surface.
             let found = outgoing + si.emission * sliding_emission(out.scene, path, self.index).unwrap_or(0.0);
             let (d_weight, through) = (a.dot(found), &v.through);
             d_opacity(out, si, d_weight * through.pass * through.inv_choice, &mut adj);
@@ -366,7 +367,7 @@ fn ratio(a: f32, b: f32) -> f32 {
     if b == 0.0 { 0.0 } else { a / b }
 }
 
-/// The part of a vertex's derivative in its roughness that is the distribution's.
+/// The part of a vertex's derivative in its roughness that comes from the microfacet distribution.
 fn d_distribution(pair: &RoughnessPair, v: &PathVertex, a: Vec3, found: Vec3) -> f32 {
     let si = &v.si;
     let score = |wo: Vec3| pair.score_and_pdf(si.ns, si.wi, wo).0;
@@ -387,7 +388,8 @@ fn d_distribution(pair: &RoughnessPair, v: &PathVertex, a: Vec3, found: Vec3) ->
 }
 
 /// The [area sampling fraction](crate::render::integrator::Options::area_sampling_fraction) of paths that are differentiated. A point
-/// slides by up to 1/cos θ along a direction in which it meets a surface at a grazing angle θ, and this multiplies from bounce to bounce: found by directions alone it makes the variance infinite.
+/// slides by up to 1/cos θ along a direction that meets its surface at an angle θ from the normal, and this factor multiplies from bounce
+/// to bounce. If such directions were sampled by the BSDF alone, the variance would be infinite.
 pub fn area_sampling_fraction(layout: &Layout) -> f32 {
     const SHARE: f32 = 0.25;
     if layout.moves_points() { SHARE } else { 0.0 }

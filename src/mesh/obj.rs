@@ -8,7 +8,7 @@ use glam::{DVec3, Vec2, Vec3, vec2, vec3};
 
 use super::load::{Loaded, LoadedMaterial, LoadedPart, downwards, within_limits};
 use super::mtl::{Library, Placement};
-use super::polygon::{self, Cutter};
+use super::polygon::{self, Triangulator};
 use super::reading::{Reading, lines, text_of, without_mark};
 use super::{MAX_ELEMENTS, Mesh};
 
@@ -214,7 +214,7 @@ impl Obj {
         self.complete_normals();
         let mut made: HashMap<String, (Arc<LoadedMaterial>, Placement)> = HashMap::new();
         let mut loaded = Loaded::default();
-        let mut cutter = Cutter::new();
+        let mut cutter = Triangulator::new();
         for part in &self.parts {
             let material = match &part.material {
                 None => None,
@@ -288,7 +288,7 @@ impl Obj {
         }
     }
 
-    fn mesh(&self, part: &Part, cutter: &mut Cutter, reading: &mut Reading) -> Mesh {
+    fn mesh(&self, part: &Part, cutter: &mut Triangulator, reading: &mut Reading) -> Mesh {
         let with = |kind: usize| part.corners.iter().filter(|c| c[kind] != NONE).count();
         let (uvs, normals) = (with(1), with(2));
         if uvs > 0 && uvs < part.corners.len() {

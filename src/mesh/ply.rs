@@ -10,7 +10,7 @@ use crate::image::file::Encoding;
 use crate::image::filter::srgb_to_linear;
 
 use super::load::{Loaded, LoadedImage, LoadedMaterial, LoadedPart, downwards};
-use super::polygon::Cutter;
+use super::polygon::Triangulator;
 use super::reading::{Reading, lines, text_of, without_mark};
 use super::{MAX_ELEMENTS, Mesh};
 
@@ -75,7 +75,7 @@ struct Ply {
     /// One entry for each face, if faces have texture coordinates of their own.
     wedges: Vec<Wedge>,
     has_wedges: bool,
-    cutter: Option<Cutter>,
+    cutter: Option<Triangulator>,
     seen_vertices: bool,
     /// Faces that come before the vertices in the file: number, corners and texture coordinates.
     early: Vec<(usize, Vec<f64>, Vec<f64>)>,
@@ -313,7 +313,7 @@ impl Ply {
         }
         let Ply { mesh, wedges, has_wedges, cutter, .. } = self;
         let places: Vec<Vec3> = corners.iter().map(|&i| mesh.vertices[i as usize]).collect();
-        cutter.get_or_insert_with(Cutter::new).cut(&places, |t| {
+        cutter.get_or_insert_with(Triangulator::new).cut(&places, |t| {
             mesh.faces.push(t.map(|k| corners[k] as u32));
             if *has_wedges {
                 let at =

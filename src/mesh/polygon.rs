@@ -4,15 +4,15 @@ use earcut::Earcut;
 use glam::{DVec3, Vec3};
 
 /// A triangulator, which uses its memory again for the next polygon.
-pub(super) struct Cutter {
+pub(super) struct Triangulator {
     ears: Earcut<f64>,
     flat: Vec<[f64; 2]>,
     cut: Vec<u32>,
 }
 
-impl Cutter {
-    pub fn new() -> Cutter {
-        Cutter { ears: Earcut::new(), flat: Vec::new(), cut: Vec::new() }
+impl Triangulator {
+    pub fn new() -> Triangulator {
+        Triangulator { ears: Earcut::new(), flat: Vec::new(), cut: Vec::new() }
     }
 
     /// Triangles of a polygon as indices of its corners, with the winding of the polygon. A polygon that is not planar is projected along
@@ -87,7 +87,7 @@ mod tests {
     fn area(corners: &[Vec3]) -> (f32, usize) {
         let (mut sum, mut count) = (Vec3::ZERO, 0);
         let mut total = 0.0;
-        Cutter::new().cut(corners, |t| {
+        Triangulator::new().cut(corners, |t| {
             let [a, b, c] = t.map(|i| corners[i]);
             let n = (b - a).cross(c - a) * 0.5;
             (sum, total, count) = (sum + n, total + n.length(), count + 1);
@@ -119,13 +119,13 @@ mod tests {
     fn all_else_is_a_fan() {
         let square = [vec3(0.0, 0.0, 0.0), vec3(1.0, 0.0, 0.0), vec3(1.0, 1.0, 0.2), vec3(0.0, 1.0, 0.0)];
         let mut found = Vec::new();
-        Cutter::new().cut(&square, |t| found.push(t));
+        Triangulator::new().cut(&square, |t| found.push(t));
         assert_eq!(found, [[0, 1, 2], [0, 2, 3]]);
         // Without an area, or with fewer than three corners, there is nothing to go wrong.
         assert_eq!(area(&[Vec3::ONE; 5]).1, 3);
         assert_eq!(area(&[Vec3::ONE; 2]).1, 0);
         let nothing = [Vec3::NAN, Vec3::ONE, Vec3::ZERO, Vec3::X];
-        Cutter::new().cut(&nothing, |_| {});
+        Triangulator::new().cut(&nothing, |_| {});
     }
 
     #[test]
@@ -138,7 +138,7 @@ mod tests {
         };
         let corners: Vec<Vec3> = spiral(1.0).chain(spiral(2.0).collect::<Vec<_>>().into_iter().rev()).collect();
         let mut count = 0;
-        Cutter::new().cut(&corners, |_| count += 1);
+        Triangulator::new().cut(&corners, |_| count += 1);
         assert!(count > 39_000, "{count}");
     }
 }

@@ -74,12 +74,12 @@ fn load_scene(a: &Args) -> Result<SceneValue> {
 /// Converts materials of a file to values, each once, so that parts share their textures.
 #[derive(Default)]
 struct Converter {
-    made: HashMap<*const LoadedMaterial, Arc<Look>>,
+    made: HashMap<*const LoadedMaterial, Arc<Appearance>>,
 }
 
 /// The material and the emission of a part.
 #[derive(Clone)]
-struct Look {
+struct Appearance {
     material: Arc<MaterialValue>,
     radiance: Option<Input>,
     two_sided: bool,
@@ -88,39 +88,39 @@ struct Look {
 impl Converter {
     fn part(&mut self, part: &LoadedPart) -> Value {
         let mesh = MeshValue::from(&part.mesh);
-        let look = match (&part.material, tint(&part.mesh)) {
+        let appearance = match (&part.material, tint(&part.mesh)) {
             (None, None) => Arc::new(plain(grey())),
             // Vertex colours without a material are the reflectance.
             (None, Some(_)) => Arc::new(plain(MaterialKind::Diffuse { reflectance: Input::VertexColor }.into())),
-            (Some(loaded), None) => self.look(loaded),
+            (Some(loaded), None) => self.appearance(loaded),
             (Some(loaded), Some(Tint::Constant(tint))) => {
                 let tinted = LoadedMaterial { base_color: loaded.base_color * tint, ..(**loaded).clone() };
-                Arc::new(look(&tinted))
+                Arc::new(appearance(&tinted))
             }
             (Some(loaded), Some(Tint::Varying)) => {
-                let mut look = (*self.look(loaded)).clone();
-                let mut material = (*look.material).clone();
+                let mut appearance = (*self.appearance(loaded)).clone();
+                let mut material = (*appearance.material).clone();
                 if let MaterialKind::Principled { base_color, .. } = &mut material.kind
                     && let Input::Texture(texels) = base_color
                 {
                     *base_color = Input::Tinted(texels.clone());
                 }
-                look.material = Arc::new(material);
-                Arc::new(look)
+                appearance.material = Arc::new(material);
+                Arc::new(appearance)
             }
         };
-        let (mesh, material) = (Arc::new(mesh), look.material.clone());
-        match &look.radiance {
+        let (mesh, material) = (Arc::new(mesh), appearance.material.clone());
+        match &appearance.radiance {
             Some(radiance) => {
-                let (radiance, two_sided) = (radiance.clone(), look.two_sided);
+                let (radiance, two_sided) = (radiance.clone(), appearance.two_sided);
                 Value::Light(Arc::new(LightValue::Area { mesh, radiance, two_sided, material: Some(material) }))
             }
             None => Value::Shape(Arc::new(ShapeValue { mesh, material })),
         }
     }
 
-    fn look(&mut self, loaded: &Arc<LoadedMaterial>) -> Arc<Look> {
-        self.made.entry(Arc::as_ptr(loaded)).or_insert_with(|| Arc::new(look(loaded))).clone()
+    fn appearance(&mut self, loaded: &Arc<LoadedMaterial>) -> Arc<Appearance> {
+        self.made.entry(Arc::as_ptr(loaded)).or_insert_with(|| Arc::new(appearance(loaded))).clone()
     }
 }
 
@@ -137,11 +137,11 @@ fn tint(mesh: &Mesh) -> Option<Tint> {
     Some(if colors.iter().all(|c| *c == first) { Tint::Constant(first) } else { Tint::Varying })
 }
 
-fn plain(material: MaterialValue) -> Look {
-    Look { material: Arc::new(material), radiance: None, two_sided: false }
+fn plain(material: MaterialValue) -> Appearance {
+    Appearance { material: Arc::new(material), radiance: None, two_sided: false }
 }
 
-fn look(loaded: &LoadedMaterial) -> Look {
+fn appearance(loaded: &LoadedMaterial) -> Appearance {
     let kind = MaterialKind::Principled {
         base_color: texels(loaded.base_color_texels()),
         metallic: texels(loaded.metallic_texels()),
@@ -150,7 +150,7 @@ fn look(loaded: &LoadedMaterial) -> Look {
     };
     let opacity = loaded.opacity.clone().map(texels);
     let material = Arc::new(MaterialValue { kind, one_sided: !loaded.double_sided, opacity });
-    Look { material, radiance: loaded.emissive_texels().map(texels), two_sided: loaded.double_sided }
+    Appearance { material, radiance: loaded.emissive_texels().map(texels), two_sided: loaded.double_sided }
 }
 
 fn texels(loaded: LoadedImage) -> Input {

@@ -61,10 +61,12 @@ fn centroid(a: &Args) -> Result<Value> {
 /// the mean of the vertices, so that little cancels for a mesh far from the origin.
 fn volume(a: &Args) -> Result<Value> {
     let mesh = a.mesh(0)?;
-    let open = welded_edges(mesh).iter().filter(|(_, faces)| faces.len() % 2 == 1).count();
-    if open > 0 {
-        let s = if open == 1 { "edge belongs" } else { "edges belong" };
-        return Err(NativeError::at(0, format!("only a closed mesh has a volume: {open} {s} to one face only"))
+    let open: Vec<usize> =
+        welded_edges(mesh).iter().map(|(_, faces)| faces.len()).filter(|faces| faces % 2 == 1).collect();
+    if !open.is_empty() {
+        let edges = if open.len() == 1 { "edge belongs" } else { "edges belong" };
+        let faces = if open.iter().all(|faces| *faces == 1) { "one face only" } else { "an odd number of faces" };
+        return Err(NativeError::at(0, format!("only a closed mesh has a volume: {} {edges} to {faces}", open.len()))
             .help("a plane or a shell without caps is open; `merge` it with what closes it"));
     }
     let middle = Var::constant(mesh.vertices.value().clone()).mean_axes(&[0])?;

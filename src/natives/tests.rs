@@ -278,3 +278,19 @@ fn files_are_read_apart() {
         assert!(call(name, &[("path", path)]).is_err(), "{name}");
     }
 }
+
+#[test]
+fn three_sheets_that_meet_in_an_edge_have_no_volume() {
+    // Three cones over one triangle: each of its edges belongs to a face of every cone.
+    let vertices =
+        [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 2.0, 0.0], [0.0, -1.0, 0.0]];
+    let cone = |apex: u32| (0..3).map(move |i| [i, (i + 1) % 3, apex]);
+    let mesh = crate::mesh::Mesh {
+        vertices: vertices.map(glam::Vec3::from_array).to_vec(),
+        faces: (3..6).flat_map(cone).collect(),
+        ..Default::default()
+    };
+    let mesh = Value::Mesh(Arc::new(MeshValue::from(&mesh)));
+    let Err(error) = call("volume", &[("mesh", mesh)]) else { panic!("it has a volume") };
+    assert!(error.message.contains("3 edges belong to an odd number of faces"), "{}", error.message);
+}

@@ -187,7 +187,7 @@ impl Bsdf {
     }
 
     /// The probability with which a path chooses the specular part of the BSDF, given the values `diffuse` and `specular` of both parts. It
-    /// is in proportion to them, but neither part gets less than [`MIN_LOBE_SHARE`], so that a part that is black now still gets
+    /// is in proportion to them, but neither part gets less than `MIN_LOBE_SHARE`, so that a part that is black now still gets
     /// derivatives.
     pub fn specular_choice(&self, diffuse: f32, specular: f32) -> f32 {
         if !matches!(self, Bsdf::Phong { .. } | Bsdf::Principled { .. }) {

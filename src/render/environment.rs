@@ -8,17 +8,18 @@ use glam::{Vec2, Vec3};
 use super::texture::Texture;
 use crate::stop::paced;
 
-/// This share of the samples is spread evenly over the sphere, so that derivatives in black texels are found as well.
+/// This fraction of the samples is uniform over the sphere, so that texels that are black now get derivatives too.
 const DEFENSIVE_SHARE: f64 = 0.05;
 
-/// Texture coordinates of a direction (any length): u = 0.5 + atan2(x, −z) / 2π, v = acos(y/|d|) / π.
+/// Texture coordinates of a direction of any length: u = 0.5 + atan2(x, −z) / 2π, v = acos(y/|d|) / π.
 pub fn environment_uv(dir: Vec3) -> Vec2 {
     let u = 0.5 + dir.x.atan2(-dir.z) * (0.5 * FRAC_1_PI);
     let v = dir.x.hypot(dir.z).atan2(dir.y) * FRAC_1_PI;
     Vec2::new(u, v)
 }
 
-/// Adjoint of [`environment_uv`]: the derivative in `dir`, perpendicular to it. Zero at the poles, where u has none.
+/// Adjoint of [`environment_uv`]: the derivative in `dir`, which is perpendicular to `dir`. Zero at the poles, where u is not
+/// differentiable.
 pub fn d_environment_uv(dir: Vec3, d_uv: Vec2) -> Vec3 {
     let ring2 = dir.x * dir.x + dir.z * dir.z;
     let length2 = ring2 + dir.y * dir.y;
@@ -39,45 +40,45 @@ pub fn environment_direction(uv: Vec2) -> Vec3 {
     Vec3::new(sin_theta * sin_phi, cos_theta, -sin_theta * cos_phi)
 }
 
-/// Samples directions of a map in proportion to its radiance.
+/// Samples directions in proportion to the radiance of a map.
 ///
-/// The sphere is cut along the lines through texel centres (the pieces of the bilinear surface; a row of half height
-/// at each pole, columns wrapping around). A piece is chosen by mean corner radiance times solid angle and sampled
-/// uniformly in solid angle: the density is positive wherever the lookup is.
+/// The sphere is divided along the lines through texel centres into the cells of the bilinear interpolation, with a row of half height at
+/// each pole and columns that wrap around. A cell is chosen by the mean radiance of its corners times its solid angle, and sampled
+/// uniformly in solid angle. So the density is positive wherever the interpolated radiance is.
 #[derive(Clone, Debug)]
 pub struct EnvironmentTable {
     columns: usize,
-    /// One more than the map has: row r lies between the centres of texel rows r − 1 and r.
+    /// Number of rows, one more than the map has: row r lies between the centres of texel rows r − 1 and r.
     rows: usize,
     /// Cumulative probability up to and including each row.
     row_cdf: Vec<f32>,
-    /// Per row, cumulative probability within it.
+    /// Cumulative probability within each row.
     column_cdf: Vec<f32>,
-    /// Solid-angle density in each piece.
+    /// Solid-angle density in each cell.
     density: Vec<f32>,
 }
 
-/// An environment in which something is much brighter than the rest: a sun. L = base + peak, the base its lower envelope: the map
-/// without whatever is brighter than its surroundings and smaller than a window (a morphological opening), so that the peak
-/// has the sun's flanks too and the base is smooth. Shadows of peaks are found from the light; the base is seen from the receiver, and
-/// as a radiance in directions that stay where they are.
+/// Splits an environment with something much brighter than the rest, such as a sun, into L = base + peak. The base is the lower envelope
+/// of the map: a morphological opening, which removes whatever is brighter than its surroundings and smaller than a window. So the peak
+/// contains the flanks of the sun too, and the base is smooth. Shadows of the peak are sampled from the light. The base is sampled from
+/// the receiver, as a radiance in fixed directions.
 #[derive(Clone, Debug)]
 pub struct EnvironmentPeak {
     pub base: Texture,
-    /// Of the peak.
+    /// Sampling table of the peak.
     pub table: EnvironmentTable,
-    /// Mean over the sphere of the peak's channels.
+    /// Mean of the peak over the sphere and its channels.
     pub mean: f32,
 }
 
 impl EnvironmentPeak {
-    /// Something stands out that is brighter than this many times the mean.
+    /// A map has a peak if something in it is brighter than this many times the mean.
     const CONTRAST: f64 = 4.0;
 
-    /// Half the window: a share of the map's width, 11 degrees.
+    /// Half the size of the window, as a fraction of the map's width: 11 degrees.
     const WINDOW: usize = 32;
 
-    /// `None` if nothing stands out.
+    /// `None` if the map has no peak.
     pub fn new(texture: &Texture) -> Option<EnvironmentPeak> {
         if texture.is_constant() {
             return None;
@@ -94,7 +95,7 @@ impl EnvironmentPeak {
         Some(EnvironmentPeak { base, table, mean: mean as f32 })
     }
 
-    /// The opening of the texels' means; a texel keeps its colour.
+    /// Applies the opening to the means of the channels; the colour of a texel does not change.
     fn envelope(texture: &Texture) -> Texture {
         let (width, height, channels) = (texture.width, texture.height, texture.channels);
         let mean = |texel: &[f32]| texel.iter().map(|c| c.abs()).sum::<f32>() / channels as f32;
@@ -107,7 +108,7 @@ impl EnvironmentPeak {
                 extremes.into_iter().enumerate().for_each(|(y, m)| map[y * width + x] = m);
             }
         };
-        // The window is as wide at any height.
+        // The window has the same solid-angle width at any elevation.
         let along = |map: &mut Vec<f32>, better: Better| {
             for (y, row) in paced(map.chunks_exact_mut(width).enumerate(), 16 * width) {
                 let ring = ((y as f32 + 0.5) / height as f32 * PI).sin();
@@ -129,12 +130,12 @@ impl EnvironmentPeak {
     }
 }
 
-/// Whether the first value is as good as the second.
+/// Whether the first value is at least as extreme as the second.
 type Better = fn(f32, f32) -> bool;
 
-/// The best of all values at most `radius` places away, at each place.
+/// The extreme value within a distance of `radius`, at each position: a one-dimensional erosion or dilation.
 fn sliding(values: &[f32], radius: usize, better: Better) -> Vec<f32> {
-    // Places whose values get worse: those that may yet be the best.
+    // Positions that may still be the extreme one of a window, from best to worst (a monotonic queue).
     let mut candidates: VecDeque<usize> = VecDeque::new();
     let mut extremes = Vec::with_capacity(values.len());
     for end in 0..values.len() + radius {
@@ -158,8 +159,8 @@ impl EnvironmentTable {
         EnvironmentTable::with_strength(texture, DEFENSIVE_SHARE, |s| s).0
     }
 
-    /// A table for a function of the radiance, mixed with `share` of a uniform density, and the function's mean over the
-    /// sphere.
+    /// A sampling table for a function of the radiance, mixed with a fraction `share` of a uniform density. Also returns the function's
+    /// mean over the sphere.
     fn with_strength(texture: &Texture, share: f64, strength: impl Fn(f64) -> f64) -> (EnvironmentTable, f64) {
         let (columns, height) = (texture.width, texture.height);
         let rows = height + 1;
@@ -169,7 +170,7 @@ impl EnvironmentTable {
             if mean.is_finite() { strength(mean) } else { 0.0 }
         };
 
-        // Power of each piece, then mixed with a uniform density.
+        // The power of each cell, mixed with a uniform density.
         let mut piece_strength = Vec::with_capacity(columns * rows);
         let mut power = 0.0;
         for row in paced(0..rows, 16 * columns) {
@@ -206,13 +207,13 @@ impl EnvironmentTable {
             total += row_sum * solid_angle(row, rows, columns);
             table.row_cdf.push(total as f32);
         }
-        // Rounding must not leave a gap below one.
+        // The last entry is set to 1, which rounding may have missed.
         let rounded = table.row_cdf[rows - 1];
         table.row_cdf.iter_mut().for_each(|c| *c /= rounded);
         (table, power * uniform)
     }
 
-    /// A unit direction in the map's own frame and its solid-angle density.
+    /// Samples a unit direction in the frame of the map; returns it with its solid-angle density.
     pub fn sample(&self, u: [f32; 2]) -> (Vec3, f32) {
         let (row, v) = pick(&self.row_cdf, u[1]);
         let (column, s) = pick(&self.column_cdf[row * self.columns..][..self.columns], u[0]);
@@ -247,7 +248,7 @@ fn pick(cdf: &[f32], u: f32) -> (usize, f32) {
     (index, position.clamp(0.0, 0.999_999_94))
 }
 
-/// cos θ at the upper and lower border of a row of pieces.
+/// cos θ at the upper and lower border of a row of cells.
 fn row_cosines(row: usize, rows: usize) -> [f64; 2] {
     let height = (rows - 1) as f64;
     [row as f64 - 0.5, row as f64 + 0.5].map(|y| (std::f64::consts::PI * (y / height).clamp(0.0, 1.0)).cos())

@@ -1,4 +1,4 @@
-//! What a scene knows of its triangles and shapes without looking anything up.
+//! Data of triangles and shapes that are read often, stored so that they need no lookups.
 
 use glam::Vec3;
 
@@ -14,12 +14,12 @@ pub struct Prim {
     pub face: u32,
 }
 
-/// What shading and light sampling read of a triangle, in one cache line.
+/// The data of a triangle for shading and light sampling, in one cache line.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub(crate) struct Facet {
     pub corners: [Vec3; 3],
-    /// Unit, by the right-hand rule; zero without area.
+    /// Unit normal by the right-hand rule; zero for a triangle without area.
     pub normal: Vec3,
     pub shape: u32,
 }
@@ -38,7 +38,7 @@ impl Facet {
     }
 }
 
-/// What is the same all over a shape.
+/// Data that are the same at all points of a shape.
 #[derive(Clone, Copy)]
 pub(crate) struct ShapeShading {
     /// The material, if all its inputs are constant.
@@ -46,11 +46,11 @@ pub(crate) struct ShapeShading {
     /// The radiance of an emitter, if it is constant.
     pub radiance: Option<Vec3>,
     pub emits: bool,
-    /// Emits on both sides.
+    /// The emitter emits on both sides.
     pub two_sided: bool,
     /// The material is black on the back.
     pub one_sided: bool,
-    /// Has vertex normals.
+    /// The shape has vertex normals.
     pub smooth: bool,
 }
 

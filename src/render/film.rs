@@ -16,7 +16,7 @@ use super::scene::Camera;
 use super::world::Scene;
 use crate::image::Image;
 
-/// What an image holds: radiance, or a property of the first hit.
+/// The quantity in an image: radiance, or a property of the first hit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Output {
     /// 3 channels.
@@ -40,7 +40,7 @@ pub enum Output {
 }
 
 impl Output {
-    /// How many numbers a pixel has.
+    /// Number of channels.
     pub fn channels(self) -> usize {
         match self {
             Output::Radiance | Output::Position | Output::Normal | Output::GeometricNormal | Output::Albedo => 3,
@@ -50,36 +50,36 @@ impl Output {
     }
 }
 
-/// What is rendered and how well. The same settings give the same image, with any number of threads.
+/// Settings of a rendering. The same settings give the same image, with any number of threads.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// What a pixel holds.
+    /// The quantity to render.
     pub output: Output,
-    /// Camera samples a pixel.
+    /// Camera samples per pixel.
     pub spp: u32,
     /// Scattering events: 0 emitters only, 1 direct light, 2 one interreflection.
     pub max_bounces: u32,
-    /// Chooses the random numbers: images with different seeds have independent noise.
+    /// Seed of the random numbers. Images with different seeds have independent noise.
     pub seed: u64,
     /// Include the boundary (visibility) terms of derivatives.
     pub boundary: bool,
 }
 
 impl Default for Settings {
-    /// What a `render(…)` of the language has unless it says otherwise: radiance, 16 samples a pixel, 8 scattering events.
+    /// The defaults of `render(…)` in the language: radiance, 16 samples per pixel, 8 scattering events.
     fn default() -> Settings {
         Settings { output: Output::Radiance, spp: 16, max_bounces: 8, seed: 0, boundary: true }
     }
 }
 
-/// The `stop` of work that nobody interrupts.
+/// A `stop` flag that is never set, for work that is not interrupted.
 pub static NEVER: AtomicBool = AtomicBool::new(false);
 
 /// Adds some of the samples of all pixels to an image, each divided by `count`. Scenes may differ from call to call.
 ///
-/// All pixels share one sequence, in the order of a Hilbert curve, so that neighbours are stratified together: what a loss
-/// sums over many pixels has less noise than pixels drawn independently, and what is left is blue in the image (Ahmed and
-/// Wonka 2020).
+/// All pixels share one sequence of samples, in the order of a Hilbert curve, so that samples are stratified over neighbouring pixels
+/// too. A sum over many pixels, as in a loss, then has less noise than with independent pixels, and the error in the image is blue noise
+/// (Ahmed and Wonka 2020).
 pub(super) fn add_samples(
     scene: &Scene,
     camera: &Camera,
@@ -115,16 +115,16 @@ pub(super) fn add_samples(
     });
 }
 
-/// A row of an image that is being rendered.
+/// A row of an image during rendering.
 struct Row<'a> {
     scene: &'a Scene,
     camera: &'a Camera,
     output: Output,
     options: Options<'a>,
     seed: u64,
-    /// Samples of the sequence that each pixel has for itself.
+    /// Number of consecutive samples of the sequence that belong to each pixel.
     stride: u32,
-    /// Of each pixel, in the order of all.
+    /// By column: the position of the pixel along the Hilbert curve.
     ranks: &'a [u32],
     samples: &'a Range<u32>,
     count: f32,
@@ -141,7 +141,7 @@ impl Kernel for Row<'_> {
         if per_pixel == 0 {
             return;
         }
-        // Where a sample of a pixel is in the sequence of all.
+        // Index in the shared sequence of a pixel's sample.
         let index = |x: usize, i: usize| {
             u64::from(self.ranks[x]) * u64::from(self.stride) + self.samples.start as u64 + i as u64
         };
@@ -150,9 +150,9 @@ impl Kernel for Row<'_> {
         let (mut columns, mut indices) = ([0; BATCH], [0; BATCH]);
         let pinhole = camera.is_pinhole();
         let (mut paths, mut found) = (Paths::<BATCH>::new(), [Vec3::ZERO; BATCH]);
-        // In single precision many equal samples add up to too little.
+        // Sums are in double precision: in single precision, rounding makes the sum of many equal samples too small.
         let mut sum = DVec3::ZERO;
-        // The next pixel and sample, and those up to which all is done.
+        // The next pixel and sample to begin, and those up to which all are finished.
         let (mut next, mut done) = ((0, 0), (0, 0));
         let advance = |(x, i): (usize, usize)| if i + 1 < per_pixel { (x, i + 1) } else { (x + 1, 0) };
         while next.0 < self.ranks.len() {
@@ -221,7 +221,7 @@ pub(crate) fn first_hit(scene: &Scene, output: Output, camera: &Camera, si: &Sur
 
 /// Visits the pixels of a film along a Hilbert curve over the smallest square that holds it.
 pub(crate) fn hilbert_curve(width: usize, height: usize, mut visit: impl FnMut(usize, usize)) {
-    /// One square: its first corner, and the sides along and across which the curve goes.
+    /// Visits one square, given by its first corner and by its sides along and across the curve.
     fn square(corner: IVec2, along: IVec2, across: IVec2, film: IVec2, visit: &mut impl FnMut(usize, usize)) {
         let (low, high) = (corner.min(corner + along + across), corner.max(corner + along + across));
         if low.cmpge(film).any() {

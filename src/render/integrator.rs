@@ -1,8 +1,8 @@
 //! The path tracer: next-event estimation and BSDF sampling, combined with the balance heuristic.
 //!
-//! The steps of a path are written once ([`Paths`]), for one path and for many side by side, for the primal and for derivatives
-//! alike: a [`Recorder`] is told each vertex and each light connection with the numbers that were used, so that the derivative
-//! code re-uses exactly this transport.
+//! The steps of a path are implemented once ([`Paths`]), for single paths and for many side by side, for rendering and for derivatives. A
+//! [`Recorder`] receives each vertex and each light connection with the numbers that were used, so that the derivative code uses exactly
+//! the same transport.
 
 mod lanes;
 mod paths;
@@ -27,34 +27,36 @@ pub const MAX_DEPTH: u32 = 64;
 pub enum Start<'a> {
     Ray(Ray, &'a [PrimId]),
     Surface(SurfaceInteraction),
-    /// A surface point right [beside](crate::render::edges::Edge::beside) an edge, with the primitives that no ray from there meets. Others may be as near as that: what
-    /// rises at the edge stands between it and a light.
+    /// A surface point right [beside](crate::render::edges::Edge::beside) an edge, with the primitives that rays from there cannot hit.
+    /// Its rays begin nearer than others, because a face that rises at the edge may stand between the point and a light at a very small
+    /// distance.
     BesideEdge(SurfaceInteraction, &'a [PrimId]),
 }
 
-/// What the first segment may see; later segments see everything.
+/// Options of a path. The first two concern its first segment.
 #[derive(Clone, Copy, Debug)]
 pub struct Options<'a> {
     pub max_bounces: u32,
-    /// Count what the first surface emits itself.
+    /// Include the emission of the first surface.
     pub first_emission: bool,
-    /// Count the environment if the first ray leaves the scene.
+    /// Include the environment if the first ray leaves the scene.
     pub first_environment: bool,
-    /// Go on where the throughput is zero: a black albedo has derivatives too.
+    /// Continue paths with a throughput of zero: a black albedo has derivatives too.
     pub keep_black: bool,
-    /// Let each continuation stand for one part of its BSDF, chosen by value, where the parts are differentiated differently.
+    /// Choose one part of the BSDF, by its value, for each continuation, where the parts are differentiated with different
+    /// parametrisations.
     pub split_lobes: bool,
-    /// Sample the lights at each vertex; without it only the path itself is of use.
+    /// Sample the lights at each vertex. Without this, only the vertices of the path are used.
     pub next_event: bool,
     /// How masks are passed.
     pub mask_sampling: MaskSampling,
-    /// The fraction of scattered directions that lead to a point chosen by area on any of the scene's surfaces, where a path can go on
-    /// after that: segments that meet a surface at a grazing angle are rare among BSDF samples, but not among points.
+    /// The fraction of scattered directions that lead to a point chosen by area on all surfaces, where the path can continue after that.
+    /// Segments that hit a surface at a grazing angle are rare among BSDF samples, but not among these.
     pub area_sampling_fraction: f32,
-    /// By shape: whether it is required. Light contributes only to paths that have met a required shape, and is not sampled before;
-    /// `None` requires nothing.
+    /// By shape: whether it is required. Light contributes only to paths that have hit a required shape, and lights are not sampled
+    /// before; `None` requires nothing.
     pub required_shapes: Option<&'a [bool]>,
-    /// Primitives that rays from the first vertex do not meet.
+    /// Primitives that rays from the first vertex skip.
     pub first_skip: &'a [PrimId],
 }
 
@@ -89,7 +91,7 @@ pub struct Connection {
     pub geometry: f32,
     /// MIS weight over density: the contribution is f·cos · power · geometry · weight · transmittance.
     pub weight: f32,
-    /// What masks on the way let through.
+    /// Transmittance of the masks on the way.
     pub transmittance: f32,
     /// f·cos of the vertex towards the light.
     pub f: Vec3,
@@ -104,30 +106,30 @@ pub struct Continuation {
     /// f·cos (of the chosen part), or a delta lobe's reflectance.
     pub f: Vec3,
     pub delta: bool,
-    /// The chosen part is a narrow lobe: its direction follows the surface.
+    /// The chosen part is a narrow lobe, whose direction is attached to the surface.
     pub attached: bool,
     /// Distance travelled, infinite if nothing was hit.
     pub t: f32,
-    /// What masks on the way do to what is found.
+    /// Weight of the masks on the way.
     pub through: MaskWeight,
     /// MIS weight of emission found at the end of this segment.
     pub emission_weight: f32,
-    /// If the segment ends on an emitter: that point as a light sample (its pdf is the density of this very technique).
+    /// If the segment ends on an emitter: the point as a light sample, with the density of this technique as its pdf.
     pub hit_light: Option<LightSample>,
     /// If the segment leaves the scene: the environment's radiance.
     pub escaped: Option<Vec3>,
 }
 
-/// Is told of a path as it is built, in order.
+/// Receives the vertices and connections of a path in order, as they are found.
 pub trait Recorder {
-    /// Whether anything is recorded at all.
+    /// Whether this recorder records anything.
     const RECORDS: bool = true;
 
     /// A vertex reached with `throughput · through.weight` (before scattering), at distance `t` from the previous one.
     fn vertex(&mut self, _si: &SurfaceInteraction, _throughput: Vec3, _t: f32, _through: &MaskWeight) {}
-    /// A new segment begins. Masks on it follow, then, if it is of use, the vertex or connection that it belongs to.
+    /// Begins a new segment. The masks on it follow, and then the vertex or connection that it leads to, if there is one.
     fn segment(&mut self) {}
-    /// A mask passed, unless masks are passed by opacity ([`MaskSampling::Opacity`]).
+    /// A mask that was passed. Not called if masks are sampled by opacity ([`MaskSampling::Opacity`]).
     fn cross(&mut self, _crossing: &MaskCrossing) {}
     /// An unoccluded light connection of the latest vertex.
     fn connect(&mut self, _connection: &Connection) {}
@@ -135,7 +137,7 @@ pub trait Recorder {
     fn advance(&mut self, _continuation: &Continuation) {}
 }
 
-/// Records nothing: the primal.
+/// Records nothing, for rendering without derivatives.
 #[derive(Clone, Copy)]
 pub struct NoRecord;
 
@@ -152,7 +154,8 @@ pub fn trace<R: Recorder>(scene: &Scene, start: Start, sampler: &mut Sampler, op
     match start {
         Start::Surface(si) => paths.start_at(0, si, 0.0, &MaskWeight::CLEAR, &options, &mut recs[0]),
         Start::BesideEdge(si, skip) => {
-            /// Light that goes to and fro in an acute angle meets its other side nearer than rays of other paths begin.
+            /// In an acute corner, light is reflected between surfaces at distances that are smaller than those at which rays of other
+            /// paths begin.
             const NEAR: f32 = 1.0 / 16.0;
             options.first_skip = skip;
             paths.offset_scale = NEAR;
@@ -164,7 +167,7 @@ pub fn trace<R: Recorder>(scene: &Scene, start: Start, sampler: &mut Sampler, op
     paths.radiance(0)
 }
 
-/// How many paths are worth going side by side in [`Paths::trace`].
+/// Number of paths that [`Paths::trace`] traces side by side.
 pub const BATCH: usize = 32;
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! A point on a surface with everything shading needs.
+//! Surface interactions: a point on a surface with everything that shading needs.
 
 use glam::{Vec2, Vec3};
 
@@ -21,7 +21,7 @@ pub struct SurfaceInteraction {
     pub p: Vec3,
     /// Unit geometric normal on the side of `wi`.
     pub ng: Vec3,
-    /// Unit shading normal on the side of `wi` (as the geometric normal has it).
+    /// Unit shading normal, on the same side of the surface as `ng`.
     pub ns: Vec3,
     /// The right-hand-rule normal is `ng · flip`.
     pub flip: f32,
@@ -34,7 +34,7 @@ pub struct SurfaceInteraction {
     pub emission: Vec3,
 }
 
-/// One part of a BSDF's value.
+/// The value of one part of a BSDF, diffuse or specular.
 #[derive(Clone, Copy, Debug)]
 pub struct ChosenPart {
     pub attached: bool,
@@ -44,7 +44,7 @@ pub struct ChosenPart {
 }
 
 impl Scene {
-    /// Texture coordinates of a point; without uvs, the face's own (0,0), (1,0), (0,1).
+    /// Texture coordinates of a point. Without uvs, a face's corners have (0,0), (1,0) and (0,1).
     pub(crate) fn uv(&self, prim: PrimId, b: [f32; 3]) -> Vec2 {
         let id = self.prims[prim as usize];
         let mesh = &self.description.shapes[id.shape as usize].mesh;
@@ -57,7 +57,7 @@ impl Scene {
         }
     }
 
-    /// Value of an input at a point (one-channel textures are splat).
+    /// Value of an input at a point. The value of a texture with one channel is repeated in all three.
     pub(crate) fn lookup(&self, input: Input, prim: PrimId, b: [f32; 3]) -> Vec3 {
         match input {
             Input::Texture(t) => {
@@ -109,7 +109,7 @@ impl Scene {
         }
     }
 
-    /// The shading normal on the side of `ng`, and its sign; `ng` and 0 where there is none.
+    /// The shading normal on the side of `ng`, and its sign relative to the interpolated normal; `ng` and 0 without vertex normals.
     fn shading_normal(&self, prim: PrimId, b: [f32; 3], ng: Vec3) -> (Vec3, f32) {
         let id = self.prims[prim as usize];
         let mesh = &self.description.shapes[id.shape as usize].mesh;
@@ -123,7 +123,7 @@ impl Scene {
         (n * s, s)
     }
 
-    /// Radiance that a point of an emitter's surface emits.
+    /// The radiance emitted at a point of an emitter.
     #[inline(always)]
     pub(crate) fn emitted(&self, prim: PrimId, b: [f32; 3]) -> Vec3 {
         let shape = self.facets[prim as usize].shape as usize;
@@ -155,7 +155,7 @@ impl Scene {
         }
     }
 
-    /// What of the environment's radiance does not stand out.
+    /// The radiance of the environment's base: all of it except its peak.
     pub(crate) fn environment_base(&self, dir: Vec3) -> Vec3 {
         match (&self.description.environment, &self.environment_peak) {
             (Some(e), Some(peak)) => e.radiance_from(&peak.base, dir),
@@ -163,7 +163,7 @@ impl Scene {
         }
     }
 
-    /// The share of it, by channel.
+    /// The base as a fraction of the environment's radiance, by channel.
     pub(crate) fn environment_base_share(&self, dir: Vec3) -> Vec3 {
         if self.environment_peak.is_none() {
             return Vec3::ONE;
@@ -174,7 +174,7 @@ impl Scene {
 }
 
 impl Environment {
-    /// What a map, turned as this one, holds in world direction `dir`.
+    /// The value in world direction `dir` of a map that is rotated like this environment.
     fn radiance_from(&self, map: &Texture, dir: Vec3) -> Vec3 {
         if map.is_constant() {
             return map.color();
@@ -184,7 +184,7 @@ impl Environment {
 }
 
 impl SurfaceInteraction {
-    /// Stands where there is no surface yet.
+    /// A placeholder where there is no surface yet.
     pub(crate) const NOWHERE: SurfaceInteraction = SurfaceInteraction {
         prim: NO_PRIM,
         shape: 0,
@@ -199,7 +199,7 @@ impl SurfaceInteraction {
         emission: Vec3::ZERO,
     };
 
-    /// A ray leaving the surface. Its own triangle is to be skipped by id.
+    /// A ray that leaves the surface. The query must skip the point's own triangle by its id.
     #[inline]
     pub fn spawn_ray(&self, dir: Vec3) -> Ray {
         Ray { origin: self.p, dir, t_min: offset(self.p), t_max: f32::INFINITY }
@@ -228,7 +228,7 @@ impl SurfaceInteraction {
         self.bsdf.eval_part(part, self.ns, self.wi, wo) * self.terminator(wo)
     }
 
-    /// The part of the value towards `wo` that is differentiated with a fixed direction, and the one that is attached.
+    /// The value towards `wo` split into the part that is differentiated with a fixed direction and the part with an attached one.
     #[inline]
     pub fn eval_split(&self, wo: Vec3) -> [Vec3; 2] {
         if self.bsdf.is_attached() {
@@ -238,7 +238,7 @@ impl SurfaceInteraction {
         }
     }
 
-    /// Chooses one of an attached BSDF's [`SurfaceInteraction::eval_split`]s, by [`Bsdf::specular_choice`].
+    /// Chooses one of the two parts of [`SurfaceInteraction::eval_split`] at random, by [`Bsdf::specular_choice`].
     pub fn choose_part(&self, wo: Vec3, u: f32) -> ChosenPart {
         let [fixed, attached] = self.eval_split(wo);
         let p = self.bsdf.specular_choice(luminance(fixed.abs()), luminance(attached.abs()));
@@ -269,8 +269,8 @@ impl SurfaceInteraction {
         self.bsdf.sample(frame.to_local(self.wi), u)
     }
 
-    /// The direction in which a perfect mirror sends what arrives from `wi`. Where the shading normal would send it below the surface
-    /// it is folded up again: continuous, and as bright as all else.
+    /// The direction in which a perfect mirror reflects `wi`. If the shading normal would reflect it below the surface, the direction is
+    /// folded up: mirrored at the plane of the surface. So it is continuous, and no light is lost.
     #[inline]
     pub fn mirrored(&self) -> Vec3 {
         let dir = self.ns * (2.0 * self.ns.dot(self.wi)) - self.wi;
@@ -284,22 +284,22 @@ impl SurfaceInteraction {
     }
 }
 
-/// Where rays from a surface's point begin: a few ulps of the coordinates, which only keeps neighbouring triangles from being hit at
-/// distance zero.
+/// Distance at which rays from a surface point begin: a few ulps of the coordinates. It only keeps neighbouring triangles from being hit
+/// at distance zero.
 #[inline(always)]
 pub(crate) fn offset(p: Vec3) -> f32 {
     4e-6 * p.abs().max_element()
 }
 
-/// Where a ray ends that stops just before a point at `distance`.
+/// `t_max` of a ray that ends just before a point at `distance`.
 #[inline(always)]
 pub(crate) fn end_before(distance: f32, offset: f32) -> f32 {
     distance * (1.0 - 1e-5) - offset
 }
 
-/// Softens the jump at the horizon of the geometric normal where a shading normal still sees the light (Chiang et al. 2019,
-/// "Taming the Shadow Terminator"): g = (n_g·ω) / ((n_s·ω)(n_g·n_s)) clamped to [0, 1], G = −g³ + g² + g. Without it a smooth
-/// mesh has discontinuities that no edge accounts for, and derivatives would be biased.
+/// A factor that removes the discontinuity at the horizon of the geometric normal, where the shading normal may still face the light
+/// (Chiang et al. 2019, "Taming the Shadow Terminator"): g = (n_g·ω) / ((n_s·ω)(n_g·n_s)) clamped to [0, 1], G = −g³ + g² + g. Without it
+/// a smooth mesh would have discontinuities that no edge accounts for, and derivatives would be biased.
 #[inline]
 pub fn terminator(ng_wo: f32, ns_wo: f32, ng_ns: f32) -> f32 {
     let g = ng_wo / (ns_wo * ng_ns);

@@ -1,8 +1,8 @@
-//! The GGX lobe as a linearly transformed cosine (Heitz, Dupuy, Hill & Neubelt 2016): a distribution whose integrals over
-//! polygons and along lines are those of a cosine.
+//! The GGX lobe approximated by a linearly transformed cosine (Heitz, Dupuy, Hill & Neubelt 2016): a distribution whose integrals over
+//! polygons and along lines are those of a clamped cosine.
 //!
-//! D(ω) = D₀(Mω/|Mω|) / |Mω|³ with D₀ the clamped cosine over π and det M = 1. M is looked up by the angle of incidence and by α.
-//! It is close to the lobe, not equal to it: good for choosing samples, not for shading. `cargo bench --bench ltc` makes the table.
+//! D(ω) = D₀(Mω/|Mω|) / |Mω|³, where D₀ is the clamped cosine divided by π and det M = 1. M is tabulated by the angle of incidence and α.
+//! The approximation is good enough for choosing samples, but not for shading. `cargo bench --bench ltc` computes the table.
 
 use glam::{Mat3, Vec3};
 
@@ -10,20 +10,19 @@ use super::ltc_table::TABLE;
 
 /// Rows and columns of the table.
 pub const SIZE: usize = 16;
-/// The least α in the table; the greatest is one, with even steps of its logarithm between. A narrower lobe has the shape of this one,
-/// drawn together about the mirror direction.
+/// The least α in the table; the largest is 1, with equal steps of its logarithm between. A narrower lobe has the shape of the lobe with
+/// the least α, contracted about the mirror direction.
 pub const LEAST_ALPHA: f32 = 0.002;
-/// What a node stores: M₀₀, M₀₂, M₂₀ and M₂₂ in a frame whose z is the mirror direction and whose y is perpendicular to the
-/// plane of incidence, and the lobe's albedo where it reflects everything. By symmetry M₀₁ = M₁₀ = M₁₂ = M₂₁ = 0, and M₁₁ follows
-/// from the determinant.
+/// A node of the table: M₀₀, M₀₂, M₂₀ and M₂₂ in a frame with z along the mirror direction and y perpendicular to the plane of incidence,
+/// and the lobe's albedo for a Fresnel term of one. By symmetry M₀₁ = M₁₀ = M₁₂ = M₂₁ = 0, and M₁₁ follows from the determinant.
 pub type Node = [f32; 5];
 
-/// A transformed cosine in the world.
+/// A linearly transformed cosine in world space.
 #[derive(Clone, Copy, Debug)]
 pub struct Lobe {
-    /// Takes directions to where the lobe is a cosine about +z.
+    /// The matrix M, which maps directions to the space where the lobe is a cosine about +z.
     pub to_cosine: Mat3,
-    /// ∫ f cosθ dω of a lobe with a Fresnel factor of one.
+    /// ∫ f cosθ dω of the lobe with a Fresnel term of one.
     pub albedo: f32,
 }
 
@@ -42,14 +41,14 @@ impl Lobe {
         Lobe { to_cosine: local * Mat3::from_cols(across.cross(mirror), across, mirror).transpose(), albedo }
     }
 
-    /// Density of the lobe in a direction, per solid angle.
+    /// Density of the lobe, per solid angle.
     pub fn density(&self, direction: Vec3) -> f32 {
         let v = self.to_cosine * direction;
         let squared = v.length_squared();
         std::f32::consts::FRAC_1_PI * v.z.max(0.0) / (squared * squared)
     }
 
-    /// The lobe of the mirror image of the world, with `reflect` the map between the two.
+    /// The mirror image of the lobe; `reflect` maps a vector to its mirror image.
     pub fn reflected(&self, reflect: impl Fn(Vec3) -> Vec3) -> Lobe {
         let map = Mat3::from_cols(reflect(Vec3::X), reflect(Vec3::Y), reflect(Vec3::Z));
         Lobe { to_cosine: self.to_cosine * map, ..*self }
@@ -62,7 +61,7 @@ pub fn node(row: usize, column: usize) -> (f32, f32) {
     ((1.0 - x * x).max(1e-3), LEAST_ALPHA.powf(1.0 - y))
 }
 
-/// The table between its nodes.
+/// The table, interpolated between its nodes.
 fn lookup(cos: f32, alpha: f32) -> Node {
     let last = (SIZE - 1) as f32;
     let place = |x: f32| {

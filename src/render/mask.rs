@@ -27,12 +27,12 @@ impl MaskCrossing {
     }
 }
 
-/// What masks do to what a ray finds: `weight` is pass · opacity · inv_choice.
+/// The weight that masks give to the surface that a ray hits: `weight` is pass · opacity · inv_choice.
 #[derive(Clone, Copy, Debug)]
 pub struct MaskWeight {
-    /// Product over the masks passed.
+    /// Product of the weights of the masks passed.
     pub pass: f32,
-    /// Of the surface that is found; 1 without a mask.
+    /// Opacity of the surface that is hit; 1 without a mask.
     pub opacity: f32,
     /// 1 / probability of stopping there.
     pub inv_choice: f32,
@@ -46,15 +46,16 @@ impl MaskWeight {
 /// How a path chooses between a mask and what is behind it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MaskSampling {
-    /// In proportion to opacity: all weights are one. For values, and derivatives that change no opacity.
+    /// In proportion to opacity, so that all weights are one. For values, and for derivatives in slots that do not change opacities.
     Opacity,
-    /// Neither side is rare where the mask is neither opaque nor clear: for derivatives of points that slide over a mask.
+    /// In proportion to opacity, but neither side is rare if the mask is neither opaque nor clear. For derivatives of points that slide
+    /// over a mask.
     PartlyOpaque,
-    /// Neither side is ever rare: for derivatives in the opacities themselves, which need both sides everywhere.
+    /// Neither side is ever rare. For derivatives in opacities, which need both sides everywhere.
     BothSides,
 }
 
-/// The least probability of either side where both are wanted.
+/// The least probability of either side if neither may be rare.
 const RARE: f32 = 0.1;
 
 impl MaskSampling {
@@ -76,12 +77,12 @@ impl Scene {
             return None;
         }
         let shape = &self.description.shapes[self.prims[prim as usize].shape as usize];
-        // Interpolation may round to just outside.
+        // Rounding in the interpolation may leave the range.
         shape.material.opacity.map(|input| self.lookup(input, prim, b).x.clamp(0.0, 1.0))
     }
 
-    /// The surface that a ray stops at, its distance, and the weight that masks give it. `cross` is told the masks passed, unless
-    /// these are passed by opacity.
+    /// Samples the surface at which a ray stops, with its distance and the weight of the masks. `cross` is called with the masks passed,
+    /// unless they are sampled by opacity.
     #[inline]
     pub(crate) fn sample_interaction(
         &self,
@@ -95,7 +96,7 @@ impl Scene {
         (hit.map(|hit| (self.interaction(hit.prim, hit.b, -ray.dir), hit.t)), through)
     }
 
-    /// [`Scene::sample_interaction`] with masks passed by opacity.
+    /// [`Scene::sample_interaction`] with masks sampled by opacity.
     #[inline]
     pub(crate) fn random_interaction(
         &self,
@@ -106,13 +107,13 @@ impl Scene {
         self.sample_interaction(ray, skip, sampler, MaskSampling::Opacity, |_| ()).0
     }
 
-    /// Where a ray stops, with masks passed by opacity.
+    /// The hit at which a ray stops, with masks sampled by opacity.
     #[inline]
     pub(crate) fn random_hit(&self, ray: &Ray, skip: &[PrimId], sampler: &mut Sampler) -> Option<Hit> {
         self.sample_hit(ray, skip, sampler, MaskSampling::Opacity, |_| ()).0
     }
 
-    /// Where a ray stops, and what the masks on the way do to that.
+    /// The hit at which a ray stops, and the weight of the masks.
     #[inline(always)]
     pub(crate) fn sample_hit(
         &self,
@@ -158,14 +159,14 @@ impl Scene {
         (hit, through)
     }
 
-    /// What masks let through along a ray, 0 behind anything solid.
+    /// Transmittance of the masks along a ray; 0 behind an opaque surface.
     #[inline]
     pub(crate) fn transmittance(&self, ray: &Ray, skip: &[PrimId]) -> f32 {
         self.unoccluded(ray, None, skip, MaskSampling::Opacity, |_| ()).unwrap_or(0.0)
     }
 
-    /// [`Scene::transmittance`]; `None` where it is zero and no opacity can change that, or none is asked for. `cross`
-    /// is told the masks passed.
+    /// [`Scene::transmittance`] with the masks passed, for which `cross` is called. `None` if it is zero and has no derivative, or none
+    /// in opacities is requested.
     #[inline]
     pub(crate) fn unoccluded(
         &self,
@@ -181,7 +182,7 @@ impl Scene {
         if !(ray.origin.is_finite() && ray.dir.is_finite()) {
             return None;
         }
-        // One opaque mask may still become less so, where that is asked for; two hide each other.
+        // Behind a single opaque mask the transmittance is zero but has a derivative in the opacity; behind two it has none.
         let allowed = u32::from(sampling == MaskSampling::BothSides);
         let (mut pass, mut opaque) = (1.0, 0);
         let end = self.walk(ray, skip, |hit| {
@@ -194,8 +195,8 @@ impl Scene {
         end.is_none().then_some(pass)
     }
 
-    /// The masks that a ray passes. Rays right beside it pass the same, and see the same of them: these leave them out where what is
-    /// behind makes a difference. (Not all that lies as near: a ray beside one that ends on a surface may meet that before.)
+    /// The masks that a ray passes. A ray right beside an edge skips these by id: both rays pass the same masks, and only what is behind
+    /// them differs. (Skipping by distance would not do, because the ray beside the edge may hit another surface at the same distance.)
     pub(crate) fn masks_passed(&self, ray: &Ray, skip: &[PrimId]) -> Vec<PrimId> {
         let mut passed = Vec::new();
         if self.masked {
@@ -204,8 +205,8 @@ impl Scene {
         passed
     }
 
-    /// The first surface that is `wanted` if nothing solid is before it, with its distance and what is let through of it: its
-    /// opacity, and what the masks in front of it leave.
+    /// The first hit that is `wanted`, if no opaque surface is in front of it. Returns its distance too, and its opacity times the
+    /// transmittance of the masks in front.
     pub(crate) fn first_wanted(
         &self,
         ray: &Ray,
@@ -227,7 +228,7 @@ impl Scene {
         found.filter(|f| f.2 > 0.0)
     }
 
-    /// The first hit along a ray that `is_end` accepts; it is asked about one after the other.
+    /// The first hit along a ray that `is_end` accepts. It is called for the hits in order of their distance.
     fn walk(&self, ray: &Ray, skip: &[PrimId], mut is_end: impl FnMut(&Hit) -> bool) -> Option<Hit> {
         let first = self.accel.closest(ray, skip)?;
         if is_end(&first) {
@@ -236,7 +237,7 @@ impl Scene {
         let (mut ray, mut passed) = (*ray, skip.to_vec());
         let mut last = first;
         loop {
-            // Triangles at the same distance come one after the other, each once.
+            // Triangles at the same distance are visited one after the other, each once.
             if last.t > ray.t_min {
                 passed.truncate(skip.len());
                 ray.t_min = last.t;

@@ -1,9 +1,8 @@
-//! Motion blur: the image is the mean over the time the shutter is open, and that over slices of it.
+//! Motion blur: the image is the mean over the time during which the shutter is open, computed as a mean over time slices.
 //!
-//! The shutter's interval is cut into strata, and within each the scene stands still at one random time. Times depend on the
-//! seed only, and each is evenly distributed over its stratum, so that the mean over slices is unbiased; and each slice is an
-//! ordinary scene, in which shadows, reflections and edges of what moves need nothing of their own. Values and derivatives
-//! draw different times.
+//! The shutter's interval is divided into strata. Each slice renders a static scene at one random time of its stratum. Times depend on
+//! the seed only and are uniform in their stratum, so the mean is unbiased. As each slice is an ordinary scene, shadows, reflections and
+//! edges of moving things need no special treatment. Values and derivatives use different times.
 
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,26 +17,26 @@ use super::world::Scene;
 use crate::image::Image;
 use crate::math::unit_f32;
 
-/// No more slices than this: the ray tree is refitted for each in which a mesh moves.
+/// Most slices; the ray tree is refitted for each slice in which a mesh moves.
 const MOST_SLICES: u32 = 64;
 
 /// The scene at one moment.
 pub struct Slice<'a> {
     pub scene: &'a Scene,
     pub camera: Camera,
-    /// With a seed and a number of samples of its own.
+    /// The settings, with the slice's own seed and number of samples.
     pub settings: Settings,
-    /// The same number of samples, out of those of all slices.
+    /// The range of the slice's samples among those of all slices.
     pub samples: Range<u32>,
-    /// From the opening keyframe (0) to the closing one (1), and from the shutter's opening (0) to its closing (1).
+    /// Time between the opening keyframe (0) and the closing one (1), and between the shutter's opening (0) and its closing (1).
     pub time: f32,
     pub share: f32,
-    /// Of this slice in the mean.
+    /// Weight of this slice in the mean.
     pub weight: f32,
 }
 
 impl Scene {
-    /// Whether what a camera sees changes while its shutter is open.
+    /// Whether the scene or the camera moves while the camera's shutter is open.
     pub fn moves_for(&self, camera: &Camera) -> bool {
         self.moves() || camera.closing.is_some()
     }
@@ -46,7 +45,7 @@ impl Scene {
         !(self.description.motions.is_empty() && self.description.light_motions.is_empty())
     }
 
-    /// Takes a still scene to another time, or makes one.
+    /// The static scene at a time: moves `before`, an earlier one, or makes a new one.
     fn still(&self, time: f32, before: Option<Scene>) -> Result<Scene, SceneError> {
         let lerp =
             |from: &[Vec3], to: &[Vec3]| -> Vec<Vec3> { from.iter().zip(to).map(|(a, b)| a.lerp(*b, time)).collect() };
@@ -82,8 +81,7 @@ impl Scene {
         }
     }
 
-    /// Calls `f` with one slice of the shutter's interval after the other, until `stop` is set. `what` tells values from
-    /// derivatives.
+    /// Calls `f` with each slice of the shutter's interval, until `stop` is set. `what` distinguishes values from derivatives.
     pub fn slices(
         &self,
         camera: &Camera,
@@ -102,7 +100,8 @@ impl Scene {
                 break;
             }
             let own = hash(seed, u64::from(i));
-            // Pairs of strata are seen at times symmetric to the border between them: what changes linearly has no noise.
+            // Two neighbouring strata have times that are symmetric about the border between them (antithetic), so that linear changes
+            // have no noise.
             let jitter = unit_f32(hash(seed, u64::from(i / 2)) as u32);
             let share = (i as f32 + if i % 2 == 0 { jitter } else { 1.0 - jitter }) / count as f32;
             let time = (open + (close - open) * share).clamp(0.0, 1.0);
@@ -128,8 +127,8 @@ pub fn render(scene: &Scene, camera: &Camera, settings: &Settings) -> Result<Ima
     render_until(scene, camera, settings, &NEVER)
 }
 
-/// [`render`], but once `stop` is set it returns soon, with an image that is good for nothing. The samples of a pixel of a scene that moves
-/// are one sequence over all slices of the time that the shutter is open.
+/// [`render`], but returns soon after `stop` is set, with a meaningless image. In a moving scene the samples of a pixel are one sequence
+/// over all time slices.
 pub fn render_until(
     scene: &Scene,
     camera: &Camera,

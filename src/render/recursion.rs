@@ -1,52 +1,52 @@
-//! Recursive control variates: images of earlier steps make that of a step less noisy (Nicolet, Rousselle, Novák, Keller, Jakob and
-//! Müller 2023, "Recursive Control Variates for Inverse Rendering").
+//! Recursive control variates: images of earlier steps of an optimisation reduce the noise of the current step's image (Nicolet,
+//! Rousselle, Novák, Keller, Jakob and Müller 2023, "Recursive Control Variates for Inverse Rendering").
 //!
-//! The last step's scene is rendered once more with this step's samples. What that image differs by from the last estimate is
-//! noise, much of which this step's image shares:
+//! The scene of the last step is rendered again with the samples of this step. The difference between that image and the last estimate is
+//! noise, and the image of this step has much of the same noise:
 //!
 //! Î_t = F(θ_t; s_t) + α (Î_{t−1} − F(θ_{t−1}; s_t))
 //!
-//! The bracket's mean is zero for any α that is chosen beforehand, so that Î_t is as unbiased as F, for given params. What its errors
-//! lose in size they gain in persistence: those of the last 1/(1 − α) steps are much the same.
+//! The term in brackets has mean zero, so that Î_t is unbiased for any α that is chosen beforehand, if F is and for given params. Its
+//! errors are smaller, but correlated over about 1/(1 − α) steps.
 
 use std::ops::Range;
 
 use crate::image::Image;
 
-/// Width and height of the tiles that have an α each, in pixels.
+/// Width and height, in pixels, of tiles that have an α of their own.
 const TILE: usize = 16;
-/// An error is not carried on for more than some ten steps: params would settle in it.
+/// Largest α. It limits the correlation of errors to some ten steps, so that params do not converge to the error.
 const MOST: f64 = 0.9;
-/// Share of a new measurement in what is known about noise.
+/// Weight of a new measurement in the running means of variances.
 const NEWS: f64 = 0.3;
 
-/// The estimate of an image, step after step.
+/// The running estimate of an image.
 #[derive(Clone, Debug)]
 pub struct Recursion {
     image: Image,
     tiles: Vec<Tile>,
 }
 
-/// Variances of a pixel's number, means over a tile; unknown at first.
+/// Variances of a pixel, averaged over a tile; unknown at first.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tile {
-    /// Of one image, and of the difference of two that share samples.
+    /// Variance of one image, and of the difference of two images with the same samples.
     noise: Option<f64>,
     change: f64,
-    /// Of the estimate.
+    /// Variance of the estimate.
     estimate: f64,
 }
 
 impl Tile {
-    /// The α of the least variance.
+    /// The α that gives the least variance.
     fn weight(&self) -> f64 {
-        // At first the last estimate was an image like any other.
+        // At first the estimate is a single image, with the variance of an image.
         let Some(noise) = self.noise else { return 0.5 };
         let all = noise + self.estimate + self.change;
         if all > 0.0 { (noise / all).min(MOST) } else { 0.0 }
     }
 
-    /// Takes the mean square of Î_{t−1} − F(θ_{t−1}) and the variance of F(θ_t) − F(θ_{t−1}).
+    /// Updates the variances from the mean square of Î_{t−1} − F(θ_{t−1}) and the variance of F(θ_t) − F(θ_{t−1}).
     fn learn(&mut self, weight: f64, difference: f64, change: f64) {
         match &mut self.noise {
             None => {
@@ -63,7 +63,7 @@ impl Tile {
 }
 
 impl Recursion {
-    /// Of the first step's image.
+    /// Begins with the image of the first step.
     pub fn new(image: Image) -> Recursion {
         let tiles = vec![Tile::default(); tiles(image.width) * tiles(image.height)];
         Recursion { image, tiles }
@@ -73,14 +73,14 @@ impl Recursion {
         &self.image
     }
 
-    /// Whether images of a step to come may go on from this one.
+    /// Whether an image of a later step has the same size, so that the estimate can continue.
     pub fn fits(&self, image: &Image) -> bool {
         let size = |i: &Image| (i.width, i.height, i.channels);
         size(&self.image) == size(image)
     }
 
-    /// Goes on to the next step: `now` is its image, `before` that of the last step's scene with the same samples, both of the
-    /// first image's size. What is not finite in one step is not carried on to the next.
+    /// Advances to the next step: `now` is its image and `before` that of the last step's scene with the same samples, both of the size
+    /// of the first image. Values that are not finite are not carried on to the next step.
     pub fn advance(&mut self, now: &Image, before: &Image) {
         let (width, channels) = (now.width, now.channels);
         let columns = tiles(width);
@@ -89,7 +89,8 @@ impl Recursion {
             let weight = tile.weight();
             let [mut difference, mut change, mut raw] = [Mean::default(); 3];
             for (x, y) in ys.clone().flat_map(|y| xs.clone().map(move |x| (x, y))) {
-                // Only noise differs from pixel to pixel; change itself, being smooth, hardly does.
+                // Differences between neighbouring pixels measure the noise: the change between two steps is smooth and hardly differs
+                // between them.
                 let pixel = y * width + x;
                 let neighbour = match (x > xs.start, y > ys.start) {
                     (true, _) => Some(pixel - 1),
@@ -114,7 +115,7 @@ impl Recursion {
     }
 }
 
-/// The number of tiles along a side, and where one of them is. The last one takes what is left.
+/// Number of tiles along a side, and the range of one of them. The last tile has the rest.
 fn tiles(side: usize) -> usize {
     (side / TILE).max(1)
 }
@@ -124,7 +125,7 @@ fn span(tile: usize, side: usize) -> Range<usize> {
     tile * TILE..end
 }
 
-/// The mean of the squares of what is finite.
+/// Mean square of all finite values.
 #[derive(Clone, Copy, Default)]
 struct Mean {
     sum: f64,

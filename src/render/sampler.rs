@@ -16,33 +16,33 @@ pub fn hash(a: u64, b: u64) -> u64 {
     x ^ (x >> 32)
 }
 
-/// Points of a scrambled Sobol sequence (Burley 2020): sample `index` of the sequence `seed`. Dimensions come in groups of
-/// four, each group with a scramble of its own, so any number may be drawn.
+/// Points of a scrambled Sobol sequence (Burley 2020, "Practical Hash-based Owen Scrambling"): sample `index` of the sequence `seed`.
+/// Dimensions come in groups of four, each group with its own scrambling, so that any number of dimensions can be drawn.
 #[derive(Clone, Debug)]
 pub struct Sampler<'a> {
     seed: u64,
-    /// Scrambles of the first groups.
+    /// Scrambling seeds of the first groups.
     known: &'a [Scramble],
-    /// Its bits reversed.
+    /// The index with its bits reversed.
     index_rev: u32,
     group: u32,
     buffer: [f32; 4],
     left: u32,
 }
 
-/// The generator's sequences are 2^16 long; longer ones continue with a fresh scramble.
+/// The generator's sequences have 2^16 points; longer ones continue with a new scrambling.
 #[inline]
 fn seed_of_turn(seed: u64, turn: u64) -> u64 {
     if turn == 0 { seed } else { hash(seed, turn) }
 }
 
-/// Of dimensions 4 · `group` to 4 · `group` + 3.
+/// Scrambling seed of dimensions 4 · `group` to 4 · `group` + 3.
 #[inline(always)]
 fn scramble(seed: u64, group: u32) -> Scramble {
     Scramble::new(hash(seed, u64::from(group) + 1) as u32)
 }
 
-/// What 2^16 consecutive samples of a sequence have in common, for those who draw many of them.
+/// The state that 2^16 consecutive samples of a sequence share, computed once for many of them.
 pub struct Sequence {
     seed: u64,
     turn: u64,
@@ -50,10 +50,10 @@ pub struct Sequence {
 }
 
 impl Sequence {
-    /// Enough for paths of seven vertices.
+    /// Enough groups for paths of seven vertices.
     const GROUPS: usize = 16;
 
-    /// The part of sequence `seed` that has sample `index`.
+    /// The part of sequence `seed` that contains sample `index`.
     pub fn new(seed: u64, index: u64) -> Sequence {
         let turn = index >> INDEX_BITS;
         let seed = seed_of_turn(seed, turn);
@@ -65,7 +65,7 @@ impl Sequence {
         index >> INDEX_BITS == self.turn
     }
 
-    /// [`Sampler::new`] of a sample that it has.
+    /// [`Sampler::new`] of a sample in this part.
     #[inline]
     pub fn sampler(&self, index: u64) -> Sampler<'_> {
         Sampler { known: &self.known, ..Sampler::at(self.seed, index) }
@@ -73,7 +73,7 @@ impl Sequence {
 }
 
 impl Sampler<'_> {
-    /// Sample `index` of sequence `seed`. Sequences are independent between seeds, stratified within one.
+    /// Sample `index` of sequence `seed`. Samples are stratified within a sequence; sequences of different seeds are independent.
     #[inline]
     pub fn new(seed: u64, index: u64) -> Sampler<'static> {
         Sampler::at(seed_of_turn(seed, index >> INDEX_BITS), index)
@@ -106,7 +106,7 @@ impl Sampler<'_> {
         self.left = 4;
     }
 
-    /// The next of those that are left.
+    /// The next dimension that is left in the current group.
     #[inline]
     fn take(&mut self) -> f32 {
         let x = self.buffer[(4 - self.left) as usize % 4];
@@ -140,7 +140,7 @@ impl Sampler<'_> {
         [self.take(), self.take(), self.take()]
     }
 
-    /// [`Sampler::next_3d`] and then [`Sampler::next_1d`]: most often one whole group.
+    /// [`Sampler::next_3d`] followed by [`Sampler::next_1d`]. Usually these are one whole group.
     #[inline(always)]
     pub fn next_3d_and_1d(&mut self) -> [f32; 4] {
         if self.left < 3 {
@@ -153,9 +153,9 @@ impl Sampler<'_> {
     }
 }
 
-/// How far along `count` samples of the sequence `seed` sample `index` is: from 0 to 1, with a random start within the first
-/// step. One more dimension, and the best spread of all (Hammersley): where it is the one along which an integrand changes
-/// place (over edges, over film), samples of one place are consecutive, and stratified in all other dimensions.
+/// Position of sample `index` among `count` samples of the sequence `seed`: from 0 to 1, with a random offset within the first step. This
+/// is one more dimension, and the best stratified one (as in a Hammersley set). If an integrand's samples are placed along it (along
+/// edges, or over the film), samples of one place are consecutive in the Sobol sequence, and so stratified in all other dimensions.
 #[inline]
 pub fn progress(seed: u64, index: usize, count: usize) -> f64 {
     let offset = (hash(seed, 0x0070_726f_6772_6573) >> 11) as f64 / (1u64 << 53) as f64;
@@ -165,22 +165,22 @@ pub fn progress(seed: u64, index: usize, count: usize) -> f64 {
 /// The largest `f32` below 1.
 pub const ONE_MINUS_EPSILON: f32 = 1.0 - f32::EPSILON / 2.0;
 
-/// Distributions this short are searched from end to end.
+/// Distributions with fewer entries than this are searched linearly.
 const SHORT: usize = 8;
 
 /// A discrete distribution over `0..n`, sampled by inverting its cumulative sums.
 #[derive(Clone, Debug, Default)]
 pub struct Discrete {
-    /// Cumulative probabilities before each entry, and 1 at the end.
+    /// Cumulative probability before each entry, and 1 at the end.
     cdf: Vec<f64>,
-    /// The entries that equal steps of the number to be found begin with (Chen and Asau 1974: a guide table); none if there are
+    /// A guide table (Chen and Asau 1974): for equal steps of the random number, the entry at which the search begins. Empty if there are
     /// few entries.
     guide: Vec<u32>,
     total: f64,
 }
 
 impl Discrete {
-    /// From non-negative weights; empty if they are all zero.
+    /// A distribution in proportion to non-negative weights; empty if they are all zero.
     pub fn new(weights: impl IntoIterator<Item = f64>) -> Discrete {
         let mut total = 0.0;
         let mut cdf = vec![0.0];
@@ -232,7 +232,7 @@ impl Discrete {
     fn find(&self, u: f64) -> usize {
         let [_, inner @ .., _] = self.cdf.as_slice() else { return 0 };
         if inner.len() < SHORT {
-            // Counting has no branches to guess.
+            // Counting smaller entries has no branches that the processor must predict.
             return inner.iter().map(|&c| usize::from(c <= u)).sum();
         }
         let step = (u * self.guide.len() as f64) as usize;
@@ -241,13 +241,13 @@ impl Discrete {
         start + inner[start..end].partition_point(|&c| c <= u)
     }
 
-    /// The last entry up to this one that is not improbable.
+    /// The last entry up to this one whose probability is not zero.
     #[cold]
     fn before(&self, i: usize) -> usize {
         (0..=i).rev().find(|&i| self.pmf(i) > 0.0).unwrap_or(0)
     }
 
-    /// An index, its probability, and `u` stretched to be uniform again within the chosen cell.
+    /// Samples an index. Returns also its probability, and `u` rescaled within the index's interval, so that it is uniform again.
     #[inline(always)]
     pub fn sample(&self, u: f64) -> (usize, f64, f64) {
         let mut i = self.find(u);

@@ -1,28 +1,28 @@
-//! Bitmap textures, bilinear, with derivatives in the texels and in uv.
+//! Bitmap textures with nearest or bilinear lookup, and their derivatives in the texels and in uv.
 
 #![deny(missing_docs)]
 
 use glam::{Vec2, Vec3};
 
-/// What a texture is outside of [0, 1]², where its bitmap ends.
+/// How a texture continues outside of [0, 1]².
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wrap {
-    /// The bitmap again, side by side.
+    /// The bitmap is repeated.
     Repeat,
-    /// The nearest texel of the border.
+    /// Coordinates are clamped, so that the nearest texel of the border is used.
     Clamp,
 }
 
-/// What a texture is between the centres of its texels.
+/// How a texture is interpolated between the centres of its texels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Filter {
-    /// Interpolated from the four around; continuous, so that it has derivatives in uv.
+    /// Bilinear interpolation of the four texels around; continuous, so that it has derivatives in uv.
     Bilinear,
     /// The nearest texel; the derivatives in uv are zero.
     Nearest,
 }
 
-/// A bitmap; row 0 is the top (v = 0), texel centres lie at (i + 0.5) / n. 1×1 is a constant.
+/// A bitmap. Row 0 is the top (v = 0), and texel centres lie at (i + 0.5) / n. A bitmap of 1×1 is a constant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     /// Texels along u.
@@ -33,13 +33,13 @@ pub struct Texture {
     pub channels: usize,
     /// `data[(y * width + x) * channels + c]`.
     pub data: Vec<f32>,
-    /// What it is outside of [0, 1]².
+    /// How it continues outside of [0, 1]².
     pub wrap: Wrap,
-    /// What it is between the texels.
+    /// How it is interpolated.
     pub filter: Filter,
 }
 
-/// Why an array is not a texture.
+/// The reason why an array cannot be a texture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum TextureError {
     /// It has no texels.
@@ -50,38 +50,38 @@ pub enum TextureError {
         /// Texels along v.
         height: usize,
     },
-    /// It has neither 1 channel, a number, nor 3, a colour.
+    /// It has neither 1 channel (a number) nor 3 (a colour).
     #[error("a texture has 1 or 3 channels, not {0}")]
     Channels(usize),
-    /// There are more or fewer numbers than its size asks for.
+    /// The number of values does not fit its size.
     #[error("a {width}×{height} texture of {channels} channels holds {expected} numbers, not {found}")]
     Length {
         /// Texels along u.
         width: usize,
         /// Texels along v.
         height: usize,
-        /// Numbers a texel.
+        /// Channels per texel.
         channels: usize,
         /// width · height · channels.
         expected: usize,
-        /// How many numbers were given.
+        /// Number of values given.
         found: usize,
     },
 }
 
-/// The texels a lookup reads, with weights that sum to one and their derivatives in u and v.
+/// The texels that a lookup reads, with weights that sum to one and their derivatives in u and v.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Footprint {
     /// Index of the texel's first channel in [`Texture::data`].
     pub texels: [usize; 4],
-    /// How much of each texel the looked-up value has.
+    /// Weight of each texel in the value.
     pub weights: [f32; 4],
     /// Derivatives of the weights in u and v.
     pub d_weights: [Vec2; 4],
 }
 
 impl Texture {
-    /// A colour that is the same everywhere.
+    /// A constant colour.
     pub fn constant(rgb: Vec3) -> Texture {
         Texture {
             width: 1,
@@ -93,7 +93,7 @@ impl Texture {
         }
     }
 
-    /// A number that is the same everywhere.
+    /// A constant number.
     pub fn constant_scalar(value: f32) -> Texture {
         Texture { channels: 1, data: vec![value], ..Texture::constant(Vec3::ZERO) }
     }
@@ -121,19 +121,19 @@ impl Texture {
         Ok(Texture { width, height, channels, data, wrap, filter })
     }
 
-    /// Whether it is a single texel, and so the same everywhere.
+    /// Whether it is a single texel, and so constant.
     #[inline]
     pub fn is_constant(&self) -> bool {
         self.width == 1 && self.height == 1
     }
 
-    /// The first texel's colour: everything there is to know of a constant.
+    /// The colour of the first texel, which is the value of a constant texture.
     #[inline]
     pub fn color(&self) -> Vec3 {
         self.texel(0)
     }
 
-    /// The colour at `uv`; a single channel fills all three.
+    /// The colour at `uv`; a single channel is repeated in all three.
     pub fn eval(&self, uv: Vec2) -> Vec3 {
         if self.is_constant() {
             return self.texel(0);
@@ -150,7 +150,7 @@ impl Texture {
         (self.value(&footprint), self.uv_gradient(&footprint))
     }
 
-    /// Visits the texels a lookup reads: index of the first channel in [`Texture::data`], weight.
+    /// Visits the texels that a lookup reads: the index of the first channel in [`Texture::data`], and the weight.
     pub fn for_each_texel(&self, uv: Vec2, mut visit: impl FnMut(usize, f32)) {
         let footprint = self.footprint(uv);
         for (texel, weight) in footprint.texels.into_iter().zip(footprint.weights) {
@@ -160,7 +160,8 @@ impl Texture {
         }
     }
 
-    /// Adjoint of [`Texture::eval`] in the texels: adds `(index into data, derivative)` for the derivative `d` in the colour.
+    /// Adjoint of [`Texture::eval`] with respect to the texels: calls `add` with an index into `data` and a derivative, for the
+    /// derivative `d` in the colour.
     pub fn scatter(&self, uv: Vec2, d: Vec3, add: impl FnMut(usize, f32)) {
         self.scatter_footprint(&self.footprint(uv), d, add);
     }
@@ -234,7 +235,7 @@ impl Texture {
     }
 }
 
-/// The coordinate in [0, 1] that `t` stands for.
+/// The coordinate `t`, wrapped or clamped to [0, 1].
 fn into_unit(t: f32, wrap: Wrap) -> f32 {
     if !t.is_finite() {
         return 0.0;

@@ -1,4 +1,4 @@
-//! What can be rendered: scenes and cameras are checked before anything is built of them.
+//! Validates scenes and cameras before anything is built from them.
 
 #![deny(missing_docs)]
 
@@ -11,7 +11,7 @@ use crate::memory::Shortage;
 use crate::mesh::Mesh;
 use crate::stop::paced;
 
-/// Why a scene cannot be rendered; `shape` etc. are indices, the evaluator finds the place in the script.
+/// The reason why a scene cannot be rendered. `shape` and so on are indices; the evaluator finds their place in the script.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum SceneError {
     /// A mesh, its material, its emission or its motion is not usable.
@@ -19,13 +19,13 @@ pub enum SceneError {
     Shape {
         /// Index into [`SceneDescription::shapes`].
         shape: usize,
-        /// What is wrong, in words.
+        /// The reason, in words.
         what: String,
     },
     /// The camera has no film, no direction, numbers that are not finite, or the like.
     #[error("{what}")]
     Camera {
-        /// What is wrong, in words.
+        /// The reason, in words.
         what: String,
     },
     /// A light without area, or its motion, is not usable.
@@ -33,33 +33,33 @@ pub enum SceneError {
     Light {
         /// Index into [`SceneDescription::delta_lights`].
         light: usize,
-        /// What is wrong, in words.
+        /// The reason, in words.
         what: String,
     },
     /// The environment's map or rotation is not usable.
     #[error("{what}")]
     Environment {
-        /// What is wrong, in words.
+        /// The reason, in words.
         what: String,
     },
-    /// What is built of it, its ray tree for instance, needs more memory than there is.
+    /// Structures of the scene, such as its ray tree, need more memory than there is.
     #[error(transparent)]
     Memory(#[from] Shortage),
 }
 
-/// Coordinates beyond this overflow in single precision when areas are squared.
+/// Larger coordinates overflow in single precision when areas are squared.
 const FARTHEST: f32 = 1e9;
 
 fn is_too_far(p: Vec3) -> bool {
     p.abs().max_element() > FARTHEST
 }
 
-/// Refuses cameras no image can be made with.
+/// An error for cameras that cannot be rendered with.
 pub fn validate_camera(camera: &Camera) -> Result<(), SceneError> {
     let fail = |what: String| Err(SceneError::Camera { what });
     if let Some(to) = &camera.closing {
         validate_camera(&camera.at(1.0))?;
-        // On a straight line between them there may be no frame.
+        // Half-way between two keyframes the interpolated frame may be singular.
         if camera.frame.iter().zip(&to.frame).any(|(a, b)| a.dot(*b) <= 0.0) {
             return fail("the camera turns by 90 degrees or more while its shutter is open".into());
         }
@@ -106,7 +106,7 @@ pub fn validate_camera(camera: &Camera) -> Result<(), SceneError> {
     }
 }
 
-/// Refuses scenes no image can be made of.
+/// An error for scenes that cannot be rendered.
 pub(super) fn validate(description: &SceneDescription) -> Result<(), SceneError> {
     for (i, shape) in description.shapes.iter().enumerate() {
         let checked = validate_mesh(&shape.mesh, description.origin.as_vec3());
@@ -132,7 +132,7 @@ pub(super) fn validate(description: &SceneDescription) -> Result<(), SceneError>
     Ok(())
 }
 
-/// Whether the arrays of a mesh, whose vertices are relative to `origin`, fit together and are numbers.
+/// Checks that the arrays of a mesh have matching lengths and finite numbers. Its vertices are relative to `origin`.
 fn validate_mesh(mesh: &Mesh, origin: Vec3) -> Result<(), String> {
     if let Some(v) = paced(&mesh.vertices, 1).position(|v| !v.is_finite()) {
         return Err(format!("vertex {v} is not finite: {}", mesh.vertices[v]));
@@ -163,7 +163,7 @@ fn validate_mesh(mesh: &Mesh, origin: Vec3) -> Result<(), String> {
     Ok(())
 }
 
-/// Whether what a shape's material and emission read is there, and opacities are between 0 and 1.
+/// Checks that the inputs of a shape's material and emission exist, and that opacities are between 0 and 1.
 fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
     let mesh = &shape.mesh;
     let inputs = shape.material.inputs().map(|(_, input)| *input);
@@ -186,7 +186,7 @@ fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
     }
 }
 
-/// Whether the closing keyframe of a shape fits its opening one.
+/// Checks that the closing keyframe of a shape matches its opening one.
 fn validate_motion(motion: &Motion, description: &SceneDescription) -> Result<(), String> {
     let Some(Shape { mesh, .. }) = description.shapes.get(motion.shape) else {
         return Err(format!("shape {} moves, but does not exist", motion.shape));
@@ -208,7 +208,7 @@ fn validate_motion(motion: &Motion, description: &SceneDescription) -> Result<()
     Ok(())
 }
 
-/// Whether a light may become another while a shutter is open.
+/// Checks that a light can be interpolated between its keyframes.
 fn validate_light_motion(opening: Option<&DeltaLight>, closing: &DeltaLight) -> Result<(), &'static str> {
     let Some(opening) = opening else { return Err("the light moves, but does not exist") };
     if std::mem::discriminant(opening) != std::mem::discriminant(closing) {
@@ -225,7 +225,7 @@ fn validate_light_motion(opening: Option<&DeltaLight>, closing: &DeltaLight) -> 
     if turns_far { Err("the light turns by 90 degrees or more while a shutter is open") } else { Ok(()) }
 }
 
-/// Every film position must have a ray.
+/// Checks that every film position has a ray.
 fn validate_distortion(camera: &Camera) -> Result<(), String> {
     if camera.distortion.is_none() {
         return Ok(());

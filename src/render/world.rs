@@ -19,9 +19,9 @@ use crate::math::uniform_triangle;
 use crate::memory;
 use crate::stop::paced;
 
-/// Built once from a description, used by many passes.
+/// A scene with its acceleration structures, built once from a description and used by many passes.
 pub struct Scene {
-    /// What it was built from.
+    /// The description that it was built from.
     pub description: SceneDescription,
     pub(crate) accel: Accel,
     pub(crate) prims: Vec<Prim>,
@@ -33,13 +33,13 @@ pub struct Scene {
     pub(crate) environment_peak: Option<EnvironmentPeak>,
     /// Half the diagonal of the bounding box.
     pub(crate) radius: f32,
-    /// Some material has a mask.
+    /// Whether some material has a mask.
     pub(crate) masked: bool,
-    /// Built when first asked for: the primal needs none.
+    /// Built when it is first used; rendering without derivatives does not need it.
     pub(super) edge_table: OnceLock<EdgeTable>,
     pub(super) edge_table_with_seams: OnceLock<EdgeTable>,
     pub(super) contact_table: OnceLock<Contacts>,
-    /// Triangles by area.
+    /// Distribution over triangles by area.
     surface: OnceLock<Discrete>,
 }
 
@@ -49,8 +49,8 @@ impl Scene {
         Scene::following(description, None)
     }
 
-    /// [`Scene::new`] after an earlier scene, such as that of the last step of an optimisation: if it has as many triangles its ray tree
-    /// is refitted, which takes a fraction of the time. What is rendered does not depend on it.
+    /// [`Scene::new`], given an earlier scene such as that of the last optimisation step. If it has the same number of triangles its ray
+    /// tree is refitted, which takes a fraction of the time. The rendered image does not depend on this.
     pub fn following(description: SceneDescription, before: Option<&Scene>) -> Result<Scene, SceneError> {
         validate(&description)?;
         memory::bounded(|| Scene::build(description, before)).map_err(SceneError::Memory)
@@ -99,7 +99,7 @@ impl Scene {
         }
     }
 
-    /// Brings everything up to date with the vertices and normals of the description, which have changed.
+    /// Updates everything after vertices and normals of the description have changed.
     pub(crate) fn refit(&mut self) {
         let corners = corners(&self.description);
         self.accel.refit_or_rebuild(&corners);
@@ -114,7 +114,7 @@ impl Scene {
         self.surface = OnceLock::new();
     }
 
-    /// Brings the lights up to date with those without area of the description, which have changed.
+    /// Updates the lights after lights without area in the description have changed.
     pub(crate) fn relight(&mut self) {
         self.lights = LightTable::new(&self.description, &self.prims, self.radius, self.environment_peak.as_ref());
     }
@@ -132,13 +132,13 @@ impl Scene {
         })
     }
 
-    /// A point on any of the surfaces, uniform by area: the first number chooses the triangle. There must be a surface.
+    /// Samples a point on all surfaces, uniformly by area; the first number chooses the triangle. The scene must have a surface.
     pub(crate) fn surface_point(&self, which: f32, u: [f32; 2]) -> (PrimId, Vec3) {
         let (prim, ..) = self.surface().sample(f64::from(which));
         (prim as PrimId, self.facets[prim].point(uniform_triangle(u)))
     }
 
-    /// Density of [`Scene::surface_point`] per unit area.
+    /// Density of [`Scene::surface_point`], per unit area.
     pub(crate) fn surface_pdf(&self) -> f32 {
         1.0 / self.surface().total() as f32
     }

@@ -17,7 +17,7 @@ impl Var {
             return fail(format!("a product of a {} and a {}", Tensor::shape_text(a), Tensor::shape_text(b)));
         }
         let shape = vec![*n, *m];
-        super::room(&shape)?;
+        super::ask_for_tensor(&shape)?;
         let product = Var::apply(Op::MatMul, vec![lhs.clone(), rhs.clone()], shape.clone());
         match (left, right) {
             (false, false) => Ok(product),

@@ -49,10 +49,10 @@ use crate::memory::{self, Shortage};
 use crate::stop;
 
 pub use op::{AxisFilter, Binary, CustomOp, Op, ROUNDING, Unary, invert};
-pub use recorded::{Later, help};
+pub use recorded::{DeferredDerivative, help};
 pub use squares::{Squares, squares};
 pub use structure::{Group, Slice, crop_table};
-pub use tensor::{Spread, Tensor, broadcast_shapes};
+pub use tensor::{Broadcast, Tensor, broadcast_shapes};
 
 /// Operands that do not fit each other.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -68,7 +68,7 @@ impl From<Shortage> for TapeError {
 }
 
 /// Checks that there is memory for a tensor of that shape.
-pub(crate) fn room(shape: &[usize]) -> Result<()> {
+pub(crate) fn ask_for_tensor(shape: &[usize]) -> Result<()> {
     Ok(memory::ask_for::<f64>(shape.iter().fold(1, |n: usize, side| n.saturating_mul(*side)))?)
 }
 
@@ -162,7 +162,7 @@ impl Var {
     /// The nodes that this one is computed from: its inputs or, for a derivative that was recorded as a graph, that graph's root alone.
     fn sources(&self) -> &[Var] {
         match &self.0.op {
-            Op::Later(later) => later.recorded().map_or(&self.0.inputs, std::slice::from_ref),
+            Op::Deferred(later) => later.recorded().map_or(&self.0.inputs, std::slice::from_ref),
             _ => &self.0.inputs,
         }
     }
@@ -200,7 +200,7 @@ impl Var {
         if f == Binary::Pow && !other.is_live() && other.item() == Some(2.0) && other.shape().is_empty() {
             return Ok(self.unary(Unary::Square));
         }
-        room(&shape)?;
+        ask_for_tensor(&shape)?;
         Ok(Var::apply(Op::Binary(f), vec![self.clone(), other.clone()], shape))
     }
 
@@ -300,7 +300,7 @@ fn plan(roots: &[Var], wrt: &HashSet<u64>) -> Result<(Vec<Var>, HashSet<u64>)> {
         let (sorted, reached) = order(roots, wrt);
         let mut complete = true;
         for var in sorted.iter().filter(|v| !wrt.contains(&v.id())) {
-            if let Op::Later(later) = var.op()
+            if let Op::Deferred(later) = var.op()
                 && later.recorded().is_none()
             {
                 later.record(&var.0.inputs)?;
@@ -346,7 +346,7 @@ fn pull_back(var: &Var, g: Tensor, reached: &HashSet<u64>, adjoints: &mut HashMa
     if let (Op::Gather(table), [x]) = (&var.0.op, inputs) {
         // Added in place. If a long array is indexed item by item, each item writes its own numbers only.
         if !adjoints.contains_key(&x.id()) {
-            room(x.shape())?;
+            ask_for_tensor(x.shape())?;
         }
         let sum = adjoints.entry(x.id()).or_insert_with(|| Tensor::zeros(x.shape()));
         table.iter().zip(&g.data).for_each(|(&i, g)| sum.data[i as usize] += g);
@@ -355,7 +355,7 @@ fn pull_back(var: &Var, g: Tensor, reached: &HashSet<u64>, adjoints: &mut HashMa
     let values: Vec<&Tensor> = inputs.iter().map(Var::value).collect();
     let wants: Vec<bool> = inputs.iter().map(|i| reached.contains(&i.id())).collect();
     let wanted = values.iter().zip(&wants).filter(|(_, w)| **w);
-    room(&[wanted.map(|(v, _)| v.len()).sum()])?;
+    ask_for_tensor(&[wanted.map(|(v, _)| v.len()).sum()])?;
     let d = var.0.op.vjp_in_place(&values, var.value(), g, &wants).map_err(TapeError)?;
     for ((input, wanted), d) in inputs.iter().zip(wants).zip(d) {
         let (true, Some(d)) = (wanted, d) else { continue };
@@ -423,7 +423,7 @@ pub fn jacobian(outputs: &[Var], directions: &[Vec<(Var, Tensor)>]) -> Result<Ve
         let along: Vec<Vec<Option<&Tensor>>> =
             reached.iter().map(|&k| inputs.iter().map(|i| tangent(i, k)).collect()).collect();
         let values: Vec<&Tensor> = inputs.iter().map(Var::value).collect();
-        room(&[var.len(), along.len()])?;
+        ask_for_tensor(&[var.len(), along.len()])?;
         stop::check();
         let found = var.0.op.jvps(&values, var.value(), &along).map_err(TapeError)?;
         at.insert(var.id(), reached.into_iter().zip(found).collect());

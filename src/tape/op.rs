@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use super::recorded::Later;
-use super::tensor::{CHUNK, Spread, Tensor, for_each_pair, mapped};
+use super::recorded::DeferredDerivative;
+use super::tensor::{Broadcast, CHUNK, Tensor, for_each_pair, mapped};
 use super::{TapeError, Var};
 use crate::stop::{self, Pace};
 
@@ -325,7 +325,7 @@ pub enum Op {
     Filter(Arc<AxisFilter>),
     Custom(Arc<dyn CustomOp>),
     /// A derivative. To differentiate it, it is recorded first, and then equals the root of its recorded graph.
-    Later(Arc<Later>),
+    Deferred(Arc<DeferredDerivative>),
 }
 
 impl Op {
@@ -343,7 +343,7 @@ impl Op {
         let n: usize = shape.iter().product();
         let data = match self {
             Op::Leaf | Op::Reshape => inputs[0].data.clone(),
-            Op::Custom(_) | Op::Later(_) => unreachable!("their values are computed by their builders"),
+            Op::Custom(_) | Op::Deferred(_) => unreachable!("their values are computed by their builders"),
             Op::Unary(f) => {
                 let f = *f;
                 mapped(&inputs[0].data, |x| f.value(x))
@@ -351,7 +351,7 @@ impl Op {
             Op::Binary(f) => {
                 let (a, b) = (inputs[0], inputs[1]);
                 let mut out = vec![0.0; n];
-                let (sa, sb) = (Spread::new(&a.shape, &shape), Spread::new(&b.shape, &shape));
+                let (sa, sb) = (Broadcast::new(&a.shape, &shape), Broadcast::new(&b.shape, &shape));
                 // The match on `f` is hoisted out of the loops that matter.
                 macro_rules! run {
                     ($f:expr) => {
@@ -403,7 +403,7 @@ impl Op {
         wants: &[bool],
     ) -> Result<Vec<Option<Tensor>>, String> {
         match self {
-            Op::Reshape | Op::Later(_) => {
+            Op::Reshape | Op::Deferred(_) => {
                 g.shape = inputs[0].shape.clone();
                 Ok(vec![Some(g)])
             }
@@ -427,8 +427,8 @@ impl Op {
                 match f {
                     Binary::Sub if !first => g.data.iter_mut().for_each(|g| *g = -*g),
                     Binary::Mul => {
-                        let spread = Spread::new(&other.shape, &output.shape);
-                        for_each_pair(output.len(), &Spread::Same, &spread, |i, _, q| {
+                        let spread = Broadcast::new(&other.shape, &output.shape);
+                        for_each_pair(output.len(), &Broadcast::Same, &spread, |i, _, q| {
                             if g.data[i] != 0.0 {
                                 g.data[i] *= other.data[q];
                             }
@@ -455,10 +455,10 @@ impl Op {
         Ok(match self {
             Op::Leaf => vec![],
             Op::Custom(op) => op.vjp(inputs, output, g, wants)?,
-            Op::Reshape | Op::Later(_) | Op::Unary(_) => return self.vjp_in_place(inputs, output, g.clone(), wants),
+            Op::Reshape | Op::Deferred(_) | Op::Unary(_) => return self.vjp_in_place(inputs, output, g.clone(), wants),
             Op::Binary(f) => {
                 let (a, b) = (inputs[0], inputs[1]);
-                let (sa, sb) = (Spread::new(&a.shape, &output.shape), Spread::new(&b.shape, &output.shape));
+                let (sa, sb) = (Broadcast::new(&a.shape, &output.shape), Broadcast::new(&b.shape, &output.shape));
                 // One side after the other; the match on `f` is hoisted out of the loops that matter.
                 let side = |first: bool| {
                     let mut d = vec![0.0; if first { a.len() } else { b.len() }];
@@ -574,7 +574,7 @@ impl Op {
             },
             Op::Binary(f) => {
                 let (a, b) = (inputs[0], inputs[1]);
-                let (sa, sb) = (Spread::new(&a.shape, &shape), Spread::new(&b.shape, &shape));
+                let (sa, sb) = (Broadcast::new(&a.shape, &shape), Broadcast::new(&b.shape, &shape));
                 let mut d = zero();
                 for_each_pair(output.len(), &sa, &sb, |i, p, q| {
                     let (dx, dy) = f.slopes(a.data[p], b.data[q], output.data[i]);
@@ -588,7 +588,7 @@ impl Op {
                 });
                 d
             }
-            Op::Later(_) => match t[0] {
+            Op::Deferred(_) => match t[0] {
                 Some(t) => Tensor { shape, data: t.data.clone() },
                 None => zero(),
             },

@@ -1,6 +1,6 @@
 //! Derivatives as nodes of the graph, so that they can be differentiated again.
 //!
-//! A derivative that a program asks for becomes a node ([`Later`]). Its value is computed by [`super::backward`] or [`super::forward`] on
+//! A derivative that a program asks for becomes a node ([`DeferredDerivative`]). Its value is computed by [`super::backward`] or [`super::forward`] on
 //! plain numbers. If the derivative of that node is asked for, the first derivative is computed again, this time recorded as operations
 //! of the tape ([`gradient`]), and the node is then differentiated through that record. So first derivatives cost no more than without
 //! this, and second derivatives follow from the rules of the recorded operations. Renderings have first derivatives only; asking for
@@ -11,7 +11,7 @@ use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, OnceLock};
 
 use super::op::{AxisFilter, Binary, Op, Unary};
-use super::{Result, Slice, Spread, TapeError, Tensor, Var, fail, plan};
+use super::{Broadcast, Result, Slice, TapeError, Tensor, Var, fail, plan};
 
 /// Most numbers in a Jacobian that is differentiated again. Each row of it is recorded as a graph of its own.
 const MAX_ROWS: usize = 4096;
@@ -32,7 +32,7 @@ pub(super) fn first_only(name: &str) -> TapeError {
 
 /// A derivative that is recorded only when its own derivative is asked for. The inputs of its node are first the function, then the
 /// variables, then the directions (in forward mode).
-pub struct Later {
+pub struct DeferredDerivative {
     kind: Kind,
     /// The same derivative computed by operations of the tape, once it has been recorded.
     recorded: OnceLock<Result<Var>>,
@@ -49,7 +49,7 @@ enum Kind {
     Measured(&'static str),
 }
 
-impl Later {
+impl DeferredDerivative {
     pub(super) fn recorded(&self) -> Option<&Var> {
         self.recorded.get().and_then(|r| r.as_ref().ok())
     }
@@ -106,7 +106,7 @@ impl Var {
     }
 
     fn later(kind: Kind, inputs: Vec<Var>, value: Tensor) -> Var {
-        Var::record(Op::Later(Arc::new(Later { kind, recorded: OnceLock::new() })), inputs, value)
+        Var::record(Op::Deferred(Arc::new(DeferredDerivative { kind, recorded: OnceLock::new() })), inputs, value)
     }
 
     /// A node for `value`, the gradient of the number `of` with respect to `wrt`.
@@ -230,7 +230,7 @@ fn summed_to(g: &Var, shape: &[usize]) -> Result<Var> {
     if g.len() == shape.iter().product::<usize>() {
         return g.reshape(shape.to_vec());
     }
-    let spread = Spread::new(shape, g.shape());
+    let spread = Broadcast::new(shape, g.shape());
     Ok(g.scatter(Arc::new((0..g.len()).map(|i| spread.at(i) as u32).collect()), shape.to_vec()))
 }
 
@@ -242,7 +242,7 @@ fn transposed(var: &Var, g: &Var, wants: &[bool]) -> Result<Vec<Option<Var>>> {
     match var.op() {
         Op::Leaf => Ok(vec![]),
         // A recorded derivative equals its only source.
-        Op::Later(_) => one(Ok(g.clone())),
+        Op::Deferred(_) => one(Ok(g.clone())),
         Op::Reshape => one(g.reshape(x.shape().to_vec())),
         Op::Unary(f) => one(slope(*f, x, var).and_then(|s| times(g, &s))),
         Op::Binary(f) => {

@@ -53,7 +53,7 @@ fn is_square(var: &Var) -> bool {
 fn is_linear(op: &Op, wants: &[bool]) -> bool {
     match op {
         Op::Unary(Unary::Neg) | Op::Binary(Binary::Add | Binary::Sub) => true,
-        Op::Later(_) => true,
+        Op::Deferred(_) => true,
         Op::Sum | Op::Gather(_) | Op::Scatter(_) | Op::Reshape | Op::Concat | Op::Select(_) | Op::Filter(_) => true,
         Op::Binary(Binary::Mul) | Op::MatMul => wants.iter().filter(|w| **w).count() == 1,
         Op::Binary(Binary::Div) => !wants.get(1).is_some_and(|w| *w),

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::op::{AxisFilter, Op};
-use super::{Result, Tensor, Var, fail, room};
+use super::{Result, Tensor, Var, ask_for_tensor, fail};
 use crate::stop::Pace;
 
 /// The elements to keep along one axis.
@@ -155,7 +155,7 @@ impl Var {
             return fail(format!("index {row} is out of range for {n} elements"));
         }
         let run: usize = rest.iter().product();
-        room(&[rows.len(), run])?;
+        ask_for_tensor(&[rows.len(), run])?;
         let table = rows.iter().flat_map(|&r| (0..run).map(move |c| r * run as u32 + c as u32)).collect();
         let mut out = vec![rows.len()];
         out.extend_from_slice(rest);
@@ -201,7 +201,7 @@ impl Var {
                 }
             }
         }
-        room(&kept)?;
+        ask_for_tensor(&kept)?;
         Ok(self.gather(crop_table(shape, &axes), kept))
     }
 
@@ -227,8 +227,8 @@ impl Var {
                 Tensor::shape_text(shape)
             ));
         }
-        room(shape)?;
-        let spread = super::Spread::new(self.shape(), shape);
+        ask_for_tensor(shape)?;
+        let spread = super::Broadcast::new(self.shape(), shape);
         let n: usize = shape.iter().product();
         Ok(self.gather((0..n).map(|i| spread.at(i) as u32).collect(), shape.to_vec()))
     }
@@ -246,7 +246,7 @@ impl Var {
             strides[axis] = strides[axis + 1] * shape[axis + 1];
         }
         let out: Vec<usize> = axes.iter().map(|&a| shape[a]).collect();
-        room(&out)?;
+        ask_for_tensor(&out)?;
         let strides: Vec<usize> = axes.iter().map(|&a| strides[a]).collect();
         Ok(self.gather(walk(&out, &strides, 0), out))
     }
@@ -268,7 +268,7 @@ impl Var {
         }
         let mut shape = vec![parts.len()];
         shape.extend_from_slice(first.shape());
-        room(&shape)?;
+        ask_for_tensor(&shape)?;
         Ok(Var::apply(Op::Concat, parts.to_vec(), shape))
     }
 
@@ -289,7 +289,7 @@ impl Var {
         }
         let mut shape = first.shape().to_vec();
         shape[axis] = parts.iter().map(|p| p.shape()[axis]).sum();
-        room(&shape)?;
+        ask_for_tensor(&shape)?;
         let total = shape.iter().product();
         let joined = Var::apply(Op::Concat, parts.to_vec(), vec![total]);
         if axis == 0 {
@@ -313,7 +313,7 @@ impl Var {
         let shape =
             super::broadcast_shapes(yes.shape(), no.shape()).and_then(|s| super::broadcast_shapes(&s, mask.shape()));
         let Some(shape) = shape else { return fail("the condition and its branches do not fit each other") };
-        room(&shape)?;
+        ask_for_tensor(&shape)?;
         let mask = mask.broadcast_to(&shape)?.value().data.iter().map(|&m| m != 0.0).collect();
         let inputs = vec![yes.broadcast_to(&shape)?, no.broadcast_to(&shape)?];
         Ok(Var::apply(Op::Select(Arc::new(mask)), inputs, shape))
@@ -327,7 +327,7 @@ impl Var {
             return fail("a filter that reaches beyond its axis");
         }
         shape[filter.axis] = filter.outputs();
-        room(&shape)?;
+        ask_for_tensor(&shape)?;
         Ok(Var::apply(Op::Filter(Arc::new(filter)), vec![self.clone()], shape))
     }
 }

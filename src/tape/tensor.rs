@@ -143,7 +143,7 @@ pub fn broadcast_shapes(a: &[usize], b: &[usize]) -> Option<Vec<usize>> {
 
 /// Where the elements of a broadcast operand lie: output element `i` reads operand element `at(i)`.
 #[derive(Clone, Debug)]
-pub enum Spread {
+pub enum Broadcast {
     Same,
     One,
     /// The operand repeats: `i % n`.
@@ -153,15 +153,15 @@ pub enum Spread {
     Table(Vec<u32>),
 }
 
-impl Spread {
-    pub fn new(operand: &[usize], out: &[usize]) -> Spread {
+impl Broadcast {
+    pub fn new(operand: &[usize], out: &[usize]) -> Broadcast {
         let n: usize = operand.iter().product();
         let total: usize = out.iter().product();
         if n == total {
-            return Spread::Same;
+            return Broadcast::Same;
         }
         if n == 1 {
-            return Spread::One;
+            return Broadcast::One;
         }
         let mut padded = vec![1; out.len() - operand.len()];
         padded.extend_from_slice(operand);
@@ -170,10 +170,10 @@ impl Spread {
         let contiguous = padded[first..last] == out[first..last];
         let (leading, trailing): (usize, usize) = (out[..first].iter().product(), out[last..].iter().product());
         if contiguous && trailing == 1 {
-            return Spread::Modulo(n);
+            return Broadcast::Modulo(n);
         }
         if contiguous && leading == 1 {
-            return Spread::Divide(trailing);
+            return Broadcast::Divide(trailing);
         }
         let mut strides = vec![0usize; out.len()];
         let mut stride = 1;
@@ -200,17 +200,17 @@ impl Spread {
                 index[axis] = 0;
             }
         }
-        Spread::Table(table)
+        Broadcast::Table(table)
     }
 
     #[inline]
     pub fn at(&self, i: usize) -> usize {
         match self {
-            Spread::Same => i,
-            Spread::One => 0,
-            Spread::Modulo(n) => i % n,
-            Spread::Divide(n) => i / n,
-            Spread::Table(t) => t[i] as usize,
+            Broadcast::Same => i,
+            Broadcast::One => 0,
+            Broadcast::Modulo(n) => i % n,
+            Broadcast::Divide(n) => i / n,
+            Broadcast::Table(t) => t[i] as usize,
         }
     }
 }
@@ -230,14 +230,14 @@ pub(super) fn mapped<T: Copy>(data: &[T], f: impl Fn(T) -> f64) -> Vec<f64> {
 
 /// Calls `f(i, index in a, index in b)` for every output element, with tight loops for the common cases.
 #[inline]
-pub fn for_each_pair(n: usize, a: &Spread, b: &Spread, mut f: impl FnMut(usize, usize, usize)) {
+pub fn for_each_pair(n: usize, a: &Broadcast, b: &Broadcast, mut f: impl FnMut(usize, usize, usize)) {
     for start in (0..n).step_by(CHUNK) {
         stop::check();
         let chunk = start..n.min(start + CHUNK);
         match (a, b) {
-            (Spread::Same, Spread::Same) => chunk.for_each(|i| f(i, i, i)),
-            (Spread::Same, Spread::One) => chunk.for_each(|i| f(i, i, 0)),
-            (Spread::One, Spread::Same) => chunk.for_each(|i| f(i, 0, i)),
+            (Broadcast::Same, Broadcast::Same) => chunk.for_each(|i| f(i, i, i)),
+            (Broadcast::Same, Broadcast::One) => chunk.for_each(|i| f(i, i, 0)),
+            (Broadcast::One, Broadcast::Same) => chunk.for_each(|i| f(i, 0, i)),
             _ => chunk.for_each(|i| f(i, a.at(i), b.at(i))),
         }
     }
@@ -266,7 +266,7 @@ mod tests {
             (vec![1, 1, 1], vec![2, 4, 3]),
             (vec![1, 4, 3], vec![2, 4, 3]),
         ] {
-            let spread = Spread::new(&operand, &out);
+            let spread = Broadcast::new(&operand, &out);
             let mut padded = vec![1; out.len() - operand.len()];
             padded.extend(&operand);
             let mut i = 0;

@@ -1,11 +1,11 @@
-//! Reflection by the triangles of curved mirrors as polynomials.
+//! Reflections in the triangles of curved mirrors, as polynomials.
 //!
-//! Over a triangle with corners x_i and interpolated normals m_i the point x, the normal m (not normalised) and the direction w
-//! back to the eye are linear in the barycentric coordinates, so the mirrored direction d = 2 m (m·w) − w (m·m) is cubic. The line
-//! from x along d meets the segment from A to B (both seen from x) where (A×B)·d, of degree four, vanishes and d lies between A
-//! and B. A polynomial whose coefficients all have one sign has no root: so triangles are searched completely, by
-//! subdivision, and along straight lines within them all roots are found. Directions below the triangle's plane are folded up
-//! (`SurfaceInteraction::mirrored`), which is linear: such a triangle counts as two, one for each side.
+//! Over a triangle with corners x_i and interpolated normals m_i, the point x, the normal m (not normalised) and the direction w back to
+//! the eye are linear in the barycentric coordinates. So the mirrored direction d = 2 m (m·w) − w (m·m) is cubic. The line from x along d
+//! intersects the segment from A to B (both relative to x) where the quartic (A×B)·d vanishes and d lies between A and B. A polynomial
+//! whose Bernstein coefficients all have one sign has no root. So triangles are searched completely by subdivision, and all roots along
+//! straight lines within them are found. Mirrored directions below the triangle's plane are folded up (`SurfaceInteraction::mirrored`),
+//! which is linear: such a triangle counts as two, one for each side.
 
 use std::ops::Range;
 
@@ -17,10 +17,10 @@ use crate::render::edges::Edge;
 use crate::render::sampler::Discrete;
 use crate::render::{Camera, Scene};
 
-/// A place in a triangle: barycentric coordinates of its second and third corner.
+/// A point of a triangle: barycentric coordinates of its second and third corner.
 pub type Barycentric = [f64; 2];
 
-/// Where a mirror is seen from.
+/// The position from which a mirror is seen.
 #[derive(Clone, Copy, Debug)]
 pub enum Eye {
     Point(DVec3),
@@ -34,7 +34,7 @@ impl Eye {
         if camera.is_central() { Eye::Point(origin.as_dvec3()) } else { Eye::Direction(-forward.as_dvec3()) }
     }
 
-    /// How far the points of a lens are from the centre: the slack of [`Eye::of`] the whole camera.
+    /// Radius of the lens: the slack with which [`Eye::of`] stands for all points of the lens.
     pub fn slack(camera: &Camera) -> f64 {
         let lens = camera.lens.radius * camera.frame[0].length().max(camera.frame[1].length());
         f64::from(if camera.is_central() || lens == 0.0 { lens } else { lens / camera.lens.focus })
@@ -49,14 +49,14 @@ impl Eye {
     }
 }
 
-/// A triangle of a mirror, or a part of one, as seen from an eye.
+/// A triangle of a mirror, or a part of one, seen from an eye.
 #[derive(Clone, Copy, Debug)]
 pub struct MirrorPatch {
     /// Points, normals and directions to the eye at the corners.
     pub x: [DVec3; 3],
     m: [DVec3; 3],
     w: [DVec3; 3],
-    /// The unit normal of the plane, for directions that were below it and are folded up.
+    /// The unit normal of the triangle's plane, if this patch is for directions that are folded up.
     fold: Option<DVec3>,
 }
 
@@ -73,7 +73,7 @@ impl MirrorPatch {
         MirrorPatch { x, m, w: x.map(|x| eye.from(x)), fold: folded.then_some(flat) }
     }
 
-    /// The part between three places.
+    /// The part between three of its points.
     pub fn part(&self, corners: [Barycentric; 3]) -> MirrorPatch {
         let at = |v: &[DVec3; 3]| corners.map(|[u, t]| v[0] * (1.0 - u - t) + v[1] * u + v[2] * t);
         MirrorPatch { x: at(&self.x), m: at(&self.m), w: at(&self.w), fold: self.fold }
@@ -98,36 +98,37 @@ impl MirrorPatch {
         self.fold.map_or(d, |n| d - n * (2.0 * n.dot(d)))
     }
 
-    /// Whether a direction leaves on the side that the eye sees: else the other way of mirroring, folded or not, applies.
+    /// Whether a mirrored direction leaves on the side of the plane that the eye sees. If not, the point belongs to the other patch of
+    /// the triangle, folded or not.
     fn leaves(&self, [u, t]: Barycentric, d: DVec3) -> bool {
         let w = self.w[0] * (1.0 - u - t) + self.w[1] * u + self.w[2] * t;
         let n = self.normal();
         n.dot(d) * n.dot(w) > 0.0
     }
 
-    /// Whether the normals are those of the plane: then nothing is mirrored below it.
+    /// Whether the vertex normals are that of the plane. Then no direction is mirrored below it.
     fn is_flat(&self) -> bool {
         let n = self.normal();
         self.m.iter().all(|m| m.cross(n).length() <= 1e-9 * m.length())
     }
 
-    /// Whether the mirrored direction leaves on the eye's side anywhere.
+    /// Whether the mirrored direction leaves on the eye's side at any point.
     pub fn reflects_outwards(&self) -> bool {
         let n = self.normal();
         let seen: Form<f64> = Form::linear(self.w.map(|w| w.dot(n)));
         !self.direction().times(&seen, |d, s| d.dot(n) * s).is_below(0.0)
     }
 
-    /// A cone of normals that hold for all mirrored directions: its axis and half its angle.
+    /// A cone around the normals of all mirrored directions: its axis and half its opening angle.
     fn normals(&self) -> (DVec3, f64) {
         let normals = self.m.map(DVec3::normalize_or_zero);
         let axis = normals.iter().sum::<DVec3>().normalize_or_zero();
         let half = normals.iter().map(|n| angle(*n, axis)).fold(0.0, f64::max);
-        // A folded direction is no further from the horizon, which lies between the two normals' directions, than it was.
+        // Folding mirrors a direction at the horizon, to which it stays as close as it was. The cone is widened for that.
         (axis, self.fold.map_or(half, |flat| 3.0 * half.max(angle(flat * flat.dot(axis).signum(), axis))))
     }
 
-    /// How far the eye may be above the plane for a direction to be folded: mirrored by the plane's normal it would leave as far above.
+    /// Largest sine of the eye's elevation above the plane at which a direction may be folded.
     fn fold_reach(&self) -> f64 {
         let tilt = |flat: DVec3| self.m.iter().map(|m| angle(flat, m.normalize_or_zero())).fold(0.0, f64::max);
         self.fold.map_or(std::f64::consts::PI, |flat| 2.0 * tilt(flat).min(tilt(-flat)))
@@ -137,7 +138,7 @@ impl MirrorPatch {
         self.m.iter().map(|m| m.length_squared()).fold(0.0, f64::max)
     }
 
-    /// Whether a segment may be seen here from an eye that is at most `slack` away.
+    /// Whether a segment may be seen in the patch from an eye that is at most `slack` away.
     pub fn may_see(&self, ends: [DVec3; 2], slack: f64) -> bool {
         let [a, b] = ends.map(|p| Form::linear(self.x.map(|x| p - x)));
         let n = Form::linear(self.x.map(|x| (ends[0] - x).cross(ends[1] - x)));
@@ -155,8 +156,7 @@ impl MirrorPatch {
         !(alpha.is_below(-off * largest(&n) * largest(&b)) || beta.is_below(-off * largest(&n) * largest(&a)))
     }
 
-    /// All places on a straight line from corner to corner coordinates `from` and `to` (in [0, 1]² of this part) at which the
-    /// segment is seen.
+    /// All points at which the segment is seen, on the straight line between the points `from` and `to` of this patch (both in [0, 1]²).
     pub fn images_on_line(&self, [from, to]: [Barycentric; 2], ends: [DVec3; 2], mut found: impl FnMut(SegmentImage)) {
         let at = |v: &[DVec3; 3], [u, t]: Barycentric| v[0] * (1.0 - u - t) + v[1] * u + v[2] * t;
         let line = |v: &[DVec3; 3]| [at(v, from), at(v, to) - at(v, from)];
@@ -194,14 +194,15 @@ impl MirrorPatch {
         });
     }
 
-    /// Derivatives, in the place, of how far the mirrored ray passes by in direction `n`, perpendicular to it, at `distance`.
+    /// Derivatives, with respect to the point of the mirror, of the mirrored ray's offset in the direction `n`, perpendicular to it, at
+    /// `distance`.
     pub fn d_miss(&self, place: Barycentric, distance: f64, n: DVec3) -> [f64; 2] {
         let local = self.mirrored(place);
         let length = local.d.length();
         [0, 1].map(|k| n.dot(local.x_k[k]) + distance * n.dot(local.d_k[k]) / length)
     }
 
-    /// Area at `distance` along the mirrored ray, perpendicular to it, over area of the mirror.
+    /// Area perpendicular to the mirrored ray at `distance`, per area of the mirror.
     pub fn area_magnification(&self, place: Barycentric, distance: f64) -> f64 {
         let local = self.mirrored(place);
         let length = local.d.length();
@@ -222,7 +223,8 @@ impl MirrorPatch {
         Mirrored { x, d: self.folded(m * (2.0 * mw) - w * mm), x_k: [along(1)[0], along(2)[0]], d_k: [d_k(1), d_k(2)] }
     }
 
-    /// Whether a point may be seen here from an eye that is at most `slack` away; `across` are directions across the way to it.
+    /// Whether a point may be seen in the patch from an eye that is at most `slack` away; `across` are directions perpendicular to the
+    /// line to it.
     fn may_see_point(&self, p: DVec3, across: [DVec3; 2], slack: f64) -> bool {
         let (d, q) = (self.direction(), Form::linear(self.x.map(|x| p - x)));
         let error = slack * self.largest_normal() * self.x.iter().map(|x| x.distance(p)).fold(0.0, f64::max);
@@ -240,7 +242,7 @@ impl MirrorPatch {
         self.may_see_point(p, [e1, e2], slack)
     }
 
-    /// All places at which a point is seen: Newton's method, in parts so small that they mirror almost linearly.
+    /// All points of the patch at which a point is seen: by Newton's method in parts that are so small that they reflect almost linearly.
     fn images_of(&self, p: DVec3, found: impl FnMut(Barycentric)) {
         const DEPTH: u32 = 2;
         let (e1, e2) = (p - self.x[0]).normalize_or_zero().any_orthonormal_pair();
@@ -249,7 +251,7 @@ impl MirrorPatch {
         places.into_iter().for_each(found);
     }
 
-    /// Area at `distance` along the mirrored ray, perpendicular to it, over the solid angle at an eye that is `before` away.
+    /// Area perpendicular to the mirrored ray at `distance`, per solid angle at an eye that is `before` away.
     pub fn area_per_solid_angle(&self, place: Barycentric, before: f64, distance: f64) -> f64 {
         let [u, t] = place;
         let w = self.w[0] * (1.0 - u - t) + self.w[1] * u + self.w[2] * t;
@@ -301,7 +303,7 @@ impl MirrorPatch {
     }
 }
 
-/// A triangle of places cut into four.
+/// A triangle divided into four.
 pub fn quarters(corners: [Barycentric; 3]) -> [[Barycentric; 3]; 4] {
     let [a, b, c] = corners;
     let middle = |p: Barycentric, q: Barycentric| [0.5 * (p[0] + q[0]), 0.5 * (p[1] + q[1])];
@@ -309,7 +311,7 @@ pub fn quarters(corners: [Barycentric; 3]) -> [[Barycentric; 3]; 4] {
     [[a, ab, ca], [ab, b, bc], [ca, bc, c], [bc, ca, ab]]
 }
 
-/// A point of a mirror and the mirrored direction there (not normalised), with their derivatives in the place.
+/// A point of a mirror and the mirrored direction there (not normalised), with their derivatives in the barycentric coordinates.
 struct Mirrored {
     x: DVec3,
     d: DVec3,
@@ -317,7 +319,7 @@ struct Mirrored {
     d_k: [DVec3; 2],
 }
 
-/// Where a mirror shows a point of a segment.
+/// A point of a mirror that shows a point of a segment.
 #[derive(Clone, Copy, Debug)]
 pub struct SegmentImage {
     pub place: Barycentric,
@@ -329,7 +331,7 @@ fn angle(a: DVec3, b: DVec3) -> f64 {
     a.dot(b).clamp(-1.0, 1.0).acos()
 }
 
-/// Coefficients of a form of the fifth degree in three variables.
+/// Number of coefficients of a polynomial of degree five in three barycentric coordinates.
 const MOST: usize = 21;
 
 /// A homogeneous polynomial in barycentric coordinates: coefficients of b0^i b1^j b2^(n−i−j), j running faster.
@@ -376,7 +378,7 @@ impl<T: Copy + Default + std::ops::AddAssign> Form<T> {
 }
 
 impl Form<f64> {
-    /// Whether it is below a number all over the triangle, by Bernstein coefficients.
+    /// Whether the polynomial is less than a number everywhere in the triangle, by its Bernstein coefficients.
     fn is_below(&self, limit: f64) -> bool {
         (0..self.len()).all(|i| self.c[i] < limit * multinomial(self.degree, i))
     }
@@ -386,7 +388,7 @@ impl Form<f64> {
     }
 }
 
-/// Of the `i`-th coefficient: how often it stands in (b0 + b1 + b2)^degree.
+/// The multinomial coefficient of the `i`-th monomial in (b0 + b1 + b2)^degree.
 fn multinomial(degree: usize, i: usize) -> f64 {
     const TABLE: [[f64; MOST]; 6] = {
         let mut table = [[0.0; MOST]; 6];
@@ -410,7 +412,7 @@ fn multinomial(degree: usize, i: usize) -> f64 {
     TABLE[degree][i]
 }
 
-/// The roots of a polynomial in [0, 1], in order: between those of its derivative it is monotone.
+/// The roots of a polynomial in [0, 1], in order. Between two roots of its derivative it is monotone and has at most one.
 fn roots(c: &[f64], found: &mut dyn FnMut(f64)) {
     let value = |t: f64| c.iter().rev().fold(0.0, |sum, c| sum * t + c);
     let mut stops = [0.0; 8];
@@ -429,7 +431,7 @@ fn roots(c: &[f64], found: &mut dyn FnMut(f64)) {
     for pair in stops[..=count].windows(2) {
         let (mut low, mut high) = (pair[0], pair[1]);
         let (f_low, f_high) = (value(low), value(high));
-        // Half open, so that a root on a stop counts once.
+        // Intervals are half open, so that a root at an end counts once.
         if (f_low < 0.0) == (f_high < 0.0) {
             continue;
         }
@@ -444,7 +446,7 @@ fn roots(c: &[f64], found: &mut dyn FnMut(f64)) {
     }
 }
 
-/// The triangles of curved mirrors, in a tree of spheres around them and cones around their normals.
+/// The triangles of curved mirrors in a hierarchy of bounding spheres and normal cones.
 pub struct MirrorTree {
     mirrors: Vec<Range<PrimId>>,
     triangles: Vec<MirrorTriangle>,
@@ -459,9 +461,9 @@ pub struct MirrorTree {
 pub struct MirrorTriangle {
     pub prim: PrimId,
     pub folded: bool,
-    /// As the camera sees it.
+    /// The patch as seen from the camera.
     pub patch: MirrorPatch,
-    /// Triangles that it never shows to the camera, because they belong to the same convex body.
+    /// Triangles that it cannot show to the camera, because they belong to the same convex body.
     hidden: Range<PrimId>,
 }
 
@@ -470,15 +472,15 @@ struct Node {
     radius: f64,
     axis: DVec3,
     half: f64,
-    /// The largest [`MirrorPatch::fold_reach`].
+    /// The largest [`MirrorPatch::fold_reach`] below this node.
     rim: f64,
-    /// Facets of a leaf; else the left child is the next node.
+    /// The triangles of a leaf. For an inner node the left child is the next node.
     range: [u32; 2],
     right: u32,
 }
 
 impl Node {
-    /// Whether anything here mirrors the eye, known but for `slack`, to a sphere.
+    /// Whether any triangle below this node may reflect the eye, whose position is known up to `slack`, to a sphere.
     fn may_show(&self, eye: Eye, slack: f64, middle: DVec3, reach: f64) -> bool {
         let (q, w) = (middle - self.centre, eye.from(self.centre));
         let (distance, far) = (q.length(), w.length());
@@ -499,21 +501,21 @@ impl Node {
     }
 }
 
-/// Facets of a leaf.
+/// Most triangles of a leaf.
 const LEAF: usize = 1;
 
 impl MirrorTree {
-    /// Of what the camera sees.
+    /// The tree of the triangles that the camera sees.
     pub fn new(scene: &Scene, camera: &Camera, mirrors: &[CurvedMirror]) -> MirrorTree {
         Self::of(scene, camera, mirrors, false)
     }
 
-    /// Whether no patch is seen: of degenerate mirrors there is none.
+    /// Whether the camera sees no patch, as of degenerate mirrors.
     pub fn is_empty(&self) -> bool {
         self.triangles.is_empty()
     }
 
-    /// Of all mirrors, for [`MirrorTree::specular_paths`].
+    /// The tree of all triangles of curved mirrors, for [`MirrorTree::specular_paths`].
     pub fn all(scene: &Scene, camera: &Camera, mirrors: &[CurvedMirror]) -> MirrorTree {
         Self::of(scene, camera, mirrors, true)
     }
@@ -535,7 +537,7 @@ impl MirrorTree {
                 patch,
                 hidden: prim..prim + 1,
             }));
-            // A convex body is seen from outside if any of its faces is turned to the eye, and then only these are seen.
+            // A convex body is seen from outside if any of its faces is turned to the eye, and then only such faces are visible.
             if !unseen && mirror.convex && triangles[start..].iter().any(|f: &MirrorTriangle| turned(&f.patch, slack)) {
                 let mut seen = triangles.split_off(start);
                 seen.retain(|f| turned(&f.patch, -slack));
@@ -551,7 +553,7 @@ impl MirrorTree {
             let mut order: Vec<u32> = (0..tree.triangles.len() as u32).collect();
             tree.build(&mut order, 0, &cones);
             tree.triangles = order.iter().map(|&i| tree.triangles[i as usize].clone()).collect();
-            // Each triangle once.
+            // Each triangle is entered once.
             let area = |f: &MirrorTriangle| match f.folded {
                 false => (f.patch.x[1] - f.patch.x[0]).cross(f.patch.x[2] - f.patch.x[0]).length(),
                 true => 0.0,
@@ -580,7 +582,7 @@ impl MirrorTree {
         let k = (0..3).max_by(|&i, &j| size[i].total_cmp(&size[j])).unwrap_or(0);
         let folded = |i: u32| self.triangles[i as usize].folded;
         let key = |i: u32| self.triangles[i as usize].patch.x.iter().map(|x| x[k]).sum::<f64>();
-        // Few directions are folded, and nodes of nothing else are skipped for all others.
+        // Few directions are folded. Patches for these are in nodes of their own, which are skipped for all other directions.
         let middle = match order.iter().filter(|&&i| !folded(i)).count() {
             plain if 0 < plain && plain < order.len() => {
                 order.sort_unstable_by_key(|&i| (folded(i), i));
@@ -612,9 +614,9 @@ impl MirrorTree {
         self.triangles[i].patch.x[0].lerp(self.triangles[i].patch.x[1], rest).as_vec3()
     }
 
-    /// Numbers of all triangles that may show a point of the edge to the camera.
+    /// Indices of all triangles that may show a point of the edge to the camera.
     pub fn triangles_showing(&self, edge: &Edge, mut found: impl FnMut(usize)) {
-        // A single convex mirror never shows itself.
+        // A convex mirror cannot show itself.
         if let ([_], Some(f)) = (self.mirrors.as_slice(), self.triangles.first())
             && edge.faces.iter().all(|e| f.hidden.contains(&e.prim))
         {
@@ -631,7 +633,7 @@ impl MirrorTree {
         });
     }
 
-    /// All places at which the camera, through the point of its lens, may see a point of the primitive `own`.
+    /// All points of a mirror at which the camera, through its lens point, may see a point of the primitive `own`.
     pub fn images_of_point(
         &self,
         scene: &Scene,
@@ -650,7 +652,7 @@ impl MirrorTree {
         });
     }
 
-    /// All places at which a point is mirrored to another.
+    /// All points of mirrors that reflect one point to another: the specular paths between them.
     pub fn specular_paths(
         &self,
         scene: &Scene,
@@ -666,7 +668,7 @@ impl MirrorTree {
         });
     }
 
-    /// Numbers of the triangles that may mirror the eye to anything within a sphere.
+    /// Indices of the triangles that may reflect the eye to anything within a sphere.
     fn visit(&self, eye: Eye, slack: f64, middle: DVec3, reach: f64, mut found: impl FnMut(usize)) {
         let mut stack = vec![0];
         while let Some(at) = stack.pop() {

@@ -1,4 +1,4 @@
-//! What mirrors show: flat ones are further viewpoints of the camera, curved ones are searched triangle by triangle.
+//! Reflections in perfect mirrors: flat mirrors are further viewpoints of the camera, curved ones are searched triangle by triangle.
 
 pub mod curved;
 pub mod viewpoint;

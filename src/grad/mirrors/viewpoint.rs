@@ -1,7 +1,7 @@
-//! Where the camera sees the scene from: its own centre, and its mirror image behind every planar mirror.
+//! Viewpoints of the camera: its own position, and its mirror image behind every planar mirror.
 //!
-//! What is seen in a planar mirror is exactly what a reflected camera sees through the mirror's outline, so silhouettes and
-//! shadows in mirrors need no estimators of their own.
+//! The image in a planar mirror is exactly what the reflected camera sees through the mirror's outline, so silhouettes and shadows in
+//! mirrors need no estimators of their own.
 
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
@@ -18,7 +18,7 @@ use crate::render::sensor::Projected;
 use crate::render::{Camera, Lens, MaterialKind, Scene};
 use crate::stop::{Pace, paced};
 
-/// More distinct mirror planes than this are treated as a curved mirror ([`crate::grad::terms::reflections`]).
+/// Mirrors of more distinct planes than this are treated as curved ([`crate::grad::terms::reflections`]).
 const MAX_MIRROR_PLANES: usize = 32;
 
 /// A plane of mirror triangles: n·x = c.
@@ -49,8 +49,8 @@ impl MirrorPlane {
     }
 }
 
-/// Adjoint of a point's mirror image, image = p − 2 n (n·(p − m)), with m a material point and n the unit normal of the mirror:
-/// returns the point's, adds the mirror's.
+/// Adjoint of a point's mirror image p − 2 n (n·(p − m)), with m a material point and n the unit normal of the mirror. Returns the
+/// adjoint of the point and adds that of the mirror.
 pub fn d_mirror_image<S: Sink>(out: &mut Adjoints<S>, mirror: &SurfaceInteraction, p: Vec3, d_image: Vec3) -> Vec3 {
     let n = mirror.ng;
     let offset = p - mirror.p;
@@ -60,7 +60,7 @@ pub fn d_mirror_image<S: Sink>(out: &mut Adjoints<S>, mirror: &SurfaceInteractio
     d_image - n * (2.0 * n.dot(d_image))
 }
 
-/// Adjoint of a ray reflected by a mirror vertex (at distance `t` along the ray that found it) → adjoint of that ray.
+/// Adjoint of a ray that is reflected at a mirror vertex; returns the adjoint of the ray that hit the vertex at distance `t`.
 pub fn d_reflected_ray<S: Sink>(
     out: &mut Adjoints<S>,
     mirror: &SurfaceInteraction,
@@ -75,9 +75,9 @@ pub fn d_reflected_ray<S: Sink>(
 /// The mirrors of a scene.
 #[derive(Default)]
 pub struct Mirrors {
-    /// The distinct planes of flat ones.
+    /// The distinct planes of flat mirrors.
     pub planes: Vec<MirrorPlane>,
-    /// All others: smoothly shaded, or of too many planes.
+    /// All other mirrors: smoothly shaded, or with too many planes.
     pub curved: Vec<CurvedMirror>,
 }
 
@@ -85,7 +85,7 @@ pub struct Mirrors {
 #[derive(Clone, Debug)]
 pub struct CurvedMirror {
     pub prims: Range<PrimId>,
-    /// It is the surface of a convex body: from outside it never shows itself, and no face that is turned away is seen.
+    /// It is the surface of a convex body: seen from outside it cannot show itself, and faces that are turned away are not visible.
     pub convex: bool,
 }
 
@@ -99,12 +99,13 @@ impl Mirrors {
             if !matches!(shape.material.kind, MaterialKind::Mirror { .. }) {
                 continue;
             }
-            // With normals of its own it need not stay one plane, nor show what the plane would: normals and corners may move apart.
+            // If its vertices or normals are differentiated, it need not remain a plane, since normals and corners may move
+            // independently.
             let bends = shape.mesh.normals.is_some() && layout.moves(i as u32);
             match planes(scene, prims.clone(), &mirrors.planes).filter(|_| !bends) {
                 Some(planes) => mirrors.planes.extend(planes),
                 None => {
-                    // Through a mask its inside is seen.
+                    // Through a mask its inside may be visible.
                     let convex = shape.material.opacity.is_none() && is_convex_body(scene, prims.clone());
                     mirrors.curved.push(CurvedMirror { prims, convex });
                 }
@@ -114,8 +115,7 @@ impl Mirrors {
     }
 }
 
-/// Whether triangles with outward normals make the closed surface of a convex body: all in one piece, and along every edge the
-/// neighbour falls back.
+/// Whether triangles with outward normals are the closed surface of a convex body: connected, and convex along every edge.
 fn is_convex_body(scene: &Scene, prims: Range<PrimId>) -> bool {
     let corners: Vec<[Vec3; 3]> = prims.map(|prim| scene.corners(prim)).collect();
     let sides = |[a, b, c]: [Vec3; 3]| [(a, b, c), (b, c, a), (c, a, b)];
@@ -153,7 +153,7 @@ fn is_convex_body(scene: &Scene, prims: Range<PrimId>) -> bool {
     reached.len() == count
 }
 
-/// The planes of a shape's triangles that are not among the known ones; `None` if it is not flat-shaded, or they are too many.
+/// The planes of a shape's triangles that are not among the known ones; `None` if the shape is not flat-shaded, or has too many planes.
 fn planes(scene: &Scene, prims: Range<PrimId>, known: &[MirrorPlane]) -> Option<Vec<MirrorPlane>> {
     let mut planes: Vec<MirrorPlane> = Vec::new();
     for prim in paced(prims, 32) {
@@ -176,7 +176,7 @@ fn planes(scene: &Scene, prims: Range<PrimId>, known: &[MirrorPlane]) -> Option<
     Some(planes)
 }
 
-/// Shading normals that all agree with the face's own.
+/// Whether the shading normals of a face are all equal to its geometric normal.
 fn is_flat_shaded(scene: &Scene, prim: PrimId) -> bool {
     let id = scene.prims[prim as usize];
     let mesh = &scene.description.shapes[id.shape as usize].mesh;
@@ -187,7 +187,7 @@ fn is_flat_shaded(scene: &Scene, prim: PrimId) -> bool {
     })
 }
 
-/// The camera (through one point of its lens), directly or in one mirror.
+/// The camera, through one point of its lens: directly, or reflected in one mirror.
 #[derive(Clone, Copy)]
 pub struct Viewpoint<'a> {
     pub scene: &'a Scene,
@@ -195,17 +195,17 @@ pub struct Viewpoint<'a> {
     pub mirror: Option<MirrorPlane>,
 }
 
-/// The connection from the camera to a point of the scene, directly or by way of a flat mirror.
+/// A connection from the camera to a point of the scene, directly or by a flat mirror.
 #[derive(Clone, Copy, Debug)]
 pub struct CameraConnection {
     pub projected: Projected,
-    /// The mirror vertex on the way and its distance from the camera.
+    /// The mirror vertex of the connection, and its distance from the camera.
     pub mirror: Option<(SurfaceInteraction, f32)>,
     /// Start of the last segment (camera or mirror) and unit direction from there.
     pub origin: Vec3,
     pub dir: Vec3,
     pub distance: f32,
-    /// Reflectance on the way, and what masks let through.
+    /// Reflectance of the mirror times the transmittance of masks.
     pub throughput: Vec3,
 }
 
@@ -224,22 +224,22 @@ impl<'a> Viewpoint<'a> {
         std::iter::once(direct).chain(reflected).collect()
     }
 
-    /// The same viewpoint through a point of the lens.
+    /// The same viewpoint, through another point of the lens.
     pub fn through(&self, lens: Lens) -> Viewpoint<'a> {
         Viewpoint { camera: Camera { lens, ..self.camera }, ..*self }
     }
 
-    /// Scattering events spent before the first seen surface.
+    /// Number of scattering events before the first visible surface: 1 for a mirror.
     pub fn bounces(&self) -> u32 {
         u32::from(self.mirror.is_some())
     }
 
-    /// Where the point appears: its mirror image for a mirror.
+    /// The position at which a point appears: for a mirror, its mirror image.
     pub fn image(&self, p: Vec3) -> Vec3 {
         self.mirror.map_or(p, |m| m.reflect_point(p))
     }
 
-    /// Unit direction in which the (reflected) camera looks at a world point, and from how far.
+    /// Unit direction from the (reflected) camera to a world point, and the distance.
     pub fn first_direction_to(&self, p: Vec3) -> (Vec3, f32) {
         let (back, distance) = self.camera.direction_from(self.image(p));
         (self.mirror.map_or(-back, |m| m.reflect(-back)), distance)
@@ -249,30 +249,31 @@ impl<'a> Viewpoint<'a> {
         self.first_direction_to(p).0
     }
 
-    /// What the camera sees of an edge at its point `p`, and how far aside to look ([`Edge::view_from`]).
+    /// The view of an edge at its point `p`, and the offset for lines of sight ([`Edge::view_from`]).
     pub fn view(&self, edge: &Edge, p: Vec3) -> Option<(EdgeView, Vec3)> {
         let (dir, distance) = self.first_direction_to(p);
         edge.view_from(dir, distance, EdgeOn::Back)
     }
 
-    /// Whether a point lies on the camera's side of the mirror and not in its plane (always true without one).
+    /// Whether a point lies on the camera's side of the mirror, and not in its plane; always true without a mirror.
     pub fn in_front(&self, p: Vec3) -> bool {
         self.mirror.is_none_or(|m| self.side(&m) * m.height(p) > 1e-5 * self.scene.radius)
     }
 
-    /// Which side of a mirror the camera is on.
+    /// The side of a mirror on which the camera is: 1 or −1.
     pub fn side(&self, m: &MirrorPlane) -> f32 {
         let (origin, [_, _, forward]) = self.camera.pinhole();
         let viewer = if self.camera.is_central() { m.height(origin) } else { -m.n.dot(forward) };
         viewer.signum()
     }
 
-    /// Connects the camera to a world point, if that is on film and nothing but `skip` hides it.
+    /// Connects the camera to a world point, if it is on film and nothing except `skip` occludes it.
     pub fn connect(&self, p: Vec3, skip: &[PrimId]) -> Option<CameraConnection> {
         self.connect_aside(p, Vec3::ZERO, skip)
     }
 
-    /// The same, but what stands in between is looked for a little `aside` ([`crate::render::edges::Edge::view_from`]).
+    /// [`Viewpoint::connect`], but occluders are searched along a line that is moved by the offset `aside`
+    /// ([`crate::render::edges::Edge::view_from`]).
     pub fn connect_aside(&self, p: Vec3, aside: Vec3, skip: &[PrimId]) -> Option<CameraConnection> {
         if !self.in_front(p) {
             return None;
@@ -313,7 +314,8 @@ impl<'a> Viewpoint<'a> {
         Ray { t_min, t_max: distance * (1.0 - 4e-6), ..Ray::new(origin, dir) }
     }
 
-    /// The mirror vertex behind a pixel position, if a surface of this mirror is seen there, with its reflectance through masks.
+    /// The mirror vertex at a pixel position, if a surface of this mirror is visible there, and its reflectance times the transmittance
+    /// of masks.
     fn mirror_hit(&self, pixel: Vec2) -> Option<(SurfaceInteraction, f32, Vec3)> {
         let plane = self.mirror?;
         let ours = |si: &SurfaceInteraction| si.bsdf.is_delta() && plane.contains(si.ng, si.p, self.scene.radius);
@@ -321,8 +323,8 @@ impl<'a> Viewpoint<'a> {
         Some((si, t, si.bsdf.mirror_reflectance() * through))
     }
 
-    /// The ray that looks past the mirror (or straight from the camera) through a pixel position, with the primitive it
-    /// starts on and the reflectance so far.
+    /// The ray from the mirror (or directly from the camera) through a pixel position, with the primitive that it starts on and the
+    /// reflectance so far.
     pub fn ray(&self, pixel: Vec2) -> Option<(Ray, Option<PrimId>, Vec3)> {
         match self.mirror {
             None => Some((self.camera.ray(pixel), None, Vec3::ONE)),
@@ -334,13 +336,13 @@ impl<'a> Viewpoint<'a> {
         }
     }
 
-    /// Pixels per unit area of a surface with unit normal `n` at a seen point.
+    /// Pixels per unit area of a surface with unit normal `n` at the connected point.
     pub fn pixels_per_area(&self, connection: &CameraConnection, n: Vec3) -> f32 {
         let n = self.mirror.map_or(n, |m| m.reflect(n));
         self.camera.pixels_per_area(&connection.projected, n)
     }
 
-    /// Gradients of the pixel coordinates in the seen point.
+    /// Gradients of the pixel coordinates in the connected point.
     pub fn projection_gradient(&self, connection: &CameraConnection) -> [Vec3; 2] {
         let g = self.camera.projection_gradient(&connection.projected);
         match self.mirror {
@@ -349,7 +351,8 @@ impl<'a> Viewpoint<'a> {
         }
     }
 
-    /// Adjoint of the pixel position of a seen point that moves freely: returns the point's, adds mirror's and camera's.
+    /// Adjoint of the pixel position of a connected point that moves freely. Returns the adjoint of the point and adds those of mirror
+    /// and camera.
     pub fn d_position<S: Sink>(
         &self,
         out: &mut Adjoints<S>,
@@ -362,7 +365,7 @@ impl<'a> Viewpoint<'a> {
         d_mirror_image(out, si, p, d_image)
     }
 
-    /// Adjoint of the ray that sees a point through a fixed pixel position, on to mirror and camera.
+    /// Passes the adjoint of the last segment at a fixed pixel position on to mirror and camera.
     pub fn d_ray<S: Sink>(&self, out: &mut Adjoints<S>, connection: &CameraConnection, ray: RayAdjoint) {
         let ray = match &connection.mirror {
             None => ray,

@@ -1,4 +1,4 @@
-//! Reverse mode for a scene that stands still: an adjoint image becomes derivatives of slots.
+//! Reverse mode for a static scene: turns an adjoint image into derivatives of slots.
 
 use std::sync::atomic::AtomicBool;
 
@@ -19,7 +19,7 @@ pub fn static_scene(
     stop: &AtomicBool,
 ) -> Vec<Vec<f64>> {
     let layout = Layout::new(scene, wrt);
-    // Samples cannot follow an adjoint that is not a number, and the caller must hear of it.
+    // The sampling density follows the adjoint, so it must be finite. The caller gets NaN.
     let finite = d_image.data.iter().all(|v| v.is_finite());
     if !finite {
         return layout.by_slot(vec![f64::NAN; layout.size()]);

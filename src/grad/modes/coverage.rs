@@ -1,4 +1,4 @@
-//! What is missing from a derivative, in words: users hear of every term that no estimator covers.
+//! Describes the terms that are missing from a derivative, because no estimator covers them.
 
 use std::sync::atomic::Ordering;
 
@@ -15,9 +15,9 @@ use crate::render::texture::Filter;
 use crate::render::{Camera, Input, Output, Projection, Scene, Settings, Shape, Slot, TextureId};
 use crate::stop::{self, paced};
 
-/// Terms that are missing from the derivatives in `wrt`, in words; empty if they are complete.
+/// The missing terms of the derivatives with respect to `wrt`, in words; empty if they are complete.
 pub fn coverage_gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &[Slot]) -> Vec<&'static str> {
-    // Where there is no memory to look, the derivative itself is refused for want of it.
+    // If there is no memory for this, the derivative itself will fail for the same reason.
     bounded(|| gaps(scene, camera, settings, wrt)).unwrap_or_default()
 }
 
@@ -48,7 +48,7 @@ fn gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &[Slot]) -> Ve
     gaps
 }
 
-/// Whether triangles go through the film of an orthographic camera, in front of which alone they are seen.
+/// Whether triangles intersect the film of an orthographic camera, which sees only what is in front of it.
 fn film_cuts_surfaces(scene: &Scene, camera: &Camera) -> bool {
     let cuts = |origin: Vec3, frame: [Vec3; 3], scale: [f32; 2], lens: f32| {
         let to_film = Mat3::from_cols(frame[0] * scale[0], frame[1] * scale[1], frame[2]).inverse();
@@ -69,18 +69,18 @@ fn film_cuts_surfaces(scene: &Scene, camera: &Camera) -> bool {
             || camera.closing.is_some_and(|to| cuts(to.origin, to.frame, to.scale, to.lens[0])))
 }
 
-/// Whether a segment meets a box around the origin: no axis separates the two.
+/// Whether a segment intersects a box around the origin (separating axis test).
 fn meets_box(a: Vec2, b: Vec2, half: Vec2) -> bool {
     let (middle, d) = (0.5 * (a + b), 0.5 * (b - a).abs());
     let normal = (b - a).perp();
     middle.abs().cmple(half + d).all() && normal.dot(middle).abs() <= normal.abs().dot(half)
 }
 
-/// A smooth mirror is coarse if it folds what it shows to those who see a face at angles up to the one of this sine: a ball of less than
+/// A smooth mirror is coarse if it folds reflections for viewers at elevations up to this sine above a face: such as a ball of fewer than
 /// ten rings.
 const COARSE: f32 = 0.5;
 
-/// What mirrors show that has no derivative.
+/// Missing terms of reflections in mirrors.
 fn mirror_gaps(scene: &Scene, settings: &Settings, layout: &Layout) -> Vec<&'static str> {
     let mirrors = Mirrors::new(scene, layout);
     let mut gaps = Vec::new();
@@ -98,7 +98,7 @@ fn mirror_gaps(scene: &Scene, settings: &Settings, layout: &Layout) -> Vec<&'sta
     let stop = stop::flag();
     let coarse = |e: &Edge| {
         let folding = e.folding(scene);
-        // Whoever is to stop has seen enough.
+        // After an interruption the result does not matter.
         (folding.is_finite() && folding >= COARSE) || stop.load(Ordering::Relaxed)
     };
     let coarse = settings.max_bounces > 2 && !mirrors.curved.is_empty() && scene.edges().edges.par_iter().any(coarse);
@@ -112,8 +112,8 @@ fn mirror_gaps(scene: &Scene, settings: &Settings, layout: &Layout) -> Vec<&'sta
     gaps
 }
 
-/// Whether anything asked for makes points slide over a texture that is constant by parts: on a surface that moves, or is seen by
-/// a camera that does; as reflected light from any that move; and, in a mask, where light passes it.
+/// Whether a requested slot makes points slide over a texture that is piecewise constant: on a surface that moves or is seen by a camera
+/// that moves; through reflected light, on any surface if anything moves; and in a mask, where light passes it.
 fn slides_over_steps(scene: &Scene, settings: &Settings, layout: &Layout) -> bool {
     let wrt = &layout.slots;
     let d = &scene.description;

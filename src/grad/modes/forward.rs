@@ -1,4 +1,4 @@
-//! Forward mode for a scene that stands still: tangents of slots become images.
+//! Forward mode for a static scene: turns tangents of slots into images.
 
 use std::sync::atomic::AtomicBool;
 
@@ -8,14 +8,14 @@ use crate::grad::terms::{Accumulator, Request, run_estimators};
 use crate::image::Image;
 use crate::render::{Camera, Scene, Settings, Slot};
 
-/// Tangents of some slots, each in the slot's own layout; those of the others are zero.
+/// A direction: tangents of some slots, each in the slot's own layout. The tangents of all other slots are zero.
 pub type Direction = Vec<(Slot, Vec<f32>)>;
 
-/// Directions that one sweep over the samples serves; for more, the same samples are drawn again.
+/// Most directions for one sweep over the samples. For more directions the same samples are drawn again.
 pub const MAX_DIRECTIONS: usize = 64;
 
-/// The derivative of the image along each direction, from one set of samples, which depends on the slots that occur and not on the
-/// tangents.
+/// The derivatives of the image along several directions, from one set of samples, which depends on the slots with tangents but not on
+/// the tangents.
 pub fn static_scene(
     scene: &Scene,
     camera: &Camera,
@@ -56,7 +56,7 @@ fn sweep(
     let channels = settings.output.channels();
     let size = camera.width * camera.height * channels;
     let mut images = Images { directions: directions.len(), channels, data: vec![0.0; size * directions.len()] };
-    // No pixel matters more than another.
+    // All pixels have the same weight.
     let mut even = Image::new(camera.width, camera.height, channels);
     even.data.fill(1.0);
     let request = Request { scene, camera, settings, layout, adjoint: &even, guides: None, stop };

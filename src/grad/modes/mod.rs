@@ -1,4 +1,4 @@
-//! Reverse and forward mode: what callers ask for, of scenes that stand still and of those that move.
+//! Reverse and forward mode: the entry points, for static and for moving scenes.
 
 mod backward;
 mod coverage;
@@ -27,8 +27,8 @@ pub fn render_backward(
     render_backward_until(scene, camera, settings, d_image, wrt, None, &NEVER)
 }
 
-/// [`render_backward`] that remembers where its samples were of use when it was last asked, for much the same scene, and learns for
-/// the next time. Once `stop` is set it returns soon, with numbers that are good for nothing.
+/// [`render_backward`] with a cache of guides, which learn from step to step where samples contribute, for scenes that change little.
+/// After `stop` is set it returns soon, with meaningless numbers.
 pub fn render_backward_until(
     scene: &Scene,
     camera: &Camera,
@@ -39,7 +39,7 @@ pub fn render_backward_until(
     stop: &AtomicBool,
 ) -> Result<Vec<Vec<f64>>, SceneError> {
     check(camera, settings, d_image)?;
-    // Edges are collected when they are first looked at, and what is collected of them when samples are drawn.
+    // Edges are collected when they are first used, and the memory for that is requested then. A shortage is returned as an error here.
     bounded(|| {
         if scene.moves_for(camera) {
             return motion::backward(scene, camera, settings, d_image, wrt, guides, stop);
@@ -56,7 +56,7 @@ pub fn render_forward(
     tangents: &[(Slot, Vec<f32>)],
 ) -> Result<Image, SceneError> {
     let mut images = render_jacobian(scene, camera, settings, &[tangents.to_vec()])?;
-    // One direction, one image.
+    // There is one image for the one direction.
     Ok(images.swap_remove(0))
 }
 

@@ -1,6 +1,5 @@
-//! Derivatives of scenes that move: means over slices of the time the shutter is open (`render::motion`), in each of which
-//! scene and camera stand still. What moves stands at (1 − t)·opening + t·closing keyframe, and its derivatives go there with
-//! these weights.
+//! Derivatives of moving scenes: means over time slices (`render::motion`), in each of which scene and camera are static. A moving
+//! quantity at time t is (1 − t)·opening + t·closing keyframe, and its derivatives go to both keyframes with these weights.
 
 use std::sync::atomic::AtomicBool;
 
@@ -13,14 +12,14 @@ use crate::image::Image;
 use crate::render::motion::Slice;
 use crate::render::{Camera, Scene, SceneError, Settings, Slot};
 
-/// Tells the times of derivatives from those of values.
+/// Gives derivatives other times than values.
 const DERIVATIVES: u64 = 1;
 
-/// How the slots of a moving scene make those of its slices.
+/// Maps slots of a moving scene to slots of its slices.
 struct MovingSlots {
-    /// What moves, as slots of a slice, and how far from one keyframe to the other.
+    /// Moving slots, as slots of a slice, with the difference between the keyframes.
     velocities: Vec<(Slot, Vec<f32>)>,
-    /// Slots of a slice that what is asked for enters.
+    /// Slots of a slice that depend on the requested slots.
     slice_slots: Vec<Slot>,
 }
 
@@ -66,7 +65,7 @@ impl MovingSlots {
         MovingSlots { velocities, slice_slots }
     }
 
-    /// What a keyframe counts for at a time; 1 for what stands still.
+    /// Weight of a keyframe's slot at a time; 1 for a slot that does not move.
     fn factor(&self, slot: Slot, slice: &Slice) -> f32 {
         if slot != slot.opening() {
             slice.time
@@ -99,7 +98,7 @@ impl MovingSlots {
     }
 }
 
-/// Slots of a scene that stands still, at any moment, that what is asked for enters.
+/// Slots of a static slice that depend on the requested slots.
 pub fn slice_slots(scene: &Scene, camera: &Camera, wrt: &[Slot]) -> Vec<Slot> {
     MovingSlots::new(scene, camera, wrt.iter().copied()).slice_slots
 }

@@ -1,9 +1,9 @@
-//! How many samples each estimator draws.
+//! Allocation: how many samples each estimator draws.
 //!
-//! The variance of a sum of independent estimators, n_s samples of cost c_s each, is least for n_s ∝ √(V_s / c_s), V_s the
-//! variance of one sample (Neyman 1934). Independent pilot runs measure V_s of some features of each slot, summed in units of the
-//! least variance that each could have, so that all count whatever their scale: what is noisy up and down does not decide for
-//! sideways. Counts are fixed before the samples proper are drawn: no bias.
+//! The variance of a sum of independent estimators with n_s samples of cost c_s each is least for n_s ∝ √(V_s / c_s), where V_s is the
+//! variance of one sample (Neyman 1934). Independent pilot runs measure V_s for some features of each slot. These are summed in units of
+//! the least variance that each could have at unit cost, so that all count whatever their scale: a noisy vertical derivative does not
+//! decide for the horizontal one. The numbers are fixed before the samples proper are drawn, so there is no bias.
 
 use rayon::prelude::*;
 
@@ -13,42 +13,42 @@ use crate::image::Image;
 use crate::render::Scene;
 use crate::render::sampler::hash;
 
-/// Pilot runs of each estimator, and the share of its samples that each of them draws.
+/// Number of pilot runs of each estimator, and the fraction of its samples that each of them draws.
 const RUNS: usize = 8;
 const SHARE: usize = 256;
-/// No estimator gets less than this share of its own number, or more than that many times it: pilot runs may miss what is rare,
-/// and then this bounds the price.
+/// An estimator gets between `LEAST` and `MOST` times its own number of samples. Pilot runs may miss rare large samples, and this limits
+/// how much that can cost.
 const LEAST: f64 = 0.125;
 const MOST: f64 = 16.0;
 
-/// A kind of samples of which any number may be drawn.
+/// An estimator, of which any number of samples can be drawn.
 pub trait Estimator: Sync {
-    /// The number to draw if nothing is known about the others; zero if there is nothing to draw.
+    /// Its own number of samples, to be drawn if nothing is known about noise; zero if there is nothing to sample.
     fn count(&self) -> usize;
-    /// The time of one sample, in units of what a ray query takes in an image of the same scene: measured, not counted. Samples of
-    /// edges go one by one and look up more than paths that go side by side.
+    /// The time of one sample, in units of a ray query of the same scene's image: measured, not counted. Samples of edges are computed
+    /// one by one with many lookups, and so are slower per query than paths, which are traced side by side.
     fn cost(&self) -> f64;
-    /// Draws `count` samples that make `share` of the whole estimate; those of different seeds are independent.
+    /// Draws `count` samples that make up the fraction `share` of the estimate. Samples of different seeds are independent.
     fn pass(&self, count: usize, share: f64, seed: u64) -> impl Pass + '_;
 }
 
-/// What an estimator's own number of samples would cost.
+/// Cost of an estimator's own number of samples.
 pub fn expense(estimator: &Option<impl Estimator>) -> f64 {
     estimator.as_ref().map_or(0.0, |e| e.count() as f64 * e.cost())
 }
 
-/// The share of their own numbers of samples that estimators of this total [`expense`] can afford, for a gradient to take a few times its
-/// image, which takes `spp` paths a pixel of so many bounces: a step of an optimisation is worth more often than precisely. Small images can
-/// afford what one of a middle size can: their edges are no fewer.
+/// The fraction of their own numbers of samples that estimators with this total [`expense`] get, so that a gradient takes a few times as long
+/// as its image, which has `spp` paths per pixel of so many bounces. In an optimisation many cheap steps are better than few precise ones.
+/// Small images get the budget of an image of medium size, because they have as many edges.
 pub fn affordable(expense: f64, spp: u32, pixels: usize, bounces: f64) -> f64 {
-    /// Of the derivative alone, over the image's; guides, pilot runs and the value come on top.
+    /// Time of the derivative over that of the image. Guides, pilot runs and the value itself come on top.
     const PRICE: f64 = 1.8;
     const LEAST_PIXELS: usize = 8192;
     let samples = f64::from(spp.max(1)) * pixels.max(LEAST_PIXELS) as f64;
     (PRICE * samples * (1.0 + 2.0 * bounces) / expense.max(f64::MIN_POSITIVE)).min(1.0)
 }
 
-/// Bounces of a path before it ends by chance, or because there may be no more.
+/// Typical number of bounces of a path, limited by Russian roulette and `max_bounces`.
 pub fn typical_bounces(max_bounces: u32) -> f64 {
     f64::from(max_bounces.min(4))
 }
@@ -65,7 +65,7 @@ pub struct Terms<T> {
 }
 
 impl<T> Terms<T> {
-    /// In the order of the fields, in which sums over the terms are taken.
+    /// All values in the order of the fields, which is the order of sums over terms.
     fn in_order(&self) -> [&T; 6] {
         [&self.primary, &self.interior, &self.shadow, &self.secondary, &self.reflections, &self.roughness]
     }
@@ -77,17 +77,17 @@ pub struct PilotRuns<'a> {
     scene: &'a Scene,
     layout: &'a Layout,
     adjoint: &'a Image,
-    /// The share of their own numbers of samples that estimators can afford ([`affordable`]).
+    /// The fraction of their own numbers of samples that the budget allows estimators ([`affordable`]).
     effort: f64,
     seed: u64,
 }
 
-/// What pilot runs of an estimator found; nothing by default, as of a term that is not there.
+/// Results of an estimator's pilot runs; the default is that of a term that does not exist.
 #[derive(Clone, Debug, Default)]
 pub struct Moments {
     count: usize,
     cost: f64,
-    /// Variances of one sample's features, slot by slot; none where nothing was measured.
+    /// Variances of the features of one sample, slot by slot; empty if nothing was measured.
     variances: Vec<f64>,
 }
 
@@ -96,7 +96,7 @@ impl<'a> PilotRuns<'a> {
         PilotRuns { scene, layout, adjoint, effort, seed: hash(seed, 0x0073_686f_7274) }
     }
 
-    /// Runs an estimator for a while, with sequences of its own.
+    /// Makes pilot runs of an estimator, with their own sequences.
     pub fn of(&self, estimator: &Option<impl Estimator>) -> Moments {
         let Some(estimator) = estimator.as_ref().filter(|e| e.count() > 0) else { return Moments::default() };
         let own = (estimator.count() as f64 * self.effort).max(1.0) as usize;
@@ -119,7 +119,7 @@ impl<'a> PilotRuns<'a> {
 }
 
 impl Moments {
-    /// Whether the pilot runs found anything. Those that did not may be worth nothing, or miss what is rare and large.
+    /// Whether the pilot runs found anything. If not, the term may be zero, or have rare large samples.
     pub fn found(&self) -> bool {
         self.variances.iter().any(|v| *v > 0.0)
     }
@@ -131,9 +131,9 @@ impl Moments {
 }
 
 impl Terms<Moments> {
-    /// By how much less variance at equal cost these terms promise than others that estimate the same: the logarithm of the ratio, a
-    /// mean over features. The primary term, which nothing else estimates, is left out. Who finds nothing where others find something
-    /// promises nothing.
+    /// By how much these terms are expected to have less variance, at equal cost, than others that estimate the same: the logarithm of
+    /// the ratio, averaged over features. The primary term, which has no alternative, is left out. Terms that find nothing where the
+    /// others find something are not preferred.
     pub fn advantage_over(&self, other: &Terms<Moments>) -> f64 {
         const MOST: f64 = 14.0;
         let ratios = (0..self.features().max(other.features())).filter_map(|feature| {
@@ -149,7 +149,7 @@ impl Terms<Moments> {
         if count > 0 { sum / f64::from(count) } else { 0.0 }
     }
 
-    /// The number of samples for each estimator; together they cost what their own numbers would.
+    /// The number of samples for each estimator. Their total cost is that of the estimators' own numbers.
     pub fn split(&self) -> Terms<usize> {
         let [primary, interior, shadow, secondary, reflections, roughness] = split(&self.in_order(), self.features());
         Terms { primary, interior, shadow, secondary, reflections, roughness }
@@ -165,7 +165,7 @@ fn split<const N: usize>(moments: &[&Moments; N], features: usize) -> [usize; N]
     let scales: Vec<f64> = (0..features).map(|feature| least_variance(moments, feature)).collect();
     let strength = |m: &Moments| {
         let parts = m.variances.iter().zip(&scales).filter(|(_, scale)| **scale > 0.0);
-        // What is not there costs nothing, and has no variance either.
+        // A term that does not exist has no cost and no variance.
         (parts.map(|(variance, scale)| variance / scale).sum::<f64>() / m.cost.max(f64::MIN_POSITIVE)).sqrt()
     };
     let strengths: [f64; N] = moments.map(strength);
@@ -187,21 +187,21 @@ fn split<const N: usize>(moments: &[&Moments; N], features: usize) -> [usize; N]
     std::array::from_fn(|i| (count(high, i) as usize).max(own[i].min(1)))
 }
 
-/// What unit cost could reach for one feature alone.
+/// The least variance of one feature at unit cost.
 fn least_variance(moments: &[&Moments], feature: usize) -> f64 {
     let root: f64 = moments.iter().map(|m| (m.variance(feature) * m.cost).sqrt()).sum();
     root * root
 }
 
-/// Numbers that stand for all derivatives in a slot: sums over the components x, y and z, which see what moves together, and
-/// sums with random signs, whose variance is the sum of all variances.
+/// Features of a slot, a few numbers that represent all its derivatives: sums over the components x, y and z, which respond to common
+/// motion, and sums with random signs, whose variance is the sum of all variances.
 const FEATURES: usize = 6;
 
 /// Sums the features of each slot.
 struct Sketch<'a> {
     starts: &'a [usize],
     sums: Vec<[f64; FEATURES]>,
-    /// Where the last derivative went.
+    /// The slot of the last derivative.
     slot: usize,
 }
 

@@ -1,20 +1,20 @@
-//! Chains of edges: contours and creases end to end, as far as they go straight on.
+//! Chains of edges: joins contours and creases end to end, as straight as possible.
 
 use glam::Vec3;
 
 use crate::math::position_key;
 
-/// An edge of a chain, by its number, and whether the chain runs from its end to its start.
+/// An edge of a chain, by its index, and whether the chain runs from its end to its start.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Link {
     pub edge: usize,
     pub reversed: bool,
 }
 
-/// The order in which edges with these ends follow one another: chains that end, each from the end whose edge has the lower number, and then
-/// loops. Where more than two meet, those that turn least belong together.
+/// Orders edges with these ends into chains. Open chains come first, each beginning at the end whose edge has the lower index; then
+/// closed loops. Where more than two edges meet, the pairs that turn least are joined.
 pub fn chains(edges: &[[Vec3; 2]]) -> Vec<Link> {
-    // Twice an edge's number, plus one for its end.
+    // A half is an end of an edge: twice the edge's index, plus one for its end point.
     let mut ends: Vec<([u32; 3], u32)> = (0..2 * edges.len() as u32)
         .map(|half| (position_key(edges[half as usize / 2][half as usize % 2]), half))
         .collect();
@@ -26,14 +26,14 @@ pub fn chains(edges: &[[Vec3; 2]]) -> Vec<Link> {
     let mut order = Vec::with_capacity(edges.len());
     let mut done = vec![false; edges.len()];
     let mut follow = |start: u32, order: &mut Vec<Link>| {
-        // From a half to the other end of its edge, and on to what follows there.
+        // Goes from a half to the other end of its edge, and on to the half that is joined there.
         let mut half = start;
         while half != NONE && !std::mem::replace(&mut done[half as usize / 2], true) {
             order.push(Link { edge: half as usize / 2, reversed: half % 2 == 1 });
             half = next[half as usize ^ 1];
         }
     };
-    // Chains that end, and then loops.
+    // Open chains first, and then loops.
     for half in 0..next.len() as u32 {
         if next[half as usize] == NONE {
             follow(half, &mut order);
@@ -47,9 +47,9 @@ pub fn chains(edges: &[[Vec3; 2]]) -> Vec<Link> {
 
 const NONE: u32 = u32::MAX;
 
-/// Joins the ends that meet in one place two by two, the straightest first.
+/// Joins the ends at one position in pairs, the straightest first.
 fn pair(edges: &[[Vec3; 2]], meeting: &[([u32; 3], u32)], next: &mut [u32]) {
-    /// Where more meet they are joined as they come.
+    /// If more ends than this meet, they are joined in their order.
     const MANY: usize = 16;
     let away = |half: u32| {
         let [start, end] = edges[half as usize / 2];

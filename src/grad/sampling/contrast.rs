@@ -1,33 +1,34 @@
-//! Pilot samples of edges: groups of pieces whose pilots find a jump of radiance get more of the samples proper.
+//! Pilot samples of edges: groups of pieces where pilots find a jump of radiance get more of the samples proper.
 
 use rayon::prelude::*;
 
 use crate::render::sampler::{Sampler, hash};
 
-/// What pilot samples say of a group of pieces.
+/// The result of pilot samples for a group of pieces.
 pub struct Contrast {
     /// Factor of its sampling weight.
     pub weight: f64,
-    /// It shows something.
+    /// Whether any pilot found a jump.
     pub seen: bool,
 }
 
-/// Pilot samples of a group.
+/// Number of pilot samples of a group.
 pub fn pilots(spp: u32) -> u32 {
     spp.div_ceil(4).clamp(1, 64)
 }
 
-/// Pilot samples of groups of pieces, neighbours by number: `square` returns the square of what one finds.
+/// Draws pilot samples of groups of pieces; neighbouring groups have neighbouring indices. `square` draws one and returns the square of
+/// its jump.
 pub fn contrasts(
     groups: usize,
     spp: u32,
     seed: u64,
     square: impl Fn(usize, &mut Sampler) -> f64 + Sync,
 ) -> Vec<Contrast> {
-    /// Share of the weight that does not listen to pilots.
+    /// Fraction of the weight that does not depend on pilots (defensive sampling).
     const DEFENSIVE: f64 = 0.2;
     let pilots = pilots(spp);
-    // Mean squares: the best density follows the second moment.
+    // Mean squares, because the optimal density is given by the second moment.
     let contrast: Vec<f64> = (0..groups)
         .into_par_iter()
         .map(|g| {
@@ -41,7 +42,7 @@ pub fn contrasts(
     };
     let mean = (0..groups).map(near).sum::<f64>() / groups.max(1) as f64;
     let factor = |g: usize| {
-        // The root, because pilots are noisy: a lucky one must not starve the others.
+        // The root is taken because pilots are noisy: one large pilot must not take the samples of all others.
         let local = near(g);
         let weight = if mean > 0.0 { (1.0 - DEFENSIVE) * (local / mean).min(16.0).sqrt() + DEFENSIVE } else { 1.0 };
         Contrast { weight, seen: local > 0.0 }

@@ -53,7 +53,7 @@ impl GuideTraining<'_> {
         if self.guides.is_some() { 1 } else { PILOTS }
     }
 
-    /// Number of cells for an estimator with that many samples: as many as have pilots, given one pilot for [`SAMPLES`] samples. At most
+    /// Number of cells for an estimator with that many samples: as many as have pilots, given one pilot for `SAMPLES` samples. At most
     /// `most`; with a cache, which needs fewer pilots in each cell, four times as many.
     pub fn cells(&self, samples: usize, most: usize) -> usize {
         ((samples as f64 * self.effort) as usize / SAMPLES).min(most * PILOTS) / self.pilots()

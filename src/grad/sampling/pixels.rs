@@ -1,8 +1,8 @@
-//! Where the samples of a sum over the whole image go: by the adjoint image.
+//! Distributes the samples of a sum over the whole image, by the adjoint image.
 //!
-//! A derivative of a loss is one number per parameter, summed over the image, so its samples are one sequence for all pixels. A
-//! point of the film is either chosen by the first two dimensions ([`FilmDensity`], which a learned density may warp), or by
-//! the sample's number ([`FilmCurve`]).
+//! The derivative of a loss is a sum over the image, so all its samples are one sequence over all pixels. A film point is either chosen
+//! by the first two dimensions ([`FilmDensity`], which a learned density may warp), or by the sample's position in the sequence
+//! ([`FilmCurve`]).
 
 use glam::Vec2;
 
@@ -10,16 +10,16 @@ use crate::image::Image;
 use crate::render::film::hilbert_curve;
 use crate::render::sampler::Discrete;
 
-/// Share of the samples that is spread evenly over the pixels that matter.
+/// Fraction of the samples that is uniform over the pixels with a non-zero adjoint.
 const EVEN: f64 = 0.2;
 
 /// A point on film.
 #[derive(Clone, Copy, Debug)]
 pub struct FilmSample {
     pub pixel: usize,
-    /// In pixels from the top left corner.
+    /// Film position, in pixels from the top left corner.
     pub position: Vec2,
-    /// What the pixel's adjoint counts for this sample: 1 / probability of the pixel.
+    /// Weight of the pixel's adjoint for this sample: 1 / probability of the pixel.
     pub weight: f64,
 }
 
@@ -31,7 +31,7 @@ pub struct FilmDensity {
 }
 
 impl FilmDensity {
-    /// By the magnitude of an adjoint image: nothing where it is zero.
+    /// In proportion to the magnitude of an adjoint image; zero where that is zero.
     pub fn new(adjoint: &Image) -> FilmDensity {
         let columns: Vec<Discrete> =
             weights(adjoint).chunks_exact(adjoint.width).map(|row| Discrete::new(row.iter().copied())).collect();
@@ -43,7 +43,7 @@ impl FilmDensity {
         self.rows.is_empty()
     }
 
-    /// Where a point of the unit square falls.
+    /// The film sample for a point of the unit square.
     pub fn place(&self, u: [f64; 2]) -> FilmSample {
         let (y, row, v) = self.rows.sample(u[1]);
         let (x, column, u) = self.columns[y].sample(u[0]);
@@ -52,11 +52,11 @@ impl FilmDensity {
     }
 }
 
-/// The pixels that matter, in the order of a Hilbert curve, with their probabilities.
+/// The pixels with a non-zero adjoint, in the order of a Hilbert curve, with their probabilities.
 ///
-/// Samples are spaced evenly along the curve, so a pixel gets a run of consecutive points of the sequence, its neighbourhood a longer
-/// one. Such runs of a Sobol sequence are well spread in *every* dimension: light and scattering directions are stratified
-/// within each pixel and around it (as by Ahmed and Wonka 2020, who order pixels by a Z-curve), and rays follow each other closely.
+/// Samples are equally spaced along the curve, so a pixel gets consecutive points of the sequence, and its neighbourhood a longer run of
+/// them. Such runs of a Sobol sequence are well distributed in *every* dimension: light and scattering directions are stratified within
+/// each pixel and around it (as in Ahmed and Wonka 2020, who order pixels by a Z-curve), and consecutive rays are close to each other.
 #[derive(Clone)]
 pub struct FilmCurve {
     width: usize,
@@ -65,7 +65,7 @@ pub struct FilmCurve {
 }
 
 impl FilmCurve {
-    /// By the magnitude of an adjoint image: nothing where it is zero.
+    /// In proportion to the magnitude of an adjoint image; zero where that is zero.
     pub fn new(adjoint: &Image) -> FilmCurve {
         let weights = weights(adjoint);
         let mut pixels = Vec::with_capacity(weights.len());
@@ -79,7 +79,7 @@ impl FilmCurve {
         FilmCurve { width: adjoint.width, pixels, density }
     }
 
-    /// The pixel a way along the curve, from 0 to 1, and a point of the unit square in it.
+    /// The film sample at a position along the curve, from 0 to 1; `within` is the point in the pixel.
     pub fn place(&self, along: f64, within: Vec2) -> FilmSample {
         let (i, probability, _) = self.density.sample(along);
         let pixel = self.pixels[i] as usize;
@@ -89,7 +89,7 @@ impl FilmCurve {
     }
 }
 
-/// How often each pixel is worth a sample.
+/// The weight of each pixel: the magnitude of its adjoint, mixed with a uniform weight where that is not zero.
 fn weights(adjoint: &Image) -> Vec<f64> {
     let magnitude: Vec<f64> = magnitudes(adjoint).collect();
     let active = magnitude.iter().filter(|&&m| m > 0.0).count();
@@ -97,7 +97,7 @@ fn weights(adjoint: &Image) -> Vec<f64> {
     magnitude.into_iter().map(|m| if m > 0.0 { (1.0 - EVEN) * m + EVEN * mean } else { 0.0 }).collect()
 }
 
-/// Pixels where the adjoint is not zero.
+/// Number of pixels where the adjoint is not zero.
 pub fn active(adjoint: &Image) -> usize {
     magnitudes(adjoint).filter(|&m| m > 0.0).count()
 }

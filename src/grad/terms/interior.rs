@@ -1,4 +1,4 @@
-//! The interior term: camera paths, recorded side by side and swept backwards one after the other ([`crate::grad::path`]).
+//! The interior term: camera paths, which are recorded side by side and swept backwards one after the other ([`crate::grad::path`]).
 
 use std::ops::Range;
 
@@ -34,7 +34,7 @@ pub struct Interior<'a> {
 }
 
 impl<'a> Interior<'a> {
-    /// As many paths by default as the image has samples in pixels where the adjoint is not zero.
+    /// By default there are as many paths as the image has samples in pixels where the adjoint is not zero.
     pub fn new(
         scene: &'a Scene,
         camera: &'a Camera,
@@ -56,7 +56,7 @@ impl<'a> Interior<'a> {
         }
     }
 
-    /// What a first-hit channel at a film position says; `weight` is what a pixel's adjoint counts for it.
+    /// The derivative of a first-hit channel at a film position; `weight` is that of the pixel's adjoint.
     fn first_hit(&self, camera_ray: &CameraRay, sampler: &mut Sampler, path: &mut Path, out: &mut impl Estimate) {
         let (output, CameraRay { camera, ray, film, weight }) = (self.settings.output, camera_ray);
         path.clear();
@@ -71,7 +71,7 @@ impl<'a> Interior<'a> {
         });
     }
 
-    /// The derivative along a path that was recorded.
+    /// The derivative of the radiance along a recorded path.
     fn sweep(&self, camera_ray: &CameraRay, path: &Path, out: &mut impl Estimate) {
         let CameraRay { camera, ray, film, weight } = camera_ray;
         out.pixel(film.pixel, |d, out| {
@@ -91,17 +91,17 @@ impl<'a> Interior<'a> {
     }
 }
 
-/// The first ray of a path: through which point of which camera's film.
+/// The film sample of a path and the camera at its lens point.
 #[derive(Clone, Copy)]
 struct CameraRay {
     camera: Camera,
     ray: Ray,
     film: FilmSample,
-    /// What the pixel's adjoint counts for it.
+    /// Weight of the pixel's adjoint.
     weight: f32,
 }
 
-/// Part of the samples of a sequence: recorded side by side, as the image's are, and swept one after the other.
+/// A range of a sequence's samples: recorded side by side in batches, as those of the image are, and swept one after the other.
 struct Batches<'a, E> {
     of: &'a Sequence<'a, Interior<'a>>,
     items: Range<usize>,
@@ -184,8 +184,8 @@ impl Estimator for Interior<'_> {
     }
 }
 
-/// [`Options::required_shapes`]: light has a derivative only if its path has met a shape that moves, or whose material is asked
-/// for. `None` if the light itself, a mask or the camera has one.
+/// [`Options::required_shapes`]: light has a derivative only if its path has hit a shape that moves, or whose material is requested.
+/// `None` if a light itself, a mask or the camera has a derivative.
 fn required_shapes(scene: &Scene, layout: &Layout) -> Option<Vec<bool>> {
     let shapes = &scene.description.shapes;
     let asked = |i: usize, input: Input| layout.slots.iter().any(|slot| slot.is_read_by(input, i));
@@ -207,7 +207,7 @@ fn required_shapes(scene: &Scene, layout: &Layout) -> Option<Vec<bool>> {
     shapes.iter().enumerate().map(of_shape).collect()
 }
 
-/// How paths pass masks: both ways where what is asked for changes opacities.
+/// How paths sample masks: never rarely in either way if requested slots change opacities.
 fn mask_sampling(scene: &Scene, layout: &Layout) -> MaskSampling {
     let opacity = |slot: &Slot| {
         let shapes = scene.description.shapes.iter().enumerate();

@@ -1,5 +1,5 @@
-//! The terms of a derivative and how they come together: which estimators there are for what is asked, how many samples each
-//! draws, and in which order.
+//! The terms of a derivative: selects the estimators for the requested slots, decides how many samples each draws, and draws them in a
+//! fixed order.
 
 pub mod interior;
 pub mod primary;
@@ -30,10 +30,11 @@ use self::roughness::RoughnessPairs;
 use self::secondary::Secondary;
 use self::shadow::Shadows;
 
-/// Most samples of one sequence over the image; more are drawn in rounds.
+/// Most samples of one sequence over the image. More are drawn in rounds, each with its own sequence.
 const MAX_SEQUENCE: usize = 1 << 22;
 
-/// Where samples are added up. An enum, so that all that is planned is compiled once and only the samples' own loops once a mode.
+/// The destination of derivatives. It is an enum, and not a type parameter, so that planning is compiled once; only the loops over
+/// samples are compiled for each mode.
 pub enum Accumulator<'a> {
     /// Reverse mode: derivatives of all slots.
     Slots(&'a mut DenseSums),
@@ -58,20 +59,20 @@ impl Accumulator<'_> {
     }
 }
 
-/// The gradient that is asked for.
+/// The problem: scene, camera, settings, requested slots and the adjoint image.
 pub struct Request<'a> {
     pub scene: &'a Scene,
     pub camera: &'a Camera,
     pub settings: &'a Settings,
     pub layout: &'a Layout,
-    /// Samples go where it is large.
+    /// The adjoint image. The sampling density follows its magnitude.
     pub adjoint: &'a Image,
     pub guides: Option<&'a GuideCache>,
-    /// Once it is set samples may be left out: the result is good for nothing.
+    /// After this is set samples may be left out, and the result is meaningless.
     pub stop: &'a AtomicBool,
 }
 
-/// All estimators whose terms can be non-zero for what is asked, in a fixed order.
+/// All estimators whose terms can be non-zero for the requested slots, in a fixed order.
 pub fn run_estimators(request: &Request, accumulator: &mut Accumulator) {
     let &Request { scene, camera, settings, layout, adjoint, guides, .. } = request;
     if layout.size() == 0 {
@@ -136,7 +137,8 @@ pub fn run_estimators(request: &Request, accumulator: &mut Accumulator) {
         light_estimators(if whole { MovingEnvironment::Whole } else { MovingEnvironment::Peak });
     if scene.environment.is_some() && lights && !whole {
         let (others, other, other_runs) = light_estimators(MovingEnvironment::Whole);
-        // Edge-first samples that hardly ever end where the camera looks seem quiet if a mirror shows more than they do.
+        // If a mirror shows more of the receivers than the camera sees directly, edge-first samples that rarely end where the camera
+        // looks would seem to have little noise.
         if other.shadow.found() && moments.advantage_over(&other) < 0.0 {
             (estimators, moments, runs) = (others, other, other_runs);
         }
@@ -151,7 +153,8 @@ pub fn run_estimators(request: &Request, accumulator: &mut Accumulator) {
     draw(&reflections, counts.reflections, request, seed, accumulator);
 }
 
-/// The interior alone, with pairs of directions for roughness where these are less noisy than scores of the paths' own samples.
+/// The interior term alone, with pairs of directions for derivatives in roughness if these have less noise than scores of the paths' own
+/// samples.
 fn without_boundary(
     mut interior: Option<Interior>,
     pairs: Option<RoughnessPairs>,
@@ -175,7 +178,7 @@ fn without_boundary(
     draw(&interior, own, request, seed, accumulator);
 }
 
-/// Draws samples of an estimator, in rounds of one sequence each.
+/// Draws the samples of an estimator, in rounds of one sequence each.
 fn draw(estimator: &Option<impl Estimator>, count: usize, request: &Request, seed: u64, accumulator: &mut Accumulator) {
     let Some(estimator) = estimator else { return };
     let rounds = count.div_ceil(MAX_SEQUENCE);
@@ -185,15 +188,14 @@ fn draw(estimator: &Option<impl Estimator>, count: usize, request: &Request, see
     }
 }
 
-/// Whether the environment turns and has steps between its texels: these turn with it, and a radiance that stays in its direction
-/// would know nothing of them.
+/// Whether the environment turns and is piecewise constant (nearest-texel lookup). Its steps turn with it, and a radiance in fixed
+/// directions would not have their derivatives.
 fn texel_steps_turn(scene: &Scene, layout: &Layout) -> bool {
     let nearest = |e: &Environment| scene.description.textures[e.radiance].filter == Filter::Nearest;
     layout.turns_environment() && scene.description.environment.as_ref().is_some_and(nearest)
 }
 
-/// Whether nothing that is asked for changes the radiance along a path: only emission is seen, and it is the same all over
-/// each light.
+/// Whether no requested slot changes the radiance along a path: only emission is visible, and it is constant on each light.
 fn interior_vanishes(scene: &Scene, settings: &Settings, layout: &Layout) -> bool {
     let d = &scene.description;
     let constant = |t: usize| d.textures[t].is_constant();

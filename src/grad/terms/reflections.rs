@@ -1,11 +1,11 @@
-//! Boundary term of what the camera sees in curved mirrors: images of silhouettes and creases.
+//! Boundary term of edges that the camera sees in curved mirrors: reflected silhouettes and creases.
 //!
-//! dI = ∫ δ(h) (L_fg − L_bg) N̂·(ṗ − ṙ) du over the film, with ṗ the velocity of the edge point, ṙ that of the mirrored ray at a
-//! fixed film position u, N̂ from the covering to the uncovered side and h = N̂·(p − r). The image of an edge in a triangle of a
-//! mirror is a curve h = 0 over the triangle ([`crate::grad::mirrors::curved`]). It is found along random straight lines of two families,
-//! one for each coordinate of the triangle: a line of a family meets the curve with density |∂h| along it, so each meeting
-//! counts for one over the mean of both (balance heuristic). That needs no inverse of a derivative that vanishes where
-//! the mirror focuses, misses no image however many there are, and is unbiased.
+//! dI = ∫ δ(h) (L_fg − L_bg) N̂·(ṗ − ṙ) du over the film, where ṗ is the velocity of the edge point, ṙ that of the mirrored ray at a
+//! fixed film position u, N̂ the normal from the covering to the uncovered side and h = N̂·(p − r). The image of an edge in a triangle of
+//! a mirror is the curve h = 0 over the triangle ([`crate::grad::mirrors::curved`]). It is found along random straight lines of two
+//! families, one for each coordinate of the triangle. A line of a family intersects the curve with density |∂h| along it, so each
+//! intersection is weighted by the inverse of the mean of both densities (balance heuristic). This needs no inverse of a derivative that
+//! vanishes where the mirror focuses, finds all images, and is unbiased.
 
 use std::sync::atomic::Ordering;
 
@@ -30,12 +30,12 @@ use crate::render::sensor::Projected;
 use crate::render::{Camera, Scene, Settings};
 use crate::stop;
 
-/// Angle between an edge and the ray that looks past it.
+/// Angle between an edge and the ray past it, in radians.
 const NUDGE: f32 = 2e-5;
-/// Triangles are cut into four at most so many times.
+/// Largest depth to which triangles are subdivided into four.
 const DEPTH: u32 = 7;
 
-/// Samples of edges in curved mirrors.
+/// The estimator of edges in curved mirrors.
 pub struct Reflections<'a> {
     scene: &'a Scene,
     camera: &'a Camera,
@@ -54,11 +54,11 @@ struct Piece {
     corners: [Barycentric; 3],
     /// Film positions of the corners, if the camera sees them all.
     film: Option<[Vec2; 3]>,
-    /// Size on film in pixels, times how much is likely to be seen.
+    /// Size on film in pixels, times the fraction that is probably visible.
     weight: f32,
 }
 
-/// An edge point in a mirror.
+/// An edge point seen in a mirror.
 struct Boundary<'a> {
     edge: &'a Edge,
     s: f32,
@@ -74,7 +74,7 @@ struct Boundary<'a> {
 }
 
 impl<'a> Reflections<'a> {
-    /// `None` if no mirror can show an edge.
+    /// `None` if no curved mirror can show an edge.
     pub fn new(
         scene: &'a Scene,
         camera: &'a Camera,
@@ -91,7 +91,7 @@ impl<'a> Reflections<'a> {
     }
 
     fn collect(&self, seed: u64) -> Vec<Piece> {
-        // The threads that help leave out what is left once the work is to stop; this one ends it then.
+        // After an interruption the helping threads skip the rest, and this thread unwinds then.
         let stop = stop::flag();
         let stopped = || stop.load(Ordering::Relaxed);
         let visibility = |i: usize| if stopped() { 0.0 } else { self.visibility(i, seed) };
@@ -125,12 +125,12 @@ impl<'a> Reflections<'a> {
             Some([a, b, c]) => a.distance(b).max(b.distance(c)).max(c.distance(a)).min(diagonal),
             None => diagonal,
         };
-        // Never zero: what is large in a mirror may be small on film.
+        // Never zero, because a part that is small on film may show much.
         let weigh = |piece: Piece| Piece { weight: piece.weight * (size(&piece) + 1e-3), ..piece };
         parts.into_iter().flatten().map(weigh).collect()
     }
 
-    /// About which part of a mirror's triangle the camera sees; never zero.
+    /// An estimate of the fraction of a mirror's triangle that the camera sees; never zero.
     fn visibility(&self, triangle: usize, seed: u64) -> f32 {
         const POINTS: u32 = 4;
         let prim = self.tree.triangles()[triangle].prim;
@@ -152,7 +152,7 @@ impl<'a> Reflections<'a> {
         if jumps { 1.0 } else { SMOOTH_CREASE }
     }
 
-    /// A piece with its place on film; `None` if it is off film.
+    /// A piece with its film positions; `None` if it is off film.
     fn on_film(&self, piece: Piece) -> Option<Piece> {
         let patch = &self.tree.triangles()[piece.triangle as usize].patch;
         let part = patch.part(piece.corners);
@@ -168,7 +168,7 @@ impl<'a> Reflections<'a> {
         Some(Piece { film, ..piece })
     }
 
-    /// Cuts a piece until it is small and most of its parts show the edge.
+    /// Subdivides a piece until it is small and most of its parts show the edge.
     fn cut(&self, piece: Piece, depth: u32, out: &mut Vec<Piece>) {
         let size = piece.film.map_or(f32::INFINITY, |[a, b, c]| a.distance(b).max(b.distance(c)).max(c.distance(a)));
         if depth == 0 || size < 1.0 {
@@ -189,7 +189,7 @@ impl<'a> Reflections<'a> {
         }
     }
 
-    /// Weights by size on film, adjoint, and what pilot samples find, as in [`crate::grad::terms::primary`].
+    /// Weights pieces by size on film, adjoint image, and the jumps that pilot samples find, as in [`crate::grad::terms::primary`].
     fn plan(&mut self, adjoint: &Image, seed: u64) {
         let spp = f64::from(self.settings.spp.max(1));
         let pieces = self.pieces.len();
@@ -218,12 +218,12 @@ impl<'a> Reflections<'a> {
         }
         let least = adjoint.width as f64 * adjoint.height as f64 * spp / 16.0;
         self.pmf = Discrete::new(weights);
-        // No fewer than there were pilots.
+        // At least as many samples as there were pilots.
         let least = least.max(groups as f64 * f64::from(pilots(self.settings.spp)));
         self.count = (seen * spp).max(least).clamp(1024.0, 1e7) as usize;
     }
 
-    /// All points of a piece's edge on a line of the piece.
+    /// All images of a piece's edge on a line of the piece.
     fn visit(&self, piece: &Piece, at: f64, sampler: &mut Sampler, mut each: impl FnMut(Boundary<'a>)) {
         let camera = self.camera.sample_lens(sampler);
         let edge = &self.scene.edges().edges[piece.edge as usize];
@@ -260,7 +260,7 @@ impl<'a> Reflections<'a> {
         let b = [1.0 - b[0] - b[1], b[0], b[1]];
         let MirrorConnection { mirror, projected, before, through } = connect_to_mirror(scene, camera, prim, b)?;
         let film = projected.pixel;
-        // To the edge, with the direction that the mirror gives but for rounding.
+        // The direction to the edge, which is the mirrored direction up to rounding.
         let q = edge.point(s) - mirror.p;
         let after = q.length();
         let dir = q / after;
@@ -282,7 +282,7 @@ impl<'a> Reflections<'a> {
         let area = (y - x).cross(z - x).length() as f32;
         let pixels = camera.pixels_per_area(&projected, mirror.ng) * area;
 
-        // The same random numbers on both sides.
+        // Both sides use the same random numbers.
         let sides = Sides::choose(scene, edge, dir, &view, s, sampler)?;
         let options = Options::new(self.settings.max_bounces - 1);
         let side = |face: Option<usize>| {
@@ -322,11 +322,11 @@ struct MirrorConnection {
     mirror: SurfaceInteraction,
     projected: Projected,
     before: f32,
-    /// What masks let through: those in front, and the mirror's own.
+    /// Transmittance of masks in front of the mirror, times the opacity of its own mask.
     through: f32,
 }
 
-/// Connects the camera to a point of a primitive, if that is a mirror and visible.
+/// Connects the camera to a point of a primitive, if the primitive is a mirror and the point is visible.
 fn connect_to_mirror(scene: &Scene, camera: &Camera, prim: PrimId, b: [f32; 3]) -> Option<MirrorConnection> {
     let [x, y, z] = scene.corners(prim);
     let p = x * b[0] + y * b[1] + z * b[2];
@@ -341,7 +341,7 @@ fn connect_to_mirror(scene: &Scene, camera: &Camera, prim: PrimId, b: [f32; 3]) 
     (through > 0.0 && mirror.bsdf.is_delta()).then_some(MirrorConnection { mirror, projected, before, through })
 }
 
-/// Connects the camera to a point of a primitive by way of curved mirrors, in all ways there are, each with the pixels per area
+/// Connects the camera to a point of a primitive by all specular paths over curved mirrors. Returns each with the pixels per area
 /// perpendicular to its last segment.
 pub fn connect_by_curved_mirrors(
     scene: &Scene,
@@ -376,7 +376,7 @@ pub fn connect_by_curved_mirrors(
 }
 
 impl Piece {
-    /// Mean magnitude of an image around the piece.
+    /// Mean magnitude of an image over the piece's bounding box.
     fn adjoint(&self, image: &Image) -> Option<f64> {
         let [a, b, c] = self.film?;
         let size = Vec2::new(image.width as f32, image.height as f32);

@@ -1,15 +1,16 @@
-//! Derivatives of GGX lobes in their roughness: a pair of directions instead of a score.
+//! Derivatives of GGX lobes in their roughness, sampled by pairs of directions.
 //!
-//! ∂D/∂α changes sign at tan²θ = α², with a mass of 1/(2α) on either side; under the lobe's own samples it is a score of that size
-//! and either sign, whose mean is a small difference. Each side is a density of its own and is sampled exactly (positivisation,
-//! Belhe et al. 2024); with the same random numbers for both,
+//! ∂D/∂α changes sign at tan²θ = α², and its integral on either side is ±1/(2α). With the lobe's own samples it would be a score of that
+//! size and either sign, whose mean is a small difference. Instead each side is a density and is sampled exactly (positivisation, Belhe
+//! et al. 2024), with the same random numbers for both:
 //!
 //!   ∂I/∂α = 1/(2α) E[ h(tail) − h(core) ],   h = 4 (wi·h) / cosθ_h × the integrand without D,
 //!
-//! and a smooth radiance leaves little of the difference. Light samples of the same integrand share by the balance heuristic. What
-//! else of the lobe depends on α (shadowing) stays with [`crate::grad::terms::interior`], where the distribution is then held fixed.
+//! If the radiance is smooth, the difference has little noise. Light samples of the same integrand are combined by the balance heuristic.
+//! Other dependencies of the lobe on α (shadowing) are left to [`crate::grad::terms::interior`], in which the distribution is constant
+//! then.
 //!
-//! Only derivatives in materials and lights are found like this: where points slide, roughness textures move with them.
+//! Only used if nothing but materials and lights is requested: where points slide, roughness textures slide with them.
 
 use glam::Vec3;
 
@@ -27,20 +28,20 @@ use crate::render::light::LightKind;
 use crate::render::sampler::Sampler;
 use crate::render::{Camera, Output, Scene, Settings, Slot};
 
-/// Paths that end in a pair of directions.
+/// The estimator: paths that end in a pair of directions.
 pub struct RoughnessPairs<'a> {
     scene: &'a Scene,
     camera: &'a Camera,
     settings: &'a Settings,
     film: FilmCurve,
     count: usize,
-    /// By shape: whether its roughness is asked for.
-    asked: Vec<bool>,
+    /// By shape: whether its roughness is requested.
+    requested: Vec<bool>,
 }
 
 impl<'a> RoughnessPairs<'a> {
-    /// `None` if no GGX roughness is asked for, more than materials and lights are, or all light has outlines: without a sky
-    /// the scores of light samples are quieter than differences across an outline.
+    /// `None` if no GGX roughness is requested, if other slots than those of materials and lights are, or if there is no environment:
+    /// then all light has outlines, and scores of light samples have less noise than differences across an outline.
     pub fn new(
         scene: &'a Scene,
         camera: &'a Camera,
@@ -57,7 +58,7 @@ impl<'a> RoughnessPairs<'a> {
         {
             return None;
         }
-        let asked: Vec<bool> = scene
+        let requested: Vec<bool> = scene
             .description
             .shapes
             .iter()
@@ -68,21 +69,21 @@ impl<'a> RoughnessPairs<'a> {
             })
             .collect();
         let count = (pixels::active(adjoint) * settings.spp.max(1) as usize).div_ceil(2);
-        let pairs = RoughnessPairs { scene, camera, settings, film: FilmCurve::new(adjoint), count, asked };
-        pairs.asked.contains(&true).then_some(pairs)
+        let pairs = RoughnessPairs { scene, camera, settings, film: FilmCurve::new(adjoint), count, requested };
+        pairs.requested.contains(&true).then_some(pairs)
     }
 
     fn sample(&self, film: &FilmSample, path: &mut Path, sampler: &mut Sampler, out: &mut impl Estimate) {
         let camera = self.camera.sample_lens(sampler);
         let ray = camera.ray(film.position);
-        // The first event after the path is the pair's.
+        // The first scattering event after the path is that of the pair.
         let options = Options { next_event: false, ..Options::new(self.settings.max_bounces - 1) };
         path.clear();
         trace(self.scene, Start::Ray(ray, &[]), sampler, &options, path);
         let vertices = &path.vertices[..path.vertices.len().min(self.settings.max_bounces as usize)];
         let strength = |v: &PathVertex| {
-            let asked = self.asked[v.si.shape as usize] && v.si.bsdf.roughness_pair().is_some();
-            if asked { (v.throughput * v.through.weight).max_element().max(1e-3) } else { 0.0 }
+            let requested = self.requested[v.si.shape as usize] && v.si.bsdf.roughness_pair().is_some();
+            if requested { (v.throughput * v.through.weight).max_element().max(1e-3) } else { 0.0 }
         };
         let total: f32 = vertices.iter().map(strength).sum();
         if total <= 0.0 {
@@ -108,7 +109,7 @@ impl<'a> RoughnessPairs<'a> {
         }
     }
 
-    /// The derivative in the roughness of what two sampled directions find, with `events` left.
+    /// The derivative in the roughness from two sampled directions, with `events` scattering events left.
     fn directions(&self, si: &SurfaceInteraction, pair: &RoughnessPair, events: u32, sampler: &mut Sampler) -> Vec3 {
         let frame = Frame::from_normal(si.ns);
         let wi = frame.to_local(si.wi);
@@ -122,7 +123,7 @@ impl<'a> RoughnessPairs<'a> {
             if f == Vec3::ZERO || si.ng.dot(dir) <= 0.0 || pdf <= 0.0 {
                 continue;
             }
-            // The same numbers for both sides.
+            // Both directions use the same random numbers.
             let mut sampler = sampler.clone();
             let found = match self.scene.random_interaction(&si.spawn_ray(dir), &[si.prim], &mut sampler) {
                 Some((next, t)) => {
@@ -138,7 +139,7 @@ impl<'a> RoughnessPairs<'a> {
         sum
     }
 
-    /// The derivative in the roughness of what a light sample brings.
+    /// The derivative in the roughness from a light sample.
     fn light(&self, si: &SurfaceInteraction, pair: &RoughnessPair, sampler: &mut Sampler) -> Vec3 {
         let light = self.scene.sample_light(sampler.next_2d());
         let Some((light, arrival)) = light.and_then(|l| Some((l, l.arrive(si.p)?))) else { return Vec3::ZERO };

@@ -1,13 +1,12 @@
-//! Boundary term at path vertices: what a shading point sees behind an edge, reflected radiance on both sides and the
-//! environment.
+//! Boundary term at path vertices: edges seen from a shading point, with reflected radiance and the environment on both sides.
 //!
-//! Receiver-first, one vertex a camera path: choose a vertex x, an edge point p for it, and add
-//! sinφ/|q|² f cosθ (L_fg − L_bg) N̂·(ṗ − ẋ) (Li et al. 2018, §5, with direction-fixed radiance on both sides). The part
-//! that moves x goes back along the very path. Emission of area lights is material-fixed and not seen
-//! here: its boundary is [`crate::grad::terms::shadow`]'s. A narrow lobe is attached: there emission counts too, and the lobe's direction
-//! moves, N̂·(ṗ − ẋ − |q|ω̇). What the point sees in a planar mirror, its mirror image sees directly: the same
-//! estimator from there, with emission on both sides. In a curved mirror the edge point is connected to x by all specular paths there
-//! are ([`crate::grad::mirrors::curved`]), with N̂·(ṗ − ṙ), ṙ the velocity of the mirrored ray, and the area that it spreads over in place of |q|².
+//! Receiver-first: choose a vertex x of a camera path and an edge point p for it, and add sinφ/|q|² f cosθ (L_fg − L_bg) N̂·(ṗ − ẋ) (Li
+//! et al. 2018, §5, with direction-fixed radiance on both sides). The derivative of x is propagated back along the same path. Emission of
+//! area lights is fixed to their surfaces and not included here: its boundary term is [`crate::grad::terms::shadow`]. A narrow lobe is
+//! attached: there emission counts too, and the lobe's direction moves, N̂·(ṗ − ẋ − |q|ω̇). An edge seen in a planar mirror is seen
+//! directly from the mirror image of x: this is the same estimator, with emission on both sides. For a curved mirror the edge point is
+//! connected to x by all specular paths ([`crate::grad::mirrors::curved`]), with N̂·(ṗ − ṙ), where ṙ is the velocity of the mirrored ray,
+//! and with the area over which it spreads in place of |q|².
 
 use glam::{Vec2, Vec3};
 
@@ -31,17 +30,17 @@ use crate::render::mask::MaskWeight;
 use crate::render::sampler::{ONE_MINUS_EPSILON, Sampler, hash};
 use crate::render::{Camera, Scene, Settings};
 
-/// Angle between an edge and the ray that looks past it.
+/// Angle between an edge and the ray past it, in radians.
 const NUDGE: f32 = 2e-5;
 
-/// Cells of the guide over the film, at most.
+/// Most cells of the guide over the film.
 const MOST_CELLS: usize = 64 * 64;
 
-/// Edge points sampled for each path. What moves past a surface appears on one side and vanishes on the other: sampled from one vertex,
-/// these two cancel in part, and the path is shared.
+/// Number of edge points for each path. Something that moves past a surface appears on one side and vanishes on the other: sampled from
+/// one vertex, these two partly cancel, and the path is shared.
 const EDGE_POINTS: usize = 4;
 
-/// Receiver-first samples.
+/// The estimator of secondary edges.
 pub struct Secondary<'a> {
     scene: &'a Scene,
     /// The part of the environment whose shadows are sampled from the edges.
@@ -52,14 +51,14 @@ pub struct Secondary<'a> {
     table: &'a EdgeTable,
     tree: &'a EdgeTree,
     layout: &'a Layout,
-    /// [`Options::area_sampling_fraction`], as of interior paths.
+    /// [`Options::area_sampling_fraction`], as for interior paths.
     area_sampling_fraction: f32,
-    /// Only the edges that move, for path vertices that do not.
+    /// A tree of only the edges that move, for path vertices that do not move.
     moving: Option<EdgeTree>,
     max_bounces: u32,
     count: usize,
     film: FilmDensity,
-    /// Over the film.
+    /// The guide over the film.
     guide: Option<Guide>,
 }
 
@@ -73,11 +72,11 @@ pub struct SecondarySample {
     pub s: f32,
     /// The edge point.
     pub p: Vec3,
-    /// From covering to uncovered side, of the edge as x sees it (in the mirror, if there is one).
+    /// Normal from the covering to the uncovered side of the edge as x sees it (in the mirror, if there is one).
     pub normal: Vec3,
     pub mirror: Option<MirrorVertex>,
     pub weight: Vec3,
-    /// The share of the weight whose direction is attached, and that direction with the distance of the edge along it.
+    /// The fraction of the weight whose direction is attached, with that direction and the distance of the edge along it.
     pub attached: Vec3,
     pub dir: Vec3,
     pub distance: f32,
@@ -87,11 +86,11 @@ pub struct SecondarySample {
 #[derive(Clone, Copy, Debug)]
 pub struct MirrorVertex {
     pub si: SurfaceInteraction,
-    /// Of a curved one: its distance from the path vertex, and that of the edge from it.
+    /// For a curved mirror: its distance from the path vertex, and that of the edge from it.
     pub curved: Option<[f32; 2]>,
 }
 
-/// The radiance on one side of an edge: the first surface's own emission apart from everything else.
+/// The radiance on one side of an edge, with the emission of the first surface kept separate.
 #[derive(Default)]
 struct SideRadiance {
     first: Option<PrimId>,
@@ -109,7 +108,7 @@ impl Recorder for SideRadiance {
 }
 
 impl<'a> Secondary<'a> {
-    /// `None` if no path vertex can see anything but lights.
+    /// `None` if path vertices can see nothing but lights.
     pub fn new(
         environment: MovingEnvironment,
         camera: &'a Camera,
@@ -151,7 +150,7 @@ impl<'a> Secondary<'a> {
         Some(secondary)
     }
 
-    /// Learns from pilots where on film edges matter.
+    /// Trains the guide: pilot samples measure where on film edges contribute.
     pub fn guided(mut self, training: &GuideTraining) -> Self {
         let side = (training.cells(self.count, MOST_CELLS) as f64).sqrt().max(4.0) as usize;
         self.guide =
@@ -163,7 +162,7 @@ impl<'a> Secondary<'a> {
         self
     }
 
-    /// One sample: `at` chooses the place on film, `u` the edges and the points on them; `weight` is one over their density.
+    /// Draws one sample: `at` chooses the film position, `u` the edges and the points on them; `weight` is the inverse of their density.
     fn sample_at(
         &self,
         at: [f64; 2],
@@ -179,7 +178,7 @@ impl<'a> Secondary<'a> {
         }
         let camera = self.camera.sample_lens(sampler);
         let ray = camera.ray(film.position);
-        // The last vertex that can see an edge is one event before the last.
+        // The last vertex that can see an edge is one scattering event before the last one.
         let options = Options {
             next_event: false,
             split_lobes: true,
@@ -200,7 +199,7 @@ impl<'a> Secondary<'a> {
         }
     }
 
-    /// One sample for a recorded path. `u` chooses the edge and the point on it.
+    /// Draws one sample for a recorded path. `u` chooses the edge and the point on it.
     fn sample(&self, path: &Path, u: Vec2, sampler: &mut Sampler) -> Option<SecondarySample> {
         let chosen = self.choose_vertex(path, sampler.next_1d())?;
         let vertex = &path.vertices[chosen.index];
@@ -231,19 +230,19 @@ impl<'a> Secondary<'a> {
         })
     }
 
-    /// Scattering events that a path may have after its vertex `k`.
+    /// Number of scattering events that a path may have after its vertex `k`.
     fn events_left(&self, k: usize) -> u32 {
         self.max_bounces.saturating_sub(k as u32 + 1)
     }
 
-    /// Events that must be left for a vertex to see anything directly that is sampled here: none where it sees lights.
+    /// Number of events that must be left for a vertex to see directly anything that is sampled here: none if it sees lights.
     fn least_events(&self, v: &PathVertex) -> u32 {
         let sees_environment = self.scene.environment.is_some() && self.environment != MovingEnvironment::Whole;
         let sees_light = sees_environment || !self.scene.contacts().is_empty() || v.si.bsdf.is_attached();
         u32::from(!sees_light)
     }
 
-    /// Chooses a vertex with probability proportional to what it passes on.
+    /// Chooses a vertex with probability in proportion to its throughput.
     fn choose_vertex(&self, path: &Path, u: f32) -> Option<ChosenVertex> {
         let weight = |k: usize| {
             let v = &path.vertices[k];
@@ -267,8 +266,8 @@ impl<'a> Secondary<'a> {
         Some(ChosenVertex { index, weight: weight(index), total })
     }
 
-    /// Chooses whether vertex `k` looks directly or into one of the mirrors, of which the curved ones together count as one. Returns the
-    /// number of routes too, which are chosen with equal probability.
+    /// Chooses whether vertex `k` sees the edge directly or in one of the mirrors; all curved mirrors together count as one. Also returns
+    /// the number of these routes, which have equal probability.
     fn choose_route(&self, k: usize, sampler: &mut Sampler) -> (Route<'a>, usize) {
         let kinds = self.mirrors.len() + usize::from(self.curved.is_some());
         let mirrors = if self.events_left(k) >= 1 { kinds } else { 0 };
@@ -292,14 +291,14 @@ impl<'a> Secondary<'a> {
             Route::Flat(mirror) => Query::new(si).reflected(mirror),
             Route::Curved(tree) => Query::around_mirror(tree.sample(f64::from(sampler.next_1d())), si.p),
         };
-        // Seen by what stands still, only edges that move have a derivative.
+        // As seen from a vertex that does not move, only edges that move have a derivative.
         let moves = |prim: PrimId| self.layout.moves(self.scene.prims[prim as usize].shape);
         let still = matches!(route, Route::Direct) && !vertices.iter().any(|v| moves(v.si.prim));
         let tree = self.moving.as_ref().filter(|_| still).unwrap_or(self.tree);
         tree.sample(self.table, &query, u.to_array(), sampler.next_1d())
     }
 
-    /// Connects a shading point to an edge point, if it reflects anything that comes from there.
+    /// Connects a shading point to an edge point, if the shading point reflects light from that direction.
     fn connect_by_route<'s>(
         &'s self,
         si: &'s SurfaceInteraction,
@@ -348,8 +347,8 @@ impl<'a> Secondary<'a> {
             None => self.radiance_past(at, at.route.mirrored(view.normal), &skip, events, sampler),
         };
         let (foreground, background) = (side(sides.near), side(sides.far));
-        // Emission is direction-fixed behind a mirror and where the surfaces touch, else material-fixed. Of the environment
-        // some is left to the edge-first estimator.
+        // Emission is differentiated with a fixed direction, and counts here, behind a mirror and where surfaces touch. Elsewhere it is
+        // fixed to its surface. Part of the environment is left to the edge-first estimator.
         let all = |side: &SideRadiance| side.radiance + side.emission;
         let sliding = |side: &SideRadiance| match side.first {
             _ if connection.mirror.is_some() => all(side),
@@ -366,14 +365,14 @@ impl<'a> Secondary<'a> {
         })
     }
 
-    /// The radiance that a face of the edge sends to the shading point. (The same random numbers for both sides.)
+    /// The radiance from a face of the edge at the shading point. Both sides use the same random numbers.
     fn radiance_on_face(&self, at: &Shading, face: usize, events: u32, sampler: &Sampler) -> SideRadiance {
         let &Shading { edge, point, connection, .. } = at;
         let [_, beside] = edge.beside(self.scene, face, point.s, connection.whole, -connection.dir);
         self.trace_side(Start::BesideEdge(beside, &edge.below(face, beside.ng)), events, sampler)
     }
 
-    /// The radiance past the edge: from right beside it, on the side that `normal` points to.
+    /// The radiance past the edge: from a ray right beside it, on the side to which `normal` points.
     fn radiance_past(
         &self,
         at: &Shading,
@@ -402,7 +401,7 @@ impl<'a> Secondary<'a> {
         side
     }
 
-    /// Connects a shading point to an edge point in direction `dir`, by way of a flat mirror if there is one.
+    /// Connects a shading point to an edge point in direction `dir`, over a flat mirror if there is one.
     fn connect(
         &self,
         si: &SurfaceInteraction,
@@ -438,7 +437,7 @@ impl<'a> Secondary<'a> {
         })
     }
 
-    /// Connects a shading point to an edge point by way of a curved mirror: by one of all specular paths between them, chosen at random.
+    /// Connects a shading point to an edge point over a curved mirror, by one of all specular paths between them, chosen at random.
     fn connect_by_curved_mirror(
         &self,
         tree: &MirrorTree,
@@ -481,12 +480,12 @@ impl<'a> Secondary<'a> {
         (reflectance != Vec3::ZERO).then_some(CurvedConnection { last, first, area })
     }
 
-    /// Adds the derivatives of a sample's edge and mirror; returns the adjoint of the path vertex's position.
+    /// Adds the derivatives of a sample in its edge and mirror; returns the adjoint of the path vertex's position.
     fn scatter<S: Sink>(&self, out: &mut Adjoints<S>, sample: &SecondarySample, d: Vec3) -> Injection {
         let d_image = sample.normal * d.dot(sample.weight);
         if let Some(MirrorVertex { si, curved: Some([before, after]) }) = &sample.mirror {
             out.edge_point(&self.table.edges[sample.edge], sample.foreground, sample.s, d_image);
-            // The direction at the vertex is fixed, but for the attached share.
+            // The direction at the vertex is fixed, except for the attached fraction.
             let mut back = |share: Vec3| {
                 let m = sample.normal * -d.dot(share);
                 d_reflected_ray(out, si, *before, RayAdjoint { origin: m, dir: m * *after })
@@ -522,7 +521,7 @@ impl Estimator for Secondary<'_> {
     }
 
     fn cost(&self) -> f64 {
-        // Two paths look past the edge.
+        // The paths on both sides of the edge.
         3.0 + 1.5 * EDGE_POINTS as f64 * (self.tree.cost() + 6.0 * typical_bounces(self.max_bounces))
     }
 
@@ -538,13 +537,13 @@ struct ChosenVertex {
     total: f32,
 }
 
-/// How a shading point is connected to an edge.
+/// The route by which a shading point is connected to an edge.
 #[derive(Clone, Copy)]
 enum Route<'a> {
     Direct,
-    /// By way of a flat mirror.
+    /// Over a flat mirror.
     Flat(&'a MirrorPlane),
-    /// By way of a curved mirror.
+    /// Over a curved mirror.
     Curved(&'a MirrorTree),
 }
 
@@ -567,20 +566,20 @@ struct Shading<'a> {
     edge: &'a Edge,
     point: EdgePoint,
     connection: EdgeConnection,
-    /// Of the connection at the shading point.
+    /// Direction of the connection at the shading point.
     dir: Vec3,
-    /// At the edge, perpendicular to the connection, over the solid angle at the shading point.
+    /// Area at the edge, perpendicular to the connection, per solid angle at the shading point.
     area: f32,
-    /// f·cos in this direction: of the part of the BSDF whose directions are fixed, and of an attached lobe.
+    /// f·cos in this direction: of the part of the BSDF with fixed directions, and of an attached lobe.
     f: [Vec3; 2],
 }
 
-/// What a shading point reflects more of one side of an edge than of the other.
+/// The difference of the reflected radiances from both sides of an edge.
 struct Jump {
     view: EdgeView,
-    /// What masks leave of it.
+    /// Transmittance of masks.
     covers: f32,
-    /// Through the part of the BSDF whose directions are fixed, and through an attached lobe.
+    /// The differences by the part of the BSDF with fixed directions, and by an attached lobe.
     fixed: Vec3,
     attached: Vec3,
 }
@@ -591,20 +590,20 @@ struct EdgeConnection {
     ray: Ray,
     dir: Vec3,
     distance: f32,
-    /// Distance of the edge from the shading point by way of a flat mirror; by way of a curved one that from the mirror.
+    /// Distance of the edge: from the shading point, along the path over a flat mirror; for a curved mirror, from the mirror.
     whole: f32,
-    /// Where it starts.
+    /// The primitive on which it starts.
     prim: PrimId,
     reflectance: Vec3,
     mirror: Option<MirrorVertex>,
 }
 
-/// The connection from a path vertex to an edge point by way of a curved mirror.
+/// The connection from a path vertex to an edge point over a curved mirror.
 struct CurvedConnection {
     last: EdgeConnection,
     /// Direction of its first segment.
     first: Vec3,
-    /// At the edge, perpendicular to it, over the solid angle at its start.
+    /// Area at the edge, perpendicular to the connection, per solid angle at its start.
     area: f32,
 }
 

@@ -1,17 +1,17 @@
 //! Boundary term of direct light: edge-first sampling of shadows of area, point and directional lights and of an
 //! environment, or of its peak.
 //!
-//! Choose an edge point p, a light point y, and find the receiver x behind p; then connect x to the camera, directly, in a
-//! mirror, or through further bounces. With the emission material-fixed only the covered side counts, and
-//! the boundary integral of [`crate::grad::terms::secondary`], over the light instead of the receiver, becomes
+//! Choose an edge point p and a light point y, and find the receiver x behind p; then connect x to the camera directly, in a mirror, or
+//! by further bounces. As the emission is fixed to the light's surface, only the covered side counts, and the boundary integral of
+//! [`crate::grad::terms::secondary`], over the light instead of the receiver, becomes
 //!
 //!   −∫dl ∫dA(y) cosθ_y/|y−p|² L_e sinφ f_s(x) W(x) N̂·(ṗ − (1−τ)ẋ − τẏ),  τ = |p−x|/|y−x|,
 //!
-//! W(x) the importance of x (pixels per area, adjoint of the pixel). Unbiased, every bounce; what is mirrored by way of a curved
-//! mirror and another is not found (see [`crate::grad::coverage_gaps`]).
+//! where W(x) is the importance of x (pixels per area, times the adjoint of the pixel). Unbiased for all bounces, except that paths over
+//! two mirrors, one of them curved, are not found (see [`crate::grad::coverage_gaps`]).
 //!
-//! Where a light sticks through another surface its visible part ends at the curve of intersection: the same with the light
-//! point y at p, τ = 1. Choose p on the curve, and a direction in which to find x:
+//! Where a light crosses another surface, its visible part ends at the curve of intersection. There the light point y is at p, and τ = 1.
+//! Choose p on the curve, and a direction in which to find x:
 //!
 //!   −∫dl ∫dω cosθ_p L_e f_s(x) W(x) N̂·(ṗ − ẏ),  N̂ in the light's plane, towards the part that x sees.
 
@@ -39,17 +39,18 @@ use crate::render::light::{LightKind, LightSample};
 use crate::render::sampler::{Discrete, ONE_MINUS_EPSILON, Sampler, hash};
 use crate::render::{Scene, Settings};
 
-/// Cells of directions by which edges of shadows are guided under a sky.
+/// Number of direction cells of the guide for an environment.
 const SKY_CELLS: [usize; 2] = [8, 8];
 
-/// Cells of a guide along the edges, at most.
+/// Most cells of the guide along the edges.
 const MOST_ROWS: usize = 1024;
 
 /// The fraction of a walk's directions that is uniform over the hemisphere. A walk leaves a surface where a camera path would arrive, and
-/// at a grazing angle θ the point slides by 1/cos θ: with directions in proportion to the cosine alone the variance would be infinite.
+/// along a direction at an angle θ from the normal the point slides by 1/cos θ: with directions in proportion to the cosine alone the
+/// variance would be infinite.
 const UNIFORM_FRACTION: f32 = 0.25;
 
-/// Edge-first shadow samples.
+/// The estimator of shadows, which samples edges first.
 pub struct Shadows<'a> {
     scene: &'a Scene,
     environment: MovingEnvironment,
@@ -58,15 +59,15 @@ pub struct Shadows<'a> {
     count: usize,
     curved: Option<&'a MirrorTree>,
     edges: Discrete,
-    /// Edges and their emitting faces where lights stick through surfaces, and the share of samples for these.
+    /// Edges (with their emitting faces) at which lights cross surfaces, and the fraction of samples for these.
     crossings: Vec<(usize, usize)>,
     crossing_pmf: Discrete,
     share: f64,
-    /// For scenes of many edges, few of which are contours for a light: found from the light.
+    /// The edge tree, for scenes with many edges of which few are contours for a light: edges are then found from the light.
     tree: Option<&'a EdgeTree>,
-    /// Over the numbers that choose edge and light.
+    /// The guide over the random numbers that choose edge and light.
     guide: Option<Guide>,
-    /// Cells of the guide by the first and by the second of the numbers that choose a light.
+    /// Numbers of guide cells along the first and the second of the numbers that choose a light.
     cells: [usize; 2],
 }
 
@@ -80,7 +81,7 @@ impl<'a> Shadows<'a> {
         tree: &'a EdgeTree,
         count: usize,
     ) -> Self {
-        /// Up to here edges are chosen by length, which keeps Sobol's strata whole.
+        /// Scenes with at most this many edges choose edges by length, which keeps the strata of Sobol points connected.
         const FEW: usize = 256;
         let table = scene.edges();
         let weight = |e: &Edge| if e.crossing { 0.0 } else { f64::from(e.length() * e.weight) };
@@ -88,7 +89,7 @@ impl<'a> Shadows<'a> {
         let mut crossings = Vec::new();
         let mut weights = Vec::new();
         for (i, edge) in table.edges.iter().enumerate().filter(|(_, e)| e.crossing) {
-            // The halves of one triangle count once.
+            // The two halves of one triangle count once.
             let halves = 0..edge.faces.len();
             for face in halves.filter(|&f| f % 2 == 0 || edge.faces[f].prim != edge.faces[f - 1].prim) {
                 let power = scene.emitted_power(edge.faces[face].prim);
@@ -126,7 +127,7 @@ impl<'a> Shadows<'a> {
         }
     }
 
-    /// Learns from pilots which edges cast shadows of which lights where it matters.
+    /// Trains the guide: pilot samples measure which edges cast visible shadows of which lights.
     pub fn guided(mut self, training: &GuideTraining) -> Self {
         if self.count() > 0 {
             let columns = self.cells[0] * self.cells[1];
@@ -141,7 +142,7 @@ impl<'a> Shadows<'a> {
         self
     }
 
-    /// One sample: `at` and `v` choose the edge point and the light point, `weight` is one over their density.
+    /// Draws one sample: `at` and `v` choose the edge point and the light point; `weight` is the inverse of their density.
     fn sample(&self, at: [f64; 2], v: f32, weight: f64, sampler: &mut Sampler, out: &mut impl Estimate) {
         let (at_crossing, share) = if at[0] < self.share { (true, self.share) } else { (false, 1.0 - self.share) };
         let u = [(if at_crossing { at[0] } else { at[0] - self.share }) / share, at[1]];
@@ -151,8 +152,8 @@ impl<'a> Shadows<'a> {
         }
     }
 
-    /// The numbers that choose a light. The guide has one number for both, along which cells of the second follow each other
-    /// within each cell of the first; `v` is the place within the second's cell.
+    /// The two numbers that choose a light. The guide has one number for both, along which the cells of the second number follow one
+    /// another within each cell of the first; `v` is the position within the second number's cell.
     fn unfold(&self, along: f64, v: f32) -> Vec2 {
         let [columns, layers] = self.cells;
         let x = along * (columns * layers) as f64;
@@ -164,7 +165,7 @@ impl<'a> Shadows<'a> {
         )
     }
 
-    /// Samples an edge that hides a light.
+    /// Samples an edge that occludes a light.
     fn sample_edge(&self, at: [f64; 2], v: f32, sampler: &mut Sampler) -> Option<ShadowSample<'_>> {
         let scene = self.scene;
         let u_light = self.unfold(at[1], v);
@@ -189,7 +190,7 @@ impl<'a> Shadows<'a> {
         let arrival = light.arrive(p)?;
         let dir = arrival.dir; // from p towards the light
 
-        // The edge must hide something from the light: all its faces on one side.
+        // The edge must be a contour as seen from the light: all its faces on one side.
         let distance = if arrival.distance.is_finite() { arrival.distance } else { 0.0 };
         let (view, aside) = edge.view_from(-dir, distance, EdgeOn::Front)?;
         let covers = contrast(scene, edge, -dir, &view, s);
@@ -214,11 +215,11 @@ impl<'a> Shadows<'a> {
         };
         let sin_phi = edge.direction().cross(dir).length();
         let power = light.power * (-covers * arrival.geometry * sin_phi / (per_length * light.pdf));
-        // As seen from the receiver the covered side is the same.
+        // The covered side is the same as seen from the receiver.
         Some(ShadowSample { edge, face: view.foreground, s, normal: view.normal, light, dir, hit, tau, power })
     }
 
-    /// Samples the curve along which a light sticks through a surface.
+    /// Samples the curve along which a light crosses a surface.
     fn sample_crossing(&self, at: [f64; 2], v: f32, sampler: &mut Sampler) -> Option<ShadowSample<'_>> {
         let scene = self.scene;
         let (i, pmf, rest) = self.crossing_pmf.sample(at[0]);
@@ -232,7 +233,7 @@ impl<'a> Shadows<'a> {
         let away = cosine_hemisphere([(u as f32).min(ONE_MINUS_EPSILON), v]);
         let away = Frame::from_normal(n).to_world(away).normalize();
 
-        // The other surface hides what is behind it, if it reaches to this side of the light.
+        // The other surface occludes what is behind it, if it reaches to this side of the light.
         let surface = |face: usize| face / 2;
         let rises = |face: &usize| n.dot(edge.faces[*face].opposite - edge.p[0]) > 0.0;
         let mut halves = (0..edge.faces.len()).filter(|&f| surface(f) != surface(face));
@@ -253,7 +254,7 @@ impl<'a> Shadows<'a> {
         Some(ShadowSample { edge, face, s, normal, light, dir: -away, hit, tau: 1.0, power })
     }
 
-    /// Carries a change of direct light from its receiver to the camera; `weight` is that of the sample.
+    /// Propagates a change of direct light from its receiver to the camera; `weight` is that of the sample.
     fn walk(&self, shadow: &ShadowSample, weight: f32, sampler: &mut Sampler, out: &mut impl Estimate) {
         let scene = self.scene;
         let &ShadowSample { light, dir, hit, power, .. } = shadow;
@@ -262,7 +263,7 @@ impl<'a> Shadows<'a> {
         let mut towards = dir; // direction in which the light leaves backwards: from the surface towards where it came
         let (mut prim, mut b) = (hit.prim, hit.b);
         for bounce in 1..=self.max_bounces {
-            // Connect the current vertex to every viewpoint, and to the camera through curved mirrors.
+            // Connects the current vertex to every viewpoint, and to the camera over curved mirrors.
             let here = scene.interaction(prim, b, towards);
             let position = here.p;
             let end = WalkEnd { prim, b, towards, bounce };
@@ -286,13 +287,13 @@ impl<'a> Shadows<'a> {
             if bounce == self.max_bounces {
                 break;
             }
-            // Go on backwards, towards the camera: choose the direction the light is scattered into.
+            // Continues backwards, towards the camera: chooses the direction into which the light is scattered.
             let si = scene.interaction(prim, b, towards);
             if si.bsdf.is_black() {
                 break;
             }
             let (si, away, scattered, weight) = if si.bsdf.is_delta() {
-                // By way of two mirrors only if both are planar.
+                // Paths over two mirrors are followed only if both are planar.
                 let before = walk.vertices.last().map(|step| &step.si).filter(|si| si.bsdf.is_delta());
                 let planar = |prim: PrimId| self.curved.is_none_or(|mirrors| !mirrors.contains(prim));
                 if bounce == 1 || before.is_some_and(|si| !(planar(si.prim) && planar(prim))) {
@@ -316,7 +317,7 @@ impl<'a> Shadows<'a> {
                 }
                 let si = scene.interaction(prim, b, away);
                 let Some(scattered) = self.scatter(&si, towards, bounce, &light, sampler) else { break };
-                // Solid angle at this vertex → the camera-side measure of direction-fixed segments.
+                // Converts solid angle at this vertex to the measure of direction-fixed segments from the camera's side.
                 (si, away, scattered, scattered.ratio * (si.ng.dot(away) / pdf))
             };
             let survival = if bounce > 3 { 0.7 } else { 1.0 };
@@ -333,7 +334,7 @@ impl<'a> Shadows<'a> {
     }
 }
 
-/// The latest vertex of a walk, after `bounce` scattering events, and the direction its light comes from.
+/// The latest vertex of a walk, after `bounce` scattering events, and the direction from which its light comes.
 #[derive(Clone, Copy)]
 struct WalkEnd {
     prim: PrimId,
@@ -342,21 +343,21 @@ struct WalkEnd {
     bounce: u32,
 }
 
-/// A point at which the shadow of an edge ends: the edge point, the light point and the receiver in line with both.
+/// A point on the border of an edge's shadow: the edge point, the light point and the receiver in line with both.
 struct ShadowSample<'a> {
     edge: &'a Edge,
     face: usize,
     s: f32,
-    /// From the covered side to the uncovered one.
+    /// Normal from the covered to the uncovered side.
     normal: Vec3,
     light: LightSample,
-    /// From the receiver to the light.
+    /// Direction from the receiver to the light.
     dir: Vec3,
-    /// The receiver as the edge sees it.
+    /// The receiver, as seen from the edge.
     hit: Hit,
-    /// Where the edge is on the way from receiver to light.
+    /// The position of the edge between receiver (0) and light (1).
     tau: f32,
-    /// Light on the receiver over the density of choosing this.
+    /// Light on the receiver over the sampling density.
     power: Vec3,
 }
 
@@ -374,19 +375,19 @@ struct WalkVertex {
     scattered: Scattered,
 }
 
-/// How a vertex passes light on, from direction `towards` to `si.wi`.
+/// The scattering of light at a vertex of a walk, from direction `towards` to `si.wi`.
 #[derive(Clone, Copy)]
 struct Scattered {
     towards: Vec3,
-    /// f·cosθ_s / cosθ_g towards it: the BSDF with the cosine of the geometric measure divided out.
+    /// f·cosθ_s / cosθ_g in that direction: the BSDF times the shading cosine over the geometric one, which belongs to the measure.
     ratio: Vec3,
-    /// Through the attached lobe.
+    /// The same for the attached lobe.
     attached: bool,
 }
 
 impl Shadows<'_> {
-    /// How solid angles change by way of a curved mirror, after which the walk goes `on`: area per solid angle from its one end over
-    /// that from the other. (They would be the same, had the mirror the shape that its normals say.) 1 for all else.
+    /// The change of solid angles over a curved mirror, after which the walk continues: area per solid angle from its one end over that
+    /// from the other. (They would be equal if the mirror had the shape that its normals suggest.) 1 for everything else.
     fn solid_angles(&self, si: &SurfaceInteraction, walk: &Walk, on: Vec3) -> f32 {
         let Some(before) = walk.vertices.last().filter(|_| self.curved.is_some_and(|m| m.contains(si.prim))) else {
             return 1.0;
@@ -398,7 +399,8 @@ impl Shadows<'_> {
         (forth / back) as f32
     }
 
-    /// Splats the contribution of a walk, connected to the camera, on its pixel; `pixels` per unit area of a surface, by its normal.
+    /// Adds the contribution of a walk that is connected to the camera to its pixel; `pixels` gives the pixels per unit area of a surface
+    /// by its normal.
     #[allow(clippy::too_many_arguments)]
     fn splat(
         &self,
@@ -431,7 +433,7 @@ impl Shadows<'_> {
                 LightKind::Directional(i) => d_direction(out, i, normal * (-hit.t * m)),
                 LightKind::Environment => out.environment_direction(dir, normal * (-hit.t * m)),
             }
-            // The receiver slides along the chain of direction-fixed segments that ends in the camera.
+            // The receiver slides along the chain of direction-fixed segments that ends at the camera.
             let mut ray = RayAdjoint { origin: normal * (-(1.0 - tau) * m), dir: Vec3::ZERO };
             for step in &walk.vertices {
                 ray = if step.si.bsdf.is_delta() {
@@ -462,7 +464,7 @@ impl Shadows<'_> {
             if light.kind == LightKind::Area && self.scene.touch(si.prim, light.prim) {
                 return None;
             }
-            // What an attached lobe sees of a light belongs to the receiver-first estimator.
+            // Light through an attached lobe belongs to the receiver-first estimator.
             (si.eval_split(towards)[0], false)
         } else if bounce == 1 || !si.bsdf.is_attached() {
             (si.eval(towards), false)
@@ -474,7 +476,7 @@ impl Shadows<'_> {
     }
 }
 
-/// Samples the direction that a walk goes on in, in the frame of the shading normal, with its density.
+/// Samples the direction in which a walk continues, in the frame of the shading normal, with its density.
 fn sample_direction(bsdf: &Bsdf, wi: Vec3, sampler: &mut Sampler) -> Option<(Vec3, f32)> {
     let u = sampler.next_3d();
     let wo = if sampler.next_1d() < UNIFORM_FRACTION {
@@ -487,7 +489,7 @@ fn sample_direction(bsdf: &Bsdf, wi: Vec3, sampler: &mut Sampler) -> Option<(Vec
     Some((wo, pdf))
 }
 
-/// Adjoint of a walk vertex: from the ray to the vertex before it to the ray that found it.
+/// Adjoint of a walk vertex: from the adjoint of the ray to the vertex before it to that of the ray that hit it.
 fn d_step<S: Sink>(
     out: &mut Adjoints<S>,
     si: &SurfaceInteraction,

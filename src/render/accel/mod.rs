@@ -118,7 +118,7 @@ impl Accel {
         (self.tree.cost() / self.cost) as f32
     }
 
-    /// [`Accel::refit`], but rebuilds the tree if rays have become much slower ([`REBUILD_RATIO`]).
+    /// [`Accel::refit`], but rebuilds the tree if rays have become much slower (`REBUILD_RATIO`).
     pub fn refit_or_rebuild(&mut self, corners: &[[Vec3; 3]]) {
         if self.refit(corners) > REBUILD_RATIO {
             *self = Accel::new(corners);

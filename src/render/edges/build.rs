@@ -1,4 +1,4 @@
-//! How the edge table comes about: edges welded by position and cut where they overlap in part, and the curves where faces cross.
+//! Builds the edge table: welds edges by position, cuts edges that overlap in part, and adds the segments along which faces cross.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -16,12 +16,12 @@ use crate::render::world::Scene;
 use crate::stop::Pace;
 
 impl Scene {
-    /// Built when first asked for: the primal needs none.
+    /// The scene's edges. They are collected when first used; rendering without derivatives does not need them.
     pub(crate) fn edges(&self) -> &EdgeTable {
         self.edge_table.get_or_init(|| EdgeTable::new(self, Seams::None))
     }
 
-    /// Those of an output, which may show what light does not.
+    /// The edges for an output channel, which may be discontinuous where radiance is not.
     pub(crate) fn edges_of(&self, output: Output) -> &EdgeTable {
         match output {
             Output::Uv | Output::ShapeIndex => {
@@ -32,9 +32,9 @@ impl Scene {
     }
 }
 
-/// Bytes that an edge takes while edges are collected: itself with its faces, and its share of the tables in which edges and their ends
-/// are looked up. Measured by what the process held at most: 200 for a ball of 0.6 million triangles, whose faces share their edges, and
-/// 245 for 0.3 million separate ones.
+/// Bytes per edge while edges are collected: the edge with its faces, and its entries in the tables by which edges and their ends are
+/// looked up. Measured as the peak memory of the process: 200 for a ball of 0.6 million triangles, whose faces share their edges, and 245
+/// for 0.3 million separate ones.
 const BUILDING: u64 = 250;
 
 impl EdgeTable {
@@ -77,7 +77,7 @@ impl EdgeTable {
             }
         }
         let (crossings, overlaps) = crossings_and_overlaps(scene, |_| true);
-        // Where a surface goes through another along one of its edges there is a crossing, and no edge besides.
+        // Where a surface crosses another along one of its own edges, the crossing replaces that part of the edge.
         let mut covered: BTreeMap<usize, Vec<[f32; 2]>> = BTreeMap::new();
         for crossing in &crossings {
             let ends = crossing.mesh_edge.map(|ends| ends.map(|p| points.get(&position_key(p)).copied()));
@@ -97,7 +97,7 @@ impl EdgeTable {
             pace.step(16);
             edge.sharp = is_sharp(scene, edge, seams);
         }
-        // Flat interior edges of one material can neither cover anything nor show a jump.
+        // Flat interior edges of one material can neither cover anything nor have a jump, so they are dropped.
         let mut flat_emitters = Vec::new();
         edges.retain(|e| {
             let keep = e.sharp || !is_flat(e);
@@ -121,20 +121,20 @@ fn emits(scene: &Scene, prim: PrimId) -> bool {
     scene.description.shapes[scene.prims[prim as usize].shape as usize].emission.is_some()
 }
 
-/// One position for ends of overlapping edges that rounding alone holds apart.
-struct Ends {
-    /// Whom a position is taken for, who may be taken for someone else.
-    taken_for: HashMap<[u32; 3], Vec3>,
+/// Welds ends of overlapping edges whose positions differ only by rounding.
+struct WeldedEnds {
+    /// By position: the position that it is replaced by, which may be replaced by another in turn (union-find).
+    replaced_by: HashMap<[u32; 3], Vec3>,
 }
 
-impl Ends {
-    fn new(overlaps: &[EdgeOverlap]) -> Ends {
-        let mut ends = Ends { taken_for: HashMap::new() };
+impl WeldedEnds {
+    fn new(overlaps: &[EdgeOverlap]) -> WeldedEnds {
+        let mut ends = WeldedEnds { replaced_by: HashMap::new() };
         for [a, b] in overlaps {
             for (p, q) in a.iter().flat_map(|p| b.iter().map(move |q| (*p, *q))) {
                 let (p, q) = (ends.of(p), ends.of(q));
                 if p != q && is_same(p, q) {
-                    ends.taken_for.insert(position_key(q), p);
+                    ends.replaced_by.insert(position_key(q), p);
                 }
             }
         }
@@ -142,7 +142,7 @@ impl Ends {
     }
 
     fn of(&self, mut p: Vec3) -> Vec3 {
-        while let Some(&other) = self.taken_for.get(&position_key(p)) {
+        while let Some(&other) = self.replaced_by.get(&position_key(p)) {
             p = other;
         }
         p
@@ -153,13 +153,13 @@ impl Ends {
     }
 }
 
-/// Makes one edge of those that are the same up to rounding, cuts edges that have parts in common at one another's ends, and makes one edge
-/// of each part, with the faces of all.
+/// Merges edges that are the same up to rounding. Edges that overlap in part are cut at one another's ends, and each common part becomes
+/// one edge with the faces of all.
 fn weld_overlaps(edges: &mut Vec<Edge>, overlaps: &[EdgeOverlap]) {
     if overlaps.is_empty() {
         return;
     }
-    let ends = Ends::new(overlaps);
+    let ends = WeldedEnds::new(overlaps);
     let mut index: HashMap<[[u32; 3]; 2], usize> = HashMap::with_capacity(edges.len());
     for i in 0..edges.len() {
         if edges[i].faces.is_empty() {
@@ -168,7 +168,7 @@ fn weld_overlaps(edges: &mut Vec<Edge>, overlaps: &[EdgeOverlap]) {
         let known = *index.entry(ends.key(edges[i].p)).or_insert(i);
         if known != i {
             let twin = Edge { faces: std::mem::take(&mut edges[i].faces), ..edges[i].clone() };
-            absorb(&mut edges[known], twin);
+            add_faces(&mut edges[known], twin);
         }
     }
     let mut cuts: BTreeMap<usize, Vec<Vec3>> = BTreeMap::new();
@@ -183,7 +183,7 @@ fn weld_overlaps(edges: &mut Vec<Edge>, overlaps: &[EdgeOverlap]) {
         let edge = edges[i].clone();
         let own = edge.p.map(|p| ends.of(p));
         let mut stops: Vec<(f32, Vec3)> = cuts.into_iter().map(|p| (edge.parameter(p), p)).collect();
-        // A cut at one of its ends is none.
+        // A cut at an end of the edge is left out.
         stops.retain(|(s, p)| *s > 0.0 && *s < 1.0 && own.iter().all(|end| !is_same(*p, *end)));
         stops.extend([(0.0, own[0]), (1.0, own[1])]);
         stops.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -199,14 +199,14 @@ fn weld_overlaps(edges: &mut Vec<Edge>, overlaps: &[EdgeOverlap]) {
             match edges.get_mut(known) {
                 None => edges.push(piece),
                 Some(known) if known.faces.is_empty() => *known = piece,
-                Some(known) => absorb(known, piece),
+                Some(known) => add_faces(known, piece),
             }
         }
     }
 }
 
 /// Adds the faces of an edge with the same ends.
-fn absorb(edge: &mut Edge, twin: Edge) {
+fn add_faces(edge: &mut Edge, twin: Edge) {
     let turned = edge.p[0].distance_squared(twin.p[0]) > edge.p[0].distance_squared(twin.p[1]);
     edge.faces.extend(twin.faces.into_iter().map(|face| match face.ends {
         [start, end] if turned => EdgeFace { ends: [end, start], ..face },
@@ -214,12 +214,12 @@ fn absorb(edge: &mut Edge, twin: Edge) {
     }));
 }
 
-/// Whether two points are apart by what their coordinates are rounded by, and no more.
+/// Whether two points differ by no more than the rounding of their coordinates.
 fn is_same(p: Vec3, q: Vec3) -> bool {
     p.distance(q) <= 2e-6 * p.abs().max(q.abs()).max_element()
 }
 
-/// What is left of [0, 1] without the given stretches.
+/// The parts of [0, 1] that none of the given intervals covers.
 fn gaps(mut stretches: Vec<[f32; 2]>) -> Vec<[f32; 2]> {
     const LEAST: f32 = 1e-5;
     stretches.iter_mut().for_each(|ends| ends.sort_by(f32::total_cmp));
@@ -238,7 +238,7 @@ fn gaps(mut stretches: Vec<[f32; 2]>) -> Vec<[f32; 2]> {
 fn crossing_edge(scene: &Scene, crossing: &Crossing) -> Option<Edge> {
     let p = crossing.p;
     let e = (p[1] - p[0]).as_dvec3().normalize();
-    // Faces on either side of the edge, each with the distance of its furthest corner.
+    // The two halves of a triangle on either side of the segment, each with the distance of its farthest corner.
     let halves = |prim: PrimId| {
         let corners = scene.corners(prim).map(|c| c.as_dvec3());
         let n = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
@@ -274,24 +274,24 @@ fn crossing_edge(scene: &Scene, crossing: &Crossing) -> Option<Edge> {
 }
 
 /// Unit vectors perpendicular to the edge that point into its faces, if there are two.
-fn arms(edge: &Edge) -> Option<[DVec3; 2]> {
+fn face_directions(edge: &Edge) -> Option<[DVec3; 2]> {
     let [a, b] = edge.faces.as_slice() else { return None };
     let e = (edge.p[1] - edge.p[0]).as_dvec3().normalize();
-    let arm = |f: &EdgeFace| {
+    let direction = |f: &EdgeFace| {
         let o = f.opposite.as_dvec3() - edge.p[0].as_dvec3();
         (o - e * o.dot(e)).normalize()
     };
-    Some([arm(a), arm(b)])
+    Some([direction(a), direction(b)])
 }
 
 /// Exactly two coplanar faces on opposite sides.
 fn is_flat(edge: &Edge) -> bool {
-    arms(edge).is_some_and(|[x, y]| x.dot(y) < 0.0 && x.cross(y).length() < 1e-6)
+    face_directions(edge).is_some_and(|[x, y]| x.dot(y) < 0.0 && x.cross(y).length() < 1e-6)
 }
 
-/// See [`Edge::weight`]. Flat edges are there because the material changes: these count in full.
+/// See [`Edge::weight`]. Flat edges are in the table because the material changes there, so they have the full weight.
 fn weight(edge: &Edge) -> f32 {
-    match arms(edge) {
+    match face_directions(edge) {
         Some([x, y]) if !is_flat(edge) => {
             let exterior = std::f64::consts::PI - x.dot(y).clamp(-1.0, 1.0).acos();
             (exterior * std::f64::consts::FRAC_2_PI).clamp(0.02, 1.0) as f32
@@ -300,7 +300,7 @@ fn weight(edge: &Edge) -> f32 {
     }
 }
 
-/// Whether reflected radiance, or what a channel shows, can jump across an edge with both faces visible.
+/// Whether reflected radiance, or an output channel, may be discontinuous across an edge of which both faces are visible.
 fn is_sharp(scene: &Scene, edge: &Edge, seams: Seams) -> bool {
     let [a, b] = edge.faces.as_slice() else {
         return true;
@@ -314,7 +314,7 @@ fn is_sharp(scene: &Scene, edge: &Edge, seams: Seams) -> bool {
     if all && scene.prims[a.prim as usize].shape != scene.prims[b.prim as usize].shape {
         return true;
     }
-    // Of faces that are wound against each other one shows its back.
+    // If the winding of two faces is inconsistent, one of them shows its back side.
     let has_a_back = sa.material.one_sided || sa.emission.as_ref().is_some_and(|e| !e.two_sided);
     if has_a_back && !edge.is_wound_consistently() {
         return true;

@@ -1,4 +1,4 @@
-//! What an edge shows: whether mirrors fold their images there, and the surface right beside it.
+//! Appearance of edges: whether reflections are folded there, and surface interactions at the edge and right beside it.
 
 use glam::Vec3;
 
@@ -15,8 +15,8 @@ impl Edge {
         self.faces.iter().all(|f| matches!(kind(f.prim), MaterialKind::Mirror { .. }))
     }
 
-    /// Whether an edge between smoothly shaded mirrors shows the same on both sides to someone in direction `back` of its point `s`:
-    /// nothing is folded there ([`SurfaceInteraction::mirrored`]).
+    /// Whether the reflection is continuous across an edge between smoothly shaded mirrors, at its point `s` and seen from the direction
+    /// `back`: the mirrored direction is not folded up on either side ([`SurfaceInteraction::mirrored`]).
     pub fn mirrors_alike(&self, scene: &Scene, s: f32, back: Vec3) -> bool {
         !self.sharp
             && (0..self.faces.len()).all(|i| {
@@ -25,9 +25,9 @@ impl Edge {
             })
     }
 
-    /// Sine of the elevation over one of its faces up to which the edge may show a crease: infinite but for smooth mirrors. These
-    /// jump only where something is folded ([`Edge::mirrors_alike`]), and that is within twice the angle between the face and its
-    /// shading normals.
+    /// Sine of the elevation above a face of the edge, up to which a viewer may see a jump at the edge as a crease; infinite except for
+    /// smooth mirrors. Reflections of smooth mirrors jump only where directions are folded ([`Edge::mirrors_alike`]), which happens at
+    /// elevations up to twice the angle between the face and its shading normals.
     pub fn folding(&self, scene: &Scene) -> f32 {
         if self.sharp || !self.is_mirror(scene) || !self.is_wound_consistently() {
             return f32::INFINITY;
@@ -35,7 +35,7 @@ impl Edge {
         let reach = |(i, face): (usize, &EdgeFace)| {
             let at = |s: f32| scene.interaction(face.prim, self.barycentric(i, s, 0.0), self.face_normal(face));
             let ends = [at(0.0), at(1.0)];
-            // Normals on both sides of the face pass through it in between.
+            // If the normals at the ends lie on different sides of the face, interpolation passes through the face's plane.
             let one_side = ends[0].shading_flip == ends[1].shading_flip;
             let reach = ends.map(|si| {
                 let (sin, cos) = (si.ns.cross(si.ng).length(), si.ns.dot(si.ng));
@@ -46,9 +46,9 @@ impl Edge {
         self.faces.iter().enumerate().map(reach).fold(0.0, f32::max)
     }
 
-    /// The edge's point at `s` as the given face of it, and as what is right beside: the same surface, but far enough inside of the
-    /// face for rays to find the others. Between the two lie a few 1e-6 of the coordinates or of the distance it is seen from:
-    /// what changes over them is taken for a jump, at each of many edges.
+    /// Two interactions for the edge's point `s` on one of its faces: at the edge itself, and with a position right beside it, inside of
+    /// the face, from which rays start. The two positions differ by a few 1e-6 of the coordinates or of the viewer's distance: the
+    /// light's change over that distance counts as a jump, at each of many edges.
     pub fn beside(&self, scene: &Scene, face: usize, s: f32, distance: f32, wi: Vec3) -> [SurfaceInteraction; 2] {
         let f = &self.faces[face];
         let at = |s: f32, inset: f32| scene.interaction(f.prim, self.barycentric(face, s, inset), wi);
@@ -58,7 +58,7 @@ impl Edge {
         let height = (o - e * along).length();
         let rounding = self.p[0].abs().max(self.p[1].abs()).max_element().max(distance);
         let inset = (4e-6 * rounding / height).clamp(INSIDE, 1e-2);
-        // Straight into the face: towards a sliver's corner it would be a long way along the edge.
+        // Moves perpendicularly to the edge. In the direction of a sliver's corner it would be a long way along the edge.
         let foot = ((s - inset * along / length) / (1.0 - inset)).clamp(0.0, 1.0);
         let edge = at(s, INSIDE);
         [edge, SurfaceInteraction { p: at(foot, inset).p, ..edge }]

@@ -1,8 +1,8 @@
-//! Numbers of many paths side by side, and subsets of the paths.
+//! Structures of arrays: vectors of many paths side by side, and subsets of the paths.
 
 use glam::Vec3;
 
-/// A vector for each path, coordinate by coordinate, so that the processor works on many at a time.
+/// A vector for each path, stored by coordinate, so that the processor's SIMD instructions work on many paths at once.
 #[derive(Clone, Copy)]
 pub(super) struct Vectors<const N: usize>([[f32; N]; 3]);
 
@@ -42,7 +42,7 @@ impl<const N: usize> PathSet<N> {
         self.count += usize::from(wanted);
     }
 
-    /// The paths of this set that are marked.
+    /// The paths of this set for which `marked` is true.
     #[inline(always)]
     pub(super) fn filter(&self, marked: &[bool; N]) -> PathSet<N> {
         let mut left = PathSet::NONE;

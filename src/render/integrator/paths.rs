@@ -1,9 +1,9 @@
 //! The steps of paths, over lanes.
 //!
-//! All paths take one step before any takes the next: the steps of one path wait for each other, those of different paths need
-//! not. Numbers are kept coordinate by coordinate, so that the arithmetic of a matte surface (one cosine lobe, flat) is done for as
-//! many paths at a time as the processor's registers hold. Whatever else a surface or a light is, it is asked one path after the
-//! other. One path alone is a batch of one; its bits are the same.
+//! All paths take one step before any takes the next: the steps of one path depend on one another, those of different paths do not.
+//! Numbers are stored by coordinate, so that arithmetic at flat diffuse surfaces is done for as many paths at once as the processor's
+//! registers hold. Everything else about surfaces and lights is computed path by path. A single path is a batch of one, with the same
+//! bits.
 
 use glam::Vec3;
 
@@ -21,7 +21,7 @@ use crate::render::world::Scene;
 /// Scattering events before Russian roulette starts.
 const ROULETTE_START: u32 = 3;
 
-/// The light sample of each path: what its vertex is to be connected with.
+/// The light sample of each path, to which its vertex is connected.
 struct LightSamples<const N: usize> {
     chosen: [bool; N],
     /// As in [`LightSample`].
@@ -34,7 +34,7 @@ struct LightSamples<const N: usize> {
     /// Points on surfaces.
     area: [bool; N],
     delta: [bool; N],
-    /// The whole sample; of points on surfaces only if a recorder asks for it.
+    /// The whole sample; for points on surfaces only if a recorder needs it.
     sample: [LightSample; N],
 }
 
@@ -66,34 +66,34 @@ struct ShadowRays<const N: usize> {
     weight: [f32; N],
     f: Vectors<N>,
     pdf: [f32; N],
-    /// The light is above the horizon and shines this way: it arrives unless something hides it.
+    /// The light is above the horizon and shines in this direction, so that it arrives unless something occludes it.
     open: [bool; N],
     transmittance: [f32; N],
 }
 
-/// The random numbers that choose where paths go on.
+/// The random numbers that choose the continuations of paths.
 struct RandomNumbers<const N: usize> {
-    /// Of [`Bsdf::sample`](Bsdf::sample).
+    /// Random numbers of [`Bsdf::sample`](Bsdf::sample).
     u: Vectors<N>,
     roulette: [f32; N],
 }
 
-/// The scattered directions that paths go on in.
+/// The scattered directions in which paths continue.
 struct Scatter<const N: usize> {
     dir: Vectors<N>,
     pdf: [f32; N],
     /// As in [`Continuation`].
     inv_pdf: [f32; N],
     f: Vectors<N>,
-    /// The path goes on: it was not ended by Russian roulette, nor below the surface.
+    /// The path continues: neither did Russian roulette end it, nor is the direction below the surface.
     on: [bool; N],
-    /// The throughput at the next vertex, masks apart.
+    /// The throughput at the next vertex, without the weight of masks.
     throughput: Vectors<N>,
-    /// Of directions from [`sample_direction`]: at surfaces that are not matte, or with area sampling.
+    /// Set for directions from [`sample_direction`]: at surfaces that are not diffuse and flat, or with area sampling.
     general: [GeneralScatter; N],
 }
 
-/// What a direction from [`sample_direction`] has besides: a matte surface without area sampling needs none of it.
+/// Further results of [`sample_direction`], which diffuse surfaces without area sampling do not have.
 #[derive(Clone, Copy)]
 struct GeneralScatter {
     delta: bool,
@@ -108,7 +108,7 @@ impl GeneralScatter {
         GeneralScatter { delta: false, attached: false, area_sampling_fraction: 0.0, target: None };
 }
 
-/// A sampled direction in which a path may go on.
+/// A sampled direction in which a path may continue.
 struct DirectionSample {
     dir: Vec3,
     pdf: f32,
@@ -125,32 +125,33 @@ pub struct Paths<const N: usize> {
     throughput: Vectors<N>,
     prim: [PrimId; N],
     p: Vectors<N>,
-    /// Where rays from there begin: [`offset`].
+    /// Distance at which rays from the vertex begin: [`offset`].
     offset: [f32; N],
-    /// What all offsets are multiplied by.
+    /// Factor on all offsets.
     pub offset_scale: f32,
     /// The shading normal.
     n: Vectors<N>,
     matte: [bool; N],
     diffuse: [bool; N],
-    /// Of matte surfaces.
+    /// Reflectance of flat diffuse surfaces.
     reflectance: Vectors<N>,
-    /// The path has met one of [`Options::required_shapes`], so that light contributes from here on.
+    /// The path has hit one of [`Options::required_shapes`], so that light contributes from here on.
     contributes: [bool; N],
-    /// The whole interaction; of matte surfaces only if it is needed ([`needs_all`]).
+    /// The whole interaction; for flat diffuse surfaces only if it is needed ([`needs_all`]).
     si: [SurfaceInteraction; N],
     lights: LightSamples<N>,
     shadows: ShadowRays<N>,
     random: RandomNumbers<N>,
     scatter: Scatter<N>,
-    /// The first steps of the next rays through the ray tree.
+    /// Results of the root's test in the ray tree for the next rays.
     roots: [RootHits; N],
     hits: Hits<N>,
 }
 
-/// Where rays end, and what masks do on the way.
+/// The hits of rays, and the weights of masks on the way.
 struct Hits<const N: usize> {
-    /// As in [`Hit`], number by number: whole ones cannot be loaded while their numbers are still being stored.
+    /// The numbers of [`Hit`], each in an array of its own. A whole hit could not be loaded efficiently right after its numbers were
+    /// stored one by one.
     t: [f32; N],
     prim: [PrimId; N],
     b: Vectors<N>,
@@ -171,17 +172,17 @@ impl<const N: usize> Hits<N> {
     }
 }
 
-/// What one step of all paths has in common.
+/// Parameters that all paths share in one step.
 #[derive(Clone, Copy)]
 struct Bounce<'a> {
     scene: &'a Scene,
     options: &'a Options<'a>,
     number: u32,
-    /// The last bounce: a scattered ray can only find light, which light sampling finds too.
+    /// This is the last bounce: a scattered ray can only find a light, which light sampling finds too.
     last: bool,
     /// [`LightTable::last_bounce_probability`](crate::render::light::LightTable::last_bounce_probability).
     last_bounce_probability: f32,
-    /// [`Options::area_sampling_fraction`]; none at the last bounce, and never at mirrors.
+    /// [`Options::area_sampling_fraction`]; zero at the last bounce. Mirrors never sample by area.
     area_sampling_fraction: f32,
 }
 
@@ -200,7 +201,7 @@ impl<'a> Bounce<'a> {
         }
     }
 
-    /// The probability with which a path scatters on, before Russian roulette.
+    /// The probability with which a path continues, before Russian roulette.
     #[inline(always)]
     fn scatter_probability(self, contributes: bool, diffuse: bool) -> f32 {
         let last = if (self.last_bounce_probability == 0.0) | diffuse { self.last_bounce_probability } else { 1.0 };
@@ -278,7 +279,7 @@ impl<const N: usize> Paths<N> {
         self.run(scene, samplers, options, recs);
     }
 
-    /// What was found along a ray.
+    /// The hit of a ray.
     #[inline(always)]
     pub fn radiance(&self, k: usize) -> Vec3 {
         self.radiance.get(k)
@@ -339,7 +340,7 @@ impl<const N: usize> Paths<N> {
         self.set_vertex(k, si, needs_all::<R>(options));
     }
 
-    /// Puts a path at a vertex, with `all` of it or what its matte surface needs.
+    /// Moves a path to a vertex, with `all` of the interaction or only what a flat diffuse surface needs.
     #[inline(always)]
     fn set_vertex(&mut self, k: usize, si: SurfaceInteraction, all: bool) {
         self.prim[k] = si.prim;
@@ -396,7 +397,7 @@ impl<const N: usize> Paths<N> {
         }
     }
 
-    /// Evaluates BSDF, geometry and MIS weight of each light sample, if it is above the horizon and shines this way.
+    /// Evaluates BSDF, geometry factor and MIS weight of each light sample that is above the horizon and shines towards the vertex.
     #[inline(always)]
     fn evaluate_lights(&mut self, bounce: Bounce) {
         let Paths { lights, shadows, .. } = self;
@@ -440,7 +441,7 @@ impl<const N: usize> Paths<N> {
         let area_sampling_fraction = bounce.area_sampling_fraction;
         let surface_pdf = if area_sampling_fraction > 0.0 { bounce.scene.surface_pdf() } else { 0.0 };
         for k in 0..N {
-            // The balance heuristic over the light's density, with the BSDF's in the same measure.
+            // The balance heuristic, with both densities in the measure of the light's density.
             let probability = bounce.scatter_probability(self.contributes[k], self.diffuse[k]);
             let other = if lights.delta[k] { 0.0 } else { shadows.pdf[k] * probability * shadows.geometry[k] };
             let by_area = if lights.area[k] { surface_pdf } else { 0.0 };
@@ -451,7 +452,7 @@ impl<const N: usize> Paths<N> {
         }
     }
 
-    /// The random numbers of all paths.
+    /// Draws the random numbers of all paths.
     #[inline(always)]
     fn draw_random_numbers(&mut self, samplers: &mut [Sampler; N]) {
         for k in self.alive.iter() {
@@ -462,7 +463,7 @@ impl<const N: usize> Paths<N> {
         }
     }
 
-    /// Samples the directions that paths go on in.
+    /// Samples the directions in which paths continue.
     #[inline(always)]
     fn sample_scatter(&mut self, bounce: Bounce, samplers: &mut [Sampler; N]) {
         let Paths { scatter, random, .. } = self;
@@ -599,7 +600,7 @@ impl<const N: usize> Paths<N> {
         }
     }
 
-    /// Adds the light that scattered rays find, and moves paths to where these end; paths that leave the scene end.
+    /// Adds the light that scattered rays find, and moves paths to the points that they hit. Paths that leave the scene end.
     #[inline(always)]
     fn arrive<R: Recorder>(&mut self, bounce: Bounce, recs: &mut [R; N]) {
         let Bounce { scene, options, .. } = bounce;
@@ -679,18 +680,19 @@ impl<const N: usize> Paths<N> {
     }
 }
 
-/// Whether even of a matte surface all is asked for.
+/// Whether the whole interaction is needed even at flat diffuse surfaces.
 fn needs_all<R: Recorder>(options: &Options) -> bool {
     R::RECORDS || options.area_sampling_fraction > 0.0
 }
 
-/// [`Bounce::area_sampling_fraction`] at a vertex: a mirror has only one direction.
+/// [`Bounce::area_sampling_fraction`] at a vertex; zero at a mirror, which has only one direction.
 fn area_sampling_fraction(bounce: Bounce, si: &SurfaceInteraction) -> f32 {
     if si.bsdf.is_delta() { 0.0 } else { bounce.area_sampling_fraction }
 }
 
-/// A direction in proportion to the BSDF, or, with the probability [`area_sampling_fraction`], towards a point chosen by area on the scene's
-/// surfaces. The density returned is that of BSDF sampling; [`Paths::arrive`] mixes in the other, which depends on what the ray hits.
+/// Samples a direction by the BSDF or, with probability [`area_sampling_fraction`], towards a point chosen by area on the scene's
+/// surfaces. The density returned is that of BSDF sampling; [`Paths::arrive`] adds that of area sampling, which depends on the point that
+/// the ray hits.
 #[inline(always)]
 fn sample_direction(
     bounce: Bounce,
@@ -713,7 +715,7 @@ fn sample_direction(
     Some(DirectionSample { dir, pdf: sample.pdf, mirror: sample.mirror, target: None })
 }
 
-/// What a ray skips: the primitives at its ends, and [`Options::first_skip`], which paths side by side do not have.
+/// Primitives that a ray skips: those at its ends, and [`Options::first_skip`], which only single paths have.
 #[inline(always)]
 fn skipped<'a, const N: usize>(bounce: Bounce, ends: &'a [PrimId], all: &'a mut Vec<PrimId>) -> &'a [PrimId] {
     if N > 1 || bounce.number > 0 || bounce.options.first_skip.is_empty() {
@@ -723,7 +725,7 @@ fn skipped<'a, const N: usize>(bounce: Bounce, ends: &'a [PrimId], all: &'a mut 
     all
 }
 
-/// Finds where a ray ends, with the start in the tree and the primitives to skip as [`Accel::closest_from`](crate::render::accel::Accel::closest_from) is told.
+/// Finds the hit of a ray. `root` and `skip` are as in [`Accel::closest_from`](crate::render::accel::Accel::closest_from).
 #[inline(always)]
 fn intersect<const N: usize>(
     scene: &Scene,
@@ -754,7 +756,7 @@ fn balance(a: f32, b: f32) -> f32 {
     a / (a + b)
 }
 
-/// Both without a branch.
+/// Computes both values and selects one, without a branch.
 #[inline(always)]
 fn is_zero(v: Vec3) -> bool {
     (v.x == 0.0) & (v.y == 0.0) & (v.z == 0.0)

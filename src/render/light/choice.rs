@@ -9,14 +9,14 @@ use crate::render::scene::DeltaLight;
 use crate::render::world::Scene;
 
 impl Scene {
-    /// Chooses a light and a point on it; `None` without lights. The first number chooses the light and, stretched, is used
-    /// again: a light's own two dimensions stay stratified together with whatever else the sample's first numbers decide.
+    /// Samples a light and a point on it; `None` without lights. The first number chooses the light and is then rescaled and used again,
+    /// so that the two dimensions of a light's points stay stratified together with the sample's other dimensions.
     #[inline(always)]
     pub(crate) fn sample_light(&self, u: Vec2) -> Option<LightSample> {
         self.sample_from(&self.lights.entries, &self.lights.pmf, u)
     }
 
-    /// As [`Scene::sample_light`], of the environment only its peak.
+    /// [`Scene::sample_light`], but of the environment only its peak.
     pub(crate) fn sample_local_light(&self, u: Vec2) -> Option<LightSample> {
         self.sample_from(&self.lights.local_entries, &self.lights.local_pmf, u)
     }
@@ -28,7 +28,8 @@ impl Scene {
         light
     }
 
-    /// [`Scene::sample_light`], handed over where it is found: what brings all kinds of light together waits for the memory.
+    /// [`Scene::sample_light`] in continuation-passing style: the result is passed to a function for each kind of light, because merging
+    /// the kinds into one value would wait for memory.
     #[inline(always)]
     pub(crate) fn sample_light_into(&self, u: Vec2, take: impl FnMut(&LightSample)) {
         self.sample_into(&self.lights.entries, &self.lights.pmf, u, take);
@@ -51,7 +52,7 @@ impl Scene {
         }
     }
 
-    /// A light that is not a triangle, chosen with probability `p`.
+    /// Samples a light that is not a triangle, which was chosen with probability `p`.
     fn sample_other(&self, entry: Entry, p: f32, u: [f32; 2]) -> Option<LightSample> {
         let base = LightSample { pdf: p, ..LightSample::NONE };
         Some(match entry {
@@ -78,7 +79,7 @@ impl Scene {
             }
             Entry::Environment => {
                 let rotation = self.description.environment.as_ref()?.rotation;
-                // Elevation by the number that chose the light: to know it well matters most to a guide.
+                // The number that chose the light also chooses the elevation, because that matters most to a guide over this number.
                 let (local, pdf) = self.environment.as_ref()?.sample([u[1], u[0]]);
                 let y = (rotation * local).normalize();
                 let power = self.environment_radiance(y);
@@ -87,7 +88,7 @@ impl Scene {
         })
     }
 
-    /// The light sample of a given point, unless the primitive does not emit.
+    /// The light sample of a given point; `None` if the primitive does not emit.
     #[inline]
     pub(crate) fn area_sample(&self, prim: PrimId, b: [f32; 3], pdf: f32) -> Option<LightSample> {
         let emits = self.shape_shading[self.facets[prim as usize].shape as usize].emits;
@@ -111,14 +112,14 @@ impl Scene {
         }
     }
 
-    /// Luminance that a primitive emits per unit area, averaged over its shape, but for a constant factor.
+    /// Luminance emitted per unit area of a primitive, averaged over its shape, up to a constant factor.
     pub(crate) fn emitted_power(&self, prim: PrimId) -> f64 {
         let emission = self.description.shapes[self.prims[prim as usize].shape as usize].emission.as_ref();
         let sides = |two_sided: bool| if two_sided { 2.0 } else { 1.0 };
         emission.map_or(0.0, |e| sides(e.two_sided) * mean_luminance(&self.description, e.radiance))
     }
 
-    /// Solid-angle density of finding world direction `dir` on the environment by light sampling.
+    /// Solid-angle density with which light sampling finds the direction `dir` of the environment.
     pub(crate) fn environment_pdf(&self, dir: Vec3) -> f32 {
         match (&self.environment, &self.description.environment) {
             (Some(table), Some(e)) => {

@@ -1,4 +1,4 @@
-//! The lights of a scene, how often each is chosen, and how light arrives from a point of one.
+//! The lights of a scene, the probabilities with which they are chosen, and the light that arrives from a point of one.
 
 use glam::Vec3;
 
@@ -15,13 +15,13 @@ use crate::stop::paced;
 pub enum LightKind {
     /// A point on an emissive triangle.
     Area,
-    /// Delta light of this index: a point light or a spot.
+    /// The delta light with this index: a point light or a spot.
     Point(u32),
     Directional(u32),
     Environment,
 }
 
-/// A point (or direction) on a light, chosen without regard to who asks.
+/// A point (or direction) on a light, sampled independently of the receiver.
 #[derive(Clone, Copy, Debug)]
 pub struct LightSample {
     pub kind: LightKind,
@@ -29,18 +29,19 @@ pub struct LightSample {
     pub y: Vec3,
     /// Area: right-hand-rule unit normal.
     pub n: Vec3,
-    /// Radiance (area, with the mask's opacity; environment), intensity (point) or perpendicular irradiance (directional), geometry apart.
+    /// Radiance (area light, times the opacity of its mask; environment), intensity (point light) or perpendicular irradiance
+    /// (directional light), without any geometry factor.
     pub power: Vec3,
     /// Area: per unit area; environment: per steradian; delta lights: probability.
     pub pdf: f32,
     pub prim: PrimId,
     pub b: [f32; 3],
     pub two_sided: bool,
-    /// Of a spot light.
+    /// The cone of a spot light.
     pub cone: Option<Cone>,
 }
 
-/// A light as it arrives at a point: `power · geometry` is what the BSDF is to be multiplied with before dividing by the pdf.
+/// Light as it arrives at a point: `power · geometry` is multiplied with the BSDF and divided by the pdf.
 #[derive(Clone, Copy, Debug)]
 pub struct Arrival {
     /// Unit direction towards the light.
@@ -51,7 +52,8 @@ pub struct Arrival {
 }
 
 impl Arrival {
-    /// Of the light of a surface at `y` with normal `n`, seen from `x`; and whether it shines that way. No branch.
+    /// The light from a surface point `y` with normal `n` at the point `x`, and whether the surface emits in that direction. Has no
+    /// branches.
     #[inline(always)]
     pub fn from_surface(y: Vec3, n: Vec3, two_sided: bool, x: Vec3) -> (Arrival, bool) {
         let d = y - x;
@@ -64,24 +66,25 @@ impl Arrival {
     }
 }
 
-/// The share of a spot's intensity that shines one way, and its derivatives.
+/// The factor on a spot light's intensity in one direction, and its derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Falloff {
-    /// In [0, 1].
+    /// The factor, in [0, 1].
     pub value: f32,
-    /// In the unit direction, perpendicular to it.
+    /// Derivative in the unit direction, perpendicular to it.
     pub by_direction: Vec3,
-    /// In the axis of unit length, perpendicular to it.
+    /// Derivative in the unit axis, perpendicular to it.
     pub by_axis: Vec3,
-    /// In beam and cutoff.
+    /// Derivatives in beam and cutoff.
     pub by_angles: [f32; 2],
 }
 
 impl Cone {
-    /// s² (3 − 2s), where s goes with the angle θ between axis and `dir` (of unit length) from 0 at the cutoff to 1 at the beam.
+    /// The falloff s² (3 − 2s), where s goes from 0 at the cutoff to 1 at the beam, linearly in the angle θ between the axis and the unit
+    /// direction `dir`.
     pub fn falloff(&self, dir: Vec3) -> Falloff {
         let axis = self.axis.normalize();
-        // By the sine as well: the cosine alone knows nothing of small angles.
+        // Computed from sine and cosine, because the cosine alone does not resolve small angles.
         let (sin, cos) = (axis.cross(dir).length(), axis.dot(dir));
         let width = self.cutoff - self.beam;
         let s = ((self.cutoff - sin.atan2(cos)) / width).clamp(0.0, 1.0);
@@ -96,8 +99,8 @@ impl Cone {
         }
     }
 
-    /// ∫ falloff over all directions, in steradians: by parts ∫ (1 − cos θ) ∂falloff/∂θ, which the midpoint rule adds up to a
-    /// thousandth.
+    /// ∫ falloff over all directions, in steradians. Integrated by parts it is ∫ (1 − cos θ) ∂falloff/∂θ, which the midpoint rule gives
+    /// to a thousandth.
     pub(super) fn solid_angle(&self) -> f64 {
         const STEPS: u32 = 32;
         let (beam, width) = (f64::from(self.beam), f64::from(self.cutoff - self.beam));
@@ -110,7 +113,7 @@ impl Cone {
 }
 
 impl LightSample {
-    /// Stands where there is none.
+    /// A placeholder for no light.
     pub(crate) const NONE: LightSample = LightSample {
         kind: LightKind::Area,
         y: Vec3::ZERO,
@@ -123,7 +126,7 @@ impl LightSample {
         cone: None,
     };
 
-    /// Seen from `x`, without visibility; `None` if the light does not shine that way.
+    /// The light that arrives at `x`, without a visibility test; `None` if the light does not shine in that direction.
     #[inline]
     pub fn arrive(&self, x: Vec3) -> Option<Arrival> {
         match self.kind {
@@ -152,7 +155,7 @@ impl LightSample {
 
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Entry {
-    /// With the density per unit area of its points, of all lights of the table.
+    /// Area lights, with the density per unit area of their points among all lights of the table.
     Triangle {
         prim: PrimId,
         pdf: f32,
@@ -162,12 +165,12 @@ pub(super) enum Entry {
     Peak,
 }
 
-/// All lights with the probability of choosing each, proportional to power with a uniform share.
+/// All lights and the probability of choosing each: in proportion to power, mixed with a uniform part.
 #[derive(Clone, Debug, Default)]
 pub struct LightTable {
     pub(super) entries: Vec<Entry>,
     pub(super) pmf: Discrete,
-    /// With the environment's peak only, for edge-first shadow sampling.
+    /// The same distribution, with only the peak of the environment, for edge-first shadow sampling.
     pub(super) local_entries: Vec<Entry>,
     pub(super) local_pmf: Discrete,
     /// Probability per unit area of a primitive, 0 if it does not emit.
@@ -176,10 +179,12 @@ pub struct LightTable {
     pub(super) last_bounce_probability: f32,
 }
 
-/// The probability with which a path takes its last bounce from a diffuse surface, which can only find a light. Otherwise light sampling
-/// alone finds it: that saves rays where it is the better technique, and close to lights it is not alone.
+/// The probability with which a path continues for its last bounce at a diffuse surface. The ray of that bounce can only find a light, which
+/// light sampling finds too. Leaving out most of these rays saves time where light sampling is the better technique; close to lights it is
+/// not, so some must remain.
 const LAST_BOUNCE: f32 = 0.25;
-/// The share of all surfaces' area that emits above which all take it: among many lights BSDF sampling is the better technique.
+/// If more than this fraction of all surfaces' area emits, all paths take the last bounce: among many lights BSDF sampling is the better
+/// technique.
 const MANY_LIGHTS: f32 = 0.125;
 
 pub(super) fn mean_luminance(description: &SceneDescription, input: Input) -> f64 {
@@ -243,7 +248,7 @@ impl LightTable {
             local_weights.push(sky * f64::from(peak.mean));
         }
         let local_pmf = Discrete::new(defensive(&local_weights));
-        // All weights may be beyond what can be added up: then nothing is chosen.
+        // The sum of weights may overflow; then no light is chosen.
         let probability = |pmf: &Discrete, i: usize| if pmf.is_empty() { 0.0 } else { pmf.pmf(i) as f32 };
         let set_densities = |entries: &mut [Entry], pmf: &Discrete| {
             for (i, entry) in entries.iter_mut().enumerate() {
@@ -290,30 +295,31 @@ impl LightTable {
         self.environment_pmf
     }
 
-    /// The probability with which a path takes its last bounce from a diffuse surface: 0 where no ray can find a light, 1 under a sky.
+    /// The probability with which a path takes its last bounce at a diffuse surface: 0 if no ray can find a light, 1 if there is an
+    /// environment.
     #[inline]
     pub fn last_bounce_probability(&self) -> f32 {
         self.last_bounce_probability
     }
 
-    /// Whether the only light is one without area.
+    /// Whether there is exactly one light, a point or directional one.
     pub fn is_single_delta(&self) -> bool {
         matches!(self.entries.as_slice(), [Entry::Delta(_)])
     }
 
-    /// Number of lights, the environment one of them.
+    /// Number of lights, including the environment.
     pub fn count(&self) -> usize {
         self.entries.len()
     }
 
-    /// Number of lights, of the environment only its peak.
+    /// Number of lights, including the environment only if it has a peak.
     pub fn local_count(&self) -> usize {
         self.local_entries.len()
     }
 }
 
-/// Power-proportional with a tenth shared equally: a light estimated as dark (a texture of zeros that is being optimised)
-/// is still found.
+/// Probabilities in proportion to power, with a tenth shared equally among all lights: a light that is estimated as dark (such as a black
+/// texture that is being optimised) is still sampled.
 fn defensive(weights: &[f64]) -> Vec<f64> {
     let total: f64 = weights.iter().filter(|w| w.is_finite()).sum();
     let share = if total > 0.0 { 0.1 * total / weights.len() as f64 } else { 1.0 };

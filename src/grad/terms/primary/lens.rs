@@ -1,8 +1,7 @@
-//! Primary edges through a lens: where on film an edge may appear, from any point of the lens.
+//! Primary edges for cameras with a lens: the region of the film in which an edge may appear from any point of the lens.
 //!
-//! Each sample has a lens point of its own and sees through a pinhole camera there (`render::sensor`), so that only the
-//! choice of the edge point is special: pieces are cut by how far the edge is blurred, and none is left out whose blur
-//! reaches the film.
+//! Each sample has its own lens point and its own pinhole camera there (`render::sensor`), so only the choice of the edge point is
+//! special. Pieces are cut by how much the edge is blurred, and all pieces whose blur reaches the film are kept.
 
 use glam::{DVec2, Vec2};
 
@@ -12,14 +11,14 @@ use crate::image::Image;
 use crate::render::edges::Edge;
 use crate::render::{Lens, Projection, Settings};
 
-/// A square around the lens, in radii.
+/// Corners of a square around the lens, in radii.
 const CORNERS: [Vec2; 4] = [Vec2::new(-1.0, -1.0), Vec2::new(1.0, -1.0), Vec2::new(1.0, 1.0), Vec2::new(-1.0, 1.0)];
 
-/// Kind of an edge; `None` if nothing can jump there for any point of the lens.
+/// Classifies an edge; `None` if the image cannot be discontinuous there for any point of the lens.
 pub fn classify_through_lens(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Option<EdgeClass> {
     let p = edge.point(0.5);
     let along = (edge.p[1] - edge.p[0]).as_dvec3();
-    // Sides of all faces' planes: where the corners agree, so does all of the lens.
+    // On which side of all faces' planes the lens lies: if the corners of the square agree, so do all points of the lens.
     let sides = |point: Vec2| {
         let lens = Lens { point, ..viewpoint.camera.lens };
         let dir = viewpoint.through(lens).direction_to(p).as_dvec3();
@@ -31,14 +30,14 @@ pub fn classify_through_lens(viewpoint: &Viewpoint, edge: &Edge, settings: &Sett
     classify(viewpoint, edge, settings)
 }
 
-/// Pieces of an edge by its own parameter.
+/// Pieces of an edge, sampled uniformly by the edge parameter.
 pub fn blurred(viewpoint: &Viewpoint, edge: &Edge) -> Vec<Piece> {
-    /// Shortest part of an edge's length on film that is cut again.
+    /// Pieces shorter than this fraction of the edge's length on film are not cut again.
     const LEAST: f64 = 1e-4;
     let camera = &viewpoint.camera;
     let Some((whole, [z0, z1])) = clip_to_front(viewpoint, edge) else { return Vec::new() };
     let perspective = camera.projection == Projection::Perspective;
-    // Along the line on film 1/depth is linear (and so is the blur, but for its sign), without perspective the depth.
+    // With perspective, 1/depth is linear along the edge's image (and so is the blur, up to its sign). Without perspective the depth is.
     let depth = |t: f64| if perspective { 1.0 / ((1.0 - t) / z0 + t / z1) } else { (1.0 - t) * z0 + t * z1 };
     let size = DVec2::new(camera.width as f64, camera.height as f64);
     let mut pieces = Vec::new();
@@ -61,12 +60,12 @@ pub fn blurred(viewpoint: &Viewpoint, edge: &Edge) -> Vec<Piece> {
 }
 
 impl Piece {
-    /// Corners of the box in which any point of the lens may see the piece.
+    /// Corners of the bounding box of the piece's images from all points of the lens.
     fn reach(&self) -> [DVec2; 2] {
         [self.a.min(self.b) - self.blur, self.a.max(self.b) + self.blur]
     }
 
-    /// How much of what the lens shows of the piece falls on the film: all of it where nothing is blurred.
+    /// The fraction of the piece's bounding box that lies on the film; 1 without blur.
     pub fn share_on_film(&self, size: DVec2) -> f64 {
         if self.blur == 0.0 {
             return 1.0;
@@ -77,7 +76,7 @@ impl Piece {
         share.x * share.y
     }
 
-    /// Mean magnitude of the adjoint image around a blurred piece, where it is on film.
+    /// Mean magnitude of the adjoint image over the part of a blurred piece's bounding box that lies on the film.
     pub fn blurred_weight(&self, image: &Image) -> f64 {
         const MOST: f64 = 16.0;
         let size = DVec2::new(image.width as f64, image.height as f64);

@@ -1,9 +1,9 @@
-//! Boundary term of what the camera sees directly (or in a planar mirror): silhouettes and creases in the image.
+//! Boundary term of edges that the camera sees directly or in a planar mirror: silhouettes and creases in the image.
 //!
-//! dJ = Σ_edges ∫ δ(u) (L_fg − L_bg) n·u̇ dℓ over projected edges, with u̇ the velocity of the projected edge point and n the
-//! image normal from covering to uncovered side: Li et al. 2018, §4, in the image plane, the same for every
-//! projection. Unbiased; visibility of each sampled edge point is tested by a ray, the covering side is shaded from the
-//! known face, the uncovered side by a ray that ignores the edge's own faces.
+//! dJ = Σ_edges ∫ δ(u) (L_fg − L_bg) n·u̇ dℓ over projected edges, where u̇ is the velocity of the projected edge point and n the image
+//! normal from the covering to the uncovered side (Li et al. 2018, §4, in the image plane, which is the same for every projection).
+//! Unbiased: a ray tests the visibility of each sampled edge point, the covering side is shaded on the known face, and the uncovered side
+//! is found by a ray that skips the edge's own faces.
 
 mod lens;
 pub mod pieces;
@@ -25,12 +25,12 @@ use crate::render::integrator::{NoRecord, Options, Start, trace};
 use crate::render::sampler::{Discrete, Sampler, hash};
 use crate::render::{Output, Scene, Settings};
 
-/// Distance between an edge and the ray that looks past it: in pixels, and over the width of the film, whichever is less. What is
-/// narrower is not seen past the edge, such as the shadow right behind the foot of something that hangs a little above a floor.
+/// Distance between an edge and the ray past it: in pixels, and as a fraction of the film's width, whichever is less. Narrower features
+/// are missed, such as the shadow right behind the foot of something that hangs a little above a floor.
 const NUDGE: [f32; 2] = [1e-3, 1e-6];
-/// Antithetic pairs on a piece: more than one only for pieces that something else hides in part.
+/// Number of antithetic pairs on a piece. More than one is needed only for pieces that are partly occluded.
 const STRATA: u32 = 4;
-/// Samples of primary edges: all pieces turned the right way, with the plan how to visit them.
+/// The estimator of primary edges: all pieces in their order along chains, and the sampling plan.
 pub struct PrimaryEdges<'a> {
     viewpoints: &'a [Viewpoint<'a>],
     settings: &'a Settings,
@@ -41,22 +41,22 @@ pub struct PrimaryEdges<'a> {
 
 /// How edge points are sampled.
 enum Plan {
-    /// Antithetic pairs on every piece. For radiance without noise and pieces within one pixel: there the jump and the
-    /// adjoint are constant and the velocity is linear, so the pair integrates them exactly, and where something else
-    /// begins within the pixel it is still unbiased.
+    /// Antithetic pairs on every piece, for radiance without noise and pieces within one pixel. There the jump and the adjoint are
+    /// constant and the velocity is linear, so a pair integrates exactly. If an occluder begins within the pixel, the estimate is still
+    /// unbiased.
     Enumerate,
     /// Stratified over the pieces by weight.
     Sample { pmf: Discrete, count: u32 },
 }
 
-/// A sampled point of an edge, and the viewpoint that it is seen from.
+/// A sampled point of an edge, and the viewpoint from which it is seen.
 struct EdgeSample<'a> {
     edge: &'a Edge,
     viewpoint: Viewpoint<'a>,
     s: f32,
 }
 
-/// What an edge point shows.
+/// A boundary sample: an edge point with the jump of radiance across it.
 struct Boundary<'a> {
     viewpoint: Viewpoint<'a>,
     edge: &'a Edge,
@@ -73,9 +73,9 @@ struct Boundary<'a> {
 }
 
 impl<'a> PrimaryEdges<'a> {
-    /// Collects, clips and weights: samples go where the adjoint image is large. Pieces are stratified together along chains of edges, so that
-    /// noise depends less on the order of a mesh's faces. (Along a Hilbert curve of the film derivatives were as noisy or noisier,
-    /// docs/efficiency.md.)
+    /// Collects the edges, clips and cuts their images, and weights the pieces by the adjoint image. Pieces are stratified along chains
+    /// of edges, so that noise depends less on the order of a mesh's faces. (Derivatives were as noisy or noisier with pieces along a
+    /// Hilbert curve of the film, docs/efficiency.md.)
     pub fn new(
         viewpoints: &'a [Viewpoint<'a>],
         settings: &'a Settings,
@@ -115,7 +115,7 @@ impl<'a> PrimaryEdges<'a> {
                     own.reverse();
                     own.iter_mut().for_each(|piece| *piece = piece.reversed());
                 }
-                // Never zero: the middle of a curved piece may be off film where its ends are not.
+                // Never zero: the ends of a curved piece may coincide on film although its middle lies elsewhere.
                 let length = |p: &Piece| f64::from(line.weight) * (p.a.distance(p.b) + 1e-3) * p.share_on_film(size);
                 lengths.extend(own.iter().map(length));
             }
@@ -127,10 +127,10 @@ impl<'a> PrimaryEdges<'a> {
         edges
     }
 
-    /// Weights by length, by the adjoint image, and by the jump that a few pilot samples find: edges that are hidden or show
-    /// no contrast get little. Pilots are independent of the samples they plan, and no piece is left out, so the estimate
-    /// stays unbiased. One pilot a piece does what a depth buffer would, is exact where that is conservative, and costs one sample
-    /// in `MAX_PIECE_LENGTH`·spp: with a depth buffer besides no derivative had less noise, and all took longer (docs/efficiency.md).
+    /// Weights pieces by length, by the adjoint image, and by the jump that a few pilot samples find: edges that are hidden or have no
+    /// contrast get few samples. Pilots are independent of the samples that they plan, and no piece has zero weight, so the estimate is
+    /// unbiased. One pilot per piece does what a depth buffer would do, but exactly, and costs one sample in `MAX_PIECE_LENGTH`·spp. With
+    /// a depth buffer in addition no derivative had less noise, and all took longer (docs/efficiency.md).
     fn plan_samples(&self, lengths: &[f64], adjoint: &Image) -> Plan {
         let spp = f64::from(self.settings.spp.max(1));
         let total: f64 = lengths.iter().sum();
@@ -155,15 +155,15 @@ impl<'a> PrimaryEdges<'a> {
                 seen += lengths[i] * if factor.seen { 1.0 } else { 0.1 };
             }
         }
-        // As many samples a pixel of visible edge as the image has a pixel, but no less than one for four of the image's: an
-        // edge is as noisy as a surface, and matters more.
+        // As many samples per pixel of visible edge as the image has per pixel, but at least one for four of the image's: an edge is as
+        // noisy as a surface, and matters more.
         let camera = &self.viewpoints[0].camera;
         let least = (camera.width * camera.height) as f64 * spp / 4.0;
         let count = (seen * spp).max(least).clamp(1024.0, 1e7) as u32;
         Plan::Sample { pmf: Discrete::new(weights), count }
     }
 
-    /// The point of a piece at the fraction `rest` of its length on film (or of its parameter), as a point of the lens sees it.
+    /// The point of a piece at the fraction `rest` of its length on film (or of its parameter), seen from a random point of the lens.
     fn edge_sample(&self, piece: &Piece, rest: f64, sampler: &mut Sampler) -> Option<EdgeSample<'a>> {
         let viewpoint = &self.viewpoints[piece.viewpoint as usize];
         let viewpoint = viewpoint.through(viewpoint.camera.sample_lens(sampler).lens);
@@ -176,7 +176,7 @@ impl<'a> PrimaryEdges<'a> {
         (piece.a != piece.b).then_some(EdgeSample { edge, viewpoint, s })
     }
 
-    /// What a sampled point shows, unless its pixel is skipped or it is hidden or shows nothing.
+    /// Evaluates a sampled point; `None` if its pixel is skipped, or if it is occluded or has no jump.
     fn evaluate(
         &self,
         sample: &EdgeSample<'a>,
@@ -209,7 +209,7 @@ impl<'a> PrimaryEdges<'a> {
             return None;
         }
 
-        // The same random numbers on both sides.
+        // Both sides use the same random numbers.
         let scene = viewpoint.scene;
         let sides = Sides::choose(scene, edge, connection.dir, &view, s, sampler)?;
         let settings = self.settings;
@@ -244,16 +244,16 @@ impl<'a> PrimaryEdges<'a> {
         })
     }
 
-    /// The samples, where they need no choice.
+    /// The pass over all pieces, if the plan is to enumerate them.
     pub fn enumeration(&self) -> Option<Enumeration<'_>> {
         matches!(self.plan, Plan::Enumerate).then_some(Enumeration(self))
     }
 
-    /// One boundary sample on a piece, at a fraction of it; `weight` is one over the fraction's density.
+    /// Draws one boundary sample on a piece, at the fraction `rest` of it; `weight` is the inverse of the fraction's density.
     fn sample(&self, piece: &Piece, rest: f64, weight: f64, sampler: &mut Sampler, out: &mut impl Estimate) {
         let Some(sample) = self.edge_sample(piece, rest, sampler) else { return };
         let Some(b) = self.evaluate(&sample, sampler, |pixel| out.skips(pixel)) else { return };
-        // Per fraction → per pixel of arc length on film.
+        // Converts the density from per fraction of the piece to per pixel of arc length on film.
         let pixels = if is_straight(&b.viewpoint.camera) {
             piece.a.distance(piece.b)
         } else {
@@ -299,7 +299,7 @@ impl Estimator for PrimaryEdges<'_> {
     }
 }
 
-/// Every piece of edge: nothing is left to chance, or almost nothing.
+/// A pass over every piece, with stratified antithetic pairs of points on each.
 pub struct Enumeration<'a>(&'a PrimaryEdges<'a>);
 
 impl Pass for Enumeration<'_> {
@@ -330,14 +330,14 @@ struct SideRadiance<'a> {
     viewpoint: &'a Viewpoint<'a>,
     edge: &'a Edge,
     connection: &'a CameraConnection,
-    /// How far aside to look ([`Viewpoint::view`]).
+    /// Offset for lines of sight ([`Viewpoint::view`]).
     aside: Vec3,
     s: f32,
     prims: &'a [PrimId],
 }
 
 impl SideRadiance<'_> {
-    /// On one of the edge's own faces, right beside the edge.
+    /// The radiance of one of the edge's own faces, right beside the edge.
     fn face(&self, face: usize, sampler: &mut Sampler) -> Vec3 {
         let [at_edge, beside] =
             self.edge.beside(self.scene, face, self.s, self.connection.distance, -self.connection.dir);
@@ -352,7 +352,7 @@ impl SideRadiance<'_> {
         }
     }
 
-    /// Past the edge, through a film position just beside it.
+    /// The radiance past the edge, through a film position just beside it.
     fn past(&self, pixel: Vec2, sampler: &mut Sampler) -> Vec3 {
         let Some((ray, start, mut throughput)) = self.viewpoint.ray(pixel) else { return Vec3::ZERO };
         let mut skip: Vec<PrimId> = self.prims.iter().copied().chain(start).collect();
@@ -378,7 +378,7 @@ impl SideRadiance<'_> {
     }
 }
 
-/// Whether what an edge shows does not depend on random numbers: first-hit channels, emission alone, direct light of a
+/// Whether the values on both sides of edges do not depend on random numbers: first-hit channels, emission alone, or direct light of a
 /// single point or directional light, all without masks.
 fn is_noise_free(scene: &Scene, settings: &Settings) -> bool {
     !scene.masked
