@@ -1,26 +1,26 @@
-//! How much memory dscene may take. Whatever is about to take much asks first, and is refused in words instead of being ended
-//! by the system: `memory::ask(bytes)?` before the allocation, with the size known from a header, a count or a shape.
+//! The limit on memory. Code that is about to take much memory asks first, with `memory::ask(bytes)?` and the size known from a header, a
+//! count or a shape. It gets an error instead of being killed by the operating system.
 //!
-//! Nothing is reserved and nothing needs to be given back: what is held is what the system says that the process holds. The
-//! limit is one for the whole process ([`set_limit`], `--memory` on the command line); half of the machine's memory unless set.
+//! Nothing is reserved and nothing needs to be returned: the memory in use is what the operating system reports for the process. There is
+//! one limit for the whole process ([`set_limit`], `--memory` on the command line); the default is half of the machine's memory.
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// The limit that [`set_limit`] set; 0 is none.
+/// The limit that [`set_limit`] set; 0 if it was not called.
 static LIMIT: AtomicU64 = AtomicU64::new(0);
 
-/// Bytes that were granted since the system was last asked how much the process holds.
+/// Bytes that were granted since the operating system was last asked for the memory in use.
 static UNSEEN: AtomicU64 = AtomicU64::new(0);
 
-/// Asking the system takes some microseconds: it is asked after so many bytes at the latest.
+/// The operating system is asked after at most so many granted bytes, because asking takes some microseconds.
 const LOOK: u64 = 8 << 20;
 
-/// Where the machine does not say how much memory it has.
+/// The limit if the machine's memory is not known.
 const UNKNOWN_MACHINE: u64 = 16 << 30;
 
-/// There is not enough memory left within the limit.
+/// The error if there is not enough memory within the limit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "this takes {} of memory, more than is left of {} ({} are in use)",
@@ -29,23 +29,22 @@ const UNKNOWN_MACHINE: u64 = 16 << 30;
     size_text(*.held)
 )]
 pub struct Shortage {
-    /// Bytes that were asked for.
+    /// Bytes requested.
     pub needed: u64,
-    /// Bytes that the process held then.
+    /// Bytes in use by the process at that time.
     pub held: u64,
     pub limit: u64,
 }
 
 impl Shortage {
-    /// What to do about a shortage of which only the words are left, as in the errors of loaders; `None` if `message` does not
-    /// speak of one.
+    /// The help for a shortage of which only the message is left, as in errors of loaders; `None` if `message` is not about a shortage.
     pub fn help(message: &str) -> Option<&'static str> {
         let speaks = message.contains(" of memory, more than is left of ") && message.contains(" are in use)");
         speaks.then_some("make it smaller, or allow more than half of the machine's memory: `--memory 16GB`")
     }
 }
 
-/// Bounds the memory of this process, in bytes.
+/// Sets the limit on the memory of this process, in bytes.
 pub fn set_limit(bytes: u64) {
     LIMIT.store(bytes.max(1), Ordering::Relaxed);
 }
@@ -60,7 +59,7 @@ pub fn limit() -> u64 {
 
 static DEFAULT: OnceLock<u64> = OnceLock::new();
 
-/// Whether `bytes` more fit within the limit. Cheap: small amounts are summed up before the system is asked.
+/// An error if `bytes` more do not fit within the limit. Cheap, because small amounts are summed up before the operating system is asked.
 pub fn ask(bytes: u64) -> Result<(), Shortage> {
     let unseen = UNSEEN.fetch_add(bytes, Ordering::Relaxed).saturating_add(bytes);
     let limit = limit();
@@ -72,42 +71,42 @@ pub fn ask(bytes: u64) -> Result<(), Shortage> {
     if held.saturating_add(bytes) > limit { Err(Shortage { needed: bytes, held, limit }) } else { Ok(()) }
 }
 
-/// Whether `bytes` more fit within `limit`, if that is less than the process's own.
+/// [`ask`], but with another limit, if that is less than the process's own.
 pub fn ask_within(bytes: u64, limit: u64) -> Result<(), Shortage> {
     ask(bytes)?;
     let held = held();
     if held.saturating_add(bytes) > limit { Err(Shortage { needed: bytes, held, limit }) } else { Ok(()) }
 }
 
-/// Room for `count` things of type `T`.
+/// Asks for the memory of `count` values of type `T`.
 pub fn ask_for<T>(count: usize) -> Result<(), Shortage> {
     ask((count as u64).saturating_mul(size_of::<T>() as u64))
 }
 
-/// Takes room for `bytes` in work whose way back has no errors, as that of tables that are built when first looked at: where there is
-/// none the work ends, and [`bounded`] tells.
+/// Asks for memory in code that cannot return an error, such as tables that are built when first used. If there is not enough, the work
+/// ends and [`bounded`] returns the error.
 pub fn need(bytes: u64) {
     if let Err(shortage) = ask(bytes) {
-        // No panic: no hook is called.
+        // This unwinds without calling the panic hook.
         resume_unwind(Box::new(shortage));
     }
 }
 
-/// Does work that ends early for want of memory: where it [`need`]s more than there is.
+/// Does work that ends early with an error if it [`need`]s more memory than there is.
 pub fn bounded<T>(work: impl FnOnce() -> T) -> Result<T, Shortage> {
     catch_unwind(AssertUnwindSafe(work)).map_err(|payload| match payload.downcast::<Shortage>() {
         Ok(shortage) => *shortage,
-        // Something else, which is somebody else's to catch.
+        // Any other panic goes on unwinding.
         Err(payload) => resume_unwind(payload),
     })
 }
 
-/// Bytes that this process holds; 0 where the system does not say.
+/// Bytes in use by this process; 0 if the operating system does not report it.
 pub fn held() -> u64 {
     memory_stats::memory_stats().map_or(0, |m| m.physical_mem as u64)
 }
 
-/// `512 MB`, `8GB`, `1.5 GiB` or bytes without a unit.
+/// Parses a size: `512 MB`, `8GB`, `1.5 GiB`, or bytes without a unit.
 pub fn parse_size(text: &str) -> Result<u64, String> {
     let expected = || "expected a size such as 8GB or 500MB".to_owned();
     let text = text.trim();
@@ -132,7 +131,7 @@ pub fn parse_size(text: &str) -> Result<u64, String> {
     Ok(bytes as u64)
 }
 
-/// A size for people: three digits and a unit.
+/// Formats a size with three digits and a unit.
 pub fn size_text(bytes: u64) -> String {
     let bytes = bytes as f64;
     let (number, unit) = match bytes {
@@ -145,7 +144,7 @@ pub fn size_text(bytes: u64) -> String {
     if number < 1e4 { format!("{number:.digits$} {unit}") } else { format!("{number:.1e} {unit}") }
 }
 
-/// The machine's memory, or what a container lets this process have of it.
+/// The machine's memory, or the limit of a container.
 fn machine() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|l| l.strip_prefix("MemTotal:"))?;

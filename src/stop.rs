@@ -1,8 +1,8 @@
-//! How long work is ended early, as Ctrl-C asks for it. Whoever may want to stop some work runs it by [`until`] with a flag; every
-//! loop that may take more than some hundredths of a second calls [`check`] now and then, which ends the work once the flag is set.
+//! Ends long work early, as Ctrl-C asks for it. A caller that may want to stop some work runs it by [`until`] with a flag. Every loop
+//! that may take more than some hundredths of a second calls [`check`] regularly, which ends the work once the flag is set.
 //!
-//! What is ended unwinds to [`until`], so that neither filters nor readers nor builders of trees need a result of their own for it;
-//! what they were making is dropped. Work that asks nobody, since others wrote it, goes through [`apart`].
+//! Work that is ended unwinds to [`until`] and drops what it was making, so that filters, readers and builders of trees need no result
+//! type for it. Work that cannot check, because it is done by other libraries, is run by [`apart`].
 
 use std::cell::{Cell, RefCell};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -11,17 +11,17 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
 use std::time::Duration;
 
-/// The work was ended before its end.
+/// The error of work that was ended early.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stopped;
 
 /// Elements of cheap work between two checks of a [`Pace`]: some milliseconds.
 const STRIDE: usize = 1 << 16;
 
-/// How often the flag is looked at while work is done [`apart`].
+/// Interval at which the flag is checked while work is done [`apart`].
 const LOOK: Duration = Duration::from_millis(20);
 
-/// Stack of a thread that works apart: readers of files nest as deeply as files do.
+/// Stack size of a thread that works apart: readers of files recurse as deeply as the files are nested.
 const STACK: usize = 64 << 20;
 
 thread_local! {
@@ -29,9 +29,9 @@ thread_local! {
     static CHECKS: Cell<u64> = const { Cell::new(0) };
 }
 
-/// Does `work`, which ends early if it checks after `flag` was set. What it changes must bear being left half done.
+/// Does `work`, which ends early if it checks after `flag` was set. Data that it modifies must remain valid if it is left half done.
 pub fn until<T>(flag: &Arc<AtomicBool>, work: impl FnOnce() -> T) -> Result<T, Stopped> {
-    /// Puts back the flag of the work around this one, also when unwinding.
+    /// Restores the flag of the surrounding work, also when unwinding.
     struct Outer(Option<Arc<AtomicBool>>);
     impl Drop for Outer {
         fn drop(&mut self) {
@@ -41,31 +41,31 @@ pub fn until<T>(flag: &Arc<AtomicBool>, work: impl FnOnce() -> T) -> Result<T, S
     let _outer = Outer(FLAG.replace(Some(flag.clone())));
     catch_unwind(AssertUnwindSafe(work)).map_err(|payload| match payload.downcast::<Stopped>() {
         Ok(stopped) => *stopped,
-        // A fault, which is somebody else's to catch.
+        // Any other panic is a bug and goes on unwinding.
         Err(payload) => resume_unwind(payload),
     })
 }
 
-/// Ends the work of this thread if it is to stop. Costs some nanoseconds.
+/// Ends the work of this thread if its flag is set. Costs some nanoseconds.
 pub fn check() {
     CHECKS.set(CHECKS.get() + 1);
     if FLAG.with_borrow(|flag| flag.as_ref().is_some_and(|f| f.load(Ordering::Relaxed))) {
-        // No panic: no hook is called, and nothing is told.
+        // This unwinds without calling the panic hook, so that no message is printed.
         resume_unwind(Box::new(Stopped));
     }
 }
 
-/// How often this thread has checked: tests count work by it.
+/// Number of checks that this thread has made, by which tests count work.
 pub fn checks() -> u64 {
     CHECKS.get()
 }
 
-/// Counts what is done and checks from time to time, for loops that take little a turn.
+/// Counts elements of work and checks from time to time, for loops whose iterations are short.
 #[derive(Default)]
 pub struct Pace(usize);
 
 impl Pace {
-    /// So many elements are about to be worked on.
+    /// Announces the next `elements` elements of work.
     #[inline]
     pub fn step(&mut self, elements: usize) {
         self.0 += elements;
@@ -76,19 +76,20 @@ impl Pace {
     }
 }
 
-/// The same items, with a [`Pace`] that each of them steps on by so many elements: for loops that are iterators.
+/// An iterator over the same items that steps a [`Pace`] by a number of elements for each.
 pub fn paced<I: IntoIterator>(items: I, elements: usize) -> impl Iterator<Item = I::Item> {
     let mut pace = Pace::default();
     items.into_iter().inspect(move |_| pace.step(elements))
 }
 
-/// The flag of this thread's work, for threads that help with it: they look at it and return, and this one checks afterwards.
+/// The flag of this thread's work, for threads that help with it. They check it and return early, and this thread calls [`check`]
+/// afterwards.
 pub fn flag() -> Arc<AtomicBool> {
     FLAG.with_borrow(Option::clone).unwrap_or_default()
 }
 
-/// Does work that never checks on a thread of its own, which is left behind if this one is to stop. Where nobody may want to stop,
-/// it is done here.
+/// Does work that never checks, on a thread of its own, which is abandoned if this one is to stop. If nothing may stop this thread, the
+/// work is done here.
 pub fn apart<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
     let Some(flag) = FLAG.with_borrow(Option::clone) else { return work() };
     let (sender, receiver) = sync_channel(1);

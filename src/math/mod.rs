@@ -28,12 +28,12 @@ pub fn d_normalize(v: Vec3, d_unit: Vec3) -> Vec3 {
     (d_unit - unit * unit.dot(d_unit)) / length
 }
 
-/// What tells positions apart: their bits, with −0 as 0.
+/// A key by which positions are compared and hashed: their bits, with −0 as 0.
 pub fn position_key(p: Vec3) -> [u32; 3] {
     (p + Vec3::ZERO).to_array().map(f32::to_bits)
 }
 
-/// What tells segments apart, whichever end comes first.
+/// A key by which segments are compared and hashed, whichever end comes first.
 pub fn segment_key(ends: [Vec3; 2]) -> [[u32; 3]; 2] {
     let mut key = ends.map(position_key);
     key.sort_unstable();

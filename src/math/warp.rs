@@ -3,8 +3,8 @@ use std::hint::select_unpredictable;
 
 use glam::{Vec2, Vec3};
 
-/// Shirley and Chiu's concentric map of the unit square to the unit disk. Which half of the square a point is in cannot be foreseen:
-/// no branch depends on it.
+/// Shirley and Chiu's concentric map of the unit square to the unit disk. It has no branch on the half of the square in which the point
+/// lies, because the processor could not predict it.
 #[inline(always)]
 pub fn uniform_disk(u: [f32; 2]) -> Vec2 {
     let (x, y) = (2.0 * u[0] - 1.0, 2.0 * u[1] - 1.0);

@@ -1,7 +1,7 @@
 //! Four dimensions of a scrambled Sobol sequence (Burley 2020, "Practical Hash-based Owen Scrambling"), without a branch.
 //!
-//! The usual way walks the bits of the index, and the walk's end is guessed wrong by the processor nearly every time. Here four
-//! bits at a time choose from tables, and the dimensions go through the rest side by side, in as wide registers as there are.
+//! The usual implementation loops over the bits of the index, and the processor mispredicts the end of that loop nearly every time. Here
+//! tables are indexed by four bits at a time, and the four dimensions are computed side by side in SIMD registers.
 
 use crate::math::hash_u32;
 
@@ -11,13 +11,13 @@ pub const INDEX_BITS: u32 = 16;
 const DIMENSIONS: usize = 4;
 const DIGITS: usize = INDEX_BITS as usize / 4;
 
-/// What the hexadecimal digits of an index (bits reversed, highest first) add to the point (bits reversed).
+/// By hexadecimal digit of the index (bits reversed, highest first): its contribution to the point (bits reversed).
 static TABLES: [[[u32; DIMENSIONS]; 16]; DIGITS] = tables();
 
 /// Joe and Kuo's (2008) direction numbers: a primitive polynomial's degree and inner coefficients, and the first odd numbers.
 const POLYNOMIALS: [(usize, u32, [u32; 3]); DIMENSIONS - 1] = [(1, 0, [1, 0, 0]), (2, 1, [1, 3, 0]), (3, 1, [1, 3, 1])];
 
-/// What each bit of the index, lowest first, adds to a dimension.
+/// The contribution of each bit of the index, lowest first, to a dimension.
 const fn directions(dimension: usize) -> [u32; INDEX_BITS as usize] {
     let mut v = [0; INDEX_BITS as usize];
     let mut k = 0;

@@ -140,8 +140,8 @@ impl Accel {
         self.closest_from(ray, None, skip).found()
     }
 
-    /// Intersects a ray with the root's boxes. This has no branches that depend on the ray, so that a processor can overlap the tests of
-    /// many rays if they are made one after the other.
+    /// Intersects a ray with the root's boxes. This has no branches that are hard to predict, so that a processor can overlap the tests
+    /// of many rays if they are made one after the other.
     #[inline(always)]
     pub fn intersect_root(&self, ray: &Ray) -> RootHits {
         if self.tree.nodes.is_empty() || !is_finite(ray) {

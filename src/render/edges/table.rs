@@ -101,8 +101,7 @@ struct FacePosition {
     /// Cosine of the angle between the face and the direction towards the viewer, up to a positive factor: of two faces on one side of the
     /// plane, the one with the larger value hides the other.
     nearness: f64,
-    /// How far the face is from being seen edge-on: the distance of its opposite corner from the plane through viewer and edge, less the
-    /// distance that counts as edge-on. Negative if the face is seen edge-on.
+    /// How far the face is from being seen edge-on, as a length at its opposite corner; not positive if it counts as seen edge-on.
     tilt: f64,
 }
 

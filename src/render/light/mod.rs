@@ -1,4 +1,4 @@
-//! Lights: which there are, and choosing a point on one of them.
+//! Lights: the table of a scene's lights, and sampling of points on them.
 
 mod choice;
 pub mod table;
