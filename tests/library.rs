@@ -1,8 +1,10 @@
 //! The standard library: every example evaluates, and what the checker says of a value's type is true of the value.
 
+use dscene::check::types::Ty;
 use dscene::check::{Disk, Line, check_line, check_text};
 use dscene::diag::{RenderOptions, render, render_all};
 use dscene::eval::{Engine, EngineOptions, on_large_stack};
+use dscene::natives::fields_of;
 
 #[path = "common/typed.rs"]
 mod typed;
@@ -257,6 +259,34 @@ fn inferred_sizes_are_the_real_ones() {
         let mut engine = engine();
         let wrong: Vec<String> = SIZES.iter().filter_map(|e| faults(&mut engine, e)).collect();
         assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+    });
+}
+
+/// The checker knows the inputs of every material that the library has an example of.
+#[test]
+fn inputs_of_materials_check() {
+    on_large_stack(|| {
+        let mut engine = engine();
+        let mut program = engine.program().clone();
+        let examples: Vec<String> = program
+            .decls
+            .iter()
+            .filter(|d| !d.user)
+            .filter_map(|d| d.doc.split_once("Example: ").map(|(_, example)| example.to_owned()))
+            .collect();
+        let mut inputs = 0;
+        for example in examples {
+            let Some(Line::Expr(e)) = check_line(&mut program, &example).0 else { continue };
+            if e.ty != Ty::Material {
+                continue;
+            }
+            let Ok(material) = engine.eval(&e) else { panic!("{example}") };
+            for input in fields_of(&material) {
+                inputs += 1;
+                assert_eq!(faults(&mut engine, &format!("({example}).{input}")), None);
+            }
+        }
+        assert!(inputs > 12, "{inputs}");
     });
 }
 

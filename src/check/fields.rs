@@ -1,8 +1,10 @@
 //! `v.xy`, `mesh.vertices`, `lamp.radiance`, `studio.three_point`.
 
+use std::sync::LazyLock;
+
 use super::hir::{Callee, Expr, ExprKind, Program, Target};
 use super::infer::{Typed, item_of, typed};
-use super::modules::Checker;
+use super::modules::{Checker, constructors};
 use super::types::{Dim, Ty};
 use crate::diag::{Diagnostic, did_you_mean, suggest};
 use crate::source::Span;
@@ -96,7 +98,7 @@ impl Checker<'_> {
                 _ => false,
             };
         }
-        let parts = LIGHTS.iter().chain(&MATERIALS).find(|(n, _)| *n == native).map(|(_, parts)| *parts);
+        let parts = lights().chain(materials()).find(|(n, _)| *n == native).map(|(_, parts)| parts);
         let Some(signature) = self.signature(id) else { return false };
         let at = signature.params.iter().position(|p| p.name == name.text);
         let left_out = at.is_some_and(|i| call.args.get(i).is_some_and(Option::is_none));
@@ -176,19 +178,21 @@ const LIGHTS: [(&str, &[&str]); 7] = [
     ("constant", &["radiance", "image", "rotation"]),
 ];
 
-/// Materials by constructor, with their inputs.
-const MATERIALS: [(&str, &[&str]); 5] = [
-    ("diffuse", &["reflectance"]),
-    ("mirror", &["reflectance"]),
-    ("conductor", &["reflectance", "roughness", "eta", "k"]),
-    ("phong", &["diffuse", "specular", "roughness"]),
-    ("principled", &["base_color", "metallic", "roughness", "specular"]),
-];
+/// Materials by constructor, with their inputs: the arguments that the library declares.
+static MATERIALS: LazyLock<Vec<(String, Vec<String>)>> = LazyLock::new(|| constructors("material", "material"));
 
-fn all_parts(table: &[(&'static str, &'static [&'static str])]) -> Vec<&'static str> {
+fn materials() -> impl Iterator<Item = (&'static str, Vec<&'static str>)> {
+    MATERIALS.iter().map(|(name, inputs)| (name.as_str(), inputs.iter().map(String::as_str).collect()))
+}
+
+fn lights() -> impl Iterator<Item = (&'static str, Vec<&'static str>)> {
+    LIGHTS.into_iter().map(|(name, parts)| (name, parts.to_vec()))
+}
+
+fn all_parts(table: impl Iterator<Item = (&'static str, Vec<&'static str>)>) -> Vec<&'static str> {
     let mut all: Vec<&'static str> = Vec::new();
-    for part in table.iter().flat_map(|(_, parts)| *parts) {
-        if !all.contains(part) {
+    for part in table.flat_map(|(_, parts)| parts) {
+        if !all.contains(&part) {
             all.push(part);
         }
     }
@@ -209,8 +213,8 @@ pub fn fields_of(ty: &Ty) -> Vec<&'static str> {
             fields.split(' ').collect()
         }
         Ty::Shape => vec!["mesh", "material"],
-        Ty::Light => all_parts(&LIGHTS),
-        Ty::Material => [all_parts(&MATERIALS), vec!["opacity"]].concat(),
+        Ty::Light => all_parts(lights()),
+        Ty::Material => [all_parts(materials()), vec!["opacity"]].concat(),
         Ty::Texture => vec!["texels", "width", "height"],
         Ty::Scene => vec!["shapes", "lights"],
         Ty::Estimate(_) => vec!["mean", "std_error"],

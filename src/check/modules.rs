@@ -28,6 +28,22 @@ const LIBRARY: [(&str, bool, &str); 10] = [
     ("studio", false, include_str!("../../stdlib/studio.dscene")),
 ];
 
+/// The natives of a module of the library that make a thing of some type out of others, with the names of their arguments.
+pub fn constructors(module: &str, ty: &str) -> Vec<(String, Vec<String>)> {
+    let mut sources = SourceMap::new();
+    let text = LIBRARY.iter().find(|(name, ..)| *name == module).map_or("", |(.., text)| text);
+    let source = sources.add(module, None, text);
+    let named = |kind: &ast::TypeKind| matches!(kind, ast::TypeKind::Named(name) if name == ty);
+    let is = |ty: &Option<ast::Type>| ty.iter().flat_map(|ty| &ty.choices).any(|atom| named(&atom.kind));
+    let native = |f: &ast::Fn| f.body.is_none() && is(&f.result) && !f.params.iter().any(|p| is(&p.ty));
+    let statements = syntax::parse(&sources, source).0.statements.into_iter();
+    let constructor = |statement: ast::Statement| match statement.kind {
+        StatementKind::Fn(f) if native(&f) => Some((f.name.text, f.params.into_iter().map(|p| p.name.text).collect())),
+        _ => None,
+    };
+    statements.filter_map(constructor).collect()
+}
+
 /// Most names that are compared in one check to find suggestions for unknown names; about a tenth of a second.
 const SPELLING_BUDGET: usize = 1 << 24;
 
