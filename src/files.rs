@@ -1,6 +1,6 @@
 //! Files of the outside world: read whole, if they are ordinary and of bearable size; written whole or not at all.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::{self, Read, Write};
 use std::path::{Component, Path, PathBuf};
@@ -30,7 +30,34 @@ pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::with_capacity(metadata.len() as usize);
     file.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes)?;
     // Files that the system makes up (those of /proc) and files that grow have more than they say.
-    if bytes.len() as u64 > MAX_FILE_BYTES { Err(too_large(bytes.len() as u64)) } else { Ok(bytes) }
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        return Err(too_large(bytes.len() as u64));
+    }
+    note(path, Some(fingerprint(&bytes)));
+    Ok(bytes)
+}
+
+/// The bytes of a file that dscene itself has written, however many: it is no input of a script.
+pub fn read_own(path: &Path) -> io::Result<Vec<u8>> {
+    let metadata = fs::metadata(path)?;
+    if !metadata.is_file() {
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, not_a_file(&metadata)));
+    }
+    memory::ask(metadata.len()).map_err(io::Error::other)?;
+    fs::read(path)
+}
+
+/// A hash of a file's bytes, by which a later run sees whether it still is the same file. It guards against oversight, not against
+/// those who want two files to have the same.
+pub fn fingerprint(bytes: &[u8]) -> u64 {
+    let mix = |hash: u64, word: u64| ((hash ^ word).wrapping_mul(0x9E37_79B9_7F4A_7C15)).rotate_left(29);
+    let words = bytes.chunks_exact(8);
+    let rest = words.remainder();
+    let hash =
+        words.fold(bytes.len() as u64, |hash, w| mix(hash, u64::from_le_bytes(w.try_into().unwrap_or_default())));
+    let hash = rest.iter().fold(hash, |hash, byte| mix(hash, u64::from(*byte)));
+    let hash = (hash ^ (hash >> 32)).wrapping_mul(0xD6E8_FEB8_6659_FD93);
+    hash ^ (hash >> 32)
 }
 
 fn ordinary(metadata: &fs::Metadata) -> io::Result<()> {
@@ -65,14 +92,26 @@ fn too_large(bytes: u64) -> io::Error {
     io::Error::new(io::ErrorKind::FileTooLarge, format!("the file has {size}, more than the limit of {limit}"))
 }
 
-/// The files that this process has read or is about to read.
-static INPUTS: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
+/// The files that this process has read, with their fingerprints, or is about to read.
+static INPUTS: Mutex<BTreeMap<PathBuf, Option<u64>>> = Mutex::new(BTreeMap::new());
 
 /// Remembers a file that is read, or named to be read later: [`is_input`] says so from now on.
 pub fn note_input(path: &Path) {
+    note(path, None);
+}
+
+fn note(path: &Path, found: Option<u64>) {
     if let Ok(path) = path.canonicalize() {
-        INPUTS.lock().unwrap_or_else(PoisonError::into_inner).insert(path);
+        let mut inputs = INPUTS.lock().unwrap_or_else(PoisonError::into_inner);
+        let known = inputs.entry(path).or_default();
+        *known = found.or(*known);
     }
+}
+
+/// The files that were read so far, by their full paths, with their fingerprints.
+pub fn inputs() -> Vec<(PathBuf, u64)> {
+    let inputs = INPUTS.lock().unwrap_or_else(PoisonError::into_inner);
+    inputs.iter().filter_map(|(path, found)| Some((path.clone(), (*found)?))).collect()
 }
 
 /// Whether something written to this path would replace a file that was read: by the same or another spelling, or through a link.
@@ -80,7 +119,7 @@ pub fn is_input(path: &Path) -> bool {
     // What is not there was not read.
     let Ok(target) = path.canonicalize() else { return false };
     let inputs = INPUTS.lock().unwrap_or_else(PoisonError::into_inner);
-    inputs.contains(&target) || inputs.iter().any(|input| is_same_file(input, &target))
+    inputs.contains_key(&target) || inputs.keys().any(|input| is_same_file(input, &target))
 }
 
 /// Whether two paths are hard links to one file.
@@ -120,7 +159,9 @@ pub fn is_run_file(name: &str) -> bool {
     let name = name.trim_end_matches(['.', ' ']);
     let is_or_precedes =
         |own: &str| name.strip_prefix(own).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'));
-    ["run.json", "log.jsonl", "report.html", "checkpoint", RUN_LOCK].into_iter().any(is_or_precedes)
+    ["run.json", "log.jsonl", "report.html", "checkpoint", "events.out.tfevents", RUN_LOCK]
+        .into_iter()
+        .any(is_or_precedes)
 }
 
 /// The file in a run folder that its writer keeps locked.
@@ -133,14 +174,37 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let name = path.file_name().ok_or_else(|| io::Error::other("the path names no file"))?;
     let number = COUNTER.fetch_add(1, Ordering::Relaxed);
     let temporary = path.with_file_name(format!(".{}.{}-{number}.tmp", name.to_string_lossy(), std::process::id()));
+    write_through(&temporary, path, bytes)
+}
+
+/// Whether a name is that of a file which [`write_atomically`] had begun when its process was killed: `.NAME.PROCESS-NUMBER.tmp`.
+pub fn is_leftover(name: &str) -> bool {
+    let digits = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+    let numbers =
+        name.strip_prefix('.').and_then(|rest| rest.strip_suffix(".tmp")).and_then(|rest| rest.rsplit_once('.'));
+    numbers.and_then(|(_, numbers)| numbers.split_once('-')).is_some_and(|(a, b)| digits(a) && digits(b))
+}
+
+/// [`write_atomically`] for a file that only this process writes, and writes again and again: `FILE.part` is all that a process which
+/// is killed leaves behind, and the next one replaces it.
+pub fn rewrite(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let name = path.file_name().ok_or_else(|| io::Error::other("the path names no file"))?;
+    let part = path.with_file_name(format!("{}.part", name.to_string_lossy()));
+    match fs::remove_file(&part) {
+        Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
+        _ => write_through(&part, path, bytes),
+    }
+}
+
+fn write_through(temporary: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
     // Made anew: what already has the name, a link for instance, is not written through.
-    let mut file = fs::File::create_new(&temporary)?;
+    let mut file = fs::File::create_new(temporary)?;
     let written = file.write_all(bytes).and_then(|()| file.sync_all());
     drop(file);
-    let renamed = written.and_then(|()| fs::rename(&temporary, path));
+    let renamed = written.and_then(|()| fs::rename(temporary, path));
     if renamed.is_err() {
         // What went wrong first matters more than whether the leftover can be removed.
-        let _ = fs::remove_file(&temporary);
+        let _ = fs::remove_file(temporary);
     }
     renamed
 }
@@ -205,11 +269,24 @@ mod tests {
         {
             assert_eq!(refused_output(name), None, "{name:?}");
         }
+        assert!(is_leftover(".x.png.123-0.tmp") && is_leftover(".run.json.7-12.tmp"));
+        assert!(
+            !["x.png.123-0.tmp", ".x.png.tmp", ".x.1-.tmp", ".x.a-0.tmp", ".tmp", ".1-0.tmp"]
+                .iter()
+                .any(|n| is_leftover(n))
+        );
         for name in ["", "..", "../x.png", "/etc/x.png", "a/../../x.png", "a/../run.json", "."] {
             assert_eq!(refused_output(name).unwrap().0, "outputs are written into the run folder", "{name:?}");
         }
         let own = ["run.json", "./run.json", ".//Run.JSON", "LOG.jsonl", "checkpoint.json", "chec\u{212a}point.npy"];
-        let own = own.into_iter().chain(["run.json.part", "run.json. ", "run.j\u{17f}on", ".lock", "report.html"]);
+        let own = own.into_iter().chain([
+            "events.out.tfevents",
+            "run.json.part",
+            "run.json. ",
+            "run.j\u{17f}on",
+            ".lock",
+            "report.html",
+        ]);
         for name in own {
             assert!(refused_output(name).is_some_and(|(what, _)| what.contains("run itself")), "{name:?}");
         }

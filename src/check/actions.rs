@@ -122,8 +122,8 @@ impl Checker<'_> {
             Ty::Image { .. } | Ty::Texture => &["png", "exr", "hdr", "npy", "json", "txt"],
             Ty::Angle | Ty::Rotation | Ty::Transform => &["json", "csv", "npy", "txt"],
             Ty::Bool | Ty::Str | Ty::Array(..) | Ty::Tuple(_) | Ty::Estimate(_) | Ty::Gradients => &["json", "txt"],
-            Ty::Mesh => &["obj", "ply", "json", "txt"],
-            _ => &["png", "exr", "hdr", "obj", "ply", "json", "csv", "npy", "txt"],
+            Ty::Mesh => &["obj", "ply", "glb", "json", "txt"],
+            _ => &["png", "exr", "hdr", "obj", "ply", "glb", "json", "csv", "npy", "txt"],
         };
         // The extension may be known even if the name is interpolated.
         let tail = match (&typed.expr.kind, &typed.value) {

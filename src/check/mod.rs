@@ -38,6 +38,7 @@ pub use fields::type_of;
 pub use flow::{children, reaching_params, reaching_params_of};
 pub use lines::{Line, check_line};
 use modules::Checker;
+pub use modules::normal;
 
 /// The outside world as the checker sees it.
 pub trait Loader {

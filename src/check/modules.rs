@@ -613,7 +613,7 @@ fn override_field(kind: &mut StatementKind, field: ast::Name, value: ast::Expr, 
 }
 
 /// Normalises a path, so that `a/./b/../c` and `a/c` are the same file.
-fn normal(path: &Path) -> PathBuf {
+pub fn normal(path: &Path) -> PathBuf {
     let mut out = PathBuf::new();
     for part in path.components() {
         match part {

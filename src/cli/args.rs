@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use crate::session::Override;
 
@@ -32,9 +32,12 @@ Examples:
   dsl run scene.dscene --out result --seed 7         into result/, with other random samples
   dsl run scene.dscene --out result --force          the same once more, in place of the run that is there
   dsl run scene.dscene --set spp=16 --steps 20       override a declaration, shorten the optimisation
+  dsl run scene.dscene --resume result               go on with what was interrupted or killed
 
-The run folder holds run.json (script, imports, overrides, version, seed), log.jsonl (one object per step) and what the
-script saves. With --json, each line of standard output is one object: {\"event\": \"print\", \"text\": …}, and at the end
+The run folder holds run.json (script, imports, overrides, version, seed), log.jsonl (one object per step), checkpoint.bin
+(what --resume goes on from) and what the script saves. A line of the log has step, of (the loss), stage, loss, lr, grad_norm,
+gradients (by param: norm, and standard error as steps differ), skipped_steps, samples, bytes (of memory), seconds, and the params
+of up to 64 numbers; all but bytes and seconds follow from the seed. With --json, each line of standard output is one object: {\"event\": \"print\", \"text\": …}, and at the end
 {\"event\": \"done\", \"exit\": …, \"out\": …, \"steps\": …, \"saved\": […], …}. Ctrl-C ends after the current step with exit code 130; a second one ends at once.")]
     Run(RunArgs),
     /// Reports all errors and warnings without running anything
@@ -74,6 +77,18 @@ Examples:
   dsl eval scene.dscene 'mean(render(eye, spp: 16))'
   dsl eval scene.dscene corners[0] --json            {\"value\": …, \"type\": \"…\", \"seconds\": …}")]
     Eval(EvalArgs),
+    /// What a run has found: its params as numbers, the meshes that they make, or the script with them
+    #[command(after_help = "\
+Examples:
+  dsl export runs/scene-20261121-093312              the params at the last checkpoint, as JSON
+  dsl export RUN --step 20                           those of a step (steps count from 0 in each `optimize`)
+  dsl export RUN --format npy --out found            each param in a file of its own, found/NAME.npy
+  dsl export RUN --format glb --out found            each mesh, shape and area light that params move, found/NAME.glb
+  dsl export RUN --script > found.dscene             the script as it was run, with the found values as initial ones
+
+A run writes checkpoints every 30 seconds (`dsl run --checkpoint N`: every N steps), when it is interrupted, and at its end. The log
+has the params of each step that have up to 64 numbers; for larger ones the steps are taken again, from the first one on.")]
+    Export(ExportArgs),
     /// An interactive session: declarations, expressions, gradients
     #[command(after_help = "\
 Examples:
@@ -117,9 +132,18 @@ pub struct RunArgs {
     /// Steps of each `optimize`, in place of the script's
     #[arg(long, value_name = "N")]
     pub steps: Option<u64>,
-    /// Take an `--out` folder that has files in it: an earlier run there is replaced
+    /// Take an `--out` folder that has files in it: an earlier run there is replaced; with --resume, go on although files have changed
     #[arg(long)]
     pub force: bool,
+    /// Go on with a run that was interrupted or killed, to the bit as if it had not been; RUN is its folder
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["set", "seed", "steps", "out"])]
+    pub resume: Option<PathBuf>,
+    /// Write a checkpoint every N steps (default: every 30 seconds)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub checkpoint: Option<u64>,
+    /// Write what TensorBoard shows beside the log: `tensorboard --logdir RUN`
+    #[arg(long, conflicts_with = "resume")]
+    pub tensorboard: bool,
     #[command(flatten)]
     pub common: Common,
 }
@@ -177,6 +201,44 @@ pub struct GradArgs {
     pub image: Option<PathBuf>,
     #[command(flatten)]
     pub common: Common,
+}
+
+#[derive(Debug, Args)]
+pub struct ExportArgs {
+    /// The run's folder
+    pub run: PathBuf,
+    /// The params at this step, in place of those at the last checkpoint
+    #[arg(long, value_name = "N")]
+    pub step: Option<u64>,
+    /// What is written
+    #[arg(long, value_enum, default_value_t = ExportFormat::Json)]
+    pub format: ExportFormat,
+    /// The script itself, with the params' values as its initial ones
+    #[arg(long, conflicts_with = "format")]
+    pub script: bool,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+/// What `dsl export` writes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum ExportFormat {
+    /// All params in one object
+    Json,
+    /// NumPy arrays, one a file
+    Npy,
+    /// Tables, one a file
+    Csv,
+    /// All params in one file, params.safetensors
+    Safetensors,
+    /// Params that are pictures, one a file
+    Exr,
+    /// Meshes, one a file
+    Obj,
+    /// Meshes, one a file
+    Ply,
+    /// Meshes in glTF, one a file
+    Glb,
 }
 
 #[derive(Debug, Args)]
@@ -243,7 +305,7 @@ mod tests {
 
     #[test]
     fn every_command_takes_the_common_options() {
-        for command in ["run f", "check f", "render f", "grad f", "eval f x", "repl"] {
+        for command in ["run f", "check f", "render f", "grad f", "eval f x", "export r", "repl"] {
             let line =
                 format!("dsl {command} --set a=1 --set b=2 --seed 3 --threads 2 --memory 4GB --quiet --json --out d");
             assert!(Cli::try_parse_from(line.split(' ')).is_ok(), "{line}");

@@ -3,12 +3,14 @@
 pub mod args;
 mod check;
 mod eval;
+mod export;
 mod grad;
 mod load;
 pub mod out;
 mod render;
 mod repl;
 mod run;
+mod script;
 mod world;
 
 use std::panic::AssertUnwindSafe;
@@ -70,6 +72,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Render(a) => &a.common,
         Command::Grad(a) => &a.common,
         Command::Eval(a) => &a.common,
+        Command::Export(a) => &a.common,
         Command::Repl(a) => &a.common,
     };
     if let Some(bytes) = common.memory {
@@ -82,6 +85,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Render(args) => render::run(&args),
         Command::Grad(args) => grad::run(&args),
         Command::Eval(args) => eval::run(&args),
+        Command::Export(args) => export::run(&args),
         Command::Repl(args) => repl::run(&args),
     }
 }

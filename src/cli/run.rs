@@ -1,26 +1,48 @@
 //! `dsl run`
 
+use std::path::Path;
+
 use serde_json::json;
 
 use super::args::RunArgs;
 use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load, out};
+use crate::diag::Diagnostic;
 use crate::session::clock::{Date, Stopwatch, human_seconds};
 use crate::session::folder::SourceText;
-use crate::session::{Flow, RunFolder, RunInfo, Runner, World, world};
+use crate::session::{Checkpoint, Flow, RunFolder, RunInfo, RunSettings, Runner, World, world};
+use crate::source::SourceMap;
 
 pub fn run(args: &RunArgs) -> u8 {
     let mut terminal = Terminal::new(&args.common);
-    let Some(mut loaded) = load(&args.file, &args.common, &mut terminal) else {
+    let mut common = args.common.clone();
+    let mut resumed = None;
+    if let Some(path) = &args.resume {
+        let found = RunFolder::reopen(path).and_then(|folder| Ok((folder, Checkpoint::read(path)?)));
+        let (folder, checkpoint) = match found {
+            Ok(found) => found,
+            Err(diagnostic) => {
+                terminal.diagnostic(&diagnostic, &SourceMap::default());
+                return EXIT_WRONG;
+            }
+        };
+        if checkpoint.finished {
+            terminal.note(&format!("{} is finished: there is nothing to resume", path.display()));
+            return if checkpoint.report.is_success() { 0 } else { EXIT_WRONG };
+        }
+        common.seed = checkpoint.settings.seed;
+        common.set.clone_from(&checkpoint.settings.overrides);
+        resumed = Some((folder, checkpoint));
+    }
+    let Some(mut loaded) = load(&args.file, &common, &mut terminal) else {
         return EXIT_WRONG;
     };
     let watch = Stopwatch::start();
-    let info = run_info(args, &loaded);
-    let folder = match &args.common.out {
-        Some(path) => RunFolder::at(path, args.force, &info),
-        None => RunFolder::fresh(&info, Date::now()),
+    let begun = match resumed {
+        Some((folder, checkpoint)) => take_up(args, folder, checkpoint),
+        None => begin(args, &loaded),
     };
-    let mut folder = match folder {
-        Ok(folder) => folder,
+    let (mut folder, checkpoint) = match begun {
+        Ok(begun) => begun,
         Err(diagnostic) => {
             terminal.diagnostic(&diagnostic, &loaded.engine.program().sources.clone());
             return EXIT_WRONG;
@@ -34,9 +56,11 @@ pub fn run(args: &RunArgs) -> u8 {
     }
     let mut runner = Runner::new(&mut loaded.engine, &mut terminal);
     runner.folder = Some(&mut folder);
-    runner.steps = args.steps;
-    let outcome = world::listening(|| runner.run(&actions));
+    let outcome = world::listening(|| runner.resume(&actions, checkpoint));
     let report = runner.report.clone();
+    if matches!(outcome, Ok(Flow::Continue)) {
+        folder.sweep(&report.saved);
+    }
     terminal.progress_done();
 
     let code = match &outcome {
@@ -73,8 +97,47 @@ pub fn run(args: &RunArgs) -> u8 {
         };
         let how = if report.interrupted { "interrupted: " } else { "" };
         terminal.note(&format!("{how}{} in {}{expects}{skipped}{ended}", path.display(), human_seconds(seconds)));
+        if report.interrupted {
+            terminal.note(&format!("it goes on with `dsl run {} --resume {}`", args.file.display(), path.display()));
+        }
     }
     code
+}
+
+/// A run, and where it goes on.
+type Begun = (RunFolder, Checkpoint);
+
+/// A new run, with a checkpoint of its beginning: however early it is killed, what has a record can be resumed.
+fn begin(args: &RunArgs, loaded: &Loaded) -> Result<Begun, Diagnostic> {
+    let info = run_info(args, loaded);
+    let mut folder = match &args.common.out {
+        Some(path) => RunFolder::at(path, args.force)?,
+        None => RunFolder::fresh(&info.name, Date::now())?,
+    };
+    if args.tensorboard {
+        folder.begin_events()?;
+    }
+    let settings = RunSettings {
+        file: args.file.display().to_string(),
+        seed: args.common.seed,
+        overrides: args.common.set.clone(),
+        steps: args.steps,
+        checkpoint: args.checkpoint,
+    };
+    let checkpoint = Checkpoint::first(&loaded.engine, settings, &mut folder)?;
+    checkpoint.write(folder.path())?;
+    folder.record(&info)?;
+    Ok((folder, checkpoint))
+}
+
+/// A run that goes on, if the script and all that it read are the same.
+fn take_up(args: &RunArgs, mut folder: RunFolder, mut checkpoint: Checkpoint) -> Result<Begun, Diagnostic> {
+    if !args.force {
+        checkpoint.assert_unchanged(args.file.parent().unwrap_or(Path::new("")))?;
+    }
+    folder.shorten(checkpoint.logged)?;
+    checkpoint.settings.checkpoint = args.checkpoint.or(checkpoint.settings.checkpoint);
+    Ok((folder, checkpoint))
 }
 
 fn run_info(args: &RunArgs, loaded: &Loaded) -> RunInfo {

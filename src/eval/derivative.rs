@@ -21,6 +21,8 @@ pub struct Gradient {
     pub value: f64,
     /// The derivatives in the order of the request; that of a rotation has 3 numbers.
     pub grads: Vec<Tensor>,
+    /// Other samples would give others: they have an error.
+    pub is_noisy: bool,
 }
 
 impl Gradient {
@@ -85,8 +87,12 @@ impl Engine {
 
     fn gradient_here(&mut self, of: &Expr, wrt: &[Target]) -> Result<Gradient> {
         self.with_leaves(wrt, of.span, |engine, leaves| {
-            let (loss, grads) = engine.gradient_in(of, leaves)?;
-            Ok(Gradient { value: loss.item().unwrap_or(f64::NAN), grads })
+            engine.frames.push(Deps::default());
+            let found = engine.gradient_in(of, leaves);
+            let deps = engine.frames.pop().unwrap_or_default();
+            engine.depends(|d| d.merge(&deps));
+            let (loss, grads) = found?;
+            Ok(Gradient { value: loss.item().unwrap_or(f64::NAN), grads, is_noisy: deps.sample })
         })
     }
 

@@ -22,13 +22,14 @@ mod reach;
 mod render;
 mod residuals;
 mod show;
+mod state;
 mod target;
 mod warnings;
 
 use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use crate::check::hir::{self, Decl, DeclId, DeclKind, LocalId, Target};
 use crate::check::types::Ty;
@@ -44,11 +45,12 @@ use warnings::Warnings;
 pub use crate::natives::value;
 pub use derivative::Gradient;
 pub use error::{INTERRUPTED, NOT_A_NUMBER};
-pub use history::History;
+pub use history::{History, StoredHistory};
 pub use origin::Origin;
 pub use render::RenderOverrides;
 pub use residuals::Residuals;
 pub use show::{brief, exact, is_angle, number_text, show, to_json};
+pub use state::{EngineState, Placed};
 
 pub type Result<T, E = Diagnostic> = std::result::Result<T, E>;
 
@@ -98,6 +100,8 @@ pub struct ParamInfo {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Statistics {
     pub renders: u64,
+    /// Samples drawn, of pixels of images that params reach and of their derivatives.
+    pub samples: u64,
     /// Scenes whose ray tree was built.
     pub scenes: u64,
     /// Declarations evaluated.
@@ -142,6 +146,8 @@ pub struct Engine {
     /// The history of the optimisation that is taking a step.
     history: Option<History>,
     statistics: Statistics,
+    /// Renderings on the tape count theirs too.
+    samples: Arc<AtomicU64>,
     worlds: Vec<World>,
     /// Dependencies found so far of the declarations being evaluated, innermost last.
     frames: Vec<Deps>,
@@ -175,6 +181,7 @@ impl Engine {
             overrides: RenderOverrides::default(),
             history: None,
             statistics: Statistics::default(),
+            samples: Arc::default(),
             worlds: vec![root],
             frames: vec![],
             evaluating: Evaluating::default(),
@@ -198,7 +205,7 @@ impl Engine {
     }
 
     pub fn statistics(&self) -> Statistics {
-        self.statistics
+        Statistics { samples: self.samples.load(Ordering::Relaxed), ..self.statistics }
     }
 
     /// Replaces the program by an edited one, in which declarations keep their ids. Params whose declaration did not change keep their
@@ -331,7 +338,8 @@ impl Engine {
             let (old, new) = (Tensor::shape_text(&state.value.shape), Tensor::shape_text(&value.shape));
             return Err(error::value(format!("the param is a {old}, the new value a {new}"), span));
         }
-        if state.value.data == value.data {
+        // Zeros have a sign, which values may depend on.
+        if state.value.data.iter().zip(&value.data).all(|(old, new)| old.to_bits() == new.to_bits()) {
             return Ok(());
         }
         let value = Tensor { shape: state.value.shape.clone(), data: value.data };

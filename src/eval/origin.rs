@@ -1,5 +1,7 @@
 //! Finds the origin of a number that is not finite: the expression that computed it from finite ones.
 
+use serde::{Deserialize, Serialize};
+
 use crate::check::children;
 use crate::check::hir::{Callee, DeclKind, Expr, ExprKind};
 use crate::natives::value::Value;
@@ -8,7 +10,7 @@ use crate::source::Span;
 use super::{Engine, Result};
 
 /// The place that a NaN or an infinity came from, and what it is there.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Origin {
     pub span: Span,
     /// `pixel (3, 4) of `sky.exr` is NaN`.

@@ -1,7 +1,7 @@
 //! Rendering as one operation of the tape: its value is an image, its derivatives are the estimators of `grad`.
 
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use crate::check::hir::{NativeDecl, Rendering};
 use crate::diag::Diagnostic;
@@ -20,7 +20,7 @@ use crate::tape::{CustomOp, Tensor, Var};
 use super::dark::{self, Darkness};
 use super::lower::{self, LowerError, Lowered};
 use super::warnings::Warnings;
-use super::{Engine, Result, error, mix};
+use super::{Engine, Result, error, history, mix};
 
 /// Settings of a stage, in place of the arguments of every render. What no param reaches keeps its own `spp`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -46,9 +46,17 @@ struct RenderOp {
     /// Where it is called.
     span: Span,
     warnings: Warnings,
+    /// Samples drawn so far.
+    drawn: Arc<AtomicU64>,
 }
 
 impl RenderOp {
+    /// Notes that each pixel of an image gets its samples.
+    fn draw(&self, image: &Tensor) {
+        let pixels = image.shape.iter().take(2).product::<usize>() as u64;
+        self.drawn.fetch_add(pixels * u64::from(self.settings.spp), Ordering::Relaxed);
+    }
+
     /// Says what the derivatives in these slots lack.
     fn warn(&self, wrt: &[Slot]) {
         for gap in grad::coverage_gaps(&self.scene.scene, &self.camera, &self.settings, wrt) {
@@ -74,6 +82,7 @@ impl CustomOp for RenderOp {
     ) -> Result<Vec<Option<Tensor>>, String> {
         let wanted: Vec<Slot> = self.slots.iter().zip(wants).filter(|(_, w)| **w).map(|(s, _)| *s).collect();
         self.warn(&wanted);
+        self.draw(output);
         // The image's derivative, and those of the slots: as they are summed up and as they are given.
         let slots: usize = inputs.iter().zip(wants).filter(|(_, w)| **w).map(|(i, _)| i.len()).sum();
         memory::ask_for::<f64>(g.len() + 2 * slots).map_err(|e| e.to_string())?;
@@ -102,7 +111,7 @@ impl CustomOp for RenderOp {
         found.pop().ok_or_else(|| "no derivative".to_owned())
     }
 
-    fn jvps(&self, _: &[&Tensor], _: &Tensor, directions: &[Vec<Option<&Tensor>>]) -> Result<Vec<Tensor>, String> {
+    fn jvps(&self, _: &[&Tensor], output: &Tensor, directions: &[Vec<Option<&Tensor>>]) -> Result<Vec<Tensor>, String> {
         let along = |tangents: &Vec<Option<&Tensor>>| -> Direction {
             let moved = self.slots.iter().zip(tangents);
             moved.filter_map(|(s, t)| t.map(|t| (*s, t.to_f32()))).collect()
@@ -112,6 +121,7 @@ impl CustomOp for RenderOp {
         moved.sort_unstable();
         moved.dedup();
         self.warn(&moved);
+        self.draw(output);
         let images = grad::render_jacobian_until(&self.scene.scene, &self.camera, &self.settings, &along, &self.stop);
         Ok(images.map_err(|e| e.to_string())?.iter().map(Tensor::from_image).collect())
     }
@@ -242,21 +252,28 @@ impl Engine {
             let why = dark::reason(&lowered.scene, &seen_by);
             self.warnings.say(span, "black", || black(why, &scene, &origins, span));
         }
-        let mut guides = None;
+        let (mut guides, mut images) = (None, u32::from(is_live));
         if is_live && let Some(history) = &mut self.history {
             let standing = camera.slots.is_empty().then_some(camera.camera);
-            let site = history.site(span, self.path, standing);
-            guides = Some(site.guides.clone());
-            if self.overrides.control_variates {
-                self.statistics.renders += u64::from(site.goes_on());
-                let next = site.next(image, &lowered, seen_by, &settings, &stop);
-                image = next.map_err(|e| failed(self, e))?;
-                stop::check();
+            let key = history::site_key(span, self.path, standing);
+            if history.is_revisiting() {
+                image = history.revisit(key, &lowered, seen_by).unwrap_or(image);
+            } else {
+                let site = history.site(key);
+                guides = Some(site.guides.clone());
+                if self.overrides.control_variates {
+                    self.statistics.renders += u64::from(site.goes_on());
+                    images += u32::from(site.goes_on());
+                    let next = site.next(self.step, image, &lowered, seen_by, &settings, &stop);
+                    image = next.map_err(|e| failed(self, e))?;
+                    stop::check();
+                }
             }
         }
         let value = Tensor::from_image(&image);
-        let warnings = self.warnings.clone();
-        let op = RenderOp { scene: lowered, camera: seen_by, settings, slots, guides, stop, span, warnings };
+        let (warnings, drawn) = (self.warnings.clone(), self.samples.clone());
+        let op = RenderOp { scene: lowered, camera: seen_by, settings, slots, guides, stop, span, warnings, drawn };
+        (0..images).for_each(|_| op.draw(&value));
         Ok(Value::Image(Var::custom(Arc::new(op), inputs, value)))
     }
 

@@ -9,12 +9,13 @@ mod hdr;
 mod jpeg;
 mod png;
 
+use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::memory::Shortage;
 
 /// A `height × width × channels` array of linear values; row 0 is the top row.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Image {
     /// Pixels from left to right.
     pub width: usize,

@@ -1,18 +1,21 @@
-//! Writes meshes as OBJ (text) and PLY (binary, little-endian). [`super::load`] reads the same mesh back. In these files texture
-//! coordinates v point up, here down.
+//! Writes meshes as OBJ (text), PLY (binary, little-endian) and glTF (binary, `.glb`). [`super::load`] reads the same mesh back. In OBJ and
+//! PLY files texture coordinates v point up, here and in glTF down.
 
 use std::fmt::Write;
+
+use serde_json::{Value, json};
 
 use super::Mesh;
 
 /// Extensions of the files that [`encode`] writes.
-pub const WRITABLE: [&str; 2] = ["obj", "ply"];
+pub const WRITABLE: [&str; 3] = ["obj", "ply", "glb"];
 
 /// The bytes of a mesh file in the format that `extension` names; `None` if that is not supported.
 pub fn encode(mesh: &Mesh, extension: &str) -> Option<Vec<u8>> {
     match extension {
         "obj" => Some(obj(mesh).into_bytes()),
         "ply" => Some(ply(mesh)),
+        "glb" => Some(glb(mesh)),
         _ => None,
     }
 }
@@ -72,6 +75,82 @@ fn ply(mesh: &Mesh) -> Vec<u8> {
     out
 }
 
+/// The buffer of a glTF file, and the JSON that tells what is where in it.
+#[derive(Default)]
+struct Buffer {
+    bytes: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+}
+
+/// Where the numbers are of: corners of triangles, or vertices.
+const INDICES: u32 = 34963;
+const VERTICES: u32 = 34962;
+/// What they are.
+const UINT: u32 = 5125;
+const FLOAT: u32 = 5126;
+
+impl Buffer {
+    /// Adds numbers of four bytes each; gives the number of their accessor.
+    fn add(&mut self, numbers: impl Iterator<Item = [u8; 4]>, target: u32, accessor: Value) -> usize {
+        let begin = self.bytes.len();
+        self.bytes.extend(numbers.flatten());
+        let length = self.bytes.len() - begin;
+        self.views.push(json!({ "buffer": 0, "byteOffset": begin, "byteLength": length, "target": target }));
+        let mut accessor = accessor;
+        accessor["bufferView"] = json!(self.views.len() - 1);
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+
+    fn add_floats<const N: usize>(&mut self, kind: &str, rows: Vec<[f32; N]>) -> usize {
+        let limit = |f: fn(f32, f32) -> f32, from: f32| -> Vec<f32> {
+            (0..N).map(|k| rows.iter().map(|row| row[k]).fold(from, f)).collect()
+        };
+        let accessor = json!({
+            "componentType": FLOAT, "count": rows.len(), "type": kind,
+            "min": limit(f32::min, f32::INFINITY), "max": limit(f32::max, f32::NEG_INFINITY),
+        });
+        self.add(rows.iter().flatten().map(|x| x.to_le_bytes()), VERTICES, accessor)
+    }
+}
+
+fn glb(mesh: &Mesh) -> Vec<u8> {
+    let mut buffer = Buffer::default();
+    let corners = json!({ "componentType": UINT, "count": 3 * mesh.faces.len(), "type": "SCALAR" });
+    let indices = buffer.add(mesh.faces.iter().flatten().map(|i| i.to_le_bytes()), INDICES, corners);
+    let positions = buffer.add_floats("VEC3", mesh.vertices.iter().map(|v| v.to_array()).collect());
+    let mut attributes = json!({ "POSITION": positions });
+    for (name, rows) in [("NORMAL", &mesh.normals), ("COLOR_0", &mesh.colors)] {
+        if let Some(rows) = rows {
+            attributes[name] = json!(buffer.add_floats("VEC3", rows.iter().map(|v| v.to_array()).collect()));
+        }
+    }
+    if let Some(uvs) = &mesh.uvs {
+        let uvs = uvs.iter().map(|uv| uv.to_array()).collect();
+        attributes["TEXCOORD_0"] = json!(buffer.add_floats("VEC2", uvs));
+    }
+    let Buffer { bytes, views, accessors } = buffer;
+    let header = json!({
+        "asset": { "version": "2.0", "generator": "dscene" },
+        "scene": 0, "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0 }],
+        "meshes": [{ "primitives": [{ "attributes": attributes, "indices": indices }] }],
+        "buffers": [{ "byteLength": bytes.len() }], "bufferViews": views, "accessors": accessors,
+    });
+    let mut header = header.to_string().into_bytes();
+    // Chunks have multiples of 4 bytes; those of the buffer have them as it is.
+    header.resize(header.len().next_multiple_of(4), b' ');
+    let mut out = b"glTF".to_vec();
+    let length = |n: usize| (n as u32).to_le_bytes();
+    out.extend([length(2), length(12 + 8 + header.len() + 8 + bytes.len())].as_flattened());
+    for (kind, chunk) in [(b"JSON", header), (b"BIN\0", bytes)] {
+        out.extend(length(chunk.len()));
+        out.extend(kind);
+        out.extend(chunk);
+    }
+    out
+}
+
 #[cfg(test)]
 mod tests {
     use std::path::Path;
@@ -99,9 +178,19 @@ mod tests {
                     let i = i as usize;
                     (m.normals.as_ref().map(|n| n[i]), m.colors.as_ref().map(|c| c[i]))
                 };
+                // The reader of glTF gives normals the length 1 once more.
+                let unit = |n: glam::Vec3| n.as_dvec3().normalize_or_zero().as_vec3();
+                let mesh = match extension {
+                    "glb" => &Mesh {
+                        normals: mesh.normals.as_ref().map(|n| n.iter().map(|n| unit(*n)).collect()),
+                        ..mesh.clone()
+                    },
+                    _ => &mesh,
+                };
+                assert_eq!(read.normals.is_some(), mesh.normals.is_some());
                 assert_eq!(read.uvs.is_some(), mesh.uvs.is_some());
                 for (a, b) in read.faces.iter().flatten().zip(mesh.faces.iter().flatten()) {
-                    assert_eq!(at(&read, *a), at(&mesh, *b), "{extension}");
+                    assert_eq!(at(&read, *a), at(mesh, *b), "{extension}");
                     if let (Some(x), Some(y)) = (&read.uvs, &mesh.uvs) {
                         // Turned over twice.
                         assert!((x[*a as usize] - y[*b as usize]).abs().max_element() < 1e-6, "{extension}");

@@ -5,6 +5,9 @@
 //! J_A. With a single measurement, the matrix would be too large by the variance of J, and steps too short. The difference of A and B
 //! measures the noise. Two points are compared with the same samples, so that most of the noise cancels.
 
+use serde::{Deserialize, Serialize};
+
+use super::noise::GradientSize;
 use super::space::Space;
 use crate::stop::Pace;
 
@@ -36,7 +39,7 @@ fn gain([a, b]: Both<f64>, [a2, b2]: Both<f64>) -> (f64, f64) {
 }
 
 /// The quadratic model of the loss around a point, in the coordinates in which it is minimised.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 struct Model {
     gradient: Vec<f64>,
     /// The difference of the two measurements' gradients. It has the noise of the gradient, without its mean.
@@ -48,7 +51,7 @@ struct Model {
 }
 
 /// The point from which a step starts.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 struct Base {
     values: Vec<Vec<f64>>,
     /// The mean over `measured` measurements.
@@ -59,8 +62,10 @@ struct Base {
 }
 
 /// A Gauss-Newton or Levenberg-Marquardt solver for a fixed list of params.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct LeastSquares {
+    /// Not stored: it follows from the script.
+    #[serde(skip)]
     spaces: Vec<Space>,
     damping: f64,
     /// Number of failed steps since the last successful one.
@@ -76,6 +81,11 @@ impl LeastSquares {
         LeastSquares { spaces, damping, failed: 0, noisy: 0, base: None }
     }
 
+    /// A stored state with its spaces.
+    pub fn within(self, spaces: Vec<Space>) -> LeastSquares {
+        LeastSquares { spaces, ..self }
+    }
+
     /// The params of the last successful step, while others are being tried.
     pub fn base(&self) -> Option<&[Vec<f64>]> {
         self.base.as_ref().map(|b| &b.values[..])
@@ -84,6 +94,19 @@ impl LeastSquares {
     /// Whether steps are mostly noise. Then a failed step calls for better derivatives and not for more damping.
     pub fn is_noisy(&self) -> bool {
         self.noisy > 0
+    }
+
+    /// Norm and standard error of the gradient at the base, by param. The error is measured by the difference of the two measurements.
+    pub fn gradient_sizes(&self) -> Option<Vec<GradientSize>> {
+        let base = self.base.as_ref()?;
+        let mut first = 0;
+        let sizes = self.spaces.iter().zip(&base.values).map(|(space, value)| {
+            let own = first..first + space.unknowns(value.len());
+            first = own.end;
+            let norm = |x: &[f64]| x[own.clone()].iter().map(|x| x * x).sum::<f64>().sqrt();
+            GradientSize { norm: norm(&base.model.gradient), error: Some(norm(&base.model.noise)) }
+        });
+        Some(sizes.collect())
     }
 
     /// Whether the params that were tried are accepted as the new base, by the residuals at both points from the same samples. Adapts the

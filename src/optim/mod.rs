@@ -4,11 +4,15 @@
 //! solvers. [`Optimizer`] combines them, and skips steps whose gradient is not finite.
 
 mod least_squares;
+mod noise;
 mod solver;
 mod space;
 mod stopping;
 
+use serde::{Deserialize, Serialize};
+
 pub use least_squares::LeastSquares;
+pub use noise::{GradientNoise, GradientSize};
 pub use solver::{Solver, State};
 pub use space::{Geometry, Space};
 pub use stopping::{is_plateau, plateau_ratio};
@@ -59,12 +63,13 @@ pub struct GaveUp {
 }
 
 /// A solver with its state for a fixed list of params.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Optimizer {
     solver: Solver,
+    /// Not stored: it follows from the script.
+    #[serde(skip)]
     spaces: Vec<Space>,
     states: Vec<State>,
-    skipped: u64,
     in_a_row: u64,
 }
 
@@ -72,7 +77,16 @@ impl Optimizer {
     /// A new optimiser; `spaces` has one entry per param, in the order of the arguments of [`Optimizer::step`].
     pub fn new(solver: Solver, spaces: Vec<Space>) -> Optimizer {
         let states = spaces.iter().map(|_| State::default()).collect();
-        Optimizer { solver, spaces, states, skipped: 0, in_a_row: 0 }
+        Optimizer { solver, spaces, states, in_a_row: 0 }
+    }
+
+    /// Takes over the stored state of another optimiser; `None` if that one had a different number of params.
+    pub fn resume(&mut self, stored: Optimizer) -> Option<()> {
+        if stored.states.len() != self.spaces.len() {
+            return None;
+        }
+        *self = Optimizer { spaces: std::mem::take(&mut self.spaces), ..stored };
+        Some(())
     }
 
     /// Sets the update rule and its constants, which a schedule may vary. The state is kept if the rule is the same.
@@ -83,19 +97,13 @@ impl Optimizer {
         self.solver = solver;
     }
 
-    /// Number of steps skipped so far.
-    pub fn skipped(&self) -> u64 {
-        self.skipped
-    }
-
-    /// Euclidean norm of the gradient over all params that are not frozen, in the coordinates in which they are optimised.
-    pub fn grad_norm(&self, values: &[Vec<f64>], grads: &[Vec<f64>]) -> f64 {
+    /// The gradient of each param in the coordinates in which it is optimised; empty for a frozen param.
+    pub fn tangents(&self, values: &[Vec<f64>], grads: &[Vec<f64>]) -> Vec<Vec<f64>> {
         let spaces = self.spaces.iter().zip(values.iter().zip(grads));
-        let squares = spaces.filter(|(space, _)| !space.frozen).map(|(space, (value, grad))| {
-            let tangent = space.tangent_gradient(value, grad);
-            tangent.iter().map(|g| g * g).sum::<f64>()
-        });
-        squares.sum::<f64>().sqrt()
+        let tangent = |(space, (value, grad)): (&Space, (&Vec<f64>, &Vec<f64>))| {
+            if space.frozen { Vec::new() } else { space.tangent_gradient(value, grad) }
+        };
+        spaces.map(tangent).collect()
     }
 
     /// Takes a step: moves `values` against `grads` (each with one slice per param) at rate `lr`. If the gradient has a NaN or an
@@ -106,7 +114,6 @@ impl Optimizer {
         let broken: Vec<usize> =
             self.spaces.iter().zip(grads).enumerate().filter(is_broken).map(|(index, _)| index).collect();
         if !broken.is_empty() || !lr.is_finite() {
-            self.skipped += 1;
             self.in_a_row += 1;
             if self.in_a_row >= MAX_SKIPPED_IN_A_ROW {
                 return Err(GaveUp { in_a_row: self.in_a_row, params: broken });
@@ -193,7 +200,7 @@ mod tests {
         let grads = [vec![f64::NAN], vec![1.0]];
         assert_eq!(optimizer.step(&mut values, &grads, 0.1), Ok(StepOutcome::Moved));
         assert_eq!(values, [vec![1.0], vec![0.95]]);
-        assert_eq!(optimizer.grad_norm(&values, &grads), 1.0);
+        assert_eq!(optimizer.tangents(&values, &grads), [vec![], vec![1.0]]);
     }
 
     #[test]
@@ -212,7 +219,6 @@ mod tests {
         }
         let gave_up = optimizer.step(&mut values, &[vec![f64::NAN], vec![1.0]], 0.1);
         assert_eq!(gave_up, Err(GaveUp { in_a_row: 5, params: vec![0] }));
-        assert_eq!(optimizer.skipped(), 9);
         assert!(values.iter().flatten().all(|v| v.is_finite()));
     }
 

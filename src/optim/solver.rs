@@ -1,7 +1,9 @@
 //! Update rules of first-order optimisation, as data: `update` turns a gradient into a displacement.
 
+use serde::{Deserialize, Serialize};
+
 /// A first-order update rule.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Solver {
     /// Gradient descent with momentum: v ← momentum · v + g; the step is −lr · v or, with `nesterov`, −lr · (g + momentum · v).
     Sgd { momentum: f64, nesterov: bool },
@@ -15,7 +17,7 @@ pub enum Solver {
 }
 
 /// The state of a solver for one param.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// Velocity or first moment.
     first: Vec<f64>,

@@ -11,6 +11,8 @@
 
 use std::ops::Range;
 
+use serde::{Deserialize, Serialize};
+
 use crate::image::Image;
 
 /// Width and height, in pixels, of tiles that have an α of their own.
@@ -21,14 +23,14 @@ const MOST: f64 = 0.9;
 const NEWS: f64 = 0.3;
 
 /// The running estimate of an image.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct Recursion {
     image: Image,
     tiles: Vec<Tile>,
 }
 
 /// Variances of a pixel, averaged over a tile; unknown at first.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, Serialize, Deserialize)]
 struct Tile {
     /// Variance of one image, and of the difference of two images with the same samples.
     noise: Option<f64>,

@@ -33,6 +33,11 @@ impl Stopwatch {
     }
 }
 
+/// Seconds since 1970.
+pub fn now() -> f64 {
+    SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
+}
+
 /// CPU time of this process so far: the sum of the threads' scheduler statistics (in nanoseconds) or, if there are none, the process
 /// statistics (in clock ticks of 10 ms).
 pub fn cpu_seconds() -> Option<f64> {

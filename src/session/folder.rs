@@ -1,19 +1,19 @@
 //! The run folder: what was run, how each step went, what was saved.
 
+use std::collections::BTreeSet;
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Write};
 use std::path::{Component, Path, PathBuf};
 
-use serde::Serialize;
-use serde_json::{Map, Value, json};
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
-use super::clock::Date;
+use super::clock::{Date, now};
+use super::optimization::StepReport;
+use super::{log, tensorboard};
 use crate::diag::Diagnostic;
-use crate::files::{RUN_LOCK, describe_io, is_input, refused_output, write_atomically};
-
-/// Params with more numbers than this are left out of the log.
-pub const LOGGED_NUMBERS: usize = 64;
+use crate::files::{RUN_LOCK, describe_io, is_input, is_leftover, is_run_file, refused_output, write_atomically};
 
 /// What `run.json` says.
 #[derive(Clone, Debug, Serialize)]
@@ -34,7 +34,7 @@ pub struct RunInfo {
 }
 
 /// `--set NAME=EXPR`.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Override {
     pub name: String,
     pub value: String,
@@ -44,45 +44,6 @@ pub struct Override {
 pub struct SourceText {
     pub file: String,
     pub text: String,
-}
-
-/// One line of `log.jsonl`. Everything but `seconds` is the same for each run with the same seed.
-#[derive(Clone, Debug)]
-pub struct LogEntry<'a> {
-    /// Counts over all optimisations of the run.
-    pub step: u64,
-    /// The loss's name.
-    pub of: &'a str,
-    pub stage: Option<&'a str>,
-    pub loss: f64,
-    pub lr: f64,
-    pub grad_norm: f64,
-    pub skipped: bool,
-    pub seconds: f64,
-    /// Values at which the loss was taken: name, shape, numbers.
-    pub params: &'a [(String, Vec<usize>, Vec<f64>)],
-}
-
-impl LogEntry<'_> {
-    pub fn to_json(&self) -> Value {
-        let mut line = Map::new();
-        line.insert("step".into(), json!(self.step));
-        line.insert("of".into(), json!(self.of));
-        if let Some(stage) = self.stage {
-            line.insert("stage".into(), json!(stage));
-        }
-        line.insert("loss".into(), number(self.loss));
-        line.insert("lr".into(), number(self.lr));
-        line.insert("grad_norm".into(), number(self.grad_norm));
-        if self.skipped {
-            line.insert("skipped".into(), json!(true));
-        }
-        line.insert("seconds".into(), number(self.seconds));
-        let small = self.params.iter().filter(|(_, _, data)| data.len() <= LOGGED_NUMBERS);
-        let params: Map<String, Value> = small.map(|(name, shape, data)| (name.clone(), nested(shape, data))).collect();
-        line.insert("params".into(), Value::Object(params));
-        Value::Object(line)
-    }
 }
 
 /// A number for JSON, which has no infinities: those become strings (`"inf"`, `"-inf"`, `"nan"`).
@@ -109,15 +70,28 @@ pub fn nested(shape: &[usize], data: &[f64]) -> Value {
 #[derive(Debug)]
 pub struct RunFolder {
     path: PathBuf,
-    log: WholeLines<File>,
+    log: Whole<File>,
+    /// The same for TensorBoard, if it is asked for.
+    events: Option<Whole<File>>,
     /// Held until the run ends, however it ends: the system unlocks the files of a process that died.
     _lock: File,
 }
 
+/// How long the files are that grow with every step.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Logged {
+    log: u64,
+    events: u64,
+}
+
+/// The record of a run, and the log.
+const RECORD: &str = "run.json";
+const LOG: &str = "log.jsonl";
+
 impl RunFolder {
     /// A new folder `runs/NAME-TIMESTAMP` below the current one; further runs of the same second get a number.
-    pub fn fresh(info: &RunInfo, date: Date) -> Result<RunFolder, Diagnostic> {
-        let base = Path::new("runs").join(format!("{}-{}", info.name, date.stamp()));
+    pub fn fresh(name: &str, date: Date) -> Result<RunFolder, Diagnostic> {
+        let base = Path::new("runs").join(format!("{name}-{}", date.stamp()));
         fs::create_dir_all("runs").map_err(|e| no_folder(Path::new("runs"), &e))?;
         let numbered = (2_u64..).map(|n| PathBuf::from(format!("{}-{n}", base.display())));
         for path in std::iter::once(base.clone()).chain(numbered) {
@@ -125,7 +99,7 @@ impl RunFolder {
             match fs::create_dir(&path) {
                 Ok(()) => {
                     let lock = lock(&path)?;
-                    return RunFolder::begin(path, lock, info);
+                    return RunFolder::begin(path, lock);
                 }
                 Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {}
                 Err(e) => return Err(no_folder(&path, &e)),
@@ -136,7 +110,7 @@ impl RunFolder {
 
     /// The folder of that name, made if it is not there. One with files in it is only taken if `force` says so, and one that
     /// another run writes into is not taken at all.
-    pub fn at(path: &Path, force: bool, info: &RunInfo) -> Result<RunFolder, Diagnostic> {
+    pub fn at(path: &Path, force: bool) -> Result<RunFolder, Diagnostic> {
         fs::create_dir_all(path).map_err(|e| no_folder(path, &e))?;
         let free = || if force { Ok(()) } else { assert_empty(path) };
         // In a folder that is refused nothing is left behind, not even a lock.
@@ -146,30 +120,104 @@ impl RunFolder {
         let lock = held.map_or_else(|| lock(path), Ok)?;
         // Another run may have come and gone since.
         free()?;
-        RunFolder::begin(path.to_path_buf(), lock, info)
+        RunFolder::begin(path.to_path_buf(), lock)
     }
 
-    /// Writes `run.json` and starts an empty log.
-    fn begin(path: PathBuf, lock: File, info: &RunInfo) -> Result<RunFolder, Diagnostic> {
-        let text = serde_json::to_string_pretty(info).map_err(|e| no_folder(&path, &io::Error::other(e)))?;
-        let (record, log) = (path.join("run.json"), path.join("log.jsonl"));
-        write_atomically(&record, format!("{text}\n").as_bytes()).map_err(|e| no_folder(&path, &e))?;
-        // What has the name is not written into: it may be a link to something else.
-        match fs::remove_file(&log) {
-            Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(cannot_write(&log, &e)),
-            _ => {}
+    /// Starts an empty log. The folder is not that of a run before [`RunFolder::record`] has said so.
+    fn begin(path: PathBuf, lock: File) -> Result<RunFolder, Diagnostic> {
+        for own in [RECORD, LOG, tensorboard::FILE] {
+            let own = path.join(own);
+            match fs::remove_file(&own) {
+                Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(no_folder(&path, &e)),
+                _ => {}
+            }
         }
-        let file = OpenOptions::new().append(true).create_new(true).open(&log).map_err(|e| cannot_write(&log, &e))?;
-        Ok(RunFolder { path, log: WholeLines { file, whole: 0 }, _lock: lock })
+        let log = Whole::new(&path.join(LOG))?;
+        Ok(RunFolder { path, log, events: None, _lock: lock })
+    }
+
+    /// Writes `run.json`, from which on the folder is that of a run, which may be resumed.
+    pub fn record(&mut self, info: &RunInfo) -> Result<(), Diagnostic> {
+        let text = serde_json::to_string_pretty(info).map_err(|e| no_folder(&self.path, &io::Error::other(e)))?;
+        write_atomically(&self.path.join(RECORD), format!("{text}\n").as_bytes()).map_err(|e| no_folder(&self.path, &e))
+    }
+
+    /// Starts a file of TensorBoard's events beside the log.
+    pub fn begin_events(&mut self) -> Result<(), Diagnostic> {
+        let path = self.path.join(tensorboard::FILE);
+        let mut events = Whole::new(&path)?;
+        events.add(&tensorboard::first(now())).map_err(|e| cannot_write(&path, &e))?;
+        self.events = Some(events);
+        Ok(())
+    }
+
+    /// The folder of an earlier run, whose log is kept.
+    pub fn reopen(path: &Path) -> Result<RunFolder, Diagnostic> {
+        if !path.join(RECORD).is_file() {
+            let message = format!("`{}` is not the folder of a run", path.display());
+            return Err(Diagnostic::error("dscene::run::resume", message)
+                .help("name the folder that a run has written, such as `runs/scene-20261121-093312`"));
+        }
+        let lock = lock(path)?;
+        let log = Whole::again(&path.join(LOG))?;
+        Ok(RunFolder { path: path.to_path_buf(), log, events: None, _lock: lock })
+    }
+
+    /// Takes back what was logged after a checkpoint.
+    pub fn shorten(&mut self, to: Logged) -> Result<(), Diagnostic> {
+        if to.events > 0 {
+            self.events = Some(Whole::again(&self.path.join(tensorboard::FILE))?);
+        }
+        let files = [(Some(&mut self.log), LOG, to.log), (self.events.as_mut(), tensorboard::FILE, to.events)];
+        for (file, name, bytes) in files {
+            let Some(file) = file else { continue };
+            let path = self.path.join(name);
+            if file.whole < bytes {
+                let message = format!("`{}` lacks steps that were taken", path.display());
+                return Err(Diagnostic::error("dscene::run::resume", message)
+                    .help("put it back as the run left it, or start a new run"));
+            }
+            file.shorten(bytes).map_err(|e| cannot_write(&path, &e))?;
+        }
+        Ok(())
+    }
+
+    /// How long the log is, once all of it is on the disk.
+    pub fn logged(&mut self) -> Result<Logged, Diagnostic> {
+        let logged = Logged { log: self.log.whole, events: self.events.as_ref().map_or(0, |events| events.whole) };
+        for file in [Some(&self.log), self.events.as_ref()].into_iter().flatten() {
+            file.file.sync_data().map_err(|e| cannot_write(&self.path.join(LOG), &e))?;
+        }
+        Ok(logged)
     }
 
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Appends a line at once, so that a killed run keeps its log.
-    pub fn log(&mut self, entry: &LogEntry<'_>) -> Result<(), Diagnostic> {
-        self.log.add(&entry.to_json().to_string()).map_err(|e| cannot_write(&self.path.join("log.jsonl"), &e))
+    /// Appends what a step did at once, so that a killed run keeps its log; `nth` counts the steps of all optimisations of the run.
+    pub fn log(&mut self, of: &str, report: &StepReport, nth: u64) -> Result<(), Diagnostic> {
+        let before = self.log.whole;
+        let line = format!("{}\n", log::line(of, report));
+        self.log.add(line.as_bytes()).map_err(|e| cannot_write(&self.path.join(LOG), &e))?;
+        let Some(events) = &mut self.events else { return Ok(()) };
+        let event = tensorboard::scalars(now(), nth, &log::scalars(of, report));
+        events.add(&event).map_err(|e| {
+            // A step is in both or in neither; the error at hand is the one worth telling.
+            let _ = self.log.shorten(before);
+            cannot_write(&self.path.join(tensorboard::FILE), &e)
+        })
+    }
+
+    /// Removes what a process left half written that was killed: beside the record, and beside what the run has `saved`.
+    pub fn sweep(&self, saved: &[PathBuf]) {
+        let folders: BTreeSet<&Path> = saved.iter().filter_map(|p| p.parent()).chain([self.path.as_path()]).collect();
+        for entry in folders.into_iter().filter_map(|folder| fs::read_dir(folder).ok()).flatten().flatten() {
+            if is_leftover(&entry.file_name().to_string_lossy()) {
+                // What cannot be removed does no harm.
+                let _ = fs::remove_file(entry.path());
+            }
+        }
     }
 }
 
@@ -194,11 +242,15 @@ fn lock(folder: &Path) -> Result<File, Diagnostic> {
 /// Refuses a folder with anything in it.
 fn assert_empty(folder: &Path) -> Result<(), Diagnostic> {
     let entries = fs::read_dir(folder).map_err(|e| no_folder(folder, &e))?;
-    let names: Vec<OsString> = entries.filter_map(|e| Some(e.ok()?.file_name())).filter(|n| n != RUN_LOCK).collect();
-    if names.is_empty() {
+    let names: Vec<OsString> = entries.filter_map(|e| Some(e.ok()?.file_name())).collect();
+    let holds_run = names.iter().any(|n| n == RECORD);
+    // A run that was killed before its record was written has not begun: there is an empty log, and perhaps more of its own.
+    let is_nothing = |name: &OsString| name == RUN_LOCK || is_leftover(&name.to_string_lossy());
+    let has_no_log = || fs::metadata(folder.join(LOG)).is_ok_and(|log| log.len() == 0);
+    let is_remnant = |name: &OsString| is_nothing(name) || is_run_file(&name.to_string_lossy());
+    if names.iter().all(is_nothing) || (!holds_run && has_no_log() && names.iter().all(is_remnant)) {
         return Ok(());
     }
-    let holds_run = names.iter().any(|n| n == "run.json");
     let (why, force) = if holds_run {
         ("it holds an earlier run", "`--force` to replace that run")
     } else {
@@ -260,24 +312,47 @@ pub fn spare_inputs(path: &Path) -> Result<(), Diagnostic> {
     Err(Diagnostic::error("dscene::run::write", message).help("give the output another name"))
 }
 
-/// A file of lines none of which is ever left half written: not if the disk is full, and not if it fails.
+/// A file of records (lines, say) none of which is ever left half written: not if the disk is full, and not if it fails.
 #[derive(Debug)]
-struct WholeLines<F> {
+struct Whole<F> {
     file: F,
-    /// Bytes of all whole lines.
+    /// Bytes of all whole records.
     whole: u64,
 }
 
-impl<F: Shorten> WholeLines<F> {
-    fn add(&mut self, line: &str) -> io::Result<()> {
-        let line = format!("{line}\n");
-        if let Err(error) = self.file.write_all(line.as_bytes()) {
+impl<F: Shorten> Whole<F> {
+    fn add(&mut self, record: &[u8]) -> io::Result<()> {
+        if let Err(error) = self.file.write_all(record) {
             // The error at hand is the one worth telling.
             let _ = self.file.shorten(self.whole);
             return Err(error);
         }
-        self.whole += line.len() as u64;
+        self.whole += record.len() as u64;
         Ok(())
+    }
+
+    fn shorten(&mut self, length: u64) -> io::Result<()> {
+        self.file.shorten(length)?;
+        self.whole = length;
+        Ok(())
+    }
+}
+
+impl Whole<File> {
+    /// A new file.
+    fn new(path: &Path) -> Result<Whole<File>, Diagnostic> {
+        let file = OpenOptions::new().append(true).create_new(true).open(path).map_err(|e| cannot_write(path, &e))?;
+        Ok(Whole { file, whole: 0 })
+    }
+
+    /// The file of an earlier run, which is added to. Where there is none any more an empty one is found wanting.
+    fn again(path: &Path) -> Result<Whole<File>, Diagnostic> {
+        if path.symlink_metadata().is_ok_and(|m| !m.is_file()) {
+            return Err(cannot_write(path, &io::Error::other("it is not an ordinary file")));
+        }
+        let file = OpenOptions::new().append(true).create(true).open(path).map_err(|e| cannot_write(path, &e))?;
+        let whole = file.metadata().map_err(|e| cannot_write(path, &e))?.len();
+        Ok(Whole { file, whole })
     }
 }
 
@@ -302,26 +377,6 @@ mod tests {
         assert_eq!(nested(&[2], &[1.0, f64::NAN]), json!([1.0, "nan"]));
         assert_eq!(nested(&[2, 2], &[1.0, 2.0, 3.0, 4.0]), json!([[1.0, 2.0], [3.0, 4.0]]));
         assert_eq!(nested(&[0, 3], &[]), json!([]));
-    }
-
-    #[test]
-    fn a_log_line_has_the_promised_fields_in_order() {
-        let big = ("texels".to_owned(), vec![100], vec![0.0; 100]);
-        let params = [("x".to_owned(), vec![], vec![1.5]), big];
-        let entry = LogEntry {
-            step: 3,
-            of: "fit",
-            stage: None,
-            loss: 0.25,
-            lr: 0.01,
-            grad_norm: 2.0,
-            skipped: false,
-            seconds: 0.5,
-            params: &params,
-        };
-        let expected =
-            r#"{"step":3,"of":"fit","loss":0.25,"lr":0.01,"grad_norm":2.0,"seconds":0.5,"params":{"x":1.5}}"#;
-        assert_eq!(entry.to_json().to_string(), expected);
     }
 
     #[test]
@@ -370,7 +425,9 @@ mod tests {
     #[test]
     fn a_run_folder_holds_the_run_and_the_log() {
         let folder = tempfile::tempdir().unwrap();
-        let run = RunFolder::at(&folder.path().join("deep/er"), false, &info()).unwrap();
+        let mut run = RunFolder::at(&folder.path().join("deep/er"), false).unwrap();
+        assert!(!run.path().join("run.json").exists(), "there is nothing to resume yet");
+        run.record(&info()).unwrap();
         let read: Value = serde_json::from_slice(&fs::read(run.path().join("run.json")).unwrap()).unwrap();
         assert_eq!(read["seed"], 7);
         assert_eq!(read["sources"][0]["text"], "let a = 0");
@@ -381,18 +438,27 @@ mod tests {
     fn a_run_folder_has_one_writer_and_is_not_taken_twice() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run");
-        let why = |force| RunFolder::at(&path, force, &info()).unwrap_err().message;
-        let first = RunFolder::at(&path, false, &info()).unwrap();
+        let why = |force| RunFolder::at(&path, force).unwrap_err().message;
+        let mut first = RunFolder::at(&path, false).unwrap();
         assert!(why(false).contains("another run is writing"));
         assert!(why(true).contains("another run is writing"));
         drop(first);
+        // It was killed before it was a run: nothing is lost.
+        fs::write(path.join(".run.json.123-0.tmp"), "{").unwrap();
+        first = RunFolder::at(&path, false).unwrap();
+        first.record(&info()).unwrap();
+        drop(first);
         assert!(why(false).contains("it holds an earlier run"));
         fs::write(path.join("log.jsonl"), "old").unwrap();
-        let _second = RunFolder::at(&path, true, &info()).unwrap();
+        drop(RunFolder::at(&path, true).unwrap());
         assert_eq!(fs::read(path.join("log.jsonl")).unwrap(), b"");
+        assert!(!path.join("run.json").exists());
+        // Without its record it is nobody's, but no less worth something.
+        fs::write(path.join("log.jsonl"), "old").unwrap();
+        assert!(why(false).contains("not a run's"));
         // Somebody else's folder is left as it was.
         fs::write(folder.path().join("letter.txt"), "dear").unwrap();
-        let told = RunFolder::at(folder.path(), false, &info()).unwrap_err();
+        let told = RunFolder::at(folder.path(), false).unwrap_err();
         assert!(told.message.contains("not a run's") && told.helps.iter().any(|h| h.contains("--force")));
         assert!(!folder.path().join(RUN_LOCK).exists());
     }
@@ -422,8 +488,8 @@ mod tests {
     #[test]
     fn a_full_disk_leaves_whole_lines() {
         for room in 0..20 {
-            let mut log = WholeLines { file: Small(Vec::new(), room), whole: 0 };
-            let error = (0..10).find_map(|_| log.add("1234").err()).unwrap();
+            let mut log = Whole { file: Small(Vec::new(), room), whole: 0 };
+            let error = (0..10).find_map(|_| log.add(b"1234\n").err()).unwrap();
             assert_eq!(error.kind(), io::ErrorKind::StorageFull);
             assert_eq!(log.file.0, b"1234\n".repeat(room / 5));
         }

@@ -1,30 +1,37 @@
 //! Steps of the solvers of least squares: two independent measurements of the loss, and of its derivatives where it is good.
 
+use serde::{Deserialize, Serialize};
+
 use super::optimization::Move;
 use crate::check::hir;
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, INTERRUPTED, Residuals};
-use crate::optim::{GaveUp, LeastSquares, MAX_SKIPPED_IN_A_ROW, Space, StepOutcome};
+use crate::optim::{GaveUp, GradientSize, LeastSquares, MAX_SKIPPED_IN_A_ROW, Space, StepOutcome};
 use crate::tape::Tensor;
 
 /// A solver with its memory, for one stage.
+#[derive(Clone, Serialize, Deserialize)]
 pub struct Squares {
     stage: u64,
     /// Goes back where the loss has risen; else every step counts.
     careful: bool,
     solver: LeastSquares,
+    #[serde(skip)]
     spaces: Vec<Space>,
     felt: Vec<bool>,
-    skipped: u64,
     in_a_row: u64,
-    grad_norm: f64,
 }
 
 impl Squares {
     pub fn new(stage: u64, spaces: Vec<Space>, damping: f64, careful: bool) -> Squares {
         let solver = LeastSquares::new(spaces.clone(), damping);
         let felt = vec![false; spaces.len()];
-        Squares { stage, careful, solver, spaces, felt, skipped: 0, in_a_row: 0, grad_norm: f64::NAN }
+        Squares { stage, careful, solver, spaces, felt, in_a_row: 0 }
+    }
+
+    /// The same state, over these spaces: of one that was stored.
+    pub fn within(self, spaces: Vec<Space>) -> Squares {
+        Squares { solver: self.solver.within(spaces.clone()), spaces, ..self }
     }
 
     pub fn is_for(&self, stage: u64, careful: bool) -> bool {
@@ -34,10 +41,6 @@ impl Squares {
     /// The best params that it knows.
     pub fn base(&self) -> Option<&[Vec<f64>]> {
         self.solver.base()
-    }
-
-    pub fn skipped(&self) -> u64 {
-        self.skipped
     }
 
     /// Looks at the loss at `values`, the params that the engine has, and proposes others; the `last` time, the best that it knows.
@@ -87,24 +90,26 @@ impl Squares {
         let rows = [engine.residual_rows(loss, &at[0])?, engine.residual_rows(loss, &at[1])?];
         let params = self.feel(&place, &rows);
         let norm = engine.stoppable(|| self.solver.rebase(&place, both(&at), [&rows[0], &rows[1]]))?;
-        let Some(norm) = norm.filter(|_| lr.is_finite()) else {
+        if norm.is_none() || !lr.is_finite() {
             // Residuals that are not finite are nobody's.
             let all = params.is_empty() && lr.is_finite();
             let params = if all { (0..place.len()).collect() } else { params };
-            self.skipped += 1;
             self.in_a_row += 1;
             let in_a_row = self.in_a_row;
             let gave_up = in_a_row >= MAX_SKIPPED_IN_A_ROW;
             let outcome = if gave_up { Err(GaveUp { in_a_row, params }) } else { Ok(StepOutcome::Skipped { params }) };
             return Ok(self.moved(mean_loss, place, outcome));
-        };
-        (self.grad_norm, self.in_a_row) = (norm, 0);
+        }
+        self.in_a_row = 0;
         let next = engine.stoppable(|| self.solver.propose(lr))?.unwrap_or(place);
         Ok(self.moved(mean_loss, next, Ok(StepOutcome::Moved)))
     }
 
     fn moved(&self, loss: f64, values: Vec<Vec<f64>>, outcome: Result<StepOutcome, GaveUp>) -> Move {
-        Move { loss, grad_norm: self.grad_norm, values, outcome, felt: self.felt.clone() }
+        // Nothing is known of a gradient that was never finite.
+        let unknown = || vec![GradientSize { norm: f64::NAN, error: None }; self.spaces.len()];
+        let gradients = self.solver.gradient_sizes().unwrap_or_else(unknown);
+        Move { loss, gradients, values, outcome, felt: self.felt.clone() }
     }
 
     /// Notes which params the residuals feel; returns those whose derivatives are not finite.

@@ -1,21 +1,28 @@
 //! A session: a checked program, run against the outside world.
 
+pub mod checkpoint;
 pub mod clock;
 pub mod folder;
 mod least_squares;
 pub mod line;
+pub mod log;
 pub mod measure;
 pub mod optimization;
 pub mod plot;
+mod replay;
 mod retreat;
 pub mod run;
 pub mod show;
 pub mod solver;
+mod stages;
 pub mod stats;
+pub mod tensorboard;
 pub mod world;
 
+pub use checkpoint::{Checkpoint, RunSettings};
 pub use folder::{Override, RunFolder, RunInfo};
 pub use measure::{MeasureOptions, Measurement, measure};
 pub use optimization::Optimization;
+pub use replay::StepOfRun;
 pub use run::{Flow, RunReport, Runner};
 pub use world::{Progress, Recorder, World};

@@ -2,22 +2,23 @@
 
 use std::collections::{HashMap, HashSet};
 
+use serde::{Deserialize, Serialize};
+
 use super::clock::Stopwatch;
-use super::folder::LOGGED_NUMBERS;
 use super::least_squares::{Squares, put};
+use super::log::LOGGED_NUMBERS;
 use super::retreat::{Footing, NOT_FINITE};
 use super::show::digits;
 use super::solver::{Method, solver_from};
+use super::stages::{Plan, plan};
 use crate::check::{self, Reached, hir};
 use crate::diag::Diagnostic;
-use crate::eval::{Engine, History, Origin, ParamInfo, ParamKind, RenderOverrides};
+use crate::eval::{Engine, History, INTERRUPTED, Origin, ParamInfo, ParamKind, RenderOverrides, StoredHistory};
+use crate::memory;
 use crate::natives::value::Value;
-use crate::optim::{GaveUp, Geometry, Optimizer, Solver, Space, StepOutcome};
+use crate::optim::{GaveUp, Geometry, GradientNoise, GradientSize, Optimizer, Solver, Space, StepOutcome};
 use crate::source::Span;
 use crate::tape::Tensor;
-
-/// Steps when the script says nothing.
-pub const DEFAULT_STEPS: u64 = 100;
 
 /// An optimisation that can be advanced a step at a time; the params themselves live in the engine.
 pub struct Optimization {
@@ -27,31 +28,53 @@ pub struct Optimization {
     done: u64,
     params: Vec<Moved>,
     spaces: Vec<Space>,
+    pub(super) memory: Memory,
+    losses: Vec<f64>,
+    /// Params that an update would have given, were they finite.
+    pub(super) rejected: Option<Vec<Vec<f64>>>,
+    /// How all was before the step that is not yet kept.
+    before: Option<Before>,
+    /// Params that are kept where they make sense although the script does not say so.
+    notes: Vec<String>,
+}
+
+/// What a step leaves for the next one, beside the params.
+#[derive(Clone, Serialize, Deserialize)]
+pub(super) struct Memory {
     optimizer: Optimizer,
     /// The state of the other kind of solver, while it is in use.
     squares: Option<Squares>,
     /// What first-order steps leave for the next one.
+    #[serde(skip)]
     history: History,
-    losses: Vec<f64>,
+    /// Of each param's gradient, in first-order steps of one stage.
+    noise: Vec<GradientNoise>,
     /// For each param, whether its derivative was ever anything but 0.
     felt: Vec<bool>,
+    /// Steps that moved nothing, because what they would have followed was not finite.
+    skipped: u64,
     /// Where to go back to.
     pub(super) footing: Option<Footing>,
-    /// Params that an update would have given, were they finite.
-    pub(super) rejected: Option<Vec<Vec<f64>>>,
-    /// Params that are kept where they make sense although the script does not say so.
-    notes: Vec<String>,
     /// Where the numbers came from that made the first step be skipped.
     origin: Option<Origin>,
 }
 
-/// A stage with its share of the steps.
-struct Plan {
-    name: Option<String>,
-    /// Steps of this stage and of all before it.
-    until: u64,
-    using: Option<hir::Expr>,
-    overrides: RenderOverrides,
+/// An optimisation between two steps, without what follows from the script and from where the params were at its start.
+#[derive(Serialize, Deserialize)]
+pub struct OptimizationState {
+    done: u64,
+    losses: Vec<f64>,
+    memory: Memory,
+    history: StoredHistory,
+}
+
+/// All that a step changes.
+struct Before {
+    done: u64,
+    memory: Memory,
+    losses: usize,
+    told: (usize, f64),
+    values: Vec<Vec<f64>>,
 }
 
 struct Moved {
@@ -63,7 +86,8 @@ struct Moved {
 pub(super) struct Move {
     /// At the params before.
     pub loss: f64,
-    pub grad_norm: f64,
+    /// By param.
+    pub gradients: Vec<GradientSize>,
     /// The params after it.
     pub values: Vec<Vec<f64>>,
     pub outcome: Result<StepOutcome, GaveUp>,
@@ -80,8 +104,16 @@ pub struct StepReport {
     pub loss: f64,
     pub lr: f64,
     pub grad_norm: f64,
+    /// By param's name.
+    pub gradients: Vec<(String, GradientSize)>,
     /// Names of the params whose gradient was not finite: nothing moved.
     pub skipped: Option<Vec<String>>,
+    /// Such steps of this optimisation so far.
+    pub skipped_steps: u64,
+    /// Samples drawn, of pixels of images that params reach and of their derivatives.
+    pub samples: u64,
+    /// Memory that the process holds.
+    pub bytes: u64,
     /// Wall time of value, derivative and update.
     pub seconds: f64,
     /// The small params at which the loss was taken ([`LOGGED_NUMBERS`]): name, shape, numbers.
@@ -101,18 +133,60 @@ impl Optimization {
             total: stages.last().map_or(0, |s| s.until),
             stages,
             done: 0,
-            felt: vec![false; params.len()],
+            memory: Memory {
+                optimizer: Optimizer::new(Solver::adam(), spaces.clone()),
+                squares: None,
+                history: History::default(),
+                noise: vec![GradientNoise::default(); params.len()],
+                felt: vec![false; params.len()],
+                skipped: 0,
+                footing: None,
+                origin: None,
+            },
             params,
-            optimizer: Optimizer::new(Solver::adam(), spaces.clone()),
             spaces,
-            squares: None,
-            history: History::default(),
             losses: Vec::new(),
-            footing: None,
             rejected: None,
+            before: None,
             notes,
-            origin: None,
         })
+    }
+
+    /// What [`Optimization::resume`] needs, with the engine's own state, to go on from here.
+    pub fn state(&self) -> OptimizationState {
+        let history = self.memory.history.store();
+        OptimizationState { done: self.done, losses: self.losses.clone(), memory: self.memory.clone(), history }
+    }
+
+    /// Takes up a state of the same optimisation. The engine has its state of then already.
+    pub fn resume(&mut self, engine: &mut Engine, state: OptimizationState) -> Result<(), Diagnostic> {
+        let OptimizationState { done, losses, memory, history } = state;
+        let spaces = || self.spaces.clone();
+        let squares = memory.squares.map(|squares| squares.within(spaces()));
+        let mut optimizer = self.memory.optimizer.clone();
+        let fits = optimizer.resume(memory.optimizer).is_some() && memory.felt.len() == self.params.len();
+        if !fits {
+            let message = format!("the run moved other params than `{}` does now", self.name());
+            return Err(Diagnostic::error("dscene::run::resume", message).label(self.optimize.span, "this one"));
+        }
+        let mut history = History::resumed(history);
+        self.revisit(engine, &mut history)?;
+        (self.done, self.losses) = (done, losses);
+        self.memory = Memory { optimizer, squares, history, ..memory };
+        Ok(())
+    }
+
+    /// Builds the scenes again that images of steps to come go on from, and leaves the engine as it was.
+    fn revisit(&self, engine: &mut Engine, history: &mut History) -> Result<(), Diagnostic> {
+        let now = engine.state();
+        let targets = self.targets();
+        for (step, values) in history.places() {
+            put(engine, &targets, values)?;
+            self.enter(engine, step);
+            engine.revisit(history, step, &self.optimize.loss, &targets)?;
+        }
+        history.end_revisits();
+        engine.restore(&now)
     }
 
     pub fn name(&self) -> &str {
@@ -152,7 +226,7 @@ impl Optimization {
         let names: Vec<String> = self
             .params
             .iter()
-            .zip(&self.felt)
+            .zip(&self.memory.felt)
             .filter(|(_, felt)| !**felt)
             .map(|(p, _)| format!("`{}`", p.name))
             .collect();
@@ -189,7 +263,7 @@ impl Optimization {
 
     /// Says where numbers came from that are not finite.
     fn with_origin(&self, told: Diagnostic) -> Diagnostic {
-        match &self.origin {
+        match &self.memory.origin {
             Some(origin) => told.label(origin.span, origin.text.clone()).label(self.optimize.loss.span, "in this loss"),
             None => told.label(self.optimize.loss.span, "the derivative of this"),
         }
@@ -211,13 +285,17 @@ impl Optimization {
 
     /// Steps skipped because of gradients that were not finite.
     pub fn skipped(&self) -> u64 {
-        self.optimizer.skipped() + self.squares.as_ref().map_or(0, Squares::skipped)
+        self.memory.skipped
     }
 
     /// Makes `step` and `progress` those of the next step and applies its stage's settings.
     pub fn enter_step(&self, engine: &mut Engine) {
-        engine.set_step(self.done, self.total);
-        let overrides = self.stage().map(|s| s.overrides).unwrap_or_default();
+        self.enter(engine, self.done);
+    }
+
+    fn enter(&self, engine: &mut Engine, step: u64) {
+        engine.set_step(step, self.total);
+        let overrides = self.stage_at(step).map(|s| s.overrides).unwrap_or_default();
         engine.set_render_overrides(overrides);
     }
 
@@ -227,13 +305,54 @@ impl Optimization {
     }
 
     fn stage(&self) -> Option<&Plan> {
-        self.stages.iter().find(|s| self.done < s.until).or(self.stages.last())
+        self.stage_at(self.done)
     }
 
-    /// One step. Beyond the last one the schedule stands still at its end.
+    fn stage_at(&self, step: u64) -> Option<&Plan> {
+        self.stages.iter().find(|s| step < s.until).or(self.stages.last())
+    }
+
+    /// One step. Beyond the last one the schedule stands still at its end. A step that Ctrl-C stops half-way is taken back.
     pub fn step(&mut self, engine: &mut Engine) -> Result<StepReport, Diagnostic> {
-        let watch = Stopwatch::start();
         self.enter_step(engine);
+        let targets = self.targets();
+        let before: Vec<Tensor> = targets.iter().map(|t| engine.target_tensor(t)).collect::<Result<_, _>>()?;
+        self.before = Some(Before {
+            done: self.done,
+            memory: self.memory.clone(),
+            losses: self.losses.len(),
+            told: engine.losses_told(),
+            values: before.iter().map(|t| t.data.clone()).collect(),
+        });
+        let found = self.take_step(engine, &targets, before);
+        if found.as_ref().is_err_and(|e| e.code == INTERRUPTED) {
+            self.take_back(engine)?;
+        }
+        found
+    }
+
+    /// Nothing takes the last step back any more.
+    pub fn keep(&mut self) {
+        self.before = None;
+    }
+
+    /// Leaves everything as it was before a step that is not kept, whether it failed or not: it can be taken again.
+    pub fn take_back(&mut self, engine: &mut Engine) -> Result<(), Diagnostic> {
+        let Some(Before { done, memory, losses, told, values }) = self.before.take() else { return Ok(()) };
+        (self.done, self.memory, self.rejected) = (done, memory, None);
+        self.losses.truncate(losses);
+        engine.take_back_losses(told);
+        let targets = self.targets();
+        engine.unstopped(|engine| put(engine, &targets, values))
+    }
+
+    fn take_step(
+        &mut self,
+        engine: &mut Engine,
+        targets: &[hir::Target],
+        before: Vec<Tensor>,
+    ) -> Result<StepReport, Diagnostic> {
+        let (watch, samples) = (Stopwatch::start(), engine.statistics().samples);
         let stage_name = self.stage().and_then(|s| s.name.clone());
         let using = self.stage().and_then(|s| s.using.clone());
         let (method, lr) = match &using {
@@ -245,8 +364,6 @@ impl Optimization {
                 })?
             }
         };
-        let targets = self.targets();
-        let before: Vec<Tensor> = targets.iter().map(|t| engine.target_tensor(t)).collect::<Result<_, _>>()?;
         let small = |(_, t): &(&Moved, &Tensor)| t.len() <= LOGGED_NUMBERS;
         let logged = self.params.iter().zip(&before).filter(small);
         let logged = logged.map(|(p, t)| (p.name.clone(), t.shape.clone(), t.data.clone())).collect();
@@ -254,9 +371,9 @@ impl Optimization {
         let here = values.clone();
         let moved = match method {
             Method::FirstOrder(solver) => {
-                self.squares = None;
-                self.optimizer.set_solver(solver);
-                self.descend(engine, &targets, values, lr)?
+                self.memory.squares = None;
+                self.memory.optimizer.set_solver(solver);
+                self.descend(engine, targets, values, lr)?
             }
             Method::LeastSquares { damping, careful } => {
                 if self.stage().is_some_and(|s| s.overrides.control_variates) {
@@ -265,17 +382,18 @@ impl Optimization {
                 }
                 // The losses of different stages do not compare.
                 let stage = self.stage().map_or(0, |s| s.until);
-                let old = self.squares.take().filter(|s| s.is_for(stage, careful));
+                let old = self.memory.squares.take().filter(|s| s.is_for(stage, careful));
                 let mut squares = old.unwrap_or_else(|| Squares::new(stage, self.spaces.clone(), damping, careful));
                 let last = self.done + 1 >= self.stage().map_or(0, |s| s.until);
-                let moved = squares.step(engine, &self.optimize.loss, &targets, values, lr, last);
-                self.squares = Some(squares);
+                let moved = squares.step(engine, &self.optimize.loss, targets, values, lr, last);
+                self.memory.squares = Some(squares);
                 moved?
             }
         };
-        for (felt, now) in self.felt.iter_mut().zip(&moved.felt) {
+        for (felt, now) in self.memory.felt.iter_mut().zip(&moved.felt) {
             *felt |= now;
         }
+        self.memory.skipped += u64::from(!matches!(moved.outcome, Ok(StepOutcome::Moved)));
         let names = |indices: &[usize]| -> Vec<String> {
             indices.iter().filter_map(|&i| self.params.get(i)).map(|p| p.name.clone()).collect()
         };
@@ -289,7 +407,7 @@ impl Optimization {
             }
         };
         if skipped.is_none() {
-            self.footing = Some(Footing { step: self.done, values: here, rate: lr });
+            self.memory.footing = Some(Footing { step: self.done, values: here, rate: lr });
             if moved.values.iter().flatten().any(|x| !x.is_finite()) {
                 self.rejected = Some(moved.values);
                 let message = "there is no such number: it is too large";
@@ -297,7 +415,7 @@ impl Optimization {
                     Diagnostic::error("dscene::run::diverged", message).label(self.optimize.span, "stopped here")
                 );
             }
-            put(engine, &targets, moved.values)?;
+            put(engine, targets, moved.values)?;
         } else {
             self.find_origin(engine);
         }
@@ -305,17 +423,21 @@ impl Optimization {
 
         self.losses.push(moved.loss);
         let stop = skipped.is_none() && self.should_stop(engine, moved.loss)?;
-        if let Some(base) = self.squares.as_ref().filter(|_| stop).and_then(Squares::base) {
+        if let Some(base) = self.memory.squares.as_ref().filter(|_| stop).and_then(Squares::base) {
             // Nobody would look whether the last proposal is any good.
-            put(engine, &targets, base.to_vec())?;
+            put(engine, targets, base.to_vec())?;
         }
         let report = StepReport {
             step: self.done,
             stage: stage_name,
             loss: moved.loss,
             lr,
-            grad_norm: moved.grad_norm,
+            grad_norm: GradientSize::norm_of_all(&moved.gradients),
+            gradients: self.params.iter().map(|p| p.name.clone()).zip(moved.gradients).collect(),
             skipped,
+            skipped_steps: self.memory.skipped,
+            samples: engine.statistics().samples - samples,
+            bytes: memory::held(),
             seconds,
             params: logged,
             stop,
@@ -332,16 +454,36 @@ impl Optimization {
         mut values: Vec<Vec<f64>>,
         lr: f64,
     ) -> Result<Move, Diagnostic> {
-        let gradient = engine.gradient_after(&mut self.history, &self.optimize.loss, targets)?;
+        if self.stage().is_some_and(|s| s.overrides.control_variates) {
+            self.memory.history.note_place(self.done, values.clone());
+        }
+        let gradient = engine.gradient_after(&mut self.memory.history, &self.optimize.loss, targets)?;
         let mut grads: Vec<Vec<f64>> = gradient.grads.into_iter().map(|t| t.data).collect();
         if !gradient.value.is_finite() {
             // What is infinite or NaN has no direction in which it falls, whatever its derivatives say.
             grads.iter_mut().flatten().for_each(|g| *g = f64::NAN);
         }
         let felt = grads.iter().map(|grad| grad.iter().any(|g| *g != 0.0)).collect();
-        let grad_norm = self.optimizer.grad_norm(&values, &grads);
-        let outcome = self.optimizer.step(&mut values, &grads, lr);
-        Ok(Move { loss: gradient.value, grad_norm, values, outcome, felt })
+        let gradients = self.sizes(&values, &grads, gradient.is_noisy);
+        let outcome = self.memory.optimizer.step(&mut values, &grads, lr);
+        Ok(Move { loss: gradient.value, gradients, values, outcome, felt })
+    }
+
+    /// How large gradients are, with their errors.
+    fn sizes(&mut self, values: &[Vec<f64>], grads: &[Vec<f64>], is_noisy: bool) -> Vec<GradientSize> {
+        // Another stage may draw other samples, of other pixels.
+        if self.stages.iter().any(|stage| stage.until == self.done) {
+            self.memory.noise.fill(GradientNoise::default());
+        }
+        let tangents = self.memory.optimizer.tangents(values, grads);
+        let size = |(noise, tangent): (&mut GradientNoise, &Vec<f64>)| {
+            if tangent.iter().any(|g| !g.is_finite()) {
+                return GradientSize { norm: f64::NAN, error: None };
+            }
+            let size = noise.add(tangent);
+            if is_noisy { size } else { GradientSize { error: Some(0.0), ..size } }
+        };
+        self.memory.noise.iter_mut().zip(&tangents).map(size).collect()
     }
 
     fn should_stop(&self, engine: &mut Engine, loss: f64) -> Result<bool, Diagnostic> {
@@ -354,15 +496,15 @@ impl Optimization {
 
     /// Looks once for where numbers came from that are not finite.
     fn find_origin(&mut self, engine: &mut Engine) {
-        if self.origin.is_none() {
-            self.origin = engine.origin(&self.optimize.loss);
+        if self.memory.origin.is_none() {
+            self.memory.origin = engine.origin(&self.optimize.loss);
         }
     }
 
     /// Why the loop ends, at these values of the params.
     fn gave_up(&self, gave_up: &GaveUp, names: &[String], values: &[Vec<f64>], rate: f64) -> Diagnostic {
         let (many, step, name) = (gave_up.in_a_row, self.done, self.name());
-        let why = match &self.origin {
+        let why = match &self.memory.origin {
             _ if names.is_empty() => "the learning rate is not finite".to_owned(),
             Some(_) => "the loss is not finite".to_owned(),
             None => "the gradient is not finite".to_owned(),
@@ -378,7 +520,7 @@ impl Optimization {
         let at = if at.is_empty() { String::new() } else { format!(" at {}", at.join(", ")) };
         let rate = digits(rate);
         let message = format!("{why}{at} in {many} steps in a row of `{name}`, up to step {step} at rate {rate}");
-        let help = if self.footing.is_none() {
+        let help = if self.memory.footing.is_none() {
             "it was never finite: mend the expression that is marked, or bound the param with `in lo..hi`"
         } else {
             "lower the rate, or bound the param with `in lo..hi`; the params are those of the last step taken"
@@ -474,99 +616,8 @@ fn space_of(info: &ParamInfo) -> Space {
     }
 }
 
-fn plan(engine: &mut Engine, optimize: &hir::Optimize, steps: Option<u64>) -> Result<Vec<Plan>, Diagnostic> {
-    let own_steps = match &optimize.steps {
-        Some(expr) => Some(whole_number(engine, expr, "`steps`")?),
-        None => None,
-    };
-    let own_overrides = overrides(engine, RenderOverrides::default(), &optimize.settings)?;
-    if optimize.stages.is_empty() {
-        let until = steps.or(own_steps).unwrap_or(DEFAULT_STEPS);
-        return Ok(vec![Plan { name: None, until, using: optimize.using.clone(), overrides: own_overrides }]);
-    }
-    let mut plans = Vec::new();
-    let mut until: u64 = 0;
-    for stage in &optimize.stages {
-        let count = match &stage.steps {
-            Some(expr) => whole_number(engine, expr, "`steps`")?,
-            None => own_steps.unwrap_or(DEFAULT_STEPS),
-        };
-        until = until.saturating_add(count);
-        plans.push(Plan {
-            name: Some(stage.name.clone()),
-            until,
-            using: stage.using.clone().or_else(|| optimize.using.clone()),
-            overrides: overrides(engine, own_overrides, &stage.settings)?,
-        });
-    }
-    if let Some(steps) = steps {
-        let all = u128::from(until.max(1));
-        for plan in &mut plans {
-            plan.until = u64::try_from(u128::from(plan.until) * u128::from(steps) / all).unwrap_or(steps);
-        }
-    }
-    Ok(plans)
-}
-
-fn overrides(
-    engine: &mut Engine,
-    base: RenderOverrides,
-    settings: &[(String, hir::Expr)],
-) -> Result<RenderOverrides, Diagnostic> {
-    let mut found = base;
-    for (name, expr) in settings {
-        match name.as_str() {
-            "spp" => found.spp = Some(at_least_one(engine, expr, "`spp`")?),
-            "max_bounces" => {
-                let bounces = whole_number(engine, expr, "`max_bounces`")?;
-                found.max_bounces = Some(u32::try_from(bounces).unwrap_or(u32::MAX));
-            }
-            "film_scale" => found.film_scale = Some(film_scale(engine, expr)?),
-            "control_variates" => found.control_variates = matches!(engine.eval(expr)?, Value::Bool(true)),
-            _ => {
-                return Err(Diagnostic::error(
-                    "dscene::run::setting",
-                    format!("`{name}` is not a setting of `optimize`"),
-                )
-                .label(expr.span, "this one")
-                .help("the settings are `spp`, `max_bounces`, `film_scale` and `control_variates`"));
-            }
-        }
-    }
-    Ok(found)
-}
-
 fn no_control_variates(span: Span) -> Diagnostic {
     Diagnostic::error("dscene::run::control_variates", "`control_variates` are for first-order optimizers")
         .label(span, "compares images of two steps, sample by sample")
         .help("leave them out here, or use for instance `adam(lr: 0.01)`")
-}
-
-fn at_least_one(engine: &mut Engine, expr: &hir::Expr, what: &str) -> Result<u32, Diagnostic> {
-    let n = whole_number(engine, expr, what)?;
-    match u32::try_from(n) {
-        Ok(n) if n > 0 => Ok(n),
-        _ => Err(out_of_range(expr, what, n as f64, "must be at least 1")),
-    }
-}
-
-fn film_scale(engine: &mut Engine, expr: &hir::Expr) -> Result<f64, Diagnostic> {
-    match engine.eval(expr)?.number() {
-        Some(x) if x > 0.0 && x <= 16.0 => Ok(x),
-        x => Err(out_of_range(expr, "`film_scale`", x.unwrap_or(f64::NAN), "must be above 0 and at most 16")),
-    }
-}
-
-/// The value of an expression that counts something.
-pub fn whole_number(engine: &mut Engine, expr: &hir::Expr, what: &str) -> Result<u64, Diagnostic> {
-    let x = engine.eval(expr)?.number().unwrap_or(f64::NAN);
-    if x >= 0.0 && x.fract() == 0.0 && x <= 1e12 {
-        return Ok(x as u64);
-    }
-    Err(out_of_range(expr, what, x, "must be a whole number, at least 0"))
-}
-
-fn out_of_range(expr: &hir::Expr, what: &str, x: f64, rule: &str) -> Diagnostic {
-    Diagnostic::error("dscene::run::out_of_range", format!("{what} {rule}"))
-        .label(expr.span, format!("this is {}", digits(x)))
 }

@@ -1,6 +1,8 @@
 //! Handles an error of an optimisation whose params left the domain of the loss: the params of the last good step are restored, and the
 //! user is told which step moved which param where.
 
+use serde::{Deserialize, Serialize};
+
 use super::least_squares::put;
 use super::optimization::Optimization;
 use super::show::digits;
@@ -10,6 +12,7 @@ use crate::eval::Engine;
 use crate::tape::Tensor;
 
 /// The params of the last step whose loss and derivatives were finite, and the rate of the update that followed.
+#[derive(Clone, Serialize, Deserialize)]
 pub(super) struct Footing {
     pub step: u64,
     pub values: Vec<Vec<f64>>,
@@ -33,7 +36,7 @@ impl Optimization {
         if ELSEWHERE.contains(&error.code) {
             return Err(error);
         }
-        let Some(footing) = self.footing.take() else {
+        let Some(footing) = self.memory.footing.take() else {
             return if error.code == NOT_FINITE { Ok(self.ended(error)) } else { Err(error) };
         };
         let told = match self.culprit(engine, &footing, &error) {

@@ -1,21 +1,25 @@
 //! Actions, in order: optimise, save, print, plot, expect.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use serde::{Deserialize, Serialize};
+
+use super::checkpoint::{Optimizing, Schedule};
 use super::clock::{Stopwatch, human_seconds};
-use super::folder::{LogEntry, RunFolder, cannot_write, output_path};
+use super::folder::{RunFolder, cannot_write, output_path};
 use super::measure::repeat_seed;
-use super::optimization::{Optimization, whole_number};
+use super::optimization::{Optimization, StepReport};
 use super::plot;
 use super::show::{plus_minus, significant};
+use super::stages::whole_number;
 use super::stats::Moments;
 use super::world::{Progress, World};
 use crate::check::hir;
 use crate::check::types::Ty;
 use crate::data::{npy, table};
 use crate::diag::Diagnostic;
-use crate::eval::{self, Engine};
+use crate::eval::{self, Engine, EngineState};
 use crate::files::write_atomically;
 use crate::image::{Image, ImageError};
 use crate::natives::value::Value;
@@ -35,7 +39,7 @@ pub enum Flow {
 }
 
 /// What became of a run.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RunReport {
     pub interrupted: bool,
     pub expects: u64,
@@ -66,28 +70,69 @@ pub struct Runner<'a> {
     /// Replaces the steps of every `optimize`.
     pub steps: Option<u64>,
     pub report: RunReport,
-    /// What each `plot` has shown so far.
-    curves: HashMap<Span, Vec<f64>>,
+    /// When checkpoints are written into the folder, if they are.
+    pub checkpoints: Option<Schedule>,
+    /// The action that is under way, and the engine's state at its start: of checkpoints.
+    pub(super) current: usize,
+    pub(super) start: EngineState,
+    pub(super) curves: Curves,
     /// The losses of what was optimised, step by step.
     pub histories: Histories,
     /// Inside of an `every`, where a plot shows the value of its step.
     in_every: bool,
 }
 
+/// What each `plot` has shown so far.
+pub type Curves = BTreeMap<Span, Vec<f64>>;
+
 /// The losses at every step, by the text of what was optimised.
-pub type Histories = HashMap<String, Vec<f64>>;
+pub type Histories = BTreeMap<String, Vec<f64>>;
 
 impl<'a> Runner<'a> {
     pub fn new(engine: &'a mut Engine, world: &'a mut dyn World) -> Runner<'a> {
-        let (outputs, report, curves) = (PathBuf::new(), RunReport::default(), HashMap::new());
+        let (outputs, report, curves) = (PathBuf::new(), RunReport::default(), Curves::default());
         let histories = Histories::default();
-        Runner { engine, world, folder: None, outputs, steps: None, report, curves, histories, in_every: false }
+        Runner {
+            engine,
+            world,
+            folder: None,
+            outputs,
+            steps: None,
+            report,
+            checkpoints: None,
+            current: 0,
+            start: EngineState::default(),
+            curves,
+            histories,
+            in_every: false,
+        }
     }
 
     /// All of them, until one fails or the user interrupts. A failed `expect` is reported and the run goes on.
     pub fn run(&mut self, actions: &[hir::Action]) -> Result<Flow, Diagnostic> {
-        for action in actions {
-            let flow = if self.world.interrupted() { Ok(Flow::Interrupted) } else { self.action(action) };
+        self.run_from(actions, 0, None)
+    }
+
+    /// The same from an action on, perhaps from within the optimisation that it is: there is a checkpoint of that. Others are written where
+    /// an optimisation begins or ends, and by time; a run that was ended elsewhere does the actions since then again, with the same results.
+    pub(super) fn run_from(
+        &mut self,
+        actions: &[hir::Action],
+        first: usize,
+        mut within: Option<Optimizing>,
+    ) -> Result<Flow, Diagnostic> {
+        let is_optimize = |index: usize| matches!(actions.get(index), Some(hir::Action::Optimize(_)));
+        for (index, action) in actions.iter().enumerate().skip(first) {
+            if index == first {
+                self.enter_action(index);
+            } else if is_optimize(index) || is_optimize(index - 1) || self.has_waited() {
+                self.begin_action(index, false)?;
+            }
+            let flow = match action {
+                _ if self.world.interrupted() => Ok(Flow::Interrupted),
+                hir::Action::Optimize(optimize) => self.optimize(optimize, within.take()),
+                other => self.action(other),
+            };
             tell_warnings(self.engine, self.world);
             match flow {
                 Ok(Flow::Continue) => {}
@@ -99,12 +144,13 @@ impl<'a> Runner<'a> {
                 }
             }
         }
+        self.begin_action(actions.len(), true)?;
         Ok(Flow::Continue)
     }
 
     fn action(&mut self, action: &hir::Action) -> Result<Flow, Diagnostic> {
         match action {
-            hir::Action::Optimize(optimize) => return self.optimize(optimize),
+            hir::Action::Optimize(optimize) => return self.optimize(optimize, None),
             hir::Action::Save { value, path, span } => self.save(value, path, *span)?,
             hir::Action::Print { values, .. } => {
                 let texts: Vec<String> = values
@@ -119,8 +165,8 @@ impl<'a> Runner<'a> {
         Ok(Flow::Continue)
     }
 
-    fn optimize(&mut self, optimize: &hir::Optimize) -> Result<Flow, Diagnostic> {
-        let mut optimization = Optimization::new(self.engine, optimize, self.steps)?;
+    fn optimize(&mut self, optimize: &hir::Optimize, within: Option<Optimizing>) -> Result<Flow, Diagnostic> {
+        let mut optimization = self.set_up(optimize, within)?;
         for note in optimization.notes() {
             self.world.note(note);
         }
@@ -197,14 +243,26 @@ impl<'a> Runner<'a> {
                 self.world.progress_done();
                 let (done, total) = (optimization.done(), optimization.total());
                 self.world.note(&format!("interrupted after {done} of {total} steps of `{}`", optimization.name()));
+                self.write_checkpoint(Some(optimization), false)?;
                 self.report.interrupted = true;
                 return Ok(Flow::Interrupted);
             }
-            let report = match self.every(optimization).and_then(|()| optimization.step(self.engine)) {
+            self.checkpoint_if_due(optimization)?;
+            let report = match self.turn(optimization) {
                 // The next turn says so.
                 Err(diagnostic) if diagnostic.code == eval::INTERRUPTED && self.world.interrupted() => continue,
                 Err(diagnostic) => {
-                    let told = optimization.retreat(self.engine, diagnostic)?;
+                    let told = match optimization.retreat(self.engine, diagnostic) {
+                        Ok(told) => told,
+                        Err(fatal) => {
+                            // The run may go on from before this step, when there is room on the disk for instance. If not even that can
+                            // be written, the checkpoint before is there; the error at hand is the one worth telling.
+                            let _ = optimization
+                                .take_back(self.engine)
+                                .and_then(|()| self.write_checkpoint(Some(optimization), false));
+                            return Err(fatal);
+                        }
+                    };
                     self.report.failed_optimizations += 1;
                     self.world.progress_done();
                     self.tell(&told);
@@ -215,30 +273,11 @@ impl<'a> Runner<'a> {
             tell_warnings(self.engine, self.world);
             taken += 1;
             seconds += report.seconds;
-            if report.step == 0 {
-                self.histories.remove(optimization.name());
-            }
-            self.histories.entry(optimization.name().to_owned()).or_default().push(report.loss);
-            self.report.steps += 1;
             if let Some(names) = &report.skipped {
                 let whose = if names.is_empty() { "the learning rate".to_owned() } else { names.join(", ") };
                 let seed = self.engine.options().seed;
                 let step = report.step;
                 self.world.note(&format!("step {step}: not finite: {whose}; step skipped (seed {seed})"));
-            }
-            if let Some(folder) = &mut self.folder {
-                let entry = LogEntry {
-                    step: report.step,
-                    of: optimization.name(),
-                    stage: report.stage.as_deref(),
-                    loss: report.loss,
-                    lr: report.lr,
-                    grad_norm: report.grad_norm,
-                    skipped: report.skipped.is_some(),
-                    seconds: report.seconds,
-                    params: &report.params,
-                };
-                folder.log(&entry)?;
             }
             let name = match &report.stage {
                 Some(stage) => format!("{} · {stage}", optimization.name()),
@@ -262,6 +301,33 @@ impl<'a> Runner<'a> {
             }
         }
         Ok(Flow::Continue)
+    }
+
+    /// What is due before a step, the step, and its record. What Ctrl-C or an error ends half-way is forgotten: it may be done again.
+    fn turn(&mut self, optimization: &mut Optimization) -> Result<StepReport, Diagnostic> {
+        let before = (!optimization.every().is_empty()).then(|| (self.report.clone(), self.curves.clone()));
+        let done = self.every(optimization).and_then(|()| optimization.step(self.engine));
+        let done = done.and_then(|report| self.record(optimization, &report).map(|()| report));
+        match (&done, before) {
+            (Ok(_), _) => optimization.keep(),
+            (Err(_), Some(before)) => (self.report, self.curves) = before,
+            (Err(_), None) => {}
+        }
+        done
+    }
+
+    /// A step counts once it is in the log.
+    fn record(&mut self, optimization: &Optimization, report: &StepReport) -> Result<(), Diagnostic> {
+        let name = optimization.name();
+        if let Some(folder) = &mut self.folder {
+            folder.log(name, report, self.report.steps)?;
+        }
+        if report.step == 0 {
+            self.histories.remove(name);
+        }
+        self.histories.entry(name.to_owned()).or_default().push(report.loss);
+        self.report.steps += 1;
+        Ok(())
     }
 
     /// The `every N { … }` blocks that are due before the next step: at steps 0, N, 2N, … with the params of that step.
@@ -480,7 +546,7 @@ pub enum SaveError {
     Other { message: String, help: String },
 }
 
-/// Writes a value by its file's extension: images as PNG, EXR or HDR, meshes as OBJ or PLY; anything as JSON or text.
+/// Writes a value by its file's extension: images as PNG, EXR or HDR, meshes as OBJ, PLY or GLB; anything as JSON or text.
 pub fn save_value(value: &Value, ty: &Ty, path: &Path) -> Result<(), SaveError> {
     let (value, ty, path) = (value.clone(), ty.clone(), path.to_path_buf());
     // To compress a large image takes seconds.
@@ -516,7 +582,7 @@ fn write_value(value: &Value, ty: &Ty, path: &Path) -> Result<(), SaveError> {
                 help: "check the folder, the space on the disk and the extension".to_owned(),
             })
         }
-        "obj" | "ply" => {
+        "obj" | "ply" | "glb" => {
             let Value::Mesh(mesh) = value else {
                 return Err(SaveError::Other {
                     message: format!("a mesh file holds a mesh, this is {}", value.kind()),
@@ -532,7 +598,7 @@ fn write_value(value: &Value, ty: &Ty, path: &Path) -> Result<(), SaveError> {
             } else {
                 format!("`.{other}` is not a format that can be written")
             },
-            help: "use .png, .exr or .hdr for images, .obj or .ply for meshes, .npy or .csv for numbers, .json or .txt for any value".to_owned(),
+            help: "use .png, .exr or .hdr for images, .obj, .ply or .glb for meshes, .npy or .csv for numbers, .json or .txt for any value".to_owned(),
         }),
     }
 }

@@ -4,14 +4,13 @@ use std::path::{Path, PathBuf};
 
 use super::{Next, Repl};
 use crate::check::hir;
-use crate::check::types::Ty;
+use crate::cli::script::script_with_values;
 use crate::diag::{self, Diagnostic};
 use crate::eval;
 use crate::files::write_atomically;
 use crate::session::clock::{Stopwatch, human_seconds};
 use crate::session::folder::{cannot_write, spare_inputs};
 use crate::session::{Optimization, Runner, show};
-use crate::source::Span;
 use crate::tape::Tensor;
 
 /// Name, arguments and what it does, in the order of `:help`.
@@ -305,101 +304,12 @@ impl Repl<'_> {
         if self.file.as_ref() != Some(&path) {
             spare_inputs(&path)?;
         }
-        let script = self.script()?;
+        let sources = &self.engine.program().sources;
+        let root = sources.iter().find(|(_, f)| f.path.is_some() && f.path == self.file).map(|(id, _)| id);
+        let script = script_with_values(&mut self.engine, root, &self.typed, Vec::new())?;
         write_atomically(&path, script.as_bytes()).map_err(|e| cannot_write(&path, &e))?;
         self.world.note(&format!("saved {}", path.display()));
         Ok(())
-    }
-
-    /// The file and the lines typed since, each with only what still holds; params that moved have their present values.
-    fn script(&mut self) -> Result<String, Diagnostic> {
-        let sources = self.engine.program().sources.clone();
-        let root = sources.iter().find(|(_, f)| f.path.is_some() && f.path == self.file).map(|(id, _)| id);
-        let mut values: Vec<(Span, String)> = Vec::new();
-        let mut elsewhere = String::new();
-        for id in self.engine.program().params().collect::<Vec<_>>() {
-            let present = self.engine.param_value(id)?;
-            let (ty, name, body) = {
-                let decl = self.engine.program().decl(id);
-                let Some(body) = &decl.body else { continue };
-                (decl.ty.clone(), decl.name.clone(), body.clone())
-            };
-            let initial = self.engine.eval(&body)?;
-            if initial.var().is_some_and(|v| same_bits(v.value(), &present)) {
-                continue;
-            }
-            let text = as_script(&present, &ty);
-            if Some(body.span.source) == root || self.typed.contains(&body.span.source) {
-                values.push((body.span, text));
-            } else {
-                elsewhere.push_str(&format!("// {name} = {text}\n"));
-            }
-        }
-        let mut out = String::new();
-        for source in root.into_iter().chain(self.typed.iter().copied()) {
-            let Some(file) = sources.get(source) else { continue };
-            let mut edits: Vec<(usize, usize, &str)> = values
-                .iter()
-                .filter(|(span, _)| span.source == source)
-                .map(|(span, text)| (span.start as usize, span.end as usize, text.as_str()))
-                .collect();
-            // What a later line declares anew is left out here, and so is what a line did but not declare.
-            for statement in crate::syntax::parse(&sources, source).0.statements {
-                let span = statement.span;
-                let holds = match statement.declares() {
-                    Some(name) => self
-                        .engine
-                        .program()
-                        .find(name)
-                        .is_none_or(|id| self.engine.program().decl(id).name_span.source == source),
-                    None => {
-                        Some(source) == root || matches!(statement.kind, crate::syntax::ast::StatementKind::Import(_))
-                    }
-                };
-                if !holds {
-                    edits.retain(|(start, ..)| !(span.start as usize..span.end as usize).contains(start));
-                    edits.push((span.start as usize, span.end as usize, ""));
-                }
-            }
-            let mut text = file.text.clone();
-            edits.sort_by_key(|edit| std::cmp::Reverse(edit.0));
-            for (start, end, new) in edits {
-                if text.get(start..end).is_some() {
-                    text.replace_range(start..end, new);
-                }
-            }
-            if !text.trim().is_empty() || Some(source) == root {
-                out.push_str(text.trim_end());
-                out.push('\n');
-            }
-        }
-        if !elsewhere.is_empty() {
-            out.push_str(&format!("\n// Values of params that other files declare:\n{elsewhere}"));
-        }
-        Ok(out)
-    }
-}
-
-fn same_bits(a: &Tensor, b: &Tensor) -> bool {
-    a.shape == b.shape && a.data.iter().zip(&b.data).all(|(x, y)| x.to_bits() == y.to_bits())
-}
-
-/// A param's value to its last bit, as an expression of its type.
-fn as_script(t: &Tensor, ty: &Ty) -> String {
-    let numbers = || crate::session::folder::nested(&t.shape, &t.data).to_string().replace(',', ", ").replace('"', "");
-    match (ty, t.item()) {
-        (Ty::Angle, Some(x)) => {
-            // In degrees where that is the same number.
-            let degrees = (x.to_degrees() * 1e9).round() / 1e9;
-            if (degrees * std::f64::consts::PI / 180.0).to_bits() == x.to_bits() {
-                format!("{degrees}deg")
-            } else {
-                format!("{}rad", crate::session::folder::nested(&[], &[x]))
-            }
-        }
-        (Ty::Rotation, _) => format!("rotation(matrix: {})", numbers()),
-        (Ty::Image { .. }, _) => format!("image({})", numbers()),
-        _ => numbers(),
     }
 }
 

@@ -6,10 +6,11 @@
 //! step of an optimisation to the next little changes, so second moments are cached ([`GuideCache`]): with the same number of pilots a
 //! step the histogram can have smaller cells.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
 use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
 
 use crate::grad::environment::MovingEnvironment;
 use crate::grad::estimate::Reverse;
@@ -61,7 +62,7 @@ impl GuideTraining<'_> {
 }
 
 /// Which estimator a guide is for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum GuideKey {
     Shadows(MovingEnvironment),
     Secondary(MovingEnvironment),
@@ -69,12 +70,20 @@ pub enum GuideKey {
 
 /// Second moments that guides measured in earlier steps, for a scene that changes little from step to step. Most edges, lights and film
 /// positions stay in their cells. Where they do not, the density is a poor one for a while, but the estimate stays unbiased.
-#[derive(Default)]
+#[derive(Default, Serialize, Deserialize)]
 pub struct GuideCache {
-    cached: Mutex<HashMap<GuideKey, CachedMoments>>,
+    cached: Mutex<BTreeMap<GuideKey, CachedMoments>>,
+}
+
+impl Clone for GuideCache {
+    fn clone(&self) -> GuideCache {
+        let cached = self.cached.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        GuideCache { cached: Mutex::new(cached) }
+    }
 }
 
 /// Second moments by cell.
+#[derive(Clone, Serialize, Deserialize)]
 struct CachedMoments {
     size: [usize; 2],
     moments: Vec<f64>,

@@ -1,0 +1,401 @@
+//! `dsl export`
+
+use std::collections::HashMap;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value, json};
+
+use super::args::{ExportArgs, ExportFormat};
+use super::render::{cannot_save, in_folder, interrupted};
+use super::script::{Edit, as_script, script_with_values};
+use super::{EXIT_WRONG, Terminal, out};
+use crate::check::types::Ty;
+use crate::check::{self, Disk, Line, Loader, hir};
+use crate::data::{npy, safetensors, table};
+use crate::diag::Diagnostic;
+use crate::eval::{Engine, EngineOptions, INTERRUPTED};
+use crate::files::{read_own, write_atomically};
+use crate::natives::value::{LightValue, MeshValue, Value as Made};
+use crate::session::folder::{cannot_write, nested};
+use crate::session::line::check_line;
+use crate::session::run::{image_of, save_value};
+use crate::session::show::digits;
+use crate::session::{Checkpoint, Runner, StepOfRun, World, world};
+use crate::source::SourceMap;
+use crate::tape::{Tensor, Var};
+
+/// Params by the names that the script has for them.
+type Params = Vec<(String, Tensor)>;
+
+pub fn run(args: &ExportArgs) -> u8 {
+    let mut terminal = Terminal::new(&args.common);
+    match world::listening(|| export(args, &mut terminal)) {
+        Ok(()) => 0,
+        Err(told) if told.0.code == INTERRUPTED => interrupted(&mut terminal),
+        Err(told) => {
+            let (diagnostic, sources) = *told;
+            terminal.diagnostic(&diagnostic, &sources);
+            EXIT_WRONG
+        }
+    }
+}
+
+/// What is wrong, and the texts that it points into.
+type Told = Box<(Diagnostic, SourceMap)>;
+
+fn plain(told: Diagnostic) -> Told {
+    Box::new((told, SourceMap::default()))
+}
+
+fn export(args: &ExportArgs, terminal: &mut Terminal) -> Result<(), Told> {
+    let checkpoint = Checkpoint::read(&args.run).map_err(plain)?;
+    let mut engine = None;
+    let params = match args.step {
+        None => found(&checkpoint),
+        Some(step) => at_step(&args.run, &checkpoint, step, &mut engine, terminal)?,
+    };
+    if args.script {
+        let text = script(&mut resumed(engine, args, &checkpoint, &params)?, &checkpoint)?;
+        return deliver(args, "script.dscene", text.as_bytes(), terminal).map_err(plain);
+    }
+    match args.format {
+        ExportFormat::Json => {
+            let values: Map<String, Value> =
+                params.into_iter().map(|(name, t)| (name, nested(&t.shape, &t.data))).collect();
+            deliver(args, "params.json", format!("{}\n", Value::Object(values)).as_bytes(), terminal).map_err(plain)
+        }
+        ExportFormat::Safetensors => {
+            let bytes = safetensors::encode(params.iter().map(|(name, tensor)| (name.as_str(), tensor)));
+            let folder = folder(args, "a file").map_err(plain)?;
+            write(folder, "params.safetensors", &bytes, terminal).map_err(plain)
+        }
+        ExportFormat::Npy => each(args, params, "npy", |tensor| Ok(Some(npy::encode(tensor))), terminal),
+        ExportFormat::Csv => each(args, params, "csv", |tensor| rows(tensor).map(Some), terminal),
+        ExportFormat::Exr => pictures(args, params, terminal),
+        ExportFormat::Obj | ExportFormat::Ply | ExportFormat::Glb => {
+            let ending = match args.format {
+                ExportFormat::Obj => "obj",
+                ExportFormat::Ply => "ply",
+                _ => "glb",
+            };
+            let mut engine = resumed(engine, args, &checkpoint, &params)?;
+            meshes(args, &mut engine, ending, terminal)
+        }
+    }
+}
+
+// ---- where it goes -------------------------------------------------------------------------------------------------
+
+/// To standard output, or into the folder that was asked for.
+fn deliver(args: &ExportArgs, name: &str, text: &[u8], terminal: &mut Terminal) -> Result<(), Diagnostic> {
+    match &args.common.out {
+        None => out::print(&String::from_utf8_lossy(text)),
+        Some(folder) => write(folder, name, text, terminal)?,
+    }
+    Ok(())
+}
+
+fn folder<'a>(args: &'a ExportArgs, what: &str) -> Result<&'a Path, Diagnostic> {
+    args.common.out.as_deref().ok_or_else(|| {
+        Diagnostic::error("dscene::export::folder", format!("this format becomes {what}"))
+            .help("say where it goes: `--out DIR`")
+    })
+}
+
+fn write(folder: &Path, name: &str, bytes: &[u8], terminal: &mut Terminal) -> Result<(), Diagnostic> {
+    let path = in_folder(Some(folder), Path::new(name))?;
+    write_atomically(&path, bytes).map_err(|e| cannot_write(&path, &e))?;
+    terminal.note(&format!("saved {}", path.display()));
+    Ok(())
+}
+
+/// A file for each param that has such a one.
+fn each(
+    args: &ExportArgs,
+    params: Params,
+    ending: &str,
+    encode: impl Fn(&Tensor) -> Result<Option<Vec<u8>>, Diagnostic>,
+    terminal: &mut Terminal,
+) -> Result<(), Told> {
+    let folder = folder(args, "a file for each param").map_err(plain)?;
+    for (name, tensor) in params {
+        if let Some(bytes) = encode(&tensor).map_err(plain)? {
+            write(folder, &format!("{name}.{ending}"), &bytes, terminal).map_err(plain)?;
+        }
+    }
+    Ok(())
+}
+
+/// A table with a line for each entry of the first dimension.
+fn rows(tensor: &Tensor) -> Result<Vec<u8>, Diagnostic> {
+    let columns = tensor.shape.iter().skip(1).product::<usize>().max(1);
+    let rows: Vec<Vec<String>> =
+        tensor.data.chunks(columns).map(|row| row.iter().map(|x| exact(*x)).collect()).collect();
+    table::encode(None, &rows).map_err(|why| Diagnostic::error("dscene::export::table", why))
+}
+
+/// A number to its last bit.
+fn exact(x: f64) -> String {
+    if x.is_finite() { json!(x).to_string() } else { digits(x) }
+}
+
+/// Params that are pictures: rows of pixels of up to four numbers.
+fn pictures(args: &ExportArgs, params: Params, terminal: &mut Terminal) -> Result<(), Told> {
+    let folder = folder(args, "a file for each picture").map_err(plain)?;
+    let pictures: Vec<(String, Made)> =
+        params.into_iter().map(|(name, tensor)| (name, Made::Image(Var::constant(tensor)))).collect();
+    let pictures: Vec<_> = pictures.into_iter().filter(|(_, picture)| image_of(picture).is_some()).collect();
+    if pictures.is_empty() {
+        let told = Diagnostic::error("dscene::export::picture", "no param of the run is a picture");
+        return Err(plain(told.help("that is `height` × `width` × 1 to 4 numbers; `--format npy` takes any")));
+    }
+    let ty = Ty::Image { height: None, width: None, channels: None, made: Default::default() };
+    for (name, picture) in pictures {
+        save(&picture, &ty, folder, &format!("{name}.exr"), terminal).map_err(plain)?;
+    }
+    Ok(())
+}
+
+fn save(value: &Made, ty: &Ty, folder: &Path, name: &str, terminal: &mut Terminal) -> Result<(), Diagnostic> {
+    let path = in_folder(Some(folder), Path::new(name))?;
+    save_value(value, ty, &path).map_err(|e| cannot_save(&path, e))?;
+    terminal.note(&format!("saved {}", path.display()));
+    Ok(())
+}
+
+/// What the script makes of the params: its meshes, shapes and area lights that move with them.
+fn meshes(args: &ExportArgs, engine: &mut Engine, ending: &str, terminal: &mut Terminal) -> Result<(), Told> {
+    let folder = folder(args, "a file for each mesh").map_err(plain)?;
+    let fields: Vec<String> =
+        engine.state().moved.iter().filter_map(|p| Some(p.shown.split_once('.')?.0.to_owned())).collect();
+    let mut saved = 0;
+    for id in engine.program().ids().collect::<Vec<_>>() {
+        let decl = engine.program().decl(id);
+        let is_mesh = decl.user && matches!(decl.ty, Ty::Mesh | Ty::Shape | Ty::Light);
+        let name = decl.name.clone();
+        if !is_mesh || decl.body.is_none() {
+            continue;
+        }
+        let value = engine.eval_decl(id).map_err(|told| Box::new((told, engine.program().sources.clone())))?;
+        let Some(mesh) = mesh_of(&value) else { continue };
+        let numbers = [Some(&mesh.vertices), mesh.normals.as_ref(), mesh.uvs.as_ref(), mesh.colors.as_ref()];
+        if numbers.into_iter().flatten().any(Var::is_live) || fields.contains(&name) {
+            save(&Made::Mesh(mesh), &Ty::Mesh, folder, &format!("{name}.{ending}"), terminal).map_err(plain)?;
+            saved += 1;
+        }
+    }
+    if saved > 0 {
+        return Ok(());
+    }
+    let told = Diagnostic::error("dscene::export::mesh", "no mesh of the script moves with what the run has found");
+    Err(plain(told.help("`--format json` gives the params as numbers")))
+}
+
+fn mesh_of(value: &Made) -> Option<std::sync::Arc<MeshValue>> {
+    match value {
+        Made::Mesh(mesh) => Some(mesh.clone()),
+        Made::Shape(shape) => Some(shape.mesh.clone()),
+        Made::Light(light) => match &**light {
+            LightValue::Area { mesh, .. } => Some(mesh.clone()),
+            _ => None,
+        },
+        _ => None,
+    }
+}
+
+// ---- what it is ----------------------------------------------------------------------------------------------------
+
+/// Where the run has come to.
+fn found(checkpoint: &Checkpoint) -> Params {
+    params_of(&checkpoint.state().moved)
+}
+
+fn params_of(moved: &[crate::eval::Placed]) -> Params {
+    moved.iter().map(|p| (p.shown.clone(), Tensor { shape: p.shape.clone(), data: p.data.clone() })).collect()
+}
+
+/// The params at a step: from the log, if that has all of them; else the steps are taken again.
+fn at_step(
+    run: &Path,
+    checkpoint: &Checkpoint,
+    step: u64,
+    engine: &mut Option<Engine>,
+    terminal: &mut Terminal,
+) -> Result<Params, Told> {
+    let (place, logged) = logged(run, step).map_err(plain)?;
+    if checkpoint.state().moved.iter().all(|p| logged.iter().any(|(name, _)| *name == p.shown)) {
+        return Ok(logged);
+    }
+    let recorded = Recorded::of(run, checkpoint).map_err(plain)?;
+    let changes = checkpoint.changes(checkpoint.script_folder(), &recorded.paths());
+    if !changes.is_empty() {
+        let why = format!("the way to that step cannot be taken again: {}", changes.join(", "));
+        let told = Diagnostic::error("dscene::export::step", why);
+        return Err(plain(told.help("undo the change, or leave out `--step` for the params at the last checkpoint")));
+    }
+    let engine = engine.insert(recorded.engine(checkpoint)?);
+    terminal.note("the log does not have all params: their way to that step is taken again");
+    let actions = engine.program().actions.clone();
+    let mut runner = Runner::new(engine, terminal);
+    runner.steps = checkpoint.settings.steps;
+    let came = runner.replay(&actions, place);
+    let pointed = |told: Diagnostic| Box::new((told, engine.program().sources.clone()));
+    match came.map_err(pointed)? {
+        Some(true) => {
+            let mut params = params_of(&engine.state().moved);
+            // A field that is about to move for the first time.
+            params.extend(
+                logged
+                    .into_iter()
+                    .filter(|(name, _)| params.iter().all(|(known, _)| known != name))
+                    .collect::<Params>(),
+            );
+            Ok(params)
+        }
+        Some(false) => {
+            Err(plain(Diagnostic::error("dscene::export::step", "the run does not come to that step again")))
+        }
+        None => Err(plain(Diagnostic::error(INTERRUPTED, "interrupted"))),
+    }
+}
+
+/// Which step of the run it is, and the params at it that the log has: those of few numbers.
+fn logged(run: &Path, step: u64) -> Result<(StepOfRun, Params), Diagnostic> {
+    let path = run.join("log.jsonl");
+    let wrong = |why: String| Diagnostic::error("dscene::export::step", why);
+    let bytes = read_own(&path).map_err(|e| wrong(format!("cannot read `{}`: {e}", path.display())))?;
+    let text = String::from_utf8_lossy(&bytes);
+    let lines: Vec<Value> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+    let number = |line: &Value| line.get("step").and_then(Value::as_u64);
+    let at = lines.iter().rposition(|line| number(line) == Some(step)).ok_or_else(|| {
+        wrong(format!("the log has no step {step}"))
+            .help("steps count from 0 in each `optimize`; the last one that has it is taken")
+    })?;
+    // Each optimisation begins with a step 0.
+    let nth = lines[..=at].iter().filter(|line| number(line) == Some(0)).count().saturating_sub(1);
+    let params = lines[at].get("params").and_then(Value::as_object).cloned().unwrap_or_default();
+    let params: Option<Params> = params.iter().map(|(name, value)| Some((name.clone(), tensor(value)?))).collect();
+    let params = params.ok_or_else(|| wrong(format!("the log has something else than numbers at step {step}")))?;
+    Ok((StepOfRun { nth, step }, params))
+}
+
+/// Nested arrays of numbers.
+fn tensor(value: &Value) -> Option<Tensor> {
+    match value {
+        Value::Array(rows) => {
+            let rows: Vec<Tensor> = rows.iter().map(tensor).collect::<Option<_>>()?;
+            let mut shape = vec![rows.len()];
+            shape.extend(rows.first().map_or(&[][..], |row| &row.shape[..]));
+            Some(Tensor { shape, data: rows.into_iter().flat_map(|row| row.data).collect() })
+        }
+        Value::String(text) => match text.as_str() {
+            "inf" => Some(Tensor::scalar(f64::INFINITY)),
+            "-inf" => Some(Tensor::scalar(f64::NEG_INFINITY)),
+            _ => Some(Tensor::scalar(f64::NAN)),
+        },
+        number => Some(Tensor::scalar(number.as_f64()?)),
+    }
+}
+
+// ---- the program ---------------------------------------------------------------------------------------------------
+
+/// The texts of a run as they were when it began, whatever has become of the files since; by their full paths.
+struct Recorded {
+    main: PathBuf,
+    texts: HashMap<PathBuf, String>,
+}
+
+impl Loader for Recorded {
+    fn read(&self, path: &Path) -> io::Result<String> {
+        self.texts.get(&check::normal(path)).map_or_else(|| Disk.read(path), |text| Ok(text.clone()))
+    }
+
+    fn exists(&self, path: &Path) -> bool {
+        self.texts.contains_key(&check::normal(path)) || Disk.exists(path)
+    }
+}
+
+impl Recorded {
+    fn of(run: &Path, checkpoint: &Checkpoint) -> Result<Recorded, Diagnostic> {
+        let path = run.join("run.json");
+        let wrong = |why: String| Diagnostic::error("dscene::export::record", format!("`{}` {why}", path.display()));
+        let bytes = read_own(&path).map_err(|e| wrong(format!("cannot be read: {e}")))?;
+        let record: Value =
+            serde_json::from_slice(&bytes).map_err(|e| wrong(format!("is not the record of a run: {e}")))?;
+        let sources = record.get("sources").and_then(Value::as_array).cloned().unwrap_or_default();
+        // Names are as they were given where the run was started; the script's folder is known wherever that was.
+        let file = Path::new(&checkpoint.settings.file);
+        let beside = file.parent().unwrap_or(Path::new(""));
+        let place =
+            |name: &Path| check::normal(&checkpoint.script_folder().join(name.strip_prefix(beside).unwrap_or(name)));
+        let text =
+            |source: &Value| Some((place(Path::new(source["file"].as_str()?)), source["text"].as_str()?.to_owned()));
+        Ok(Recorded { main: place(file), texts: sources.iter().filter_map(text).collect() })
+    }
+
+    fn paths(&self) -> Vec<&Path> {
+        self.texts.keys().map(PathBuf::as_path).collect()
+    }
+
+    /// The program as it began.
+    fn engine(&self, checkpoint: &Checkpoint) -> Result<Engine, Told> {
+        let settings = &checkpoint.settings;
+        let overrides: Vec<(String, String)> =
+            settings.overrides.iter().map(|o| (o.name.clone(), o.value.clone())).collect();
+        let checked = check::check(&self.main, &overrides, self);
+        let Some(program) = checked.program.filter(|_| !checked.diagnostics.iter().any(Diagnostic::is_error)) else {
+            let first = checked.diagnostics.into_iter().find(Diagnostic::is_error);
+            let first = first.unwrap_or_else(|| Diagnostic::error("dscene::export::record", "the script is wrong"));
+            return Err(Box::new((first, checked.sources)));
+        };
+        let base_dir = checkpoint.script_folder().to_path_buf();
+        let options = EngineOptions { seed: settings.seed, base_dir, interrupt: Some(world::interrupt_flag()) };
+        Ok(Engine::new(program, options))
+    }
+}
+
+/// An engine with the params that are exported: one that has come there, or a new one.
+fn resumed(
+    engine: Option<Engine>,
+    args: &ExportArgs,
+    checkpoint: &Checkpoint,
+    params: &Params,
+) -> Result<Engine, Told> {
+    let came = engine.is_some();
+    let mut engine = match engine {
+        Some(engine) => engine,
+        None => Recorded::of(&args.run, checkpoint).map_err(plain)?.engine(checkpoint)?,
+    };
+    if !came {
+        let placed = engine.restore(checkpoint.state()).and_then(|()| {
+            let state = checkpoint.state().moved.iter();
+            let values = state.filter_map(|p| Some((p, &params.iter().find(|(name, _)| *name == p.shown)?.1)));
+            values.map(|(p, value)| engine.place(p, value.clone())).collect::<Result<(), Diagnostic>>()
+        });
+        placed.map_err(|told: Diagnostic| Box::new((told, engine.program().sources.clone())))?;
+    }
+    Ok(engine)
+}
+
+/// The script as it was run, with the present values as its initial ones.
+fn script(engine: &mut Engine, checkpoint: &Checkpoint) -> Result<String, Told> {
+    let root = engine.program().origin.main;
+    let mut edits = Vec::new();
+    for set in &checkpoint.settings.overrides {
+        let mut names = set.name.split('.').map(str::to_owned);
+        let name = names.next().unwrap_or_default();
+        edits.push(Edit { name, path: names.collect(), text: set.value.clone() });
+    }
+    let fields: Vec<_> = engine.state().moved.into_iter().filter(|p| !p.path.is_empty()).collect();
+    for field in fields {
+        let ty = match check_line(engine, &field.shown).0 {
+            Some(Line::Expr(hir::Expr { ty, .. })) => ty,
+            _ => Ty::Any,
+        };
+        let text = as_script(&Tensor { shape: field.shape, data: field.data }, &ty);
+        edits.push(Edit { name: field.name, path: field.path, text });
+    }
+    let written = script_with_values(engine, root, &[], edits);
+    written.map_err(|told| Box::new((told, engine.program().sources.clone())))
+}

@@ -1,0 +1,155 @@
+//! A script with the values that its params have now as their initial ones.
+
+use crate::check::types::Ty;
+use crate::diag::Diagnostic;
+use crate::eval::Engine;
+use crate::session::folder::nested;
+use crate::source::{SourceId, Span};
+use crate::syntax::ast::{Expr, ExprKind, KindBody, StatementKind};
+use crate::tape::Tensor;
+
+/// A value for a declaration, or for a field of one, as text of the language.
+pub struct Edit {
+    pub name: String,
+    pub path: Vec<String>,
+    pub text: String,
+}
+
+/// The file `root` and the lines `typed` since, each with only what still holds. Params that moved have their present values, and what
+/// `others` name has theirs; where that is not written in these texts, a comment at the end says it.
+pub fn script_with_values(
+    engine: &mut Engine,
+    root: Option<SourceId>,
+    typed: &[SourceId],
+    others: Vec<Edit>,
+) -> Result<String, Diagnostic> {
+    let sources = engine.program().sources.clone();
+    let mut pending: Vec<(Edit, bool)> =
+        others.into_iter().chain(moved_params(engine)?).map(|edit| (edit, false)).collect();
+    let mut out = String::new();
+    for source in root.into_iter().chain(typed.iter().copied()) {
+        let Some(file) = sources.get(source) else { continue };
+        let mut edits: Vec<(usize, usize, String)> = Vec::new();
+        // What a later line declares anew is left out here, and so is what a line did but not declare.
+        for statement in crate::syntax::parse(&sources, source).0.statements {
+            let holds = match statement.declares() {
+                Some(name) => {
+                    engine.program().find(name).is_none_or(|id| engine.program().decl(id).name_span.source == source)
+                }
+                None => Some(source) == root || matches!(statement.kind, StatementKind::Import(_)),
+            };
+            if !holds {
+                edits.push((statement.span.start as usize, statement.span.end as usize, String::new()));
+                continue;
+            }
+            for (edit, done) in &mut pending {
+                if statement.declares() == Some(&edit.name)
+                    && let Some(span) = place(&statement.kind, &edit.path)
+                {
+                    *done |= put(&mut edits, span, &edit.text);
+                }
+            }
+        }
+        let mut text = file.text.clone();
+        edits.sort_by_key(|edit| std::cmp::Reverse(edit.0));
+        for (start, end, new) in edits {
+            if text.get(start..end).is_some() {
+                text.replace_range(start..end, &new);
+            }
+        }
+        if !text.trim().is_empty() || Some(source) == root {
+            out.push_str(text.trim_end());
+            out.push('\n');
+        }
+    }
+    let elsewhere: String = pending.iter().filter(|(_, done)| !done).map(|(edit, _)| edit.as_comment()).collect();
+    if !elsewhere.is_empty() {
+        out.push_str(&format!("\n// Values of what is not written above:\n{elsewhere}"));
+    }
+    Ok(out)
+}
+
+impl Edit {
+    fn as_comment(&self) -> String {
+        let name: Vec<&str> = std::iter::once(&self.name).chain(&self.path).map(String::as_str).collect();
+        format!("// {} = {}\n", name.join("."), self.text)
+    }
+}
+
+/// The present values of the params that have left their initial ones.
+fn moved_params(engine: &mut Engine) -> Result<Vec<Edit>, Diagnostic> {
+    let mut found = Vec::new();
+    for id in engine.program().params().collect::<Vec<_>>() {
+        let present = engine.param_value(id)?;
+        let (ty, name, body) = {
+            let decl = engine.program().decl(id);
+            let Some(body) = &decl.body else { continue };
+            (decl.ty.clone(), decl.name.clone(), body.clone())
+        };
+        let initial = engine.eval(&body)?;
+        if !initial.var().is_some_and(|v| same_bits(v.value(), &present)) {
+            found.push(Edit { name, path: Vec::new(), text: as_script(&present, &ty) });
+        }
+    }
+    Ok(found)
+}
+
+/// Where a statement has the value that it declares, or a field of it; `None` if that is not written there.
+fn place(statement: &StatementKind, path: &[String]) -> Option<Span> {
+    match statement {
+        StatementKind::Param(param) => within(&param.value, path),
+        StatementKind::Let { value, .. }
+        | StatementKind::Loss { value, .. }
+        | StatementKind::Kind { body: KindBody::Value(value), .. } => within(value, path),
+        StatementKind::Kind { body: KindBody::Fields(fields), .. } => {
+            let (first, rest) = path.split_first()?;
+            within(&fields.iter().find(|f| f.name.text == *first)?.value, rest)
+        }
+        StatementKind::Fn(_) | StatementKind::Import(_) | StatementKind::Action(_) => None,
+    }
+}
+
+/// The field of what a call makes is an argument of that name.
+fn within(value: &Expr, path: &[String]) -> Option<Span> {
+    let Some((first, rest)) = path.split_first() else { return Some(value.span) };
+    let ExprKind::Call { args, .. } = &value.kind else { return None };
+    let argument = args.iter().find(|a| a.name.as_ref().is_some_and(|name| name.text == *first))?;
+    within(&argument.value, rest)
+}
+
+/// Adds an edit, in place of one of the same text. Whether there was room for it: not within what another one replaces.
+fn put(edits: &mut Vec<(usize, usize, String)>, span: Span, text: &str) -> bool {
+    let (start, end) = (span.start as usize, span.end as usize);
+    if let Some(same) = edits.iter_mut().find(|(s, e, _)| (*s, *e) == (start, end)) {
+        text.clone_into(&mut same.2);
+        return true;
+    }
+    let is_free = edits.iter().all(|(s, e, _)| end <= *s || *e <= start);
+    if is_free {
+        edits.push((start, end, text.to_owned()));
+    }
+    is_free
+}
+
+fn same_bits(a: &Tensor, b: &Tensor) -> bool {
+    a.shape == b.shape && a.data.iter().zip(&b.data).all(|(x, y)| x.to_bits() == y.to_bits())
+}
+
+/// A param's value to its last bit, as an expression of its type.
+pub fn as_script(t: &Tensor, ty: &Ty) -> String {
+    let numbers = || nested(&t.shape, &t.data).to_string().replace(',', ", ").replace('"', "");
+    match (ty, t.item()) {
+        (Ty::Angle, Some(x)) => {
+            // In degrees where that is the same number.
+            let degrees = (x.to_degrees() * 1e9).round() / 1e9;
+            if (degrees * std::f64::consts::PI / 180.0).to_bits() == x.to_bits() {
+                format!("{degrees}deg")
+            } else {
+                format!("{}rad", nested(&[], &[x]))
+            }
+        }
+        (Ty::Rotation, _) => format!("rotation(matrix: {})", numbers()),
+        (Ty::Image { .. }, _) => format!("image({})", numbers()),
+        _ => numbers(),
+    }
+}

@@ -1,0 +1,115 @@
+//! What is told of a step: a line of `log.jsonl`, and the same numbers for TensorBoard.
+
+use serde_json::{Map, Value, json};
+
+use super::folder::{nested, number};
+use super::optimization::StepReport;
+
+/// Params with more numbers than this are left out of the log.
+pub const LOGGED_NUMBERS: usize = 64;
+
+/// The line of a step of the optimisation of `of`, which steps count from 0 in. Everything but `seconds` and `bytes` is the same for each
+/// run with the same seed.
+pub fn line(of: &str, report: &StepReport) -> Value {
+    let mut line = Map::new();
+    line.insert("step".into(), json!(report.step));
+    line.insert("of".into(), json!(of));
+    if let Some(stage) = &report.stage {
+        line.insert("stage".into(), json!(stage));
+    }
+    line.insert("loss".into(), number(report.loss));
+    line.insert("lr".into(), number(report.lr));
+    line.insert("grad_norm".into(), number(report.grad_norm));
+    let gradients = report.gradients.iter().map(|(name, size)| {
+        let error = size.error.map_or(Value::Null, number);
+        (name.clone(), json!({ "norm": number(size.norm), "error": error }))
+    });
+    line.insert("gradients".into(), Value::Object(gradients.collect()));
+    if report.skipped.is_some() {
+        line.insert("skipped".into(), json!(true));
+    }
+    line.insert("skipped_steps".into(), json!(report.skipped_steps));
+    line.insert("samples".into(), json!(report.samples));
+    line.insert("bytes".into(), json!(report.bytes));
+    line.insert("seconds".into(), number(report.seconds));
+    let params: Map<String, Value> =
+        report.params.iter().map(|(name, shape, data)| (name.clone(), nested(shape, data))).collect();
+    line.insert("params".into(), Value::Object(params));
+    Value::Object(line)
+}
+
+/// The numbers of a step, by the names that curves of them have.
+pub fn scalars(of: &str, report: &StepReport) -> Vec<(String, f64)> {
+    let mut found = vec![
+        (format!("loss/{of}"), report.loss),
+        (format!("lr/{of}"), report.lr),
+        (format!("grad_norm/{of}"), report.grad_norm),
+        (format!("skipped_steps/{of}"), report.skipped_steps as f64),
+        (format!("samples/{of}"), report.samples as f64),
+        (format!("seconds/{of}"), report.seconds),
+        ("bytes".to_owned(), report.bytes as f64),
+    ];
+    for (name, size) in &report.gradients {
+        found.push((format!("gradient/{name}"), size.norm));
+        found.extend(size.error.map(|error| (format!("gradient_error/{name}"), error)));
+    }
+    for (name, shape, data) in &report.params {
+        let entry = |(i, x): (usize, &f64)| (format!("param/{name}{}", index(shape, i)), *x);
+        found.extend(data.iter().enumerate().map(entry));
+    }
+    found
+}
+
+/// `[1][2]`: where the `i`-th number of an array stands.
+fn index(shape: &[usize], i: usize) -> String {
+    let mut rest = i;
+    let mut parts: Vec<String> = Vec::new();
+    for side in shape.iter().rev() {
+        parts.push(format!("[{}]", rest % side.max(&1)));
+        rest /= side.max(&1);
+    }
+    parts.into_iter().rev().collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::optim::GradientSize;
+
+    fn report() -> StepReport {
+        StepReport {
+            step: 3,
+            stage: None,
+            loss: 0.25,
+            lr: 0.01,
+            grad_norm: 2.0,
+            gradients: vec![
+                ("x".to_owned(), GradientSize { norm: 2.0, error: Some(0.5) }),
+                ("texels".to_owned(), GradientSize { norm: 0.0, error: None }),
+            ],
+            skipped: None,
+            skipped_steps: 1,
+            samples: 4096,
+            bytes: 7,
+            seconds: 0.5,
+            params: vec![("x".to_owned(), vec![2, 1], vec![1.5, 2.5])],
+            stop: false,
+        }
+    }
+
+    #[test]
+    fn a_line_has_the_promised_fields_in_order() {
+        let expected = r#"{"step":3,"of":"fit","loss":0.25,"lr":0.01,"grad_norm":2.0,"gradients":{"x":{"norm":2.0,"error":0.5},"texels":{"norm":0.0,"error":null}},"skipped_steps":1,"samples":4096,"bytes":7,"seconds":0.5,"params":{"x":[[1.5],[2.5]]}}"#;
+        assert_eq!(line("fit", &report()).to_string(), expected);
+    }
+
+    #[test]
+    fn every_number_has_a_curve() {
+        let found = scalars("fit", &report());
+        let of = |tag: &str| found.iter().find(|(name, _)| name == tag).map(|(_, x)| *x);
+        assert_eq!(of("loss/fit"), Some(0.25));
+        assert_eq!((of("param/x[0][0]"), of("param/x[1][0]")), (Some(1.5), Some(2.5)));
+        assert_eq!((of("gradient/texels"), of("gradient_error/texels")), (Some(0.0), None));
+        assert_eq!(of("gradient_error/x"), Some(0.5));
+    }
+}

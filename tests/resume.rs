@@ -1,0 +1,373 @@
+//! Runs that are killed or interrupted and go on: what they leave is what an undisturbed run leaves, to the byte.
+#![cfg(unix)]
+
+#[path = "common/place.rs"]
+mod place;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use place::{BOWL, Place, TRIANGLE, assert_code, assert_diagnosed, stderr, stdout};
+
+/// Optimises twice, with all that actions leave for one another; `USING` is what the second of them has in its braces.
+fn script(using: &str) -> String {
+    format!(
+        "{TRIANGLE}
+         optimize fit {{ using: sgd(lr: 0.1), steps: 3 }}
+         save glow to \"first.json\"
+         expect fit < 1e-9
+         optimize fit {{ {using} every 4 {{ plot glow to \"glow.svg\" save glow to \"frames/{{step}}.json\" }} }}
+         plot fit to \"fit.svg\"
+         expect fit < 10
+         save glow to \"glow.npy\"
+         save corners to \"corners.npy\""
+    )
+}
+
+/// Some kills of a few runs; all of them, many times, with `--features truth`.
+const LONG: bool = cfg!(feature = "truth");
+
+fn start(place: &Place, arguments: &[&str]) -> Child {
+    Command::new(assert_cmd::cargo::cargo_bin!("dsl"))
+        .args(arguments)
+        .current_dir(place.folder.path())
+        .env("NO_COLOR", "1")
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+/// Waits until the log has so many lines or the run has ended, then sends a signal. Returns whether the run was still going on.
+fn stop_after(place: &Place, child: &mut Child, run: &str, lines: usize, signal: &str) -> bool {
+    let log = place.path(run).join("log.jsonl");
+    let begun = Instant::now();
+    while fs::read_to_string(&log).map_or(0, |text| text.lines().count()) < lines {
+        if child.try_wait().unwrap().is_some() {
+            return false;
+        }
+        assert!(begun.elapsed() < Duration::from_secs(60), "it takes too long");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    let sent = Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success();
+    child.wait().unwrap();
+    sent
+}
+
+/// All that a run leaves, but for what differs from run to run: seconds, and the record of who ran it where.
+fn left_behind(place: &Place, run: &str) -> BTreeMap<String, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    let mut folders = vec![place.path(run)];
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+                continue;
+            }
+            let name = path.strip_prefix(place.path(run)).unwrap().display().to_string();
+            let bytes = match name.as_str() {
+                "run.json" | "checkpoint.bin" | ".lock" => continue,
+                "log.jsonl" => without_measurements(&fs::read_to_string(&path).unwrap()).into_bytes(),
+                // Each record has the time and the measurements; the test of `tests/export.rs` looks into them.
+                "events.out.tfevents" => fs::metadata(&path).unwrap().len().to_string().into_bytes(),
+                _ => fs::read(&path).unwrap(),
+            };
+            found.insert(name, bytes);
+        }
+    }
+    found
+}
+
+fn without_measurements(log: &str) -> String {
+    let line = |line: &str| {
+        let mut value: Value = serde_json::from_str(line).unwrap();
+        for measured in ["seconds", "bytes"] {
+            assert!(value.as_object_mut().unwrap().shift_remove(measured).is_some());
+        }
+        format!("{value}\n")
+    };
+    log.lines().map(line).collect()
+}
+
+#[track_caller]
+fn assert_same(found: &BTreeMap<String, Vec<u8>>, expected: &BTreeMap<String, Vec<u8>>, what: &str) {
+    let names = |all: &BTreeMap<String, Vec<u8>>| all.keys().cloned().collect::<Vec<_>>();
+    assert_eq!(names(found), names(expected), "{what}");
+    for (name, bytes) in found {
+        let (now, then) = (String::from_utf8_lossy(bytes), String::from_utf8_lossy(&expected[name]));
+        let first = now.lines().zip(then.lines()).find(|(a, b)| a != b);
+        assert!(*bytes == expected[name], "{what}: {name}: {first:?}");
+    }
+}
+
+/// Stopped at the given numbers of steps (of 15, the first 3 by another solver), on one and on two threads.
+fn survives(using: &str, moments: &[usize]) {
+    let place = Place::new();
+    place.write("a.dscene", script(using));
+    assert_code(&place.dsl(&["run", "a.dscene", "--out", "whole", "--seed", "5", "--threads", "1", "--quiet"]), 1);
+    let expected = left_behind(&place, "whole");
+    assert_eq!(expected["log.jsonl"].iter().filter(|b| **b == b'\n').count(), 15);
+    for threads in ["1", "2"] {
+        let run = format!("killed-{threads}");
+        let mut arguments = vec!["run", "a.dscene", "--out", &run, "--seed", "5"];
+        let mut stopped = 0;
+        for (at, lines) in moments.iter().enumerate() {
+            let mut all = arguments.clone();
+            all.extend(["--checkpoint", if at % 2 == 0 { "1" } else { "3" }, "--threads", threads]);
+            // Every third time it is asked to end.
+            let signal = ["-KILL", "-KILL", "-TERM"][at % 3];
+            stopped += usize::from(stop_after(&place, &mut start(&place, &all), &run, *lines, signal));
+            arguments = vec!["run", "a.dscene", "--resume", &run];
+        }
+        assert!(stopped > 0, "{using}: nothing was stopped");
+        let mut all = arguments.clone();
+        all.extend(["--threads", threads, "--quiet"]);
+        assert_code(&place.dsl(&all), 1);
+        assert_same(&left_behind(&place, &run), &expected, using);
+    }
+}
+
+#[test]
+fn all_that_steps_leave_for_one_another_is_kept() {
+    let stages = "stage coarse { steps: 6, film_scale: 0.5, control_variates: true }
+                  stage fine { using: rmsprop(lr: 0.01, momentum: 0.5), steps: 6, control_variates: true }
+                  over: [corners, sky.radiance]
+                  stop_when: plateau(window: 10, tolerance: 1e-9) or loss < 0
+                  using: adam(lr: 0.02)";
+    survives(stages, &[5, 7, 12]);
+    survives("using: levenberg_marquardt(), steps: 12", &[5, 8, 13]);
+}
+
+#[test]
+fn every_solver_goes_on_as_if_nothing_had_happened() {
+    if LONG {
+        survives("using: adam(lr: 0.02), steps: 12", &[1, 7, 10]);
+        survives("using: sgd(lr: 0.05, momentum: 0.8), steps: 12", &[5, 9, 13]);
+        survives("using: sgd(lr: 0.05, momentum: 0.8, nesterov: true), steps: 12", &[4, 12]);
+        survives("using: adam_uniform(lr: 0.02), steps: 12", &[6, 8]);
+        survives("using: gauss_newton(lr: 0.5), steps: 12", &[6, 11]);
+        survives("using: adam(lr: 0.02), control_variates: true, steps: 12", &[5, 8, 10]);
+    }
+}
+
+/// Examples that are killed at moments that nobody chose.
+#[test]
+fn examples_survive_kills_at_random_moments() {
+    let (examples, kills, steps) = if LONG {
+        (&["03_shadow_blocker", "12_cornell_box", "14_pose_in_ten_steps"][..], 20, "12")
+    } else {
+        (&["16_pose_from_points"][..], 6, "30")
+    };
+    for example in examples {
+        let place = Place::new();
+        let script = format!("{}/examples/{example}.dscene", env!("CARGO_MANIFEST_DIR"));
+        let begun = Instant::now();
+        let whole = place.dsl(&["run", &script, "--out", "whole", "--steps", steps, "--threads", "1", "--quiet"]);
+        let (time, code, expected) = (begun.elapsed(), whole.status.code(), left_behind(&place, "whole"));
+        assert!(!expected["log.jsonl"].is_empty(), "{}", stderr(&whole));
+        for threads in ["1", "2"] {
+            let mut random = 0x9E37_79B9_u64 ^ begun.elapsed().as_nanos() as u64;
+            let new = ["run", &script, "--out", threads, "--steps", steps, "--checkpoint", "1", "--threads", threads];
+            let on = ["run", &script, "--resume", threads, "--threads", threads];
+            let log = place.path(threads).join("log.jsonl");
+            let length = || fs::metadata(&log).map_or(0, |log| log.len());
+            // A run that was killed before it was one begins once more.
+            let next = || if place.path(threads).join("run.json").exists() { &on[..] } else { &new[..] };
+            for kill in 0..kills {
+                random = random.wrapping_mul(0x5851_F42D_4C95_7F2D).wrapping_add(0x1405_7B7E_F767_814F);
+                let mut wait = time.mul_f64((random >> 40) as f64 / f64::from(1 << 24));
+                let (mut child, before) = (start(&place, next()), length());
+                // Every second time it takes a step or two, so that the end comes nearer but not too soon.
+                if kill % 2 == 1 {
+                    wait = wait.mul_f64(2.0 / f64::from(kills));
+                    while length() == before && child.try_wait().unwrap().is_none() {
+                        std::thread::sleep(Duration::from_millis(1));
+                    }
+                }
+                std::thread::sleep(wait);
+                let _ = child.kill();
+                child.wait().unwrap();
+            }
+            let last = place.dsl(&[next(), &["--quiet"]].concat());
+            assert_eq!(last.status.code(), code, "{}", stderr(&last));
+            assert_same(&left_behind(&place, threads), &expected, example);
+        }
+    }
+}
+
+/// How a process ends that may not write more than some kilobytes into a file, as on a disk that is full.
+fn with_little_room(place: &Place, arguments: &str) -> Output {
+    let dsl = assert_cmd::cargo::cargo_bin!("dsl");
+    let limited = format!("trap '' XFSZ; ulimit -f 20; exec '{}' {arguments}", dsl.display());
+    let output =
+        Command::new("sh").args(["-c", &limited]).current_dir(place.folder.path()).env("NO_COLOR", "1").output();
+    output.unwrap()
+}
+
+#[test]
+fn a_run_goes_on_when_the_disk_has_room_again() {
+    let place = Place::new();
+    let script = "param x = 1\nparam y = 2\nloss l = x ^ 2 + y ^ 2\n\
+                  optimize l { using: adam(lr: 0.01), steps: 200 every 5 { save x to \"{step}.json\" } }\nplot l to \"l.svg\"\n";
+    place.write("a.dscene", script);
+    for events in ["", " --tensorboard"] {
+        let (whole, full) = (format!("whole{}", events.len()), format!("full{}", events.len()));
+        let run = |out: &str| format!("run a.dscene --out {out}{events}");
+        assert_code(&place.dsl(&run(&whole).split(' ').collect::<Vec<_>>()), 0);
+        let output = with_little_room(&place, &run(&full));
+        assert_diagnosed(&output);
+        assert!(stderr(&output).contains("cannot write `full"), "{}", stderr(&output));
+        let lines = fs::read_to_string(place.path(&full).join("log.jsonl")).unwrap().lines().count();
+        // All of these steps are kept: the checkpoint is that of the end.
+        let output = place.dsl(&["run", "a.dscene", "--resume", &full, "--json"]);
+        assert_code(&output, 0);
+        assert!((20..199).contains(&lines), "{lines}");
+        let done: Value = serde_json::from_str(stdout(&output).lines().last().unwrap()).unwrap();
+        assert_eq!(done["steps"], 200);
+        assert_same(&left_behind(&place, &full), &left_behind(&place, &whole), "a full disk");
+    }
+}
+
+/// A file that cannot be saved half-way is no reason to lose what was found.
+#[test]
+fn an_error_half_way_leaves_a_run_that_goes_on() {
+    let place = Place::new();
+    let script = "param x = 1\nloss l = x ^ 2\noptimize l { using: sgd(lr: 0.01, momentum: 0.5), steps: 30 every 10 { save x to \"at/{step}.json\" } }\n";
+    place.write("a.dscene", script);
+    assert_code(&place.dsl(&["run", "a.dscene", "--out", "whole"]), 0);
+    fs::create_dir_all(place.path("r/at/20.json")).unwrap();
+    assert_diagnosed(&place.dsl(&["run", "a.dscene", "--out", "r", "--force"]));
+    assert_eq!(fs::read_to_string(place.path("r/log.jsonl")).unwrap().lines().count(), 20);
+    fs::remove_dir(place.path("r/at/20.json")).unwrap();
+    let output = place.dsl(&["run", "a.dscene", "--resume", "r", "--json"]);
+    assert_code(&output, 0);
+    let done: Value = serde_json::from_str(stdout(&output).lines().last().unwrap()).unwrap();
+    assert_eq!((&done["steps"], done["saved"].as_array().map(Vec::len)), (&Value::from(30), Some(3)));
+    assert_same(&left_behind(&place, "r"), &left_behind(&place, "whole"), "an error");
+}
+
+#[test]
+fn what_a_killed_process_left_half_written_is_removed() {
+    let place = Place::new();
+    half_way(&place);
+    let left = place.write("r/.x.json.4711-3.tmp", "half");
+    let other = place.write("r/notes.tmp", "mine");
+    place.write("s.dscene", fs::read_to_string(place.path("s.dscene")).unwrap().replace("1000000 }", "40 }"));
+    assert_code(&place.dsl(&["run", "s.dscene", "--resume", "r", "--force"]), 0);
+    assert!(!left.exists() && other.exists());
+}
+
+// ---- what is refused -----------------------------------------------------------------------------------------------
+
+/// A run that was killed half-way, of a script that reads an import and two assets.
+fn half_way(place: &Place) {
+    place.write("lib.dscene", "fn twice(x: scalar) = 2 * x\n");
+    place.write("a.json", "[1, 2]");
+    let script = "import \"lib.dscene\"\nlet a = load_json(\"a.json\")\nparam x = 1\n\
+                  loss l = (twice(x) - a[0]) ^ 2\noptimize l { using: sgd(lr: 0.0000001), steps: 1000000 }\nprint x\n";
+    place.write("s.dscene", script);
+    let mut child = start(place, &["run", "s.dscene", "--out", "r", "--checkpoint", "1"]);
+    assert!(stop_after(place, &mut child, "r", 20, "-KILL"));
+}
+
+#[test]
+fn a_change_is_named_and_refused_unless_forced() {
+    let place = Place::new();
+    half_way(&place);
+    let log = fs::read(place.path("r/log.jsonl")).unwrap();
+    for (name, text) in [("lib.dscene", "fn twice(x: scalar) = 3 * x\n"), ("a.json", "[1, 3]")] {
+        let before = fs::read(place.path(name)).unwrap();
+        place.write(name, text);
+        let output = place.dsl(&["run", "s.dscene", "--resume", "r"]);
+        assert_diagnosed(&output);
+        let told = stderr(&output);
+        assert!(told.contains(&format!("`{name}` has changed")) && told.contains("--force"), "{told}");
+        place.write(name, before);
+    }
+    fs::remove_file(place.path("a.json")).unwrap();
+    assert!(stderr(&place.dsl(&["run", "s.dscene", "--resume", "r"])).contains("a.json"));
+    place.write("a.json", "[1, 2]");
+    let own = fs::read_to_string(place.path("s.dscene")).unwrap();
+    place.write("other.dscene", &own);
+    let told = stderr(&place.dsl(&["run", "other.dscene", "--resume", "r"]));
+    assert!(told.contains("`other.dscene` was not part of it"), "{told}");
+    assert_eq!(fs::read(place.path("r/log.jsonl")).unwrap(), log, "what is refused changes nothing");
+    // By force the run goes on with what is there now; here it is a shorter one.
+    place.write("s.dscene", own.replace("1000000 }", "40 }"));
+    assert_diagnosed(&place.dsl(&["run", "s.dscene", "--resume", "r"]));
+    let killed = fs::read(place.path("r/checkpoint.bin")).unwrap();
+    assert_code(&place.dsl(&["run", "s.dscene", "--resume", "r", "--force"]), 0);
+    // Where the run was there may be nothing any more to go on with.
+    fs::write(place.path("r/checkpoint.bin"), killed).unwrap();
+    fs::write(place.path("r/log.jsonl"), log).unwrap();
+    place.write("s.dscene", own.replace("optimize l { using: sgd(lr: 0.0000001), steps: 1000000 }", "print 1"));
+    let output = place.dsl(&["run", "s.dscene", "--resume", "r", "--force"]);
+    assert_diagnosed(&output);
+    assert!(stderr(&output).contains("does not have the statement any more"), "{}", stderr(&output));
+}
+
+#[test]
+fn a_finished_run_says_so_and_what_is_no_run_too() {
+    let place = Place::new();
+    place.write("bowl.dscene", BOWL);
+    assert_code(&place.dsl(&["run", "bowl.dscene", "--out", "r"]), 0);
+    let before = left_behind(&place, "r");
+    let output = place.dsl(&["run", "bowl.dscene", "--resume", "r"]);
+    assert_code(&output, 0);
+    assert!(stderr(&output).contains("r is finished: there is nothing to resume"), "{}", stderr(&output));
+    assert_same(&left_behind(&place, "r"), &before, "a finished run");
+    fs::create_dir(place.path("empty")).unwrap();
+    for name in ["empty", "none"] {
+        let output = place.dsl(&["run", "bowl.dscene", "--resume", name]);
+        assert_diagnosed(&output);
+        assert!(stderr(&output).contains("is not the folder of a run"), "{}", stderr(&output));
+        assert!(!place.path(name).join(".lock").exists());
+    }
+    // A damaged checkpoint, one of another version and none are told apart.
+    let file = place.path("r/checkpoint.bin");
+    let whole = fs::read(&file).unwrap();
+    let version = whole.iter().position(|b| *b == b'\n').unwrap();
+    let mut damaged = whole.clone();
+    *damaged.last_mut().unwrap() ^= 1;
+    let mut other = b"dscene 0.0.1".to_vec();
+    other.extend(&whole[version..]);
+    let cases = [
+        (damaged, "is damaged"),
+        (whole[..version + 4].to_vec(), "is damaged"),
+        (other, "was written by dscene 0.0.1, this is dscene"),
+        (b"PNG".to_vec(), "is not a checkpoint"),
+    ];
+    for (bytes, why) in cases {
+        fs::write(&file, bytes).unwrap();
+        let output = place.dsl(&["run", "bowl.dscene", "--resume", "r"]);
+        assert_diagnosed(&output);
+        assert!(stderr(&output).contains(why), "{}", stderr(&output));
+    }
+    fs::remove_file(&file).unwrap();
+    assert!(stderr(&place.dsl(&["run", "bowl.dscene", "--resume", "r"])).contains("holds no run with a checkpoint"));
+}
+
+#[test]
+fn a_run_is_resumed_by_one() {
+    let place = Place::new();
+    half_way(&place);
+    let first = start(&place, &["run", "s.dscene", "--resume", "r"]);
+    let lines = fs::read_to_string(place.path("r/log.jsonl")).unwrap().lines().count();
+    let begun = Instant::now();
+    while fs::read_to_string(place.path("r/log.jsonl")).unwrap().lines().count() < lines + 20 {
+        assert!(begun.elapsed() < Duration::from_secs(60), "it takes too long");
+    }
+    let output = place.dsl(&["run", "s.dscene", "--resume", "r"]);
+    assert_diagnosed(&output);
+    assert!(stderr(&output).contains("another run is writing into it"), "{}", stderr(&output));
+    // One that is asked to end says how to go on.
+    assert!(Command::new("kill").args(["-INT", &first.id().to_string()]).status().unwrap().success());
+    let ended = first.wait_with_output().unwrap();
+    assert_code(&ended, 130);
+    assert!(stderr(&ended).contains("it goes on with `dsl run s.dscene --resume r`"), "{}", stderr(&ended));
+}
