@@ -94,7 +94,7 @@ fn moved_params(engine: &mut Engine) -> Result<Vec<Edit>, Diagnostic> {
     Ok(found)
 }
 
-/// Where a statement has the value that it declares, or a field of it; `None` if that is not written there.
+/// The span of the declared value in a statement, or of the field at `path`; `None` if the field is not written out.
 fn place(statement: &StatementKind, path: &[String]) -> Option<Span> {
     match statement {
         StatementKind::Param(param) => within(&param.value, path),
@@ -117,7 +117,7 @@ fn within(value: &Expr, path: &[String]) -> Option<Span> {
     within(&argument.value, rest)
 }
 
-/// Adds an edit, in place of one of the same text. Whether there was room for it: not within what another one replaces.
+/// Adds an edit, or replaces the one of the same span. Returns false if it overlaps with another edit.
 fn put(edits: &mut Vec<(usize, usize, String)>, span: Span, text: &str) -> bool {
     let (start, end) = (span.start as usize, span.end as usize);
     if let Some(same) = edits.iter_mut().find(|(s, e, _)| (*s, *e) == (start, end)) {

@@ -1,11 +1,11 @@
-//! `.safetensors` files: the length of a header in eight bytes, the header in JSON, which has each array's type, shape and place, and the
-//! numbers one after the other.
+//! Writes `.safetensors` files: the length of the header (eight bytes), the header in JSON with type, shape and byte range of each array,
+//! and the numbers.
 
 use serde_json::{Map, Value, json};
 
 use crate::tape::Tensor;
 
-/// The file of arrays by their names: doubles, little-endian, row by row.
+/// The bytes of a file with named arrays, as little-endian doubles in row-major order.
 pub fn encode<'a>(arrays: impl IntoIterator<Item = (&'a str, &'a Tensor)>) -> Vec<u8> {
     let mut entries = Map::new();
     let mut numbers = Vec::new();

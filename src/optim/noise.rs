@@ -1,13 +1,13 @@
-//! How large gradients are, and how noisy.
+//! Norms of gradients and estimates of their standard errors.
 
 use serde::{Deserialize, Serialize};
 
-/// The size of one param's gradient.
+/// Norm and standard error of the gradient of one param.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GradientSize {
     /// Euclidean norm, in the coordinates that are optimised.
     pub norm: f64,
-    /// The standard error of all its numbers together: the root of the sum of their variances. Unknown at first.
+    /// Root of the sum of the variances of its components. `None` while unknown.
     pub error: Option<f64>,
 }
 
@@ -18,22 +18,22 @@ impl GradientSize {
     }
 }
 
-/// Share of a new difference in what is known about noise: the mean is one over some ten steps.
+/// Weight of a new difference in the running mean of the variance, which extends over some ten steps.
 const NEWS: f64 = 0.1;
 
-/// The noise of one param's gradient, from what it differs by from step to step: two gradients with independent noise of variance σ²
-/// differ by 2σ² in the mean square (von Neumann). A change of the gradient itself counts as noise too, which is little where
-/// steps are small; noise that steps have in common, as with control variates, is not seen.
+/// Estimates the noise of one param's gradient from the differences of successive steps: the mean square of the difference of two
+/// gradients with independent noise of variance σ² is 2σ² (von Neumann). The estimate is too large by the change of the gradient
+/// itself, which is small if steps are small, and too small if the noise of steps is correlated, as with control variates.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct GradientNoise {
     last: Vec<f64>,
-    /// Sums of variances and of their weights, later ones having more.
+    /// Exponentially weighted sums of the variances and of the weights.
     variance: f64,
     weight: f64,
 }
 
 impl GradientNoise {
-    /// Takes a step's gradient, which is finite, and tells its size.
+    /// Adds the gradient of a step, which must be finite, and returns its norm and standard error.
     pub fn add(&mut self, gradient: &[f64]) -> GradientSize {
         if self.last.len() == gradient.len() {
             let variance = self.last.iter().zip(gradient).map(|(a, b)| 0.5 * (a - b) * (a - b)).sum::<f64>();

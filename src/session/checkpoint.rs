@@ -1,8 +1,9 @@
-//! Checkpoints: all that a run needs to go on, written beside its log from time to time, whole or not at all.
+//! Checkpoints: a file in the run folder with the complete state of a run, from which `--resume` continues. It is replaced atomically.
 //!
-//! Actions know of one another by params, fields, losses and curves only. So a checkpoint holds the number of an action and the
-//! state before it, and what is already done is not done again. Of an optimisation that has begun it holds two states of the engine: that
-//! at its start, from which the optimisation is set up as it was (bounds, stages and domains may depend on the params), and the present one.
+//! Actions depend on one another only through params, fields, losses and curves. A checkpoint therefore stores the index of the next
+//! action and the state before it; earlier actions are not repeated. For an optimisation in progress it stores two states of the
+//! engine: the one at the start, from which the optimisation is set up again (bounds, stages and domains may depend on the params), and
+//! the current one.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -27,7 +28,7 @@ const PERIOD: Duration = Duration::from_secs(30);
 /// What a checkpoint's file begins with. Its contents are those of one version.
 const HEAD: &str = concat!("dscene ", env!("CARGO_PKG_VERSION"), "\n");
 
-/// What a run was started with, and keeps when it is resumed.
+/// Settings with which a run was started. A resumed run keeps them.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunSettings {
     pub file: String,
@@ -93,7 +94,7 @@ impl Schedule {
 }
 
 impl Checkpoint {
-    /// Of a run that is about to begin.
+    /// The checkpoint of a new run, before its first action.
     pub fn first(engine: &Engine, settings: RunSettings, folder: &mut RunFolder) -> Result<Checkpoint, Diagnostic> {
         Ok(Checkpoint {
             settings,
@@ -211,7 +212,7 @@ impl Runner<'_> {
     /// Goes on where a checkpoint was written.
     pub fn resume(&mut self, actions: &[hir::Action], checkpoint: Checkpoint) -> Result<super::Flow, Diagnostic> {
         let Checkpoint { settings, action, start, optimizing, mut report, curves, histories, .. } = checkpoint;
-        // A script that has changed may have something else there.
+        // With `--force` the script may have changed, so that the checkpoint's action is missing.
         let is_there = match optimizing {
             Some(_) => matches!(actions.get(action), Some(hir::Action::Optimize(_))),
             None => action <= actions.len(),
@@ -231,7 +232,7 @@ impl Runner<'_> {
         self.run_from(actions, action, optimizing)
     }
 
-    /// An optimisation as it was set up, and then where it was.
+    /// Sets an optimisation up and, if it was in progress at the checkpoint, restores its state.
     pub(super) fn set_up(
         &mut self,
         optimize: &hir::Optimize,
@@ -245,7 +246,7 @@ impl Runner<'_> {
         Ok(optimization)
     }
 
-    /// An action is about to begin.
+    /// Called before an action: writes a checkpoint.
     pub(super) fn begin_action(&mut self, action: usize, finished: bool) -> Result<(), Diagnostic> {
         if self.checkpoints.is_none() {
             return Ok(());
@@ -254,12 +255,12 @@ impl Runner<'_> {
         self.write_checkpoint(None, finished)
     }
 
-    /// The same without a checkpoint: there is one that says as much.
+    /// The same without writing a checkpoint, because the existing one is of this moment.
     pub(super) fn enter_action(&mut self, action: usize) {
         (self.current, self.start) = (action, self.engine.state());
     }
 
-    /// Whether an action that may take long should not begin without a checkpoint.
+    /// Whether the last checkpoint is so old that the next action begins with a new one.
     pub(super) fn has_waited(&self) -> bool {
         self.checkpoints.as_ref().is_some_and(Schedule::has_waited)
     }
@@ -275,7 +276,7 @@ impl Runner<'_> {
     pub(super) fn write_checkpoint(&mut self, within: Option<&Optimization>, finished: bool) -> Result<(), Diagnostic> {
         let (Some(schedule), Some(folder)) = (&mut self.checkpoints, &mut self.folder) else { return Ok(()) };
         schedule.last = Some(Instant::now());
-        // The folder may be carried elsewhere.
+        // Stored relative to the run folder, which may be moved.
         let relative = |path: &PathBuf| path.strip_prefix(folder.path()).unwrap_or(path).to_path_buf();
         let saved = self.report.saved.iter().map(relative).collect();
         let checkpoint = Checkpoint {

@@ -77,7 +77,7 @@ pub struct RunFolder {
     _lock: File,
 }
 
-/// How long the files are that grow with every step.
+/// Lengths in bytes of the files that grow with every step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Logged {
     log: u64,
@@ -123,7 +123,7 @@ impl RunFolder {
         RunFolder::begin(path.to_path_buf(), lock)
     }
 
-    /// Starts an empty log. The folder is not that of a run before [`RunFolder::record`] has said so.
+    /// Starts an empty log. The folder counts as a run's only after [`RunFolder::record`].
     fn begin(path: PathBuf, lock: File) -> Result<RunFolder, Diagnostic> {
         for own in [RECORD, LOG, tensorboard::FILE] {
             let own = path.join(own);
@@ -136,7 +136,7 @@ impl RunFolder {
         Ok(RunFolder { path, log, events: None, _lock: lock })
     }
 
-    /// Writes `run.json`, from which on the folder is that of a run, which may be resumed.
+    /// Writes `run.json`. From then on the folder is that of a run and can be resumed.
     pub fn record(&mut self, info: &RunInfo) -> Result<(), Diagnostic> {
         let text = serde_json::to_string_pretty(info).map_err(|e| no_folder(&self.path, &io::Error::other(e)))?;
         write_atomically(&self.path.join(RECORD), format!("{text}\n").as_bytes()).map_err(|e| no_folder(&self.path, &e))
@@ -163,7 +163,7 @@ impl RunFolder {
         Ok(RunFolder { path: path.to_path_buf(), log, events: None, _lock: lock })
     }
 
-    /// Takes back what was logged after a checkpoint.
+    /// Removes log entries that were written after a checkpoint.
     pub fn shorten(&mut self, to: Logged) -> Result<(), Diagnostic> {
         if to.events > 0 {
             self.events = Some(Whole::again(&self.path.join(tensorboard::FILE))?);
@@ -182,7 +182,7 @@ impl RunFolder {
         Ok(())
     }
 
-    /// How long the log is, once all of it is on the disk.
+    /// Flushes the log to the disk and returns its length.
     pub fn logged(&mut self) -> Result<Logged, Diagnostic> {
         let logged = Logged { log: self.log.whole, events: self.events.as_ref().map_or(0, |events| events.whole) };
         for file in [Some(&self.log), self.events.as_ref()].into_iter().flatten() {
@@ -209,7 +209,7 @@ impl RunFolder {
         })
     }
 
-    /// Removes what a process left half written that was killed: beside the record, and beside what the run has `saved`.
+    /// Removes temporary files of killed processes, from the run folder and from the folders of `saved` files.
     pub fn sweep(&self, saved: &[PathBuf]) {
         let folders: BTreeSet<&Path> = saved.iter().filter_map(|p| p.parent()).chain([self.path.as_path()]).collect();
         for entry in folders.into_iter().filter_map(|folder| fs::read_dir(folder).ok()).flatten().flatten() {

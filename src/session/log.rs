@@ -1,4 +1,4 @@
-//! What is told of a step: a line of `log.jsonl`, and the same numbers for TensorBoard.
+//! The log entry of a step: a line of `log.jsonl`, and the same numbers as scalars for TensorBoard.
 
 use serde_json::{Map, Value, json};
 
@@ -8,8 +8,8 @@ use super::optimization::StepReport;
 /// Params with more numbers than this are left out of the log.
 pub const LOGGED_NUMBERS: usize = 64;
 
-/// The line of a step of the optimisation of `of`, which steps count from 0 in. Everything but `seconds` and `bytes` is the same for each
-/// run with the same seed.
+/// The log line of a step of the optimisation of loss `of`. Runs with the same seed have the same lines, except for `seconds` and
+/// `bytes`.
 pub fn line(of: &str, report: &StepReport) -> Value {
     let mut line = Map::new();
     line.insert("step".into(), json!(report.step));
@@ -38,7 +38,7 @@ pub fn line(of: &str, report: &StepReport) -> Value {
     Value::Object(line)
 }
 
-/// The numbers of a step, by the names that curves of them have.
+/// The scalars of a step with their tags.
 pub fn scalars(of: &str, report: &StepReport) -> Vec<(String, f64)> {
     let mut found = vec![
         (format!("loss/{of}"), report.loss),
@@ -60,7 +60,7 @@ pub fn scalars(of: &str, report: &StepReport) -> Vec<(String, f64)> {
     found
 }
 
-/// `[1][2]`: where the `i`-th number of an array stands.
+/// The index of the `i`-th number of an array, such as `[1][2]`.
 fn index(shape: &[usize], i: usize) -> String {
     let mut rest = i;
     let mut parts: Vec<String> = Vec::new();

@@ -1,11 +1,11 @@
-//! Where the params of a run were at one of its steps: its optimisations are done again up to there, and nothing else that it did.
+//! Recomputes the params at a given step of a run, by repeating its optimisations up to that step without any other action.
 
 use super::optimization::Optimization;
 use super::run::{Flow, Runner};
 use crate::check::hir;
 use crate::diag::Diagnostic;
 
-/// A step of a run: of its optimisations that took any the `nth`, from 0, and how many of its steps were taken before.
+/// A step of a run: the index of its optimisation among those that took a step, and the number of the step within it, both from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StepOfRun {
     pub nth: usize,
@@ -13,12 +13,12 @@ pub struct StepOfRun {
 }
 
 impl Runner<'_> {
-    /// Moves the params to where they were at a step, before its update. Whether there is such a step, unless Ctrl-C came first.
+    /// Moves the params to their values at a step, before its update. Returns whether the run has this step; `None` if interrupted.
     pub fn replay(&mut self, actions: &[hir::Action], to: StepOfRun) -> Result<Option<bool>, Diagnostic> {
         let mut begun = 0;
         for action in actions {
             let hir::Action::Optimize(optimize) = action else { continue };
-            // What is done every so many steps moves nothing.
+            // `every` blocks have no effect on params.
             let optimize = hir::Optimize { every: Vec::new(), ..(**optimize).clone() };
             let mut optimization = Optimization::new(self.engine, &optimize, self.steps)?;
             let is_last = begun == to.nth;

@@ -1,10 +1,10 @@
-//! TensorBoard's event files: records of TensorFlow's `TFRecord` format, each of which holds one message `Event` of
-//! `tensorflow/core/util/event.proto` as Protocol Buffers write it. Of those two formats only what curves need is here.
+//! Writes TensorBoard's event files: TensorFlow's `TFRecord` format, with one protocol buffer message `Event`
+//! (`tensorflow/core/util/event.proto`) per record. Only scalar summaries are supported.
 
-/// The name that TensorBoard knows its files by.
+/// Name of the file. TensorBoard recognises event files by `tfevents` in the name.
 pub const FILE: &str = "events.out.tfevents";
 
-/// What an event file begins with.
+/// The first record of an event file, with the version of the format.
 pub fn first(wall_time: f64) -> Vec<u8> {
     let mut event = Vec::new();
     double(&mut event, 1, wall_time);
@@ -12,7 +12,7 @@ pub fn first(wall_time: f64) -> Vec<u8> {
     record(&event)
 }
 
-/// The record of some numbers at a step, by the names of their curves; `wall_time` in seconds since 1970.
+/// The record with the scalars of a step, each with its tag. `wall_time` is in seconds since 1970.
 pub fn scalars(wall_time: f64, step: u64, numbers: &[(String, f64)]) -> Vec<u8> {
     let mut summary = Vec::new();
     for (tag, x) in numbers {
@@ -32,7 +32,7 @@ pub fn scalars(wall_time: f64, step: u64, numbers: &[(String, f64)]) -> Vec<u8> 
 
 // ---- Protocol Buffers ----------------------------------------------------------------------------------------------
 
-/// How a field's value is written: the low bits of its key.
+/// Wire types: the low three bits of a field's key, which say how its value is encoded.
 const VARINT: u64 = 0;
 const FIXED_64: u64 = 1;
 const DELIMITED: u64 = 2;
@@ -42,7 +42,7 @@ fn key(out: &mut Vec<u8>, field: u64, wire: u64) {
     varint(out, field << 3 | wire);
 }
 
-/// Seven bits a byte, the low ones first; the high bit says that more follow.
+/// Seven bits per byte, least significant first; the high bit is set on all bytes but the last.
 fn varint(out: &mut Vec<u8>, mut x: u64) {
     while x >= 0x80 {
         out.push(x as u8 | 0x80);
@@ -64,18 +64,18 @@ fn bytes(out: &mut Vec<u8>, field: u64, data: &[u8]) {
 
 // ---- TFRecord ------------------------------------------------------------------------------------------------------
 
-/// The length, its checksum, the data, and theirs.
+/// A record: length, checksum of the length, data, checksum of the data.
 fn record(data: &[u8]) -> Vec<u8> {
     let length = (data.len() as u64).to_le_bytes();
     [&length[..], &masked(&length), data, &masked(data)].concat()
 }
 
-/// A checksum that is not one of bytes which hold checksums themselves: turned round by 15 bits and shifted.
+/// TensorFlow's masked checksum: rotated by 15 bits plus a constant, so that a checksum of data with checksums in it is not trivial.
 fn masked(data: &[u8]) -> [u8; 4] {
     crc32c(data).rotate_right(15).wrapping_add(0xa282_ead8).to_le_bytes()
 }
 
-/// Castagnoli's cyclic redundancy check, low bits first, byte by byte.
+/// CRC-32C (Castagnoli polynomial, reflected), with a table of 256 entries.
 fn crc32c(data: &[u8]) -> u32 {
     const TABLE: [u32; 256] = table();
     !data.iter().fold(!0, |crc, byte| TABLE[usize::from(crc as u8 ^ byte)] ^ (crc >> 8))
