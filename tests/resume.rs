@@ -5,7 +5,10 @@
 mod place;
 
 use std::collections::BTreeMap;
+use std::ffi::OsStr;
 use std::fs;
+use std::os::unix::ffi::OsStrExt;
+use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
@@ -233,22 +236,28 @@ fn a_run_goes_on_when_the_disk_has_room_again() {
     }
 }
 
-/// A file that cannot be saved half-way is no reason to lose what was found.
+/// A file that cannot be saved half-way is no reason to lose what was found, nor is a folder of a strange name that is moved meanwhile.
 #[test]
 fn an_error_half_way_leaves_a_run_that_goes_on() {
     let place = Place::new();
     let script = "param x = 1\nloss l = x ^ 2\noptimize l { using: sgd(lr: 0.01, momentum: 0.5), steps: 30 every 10 { save x to \"at/{step}.json\" } }\n";
     place.write("a.dscene", script);
     assert_code(&place.dsl(&["run", "a.dscene", "--out", "whole"]), 0);
-    fs::create_dir_all(place.path("r/at/20.json")).unwrap();
-    assert_diagnosed(&place.dsl(&["run", "a.dscene", "--out", "r", "--force"]));
-    assert_eq!(fs::read_to_string(place.path("r/log.jsonl")).unwrap().lines().count(), 20);
-    fs::remove_dir(place.path("r/at/20.json")).unwrap();
-    let output = place.dsl(&["run", "a.dscene", "--resume", "r", "--json"]);
+    let strange = place.folder.path().join(OsStr::from_bytes(b"not \xff text"));
+    fs::create_dir_all(strange.join("r/at/20.json")).unwrap();
+    fs::copy(place.path("a.dscene"), strange.join("a.dscene")).unwrap();
+    let dsl = |folder: &Path, arguments: &[&str]| place.command(arguments).current_dir(folder).output().unwrap();
+    assert_diagnosed(&dsl(&strange, &["run", "a.dscene", "--out", "r", "--force"]));
+    assert_eq!(fs::read_to_string(strange.join("r/log.jsonl")).unwrap().lines().count(), 20);
+    let moved = place.path("moved");
+    fs::rename(&strange, &moved).unwrap();
+    fs::remove_dir(moved.join("r/at/20.json")).unwrap();
+    let output = dsl(place.folder.path(), &["run", "moved/a.dscene", "--resume", "moved/r", "--json"]);
     assert_code(&output, 0);
     let done: Value = serde_json::from_str(stdout(&output).lines().last().unwrap()).unwrap();
-    assert_eq!((&done["steps"], done["saved"].as_array().map(Vec::len)), (&Value::from(30), Some(3)));
-    assert_same(&left_behind(&place, "r"), &left_behind(&place, "whole"), "an error");
+    let saved = ["moved/r/at/0.json", "moved/r/at/10.json", "moved/r/at/20.json"];
+    assert_eq!((&done["steps"], &done["saved"]), (&Value::from(30), &Value::from(saved.to_vec())));
+    assert_same(&left_behind(&place, "moved/r"), &left_behind(&place, "whole"), "an error");
 }
 
 #[test]
