@@ -191,7 +191,7 @@ pub fn rewrite(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let name = path.file_name().ok_or_else(|| io::Error::other("the path names no file"))?;
     let part = path.with_file_name(format!("{}.part", name.to_string_lossy()));
     match fs::remove_file(&part) {
-        Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
+        Err(e) if e.kind() != io::ErrorKind::NotFound => Err(e),
         _ => write_through(&part, path, bytes),
     }
 }

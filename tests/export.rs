@@ -336,7 +336,7 @@ fn events(path: &Path) -> Vec<(u64, BTreeMap<String, f32>)> {
     let mut found = Vec::new();
     let masked = |data: &[u8]| {
         let crc = crc32c(data);
-        (crc >> 15 | crc << 17).wrapping_add(0xA282_EAD8)
+        crc.rotate_right(15).wrapping_add(0xA282_EAD8)
     };
     while !rest.is_empty() {
         let length = u64::from_le_bytes(rest[..8].try_into().unwrap()) as usize;

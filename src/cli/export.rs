@@ -370,8 +370,8 @@ fn resumed(
     if !came {
         let placed = engine.restore(checkpoint.state()).and_then(|()| {
             let state = checkpoint.state().moved.iter();
-            let values = state.filter_map(|p| Some((p, &params.iter().find(|(name, _)| *name == p.shown)?.1)));
-            values.map(|(p, value)| engine.place(p, value.clone())).collect::<Result<(), Diagnostic>>()
+            let mut values = state.filter_map(|p| Some((p, &params.iter().find(|(name, _)| *name == p.shown)?.1)));
+            values.try_for_each(|(p, value)| engine.place(p, value.clone()))
         });
         placed.map_err(|told: Diagnostic| Box::new((told, engine.program().sources.clone())))?;
     }
