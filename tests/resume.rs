@@ -261,6 +261,22 @@ fn an_error_half_way_leaves_a_run_that_goes_on() {
 }
 
 #[test]
+fn a_run_that_diverged_keeps_the_last_good_params() {
+    let place = Place::new();
+    let script = "param x = 1\nloss l = sqrt(x)\noptimize l { using: sgd(lr: RATE), steps: 5 }\nsave x to \"x.json\"\n";
+    // The second step is taken from 0.4, the third would be from below 0.
+    place.write("a.dscene", script.replace("RATE", "1.2"));
+    assert_diagnosed(&place.dsl(&["run", "a.dscene", "--out", "r"]));
+    let output = place.dsl(&["export", "r"]);
+    assert_code(&output, 0);
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert!((found["x"].as_f64().unwrap() - 0.4).abs() < 1e-12, "{found}");
+    // It went on to its end, with the exit code that it had.
+    assert_code(&place.dsl(&["run", "a.dscene", "--resume", "r"]), 1);
+    assert_eq!(fs::read_to_string(place.path("r/x.json")).unwrap().trim(), found["x"].to_string());
+}
+
+#[test]
 fn what_a_killed_process_left_half_written_is_removed() {
     let place = Place::new();
     half_way(&place);
