@@ -180,6 +180,12 @@ impl Bsdf {
         matches!(self, Bsdf::Diffuse { .. })
     }
 
+    /// Whether it has a microfacet lobe.
+    #[inline]
+    fn has_lobe(&self) -> bool {
+        !matches!(self, Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Diffuse { .. })
+    }
+
     /// Whether the specular lobe is so narrow that derivatives are taken with the half vector attached to the shading normal: sampled
     /// directions turn with the surface. With α < 0.2 this has less variance than fixed directions, with larger α more.
     pub fn is_attached(&self) -> bool {
@@ -208,7 +214,22 @@ impl Bsdf {
 
     #[inline(never)]
     fn eval_parts(&self, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
-        self.eval_part(Part::Diffuse, n, wi, wo) + self.eval_part(Part::Specular, n, wi, wo)
+        if n.dot(wo) <= 0.0 { Vec3::ZERO } else { self.eval_at(&Angles::new(n, wi, wo)) }
+    }
+
+    /// Both parts, for `wo` above the surface.
+    fn eval_at(&self, angles: &Angles) -> Vec3 {
+        self.eval_diffuse(angles.ci, angles.co) + self.eval_lobe(angles)
+    }
+
+    /// [`Bsdf::eval`] and [`Bsdf::pdf`], which share most of their work.
+    #[inline(never)]
+    pub fn eval_and_pdf(&self, n: Vec3, wi: Vec3, wo: Vec3) -> (Vec3, f32) {
+        if n.dot(wo) <= 0.0 {
+            return (Vec3::ZERO, 0.0);
+        }
+        let angles = Angles::new(n, wi, wo);
+        (self.eval_at(&angles), self.pdf_of_lobes(&angles))
     }
 
     /// One part of [`Bsdf::eval`].
@@ -218,15 +239,20 @@ impl Bsdf {
             return Vec3::ZERO;
         }
         match part {
-            Part::Diffuse => match *self {
-                Bsdf::Diffuse { reflectance } | Bsdf::Phong { diffuse: reflectance, .. } => lambertian(reflectance, co),
-                Bsdf::Principled { base_color, metallic, roughness, specular } => {
-                    let principled = Principled { base_color, metallic, roughness, specular };
-                    lambertian(principled.base(n.dot(wi).abs(), co), co)
-                }
-                _ => Vec3::ZERO,
-            },
+            Part::Diffuse => self.eval_diffuse(n.dot(wi).abs(), co),
             Part::Specular => self.eval_lobe(&Angles::new(n, wi, wo)),
+        }
+    }
+
+    /// The diffuse part, for cosines `ci` and `co` of directions above the surface.
+    fn eval_diffuse(&self, ci: f32, co: f32) -> Vec3 {
+        match *self {
+            Bsdf::Diffuse { reflectance } | Bsdf::Phong { diffuse: reflectance, .. } => lambertian(reflectance, co),
+            Bsdf::Principled { base_color, metallic, roughness, specular } => {
+                let principled = Principled { base_color, metallic, roughness, specular };
+                lambertian(principled.base(ci, co), co)
+            }
+            _ => Vec3::ZERO,
         }
     }
 
@@ -293,6 +319,9 @@ impl Bsdf {
 
     fn d_eval_lobe(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
         let mut out = BsdfAdjoint::default();
+        if !self.has_lobe() {
+            return out;
+        }
         let angles = Angles::new(n, wi, wo);
         let mut d = AnglesAdjoint::default();
         match *self {
@@ -335,6 +364,9 @@ impl Bsdf {
     /// Adjoint of [`Bsdf::eval`].
     pub fn d_eval(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
         let mut out = self.d_eval_part(Part::Diffuse, n, wi, wo, d_f);
+        if !self.has_lobe() {
+            return out;
+        }
         let specular = self.d_eval_part(Part::Specular, n, wi, wo, d_f);
         out.directions.n += specular.directions.n;
         out.directions.wi += specular.directions.wi;

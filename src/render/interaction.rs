@@ -219,6 +219,13 @@ impl SurfaceInteraction {
         if self.shading_flip == 0.0 { f } else { f * self.terminator(wo) }
     }
 
+    /// [`SurfaceInteraction::eval`] and [`SurfaceInteraction::pdf`].
+    #[inline]
+    pub fn eval_and_pdf(&self, wo: Vec3) -> (Vec3, f32) {
+        let (f, pdf) = self.bsdf.eval_and_pdf(self.ns, self.wi, wo);
+        (if self.shading_flip == 0.0 { f } else { f * self.terminator(wo) }, pdf)
+    }
+
     /// One part of [`SurfaceInteraction::eval`].
     #[inline]
     pub fn eval_part(&self, part: Part, wo: Vec3) -> Vec3 {

@@ -431,11 +431,11 @@ impl<const N: usize> Paths<N> {
         for k in self.alive.iter() {
             if !self.matte[k] && shadows.open[k] {
                 let (si, dir) = (&self.si[k], shadows.dir.get(k));
-                let f = si.eval(dir);
+                let (f, pdf) = si.eval_and_pdf(dir);
                 let seen = !is_zero(f) || keep_black && si.ns.dot(dir) > 0.0;
                 shadows.open[k] = seen && si.ng.dot(dir) > 0.0;
                 shadows.f.set(k, f);
-                shadows.pdf[k] = si.pdf(dir);
+                shadows.pdf[k] = pdf;
             }
         }
         let area_sampling_fraction = bounce.area_sampling_fraction;
