@@ -217,13 +217,16 @@ pub fn d_inputs<S: Sink>(
     adj: &mut VertexAdjoint,
 ) {
     let kind = &out.scene.description.shapes[si.shape as usize].material.kind;
-    for ((field, input), d) in kind.inputs().zip(d) {
-        let d = if field.quantity == Quantity::Color { *d } else { Vec3::X * d.x };
+    let mut d = d.iter();
+    // This runs for every vertex of every path: `inputs` would write down all fields first.
+    kind.map(|field, input| {
+        let d = d.next().copied().unwrap_or_default();
+        let d = if field.quantity == Quantity::Color { d } else { Vec3::X * d.x };
         if d != Vec3::ZERO {
             let d_b = out.input(*input, si.prim, si.b, d, true);
             adj.add_b(d_b);
         }
-    }
+    });
 }
 
 /// Adjoint of emission at the hit of a ray with a fixed direction (camera rays, mirrors).
