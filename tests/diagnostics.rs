@@ -457,12 +457,26 @@ loss fit = mse(render(small), target)",
         ],
     },
     Case {
+        name: "preconditioners",
+        prelude: "",
+        script: "param a = 1 { precondition: laplacian(icosphere()) }\nparam b = [[1, 2], [3, 4]] { precondition: pyramid(levels: 3) }\n\
+                 param c = [[1, 2, 3]] { precondition: laplacian(lambda: 3) }\nparam d = [[1, 2], [3, 4]] { precondition: 3 }\n\
+                 param e: rotation = euler(y: 20deg) { precondition: laplacian(icosphere()) }\nlet f = laplacian(icosphere(), lambda: 0)",
+        wanted: &[
+            ("dscene::type::param", "precondition", "leave it out"),
+            ("dscene::type::mismatch", "pyramid(levels: 3)", "laplacian(mesh)"),
+            ("dscene::call::missing", "laplacian", "mesh: mesh"),
+            ("dscene::type::mismatch", "3", ""),
+            ("dscene::type::param", "precondition", "leave it out"),
+            ("dscene::value::range", "0", "more than"),
+        ],
+    },
+    Case {
         name: "not_available_yet",
         prelude: SCENE,
-        script: "param p = [[0, 0, 0]] { precondition: laplacian(lambda: 19) }\nmaterial glass = dielectric(ior: 1.5)\n\
+        script: "material glass = dielectric(ior: 1.5)\n\
                  optimize fit { correlated: true }\noptimize fit { correlated: false, using: lbfgs() }",
         wanted: &[
-            ("dscene::feature::unavailable", "precondition", "laplacian_energy"),
             ("dscene::feature::unavailable", "dielectric", ""),
             ("dscene::feature::unavailable", "correlated", "independent samples"),
             ("dscene::feature::unavailable", "lbfgs", ""),

@@ -1,38 +1,8 @@
 //! Solvers of least squares, through the language.
 
-use dscene::check::{self, Checked, Disk, hir};
-use dscene::diag::Diagnostic;
-use dscene::eval::{Engine, EngineOptions, on_large_stack};
-use dscene::session::Optimization;
+use common::{optimized, optimized_with};
 
-type Run = Result<(Vec<f64>, Vec<Vec<f64>>), Diagnostic>;
-
-/// Runs a script's only action, an `optimize`; gives the losses of its steps and the final value of its params, in order.
-fn run(text: &str) -> Run {
-    run_with(text, 0)
-}
-
-fn run_with(text: &str, seed: u64) -> Run {
-    on_large_stack(|| {
-        let Checked { program, diagnostics, .. } = check::check_text("test.dscene", None, text, &[], &Disk);
-        assert!(!diagnostics.iter().any(Diagnostic::is_error), "{text}\n{diagnostics:#?}");
-        let program = program.expect("a program");
-        let actions: Vec<hir::Action> = program.actions.clone();
-        let [hir::Action::Optimize(optimize)] = &actions[..] else { panic!("one action") };
-        let mut engine = Engine::new(program, EngineOptions { seed, base_dir: ".".into(), interrupt: None });
-        let mut optimization = Optimization::new(&mut engine, optimize, None)?;
-        let mut losses = Vec::new();
-        while optimization.done() < optimization.total() {
-            let report = optimization.step(&mut engine)?;
-            losses.push(report.loss);
-            if report.stop {
-                break;
-            }
-        }
-        let ids: Vec<_> = engine.program().params().collect();
-        Ok((losses, ids.into_iter().map(|id| engine.param_value(id).map(|t| t.data)).collect::<Result<_, _>>()?))
-    })
-}
+mod common;
 
 fn distance(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
@@ -43,11 +13,11 @@ fn analytic_losses_are_solved_to_rounding() {
     let banana = "param p: vec2 = [-1.2, 1] in -2..2
 loss fit = sum([10 * (p.y - p.x ^ 2), 1 - p.x] ^ 2)";
     let (losses, params) =
-        run(&format!("{banana}\noptimize fit {{ using: levenberg_marquardt(), steps: 30 }}")).unwrap();
+        optimized(&format!("{banana}\noptimize fit {{ using: levenberg_marquardt(), steps: 30 }}")).unwrap();
     assert!(distance(&params[0], &[1.0, 1.0]) < 1e-8 && *losses.last().unwrap() < 1e-15, "{losses:?} {params:?}");
     // It stops where it has looked.
     let text = format!("{banana}\noptimize fit {{ using: levenberg_marquardt(), steps: 99, stop_when: loss < 1e-3 }}");
-    let (losses, params) = run(&text).unwrap();
+    let (losses, params) = optimized(&text).unwrap();
     let [x, y] = params[0][..] else { panic!("{params:?}") };
     let loss = (10.0 * (y - x * x)).powi(2) + (1.0 - x).powi(2);
     assert!(losses.len() < 30 && loss < 1e-3 && loss == *losses.last().unwrap(), "{loss} {losses:?}");
@@ -57,19 +27,19 @@ let eye = camera(position: [0, 0, 1], look_at: [0, 0, if x > 2.5 then 1 else 0],
 let seen = mean(alpha(eye, scene: scene(shapes: [shape(mesh: sphere())])))
 loss fit = sum([1 / (1 + exp(-x)) - 0.9, 0 * seen] ^ 2)
 optimize fit { using: levenberg_marquardt(damping: 1e-9), steps: 30 }";
-    let (_, params) = run(text).unwrap();
+    let (_, params) = optimized(text).unwrap();
     assert!((params[0][0] - 9.0_f64.ln()).abs() < 1e-6, "{params:?}");
     // A rotation, and a mean of weighted squares from which a constant is taken; Gauss-Newton.
     let turn = "param turn: rotation = rotation(angle: 50deg)
 let aim = matrix(rotation(axis: [1, 2, 3], angle: 20deg))
 loss fit = 3 * mse(matrix(turn), aim) / 2 - 5
 optimize fit { using: gauss_newton(), steps: 9 }";
-    assert!((run(turn).unwrap().0[8] + 5.0).abs() < 1e-12);
+    assert!((optimized(turn).unwrap().0[8] + 5.0).abs() < 1e-12);
 }
 
 #[test]
 fn what_is_no_sum_of_squares_is_said_to_be_none() {
-    let error = |text: &str| run(text).err().unwrap_or_else(|| panic!("{text}"));
+    let error = |text: &str| optimized(text).err().unwrap_or_else(|| panic!("{text}"));
     let using = "{ using: levenberg_marquardt(), steps: 2 }";
     for (loss, why) in
         [("l1(p, [1, 2])", "`abs`"), ("mse(p, [1, 2]) + p.x", "linear"), ("-mse(p, [1, 2])", "subtracted")]
@@ -97,7 +67,7 @@ shape panel { mesh: rectangle() |> translate([0, 0.2, 0]), material: diffuse(ref
 let target = render(eye, spp: 1024, max_bounces: 1) with { lamp.radiance: [5, 3, 0.5], tint: [0.3, 0.6, 1] }
 loss fit = mse(render(eye, spp: 16, max_bounces: 1), target)
 optimize fit { over: [tint, lamp.radiance], using: gauss_newton(), steps: 12 }";
-    let (losses, params) = run(text).unwrap();
+    let (losses, params) = optimized(text).unwrap();
     println!("{losses:?} {params:?}");
     assert!(distance(&params[0], &[0.3, 0.6, 1.0]) < 0.03, "{params:?}");
 }
@@ -123,7 +93,7 @@ fn poses_take_a_few_steps() {
     let error = |using: &str, steps: u64| {
         let one = |seed: u64| {
             let script = format!("{POSE}optimize fit {{ using: {using}, steps: {steps} }}");
-            let (_, params) = run_with(&script, seed).unwrap();
+            let (_, params) = optimized_with(&script, seed).unwrap();
             distance(&params[0], &[0.0; 3]) + distance(&params[1], &IDENTITY)
         };
         // One run is off by 0.009 from the next: their noise is that of the images.

@@ -37,6 +37,7 @@ impl Checker<'_> {
                         | Ty::Scene
                         | Ty::Integrator
                         | Ty::Optimizer
+                        | Ty::Preconditioner
                 );
                 if !savable {
                     let help = matches!(value.ty, Ty::Camera { .. })

@@ -16,7 +16,7 @@ use crate::syntax::ast::{self, KindBody, StatementKind};
 const LONGEST_CYCLE: usize = 12;
 
 /// Settings of a param.
-const PARAM_SETTINGS: [&str; 3] = ["lr", "scale", "frozen"];
+const PARAM_SETTINGS: [&str; 4] = ["lr", "scale", "precondition", "frozen"];
 
 impl Checker<'_> {
     /// Checks a declaration unless it was checked already. A cycle is reported and has the error type.
@@ -210,12 +210,17 @@ impl Checker<'_> {
                 "lr" => Sig::Is(Ty::SCALAR),
                 "scale" => Sig::Number,
                 "frozen" => Sig::Is(Ty::Bool),
-                "precondition" => {
-                    let help =
-                        "leave it out; smooth shapes can be asked for in the loss: `+ 0.01 * laplacian_energy(mesh)`";
-                    self.diagnostics.push(crate::diag::advice::unavailable("precondition", field.name.span).help(help));
+                "precondition" if !can_be_preconditioned(&ty) => {
+                    let name = &param.name.text;
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::type::param", format!("`{name}` has nothing to precondition"))
+                            .label(field.name.span, "for the vertices of a mesh")
+                            .label(initial.span, format!("this is `{ty}`"))
+                            .help("leave it out"),
+                    );
                     continue;
                 }
+                "precondition" => Sig::Is(Ty::Preconditioner),
                 name => {
                     let foreign =
                         crate::diag::advice::field(name, &PARAM_SETTINGS).map(|f| format!("did you mean `{f}`?"));
@@ -228,6 +233,14 @@ impl Checker<'_> {
                     continue;
                 }
             };
+            if field.name.text == "precondition" && is_call_of(&field.value, "pyramid") {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::type::mismatch", "`pyramid` makes the levels of an image")
+                        .label(field.value.span, "no preconditioner")
+                        .help("meshes have one: `laplacian(mesh)`; grids have none yet"),
+                );
+                continue;
+            }
             let typed = self.checked_value(field, &wanted);
             let (fault, expected): (fn(f64) -> bool, &str) = match field.name.text.as_str() {
                 "lr" => (|x| x < 0.0 || x.is_nan(), "0 or more"),
@@ -243,6 +256,7 @@ impl Checker<'_> {
             match field.name.text.as_str() {
                 "lr" => decl.lr = value,
                 "scale" => decl.scale = value,
+                "precondition" => decl.precondition = value,
                 _ => decl.frozen = value,
             }
         }
@@ -596,4 +610,17 @@ fn compare_any(a: &Const, b: &Const, test: &dyn Fn(f64, f64) -> bool) -> bool {
 /// The expression that stands for a reported error.
 pub fn broken(span: Span) -> Typed {
     Typed { expr: error_expr(span), value: None }
+}
+
+/// Whether an expression is `name(…)`.
+fn is_call_of(e: &ast::Expr, name: &str) -> bool {
+    matches!(&e.kind, ast::ExprKind::Call { callee, .. } if matches!(&callee.kind, ast::ExprKind::Name(n) if n == name))
+}
+
+/// Whether a param may hold the vertices of a mesh.
+fn can_be_preconditioned(ty: &Ty) -> bool {
+    match ty {
+        Ty::Num(shape) => shape.len() >= 2,
+        _ => ty.is_unknown() || ty.may_be_numbers(),
+    }
 }

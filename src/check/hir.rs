@@ -102,6 +102,7 @@ pub struct ParamDecl {
     pub bounds: Option<(Expr, Expr)>,
     pub lr: Option<Expr>,
     pub scale: Option<Expr>,
+    pub precondition: Option<Expr>,
     pub frozen: Option<Expr>,
 }
 

@@ -263,7 +263,7 @@ fn roots(decl: &hir::Decl) -> Vec<&Expr> {
     match &decl.kind {
         DeclKind::Param(param) => {
             all.extend(param.bounds.iter().flat_map(|(low, high)| [low, high]));
-            all.extend([&param.lr, &param.scale, &param.frozen].into_iter().flatten());
+            all.extend([&param.lr, &param.scale, &param.precondition, &param.frozen].into_iter().flatten());
         }
         DeclKind::Fn(f) => {
             all.push(&f.body);

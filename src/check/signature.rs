@@ -254,7 +254,7 @@ impl fmt::Display for Sig {
 }
 
 /// The names of types that annotations may use.
-pub const TYPE_NAMES: [&str; 26] = [
+pub const TYPE_NAMES: [&str; 27] = [
     "scalar",
     "int",
     "bool",
@@ -279,6 +279,7 @@ pub const TYPE_NAMES: [&str; 26] = [
     "scene",
     "integrator",
     "optimizer",
+    "preconditioner",
     "number",
     "any",
 ];
@@ -311,6 +312,7 @@ pub fn named(name: &str) -> Option<Sig> {
         "scene" => is(Ty::Scene),
         "integrator" => is(Ty::Integrator),
         "optimizer" => is(Ty::Optimizer),
+        "preconditioner" => is(Ty::Preconditioner),
         "number" => Some(Sig::Number),
         "any" => Some(Sig::Any),
         _ => {

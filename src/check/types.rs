@@ -58,6 +58,7 @@ pub enum Ty {
     Scene,
     Integrator,
     Optimizer,
+    Preconditioner,
     /// What `estimate` gives: a mean and a standard error.
     Estimate(Box<Ty>),
     /// What `grad(loss)` gives: one entry for each param.
@@ -183,6 +184,7 @@ impl fmt::Display for Ty {
             Ty::Scene => f.write_str("scene"),
             Ty::Integrator => f.write_str("integrator"),
             Ty::Optimizer => f.write_str("optimizer"),
+            Ty::Preconditioner => f.write_str("preconditioner"),
             Ty::Estimate(of) => write!(f, "estimate of {of}"),
             Ty::Gradients => f.write_str("gradients"),
         }

@@ -35,6 +35,7 @@ use crate::check::hir::{self, Decl, DeclId, DeclKind, LocalId, Target};
 use crate::check::types::Ty;
 use crate::diag::Diagnostic;
 use crate::natives::{self, value::Value};
+use crate::source::Span;
 use crate::stop;
 use crate::tape::{Tensor, Var};
 
@@ -83,7 +84,7 @@ pub enum ParamKind {
     Rotation,
 }
 
-#[derive(Clone, Debug)]
+#[derive(Clone)]
 pub struct ParamInfo {
     pub id: DeclId,
     pub name: String,
@@ -93,6 +94,8 @@ pub struct ParamInfo {
     pub bounds: Option<(Tensor, Tensor)>,
     pub lr: Option<f64>,
     pub scale: Option<f64>,
+    /// A preconditioner, and where it is asked for.
+    pub precondition: Option<(Value, Span)>,
     pub frozen: bool,
 }
 
@@ -304,6 +307,10 @@ impl Engine {
             }
             None => None,
         };
+        let precondition = match &p.precondition {
+            Some(e) => Some((self.at_root(e)?, e.span)),
+            None => None,
+        };
         let mut number = |e: &Option<hir::Expr>| -> Result<Option<f64>> {
             let Some(e) = e else { return Ok(None) };
             match self.at_root(e)?.number() {
@@ -317,6 +324,7 @@ impl Engine {
             kind,
             lr: number(&p.lr)?,
             scale: number(&p.scale)?,
+            precondition,
             frozen: number(&p.frozen)?.is_some_and(|x| x != 0.0),
             shape,
             bounds,
@@ -556,7 +564,7 @@ impl Engine {
     }
 
     /// Counts the depth of nesting, so that endless recursion ends in a diagnostic.
-    fn deeper<T>(&mut self, span: crate::source::Span, f: impl FnOnce(&mut Engine) -> Result<T>) -> Result<T> {
+    fn deeper<T>(&mut self, span: Span, f: impl FnOnce(&mut Engine) -> Result<T>) -> Result<T> {
         let waiting = self.evaluating.len().min(self.program.decls.len());
         let limit = MAX_DEPTH + MAX_DEPTH_OF_DECLARATION * waiting;
         if self.depth >= limit {

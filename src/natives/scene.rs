@@ -67,6 +67,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("rmsprop", |a| keep(a, SettingsKind::Optimizer(Rule::RmsProp))),
     ("levenberg_marquardt", |a| keep(a, SettingsKind::Optimizer(Rule::LevenbergMarquardt))),
     ("gauss_newton", |a| keep(a, SettingsKind::Optimizer(Rule::GaussNewton))),
+    ("laplacian", |a| keep(a, SettingsKind::Laplacian)),
 ];
 
 /// All arguments by name, the missing ones left out.

@@ -167,6 +167,8 @@ pub struct SceneValue {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SettingsKind {
     Optimizer(Rule),
+    /// Of the vertices of a mesh.
+    Laplacian,
     Integrator,
     /// A mesh's vertex colours, which stand where a texture may.
     VertexColor,
@@ -177,6 +179,7 @@ impl SettingsKind {
     pub fn name(self) -> &'static str {
         match self {
             SettingsKind::Optimizer(rule) => rule.name(),
+            SettingsKind::Laplacian => "laplacian",
             SettingsKind::Integrator => "integrator",
             SettingsKind::VertexColor => "vertex_color",
         }
@@ -335,6 +338,7 @@ impl Value {
                 SettingsKind::Integrator => "an integrator",
                 SettingsKind::VertexColor => "a texture",
                 SettingsKind::Optimizer(_) => "an optimizer",
+                SettingsKind::Laplacian => "a preconditioner",
             },
             Value::Estimate(_) => "an estimate",
             Value::Gradients(_) => "gradients",

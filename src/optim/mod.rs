@@ -5,6 +5,7 @@
 
 mod least_squares;
 mod noise;
+mod preconditioner;
 mod solver;
 mod space;
 mod stopping;
@@ -13,6 +14,7 @@ use serde::{Deserialize, Serialize};
 
 pub use least_squares::LeastSquares;
 pub use noise::{GradientNoise, GradientSize};
+pub use preconditioner::Laplacian;
 pub use solver::{Solver, State};
 pub use space::{Geometry, Space};
 pub use stopping::{is_plateau, plateau_ratio};

@@ -1,5 +1,9 @@
 //! Parameter spaces: the bounds of a param, and the coordinates in which it is optimised.
 
+use std::sync::Arc;
+
+use super::preconditioner::Laplacian;
+
 /// The geometry of a param's values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Geometry {
@@ -22,12 +26,22 @@ pub struct Space {
     /// Factor on the optimiser's rate.
     pub lr: f64,
     pub frozen: bool,
+    /// The optimiser works in other variables than the elements (of plain params).
+    pub preconditioner: Option<Arc<Laplacian>>,
 }
 
 impl Space {
     /// Unbounded numbers at the optimiser's own rate.
     pub fn plain() -> Space {
-        Space { geometry: Geometry::Plain, lower: None, upper: None, scale: 1.0, lr: 1.0, frozen: false }
+        Space {
+            geometry: Geometry::Plain,
+            lower: None,
+            upper: None,
+            scale: 1.0,
+            lr: 1.0,
+            frozen: false,
+            preconditioner: None,
+        }
     }
 
     /// Number of unknowns of a param with `len` elements.
@@ -41,14 +55,17 @@ impl Space {
         self.geometry == Geometry::Plain && if step < 0.0 { value[index] <= lower } else { value[index] >= upper }
     }
 
-    /// The gradient in the coordinates of the optimiser: as many numbers as `value` (plain) or 3 (rotation). For a rotation, `grad` is
-    /// with respect to the 9 entries of R or to ω.
+    /// The gradient in the coordinates of the optimiser: as many numbers as `value` (plain), 3 (rotation), or those of the preconditioner.
+    /// For a rotation, `grad` is with respect to the 9 entries of R or to ω.
     pub fn tangent_gradient(&self, value: &[f64], grad: &[f64]) -> Vec<f64> {
         match self.geometry {
             Geometry::Rotation if value.len() == 9 && grad.len() == 9 => {
                 rotation_gradient(value, grad).iter().map(|g| g * self.scale).collect()
             }
-            _ => grad.iter().map(|g| g * self.scale).collect(),
+            _ => {
+                let scaled: Vec<f64> = grad.iter().map(|g| g * self.scale).collect();
+                self.preconditioner.as_ref().map_or_else(|| scaled.clone(), |p| p.apply(&scaled))
+            }
         }
     }
 
@@ -60,10 +77,13 @@ impl Space {
             value.copy_from_slice(&moved);
             return Vec::new();
         }
-        for (v, u) in value.iter_mut().zip(update) {
+        let changed = self.preconditioner.as_ref().map(|p| p.apply(update));
+        for (v, u) in value.iter_mut().zip(changed.as_deref().unwrap_or(update)) {
             *v += u * self.scale;
         }
-        self.project(value)
+        let stuck = self.project(value);
+        // An element that is stuck says little about variables that move many.
+        if self.preconditioner.is_some() { Vec::new() } else { stuck }
     }
 
     /// Clamps `value` to the bounds; returns the elements that were outside.

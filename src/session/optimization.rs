@@ -1,6 +1,7 @@
 //! One `optimize`, step by step.
 
 use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
@@ -9,7 +10,7 @@ use super::least_squares::{Squares, put};
 use super::log::LOGGED_NUMBERS;
 use super::retreat::{Footing, NOT_FINITE};
 use super::show::digits;
-use super::solver::{Method, solver_from};
+use super::solver::{Method, preconditioner_from, solver_from};
 use super::stages::{Plan, plan};
 use crate::check::{self, Reached, hir};
 use crate::diag::Diagnostic;
@@ -161,8 +162,7 @@ impl Optimization {
     /// Takes up a state of the same optimisation. The engine has its state of then already.
     pub fn resume(&mut self, engine: &mut Engine, state: OptimizationState) -> Result<(), Diagnostic> {
         let OptimizationState { done, losses, memory, history } = state;
-        let spaces = || self.spaces.clone();
-        let squares = memory.squares.map(|squares| squares.within(spaces()));
+        let squares = memory.squares.map(|squares| squares.within(self.spaces_of_elements()));
         let mut optimizer = self.memory.optimizer.clone();
         let fits = optimizer.resume(memory.optimizer).is_some() && memory.felt.len() == self.params.len();
         if !fits {
@@ -304,6 +304,11 @@ impl Optimization {
         engine.set_render_overrides(RenderOverrides::default());
     }
 
+    /// Solvers of least squares work on the elements of params: they solve for steps in whatever variables.
+    fn spaces_of_elements(&self) -> Vec<Space> {
+        self.spaces.iter().map(|space| Space { preconditioner: None, ..space.clone() }).collect()
+    }
+
     fn stage(&self) -> Option<&Plan> {
         self.stage_at(self.done)
     }
@@ -383,7 +388,8 @@ impl Optimization {
                 // The losses of different stages do not compare.
                 let stage = self.stage().map_or(0, |s| s.until);
                 let old = self.memory.squares.take().filter(|s| s.is_for(stage, careful));
-                let mut squares = old.unwrap_or_else(|| Squares::new(stage, self.spaces.clone(), damping, careful));
+                let mut squares =
+                    old.unwrap_or_else(|| Squares::new(stage, self.spaces_of_elements(), damping, careful));
                 let last = self.done + 1 >= self.stage().map_or(0, |s| s.until);
                 let moved = squares.step(engine, &self.optimize.loss, targets, values, lr, last);
                 self.memory.squares = Some(squares);
@@ -555,7 +561,7 @@ fn moved_params(engine: &mut Engine, optimize: &hir::Optimize) -> Result<Found, 
     let infos: HashMap<hir::DeclId, ParamInfo> = infos.into_iter().map(|info| (info.id, info)).collect();
     for (target, _) in targets {
         let info = infos.get(&target.decl).filter(|_| target.path.is_empty());
-        let mut space = info.map_or_else(Space::plain, space_of);
+        let mut space = info.map_or_else(|| Ok(Space::plain()), space_of)?;
         let name = engine.target_name(&target);
         let domains: Vec<Reached> = match info {
             Some(info) => reached.get(&info.id).cloned().unwrap_or_default(),
@@ -601,19 +607,28 @@ fn kept_inside(space: &mut Space, reached: &Reached, value: &Tensor, name: &str)
     Some(format!("`{name}` stays {domain}: it is the `{argument}` of `{function}`"))
 }
 
-fn space_of(info: &ParamInfo) -> Space {
+fn space_of(info: &ParamInfo) -> Result<Space, Diagnostic> {
     let (lower, upper) = match &info.bounds {
         Some((lower, upper)) => (Some(lower.data.clone()), Some(upper.data.clone())),
         None => (None, None),
     };
-    Space {
+    let preconditioner = match &info.precondition {
+        Some((value, span)) => Some(preconditioner_from(value, &info.shape).map(Arc::new).map_err(|message| {
+            Diagnostic::error("dscene::run::preconditioner", format!("`{}`: {message}", info.name))
+                .label(*span, "this preconditioner")
+                .help("`laplacian(mesh)` takes the mesh whose vertices the param holds")
+        })?),
+        None => None,
+    };
+    Ok(Space {
         geometry: if info.kind == ParamKind::Rotation { Geometry::Rotation } else { Geometry::Plain },
         lower,
         upper,
         scale: info.scale.unwrap_or(1.0),
         lr: info.lr.unwrap_or(1.0),
         frozen: false,
-    }
+        preconditioner,
+    })
 }
 
 fn no_control_variates(span: Span) -> Diagnostic {

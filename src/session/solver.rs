@@ -1,7 +1,11 @@
 //! Converts an optimiser of the language (`adam(lr: 0.01)`) to a solver and its rate.
 
+use glam::DVec3;
+
+use crate::memory;
+use crate::mesh::ops;
 use crate::natives::value::{SettingsKind, Value};
-use crate::optim::{Rule, Solver};
+use crate::optim::{Laplacian, Rule, Solver};
 
 /// The default rate.
 pub const DEFAULT_RATE: f64 = 0.01;
@@ -60,6 +64,28 @@ pub fn solver_from(value: &Value) -> Result<(Method, f64), String> {
         },
     };
     Ok((Method::FirstOrder(solver), lr))
+}
+
+/// The preconditioner that a value describes for a param of this shape; an error says why there is none.
+pub fn preconditioner_from(value: &Value, shape: &[usize]) -> Result<Laplacian, String> {
+    let mesh = match value {
+        Value::Settings(settings) if settings.kind == SettingsKind::Laplacian => settings.field("mesh"),
+        _ => return Err(format!("this is {}", value.kind())),
+    };
+    let (Value::Settings(settings), Some(Value::Mesh(mesh))) = (value, mesh) else {
+        return Err("it needs a mesh".into());
+    };
+    let points: Vec<DVec3> = mesh.vertices.value().data.chunks_exact(3).map(DVec3::from_slice).collect();
+    if shape.first() != Some(&points.len()) {
+        let rows = shape.first().copied().unwrap_or(0);
+        let s = if rows == 1 { "" } else { "s" };
+        return Err(format!("the param has {rows} row{s}, the mesh {} vertices", points.len()));
+    }
+    // Positions and edges in tables while they are counted, then for each vertex its neighbours.
+    memory::ask(300 * points.len() as u64 + 200 * mesh.faces.len() as u64).map_err(|e| e.to_string())?;
+    let (place, places) = ops::weld(&points);
+    let edges: Vec<[u32; 2]> = ops::edges(&place, &mesh.faces).into_iter().map(|(ends, _)| ends).collect();
+    Ok(Laplacian::new(place, places, &edges, settings.number("lambda").unwrap_or(19.0)))
 }
 
 #[cfg(test)]

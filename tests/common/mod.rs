@@ -3,12 +3,14 @@
 
 use std::ops::Range;
 
-use dscene::check::{self, Disk, Line, hir};
-use dscene::eval::{Engine, EngineOptions};
+use dscene::check::{self, Checked, Disk, Line, hir};
+use dscene::diag::Diagnostic;
+use dscene::eval::{Engine, EngineOptions, on_large_stack};
 use dscene::grad::{render, render_backward};
 use dscene::image::Image;
 use dscene::mesh::Mesh;
 use dscene::render::*;
+use dscene::session::Optimization;
 use glam::{Mat3, Vec3, vec3};
 
 pub use dscene::SceneBuilder as Builder;
@@ -216,6 +218,37 @@ pub fn statistics(x: &[f64]) -> Measured {
     let mean = x.iter().sum::<f64>() / n;
     let var = x.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
     Measured { mean, error: (var / n).sqrt() }
+}
+
+/// The losses of an optimisation's steps, and the final values of the script's params.
+pub type Optimized = Result<(Vec<f64>, Vec<Vec<f64>>), Diagnostic>;
+
+/// Runs a script's only action, an `optimize`; gives the losses of its steps and the final value of its params, in order.
+pub fn optimized(text: &str) -> Optimized {
+    optimized_with(text, 0)
+}
+
+/// [`optimized`] with the random samples of this seed.
+pub fn optimized_with(text: &str, seed: u64) -> Optimized {
+    on_large_stack(|| {
+        let Checked { program, diagnostics, .. } = check::check_text("test.dscene", None, text, &[], &Disk);
+        assert!(!diagnostics.iter().any(Diagnostic::is_error), "{text}\n{diagnostics:#?}");
+        let program = program.expect("a program");
+        let actions: Vec<hir::Action> = program.actions.clone();
+        let [hir::Action::Optimize(optimize)] = &actions[..] else { panic!("one action") };
+        let mut engine = Engine::new(program, EngineOptions { seed, base_dir: ".".into(), interrupt: None });
+        let mut optimization = Optimization::new(&mut engine, optimize, None)?;
+        let mut losses = Vec::new();
+        while optimization.done() < optimization.total() {
+            let report = optimization.step(&mut engine)?;
+            losses.push(report.loss);
+            if report.stop {
+                break;
+            }
+        }
+        let ids: Vec<_> = engine.program().params().collect();
+        Ok((losses, ids.into_iter().map(|id| engine.param_value(id).map(|t| t.data)).collect::<Result<_, _>>()?))
+    })
 }
 
 /// A script's engine, and what its `y` and its param `p` are there.

@@ -49,7 +49,7 @@ pub fn disagreement(ty: &Ty, value: &Value) -> Option<String> {
         | (Ty::Light, Value::Light(_))
         | (Ty::Scene, Value::Scene(_))
         // Vertex colours are settings of a texture.
-        | (Ty::Integrator | Ty::Optimizer | Ty::Texture, Value::Settings(_))
+        | (Ty::Integrator | Ty::Optimizer | Ty::Preconditioner | Ty::Texture, Value::Settings(_))
         | (Ty::Estimate(_), Value::Estimate(_))
         | (Ty::Gradients, Value::Gradients(_))
         | (Ty::Fn(..), Value::Function(_)) => None,
