@@ -70,7 +70,7 @@ fn curved_mirror() {
         s.triangle.iter_mut().for_each(|v| v.x += t);
         s.opacity = Some(0.4);
     };
-    agree("masked ball, triangle x", &mirror_ball(pinhole, masked), &plan);
+    agree_in_long("masked ball, triangle x", &mirror_ball(pinhole, masked), &plan);
     agree("lens, ball, triangle x", &mirror_ball(lens, |t, s| s.triangle.iter_mut().for_each(|v| v.x += t)), &plan);
 }
 
@@ -114,7 +114,7 @@ fn shadows_in_a_curved_mirror() {
         &shadow_in_a_ball(point, None, |t, s| s[2].x += t),
         &Plan { fd_spp: 2048, ..plan },
     );
-    agree("shadow in a masked ball, blocker x", &shadow_in_a_ball(point, Some(0.4), |t, s| s[1].x += t), &plan);
+    agree_in_long("shadow in a masked ball, blocker x", &shadow_in_a_ball(point, Some(0.4), |t, s| s[1].x += t), &plan);
     let soft = Plan { h: 0.03, fd_seeds: 32, ..plan };
     agree("soft shadow in a ball, blocker z", &shadow_in_a_ball(area, None, |t, s| s[1].z += t), &soft);
 }
@@ -201,7 +201,7 @@ fn light_by_way_of_a_coarse_mirrors_fold() {
         b.add(cuboid(vec3(0.0, 0.75 + t, 3.5), vec3(0.4, 0.08, 0.08), 0.0), black);
     };
     agree("bar in a mirror's fold, y", &bent_mirror(17.0, None, bar), &plan);
-    agree("bar in a masked mirror's fold, y", &bent_mirror(17.0, Some(0.6), bar), &plan);
+    agree_in_long("bar in a masked mirror's fold, y", &bent_mirror(17.0, Some(0.6), bar), &plan);
 }
 
 /// A floor to which only a ball of mirror shows a sky that is bright below the horizon, and a black ball in front of it.

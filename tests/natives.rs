@@ -182,7 +182,10 @@ const NONE: &[(&str, &[&str])] = &[
         ],
     ),
     ("derivatives themselves", &["grad", "jvp", "jacobian", "fd", "estimate"]),
-    ("settings", &["sgd", "adam", "adam_uniform", "rmsprop", "levenberg_marquardt", "gauss_newton", "integrator"]),
+    (
+        "settings",
+        &["sgd", "adam", "adam_uniform", "rmsprop", "levenberg_marquardt", "gauss_newton", "laplacian", "integrator"],
+    ),
     (
         "parts of a scene, which carry numbers to `render` as they are",
         &[

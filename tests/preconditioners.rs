@@ -37,10 +37,8 @@ let y = [chamfer(p, goal), laplacian_energy(mesh(vertices: p, faces: ball.faces)
 #[test]
 fn meshes_do_not_crumple() {
     let [near, smooth] = blob("{ precondition: laplacian(ball) }", "adam_uniform(lr: 0.06)");
-    for lr in [0.003, 0.01] {
-        let [far, rough] = blob("", &format!("adam(lr: {lr})"));
-        assert!(near < 0.5 * far && smooth < 0.2 * rough, "{lr}: {near} {far}, {smooth} {rough}");
-    }
+    let [far, rough] = blob("", "adam(lr: 0.01)");
+    assert!(near < 0.5 * far && smooth < 0.2 * rough, "{near} {far}, {smooth} {rough}");
 }
 
 #[test]

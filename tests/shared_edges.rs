@@ -31,7 +31,7 @@ fn three_faces_at_an_edge() {
     agree("spine leans", &book(|t, v| v[1] += vec3(t, 0.0, -t)), &plan);
     agree("a leaf's corner", &book(|t, v| v[5] += vec3(-t, t, 0.0)), &plan);
     let global = Plan { max_bounces: 3, ..plan };
-    agree("spine leans, 3 bounces", &book(|t, v| v[1] += vec3(t, 0.0, -t)), &global);
+    agree_in_long("spine leans, 3 bounces", &book(|t, v| v[1] += vec3(t, 0.0, -t)), &global);
     let normals = Plan { output: Output::Normal, ..plan };
     agree("spine leans, normals", &book(|t, v| v[1] += vec3(t, 0.0, -t)), &normals);
 }
@@ -63,7 +63,7 @@ fn edges_between_meshes() {
     let plan = Plan { h: 0.02, spp: 32, ..Plan::default() };
     agree("dealt ball, x", &dealt(|t, v| v.x += t), &plan);
     agree("dealt ball grows", &dealt(|t, v| *v += (*v - vec3(0.1, 1.1, 0.2)) * t), &plan);
-    agree("dealt ball, y, 2 bounces", &dealt(|t, v| v.y += t), &Plan { max_bounces: 2, ..plan });
+    agree_in_long("dealt ball, y, 2 bounces", &dealt(|t, v| v.y += t), &Plan { max_bounces: 2, ..plan });
 }
 
 /// Two boxes on a floor, pushed together but not flush: parts of their edges are one, and a side is hidden behind a side.
@@ -94,7 +94,7 @@ fn boxes_pushed_together() {
     agree("pushed together, light x", &pushed_together(|t, s| s[1].x += t), &plan);
     agree("pushed together, slide", &pushed_together(|t, s| s[0].z += t), &plan);
     let global = Plan { max_bounces: 2, ..plan };
-    agree("pushed together, camera x, 2 bounces", &pushed_together(|t, s| s[2].x += t), &global);
+    agree_in_long("pushed together, camera x, 2 bounces", &pushed_together(|t, s| s[2].x += t), &global);
 }
 
 /// The same two boxes, the second one's corners moved by the last bits of their coordinates.

@@ -388,8 +388,16 @@ pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan
     assert!(relative < ENOUGH, "{name}: combined error {:.2} % says nothing", 100.0 * relative);
 }
 
+/// [`agree`], in the long statistics only: for a costly variant of a row that is compared anyway.
+pub fn agree_in_long(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) {
+    if LONG {
+        agree(name, build, plan);
+    }
+}
+
 /// Whether the long statistics are asked for: `cargo truth`. Without it every comparison is made all the same,
-/// from a fraction of the samples: what is wrong by a tenth fails, what is wrong by a hundredth fails in the long ones.
+/// from a fraction of the samples: what is wrong by a tenth fails, what is wrong by a hundredth fails in the long ones. (A few costly
+/// variants are left to these: [`agree_in_long`].)
 pub const LONG: bool = cfg!(feature = "truth");
 
 /// The combined error, over the finite difference, with which a comparison says something, and the one that is always enough.
