@@ -14,7 +14,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use place::{BOWL, Place, TRIANGLE, assert_code, assert_diagnosed, stderr, stdout};
+use place::{BOWL, Place, TRIANGLE, assert_code, assert_diagnosed, send, stderr, stdout};
 
 /// Optimises twice, with all that actions leave for one another; `USING` is what the second of them has in its braces.
 fn script(using: &str) -> String {
@@ -34,17 +34,6 @@ fn script(using: &str) -> String {
 /// Some kills of a few runs; all of them, many times, with `--features truth`.
 const LONG: bool = cfg!(feature = "truth");
 
-fn start(place: &Place, arguments: &[&str]) -> Child {
-    Command::new(assert_cmd::cargo::cargo_bin!("dsl"))
-        .args(arguments)
-        .current_dir(place.folder.path())
-        .env("NO_COLOR", "1")
-        .stdout(Stdio::null())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap()
-}
-
 /// Waits until the log has so many lines or the run has ended, then sends a signal. Returns whether the run was still going on.
 fn stop_after(place: &Place, child: &mut Child, run: &str, lines: usize, signal: &str) -> bool {
     let log = place.path(run).join("log.jsonl");
@@ -56,7 +45,7 @@ fn stop_after(place: &Place, child: &mut Child, run: &str, lines: usize, signal:
         assert!(begun.elapsed() < Duration::from_secs(60), "it takes too long");
         std::thread::sleep(Duration::from_millis(1));
     }
-    let sent = Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success();
+    let sent = send(child, signal);
     child.wait().unwrap();
     sent
 }
@@ -124,7 +113,7 @@ fn survives(using: &str, moments: &[usize]) {
             all.extend(["--checkpoint", if at % 2 == 0 { "1" } else { "3" }, "--threads", threads]);
             // Every third time it is asked to end.
             let signal = ["-KILL", "-KILL", "-TERM"][at % 3];
-            stopped += usize::from(stop_after(&place, &mut start(&place, &all), &run, *lines, signal));
+            stopped += usize::from(stop_after(&place, &mut place.start(&all), &run, *lines, signal));
             arguments = vec!["run", "a.dscene", "--resume", &run];
         }
         assert!(stopped > 0, "{using}: nothing was stopped");
@@ -146,16 +135,16 @@ fn all_that_steps_leave_for_one_another_is_kept() {
     survives("using: levenberg_marquardt(), steps: 12", &[5, 8, 13]);
 }
 
+/// One of the long statistics.
+#[cfg(feature = "truth")]
 #[test]
 fn every_solver_goes_on_as_if_nothing_had_happened() {
-    if LONG {
-        survives("using: adam(lr: 0.02), steps: 12", &[1, 7, 10]);
-        survives("using: sgd(lr: 0.05, momentum: 0.8), steps: 12", &[5, 9, 13]);
-        survives("using: sgd(lr: 0.05, momentum: 0.8, nesterov: true), steps: 12", &[4, 12]);
-        survives("using: adam_uniform(lr: 0.02), steps: 12", &[6, 8]);
-        survives("using: gauss_newton(lr: 0.5), steps: 12", &[6, 11]);
-        survives("using: adam(lr: 0.02), control_variates: true, steps: 12", &[5, 8, 10]);
-    }
+    survives("using: adam(lr: 0.02), steps: 12", &[1, 7, 10]);
+    survives("using: sgd(lr: 0.05, momentum: 0.8), steps: 12", &[5, 9, 13]);
+    survives("using: sgd(lr: 0.05, momentum: 0.8, nesterov: true), steps: 12", &[4, 12]);
+    survives("using: adam_uniform(lr: 0.02), steps: 12", &[6, 8]);
+    survives("using: gauss_newton(lr: 0.5), steps: 12", &[6, 11]);
+    survives("using: adam(lr: 0.02), control_variates: true, steps: 12", &[5, 8, 10]);
 }
 
 /// Examples that are killed at moments that nobody chose.
@@ -184,7 +173,7 @@ fn examples_survive_kills_at_random_moments() {
             for kill in 0..kills {
                 random = random.wrapping_mul(0x5851_F42D_4C95_7F2D).wrapping_add(0x1405_7B7E_F767_814F);
                 let mut wait = time.mul_f64((random >> 40) as f64 / f64::from(1 << 24));
-                let (mut child, before) = (start(&place, next()), length());
+                let (mut child, before) = (place.start(next()), length());
                 // Every second time it takes a step or two, so that the end comes nearer but not too soon.
                 if kill % 2 == 1 {
                     wait = wait.mul_f64(2.0 / f64::from(kills));
@@ -203,15 +192,6 @@ fn examples_survive_kills_at_random_moments() {
     }
 }
 
-/// How a process ends that may not write more than some kilobytes into a file, as on a disk that is full.
-fn with_little_room(place: &Place, arguments: &str) -> Output {
-    let dsl = assert_cmd::cargo::cargo_bin!("dsl");
-    let limited = format!("trap '' XFSZ; ulimit -f 20; exec '{}' {arguments}", dsl.display());
-    let output =
-        Command::new("sh").args(["-c", &limited]).current_dir(place.folder.path()).env("NO_COLOR", "1").output();
-    output.unwrap()
-}
-
 #[test]
 fn a_run_goes_on_when_the_disk_has_room_again() {
     let place = Place::new();
@@ -222,7 +202,7 @@ fn a_run_goes_on_when_the_disk_has_room_again() {
         let (whole, full) = (format!("whole{}", events.len()), format!("full{}", events.len()));
         let run = |out: &str| format!("run a.dscene --out {out}{events}");
         assert_code(&place.dsl(&run(&whole).split(' ').collect::<Vec<_>>()), 0);
-        let output = with_little_room(&place, &run(&full));
+        let output = place.with_little_room(&run(&full));
         assert_diagnosed(&output);
         assert!(stderr(&output).contains("cannot write `full"), "{}", stderr(&output));
         let lines = fs::read_to_string(place.path(&full).join("log.jsonl")).unwrap().lines().count();
@@ -296,7 +276,7 @@ fn half_way(place: &Place) {
     let script = "import \"lib.dscene\"\nlet a = load_json(\"a.json\")\nparam x = 1\n\
                   loss l = (twice(x) - a[0]) ^ 2\noptimize l { using: sgd(lr: 0.0000001), steps: 1000000 }\nprint x\n";
     place.write("s.dscene", script);
-    let mut child = start(place, &["run", "s.dscene", "--out", "r", "--checkpoint", "1"]);
+    let mut child = place.start(&["run", "s.dscene", "--out", "r", "--checkpoint", "1"]);
     assert!(stop_after(place, &mut child, "r", 20, "-KILL"));
 }
 
@@ -381,7 +361,7 @@ fn a_finished_run_says_so_and_what_is_no_run_too() {
 fn a_run_is_resumed_by_one() {
     let place = Place::new();
     half_way(&place);
-    let first = start(&place, &["run", "s.dscene", "--resume", "r"]);
+    let first = place.start(&["run", "s.dscene", "--resume", "r"]);
     let lines = fs::read_to_string(place.path("r/log.jsonl")).unwrap().lines().count();
     let begun = Instant::now();
     while fs::read_to_string(place.path("r/log.jsonl")).unwrap().lines().count() < lines + 20 {
@@ -391,7 +371,7 @@ fn a_run_is_resumed_by_one() {
     assert_diagnosed(&output);
     assert!(stderr(&output).contains("another run is writing into it"), "{}", stderr(&output));
     // One that is asked to end says how to go on.
-    assert!(Command::new("kill").args(["-INT", &first.id().to_string()]).status().unwrap().success());
+    assert!(send(&first, "-INT"));
     let ended = first.wait_with_output().unwrap();
     assert_code(&ended, 130);
     assert!(stderr(&ended).contains("it goes on with `dsl run s.dscene --resume r`"), "{}", stderr(&ended));

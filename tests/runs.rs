@@ -12,26 +12,11 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use place::{BOWL, Place, TRIANGLE, assert_code, assert_diagnosed, stderr, stdout};
+use place::{BOWL, Place, TRIANGLE, assert_code, assert_diagnosed, send, stderr, stdout};
 
 /// Optimises for hours.
 const ENDLESS: &str =
     "param x = 1\nloss l = x ^ 2\noptimize l { using: sgd(lr: 0.000001), steps: 1000000000 }\nprint \"end\"\n";
-
-fn start(place: &Place, arguments: &[&str]) -> Child {
-    Command::new(assert_cmd::cargo::cargo_bin!("dsl"))
-        .args(arguments)
-        .current_dir(place.folder.path())
-        .env("NO_COLOR", "1")
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap()
-}
-
-fn signal(child: &Child, name: &str) {
-    assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
-}
 
 /// Waits for something that a child does; half a minute is for machines that are busy.
 fn wait_for(what: impl Fn() -> bool) {
@@ -56,7 +41,7 @@ fn a_folder_has_one_writer_even_by_force() {
     let place = Place::new();
     place.write("endless.dscene", ENDLESS);
     place.write("bowl.dscene", BOWL);
-    let mut first = start(&place, &["run", "endless.dscene", "--out", "r"]);
+    let mut first = place.start(&["run", "endless.dscene", "--out", "r"]);
     let log = place.path("r/log.jsonl");
     wait_for(|| fs::metadata(&log).is_ok_and(|m| m.len() > 0));
     for arguments in [&["run", "bowl.dscene", "--out", "r"][..], &["run", "bowl.dscene", "--out", "./r", "--force"]] {
@@ -66,7 +51,7 @@ fn a_folder_has_one_writer_even_by_force() {
         assert!(text.contains("another run is writing into it") && text.contains("--out DIR"), "{text}");
     }
     // However the writer ends, its folder is free then, and still not taken without a word.
-    signal(&first, "-KILL");
+    assert!(send(&first, "-KILL"));
     first.wait().unwrap();
     let record = fs::read(place.path("r/run.json")).unwrap();
     let output = place.dsl(&["run", "bowl.dscene", "--out", "r"]);
@@ -82,7 +67,7 @@ fn a_folder_has_one_writer_even_by_force() {
 fn runs_that_start_together_have_a_folder_each() {
     let place = Place::new();
     place.write("bowl.dscene", BOWL);
-    let children: Vec<Child> = (0..12).map(|_| start(&place, &["run", "bowl.dscene", "--threads", "1"])).collect();
+    let children: Vec<Child> = (0..12).map(|_| place.start(&["run", "bowl.dscene", "--threads", "1"])).collect();
     for child in children {
         assert_code(&child.wait_with_output().unwrap(), 0);
     }
@@ -185,12 +170,7 @@ fn links_lead_nothing_out_of_the_folder() {
 fn a_log_that_cannot_grow_ends_the_run_with_whole_lines() {
     let place = Place::new();
     place.write("endless.dscene", ENDLESS);
-    // Files of this process and its children may not grow beyond some kilobytes, as on a disk that is full.
-    let dsl = assert_cmd::cargo::cargo_bin!("dsl");
-    let limited = format!("trap '' XFSZ; ulimit -f 20; exec '{}' run endless.dscene --out r", dsl.display());
-    let output =
-        Command::new("sh").args(["-c", &limited]).current_dir(place.folder.path()).env("NO_COLOR", "1").output();
-    let output = output.unwrap();
+    let output = place.with_little_room("run endless.dscene --out r");
     assert_diagnosed(&output);
     assert!(stderr(&output).contains("cannot write `r/log.jsonl`"), "{}", stderr(&output));
     assert!(whole_lines(&fs::read_to_string(place.path("r/log.jsonl")).unwrap()) > 20);
@@ -202,12 +182,12 @@ fn a_log_that_cannot_grow_ends_the_run_with_whole_lines() {
 /// Runs a script until it has printed `begun`, interrupts it, and waits for its end, which comes soon.
 fn interrupted(place: &Place, script: &str) -> Output {
     place.write("long.dscene", script);
-    let mut child = start(place, &["run", "long.dscene", "--out", "r", "--force", "--memory", "2GB"]);
+    let mut child = place.start(&["run", "long.dscene", "--out", "r", "--force", "--memory", "2GB"]);
     let mut line = String::new();
     BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
     assert_eq!(line, "begun\n");
     std::thread::sleep(Duration::from_millis(300));
-    signal(&child, "-INT");
+    assert!(send(&child, "-INT"));
     let begun = Instant::now();
     let output = child.wait_with_output().unwrap();
     assert!(begun.elapsed() < Duration::from_secs(5), "{script}: it took {:?}", begun.elapsed());
@@ -250,7 +230,7 @@ fn an_interrupt_before_there_is_anything_to_lose_ends_at_once() {
     assert!(line.starts_with('2'), "{line}");
     std::thread::sleep(Duration::from_millis(100));
     // Nothing is computed: it waits for a line that does not come.
-    signal(&child, "-INT");
+    assert!(send(&child, "-INT"));
     assert_eq!(child.wait().unwrap().code(), Some(130));
 }
 

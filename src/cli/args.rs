@@ -8,7 +8,7 @@ use crate::session::Override;
 
 /// Inverse rendering in a language of its own: scenes, unknowns, losses, optimisers.
 #[derive(Debug, Parser)]
-#[command(name = "dsl", version, about, disable_help_subcommand = true, arg_required_else_help = true)]
+#[command(name = "dsl", version, about, arg_required_else_help = true)]
 #[command(after_help = "\
 Examples:
   dsl run examples/03_shadow_blocker.dscene          pull an occluder into place by its shadow

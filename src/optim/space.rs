@@ -64,7 +64,10 @@ impl Space {
             }
             _ => {
                 let scaled: Vec<f64> = grad.iter().map(|g| g * self.scale).collect();
-                self.preconditioner.as_ref().map_or_else(|| scaled.clone(), |p| p.apply(&scaled))
+                match &self.preconditioner {
+                    Some(preconditioner) => preconditioner.apply(&scaled),
+                    None => scaled,
+                }
             }
         }
     }

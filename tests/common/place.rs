@@ -3,7 +3,7 @@
 
 use std::fs;
 use std::path::PathBuf;
-use std::process::Output;
+use std::process::{Child, Output, Stdio};
 use std::time::Duration;
 
 use assert_cmd::Command;
@@ -30,6 +30,11 @@ expect bowl < 1e-6
 print "x is {x:.3}"
 "#;
 
+/// Sends a signal; whether the process was there to take it.
+pub fn send(child: &Child, signal: &str) -> bool {
+    std::process::Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success()
+}
+
 /// A folder of its own, in which the command line is run.
 pub struct Place {
     pub folder: TempDir,
@@ -54,6 +59,26 @@ impl Place {
         let mut command = Command::new(assert_cmd::cargo::cargo_bin!("dsl"));
         command.args(arguments).current_dir(self.folder.path()).env("NO_COLOR", "1").timeout(Duration::from_secs(120));
         command
+    }
+
+    /// What the program leaves that may not write more than some kilobytes into a file, as on a disk that is full.
+    pub fn with_little_room(&self, arguments: &str) -> Output {
+        let dsl = assert_cmd::cargo::cargo_bin!("dsl");
+        let limited = format!("trap '' XFSZ; ulimit -f 20; exec '{}' {arguments}", dsl.display());
+        let mut shell = std::process::Command::new("sh");
+        shell.args(["-c", &limited]).current_dir(self.folder.path()).env("NO_COLOR", "1").output().unwrap()
+    }
+
+    /// Starts the program and does not wait for it.
+    pub fn start(&self, arguments: &[&str]) -> Child {
+        std::process::Command::new(assert_cmd::cargo::cargo_bin!("dsl"))
+            .args(arguments)
+            .current_dir(self.folder.path())
+            .env("NO_COLOR", "1")
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap()
     }
 
     pub fn dsl(&self, arguments: &[&str]) -> Output {
