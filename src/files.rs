@@ -159,7 +159,7 @@ pub fn is_run_file(name: &str) -> bool {
     let name = name.trim_end_matches(['.', ' ']);
     let is_or_precedes =
         |own: &str| name.strip_prefix(own).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'));
-    ["run.json", "log.jsonl", "report.html", "checkpoint", "events.out.tfevents", RUN_LOCK]
+    ["run.json", "log.jsonl", "report.jsonl", "report.html", "checkpoint", "events.out.tfevents", RUN_LOCK]
         .into_iter()
         .any(is_or_precedes)
 }

@@ -68,6 +68,8 @@ pub mod eval;
 
 pub mod session;
 
+pub mod report;
+
 pub mod cli;
 
 pub mod embed;

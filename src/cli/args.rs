@@ -89,6 +89,15 @@ Examples:
 A run writes checkpoints every 30 seconds (`dsl run --checkpoint N`: every N steps), when it is interrupted, and at its end. The log
 has the params of each step that have up to 64 numbers; for larger ones the steps are taken again, from the first one on.")]
     Export(ExportArgs),
+    /// What differs between runs: settings, scripts, curves, results, images; as a table and as a page
+    #[command(after_help = "\
+Examples:
+  dsl compare runs/scene-*                           a table, and compare.html
+  dsl compare a b -o page.html                       with the page at another place
+  dsl compare a b --json                             {\"saved\": FILE, \"runs\": [{\"folder\": …, \"settings\": …, \"loss\": …, \"params\": …}]}
+
+The page needs no network. Runs may be going on.")]
+    Compare(CompareArgs),
     /// An interactive session: declarations, expressions, gradients
     #[command(after_help = "\
 Examples:
@@ -220,6 +229,18 @@ pub struct ExportArgs {
     pub common: Common,
 }
 
+#[derive(Debug, Args)]
+pub struct CompareArgs {
+    /// The runs' folders
+    #[arg(required = true, value_name = "RUN")]
+    pub runs: Vec<PathBuf>,
+    /// Where the page goes (default: compare.html)
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    #[command(flatten)]
+    pub common: Common,
+}
+
 /// What `dsl export` writes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum ExportFormat {
@@ -305,7 +326,7 @@ mod tests {
 
     #[test]
     fn every_command_takes_the_common_options() {
-        for command in ["run f", "check f", "render f", "grad f", "eval f x", "export r", "repl"] {
+        for command in ["run f", "check f", "render f", "grad f", "eval f x", "export r", "compare r", "repl"] {
             let line =
                 format!("dsl {command} --set a=1 --set b=2 --seed 3 --threads 2 --memory 4GB --quiet --json --out d");
             assert!(Cli::try_parse_from(line.split(' ')).is_ok(), "{line}");

@@ -15,13 +15,14 @@ use crate::check::{self, Disk, Line, Loader, hir};
 use crate::data::{npy, safetensors, table};
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, EngineOptions, INTERRUPTED};
-use crate::files::{read_own, write_atomically};
+use crate::files::write_atomically;
 use crate::natives::value::{LightValue, MeshValue, Value as Made};
 use crate::session::folder::{cannot_write, nested};
 use crate::session::line::check_line;
+use crate::session::record::Step;
 use crate::session::run::{image_of, save_value};
 use crate::session::show::digits;
-use crate::session::{Checkpoint, Runner, StepOfRun, World, world};
+use crate::session::{Checkpoint, RunInfo, Runner, StepOfRun, World, world};
 use crate::source::SourceMap;
 use crate::tape::{Tensor, Var};
 
@@ -52,7 +53,7 @@ fn export(args: &ExportArgs, terminal: &mut Terminal) -> Result<(), Told> {
     let checkpoint = Checkpoint::read(&args.run).map_err(plain)?;
     let mut engine = None;
     let params = match args.step {
-        None => found(&checkpoint),
+        None => checkpoint.state().params(),
         Some(step) => at_step(&args.run, &checkpoint, step, &mut engine, terminal)?,
     };
     if args.script {
@@ -206,15 +207,6 @@ fn mesh_of(value: &Made) -> Option<std::sync::Arc<MeshValue>> {
 
 // ---- what it is ----------------------------------------------------------------------------------------------------
 
-/// Where the run has come to.
-fn found(checkpoint: &Checkpoint) -> Params {
-    params_of(&checkpoint.state().moved)
-}
-
-fn params_of(moved: &[crate::eval::Placed]) -> Params {
-    moved.iter().map(|p| (p.shown.clone(), Tensor { shape: p.shape.clone(), data: p.data.clone() })).collect()
-}
-
 /// The params at a step: from the log, if that has all of them; else the steps are taken again.
 fn at_step(
     run: &Path,
@@ -243,7 +235,7 @@ fn at_step(
     let pointed = |told: Diagnostic| Box::new((told, engine.program().sources.clone()));
     match came.map_err(pointed)? {
         Some(true) => {
-            let mut params = params_of(&engine.state().moved);
+            let mut params = engine.state().params();
             // A field that is about to move for the first time.
             params.extend(
                 logged
@@ -262,40 +254,14 @@ fn at_step(
 
 /// Which step of the run it is, and the params at it that the log has: those of few numbers.
 fn logged(run: &Path, step: u64) -> Result<(StepOfRun, Params), Diagnostic> {
-    let path = run.join("log.jsonl");
-    let wrong = |why: String| Diagnostic::error("dscene::export::step", why);
-    let bytes = read_own(&path).map_err(|e| wrong(format!("cannot read `{}`: {e}", path.display())))?;
-    let text = String::from_utf8_lossy(&bytes);
-    let lines: Vec<Value> = text.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
-    let number = |line: &Value| line.get("step").and_then(Value::as_u64);
-    let at = lines.iter().rposition(|line| number(line) == Some(step)).ok_or_else(|| {
-        wrong(format!("the log has no step {step}"))
+    let mut steps = Step::all(run)?;
+    let at = steps.iter().rposition(|line| line.step == step).ok_or_else(|| {
+        Diagnostic::error("dscene::export::step", format!("the log has no step {step}"))
             .help("steps count from 0 in each `optimize`; the last one that has it is taken")
     })?;
     // Each optimisation begins with a step 0.
-    let nth = lines[..=at].iter().filter(|line| number(line) == Some(0)).count().saturating_sub(1);
-    let params = lines[at].get("params").and_then(Value::as_object).cloned().unwrap_or_default();
-    let params: Option<Params> = params.iter().map(|(name, value)| Some((name.clone(), tensor(value)?))).collect();
-    let params = params.ok_or_else(|| wrong(format!("the log has something else than numbers at step {step}")))?;
-    Ok((StepOfRun { nth, step }, params))
-}
-
-/// Nested arrays of numbers.
-fn tensor(value: &Value) -> Option<Tensor> {
-    match value {
-        Value::Array(rows) => {
-            let rows: Vec<Tensor> = rows.iter().map(tensor).collect::<Option<_>>()?;
-            let mut shape = vec![rows.len()];
-            shape.extend(rows.first().map_or(&[][..], |row| &row.shape[..]));
-            Some(Tensor { shape, data: rows.into_iter().flat_map(|row| row.data).collect() })
-        }
-        Value::String(text) => match text.as_str() {
-            "inf" => Some(Tensor::scalar(f64::INFINITY)),
-            "-inf" => Some(Tensor::scalar(f64::NEG_INFINITY)),
-            _ => Some(Tensor::scalar(f64::NAN)),
-        },
-        number => Some(Tensor::scalar(number.as_f64()?)),
-    }
+    let nth = steps[..=at].iter().filter(|line| line.step == 0).count().saturating_sub(1);
+    Ok((StepOfRun { nth, step }, std::mem::take(&mut steps[at].params)))
 }
 
 // ---- the program ---------------------------------------------------------------------------------------------------
@@ -318,20 +284,14 @@ impl Loader for Recorded {
 
 impl Recorded {
     fn of(run: &Path, checkpoint: &Checkpoint) -> Result<Recorded, Diagnostic> {
-        let path = run.join("run.json");
-        let wrong = |why: String| Diagnostic::error("dscene::export::record", format!("`{}` {why}", path.display()));
-        let bytes = read_own(&path).map_err(|e| wrong(format!("cannot be read: {e}")))?;
-        let record: Value =
-            serde_json::from_slice(&bytes).map_err(|e| wrong(format!("is not the record of a run: {e}")))?;
-        let sources = record.get("sources").and_then(Value::as_array).cloned().unwrap_or_default();
+        let sources = RunInfo::read(run)?.sources;
         // Names are as they were given where the run was started; the script's folder is known wherever that was.
         let file = Path::new(&checkpoint.settings.file);
         let beside = file.parent().unwrap_or(Path::new(""));
         let place =
             |name: &Path| check::normal(&checkpoint.script_folder().join(name.strip_prefix(beside).unwrap_or(name)));
-        let text =
-            |source: &Value| Some((place(Path::new(source["file"].as_str()?)), source["text"].as_str()?.to_owned()));
-        Ok(Recorded { main: place(file), texts: sources.iter().filter_map(text).collect() })
+        let texts = sources.into_iter().map(|source| (place(Path::new(&source.file)), source.text));
+        Ok(Recorded { main: place(file), texts: texts.collect() })
     }
 
     fn paths(&self) -> Vec<&Path> {

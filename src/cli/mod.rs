@@ -2,6 +2,7 @@
 
 pub mod args;
 mod check;
+mod compare;
 mod eval;
 mod export;
 mod grad;
@@ -73,6 +74,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Grad(a) => &a.common,
         Command::Eval(a) => &a.common,
         Command::Export(a) => &a.common,
+        Command::Compare(a) => &a.common,
         Command::Repl(a) => &a.common,
     };
     if let Some(bytes) = common.memory {
@@ -86,6 +88,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Grad(args) => grad::run(&args),
         Command::Eval(args) => eval::run(&args),
         Command::Export(args) => export::run(&args),
+        Command::Compare(args) => compare::run(&args),
         Command::Repl(args) => repl::run(&args),
     }
 }

@@ -1,6 +1,7 @@
 //! `dsl run`
 
 use std::path::Path;
+use std::sync::Arc;
 
 use serde_json::json;
 
@@ -10,7 +11,7 @@ use crate::diag::Diagnostic;
 use crate::session::clock::{Date, Stopwatch, human_seconds};
 use crate::session::folder::SourceText;
 use crate::session::{Checkpoint, Flow, RunFolder, RunInfo, RunSettings, Runner, World, world};
-use crate::source::SourceMap;
+use crate::source::{SourceFile, SourceId, SourceMap};
 
 pub fn run(args: &RunArgs) -> u8 {
     let mut terminal = Terminal::new(&args.common);
@@ -142,9 +143,11 @@ fn take_up(args: &RunArgs, mut folder: RunFolder, mut checkpoint: Checkpoint) ->
 
 fn run_info(args: &RunArgs, loaded: &Loaded) -> RunInfo {
     let name = args.file.file_stem().map_or("run".into(), |s| s.to_string_lossy().into_owned());
-    let sources = loaded.engine.program().sources.iter().filter(|(_, file)| file.path.is_some());
+    // Values that were given by `--set` are texts as well.
+    let is_file = |(_, file): &(SourceId, &Arc<SourceFile>)| file.path.is_some() && !file.name.starts_with("--set ");
+    let sources = loaded.engine.program().sources.iter().filter(is_file);
     RunInfo {
-        version: env!("CARGO_PKG_VERSION"),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
         name,
         file: args.file.display().to_string(),
         command: std::env::args_os().map(|a| a.to_string_lossy().into_owned()).collect(),
@@ -152,6 +155,7 @@ fn run_info(args: &RunArgs, loaded: &Loaded) -> RunInfo {
         threads: rayon::current_num_threads(),
         started: Date::now().iso(),
         overrides: args.common.set.clone(),
+        steps: args.steps,
         sources: sources.map(|(_, f)| SourceText { file: f.name.clone(), text: f.text.clone() }).collect(),
     }
 }

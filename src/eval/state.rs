@@ -32,6 +32,14 @@ pub struct Placed {
     pub data: Vec<f64>,
 }
 
+impl EngineState {
+    /// What has moved, by the names that the script has for it.
+    pub fn params(&self) -> Vec<(String, Tensor)> {
+        let tensor = |p: &Placed| Tensor { shape: p.shape.clone(), data: p.data.clone() };
+        self.moved.iter().map(|p| (p.shown.clone(), tensor(p))).collect()
+    }
+}
+
 impl Engine {
     pub fn state(&self) -> EngineState {
         let placed = |target: Target, value: &Tensor| Placed {

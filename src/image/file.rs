@@ -105,6 +105,11 @@ pub fn encode_png(image: &Image) -> Result<Vec<u8>, ImageError> {
     png::encode(image)
 }
 
+/// A PNG file whose samples are these bytes, rows of one channel or three.
+pub fn encode_bytes(width: usize, height: usize, channels: usize, bytes: &[u8]) -> Result<Vec<u8>, ImageError> {
+    png::encode_bytes(width, height, channels, bytes)
+}
+
 /// The image oriented by EXIF data; unchanged if there are none, or they cannot be read.
 pub(super) fn oriented(image: Image, exif: Option<&[u8]>) -> Result<Image, ImageError> {
     let orientation = exif.and_then(Orientation::from_exif_chunk).unwrap_or(Orientation::NoTransforms);

@@ -130,14 +130,30 @@ pub(super) fn encode(image: &Image) -> Result<Vec<u8>, ImageError> {
         pixels.extend((pixel.len() == 2).then_some(0));
         pixels.extend(pixel.get(3).map(|&a| byte(a)));
     }
+    written(image.width, image.height, color, png::Compression::Fast, &pixels)
+}
+
+/// A PNG file of 8 bits with these bytes, of one channel or three, as small as it gets.
+pub(super) fn encode_bytes(width: usize, height: usize, channels: usize, bytes: &[u8]) -> Result<Vec<u8>, ImageError> {
+    let color = if channels == 1 { ColorType::Grayscale } else { ColorType::Rgb };
+    written(width, height, color, png::Compression::High, bytes)
+}
+
+fn written(
+    width: usize,
+    height: usize,
+    color: ColorType,
+    compression: png::Compression,
+    pixels: &[u8],
+) -> Result<Vec<u8>, ImageError> {
     let cannot = |e: png::EncodingError| ImageError::Argument(format!("the PNG file cannot be made: {e}"));
     let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, image.width as u32, image.height as u32);
+    let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);
     encoder.set_color(color);
     encoder.set_depth(BitDepth::Eight);
-    encoder.set_compression(png::Compression::Fast);
+    encoder.set_compression(compression);
     let mut writer = encoder.write_header().map_err(cannot)?;
-    writer.write_image_data(&pixels).map_err(cannot)?;
+    writer.write_image_data(pixels).map_err(cannot)?;
     writer.finish().map_err(cannot)?;
     Ok(bytes)
 }

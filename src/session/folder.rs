@@ -16,10 +16,10 @@ use crate::diag::Diagnostic;
 use crate::files::{RUN_LOCK, describe_io, is_input, is_leftover, is_run_file, refused_output, write_atomically};
 
 /// What `run.json` says.
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct RunInfo {
     /// The version of dscene.
-    pub version: &'static str,
+    pub version: String,
     /// The script's name without folder and extension.
     pub name: String,
     pub file: String,
@@ -29,6 +29,9 @@ pub struct RunInfo {
     /// UTC.
     pub started: String,
     pub overrides: Vec<Override>,
+    /// In place of the script's.
+    #[serde(default)]
+    pub steps: Option<u64>,
     /// The script and its imports, as run.
     pub sources: Vec<SourceText>,
 }
@@ -40,7 +43,7 @@ pub struct Override {
     pub value: String,
 }
 
-#[derive(Clone, Debug, Serialize)]
+#[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct SourceText {
     pub file: String,
     pub text: String,
@@ -85,8 +88,10 @@ pub struct Logged {
 }
 
 /// The record of a run, and the log.
-const RECORD: &str = "run.json";
-const LOG: &str = "log.jsonl";
+pub const RECORD: &str = "run.json";
+pub const LOG: &str = "log.jsonl";
+/// What the report shows beside the log: bounds, stages, pictures, warnings.
+pub const EVENTS: &str = "report.jsonl";
 
 impl RunFolder {
     /// A new folder `runs/NAME-TIMESTAMP` below the current one; further runs of the same second get a number.
@@ -410,7 +415,7 @@ mod tests {
 
     fn info() -> RunInfo {
         RunInfo {
-            version: "1",
+            version: "1".into(),
             name: "x".into(),
             file: "x.dscene".into(),
             command: vec!["dsl".into()],
@@ -418,6 +423,7 @@ mod tests {
             threads: 2,
             started: Date::from_unix(0).iso(),
             overrides: vec![Override { name: "a".into(), value: "1".into() }],
+            steps: None,
             sources: vec![SourceText { file: "x.dscene".into(), text: "let a = 0".into() }],
         }
     }

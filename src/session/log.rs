@@ -61,7 +61,7 @@ pub fn scalars(of: &str, report: &StepReport) -> Vec<(String, f64)> {
 }
 
 /// The index of the `i`-th number of an array, such as `[1][2]`.
-fn index(shape: &[usize], i: usize) -> String {
+pub fn index(shape: &[usize], i: usize) -> String {
     let mut rest = i;
     let mut parts: Vec<String> = Vec::new();
     for side in shape.iter().rev() {

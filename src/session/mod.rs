@@ -2,13 +2,16 @@
 
 pub mod checkpoint;
 pub mod clock;
+pub mod events;
 pub mod folder;
 mod least_squares;
 pub mod line;
 pub mod log;
 pub mod measure;
 pub mod optimization;
+pub mod picture;
 pub mod plot;
+pub mod record;
 mod replay;
 mod retreat;
 pub mod run;
@@ -23,6 +26,7 @@ pub use checkpoint::{Checkpoint, RunSettings};
 pub use folder::{Override, RunFolder, RunInfo};
 pub use measure::{MeasureOptions, Measurement, measure};
 pub use optimization::Optimization;
+pub use record::Run;
 pub use replay::StepOfRun;
 pub use run::{Flow, RunReport, Runner};
 pub use world::{Progress, Recorder, World};

@@ -1,0 +1,161 @@
+//! What pages know of a run, as JSON.
+
+use serde_json::{Map, Value, json};
+
+use crate::session::Run;
+use crate::session::events::{Bounds, Ending, Event, Stage};
+use crate::session::folder::number;
+use crate::session::log::{LOGGED_NUMBERS, index};
+use crate::session::record::Step;
+use crate::tape::Tensor;
+
+/// Most points of a curve; of longer ones every second, third, … step is shown, and always the last.
+const MOST_POINTS: usize = 2000;
+
+/// How a run ended, in words.
+pub fn ending(run: &Run) -> &'static str {
+    run.ending().map_or("not ended: it goes on, or was killed", Ending::text)
+}
+
+/// What stands at the head of a page, and in a column of a comparison.
+pub fn head(run: &Run) -> Value {
+    let overrides: Vec<Value> = run.info.overrides.iter().map(|set| json!([set.name, set.value])).collect();
+    json!({
+        "folder": run.folder.display().to_string(), "name": run.info.name, "file": run.info.file,
+        "command": run.info.command.join(" "), "seed": run.info.seed, "threads": run.info.threads,
+        "version": run.info.version, "started": run.info.started, "overrides": overrides, "ended": ending(run),
+        "isGood": run.ending() == Some(Ending::Finished), "steps": run.steps.len(), "seconds": short(run.seconds()),
+        "samples": run.steps.iter().map(|step| step.samples).sum::<u64>(),
+    })
+}
+
+/// A number with the digits that a chart can show.
+pub fn short(x: f64) -> Value {
+    if !x.is_finite() || x == 0.0 {
+        return number(x);
+    }
+    format!("{x:.6e}").parse().map_or(Value::Null, number)
+}
+
+pub fn shorts(numbers: impl IntoIterator<Item = f64>) -> Value {
+    numbers.into_iter().map(short).collect()
+}
+
+/// The curves of each optimisation. With `whole`, those of a run that is looked at alone: gradients, time, memory.
+pub fn optimizations(run: &Run, whole: bool) -> Value {
+    let begun: Vec<(&[Stage], &[Bounds], u64)> = run
+        .events
+        .iter()
+        .filter_map(|event| match event {
+            Event::Begin { stages, params, total, .. } => Some((&stages[..], &params[..], *total)),
+            _ => None,
+        })
+        .collect();
+    let one = |(nth, steps): (usize, &[Step])| {
+        let (stages, bounds, total) = begun.get(nth).copied().unwrap_or_default();
+        let every = steps.len().div_ceil(MOST_POINTS).max(1);
+        let kept: Vec<usize> = (0..steps.len()).filter(|at| at % every == 0 || at + 1 == steps.len()).collect();
+        let chosen: Vec<&Step> = kept.iter().map(|at| &steps[*at]).collect();
+        let curve = |f: &dyn Fn(&Step) -> f64| shorts(chosen.iter().map(|step| f(step)));
+        let mut clock = 0.0;
+        let clocks: Vec<f64> = steps
+            .iter()
+            .map(|step| {
+                clock += if step.seconds.is_finite() { step.seconds } else { 0.0 };
+                clock
+            })
+            .collect();
+        let noise = noise(steps);
+        let after = run.loss_after(nth);
+        let mut found = json!({
+            "of": steps.first().map_or("", |step| &step.of), "total": total, "every": every, "count": steps.len(),
+            "step": chosen.iter().map(|step| step.step).collect::<Vec<u64>>(),
+            "clock": shorts(kept.iter().map(|at| clocks[*at])),
+            "loss": curve(&|step| step.loss),
+            "noise": shorts(kept.iter().map(|at| noise[*at])),
+            "stages": stages.iter().map(|stage| json!([stage.name, stage.until])).collect::<Value>(),
+            "after": after.map(|(loss, error)| json!([short(loss), error.map(short)])),
+        });
+        if whole && let Some(object) = found.as_object_mut() {
+            object.extend(details(&chosen, bounds, &curve));
+        }
+        found
+    };
+    run.optimizations().into_iter().enumerate().map(one).collect()
+}
+
+/// The standard error of the loss at each step, from how much neighbouring steps differ beyond a straight line: of three numbers in a row
+/// with independent errors, `x[i − 1] − 2 x[i] + x[i + 1]` has six times the variance of one. It is averaged over a window of steps; a
+/// loss that bends counts as noise.
+fn noise(steps: &[Step]) -> Vec<f64> {
+    const REACH: usize = 5;
+    let bends: Vec<Option<f64>> = steps
+        .windows(3)
+        .map(|w| (w[0].loss - 2.0 * w[1].loss + w[2].loss).powi(2) / 6.0)
+        .zip(steps.windows(3))
+        // Stages may draw other samples, of other pixels.
+        .map(|(bend, w)| (bend.is_finite() && w[0].stage == w[2].stage).then_some(bend))
+        .collect();
+    let error = |at: usize| {
+        let near = at.saturating_sub(REACH + 1)..(at + REACH).min(bends.len());
+        let near: Vec<f64> = bends.get(near).unwrap_or_default().iter().flatten().copied().collect();
+        if near.is_empty() { f64::NAN } else { (near.iter().sum::<f64>() / near.len() as f64).sqrt() }
+    };
+    (0..steps.len()).map(error).collect()
+}
+
+/// Curves of params, gradients, time and memory.
+fn details(chosen: &[&Step], bounds: &[Bounds], curve: &dyn Fn(&dyn Fn(&Step) -> f64) -> Value) -> Map<String, Value> {
+    let first = chosen.first();
+    let params = first.map_or(&[][..], |step| &step.params);
+    let params = params.iter().map(|(name, tensor)| {
+        let bound = bounds.iter().find(|bound| bound.name == *name);
+        let sides = |side: Option<&Vec<Option<f64>>>, at: usize| -> Value {
+            side.and_then(|side| side.get(at % side.len().max(1)).copied().flatten()).map_or(Value::Null, short)
+        };
+        let entries = (0..tensor.len()).map(|at| {
+            let values = curve(&|step: &Step| {
+                let own = step.params.iter().find(|(n, _)| n == name);
+                own.and_then(|(_, t)| t.data.get(at).copied()).unwrap_or(f64::NAN)
+            });
+            let lower = sides(bound.and_then(|b| b.lower.as_ref()), at);
+            let upper = sides(bound.and_then(|b| b.upper.as_ref()), at);
+            json!({ "index": index(&tensor.shape, at), "values": values, "lower": lower, "upper": upper })
+        });
+        json!({ "name": name, "entries": entries.collect::<Value>() })
+    });
+    let gradients = first.map_or(&[][..], |step| &step.gradients);
+    let gradients = gradients.iter().map(|(name, _)| {
+        let size = |step: &Step| step.gradients.iter().find(|(n, _)| n == name).map(|(_, size)| *size);
+        let norm = curve(&|step| size(step).map_or(f64::NAN, |size| size.norm));
+        let error = curve(&|step| size(step).and_then(|size| size.error).unwrap_or(f64::NAN));
+        json!({ "name": name, "norm": norm, "error": error })
+    });
+    let phase = |name: &str| curve(&|step: &Step| step.phases.get(name).copied().unwrap_or(0.0));
+    let unlogged: Vec<&str> = bounds
+        .iter()
+        .filter(|bound| bound.shape.iter().product::<usize>() > LOGGED_NUMBERS)
+        .map(|bound| bound.name.as_str())
+        .collect();
+    let mut found = Map::new();
+    found.insert("params".into(), params.collect());
+    found.insert("unlogged".into(), json!(unlogged));
+    found.insert("gradients".into(), gradients.collect());
+    found.insert("lr".into(), curve(&|step| step.lr));
+    found.insert("bytes".into(), curve(&|step| step.bytes as f64));
+    found.insert("seconds".into(), curve(&|step| step.seconds));
+    let phases = ["render", "gradient", "solver", "files"].map(|name| (name.to_owned(), phase(name)));
+    found.insert("phases".into(), Value::Object(phases.into_iter().collect()));
+    found.insert("skipped".into(), chosen.iter().filter(|step| step.skipped).map(|step| json!(step.step)).collect());
+    found
+}
+
+/// The numbers of small params with their names.
+pub fn found(params: &[(String, Tensor)]) -> Vec<(String, f64)> {
+    let small = params.iter().filter(|(_, tensor)| tensor.len() <= LOGGED_NUMBERS);
+    let numbers = |(name, tensor): &(String, Tensor)| {
+        let one = |(at, x): (usize, &f64)| (format!("{name}{}", index(&tensor.shape, at)), *x);
+        tensor.data.iter().enumerate().map(one).collect::<Vec<_>>()
+    };
+    small.flat_map(numbers).collect()
+}

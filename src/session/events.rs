@@ -1,0 +1,88 @@
+//! What a run notes for its report beside the log: lines of `report.jsonl`. All but seconds follow from the seed.
+
+use serde::{Deserialize, Serialize};
+
+use super::picture::Picture;
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum Event {
+    /// An optimisation begins.
+    Begin { of: String, total: u64, stages: Vec<Stage>, params: Vec<Bounds> },
+    /// An image of the loss at a step.
+    Picture(Shown),
+    /// An optimisation has ended, where its loss is this.
+    Optimized { of: String, steps: u64, loss: Option<f64>, error: Option<f64> },
+    /// An error or a warning.
+    Told { severity: String, code: String, message: String, place: Option<String>, help: Vec<String> },
+    /// Something else that the user was told.
+    Note { text: String },
+    /// The run has ended. Seconds are those since the last step, and among them what files took.
+    End { how: Ending, seconds: f64, files: f64 },
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Stage {
+    pub name: Option<String>,
+    /// Steps of this stage and of all before it.
+    pub until: u64,
+}
+
+/// A param that moves, and where it may: a number for each of its own, or none where there is no bound.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Bounds {
+    pub name: String,
+    pub shape: Vec<usize>,
+    pub lower: Option<Vec<Option<f64>>>,
+    pub upper: Option<Vec<Option<f64>>>,
+}
+
+/// An image that the loss has seen.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Shown {
+    pub of: String,
+    /// Steps taken before it.
+    pub step: u64,
+    pub moment: Moment,
+    /// The place of its comparison among those of the loss.
+    pub view: usize,
+    /// The expression.
+    pub name: String,
+    pub image: Picture,
+    /// What it was compared with, if that is another one than the last that is told for this place.
+    pub target: Option<Picture>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Moment {
+    /// Before the first step.
+    Start,
+    /// Small, for the animation.
+    Between,
+    /// After the last step.
+    End,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ending {
+    Finished,
+    /// An `expect` or an optimisation failed.
+    Unsuccessful,
+    Interrupted,
+    /// An error ended it.
+    Failed,
+}
+
+impl Ending {
+    /// In a few words.
+    pub fn text(self) -> &'static str {
+        match self {
+            Ending::Finished => "finished",
+            Ending::Unsuccessful => "finished, not as the script expects",
+            Ending::Interrupted => "interrupted",
+            Ending::Failed => "ended by an error",
+        }
+    }
+}
