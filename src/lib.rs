@@ -39,7 +39,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-// Only the kernel of the ray queries (`render::accel::avx2`) is allowed to.
+// Only the kernel of the ray queries (`render::accel::avx2`) and products of matrices (`network::gemm`) are allowed to.
 #![deny(unsafe_code)]
 
 pub mod files;
@@ -62,6 +62,8 @@ pub mod grad;
 pub mod optim;
 
 pub mod data;
+pub mod network;
+
 pub mod natives;
 
 pub mod eval;

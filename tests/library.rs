@@ -243,6 +243,8 @@ fn every_example_of_the_library_evaluates_to_what_its_type_says() {
                             | "load_json"
                             | "load_table"
                             | "load_array"
+                            | "load_network"
+                            | "classifier"
                     )
             })
             .filter_map(|d| d.doc.split_once("Example: ").map(|(_, example)| example.to_owned()))

@@ -7,9 +7,10 @@ mod dice;
 
 use std::time::Duration;
 
-use dscene::data::{npy, table};
+use dscene::data::{npy, safetensors, table};
 use dscene::image::Image;
 use dscene::image::file::{self, Encoding};
+use dscene::network::{Description, Network};
 use dscene::tape::Tensor;
 
 use cpu::CpuTime;
@@ -110,6 +111,34 @@ fn damaged_jpeg() {
 fn damaged_npy() {
     let array = Tensor { shape: vec![3, 4], data: (0..12).map(f64::from).collect() };
     survives("NPY", &npy::encode(&array), |bytes| npy::decode(bytes).map(|_| ()));
+}
+
+#[test]
+fn damaged_safetensors() {
+    let array = Tensor { shape: vec![3, 4], data: (0..12).map(f64::from).collect() };
+    survives("safetensors", &safetensors::encode([("a", &array), ("b.weight", &array)]), |bytes| {
+        let arrays = safetensors::decode(bytes.to_vec())?;
+        arrays.names().try_for_each(|name| arrays.floats(name).map(|_| ()))
+    });
+}
+
+/// Descriptions and weights of a network, damaged together with their names and sizes.
+#[test]
+fn damaged_network() {
+    let array = |shape: &[usize]| Tensor { shape: shape.to_vec(), data: vec![0.25; shape.iter().product()] };
+    let (conv, fc) = (array(&[4, 3, 3, 3]), array(&[5, 64]));
+    let weights = safetensors::encode([("c.weight", &conv), ("f.weight", &fc)]);
+    let description = r#"{"input": {"width": 9, "height": 9, "channels": "rgb", "range": 1, "mean": [0, 0, 0], "std": [1, 1, 1]},
+        "layers": [{"kind": "conv", "name": "c", "stride": 2, "padding": [1, 1], "activation": "relu", "label": "x"},
+                   {"kind": "add", "with": "x"}, {"kind": "max_pool", "size": 2, "stride": 1},
+                   {"kind": "linear", "name": "f"}]}"#;
+    survives("network", description.as_bytes(), |bytes| {
+        let text = String::from_utf8_lossy(bytes);
+        let weights = safetensors::decode(weights.clone())?;
+        let network = Network::new(Description::parse(&text)?, &weights).map_err(|e| format!("{e:?}"))?;
+        let (width, height) = network.picture();
+        network.value(&vec![0.5; width * height * 3]).map(|_| ()).map_err(|e| e.to_string())
+    });
 }
 
 #[test]

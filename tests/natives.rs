@@ -181,6 +181,7 @@ const NONE: &[(&str, &[&str])] = &[
             "plateau",
         ],
     ),
+    ("in single precision, which has too few digits for these differences: `networks` tests it", &["classifier"]),
     ("derivatives themselves", &["grad", "jvp", "jacobian", "fd", "estimate"]),
     (
         "settings",

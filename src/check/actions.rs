@@ -38,6 +38,7 @@ impl Checker<'_> {
                         | Ty::Integrator
                         | Ty::Optimizer
                         | Ty::Preconditioner
+                        | Ty::Network
                 );
                 if !savable {
                     let help = matches!(value.ty, Ty::Camera { .. })

@@ -11,7 +11,7 @@ use crate::diag::Diagnostic;
 use crate::source::Span;
 
 /// Natives whose first argument may be a path to a file that they read.
-const READERS: [&str; 11] = [
+const READERS: [&str; 12] = [
     "load",
     "load_scene",
     "load_shapes",
@@ -21,6 +21,7 @@ const READERS: [&str; 11] = [
     "load_json",
     "load_table",
     "load_array",
+    "load_network",
     "texture",
     "environment",
 ];

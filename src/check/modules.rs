@@ -15,7 +15,7 @@ use crate::syntax::ast::{self, StatementKind};
 use crate::syntax::{self};
 
 /// The standard library: module name and text. The `prelude` ones are visible everywhere, the others by `import std.NAME`.
-const LIBRARY: [(&str, bool, &str); 10] = [
+const LIBRARY: [(&str, bool, &str); 11] = [
     ("math", true, include_str!("../../stdlib/math.dscene")),
     ("mesh", true, include_str!("../../stdlib/mesh.dscene")),
     ("material", true, include_str!("../../stdlib/material.dscene")),
@@ -23,6 +23,7 @@ const LIBRARY: [(&str, bool, &str); 10] = [
     ("image", true, include_str!("../../stdlib/image.dscene")),
     ("data", true, include_str!("../../stdlib/data.dscene")),
     ("loss", true, include_str!("../../stdlib/loss.dscene")),
+    ("network", true, include_str!("../../stdlib/network.dscene")),
     ("optimize", true, include_str!("../../stdlib/optimize.dscene")),
     ("derivative", true, include_str!("../../stdlib/derivative.dscene")),
     ("studio", false, include_str!("../../stdlib/studio.dscene")),

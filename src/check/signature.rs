@@ -313,6 +313,7 @@ pub fn named(name: &str) -> Option<Sig> {
         "integrator" => is(Ty::Integrator),
         "optimizer" => is(Ty::Optimizer),
         "preconditioner" => is(Ty::Preconditioner),
+        "network" => is(Ty::Network),
         "number" => Some(Sig::Number),
         "any" => Some(Sig::Any),
         _ => {

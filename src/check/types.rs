@@ -59,6 +59,8 @@ pub enum Ty {
     Integrator,
     Optimizer,
     Preconditioner,
+    /// A network with its weights.
+    Network,
     /// What `estimate` gives: a mean and a standard error.
     Estimate(Box<Ty>),
     /// What `grad(loss)` gives: one entry for each param.
@@ -185,6 +187,7 @@ impl fmt::Display for Ty {
             Ty::Integrator => f.write_str("integrator"),
             Ty::Optimizer => f.write_str("optimizer"),
             Ty::Preconditioner => f.write_str("preconditioner"),
+            Ty::Network => f.write_str("network"),
             Ty::Estimate(of) => write!(f, "estimate of {of}"),
             Ty::Gradients => f.write_str("gradients"),
         }

@@ -128,6 +128,10 @@ fn brief_within(value: &Value, ty: &Ty, depth: usize) -> String {
                 None => opening,
             }
         }
+        Value::Network(n) => {
+            let (w, h) = n.picture();
+            format!("network that tells {} classes from {w}×{h} pixels", n.classes())
+        }
         Value::Scene(s) => format!("scene of {} shapes and {} lights", s.shapes.len(), s.lights.len()),
         Value::Settings(s) => {
             let fields: Vec<String> = s.fields.iter().map(|(n, v)| format!("{n}: {}", brief(v, &Ty::Any))).collect();

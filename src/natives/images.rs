@@ -24,7 +24,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         // The axes are filtered one after the other. The intermediate image may be larger than both input and output.
         let between = h.max(x.shape()[0]).saturating_mul(w.max(x.shape()[1])).saturating_mul(x.shape()[2]);
         memory::ask_for::<f64>(between.saturating_mul(2))?;
-        linear(&x, Separable::resize(x.shape()[1], x.shape()[0], w, h))
+        Ok(Value::Image(linear(&x, Separable::resize(x.shape()[1], x.shape()[0], w, h))?))
     }),
     ("blur", |a| {
         let x = a.image(0)?;
@@ -32,7 +32,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         if !(sigma.is_finite() && (0.0..=1e4).contains(&sigma)) {
             return Err(NativeError::at(1, format!("`sigma` must be from 0 to 10000, this is {sigma}")));
         }
-        linear(&x, Separable::blur(x.shape()[1], x.shape()[0], sigma))
+        Ok(Value::Image(linear(&x, Separable::blur(x.shape()[1], x.shape()[0], sigma))?))
     }),
     ("downsample", |a| {
         let factor = a.named_integer("factor", 1..=1 << 16)?.unwrap_or(2) as usize;
@@ -98,12 +98,13 @@ impl CustomOp for Filter {
     }
 }
 
-fn linear(x: &Var, filter: Result<Separable, crate::image::ImageError>) -> Result<Value> {
+/// A filtered image. Errors blame the first argument.
+pub(super) fn linear(x: &Var, filter: Result<Separable, crate::image::ImageError>) -> Result<Var> {
     let filter = filter.map_err(|e| NativeError::at(0, e.to_string()))?;
     let channels = x.shape()[2];
     let (width, height) = filter.output_size();
     let value = Tensor { shape: vec![height, width, channels], data: filter.apply(&x.value().data, channels) };
-    Ok(Value::Image(Var::custom(Arc::new(Filter { filter, channels }), vec![x.clone()], value)))
+    Ok(Var::custom(Arc::new(Filter { filter, channels }), vec![x.clone()], value))
 }
 
 /// Means over blocks of pixels; blocks at the right and lower border may be smaller.

@@ -11,6 +11,7 @@ mod layout;
 mod linear;
 mod measures;
 mod meshes;
+mod networks;
 mod numbers;
 mod reduce;
 mod scene;
@@ -91,13 +92,14 @@ pub struct Args<'a> {
 
 pub type Native = fn(&Args) -> Result<Value>;
 
-const TABLES: [&[(&str, Native)]; 10] = [
+const TABLES: [&[(&str, Native)]; 11] = [
     numbers::TABLE,
     reduce::TABLE,
     linear::TABLE,
     meshes::TABLE,
     measures::TABLE,
     images::TABLE,
+    networks::TABLE,
     data::TABLE,
     layout::TABLE,
     files::TABLE,

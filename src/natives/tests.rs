@@ -277,6 +277,9 @@ fn files_are_read_apart() {
         assert_eq!(stop::until(&set, || call(name, &[("path", path.clone())]).map(|_| ())), Err(Stopped), "{name}");
         assert!(call(name, &[("path", path)]).is_err(), "{name}");
     }
+    let network = || call("load_network", &[("weights", Value::str("a.safetensors")), ("layers", Value::str("vgg16"))]);
+    assert_eq!(stop::until(&set, || network().map(|_| ())), Err(Stopped));
+    assert!(network().is_err());
 }
 
 #[test]

@@ -4,6 +4,7 @@
 use std::any::Any;
 use std::sync::Arc;
 
+use crate::network::Network;
 use crate::optim::Rule;
 use crate::render::Material;
 use crate::render::texture::{Filter, Wrap};
@@ -36,6 +37,8 @@ pub enum Value {
     Scene(Arc<SceneValue>),
     /// An optimizer or integrator: a name with settings.
     Settings(Arc<SettingsValue>),
+    /// A network with its weights.
+    Network(Arc<Network>),
     Estimate(Arc<EstimateValue>),
     Gradients(Arc<Vec<GradientEntry>>),
     /// What a data file holds under names, in its order.
@@ -340,6 +343,7 @@ impl Value {
                 SettingsKind::Optimizer(_) => "an optimizer",
                 SettingsKind::Laplacian => "a preconditioner",
             },
+            Value::Network(_) => "a network",
             Value::Estimate(_) => "an estimate",
             Value::Gradients(_) => "gradients",
             Value::Record(_) => "a record",

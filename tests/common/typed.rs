@@ -48,6 +48,7 @@ pub fn disagreement(ty: &Ty, value: &Value) -> Option<String> {
         | (Ty::Shape, Value::Shape(_))
         | (Ty::Light, Value::Light(_))
         | (Ty::Scene, Value::Scene(_))
+        | (Ty::Network, Value::Network(_))
         // Vertex colours are settings of a texture.
         | (Ty::Integrator | Ty::Optimizer | Ty::Preconditioner | Ty::Texture, Value::Settings(_))
         | (Ty::Estimate(_), Value::Estimate(_))
