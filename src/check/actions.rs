@@ -1,4 +1,4 @@
-//! Actions: `optimize`, `save`, `print`, `plot`, `expect`.
+//! Actions: `optimize`, `save`, `print`, `plot`, `expect`. (`sweep` and `report` have a file of their own.)
 
 use super::hir;
 use super::modules::Checker;
@@ -15,6 +15,9 @@ const STAGE: [&str; 6] = ["steps", "using", "spp", "film_scale", "max_bounces", 
 
 impl Checker<'_> {
     pub fn top_action(&mut self, action: &ast::Action) {
+        if let ast::Action::Sweep(sweep) = action {
+            return self.sweep(sweep);
+        }
         self.no_step = !matches!(action, ast::Action::Optimize(_));
         let action = self.action(action);
         self.no_step = false;
@@ -64,6 +67,9 @@ impl Checker<'_> {
             ast::Action::Expect { condition, span } => {
                 hir::Action::Expect { condition: self.condition(condition), span: *span }
             }
+            ast::Action::Report { columns, span } => self.report(columns, *span),
+            // The grammar has none within other actions.
+            ast::Action::Sweep(sweep) => hir::Action::Print { values: Vec::new(), span: sweep.span },
         }
     }
 

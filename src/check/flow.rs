@@ -43,6 +43,7 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
     if quiet || !out.is_empty() {
         return out;
     }
+    out.extend(super::sweep::without_effect(program));
     out.extend(without_step(program, &mut flow));
     let mut reached = Dependencies::default();
     let mut has_loss = false;
@@ -80,6 +81,46 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
         }
     }
     out
+}
+
+/// All declarations on which actions, and the settings of params, depend.
+pub fn used_by_actions(program: &Program) -> BTreeSet<DeclId> {
+    let mut flow = Flow::new(program);
+    let mut found = Dependencies::default();
+    let mut waiting: Vec<&Action> = program.actions.iter().collect();
+    while let Some(action) = waiting.pop() {
+        let parts: Vec<&Expr> = match action {
+            Action::Optimize(o) => {
+                waiting.extend(o.every.iter().flat_map(|every| &every.actions));
+                found.decls.extend(o.over.iter().flatten().map(|(target, _)| target.decl));
+                let stages = o
+                    .stages
+                    .iter()
+                    .flat_map(|s| s.steps.iter().chain(&s.using).chain(s.settings.iter().map(|(_, e)| e)));
+                let own = [&o.using, &o.steps, &o.stop_when].into_iter().flatten();
+                let every = o.every.iter().map(|every| &every.steps);
+                std::iter::once(&o.loss)
+                    .chain(own)
+                    .chain(o.settings.iter().map(|(_, e)| e))
+                    .chain(stages)
+                    .chain(every)
+                    .collect()
+            }
+            Action::Save { value, path, .. } => vec![value, path],
+            Action::Print { values, .. } => values.iter().collect(),
+            Action::Plot { values, path, .. } => values.iter().chain(path).collect(),
+            Action::Expect { condition, .. } => vec![condition],
+            Action::Report { columns, .. } => columns.iter().filter_map(|c| c.value.as_ref()).collect(),
+        };
+        parts.into_iter().for_each(|part| flow.expr(part, &mut found));
+    }
+    for id in program.params() {
+        let DeclKind::Param(param) = &program.decl(id).kind else { continue };
+        let bounds = param.bounds.iter().flat_map(|(low, high)| [low, high]);
+        let settings = [&param.lr, &param.scale, &param.precondition, &param.frozen].into_iter().flatten();
+        bounds.chain(settings).for_each(|part| flow.expr(part, &mut found));
+    }
+    found.decls
 }
 
 /// Checks that an `optimize` has params to move, and that its loss depends on them.
@@ -131,6 +172,7 @@ fn without_step(program: &Program, flow: &mut Flow) -> Vec<Diagnostic> {
             Action::Print { values, .. } => values.iter().collect(),
             Action::Plot { values, path, .. } => values.iter().chain(path).collect(),
             Action::Expect { condition, .. } => vec![condition],
+            Action::Report { columns, .. } => columns.iter().filter_map(|c| c.value.as_ref()).collect(),
         };
         for part in parts {
             let mut found = Dependencies::default();

@@ -20,8 +20,10 @@ pub struct LocalId(pub u32);
 pub struct Program {
     /// The standard library's declarations come first. Replaced declarations (REPL) keep their id.
     pub decls: Vec<Arc<Decl>>,
-    /// In the order of the file.
+    /// In the order of the file. Those of a `sweep` are what each of its runs does.
     pub actions: Vec<Action>,
+    /// The values under which the actions are to be run, each combination on its own.
+    pub sweep: Option<Sweep>,
     pub sources: SourceMap,
     /// What `shape`, `light` and `medium` statements declared, in source order: the scene of a `render` without `scene`.
     pub default_scene: Vec<DeclId>,
@@ -371,6 +373,52 @@ pub enum Action {
     Print { values: Vec<Expr>, span: Span },
     Plot { values: Vec<Expr>, path: Option<Expr>, span: Span },
     Expect { condition: Expr, span: Span },
+    Report { columns: Vec<Column>, span: Span },
+}
+
+impl Action {
+    pub fn span(&self) -> Span {
+        match self {
+            Action::Optimize(o) => o.span,
+            Action::Save { span, .. }
+            | Action::Print { span, .. }
+            | Action::Plot { span, .. }
+            | Action::Expect { span, .. }
+            | Action::Report { span, .. } => *span,
+        }
+    }
+}
+
+/// A column of a sweep's table.
+#[derive(Clone, Debug)]
+pub struct Column {
+    pub name: String,
+    pub span: Span,
+    /// `None`: the seconds that the run took.
+    pub value: Option<Expr>,
+}
+
+/// `sweep lr in [0.01, 0.1], seed in 0..5 { … }`
+#[derive(Clone, Debug)]
+pub struct Sweep {
+    pub axes: Vec<Axis>,
+    pub span: Span,
+}
+
+/// A variable of a sweep: a declaration with the values that replace its own, or [`super::SEED`], the seed of the run as well.
+#[derive(Clone, Debug)]
+pub struct Axis {
+    pub name: String,
+    pub values: Values,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub enum Values {
+    /// `[a, b, c]`: where each of them is written.
+    Written(Vec<Span>),
+    /// A list or range that is known when it has been evaluated.
+    Computed(Expr),
 }
 
 #[derive(Clone, Debug)]

@@ -629,7 +629,7 @@ pub fn join_all(types: &[Ty]) -> Option<Ty> {
 }
 
 /// Whether a value of type `new` may replace one of type `old` in a `with`.
-fn replaces(old: &Ty, new: &Ty) -> bool {
+pub fn replaces(old: &Ty, new: &Ty) -> bool {
     match (old, new) {
         (Ty::Image { .. }, Ty::Image { .. }) => true,
         (Ty::Num(_), Ty::Num(shape)) if shape.is_empty() => true,

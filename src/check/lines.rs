@@ -14,7 +14,7 @@ use super::modules::{Checker, Instance, Module, ModuleId, PRELUDE, Slot, State};
 use super::types::Ty;
 use super::{Disk, flow, with_room};
 use crate::diag::{self, Diagnostic};
-use crate::source::{SourceId, Span};
+use crate::source::SourceId;
 use crate::syntax;
 use crate::syntax::ast::{self, StatementKind};
 
@@ -142,6 +142,7 @@ impl Checker<'_> {
         self.library = known.library.clone();
         self.action_statements = known.action_statements.clone();
         self.actions = program.actions.clone();
+        self.sweep = program.sweep.clone();
         self.default_scene = program.default_scene.clone();
         self.integrator = program.integrator;
     }
@@ -200,11 +201,10 @@ impl Checker<'_> {
         let slots = self.slots.iter().filter(|s| s.statement.span.source == line);
         let declared: Vec<DeclId> = slots.map(|s| s.hir.id).collect();
         // Actions of lines run once and are not part of the program. (An import declares nothing itself.)
-        let (actions, rest) =
-            std::mem::take(&mut self.actions).into_iter().partition(|a| action_span(a).source == line);
+        let (actions, rest) = std::mem::take(&mut self.actions).into_iter().partition(|a| a.span().source == line);
         self.actions = rest;
         let lines: HashSet<SourceId> = self.origin.lines.iter().copied().collect();
-        self.actions.retain(|a| !lines.contains(&action_span(a).source));
+        self.actions.retain(|a| !lines.contains(&a.span().source));
         Line::Statements { declared, actions }
     }
 
@@ -272,14 +272,4 @@ fn roots(decl: &hir::Decl) -> Vec<&Expr> {
         _ => {}
     }
     all
-}
-
-fn action_span(action: &hir::Action) -> Span {
-    match action {
-        hir::Action::Optimize(o) => o.span,
-        hir::Action::Save { span, .. }
-        | hir::Action::Print { span, .. }
-        | hir::Action::Plot { span, .. }
-        | hir::Action::Expect { span, .. } => *span,
-    }
 }

@@ -23,6 +23,7 @@ mod modules;
 mod results;
 mod shapes;
 mod signature;
+mod sweep;
 mod told;
 pub mod types;
 mod whole;
@@ -39,6 +40,7 @@ pub use flow::{children, reaching_params, reaching_params_of};
 pub use lines::{Line, check_line};
 use modules::Checker;
 pub use modules::normal;
+pub use sweep::SEED;
 
 /// The outside world as the checker sees it.
 pub trait Loader {

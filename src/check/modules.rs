@@ -141,6 +141,7 @@ pub struct Checker<'l> {
     /// A number for each function value, by its text and the names that it sees.
     pub lambdas: HashMap<String, u32>,
     pub actions: Vec<hir::Action>,
+    pub sweep: Option<hir::Sweep>,
     pub default_scene: Vec<DeclId>,
     pub integrator: Option<DeclId>,
     pub origin: Origin,
@@ -184,6 +185,7 @@ impl<'l> Checker<'l> {
             specialised: HashMap::new(),
             lambdas: HashMap::new(),
             actions: Vec::new(),
+            sweep: None,
             default_scene: Vec::new(),
             integrator: None,
             origin: Origin::default(),
@@ -226,6 +228,7 @@ impl<'l> Checker<'l> {
         for statement in self.action_statements.clone() {
             self.action_statement(&statement);
         }
+        self.check_beside_sweep();
         self.check_default_scene();
     }
 
@@ -244,6 +247,7 @@ impl<'l> Checker<'l> {
         let program = Program {
             decls,
             actions: self.actions,
+            sweep: self.sweep,
             sources: self.sources.clone(),
             default_scene: self.default_scene,
             integrator: self.integrator,
@@ -348,7 +352,11 @@ impl<'l> Checker<'l> {
     /// Adds declarations to a module; statements of `lines` replace earlier ones with the same name.
     pub fn add_statements(&mut self, module: ModuleId, statements: Vec<Arc<ast::Statement>>, lines: &[SourceId]) {
         let mut imports = Vec::new();
+        let mut sweeps = Vec::new();
         for statement in statements {
+            if let StatementKind::Action(ast::Action::Sweep(_)) = &statement.kind {
+                sweeps.push(statement.clone());
+            }
             match &statement.kind {
                 StatementKind::Import(_) => imports.push(statement),
                 // Imports bring declarations, never actions.
@@ -362,9 +370,10 @@ impl<'l> Checker<'l> {
                 self.import(module, import);
             }
         }
+        sweeps.iter().for_each(|statement| self.declare_variables(module, statement, lines));
     }
 
-    fn add_declaration(&mut self, module: ModuleId, statement: Arc<ast::Statement>, lines: &[SourceId]) {
+    pub fn add_declaration(&mut self, module: ModuleId, statement: Arc<ast::Statement>, lines: &[SourceId]) {
         let name = match &statement.kind {
             StatementKind::Let { name, .. } | StatementKind::Loss { name, .. } | StatementKind::Kind { name, .. } => {
                 name

@@ -40,6 +40,23 @@ gradients (by param: norm, and standard error as steps differ), skipped_steps, s
 of up to 64 numbers; all but bytes and seconds follow from the seed. With --json, each line of standard output is one object: {\"event\": \"print\", \"text\": …}, and at the end
 {\"event\": \"done\", \"exit\": …, \"out\": …, \"steps\": …, \"saved\": […], …}. Ctrl-C ends after the current step with exit code 130; a second one ends at once.")]
     Run(RunArgs),
+    /// Runs a script under every combination of values and seeds; makes a table
+    #[command(after_help = "\
+Examples:
+  dsl sweep scene.dscene --set lr=0.01,0.03,0.1 --seeds 5     three values, five seeds each: fifteen runs
+  dsl sweep scene.dscene --set spp=1..5 --set 'eye.film=[32, 32],[64, 64]' --jobs 4
+  dsl sweep scene.dscene --jobs 8 --prune            the `sweep lr in [0.01, 0.1], seed in 0..5 { … }` of the script
+  dsl sweep scene.dscene --shard 2/10                the second of ten processes that share the work, and a folder
+
+The values of --set are what stands between the brackets of a list, or a range. They take the place of what the script declares, and of
+the values of a variable of its own `sweep`. Each run has a folder below runs/NAME-sweep (or --out), named by its values. The same command
+goes on where it was interrupted or killed: what has finished is not run again, more values and seeds may be added, and the result is the
+same to the bit. journal.jsonl has a line for each run that begins or ends; table.csv and table.json have the means over seeds with their
+standard errors. In the table, * marks the least of a column. Its columns are what the script says (`report { error: …, seconds }`), else
+the losses at the end and the seconds. --prune stops runs whose loss is worse than the median of at least three finished ones at the same
+step, by more than the noise of both (median stopping rule, Golovin et al. 2017). Exits with 1 if a run diverged, failed or has a failed
+`expect`; all others are run all the same. With --json, standard output gets one object for each run that ends, and one at the end.")]
+    Sweep(SweepArgs),
     /// Reports all errors and warnings without running anything
     #[command(after_help = "\
 Examples:
@@ -134,7 +151,7 @@ pub struct Common {
     pub out: Option<PathBuf>,
 }
 
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct RunArgs {
     /// The script
     pub file: PathBuf,
@@ -153,8 +170,45 @@ pub struct RunArgs {
     /// Write what TensorBoard shows beside the log: `tensorboard --logdir RUN`
     #[arg(long, conflicts_with = "resume")]
     pub tensorboard: bool,
+    /// Run the actions once as a part of a sweep, until standard input ends; sweeps begin their runs so
+    #[arg(long, hide = true)]
+    pub part: bool,
+    /// The sweep's folder, in which this run is compared with others and perhaps pruned
+    #[arg(long, hide = true, value_name = "DIR")]
+    pub compared: Option<PathBuf>,
     #[command(flatten)]
     pub common: Common,
+}
+
+#[derive(Debug, Args)]
+pub struct SweepArgs {
+    /// Run each combination with N seeds, from --seed on
+    #[arg(long, value_name = "N", conflicts_with = "resume", value_parser = clap::value_parser!(u64).range(1..))]
+    pub seeds: Option<u64>,
+    /// Runs at the same time; they share the threads and the memory
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub jobs: u16,
+    /// The I-th of N processes that share the runs of one folder
+    #[arg(long, value_name = "I/N", value_parser = parse_shard)]
+    pub shard: Option<Shard>,
+    /// Stop runs that are worse than half of the finished ones, by more than noise
+    #[arg(long)]
+    pub prune: bool,
+    #[command(flatten)]
+    pub run: RunArgs,
+}
+
+impl From<RunArgs> for SweepArgs {
+    fn from(run: RunArgs) -> SweepArgs {
+        SweepArgs { seeds: None, jobs: 1, shard: None, prune: false, run }
+    }
+}
+
+/// Of `count` processes the one with this index, from 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shard {
+    pub index: usize,
+    pub count: usize,
 }
 
 #[derive(Debug, Args)]
@@ -297,6 +351,14 @@ fn parse_override(text: &str) -> Result<Override, String> {
     Ok(Override { name: name.to_owned(), value: value.to_owned() })
 }
 
+fn parse_shard(text: &str) -> Result<Shard, String> {
+    let numbers = text.split_once('/').and_then(|(i, n)| Some((i.trim().parse().ok()?, n.trim().parse().ok()?)));
+    match numbers {
+        Some((i, n)) if (1..=n).contains(&i) => Ok(Shard { index: i - 1, count: n }),
+        _ => Err("expected I/N with I from 1 to N, such as 2/10".to_owned()),
+    }
+}
+
 fn parse_step(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(step) if step.is_finite() && step > 0.0 => Ok(step),
@@ -325,8 +387,16 @@ mod tests {
     }
 
     #[test]
+    fn shards_count_from_one() {
+        assert_eq!(parse_shard("2/10"), Ok(Shard { index: 1, count: 10 }));
+        for wrong in ["", "2", "0/3", "4/3", "a/b", "1/0", "-1/2"] {
+            assert!(parse_shard(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
     fn every_command_takes_the_common_options() {
-        for command in ["run f", "check f", "render f", "grad f", "eval f x", "export r", "compare r", "repl"] {
+        for command in ["run f", "sweep f", "check f", "render f", "grad f", "eval f x", "export r", "compare r", "repl"] {
             let line =
                 format!("dsl {command} --set a=1 --set b=2 --seed 3 --threads 2 --memory 4GB --quiet --json --out d");
             assert!(Cli::try_parse_from(line.split(' ')).is_ok(), "{line}");

@@ -12,6 +12,7 @@ mod render;
 mod repl;
 mod run;
 mod script;
+mod sweep;
 mod world;
 
 use std::panic::AssertUnwindSafe;
@@ -69,6 +70,7 @@ fn dispatch(cli: Cli) -> u8 {
     crate::session::world::catch_interrupts();
     let common = match &cli.command {
         Command::Run(a) => &a.common,
+        Command::Sweep(a) => &a.run.common,
         Command::Check(a) => &a.common,
         Command::Render(a) => &a.common,
         Command::Grad(a) => &a.common,
@@ -82,7 +84,8 @@ fn dispatch(cli: Cli) -> u8 {
     }
     start_threads(common);
     match cli.command {
-        Command::Run(args) => run::run(&args),
+        Command::Run(args) => run::run(args),
+        Command::Sweep(args) => sweep::run(args),
         Command::Check(args) => check::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Grad(args) => grad::run(&args),

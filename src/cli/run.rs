@@ -1,7 +1,6 @@
 //! `dsl run`
 
 use std::path::Path;
-use std::sync::Arc;
 
 use serde_json::json;
 
@@ -10,11 +9,17 @@ use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load, out};
 use crate::diag::Diagnostic;
 use crate::session::clock::{Date, Stopwatch, human_seconds};
 use crate::session::folder::SourceText;
+use crate::session::sweep::{Judge, Record};
 use crate::session::{Checkpoint, Flow, RunFolder, RunInfo, RunSettings, Runner, World, world};
-use crate::source::{SourceFile, SourceId, SourceMap};
+use crate::source::SourceMap;
 
-pub fn run(args: &RunArgs) -> u8 {
+pub fn run(args: RunArgs) -> u8 {
+    // The folder of a sweep goes on as one.
+    if args.resume.as_ref().is_some_and(|path| matches!(Record::read(path), Ok(Some(_)))) {
+        return super::sweep::run(args.into());
+    }
     let mut terminal = Terminal::new(&args.common);
+    let args = &args;
     let mut common = args.common.clone();
     let mut resumed = None;
     if let Some(path) = &args.resume {
@@ -37,6 +42,12 @@ pub fn run(args: &RunArgs) -> u8 {
     let Some(mut loaded) = load(&args.file, &common, &mut terminal) else {
         return EXIT_WRONG;
     };
+    if !args.part && args.resume.is_none() && loaded.engine.program().sweep.is_some() {
+        return super::sweep::run_loaded(args.clone().into(), loaded, &mut terminal);
+    }
+    if args.part {
+        end_with_input();
+    }
     let watch = Stopwatch::start();
     let begun = match resumed {
         Some((folder, checkpoint)) => take_up(args, folder, checkpoint),
@@ -56,6 +67,7 @@ pub fn run(args: &RunArgs) -> u8 {
         terminal.note("nothing to do: the script has no `optimize`, `save`, `print`, `plot` or `expect`");
     }
     let mut runner = Runner::new(&mut loaded.engine, &mut terminal);
+    runner.judge = args.compared.as_ref().map(|sweep| Judge::new(sweep, &path));
     runner.folder = Some(&mut folder);
     let outcome = world::listening(|| runner.resume(&actions, checkpoint));
     let report = runner.report.clone();
@@ -70,8 +82,8 @@ pub fn run(args: &RunArgs) -> u8 {
             EXIT_WRONG
         }
         Ok(Flow::Interrupted) => EXIT_INTERRUPTED,
-        Ok(Flow::Continue) if !report.is_success() => EXIT_WRONG,
-        Ok(Flow::Continue) => 0,
+        Ok(Flow::Continue | Flow::Pruned) if !report.is_success() => EXIT_WRONG,
+        Ok(Flow::Continue | Flow::Pruned) => 0,
     };
     let seconds = watch.elapsed().wall;
     if args.common.json {
@@ -103,6 +115,16 @@ pub fn run(args: &RunArgs) -> u8 {
         }
     }
     code
+}
+
+/// Interrupts the run when standard input ends, because the sweep that has begun it has ended, however it did.
+fn end_with_input() {
+    let watch = || {
+        let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
+        world::interrupt_flag().store(true, std::sync::atomic::Ordering::SeqCst);
+    };
+    // Without the thread the run goes on to its end.
+    let _ = std::thread::Builder::new().spawn(watch);
 }
 
 /// A run, and where it goes on.
@@ -142,13 +164,9 @@ fn take_up(args: &RunArgs, mut folder: RunFolder, mut checkpoint: Checkpoint) ->
 }
 
 fn run_info(args: &RunArgs, loaded: &Loaded) -> RunInfo {
-    let name = args.file.file_stem().map_or("run".into(), |s| s.to_string_lossy().into_owned());
-    // Values that were given by `--set` are texts as well.
-    let is_file = |(_, file): &(SourceId, &Arc<SourceFile>)| file.path.is_some() && !file.name.starts_with("--set ");
-    let sources = loaded.engine.program().sources.iter().filter(is_file);
     RunInfo {
         version: env!("CARGO_PKG_VERSION").to_owned(),
-        name,
+        name: name_of(&args.file),
         file: args.file.display().to_string(),
         command: std::env::args_os().map(|a| a.to_string_lossy().into_owned()).collect(),
         seed: args.common.seed,
@@ -156,6 +174,19 @@ fn run_info(args: &RunArgs, loaded: &Loaded) -> RunInfo {
         started: Date::now().iso(),
         overrides: args.common.set.clone(),
         steps: args.steps,
-        sources: sources.map(|(_, f)| SourceText { file: f.name.clone(), text: f.text.clone() }).collect(),
+        sources: source_texts(loaded),
     }
+}
+
+/// A script's name without folder and extension.
+pub fn name_of(file: &Path) -> String {
+    file.file_stem().map_or("run".into(), |s| s.to_string_lossy().into_owned())
+}
+
+/// The script and its imports.
+pub fn source_texts(loaded: &Loaded) -> Vec<SourceText> {
+    let program = loaded.engine.program();
+    let is_set = |id| program.origin.overrides.iter().any(|(_, source)| *source == id);
+    let scripts = program.sources.iter().filter(|(id, file)| file.path.is_some() && !is_set(*id));
+    scripts.map(|(_, f)| SourceText { file: f.name.clone(), text: f.text.clone() }).collect()
 }

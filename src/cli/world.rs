@@ -25,8 +25,27 @@ impl Terminal {
         Terminal { quiet: common.quiet, json: common.json, bar: None }
     }
 
+    /// Draws a progress bar, if anybody looks.
+    pub fn show_bar(&mut self, name: &str, done: u64, total: u64, message: String) {
+        if self.quiet || self.json || !std::io::stderr().is_terminal() {
+            return;
+        }
+        let bar = self.bar.get_or_insert_with(|| {
+            let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(8));
+            let template = "{prefix} {bar:28.cyan/blue} {pos}/{len}  {msg}";
+            // A template that does not parse costs the looks, not the run.
+            let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
+            bar.set_style(style.progress_chars("━╸─"));
+            bar
+        });
+        bar.set_length(total);
+        bar.set_prefix(name.to_owned());
+        bar.set_message(message);
+        bar.set_position(done);
+    }
+
     /// Writes a line to standard error, above the progress bar if there is one.
-    fn above_bar(&self, text: &str) {
+    pub fn above_bar(&self, text: &str) {
         match &self.bar {
             Some(bar) => bar.suspend(|| out::error_line(text)),
             None => out::error_line(text),
@@ -72,29 +91,16 @@ impl World for Terminal {
     }
 
     fn progress(&mut self, progress: Progress<'_>) {
-        if self.quiet || self.json || !std::io::stderr().is_terminal() {
-            return;
-        }
-        let bar = self.bar.get_or_insert_with(|| {
-            let bar = ProgressBar::with_draw_target(Some(progress.total), ProgressDrawTarget::stderr_with_hz(8));
-            let template = "{prefix} {bar:28.cyan/blue} {pos}/{len}  {msg}";
-            // A template that does not parse costs the looks, not the run.
-            let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
-            bar.set_style(style.progress_chars("━╸─"));
-            bar
-        });
         let left = match progress.total.saturating_sub(progress.done) {
             0 => "done".to_owned(),
             steps => format!("{} left", human_seconds(steps as f64 * progress.seconds_per_step)),
         };
-        bar.set_length(progress.total);
-        bar.set_prefix(progress.name.to_owned());
-        bar.set_message(format!(
+        let message = format!(
             "loss {}  {} a step  {left}",
             significant(progress.loss, 4),
             human_seconds(progress.seconds_per_step)
-        ));
-        bar.set_position(progress.done);
+        );
+        self.show_bar(progress.name, progress.done, progress.total, message);
     }
 
     fn progress_done(&mut self) {

@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
+use super::clock::Stopwatch;
 use super::folder::{Logged, Override, RunFolder, cannot_write};
 use super::optimization::{Optimization, OptimizationState};
 use super::run::{Curves, Histories, RunReport, Runner};
@@ -229,6 +230,7 @@ impl Runner<'_> {
         self.steps = settings.steps;
         self.checkpoints = Some(Schedule::new(settings));
         (self.report, self.curves, self.histories) = (report, curves, histories);
+        self.since = Stopwatch::start();
         self.run_from(actions, action, optimizing)
     }
 
@@ -274,6 +276,7 @@ impl Runner<'_> {
     }
 
     pub(super) fn write_checkpoint(&mut self, within: Option<&Optimization>, finished: bool) -> Result<(), Diagnostic> {
+        let seconds = self.seconds();
         let (Some(schedule), Some(folder)) = (&mut self.checkpoints, &mut self.folder) else { return Ok(()) };
         schedule.last = Some(Instant::now());
         // Stored relative to the run folder, which may be moved.
@@ -284,7 +287,7 @@ impl Runner<'_> {
             finished,
             start: self.start.clone(),
             optimizing: within.map(|o| Optimizing { engine: self.engine.state(), optimization: o.state() }),
-            report: RunReport { saved, ..self.report.clone() },
+            report: RunReport { saved, seconds, ..self.report.clone() },
             curves: self.curves.clone(),
             histories: self.histories.clone(),
             ..Checkpoint::first(self.engine, schedule.settings.clone(), folder)?

@@ -43,7 +43,7 @@ pub struct Override {
     pub value: String,
 }
 
-#[derive(Clone, Debug, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct SourceText {
     pub file: String,
     pub text: String,
@@ -228,19 +228,25 @@ impl RunFolder {
 
 /// The lock of a run folder, as long as the file is open.
 fn lock(folder: &Path) -> Result<File, Diagnostic> {
-    let path = folder.join(RUN_LOCK);
+    lock_file(&folder.join(RUN_LOCK)).map_err(|e| match e {
+        Some(e) => no_folder(folder, &e),
+        None => refused(folder, "another run is writing into it")
+            .help("wait until that run has ended, or choose another folder: `--out DIR`"),
+    })
+}
+
+/// Locks a file as long as it is open. The error is `None` if another process has it locked.
+pub fn lock_file(path: &Path) -> Result<File, Option<io::Error>> {
     if path.symlink_metadata().is_ok_and(|m| !m.is_file()) {
-        return Err(no_folder(folder, &io::Error::other("its `.lock` is not an ordinary file")));
+        return Err(Some(io::Error::other("its `.lock` is not an ordinary file")));
     }
-    let options = OpenOptions::new().write(true).create(true).truncate(false).open(&path);
-    let file = options.map_err(|e| no_folder(folder, &e))?;
+    let file = OpenOptions::new().write(true).create(true).truncate(false).open(path).map_err(Some)?;
     match file.try_lock() {
         Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(refused(folder, "another run is writing into it")
-            .help("wait until that run has ended, or choose another folder: `--out DIR`")),
+        Err(TryLockError::WouldBlock) => Err(None),
         // There are file systems without locks.
         Err(TryLockError::Error(e)) if e.kind() == io::ErrorKind::Unsupported => Ok(file),
-        Err(TryLockError::Error(e)) => Err(no_folder(folder, &e)),
+        Err(TryLockError::Error(e)) => Err(Some(e)),
     }
 }
 

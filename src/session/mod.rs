@@ -19,6 +19,7 @@ pub mod show;
 pub mod solver;
 mod stages;
 pub mod stats;
+pub mod sweep;
 pub mod tensorboard;
 pub mod world;
 

@@ -1,4 +1,4 @@
-//! Actions, in order: optimise, save, print, plot, expect.
+//! Actions, in order: optimise, save, print, plot, expect, report.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -14,6 +14,7 @@ use super::plot;
 use super::show::{plus_minus, significant};
 use super::stages::whole_number;
 use super::stats::Moments;
+use super::sweep::Judge;
 use super::world::{Progress, World};
 use crate::check::hir;
 use crate::check::types::Ty;
@@ -36,10 +37,12 @@ const AFTER: u64 = 0x5eed_af7e_2000_0000;
 pub enum Flow {
     Continue,
     Interrupted,
+    /// The rest of the run is not worth its time ([`Judge`]).
+    Pruned,
 }
 
 /// What became of a run.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunReport {
     pub interrupted: bool,
     pub expects: u64,
@@ -50,6 +53,14 @@ pub struct RunReport {
     pub skipped_steps: u64,
     /// Optimisations that ended before their time, or took no step at all.
     pub failed_optimizations: u64,
+    /// What `report` says, column by column.
+    pub reported: Vec<(String, f64)>,
+    /// By what was optimised: the loss after the last update, as the mean over seeds that no step has used.
+    pub losses: Vec<(String, f64)>,
+    /// Wall time of all actions, in all processes that had a part in them.
+    pub seconds: f64,
+    /// The step after which the run was given up as hopeless.
+    pub pruned: Option<u64>,
 }
 
 impl RunReport {
@@ -78,8 +89,12 @@ pub struct Runner<'a> {
     pub(super) curves: Curves,
     /// The losses of what was optimised, step by step.
     pub histories: Histories,
+    /// Gives the run up if others of its sweep were much better at the same step.
+    pub judge: Option<Judge>,
     /// Inside of an `every`, where a plot shows the value of its step.
     in_every: bool,
+    /// Since when `report.seconds` does not count.
+    pub(super) since: Stopwatch,
 }
 
 /// What each `plot` has shown so far.
@@ -104,7 +119,9 @@ impl<'a> Runner<'a> {
             start: EngineState::default(),
             curves,
             histories,
+            judge: None,
             in_every: false,
+            since: Stopwatch::start(),
         }
     }
 
@@ -136,6 +153,7 @@ impl<'a> Runner<'a> {
             tell_warnings(self.engine, self.world);
             match flow {
                 Ok(Flow::Continue) => {}
+                Ok(Flow::Pruned) => break,
                 // An evaluation that Ctrl-C stopped half-way.
                 Err(diagnostic) if diagnostic.code != eval::INTERRUPTED => return Err(diagnostic),
                 Ok(Flow::Interrupted) | Err(_) => {
@@ -161,8 +179,24 @@ impl<'a> Runner<'a> {
             }
             hir::Action::Plot { values, path, span } => self.plot(values, path.as_ref(), *span)?,
             hir::Action::Expect { condition, span } => self.expect(condition, *span)?,
+            hir::Action::Report { columns, .. } => {
+                let mut reported = Vec::new();
+                for column in columns {
+                    let value = match &column.value {
+                        Some(value) => self.engine.eval(value)?.number().unwrap_or(f64::NAN),
+                        None => self.seconds(),
+                    };
+                    reported.push((column.name.clone(), value));
+                }
+                self.report.reported = reported;
+            }
         }
         Ok(Flow::Continue)
+    }
+
+    /// The time that the run has taken so far.
+    pub fn seconds(&self) -> f64 {
+        self.report.seconds + self.since.elapsed().wall
     }
 
     fn optimize(&mut self, optimize: &hir::Optimize, within: Option<Optimizing>) -> Result<Flow, Diagnostic> {
@@ -178,7 +212,13 @@ impl<'a> Runner<'a> {
         if let (Ok(Flow::Continue), Some((first, last))) = (&flow, optimization.losses()) {
             let (name, steps) = (optimization.name(), optimization.done());
             let seconds = human_seconds(begun.elapsed().wall);
-            let last = self.loss_now(&optimize.loss)?.unwrap_or_else(|| significant(last, 4));
+            let now = self.loss_now(&optimize.loss)?;
+            self.report.losses.retain(|(of, _)| of != name);
+            self.report.losses.push((name.to_owned(), now.map_or(f64::NAN, |(mean, _)| mean)));
+            let last = match now {
+                Some((mean, error)) if error > 0.0 => plus_minus(mean, error),
+                now => significant(now.map_or(last, |(mean, _)| mean), 4),
+            };
             let first = significant(first, 4);
             let skipped = match optimization.skipped() {
                 0 => String::new(),
@@ -200,9 +240,9 @@ impl<'a> Runner<'a> {
         flow
     }
 
-    /// The loss after the last update, as the mean over seeds that no step has used, with its error if it has any; `None` if
+    /// The loss after the last update, as the mean over seeds that no step has used, with its error; `None` if
     /// Ctrl-C came first, or where it has no value any more.
-    fn loss_now(&mut self, loss: &hir::Expr) -> Result<Option<String>, Diagnostic> {
+    fn loss_now(&mut self, loss: &hir::Expr) -> Result<Option<(f64, f64)>, Diagnostic> {
         const SEEDS: u64 = 4;
         let seed = self.engine.options().seed;
         let before = self.engine.sample_seed();
@@ -223,10 +263,7 @@ impl<'a> Runner<'a> {
         }
         self.engine.set_sample_seed(before);
         let (mean, error) = (moments.mean().first(), moments.std_error());
-        Ok(mean.map(|mean| match error.first() {
-            Some(error) if *error > 0.0 => plus_minus(*mean, *error),
-            _ => significant(*mean, 4),
-        }))
+        Ok(mean.map(|mean| (*mean, error.first().copied().unwrap_or(0.0))))
     }
 
     fn tell(&mut self, diagnostic: &Diagnostic) {
@@ -290,6 +327,12 @@ impl<'a> Runner<'a> {
                 loss: report.loss,
                 seconds_per_step: seconds / taken as f64,
             });
+            if let Some(why) = self.judge.as_mut().and_then(|judge| judge.verdict(optimization.name(), report.step)) {
+                self.world.progress_done();
+                self.world.note(&format!("pruned after step {}: {why}", report.step));
+                self.report.pruned = Some(report.step);
+                return Ok(Flow::Pruned);
+            }
             if report.stop {
                 self.world.progress_done();
                 self.world.note(&format!(

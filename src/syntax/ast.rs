@@ -121,6 +121,38 @@ pub enum Action {
     Print { values: Vec<Expr>, span: Span },
     Plot { values: Vec<Expr>, path: Option<Expr>, span: Span },
     Expect { condition: Expr, span: Span },
+    Report { columns: Vec<Field>, span: Span },
+    Sweep(Box<Sweep>),
+}
+
+/// `sweep lr in [0.01, 0.1], seed in 0..5 { … }`
+#[derive(Clone, Debug)]
+pub struct Sweep {
+    pub variables: Vec<Swept>,
+    pub actions: Vec<Action>,
+    pub span: Span,
+}
+
+/// `lr in [0.01, 0.1]`
+#[derive(Clone, Debug)]
+pub struct Swept {
+    pub name: Name,
+    pub values: Expr,
+}
+
+impl Swept {
+    /// The first of the values.
+    pub fn first(&self) -> Expr {
+        let span = self.values.span;
+        match &self.values.kind {
+            ExprKind::Array(items) => items.first().cloned().unwrap_or(Expr { kind: ExprKind::Error, span }),
+            ExprKind::Range { start, .. } => (**start).clone(),
+            _ => {
+                let index = Box::new(Expr { kind: ExprKind::Number(0.0), span });
+                Expr { kind: ExprKind::Index { base: Box::new(self.values.clone()), index }, span }
+            }
+        }
+    }
 }
 
 #[derive(Clone, Debug)]

@@ -27,8 +27,10 @@ impl Builder<'_> {
     pub fn statement(&mut self, pair: P) -> Option<StatementKind> {
         let pair = pair.into_inner().next()?;
         let span = self.span(&pair);
-        let rule = pair.as_rule();
-        let mut parts = Parts(pair.into_inner());
+        self.statement_of(pair.as_rule(), Parts(pair.into_inner()), span)
+    }
+
+    fn statement_of(&mut self, rule: Rule, mut parts: Parts, span: Span) -> Option<StatementKind> {
         Some(match rule {
             Rule::import => self.import(parts, span)?,
             Rule::let_ => {
@@ -99,8 +101,50 @@ impl Builder<'_> {
             Rule::save | Rule::print | Rule::plot | Rule::expect => {
                 StatementKind::Action(self.simple_action(rule, parts, span)?)
             }
+            Rule::report => StatementKind::Action(self.report(parts, span)),
+            Rule::sweep => StatementKind::Action(Action::Sweep(Box::new(self.sweep(parts, span)))),
             _ => return None,
         })
+    }
+
+    fn sweep(&mut self, parts: Parts, span: Span) -> ast::Sweep {
+        let mut sweep = ast::Sweep { variables: Vec::new(), actions: Vec::new(), span };
+        for part in parts.0 {
+            let span = self.span(&part);
+            match part.as_rule() {
+                Rule::kw_sweep => {}
+                Rule::swept => {
+                    let mut parts = Parts(part.into_inner());
+                    if let (Some(name), Some(values)) = (parts.find(Rule::ident), parts.find(Rule::pipe)) {
+                        let (name, values) = (self.name(name), self.pipe(values));
+                        sweep.variables.push(ast::Swept { name, values });
+                    }
+                }
+                rule => match self.statement_of(rule, Parts(part.into_inner()), span) {
+                    Some(StatementKind::Action(action)) => sweep.actions.push(action),
+                    _ => self.diagnostics.push(
+                        Diagnostic::error("dscene::sweep::declaration", "a sweep holds actions, not declarations")
+                            .label(span, "declared here")
+                            .help("move it out of the braces: it sees the sweep's variables there too"),
+                    ),
+                },
+            }
+        }
+        sweep
+    }
+
+    fn report(&mut self, parts: Parts, span: Span) -> Action {
+        let mut columns = Vec::new();
+        for part in parts.0.filter(|p| p.as_rule() == Rule::reported) {
+            let mut parts = Parts(part.into_inner());
+            let Some(name) = parts.find(Rule::word).map(|p| self.name(p)) else { continue };
+            let value = match parts.take(Rule::expr) {
+                Some(value) => self.expr(value),
+                None => Expr { kind: ExprKind::Name(name.text.clone()), span: name.span },
+            };
+            columns.push(Field { name, value });
+        }
+        Action::Report { columns, span }
     }
 
     pub fn expr(&mut self, pair: P) -> Expr {

@@ -175,7 +175,7 @@ fn unknown_word(text: &str, at: usize, word: &str, span: &dyn std::ops::Fn(usize
         }
         None => {
             "statements begin with `let`, `param`, `fn`, `camera`, `material`, `shape`, `light`, `loss`, `optimize`, \
-             `save`, `print`, `plot`, `expect` or `import`"
+             `save`, `print`, `plot`, `expect`, `sweep` or `import`"
                 .to_owned()
         }
     };
@@ -300,6 +300,9 @@ fn rename(rule: Rule) -> &'static str {
         Rule::stage => "`stage`",
         Rule::every => "`every`",
         Rule::save | Rule::print | Rule::plot | Rule::expect => "an action",
+        Rule::optimize | Rule::report | Rule::sweep => "an action",
+        Rule::swept => "`NAME in VALUES`",
+        Rule::reported => "a column `name: value`",
         Rule::kw_to => "`to`",
         Rule::kw_in => "`in`",
         Rule::kw_as => "`as`",

@@ -9,16 +9,16 @@ use crate::source::{SourceId, Span};
 pub const MAX_DEPTH: usize = 100;
 
 /// Words that only begin statements.
-const STATEMENTS: [&str; 10] =
-    ["import", "let", "param", "fn", "native", "optimize", "save", "print", "plot", "expect"];
+const STATEMENTS: [&str; 12] =
+    ["import", "let", "param", "fn", "native", "optimize", "save", "print", "plot", "expect", "sweep", "report"];
 
 /// Words that begin a statement before a name.
 pub const KINDS: [&str; 10] =
     ["camera", "material", "texture", "mesh", "shape", "light", "medium", "scene", "integrator", "loss"];
 
-const RESERVED: [&str; 25] = [
+const RESERVED: [&str; 27] = [
     "import", "as", "let", "param", "fn", "native", "optimize", "stage", "every", "save", "print", "plot", "expect",
-    "with", "in", "to", "for", "if", "then", "else", "and", "or", "not", "true", "false",
+    "sweep", "report", "with", "in", "to", "for", "if", "then", "else", "and", "or", "not", "true", "false",
 ];
 
 /// One statement's place in the text, and the documentation above it.

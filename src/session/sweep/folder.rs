@@ -1,0 +1,154 @@
+//! The folder that all runs of a sweep share.
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::{Combination, Journal, Table};
+use crate::diag::Diagnostic;
+use crate::files::{RUN_LOCK, describe_io, is_leftover, read_own, write_atomically};
+use crate::session::Override;
+use crate::session::folder::{SourceText, cannot_write, lock_file};
+
+const RECORD: &str = "sweep.json";
+
+/// What `sweep.json` says: what was swept over, and the scripts as they were.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Record {
+    /// The version of dscene.
+    pub version: String,
+    pub file: String,
+    /// UTC.
+    pub started: String,
+    pub command: Vec<String>,
+    /// `--set NAME=VALUES`
+    pub set: Vec<Override>,
+    /// `--seed` and `--seeds`
+    pub seed: u64,
+    pub seeds: Option<u64>,
+    pub steps: Option<u64>,
+    pub prune: bool,
+    /// The script and its imports.
+    pub sources: Vec<SourceText>,
+}
+
+/// The folder, while a process works on the sweep.
+pub struct SweepFolder {
+    path: PathBuf,
+    pub journal: Journal,
+    _lock: fs::File,
+}
+
+impl SweepFolder {
+    /// The folder of a new sweep, or of one that goes on if its record says the same. With `force` files may be there, or have changed.
+    /// Processes with different `part`s may work on it at the same time.
+    pub fn open(path: &Path, record: &Record, part: Option<&str>, force: bool) -> Result<SweepFolder, Diagnostic> {
+        fs::create_dir_all(path).map_err(|e| no_folder(path, &describe_io(&e)))?;
+        let before = Record::read(path)?;
+        match &before {
+            Some(before) if !force => before.assert_same(record, path)?,
+            None if !force => assert_empty(path)?,
+            _ => {}
+        }
+        let name = part.map_or(RUN_LOCK.to_owned(), |part| format!("{RUN_LOCK}.{part}"));
+        let lock = lock_file(&path.join(name)).map_err(|why| {
+            let message = format!(
+                "cannot use `{}` for the sweep: {}",
+                path.display(),
+                why.map_or("another process works on it".to_owned(), |e| describe_io(&e))
+            );
+            Diagnostic::error("dscene::sweep::folder", message)
+                .help("wait until it has ended, or share the work with it: `--shard 1/2` and `--shard 2/2`")
+        })?;
+        let started = before.as_ref().map_or(&record.started, |before| &before.started).clone();
+        let record = Record { started, ..record.clone() };
+        if before.is_none_or(|before| before != record) {
+            let text = serde_json::to_string_pretty(&record).map_err(|e| no_folder(path, &e.to_string()))?;
+            let target = path.join(RECORD);
+            write_atomically(&target, format!("{text}\n").as_bytes()).map_err(|e| cannot_write(&target, &e))?;
+        }
+        Ok(SweepFolder { path: path.to_path_buf(), journal: Journal::of(path), _lock: lock })
+    }
+
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The run folder of a combination.
+    pub fn run(&self, run: &Combination) -> PathBuf {
+        self.path.join(run.name())
+    }
+
+    /// Makes the table of what has ended so far, and writes it. Of several processes, the last one to do so knows all.
+    pub fn write_table(&self, runs: &[Combination]) -> Result<Table, Diagnostic> {
+        let written = self.journal.locked(|_| Ok(self.table_files(runs)));
+        written.map_err(|e| cannot_write(&self.path, &e))?
+    }
+
+    fn table_files(&self, runs: &[Combination]) -> Result<Table, Diagnostic> {
+        let table = Table::new(runs, &self.journal.read()?);
+        for (name, bytes) in [("table.csv", table.csv()?), ("table.json", table.json().into_bytes())] {
+            let target = self.path.join(name);
+            write_atomically(&target, &bytes).map_err(|e| cannot_write(&target, &e))?;
+        }
+        Ok(table)
+    }
+}
+
+impl Record {
+    /// The record in a folder, if it is a sweep's.
+    pub fn read(folder: &Path) -> Result<Option<Record>, Diagnostic> {
+        let path = folder.join(RECORD);
+        let bytes = match read_own(&path) {
+            Ok(bytes) => bytes,
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(e) => return Err(no_folder(folder, &format!("`{RECORD}` cannot be read: {}", describe_io(&e)))),
+        };
+        serde_json::from_slice(&bytes).map(Some).map_err(|e| no_folder(folder, &format!("`{RECORD}` is damaged: {e}")))
+    }
+
+    /// Refuses to go on with other scripts than the sweep was begun with. More values and seeds may be added.
+    fn assert_same(&self, now: &Record, folder: &Path) -> Result<(), Diagnostic> {
+        let mut changes = Vec::new();
+        if self.version != now.version {
+            changes.push(format!("it was begun by dscene {}", self.version));
+        }
+        if self.steps != now.steps {
+            changes.push("`--steps` is another".to_owned());
+        }
+        for (before, after) in self.sources.iter().zip(&now.sources) {
+            if before.text != after.text {
+                changes.push(format!("`{}` has changed", after.file));
+            }
+        }
+        if self.sources.len() != now.sources.len() {
+            changes.push("it imports other files".to_owned());
+        }
+        if changes.is_empty() {
+            return Ok(());
+        }
+        let message = format!("the sweep in `{}` cannot go on as it began: {}", folder.display(), changes.join(", "));
+        Err(Diagnostic::error("dscene::sweep::changed", message).help(
+            "undo the change, choose a new folder with `--out DIR`, or add `--force` to go on with what is there now",
+        ))
+    }
+}
+
+/// Refuses a folder that has anything but another process's beginnings in it.
+fn assert_empty(folder: &Path) -> Result<(), Diagnostic> {
+    let entries = fs::read_dir(folder).map_err(|e| no_folder(folder, &describe_io(&e)))?;
+    let is_nothing = |name: &str| name.starts_with(RUN_LOCK) || is_leftover(name);
+    let names = entries.filter_map(|e| Some(e.ok()?.file_name().to_string_lossy().into_owned()));
+    match names.into_iter().find(|name| !is_nothing(name)) {
+        Some(name) if name != RECORD => Err(no_folder(folder, &format!("there is `{name}`, which is not a sweep's"))),
+        _ => Ok(()),
+    }
+}
+
+fn no_folder(path: &Path, why: &str) -> Diagnostic {
+    let why = if path.is_file() { "it is a file" } else { why };
+    Diagnostic::error("dscene::sweep::folder", format!("cannot use `{}` for the sweep: {why}", path.display()))
+        .help("choose another folder with `--out DIR`")
+}

@@ -1,0 +1,274 @@
+//! The table of a sweep: a row for each combination of values, a column for each reported number, means with standard errors over seeds.
+
+use std::collections::HashMap;
+
+use serde_json::{Map, Value, json};
+
+use super::Combination;
+use super::journal::{End, Entry};
+use crate::data::table;
+use crate::diag::Diagnostic;
+use crate::session::Override;
+use crate::session::folder::number;
+use crate::session::show::{self, plus_minus};
+use crate::session::stats::Moments;
+
+/// A sweep, as far as it has been run.
+#[derive(Clone, Debug)]
+pub struct Table {
+    columns: Vec<String>,
+    rows: Vec<Row>,
+}
+
+#[derive(Clone, Debug)]
+struct Row {
+    set: Vec<Override>,
+    /// By seed, as planned.
+    runs: Vec<(Combination, Option<Entry>)>,
+    /// By column, of the runs that have finished and say something finite.
+    moments: Vec<Moments>,
+}
+
+impl Table {
+    /// Of the planned `runs`, with the ends of those that have ended.
+    pub fn new(runs: &[Combination], ended: &HashMap<String, Entry>) -> Table {
+        let mut rows: Vec<Row> = Vec::new();
+        let mut places: HashMap<Vec<&str>, usize> = HashMap::new();
+        let mut columns: Vec<String> = Vec::new();
+        for run in runs {
+            let place = *places.entry(run.row()).or_insert_with(|| {
+                rows.push(Row { set: run.overrides.clone(), runs: Vec::new(), moments: Vec::new() });
+                rows.len() - 1
+            });
+            let entry = ended.get(&run.name()).cloned();
+            for (name, _) in entry.iter().flat_map(|entry| &entry.values) {
+                if !columns.contains(name) {
+                    columns.push(name.clone());
+                }
+            }
+            rows[place].runs.push((run.clone(), entry));
+        }
+        for row in &mut rows {
+            row.moments = columns.iter().map(|column| row.moments_of(column)).collect();
+        }
+        Table { columns, rows }
+    }
+
+    /// Whether every run has finished as the script wants it, or was pruned.
+    pub fn is_success(&self) -> bool {
+        let is_fine = |entry: &Entry| match entry.end {
+            End::Finished => entry.failed_expects == 0,
+            End::Pruned => true,
+            End::Diverged | End::Error => false,
+        };
+        self.runs().all(|(_, entry)| entry.as_ref().is_none_or(is_fine))
+    }
+
+    /// Runs that have not ended yet.
+    pub fn missing(&self) -> usize {
+        self.runs().filter(|(_, entry)| entry.is_none()).count()
+    }
+
+    fn runs(&self) -> impl Iterator<Item = &(Combination, Option<Entry>)> {
+        self.rows.iter().flat_map(|row| &row.runs)
+    }
+
+    /// By column, the row with the least mean.
+    fn best(&self) -> Vec<Option<usize>> {
+        let mean = |row: &Row, column: usize| row.moments[column].mean().first().copied();
+        let least = |column: usize| {
+            let means = self.rows.iter().enumerate().filter_map(|(i, row)| Some((i, mean(row, column)?)));
+            means.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(i, _)| i)
+        };
+        (0..self.columns.len()).map(least).collect()
+    }
+
+    /// For a terminal.
+    pub fn text(&self) -> String {
+        let names = self.rows.first().map_or(Vec::new(), |row| row.set.iter().map(|o| o.name.clone()).collect());
+        let seeds = self.rows.iter().map(|row| row.runs.len()).max().unwrap_or(0);
+        let is_told = self.rows.iter().any(|row| !row.notes().is_empty());
+        let mut head: Vec<String> = names;
+        head.push("seeds".to_owned());
+        head.extend(self.columns.iter().map(|c| format!("{}  ", show_name(c))));
+        head.extend(is_told.then(String::new));
+        let mut lines = vec![head];
+        let best = self.best();
+        for (i, row) in self.rows.iter().enumerate() {
+            let mut line: Vec<String> = row.set.iter().map(|o| show_name(&o.value)).collect();
+            line.push(if row.finished() == seeds {
+                seeds.to_string()
+            } else {
+                format!("{} of {seeds}", row.finished())
+            });
+            for (column, moments) in row.moments.iter().enumerate() {
+                let is_best = self.rows.len() > 1 && best[column] == Some(i);
+                line.push(format!("{} {}", shown(moments), if is_best { "*" } else { " " }));
+            }
+            line.extend(is_told.then(|| row.notes()));
+            lines.push(line);
+        }
+        show::table(&lines)
+    }
+
+    /// For other programs: a line for each row, with the numbers to their last digit.
+    pub fn csv(&self) -> Result<Vec<u8>, Diagnostic> {
+        let names = self.rows.first().map_or(Vec::new(), |row| row.set.iter().map(|o| o.name.clone()).collect());
+        let mut head: Vec<String> = names;
+        head.extend(["finished", "diverged", "pruned", "error"].map(|end| format!("runs_{end}")));
+        for column in &self.columns {
+            head.extend([column.clone(), format!("{column}_error")]);
+        }
+        let line = |row: &Row| {
+            let mut line: Vec<String> = row.set.iter().map(|o| o.value.clone()).collect();
+            let ends = [End::Finished, End::Diverged, End::Pruned, End::Error];
+            line.extend(ends.map(|end| row.count(end).to_string()));
+            for moments in &row.moments {
+                line.push(moments.mean().first().map_or(String::new(), f64::to_string));
+                line.push(error_of(moments).map_or(String::new(), |x| x.to_string()));
+            }
+            line
+        };
+        let lines: Vec<Vec<String>> = self.rows.iter().map(line).collect();
+        let head: Vec<&str> = head.iter().map(String::as_str).collect();
+        table::encode(Some(&head), &lines).map_err(|why| Diagnostic::error("dscene::run::write", why))
+    }
+
+    /// For other programs: the same with every run.
+    pub fn json(&self) -> String {
+        let best = self.best();
+        let rows: Vec<Value> = self.rows.iter().map(|row| row.json(&self.columns)).collect();
+        let best: Map<String, Value> =
+            self.columns.iter().cloned().zip(best.into_iter().map(|row| json!(row))).collect();
+        let table = json!({ "columns": self.columns, "rows": rows, "best": best });
+        format!("{}\n", serde_json::to_string_pretty(&table).unwrap_or_default())
+    }
+}
+
+impl Row {
+    fn moments_of(&self, column: &str) -> Moments {
+        let mut moments = Moments::default();
+        let finished = self.runs.iter().filter_map(|(_, entry)| entry.as_ref()).filter(|e| e.end == End::Finished);
+        for (_, x) in finished.flat_map(|entry| &entry.values).filter(|(name, x)| name == column && x.is_finite()) {
+            moments.add(&[*x]);
+        }
+        moments
+    }
+
+    fn count(&self, end: End) -> usize {
+        self.runs.iter().filter(|(_, entry)| entry.as_ref().is_some_and(|entry| entry.end == end)).count()
+    }
+
+    fn finished(&self) -> usize {
+        self.count(End::Finished)
+    }
+
+    /// What is to be said of its runs beside their numbers.
+    fn notes(&self) -> String {
+        let mut notes = Vec::new();
+        let ends = [(End::Diverged, "diverged"), (End::Pruned, "pruned"), (End::Error, "ended with an error")];
+        for (end, word) in ends {
+            notes.extend(Some(self.count(end)).filter(|n| *n > 0).map(|n| format!("{n} {word}")));
+        }
+        let entries = || self.runs.iter().filter_map(|(_, entry)| entry.as_ref());
+        let expects = entries().filter(|entry| entry.failed_expects > 0).count();
+        notes.extend((expects > 0).then(|| format!("an `expect` failed in {expects}")));
+        let finished = entries().filter(|entry| entry.end == End::Finished);
+        let broken = finished.filter(|entry| entry.values.iter().any(|(_, x)| !x.is_finite())).count();
+        notes.extend((broken > 0).then(|| format!("{broken} with values that are not finite")));
+        notes.join(", ")
+    }
+
+    fn json(&self, columns: &[String]) -> Value {
+        let set: Map<String, Value> = self.set.iter().map(|o| (o.name.clone(), json!(o.value))).collect();
+        let run = |(run, entry): &(Combination, Option<Entry>)| {
+            let values =
+                |entry: &Entry| entry.values.iter().map(|(n, x)| (n.clone(), number(*x))).collect::<Map<_, _>>();
+            json!({
+                "seed": run.seed, "folder": run.name(), "end": entry.as_ref().map(|entry| entry.end),
+                "values": entry.as_ref().map(values), "why": entry.as_ref().and_then(|entry| entry.why.clone()),
+            })
+        };
+        let column = |x: &dyn Fn(&Moments) -> Value| -> Map<String, Value> {
+            columns.iter().cloned().zip(self.moments.iter().map(x)).collect()
+        };
+        let mean = column(&|moments| moments.mean().first().map_or(Value::Null, |x| number(*x)));
+        let error = column(&|moments| error_of(moments).map_or(Value::Null, number));
+        json!({ "set": set, "mean": mean, "std_error": error, "runs": self.runs.iter().map(run).collect::<Vec<_>>() })
+    }
+}
+
+/// The standard error of a mean; one number has none that is known.
+fn error_of(moments: &Moments) -> Option<f64> {
+    moments.std_error().first().copied().filter(|_| moments.count() > 1)
+}
+
+fn shown(moments: &Moments) -> String {
+    match (moments.mean().first(), error_of(moments)) {
+        (Some(mean), Some(error)) => plus_minus(*mean, error),
+        (Some(mean), None) => show::significant(*mean, 4),
+        (None, _) => "–".to_owned(),
+    }
+}
+
+/// On one line and of bearable length.
+fn show_name(text: &str) -> String {
+    let line = text.split_whitespace().collect::<Vec<&str>>().join(" ");
+    if line.chars().count() <= 32 { line } else { format!("{}…", line.chars().take(31).collect::<String>()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Axis, combinations};
+    use super::*;
+
+    fn entry(end: End, error: f64) -> Entry {
+        let values = vec![("error".to_owned(), error), ("seconds".to_owned(), 2.0)];
+        Entry { end, values, steps: 1, failed_expects: 0, why: None }
+    }
+
+    fn table(ends: &[(usize, Entry)]) -> Table {
+        let axes = [Axis { name: "lr".into(), values: vec!["0.1".into(), "0.2".into()] }];
+        let runs = combinations(&axes, &[0, 1]).unwrap();
+        Table::new(&runs, &ends.iter().map(|(i, entry)| (runs[*i].name(), entry.clone())).collect())
+    }
+
+    #[test]
+    fn a_row_has_the_mean_over_seeds_and_its_error() {
+        let all = [(0, 1.0), (1, 4.0), (2, 2.0), (3, 5.0)].map(|(i, x)| (i, entry(End::Finished, x)));
+        let found = table(&all);
+        assert!(found.is_success() && found.missing() == 0);
+        let text = found.text();
+        let words: Vec<&str> = text.split_whitespace().collect();
+        let expected = [
+            "lr", "seeds", "error", "seconds", "0.1", "2", "1.50", "±", "0.50", "*", "2", "*", "0.2", "2", "4.50", "±",
+            "0.50", "2",
+        ];
+        assert_eq!(words, expected, "{text}");
+        let csv = String::from_utf8(found.csv().unwrap()).unwrap();
+        let head = "lr,runs_finished,runs_diverged,runs_pruned,runs_error,error,error_error,seconds,seconds_error";
+        assert_eq!(csv, format!("{head}\n0.1,2,0,0,0,1.5,0.5,2,0\n0.2,2,0,0,0,4.5,0.5,2,0\n"));
+        let json: Value = serde_json::from_str(&found.json()).unwrap();
+        assert_eq!(
+            (&json["best"]["error"], &json["rows"][1]["runs"][0]["folder"]),
+            (&json!(0), &json!("lr=0.2,seed=0"))
+        );
+    }
+
+    #[test]
+    fn what_has_no_value_is_told_and_spoils_no_mean() {
+        let found = table(&[
+            (0, entry(End::Diverged, 1e9)),
+            (1, entry(End::Finished, 4.0)),
+            (2, entry(End::Finished, 2.0)),
+            (3, Entry { failed_expects: 1, ..entry(End::Finished, f64::NAN) }),
+        ]);
+        assert!(!found.is_success());
+        let text = found.text();
+        assert!(text.contains("1 of 2       2 *") && text.contains("1 diverged"), "{text}");
+        assert!(text.contains("an `expect` failed in 1, 1 with values that are not finite"), "{text}");
+        let part = table(&[(0, entry(End::Pruned, 1.0))]);
+        assert!(part.is_success() && part.missing() == 3 && part.text().contains("1 pruned"), "{}", part.text());
+        assert_eq!(table(&[]).text().lines().count(), 3);
+    }
+}
