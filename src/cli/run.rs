@@ -23,18 +23,10 @@ pub fn run(args: RunArgs) -> u8 {
     let mut common = args.common.clone();
     let mut resumed = None;
     if let Some(path) = &args.resume {
-        let found = RunFolder::reopen(path).and_then(|folder| Ok((folder, Checkpoint::read(path)?)));
-        let (folder, checkpoint) = match found {
+        let (folder, checkpoint) = match reopen(path, &mut terminal) {
             Ok(found) => found,
-            Err(diagnostic) => {
-                terminal.diagnostic(&diagnostic, &SourceMap::default());
-                return EXIT_WRONG;
-            }
+            Err(code) => return code,
         };
-        if checkpoint.finished {
-            terminal.note(&format!("{} is finished: there is nothing to resume", path.display()));
-            return if checkpoint.report.is_success() { 0 } else { EXIT_WRONG };
-        }
         common.seed = checkpoint.settings.seed;
         common.set.clone_from(&checkpoint.settings.overrides);
         resumed = Some((folder, checkpoint));
@@ -115,6 +107,20 @@ pub fn run(args: RunArgs) -> u8 {
         }
     }
     code
+}
+
+/// The run in a folder, or the exit code if there is nothing to go on with.
+fn reopen(path: &Path, terminal: &mut Terminal) -> Result<Begun, u8> {
+    let found = RunFolder::reopen(path).and_then(|folder| Ok((folder, Checkpoint::read(path)?)));
+    let (folder, checkpoint) = found.map_err(|diagnostic| {
+        terminal.diagnostic(&diagnostic, &SourceMap::default());
+        EXIT_WRONG
+    })?;
+    if checkpoint.finished {
+        terminal.note(&format!("{} is finished: there is nothing to resume", path.display()));
+        return Err(if checkpoint.report.is_success() { 0 } else { EXIT_WRONG });
+    }
+    Ok((folder, checkpoint))
 }
 
 /// Interrupts the run when standard input ends, because the sweep that has begun it has ended, however it did.

@@ -14,7 +14,7 @@ use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load, out};
 use crate::diag::Diagnostic;
 use crate::memory;
 use crate::session::clock::{Date, Stopwatch, human_seconds};
-use crate::session::folder::number;
+use crate::session::folder::{SourceText, number};
 use crate::session::show::significant;
 use crate::session::sweep::{Combination, End, Entry, Record, SweepFolder, Table, combinations};
 use crate::session::{World, world};
@@ -59,6 +59,8 @@ fn take_up(args: &mut SweepArgs) -> Result<(), Diagnostic> {
 /// Runs the sweep of a script that has been checked.
 pub fn run_loaded(args: SweepArgs, mut loaded: Loaded, terminal: &mut Terminal) -> u8 {
     let watch = Stopwatch::start();
+    // Before expressions of the command line are added to them.
+    let sources = source_texts(&loaded);
     let Some(plan) = Plan::new(&args, &mut loaded, terminal) else { return EXIT_WRONG };
     let Some(runs) = combinations(&plan.axes, &plan.seeds) else {
         let told = Diagnostic::error("dscene::sweep::size", "these are more than 100,000 runs")
@@ -66,7 +68,7 @@ pub fn run_loaded(args: SweepArgs, mut loaded: Loaded, terminal: &mut Terminal) 
         terminal.diagnostic(&told, &SourceMap::default());
         return EXIT_WRONG;
     };
-    let done = open(&args, &loaded).and_then(|folder| {
+    let done = open(&args, sources).and_then(|folder| {
         let mut sweep =
             Sweep { jobs: Jobs::new(&args, plan.declares_seed)?, args: &args, folder, runs, terminal, ended: 0 };
         let interrupted = world::listening(|| sweep.run_all())?;
@@ -83,7 +85,7 @@ pub fn run_loaded(args: SweepArgs, mut loaded: Loaded, terminal: &mut Terminal) 
     }
 }
 
-fn open(args: &SweepArgs, loaded: &Loaded) -> Result<SweepFolder, Diagnostic> {
+fn open(args: &SweepArgs, sources: Vec<SourceText>) -> Result<SweepFolder, Diagnostic> {
     let share = memory::limit() / u64::from(args.jobs);
     if share < LEAST_MEMORY {
         let (jobs, limit) = (args.jobs, memory::size_text(memory::limit()));
@@ -103,7 +105,7 @@ fn open(args: &SweepArgs, loaded: &Loaded) -> Result<SweepFolder, Diagnostic> {
         seeds: args.seeds,
         steps: args.run.steps,
         prune: args.prune,
-        sources: source_texts(loaded),
+        sources,
     };
     let default = || PathBuf::from("runs").join(format!("{}-sweep", name_of(&args.run.file)));
     let path = common.out.clone().unwrap_or_else(default);
