@@ -550,6 +550,71 @@ save target \"a.png\"",
         ],
     },
     Case {
+        name: "sweeps",
+        prelude: SCENE,
+        script: "\
+sweep rat in [0.01, 0.1], spp in 3..3, size in [1, \"big\"], seed in [1.5], rat in [2] {
+  optimize fit { using: adam(lr: 0.01), spp: spp }
+  report { fit, far: [size, 2], turned: 45deg, fit: 2, when: second }
+  let late = 3
+  sweep i in 0..2 { print i }
+  report { size }
+}
+print fit
+sweep again in [1] { print again }",
+        wanted: &[
+            ("dscene::sweep::empty", "3..3", "`0..5`"),
+            ("dscene::type::mismatch", "\"big\"", ""),
+            ("dscene::sweep::seed", "1.5", "`seed in 0..5`"),
+            ("dscene::call::duplicate", "rat", ""),
+            ("dscene::type::mismatch", "[size, 2]", "norm([size, 2])"),
+            ("dscene::type::mismatch", "45deg", "`45deg / 1deg`"),
+            ("dscene::call::duplicate", "fit", ""),
+            ("dscene::name::unknown", "second", "`seconds`"),
+            ("dscene::sweep::declaration", "let late = 3", "move it out"),
+            ("dscene::sweep::nested", "sweep i in 0..2", "its variables too"),
+            ("dscene::sweep::report", "report { size }", "one of them"),
+            ("dscene::sweep::beside", "print fit", "into the braces"),
+            ("dscene::sweep::twice", "sweep again in [1]", "both at once"),
+        ],
+    },
+    Case {
+        name: "sweeps_of_nothing",
+        prelude: SCENE,
+        script: "\
+fn twice(x) = 2 * x
+sweep sise in [1, 2], rate in 0.1, twice in [1], twin in [twin] {
+  optimize fit { using: adam(lr: rate) }
+}",
+        wanted: &[
+            ("dscene::type::mismatch", "0.1", "`[0.1]`"),
+            ("dscene::type::mismatch", "twice", ""),
+            ("dscene::name::cycle", "twin", ""),
+        ],
+    },
+    Case {
+        name: "sweep_without_effect",
+        prelude: SCENE,
+        script: "sweep sise in [1, 2] { optimize fit { steps: 3 } }",
+        wanted: &[("dscene::sweep::unused", "sise", "did you mean `size`?")],
+    },
+    Case {
+        name: "report_without_sweep",
+        prelude: SCENE,
+        script: "optimize fit { steps: 10 }\nreport { error: fit, seconds }",
+        wanted: &[("dscene::sweep::report", "report { error: fit, seconds }", "`sweep NAME in [a, b] { … }`")],
+    },
+    Case {
+        name: "sweep_mistyped",
+        prelude: SCENE,
+        script: "sweep rate = [0.1, 0.2] { print rate }\nsweep seed in 0..3 report { fit }\nsweep in [1] { print 1 }",
+        wanted: &[
+            ("dscene::syntax::unexpected", "=", ""),
+            ("dscene::syntax::unexpected", "3", ""),
+            ("dscene::syntax::unexpected", "in", ""),
+        ],
+    },
+    Case {
         name: "many_at_once",
         prelude: "",
         script: "\

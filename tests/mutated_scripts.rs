@@ -57,6 +57,8 @@ const SCRAPS: &[&str] = &[
     "loss ",
     "optimize ",
     "every 3 {",
+    "sweep x in [1, 2], seed in 0..3 {",
+    "report { x, y: ",
     "save ",
     " to ",
     "step",

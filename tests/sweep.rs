@@ -152,6 +152,7 @@ fn what_is_wrong_is_told_before_anything_runs() {
         ("a.dscene", &["--set", "rate=3..3"], "there is nothing to sweep over"),
         ("a.dscene", &["--set", "rate=0.1,,0.2"], "dscene::syntax"),
         ("a.dscene", &["--set", "rate=0.1", "--set", "rate=0.2"], "`--set rate=A,B`"),
+        ("a.dscene", &["--set", "seed=1,2"], "`--seeds 5`"),
         ("a.dscene", &["--set", "start=0..2000", "--seeds", "1000"], "more than 100,000 runs"),
         ("a.dscene", &["--memory", "200MB", "--jobs", "8"], "a run needs 50 MB"),
         ("b.dscene", &["--set", "lr=0.1,eye"], "dscene::"),
@@ -202,6 +203,8 @@ fn a_run_that_fails_is_told_and_stops_no_other() {
     let before = lines(&place, "r", "begun").len();
     assert_code(&place.dsl(&["run", "a.dscene", "--out", "r"]), 1);
     assert_eq!((before, lines(&place, "r", "begun").len()), (6, 9));
+    let page = fs::read_to_string(place.path("r/compare.html")).unwrap();
+    assert!(page.contains("Sweep of a") && page.contains("rate = 0.2"), "{page}");
 }
 
 #[test]

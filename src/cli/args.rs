@@ -52,7 +52,7 @@ The values of --set are what stands between the brackets of a list, or a range. 
 the values of a variable of its own `sweep`. Each run has a folder below runs/NAME-sweep (or --out), named by its values. The same command
 goes on where it was interrupted or killed: what has finished is not run again, more values and seeds may be added, and the result is the
 same to the bit. journal.jsonl has a line for each run that begins or ends; table.csv and table.json have the means over seeds with their
-standard errors. In the table, * marks the least of a column. Its columns are what the script says (`report { error: …, seconds }`), else
+standard errors, and compare.html shows the curves of up to 60 runs. In the table, * marks the least of a column. Its columns are what the script says (`report { error: …, seconds }`), else
 the losses at the end and the seconds. --prune stops runs whose loss is worse than the median of at least three finished ones at the same
 step, by more than the noise of both (median stopping rule, Golovin et al. 2017). Exits with 1 if a run diverged, failed or has a failed
 `expect`; all others are run all the same. With --json, standard output gets one object for each run that ends, and one at the end.")]
@@ -396,7 +396,9 @@ mod tests {
 
     #[test]
     fn every_command_takes_the_common_options() {
-        for command in ["run f", "sweep f", "check f", "render f", "grad f", "eval f x", "export r", "compare r", "repl"] {
+        for command in
+            ["run f", "sweep f", "check f", "render f", "grad f", "eval f x", "export r", "compare r", "repl"]
+        {
             let line =
                 format!("dsl {command} --set a=1 --set b=2 --seed 3 --threads 2 --memory 4GB --quiet --json --out d");
             assert!(Cli::try_parse_from(line.split(' ')).is_ok(), "{line}");

@@ -327,7 +327,7 @@ impl<'a> Runner<'a> {
                 loss: report.loss,
                 seconds_per_step: seconds / taken as f64,
             });
-            if let Some(why) = self.judge.as_mut().and_then(|judge| judge.verdict(optimization.name(), report.step)) {
+            if let Some(why) = self.hopeless(optimization) {
                 self.world.progress_done();
                 self.world.note(&format!("pruned after step {}: {why}", report.step));
                 self.report.pruned = Some(report.step);
@@ -344,6 +344,13 @@ impl<'a> Runner<'a> {
             }
         }
         Ok(Flow::Continue)
+    }
+
+    /// Why the rest of the run is not worth its time, if it is compared with others.
+    fn hopeless(&mut self, optimization: &Optimization) -> Option<String> {
+        let name = optimization.name();
+        let losses = self.histories.get(name)?;
+        self.judge.as_mut()?.verdict(name, losses)
     }
 
     /// What is due before a step, the step, and its record. What Ctrl-C or an error ends half-way is forgotten: it may be done again.

@@ -220,6 +220,9 @@ fn help(text: &str, at: usize, found: &str) -> Option<String> {
         ":" => "a name before `:` names a field or an argument; a `let` has `=`",
         "with" => "replacements go in braces: `expr with { name: value }`",
         "then" | "else" => "`if` needs all three: `if c then a else b`",
+        "for" if text.contains("optimize") => {
+            "there are no loops: runs with several values are a sweep, `sweep rate in [0.01, 0.1] { optimize … }`"
+        }
         "for" => "there are no loops: an array is built by `[… for i in 0..n]`",
         "while" | "return" => "there are no loops and no `return`: everything is an expression",
         "if" => "`if` is part of an expression: `let a = if c then x else y`",

@@ -8,9 +8,9 @@ pub enum Completeness {
 }
 
 /// No input ends in one of these words.
-const GO_ON: [&str; 17] = [
+const GO_ON: [&str; 18] = [
     "and", "or", "not", "if", "then", "else", "with", "in", "to", "for", "as", "let", "param", "fn", "save", "expect",
-    "optimize",
+    "optimize", "sweep",
 ];
 
 /// Looks at brackets, strings and comments only; an empty last line ends any input.

@@ -42,6 +42,12 @@ impl Plan {
         let declares_seed = axes.iter().any(|axis| axis.name == SEED);
         let mut named: Vec<&str> = Vec::new();
         for Override { name, value } in &args.run.common.set {
+            if name == SEED && !declares_seed {
+                let told = Diagnostic::error("dscene::sweep::seed", "the seeds of a sweep are not set as a value is")
+                    .help("write `--seeds 5`, and perhaps `--seed N` for the first of them");
+                terminal.diagnostic(&told, &SourceMap::default());
+                return None;
+            }
             let values = listed(name, value, loaded, terminal)?;
             if named.contains(&name.as_str()) {
                 let told = Diagnostic::error("dscene::sweep::twice", format!("`--set {name}` is given twice"))

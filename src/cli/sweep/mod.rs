@@ -3,6 +3,7 @@
 mod axes;
 mod jobs;
 
+use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -12,18 +13,24 @@ use super::args::SweepArgs;
 use super::run::{name_of, source_texts};
 use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load, out};
 use crate::diag::Diagnostic;
+use crate::files::write_atomically;
 use crate::memory;
+use crate::report::comparison;
 use crate::session::clock::{Date, Stopwatch, human_seconds};
-use crate::session::folder::{SourceText, number};
+use crate::session::folder::{SourceText, cannot_write, number};
 use crate::session::show::significant;
 use crate::session::sweep::{Combination, End, Entry, Record, SweepFolder, Table, combinations};
-use crate::session::{World, world};
+use crate::session::{Run, World, world};
 use crate::source::SourceMap;
 use axes::Plan;
 use jobs::{Ended, Jobs};
 
 /// Less memory than this is not enough for a run.
 const LEAST_MEMORY: u64 = 50_000_000;
+
+/// The page that overlays the runs' curves, and the most of them.
+const PAGE: &str = "compare.html";
+const MOST_CURVES: usize = 60;
 
 /// How often the runs and Ctrl-C are looked after.
 const LOOK: Duration = Duration::from_millis(50);
@@ -69,10 +76,18 @@ pub fn run_loaded(args: SweepArgs, mut loaded: Loaded, terminal: &mut Terminal) 
         return EXIT_WRONG;
     };
     let done = open(&args, sources).and_then(|folder| {
-        let mut sweep =
-            Sweep { jobs: Jobs::new(&args, plan.declares_seed)?, args: &args, folder, runs, terminal, ended: 0 };
+        let mut sweep = Sweep {
+            jobs: Jobs::new(&args, plan.declares_seed)?,
+            args: &args,
+            folder,
+            runs,
+            terminal,
+            ended: 0,
+            told: HashSet::new(),
+        };
         let interrupted = world::listening(|| sweep.run_all())?;
         let table = sweep.folder.write_table(&sweep.runs)?;
+        sweep.write_page()?;
         Ok((interrupted, table, sweep.folder.path().to_path_buf()))
     });
     terminal.progress_done();
@@ -121,6 +136,8 @@ struct Sweep<'a> {
     terminal: &'a mut Terminal,
     /// Runs of this process that have ended, now or before.
     ended: usize,
+    /// What runs have written to standard error.
+    told: HashSet<String>,
 }
 
 impl Sweep<'_> {
@@ -163,11 +180,22 @@ impl Sweep<'_> {
             // A run that was begun by a process which has just been killed ends with it, but not at once.
             let Some(next) = waiting.iter().rposition(|run| jobs::is_free(&self.folder.run(run))) else { break };
             let run = waiting.remove(next);
-            // Another process may have done it meanwhile.
             self.folder.journal.begun(&run)?;
             self.jobs.begin(&self.folder, run)?;
         }
         Ok(())
+    }
+
+    /// Writes the page with the curves of the runs, of the first seeds if there are too many. What cannot be read is left out.
+    fn write_page(&self) -> Result<(), Diagnostic> {
+        let path = self.folder.path().join(PAGE);
+        let title = format!("Sweep of {}", name_of(&self.args.run.file));
+        let write = |_: &mut std::fs::File| {
+            let folders = self.runs.iter().map(|run| self.folder.run(run)).filter(|folder| folder.is_dir());
+            let runs: Vec<Run> = folders.filter_map(|folder| Run::read(&folder).ok()).take(MOST_CURVES).collect();
+            if runs.is_empty() { Ok(()) } else { write_atomically(&path, comparison(&title, &runs).as_bytes()) }
+        };
+        self.folder.journal.locked(write).map_err(|e| cannot_write(&path, &e))
     }
 
     /// Notes the end of a run. One that was interrupted has not ended.
@@ -187,12 +215,10 @@ impl Sweep<'_> {
             );
             return Ok(());
         }
-        if entry.end != End::Finished || entry.failed_expects > 0 {
-            // Where a run has gone wrong it has said why.
-            let errors = errors.trim_end();
-            if !errors.is_empty() {
-                self.terminal.above_bar(errors);
-            }
+        // What several runs say is told once.
+        let errors = errors.trim_end();
+        if !errors.is_empty() && self.told.insert(errors.to_owned()) {
+            self.terminal.above_bar(errors);
         }
         self.terminal.note(&format!("{name}: {}", told(&entry)));
         Ok(())

@@ -8,13 +8,10 @@
 //! stopped do not.
 
 use std::collections::HashMap;
-use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use serde_json::Value;
-
 use super::journal::{End, Journal};
+use crate::session::record::Step;
 use crate::session::show::significant;
 
 /// Steps that are averaged, and from one verdict to the next.
@@ -30,9 +27,10 @@ const STANDARD_ERRORS: f64 = 3.0;
 #[derive(Debug)]
 pub struct Judge {
     sweep: PathBuf,
-    own: Losses,
-    /// By the name of a finished run.
-    others: HashMap<String, Losses>,
+    /// Optimisations that the run has begun.
+    begun: usize,
+    /// By the name of a finished run, its losses: by optimisation, in their order, and step.
+    others: HashMap<String, Vec<Vec<f64>>>,
     /// Length of the journal when it was last read.
     seen: u64,
 }
@@ -40,25 +38,26 @@ pub struct Judge {
 impl Judge {
     /// For the run in the folder `run`, which is one of the folder `sweep`.
     pub fn new(sweep: &Path, run: &Path) -> Judge {
-        Judge { sweep: sweep.to_path_buf(), own: Losses::of(run), others: HashMap::new(), seen: 0 }
+        Judge { sweep: sweep.to_path_buf(), begun: losses(run).len(), others: HashMap::new(), seen: 0 }
     }
 
-    /// Why the run is hopeless after a step of the optimisation of `of`, in words, if it is.
-    pub fn verdict(&mut self, of: &str, step: u64) -> Option<String> {
-        if !(step + 1).is_multiple_of(WINDOW as u64) {
+    /// Why the run is hopeless after a step of the optimisation of `of`, in words, if it is; `own` are the losses of its steps.
+    pub fn verdict(&mut self, of: &str, own: &[f64]) -> Option<String> {
+        self.begun += usize::from(own.len() == 1);
+        if own.is_empty() || !own.len().is_multiple_of(WINDOW) {
             return None;
         }
-        self.own.update();
-        let nth = self.own.parts.len().checked_sub(1)?;
-        let own = self.own.smoothed(nth, step)?;
+        let smoothed_own = smoothed(own)?;
         self.look_for_others();
-        let mut others: Vec<Smoothed> = self.others.values().filter_map(|run| run.smoothed(nth, step)).collect();
+        let nth = self.begun.checked_sub(1)?;
+        let at = |run: &Vec<Vec<f64>>| smoothed(run.get(nth)?.get(..own.len())?);
+        let mut others: Vec<Smoothed> = self.others.values().filter_map(at).collect();
         others.sort_by(|a, b| a.mean.total_cmp(&b.mean));
         let median = median(&others)?;
-        let noise = (own.error.powi(2) + median.error.powi(2)).sqrt();
-        (own.mean - median.mean > STANDARD_ERRORS * noise).then(|| {
+        let noise = (smoothed_own.error.powi(2) + median.error.powi(2)).sqrt();
+        (smoothed_own.mean - median.mean > STANDARD_ERRORS * noise).then(|| {
             let [own, median] =
-                [own, median].map(|x| format!("{} ± {}", significant(x.mean, 4), significant(x.error, 2)));
+                [smoothed_own, median].map(|x| format!("{} ± {}", significant(x.mean, 4), significant(x.error, 2)));
             format!("`{of}` is {own}, the median of {} finished runs {median} at that step", others.len())
         })
     }
@@ -74,11 +73,7 @@ impl Judge {
         let ended = journal.read().unwrap_or_default();
         for (name, _) in ended.into_iter().filter(|(_, entry)| entry.end == End::Finished) {
             let folder = self.sweep.join(&name);
-            self.others.entry(name).or_insert_with(|| {
-                let mut losses = Losses::of(&folder);
-                losses.update();
-                losses
-            });
+            self.others.entry(name).or_insert_with(|| losses(&folder));
         }
     }
 }
@@ -99,52 +94,21 @@ fn median(sorted: &[Smoothed]) -> Option<Smoothed> {
     Some(Smoothed { mean: (a.mean + b.mean) / 2.0, error: (a.error + b.error) / 2.0 })
 }
 
-/// The losses in the log of a run.
-#[derive(Debug)]
-struct Losses {
-    log: PathBuf,
-    /// Bytes of whole lines that were read.
-    read: u64,
-    /// By optimisation, in their order, and step.
-    parts: Vec<Vec<f64>>,
+/// The mean of the last [`WINDOW`] losses, if all are finite.
+fn smoothed(losses: &[f64]) -> Option<Smoothed> {
+    let window = losses.get(losses.len().checked_sub(WINDOW)?..)?;
+    let n = window.len() as f64;
+    let mean = window.iter().sum::<f64>() / n;
+    let squares: f64 = window.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
+    let error = (squares / (2.0 * (n - 1.0) * n)).sqrt();
+    (mean.is_finite() && error.is_finite()).then_some(Smoothed { mean, error })
 }
 
-impl Losses {
-    fn of(run: &Path) -> Losses {
-        Losses { log: run.join("log.jsonl"), read: 0, parts: Vec::new() }
-    }
-
-    /// Reads what the log has got since. What cannot be read is missing, and says nothing.
-    fn update(&mut self) {
-        let mut text = Vec::new();
-        let Ok(mut file) = File::open(&self.log) else { return };
-        if file.seek(SeekFrom::Start(self.read)).and_then(|_| file.read_to_end(&mut text)).is_err() {
-            return;
-        }
-        let whole = text.iter().rposition(|b| *b == b'\n').map_or(0, |end| end + 1);
-        self.read += whole as u64;
-        for line in text[..whole].split(|b| *b == b'\n') {
-            let Ok(line) = serde_json::from_slice::<Value>(line) else { continue };
-            let Some(step) = line.get("step").and_then(Value::as_u64) else { continue };
-            if step == 0 || self.parts.is_empty() {
-                self.parts.push(Vec::new());
-            }
-            if let Some(part) = self.parts.last_mut() {
-                part.push(line.get("loss").and_then(Value::as_f64).unwrap_or(f64::NAN));
-            }
-        }
-    }
-
-    /// The mean of the last [`WINDOW`] losses up to a step, if all are finite.
-    fn smoothed(&self, nth: usize, step: u64) -> Option<Smoothed> {
-        let end = usize::try_from(step).ok()? + 1;
-        let window = self.parts.get(nth)?.get(end.checked_sub(WINDOW)?..end)?;
-        let n = window.len() as f64;
-        let mean = window.iter().sum::<f64>() / n;
-        let squares: f64 = window.windows(2).map(|pair| (pair[1] - pair[0]).powi(2)).sum();
-        let error = (squares / (2.0 * (n - 1.0) * n)).sqrt();
-        (mean.is_finite() && error.is_finite()).then_some(Smoothed { mean, error })
-    }
+/// The losses in the log of a run, by optimisation and step. What cannot be read says nothing.
+fn losses(run: &Path) -> Vec<Vec<f64>> {
+    let steps = Step::all(run).unwrap_or_default();
+    let optimizations = steps.chunk_by(|a, b| b.step > a.step && a.of == b.of);
+    optimizations.map(|steps| steps.iter().map(|step| step.loss).collect()).collect()
 }
 
 #[cfg(test)]
@@ -169,8 +133,9 @@ mod tests {
         let sweep = folder.path();
         let journal = Journal::of(sweep);
         let verdict = |level: f64, noise: f64| {
-            log(sweep, "own", curve(level, noise));
-            Judge::new(sweep, &sweep.join("own")).verdict("fit", 19)
+            let own: Vec<f64> = (0..20).map(curve(level, noise)).collect();
+            let mut judge = Judge::new(sweep, &sweep.join("own"));
+            (1..=20).find_map(|steps| judge.verdict("fit", &own[..steps]))
         };
         for (seed, level) in [1.0, 2.0, 9.0].into_iter().enumerate() {
             let run = Combination { overrides: Vec::new(), seed: seed as u64 };
@@ -185,7 +150,11 @@ mod tests {
         assert_eq!(verdict(2.0, 0.1), None);
         assert_eq!(verdict(1.5, 0.1), None);
         assert_eq!(verdict(f64::NAN, 0.1), None);
+        // A run that was killed half-way and goes on.
         log(sweep, "own", curve(3.0, 0.1));
-        assert_eq!(Judge::new(sweep, &sweep.join("own")).verdict("fit", 20), None, "there is a verdict every 10 steps");
+        let own: Vec<f64> = (0..20).map(curve(3.0, 0.1)).collect();
+        let mut judge = Judge::new(sweep, &sweep.join("own"));
+        assert_eq!(judge.verdict("fit", &own[..19]), None, "there is a verdict every 10 steps");
+        assert!(judge.verdict("fit", &own).is_some());
     }
 }
