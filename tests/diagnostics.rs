@@ -570,7 +570,7 @@ sweep again in [1] { print again }",
             ("dscene::type::mismatch", "[size, 2]", "norm([size, 2])"),
             ("dscene::type::mismatch", "45deg", "`45deg / 1deg`"),
             ("dscene::call::duplicate", "fit", ""),
-            ("dscene::name::unknown", "second", "`seconds`"),
+            ("dscene::name::unknown", "second", ""),
             ("dscene::sweep::declaration", "let late = 3", "move it out"),
             ("dscene::sweep::nested", "sweep i in 0..2", "its variables too"),
             ("dscene::sweep::report", "report { size }", "one of them"),
@@ -599,6 +599,13 @@ sweep sise in [1, 2], rate in 0.1, twice in [1], twin in [twin] {
         wanted: &[("dscene::sweep::unused", "sise", "did you mean `size`?")],
     },
     Case {
+        name: "sweep_of_itself",
+        prelude: SCENE,
+        script: "let rate = 0.1\nsweep rate in [rate, 2 * rate], size in [size for i in 0..3] {\n\
+                 optimize fit { using: adam(lr: rate) } }",
+        wanted: &[("dscene::sweep::cycle", "rate", "let base")],
+    },
+    Case {
         name: "report_without_sweep",
         prelude: SCENE,
         script: "optimize fit { steps: 10 }\nreport { error: fit, seconds }",
@@ -610,7 +617,7 @@ sweep sise in [1, 2], rate in 0.1, twice in [1], twin in [twin] {
         script: "sweep rate = [0.1, 0.2] { print rate }\nsweep seed in 0..3 report { fit }\nsweep in [1] { print 1 }",
         wanted: &[
             ("dscene::syntax::unexpected", "=", ""),
-            ("dscene::syntax::unexpected", "3", ""),
+            ("dscene::syntax::unexpected", "report", ""),
             ("dscene::syntax::unexpected", "in", ""),
         ],
     },

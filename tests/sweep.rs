@@ -155,6 +155,7 @@ fn what_is_wrong_is_told_before_anything_runs() {
         ("a.dscene", &["--set", "seed=1,2"], "`--seeds 5`"),
         ("a.dscene", &["--set", "start=0..2000", "--seeds", "1000"], "more than 100,000 runs"),
         ("a.dscene", &["--memory", "200MB", "--jobs", "8"], "a run needs 50 MB"),
+        ("b.dscene", &["--seed", "7"], "`--seeds 1 --seed 7`"),
         ("b.dscene", &["--set", "lr=0.1,eye"], "dscene::"),
         ("none.dscene", &[], "there is no such file"),
         ("a.dscene", &["--resume", "nowhere"], "is not the folder of a sweep"),

@@ -43,7 +43,7 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
     if quiet || !out.is_empty() {
         return out;
     }
-    out.extend(super::sweep::without_effect(program));
+    out.extend(super::sweep::check_dependencies(program));
     out.extend(without_step(program, &mut flow));
     let mut reached = Dependencies::default();
     let mut has_loss = false;
@@ -81,6 +81,13 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
         }
     }
     out
+}
+
+/// All declarations on which an expression depends.
+pub fn dependencies(program: &Program, e: &Expr) -> BTreeSet<DeclId> {
+    let mut found = Dependencies::default();
+    Flow::new(program).expr(e, &mut found);
+    found.decls
 }
 
 /// All declarations on which actions, and the settings of params, depend.

@@ -415,8 +415,8 @@ pub struct Axis {
 
 #[derive(Clone, Debug)]
 pub enum Values {
-    /// `[a, b, c]`: where each of them is written.
-    Written(Vec<Span>),
+    /// `[a, b, c]`
+    Written(Vec<Expr>),
     /// A list or range that is known when it has been evaluated.
     Computed(Expr),
 }

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use super::flow;
 use super::hir::{self, DeclId, DeclKind, Values};
-use super::infer::{item_of, join, replaces};
+use super::infer::{Typed, item_of, join, replaces};
 use super::modules::{Checker, ModuleId};
 use super::signature::Const;
 use super::types::Ty;
@@ -123,11 +123,9 @@ impl Checker<'_> {
             if items.is_empty() {
                 self.report_empty(values.span);
             }
-            let typed = |item: &ast::Expr| {
-                let typed = self.expr(item, None);
-                (typed.expr.ty, item.span, typed.value)
-            };
-            return (Values::Written(items.iter().map(|item| item.span).collect()), items.iter().map(typed).collect());
+            let typed: Vec<Typed> = items.iter().map(|item| self.expr(item, None)).collect();
+            let known = typed.iter().map(|t| (t.expr.ty.clone(), t.expr.span, t.value.clone())).collect();
+            return (Values::Written(typed.into_iter().map(|t| t.expr).collect()), known);
         }
         let typed = self.expr(values, None);
         let empty = match (&typed.value, item_of(&typed.expr.ty)) {
@@ -143,6 +141,8 @@ impl Checker<'_> {
             None if typed.expr.ty.is_unknown() => Ty::Any,
             None => {
                 let text = self.sources.text(values.span).to_owned();
+                // Its declaration, the first of them, has no more to say.
+                self.diagnostics.retain(|d| d.span() != Some(values.span));
                 self.diagnostics.push(
                     Diagnostic::error("dscene::type::mismatch", "a sweep needs a list of values, or a range")
                         .label(values.span, format!("this is `{}`", typed.expr.ty))
@@ -277,11 +277,28 @@ fn head(sweep: &ast::Sweep) -> Span {
     Span { end, ..sweep.span }
 }
 
-/// Variables on which nothing depends that a run does: all their values would give the same.
-pub fn without_effect(program: &hir::Program) -> Vec<Diagnostic> {
+/// Values that are made of what they replace, and variables on which nothing depends that a run does: all their values would give the same.
+pub fn check_dependencies(program: &hir::Program) -> Vec<Diagnostic> {
     let Some(sweep) = &program.sweep else { return Vec::new() };
     let used = flow::used_by_actions(program);
     let mut out = Vec::new();
+    for axis in &sweep.axes {
+        let Values::Written(values) = &axis.values else { continue };
+        let Some(id) = program.find(&axis.name) else { continue };
+        let of_itself = |value: &&hir::Expr| flow::dependencies(program, value).contains(&id);
+        out.extend(values.iter().find(of_itself).map(|value| {
+            let name = &axis.name;
+            Diagnostic::error(
+                "dscene::sweep::cycle",
+                format!("a value of `{name}` is made of `{name}`, which it replaces"),
+            )
+            .label(value.span, format!("depends on `{name}`"))
+            .label(axis.span, "replaced by each of the values")
+            .help(format!(
+                "give what they are made of a name of its own: `let base = …`, then `{name} in [base, 2 * base]`"
+            ))
+        }));
+    }
     for axis in sweep.axes.iter().filter(|axis| axis.name != SEED) {
         let Some(id) = program.find(&axis.name).filter(|id| !used.contains(id)) else { continue };
         let decl = program.decl(id);

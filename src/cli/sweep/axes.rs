@@ -32,8 +32,9 @@ impl Plan {
         let mut axes: Vec<Axis> = Vec::new();
         for axis in sweep.iter().flat_map(|sweep| &sweep.axes) {
             let values = match &axis.values {
-                Values::Written(spans) => {
-                    spans.iter().map(|s| loaded.engine.program().sources.text(*s).to_owned()).collect()
+                Values::Written(values) => {
+                    let sources = &loaded.engine.program().sources;
+                    values.iter().map(|value| sources.text(value.span).to_owned()).collect()
                 }
                 Values::Computed(expr) => computed(expr, loaded, terminal)?,
             };
@@ -60,6 +61,12 @@ impl Plan {
                 Some(axis) => axis.values = values,
                 None => axes.push(Axis { name: name.clone(), values }),
             }
+        }
+        if declares_seed && args.seeds.is_none() && args.run.common.seed != 0 {
+            let told = Diagnostic::error("dscene::sweep::seed", "the script's sweep has seeds of its own")
+                .help(format!("take others in their place: `--seeds 1 --seed {}`", args.run.common.seed));
+            terminal.diagnostic(&told, &SourceMap::default());
+            return None;
         }
         let own_seeds = axes.iter().position(|axis| axis.name == SEED && declares_seed).map(|i| axes.remove(i));
         let seeds = match (args.seeds, own_seeds) {
