@@ -87,7 +87,12 @@ impl Checker<'_> {
             self.diagnostics.push(
                 Diagnostic::error("dscene::file::missing", format!("there is no file `{path}`"))
                     .label(expr.span, format!("looked for {}", full.display()))
-                    .help(format!("paths start from the folder of the script; check the spelling of {written}")),
+                    .help(match callee {
+                        "load_network" => "weights do not come with dscene: `examples/networks/fetch` brings those of \
+                            EfficientNet-lite0 to that folder"
+                            .to_owned(),
+                        _ => format!("paths start from the folder of the script; check the spelling of {written}"),
+                    }),
             );
         } else if folder != self.main_folder()
             && let Ok(absolute) = std::path::absolute(&full)

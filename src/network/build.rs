@@ -7,6 +7,7 @@ use super::description::{self, Description, Kind, NamedPadding, Padding, Pair};
 use super::pool::Pool;
 use super::{Fault, Layer, Network, Op};
 use crate::data::safetensors::{Array, Arrays};
+use crate::memory;
 use crate::stop;
 
 /// Most numbers of one layer's output.
@@ -33,7 +34,14 @@ impl Network {
             let why = format!("its last layer has {height}×{width} pixels; scores of classes have one");
             return Err(Fault::Description(why));
         }
-        Ok(Network { input: description.input, layers })
+        let mut last_use = vec![0; layers.len() + 1];
+        for (number, layer) in layers.iter().enumerate() {
+            last_use[layer.from] = number;
+            if let Op::Add(with) = layer.op {
+                last_use[with] = number;
+            }
+        }
+        Ok(Network { input: description.input, layers, last_use })
     }
 }
 
@@ -150,6 +158,8 @@ impl Builder<'_> {
         mut weights: Vec<f32>,
     ) -> Result<(Op, Size)> {
         let outputs = output.channels;
+        // They are copied into the order in which products take them, for both modes.
+        memory::ask_for::<f32>(weights.len().saturating_mul(2)).map_err(|e| Fault::Weights(e.to_string()))?;
         if output.pixels().checked_mul(outputs).is_none_or(|n| n > LARGEST) {
             return wrong(format!("its output of {} is too large", shown(output)));
         }
@@ -218,6 +228,7 @@ fn pool(layer: &description::Layer, input: Size) -> Result<Pool> {
     if pool.output.pixels().saturating_mul(window.taps()) > LARGEST || pool.output.len() > LARGEST {
         return wrong(format!("its output of {} is too large", shown(pool.output)));
     }
+    memory::ask_for::<u64>(pool.output.pixels()).map_err(|e| Fault::Description(e.to_string()))?;
     if !pool.sees_something() { wrong("a window lies wholly in the padding") } else { Ok(pool) }
 }
 

@@ -91,6 +91,9 @@ enum Way {
 /// Fewest and most pixels of a tile: each tile packs the weights anew, and its gathered matrix should stay in the cache.
 const TILE: [usize; 2] = [32, 512];
 
+/// Most numbers of a gathered matrix.
+const GATHERED: usize = 1 << 22;
+
 /// Outputs of one task if there is a single pixel.
 const COLUMNS: usize = 256;
 
@@ -213,7 +216,8 @@ impl Conv {
         way: Way,
     ) {
         let (inputs, outputs, taps) = (source.channels / groups, target.channels / groups, self.window.taps());
-        let tile = tile(target.pixels());
+        let k = taps * inputs;
+        let tile = tile(target.pixels(), k);
         let flag = stop::flag();
         out.par_chunks_mut(tile * target.channels).enumerate().for_each_init(Vec::new, |seen, (number, out)| {
             let pixels = out.len() / target.channels;
@@ -222,14 +226,13 @@ impl Conv {
                     return;
                 }
                 seen.clear();
-                seen.resize(pixels * taps * inputs, 0.0);
+                seen.resize(pixels * k, 0.0);
                 for (i, to) in seen.chunks_mut(inputs).enumerate() {
                     let (pixel, tap) = (number * tile + i / taps, i % taps);
                     if let Some(at) = self.seen([pixel / target.width, pixel % target.width], tap, source, way) {
                         to.copy_from_slice(&from[at * source.channels + group * inputs..][..inputs]);
                     }
                 }
-                let k = taps * inputs;
                 let weights = Matrix::rows(&weights[group * k * outputs..][..k * outputs], outputs);
                 let out = &mut out[group * outputs..];
                 product(out, target.channels, Matrix::rows(seen, k), weights, [pixels, k, outputs]);
@@ -238,9 +241,9 @@ impl Conv {
     }
 }
 
-/// Pixels of a tile, whatever the number of threads.
-fn tile(pixels: usize) -> usize {
-    (pixels / 4).clamp(TILE[0], TILE[1])
+/// Pixels of a tile, each of which sees `k` numbers, whatever the number of threads.
+fn tile(pixels: usize, k: usize) -> usize {
+    (pixels / 4).clamp(TILE[0], TILE[1]).min(GATHERED / k.max(1)).max(1)
 }
 
 /// `out = from · weights` with rows of `inputs` and of `outputs` numbers.
@@ -256,7 +259,7 @@ fn plain(from: &[f32], out: &mut [f32], weights: Matrix, [inputs, outputs]: [usi
         });
         return;
     }
-    let tile = tile(rows);
+    let tile = tile(rows, inputs);
     let tiles = out.par_chunks_mut(tile * outputs).zip(from.par_chunks(tile * inputs)).filter(|_| !stopped());
     tiles.for_each(|(out, from)| {
         product(out, outputs, Matrix::rows(from, inputs), weights, [from.len() / inputs, inputs, outputs]);

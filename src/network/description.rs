@@ -182,13 +182,13 @@ impl Layer {
             ("norm", self.norm.is_some()),
         ];
         if let Some((entry, _)) = given.iter().find(|(entry, given)| *given && !allowed.contains(entry)) {
-            return Err(format!("a `{kind}` has no `{entry}`"));
+            return Err(format!("`{kind}` has no `{entry}`"));
         }
         if let Some((entry, _)) = given.iter().find(|(entry, given)| !*given && *entry == allowed[0]) {
-            return Err(format!("a `{kind}` needs a `{entry}`"));
+            return Err(format!("`{kind}` needs `{entry}`"));
         }
         if self.kind == Kind::MeanPool && self.size.is_none() && (self.stride.is_some() || self.padding.is_some()) {
-            return Err("a `mean_pool` with `stride` or `padding` needs a `size`".to_owned());
+            return Err("`mean_pool` with `stride` or `padding` needs `size`".to_owned());
         }
         let positive = [("size", self.size), ("stride", self.stride), ("dilation", self.dilation)];
         let groups = ("groups", self.groups.map(Pair::Both));

@@ -28,6 +28,8 @@ pub enum Fault {
 pub struct Network {
     input: Input,
     layers: Vec<Layer>,
+    /// For all activations: the last layer that takes them, after which they are freed.
+    last_use: Vec<usize>,
 }
 
 /// A layer with what it works on. Activations are numbered: 0 is the picture, `i + 1` the output of layer `i`.
@@ -171,13 +173,13 @@ impl Network {
         }
     }
 
-    /// Frees activations that no layer after this one uses.
+    /// Frees activations that no layer after this one takes.
     fn drop_unneeded(&self, values: &mut [Option<Vec<f32>>], after: usize) {
-        let later = &self.layers[after + 1..];
-        let uses = |layer: &Layer, i: usize| layer.from == i || matches!(layer.op, Op::Add(with) if with == i);
-        for (i, value) in values[..=after].iter_mut().enumerate() {
-            if !later.iter().any(|layer| uses(layer, i)) {
-                *value = None;
+        let layer = &self.layers[after];
+        let with = if let Op::Add(with) = layer.op { Some(with) } else { None };
+        for i in [Some(layer.from), with].into_iter().flatten() {
+            if self.last_use[i] == after {
+                values[i] = None;
             }
         }
     }
