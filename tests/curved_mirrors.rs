@@ -224,15 +224,18 @@ fn black_ball_in_a_ball(t: f32) -> (SceneDescription, Camera) {
 }
 
 /// Which of a smooth body's edges are its contour in a mirror depends on where in the mirror. Left to a point of the mirror chosen before
-/// that is known, four fifths of this were missing. (Too noisy for two per cent.)
+/// that is known, four fifths of this were missing. (Too noisy for two per cent. In brief a tenth is an error that a sixth of the samples
+/// do not reach, so that a quarter must do.)
 #[test]
 fn contours_of_a_smooth_body_that_a_surface_sees_in_a_ball() {
     let plan = Plan { max_bounces: 2, h: 0.02, spp: 512, fd_spp: 4096, ..Plan::default() };
-    let found = statistics(&gradients(&black_ball_in_a_ball, &plan, 0..12));
-    let expected = statistics(&finite_differences(&black_ball_in_a_ball, &plan, 0..32));
+    let (seeds, fd_seeds, telling) = if LONG { (12, 32, 0.1) } else { (4, 8, 0.25) };
+    let found = statistics(&gradients(&black_ball_in_a_ball, &plan, 0..seeds));
+    let expected = statistics(&finite_differences(&black_ball_in_a_ball, &plan, 0..fd_seeds));
     let error = found.error.hypot(expected.error);
     assert!((found.mean - expected.mean).abs() < 3.0 * error, "{found:?} {expected:?}");
-    assert!(error < 0.1 * expected.mean.abs(), "{found:?} {expected:?}");
+    println!("{found:?} {expected:?}");
+    assert!(error < telling * expected.mean.abs(), "{found:?} {expected:?}");
 }
 
 /// A plate with normals of its own, and a ball under a sky with a bright quarter that is seen in it. `f` changes its corners and normals.

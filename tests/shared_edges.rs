@@ -319,6 +319,7 @@ fn what_stands_on_something_has_the_derivative_of_what_reaches_into_it() {
     {
         for (what, f) in motions {
             let plan = Plan { spp: 32, max_bounces: 2, ..Plan::default() };
+            let (seeds, telling) = if LONG { (seeds, 0.02) } else { (seeds / 3, 0.04) };
             let of = |depth: f32| {
                 let build = room(ground, block, move |t, s| {
                     s.depth = depth;
@@ -330,7 +331,7 @@ fn what_stands_on_something_has_the_derivative_of_what_reaches_into_it() {
             let error = on.error.hypot(within.error);
             let (z, relative) = ((on.mean - within.mean) / error, error / within.mean.abs().max(100.0));
             println!("{name}, {what}: {on:?} {within:?} z {z:.2} error {:.2} %", 100.0 * relative);
-            assert!(z.abs() < 3.0 && relative < 0.02, "{name}, {what}: {on:?} on it, {within:?} within it, z {z:.2}");
+            assert!(z.abs() < 3.0 && relative < telling, "{name}, {what}: {on:?} on it, {within:?} within it, z {z:.2}");
         }
     }
 }
