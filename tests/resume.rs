@@ -99,8 +99,12 @@ fn assert_same(found: &BTreeMap<String, Vec<u8>>, expected: &BTreeMap<String, Ve
 
 /// Stopped at the given numbers of steps (of 15, the first 3 by another solver), on one and on two threads.
 fn survives(using: &str, moments: &[usize]) {
+    survives_script(&script(using), moments);
+}
+
+fn survives_script(script: &str, moments: &[usize]) {
     let place = Place::new();
-    place.write("a.dscene", script(using));
+    place.write("a.dscene", script);
     assert_code(&place.dsl(&["run", "a.dscene", "--out", "whole", "--seed", "5", "--threads", "1", "--quiet"]), 1);
     let expected = left_behind(&place, "whole");
     assert_eq!(expected["log.jsonl"].iter().filter(|b| **b == b'\n').count(), 15);
@@ -116,11 +120,11 @@ fn survives(using: &str, moments: &[usize]) {
             stopped += usize::from(stop_after(&place, &mut place.start(&all), &run, *lines, signal));
             arguments = vec!["run", "a.dscene", "--resume", &run];
         }
-        assert!(stopped > 0, "{using}: nothing was stopped");
+        assert!(stopped > 0, "{script}: nothing was stopped");
         let mut all = arguments.clone();
         all.extend(["--threads", threads, "--quiet"]);
         assert_code(&place.dsl(&all), 1);
-        assert_same(&left_behind(&place, &run), &expected, using);
+        assert_same(&left_behind(&place, &run), &expected, script);
     }
 }
 
@@ -133,6 +137,19 @@ fn all_that_steps_leave_for_one_another_is_kept() {
                   using: adam(lr: 0.02)";
     survives(stages, &[5, 7, 12]);
     survives("using: levenberg_marquardt(), steps: 12", &[5, 8, 13]);
+}
+
+/// In the first optimisation, which is over when most of the kills come, and in the second.
+#[test]
+fn what_stages_declare_anew_is_kept() {
+    let stages = "stage one { steps: 5, over: [sky.radiance], then { param corners = corners * 0.9, let wide = [wide[0], 2 * wide[1], 1] } }
+                  stage two { using: adam(lr: 0.02), steps: 7, then { param corners = 1.1 * corners } }
+                  over: [corners, sky.radiance]";
+    let script =
+        script(stages).replace("steps: 3 }", "stage a { steps: 2, then { let wide = [3, 4] } } stage b { steps: 1 } }");
+    let script =
+        script.replacen("optimize fit", "let wide: scalar[] = [1, 1]\nsave wide to \"before.json\"\noptimize fit", 1);
+    survives_script(&(script + "\nsave wide to \"wide.json\""), &[4, 8, 9, 13]);
 }
 
 /// One of the long statistics.

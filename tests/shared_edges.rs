@@ -331,7 +331,10 @@ fn what_stands_on_something_has_the_derivative_of_what_reaches_into_it() {
             let error = on.error.hypot(within.error);
             let (z, relative) = ((on.mean - within.mean) / error, error / within.mean.abs().max(100.0));
             println!("{name}, {what}: {on:?} {within:?} z {z:.2} error {:.2} %", 100.0 * relative);
-            assert!(z.abs() < 3.0 && relative < telling, "{name}, {what}: {on:?} on it, {within:?} within it, z {z:.2}");
+            assert!(
+                z.abs() < 3.0 && relative < telling,
+                "{name}, {what}: {on:?} on it, {within:?} within it, z {z:.2}"
+            );
         }
     }
 }

@@ -10,8 +10,6 @@ use crate::syntax::ast;
 /// Fields of `optimize`.
 const OPTIMIZE: [&str; 8] =
     ["over", "using", "steps", "stop_when", "spp", "film_scale", "max_bounces", "control_variates"];
-/// Fields of a `stage`.
-const STAGE: [&str; 6] = ["steps", "using", "spp", "film_scale", "max_bounces", "control_variates"];
 
 impl Checker<'_> {
     pub fn top_action(&mut self, action: &ast::Action) {
@@ -212,23 +210,7 @@ impl Checker<'_> {
                 _ => out.settings.extend(self.setting(field, "optimize", &OPTIMIZE)),
             }
         }
-        for stage in &o.stages {
-            let mut lowered = hir::Stage {
-                name: stage.name.text.clone(),
-                steps: None,
-                using: None,
-                settings: Vec::new(),
-                span: stage.span,
-            };
-            for field in &stage.fields {
-                match field.name.text.as_str() {
-                    "using" => lowered.using = Some(self.checked_field(field, &Sig::Is(Ty::Optimizer))),
-                    "steps" => lowered.steps = Some(self.steps(field)),
-                    _ => lowered.settings.extend(self.setting(field, "a stage", &STAGE)),
-                }
-            }
-            out.stages.push(lowered);
-        }
+        out.stages = o.stages.iter().map(|stage| self.stage(stage)).collect();
         for every in &o.every {
             let steps = self.expr(&every.steps, None);
             let fine = steps.expr.ty.is_unknown()
@@ -245,7 +227,7 @@ impl Checker<'_> {
         out
     }
 
-    fn steps(&mut self, field: &ast::Field) -> hir::Expr {
+    pub fn steps(&mut self, field: &ast::Field) -> hir::Expr {
         self.ranged_field(field, &Sig::Int(Vec::new()), 1.0, f64::INFINITY)
     }
 
@@ -265,7 +247,7 @@ impl Checker<'_> {
         typed.expr
     }
 
-    fn setting(&mut self, field: &ast::Field, what: &str, known: &[&'static str]) -> Option<(String, hir::Expr)> {
+    pub fn setting(&mut self, field: &ast::Field, what: &str, known: &[&'static str]) -> Option<(String, hir::Expr)> {
         let name = field.name.text.as_str();
         let wanted = match name {
             "spp" | "max_bounces" => Sig::Int(Vec::new()),
@@ -296,7 +278,7 @@ impl Checker<'_> {
         Some((name.to_owned(), value))
     }
 
-    fn over(&mut self, value: &ast::Expr) -> Vec<(hir::Target, crate::source::Span)> {
+    pub fn over(&mut self, value: &ast::Expr) -> Vec<(hir::Target, crate::source::Span)> {
         let items = match &value.kind {
             ast::ExprKind::Array(items) => items.as_slice(),
             _ => std::slice::from_ref(value),

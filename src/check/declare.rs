@@ -154,11 +154,12 @@ impl Checker<'_> {
     }
 
     fn set_value(&mut self, id: DeclId, kind: DeclKind, typed: Typed) {
+        let timeless = self.timeless(id, &typed.expr.ty);
         let slot = self.slot_mut(id);
         slot.hir.kind = kind;
-        slot.hir.ty = typed.expr.ty.clone();
+        slot.value = typed.value.filter(|_| timeless.is_none());
+        slot.hir.ty = timeless.unwrap_or_else(|| typed.expr.ty.clone());
         slot.hir.body = Some(Arc::new(typed.expr));
-        slot.value = typed.value;
     }
 
     fn loss(&mut self, id: DeclId, name: &ast::Name, value: &ast::Expr) {

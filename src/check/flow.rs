@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 
 use super::hir::*;
 use crate::diag::Diagnostic;
+use crate::source::Span;
 
 /// The params that reach an expression, in declaration order.
 pub fn reaching_params(program: &Program, expr: &Expr) -> Vec<DeclId> {
@@ -45,6 +46,7 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
     }
     out.extend(super::sweep::check_dependencies(program));
     out.extend(without_step(program, &mut flow));
+    out.extend(left_behind(program, &mut flow));
     let mut reached = Dependencies::default();
     let mut has_loss = false;
     for id in program.losses() {
@@ -132,39 +134,49 @@ pub fn used_by_actions(program: &Program) -> BTreeSet<DeclId> {
 
 /// Checks that an `optimize` has params to move, and that its loss depends on them.
 fn unmoved(program: &Program, o: &Optimize, reached: &BTreeSet<DeclId>) -> Vec<Diagnostic> {
-    let Some(over) = &o.over else {
-        let frozen = |id: &DeclId| match &program.decl(*id).kind {
-            DeclKind::Param(p) => Some(p.frozen.as_ref().is_some_and(|f| matches!(f.kind, ExprKind::Bool(true)))),
-            _ => None,
-        };
-        let params: Vec<(DeclId, bool)> = reached.iter().filter_map(|id| Some((*id, frozen(id)?))).collect();
-        if params.is_empty() || params.iter().any(|(_, frozen)| !frozen) {
-            return Vec::new();
-        }
-        let names: Vec<String> = params.iter().map(|(id, _)| program.decl(*id).name.clone()).collect();
-        let diagnostic =
-            Diagnostic::error("dscene::flow::frozen", "nothing is left to optimise: every param is frozen")
-                .label(o.loss.span, format!("depends on {} only", names.join(", ")))
-                .help(format!("leave out `frozen: true`, or say what moves: `over: [{}]`", names.join(", ")));
-        return vec![diagnostic];
+    let stages = || o.stages.iter();
+    // Where `over` is missing, every param moves that is not frozen.
+    let chosen = o.over.is_some() || stages().count() > 0 && stages().all(|stage| stage.over.is_some());
+    let named = o.over.iter().chain(stages().filter_map(|stage| stage.over.as_ref())).flatten();
+    let mut out: Vec<Diagnostic> =
+        if chosen { Vec::new() } else { all_frozen(program, o, reached).into_iter().collect() };
+    let lost = named.filter(|(target, _)| !reached.contains(&target.decl));
+    out.extend(lost.map(|(target, span)| unreached(program, o, reached, target, *span)));
+    out
+}
+
+/// An error if no param that a loss depends on may move.
+fn all_frozen(program: &Program, o: &Optimize, reached: &BTreeSet<DeclId>) -> Option<Diagnostic> {
+    let frozen = |id: &DeclId| match &program.decl(*id).kind {
+        DeclKind::Param(p) => Some(p.frozen.as_ref().is_some_and(|f| matches!(f.kind, ExprKind::Bool(true)))),
+        _ => None,
     };
-    let lost = over.iter().filter(|(target, _)| !reached.contains(&target.decl));
-    lost.map(|(target, span)| {
-        let name = &program.decl(target.decl).name;
-        let others: Vec<String> =
-            reached.iter().filter(|id| is_param(program, **id)).map(|id| program.decl(*id).name.clone()).collect();
-        let help = match others.as_slice() {
-            [] => "use it in what the loss compares".to_owned(),
-            all => {
-                format!("use it in what the loss compares, or move what does reach it: `over: [{}]`", all.join(", "))
-            }
-        };
-        Diagnostic::error("dscene::flow::unreached", format!("`{name}` does not reach the loss `{}`", o.name))
-            .label(*span, "would move nothing")
-            .label(o.loss.span, "this loss does not depend on it")
-            .help(help)
-    })
-    .collect()
+    let params: Vec<(DeclId, bool)> = reached.iter().filter_map(|id| Some((*id, frozen(id)?))).collect();
+    if params.is_empty() || params.iter().any(|(_, frozen)| !frozen) {
+        return None;
+    }
+    let names: Vec<String> = params.iter().map(|(id, _)| program.decl(*id).name.clone()).collect();
+    let diagnostic = Diagnostic::error("dscene::flow::frozen", "nothing is left to optimise: every param is frozen")
+        .label(o.loss.span, format!("depends on {} only", names.join(", ")))
+        .help(format!("leave out `frozen: true`, or say what moves: `over: [{}]`", names.join(", ")));
+    Some(diagnostic)
+}
+
+/// What the user moves does not reach the loss.
+fn unreached(program: &Program, o: &Optimize, reached: &BTreeSet<DeclId>, target: &Target, span: Span) -> Diagnostic {
+    let name = &program.decl(target.decl).name;
+    let others: Vec<String> =
+        reached.iter().filter(|id| is_param(program, **id)).map(|id| program.decl(*id).name.clone()).collect();
+    let help = match others.as_slice() {
+        [] => "use it in what the loss compares".to_owned(),
+        all => {
+            format!("use it in what the loss compares, or move what does reach it: `over: [{}]`", all.join(", "))
+        }
+    };
+    Diagnostic::error("dscene::flow::unreached", format!("`{name}` does not reach the loss `{}`", o.name))
+        .label(span, "would move nothing")
+        .label(o.loss.span, "this loss does not depend on it")
+        .help(help)
 }
 
 /// Actions before any `optimize` that depend on `step` or `progress`, which have no value yet.
@@ -200,6 +212,31 @@ fn without_step(program: &Program, flow: &mut Flow) -> Vec<Diagnostic> {
                 _ => format!("move this behind the `optimize`, or say what it is: `… with {{ {}: … }}`", decl.name),
             };
             out.push(told.help(help));
+        }
+    }
+    out
+}
+
+/// Params that began as something that a stage declares anew, and that stay what they are.
+fn left_behind(program: &Program, flow: &mut Flow) -> Vec<Diagnostic> {
+    let mut out = Vec::new();
+    for then in program.thens() {
+        let renewed = |id: &DeclId| then.renewals.iter().any(|renewal| renewal.decl == *id);
+        for param in program.params().filter(|id| !renewed(id)) {
+            let mut found = Dependencies::default();
+            program.decl(param).body.iter().for_each(|body| flow.expr(body, &mut found));
+            let Some(origin) = found.decls.iter().find(|id| renewed(id)) else { continue };
+            let (param, origin) = (program.decl(param), &program.decl(*origin).name);
+            let name = &param.name;
+            out.push(
+                Diagnostic::warning(
+                    "dscene::flow::left_behind",
+                    format!("`{name}` stays what it is when `{origin}`, from which it began, is declared anew"),
+                )
+                .label(then.span, format!("`{origin}` changes"))
+                .label(param.name_span, "does not")
+                .help(format!("write `param {name} = …` here too if it is to follow")),
+            );
         }
     }
     out

@@ -65,6 +65,15 @@ impl Program {
         self.ids().filter(|&id| matches!(self.decl(id).kind, DeclKind::Param(_)))
     }
 
+    /// What stages declare anew where they end.
+    pub fn thens(&self) -> impl Iterator<Item = &Then> + '_ {
+        let optimize = self.actions.iter().filter_map(|action| match action {
+            Action::Optimize(optimize) => Some(optimize),
+            _ => None,
+        });
+        optimize.flat_map(|o| &o.stages).filter_map(|stage| stage.then.as_ref())
+    }
+
     /// Losses in declaration order.
     pub fn losses(&self) -> impl Iterator<Item = DeclId> + '_ {
         self.ids().filter(|&id| self.decl(id).user && matches!(self.decl(id).kind, DeclKind::Loss))
@@ -446,7 +455,25 @@ pub struct Stage {
     pub using: Option<Expr>,
     /// `spp`, `film_scale`, `max_bounces`: replace these arguments of every render of the loss; `control_variates`.
     pub settings: Vec<(String, Expr)>,
+    /// What moves in this stage, if not what moves in the others.
+    pub over: Option<Vec<(Target, Span)>>,
+    pub then: Option<Then>,
     pub span: Span,
+}
+
+/// What is declared anew where a stage ends. All values are taken before any of them counts.
+#[derive(Clone, Debug)]
+pub struct Then {
+    /// Among all of the program, in order.
+    pub index: u32,
+    pub renewals: Vec<Renewal>,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub struct Renewal {
+    pub decl: DeclId,
+    pub value: Expr,
 }
 
 #[derive(Clone, Debug)]

@@ -52,6 +52,8 @@ struct Knowledge {
     unread: HashSet<String>,
     files: HashMap<PathBuf, ModuleId>,
     library: HashMap<&'static str, ModuleId>,
+    /// What stages declare anew.
+    renewed: HashSet<DeclId>,
     /// Those of the file.
     action_statements: Vec<Arc<ast::Statement>>,
 }
@@ -78,7 +80,11 @@ pub fn check_line(program: &mut Program, text: &str) -> (Option<Line>, Vec<Diagn
     if diagnostics.iter().any(Diagnostic::is_error) {
         return (None, diagnostics);
     }
-    if matches!(&result, Line::Statements { declared, actions } if !declared.is_empty() || actions.is_empty()) {
+    // What a stage declares anew has other sizes from then on.
+    let renews =
+        |action: &hir::Action| matches!(action, hir::Action::Optimize(o) if o.stages.iter().any(|s| s.then.is_some()));
+    if matches!(&result, Line::Statements { declared, actions } if !declared.is_empty() || actions.is_empty() || actions.iter().any(renews))
+    {
         *program = new_program;
     } else if program.known.0.is_none() {
         program.known = new_program.known;
@@ -126,6 +132,7 @@ impl Checker<'_> {
             unread: std::mem::take(&mut self.unread),
             files: std::mem::take(&mut self.files),
             library: std::mem::take(&mut self.library),
+            renewed: std::mem::take(&mut self.renewed),
             action_statements,
         }
     }
@@ -140,6 +147,7 @@ impl Checker<'_> {
         self.unread = known.unread.clone();
         self.files = known.files.clone();
         self.library = known.library.clone();
+        self.renewed = known.renewed.clone();
         self.action_statements = known.action_statements.clone();
         self.actions = program.actions.clone();
         self.sweep = program.sweep.clone();
@@ -149,7 +157,10 @@ impl Checker<'_> {
 
     /// Whether a statement does not change the meaning of any name that was in use before.
     fn stays_apart(&self, statement: &ast::Statement, program: &Program) -> bool {
-        let Some(name) = statement.declares() else { return matches!(statement.kind, StatementKind::Action(_)) };
+        if let StatementKind::Action(action) = &statement.kind {
+            return !renews(action);
+        }
+        let Some(name) = statement.declares() else { return false };
         match self.modules[self.main].names.get(name) {
             // Replacing a declaration changes no other name, unless it was imported or values were given from outside (`--set`).
             Some(id) => self.slot(*id).module == self.main && program.origin.overrides.is_empty(),
@@ -255,6 +266,11 @@ fn users(program: &Program, of: &[DeclId]) -> HashSet<DeclId> {
         }
     }
     found
+}
+
+/// Whether an action declares anything anew.
+fn renews(action: &ast::Action) -> bool {
+    matches!(action, ast::Action::Optimize(o) if o.stages.iter().any(|stage| !stage.then.is_empty()))
 }
 
 /// All expressions of a declaration.

@@ -23,6 +23,7 @@ mod modules;
 mod results;
 mod shapes;
 mod signature;
+mod stages;
 mod sweep;
 mod told;
 pub mod types;

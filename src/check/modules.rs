@@ -142,6 +142,10 @@ pub struct Checker<'l> {
     pub lambdas: HashMap<String, u32>,
     pub actions: Vec<hir::Action>,
     pub sweep: Option<hir::Sweep>,
+    /// How many `then` were seen.
+    pub thens: u32,
+    /// What they declare anew.
+    pub renewed: HashSet<DeclId>,
     pub default_scene: Vec<DeclId>,
     pub integrator: Option<DeclId>,
     pub origin: Origin,
@@ -186,6 +190,8 @@ impl<'l> Checker<'l> {
             lambdas: HashMap::new(),
             actions: Vec::new(),
             sweep: None,
+            thens: 0,
+            renewed: HashSet::new(),
             default_scene: Vec::new(),
             integrator: None,
             origin: Origin::default(),
@@ -222,6 +228,7 @@ impl<'l> Checker<'l> {
         for (name, source) in origin.overrides {
             self.override_value(&name, source);
         }
+        self.note_renewed();
         for i in 0..self.slots.len() {
             self.declare(DeclId(i as u32));
         }

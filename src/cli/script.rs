@@ -91,6 +91,16 @@ fn moved_params(engine: &mut Engine) -> Result<Vec<Edit>, Diagnostic> {
             found.push(Edit { name, path: Vec::new(), text: as_script(&present, &ty) });
         }
     }
+    for (id, value) in engine.renewed_values() {
+        let decl = engine.program().decl(id);
+        let Some(var) = value.var() else {
+            let message = format!("a script cannot hold {}, which a stage made of `{}`", value.kind(), decl.name);
+            return Err(Diagnostic::error("dscene::run::export", message)
+                .label(decl.name_span, "declared anew")
+                .help("export what was found as arrays or meshes: `--format npy`, `--format obj`"));
+        };
+        found.push(Edit { name: decl.name.clone(), path: Vec::new(), text: as_script(var.value(), &decl.ty) });
+    }
     Ok(found)
 }
 

@@ -20,6 +20,7 @@ mod origin;
 mod project;
 mod reach;
 mod render;
+mod renew;
 mod residuals;
 mod show;
 mod state;
@@ -155,6 +156,8 @@ pub struct Engine {
     /// Dependencies found so far of the declarations being evaluated, innermost last.
     frames: Vec<Deps>,
     evaluating: Evaluating,
+    /// What stages declared anew, in order.
+    renewed: Vec<renew::Renewed>,
     /// Params that changed since the cache was last cleared of values that depend on them.
     moved: Params,
     locals: Vec<(LocalId, Value)>,
@@ -188,6 +191,7 @@ impl Engine {
             worlds: vec![root],
             frames: vec![],
             evaluating: Evaluating::default(),
+            renewed: vec![],
             moved: Params::default(),
             locals: vec![],
             base: 0,

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
+use super::renew::Renewed;
 use super::{Engine, History, Result, error};
 use crate::check::hir::{DeclId, Expr, Target};
 use crate::diag::Diagnostic;
@@ -14,6 +15,8 @@ use crate::tape::Tensor;
 pub struct EngineState {
     /// Params in declaration order, and then what an optimiser moved of other declarations, in the order in which it stands.
     pub moved: Vec<Placed>,
+    /// What stages declared anew before that.
+    renewed: Vec<Renewed>,
     step: u64,
     total: u64,
     loss: f64,
@@ -42,6 +45,18 @@ impl EngineState {
 
 impl Engine {
     pub fn state(&self) -> EngineState {
+        EngineState {
+            moved: self.placed(),
+            renewed: self.renewed.clone(),
+            step: self.step,
+            total: self.total,
+            loss: self.loss,
+            losses: self.losses.to_vec(),
+        }
+    }
+
+    /// Params and fields, where they are.
+    pub(super) fn placed(&self) -> Vec<Placed> {
         let placed = |target: Target, value: &Tensor| Placed {
             decl: target.decl.0,
             name: self.program.decl(target.decl).name.clone(),
@@ -52,28 +67,34 @@ impl Engine {
         };
         let params = self.program.params().filter_map(|id| Some((id, self.params.get(&id)?)));
         let params = params.map(|(decl, state)| placed(Target { decl, path: Vec::new() }, &state.value));
-        let fields = self.worlds[0].overrides.iter();
+        let fields = self.worlds[0].overrides.iter().filter(|(target, _)| !target.path.is_empty());
         let fields = fields.filter_map(|(target, value)| Some(placed(target.clone(), value.var()?.value())));
-        EngineState {
-            moved: params.chain(fields).collect(),
-            step: self.step,
-            total: self.total,
-            loss: self.loss,
-            losses: self.losses.to_vec(),
-        }
+        params.chain(fields).collect()
     }
 
     /// Takes up a state that an engine of the same program had. What the program has no place for is an error.
     pub fn restore(&mut self, state: &EngineState) -> Result<()> {
-        let targets: Vec<Target> = state.moved.iter().map(|p| self.place_of(p)).collect::<Result<_>>()?;
-        let values = state.moved.iter().map(|p| Tensor { shape: p.shape.clone(), data: p.data.clone() });
-        self.reset_fields();
-        self.set_targets(targets.iter().zip(values))?;
+        if state.renewed != self.renewed {
+            self.reset_renewed();
+            if !self.renew_again(&state.renewed)? {
+                let message = "the run declared something anew by a `then` that the script does not have any more";
+                return Err(Diagnostic::error("dscene::run::resume", message));
+            }
+        }
+        self.put_placed(&state.moved)?;
         self.set_step(state.step, state.total);
         self.losses = Arc::new(state.losses.clone());
         self.loss = state.loss;
         self.forget(|d| d.step);
         Ok(())
+    }
+
+    /// Moves params and fields to where they were; all other fields are what the script says.
+    pub(super) fn put_placed(&mut self, placed: &[Placed]) -> Result<()> {
+        let targets: Vec<Target> = placed.iter().map(|p| self.place_of(p)).collect::<Result<_>>()?;
+        let values = placed.iter().map(|p| Tensor { shape: p.shape.clone(), data: p.data.clone() });
+        self.reset_fields();
+        self.set_targets(targets.iter().zip(values))
     }
 
     /// Puts a value in a place that a state has.

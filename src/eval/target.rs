@@ -42,7 +42,7 @@ impl Engine {
     }
 
     /// Drops what was computed from some declarations.
-    fn forget_users_of(&mut self, decls: Vec<DeclId>) {
+    pub(super) fn forget_users_of(&mut self, decls: Vec<DeclId>) {
         if !decls.is_empty() {
             let stale = self.reach.reaching_any(&decls);
             self.worlds[0].cache.retain(|id, _| !stale.contains(&id.0));
@@ -51,7 +51,9 @@ impl Engine {
 
     /// Fields are again what their declarations say.
     pub fn reset_fields(&mut self) {
-        let replaced = std::mem::take(&mut self.worlds[0].overrides);
-        self.forget_users_of(replaced.into_iter().map(|(target, _)| target.decl).collect());
+        let overrides = std::mem::take(&mut self.worlds[0].overrides);
+        let (whole, fields): (Vec<_>, Vec<_>) = overrides.into_iter().partition(|(target, _)| target.path.is_empty());
+        self.worlds[0].overrides = whole;
+        self.forget_users_of(fields.into_iter().map(|(target, _)| target.decl).collect());
     }
 }

@@ -288,6 +288,16 @@ impl Value {
         }
     }
 
+    /// The same numbers without what they were computed from; `None` of what is not made of numbers, texts and meshes.
+    pub fn detached(&self) -> Option<Value> {
+        match self {
+            Value::None | Value::Bool(_) | Value::Str(_) => Some(self.clone()),
+            Value::List(items) => Some(Value::list(items.iter().map(Value::detached).collect::<Option<_>>()?)),
+            Value::Mesh(mesh) => Some(Value::Mesh(Arc::new(mesh.detached()))),
+            other => other.var().map(|var| other.with_var(Var::constant(var.value().clone()))),
+        }
+    }
+
     /// An array as its items: numbers along the first axis, or a list.
     pub fn items(&self) -> Option<Vec<Value>> {
         match self {
@@ -373,6 +383,18 @@ impl MeshValue {
         let attributes = [&self.normals, &self.uvs, &self.colors].into_iter().flatten().map(Var::len).sum::<usize>();
         let closing = self.closing.as_ref().map_or(0, |m| m.numbers());
         self.vertices.len() + attributes + 2 * self.faces.len() + closing
+    }
+
+    fn detached(&self) -> MeshValue {
+        let apart = |var: &Var| Var::constant(var.value().clone());
+        MeshValue {
+            vertices: apart(&self.vertices),
+            faces: self.faces.clone(),
+            normals: self.normals.as_ref().map(apart),
+            uvs: self.uvs.as_ref().map(apart),
+            colors: self.colors.as_ref().map(apart),
+            closing: self.closing.as_ref().map(|mesh| Arc::new(mesh.detached())),
+        }
     }
 
     /// The numbers alone, of the opening keyframe.

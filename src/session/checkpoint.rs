@@ -242,8 +242,7 @@ impl Runner<'_> {
     ) -> Result<Optimization, Diagnostic> {
         let mut optimization = Optimization::new(self.engine, optimize, self.steps)?;
         if let Some(Optimizing { engine, optimization: state }) = optimizing {
-            self.engine.restore(&engine)?;
-            optimization.resume(self.engine, state)?;
+            optimization.resume(self.engine, &engine, state)?;
         }
         Ok(optimization)
     }

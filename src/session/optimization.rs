@@ -1,6 +1,6 @@
 //! One `optimize`, step by step.
 
-use std::collections::{HashMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -14,7 +14,9 @@ use super::solver::{Method, preconditioner_from, solver_from};
 use super::stages::{Plan, plan};
 use crate::check::{self, Reached, hir};
 use crate::diag::Diagnostic;
-use crate::eval::{Engine, History, INTERRUPTED, Origin, ParamInfo, ParamKind, RenderOverrides, StoredHistory};
+use crate::eval::{
+    Engine, EngineState, History, INTERRUPTED, Origin, ParamInfo, ParamKind, RenderOverrides, StoredHistory,
+};
 use crate::memory;
 use crate::natives::value::Value;
 use crate::optim::{GaveUp, Geometry, GradientNoise, GradientSize, Optimizer, Solver, Space, StepOutcome};
@@ -27,6 +29,10 @@ pub struct Optimization {
     stages: Vec<Plan>,
     total: u64,
     done: u64,
+    /// The index of the stage for which everything is set up.
+    entered: usize,
+    /// Where the params were when it was, if that was not at the start.
+    entrance: Option<EngineState>,
     params: Vec<Moved>,
     spaces: Vec<Space>,
     pub(super) memory: Memory,
@@ -50,8 +56,8 @@ pub(super) struct Memory {
     history: History,
     /// Of each param's gradient, in first-order steps of one stage.
     noise: Vec<GradientNoise>,
-    /// For each param, whether its derivative was ever anything but 0.
-    felt: Vec<bool>,
+    /// For each param that has moved, whether its derivative was ever anything but 0.
+    felt: BTreeMap<String, bool>,
     /// Steps that moved nothing, because what they would have followed was not finite.
     skipped: u64,
     /// Where to go back to.
@@ -64,9 +70,26 @@ pub(super) struct Memory {
 #[derive(Serialize, Deserialize)]
 pub struct OptimizationState {
     done: u64,
+    entered: usize,
+    entrance: Option<EngineState>,
     losses: Vec<f64>,
     memory: Memory,
     history: StoredHistory,
+}
+
+impl Memory {
+    fn new(spaces: &[Space]) -> Memory {
+        Memory {
+            optimizer: Optimizer::new(Solver::adam(), spaces.to_vec()),
+            squares: None,
+            history: History::default(),
+            noise: vec![GradientNoise::default(); spaces.len()],
+            felt: BTreeMap::new(),
+            skipped: 0,
+            footing: None,
+            origin: None,
+        }
+    }
 }
 
 /// All that a step changes.
@@ -126,52 +149,96 @@ pub struct StepReport {
 impl Optimization {
     /// `steps` replaces the script's number of steps (stages keep their proportions).
     pub fn new(engine: &mut Engine, optimize: &hir::Optimize, steps: Option<u64>) -> Result<Optimization, Diagnostic> {
-        let (params, spaces, notes) = moved_params(engine, optimize)?;
         engine.clear_losses();
         let stages = plan(engine, optimize, steps)?;
-        Ok(Optimization {
+        let mut optimization = Optimization {
             optimize: optimize.clone(),
             total: stages.last().map_or(0, |s| s.until),
             stages,
             done: 0,
-            memory: Memory {
-                optimizer: Optimizer::new(Solver::adam(), spaces.clone()),
-                squares: None,
-                history: History::default(),
-                noise: vec![GradientNoise::default(); params.len()],
-                felt: vec![false; params.len()],
-                skipped: 0,
-                footing: None,
-                origin: None,
-            },
-            params,
-            spaces,
+            entered: 0,
+            entrance: None,
+            params: Vec::new(),
+            memory: Memory::new(&[]),
+            spaces: Vec::new(),
             losses: Vec::new(),
             rejected: None,
             before: None,
-            notes,
-        })
+            notes: Vec::new(),
+        };
+        optimization.set_out(engine)?;
+        Ok(optimization)
+    }
+
+    /// Finds what moves in the stage that is entered, and forgets what solvers have learnt of others.
+    fn set_out(&mut self, engine: &mut Engine) -> Result<(), Diagnostic> {
+        let over = self.stages.get(self.entered).and_then(|stage| stage.over.as_deref());
+        let (params, spaces, notes) = moved_params(engine, &self.optimize, over)?;
+        let (skipped, felt) = (self.memory.skipped, std::mem::take(&mut self.memory.felt));
+        self.memory = Memory { skipped, felt, ..Memory::new(&spaces) };
+        for param in &params {
+            self.memory.felt.entry(param.name.clone()).or_insert(false);
+        }
+        (self.params, self.spaces) = (params, spaces);
+        self.notes.extend(notes);
+        Ok(())
+    }
+
+    /// Carries out what is due between the last step and the next one: the `then` of stages that have ended, and the choice of what moves in the
+    /// stage that begins. Returns whether anything was declared anew.
+    pub fn enter_stage(&mut self, engine: &mut Engine) -> Result<bool, Diagnostic> {
+        let mut renewed = false;
+        while let Some(stage) = self.stages.get(self.entered).filter(|stage| stage.until <= self.done) {
+            let then = stage.then.clone();
+            if let Some(then) = &then {
+                engine.set_step(self.done, self.total);
+                self.leave(engine);
+                engine.renew(then)?;
+                renewed = true;
+            }
+            let over = stage.over.clone();
+            self.entered += 1;
+            let Some(next) = self.stages.get(self.entered) else { break };
+            if then.is_some() || next.over != over {
+                self.entrance = Some(engine.state());
+                self.set_out(engine)?;
+            }
+        }
+        Ok(renewed)
     }
 
     /// What [`Optimization::resume`] needs, with the engine's own state, to go on from here.
     pub fn state(&self) -> OptimizationState {
         let history = self.memory.history.store();
-        OptimizationState { done: self.done, losses: self.losses.clone(), memory: self.memory.clone(), history }
+        let (losses, memory) = (self.losses.clone(), self.memory.clone());
+        let (entered, entrance) = (self.entered, self.entrance.clone());
+        OptimizationState { done: self.done, entered, entrance, losses, memory, history }
     }
 
-    /// Takes up a state of the same optimisation. The engine has its state of then already.
-    pub fn resume(&mut self, engine: &mut Engine, state: OptimizationState) -> Result<(), Diagnostic> {
-        let OptimizationState { done, losses, memory, history } = state;
+    /// Takes up a state of the same optimisation; `now` is that of the engine at that time.
+    pub fn resume(
+        &mut self,
+        engine: &mut Engine,
+        now: &EngineState,
+        state: OptimizationState,
+    ) -> Result<(), Diagnostic> {
+        let OptimizationState { done, entered, entrance, losses, memory, history } = state;
+        self.entered = entered;
+        if let Some(entrance) = &entrance {
+            engine.restore(entrance)?;
+            self.set_out(engine)?;
+        }
+        engine.restore(now)?;
         let squares = memory.squares.map(|squares| squares.within(self.spaces_of_elements()));
         let mut optimizer = self.memory.optimizer.clone();
-        let fits = optimizer.resume(memory.optimizer).is_some() && memory.felt.len() == self.params.len();
+        let fits = optimizer.resume(memory.optimizer).is_some() && memory.noise.len() == self.params.len();
         if !fits {
             let message = format!("the run moved other params than `{}` does now", self.name());
             return Err(Diagnostic::error("dscene::run::resume", message).label(self.optimize.span, "this one"));
         }
         let mut history = History::resumed(history);
         self.revisit(engine, &mut history)?;
-        (self.done, self.losses) = (done, losses);
+        (self.done, self.losses, self.entrance) = (done, losses, entrance);
         self.memory = Memory { optimizer, squares, history, ..memory };
         Ok(())
     }
@@ -223,13 +290,8 @@ impl Optimization {
 
     /// Params that could not move: their derivative was exactly 0 in every step.
     pub fn unfelt(&self) -> Option<Diagnostic> {
-        let names: Vec<String> = self
-            .params
-            .iter()
-            .zip(&self.memory.felt)
-            .filter(|(_, felt)| !**felt)
-            .map(|(p, _)| format!("`{}`", p.name))
-            .collect();
+        let unfelt = self.memory.felt.iter().filter(|(_, felt)| !**felt);
+        let names: Vec<String> = unfelt.map(|(name, _)| format!("`{name}`")).collect();
         if names.is_empty() || self.done == 0 {
             return None;
         }
@@ -319,6 +381,7 @@ impl Optimization {
 
     /// One step. Beyond the last one the schedule stands still at its end. A step that Ctrl-C stops half-way is taken back.
     pub fn step(&mut self, engine: &mut Engine) -> Result<StepReport, Diagnostic> {
+        self.enter_stage(engine)?;
         self.enter_step(engine);
         let targets = self.targets();
         let before: Vec<Tensor> = targets.iter().map(|t| engine.target_tensor(t)).collect::<Result<_, _>>()?;
@@ -396,8 +459,8 @@ impl Optimization {
                 moved?
             }
         };
-        for (felt, now) in self.memory.felt.iter_mut().zip(&moved.felt) {
-            *felt |= now;
+        for (param, now) in self.params.iter().zip(&moved.felt) {
+            *self.memory.felt.entry(param.name.clone()).or_default() |= now;
         }
         self.memory.skipped += u64::from(!matches!(moved.outcome, Ok(StepOutcome::Moved)));
         let names = |indices: &[usize]| -> Vec<String> {
@@ -539,10 +602,14 @@ impl Optimization {
 type Found = (Vec<Moved>, Vec<Space>, Vec<String>);
 
 /// Which params move, and how.
-fn moved_params(engine: &mut Engine, optimize: &hir::Optimize) -> Result<Found, Diagnostic> {
+fn moved_params(
+    engine: &mut Engine,
+    optimize: &hir::Optimize,
+    over: Option<&[(hir::Target, Span)]>,
+) -> Result<Found, Diagnostic> {
     let infos: Vec<ParamInfo> = engine.params()?;
-    let targets: Vec<(hir::Target, Span)> = match &optimize.over {
-        Some(over) => over.clone(),
+    let targets: Vec<(hir::Target, Span)> = match over {
+        Some(over) => over.to_vec(),
         None => {
             let reaching: HashSet<hir::DeclId> = engine.reaching_params(&optimize.loss)?.into_iter().collect();
             let wanted = infos.iter().filter(|info| reaching.contains(&info.id) && !info.frozen);

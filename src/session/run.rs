@@ -343,6 +343,9 @@ impl<'a> Runner<'a> {
                 break;
             }
         }
+        if optimization.done() == optimization.total() {
+            self.enter_stage(optimization)?;
+        }
         Ok(Flow::Continue)
     }
 
@@ -355,6 +358,7 @@ impl<'a> Runner<'a> {
 
     /// What is due before a step, the step, and its record. What Ctrl-C or an error ends half-way is forgotten: it may be done again.
     fn turn(&mut self, optimization: &mut Optimization) -> Result<StepReport, Diagnostic> {
+        self.enter_stage(optimization)?;
         let before = (!optimization.every().is_empty()).then(|| (self.report.clone(), self.curves.clone()));
         let done = self.every(optimization).and_then(|()| optimization.step(self.engine));
         let done = done.and_then(|report| self.record(optimization, &report).map(|()| report));
@@ -364,6 +368,15 @@ impl<'a> Runner<'a> {
             (Err(_), None) => {}
         }
         done
+    }
+
+    fn enter_stage(&mut self, optimization: &mut Optimization) -> Result<(), Diagnostic> {
+        let told = optimization.notes().len();
+        if optimization.enter_stage(self.engine)? {
+            self.world.progress_done();
+        }
+        optimization.notes()[told..].iter().for_each(|note| self.world.note(note));
+        Ok(())
     }
 
     /// A step counts once it is in the log.

@@ -5,6 +5,7 @@ use crate::check::hir;
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, RenderOverrides};
 use crate::natives::value::Value;
+use crate::source::Span;
 
 /// Steps when the script says nothing.
 const DEFAULT_STEPS: u64 = 100;
@@ -16,6 +17,10 @@ pub struct Plan {
     pub until: u64,
     pub using: Option<hir::Expr>,
     pub overrides: RenderOverrides,
+    /// What moves.
+    pub over: Option<Vec<(hir::Target, Span)>>,
+    /// What is declared anew after its last step.
+    pub then: Option<hir::Then>,
 }
 
 /// The stages in their order, one without a name if the script has none; `steps` replaces the script's number of them.
@@ -27,7 +32,8 @@ pub fn plan(engine: &mut Engine, optimize: &hir::Optimize, steps: Option<u64>) -
     let own_overrides = overrides(engine, RenderOverrides::default(), &optimize.settings)?;
     if optimize.stages.is_empty() {
         let until = steps.or(own_steps).unwrap_or(DEFAULT_STEPS);
-        return Ok(vec![Plan { name: None, until, using: optimize.using.clone(), overrides: own_overrides }]);
+        let (using, over) = (optimize.using.clone(), optimize.over.clone());
+        return Ok(vec![Plan { name: None, until, using, overrides: own_overrides, over, then: None }]);
     }
     let mut plans = Vec::new();
     let mut until: u64 = 0;
@@ -42,6 +48,8 @@ pub fn plan(engine: &mut Engine, optimize: &hir::Optimize, steps: Option<u64>) -
             until,
             using: stage.using.clone().or_else(|| optimize.using.clone()),
             overrides: overrides(engine, own_overrides, &stage.settings)?,
+            over: stage.over.clone().or_else(|| optimize.over.clone()),
+            then: stage.then.clone(),
         });
     }
     if let Some(steps) = steps {

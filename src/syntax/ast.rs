@@ -168,7 +168,23 @@ pub struct Optimize {
 pub struct Stage {
     pub name: Name,
     pub fields: Vec<Field>,
+    pub then: Vec<Then>,
     pub span: Span,
+}
+
+/// `then { param points = …, mesh ball = … }`
+#[derive(Clone, Debug)]
+pub struct Then {
+    pub renewals: Vec<Renewal>,
+    pub span: Span,
+}
+
+#[derive(Clone, Debug)]
+pub struct Renewal {
+    /// `param`, `let`, `mesh`, …
+    pub word: Name,
+    pub name: Name,
+    pub value: Expr,
 }
 
 #[derive(Clone, Debug)]

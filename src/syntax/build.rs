@@ -85,8 +85,14 @@ impl Builder<'_> {
                         Rule::field => optimize.fields.extend(self.field(inner)),
                         Rule::stage => {
                             let name = self.name(inner.find(Rule::ident)?);
-                            let fields = self.fields(inner.find(Rule::fields)?);
-                            optimize.stages.push(ast::Stage { name, fields, span });
+                            let mut stage = ast::Stage { name, fields: Vec::new(), then: Vec::new(), span };
+                            for part in inner.0 {
+                                match part.as_rule() {
+                                    Rule::then => stage.then.push(self.then(part)),
+                                    _ => stage.fields.extend(self.field(Parts(part.into_inner()))),
+                                }
+                            }
+                            optimize.stages.push(stage);
                         }
                         Rule::every => {
                             let steps = self.logic(inner.find(Rule::logic)?);
@@ -145,6 +151,18 @@ impl Builder<'_> {
             columns.push(Field { name, value });
         }
         Action::Report { columns, span }
+    fn then(&mut self, pair: P) -> ast::Then {
+        let span = self.span(&pair);
+        let renewal = |pair: P| {
+            let mut parts = Parts(pair.into_inner());
+            let word = self.name(parts.find(Rule::renewed)?);
+            let name = self.name(parts.find(Rule::ident)?);
+            Some(ast::Renewal { word, name, value: self.expr(parts.find(Rule::expr)?) })
+        };
+        ast::Then {
+            renewals: pair.into_inner().filter(|p| p.as_rule() == Rule::renewal).filter_map(renewal).collect(),
+            span,
+        }
     }
 
     pub fn expr(&mut self, pair: P) -> Expr {

@@ -230,7 +230,7 @@ impl Repl<'_> {
         for id in self.engine.program().params().collect::<Vec<_>>() {
             self.engine.reset_param(id);
         }
-        self.engine.reset_fields();
+        self.engine.reset_renewed();
         self.optimization = None;
         self.world.note("params are back at their initial values");
         Ok(())
