@@ -17,6 +17,8 @@ param m = [[1.2, 0.3, -0.4], [0.2, 0.9, 0.5], [-0.1, 0.6, -0.8]]
 param n = [[0.5, -1.2], [0.8, 0.3], [1.4, -0.2]]
 param im = [[[0.2, 0.9], [0.6, 0.1], [0.35, 0.75]], [[0.5, 0.31], [0.15, 0.45], [0.8, 0.55]]]
 param points = [[0.3, 0.1, 0.2], [-0.4, 0.65, -0.1], [0.2, -0.6, 0.4], [0.7, 0.3, -0.5]]
+let photo = image([[[0.5, 0.3], [0.1, 0.8], [0.7, 0.2]], [[0.9, 0.6], [0.4, 0.25], [0.05, 0.65]]])
+let mask = image([[[1], [0], [0.5]], [[0.2], [1], [0]]])
 let body = mesh(vertices: points, faces: [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]) |> smooth_normals()
 camera eye { position: [1, 2, 6], look_at: v, fov: turn * 2, film: [64, 48] }
 camera wide { position: 2 * w, look_at: v, fov: 150deg, kind: fisheye, distortion: [0.3 * s, 0.02], film: [64, 48] }
@@ -132,6 +134,26 @@ const DERIVATIVES: &[(&str, &str, &str)] = &[
     ("laplacian_energy", "laplacian_energy(body)", "points"),
     ("edge_length_energy", "edge_length_energy(body)", "points"),
     ("normal_consistency", "normal_consistency(body)", "points"),
+    ("bending_energy", "bending_energy(body)", "points"),
+    ("volume_energy", "volume_energy(body, wanted: 0.2)", "points"),
+    // Losses, weighted and not; the mask is an image of one channel.
+    ("weighted_mean", "weighted_mean(image(im), weight: mask)", "im"),
+    ("mse", "mse(image(im), photo)", "im"),
+    ("mse", "mse(image(im), photo, weight: mask)", "im"),
+    ("mse", "mse(v, w, weight: [1, 0, s])", "s"),
+    ("l1", "l1(image(im), photo, weight: mask)", "im"),
+    ("l2", "l2(image(im), photo, weight: mask)", "im"),
+    ("huber", "huber(image(im), photo, delta: 0.23, weight: mask)", "im"),
+    ("relative_mse", "relative_mse(image(im), photo, weight: mask)", "im"),
+    ("smape", "smape(image(im), photo, weight: mask)", "im"),
+    ("psnr", "psnr(image(im), photo, weight: mask)", "im"),
+    ("ssim", "ssim(image(im), photo, weight: mask)", "im"),
+    (
+        "ms_ssim",
+        "ms_ssim(resize(image(im), 32, 20), 0.1 * resize(photo, 32, 20) + 0.7 * resize(image(im) ^ 2, 32, 20))",
+        "im",
+    ),
+    ("silhouette_iou", "silhouette_iou(image(im), photo, weight: mask)", "im"),
     ("project", "project(eye, points)", "points"),
     ("project", "project(eye, points)", "v"),
     ("project", "project(eye, points)", "turn"),
@@ -182,6 +204,7 @@ const NONE: &[(&str, &[&str])] = &[
         ],
     ),
     ("in single precision, which has too few digits for these differences: `networks` tests it", &["classifier"]),
+    ("to report, not to follow", &["flip_error"]),
     ("derivatives themselves", &["grad", "jvp", "jacobian", "fd", "estimate"]),
     (
         "settings",
@@ -308,6 +331,15 @@ fn every_native_has_a_test_of_its_derivative_or_none() {
 const VALUES: &[(&str, &[f64])] = &[
     ("[[1, 2], [3, 4]] @ [5, 6]", &[17.0, 39.0]),
     ("[5, 6] @ [[1, 2], [3, 4]]", &[23.0, 34.0]),
+    ("mse([1, 2, 3], [2, 2, 5], weight: [1, 1, 0.5])", &[3.0 / 2.5]),
+    ("mse(photo, 0 * photo, weight: mask)", &[(0.34 / 2.0 + 0.5 * 0.53 / 2.0 + 0.2 * 1.17 / 2.0 + 0.2225 / 2.0) / 2.7]),
+    ("l1([1, 2], [2, 4], weight: 0)", &[0.0]),
+    ("ms_ssim(resize(photo, 40, 40), resize(photo, 40, 40))", &[1.0]),
+    ("silhouette_iou(mask, mask)", &[1.0 - (1.0 + 0.25 + 0.04 + 1.0) / (1.0 + 0.75 + 0.36 + 1.0)]),
+    // A cube's edges bend by a right angle: 12 of length 1 between faces of area 1/2 each, and 6 diagonals that do not bend.
+    ("bending_energy(cube())", &[72.0]),
+    ("bending_energy(cube() |> scale(7))", &[72.0]),
+    ("volume_energy(cube() |> scale(2), wanted: 4 * volume(cube()))", &[1.0]),
     ("[[1, 2, 3]] @ [[1], [2], [3]]", &[14.0]),
     ("[1, 2] @ [3, 4]", &[11.0]),
     // `@` binds as `*` does, from the left.
@@ -498,5 +530,24 @@ fn the_nearest_rotation_is_the_nearest() {
                 }
             }
         }
+    });
+}
+
+/// Of two pairs of pictures, one of noise and one of waves, at two distances; as the program that goes with the paper says (which computes
+/// in single precision).
+#[test]
+fn flip_error_is_that_of_its_authors() {
+    let picture = |value: &str| format!("image([[[{value} for c in 0..3] for x in 0..24] for y in 0..20])");
+    let noise = ["mod(7 * x + 3 * y + 5 * c, 11) / 10", "mod(5 * x + 2 * y * y + 3 * c, 13) / 12"].map(picture);
+    let waves = ["0.5 + 0.4 * sin((x / 5 + c) * 1rad)", "0.5 + 0.4 * sin((x / 5 + c + 0.02 * y) * 1rad)"].map(picture);
+    on_large_stack(|| {
+        let mut engine = engine();
+        for ([a, b], at, wanted) in
+            [(&noise, 67.02, 0.278388), (&noise, 20.0, 0.824297), (&waves, 67.02, 0.271974), (&waves, 20.0, 0.256074)]
+        {
+            let found = numbers(&mut engine, &format!("flip_error({b}, {a}, pixels_per_degree: {at})"))[0];
+            assert!((found - wanted).abs() < 1e-4, "{found} {wanted}");
+        }
+        assert_eq!(numbers(&mut engine, &format!("flip_error({0}, {0})", waves[0])), [0.0]);
     });
 }

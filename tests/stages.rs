@@ -66,7 +66,10 @@ fn a_param_gets_another_size_where_a_stage_ends() {
     let output = place.dsl(&["export", "run", "--script"]);
     assert_code(&output, 0);
     let script = stdout(&output);
-    assert!(script.contains("param row = [5.5, 5.5, 5.5]") && script.contains("let wanted = 5.9999"), "{script}");
+    assert!(
+        script.contains("param row: scalar[] = [5.5, 5.5, 5.5]") && script.contains("let wanted = 5.9999"),
+        "{script}"
+    );
 }
 
 /// What follows sees what the last stage made, and a loop that ends early makes nothing.

@@ -5,6 +5,7 @@
 mod exr;
 pub mod file;
 pub mod filter;
+pub mod flip;
 mod hdr;
 mod jpeg;
 mod png;

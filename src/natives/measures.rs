@@ -5,6 +5,7 @@ use std::sync::atomic::Ordering;
 
 use rayon::prelude::*;
 
+use crate::image::flip;
 use crate::mesh::nearest::Nearest;
 use crate::stop;
 use crate::tape::{Tensor, Unary, Var};
@@ -22,6 +23,8 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("centroid", centroid),
     ("volume", volume),
     ("chamfer", chamfer),
+    ("bending_energy", bending_energy),
+    ("flip_error", flip_error),
 ];
 
 /// The bounding box of a mesh's vertices, as nodes of the tape.
@@ -102,6 +105,54 @@ fn chamfer(a: &Args) -> Result<Value> {
         Ok(apart.unary(Unary::Square).sum().scale(1.0 / found.len() as f64))
     };
     Ok(Value::Num(one_way(&x, &y)?.add(&one_way(&y, &x)?)?))
+}
+
+/// The bending energy of discrete shells, Σ θ² · 3 |e|² / (A₁ + A₂) over the edges with two faces (Grinspun et al. 2003, for a shell that
+/// is flat at rest), with 2 (1 − cos θ) for the square of the angle θ between the normals: the same for small angles, and smooth at 0.
+fn bending_energy(a: &Args) -> Result<Value> {
+    let mesh = a.mesh(0)?;
+    let inner: Vec<([u32; 2], [u32; 2])> =
+        welded_edges(mesh).iter().filter_map(|(e, f)| Some((*e, f[..].try_into().ok()?))).collect();
+    if inner.is_empty() {
+        return Ok(Value::scalar(0.0));
+    }
+    let [p, q, r] = corners(&mesh.vertices, mesh)?;
+    let doubled = q.sub(&p)?.cross(&r.sub(&p)?)?;
+    let (normals, areas) = (doubled.normalize()?, doubled.length()?.scale(0.5));
+    let face = |of: &Var, k: usize| of.rows(&inner.iter().map(|(_, f)| f[k]).collect::<Vec<_>>());
+    let end = |k: usize| mesh.vertices.rows(&inner.iter().map(|(e, _)| e[k]).collect::<Vec<_>>());
+    let bent = face(&normals, 0)?.dot(&face(&normals, 1)?)?.neg().shift(1.0).scale(2.0);
+    let along = end(1)?.sub(&end(0)?)?;
+    let around = face(&areas, 0)?.add(&face(&areas, 1)?)?;
+    Ok(Value::Num(bent.mul(&along.dot(&along)?.scale(3.0))?.div(&around)?.sum()))
+}
+
+/// The mean of [`flip::error_map`]. To report, not to follow: it has no derivative.
+fn flip_error(a: &Args) -> Result<Value> {
+    let (image, reference) = (a.image(0)?, a.image(1)?);
+    let [height, width, channels] = image.shape()[..] else { return Err(a.wrong(0, "an image")) };
+    if image.shape() != reference.shape() {
+        return Err(NativeError::at(
+            1,
+            format!(
+                "the images are not of one size: {} and {}",
+                Tensor::shape_text(image.shape()),
+                Tensor::shape_text(reference.shape())
+            ),
+        ));
+    }
+    if channels != 3 && channels != 1 {
+        return Err(NativeError::at(0, format!("an image of {channels} channels has no colours to compare")));
+    }
+    let pixels_per_degree = a.number(2)?;
+    if !(1.0..=1000.0).contains(&pixels_per_degree) {
+        return Err(NativeError::at(2, "a screen has 1 to 1000 pixels per degree"));
+    }
+    let colors = |image: &Var| -> Vec<f64> {
+        image.value().data.iter().flat_map(|x| std::iter::repeat_n(*x, 3 / channels)).collect()
+    };
+    let map = flip::error_map(&colors(&image), &colors(&reference), width, height, pixels_per_degree);
+    Ok(Value::scalar(map.iter().sum::<f64>() / map.len() as f64))
 }
 
 fn rows(t: &Tensor) -> Arc<[[f64; 3]]> {

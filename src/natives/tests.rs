@@ -92,7 +92,7 @@ fn mesh_operations_carry_derivatives_of_vertices_and_normals() {
             all(&call(name, &args).unwrap())
         });
     }
-    for name in ["laplacian_energy", "edge_length_energy", "normal_consistency"] {
+    for name in ["laplacian_energy", "edge_length_energy", "normal_consistency", "bending_energy"] {
         check(name, &x, |v| call(name, &[("mesh", with(v))]).unwrap().var().unwrap().clone());
     }
 }

@@ -151,6 +151,8 @@ impl Builder<'_> {
             columns.push(Field { name, value });
         }
         Action::Report { columns, span }
+    }
+
     fn then(&mut self, pair: P) -> ast::Then {
         let span = self.span(&pair);
         let renewal = |pair: P| {
