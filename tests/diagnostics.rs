@@ -599,27 +599,10 @@ sweep sise in [1, 2], rate in 0.1, twice in [1], twin in [twin] {
         wanted: &[("dscene::sweep::unused", "sise", "did you mean `size`?")],
     },
     Case {
-        name: "sweep_of_itself",
-        prelude: SCENE,
-        script: "let rate = 0.1\nsweep rate in [rate, 2 * rate], size in [size for i in 0..3] {\n\
-                 optimize fit { using: adam(lr: rate) } }",
-        wanted: &[("dscene::sweep::cycle", "rate", "let base")],
-    },
-    Case {
         name: "report_without_sweep",
         prelude: SCENE,
         script: "optimize fit { steps: 10 }\nreport { error: fit, seconds }",
         wanted: &[("dscene::sweep::report", "report { error: fit, seconds }", "`sweep NAME in [a, b] { … }`")],
-    },
-    Case {
-        name: "sweep_mistyped",
-        prelude: SCENE,
-        script: "sweep rate = [0.1, 0.2] { print rate }\nsweep seed in 0..3 report { fit }\nsweep in [1] { print 1 }",
-        wanted: &[
-            ("dscene::syntax::unexpected", "=", ""),
-            ("dscene::syntax::unexpected", "report", ""),
-            ("dscene::syntax::unexpected", "in", ""),
-        ],
     },
     Case {
         name: "many_at_once",

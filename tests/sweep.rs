@@ -293,3 +293,22 @@ fn a_script_with_a_sweep_is_still_one_scene() {
     assert_code(&output, 0);
     assert!(stdout(&output).contains("corners"), "{}", stdout(&output));
 }
+
+#[test]
+fn slips_are_told_by_what_to_write() {
+    let place = Place::new();
+    let cases = [
+        ("let rate = 0.1\nsweep rate in [rate, 2 * rate] { print rate }", "is made of `rate`, which it replaces"),
+        ("sweep rate = [0.1, 0.2] { print rate }", "write `sweep rate in [a, b] { … }`"),
+        ("sweep rate in [0.1, 0.2]", "write `sweep rate in [a, b] { … }`"),
+        ("sweep in [0.1, 0.2] { print 1 }", "expected a name"),
+        ("param x = 1\nfor rate in [0.1] { optimize x ^ 2 { steps: 3 } }", "runs with several values are a sweep"),
+    ];
+    for (script, told) in cases {
+        place.write("a.dscene", script);
+        let output = place.command(&["check", "a.dscene"]).env("COLUMNS", "120").output().unwrap();
+        assert_diagnosed(&output);
+        let text = stderr(&output).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(text.contains(told), "{script}: {text}");
+    }
+}

@@ -18,6 +18,9 @@ pub fn explain(
     declared: &dyn std::ops::Fn(&str) -> bool,
 ) -> Diagnostic {
     let span = |start: usize, end: usize| Span::new(source, offset + start, offset + end);
+    if let Some(diagnostic) = sweep_head(text, &span) {
+        return diagnostic;
+    }
     if let Some(habit) = habits::find(text, place(error, text), declared) {
         return habit.diagnostic(&span);
     }
@@ -147,6 +150,25 @@ fn head(text: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Option<Dia
             .label(span(next_at, next_at + next.len()), format!("expected {wanted}"))
     };
     Some(diagnostic.help(help))
+}
+
+/// A sweep without the `in` of its first variable, or without braces.
+fn sweep_head(text: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Option<Diagnostic> {
+    let (at, word) = token_at(text, skip_space(text, 0));
+    let (name_at, name) = token_at(text, skip_space(text, at + word.len()));
+    if word != "sweep" || !is_name(&name) || is_reserved(&name) {
+        return None;
+    }
+    let (next_at, next) = token_at(text, skip_space(text, name_at + name.len()));
+    let help = format!("write `sweep {name} in [a, b] {{ … }}`, with all that a run does in the braces");
+    let told = match next.as_str() {
+        "in" if text.contains('{') => return None,
+        "in" => ends_early(text, "the statement", "`{`", span),
+        "" => ends_early(text, "the statement", "`in`", span),
+        _ => Diagnostic::error("dscene::syntax::unexpected", format!("expected `in`, but found `{next}`"))
+            .label(span(next_at, next_at + next.len()), "expected `in`"),
+    };
+    Some(told.help(help))
 }
 
 fn skip_space(text: &str, at: usize) -> usize {
