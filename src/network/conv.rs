@@ -254,7 +254,7 @@ fn plain(from: &[f32], out: &mut [f32], weights: Matrix, [inputs, outputs]: [usi
     if rows == 1 {
         // One row: divided by its columns.
         out.par_chunks_mut(COLUMNS).enumerate().filter(|_| !stopped()).for_each(|(number, out)| {
-            let (weights, n) = (weights.from_column(number * COLUMNS), out.len());
+            let (weights, n) = (weights.columns_from(number * COLUMNS), out.len());
             product(out, n, Matrix::rows(from, inputs), weights, [1, inputs, n]);
         });
         return;

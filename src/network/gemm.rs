@@ -19,7 +19,7 @@ impl<'a> Matrix<'a> {
     }
 
     /// The matrix without its first columns.
-    pub fn from_column(self, first: usize) -> Matrix<'a> {
+    pub fn columns_from(self, first: usize) -> Matrix<'a> {
         Matrix { data: &self.data[first * self.column_stride..], ..self }
     }
 }
@@ -70,7 +70,7 @@ mod tests {
             let mut parts = vec![0.0; m * n];
             for (row, part) in parts.chunks_mut(n).enumerate() {
                 for column in 0..n {
-                    let b = Matrix::rows(&b, n).from_column(column.min(k * n));
+                    let b = Matrix::rows(&b, n).columns_from(column.min(k * n));
                     let out = &mut part[column..=column];
                     product(out, 1, Matrix::rows(&a[row * k..], k), b, [1, k, 1]);
                 }
