@@ -273,6 +273,10 @@ fn a_script_with_a_sweep_is_still_one_scene() {
     assert_code(&output, 0);
     assert_eq!(stdout(&output).trim(), "[0.01, 0]");
     assert_code(&place.dsl(&["check", "a.dscene"]), 0);
+    // What only a stage's end depends on is of effect.
+    let staged = "param x = 1\nsweep start in [1, 2] { optimize x ^ 2 { stage a { steps: 2 then { param x = start } } stage b { steps: 1 } } }";
+    place.write("staged.dscene", staged);
+    assert_code(&place.dsl(&["check", "staged.dscene"]), 0);
     assert_code(&place.dsl(&["grad", "a.dscene", "--wrt", "glow"]), 0);
     let typed = place
         .command(&["repl", "a.dscene"])

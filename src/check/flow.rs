@@ -106,12 +106,15 @@ pub fn used_by_actions(program: &Program) -> BTreeSet<DeclId> {
                     .stages
                     .iter()
                     .flat_map(|s| s.steps.iter().chain(&s.using).chain(s.settings.iter().map(|(_, e)| e)));
+                let thens = o.stages.iter().filter_map(|s| s.then.as_ref());
+                let renewed = thens.flat_map(|then| &then.renewals).map(|renewal| &renewal.value);
                 let own = [&o.using, &o.steps, &o.stop_when].into_iter().flatten();
                 let every = o.every.iter().map(|every| &every.steps);
                 std::iter::once(&o.loss)
                     .chain(own)
                     .chain(o.settings.iter().map(|(_, e)| e))
                     .chain(stages)
+                    .chain(renewed)
                     .chain(every)
                     .collect()
             }

@@ -152,8 +152,16 @@ impl Checker<'_> {
     /// Notes what stages declare anew: its sizes are not those of its first value.
     pub fn note_renewed(&mut self) {
         for statement in &self.action_statements {
-            let StatementKind::Action(ast::Action::Optimize(optimize)) = &statement.kind else { continue };
-            let thens = optimize.stages.iter().flat_map(|stage| &stage.then);
+            let StatementKind::Action(action) = &statement.kind else { continue };
+            let actions = match action {
+                ast::Action::Sweep(sweep) => sweep.actions.as_slice(),
+                action => std::slice::from_ref(action),
+            };
+            let optimized = actions.iter().filter_map(|action| match action {
+                ast::Action::Optimize(optimize) => Some(optimize),
+                _ => None,
+            });
+            let thens = optimized.flat_map(|optimize| &optimize.stages).flat_map(|stage| &stage.then);
             for renewal in thens.flat_map(|then| &then.renewals) {
                 self.renewed.extend(self.modules[self.main].names.get(&renewal.name.text));
             }
