@@ -8,7 +8,8 @@ use dscene::grad::sampling::allocate::Estimator;
 use dscene::grad::sink::{DenseSums, DirectionalDerivatives, Layout, Tangents};
 use dscene::grad::terms::interior::Interior;
 use dscene::grad::{
-    Direction, GuideCache, NEVER, render_backward, render_backward_until, render_forward, render_jacobian,
+    Direction, GuideCache, NEVER, render_backward, render_backward_evenly_until, render_backward_until, render_forward,
+    render_jacobian, render_rows_until,
 };
 use dscene::image::Image;
 use dscene::render::texture::{Filter, Texture, Wrap};
@@ -96,6 +97,45 @@ fn forward_is_the_transpose_of_reverse() {
             let size: f64 = forward.data.iter().map(|v| f64::from(v.abs())).sum();
             println!("{output:?}: {jv} {jtw} of {size}");
             assert!(size > 0.0 && (jv - jtw).abs() < 1e-4 * size, "{output:?}: ⟨Jv, 1⟩ = {jv}, ⟨v, Jᵀ1⟩ = {jtw}");
+        }
+    }
+}
+
+/// Stored as a matrix, along a direction and against any weights: the same samples, so that all agree to rounding.
+#[test]
+fn a_derivative_with_even_samples_is_one_matrix() {
+    for (description, camera) in scenes() {
+        let slots = all_slots(&description, &camera);
+        let mut rng = dscene::math::Pcg32::new(6);
+        let mut random = |n: usize| -> Vec<f32> { (0..n).map(|_| rng.next_f32() - 0.5).collect() };
+        let tangents: Direction = slots.iter().map(|(s, v)| (*s, random(v.len()))).collect();
+        let wrt: Vec<Slot> = tangents.iter().map(|t| t.0).collect();
+        let scene = Scene::new(description).unwrap();
+        for output in [Output::Radiance, Output::Normal] {
+            let settings = settings(output, 2, 3);
+            let forward = render_forward(&scene, &camera, &settings, &tangents).unwrap();
+            let weights = Image { data: random(forward.data.len()), ..forward.clone() };
+            let reverse = render_backward_evenly_until(&scene, &camera, &settings, &weights, &wrt, &NEVER).unwrap();
+            let products = || forward.data.iter().zip(&weights.data).map(|(v, w)| f64::from(*v) * f64::from(*w));
+            let (jv, size) = (products().sum::<f64>(), products().map(f64::abs).sum::<f64>());
+            let terms = reverse.iter().zip(&tangents).flat_map(|(g, t)| g.iter().zip(&t.1));
+            let jtw: f64 = terms.map(|(g, t)| g * f64::from(*t)).sum();
+            assert!(size > 0.0 && (jv - jtw).abs() < 1e-4 * size, "{output:?}: ⟨Jv, w⟩ = {jv}, ⟨v, Jᵀw⟩ = {jtw}");
+
+            let rows = |room: usize| render_rows_until(&scene, &camera, &settings, &wrt, room, &NEVER).unwrap();
+            let Some(matrix) = rows(usize::MAX) else {
+                assert!(scene.moves_for(&camera));
+                continue;
+            };
+            assert!(rows(matrix.len() - 1).is_none());
+            let v: Vec<f64> = tangents.iter().flat_map(|t| &t.1).map(|x| f64::from(*x)).collect();
+            let w: Vec<f64> = weights.data.iter().map(|x| f64::from(*x)).collect();
+            let jv: Vec<f64> = forward.data.iter().map(|x| f64::from(*x)).collect();
+            for (found, expected) in [(matrix.times(&v), jv), (matrix.transposed_times(&w), reverse.concat())] {
+                let most = expected.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+                let off = found.iter().zip(&expected).fold(0.0, |off: f64, (a, b)| off.max((a - b).abs()));
+                assert!(found.len() == expected.len() && off < 1e-4 * most, "{output:?}: {off} of {most}");
+            }
         }
     }
 }

@@ -201,6 +201,7 @@ const NONE: &[(&str, &[&str])] = &[
             "teapot",
             "checkerboard",
             "plateau",
+            "converged",
         ],
     ),
     ("in single precision, which has too few digits for these differences: `networks` tests it", &["classifier"]),
@@ -208,7 +209,18 @@ const NONE: &[(&str, &[&str])] = &[
     ("derivatives themselves", &["grad", "jvp", "jacobian", "fd", "estimate"]),
     (
         "settings",
-        &["sgd", "adam", "adam_uniform", "rmsprop", "levenberg_marquardt", "gauss_newton", "laplacian", "integrator"],
+        &[
+            "sgd",
+            "adam",
+            "adam_uniform",
+            "rmsprop",
+            "lbfgs",
+            "levenberg_marquardt",
+            "gauss_newton",
+            "laplacian",
+            "auto",
+            "integrator",
+        ],
     ),
     (
         "parts of a scene, which carry numbers to `render` as they are",

@@ -103,11 +103,16 @@ fn survives(using: &str, moments: &[usize]) {
 }
 
 fn survives_script(script: &str, moments: &[usize]) {
+    script_survives(&script(using), 15, moments, using);
+}
+
+/// The same for any script with so many steps, an `expect` of which fails.
+fn script_survives(script: &str, steps: usize, moments: &[usize], what: &str) {
     let place = Place::new();
     place.write("a.dscene", script);
     assert_code(&place.dsl(&["run", "a.dscene", "--out", "whole", "--seed", "5", "--threads", "1", "--quiet"]), 1);
     let expected = left_behind(&place, "whole");
-    assert_eq!(expected["log.jsonl"].iter().filter(|b| **b == b'\n').count(), 15);
+    assert_eq!(expected["log.jsonl"].iter().filter(|b| **b == b'\n').count(), steps);
     for threads in ["1", "2"] {
         let run = format!("killed-{threads}");
         let mut arguments = vec!["run", "a.dscene", "--out", &run, "--seed", "5"];
@@ -125,6 +130,11 @@ fn survives_script(script: &str, moments: &[usize]) {
         all.extend(["--threads", threads, "--quiet"]);
         assert_code(&place.dsl(&all), 1);
         assert_same(&left_behind(&place, &run), &expected, script);
+        assert!(stopped > 0, "{what}: nothing was stopped");
+        let mut all = arguments.clone();
+        all.extend(["--threads", threads, "--quiet"]);
+        assert_code(&place.dsl(&all), 1);
+        assert_same(&left_behind(&place, &run), &expected, what);
     }
 }
 
@@ -137,6 +147,26 @@ fn all_that_steps_leave_for_one_another_is_kept() {
                   using: adam(lr: 0.02)";
     survives(stages, &[5, 7, 12]);
     survives("using: levenberg_marquardt(), steps: 12", &[5, 8, 13]);
+    survives("using: lbfgs(memory: 3), steps: 12", &[5, 8, 13]);
+    survives(
+        "using: adam(lr: 0.02), starts: 3, heat: 3, steps: 3, spp: auto(error: 10%, most: 8), clip: 1",
+        &[5, 9, 13],
+    );
+    // More unknowns than are solved for exactly, and a stage that moves fewer.
+    let many = "camera eye { position: [0, 0, -4], look_at: [0, 0, 0], fov: 45deg, film: [16, 16] }
+                param skin = [[0.5 for x in 0..17] for y in 0..17] in 0..1
+                param glow = 0.5
+                shape panel { mesh: rectangle(width: 4, depth: 4) |> rotate(x: -90deg), material: diffuse(texture(skin)) }
+                light sky = constant(glow)
+                let target = render(eye, spp: 16) with { skin: [[0.3 + 0.02 * x for x in 0..17] for y in 0..17], glow: 0.8 }
+                loss fit = mse(render(eye, spp: 2), target)
+                optimize fit {
+                  stage light { over: glow, using: adam(lr: 0.05), steps: 4, clip: 0.01 }
+                  stage all { using: levenberg_marquardt(), steps: 6 }
+                }
+                save skin to \"skin.npy\"
+                expect fit < 1e-9";
+    script_survives(many, 10, &[2, 5, 7], "matrix-free");
 }
 
 /// In the first optimisation, which is over when most of the kills come, and in the second.

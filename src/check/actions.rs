@@ -8,8 +8,19 @@ use crate::diag::{Diagnostic, did_you_mean};
 use crate::syntax::ast;
 
 /// Fields of `optimize`.
-const OPTIMIZE: [&str; 8] =
-    ["over", "using", "steps", "stop_when", "spp", "film_scale", "max_bounces", "control_variates"];
+const OPTIMIZE: [&str; 11] = [
+    "over",
+    "using",
+    "steps",
+    "stop_when",
+    "starts",
+    "heat",
+    "clip",
+    "spp",
+    "film_scale",
+    "max_bounces",
+    "control_variates",
+];
 
 impl Checker<'_> {
     pub fn top_action(&mut self, action: &ast::Action) {
@@ -40,6 +51,7 @@ impl Checker<'_> {
                         | Ty::Optimizer
                         | Ty::Preconditioner
                         | Ty::Network
+                        | Ty::Samples
                 );
                 if !savable {
                     let help = matches!(value.ty, Ty::Camera { .. })
@@ -250,8 +262,10 @@ impl Checker<'_> {
     pub fn setting(&mut self, field: &ast::Field, what: &str, known: &[&'static str]) -> Option<(String, hir::Expr)> {
         let name = field.name.text.as_str();
         let wanted = match name {
-            "spp" | "max_bounces" => Sig::Int(Vec::new()),
-            "film_scale" => Sig::Is(Ty::SCALAR),
+            "spp" => Sig::Union(vec![Sig::Int(Vec::new()), Sig::Is(Ty::Samples)]),
+            "max_bounces" => Sig::Int(Vec::new()),
+            "starts" | "heat" if known.contains(&"starts") => Sig::Int(Vec::new()),
+            "film_scale" | "clip" => Sig::Is(Ty::SCALAR),
             "control_variates" => Sig::Is(Ty::Bool),
             _ => {
                 let value = self.sources.text(field.value.span);
@@ -270,9 +284,10 @@ impl Checker<'_> {
             }
         };
         let value = match name {
-            "spp" => self.ranged_field(field, &wanted, 1.0, f64::INFINITY),
+            "spp" | "starts" | "heat" => self.ranged_field(field, &wanted, 1.0, f64::INFINITY),
             "max_bounces" => self.ranged_field(field, &wanted, 0.0, f64::INFINITY),
             "film_scale" => self.ranged_field(field, &wanted, f64::MIN_POSITIVE, 16.0),
+            "clip" => self.ranged_field(field, &wanted, f64::MIN_POSITIVE, f64::INFINITY),
             _ => self.checked_field(field, &wanted),
         };
         Some((name.to_owned(), value))

@@ -443,7 +443,7 @@ pub struct Optimize {
     pub stages: Vec<Stage>,
     pub stop_when: Option<Expr>,
     pub every: Vec<Every>,
-    /// Other settings, for all stages: `spp`, `film_scale`, `max_bounces`, `control_variates`.
+    /// Other settings, for all stages: `starts`, `heat`, `clip`, `spp`, `film_scale`, `max_bounces`, `control_variates`.
     pub settings: Vec<(String, Expr)>,
     pub span: Span,
 }
@@ -453,7 +453,7 @@ pub struct Stage {
     pub name: String,
     pub steps: Option<Expr>,
     pub using: Option<Expr>,
-    /// `spp`, `film_scale`, `max_bounces`: replace these arguments of every render of the loss; `control_variates`.
+    /// `spp`, `film_scale`, `max_bounces`: replace these arguments of every render of the loss; `clip`, `control_variates`.
     pub settings: Vec<(String, Expr)>,
     /// What moves in this stage, if not what moves in the others.
     pub over: Option<Vec<(Target, Span)>>,

@@ -314,6 +314,7 @@ pub fn named(name: &str) -> Option<Sig> {
         "optimizer" => is(Ty::Optimizer),
         "preconditioner" => is(Ty::Preconditioner),
         "network" => is(Ty::Network),
+        "samples" => is(Ty::Samples),
         "number" => Some(Sig::Number),
         "any" => Some(Sig::Any),
         _ => {

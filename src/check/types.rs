@@ -61,6 +61,8 @@ pub enum Ty {
     Preconditioner,
     /// A network with its weights.
     Network,
+    /// A number of samples that is found while an optimisation runs.
+    Samples,
     /// What `estimate` gives: a mean and a standard error.
     Estimate(Box<Ty>),
     /// What `grad(loss)` gives: one entry for each param.
@@ -188,6 +190,7 @@ impl fmt::Display for Ty {
             Ty::Optimizer => f.write_str("optimizer"),
             Ty::Preconditioner => f.write_str("preconditioner"),
             Ty::Network => f.write_str("network"),
+            Ty::Samples => f.write_str("samples"),
             Ty::Estimate(of) => write!(f, "estimate of {of}"),
             Ty::Gradients => f.write_str("gradients"),
         }

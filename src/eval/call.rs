@@ -94,7 +94,7 @@ impl Engine {
         let Some(f) = natives::find(&native.name) else {
             return Err(error::internal(format!("`{}` is declared but not implemented", native.name), span));
         };
-        if native.name == "minibatch" || native.name == "plateau" {
+        if ["minibatch", "plateau", "converged"].contains(&&*native.name) {
             self.depends(|d| d.step = true);
         }
         let names: Vec<&str> = native.params.iter().map(|p| p.name.as_str()).collect();

@@ -46,7 +46,13 @@ const MAX_JACOBIAN: usize = 1 << 26;
 impl Engine {
     /// A scalar and its derivatives in reverse mode.
     pub fn gradient(&mut self, of: &Expr, wrt: &[Target]) -> Result<Gradient> {
-        self.on_stack(|e| e.fresh_frame(|e| e.gradient_here(of, wrt)))
+        self.on_stack(|e| e.fresh_frame(|e| e.gradient_here(of, wrt, false)))
+    }
+
+    /// The same with samples of derivatives that are even over images instead of following the loss. They have more noise, but that of
+    /// gradients at neighbouring params is nearly the same, so that their difference has little.
+    pub fn even_gradient(&mut self, of: &Expr, wrt: &[Target]) -> Result<Gradient> {
+        self.on_stack(|e| e.fresh_frame(|e| e.gradient_here(of, wrt, true)))
     }
 
     /// The same for params.
@@ -85,10 +91,10 @@ impl Engine {
         })
     }
 
-    fn gradient_here(&mut self, of: &Expr, wrt: &[Target]) -> Result<Gradient> {
+    fn gradient_here(&mut self, of: &Expr, wrt: &[Target], evenly: bool) -> Result<Gradient> {
         self.with_leaves(wrt, of.span, |engine, leaves| {
             engine.frames.push(Deps::default());
-            let found = engine.gradient_in(of, leaves);
+            let found = engine.gradient_in(of, leaves, evenly);
             let deps = engine.frames.pop().unwrap_or_default();
             engine.depends(|d| d.merge(&deps));
             let (loss, grads) = found?;
@@ -97,14 +103,15 @@ impl Engine {
     }
 
     /// A scalar and its derivatives with respect to nodes that it was computed from.
-    fn gradient_in(&mut self, of: &Expr, leaves: &[Var]) -> Result<(Var, Vec<Tensor>)> {
+    fn gradient_in(&mut self, of: &Expr, leaves: &[Var], evenly: bool) -> Result<(Var, Vec<Tensor>)> {
         let (_, loss) = self.numbers(of)?;
         if loss.len() != 1 {
             let found = Tensor::shape_text(loss.shape());
             return Err(error::gradient(format!("only a number has a gradient, this is a {found}"), of.span)
                 .help("`jvp` differentiates images and arrays; or take a `mean(…)`"));
         }
-        let grads = tape::backward(&loss, leaves);
+        let fixed = if evenly { tape::fix(std::slice::from_ref(&loss), leaves, 0) } else { Ok(()) };
+        let grads = fixed.and_then(|()| tape::backward(&loss, leaves));
         // An interrupted rendering leaves meaningless numbers.
         stop::check();
         let grads = grads.map_err(|e| error::gradient(e.0, of.span))?;
@@ -114,7 +121,7 @@ impl Engine {
     /// Derivatives as values that can be differentiated again.
     fn gradient_nodes(&mut self, of: &Expr, wrt: &[Target]) -> Result<Vec<Var>> {
         self.with_leaves(wrt, of.span, |engine, leaves| {
-            let (loss, grads) = engine.gradient_in(of, leaves)?;
+            let (loss, grads) = engine.gradient_in(of, leaves, false)?;
             Ok(leaves.iter().zip(grads).map(|(leaf, g)| Var::gradient_of(&loss, leaf, g)).collect())
         })
     }

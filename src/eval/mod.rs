@@ -146,6 +146,8 @@ pub struct Engine {
     sample_seed: u64,
     loss: f64,
     losses: Arc<Vec<f64>>,
+    /// Estimates of the squared gradient, step by step as the losses.
+    squares: Arc<Vec<f64>>,
     overrides: RenderOverrides,
     /// The history of the optimisation that is taking a step.
     history: Option<History>,
@@ -184,6 +186,7 @@ impl Engine {
             sample_seed: 0,
             loss: f64::NAN,
             losses: Arc::default(),
+            squares: Arc::default(),
             overrides: RenderOverrides::default(),
             history: None,
             statistics: Statistics::default(),
@@ -258,14 +261,16 @@ impl Engine {
     /// Begins an optimisation, without any losses yet.
     pub fn clear_losses(&mut self) {
         self.loss = f64::NAN;
-        self.losses = Arc::default();
+        (self.losses, self.squares) = (Arc::default(), Arc::default());
         self.forget(|d| d.step);
     }
 
-    /// Sets the value of `loss` in `stop_when`, and adds it to the losses that `plateau` uses.
-    pub fn set_loss(&mut self, loss: f64) {
+    /// Sets the value of `loss` in `stop_when`, and adds it to the losses that `plateau` uses; `square`, an estimate of the squared gradient
+    /// without that of its noise, is for `converged`.
+    pub fn set_loss(&mut self, loss: f64, square: f64) {
         self.loss = loss;
         Arc::make_mut(&mut self.losses).push(loss);
+        Arc::make_mut(&mut self.squares).push(square);
         self.forget(|d| d.step);
     }
 
@@ -428,12 +433,13 @@ impl Engine {
     }
 
     fn context(&self) -> natives::Context {
-        let losses = self.losses.clone();
+        let (losses, squares) = (self.losses.clone(), self.squares.clone());
         natives::Context {
             base_dir: self.options.base_dir.clone(),
             seed: self.options.seed,
             step: self.step,
             losses,
+            squares,
             warnings: Default::default(),
         }
     }

@@ -1,11 +1,11 @@
 //! Rendering as one operation of the tape: its value is an image, its derivatives are the estimators of `grad`.
 
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 
 use crate::check::hir::{NativeDecl, Rendering};
 use crate::diag::Diagnostic;
-use crate::grad::{self, Direction, GuideCache, Output, SceneError, Settings};
+use crate::grad::{self, Direction, GuideCache, Output, Rows, SceneError, Settings};
 use crate::image::Image;
 use crate::memory;
 use crate::natives::{
@@ -48,6 +48,15 @@ struct RenderOp {
     warnings: Warnings,
     /// Samples drawn so far.
     drawn: Arc<AtomicU64>,
+    /// The derivative in some of the slots, once it is that of one matrix.
+    fixed: OnceLock<Fixed>,
+}
+
+/// A derivative in slots of these indices, all of whose products are with one matrix or its transpose.
+struct Fixed {
+    slots: Vec<usize>,
+    /// `None` if it is too large to be stored: then every product draws the same samples again.
+    rows: Option<Rows>,
 }
 
 impl RenderOp {
@@ -55,6 +64,74 @@ impl RenderOp {
     fn draw(&self, image: &Tensor) {
         let pixels = image.shape.iter().take(2).product::<usize>() as u64;
         self.drawn.fetch_add(pixels * u64::from(self.settings.spp), Ordering::Relaxed);
+    }
+
+    fn wanted(&self, wants: &[bool]) -> Vec<Slot> {
+        self.slots.iter().zip(wants).filter(|(_, w)| **w).map(|(s, _)| *s).collect()
+    }
+
+    /// The product of a fixed derivative with a direction.
+    fn fixed_jvp(
+        &self,
+        fixed: &Fixed,
+        inputs: &[&Tensor],
+        output: &Tensor,
+        tangents: &[Option<&Tensor>],
+    ) -> Result<Tensor, String> {
+        let tangent = |&k: &usize| -> (usize, Option<&Tensor>) { (k, tangents.get(k).copied().flatten()) };
+        if let Some(rows) = &fixed.rows {
+            let mut direction = Vec::new();
+            for (k, tangent) in fixed.slots.iter().map(tangent) {
+                match tangent {
+                    Some(t) => direction.extend_from_slice(&t.data),
+                    None => direction.resize(direction.len() + inputs[k].len(), 0.0),
+                }
+            }
+            return Ok(Tensor { shape: output.shape.clone(), data: rows.times(&direction) });
+        }
+        // All slots have a tangent, so that the samples are always those of all slots.
+        let numbers = |(k, t): (usize, Option<&Tensor>)| t.map_or_else(|| vec![0.0; inputs[k].len()], Tensor::to_f32);
+        let direction: Direction = fixed.slots.iter().map(|k| (self.slots[*k], numbers(tangent(k)))).collect();
+        self.draw(output);
+        let scene = &self.scene.scene;
+        let images = grad::render_jacobian_until(scene, &self.camera, &self.settings, &[direction], &self.stop);
+        let images = images.map_err(|e| e.to_string())?;
+        images.first().map(Tensor::from_image).ok_or_else(|| "no derivative".to_owned())
+    }
+
+    /// The product of the transpose of a fixed derivative with an adjoint.
+    fn fixed_vjp(
+        &self,
+        fixed: &Fixed,
+        inputs: &[&Tensor],
+        output: &Tensor,
+        g: &Tensor,
+    ) -> Result<Vec<Option<Tensor>>, String> {
+        let found: Vec<f64> = match &fixed.rows {
+            Some(rows) => rows.transposed_times(&g.data),
+            None => {
+                self.draw(output);
+                let slots: Vec<Slot> = fixed.slots.iter().map(|k| self.slots[*k]).collect();
+                let (scene, d_image) = (&self.scene.scene, adjoint_image(output, g));
+                let found = grad::render_backward_evenly_until(
+                    scene,
+                    &self.camera,
+                    &self.settings,
+                    &d_image,
+                    &slots,
+                    &self.stop,
+                );
+                found.map_err(|e| e.to_string())?.concat()
+            }
+        };
+        let mut by_slot = vec![None; inputs.len()];
+        let mut rest = &found[..];
+        for &k in &fixed.slots {
+            let (own, others) = rest.split_at_checked(inputs[k].len()).ok_or("a derivative of the wrong size")?;
+            by_slot[k] = Some(Tensor { shape: inputs[k].shape.clone(), data: own.to_vec() });
+            rest = others;
+        }
+        Ok(by_slot)
     }
 
     /// Says what the derivatives in these slots lack.
@@ -80,14 +157,16 @@ impl CustomOp for RenderOp {
         g: &Tensor,
         wants: &[bool],
     ) -> Result<Vec<Option<Tensor>>, String> {
-        let wanted: Vec<Slot> = self.slots.iter().zip(wants).filter(|(_, w)| **w).map(|(s, _)| *s).collect();
+        if let Some(fixed) = self.fixed.get() {
+            return self.fixed_vjp(fixed, inputs, output, g);
+        }
+        let wanted = self.wanted(wants);
         self.warn(&wanted);
         self.draw(output);
         // The image's derivative, and those of the slots: as they are summed up and as they are given.
         let slots: usize = inputs.iter().zip(wants).filter(|(_, w)| **w).map(|(i, _)| i.len()).sum();
         memory::ask_for::<f64>(g.len() + 2 * slots).map_err(|e| e.to_string())?;
-        let mut d_image = Image::new(output.shape[1], output.shape[0], output.shape[2]);
-        d_image.data.iter_mut().zip(&g.data).for_each(|(d, g)| *d = *g as f32);
+        let d_image = adjoint_image(output, g);
         let (scene, guides) = (&self.scene.scene, self.guides.as_deref());
         let found =
             grad::render_backward_until(scene, &self.camera, &self.settings, &d_image, &wanted, guides, &self.stop)
@@ -111,7 +190,34 @@ impl CustomOp for RenderOp {
         found.pop().ok_or_else(|| "no derivative".to_owned())
     }
 
-    fn jvps(&self, _: &[&Tensor], output: &Tensor, directions: &[Vec<Option<&Tensor>>]) -> Result<Vec<Tensor>, String> {
+    fn fix(&self, wants: &[bool], room: &mut usize) -> Result<(), String> {
+        let wanted = self.wanted(wants);
+        self.warn(&wanted);
+        let (scene, settings) = (&self.scene.scene, &self.settings);
+        let rows = if *room > 0 {
+            let pixels = (self.camera.width * self.camera.height) as u64;
+            self.drawn.fetch_add(pixels * u64::from(settings.spp), Ordering::Relaxed);
+            let rows = grad::render_rows_until(scene, &self.camera, settings, &wanted, *room, &self.stop);
+            rows.map_err(|e| e.to_string())?
+        } else {
+            None
+        };
+        *room -= rows.as_ref().map_or(0, Rows::len).min(*room);
+        let slots = wants.iter().enumerate().filter(|(_, w)| **w).map(|(k, _)| k).collect();
+        // What is fixed stays as it is.
+        let _ = self.fixed.set(Fixed { slots, rows });
+        Ok(())
+    }
+
+    fn jvps(
+        &self,
+        inputs: &[&Tensor],
+        output: &Tensor,
+        directions: &[Vec<Option<&Tensor>>],
+    ) -> Result<Vec<Tensor>, String> {
+        if let Some(fixed) = self.fixed.get() {
+            return directions.iter().map(|tangents| self.fixed_jvp(fixed, inputs, output, tangents)).collect();
+        }
         let along = |tangents: &Vec<Option<&Tensor>>| -> Direction {
             let moved = self.slots.iter().zip(tangents);
             moved.filter_map(|(s, t)| t.map(|t| (*s, t.to_f32()))).collect()
@@ -125,6 +231,13 @@ impl CustomOp for RenderOp {
         let images = grad::render_jacobian_until(&self.scene.scene, &self.camera, &self.settings, &along, &self.stop);
         Ok(images.map_err(|e| e.to_string())?.iter().map(Tensor::from_image).collect())
     }
+}
+
+/// An adjoint of an image as the renderer takes it.
+fn adjoint_image(output: &Tensor, g: &Tensor) -> Image {
+    let mut d_image = Image::new(output.shape[1], output.shape[0], output.shape[2]);
+    d_image.data.iter_mut().zip(&g.data).for_each(|(d, g)| *d = *g as f32);
+    d_image
 }
 
 /// A call that renders: its arguments, and behind those that it leaves out the settings of the file's `integrator`.
@@ -272,7 +385,9 @@ impl Engine {
         }
         let value = Tensor::from_image(&image);
         let (warnings, drawn) = (self.warnings.clone(), self.samples.clone());
-        let op = RenderOp { scene: lowered, camera: seen_by, settings, slots, guides, stop, span, warnings, drawn };
+        let fixed = OnceLock::new();
+        let op =
+            RenderOp { scene: lowered, camera: seen_by, settings, slots, guides, stop, span, warnings, drawn, fixed };
         (0..images).for_each(|_| op.draw(&value));
         Ok(Value::Image(Var::custom(Arc::new(op), inputs, value)))
     }

@@ -3,13 +3,14 @@
 use crate::check::hir::{Expr, Target};
 use crate::diag::Diagnostic;
 use crate::stop;
-use crate::tape::{self, Tensor, Var};
+use crate::tape::{self, TapeError, Tensor, Var};
 
 use super::{Engine, Result, error, mix};
 
-/// Unknowns, and numbers of the derivatives of the residuals, beyond which this is not the way.
-const MAX_UNKNOWNS: usize = 256;
+/// Most numbers of the derivatives of residuals that are computed one by one.
 const MAX_NUMBERS: usize = 1 << 26;
+/// Most numbers that the renderings of one measurement store of their derivatives, 12 bytes each.
+const ROOM: usize = 1 << 25;
 
 /// A loss Σ r², up to a constant.
 pub struct Residuals {
@@ -19,6 +20,43 @@ pub struct Residuals {
     /// Roots of weights.
     roots: Vec<Vec<f64>>,
     leaves: Vec<Var>,
+}
+
+impl Residuals {
+    /// Numbers of each param; a rotation has 3.
+    pub fn unknowns(&self) -> impl Iterator<Item = usize> {
+        self.leaves.iter().map(Var::len)
+    }
+
+    /// J `direction`, which has a number for each number of each param; a rotation has 3.
+    pub fn along(&self, direction: &[f64]) -> Result<Vec<f64>, TapeError> {
+        let mut rest = direction;
+        let mut tangents = Vec::with_capacity(self.leaves.len());
+        for leaf in &self.leaves {
+            let Some((own, others)) = rest.split_at_checked(leaf.len()) else { break };
+            tangents.push((leaf.clone(), Tensor { shape: leaf.shape().to_vec(), data: own.to_vec() }));
+            rest = others;
+        }
+        let found = tape::jacobian(&self.nodes, &[tangents])?;
+        stop::check();
+        let parts = found.iter().flatten().zip(&self.roots);
+        Ok(parts.flat_map(|(along, roots)| along.data.iter().zip(roots).map(|(x, root)| x * root)).collect())
+    }
+
+    /// Jᵀ `weights`, which has a number for each residual.
+    pub fn against(&self, weights: &[f64]) -> Result<Vec<f64>, TapeError> {
+        let mut rest = weights;
+        let mut seeds = Vec::with_capacity(self.nodes.len());
+        for (node, roots) in self.nodes.iter().zip(&self.roots) {
+            let Some((own, others)) = rest.split_at_checked(roots.len()) else { break };
+            let data = own.iter().zip(roots).map(|(x, root)| x * root).collect();
+            seeds.push(Tensor { shape: node.shape().to_vec(), data });
+            rest = others;
+        }
+        let found = tape::backward_from(&self.nodes, seeds, &self.leaves)?;
+        stop::check();
+        Ok(found.into_iter().flat_map(|t| t.data).collect())
+    }
 }
 
 impl Engine {
@@ -42,11 +80,10 @@ impl Engine {
         let elements: Vec<(&Var, usize)> =
             residuals.leaves.iter().flat_map(|l| (0..l.len()).map(move |i| (l, i))).collect();
         let numbers = elements.len().saturating_mul(residuals.values.len());
-        if elements.len() > MAX_UNKNOWNS || numbers > MAX_NUMBERS {
+        if numbers > MAX_NUMBERS {
             let (n, m) = (elements.len(), residuals.values.len());
             let message = format!("{n} unknowns and {m} residuals are too many for a solver of least squares");
-            return Err(error::gradient(message, of.span)
-                .help("it is for few unknowns, at most 256; take `adam`, or render a smaller film"));
+            return Err(error::gradient(message, of.span).help("take `adam`, or render a smaller film"));
         }
         self.fresh_frame(|_| {
             let mut rows = Vec::with_capacity(elements.len());
@@ -61,6 +98,16 @@ impl Engine {
                 }));
             }
             Ok(rows)
+        })
+    }
+
+    /// Makes the derivatives of residuals those of one matrix, J: their samples are drawn here, and [`Residuals::along`] and
+    /// [`Residuals::against`] compute products with it and with its transpose.
+    pub fn fix(&mut self, of: &Expr, residuals: &Residuals) -> Result<()> {
+        self.fresh_frame(|_| {
+            let fixed = tape::fix(&residuals.nodes, &residuals.leaves, ROOM);
+            stop::check();
+            fixed.map_err(|e| error::gradient(e.0, of.span))
         })
     }
 

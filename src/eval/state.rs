@@ -21,6 +21,7 @@ pub struct EngineState {
     total: u64,
     loss: f64,
     losses: Vec<f64>,
+    squares: Vec<f64>,
 }
 
 /// A param or a field, and its numbers.
@@ -52,6 +53,7 @@ impl Engine {
             total: self.total,
             loss: self.loss,
             losses: self.losses.to_vec(),
+            squares: self.squares.to_vec(),
         }
     }
 
@@ -84,6 +86,7 @@ impl Engine {
         self.put_placed(&state.moved)?;
         self.set_step(state.step, state.total);
         self.losses = Arc::new(state.losses.clone());
+        self.squares = Arc::new(state.squares.clone());
         self.loss = state.loss;
         self.forget(|d| d.step);
         Ok(())
@@ -125,6 +128,7 @@ impl Engine {
     pub fn take_back_losses(&mut self, (count, loss): (usize, f64)) {
         if self.losses.len() > count {
             Arc::make_mut(&mut self.losses).truncate(count);
+            Arc::make_mut(&mut self.squares).truncate(count);
             self.loss = loss;
             self.forget(|d| d.step);
         }

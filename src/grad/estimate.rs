@@ -193,7 +193,7 @@ impl OrderedSum<'_> {
 }
 
 /// Draws a range of items, block by block, until `stop` is set.
-fn run(pass: &impl Pass, range: Range<usize>, out: &mut impl Estimate, stop: &AtomicBool) {
+pub fn run(pass: &impl Pass, range: Range<usize>, out: &mut impl Estimate, stop: &AtomicBool) {
     const BLOCK: usize = 2048;
     for start in range.clone().step_by(BLOCK) {
         if stop.load(Ordering::Relaxed) {

@@ -12,6 +12,7 @@
 //! | `sampling` | where samples go |
 //! | `mirrors` | what mirrors show |
 //! | `estimate`, `sink` | how a sample becomes sums of derivatives |
+//! | `rows` | the derivative as a sparse matrix |
 //! | `local`, `path` | adjoints of one vertex; recorded paths and the sweep back over them |
 //! | `layers`, `environment` | masks beside edges; which part of an environment turns with it |
 
@@ -22,14 +23,16 @@ pub mod local;
 pub mod mirrors;
 pub mod modes;
 pub mod path;
+pub mod rows;
 pub mod sampling;
 pub mod sink;
 pub mod terms;
 
 pub use self::modes::{
-    Direction, MAX_DIRECTIONS, coverage_gaps, render_backward, render_backward_until, render_forward, render_jacobian,
-    render_jacobian_until,
+    Direction, MAX_DIRECTIONS, coverage_gaps, render_backward, render_backward_evenly_until, render_backward_until,
+    render_forward, render_jacobian, render_jacobian_until, render_rows_until,
 };
+pub use self::rows::Rows;
 pub use self::sampling::guide::GuideCache;
 pub use crate::render::{
     Camera, Input, NEVER, Output, Scene, SceneError, Settings, Slot, render, render_until, validate_camera,

@@ -79,6 +79,8 @@ pub struct Context {
     pub step: u64,
     /// Losses of the running optimisation so far, oldest first.
     pub losses: std::sync::Arc<Vec<f64>>,
+    /// Estimates of its squared gradient at the same steps.
+    pub squares: std::sync::Arc<Vec<f64>>,
     /// Warnings of natives that succeeded, for instance about what they did not read from a file.
     pub warnings: RefCell<Vec<NativeError>>,
 }

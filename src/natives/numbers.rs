@@ -44,6 +44,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     }),
     ("minibatch", minibatch),
     ("plateau", plateau),
+    ("converged", converged),
 ];
 
 /// The numbers of argument `index`: the argument itself, or the numbers of all items of a list.
@@ -232,6 +233,12 @@ fn random(a: &Args, low: f64, high: f64, normal: bool) -> Result<Value> {
 fn plateau(a: &Args) -> Result<Value> {
     let window = a.integer(0, 1..=1_000_000_000)? as usize;
     Ok(Value::Bool(crate::optim::is_plateau(&a.context.losses, window, a.number(1)?)))
+}
+
+/// Whether the gradient is no more than noise.
+fn converged(a: &Args) -> Result<Value> {
+    let window = a.integer(0, 2..=1_000_000_000)? as usize;
+    Ok(Value::Bool(crate::optim::is_converged(&a.context.squares, window)))
 }
 
 /// `count` different items, chosen at random at every step.

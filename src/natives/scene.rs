@@ -65,9 +65,11 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("adam", |a| keep(a, SettingsKind::Optimizer(Rule::Adam))),
     ("adam_uniform", |a| keep(a, SettingsKind::Optimizer(Rule::AdamUniform))),
     ("rmsprop", |a| keep(a, SettingsKind::Optimizer(Rule::RmsProp))),
+    ("lbfgs", |a| keep(a, SettingsKind::Optimizer(Rule::Lbfgs))),
     ("levenberg_marquardt", |a| keep(a, SettingsKind::Optimizer(Rule::LevenbergMarquardt))),
     ("gauss_newton", |a| keep(a, SettingsKind::Optimizer(Rule::GaussNewton))),
     ("laplacian", |a| keep(a, SettingsKind::Laplacian)),
+    ("auto", |a| keep(a, SettingsKind::AutoSamples)),
 ];
 
 /// All arguments by name, the missing ones left out.

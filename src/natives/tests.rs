@@ -8,7 +8,14 @@ use crate::stop::{self, Stopped};
 use crate::tape::{Tensor, Var, backward_with, forward};
 
 fn context() -> Context {
-    Context { base_dir: PathBuf::from("."), seed: 0, step: 0, losses: Default::default(), warnings: Default::default() }
+    Context {
+        base_dir: PathBuf::from("."),
+        seed: 0,
+        step: 0,
+        losses: Default::default(),
+        squares: Default::default(),
+        warnings: Default::default(),
+    }
 }
 
 fn call(name: &str, args: &[(&str, Value)]) -> Result<Value> {

@@ -172,6 +172,8 @@ pub enum SettingsKind {
     Optimizer(Rule),
     /// Of the vertices of a mesh.
     Laplacian,
+    /// Samples a step by the noise of its gradient.
+    AutoSamples,
     Integrator,
     /// A mesh's vertex colours, which stand where a texture may.
     VertexColor,
@@ -183,6 +185,7 @@ impl SettingsKind {
         match self {
             SettingsKind::Optimizer(rule) => rule.name(),
             SettingsKind::Laplacian => "laplacian",
+            SettingsKind::AutoSamples => "auto",
             SettingsKind::Integrator => "integrator",
             SettingsKind::VertexColor => "vertex_color",
         }
@@ -352,6 +355,7 @@ impl Value {
                 SettingsKind::VertexColor => "a texture",
                 SettingsKind::Optimizer(_) => "an optimizer",
                 SettingsKind::Laplacian => "a preconditioner",
+                SettingsKind::AutoSamples => "a number of samples",
             },
             Value::Network(_) => "a network",
             Value::Estimate(_) => "an estimate",

@@ -12,19 +12,19 @@ use super::space::Space;
 use crate::stop::Pace;
 
 /// Two measurements of the residuals, or of their derivatives by unknown.
-type Both<'a, T> = [&'a [T]; 2];
+pub type Both<'a, T> = [&'a [T]; 2];
 
 /// The damping grows by this factor when a step fails (doubled at each further failure), and shrinks by `DECAY` when one succeeds.
 const GROWTH: f64 = 8.0;
 const DECAY: f64 = 0.2;
 /// A loss counts as higher if it has risen by more than this many standard errors.
-const CERTAIN: f64 = 2.0;
+pub const CERTAIN: f64 = 2.0;
 /// Noise adds to the matrix's diagonal. Pivots that are less than this fraction of what it adds are uncertain, and a step must not depend
 /// on them.
-const UNCERTAIN: f64 = 0.1;
+pub const UNCERTAIN: f64 = 0.1;
 
 /// The decrease of the loss from one point to another and its standard error, if both points were measured with the same samples.
-fn gain([a, b]: Both<f64>, [a2, b2]: Both<f64>) -> (f64, f64) {
+pub fn gain([a, b]: Both<f64>, [a2, b2]: Both<f64>) -> (f64, f64) {
     let (mut gain, mut error, mut variance) = (0.0, 0.0, 0.0);
     for ((a, b), (a2, b2)) in a.iter().zip(b).zip(a2.iter().zip(b2)) {
         gain += a * b - a2 * b2;

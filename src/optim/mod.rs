@@ -3,7 +3,9 @@
 //! Everything works on plain slices of `f64`, one for each param. A [`Solver`] knows nothing about spaces and a [`Space`] nothing about
 //! solvers. [`Optimizer`] combines them, and skips steps whose gradient is not finite.
 
+mod lbfgs;
 mod least_squares;
+mod matrix_free;
 mod noise;
 mod preconditioner;
 mod solver;
@@ -12,12 +14,14 @@ mod stopping;
 
 use serde::{Deserialize, Serialize};
 
-pub use least_squares::LeastSquares;
-pub use noise::{GradientNoise, GradientSize};
+pub use lbfgs::{Lbfgs, Searched, Twice};
+pub use least_squares::{Both, LeastSquares};
+pub use matrix_free::{Jacobians, MatrixFree};
+pub use noise::{AutoSamples, GradientNoise, GradientSize};
 pub use preconditioner::Laplacian;
 pub use solver::{Solver, State};
 pub use space::{Geometry, Space};
-pub use stopping::{is_plateau, plateau_ratio};
+pub use stopping::{is_converged, is_plateau, plateau_ratio};
 
 /// The optimisers that the language has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,6 +30,7 @@ pub enum Rule {
     Adam,
     AdamUniform,
     RmsProp,
+    Lbfgs,
     LevenbergMarquardt,
     GaussNewton,
 }
@@ -37,6 +42,7 @@ impl Rule {
             Rule::Adam => "adam",
             Rule::AdamUniform => "adam_uniform",
             Rule::RmsProp => "rmsprop",
+            Rule::Lbfgs => "lbfgs",
             Rule::LevenbergMarquardt => "levenberg_marquardt",
             Rule::GaussNewton => "gauss_newton",
         }
@@ -62,6 +68,15 @@ pub struct GaveUp {
     pub in_a_row: u64,
     /// Indices of the params whose gradient was not finite in the last step.
     pub params: Vec<usize>,
+}
+
+/// The outcome of a step that moves nothing because of these params; `in_a_row` counts such steps.
+pub fn skip(in_a_row: &mut u64, params: Vec<usize>) -> Result<StepOutcome, GaveUp> {
+    *in_a_row += 1;
+    if *in_a_row >= MAX_SKIPPED_IN_A_ROW {
+        return Err(GaveUp { in_a_row: *in_a_row, params });
+    }
+    Ok(StepOutcome::Skipped { params })
 }
 
 /// A solver with its state for a fixed list of params.
@@ -110,26 +125,33 @@ impl Optimizer {
 
     /// Takes a step: moves `values` against `grads` (each with one slice per param) at rate `lr`. If the gradient has a NaN or an
     /// infinity, nothing moves; after [`MAX_SKIPPED_IN_A_ROW`] such gradients in a row it is an error.
-    pub fn step(&mut self, values: &mut [Vec<f64>], grads: &[Vec<f64>], lr: f64) -> Result<StepOutcome, GaveUp> {
+    /// A gradient whose norm over all params, in the coordinates in which they are optimised, exceeds `clip` is shortened to that.
+    pub fn step(
+        &mut self,
+        values: &mut [Vec<f64>],
+        grads: &[Vec<f64>],
+        lr: f64,
+        clip: Option<f64>,
+    ) -> Result<StepOutcome, GaveUp> {
         let is_broken =
             |(_, (space, grad)): &(usize, (&Space, &Vec<f64>))| !space.frozen && grad.iter().any(|g| !g.is_finite());
         let broken: Vec<usize> =
             self.spaces.iter().zip(grads).enumerate().filter(is_broken).map(|(index, _)| index).collect();
         if !broken.is_empty() || !lr.is_finite() {
-            self.in_a_row += 1;
-            if self.in_a_row >= MAX_SKIPPED_IN_A_ROW {
-                return Err(GaveUp { in_a_row: self.in_a_row, params: broken });
-            }
-            return Ok(StepOutcome::Skipped { params: broken });
+            return skip(&mut self.in_a_row, broken);
         }
         self.in_a_row = 0;
-        for ((space, state), (value, grad)) in
-            self.spaces.iter().zip(&mut self.states).zip(values.iter_mut().zip(grads))
+        let mut tangents = self.tangents(values, grads);
+        let norm = tangents.iter().flatten().map(|g| g * g).sum::<f64>().sqrt();
+        if let Some(clip) = clip.filter(|clip| norm > *clip) {
+            tangents.iter_mut().flatten().for_each(|g| *g *= clip / norm);
+        }
+        for ((space, state), (value, tangent)) in
+            self.spaces.iter().zip(&mut self.states).zip(values.iter_mut().zip(tangents))
         {
             if space.frozen {
                 continue;
             }
-            let tangent = space.tangent_gradient(value, grad);
             let update = self.solver.update(state, &tangent, lr * space.lr);
             let stuck = space.retract(value, &update);
             state.forget_momentum(&stuck);
@@ -161,7 +183,7 @@ mod tests {
             let mut values = vec![vec![3.0, -2.0]];
             for _ in 0..3000 {
                 let grads = vec![bowl(&values[0], &[1.0, 3.0], &[0.5, 0.25])];
-                optimizer.step(&mut values, &grads, lr).unwrap();
+                optimizer.step(&mut values, &grads, lr, None).unwrap();
             }
             assert!((values[0][0] - 0.5).abs() < 1e-3, "{solver:?}: {values:?}");
             assert!((values[0][1] - 0.25).abs() < 1e-3, "{solver:?}: {values:?}");
@@ -174,11 +196,11 @@ mod tests {
         let mut optimizer = Optimizer::new(Solver::adam(), vec![space]);
         let mut values = vec![vec![0.5]];
         for _ in 0..50 {
-            optimizer.step(&mut values, &[vec![-1.0]], 0.1).unwrap();
+            optimizer.step(&mut values, &[vec![-1.0]], 0.1, None).unwrap();
             assert!((0.0..=1.0).contains(&values[0][0]));
         }
         assert_eq!(values[0][0], 1.0);
-        optimizer.step(&mut values, &[vec![1.0]], 0.1).unwrap();
+        optimizer.step(&mut values, &[vec![1.0]], 0.1, None).unwrap();
         assert!(values[0][0] < 1.0, "the first gradient that points inwards must be followed");
     }
 
@@ -188,7 +210,7 @@ mod tests {
         let mut optimizer = Optimizer::new(Solver::Sgd { momentum: 0.0, nesterov: false }, vec![scaled]);
         let mut values = vec![vec![5.0]];
         // z = x / 10, dL/dz = 10 · 2 = 20, z ← z − 0.1 · 20, x = 10 z.
-        optimizer.step(&mut values, &[vec![2.0]], 0.1).unwrap();
+        optimizer.step(&mut values, &[vec![2.0]], 0.1, None).unwrap();
         assert!((values[0][0] - (5.0 - 20.0)).abs() < 1e-12);
     }
 
@@ -200,9 +222,21 @@ mod tests {
         let mut optimizer = Optimizer::new(solver, vec![frozen, half]);
         let mut values = vec![vec![1.0], vec![1.0]];
         let grads = [vec![f64::NAN], vec![1.0]];
-        assert_eq!(optimizer.step(&mut values, &grads, 0.1), Ok(StepOutcome::Moved));
+        assert_eq!(optimizer.step(&mut values, &grads, 0.1, None), Ok(StepOutcome::Moved));
         assert_eq!(values, [vec![1.0], vec![0.95]]);
         assert_eq!(optimizer.tangents(&values, &grads), [vec![], vec![1.0]]);
+    }
+
+    #[test]
+    fn long_gradients_are_clipped_together() {
+        let solver = Solver::Sgd { momentum: 0.0, nesterov: false };
+        let mut optimizer = Optimizer::new(solver, vec![Space::plain(), Space { scale: 4.0, ..Space::plain() }]);
+        let mut values = vec![vec![0.0], vec![0.0]];
+        // The gradient is (3, 4 · 1) in the coordinates of the optimiser; its norm of 5 becomes 0.5.
+        optimizer.step(&mut values, &[vec![3.0], vec![1.0]], 1.0, Some(0.5)).unwrap();
+        assert!((values[0][0] + 0.3).abs() < 1e-12 && (values[1][0] + 4.0 * 0.4).abs() < 1e-12, "{values:?}");
+        optimizer.step(&mut values, &[vec![0.1], vec![0.0]], 1.0, Some(0.5)).unwrap();
+        assert!((values[0][0] + 0.4).abs() < 1e-12);
     }
 
     #[test]
@@ -211,15 +245,15 @@ mod tests {
         let mut values = vec![vec![1.0], vec![2.0]];
         for round in 0..2 {
             for _ in 0..4 {
-                let outcome = optimizer.step(&mut values, &[vec![1.0], vec![f64::INFINITY]], 0.1);
+                let outcome = optimizer.step(&mut values, &[vec![1.0], vec![f64::INFINITY]], 0.1, None);
                 assert_eq!(outcome, Ok(StepOutcome::Skipped { params: vec![1] }));
             }
             if round == 0 {
                 assert_eq!(values, [vec![1.0], vec![2.0]]);
-                assert_eq!(optimizer.step(&mut values, &[vec![1.0], vec![1.0]], 0.1), Ok(StepOutcome::Moved));
+                assert_eq!(optimizer.step(&mut values, &[vec![1.0], vec![1.0]], 0.1, None), Ok(StepOutcome::Moved));
             }
         }
-        let gave_up = optimizer.step(&mut values, &[vec![f64::NAN], vec![1.0]], 0.1);
+        let gave_up = optimizer.step(&mut values, &[vec![f64::NAN], vec![1.0]], 0.1, None);
         assert_eq!(gave_up, Err(GaveUp { in_a_row: 5, params: vec![0] }));
         assert!(values.iter().flatten().all(|v| v.is_finite()));
     }
@@ -234,7 +268,7 @@ mod tests {
             // ½ |R − T|²
             let grads = vec![values[0].iter().zip(&target).map(|(r, t)| r - t).collect::<Vec<f64>>()];
             let lr = 0.05 * (1.0 - step as f64 / 600.0);
-            optimizer.step(&mut values, &grads, lr).unwrap();
+            optimizer.step(&mut values, &grads, lr, None).unwrap();
             assert!(space::orthonormality_error(&values[0]) < 1e-12);
         }
         for (r, t) in values[0].iter().zip(&target) {

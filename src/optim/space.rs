@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::preconditioner::Laplacian;
+use crate::math::Pcg32;
 
 /// The geometry of a param's values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -25,6 +26,7 @@ pub struct Space {
     pub scale: f64,
     /// Factor on the optimiser's rate.
     pub lr: f64,
+    /// It does not move for now.
     pub frozen: bool,
     /// The optimiser works in other variables than the elements (of plain params).
     pub preconditioner: Option<Arc<Laplacian>>,
@@ -72,6 +74,13 @@ impl Space {
         }
     }
 
+    /// The direction in which an update in those coordinates moves a value: the transpose of [`Space::tangent_gradient`] where that takes
+    /// derivatives with respect to ω.
+    pub fn tangent(&self, update: &[f64]) -> Vec<f64> {
+        let changed = self.preconditioner.as_ref().map(|p| p.apply(update));
+        changed.as_deref().unwrap_or(update).iter().map(|x| x * self.scale).collect()
+    }
+
     /// Moves `value` by an update in those coordinates and clamps it to the bounds. Returns the elements that were stopped by a bound.
     pub fn retract(&self, value: &mut [f64], update: &[f64]) -> Vec<usize> {
         if self.geometry == Geometry::Rotation && value.len() == 9 && update.len() == 3 {
@@ -87,6 +96,23 @@ impl Space {
         let stuck = self.project(value);
         // An element that is stuck says little about variables that move many.
         if self.preconditioner.is_some() { Vec::new() } else { stuck }
+    }
+
+    /// Whether some number has a lower and an upper bound.
+    pub fn is_bounded(&self) -> bool {
+        let finite = |bounds: &Option<Vec<f64>>| bounds.iter().flatten().any(|b| b.is_finite());
+        self.geometry == Geometry::Plain && finite(&self.lower) && finite(&self.upper)
+    }
+
+    /// A value like this one, with the numbers that have both bounds drawn uniformly between them.
+    pub fn drawn(&self, value: &[f64], seed: u64) -> Vec<f64> {
+        let mut random = Pcg32::new(seed);
+        let draw = |(index, old): (usize, &f64)| {
+            let (share, (lower, upper)) = (f64::from(random.next_f32()), self.bounds_at(index));
+            let both = lower.is_finite() && upper.is_finite() && self.geometry == Geometry::Plain;
+            if both { lower + share * (upper - lower) } else { *old }
+        };
+        value.iter().enumerate().map(draw).collect()
     }
 
     /// Clamps `value` to the bounds; returns the elements that were outside.
@@ -225,6 +251,15 @@ mod tests {
             let difference = (value(plus) - value(minus)) / 2e-5;
             assert!((difference - tangent[k]).abs() < 1e-8, "{difference} against {}", tangent[k]);
         }
+    }
+
+    #[test]
+    fn what_has_both_bounds_is_drawn_between_them() {
+        let space = Space { lower: Some(vec![0.0, -1.0]), upper: Some(vec![1.0, f64::INFINITY]), ..Space::plain() };
+        let drawn: Vec<f64> = (0..50).flat_map(|seed| space.drawn(&[7.0, 8.0], 7919 * seed)).collect();
+        let (some, others): (Vec<f64>, Vec<f64>) = drawn.chunks(2).map(|d| (d[0], d[1])).unzip();
+        assert!(some.iter().all(|x| (0.0..=1.0).contains(x)) && some.iter().any(|x| *x < 0.2) && others == [8.0; 50]);
+        assert!(space.is_bounded() && !Space::plain().is_bounded());
     }
 
     #[test]

@@ -30,8 +30,16 @@ pub fn line(of: &str, report: &StepReport) -> Value {
     }
     line.insert("skipped_steps".into(), json!(report.skipped_steps));
     line.insert("samples".into(), json!(report.samples));
+    if let Some(spp) = report.spp {
+        line.insert("spp".into(), json!(spp));
+    }
     line.insert("bytes".into(), json!(report.bytes));
     line.insert("seconds".into(), number(report.seconds));
+    if let Some(chosen) = &report.chosen {
+        let all = |f: fn(&(f64, f64)) -> f64| -> Vec<Value> { chosen.losses.iter().map(|l| number(f(l))).collect() };
+        let start = json!({ "chosen": chosen.start + 1, "losses": all(|l| l.0), "errors": all(|l| l.1) });
+        line.insert("start".into(), start);
+    }
     let params: Map<String, Value> =
         report.params.iter().map(|(name, shape, data)| (name.clone(), nested(shape, data))).collect();
     line.insert("params".into(), Value::Object(params));
@@ -49,6 +57,7 @@ pub fn scalars(of: &str, report: &StepReport) -> Vec<(String, f64)> {
         (format!("seconds/{of}"), report.seconds),
         ("bytes".to_owned(), report.bytes as f64),
     ];
+    found.extend(report.spp.map(|spp| (format!("spp/{of}"), f64::from(spp))));
     for (name, size) in &report.gradients {
         found.push((format!("gradient/{name}"), size.norm));
         found.extend(size.error.map(|error| (format!("gradient_error/{name}"), error)));
@@ -90,10 +99,12 @@ mod tests {
             skipped: None,
             skipped_steps: 1,
             samples: 4096,
+            spp: None,
             bytes: 7,
             seconds: 0.5,
             params: vec![("x".to_owned(), vec![2, 1], vec![1.5, 2.5])],
             stop: false,
+            chosen: None,
         }
     }
 

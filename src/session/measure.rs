@@ -8,7 +8,7 @@ use super::show::{GradientRow, gradient_table, plus_minus};
 use super::stats::Moments;
 use crate::check::{self, hir};
 use crate::diag::Diagnostic;
-use crate::eval::{Engine, History};
+use crate::eval::{Engine, History, INTERRUPTED};
 
 #[derive(Clone, Copy, Debug)]
 pub struct MeasureOptions {
@@ -42,6 +42,34 @@ pub struct MeasuredParam {
     pub gradient: Moments,
     /// Finite differences and their step.
     pub difference: Option<(Moments, f64)>,
+}
+
+/// Sets the seeds of [`loss_at`] apart from those of the steps.
+const AFTER: u64 = 0x5eed_af7e_2000_0000;
+
+/// A loss where the params are, over a few seeds that no step has used; a single number if it has no noise, and none where it has no value.
+/// An error only if the user stops it.
+pub fn loss_at(engine: &mut Engine, loss: &hir::Expr) -> Result<Moments, Diagnostic> {
+    const SEEDS: u64 = 4;
+    let (seed, before) = (engine.options().seed, engine.sample_seed());
+    let mut moments = Moments::default();
+    for repeat in 0..SEEDS {
+        engine.set_sample_seed(repeat_seed(seed ^ AFTER, repeat));
+        let value = engine.eval(loss);
+        engine.set_sample_seed(before);
+        let value = match value {
+            Ok(value) => value.number(),
+            Err(told) if told.code == INTERRUPTED => return Err(told),
+            Err(_) => None,
+        };
+        let Some(value) = value else { break };
+        let is_exact = moments.mean().first().is_some_and(|mean| mean.to_bits() == value.to_bits());
+        moments.add(&[value]);
+        if is_exact {
+            break;
+        }
+    }
+    Ok(moments)
 }
 
 /// Seed of one repeat. Seeds of neighbouring repeats, and for neighbouring seeds, are unrelated (splitmix64).

@@ -1,25 +1,25 @@
 //! One `optimize`, step by step.
 
-use std::collections::{BTreeMap, HashMap, HashSet};
-use std::sync::Arc;
+use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
 use super::clock::Stopwatch;
 use super::least_squares::{Squares, put};
 use super::log::LOGGED_NUMBERS;
+use super::moved::{Moved, moved_params};
+use super::quasi_newton::QuasiNewton;
 use super::retreat::{Footing, NOT_FINITE};
 use super::show::digits;
-use super::solver::{Method, preconditioner_from, solver_from};
-use super::stages::{Plan, plan};
-use crate::check::{self, Reached, hir};
+use super::solver::{Method, solver_from};
+use super::stages::{Auto, Plan, plan, starts, with_heats};
+use super::starts::{Chosen, Ended, Starts, assert_bounded};
+use crate::check::hir;
 use crate::diag::Diagnostic;
-use crate::eval::{
-    Engine, EngineState, History, INTERRUPTED, Origin, ParamInfo, ParamKind, RenderOverrides, StoredHistory,
-};
+use crate::eval::{Engine, EngineState, History, INTERRUPTED, Origin, RenderOverrides, StoredHistory, mix};
 use crate::memory;
 use crate::natives::value::Value;
-use crate::optim::{GaveUp, Geometry, GradientNoise, GradientSize, Optimizer, Solver, Space, StepOutcome};
+use crate::optim::{AutoSamples, GaveUp, GradientNoise, GradientSize, Optimizer, Solver, Space, StepOutcome};
 use crate::source::Span;
 use crate::tape::Tensor;
 
@@ -34,7 +34,12 @@ pub struct Optimization {
     /// Where the params were when it was, if that was not at the start.
     entrance: Option<EngineState>,
     params: Vec<Moved>,
-    spaces: Vec<Space>,
+    pub(super) spaces: Vec<Space>,
+    pub(super) starts: Option<Starts>,
+    /// What the script says of the params' values, if there are several starts.
+    pub(super) initial: Vec<Vec<f64>>,
+    /// The engine's, from which starts have others.
+    sample_seed: u64,
     pub(super) memory: Memory,
     losses: Vec<f64>,
     /// Params that an update would have given, were they finite.
@@ -51,19 +56,24 @@ pub(super) struct Memory {
     optimizer: Optimizer,
     /// The state of the other kind of solver, while it is in use.
     squares: Option<Squares>,
+    quasi_newton: Option<QuasiNewton>,
     /// What first-order steps leave for the next one.
     #[serde(skip)]
     history: History,
     /// Of each param's gradient, in first-order steps of one stage.
     noise: Vec<GradientNoise>,
     /// For each param that has moved, whether its derivative was ever anything but 0.
-    felt: BTreeMap<String, bool>,
+    pub(super) felt: BTreeMap<String, bool>,
+    /// The samples of the next step, in a stage that does not fix them.
+    samples: Option<AutoSamples>,
     /// Steps that moved nothing, because what they would have followed was not finite.
-    skipped: u64,
+    pub(super) skipped: u64,
     /// Where to go back to.
     pub(super) footing: Option<Footing>,
     /// Where the numbers came from that made the first step be skipped.
-    origin: Option<Origin>,
+    pub(super) origin: Option<Origin>,
+    /// Where the heats of the starts so far ended.
+    pub(super) ended: Vec<Ended>,
 }
 
 /// An optimisation between two steps, without what follows from the script and from where the params were at its start.
@@ -78,10 +88,13 @@ pub struct OptimizationState {
 }
 
 impl Memory {
-    fn new(spaces: &[Space]) -> Memory {
+    pub(super) fn new(spaces: &[Space]) -> Memory {
         Memory {
             optimizer: Optimizer::new(Solver::adam(), spaces.to_vec()),
             squares: None,
+            quasi_newton: None,
+            samples: None,
+            ended: Vec::new(),
             history: History::default(),
             noise: vec![GradientNoise::default(); spaces.len()],
             felt: BTreeMap::new(),
@@ -101,11 +114,6 @@ struct Before {
     values: Vec<Vec<f64>>,
 }
 
-struct Moved {
-    name: String,
-    target: hir::Target,
-}
-
 /// What a solver made of a step.
 pub(super) struct Move {
     /// At the params before.
@@ -117,6 +125,8 @@ pub(super) struct Move {
     pub outcome: Result<StepOutcome, GaveUp>,
     /// By param, whether any derivative was not 0.
     pub felt: Vec<bool>,
+    /// An estimate of the squared gradient of all params without that of its noise; NaN while there is none.
+    pub square: f64,
 }
 
 /// What happened in one step.
@@ -136,6 +146,8 @@ pub struct StepReport {
     pub skipped_steps: u64,
     /// Samples drawn, of pixels of images that params reach and of their derivatives.
     pub samples: u64,
+    /// Samples for each pixel, if they were chosen by noise.
+    pub spp: Option<u32>,
     /// Memory that the process holds.
     pub bytes: u64,
     /// Wall time of value, derivative and update.
@@ -144,13 +156,19 @@ pub struct StepReport {
     pub params: Vec<(String, Vec<usize>, Vec<f64>)>,
     /// The script's `stop_when` holds.
     pub stop: bool,
+    /// After this step, the best of several starts was taken up.
+    pub chosen: Option<Chosen>,
 }
 
 impl Optimization {
     /// `steps` replaces the script's number of steps (stages keep their proportions).
     pub fn new(engine: &mut Engine, optimize: &hir::Optimize, steps: Option<u64>) -> Result<Optimization, Diagnostic> {
         engine.clear_losses();
-        let stages = plan(engine, optimize, steps)?;
+        let mut stages = plan(engine, optimize, steps)?;
+        let starts = starts(engine, optimize)?;
+        if let Some(starts) = &starts {
+            stages = with_heats(stages, starts);
+        }
         let mut optimization = Optimization {
             optimize: optimize.clone(),
             total: stages.last().map_or(0, |s| s.until),
@@ -161,12 +179,21 @@ impl Optimization {
             params: Vec::new(),
             memory: Memory::new(&[]),
             spaces: Vec::new(),
+            starts,
+            initial: Vec::new(),
+            sample_seed: engine.sample_seed(),
             losses: Vec::new(),
             rejected: None,
             before: None,
             notes: Vec::new(),
         };
         optimization.set_out(engine)?;
+        if starts.is_some() {
+            assert_bounded(&optimization.spaces, optimize)?;
+            let targets = optimization.targets();
+            let value = |t: &hir::Target| -> Result<Vec<f64>, Diagnostic> { Ok(engine.target_tensor(t)?.data) };
+            optimization.initial = targets.iter().map(value).collect::<Result<_, _>>()?;
+        }
         Ok(optimization)
     }
 
@@ -175,7 +202,8 @@ impl Optimization {
         let over = self.stages.get(self.entered).and_then(|stage| stage.over.as_deref());
         let (params, spaces, notes) = moved_params(engine, &self.optimize, over)?;
         let (skipped, felt) = (self.memory.skipped, std::mem::take(&mut self.memory.felt));
-        self.memory = Memory { skipped, felt, ..Memory::new(&spaces) };
+        let ended = std::mem::take(&mut self.memory.ended);
+        self.memory = Memory { skipped, felt, ended, ..Memory::new(&spaces) };
         for param in &params {
             self.memory.felt.entry(param.name.clone()).or_insert(false);
         }
@@ -229,7 +257,8 @@ impl Optimization {
             self.set_out(engine)?;
         }
         engine.restore(now)?;
-        let squares = memory.squares.map(|squares| squares.within(self.spaces_of_elements()));
+        let squares = memory.squares.map(|squares| squares.within(&self.spaces));
+        let quasi_newton = memory.quasi_newton.map(|state| state.within(&self.spaces));
         let mut optimizer = self.memory.optimizer.clone();
         let fits = optimizer.resume(memory.optimizer).is_some() && memory.noise.len() == self.params.len();
         if !fits {
@@ -239,7 +268,7 @@ impl Optimization {
         let mut history = History::resumed(history);
         self.revisit(engine, &mut history)?;
         (self.done, self.losses, self.entrance) = (done, losses, entrance);
-        self.memory = Memory { optimizer, squares, history, ..memory };
+        self.memory = Memory { optimizer, squares, quasi_newton, history, ..memory };
         Ok(())
     }
 
@@ -271,6 +300,11 @@ impl Optimization {
 
     pub fn done(&self) -> u64 {
         self.done
+    }
+
+    /// Steps done since the last of several starts was left behind; `None` before that.
+    pub fn done_since_start(&self) -> Option<u64> {
+        self.done.checked_sub(self.starts.map_or(0, |starts| starts.steps()))
     }
 
     pub fn total(&self) -> u64 {
@@ -355,20 +389,41 @@ impl Optimization {
         self.enter(engine, self.done);
     }
 
-    fn enter(&self, engine: &mut Engine, step: u64) {
-        engine.set_step(step, self.total);
-        let overrides = self.stage_at(step).map(|s| s.overrides).unwrap_or_default();
+    pub(super) fn enter(&self, engine: &mut Engine, step: u64) {
+        match &self.starts {
+            // Schedules begin anew with each start, and once more with the one that goes on. Samples are different ones.
+            Some(starts) => {
+                let (heats, start) = (starts.steps(), (step / starts.heat).min(starts.count));
+                engine.set_step(step - start * starts.heat, self.total.saturating_sub(heats));
+                engine.set_sample_seed(mix(self.sample_seed, start + 1));
+            }
+            None => engine.set_step(step, self.total),
+        }
+        let stage = self.stage_at(step);
+        let mut overrides = stage.map(|s| s.overrides).unwrap_or_default();
+        if let Some(auto) = stage.and_then(|s| s.auto) {
+            overrides.spp = Some(self.spp(step, &auto));
+        }
         engine.set_render_overrides(overrides);
+    }
+
+    /// The samples of a step whose stage chooses them by noise.
+    fn spp(&self, step: u64, auto: &Auto) -> u32 {
+        let [least, most] = auto.limits;
+        // Another stage draws other samples, of other pixels.
+        let begins = self.begins_stage(step);
+        self.memory.samples.as_ref().filter(|_| !begins).map_or(least, |samples| samples.samples.clamp(least, most))
+    }
+
+    /// Whether a stage begins with this step.
+    fn begins_stage(&self, step: u64) -> bool {
+        step == 0 || self.stages.iter().any(|stage| stage.until == step)
     }
 
     /// Outside `optimize` renders are as the script says again.
     pub fn leave(&self, engine: &mut Engine) {
+        engine.set_sample_seed(self.sample_seed);
         engine.set_render_overrides(RenderOverrides::default());
-    }
-
-    /// Solvers of least squares work on the elements of params: they solve for steps in whatever variables.
-    fn spaces_of_elements(&self) -> Vec<Space> {
-        self.spaces.iter().map(|space| Space { preconditioner: None, ..space.clone() }).collect()
     }
 
     fn stage(&self) -> Option<&Plan> {
@@ -392,7 +447,10 @@ impl Optimization {
             told: engine.losses_told(),
             values: before.iter().map(|t| t.data.clone()).collect(),
         });
-        let found = self.take_step(engine, &targets, before);
+        let found = self.take_step(engine, &targets, before).and_then(|report| {
+            let chosen = self.turn_start(engine)?;
+            Ok(StepReport { chosen, ..report })
+        });
         if found.as_ref().is_err_and(|e| e.code == INTERRUPTED) {
             self.take_back(engine)?;
         }
@@ -435,30 +493,9 @@ impl Optimization {
         let small = |(_, t): &(&Moved, &Tensor)| t.len() <= LOGGED_NUMBERS;
         let logged = self.params.iter().zip(&before).filter(small);
         let logged = logged.map(|(p, t)| (p.name.clone(), t.shape.clone(), t.data.clone())).collect();
-        let values: Vec<Vec<f64>> = before.into_iter().map(|t| t.data).collect();
-        let here = values.clone();
-        let moved = match method {
-            Method::FirstOrder(solver) => {
-                self.memory.squares = None;
-                self.memory.optimizer.set_solver(solver);
-                self.descend(engine, targets, values, lr)?
-            }
-            Method::LeastSquares { damping, careful } => {
-                if self.stage().is_some_and(|s| s.overrides.control_variates) {
-                    let span = using.as_ref().map_or(self.optimize.span, |u| u.span);
-                    return Err(no_control_variates(span));
-                }
-                // The losses of different stages do not compare.
-                let stage = self.stage().map_or(0, |s| s.until);
-                let old = self.memory.squares.take().filter(|s| s.is_for(stage, careful));
-                let mut squares =
-                    old.unwrap_or_else(|| Squares::new(stage, self.spaces_of_elements(), damping, careful));
-                let last = self.done + 1 >= self.stage().map_or(0, |s| s.until);
-                let moved = squares.step(engine, &self.optimize.loss, targets, values, lr, last);
-                self.memory.squares = Some(squares);
-                moved?
-            }
-        };
+        let here: Vec<Vec<f64>> = before.into_iter().map(|t| t.data).collect();
+        let moved = self.follow(engine, method, lr, &using, targets, here.clone())?;
+        let spp = self.learn_samples(&moved);
         for (param, now) in self.params.iter().zip(&moved.felt) {
             *self.memory.felt.entry(param.name.clone()).or_default() |= now;
         }
@@ -491,7 +528,8 @@ impl Optimization {
         let seconds = watch.elapsed().wall;
 
         self.losses.push(moved.loss);
-        let stop = skipped.is_none() && self.should_stop(engine, moved.loss)?;
+        let is_heat = self.starts.is_some_and(|starts| self.done < starts.steps());
+        let stop = skipped.is_none() && !is_heat && self.should_stop(engine, moved.loss, moved.square)?;
         if let Some(base) = self.memory.squares.as_ref().filter(|_| stop).and_then(Squares::base) {
             // Nobody would look whether the last proposal is any good.
             put(engine, targets, base.to_vec())?;
@@ -506,13 +544,71 @@ impl Optimization {
             skipped,
             skipped_steps: self.memory.skipped,
             samples: engine.statistics().samples - samples,
+            spp,
             bytes: memory::held(),
             seconds,
             params: logged,
             stop,
+            chosen: None,
         };
         self.done += 1;
         Ok(report)
+    }
+
+    /// A step of a solver.
+    fn follow(
+        &mut self,
+        engine: &mut Engine,
+        method: Method,
+        lr: f64,
+        using: &Option<hir::Expr>,
+        targets: &[hir::Target],
+        values: Vec<Vec<f64>>,
+    ) -> Result<Move, Diagnostic> {
+        match method {
+            Method::FirstOrder(solver) => {
+                (self.memory.squares, self.memory.quasi_newton) = (None, None);
+                self.memory.optimizer.set_solver(solver);
+                self.descend(engine, targets, values, lr)
+            }
+            Method::QuasiNewton { memory, first } => {
+                self.assert_plain(using)?;
+                self.memory.squares = None;
+                // The curvature of one stage's loss is not that of another's.
+                let stage = self.stage().map_or(0, |s| s.until);
+                let old = self.memory.quasi_newton.take().filter(|s| s.is_for(stage));
+                let mut solver = old.unwrap_or_else(|| QuasiNewton::new(stage, &self.spaces, memory, first));
+                let moved = solver.step(engine, &self.optimize.loss, targets, values, lr);
+                self.memory.quasi_newton = Some(solver);
+                moved
+            }
+            Method::LeastSquares { damping, careful } => {
+                self.assert_plain(using)?;
+                self.memory.quasi_newton = None;
+                // The losses of different stages do not compare.
+                let stage = self.stage().map_or(0, |s| s.until);
+                let old = self.memory.squares.take().filter(|s| s.is_for(stage, careful));
+                let new = || Squares::new(stage, &self.spaces, &values, damping, careful);
+                let mut squares = old.unwrap_or_else(new);
+                let last = self.done + 1 >= self.stage().map_or(0, |s| s.until);
+                let moved = squares.step(engine, &self.optimize.loss, targets, values, lr, last);
+                self.memory.squares = Some(squares);
+                moved
+            }
+        }
+    }
+
+    /// The samples that this step had, if its stage chooses them by noise; chooses those of the next.
+    fn learn_samples(&mut self, moved: &Move) -> Option<u32> {
+        let auto = self.stage()?.auto?;
+        let spp = self.spp(self.done, &auto);
+        let begins = self.begins_stage(self.done);
+        let old = self.memory.samples.take().filter(|samples| samples.samples == spp && !begins);
+        let mut samples = old.unwrap_or_else(|| AutoSamples::new(spp));
+        let error = moved.gradients.iter().map(|size| size.error.unwrap_or(f64::NAN).powi(2)).sum::<f64>().sqrt();
+        samples.learn(moved.square, error, auto.error, auto.limits);
+        self.memory.samples = Some(samples);
+        Some(spp)
     }
 
     /// A step against the gradient.
@@ -533,33 +629,54 @@ impl Optimization {
             grads.iter_mut().flatten().for_each(|g| *g = f64::NAN);
         }
         let felt = grads.iter().map(|grad| grad.iter().any(|g| *g != 0.0)).collect();
-        let gradients = self.sizes(&values, &grads, gradient.is_noisy);
-        let outcome = self.memory.optimizer.step(&mut values, &grads, lr);
-        Ok(Move { loss: gradient.value, gradients, values, outcome, felt })
+        let (gradients, square) = self.sizes(&values, &grads, gradient.is_noisy);
+        let clip = self.stage().and_then(|stage| stage.clip);
+        let outcome = self.memory.optimizer.step(&mut values, &grads, lr, clip);
+        Ok(Move { loss: gradient.value, gradients, values, outcome, felt, square })
     }
 
-    /// How large gradients are, with their errors.
-    fn sizes(&mut self, values: &[Vec<f64>], grads: &[Vec<f64>], is_noisy: bool) -> Vec<GradientSize> {
+    /// How large gradients are, with their errors, and the square of all of them together.
+    fn sizes(&mut self, values: &[Vec<f64>], grads: &[Vec<f64>], is_noisy: bool) -> (Vec<GradientSize>, f64) {
         // Another stage may draw other samples, of other pixels.
-        if self.stages.iter().any(|stage| stage.until == self.done) {
+        if self.begins_stage(self.done) {
             self.memory.noise.fill(GradientNoise::default());
         }
         let tangents = self.memory.optimizer.tangents(values, grads);
+        let samples = self.stage().and_then(|stage| stage.auto).map_or(1, |auto| self.spp(self.done, &auto));
         let size = |(noise, tangent): (&mut GradientNoise, &Vec<f64>)| {
             if tangent.iter().any(|g| !g.is_finite()) {
-                return GradientSize { norm: f64::NAN, error: None };
+                return (GradientSize { norm: f64::NAN, error: None }, f64::NAN);
             }
-            let size = noise.add(tangent);
-            if is_noisy { size } else { GradientSize { error: Some(0.0), ..size } }
+            let (size, product) = noise.add(tangent, f64::from(samples));
+            (if is_noisy { size } else { GradientSize { error: Some(0.0), ..size } }, product)
         };
-        self.memory.noise.iter_mut().zip(&tangents).map(size).collect()
+        let (sizes, products): (Vec<GradientSize>, Vec<f64>) =
+            self.memory.noise.iter_mut().zip(&tangents).map(size).unzip();
+        // Params that rest have no part in it.
+        let of_active = products.iter().zip(&tangents).filter(|(_, tangent)| !tangent.is_empty());
+        (sizes, of_active.map(|(product, _)| product).sum())
     }
 
-    fn should_stop(&self, engine: &mut Engine, loss: f64) -> Result<bool, Diagnostic> {
+    /// Settings of the stage that only solvers of first order have are refused.
+    fn assert_plain(&self, using: &Option<hir::Expr>) -> Result<(), Diagnostic> {
+        let Some(stage) = self.stage() else { return Ok(()) };
+        let span = using.as_ref().map_or(self.optimize.span, |u| u.span);
+        if stage.overrides.control_variates {
+            return Err(no_control_variates(span));
+        }
+        if stage.clip.is_some() {
+            return Err(Diagnostic::error("dscene::run::clip", "`clip` is for first-order optimizers")
+                .label(span, "finds how long its steps are by itself")
+                .help("leave it out here, or use for instance `adam(lr: 0.01)`"));
+        }
+        Ok(())
+    }
+
+    fn should_stop(&self, engine: &mut Engine, loss: f64, square: f64) -> Result<bool, Diagnostic> {
         let Some(condition) = &self.optimize.stop_when else {
             return Ok(false);
         };
-        engine.set_loss(loss);
+        engine.set_loss(loss, square);
         Ok(matches!(engine.eval(condition)?, Value::Bool(true)))
     }
 
@@ -596,106 +713,6 @@ impl Optimization {
         };
         self.with_origin(Diagnostic::error(NOT_FINITE, message)).help(help)
     }
-}
-
-/// The params that move, the spaces in which they do, and what is to be said of these.
-type Found = (Vec<Moved>, Vec<Space>, Vec<String>);
-
-/// Which params move, and how.
-fn moved_params(
-    engine: &mut Engine,
-    optimize: &hir::Optimize,
-    over: Option<&[(hir::Target, Span)]>,
-) -> Result<Found, Diagnostic> {
-    let infos: Vec<ParamInfo> = engine.params()?;
-    let targets: Vec<(hir::Target, Span)> = match over {
-        Some(over) => over.to_vec(),
-        None => {
-            let reaching: HashSet<hir::DeclId> = engine.reaching_params(&optimize.loss)?.into_iter().collect();
-            let wanted = infos.iter().filter(|info| reaching.contains(&info.id) && !info.frozen);
-            wanted.map(|info| (hir::Target { decl: info.id, path: Vec::new() }, optimize.span)).collect()
-        }
-    };
-    if targets.is_empty() {
-        return Err(Diagnostic::error("dscene::run::nothing_to_optimize", "no param that may move reaches this loss")
-            .label(optimize.loss.span, "does not depend on any param")
-            .help("declare an unknown with `param name = value` and use it in what the loss renders"));
-    }
-    let mut moved = Vec::new();
-    let mut spaces = Vec::new();
-    let mut notes = Vec::new();
-    let reached = check::domains(engine.program());
-    let infos: HashMap<hir::DeclId, ParamInfo> = infos.into_iter().map(|info| (info.id, info)).collect();
-    for (target, _) in targets {
-        let info = infos.get(&target.decl).filter(|_| target.path.is_empty());
-        let mut space = info.map_or_else(|| Ok(Space::plain()), space_of)?;
-        let name = engine.target_name(&target);
-        let domains: Vec<Reached> = match info {
-            Some(info) => reached.get(&info.id).cloned().unwrap_or_default(),
-            None => check::domain_of_field(engine.program(), &target).into_iter().collect(),
-        };
-        if space.geometry == Geometry::Plain && !domains.is_empty() {
-            let value = engine.target_tensor(&target)?;
-            notes.extend(domains.iter().filter_map(|d| kept_inside(&mut space, d, &value, &name)));
-        }
-        spaces.push(space);
-        moved.push(Moved { name, target });
-    }
-    Ok((moved, spaces, notes))
-}
-
-/// Narrows the bounds of a param to the domain of an input that it reaches; says so if they were wider. What starts outside (and
-/// is an error of its own, or has more room there than others) is left alone.
-fn kept_inside(space: &mut Space, reached: &Reached, value: &Tensor, name: &str) -> Option<String> {
-    let inside = |at: usize| reached.part.contains(&value.shape, at);
-    let domain = &reached.domain;
-    // An end that does not belong to it is come near to, not reached.
-    let margin = if domain.angle { 0.1f64.to_radians() } else { 1e-9 };
-    let low = domain.low + if domain.above_low { margin } else { 0.0 };
-    let high = domain.high - if domain.below_high { margin } else { 0.0 };
-    if value.data.iter().enumerate().any(|(at, x)| inside(at) && !(low..=high).contains(x)) {
-        return None;
-    }
-    let n = value.len();
-    let side = |old: &Option<Vec<f64>>, free: f64| -> Vec<f64> {
-        let old = old.as_deref().filter(|b| !b.is_empty());
-        (0..n).map(|i| old.map_or(free, |b| b[i % b.len()])).collect()
-    };
-    let (old_low, old_high) = (side(&space.lower, f64::NEG_INFINITY), side(&space.upper, f64::INFINITY));
-    let narrow = |old: &[f64], f: fn(f64, f64) -> f64, limit: f64| -> Vec<f64> {
-        old.iter().enumerate().map(|(i, &b)| if inside(i) { f(b, limit) } else { b }).collect()
-    };
-    let (new_low, new_high) = (narrow(&old_low, f64::max, low), narrow(&old_high, f64::min, high));
-    if (&new_low, &new_high) == (&old_low, &old_high) {
-        return None;
-    }
-    (space.lower, space.upper) = (Some(new_low), Some(new_high));
-    let (argument, function) = (&reached.argument, &reached.function);
-    Some(format!("`{name}` stays {domain}: it is the `{argument}` of `{function}`"))
-}
-
-fn space_of(info: &ParamInfo) -> Result<Space, Diagnostic> {
-    let (lower, upper) = match &info.bounds {
-        Some((lower, upper)) => (Some(lower.data.clone()), Some(upper.data.clone())),
-        None => (None, None),
-    };
-    let preconditioner = match &info.precondition {
-        Some((value, span)) => Some(preconditioner_from(value, &info.shape).map(Arc::new).map_err(|message| {
-            Diagnostic::error("dscene::run::preconditioner", format!("`{}`: {message}", info.name))
-                .label(*span, "this preconditioner")
-                .help("`laplacian(mesh)` takes the mesh whose vertices the param holds")
-        })?),
-        None => None,
-    };
-    Ok(Space {
-        geometry: if info.kind == ParamKind::Rotation { Geometry::Rotation } else { Geometry::Plain },
-        lower,
-        upper,
-        scale: info.scale.unwrap_or(1.0),
-        lr: info.lr.unwrap_or(1.0),
-        frozen: false,
-        preconditioner,
-    })
 }
 
 fn no_control_variates(span: Span) -> Diagnostic {

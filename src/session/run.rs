@@ -8,12 +8,11 @@ use serde::{Deserialize, Serialize};
 use super::checkpoint::{Optimizing, Schedule};
 use super::clock::{Stopwatch, human_seconds};
 use super::folder::{RunFolder, cannot_write, output_path};
-use super::measure::repeat_seed;
+use super::measure::loss_at;
 use super::optimization::{Optimization, StepReport};
 use super::plot;
 use super::show::{plus_minus, significant};
 use super::stages::whole_number;
-use super::stats::Moments;
 use super::sweep::Judge;
 use super::world::{Progress, World};
 use crate::check::hir;
@@ -27,9 +26,6 @@ use crate::natives::value::Value;
 use crate::source::Span;
 use crate::stop;
 use crate::tape::Tensor;
-
-/// Sets the seeds of the summary apart from those of the steps.
-const AFTER: u64 = 0x5eed_af7e_2000_0000;
 
 /// Whether to go on with the next action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -243,25 +239,7 @@ impl<'a> Runner<'a> {
     /// The loss after the last update, as the mean over seeds that no step has used, with its error; `None` if
     /// Ctrl-C came first, or where it has no value any more.
     fn loss_now(&mut self, loss: &hir::Expr) -> Result<Option<(f64, f64)>, Diagnostic> {
-        const SEEDS: u64 = 4;
-        let seed = self.engine.options().seed;
-        let before = self.engine.sample_seed();
-        let mut moments = Moments::default();
-        for repeat in 0..SEEDS {
-            self.engine.set_sample_seed(repeat_seed(seed ^ AFTER, repeat));
-            let value = match self.engine.eval(loss) {
-                Ok(value) => value.number(),
-                Err(diagnostic) if diagnostic.code == eval::INTERRUPTED => None,
-                Err(_) => None,
-            };
-            let Some(value) = value else { break };
-            let is_exact = moments.mean().first().is_some_and(|mean| mean.to_bits() == value.to_bits());
-            moments.add(&[value]);
-            if is_exact {
-                break;
-            }
-        }
-        self.engine.set_sample_seed(before);
+        let Ok(moments) = loss_at(self.engine, loss) else { return Ok(None) };
         let (mean, error) = (moments.mean().first(), moments.std_error());
         Ok(mean.map(|mean| (*mean, error.first().copied().unwrap_or(0.0))))
     }
@@ -310,6 +288,9 @@ impl<'a> Runner<'a> {
             tell_warnings(self.engine, self.world);
             taken += 1;
             seconds += report.seconds;
+            if let Some(chosen) = &report.chosen {
+                self.world.note(&chosen.told());
+            }
             if let Some(names) = &report.skipped {
                 let whose = if names.is_empty() { "the learning rate".to_owned() } else { names.join(", ") };
                 let seed = self.engine.options().seed;
@@ -395,6 +376,8 @@ impl<'a> Runner<'a> {
 
     /// The `every N { … }` blocks that are due before the next step: at steps 0, N, 2N, … with the params of that step.
     fn every(&mut self, optimization: &Optimization) -> Result<(), Diagnostic> {
+        // Heats of several starts are nobody's steps yet.
+        let Some(done) = optimization.done_since_start() else { return Ok(()) };
         for every in optimization.every() {
             optimization.enter_step(self.engine);
             let period = whole_number(self.engine, &every.steps, "the period of `every`")?;
@@ -402,7 +385,7 @@ impl<'a> Runner<'a> {
                 return Err(Diagnostic::error("dscene::run::out_of_range", "the period of `every` must be at least 1")
                     .label(every.steps.span, "this is 0"));
             }
-            if optimization.done().is_multiple_of(period) {
+            if done.is_multiple_of(period) {
                 // Pictures are taken as the script says, not at the stage's resolution.
                 optimization.leave(self.engine);
                 self.in_every = true;

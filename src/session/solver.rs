@@ -15,6 +15,8 @@ pub const DEFAULT_RATE: f64 = 0.01;
 pub enum Method {
     /// First-order: steps against the gradient.
     FirstOrder(Solver),
+    /// L-BFGS with this memory, whose first step has the length `first`.
+    QuasiNewton { memory: usize, first: f64 },
     /// Least squares, from the derivatives of the residuals: Levenberg-Marquardt, or Gauss-Newton if not `careful`.
     LeastSquares { damping: f64, careful: bool },
 }
@@ -42,6 +44,14 @@ pub fn solver_from(value: &Value) -> Result<(Method, f64), String> {
             let careful = rule == Rule::LevenbergMarquardt;
             let damping = if careful { positive("damping", 0.1)? } else { 0.0 };
             return Ok((Method::LeastSquares { damping, careful }, number("lr", 1.0)));
+        }
+        Rule::Lbfgs => {
+            let memory = number("memory", 10.0);
+            if !(1.0..=1e3).contains(&memory) || memory.fract() != 0.0 {
+                return Err(format!("`memory` must be a whole number from 1 to 1000, it is {memory}"));
+            }
+            let method = Method::QuasiNewton { memory: memory as usize, first: positive("first", 0.01)? };
+            return Ok((method, number("lr", 1.0)));
         }
         Rule::Sgd => Solver::Sgd {
             momentum: fraction("momentum", 0.0)?,
@@ -76,7 +86,8 @@ pub fn preconditioner_from(value: &Value, shape: &[usize]) -> Result<Laplacian, 
         return Err("it needs a mesh".into());
     };
     let points: Vec<DVec3> = mesh.vertices.value().data.chunks_exact(3).map(DVec3::from_slice).collect();
-    if shape.first() != Some(&points.len()) {
+    let numbers: usize = shape.iter().product();
+    if shape.first() != Some(&points.len()) && numbers != points.len() {
         let rows = shape.first().copied().unwrap_or(0);
         let s = if rows == 1 { "" } else { "s" };
         return Err(format!("the param has {rows} row{s}, the mesh {} vertices", points.len()));
@@ -118,6 +129,8 @@ mod tests {
         for (kind, field, x) in [
             (ADAM, "beta1", 1.0),
             (SettingsKind::Optimizer(Rule::Sgd), "momentum", -0.1),
+            (SettingsKind::Optimizer(Rule::Lbfgs), "memory", 2.5),
+            (SettingsKind::Optimizer(Rule::Lbfgs), "first", 0.0),
             (SettingsKind::Optimizer(Rule::Sgd), "lr", -1.0),
             (SettingsKind::Optimizer(Rule::LevenbergMarquardt), "damping", 0.0),
             (SettingsKind::Integrator, "a", 1.0),

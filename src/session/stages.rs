@@ -1,7 +1,9 @@
 //! The stages of an `optimize`: how many steps each has, and its settings.
 
 use super::show::digits;
+use super::starts::Starts;
 use crate::check::hir;
+use crate::check::types::Ty;
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, RenderOverrides};
 use crate::natives::value::Value;
@@ -11,6 +13,7 @@ use crate::source::Span;
 const DEFAULT_STEPS: u64 = 100;
 
 /// A stage with its share of the steps.
+#[derive(Clone)]
 pub struct Plan {
     pub name: Option<String>,
     /// Steps of this stage and of all before it.
@@ -21,6 +24,16 @@ pub struct Plan {
     pub over: Option<Vec<(hir::Target, Span)>>,
     /// What is declared anew after its last step.
     pub then: Option<hir::Then>,
+    /// Largest norm of the gradient.
+    pub clip: Option<f64>,
+    pub auto: Option<Auto>,
+}
+
+/// Samples by the noise of the gradient: the relative error that is wanted, and limits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Auto {
+    pub error: f64,
+    pub limits: [u32; 2],
 }
 
 /// The stages in their order, one without a name if the script has none; `steps` replaces the script's number of them.
@@ -30,10 +43,12 @@ pub fn plan(engine: &mut Engine, optimize: &hir::Optimize, steps: Option<u64>) -
         None => None,
     };
     let own_overrides = overrides(engine, RenderOverrides::default(), &optimize.settings)?;
+    let (own_clip, own_auto) = (clip(engine, &optimize.settings)?, auto(engine, &optimize.settings)?.flatten());
     if optimize.stages.is_empty() {
         let until = steps.or(own_steps).unwrap_or(DEFAULT_STEPS);
         let (using, over) = (optimize.using.clone(), optimize.over.clone());
-        return Ok(vec![Plan { name: None, until, using, overrides: own_overrides, over, then: None }]);
+        let (overrides, clip, auto) = (own_overrides, own_clip, own_auto);
+        return Ok(vec![Plan { name: None, until, using, overrides, over, then: None, clip, auto }]);
     }
     let mut plans = Vec::new();
     let mut until: u64 = 0;
@@ -50,6 +65,8 @@ pub fn plan(engine: &mut Engine, optimize: &hir::Optimize, steps: Option<u64>) -
             overrides: overrides(engine, own_overrides, &stage.settings)?,
             over: stage.over.clone().or_else(|| optimize.over.clone()),
             then: stage.then.clone(),
+            clip: clip(engine, &stage.settings)?.or(own_clip),
+            auto: auto(engine, &stage.settings)?.unwrap_or(own_auto),
         });
     }
     if let Some(steps) = steps {
@@ -69,12 +86,14 @@ fn overrides(
     let mut found = base;
     for (name, expr) in settings {
         match name.as_str() {
+            "spp" if expr.ty == Ty::Samples => found.spp = None,
             "spp" => found.spp = Some(at_least_one(engine, expr, "`spp`")?),
             "max_bounces" => {
                 let bounces = whole_number(engine, expr, "`max_bounces`")?;
                 found.max_bounces = Some(u32::try_from(bounces).unwrap_or(u32::MAX));
             }
             "film_scale" => found.film_scale = Some(film_scale(engine, expr)?),
+            "clip" | "starts" | "heat" => {}
             "control_variates" => found.control_variates = matches!(engine.eval(expr)?, Value::Bool(true)),
             _ => {
                 return Err(Diagnostic::error(
@@ -82,11 +101,66 @@ fn overrides(
                     format!("`{name}` is not a setting of `optimize`"),
                 )
                 .label(expr.span, "this one")
-                .help("the settings are `spp`, `max_bounces`, `film_scale` and `control_variates`"));
+                .help("the settings are `starts`, `heat`, `clip`, `spp`, `max_bounces`, `film_scale` and `control_variates`"));
             }
         }
     }
     Ok(found)
+}
+
+/// The last `clip` among settings.
+fn clip(engine: &mut Engine, settings: &[(String, hir::Expr)]) -> Result<Option<f64>, Diagnostic> {
+    let Some((_, expr)) = settings.iter().rfind(|(name, _)| name == "clip") else { return Ok(None) };
+    match engine.eval(expr)?.number() {
+        Some(x) if x > 0.0 => Ok(Some(x)),
+        x => Err(out_of_range(expr, "`clip`", x.unwrap_or(f64::NAN), "must be above 0")),
+    }
+}
+
+/// What the last `spp` among settings says of automatic samples, if there is one: `Some(None)` where it is a number.
+fn auto(engine: &mut Engine, settings: &[(String, hir::Expr)]) -> Result<Option<Option<Auto>>, Diagnostic> {
+    let Some((_, expr)) = settings.iter().rfind(|(name, _)| name == "spp") else { return Ok(None) };
+    if expr.ty != Ty::Samples {
+        return Ok(Some(None));
+    }
+    let value = engine.eval(expr)?;
+    let Value::Settings(fields) = &value else { return Ok(Some(None)) };
+    let number = |name: &str, default: f64| fields.number(name).unwrap_or(default);
+    let (error, least, most) = (number("error", 0.05), number("least", 1.0), number("most", 256.0));
+    if !(error > 0.0) {
+        return Err(out_of_range(expr, "`error`", error, "must be above 0"));
+    }
+    if !(1.0..=most).contains(&least) || least.fract() != 0.0 || most.fract() != 0.0 || most > 1e9 {
+        return Err(out_of_range(expr, "`least`", least, "must be a whole number from 1 to `most`"));
+    }
+    Ok(Some(Some(Auto { error, limits: [least as u32, most as u32] })))
+}
+
+/// Steps of a heat when the script says nothing.
+const DEFAULT_HEAT: u32 = 20;
+
+/// The starts that an optimisation has, if it has several.
+pub fn starts(engine: &mut Engine, optimize: &hir::Optimize) -> Result<Option<Starts>, Diagnostic> {
+    let setting = |name: &str| optimize.settings.iter().rfind(|(n, _)| n == name).map(|(_, expr)| expr);
+    let Some(count) = setting("starts") else { return Ok(None) };
+    let count = at_least_one(engine, count, "`starts`")?;
+    let heat = match setting("heat") {
+        Some(heat) => at_least_one(engine, heat, "`heat`")?,
+        None => DEFAULT_HEAT,
+    };
+    Ok((count > 1).then(|| Starts { count: count.into(), heat: heat.into() }))
+}
+
+/// Puts the heats, each with the settings of the first stage, before all stages.
+pub fn with_heats(mut plans: Vec<Plan>, starts: &Starts) -> Vec<Plan> {
+    plans.iter_mut().for_each(|plan| plan.until = plan.until.saturating_add(starts.steps()));
+    let Some(first) = plans.first() else { return plans };
+    let heat = |k: u64| {
+        let (name, until) = (Some(format!("start {}", k + 1)), (k + 1) * starts.heat);
+        Plan { name, until, then: None, ..first.clone() }
+    };
+    let heats: Vec<Plan> = (0..starts.count).map(heat).collect();
+    heats.into_iter().chain(plans).collect()
 }
 
 fn at_least_one(engine: &mut Engine, expr: &hir::Expr, what: &str) -> Result<u32, Diagnostic> {

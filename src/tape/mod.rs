@@ -313,11 +313,39 @@ fn plan(roots: &[Var], wrt: &HashSet<u64>) -> Result<(Vec<Var>, HashSet<u64>)> {
     }
 }
 
+/// Makes the derivatives of `outputs` in `wrt` those of one matrix: see [`CustomOp::fix`].
+pub fn fix(outputs: &[Var], wrt: &[Var], room: usize) -> Result<()> {
+    let ids: HashSet<u64> = wrt.iter().map(Var::id).collect();
+    let (sorted, reached) = plan(outputs, &ids)?;
+    let mut room = room;
+    for var in sorted.iter().filter(|v| !ids.contains(&v.id())) {
+        if let Op::Custom(op) = var.op() {
+            let wants: Vec<bool> = var.sources().iter().map(|i| reached.contains(&i.id())).collect();
+            stop::check();
+            op.fix(&wants, &mut room).map_err(TapeError)?;
+        }
+    }
+    Ok(())
+}
+
 /// Reverse mode: the derivative of ⟨`seed`, `output`⟩ with respect to each of `wrt`; zeros where `output` does not depend on it.
 pub fn backward_with(output: &Var, seed: Tensor, wrt: &[Var]) -> Result<Vec<Tensor>> {
+    backward_from(std::slice::from_ref(output), vec![seed], wrt)
+}
+
+/// The same for the sum of ⟨seed, output⟩ over several outputs.
+pub fn backward_from(outputs: &[Var], seeds: Vec<Tensor>, wrt: &[Var]) -> Result<Vec<Tensor>> {
     let ids: HashSet<u64> = wrt.iter().map(Var::id).collect();
-    let (sorted, reached) = plan(std::slice::from_ref(output), &ids)?;
-    let mut adjoints: HashMap<u64, Tensor> = HashMap::from([(output.id(), seed)]);
+    let (sorted, reached) = plan(outputs, &ids)?;
+    let mut adjoints: HashMap<u64, Tensor> = HashMap::new();
+    for (output, seed) in outputs.iter().zip(seeds) {
+        match adjoints.get_mut(&output.id()) {
+            Some(sum) => sum.accumulate(&seed),
+            None => {
+                adjoints.insert(output.id(), seed);
+            }
+        }
+    }
     for var in sorted.iter().rev() {
         if ids.contains(&var.id()) || var.sources().is_empty() {
             continue;

@@ -28,6 +28,13 @@ pub trait CustomOp: Send + Sync {
     /// Σ ∂output/∂input · tangent over the inputs that have one.
     fn jvp(&self, inputs: &[&Tensor], output: &Tensor, tangents: &[Option<&Tensor>]) -> Result<Tensor, String>;
 
+    /// From now on all derivatives in the inputs with `wants` are of one matrix, and those of [`CustomOp::vjp`] of its transpose, whatever
+    /// the adjoint or the direction. Takes memory for at most `room` numbers, and what it takes from `room`. An operation whose
+    /// derivatives are exact has nothing to do.
+    fn fix(&self, _wants: &[bool], _room: &mut usize) -> Result<(), String> {
+        Ok(())
+    }
+
     /// [`CustomOp::jvp`] along each of several directions, for operations that are cheaper for all directions at once.
     fn jvps(
         &self,

@@ -29,3 +29,21 @@ pub fn static_scene(
     run_estimators(&request, &mut Accumulator::Slots(&mut total));
     layout.by_slot(total.into_vec())
 }
+
+/// The same with the samples of forward mode, whose density is even over the image: the exact transpose of [`super::forward`] for the same
+/// slots.
+pub fn evenly(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    d_image: &Image,
+    wrt: &[Slot],
+    stop: &AtomicBool,
+) -> Vec<Vec<f64>> {
+    let layout = Layout::new(scene, wrt);
+    let even = super::forward::even(camera, settings);
+    let mut total = DenseSums::new(layout.size());
+    let request = Request { scene, camera, settings, layout: &layout, adjoint: &even, guides: None, stop };
+    run_estimators(&request, &mut Accumulator::Weighted(d_image, &mut total));
+    layout.by_slot(total.into_vec())
+}

@@ -3,6 +3,7 @@
 use std::sync::atomic::AtomicBool;
 
 use crate::grad::estimate::Images;
+use crate::grad::rows::Rows;
 use crate::grad::sink::{Layout, Tangents};
 use crate::grad::terms::{Accumulator, Request, run_estimators};
 use crate::image::Image;
@@ -34,6 +35,23 @@ pub fn static_scene(
     groups.flat_map(|group| sweep(scene, camera, settings, &layout, group, stop)).collect()
 }
 
+/// The derivative of the image as a matrix, from the samples of forward mode. If it has more than `room` entries, some are missing.
+pub fn rows(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &[Slot], room: usize, stop: &AtomicBool) -> Rows {
+    let layout = Layout::new(scene, wrt);
+    let mut rows = Rows::new(camera.width * camera.height, settings.output.channels(), layout.size(), room);
+    let even = even(camera, settings);
+    let request = Request { scene, camera, settings, layout: &layout, adjoint: &even, guides: None, stop };
+    run_estimators(&request, &mut Accumulator::Rows(&mut rows));
+    rows
+}
+
+/// The adjoint image that the samples of forward mode follow: all pixels have the same weight.
+pub fn even(camera: &Camera, settings: &Settings) -> Image {
+    let mut even = Image::new(camera.width, camera.height, settings.output.channels());
+    even.data.fill(1.0);
+    even
+}
+
 /// One sweep.
 fn sweep(
     scene: &Scene,
@@ -56,9 +74,7 @@ fn sweep(
     let channels = settings.output.channels();
     let size = camera.width * camera.height * channels;
     let mut images = Images { directions: directions.len(), channels, data: vec![0.0; size * directions.len()] };
-    // All pixels have the same weight.
-    let mut even = Image::new(camera.width, camera.height, channels);
-    even.data.fill(1.0);
+    let even = even(camera, settings);
     let request = Request { scene, camera, settings, layout, adjoint: &even, guides: None, stop };
     if let [tangent] = &tangents[..] {
         run_estimators(&request, &mut Accumulator::Direction(tangent, &mut images));

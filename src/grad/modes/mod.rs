@@ -7,6 +7,7 @@ mod motion;
 
 use std::sync::atomic::AtomicBool;
 
+use crate::grad::rows::Rows;
 use crate::grad::sampling::guide::GuideCache;
 use crate::image::Image;
 use crate::memory::bounded;
@@ -42,10 +43,54 @@ pub fn render_backward_until(
     // Edges are collected when they are first used, and the memory for that is requested then. A shortage is returned as an error here.
     bounded(|| {
         if scene.moves_for(camera) {
-            return motion::backward(scene, camera, settings, d_image, wrt, guides, stop);
+            return motion::backward(scene, camera, settings, wrt, stop, |slice, slots| {
+                backward::static_scene(slice.scene, &slice.camera, &slice.settings, d_image, slots, guides, stop)
+            });
         }
         Ok(backward::static_scene(scene, camera, settings, d_image, wrt, guides, stop))
     })?
+}
+
+/// [`render_backward_until`] with the samples of forward mode. With the same settings, along directions that have a tangent, be it zero, for
+/// each of these slots in the same order, [`render_jacobian_until`] is a matrix J, and this is its transpose up to rounding.
+pub fn render_backward_evenly_until(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    d_image: &Image,
+    wrt: &[Slot],
+    stop: &AtomicBool,
+) -> Result<Vec<Vec<f64>>, SceneError> {
+    check(camera, settings, d_image)?;
+    bounded(|| {
+        if scene.moves_for(camera) {
+            return motion::backward(scene, camera, settings, wrt, stop, |slice, slots| {
+                backward::evenly(slice.scene, &slice.camera, &slice.settings, d_image, slots, stop)
+            });
+        }
+        Ok(backward::evenly(scene, camera, settings, d_image, wrt, stop))
+    })?
+}
+
+/// That matrix J itself, whose columns are the numbers of the slots, one slot after the other; `None` if it has more than `room` entries (12
+/// bytes each), or if the scene moves.
+pub fn render_rows_until(
+    scene: &Scene,
+    camera: &Camera,
+    settings: &Settings,
+    wrt: &[Slot],
+    room: usize,
+    stop: &AtomicBool,
+) -> Result<Option<Rows>, SceneError> {
+    validate_camera(camera)?;
+    bounded(|| {
+        if scene.moves_for(camera) {
+            return None;
+        }
+        let rows = forward::rows(scene, camera, settings, wrt, room, stop);
+        (!rows.is_full()).then_some(rows)
+    })
+    .map_err(SceneError::from)
 }
 
 /// Forward mode: the derivative of the image along `tangents`.

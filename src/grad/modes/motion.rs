@@ -5,9 +5,8 @@ use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
 
+use super::forward;
 use super::forward::Direction;
-use super::{backward, forward};
-use crate::grad::sampling::guide::GuideCache;
 use crate::image::Image;
 use crate::render::motion::Slice;
 use crate::render::{Camera, Scene, SceneError, Settings, Slot};
@@ -103,28 +102,19 @@ pub fn slice_slots(scene: &Scene, camera: &Camera, wrt: &[Slot]) -> Vec<Slot> {
     MovingSlots::new(scene, camera, wrt.iter().copied()).slice_slots
 }
 
-/// [`super::render_backward_until`] for a scene that moves.
+/// Reverse mode for a scene that moves; `of_slice` gives derivatives in slots of a static slice.
 pub fn backward(
     scene: &Scene,
     camera: &Camera,
     settings: &Settings,
-    d_image: &Image,
     wrt: &[Slot],
-    guides: Option<&GuideCache>,
     stop: &AtomicBool,
+    of_slice: impl Fn(&Slice, &[Slot]) -> Vec<Vec<f64>>,
 ) -> Result<Vec<Vec<f64>>, SceneError> {
     let moving = MovingSlots::new(scene, camera, wrt.iter().copied());
     let mut total: Vec<Vec<f64>> = wrt.iter().map(|s| vec![0.0; scene.description.slot_len(*s)]).collect();
     scene.slices(camera, settings, DERIVATIVES, stop, |slice| {
-        let found = backward::static_scene(
-            slice.scene,
-            &slice.camera,
-            &slice.settings,
-            d_image,
-            &moving.slice_slots,
-            guides,
-            stop,
-        );
+        let found = of_slice(slice, &moving.slice_slots);
         let of = |slot: Slot| moving.slice_slots.binary_search(&slot).map_or(&[][..], |i| &found[i]);
         for (slot, sum) in wrt.iter().zip(&mut total) {
             if *slot == Slot::CameraShutter {

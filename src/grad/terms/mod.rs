@@ -14,6 +14,7 @@ use crate::grad::environment::MovingEnvironment;
 use crate::grad::estimate::{self, Images, Pass};
 use crate::grad::mirrors::curved::MirrorTree;
 use crate::grad::mirrors::viewpoint::{Mirrors, Viewpoint};
+use crate::grad::rows::Rows;
 use crate::grad::sampling::allocate::{Estimator, Moments, PilotRuns, Terms, affordable, expense, typical_bounces};
 use crate::grad::sampling::edge_tree::EdgeTree;
 use crate::grad::sampling::guide::{GuideCache, GuideTraining};
@@ -38,6 +39,10 @@ const MAX_SEQUENCE: usize = 1 << 22;
 pub enum Accumulator<'a> {
     /// Reverse mode: derivatives of all slots.
     Slots(&'a mut DenseSums),
+    /// The same for an adjoint image that the sampling density does not follow.
+    Weighted(&'a Image, &'a mut DenseSums),
+    /// Derivatives of each pixel in each slot.
+    Rows(&'a mut Rows),
     /// Forward mode along one direction, and along several.
     Direction(&'a [f32], &'a mut Images),
     Directions(&'a Tangents, &'a mut Images),
@@ -48,6 +53,8 @@ impl Accumulator<'_> {
         let &Request { scene, layout, adjoint, stop, .. } = request;
         match self {
             Accumulator::Slots(total) => estimate::reverse(scene, layout, adjoint, pass, total, stop),
+            Accumulator::Weighted(d_image, total) => estimate::reverse(scene, layout, d_image, pass, total, stop),
+            Accumulator::Rows(rows) => rows.add(scene, layout, pass, stop),
             Accumulator::Direction(tangent, images) => {
                 let sink = || DirectionalDerivative { tangent, sum: 0.0 };
                 estimate::forward(scene, layout, sink, pass, images, stop);

@@ -1,0 +1,77 @@
+"""How long solvers take to the same error: seconds of all steps until `error` of a script stays below a limit.
+
+    cargo build --release && python3 docs/solvers/measure.py target/release/dsl [SCRIPT…] >docs/solvers/table.md
+
+Each script is run as it is, and with `adam` and `lbfgs` in place of its solver: `adam` at several rates, of which the best counts. The seconds
+are those of `log.jsonl`, on one thread: steps, without targets and pictures.
+"""
+import json
+import pathlib
+import re
+import subprocess
+import sys
+import tempfile
+
+HERE = pathlib.Path(__file__).parent
+RELIEF = HERE.parent.parent / "examples" / "19_relief_from_shading.dscene"
+# By script: the error to be reached, rates of adam, and the first step of lbfgs.
+CASES = {
+    RELIEF: (0.0006, [0.03, 0.1, 0.3], 0.3),
+    HERE / "pose.dscene": (0.03, [0.01, 0.03, 0.1], 0.1),
+    HERE / "camera.dscene": (0.05, [0.01, 0.03, 0.1], 0.1),
+    HERE / "light.dscene": (0.05, [0.01, 0.03, 0.1], 0.1),
+    HERE / "material.dscene": (0.05, [0.01, 0.03, 0.1], 0.05),
+}
+
+
+def errors_and_seconds(dsl, text, using, steps):
+    """The error before each step, and the seconds that all steps before have taken."""
+    if using:
+        text = re.sub(r"using: .*", f"using: {using}", text)
+        text = re.sub(r"steps: \d+", f"steps: {steps}", text)
+    text = re.sub(r"(steps: \d+)", r'\1\n  every 1 { save error to "error/{step}.json" }', text)
+    text = re.sub(r"expect .*", "", text)
+    with tempfile.TemporaryDirectory() as folder:
+        script = pathlib.Path(folder) / "script.dscene"
+        script.write_text(text)
+        run = pathlib.Path(folder) / "run"
+        subprocess.run([dsl, "run", script, "--out", run, "--quiet", "--threads", "1"], check=True, stdout=sys.stderr)
+        seconds, found = 0.0, []
+        for line in map(json.loads, (run / "log.jsonl").read_text().splitlines()):
+            error = json.loads((run / "error" / f"{line['step']}.json").read_text())
+            found.append((error, seconds))
+            seconds += line["seconds"]
+    return found
+
+
+def reached(found, limit):
+    """Steps and seconds from which on the error is below the limit in three steps, or to the end."""
+    for step in range(len(found)):
+        if all(error < limit for error, _ in found[step : step + 3]):
+            return step, found[step][1]
+    return None
+
+
+def row(dsl, script, limit, rates, first):
+    text = script.read_text()
+    least = reached(errors_and_seconds(dsl, text, None, 0), limit)
+    quasi = reached(errors_and_seconds(dsl, text, f"lbfgs(first: {first})", 40), limit)
+    tries = [(reached(errors_and_seconds(dsl, text, f"adam(lr: {lr})", 300), limit), lr) for lr in rates]
+    tries = [(found, lr) for found, lr in tries if found]
+    best, lr = min(tries, key=lambda t: t[0][1]) if tries else (None, None)
+    show = lambda found: f"{found[0]}, {found[1]:.1f} s" if found else "not reached"
+    ratio = f"{least[1] / best[1]:.2f}" if least and best else "–"
+    name = script.stem.split("_", 1)[1].replace("_", " ") if script == RELIEF else script.stem
+    rate = f" (`lr: {lr}`)" if best else ""
+    print(f"| {name} | {limit} | {show(least)} | {show(quasi)} | {show(best)}{rate} | {ratio} |", flush=True)
+
+
+def main():
+    dsl, wanted = sys.argv[1], sys.argv[2:]
+    print("| problem | error | `levenberg_marquardt` | `lbfgs` | `adam` | LM's seconds over Adam's |\n|---|--:|--:|--:|--:|--:|")
+    for script, (limit, rates, first) in CASES.items():
+        if not wanted or any(name in script.name for name in wanted):
+            row(dsl, script, limit, rates, first)
+
+
+main()

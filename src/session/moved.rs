@@ -1,0 +1,118 @@
+//! Which params an optimisation moves, and the spaces in which they move.
+
+use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
+
+use super::solver::preconditioner_from;
+use crate::check::{self, Reached, hir};
+use crate::diag::Diagnostic;
+use crate::eval::{Engine, ParamInfo, ParamKind};
+use crate::optim::{Geometry, Space};
+use crate::source::Span;
+use crate::tape::Tensor;
+
+/// A param or field that moves.
+pub struct Moved {
+    pub name: String,
+    pub target: hir::Target,
+}
+
+/// The params that move, the spaces in which they do, and what is to be said of these.
+pub type Found = (Vec<Moved>, Vec<Space>, Vec<String>);
+
+/// Which params move, and how.
+pub fn moved_params(
+    engine: &mut Engine,
+    optimize: &hir::Optimize,
+    over: Option<&[(hir::Target, Span)]>,
+) -> Result<Found, Diagnostic> {
+    let infos: Vec<ParamInfo> = engine.params()?;
+    let targets: Vec<(hir::Target, Span)> = match over {
+        Some(over) => over.to_vec(),
+        None => {
+            let reaching: HashSet<hir::DeclId> = engine.reaching_params(&optimize.loss)?.into_iter().collect();
+            let wanted = infos.iter().filter(|info| reaching.contains(&info.id) && !info.frozen);
+            wanted.map(|info| (hir::Target { decl: info.id, path: Vec::new() }, optimize.span)).collect()
+        }
+    };
+    if targets.is_empty() {
+        return Err(Diagnostic::error("dscene::run::nothing_to_optimize", "no param that may move reaches this loss")
+            .label(optimize.loss.span, "does not depend on any param")
+            .help("declare an unknown with `param name = value` and use it in what the loss renders"));
+    }
+    let mut moved = Vec::new();
+    let mut spaces = Vec::new();
+    let mut notes = Vec::new();
+    let reached = check::domains(engine.program());
+    let infos: HashMap<hir::DeclId, ParamInfo> = infos.into_iter().map(|info| (info.id, info)).collect();
+    for (target, _) in targets {
+        let info = infos.get(&target.decl).filter(|_| target.path.is_empty());
+        let mut space = info.map_or_else(|| Ok(Space::plain()), space_of)?;
+        let name = engine.target_name(&target);
+        let domains: Vec<Reached> = match info {
+            Some(info) => reached.get(&info.id).cloned().unwrap_or_default(),
+            None => check::domain_of_field(engine.program(), &target).into_iter().collect(),
+        };
+        if space.geometry == Geometry::Plain && !domains.is_empty() {
+            let value = engine.target_tensor(&target)?;
+            notes.extend(domains.iter().filter_map(|d| kept_inside(&mut space, d, &value, &name)));
+        }
+        spaces.push(space);
+        moved.push(Moved { name, target });
+    }
+    Ok((moved, spaces, notes))
+}
+
+/// Narrows the bounds of a param to the domain of an input that it reaches; says so if they were wider. What starts outside (and
+/// is an error of its own, or has more room there than others) is left alone.
+fn kept_inside(space: &mut Space, reached: &Reached, value: &Tensor, name: &str) -> Option<String> {
+    let inside = |at: usize| reached.part.contains(&value.shape, at);
+    let domain = &reached.domain;
+    // An end that does not belong to it is come near to, not reached.
+    let margin = if domain.angle { 0.1f64.to_radians() } else { 1e-9 };
+    let low = domain.low + if domain.above_low { margin } else { 0.0 };
+    let high = domain.high - if domain.below_high { margin } else { 0.0 };
+    if value.data.iter().enumerate().any(|(at, x)| inside(at) && !(low..=high).contains(x)) {
+        return None;
+    }
+    let n = value.len();
+    let side = |old: &Option<Vec<f64>>, free: f64| -> Vec<f64> {
+        let old = old.as_deref().filter(|b| !b.is_empty());
+        (0..n).map(|i| old.map_or(free, |b| b[i % b.len()])).collect()
+    };
+    let (old_low, old_high) = (side(&space.lower, f64::NEG_INFINITY), side(&space.upper, f64::INFINITY));
+    let narrow = |old: &[f64], f: fn(f64, f64) -> f64, limit: f64| -> Vec<f64> {
+        old.iter().enumerate().map(|(i, &b)| if inside(i) { f(b, limit) } else { b }).collect()
+    };
+    let (new_low, new_high) = (narrow(&old_low, f64::max, low), narrow(&old_high, f64::min, high));
+    if (&new_low, &new_high) == (&old_low, &old_high) {
+        return None;
+    }
+    (space.lower, space.upper) = (Some(new_low), Some(new_high));
+    let (argument, function) = (&reached.argument, &reached.function);
+    Some(format!("`{name}` stays {domain}: it is the `{argument}` of `{function}`"))
+}
+
+fn space_of(info: &ParamInfo) -> Result<Space, Diagnostic> {
+    let (lower, upper) = match &info.bounds {
+        Some((lower, upper)) => (Some(lower.data.clone()), Some(upper.data.clone())),
+        None => (None, None),
+    };
+    let preconditioner = match &info.precondition {
+        Some((value, span)) => Some(preconditioner_from(value, &info.shape).map(Arc::new).map_err(|message| {
+            Diagnostic::error("dscene::run::preconditioner", format!("`{}`: {message}", info.name))
+                .label(*span, "this preconditioner")
+                .help("`laplacian(mesh)` takes the mesh whose vertices the param holds")
+        })?),
+        None => None,
+    };
+    Ok(Space {
+        geometry: if info.kind == ParamKind::Rotation { Geometry::Rotation } else { Geometry::Plain },
+        lower,
+        upper,
+        scale: info.scale.unwrap_or(1.0),
+        lr: info.lr.unwrap_or(1.0),
+        frozen: false,
+        preconditioner,
+    })
+}

@@ -1,0 +1,85 @@
+//! Steps of L-BFGS: loss and gradient twice, with independent samples, and at every point that a step looks at with the same ones.
+
+use serde::{Deserialize, Serialize};
+
+use super::least_squares::put;
+use super::optimization::Move;
+use crate::check::hir;
+use crate::diag::Diagnostic;
+use crate::eval::{Engine, Gradient, INTERRUPTED};
+use crate::optim::{GradientSize, Lbfgs, Space, StepOutcome, Twice, skip};
+
+/// A solver with its memory, for one stage.
+#[derive(Clone, Serialize, Deserialize)]
+pub struct QuasiNewton {
+    stage: u64,
+    lbfgs: Lbfgs,
+    felt: Vec<bool>,
+    in_a_row: u64,
+}
+
+impl QuasiNewton {
+    pub fn new(stage: u64, spaces: &[Space], memory: usize, first: f64) -> QuasiNewton {
+        let lbfgs = Lbfgs::new(spaces.to_vec(), memory, first);
+        QuasiNewton { stage, lbfgs, felt: vec![false; spaces.len()], in_a_row: 0 }
+    }
+
+    /// The same state, over these spaces: of one that was stored.
+    pub fn within(self, spaces: &[Space]) -> QuasiNewton {
+        QuasiNewton { lbfgs: self.lbfgs.within(spaces.to_vec()), ..self }
+    }
+
+    pub fn is_for(&self, stage: u64) -> bool {
+        self.stage == stage
+    }
+
+    /// A step from `values`, the params that the engine has.
+    pub fn step(
+        &mut self,
+        engine: &mut Engine,
+        loss: &hir::Expr,
+        targets: &[hir::Target],
+        values: Vec<Vec<f64>>,
+        lr: f64,
+    ) -> Result<Move, Diagnostic> {
+        let felt = &mut self.felt;
+        let measure = |at: &[Vec<f64>]| -> Result<Twice, Diagnostic> {
+            put(engine, targets, at.to_vec())?;
+            let other = engine.with_other_samples(|engine| engine.even_gradient(loss, targets))?;
+            let own = engine.even_gradient(loss, targets)?;
+            let losses = [own.value, other.value];
+            let numbers = |g: Gradient| -> Vec<Vec<f64>> { g.grads.into_iter().map(|t| t.data).collect() };
+            let grads = [numbers(own), numbers(other)];
+            for by_param in &grads {
+                for (felt, grad) in felt.iter_mut().zip(by_param) {
+                    *felt |= grad.iter().any(|g| *g != 0.0);
+                }
+            }
+            Ok(Twice { losses, grads })
+        };
+        let is_fatal = |e: &Diagnostic| e.code == INTERRUPTED;
+        let rate = if lr.is_finite() { lr } else { 0.0 };
+        let searched = self.lbfgs.step(&values, rate, measure, is_fatal)?;
+        put(engine, targets, values.clone())?;
+        let felt = self.felt.clone();
+        match searched {
+            Ok(searched) if lr.is_finite() => {
+                self.in_a_row = 0;
+                let (loss, gradients) = (searched.loss, searched.sizes);
+                let square = GradientSize::square_of_all(&gradients);
+                Ok(Move { loss, gradients, values: searched.values, outcome: Ok(StepOutcome::Moved), felt, square })
+            }
+            found => {
+                let unknown = vec![GradientSize { norm: f64::NAN, error: None }; values.len()];
+                // A loss that is not finite is nobody's.
+                let params = match found {
+                    Ok(_) => Vec::new(),
+                    Err(params) if params.is_empty() => (0..values.len()).collect(),
+                    Err(params) => params,
+                };
+                let outcome = skip(&mut self.in_a_row, params);
+                Ok(Move { loss: f64::NAN, gradients: unknown, values, outcome, felt, square: f64::NAN })
+            }
+        }
+    }
+}
