@@ -8,6 +8,7 @@ mod least_squares;
 pub mod line;
 pub mod log;
 pub mod measure;
+pub mod notes;
 pub mod optimization;
 pub mod picture;
 pub mod plot;

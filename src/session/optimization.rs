@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use super::clock::Stopwatch;
+use super::clock::{Phases, Stopwatch};
 use super::least_squares::{Squares, put};
 use super::log::LOGGED_NUMBERS;
 use super::retreat::{Footing, NOT_FINITE};
@@ -15,7 +15,7 @@ use super::stages::{Plan, plan};
 use crate::check::{self, Reached, hir};
 use crate::diag::Diagnostic;
 use crate::eval::{
-    Engine, EngineState, History, INTERRUPTED, Origin, ParamInfo, ParamKind, RenderOverrides, StoredHistory,
+    Engine, EngineState, History, INTERRUPTED, Origin, ParamInfo, ParamKind, RenderOverrides, Statistics, StoredHistory,
 };
 use crate::memory;
 use crate::natives::value::Value;
@@ -103,6 +103,7 @@ struct Before {
 
 struct Moved {
     name: String,
+    shape: Vec<usize>,
     target: hir::Target,
 }
 
@@ -140,6 +141,7 @@ pub struct StepReport {
     pub bytes: u64,
     /// Wall time of value, derivative and update.
     pub seconds: f64,
+    pub phases: Phases,
     /// The small params at which the loss was taken ([`LOGGED_NUMBERS`]): name, shape, numbers.
     pub params: Vec<(String, Vec<usize>, Vec<f64>)>,
     /// The script's `stop_when` holds.
@@ -263,6 +265,16 @@ impl Optimization {
     /// What is known of the params beyond what the script says: one sentence each.
     pub fn notes(&self) -> &[String] {
         &self.notes
+    }
+
+    /// By name, where the stages end.
+    pub fn stages(&self) -> impl Iterator<Item = (Option<&str>, u64)> {
+        self.stages.iter().map(|stage| (stage.name.as_deref(), stage.until))
+    }
+
+    /// The params that move, by name, with their shapes and where they may go.
+    pub fn bounded(&self) -> impl Iterator<Item = (&str, &[usize], &Space)> {
+        self.params.iter().zip(&self.spaces).map(|(param, space)| (&*param.name, &*param.shape, space))
     }
 
     pub fn every(&self) -> &[hir::Every] {
@@ -420,18 +432,10 @@ impl Optimization {
         targets: &[hir::Target],
         before: Vec<Tensor>,
     ) -> Result<StepReport, Diagnostic> {
-        let (watch, samples) = (Stopwatch::start(), engine.statistics().samples);
+        let (watch, before_it) = (Stopwatch::start(), engine.statistics());
         let stage_name = self.stage().and_then(|s| s.name.clone());
         let using = self.stage().and_then(|s| s.using.clone());
-        let (method, lr) = match &using {
-            None => (Method::FirstOrder(Solver::adam()), super::solver::DEFAULT_RATE),
-            Some(using) => {
-                let value = engine.eval(using)?;
-                solver_from(&value).map_err(|message| {
-                    Diagnostic::error("dscene::run::optimizer", message).label(using.span, "this optimizer")
-                })?
-            }
-        };
+        let (method, lr) = method_of(engine, using.as_ref())?;
         let small = |(_, t): &(&Moved, &Tensor)| t.len() <= LOGGED_NUMBERS;
         let logged = self.params.iter().zip(&before).filter(small);
         let logged = logged.map(|(p, t)| (p.name.clone(), t.shape.clone(), t.data.clone())).collect();
@@ -488,7 +492,7 @@ impl Optimization {
         } else {
             self.find_origin(engine);
         }
-        let seconds = watch.elapsed().wall;
+        let (seconds, spent) = (watch.elapsed().wall, engine.statistics());
 
         self.losses.push(moved.loss);
         let stop = skipped.is_none() && self.should_stop(engine, moved.loss)?;
@@ -505,9 +509,10 @@ impl Optimization {
             gradients: self.params.iter().map(|p| p.name.clone()).zip(moved.gradients).collect(),
             skipped,
             skipped_steps: self.memory.skipped,
-            samples: engine.statistics().samples - samples,
+            samples: spent.samples - before_it.samples,
             bytes: memory::held(),
             seconds,
+            phases: phases(seconds, &before_it, &spent),
             params: logged,
             stop,
         };
@@ -598,6 +603,23 @@ impl Optimization {
     }
 }
 
+/// The solver that a stage asks for, and its rate.
+fn method_of(engine: &mut Engine, using: Option<&hir::Expr>) -> Result<(Method, f64), Diagnostic> {
+    let Some(using) = using else {
+        return Ok((Method::FirstOrder(Solver::adam()), super::solver::DEFAULT_RATE));
+    };
+    let value = engine.eval(using)?;
+    solver_from(&value)
+        .map_err(|message| Diagnostic::error("dscene::run::optimizer", message).label(using.span, "this optimizer"))
+}
+
+/// Where the seconds of a step went.
+fn phases(seconds: f64, before: &Statistics, after: &Statistics) -> Phases {
+    let render = (after.values_took - before.values_took).as_secs_f64();
+    let gradient = (after.derivatives_took - before.derivatives_took).as_secs_f64();
+    Phases { render, gradient, solver: (seconds - render - gradient).max(0.0), ..Phases::default() }
+}
+
 /// The params that move, the spaces in which they do, and what is to be said of these.
 type Found = (Vec<Moved>, Vec<Space>, Vec<String>);
 
@@ -634,12 +656,12 @@ fn moved_params(
             Some(info) => reached.get(&info.id).cloned().unwrap_or_default(),
             None => check::domain_of_field(engine.program(), &target).into_iter().collect(),
         };
+        let value = engine.target_tensor(&target)?;
         if space.geometry == Geometry::Plain && !domains.is_empty() {
-            let value = engine.target_tensor(&target)?;
             notes.extend(domains.iter().filter_map(|d| kept_inside(&mut space, d, &value, &name)));
         }
         spaces.push(space);
-        moved.push(Moved { name, target });
+        moved.push(Moved { name, shape: value.shape, target });
     }
     Ok((moved, spaces, notes))
 }
