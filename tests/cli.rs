@@ -187,7 +187,7 @@ fn log_without_seconds(path: &Path) -> String {
     let text = fs::read_to_string(path).unwrap();
     let line = |l: &str| {
         let mut value: Value = serde_json::from_str(l).unwrap();
-        for measured in ["seconds", "bytes"] {
+        for measured in ["seconds", "phases", "bytes"] {
             value.as_object_mut().unwrap().remove(measured);
         }
         value.to_string()

@@ -63,7 +63,8 @@ fn left_behind(place: &Place, run: &str) -> BTreeMap<String, Vec<u8>> {
             }
             let name = path.strip_prefix(place.path(run)).unwrap().display().to_string();
             let bytes = match name.as_str() {
-                "run.json" | "checkpoint.bin" | ".lock" => continue,
+                "run.json" | "checkpoint.bin" | "report.html" | ".lock" => continue,
+                "report.jsonl" => without_end(&fs::read_to_string(&path).unwrap()).into_bytes(),
                 "log.jsonl" => without_measurements(&fs::read_to_string(&path).unwrap()).into_bytes(),
                 // Each record has the time and the measurements; the test of `tests/export.rs` looks into them.
                 "events.out.tfevents" => fs::metadata(&path).unwrap().len().to_string().into_bytes(),
@@ -78,12 +79,20 @@ fn left_behind(place: &Place, run: &str) -> BTreeMap<String, Vec<u8>> {
 fn without_measurements(log: &str) -> String {
     let line = |line: &str| {
         let mut value: Value = serde_json::from_str(line).unwrap();
-        for measured in ["seconds", "bytes"] {
+        for measured in ["seconds", "phases", "bytes"] {
             assert!(value.as_object_mut().unwrap().shift_remove(measured).is_some());
         }
         format!("{value}\n")
     };
     log.lines().map(line).collect()
+}
+
+/// What the report shows beside the log: the last line, how it ended, has seconds.
+fn without_end(events: &str) -> String {
+    let (rest, last) = events.trim_end().rsplit_once('\n').unwrap();
+    let last: Value = serde_json::from_str(last).unwrap();
+    assert_eq!((&last["event"], last["seconds"].is_number()), (&Value::from("end"), true), "{last}");
+    format!("{rest}\n{}\n", last["how"])
 }
 
 #[track_caller]

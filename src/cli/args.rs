@@ -35,9 +35,10 @@ Examples:
   dsl run scene.dscene --resume result               go on with what was interrupted or killed
 
 The run folder holds run.json (script, imports, overrides, version, seed), log.jsonl (one object per step), checkpoint.bin
-(what --resume goes on from) and what the script saves. A line of the log has step, of (the loss), stage, loss, lr, grad_norm,
-gradients (by param: norm, and standard error as steps differ), skipped_steps, samples, bytes (of memory), seconds, and the params
-of up to 64 numbers; all but bytes and seconds follow from the seed. With --json, each line of standard output is one object: {\"event\": \"print\", \"text\": …}, and at the end
+(what --resume goes on from), report.html (a page about the run, from report.jsonl and the others) and what the script saves. A line of
+the log has step, of (the loss), stage, loss, lr, grad_norm, gradients (by param: norm, and standard error as steps differ),
+skipped_steps, samples, bytes (of memory), seconds, phases (where they went), and the params of up to 64 numbers; all but bytes,
+seconds and phases follow from the seed. With --json, each line of standard output is one object: {\"event\": \"print\", \"text\": …}, and at the end
 {\"event\": \"done\", \"exit\": …, \"out\": …, \"steps\": …, \"saved\": […], …}. Ctrl-C ends after the current step with exit code 130; a second one ends at once.")]
     Run(RunArgs),
     /// Runs a script under every combination of values and seeds; makes a table
@@ -106,6 +107,14 @@ Examples:
 A run writes checkpoints every 30 seconds (`dsl run --checkpoint N`: every N steps), when it is interrupted, and at its end. The log
 has the params of each step that have up to 64 numbers; for larger ones the steps are taken again, from the first one on.")]
     Export(ExportArgs),
+    /// The page about a run, made again: of one that was killed or goes on
+    #[command(after_help = "\
+Examples:
+  dsl report runs/scene-20261121-093312              RUN/report.html
+  dsl report RUN -o page.html
+
+`dsl run` writes report.html at its end, however it ends, but for a kill.")]
+    Report(ReportArgs),
     /// What differs between runs: settings, scripts, curves, results, images; as a table and as a page
     #[command(after_help = "\
 Examples:
@@ -284,6 +293,17 @@ pub struct ExportArgs {
 }
 
 #[derive(Debug, Args)]
+pub struct ReportArgs {
+    /// The run's folder
+    pub run: PathBuf,
+    /// Where the page goes (default: RUN/report.html)
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+#[derive(Debug, Args)]
 pub struct CompareArgs {
     /// The runs' folders
     #[arg(required = true, value_name = "RUN")]
@@ -396,9 +416,18 @@ mod tests {
 
     #[test]
     fn every_command_takes_the_common_options() {
-        for command in
-            ["run f", "sweep f", "check f", "render f", "grad f", "eval f x", "export r", "compare r", "repl"]
-        {
+        for command in [
+            "run f",
+            "sweep f",
+            "check f",
+            "render f",
+            "grad f",
+            "eval f x",
+            "export r",
+            "compare r",
+            "report r",
+            "repl",
+        ] {
             let line =
                 format!("dsl {command} --set a=1 --set b=2 --seed 3 --threads 2 --memory 4GB --quiet --json --out d");
             assert!(Cli::try_parse_from(line.split(' ')).is_ok(), "{line}");

@@ -8,17 +8,16 @@ use serde_json::{Map, Value, json};
 
 use super::args::{ExportArgs, ExportFormat};
 use super::render::{cannot_save, in_folder, interrupted};
-use super::script::{Edit, as_script, script_with_values};
+use super::script::found_script;
 use super::{EXIT_WRONG, Terminal, out};
 use crate::check::types::Ty;
-use crate::check::{self, Disk, Line, Loader, hir};
+use crate::check::{self, Disk, Loader};
 use crate::data::{npy, safetensors, table};
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, EngineOptions, INTERRUPTED};
 use crate::files::write_atomically;
 use crate::natives::value::{LightValue, MeshValue, Value as Made};
 use crate::session::folder::{cannot_write, nested};
-use crate::session::line::check_line;
 use crate::session::record::Step;
 use crate::session::run::{image_of, save_value};
 use crate::session::show::digits;
@@ -42,8 +41,17 @@ pub fn run(args: &ExportArgs) -> u8 {
     }
 }
 
+/// The script of a run with the values at its last checkpoint as initial ones.
+pub fn script_of(run: &Path) -> Result<String, Told> {
+    let checkpoint = Checkpoint::read(run).map_err(plain)?;
+    let params = checkpoint.state().params();
+    let mut engine = resumed(None, run, &checkpoint, &params)?;
+    let text = found_script(&mut engine, &checkpoint.settings.overrides);
+    text.map_err(|told| Box::new((told, engine.program().sources.clone())))
+}
+
 /// What is wrong, and the texts that it points into.
-type Told = Box<(Diagnostic, SourceMap)>;
+pub type Told = Box<(Diagnostic, SourceMap)>;
 
 fn plain(told: Diagnostic) -> Told {
     Box::new((told, SourceMap::default()))
@@ -57,7 +65,9 @@ fn export(args: &ExportArgs, terminal: &mut Terminal) -> Result<(), Told> {
         Some(step) => at_step(&args.run, &checkpoint, step, &mut engine, terminal)?,
     };
     if args.script {
-        let text = script(&mut resumed(engine, args, &checkpoint, &params)?, &checkpoint)?;
+        let mut engine = resumed(engine, &args.run, &checkpoint, &params)?;
+        let text = found_script(&mut engine, &checkpoint.settings.overrides);
+        let text = text.map_err(|told| Box::new((told, engine.program().sources.clone())))?;
         return deliver(args, "script.dscene", text.as_bytes(), terminal).map_err(plain);
     }
     match args.format {
@@ -80,7 +90,7 @@ fn export(args: &ExportArgs, terminal: &mut Terminal) -> Result<(), Told> {
                 ExportFormat::Ply => "ply",
                 _ => "glb",
             };
-            let mut engine = resumed(engine, args, &checkpoint, &params)?;
+            let mut engine = resumed(engine, &args.run, &checkpoint, &params)?;
             meshes(args, &mut engine, ending, terminal)
         }
     }
@@ -316,16 +326,11 @@ impl Recorded {
 }
 
 /// An engine with the params that are exported: one that has come there, or a new one.
-fn resumed(
-    engine: Option<Engine>,
-    args: &ExportArgs,
-    checkpoint: &Checkpoint,
-    params: &Params,
-) -> Result<Engine, Told> {
+fn resumed(engine: Option<Engine>, run: &Path, checkpoint: &Checkpoint, params: &Params) -> Result<Engine, Told> {
     let came = engine.is_some();
     let mut engine = match engine {
         Some(engine) => engine,
-        None => Recorded::of(&args.run, checkpoint).map_err(plain)?.engine(checkpoint)?,
+        None => Recorded::of(run, checkpoint).map_err(plain)?.engine(checkpoint)?,
     };
     if !came {
         let placed = engine.restore(checkpoint.state()).and_then(|()| {
@@ -336,26 +341,4 @@ fn resumed(
         placed.map_err(|told: Diagnostic| Box::new((told, engine.program().sources.clone())))?;
     }
     Ok(engine)
-}
-
-/// The script as it was run, with the present values as its initial ones.
-fn script(engine: &mut Engine, checkpoint: &Checkpoint) -> Result<String, Told> {
-    let root = engine.program().origin.main;
-    let mut edits = Vec::new();
-    for set in &checkpoint.settings.overrides {
-        let mut names = set.name.split('.').map(str::to_owned);
-        let name = names.next().unwrap_or_default();
-        edits.push(Edit { name, path: names.collect(), text: set.value.clone() });
-    }
-    let fields: Vec<_> = engine.state().moved.into_iter().filter(|p| !p.path.is_empty()).collect();
-    for field in fields {
-        let ty = match check_line(engine, &field.shown).0 {
-            Some(Line::Expr(hir::Expr { ty, .. })) => ty,
-            _ => Ty::Any,
-        };
-        let text = as_script(&Tensor { shape: field.shape, data: field.data }, &ty);
-        edits.push(Edit { name: field.name, path: field.path, text });
-    }
-    let written = script_with_values(engine, root, &[], edits);
-    written.map_err(|told| Box::new((told, engine.program().sources.clone())))
 }

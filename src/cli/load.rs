@@ -12,6 +12,8 @@ use crate::session::{World, world};
 
 /// A script that may run.
 pub struct Loaded {
+    /// What the check had to say.
+    pub warnings: Vec<Diagnostic>,
     /// The process ends with it: to free millions of values one by one would only delay that.
     pub engine: ManuallyDrop<Engine>,
 }
@@ -32,7 +34,7 @@ pub fn load(file: &Path, common: &Common, world: &mut dyn World) -> Option<Loade
         return None;
     }
     let options = engine_options(common, file);
-    Some(Loaded { engine: ManuallyDrop::new(Engine::new(checked.program?, options)) })
+    Some(Loaded { warnings: checked.diagnostics, engine: ManuallyDrop::new(Engine::new(checked.program?, options)) })
 }
 
 /// The seed, the folder that relative paths start from, and Ctrl-C.

@@ -10,6 +10,7 @@ mod load;
 pub mod out;
 mod render;
 mod repl;
+mod report;
 mod run;
 mod script;
 mod sweep;
@@ -76,6 +77,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Grad(a) => &a.common,
         Command::Eval(a) => &a.common,
         Command::Export(a) => &a.common,
+        Command::Report(a) => &a.common,
         Command::Compare(a) => &a.common,
         Command::Repl(a) => &a.common,
     };
@@ -91,6 +93,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Grad(args) => grad::run(&args),
         Command::Eval(args) => eval::run(&args),
         Command::Export(args) => export::run(&args),
+        Command::Report(args) => report::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Repl(args) => repl::run(&args),
     }

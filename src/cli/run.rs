@@ -1,16 +1,20 @@
 //! `dsl run`
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use super::args::RunArgs;
+use super::args::{Common, RunArgs};
+use super::script::found_script;
 use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load, out};
-use crate::diag::Diagnostic;
+use crate::diag::{Diagnostic, Severity};
+use crate::report::report;
 use crate::session::clock::{Date, Stopwatch, human_seconds};
+use crate::session::events::{Ending, Event};
 use crate::session::folder::SourceText;
+use crate::session::notes::told;
 use crate::session::sweep::{Judge, Record};
-use crate::session::{Checkpoint, Flow, RunFolder, RunInfo, RunSettings, Runner, World, world};
+use crate::session::{Checkpoint, Flow, Run, RunFolder, RunInfo, RunReport, RunSettings, Runner, World, world};
 use crate::source::SourceMap;
 
 pub fn run(args: RunArgs) -> u8 {
@@ -53,6 +57,11 @@ pub fn run(args: RunArgs) -> u8 {
         }
     };
     let path = folder.path().to_path_buf();
+    let sources = loaded.engine.program().sources.clone();
+    for warning in &loaded.warnings {
+        // A disk that is full is told where results are written.
+        let _ = folder.note(&told(warning, &sources));
+    }
 
     let actions = loaded.engine.program().actions.clone();
     if actions.is_empty() {
@@ -62,22 +71,34 @@ pub fn run(args: RunArgs) -> u8 {
     runner.judge = args.compared.as_ref().map(|sweep| Judge::new(sweep, &path));
     runner.folder = Some(&mut folder);
     let outcome = world::listening(|| runner.resume(&actions, checkpoint));
-    let report = runner.report.clone();
+    let (report, (seconds_since, files)) = (runner.report.clone(), runner.since_last_step());
     if matches!(outcome, Ok(Flow::Continue)) {
         folder.sweep(&report.saved);
     }
     terminal.progress_done();
 
-    let code = match &outcome {
+    let (code, how) = match &outcome {
         Err(diagnostic) => {
             terminal.diagnostic(diagnostic, &loaded.engine.program().sources.clone());
-            EXIT_WRONG
+            let _ = folder.note(&told(diagnostic, &loaded.engine.program().sources));
+            (EXIT_WRONG, Ending::Failed)
         }
-        Ok(Flow::Interrupted) => EXIT_INTERRUPTED,
-        Ok(Flow::Continue | Flow::Pruned) if !report.is_success() => EXIT_WRONG,
-        Ok(Flow::Continue | Flow::Pruned) => 0,
+        Ok(Flow::Interrupted) => (EXIT_INTERRUPTED, Ending::Interrupted),
+        Ok(Flow::Continue | Flow::Pruned) if !report.is_success() => (EXIT_WRONG, Ending::Unsuccessful),
+        Ok(Flow::Pruned) => (0, Ending::Pruned),
+        Ok(Flow::Continue) => (0, Ending::Finished),
     };
-    let seconds = watch.elapsed().wall;
+    let _ = folder.note(&Event::End { how, seconds: seconds_since, files });
+    let page = write_report(&mut loaded, &common, &folder, &mut terminal);
+    conclude(args, &report, &path, code, watch.elapsed().wall, &mut terminal);
+    if let Some(page) = page {
+        terminal.note(&format!("report: {}", page.display()));
+    }
+    code
+}
+
+/// What became of the run, on a line.
+fn conclude(args: &RunArgs, report: &RunReport, path: &Path, code: u8, seconds: f64, terminal: &mut Terminal) {
     if args.common.json {
         let saved: Vec<String> = report.saved.iter().map(|p| p.display().to_string()).collect();
         let done = json!({
@@ -106,7 +127,20 @@ pub fn run(args: RunArgs) -> u8 {
             terminal.note(&format!("it goes on with `dsl run {} --resume {}`", args.file.display(), path.display()));
         }
     }
-    code
+}
+
+/// The page about the run. What it cannot have is left out; what has been computed is not worth less for it.
+fn write_report(loaded: &mut Loaded, common: &Common, folder: &RunFolder, terminal: &mut Terminal) -> Option<PathBuf> {
+    let script = loaded.engine.unstopped(|engine| found_script(engine, &common.set)).ok();
+    let written = Run::read(folder.path()).and_then(|run| folder.write_report(&report(&run, script.as_deref())));
+    match written {
+        Ok(path) => Some(path),
+        Err(diagnostic) => {
+            let warning = Diagnostic { severity: Severity::Warning, ..diagnostic };
+            terminal.diagnostic(&warning, &SourceMap::default());
+            None
+        }
+    }
 }
 
 /// The run in a folder, or the exit code if there is nothing to go on with.

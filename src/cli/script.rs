@@ -1,9 +1,12 @@
 //! A script with the values that its params have now as their initial ones.
 
 use crate::check::types::Ty;
+use crate::check::{Line, hir};
 use crate::diag::Diagnostic;
 use crate::eval::Engine;
+use crate::session::Override;
 use crate::session::folder::nested;
+use crate::session::line::check_line;
 use crate::source::{SourceId, Span};
 use crate::syntax::ast::{Expr, ExprKind, KindBody, StatementKind};
 use crate::tape::Tensor;
@@ -13,6 +16,27 @@ pub struct Edit {
     pub name: String,
     pub path: Vec<String>,
     pub text: String,
+}
+
+/// The script as it was run, with the present values as its initial ones.
+pub fn found_script(engine: &mut Engine, overrides: &[Override]) -> Result<String, Diagnostic> {
+    let root = engine.program().origin.main;
+    let mut edits = Vec::new();
+    for set in overrides {
+        let mut names = set.name.split('.').map(str::to_owned);
+        let name = names.next().unwrap_or_default();
+        edits.push(Edit { name, path: names.collect(), text: set.value.clone() });
+    }
+    let fields: Vec<_> = engine.state().moved.into_iter().filter(|p| !p.path.is_empty()).collect();
+    for field in fields {
+        let ty = match check_line(engine, &field.shown).0 {
+            Some(Line::Expr(hir::Expr { ty, .. })) => ty,
+            _ => Ty::Any,
+        };
+        let text = as_script(&Tensor { shape: field.shape, data: field.data }, &ty);
+        edits.push(Edit { name: field.name, path: field.path, text });
+    }
+    script_with_values(engine, root, &[], edits)
 }
 
 /// The file `root` and the lines `typed` since, each with only what still holds. Params that moved have their present values, and what

@@ -51,7 +51,12 @@ impl Engine {
                         None => None,
                     });
                 }
-                self.language_function(f, values, e.span)
+                let is_seen = self.begin_loss(*id, call, &values);
+                let value = self.language_function(f, values, e.span);
+                if is_seen {
+                    self.end_loss();
+                }
+                value
             }
             Callee::Value(f) => {
                 let f_value = self.expr(f)?;

@@ -1,6 +1,7 @@
 //! Derivatives: as expressions of the language, and for the optimiser.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use crate::check::hir::{DeclId, DeclKind, Derivative, DerivativeKind, Expr, Target};
 use crate::diag::Diagnostic;
@@ -104,14 +105,18 @@ impl Engine {
 
     /// A scalar and its derivatives with respect to nodes that it was computed from.
     fn gradient_in(&mut self, of: &Expr, leaves: &[Var], evenly: bool) -> Result<(Var, Vec<Tensor>)> {
+        let begun = Instant::now();
         let (_, loss) = self.numbers(of)?;
+        self.statistics.values_took += begun.elapsed();
         if loss.len() != 1 {
             let found = Tensor::shape_text(loss.shape());
             return Err(error::gradient(format!("only a number has a gradient, this is a {found}"), of.span)
                 .help("`jvp` differentiates images and arrays; or take a `mean(…)`"));
         }
+        let begun = Instant::now();
         let fixed = if evenly { tape::fix(std::slice::from_ref(&loss), leaves, 0) } else { Ok(()) };
         let grads = fixed.and_then(|()| tape::backward(&loss, leaves));
+        self.statistics.derivatives_took += begun.elapsed();
         // An interrupted rendering leaves meaningless numbers.
         stop::check();
         let grads = grads.map_err(|e| error::gradient(e.0, of.span))?;

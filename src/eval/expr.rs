@@ -233,6 +233,9 @@ impl Engine {
             return self.expr(right);
         }
         let y = self.expr(right)?;
+        if op == BinaryOp::Sub {
+            self.compared((&x, left.span), (&y, right.span));
+        }
         if op == BinaryOp::Apply {
             return natives::apply(&x, &y).map_err(|e| {
                 let spans = [Some(left.span), Some(right.span)];

@@ -23,6 +23,7 @@ mod render;
 mod renew;
 mod residuals;
 mod show;
+mod sight;
 mod state;
 mod target;
 mod warnings;
@@ -31,6 +32,7 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Duration;
 
 use crate::check::hir::{self, Decl, DeclId, DeclKind, LocalId, Target};
 use crate::check::types::Ty;
@@ -52,6 +54,7 @@ pub use origin::Origin;
 pub use render::RenderOverrides;
 pub use residuals::Residuals;
 pub use show::{brief, exact, is_angle, number_text, show, to_json};
+pub use sight::Seen;
 pub use state::{EngineState, Placed};
 
 pub type Result<T, E = Diagnostic> = std::result::Result<T, E>;
@@ -110,6 +113,9 @@ pub struct Statistics {
     pub scenes: u64,
     /// Declarations evaluated.
     pub declarations: u64,
+    /// Wall time of evaluating what is differentiated, and of its derivatives.
+    pub values_took: Duration,
+    pub derivatives_took: Duration,
 }
 
 struct Entry {
@@ -170,6 +176,8 @@ pub struct Engine {
     depth: usize,
     scenes: lower::SceneCache,
     warnings: Warnings,
+    /// Set while somebody wants to see what losses see.
+    sight: Option<sight::Sight>,
 }
 
 impl Engine {
@@ -203,6 +211,7 @@ impl Engine {
             depth: 0,
             scenes: lower::SceneCache::default(),
             warnings: Warnings::default(),
+            sight: None,
         }
     }
 

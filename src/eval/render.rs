@@ -389,7 +389,11 @@ impl Engine {
         let op =
             RenderOp { scene: lowered, camera: seen_by, settings, slots, guides, stop, span, warnings, drawn, fixed };
         (0..images).for_each(|_| op.draw(&value));
-        Ok(Value::Image(Var::custom(Arc::new(op), inputs, value)))
+        let value = Value::Image(Var::custom(Arc::new(op), inputs, value));
+        if is_live {
+            self.rendered(&value, span);
+        }
+        Ok(value)
     }
 
     /// The scene with its ray tree; what was built before is used again.

@@ -1,5 +1,7 @@
 //! Losses that are sums of squares, for the solvers that use it.
 
+use std::time::Instant;
+
 use crate::check::hir::{Expr, Target};
 use crate::diag::Diagnostic;
 use crate::stop;
@@ -85,7 +87,8 @@ impl Engine {
             let message = format!("{n} unknowns and {m} residuals are too many for a solver of least squares");
             return Err(error::gradient(message, of.span).help("take `adam`, or render a smaller film"));
         }
-        self.fresh_frame(|_| {
+        self.fresh_frame(|engine| {
+            let begun = Instant::now();
             let mut rows = Vec::with_capacity(elements.len());
             for group in elements.chunks(crate::grad::MAX_DIRECTIONS) {
                 let directions: Vec<_> = group.iter().map(|(leaf, i)| tape::unit(leaf, *i)).collect();
@@ -97,6 +100,7 @@ impl Engine {
                     parts.flat_map(|(along, roots)| along[k].data.iter().zip(roots).map(|(x, root)| x * root)).collect()
                 }));
             }
+            engine.statistics.derivatives_took += begun.elapsed();
             Ok(rows)
         })
     }
@@ -113,7 +117,9 @@ impl Engine {
 
     fn residuals_here(&mut self, of: &Expr, wrt: &[Target]) -> Result<Residuals> {
         self.with_leaves(wrt, of.span, |engine, leaves| {
+            let begun = Instant::now();
             let (_, loss) = engine.numbers(of)?;
+            engine.statistics.values_took += begun.elapsed();
             stop::check();
             if loss.len() != 1 {
                 let found = Tensor::shape_text(loss.shape());

@@ -39,7 +39,7 @@ function shown(x, digits = 4) {
     const [mantissa, exponent] = x.toExponential(digits - 1).split("e");
     text = trimmed(mantissa) + "e" + Number(exponent);
   } else {
-    text = trimmed(x.toPrecision(digits));
+    text = String(Number(x.toPrecision(digits)));
   }
   return text.replace("-", "−").replace("e-", "e−");
 }
@@ -48,6 +48,7 @@ const trimmed = (text) => (text.includes(".") ? text.replace(/\.?0+$/, "") : tex
 
 function seconds(s) {
   if (!Number.isFinite(s)) return "–";
+  if (s === 0) return "0 s";
   if (s < 1e-3) return shown(s * 1e6, 2) + " µs";
   if (s < 1) return shown(s * 1e3, 3) + " ms";
   if (s < 60) return shown(s, 3) + " s";
@@ -112,9 +113,10 @@ function range(values, log) {
 
 /// A chart of curves.
 ///   series: [{ name, x, y, low?, high?, colour?, dash?, width?, group? }], of equal length, sorted by x; those of a group share a legend.
-///   x, y: { label, log?, text? }: what the axis measures, and how its numbers are written.
+///   x, y: { label, log?, text?, from?, zero?, whole? }: what the axis measures, how its numbers are written, where it begins.
 ///   marks: [{ x, text }], upright lines. bounds: [{ y, colour }], level ones. height in pixels.
-function chart({ title, series, x, y, marks = [], bounds = [], height = 260, switchable = false }) {
+function chart({ title, series: given, x, y, marks = [], bounds = [], height = 260, switchable = false }) {
+  const series = given.filter((s) => s.y.some(Number.isFinite));
   const box = make("div", { class: "chart", role: "img", "aria-label": title || y.label });
   const tip = make("div", { class: "tip", hidden: "" });
   const hidden = new Set();
@@ -128,10 +130,21 @@ function chart({ title, series, x, y, marks = [], bounds = [], height = 260, swi
     const visible = series.filter((s) => !hidden.has(s.group ?? s.name));
     const values = visible.flatMap((s) => [s.y, log ? [] : s.low || [], log ? [] : s.high || []]).flat();
     const level = bounds.filter((b) => Number.isFinite(b.y));
-    const [low, high] = range(values.concat(level.filter((b) => near(b.y, values)).map((b) => b.y)), log);
-    const [left, right, top, bottom] = [58, 12, marks.some((m) => m.text) ? 20 : 10, 40];
+    const ends = y.zero && !log ? [0] : level.filter((b) => near(b.y, values)).map((b) => b.y);
+    let [low, high] = range(values.concat(ends), log);
+    if (y.zero && !log) low = 0;
+    const [right, top, bottom] = [12, marks.some((m) => m.text) ? 20 : 10, 40];
+    const most = (height - top - bottom) / 40;
+    let ticks = log ? logTicks(low, high, most) : [];
+    // Within less than a decade a logarithm has hardly any round numbers but those of a linear axis.
+    if (ticks.length < 3) ticks = linearTicks(low, high, most).filter((v) => !log || v > 0);
+    // As many digits as tell neighbours apart.
+    const apart = Math.abs(ticks[1] - ticks[0]) || 1;
+    const digits = log ? 4 : Math.min(10, Math.max(3, Math.ceil(Math.log10(Math.max(Math.abs(low), Math.abs(high)) / apart)) + 1));
+    const write = y.text || ((v) => shown(v, digits));
+    const left = 30 + 6.5 * Math.max(3, ...ticks.map((v) => write(v).length));
     const inner = { width: width - left - right, height: height - top - bottom };
-    let [from, to] = [Infinity, -Infinity];
+    let [from, to] = [x.from ?? Infinity, -Infinity];
     for (const s of visible) if (s.x.length) (from = Math.min(from, s.x[0])), (to = Math.max(to, s.x[s.x.length - 1]));
     if (from > to) [from, to] = [0, 1];
     if (from === to) to = from + 1;
@@ -140,14 +153,13 @@ function chart({ title, series, x, y, marks = [], bounds = [], height = 260, swi
     const py = (v) => top + inner.height * (1 - Math.min(1.02, Math.max(-0.02, share(v))));
 
     const svg = draw("svg", { viewBox: `0 0 ${width} ${height}`, height });
-    const write = y.text || ((v) => shown(v, 3));
-    for (const v of (log ? logTicks : linearTicks)(low, high, inner.height / 40)) {
+    for (const v of ticks) {
       svg.append(draw("line", { class: "grid", x1: left, x2: left + inner.width, y1: py(v), y2: py(v) }));
       svg.append(draw("text", { x: left - 6, y: py(v) + 4, "text-anchor": "end" }, write(v)));
     }
-    for (const v of linearTicks(from, to, inner.width / 80)) {
+    for (const v of linearTicks(from, to, inner.width / 80).filter((v) => !x.whole || Number.isInteger(v))) {
       svg.append(draw("line", { class: "grid", x1: px(v), x2: px(v), y1: top, y2: top + inner.height }));
-      svg.append(draw("text", { x: px(v), y: height - 22, "text-anchor": "middle" }, (x.text || ((t) => shown(t, 3)))(v)));
+      svg.append(draw("text", { x: px(v), y: height - 22, "text-anchor": "middle" }, (x.text || ((t) => shown(t, 6)))(Number(v.toPrecision(9)))));
     }
     svg.append(draw("rect", { class: "frame", x: left, y: top, width: inner.width, height: inner.height }));
     svg.append(draw("text", { class: "label", x: left + inner.width / 2, y: height - 4, "text-anchor": "middle" }, x.label));
@@ -243,8 +255,10 @@ function chart({ title, series, x, y, marks = [], bounds = [], height = 260, swi
 
   const whole = make("div", {}, title ? make("h3", {}, title) : null, box);
   if (groups.length > 1) {
+    // A line for curves of several colours has none.
+    const grouped = (name) => new Set(series.filter((s) => s.group === name).map((s) => s.colour)).size;
     const entry = ([name, s]) => {
-      const line = draw("line", { x1: 1, x2: 21, y1: 5, y2: 5, stroke: s.colour, "stroke-width": 2.5, "stroke-dasharray": s.dash || null });
+      const line = draw("line", { x1: 1, x2: 21, y1: 5, y2: 5, stroke: grouped(name) < 2 ? s.colour : "var(--soft)", "stroke-width": 2.5, "stroke-dasharray": s.dash || null });
       const toggle = (event) => {
         if (!hidden.delete(name)) hidden.add(name);
         event.currentTarget.setAttribute("aria-pressed", String(!hidden.has(name)));
@@ -279,18 +293,21 @@ function nearest(sorted, at) {
 
 /// A table that scrolls within itself; cells are text or elements.
 function table(head, rows) {
-  const line = (kind) => (row) => make("tr", {}, row.map((cell) => (cell instanceof Element && cell.tagName === "TD" ? cell : make(kind, {}, cell))));
-  return make("div", { class: "scroll" }, make("table", {}, make("thead", {}, line("th")(head)), make("tbody", {}, rows.map(line("td")))));
+  const isText = (at) => rows.some((row) => row[at] instanceof Element && row[at].className === "text");
+  const cell = (inner) => (inner instanceof Element && inner.tagName === "TD" ? inner : make("td", {}, inner));
+  const heads = head.map((inner, at) => make("th", isText(at) ? { class: "text" } : {}, inner));
+  const body = rows.map((row) => make("tr", {}, row.map(cell)));
+  return make("div", { class: "scroll" }, make("table", {}, make("thead", {}, make("tr", {}, heads)), make("tbody", {}, body)));
 }
 
 /// Lines of a text with what became of them: `[" ", text]`, `["-", text]`, `["+", text]`, `null` for what is left out.
 function difference(lines) {
   const one = (line) => {
-    if (line === null) return make("span", { class: "soft" }, "⋯\n");
+    if (line === null) return make("span", { class: "soft" }, "⋯");
     const kind = { "-": "less", "+": "more" }[line[0]];
-    return make("span", kind ? { class: kind } : {}, `${line[0]} ${line[1]}\n`);
+    return make("span", kind ? { class: kind } : {}, `${line[0]} ${line[1]}`);
   };
-  return make("pre", {}, lines.map(one));
+  return make("pre", {}, make("div", {}, lines.map(one)));
 }
 
 /// What a page holds, by name.

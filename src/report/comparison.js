@@ -36,7 +36,7 @@
     const rows = runs.map((run, at) => {
       const found = new Map(run.found);
       const key = make("span", { class: "key", style: `background:${look[at].colour}` });
-      const ended = make("span", { class: run.head.isGood ? "" : "bad" }, run.head.ended);
+      const ended = make("span", { class: run.head.isGood ? "" : "bad", title: run.head.ended }, run.head.word);
       return [
         make("td", { title: run.head.folder }, key, run.label),
         ended, String(run.head.steps), seconds(number(run.head.seconds)),
@@ -54,8 +54,8 @@
     });
     const y = { label: "loss", log: true };
     section(`Loss: ${of}`, make("div", { class: "tiles wide" },
-      chart({ title: "by steps", series: curves("step"), x: { label: "step" }, y, height: 300 }),
-      chart({ title: "by time", series: curves("clock"), x: { label: "seconds of steps", name: "second" }, y, height: 300 })));
+      chart({ title: "by steps", series: curves("step"), x: { label: "step", whole: true }, y, height: 300 }),
+      chart({ title: "by time", series: curves("clock"), x: { label: "seconds of steps", name: "second", from: 0 }, y, height: 300 })));
   }
 
   // ---- images ----
@@ -77,8 +77,8 @@
 
   // ---- what differs ----
   if (data.settings.length) {
-    const body = data.settings.map(([name, values]) => [name, ...values.map((value) => value || "–")]);
-    section("Settings that differ", table(["setting", ...runs.map((run) => run.label)], body));
+    const body = runs.map((run, at) => [run.label, ...data.settings.map(([, values]) => values[at] || "–")]);
+    section("Settings that differ", table(["run", ...data.settings.map(([name]) => name)], body));
   }
   if (data.diffs.length) {
     const one = ({ label, file, lines }) => [make("h3", {}, `${label}: ${file}`), difference(lines)];

@@ -6,8 +6,8 @@ use std::path::Path;
 use serde_json::{Value, json};
 use similar::{ChangeTag, TextDiff};
 
-use super::data::{ending, found, head, optimizations, short};
-use super::{CHARTS, page, text_table};
+use super::data::{ending, ending_word, found, head, optimizations, short};
+use super::{CHARTS, PICTURES, page, text_table};
 use crate::files::read_own;
 use crate::image::file::{Encoding, decode};
 use crate::session::Run;
@@ -24,6 +24,9 @@ pub struct Comparison<'a> {
     settings: Vec<(String, Vec<String>)>,
 }
 
+/// A loss and its standard error.
+type Measured = (f64, Option<f64>);
+
 /// The page that compares runs.
 pub fn comparison(title: &str, runs: &[Run]) -> String {
     Comparison::new(runs).page(title)
@@ -38,10 +41,10 @@ impl<'a> Comparison<'a> {
         let settings = differing(runs);
         let chosen = |(name, _): &&(String, Vec<String>)| !["version", "threads"].contains(&name.as_str());
         let by_settings = |run: usize| {
-            let parts = settings.iter().filter(chosen).map(|(name, values)| match values[run].as_str() {
-                "" => format!("{name} as it is"),
-                value if name == "script" => value.to_owned(),
-                value => format!("{name} = {value}"),
+            let parts = settings.iter().filter(chosen).filter_map(|(name, values)| match values[run].as_str() {
+                "" => None,
+                value if name == "script" => Some(value.to_owned()),
+                value => Some(format!("{name} = {value}")),
             });
             parts.collect::<Vec<String>>().join(", ")
         };
@@ -65,7 +68,7 @@ impl<'a> Comparison<'a> {
             "diffs": self.diffs(),
             "images": self.images(),
         });
-        page(title, &data, &[CHARTS, include_str!("pictures.js"), include_str!("comparison.js")])
+        page(title, &data, &[CHARTS, PICTURES, include_str!("comparison.js")])
     }
 
     /// The table of the terminal.
@@ -74,13 +77,12 @@ impl<'a> Comparison<'a> {
         let mut head = vec!["run".to_owned(), "ended".to_owned(), "steps".to_owned(), "seconds".to_owned()];
         head.extend(losses.iter().map(|(name, _)| name.clone()));
         let row = |(at, run): (usize, &Run)| {
-            let shown = |loss: &Option<(f64, Option<f64>)>| match loss {
+            let shown = |loss: &Option<Measured>| match loss {
                 Some((loss, Some(error))) if *error > 0.0 => plus_minus(*loss, *error),
                 Some((loss, _)) => significant(*loss, 4),
                 None => "–".to_owned(),
             };
-            let ended = ending(run).split([':', ',']).next().unwrap_or_default().to_owned();
-            let mut row = vec![self.labels[at].clone(), ended, run.steps.len().to_string()];
+            let mut row = vec![self.labels[at].clone(), ending_word(run).to_owned(), run.steps.len().to_string()];
             row.push(significant(run.seconds(), 3));
             row.extend(losses.iter().map(|(_, values)| shown(&values[at])));
             row
@@ -110,8 +112,7 @@ impl<'a> Comparison<'a> {
     }
 
     /// The losses after the last optimisation of each name, with a value for each run.
-    #[expect(clippy::type_complexity, reason = "a table")]
-    fn losses(&self) -> Vec<(String, Vec<Option<(f64, Option<f64>)>>)> {
+    fn losses(&self) -> Vec<(String, Vec<Option<Measured>>)> {
         let mut names: Vec<&str> = Vec::new();
         for step in self.runs.iter().flat_map(|run| &run.steps) {
             if !names.contains(&step.of.as_str()) {

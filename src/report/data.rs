@@ -17,13 +17,18 @@ pub fn ending(run: &Run) -> &'static str {
     run.ending().map_or("not ended: it goes on, or was killed", Ending::text)
 }
 
+/// The same in a word.
+pub fn ending_word(run: &Run) -> &'static str {
+    run.ending().map_or("not ended", Ending::word)
+}
+
 /// What stands at the head of a page, and in a column of a comparison.
 pub fn head(run: &Run) -> Value {
     let overrides: Vec<Value> = run.info.overrides.iter().map(|set| json!([set.name, set.value])).collect();
     json!({
         "folder": run.folder.display().to_string(), "name": run.info.name, "file": run.info.file,
         "command": run.info.command.join(" "), "seed": run.info.seed, "threads": run.info.threads,
-        "version": run.info.version, "started": run.info.started, "overrides": overrides, "ended": ending(run),
+        "version": run.info.version, "started": run.info.started, "overrides": overrides, "ended": ending(run), "word": ending_word(run),
         "isGood": run.ending() == Some(Ending::Finished), "steps": run.steps.len(), "seconds": short(run.seconds()),
         "samples": run.steps.iter().map(|step| step.samples).sum::<u64>(),
     })
@@ -144,7 +149,7 @@ fn details(chosen: &[&Step], bounds: &[Bounds], curve: &dyn Fn(&dyn Fn(&Step) ->
     found.insert("lr".into(), curve(&|step| step.lr));
     found.insert("bytes".into(), curve(&|step| step.bytes as f64));
     found.insert("seconds".into(), curve(&|step| step.seconds));
-    let phases = ["render", "gradient", "solver", "files"].map(|name| (name.to_owned(), phase(name)));
+    let phases = ["render", "gradient", "solver", "files", "actions"].map(|name| (name.to_owned(), phase(name)));
     found.insert("phases".into(), Value::Object(phases.into_iter().collect()));
     found.insert("skipped".into(), chosen.iter().filter(|step| step.skipped).map(|step| json!(step.step)).collect());
     found
@@ -158,4 +163,33 @@ pub fn found(params: &[(String, Tensor)]) -> Vec<(String, f64)> {
         tensor.data.iter().enumerate().map(one).collect::<Vec<_>>()
     };
     small.flat_map(numbers).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_noise_of_a_loss_is_told_from_its_way() {
+        let mut state = 3_u64;
+        let mut random = || {
+            state = state.wrapping_mul(0x5851_F42D_4C95_7F2D).wrapping_add(0x1405_7B7E_F767_814F);
+            (state >> 40) as f64 / f64::from(1 << 24)
+        };
+        let step = |at: u64, loss: f64| Step { step: at, loss, ..Step::default() };
+        // Uniform in −½ … ½ has the variance 1/12.
+        let falling = (0..2000).map(|at| step(at, 100.0 - 0.3 * at as f64 + random() - 0.5));
+        let errors = noise(&falling.collect::<Vec<Step>>());
+        let mean = errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64;
+        assert!((mean * 12.0 - 1.0).abs() < 0.1, "{mean}");
+        let straight: Vec<Step> = (0..5).map(|at| step(at, 8.0 - at as f64)).collect();
+        assert_eq!(noise(&straight), [0.0; 5]);
+        assert!(noise(&straight[..2]).iter().all(|e| e.is_nan()));
+    }
+
+    #[test]
+    fn numbers_are_as_short_as_charts_need_them() {
+        let found = shorts([1.0 / 3.0, 1e-300, f64::NAN, f64::NEG_INFINITY, 0.0, 25.0]);
+        assert_eq!(found, json!([0.3333333, 1e-300, "nan", "-inf", 0.0, 25.0]));
+    }
 }

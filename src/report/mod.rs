@@ -3,11 +3,13 @@
 
 mod comparison;
 mod data;
+mod run;
 mod table;
 
 use serde_json::Value;
 
 pub use comparison::{Comparison, comparison};
+pub use run::report;
 pub use table::text_table;
 
 /// A page: the data in JSON, and the scripts that draw them.
@@ -33,6 +35,7 @@ fn page(title: &str, data: &Value, scripts: &[&str]) -> String {
 }
 
 const CHARTS: &str = include_str!("charts.js");
+const PICTURES: &str = include_str!("pictures.js");
 
 /// JSON within a script element: without `<`, no text can end the element or begin a comment.
 fn embedded(data: &Value) -> String {

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::clock::Stopwatch;
 use super::folder::{Logged, Override, RunFolder, cannot_write};
+use super::notes::Targets;
 use super::optimization::{Optimization, OptimizationState};
 use super::run::{Curves, Histories, RunReport, Runner};
 use crate::check::hir;
@@ -55,6 +56,7 @@ pub struct Checkpoint {
     pub report: RunReport,
     curves: Curves,
     histories: Histories,
+    targets: Targets,
     pub logged: Logged,
     /// The script's folder, and all files that were read with their fingerprints.
     folder: OsString,
@@ -106,6 +108,7 @@ impl Checkpoint {
             report: RunReport::default(),
             curves: Curves::default(),
             histories: Histories::default(),
+            targets: Targets::default(),
             logged: folder.logged()?,
             folder: full(&engine.options().base_dir).into(),
             inputs: inputs().into_iter().map(|(path, hash)| (path.into(), hash)).collect(),
@@ -212,7 +215,7 @@ fn full(folder: &Path) -> PathBuf {
 impl Runner<'_> {
     /// Goes on where a checkpoint was written.
     pub fn resume(&mut self, actions: &[hir::Action], checkpoint: Checkpoint) -> Result<super::Flow, Diagnostic> {
-        let Checkpoint { settings, action, start, optimizing, mut report, curves, histories, .. } = checkpoint;
+        let Checkpoint { settings, action, start, optimizing, mut report, curves, histories, targets, .. } = checkpoint;
         // With `--force` the script may have changed, so that the checkpoint's action is missing.
         let is_there = match optimizing {
             Some(_) => matches!(actions.get(action), Some(hir::Action::Optimize(_))),
@@ -231,6 +234,7 @@ impl Runner<'_> {
         self.checkpoints = Some(Schedule::new(settings));
         (self.report, self.curves, self.histories) = (report, curves, histories);
         self.since = Stopwatch::start();
+        self.notes.targets = targets;
         self.run_from(actions, action, optimizing)
     }
 
@@ -275,6 +279,10 @@ impl Runner<'_> {
     }
 
     pub(super) fn write_checkpoint(&mut self, within: Option<&Optimization>, finished: bool) -> Result<(), Diagnostic> {
+        self.with_files(|runner| runner.checkpoint(within, finished))
+    }
+
+    fn checkpoint(&mut self, within: Option<&Optimization>, finished: bool) -> Result<(), Diagnostic> {
         let seconds = self.seconds();
         let (Some(schedule), Some(folder)) = (&mut self.checkpoints, &mut self.folder) else { return Ok(()) };
         schedule.last = Some(Instant::now());
@@ -289,6 +297,7 @@ impl Runner<'_> {
             report: RunReport { saved, seconds, ..self.report.clone() },
             curves: self.curves.clone(),
             histories: self.histories.clone(),
+            targets: self.notes.targets.clone(),
             ..Checkpoint::first(self.engine, schedule.settings.clone(), folder)?
         };
         checkpoint.write(folder.path())

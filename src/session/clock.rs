@@ -33,6 +33,28 @@ impl Stopwatch {
     }
 }
 
+/// Where the wall time of a step went, and that between it and the step before, in seconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Phases {
+    /// Values: of renderings and of the loss.
+    pub render: f64,
+    /// Derivatives.
+    pub gradient: f64,
+    /// The rest of the step.
+    pub solver: f64,
+    /// Files that were written before the step: the log, checkpoints, what is saved.
+    pub files: f64,
+    /// What else was done before the step: `every` blocks.
+    pub actions: f64,
+}
+
+impl Phases {
+    pub fn named(&self) -> [(&'static str, f64); 5] {
+        let Phases { render, gradient, solver, files, actions } = *self;
+        [("render", render), ("gradient", gradient), ("solver", solver), ("files", files), ("actions", actions)]
+    }
+}
+
 /// Seconds since 1970.
 pub fn now() -> f64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())

@@ -11,10 +11,19 @@ pub enum Event {
     Begin { of: String, total: u64, stages: Vec<Stage>, params: Vec<Bounds> },
     /// An image of the loss at a step.
     Picture(Shown),
+    /// What images are compared with, before the first one that is.
+    Target { id: String, image: Picture },
     /// An optimisation has ended, where its loss is this.
     Optimized { of: String, steps: u64, loss: Option<f64>, error: Option<f64> },
     /// An error or a warning.
-    Told { severity: String, code: String, message: String, place: Option<String>, help: Vec<String> },
+    Told {
+        severity: String,
+        code: String,
+        message: String,
+        place: Option<String>,
+        labels: Vec<String>,
+        help: Vec<String>,
+    },
     /// Something else that the user was told.
     Note { text: String },
     /// The run has ended. Seconds are those since the last step, and among them what files took.
@@ -49,8 +58,8 @@ pub struct Shown {
     /// The expression.
     pub name: String,
     pub image: Picture,
-    /// What it was compared with, if that is another one than the last that is told for this place.
-    pub target: Option<Picture>,
+    /// The [`Event::Target`] that it was compared with.
+    pub target: Option<String>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -71,17 +80,31 @@ pub enum Ending {
     /// An `expect` or an optimisation failed.
     Unsuccessful,
     Interrupted,
+    /// Others of its sweep were better.
+    Pruned,
     /// An error ended it.
     Failed,
 }
 
 impl Ending {
+    /// In a word.
+    pub fn word(self) -> &'static str {
+        match self {
+            Ending::Finished => "finished",
+            Ending::Unsuccessful => "unsuccessful",
+            Ending::Interrupted => "interrupted",
+            Ending::Pruned => "pruned",
+            Ending::Failed => "failed",
+        }
+    }
+
     /// In a few words.
     pub fn text(self) -> &'static str {
         match self {
             Ending::Finished => "finished",
             Ending::Unsuccessful => "finished, not as the script expects",
             Ending::Interrupted => "interrupted",
+            Ending::Pruned => "pruned: others of its sweep were better",
             Ending::Failed => "ended by an error",
         }
     }

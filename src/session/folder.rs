@@ -1,6 +1,6 @@
 //! The run folder: what was run, how each step went, what was saved.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashSet};
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Write};
@@ -10,10 +10,14 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::clock::{Date, now};
+use super::events::Event;
 use super::optimization::StepReport;
 use super::{log, tensorboard};
 use crate::diag::Diagnostic;
-use crate::files::{RUN_LOCK, describe_io, is_input, is_leftover, is_run_file, refused_output, write_atomically};
+use crate::files::{
+    RUN_LOCK, describe_io, fingerprint, is_input, is_leftover, is_run_file, read_own, refused_output, rewrite,
+    write_atomically,
+};
 
 /// What `run.json` says.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -74,6 +78,9 @@ pub fn nested(shape: &[usize], data: &[f64]) -> Value {
 pub struct RunFolder {
     path: PathBuf,
     log: Whole<File>,
+    /// What the report shows beside the log, and the lines of it that are not to be repeated.
+    report: Whole<File>,
+    told: HashSet<u64>,
     /// The same for TensorBoard, if it is asked for.
     events: Option<Whole<File>>,
     /// Held until the run ends, however it ends: the system unlocks the files of a process that died.
@@ -84,6 +91,7 @@ pub struct RunFolder {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Logged {
     log: u64,
+    report: u64,
     events: u64,
 }
 
@@ -92,6 +100,8 @@ pub const RECORD: &str = "run.json";
 pub const LOG: &str = "log.jsonl";
 /// What the report shows beside the log: bounds, stages, pictures, warnings.
 pub const EVENTS: &str = "report.jsonl";
+/// The page that does.
+pub const REPORT: &str = "report.html";
 
 impl RunFolder {
     /// A new folder `runs/NAME-TIMESTAMP` below the current one; further runs of the same second get a number.
@@ -130,7 +140,7 @@ impl RunFolder {
 
     /// Starts an empty log. The folder counts as a run's only after [`RunFolder::record`].
     fn begin(path: PathBuf, lock: File) -> Result<RunFolder, Diagnostic> {
-        for own in [RECORD, LOG, tensorboard::FILE] {
+        for own in [RECORD, LOG, EVENTS, REPORT, tensorboard::FILE] {
             let own = path.join(own);
             match fs::remove_file(&own) {
                 Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(no_folder(&path, &e)),
@@ -138,7 +148,8 @@ impl RunFolder {
             }
         }
         let log = Whole::new(&path.join(LOG))?;
-        Ok(RunFolder { path, log, events: None, _lock: lock })
+        let report = Whole::new(&path.join(EVENTS))?;
+        Ok(RunFolder { path, log, report, told: HashSet::new(), events: None, _lock: lock })
     }
 
     /// Writes `run.json`. From then on the folder is that of a run and can be resumed.
@@ -165,7 +176,8 @@ impl RunFolder {
         }
         let lock = lock(path)?;
         let log = Whole::again(&path.join(LOG))?;
-        Ok(RunFolder { path: path.to_path_buf(), log, events: None, _lock: lock })
+        let report = Whole::again(&path.join(EVENTS))?;
+        Ok(RunFolder { path: path.to_path_buf(), log, report, told: HashSet::new(), events: None, _lock: lock })
     }
 
     /// Removes log entries that were written after a checkpoint.
@@ -173,7 +185,11 @@ impl RunFolder {
         if to.events > 0 {
             self.events = Some(Whole::again(&self.path.join(tensorboard::FILE))?);
         }
-        let files = [(Some(&mut self.log), LOG, to.log), (self.events.as_mut(), tensorboard::FILE, to.events)];
+        let files = [
+            (Some(&mut self.log), LOG, to.log),
+            (Some(&mut self.report), EVENTS, to.report),
+            (self.events.as_mut(), tensorboard::FILE, to.events),
+        ];
         for (file, name, bytes) in files {
             let Some(file) = file else { continue };
             let path = self.path.join(name);
@@ -184,13 +200,17 @@ impl RunFolder {
             }
             file.shorten(bytes).map_err(|e| cannot_write(&path, &e))?;
         }
+        let path = self.path.join(EVENTS);
+        let text = read_own(&path).map_err(|e| cannot_write(&path, &e))?;
+        self.told = text.split_inclusive(|b| *b == b'\n').map(fingerprint).collect();
         Ok(())
     }
 
     /// Flushes the log to the disk and returns its length.
     pub fn logged(&mut self) -> Result<Logged, Diagnostic> {
-        let logged = Logged { log: self.log.whole, events: self.events.as_ref().map_or(0, |events| events.whole) };
-        for file in [Some(&self.log), self.events.as_ref()].into_iter().flatten() {
+        let events = self.events.as_ref().map_or(0, |events| events.whole);
+        let logged = Logged { log: self.log.whole, report: self.report.whole, events };
+        for file in [Some(&self.log), Some(&self.report), self.events.as_ref()].into_iter().flatten() {
             file.file.sync_data().map_err(|e| cannot_write(&self.path.join(LOG), &e))?;
         }
         Ok(logged)
@@ -200,18 +220,42 @@ impl RunFolder {
         &self.path
     }
 
-    /// Appends what a step did at once, so that a killed run keeps its log; `nth` counts the steps of all optimisations of the run.
-    pub fn log(&mut self, of: &str, report: &StepReport, nth: u64) -> Result<(), Diagnostic> {
-        let before = self.log.whole;
+    /// Appends what a step did at once, so that a killed run keeps its log; `nth` counts the steps of all optimisations of the run, and
+    /// `notes` are for the report.
+    pub fn log(&mut self, of: &str, report: &StepReport, nth: u64, notes: &[Event]) -> Result<(), Diagnostic> {
+        let before = (self.log.whole, self.report.whole);
         let line = format!("{}\n", log::line(of, report));
-        self.log.add(line.as_bytes()).map_err(|e| cannot_write(&self.path.join(LOG), &e))?;
-        let Some(events) = &mut self.events else { return Ok(()) };
-        let event = tensorboard::scalars(now(), nth, &log::scalars(of, report));
-        events.add(&event).map_err(|e| {
-            // A step is in both or in neither; the error at hand is the one worth telling.
-            let _ = self.log.shorten(before);
-            cannot_write(&self.path.join(tensorboard::FILE), &e)
+        let mut done = self.log.add(line.as_bytes()).map_err(|e| (LOG, e));
+        if done.is_ok() {
+            done = notes.iter().try_for_each(|note| self.note(note)).map_err(|e| (EVENTS, e));
+        }
+        if let (Ok(()), Some(events)) = (&done, &mut self.events) {
+            let event = tensorboard::scalars(now(), nth, &log::scalars(of, report));
+            done = events.add(&event).map_err(|e| (tensorboard::FILE, e));
+        }
+        done.map_err(|(name, e)| {
+            // A step is in all or in none; the error at hand is the one worth telling.
+            let _ = self.log.shorten(before.0);
+            let _ = self.report.shorten(before.1);
+            cannot_write(&self.path.join(name), &e)
         })
+    }
+
+    /// A line for the report. What users are told is there once, although a run that is resumed may tell it again.
+    pub fn note(&mut self, event: &Event) -> io::Result<()> {
+        let line = serde_json::to_string(event).map_err(io::Error::other)? + "\n";
+        let is_told = matches!(event, Event::Told { .. } | Event::Note { .. });
+        if is_told && !self.told.insert(fingerprint(line.as_bytes())) {
+            return Ok(());
+        }
+        self.report.add(line.as_bytes())
+    }
+
+    /// Replaces the page about the run.
+    pub fn write_report(&self, page: &str) -> Result<PathBuf, Diagnostic> {
+        let path = self.path.join(REPORT);
+        rewrite(&path, page.as_bytes()).map_err(|e| cannot_write(&path, &e))?;
+        Ok(path)
     }
 
     /// Removes temporary files of killed processes, from the run folder and from the folders of `saved` files.

@@ -8,8 +8,8 @@ use super::optimization::StepReport;
 /// Params with more numbers than this are left out of the log.
 pub const LOGGED_NUMBERS: usize = 64;
 
-/// The log line of a step of the optimisation of loss `of`. Runs with the same seed have the same lines, except for `seconds` and
-/// `bytes`.
+/// The log line of a step of the optimisation of loss `of`. Runs with the same seed have the same lines, except for `seconds`, `phases`
+/// and `bytes`.
 pub fn line(of: &str, report: &StepReport) -> Value {
     let mut line = Map::new();
     line.insert("step".into(), json!(report.step));
@@ -40,6 +40,8 @@ pub fn line(of: &str, report: &StepReport) -> Value {
         let start = json!({ "chosen": chosen.start + 1, "losses": all(|l| l.0), "errors": all(|l| l.1) });
         line.insert("start".into(), start);
     }
+    let phases = report.phases.named().map(|(name, seconds)| (name.to_owned(), number(seconds)));
+    line.insert("phases".into(), Value::Object(phases.into_iter().collect()));
     let params: Map<String, Value> =
         report.params.iter().map(|(name, shape, data)| (name.clone(), nested(shape, data))).collect();
     line.insert("params".into(), Value::Object(params));
@@ -84,6 +86,7 @@ pub fn index(shape: &[usize], i: usize) -> String {
 mod tests {
     use super::*;
     use crate::optim::GradientSize;
+    use crate::session::clock::Phases;
 
     fn report() -> StepReport {
         StepReport {
@@ -102,6 +105,7 @@ mod tests {
             spp: None,
             bytes: 7,
             seconds: 0.5,
+            phases: Phases { render: 0.25, gradient: 0.125, ..Phases::default() },
             params: vec![("x".to_owned(), vec![2, 1], vec![1.5, 2.5])],
             stop: false,
             chosen: None,
@@ -110,7 +114,7 @@ mod tests {
 
     #[test]
     fn a_line_has_the_promised_fields_in_order() {
-        let expected = r#"{"step":3,"of":"fit","loss":0.25,"lr":0.01,"grad_norm":2.0,"gradients":{"x":{"norm":2.0,"error":0.5},"texels":{"norm":0.0,"error":null}},"skipped_steps":1,"samples":4096,"bytes":7,"seconds":0.5,"params":{"x":[[1.5],[2.5]]}}"#;
+        let expected = r#"{"step":3,"of":"fit","loss":0.25,"lr":0.01,"grad_norm":2.0,"gradients":{"x":{"norm":2.0,"error":0.5},"texels":{"norm":0.0,"error":null}},"skipped_steps":1,"samples":4096,"bytes":7,"seconds":0.5,"phases":{"render":0.25,"gradient":0.125,"solver":0.0,"files":0.0,"actions":0.0},"params":{"x":[[1.5],[2.5]]}}"#;
         assert_eq!(line("fit", &report()).to_string(), expected);
     }
 

@@ -9,6 +9,7 @@ pub mod line;
 pub mod log;
 pub mod measure;
 mod moved;
+pub mod notes;
 pub mod optimization;
 pub mod picture;
 pub mod plot;

@@ -14,6 +14,7 @@ use crate::tape::Tensor;
 /// A param or field that moves.
 pub struct Moved {
     pub name: String,
+    pub shape: Vec<usize>,
     pub target: hir::Target,
 }
 
@@ -53,12 +54,12 @@ pub fn moved_params(
             Some(info) => reached.get(&info.id).cloned().unwrap_or_default(),
             None => check::domain_of_field(engine.program(), &target).into_iter().collect(),
         };
+        let value = engine.target_tensor(&target)?;
         if space.geometry == Geometry::Plain && !domains.is_empty() {
-            let value = engine.target_tensor(&target)?;
             notes.extend(domains.iter().filter_map(|d| kept_inside(&mut space, d, &value, &name)));
         }
         spaces.push(space);
-        moved.push(Moved { name, target });
+        moved.push(Moved { name, shape: value.shape, target });
     }
     Ok((moved, spaces, notes))
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::clock::Stopwatch;
+use super::clock::{Phases, Stopwatch};
 use super::least_squares::{Squares, put};
 use super::log::LOGGED_NUMBERS;
 use super::moved::{Moved, moved_params};
@@ -16,7 +16,7 @@ use super::stages::{Auto, Plan, plan, starts, with_heats};
 use super::starts::{Chosen, Ended, Starts, assert_bounded};
 use crate::check::hir;
 use crate::diag::Diagnostic;
-use crate::eval::{Engine, EngineState, History, INTERRUPTED, Origin, RenderOverrides, StoredHistory, mix};
+use crate::eval::{Engine, EngineState, History, INTERRUPTED, Origin, RenderOverrides, Statistics, StoredHistory, mix};
 use crate::memory;
 use crate::natives::value::Value;
 use crate::optim::{AutoSamples, GaveUp, GradientNoise, GradientSize, Optimizer, Solver, Space, StepOutcome};
@@ -152,6 +152,7 @@ pub struct StepReport {
     pub bytes: u64,
     /// Wall time of value, derivative and update.
     pub seconds: f64,
+    pub phases: Phases,
     /// The small params at which the loss was taken ([`LOGGED_NUMBERS`]): name, shape, numbers.
     pub params: Vec<(String, Vec<usize>, Vec<f64>)>,
     /// The script's `stop_when` holds.
@@ -292,6 +293,16 @@ impl Optimization {
     /// What is known of the params beyond what the script says: one sentence each.
     pub fn notes(&self) -> &[String] {
         &self.notes
+    }
+
+    /// By name, where the stages end.
+    pub fn stages(&self) -> impl Iterator<Item = (Option<&str>, u64)> {
+        self.stages.iter().map(|stage| (stage.name.as_deref(), stage.until))
+    }
+
+    /// The params that move, by name, with their shapes and where they may go.
+    pub fn bounded(&self) -> impl Iterator<Item = (&str, &[usize], &Space)> {
+        self.params.iter().zip(&self.spaces).map(|(param, space)| (&*param.name, &*param.shape, space))
     }
 
     pub fn every(&self) -> &[hir::Every] {
@@ -478,18 +489,10 @@ impl Optimization {
         targets: &[hir::Target],
         before: Vec<Tensor>,
     ) -> Result<StepReport, Diagnostic> {
-        let (watch, samples) = (Stopwatch::start(), engine.statistics().samples);
+        let (watch, before_it) = (Stopwatch::start(), engine.statistics());
         let stage_name = self.stage().and_then(|s| s.name.clone());
         let using = self.stage().and_then(|s| s.using.clone());
-        let (method, lr) = match &using {
-            None => (Method::FirstOrder(Solver::adam()), super::solver::DEFAULT_RATE),
-            Some(using) => {
-                let value = engine.eval(using)?;
-                solver_from(&value).map_err(|message| {
-                    Diagnostic::error("dscene::run::optimizer", message).label(using.span, "this optimizer")
-                })?
-            }
-        };
+        let (method, lr) = method_of(engine, using.as_ref())?;
         let small = |(_, t): &(&Moved, &Tensor)| t.len() <= LOGGED_NUMBERS;
         let logged = self.params.iter().zip(&before).filter(small);
         let logged = logged.map(|(p, t)| (p.name.clone(), t.shape.clone(), t.data.clone())).collect();
@@ -525,7 +528,7 @@ impl Optimization {
         } else {
             self.find_origin(engine);
         }
-        let seconds = watch.elapsed().wall;
+        let (seconds, spent) = (watch.elapsed().wall, engine.statistics());
 
         self.losses.push(moved.loss);
         let is_heat = self.starts.is_some_and(|starts| self.done < starts.steps());
@@ -543,10 +546,11 @@ impl Optimization {
             gradients: self.params.iter().map(|p| p.name.clone()).zip(moved.gradients).collect(),
             skipped,
             skipped_steps: self.memory.skipped,
-            samples: engine.statistics().samples - samples,
+            samples: spent.samples - before_it.samples,
             spp,
             bytes: memory::held(),
             seconds,
+            phases: phases(seconds, &before_it, &spent),
             params: logged,
             stop,
             chosen: None,
@@ -713,6 +717,23 @@ impl Optimization {
         };
         self.with_origin(Diagnostic::error(NOT_FINITE, message)).help(help)
     }
+}
+
+/// The solver that a stage asks for, and its rate.
+fn method_of(engine: &mut Engine, using: Option<&hir::Expr>) -> Result<(Method, f64), Diagnostic> {
+    let Some(using) = using else {
+        return Ok((Method::FirstOrder(Solver::adam()), super::solver::DEFAULT_RATE));
+    };
+    let value = engine.eval(using)?;
+    solver_from(&value)
+        .map_err(|message| Diagnostic::error("dscene::run::optimizer", message).label(using.span, "this optimizer"))
+}
+
+/// Where the seconds of a step went.
+fn phases(seconds: f64, before: &Statistics, after: &Statistics) -> Phases {
+    let render = (after.values_took - before.values_took).as_secs_f64();
+    let gradient = (after.derivatives_took - before.derivatives_took).as_secs_f64();
+    Phases { render, gradient, solver: (seconds - render - gradient).max(0.0), ..Phases::default() }
 }
 
 fn no_control_variates(span: Span) -> Diagnostic {

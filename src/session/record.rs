@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use rayon::prelude::*;
 use serde_json::{Map, Value};
 
 use super::checkpoint::Checkpoint;
@@ -29,7 +30,7 @@ pub struct Run {
 }
 
 /// A line of the log.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Step {
     /// From 0 in each optimisation.
     pub step: u64,
@@ -59,8 +60,7 @@ impl Run {
     pub fn read(folder: &Path) -> Result<Run, Diagnostic> {
         let info = RunInfo::read(folder)?;
         let steps = Step::all(folder)?;
-        let events = lines(&folder.join(EVENTS))?;
-        let events = events.into_iter().filter_map(|event| serde_json::from_value(event).ok()).collect();
+        let events = lines(&folder.join(EVENTS), |event| serde_json::from_value(event).ok())?;
         let found = match Checkpoint::read(folder) {
             Ok(checkpoint) => checkpoint.state().params(),
             Err(_) => steps.last().map(|step| step.params.clone()).unwrap_or_default(),
@@ -101,12 +101,13 @@ impl Run {
 
     /// Wall time of all steps and of what is known to lie between them, in seconds.
     pub fn seconds(&self) -> f64 {
-        let files = |step: &Step| step.phases.get("files").copied().unwrap_or_default();
+        let of = |step: &Step, phase: &str| step.phases.get(phase).copied().unwrap_or_default();
+        let between = |step: &Step| of(step, "files") + of(step, "actions");
         let after = self.events.iter().map(|event| match event {
             Event::End { seconds, .. } => *seconds,
             _ => 0.0,
         });
-        self.steps.iter().map(|step| step.seconds + files(step)).chain(after).filter(|x| x.is_finite()).sum()
+        self.steps.iter().map(|step| step.seconds + between(step)).chain(after).filter(|x| x.is_finite()).sum()
     }
 }
 
@@ -125,7 +126,7 @@ impl RunInfo {
 impl Step {
     /// The lines of a run's log.
     pub fn all(folder: &Path) -> Result<Vec<Step>, Diagnostic> {
-        Ok(lines(&folder.join(LOG))?.iter().filter_map(Step::of).collect())
+        lines(&folder.join(LOG), |line| Step::of(&line))
     }
 
     fn of(line: &Value) -> Option<Step> {
@@ -191,12 +192,14 @@ fn text(path: &Path) -> Result<String, Diagnostic> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// The whole lines of a file, none if there is no such file.
-fn lines(path: &Path) -> Result<Vec<Value>, Diagnostic> {
+/// What the whole lines of a file say, nothing if there is no such file. Lines that say something else are left out.
+fn lines<T: Send>(path: &Path, read: impl Fn(Value) -> Option<T> + Sync) -> Result<Vec<T>, Diagnostic> {
     if path.symlink_metadata().is_err() {
         return Ok(Vec::new());
     }
-    Ok(text(path)?.split_inclusive('\n').filter(|l| l.ends_with('\n')).flat_map(serde_json::from_str).collect())
+    let text = text(path)?;
+    let whole = text.rsplit_once('\n').map_or("", |(whole, _)| whole);
+    Ok(whole.par_lines().filter_map(|line| read(serde_json::from_str(line).ok()?)).collect())
 }
 
 /// The files below a run folder that are not the run's own. Links are not followed.
@@ -223,4 +226,62 @@ fn saved(folder: &Path) -> Vec<PathBuf> {
     }
     found.sort();
     found
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::session::clock::Date;
+    use crate::session::{Override, RunFolder};
+
+    #[test]
+    fn a_run_is_read_up_to_its_last_whole_line() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("r");
+        assert!(Run::read(&path).unwrap_err().message.contains("is not the folder of a run"));
+        let mut run = RunFolder::at(&path, false).unwrap();
+        let overrides = vec![Override { name: "lr".into(), value: "0.1".into() }];
+        let (started, sources) = (Date::from_unix(0).iso(), Vec::new());
+        let (version, name, file) = ("1".into(), "a".into(), "a.dscene".into());
+        let info = RunInfo {
+            version,
+            name,
+            file,
+            command: vec![],
+            seed: 7,
+            threads: 1,
+            started,
+            overrides,
+            steps: None,
+            sources,
+        };
+        run.record(&info).unwrap();
+        let step = |step: u64, loss: &str, rest: &str| {
+            format!("{{\"step\":{step},\"of\":\"l\",\"loss\":{loss},\"params\":{{\"x\":[[1,\"inf\"]]}}{rest}}}\n")
+        };
+        let log = [step(0, "2", ",\"phases\":{\"files\":0.5},\"seconds\":1"), step(1, "\"nan\"", ""), step(0, "1", "")]
+            .concat();
+        fs::write(path.join(LOG), log + "{\"step\":1,\"of\":\"l\",\"lo").unwrap();
+        run.note(&Event::End { how: Ending::Interrupted, seconds: 0.25, files: 0.0 }).unwrap();
+        fs::create_dir(path.join("deep")).unwrap();
+        fs::write(path.join("deep/a.png"), "").unwrap();
+        fs::write(path.join(".b.png.12-3.tmp"), "").unwrap();
+
+        let read = Run::read(&path).unwrap();
+        assert_eq!((read.info.seed, &read.info.overrides), (7, &info.overrides));
+        assert_eq!(read.steps.len(), 3);
+        assert!(read.steps[1].loss.is_nan());
+        let x = Tensor { shape: vec![1, 2], data: vec![1.0, f64::INFINITY] };
+        assert_eq!(
+            (&read.steps[2].params, &read.found),
+            (&vec![("x".to_owned(), x.clone())], &vec![("x".to_owned(), x)])
+        );
+        assert_eq!(read.optimizations().iter().map(|steps| steps.len()).collect::<Vec<_>>(), [2, 1]);
+        assert_eq!(
+            (read.loss_after(0), read.loss_after(1), read.loss_after(2)),
+            (Some((2.0, None)), Some((1.0, None)), None)
+        );
+        assert_eq!((read.ending(), read.seconds()), (Some(Ending::Interrupted), 1.75));
+        assert_eq!(read.saved, [PathBuf::from("deep/a.png")]);
+    }
 }

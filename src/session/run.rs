@@ -9,6 +9,7 @@ use super::checkpoint::{Optimizing, Schedule};
 use super::clock::{Stopwatch, human_seconds};
 use super::folder::{RunFolder, cannot_write, output_path};
 use super::measure::loss_at;
+use super::notes::Notes;
 use super::optimization::{Optimization, StepReport};
 use super::plot;
 use super::show::{plus_minus, significant};
@@ -91,6 +92,7 @@ pub struct Runner<'a> {
     in_every: bool,
     /// Since when `report.seconds` does not count.
     pub(super) since: Stopwatch,
+    pub(super) notes: Notes,
 }
 
 /// What each `plot` has shown so far.
@@ -118,6 +120,7 @@ impl<'a> Runner<'a> {
             judge: None,
             in_every: false,
             since: Stopwatch::start(),
+            notes: Notes::default(),
         }
     }
 
@@ -146,7 +149,7 @@ impl<'a> Runner<'a> {
                 hir::Action::Optimize(optimize) => self.optimize(optimize, within.take()),
                 other => self.action(other),
             };
-            tell_warnings(self.engine, self.world);
+            self.tell_warnings();
             match flow {
                 Ok(Flow::Continue) => {}
                 Ok(Flow::Pruned) => break,
@@ -197,18 +200,21 @@ impl<'a> Runner<'a> {
 
     fn optimize(&mut self, optimize: &hir::Optimize, within: Option<Optimizing>) -> Result<Flow, Diagnostic> {
         let mut optimization = self.set_up(optimize, within)?;
-        for note in optimization.notes() {
-            self.world.note(note);
+        self.begin_notes();
+        for note in optimization.notes().to_vec() {
+            self.remark(note);
         }
         let begun = Stopwatch::start();
         let failed_before = self.report.failed_optimizations;
         let flow = self.advance(&mut optimization, u64::MAX);
         self.world.progress_done();
         optimization.leave(self.engine);
+        let mut after = None;
         if let (Ok(Flow::Continue), Some((first, last))) = (&flow, optimization.losses()) {
             let (name, steps) = (optimization.name(), optimization.done());
             let seconds = human_seconds(begun.elapsed().wall);
             let now = self.loss_now(&optimize.loss)?;
+            after = now;
             self.report.losses.retain(|(of, _)| of != name);
             self.report.losses.push((name.to_owned(), now.map_or(f64::NAN, |(mean, _)| mean)));
             let last = match now {
@@ -225,6 +231,7 @@ impl<'a> Runner<'a> {
                 if steps == 1 { "" } else { "s" }
             ));
         }
+        self.end_notes(&optimization, after);
         self.report.skipped_steps += optimization.skipped();
         if let Some(told) = optimization.not_taken().filter(|_| self.report.failed_optimizations == failed_before) {
             self.report.failed_optimizations += u64::from(told.is_error());
@@ -237,16 +244,12 @@ impl<'a> Runner<'a> {
     }
 
     /// The loss after the last update, as the mean over seeds that no step has used, with its error; `None` if
-    /// Ctrl-C came first, or where it has no value any more.
+    /// Ctrl-C came first, or where it has no value any more. What it sees is kept.
     fn loss_now(&mut self, loss: &hir::Expr) -> Result<Option<(f64, f64)>, Diagnostic> {
+        self.engine.look();
         let Ok(moments) = loss_at(self.engine, loss) else { return Ok(None) };
         let (mean, error) = (moments.mean().first(), moments.std_error());
         Ok(mean.map(|mean| (*mean, error.first().copied().unwrap_or(0.0))))
-    }
-
-    fn tell(&mut self, diagnostic: &Diagnostic) {
-        let sources = self.engine.program().sources.clone();
-        self.world.diagnostic(diagnostic, &sources);
     }
 
     /// Up to `count` more steps of an optimisation.
@@ -285,7 +288,7 @@ impl<'a> Runner<'a> {
                 }
                 Ok(report) => report,
             };
-            tell_warnings(self.engine, self.world);
+            self.tell_warnings();
             taken += 1;
             seconds += report.seconds;
             if let Some(chosen) = &report.chosen {
@@ -295,7 +298,7 @@ impl<'a> Runner<'a> {
                 let whose = if names.is_empty() { "the learning rate".to_owned() } else { names.join(", ") };
                 let seed = self.engine.options().seed;
                 let step = report.step;
-                self.world.note(&format!("step {step}: not finite: {whose}; step skipped (seed {seed})"));
+                self.remark(format!("step {step}: not finite: {whose}; step skipped (seed {seed})"));
             }
             let name = match &report.stage {
                 Some(stage) => format!("{} · {stage}", optimization.name()),
@@ -316,11 +319,8 @@ impl<'a> Runner<'a> {
             }
             if report.stop {
                 self.world.progress_done();
-                self.world.note(&format!(
-                    "`stop_when` holds: `{}` stops after step {}",
-                    optimization.name(),
-                    report.step
-                ));
+                let name = optimization.name();
+                self.remark(format!("`stop_when` holds: `{name}` stops after step {}", report.step));
                 break;
             }
         }
@@ -341,12 +341,22 @@ impl<'a> Runner<'a> {
     fn turn(&mut self, optimization: &mut Optimization) -> Result<StepReport, Diagnostic> {
         self.enter_stage(optimization)?;
         let before = (!optimization.every().is_empty()).then(|| (self.report.clone(), self.curves.clone()));
-        let done = self.every(optimization).and_then(|()| optimization.step(self.engine));
-        let done = done.and_then(|report| self.record(optimization, &report).map(|()| report));
-        match (&done, before) {
-            (Ok(_), _) => optimization.keep(),
-            (Err(_), Some(before)) => (self.report, self.curves) = before,
-            (Err(_), None) => {}
+        let targets = self.notes.targets.clone();
+        let done = self.every(optimization).and_then(|()| {
+            if self.folder.is_some() {
+                self.engine.look();
+            }
+            optimization.step(self.engine)
+        });
+        let done = done.and_then(|report| self.record(optimization, report));
+        match &done {
+            Ok(_) => optimization.keep(),
+            Err(_) => {
+                self.notes.targets = targets;
+                if let Some(before) = before {
+                    (self.report, self.curves) = before;
+                }
+            }
         }
         done
     }
@@ -356,22 +366,24 @@ impl<'a> Runner<'a> {
         if optimization.enter_stage(self.engine)? {
             self.world.progress_done();
         }
-        optimization.notes()[told..].iter().for_each(|note| self.world.note(note));
+        optimization.notes()[told..].iter().for_each(|note| self.remark(note.clone()));
         Ok(())
     }
 
     /// A step counts once it is in the log.
-    fn record(&mut self, optimization: &Optimization, report: &StepReport) -> Result<(), Diagnostic> {
+    fn record(&mut self, optimization: &Optimization, mut report: StepReport) -> Result<StepReport, Diagnostic> {
         let name = optimization.name();
-        if let Some(folder) = &mut self.folder {
-            folder.log(name, report, self.report.steps)?;
-        }
+        let events = self.complete(optimization, &mut report);
+        self.with_files(|runner| match &mut runner.folder {
+            Some(folder) => folder.log(name, &report, runner.report.steps, &events),
+            None => Ok(()),
+        })?;
         if report.step == 0 {
             self.histories.remove(name);
         }
         self.histories.entry(name.to_owned()).or_default().push(report.loss);
         self.report.steps += 1;
-        Ok(())
+        Ok(report)
     }
 
     /// The `every N { … }` blocks that are due before the next step: at steps 0, N, 2N, … with the params of that step.
@@ -406,7 +418,7 @@ impl<'a> Runner<'a> {
         let ty = &value.ty;
         let value_span = value.span;
         let value = self.engine.eval(value)?;
-        let saved = self.engine.stoppable(|| save_value(&value, ty, &target))?;
+        let saved = self.with_files(|runner| runner.engine.stoppable(|| save_value(&value, ty, &target)))?;
         saved.map_err(|problem| match problem {
             SaveError::Io(e) => cannot_write(&target, &e).label(path.span, "this file"),
             SaveError::Other { message, help } => {
@@ -465,7 +477,7 @@ impl<'a> Runner<'a> {
                     );
                 };
                 let target = self.output_path(&name, path.span)?;
-                write_atomically(&target, plot::svg(&series).as_bytes())
+                self.with_files(|_| write_atomically(&target, plot::svg(&series).as_bytes()))
                     .map_err(|e| cannot_write(&target, &e).label(path.span, "this file"))?;
                 self.saved(target);
             }
@@ -499,8 +511,7 @@ impl<'a> Runner<'a> {
         for (span, text) in failure.labels {
             diagnostic = diagnostic.label(span, text);
         }
-        let sources = self.engine.program().sources.clone();
-        self.world.diagnostic(&diagnostic, &sources);
+        self.tell(&diagnostic);
         Ok(())
     }
 

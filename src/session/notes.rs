@@ -1,0 +1,207 @@
+//! What a run notes for its report while it goes on.
+
+use std::collections::BTreeSet;
+
+use super::clock::Stopwatch;
+use super::events::{Bounds, Event, Moment, Shown, Stage};
+use super::optimization::{Optimization, StepReport};
+use super::picture::Picture;
+use super::run::Runner;
+use crate::diag::{Diagnostic, Severity};
+use crate::eval::Seen;
+use crate::files::fingerprint;
+use crate::source::SourceMap;
+use crate::tape::Tensor;
+
+/// Most pictures of an animation.
+const FRAMES: u64 = 24;
+
+/// Pixels across and down of pictures: small ones of the animation, those of the start and the end, and the latter if there are many.
+const SMALL: usize = 96;
+const LARGE: usize = 256;
+const MANY: (usize, usize) = (2, 128);
+
+/// The fingerprints of the targets that are in the report: each is written once.
+pub type Targets = BTreeSet<u64>;
+
+/// What is known between two lines of the log.
+#[derive(Default)]
+pub struct Notes {
+    pub(super) targets: Targets,
+    /// What the last step saw, and its number.
+    last: Option<(u64, Vec<Seen>)>,
+    since: Option<Stopwatch>,
+    /// Seconds that files took since then.
+    files: f64,
+}
+
+impl Runner<'_> {
+    /// Tells the user something that the report says as well.
+    pub(super) fn tell(&mut self, diagnostic: &Diagnostic) {
+        let sources = self.engine.program().sources.clone();
+        self.world.diagnostic(diagnostic, &sources);
+        self.note(&told(diagnostic, &sources));
+    }
+
+    /// The same for a remark.
+    pub(super) fn remark(&mut self, text: String) {
+        self.world.note(&text);
+        self.note(&Event::Note { text });
+    }
+
+    /// Passes on what evaluations warned of.
+    pub(super) fn tell_warnings(&mut self) {
+        for warning in self.engine.take_warnings() {
+            self.tell(&warning);
+        }
+    }
+
+    /// A line for the report. A disk that is full is told where results are written.
+    fn note(&mut self, event: &Event) {
+        if let Some(folder) = &mut self.folder {
+            let _ = folder.note(event);
+        }
+    }
+
+    /// An optimisation begins, or goes on.
+    pub(super) fn begin_notes(&mut self) {
+        (self.notes.last, self.notes.since) = (None, Some(Stopwatch::start()));
+    }
+
+    /// Does work with files, whose time is told apart.
+    pub(super) fn with_files<T>(&mut self, work: impl FnOnce(&mut Self) -> T) -> T {
+        let watch = Stopwatch::start();
+        let done = work(self);
+        self.notes.files += watch.elapsed().wall;
+        done
+    }
+
+    /// What the log does not know of a step: the time since the line before, and the pictures that are due.
+    pub(super) fn complete(&mut self, optimization: &Optimization, report: &mut StepReport) -> Vec<Event> {
+        let since = self.notes.since.replace(Stopwatch::start()).map_or(report.seconds, |watch| watch.elapsed().wall);
+        report.phases.files = std::mem::take(&mut self.notes.files);
+        report.phases.actions = (since - report.seconds - report.phases.files).max(0.0);
+        if self.folder.is_none() {
+            return Vec::new();
+        }
+        let seen = self.engine.seen();
+        let moment = if report.step == 0 { Moment::Start } else { Moment::Between };
+        let mut events = Vec::new();
+        if report.step == 0 {
+            let (stages, params) = optimization.plan();
+            let (of, total) = (optimization.name().to_owned(), optimization.total());
+            events.push(Event::Begin { of, total, stages, params });
+        }
+        if is_due(report.step, optimization.total()) {
+            events.extend(self.with_files(|runner| runner.pictures(optimization.name(), report.step, moment, &seen)));
+        }
+        self.notes.last = Some((report.step, seen));
+        events
+    }
+
+    /// The end of an optimisation: the loss there, and what it saw: after the last step if it was looked at then, or else at that step.
+    pub(super) fn end_notes(&mut self, optimization: &Optimization, loss: Option<(f64, f64)>) {
+        let after = self.engine.seen();
+        if self.folder.is_none() || optimization.done() == 0 {
+            return;
+        }
+        let (step, seen) = match self.notes.last.take() {
+            _ if !after.is_empty() => (optimization.done(), after),
+            Some(last) => last,
+            None => return,
+        };
+        let (loss, error) = loss.filter(|(loss, _)| loss.is_finite()).unzip();
+        let mut events = self.with_files(|runner| runner.pictures(optimization.name(), step, Moment::End, &seen));
+        let (of, steps) = (optimization.name().to_owned(), optimization.done());
+        events.push(Event::Optimized { of, steps, loss, error });
+        events.iter().for_each(|event| self.note(event));
+    }
+
+    fn pictures(&mut self, of: &str, step: u64, moment: Moment, seen: &[Seen]) -> Vec<Event> {
+        let side = match moment {
+            Moment::Between => SMALL,
+            _ if seen.len() > MANY.0 => MANY.1,
+            _ => LARGE,
+        };
+        let mut events = Vec::new();
+        for (view, Seen { name, image, target }) in seen.iter().enumerate() {
+            let Some(image) = Picture::of(image, side) else { continue };
+            let target = target.as_ref().filter(|_| moment != Moment::Between).map(|target| {
+                let found = fingerprint_of(target);
+                let id = format!("{found:016x}");
+                if self.notes.targets.insert(found) {
+                    let image = Picture::of(target, side);
+                    events.extend(image.map(|image| Event::Target { id: id.clone(), image }));
+                }
+                id
+            });
+            let (of, name) = (of.to_owned(), name.clone());
+            events.push(Event::Picture(Shown { of, step, moment, view, name, image, target }));
+        }
+        events
+    }
+
+    /// Wall time since the last line of the log, and what files took of it, in seconds.
+    pub fn since_last_step(&self) -> (f64, f64) {
+        (self.notes.since.map_or(0.0, |watch| watch.elapsed().wall), self.notes.files)
+    }
+}
+
+impl Optimization {
+    /// The stages, and the params with their bounds.
+    fn plan(&self) -> (Vec<Stage>, Vec<Bounds>) {
+        let stages = self.stages().map(|(name, until)| Stage { name: name.map(str::to_owned), until }).collect();
+        let finite = |side: &Vec<f64>| side.iter().map(|x| Some(*x).filter(|x| x.is_finite())).collect();
+        let bounds = self.bounded().map(|(name, shape, space)| Bounds {
+            name: name.to_owned(),
+            shape: shape.to_vec(),
+            lower: space.lower.as_ref().map(finite),
+            upper: space.upper.as_ref().map(finite),
+        });
+        (stages, bounds.collect())
+    }
+}
+
+/// An error or a warning as the report has it.
+pub fn told(diagnostic: &Diagnostic, sources: &SourceMap) -> Event {
+    let place = diagnostic.span().map(|span| {
+        let position = sources.position(span);
+        format!("{}:{}:{}", sources.name(span.source), position.line, position.column)
+    });
+    let severity = if diagnostic.severity == Severity::Error { "error" } else { "warning" };
+    let labels = diagnostic.labels.iter().map(|label| label.text.clone()).filter(|text| !text.is_empty());
+    Event::Told {
+        severity: severity.to_owned(),
+        code: diagnostic.code.to_owned(),
+        message: diagnostic.message.clone(),
+        place,
+        labels: labels.collect(),
+        help: diagnostic.helps.clone(),
+    }
+}
+
+/// Whether the animation has a picture of a step: the first has, then more of the early ones than of the late.
+fn is_due(step: u64, total: u64) -> bool {
+    let (last, frames) = (total.saturating_sub(1) as f64, (FRAMES - 1) as f64);
+    let nth = |i: u64| (last * (i as f64 / frames).powf(1.5)).round() as u64;
+    total <= FRAMES || (0..FRAMES).any(|i| nth(i) == step)
+}
+
+fn fingerprint_of(tensor: &Tensor) -> u64 {
+    fingerprint(bytemuck::cast_slice(&tensor.data))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_animation_has_two_dozen_pictures_at_most() {
+        for total in [0, 1, 5, 24, 25, 60, 200, 100_000] {
+            let due: Vec<u64> = (0..total).filter(|step| is_due(*step, total)).collect();
+            assert!(due.len() as u64 == total.min(FRAMES) || total == 25 || total == 60, "{total}: {due:?}");
+            assert!(due.len() as u64 <= FRAMES && due.first() == (total > 0).then_some(&0), "{total}: {due:?}");
+            assert_eq!(due.last().copied(), total.checked_sub(1));
+        }
+    }
+}
