@@ -475,11 +475,10 @@ loss fit = mse(render(small), target)",
         name: "not_available_yet",
         prelude: SCENE,
         script: "material glass = dielectric(ior: 1.5)\n\
-                 optimize fit { correlated: true }\noptimize fit { correlated: false, using: lbfgs() }",
+                 optimize fit { correlated: true }\noptimize fit { correlated: false }",
         wanted: &[
             ("dscene::feature::unavailable", "dielectric", ""),
             ("dscene::feature::unavailable", "correlated", "independent samples"),
-            ("dscene::feature::unavailable", "lbfgs", ""),
         ],
     },
     Case {

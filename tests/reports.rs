@@ -26,8 +26,10 @@ fn a_report_has_all_that_was_seen_on_the_way() {
     let script = format!(
         "{}loss two = fit + l1(target |> blur(sigma: 1), render(eye, spp: 1) |> blur(sigma: 1)) + 0 * mean(render(eye, spp: 1))\n\
          optimize two {{ using: adam(lr: 0.02), steps: 60 every 30 {{ print step }} }}\n\
-         optimize fit {{ over: [sky.radiance], using: sgd(lr: 1e-9), steps: 3 }}\n",
+         optimize fit {{ over: [glow], using: sgd(lr: 1e-9), steps: 3 }}\n",
+        // The target follows no param.
         TRIANGLE
+            .replace("with { glow: 0.8 }", "with { glow: 0.8, corners: [[-1, -0.8, 0], [1, -0.9, 0], [0.1, 1, 0]] }")
     );
     place.write("a.dscene", script);
     assert_code(&place.dsl(&["run", "a.dscene", "--out", "r", "--quiet"]), 0);
