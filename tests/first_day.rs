@@ -260,7 +260,7 @@ fn heights_vertex_colours_and_regularisation() {
          light sun = directional(direction: [0.3, -1, 0.2], irradiance: 2)
          let bump = [[exp(-((i - 2) ^ 2 + (j - 2) ^ 2)) / 2 for j in 0..5] for i in 0..5]
          let target = render(eye, spp: 64) with { heights: bump, hue: [[1, 0, 0], [0, 1, 0], [0, 0, 1], [1, 1, 1]] }
-         loss fit = mse(render(eye, spp: 4), target) + 1e-3 * laplacian_energy(land.mesh)
+         loss fit = mse(render(eye, spp: 16), target) + 1e-3 * laplacian_energy(land.mesh)
          optimize fit { using: adam(lr: 0.03), steps: 20 }
          print heights[-1][1..3]
          save land.mesh to \"land.ply\"

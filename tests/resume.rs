@@ -366,6 +366,23 @@ fn a_change_is_named_and_refused_unless_forced() {
 }
 
 #[test]
+fn a_run_that_was_killed_as_it_wrote_its_page_gets_one() {
+    let place = Place::new();
+    place.write("a.dscene", format!("{BOWL}optimize bowl {{ using: sgd(lr: 0.1), steps: 2 }}\n"));
+    assert_code(&place.dsl(&["run", "a.dscene", "--out", "r"]), 0);
+    let page = place.path("r/report.html");
+    for is_there in [false, true] {
+        fs::write(place.path("r/report.html.part"), "half").unwrap();
+        if !is_there {
+            fs::remove_file(&page).unwrap();
+        }
+        assert_code(&place.dsl(&["run", "a.dscene", "--resume", "r"]), 0);
+        assert!(!place.path("r/report.html.part").exists());
+        assert!(fs::read_to_string(&page).unwrap().ends_with("</html>\n"));
+    }
+}
+
+#[test]
 fn a_finished_run_says_so_and_what_is_no_run_too() {
     let place = Place::new();
     place.write("bowl.dscene", BOWL);

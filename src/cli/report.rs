@@ -1,5 +1,7 @@
 //! `dsl report`
 
+use std::path::{Path, PathBuf};
+
 use serde_json::json;
 
 use super::args::ReportArgs;
@@ -25,26 +27,14 @@ pub fn run(args: &ReportArgs) -> u8 {
 }
 
 fn write(args: &ReportArgs, terminal: &mut Terminal) -> Result<(), Diagnostic> {
-    let run = Run::read(&args.run)?;
-    let script = match script_of(&args.run) {
-        Ok(script) => Some(script),
-        Err(told) => {
-            terminal.note(&format!("without the script with the found values: {}", told.0.message));
-            None
-        }
-    };
-    let page = report(&run, script.as_deref());
     let path = match &args.output {
         Some(file) => {
+            let page = page_of(&args.run, terminal)?;
             let path = in_folder(args.common.out.as_deref(), file)?;
             write_atomically(&path, page.as_bytes()).map_err(|e| cannot_write(&path, &e))?;
             path
         }
-        None => {
-            let path = args.run.join(REPORT);
-            rewrite(&path, page.as_bytes()).map_err(|e| cannot_write(&path, &e))?;
-            path
-        }
+        None => make_again(&args.run, terminal)?,
     };
     if args.common.json {
         out::line(&json!({ "saved": path.display().to_string() }).to_string());
@@ -52,4 +42,24 @@ fn write(args: &ReportArgs, terminal: &mut Terminal) -> Result<(), Diagnostic> {
         terminal.note(&format!("saved {}", path.display()));
     }
     Ok(())
+}
+
+/// Writes the page about a run into its folder; gives its path.
+pub fn make_again(run: &Path, terminal: &mut Terminal) -> Result<PathBuf, Diagnostic> {
+    let page = page_of(run, terminal)?;
+    let path = run.join(REPORT);
+    rewrite(&path, page.as_bytes()).map_err(|e| cannot_write(&path, &e))?;
+    Ok(path)
+}
+
+fn page_of(folder: &Path, terminal: &mut Terminal) -> Result<String, Diagnostic> {
+    let run = Run::read(folder)?;
+    let script = match script_of(folder) {
+        Ok(script) => Some(script),
+        Err(told) => {
+            terminal.note(&format!("without the script with the found values: {}", told.0.message));
+            None
+        }
+    };
+    Ok(report(&run, script.as_deref()))
 }

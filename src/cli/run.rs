@@ -11,7 +11,7 @@ use crate::diag::{Diagnostic, Severity};
 use crate::report::report;
 use crate::session::clock::{Date, Stopwatch, human_seconds};
 use crate::session::events::{Ending, Event};
-use crate::session::folder::SourceText;
+use crate::session::folder::{REPORT, SourceText};
 use crate::session::notes::told;
 use crate::session::sweep::{Judge, Record};
 use crate::session::{Checkpoint, Flow, Run, RunFolder, RunInfo, RunReport, RunSettings, Runner, World, world};
@@ -152,6 +152,14 @@ fn reopen(path: &Path, terminal: &mut Terminal) -> Result<Begun, u8> {
     })?;
     if checkpoint.finished {
         terminal.note(&format!("{} is finished: there is nothing to resume", path.display()));
+        // One that was killed as it wrote its page has none, or half of one.
+        let page = path.join(REPORT);
+        if !page.is_file() || page.with_extension("html.part").exists() {
+            match super::report::make_again(path, terminal) {
+                Ok(page) => terminal.note(&format!("report: {}", page.display())),
+                Err(diagnostic) => terminal.diagnostic(&diagnostic, &SourceMap::default()),
+            }
+        }
         return Err(if checkpoint.report.is_success() { 0 } else { EXIT_WRONG });
     }
     Ok((folder, checkpoint))
