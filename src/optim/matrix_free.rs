@@ -55,6 +55,9 @@ struct Base {
     bounded: bool,
 }
 
+/// The params to try next or, if derivatives are not finite, the indices of their params.
+pub type Proposal = Result<Vec<Vec<f64>>, Vec<usize>>;
+
 /// A solver of least squares for a fixed list of params, of any number of unknowns.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub struct MatrixFree {
@@ -127,7 +130,7 @@ impl MatrixFree {
         residuals: Both<f64>,
         jacobians: &J,
         rate: f64,
-    ) -> Result<Result<Vec<Vec<f64>>, Vec<usize>>, J::Error> {
+    ) -> Result<Proposal, J::Error> {
         let model = Model { spaces: &self.spaces, values, jacobians };
         let [ra, rb] = residuals;
         let [a, b] = model.against([rb, ra])?;
@@ -508,7 +511,7 @@ mod tests {
                 let (row, column) = (i / 3, i % 3);
                 r.push(a - b);
                 rows.push(vec![
-                    ((row + 2) % 3, x[0][3 * ((row + 1) % 3) + column] * -1.0),
+                    ((row + 2) % 3, -x[0][3 * ((row + 1) % 3) + column]),
                     ((row + 1) % 3, x[0][3 * ((row + 2) % 3) + column]),
                 ]);
             }

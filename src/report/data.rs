@@ -109,8 +109,11 @@ fn noise(steps: &[Step]) -> Vec<f64> {
     (0..steps.len()).map(error).collect()
 }
 
+/// What draws a number of each step.
+type Curve<'a> = dyn Fn(&dyn Fn(&Step) -> f64) -> Value + 'a;
+
 /// Curves of params, gradients, time and memory.
-fn details(chosen: &[&Step], bounds: &[Bounds], curve: &dyn Fn(&dyn Fn(&Step) -> f64) -> Value) -> Map<String, Value> {
+fn details(chosen: &[&Step], bounds: &[Bounds], curve: &Curve) -> Map<String, Value> {
     let first = chosen.first();
     let params = first.map_or(&[][..], |step| &step.params);
     let params = params.iter().map(|(name, tensor)| {

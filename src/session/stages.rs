@@ -127,7 +127,7 @@ fn auto(engine: &mut Engine, settings: &[(String, hir::Expr)]) -> Result<Option<
     let Value::Settings(fields) = &value else { return Ok(Some(None)) };
     let number = |name: &str, default: f64| fields.number(name).unwrap_or(default);
     let (error, least, most) = (number("error", 0.05), number("least", 1.0), number("most", 256.0));
-    if !(error > 0.0) {
+    if error.is_nan() || error <= 0.0 {
         return Err(out_of_range(expr, "`error`", error, "must be above 0"));
     }
     if !(1.0..=most).contains(&least) || least.fract() != 0.0 || most.fract() != 0.0 || most > 1e9 {
