@@ -1,4 +1,4 @@
-//! The checker on programs that are right; wrong ones are in `tests/diagnostics.rs`.
+//! The checker on programs that are right; wrong ones are in `tests/scripts/diagnostics.rs`.
 
 use super::hir::{Action, DeclKind, ExprKind};
 use super::*;

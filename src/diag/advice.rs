@@ -1,6 +1,6 @@
 //! What people write who come from Python, GLSL, JavaScript, Mitsuba, PBRT, Blender or PyTorch, and what is written here
 //! instead. Everything that the language knows of other languages stands in this file; parser and checker ask it with
-//! what they found and where, and every row is a test (`tests/advice.rs`).
+//! what they found and where, and every row is a test (`tests/scripts/advice.rs`).
 
 use crate::diag::Diagnostic;
 use crate::source::Span;

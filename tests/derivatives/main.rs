@@ -1,0 +1,28 @@
+//! Derivatives of images, held to closed forms, to differences and to each other.
+
+#[path = "../common/mod.rs"]
+mod common;
+#[path = "../common/dice.rs"]
+mod dice;
+#[path = "../common/place.rs"]
+mod place;
+
+mod cameras;
+mod curved_mirrors;
+mod edge_on;
+mod edges;
+mod ltc;
+mod masks;
+mod materials;
+mod modes;
+mod random_scenes;
+mod shared_edges;
+mod slots;
+mod spots_and_distortion;
+mod translations;
+
+// Long statistics that are not drawn in brief.
+#[cfg(feature = "truth")]
+mod closed_forms;
+#[cfg(feature = "truth")]
+mod finite_differences;

@@ -1,0 +1,360 @@
+//! Every array of a scene that can carry derivatives, reached from the language: reverse mode against central
+//! differences of the same expression, over independent seeds.
+
+use crate::common::{LONG, Measured, statistics, value_and_param};
+
+/// Repeats of one portion, and of all that are drawn until the error is small.
+const PORTION: u64 = 10;
+const MOST: u64 = 640;
+/// The error over the largest element, with which no more is drawn and with which a comparison says something.
+const PRECISE: f64 = 0.03;
+const TELLING: f64 = 0.08;
+/// Standard errors that a difference may have: few repeats do not know their own error well.
+const ALLOWED: f64 = 3.5;
+/// The long statistics look at every case; otherwise at one in twenty.
+const EVERY: usize = if LONG { 1 } else { 20 };
+
+struct Case {
+    name: &'static str,
+    param: &'static str,
+    scene: &'static str,
+    step: f64,
+}
+
+const CASES: &[Case] = &[
+    Case {
+        name: "vertices, and a silhouette",
+        param: "param p = [0.1, 0.2, 0]",
+        scene: "shape s { mesh: triangle([-1, -1, 0], [1, -0.8, 0], [0, 1, 0.3]) |> translate(p) }\nlight l = constant(1)",
+        step: 0.05,
+    },
+    Case {
+        name: "the first keyframe, and normals",
+        param: "param p = [0.1, 0.2, 0]",
+        scene: "let ball = sphere(subdivisions: 8)\nshape s { mesh: moving(ball |> scale([1, 1.2, 1] + p), ball |> translate([0.6, 0.2, 0])) }\nlight l = point(position: [1, 1, 4], intensity: 20)",
+        step: 0.05,
+    },
+    Case {
+        name: "the last keyframe, and normals",
+        param: "param p = [0.1, 0.2, 0]",
+        scene: "let ball = sphere(subdivisions: 8)\nshape s { mesh: moving(ball, ball |> scale([1, 1.2, 1] + p) |> translate([0.6, 0.2, 0])) }\nlight l = point(position: [1, 1, 4], intensity: 20)",
+        step: 0.05,
+    },
+    Case {
+        name: "a point light's first keyframe",
+        param: "param p = [0.4, 2.2, 0.5]",
+        scene: "shape floor { mesh: rectangle(width: 6, depth: 6) |> translate([0, -1, 0]) }\nshape box { mesh: cube() |> scale(0.5) }\nlight l = moving(point(position: p, intensity: 20), point(position: [1, 2, 1.5], intensity: 10))",
+        step: 0.05,
+    },
+    Case {
+        name: "a point light's last keyframe",
+        param: "param p = [0.4, 2.2, 0.5]",
+        scene: "shape floor { mesh: rectangle(width: 6, depth: 6) |> translate([0, -1, 0]) }\nshape box { mesh: cube() |> scale(0.5) }\nlight l = moving(point(position: [1, 2, 1.5], intensity: 10), point(position: p, intensity: 20))",
+        step: 0.05,
+    },
+    Case {
+        name: "where a directional light turns to, and fades to",
+        param: "param p = [0.4, -1.2, -0.5]",
+        scene: "shape floor { mesh: rectangle(width: 6, depth: 6) |> translate([0, -1, 0]) }\nshape box { mesh: cube() |> scale(0.5) }\nlight l = moving(directional(direction: [0, -1, 0.2], irradiance: 3), directional(direction: p, irradiance: 2 - p.y))",
+        step: 0.05,
+    },
+    Case {
+        name: "a spot light",
+        param: "param p = [0.3, 0.5, 2.5]",
+        scene: "shape s { mesh: rectangle(width: 4, depth: 4) |> rotate(x: 90deg) }\nlight l = spot(position: p, direction: [0.2, p.x - p.y, -1], intensity: 9 * p.z, cutoff: p.z * 12deg, beam: p.x * 20deg)",
+        step: 0.02,
+    },
+    Case {
+        name: "a spot light's first keyframe",
+        param: "param p = [0.4, 2.2, 0.5]",
+        scene: "shape floor { mesh: rectangle(width: 6, depth: 6) |> translate([0, -1, 0]) }\nshape box { mesh: cube() |> scale(0.5) }\nlight l = moving(spot(position: p, direction: [p.z - 0.5, -1, p.x], intensity: 20, cutoff: p.y * 20deg, beam: p.x * 30deg), spot(position: [1, 2, 1.5], direction: [-0.3, -1, -0.2], intensity: 10))",
+        step: 0.05,
+    },
+    Case {
+        name: "a spot light's last keyframe",
+        param: "param p = [0.4, 2.2, 0.5]",
+        scene: "shape floor { mesh: rectangle(width: 6, depth: 6) |> translate([0, -1, 0]) }\nshape box { mesh: cube() |> scale(0.5) }\nlight l = moving(spot(position: [1, 2, 1.5], direction: [-0.3, -1, -0.2], intensity: 10), spot(position: p, direction: [p.z - 0.5, -1, p.x], intensity: 20, cutoff: p.y * 20deg, beam: p.x * 30deg))",
+        step: 0.05,
+    },
+    Case {
+        name: "a rotation",
+        param: "param p: rotation = euler(y: 20deg)",
+        scene: "shape s { mesh: cube() |> rotate(by: p) }\nlight l = directional(direction: [0.3, -1, -2], irradiance: 3)",
+        step: 0.03,
+    },
+    Case {
+        name: "normals",
+        param: "param p = [0.1, 0.3, 1]",
+        scene: "let n = normalize(p)\nshape s { mesh: mesh(vertices: [[-3,-3,0],[3,-3,0],[0,4,0]], faces: [[0,1,2]], normals: [n, [0,0,1], [0,0,1]]) }\nlight l = point(position: [1, 1, 3], intensity: 10)",
+        step: 0.02,
+    },
+    Case {
+        name: "uvs",
+        param: "param p = [0.2, 0.3]",
+        scene: "let t = texture([[0.1, 0.9], [0.3, 0.5]], wrap: clamp)\nshape s { mesh: mesh(vertices: [[-3,-3,0],[3,-3,0],[0,4,0]], faces: [[0,1,2]], uvs: [p, [0.8, 0.4], [0.5, 0.7]]), material: diffuse(reflectance: t) }\nlight l = constant(1)",
+        step: 0.02,
+    },
+    Case {
+        name: "vertex colours",
+        param: "param p = [0.2, 0.5, 0.7]",
+        scene: "shape s { mesh: mesh(vertices: [[-3,-3,0],[3,-3,0],[0,4,0]], faces: [[0,1,2]], colors: [p, [1,0,0], [0,1,0]]), material: diffuse(reflectance: vertex_color()) }\nlight l = constant(1)",
+        step: 0.05,
+    },
+    Case {
+        name: "texels",
+        param: "param p = [[0.2, 0.5], [0.7, 0.4]]",
+        scene: "shape s { mesh: rectangle(width: 4, depth: 4) |> rotate(x: 90deg), material: diffuse(reflectance: texture(p)) }\nlight l = constant(1)",
+        step: 0.05,
+    },
+    Case {
+        name: "opacities",
+        param: "param p = [[0.2, 0.9], [0.7, 0.4]]",
+        scene: "shape s { mesh: rectangle(width: 4, depth: 4) |> rotate(x: 90deg) |> translate([0.5, 0, 1]), material: mask(diffuse(reflectance: 0.2), opacity: texture(p, wrap: clamp)) }\nshape wall { mesh: rectangle(width: 9, depth: 9) |> rotate(x: 90deg) }\nlight l = directional(direction: [0.3, -0.5, -1], irradiance: 3)",
+        step: 0.05,
+    },
+    Case {
+        name: "the opacity of a shape that moves",
+        param: "param p = [0.3, 0.6]",
+        scene: "shape s { mesh: rectangle(width: 2, depth: 2) |> rotate(x: 90deg) |> translate([p.x, 0, 1]), material: mask(one_sided(diffuse(reflectance: 0.2)), opacity: p.y) }\nshape wall { mesh: rectangle(width: 9, depth: 9) |> rotate(x: 90deg) }\nlight l = directional(direction: [0.3, -0.5, -1], irradiance: 3)",
+        step: 0.05,
+    },
+    Case {
+        name: "a point light",
+        param: "param p = [0.3, 0.5, 2.5]",
+        scene: "shape s { mesh: rectangle(width: 4, depth: 4) |> rotate(x: 90deg) }\nlight l = point(position: p, intensity: 9 * p.z)",
+        step: 0.02,
+    },
+    Case {
+        name: "a directional light",
+        param: "param p = [0.3, 0.5, -1]",
+        scene: "shape s { mesh: rectangle(width: 4, depth: 4) |> rotate(x: 90deg) }\nlight l = directional(direction: p, irradiance: [1, 2, 3] * p.y)",
+        step: 0.02,
+    },
+    Case {
+        name: "an environment's rotation and texels",
+        param: "param p = 0.3",
+        scene: "let sky = image([[[1 + sin(i * 45deg), 1, p] for i in 0..8] for j in 0..4])\nlight l = environment(sky, rotation: rotation(axis: [0, 1, 0], angle: p * 1rad))\nshape s { mesh: sphere(subdivisions: 12) }",
+        step: 0.05,
+    },
+    Case {
+        name: "an area light's size, place and radiance",
+        param: "param p = [1, 0.2, 2]",
+        scene: "shape s { mesh: rectangle(width: 4, depth: 4) |> rotate(x: 90deg) }\nlight l = area(rectangle(width: p.x, depth: 1) |> rotate(x: -90deg) |> translate([0, p.y, p.z]), radiance: 3 * p.x)",
+        step: 0.02,
+    },
+    Case {
+        name: "material numbers",
+        param: "param p = [0.4, 0.3]",
+        scene: "shape s { mesh: sphere(subdivisions: 16), material: phong(diffuse: p.x, specular: [0.2, 0.3, p.x], roughness: p.y) }\nlight l = directional(direction: [0.3, -0.5, -1], irradiance: 3)",
+        step: 0.02,
+    },
+];
+
+/// Cameras over the same scene of a textured ground and a box.
+const CAMERAS: &[(&str, &str, &str, f64)] = &[
+    ("position", "param p = [0.2, 1, 4]", "position: p, look_at: [0, 0, 0]", 0.05),
+    ("look_at", "param p = [0.2, 0.1, 0]", "position: [0, 1, 4], look_at: p", 0.05),
+    ("fov", "param p = 40deg", "position: [0, 1, 4], look_at: [0, 0, 0], fov: p", 0.03),
+    ("fov_x", "param p = 55deg", "position: [0, 1, 4], look_at: [0, 0, 0], fov_x: p", 0.03),
+    ("height", "param p = 3", "position: [0, 1, 4], look_at: [0, 0, 0], kind: orthographic, height: p", 0.1),
+    ("aperture", "param p = 0.4", "position: [0.9, 0.6, 1.6], look_at: [0.3, 0.2, 0], aperture: p, focus: 3", 0.05),
+    ("focus", "param p = 0.8", "position: [0.9, 0.6, 1.6], look_at: [0.3, 0.2, 0], aperture: 0.4, focus: p", 0.03),
+    (
+        "distortion",
+        "param p = [-0.2, 0.05, 0.01, -0.02, 0.03]",
+        "position: [0, 1, 4], look_at: [0, 0, 0], fov: 60deg, distortion: p",
+        0.03,
+    ),
+    (
+        "distortion of a lens that has none yet",
+        "param p = [0, 0, 0, 0, 0]",
+        "position: [0, 1, 4], look_at: [0, 0, 0], fov: 60deg, distortion: p",
+        0.03,
+    ),
+    (
+        "distortion of a fisheye, and its fov",
+        "param p = [0.05, -0.02, 1.2]",
+        "position: [0, 1, 4], look_at: [0, 0, 0], kind: fisheye, fov: p.z * 1rad, distortion: p.xy",
+        0.03,
+    ),
+    (
+        "last position of a camera with distortion",
+        "param p = [0.2, 1, 4]",
+        "position: [0, 0.8, 4], look_at: [0, 0, 0], distortion: [-0.2] => position: p, look_at: [0, 0.2, 0], distortion: [-0.2]",
+        0.05,
+    ),
+    ("look_at in focus", "param p = [0, 0.2, 1]", "position: [0, 1, 4], look_at: p, aperture: 0.4", 0.05),
+    (
+        "shutter",
+        "param p = [0.2, 0.7]\nshape flying { mesh: moving(cube() |> translate([-0.5, 1.2, 0]), cube() |> translate([1.5, 1.4, 0])) }",
+        "position: [0, 1, 4], look_at: [0, 0, 0], shutter: p",
+        0.05,
+    ),
+    // From the first keyframe to the last.
+    (
+        "first position",
+        "param p = [0.2, 1, 4]",
+        "position: p, look_at: [0, 0, 0] => position: [0.4, 0.8, 3.5], look_at: [0, 0, 0]",
+        0.05,
+    ),
+    (
+        "last position",
+        "param p = [0.2, 1, 4]",
+        "position: [0, 0.8, 4], look_at: [0, 0, 0] => position: p, look_at: [0, 0.2, 0]",
+        0.05,
+    ),
+    (
+        "last fov",
+        "param p = 50deg",
+        "position: [0, 1, 4], look_at: [0, 0, 0], fov: 40deg => position: [0.2, 1, 4], look_at: [0, 0, 0], fov: p",
+        0.03,
+    ),
+    (
+        "last aperture and focus",
+        "param p = [0.4, 1]",
+        "position: [0.9, 0.6, 1.6], look_at: [0.3, 0.2, 0] => position: [0.9, 0.6, 1.6], look_at: [0.3, 0.2, 0], aperture: p.x, focus: p.y",
+        0.05,
+    ),
+    (
+        "shutter of a camera that moves",
+        "param p = [0.2, 0.7]",
+        "position: [0, 1, 4], look_at: [0, 0, 0], shutter: p => position: [1, 1.2, 3.6], look_at: [0.2, 0, 0], shutter: p",
+        0.05,
+    ),
+    ("transform", "param p = [0.2, 1, 4]", "transform: look_at(p, [0, 0, 0])", 0.05),
+];
+
+const LOSS: &str =
+    "let y = mean(render(eye, spp: 8, max_bounces: 1) * (pixels(eye).x + 2 * pixels(eye).y) * [1, 0.5, 0.25])\n";
+
+/// Means agree within 3.5 combined standard errors, which are a few per cent of the largest element.
+fn agree(name: &str, text: &str, step: f64) {
+    let (mut engine, y, target) = value_and_param(name, text);
+    let mut drawn: Vec<[Vec<f64>; 2]> = Vec::new();
+    let found = loop {
+        let start = drawn.first().map_or(0, |d| d[0].len() as u64);
+        for r in start..start + PORTION {
+            engine.set_sample_seed(r + 1);
+            let found = engine.gradient(&y, std::slice::from_ref(&target)).unwrap_or_else(|e| panic!("{name}: {e:#?}"));
+            // A step alone is off by its curvature; two are extrapolated to none (Richardson), which has more noise.
+            let mut at = |step: f64| {
+                engine.finite_difference(&y, &target, step).unwrap_or_else(|e| panic!("{name}: {e:#?}")).data
+            };
+            let coarse = at(step);
+            let differences: Vec<f64> = at(0.5 * step).iter().zip(&coarse).map(|(f, c)| (4.0 * f - c) / 3.0).collect();
+            assert_eq!(found.grads[0].len(), differences.len(), "{name}");
+            drawn.resize(differences.len(), [Vec::new(), Vec::new()]);
+            for ((d, g), fd) in drawn.iter_mut().zip(&found.grads[0].data).zip(&differences) {
+                d[0].push(*g);
+                d[1].push(*fd);
+            }
+        }
+        let found: Vec<[Measured; 2]> = drawn.iter().map(|d| [statistics(&d[0]), statistics(&d[1])]).collect();
+        let largest = found.iter().map(|f| f[1].mean.abs()).fold(0.0, f64::max);
+        assert!(largest > 0.0, "{name}: nothing moves");
+        let precise = |f: &[Measured; 2]| f[0].error.hypot(f[1].error) < PRECISE * largest;
+        // Few values do not know their own error: what looks doubtful is drawn on.
+        let doubtful =
+            |f: &[Measured; 2]| (f[0].mean - f[1].mean).abs() > 2.5 * f[0].error.hypot(f[1].error) + 0.01 * largest;
+        let settled = start >= PORTION && found.iter().all(precise) && !found.iter().any(doubtful);
+        if settled || start + PORTION >= MOST {
+            break found;
+        }
+    };
+    let largest = found.iter().map(|f| f[1].mean.abs()).fold(0.0, f64::max);
+    for (k, [gradient, differences]) in found.iter().enumerate() {
+        let error = gradient.error.hypot(differences.error);
+        // A little for the curvature of differences.
+        let allowed = ALLOWED * error + 0.01 * largest;
+        let off = (gradient.mean - differences.mean).abs();
+        assert!(off <= allowed, "{name}, element {k}: gradient {gradient:?}, differences {differences:?}");
+        assert!(error < TELLING * largest, "{name}, element {k}: too noisy to tell ({gradient:?}, {differences:?})");
+    }
+}
+
+#[test]
+fn every_slot_of_a_scene() {
+    for case in CASES.iter().step_by(EVERY) {
+        let camera = "camera eye { position: [0, 0, 5], look_at: [0, 0, 0], fov: 40deg, film: [16, 12] }";
+        agree(case.name, &format!("{}\n{}\n{camera}\n{LOSS}", case.param, case.scene), case.step);
+    }
+}
+
+#[test]
+fn every_slot_of_a_camera() {
+    let scene = "
+shape ground { mesh: rectangle(width: 9, depth: 9) |> translate([0, -1, 0]), material: diffuse(reflectance: texture([[0.1, 0.8], [0.4, 0.2]])) }
+shape box { mesh: cube() |> rotate(y: 30deg), material: diffuse(reflectance: 0.9) }
+light l = directional(direction: [0.3, -1, -0.5], irradiance: 3)";
+    for (name, param, fields, step) in CAMERAS.iter().step_by(EVERY) {
+        let keyframes: Vec<String> = fields.split(" => ").map(|k| format!("camera({k}, film: [16, 12])")).collect();
+        let camera = match &keyframes[..] {
+            [opening, closing] => format!("let eye = moving({opening}, {closing})"),
+            _ => format!("let eye = {}", keyframes[0]),
+        };
+        // Silhouettes in differences are noisy: more samples.
+        let loss = LOSS.replace("spp: 8", "spp: 32");
+        agree(name, &format!("{param}\n{scene}\n{camera}\n{loss}"), *step);
+    }
+}
+
+/// Every variant of `Slot` is in a case above: who adds one adds a case, or this does not compile.
+#[test]
+fn every_slot_has_a_case() {
+    use dscene::render::Slot;
+    let all = [
+        Slot::Vertices(0),
+        Slot::Normals(0),
+        Slot::Uvs(0),
+        Slot::Colors(0),
+        Slot::Texels(0),
+        Slot::LightPlacement(0),
+        Slot::LightPower(0),
+        Slot::LightAxis(0),
+        Slot::LightCone(0),
+        Slot::EnvironmentRotation,
+        Slot::CameraOrigin,
+        Slot::CameraFrame,
+        Slot::CameraScale,
+        Slot::CameraLens,
+        Slot::CameraDistortion,
+        Slot::ClosingVertices(0),
+        Slot::ClosingNormals(0),
+        Slot::ClosingLightPlacement(0),
+        Slot::ClosingLightPower(0),
+        Slot::ClosingLightAxis(0),
+        Slot::ClosingLightCone(0),
+        Slot::ClosingCameraOrigin,
+        Slot::ClosingCameraFrame,
+        Slot::ClosingCameraScale,
+        Slot::ClosingCameraLens,
+        Slot::CameraShutter,
+    ];
+    for slot in all {
+        let (case, is_camera) = match slot {
+            Slot::Vertices(_) => ("vertices, and a silhouette", false),
+            Slot::Normals(_) => ("normals", false),
+            Slot::Uvs(_) => ("uvs", false),
+            Slot::Colors(_) => ("vertex colours", false),
+            Slot::Texels(_) => ("texels", false),
+            Slot::LightPlacement(_) | Slot::LightPower(_) => ("a point light", false),
+            Slot::LightAxis(_) | Slot::LightCone(_) => ("a spot light", false),
+            Slot::EnvironmentRotation => ("an environment's rotation and texels", false),
+            Slot::ClosingVertices(_) | Slot::ClosingNormals(_) => ("the last keyframe, and normals", false),
+            Slot::ClosingLightPlacement(_) | Slot::ClosingLightPower(_) => ("a point light's last keyframe", false),
+            Slot::ClosingLightAxis(_) | Slot::ClosingLightCone(_) => ("a spot light's last keyframe", false),
+            Slot::CameraOrigin => ("position", true),
+            Slot::CameraFrame => ("look_at", true),
+            Slot::CameraScale => ("fov", true),
+            Slot::CameraLens => ("aperture", true),
+            Slot::CameraDistortion => ("distortion", true),
+            Slot::ClosingCameraOrigin => ("last position", true),
+            Slot::ClosingCameraFrame => ("last position", true),
+            Slot::ClosingCameraScale => ("last fov", true),
+            Slot::ClosingCameraLens => ("last aperture and focus", true),
+            Slot::CameraShutter => ("shutter", true),
+        };
+        let known = if is_camera { CAMERAS.iter().any(|c| c.0 == case) } else { CASES.iter().any(|c| c.name == case) };
+        assert!(known, "{slot:?} has no case `{case}`");
+    }
+}

@@ -1,0 +1,137 @@
+//! What runs note for their reports, and what pages hold; `tests/pages.rs` looks at them in a browser.
+
+use std::fs;
+
+use dscene::check;
+use dscene::eval::{Engine, EngineOptions, on_large_stack};
+use dscene::session::{Recorder, RunFolder, Runner};
+use serde_json::{Value, json};
+
+use crate::place::{BOWL, Place, TRIANGLE, assert_code, assert_diagnosed, stderr, stdout};
+
+/// The JSON that a page holds.
+fn data(place: &Place, page: &str) -> Value {
+    let text = fs::read_to_string(place.path(page)).unwrap();
+    let (_, rest) = text.split_once("type=\"application/json\">").unwrap();
+    serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap()
+}
+
+#[test]
+fn a_report_has_all_that_was_seen_on_the_way() {
+    let place = Place::new();
+    // Two comparisons, one of them with the images on the other side, and an image that is compared with nothing.
+    let script = format!(
+        "{}loss two = fit + l1(target |> blur(sigma: 1), render(eye, spp: 1) |> blur(sigma: 1)) + 0 * mean(render(eye, spp: 1))\n\
+         optimize two {{ using: adam(lr: 0.02), steps: 60 every 30 {{ print step }} }}\n\
+         optimize fit {{ over: [glow], using: sgd(lr: 1e-9), steps: 3 }}\n",
+        // The target follows no param.
+        TRIANGLE
+            .replace("with { glow: 0.8 }", "with { glow: 0.8, corners: [[-1, -0.8, 0], [1, -0.9, 0], [0.1, 1, 0]] }")
+    );
+    place.write("a.dscene", script);
+    assert_code(&place.dsl(&["run", "a.dscene", "--out", "r", "--quiet"]), 0);
+    let data = data(&place, "r/report.html");
+    let [first, second] = &data["optimizations"].as_array().unwrap()[..] else { panic!("two of them") };
+    let names: Vec<&Value> = first["views"].as_array().unwrap().iter().map(|view| &view["name"]).collect();
+    assert_eq!(names, ["render(eye, spp: 2)", "render(eye, spp: 1) |> blur(sigma: 1)"]);
+    for view in first["views"].as_array().unwrap() {
+        assert_eq!((&view["start"]["step"], &view["end"]["step"]), (&json!(0), &json!(60)));
+        assert_eq!(view["target"]["width"], 16);
+        assert_ne!(view["start"]["image"], view["end"]["image"]);
+        let frames: Vec<u64> = view["frames"].as_array().unwrap().iter().map(|f| f["step"].as_u64().unwrap()).collect();
+        assert!(frames.is_sorted() && (20..24).contains(&frames.len()) && frames.last() == Some(&59), "{frames:?}");
+    }
+    // The target is the same as before, and written once.
+    assert_eq!(second["views"][0]["target"], first["views"][0]["target"]);
+    let noted = fs::read_to_string(place.path("r/report.jsonl")).unwrap();
+    assert_eq!(noted.matches("\"event\":\"target\"").count(), 2, "{noted}");
+    // A bound of a param is that of each of its numbers.
+    let params = first["params"].as_array().unwrap();
+    assert_eq!(params.iter().map(|p| p["entries"].as_array().unwrap().len()).collect::<Vec<_>>(), [9, 1]);
+    let glow = &params[1]["entries"][0];
+    assert_eq!((&glow["lower"], &glow["upper"]), (&json!(0.0), &json!(1.0)));
+    assert_eq!((params[0]["entries"][0]["lower"].clone(), second["of"].clone()), (Value::Null, json!("fit")));
+    // Phases of a step are parts of it.
+    for at in 0..60 {
+        let of = |phase: &str| first["phases"][phase][at].as_f64().unwrap();
+        let parts = of("render") + of("gradient") + of("solver");
+        let whole = first["seconds"][at].as_f64().unwrap();
+        assert!((parts / whole - 1.0).abs() < 0.01 && of("gradient") > 0.0 && of("render") > 0.0, "{parts} {whole}");
+    }
+    assert!(first["after"][1].as_f64().unwrap() > 0.0, "{}", first["after"]);
+}
+
+/// What is shown was rendered for the loss: to look costs no rendering.
+#[test]
+fn a_report_renders_nothing() {
+    on_large_stack(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.dscene");
+        for solver in ["adam(lr: 0.02)", "levenberg_marquardt()"] {
+            fs::write(&path, format!("{TRIANGLE}optimize fit {{ using: {solver}, steps: 6 }}\n")).unwrap();
+            let work = |is_noted: bool| {
+                let program = check::check(&path, &[], &check::Disk).program.unwrap();
+                let actions = program.actions.clone();
+                let mut engine = Engine::new(program, EngineOptions::default());
+                let mut world = Recorder::default();
+                let mut run = RunFolder::at(&folder.path().join(format!("{is_noted}")), true).unwrap();
+                let mut runner = Runner::new(&mut engine, &mut world);
+                runner.folder = is_noted.then_some(&mut run);
+                assert!(runner.run(&actions).is_ok());
+                let noted = fs::read_to_string(run.path().join("report.jsonl")).unwrap();
+                assert_eq!(noted.contains("\"picture\""), is_noted);
+                let done = engine.statistics();
+                (done.renders, done.samples, done.scenes, engine.state().params())
+            };
+            assert!(work(true) == work(false), "{solver}");
+        }
+    });
+}
+
+#[test]
+fn runs_are_compared_by_what_differs() {
+    let place = Place::new();
+    let script = format!("let rate = 0.2\n{}", BOWL.replace("lr: 0.2", "lr: rate").replace("expect bowl < 1e-6\n", ""));
+    place.write("bowl.dscene", &script);
+    place.write("lib.dscene", script.replace("x = 3", "x = 4"));
+    let run = |arguments: &str| assert_code(&place.dsl(&arguments.split(' ').collect::<Vec<_>>()), 0);
+    run("run bowl.dscene --out a");
+    run("run bowl.dscene --out b --set rate=0.1 --seed 2 --steps 9");
+    run("run lib.dscene --out c");
+    let output = place.dsl(&["compare", "a", "b", "c", "--json", "-o", "page.html"]);
+    assert_code(&output, 0);
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(found["saved"], "page.html");
+    let of = |at: usize, what: &str| found["runs"][at][what].clone();
+    assert_eq!(of(0, "settings"), json!({ "script": "bowl.dscene", "rate": "", "steps": "", "seed": "0" }));
+    assert_eq!(of(1, "settings"), json!({ "script": "bowl.dscene", "rate": "0.1", "steps": "9", "seed": "2" }));
+    assert_eq!((of(0, "steps"), of(1, "steps"), of(2, "ended")), (json!(60), json!(9), json!("finished")));
+    // What was found is where the run has come to, not where its last step began: (1 − 2·0.1)^9 of the way is left.
+    let x = of(1, "params")["x"].as_f64().unwrap();
+    assert!((x - (1.0 + 2.0 * 0.8_f64.powi(9))).abs() < 1e-6, "{x}");
+    let loss = of(1, "loss")["bowl"]["value"].as_f64().unwrap();
+    assert!((loss / ((4.0 + 1.0 + 4.0) * 0.64_f64.powi(9)) - 1.0).abs() < 1e-5, "{loss}");
+
+    let data = data(&place, "page.html");
+    assert_eq!(data["runs"][1]["label"], "bowl.dscene, rate = 0.1, steps = 9, seed = 2");
+    assert_eq!(data["runs"][1]["optimizations"][0]["step"].as_array().unwrap().len(), 9);
+    let [diff] = &data["diffs"].as_array().unwrap()[..] else { panic!("{}", data["diffs"]) };
+    let changed: Vec<&Value> = diff["lines"].as_array().unwrap().iter().filter(|line| line[0] != " ").collect();
+    assert_eq!(changed, [&json!(["-", "param x = 3"]), &json!(["+", "param x = 4"])]);
+
+    let output = place.dsl(&["compare", "a", "b"]);
+    assert_code(&output, 0);
+    let text = stdout(&output);
+    assert!(text.lines().count() == 3 && text.contains("rate = 0.1, steps = 9, seed = 2  finished      9"), "{text}");
+    assert!(place.path("compare.html").is_file());
+    // Runs that differ in nothing are told by their folders.
+    run("run bowl.dscene --out d");
+    assert!(stdout(&place.dsl(&["compare", "a", "d"])).contains("\nd    finished"));
+    for (folder, why) in [("nowhere", "is not the folder of a run"), ("page.html", "is not the folder of a run")] {
+        let output = place.dsl(&["compare", "a", folder]);
+        assert_diagnosed(&output);
+        assert!(stderr(&output).contains(why), "{}", stderr(&output));
+    }
+    fs::write(place.path("d/run.json"), "{}").unwrap();
+    assert!(stderr(&place.dsl(&["compare", "a", "d"])).contains("is not the record of a run"));
+}

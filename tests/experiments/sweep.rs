@@ -1,0 +1,315 @@
+//! Sweeps: many runs of one script, killed and shared, make one table.
+#![cfg(unix)]
+
+use std::fs;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use crate::place::{Place, TRIANGLE, assert_code, assert_diagnosed, send, stderr, stdout};
+
+/// A noisy problem with a sweep of twelve runs.
+fn triangle() -> String {
+    let small = TRIANGLE.replace("[16, 16]", "[8, 8]");
+    format!(
+        "{small}
+         sweep lr in [0.01, 0.02, 0.05, 0.1], seed in 0..3 {{
+           optimize fit {{ using: adam(lr: lr), steps: 12 }}
+           save glow to \"glow.json\"
+           report {{ error: abs(glow - 0.8), fit }}
+         }}"
+    )
+}
+
+/// A quick one without noise.
+const VALLEY: &str = "
+param x = start
+let start = 3
+let rate = 0.1
+loss valley = (x - 1) ^ 2
+optimize valley { using: sgd(lr: rate), steps: 20 }
+";
+
+fn lines(place: &Place, folder: &str, event: &str) -> Vec<Value> {
+    let text = fs::read_to_string(place.path(folder).join("journal.jsonl")).unwrap_or_default();
+    let lines = text.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+    lines.filter(|line| line["event"] == event).collect()
+}
+
+fn table(place: &Place, folder: &str) -> [String; 2] {
+    ["table.csv", "table.json"].map(|name| fs::read_to_string(place.path(folder).join(name)).unwrap())
+}
+
+fn wait_for(what: &str, mut is_there: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !is_there() {
+        assert!(begun.elapsed() < Duration::from_secs(60), "{what} takes too long");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+}
+
+#[test]
+fn a_sweep_that_is_killed_twice_gives_the_table_of_an_undisturbed_one() {
+    let place = Place::new();
+    place.write("a.dscene", triangle());
+    let whole = place.dsl(&["run", "a.dscene", "--out", "whole", "--quiet"]);
+    assert_code(&whole, 0);
+    assert_eq!(stdout(&whole).lines().count(), 5, "{}", stdout(&whole));
+    let command = ["sweep", "a.dscene", "--out", "killed", "--jobs", "2", "--threads", "2", "--checkpoint", "1"];
+    for (ended, signal) in [(2, "-KILL"), (6, "-KILL"), (8, "-TERM")] {
+        let child = place.start(&command);
+        wait_for("the sweep", || lines(&place, "killed", "ended").len() >= ended);
+        // Both runs that go on are half-way.
+        std::thread::sleep(Duration::from_millis(30));
+        assert!(send(&child, signal));
+        let output = child.wait_with_output().unwrap();
+        if signal == "-TERM" {
+            assert_code(&output, 130);
+            assert!(stderr(&output).contains("it goes on with the same command"), "{}", stderr(&output));
+        }
+    }
+    assert!(lines(&place, "killed", "ended").len() < 12, "nothing was left to do");
+    assert_code(&place.dsl(&command), 0);
+    assert_eq!(table(&place, "killed"), table(&place, "whole"));
+    for line in lines(&place, "killed", "ended") {
+        let saved = |folder: &str| fs::read(place.path(folder).join(line["run"].as_str().unwrap()).join("glow.json"));
+        assert_eq!(saved("killed").unwrap(), saved("whole").unwrap());
+    }
+    // What has finished is not run again, and says the same by another way of asking.
+    let begun = lines(&place, "killed", "begun").len();
+    let again = place.dsl(&["run", "a.dscene", "--resume", "killed", "--json"]);
+    assert_code(&again, 0);
+    assert_eq!(lines(&place, "killed", "begun").len(), begun);
+    let done: Value = serde_json::from_str(stdout(&again).trim()).unwrap();
+    assert_eq!(done["table"], serde_json::from_str::<Value>(&table(&place, "whole")[1]).unwrap());
+}
+
+#[test]
+fn two_shards_make_the_table_of_one() {
+    let place = Place::new();
+    place.write("a.dscene", triangle());
+    let shared = ["sweep", "a.dscene", "--steps", "4", "--quiet", "--threads", "1"];
+    assert_code(&place.dsl(&[&shared[..], &["--out", "whole"]].concat()), 0);
+    let shards =
+        ["1/2", "2/2"].map(|shard| place.start(&[&shared[..], &["--out", "parts", "--shard", shard]].concat()));
+    for shard in shards {
+        assert_code(&shard.wait_with_output().unwrap(), 0);
+    }
+    assert_eq!(table(&place, "parts"), table(&place, "whole"));
+    assert_eq!(lines(&place, "parts", "ended").len(), 12);
+    // A single one says what is left to others.
+    let alone = place.dsl(&["sweep", "a.dscene", "--steps", "4", "--out", "half", "--shard", "2/2"]);
+    assert_code(&alone, 0);
+    assert!(stderr(&alone).contains("6 runs are left"), "{}", stderr(&alone));
+}
+
+#[test]
+fn any_script_is_swept_over_from_the_command_line() {
+    let place = Place::new();
+    place.write("a.dscene", VALLEY);
+    let sweep = |more: &[&str]| place.dsl(&[&["sweep", "a.dscene", "--quiet"][..], more].concat());
+    let output = sweep(&["--set", "rate=0.1,0.4", "--set", "start=2..4", "--seeds", "2", "--jobs", "3"]);
+    assert_code(&output, 0);
+    let csv = table(&place, "runs/a-sweep")[0].clone();
+    let head =
+        "rate,start,runs_finished,runs_diverged,runs_pruned,runs_error,valley,valley_error,seconds,seconds_error";
+    let rows: Vec<&str> = csv.lines().collect();
+    assert_eq!((rows.len(), rows[0]), (5, head), "{csv}");
+    assert!(rows[1].starts_with("0.1,2,2,0,0,0,0.0001329") && rows[4].starts_with("0.4,3,2,0,0,0,"), "{csv}");
+    assert!(place.path("runs/a-sweep/rate=0.4,start=3,seed=1/checkpoint.bin").is_file());
+    // More of it only runs what is new.
+    assert_code(&sweep(&["--set", "rate=0.1,0.4", "--set", "start=2..5", "--seeds", "3"]), 0);
+    assert_eq!(lines(&place, "runs/a-sweep", "begun").len(), 18);
+    // A list in words, and values that are lists.
+    assert_code(&sweep(&["--out", "b", "--set", "rate=0.1 * 2^-k for k in 0..3"]), 0);
+    assert!(
+        place.path("b/rate=0.025,seed=0").is_dir(),
+        "{:?}",
+        fs::read_dir(place.path("b")).unwrap().flatten().collect::<Vec<_>>()
+    );
+    place.write("c.dscene", TRIANGLE.to_owned() + "print mean(render(eye))");
+    let output = place.dsl(&["sweep", "c.dscene", "--set", "eye.film=[4, 4],[8, 8]", "--quiet"]);
+    assert_code(&output, 0);
+    assert_eq!(
+        stdout(&output).matches("eye.film=[").count() + stdout(&output).matches("eye.film=_").count(),
+        2,
+        "{}",
+        stdout(&output)
+    );
+}
+
+#[test]
+fn what_is_wrong_is_told_before_anything_runs() {
+    let place = Place::new();
+    place.write("a.dscene", VALLEY);
+    place.write("b.dscene", triangle());
+    let cases: &[(&str, &[&str], &str)] = &[
+        ("a.dscene", &["--set", "rat=0.1,0.2"], "did you mean `rate`?"),
+        ("a.dscene", &["--set", "rate=0.1,\"fast\""], "dscene::"),
+        ("a.dscene", &["--set", "rate=3..3"], "there is nothing to sweep over"),
+        ("a.dscene", &["--set", "rate=0.1,,0.2"], "dscene::syntax"),
+        ("a.dscene", &["--set", "rate=0.1", "--set", "rate=0.2"], "`--set rate=A,B`"),
+        ("a.dscene", &["--set", "seed=1,2"], "`--seeds 5`"),
+        ("a.dscene", &["--set", "start=0..2000", "--seeds", "1000"], "more than 100,000 runs"),
+        ("a.dscene", &["--memory", "200MB", "--jobs", "8"], "a run needs 50 MB"),
+        ("b.dscene", &["--seed", "7"], "`--seeds 1 --seed 7`"),
+        ("b.dscene", &["--set", "lr=0.1,eye"], "dscene::"),
+        ("none.dscene", &[], "there is no such file"),
+        ("a.dscene", &["--resume", "nowhere"], "is not the folder of a sweep"),
+    ];
+    for (file, arguments, told) in cases {
+        let output = place.dsl(&[&["sweep", file, "--out", "out"][..], arguments].concat());
+        let output = if arguments.contains(&"--resume") {
+            place.dsl(&[&["sweep", file][..], arguments].concat())
+        } else {
+            output
+        };
+        assert_diagnosed(&output);
+        assert!(stderr(&output).contains(told), "{arguments:?}: {}", stderr(&output));
+        assert!(lines(&place, "out", "begun").is_empty(), "{arguments:?}");
+    }
+    for wrong in [&["--shard", "3/2"][..], &["--seeds", "0"], &["--jobs", "0"]] {
+        assert_code(&place.dsl(&[&["sweep", "a.dscene"][..], wrong].concat()), 2);
+    }
+}
+
+#[test]
+fn a_run_that_fails_is_told_and_stops_no_other() {
+    let place = Place::new();
+    let script = "param x = 1\nloss l = sqrt(x)\n
+                  sweep rate in [0.1, 1.2, 0.2], i in [0, 5] {
+                    print [7, 8][floor(x) - 1 + i]
+                    optimize l { using: sgd(lr: rate), steps: 3 }
+                    expect x < 0.8
+                    report { x }
+                  }";
+    place.write("a.dscene", script);
+    let output = place.dsl(&["run", "a.dscene", "--out", "r"]);
+    assert_code(&output, 1);
+    let text = stdout(&output);
+    let row = |rate: &str, i: &str| {
+        let is_row = |line: &&str| line.split_whitespace().take(2).eq([rate, i]);
+        text.lines().find(is_row).unwrap_or_default().to_owned()
+    };
+    assert!(row("0.1", "0").contains("an `expect` failed in 1"), "{text}");
+    assert!(row("1.2", "0").contains("0 of 1") && row("1.2", "0").contains("1 diverged"), "{text}");
+    assert!(row("0.2", "0").ends_with('*') && row("0.2", "5").contains("1 ended with an error"), "{text}");
+    assert!(text.contains("rate=0.2,i=0,seed=0: 7"), "{text}");
+    assert!(stderr(&output).contains("rate=1.2,i=0,seed=0: diverged"), "{}", stderr(&output));
+    assert!(stderr(&output).contains("dscene::"), "{}", stderr(&output));
+    // What ended with an error is tried again, what diverged would do so again.
+    let before = lines(&place, "r", "begun").len();
+    assert_code(&place.dsl(&["run", "a.dscene", "--out", "r"]), 1);
+    assert_eq!((before, lines(&place, "r", "begun").len()), (6, 9));
+    let page = fs::read_to_string(place.path("r/compare.html")).unwrap();
+    assert!(page.contains("Sweep of a") && page.contains("rate = 0.2"), "{page}");
+}
+
+#[test]
+fn hopeless_runs_are_given_up() {
+    let place = Place::new();
+    let script = "param x = start\nloss l = x ^ 2\n
+                  sweep start in [1, 1.1, 1.2, 50, 0.9] { optimize l { using: sgd(lr: 0.001), steps: 40 } }";
+    place.write("a.dscene", script);
+    let output = place.dsl(&["sweep", "a.dscene", "--prune", "--out", "r"]);
+    assert_code(&output, 0);
+    let text = stdout(&output);
+    assert_eq!(text.matches("1 pruned").count(), 1, "{text}");
+    let pruned = lines(&place, "r", "ended").into_iter().find(|line| line["end"] == "pruned").unwrap();
+    assert_eq!((&pruned["run"], &pruned["steps"]), (&Value::from("start=50,seed=0"), &Value::from(10)));
+    assert!(pruned["why"].as_str().unwrap().contains("after step 9"), "{pruned}");
+}
+
+#[test]
+fn a_changed_script_and_a_folder_in_use_are_refused() {
+    let place = Place::new();
+    place.write("a.dscene", VALLEY);
+    let sweep = |more: &[&str]| place.dsl(&[&["sweep", "a.dscene", "--out", "r", "--quiet"][..], more].concat());
+    assert_code(&sweep(&["--set", "rate=0.1,0.2"]), 0);
+    place.write("a.dscene", VALLEY.replace("x - 1", "x - 2"));
+    let output = sweep(&["--set", "rate=0.1,0.2"]);
+    assert_diagnosed(&output);
+    let told = stderr(&output);
+    assert!(told.contains("`a.dscene` has changed") && told.contains("--force"), "{told}");
+    assert_code(&sweep(&["--set", "rate=0.1,0.2,0.3", "--force"]), 0);
+    assert_eq!(lines(&place, "r", "begun").len(), 3);
+}
+
+#[test]
+fn a_sweep_goes_on_when_the_disk_has_room_again() {
+    let place = Place::new();
+    place.write("a.dscene", VALLEY.replace("steps: 20", "steps: 150"));
+    assert_code(&place.dsl(&["sweep", "a.dscene", "--set", "rate=0.01,0.02", "--out", "whole"]), 0);
+    let output = place.with_little_room("sweep a.dscene --set rate=0.01,0.02 --out full");
+    assert_diagnosed(&output);
+    assert!(stderr(&output).contains("cannot write"), "{}", stderr(&output));
+    assert_code(&place.dsl(&["sweep", "a.dscene", "--set", "rate=0.01,0.02", "--out", "full"]), 0);
+    let losses = |folder: &str| {
+        let ended = lines(&place, folder, "ended").into_iter().filter(|line| line["end"] == "finished");
+        ended.map(|line| line["values"]["valley"].to_string()).collect::<Vec<_>>()
+    };
+    assert_eq!((losses("full").len(), losses("full")), (2, losses("whole")));
+}
+
+#[test]
+fn a_thousand_combinations_are_shared_by_many() {
+    let place = Place::new();
+    place.write("a.dscene", VALLEY);
+    let command = ["sweep", "a.dscene", "--set", "start=0..1000", "--shard", "7/500", "--out", "r", "--quiet"];
+    assert_code(&place.dsl(&command), 0);
+    assert_eq!(lines(&place, "r", "ended").len(), 2);
+    assert_eq!(table(&place, "r")[0].lines().count(), 1001);
+}
+
+#[test]
+fn a_script_with_a_sweep_is_still_one_scene() {
+    let place = Place::new();
+    place.write("a.dscene", triangle());
+    // Outside of its runs a variable is its first value.
+    let output = place.dsl(&["eval", "a.dscene", "[lr, seed]"]);
+    assert_code(&output, 0);
+    assert_eq!(stdout(&output).trim(), "[0.01, 0]");
+    assert_code(&place.dsl(&["check", "a.dscene"]), 0);
+    // What only a stage's end depends on is of effect.
+    let staged = "param x = 1\nsweep start in [1, 2] { optimize x ^ 2 { stage a { steps: 2 then { param x = start } } stage b { steps: 1 } } }";
+    place.write("staged.dscene", staged);
+    assert_code(&place.dsl(&["check", "staged.dscene"]), 0);
+    assert_code(&place.dsl(&["grad", "a.dscene", "--wrt", "glow"]), 0);
+    let typed = place
+        .command(&["repl", "a.dscene"])
+        .write_stdin("sweep x in [1] { print x }\nreport { lr }\nlr\n")
+        .output()
+        .unwrap();
+    let told = stdout(&typed) + &stderr(&typed);
+    assert!(
+        told.contains("a sweep is many runs") && told.contains("outside of a sweep") && told.contains("0.01"),
+        "{told}"
+    );
+    // A run of it is a run: it can be exported.
+    assert_code(
+        &place.dsl(&["sweep", "a.dscene", "--set", "lr=0.05", "--seeds", "1", "--steps", "3", "--out", "r"]),
+        0,
+    );
+    let output = place.dsl(&["export", "r/lr=0.05,seed=0"]);
+    assert_code(&output, 0);
+    assert!(stdout(&output).contains("corners"), "{}", stdout(&output));
+}
+
+#[test]
+fn slips_are_told_by_what_to_write() {
+    let place = Place::new();
+    let cases = [
+        ("let rate = 0.1\nsweep rate in [rate, 2 * rate] { print rate }", "is made of `rate`, which it replaces"),
+        ("sweep rate = [0.1, 0.2] { print rate }", "write `sweep rate in [a, b] { … }`"),
+        ("sweep rate in [0.1, 0.2]", "write `sweep rate in [a, b] { … }`"),
+        ("sweep in [0.1, 0.2] { print 1 }", "expected a name"),
+        ("param x = 1\nfor rate in [0.1] { optimize x ^ 2 { steps: 3 } }", "runs with several values are a sweep"),
+    ];
+    for (script, told) in cases {
+        place.write("a.dscene", script);
+        let output = place.command(&["check", "a.dscene"]).env("COLUMNS", "120").output().unwrap();
+        assert_diagnosed(&output);
+        let text = stderr(&output).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(text.contains(told), "{script}: {text}");
+    }
+}

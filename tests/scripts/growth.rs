@@ -1,0 +1,347 @@
+//! Long programs, long arrays and long sessions: what they give is right, and they end. (How long it takes is for `benches/language.rs`.)
+
+use std::sync::Arc;
+
+use dscene::check::{self, Checked, Disk, Line, check_line, hir};
+use dscene::diag::Diagnostic;
+use dscene::eval::{Engine, EngineOptions};
+use dscene::session::{Recorder, Runner};
+
+use crate::dice::Dice;
+
+fn program(text: &str) -> hir::Program {
+    let Checked { program, diagnostics, .. } = check::check_text("test.dscene", None, text, &[], &Disk);
+    program.unwrap_or_else(|| panic!("{:#?}", diagnostics.iter().find(|d| d.is_error())))
+}
+
+/// The numbers of a declaration, or the code of its error.
+fn numbers(engine: &mut Engine, name: &str) -> Result<Vec<f64>, String> {
+    let id = engine.program().find(name).expect("declared");
+    match engine.eval_decl(id) {
+        Ok(value) => Ok(value.var().unwrap_or_else(|| panic!("{name} is no number")).value().data.clone()),
+        Err(error) => Err(error.code.to_owned()),
+    }
+}
+
+fn engine(text: &str) -> Engine {
+    Engine::new(program(text), EngineOptions::default())
+}
+
+fn close(a: &Result<Vec<f64>, String>, b: &Result<Vec<f64>, String>) -> bool {
+    let near = |(a, b): (&f64, &f64)| a == b || (a.is_nan() && b.is_nan()) || (a - b).abs() <= 1e-9 * (1.0 + b.abs());
+    match (a, b) {
+        (Ok(a), Ok(b)) => a.len() == b.len() && a.iter().zip(b).all(near),
+        (Err(a), Err(b)) => a == b,
+        _ => false,
+    }
+}
+
+/// An expression of `X` and `Y`, which stand for items, and of the names of `NAMES`.
+fn body(dice: &mut Dice, depth: usize) -> String {
+    if depth == 0 {
+        return ["X", "X", "X", "Y", "a", "b[1]", "0.5", "2", "p.y"][dice.below(9)].to_owned();
+    }
+    let (l, r) = (body(dice, depth - 1), body(dice, depth - 1));
+    match dice.below(18) {
+        0 => format!("({l} + {r})"),
+        1 => format!("({l} - {r})"),
+        2 | 3 => format!("({l} * {r})"),
+        4 => format!("({l} / {r})"),
+        5 => format!("({l}) ^ 2"),
+        6 => format!("abs({l}) ^ 0.5"),
+        7 => format!("sin({l} * 40deg)"),
+        8 => format!("exp(min({l}, 2))"),
+        9 => format!("max({l}, {r})"),
+        10 => format!("clamp({l}, -1, {r})"),
+        11 => format!("(if {l} > {r} then {l} else {r} * 2)"),
+        12 => format!("(if {l} > 0 and not ({r} < 0.4) then sqrt({l}) else -({r}))"),
+        13 => format!("(if {l} <= 0 or {r} >= 1 then {r} else log({l}))"),
+        14 => format!("f({l})"),
+        15 => format!("g({l}, k: {r})"),
+        16 => format!("g({l})"),
+        _ => format!("-tanh({l})"),
+    }
+}
+
+const NAMES: &str = "param q = [0.3, -1.2, 0, 2]
+param r = [1, 0.25, -0.5, 3]
+param a = 0.7
+param b = [0.4, 1.5]
+param p = [[1, 2], [0.5, -1]]
+let w = [1, -2, 0.5, 3]
+fn f(t) { let u = t * 2 - a  u * u + t }
+fn g(t, k = 3) = if t > k then t - k else k * t
+";
+
+#[test]
+fn comprehensions_give_what_their_items_give() {
+    let mut dice = Dice(0x1357_9bdf);
+    let mut sound = 0;
+    for round in 0..150 {
+        let depth = 1 + round % 3;
+        let body = body(&mut dice, depth).replace("p.y", "p[0].y");
+        let item = |i: usize| format!("({})", body.replace('X', &format!("q[{i}]")).replace('Y', &format!("r[{i}]")));
+        let named = body.replace('X', "x").replace('Y', "y");
+        // All of them, and those that a condition lets through.
+        for (condition, kept) in [("", vec![0, 1, 2, 3]), (" if x > 0.1", vec![0, 3])] {
+            let items: Vec<String> = kept.iter().map(|i| item(*i)).collect();
+            let text = format!(
+                "{NAMES}let at_once = [{named} for x, y in zip(q, r){condition}]
+let one_by_one = [{}]
+let weights = w[0..{}]
+let slope_once = [grad(dot(weights, at_once), q), grad(dot(weights, at_once), r)]
+let slope_each = [grad(dot(weights, one_by_one), q), grad(dot(weights, one_by_one), r)]
+let of_a_once = grad(dot(weights, at_once), a)
+let of_a_each = grad(dot(weights, one_by_one), a)
+let twice_once = grad(sum(grad(dot(weights, at_once), q)), q)
+let twice_each = grad(sum(grad(dot(weights, one_by_one), q)), q)
+",
+                items.join(", "),
+                kept.len(),
+            );
+            let mut engine = engine(&text);
+            for (once, each) in [
+                ("at_once", "one_by_one"),
+                ("slope_once", "slope_each"),
+                ("of_a_once", "of_a_each"),
+                ("twice_once", "twice_each"),
+            ] {
+                let (found, wanted) = (numbers(&mut engine, once), numbers(&mut engine, each));
+                assert!(close(&found, &wanted), "{once}: {found:?}, {each}: {wanted:?}\n{text}");
+                sound += usize::from(wanted.is_ok());
+            }
+        }
+    }
+    assert!(sound > 800, "only {sound} of 1200 had a value");
+}
+
+#[test]
+fn comprehensions_over_rows_indices_and_several_ranges() {
+    let rows = "param pts = [[1, 2], [3, -4], [0.5, 6]]
+let k = [2, 3]
+let n = 3
+";
+    for (comprehension, items) in [
+        ("[p.x * p.y for p in pts]", "[pts[0].x * pts[0].y, pts[1].x * pts[1].y, pts[2].x * pts[2].y]"),
+        ("[p * p.x + k for p in pts]", "[pts[0] * pts[0].x + k, pts[1] * pts[1].x + k, pts[2] * pts[2].x + k]"),
+        ("[x - y for x, y in pts]", "[pts[0][0] - pts[0][1], pts[1][0] - pts[1][1], pts[2][0] - pts[2][1]]"),
+        ("[pts[i] * pts[i + 1].x for i in 0..n - 1]", "[pts[0] * pts[1].x, pts[1] * pts[2].x]"),
+        ("[pts[-i - 1][1] for i in 0..2]", "[pts[-1][1], pts[-2][1]]"),
+        (
+            "[[x, k[1] * y] for x, y in pts]",
+            "[[pts[0].x, 3 * pts[0].y], [pts[1].x, 3 * pts[1].y], [pts[2].x, 3 * pts[2].y]]",
+        ),
+        ("[[p, k] for p in pts]", "[[pts[0], k], [pts[1], k], [pts[2], k]]"),
+        ("[k * 2 for p in pts]", "[k * 2, k * 2, k * 2]"),
+        ("[p.x * j for p in pts for j in 0..2]", "[0, pts[0].x, 0, pts[1].x, 0, pts[2].x]"),
+        ("[i * j for i in 1..3 for j in 0..2 if i != j]", "[0, 0, 2]"),
+        ("[norm(p) for p in pts]", "[norm(pts[0]), norm(pts[1]), norm(pts[2])]"),
+        (
+            "[norm(p) * j for p in pts for j in 1..3]",
+            "[norm(pts[0]), 2 * norm(pts[0]), norm(pts[1]), 2 * norm(pts[1]), norm(pts[2]), 2 * norm(pts[2])]",
+        ),
+        ("[if i < 1 then 1 else norm(pts[i]) for i in 0..3]", "[1, norm(pts[1]), norm(pts[2])]"),
+    ] {
+        let text = format!(
+            "{rows}let once = {comprehension}\nlet each = {items}\nlet slope = grad(sum(once ^ 2), pts)\nlet slope_each = grad(sum(each ^ 2), pts)\n"
+        );
+        let mut engine = engine(&text);
+        for (once, each) in [("once", "each"), ("slope", "slope_each")] {
+            let (found, wanted) = (numbers(&mut engine, once), numbers(&mut engine, each));
+            assert!(wanted.is_ok() && close(&found, &wanted), "{once} is {found:?}, not {wanted:?}\n{text}");
+        }
+    }
+    // Truths stay truths, and what fails for one item says so as ever.
+    let mut engine = engine(
+        "let xs = [1, 2, 3]\nlet some = if any([x > 2 for x in xs]) then 1 else 0\nlet bad = [sqrt(x - 2) for x in xs]\nlet none = len([x for x in xs if x > 5])\n",
+    );
+    assert_eq!(numbers(&mut engine, "some"), Ok(vec![1.0]));
+    assert_eq!(numbers(&mut engine, "bad"), Err("dscene::run::value".to_owned()));
+    assert_eq!(numbers(&mut engine, "none"), Ok(vec![0.0]));
+}
+
+/// With one pass over the array for each item these would take minutes.
+#[test]
+fn long_comprehensions_and_their_derivatives_end() {
+    let mut engine = engine(
+        "param q = [1 + 0 * i for i in 0..100000]
+let at_once = mean([(1 - x) ^ 2 for x in q])
+let by_item = mean([norm([x, 2]) ^ 2 for x in q[0..30000]])
+let slope = grad(at_once, q)[7]
+let slope_by_item = grad(by_item, q)[7] * 30000
+let constant = sum([len([x, x]) for x in 0..200000])
+",
+    );
+    assert_eq!(numbers(&mut engine, "at_once"), Ok(vec![0.0]));
+    assert_eq!(numbers(&mut engine, "slope"), Ok(vec![0.0]));
+    assert!(close(&numbers(&mut engine, "by_item"), &Ok(vec![5.0])));
+    assert!(close(&numbers(&mut engine, "slope_by_item"), &Ok(vec![2.0])));
+    assert_eq!(numbers(&mut engine, "constant"), Ok(vec![400_000.0]));
+}
+
+#[test]
+fn thousands_of_params_are_optimised() {
+    let count = 8000;
+    let params: String = (0..count).map(|i| format!("param p{i} = 1\n")).collect();
+    let sums: Vec<String> =
+        (0..80).map(|k| (k * 100..(k + 1) * 100).map(|i| format!("p{i} ^ 2")).collect::<Vec<_>>().join(", ")).collect();
+    let parts: String = sums.iter().enumerate().map(|(k, sum)| format!("let s{k} = sum([{sum}])\n")).collect();
+    let all: Vec<String> = (0..80).map(|k| format!("s{k}")).collect();
+    let text =
+        format!("{params}{parts}loss l = sum([{}])\noptimize l {{ using: sgd(lr: 0.25), steps: 2 }}\n", all.join(", "));
+    let program = program(&text);
+    let actions = program.actions.clone();
+    let folder = tempfile::tempdir().unwrap();
+    let mut engine = Engine::new(program, EngineOptions::default());
+    let mut world = Recorder::default();
+    let mut runner = Runner::new(&mut engine, &mut world);
+    runner.outputs = folder.path().to_path_buf();
+    let _ = runner.run(&actions).unwrap_or_else(|d| panic!("{d:#?}"));
+    // Each step halves every param.
+    assert_eq!(numbers(&mut engine, "p7999"), Ok(vec![0.25]));
+    assert_eq!(numbers(&mut engine, "l"), Ok(vec![f64::from(count) / 16.0]));
+}
+
+/// On a thread with the stack that a main thread has.
+fn on_main_stack<T: Send + 'static>(f: impl FnOnce() -> T + Send + 'static) -> T {
+    std::thread::Builder::new().stack_size(8 << 20).spawn(f).unwrap().join().unwrap()
+}
+
+#[test]
+fn a_chain_of_50000_declarations_is_checked_and_evaluated() {
+    for reversed in [false, true] {
+        let value = on_main_stack(move || {
+            let mut lines: Vec<String> = (1..50_000).map(|i| format!("let a{i} = a{} + 1", i - 1)).collect();
+            lines.push("let a0 = 0".to_owned());
+            if reversed {
+                lines.reverse();
+            }
+            numbers(&mut engine(&lines.join("\n")), "a49999")
+        });
+        assert_eq!(value, Ok(vec![49_999.0]));
+    }
+}
+
+#[test]
+fn each_of_10000_unknown_names_is_told_once() {
+    let text: String = (0..10_000).map(|i| format!("let a{i} = nowhere_{i} * 2\n")).collect();
+    let found = check::check_text("test.dscene", None, text, &[], &Disk).diagnostics;
+    assert_eq!(found.iter().filter(|d| d.code == "dscene::name::unknown").count(), 10_000);
+    assert_eq!(found.len(), 10_000);
+}
+
+#[test]
+fn what_doubles_with_every_line_is_checked() {
+    let chain = |line: &dyn Fn(usize) -> String| (1..=30).map(line).collect::<String>();
+    let functions = chain(&|i| format!("fn f{i}(x) = f{0}(x) + f{0}(x)\n", i - 1));
+    program(&format!("fn f0(x) = x\n{functions}fn use(x) = f30(x)\nlet y = f3(1)\n"));
+    let values = chain(&|i| format!("let f{i} = x => f{0}(f{0}(x))\n", i - 1));
+    program(&format!("let f0 = x => x\n{values}let y = f3(1)\n"));
+    let pairs = chain(&|i| format!("let z{i} = zip(z{0}, z{0})\n", i - 1));
+    program(&format!("let z0 = [1, 2]\n{pairs}"));
+    let chained = (0..40).fold("a".to_owned(), |inner, _| format!("zip({inner}, a)"));
+    program(&format!("let a = [1, 2]\nlet z = {chained}\n"));
+}
+
+/// Checks lines one after the other, as the REPL does.
+fn typed(program: &mut hir::Program, text: &str) -> Result<Vec<hir::DeclId>, Vec<Diagnostic>> {
+    match check_line(program, text) {
+        (Some(Line::Statements { declared, .. }), _) => Ok(declared),
+        (Some(_), _) => Ok(Vec::new()),
+        (None, diagnostics) => Err(diagnostics),
+    }
+}
+
+#[test]
+fn a_line_checks_nothing_that_it_does_not_touch() {
+    let mut program = program("let a0 = 1\n");
+    typed(&mut program, "let first = a0").unwrap();
+    for i in 1..1000 {
+        let before = program.decls.clone();
+        typed(&mut program, &format!("let a{i} = a{} + 1", i - 1)).unwrap();
+        assert_eq!(program.decls.len(), before.len() + 1);
+        assert!(before.iter().zip(&program.decls).all(|(old, new)| Arc::ptr_eq(old, new)), "line {i}");
+    }
+    let before = program.decls.clone();
+    // The last three depend on this one.
+    typed(&mut program, "let a997 = 5").unwrap();
+    let changed = before.iter().zip(&program.decls).filter(|(old, new)| !Arc::ptr_eq(old, new));
+    assert_eq!(changed.map(|(_, new)| new.name.as_str()).collect::<Vec<_>>(), ["a997", "a998", "a999"]);
+    let mut engine = Engine::new(program, EngineOptions::default());
+    assert_eq!(numbers(&mut engine, "a999"), Ok(vec![7.0]));
+}
+
+#[test]
+fn a_line_that_breaks_what_depends_on_it_changes_nothing() {
+    let mut program = program("let a = 1\nlet high = 2\nparam p = 1 in 0..high\nfn f(x) = x * a\nlet y = f([1, 2])\n");
+    typed(&mut program, "let b = a + 1").unwrap();
+    for (line, code) in [
+        ("let a = \"text\"", "dscene::type"),
+        ("let a = b", "dscene::name::cycle"),
+        ("let high = 0.5", "dscene::type::bounds"),
+        ("let a = [1, 2, 3]", "dscene::"),
+    ] {
+        let errors = typed(&mut program, line).expect_err(line);
+        assert!(errors.iter().any(|d| d.code.starts_with(code)), "{line}: {errors:#?}");
+        let mut engine = Engine::new(program.clone(), EngineOptions::default());
+        assert_eq!(numbers(&mut engine, "b"), Ok(vec![2.0]), "{line}");
+    }
+    typed(&mut program, "fn f(x) = x * 3").unwrap();
+    typed(&mut program, "let a = 4").unwrap();
+    let mut engine = Engine::new(program.clone(), EngineOptions::default());
+    assert_eq!(numbers(&mut engine, "y"), Ok(vec![3.0, 6.0]));
+    assert_eq!(numbers(&mut engine, "b"), Ok(vec![5.0]));
+    // A name of the library is another matter: everything that used it means the new one.
+    typed(&mut program, "let c = pi").unwrap();
+    typed(&mut program, "let pi = 3").unwrap();
+    let mut engine = Engine::new(program, EngineOptions::default());
+    assert_eq!(numbers(&mut engine, "c"), Ok(vec![3.0]));
+}
+
+/// Line by line or as a file: what is accepted is the same, and so is what it gives.
+#[test]
+fn lines_give_what_a_file_gives() {
+    let mut dice = Dice(0xfeed);
+    for _ in 0..12 {
+        let mut program = program("let start = 1\n");
+        let mut file: Vec<(String, String)> = Vec::new();
+        for _ in 0..25 {
+            let name = ["u", "v", "w", "x", "y"][dice.below(5)].to_owned();
+            let other = |dice: &mut Dice| ["u", "v", "w", "x", "y", "start", "2"][dice.below(7)];
+            let (a, b) = (other(&mut dice), other(&mut dice));
+            let text = match dice.below(7) {
+                0 => format!("let {name} = {a} + {b}"),
+                1 => format!("let {name} = [{a}, {b}]"),
+                2 => format!("let {name} = sum([t * {a} for t in [1, 2]])"),
+                3 => format!("param {name} = 0.5 in 0..{b}"),
+                4 => format!("let {name} = sum({a}) * len([{b}, 1])"),
+                5 => format!("let {name} = {a}[0]"),
+                _ => format!("let {name} = {}", dice.below(9)),
+            };
+            let mut next = file.clone();
+            match next.iter_mut().find(|(n, _)| *n == name) {
+                Some(line) => line.1 = text.clone(),
+                None => next.push((name, text.clone())),
+            }
+            let whole: Vec<&str> = next.iter().map(|(_, text)| text.as_str()).collect();
+            let whole = format!("let start = 1\n{}\n", whole.join("\n"));
+            let checked = check::check_text("test.dscene", None, whole.as_str(), &[], &Disk);
+            let accepted = typed(&mut program, &text);
+            assert_eq!(accepted.is_ok(), checked.program.is_some(), "{text}\nin\n{whole}{accepted:#?}");
+            let Some(of_file) = checked.program else { continue };
+            file = next;
+            let mut by_line = Engine::new(program.clone(), EngineOptions::default());
+            let mut by_file = Engine::new(of_file, EngineOptions::default());
+            for (name, _) in &file {
+                let ty =
+                    |engine: &Engine| engine.program().find(name).map(|id| engine.program().decl(id).ty.to_string());
+                assert_eq!(ty(&by_line), ty(&by_file), "{name} in\n{whole}");
+                let value = |engine: &mut Engine| {
+                    let id = engine.program().find(name).unwrap();
+                    engine.eval_decl(id).map(|v| dscene::eval::to_json(&v)).map_err(|d| d.code)
+                };
+                assert_eq!(value(&mut by_line), value(&mut by_file), "{name} in\n{whole}");
+            }
+        }
+    }
+}

@@ -1,0 +1,27 @@
+//! Scripts from text to values: the language, its library, files that it reads, the command line and the REPL.
+
+#[path = "../common/dice.rs"]
+mod dice;
+#[path = "../common/gltf.rs"]
+mod gltf;
+#[path = "../common/place.rs"]
+mod place;
+#[path = "../common/typed.rs"]
+mod typed;
+
+mod advice;
+mod checker;
+mod cli;
+mod data_files;
+mod diagnostics;
+mod growth;
+mod hostile_values;
+mod image_files;
+mod language;
+mod library;
+mod mesh_files;
+mod mutated_scripts;
+mod natives;
+mod repl;
+mod tidy;
+mod typed_programs;
