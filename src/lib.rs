@@ -53,6 +53,7 @@ pub mod diag;
 pub mod image;
 pub mod mesh;
 
+pub mod figure;
 pub mod render;
 pub mod syntax;
 pub mod tape;

@@ -1,4 +1,4 @@
-//! Actions: `optimize`, `save`, `print`, `plot`, `expect`. (`sweep` and `report` have a file of their own.)
+//! Actions: `optimize`, `save`, `print`, `expect`. (`plot`, `sweep` and `report` have files of their own.)
 
 use super::hir;
 use super::modules::Checker;
@@ -64,16 +64,12 @@ impl Checker<'_> {
                             ),
                     );
                 }
-                hir::Action::Save { path: self.path(path, Some(&value.ty)), value, span: *span }
+                hir::Action::Save { path: self.saved_to(path, &value.ty), value, span: *span }
             }
             ast::Action::Print { values, span } => {
                 hir::Action::Print { values: values.iter().map(|v| self.expr(v, None).expr).collect(), span: *span }
             }
-            ast::Action::Plot { values, path, span } => hir::Action::Plot {
-                values: values.iter().map(|v| self.plotted(v)).collect(),
-                path: path.as_ref().map(|p| self.path(p, None)),
-                span: *span,
-            },
+            ast::Action::Plot(plot) => self.plot(plot),
             ast::Action::Expect { condition, span } => {
                 hir::Action::Expect { condition: self.condition(condition), span: *span }
             }
@@ -81,21 +77,6 @@ impl Checker<'_> {
             // The grammar has none within other actions.
             ast::Action::Sweep(sweep) => hir::Action::Print { values: Vec::new(), span: sweep.span },
         }
-    }
-
-    /// Checks that a value can be drawn as a curve.
-    fn plotted(&mut self, value: &ast::Expr) -> hir::Expr {
-        let value = self.expr(value, None).expr;
-        if !matches!(value.ty, Ty::Num(_) | Ty::Angle) && !value.ty.is_unknown() {
-            let help =
-                matches!(value.ty, Ty::Image { .. }).then_some("an image is saved: `save EXPR to \"image.png\"`");
-            self.diagnostics.push(
-                Diagnostic::error("dscene::type::mismatch", format!("{} cannot be plotted", value.ty.a()))
-                    .label(value.span, format!("this is `{}`", value.ty))
-                    .help(help.unwrap_or("plot numbers: a loss, a param, an array of them")),
-            );
-        }
-        value
     }
 
     /// `image.png` without quotes.
@@ -106,8 +87,22 @@ impl Checker<'_> {
         (!known).then(|| format!("{stem}.{}", name.text))
     }
 
-    /// Checks the name of an output file; `saved` is the type of the value that is saved.
-    fn path(&mut self, path: &ast::Expr, saved: Option<&Ty>) -> hir::Expr {
+    /// Checks the name of the file that a value is saved to.
+    fn saved_to(&mut self, path: &ast::Expr, saved: &Ty) -> hir::Expr {
+        let known: &[&str] = match saved {
+            Ty::Num(shape) if shape.len() < 2 => &["json", "csv", "npy", "txt"],
+            Ty::Num(_) => &["png", "exr", "hdr", "json", "csv", "npy", "txt"],
+            Ty::Image { .. } | Ty::Texture => &["png", "exr", "hdr", "npy", "json", "txt"],
+            Ty::Angle | Ty::Rotation | Ty::Transform => &["json", "csv", "npy", "txt"],
+            Ty::Bool | Ty::Str | Ty::Array(..) | Ty::Tuple(_) | Ty::Estimate(_) | Ty::Gradients => &["json", "txt"],
+            Ty::Mesh => &["obj", "ply", "glb", "json", "txt"],
+            _ => &["png", "exr", "hdr", "obj", "ply", "glb", "json", "csv", "npy", "txt"],
+        };
+        self.path(path, &saved.a(), known)
+    }
+
+    /// Checks the name of an output file, whose ending is one of those `known` for `what`.
+    pub fn path(&mut self, path: &ast::Expr, what: &str, known: &[&str]) -> hir::Expr {
         if let Some(name) = self.unquoted(path) {
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::mismatch", "a path is a string")
@@ -133,16 +128,6 @@ impl Checker<'_> {
             );
             return typed.expr;
         }
-        let Some(saved) = saved else { return typed.expr };
-        let known: &[&str] = match saved {
-            Ty::Num(shape) if shape.len() < 2 => &["json", "csv", "npy", "txt"],
-            Ty::Num(_) => &["png", "exr", "hdr", "json", "csv", "npy", "txt"],
-            Ty::Image { .. } | Ty::Texture => &["png", "exr", "hdr", "npy", "json", "txt"],
-            Ty::Angle | Ty::Rotation | Ty::Transform => &["json", "csv", "npy", "txt"],
-            Ty::Bool | Ty::Str | Ty::Array(..) | Ty::Tuple(_) | Ty::Estimate(_) | Ty::Gradients => &["json", "txt"],
-            Ty::Mesh => &["obj", "ply", "glb", "json", "txt"],
-            _ => &["png", "exr", "hdr", "obj", "ply", "glb", "json", "csv", "npy", "txt"],
-        };
         // The extension may be known even if the name is interpolated.
         let tail = match (&typed.expr.kind, &typed.value) {
             (_, Some(Const::Str(text))) => Some((text.as_str(), true)),
@@ -159,7 +144,7 @@ impl Checker<'_> {
         match file.rsplit_once('.') {
             Some((_, ending)) if known.contains(&ending.to_lowercase().as_str()) => {}
             Some((_, ending)) => self.diagnostics.push(
-                Diagnostic::error("dscene::file::format", format!("{} cannot be saved as `.{ending}`", saved.a()))
+                Diagnostic::error("dscene::file::format", format!("{what} cannot be saved as `.{ending}`"))
                     .label(path.span, "unknown ending")
                     .help(format!("the endings are: {shown}")),
             ),

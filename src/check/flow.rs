@@ -120,7 +120,7 @@ pub fn used_by_actions(program: &Program) -> BTreeSet<DeclId> {
             }
             Action::Save { value, path, .. } => vec![value, path],
             Action::Print { values, .. } => values.iter().collect(),
-            Action::Plot { values, path, .. } => values.iter().chain(path).collect(),
+            Action::Plot(plot) => plot.parts().collect(),
             Action::Expect { condition, .. } => vec![condition],
             Action::Report { columns, .. } => columns.iter().filter_map(|c| c.value.as_ref()).collect(),
         };
@@ -192,7 +192,7 @@ fn without_step(program: &Program, flow: &mut Flow) -> Vec<Diagnostic> {
             Action::Optimize(_) => return out,
             Action::Save { value, path, .. } => vec![value, path],
             Action::Print { values, .. } => values.iter().collect(),
-            Action::Plot { values, path, .. } => values.iter().chain(path).collect(),
+            Action::Plot(plot) => plot.parts().collect(),
             Action::Expect { condition, .. } => vec![condition],
             Action::Report { columns, .. } => columns.iter().filter_map(|c| c.value.as_ref()).collect(),
         };

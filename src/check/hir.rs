@@ -380,7 +380,7 @@ pub enum Action {
     Optimize(Box<Optimize>),
     Save { value: Expr, path: Expr, span: Span },
     Print { values: Vec<Expr>, span: Span },
-    Plot { values: Vec<Expr>, path: Option<Expr>, span: Span },
+    Plot(Box<Plot>),
     Expect { condition: Expr, span: Span },
     Report { columns: Vec<Column>, span: Span },
 }
@@ -389,12 +389,35 @@ impl Action {
     pub fn span(&self) -> Span {
         match self {
             Action::Optimize(o) => o.span,
+            Action::Plot(plot) => plot.span,
             Action::Save { span, .. }
             | Action::Print { span, .. }
-            | Action::Plot { span, .. }
             | Action::Expect { span, .. }
             | Action::Report { span, .. } => *span,
         }
+    }
+}
+
+/// Curves: on the terminal, or in a file.
+#[derive(Clone, Debug)]
+pub struct Plot {
+    pub values: Vec<Expr>,
+    /// Where the values are along the x axis; else they are numbered, or shown over the steps of an optimisation.
+    pub over: Option<Expr>,
+    pub path: Option<Expr>,
+    /// Those of [`super::plot::SETTINGS`].
+    pub settings: Vec<(String, Expr)>,
+    pub span: Span,
+}
+
+impl Plot {
+    pub fn setting(&self, name: &str) -> Option<&Expr> {
+        self.settings.iter().find(|(n, _)| n == name).map(|(_, e)| e)
+    }
+
+    /// All expressions.
+    pub fn parts(&self) -> impl Iterator<Item = &Expr> {
+        self.values.iter().chain(&self.over).chain(&self.path).chain(self.settings.iter().map(|(_, e)| e))
     }
 }
 

@@ -76,6 +76,9 @@ fn of_images(name: &str, args: Arguments) -> Option<Ty> {
     if let ("luminance", Ty::Num(_)) = (name, of) {
         return Some(Ty::SCALAR);
     }
+    if name == "montage" {
+        return Some(sheet(args).unwrap_or_else(any_image));
+    }
     let Ty::Image { height, width, channels, made } = of else { return None };
     Some(match name {
         "crop" => image(args.count("height"), args.count("width"), *channels, place("width")),
@@ -89,6 +92,7 @@ fn of_images(name: &str, args: Arguments) -> Option<Ty> {
         }
         "pyramid" => Ty::Array(Box::new(image(None, None, *channels, Made(None))), args.count_or("levels", 4)),
         "luminance" => image(*height, *width, Some(1), *made),
+        "colormap" => image(*height, *width, Some(3), *made),
         "pad" => {
             let wide = |n: &Dim, a: &str, b: &str| Some((*n)? + args.count_or(a, 0)? + args.count_or(b, 0)?);
             image(wide(height, "top", "bottom"), wide(width, "left", "right"), *channels, place("image"))
@@ -100,6 +104,22 @@ fn of_images(name: &str, args: Arguments) -> Option<Ty> {
         },
         _ => return None,
     })
+}
+
+/// The size of a contact sheet, if its images are known to be of one size.
+fn sheet(args: Arguments) -> Option<Ty> {
+    let (item, count) = item_of(args.ty("images")?)?;
+    let (Ty::Image { height: Some(height), width: Some(width), channels, .. }, Some(count)) = (item, count) else {
+        return None;
+    };
+    let columns = match args.get("columns") {
+        Some(_) => args.count("columns")?.min(count),
+        None => (1..=count).find(|n| n * n >= count)?,
+    };
+    let gap = args.count_or("gap", 4)?;
+    let across = |cells: usize, side: usize| Some(cells.checked_mul(side)? + cells.checked_sub(1)? * gap);
+    let rows = count.checked_div(columns)? + usize::from(count % columns > 0);
+    Some(image(across(rows, height), across(columns, width), channels, Made(None)))
 }
 
 /// The shape with another length of its last axis.

@@ -44,6 +44,7 @@ impl Checker<'_> {
             }
             "sort" | "normalize" => self.check_not_one(name, args.get("x")),
             "pad" => self.check_margin(args),
+            "colormap" => self.check_false_colours(args),
             "reshape" => self.check_reshape(args),
             "crop" => self.check_crop(args),
             "minibatch" => {
@@ -110,6 +111,34 @@ impl Checker<'_> {
                 Diagnostic::error("dscene::type::shape", format!("the image has {channels} channels"))
                     .label(value.expr.span, format!("this is `{}`", value.expr.ty))
                     .help("write one number, or one for each channel"),
+            );
+        }
+    }
+
+    /// Checks that false colours are of one channel, and that their range has a length.
+    fn check_false_colours(&mut self, args: Arguments) {
+        if let Some(image) = args.get("image")
+            && let Ty::Image { channels: Some(n), .. } = image.expr.ty
+            && n != 1
+        {
+            let text = self.sources.text(image.expr.span).to_owned();
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::shape", format!("false colours show one channel, this image has {n}"))
+                    .label(image.expr.span, format!("this is `{}`", image.expr.ty))
+                    .help(format!("take one of them, or their brightness: `colormap(luminance({text}))`")),
+            );
+        }
+        if let (Some(low), Some(high)) = (args.get("low"), args.get("high"))
+            && let (Some(from), Some(to)) = (args.number("low"), args.number("high"))
+            && from >= to
+        {
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::value::range",
+                    "the range of colours has no length: `low` must be less than `high`",
+                )
+                .label(high.expr.span, format!("this is {to}"))
+                .label(low.expr.span, format!("this is {from}")),
             );
         }
     }

@@ -19,7 +19,7 @@ use crate::files::write_atomically;
 use crate::natives::value::{LightValue, MeshValue, Value as Made};
 use crate::session::folder::{cannot_write, nested};
 use crate::session::record::Step;
-use crate::session::run::{image_of, save_value};
+use crate::session::save::{image_of, save_value};
 use crate::session::show::digits;
 use crate::session::{Checkpoint, RunInfo, Runner, StepOfRun, World, world};
 use crate::source::SourceMap;

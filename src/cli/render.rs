@@ -12,7 +12,8 @@ use crate::eval;
 use crate::files::is_run_file;
 use crate::session::clock::{Stopwatch, human_seconds};
 use crate::session::folder::{cannot_write, spare_inputs};
-use crate::session::run::{SaveError, save_value, tell_warnings};
+use crate::session::run::tell_warnings;
+use crate::session::save::{SaveError, clipped_warning, save_value};
 use crate::session::{World, world};
 
 pub fn run(args: &RenderArgs) -> u8 {
@@ -39,7 +40,11 @@ pub fn run(args: &RenderArgs) -> u8 {
         // Only now all files are known that the script reads.
         writable(&path)?;
         let saved = loaded.engine.stoppable(|| save_value(&value, &expr.ty, &path))?;
-        saved.map_err(|e| cannot_save(&path, e))?;
+        let clipped = saved.map_err(|e| cannot_save(&path, e))?;
+        if let Some(clipped) = clipped {
+            let text = loaded.engine.program().sources.text(expr.span);
+            loaded.engine.warn_once(expr.span, "clipped", clipped_warning(&clipped, &path, text));
+        }
         Ok::<_, Diagnostic>((value, path))
     });
     let seconds = watch.elapsed().wall;

@@ -350,6 +350,8 @@ pub fn function(name: &str) -> Option<&'static str> {
         "quat" => "quaternion",
         "cat" | "append" | "hstack" | "vstack" | "concatenate" => "concat",
         "grid_sample" | "bilinear" => "sample",
+        "contact_sheet" | "make_grid" | "image_grid" | "tile" | "subplots" => "montage",
+        "false_color" | "false_colour" | "falsecolor" | "colormap_image" | "cmap" | "apply_colormap" => "colormap",
         "linear_to_srgb" => "to_srgb",
         "srgb_to_linear" => "from_srgb",
         "bbox" | "bounding_box" | "aabb" => "bounds",
@@ -370,6 +372,21 @@ pub fn function(name: &str) -> Option<&'static str> {
         "move" | "shift" => "translate",
         "turn" => "rotate",
         "length_of" | "size" | "count" => "len",
+        _ => return None,
+    })
+}
+
+/// What is written in a `plot` for a field with that name.
+pub fn plot_setting(name: &str) -> Option<&'static str> {
+    Some(match name.to_lowercase().as_str() {
+        "logx" | "log_x" | "semilogx" => "log: x",
+        "logy" | "log_y" | "semilogy" | "yscale" | "scale" | "log_scale" | "logarithmic" => "log: y",
+        "loglog" | "log_log" => "log: xy",
+        "error" | "errors" | "yerr" | "std" | "error_band" | "errorbar" | "ci" => "band: …",
+        "names" | "labels" | "label" => "legend: […]",
+        "xlabel" | "x_title" | "xtitle" | "x_axis" | "x" => "x_label: \"…\"",
+        "ylabel" | "y_title" | "ytitle" | "y_axis" | "y" => "y_label: \"…\"",
+        "figsize" | "resolution" | "width" | "height" => "size: [640, 400]",
         _ => return None,
     })
 }

@@ -386,6 +386,11 @@ impl Engine {
         self.warnings.take()
     }
 
+    /// Warns of `what` about the expression at `span`, once.
+    pub fn warn_once(&self, span: Span, what: &'static str, warning: Diagnostic) {
+        self.warnings.say(span, what, || warning);
+    }
+
     /// The value of an expression in the program's world.
     pub fn eval(&mut self, e: &hir::Expr) -> Result<Value> {
         self.on_stack(|engine| engine.at_root(e))

@@ -6,6 +6,8 @@ use image::metadata::Orientation;
 
 pub use crate::files::{describe_io, read_bytes, write_atomically};
 
+pub use super::png::Clipped;
+
 use super::{Image, ImageError, exr, hdr, jpeg, png};
 
 /// The encoding of the integers in PNG and JPEG files.

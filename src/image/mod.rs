@@ -2,6 +2,7 @@
 
 #![deny(missing_docs)]
 
+pub mod colormap;
 mod exr;
 pub mod file;
 pub mod filter;

@@ -109,6 +109,47 @@ impl Transfer {
     }
 }
 
+/// What a PNG file does not hold of an image: the colours beyond black and white. (Alpha has a range of its own.)
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Clipped {
+    /// The share of the pixels with a channel that is below 0, above 1 or no number, by more than the rounding to 8 bits.
+    pub share: f64,
+    /// The least value of all channels.
+    pub least: f32,
+    /// The largest value of all channels.
+    pub largest: f32,
+    /// What all but a thousandth of the pixels do not exceed.
+    pub mostly_below: f32,
+    /// How many channels the image has.
+    pub channels: usize,
+}
+
+/// Clips fewer pixels than these, and nobody sees it: the glints of a noisy image.
+const CLIPPED: f64 = 1e-3;
+
+impl Clipped {
+    /// Of an image; `None` if it is a thousandth of the pixels at most.
+    pub fn of(image: &Image) -> Option<Clipped> {
+        let colours = if image.channels == 4 { 3 } else { image.channels };
+        let pixels = || image.data.chunks_exact(image.channels.max(1)).map(|pixel| &pixel[..colours.min(pixel.len())]);
+        let fits = |v: &f32| (-0.5..=255.5).contains(&(255.0 * linear_to_srgb(f64::from(*v))));
+        let count = pixels().len();
+        let share = pixels().filter(|pixel| !pixel.iter().all(fits)).count() as f64 / count.max(1) as f64;
+        if share <= CLIPPED {
+            return None;
+        }
+        let mut brightest: Vec<f32> =
+            pixels().map(|pixel| pixel.iter().copied().fold(f32::NEG_INFINITY, f32::max)).collect();
+        let rank = (count as f64 * (1.0 - CLIPPED)).ceil() as usize;
+        let (_, mostly_below, _) =
+            brightest.select_nth_unstable_by(rank.saturating_sub(1).min(count - 1), f32::total_cmp);
+        let mostly_below = *mostly_below;
+        let all = || pixels().flatten().copied();
+        let (least, largest) = (all().fold(f32::INFINITY, f32::min), all().fold(f32::NEG_INFINITY, f32::max));
+        Some(Clipped { share, least, largest, mostly_below, channels: image.channels })
+    }
+}
+
 /// The PNG file of an image of 1 to 4 channels, in 8 bits, sRGB-encoded; two become red and green.
 pub(super) fn encode(image: &Image) -> Result<Vec<u8>, ImageError> {
     image.check()?;
@@ -156,4 +197,32 @@ fn written(
     writer.write_image_data(pixels).map_err(cannot)?;
     writer.finish().map_err(cannot)?;
     Ok(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn grey(data: Vec<f32>) -> Image {
+        Image { width: data.len(), height: 1, channels: 1, data }
+    }
+
+    #[test]
+    fn clipping_is_told_from_rounding_and_from_single_glints() {
+        // Half a step beyond black and white is rounding.
+        assert_eq!(Clipped::of(&grey(vec![0.0, 1.0, 1.004, -1e-4])), None);
+        let clipped = Clipped::of(&grey(vec![0.0, 1.01, 3.0, -0.5])).unwrap();
+        assert_eq!((clipped.share, clipped.least, clipped.largest, clipped.mostly_below), (0.75, -0.5, 3.0, 3.0));
+        // One pixel in a thousand may glint.
+        let mut pixels = vec![0.5; 1000];
+        pixels[7] = 100.0;
+        assert_eq!(Clipped::of(&grey(pixels.clone())), None);
+        pixels[8] = 2.0;
+        let clipped = Clipped::of(&grey(pixels)).unwrap();
+        assert_eq!((clipped.share, clipped.largest, clipped.mostly_below), (0.002, 100.0, 2.0));
+        // Alpha is no colour, and NaN is none that a PNG holds.
+        let opaque = Image { width: 1, height: 1, channels: 4, data: vec![0.5, 0.5, 0.5, 7.0] };
+        assert_eq!(Clipped::of(&opaque), None);
+        assert_eq!(Clipped::of(&grey(vec![f32::NAN])).map(|c| c.share), Some(1.0));
+    }
 }

@@ -13,6 +13,7 @@ mod measures;
 mod meshes;
 mod networks;
 mod numbers;
+mod pictures;
 mod reduce;
 mod scene;
 pub mod value;
@@ -94,13 +95,14 @@ pub struct Args<'a> {
 
 pub type Native = fn(&Args) -> Result<Value>;
 
-const TABLES: [&[(&str, Native)]; 11] = [
+const TABLES: [&[(&str, Native)]; 12] = [
     numbers::TABLE,
     reduce::TABLE,
     linear::TABLE,
     meshes::TABLE,
     measures::TABLE,
     images::TABLE,
+    pictures::TABLE,
     networks::TABLE,
     data::TABLE,
     layout::TABLE,

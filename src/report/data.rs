@@ -7,6 +7,7 @@ use crate::session::events::{Bounds, Ending, Event, Stage};
 use crate::session::folder::number;
 use crate::session::log::{LOGGED_NUMBERS, index};
 use crate::session::record::Step;
+use crate::session::stats::scatter;
 use crate::tape::Tensor;
 
 /// Most points of a curve; of longer ones every second, third, … step is shown, and always the last.
@@ -89,24 +90,11 @@ pub fn optimizations(run: &Run, whole: bool) -> Value {
     run.optimizations().into_iter().enumerate().map(one).collect()
 }
 
-/// The standard error of the loss at each step, from how much neighbouring steps differ beyond a straight line: of three numbers in a row
-/// with independent errors, `x[i − 1] − 2 x[i] + x[i + 1]` has six times the variance of one. It is averaged over a window of steps; a
-/// loss that bends counts as noise.
+/// The standard error of the loss at each step.
 fn noise(steps: &[Step]) -> Vec<f64> {
-    const REACH: usize = 5;
-    let bends: Vec<Option<f64>> = steps
-        .windows(3)
-        .map(|w| (w[0].loss - 2.0 * w[1].loss + w[2].loss).powi(2) / 6.0)
-        .zip(steps.windows(3))
-        // Stages may draw other samples, of other pixels.
-        .map(|(bend, w)| (bend.is_finite() && w[0].stage == w[2].stage).then_some(bend))
-        .collect();
-    let error = |at: usize| {
-        let near = at.saturating_sub(REACH + 1)..(at + REACH).min(bends.len());
-        let near: Vec<f64> = bends.get(near).unwrap_or_default().iter().flatten().copied().collect();
-        if near.is_empty() { f64::NAN } else { (near.iter().sum::<f64>() / near.len() as f64).sqrt() }
-    };
-    (0..steps.len()).map(error).collect()
+    let losses: Vec<f64> = steps.iter().map(|step| step.loss).collect();
+    // Stages may draw other samples, of other pixels.
+    scatter(&losses, |at| steps[at].stage == steps[at + 2].stage)
 }
 
 /// What draws a number of each step.

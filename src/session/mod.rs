@@ -18,6 +18,7 @@ pub mod record;
 mod replay;
 mod retreat;
 pub mod run;
+pub mod save;
 pub mod show;
 pub mod solver;
 mod stages;

@@ -1,7 +1,7 @@
 //! Actions, in order: optimise, save, print, plot, expect, report.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
@@ -11,22 +11,18 @@ use super::folder::{RunFolder, cannot_write, output_path};
 use super::measure::loss_at;
 use super::notes::Notes;
 use super::optimization::{Optimization, StepReport};
-use super::plot;
+use super::plot::Curves;
+use super::save::{SaveError, clipped_warning, save_value};
 use super::show::{plus_minus, significant};
 use super::stages::whole_number;
 use super::sweep::Judge;
 use super::world::{Progress, World};
 use crate::check::hir;
 use crate::check::types::Ty;
-use crate::data::{npy, table};
 use crate::diag::Diagnostic;
 use crate::eval::{self, Engine, EngineState};
-use crate::files::write_atomically;
-use crate::image::{Image, ImageError};
 use crate::natives::value::Value;
 use crate::source::Span;
-use crate::stop;
-use crate::tape::Tensor;
 
 /// Whether to go on with the next action.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,18 +84,23 @@ pub struct Runner<'a> {
     pub histories: Histories,
     /// Gives the run up if others of its sweep were much better at the same step.
     pub judge: Option<Judge>,
-    /// Inside of an `every`, where a plot shows the value of its step.
-    in_every: bool,
+    /// The step of the `every` that is under way: a plot shows its value there.
+    pub(super) in_every: Option<u64>,
     /// Since when `report.seconds` does not count.
     pub(super) since: Stopwatch,
     pub(super) notes: Notes,
 }
 
-/// What each `plot` has shown so far.
-pub type Curves = BTreeMap<Span, Vec<f64>>;
-
 /// The losses at every step, by the text of what was optimised.
-pub type Histories = BTreeMap<String, Vec<f64>>;
+pub type Histories = BTreeMap<String, Losses>;
+
+/// The losses at every step of an optimisation.
+#[derive(Clone, Debug, Default, Serialize, Deserialize)]
+pub struct Losses {
+    pub of_steps: Vec<f64>,
+    /// The steps at which a stage began, with its name.
+    pub stages: Vec<(u64, Option<String>)>,
+}
 
 impl<'a> Runner<'a> {
     pub fn new(engine: &'a mut Engine, world: &'a mut dyn World) -> Runner<'a> {
@@ -118,7 +119,7 @@ impl<'a> Runner<'a> {
             curves,
             histories,
             judge: None,
-            in_every: false,
+            in_every: None,
             since: Stopwatch::start(),
             notes: Notes::default(),
         }
@@ -168,7 +169,7 @@ impl<'a> Runner<'a> {
     fn action(&mut self, action: &hir::Action) -> Result<Flow, Diagnostic> {
         match action {
             hir::Action::Optimize(optimize) => return self.optimize(optimize, None),
-            hir::Action::Save { value, path, span } => self.save(value, path, *span)?,
+            hir::Action::Save { value, path, .. } => self.save(value, path)?,
             hir::Action::Print { values, .. } => {
                 let texts: Vec<String> = values
                     .iter()
@@ -176,7 +177,7 @@ impl<'a> Runner<'a> {
                     .collect::<Result<_, Diagnostic>>()?;
                 self.world.print(&texts.join(" "));
             }
-            hir::Action::Plot { values, path, span } => self.plot(values, path.as_ref(), *span)?,
+            hir::Action::Plot(plot) => self.plot(plot)?,
             hir::Action::Expect { condition, span } => self.expect(condition, *span)?,
             hir::Action::Report { columns, .. } => {
                 let mut reported = Vec::new();
@@ -333,7 +334,7 @@ impl<'a> Runner<'a> {
     /// Why the rest of the run is not worth its time, if it is compared with others.
     fn hopeless(&mut self, optimization: &Optimization) -> Option<String> {
         let name = optimization.name();
-        let losses = self.histories.get(name)?;
+        let losses = &self.histories.get(name)?.of_steps;
         self.judge.as_mut()?.verdict(name, losses)
     }
 
@@ -381,7 +382,11 @@ impl<'a> Runner<'a> {
         if report.step == 0 {
             self.histories.remove(name);
         }
-        self.histories.entry(name.to_owned()).or_default().push(report.loss);
+        let losses = self.histories.entry(name.to_owned()).or_default();
+        losses.of_steps.push(report.loss);
+        if losses.stages.last().is_none_or(|(_, stage)| *stage != report.stage) {
+            losses.stages.push((report.step, report.stage.clone()));
+        }
         self.report.steps += 1;
         Ok(report)
     }
@@ -400,89 +405,49 @@ impl<'a> Runner<'a> {
             if done.is_multiple_of(period) {
                 // Pictures are taken as the script says, not at the stage's resolution.
                 optimization.leave(self.engine);
-                self.in_every = true;
+                self.in_every = Some(done);
                 // An interruption is seen before the next step.
-                let done: Result<(), Diagnostic> = every.actions.iter().try_for_each(|a| self.action(a).map(|_| ()));
-                self.in_every = false;
-                done?;
+                let acted: Result<(), Diagnostic> = every.actions.iter().try_for_each(|a| self.action(a).map(|_| ()));
+                self.in_every = None;
+                acted?;
             }
         }
         Ok(())
     }
 
-    fn save(&mut self, value: &hir::Expr, path: &hir::Expr, span: Span) -> Result<(), Diagnostic> {
+    fn save(&mut self, value: &hir::Expr, path: &hir::Expr) -> Result<(), Diagnostic> {
         let Value::Str(name) = self.engine.eval(path)? else {
             return Err(Diagnostic::error("dscene::run::save", "a file name must be a string").label(path.span, "this"));
         };
         let target = self.output_path(&name, path.span)?;
-        let ty = &value.ty;
-        let value_span = value.span;
+        let (ty, place) = (&value.ty, value.span);
         let value = self.engine.eval(value)?;
         let saved = self.with_files(|runner| runner.engine.stoppable(|| save_value(&value, ty, &target)))?;
-        saved.map_err(|problem| match problem {
+        let clipped = saved.map_err(|problem| match problem {
             SaveError::Io(e) => cannot_write(&target, &e).label(path.span, "this file"),
             SaveError::Other { message, help } => {
-                Diagnostic::error("dscene::run::save", message).label(value_span, "cannot be saved so").help(help)
+                Diagnostic::error("dscene::run::save", message).label(place, "cannot be saved so").help(help)
             }
         })?;
-        let _ = span;
+        if let Some(clipped) = clipped {
+            let text = self.engine.program().sources.text(place);
+            let warning = clipped_warning(&clipped, &target, text).label(place, "goes beyond black or white");
+            self.engine.warn_once(place, "clipped", warning);
+        }
         self.saved(target);
         Ok(())
     }
 
-    fn saved(&mut self, path: PathBuf) {
+    pub(super) fn saved(&mut self, path: PathBuf) {
         if !self.report.saved.contains(&path) {
             self.world.note(&format!("saved {}", path.display()));
             self.report.saved.push(path);
         }
     }
 
-    fn output_path(&self, name: &str, span: Span) -> Result<PathBuf, Diagnostic> {
+    pub(super) fn output_path(&self, name: &str, span: Span) -> Result<PathBuf, Diagnostic> {
         let folder = self.folder.as_ref().map_or(self.outputs.as_path(), |folder| folder.path());
         output_path(folder, name).map_err(|told| told.label(span, "this file"))
-    }
-
-    fn plot(&mut self, values: &[hir::Expr], path: Option<&hir::Expr>, span: Span) -> Result<(), Diagnostic> {
-        let mut series = Vec::new();
-        for expr in values {
-            let value = self.engine.eval(expr)?;
-            let numbers = value.var().map(|v| v.value().data.clone()).ok_or_else(|| {
-                let message = format!("`plot` needs numbers, this is {}", value.kind());
-                Diagnostic::error("dscene::run::plot", message).label(expr.span, "not numbers")
-            })?;
-            let name = self.engine.program().sources.text(expr.span).to_owned();
-            // A number that is plotted again and again (in `every`) makes a curve.
-            let is_scalar = value.var().is_some_and(|v| v.shape().is_empty());
-            let curve = self.curves.entry(expr.span).or_default();
-            if !is_scalar {
-                curve.clear();
-            }
-            // What was optimised comes with its way here.
-            if is_scalar && !self.in_every && curve.is_empty() {
-                curve.extend(self.histories.get(&name).into_iter().flatten());
-            }
-            curve.extend(numbers);
-            series.push((name, curve.clone()));
-        }
-        match path {
-            None => {
-                for (name, numbers) in &series {
-                    self.world.print(&format!("{name}  {}", plot::sparkline(numbers, 60)));
-                }
-            }
-            Some(path) => {
-                let Value::Str(name) = self.engine.eval(path)? else {
-                    return Err(
-                        Diagnostic::error("dscene::run::plot", "a file name must be a string").label(span, "here")
-                    );
-                };
-                let target = self.output_path(&name, path.span)?;
-                self.with_files(|_| write_atomically(&target, plot::svg(&series).as_bytes()))
-                    .map_err(|e| cannot_write(&target, &e).label(path.span, "this file"))?;
-                self.saved(target);
-            }
-        }
-        Ok(())
     }
 
     fn expect(&mut self, condition: &hir::Expr, span: Span) -> Result<(), Diagnostic> {
@@ -595,122 +560,4 @@ fn is_true(value: &Value) -> bool {
 pub fn shortened(text: &str) -> String {
     let line = text.split_whitespace().collect::<Vec<&str>>().join(" ");
     if line.chars().count() <= 60 { line } else { format!("{}…", line.chars().take(59).collect::<String>()) }
-}
-
-/// Why a value could not be saved.
-pub enum SaveError {
-    Io(std::io::Error),
-    Other { message: String, help: String },
-}
-
-/// Writes a value by its file's extension: images as PNG, EXR or HDR, meshes as OBJ, PLY or GLB; anything as JSON or text.
-pub fn save_value(value: &Value, ty: &Ty, path: &Path) -> Result<(), SaveError> {
-    let (value, ty, path) = (value.clone(), ty.clone(), path.to_path_buf());
-    // To compress a large image takes seconds.
-    stop::apart(move || write_value(&value, &ty, &path))
-}
-
-fn write_value(value: &Value, ty: &Ty, path: &Path) -> Result<(), SaveError> {
-    let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
-    match extension.as_str() {
-        "json" => {
-            let text = format!("{}\n", eval::to_json(value));
-            write_atomically(path, text.as_bytes()).map_err(SaveError::Io)
-        }
-        "npy" => {
-            let array = value.var().ok_or_else(|| SaveError::Other {
-                message: format!("a .npy file holds an array of numbers, this is {}", value.kind()),
-                help: "give the file the extension .json, which holds any value".to_owned(),
-            })?;
-            write_atomically(path, &npy::encode(array.value())).map_err(SaveError::Io)
-        }
-        "csv" => write_atomically(path, &table_of(value)?).map_err(SaveError::Io),
-        "txt" => write_atomically(path, format!("{}\n", eval::show(value, ty)).as_bytes()).map_err(SaveError::Io),
-        "png" | "exr" | "hdr" => {
-            let image = image_of(value).ok_or_else(|| SaveError::Other {
-                message: format!("an image file holds an image, this is {}", value.kind()),
-                help: "save a `render(…)`, or give the file the extension .json".to_owned(),
-            })?;
-            crate::image::file::save(path, &image).map_err(|e| SaveError::Other {
-                message: match e {
-                    ImageError::File { message, .. } => format!("cannot write `{}`: {message}", path.display()),
-                    other => format!("cannot write `{}`: {other}", path.display()),
-                },
-                help: "check the folder, the space on the disk and the extension".to_owned(),
-            })
-        }
-        "obj" | "ply" | "glb" => {
-            let Value::Mesh(mesh) = value else {
-                return Err(SaveError::Other {
-                    message: format!("a mesh file holds a mesh, this is {}", value.kind()),
-                    help: "save for instance `ball.mesh`, or give the file another extension".to_owned(),
-                });
-            };
-            let bytes = crate::mesh::save::encode(&mesh.to_mesh(), &extension).unwrap_or_default();
-            write_atomically(path, &bytes).map_err(SaveError::Io)
-        }
-        other => Err(SaveError::Other {
-            message: if other.is_empty() {
-                format!("`{}` has no extension, which would tell the format", path.display())
-            } else {
-                format!("`.{other}` is not a format that can be written")
-            },
-            help: "use .png, .exr or .hdr for images, .obj, .ply or .glb for meshes, .npy or .csv for numbers, .json or .txt for any value".to_owned(),
-        }),
-    }
-}
-
-/// The table that a value is: a column for a vector, rows for a matrix, and named columns for a record of vectors.
-fn table_of(value: &Value) -> Result<Vec<u8>, SaveError> {
-    let no_table = || SaveError::Other {
-        message: format!("a table holds a vector, rows of numbers or a record of columns, this is {}", value.kind()),
-        help: "give the file the extension .json, which holds any value".to_owned(),
-    };
-    let failed = |message: String| SaveError::Other { message, help: "save it as .json".to_owned() };
-    // `{}` writes as many digits as it takes to read the same number back.
-    let cells = |row: &[f64]| row.iter().map(f64::to_string).collect::<Vec<String>>();
-    if let Value::Record(fields) = value {
-        let column = |v: &Value| -> Option<Vec<String>> {
-            match v {
-                Value::Num(v) if v.shape().len() == 1 => Some(cells(&v.value().data)),
-                Value::List(items) => items
-                    .iter()
-                    .map(|item| match item {
-                        Value::Str(s) => Some(s.to_string()),
-                        _ => None,
-                    })
-                    .collect(),
-                _ => None,
-            }
-        };
-        let columns: Option<Vec<Vec<String>>> = fields.iter().map(|(_, v)| column(v)).collect();
-        let columns = columns.ok_or_else(no_table)?;
-        let length = columns.first().map_or(0, Vec::len);
-        if columns.iter().any(|c| c.len() != length) {
-            return Err(failed("the columns of the table have different lengths".to_owned()));
-        }
-        let rows: Vec<Vec<String>> = (0..length).map(|i| columns.iter().map(|c| c[i].clone()).collect()).collect();
-        let names: Vec<&str> = fields.iter().map(|(n, _)| n.as_str()).collect();
-        return table::encode(Some(&names), &rows).map_err(failed);
-    }
-    let tensor = value.var().ok_or_else(no_table)?.value();
-    let width = match tensor.shape[..] {
-        [] | [_] => 1,
-        [_, width] => width.max(1),
-        _ => return Err(no_table()),
-    };
-    let rows: Vec<Vec<String>> = tensor.data.chunks(width).map(cells).collect();
-    table::encode(None, &rows).map_err(failed)
-}
-
-/// The picture that a value is, or that its numbers make: `[height, width]` or `[height, width, channels ≤ 4]`.
-pub fn image_of(value: &Value) -> Option<Image> {
-    let tensor: &Tensor = value.var()?.value();
-    let (height, width, channels) = match (value, &tensor.shape[..]) {
-        (_, &[h, w, c]) if (1..=4).contains(&c) => (h, w, c),
-        (Value::Num(_), &[h, w]) => (h, w, 1),
-        _ => return None,
-    };
-    let data = tensor.data.iter().map(|x| *x as f32).collect();
-    Some(Image { width, height, channels, data })
 }

@@ -75,6 +75,24 @@ pub fn z_score(a: f64, a_error: f64, b: f64, b_error: f64) -> f64 {
     if difference == 0.0 { 0.0 } else { difference / error }
 }
 
+/// The standard errors of numbers that follow one another on a smooth way, from how much neighbours differ beyond a straight line: of three
+/// numbers in a row with independent errors, `x[i − 1] − 2 x[i] + x[i + 1]` has six times the variance of one. It is averaged over a
+/// window; a way that bends counts as noise. Three in a row count from `i` on if `are_alike(i)`.
+pub fn scatter(numbers: &[f64], are_alike: impl Fn(usize) -> bool) -> Vec<f64> {
+    const REACH: usize = 5;
+    let bend = |(at, w): (usize, &[f64])| {
+        let bend = (w[0] - 2.0 * w[1] + w[2]).powi(2) / 6.0;
+        (bend.is_finite() && are_alike(at)).then_some(bend)
+    };
+    let bends: Vec<Option<f64>> = numbers.windows(3).enumerate().map(bend).collect();
+    let error = |at: usize| {
+        let near = at.saturating_sub(REACH + 1)..(at + REACH).min(bends.len());
+        let near: Vec<f64> = bends.get(near).unwrap_or_default().iter().flatten().copied().collect();
+        if near.is_empty() { f64::NAN } else { (near.iter().sum::<f64>() / near.len() as f64).sqrt() }
+    };
+    (0..numbers.len()).map(error).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

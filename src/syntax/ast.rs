@@ -119,10 +119,20 @@ pub enum Action {
     Optimize(Box<Optimize>),
     Save { value: Expr, path: Expr, span: Span },
     Print { values: Vec<Expr>, span: Span },
-    Plot { values: Vec<Expr>, path: Option<Expr>, span: Span },
+    Plot(Box<Plot>),
     Expect { condition: Expr, span: Span },
     Report { columns: Vec<Field>, span: Span },
     Sweep(Box<Sweep>),
+}
+
+/// `plot a, b over xs to "x.svg" { log: "y" }`
+#[derive(Clone, Debug)]
+pub struct Plot {
+    pub values: Vec<Expr>,
+    pub over: Option<Expr>,
+    pub path: Option<Expr>,
+    pub fields: Vec<Field>,
+    pub span: Span,
 }
 
 /// `sweep lr in [0.01, 0.1], seed in 0..5 { … }`

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use pest::iterators::{Pair, Pairs};
 
-use super::ast::{self, Action, BinaryOp, Expr, ExprKind, Field, Name, StatementKind, UnaryOp};
+use super::ast::{self, Action, BinaryOp, Expr, ExprKind, Field, Name, Plot, StatementKind, UnaryOp};
 use super::grammar::Rule;
 use super::literal;
 use crate::diag::Diagnostic;
@@ -293,21 +293,24 @@ impl Builder<'_> {
     }
 
     fn simple_action(&mut self, rule: Rule, parts: Parts, span: Span) -> Option<Action> {
-        let mut values = Vec::new();
-        let mut path = None;
-        let mut after_to = false;
+        let (mut values, mut over, mut path, mut fields) = (Vec::new(), None, None, Vec::new());
+        let mut behind = rule;
         for part in parts.0 {
             match part.as_rule() {
-                Rule::kw_to => after_to = true,
-                Rule::expr if after_to => path = Some(self.expr(part)),
-                Rule::expr => values.push(self.expr(part)),
+                word @ (Rule::kw_over | Rule::kw_to) => behind = word,
+                Rule::expr => match behind {
+                    Rule::kw_over => over = Some(self.expr(part)),
+                    Rule::kw_to => path = Some(self.expr(part)),
+                    _ => values.push(self.expr(part)),
+                },
+                Rule::fields => fields = self.fields(part),
                 _ => {}
             }
         }
         match rule {
             Rule::save => Some(Action::Save { value: values.pop()?, path: path?, span }),
             Rule::print => Some(Action::Print { values, span }),
-            Rule::plot => Some(Action::Plot { values, path, span }),
+            Rule::plot => Some(Action::Plot(Box::new(Plot { values, over, path, fields, span }))),
             Rule::expect => Some(Action::Expect { condition: values.pop()?, span }),
             _ => None,
         }

@@ -15,6 +15,7 @@ mod least_squares;
 mod mutated_runs;
 mod networks;
 mod pages;
+mod pictures;
 mod preconditioners;
 mod reports;
 mod runs;

@@ -598,6 +598,33 @@ sweep sise in [1, 2], rate in 0.1, twice in [1], twin in [twin] {
         wanted: &[("dscene::sweep::unused", "sise", "did you mean `size`?")],
     },
     Case {
+        name: "plots",
+        prelude: SCENE,
+        script: "\
+let rates = [0.1, 0.01, 0.001]
+plot [1, 2] over rates to \"a.svg\"
+plot fit, size to \"a.pdf\" { log: \"z\", legend: [\"one\"] }
+plot rates { yscale: \"log\", tilte: \"Rates\", band: [1, 2], size: [10, 10] }
+plot fit over rates
+plot [[[1]]], [], sphere()
+plot rates, rates { band: 0.1 }",
+        wanted: &[
+            ("dscene::type::shape", "rates", ""),
+            ("dscene::file::format", "\"a.pdf\"", "`.png`"),
+            ("dscene::type::mismatch", "\"z\"", ""),
+            ("dscene::type::shape", "[\"one\"]", ""),
+            ("dscene::name::field", "yscale", "`log: y`"),
+            ("dscene::name::field", "tilte", "did you mean `title`?"),
+            ("dscene::type::shape", "[1, 2]", "of several curves a list"),
+            ("dscene::value::range", "[10, 10]", ""),
+            ("dscene::type::shape", "rates", ""),
+            ("dscene::type::mismatch", "[[[1]]]", "plot numbers"),
+            ("dscene::type::shape", "[]", ""),
+            ("dscene::type::mismatch", "sphere()", "plot numbers"),
+            ("dscene::type::shape", "0.1", "of several curves a list"),
+        ],
+    },
+    Case {
         name: "report_without_sweep",
         prelude: SCENE,
         script: "optimize fit { steps: 10 }\nreport { error: fit, seconds }",

@@ -251,7 +251,7 @@ impl<'w> Repl<'w> {
         let started = std::time::Instant::now();
         let value = self.engine.eval(expr)?;
         if self.pictures
-            && let Some(image) = crate::session::run::image_of(&value)
+            && let Some(image) = crate::session::save::image_of(&value)
             && matches!(value, crate::natives::value::Value::Image(_))
         {
             self.world.print(picture::half_blocks(&image, 64).trim_end());

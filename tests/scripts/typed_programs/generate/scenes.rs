@@ -65,6 +65,8 @@ impl Generator<'_, '_> {
                 self.form(&["estimate(", ", repeats: 2).mean"], vec![Place { e, wrong: &["eye", "sphere()", "\"a\""] }])
             }
             (17, [3, 4, 3]) => self.form_of("pad(", T::Image([2, 3, 3]), ", left: 1, top: 1)", depth),
+            (18, [3, 4, 3]) => self.form_of("colormap(", T::Image([3, 4, 1]), ", map: turbo)", depth),
+            (18, [3, 4, 1]) => self.form_of("montage([", t.clone(), "])", depth),
             (16, [3, 4, 3]) => self.both(" @ ", &T::Num(vec![3, 3]), &t, depth),
             (_, [h, w, c]) => {
                 let shape = if c == 1 { vec![h, w] } else { vec![h, w, c] };
