@@ -36,7 +36,7 @@ use std::path::Path;
 use crate::diag::{self, Diagnostic};
 use crate::source::SourceMap;
 
-pub use domains::{Reached, domain_of_field, domains};
+pub use domains::{Part, Reached, domain_of_field, domains};
 pub use fields::type_of;
 pub use flow::{children, reaching_params, reaching_params_of};
 pub use lines::{Line, check_line};

@@ -16,6 +16,7 @@ Examples:
   dsl render scene.dscene -o out.png --spp 64        one picture
   dsl grad scene.dscene --repeats 32 --fd            gradients against finite differences
   dsl repl scene.dscene                              ask it questions
+  dsl watch scene.dscene                             see it in the browser while you edit it
 
 Exit codes: 0 success, 1 the script is wrong or an `expect` failed, 2 bad usage, 130 interrupted.")]
 pub struct Cli {
@@ -33,6 +34,7 @@ Examples:
   dsl run scene.dscene --out result --force          the same once more, in place of the run that is there
   dsl run scene.dscene --set spp=16 --steps 20       override a declaration, shorten the optimisation
   dsl run scene.dscene --resume result               go on with what was interrupted or killed
+  dsl run scene.dscene --live                        with a page that shows it: pictures, losses, pause and stop
 
 The run folder holds run.json (script, imports, overrides, version, seed), log.jsonl (one object per step), checkpoint.bin
 (what --resume goes on from), report.html (a page about the run, from report.jsonl and the others) and what the script saves. A line of
@@ -132,6 +134,18 @@ Examples:
 
 Type :help inside.")]
     Repl(ReplArgs),
+    /// Shows a script in the browser as it is edited
+    #[command(after_help = "\
+Examples:
+  dsl watch scene.dscene                             prints the address to open
+  dsl watch scene.dscene --spp 256 --port 8000       finer pictures; the first free port from 8000 on
+
+The page renders anew whenever the script, an import or a file that it reads is saved: only what the edit reaches, at first with few
+samples. Drag the picture to turn the camera, with the right button (or two fingers) to shift it, scroll to come nearer, and copy the
+camera's line into the script. Params have sliders, and show the derivative of the picture with respect to each of their numbers.
+`Start` takes the steps of the script's `optimize`, which can be paused; nothing is saved. The page is for this machine only, and for
+who knows its address. Ctrl-C ends it.")]
+    Watch(WatchArgs),
 }
 
 /// What every command takes.
@@ -185,6 +199,9 @@ pub struct RunArgs {
     /// The sweep's folder, in which this run is compared with others and perhaps pruned
     #[arg(long, hide = true, value_name = "DIR")]
     pub compared: Option<PathBuf>,
+    /// Show the run in the browser as it goes on; the page has the first free port from PORT on
+    #[arg(long, value_name = "PORT", num_args = 0..=1, default_missing_value = "3000", value_parser = clap::value_parser!(u16).range(1..))]
+    pub live: Option<u16>,
     #[command(flatten)]
     pub common: Common,
 }
@@ -354,6 +371,25 @@ pub struct ReplArgs {
     pub common: Common,
 }
 
+#[derive(Debug, Args)]
+pub struct WatchArgs {
+    /// The script
+    pub file: PathBuf,
+    /// The page has the first free port from here on
+    #[arg(long, value_name = "N", default_value_t = PORT, value_parser = clap::value_parser!(u16).range(1..))]
+    pub port: u16,
+    /// Samples a pixel at which a picture is good enough
+    #[arg(long, value_name = "N", default_value_t = PICTURE_SPP, value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub spp: u32,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+/// Where live pages are looked for first.
+pub const PORT: u16 = 3000;
+/// Samples a pixel of the pictures of live pages.
+pub const PICTURE_SPP: u32 = 64;
+
 fn parse_override(text: &str) -> Result<Override, String> {
     let (name, value) = text.split_once('=').ok_or("expected NAME=EXPR, such as spp=16")?;
     let (name, value) = (name.trim(), value.trim());
@@ -427,6 +463,7 @@ mod tests {
             "compare r",
             "report r",
             "repl",
+            "watch f",
         ] {
             let line =
                 format!("dsl {command} --set a=1 --set b=2 --seed 3 --threads 2 --memory 4GB --quiet --json --out d");

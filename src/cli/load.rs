@@ -2,6 +2,8 @@
 
 use std::mem::ManuallyDrop;
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use super::args::Common;
 use crate::check::{self, Checked, Line, hir};
@@ -20,12 +22,22 @@ pub struct Loaded {
 
 /// Reads and checks a file with the `--set` overrides.
 pub fn check_file(file: &Path, common: &Common) -> Checked {
+    check_file_by(file, common, &check::Disk)
+}
+
+/// The same with another way to read files.
+pub fn check_file_by(file: &Path, common: &Common, loader: &(dyn check::Loader + Sync)) -> Checked {
     let overrides: Vec<(String, String)> = common.set.iter().map(|o| (o.name.clone(), o.value.clone())).collect();
-    check::check(file, &overrides, &check::Disk)
+    check::check(file, &overrides, loader)
 }
 
 /// Checks a file and reports what is wrong; `None` if it cannot run.
 pub fn load(file: &Path, common: &Common, world: &mut dyn World) -> Option<Loaded> {
+    load_stopped_by(world::interrupt_flag(), file, common, world)
+}
+
+/// The same with another flag that ends evaluations.
+pub fn load_stopped_by(flag: Arc<AtomicBool>, file: &Path, common: &Common, world: &mut dyn World) -> Option<Loaded> {
     let checked = check_file(file, common);
     for diagnostic in &checked.diagnostics {
         world.diagnostic(diagnostic, &checked.sources);
@@ -33,7 +45,7 @@ pub fn load(file: &Path, common: &Common, world: &mut dyn World) -> Option<Loade
     if checked.diagnostics.iter().any(Diagnostic::is_error) {
         return None;
     }
-    let options = engine_options(common, file);
+    let options = EngineOptions { interrupt: Some(flag), ..engine_options(common, file) };
     Some(Loaded { warnings: checked.diagnostics, engine: ManuallyDrop::new(Engine::new(checked.program?, options)) })
 }
 

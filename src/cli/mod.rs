@@ -6,6 +6,8 @@ mod compare;
 mod eval;
 mod export;
 mod grad;
+mod live;
+mod living;
 mod load;
 pub mod out;
 mod render;
@@ -23,7 +25,7 @@ use clap::Parser;
 
 use args::{Cli, Command, Common};
 
-pub use load::{Loaded, check_file, engine_options, load};
+pub use load::{Loaded, check_file, check_file_by, engine_options, load, load_stopped_by};
 pub use render::choose_camera;
 pub use world::{Terminal, render_options};
 
@@ -80,6 +82,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Report(a) => &a.common,
         Command::Compare(a) => &a.common,
         Command::Repl(a) => &a.common,
+        Command::Watch(a) => &a.common,
     };
     if let Some(bytes) = common.memory {
         crate::memory::set_limit(bytes);
@@ -96,6 +99,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Report(args) => report::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Repl(args) => repl::run(&args),
+        Command::Watch(args) => live::watch::run(&args),
     }
 }
 

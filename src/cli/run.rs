@@ -1,12 +1,15 @@
 //! `dsl run`
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 use serde_json::json;
 
-use super::args::{Common, RunArgs};
+use super::args::{Common, PICTURE_SPP, RunArgs};
+use super::live::Live;
 use super::script::found_script;
-use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load, out};
+use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load_stopped_by, out};
 use crate::diag::{Diagnostic, Severity};
 use crate::report::report;
 use crate::session::clock::{Date, Stopwatch, human_seconds};
@@ -35,10 +38,15 @@ pub fn run(args: RunArgs) -> u8 {
         common.set.clone_from(&checkpoint.settings.overrides);
         resumed = Some((folder, checkpoint));
     }
-    let Some(mut loaded) = load(&args.file, &common, &mut terminal) else {
+    // A page has evaluations end early for a look; without one only Ctrl-C ends them.
+    let stop = if args.live.is_some() { Arc::new(AtomicBool::new(false)) } else { world::interrupt_flag() };
+    let Some(mut loaded) = load_stopped_by(stop.clone(), &args.file, &common, &mut terminal) else {
         return EXIT_WRONG;
     };
     if !args.part && args.resume.is_none() && loaded.engine.program().sweep.is_some() {
+        if args.live.is_some() {
+            terminal.note("a sweep has no live page");
+        }
         return super::sweep::run_loaded(args.clone().into(), loaded, &mut terminal);
     }
     if args.part {
@@ -67,7 +75,14 @@ pub fn run(args: RunArgs) -> u8 {
     if actions.is_empty() {
         terminal.note("nothing to do: the script has no `optimize`, `save`, `print`, `plot` or `expect`");
     }
-    let mut runner = Runner::new(&mut loaded.engine, &mut terminal);
+    let mut live = match args.live.map(|port| begin_live(args, port, &stop, &mut loaded)).transpose() {
+        Ok(live) => live,
+        Err(diagnostic) => {
+            terminal.diagnostic(&diagnostic, &SourceMap::default());
+            return EXIT_WRONG;
+        }
+    };
+    let mut runner = Runner::new(&mut loaded.engine, world_of(&mut live, &mut terminal));
     runner.judge = args.compared.as_ref().map(|sweep| Judge::new(sweep, &path));
     runner.folder = Some(&mut folder);
     let outcome = world::listening(|| runner.resume(&actions, checkpoint));
@@ -75,11 +90,12 @@ pub fn run(args: RunArgs) -> u8 {
     if matches!(outcome, Ok(Flow::Continue)) {
         folder.sweep(&report.saved);
     }
-    terminal.progress_done();
+    let world = world_of(&mut live, &mut terminal);
+    world.progress_done();
 
     let (code, how) = match &outcome {
         Err(diagnostic) => {
-            terminal.diagnostic(diagnostic, &loaded.engine.program().sources.clone());
+            world.diagnostic(diagnostic, &loaded.engine.program().sources.clone());
             let _ = folder.note(&told(diagnostic, &loaded.engine.program().sources));
             (EXIT_WRONG, Ending::Failed)
         }
@@ -94,6 +110,14 @@ pub fn run(args: RunArgs) -> u8 {
     if let Some(page) = page {
         terminal.note(&format!("report: {}", page.display()));
     }
+    if let Some(live) = live {
+        let how = match code {
+            0 => "finished",
+            EXIT_INTERRUPTED => "stopped",
+            _ => "failed",
+        };
+        live.end(how, &mut loaded.engine);
+    }
     code
 }
 
@@ -107,25 +131,25 @@ fn conclude(args: &RunArgs, report: &RunReport, path: &Path, code: u8, seconds: 
             "seconds": seconds,
         });
         out::line(&done.to_string());
-    } else {
-        let expects = match (report.expects, report.failed_expects) {
-            (0, _) => String::new(),
-            (n, 0) => format!(", {n} of {n} expects hold"),
-            (n, failed) => format!(", {failed} of {n} expects failed"),
-        };
-        let skipped = match report.skipped_steps {
-            0 => String::new(),
-            n => format!(", {n} of {} steps skipped", report.steps),
-        };
-        let ended = match report.failed_optimizations {
-            0 => String::new(),
-            n => format!(", {n} optimisation{} failed", if n == 1 { "" } else { "s" }),
-        };
-        let how = if report.interrupted { "interrupted: " } else { "" };
-        terminal.note(&format!("{how}{} in {}{expects}{skipped}{ended}", path.display(), human_seconds(seconds)));
-        if report.interrupted {
-            terminal.note(&format!("it goes on with `dsl run {} --resume {}`", args.file.display(), path.display()));
-        }
+        return;
+    }
+    let expects = match (report.expects, report.failed_expects) {
+        (0, _) => String::new(),
+        (n, 0) => format!(", {n} of {n} expects hold"),
+        (n, failed) => format!(", {failed} of {n} expects failed"),
+    };
+    let skipped = match report.skipped_steps {
+        0 => String::new(),
+        n => format!(", {n} of {} steps skipped", report.steps),
+    };
+    let ended = match report.failed_optimizations {
+        0 => String::new(),
+        n => format!(", {n} optimisation{} failed", if n == 1 { "" } else { "s" }),
+    };
+    let how = if report.interrupted { "interrupted: " } else { "" };
+    terminal.note(&format!("{how}{} in {}{expects}{skipped}{ended}", path.display(), human_seconds(seconds)));
+    if report.interrupted {
+        terminal.note(&format!("it goes on with `dsl run {} --resume {}`", args.file.display(), path.display()));
     }
 }
 
@@ -141,6 +165,22 @@ fn write_report(loaded: &mut Loaded, common: &Common, folder: &RunFolder, termin
             None
         }
     }
+}
+
+/// The page if there is one, which speaks to the terminal too.
+fn world_of<'w>(live: &'w mut Option<Live>, terminal: &'w mut Terminal) -> &'w mut dyn World {
+    match live {
+        Some(live) => live,
+        None => terminal,
+    }
+}
+
+/// The page that shows the run, with a first picture.
+fn begin_live(args: &RunArgs, port: u16, stop: &Arc<AtomicBool>, loaded: &mut Loaded) -> Result<Live, Diagnostic> {
+    let title = args.file.display().to_string();
+    let mut live = Live::start(&args.common, port, PICTURE_SPP, &title, stop, true)?;
+    world::listening(|| loaded.engine.aside(|engine| live.introduce(engine)));
+    Ok(live)
 }
 
 /// The run in a folder, or the exit code if there is nothing to go on with.

@@ -169,9 +169,14 @@ fn same_bits(a: &Tensor, b: &Tensor) -> bool {
     a.shape == b.shape && a.data.iter().zip(&b.data).all(|(x, y)| x.to_bits() == y.to_bits())
 }
 
+/// Numbers to their last bit, nested by their shape.
+pub fn numbers(shape: &[usize], data: &[f64]) -> String {
+    nested(shape, data).to_string().replace(',', ", ").replace('"', "")
+}
+
 /// A param's value to its last bit, as an expression of its type.
 pub fn as_script(t: &Tensor, ty: &Ty) -> String {
-    let numbers = || nested(&t.shape, &t.data).to_string().replace(',', ", ").replace('"', "");
+    let numbers = || numbers(&t.shape, &t.data);
     match (ty, t.item()) {
         (Ty::Angle, Some(x)) => {
             // In degrees where that is the same number.

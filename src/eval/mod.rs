@@ -11,6 +11,7 @@ mod comprehensions;
 mod dark;
 mod deps;
 mod derivative;
+mod edited;
 mod error;
 mod expr;
 mod history;
@@ -121,6 +122,8 @@ pub struct Statistics {
 struct Entry {
     value: Value,
     deps: Deps,
+    /// `Statistics::declarations` when it was computed.
+    computed: u64,
 }
 
 /// A layer of replaced declarations and fields; the first one replaces nothing.
@@ -405,6 +408,22 @@ impl Engine {
         self.fresh_frame(|engine| engine.expr(e))
     }
 
+    /// Does work that leaves nothing rendered behind: what comes after it draws the samples that it would have drawn without.
+    pub fn aside<T>(&mut self, work: impl FnOnce(&mut Engine) -> T) -> T {
+        let declarations = self.statistics.declarations;
+        let done = work(self);
+        self.forget_rendered_since(declarations);
+        done
+    }
+
+    /// Forgets what was rendered since [`Statistics::declarations`] was this.
+    pub fn forget_rendered_since(&mut self, declarations: u64) {
+        let reach = self.reach.clone();
+        for world in &mut self.worlds {
+            world.cache.retain(|id, entry| entry.computed <= declarations || !reach.renders(*id));
+        }
+    }
+
     /// Does work that is not an evaluation but can be interrupted like one.
     pub fn stoppable<T>(&self, work: impl FnOnce() -> T) -> Result<T> {
         until(self.options.interrupt.clone(), work)
@@ -511,7 +530,8 @@ impl Engine {
         let deps = self.frames.pop().unwrap_or_default();
         let value = value?;
         self.depends(|d| d.merge(&deps));
-        self.worlds[home].cache.insert(id, Entry { value: value.clone(), deps });
+        let computed = self.statistics.declarations;
+        self.worlds[home].cache.insert(id, Entry { value: value.clone(), deps, computed });
         Ok(value)
     }
 

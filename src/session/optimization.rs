@@ -112,6 +112,8 @@ struct Before {
     losses: usize,
     told: (usize, f64),
     values: Vec<Vec<f64>>,
+    /// Declarations that the engine had evaluated.
+    declarations: u64,
 }
 
 /// What a solver made of a step.
@@ -457,6 +459,7 @@ impl Optimization {
             losses: self.losses.len(),
             told: engine.losses_told(),
             values: before.iter().map(|t| t.data.clone()).collect(),
+            declarations: engine.statistics().declarations,
         });
         let found = self.take_step(engine, &targets, before).and_then(|report| {
             let chosen = self.turn_start(engine)?;
@@ -475,10 +478,13 @@ impl Optimization {
 
     /// Leaves everything as it was before a step that is not kept, whether it failed or not: it can be taken again.
     pub fn take_back(&mut self, engine: &mut Engine) -> Result<(), Diagnostic> {
-        let Some(Before { done, memory, losses, told, values }) = self.before.take() else { return Ok(()) };
+        let Some(before) = self.before.take() else { return Ok(()) };
+        let Before { done, memory, losses, told, values, declarations } = before;
         (self.done, self.memory, self.rejected) = (done, memory, None);
         self.losses.truncate(losses);
         engine.take_back_losses(told);
+        // Taken again, it counts the samples of all that it needs.
+        engine.forget_rendered_since(declarations);
         let targets = self.targets();
         engine.unstopped(|engine| put(engine, &targets, values))
     }

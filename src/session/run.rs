@@ -258,6 +258,8 @@ impl<'a> Runner<'a> {
         let mut seconds = 0.0;
         let mut taken: u64 = 0;
         while optimization.done() < optimization.total() && taken < count {
+            let world = &mut self.world;
+            let looks = self.engine.aside(|engine| world.look(engine, optimization));
             if self.world.interrupted() {
                 self.world.progress_done();
                 let (done, total) = (optimization.done(), optimization.total());
@@ -268,8 +270,8 @@ impl<'a> Runner<'a> {
             }
             self.checkpoint_if_due(optimization)?;
             let report = match self.turn(optimization) {
-                // The next turn says so.
-                Err(diagnostic) if diagnostic.code == eval::INTERRUPTED && self.world.interrupted() => continue,
+                // The next turn says so, or takes the look for which it was interrupted.
+                Err(e) if e.code == eval::INTERRUPTED && (looks || self.world.interrupted()) => continue,
                 Err(diagnostic) => {
                     let told = match optimization.retreat(self.engine, diagnostic) {
                         Ok(told) => told,

@@ -3,7 +3,9 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 
+use super::Optimization;
 use crate::diag::Diagnostic;
+use crate::eval::Engine;
 use crate::source::SourceMap;
 
 /// Progress of an optimisation.
@@ -33,6 +35,11 @@ pub trait World {
     fn progress_done(&mut self);
     /// Whether the user wants to stop; called between steps.
     fn interrupted(&self) -> bool;
+    /// Called before each step of an optimisation, to show how things are; what is evaluated here changes nothing of what follows. Whether
+    /// it also ends evaluations for the sake of a look: they are done again then.
+    fn look(&mut self, _engine: &mut Engine, _optimization: &Optimization) -> bool {
+        false
+    }
 }
 
 /// A world that stores all output, for tests and for callers that want the text.

@@ -6,6 +6,8 @@ mod browser;
 mod common;
 #[path = "../common/dice.rs"]
 mod dice;
+#[path = "../common/live.rs"]
+mod live;
 #[path = "../common/place.rs"]
 mod place;
 
@@ -22,3 +24,4 @@ mod runs;
 mod solvers;
 mod stages;
 mod sweep;
+mod watch;

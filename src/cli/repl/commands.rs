@@ -3,14 +3,14 @@
 use std::path::{Path, PathBuf};
 
 use super::{Next, Repl};
-use crate::check::hir;
+use crate::cli::living::set_param;
 use crate::cli::script::script_with_values;
 use crate::diag::{self, Diagnostic};
 use crate::eval;
 use crate::files::write_atomically;
 use crate::session::clock::{Stopwatch, human_seconds};
 use crate::session::folder::{cannot_write, spare_inputs};
-use crate::session::{Optimization, Runner, show};
+use crate::session::{Optimization, show};
 use crate::tape::Tensor;
 
 /// Name, arguments and what it does, in the order of `:help`.
@@ -51,7 +51,7 @@ impl Repl<'_> {
             "time" => self.time(rest),
             "fd" => self.finite_differences(rest),
             "load" => self.load_file(rest),
-            "reload" => match self.file.clone() {
+            "reload" => match self.living.file.clone() {
                 Some(file) => {
                     self.load(&file);
                     Ok(())
@@ -83,7 +83,7 @@ impl Repl<'_> {
             self.world.print(&text);
             return Ok(());
         }
-        let program = self.engine.program();
+        let program = self.living.engine.program();
         let found = program.find(name);
         // `:help render` is the function, `:help :render` the command.
         let bare = name.trim_start_matches(':');
@@ -108,9 +108,9 @@ impl Repl<'_> {
 
     fn list_params(&mut self) -> Result<(), Diagnostic> {
         let mut rows = vec![["param", "type", "bounds", "", "value"].map(str::to_owned).to_vec()];
-        for info in self.engine.params()? {
-            let value = self.engine.param_value(info.id)?;
-            let ty = self.engine.program().decl(info.id).ty.clone();
+        for info in self.living.engine.params()? {
+            let value = self.living.engine.param_value(info.id)?;
+            let ty = self.living.engine.program().decl(info.id).ty.clone();
             let shown = |t: &Tensor| show::with_unit(t, &ty);
             let bounds = info.bounds.as_ref().map_or(String::new(), |(lo, hi)| format!("{}..{}", shown(lo), shown(hi)));
             let mut notes = Vec::new();
@@ -141,7 +141,7 @@ impl Repl<'_> {
         if name.is_empty() || value.is_empty() {
             return Err(usage("`:set` needs a name and a value", "type `:set NAME EXPR`"));
         }
-        let program = self.engine.program();
+        let program = self.living.engine.program();
         let param = program.params().find(|&id| program.decl(id).name == name);
         let Some(id) = param else {
             let own = || program.ids().map(|id| program.decl(id)).filter(|d| d.user).map(|d| d.name.as_str());
@@ -157,31 +157,25 @@ impl Repl<'_> {
         let Some(expr) = self.expression(value) else {
             return Ok(());
         };
-        let found = self.engine.eval(&expr)?;
-        let current = self.engine.param_value(id)?;
+        let found = self.living.engine.eval(&expr)?;
+        let current = self.living.engine.param_value(id)?;
         let tensor = found.var().map(|v| v.value().clone()).map(|t| match t.item() {
             // One number for all, as in `with`.
             Some(x) => Tensor::full(&current.shape, x),
             None => t,
         });
         let Some(tensor) = tensor.filter(|t| t.shape == current.shape) else {
-            let declared = self.engine.program().decl(id).ty.to_string();
+            let declared = self.living.engine.program().decl(id).ty.to_string();
             let message = format!("`{name}` is of type {declared}, this is of type {}", expr.ty);
             return Err(Diagnostic::error("dscene::type::mismatch", message).label(expr.span, expr.ty.to_string()));
         };
-        let info = self.engine.params()?.into_iter().find(|info| info.id == id);
-        if let Some((lo, hi)) = info.and_then(|info| info.bounds)
-            && tensor.data.iter().zip(lo.data.iter().zip(&hi.data)).any(|(x, (lo, hi))| x < lo || x > hi)
-        {
-            let ty = &self.engine.program().decl(id).ty;
-            let message = format!("`{name}` stays within {}..{}", show::with_unit(&lo, ty), show::with_unit(&hi, ty));
-            return Err(Diagnostic::error("dscene::type::bounds", message)
-                .label(expr.span, "out of its bounds")
-                .help(format!("declare it anew with other bounds: `param {name} = {value} in lo..hi`")));
-        }
-        self.engine.set_param(id, tensor)?;
-        let value = self.engine.param_value(id)?;
-        let text = show::with_unit(&value, &self.engine.program().decl(id).ty);
+        let set = set_param(&mut self.living.engine, id, tensor);
+        set.map_err(|refused| match refused.code {
+            "dscene::type::bounds" => refused.label(expr.span, "out of its bounds"),
+            _ => refused,
+        })?;
+        let value = self.living.engine.param_value(id)?;
+        let text = show::with_unit(&value, &self.living.engine.program().decl(id).ty);
         self.world.print(&format!("{name} = {text}"));
         Ok(())
     }
@@ -194,44 +188,27 @@ impl Repl<'_> {
                 _ => return Err(usage("`:step` needs a number of steps", "type `:step 10`")),
             },
         };
-        let mut optimization = match self.optimization.take() {
-            Some(optimization) => optimization,
-            None => {
-                let optimize = self.engine.program().actions.iter().find_map(|action| match action {
-                    hir::Action::Optimize(optimize) => Some(optimize.clone()),
-                    _ => None,
-                });
-                let Some(optimize) = optimize else {
-                    return Err(usage("the script has no `optimize`", "type one: `optimize loss { steps: 10 }`"));
-                };
-                Optimization::new(&mut self.engine, &optimize, None)?
-            }
-        };
-        if optimization.done() >= optimization.total() {
+        if self.living.optimization.is_none() {
+            let Some(optimize) = self.living.optimizations().next().cloned() else {
+                return Err(usage("the script has no `optimize`", "type one: `optimize loss { steps: 10 }`"));
+            };
+            self.living.optimization = Some(Optimization::new(&mut self.living.engine, &optimize, None)?);
+        }
+        if self.living.optimization.as_ref().is_some_and(|o| o.done() >= o.total()) {
             self.world.note("the optimisation is complete; `:reset` starts it again");
-            self.optimization = Some(optimization);
             return Ok(());
         }
-        let mut runner = Runner::new(&mut self.engine, &mut *self.world);
-        runner.outputs = self.common.out.clone().unwrap_or_default();
-        runner.histories = std::mem::take(&mut self.histories);
-        let flow = runner.advance(&mut optimization, count);
-        self.histories = std::mem::take(&mut runner.histories);
-        self.world.progress_done();
-        optimization.leave(&mut self.engine);
-        let (done, total) = (optimization.done(), optimization.total());
-        let loss = optimization.last_loss().map_or("–".to_owned(), show::digits);
-        self.world.print(&format!("step {done} of {total}: {} = {loss}", optimization.name()));
-        self.optimization = Some(optimization);
+        let flow = self.living.advance(count, &mut *self.world);
+        if let Some(optimization) = &self.living.optimization {
+            let (done, total) = (optimization.done(), optimization.total());
+            let loss = optimization.last_loss().map_or("–".to_owned(), show::digits);
+            self.world.print(&format!("step {done} of {total}: {} = {loss}", optimization.name()));
+        }
         flow.map(|_| ())
     }
 
     fn reset(&mut self) -> Result<(), Diagnostic> {
-        for id in self.engine.program().params().collect::<Vec<_>>() {
-            self.engine.reset_param(id);
-        }
-        self.engine.reset_renewed();
-        self.optimization = None;
+        self.living.reset();
         self.world.note("params are back at their initial values");
         Ok(())
     }
@@ -240,9 +217,9 @@ impl Repl<'_> {
         let mut words = text.split_whitespace().peekable();
         let camera = match words.next_if(|w| w.parse::<u32>().is_err()) {
             Some(name) => name.to_owned(),
-            None => super::choose_camera(self.engine.program(), None)?,
+            None => super::choose_camera(self.living.engine.program(), None)?,
         };
-        let camera = super::choose_camera(self.engine.program(), Some(&camera))?;
+        let camera = super::choose_camera(self.living.engine.program(), Some(&camera))?;
         let spp = words.next().map(|n| n.parse::<u32>());
         let call = match spp {
             None => format!("render({camera})"),
@@ -260,7 +237,7 @@ impl Repl<'_> {
             return Ok(());
         };
         let watch = Stopwatch::start();
-        let value = self.engine.eval(&expr)?;
+        let value = self.living.engine.eval(&expr)?;
         let elapsed = watch.elapsed();
         let text = eval::brief(&value, &expr.ty);
         self.world.print(&format!("{text}\n{} (CPU {})", human_seconds(elapsed.wall), human_seconds(elapsed.cpu)));
@@ -269,7 +246,7 @@ impl Repl<'_> {
 
     fn finite_differences(&mut self, text: &str) -> Result<(), Diagnostic> {
         let text = if text.is_empty() {
-            let program = self.engine.program();
+            let program = self.living.engine.program();
             match program.losses().next() {
                 Some(id) => program.decl(id).name.clone(),
                 None => return Err(usage("the script has no loss", "type `:fd EXPR`")),
@@ -301,12 +278,12 @@ impl Repl<'_> {
         }
         let path = PathBuf::from(text.trim_matches('"'));
         // The script itself may be replaced by what became of it, other files that it reads may not.
-        if self.file.as_ref() != Some(&path) {
+        if self.living.file.as_ref() != Some(&path) {
             spare_inputs(&path)?;
         }
-        let sources = &self.engine.program().sources;
-        let root = sources.iter().find(|(_, f)| f.path.is_some() && f.path == self.file).map(|(id, _)| id);
-        let script = script_with_values(&mut self.engine, root, &self.typed, Vec::new())?;
+        let sources = &self.living.engine.program().sources;
+        let root = sources.iter().find(|(_, f)| f.path.is_some() && f.path == self.living.file).map(|(id, _)| id);
+        let script = script_with_values(&mut self.living.engine, root, &self.typed, Vec::new())?;
         write_atomically(&path, script.as_bytes()).map_err(|e| cannot_write(&path, &e))?;
         self.world.note(&format!("saved {}", path.display()));
         Ok(())

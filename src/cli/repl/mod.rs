@@ -6,19 +6,19 @@ pub mod input;
 pub mod picture;
 
 use std::io::{BufRead, IsTerminal};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::args::{Common, ReplArgs};
-use super::{EXIT_WRONG, Terminal, check_file, choose_camera, engine_options, out};
-use crate::check::{self, Line, hir};
+use super::living::Living;
+use super::{EXIT_WRONG, Terminal, choose_camera, out};
+use crate::check::{Line, hir};
 use crate::diag::Diagnostic;
-use crate::eval::{self, Engine};
+use crate::eval;
 use crate::session::line::check_line;
 use crate::session::measure::repeat_seed;
-use crate::session::run::Histories;
 use crate::session::stats::Moments;
-use crate::session::world::{EXIT_INTERRUPTED, clear_interrupt, interrupted, listening};
-use crate::session::{MeasureOptions, Optimization, Runner, World, measure, show};
+use crate::session::world::{EXIT_INTERRUPTED, clear_interrupt, interrupt_flag, interrupted, listening};
+use crate::session::{MeasureOptions, Runner, World, measure, show};
 use crate::source::SourceId;
 
 use editor::{Input, LineEditor, Words};
@@ -37,16 +37,10 @@ pub enum Next {
 
 /// A living program with its world.
 pub struct Repl<'w> {
-    engine: Engine,
+    living: Living,
     world: &'w mut dyn World,
-    common: Common,
-    file: Option<PathBuf>,
-    /// The optimisation that `:step` advances.
-    optimization: Option<Optimization>,
     /// Lines with declarations, for `:save`.
     typed: Vec<SourceId>,
-    /// The losses of what was optimised, for `plot`.
-    histories: Histories,
     /// Draw images as characters.
     pictures: bool,
     failed: bool,
@@ -67,18 +61,8 @@ pub fn run(args: &ReplArgs) -> u8 {
 impl<'w> Repl<'w> {
     /// An empty program: only the standard library.
     pub fn new(common: Common, world: &'w mut dyn World) -> Repl<'w> {
-        let engine = Engine::new(check::library(), engine_options(&common, Path::new("")));
-        Repl {
-            engine,
-            world,
-            common,
-            file: None,
-            optimization: None,
-            typed: Vec::new(),
-            histories: Histories::default(),
-            pictures: false,
-            failed: false,
-        }
+        let living = Living::new(common, interrupt_flag());
+        Repl { living, world, typed: Vec::new(), pictures: false, failed: false }
     }
 
     fn interact(&mut self) -> u8 {
@@ -142,7 +126,7 @@ impl<'w> Repl<'w> {
     }
 
     fn words(&self) -> Words {
-        let program = self.engine.program();
+        let program = self.living.engine.program();
         let names = program.ids().map(|id| program.decl(id).name.clone()).collect();
         Words { names, commands: commands::NAMES.iter().map(|(name, ..)| format!(":{name}")).collect() }
     }
@@ -166,16 +150,16 @@ impl<'w> Repl<'w> {
 
     /// Makes `loss` mean the script's first loss, unless it means something else already.
     fn name_the_loss(&mut self) {
-        let program = self.engine.program();
+        let program = self.living.engine.program();
         let is_taken = program.ids().any(|id| program.decl(id).name == "loss");
         let first = program.losses().next().map(|id| program.decl(id).name.clone());
         if let (false, Some(first)) = (is_taken, first) {
-            let _ = check_line(&mut self.engine, &format!("let loss = {first}"));
+            let _ = check_line(&mut self.living.engine, &format!("let loss = {first}"));
         }
     }
 
     fn report(&mut self, outcome: Result<(), Diagnostic>) {
-        crate::session::run::tell_warnings(&mut self.engine, self.world);
+        crate::session::run::tell_warnings(&mut self.living.engine, self.world);
         if let Err(diagnostic) = outcome {
             if diagnostic.code == eval::INTERRUPTED {
                 self.world.progress_done();
@@ -184,15 +168,15 @@ impl<'w> Repl<'w> {
             }
             self.failed = true;
             self.world.progress_done();
-            let sources = self.engine.program().sources.clone();
+            let sources = self.living.engine.program().sources.clone();
             self.world.diagnostic(&diagnostic, &sources);
         }
     }
 
     /// Checks a line against the program and reports what is wrong with it.
     fn check(&mut self, text: &str) -> Option<Line> {
-        let (line, diagnostics) = check_line(&mut self.engine, text);
-        let sources = self.engine.program().sources.clone();
+        let (line, diagnostics) = check_line(&mut self.living.engine, text);
+        let sources = self.living.engine.program().sources.clone();
         for diagnostic in &diagnostics {
             self.world.diagnostic(diagnostic, &sources);
         }
@@ -215,22 +199,22 @@ impl<'w> Repl<'w> {
         match line {
             Line::Statements { declared, actions } => {
                 if !declared.is_empty() || actions.is_empty() {
-                    let line = self.engine.program().origin.lines.last();
+                    let line = self.living.engine.program().origin.lines.last();
                     self.typed.extend(line);
                     // What is being optimised may have changed its meaning.
-                    self.optimization = None;
+                    self.living.optimization = None;
                 }
                 for id in declared {
-                    let decl = self.engine.program().decl(id);
+                    let decl = self.living.engine.program().decl(id);
                     let text = format!("{} : {}", decl.name, decl.ty);
                     self.world.print(&text);
                 }
-                let mut runner = Runner::new(&mut self.engine, &mut *self.world);
-                runner.outputs = self.common.out.clone().unwrap_or_default();
-                runner.histories = std::mem::take(&mut self.histories);
+                let mut runner = Runner::new(&mut self.living.engine, &mut *self.world);
+                runner.outputs = self.living.common.out.clone().unwrap_or_default();
+                runner.histories = std::mem::take(&mut self.living.histories);
                 let flow = runner.run(&actions);
                 self.failed |= !runner.report.is_success();
-                self.histories = std::mem::take(&mut runner.histories);
+                self.living.histories = std::mem::take(&mut runner.histories);
                 flow.map(|_| ())
             }
             Line::Expr(expr) => self.show(&expr),
@@ -244,12 +228,12 @@ impl<'w> Repl<'w> {
             && derivative.kind == hir::DerivativeKind::Grad
             && derivative.wrt.is_empty()
         {
-            let name = self.engine.program().sources.text(derivative.of.span).to_owned();
+            let name = self.living.engine.program().sources.text(derivative.of.span).to_owned();
             return self.gradients(&name, &derivative.of, None);
         }
-        self.engine.set_sample_seed(repeat_seed(self.common.seed, 0));
+        self.living.engine.set_sample_seed(repeat_seed(self.living.common.seed, 0));
         let started = std::time::Instant::now();
-        let value = self.engine.eval(expr)?;
+        let value = self.living.engine.eval(expr)?;
         if self.pictures
             && let Some(image) = crate::session::save::image_of(&value)
             && matches!(value, crate::natives::value::Value::Image(_))
@@ -276,8 +260,8 @@ impl<'w> Repl<'w> {
             if interrupted() || (repeat == 1 && seconds > 2.0 * PATIENCE) {
                 break;
             }
-            self.engine.set_sample_seed(repeat_seed(self.common.seed, repeat));
-            let Some(x) = self.engine.eval(expr)?.number() else {
+            self.living.engine.set_sample_seed(repeat_seed(self.living.common.seed, repeat));
+            let Some(x) = self.living.engine.eval(expr)?.number() else {
                 break;
             };
             if repeat == 1 && x.to_bits() == first.to_bits() {
@@ -285,15 +269,15 @@ impl<'w> Repl<'w> {
             }
             moments.add(&[x]);
         }
-        self.engine.set_sample_seed(repeat_seed(self.common.seed, 0));
+        self.living.engine.set_sample_seed(repeat_seed(self.living.common.seed, 0));
         let error = moments.std_error().first().copied().unwrap_or(0.0);
         Ok((error > 0.0).then(|| show::plus_minus(moments.mean()[0], error)))
     }
 
     /// The table of all params that reach a scalar.
     fn gradients(&mut self, name: &str, of: &hir::Expr, fd_step: Option<f64>) -> Result<(), Diagnostic> {
-        let ids = self.engine.reaching_params(of)?;
-        let program = self.engine.program();
+        let ids = self.living.engine.reaching_params(of)?;
+        let program = self.living.engine.program();
         let target = |id: &hir::DeclId| hir::Target { decl: *id, path: Vec::new() };
         let wrt: Vec<(String, hir::Target)> =
             ids.iter().map(|id| (program.decl(*id).name.clone(), target(id))).collect();
@@ -301,8 +285,8 @@ impl<'w> Repl<'w> {
             return Err(Diagnostic::error("dscene::repl::gradient", format!("no param reaches `{name}`"))
                 .label(of.span, "does not depend on any param"));
         }
-        let options = MeasureOptions { repeats: REPEATS, seed: self.common.seed, fd_step, warm: false };
-        match measure(&mut self.engine, of, &wrt, options, &interrupted)? {
+        let options = MeasureOptions { repeats: REPEATS, seed: self.living.common.seed, fd_step, warm: false };
+        match measure(&mut self.living.engine, of, &wrt, options, &interrupted)? {
             Some(measurement) => self.world.print(&measurement.to_text(name, false)),
             None => self.world.note("interrupted"),
         }
@@ -311,22 +295,13 @@ impl<'w> Repl<'w> {
 
     /// Replaces the program by a file's; keeps the old one if the file is wrong.
     fn load(&mut self, file: &Path) -> bool {
-        let checked = check_file(file, &self.common);
-        for diagnostic in &checked.diagnostics {
-            self.world.diagnostic(diagnostic, &checked.sources);
-        }
-        let has_errors = checked.diagnostics.iter().any(Diagnostic::is_error);
-        let Some(program) = checked.program.filter(|_| !has_errors) else {
+        if !self.living.load(file, &mut *self.world) {
             self.failed = true;
             return false;
-        };
-        self.engine = Engine::new(program, engine_options(&self.common, file));
-        self.file = Some(file.to_path_buf());
-        self.optimization = None;
+        }
         self.typed.clear();
-        self.histories.clear();
         self.name_the_loss();
-        let program = self.engine.program();
+        let program = self.living.engine.program();
         let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
         let params = count(program.params().count(), "param");
         let losses = program.losses().count();

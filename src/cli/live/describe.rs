@@ -1,0 +1,237 @@
+//! What a page is told of a program: its params and its camera.
+
+use std::sync::Arc;
+
+use serde_json::{Value as Json, json};
+
+use super::hub::Pose;
+use crate::check::hir::{DeclId, DeclKind, Program};
+use crate::check::{Part, Reached, domains};
+use crate::diag::Diagnostic;
+use crate::eval::{self, Engine, ParamInfo, ParamKind, is_angle};
+use crate::natives::transform_matrix;
+use crate::natives::value::{CameraValue, Value};
+use crate::session::show::{self, significant};
+use crate::syntax;
+use crate::syntax::ast::{KindBody, StatementKind};
+use crate::tape::Tensor;
+
+/// Params with more numbers are shown in brief and cannot be set.
+pub const SET_BY_HAND: usize = 24;
+
+/// All params: values with angles in degrees, bounds, and whether they are colours.
+pub fn params(engine: &mut Engine) -> Result<Json, Diagnostic> {
+    let infos = engine.params()?;
+    let reached = domains(engine.program());
+    let mut all = Vec::with_capacity(infos.len());
+    for info in infos {
+        let value = engine.param_value(info.id)?;
+        let ty = engine.program().decl(info.id).ty.clone();
+        let unit = |t: &Tensor| -> Vec<f64> {
+            t.data.iter().map(|x| if is_angle(&ty) { x.to_degrees() } else { *x }).collect()
+        };
+        let is_small = value.len() <= SET_BY_HAND && info.kind != ParamKind::Rotation;
+        let reached = reached.get(&info.id).map_or(&[][..], Vec::as_slice);
+        let bounds = info.bounds.as_ref().map(|(lo, hi)| (unit(lo), unit(hi))).filter(|_| is_small);
+        let bounds = bounds.or_else(|| bounds_of_use(reached, &value));
+        all.push(json!({
+            "name": info.name,
+            "type": ty.to_string(),
+            "shape": info.shape,
+            "angle": is_angle(&ty),
+            "frozen": info.frozen,
+            "elements": if info.kind == ParamKind::Rotation { 3 } else { value.len() },
+            "values": is_small.then(|| unit(&value)),
+            "low": bounds.as_ref().map(|(low, _)| low),
+            "high": bounds.as_ref().map(|(_, high)| high),
+            "color": is_small && is_color(&info, reached),
+            "text": crate::session::run::shortened(&show::with_unit(&value, &ty)),
+        }));
+    }
+    Ok(Json::Array(all))
+}
+
+/// The finite range of the input that a whole param goes to: what is a reflectance lies within 0..1 although the script does not say so.
+fn bounds_of_use(reached: &[Reached], value: &Tensor) -> Option<(Vec<f64>, Vec<f64>)> {
+    let whole = reached.iter().find(|r| r.part == Part::Whole && !r.domain.angle)?;
+    let domain = &whole.domain;
+    let is_finite = domain.low.is_finite() && domain.high.is_finite();
+    (is_finite && value.len() <= SET_BY_HAND).then(|| (vec![domain.low; value.len()], vec![domain.high; value.len()]))
+}
+
+/// The language has colours as vectors of three numbers: they are told from others by what they are for.
+fn is_color(info: &ParamInfo, reached: &[Reached]) -> bool {
+    const WORDS: [&str; 9] =
+        ["color", "colour", "albedo", "reflectance", "radiance", "specular", "diffuse", "tint", "emission"];
+    let speaks = |text: &str| WORDS.iter().any(|word| text.to_lowercase().contains(word));
+    info.shape == [3] && (speaks(&info.name) || reached.iter().any(|r| r.part == Part::Whole && speaks(&r.argument)))
+}
+
+/// The cameras of the script, where the chosen one is, and the line that puts it there.
+pub fn camera(engine: &mut Engine, name: &str, camera: &Arc<CameraValue>, moved: Option<Pose>) -> Json {
+    let program = engine.program();
+    let is_camera = |id: &DeclId| program.decl(*id).user && matches!(program.decl(*id).kind, DeclKind::Kind("camera"));
+    let names: Vec<&str> = program.ids().filter(is_camera).map(|id| program.decl(id).name.as_str()).collect();
+    let own = pose_of(camera);
+    let pose = moved.or(own);
+    let (width, height) = camera.film().unwrap_or((256, 256));
+    // Both keyframes of a moving camera would have to move.
+    let movable = camera.closing.is_none() && own.is_some();
+    json!({
+        "names": names,
+        "name": name,
+        "film": [width, height],
+        "movable": movable,
+        "moved": moved.is_some(),
+        "pose": pose.map(|Pose { position, look_at, up }| json!({"position": position, "look_at": look_at, "up": up})),
+        "line": pose.filter(|_| movable).map(|pose| line(program, name, camera, &pose)),
+    })
+}
+
+/// Where a camera is. One that is placed by a transform looks at the point of its axis that is nearest to the origin.
+fn pose_of(camera: &CameraValue) -> Option<Pose> {
+    let numbers = |name: &str, or: [f64; 3]| match camera.field(name) {
+        Some(value) => <[f64; 3]>::try_from(value.var()?.value().data.as_slice()).ok(),
+        None => Some(or),
+    };
+    let Some(transform) = camera.field("transform") else {
+        let (position, look_at) = (numbers("position", [0.0, 0.0, 5.0])?, numbers("look_at", [0.0; 3])?);
+        return Some(Pose { position, look_at, up: numbers("up", [0.0, 1.0, 0.0])? });
+    };
+    let matrix = transform_matrix(transform)?;
+    let data = &matrix.value().data;
+    let column = |i: usize| Some(glam::DVec3::new(*data.get(i)?, *data.get(4 + i)?, *data.get(8 + i)?));
+    let (up, forward, position) = (column(1)?.normalize(), column(2)?.normalize(), column(3)?);
+    let distance = -position.dot(forward);
+    let distance = if distance > 1e-3 { distance } else { 1.0 };
+    let pose = [position, position + distance * forward, up].map(|v| v.to_array());
+    Some(Pose { position: pose[0], look_at: pose[1], up: pose[2] })
+}
+
+/// The camera's statement, with the fields that place it.
+fn line(program: &Program, name: &str, camera: &CameraValue, pose: &Pose) -> String {
+    let vector = |v: &[f64; 3]| format!("[{}]", v.map(|x| significant(x, 5)).join(", "));
+    let mut places = vec![("position", vector(&pose.position)), ("look_at", vector(&pose.look_at))];
+    if camera.field("up").is_some() && pose.up != [0.0, 1.0, 0.0] || camera.field("transform").is_some() {
+        places.push(("up", vector(&pose.up)));
+    }
+    let decl = program.find(name).map(|id| program.decl(id));
+    let statements = decl.map(|d| syntax::parse(&program.sources, d.span.source).0.statements).unwrap_or_default();
+    let statement = statements.iter().find(|s| s.declares() == Some(name));
+    if let Some(statement) = statement
+        && let StatementKind::Kind { body: KindBody::Fields(fields), .. } = &statement.kind
+        && let Some(first) = fields.first()
+    {
+        let mut text = program.sources.text(statement.span).to_owned();
+        let start = statement.span.start;
+        let mut edits: Vec<(u32, u32, String)> = Vec::new();
+        let mut missing = String::new();
+        for (field, value) in &places {
+            match fields.iter().find(|f| f.name.text == *field) {
+                Some(known) => edits.push((known.value.span.start, known.value.span.end, value.clone())),
+                None => missing.push_str(&format!("{field}: {value}, ")),
+            }
+        }
+        match fields.iter().find(|f| f.name.text == "transform") {
+            Some(known) => {
+                let all = missing.trim_end_matches(", ").to_owned();
+                edits.push((known.name.span.start, known.value.span.end, all));
+            }
+            None => edits.push((first.name.span.start, first.name.span.start, missing)),
+        }
+        edits.sort_by_key(|edit| std::cmp::Reverse(edit.0));
+        for (from, to, new) in edits {
+            let range = (from - start) as usize..(to - start) as usize;
+            if text.get(range.clone()).is_some() {
+                text.replace_range(range, &new);
+            }
+        }
+        return text;
+    }
+    // A camera that some call made: what it is made of is written out.
+    let placed = |field: &str| ["position", "look_at", "up", "transform"].contains(&field);
+    let others = camera.fields.iter().filter(|(field, _)| !placed(field)).map(|(field, value)| match value {
+        Value::Num(v) if field.starts_with("fov") => {
+            format!("{field}: {}deg", significant(v.item().unwrap_or_default().to_degrees(), 6))
+        }
+        Value::Str(text) => format!("{field}: {text}"),
+        other => format!("{field}: {}", eval::show(other, &crate::check::types::Ty::Any)),
+    });
+    let fields: Vec<String> = places.iter().map(|(field, value)| format!("{field}: {value}")).chain(others).collect();
+    format!("camera {name} {{ {} }}", fields.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::check::{self, Disk};
+    use crate::eval::EngineOptions;
+
+    fn engine(text: &str) -> Engine {
+        let checked = check::check_text("t.dscene", None, text, &[], &Disk);
+        Engine::new(checked.program.unwrap_or_else(|| panic!("{:?}", checked.diagnostics)), EngineOptions::default())
+    }
+
+    fn told(text: &str, moved: Option<Pose>) -> Json {
+        let mut engine = engine(text);
+        let id = engine.program().find("eye").unwrap();
+        let Value::Camera(value) = engine.eval_decl(id).unwrap() else { panic!("no camera") };
+        camera(&mut engine, "eye", &value, moved)
+    }
+
+    /// The line that a page gives is a camera that stands where the page's did.
+    #[test]
+    fn the_line_puts_the_camera_where_it_was_moved() {
+        let moved = Pose { position: [1.0, 2.0, 3.0], look_at: [0.0, 0.5, 0.0], up: [0.0, 1.0, 0.0] };
+        for (before, expected) in [
+            (
+                "let w = 8\ncamera eye {\n  position: [0, 0, -4] // far\n  look_at: [0, 0, 0]\n  film: [w, w]\n}",
+                "camera eye {\n  position: [1, 2, 3] // far\n  look_at: [0, 0.5, 0]\n  film: [w, w]\n}",
+            ),
+            (
+                "camera eye { position: [0, 0, -4], film: [8, 8] }",
+                "camera eye { look_at: [0, 0.5, 0], position: [1, 2, 3], film: [8, 8] }",
+            ),
+            (
+                "camera eye { fov: 30deg, transform: translate([0, 0, -4]), film: [8, 8] }",
+                "camera eye { fov: 30deg, position: [1, 2, 3], look_at: [0, 0.5, 0], up: [0, 1, 0], film: [8, 8] }",
+            ),
+            (
+                "fn far() = camera(position: [0, 0, 9], fov: 30deg, film: [8, 8], kind: \"fisheye\")\ncamera eye = far()",
+                "",
+            ),
+        ] {
+            let found = told(before, Some(moved));
+            let line = found["line"].as_str().unwrap();
+            assert!(expected.is_empty() || line == expected, "{line}");
+            let again = told(&format!("let w = 8\n{line}"), None);
+            assert_eq!(again["pose"], found["pose"], "{line}");
+            assert_eq!(again["film"], json!([8, 8]), "{line}");
+            assert!(!line.contains("transform"), "{line}");
+        }
+    }
+
+    #[test]
+    fn cameras_by_transform_look_along_z() {
+        let found = told("camera eye { transform: translate([0, 1, -4]), film: [8, 8] }", None);
+        let pose = json!({"position": [0.0, 1.0, -4.0], "look_at": [0.0, 1.0, 0.0], "up": [0.0, 1.0, 0.0]});
+        assert_eq!((&found["pose"], &found["movable"]), (&pose, &json!(true)));
+    }
+
+    #[test]
+    fn params_say_how_they_may_be_set() {
+        let mut engine = engine(
+            "param turn = 30deg in 0deg..90deg\nparam paint = [0.1, 0.2, 0.3]\nparam many = [0.5 for i in 0..100]\n\
+             param stays = 2 { frozen: true }\nlet m = diffuse(reflectance: paint)",
+        );
+        let all = params(&mut engine).unwrap();
+        let near = |x: &Json, y: f64| (x.as_f64().unwrap() - y).abs() < 1e-9;
+        assert!(near(&all[0]["values"][0], 30.0) && near(&all[0]["high"][0], 90.0) && all[0]["angle"] == true);
+        assert_eq!(
+            (&all[1]["color"], &all[1]["low"], &all[1]["high"]),
+            (&json!(true), &json!([0.0, 0.0, 0.0]), &json!([1.0, 1.0, 1.0]))
+        );
+        assert_eq!((&all[2]["values"], &all[2]["elements"]), (&Json::Null, &json!(100)));
+        assert_eq!((&all[3]["frozen"], &all[3]["low"], &all[3]["color"]), (&json!(true), &Json::Null, &json!(false)));
+    }
+}
