@@ -26,7 +26,7 @@ use clap::Parser;
 use args::{Cli, Command, Common};
 
 pub use load::{Loaded, check_file, check_file_by, engine_options, load, load_stopped_by};
-pub use render::choose_camera;
+pub use render::{cameras, choose_camera};
 pub use world::{Terminal, render_options};
 
 /// The script is wrong, or an `expect` failed.

@@ -119,13 +119,18 @@ pub fn cannot_save(path: &Path, error: SaveError) -> Diagnostic {
     }
 }
 
-/// The camera of that name; without one, the file's first.
-pub fn choose_camera(program: &hir::Program, wanted: Option<&str>) -> Result<String, Diagnostic> {
+/// The names of a file's cameras.
+pub fn cameras(program: &hir::Program) -> Vec<String> {
     let is_camera = |id: &_| {
         let decl = program.decl(*id);
         decl.user && matches!(decl.kind, DeclKind::Kind("camera"))
     };
-    let cameras: Vec<String> = program.ids().filter(is_camera).map(|id| program.decl(id).name.clone()).collect();
+    program.ids().filter(is_camera).map(|id| program.decl(id).name.clone()).collect()
+}
+
+/// The camera of that name; without one, the file's first.
+pub fn choose_camera(program: &hir::Program, wanted: Option<&str>) -> Result<String, Diagnostic> {
+    let cameras = cameras(program);
     match (wanted, cameras.first()) {
         (Some(name), _) if cameras.iter().any(|c| c == name) => Ok(name.to_owned()),
         (Some(name), _) => {

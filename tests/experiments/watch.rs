@@ -223,6 +223,24 @@ fn a_long_step_keeps_no_page_waiting() {
 }
 
 #[test]
+fn a_script_without_a_camera_has_no_picture_and_no_errors() {
+    let place = Place::new();
+    place.write("t.dscene", BOWL);
+    let server = watch(&place, "t.dscene");
+    let mut events = server.events();
+    let mut seen = Vec::new();
+    while !seen.contains(&("phase".to_owned(), json!("ready"))) {
+        seen.extend(events.next());
+    }
+    server.order(json!({"do": "start", "index": 0}));
+    while seen.last().is_none_or(|(_, told)| told["done"] != 60) {
+        seen.extend(events.next());
+    }
+    assert!(seen.contains(&("camera".to_owned(), Value::Null)), "{seen:?}");
+    assert!(seen.iter().all(|(topic, told)| topic != "diagnostics" || *told == json!([])), "{seen:?}");
+}
+
+#[test]
 fn without_the_token_there_is_nothing() {
     let place = Place::new();
     place.write("t.dscene", TRIANGLE);
@@ -464,5 +482,40 @@ fn the_page_shows_turns_sets_and_follows() {
         assert_eq!(page.overflow(), 0.0, "{width} {scheme:?}");
         let elsewhere: Vec<String> = page.requests().into_iter().filter(|url| !url.starts_with(&address)).collect();
         assert_eq!(elsewhere, Vec::<String>::new());
+    }
+}
+
+/// A run is followed, and stopped, and not changed; what sees nothing has no picture.
+#[test]
+fn the_page_follows_a_run() {
+    let Some(mut browser) = Browser::wanted() else { return };
+    let place = Place::new();
+    place.write("seen.dscene", format!("{TRIANGLE}\noptimize fit {{ using: adam(lr: 0.001), steps: 100000 }}\n"));
+    place.write("blind.dscene", BOWL.replace("steps: 60", "steps: 1000000"));
+    for (file, (width, scheme)) in [("seen", (390, Scheme::Light)), ("blind", (1280, Scheme::Dark))] {
+        let mut server = Server::start(&place, &["run", &format!("{file}.dscene"), "--out", file, "--live"]);
+        let mut page = browser.open(&format!("http://127.0.0.1:{}{}/", server.port, server.root), (width, 900), scheme);
+        page.wait_for("document.querySelector('#phase').textContent === 'optimising'");
+        page.wait_for("document.querySelector('#curve').getBoundingClientRect().height > 50");
+        let is_shown = |page: &mut browser::Page, selector: &str| {
+            page.number(&format!("document.querySelector({selector:?}).getClientRects().length")) > 0.0
+        };
+        if file == "seen" {
+            page.wait_for("document.querySelector('#picture').naturalWidth === 16");
+        }
+        assert_eq!(is_shown(&mut page, "#stage"), file == "seen");
+        assert!(!is_shown(&mut page, "#start") && !is_shown(&mut page, "#reset") && is_shown(&mut page, "#unknowns"));
+        assert_eq!(page.number("document.querySelectorAll('.param input:enabled').length"), 0.0);
+        page.click("#pause");
+        page.wait_for("document.querySelector('#phase').textContent === 'paused'");
+        if let Some(folder) = std::env::var_os("DSCENE_SCREENSHOTS") {
+            page.screenshot(&std::path::Path::new(&folder).join(format!("live-run-{file}.png")));
+        }
+        page.click("#stop");
+        page.wait_for("document.querySelector('#phase').textContent === 'stopped'");
+        assert_eq!(server.child.wait().unwrap().code(), Some(130));
+        page.wait_for("document.querySelector('#phase').textContent === 'stopped'");
+        assert_eq!(page.errors(), Vec::<String>::new());
+        assert_eq!(page.overflow(), 0.0);
     }
 }

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use serde_json::{Value as Json, json};
 
 use super::hub::Pose;
-use crate::check::hir::{DeclId, DeclKind, Program};
+use crate::check::hir::Program;
 use crate::check::{Part, Reached, domains};
+use crate::cli::cameras;
 use crate::diag::Diagnostic;
 use crate::eval::{self, Engine, ParamInfo, ParamKind, is_angle};
 use crate::natives::transform_matrix;
@@ -70,8 +71,7 @@ fn is_color(info: &ParamInfo, reached: &[Reached]) -> bool {
 /// The cameras of the script, where the chosen one is, and the line that puts it there.
 pub fn camera(engine: &mut Engine, name: &str, camera: &Arc<CameraValue>, moved: Option<Pose>) -> Json {
     let program = engine.program();
-    let is_camera = |id: &DeclId| program.decl(*id).user && matches!(program.decl(*id).kind, DeclKind::Kind("camera"));
-    let names: Vec<&str> = program.ids().filter(is_camera).map(|id| program.decl(id).name.as_str()).collect();
+    let names = cameras(program);
     let own = pose_of(camera);
     let pose = moved.or(own);
     let (width, height) = camera.film().unwrap_or((256, 256));

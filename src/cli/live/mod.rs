@@ -236,6 +236,9 @@ impl Live {
     }
 
     fn show_camera(&mut self, engine: &mut Engine) {
+        if !self.view.has_camera() {
+            return self.hub.tell("camera", &json!(null));
+        }
         match self.view.camera(engine) {
             Ok((name, camera)) => {
                 self.hub.tell("camera", &describe::camera(engine, &name, &camera, self.view.pose()));

@@ -6,8 +6,8 @@ use serde_json::json;
 
 use super::hub::{Hub, Pose, Weight};
 use crate::check::{self, Line, hir};
-use crate::cli::choose_camera;
 use crate::cli::script::numbers;
+use crate::cli::{cameras, choose_camera};
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, INTERRUPTED};
 use crate::image::colormap::Colormap;
@@ -53,6 +53,8 @@ pub struct View {
     bridged: bool,
     /// Counts pictures, so that pages fetch new ones.
     shown: u64,
+    /// There is a camera to look through.
+    has_camera: bool,
     /// Nothing can be seen until something changes.
     blind: bool,
 }
@@ -72,6 +74,7 @@ impl View {
             rate: GUESSED_RATE,
             bridged: false,
             shown: 0,
+            has_camera: false,
             blind: false,
         }
     }
@@ -81,7 +84,12 @@ impl View {
         self.checked = program.clone();
         // An empty line is never wrong.
         let _ = check::check_line(&mut self.checked, "");
+        self.has_camera = !cameras(program).is_empty();
         self.restart();
+    }
+
+    pub fn has_camera(&self) -> bool {
+        self.has_camera
     }
 
     /// Where the page has moved the camera.
@@ -122,7 +130,7 @@ impl View {
     }
 
     pub fn wants_more(&self) -> bool {
-        !self.blind && (self.picture.spp < self.enough || self.wants_change())
+        self.has_camera && !self.blind && (self.picture.spp < self.enough || self.wants_change())
     }
 
     fn wants_change(&self) -> bool {
@@ -145,8 +153,11 @@ impl View {
         }
     }
 
-    /// One more pass, of the picture or of its derivative. Interrupted passes leave no trace.
+    /// One more pass, of the picture or of its derivative, if there is a camera. Interrupted passes leave no trace.
     pub fn pass(&mut self, engine: &mut Engine, hub: &Hub) -> Result<(), Wrong> {
+        if !self.has_camera {
+            return Ok(());
+        }
         let found = self.try_pass(engine, hub);
         if found.as_ref().is_err_and(|Wrong(e, _)| e.code != INTERRUPTED) {
             self.blind = true;

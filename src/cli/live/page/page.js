@@ -157,6 +157,8 @@ let viewPending = false;
 let viewTimer = 0;
 
 function showCamera(told) {
+  document.body.classList.toggle("blind", told === null);
+  if (told === null) return;
   film = told.film;
   movable = told.movable;
   $("frame").classList.toggle("fixed", !movable);
@@ -473,11 +475,11 @@ function showOptimization({ name, done, total, seconds_per_step, loss, losses })
   const rest = done < total ? `, ${duration((total - done) * seconds_per_step)} left` : "";
   $("steps").textContent =
     `step ${done} of ${total} of ${name}: ${loss === null ? "not finite" : number(loss)}, ${Number(seconds_per_step.toPrecision(2))} s a step${rest}`;
-  drawCurve(losses.filter(([, x]) => x !== null), total);
+  drawCurve(losses.filter(([, x]) => x !== null));
 }
 
 // On a logarithmic axis where the loss falls by more than one order of magnitude.
-function drawCurve(losses, total) {
+function drawCurve(losses) {
   // `hidden` is a property of HTML elements only.
   $("curve").toggleAttribute("hidden", losses.length < 2);
   if (losses.length < 2) return;
@@ -486,14 +488,16 @@ function drawCurve(losses, total) {
   const isLog = least > 0 && most / least > 10;
   const place = isLog ? Math.log : (x) => x;
   const [low, high] = [place(least), place(most)];
+  const [first, last] = [losses[0][0], losses.at(-1)[0]];
   const at = ([step, x]) => {
-    const right = 400 * (step / Math.max(total - 1, 1));
-    const down = 20 + 120 * (1 - (place(x) - low) / (high - low || 1));
+    const right = 4 + 392 * ((step - first) / (last - first));
+    const down = 24 + 112 * (1 - (place(x) - low) / (high - low || 1));
     return `${right.toFixed(1)},${down.toFixed(1)}`;
   };
   $("losses").setAttribute("points", losses.map(at).join(" "));
   $("top").textContent = `${number(most)}${isLog ? " (logarithmic)" : ""}`;
   $("bottom").textContent = number(least);
+  $("last").textContent = `step ${last + 1}`;
 }
 
 $("start").addEventListener("click", () => order({ do: "start", index: Math.max(0, $("optimizations").selectedIndex) }));
