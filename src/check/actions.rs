@@ -50,6 +50,7 @@ impl Checker<'_> {
                         | Ty::Integrator
                         | Ty::Optimizer
                         | Ty::Preconditioner
+                        | Ty::Distribution(_)
                         | Ty::Network
                         | Ty::Samples
                 );

@@ -40,7 +40,7 @@ impl Checker<'_> {
     pub fn call(&mut self, callee: &ast::Expr, args: &[ast::Argument], span: Span, wanted: Option<&Sig>) -> Typed {
         let given: Vec<Given> = args.iter().map(|a| Given { name: a.name.clone(), value: &a.value }).collect();
         let decl = match &callee.kind {
-            ast::ExprKind::Name(name) => self.called(name),
+            ast::ExprKind::Name(name) => self.meant(name, wanted).or_else(|| self.called(name)),
             ast::ExprKind::Member { base, name } => match self.module_member(base, name) {
                 Some(Ok(id)) => Some(id),
                 Some(Err(())) => return self.after_error(&given, span),
@@ -48,26 +48,32 @@ impl Checker<'_> {
             },
             _ => None,
         };
-        let Some(mut id) = decl.filter(|id| matches!(self.slot(*id).statement.kind, StatementKind::Fn(_))) else {
+        let Some(id) = decl.filter(|id| matches!(self.slot(*id).statement.kind, StatementKind::Fn(_))) else {
             return self.call_value(callee, &given, span);
         };
-        let mut name = self.slot(id).name.text.clone();
-        if !self.is_user(id) {
-            if let Some(kind) = DerivativeKind::named(&name) {
-                return self.derivative(kind, &name, &given, callee.span, span);
-            }
-            // `constant` is a light, but a schedule where a number is wanted.
-            let number = matches!(wanted, Some(Sig::Is(Ty::Num(_)) | Sig::Int(_) | Sig::Number));
-            if name == "constant"
-                && number
-                && let Some(rate) = self.builtin("constant_rate")
-            {
-                id = rate;
-                name = "constant".to_owned();
-            }
+        let name = match &callee.kind {
+            ast::ExprKind::Name(name) => name.clone(),
+            _ => self.slot(id).name.text.clone(),
+        };
+        if let Some(kind) = DerivativeKind::named(&name).filter(|_| !self.is_user(id)) {
+            return self.derivative(kind, &name, &given, callee.span, span);
         }
         let site = Site { name: &name, span: callee.span, is_kind: false };
         self.call_decl(id, &given, site, span)
+    }
+
+    /// The function of the library that a name means only where such a thing is wanted: `constant` is a light, but a schedule where a number
+    /// is wanted, and `normal` a picture of normals, but a distribution in a prior.
+    fn meant(&self, name: &str, wanted: Option<&Sig>) -> Option<DeclId> {
+        let is_own = |id| self.is_user(id) && matches!(self.slot(id).statement.kind, StatementKind::Fn(_));
+        if self.locals.iter().any(|local| local.name == name) || self.lookup(name).is_some_and(is_own) {
+            return None;
+        }
+        match wanted? {
+            Sig::Is(Ty::Num(_)) | Sig::Int(_) | Sig::Number if name == "constant" => self.builtin("constant_rate"),
+            Sig::Is(Ty::Distribution(_)) => self.builtin(&format!("{name}_distribution")),
+            _ => None,
+        }
     }
 
     /// The function that a name before `(` means. A user's value shadows a function of the library only if it can be called itself: `let

@@ -15,9 +15,6 @@ use crate::syntax::ast::{self, KindBody, StatementKind};
 /// Longer cycles of declarations are not reported link by link.
 const LONGEST_CYCLE: usize = 12;
 
-/// Settings of a param.
-const PARAM_SETTINGS: [&str; 4] = ["lr", "scale", "precondition", "frozen"];
-
 impl Checker<'_> {
     /// Checks a declaration unless it was checked already. A cycle is reported and has the error type.
     pub fn declare(&mut self, id: DeclId) {
@@ -115,7 +112,7 @@ impl Checker<'_> {
     }
 
     /// Checks a value against its annotation.
-    fn annotated(&mut self, ty: Option<&ast::Type>, value: &ast::Expr) -> Typed {
+    pub fn annotated(&mut self, ty: Option<&ast::Type>, value: &ast::Expr) -> Typed {
         let Some(ty) = ty else { return self.expr(value, None) };
         let sig = self.sig(ty);
         let typed = self.expr(value, Some(&sig));
@@ -153,7 +150,7 @@ impl Checker<'_> {
         typed
     }
 
-    fn set_value(&mut self, id: DeclId, kind: DeclKind, typed: Typed) {
+    pub fn set_value(&mut self, id: DeclId, kind: DeclKind, typed: Typed) {
         let timeless = self.timeless(id, &typed.expr.ty);
         let slot = self.slot_mut(id);
         slot.hir.kind = kind;
@@ -182,102 +179,6 @@ impl Checker<'_> {
         self.set_value(id, DeclKind::Loss, typed);
     }
 
-    fn param(&mut self, id: DeclId, param: &ast::Param, replaced: Option<&ast::Expr>) {
-        let initial = replaced.unwrap_or(&param.value);
-        let typed = self.annotated(param.ty.as_ref(), initial);
-        let ty = typed.expr.ty.clone();
-        let may_move = matches!(ty, Ty::Num(_) | Ty::Angle | Ty::Rotation | Ty::Image { .. }) || ty.may_be_numbers();
-        if !may_move {
-            self.diagnostics.push(
-                Diagnostic::error("dscene::type::param", format!("a param cannot be a {ty}"))
-                    .label(initial.span, format!("this is `{ty}`"))
-                    .help(
-                        "params are numbers, arrays of numbers, angles, rotations or images; build the rest from them",
-                    ),
-            );
-        }
-        let mut decl = hir::ParamDecl::default();
-        if let Some(bounds) = &param.bounds {
-            decl.bounds = self.bounds(bounds, &ty, typed.value.as_ref(), initial.span, &param.name.text);
-        }
-        let mut seen: Vec<&ast::Name> = Vec::new();
-        for field in &param.settings {
-            if let Some(first) = seen.iter().find(|n| n.text == field.name.text) {
-                self.report_twice(&field.name, first.span);
-                continue;
-            }
-            seen.push(&field.name);
-            let wanted = match field.name.text.as_str() {
-                "lr" => Sig::Is(Ty::SCALAR),
-                "scale" => Sig::Number,
-                "frozen" => Sig::Is(Ty::Bool),
-                "precondition" if !can_be_preconditioned(&ty) => {
-                    let name = &param.name.text;
-                    self.diagnostics.push(
-                        Diagnostic::error("dscene::type::param", format!("`{name}` has nothing to precondition"))
-                            .label(field.name.span, "for the vertices of a mesh")
-                            .label(initial.span, format!("this is `{ty}`"))
-                            .help("leave it out"),
-                    );
-                    continue;
-                }
-                "precondition" => Sig::Is(Ty::Preconditioner),
-                name => {
-                    let foreign =
-                        crate::diag::advice::field(name, &PARAM_SETTINGS).map(|f| format!("did you mean `{f}`?"));
-                    let help = foreign.or_else(|| did_you_mean(name, "the settings are", PARAM_SETTINGS));
-                    self.diagnostics.push(
-                        Diagnostic::error("dscene::name::field", format!("a param has no setting `{name}`"))
-                            .label(field.name.span, "unknown setting")
-                            .help_opt(help),
-                    );
-                    continue;
-                }
-            };
-            if field.name.text == "precondition" && is_call_of(&field.value, "pyramid") {
-                self.diagnostics.push(
-                    Diagnostic::error("dscene::type::mismatch", "`pyramid` makes the levels of an image")
-                        .label(field.value.span, "no preconditioner")
-                        .help("meshes have one: `laplacian(mesh)`; grids have none yet"),
-                );
-                continue;
-            }
-            let typed = self.checked_value(field, &wanted);
-            let (fault, expected): (fn(f64) -> bool, &str) = match field.name.text.as_str() {
-                "lr" => (|x| x < 0.0 || x.is_nan(), "0 or more"),
-                _ => (|x| x <= 0.0 || x.is_nan(), "positive"),
-            };
-            if let Some(x) = typed.value.as_ref().and_then(|v| v.numbers().into_iter().find(|x| fault(*x))) {
-                self.diagnostics.push(
-                    Diagnostic::error("dscene::value::range", format!("`{}` must be {expected}", field.name.text))
-                        .label(typed.expr.span, format!("this is {x}")),
-                );
-            }
-            let value = Some(typed.expr);
-            match field.name.text.as_str() {
-                "lr" => decl.lr = value,
-                "scale" => decl.scale = value,
-                "precondition" => decl.precondition = value,
-                _ => decl.frozen = value,
-            }
-        }
-        let whole = param.ty.as_ref().is_some_and(|t| matches!(self.sig(t), Sig::Int(_)));
-        if whole && !super::whole::is_frozen(&decl) {
-            let name = &param.name.text;
-            let value = self.sources.text(initial.span).to_owned();
-            self.diagnostics.push(
-                Diagnostic::error("dscene::type::whole", format!("`{name}` is a whole number and has no derivative"))
-                    .label(param.name.span, "cannot be optimised")
-                    .help(format!(
-                        "write `let {name} = {value}`, or `param {name}: int = {value} {{ frozen: true }}` to set it from outside"
-                    )),
-            );
-        }
-        self.set_value(id, DeclKind::Param(Box::new(decl)), typed);
-        // A param changes, so nothing may be computed from its initial value.
-        self.slot_mut(id).value = None;
-    }
-
     /// `name: value` with a wanted type.
     pub fn checked_field(&mut self, field: &ast::Field, wanted: &Sig) -> hir::Expr {
         self.checked_value(field, wanted).expr
@@ -298,69 +199,6 @@ impl Checker<'_> {
         }
         self.check_count(wanted, &field.name.text, &typed.expr);
         self.coerce(wanted, typed)
-    }
-
-    fn bounds(
-        &mut self,
-        bounds: &ast::Expr,
-        ty: &Ty,
-        initial: Option<&Const>,
-        initial_span: Span,
-        name: &str,
-    ) -> Option<(hir::Expr, hir::Expr)> {
-        let ast::ExprKind::Range { start, end, .. } = &bounds.kind else {
-            self.diagnostics.push(
-                Diagnostic::error("dscene::type::bounds", "bounds are a range `lo..hi`")
-                    .label(bounds.span, "not a range")
-                    .help("write `in 0..1`"),
-            );
-            return None;
-        };
-        let (low, high) = (self.expr(start, None), self.expr(end, None));
-        for (side, span) in [(&low, start.span), (&high, end.span)] {
-            let side_ty = &side.expr.ty;
-            let fine = side_ty.is_unknown()
-                || ty.is_unknown()
-                || match ty {
-                    Ty::Num(_) | Ty::Image { .. } => {
-                        side_ty.is_scalar() || signature::fits(ty, side_ty) || last_dim_fits(ty, side_ty)
-                    }
-                    _ => ty == side_ty,
-                };
-            if !fine {
-                let help = (*ty == Ty::Angle && side_ty.is_scalar())
-                    .then(|| format!("write `{}deg`", self.sources.text(span)));
-                self.diagnostics.push(
-                    Diagnostic::error("dscene::type::bounds", format!("bounds of a `{ty}` cannot be `{side_ty}`"))
-                        .label(span, format!("this is `{side_ty}`"))
-                        .label(initial_span, format!("`{name}` is `{ty}`"))
-                        .help_opt(help),
-                );
-                return None;
-            }
-        }
-        if let (Some(low), Some(high)) = (&low.value, &high.value) {
-            if compare_any(low, high, &|l, h| l >= h) {
-                self.diagnostics.push(
-                    Diagnostic::error("dscene::type::bounds", "the lower bound is not below the upper one")
-                        .label(bounds.span, "an empty range")
-                        .help("write `in lo..hi` with lo < hi"),
-                );
-            } else if let Some(initial) = initial
-                && (compare_any(initial, low, &|x, l| x < l) || compare_any(initial, high, &|x, h| x > h))
-            {
-                self.diagnostics.push(
-                    Diagnostic::error(
-                        "dscene::type::bounds",
-                        format!("the initial value of `{name}` is out of its bounds"),
-                    )
-                    .label(initial_span, "starts here")
-                    .label(bounds.span, "but must stay in here")
-                    .help("widen the bounds or start inside them"),
-                );
-            }
-        }
-        Some((low.expr, high.expr))
     }
 
     fn kind(
@@ -583,45 +421,7 @@ fn named_lengths(ty: &ast::Type) -> Vec<(usize, String)> {
     names.filter_map(|(axis, name)| Some((axis, name.as_ref()?.text.clone()))).collect()
 }
 
-/// Bounds for each component of an array of vectors.
-fn last_dim_fits(ty: &Ty, side: &Ty) -> bool {
-    match (ty, side) {
-        (Ty::Num(shape), Ty::Num(side)) => {
-            side.len() < shape.len()
-                && signature::fits(&Ty::Num(shape[shape.len() - side.len()..].to_vec()), &Ty::Num(side.clone()))
-        }
-        (Ty::Image { channels, .. }, Ty::Num(side)) => {
-            matches!(side.as_slice(), [n] if signature::dims_agree(*channels, *n))
-        }
-        _ => false,
-    }
-}
-
-/// Whether any pair of corresponding elements satisfies the test; a scalar corresponds to every element.
-fn compare_any(a: &Const, b: &Const, test: &dyn Fn(f64, f64) -> bool) -> bool {
-    match (a, b) {
-        (Const::Num(a), Const::Num(b)) | (Const::Angle(a), Const::Angle(b)) => test(*a, *b),
-        (Const::List(a), Const::List(b)) if a.len() == b.len() => a.iter().zip(b).any(|(a, b)| compare_any(a, b, test)),
-        (Const::List(a), b) => a.iter().any(|a| compare_any(a, b, test)),
-        (a, Const::List(b)) => b.iter().any(|b| compare_any(a, b, test)),
-        _ => false,
-    }
-}
-
 /// The expression that stands for a reported error.
 pub fn broken(span: Span) -> Typed {
     Typed { expr: error_expr(span), value: None }
-}
-
-/// Whether an expression is `name(…)`.
-fn is_call_of(e: &ast::Expr, name: &str) -> bool {
-    matches!(&e.kind, ast::ExprKind::Call { callee, .. } if matches!(&callee.kind, ast::ExprKind::Name(n) if n == name))
-}
-
-/// Whether a param may hold the vertices of a mesh.
-fn can_be_preconditioned(ty: &Ty) -> bool {
-    match ty {
-        Ty::Num(shape) => shape.len() >= 2,
-        _ => ty.is_unknown() || ty.may_be_numbers(),
-    }
 }

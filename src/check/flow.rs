@@ -30,6 +30,7 @@ pub fn reaching_params_of(program: &Program, decl: DeclId) -> Vec<DeclId> {
 /// the scene.
 pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
     let mut out = scene_cycles(program);
+    out.extend(program.params().filter_map(|id| varying_prior(program, id)));
     if !out.is_empty() {
         return out;
     }
@@ -128,11 +129,21 @@ pub fn used_by_actions(program: &Program) -> BTreeSet<DeclId> {
     }
     for id in program.params() {
         let DeclKind::Param(param) = &program.decl(id).kind else { continue };
-        let bounds = param.bounds.iter().flat_map(|(low, high)| [low, high]);
-        let settings = [&param.lr, &param.scale, &param.precondition, &param.frozen].into_iter().flatten();
-        bounds.chain(settings).for_each(|part| flow.expr(part, &mut found));
+        param.parts().for_each(|part| flow.expr(part, &mut found));
     }
     found.decls
+}
+
+/// An error if the prior of a param depends on params: its density is known up to a constant only.
+fn varying_prior(program: &Program, id: DeclId) -> Option<Diagnostic> {
+    let DeclKind::Param(param) = &program.decl(id).kind else { return None };
+    let prior = param.prior.as_ref()?;
+    let other = program.decl(*reaching_params(program, prior).first()?);
+    let name = &program.decl(id).name;
+    let message = format!("the prior of `{name}` depends on the param `{}`", other.name);
+    let told = Diagnostic::error("dscene::flow::prior", message).label(prior.span, "would change from step to step");
+    let help = format!("what ties params together is a term of the loss: `prior({name}, normal({}, sd))`", other.name);
+    Some(told.label(other.name_span, "declared here").help(help))
 }
 
 /// Checks that an `optimize` has params to move, and that its loss depends on them.

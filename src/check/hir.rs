@@ -110,11 +110,54 @@ pub enum DeclKind {
 
 #[derive(Clone, Debug, Default)]
 pub struct ParamDecl {
-    pub bounds: Option<(Expr, Expr)>,
+    /// A distribution.
+    pub prior: Option<Expr>,
+    pub bounds: Option<Bounds>,
     pub lr: Option<Expr>,
     pub scale: Option<Expr>,
+    pub space: Option<ParamSpace>,
     pub precondition: Option<Expr>,
     pub frozen: Option<Expr>,
+}
+
+impl ParamDecl {
+    /// All expressions beside the initial value.
+    pub fn parts(&self) -> impl Iterator<Item = &Expr> {
+        let bounds = self.bounds.iter().flat_map(|bounds| [&bounds.low, &bounds.high]);
+        let others = [&self.prior, &self.lr, &self.scale, &self.precondition, &self.frozen];
+        bounds.chain(others).flatten()
+    }
+}
+
+/// An end that is missing leaves that side open.
+#[derive(Clone, Debug)]
+pub struct Bounds {
+    pub low: Option<Expr>,
+    pub high: Option<Expr>,
+}
+
+/// The `space` of a param: coordinates in which it is optimised other than its numbers themselves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ParamSpace {
+    /// Numbers that come near to their bounds and never reach them.
+    Interior,
+    /// Logarithms.
+    Positive,
+    /// Directions of vectors.
+    Unit,
+}
+
+impl ParamSpace {
+    pub const ALL: [ParamSpace; 3] = [ParamSpace::Interior, ParamSpace::Positive, ParamSpace::Unit];
+
+    /// As it is written after `space:`.
+    pub fn word(self) -> &'static str {
+        match self {
+            ParamSpace::Interior => "interior",
+            ParamSpace::Positive => "positive",
+            ParamSpace::Unit => "unit",
+        }
+    }
 }
 
 #[derive(Clone, Debug)]

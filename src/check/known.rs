@@ -55,6 +55,8 @@ impl Checker<'_> {
             "moving" => self.check_keyframes(args),
             "camera" => self.check_camera(args),
             "spot" => self.check_cone(args),
+            "uniform_distribution" => self.check_ends(args),
+            "prior" => return self.check_prior(found),
             _ => {}
         }
         self.check_triangles(&name, args);

@@ -277,10 +277,7 @@ fn renews(action: &ast::Action) -> bool {
 fn roots(decl: &hir::Decl) -> Vec<&Expr> {
     let mut all: Vec<&Expr> = decl.body.as_deref().into_iter().collect();
     match &decl.kind {
-        DeclKind::Param(param) => {
-            all.extend(param.bounds.iter().flat_map(|(low, high)| [low, high]));
-            all.extend([&param.lr, &param.scale, &param.precondition, &param.frozen].into_iter().flatten());
-        }
+        DeclKind::Param(param) => all.extend(param.parts()),
         DeclKind::Fn(f) => {
             all.push(&f.body);
             all.extend(f.params.iter().filter_map(|p| p.default.as_ref()));

@@ -20,6 +20,7 @@ mod infer;
 mod known;
 mod lines;
 mod modules;
+mod params;
 pub mod plot;
 mod results;
 mod shapes;

@@ -16,6 +16,7 @@ pub fn native(name: &str, args: Arguments, bound: &[(char, usize, Ty)]) -> Ty {
         .or_else(|| of_reductions(name, args))
         .or_else(|| of_matrices(name, args))
         .or_else(|| of_lists(name, args))
+        .or_else(|| of_distributions(name, args))
         .unwrap_or_else(|| match &args.signature.result {
             Some(Sig::Var(letter)) => bound.iter().find(|(c, ..)| c == letter).map_or(Ty::Any, |(.., ty)| ty.clone()),
             Some(sig) => sig.ty(),
@@ -153,6 +154,25 @@ fn of_reductions(name: &str, args: Arguments) -> Option<Ty> {
         },
         _ => return None,
     })
+}
+
+/// Results of natives about distributions.
+fn of_distributions(name: &str, args: Arguments) -> Option<Ty> {
+    let of = |a: &str, b: &str| -> Option<Ty> {
+        let (first, second) = (args.ty(a)?, args.ty(b)?);
+        let both = if first.is_angle() && !second.is_angle() { first.clone() } else { together(first, second)? };
+        Some(Ty::Distribution(Box::new(both)))
+    };
+    match name {
+        "normal_distribution" => of("mean", "sd"),
+        "uniform_distribution" => of("low", "high"),
+        "log_normal_distribution" => of("median", "sd"),
+        "middle" => match args.ty("distribution")? {
+            Ty::Distribution(of) => Some((**of).clone()),
+            _ => None,
+        },
+        _ => None,
+    }
 }
 
 /// Results of natives about rotations, transforms and matrices.

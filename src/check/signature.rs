@@ -208,7 +208,7 @@ pub fn fits(wanted: &Ty, found: &Ty) -> bool {
         (Ty::Tuple(a), Ty::Tuple(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| fits(a, b)),
         (Ty::Array(a, n), Ty::Tuple(b)) => dims_agree(*n, Some(b.len())) && b.iter().all(|b| fits(a, b)),
         (Ty::Fn(a, _), Ty::Fn(b, _)) => b.len() >= a.len(),
-        (Ty::Estimate(a), Ty::Estimate(b)) => fits(a, b),
+        (Ty::Estimate(a), Ty::Estimate(b)) | (Ty::Distribution(a), Ty::Distribution(b)) => fits(a, b),
         _ => wanted == found,
     }
 }
@@ -254,7 +254,7 @@ impl fmt::Display for Sig {
 }
 
 /// The names of types that annotations may use.
-pub const TYPE_NAMES: [&str; 27] = [
+pub const TYPE_NAMES: [&str; 28] = [
     "scalar",
     "int",
     "bool",
@@ -280,6 +280,7 @@ pub const TYPE_NAMES: [&str; 27] = [
     "integrator",
     "optimizer",
     "preconditioner",
+    "distribution",
     "number",
     "any",
 ];
@@ -313,6 +314,7 @@ pub fn named(name: &str) -> Option<Sig> {
         "integrator" => is(Ty::Integrator),
         "optimizer" => is(Ty::Optimizer),
         "preconditioner" => is(Ty::Preconditioner),
+        "distribution" => is(Ty::Distribution(Box::new(Ty::Any))),
         "network" => is(Ty::Network),
         "samples" => is(Ty::Samples),
         "number" => Some(Sig::Number),

@@ -59,6 +59,8 @@ pub enum Ty {
     Integrator,
     Optimizer,
     Preconditioner,
+    /// Of independent numbers, or of those of a vector or an array.
+    Distribution(Box<Ty>),
     /// A network with its weights.
     Network,
     /// A number of samples that is found while an optimisation runs.
@@ -189,6 +191,8 @@ impl fmt::Display for Ty {
             Ty::Integrator => f.write_str("integrator"),
             Ty::Optimizer => f.write_str("optimizer"),
             Ty::Preconditioner => f.write_str("preconditioner"),
+            Ty::Distribution(of) if of.is_unknown() => f.write_str("distribution"),
+            Ty::Distribution(of) => write!(f, "distribution of {of}"),
             Ty::Network => f.write_str("network"),
             Ty::Samples => f.write_str("samples"),
             Ty::Estimate(of) => write!(f, "estimate of {of}"),

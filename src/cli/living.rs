@@ -103,12 +103,12 @@ impl Living {
 /// Gives a param a value of its shape. What is out of its bounds is refused.
 pub fn set_param(engine: &mut Engine, id: DeclId, value: Tensor) -> Result<(), Diagnostic> {
     let info = engine.param_info(id)?;
-    if let Some((lo, hi)) = info.bounds
-        && value.data.iter().zip(lo.data.iter().zip(&hi.data)).any(|(x, (lo, hi))| !(lo..=hi).contains(&x))
+    if let Some(bounds) = info.bounds
+        && value.data.iter().zip(bounds.0.data.iter().zip(&bounds.1.data)).any(|(x, (lo, hi))| !(lo..=hi).contains(&x))
     {
         let decl = engine.program().decl(id);
         let (name, ty) = (&decl.name, &decl.ty);
-        let message = format!("`{name}` stays within {}..{}", show::with_unit(&lo, ty), show::with_unit(&hi, ty));
+        let message = format!("`{name}` stays within {}", show::bounds(&bounds, ty));
         let value = show::with_unit(&value, ty);
         return Err(Diagnostic::error("dscene::type::bounds", message)
             .help(format!("declare it anew with other bounds: `param {name} = {value} in lo..hi`")));

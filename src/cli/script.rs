@@ -67,10 +67,13 @@ pub fn script_with_values(
                 continue;
             }
             for (edit, done) in &mut pending {
-                if statement.declares() == Some(&edit.name)
-                    && let Some(span) = place(&statement.kind, &edit.path)
-                {
+                if statement.declares() != Some(&edit.name) {
+                    continue;
+                }
+                if let Some(span) = place(&statement.kind, &edit.path) {
                     *done |= put(&mut edits, span, &edit.text);
+                } else if let Some(span) = before_prior(&statement.kind).filter(|_| edit.path.is_empty()) {
+                    *done |= put(&mut edits, span, &format!(" = {}", edit.text));
                 }
             }
         }
@@ -128,10 +131,17 @@ fn moved_params(engine: &mut Engine) -> Result<Vec<Edit>, Diagnostic> {
     Ok(found)
 }
 
+/// Where a param without an initial value has its prior: what it has found is written before that.
+fn before_prior(statement: &StatementKind) -> Option<Span> {
+    let StatementKind::Param(param) = statement else { return None };
+    let end = param.ty.as_ref().map_or(param.name.span.end, |ty| ty.span.end);
+    param.value.is_none().then_some(Span { start: end, end, ..param.name.span })
+}
+
 /// The span of the declared value in a statement, or of the field at `path`; `None` if the field is not written out.
 fn place(statement: &StatementKind, path: &[String]) -> Option<Span> {
     match statement {
-        StatementKind::Param(param) => within(&param.value, path),
+        StatementKind::Param(param) => within(param.value.as_ref()?, path),
         StatementKind::Let { value, .. }
         | StatementKind::Loss { value, .. }
         | StatementKind::Kind { body: KindBody::Value(value), .. } => within(value, path),

@@ -96,9 +96,13 @@ pub struct ParamInfo {
     /// Shape of the value.
     pub shape: Vec<usize>,
     pub kind: ParamKind,
+    /// Infinite on an open side.
     pub bounds: Option<(Tensor, Tensor)>,
+    /// A distribution, and where it is written.
+    pub prior: Option<(Value, Span)>,
     pub lr: Option<f64>,
     pub scale: Option<f64>,
+    pub space: Option<hir::ParamSpace>,
     /// A preconditioner, and where it is asked for.
     pub precondition: Option<(Value, Span)>,
     pub frozen: bool,
@@ -316,22 +320,23 @@ impl Engine {
             _ => ParamKind::Plain,
         };
         let bounds = match &p.bounds {
-            Some((lo, hi)) => {
-                let mut side = |e: &hir::Expr| -> Result<Tensor> {
+            Some(hir::Bounds { low, high }) => {
+                let mut side = |e: &Option<hir::Expr>, open: f64| -> Result<Tensor> {
+                    let Some(e) = e else { return Ok(Tensor::full(&shape, open)) };
                     let v = self.at_root(e)?;
                     let Some(v) = v.var() else { return Err(error::value("a bound must be made of numbers", e.span)) };
                     v.broadcast_to(&shape)
                         .map(|v| v.value().clone())
                         .map_err(|_| error::value("the bound does not fit the param's shape", e.span))
                 };
-                Some((side(lo)?, side(hi)?))
+                Some((side(low, f64::NEG_INFINITY)?, side(high, f64::INFINITY)?))
             }
             None => None,
         };
-        let precondition = match &p.precondition {
-            Some(e) => Some((self.at_root(e)?, e.span)),
-            None => None,
+        let mut placed = |e: &Option<hir::Expr>| -> Result<Option<(Value, Span)>> {
+            e.as_ref().map(|e| Ok((self.at_root(e)?, e.span))).transpose()
         };
+        let (prior, precondition) = (placed(&p.prior)?, placed(&p.precondition)?);
         let mut number = |e: &Option<hir::Expr>| -> Result<Option<f64>> {
             let Some(e) = e else { return Ok(None) };
             match self.at_root(e)?.number() {
@@ -345,6 +350,8 @@ impl Engine {
             kind,
             lr: number(&p.lr)?,
             scale: number(&p.scale)?,
+            space: p.space,
+            prior,
             precondition,
             frozen: number(&p.frozen)?.is_some_and(|x| x != 0.0),
             shape,

@@ -14,6 +14,7 @@ mod meshes;
 mod networks;
 mod numbers;
 mod pictures;
+mod priors;
 mod reduce;
 mod scene;
 pub mod value;
@@ -25,6 +26,7 @@ use std::sync::OnceLock;
 
 use crate::memory::Shortage;
 use crate::tape::{TapeError, Tensor, Var};
+pub use priors::distribution_of;
 use value::{MeshValue, Value};
 
 pub use fields::{field, fields_of, set_field};
@@ -95,7 +97,7 @@ pub struct Args<'a> {
 
 pub type Native = fn(&Args) -> Result<Value>;
 
-const TABLES: [&[(&str, Native)]; 12] = [
+const TABLES: [&[(&str, Native)]; 13] = [
     numbers::TABLE,
     reduce::TABLE,
     linear::TABLE,
@@ -108,6 +110,7 @@ const TABLES: [&[(&str, Native)]; 12] = [
     layout::TABLE,
     files::TABLE,
     scene::TABLE,
+    priors::TABLE,
 ];
 
 /// The implementation of the native with a name.

@@ -5,7 +5,7 @@ use std::any::Any;
 use std::sync::Arc;
 
 use crate::network::Network;
-use crate::optim::Rule;
+use crate::optim::{Law, Rule};
 use crate::render::Material;
 use crate::render::texture::{Filter, Wrap};
 use crate::stop::paced;
@@ -172,6 +172,8 @@ pub enum SettingsKind {
     Optimizer(Rule),
     /// Of the vertices of a mesh.
     Laplacian,
+    /// Of independent numbers.
+    Distribution(Law),
     /// Samples a step by the noise of its gradient.
     AutoSamples,
     Integrator,
@@ -185,6 +187,7 @@ impl SettingsKind {
         match self {
             SettingsKind::Optimizer(rule) => rule.name(),
             SettingsKind::Laplacian => "laplacian",
+            SettingsKind::Distribution(law) => law.name(),
             SettingsKind::AutoSamples => "auto",
             SettingsKind::Integrator => "integrator",
             SettingsKind::VertexColor => "vertex_color",
@@ -355,6 +358,7 @@ impl Value {
                 SettingsKind::VertexColor => "a texture",
                 SettingsKind::Optimizer(_) => "an optimizer",
                 SettingsKind::Laplacian => "a preconditioner",
+                SettingsKind::Distribution(_) => "a distribution",
                 SettingsKind::AutoSamples => "a number of samples",
             },
             Value::Network(_) => "a network",

@@ -206,7 +206,7 @@ impl Lbfgs {
             let (own, others) = rest.split_at_mut(space.unknowns(value.len()));
             let unit = space.lr.sqrt();
             for k in space.retract(value, &scaled(space, own.to_vec())) {
-                own[k] = (value[k] - before[k]) / (space.scale * unit);
+                own[k] = space.distance(before, value, k) / unit;
             }
             rest = others;
         }

@@ -131,11 +131,18 @@ impl LeastSquares {
     }
 
     /// Makes `values` the base or, if they are the base already, adds another measurement to it. `rows` are the derivatives of
-    /// `residuals` with respect to each unknown (3 for a rotation), param after param. Returns the norm of the gradient; `None`, and
+    /// `residuals` with respect to each element (to 3 numbers for a rotation), param after param. Returns the norm of the gradient; `None`, and
     /// nothing changes, if anything is not finite.
-    pub fn rebase(&mut self, values: &[Vec<f64>], residuals: Both<f64>, rows: Both<Vec<f64>>) -> Option<f64> {
-        let scales: Vec<f64> = self.unknowns(values).map(|(space, _)| space.scale).collect();
-        let mut model = Model::new(&scales, residuals, rows)?;
+    pub fn rebase(&mut self, values: &[Vec<f64>], residuals: Both<f64>, mut rows: [Vec<Vec<f64>>; 2]) -> Option<f64> {
+        for rows in &mut rows {
+            let mut rest = &mut rows[..];
+            for (space, value) in self.spaces.iter().zip(values) {
+                let (own, others) = rest.split_at_mut(space.unknowns(value.len()));
+                space.turn_rows(value, own);
+                rest = others;
+            }
+        }
+        let mut model = Model::new(residuals, [&rows[0], &rows[1]])?;
         let mut measured = 1;
         if let Some(base) = self.base.as_ref().filter(|base| base.values == values) {
             model.mix(&base.model, f64::from(base.measured) / f64::from(base.measured + 1));
@@ -202,19 +209,19 @@ impl LeastSquares {
 }
 
 impl Model {
-    fn new(scales: &[f64], [ra, rb]: Both<f64>, [ja, jb]: Both<Vec<f64>>) -> Option<Model> {
-        let n = scales.len();
+    fn new([ra, rb]: Both<f64>, [ja, jb]: Both<Vec<f64>>) -> Option<Model> {
+        let n = ja.len();
         let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
         let mut model =
             Model { gradient: vec![0.0; n], noise: vec![0.0; n], matrix: vec![0.0; n * n], diagonal: vec![0.0; n] };
         let mut pace = Pace::default();
         for i in 0..n {
-            let (a, b) = (scales[i] * dot(&ja[i], rb), scales[i] * dot(&jb[i], ra));
+            let (a, b) = (dot(&ja[i], rb), dot(&jb[i], ra));
             (model.gradient[i], model.noise[i]) = (a + b, a - b);
-            model.diagonal[i] = scales[i] * scales[i] * (dot(&ja[i], &ja[i]) + dot(&jb[i], &jb[i]));
+            model.diagonal[i] = dot(&ja[i], &ja[i]) + dot(&jb[i], &jb[i]);
             for k in 0..=i {
                 pace.step(2 * ra.len());
-                let x = scales[i] * scales[k] * (dot(&ja[i], &jb[k]) + dot(&jb[i], &ja[k]));
+                let x = dot(&ja[i], &jb[k]) + dot(&jb[i], &ja[k]);
                 (model.matrix[i * n + k], model.matrix[k * n + i]) = (x, x);
             }
         }
@@ -314,12 +321,12 @@ mod tests {
                 let [(a, ja), (b, jb)] = both(&base);
                 let fell = solver.accepts([&a, &b], [&ra, &rb]);
                 if !fell && solver.is_noisy() {
-                    solver.rebase(&base, [&a, &b], [&ja, &jb]).unwrap();
+                    solver.rebase(&base, [&a, &b], [ja, jb]).unwrap();
                 }
                 fell
             });
             if fell {
-                solver.rebase(&x, [&ra, &rb], [&ja, &jb]).unwrap();
+                solver.rebase(&x, [&ra, &rb], [ja, jb]).unwrap();
             }
             x = solver.propose(1.0).unwrap();
         }
@@ -404,9 +411,9 @@ mod tests {
     #[test]
     fn what_is_not_finite_moves_nothing() {
         let mut solver = LeastSquares::new(vec![Space::plain()], 1e-3);
-        assert!(solver.rebase(&[vec![1.0]], [&[1.0], &[1.0]], [&[vec![f64::NAN]], &[vec![1.0]]]).is_none());
+        assert!(solver.rebase(&[vec![1.0]], [&[1.0], &[1.0]], [vec![vec![f64::NAN]], vec![vec![1.0]]]).is_none());
         assert!(solver.propose(1.0).is_none());
-        solver.rebase(&[vec![1.0]], [&[1.0], &[1.0]], [&[vec![1.0]], &[vec![1.0]]]).unwrap();
+        solver.rebase(&[vec![1.0]], [&[1.0], &[1.0]], [vec![vec![1.0]], vec![vec![1.0]]]).unwrap();
         assert!(!solver.accepts([&[1.0], &[1.0]], [&[f64::NAN], &[1.0]]));
         assert_eq!(solver.base().unwrap(), [[1.0]]);
     }

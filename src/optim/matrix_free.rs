@@ -264,8 +264,9 @@ struct Model<'a, J> {
 
 impl<J: Jacobians> Model<'_, J> {
     fn along(&self, direction: &[f64]) -> Result<[Vec<f64>; 2], J::Error> {
-        let parts = self.spaces.iter().zip(split(self.spaces, self.values, direction));
-        self.jacobians.along(&parts.flat_map(|(space, own)| space.tangent(own)).collect::<Vec<f64>>())
+        let parts = self.spaces.iter().zip(self.values).zip(split(self.spaces, self.values, direction));
+        let moved: Vec<f64> = parts.flat_map(|((space, value), own)| space.tangent(value, own)).collect();
+        self.jacobians.along(&moved)
     }
 
     fn against(&self, weights: Both<f64>) -> Result<[Vec<f64>; 2], J::Error> {

@@ -1,4 +1,4 @@
-//! Optimisers: solvers (one update rule each), parameter spaces (bounds, scales, rotations), stopping rules.
+//! Optimisers: solvers (one update rule each), parameter spaces (bounds, scales, logarithms, rotations), priors, stopping rules.
 //!
 //! Everything works on plain slices of `f64`, one for each param. A [`Solver`] knows nothing about spaces and a [`Space`] nothing about
 //! solvers. [`Optimizer`] combines them, and skips steps whose gradient is not finite.
@@ -8,6 +8,7 @@ mod least_squares;
 mod matrix_free;
 mod noise;
 mod preconditioner;
+mod prior;
 mod solver;
 mod space;
 mod stopping;
@@ -19,6 +20,7 @@ pub use least_squares::{Both, LeastSquares};
 pub use matrix_free::{Jacobians, MatrixFree};
 pub use noise::{AutoSamples, GradientNoise, GradientSize};
 pub use preconditioner::Laplacian;
+pub use prior::{Law, Prior};
 pub use solver::{Solver, State};
 pub use space::{Geometry, Space};
 pub use stopping::{is_converged, is_plateau, plateau_ratio};

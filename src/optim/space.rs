@@ -1,28 +1,39 @@
 //! Parameter spaces: the bounds of a param, and the coordinates in which it is optimised.
 
+use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use super::preconditioner::Laplacian;
+use super::prior::Prior;
 use crate::math::Pcg32;
 
 /// The geometry of a param's values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Geometry {
-    /// Independent numbers.
+    /// Independent numbers, clamped to their bounds after each step.
     #[default]
     Plain,
+    /// Positive numbers by their logarithms, clamped to their bounds. Steps are factors.
+    Positive,
+    /// Numbers inside their bounds by coordinates that have none: log((x − lo) / (hi − x)) between two bounds, log(x − lo) above one,
+    /// −log(hi − x) below one.
+    Interior,
     /// A row-major 3×3 rotation matrix R, updated by R ← `exp([ω]×)` · R with ω in the world frame, in radians.
     Rotation,
+    /// Unit vectors of three numbers, turned by v ← `exp([ω]×)` · v, each by an ω of its own.
+    Unit,
 }
 
 /// The space of one param.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Space {
     pub geometry: Geometry,
-    /// Bounds of each element (for plain params).
+    /// Bounds of each element (for numbers).
     pub lower: Option<Vec<f64>>,
     pub upper: Option<Vec<f64>>,
-    /// The optimiser works on `value / scale`.
+    /// From what starts are drawn, rather than between the bounds.
+    pub prior: Option<Prior>,
+    /// The optimiser works on the geometry's coordinates divided by `scale`.
     pub scale: f64,
     /// Factor on the optimiser's rate.
     pub lr: f64,
@@ -39,6 +50,7 @@ impl Space {
             geometry: Geometry::Plain,
             lower: None,
             upper: None,
+            prior: None,
             scale: 1.0,
             lr: 1.0,
             frozen: false,
@@ -51,34 +63,74 @@ impl Space {
         if self.geometry == Geometry::Rotation && len == 9 { 3 } else { len }
     }
 
-    /// Whether an element is at a bound that a step would take it beyond.
+    /// Whether an element is at a bound (or as near to it as it may come) that a step would take it beyond.
     pub fn is_stuck(&self, value: &[f64], index: usize, step: f64) -> bool {
-        let (lower, upper) = self.bounds_at(index);
-        self.geometry == Geometry::Plain && if step < 0.0 { value[index] <= lower } else { value[index] >= upper }
+        if matches!(self.geometry, Geometry::Rotation | Geometry::Unit) {
+            return false;
+        }
+        let (least, most) = self.limits_at(index);
+        if step < 0.0 { value[index] <= least } else { value[index] >= most }
     }
 
-    /// The gradient in the coordinates of the optimiser: as many numbers as `value` (plain), 3 (rotation), or those of the preconditioner.
+    /// Whether a param may start with this value: above 0 where it is positive, inside its bounds where these are never reached, of length 1
+    /// (to a percent) where it is a unit vector.
+    pub fn may_start(&self, value: &[f64]) -> bool {
+        match self.geometry {
+            Geometry::Plain | Geometry::Rotation => true,
+            Geometry::Positive => value.iter().all(|x| *x > 0.0),
+            Geometry::Interior => value.iter().enumerate().all(|(index, x)| {
+                let (lower, upper) = self.bounds_at(index);
+                lower < *x && *x < upper
+            }),
+            Geometry::Unit => value.chunks_exact(3).all(|v| (dot(v, v).sqrt() - 1.0).abs() < 0.01),
+        }
+    }
+
+    /// The gradient in the coordinates of the optimiser: as many numbers as `value`, 3 (rotation), or those of the preconditioner.
     /// For a rotation, `grad` is with respect to the 9 entries of R or to ω.
     pub fn tangent_gradient(&self, value: &[f64], grad: &[f64]) -> Vec<f64> {
-        match self.geometry {
-            Geometry::Rotation if value.len() == 9 && grad.len() == 9 => {
-                rotation_gradient(value, grad).iter().map(|g| g * self.scale).collect()
-            }
-            _ => {
-                let scaled: Vec<f64> = grad.iter().map(|g| g * self.scale).collect();
-                match &self.preconditioner {
-                    Some(preconditioner) => preconditioner.apply(&scaled),
-                    None => scaled,
+        let mut turned = match self.geometry {
+            Geometry::Rotation if value.len() == 9 && grad.len() == 9 => rotation_gradient(value, grad).to_vec(),
+            Geometry::Unit => by_threes(value, grad, cross),
+            _ => grad.iter().enumerate().map(|(index, g)| g * self.slope(value, index)).collect(),
+        };
+        turned.iter_mut().for_each(|g| *g *= self.scale);
+        match &self.preconditioner {
+            Some(preconditioner) => preconditioner.apply(&turned),
+            None => turned,
+        }
+    }
+
+    /// Turns rows of derivatives with respect to each element (to each component of ω for a rotation) into rows with respect to each of the
+    /// optimiser's coordinates, as [`Space::tangent_gradient`] does column by column. Preconditioners have no part in it.
+    pub fn turn_rows(&self, value: &[f64], rows: &mut [Vec<f64>]) {
+        if self.geometry == Geometry::Unit {
+            for (v, rows) in value.chunks_exact(3).zip(rows.chunks_exact_mut(3)) {
+                let [x, y, z] = rows else { continue };
+                for ((x, y), z) in x.iter_mut().zip(y).zip(z) {
+                    [*x, *y, *z] = cross(v, &[*x, *y, *z]);
                 }
+            }
+        }
+        for (index, row) in rows.iter_mut().enumerate() {
+            let factor = self.scale * self.slope(value, index);
+            if factor != 1.0 {
+                row.iter_mut().for_each(|x| *x *= factor);
             }
         }
     }
 
     /// The direction in which an update in those coordinates moves a value: the transpose of [`Space::tangent_gradient`] where that takes
     /// derivatives with respect to ω.
-    pub fn tangent(&self, update: &[f64]) -> Vec<f64> {
+    pub fn tangent(&self, value: &[f64], update: &[f64]) -> Vec<f64> {
         let changed = self.preconditioner.as_ref().map(|p| p.apply(update));
-        changed.as_deref().unwrap_or(update).iter().map(|x| x * self.scale).collect()
+        let changed = changed.as_deref().unwrap_or(update);
+        let mut moved = match self.geometry {
+            Geometry::Unit => by_threes(changed, value, cross),
+            _ => changed.iter().enumerate().map(|(index, x)| x * self.slope(value, index)).collect(),
+        };
+        moved.iter_mut().for_each(|x| *x *= self.scale);
+        moved
     }
 
     /// Moves `value` by an update in those coordinates and clamps it to the bounds. Returns the elements that were stopped by a bound.
@@ -89,44 +141,141 @@ impl Space {
             value.copy_from_slice(&moved);
             return Vec::new();
         }
+        if self.geometry == Geometry::Unit {
+            let turn = |v: &[f64], update: &[f64]| turned(v, [0, 1, 2].map(|k| update[k] * self.scale));
+            value.copy_from_slice(&by_threes(value, update, turn));
+            return Vec::new();
+        }
         let changed = self.preconditioner.as_ref().map(|p| p.apply(update));
-        for (v, u) in value.iter_mut().zip(changed.as_deref().unwrap_or(update)) {
-            *v += u * self.scale;
+        for (index, u) in changed.as_deref().unwrap_or(update).iter().enumerate().take(value.len()) {
+            value[index] = self.moved(value[index], u * self.scale, index);
         }
         let stuck = self.project(value);
         // An element that is stuck says little about variables that move many.
         if self.preconditioner.is_some() { Vec::new() } else { stuck }
     }
 
-    /// Whether some number has a lower and an upper bound.
-    pub fn is_bounded(&self) -> bool {
-        let finite = |bounds: &Option<Vec<f64>>| bounds.iter().flatten().any(|b| b.is_finite());
-        self.geometry == Geometry::Plain && finite(&self.lower) && finite(&self.upper)
+    /// How far an element went, in the optimiser's coordinates: of one that a bound has stopped.
+    pub fn distance(&self, before: &[f64], after: &[f64], index: usize) -> f64 {
+        let (lower, upper) = self.bounds_at(index);
+        let coordinate = |x: f64| match self.geometry {
+            Geometry::Positive => x.ln(),
+            Geometry::Interior => match (lower.is_finite(), upper.is_finite()) {
+                (true, true) => ((x - lower) / (upper - x)).ln(),
+                (true, false) => (x - lower).ln(),
+                (false, true) => -(upper - x).ln(),
+                (false, false) => x,
+            },
+            _ => x,
+        };
+        (coordinate(after[index]) - coordinate(before[index])) / self.scale
     }
 
-    /// A value like this one, with the numbers that have both bounds drawn uniformly between them.
+    /// The derivative of an element by its coordinate.
+    fn slope(&self, value: &[f64], index: usize) -> f64 {
+        match self.geometry {
+            Geometry::Plain | Geometry::Rotation | Geometry::Unit => 1.0,
+            Geometry::Positive => value[index],
+            Geometry::Interior => {
+                let (lower, upper) = self.bounds_at(index);
+                let (below, above) = (value[index] - lower, upper - value[index]);
+                match (lower.is_finite(), upper.is_finite()) {
+                    // In an order that does not overflow.
+                    (true, true) => below * (above / (upper - lower)),
+                    (true, false) => below,
+                    (false, true) => above,
+                    (false, false) => 1.0,
+                }
+            }
+        }
+    }
+
+    /// The element whose coordinate is greater by `step` than that of `x`.
+    fn moved(&self, x: f64, step: f64, index: usize) -> f64 {
+        // A step of nothing leaves the bits as they are.
+        if step == 0.0 {
+            return x;
+        }
+        match self.geometry {
+            Geometry::Plain | Geometry::Rotation | Geometry::Unit => x + step,
+            Geometry::Positive => x * step.exp(),
+            Geometry::Interior => {
+                let (lower, upper) = self.bounds_at(index);
+                let (below, above) = (x - lower, upper - x);
+                match (lower.is_finite(), upper.is_finite()) {
+                    (true, true) => {
+                        // The share of the range on the side of the nearer bound, so that no digits are lost next to it.
+                        let odds = (below / above).ln() + step;
+                        let inward = (upper - lower) / (1.0 + odds.abs().exp());
+                        if odds < 0.0 { lower + inward } else { upper - inward }
+                    }
+                    (true, false) => lower + below * step.exp(),
+                    (false, true) => upper - above * (-step).exp(),
+                    (false, false) => x + step,
+                }
+            }
+        }
+    }
+
+    /// Whether some number has something from which it can be drawn: a prior, or a lower and an upper bound.
+    pub fn can_be_drawn(&self) -> bool {
+        let finite = |bounds: &Option<Vec<f64>>| bounds.iter().flatten().any(|b| b.is_finite());
+        match self.geometry {
+            Geometry::Rotation => false,
+            Geometry::Unit => true,
+            _ => self.prior.is_some() || finite(&self.lower) && finite(&self.upper),
+        }
+    }
+
+    /// A value like this one, with numbers drawn from the prior or, where there is none, uniformly between both bounds (by their logarithms for
+    /// positive ones) and over all directions.
     pub fn drawn(&self, value: &[f64], seed: u64) -> Vec<f64> {
         let mut random = Pcg32::new(seed);
-        let draw = |(index, old): (usize, &f64)| {
-            let (share, (lower, upper)) = (f64::from(random.next_f32()), self.bounds_at(index));
-            let both = lower.is_finite() && upper.is_finite() && self.geometry == Geometry::Plain;
-            if both { lower + share * (upper - lower) } else { *old }
-        };
-        value.iter().enumerate().map(draw).collect()
+        if self.geometry == Geometry::Unit {
+            return by_threes(value, value, |_, _| direction(random.next_2d()));
+        }
+        let mut drawn = Vec::with_capacity(value.len());
+        for (index, old) in value.iter().enumerate() {
+            let ((lower, upper), limits) = (self.bounds_at(index), self.limits_at(index));
+            if let Some(prior) = &self.prior {
+                drawn.push(prior.drawn(index, limits, &mut random));
+                continue;
+            }
+            let share = f64::from(random.next_f32());
+            let both = lower.is_finite() && upper.is_finite() && self.geometry != Geometry::Rotation;
+            let x = match self.geometry {
+                _ if !both => *old,
+                Geometry::Positive if lower > 0.0 => lower * (upper / lower).powf(share),
+                _ => lower + share * (upper - lower),
+            };
+            drawn.push(x.max(limits.0).min(limits.1));
+        }
+        drawn
     }
 
     /// Clamps `value` to the bounds; returns the elements that were outside.
-    pub fn project(&self, value: &mut [f64]) -> Vec<usize> {
+    fn project(&self, value: &mut [f64]) -> Vec<usize> {
         let mut stuck = Vec::new();
-        for (index, v) in value.iter_mut().enumerate() {
-            let (lower, upper) = self.bounds_at(index);
-            let inside = v.max(lower).min(upper);
+        for (index, v) in value.iter_mut().enumerate().filter(|(_, v)| !v.is_nan()) {
+            let (least, most) = self.limits_at(index);
+            let inside = v.max(least).min(most);
             if inside != *v {
                 *v = inside;
                 stuck.push(index);
             }
         }
         stuck
+    }
+
+    /// The least and the greatest number that an element may become.
+    fn limits_at(&self, index: usize) -> (f64, f64) {
+        let (lower, upper) = self.bounds_at(index);
+        match self.geometry {
+            // What is smaller is nothing to a renderer.
+            Geometry::Positive => (lower.max(f64::from(f32::MIN_POSITIVE)), upper),
+            Geometry::Interior => inside(lower, upper),
+            _ => (lower, upper),
+        }
     }
 
     fn bounds_at(&self, index: usize) -> (f64, f64) {
@@ -140,6 +289,55 @@ impl Space {
 /// leading dimensions.
 fn bound_at(bound: &[f64], index: usize) -> Option<f64> {
     if bound.is_empty() { None } else { bound.get(index % bound.len()).copied() }
+}
+
+/// The least and the greatest number between two bounds that differ from them for a renderer too, which has single precision. For bounds that
+/// are closer than that, those that differ at all.
+fn inside(lower: f64, upper: f64) -> (f64, f64) {
+    let beside = |bound: f64, up: bool| -> f64 {
+        if bound.is_infinite() {
+            return bound;
+        }
+        let single = bound as f32;
+        let next = match (up, f64::from(single) > bound, f64::from(single) < bound) {
+            (true, false, _) => single.next_up(),
+            (false, _, false) => single.next_down(),
+            _ => single,
+        };
+        // Numbers with fewer digits are 0 to some processors.
+        let least = if up { f32::MIN_POSITIVE } else { -f32::MIN_POSITIVE };
+        f64::from(if next.abs() < f32::MIN_POSITIVE { least } else { next })
+    };
+    let (least, most) = (beside(lower, true), beside(upper, false));
+    if least <= most { (least, most) } else { (lower.next_up(), upper.next_down()) }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn cross(a: &[f64], b: &[f64]) -> [f64; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// What a function of two vectors makes of each pair of three numbers.
+fn by_threes(a: &[f64], b: &[f64], mut f: impl FnMut(&[f64], &[f64]) -> [f64; 3]) -> Vec<f64> {
+    a.chunks_exact(3).zip(b.chunks_exact(3)).flat_map(|(a, b)| f(a, b)).collect()
+}
+
+/// A vector turned by ω and made one unit long, which removes rounding errors.
+fn turned(v: &[f64], omega: [f64; 3]) -> [f64; 3] {
+    let turn = exponential(omega);
+    let moved = [0, 1, 2].map(|row| dot(&turn[3 * row..3 * row + 3], v));
+    let length = dot(&moved, &moved).sqrt();
+    if length > 0.0 { moved.map(|x| x / length) } else { moved }
+}
+
+/// A point of the unit sphere for one of the unit square; areas correspond (Archimedes).
+fn direction([u, v]: [f32; 2]) -> [f64; 3] {
+    let z = 1.0 - 2.0 * f64::from(u);
+    let (radius, angle) = ((1.0 - z * z).max(0.0).sqrt(), TAU * f64::from(v));
+    [radius * angle.cos(), radius * angle.sin(), z]
 }
 
 /// ∂/∂ω ⟨G, `exp([ω]×)` R⟩ at ω = 0: component k is ⟨G, [e_k]× R⟩.
@@ -220,53 +418,4 @@ pub(super) fn orthonormality_error(m: &[f64]) -> f64 {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_exponential_is_a_rotation_by_that_angle() {
-        let quarter = exponential([0.0, std::f64::consts::FRAC_PI_2, 0.0]);
-        // About y by 90 degrees: z → x.
-        let expected = [0.0, 0.0, 1.0, 0.0, 1.0, 0.0, -1.0, 0.0, 0.0];
-        for (q, e) in quarter.iter().zip(expected) {
-            assert!((q - e).abs() < 1e-12);
-        }
-        for scale in [1e-9, 1e-5, 9e-5, 1.1e-4, 0.3, 3.0] {
-            assert!(orthonormality_error(&exponential([0.6 * scale, -0.3 * scale, 0.2 * scale])) < 1e-12);
-        }
-    }
-
-    #[test]
-    fn the_tangent_gradient_is_the_derivative_along_the_exponential() {
-        let r = rotation_about([1.0, 2.0, -0.5], 0.8);
-        let g = [0.3, -1.0, 2.0, 0.7, 0.1, -0.4, 1.5, -0.2, 0.6];
-        let value =
-            |omega: [f64; 3]| -> f64 { multiplied(&exponential(omega), &r).iter().zip(g).map(|(a, b)| a * b).sum() };
-        let space = Space { geometry: Geometry::Rotation, ..Space::plain() };
-        let tangent = space.tangent_gradient(&r, &g);
-        for k in 0..3 {
-            let (mut plus, mut minus) = ([0.0; 3], [0.0; 3]);
-            plus[k] = 1e-5;
-            minus[k] = -1e-5;
-            let difference = (value(plus) - value(minus)) / 2e-5;
-            assert!((difference - tangent[k]).abs() < 1e-8, "{difference} against {}", tangent[k]);
-        }
-    }
-
-    #[test]
-    fn what_has_both_bounds_is_drawn_between_them() {
-        let space = Space { lower: Some(vec![0.0, -1.0]), upper: Some(vec![1.0, f64::INFINITY]), ..Space::plain() };
-        let drawn: Vec<f64> = (0..50).flat_map(|seed| space.drawn(&[7.0, 8.0], 7919 * seed)).collect();
-        let (some, others): (Vec<f64>, Vec<f64>) = drawn.chunks(2).map(|d| (d[0], d[1])).unzip();
-        assert!(some.iter().all(|x| (0.0..=1.0).contains(x)) && some.iter().any(|x| *x < 0.2) && others == [8.0; 50]);
-        assert!(space.is_bounded() && !Space::plain().is_bounded());
-    }
-
-    #[test]
-    fn bounds_are_elementwise_and_repeat() {
-        let space = Space { lower: Some(vec![0.0, -1.0]), upper: Some(vec![1.0]), ..Space::plain() };
-        let mut value = [-0.5, -0.5, 2.0, -3.0];
-        assert_eq!(space.project(&mut value), [0, 2, 3]);
-        assert_eq!(value, [0.0, -0.5, 1.0, -1.0]);
-    }
-}
+mod tests;

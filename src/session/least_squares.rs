@@ -146,7 +146,7 @@ impl Squares {
             Solver::Dense(solver) => {
                 let rows = [engine.residual_rows(loss, &at[0])?, engine.residual_rows(loss, &at[1])?];
                 let broken = feel(&mut self.felt, &at[0], &rows);
-                let norm = engine.stoppable(|| solver.rebase(place, both(at), [&rows[0], &rows[1]]))?;
+                let norm = engine.stoppable(|| solver.rebase(place, both(at), rows))?;
                 if norm.is_none() {
                     return Ok(Err(broken));
                 }

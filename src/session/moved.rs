@@ -3,11 +3,12 @@
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
-use super::solver::preconditioner_from;
+use super::solver::{preconditioner_from, prior_from};
+use crate::check::hir::ParamSpace;
 use crate::check::{self, Reached, hir};
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, ParamInfo, ParamKind};
-use crate::optim::{Geometry, Space};
+use crate::optim::{Geometry, Law, Prior, Space};
 use crate::source::Span;
 use crate::tape::Tensor;
 
@@ -55,8 +56,12 @@ pub fn moved_params(
             None => check::domain_of_field(engine.program(), &target).into_iter().collect(),
         };
         let value = engine.target_tensor(&target)?;
-        if space.geometry == Geometry::Plain && !domains.is_empty() {
+        let is_of_numbers = !matches!(space.geometry, Geometry::Rotation | Geometry::Unit);
+        if is_of_numbers && !domains.is_empty() {
             notes.extend(domains.iter().filter_map(|d| kept_inside(&mut space, d, &value, &name)));
+        }
+        if let Some(info) = info.filter(|_| !space.may_start(&value.data)) {
+            return Err(cannot_start(engine, info, &space));
         }
         spaces.push(space);
         moved.push(Moved { name, shape: value.shape, target });
@@ -94,10 +99,46 @@ fn kept_inside(space: &mut Space, reached: &Reached, value: &Tensor, name: &str)
     Some(format!("`{name}` stays {domain}: it is the `{argument}` of `{function}`"))
 }
 
+/// Why a param cannot be optimised in its space from where it is.
+fn cannot_start(engine: &Engine, info: &ParamInfo, space: &Space) -> Diagnostic {
+    let (what, help) = match space.geometry {
+        Geometry::Positive => ("is not positive", "start above 0: `space: positive` moves logarithms"),
+        Geometry::Unit => ("is no unit vector", "start with `normalize(…)`"),
+        _ => (
+            "is on a bound, which `space: interior` never reaches",
+            "start between the bounds, or leave `space: interior` out: then bounds may be reached",
+        ),
+    };
+    let place = engine.program().decl(info.id).name_span;
+    let label = if info.shape.is_empty() { "its value" } else { "one of its values" };
+    Diagnostic::error("dscene::type::space", format!("`{}` {what}", info.name)).label(place, label).help(help)
+}
+
 fn space_of(info: &ParamInfo) -> Result<Space, Diagnostic> {
-    let (lower, upper) = match &info.bounds {
+    let (mut lower, mut upper) = match &info.bounds {
         Some((lower, upper)) => (Some(lower.data.clone()), Some(upper.data.clone())),
         None => (None, None),
+    };
+    let prior = match &info.prior {
+        Some((value, span)) => Some(prior_from(value, &info.shape).map_err(|message| {
+            Diagnostic::error("dscene::run::prior", format!("`{}`: {message}", info.name)).label(*span, "this prior")
+        })?),
+        None => None,
+    };
+    if let Some(Prior { law: Law::Uniform, numbers: [low, high] }) = &prior {
+        let narrowed = |old: Option<Vec<f64>>, new: &Vec<f64>, f: fn(f64, f64) -> f64| -> Vec<f64> {
+            old.map_or_else(|| new.clone(), |old| old.iter().zip(new).map(|(a, b)| f(*a, *b)).collect())
+        };
+        (lower, upper) = (Some(narrowed(lower, low, f64::max)), Some(narrowed(upper, high, f64::min)));
+    }
+    let is_log_normal = prior.as_ref().is_some_and(|prior| prior.law == Law::LogNormal);
+    let geometry = match info.space {
+        _ if info.kind == ParamKind::Rotation => Geometry::Rotation,
+        Some(ParamSpace::Interior) => Geometry::Interior,
+        Some(ParamSpace::Positive) => Geometry::Positive,
+        Some(ParamSpace::Unit) => Geometry::Unit,
+        None if is_log_normal => Geometry::Positive,
+        None => Geometry::Plain,
     };
     let preconditioner = match &info.precondition {
         Some((value, span)) => Some(preconditioner_from(value, &info.shape).map(Arc::new).map_err(|message| {
@@ -108,9 +149,10 @@ fn space_of(info: &ParamInfo) -> Result<Space, Diagnostic> {
         None => None,
     };
     Ok(Space {
-        geometry: if info.kind == ParamKind::Rotation { Geometry::Rotation } else { Geometry::Plain },
+        geometry,
         lower,
         upper,
+        prior,
         scale: info.scale.unwrap_or(1.0),
         lr: info.lr.unwrap_or(1.0),
         frozen: false,

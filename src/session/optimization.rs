@@ -13,7 +13,7 @@ use super::retreat::{Footing, NOT_FINITE};
 use super::show::digits;
 use super::solver::{Method, solver_from};
 use super::stages::{Auto, Plan, plan, starts, with_heats};
-use super::starts::{Chosen, Ended, Starts, assert_bounded};
+use super::starts::{Chosen, Ended, Starts, assert_drawable};
 use crate::check::hir;
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, EngineState, History, INTERRUPTED, Origin, RenderOverrides, Statistics, StoredHistory, mix};
@@ -192,7 +192,7 @@ impl Optimization {
         };
         optimization.set_out(engine)?;
         if starts.is_some() {
-            assert_bounded(&optimization.spaces, optimize)?;
+            assert_drawable(&optimization.spaces, optimize)?;
             let targets = optimization.targets();
             let value = |t: &hir::Target| -> Result<Vec<f64>, Diagnostic> { Ok(engine.target_tensor(t)?.data) };
             optimization.initial = targets.iter().map(value).collect::<Result<_, _>>()?;

@@ -47,6 +47,12 @@ fn range(data: &[f64]) -> String {
     format!("min {}, mean {}, max {}{broken}", significant(min, 4), significant(mean, 4), significant(max, 4))
 }
 
+/// Where a param may be: `0deg..90deg`, `0..` without an upper bound.
+pub fn bounds((low, high): &(Tensor, Tensor), ty: &Ty) -> String {
+    let end = |t: &Tensor| if t.data.iter().any(|x| x.is_finite()) { with_unit(t, ty) } else { String::new() };
+    format!("{}..{}", end(low), end(high))
+}
+
 /// The value of a param: numbers nested by their shape, angles in degrees, large arrays by shape and range.
 pub fn with_unit(t: &Tensor, ty: &Ty) -> String {
     if !crate::eval::is_angle(ty) {

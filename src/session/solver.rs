@@ -4,8 +4,10 @@ use glam::DVec3;
 
 use crate::memory;
 use crate::mesh::ops;
+use crate::natives::distribution_of;
 use crate::natives::value::{SettingsKind, Value};
-use crate::optim::{Laplacian, Rule, Solver};
+use crate::optim::{Laplacian, Prior, Rule, Solver};
+use crate::tape::Tensor;
 
 /// The default rate.
 pub const DEFAULT_RATE: f64 = 0.01;
@@ -74,6 +76,16 @@ pub fn solver_from(value: &Value) -> Result<(Method, f64), String> {
         },
     };
     Ok((Method::FirstOrder(solver), lr))
+}
+
+/// The distribution that a value describes, for each number of a param of this shape; an error says why there is none.
+pub fn prior_from(value: &Value, shape: &[usize]) -> Result<Prior, String> {
+    let Some((law, numbers)) = distribution_of(value) else { return Err(format!("this is {}", value.kind())) };
+    let [first, second] = numbers.map(|x| x.broadcast_to(shape).map(|x| x.value().data.clone()));
+    match (first, second) {
+        (Ok(first), Ok(second)) => Ok(Prior { law, numbers: [first, second] }),
+        _ => Err(format!("its numbers do not fit a {}", Tensor::shape_text(shape))),
+    }
 }
 
 /// The preconditioner that a value describes for a param of this shape; an error says why there is none.

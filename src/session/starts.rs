@@ -1,4 +1,4 @@
-//! Several starts of one optimisation: params are drawn within their bounds, each start gets a short heat of steps, and the best goes on.
+//! Several starts of one optimisation: params are drawn from their priors or within their bounds, each start gets a short heat of steps, and the best goes on.
 
 use serde::{Deserialize, Serialize};
 
@@ -65,14 +65,14 @@ impl Chosen {
     }
 }
 
-/// Refuses starts where there is nothing to draw.
-pub fn assert_bounded(spaces: &[Space], optimize: &hir::Optimize) -> Result<(), Diagnostic> {
-    if spaces.iter().any(Space::is_bounded) {
+/// Refuses starts where there is nothing to draw from.
+pub fn assert_drawable(spaces: &[Space], optimize: &hir::Optimize) -> Result<(), Diagnostic> {
+    if spaces.iter().any(Space::can_be_drawn) {
         return Ok(());
     }
-    Err(Diagnostic::error("dscene::run::starts", "no param has bounds within which starts could be drawn")
+    Err(Diagnostic::error("dscene::run::starts", "no param has bounds or a prior from which starts could be drawn")
         .label(optimize.span, "this optimisation")
-        .help("bound what is unknown: `param x = 1 in 0..2`"))
+        .help("say where what is unknown may be: `param x = 1 in 0..2`, `param x ~ normal(1, 0.3)`"))
 }
 
 impl Optimization {

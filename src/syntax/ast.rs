@@ -85,9 +85,20 @@ pub enum KindBody {
 pub struct Param {
     pub name: Name,
     pub ty: Option<Type>,
-    pub value: Expr,
-    pub bounds: Option<Expr>,
+    /// Missing only if there is a prior.
+    pub value: Option<Expr>,
+    /// The distribution after `~`.
+    pub prior: Option<Expr>,
+    pub bounds: Option<Bounds>,
     pub settings: Vec<Field>,
+}
+
+/// `in 0..1`: an end that is missing leaves that side open.
+#[derive(Clone, Debug)]
+pub struct Bounds {
+    pub low: Option<Expr>,
+    pub high: Option<Expr>,
+    pub span: Span,
 }
 
 #[derive(Clone, Debug)]

@@ -46,11 +46,12 @@ impl Builder<'_> {
             Rule::param => {
                 let name = self.name(parts.find(Rule::ident)?);
                 let ty = parts.take(Rule::type_).map(|p| self.ty(p));
-                let value = self.expr(parts.find(Rule::expr)?);
-                let bounds = parts.take(Rule::bounds).and_then(|p| Parts(p.into_inner()).find(Rule::logic));
-                let bounds = bounds.map(|p| self.logic(p));
+                let value = parts.take(Rule::expr).map(|p| self.expr(p));
+                let prior = parts.take(Rule::prior).and_then(|p| Parts(p.into_inner()).find(Rule::logic));
+                let prior = prior.map(|p| self.logic(p));
+                let bounds = parts.take(Rule::bounds).and_then(|p| self.bounds(p));
                 let settings = parts.take(Rule::fields).map_or_else(Vec::new, |p| self.fields(p));
-                StatementKind::Param(Box::new(ast::Param { name, ty, value, bounds, settings }))
+                StatementKind::Param(Box::new(ast::Param { name, ty, value, prior, bounds, settings }))
             }
             Rule::fn_ | Rule::native => {
                 let name = self.name(parts.find(Rule::ident)?);
@@ -228,6 +229,35 @@ impl Builder<'_> {
             return None;
         };
         Some(StatementKind::Import(ast::Import { from, alias, span }))
+    }
+
+    fn bounds(&mut self, pair: P) -> Option<ast::Bounds> {
+        let span = self.span(&pair);
+        let (mut is_open_below, mut is_open_above, mut ends) = (false, false, None);
+        for part in pair.into_inner() {
+            match part.as_rule() {
+                Rule::open_start => is_open_below = true,
+                Rule::open_end => is_open_above = true,
+                Rule::logic => ends = Some(self.logic(part)),
+                _ => {}
+            }
+        }
+        let ends = ends?;
+        match (ends.kind, is_open_below, is_open_above) {
+            (kind, true, false) => Some(ast::Bounds { low: None, high: Some(Expr { kind, span: ends.span }), span }),
+            (kind, false, true) => Some(ast::Bounds { low: Some(Expr { kind, span: ends.span }), high: None, span }),
+            (ExprKind::Range { start, end, .. }, ..) => {
+                Some(ast::Bounds { low: Some(*start), high: Some(*end), span: ends.span })
+            }
+            _ => {
+                self.diagnostics.push(
+                    Diagnostic::error("dscene::type::bounds", "bounds are a range `lo..hi`")
+                        .label(ends.span, "not a range")
+                        .help("write `in 0..1`, or `in 0..` where only one side is bounded"),
+                );
+                None
+            }
+        }
     }
 
     fn parameter(&mut self, pair: P) -> Option<ast::FnParam> {

@@ -133,6 +133,7 @@ fn head(text: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Option<Dia
     let fits = match next.as_str() {
         ":" => word != "fn" && word != "loss",
         "=" => word != "fn",
+        "~" => word == "param",
         "{" => wanted.starts_with("`{"),
         "(" => word == "fn",
         _ => false,

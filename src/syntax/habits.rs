@@ -477,10 +477,8 @@ impl<'a> Stop<'a> {
         if self.before().ends_with("..") && (rest.is_empty() || rest.starts_with([']', ')', '{', ','])) {
             let at = self.before().len() - 2;
             let from = operand_before(self.text, at);
-            let in_param = self.first() == "param";
-            let end = if in_param { "1e9" } else { "n" };
-            let why = if in_param { "bounds have both ends, a far one if need be" } else { "say where it ends" };
-            return habit(at, at + 2, "this range has no end", "goes on for ever", format!("{why}: `{from}..{end}`"));
+            let help = format!("say where it ends: `{from}..n`");
+            return habit(at, at + 2, "this range has no end", "goes on for ever", help);
         }
         None
     }

@@ -451,7 +451,10 @@ fn begins_statement<'a>(
     if is_assignment(tokens, i, text) {
         return true;
     }
-    let after_dot = i > 0 && matches!(&text[tokens[i - 1].start..tokens[i - 1].end], "." | "#");
+    let shown = |back: usize| i.checked_sub(back).map_or("", |at| &text[tokens[at].start..tokens[at].end]);
+    // `in 0..` may end its line.
+    let after_open_range = shown(1) == "." && shown(2) == "." && begins_line(text, tokens[i].start);
+    let after_dot = matches!(shown(1), "." | "#") && !after_open_range;
     let a_field = tokens.get(i + 1).is_some_and(|t| &text[t.start..t.end] == ":");
     if after_dot || a_field {
         return false;

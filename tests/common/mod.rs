@@ -11,6 +11,7 @@ use dscene::image::Image;
 use dscene::mesh::Mesh;
 use dscene::render::*;
 use dscene::session::Optimization;
+use dscene::session::optimization::StepReport;
 use glam::{Mat3, Vec3, vec3};
 
 pub use dscene::SceneBuilder as Builder;
@@ -248,6 +249,23 @@ pub fn optimized_with(text: &str, seed: u64) -> Optimized {
         }
         let ids: Vec<_> = engine.program().params().collect();
         Ok((losses, ids.into_iter().map(|id| engine.param_value(id).map(|t| t.data)).collect::<Result<_, _>>()?))
+    })
+}
+
+/// All that the steps of a script's one optimisation say.
+pub fn reports(text: &str) -> Vec<StepReport> {
+    on_large_stack(|| {
+        let Checked { program, diagnostics, .. } = check::check_text("test.dscene", None, text, &[], &Disk);
+        assert!(!diagnostics.iter().any(Diagnostic::is_error), "{text}\n{diagnostics:#?}");
+        let program = program.unwrap();
+        let [hir::Action::Optimize(optimize)] = &program.actions.clone()[..] else { panic!("one action") };
+        let mut engine = Engine::new(program, EngineOptions { seed: 3, base_dir: ".".into(), interrupt: None });
+        let mut optimization = Optimization::new(&mut engine, optimize, None).unwrap();
+        let mut found: Vec<StepReport> = Vec::new();
+        while optimization.done() < optimization.total() && !found.last().is_some_and(|report| report.stop) {
+            found.push(optimization.step(&mut engine).unwrap());
+        }
+        found
     })
 }
 

@@ -51,6 +51,7 @@ pub fn disagreement(ty: &Ty, value: &Value) -> Option<String> {
         | (Ty::Network, Value::Network(_))
         // Vertex colours are settings of a texture.
         | (Ty::Integrator | Ty::Optimizer | Ty::Preconditioner | Ty::Samples | Ty::Texture, Value::Settings(_))
+        | (Ty::Distribution(_), Value::Settings(_))
         | (Ty::Estimate(_), Value::Estimate(_))
         | (Ty::Gradients, Value::Gradients(_))
         | (Ty::Fn(..), Value::Function(_)) => None,

@@ -19,6 +19,7 @@ mod networks;
 mod pages;
 mod pictures;
 mod preconditioners;
+mod priors;
 mod reports;
 mod runs;
 mod solvers;

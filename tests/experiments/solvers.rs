@@ -1,30 +1,10 @@
 //! What `optimize` offers beside the steps of single solvers: quasi-Newton steps, stages, and what the noise of gradients decides.
 
-use crate::common::optimized;
-use dscene::check::{self, Checked, Disk, hir};
-use dscene::eval::{Engine, EngineOptions, on_large_stack};
-use dscene::session::Optimization;
+use crate::common::{optimized, reports};
 use dscene::session::optimization::StepReport;
 
 fn distance(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
-}
-
-/// All that the steps of a script's one optimisation say.
-fn reports(text: &str) -> Vec<StepReport> {
-    on_large_stack(|| {
-        let Checked { program, diagnostics, .. } = check::check_text("test.dscene", None, text, &[], &Disk);
-        assert!(!diagnostics.iter().any(|d| d.is_error()), "{text}\n{diagnostics:#?}");
-        let program = program.unwrap();
-        let [hir::Action::Optimize(optimize)] = &program.actions.clone()[..] else { panic!("one action") };
-        let mut engine = Engine::new(program, EngineOptions { seed: 3, base_dir: ".".into(), interrupt: None });
-        let mut optimization = Optimization::new(&mut engine, optimize, None).unwrap();
-        let mut found: Vec<StepReport> = Vec::new();
-        while optimization.done() < optimization.total() && !found.last().is_some_and(|report| report.stop) {
-            found.push(optimization.step(&mut engine).unwrap());
-        }
-        found
-    })
 }
 
 /// A panel whose colour is to be found from a picture of it.

@@ -70,7 +70,6 @@ const ROWS: &[Row] = &[
     ("let f = |x| x + 1", "|x|", "x => x + 1", "let f = x => x + 1"),
     ("let a = [i for i in 0...3]", "...", "0..3", "let a = [i for i in 0..3]"),
     ("let a = [i for i in 0..]", "..", "0..n", "let a = [i for i in 0..n]"),
-    ("param p = 1 in 0..", "..", "0..1e9", "param p = 1 in 0..1e9"),
     // Literals.
     ("let a = .5", ".5", "0.5", "let a = 0.5"),
     ("let a = 1. + 2", "1.", "1.0", "let a = 1.0 + 2"),

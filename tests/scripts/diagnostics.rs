@@ -457,6 +457,56 @@ loss fit = mse(render(small), target)",
         ],
     },
     Case {
+        name: "priors",
+        prelude: "",
+        script: "param a ~ normal(0, 0)\nparam b = 30deg ~ normal(0, 5)\nparam c: vec3 ~ normal([0, 1], 0.1)\nparam d ~ gaussian(0, 1)\n\
+                 param e = 3 ~ 4\nparam f: rotation = euler(y: 20deg) ~ normal(0, 1)\nlet g = 3\nparam h = 2\n\
+                 let i = prior(g) + prior(h) + prior(a + 1)\nparam j ~ uniform(2, 1)\nparam k = 2 ~ normal([0, 1], 1)",
+        wanted: &[
+            ("dscene::value::range", "0", "more than"),
+            ("dscene::type::prior", "normal(0, 5)", "angles too"),
+            ("dscene::type::mismatch", "normal([0, 1], 0.1)", "an initial value"),
+            ("dscene::name::unknown", "gaussian", "`normal`"),
+            ("dscene::type::prior", "4", "~ normal(4, sd)"),
+            ("dscene::type::prior", "normal(0, 1)", "rotations have no priors"),
+            ("dscene::name::prior", "g", "`prior(g, normal(mean, sd))`"),
+            ("dscene::name::prior", "h", "`param h = 2 ~ normal(mean, sd)`"),
+            ("dscene::name::prior", "a + 1", "normal(mean, sd)"),
+            ("dscene::value::range", "1", "low < high"),
+            ("dscene::type::prior", "normal([0, 1], 1)", "one number stands for all"),
+        ],
+    },
+    Case {
+        name: "prior_that_varies",
+        prelude: "",
+        script: "param h = 2\nparam i ~ normal(h, 1)\nloss fit = i ^ 2 + h ^ 2\noptimize fit",
+        wanted: &[("dscene::flow::prior", "normal(h, 1)", "`prior(i, normal(h, sd))`")],
+    },
+    Case {
+        name: "param_spaces",
+        prelude: "",
+        script: "param a = 0 in 0..1 { space: interior }\nparam b = 3 { space: interior }\nparam c = 0 { space: positive }\n\
+                 param d = [0, 2, 0] { space: unit }\nparam e = [1, 2] { space: unit }\nparam f = 2 { space: log }\n\
+                 param g: rotation = euler(y: 20deg) { space: unit }\n\
+                 param h = [[0, 1, 0]] { space: positive, precondition: laplacian(icosphere()) }\n\
+                 param i = [0, 1, 0] in -1..1 { space: unit }\nparam j = 3 in 4..\nparam k = 3 in ..2\nparam l = 3 in 5\n\
+                 param m ~ uniform(0, 1) { space: interior }",
+        wanted: &[
+            ("dscene::type::bounds", "0", "start between"),
+            ("dscene::type::space", "interior", "`param b = 3 in 0..1 { space: interior }`"),
+            ("dscene::type::space", "0", "start above 0"),
+            ("dscene::type::space", "[0, 2, 0]", "`normalize([0, 2, 0])`"),
+            ("dscene::type::space", "[1, 2]", "param d = [0, 1, 0] { space: unit }"),
+            ("dscene::name::unknown", "log", "`positive`"),
+            ("dscene::type::space", "unit", "leave `space` out"),
+            ("dscene::type::space", "precondition", "leave one"),
+            ("dscene::type::space", "-1..1", "leave them out"),
+            ("dscene::type::bounds", "3", "start inside"),
+            ("dscene::type::bounds", "3", "start inside"),
+            ("dscene::type::bounds", "5", "in 0.."),
+        ],
+    },
+    Case {
         name: "preconditioners",
         prelude: "",
         script: "param a = 1 { precondition: laplacian(icosphere()) }\nparam b = [[1, 2], [3, 4]] { precondition: pyramid(levels: 3) }\n\

@@ -33,7 +33,9 @@ pub fn params(engine: &mut Engine) -> Result<Json, Diagnostic> {
         };
         let is_small = value.len() <= SET_BY_HAND && info.kind != ParamKind::Rotation;
         let reached = reached.get(&info.id).map_or(&[][..], Vec::as_slice);
-        let bounds = info.bounds.as_ref().map(|(lo, hi)| (unit(lo), unit(hi))).filter(|_| is_small);
+        // A slider has two ends.
+        let is_closed = |(lo, hi): &&(Tensor, Tensor)| is_small && lo.is_finite() && hi.is_finite();
+        let bounds = info.bounds.as_ref().filter(is_closed).map(|(lo, hi)| (unit(lo), unit(hi)));
         let bounds = bounds.or_else(|| bounds_of_use(reached, &value));
         all.push(json!({
             "name": info.name,

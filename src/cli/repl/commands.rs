@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::{Next, Repl};
+use crate::check::hir;
 use crate::cli::living::set_param;
 use crate::cli::script::script_with_values;
 use crate::diag::{self, Diagnostic};
@@ -16,12 +17,12 @@ use crate::tape::Tensor;
 /// Name, arguments and what it does, in the order of `:help`.
 pub const NAMES: &[(&str, &str, &str)] = &[
     ("help", "[NAME]", "this list, or what is known of a name"),
-    ("params", "", "every param: value, bounds, rate"),
+    ("params", "", "every param: value, bounds, prior, space, rate"),
     ("set", "NAME EXPR", "gives a param a value, or replaces a declaration"),
     ("step", "[N]", "N steps (default 1) of the script's first `optimize`"),
     ("reset", "", "params back to their initial values"),
     ("render", "[CAMERA] [SPP]", "a picture from a camera"),
-    ("type", "EXPR", "the type of an expression, without evaluating it"),
+    ("type", "EXPR", "the type of an expression, without evaluating it; the prior and the space of a param"),
     ("time", "EXPR", "evaluates an expression and says how long it took"),
     ("fd", "[EXPR]", "gradient of a scalar beside finite differences"),
     ("load", "FILE", "starts over with a script"),
@@ -44,7 +45,8 @@ impl Repl<'_> {
             "render" => self.render(rest),
             "type" | "t" => {
                 if let Some(expr) = self.expression(rest) {
-                    self.world.print(&expr.ty.to_string());
+                    let text = format!("{}{}", expr.ty, self.space_of(&expr));
+                    self.world.print(&text);
                 }
                 Ok(())
             }
@@ -106,14 +108,29 @@ impl Repl<'_> {
         Ok(())
     }
 
+    /// What a declaration says of a param beside its type: ` ~ normal(0, 1) in -3..3 { space: interior }`.
+    fn space_of(&self, expr: &hir::Expr) -> String {
+        let hir::ExprKind::Decl(id) = expr.kind else { return String::new() };
+        let program = self.living.engine.program();
+        let hir::DeclKind::Param(param) = &program.decl(id).kind else { return String::new() };
+        let text = |e: &hir::Expr| program.sources.text(e.span).to_owned();
+        let end = |e: &Option<hir::Expr>| e.as_ref().map(text).unwrap_or_default();
+        let prior = param.prior.as_ref().map(|prior| format!(" ~ {}", text(prior)));
+        let bounds = param.bounds.as_ref().map(|bounds| format!(" in {}..{}", end(&bounds.low), end(&bounds.high)));
+        let space = param.space.map(|space| format!(" {{ space: {} }}", space.word()));
+        [prior, bounds, space].into_iter().flatten().collect()
+    }
+
     fn list_params(&mut self) -> Result<(), Diagnostic> {
         let mut rows = vec![["param", "type", "bounds", "", "value"].map(str::to_owned).to_vec()];
         for info in self.living.engine.params()? {
             let value = self.living.engine.param_value(info.id)?;
             let ty = self.living.engine.program().decl(info.id).ty.clone();
             let shown = |t: &Tensor| show::with_unit(t, &ty);
-            let bounds = info.bounds.as_ref().map_or(String::new(), |(lo, hi)| format!("{}..{}", shown(lo), shown(hi)));
+            let bounds = info.bounds.as_ref().map_or(String::new(), |bounds| show::bounds(bounds, &ty));
             let mut notes = Vec::new();
+            notes.extend(info.prior.map(|(_, span)| format!("~ {}", self.living.engine.program().sources.text(span))));
+            notes.extend(info.space.map(|space| format!("space {}", space.word())));
             notes.extend(info.frozen.then(|| "frozen".to_owned()));
             notes.extend(info.lr.map(|lr| format!("lr × {}", show::digits(lr))));
             notes.extend(info.scale.map(|scale| format!("scale {}", show::digits(scale))));
