@@ -96,8 +96,12 @@ impl Scale {
                 let drawn = digit == 1 || decades <= 6;
                 let Some(mut tick) = self.tick(f64::from(digit) * 10_f64.powi(decade), String::new()) else { continue };
                 if named {
-                    // Either all numbers are written as powers of ten or none is.
-                    tick.label = if few { plain(digit, decade) } else { power(decade) };
+                    // Either all numbers are written with powers of ten or none is.
+                    tick.label = match (few && (-4..=4).contains(&first) && last <= 5, digit) {
+                        (true, _) => plain(digit, decade),
+                        (false, 1) => power(decade),
+                        (false, _) => format!("{digit}×{}", power(decade)),
+                    };
                     numbered += 1;
                 }
                 if named || drawn {
@@ -137,13 +141,10 @@ fn power(exponent: i32) -> String {
     format!("10{}", raised.collect::<String>())
 }
 
-/// `0.002`, `50`, or `2×10⁻⁵`.
+/// `0.002` or `50`.
 fn plain(digit: i32, decade: i32) -> String {
-    match decade {
-        0..=4 => format!("{digit}{}", "0".repeat(decade as usize)),
-        -4..=-1 => format!("0.{}{digit}", "0".repeat((-decade - 1) as usize)),
-        _ => format!("{digit}×{}", power(decade)),
-    }
+    let places = (-decade).max(0) as usize;
+    format!("{:.places$}", f64::from(digit) * 10_f64.powi(decade))
 }
 
 #[cfg(test)]
@@ -164,6 +165,8 @@ mod tests {
         assert_eq!(labels(false, &[3.0, 3.0], 2), ["2.8", "3.0", "3.2"]);
         assert_eq!(labels(true, &[1e-3, 10.0], 6), ["10⁻³", "10⁻²", "10⁻¹", "10⁰", "10¹"]);
         assert_eq!(labels(true, &[2.0, 60.0], 6), ["2", "5", "10", "20", "50"]);
+        assert_eq!(labels(true, &[0.02, 0.3], 6), ["0.02", "0.05", "0.1", "0.2"]);
+        assert_eq!(labels(true, &[3e-5, 3e-4], 6), ["5×10⁻⁵", "10⁻⁴", "2×10⁻⁴"]);
         assert_eq!(labels(true, &[1.0, 1e12], 4), ["10⁰", "10³", "10⁶", "10⁹", "10¹²"]);
         // Within a part of a decade the ticks are those of a linear axis.
         assert_eq!(labels(true, &[3.1, 3.4], 3), ["3.1", "3.2", "3.3", "3.4"]);

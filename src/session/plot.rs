@@ -97,8 +97,18 @@ impl Runner<'_> {
         self.widen(&mut found, plot, at)?;
         let text = self.engine.program().sources.text(expr.span).to_owned();
         let name = shortened(&text);
+        let unlike = |rows: usize, own: &Numbers, place: Span| {
+            let many = |n: usize| if n == 1 { "one value".to_owned() } else { format!("{n} values") };
+            Diagnostic::error(CODE, "values and what they are plotted over have different lengths")
+                .label(expr.span, many(rows))
+                .label(place, format!("over {}", many(own.values.len())))
+        };
+        let along = over.zip(plot.over.as_ref().map(|over| over.span));
         let (rows, columns) = match found.shape[..] {
             [] => {
+                if let Some((over, place)) = along.filter(|(over, _)| !over.shape.is_empty()) {
+                    return Err(unlike(1, over, place));
+                }
                 let points = self.so_far(expr.span, &text, found.point(0, None), over);
                 let along = over.map_or(STEP.to_owned(), |over| over.name.clone());
                 let curve = Curve { name: with_unit(&name, found.unit), points };
@@ -115,13 +125,8 @@ impl Runner<'_> {
             return Err(refused(format!("this would be {columns} curves"), expr.span)
                 .help(format!("each row of an array has a number for each curve, at most {MOST}; `transpose(…)` swaps rows and columns")));
         }
-        if let (Some(over), Some(place)) = (over, &plot.over)
-            && over.values.len() != rows
-        {
-            let told = Diagnostic::error(CODE, "values and what they are plotted over have different lengths");
-            return Err(told
-                .label(expr.span, format!("{rows} values"))
-                .label(place.span, format!("over {}", over.values.len())));
+        if let Some((over, place)) = along.filter(|(over, _)| over.shape != [rows]) {
+            return Err(unlike(rows, over, place));
         }
         let curve = |column: usize| {
             let own = match columns {

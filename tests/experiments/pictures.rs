@@ -159,6 +159,7 @@ fn plots_that_cannot_be_are_refused() {
     let with = |rest: &str| format!("{data}{rest}");
     refused(&place, &with("plot d.none"), "there is nothing to plot");
     refused(&place, &with("plot d.a over d.b to \"x.svg\""), "different lengths");
+    refused(&place, &with("plot d.b[0] over d.a"), "different lengths");
     refused(&place, &with("plot d.a to \"x.svg\" { band: d.b }"), "does not fit what is plotted");
     refused(&place, &with("plot d.b to \"x.svg\" { band: [0.5, -1] }"), "[1] is -1");
     refused(
