@@ -77,7 +77,7 @@ fn is_shown(figure: &Figure, p: &Point) -> bool {
 /// Title, legend and names of the axes; what they leave is the frame.
 fn surroundings(figure: &Figure, rows: &[Tick], columns: &[Tick], marks: &mut Vec<Mark>) -> Frame {
     let [width, height] = figure.size;
-    let widest = |ticks: &[Tick]| ticks.iter().map(|t| letters::width(&t.label, TEXT)).fold(0.0, f64::max);
+    let widest = |ticks: &[Tick]| ticks.iter().map(|t| letters::room(&t.label, TEXT)).fold(0.0, f64::max);
     let named = |label: &str| if label.is_empty() { 0.0 } else { TEXT + SPACE };
     let left = SPACE + named(&figure.y.label) + widest(rows) + SPACE;
     // Half of the last number stands out to the right.
@@ -95,7 +95,7 @@ fn surroundings(figure: &Figure, rows: &[Tick], columns: &[Tick], marks: &mut Ve
     if figure.curves.len() > 1 {
         let (mut x, mut line) = (left, top);
         for (at, curve) in figure.curves.iter().enumerate() {
-            let own = KEY + SPACE + letters::width(&curve.name, TEXT);
+            let own = KEY + SPACE + letters::room(&curve.name, TEXT);
             if x > left && x + own > right {
                 (x, line) = (left, line + TEXT + SPACE / 2.0);
             }

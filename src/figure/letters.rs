@@ -19,6 +19,11 @@ pub(super) fn width(text: &str, size: f64) -> f64 {
     (units - GAP).max(0.0) * size / UNITS
 }
 
+/// The room for a text, in a font of whoever shows the SVG too.
+pub(super) fn room(text: &str, size: f64) -> f64 {
+    if text.is_empty() { 0.0 } else { 1.1 * width(text, size) + 0.3 * size }
+}
+
 /// The strokes of a text that begins at the origin, with y upward from the baseline.
 pub(super) fn strokes(text: &str, size: f64) -> Vec<Vec<[f64; 2]>> {
     let scale = size / UNITS;
