@@ -169,6 +169,29 @@ fn all_that_steps_leave_for_one_another_is_kept() {
     survives_script(many, 10, &[2, 5, 7]);
 }
 
+/// Solvers go through maps from where the params are, and starts are drawn anew.
+#[test]
+fn spaces_and_priors_of_params_are_kept() {
+    let script = "camera eye { position: [0, 0, -4], look_at: [0, 0, 0], fov: 45deg, film: [16, 16] }
+                  param grey = 0.5 ~ normal(0.4, 0.2) in 0..1 { space: interior }
+                  param glow ~ log_normal(1, 0.4)
+                  param way = [0, 0, -1] { space: unit }
+                  shape panel { mesh: rectangle(width: 1, depth: 1) |> rotate(x: -90deg), material: diffuse(grey) }
+                  light sky = constant(0.3)
+                  light lamp = directional(direction: -way, irradiance: glow)
+                  let target = render(eye, spp: 16) with { grey: 0.7, glow: 2, way: [0, 0.6, -0.8] }
+                  loss fit = mse(render(eye, spp: 4), target) + 0.001 * (prior(grey) + prior(glow))
+                  optimize fit {
+                    starts: 2, heat: 2
+                    stage first { using: adam(lr: 0.05), steps: 4 }
+                    stage second { using: lbfgs(), steps: 3 }
+                    stage third { using: levenberg_marquardt(), steps: 3 }
+                  }
+                  save [grey, glow, way.x, way.y, way.z] to \"found.npy\"
+                  expect fit < 1e-9";
+    survives_script(script, 14, &[3, 6, 9, 12]);
+}
+
 /// In the first optimisation, which is over when most of the kills come, and in the second.
 #[test]
 fn what_stages_declare_anew_is_kept() {

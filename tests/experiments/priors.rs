@@ -124,7 +124,7 @@ fn what_cannot_start_is_refused_before_anything_moves() {
         ("param a = 1 + n in 0..1 { space: interior }", "dscene::type::space", "between the bounds"),
         ("param a = n { space: positive }", "dscene::type::space", "above 0"),
         ("param a = [0, 3, n] { space: unit }", "dscene::type::space", "normalize"),
-        ("param a ~ normal(0, n)", "dscene::value", "positive"),
+        ("param a ~ normal(0, n)", "dscene::run::value", "positive"),
     ] {
         let error = optimized(&format!("let n = 0 * sum(noise([3]))\n{param}\nloss fit = sum([a] ^ 2)\noptimize fit"))
             .unwrap_err();

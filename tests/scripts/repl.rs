@@ -208,6 +208,23 @@ fn terms_without_noise_have_no_z() {
 }
 
 #[test]
+fn priors_and_spaces_are_told() {
+    let place = Place::new();
+    let input = "param x ~ normal(2, 0.5)\nparam y = 30deg ~ normal(20deg, 5deg) in ..90deg { space: interior }\n:type x\n:type y\n:params\n\
+                 prior(x)\n:set y 95deg\n";
+    let output = repl(&place, &[], input);
+    assert_code(&output, 1);
+    let text = stdout(&output);
+    for line in ["scalar ~ normal(2, 0.5)", "angle ~ normal(20deg, 5deg) in ..90deg { space: interior }"] {
+        assert!(text.lines().any(|l| l == line), "{line}: {text}");
+    }
+    let row = |name: &str| text.lines().find(|l| l.trim_start().starts_with(name) && l.contains('~')).unwrap_or("");
+    assert!(row("x ").contains("~ normal(2, 0.5)") && row("x ").ends_with('2'), "{text}");
+    assert!(row("y ").contains("..90deg") && row("y ").contains("space interior"), "{text}");
+    assert!(stderr(&output).contains("`y` stays within ..90deg"), "{}", stderr(&output));
+}
+
+#[test]
 fn angles_keep_their_unit() {
     let place = Place::new();
     let input =
