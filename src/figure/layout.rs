@@ -157,9 +157,10 @@ fn draw(figure: &Figure, curve: &Curve, style: Style, (x, y): (&Scale, &Scale), 
     let points = thinned(&curve.points);
     let Style { colour, dashed } = style;
     for run in points.split(|p| !is_shown(figure, p) || p.error.is_nan()).filter(|run| run.len() > 1) {
-        // On a logarithmic axis a band that reaches 0 goes down to its end.
+        // A band that reaches beyond what the axis has a place for, such as 0 on a logarithmic one, goes on to its end.
         let side = |sign: f64| {
-            run.iter().filter_map(move |p| Some([column(p.x)?, row(p.y + sign * p.error).unwrap_or(frame.bottom)]))
+            let end = if sign > 0.0 { frame.top } else { frame.bottom };
+            run.iter().filter_map(move |p| Some([column(p.x)?, row(p.y + sign * p.error).unwrap_or(end)]))
         };
         let below: Vec<[f64; 2]> = side(-1.0).collect();
         let outline = side(1.0).chain(below.into_iter().rev()).collect();

@@ -72,6 +72,14 @@ fn bands_reach_as_far_as_their_errors() {
     let curve = pairs(&attributes(&text, "curve", "points")[0]);
     assert_eq!(bands.len(), 1);
     let [up0, up1, down1, down0] = pairs(&bands[0])[..] else { panic!("{bands:?}") };
+    // A band beyond all numbers goes on to the end of the axis.
+    let far = Point { x: 0.0, y: 1e308, error: 1e308 };
+    let text = svg(&figure(vec![Curve { name: "a".to_owned(), points: vec![far, Point { x: 1.0, ..far }] }]));
+    let wide = pairs(&attributes(&text, "band", "points")[0]);
+    assert!(
+        wide[0][1] < 60.0 && wide[0][1] == wide[1][1] && !text.contains("inf") && !text.contains("NaN"),
+        "{wide:?}"
+    );
     let unit = curve[0][1] - curve[1][1];
     for (found, at, by) in [(up0, 0, 0.5), (up1, 1, 0.25), (down1, 1, -0.25), (down0, 0, -0.5)] {
         assert!(

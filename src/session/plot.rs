@@ -12,6 +12,7 @@ use crate::diag::Diagnostic;
 use crate::eval::is_angle;
 use crate::figure::{self, Axis, Curve, Figure, Point};
 use crate::files::write_atomically;
+use crate::memory;
 use crate::natives::value::Value;
 use crate::source::Span;
 use crate::stop;
@@ -158,6 +159,7 @@ impl Runner<'_> {
     /// The numbers that a value is, or that it estimates, with their errors; angles in degrees.
     fn numbers(&mut self, expr: &hir::Expr) -> Result<Numbers, Diagnostic> {
         let value = self.engine.eval(expr)?;
+        memory::ask_for::<f64>(10 * value.numbers()).map_err(|e| refused(e.to_string(), expr.span))?;
         let (shape, mut values, mut errors) = plain(&value).ok_or_else(|| {
             let message = format!("`plot` needs numbers, this is {}", value.kind());
             Diagnostic::error(CODE, message).label(expr.span, "not numbers")
