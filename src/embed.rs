@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::{Mat3, Vec3};
 
-use crate::grad::{GuideCache, render_backward_until, render_jacobian_until};
+use crate::grad::{GuideCache, Sampling, render_backward_until, render_jacobian_until};
 use crate::image::Image;
 use crate::memory::{self, Shortage};
 use crate::mesh::Mesh;
@@ -255,9 +255,9 @@ impl RenderContext {
         let slots = params.iter().map(|name| scene.slot(name)).collect::<Result<Vec<Slot>, Error>>()?;
         let derivatives: usize = slots.iter().map(|slot| scene.scene.description.slot_len(*slot)).sum();
         self.ask(image_numbers(camera, settings).saturating_add(derivatives as u64))?;
-        let guides = Some(&self.guides);
+        let sampling = Sampling::ByAdjoint(Some(&self.guides));
         let found = self.unless_stopped(|| {
-            render_backward_until(&scene.scene, camera, settings, d_image, &slots, guides, &self.stop)
+            render_backward_until(&scene.scene, camera, settings, d_image, &slots, sampling, &self.stop)
         })?;
         Ok(params.iter().map(|name| (*name).to_owned()).zip(found).collect())
     }

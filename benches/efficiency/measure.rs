@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use dscene::grad::{GuideCache, NEVER, Scene, Settings, render, render_backward_until};
+use dscene::grad::{GuideCache, NEVER, Sampling, Scene, Settings, render, render_backward_until};
 use dscene::image::Image;
 use dscene::render::Slot;
 use dscene::session::clock::Stopwatch;
@@ -139,7 +139,7 @@ pub fn row(case: &Case, seeds: u64, args: &Args, references: &References) -> Row
         let image = render(&scene, &camera, &settings).expect("the camera is sound");
         let primal = watch.elapsed();
         let watch = Stopwatch::start();
-        let memory = args.remember.then_some(&kept);
+        let memory = Sampling::ByAdjoint(args.remember.then_some(&kept));
         let g = render_backward_until(&scene, &camera, &settings, &w, &slots, memory, &NEVER);
         let g = g.expect("the camera is sound");
         let gradient = watch.elapsed();

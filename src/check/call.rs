@@ -63,7 +63,7 @@ impl Checker<'_> {
     }
 
     /// The function of the library that a name means only where such a thing is wanted: `constant` is a light, but a schedule where a number
-    /// is wanted, and `normal` a picture of normals, but a distribution in a prior.
+    /// is wanted, `normal` a picture of normals, but a distribution in a prior, and `pyramid` an image's levels, but also steps of all levels.
     fn meant(&self, name: &str, wanted: Option<&Sig>) -> Option<DeclId> {
         let is_own = |id| self.is_user(id) && matches!(self.slot(id).statement.kind, StatementKind::Fn(_));
         if self.locals.iter().any(|local| local.name == name) || self.lookup(name).is_some_and(is_own) {
@@ -71,6 +71,7 @@ impl Checker<'_> {
         }
         match wanted? {
             Sig::Is(Ty::Num(_)) | Sig::Int(_) | Sig::Number if name == "constant" => self.builtin("constant_rate"),
+            Sig::Is(Ty::Preconditioner) if name == "pyramid" => self.builtin("pyramid_preconditioner"),
             Sig::Is(Ty::Distribution(_)) => self.builtin(&format!("{name}_distribution")),
             _ => None,
         }

@@ -233,7 +233,7 @@ impl Checker<'_> {
                     let name = &param.name.text;
                     self.diagnostics.push(
                         Diagnostic::error("dscene::type::param", format!("`{name}` has nothing to precondition"))
-                            .label(field.name.span, "for the vertices of a mesh")
+                            .label(field.name.span, "for the vertices of a mesh, or for grids")
                             .label(initial, format!("this is `{ty}`"))
                             .help("leave it out"),
                     );
@@ -251,14 +251,6 @@ impl Checker<'_> {
                     continue;
                 }
             };
-            if field.name.text == "precondition" && is_call_of(&field.value, "pyramid") {
-                self.diagnostics.push(
-                    Diagnostic::error("dscene::type::mismatch", "`pyramid` makes the levels of an image")
-                        .label(field.value.span, "no preconditioner")
-                        .help("meshes have one: `laplacian(mesh)`; grids have none yet"),
-                );
-                continue;
-            }
             let typed = self.checked_value(field, &wanted);
             let (fault, expected): (fn(f64) -> bool, &str) = match field.name.text.as_str() {
                 "lr" => (|x| x < 0.0 || x.is_nan(), "0 or more"),
@@ -468,15 +460,11 @@ fn compare_any(a: &Const, b: &Const, test: &dyn Fn(f64, f64) -> bool) -> bool {
     }
 }
 
-/// Whether an expression is `name(…)`.
-fn is_call_of(e: &ast::Expr, name: &str) -> bool {
-    matches!(&e.kind, ast::ExprKind::Call { callee, .. } if matches!(&callee.kind, ast::ExprKind::Name(n) if n == name))
-}
-
-/// Whether a param may hold the vertices of a mesh.
+/// Whether a param may hold the vertices of a mesh, or a grid.
 fn can_be_preconditioned(ty: &Ty) -> bool {
     match ty {
-        Ty::Num(shape) => shape.len() >= 2,
+        Ty::Num(shape) => !shape.is_empty(),
+        Ty::Image { .. } => true,
         _ => ty.is_unknown() || ty.may_be_numbers(),
     }
 }

@@ -113,14 +113,9 @@ impl RenderOp {
                 self.draw(output);
                 let slots: Vec<Slot> = fixed.slots.iter().map(|k| self.slots[*k]).collect();
                 let (scene, d_image) = (&self.scene.scene, adjoint_image(output, g));
-                let found = grad::render_backward_evenly_until(
-                    scene,
-                    &self.camera,
-                    &self.settings,
-                    &d_image,
-                    &slots,
-                    &self.stop,
-                );
+                let (camera, settings) = (&self.camera, &self.settings);
+                let even = grad::Sampling::Even;
+                let found = grad::render_backward_until(scene, camera, settings, &d_image, &slots, even, &self.stop);
                 found.map_err(|e| e.to_string())?.concat()
             }
         };
@@ -167,9 +162,9 @@ impl CustomOp for RenderOp {
         let slots: usize = inputs.iter().zip(wants).filter(|(_, w)| **w).map(|(i, _)| i.len()).sum();
         memory::ask_for::<f64>(g.len() + 2 * slots).map_err(|e| e.to_string())?;
         let d_image = adjoint_image(output, g);
-        let (scene, guides) = (&self.scene.scene, self.guides.as_deref());
+        let (scene, sampling) = (&self.scene.scene, grad::Sampling::ByAdjoint(self.guides.as_deref()));
         let found =
-            grad::render_backward_until(scene, &self.camera, &self.settings, &d_image, &wanted, guides, &self.stop)
+            grad::render_backward_until(scene, &self.camera, &self.settings, &d_image, &wanted, sampling, &self.stop)
                 .map_err(|e| e.to_string())?;
         let mut found = found.into_iter();
         wants

@@ -69,6 +69,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("levenberg_marquardt", |a| keep(a, SettingsKind::Optimizer(Rule::LevenbergMarquardt))),
     ("gauss_newton", |a| keep(a, SettingsKind::Optimizer(Rule::GaussNewton))),
     ("laplacian", |a| keep(a, SettingsKind::Laplacian)),
+    ("pyramid_preconditioner", |a| keep(a, SettingsKind::Pyramid)),
     ("auto", |a| keep(a, SettingsKind::AutoSamples)),
 ];
 

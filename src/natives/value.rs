@@ -172,6 +172,8 @@ pub enum SettingsKind {
     Optimizer(Rule),
     /// Of the vertices of a mesh.
     Laplacian,
+    /// Of the levels of a grid.
+    Pyramid,
     /// Of independent numbers.
     Distribution(Law),
     /// Samples a step by the noise of its gradient.
@@ -187,6 +189,7 @@ impl SettingsKind {
         match self {
             SettingsKind::Optimizer(rule) => rule.name(),
             SettingsKind::Laplacian => "laplacian",
+            SettingsKind::Pyramid => "pyramid_preconditioner",
             SettingsKind::Distribution(law) => law.name(),
             SettingsKind::AutoSamples => "auto",
             SettingsKind::Integrator => "integrator",
@@ -357,7 +360,7 @@ impl Value {
                 SettingsKind::Integrator => "an integrator",
                 SettingsKind::VertexColor => "a texture",
                 SettingsKind::Optimizer(_) => "an optimizer",
-                SettingsKind::Laplacian => "a preconditioner",
+                SettingsKind::Laplacian | SettingsKind::Pyramid => "a preconditioner",
                 SettingsKind::Distribution(_) => "a distribution",
                 SettingsKind::AutoSamples => "a number of samples",
             },

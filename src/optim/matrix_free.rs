@@ -272,8 +272,13 @@ impl<J: Jacobians> Model<'_, J> {
     fn against(&self, weights: Both<f64>) -> Result<[Vec<f64>; 2], J::Error> {
         let found = self.jacobians.against(weights)?;
         Ok(found.map(|found| {
-            let parts = self.spaces.iter().zip(self.values).zip(split(self.spaces, self.values, &found));
-            parts.flat_map(|((space, value), own)| space.tangent_gradient(value, own)).collect()
+            let mut rest = &found[..];
+            let of = |(space, value): (&Space, &Vec<f64>)| {
+                let (own, others) = rest.split_at(space.directions(value.len()));
+                rest = others;
+                space.tangent_gradient(value, own)
+            };
+            self.spaces.iter().zip(self.values).flat_map(of).collect()
         }))
     }
 
@@ -379,7 +384,7 @@ mod tests {
     use std::convert::Infallible;
     use std::sync::Arc;
 
-    use super::super::preconditioner::Laplacian;
+    use super::super::preconditioner::{Laplacian, Preconditioner, Pyramid};
     use super::super::space::{Geometry, rotation_about};
     use super::*;
 
@@ -464,10 +469,14 @@ mod tests {
         // A preconditioner changes the way and not the goal.
         let places: Vec<u32> = (0..MANY as u32).collect();
         let edges: Vec<[u32; 2]> = (1..MANY as u32).map(|k| [k - 1, k]).collect();
-        let preconditioner = Some(Arc::new(Laplacian::new(places, MANY, &edges, 2.0)));
-        let mut solver = MatrixFree::new(vec![Space { preconditioner, ..Space::plain() }], 0.1);
-        let x = solve(&mut solver, vec![vec![0.0; MANY]], 40, MANY, |x, _| chain(&x[0], &goal, 0.0));
-        assert!(worst(&x[0], &goal) < 1e-5, "{}", worst(&x[0], &goal));
+        let laplacian = Preconditioner::Laplacian(Laplacian::new(places, MANY, &edges, 2.0));
+        let pyramid = Preconditioner::Pyramid(Pyramid::new(&[MANY], None).unwrap());
+        for preconditioner in [laplacian, pyramid] {
+            let preconditioner = Some(Arc::new(preconditioner));
+            let mut solver = MatrixFree::new(vec![Space { preconditioner, ..Space::plain() }], 0.1);
+            let x = solve(&mut solver, vec![vec![0.0; MANY]], 40, MANY, |x, _| chain(&x[0], &goal, 0.0));
+            assert!(worst(&x[0], &goal) < 1e-5, "{}", worst(&x[0], &goal));
+        }
     }
 
     #[test]

@@ -19,7 +19,7 @@ pub use lbfgs::{Lbfgs, Searched, Twice};
 pub use least_squares::{Both, LeastSquares};
 pub use matrix_free::{Jacobians, MatrixFree};
 pub use noise::{AutoSamples, GradientNoise, GradientSize};
-pub use preconditioner::Laplacian;
+pub use preconditioner::{Laplacian, Preconditioner, Pyramid};
 pub use prior::{Law, Prior};
 pub use solver::{Solver, State};
 pub use space::{Geometry, Space};

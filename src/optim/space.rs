@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use super::preconditioner::Laplacian;
+use super::preconditioner::Preconditioner;
 use super::prior::Prior;
 use crate::math::Pcg32;
 
@@ -40,7 +40,7 @@ pub struct Space {
     /// It does not move for now.
     pub frozen: bool,
     /// The optimiser works in other variables than the elements (of plain params).
-    pub preconditioner: Option<Arc<Laplacian>>,
+    pub preconditioner: Option<Arc<Preconditioner>>,
 }
 
 impl Space {
@@ -58,9 +58,15 @@ impl Space {
         }
     }
 
-    /// Number of unknowns of a param with `len` elements.
-    pub fn unknowns(&self, len: usize) -> usize {
+    /// Number of directions in which a param with `len` elements moves: columns of a Jacobian.
+    pub fn directions(&self, len: usize) -> usize {
         if self.geometry == Geometry::Rotation && len == 9 { 3 } else { len }
+    }
+
+    /// Number of unknowns of a param with `len` elements: those directions, or the variables of its preconditioner.
+    pub fn unknowns(&self, len: usize) -> usize {
+        let directions = self.directions(len);
+        self.preconditioner.as_ref().map_or(directions, |preconditioner| preconditioner.variables(directions))
     }
 
     /// Whether an element is at a bound (or as near to it as it may come) that a step would take it beyond.
@@ -96,7 +102,7 @@ impl Space {
         };
         turned.iter_mut().for_each(|g| *g *= self.scale);
         match &self.preconditioner {
-            Some(preconditioner) => preconditioner.apply(&turned),
+            Some(preconditioner) => preconditioner.gradient(&turned),
             None => turned,
         }
     }
@@ -123,7 +129,7 @@ impl Space {
     /// The direction in which an update in those coordinates moves a value: the transpose of [`Space::tangent_gradient`] where that takes
     /// derivatives with respect to ω.
     pub fn tangent(&self, value: &[f64], update: &[f64]) -> Vec<f64> {
-        let changed = self.preconditioner.as_ref().map(|p| p.apply(update));
+        let changed = self.preconditioner.as_ref().map(|p| p.change(update));
         let changed = changed.as_deref().unwrap_or(update);
         let mut moved = match self.geometry {
             Geometry::Unit => by_threes(changed, value, cross),
@@ -146,7 +152,7 @@ impl Space {
             value.copy_from_slice(&by_threes(value, update, turn));
             return Vec::new();
         }
-        let changed = self.preconditioner.as_ref().map(|p| p.apply(update));
+        let changed = self.preconditioner.as_ref().map(|p| p.change(update));
         for (index, u) in changed.as_deref().unwrap_or(update).iter().enumerate().take(value.len()) {
             value[index] = self.moved(value[index], u * self.scale, index);
         }

@@ -144,7 +144,7 @@ fn space_of(info: &ParamInfo) -> Result<Space, Diagnostic> {
         Some((value, span)) => Some(preconditioner_from(value, &info.shape).map(Arc::new).map_err(|message| {
             Diagnostic::error("dscene::run::preconditioner", format!("`{}`: {message}", info.name))
                 .label(*span, "this preconditioner")
-                .help("`laplacian(mesh)` takes the mesh whose vertices the param holds")
+                .help("`laplacian(mesh)` takes the mesh whose vertices the param holds, `pyramid()` is for images and grids")
         })?),
         None => None,
     };

@@ -5,8 +5,8 @@ use glam::DVec3;
 use crate::memory;
 use crate::mesh::ops;
 use crate::natives::distribution_of;
-use crate::natives::value::{SettingsKind, Value};
-use crate::optim::{Laplacian, Prior, Rule, Solver};
+use crate::natives::value::{SettingsKind, SettingsValue, Value};
+use crate::optim::{Laplacian, Preconditioner, Prior, Pyramid, Rule, Solver};
 use crate::tape::Tensor;
 
 /// The default rate.
@@ -89,12 +89,27 @@ pub fn prior_from(value: &Value, shape: &[usize]) -> Result<Prior, String> {
 }
 
 /// The preconditioner that a value describes for a param of this shape; an error says why there is none.
-pub fn preconditioner_from(value: &Value, shape: &[usize]) -> Result<Laplacian, String> {
-    let mesh = match value {
-        Value::Settings(settings) if settings.kind == SettingsKind::Laplacian => settings.field("mesh"),
-        _ => return Err(format!("this is {}", value.kind())),
-    };
-    let (Value::Settings(settings), Some(Value::Mesh(mesh))) = (value, mesh) else {
+pub fn preconditioner_from(value: &Value, shape: &[usize]) -> Result<Preconditioner, String> {
+    match value {
+        Value::Settings(settings) if settings.kind == SettingsKind::Laplacian => {
+            laplacian(settings, shape).map(Preconditioner::Laplacian)
+        }
+        Value::Settings(settings) if settings.kind == SettingsKind::Pyramid => {
+            let numbers = shape.iter().product::<usize>();
+            memory::ask(40 * numbers as u64).map_err(|e| e.to_string())?;
+            let levels = settings.number("levels").map(|n| n as usize);
+            let pyramid = Pyramid::new(shape, levels).ok_or_else(|| {
+                let sides: Vec<String> = shape.iter().map(usize::to_string).collect();
+                format!("a param of {} numbers is no grid", sides.join("×"))
+            })?;
+            Ok(Preconditioner::Pyramid(pyramid))
+        }
+        _ => Err(format!("this is {}", value.kind())),
+    }
+}
+
+fn laplacian(settings: &SettingsValue, shape: &[usize]) -> Result<Laplacian, String> {
+    let Some(Value::Mesh(mesh)) = settings.field("mesh") else {
         return Err("it needs a mesh".into());
     };
     let points: Vec<DVec3> = mesh.vertices.value().data.chunks_exact(3).map(DVec3::from_slice).collect();
@@ -116,7 +131,6 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::natives::value::SettingsValue;
 
     const ADAM: SettingsKind = SettingsKind::Optimizer(Rule::Adam);
 

@@ -55,6 +55,15 @@ impl Place {
         self.folder.path().join(name)
     }
 
+    /// What a script prints that is run in the folder `run`, whether that is there or not.
+    #[track_caller]
+    pub fn run(&self, script: &str) -> String {
+        self.write("script.dscene", script);
+        let output = self.dsl(&["run", "script.dscene", "--out", "run", "--force"]);
+        assert_code(&output, 0);
+        stdout(&output)
+    }
+
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(assert_cmd::cargo::cargo_bin!("dsl"));
         command.args(arguments).current_dir(self.folder.path()).env("NO_COLOR", "1").timeout(Duration::from_secs(120));

@@ -6,8 +6,8 @@ use dscene::grad::sampling::allocate::Estimator;
 use dscene::grad::sink::{DenseSums, DirectionalDerivatives, Layout, Tangents};
 use dscene::grad::terms::interior::Interior;
 use dscene::grad::{
-    Direction, GuideCache, NEVER, render_backward, render_backward_evenly_until, render_backward_until, render_forward,
-    render_jacobian, render_rows_until,
+    Direction, GuideCache, NEVER, Sampling, render_backward, render_backward_until, render_forward, render_jacobian,
+    render_rows_until,
 };
 use dscene::image::Image;
 use dscene::render::texture::{Filter, Texture, Wrap};
@@ -113,7 +113,8 @@ fn a_derivative_with_even_samples_is_one_matrix() {
             let settings = settings(output, 2, 3);
             let forward = render_forward(&scene, &camera, &settings, &tangents).unwrap();
             let weights = Image { data: random(forward.data.len()), ..forward.clone() };
-            let reverse = render_backward_evenly_until(&scene, &camera, &settings, &weights, &wrt, &NEVER).unwrap();
+            let reverse =
+                render_backward_until(&scene, &camera, &settings, &weights, &wrt, Sampling::Even, &NEVER).unwrap();
             let products = || forward.data.iter().zip(&weights.data).map(|(v, w)| f64::from(*v) * f64::from(*w));
             let (jv, size) = (products().sum::<f64>(), products().map(f64::abs).sum::<f64>());
             let terms = reverse.iter().zip(&tangents).flat_map(|(g, t)| g.iter().zip(&t.1));
@@ -236,8 +237,8 @@ fn any_number_of_threads_gives_the_same_bits() {
                 // Those of an optimisation's steps, which learn from one another.
                 let memory = GuideCache::default();
                 let steps = (0..3).map(|seed| {
-                    let settings = Settings { seed, ..settings };
-                    render_backward_until(&scene, &camera, &settings, &image, &wrt, Some(&memory), &NEVER).unwrap()
+                    let (settings, sampling) = (Settings { seed, ..settings }, Sampling::ByAdjoint(Some(&memory)));
+                    render_backward_until(&scene, &camera, &settings, &image, &wrt, sampling, &NEVER).unwrap()
                 });
                 let steps: Vec<_> = steps.collect();
                 assert!(

@@ -6,15 +6,6 @@ use crate::place::{Place, assert_code, assert_diagnosed, stderr, stdout};
 
 const EYE: &str = "camera eye { position: [0, 0, -5], look_at: [0, 0, 0], fov: 45deg, film: [16, 16] }\n";
 
-/// Runs a script to its end, with exit code 0; gives what it printed.
-#[track_caller]
-fn run(place: &Place, script: &str) -> String {
-    place.write("script.dscene", script);
-    let output = place.dsl(&["run", "script.dscene", "--out", "run", "--force"]);
-    assert_code(&output, 0);
-    stdout(&output)
-}
-
 #[test]
 fn views_from_all_sides_in_small_batches() {
     let place = Place::new();
@@ -25,8 +16,7 @@ fn views_from_all_sides_in_small_batches() {
            look_at: [0, 0, 0], fov: 40deg, film: [16, 16])\n\
          fn lamp_at(p: vec3, power = 10) = area(disk(radius: 0.5) |> flip() |> translate(p), radiance: power)\n",
     );
-    let printed = run(
-        &place,
+    let printed = place.run(
         "import \"rig.dscene\"\nimport \"rig.dscene\" as rig
          param size: vec3 = [0.8, 1, 1.2] in 0.1..3
          let views = [view(i) for i in 0..4]
@@ -57,8 +47,7 @@ fn a_mesh_from_a_file_with_an_unknown_texture() {
         "quad.obj",
         "v -1 0 -1\nv 1 0 -1\nv 1 0 1\nv -1 0 1\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nf 1/1 4/4 3/3 2/2\n",
     );
-    run(
-        &place,
+    place.run(
         "camera eye { position: [0, 3, 0.001], look_at: [0, 0, 0], fov: 45deg, film: [16, 16] }
          param texels: scalar[4][4] = [[0.5 for j in 0..4] for i in 0..4] in 0..1
          shape floor { mesh: load(\"quad.obj\"), material: diffuse(reflectance: texture(texels)) }
@@ -87,14 +76,13 @@ fn a_turned_environment() {
          optimize fit { using: adam(lr: 0.05), steps: 30, stop_when: plateau(window: 10, tolerance: 1%) or fit < 1e-5 }
          print \"{turn / 1deg:.1}\", turn
          expect abs(turn) < 8deg";
-    run(&place, &format!("{EYE}{script}"));
+    place.run(&format!("{EYE}{script}"));
 }
 
 #[test]
 fn stages_schedules_several_losses_and_the_library() {
     let place = Place::new();
-    run(
-        &place,
+    place.run(
         "import std.studio as studio
          camera eye { position: [0, 1, -5], look_at: [0, 0, 0], fov_x: 50deg, film: [24, 16] }
          param pos: vec3 = [0.3, 0.2, 0]
@@ -162,8 +150,7 @@ fn control_variates_take_the_bias_of_noise_away() {
 #[test]
 fn pose_gradients_and_meshes_out() {
     let place = Place::new();
-    let printed = run(
-        &place,
+    let printed = place.run(
         "camera eye { position: [0, 0, 5] + shift, look_at: shift, fov: 40deg, film: [16, 16] }
          param shift: vec3 = [0.2, 0, 0]
          param spin: rotation = rotation(axis: [0, 1, 0], angle: 10deg)
@@ -184,16 +171,14 @@ fn pose_gradients_and_meshes_out() {
     assert!(obj.lines().filter(|l| l.starts_with("f ")).count() == 12, "{obj}");
     // What was saved can be loaded again.
     fs::copy(place.path("run/body.ply"), place.path("body.ply")).unwrap();
-    let printed = run(&place, "print len(load(\"body.ply\").faces)");
+    let printed = place.run("print len(load(\"body.ply\").faces)");
     assert_eq!(printed.trim(), "12");
 }
 
 #[test]
 fn functions_lists_of_shapes_and_scenes_as_values() {
     let place = Place::new();
-    let printed = run(
-        &place,
-        "fn twice(f: (scalar) => scalar, x: scalar) = f(f(x))
+    let printed = place.run("fn twice(f: (scalar) => scalar, x: scalar) = f(f(x))
          fn tower(n: int) {
            let base = cube(size: 0.4)
            merge([base |> translate([0, 0.5 * i, 0]) for i in 0..n])
@@ -223,7 +208,7 @@ fn a_photo_at_a_coarse_stage() {
         "{EYE}param x = 0.5\nlight sky = constant(1)\n\
          shape ball {{ mesh: sphere(subdivisions: 12) |> translate([x, 0, 0]), material: diffuse() }}\n"
     );
-    run(&place, &format!("{scene}save render(eye, spp: 64) with {{ x: 0 }} to \"photo.exr\""));
+    place.run(&format!("{scene}save render(eye, spp: 64) with {{ x: 0 }} to \"photo.exr\""));
     fs::copy(place.path("run/photo.exr"), place.path("photo.exr")).unwrap();
     let fit = |photo: &str| {
         format!(
@@ -238,15 +223,13 @@ fn a_photo_at_a_coarse_stage() {
     let output = place.dsl(&["run", "script.dscene", "--out", "run", "--force"]);
     assert_diagnosed(&output);
     assert!(stderr(&output).contains("resize(photo, width: eye.film.x, height: eye.film.y)"), "{}", stderr(&output));
-    run(&place, &fit("resize(photo, width: eye.film.x, height: eye.film.y)"));
+    place.run(&fit("resize(photo, width: eye.film.x, height: eye.film.y)"));
 }
 
 #[test]
 fn heights_vertex_colours_and_regularisation() {
     let place = Place::new();
-    run(
-        &place,
-        "camera eye { position: [0, 3, -3], look_at: [0, 0, 0], fov: 45deg, film: [16, 16] }
+    place.run("camera eye { position: [0, 3, -3], look_at: [0, 0, 0], fov: 45deg, film: [16, 16] }
          param heights: scalar[5][5] = [[0 for j in 0..5] for i in 0..5]
          param hue: vec3[4] = [[0.5, 0.5, 0.5] for i in 0..4] in 0..1
          shape land { mesh: heightfield(heights) |> smooth_normals(), material: diffuse(reflectance: checkerboard(a: 0.2, b: 0.8)) }
@@ -276,7 +259,7 @@ fn first_hit_channels_of_a_size() {
          optimize geometry { using: rmsprop(lr: 0.02), steps: 20 }
          save normal(eye) * 0.5 + 0.5 to \"normals.png\"
          expect abs(r - 1) < 0.1";
-    run(&place, &format!("{EYE}{script}"));
+    place.run(&format!("{EYE}{script}"));
 }
 
 #[test]
@@ -297,5 +280,5 @@ fn the_lights_and_shapes_of_a_gltf_file() {
          light lamps = load_lights(\"room.gltf\")
          print len(room.shapes), len(room.lights), len(parts), len(lamps), max(lamps[0].radiance), max(room.shapes[0].material.opacity)
          expect mean(render(eye, scene: room, spp: 4) - render(eye, spp: 4)) < 1";
-    assert_eq!(run(&place, &format!("{EYE}{script}")).trim(), "1 1 1 1 1 0.25");
+    assert_eq!(place.run(&format!("{EYE}{script}")).trim(), "1 1 1 1 1 0.25");
 }

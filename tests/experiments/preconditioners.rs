@@ -1,4 +1,4 @@
-//! Preconditioners, through the language: meshes stay smooth.
+//! Preconditioners, through the language: meshes stay smooth, and areas of grids move together.
 
 use crate::common::{optimized, value_and_param};
 
@@ -63,4 +63,47 @@ loss fit = sum(p ^ 2)
 optimize fit { steps: 3 }";
     let d = optimized(script).unwrap_err();
     assert!(d.code == "dscene::run::preconditioner" && d.message.contains("1 row, the mesh 162 vertices"), "{d:?}");
+}
+
+/// What 4 noisy samples a pixel say about the texels of a floor: the error after as many steps.
+fn texture(precondition: &str, steps: usize) -> f64 {
+    let n = 32;
+    let script = format!(
+        "let truth = [[[0.5 + 0.3 * sin(5rad * i / {n}) * cos(4rad * j / {n}), 0.4 + 0.2 * cos(4rad * (i + j) / {n}), 0.3] for j in 0..{n}]
+  for i in 0..{n}]
+param colors = [[[0.5, 0.5, 0.5] for j in 0..{n}] for i in 0..{n}] in 0..1 {{ {precondition} }}
+camera eye {{ position: [0, 3, -3], look_at: [0, 0, 0], fov: 40deg, film: [48, 48] }}
+integrator direct {{ max_bounces: 1 }}
+shape floor {{ mesh: rectangle(width: 2, depth: 2), material: diffuse(reflectance: texture(colors, wrap: \"clamp\")) }}
+light sun = directional(direction: [0.2, -1, 0.1], irradiance: 3)
+let photo = render(eye, spp: 64) with {{ colors: truth }}
+loss fit = mse(render(eye, spp: 4), photo)
+optimize fit {{ using: adam(lr: 0.02), steps: {steps} }}"
+    );
+    let (_, params) = optimized(&script).unwrap();
+    let mut squares = 0.0;
+    for (k, color) in params[0].chunks(3).enumerate() {
+        let (i, j) = ((k / n) as f64 / n as f64, (k % n) as f64 / n as f64);
+        let truth = [0.5 + 0.3 * (5.0 * i).sin() * (4.0 * j).cos(), 0.4 + 0.2 * (4.0 * (i + j)).cos(), 0.3];
+        squares += color.iter().zip(truth).map(|(c, t)| (c - t) * (c - t)).sum::<f64>();
+    }
+    (squares / params[0].len() as f64).sqrt()
+}
+
+#[test]
+fn areas_find_their_colour_together() {
+    let (with, without) = (texture("precondition: pyramid()", 12), texture("", 24));
+    assert!(with < without, "{with} after 12 steps, {without} after 24 without");
+    // The first level alone is the grid itself.
+    let (one, none) = (texture("precondition: pyramid(levels: 1)", 5), texture("", 5));
+    assert_eq!(one, none);
+}
+
+#[test]
+fn grids_of_more_sides_are_refused() {
+    let script = "param p = [[[[0 for i in 0..6] for j in 0..5] for k in 0..4] for l in 0..2] { precondition: pyramid() }
+loss fit = sum(p ^ 2)
+optimize fit { steps: 3 }";
+    let d = optimized(script).unwrap_err();
+    assert!(d.code == "dscene::run::preconditioner" && d.message.contains("2×4×5×6 numbers is no grid"), "{d:?}");
 }

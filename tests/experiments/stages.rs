@@ -5,15 +5,6 @@ use std::fs;
 use crate::place::{Place, assert_code, assert_diagnosed, stderr, stdout};
 use serde_json::Value;
 
-/// Runs a script to its end, with exit code 0; gives what it printed.
-#[track_caller]
-fn run(place: &Place, script: &str) -> String {
-    place.write("script.dscene", script);
-    let output = place.dsl(&["run", "script.dscene", "--out", "run", "--force"]);
-    assert_code(&output, 0);
-    stdout(&output)
-}
-
 #[track_caller]
 fn refused(script: &str, told: &[&str]) {
     let place = Place::new();
@@ -27,8 +18,7 @@ fn refused(script: &str, told: &[&str]) {
 #[test]
 fn a_param_gets_another_size_where_a_stage_ends() {
     let place = Place::new();
-    let printed = run(
-        &place,
+    let printed = place.run(
         "param row: scalar[] = [0, 5] in 0..5.5
          let wanted = 3
          loss fit = sum([(x - wanted) ^ 2 for x in row])
@@ -86,16 +76,15 @@ fn what_the_last_stage_declares_anew_is_seen_after_it() {
         )
     };
     let place = Place::new();
-    assert_eq!(run(&place, &script("0")).trim(), "10 3");
-    assert_eq!(run(&place, &script("100")).trim(), "3.2 1.6");
+    assert_eq!(place.run(&script("0")).trim(), "10 3");
+    assert_eq!(place.run(&script("100")).trim(), "3.2 1.6");
 }
 
 /// A stage moves what it names; the others stand still, and what it learns of them is told to be nothing only if no stage moves them.
 #[test]
 fn a_stage_moves_what_it_names() {
     let place = Place::new();
-    run(
-        &place,
+    place.run(
         "param a = 1
          param b = 1
          loss fit = a ^ 2 + b ^ 2
@@ -144,7 +133,7 @@ fn a_mesh_is_subdivided_between_stages() {
          print len(points), len(ball.faces)
          expect fit < 0.01
          save blob.mesh to \"blob.obj\"";
-    let printed = run(&place, script);
+    let printed = place.run(script);
     assert_eq!(printed.lines().nth(1), Some("42 80"), "{printed}");
     let output = place.dsl(&["export", "run", "--script"]);
     assert_diagnosed(&output);

@@ -514,7 +514,7 @@ loss fit = mse(render(small), target)",
                  param e: rotation = euler(y: 20deg) { precondition: laplacian(icosphere()) }\nlet f = laplacian(icosphere(), lambda: 0)",
         wanted: &[
             ("dscene::type::param", "precondition", "leave it out"),
-            ("dscene::type::mismatch", "pyramid(levels: 3)", "laplacian(mesh)"),
+            ("dscene::type::mismatch", "pyramid(levels: 3)", "laplacian_pyramid"),
             ("dscene::call::missing", "laplacian", "mesh: mesh"),
             ("dscene::type::mismatch", "3", ""),
             ("dscene::type::param", "precondition", "leave it out"),

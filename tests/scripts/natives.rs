@@ -230,6 +230,7 @@ const NONE: &[(&str, &[&str])] = &[
             "levenberg_marquardt",
             "gauss_newton",
             "laplacian",
+            "pyramid_preconditioner",
             "auto",
             "normal_distribution",
             "uniform_distribution",

@@ -8,6 +8,17 @@ use crate::grad::terms::{Accumulator, Request, run_estimators};
 use crate::image::Image;
 use crate::render::{Camera, Scene, Settings, Slot};
 
+/// Where reverse mode draws its samples.
+#[derive(Clone, Copy)]
+pub enum Sampling<'a> {
+    /// Where the adjoint image says that they matter; with a cache of guides, which learn from step to step where they contribute, for scenes
+    /// that change little.
+    ByAdjoint(Option<&'a GuideCache>),
+    /// Evenly over the image, as forward mode. With the same settings, along directions that have a tangent, be it zero, for each of these
+    /// slots in the same order, [`super::render_jacobian_until`] is a matrix J, and what this gives is its transpose up to rounding.
+    Even,
+}
+
 /// Σ d_image · ∂image/∂slot for every slot of `wrt`, in the slot's own layout; NaN if `d_image` is not finite.
 pub fn static_scene(
     scene: &Scene,
@@ -15,7 +26,7 @@ pub fn static_scene(
     settings: &Settings,
     d_image: &Image,
     wrt: &[Slot],
-    guides: Option<&GuideCache>,
+    sampling: Sampling,
     stop: &AtomicBool,
 ) -> Vec<Vec<f64>> {
     let layout = Layout::new(scene, wrt);
@@ -25,25 +36,13 @@ pub fn static_scene(
         return layout.by_slot(vec![f64::NAN; layout.size()]);
     }
     let mut total = DenseSums::new(layout.size());
-    let request = Request { scene, camera, settings, layout: &layout, adjoint: d_image, guides, stop };
-    run_estimators(&request, &mut Accumulator::Slots(&mut total));
-    layout.by_slot(total.into_vec())
-}
-
-/// The same with the samples of forward mode, whose density is even over the image: the exact transpose of [`super::forward`] for the same
-/// slots.
-pub fn evenly(
-    scene: &Scene,
-    camera: &Camera,
-    settings: &Settings,
-    d_image: &Image,
-    wrt: &[Slot],
-    stop: &AtomicBool,
-) -> Vec<Vec<f64>> {
-    let layout = Layout::new(scene, wrt);
-    let even = super::forward::even(camera, settings);
-    let mut total = DenseSums::new(layout.size());
-    let request = Request { scene, camera, settings, layout: &layout, adjoint: &even, guides: None, stop };
-    run_estimators(&request, &mut Accumulator::Weighted(d_image, &mut total));
+    let request = |adjoint, guides| Request { scene, camera, settings, layout: &layout, adjoint, guides, stop };
+    match sampling {
+        Sampling::ByAdjoint(guides) => run_estimators(&request(d_image, guides), &mut Accumulator::Slots(&mut total)),
+        Sampling::Even => {
+            let even = super::forward::even(camera, settings);
+            run_estimators(&request(&even, None), &mut Accumulator::Weighted(d_image, &mut total));
+        }
+    }
     layout.by_slot(total.into_vec())
 }

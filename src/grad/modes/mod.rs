@@ -8,11 +8,11 @@ mod motion;
 use std::sync::atomic::AtomicBool;
 
 use crate::grad::rows::Rows;
-use crate::grad::sampling::guide::GuideCache;
 use crate::image::Image;
 use crate::memory::bounded;
 use crate::render::{Camera, NEVER, Scene, SceneError, Settings, Slot, validate_camera};
 
+pub use self::backward::Sampling;
 pub use self::coverage::coverage_gaps;
 pub use self::forward::{Direction, MAX_DIRECTIONS};
 
@@ -25,18 +25,17 @@ pub fn render_backward(
     d_image: &Image,
     wrt: &[Slot],
 ) -> Result<Vec<Vec<f64>>, SceneError> {
-    render_backward_until(scene, camera, settings, d_image, wrt, None, &NEVER)
+    render_backward_until(scene, camera, settings, d_image, wrt, Sampling::ByAdjoint(None), &NEVER)
 }
 
-/// [`render_backward`] with a cache of guides, which learn from step to step where samples contribute, for scenes that change little.
-/// After `stop` is set it returns soon, with meaningless numbers.
+/// [`render_backward`] with samples of another kind. After `stop` is set it returns soon, with meaningless numbers.
 pub fn render_backward_until(
     scene: &Scene,
     camera: &Camera,
     settings: &Settings,
     d_image: &Image,
     wrt: &[Slot],
-    guides: Option<&GuideCache>,
+    sampling: Sampling,
     stop: &AtomicBool,
 ) -> Result<Vec<Vec<f64>>, SceneError> {
     check(camera, settings, d_image)?;
@@ -44,35 +43,14 @@ pub fn render_backward_until(
     bounded(|| {
         if scene.moves_for(camera) {
             return motion::backward(scene, camera, settings, wrt, stop, |slice, slots| {
-                backward::static_scene(slice.scene, &slice.camera, &slice.settings, d_image, slots, guides, stop)
+                backward::static_scene(slice.scene, &slice.camera, &slice.settings, d_image, slots, sampling, stop)
             });
         }
-        Ok(backward::static_scene(scene, camera, settings, d_image, wrt, guides, stop))
+        Ok(backward::static_scene(scene, camera, settings, d_image, wrt, sampling, stop))
     })?
 }
 
-/// [`render_backward_until`] with the samples of forward mode. With the same settings, along directions that have a tangent, be it zero, for
-/// each of these slots in the same order, [`render_jacobian_until`] is a matrix J, and this is its transpose up to rounding.
-pub fn render_backward_evenly_until(
-    scene: &Scene,
-    camera: &Camera,
-    settings: &Settings,
-    d_image: &Image,
-    wrt: &[Slot],
-    stop: &AtomicBool,
-) -> Result<Vec<Vec<f64>>, SceneError> {
-    check(camera, settings, d_image)?;
-    bounded(|| {
-        if scene.moves_for(camera) {
-            return motion::backward(scene, camera, settings, wrt, stop, |slice, slots| {
-                backward::evenly(slice.scene, &slice.camera, &slice.settings, d_image, slots, stop)
-            });
-        }
-        Ok(backward::evenly(scene, camera, settings, d_image, wrt, stop))
-    })?
-}
-
-/// That matrix J itself, whose columns are the numbers of the slots, one slot after the other; `None` if it has more than `room` entries (12
+/// The matrix of forward mode itself, whose columns are the numbers of the slots, one slot after the other; `None` if it has more than `room` entries (12
 /// bytes each), or if the scene moves.
 pub fn render_rows_until(
     scene: &Scene,

@@ -1,6 +1,8 @@
 use std::ops::RangeInclusive;
 
-use dscene::grad::{GuideCache, NEVER, Output, Scene, Settings, render, render_backward, render_backward_until};
+use dscene::grad::{
+    GuideCache, NEVER, Output, Sampling, Scene, Settings, render, render_backward, render_backward_until,
+};
 use dscene::image::Image;
 use dscene::mesh::Mesh;
 use dscene::render::{Camera, Input, Projection, Slot};
@@ -147,7 +149,7 @@ impl Measured<'_> {
     pub fn remembered_along(&self, steps: u64, slot: Slot, motions: &[Vec<Vec3>]) -> Estimate {
         let (memory, d_image) = (GuideCache::default(), self.first_channel());
         estimate(steps, |seed| {
-            let (settings, memory) = (Settings { seed, ..self.settings }, Some(&memory));
+            let (settings, memory) = (Settings { seed, ..self.settings }, Sampling::ByAdjoint(Some(&memory)));
             let found =
                 render_backward_until(self.scene, self.camera, &settings, &d_image, &[slot], memory, &NEVER).unwrap();
             motions.iter().map(|motion| contract(&found[0], motion)).collect()

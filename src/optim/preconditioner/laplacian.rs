@@ -1,8 +1,4 @@
-//! A linear change of variables in which an optimisation of a mesh's vertices takes smooth steps.
-//!
-//! The derivative of an image in a vertex says nothing about its neighbours: steps along it crumple meshes. The [`Laplacian`] is a matrix M.
-//! The param is M u, the solver moves u: it is given Mᵀ g for the gradient g, and its update Δu changes the param by M Δu. Bounds, rates
-//! and scales stay those of the param.
+//! Smooth steps, for the vertices of meshes.
 
 use crate::stop::Pace;
 
