@@ -3,7 +3,8 @@
     cargo build --release && python3 docs/solvers/measure.py target/release/dsl [SCRIPT…] >docs/solvers/table.md
 
 Each script is run as it is, and with `adam` and `lbfgs` in place of its solver: `adam` at several rates, of which the best counts. The seconds
-are those of `log.jsonl`, on one thread: steps, without targets and pictures.
+are those of `log.jsonl`, on one thread: steps, without targets and pictures. `texture` and `sky` are run with and without the preconditioner of
+their params, at the same rates.
 """
 import json
 import pathlib
@@ -21,6 +22,12 @@ CASES = {
     HERE / "camera.dscene": (0.05, [0.01, 0.03, 0.1], 0.1),
     HERE / "light.dscene": (0.05, [0.01, 0.03, 0.1], 0.1),
     HERE / "material.dscene": (0.05, [0.01, 0.03, 0.1], 0.05),
+}
+
+# By script of a grid: errors to be reached, and rates of adam.
+GRIDS = {
+    HERE / "texture.dscene": ([0.03, 0.0225, 0.0175], [0.005, 0.01, 0.02, 0.05]),
+    HERE / "sky.dscene": ([0.3, 0.22, 0.19], [0.01, 0.03, 0.1]),
 }
 
 
@@ -66,12 +73,35 @@ def row(dsl, script, limit, rates, first):
     print(f"| {name} | {limit} | {show(least)} | {show(quasi)} | {show(best)}{rate} | {ratio} |", flush=True)
 
 
+def fewest(dsl, text, rates, limits):
+    """For each limit, the fewest steps to it and their rate; a preconditioner that is there counts."""
+    runs = [(errors_and_seconds(dsl, re.sub(r"lr: [0-9.]+", f"lr: {lr}", text), None, 0), lr) for lr in rates]
+    for limit in limits:
+        tries = [(reached(found, limit), lr) for found, lr in runs]
+        tries = [(found[0], lr) for found, lr in tries if found]
+        yield min(tries) if tries else None
+
+
+def grid_rows(dsl, script, limits, rates):
+    text = script.read_text()
+    plain = re.sub(r" \{ precondition: [^}]*\}", "", text)
+    assert plain != text
+    show = lambda found: f"{found[0]} (`lr: {found[1]}`)" if found else "not reached"
+    for limit, some, many in zip(limits, fewest(dsl, text, rates, limits), fewest(dsl, plain, rates, limits)):
+        ratio = f"{some[0] / many[0]:.2f}" if some and many else "–"
+        print(f"| {script.stem} | {limit} | {show(some)} | {show(many)} | {ratio} |", flush=True)
+
+
 def main():
     dsl, wanted = sys.argv[1], sys.argv[2:]
     print("| problem | error | `levenberg_marquardt` | `lbfgs` | `adam` | LM's seconds over Adam's |\n|---|--:|--:|--:|--:|--:|")
     for script, (limit, rates, first) in CASES.items():
         if not wanted or any(name in script.name for name in wanted):
             row(dsl, script, limit, rates, first)
+    print("\n| grid | error | with `pyramid()` | without | steps with over steps without |\n|---|--:|--:|--:|--:|")
+    for script, (limits, rates) in GRIDS.items():
+        if not wanted or any(name in script.name for name in wanted):
+            grid_rows(dsl, script, limits, rates)
 
 
 main()

@@ -460,6 +460,11 @@ fn compare_any(a: &Const, b: &Const, test: &dyn Fn(f64, f64) -> bool) -> bool {
     }
 }
 
+/// Whether an expression is `name(…)`.
+fn is_call_of(e: &ast::Expr, name: &str) -> bool {
+    matches!(&e.kind, ast::ExprKind::Call { callee, .. } if matches!(&callee.kind, ast::ExprKind::Name(n) if n == name))
+}
+
 /// Whether a param may hold the vertices of a mesh, or a grid.
 fn can_be_preconditioned(ty: &Ty) -> bool {
     match ty {

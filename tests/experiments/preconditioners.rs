@@ -101,7 +101,8 @@ fn areas_find_their_colour_together() {
 
 #[test]
 fn grids_of_more_sides_are_refused() {
-    let script = "param p = [[[[0 for i in 0..6] for j in 0..5] for k in 0..4] for l in 0..2] { precondition: pyramid() }
+    let script =
+        "param p = [[[[0 for i in 0..6] for j in 0..5] for k in 0..4] for l in 0..2] { precondition: pyramid() }
 loss fit = sum(p ^ 2)
 optimize fit { steps: 3 }";
     let d = optimized(script).unwrap_err();
