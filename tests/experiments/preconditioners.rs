@@ -78,7 +78,7 @@ shape floor {{ mesh: rectangle(width: 2, depth: 2), material: diffuse(reflectanc
 light sun = directional(direction: [0.2, -1, 0.1], irradiance: 3)
 let photo = render(eye, spp: 64) with {{ colors: truth }}
 loss fit = mse(render(eye, spp: 4), photo)
-optimize fit {{ using: adam(lr: 0.02), steps: {steps} }}"
+optimize fit {{ using: adam(lr: 0.005), steps: {steps} }}"
     );
     let (_, params) = optimized(&script).unwrap();
     let mut squares = 0.0;
@@ -94,9 +94,9 @@ optimize fit {{ using: adam(lr: 0.02), steps: {steps} }}"
 fn areas_find_their_colour_together() {
     let (with, without) = (texture("precondition: pyramid()", 12), texture("", 24));
     assert!(with < without, "{with} after 12 steps, {without} after 24 without");
-    // The first level alone is the grid itself.
+    // The first level alone is the grid itself, but for the samples, which depend on where things stand in the script.
     let (one, none) = (texture("precondition: pyramid(levels: 1)", 5), texture("", 5));
-    assert_eq!(one, none);
+    assert!((one / none - 1.0).abs() < 0.01, "{one} {none}");
 }
 
 #[test]
