@@ -6,14 +6,15 @@ use std::sync::Arc;
 use crate::data::safetensors;
 use crate::files::read_bytes;
 use crate::image::filter::Separable;
-use crate::network::{Description, Fault, Network, SHIPPED, Trace};
+use crate::network::{Description, Fault, Features, Network, SHIPPED, Trace};
 use crate::stop;
 use crate::tape::{CustomOp, Slice, Tensor, Var};
 
 use super::value::Value;
 use super::{Args, Native, NativeError, Result};
 
-pub(super) const TABLE: &[(&str, Native)] = &[("load_network", load_network), ("classifier", classifier)];
+pub(super) const TABLE: &[(&str, Native)] =
+    &[("load_network", load_network), ("classifier", classifier), ("perceptual_error", perceptual_error)];
 
 /// What a description is: one of the library's, by name, or a file.
 enum Source {
@@ -58,6 +59,36 @@ fn classifier(a: &Args) -> Result<Value> {
     let (scores, trace) = network.value(&picture.value().data)?;
     let op = Scores { network: network.clone(), trace };
     Ok(Value::Num(Var::custom(Arc::new(op), vec![picture], Tensor::vector(scores))))
+}
+
+/// Zhang et al. 2018 (LPIPS), eq. 1, with all weights equal.
+fn perceptual_error(a: &Args) -> Result<Value> {
+    let Value::Network(network) = a.value(0)? else { return Err(a.wrong(0, "a network")) };
+    let (image, reference) = (a.image(1)?, a.image(2)?);
+    if image.shape() != reference.shape() {
+        let sizes = [&image, &reference].map(|x| Tensor::shape_text(x.shape()));
+        return Err(NativeError::at(2, format!("the images are not of one size: {} and {}", sizes[0], sizes[1])));
+    }
+    let features = |image: &Var| -> Result<Vec<Features>> {
+        let picture = fitted(image, network.picture())?;
+        Ok(network.features(&picture.value().data)?)
+    };
+    let (found, wanted) = (features(&image)?, features(&reference)?);
+    let layers = found.iter().zip(&wanted).map(|(a, b)| {
+        let pixels = a.values.chunks_exact(a.channels).zip(b.values.chunks_exact(b.channels));
+        let count = a.values.len() / a.channels;
+        pixels.map(|(a, b)| between_directions(a, b)).sum::<f64>() / count as f64
+    });
+    Ok(Value::scalar(layers.sum()))
+}
+
+/// The squared distance of two vectors, each scaled to the length 1.
+fn between_directions(a: &[f32], b: &[f32]) -> f64 {
+    /// Keeps vectors of zeros where they are.
+    const LEAST: f64 = 1e-10;
+    let length = |x: &[f32]| x.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt() + LEAST;
+    let (of_a, of_b) = (length(a), length(b));
+    a.iter().zip(b).map(|(a, b)| (f64::from(*a) / of_a - f64::from(*b) / of_b).powi(2)).sum()
 }
 
 /// The largest part around the centre of an image that has the proportions of `width × height`, resized to that, with three channels.

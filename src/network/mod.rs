@@ -60,6 +60,13 @@ pub struct Trace {
     layers: Vec<Kept>,
 }
 
+/// Activations of one layer.
+pub struct Features {
+    pub channels: usize,
+    /// Row by row, the channels of a pixel together.
+    pub values: Vec<f32>,
+}
+
 #[derive(Default)]
 struct Kept {
     /// Where the activation has slope 1; elsewhere it is 0.
@@ -88,9 +95,28 @@ impl Network {
     /// Scores of all classes, before any softmax, of a picture of linear RGB radiance: [`Network::picture`] in size, row by row, three
     /// numbers a pixel. It is encoded as sRGB and cut off at 0 and 1, where the derivative ends too.
     pub fn value(&self, picture: &[f64]) -> Result<(Vec<f64>, Trace), Shortage> {
+        self.evaluate(picture, |_, _| ())
+    }
+
+    /// The last activations of each size, from fine to coarse, of a picture as [`Network::value`] takes it: pixel by pixel, the channels of
+    /// each together. What is no picture any more, of one pixel, is not among them.
+    pub fn features(&self, picture: &[f64]) -> Result<Vec<Features>, Shortage> {
+        let sides = |number: usize| self.layers.get(number).map(|layer| (layer.output.height, layer.output.width));
+        let mut found = Vec::new();
+        self.evaluate(picture, |number, values| {
+            let own = sides(number);
+            if own != sides(number + 1) && own != Some((1, 1)) {
+                found.push(Features { channels: self.layers[number].output.channels, values: values.to_vec() });
+            }
+        })?;
+        Ok(found)
+    }
+
+    /// [`Network::value`], where `seen` is given the number and the activations of each layer.
+    fn evaluate(&self, picture: &[f64], mut seen: impl FnMut(usize, &[f32])) -> Result<(Vec<f64>, Trace), Shortage> {
         memory::ask(self.needed())?;
-        let (seen, slopes) = self.input.encoded(picture);
-        let mut values = vec![Some(seen)];
+        let (encoded, slopes) = self.input.encoded(picture);
+        let mut values = vec![Some(encoded)];
         let mut kept = Vec::new();
         for (number, layer) in self.layers.iter().enumerate() {
             let of = |i: usize| values[i].as_deref().unwrap_or_default();
@@ -112,6 +138,7 @@ impl Network {
             trace.active = layer.activation.map(|activation| activate(&mut y, activation));
             kept.push(trace);
             stop::check();
+            seen(number, &y);
             values.push(Some(y));
             self.drop_unneeded(&mut values, number);
         }

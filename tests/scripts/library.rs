@@ -245,6 +245,7 @@ fn every_example_of_the_library_evaluates_to_what_its_type_says() {
                             | "load_array"
                             | "load_network"
                             | "classifier"
+                            | "perceptual_error"
                     )
             })
             .filter_map(|d| d.doc.split_once("Example: ").map(|(_, example)| example.to_owned()))

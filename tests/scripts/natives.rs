@@ -217,7 +217,7 @@ const NONE: &[(&str, &[&str])] = &[
         ],
     ),
     ("in single precision, which has too few digits for these differences: `networks` tests it", &["classifier"]),
-    ("to report, not to follow", &["flip_error"]),
+    ("to report, not to follow", &["flip_error", "perceptual_error"]),
     ("derivatives themselves", &["grad", "jvp", "jacobian", "fd", "estimate"]),
     (
         "settings",

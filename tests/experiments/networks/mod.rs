@@ -13,7 +13,7 @@ use dscene::eval::value::Value;
 use dscene::eval::{Engine, EngineOptions, on_large_stack};
 use dscene::network::{Description, Fault, Network, SHIPPED};
 use dscene::tape::Tensor;
-use plain::reference;
+use plain::{activations, reference};
 use serde_json::{Value as Json, json};
 
 /// Numbers that look random, from −1 to 1.
@@ -153,6 +153,49 @@ fn scores_are_those_of_plain_loops() {
             assert!(near, "{name}: {found:?} and {wanted:?}");
         }
     }
+}
+
+/// The distance of directions, pixel by pixel, in the last activations of each size.
+#[test]
+fn perceptual_errors_are_those_of_plain_loops() {
+    on_large_stack(|| {
+        let script = Script::new();
+        let (_, description, weights) = networks().swap_remove(0);
+        let (height, width) = sizes(&description);
+        let pictures = [1, 2].map(|seed| picture(height, width, seed));
+        let [a, b] = pictures.each_ref().map(|picture| activations(&description, &weights, picture));
+        let mut wanted = 0.0;
+        // Sizes are those of the stem, up to the sum, and of what comes after the stride; a mean of one pixel is none.
+        let last =
+            |k: usize| a.get(k + 1).is_none_or(|next| next.size[1..] != a[k].size[1..]) && a[k].size[1..] != [1, 1];
+        let mut layers = 0;
+        for (a, b) in a.iter().zip(&b).enumerate().filter(|(k, _)| last(*k)).map(|(_, pair)| pair) {
+            let pixels = a.size[1] * a.size[2];
+            for pixel in 0..pixels {
+                let [a, b] =
+                    [a, b].map(|map| (0..map.size[0]).map(|c| map.data[c * pixels + pixel]).collect::<Vec<f64>>());
+                let (of_a, of_b) = (dot(&a, &a).sqrt() + 1e-10, dot(&b, &b).sqrt() + 1e-10);
+                wanted += a.iter().zip(&b).map(|(a, b)| (a / of_a - b / of_b).powi(2)).sum::<f64>() / pixels as f64;
+            }
+            layers += 1;
+        }
+        assert!(layers >= 2 && wanted > 0.0);
+        for (name, picture) in ["a", "b"].into_iter().zip(pictures) {
+            let data = Tensor { shape: vec![height, width, 3], data: picture };
+            std::fs::write(script.folder.path().join(format!("{name}.npy")), npy::encode(&data)).unwrap();
+        }
+        let text = "let net = load_network(\"net.safetensors\", layers: \"net.json\")\n\
+            let a = image(load_array(\"a.npy\"))\nlet b = image(load_array(\"b.npy\"))\n";
+        let numbers = |result: &str| script.numbers(&format!("{text}let result = {result}"));
+        let found = numbers("[perceptual_error(net, a, b), perceptual_error(net, b, a), perceptual_error(net, a, a)]");
+        assert!((found[0] / wanted - 1.0).abs() < 1e-4, "{found:?} {wanted}");
+        assert!((found[0] - found[1]).abs() < 1e-12 && found[2] == 0.0);
+        let (why, _) = script
+            .result(&format!("{text}let result = perceptual_error(net, a, crop(b, width: 9, height: 9))"))
+            .err()
+            .unwrap();
+        assert!(why.contains("not of one size"), "{why}");
+    });
 }
 
 /// Differences are those of the plain loops, because single precision has too few digits for them.

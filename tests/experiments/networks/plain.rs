@@ -7,9 +7,9 @@ use super::Weights;
 
 /// Activations `[channel][y][x]`, as the descriptions' words have them.
 #[derive(Clone)]
-struct Map {
-    size: [usize; 3],
-    data: Vec<f64>,
+pub struct Map {
+    pub size: [usize; 3],
+    pub data: Vec<f64>,
 }
 
 impl Map {
@@ -27,6 +27,11 @@ impl Map {
 
 /// The scores of a picture.
 pub fn reference(description: &Json, weights: &Weights, picture: &[f64]) -> Vec<f64> {
+    activations(description, weights, picture).pop().unwrap().data
+}
+
+/// What each layer gives for a picture.
+pub fn activations(description: &Json, weights: &Weights, picture: &[f64]) -> Vec<Map> {
     let input = &description["input"];
     let number = |v: &Json| v.as_f64().unwrap();
     let (height, width) = (input["height"].as_u64().unwrap() as usize, input["width"].as_u64().unwrap() as usize);
@@ -52,10 +57,10 @@ pub fn reference(description: &Json, weights: &Weights, picture: &[f64]) -> Vec<
         y
     };
     let mut labelled: Vec<(String, Map)> = Vec::new();
-    let mut last = seen;
+    let mut all: Vec<Map> = Vec::new();
     for layer in description["layers"].as_array().unwrap() {
         let find = |key: &str| labelled.iter().find(|(n, _)| layer[key] == n.as_str()).map(|(_, m)| m.clone());
-        let x = find("from").unwrap_or(last);
+        let x = find("from").unwrap_or_else(|| all.last().unwrap_or(&seen).clone());
         let name = layer["name"].as_str().unwrap_or_default();
         let mut y = match layer["kind"].as_str().unwrap() {
             "conv" => convolved(layer, &x, get(format!("{name}.weight")).unwrap(), get(format!("{name}.bias"))),
@@ -85,9 +90,9 @@ pub fn reference(description: &Json, weights: &Weights, picture: &[f64]) -> Vec<
         if let Some(label) = layer["label"].as_str() {
             labelled.push((label.to_owned(), y.clone()));
         }
-        last = y;
+        all.push(y);
     }
-    last.data
+    all
 }
 
 fn pair(v: &Json, default: usize) -> [i64; 2] {
