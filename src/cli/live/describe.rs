@@ -195,7 +195,7 @@ mod tests {
                 "camera eye { look_at: [0, 0.5, 0], position: [1, 2, 3], film: [8, 8] }",
             ),
             (
-                "camera eye { fov: 30deg, transform: translate([0, 0, -4]), film: [8, 8] }",
+                "camera eye { fov: 30deg, transform: translation([0, 0, -4]), film: [8, 8] }",
                 "camera eye { fov: 30deg, position: [1, 2, 3], look_at: [0, 0.5, 0], up: [0, 1, 0], film: [8, 8] }",
             ),
             (
@@ -215,7 +215,7 @@ mod tests {
 
     #[test]
     fn cameras_by_transform_look_along_z() {
-        let found = told("camera eye { transform: translate([0, 1, -4]), film: [8, 8] }", None);
+        let found = told("camera eye { transform: translation([0, 1, -4]), film: [8, 8] }", None);
         let pose = json!({"position": [0.0, 1.0, -4.0], "look_at": [0.0, 1.0, 0.0], "up": [0.0, 1.0, 0.0]});
         assert_eq!((&found["pose"], &found["movable"]), (&pose, &json!(true)));
     }

@@ -149,7 +149,7 @@ fn no_rate_takes_numbers_to_bounds_of_an_interior() {
             let pull = values[0][0] - goal;
             optimizer.step(&mut values, &[vec![pull, 0.0, 0.0, 0.0]], 0.1, None).unwrap();
         }
-        assert!(goal < 1.0 || (0.99..1.0).contains(&values[0][0]), "{values:?}");
+        assert!(goal < 1.0 || (0.98..1.0).contains(&values[0][0]), "{values:?}");
     }
     assert!((values[0][0] - 0.3).abs() < 0.01, "{values:?}");
     assert_eq!(values[0][1..], [0.0, 1e9 + 0.5, 4.0]);
