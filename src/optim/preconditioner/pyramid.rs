@@ -75,12 +75,12 @@ impl Pyramid {
 
     /// The entries of the matrix that interpolates the level after `level` up to it, bilinearly between centres: (row, column, weight).
     fn each_weight(&self, level: usize, mut entry: impl FnMut(usize, usize, f64)) {
-        let ([height, width], [_, coarse_width]) = (self.sizes[level], self.sizes[level + 1]);
+        let ([_, width], [_, coarse_width]) = (self.sizes[level], self.sizes[level + 1]);
         let [rows, columns] = [0, 1].map(|axis| interpolation(self.sizes[level][axis], self.sizes[level + 1][axis]));
-        for y in 0..height {
-            for x in 0..width {
-                for (above, by_row) in rows[y] {
-                    for (left, by_column) in columns[x] {
+        for (y, row) in rows.iter().enumerate() {
+            for (x, column) in columns.iter().enumerate() {
+                for &(above, by_row) in row {
+                    for &(left, by_column) in column {
                         let weight = by_row * by_column;
                         if weight == 0.0 {
                             continue;
