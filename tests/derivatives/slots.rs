@@ -12,7 +12,7 @@ const TELLING: f64 = 0.08;
 /// Standard errors that a difference may have: few repeats do not know their own error well.
 const ALLOWED: f64 = 3.5;
 /// The long statistics look at every case; otherwise at one in twenty.
-const EVERY: usize = if LONG { 2 } else { 20 };
+const EVERY: usize = if LONG { 1 } else { 20 };
 
 struct Case {
     name: &'static str,
