@@ -69,6 +69,8 @@ pub mod natives;
 
 pub mod eval;
 
+pub mod ide;
+
 pub mod session;
 
 pub mod report;

@@ -8,7 +8,7 @@ use crate::diag::{Diagnostic, did_you_mean};
 use crate::syntax::ast;
 
 /// Fields of `optimize`.
-const OPTIMIZE: [&str; 11] = [
+pub const OPTIMIZE: [&str; 11] = [
     "over",
     "using",
     "steps",

@@ -35,6 +35,17 @@ pub fn typed(kind: ExprKind, span: Span, ty: Ty) -> Typed {
 impl Checker<'_> {
     /// Checks an expression. `wanted` helps (words of an argument, types of lambda parameters); it is not enforced here.
     pub fn expr(&mut self, e: &ast::Expr, wanted: Option<&Sig>) -> Typed {
+        let typed = self.infer(e, wanted);
+        if let Some(types) = &mut self.types
+            && self.modules[self.module].user
+        {
+            // The body of a function is checked as it is declared before it is checked for the arguments of calls.
+            types.entry(e.span).or_insert_with(|| typed.expr.ty.clone());
+        }
+        typed
+    }
+
+    fn infer(&mut self, e: &ast::Expr, wanted: Option<&Sig>) -> Typed {
         let span = e.span;
         match &e.kind {
             ast::ExprKind::Number(x) => {

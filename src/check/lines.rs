@@ -36,21 +36,27 @@ pub enum Line {
 #[derive(Clone, Default)]
 pub struct Known(Option<Arc<Knowledge>>);
 
+impl Known {
+    pub(super) fn of(knowledge: Arc<Knowledge>) -> Known {
+        Known(Some(knowledge))
+    }
+}
+
 impl fmt::Debug for Known {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(if self.0.is_some() { "Known" } else { "Unknown" })
     }
 }
 
-struct Knowledge {
-    modules: Vec<Module>,
-    main: ModuleId,
-    slots: Vec<Arc<Slot>>,
+pub(super) struct Knowledge {
+    pub(super) modules: Vec<Module>,
+    pub(super) main: ModuleId,
+    pub(super) slots: Vec<Arc<Slot>>,
     next_local: u32,
     instances: HashMap<String, Instance>,
     lambdas: HashMap<String, u32>,
     unread: HashSet<String>,
-    files: HashMap<PathBuf, ModuleId>,
+    pub(super) files: HashMap<PathBuf, ModuleId>,
     library: HashMap<&'static str, ModuleId>,
     /// What stages declare anew.
     renewed: HashSet<DeclId>,
@@ -118,7 +124,7 @@ impl Checker<'_> {
     }
 
     /// Must be called before [`Checker::finish`].
-    fn knowledge(&mut self) -> Knowledge {
+    pub(super) fn knowledge(&mut self) -> Knowledge {
         let lines: HashSet<SourceId> = self.origin.lines.iter().copied().collect();
         let mut action_statements = std::mem::take(&mut self.action_statements);
         action_statements.retain(|s| !lines.contains(&s.span.source));
@@ -137,7 +143,7 @@ impl Checker<'_> {
         }
     }
 
-    fn take_up(&mut self, known: &Knowledge, program: &Program) {
+    pub(super) fn take_up(&mut self, known: &Knowledge, program: &Program) {
         self.modules = known.modules.clone();
         self.main = known.main;
         self.slots = known.slots.clone();

@@ -3,7 +3,7 @@
 //! Types are inferred by running the program on types: every declaration is checked when it is first needed, and the
 //! body of a function once for each combination of argument types.
 
-mod actions;
+pub mod actions;
 mod apply;
 mod arguments;
 mod arith;
@@ -20,15 +20,16 @@ mod infer;
 mod known;
 mod lines;
 mod modules;
-mod params;
+pub mod params;
 pub mod plot;
 mod results;
 mod shapes;
 mod signature;
-mod stages;
+pub mod stages;
 mod sweep;
 mod told;
 pub mod types;
+mod understanding;
 mod whole;
 
 use std::io;
@@ -38,12 +39,13 @@ use crate::diag::{self, Diagnostic};
 use crate::source::SourceMap;
 
 pub use domains::{Part, Reached, domain_of_field, domains};
-pub use fields::type_of;
+pub use fields::{fields_of, type_of};
 pub use flow::{children, reaching_params, reaching_params_of};
 pub use lines::{Line, check_line};
 use modules::Checker;
-pub use modules::normal;
+pub use modules::{ModuleId, PRELUDE, normal};
 pub use sweep::SEED;
+pub use understanding::{Understanding, understand};
 
 /// The outside world as the checker sees it.
 pub trait Loader {

@@ -163,6 +163,8 @@ pub struct Checker<'l> {
     spelling: HashMap<ModuleId, Names>,
     /// Remaining budget for suggestions.
     spelling_budget: usize,
+    /// The types of the user's expressions by place, if somebody asks for them.
+    pub types: Option<HashMap<Span, Ty>>,
     /// Statements of actions, in order.
     pub action_statements: Vec<Arc<ast::Statement>>,
     pub files: HashMap<PathBuf, ModuleId>,
@@ -202,6 +204,7 @@ impl<'l> Checker<'l> {
             unchanged: Vec::new(),
             spelling: HashMap::new(),
             spelling_budget: SPELLING_BUDGET,
+            types: None,
             action_statements: Vec::new(),
             files: HashMap::new(),
             parsed: HashMap::new(),
@@ -287,8 +290,17 @@ impl<'l> Checker<'l> {
 
     /// The declaration that a name means in the present module.
     pub fn lookup(&self, name: &str) -> Option<DeclId> {
-        let own = self.modules[self.module].names.get(name);
-        own.or_else(|| self.modules[PRELUDE].names.get(name)).copied()
+        lookup_in(&self.modules, self.module, name)
+    }
+
+    /// Makes the names of the program's file visible.
+    pub fn enter_main(&mut self) {
+        self.module = self.main;
+    }
+
+    /// The statements of every source that was read.
+    pub fn take_trees(&mut self) -> HashMap<SourceId, Vec<Arc<ast::Statement>>> {
+        std::mem::take(&mut self.parsed)
     }
 
     /// The number of a function value: of its text, and of what it sees.
@@ -595,6 +607,12 @@ impl<'l> Checker<'l> {
         let signature = function.and_then(|f| self.signature(f));
         signature.map_or(Vec::new(), |s| s.params.iter().map(|p| p.name.clone()).collect())
     }
+}
+
+/// The declaration that a name means in a module: one of its own, or the prelude's.
+pub fn lookup_in(modules: &[Module], module: ModuleId, name: &str) -> Option<DeclId> {
+    let own = modules.get(module)?.names.get(name);
+    own.or_else(|| modules[PRELUDE].names.get(name)).copied()
 }
 
 /// The expression of a declaration, unless it is a list of fields.

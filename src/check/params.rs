@@ -12,10 +12,10 @@ use crate::source::Span;
 use crate::syntax::ast;
 
 /// Settings of a param.
-const SETTINGS: [&str; 5] = ["lr", "scale", "space", "precondition", "frozen"];
+pub const SETTINGS: [&str; 5] = ["lr", "scale", "space", "precondition", "frozen"];
 
 /// The distributions that a prior may be, as they are called after `~`.
-const DISTRIBUTIONS: [&str; 3] = ["normal", "uniform", "log_normal"];
+pub const DISTRIBUTIONS: [&str; 3] = ["normal", "uniform", "log_normal"];
 
 impl Checker<'_> {
     pub fn param(&mut self, id: DeclId, param: &ast::Param, replaced: Option<&ast::Expr>) {

@@ -9,7 +9,7 @@ use crate::diag::{Diagnostic, did_you_mean};
 use crate::syntax::ast::{self, StatementKind};
 
 /// Fields of a `stage`.
-const STAGE: [&str; 8] = ["over", "steps", "using", "clip", "spp", "film_scale", "max_bounces", "control_variates"];
+pub const STAGE: [&str; 8] = ["over", "steps", "using", "clip", "spp", "film_scale", "max_bounces", "control_variates"];
 
 /// Numbers of components that a size belongs to: a vector, a colour, a matrix of 4 × 4. Larger sizes count items.
 const MOST_COMPONENTS: usize = 4;

@@ -146,6 +146,10 @@ camera's line into the script. Params have sliders, and show the derivative of t
 `Start` takes the steps of the script's `optimize`, which can be paused; nothing is saved. The page is for this machine only, and for
 who knows its address. Ctrl-C ends it.")]
     Watch(WatchArgs),
+    /// Serves editors by the language server protocol, on standard input and output
+    #[command(after_help = "\
+Started by an editor, not by hand; docs/editors.md says how to set up VS Code, Helix, Neovim, Zed and Emacs.")]
+    Lsp,
 }
 
 /// What every command takes.

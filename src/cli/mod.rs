@@ -9,6 +9,7 @@ mod grad;
 mod live;
 mod living;
 mod load;
+mod lsp;
 pub mod out;
 mod render;
 mod repl;
@@ -83,6 +84,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Compare(a) => &a.common,
         Command::Repl(a) => &a.common,
         Command::Watch(a) => &a.common,
+        Command::Lsp => return lsp::run(),
     };
     if let Some(bytes) = common.memory {
         crate::memory::set_limit(bytes);
@@ -100,6 +102,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Compare(args) => compare::run(&args),
         Command::Repl(args) => repl::run(&args),
         Command::Watch(args) => live::watch::run(&args),
+        Command::Lsp => lsp::run(),
     }
 }
 

@@ -53,7 +53,7 @@ pub struct Position {
 }
 
 /// One text with the name under which it is shown.
-#[derive(Debug, PartialEq, Eq)]
+#[derive(Debug, Default, PartialEq, Eq)]
 pub struct SourceFile {
     /// As shown in diagnostics: a path as the user gave it, `<repl>`, `std/losses.dscene`.
     pub name: String,

@@ -84,6 +84,11 @@ pub fn parse_expr(sources: &SourceMap, source: SourceId) -> (Option<ast::Expr>, 
     (expr.filter(|_| diagnostics.is_empty()), diagnostics)
 }
 
+/// The text with comments turned to blanks, byte for byte.
+pub fn without_comments(text: &str) -> String {
+    scan::scan(SourceId(0), text).text
+}
+
 /// Whether a line of the REPL is a statement (else it is an expression).
 pub fn is_statement(text: &str) -> bool {
     let scan = scan::scan(SourceId(0), text);

@@ -19,6 +19,7 @@ mod hostile_values;
 mod image_files;
 mod language;
 mod library;
+mod lsp;
 mod mesh_files;
 mod mutated_scripts;
 mod natives;

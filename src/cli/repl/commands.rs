@@ -9,6 +9,7 @@ use crate::cli::script::script_with_values;
 use crate::diag::{self, Diagnostic};
 use crate::eval;
 use crate::files::write_atomically;
+use crate::ide::describe;
 use crate::session::clock::{Stopwatch, human_seconds};
 use crate::session::folder::{cannot_write, spare_inputs};
 use crate::session::{Optimization, show};
@@ -99,26 +100,18 @@ impl Repl<'_> {
                 .help_opt(diag::suggest(name, names).map(|n| format!("did you mean `{n}`?"))));
         };
         let decl = program.decl(id);
-        let head = match program.sources.text(decl.span).lines().next() {
-            Some(line) if !line.trim().is_empty() => line.trim_end().to_owned(),
-            _ => format!("{} : {}", decl.name, decl.ty),
-        };
+        let head = describe::head(program, decl);
         let text = if decl.doc.trim().is_empty() { head } else { format!("{head}\n\n{}", decl.doc.trim_end()) };
         self.world.print(&text);
         Ok(())
     }
 
-    /// What a declaration says of a param beside its type: ` ~ normal(0, 1) in -3..3 { space: interior }`.
+    /// What a declaration says of a param beside its type.
     fn space_of(&self, expr: &hir::Expr) -> String {
         let hir::ExprKind::Decl(id) = expr.kind else { return String::new() };
         let program = self.living.engine.program();
         let hir::DeclKind::Param(param) = &program.decl(id).kind else { return String::new() };
-        let text = |e: &hir::Expr| program.sources.text(e.span).to_owned();
-        let end = |e: &Option<hir::Expr>| e.as_ref().map(text).unwrap_or_default();
-        let prior = param.prior.as_ref().map(|prior| format!(" ~ {}", text(prior)));
-        let bounds = param.bounds.as_ref().map(|bounds| format!(" in {}..{}", end(&bounds.low), end(&bounds.high)));
-        let space = param.space.map(|space| format!(" {{ space: {} }}", space.word()));
-        [prior, bounds, space].into_iter().flatten().collect()
+        describe::beside(program, param)
     }
 
     fn list_params(&mut self) -> Result<(), Diagnostic> {
