@@ -145,7 +145,7 @@ pub fn size_text(bytes: u64) -> String {
 }
 
 /// The machine's memory, or the limit of a container.
-fn machine() -> Option<u64> {
+pub fn machine() -> Option<u64> {
     let text = std::fs::read_to_string("/proc/meminfo").ok()?;
     let line = text.lines().find_map(|l| l.strip_prefix("MemTotal:"))?;
     let total = line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok()? * 1024;

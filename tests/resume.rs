@@ -31,8 +31,8 @@ fn script(using: &str) -> String {
     )
 }
 
-/// Some kills of a few runs; all of them, many times, with `--features truth`.
-const LONG: bool = cfg!(feature = "truth");
+/// Some kills of a few runs; many of more of them in `cargo truth`.
+const LONG: bool = cfg!(feature = "truth") || matches!(env!("CARGO_CRATE_NAME").as_bytes(), b"truth");
 
 /// Waits until the log has so many lines or the run has ended, then sends a signal. Returns whether the run was still going on.
 fn stop_after(place: &Place, child: &mut Child, run: &str, lines: usize, signal: &str) -> bool {
@@ -107,7 +107,7 @@ fn assert_same(found: &BTreeMap<String, Vec<u8>>, expected: &BTreeMap<String, Ve
 }
 
 /// Stopped at the given numbers of steps (of 15, the first 3 by another solver), on one and on two threads.
-fn survives(using: &str, moments: &[usize]) {
+pub fn survives(using: &str, moments: &[usize]) {
     survives_script(&script(using), 15, moments);
 }
 
@@ -203,18 +203,6 @@ fn what_stages_declare_anew_is_kept() {
     let script =
         script.replacen("optimize fit", "let wide: scalar[] = [1, 1]\nsave wide to \"before.json\"\noptimize fit", 1);
     survives_script(&(script + "\nsave wide to \"wide.json\""), 15, &[4, 8, 9, 13]);
-}
-
-/// One of the long statistics.
-#[cfg(feature = "truth")]
-#[test]
-fn every_solver_goes_on_as_if_nothing_had_happened() {
-    survives("using: adam(lr: 0.02), steps: 12", &[1, 7, 10]);
-    survives("using: sgd(lr: 0.05, momentum: 0.8), steps: 12", &[5, 9, 13]);
-    survives("using: sgd(lr: 0.05, momentum: 0.8, nesterov: true), steps: 12", &[4, 12]);
-    survives("using: adam_uniform(lr: 0.02), steps: 12", &[6, 8]);
-    survives("using: gauss_newton(lr: 0.5), steps: 12", &[6, 11]);
-    survives("using: adam(lr: 0.02), control_variates: true, steps: 12", &[5, 8, 10]);
 }
 
 /// Examples that are killed at moments that nobody chose.

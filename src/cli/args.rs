@@ -91,6 +91,13 @@ Examples:
 Each repeat has its own seed. `std` is the spread of one evaluation, `std_error` that of the mean;
 one repeat knows neither.")]
     Grad(GradArgs),
+    /// Begins a project: a script that runs, functions, a mesh, a README
+    #[command(after_help = "\
+Examples:
+  dsl new shadows && dsl run shadows/main.dscene
+
+The folder must be empty or not there yet.")]
+    New(NewArgs),
     /// Prints the value of an expression
     #[command(after_help = "\
 Examples:
@@ -150,6 +157,29 @@ who knows its address. Ctrl-C ends it.")]
     #[command(after_help = "\
 Started by an editor, not by hand; docs/editors.md says how to set up VS Code, Helix, Neovim, Zed and Emacs.")]
     Lsp,
+    /// What the program and the machine are: version, processor, memory
+    Info(InfoArgs),
+    /// Completion of commands and options for a shell, to standard output
+    #[command(after_help = "\
+Examples:
+  dsl completions bash > ~/.local/share/bash-completion/completions/dsl
+  dsl completions zsh > ~/.zfunc/_dsl                a folder of $fpath
+  dsl completions fish > ~/.config/fish/completions/dsl.fish")]
+    Completions(CompletionsArgs),
+    /// Writes manual pages, one for each command
+    #[command(after_help = "\
+Examples:
+  dsl man ~/.local/share/man/man1 && man dsl-run")]
+    Man(ManArgs),
+}
+
+/// How diagnostics are written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum DiagnosticFormat {
+    #[default]
+    Full,
+    Short,
+    Json,
 }
 
 /// What every command takes.
@@ -173,6 +203,9 @@ pub struct Common {
     /// Machine-readable output
     #[arg(long)]
     pub json: bool,
+    /// How errors and warnings are shown: with the lines that they are about, on a line each, or as JSON objects
+    #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
+    pub diagnostic_format: DiagnosticFormat,
     /// Folder for what is written
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -246,6 +279,39 @@ pub struct CheckArgs {
     /// The scripts
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+#[derive(Debug, Args)]
+pub struct NewArgs {
+    /// The project's folder
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    #[command(flatten)]
+    pub common: Common,
+}
+
+#[derive(Debug, Args)]
+pub struct CompletionsArgs {
+    /// The shell
+    #[arg(value_enum)]
+    pub shell: clap_complete::Shell,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+#[derive(Debug, Args)]
+pub struct ManArgs {
+    /// The folder of the pages
+    #[arg(value_name = "DIR")]
+    pub folder: PathBuf,
     #[command(flatten)]
     pub common: Common,
 }

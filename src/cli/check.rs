@@ -2,7 +2,8 @@
 
 use super::args::CheckArgs;
 use super::load::check_file;
-use super::{EXIT_WRONG, out, render_options};
+use super::world::diagnostic_text;
+use super::{EXIT_WRONG, out};
 use crate::diag;
 
 /// One file after the other; errors in any of them fail the command.
@@ -15,7 +16,7 @@ pub fn run(args: &CheckArgs) -> u8 {
             if args.common.json {
                 out::line(&diag::to_json(diagnostic, &checked.sources).to_string());
             } else if diagnostic.is_always_told() || !args.common.quiet {
-                out::error_line(&diag::render(diagnostic, &checked.sources, render_options()));
+                out::error_line(&diagnostic_text(diagnostic, &checked.sources));
             }
         }
     }

@@ -11,6 +11,7 @@ use crate::diag::Diagnostic;
 use crate::eval::{Engine, EngineOptions};
 use crate::session::line::check_line;
 use crate::session::{World, world};
+use crate::source::SourceMap;
 
 /// A script that may run.
 pub struct Loaded {
@@ -20,6 +21,9 @@ pub struct Loaded {
     pub engine: ManuallyDrop<Engine>,
 }
 
+/// The file that stands for standard input.
+pub const STDIN: &str = "-";
+
 /// Reads and checks a file with the `--set` overrides.
 pub fn check_file(file: &Path, common: &Common) -> Checked {
     check_file_by(file, common, &check::Disk)
@@ -28,7 +32,31 @@ pub fn check_file(file: &Path, common: &Common) -> Checked {
 /// The same with another way to read files.
 pub fn check_file_by(file: &Path, common: &Common, loader: &(dyn check::Loader + Sync)) -> Checked {
     let overrides: Vec<(String, String)> = common.set.iter().map(|o| (o.name.clone(), o.value.clone())).collect();
-    check::check(file, &overrides, loader)
+    if file != Path::new(STDIN) {
+        return check::check(file, &overrides, loader);
+    }
+    // What it imports lies in the working directory.
+    let name = "<stdin>";
+    match std::io::read_to_string(std::io::stdin()) {
+        Ok(text) => check::check_text(name, Some(Path::new(name)), text, &overrides, loader),
+        Err(error) => {
+            let message = format!("cannot read standard input: {}", crate::files::describe_io(&error));
+            let diagnostic = Diagnostic::error("dscene::file::unreadable", message);
+            Checked { program: None, diagnostics: vec![diagnostic], sources: SourceMap::new() }
+        }
+    }
+}
+
+/// An error if the script would come from standard input, for what reads it more than once or later.
+pub fn require_file(file: &Path) -> Result<(), Diagnostic> {
+    if file != Path::new(STDIN) {
+        return Ok(());
+    }
+    Err(Diagnostic::error(
+        "dscene::cli::stdin",
+        "standard input can be read only once, and this needs the script again",
+    )
+    .help("write the script to a file"))
 }
 
 /// Checks a file and reports what is wrong; `None` if it cannot run.

@@ -3,13 +3,16 @@
 pub mod args;
 mod check;
 mod compare;
+mod completions;
 mod eval;
 mod export;
 mod grad;
+mod info;
 mod live;
 mod living;
 mod load;
 mod lsp;
+mod new;
 pub mod out;
 mod render;
 mod repl;
@@ -24,11 +27,13 @@ use std::process::ExitCode;
 
 use clap::Parser;
 
+use crate::session::World;
+use crate::source::SourceMap;
 use args::{Cli, Command, Common};
 
 pub use load::{Loaded, check_file, check_file_by, engine_options, load, load_stopped_by};
 pub use render::{cameras, choose_camera};
-pub use world::{Terminal, render_options};
+pub use world::Terminal;
 
 /// The script is wrong, or an `expect` failed.
 pub const EXIT_WRONG: u8 = 1;
@@ -85,11 +90,27 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Repl(a) => &a.common,
         Command::Watch(a) => &a.common,
         Command::Lsp => return lsp::run(),
+        Command::New(a) => &a.common,
+        Command::Info(a) => &a.common,
+        Command::Completions(a) => &a.common,
+        Command::Man(a) => &a.common,
     };
+    world::set_diagnostic_format(common.diagnostic_format);
     if let Some(bytes) = common.memory {
         crate::memory::set_limit(bytes);
     }
     start_threads(common);
+    let read_again = match &cli.command {
+        Command::Run(args) if args.resume.is_some() || args.live.is_some() => Some(&args.file),
+        Command::Sweep(args) => Some(&args.run.file),
+        Command::Watch(args) => Some(&args.file),
+        Command::Repl(args) => args.file.as_ref(),
+        _ => None,
+    };
+    if let Some(Err(diagnostic)) = read_again.map(|file| load::require_file(file)) {
+        Terminal::new(common).diagnostic(&diagnostic, &SourceMap::default());
+        return EXIT_WRONG;
+    }
     match cli.command {
         Command::Run(args) => run::run(args),
         Command::Sweep(args) => sweep::run(args),
@@ -103,6 +124,10 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Repl(args) => repl::run(&args),
         Command::Watch(args) => live::watch::run(&args),
         Command::Lsp => lsp::run(),
+        Command::New(args) => new::run(&args),
+        Command::Info(args) => info::run(&args),
+        Command::Completions(args) => completions::completions(&args),
+        Command::Man(args) => completions::man(&args),
     }
 }
 

@@ -8,6 +8,7 @@ use serde_json::json;
 
 use super::args::{Common, PICTURE_SPP, RunArgs};
 use super::live::Live;
+use super::load::STDIN;
 use super::script::found_script;
 use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load_stopped_by, out};
 use crate::diag::{Diagnostic, Severity};
@@ -268,6 +269,9 @@ fn run_info(args: &RunArgs, loaded: &Loaded) -> RunInfo {
 
 /// A script's name without folder and extension.
 pub fn name_of(file: &Path) -> String {
+    if file == Path::new(STDIN) {
+        return "stdin".to_owned();
+    }
     file.file_stem().map_or("run".into(), |s| s.to_string_lossy().into_owned())
 }
 

@@ -1,11 +1,12 @@
 //! The command line's world: standard output, notes and a progress bar on standard error.
 
 use std::io::IsTerminal;
+use std::sync::OnceLock;
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::json;
 
-use super::args::Common;
+use super::args::{Common, DiagnosticFormat};
 use super::out;
 use crate::diag::{self, Diagnostic, RenderOptions};
 use crate::session::clock::human_seconds;
@@ -53,9 +54,22 @@ impl Terminal {
     }
 }
 
-/// How diagnostics look on standard error.
-pub fn render_options() -> RenderOptions {
-    RenderOptions { color: out::colors_on_stderr(), width: out::width() }
+/// What `--diagnostic-format` asks for.
+static FORMAT: OnceLock<DiagnosticFormat> = OnceLock::new();
+
+/// Sets how all diagnostics are written from now on. Only the first call counts.
+pub fn set_diagnostic_format(format: DiagnosticFormat) {
+    let _ = FORMAT.set(format);
+}
+
+/// A diagnostic as standard error gets it.
+pub fn diagnostic_text(diagnostic: &Diagnostic, sources: &SourceMap) -> String {
+    let options = RenderOptions { color: out::colors_on_stderr(), width: out::width() };
+    match FORMAT.get().copied().unwrap_or_default() {
+        DiagnosticFormat::Full => diag::render(diagnostic, sources, options).trim_end().to_owned(),
+        DiagnosticFormat::Short => diag::to_line(diagnostic, sources),
+        DiagnosticFormat::Json => diag::to_json(diagnostic, sources).to_string(),
+    }
 }
 
 impl World for Terminal {
@@ -86,7 +100,7 @@ impl World for Terminal {
         if self.json {
             self.above_bar(&diag::to_json(diagnostic, sources).to_string());
         } else {
-            self.above_bar(diag::render(diagnostic, sources, render_options()).trim_end());
+            self.above_bar(&diagnostic_text(diagnostic, sources));
         }
     }
 

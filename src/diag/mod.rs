@@ -5,7 +5,7 @@ pub mod advice;
 mod render;
 mod suggest;
 
-pub use render::{RenderOptions, render, render_all, to_json};
+pub use render::{RenderOptions, render, render_all, to_json, to_line};
 pub use suggest::{Names, did_you_mean, suggest};
 
 use crate::source::Span;

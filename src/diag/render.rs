@@ -45,6 +45,21 @@ pub fn render_all(diagnostics: &[Diagnostic], sources: &SourceMap, options: Rend
     texts.join("\n")
 }
 
+/// `FILE:LINE:COLUMN: error[CODE]: MESSAGE (HELP)`, as editors and `grep` read it.
+pub fn to_line(diagnostic: &Diagnostic, sources: &SourceMap) -> String {
+    let place = diagnostic.span().map_or(String::new(), |span| {
+        let position = sources.position(span);
+        format!("{}:{}:{}: ", sources.name(span.source), position.line, position.column)
+    });
+    let severity = match diagnostic.severity {
+        Severity::Error => "error",
+        Severity::Warning => "warning",
+    };
+    let helps = if diagnostic.helps.is_empty() { String::new() } else { format!(" ({})", diagnostic.helps.join("; ")) };
+    let line = format!("{place}{severity}[{}]: {}{helps}", diagnostic.code, diagnostic.message);
+    line.split_whitespace().collect::<Vec<&str>>().join(" ")
+}
+
 /// `{"code", "severity", "message", "labels": [{"file", "start", "end", "text"}], "help": […]}` with positions
 /// `{"line", "column", "offset"}`: lines and columns count from 1, offsets are bytes from 0.
 pub fn to_json(diagnostic: &Diagnostic, sources: &SourceMap) -> Value {

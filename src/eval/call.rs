@@ -13,7 +13,7 @@ use crate::source::Span;
 use crate::stop;
 use crate::tape::Tensor;
 
-use super::{Engine, Result, error, mix};
+use super::{Engine, Result, error};
 
 /// The contents of a function value.
 pub(super) enum Closure {
@@ -137,7 +137,7 @@ impl Engine {
         stop::check();
         let saved = (self.base, self.locals.len(), self.path);
         self.base = saved.1;
-        self.path = mix(mix(saved.2, u64::from(span.start)), u64::from(span.source.0));
+        self.path = self.path_at(span);
         let result = self.bind_and_run(f, args, span);
         self.locals.truncate(saved.1);
         (self.base, self.path) = (saved.0, saved.2);
@@ -222,7 +222,7 @@ impl Engine {
                 }
                 let saved = (self.base, self.locals.len(), self.path);
                 self.base = saved.1;
-                self.path = mix(mix(saved.2, u64::from(span.start)), u64::from(span.source.0));
+                self.path = self.path_at(span);
                 self.locals.extend(captured.iter().cloned());
                 self.locals.extend(lambda.params.iter().copied().zip(args));
                 let result = self.expr(&lambda.body);

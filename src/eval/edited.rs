@@ -12,12 +12,14 @@ use crate::natives::value::Value;
 
 impl Engine {
     /// Goes on with a program that was read and checked anew, with the same result as a new engine of it, but for the params. A value stays
-    /// computed, and a param where it is, if the declaration's text is the same and so is all that it mentions. What was rendered is
-    /// rendered again, because its samples follow from its place in the text, and so is what was read from files if they have changed.
+    /// computed, and a param where it is, if the declaration's text is the same and so is all that it mentions: what was rendered, too,
+    /// unless steps or stages had changed its samples. What was read from files is read again if they have changed.
     pub fn take_edit(&mut self, program: Program, files_have_changed: bool) {
         self.reset_renewed();
         let moved = std::mem::take(&mut self.moved);
-        self.forget(|d| d.settings || d.sample || d.step || d.params.intersects(&moved));
+        let had_settings = self.overrides != RenderOverrides::default();
+        let had_steps = (self.step, self.total, self.sample_seed) != (0, 0, 0) || !self.losses.is_empty();
+        self.forget(|d| d.settings && had_settings || (d.sample || d.step) && had_steps || d.params.intersects(&moved));
         let new_ids = same_declarations(&self.program, &program, files_have_changed);
         let params = std::mem::take(&mut self.params).into_iter();
         self.params = params.filter_map(|(id, state)| Some((*new_ids.get(&id)?, state))).collect();
@@ -72,6 +74,7 @@ fn same_declarations(old: &Program, new: &Program, files_have_changed: bool) -> 
         std::mem::discriminant(&before.kind) == std::mem::discriminant(&now.kind)
             && before.ty == now.ty
             && old.sources.text(before.span) == new.sources.text(now.span)
+            && old.sources.place(before.name_span) == new.sources.place(now.name_span)
             && !(reads && files_have_changed)
     };
     let mut found: Vec<Option<DeclId>> =
@@ -137,10 +140,13 @@ mod tests {
     #[test]
     fn an_edit_computes_what_it_reaches() {
         let edits = [
-            // An unrelated declaration in front, which moves everything behind it: the camera knows of stages, and what sees is seen again.
+            // An unrelated declaration in front, which moves everything behind it in the text.
             (format!("let more = 1\n{SCENE}"), "round", 0),
-            (format!("let more = 1\n{SCENE}"), "seen", 2),
-            (SCENE.replace("radiance: 1", "radiance: 2"), "seen", 3),
+            (format!("let more = 1\n{SCENE}"), "seen", 0),
+            (SCENE.replace("radiance: 1", "radiance: 2"), "seen", 2),
+            // Another light, which nothing mentions but the scene.
+            (format!("{SCENE}\nlight lamp = point(position: [0, 3, 0], intensity: 1)"), "seen", 2),
+            (format!("{SCENE}\nintegrator few {{ max_bounces: 0 }}"), "seen", 2),
             (SCENE.replace("size = 0.5", "size = 0.25"), "round", 3),
             (SCENE.replace("2 * x", "3 * x"), "round", 2),
             // The same text calls something else.

@@ -297,8 +297,7 @@ impl Engine {
         for r in replacements {
             overrides.push((r.target.clone(), self.expr(&r.value)?));
         }
-        let seed = u64::from(span.start) << 8 | u64::from(span.source.0);
-        self.in_world(overrides, seed, |engine| engine.expr(body))
+        self.in_world(overrides, self.path_at(span), |engine| engine.expr(body))
     }
 
     /// Evaluates in a new world: a layer of replacements over the current one.

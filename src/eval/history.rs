@@ -11,7 +11,6 @@ use crate::grad::{self, GuideCache, SceneError, Settings};
 use crate::image::Image;
 use crate::render::Camera;
 use crate::render::recursion::Recursion;
-use crate::source::Span;
 
 use super::lower::Lowered;
 use super::mix;
@@ -77,8 +76,7 @@ const MOST_SITES: usize = 256;
 const MOST_SCENES: usize = 4;
 
 /// What tells sites apart. Cameras that differ in nothing that is printed are the same to the bit.
-pub(super) fn site_key(span: Span, path: u64, camera: Option<Camera>) -> u64 {
-    let place = mix(mix(path, u64::from(span.source.0)), u64::from(span.start) << 32 | u64::from(span.end));
+pub(super) fn site_key(place: u64, camera: Option<Camera>) -> u64 {
     camera.map_or(place, |camera| format!("{camera:?}").bytes().fold(place, |key, byte| mix(key, u64::from(byte))))
 }
 

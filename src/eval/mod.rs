@@ -530,7 +530,7 @@ impl Engine {
         self.frames.push(Deps::default());
         let saved = (self.world, self.base, self.path);
         (self.world, self.base) = (home, self.locals.len());
-        self.path = mix(self.worlds[home].path, 0x1000_0000 + u64::from(id.0));
+        self.path = self.worlds[home].path;
         let value = self.decl_value(decl);
         (self.world, self.base, self.path) = saved;
         self.evaluating.truncate(nested);
@@ -674,6 +674,16 @@ fn same_decl(old: &hir::Program, new: &hir::Program, id: DeclId) -> bool {
         (x, y) => std::mem::discriminant(x) == std::mem::discriminant(y),
     };
     same_body && same_kind && a.name == b.name
+}
+
+impl Engine {
+    /// The path of what is called, replaced or rendered at `span`: a number that streams of random numbers and tables of what was learnt
+    /// follow from.
+    fn path_at(&self, span: Span) -> u64 {
+        let place = self.program.sources.place(span);
+        let words = u64::from(place.words.0) << 32 | u64::from(place.words.1);
+        [place.file, place.statement, words].into_iter().fold(self.path, mix)
+    }
 }
 
 /// A well-mixed function of two numbers.

@@ -92,17 +92,17 @@ fn direct(program: &Program, id: DeclId) -> Vec<u32> {
     match &program.decl(id).kind {
         // A param has a value of its own, which no longer depends on the declarations of its initial value.
         DeclKind::Param(_) => Vec::new(),
-        DeclKind::Native(_) if is_rendering(program, id) => {
-            program.default_scene.iter().chain(&program.integrator).map(|d| d.0).collect()
-        }
         _ => mentioned(program, id),
     }
 }
 
-/// The declarations that the text of a declaration mentions, in the order of their ids.
+/// The declarations that the text of a declaration mentions, in the order of their ids. Natives that render mention the default scene.
 pub(super) fn mentioned(program: &Program, id: DeclId) -> Vec<u32> {
     let decl = program.decl(id);
     let mut found = Vec::new();
+    if is_rendering(program, id) {
+        found.extend(program.default_scene.iter().chain(&program.integrator).map(|d| d.0));
+    }
     if let DeclKind::Fn(f) = &decl.kind {
         function(f, &mut found);
     }

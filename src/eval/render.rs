@@ -361,9 +361,10 @@ impl Engine {
             self.warnings.say(span, "black", || black(why, &scene, &origins, span));
         }
         let (mut guides, mut images) = (None, u32::from(is_live));
+        let place = self.path_at(span);
         if is_live && let Some(history) = &mut self.history {
             let standing = camera.slots.is_empty().then_some(camera.camera);
-            let key = history::site_key(span, self.path, standing);
+            let key = history::site_key(place, standing);
             if history.is_revisiting() {
                 image = history.revisit(key, &lowered, seen_by).unwrap_or(image);
             } else {
@@ -409,7 +410,7 @@ impl Engine {
     fn render_seed(&mut self, own_seed: Option<f64>, is_live: bool, span: Span) -> u64 {
         let mut seed = mix(self.options.seed, own_seed.map_or(0, |s| s.to_bits()));
         if own_seed.is_none() {
-            seed = mix(mix(mix(seed, self.path), u64::from(span.start)), u64::from(span.source.0));
+            seed = mix(seed, self.path_at(span));
         }
         if is_live || self.is_fresh() {
             self.depends(|d| d.sample = true);

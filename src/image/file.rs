@@ -160,9 +160,6 @@ fn extension(path: &Path) -> String {
 #[cfg(test)]
 mod tests {
     use std::fs;
-    use std::io::Cursor;
-
-    use image::ImageFormat;
 
     use super::super::exr::encode as encode_exr;
     use super::super::filter::linear_to_srgb;
@@ -214,11 +211,12 @@ mod tests {
 
     #[test]
     fn png_of_16_bits_is_read_in_16_bits() {
-        use image::ImageEncoder;
         let mut png = Vec::new();
-        let samples: Vec<u8> = [1u16, 30000, 65535, 7].iter().flat_map(|v| v.to_ne_bytes()).collect();
-        let encoder = image::codecs::png::PngEncoder::new(&mut png);
-        encoder.write_image(&samples, 2, 2, image::ExtendedColorType::L16).unwrap();
+        let samples: Vec<u8> = [1u16, 30000, 65535, 7].iter().flat_map(|v| v.to_be_bytes()).collect();
+        let mut encoder = ::png::Encoder::new(&mut png, 2, 2);
+        encoder.set_color(::png::ColorType::Grayscale);
+        encoder.set_depth(::png::BitDepth::Sixteen);
+        encoder.write_header().unwrap().write_image_data(&samples).unwrap();
         let image = decode(&png, Encoding::Linear, None).unwrap().image;
         assert_eq!(image.channels, 1);
         assert!((image.data[0] * 65535.0 - 1.0).abs() < 1e-3 && (image.data[1] * 65535.0 - 30000.0).abs() < 1e-2);
@@ -227,8 +225,8 @@ mod tests {
     #[test]
     fn jpeg_and_hdr_are_read() {
         let mut jpeg = Vec::new();
-        let pixels = image::RgbImage::from_pixel(16, 16, image::Rgb([188, 188, 188]));
-        pixels.write_to(&mut Cursor::new(&mut jpeg), ImageFormat::Jpeg).unwrap();
+        let encoder = jpeg_encoder::Encoder::new(&mut jpeg, 90);
+        encoder.encode(&[188; 16 * 16 * 3], 16, 16, jpeg_encoder::ColorType::Rgb).unwrap();
         let image = decode(&jpeg, Encoding::Srgb, None).unwrap().image;
         assert!(image.data.iter().all(|v| (v - 0.5).abs() < 0.02));
 
@@ -289,7 +287,8 @@ mod tests {
     fn damaged_files_never_panic() {
         let image = gradient(13, 11, 3);
         let mut jpeg = Vec::new();
-        image::RgbImage::new(16, 16).write_to(&mut Cursor::new(&mut jpeg), ImageFormat::Jpeg).unwrap();
+        let encoder = jpeg_encoder::Encoder::new(&mut jpeg, 90);
+        encoder.encode(&[0; 16 * 16 * 3], 16, 16, jpeg_encoder::ColorType::Rgb).unwrap();
         let files = [encode_png(&image), encode_hdr(&image), encode_exr(&image), Ok(jpeg)];
         let mut state = 12345u64;
         let mut next = |n: usize| {

@@ -118,7 +118,8 @@ fn details(chosen: &[&Step], bounds: &[Bounds], curve: &Curve) -> Map<String, Va
             let upper = sides(bound.and_then(|b| b.upper.as_ref()), at);
             json!({ "index": index(&tensor.shape, at), "values": values, "lower": lower, "upper": upper })
         });
-        json!({ "name": name, "entries": entries.collect::<Value>() })
+        let space = bound.and_then(|bound| bound.space.as_deref());
+        json!({ "name": name, "space": space, "entries": entries.collect::<Value>() })
     });
     let gradients = first.map_or(&[][..], |step| &step.gradients);
     let gradients = gradients.iter().map(|(name, _)| {

@@ -37,13 +37,15 @@ pub struct Stage {
     pub until: u64,
 }
 
-/// A param that moves, and where it may: a number for each of its own, or none where there is no bound.
+/// A param that moves, and where it may: a number for each of its own, or none where there is no bound. `space` says in which coordinates
+/// it moves and what is believed of it beforehand, if that was said.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bounds {
     pub name: String,
     pub shape: Vec<usize>,
     pub lower: Option<Vec<Option<f64>>>,
     pub upper: Option<Vec<Option<f64>>>,
+    pub space: Option<String>,
 }
 
 /// An image that the loss has seen.

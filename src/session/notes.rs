@@ -7,9 +7,11 @@ use super::events::{Bounds, Event, Moment, Shown, Stage};
 use super::optimization::{Optimization, StepReport};
 use super::picture::Picture;
 use super::run::Runner;
+use super::show::significant;
 use crate::diag::{Diagnostic, Severity};
 use crate::eval::Seen;
 use crate::files::fingerprint;
+use crate::optim::{Geometry, Law, Space};
 use crate::source::SourceMap;
 use crate::tape::Tensor;
 
@@ -157,9 +159,35 @@ impl Optimization {
             shape: shape.to_vec(),
             lower: space.lower.as_ref().map(finite),
             upper: space.upper.as_ref().map(finite),
+            space: space_text(space),
         });
         (stages, bounds.collect())
     }
+}
+
+/// The coordinates and the prior of a param in the script's words: `space: positive, ~ normal(0, 0.3)`.
+fn space_text(space: &Space) -> Option<String> {
+    let coordinates = match space.geometry {
+        Geometry::Plain => None,
+        Geometry::Rotation => Some("a rotation"),
+        Geometry::Positive => Some("space: positive"),
+        Geometry::Interior => Some("space: interior"),
+        Geometry::Unit => Some("space: unit"),
+    };
+    let prior = space.prior.as_ref().map(|prior| {
+        let law = match prior.law {
+            Law::Normal => "normal",
+            Law::Uniform => "uniform",
+            Law::LogNormal => "log_normal",
+        };
+        let one = |numbers: &[f64]| match numbers {
+            [first, others @ ..] if others.iter().all(|x| x == first) => significant(*first, 6),
+            _ => "…".to_owned(),
+        };
+        format!("~ {law}({}, {})", one(&prior.numbers[0]), one(&prior.numbers[1]))
+    });
+    let parts: Vec<String> = coordinates.map(str::to_owned).into_iter().chain(prior).collect();
+    (!parts.is_empty()).then(|| parts.join(", "))
 }
 
 /// An error or a warning as the report has it.

@@ -1,7 +1,7 @@
 //! Source files, spans of bytes in them, and the way from an offset to a line and a column.
 
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use serde::{Deserialize, Serialize};
 
@@ -52,6 +52,32 @@ pub struct Position {
     pub column: usize,
 }
 
+/// Where an expression stands, told by what a new layout of the text, or a change elsewhere in it, leaves as it is. Streams of random
+/// numbers follow from it, so that an experiment keeps its noise when a comment or a declaration is added.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Place {
+    /// Of the library's files their name, of the user's how many of them came before.
+    pub file: u64,
+    /// The name that the statement declares, or how many statements without a name come before it in the file.
+    pub statement: u64,
+    /// How many words of the statement come before the expression, and before its end.
+    pub words: (u32, u32),
+}
+
+/// The statements and words of a text. A word is a run of letters, digits and underscores that is not in a comment: brackets and commas
+/// are not counted, since a formatter adds and removes those.
+#[derive(Debug, PartialEq, Eq)]
+struct Outline {
+    /// Where each statement begins, and its key.
+    statements: Vec<(u32, u64)>,
+    word_starts: Vec<u32>,
+}
+
+/// A number for a name, the same on every machine (FNV-1a).
+fn key(name: &str) -> u64 {
+    name.bytes().fold(0xCBF2_9CE4_8422_2325, |hash, byte| (hash ^ u64::from(byte)).wrapping_mul(0x100_0000_01B3))
+}
+
 /// One text with the name under which it is shown.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct SourceFile {
@@ -61,6 +87,10 @@ pub struct SourceFile {
     pub path: Option<PathBuf>,
     pub text: String,
     line_starts: Vec<u32>,
+    /// See [`Place::file`].
+    key: u64,
+    /// Known once the text is parsed.
+    outline: OnceLock<Outline>,
 }
 
 impl SourceFile {
@@ -76,6 +106,32 @@ impl SourceFile {
         Position { line, column }
     }
 
+    /// Tells where statements begin, in order, each with the name that it declares if it does. `text` has blanks for comments.
+    pub fn set_outline<'a>(&self, text: &str, statements: impl Iterator<Item = (Span, Option<&'a str>)>) {
+        let mut unnamed = 0;
+        let statements = statements.map(|(span, name)| {
+            unnamed += u64::from(name.is_none());
+            (span.start, name.map_or(unnamed, key))
+        });
+        let is_word = |byte: &u8| byte.is_ascii_alphanumeric() || *byte == b'_' || *byte >= 0x80;
+        let bytes = text.as_bytes();
+        let begins = |i: &usize| is_word(&bytes[*i]) && (*i == 0 || !is_word(&bytes[*i - 1]));
+        let word_starts = (0..bytes.len()).filter(begins).map(clamp_u32).collect();
+        // A text that is parsed again gets the same outline.
+        let _ = self.outline.set(Outline { statements: statements.collect(), word_starts });
+    }
+
+    fn place(&self, span: Span) -> Place {
+        let Some(outline) = self.outline.get() else {
+            return Place { file: self.key, statement: 0, words: (span.start, span.end) };
+        };
+        let before = outline.statements.partition_point(|&(start, _)| start <= span.start);
+        let (start, statement) = before.checked_sub(1).map_or((0, 0), |i| outline.statements[i]);
+        let words = |offset: u32| clamp_u32(outline.word_starts.partition_point(|&start| start < offset));
+        let first = words(start);
+        Place { file: self.key, statement, words: (words(span.start) - first, words(span.end) - first) }
+    }
+
     /// The text of line `line` (from 1) without its end of line, and the offset where it begins.
     pub fn line(&self, line: usize) -> Option<(&str, usize)> {
         let start = *self.line_starts.get(line.checked_sub(1)?)? as usize;
@@ -89,6 +145,8 @@ impl SourceFile {
 #[derive(Clone, Debug, Default)]
 pub struct SourceMap {
     files: Vec<Arc<SourceFile>>,
+    /// How many of them get their keys by counting, see [`Place::file`].
+    ordinary: u64,
 }
 
 impl SourceMap {
@@ -98,15 +156,21 @@ impl SourceMap {
 
     /// Adds a text. Only the first 4 GiB can be addressed by spans, which no text that we read exceeds.
     pub fn add(&mut self, name: impl Into<String>, path: Option<&Path>, text: impl Into<String>) -> SourceId {
-        let text = text.into();
+        let (name, text) = (name.into(), text.into());
+        // Files of the library come as they are needed, and `--set` is not part of the experiment: neither moves the keys of the others.
+        let is_apart = name.starts_with("--set ") || path.is_none() && name.starts_with("std/");
+        let key = if is_apart { key(&name) } else { self.ordinary };
+        self.ordinary += u64::from(!is_apart);
         let mut line_starts = vec![0];
         line_starts.extend(text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| clamp_u32(i + 1)));
         let id = SourceId(clamp_u32(self.files.len()));
         self.files.push(Arc::new(SourceFile {
-            name: name.into(),
+            name,
             path: path.map(Path::to_path_buf),
             text,
             line_starts,
+            key,
+            outline: OnceLock::new(),
         }));
         id
     }
@@ -126,6 +190,12 @@ impl SourceMap {
     /// The text of a span; empty if the span does not fit its source.
     pub fn text(&self, span: Span) -> &str {
         self.get(span.source).and_then(|f| f.text.get(span.start as usize..span.end as usize)).unwrap_or("")
+    }
+
+    /// Where an expression stands, see [`Place`].
+    pub fn place(&self, span: Span) -> Place {
+        let elsewhere = Place { file: u64::MAX, statement: 0, words: (span.start, span.end) };
+        self.get(span.source).map_or(elsewhere, |file| file.place(span))
     }
 
     /// Where a span begins.
@@ -151,6 +221,16 @@ mod tests {
         assert_eq!(file.line(2), Some(("lét b", 10)));
         assert_eq!(map.text(Span::new(id, 4, 5)), "a");
         assert_eq!(map.text(Span::new(id, 4, 500)), "");
+    }
+
+    /// Files of the library come as they are needed, and `--set` is not part of the experiment: neither moves the keys of the others.
+    #[test]
+    fn files_have_keys() {
+        let mut map = SourceMap::new();
+        for (name, key) in [("main", 0), ("--set x", super::key("--set x")), ("std/a", super::key("std/a")), ("b", 1)] {
+            let id = map.add(name, None, "");
+            assert_eq!(map.place(Span::new(id, 0, 0)).file, key, "{name}");
+        }
     }
 
     #[test]

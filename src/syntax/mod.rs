@@ -56,6 +56,7 @@ pub fn parse(sources: &SourceMap, source: SourceId) -> (ast::File, Vec<Diagnosti
             tree.unread.extend(scan::declared_name(text).map(str::to_owned));
         }
     }
+    file.set_outline(&scan.text, tree.statements.iter().map(|s| (s.span, s.declares())));
     diag::sort(&mut diagnostics);
     diagnostics.truncate(MAX_DIAGNOSTICS);
     (tree, diagnostics)
@@ -73,6 +74,7 @@ pub fn parse_expr(sources: &SourceMap, source: SourceId) -> (Option<ast::Expr>, 
         Grammar::parse(Rule::line, &scan.text).map(|mut pairs| pairs.next().and_then(|p| p.into_inner().next()));
     let expr = match parsed {
         Ok(pair) => {
+            file.set_outline(&scan.text, std::iter::empty());
             let mut builder = Builder { source, offset: 0, level: 0, diagnostics: &mut diagnostics };
             pair.map(|p| builder.expr(p))
         }
@@ -109,6 +111,38 @@ mod tests {
         let mut sources = SourceMap::new();
         let id = sources.add("test.dscene", None, text);
         parse(&sources, id)
+    }
+
+    /// A new layout, comments and other statements leave places as they are; what stands elsewhere has another place.
+    #[test]
+    fn places_outlive_edits() {
+        let place = |texts: [&str; 2], of: &str| {
+            let mut map = SourceMap::new();
+            for text in texts {
+                let id = map.add("a.dscene", None, text);
+                parse(&map, id);
+            }
+            let text = texts[1];
+            let start = text.find(of).expect("the text has it");
+            map.place(Span::new(SourceId(1), start, start + of.len()))
+        };
+        let before = place(["", "let a = f(1)\nlet b = [g(x), g(2)]\nprint g(3)"], "g(2)");
+        for text in [
+            "let b = [g(x), g(2)]",
+            "let é = 2 let a = f(1, 2)\nprint 7\n// g(2)\nlet b /* of */ = [\n  g(x),\n  // the second\n  (g(2,)),\n]",
+        ] {
+            let of = if text.contains("(2,)") { "g(2,)" } else { "g(2)" };
+            assert_eq!(place(["", text], of), before, "{text}");
+        }
+        for (texts, of) in [
+            (["", "let c = [g(x), g(2)]"], "g(2)"),
+            (["", "let b = [g(x), g(2)]"], "g(x)"),
+            (["", "let b = [h(g(x)), g(2)]"], "g(2)"),
+            (["", "let b = [g(x), g(2) |> h()]"], "g(2) |> h()"),
+        ] {
+            assert_ne!(place(texts, of), before, "{texts:?}");
+        }
+        assert_ne!(place(["", "print g(3) print g(3)"], "g(3)"), place(["", "print 1 print g(3)"], "g(3)"));
     }
 
     /// The expression with all its brackets.

@@ -115,3 +115,15 @@ pub fn assert_diagnosed(output: &Output) {
     let text = stderr(output);
     assert!(text.contains("dscene::") && !text.contains("dscene::internal") && !text.contains("panicked"), "{text}");
 }
+
+/// A PNG's width, and its colours at eight bits.
+pub fn png_colors(bytes: &[u8]) -> (u32, Vec<[u8; 3]>) {
+    let mut decoder = png::Decoder::new(std::io::Cursor::new(bytes));
+    decoder.set_transformations(png::Transformations::normalize_to_color8());
+    let mut reader = decoder.read_info().expect("a PNG");
+    let mut data = vec![0; reader.output_buffer_size().expect("a small picture")];
+    let frame = reader.next_frame(&mut data).expect("a whole picture");
+    let channels = frame.color_type.samples();
+    let pixels = data[..frame.buffer_size()].chunks_exact(channels);
+    (frame.width, pixels.map(|p| if channels < 3 { [p[0]; 3] } else { [p[0], p[1], p[2]] }).collect())
+}

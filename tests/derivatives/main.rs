@@ -21,7 +21,7 @@ mod slots;
 mod spots_and_distortion;
 mod translations;
 
-// Long statistics that are not drawn in brief.
+// These are not drawn in brief.
 #[cfg(feature = "truth")]
 mod closed_forms;
 #[cfg(feature = "truth")]

@@ -63,6 +63,27 @@ fn a_report_has_all_that_was_seen_on_the_way() {
 
 /// What is shown was rendered for the loss: to look costs no rendering.
 #[test]
+fn a_report_says_in_which_space_a_param_moves() {
+    let place = Place::new();
+    let script = "param a ~ normal(0, [0.5, 0.5]) param b = 2 { space: positive } param c ~ log_normal(1, 0.25)
+                  param d = 1 param e ~ normal([0, 1], 0.5)
+                  optimize norm(a) + (b - 1) ^ 2 + c + d ^ 2 + norm(e) { using: adam(lr: 0.1), steps: 2 }";
+    place.write("a.dscene", script);
+    assert_code(&place.dsl(&["run", "a.dscene", "--out", "r", "--quiet"]), 0);
+    let data = data(&place, "r/report.html");
+    let params = data["optimizations"][0]["params"].as_array().unwrap();
+    let told: Vec<Value> = params.iter().map(|p| json!([p["name"], p["space"]])).collect();
+    let expected = json!([
+        ["a", "~ normal(0, 0.5)"],
+        ["b", "space: positive"],
+        ["c", "space: positive, ~ log_normal(1, 0.25)"],
+        ["d", null],
+        ["e", "~ normal(…, 0.5)"],
+    ]);
+    assert_eq!(json!(told), expected);
+}
+
+#[test]
 fn a_report_renders_nothing() {
     on_large_stack(|| {
         let folder = tempfile::tempdir().unwrap();

@@ -8,13 +8,12 @@ use serde_json::{Value, json};
 
 use crate::browser::{self, Browser, Scheme};
 use crate::live::Server;
-use crate::place::{BOWL, Place, TRIANGLE, send};
+use crate::place::{BOWL, Place, TRIANGLE, png_colors, send};
 
 /// The brightest number of a picture.
 fn brightest(png: &[u8]) -> u8 {
     assert_eq!(&png[1..4], b"PNG");
-    let image = image::load_from_memory(png).unwrap().to_rgb8();
-    image.pixels().flat_map(|p| p.0).max().unwrap()
+    png_colors(png).1.into_iter().flatten().max().unwrap()
 }
 
 const FAST: &[&str] = &["--spp", "4"];
@@ -143,12 +142,29 @@ fn the_camera_moves_and_params_are_set() {
     let told = events.until("derivative", |d| d["param"] == "corners");
     assert!(told["limit"].as_f64().unwrap() > 0.0, "{told}");
     // It covers more of a sky that is brighter than the panel: less light, which is blue.
-    let change = image::load_from_memory(&server.get("/derivative").body).unwrap().to_rgb8();
-    let blue = change.pixels().filter(|p| p.0[2] > p.0[0].saturating_add(60)).count();
-    let red = change.pixels().filter(|p| p.0[0] > p.0[2].saturating_add(60)).count();
+    let (_, change) = png_colors(&server.get("/derivative").body);
+    let blue = change.iter().filter(|c| c[2] > c[0].saturating_add(60)).count();
+    let red = change.iter().filter(|c| c[0] > c[2].saturating_add(60)).count();
     assert!(blue >= 3 && blue > 2 * red, "{blue} {red}");
     server.order(json!({"do": "derivative", "name": null, "element": 0}));
     events.until("derivative", Value::is_null);
+}
+
+/// Sliders end where bounds are, on either side.
+#[test]
+fn bounds_of_one_side_are_told() {
+    let place = Place::new();
+    let more = "param far = 2 in 1.. param turn: angle = 3deg in ..90deg param dim: vec2 = [0, 1] in 0..[1, 2]";
+    place.write("t.dscene", format!("{TRIANGLE}\n{more}\n"));
+    let server = watch(&place, "t.dscene");
+    let params = server.events().until("params", |_| true);
+    let bounds = |name: &str| {
+        let param = params.as_array().unwrap().iter().find(|p| p["name"] == name).unwrap();
+        json!([param["low"], param["high"]])
+    };
+    assert_eq!(bounds("far"), json!([[1.0], [null]]));
+    assert_eq!(bounds("turn"), json!([[null], [90.0]]));
+    assert_eq!(bounds("dim"), json!([[0.0, 0.0], [1.0, 2.0]]));
 }
 
 #[test]

@@ -12,6 +12,7 @@ mod typed;
 mod advice;
 mod checker;
 mod cli;
+mod commands;
 mod data_files;
 mod diagnostics;
 mod growth;

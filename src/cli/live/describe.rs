@@ -20,7 +20,7 @@ use crate::tape::Tensor;
 /// Params with more numbers are shown in brief and cannot be set.
 pub const SET_BY_HAND: usize = 24;
 
-/// All params: values with angles in degrees, bounds, and whether they are colours.
+/// All params: values with angles in degrees, bounds (null where a side is open), and whether they are colours.
 pub fn params(engine: &mut Engine) -> Result<Json, Diagnostic> {
     let infos = engine.params()?;
     let reached = domains(engine.program());
@@ -33,9 +33,7 @@ pub fn params(engine: &mut Engine) -> Result<Json, Diagnostic> {
         };
         let is_small = value.len() <= SET_BY_HAND && info.kind != ParamKind::Rotation;
         let reached = reached.get(&info.id).map_or(&[][..], Vec::as_slice);
-        // A slider has two ends.
-        let is_closed = |(lo, hi): &&(Tensor, Tensor)| is_small && lo.is_finite() && hi.is_finite();
-        let bounds = info.bounds.as_ref().filter(is_closed).map(|(lo, hi)| (unit(lo), unit(hi)));
+        let bounds = info.bounds.as_ref().filter(|_| is_small).map(|(lo, hi)| (unit(lo), unit(hi)));
         let bounds = bounds.or_else(|| bounds_of_use(reached, &value));
         all.push(json!({
             "name": info.name,

@@ -10,6 +10,7 @@ use std::time::Duration;
 use serde_json::json;
 
 use super::args::SweepArgs;
+use super::load::require_file;
 use super::run::{name_of, source_texts};
 use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load, out};
 use crate::diag::Diagnostic;
@@ -65,6 +66,10 @@ fn take_up(args: &mut SweepArgs) -> Result<(), Diagnostic> {
 
 /// Runs the sweep of a script that has been checked.
 pub fn run_loaded(args: SweepArgs, mut loaded: Loaded, terminal: &mut Terminal) -> u8 {
+    if let Err(diagnostic) = require_file(&args.run.file) {
+        terminal.diagnostic(&diagnostic, &SourceMap::default());
+        return EXIT_WRONG;
+    }
     let watch = Stopwatch::start();
     // Before expressions of the command line are added to them.
     let sources = source_texts(&loaded);

@@ -149,16 +149,8 @@ fn dots<const N: usize>(a: &[[f64; N]], b: &[[f64; N]]) -> [f64; N] {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::{dot, numbers};
     use super::*;
-
-    fn dot(a: &[f64], b: &[f64]) -> f64 {
-        a.iter().zip(b).map(|(a, b)| a * b).sum()
-    }
-
-    /// Numbers without a pattern.
-    fn numbers(count: usize) -> Vec<f64> {
-        (0..count).map(|i| ((i * 7919 + 13) % 101) as f64 / 50.0 - 1.0).collect()
-    }
 
     #[test]
     fn a_path_of_three_vertices_is_solved_by_hand() {

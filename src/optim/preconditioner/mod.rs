@@ -44,3 +44,15 @@ impl Preconditioner {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    pub fn dot(a: &[f64], b: &[f64]) -> f64 {
+        a.iter().zip(b).map(|(a, b)| a * b).sum()
+    }
+
+    /// Numbers without a pattern.
+    pub fn numbers(count: usize) -> Vec<f64> {
+        (0..count).map(|i| ((i * 7919 + 13) % 101) as f64 / 50.0 - 1.0).collect()
+    }
+}

@@ -112,16 +112,8 @@ fn interpolation(fine: usize, coarse: usize) -> Vec<[(usize, f64); 2]> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::{dot, numbers};
     use super::*;
-
-    fn dot(a: &[f64], b: &[f64]) -> f64 {
-        a.iter().zip(b).map(|(a, b)| a * b).sum()
-    }
-
-    /// Numbers without a pattern.
-    fn numbers(count: usize) -> Vec<f64> {
-        (0..count).map(|i| ((i * 7919 + 13) % 101) as f64 / 50.0 - 1.0).collect()
-    }
 
     #[test]
     fn shapes_are_grids_with_channels() {

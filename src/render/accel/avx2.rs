@@ -24,6 +24,10 @@ impl Avx2 {
         found.then_some(Avx2 { has_avx512 })
     }
 
+    pub fn name(self) -> &'static str {
+        if self.has_avx512 { "AVX-512" } else { "AVX2" }
+    }
+
     /// Makes queries as processors without AVX-512 do.
     #[cfg(test)]
     pub fn without_avx512(self) -> Avx2 {

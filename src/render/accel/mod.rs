@@ -93,6 +93,15 @@ enum Instructions {
     Portable,
 }
 
+/// The processor's instructions by which rays are traced here.
+pub fn instructions() -> &'static str {
+    match Instructions::best() {
+        #[cfg(target_arch = "x86_64")]
+        Instructions::Avx2(avx2) => avx2.name(),
+        Instructions::Portable => "portable code",
+    }
+}
+
 impl Accel {
     /// Builds a tree over triangles given by their corners, whose coordinates must be finite.
     pub fn new(corners: &[[Vec3; 3]]) -> Accel {

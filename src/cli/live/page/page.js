@@ -410,16 +410,19 @@ function makeElement(param, index, set) {
   box.append(derivativeButton(param, index));
   const value = param.values[index];
   const reach = param.angle ? 180 : Math.max(1, 2 * Math.abs(value));
-  range.min = param.low ? param.low[index] : value - reach;
-  range.max = param.high ? param.high[index] : value + reach;
-  if (param.low) [field.min, field.max] = [param.low[index], param.high[index]];
+  // A slider has two ends, also where bounds leave a side open.
+  const [low, high] = [param.low?.[index] ?? null, param.high?.[index] ?? null];
+  range.min = low ?? Math.min(value, high ?? value) - reach;
+  range.max = high ?? Math.max(value, low ?? value) + reach;
+  if (low !== null) field.min = low;
+  if (high !== null) field.max = high;
   return {
     box,
     update(now) {
       range.disabled = field.disabled = isRun;
       if (!range.matches(":active")) {
-        if (!param.low && now < range.min) range.min = now - reach;
-        if (!param.low && now > range.max) range.max = now + reach;
+        if (low === null && now < range.min) range.min = now - reach;
+        if (high === null && now > range.max) range.max = now + reach;
         range.value = now;
       }
       if (document.activeElement !== field) field.value = number(now);
