@@ -154,7 +154,7 @@ fn the_camera_moves_and_params_are_set() {
 #[test]
 fn bounds_of_one_side_are_told() {
     let place = Place::new();
-    let more = "param far = 2 in 1.. param turn: angle = 3deg in ..90deg param dim: vec2 = [0, 1] in 0..[1, 2]";
+    let more = "param far = 2 in 1..\nparam turn: angle = 3deg in ..90deg\nparam dim: vec2 = [0, 1] in 0..[1, 2]";
     place.write("t.dscene", format!("{TRIANGLE}\n{more}\n"));
     let server = watch(&place, "t.dscene");
     let params = server.events().until("params", |_| true);
