@@ -43,7 +43,7 @@ pub use fields::{fields_of, type_of};
 pub use flow::{children, reaching_params, reaching_params_of};
 pub use lines::{Line, check_line};
 use modules::Checker;
-pub use modules::{ModuleId, PRELUDE, normal};
+pub use modules::{ModuleId, PRELUDE, library_modules, normal};
 pub use sweep::SEED;
 pub use understanding::{Understanding, understand};
 

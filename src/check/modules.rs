@@ -29,6 +29,11 @@ const LIBRARY: [(&str, bool, &str); 11] = [
     ("studio", false, include_str!("../../stdlib/studio.dscene")),
 ];
 
+/// The modules of the library, and whether their names are known everywhere.
+pub fn library_modules() -> impl Iterator<Item = (&'static str, bool)> {
+    LIBRARY.iter().map(|(name, is_prelude, _)| (*name, *is_prelude))
+}
+
 /// The natives of a module of the library that make a thing of some type out of others, with the names of their arguments.
 pub fn constructors(module: &str, ty: &str) -> Vec<(String, Vec<String>)> {
     let mut sources = SourceMap::new();

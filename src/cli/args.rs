@@ -157,6 +157,15 @@ who knows its address. Ctrl-C ends it.")]
     #[command(after_help = "\
 Started by an editor, not by hand; docs/editors.md says how to set up VS Code, Helix, Neovim, Zed and Emacs.")]
     Lsp,
+    /// The standard library: what it declares, with text and example
+    #[command(after_help = "\
+Examples:
+  dsl doc                                            all names, by module
+  dsl doc blur                                       one of them
+  dsl doc std.image                                  a whole module
+
+With --json, one object for each name: {\"name\": …, \"module\": …, \"head\": …, \"text\": …, \"example\": …}.")]
+    Doc(DocArgs),
     /// What the program and the machine are: version, processor, memory
     Info(InfoArgs),
     /// Completion of commands and options for a shell, to standard output
@@ -288,6 +297,14 @@ pub struct NewArgs {
     /// The project's folder
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+#[derive(Debug, Args)]
+pub struct DocArgs {
+    /// A name of the library, or one of its modules
+    pub name: Option<String>,
     #[command(flatten)]
     pub common: Common,
 }

@@ -4,6 +4,7 @@ pub mod args;
 mod check;
 mod compare;
 mod completions;
+mod doc;
 mod eval;
 mod export;
 mod grad;
@@ -91,6 +92,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Watch(a) => &a.common,
         Command::Lsp => return lsp::run(),
         Command::New(a) => &a.common,
+        Command::Doc(a) => &a.common,
         Command::Info(a) => &a.common,
         Command::Completions(a) => &a.common,
         Command::Man(a) => &a.common,
@@ -125,6 +127,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Watch(args) => live::watch::run(&args),
         Command::Lsp => lsp::run(),
         Command::New(args) => new::run(&args),
+        Command::Doc(args) => doc::run(&args),
         Command::Info(args) => info::run(&args),
         Command::Completions(args) => completions::completions(&args),
         Command::Man(args) => completions::man(&args),

@@ -3,6 +3,7 @@
 
 pub mod describe;
 pub mod hover;
+pub mod library;
 pub mod names;
 pub mod settings;
 

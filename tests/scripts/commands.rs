@@ -119,3 +119,29 @@ fn misspelt_commands_and_options_are_guessed() {
         assert!(stderr(&output).contains(meant), "{}", stderr(&output));
     }
 }
+
+#[test]
+fn the_library_is_documented_in_the_terminal() {
+    let place = Place::new();
+    let all = place.dsl(&["doc"]);
+    assert_code(&all, 0);
+    let text = stdout(&all);
+    for line in ["image\n", "studio, by `import std.studio as studio`\n", "  studio.three_point  "] {
+        assert!(text.contains(line), "{line}: {text}");
+    }
+    assert!(text.lines().all(|line| line.chars().count() <= 100), "{text}");
+    let blur = stdout(&place.dsl(&["doc", "blur"]));
+    let expected = "fn blur(image: image, sigma: scalar in 0..10000): image\n\n\
+                    Smoothed by a Gaussian of standard deviation `sigma` pixels.\n\n  blur(img, sigma: 1.5)\n\n";
+    assert_eq!(blur, expected);
+    // A function and a module.
+    assert_eq!(stdout(&place.dsl(&["doc", "image"])).matches("fn ").count(), 1);
+    assert!(stdout(&place.dsl(&["doc", "std.image"])).matches("fn ").count() > 20);
+    assert!(stdout(&place.dsl(&["doc", "three_point"])).starts_with("import std.studio as studio\nfn three_point("));
+    let json = stdout(&place.dsl(&["doc", "--json", "blur"]));
+    let told: Value = serde_json::from_str(json.trim()).unwrap();
+    assert_eq!((&told["module"], &told["example"]), (&"image".into(), &"blur(img, sigma: 1.5)".into()));
+    let wrong = place.dsl(&["doc", "blurr"]);
+    assert_code(&wrong, 2);
+    assert!(stderr(&wrong).contains("did you mean `blur`?"), "{}", stderr(&wrong));
+}
