@@ -71,13 +71,32 @@ impl Checker<'_> {
                 hir::Action::Print { values: values.iter().map(|v| self.expr(v, None).expr).collect(), span: *span }
             }
             ast::Action::Plot(plot) => self.plot(plot),
-            ast::Action::Expect { condition, span } => {
-                hir::Action::Expect { condition: self.condition(condition), span: *span }
+            ast::Action::Expect { condition, why, span } => {
+                let condition = self.condition(condition);
+                hir::Action::Expect { condition, why: why.as_ref().map(|why| self.why(why)), span: *span }
             }
             ast::Action::Report { columns, span } => self.report(columns, *span),
             // The grammar has none within other actions.
             ast::Action::Sweep(sweep) => hir::Action::Print { values: Vec::new(), span: sweep.span },
         }
+    }
+
+    /// The reason that is told with an expectation that fails.
+    pub fn why(&mut self, why: &ast::Expr) -> hir::Expr {
+        let told = self.expr(why, None).expr;
+        if told.ty != Ty::Str && !told.ty.is_unknown() {
+            let text = self.sources.text(why.span);
+            let help = match told.ty {
+                Ty::Bool => format!("two conditions have a statement each: `expect {text}`"),
+                _ => format!("write `\"… {{{text}}}\"`"),
+            };
+            self.diagnostics.push(
+                Diagnostic::error("dscene::type::mismatch", "behind the comma stands why: a text")
+                    .label(why.span, format!("this is `{}`", told.ty))
+                    .help(help),
+            );
+        }
+        told
     }
 
     /// `image.png` without quotes.

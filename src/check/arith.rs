@@ -41,6 +41,8 @@ impl Checker<'_> {
         if *a == Ty::Error || *b == Ty::Error {
             return broken(span);
         }
+        // A part of a whole, `10% of x`, is a product by another word.
+        let sign = if self.sources.text(op_span) == "of" { "of" } else { sign(op) };
         match result_type(op, a, b) {
             Ok(ty) => {
                 let value = match (&left.value, &right.value) {
@@ -67,7 +69,7 @@ impl Checker<'_> {
                 let mut diagnostic = match &sizes {
                     Some((a, b)) => Diagnostic::error(
                         "dscene::type::shape",
-                        format!("`{}` of images of different sizes: {a} and {b}", sign(op)),
+                        format!("`{sign}` of images of different sizes: {a} and {b}"),
                     ),
                     None => {
                         let code = if matches!((a, b), (Ty::Num(_) | Ty::Image { .. }, Ty::Num(_) | Ty::Image { .. })) {
@@ -75,7 +77,7 @@ impl Checker<'_> {
                         } else {
                             "dscene::type::mismatch"
                         };
-                        Diagnostic::error(code, format!("`{}` does not go with `{a}` and `{b}`", sign(op)))
+                        Diagnostic::error(code, format!("`{sign}` does not go with `{a}` and `{b}`"))
                     }
                 }
                 .label(op_span, "this operator")
@@ -141,7 +143,7 @@ pub fn image_sizes(ty: &Ty) -> Option<String> {
 }
 
 /// The type of `a op b`, or a help text (maybe empty).
-fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
+pub fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
     use BinaryOp::*;
     let bad = || Err(String::new());
     let (a, b) = (unknown_as_any(a), unknown_as_any(b));

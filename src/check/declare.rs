@@ -42,7 +42,7 @@ impl Checker<'_> {
             StatementKind::Param(param) => self.param(id, param, replaced.as_deref()),
             StatementKind::Kind { kind, ty, body, .. } => self.kind(id, kind, ty.as_ref(), body, replaced.as_deref()),
             StatementKind::Fn(f) => self.function(id, f),
-            StatementKind::Import(_) | StatementKind::Action(_) => {}
+            StatementKind::Import(_) | StatementKind::Action(_) | StatementKind::Test(_) => {}
         }
         self.locals = locals;
         self.module = module;

@@ -119,11 +119,7 @@ pub fn used_by_actions(program: &Program) -> BTreeSet<DeclId> {
                     .chain(every)
                     .collect()
             }
-            Action::Save { value, path, .. } => vec![value, path],
-            Action::Print { values, .. } => values.iter().collect(),
-            Action::Plot(plot) => plot.parts().collect(),
-            Action::Expect { condition, .. } => vec![condition],
-            Action::Report { columns, .. } => columns.iter().filter_map(|c| c.value.as_ref()).collect(),
+            other => other.parts(),
         };
         parts.into_iter().for_each(|part| flow.expr(part, &mut found));
     }
@@ -193,40 +189,32 @@ fn unreached(program: &Program, o: &Optimize, reached: &BTreeSet<DeclId>, target
         .help(help)
 }
 
-/// Actions before any `optimize` that depend on `step` or `progress`, which have no value yet.
+/// Actions before any `optimize`, and tests, that depend on `step` or `progress`, which have no value yet.
 fn without_step(program: &Program, flow: &mut Flow) -> Vec<Diagnostic> {
     let mut scheduled: HashMap<DeclId, bool> = HashMap::new();
     let mut out = Vec::new();
-    for action in &program.actions {
-        let parts: Vec<&Expr> = match action {
-            // After an `optimize`, `step` and `progress` keep their last values.
-            Action::Optimize(_) => return out,
-            Action::Save { value, path, .. } => vec![value, path],
-            Action::Print { values, .. } => values.iter().collect(),
-            Action::Plot(plot) => plot.parts().collect(),
-            Action::Expect { condition, .. } => vec![condition],
-            Action::Report { columns, .. } => columns.iter().filter_map(|c| c.value.as_ref()).collect(),
-        };
-        for part in parts {
-            let mut found = Dependencies::default();
-            flow.expr(part, &mut found);
-            let own = |id: &DeclId| *scheduled.entry(*id).or_insert_with(|| names_step(program, *id));
-            let Some(id) = found.decls.into_iter().rev().find(own) else { continue };
-            let decl = program.decl(id);
-            let mut told = Diagnostic::error(
-                "dscene::name::step",
-                format!("`{}` follows the steps of an `optimize`, and none has run yet", decl.name),
-            )
-            .label(part.span, format!("needs `{}`", decl.name));
-            if decl.user {
-                told = told.label(decl.name_span, "has a value at every step");
-            }
-            let help = match &decl.kind {
-                DeclKind::Fn(_) => "move this behind the `optimize`".to_owned(),
-                _ => format!("move this behind the `optimize`, or say what it is: `… with {{ {}: … }}`", decl.name),
-            };
-            out.push(told.help(help));
+    // After an `optimize`, `step` and `progress` keep their last values.
+    let before = program.actions.iter().take_while(|action| !matches!(action, Action::Optimize(_)));
+    let tested = program.tests.iter().flat_map(|test| &test.steps).flat_map(TestStep::parts);
+    for part in before.flat_map(Action::parts).chain(tested) {
+        let mut found = Dependencies::default();
+        flow.expr(part, &mut found);
+        let own = |id: &DeclId| *scheduled.entry(*id).or_insert_with(|| names_step(program, *id));
+        let Some(id) = found.decls.into_iter().rev().find(own) else { continue };
+        let decl = program.decl(id);
+        let mut told = Diagnostic::error(
+            "dscene::name::step",
+            format!("`{}` follows the steps of an `optimize`, and none has run yet", decl.name),
+        )
+        .label(part.span, format!("needs `{}`", decl.name));
+        if decl.user {
+            told = told.label(decl.name_span, "has a value at every step");
         }
+        let help = match &decl.kind {
+            DeclKind::Fn(_) => "move this behind the `optimize`".to_owned(),
+            _ => format!("move this behind the `optimize`, or say what it is: `… with {{ {}: … }}`", decl.name),
+        };
+        out.push(told.help(help));
     }
     out
 }
@@ -577,6 +565,7 @@ pub fn below(e: &Expr) -> Vec<&Expr> {
         ExprKind::Field { base, .. } => vec![base],
         ExprKind::Unary { operand, .. } => vec![operand],
         ExprKind::Binary { left, right, .. } => vec![left, right],
+        ExprKind::Near { left, right, tolerance, .. } => vec![left, right, tolerance],
         ExprKind::Call(call) => {
             let callee = match &call.callee {
                 Callee::Value(callee) => Some(callee),

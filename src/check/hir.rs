@@ -22,6 +22,8 @@ pub struct Program {
     pub decls: Vec<Arc<Decl>>,
     /// In the order of the file. Those of a `sweep` are what each of its runs does.
     pub actions: Vec<Action>,
+    /// Those of the file, in its order; what runs actions passes over them.
+    pub tests: Vec<Test>,
     /// The values under which the actions are to be run, each combination on its own.
     pub sweep: Option<Sweep>,
     pub sources: SourceMap,
@@ -237,6 +239,13 @@ pub enum ExprKind {
         left: Box<Expr>,
         right: Box<Expr>,
     },
+    /// `left ≈ right within tolerance`: a percentage is relative to the larger magnitude.
+    Near {
+        left: Box<Expr>,
+        right: Box<Expr>,
+        tolerance: Box<Expr>,
+        relative: bool,
+    },
     Call(Box<Call>),
     Lambda(Arc<Lambda>),
     If {
@@ -421,11 +430,26 @@ pub struct Derivative {
 #[derive(Clone, Debug)]
 pub enum Action {
     Optimize(Box<Optimize>),
-    Save { value: Expr, path: Expr, span: Span },
-    Print { values: Vec<Expr>, span: Span },
+    Save {
+        value: Expr,
+        path: Expr,
+        span: Span,
+    },
+    Print {
+        values: Vec<Expr>,
+        span: Span,
+    },
     Plot(Box<Plot>),
-    Expect { condition: Expr, span: Span },
-    Report { columns: Vec<Column>, span: Span },
+    /// `why`: a text that is evaluated if the condition does not hold.
+    Expect {
+        condition: Expr,
+        why: Option<Expr>,
+        span: Span,
+    },
+    Report {
+        columns: Vec<Column>,
+        span: Span,
+    },
 }
 
 impl Action {
@@ -438,6 +462,52 @@ impl Action {
             | Action::Expect { span, .. }
             | Action::Report { span, .. } => *span,
         }
+    }
+}
+
+impl Action {
+    /// The expressions of an action other than `optimize`.
+    pub fn parts(&self) -> Vec<&Expr> {
+        match self {
+            Action::Optimize(_) => Vec::new(),
+            Action::Save { value, path, .. } => vec![value, path],
+            Action::Print { values, .. } => values.iter().collect(),
+            Action::Plot(plot) => plot.parts().collect(),
+            Action::Expect { condition, why, .. } => std::iter::once(condition).chain(why).collect(),
+            Action::Report { columns, .. } => columns.iter().filter_map(|c| c.value.as_ref()).collect(),
+        }
+    }
+}
+
+/// `test "name" { let … expect … }`
+#[derive(Clone, Debug)]
+pub struct Test {
+    pub name: String,
+    pub name_span: Span,
+    pub steps: Vec<TestStep>,
+}
+
+#[derive(Clone, Debug)]
+pub enum TestStep {
+    /// Seen by the steps behind it.
+    Let {
+        local: LocalId,
+        value: Expr,
+    },
+    Expect {
+        condition: Expr,
+        why: Option<Expr>,
+        span: Span,
+    },
+}
+
+impl TestStep {
+    pub fn parts(&self) -> impl Iterator<Item = &Expr> {
+        let (first, second) = match self {
+            TestStep::Let { value, .. } => (value, None),
+            TestStep::Expect { condition, why, .. } => (condition, why.as_ref()),
+        };
+        std::iter::once(first).chain(second)
     }
 }
 

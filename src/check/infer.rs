@@ -78,6 +78,9 @@ impl Checker<'_> {
             ast::ExprKind::Member { base, name } => self.member(base, name, span),
             ast::ExprKind::Unary { op, operand } => self.unary(*op, operand, span),
             ast::ExprKind::Binary { op, op_span, left, right } => self.binary(*op, *op_span, left, right, span),
+            ast::ExprKind::Near { op_span, left, right, tolerance } => {
+                self.near(*op_span, left, right, tolerance.as_deref(), span)
+            }
             ast::ExprKind::Range { start, end, inclusive } => self.range(start, end, *inclusive, span),
             ast::ExprKind::If { condition, then, otherwise } => self.if_(condition, then, otherwise, span, wanted),
             ast::ExprKind::Lambda { params, body } => self.lambda(params, body, span, wanted),

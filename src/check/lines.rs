@@ -156,6 +156,7 @@ impl Checker<'_> {
         self.renewed = known.renewed.clone();
         self.action_statements = known.action_statements.clone();
         self.actions = program.actions.clone();
+        self.tests = program.tests.clone();
         self.sweep = program.sweep.clone();
         self.default_scene = program.default_scene.clone();
         self.integrator = program.integrator;
@@ -193,6 +194,7 @@ impl Checker<'_> {
             self.default_scene.retain(|id| !stale.contains(id));
             self.integrator = self.integrator.filter(|id| !stale.contains(id));
             self.actions.clear();
+            self.tests.clear();
         }
         let file_actions = self.action_statements.len();
         self.add_statements(self.main, statements, &[line]);

@@ -146,6 +146,7 @@ pub struct Checker<'l> {
     /// A number for each function value, by its text and the names that it sees.
     pub lambdas: HashMap<String, u32>,
     pub actions: Vec<hir::Action>,
+    pub tests: Vec<hir::Test>,
     pub sweep: Option<hir::Sweep>,
     /// How many `then` were seen.
     pub thens: u32,
@@ -170,7 +171,7 @@ pub struct Checker<'l> {
     spelling_budget: usize,
     /// The types of the user's expressions by place, if somebody asks for them.
     pub types: Option<HashMap<Span, Ty>>,
-    /// Statements of actions, in order.
+    /// Statements of actions and tests, in order.
     pub action_statements: Vec<Arc<ast::Statement>>,
     pub files: HashMap<PathBuf, ModuleId>,
     parsed: HashMap<SourceId, Vec<Arc<ast::Statement>>>,
@@ -196,6 +197,7 @@ impl<'l> Checker<'l> {
             specialised: HashMap::new(),
             lambdas: HashMap::new(),
             actions: Vec::new(),
+            tests: Vec::new(),
             sweep: None,
             thens: 0,
             renewed: HashSet::new(),
@@ -249,8 +251,10 @@ impl<'l> Checker<'l> {
 
     pub fn action_statement(&mut self, statement: &ast::Statement) {
         self.module = self.main;
-        if let StatementKind::Action(action) = &statement.kind {
-            self.top_action(action);
+        match &statement.kind {
+            StatementKind::Action(action) => self.top_action(action),
+            StatementKind::Test(test) => self.test(test),
+            _ => {}
         }
     }
 
@@ -262,6 +266,7 @@ impl<'l> Checker<'l> {
         let program = Program {
             decls,
             actions: self.actions,
+            tests: self.tests,
             sweep: self.sweep,
             sources: self.sources.clone(),
             default_scene: self.default_scene,
@@ -383,9 +388,9 @@ impl<'l> Checker<'l> {
             }
             match &statement.kind {
                 StatementKind::Import(_) => imports.push(statement),
-                // Imports bring declarations, never actions.
-                StatementKind::Action(_) if module != self.main => {}
-                StatementKind::Action(_) => self.action_statements.push(statement),
+                // Imports bring declarations, never actions and tests.
+                StatementKind::Action(_) | StatementKind::Test(_) if module != self.main => {}
+                StatementKind::Action(_) | StatementKind::Test(_) => self.action_statements.push(statement),
                 _ => self.add_declaration(module, statement, lines),
             }
         }

@@ -68,6 +68,19 @@ Examples:
 
 Exits with 1 if there are errors; warnings alone are no failure.")]
     Check(CheckArgs),
+    /// Runs the tests that scripts hold: `test "name" { let … expect … }`
+    #[command(after_help = "\
+Examples:
+  dsl test lib/studio.dscene                         every test of a file
+  dsl test .                                         of every script in and below a folder
+  dsl test lib --filter lamp                         those with `lamp` in their names
+
+A test stands beside the functions that it tests. It sees the declarations of its file, with params at their initial values, and what it
+declares itself by `let`; `dsl run` and imports pass over it. A line tells what became of each, and each `expect` that fails is shown
+with the values that it compared. Exits with 1 if a test fails or a script is wrong, with 2 if no test has the name that is asked for.
+With --json, standard output gets {\"event\": \"test\", \"file\": …, \"name\": …, \"holds\": …, \"expects\": N, \"failures\": […], \"seconds\": …}
+for each, and at the end {\"event\": \"done\", \"exit\": …, \"tests\": N, \"failed\": N, \"wrong_files\": N}.")]
+    Test(TestArgs),
     /// Renders one image
     #[command(after_help = "\
 Examples:
@@ -334,6 +347,18 @@ pub struct ManArgs {
 }
 
 #[derive(Debug, Args)]
+pub struct TestArgs {
+    /// Scripts, and folders of scripts
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Only tests with TEXT in their names
+    #[arg(long, value_name = "TEXT")]
+    pub filter: Option<String>,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+#[derive(Debug, Args)]
 pub struct RenderArgs {
     /// The script
     pub file: PathBuf,
@@ -543,6 +568,7 @@ mod tests {
             "run f",
             "sweep f",
             "check f",
+            "test f",
             "render f",
             "grad f",
             "eval f x",

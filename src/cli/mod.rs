@@ -21,6 +21,7 @@ mod report;
 mod run;
 mod script;
 mod sweep;
+mod test;
 mod world;
 
 use std::panic::AssertUnwindSafe;
@@ -82,6 +83,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Run(a) => &a.common,
         Command::Sweep(a) => &a.run.common,
         Command::Check(a) => &a.common,
+        Command::Test(a) => &a.common,
         Command::Render(a) => &a.common,
         Command::Grad(a) => &a.common,
         Command::Eval(a) => &a.common,
@@ -117,6 +119,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Run(args) => run::run(args),
         Command::Sweep(args) => sweep::run(args),
         Command::Check(args) => check::run(&args),
+        Command::Test(args) => test::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Grad(args) => grad::run(&args),
         Command::Eval(args) => eval::run(&args),

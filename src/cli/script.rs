@@ -149,7 +149,7 @@ fn place(statement: &StatementKind, path: &[String]) -> Option<Span> {
             let (first, rest) = path.split_first()?;
             within(&fields.iter().find(|f| f.name.text == *first)?.value, rest)
         }
-        StatementKind::Fn(_) | StatementKind::Import(_) | StatementKind::Action(_) => None,
+        StatementKind::Fn(_) | StatementKind::Import(_) | StatementKind::Action(_) | StatementKind::Test(_) => None,
     }
 }
 

@@ -35,6 +35,7 @@ impl Engine {
             ExprKind::Field { base, name } => self.field(base, name, e.span),
             ExprKind::Unary { op, operand } => self.unary(*op, operand),
             ExprKind::Binary { op, left, right } => self.binary(*op, left, right, e.span),
+            ExprKind::Near { left, right, tolerance, relative } => self.near(left, right, tolerance, *relative, e.span),
             ExprKind::Call(call) => self.call(call, e),
             ExprKind::Lambda(lambda) => {
                 let captured = self.locals[self.base..].to_vec();
@@ -259,6 +260,23 @@ impl Engine {
                     .to_owned()
             }))
         })
+    }
+
+    /// Whether two values are near to each other.
+    fn near(&mut self, left: &Expr, right: &Expr, tolerance: &Expr, relative: bool, span: Span) -> Result<Value> {
+        let (x, y, by) = (self.expr(left)?, self.expr(right)?, self.expr(tolerance)?);
+        let nan = |(value, e): (&Value, &Expr)| origin::first(value, f64::is_nan).map(|text| (e.span, text));
+        let found: Vec<(Span, String)> =
+            [(&x, left), (&y, right), (&by, tolerance)].into_iter().filter_map(nan).collect();
+        if !found.is_empty() {
+            return Err(error::not_a_number("a comparison", span, found));
+        }
+        let Some(tolerance) = by.number() else {
+            return Err(error::kind(format!("how near is one number, this is {}", by.kind()), tolerance.span));
+        };
+        let deviation = natives::deviation(&x, &y)
+            .map_err(|message| error::shape(message, span).label(left.span, x.kind()).label(right.span, y.kind()))?;
+        Ok(Value::Bool(deviation.is_within(tolerance, relative)))
     }
 
     fn conditional(&mut self, condition: &Expr, then: &Expr, otherwise: &Expr) -> Result<Value> {

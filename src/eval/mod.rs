@@ -176,6 +176,8 @@ pub struct Engine {
     /// Params that changed since the cache was last cleared of values that depend on them.
     moved: Params,
     locals: Vec<(LocalId, Value)>,
+    /// Names that every expression from outside sees beside the declarations: what a test has computed.
+    scope: Vec<(LocalId, Value)>,
     /// Index of the first local of the function being evaluated.
     base: usize,
     world: usize,
@@ -212,6 +214,7 @@ impl Engine {
             renewed: vec![],
             moved: Params::default(),
             locals: vec![],
+            scope: vec![],
             base: 0,
             world: 0,
             path: 0,
@@ -406,6 +409,11 @@ impl Engine {
         self.on_stack(|engine| engine.at_root(e))
     }
 
+    /// The names that expressions given from outside see beside the declarations, in place of those before.
+    pub fn set_scope(&mut self, scope: Vec<(LocalId, Value)>) {
+        self.scope = scope;
+    }
+
     /// The value of a declaration.
     pub fn eval_decl(&mut self, id: DeclId) -> Result<Value> {
         self.on_stack(|e| e.fresh_frame(|e| e.decl(id)))
@@ -436,10 +444,11 @@ impl Engine {
         until(self.options.interrupt.clone(), work)
     }
 
-    /// Runs `f` without locals, in the outermost world.
+    /// Runs `f` in the outermost world, without locals but for the scope.
     fn fresh_frame<T>(&mut self, f: impl FnOnce(&mut Engine) -> Result<T>) -> Result<T> {
         let saved = (self.base, self.world, self.path, self.locals.len(), self.frames.len(), self.depth);
         (self.base, self.world, self.path) = (self.locals.len(), 0, 0);
+        self.locals.extend_from_slice(&self.scope);
         let nested = self.evaluating.len();
         let flag = self.options.interrupt.clone();
         let result = until(flag, || f(self)).and_then(|done| done);

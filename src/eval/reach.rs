@@ -3,7 +3,8 @@
 use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use crate::check::hir::{Callee, DeclId, DeclKind, Expr, ExprKind, FnDecl, Program, Rendering, StrPart};
+use crate::check::children;
+use crate::check::hir::{Callee, DeclId, DeclKind, Expr, ExprKind, FnDecl, Program, Rendering};
 
 /// The graph of declarations that mention one another, and its transitive closure. A declaration "reaches" another if it may depend on
 /// it, and every declaration reaches itself. What reaches a declaration is computed when it is first asked for, and cached.
@@ -125,50 +126,14 @@ pub(super) fn collect(root: &Expr, found: &mut Vec<u32>) {
     let mut stack = vec![root];
     while let Some(e) = stack.pop() {
         match &e.kind {
-            ExprKind::Number(_) | ExprKind::Angle(_) | ExprKind::Bool(_) => {}
-            ExprKind::Local(_) | ExprKind::Builtin(_) | ExprKind::Error => {}
             ExprKind::Decl(id) => found.push(id.0),
-            ExprKind::Str(parts) => stack.extend(parts.iter().filter_map(|p| match p {
-                StrPart::Value { value, .. } => Some(value),
-                StrPart::Text(_) => None,
-            })),
-            ExprKind::Array(items) => stack.extend(items),
-            ExprKind::Index { base, index } => stack.extend([&**base, &**index]),
-            ExprKind::Slice { base, start, end, .. } => {
-                stack.push(base);
-                stack.extend([start, end].into_iter().flatten().map(|b| &**b));
-            }
-            ExprKind::Field { base, .. } => stack.push(base),
-            ExprKind::Unary { operand, .. } => stack.push(operand),
-            ExprKind::Binary { left, right, .. } => stack.extend([&**left, &**right]),
-            ExprKind::Call(call) => {
-                match &call.callee {
-                    Callee::Native(id) | Callee::Decl(id) => found.push(id.0),
-                    Callee::Value(f) => stack.push(f),
-                }
-                stack.extend(call.args.iter().flatten());
-            }
-            ExprKind::Lambda(lambda) => stack.push(&lambda.body),
-            ExprKind::If { condition, then, otherwise } => stack.extend([&**condition, &**then, &**otherwise]),
-            ExprKind::Comprehension(c) => {
-                stack.push(&c.element);
-                for clause in &c.clauses {
-                    stack.push(&clause.items);
-                    stack.extend(&clause.condition);
-                }
-            }
-            ExprKind::With { body, replacements } => {
-                stack.push(body);
-                stack.extend(replacements.iter().map(|r| &r.value));
-            }
-            ExprKind::Range { start, end, .. } => stack.extend([&**start, &**end]),
-            ExprKind::Let { value, body, .. } => stack.extend([&**value, &**body]),
-            ExprKind::Derivative(d) => {
-                stack.push(&d.of);
-                stack.extend(&d.argument);
-                found.extend(d.wrt.iter().map(|(t, _)| t.decl.0));
-            }
-            ExprKind::Broadcast { value, .. } => stack.push(value),
+            ExprKind::Call(call) => match &call.callee {
+                Callee::Native(id) | Callee::Decl(id) => found.push(id.0),
+                Callee::Value(_) => {}
+            },
+            ExprKind::Derivative(d) => found.extend(d.wrt.iter().map(|(t, _)| t.decl.0)),
+            _ => {}
         }
+        children(e, &mut |child| stack.push(child));
     }
 }

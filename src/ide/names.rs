@@ -140,6 +140,14 @@ impl Walk<'_> {
                 }
             }
             StatementKind::Action(action) => self.action(action),
+            StatementKind::Test(test) => self.scoped(|walk| {
+                for step in &test.steps {
+                    step.parts().for_each(|part| walk.expr(part));
+                    if let ast::TestStep::Let { name, .. } = step {
+                        walk.bind(name);
+                    }
+                }
+            }),
         }
     }
 
@@ -195,7 +203,9 @@ impl Walk<'_> {
                 plot.values.iter().chain(&plot.over).chain(&plot.path).for_each(|e| self.expr(e));
                 self.settings(&plot.fields);
             }
-            ast::Action::Expect { condition, .. } => self.expr(condition),
+            ast::Action::Expect { condition, why, .. } => {
+                std::iter::once(condition).chain(why).for_each(|e| self.expr(e));
+            }
             ast::Action::Report { columns, .. } => {
                 for column in columns {
                     // `error` alone is `error: error`: the name is the value.
@@ -389,6 +399,9 @@ pub fn children(e: &Expr) -> Vec<&Expr> {
         ExprKind::Member { base, .. } => vec![base],
         ExprKind::Unary { operand, .. } => vec![operand],
         ExprKind::Binary { left, right, .. } => vec![left, right],
+        ExprKind::Near { left, right, tolerance, .. } => {
+            [left, right].into_iter().chain(tolerance).map(|e| &**e).collect()
+        }
         ExprKind::Range { start, end, .. } => vec![start, end],
         ExprKind::If { condition, then, otherwise } => vec![condition, then, otherwise],
         ExprKind::Lambda { body, .. } => vec![body],
@@ -419,6 +432,7 @@ pub fn roots(statement: &ast::Statement) -> Vec<&Expr> {
             found.extend(fields.iter().map(|f| &f.value))
         }
         StatementKind::Action(action) => action_roots(action, &mut found),
+        StatementKind::Test(test) => found.extend(test.steps.iter().flat_map(ast::TestStep::parts)),
     }
     found
 }
@@ -444,7 +458,7 @@ fn action_roots<'a>(action: &'a ast::Action, found: &mut Vec<&'a Expr>) {
             found.extend(plot.values.iter().chain(&plot.over).chain(&plot.path));
             found.extend(fields(&plot.fields));
         }
-        ast::Action::Expect { condition, .. } => found.push(condition),
+        ast::Action::Expect { condition, why, .. } => found.extend(std::iter::once(condition).chain(why)),
         ast::Action::Report { columns, .. } => found.extend(fields(columns)),
         ast::Action::Sweep(sweep) => {
             found.extend(sweep.variables.iter().map(|variable| &variable.values));

@@ -11,6 +11,7 @@ mod layout;
 mod linear;
 mod measures;
 mod meshes;
+mod near;
 mod networks;
 mod numbers;
 mod pictures;
@@ -31,6 +32,7 @@ use value::{MeshValue, Value};
 
 pub use fields::{field, fields_of, set_field};
 pub use linear::apply;
+pub use near::{Deviation, deviation};
 pub(crate) use scene::{NEEDS_FOCUS, add_to_scene, transform_matrix};
 
 /// An error of a native, with the argument to blame.

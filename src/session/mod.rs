@@ -3,6 +3,7 @@
 pub mod checkpoint;
 pub mod clock;
 pub mod events;
+pub mod expect;
 pub mod folder;
 mod least_squares;
 pub mod line;
@@ -26,6 +27,7 @@ mod starts;
 pub mod stats;
 pub mod sweep;
 pub mod tensorboard;
+pub mod test;
 pub mod world;
 
 pub use checkpoint::{Checkpoint, RunSettings};

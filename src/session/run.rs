@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::checkpoint::{Optimizing, Schedule};
 use super::clock::{Stopwatch, human_seconds};
+use super::expect;
 use super::folder::{RunFolder, cannot_write, output_path};
 use super::measure::loss_at;
 use super::notes::Notes;
@@ -178,7 +179,7 @@ impl<'a> Runner<'a> {
                 self.world.print(&texts.join(" "));
             }
             hir::Action::Plot(plot) => self.plot(plot)?,
-            hir::Action::Expect { condition, span } => self.expect(condition, *span)?,
+            hir::Action::Expect { condition, why, span } => self.expect(condition, why.as_ref(), *span)?,
             hir::Action::Report { columns, .. } => {
                 let mut reported = Vec::new();
                 for column in columns {
@@ -452,83 +453,20 @@ impl<'a> Runner<'a> {
         output_path(folder, name).map_err(|told| told.label(span, "this file"))
     }
 
-    fn expect(&mut self, condition: &hir::Expr, span: Span) -> Result<(), Diagnostic> {
+    fn expect(&mut self, condition: &hir::Expr, why: Option<&hir::Expr>, span: Span) -> Result<(), Diagnostic> {
         self.report.expects += 1;
-        let failure = match self.failure(condition) {
-            // What compares a NaN holds neither nor fails to: it is not what was expected.
-            Err(touched) if touched.code == eval::NOT_A_NUMBER => {
-                let origin = self.engine.origin(condition);
-                let labels = touched.labels.into_iter().map(|l| (l.span, l.text));
-                let labels = labels.chain(origin.map(|o| (o.span, format!("it came from here: {}", o.text)))).collect();
-                Some(Failure { message: format!("expectation failed: {}", touched.message), labels })
+        match expect::failed(self.engine, condition, why, span)? {
+            Some(failed) => {
+                self.report.failed_expects += 1;
+                self.world.progress_done();
+                self.tell(&failed);
             }
-            other => other?,
-        };
-        let Some(failure) = failure else {
-            let text = self.engine.program().sources.text(condition.span).to_owned();
-            self.world.note(&format!("expect holds: {}", shortened(&text)));
-            return Ok(());
-        };
-        self.report.failed_expects += 1;
-        self.world.progress_done();
-        let mut diagnostic = Diagnostic::error("dscene::run::expect", failure.message);
-        if failure.labels.is_empty() {
-            diagnostic = diagnostic.label(span, "is false");
+            None => {
+                let text = self.engine.program().sources.text(condition.span).to_owned();
+                self.world.note(&format!("expect holds: {}", shortened(&text)));
+            }
         }
-        for (span, text) in failure.labels {
-            diagnostic = diagnostic.label(span, text);
-        }
-        self.tell(&diagnostic);
         Ok(())
-    }
-
-    /// Why a condition does not hold, with the values of both sides of the comparison to blame.
-    fn failure(&mut self, condition: &hir::Expr) -> Result<Option<Failure>, Diagnostic> {
-        use hir::BinaryOp::{And, Eq, Ge, Gt, Le, Lt, Ne};
-        if let hir::ExprKind::Binary { op, left, right } = &condition.kind {
-            match op {
-                And => {
-                    return match self.failure(left)? {
-                        Some(failure) => Ok(Some(failure)),
-                        None => self.failure(right),
-                    };
-                }
-                Eq | Ne | Lt | Le | Gt | Ge => {
-                    if is_true(&self.engine.eval(condition)?) {
-                        return Ok(None);
-                    }
-                    let (a, b) = (self.engine.eval(left)?, self.engine.eval(right)?);
-                    let mut shown = [(&a, &left.ty), (&b, &right.ty)].map(|(x, ty)| eval::brief(x, ty));
-                    // Numbers that only look the same are shown with all their digits.
-                    if *op != Ne && shown[0] == shown[1] {
-                        shown = [(&a, &left.ty), (&b, &right.ty)].map(|(x, ty)| eval::exact(x, ty));
-                    }
-                    let [a, b] = shown;
-                    let symbol = match op {
-                        Eq => "==",
-                        Ne => "!=",
-                        Lt => "<",
-                        Le => "<=",
-                        Gt => ">",
-                        _ => ">=",
-                    };
-                    let message = format!("expectation failed: {} {symbol} {} is false", shortened(&a), shortened(&b));
-                    let mut labels = Vec::new();
-                    for (side, text) in [(left, &a), (right, &b)] {
-                        if self.engine.program().sources.text(side.span).trim() != text {
-                            labels.push((side.span, format!("this is {}", shortened(text))));
-                        }
-                    }
-                    return Ok(Some(Failure { message, labels }));
-                }
-                _ => {}
-            }
-        }
-        if is_true(&self.engine.eval(condition)?) {
-            return Ok(None);
-        }
-        let labels = vec![(condition.span, "is false".to_owned())];
-        Ok(Some(Failure { message: "expectation failed".to_owned(), labels }))
     }
 }
 
@@ -541,21 +479,12 @@ pub fn tell_warnings(engine: &mut Engine, world: &mut dyn World) {
     }
 }
 
-struct Failure {
-    message: String,
-    labels: Vec<(Span, String)>,
-}
-
 /// On one line, strings bare.
 fn printed(value: &Value, ty: &Ty) -> String {
     match value {
         Value::Str(s) => s.to_string(),
         _ => eval::brief(value, ty),
     }
-}
-
-fn is_true(value: &Value) -> bool {
-    matches!(value, Value::Bool(true))
 }
 
 /// At most about 60 characters, on one line.

@@ -26,7 +26,7 @@ impl Statement {
             }
             StatementKind::Param(param) => Some(&param.name.text),
             StatementKind::Fn(f) => Some(&f.name.text),
-            StatementKind::Import(_) | StatementKind::Action(_) => None,
+            StatementKind::Import(_) | StatementKind::Action(_) | StatementKind::Test(_) => None,
         }
     }
 }
@@ -59,6 +59,32 @@ pub enum StatementKind {
         body: KindBody,
     },
     Action(Action),
+    Test(Test),
+}
+
+/// `test "name" { let … expect … }`
+#[derive(Clone, Debug)]
+pub struct Test {
+    pub name: Name,
+    pub steps: Vec<TestStep>,
+    /// From `test` to the name.
+    pub head: Span,
+}
+
+#[derive(Clone, Debug)]
+pub enum TestStep {
+    Let { name: Name, ty: Option<Type>, value: Expr },
+    Expect { condition: Expr, why: Option<Expr>, span: Span },
+}
+
+impl TestStep {
+    pub fn parts(&self) -> impl Iterator<Item = &Expr> {
+        let (first, second) = match self {
+            TestStep::Let { value, .. } => (value, None),
+            TestStep::Expect { condition, why, .. } => (condition, why.as_ref()),
+        };
+        std::iter::once(first).chain(second)
+    }
 }
 
 #[derive(Clone, Debug)]
@@ -131,7 +157,7 @@ pub enum Action {
     Save { value: Expr, path: Expr, span: Span },
     Print { values: Vec<Expr>, span: Span },
     Plot(Box<Plot>),
-    Expect { condition: Expr, span: Span },
+    Expect { condition: Expr, why: Option<Expr>, span: Span },
     Report { columns: Vec<Field>, span: Span },
     Sweep(Box<Sweep>),
 }
@@ -289,6 +315,13 @@ pub enum ExprKind {
         op_span: Span,
         left: Box<Expr>,
         right: Box<Expr>,
+    },
+    /// `a ≈ b within 1%`; what has no `within` is wrong.
+    Near {
+        op_span: Span,
+        left: Box<Expr>,
+        right: Box<Expr>,
+        tolerance: Option<Box<Expr>>,
     },
     Range {
         start: Box<Expr>,

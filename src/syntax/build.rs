@@ -1,12 +1,13 @@
-//! pest's pairs → the tree. Operator precedence, literals and units are decided here.
+//! pest's pairs → the tree.
 
-use std::f64::consts::PI;
+mod expr;
 
 use pest::iterators::{Pair, Pairs};
 
-use super::ast::{self, Action, BinaryOp, Expr, ExprKind, Field, Name, Plot, StatementKind, UnaryOp};
+use expr::error;
+
+use super::ast::{self, Action, Expr, ExprKind, Field, Name, Plot, StatementKind};
 use super::grammar::Rule;
-use super::literal;
 use crate::diag::Diagnostic;
 use crate::source::{SourceId, Span};
 
@@ -109,6 +110,7 @@ impl Builder<'_> {
                 StatementKind::Action(self.simple_action(rule, parts, span)?)
             }
             Rule::report => StatementKind::Action(self.report(parts, span)),
+            Rule::test => StatementKind::Test(self.test(parts, span)?),
             Rule::sweep => StatementKind::Action(Action::Sweep(Box::new(self.sweep(parts, span)))),
             _ => return None,
         })
@@ -138,6 +140,41 @@ impl Builder<'_> {
             }
         }
         sweep
+    }
+
+    fn test(&mut self, mut parts: Parts, span: Span) -> Option<ast::Test> {
+        let name = parts.find(Rule::string)?;
+        let at = self.span(&name);
+        let [ast::StrPart::Text(text)] = &self.string(name)[..] else {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::syntax::unexpected", "a test has a plain name")
+                    .label(at, "this has interpolations"),
+            );
+            return None;
+        };
+        let head = Span { end: at.end, ..span };
+        let mut test = ast::Test { name: Name { text: text.clone(), span: at }, steps: Vec::new(), head };
+        for part in parts.0 {
+            let span = self.span(&part);
+            let step = match part.as_rule() {
+                Rule::block_let => self.block_let(part).map(|(name, ty, value)| ast::TestStep::Let { name, ty, value }),
+                Rule::expect => self.action(part).and_then(|action| match action {
+                    Action::Expect { condition, why, span } => Some(ast::TestStep::Expect { condition, why, span }),
+                    _ => None,
+                }),
+                _ => {
+                    let first = part.as_str().split_whitespace().next().unwrap_or("");
+                    self.diagnostics.push(
+                        Diagnostic::error("dscene::test::statement", format!("a test holds no `{first}`"))
+                            .label(Span { end: span.start + first.len() as u32, ..span }, "neither `let` nor `expect`")
+                            .help("it sees what the file declares: write it there, or a value as `let`"),
+                    );
+                    None
+                }
+            };
+            test.steps.extend(step);
+        }
+        Some(test)
     }
 
     fn report(&mut self, parts: Parts, span: Span) -> Action {
@@ -341,7 +378,10 @@ impl Builder<'_> {
             Rule::save => Some(Action::Save { value: values.pop()?, path: path?, span }),
             Rule::print => Some(Action::Print { values, span }),
             Rule::plot => Some(Action::Plot(Box::new(Plot { values, over, path, fields, span }))),
-            Rule::expect => Some(Action::Expect { condition: values.pop()?, span }),
+            Rule::expect => {
+                let mut values = values.into_iter();
+                Some(Action::Expect { condition: values.next()?, why: values.next(), span })
+            }
             _ => None,
         }
     }
@@ -359,17 +399,20 @@ impl Builder<'_> {
                 body = self.expr(part);
                 continue;
             }
-            let mut parts = Parts(part.into_inner());
-            let (Some(name), ty) = (parts.find(Rule::ident), parts.take(Rule::type_)) else { continue };
-            let (name, ty) = (self.name(name), ty.map(|p| self.ty(p)));
-            if let Some(value) = parts.0.find(|p| matches!(p.as_rule(), Rule::expr | Rule::block)) {
-                lets.push((name, ty, self.expr_or_block(value)));
-            }
+            lets.extend(self.block_let(part));
         }
         // Each `let` is a level of the typed tree.
         let Some(level) = self.deeper(lets.len(), span) else { return error(span) };
         self.level = level;
         Expr { kind: ExprKind::Block { lets, body: Box::new(body) }, span }
+    }
+
+    fn block_let(&mut self, pair: P) -> Option<(Name, Option<ast::Type>, Expr)> {
+        let mut parts = Parts(pair.into_inner());
+        let (name, ty) = (parts.find(Rule::ident)?, parts.take(Rule::type_));
+        let (name, ty) = (self.name(name), ty.map(|p| self.ty(p)));
+        let value = parts.0.find(|p| matches!(p.as_rule(), Rule::expr | Rule::block))?;
+        Some((name, ty, self.expr_or_block(value)))
     }
 
     fn ty(&mut self, pair: P) -> ast::Type {
@@ -399,366 +442,6 @@ impl Builder<'_> {
         }
         Some(ast::TypeAtom { kind, lens, len_names, span })
     }
-
-    fn replacement(&mut self, pair: P) -> Option<ast::Replacement> {
-        let mut parts = Parts(pair.into_inner());
-        let target = parts.find(Rule::target)?;
-        let span = self.span(&target);
-        let path = target.into_inner().map(|p| self.name(p)).collect();
-        Some(ast::Replacement { path, span, value: self.expr(parts.find(Rule::expr)?) })
-    }
-
-    /// `x |> f(y)` is `f(x, y)`, and `x |> f` is `f(x)`.
-    fn pipe(&mut self, pair: P) -> Expr {
-        let span = self.span(&pair);
-        let parts: Vec<P> = pair.into_inner().collect();
-        let Some(level) = self.deeper(parts.len().saturating_sub(1), span) else { return error(span) };
-        let mut parts = parts.into_iter();
-        let Some(first) = parts.next() else { return error(span) };
-        let mut value = self.choice(first);
-        for part in parts {
-            let stage = self.choice(part);
-            let span = value.span.to(stage.span);
-            let first = ast::Argument { name: None, value };
-            let kind = match stage.kind {
-                ExprKind::Call { callee, mut args } => {
-                    args.insert(0, first);
-                    ExprKind::Call { callee, args }
-                }
-                kind => ExprKind::Call { callee: Box::new(Expr { kind, span: stage.span }), args: vec![first] },
-            };
-            value = Expr { kind, span };
-        }
-        self.level = level;
-        value
-    }
-
-    fn choice(&mut self, pair: P) -> Expr {
-        let span = self.span(&pair);
-        let nested = usize::from(pair.as_rule() != Rule::logic);
-        let Some(level) = self.deeper(nested, span) else { return error(span) };
-        let expr = match pair.as_rule() {
-            Rule::if_ => {
-                let mut parts =
-                    pair.into_inner().filter(|p| !matches!(p.as_rule(), Rule::kw_if | Rule::kw_then | Rule::kw_else));
-                match (parts.next(), parts.next(), parts.next()) {
-                    (Some(condition), Some(then), Some(otherwise)) => Expr {
-                        kind: ExprKind::If {
-                            condition: Box::new(self.expr(condition)),
-                            then: Box::new(self.choice(then)),
-                            otherwise: Box::new(self.choice(otherwise)),
-                        },
-                        span,
-                    },
-                    _ => error(span),
-                }
-            }
-            Rule::lambda => {
-                let mut params = Vec::new();
-                let mut body = error(span);
-                for part in pair.into_inner() {
-                    match part.as_rule() {
-                        Rule::ident => params.push(self.name(part)),
-                        Rule::block => body = self.block(part),
-                        // All that follows belongs to the function: `x => x + 1 |> sqrt`.
-                        _ => body = self.pipe(part),
-                    }
-                }
-                Expr { kind: ExprKind::Lambda { params, body: Box::new(body) }, span }
-            }
-            _ => self.logic(pair),
-        };
-        self.level = level;
-        expr
-    }
-
-    /// A flat run of prefixes, operands and infix operators, ordered by precedence climbing.
-    fn logic(&mut self, pair: P) -> Expr {
-        let span = self.span(&pair);
-        let items: Vec<P> = pair.into_inner().collect();
-        let Some(level) = self.deeper(items.len().saturating_sub(1), span) else { return error(span) };
-        let mut items = items.into_iter().peekable();
-        let expr = self.climb(&mut items, 0).unwrap_or(error(span));
-        self.level = level;
-        expr
-    }
-
-    fn climb<'i>(&mut self, items: &mut std::iter::Peekable<impl Iterator<Item = P<'i>>>, min: u8) -> Option<Expr> {
-        let first = items.next()?;
-        let mut left = if first.as_rule() == Rule::prefix {
-            let start = self.span(&first);
-            let (op, power) = if first.as_str() == "-" { (UnaryOp::Neg, 13) } else { (UnaryOp::Not, 5) };
-            let operand = self.climb(items, power)?;
-            let span = start.to(operand.span);
-            Expr { kind: ExprKind::Unary { op, operand: Box::new(operand) }, span }
-        } else if first.as_rule() == Rule::if_ {
-            self.choice(first)
-        } else {
-            self.operand(first)
-        };
-        // The comparison that this chain already holds, if any.
-        let mut compared: Option<Span> = None;
-        while let Some(infix) = items.peek() {
-            let (power, right_power) = binding(infix.as_str());
-            if power < min {
-                break;
-            }
-            let op_span = self.span(infix);
-            let op = infix.as_str().to_owned();
-            items.next();
-            let right = self.climb(items, right_power)?;
-            let span = left.span.to(right.span);
-            if power == 7 {
-                if let Some(first) = compared {
-                    self.diagnostics.push(
-                        Diagnostic::error("dscene::syntax::chained_comparison", "comparisons cannot be chained")
-                            .label(op_span, "a second comparison")
-                            .label(first, "the first one")
-                            .help("join two comparisons with `and`: `a < b and b < c`"),
-                    );
-                    return Some(error(span));
-                }
-                compared = Some(op_span);
-            }
-            let (l, r) = (Box::new(left), Box::new(right));
-            let kind = match operator(&op) {
-                Some(op) => ExprKind::Binary { op, op_span, left: l, right: r },
-                None => ExprKind::Range { start: l, end: r, inclusive: op == "..=" },
-            };
-            left = Expr { kind, span };
-        }
-        Some(left)
-    }
-
-    fn operand(&mut self, pair: P) -> Expr {
-        let span = self.span(&pair);
-        let mut parts: Vec<P> = pair.into_inner().collect();
-        let Some(level) = self.deeper(parts.len().saturating_sub(1), span) else { return error(span) };
-        if parts.is_empty() {
-            return error(span);
-        }
-        let first = parts.remove(0);
-        let mut value = self.primary(first);
-        for part in parts {
-            let span = value.span.to(self.span(&part));
-            let base = Box::new(value);
-            let kind = match part.as_rule() {
-                Rule::call => {
-                    let args = part.into_inner().filter_map(|p| self.argument(p)).collect();
-                    ExprKind::Call { callee: base, args }
-                }
-                Rule::member => match part.into_inner().next() {
-                    Some(name) => ExprKind::Member { base, name: self.name(name) },
-                    None => ExprKind::Error,
-                },
-                _ => self.index(base, part),
-            };
-            value = Expr { kind, span };
-        }
-        self.level = level;
-        value
-    }
-
-    fn argument(&mut self, pair: P) -> Option<ast::Argument> {
-        let mut parts = Parts(pair.into_inner());
-        let name = parts.take(Rule::word).map(|p| self.name(p));
-        Some(ast::Argument { name, value: self.expr(parts.find(Rule::expr)?) })
-    }
-
-    fn index(&mut self, base: Box<Expr>, pair: P) -> ExprKind {
-        let mut parts = pair.into_inner().peekable();
-        let Some(mut first) = parts.next() else { return ExprKind::Error };
-        let mut base = base;
-        // All but the last index.
-        while parts.peek().is_some_and(|p| p.as_rule() != Rule::open_end) {
-            let start = base.span;
-            let index = self.expr(first);
-            let span = start.to(index.span);
-            if let ExprKind::Range { .. } = index.kind {
-                self.diagnostics.push(
-                    Diagnostic::error("dscene::syntax::index", "only the last of several indices may be a range")
-                        .label(index.span, "a range of rows")
-                        .help("take the part of an image by `crop(img, x: …, y: …, width: …, height: …)`"),
-                );
-                return ExprKind::Error;
-            }
-            base = Box::new(Expr { kind: ExprKind::Index { base, index: Box::new(index) }, span });
-            let Some(next) = parts.next() else { return ExprKind::Error };
-            first = next;
-        }
-        if first.as_rule() == Rule::open_range {
-            let inclusive = first.as_str().starts_with("..=");
-            let end = first.into_inner().next().map(|p| Box::new(self.expr(p)));
-            return ExprKind::Slice { base, start: None, end, inclusive };
-        }
-        let index = self.expr(first);
-        if parts.next().is_some() {
-            return ExprKind::Slice { base, start: Some(Box::new(index)), end: None, inclusive: false };
-        }
-        match index.kind {
-            ExprKind::Range { start, end, inclusive } => {
-                ExprKind::Slice { base, start: Some(start), end: Some(end), inclusive }
-            }
-            _ => ExprKind::Index { base, index: Box::new(index) },
-        }
-    }
-
-    fn primary(&mut self, pair: P) -> Expr {
-        let span = self.span(&pair);
-        let Some(pair) = pair.into_inner().next() else { return error(span) };
-        let span = self.span(&pair);
-        let kind = match pair.as_rule() {
-            Rule::number => self.number(pair.as_str(), span),
-            Rule::color => self.literal(literal::color(pair.as_str()), span),
-            Rule::string => ExprKind::Str(self.string(pair)),
-            Rule::boolean => ExprKind::Bool(pair.as_str() == "true"),
-            Rule::ident => ExprKind::Name(pair.as_str().to_owned()),
-            Rule::paren => return pair.into_inner().next().map_or(error(span), |p| Expr { span, ..self.expr(p) }),
-            Rule::array => self.array(pair, span),
-            Rule::numbers => ExprKind::Array(pair.into_inner().map(|p| self.signed(p)).collect()),
-            _ => ExprKind::Error,
-        };
-        Expr { kind, span }
-    }
-
-    /// `[a, b]` or `[e for x in xs]`.
-    fn array(&mut self, pair: P, span: Span) -> ExprKind {
-        let mut elements = Vec::new();
-        let mut clauses = Vec::new();
-        for part in pair.into_inner() {
-            match part.as_rule() {
-                Rule::for_ => clauses.extend(self.for_clause(part)),
-                _ => elements.push(self.expr(part)),
-            }
-        }
-        if clauses.is_empty() {
-            return ExprKind::Array(elements);
-        }
-        let element = elements.pop().unwrap_or(error(span));
-        ExprKind::Comprehension { element: Box::new(element), clauses }
-    }
-
-    fn for_clause(&mut self, pair: P) -> Option<ast::ForClause> {
-        let mut names = Vec::new();
-        let mut exprs = Vec::new();
-        for part in pair.into_inner() {
-            match part.as_rule() {
-                Rule::ident => names.push(self.name(part)),
-                Rule::expr_in => exprs.extend(part.into_inner().next().map(|p| self.pipe(p))),
-                _ => {}
-            }
-        }
-        let mut exprs = exprs.into_iter();
-        Some(ast::ForClause { names, items: exprs.next()?, condition: exprs.next() })
-    }
-
-    fn signed(&mut self, pair: P) -> Expr {
-        let span = self.span(&pair);
-        match pair.as_str().strip_prefix('-') {
-            None => Expr { kind: self.number(pair.as_str(), span), span },
-            Some(digits) => {
-                let inner = Span { start: span.start + 1, ..span };
-                let operand = Expr { kind: self.number(digits, inner), span: inner };
-                Expr { kind: ExprKind::Unary { op: UnaryOp::Neg, operand: Box::new(operand) }, span }
-            }
-        }
-    }
-
-    fn number(&mut self, text: &str, span: Span) -> ExprKind {
-        self.literal(literal::number(text), span)
-    }
-
-    fn literal(&mut self, value: Result<ExprKind, literal::Wrong>, span: Span) -> ExprKind {
-        value.unwrap_or_else(|wrong| {
-            let label = wrong.label;
-            self.diagnostics.push(Diagnostic::error(wrong.code, wrong.message).label(span, label).help_opt(wrong.help));
-            ExprKind::Error
-        })
-    }
-
-    fn string(&mut self, pair: P) -> Vec<ast::StrPart> {
-        let mut parts: Vec<ast::StrPart> = Vec::new();
-        let mut text = String::new();
-        for part in pair.into_inner() {
-            let span = self.span(&part);
-            match part.as_rule() {
-                Rule::text => text.push_str(&part.as_str().replace("{{", "{").replace("}}", "}")),
-                Rule::escape => match literal::escape(part.as_str()) {
-                    Ok(c) => text.push(c),
-                    Err(wrong) => {
-                        self.literal(Err(wrong), span);
-                    }
-                },
-                _ => {
-                    if !text.is_empty() {
-                        parts.push(ast::StrPart::Text(std::mem::take(&mut text)));
-                    }
-                    let mut inner = Parts(part.into_inner());
-                    let Some(value) = inner.find(Rule::expr).map(|p| self.expr(p)) else { continue };
-                    let format = inner.take(Rule::format).and_then(|f| {
-                        let parsed = literal::format(f.as_str());
-                        if parsed.is_none() {
-                            let at = self.span(&f);
-                            self.literal(Err(literal::bad_format(f.as_str())), at);
-                        }
-                        parsed
-                    });
-                    parts.push(ast::StrPart::Value { value, format });
-                }
-            }
-        }
-        if !text.is_empty() || parts.is_empty() {
-            parts.push(ast::StrPart::Text(text));
-        }
-        parts
-    }
-}
-
-/// The value of `45deg` in radians, and of the other units of angles.
-pub fn radians(value: f64, unit: &str) -> Option<f64> {
-    match unit {
-        "deg" => Some(value * PI / 180.0),
-        "rad" => Some(value),
-        "turn" => Some(value * 2.0 * PI),
-        _ => None,
-    }
-}
-
-fn error(span: Span) -> Expr {
-    Expr { kind: ExprKind::Error, span }
-}
-
-/// Left and right binding power. `^` binds to the right, and its right side may have a minus.
-fn binding(op: &str) -> (u8, u8) {
-    match op {
-        "or" => (1, 2),
-        "and" => (3, 4),
-        "==" | "!=" | "<" | "<=" | ">" | ">=" => (7, 8),
-        ".." | "..=" => (9, 10),
-        "+" | "-" => (10, 11),
-        "*" | "/" | "@" => (12, 13),
-        _ => (15, 14),
-    }
-}
-
-fn operator(op: &str) -> Option<BinaryOp> {
-    Some(match op {
-        "+" => BinaryOp::Add,
-        "-" => BinaryOp::Sub,
-        "*" => BinaryOp::Mul,
-        "/" => BinaryOp::Div,
-        "@" => BinaryOp::Apply,
-        "^" => BinaryOp::Pow,
-        "==" => BinaryOp::Eq,
-        "!=" => BinaryOp::Ne,
-        "<" => BinaryOp::Lt,
-        "<=" => BinaryOp::Le,
-        ">" => BinaryOp::Gt,
-        ">=" => BinaryOp::Ge,
-        "and" => BinaryOp::And,
-        "or" => BinaryOp::Or,
-        _ => return None,
-    })
 }
 
 /// The children of a pair, taken in order.

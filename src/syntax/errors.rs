@@ -99,6 +99,15 @@ fn head(text: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Option<Dia
     if !statement_words().any(|w| w == word) {
         return (!is_reserved(&word)).then(|| unknown_word(text, at, &word, span));
     }
+    let (name_at, name) = token_at(text, skip_space(text, at + word.len()));
+    if word == "test" {
+        let help = format!("a test is named by a text: write `test \"{name}\" {{ … }}`");
+        return is_name(&name).then(|| {
+            Diagnostic::error("dscene::syntax::unexpected", format!("expected a text, but found `{name}`"))
+                .label(span(name_at, name_at + name.len()), "expected a text")
+                .help(help)
+        });
+    }
     let form = match word.as_str() {
         "let" | "loss" => "= …",
         "param" => "= …",
@@ -106,7 +115,6 @@ fn head(text: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Option<Dia
         w if super::KINDS.contains(&w) => "{ … }",
         _ => return None,
     };
-    let (name_at, name) = token_at(text, skip_space(text, at + word.len()));
     let (next_at, next) = token_at(text, skip_space(text, name_at + name.len()));
     let spaced = if word == "fn" { String::new() } else { " ".to_owned() };
     if !is_name(&name) || (word == "loss" && matches!(next.as_str(), "(" | "." | "+" | "-" | "*" | "/" | "@")) {
@@ -198,7 +206,7 @@ fn unknown_word(text: &str, at: usize, word: &str, span: &dyn std::ops::Fn(usize
         }
         None => {
             "statements begin with `let`, `param`, `fn`, `camera`, `material`, `shape`, `light`, `loss`, `optimize`, \
-             `save`, `print`, `plot`, `expect`, `sweep` or `import`"
+             `save`, `print`, `plot`, `expect`, `test`, `sweep` or `import`"
                 .to_owned()
         }
     };
@@ -330,6 +338,7 @@ fn rename(rule: Rule) -> &'static str {
         Rule::every => "`every`",
         Rule::save | Rule::print | Rule::plot | Rule::expect => "an action",
         Rule::optimize | Rule::report | Rule::sweep => "an action",
+        Rule::test => "`test`",
         Rule::swept => "`NAME in VALUES`",
         Rule::reported => "a column `name: value`",
         Rule::kw_to => "`to`",

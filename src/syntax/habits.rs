@@ -170,6 +170,16 @@ impl<'a> Stop<'a> {
                 format!("leave it out: `{rest}`"),
             );
         }
+        if self.before().ends_with('%') && !here.is_empty() && !is_reserved(here) {
+            let (part, whole) = (operand_before(self.text, self.at), operand_after(self.text, self.at));
+            return habit(
+                self.at,
+                self.at + here.len(),
+                "a part of something needs its `of`",
+                "of this?",
+                format!("write `{part} of {whole}`"),
+            );
+        }
         let number =
             previous.starts_with(|c: char| c.is_ascii_digit()) && !previous.contains(|c: char| c.is_ascii_alphabetic());
         let unit = match here {
@@ -370,6 +380,11 @@ impl<'a> Stop<'a> {
                 "leave this out",
                 help,
             );
+        }
+        if rest.starts_with('"') && self.first() == "expect" && open_bracket(self.text, self.at).is_none() {
+            let condition = self.before().trim_start().get("expect".len()..)?.trim();
+            let help = format!("write `expect {condition}, {}`", rest.trim_end());
+            return habit(self.at, self.at + 1, "expected `,`, but found a string", "expected `,`", help);
         }
         if rest.starts_with('"')
             && self.text.trim_start().starts_with("save")

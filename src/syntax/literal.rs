@@ -1,7 +1,8 @@
 //! Numbers with units, colours, escapes and formats.
 
+use std::f64::consts::PI;
+
 use super::ast::{ExprKind, StrFormat};
-use super::build::radians;
 
 /// What is wrong with a literal.
 pub struct Wrong {
@@ -146,4 +147,14 @@ pub fn bad_format(text: &str) -> Wrong {
 
 fn wrong(code: &'static str, message: String, label: &str, help: Option<String>) -> Wrong {
     Wrong { code, message, label: label.to_owned(), help }
+}
+
+/// The value of `45deg` in radians, and of the other units of angles.
+fn radians(value: f64, unit: &str) -> Option<f64> {
+    match unit {
+        "deg" => Some(value * PI / 180.0),
+        "rad" => Some(value),
+        "turn" => Some(value * 2.0 * PI),
+        _ => None,
+    }
 }

@@ -95,6 +95,9 @@ pub fn without_comments(text: &str) -> String {
 pub fn is_statement(text: &str) -> bool {
     let scan = scan::scan(SourceId(0), text);
     let Some(piece) = scan.pieces.first() else { return false };
+    if scan::is_test(&scan.text[piece.start..piece.end]) {
+        return true;
+    }
     let words: Vec<&str> = scan.text[piece.start..piece.end].split_whitespace().take(2).collect();
     let first = words.first().copied().unwrap_or("");
     let word = |w: &str| w.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');

@@ -43,7 +43,7 @@ pub fn is_reserved(word: &str) -> bool {
 }
 
 pub fn statement_words() -> impl Iterator<Item = &'static str> + Clone {
-    STATEMENTS.into_iter().chain(KINDS)
+    STATEMENTS.into_iter().chain(KINDS).chain(["test"])
 }
 
 /// Scans a whole text.
@@ -105,11 +105,19 @@ pub fn declared_name(text: &str) -> Option<&str> {
     let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
     let mut words = text.split(|c: char| !is_word(c)).filter(|w| !w.is_empty());
     let first = words.next()?;
+    if is_test(text) {
+        return None;
+    }
     let behind = text.trim_start().get(first.len()..).unwrap_or("").trim_start();
     if !is_reserved(first) && behind.starts_with(['=', ':', '+', '-', '*', '/', '.']) {
         return Some(first);
     }
     words.find(|w| !is_reserved(w))
+}
+
+/// Whether a statement is a test.
+pub fn is_test(text: &str) -> bool {
+    text.trim_start().strip_prefix("test").is_some_and(|rest| rest.trim_start().starts_with('"'))
 }
 
 /// Whether a text has nothing but white space and comments.
@@ -448,6 +456,14 @@ fn begins_statement<'a>(
     text: &str,
 ) -> bool {
     let Some(first) = word(i) else { return false };
+    // A name for anything else, but a statement before its text.
+    if first == "test" && tokens.get(i + 1).is_some_and(|t| text[t.start..].starts_with('"')) {
+        return true;
+    }
+    // They go on with what stands on the line before.
+    if matches!(first, "within" | "of") && tokens.get(i + 1).is_some_and(|t| &text[t.start..t.end] != "=") {
+        return false;
+    }
     if is_assignment(tokens, i, text) {
         return true;
     }

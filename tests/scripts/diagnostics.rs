@@ -1,6 +1,8 @@
 //! Wrong scripts: each gives the right code at the right place with the right help, and looks right in a terminal.
 //! `UPDATE_EXPECT=1 cargo test --test scripts diagnostics::` rewrites the pictures in `tests/scripts/diagnostics/`.
 
+mod expectations;
+
 use std::path::Path;
 
 use dscene::check::{Disk, check_text};
@@ -24,6 +26,10 @@ struct Case {
     script: &'static str,
     /// Code, text under the first label, part of a help: one entry for each diagnostic, in order.
     wanted: &'static [(&'static str, &'static str, &'static str)],
+}
+
+fn cases() -> impl Iterator<Item = &'static Case> {
+    CASES.iter().chain(expectations::CASES)
 }
 
 const CASES: &[Case] = &[
@@ -705,7 +711,7 @@ expect 3",
 #[test]
 fn wrong_scripts_are_told_what_is_wrong_where_and_what_to_write() {
     let mut failures = Vec::new();
-    for case in CASES {
+    for case in cases() {
         let text = format!("{}{}\n", case.prelude, case.script);
         let checked = check_text(&format!("{}.dscene", case.name), None, text, &[], &Disk);
         let found: Vec<(&str, &str, String)> = checked
@@ -728,7 +734,7 @@ fn wrong_scripts_are_told_what_is_wrong_where_and_what_to_write() {
 
 #[test]
 fn no_label_points_into_the_library() {
-    for case in CASES {
+    for case in cases() {
         let text = format!("{}{}\n", case.prelude, case.script);
         let checked = check_text("script.dscene", None, text, &[], &Disk);
         for diagnostic in &checked.diagnostics {
