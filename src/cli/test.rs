@@ -83,7 +83,7 @@ fn tell(args: &TestArgs, file: &Path, test: &Test, tested: &Tested, sources: &So
         out::line(&format!("{word}  {}: {} ({seconds})", file.display(), test.name));
     }
     for failure in &tested.failures {
-        out::error_line(diag::render(failure, sources, super::render_options()).trim_end());
+        out::error_line(&super::world::diagnostic_text(failure, sources));
     }
 }
 
