@@ -5,6 +5,8 @@ use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_m
 use dscene::check::{self, Disk};
 use dscene::eval::{Engine, EngineOptions};
 use dscene::session::line::check_line;
+use dscene::source::SourceMap;
+use dscene::syntax;
 
 /// Checks a text, which may be wrong.
 fn check(text: &str) -> usize {
@@ -45,6 +47,27 @@ fn checking(c: &mut Criterion) {
             group.throughput(Throughput::Elements(n as u64));
             group.bench_with_input(BenchmarkId::from_parameter(n), &text, |b, text| b.iter(|| check(text)));
         }
+        group.finish();
+    }
+}
+
+/// Bytes a second of reading alone, and of `dsl fmt`.
+fn reading(c: &mut Criterion) {
+    let scripts = lines(40_000, |i| match i % 4 {
+        0 => format!("camera eye{i} {{ position: [0, {i}, -5], look_at: [0, 0, 0], fov: 45deg }} // a comment"),
+        1 => format!("let v{i} = mesh(vertices: corners, faces: [[0, 1, 2], [1, 3, 2]]) |> translate([0, {i}, 0])"),
+        2 => format!("fn f{i}(x, k = 2) = if x > {i} and k < 3 then x * k + {i} else -x ^ 2"),
+        _ => format!("/// Docs of the next.\nloss l{i} = mse(render(eye{i}, spp: 4), target) + 0.5 * f{i}(1)"),
+    });
+    let numbers = format!("let a = [{}]\n", "[1.5, -0.25, 3e-2], ".repeat(100_000));
+    for (name, text) in [("scripts", scripts), ("vertices", numbers)] {
+        let mut sources = SourceMap::new();
+        let source = sources.add("bench.dscene", None, text.as_str());
+        let mut group = c.benchmark_group(format!("{} MB of {name}", text.len() / 1_000_000));
+        group.sample_size(10);
+        group.throughput(Throughput::Bytes(text.len() as u64));
+        group.bench_function("parse", |b| b.iter(|| syntax::parse(&sources, source).0.statements.len()));
+        group.bench_function("format", |b| b.iter(|| syntax::format(&sources, source).map_or(0, |text| text.len())));
         group.finish();
     }
 }
@@ -91,5 +114,5 @@ fn comprehensions(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, checking, typing, comprehensions);
+criterion_group!(benches, checking, reading, typing, comprehensions);
 criterion_main!(benches);

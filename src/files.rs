@@ -196,6 +196,20 @@ pub fn rewrite(path: &Path, bytes: &[u8]) -> io::Result<()> {
     }
 }
 
+/// [`write_atomically`] in place of a file that a person keeps: its permissions stay, what is only to be read is not written, and neither
+/// is what a link leads to, which may belong to something else.
+pub fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    let metadata = fs::symlink_metadata(path)?;
+    if metadata.is_symlink() {
+        return Err(io::Error::other("this is a link; name the file that it leads to"));
+    }
+    if metadata.permissions().readonly() {
+        return Err(io::ErrorKind::PermissionDenied.into());
+    }
+    write_atomically(path, bytes)?;
+    fs::set_permissions(path, metadata.permissions())
+}
+
 fn write_through(temporary: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
     // Made anew: what already has the name, a link for instance, is not written through.
     let mut file = fs::File::create_new(temporary)?;

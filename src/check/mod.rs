@@ -86,17 +86,19 @@ pub struct Checked {
 pub fn check(path: &Path, overrides: &[(String, String)], loader: &(dyn Loader + Sync)) -> Checked {
     match loader.read(path) {
         Ok(text) => check_text(&path.display().to_string(), Some(path), text, overrides, loader),
-        Err(error) => {
-            let shown = path.display();
-            let reason = match error.kind() {
-                io::ErrorKind::NotFound => "there is no such file".to_owned(),
-                io::ErrorKind::InvalidData => "it is not a text (not valid UTF-8)".to_owned(),
-                _ => crate::files::describe_io(&error),
-            };
-            let diagnostic = Diagnostic::error("dscene::file::unreadable", format!("cannot read `{shown}`: {reason}"));
-            Checked { program: None, diagnostics: vec![diagnostic], sources: SourceMap::new() }
-        }
+        Err(error) => Checked { program: None, diagnostics: vec![unreadable(path, &error)], sources: SourceMap::new() },
     }
+}
+
+/// Why a script cannot be read.
+pub fn unreadable(path: &Path, error: &io::Error) -> Diagnostic {
+    let shown = path.display();
+    let reason = match error.kind() {
+        io::ErrorKind::NotFound => "there is no such file".to_owned(),
+        io::ErrorKind::InvalidData => "it is not a text (not valid UTF-8)".to_owned(),
+        _ => crate::files::describe_io(error),
+    };
+    Diagnostic::error("dscene::file::unreadable", format!("cannot read `{shown}`: {reason}"))
 }
 
 /// Checks a text. `path` is where it lies, if it does: imports and files are looked up beside it.

@@ -81,6 +81,17 @@ with the values that it compared. Exits with 1 if a test fails or a script is wr
 With --json, standard output gets {\"event\": \"test\", \"file\": …, \"name\": …, \"holds\": …, \"expects\": N, \"failures\": […], \"seconds\": …}
 for each, and at the end {\"event\": \"done\", \"exit\": …, \"tests\": N, \"failed\": N, \"wrong_files\": N}.")]
     Test(TestArgs),
+    /// Lays scripts out anew, in place
+    #[command(after_help = "\
+Examples:
+  dsl fmt scene.dscene                               rewritten, if that changes it; its name is printed
+  dsl fmt --check .                                  what would change in all scripts of a folder; exits with 1 if something would
+  dsl fmt - < scene.dscene                           from standard input to standard output, as editors want it
+
+Lines have at most 100 columns; comments, blank lines between groups (one) and how numbers and strings are written stay. A block that was
+written on one line stays on it if it fits there. A file with a mistake in it is told and left as it is. With --json, standard output gets
+one object a file: {\"file\": …, \"changed\": …}, with \"text\" for standard input, and one for each error.")]
+    Fmt(FmtArgs),
     /// Renders one image
     #[command(after_help = "\
 Examples:
@@ -359,6 +370,18 @@ pub struct TestArgs {
 }
 
 #[derive(Debug, Args)]
+pub struct FmtArgs {
+    /// Scripts, folders of scripts, or `-` for standard input
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Change nothing: print what would change, and exit with 1 if something would
+    #[arg(long)]
+    pub check: bool,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+#[derive(Debug, Args)]
 pub struct RenderArgs {
     /// The script
     pub file: PathBuf,
@@ -569,6 +592,7 @@ mod tests {
             "sweep f",
             "check f",
             "test f",
+            "fmt f",
             "render f",
             "grad f",
             "eval f x",

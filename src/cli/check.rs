@@ -1,10 +1,11 @@
 //! `dsl check`
 
-use super::args::CheckArgs;
+use super::args::{CheckArgs, Common};
 use super::load::check_file;
 use super::world::diagnostic_text;
 use super::{EXIT_WRONG, out};
-use crate::diag;
+use crate::diag::{self, Diagnostic};
+use crate::source::SourceMap;
 
 /// One file after the other; errors in any of them fail the command.
 pub fn run(args: &CheckArgs) -> u8 {
@@ -13,11 +14,7 @@ pub fn run(args: &CheckArgs) -> u8 {
         let checked = check_file(file, &args.common);
         for diagnostic in &checked.diagnostics {
             *(if diagnostic.is_error() { &mut errors } else { &mut warnings }) += 1;
-            if args.common.json {
-                out::line(&diag::to_json(diagnostic, &checked.sources).to_string());
-            } else if diagnostic.is_always_told() || !args.common.quiet {
-                out::error_line(&diagnostic_text(diagnostic, &checked.sources));
-            }
+            tell(diagnostic, &checked.sources, &args.common);
         }
     }
     if !args.common.json && !args.common.quiet {
@@ -29,4 +26,13 @@ pub fn run(args: &CheckArgs) -> u8 {
         }
     }
     if errors > 0 { EXIT_WRONG } else { 0 }
+}
+
+/// Tells a diagnostic: as an object on standard output, or to people.
+pub fn tell(diagnostic: &Diagnostic, sources: &SourceMap, common: &Common) {
+    if common.json {
+        out::line(&diag::to_json(diagnostic, sources).to_string());
+    } else if diagnostic.is_always_told() || !common.quiet {
+        out::error_line(&diagnostic_text(diagnostic, sources));
+    }
 }

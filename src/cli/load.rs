@@ -1,7 +1,7 @@
 //! From a file on the command line to an engine.
 
 use std::mem::ManuallyDrop;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -37,14 +37,18 @@ pub fn check_file_by(file: &Path, common: &Common, loader: &(dyn check::Loader +
     }
     // What it imports lies in the working directory.
     let name = "<stdin>";
-    match std::io::read_to_string(std::io::stdin()) {
+    match read_stdin() {
         Ok(text) => check::check_text(name, Some(Path::new(name)), text, &overrides, loader),
-        Err(error) => {
-            let message = format!("cannot read standard input: {}", crate::files::describe_io(&error));
-            let diagnostic = Diagnostic::error("dscene::file::unreadable", message);
-            Checked { program: None, diagnostics: vec![diagnostic], sources: SourceMap::new() }
-        }
+        Err(diagnostic) => Checked { program: None, diagnostics: vec![diagnostic], sources: SourceMap::new() },
     }
+}
+
+/// The script that comes from standard input.
+pub fn read_stdin() -> Result<String, Diagnostic> {
+    std::io::read_to_string(std::io::stdin()).map_err(|error| {
+        let message = format!("cannot read standard input: {}", crate::files::describe_io(&error));
+        Diagnostic::error("dscene::file::unreadable", message)
+    })
 }
 
 /// An error if the script would come from standard input, for what reads it more than once or later.
@@ -75,6 +79,36 @@ pub fn load_stopped_by(flag: Arc<AtomicBool>, file: &Path, common: &Common, worl
     }
     let options = EngineOptions { interrupt: Some(flag), ..engine_options(common, file) };
     Some(Loaded { warnings: checked.diagnostics, engine: ManuallyDrop::new(Engine::new(checked.program?, options)) })
+}
+
+/// The files themselves, and the scripts in and below the folders among them, by name; not through links, which may lead back or
+/// elsewhere, and not in what is hidden.
+pub fn scripts(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Diagnostic> {
+    let mut found = Vec::new();
+    for path in paths {
+        if path.is_dir() { below(path, &mut found)? } else { found.push(path.clone()) }
+    }
+    Ok(found)
+}
+
+fn below(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), Diagnostic> {
+    let unreadable = |error: std::io::Error| {
+        let (shown, why) = (folder.display(), crate::files::describe_io(&error));
+        Diagnostic::error("dscene::file::unreadable", format!("cannot read the folder `{shown}`: {why}"))
+    };
+    let entries = std::fs::read_dir(folder).map_err(unreadable)?;
+    let mut entries = entries.collect::<Result<Vec<_>, _>>().map_err(unreadable)?;
+    entries.retain(|entry| !entry.file_name().to_string_lossy().starts_with('.'));
+    entries.sort_by_key(std::fs::DirEntry::file_name);
+    for entry in entries {
+        let (path, kind) = (entry.path(), entry.file_type().map_err(unreadable)?);
+        if kind.is_dir() {
+            below(&path, found)?;
+        } else if kind.is_file() && path.extension().is_some_and(|ending| ending == "dscene") {
+            found.push(path);
+        }
+    }
+    Ok(())
 }
 
 /// The seed, the folder that relative paths start from, and Ctrl-C.

@@ -7,6 +7,7 @@ mod completions;
 mod doc;
 mod eval;
 mod export;
+mod fmt;
 mod grad;
 mod info;
 mod live;
@@ -84,6 +85,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Sweep(a) => &a.run.common,
         Command::Check(a) => &a.common,
         Command::Test(a) => &a.common,
+        Command::Fmt(a) => &a.common,
         Command::Render(a) => &a.common,
         Command::Grad(a) => &a.common,
         Command::Eval(a) => &a.common,
@@ -120,6 +122,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Sweep(args) => sweep::run(args),
         Command::Check(args) => check::run(&args),
         Command::Test(args) => test::run(&args),
+        Command::Fmt(args) => fmt::run(&args),
         Command::Render(args) => render::run(&args),
         Command::Grad(args) => grad::run(&args),
         Command::Eval(args) => eval::run(&args),

@@ -1,6 +1,6 @@
 //! `dsl test`
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde_json::{Value, json};
 
@@ -29,7 +29,7 @@ struct Count {
 pub fn run(args: &TestArgs) -> u8 {
     let mut terminal = Terminal::new(&args.common);
     let mut count = Count::default();
-    let files = match scripts(&args.files) {
+    let files = match load::scripts(&args.files) {
         Ok(files) => files,
         Err(diagnostic) => {
             terminal.diagnostic(&diagnostic, &SourceMap::default());
@@ -113,34 +113,4 @@ fn conclude(args: &TestArgs, count: &Count, terminal: &mut Terminal) -> u8 {
         }
     }
     code
-}
-
-/// The files themselves, and the scripts in and below the folders among them, by name.
-fn scripts(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Diagnostic> {
-    let mut found = Vec::new();
-    for path in paths {
-        if path.is_dir() { below(path, &mut found)? } else { found.push(path.clone()) }
-    }
-    Ok(found)
-}
-
-fn below(folder: &Path, found: &mut Vec<PathBuf>) -> Result<(), Diagnostic> {
-    let unreadable = |error: std::io::Error| {
-        let (shown, why) = (folder.display(), crate::files::describe_io(&error));
-        Diagnostic::error("dscene::file::unreadable", format!("cannot read the folder `{shown}`: {why}"))
-    };
-    let entries = std::fs::read_dir(folder).map_err(unreadable)?;
-    let mut paths: Vec<PathBuf> =
-        entries.map(|entry| entry.map(|entry| entry.path())).collect::<Result<_, _>>().map_err(unreadable)?;
-    paths.sort();
-    for path in paths {
-        let is_script = path.extension().is_some_and(|ending| ending == "dscene");
-        // A link to a folder may lead back to it.
-        if path.is_dir() && !path.is_symlink() {
-            below(&path, found)?;
-        } else if is_script {
-            found.push(path);
-        }
-    }
-    Ok(())
 }

@@ -5,6 +5,7 @@ mod expr;
 use pest::iterators::{Pair, Pairs};
 
 use expr::error;
+pub use expr::{binding, prefix};
 
 use super::ast::{self, Action, Expr, ExprKind, Field, Name, Plot, StatementKind};
 use super::grammar::Rule;

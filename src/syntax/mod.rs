@@ -3,15 +3,18 @@
 pub mod ast;
 mod build;
 mod errors;
+mod format;
 mod grammar;
 mod habits;
 mod literal;
 mod scan;
 pub mod snippet;
 
+pub use format::format;
 pub use scan::{KINDS, is_blank, is_incomplete, is_reserved, statement_words};
 
 use pest::Parser;
+use pest::iterators::Pair;
 
 use crate::diag::{self, Diagnostic};
 use crate::source::{SourceId, SourceMap, Span};
@@ -25,11 +28,18 @@ const MAX_DIAGNOSTICS: usize = 100;
 pub fn parse(sources: &SourceMap, source: SourceId) -> (ast::File, Vec<Diagnostic>) {
     let Some(file) = sources.get(source) else { return (ast::File::default(), Vec::new()) };
     let scan = scan::scan(source, &file.text);
-    let mut diagnostics = scan.diagnostics;
+    let (tree, diagnostics) = read(source, &scan, &mut |_, _| ());
+    file.set_outline(&scan.text, tree.statements.iter().map(|s| (s.span, s.declares())));
+    (tree, diagnostics)
+}
+
+/// Reads the statements of a scanned text; `visit` gets the pairs of those that are right, and where their text begins.
+fn read(source: SourceId, scan: &scan::Scan, visit: &mut dyn FnMut(usize, Pair<Rule>)) -> (ast::File, Vec<Diagnostic>) {
+    let mut diagnostics = scan.diagnostics.clone();
     let mut tree = ast::File::default();
-    for piece in scan.pieces {
+    for piece in &scan.pieces {
         let Some(text) = scan.text.get(piece.start..piece.end) else { continue };
-        let read = tree.statements.len();
+        let statements = tree.statements.len();
         if piece.broken || diagnostics.len() > MAX_DIAGNOSTICS {
             tree.unread.extend(scan::declared_name(text).map(str::to_owned));
             continue;
@@ -39,9 +49,14 @@ pub fn parse(sources: &SourceMap, source: SourceId) -> (ast::File, Vec<Diagnosti
             diagnostics.iter().any(|d| d.span().is_some_and(|s| span.start <= s.start && s.start < span.end));
         match Grammar::parse(Rule::statement, text) {
             Ok(mut pairs) => {
+                let told = diagnostics.len();
                 let mut builder = Builder { source, offset: piece.start, level: 0, diagnostics: &mut diagnostics };
-                if let Some(kind) = pairs.next().and_then(|p| builder.statement(p)) {
-                    tree.statements.push(ast::Statement { kind, doc: piece.doc, span });
+                let Some(pair) = pairs.next() else { continue };
+                if let Some(kind) = builder.statement(pair.clone()) {
+                    tree.statements.push(ast::Statement { kind, doc: piece.doc.clone(), span });
+                    if diagnostics.len() == told {
+                        visit(piece.start, pair);
+                    }
                 }
             }
             Err(_) if has_lexical_error => {}
@@ -52,11 +67,10 @@ pub fn parse(sources: &SourceMap, source: SourceId) -> (ast::File, Vec<Diagnosti
                 diagnostics.push(errors::explain(&error, text, source, piece.start, &declared));
             }
         }
-        if tree.statements.len() == read {
+        if tree.statements.len() == statements {
             tree.unread.extend(scan::declared_name(text).map(str::to_owned));
         }
     }
-    file.set_outline(&scan.text, tree.statements.iter().map(|s| (s.span, s.declares())));
     diag::sort(&mut diagnostics);
     diagnostics.truncate(MAX_DIAGNOSTICS);
     (tree, diagnostics)

@@ -35,6 +35,9 @@ pub struct Scan {
     /// The text with comments (and nothing else) turned to blanks, byte for byte.
     pub text: String,
     pub pieces: Vec<Piece>,
+    /// Where comments stand; a line comment without the end of its line.
+    pub comments: Vec<(usize, usize)>,
+    pub tokens: Vec<Token>,
     pub diagnostics: Vec<Diagnostic>,
 }
 
@@ -54,14 +57,14 @@ pub fn scan(source: SourceId, text: &str) -> Scan {
         bytes: text.as_bytes(),
         at: 0,
         tokens: Vec::new(),
-        blanks: Vec::new(),
+        comments: Vec::new(),
         docs: Vec::new(),
         diagnostics: Vec::new(),
     };
     lexer.run();
-    let Lexer { tokens, blanks, docs, mut diagnostics, .. } = lexer;
+    let Lexer { tokens, comments, docs, mut diagnostics, .. } = lexer;
     let mut blanked = text.as_bytes().to_vec();
-    for &(start, end) in &blanks {
+    for &(start, end) in &comments {
         for byte in &mut blanked[start..end] {
             if *byte != b'\n' {
                 *byte = b' ';
@@ -74,7 +77,7 @@ pub fn scan(source: SourceId, text: &str) -> Scan {
     for piece in &mut pieces {
         piece.broken |= !depth_is_fine(source, text, &tokens, piece, &mut diagnostics);
     }
-    Scan { text: text_out, pieces, diagnostics }
+    Scan { text: text_out, pieces, comments, tokens, diagnostics }
 }
 
 /// Whether a comment stands where the second half of `7 // 2` or `(n // count)` would: behind a value, and nothing but a number,
@@ -127,19 +130,19 @@ pub fn is_blank(text: &str) -> bool {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum TokenKind {
+pub enum TokenKind {
     Word,
     Open,
     Close,
-    /// A string, number or operator.
+    /// A string, a number (or a part of one) or a sign.
     Other,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Token {
-    kind: TokenKind,
-    start: usize,
-    end: usize,
+pub struct Token {
+    pub kind: TokenKind,
+    pub start: usize,
+    pub end: usize,
 }
 
 struct Lexer<'a> {
@@ -148,7 +151,7 @@ struct Lexer<'a> {
     bytes: &'a [u8],
     at: usize,
     tokens: Vec<Token>,
-    blanks: Vec<(usize, usize)>,
+    comments: Vec<(usize, usize)>,
     docs: Vec<(usize, usize, String)>,
     diagnostics: Vec<Diagnostic>,
 }
@@ -218,7 +221,7 @@ impl Lexer<'_> {
                     .help("a whole quotient is `floor(a / b)`"),
             );
         }
-        self.blanks.push((start, end));
+        self.comments.push((start, end));
         self.at = end;
     }
 
@@ -245,7 +248,7 @@ impl Lexer<'_> {
                     .help(format!("write `// {text}`")),
             );
         }
-        self.blanks.push((start, end));
+        self.comments.push((start, end));
         self.at = end;
     }
 
@@ -277,7 +280,7 @@ impl Lexer<'_> {
                 }
             }
         }
-        self.blanks.push((start, self.at));
+        self.comments.push((start, self.at));
     }
 
     /// A string with its interpolations, which may hold strings again. Ends at the latest with its line.
@@ -486,6 +489,10 @@ fn begins_statement<'a>(
         return !after_colon;
     }
     if is_reserved(first) {
+        return false;
+    }
+    // `plot a,` goes on in the next line, with `b over (x)` perhaps.
+    if shown(1) == "," {
         return false;
     }
     let Some(second) = word(i + 1) else { return nameless(tokens, i, text) };

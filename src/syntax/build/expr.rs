@@ -12,7 +12,12 @@ impl Builder<'_> {
         let mut parts = Parts(pair.into_inner());
         let target = parts.find(Rule::target)?;
         let span = self.span(&target);
-        let path = target.into_inner().map(|p| self.name(p)).collect();
+        // `points[ 0 ]` is `points[0]`.
+        let name = |p| {
+            let name = self.name(p);
+            ast::Name { text: name.text.replace(' ', ""), ..name }
+        };
+        let path = target.into_inner().map(name).collect();
         Some(ast::Replacement { path, span, value: self.expr(parts.find(Rule::expr)?) })
     }
 
@@ -95,7 +100,7 @@ impl Builder<'_> {
         let first = items.next()?;
         let mut left = if first.as_rule() == Rule::prefix {
             let start = self.span(&first);
-            let (op, power) = if first.as_str() == "-" { (UnaryOp::Neg, 13) } else { (UnaryOp::Not, 5) };
+            let (op, power) = prefix(first.as_str());
             let operand = self.climb(items, power)?;
             let span = start.to(operand.span);
             Expr { kind: ExprKind::Unary { op, operand: Box::new(operand) }, span }
@@ -367,8 +372,13 @@ pub(super) fn error(span: Span) -> Expr {
     Expr { kind: ExprKind::Error, span }
 }
 
+/// A prefix operator and how strongly it binds.
+pub fn prefix(op: &str) -> (UnaryOp, u8) {
+    if op == "-" { (UnaryOp::Neg, 13) } else { (UnaryOp::Not, 5) }
+}
+
 /// Left and right binding power. `^` binds to the right, and its right side may have a minus. `within` follows a whole `a ≈ b`.
-fn binding(op: &str) -> (u8, u8) {
+pub fn binding(op: &str) -> (u8, u8) {
     match op {
         "or" => (1, 2),
         "and" => (3, 4),

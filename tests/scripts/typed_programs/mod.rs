@@ -9,12 +9,14 @@ use dscene::eval::{Engine, EngineOptions};
 use proptest::prelude::*;
 
 use crate::typed::disagreement;
-use generate::{PRELUDE, Statement, program};
+use generate::{PRELUDE, Statement};
+
+pub use generate::program;
 
 /// What may go wrong with values of the right types.
 const OF_VALUES: [&str; 4] = ["dscene::run::value", "dscene::run::nan", "dscene::run::index", "dscene::run::scene"];
 
-fn script(statements: &[Statement]) -> String {
+pub fn script(statements: &[Statement]) -> String {
     let lines: Vec<String> = statements.iter().map(Statement::text).collect();
     format!("{PRELUDE}{}\n", lines.join("\n"))
 }
@@ -23,7 +25,7 @@ fn checked(text: &str) -> Checked {
     check_text("generated.dscene", None, text, &[], &Disk)
 }
 
-fn tapes() -> impl Strategy<Value = Vec<Vec<u16>>> {
+pub fn tapes() -> impl Strategy<Value = Vec<Vec<u16>>> {
     prop::collection::vec(prop::collection::vec(0u16..5000, 1..60), 1..7)
 }
 
@@ -53,7 +55,7 @@ fn fault(statements: &[Statement]) -> Option<String> {
     None
 }
 
-fn config(cases: u32) -> ProptestConfig {
+pub fn config(cases: u32) -> ProptestConfig {
     // The same programs each time; `PROPTEST_CASES` asks for more, and for others.
     let cases = std::env::var("PROPTEST_CASES").ok().and_then(|n| n.parse().ok()).unwrap_or(cases);
     let rng_seed = proptest::test_runner::RngSeed::Fixed(u64::from(cases));

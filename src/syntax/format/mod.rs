@@ -1,0 +1,93 @@
+//! Scripts in the one layout that needs no discussion: `dsl fmt`.
+//!
+//! [`rules`] turns what the grammar read into a document of [`layout`]; [`cursor`] gives it the tokens and comments in their order.
+//! Nothing but white space and commas at ends of lines and brackets changes.
+
+mod cursor;
+mod layout;
+mod rules;
+
+use super::scan::{self, Scan};
+use super::{Rule, read};
+use crate::diag::Diagnostic;
+use crate::source::{SourceId, SourceMap};
+use cursor::Cursor;
+use layout::{Doc, Printer};
+use pest::iterators::Pair;
+use rules::Layout;
+
+/// The text of a source, laid out anew; or why it cannot be read.
+pub fn format(sources: &SourceMap, source: SourceId) -> Result<String, Vec<Diagnostic>> {
+    let Some(file) = sources.get(source) else { return Ok(String::new()) };
+    // Whoever writes lines of another kind has them read all the same.
+    let text = file.text.replace("\r\n", "\n");
+    let scan = scan::scan(source, &file.text);
+    let normal = if text.len() == file.text.len() { None } else { Some(scan::scan(source, &text)) };
+    let mut printer = Printer::new(text.len());
+    let errors: Vec<Diagnostic> = match &normal {
+        None => laid_out(source, &text, &scan, &mut printer),
+        Some(normal) => {
+            // Errors are told at their places in the file.
+            let (_, diagnostics) = read(source, &scan, &mut |_, _| ());
+            if diagnostics.iter().any(Diagnostic::is_error) {
+                diagnostics
+            } else {
+                laid_out(source, &text, normal, &mut printer)
+            }
+        }
+    };
+    let errors: Vec<Diagnostic> = errors.into_iter().filter(Diagnostic::is_error).collect();
+    if !errors.is_empty() {
+        return Err(errors);
+    }
+    let out = printer.out;
+    if !says_the_same(normal.as_ref().unwrap_or(&scan), &text, &out) {
+        let message = "this script was not laid out rightly, and is left as it is";
+        return Err(vec![
+            Diagnostic::error("dscene::internal", message)
+                .help("this is a fault of dscene, not of your script: please report it with the script"),
+        ]);
+    }
+    Ok(out)
+}
+
+/// Prints all statements; gives what is to be said about them.
+fn laid_out(source: SourceId, text: &str, scan: &Scan, printer: &mut Printer) -> Vec<Diagnostic> {
+    let mut layout = Layout { cursor: Cursor::new(text, scan), offset: 0 };
+    let mut docs: Vec<Doc> = Vec::new();
+    let (_, diagnostics) = read(source, scan, &mut |start, pair: Pair<Rule>| {
+        layout.offset = start;
+        layout.cursor.trailing(&mut docs);
+        docs.push(Doc::Fresh);
+        layout.cursor.lead(&mut docs);
+        for statement in pair.into_inner().filter(|p| p.as_rule() != Rule::EOI) {
+            layout.node(statement, &mut docs);
+        }
+        printer.print(&docs);
+        docs.clear();
+    });
+    layout.cursor.rest(&mut docs);
+    docs.push(Doc::Fresh);
+    printer.print(&docs);
+    diagnostics
+}
+
+/// Whether two texts have the same statements of the same tokens (but for commas) and the same comments: a last look at what replaces a
+/// person's file.
+fn says_the_same(before: &Scan, text: &str, out: &str) -> bool {
+    let after = scan::scan(SourceId(0), out);
+    let same_pieces = before.pieces.len() == after.pieces.len()
+        && before
+            .pieces
+            .iter()
+            .zip(&after.pieces)
+            .all(|(a, b)| a.doc == b.doc && text[a.start..][..1] == out[b.start..][..1]);
+    let comments = |scan: &Scan, text: &str| -> Vec<String> {
+        scan.comments.iter().map(|c| text[c.0..c.1].trim_end().to_owned()).collect()
+    };
+    same_pieces && tokens(before, text).eq(tokens(&after, out)) && comments(before, text) == comments(&after, out)
+}
+
+fn tokens<'s>(scan: &'s Scan, text: &'s str) -> impl Iterator<Item = &'s str> {
+    scan.tokens.iter().map(|t| &text[t.start..t.end]).filter(|t| *t != ",")
+}
