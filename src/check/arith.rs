@@ -21,9 +21,12 @@ impl Checker<'_> {
             };
         if !fine {
             let (sign, wanted) = if op == UnaryOp::Neg { ("-", "a number or an angle") } else { ("not", "a `bool`") };
+            let text = self.sources.text(operand.expr.span);
+            let help = (op == UnaryOp::Not && ty.is_scalar()).then(|| format!("compare it: `{text} == 0`"));
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::mismatch", format!("`{sign}` needs {wanted}, not `{ty}`"))
-                    .label(operand.expr.span, format!("this is `{ty}`")),
+                    .label(operand.expr.span, format!("this is `{ty}`"))
+                    .help_opt(help),
             );
             return broken(span);
         }
@@ -90,10 +93,29 @@ impl Checker<'_> {
                         diagnostic = diagnostic.label(made, format!("{size} comes from here"));
                     }
                 }
-                let help = if help.is_empty() { self.unit_help(op, &left, &right) } else { Some(help) };
+                let help = if help.is_empty() { self.operand_help(op, &left, &right) } else { Some(help) };
                 self.diagnostics.push(diagnostic.help_opt(help));
                 broken(span)
             }
+        }
+    }
+
+    /// Operands that do not go together: what to write instead.
+    fn operand_help(&self, op: BinaryOp, left: &Typed, right: &Typed) -> Option<String> {
+        let text = |of: &Typed| self.sources.text(of.expr.span);
+        // A string within a string gives its characters.
+        let part = |of: &Typed| match (&of.expr.kind, text(of)) {
+            (ExprKind::Str(_), quoted) => quoted.trim_matches('"').to_owned(),
+            (_, other) => format!("{{{other}}}"),
+        };
+        match (&left.expr.ty, &right.expr.ty) {
+            (Ty::Str, _) | (_, Ty::Str) if op == BinaryOp::Add => {
+                Some(format!("join texts by interpolation: `\"{}{}\"`", part(left), part(right)))
+            }
+            (Ty::Num(a), Ty::Num(b)) if a.len() == 1 && b.len() == 1 => {
+                Some("both need as many elements; a part is `x[a..b]`, and more come by `concat(x, y)`".to_owned())
+            }
+            _ => self.unit_help(op, left, right),
         }
     }
 
@@ -180,7 +202,7 @@ pub fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
             _ => bad(),
         },
         Add | Sub => match (a, b) {
-            (Ty::Str, Ty::Str) => Err("join texts by interpolation: `\"{a}{b}\"`".to_owned()),
+            (Ty::Str, Ty::Str) => bad(),
             _ => broadcast(a, b).ok_or_else(String::new),
         },
         Mul => match (a, b) {

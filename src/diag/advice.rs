@@ -95,6 +95,13 @@ pub const TABLE: &[Row] = &[
     row(Place::Statement, "minimize minimise optimise fit train", "optimize $>", ""),
     row(Place::Statement, "assert check require", "expect $>", ""),
     row(Place::Statement, "echo log println puts", "print $>", ""),
+    row(Place::Statement, "write store export dump", "save $>", ""),
+    row(
+        Place::Statement,
+        "LookAt lookAt Perspective Film",
+        "camera NAME { position: …, look_at: …, fov: … }",
+        "a camera has fields",
+    ),
     row(Place::Statement, "use include require using", "import $>", ""),
     row(Place::Statement, "for while loop repeat", "[… for i in 0..n]", NO_LOOPS),
     row(Place::Statement, "if unless switch match", "let NAME = if … then … else …", "`if` is part of an expression"),
@@ -197,8 +204,20 @@ pub fn help(place: Place, spelling: &str, around: &Around) -> Option<String> {
         (row.place == place && row.spellings.split(' ').any(|s| s == spelling)).then(|| fill(row.write, around))?
     };
     let row = TABLE.iter().find(|row| text(row).is_some())?;
-    let typed = text(&row)?;
+    let typed = inlined(row.write, around).or_else(|| text(&row))?;
     Some(if row.why.is_empty() { format!("write `{typed}`") } else { format!("{}: `{typed}`", row.why) })
+}
+
+/// A template that calls its first argument, `$1(x)`, if that is a function value, `x => 2 * x`: with its body in place of the call.
+fn inlined(template: &str, around: &Around) -> Option<String> {
+    let (name, body) = around.arguments.first()?.split_once("=>")?;
+    let (name, body) = (name.trim(), body.trim());
+    let is_name = !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_');
+    if !is_name || body.contains('$') || !template.contains("$1(x)") {
+        return None;
+    }
+    let named = template.replace(" x in", &format!(" {name} in")).replace("[x ", &format!("[{name} "));
+    fill(&named.replace("$1(x)", body), around)
 }
 
 /// Operators of other languages, for the parser: longest first.
@@ -295,6 +314,7 @@ pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
         "r" => &["radius"],
         "w" => &["width"],
         "h" => &["height"],
+        "width" | "height" => &["film"],
         "length" => &["depth", "height"],
         "segments" | "resolution_u" | "detail" | "level" | "levels" | "sides" => &["subdivisions"],
         "by" | "amount" | "vector" | "translation" => &["offset", "factor"],
@@ -409,6 +429,7 @@ pub fn type_name(name: &str) -> Option<&'static str> {
         "point3" | "vector3" | "float3" | "vector" | "point" => "vec3",
         "point2" | "float2" | "vector2" => "vec2",
         "matrix" | "mat" => "mat4",
+        "tensor" | "ndarray" => "scalar[]",
         "bsdf" | "brdf" => "material",
         "emitter" => "light",
         "sensor" => "camera",

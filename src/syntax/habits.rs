@@ -55,6 +55,7 @@ pub fn find(text: &str, at: usize, declared: &dyn Fn(&str) -> bool) -> Option<Ha
         .or_else(|| stop.numbers())
         .or_else(|| stop.brackets())
         .or_else(|| stop.choice())
+        .or_else(|| stop.call())
         .or_else(|| stop.signs())
 }
 
@@ -198,6 +199,10 @@ impl<'a> Stop<'a> {
                 "too far away",
                 format!("write `{digits}{unit}`"),
             );
+        }
+        if here == "as" && self.first() == "save" {
+            let help = format!("write `to {}`", expression_after(self.text, self.at + 2));
+            return habit(self.at, self.at + 2, "expected `to`, but found `as`", "expected `to`", help);
         }
         if matches!(here, "elif" | "elsif" | "elseif") {
             return habit(
@@ -358,6 +363,15 @@ impl<'a> Stop<'a> {
     /// `'text'`, `` `text` ``, `f"text"`.
     fn quotes(&self) -> Option<Habit> {
         let rest = self.rest();
+        // The parser stops at the end.
+        let saved = self.text.trim().strip_prefix("save").map(str::trim).filter(|s| s.starts_with('"'));
+        if let Some(path) =
+            saved.filter(|path| path.len() > 1 && path.find('"') != path.rfind('"') && !path.contains(" to "))
+        {
+            let start = self.text.len() - self.text.trim_start()["save".len()..].trim_start().len();
+            let help = format!("say what: `save NAME to {path}`");
+            return habit(start, start + path.len(), "what is saved is missing", "where it goes", help);
+        }
         if let Some(quote) = rest.chars().next().filter(|c| matches!(c, '\'' | '`')) {
             let end = rest[1..].find(quote)? + 1;
             let inner = rest.get(1..end)?.replace("${", "{");
@@ -404,7 +418,7 @@ impl<'a> Stop<'a> {
         None
     }
 
-    /// `.5`, `1.`, `45 °`.
+    /// `.5`, `1.`, `45 °`, `1,000`, `50 %`.
     fn numbers(&self) -> Option<Habit> {
         let digits = |text: &'a str| -> &'a str {
             &text[..text.find(|c: char| !c.is_ascii_alphanumeric()).unwrap_or(text.len())]
@@ -419,6 +433,18 @@ impl<'a> Stop<'a> {
                 "not a number",
                 format!("write `0.{number}`"),
             );
+        }
+        let before = operand_before(self.text, self.at);
+        let is_number = !before.is_empty() && before.bytes().all(|b| b.is_ascii_digit() || b == b'.');
+        let thousands =
+            rest.strip_prefix(',').map(digits).filter(|d| d.len() == 3 && d.bytes().all(|b| b.is_ascii_digit()));
+        if let (true, Some(more), None) = (is_number, thousands, open_bracket(self.text, self.at)) {
+            let help = format!("write `{before}{more}` or `{before}_{more}`");
+            return habit(self.at, self.at + 1, "no comma parts the digits of a number", "not part of a number", help);
+        }
+        if is_number && rest.starts_with('%') && operand_after(self.text, self.at + 1).is_empty() {
+            let help = format!("write `{before}%`");
+            return habit(self.at, self.at + 1, "`%` stands right behind its number", "too far away", help);
         }
         // The parser stops behind the point, or at it.
         let point = if rest.starts_with('.') { self.at } else { self.before().len().checked_sub(1)? };
@@ -496,6 +522,23 @@ impl<'a> Stop<'a> {
             return habit(at, at + 2, "this range has no end", "goes on for ever", help);
         }
         None
+    }
+
+    /// `sqrt 4`: a call without brackets.
+    fn call(&self) -> Option<Habit> {
+        let (start, previous) = self.previous();
+        let lead = self.text.len() - self.text.trim_start().len();
+        let is_name = previous.starts_with(|c: char| c.is_ascii_alphabetic()) && !is_reserved(previous) && start > lead;
+        let between = self.text.get(start + previous.len()..self.at)?;
+        let argument = operand_after(self.text, self.at);
+        let is_value =
+            argument.starts_with(|c: char| c.is_ascii_alphanumeric() || c == '"') && !is_reserved(self.here());
+        let is_call = is_name && is_value && !between.contains('\n') && open_bracket(self.text, self.at).is_none();
+        if !is_call || !self.text.get(..start)?.trim_end().ends_with(['=', '+', '-', '*', '/', '^']) {
+            return None;
+        }
+        let help = format!("a call has brackets: `{previous}({argument})`");
+        habit(self.at, self.at + argument.len(), format!("`{argument}` does not fit here"), "an argument?", help)
     }
 
     /// `c ? a : b`, `a if c else b`, `if c: a else: b`.
