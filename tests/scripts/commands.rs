@@ -23,6 +23,9 @@ fn a_new_project_checks_and_runs() {
     let run = place.dsl(&["run", "shadows/main.dscene", "--out", "r", "--set", "eye.film=[48, 48]"]);
     assert_code(&run, 0);
     assert!(place.path("r/found.png").exists());
+    let tests = place.dsl(&["test", "shadows"]);
+    assert_code(&tests, 0);
+    assert_eq!(stdout(&tests).lines().last(), Some("1 test, all hold"), "{}", stdout(&tests));
     // What is there is not touched.
     fs::write(place.path("shadows/main.dscene"), "print 1").unwrap();
     assert_refused(&place.dsl(&["new", "shadows"]), "dscene::file::unwritable", "`shadows` has files in it");

@@ -184,6 +184,11 @@ fn what_is_too_long_for_a_line_is_broken() {
             format!("expect f({a}, {b}) ≈ {c} within 1%, \"why\""),
             format!("expect f({a}, {b})\n  ≈ {c} within 1%,\n  \"why\"\n"),
         ),
+        // A line has the room behind its own indentation, not behind the line before.
+        (
+            format!("let {a} = area(f(w) |> g() |> h({b}), power: {c})"),
+            format!("let {a} = area(\n  f(w) |> g() |> h({b}),\n  power: {c},\n)\n"),
+        ),
         (format!("native fn {a}({b}: T, {c}: T): T"), format!("native fn {a}(\n  {b}: T,\n  {c}: T,\n): T\n")),
     ] {
         assert_eq!(settled(&text), wanted);

@@ -67,6 +67,8 @@ impl<'t> Doc<'t> {
     }
 
     pub fn rows(items: Vec<Doc<'t>>, is_column: bool) -> Doc<'t> {
+        // A row that takes several lines stands alone.
+        let is_column = is_column || items.iter().any(|item| !item.is_comment() && item.breaks());
         let is_broken = is_column || items.iter().any(Doc::breaks);
         Doc::Rows(Rows { items, is_column, is_broken })
     }
@@ -150,7 +152,9 @@ impl Printer {
                     }
                     match item {
                         // It belongs to what follows, not to the bracket.
-                        Doc::Comment { ends_line: false, .. } if is_broken && before == RowsState::Empty => {
+                        Doc::Comment { ends_line: false, .. }
+                            if is_column || is_broken && before == RowsState::Empty =>
+                        {
                             self.fresh()
                         }
                         _ if is_comment => {}
@@ -210,6 +214,8 @@ impl Printer {
         let rest = Frame::Docs { rest: slice::from_ref(item).iter(), indent, is_broken: false };
         match is_broken {
             true if is_first => self.newline(),
+            // A comment that it begins with.
+            true if is_column && self.out.ends_with("*/") => self.text(" ", indent),
             // With the blank before it and the comma behind it.
             true if is_column || !self.fits(rest, &[], 2) => self.newline(),
             _ if is_first => {}
@@ -273,7 +279,10 @@ impl Printer {
     /// Whether what is `inside`, and what follows it up to where the next line may break, fits into the rest of the line, of which `taken`
     /// columns are left.
     fn fits(&self, inside: Frame, behind: &[Frame], taken: usize) -> bool {
-        let Some(mut left) = WIDTH.checked_sub(self.column + taken) else { return false };
+        let (Frame::Docs { indent, .. } | Frame::Rows { indent, .. }) = inside;
+        // A line that has nothing in it yet begins with its indentation.
+        let column = if self.is_fresh { indent } else { self.column };
+        let Some(mut left) = WIDTH.checked_sub(column + taken) else { return false };
         let mut stack = vec![inside];
         let mut behind = behind.iter().rev();
         loop {
@@ -329,6 +338,8 @@ impl Printer {
                         stack.pop();
                         1
                     }
+                    // It vanishes where all stands on one line.
+                    Some(Doc::Blank) => 0,
                     Some(item) => {
                         let separator = if *state == RowsState::Empty { 0 } else { 2 };
                         *state = RowsState::Item;
