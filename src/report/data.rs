@@ -103,23 +103,31 @@ type Curve<'a> = dyn Fn(&dyn Fn(&Step) -> f64) -> Value + 'a;
 /// Curves of params, gradients, time and memory.
 fn details(chosen: &[&Step], bounds: &[Bounds], curve: &Curve) -> Map<String, Value> {
     let first = chosen.first();
-    let params = first.map_or(&[][..], |step| &step.params);
-    let params = params.iter().map(|(name, tensor)| {
-        let bound = bounds.iter().find(|bound| bound.name == *name);
+    // A param that a stage declares anew may have another shape from then on, with curves of its own.
+    let mut shapes: Vec<(&String, &[usize])> = Vec::new();
+    for (name, tensor) in chosen.iter().flat_map(|step| &step.params) {
+        if !shapes.contains(&(name, &tensor.shape)) {
+            shapes.push((name, &tensor.shape));
+        }
+    }
+    let params = shapes.iter().map(|&(name, shape)| {
+        let is_whole = shapes.iter().filter(|(other, _)| *other == name).count() == 1;
+        let bound = bounds.iter().find(|bound| bound.name == *name && (is_whole || bound.shape == shape));
         let sides = |side: Option<&Vec<Option<f64>>>, at: usize| -> Value {
             side.and_then(|side| side.get(at % side.len().max(1)).copied().flatten()).map_or(Value::Null, short)
         };
-        let entries = (0..tensor.len()).map(|at| {
+        let entries = (0..shape.iter().product()).map(|at| {
             let values = curve(&|step: &Step| {
-                let own = step.params.iter().find(|(n, _)| n == name);
+                let own = step.params.iter().find(|(n, t)| n == name && t.shape == shape);
                 own.and_then(|(_, t)| t.data.get(at).copied()).unwrap_or(f64::NAN)
             });
             let lower = sides(bound.and_then(|b| b.lower.as_ref()), at);
             let upper = sides(bound.and_then(|b| b.upper.as_ref()), at);
-            json!({ "index": index(&tensor.shape, at), "values": values, "lower": lower, "upper": upper })
+            json!({ "index": index(shape, at), "values": values, "lower": lower, "upper": upper })
         });
         let space = bound.and_then(|bound| bound.space.as_deref());
-        json!({ "name": name, "space": space, "entries": entries.collect::<Value>() })
+        let shown = if is_whole { name.clone() } else { format!("{name}, {}", Tensor::shape_text(shape)) };
+        json!({ "name": shown, "space": space, "entries": entries.collect::<Value>() })
     });
     let gradients = first.map_or(&[][..], |step| &step.gradients);
     let gradients = gradients.iter().map(|(name, _)| {

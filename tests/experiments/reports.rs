@@ -62,6 +62,29 @@ fn a_report_has_all_that_was_seen_on_the_way() {
 }
 
 /// What is shown was rendered for the loss: to look costs no rendering.
+/// A param that a stage declares anew with another shape has curves for both.
+#[test]
+fn a_report_follows_params_that_change_their_shape() {
+    let place = Place::new();
+    let script = "param a: scalar[] = [1, 2]
+                  optimize sum(a ^ 2) {
+                      using: sgd(lr: 0.1)
+                      stage one { steps: 2, then { param a = concat(a, [5]) } }
+                      stage two { steps: 3 }
+                  }";
+    place.write("a.dscene", script);
+    assert_code(&place.dsl(&["run", "a.dscene", "--out", "r", "--quiet"]), 0);
+    let data = data(&place, "r/report.html");
+    let params = data["optimizations"][0]["params"].as_array().unwrap();
+    let told: Vec<Value> = params.iter().map(|p| json!([p["name"], p["entries"].as_array().unwrap().len()])).collect();
+    assert_eq!(json!(told), json!([["a, vector of 2", 2], ["a, vector of 3", 3]]));
+    let known = |param: usize, entry: usize| -> Vec<bool> {
+        params[param]["entries"][entry]["values"].as_array().unwrap().iter().map(Value::is_number).collect()
+    };
+    assert_eq!(known(0, 1), [true, true, false, false, false]);
+    assert_eq!(known(1, 2), [false, false, true, true, true]);
+}
+
 #[test]
 fn a_report_says_in_which_space_a_param_moves() {
     let place = Place::new();
