@@ -68,9 +68,19 @@ fn scripts() -> Vec<PathBuf> {
 }
 
 #[test]
-fn scripts_of_the_repository_keep_their_meaning() {
+fn scripts_of_the_repository_are_laid_out() {
     for path in scripts() {
-        settled(&fs::read_to_string(path).unwrap());
+        let text = fs::read_to_string(&path).unwrap();
+        assert!(settled(&text) == text, "run `dsl fmt {}`", path.display());
+    }
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let pages = fs::read_dir(root.join("docs")).unwrap().map(|entry| entry.unwrap().path());
+    for path in pages.chain([root.join("README.md")]).filter(|path| path.extension().is_some_and(|e| e == "md")) {
+        let text = fs::read_to_string(&path).unwrap();
+        for part in text.split("```dscene\n").skip(1) {
+            let script = part.split("```").next().unwrap_or_default();
+            assert_eq!(settled(script), script, "in {}", path.display());
+        }
     }
 }
 
