@@ -194,6 +194,9 @@ fn what_is_too_long_for_a_line_is_broken() {
             format!("expect f({a}, {b}) ≈ {c} within 1%, \"why\""),
             format!("expect f({a}, {b})\n  ≈ {c} within 1%,\n  \"why\"\n"),
         ),
+        // What fits on the line behind a `=` goes there.
+        (format!("let {a} = {b} + {c}"), format!("let {a} =\n  {b} + {c}\n")),
+        (format!("fn f({a}) = if {a} then 1 else {c}"), format!("fn f({a}) =\n  if {a} then 1 else {c}\n")),
         // A line has the room behind its own indentation, not behind the line before.
         (
             format!("let {a} = area(f(w) |> g() |> h({b}), power: {c})"),

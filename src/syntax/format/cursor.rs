@@ -108,7 +108,7 @@ impl<'t> Cursor<'t> {
 
     /// The comments before the next token, within a line if they can be.
     pub fn comments(&mut self, out: &mut Vec<Doc<'t>>) {
-        while self.comment_ahead() {
+        while self.has_comment_ahead() {
             self.comment(false, out);
         }
     }
@@ -163,7 +163,7 @@ impl<'t> Cursor<'t> {
 
     /// Block comments on the line of the last token, before a comma or a closing bracket.
     pub fn inline(&mut self, out: &mut Vec<Doc<'t>>) {
-        while (self.closes() || self.peek() == ",") && self.comment_ahead() {
+        while (self.closes() || self.peek() == ",") && self.has_comment_ahead() {
             let (start, end) = self.comments[0];
             let next = self.comments.get(1).map_or(self.start(), |c| c.0.min(self.start()));
             let text = &self.text[start..end];
@@ -178,7 +178,7 @@ impl<'t> Cursor<'t> {
     /// The beginning of an item (a statement, a field, an element): an empty line if the source has some, and comments.
     pub fn lead(&mut self, out: &mut Vec<Doc<'t>>) {
         self.wants_space = false;
-        while self.comment_ahead() {
+        while self.has_comment_ahead() {
             self.comment(true, out);
         }
         self.blank_before(self.start(), out);
@@ -187,12 +187,12 @@ impl<'t> Cursor<'t> {
     /// Comments before a closing bracket, or before the end of the file.
     pub fn rest(&mut self, out: &mut Vec<Doc<'t>>) {
         self.trailing(out);
-        while self.comment_ahead() {
+        while self.has_comment_ahead() {
             self.comment(true, out);
         }
     }
 
-    fn comment_ahead(&self) -> bool {
+    pub fn has_comment_ahead(&self) -> bool {
         let start = self.start();
         self.comments.first().is_some_and(|c| c.0 < start || self.tokens.is_empty())
     }

@@ -32,6 +32,8 @@ pub enum Doc<'t> {
     },
     /// On one line if it fits there, and otherwise with a break at each `Line` in it (but not in groups within).
     Group(Group<'t>),
+    /// What follows a `=`: on its line if it fits there, else whole on the next line, else broken from its own line on.
+    Hang(Group<'t>),
     /// Broken lines are indented.
     Nest(Vec<Doc<'t>>),
     /// A list of numbers, or of lists of them.
@@ -78,7 +80,7 @@ impl<'t> Doc<'t> {
         match self {
             Doc::Fresh => true,
             Doc::Comment { text, ends_line } => *ends_line || text.contains('\n'),
-            Doc::Group(group) => group.is_broken,
+            Doc::Group(group) | Doc::Hang(group) => group.is_broken,
             Doc::Rows(rows) => rows.is_broken,
             Doc::Nest(docs) => docs.iter().any(Doc::breaks),
             Doc::Text(_) | Doc::Space | Doc::Line(_) | Doc::Blank | Doc::Choice { .. } => false,
@@ -190,6 +192,18 @@ impl Printer {
                 let is_broken = group.is_broken || is_broken && !self.fits(inside, stack, 0);
                 stack.push(Frame::Docs { rest: group.docs.iter(), indent, is_broken });
             }
+            Doc::Hang(group) => {
+                let frame = |indent, is_broken| Frame::Docs { rest: group.docs.iter(), indent, is_broken };
+                // With the blank before it.
+                let is_whole = !group.is_broken && (!is_broken || self.fits(frame(indent, false), stack, 1));
+                if !is_whole && !group.is_broken && self.fits_on_next_line(frame(indent + INDENT, false), stack) {
+                    self.newline();
+                    stack.push(frame(indent + INDENT, false));
+                } else {
+                    self.text(" ", indent);
+                    stack.push(frame(indent, !is_whole));
+                }
+            }
             Doc::Rows(rows) => {
                 self.text("[", indent);
                 let frame = |is_broken| Frame::Rows {
@@ -276,6 +290,13 @@ impl Printer {
         }
     }
 
+    fn fits_on_next_line(&mut self, inside: Frame, behind: &[Frame]) -> bool {
+        let was_fresh = std::mem::replace(&mut self.is_fresh, true);
+        let fits = self.fits(inside, behind, 0);
+        self.is_fresh = was_fresh;
+        fits
+    }
+
     /// Whether what is `inside`, and what follows it up to where the next line may break, fits into the rest of the line, of which `taken`
     /// columns are left.
     fn fits(&self, inside: Frame, behind: &[Frame], taken: usize) -> bool {
@@ -313,6 +334,11 @@ impl Printer {
                         Some(Doc::Nest(docs)) => {
                             stack.push(Frame::Docs { rest: docs.iter(), indent: 0, is_broken });
                             0
+                        }
+                        Some(Doc::Hang(_)) if is_broken => return true,
+                        Some(Doc::Hang(group)) => {
+                            stack.push(Frame::Docs { rest: group.docs.iter(), indent: 0, is_broken });
+                            1
                         }
                         // What follows may break where it likes.
                         Some(Doc::Group(group)) => {

@@ -109,9 +109,11 @@ impl<'t> Layout<'t> {
     }
 
     fn rest_of_parts(&mut self, parts: &mut Peekable<Pairs<Rule>>, end: usize, out: &mut Vec<Doc<'t>>) {
+        let mut is_value = false;
         loop {
             let until = parts.peek().map_or(end, |p| self.start(p));
             if self.cursor.start() < until {
+                is_value = self.cursor.peek() == "=";
                 if self.cursor.peek() == "{" {
                     self.braces(parts, out);
                 } else {
@@ -125,8 +127,25 @@ impl<'t> Layout<'t> {
                 self.cursor.comments(&mut inner);
                 self.node(part, &mut inner);
                 out.push(Doc::Nest(inner));
+            } else if is_value && !self.cursor.has_comment_ahead() {
+                self.value(part, out);
             } else {
                 self.node(part, out);
+            }
+            is_value = false;
+        }
+    }
+
+    /// What stands behind a `=`. If it begins and ends with brackets or names, these break; if it is a run of operators, it hangs.
+    fn value(&mut self, pair: P, out: &mut Vec<Doc<'t>>) {
+        self.cursor.wants_space = false;
+        let mut docs = Vec::new();
+        self.node(pair, &mut docs);
+        match docs.pop() {
+            Some(Doc::Group(group)) if docs.is_empty() && !group.is_bracket => out.push(Doc::Hang(group)),
+            last => {
+                out.push(Doc::Space);
+                out.extend(docs.into_iter().chain(last));
             }
         }
     }
