@@ -3,7 +3,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use dscene::check::{Disk, check_text};
 use dscene::diag::Diagnostic;
+use dscene::eval::{Engine, EngineOptions, on_large_stack, to_json};
 use dscene::source::SourceMap;
 use dscene::syntax;
 use proptest::prelude::*;
@@ -212,6 +214,29 @@ fn what_is_too_long_for_a_line_is_broken() {
     assert_eq!(settled("let v = [[1],\n [2],\n\n [3]]"), "let v = [\n  [1],\n  [2],\n  [3],\n]\n");
     let numbers = settled(&format!("let v = [{}]", "- 12, ".repeat(60)));
     assert!(numbers.lines().all(|l| l.len() <= 100) && numbers.lines().count() == 6, "{numbers}");
+}
+
+/// Random numbers follow from names and from the order within a declaration, not from columns and lines.
+#[test]
+fn a_new_layout_keeps_the_noise() {
+    let text = "camera eye{position:[0,1,-4] look_at:[0,0,0],film:[16,16]}
+        shape ball { mesh: sphere(),material:diffuse(reflectance :0.5 ) } light sky=constant( 1 )
+        fn seen ( spp ) = render(eye,spp:spp , max_bounces:2)
+        let both=[mean(seen(1)),mean( seen(2) |> blur(sigma : 1) ),mean(render(eye,spp:3) with {sky.radiance:2} )]";
+    let out = formatted(text);
+    assert_ne!(out, text);
+    let value = |text: &str| {
+        let program = check_text("a.dscene", None, text, &[], &Disk).program.unwrap();
+        on_large_stack(move || {
+            let mut engine = Engine::new(program, EngineOptions::default());
+            let id = engine.program().find("both").unwrap();
+            to_json(&engine.eval_decl(id).unwrap()).to_string()
+        })
+    };
+    assert_eq!(value(text), value(&out));
+    assert_eq!(value(text), value(&format!("// more\nlet other = 3\nparam unused = 2\n{out}")));
+    // The noise of a declaration that is edited is another.
+    assert_ne!(value(text), value(&out.replace("mean(seen(1))", "mean(seen(1)) + 0 * pi")));
 }
 
 #[test]
