@@ -1,8 +1,10 @@
 //! Dataflow: which params reach an expression, and warnings for those that reach no loss.
 
+use std::cell::LazyCell;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 
 use super::hir::*;
+use super::whole::is_frozen;
 use crate::diag::Diagnostic;
 use crate::source::Span;
 
@@ -79,7 +81,11 @@ pub fn check(program: &Program, quiet: bool) -> Vec<Diagnostic> {
     let reached = reached.decls;
     if has_loss {
         let users = users_of(program);
-        for param in program.params().filter(|p| !reached.contains(p)) {
+        let used = LazyCell::new(|| used_by_actions(program));
+        // What is frozen is not meant to move: it is there to be set from outside, for whatever the actions do with it.
+        let is_setting =
+            |id: &DeclId| matches!(&program.decl(*id).kind, DeclKind::Param(p) if is_frozen(p)) && used.contains(id);
+        for param in program.params().filter(|p| !reached.contains(p) && !is_setting(p)) {
             out.push(unused_param(program, param, &reached, &users));
         }
     }
@@ -158,7 +164,7 @@ fn unmoved(program: &Program, o: &Optimize, reached: &BTreeSet<DeclId>) -> Vec<D
 /// An error if no param that a loss depends on may move.
 fn all_frozen(program: &Program, o: &Optimize, reached: &BTreeSet<DeclId>) -> Option<Diagnostic> {
     let frozen = |id: &DeclId| match &program.decl(*id).kind {
-        DeclKind::Param(p) => Some(p.frozen.as_ref().is_some_and(|f| matches!(f.kind, ExprKind::Bool(true)))),
+        DeclKind::Param(p) => Some(is_frozen(p)),
         _ => None,
     };
     let params: Vec<(DeclId, bool)> = reached.iter().filter_map(|id| Some((*id, frozen(id)?))).collect();

@@ -190,6 +190,15 @@ Examples:
 
 With --json, one object for each name: {\"name\": …, \"module\": …, \"head\": …, \"text\": …, \"example\": …}.")]
     Doc(DocArgs),
+    /// What a diagnostic means, and why: with a script that is wrong and one that is right
+    #[command(after_help = "\
+Examples:
+  dsl explain dscene::type::unit
+  dsl explain unused_param                           the end of a code is enough, if no other ends so
+  dsl explain                                        lists all codes
+
+With --json, standard output gets an object for each page: {\"code\": …, \"title\": …, \"text\": …, \"wrong\": SCRIPT, \"right\": SCRIPT}.")]
+    Explain(ExplainArgs),
     /// What the program and the machine are: version, processor, memory
     Info(InfoArgs),
     /// Completion of commands and options for a shell, to standard output
@@ -312,6 +321,14 @@ pub struct CheckArgs {
     /// The scripts
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
+    #[command(flatten)]
+    pub common: Common,
+}
+
+#[derive(Debug, Args)]
+pub struct ExplainArgs {
+    /// The code, as a diagnostic shows it
+    pub code: Option<String>,
     #[command(flatten)]
     pub common: Common,
 }

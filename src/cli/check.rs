@@ -2,7 +2,7 @@
 
 use super::args::{CheckArgs, Common};
 use super::load::check_file;
-use super::world::diagnostic_text;
+use super::world::{diagnostic_text, pointer};
 use super::{EXIT_WRONG, out};
 use crate::diag::{self, Diagnostic};
 use crate::source::SourceMap;
@@ -10,10 +10,12 @@ use crate::source::SourceMap;
 /// One file after the other; errors in any of them fail the command.
 pub fn run(args: &CheckArgs) -> u8 {
     let (mut errors, mut warnings) = (0_usize, 0_usize);
+    let mut first_error = None;
     for file in &args.files {
         let checked = check_file(file, &args.common);
         for diagnostic in &checked.diagnostics {
             *(if diagnostic.is_error() { &mut errors } else { &mut warnings }) += 1;
+            first_error = first_error.or(diagnostic.is_error().then_some(diagnostic.code));
             tell(diagnostic, &checked.sources, &args.common);
         }
     }
@@ -24,6 +26,7 @@ pub fn run(args: &CheckArgs) -> u8 {
             (0, 0) => out::line(&format!("{files} checked: nothing to report")),
             _ => out::line(&format!("{files} checked: {}, {}", count(errors, "error"), count(warnings, "warning"))),
         }
+        first_error.and_then(pointer).iter().for_each(|line| out::error_line(line));
     }
     if errors > 0 { EXIT_WRONG } else { 0 }
 }

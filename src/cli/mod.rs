@@ -6,6 +6,7 @@ mod compare;
 mod completions;
 mod doc;
 mod eval;
+mod explain;
 mod export;
 mod fmt;
 mod grad;
@@ -94,6 +95,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Compare(a) => &a.common,
         Command::Repl(a) => &a.common,
         Command::Watch(a) => &a.common,
+        Command::Explain(a) => &a.common,
         Command::Lsp => return lsp::run(),
         Command::New(a) => &a.common,
         Command::Doc(a) => &a.common,
@@ -131,6 +133,7 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Compare(args) => compare::run(&args),
         Command::Repl(args) => repl::run(&args),
         Command::Watch(args) => live::watch::run(&args),
+        Command::Explain(args) => explain::run(&args),
         Command::Lsp => lsp::run(),
         Command::New(args) => new::run(&args),
         Command::Doc(args) => doc::run(&args),

@@ -44,7 +44,16 @@ pub fn error_line(text: &str) {
 
 /// Colours for standard error: a terminal that did not ask for none (`NO_COLOR`).
 pub fn colors_on_stderr() -> bool {
-    io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
+    io::stderr().is_terminal() && may_color()
+}
+
+/// The same for standard output.
+pub fn colors_on_stdout() -> bool {
+    io::stdout().is_terminal() && may_color()
+}
+
+fn may_color() -> bool {
+    std::env::var_os("NO_COLOR").is_none_or(|v| v.is_empty())
 }
 
 /// The terminal's width from `COLUMNS`, 80 to 120.

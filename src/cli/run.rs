@@ -27,11 +27,18 @@ pub fn run(args: RunArgs) -> u8 {
         return super::sweep::run(args.into());
     }
     let mut terminal = Terminal::new(&args.common);
-    let args = &args;
+    let code = run_script(&args, &mut terminal);
+    if !args.part {
+        terminal.point_to_page();
+    }
+    code
+}
+
+fn run_script(args: &RunArgs, terminal: &mut Terminal) -> u8 {
     let mut common = args.common.clone();
     let mut resumed = None;
     if let Some(path) = &args.resume {
-        let (folder, checkpoint) = match reopen(path, &mut terminal) {
+        let (folder, checkpoint) = match reopen(path, terminal) {
             Ok(found) => found,
             Err(code) => return code,
         };
@@ -41,14 +48,14 @@ pub fn run(args: RunArgs) -> u8 {
     }
     // A page has evaluations end early for a look; without one only Ctrl-C ends them.
     let stop = if args.live.is_some() { Arc::new(AtomicBool::new(false)) } else { world::interrupt_flag() };
-    let Some(mut loaded) = load_stopped_by(stop.clone(), &args.file, &common, &mut terminal) else {
+    let Some(mut loaded) = load_stopped_by(stop.clone(), &args.file, &common, terminal) else {
         return EXIT_WRONG;
     };
     if !args.part && args.resume.is_none() && loaded.engine.program().sweep.is_some() {
         if args.live.is_some() {
             terminal.note("a sweep has no live page");
         }
-        return super::sweep::run_loaded(args.clone().into(), loaded, &mut terminal);
+        return super::sweep::run_loaded(args.clone().into(), loaded, terminal);
     }
     if args.part {
         end_with_input();
@@ -83,7 +90,7 @@ pub fn run(args: RunArgs) -> u8 {
             return EXIT_WRONG;
         }
     };
-    let mut runner = Runner::new(&mut loaded.engine, world_of(&mut live, &mut terminal));
+    let mut runner = Runner::new(&mut loaded.engine, world_of(&mut live, terminal));
     runner.judge = args.compared.as_ref().map(|sweep| Judge::new(sweep, &path));
     runner.folder = Some(&mut folder);
     let outcome = world::listening(|| runner.resume(&actions, checkpoint));
@@ -91,7 +98,7 @@ pub fn run(args: RunArgs) -> u8 {
     if matches!(outcome, Ok(Flow::Continue)) {
         folder.sweep(&report.saved);
     }
-    let world = world_of(&mut live, &mut terminal);
+    let world = world_of(&mut live, terminal);
     world.progress_done();
 
     let (code, how) = match &outcome {
@@ -106,8 +113,8 @@ pub fn run(args: RunArgs) -> u8 {
         Ok(Flow::Continue) => (0, Ending::Finished),
     };
     let _ = folder.note(&Event::End { how, seconds: seconds_since, files });
-    let page = write_report(&mut loaded, &common, &folder, &mut terminal);
-    conclude(args, &report, &path, code, watch.elapsed().wall, &mut terminal);
+    let page = write_report(&mut loaded, &common, &folder, terminal);
+    conclude(args, &report, &path, code, watch.elapsed().wall, terminal);
     if let Some(page) = page {
         terminal.note(&format!("report: {}", page.display()));
     }

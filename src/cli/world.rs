@@ -9,9 +9,10 @@ use serde_json::json;
 use super::args::{Common, DiagnosticFormat};
 use super::out;
 use crate::diag::{self, Diagnostic, RenderOptions};
+use crate::eval::INTERRUPTED;
 use crate::session::clock::human_seconds;
 use crate::session::show::significant;
-use crate::session::{Progress, World, world};
+use crate::session::{Progress, World, expect, world};
 use crate::source::SourceMap;
 
 /// Prints to the terminal.
@@ -19,11 +20,13 @@ pub struct Terminal {
     quiet: bool,
     json: bool,
     bar: Option<ProgressBar>,
+    /// The code of the first error that was told and has more to say than its message.
+    first_error: Option<&'static str>,
 }
 
 impl Terminal {
     pub fn new(common: &Common) -> Terminal {
-        Terminal { quiet: common.quiet, json: common.json, bar: None }
+        Terminal { quiet: common.quiet, json: common.json, bar: None, first_error: None }
     }
 
     /// Draws a progress bar, if anybody looks.
@@ -45,6 +48,13 @@ impl Terminal {
         bar.set_position(done);
     }
 
+    /// Says where there is more about the first error that was told, if there was one.
+    pub fn point_to_page(&mut self) {
+        if let Some(line) = self.first_error.take().and_then(pointer) {
+            self.note(&line);
+        }
+    }
+
     /// Writes a line to standard error, above the progress bar if there is one.
     pub fn above_bar(&self, text: &str) {
         match &self.bar {
@@ -60,6 +70,12 @@ static FORMAT: OnceLock<DiagnosticFormat> = OnceLock::new();
 /// Sets how all diagnostics are written from now on. Only the first call counts.
 pub fn set_diagnostic_format(format: DiagnosticFormat) {
     let _ = FORMAT.set(format);
+}
+
+/// A line that leads from an error to its page, for people: programs that read diagnostics have the code.
+pub fn pointer(code: &str) -> Option<String> {
+    let is_full = FORMAT.get().copied().unwrap_or_default() == DiagnosticFormat::Full;
+    is_full.then(|| format!("`dsl explain {code}` says more"))
 }
 
 /// A diagnostic as standard error gets it.
@@ -96,6 +112,10 @@ impl World for Terminal {
     fn diagnostic(&mut self, diagnostic: &Diagnostic, sources: &SourceMap) {
         if self.quiet && !diagnostic.is_always_told() {
             return;
+        }
+        // An `expect` that fails and Ctrl-C are part of everyday work.
+        if diagnostic.is_error() && ![expect::FAILED, INTERRUPTED].contains(&diagnostic.code) {
+            self.first_error.get_or_insert(diagnostic.code);
         }
         if self.json {
             self.above_bar(&diag::to_json(diagnostic, sources).to_string());

@@ -2,6 +2,7 @@
 //! and of runs; shown in a terminal ([`render`]), as JSON ([`to_json`]) and by an editor.
 
 pub mod advice;
+pub mod explain;
 mod render;
 mod suggest;
 

@@ -9,6 +9,9 @@ use crate::natives::deviation;
 use crate::natives::value::Value;
 use crate::source::Span;
 
+/// The code of an expectation that does not hold.
+pub const FAILED: &str = "dscene::run::expect";
+
 /// The diagnostic of an expectation that fails; `None` if it holds. An error is one of evaluating it.
 pub fn failed(
     engine: &mut Engine,
@@ -33,7 +36,7 @@ pub fn failed(
         _ if failure.how.is_empty() => "expectation failed".to_owned(),
         _ => format!("expectation failed: {}", failure.how),
     };
-    let mut diagnostic = Diagnostic::error("dscene::run::expect", message);
+    let mut diagnostic = Diagnostic::error(FAILED, message);
     if failure.labels.is_empty() {
         diagnostic = diagnostic.label(span, "is false");
     }

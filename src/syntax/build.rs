@@ -9,6 +9,7 @@ pub use expr::{binding, prefix};
 
 use super::ast::{self, Action, Expr, ExprKind, Field, Name, Plot, StatementKind};
 use super::grammar::Rule;
+use super::scan::declared_name;
 use crate::diag::Diagnostic;
 use crate::source::{SourceId, Span};
 
@@ -21,6 +22,8 @@ pub struct Builder<'d> {
     pub offset: usize,
     pub level: usize,
     pub diagnostics: &'d mut Vec<Diagnostic>,
+    /// Names of declarations where none may stand: they are not missed where they are used.
+    pub unread: &'d mut Vec<String>,
 }
 
 type P<'i> = Pair<'i, Rule>;
@@ -130,13 +133,16 @@ impl Builder<'_> {
                         sweep.variables.push(ast::Swept { name, values });
                     }
                 }
-                rule => match self.statement_of(rule, Parts(part.into_inner()), span) {
-                    Some(StatementKind::Action(action)) => sweep.actions.push(action),
-                    _ => self.diagnostics.push(
-                        Diagnostic::error("dscene::sweep::declaration", "a sweep holds actions, not declarations")
-                            .label(span, "declared here")
-                            .help("move it out of the braces: it sees the sweep's variables there too"),
-                    ),
+                rule => match (part.as_str(), self.statement_of(rule, Parts(part.into_inner()), span)) {
+                    (_, Some(StatementKind::Action(action))) => sweep.actions.push(action),
+                    (text, _) => {
+                        self.unread.extend(declared_name(text).map(str::to_owned));
+                        self.diagnostics.push(
+                            Diagnostic::error("dscene::sweep::declaration", "a sweep holds actions, not declarations")
+                                .label(span, "declared here")
+                                .help("move it out of the braces: it sees the sweep's variables there too"),
+                        );
+                    }
                 },
             }
         }
@@ -165,6 +171,7 @@ impl Builder<'_> {
                 }),
                 _ => {
                     let first = part.as_str().split_whitespace().next().unwrap_or("");
+                    self.unread.extend(declared_name(part.as_str()).map(str::to_owned));
                     self.diagnostics.push(
                         Diagnostic::error("dscene::test::statement", format!("a test holds no `{first}`"))
                             .label(Span { end: span.start + first.len() as u32, ..span }, "neither `let` nor `expect`")

@@ -50,7 +50,9 @@ fn read(source: SourceId, scan: &scan::Scan, visit: &mut dyn FnMut(usize, Pair<R
         match Grammar::parse(Rule::statement, text) {
             Ok(mut pairs) => {
                 let told = diagnostics.len();
-                let mut builder = Builder { source, offset: piece.start, level: 0, diagnostics: &mut diagnostics };
+                let unread = &mut tree.unread;
+                let mut builder =
+                    Builder { source, offset: piece.start, level: 0, diagnostics: &mut diagnostics, unread };
                 let Some(pair) = pairs.next() else { continue };
                 if let Some(kind) = builder.statement(pair.clone()) {
                     tree.statements.push(ast::Statement { kind, doc: piece.doc.clone(), span });
@@ -89,7 +91,8 @@ pub fn parse_expr(sources: &SourceMap, source: SourceId) -> (Option<ast::Expr>, 
     let expr = match parsed {
         Ok(pair) => {
             file.set_outline(&scan.text, std::iter::empty());
-            let mut builder = Builder { source, offset: 0, level: 0, diagnostics: &mut diagnostics };
+            let (diagnostics, unread) = (&mut diagnostics, &mut Vec::new());
+            let mut builder = Builder { source, offset: 0, level: 0, diagnostics, unread };
             pair.map(|p| builder.expr(p))
         }
         Err(error) => {

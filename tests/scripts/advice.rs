@@ -226,6 +226,11 @@ const ONE_CAUSE: &[(&str, &str)] = &[
     ("import \"nowhere.dscene\" as lib\nprint lib.x, lib.f(3)", "import \"nowhere.dscene\" as lib"),
     ("param p: colour = 1\nmaterial m = diffuse(reflectance: p)", "colour"),
     ("for i in range(3):\n    print(i)", "for"),
+    (
+        "sweep goal in [2, 3] { loss far = (size - goal) ^ 2  optimize far { steps: 5 } }",
+        "loss far = (size - goal) ^ 2",
+    ),
+    ("test \"far\" { param far = 3  expect far > size }", "param"),
 ];
 
 #[test]

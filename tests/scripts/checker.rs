@@ -362,6 +362,9 @@ fn warnings_tell_what_is_not_what_it_seems() {
         let codes: Vec<&str> = found.iter().map(|d| d.code).collect();
         assert_eq!(codes, [code], "{script}\n{found:#?}");
     }
+    // What is frozen does not wait to be moved.
+    let settings = "param x = 1\nparam n: int = 3 { frozen: true }\nloss fit = x ^ 2\noptimize fit { steps: n }";
+    assert!(checked(settings).diagnostics.is_empty(), "{:#?}", checked(settings).diagnostics);
     for script in
         ["let x = 7 // seven", "let x = 7 // 2 is too few", "let x = 1 // a", "// 2\nlet x = 1", "let x = 1\n// 3"]
     {

@@ -16,6 +16,7 @@ mod commands;
 mod data_files;
 mod diagnostics;
 mod expectations;
+mod explain;
 mod format;
 mod growth;
 mod hostile_values;
