@@ -33,7 +33,8 @@ pub fn parse(sources: &SourceMap, source: SourceId) -> (ast::File, Vec<Diagnosti
     (tree, diagnostics)
 }
 
-/// Reads the statements of a scanned text; `visit` gets the pairs of those that are right, and where their text begins.
+/// Reads the statements of a scanned text; `visit` gets the pairs of those before the first error, and where
+/// their text begins.
 fn read(source: SourceId, scan: &scan::Scan, visit: &mut dyn FnMut(usize, Pair<Rule>)) -> (ast::File, Vec<Diagnostic>) {
     let mut diagnostics = scan.diagnostics.clone();
     let mut tree = ast::File::default();
@@ -49,14 +50,13 @@ fn read(source: SourceId, scan: &scan::Scan, visit: &mut dyn FnMut(usize, Pair<R
             diagnostics.iter().any(|d| d.span().is_some_and(|s| span.start <= s.start && s.start < span.end));
         match Grammar::parse(Rule::statement, text) {
             Ok(mut pairs) => {
-                let told = diagnostics.len();
                 let unread = &mut tree.unread;
                 let mut builder =
                     Builder { source, offset: piece.start, level: 0, diagnostics: &mut diagnostics, unread };
                 let Some(pair) = pairs.next() else { continue };
                 if let Some(kind) = builder.statement(pair.clone()) {
                     tree.statements.push(ast::Statement { kind, doc: piece.doc.clone(), span });
-                    if diagnostics.len() == told {
+                    if !diagnostics.iter().any(Diagnostic::is_error) {
                         visit(piece.start, pair);
                     }
                 }

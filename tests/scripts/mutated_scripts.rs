@@ -4,6 +4,8 @@ use std::path::Path;
 
 use dscene::check::{Disk, check_line, check_text};
 use dscene::diag::{RenderOptions, render_all, to_json};
+use dscene::source::SourceMap;
+use dscene::syntax;
 
 use crate::dice::Dice;
 
@@ -152,6 +154,29 @@ fn damaged_scripts_are_checked_without_a_panic() {
             }
         }
     }
+}
+
+#[test]
+fn damaged_scripts_are_laid_out_or_refused() {
+    let mut random = Dice(0xf00d);
+    let scripts = scripts();
+    let format = |text: &str| {
+        let mut sources = SourceMap::new();
+        let source = sources.add("damaged.dscene", None, text);
+        syntax::format(&sources, source)
+    };
+    let mut laid_out = 0;
+    for round in 0..1200 {
+        let text = damage(&scripts[round % scripts.len()], &mut random);
+        match format(&text) {
+            Ok(out) => {
+                laid_out += 1;
+                assert_eq!(format(&out).ok().as_deref(), Some(out.as_str()), "{text}");
+            }
+            Err(errors) => assert!(errors.iter().all(|e| e.code != "dscene::internal"), "{text}"),
+        }
+    }
+    assert!(laid_out > 100, "only {laid_out}");
 }
 
 #[test]

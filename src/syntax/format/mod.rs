@@ -8,7 +8,7 @@ mod layout;
 mod rules;
 
 use super::scan::{self, Scan};
-use super::{Rule, read};
+use super::{Rule, parse, read};
 use crate::diag::Diagnostic;
 use crate::source::{SourceId, SourceMap};
 use cursor::Cursor;
@@ -19,29 +19,24 @@ use rules::Layout;
 /// The text of a source, laid out anew; or why it cannot be read.
 pub fn format(sources: &SourceMap, source: SourceId) -> Result<String, Vec<Diagnostic>> {
     let Some(file) = sources.get(source) else { return Ok(String::new()) };
-    // Whoever writes lines of another kind has them read all the same.
-    let text = file.text.replace("\r\n", "\n");
-    let scan = scan::scan(source, &file.text);
-    let normal = if text.len() == file.text.len() { None } else { Some(scan::scan(source, &text)) };
-    let mut printer = Printer::new(text.len());
-    let errors: Vec<Diagnostic> = match &normal {
-        None => laid_out(source, &text, &scan, &mut printer),
-        Some(normal) => {
-            // Errors are told at their places in the file.
-            let (_, diagnostics) = read(source, &scan, &mut |_, _| ());
-            if diagnostics.iter().any(Diagnostic::is_error) {
-                diagnostics
-            } else {
-                laid_out(source, &text, normal, &mut printer)
-            }
+    if file.text.contains("\r\n") {
+        // Errors are told at their places in the file; all lines of what is written end alike.
+        let errors = errors(parse(sources, source).1);
+        if !errors.is_empty() {
+            return Err(errors);
         }
-    };
-    let errors: Vec<Diagnostic> = errors.into_iter().filter(Diagnostic::is_error).collect();
+        let mut normal = SourceMap::new();
+        let source = normal.add(file.name.as_str(), None, file.text.replace("\r\n", "\n"));
+        return format(&normal, source);
+    }
+    let scan = scan::scan(source, &file.text);
+    let mut printer = Printer::new(file.text.len());
+    let errors = errors(laid_out(source, &file.text, &scan, &mut printer));
     if !errors.is_empty() {
         return Err(errors);
     }
     let out = printer.out;
-    if !says_the_same(normal.as_ref().unwrap_or(&scan), &text, &out) {
+    if !says_the_same(&scan, &file.text, &out) {
         let message = "this script was not laid out rightly, and is left as it is";
         return Err(vec![
             Diagnostic::error("dscene::internal", message)
@@ -49,6 +44,10 @@ pub fn format(sources: &SourceMap, source: SourceId) -> Result<String, Vec<Diagn
         ]);
     }
     Ok(out)
+}
+
+fn errors(diagnostics: Vec<Diagnostic>) -> Vec<Diagnostic> {
+    diagnostics.into_iter().filter(Diagnostic::is_error).collect()
 }
 
 /// Prints all statements; gives what is to be said about them.
@@ -76,12 +75,10 @@ fn laid_out(source: SourceId, text: &str, scan: &Scan, printer: &mut Printer) ->
 /// person's file.
 fn says_the_same(before: &Scan, text: &str, out: &str) -> bool {
     let after = scan::scan(SourceId(0), out);
+    let begins = |text: &str, piece: &scan::Piece| text.as_bytes().get(piece.start).copied();
+    let pieces = before.pieces.iter().zip(&after.pieces);
     let same_pieces = before.pieces.len() == after.pieces.len()
-        && before
-            .pieces
-            .iter()
-            .zip(&after.pieces)
-            .all(|(a, b)| a.doc == b.doc && text[a.start..][..1] == out[b.start..][..1]);
+        && pieces.into_iter().all(|(a, b)| a.doc == b.doc && begins(text, a) == begins(out, b));
     let comments = |scan: &Scan, text: &str| -> Vec<String> {
         scan.comments.iter().map(|c| text[c.0..c.1].trim_end().to_owned()).collect()
     };

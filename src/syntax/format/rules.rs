@@ -32,11 +32,7 @@ struct Item<'t> {
 impl<'t> Layout<'t> {
     pub fn node(&mut self, pair: P, out: &mut Vec<Doc<'t>>) {
         match pair.as_rule() {
-            Rule::call => {
-                self.cursor.wants_space = false;
-                self.list(pair, out);
-            }
-            Rule::parameters => {
+            Rule::call | Rule::parameters => {
                 self.cursor.wants_space = false;
                 self.list(pair, out);
             }
@@ -173,10 +169,13 @@ impl<'t> Layout<'t> {
             let needs_comma = rule == Rule::reported && is_reserved(self.cursor.peek());
             match rule {
                 _ if needs_comma => inner.push(Doc::Text(",")),
-                Rule::field | Rule::replacement | Rule::renewal | Rule::reported => {
-                    inner.push(Doc::Choice { flat: ",", broken: "" });
-                }
-                Rule::stage | Rule::every | Rule::then => inner.push(Doc::Choice { flat: ",", broken: "" }),
+                Rule::field
+                | Rule::replacement
+                | Rule::renewal
+                | Rule::reported
+                | Rule::stage
+                | Rule::every
+                | Rule::then => inner.push(Doc::Choice { flat: ",", broken: "" }),
                 _ if has_comma => inner.push(Doc::Text(",")),
                 _ => {}
             }
