@@ -1,9 +1,16 @@
-//! What the language costs apart from rendering: checking generated scripts as they grow, lines of the REPL, comprehensions and
-//! their derivatives. Each group doubles as a table of growth: ten times the lines should take ten times as long.
+//! What the language costs apart from rendering: checking generated scripts as they grow, what an editor waits for, lines of the REPL,
+//! comprehensions and their derivatives. Each group doubles as a table of growth: ten times the lines should take ten times as long.
+
+use std::sync::Arc;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use dscene::check::{self, Disk};
 use dscene::eval::{Engine, EngineOptions};
+use dscene::ide::Analysis;
+use dscene::ide::complete::complete;
+use dscene::ide::hover::hover;
+use dscene::ide::structure::outline;
+use dscene::ide::tokens::painted;
 use dscene::session::line::check_line;
 use dscene::source::SourceMap;
 use dscene::syntax;
@@ -22,15 +29,20 @@ fn lines(n: usize, line: impl Fn(usize) -> String) -> String {
     (0..n).map(|i| line(i) + "\n").collect()
 }
 
+/// A line of a script of many kinds of lines.
+fn mixed(i: usize) -> String {
+    match i % 4 {
+        0 => format!("param p{i} = {i} in 0..{}", i + 1),
+        1 => format!("fn f{i}(x, k = 2) = x * k + p{}", i - 1),
+        2 => format!("let v{i} = f{}([1, 2, 3]) |> sum()", i - 1),
+        _ => format!("let w{i} = [t * v{} for t in 0..3]", i - 1),
+    }
+}
+
 fn checking(c: &mut Criterion) {
     type Line = fn(usize) -> String;
     let kinds: [(&str, Line); 4] = [
-        ("scripts", |i| match i % 4 {
-            0 => format!("param p{i} = {i} in 0..{}", i + 1),
-            1 => format!("fn f{i}(x, k = 2) = x * k + p{}", i - 1),
-            2 => format!("let v{i} = f{}([1, 2, 3]) |> sum()", i - 1),
-            _ => format!("let w{i} = [t * v{} for t in 0..3]", i - 1),
-        }),
+        ("scripts", mixed),
         ("chains of lets", |i| if i == 0 { "let a0 = 1".to_owned() } else { format!("let a{i} = a{} + 1", i - 1) }),
         ("undeclared names", |i| format!("let a{i} = nowhere_{i} * 2")),
         ("chains of functions", |i| match i {
@@ -70,6 +82,32 @@ fn reading(c: &mut Criterion) {
         group.bench_function("format", |b| b.iter(|| syntax::format(&sources, source).map_or(0, |text| text.len())));
         group.finish();
     }
+}
+
+/// What an editor waits for after an edit of a script of 2,000 lines: the analysis of the new text, and with it an answer.
+fn editing(c: &mut Criterion) {
+    const LINES: usize = 2_000;
+    let text = lines(LINES, mixed);
+    let broken = format!("{text}let last = f1(w3.");
+    let before = Arc::new(Analysis::new("bench.dscene", None, &text, &Disk, None));
+    let analysed = |text: &str| Analysis::new("bench.dscene", None, text, &Disk, Some(before.clone()));
+    let middle = text.len() / 2 + text[text.len() / 2..].find("f").expect("a name");
+    let mut group = c.benchmark_group(format!("after an edit of {LINES} lines"));
+    group.sample_size(20);
+    group.bench_function("analysis", |b| b.iter(|| analysed(&text).names.len()));
+    group.bench_function("hover", |b| b.iter(|| hover(&analysed(&text), middle).is_some()));
+    group.bench_function("completion", |b| b.iter(|| complete(&analysed(&text), &text, middle + 1).items.len()));
+    group.bench_function("completion of a field where brackets are open", |b| {
+        b.iter(|| complete(&analysed(&broken), &broken, broken.len()).items.len());
+    });
+    group.bench_function("symbols", |b| {
+        b.iter(|| {
+            let analysis = analysed(&text);
+            outline(&analysis.known, analysis.known.main).len()
+        });
+    });
+    group.bench_function("semantic tokens", |b| b.iter(|| painted(&analysed(&text)).len()));
+    group.finish();
 }
 
 fn typing(c: &mut Criterion) {
@@ -114,5 +152,5 @@ fn comprehensions(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, checking, reading, typing, comprehensions);
+criterion_group!(benches, checking, reading, editing, typing, comprehensions);
 criterion_main!(benches);

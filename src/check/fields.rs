@@ -233,7 +233,8 @@ pub fn numeric_fields(ty: &Ty) -> Vec<String> {
     fields_of(ty).iter().filter_map(part).collect()
 }
 
-fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
+/// The type of a field, if a value of that type has it.
+pub fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
     if ty.is_unknown() {
         return Some(ty.clone());
     }

@@ -40,6 +40,10 @@ impl Known {
     pub(super) fn of(knowledge: Arc<Knowledge>) -> Known {
         Known(Some(knowledge))
     }
+
+    pub(super) fn get(&self) -> Option<&Arc<Knowledge>> {
+        self.0.as_ref()
+    }
 }
 
 impl fmt::Debug for Known {

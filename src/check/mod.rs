@@ -41,11 +41,12 @@ use crate::diag::{self, Diagnostic};
 use crate::source::SourceMap;
 
 pub use domains::{Part, Reached, domain_of_field, domains};
-pub use fields::{fields_of, type_of};
+pub use fields::{field_type, fields_of, type_of};
 pub use flow::{children, reaching_params, reaching_params_of};
 pub use lines::{Line, check_line};
 use modules::Checker;
-pub use modules::{ModuleId, PRELUDE, library_modules, normal};
+pub use modules::{ModuleId, PRELUDE, library_modules, library_text, normal};
+pub use signature::TYPE_NAMES;
 pub use sweep::SEED;
 pub use understanding::{Understanding, understand};
 

@@ -34,6 +34,11 @@ pub fn library_modules() -> impl Iterator<Item = (&'static str, bool)> {
     LIBRARY.iter().map(|(name, is_prelude, _)| (*name, *is_prelude))
 }
 
+/// The text of a module of the library.
+pub fn library_text(module: &str) -> Option<&'static str> {
+    LIBRARY.iter().find(|(name, ..)| *name == module).map(|(.., text)| *text)
+}
+
 /// The natives of a module of the library that make a thing of some type out of others, with the names of their arguments.
 pub fn constructors(module: &str, ty: &str) -> Vec<(String, Vec<String>)> {
     let mut sources = SourceMap::new();

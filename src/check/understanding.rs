@@ -8,6 +8,7 @@ use std::sync::Arc;
 use super::hir::{DeclId, Program};
 use super::lines::{Knowledge, Known};
 use super::modules::{Checker, Module, ModuleId, lookup_in, normal};
+use super::signature;
 use super::types::Ty;
 use super::{Disk, Loader, with_room};
 use crate::diag::{self, Diagnostic};
@@ -55,6 +56,19 @@ pub fn understand(
 }
 
 impl Understanding {
+    /// What is known of a program after a line was checked against it ([`super::check_line`]); without trees and types.
+    pub fn of(program: &Program) -> Option<Understanding> {
+        Some(Understanding {
+            knowledge: program.known.get()?.clone(),
+            diagnostics: Vec::new(),
+            sources: program.sources.clone(),
+            main: program.origin.main.unwrap_or(SourceId(u32::MAX)),
+            trees: HashMap::new(),
+            types: HashMap::new(),
+            program: program.clone(),
+        })
+    }
+
     /// The module that a source is; the library's prelude for sources that are none.
     pub fn module_of(&self, source: SourceId) -> ModuleId {
         let known = &self.knowledge;
@@ -87,6 +101,13 @@ impl Understanding {
     /// How a declaration is written.
     pub fn statement(&self, id: DeclId) -> Option<&ast::Statement> {
         self.knowledge.slots.get(id.0 as usize).map(|slot| &*slot.statement)
+    }
+
+    /// The type that an annotation names, such as `vec3[4]`; `None` if there is none of that name.
+    pub fn type_named(&self, annotation: &str) -> Option<Ty> {
+        let (name, lengths) = annotation.split_at(annotation.find('[').unwrap_or(annotation.len()));
+        let lengths = lengths.split('[').skip(1).map(|n| n.trim_end_matches(']').parse().ok());
+        Some(lengths.fold(signature::named(name)?, signature::array_of).ty())
     }
 
     /// The type of an expression that stands in the text's module, where `locals` are visible too. `None` if it cannot be read.

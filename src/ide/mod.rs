@@ -1,16 +1,29 @@
 //! What an editor wants to know about a script, as plain data: names, types, documentation, completions, fixes. The language server, the
 //! REPL and the command line ask the same [`Analysis`]; nothing here knows of a protocol or of a terminal. Places are bytes.
 
+pub mod colors;
+pub mod complete;
+pub mod context;
 pub mod describe;
+pub mod files;
+pub mod fixes;
+pub mod hints;
 pub mod hover;
+pub mod lenses;
+pub mod lexical;
 pub mod library;
+mod locals;
 pub mod names;
+pub mod references;
 pub mod settings;
+pub mod signature;
+pub mod structure;
+pub mod tokens;
 
 use std::path::Path;
 use std::sync::Arc;
 
-use crate::check::hir::DeclId;
+use crate::check::hir::{DeclId, Program};
 use crate::check::types::Ty;
 use crate::check::{Loader, Understanding, understand};
 use crate::source::{SourceFile, Span};
@@ -45,6 +58,11 @@ impl Analysis {
             analysis.earlier = before.and_then(|b| if b.is_readable() { Some(b) } else { b.earlier.clone() });
         }
         analysis
+    }
+
+    /// What the REPL's program sees; `None` before a line was checked against it.
+    pub fn of_program(program: &Program) -> Option<Analysis> {
+        Some(Analysis { known: Understanding::of(program)?, names: Vec::new(), earlier: None })
     }
 
     /// Whether every statement could be read.
@@ -127,3 +145,6 @@ pub fn word_at(text: &str, offset: usize) -> Option<(usize, &str)> {
     let word = text.get(start..end)?;
     (!word.is_empty() && !word.starts_with(|c: char| c.is_ascii_digit())).then_some((start, word))
 }
+
+#[cfg(test)]
+mod tests;

@@ -66,6 +66,44 @@ pub fn doc(name: &str) -> Option<&'static str> {
     TABLE.iter().find(|(_, n, _)| *n == name).map(|(.., doc)| *doc)
 }
 
+/// What a statement, or a part of `optimize`, does.
+const STATEMENTS: [(&str, &str); 26] = [
+    ("test", "Holds what `dsl test` expects of the declarations of the file: `test \"name\" { expect … }`."),
+    (
+        "import",
+        "Brings the declarations of a file, `import \"lib.dscene\"`, or of a module, under a name if there is one: `as lib`.",
+    ),
+    ("let", "Names a value."),
+    ("param", "Names a number that is unknown: `optimize` finds it, and derivatives may be taken with respect to it."),
+    ("fn", "Declares a function."),
+    ("optimize", "Moves params until a loss is small."),
+    ("save", "Writes a value into a file: `save render(eye) to \"eye.png\"`."),
+    ("print", "Shows values."),
+    ("plot", "Draws curves, on the terminal or into a file."),
+    ("expect", "Fails the run if a condition does not hold."),
+    ("sweep", "Runs what is in its braces for every combination of values."),
+    ("report", "Says which columns the table of a sweep has."),
+    ("camera", "Declares who looks."),
+    ("material", "Declares how a surface reflects light."),
+    ("texture", "Declares an image over a surface."),
+    ("mesh", "Declares a triangle mesh."),
+    ("shape", "Declares a mesh with its material, a part of the scene."),
+    ("light", "Declares a light, a part of the scene."),
+    ("medium", "Declares what light passes through."),
+    ("scene", "Declares a scene in place of the file's own."),
+    ("integrator", "Declares how all renders of the file compute light."),
+    ("loss", "Names a number that is to be small."),
+    ("stage", "A part of an `optimize` with settings of its own."),
+    ("every", "Actions after each so many steps."),
+    ("then", "What is declared anew where a stage ends."),
+    ("native", "Declares a function of the library that is written in Rust."),
+];
+
+/// What a statement does; nothing for other words.
+pub fn statement_doc(word: &str) -> &'static str {
+    STATEMENTS.iter().find(|(w, _)| *w == word).map_or("", |(_, doc)| doc)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -86,5 +124,8 @@ mod tests {
         assert_eq!(stage, known);
         assert_eq!(told(Place::Param), check::params::SETTINGS);
         assert_eq!(told(Place::Plot), check::plot::SETTINGS);
+        for word in crate::syntax::statement_words() {
+            assert!(!statement_doc(word).is_empty(), "{word}");
+        }
     }
 }

@@ -11,7 +11,7 @@ mod scan;
 pub mod snippet;
 
 pub use format::format;
-pub use scan::{KINDS, is_blank, is_incomplete, is_reserved, statement_words};
+pub use scan::{KINDS, declared_name, is_blank, is_incomplete, is_reserved, statement_words};
 
 use pest::Parser;
 use pest::iterators::Pair;
@@ -106,6 +106,11 @@ pub fn parse_expr(sources: &SourceMap, source: SourceId) -> (Option<ast::Expr>, 
 /// The text with comments turned to blanks, byte for byte.
 pub fn without_comments(text: &str) -> String {
     scan::scan(SourceId(0), text).text
+}
+
+/// Where the statements of a text stand, whether they can be read or not.
+pub fn statement_ranges(text: &str) -> Vec<std::ops::Range<usize>> {
+    scan::scan(SourceId(0), text).pieces.into_iter().map(|piece| piece.start..piece.end).collect()
 }
 
 /// Whether a line of the REPL is a statement (else it is an expression).

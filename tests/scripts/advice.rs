@@ -3,6 +3,8 @@
 
 use dscene::check::{Disk, check_text};
 use dscene::diag::Diagnostic;
+use dscene::ide::Analysis;
+use dscene::ide::fixes::fixes;
 
 /// What the scripts may use.
 const SCENE: &str = "\
@@ -293,4 +295,31 @@ fn each_habit_gives_one_error_and_the_text_to_type() {
         }
     }
     assert!(failures.is_empty(), "{} failures\n{}", failures.len(), failures.join("\n"));
+}
+
+/// A script after quick fixes, the first one that is offered for its first error, until it has none or none is offered.
+fn fixed(wrong: &str) -> String {
+    let mut script = wrong.to_owned();
+    for _ in 0..3 {
+        let text = format!("{SCENE}{script}\n");
+        let analysis = Analysis::new("script.dscene", None, &text, &Disk, None);
+        let error = analysis.known.diagnostics.iter().find(|d| d.is_error());
+        let Some(fix) = error.and_then(|error| fixes(&analysis, error, &Disk).into_iter().next()) else { break };
+        script = fix.applied(&text)[SCENE.len()..].trim_end().to_owned();
+    }
+    script
+}
+
+#[test]
+fn editors_type_what_a_help_says() {
+    let mut failures = Vec::new();
+    // A text with a gap is nothing to type, and a file that is not there is still wrong.
+    let typed = ROWS.iter().filter(|(wrong, _, typed, _)| !typed.contains('…') && !wrong.contains("wood.png"));
+    for (wrong, _, typed, mended) in typed.filter(|row| !row.3.is_empty()) {
+        let found = fixed(wrong);
+        if found != *mended {
+            failures.push(format!("{wrong:?} with `{typed}` should become\n    {mended:?}, became\n    {found:?}"));
+        }
+    }
+    assert!(failures.is_empty(), "{} of {}\n{}", failures.len(), ROWS.len(), failures.join("\n"));
 }

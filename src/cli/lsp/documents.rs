@@ -55,6 +55,11 @@ impl Documents {
         self.open.get_mut(uri)
     }
 
+    /// The addresses of all.
+    pub fn uris(&self) -> Vec<String> {
+        self.open.keys().cloned().collect()
+    }
+
     /// The first one whose diagnostics the client does not know yet.
     pub fn untold(&self) -> Option<String> {
         self.open.iter().find(|(_, d)| !d.is_told).map(|(uri, _)| uri.clone())
@@ -128,15 +133,25 @@ impl Documents {
         if let Some(analysis) = document.analysis.as_ref().filter(|_| !document.is_stale) {
             return Some(analysis.clone());
         }
-        let texts = self.open.values().filter_map(|d| Some((normal(d.path.as_deref()?), d.text.as_str())));
-        let overlay = Overlay(texts.collect());
         let path = document.path.as_deref();
         let name = path.map_or_else(|| uri.to_owned(), |p| p.display().to_string());
-        let analysis = Arc::new(Analysis::new(&name, path, &document.text, &overlay, document.analysis.clone()));
+        let analysis = Arc::new(Analysis::new(&name, path, &document.text, &self.loader(), document.analysis.clone()));
         self.analysed += 1;
         let document = self.open.get_mut(uri)?;
         document.analysis = Some(analysis.clone());
         document.is_stale = false;
         Some(analysis)
+    }
+
+    /// Reads files as they are open, else as they are saved.
+    pub fn loader(&self) -> impl Loader + Sync {
+        let texts = self.open.values().filter_map(|d| Some((normal(d.path.as_deref()?), d.text.as_str())));
+        Overlay(texts.collect())
+    }
+
+    /// What is known of a file that is not open; `None` if it cannot be read.
+    pub fn analyse_file(&self, path: &Path) -> Option<Arc<Analysis>> {
+        let text = Disk.read(path).ok()?;
+        Some(Arc::new(Analysis::new(&path.display().to_string(), Some(path), &text, &self.loader(), None)))
     }
 }

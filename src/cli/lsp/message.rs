@@ -17,6 +17,7 @@ pub const INVALID_PARAMS: i64 = -32602;
 pub const INTERNAL_ERROR: i64 = -32603;
 pub const NOT_INITIALIZED: i64 = -32002;
 pub const REQUEST_CANCELLED: i64 = -32800;
+pub const REQUEST_FAILED: i64 = -32803;
 
 /// Why a request has no result.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -5,13 +5,18 @@
 
 mod documents;
 mod message;
+mod navigate;
 mod publish;
 mod requests;
+mod show;
 mod text;
+mod workspace;
+mod write;
 
 use std::collections::{HashSet, VecDeque};
 use std::io::{self, BufReader};
 use std::panic::AssertUnwindSafe;
+use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, channel};
 use std::time::Duration;
 
@@ -64,6 +69,8 @@ pub struct Server {
     /// Whether the client wants to know what the server does.
     is_traced: bool,
     documents: Documents,
+    /// Those that the client has opened.
+    folders: Vec<PathBuf>,
 }
 
 impl Server {
@@ -77,6 +84,7 @@ impl Server {
             encoding: Encoding::Utf16,
             is_traced: false,
             documents: Documents::default(),
+            folders: Vec::new(),
         }
     }
 
@@ -101,9 +109,9 @@ impl Server {
                         true => Err(Failure::new(message::REQUEST_CANCELLED, "cancelled by the client")),
                         false => self.answer(&method, &params),
                     };
-                    self.send(&message::response(&id, result));
+                    Server::send(&message::response(&id, result));
                 }
-                Incoming::Malformed { id, failure } => self.send(&message::response(&id, Err(failure))),
+                Incoming::Malformed { id, failure } => Server::send(&message::response(&id, Err(failure))),
                 Incoming::Response => {}
             }
         }
@@ -153,7 +161,8 @@ impl Server {
         }
     }
 
-    fn send(&self, message: &Value) {
+    /// Writes a message as a whole, whichever thread it comes from.
+    fn send(message: &Value) {
         let mut bytes = Vec::new();
         // Writing to memory does not fail, and a client that went away is noticed by the reader.
         let _ = message::write(&mut bytes, message);
@@ -185,6 +194,7 @@ impl Server {
         let has_utf8 = offered.is_some_and(|all| all.iter().any(|e| e == "utf-8"));
         self.encoding = if has_utf8 { Encoding::Utf8 } else { Encoding::Utf16 };
         self.is_traced = params.get("trace").is_some_and(|t| t == "messages" || t == "verbose");
+        self.note_folders(params);
         let mut capabilities = requests::capabilities();
         capabilities["positionEncoding"] = json!(if has_utf8 { "utf-8" } else { "utf-16" });
         json!({
@@ -209,13 +219,13 @@ impl Server {
                 let changes = params.get("contentChanges").and_then(Value::as_array);
                 let changes = changes.map_or(&[][..], Vec::as_slice);
                 if let Err(why) = self.documents.change(uri, version(), changes, self.encoding) {
-                    self.send(&message::notification("window/logMessage", json!({"type": 1, "message": why})));
+                    Server::send(&message::notification("window/logMessage", json!({"type": 1, "message": why})));
                 }
             }
             "textDocument/didClose" => {
                 self.documents.close(uri);
                 let nothing = json!({"uri": uri, "diagnostics": []});
-                self.send(&message::notification("textDocument/publishDiagnostics", nothing));
+                Server::send(&message::notification("textDocument/publishDiagnostics", nothing));
             }
             "textDocument/didSave" | "workspace/didChangeWatchedFiles" => self.documents.touched_all(),
             "$/setTrace" => self.is_traced = params.get("value").is_some_and(|t| t == "messages" || t == "verbose"),

@@ -25,14 +25,16 @@ impl Server {
         let version = self.documents.get(uri).map_or(Value::Null, |d| d.version.clone());
         if self.is_traced && self.documents.analysed > analysed {
             let told = json!({"message": format!("checked {uri}, version {version}")});
-            self.send(&notification("$/logTrace", told));
+            Server::send(&notification("$/logTrace", told));
         }
-        let diagnostics = diagnostics(&analysis, uri, self.encoding);
+        // The library's own files may declare what others may not.
+        let is_library = super::text::path_of(uri).is_some_and(|path| super::workspace::is_library(&path));
+        let diagnostics = if is_library { Vec::new() } else { diagnostics(&analysis, uri, self.encoding) };
         let mut params = json!({"uri": uri, "diagnostics": diagnostics});
         if version.is_number() {
             params["version"] = version;
         }
-        self.send(&notification("textDocument/publishDiagnostics", params));
+        Server::send(&notification("textDocument/publishDiagnostics", params));
     }
 }
 

@@ -1,7 +1,7 @@
 //! The line editor: multi-line input while brackets are open, completion, history.
 
 use std::borrow::Cow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use rustyline::completion::{Completer, Pair};
 use rustyline::error::ReadlineError;
@@ -12,12 +12,15 @@ use rustyline::validate::{ValidationContext, ValidationResult, Validator};
 use rustyline::{Config, Context, Editor, Helper};
 
 use super::input::{Completeness, completeness};
+use crate::ide::complete::{Completion, What, complete};
+use crate::ide::{Analysis, files};
+use crate::syntax;
 
-/// Names that Tab knows.
-#[derive(Clone, Debug, Default)]
+/// What Tab knows.
+#[derive(Default)]
 pub struct Words {
-    /// Declarations of the file and the library.
-    pub names: Vec<String>,
+    /// What the program sees.
+    pub known: Option<Analysis>,
     /// `:help` and its kin, with the colon.
     pub commands: Vec<String>,
 }
@@ -135,52 +138,65 @@ fn candidates(words: &Words, line: &str, position: usize) -> (usize, Vec<String>
         return (0, words.commands.iter().filter(|c| c.starts_with(before)).cloned().collect());
     }
     if let Some(path) = before.strip_prefix(":load ") {
-        let start = position - path.len();
-        return (start, files(path.trim_start()));
+        let path = path.trim_start();
+        return (position - path.len(), files::paths(Path::new("."), path, &[".dscene"]));
     }
-    let start = before
-        .rfind(|c: char| !c.is_alphanumeric() && c != '_')
-        .map_or(0, |i| i + before[i..].chars().next().map_or(1, char::len_utf8));
-    let prefix = &before[start..];
-    let mut found: Vec<String> = words.names.iter().filter(|n| n.starts_with(prefix)).cloned().collect();
-    found.sort();
-    found.dedup();
-    (start, if prefix.is_empty() { Vec::new() } else { found })
-}
-
-/// Scripts and folders whose path begins so.
-fn files(prefix: &str) -> Vec<String> {
-    let (folder, start) = prefix.rsplit_once('/').map_or(("", prefix), |(f, s)| (f, s));
-    let place = if folder.is_empty() && !prefix.starts_with('/') { "." } else { folder };
-    let place = if place.is_empty() { "/" } else { place };
-    let Ok(entries) = std::fs::read_dir(place) else {
-        return Vec::new();
+    let Some(known) = &words.known else { return (position, Vec::new()) };
+    // What a command is given is an expression; a line is a statement or an expression.
+    let (skipped, as_statement) = match before.strip_prefix(':').and_then(|rest| rest.find(' ')) {
+        Some(space) => (space + 1, None),
+        None => (0, Some(complete(known, line, position))),
     };
-    let shown = |entry: std::fs::DirEntry| {
-        let name = entry.file_name().into_string().ok()?;
-        let is_folder = entry.file_type().is_ok_and(|t| t.is_dir());
-        let fits = name.starts_with(start) && (is_folder || name.ends_with(".dscene"));
-        let parent = if prefix.contains('/') { format!("{folder}/") } else { String::new() };
-        (fits && !name.starts_with('.')).then(|| format!("{parent}{name}{}", if is_folder { "/" } else { "" }))
-    };
-    let mut found: Vec<String> = entries.flatten().filter_map(shown).collect();
-    found.sort();
-    found
+    const PRINT: &str = "print ";
+    let as_expression = format!("{PRINT}{}", &line[skipped..]);
+    let mut found = complete(known, &as_expression, position - skipped + PRINT.len());
+    found.start = (found.start + skipped).saturating_sub(PRINT.len());
+    if let Some(statement) = as_statement {
+        // Where a statement is being written, it is no argument of `print`.
+        if statement.items.iter().any(|item| item.what != What::Keyword) || syntax::is_statement(before) {
+            found = statement;
+        } else {
+            found.items.extend(statement.items);
+        }
+    }
+    let prefix = before.get(found.start..).unwrap_or("");
+    let is_bare = prefix.is_empty() && matches!(before.trim_end().chars().next_back(), None | Some(')' | ']' | '}'));
+    let fits = |item: &Completion| item.label.starts_with(prefix) && !is_bare;
+    let mut texts: Vec<String> = found.items.into_iter().filter(fits).map(|item| item.text).collect();
+    texts.sort();
+    texts.dedup();
+    (found.start, texts)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::check::{check_line, library};
 
     #[test]
-    fn tab_completes_names_and_commands() {
-        let words = Words {
-            names: vec!["render".into(), "rectangle".into(), "corners".into()],
-            commands: vec![":help".into(), ":params".into()],
-        };
-        assert_eq!(candidates(&words, ":he", 3), (0, vec![":help".to_owned()]));
-        assert_eq!(candidates(&words, "mean(re", 7), (5, vec!["rectangle".to_owned(), "render".to_owned()]));
-        assert_eq!(candidates(&words, "é + cor", 8), (5, vec!["corners".to_owned()]));
-        assert_eq!(candidates(&words, "", 0), (0, vec![]));
+    fn tab_completes_names_fields_arguments_and_commands() {
+        let mut program = library();
+        check_line(&mut program, "let corners = [[1, 2], [3, 4]]");
+        let commands = vec![":help".into(), ":params".into(), ":type".into()];
+        let words = Words { known: Analysis::of_program(&program), commands };
+        for (line, start, wanted) in [
+            (":he", 0, &[":help"][..]),
+            ("mean(rect", 5, &["rectangle"]),
+            ("\"é\" + corn", 7, &["corners"]),
+            (":type corn", 6, &["corners"]),
+            ("corners[0].", 11, &["g", "r", "x", "y"]),
+            ("sphere(rad", 7, &["radius: "]),
+            ("let c = corn", 8, &["corners"]),
+            ("camera eye { kind: ortho", 19, &["orthographic"]),
+            ("opti", 0, &["optimize"]),
+            ("", 0, &[]),
+        ] {
+            let (at, found) = candidates(&words, line, line.len());
+            assert_eq!(
+                (at, found.iter().map(String::as_str).collect::<Vec<_>>().as_slice()),
+                (start, wanted),
+                "{line}"
+            );
+        }
     }
 }

@@ -14,6 +14,7 @@ use super::{EXIT_WRONG, Terminal, choose_camera, out};
 use crate::check::{Line, hir};
 use crate::diag::Diagnostic;
 use crate::eval;
+use crate::ide::Analysis;
 use crate::session::line::check_line;
 use crate::session::measure::repeat_seed;
 use crate::session::stats::Moments;
@@ -125,10 +126,13 @@ impl<'w> Repl<'w> {
         if self.failed { EXIT_WRONG } else { 0 }
     }
 
-    fn words(&self) -> Words {
-        let program = self.living.engine.program();
-        let names = program.ids().map(|id| program.decl(id).name.clone()).collect();
-        Words { names, commands: commands::NAMES.iter().map(|(name, ..)| format!(":{name}")).collect() }
+    fn words(&mut self) -> Words {
+        if Analysis::of_program(self.living.engine.program()).is_none() {
+            // Nothing was typed yet: what the program sees is found out by an empty line.
+            let _ = check_line(&mut self.living.engine, "");
+        }
+        let known = Analysis::of_program(self.living.engine.program());
+        Words { known, commands: commands::NAMES.iter().map(|(name, ..)| format!(":{name}")).collect() }
     }
 
     /// One complete input: a `:command`, declarations, actions or an expression.

@@ -193,11 +193,16 @@ pub fn address(place: &Place, name: &str) -> String {
 
 /// A text without its `|`, and where that was, in UTF-16.
 pub fn cursor(marked: &str) -> (String, Value) {
-    let at = marked.find('|').expect("a `|` marks the place");
+    let at = marker(marked).expect("a `|` marks the place");
     let before = &marked[..at];
     let line = before.matches('\n').count();
     let column = before.rsplit('\n').next().unwrap().encode_utf16().count();
     (format!("{before}{}", &marked[at + 1..]), json!({"line": line, "character": column}))
+}
+
+/// Where the first `|` is that begins no `|>`.
+pub fn marker(marked: &str) -> Option<usize> {
+    marked.match_indices('|').map(|(at, _)| at).find(|at| !marked[at + 1..].starts_with('>'))
 }
 
 fn read(output: &mut impl BufRead) -> Option<Value> {

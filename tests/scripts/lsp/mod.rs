@@ -1,6 +1,8 @@
 //! The language server, over its protocol.
 
 mod client;
+mod features;
+mod vscode;
 
 use serde_json::{Value, json};
 

@@ -1,0 +1,210 @@
+//! Every place of a name, in all files that see it, and giving it another name.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use super::Analysis;
+use super::names::{Occurrence, Symbol, occurrences};
+use crate::check::{Understanding, normal};
+use crate::source::{SourceFile, SourceId, Span};
+use crate::syntax::ast::{Action, StatementKind};
+use crate::syntax::is_reserved;
+
+/// Where a name is given: a file, by its path or (the library's) by its name, and an offset. The same in all analyses.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Origin {
+    pub file: PathBuf,
+    pub start: u32,
+}
+
+/// A place in a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Reference {
+    pub file: Arc<SourceFile>,
+    pub span: Span,
+    pub declares: bool,
+}
+
+/// A replacement in a file.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Replacement {
+    pub file: Arc<SourceFile>,
+    pub span: Span,
+    pub text: String,
+}
+
+/// How a file is known to all analyses.
+pub fn key(file: &SourceFile) -> PathBuf {
+    file.path.as_deref().map_or_else(|| PathBuf::from(&file.name), normal)
+}
+
+/// Where the name at an offset is given; `None` for what no text gives a name to.
+pub fn origin(analysis: &Analysis, offset: usize) -> Option<Origin> {
+    let symbol = &analysis.name_at(offset)?.symbol;
+    let place = analysis.declaration(symbol)?;
+    let file = analysis.known.sources.get(place.source)?;
+    Some(Origin { file: key(file), start: place.start })
+}
+
+/// All places of a name in what these analyses read, each once: by file, in the order of its text.
+pub fn references(analyses: &[Arc<Analysis>], origin: &Origin) -> Vec<Reference> {
+    let mut found: Vec<Reference> = Vec::new();
+    for analysis in analyses {
+        for (source, names) in uses(analysis, origin) {
+            let Some(file) = analysis.known.sources.get(source) else { continue };
+            if found.iter().any(|r| key(&r.file) == key(file)) {
+                continue;
+            }
+            found.extend(names.iter().map(|o| Reference { file: file.clone(), span: o.span, declares: o.declares }));
+        }
+    }
+    found.sort_by_key(|r| (key(&r.file), r.span.start));
+    found
+}
+
+/// The user's sources of an analysis in which a name stands, with its places.
+fn uses(analysis: &Analysis, origin: &Origin) -> Vec<(SourceId, Vec<Occurrence>)> {
+    let known = &analysis.known;
+    let mut found = Vec::new();
+    for source in user_sources(known) {
+        let mut names = names_of(analysis, source);
+        names.retain(|name| is_from(analysis, &name.symbol, origin));
+        if !names.is_empty() {
+            found.push((source, names));
+        }
+    }
+    found
+}
+
+fn names_of(analysis: &Analysis, source: SourceId) -> Vec<Occurrence> {
+    if source == analysis.known.main { analysis.names.clone() } else { occurrences(&analysis.known, source) }
+}
+
+/// The text itself and the files that it imports.
+fn user_sources(known: &Understanding) -> Vec<SourceId> {
+    let has_path = |source: &SourceId| known.sources.get(*source).is_some_and(|f| f.path.is_some());
+    let mut all: Vec<SourceId> = known.trees.keys().copied().filter(|s| *s == known.main || has_path(s)).collect();
+    all.sort_unstable();
+    all
+}
+
+fn is_from(analysis: &Analysis, symbol: &Symbol, origin: &Origin) -> bool {
+    analysis.declaration(symbol).is_some_and(|place| {
+        place.start == origin.start
+            && analysis.known.sources.get(place.source).is_some_and(|file| key(file) == origin.file)
+    })
+}
+
+/// What may be renamed at an offset: the place of the name, and the name.
+pub fn renamable(analysis: &Analysis, offset: usize) -> Result<(Span, String), String> {
+    let known = &analysis.known;
+    let name = analysis.name_at(offset).ok_or("there is no name here")?;
+    let text = known.sources.text(name.span).to_owned();
+    match &name.symbol {
+        Symbol::Decl(id) if !known.program.decl(*id).user => return Err(format!("`{text}` is the library's")),
+        Symbol::Local(place) | Symbol::Module(place) | Symbol::Field(place)
+            if known.sources.get(place.source).is_some_and(|f| f.path.is_none() && place.source != known.main) =>
+        {
+            return Err(format!("`{text}` is the library's"));
+        }
+        Symbol::Decl(_) | Symbol::Local(_) | Symbol::Module(_) => {}
+        Symbol::Field(_) | Symbol::Setting | Symbol::Word | Symbol::Running => {
+            return Err(format!("`{text}` is part of the language"));
+        }
+        Symbol::Unknown => return Err(format!("`{text}` is not declared")),
+    }
+    Ok((name.span, text))
+}
+
+/// Gives the name at an offset of the first analysis another one, in all files. Refuses what is no name, and names that mean something
+/// else where the old one stands.
+pub fn rename(analyses: &[Arc<Analysis>], offset: usize, new: &str) -> Result<Vec<Replacement>, String> {
+    let analysis = analyses.first().ok_or("nothing is open")?;
+    let (_, old) = renamable(analysis, offset)?;
+    let origin = origin(analysis, offset).ok_or("there is no name here")?;
+    let is_word = new.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_')
+        && new.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
+    if !is_word {
+        return Err(format!("`{new}` is no name: letters, digits and `_`, not beginning with a digit"));
+    }
+    if is_reserved(new) || matches!(new, "step" | "progress") {
+        return Err(format!("`{new}` is a word of the language"));
+    }
+    if new == old {
+        return Ok(Vec::new());
+    }
+    for analysis in analyses {
+        if let Some(why) = clash(analysis, &origin, new) {
+            return Err(why);
+        }
+    }
+    let found = references(analyses, &origin);
+    let replaced = |reference: Reference| {
+        let shorthand = analyses.iter().any(|a| is_shorthand(a, &reference));
+        let text = if shorthand { format!("{old}: {new}") } else { new.to_owned() };
+        Replacement { file: reference.file, span: reference.span, text }
+    };
+    Ok(found.into_iter().map(replaced).collect())
+}
+
+/// Why a name cannot have another one.
+fn clash(analysis: &Analysis, origin: &Origin, new: &str) -> Option<String> {
+    let known = &analysis.known;
+    for (source, places) in uses(analysis, origin) {
+        let file = known.sources.name(source);
+        let is_readable = !known.diagnostics.iter().any(|d| {
+            d.is_error() && d.code.starts_with("dscene::syntax::") && d.span().is_some_and(|s| s.source == source)
+        });
+        if !is_readable {
+            return Some(format!("{file} has statements that cannot be read: mend them first"));
+        }
+        let module = known.module_of(source);
+        let is_local = places.iter().any(|p| matches!(p.symbol, Symbol::Local(_)));
+        let taken = known.lookup(module, new);
+        if let Some(id) = taken.filter(|_| !is_local) {
+            let decl = known.program.decl(id);
+            let whose = if decl.user { known.sources.name(decl.span.source) } else { "the library" };
+            return Some(format!("`{new}` is taken in {file}: it is declared in {whose}"));
+        }
+        if !is_local && known.module(module).is_some_and(|m| m.aliases.contains_key(new)) {
+            return Some(format!("`{new}` is taken in {file}: it is an import"));
+        }
+        // In the statements where the old name stands, the new one must not mean anything yet.
+        let all = names_of(analysis, source);
+        let statements = known.trees.get(&source).into_iter().flatten();
+        for statement in statements.filter(|s| places.iter().any(|p| within(p.span, s.span))) {
+            let meant = all.iter().find(|o| {
+                within(o.span, statement.span)
+                    && known.sources.text(o.span) == new
+                    && !matches!(o.symbol, Symbol::Field(_) | Symbol::Setting | Symbol::Unknown)
+            });
+            if let Some(meant) = meant {
+                let line = known.sources.position(meant.span).line;
+                return Some(format!("`{new}` already means something in {file}, line {line}"));
+            }
+        }
+    }
+    None
+}
+
+fn within(inner: Span, outer: Span) -> bool {
+    inner.source == outer.source && outer.start <= inner.start && inner.end <= outer.end
+}
+
+/// Whether a name is a column of a report, `report { error }`, which is the column's name too.
+fn is_shorthand(analysis: &Analysis, reference: &Reference) -> bool {
+    let known = &analysis.known;
+    let source = known.sources.iter().find(|(_, f)| Arc::ptr_eq(f, &reference.file)).map(|(id, _)| id);
+    let statements = source.and_then(|s| known.trees.get(&s)).into_iter().flatten();
+    let reports = |action: &Action| match action {
+        Action::Report { columns, .. } => {
+            columns.iter().any(|c| c.name.span == c.value.span && c.name.span == reference.span)
+        }
+        _ => false,
+    };
+    statements.into_iter().any(|s| match &s.kind {
+        StatementKind::Action(Action::Sweep(sweep)) => sweep.actions.iter().any(reports),
+        StatementKind::Action(action) => reports(action),
+        _ => false,
+    })
+}
