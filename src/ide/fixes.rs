@@ -81,9 +81,10 @@ fn settled(analysis: &Analysis, name: Span) -> Option<Fix> {
     (analysis.file().text.get(start..end) == Some("param")).then(|| Fix::one(title, start, end, "let".to_owned()))
 }
 
-/// What stands between backticks and can be typed as it is.
+/// What stands between backticks and can be typed as it is: behind `write` or a colon, if the help says why first.
 fn quoted(help: &str) -> impl Iterator<Item = &str> {
-    let parts = help.split('`').skip(1).step_by(2);
+    let reason = help.rfind("write `").or_else(|| help.rfind(": `")).unwrap_or(0);
+    let parts = help[reason..].split('`').skip(1).step_by(2);
     parts.filter(|text| !text.is_empty() && !text.contains('…') && !text.contains("NAME") && !text.contains("EXPR"))
 }
 
@@ -107,7 +108,11 @@ fn mended(
         let end = if typed.is_empty() { whole_line(text, start, end) } else { end };
         let fix = Fix::one(title, start, end, typed.to_owned());
         let changed = fix.applied(text);
-        if !can_be_read(&changed, statement.start, (statement.end + typed.len()).saturating_sub(end - start)) {
+        if !can_be_read(
+            &changed,
+            statement.start,
+            (statement.end + typed.len()).saturating_sub(end - start).max(statement.start),
+        ) {
             continue;
         }
         checked += 1;
