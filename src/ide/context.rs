@@ -332,7 +332,8 @@ mod tests {
     use super::*;
 
     fn at(marked: &str) -> (String, String) {
-        let offset = marked.find('|').unwrap();
+        let is_pipe = |at: &usize| marked[at + 1..].starts_with('>');
+        let offset = marked.match_indices('|').map(|(at, _)| at).find(|at| !is_pipe(at)).unwrap();
         let text = format!("{}{}", &marked[..offset], &marked[offset + 1..]);
         let found = context(&text, offset);
         let shown = match &found.place {

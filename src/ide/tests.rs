@@ -48,12 +48,12 @@ fn every_name_means_what_the_checker_says() {
             "x! local@15",
             "y! local@18",
             "x local@15",
-            "x local@37",
+            "x local@38",
             "y local@18",
-            "x! local@37",
+            "x! local@38",
             "x local@15",
             "y local@18",
-            "x local@37",
+            "x local@38",
         ],
         "the innermost name counts, and what a loop goes over stands outside of it"
     );

@@ -20,6 +20,7 @@ pub fn capabilities() -> Value {
         "definitionProvider": true,
         "referencesProvider": true,
         "documentHighlightProvider": true,
+        "documentFormattingProvider": true,
         "renameProvider": {"prepareProvider": true},
         "documentSymbolProvider": true,
         "workspaceSymbolProvider": true,
@@ -44,9 +45,10 @@ pub struct Question {
 type Answer = fn(&mut Server, &Question) -> Result<Value, Failure>;
 
 /// The requests that are about a text.
-const QUESTIONS: [(&str, Answer); 18] = [
+const QUESTIONS: [(&str, Answer); 19] = [
     ("textDocument/hover", Server::hover),
     ("textDocument/completion", Server::completion),
+    ("textDocument/formatting", Server::formatting),
     ("textDocument/signatureHelp", Server::signature_help),
     ("textDocument/definition", Server::definition),
     ("textDocument/references", Server::references),

@@ -39,6 +39,33 @@ impl Server {
         Ok(json!({"isIncomplete": false, "items": items}))
     }
 
+    /// The layout of `dsl fmt`, as one change of the lines that it touches. What cannot be read is left as it is.
+    pub fn formatting(&mut self, q: &Question) -> Result<Value, Failure> {
+        let file = q.analysis.file();
+        let Ok(new) = crate::syntax::format(&q.analysis.known.sources, q.analysis.known.main) else {
+            return Ok(Value::Null);
+        };
+        let old = file.text.as_str();
+        if new == old {
+            return Ok(json!([]));
+        }
+        let shared = |a: &str, b: &str| {
+            a.split_inclusive('\n')
+                .zip(b.split_inclusive('\n'))
+                .take_while(|(a, b)| a == b)
+                .map(|(a, _)| a.len())
+                .sum::<usize>()
+        };
+        let before = shared(old, &new);
+        let (old_rest, new_rest) = (&old[before..], &new[before..]);
+        // From behind, line by line, without the lines that are the same in front.
+        let ends = old_rest.split_inclusive('\n').rev().zip(new_rest.split_inclusive('\n').rev());
+        let after: usize = ends.take_while(|(a, b)| a == b).map(|(a, _)| a.len()).sum();
+        let lines = Lines::new(old, self.encoding);
+        let range = lines.range(before, old.len() - after);
+        Ok(json!([{"range": range, "newText": &new_rest[..new_rest.len() - after]}]))
+    }
+
     pub fn signature_help(&mut self, q: &Question) -> Result<Value, Failure> {
         let offset = self.offset(q)?;
         let file = q.analysis.file();

@@ -521,6 +521,26 @@ fn completion_goes_on_where_nothing_can_be_read() {
     }
 }
 
+#[test]
+fn formatting_is_that_of_fmt() {
+    let (place, mut editor) = editor();
+    let text = "let a = 1\nlet  b=a+2\n// 😀\nlet c = [1,2]\nlet d = 4\n";
+    place.write("fmt.dscene", text);
+    let uri = editor.open(&place, "fmt.dscene", text);
+    let options = json!({"tabSize": 2, "insertSpaces": true});
+    let ask = json!({"textDocument": {"uri": uri}, "options": options});
+    let edits = editor.result("textDocument/formatting", ask.clone());
+    // Only the lines that change are touched.
+    assert_eq!(range(&edits[0]["range"]), "1:0-4:0", "{edits}");
+    place.dsl(&["fmt", "fmt.dscene"]);
+    let laid_out = std::fs::read_to_string(place.path("fmt.dscene")).unwrap();
+    assert_eq!(edited(text, &edits), laid_out);
+    editor.change(&uri, 2, &laid_out);
+    assert_eq!(editor.result("textDocument/formatting", ask.clone()), json!([]));
+    editor.change(&uri, 3, "let a = (1\n");
+    assert_eq!(editor.result("textDocument/formatting", ask), Value::Null, "what cannot be read stays");
+}
+
 /// Whatever a client asks about whatever text, the server answers and goes on.
 #[test]
 fn no_place_of_no_text_ends_the_server() {
