@@ -467,6 +467,12 @@ fn begins_statement<'a>(
     if matches!(first, "within" | "of") && tokens.get(i + 1).is_some_and(|t| &text[t.start..t.end] != "=") {
         return false;
     }
+    // These go on with what stands in the line before; a statement of theirs could only be a mistake such as `over = 3`.
+    let goes_on = |word: &str| matches!(word, "over" | "within" | "of");
+    let next = tokens.get(i + 1).map_or("", |t| &text[t.start..t.end]);
+    if goes_on(first) && !next.starts_with(['=', ':', '.', '+', '-', '*', '/', '^']) {
+        return false;
+    }
     if is_assignment(tokens, i, text) {
         return true;
     }
@@ -496,7 +502,10 @@ fn begins_statement<'a>(
         return false;
     }
     let Some(second) = word(i + 1) else { return nameless(tokens, i, text) };
-    if is_reserved(second) || previous.is_some_and(|p| STATEMENTS.contains(&p) && p != "save" && p != "print") {
+    if is_reserved(second)
+        || goes_on(second)
+        || previous.is_some_and(|p| STATEMENTS.contains(&p) && p != "save" && p != "print")
+    {
         return false;
     }
     let next = tokens.get(i + 2).map_or("", |t| &text[t.start..t.end]);

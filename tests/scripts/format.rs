@@ -140,6 +140,7 @@ const LAYOUTS: &[(&str, &str)] = &[
         "expect a≈b within 1% ,\n\"why\" expect -10%of x~=y within(2*of) test \"n\"{let x=9 expect x>1}",
         "expect a ≈ b within 1%, \"why\"\nexpect -10% of x ~= y within (2 * of)\ntest \"n\" { let x = 9 expect x > 1 }\n",
     ),
+    ("plot a // c\n over\nb expect a ≈ b // c\n within\n1%", "plot a // c\n  over b\nexpect a ≈ b // c\nwithin 1%\n"),
     // Comments stay in their places.
     (
         "// head\n\nlet a = 1 // one\n// two\n/// doc\nlet b = 2 /* three */ // four\n\n// end",
