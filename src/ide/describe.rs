@@ -42,6 +42,7 @@ pub fn docs(decl: &Decl) -> String {
     text.trim().to_owned()
 }
 
+/// Parameters that have a line each stand in one.
 fn one_line(text: &str) -> String {
-    text.split_whitespace().collect::<Vec<&str>>().join(" ")
+    text.split_whitespace().collect::<Vec<&str>>().join(" ").replace("( ", "(").replace(", )", ")")
 }

@@ -104,6 +104,9 @@ fn mended(
     let pieces = pieces(text, statement.start, statement.end.max(to), from, to, typed);
     let mut checked = 0;
     for (start, end) in pieces {
+        if changes_around(text, start, end, typed) {
+            continue;
+        }
         let title = title(text.get(start..end)?, typed);
         let end = if typed.is_empty() { whole_line(text, start, end) } else { end };
         let fix = Fix::one(title, start, end, typed.to_owned());
@@ -124,6 +127,16 @@ fn mended(
         }
     }
     None
+}
+
+/// Whether a word would grow together with its neighbour, or stand behind a `not` that was meant for less.
+fn changes_around(text: &str, start: usize, end: usize, typed: &str) -> bool {
+    let is_part = |c: Option<char>| c.is_some_and(|c| c.is_alphanumeric() || c == '_');
+    let before = text.get(..start).unwrap_or("");
+    let behind = text.get(end..).unwrap_or("");
+    is_part(before.chars().next_back()) && is_part(typed.chars().next())
+        || is_part(behind.chars().next()) && is_part(typed.chars().next_back())
+        || before.trim_end().ends_with(" not")
 }
 
 /// With the end of the line, if nothing else stands in it.

@@ -156,7 +156,7 @@ fn definitions_are_found_here_in_imports_and_in_the_library() {
     for (marked, file, line) in [
         ("let a = sph|ere()", "mesh.dscene", "native fn sphere("),
         ("import std.studio as st\nlet a = st.flo|or()", "studio.dscene", "fn floor("),
-        ("camera eye { fo|v: 45deg }", "scene.dscene", "native fn camera("),
+        ("camera eye { fo|v: 45deg }", "scene.dscene", "  fov: angle"),
     ] {
         let found = editor.at(&place, "textDocument/definition", marked);
         let path = found["uri"].as_str().unwrap().strip_prefix("file://").unwrap();
