@@ -115,6 +115,8 @@ impl Checker<'_> {
             Ty::Image { .. } | Ty::Texture => &["png", "exr", "hdr", "npy", "json", "txt"],
             Ty::Angle | Ty::Rotation | Ty::Transform => &["json", "csv", "npy", "txt"],
             Ty::Bool | Ty::Str | Ty::Array(..) | Ty::Tuple(_) | Ty::Estimate(_) | Ty::Gradients => &["json", "txt"],
+            // Columns make a table.
+            Ty::Record(_) => &["json", "csv", "txt"],
             Ty::Mesh => &["obj", "ply", "glb", "json", "txt"],
             _ => &["png", "exr", "hdr", "obj", "ply", "glb", "json", "csv", "npy", "txt"],
         };
@@ -182,10 +184,14 @@ impl Checker<'_> {
     fn optimize(&mut self, o: &ast::Optimize) -> hir::Optimize {
         let loss = self.expr(&o.loss, None).expr;
         if !loss.ty.is_unknown() && !loss.ty.is_scalar() {
+            let help = match loss.ty {
+                Ty::Record(_) => "a loss stands before the braces: `optimize LOSS { … }`",
+                _ => "optimise one number, such as `mse(image, target)`",
+            };
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::loss", "what is optimised is not a scalar")
                     .label(o.loss.span, format!("this is `{}`", loss.ty))
-                    .help("optimise one number, such as `mse(image, target)`"),
+                    .help(help),
             );
         }
         let mut out = hir::Optimize {

@@ -335,7 +335,11 @@ impl Checker<'_> {
     /// values were checked already.
     fn facts<'a>(&self, function: FunctionKey, args: impl Iterator<Item = Option<&'a Typed>>) -> Vec<Fact> {
         let many = self.nested > 0 && self.specialised.get(&function).is_some_and(|n| *n >= MOST_VALUES);
-        let small = |c: &Const| !many && !matches!(c, Const::List(items) if items.len() > 16);
+        let small = |c: &Const| match c {
+            Const::List(items) => !many && items.len() <= 16,
+            Const::Record(_) => !many && c.size() <= 64,
+            _ => !many,
+        };
         args.map(|a| a.map(|a| (a.expr.ty.clone(), a.value.clone().filter(small)))).collect()
     }
 

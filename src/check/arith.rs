@@ -185,6 +185,12 @@ pub fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
         Eq | Ne => match (a, b) {
             (Ty::Any, _) | (_, Ty::Any) => Ok(Ty::Bool),
             _ if comparable(a, b) => Ok(Ty::Bool),
+            (Ty::Record(_), Ty::Record(_)) if a.paired(b).is_none() => {
+                Err("records that are compared have the same fields".to_owned())
+            }
+            (Ty::Record(_), Ty::Record(_)) => {
+                Err("compare the fields that are numbers, texts or conditions one by one".to_owned())
+            }
             _ => bad(),
         },
         Lt | Le | Gt | Ge => match (a, b) {
@@ -259,6 +265,9 @@ fn comparable(a: &Ty, b: &Ty) -> bool {
         _ if a.quantity().is_some() && b.quantity().is_some() => together(a, b).is_some(),
         (Ty::Array(x, n), Ty::Array(y, m)) => dims_agree(*n, *m) && comparable(x, y),
         (Ty::Tuple(x), Ty::Tuple(y)) => x.len() == y.len() && x.iter().zip(y).all(|(x, y)| comparable(x, y)),
+        (Ty::Record(_), Ty::Record(_)) => {
+            a.paired(b).is_some_and(|fields| fields.iter().all(|(_, x, y)| comparable(x, y)))
+        }
         _ => false,
     }
 }

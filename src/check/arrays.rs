@@ -19,7 +19,7 @@ impl Checker<'_> {
         let ty = self.array_type(&items, wanted);
         let values: Option<Vec<Const>> =
             if n <= MAX_CONST { items.iter().map(|i| i.value.clone()).collect() } else { None };
-        let value = values.filter(|v| size(v) <= MAX_CONST).map(Const::List);
+        let value = values.map(Const::List).filter(|list| list.size() <= MAX_CONST);
         let kind = ExprKind::Array(items.into_iter().map(|i| i.expr).collect());
         Typed { value, ..typed(kind, span, ty) }
     }
@@ -39,6 +39,7 @@ impl Checker<'_> {
             }
             match join(&joined, ty) {
                 Some(both) => joined = both,
+                None if self.report_fields(&first.expr, &item.expr) => return Ty::Error,
                 None => {
                     let numbers = matches!((&joined, ty), (Ty::Num(_), Ty::Num(_)));
                     let wants_numbers =
@@ -212,7 +213,13 @@ impl Checker<'_> {
                 )
                 .label(first.span.to(last.span), format!("{} names", names.len()))
                 .label(span, format!("each item is `{item}`"))
-                .help("go through two arrays at once with `for a, b in zip(xs, ys)`"),
+                .help(match item {
+                    Ty::Record(fields) => {
+                        let name = fields.first().map_or("name", |(name, _)| name);
+                        format!("give the record one name, and take its fields from it: `{}.{name}`", first.text)
+                    }
+                    _ => "go through two arrays at once with `for a, b in zip(xs, ys)`".to_owned(),
+                }),
             );
         }
         let part = |i: usize| parts.get(i).cloned().unwrap_or(Ty::Error);
@@ -414,11 +421,6 @@ fn columns(list: &Const, n: usize) -> Vec<Option<Const>> {
         items.and_then(|items| Const::one_of(&items))
     };
     (0..n).map(column).collect()
-}
-
-/// Number of constants in these, nested ones included.
-pub(super) fn size(items: &[Const]) -> usize {
-    items.iter().map(|i| if let Const::List(items) = i { size(items) } else { 1 }).sum()
 }
 
 pub(super) fn position(x: f64, n: usize) -> Option<usize> {

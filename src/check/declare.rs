@@ -87,6 +87,7 @@ impl Checker<'_> {
                 let params = params.iter().map(|p| self.sig(p)).collect();
                 Sig::Fn(params, Box::new(self.sig(result)))
             }
+            ast::TypeKind::Record(fields) => self.record_sig(fields),
             ast::TypeKind::Named(name) => match signature::named(name) {
                 Some(sig) => sig,
                 None => {

@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, HashMap, HashSet};
 
 use super::flow::children;
 use super::hir::*;
+use super::record::written_field;
 use super::types::Ty;
 
 /// An input of the library to which a param is passed, with its domain.
@@ -241,6 +242,10 @@ impl<'p> Walk<'p> {
                     Some(which) => within(self.sources(base), &Part::Components(which)),
                     None => Vec::new(),
                 }
+            }
+            ExprKind::Field { base, name } if matches!(base.ty, Ty::Record(_)) => {
+                let written = written_field(base, name, |id| program.decl(id).body.as_deref());
+                written.map_or_else(Vec::new, |value| self.sources(value))
             }
             ExprKind::Field { base, name } if name == "texels" => self.sources(base),
             ExprKind::Call(call) => match &call.callee {

@@ -4,7 +4,7 @@ use std::sync::LazyLock;
 
 use super::hir::{Callee, Expr, ExprKind, Program, Target};
 use super::infer::{Typed, item_of, typed};
-use super::modules::{Checker, constructors};
+use super::modules::{Checker, constructors, is_private};
 use super::types::{Dim, Ty};
 use crate::diag::{Diagnostic, did_you_mean, suggest};
 use crate::source::Span;
@@ -29,10 +29,14 @@ impl Checker<'_> {
             return None;
         }
         let &module = self.modules[self.module].aliases.get(alias)?;
+        if self.report_private(name, &[module]) {
+            return Some(Err(()));
+        }
         if let Some(&id) = self.modules[module].names.get(&name.text) {
             return Some(Ok(id));
         }
-        let names: Vec<&str> = self.modules[module].names.keys().map(String::as_str).collect();
+        let names: Vec<&str> =
+            self.modules[module].names.keys().map(String::as_str).filter(|name| !is_private(name)).collect();
         let help = did_you_mean(&name.text, "it has", names);
         self.diagnostics.push(
             Diagnostic::error("dscene::name::unknown", format!("`{alias}` has no `{}`", name.text))
@@ -70,6 +74,9 @@ impl Checker<'_> {
                 if name.text.len() == 1 && matches!(&base.expr.ty, Ty::Num(s) if s.len() == 1) =>
             {
                 "xyzw".find(&name.text).or("rgba".find(&name.text)).and_then(|i| items.get(i).cloned())
+            }
+            Some(super::signature::Const::Record(fields)) => {
+                fields.iter().find(|(n, _)| *n == name.text).map(|(_, value)| value.clone())
             }
             _ => None,
         };
@@ -200,8 +207,9 @@ fn all_parts(table: impl Iterator<Item = (&'static str, Vec<&'static str>)>) -> 
 }
 
 /// The fields of a value, for suggestions.
-pub fn fields_of(ty: &Ty) -> Vec<&'static str> {
+pub fn fields_of(ty: &Ty) -> Vec<&str> {
     match ty {
+        Ty::Record(fields) => fields.iter().map(|(name, _)| name.as_str()).collect(),
         Ty::Num(shape) if !shape.is_empty() => {
             let n = shape.last().copied().flatten().unwrap_or(4).min(4);
             [&["x", "y", "z", "w"][..n], &["r", "g", "b", "a"][..n]].concat()
@@ -240,6 +248,7 @@ pub fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
     }
     let vec3s = || Ty::Num(vec![None, Some(3)]);
     Some(match (ty, name) {
+        (Ty::Record(fields), _) => fields.iter().find(|(n, _)| n == name).map(|(_, ty)| ty.clone())?,
         (Ty::Num(shape), _) => {
             let (last, rest) = shape.split_last()?;
             let count = swizzle(name, *last)?;

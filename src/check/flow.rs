@@ -564,6 +564,7 @@ pub fn below(e: &Expr) -> Vec<&Expr> {
             })
             .collect(),
         ExprKind::Array(items) => items.iter().collect(),
+        ExprKind::Record(fields) => fields.iter().map(|(_, value)| value).collect(),
         ExprKind::Index { base, index } => vec![base, index],
         ExprKind::Slice { base, start, end, .. } => {
             std::iter::once(&**base).chain([start, end].into_iter().flatten().map(|e| &**e)).collect()

@@ -246,6 +246,7 @@ pub enum ExprKind {
         tolerance: Box<Expr>,
         relative: bool,
     },
+    Record(Vec<(String, Expr)>),
     Call(Box<Call>),
     Lambda(Arc<Lambda>),
     If {

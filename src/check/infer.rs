@@ -69,6 +69,7 @@ impl Checker<'_> {
             ast::ExprKind::Str(parts) => self.string(parts, span),
             ast::ExprKind::Name(name) => self.name(name, span, wanted),
             ast::ExprKind::Array(items) => self.array(items, span, wanted),
+            ast::ExprKind::Record(fields) => self.record(fields, span, wanted),
             ast::ExprKind::Comprehension { element, clauses } => self.comprehension(element, clauses, span),
             ast::ExprKind::Call { callee, args } => self.call(callee, args, span, wanted),
             ast::ExprKind::Index { base, index } => self.index(base, index, span),
@@ -106,7 +107,14 @@ impl Checker<'_> {
                     let inner = self.expr(inner, None).expr;
                     let printable = matches!(
                         inner.ty,
-                        Ty::Num(_) | Ty::Str | Ty::Bool | Ty::Angle | Ty::Estimate(_) | Ty::Array(..) | Ty::Tuple(_)
+                        Ty::Num(_)
+                            | Ty::Str
+                            | Ty::Bool
+                            | Ty::Angle
+                            | Ty::Estimate(_)
+                            | Ty::Array(..)
+                            | Ty::Tuple(_)
+                            | Ty::Record(_)
                     ) || inner.ty.is_unknown();
                     if !printable {
                         self.diagnostics.push(
@@ -115,7 +123,7 @@ impl Checker<'_> {
                                 format!("{} cannot stand in a text", inner.ty.a()),
                             )
                             .label(inner.span, format!("this is `{}`", inner.ty))
-                            .help("interpolate numbers, strings, angles and arrays of them"),
+                            .help("interpolate numbers, strings, angles and arrays and records of them"),
                         );
                     }
                     out.push(hir::StrPart::Value { value: inner, format: *format });
@@ -182,6 +190,10 @@ impl Checker<'_> {
 
     fn report_unknown(&mut self, name: &str, span: Span, wanted: Option<&Sig>) {
         if self.unread.contains(name) {
+            return;
+        }
+        let imported = self.modules[self.module].imported.clone();
+        if self.report_private(&ast::Name { text: name.to_owned(), span }, &imported) {
             return;
         }
         let words = wanted.map(Sig::words).unwrap_or_default();
@@ -401,16 +413,20 @@ impl Checker<'_> {
                 );
             }
             let spread = value.expr.ty.is_scalar();
-            let kind = (&self.slot(target.decl).hir.ty, target.path.as_slice());
-            let film = matches!(kind, (Ty::Camera { .. }, [field]) if field == "film");
-            if film {
+            let whole = self.slot(target.decl).hir.ty.clone();
+            // `eye.film`, or `view.cam.film` of a camera in a record.
+            let film = target.path.split_last().filter(|(field, camera)| {
+                *field == "film" && matches!(part_of(&whole, camera), Some(Ty::Camera { .. }))
+            });
+            if let Some((_, camera)) = film {
                 let size = match &value.value {
                     Some(Const::List(items)) => items.iter().map(Const::count).collect(),
                     _ => vec![None, None],
                 };
                 if let [width, height] = size[..] {
                     let made = super::types::Made(Some(value.expr.span));
-                    changes.push(Change { decl: target.decl, ty: Ty::Camera { height, width, made }, value: None });
+                    let ty = whole.with_field(camera, Ty::Camera { height, width, made });
+                    changes.extend(ty.map(|ty| Change { decl: target.decl, ty, value: None }));
                 }
                 if let Some(Const::List(items)) = &value.value
                     && items.iter().filter_map(Const::number).any(|x| x < 1.0 || x.fract() != 0.0)
@@ -426,10 +442,17 @@ impl Checker<'_> {
                 reshaped = true;
             } else if target.path.is_empty() && !value.expr.ty.is_scalar() {
                 changes.push(Change { decl: target.decl, ty: value.expr.ty.clone(), value: value.value.clone() });
+            } else if !value.expr.ty.is_scalar()
+                && value.expr.ty != ty
+                && let Some(ty) = whole.with_field(&target.path, value.expr.ty.clone())
+            {
+                changes.push(Change { decl: target.decl, ty, value: None });
+                reshaped = true;
             }
             // The results of functions may have changed.
             replaced_function |= matches!(ty, Ty::Fn(..));
             reshaped |= !spread && (!fits(&value.expr.ty, &ty) || size_of(&ty) != size_of(&value.expr.ty));
+            reshaped |= matches!(ty, Ty::Record(_)) && ty != value.expr.ty;
             let mut value = value.expr;
             if let (Ty::Num(shape), true) = (&ty, value.ty.is_scalar())
                 && let Some(shape) = shape.iter().copied().collect::<Option<Vec<usize>>>()
@@ -455,6 +478,7 @@ impl Checker<'_> {
         let (decl, mut rest) = match self.lookup(&first.text) {
             Some(decl) => (decl, rest),
             None => match (self.modules[self.module].aliases.get(&first.text).copied(), rest.split_first()) {
+                (Some(module), Some((name, _))) if self.report_private(name, &[module]) => return None,
                 (Some(module), Some((name, rest))) => {
                     let Some(&decl) = self.modules[module].names.get(&name.text) else {
                         self.report_unknown(&name.text, name.span, None);
@@ -627,6 +651,10 @@ pub fn join(a: &Ty, b: &Ty) -> Option<Ty> {
         (Ty::Tuple(x), Ty::Tuple(y)) if x.len() == y.len() => {
             Ty::Tuple(x.iter().zip(y).map(|(x, y)| join(x, y)).collect::<Option<Vec<Ty>>>()?)
         }
+        (Ty::Record(_), Ty::Record(_)) => {
+            let field = |(name, x, y): (&str, &Ty, &Ty)| Some((name.to_owned(), join(x, y)?));
+            Ty::Record(a.paired(b)?.into_iter().map(field).collect::<Option<_>>()?)
+        }
         (Ty::Fn(x, r), Ty::Fn(y, s)) if x.len() == y.len() => {
             let either = |(a, b): (&Ty, &Ty)| if a == b { a.clone() } else { Ty::Any };
             Ty::Fn(x.iter().zip(y).map(either).collect(), Box::new(join(r, s).unwrap_or(Ty::Any)))
@@ -655,6 +683,11 @@ pub fn replaces(old: &Ty, new: &Ty) -> bool {
     }
 }
 
+/// The type of a field of a record, or of a record in it.
+fn part_of<'t>(ty: &'t Ty, path: &[String]) -> Option<&'t Ty> {
+    path.iter().try_fold(ty, |ty, name| ty.record()?.iter().find(|(n, _)| n == name).map(|(_, ty)| ty))
+}
+
 fn size_of(ty: &Ty) -> (Dim, Dim) {
     match ty {
         Ty::Image { height, width, .. } | Ty::Camera { height, width, .. } => (*height, *width),
@@ -674,6 +707,7 @@ fn blur(ty: &Ty) -> Ty {
             shape.iter().enumerate().map(|(i, d)| if i + 1 == shape.len() && i > 0 { *d } else { None }).collect(),
         ),
         Ty::Array(item, _) => Ty::Array(Box::new(blur(item)), None),
+        Ty::Record(fields) => Ty::Record(fields.iter().map(|(name, ty)| (name.clone(), blur(ty))).collect()),
         other => other.clone(),
     }
 }

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use super::Loader;
 use super::hir::{self, DeclId, LocalId, Origin, Program};
+use super::lints;
 use super::signature::{Const, FunctionKey, Sig};
 use super::told::DiagnosticLog;
 use super::types::Ty;
@@ -71,6 +72,13 @@ pub struct Module {
     pub user: bool,
     /// The module's own declarations in order. (Imported names are in `names` only.)
     pub own: Vec<DeclId>,
+    /// The modules that it imports.
+    pub imported: Vec<ModuleId>,
+}
+
+/// Whether a declaration is seen in its own file only.
+pub fn is_private(name: &str) -> bool {
+    name.starts_with('_')
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -282,7 +290,14 @@ impl<'l> Checker<'l> {
         if self.diagnostics.errors() == 0 {
             self.diagnostics.extend(super::flow::check(&program, self.quiet));
         }
-        (program, self.diagnostics.into_all(), self.sources)
+        if self.quiet {
+            return (program, self.diagnostics.into_all(), self.sources);
+        }
+        if self.diagnostics.errors() == 0 {
+            self.diagnostics.extend(lints::check(&program));
+        }
+        let found = lints::without_allowed(self.diagnostics.into_all(), &self.sources, program.origin.main);
+        (program, found, self.sources)
     }
 
     pub fn slot(&self, id: DeclId) -> &Slot {
@@ -471,12 +486,16 @@ impl<'l> Checker<'l> {
             self.unread.extend(import.alias.iter().map(|a| a.text.clone()));
             return;
         };
+        self.modules[module].imported.push(target);
         if let Some(alias) = &import.alias {
             self.modules[module].aliases.insert(alias.text.clone(), target);
             return;
         }
         for id in self.modules[target].own.clone() {
             let name = self.slot(id).name.clone();
+            if is_private(&name.text) {
+                continue;
+            }
             let hidden = self.builtin(&name.text).is_some_and(|known| known != id);
             if hidden && !self.modules[module].names.contains_key(&name.text) {
                 let from = self.sources.text(import.span).to_owned();
@@ -503,6 +522,24 @@ impl<'l> Checker<'l> {
             }
             self.modules[module].names.insert(name.text, id);
         }
+    }
+
+    /// Reports a name that one of these modules keeps to itself; false if none has it.
+    pub fn report_private(&mut self, name: &ast::Name, of: &[ModuleId]) -> bool {
+        if !is_private(&name.text) {
+            return false;
+        }
+        let mut own = of.iter().flat_map(|module| &self.modules[*module].own);
+        let Some(&id) = own.find(|id| self.slot(**id).name.text == name.text) else { return false };
+        let declared = self.slot(id).name.span;
+        let file = Path::new(self.sources.name(declared.source)).file_name().unwrap_or_default().to_string_lossy();
+        let shared = name.text.trim_start_matches('_');
+        let told = Diagnostic::error("dscene::name::private", format!("`{}` is seen in `{file}` only", name.text))
+            .label(name.span, "begins with `_`, so that other files do not see it")
+            .label(declared, "declared here")
+            .help(format!("to share it, call it `{shared}` where it is declared"));
+        self.diagnostics.push(told);
+        true
     }
 
     fn library_module(&mut self, name: &str, span: Span) -> Option<ModuleId> {

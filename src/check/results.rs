@@ -2,7 +2,6 @@
 
 use super::arguments::Arguments;
 use super::arith::{broadcast, together};
-use super::arrays::size;
 use super::camera::camera_film;
 use super::hir::Rendering;
 use super::infer::{MAX_CONST, MAX_PARTS, Typed, item_of, join, join_all, stack};
@@ -438,7 +437,7 @@ pub fn known(name: &str, args: Arguments) -> Option<Const> {
                 .collect();
             let lists = lists?;
             let n = lists.iter().map(|l| l.len()).min()?;
-            if lists.iter().map(|items| size(items)).sum::<usize>() > MAX_CONST {
+            if lists.iter().flat_map(|items| items.iter()).map(Const::size).sum::<usize>() > MAX_CONST {
                 return None;
             }
             Some(Const::List((0..n).map(|i| Const::List(lists.iter().map(|l| l[i].clone()).collect())).collect()))

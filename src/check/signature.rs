@@ -27,6 +27,7 @@ pub enum Sig {
     /// Values that are not numbers.
     List(Box<Sig>, Dim),
     Fn(Vec<Sig>, Box<Sig>),
+    Record(Vec<(String, Sig)>),
 }
 
 /// A value known before the program runs.
@@ -37,6 +38,8 @@ pub enum Const {
     Bool(bool),
     Str(String),
     List(Vec<Const>),
+    /// The fields whose values are known.
+    Record(Vec<(String, Const)>),
     Function(Arc<Function>),
 }
 
@@ -93,6 +96,15 @@ impl Const {
         Const::one_of(items)
     }
 
+    /// How many constants it is made of.
+    pub fn size(&self) -> usize {
+        match self {
+            Const::List(items) => items.iter().map(Const::size).sum(),
+            Const::Record(fields) => 1 + fields.iter().map(|(_, value)| value.size()).sum::<usize>(),
+            _ => 1,
+        }
+    }
+
     /// One of these values, if all are functions.
     pub fn one_of(items: &[Const]) -> Option<Const> {
         let functions: Option<Vec<Arc<Function>>> = items
@@ -138,6 +150,7 @@ impl Sig {
             Sig::Word(_) => Ty::Str,
             Sig::List(item, n) => Ty::Array(Box::new(item.ty()), *n),
             Sig::Fn(params, result) => Ty::Fn(params.iter().map(Sig::ty).collect(), Box::new(result.ty())),
+            Sig::Record(fields) => Ty::Record(fields.iter().map(|(name, sig)| (name.clone(), sig.ty())).collect()),
             Sig::Number | Sig::Any | Sig::Var(_) => Ty::Any,
             Sig::Union(choices) => match choices.as_slice() {
                 [one] => one.ty(),
@@ -178,6 +191,13 @@ impl Sig {
                 Ty::Tuple(items) => items.iter().all(|i| item.accepts(i, None)) && dims_agree(*n, Some(items.len())),
                 _ => false,
             },
+            Sig::Record(wanted) => ty.record().is_some_and(|found| {
+                let field = |name: &String| found.iter().find(|(n, _)| n == name).map(|(_, ty)| ty);
+                found.len() == wanted.len()
+                    && wanted
+                        .iter()
+                        .all(|(name, sig)| field(name).is_some_and(|ty| sig.accepts(ty, None) && fits(&sig.ty(), ty)))
+            }),
             Sig::Fn(params, _) => match ty {
                 Ty::Fn(found, _) => found.len() == params.len() || found.len() > params.len(),
                 _ => false,
@@ -206,6 +226,9 @@ pub fn fits(wanted: &Ty, found: &Ty) -> bool {
         (Ty::Camera { .. }, Ty::Camera { .. }) => true,
         (Ty::Array(a, n), Ty::Array(b, m)) => dims_agree(*n, *m) && (fits(a, b) || *m == Some(0)),
         (Ty::Tuple(a), Ty::Tuple(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| fits(a, b)),
+        (Ty::Record(_), Ty::Record(_)) => {
+            wanted.paired(found).is_some_and(|fields| fields.iter().all(|(_, a, b)| fits(a, b)))
+        }
         (Ty::Array(a, n), Ty::Tuple(b)) => dims_agree(*n, Some(b.len())) && b.iter().all(|b| fits(a, b)),
         (Ty::Fn(a, _), Ty::Fn(b, _)) => b.len() >= a.len(),
         (Ty::Estimate(a), Ty::Estimate(b)) | (Ty::Distribution(a), Ty::Distribution(b)) => fits(a, b),
@@ -243,6 +266,10 @@ impl fmt::Display for Sig {
             Sig::Union(choices) => {
                 let choices: Vec<String> = choices.iter().map(Sig::to_string).collect();
                 f.write_str(&choices.join(" | "))
+            }
+            Sig::Record(fields) => {
+                let fields: Vec<String> = fields.iter().map(|(name, sig)| format!("{name}: {sig}")).collect();
+                write!(f, "{{ {} }}", fields.join(", "))
             }
             Sig::List(item, n) => write!(f, "{item}[{}]", n.map_or(String::new(), |n| n.to_string())),
             Sig::Fn(params, result) => {

@@ -188,6 +188,7 @@ fn is_made_of_numbers(ty: &Ty) -> bool {
         Ty::Rotation | Ty::Transform | Ty::Texture | Ty::Mesh => true,
         Ty::Array(item, _) => is_made_of_numbers(item),
         Ty::Tuple(items) => items.iter().all(is_made_of_numbers),
+        Ty::Record(fields) => fields.iter().all(|(_, ty)| is_made_of_numbers(ty)),
         _ => false,
     }
 }
@@ -203,6 +204,7 @@ fn resizable(ty: Ty) -> Ty {
         Ty::Image { channels, made, .. } => Ty::Image { height: None, width: None, channels, made },
         Ty::Camera { made, .. } => Ty::Camera { height: None, width: None, made },
         Ty::Array(item, _) => Ty::Array(Box::new(resizable(*item)), None),
+        Ty::Record(fields) => Ty::Record(fields.into_iter().map(|(name, ty)| (name, resizable(ty))).collect()),
         other => other,
     }
 }

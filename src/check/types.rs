@@ -46,6 +46,8 @@ pub enum Ty {
     Array(Box<Ty>, Dim),
     /// A fixed number of things of different types (what `zip` gives).
     Tuple(Vec<Ty>),
+    /// Values under names, in the order in which they were written. Two records with the same fields are of one type, in any order.
+    Record(Vec<(String, Ty)>),
     Fn(Vec<Ty>, Box<Ty>),
     Rotation,
     Transform,
@@ -112,6 +114,9 @@ impl Ty {
     /// With its article: a `mesh`, an `angle`.
     pub fn a(&self) -> String {
         let shown = self.to_string();
+        if matches!(self, Ty::Record(_)) {
+            return format!("a record `{shown}`");
+        }
         let article = if shown.starts_with(['a', 'e', 'i', 'o']) { "an" } else { "a" };
         format!("{article} `{shown}`")
     }
@@ -120,10 +125,35 @@ impl Ty {
     pub fn parts(&self) -> usize {
         match self {
             Ty::Tuple(items) => 1 + items.iter().map(Ty::parts).sum::<usize>(),
+            Ty::Record(fields) => 1 + fields.iter().map(|(_, ty)| ty.parts()).sum::<usize>(),
             Ty::Array(item, _) => 1 + item.parts(),
             Ty::Fn(params, result) => 1 + result.parts() + params.iter().map(Ty::parts).sum::<usize>(),
             _ => 1,
         }
+    }
+
+    /// The fields of a record.
+    pub fn record(&self) -> Option<&[(String, Ty)]> {
+        match self {
+            Ty::Record(fields) => Some(fields),
+            _ => None,
+        }
+    }
+
+    /// Pairs the fields of two records by their names; `None` if they are not the same ones, or if these are no records.
+    pub fn paired<'t>(&'t self, other: &'t Ty) -> Option<Vec<(&'t str, &'t Ty, &'t Ty)>> {
+        let (a, b) = (self.record()?, other.record()?);
+        let pair = |(name, x): &'t (String, Ty)| b.iter().find(|(n, _)| n == name).map(|(_, y)| (name.as_str(), x, y));
+        if a.len() == b.len() { a.iter().map(pair).collect() } else { None }
+    }
+
+    /// The type of the whole if a field of a record, or of a record in it, has another type; `None` if the path leads to no field.
+    pub fn with_field(&self, path: &[String], new: Ty) -> Option<Ty> {
+        let Some((name, rest)) = path.split_first() else { return Some(new) };
+        let mut fields = self.record()?.to_vec();
+        let field = fields.iter_mut().find(|(n, _)| n == name)?;
+        field.1 = field.1.with_field(rest, new)?;
+        Some(Ty::Record(fields))
     }
 
     /// Whether the type is unknown, or that of an array (of arrays) of unknown type.
@@ -174,6 +204,10 @@ impl fmt::Display for Ty {
             Ty::Tuple(items) => {
                 let items: Vec<String> = items.iter().map(Ty::to_string).collect();
                 write!(f, "({})", items.join(", "))
+            }
+            Ty::Record(fields) => {
+                let fields: Vec<String> = fields.iter().map(|(name, ty)| format!("{name}: {ty}")).collect();
+                write!(f, "{{ {} }}", fields.join(", "))
             }
             Ty::Fn(params, result) => {
                 let params: Vec<String> = params.iter().map(Ty::to_string).collect();

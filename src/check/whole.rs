@@ -5,6 +5,7 @@ use std::collections::HashSet;
 use super::flow::children;
 use super::hir::{BinaryOp, Callee, DeclId, DeclKind, Expr, ExprKind, ParamDecl};
 use super::modules::Checker;
+use super::record::written_field;
 use super::signature::Sig;
 use super::types::Ty;
 use crate::diag::Diagnostic;
@@ -62,6 +63,9 @@ impl Checker<'_> {
                         _ if seen.insert(*id) => stack.extend(slot.hir.body.as_deref()),
                         _ => {}
                     }
+                }
+                ExprKind::Field { base, name } if matches!(base.ty, Ty::Record(_)) => {
+                    stack.extend(written_field(base, name, |id| self.slot(id).hir.body.as_deref()));
                 }
                 // Fields of values other than numbers are not searched: they rarely depend on the param.
                 ExprKind::Field { base, .. } if !matches!(base.ty, Ty::Num(_)) => {}

@@ -156,6 +156,11 @@ fn place(statement: &StatementKind, path: &[String]) -> Option<Span> {
 /// The field of what a call makes is an argument of that name.
 fn within(value: &Expr, path: &[String]) -> Option<Span> {
     let Some((first, rest)) = path.split_first() else { return Some(value.span) };
+    if let ExprKind::Record(fields) = &value.kind {
+        let field = fields.iter().find(|f| f.name.text == *first)?;
+        // `{ place }` has no place for another value of its own.
+        return if field.name.span == field.value.span { None } else { within(&field.value, rest) };
+    }
     let ExprKind::Call { args, .. } = &value.kind else { return None };
     let argument = args.iter().find(|a| a.name.as_ref().is_some_and(|name| name.text == *first))?;
     within(&argument.value, rest)

@@ -107,10 +107,12 @@ pub const TABLE: &[Row] = &[
     row(Place::Statement, "if unless switch match", "let NAME = if … then … else …", "`if` is part of an expression"),
     row(
         Place::Statement,
-        "class struct record interface enum trait namespace",
+        "class interface enum trait namespace",
         "fn",
         "there are no types of one's own: a function makes things anew",
     ),
+    row(Place::Statement, "struct record", "let NAME = { … }", "a record needs no declaration"),
+    row(Place::Call, "dict Dict SimpleNamespace", "{ … }", "braces make a record"),
     row(Place::Statement, "return yield", "print $>", "a script has no result, it shows values"),
     row(Place::Call, "zeros", "[0 for i in 0..$1]", ""),
     row(Place::Call, "ones", "[1 for i in 0..$1]", ""),

@@ -39,7 +39,7 @@ pub struct Example {
 }
 
 /// The files, in the order of a script's life: its text, its meaning, its run, what commands do with it.
-const FILES: [&str; 20] = [
+const FILES: [&str; 21] = [
     include_str!("../../docs/diagnostics/syntax.md"),
     include_str!("../../docs/diagnostics/name.md"),
     include_str!("../../docs/diagnostics/import.md"),
@@ -47,6 +47,7 @@ const FILES: [&str; 20] = [
     include_str!("../../docs/diagnostics/type.md"),
     include_str!("../../docs/diagnostics/value.md"),
     include_str!("../../docs/diagnostics/flow.md"),
+    include_str!("../../docs/diagnostics/lint.md"),
     include_str!("../../docs/diagnostics/feature.md"),
     include_str!("../../docs/diagnostics/file.md"),
     include_str!("../../docs/diagnostics/run.md"),

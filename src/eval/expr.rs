@@ -28,6 +28,7 @@ impl Engine {
             ExprKind::Bool(b) => Ok(Value::Bool(*b)),
             ExprKind::Str(parts) => self.string(parts),
             ExprKind::Array(items) => self.array(items),
+            ExprKind::Record(fields) => self.record(fields),
             ExprKind::Index { base, index } => self.index(base, index),
             ExprKind::Slice { base, start, end, inclusive } => {
                 self.slice(base, start.as_deref(), end.as_deref(), *inclusive, e)
@@ -107,6 +108,11 @@ impl Engine {
             memory::ask_for::<f64>(numbers).map_err(|e| error::memory(e, first.span.to(last.span)))?;
         }
         Ok(Value::array(values))
+    }
+
+    fn record(&mut self, fields: &[(String, Expr)]) -> Result<Value> {
+        let field = |(name, value): &(String, Expr)| Ok((name.clone(), self.expr(value)?));
+        Ok(Value::Record(Arc::new(fields.iter().map(field).collect::<Result<_>>()?)))
     }
 
     fn whole(&self, value: &Value, span: Span) -> Result<i64> {
@@ -429,6 +435,9 @@ pub(super) fn arithmetic(op: BinaryOp, x: &Value, y: &Value) -> std::result::Res
         {
             Ok(Value::Bool(same(x, y)? == (op == BinaryOp::Eq)))
         }
+        (Value::Record(_), Value::Record(_)) if matches!(op, BinaryOp::Eq | BinaryOp::Ne) => {
+            Ok(Value::Bool(same(x, y)? == (op == BinaryOp::Eq)))
+        }
         (Value::Num(a) | Value::Image(a), Value::Num(b) | Value::Image(b))
             if matches!(op, BinaryOp::And | BinaryOp::Or) =>
         {
@@ -492,7 +501,7 @@ fn append(text: &mut String, mut more: &str) {
     }
 }
 
-/// Whether two values are equal as a whole: all numbers of arrays, all items of lists. A NaN is not equal to anything.
+/// Whether two values are equal as a whole: all numbers of arrays, all items of lists, all fields of records. A NaN is not equal to anything.
 fn same(x: &Value, y: &Value) -> std::result::Result<bool, String> {
     match (x, y) {
         (Value::Num(a), Value::Num(b)) => {
@@ -508,6 +517,16 @@ fn same(x: &Value, y: &Value) -> std::result::Result<bool, String> {
                 }
             }
             Ok(true)
+        }
+        // The order of fields does not matter.
+        (Value::Record(a), Value::Record(b)) => {
+            for (name, x) in a.iter() {
+                let Some((_, y)) = b.iter().find(|(n, _)| n == name) else { return Ok(false) };
+                if !same(x, y)? {
+                    return Ok(false);
+                }
+            }
+            Ok(a.len() == b.len())
         }
         _ => Ok(matches!(arithmetic(BinaryOp::Eq, x, y)?, Value::Bool(true))),
     }

@@ -82,8 +82,10 @@ impl Engine {
 
 /// Kind and position of the first number of a value that is not finite.
 pub(super) fn first(value: &Value, bad: fn(f64) -> bool) -> Option<String> {
-    if let Value::List(items) = value {
-        return items.iter().find_map(|item| first(item, bad));
+    match value {
+        Value::List(items) => return items.iter().find_map(|item| first(item, bad)),
+        Value::Record(fields) => return fields.iter().find_map(|(_, value)| first(value, bad)),
+        _ => {}
     }
     let tensor = value.var()?.value();
     let at = tensor.data.iter().position(|x| bad(*x))?;

@@ -150,8 +150,12 @@ fn brief_within(value: &Value, ty: &Ty, depth: usize) -> String {
         }
         Value::Record(_) if depth >= DEEPEST => "{ … }".into(),
         Value::Record(fields) => {
-            let mut parts: Vec<String> =
-                fields.iter().take(16).map(|(n, v)| format!("{n}: {}", brief_within(v, &Ty::Any, depth + 1))).collect();
+            let ty = |name: &str| ty.record().and_then(|types| types.iter().find(|(n, _)| n == name));
+            let part = |(name, value): &(String, Value)| {
+                let ty = ty(name).map_or(&Ty::Any, |(_, ty)| ty);
+                format!("{name}: {}", brief_within(value, ty, depth + 1))
+            };
+            let mut parts: Vec<String> = fields.iter().take(16).map(part).collect();
             if fields.len() > 16 {
                 parts.push(format!("… {} more", fields.len() - 16));
             }

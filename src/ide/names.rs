@@ -306,6 +306,15 @@ impl Walk<'_> {
                     }
                 }
             }
+            ExprKind::Record(fields) => {
+                for field in fields {
+                    // `{ photo }` is `{ photo: photo }`: the name is the value.
+                    if field.name.span != field.value.span {
+                        self.note(field.name.span, Symbol::Word, false);
+                    }
+                    self.expr(&field.value);
+                }
+            }
             ExprKind::Call { callee, args } => {
                 self.expr(callee);
                 let function = self.function(callee);
@@ -386,6 +395,7 @@ pub fn children(e: &Expr) -> Vec<&Expr> {
             values.collect()
         }
         ExprKind::Array(items) => items.iter().collect(),
+        ExprKind::Record(fields) => fields.iter().map(|field| &field.value).collect(),
         ExprKind::Comprehension { element, clauses } => {
             let clauses = clauses.iter().flat_map(|c| std::iter::once(&c.items).chain(&c.condition));
             std::iter::once(&**element).chain(clauses).collect()

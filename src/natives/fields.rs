@@ -166,6 +166,7 @@ pub fn set_field(value: &Value, path: &[String], new: Value) -> Result<Value> {
             let closing = c.closing.clone();
             Ok(Value::Camera(Arc::new(CameraValue { fields: replaced(&c.fields, name, new), closing })))
         }
+        Value::Record(fields) => Ok(Value::Record(Arc::new(replaced(fields, name, new)))),
         Value::Settings(s) if s.field("times").is_some() => {
             let texture = s.field("times").ok_or_else(refuse)?;
             Ok(vertex_color(Some(set_field(texture, std::slice::from_ref(name), new)?)))

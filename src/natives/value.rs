@@ -41,7 +41,7 @@ pub enum Value {
     Network(Arc<Network>),
     Estimate(Arc<EstimateValue>),
     Gradients(Arc<Vec<GradientEntry>>),
-    /// What a data file holds under names, in its order.
+    /// Values under names, in the order of the script or of the data file that holds them.
     Record(Arc<Vec<(String, Value)>>),
     Function(Function),
 }
@@ -302,6 +302,10 @@ impl Value {
         match self {
             Value::None | Value::Bool(_) | Value::Str(_) => Some(self.clone()),
             Value::List(items) => Some(Value::list(items.iter().map(Value::detached).collect::<Option<_>>()?)),
+            Value::Record(fields) => {
+                let field = |(name, value): &(String, Value)| Some((name.clone(), value.detached()?));
+                Some(Value::Record(Arc::new(fields.iter().map(field).collect::<Option<_>>()?)))
+            }
             Value::Mesh(mesh) => Some(Value::Mesh(Arc::new(mesh.detached()))),
             other => other.var().map(|var| other.with_var(Var::constant(var.value().clone()))),
         }

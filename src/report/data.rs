@@ -126,8 +126,9 @@ fn details(chosen: &[&Step], bounds: &[Bounds], curve: &Curve) -> Map<String, Va
             json!({ "index": index(shape, at), "values": values, "lower": lower, "upper": upper })
         });
         let space = bound.and_then(|bound| bound.space.as_deref());
+        let doc = bound.and_then(|bound| bound.doc.as_deref());
         let shown = if is_whole { name.clone() } else { format!("{name}, {}", Tensor::shape_text(shape)) };
-        json!({ "name": shown, "space": space, "entries": entries.collect::<Value>() })
+        json!({ "name": shown, "space": space, "doc": doc, "entries": entries.collect::<Value>() })
     });
     let gradients = first.map_or(&[][..], |step| &step.gradients);
     let gradients = gradients.iter().map(|(name, _)| {

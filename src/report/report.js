@@ -194,7 +194,8 @@
         const series = param.entries.map((entry, k) => ({ name: param.name + entry.index, x, y: numbers(entry.values), colour: colour(k), dash: dash(k), width: param.entries.length > 16 ? 1 : null }));
         const bounds = param.entries.flatMap((entry, k) => [entry.lower, entry.upper].filter((b) => b !== null).map((b) => ({ y: number(b), colour: param.entries.length > 1 ? colour(k) : null })));
         const title = param.space ? `${param.name} (${param.space})` : param.name;
-        return chart({ title, series, x: steps, y: { label: param.name }, marks: marksOf(o).map(({ x }) => ({ x })), bounds, height: 240 });
+        const drawn = chart({ title, series, x: steps, y: { label: param.name }, marks: marksOf(o).map(({ x }) => ({ x })), bounds, height: 240 });
+        return param.doc ? make("figure", {}, drawn, make("figcaption", {}, param.doc)) : drawn;
       };
       const left = o.unlogged.length ? make("p", { class: "soft small", style: "margin:10px 0 0" }, `Not in the log, for they are many numbers: ${o.unlogged.join(", ")}.`) : null;
       section(`Params: ${nameOf(o, at)}`, make("div", { class: "tiles" }, o.params.map(one)), left);

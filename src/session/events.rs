@@ -46,6 +46,9 @@ pub struct Bounds {
     pub lower: Option<Vec<Option<f64>>>,
     pub upper: Option<Vec<Option<f64>>>,
     pub space: Option<String>,
+    /// What the script's `///` says of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub doc: Option<String>,
 }
 
 /// An image that the loss has seen.

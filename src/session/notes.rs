@@ -90,7 +90,13 @@ impl Runner<'_> {
         let moment = if report.step == 0 { Moment::Start } else { Moment::Between };
         let mut events = Vec::new();
         if report.step == 0 {
-            let (stages, params) = optimization.plan();
+            let program = self.engine.program();
+            // `lamp.radiance` is documented where `lamp` is.
+            let doc = |name: &str| {
+                let id = program.find(name.split(['.', '[']).next()?)?;
+                Some(program.decl(id).doc.trim().to_owned()).filter(|doc| !doc.is_empty())
+            };
+            let (stages, params) = optimization.plan(&doc);
             let (of, total) = (optimization.name().to_owned(), optimization.total());
             events.push(Event::Begin { of, total, stages, params });
         }
@@ -150,8 +156,8 @@ impl Runner<'_> {
 }
 
 impl Optimization {
-    /// The stages, and the params with their bounds.
-    fn plan(&self) -> (Vec<Stage>, Vec<Bounds>) {
+    /// The stages, and the params with their bounds and documentation.
+    fn plan(&self, doc: &dyn Fn(&str) -> Option<String>) -> (Vec<Stage>, Vec<Bounds>) {
         let stages = self.stages().map(|(name, until)| Stage { name: name.map(str::to_owned), until }).collect();
         let finite = |side: &Vec<f64>| side.iter().map(|x| Some(*x).filter(|x| x.is_finite())).collect();
         let bounds = self.bounded().map(|(name, shape, space)| Bounds {
@@ -160,6 +166,7 @@ impl Optimization {
             lower: space.lower.as_ref().map(finite),
             upper: space.upper.as_ref().map(finite),
             space: space_text(space),
+            doc: doc(name),
         });
         (stages, bounds.collect())
     }

@@ -264,6 +264,7 @@ pub enum TypeKind {
     /// `"perspective"`: one of the words that an argument may be.
     Word(String),
     Fn(Vec<Type>, Box<Type>),
+    Record(Vec<(Name, Type)>),
 }
 
 #[derive(Clone, Debug)]
@@ -284,6 +285,8 @@ pub enum ExprKind {
     Str(Vec<StrPart>),
     Name(String),
     Array(Vec<Expr>),
+    /// A field that is only a name has that name as its value, at the same place.
+    Record(Vec<Field>),
     Comprehension {
         element: Box<Expr>,
         clauses: Vec<ForClause>,

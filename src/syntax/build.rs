@@ -188,15 +188,20 @@ impl Builder<'_> {
     fn report(&mut self, parts: Parts, span: Span) -> Action {
         let mut columns = Vec::new();
         for part in parts.0.filter(|p| p.as_rule() == Rule::reported) {
-            let mut parts = Parts(part.into_inner());
-            let Some(name) = parts.find(Rule::word).map(|p| self.name(p)) else { continue };
-            let value = match parts.take(Rule::expr) {
-                Some(value) => self.expr(value),
-                None => Expr { kind: ExprKind::Name(name.text.clone()), span: name.span },
-            };
-            columns.push(Field { name, value });
+            columns.extend(self.named_value(part));
         }
         Action::Report { columns, span }
+    }
+
+    /// `name: value`, or a name that is its own value.
+    fn named_value(&mut self, pair: P) -> Option<Field> {
+        let mut parts = Parts(pair.into_inner());
+        let name = self.name(parts.0.next()?);
+        let value = match parts.take(Rule::expr) {
+            Some(value) => self.expr(value),
+            None => Expr { kind: ExprKind::Name(name.text.clone()), span: name.span },
+        };
+        Some(Field { name, value })
     }
 
     fn then(&mut self, pair: P) -> ast::Then {
@@ -434,6 +439,13 @@ impl Builder<'_> {
         let head = parts.next()?;
         let kind = match head.as_rule() {
             Rule::type_word => ast::TypeKind::Word(head.as_str().trim_matches('"').to_owned()),
+            Rule::type_record => {
+                let fields = head.into_inner().filter_map(|field| {
+                    let mut parts = Parts(field.into_inner());
+                    Some((self.name(parts.find(Rule::word)?), self.ty(parts.find(Rule::type_)?)))
+                });
+                ast::TypeKind::Record(fields.collect())
+            }
             Rule::type_fn => {
                 let mut types: Vec<ast::Type> = head.into_inner().map(|p| self.ty(p)).collect();
                 let result = types.pop()?;

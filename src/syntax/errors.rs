@@ -317,6 +317,7 @@ fn rename(rule: Rule) -> &'static str {
         | Rule::lambda
         | Rule::numbers
         | Rule::array
+        | Rule::record
         | Rule::paren
         | Rule::boolean
         | Rule::signed
@@ -324,12 +325,12 @@ fn rename(rule: Rule) -> &'static str {
         Rule::prefix => "`-` or `not`",
         Rule::infix | Rule::call | Rule::index | Rule::member | Rule::with_ | Rule::kw_with => "an operator",
         Rule::ident => "a name",
-        Rule::word | Rule::field => "a field `name: value`",
+        Rule::word | Rule::field | Rule::entry | Rule::type_field => "a field `name: value`",
         Rule::fields | Rule::optimize_body | Rule::block => "`{`",
         Rule::parameters => "`(`",
         Rule::parameter => "a parameter",
         Rule::argument => "an argument",
-        Rule::type_ | Rule::type_atom | Rule::type_fn | Rule::type_word => "a type",
+        Rule::type_ | Rule::type_atom | Rule::type_fn | Rule::type_record | Rule::type_word => "a type",
         Rule::replacement | Rule::target => "a replacement `name: value`",
         Rule::stage => "`stage`",
         Rule::then => "`then`",

@@ -47,6 +47,7 @@ pub fn find(text: &str, at: usize, declared: &dyn Fn(&str) -> bool) -> Option<Ha
     let at = if begins { sign } else { at };
     let stop = Stop { text, at, declared };
     stop.function()
+        .or_else(|| stop.record())
         .or_else(|| stop.word())
         .or_else(|| stop.operator())
         .or_else(|| stop.equals())
@@ -305,7 +306,51 @@ impl<'a> Stop<'a> {
             .then(|| habit(at, at + 1, message, "not a comparison", format!("to compare, write `{left} == {right}`")))?
     }
 
-    /// `{a: 1}`, `{1, 2}`, `if c { x } else { y }`.
+    /// `{ "cam": front }`, `{ cam front }`, `fn view(c) { cam: c }`.
+    fn record(&self) -> Option<Habit> {
+        let (open, b'{') = open_bracket(self.text, self.at)? else { return None };
+        let inside = self.text.get(open + 1..closing(self.text, open)?)?.trim();
+        let (before, rest) = (self.text.get(..open)?.trim_end(), self.rest());
+        if self.first() == "fn" && before.ends_with(')') && rest.starts_with([':', ',']) {
+            let help = format!("write `{} = {{ {inside} }}`", before.trim());
+            return habit(open, open + 1, "a record stands behind a `=`", "a block, which holds a value", help);
+        }
+        let after_word = ["save", "print", "expect", "then", "else"].iter().any(|word| {
+            before.strip_suffix(word).is_some_and(|lead| lead.is_empty() || lead.ends_with(char::is_whitespace))
+        });
+        if !after_word && !before.ends_with(['=', '(', ',', '[', ':', '>', '{']) {
+            return None;
+        }
+        let lead = self.before();
+        let begins = |text: &str| text.len() == open + 1 || text.ends_with(',');
+        let is_quoted =
+            rest.starts_with(['"', '\'']) && begins(lead) || rest.starts_with(':') && lead.ends_with(['"', '\'']);
+        if is_quoted {
+            let field = |part: &str| match part.split_once(':') {
+                Some((name, value)) => format!("{}: {}", name.trim().trim_matches(['"', '\'']), value.trim()),
+                None => part.to_owned(),
+            };
+            let typed: Vec<String> = parts(inside).into_iter().map(field).collect();
+            let (message, help) = ("names of fields have no quotes", format!("write `{{ {} }}`", typed.join(", ")));
+            return habit(open, open + 1, message, "of this record", help);
+        }
+        // The parser stops before the name or behind it, as it had read a value before or not.
+        let (start, name) = match self.here() {
+            here if begins(lead) => (self.at, here),
+            _ => self.previous(),
+        };
+        let behind = self.text.get(start + name.len()..)?;
+        let at = start + name.len() + behind.len() - behind.trim_start().len();
+        let value = operand_after(self.text, at);
+        let is_name = name.starts_with(|c: char| c.is_ascii_alphabetic());
+        if is_name && begins(self.text.get(..start)?.trim_end()) && !value.is_empty() {
+            let help = format!("write `{name}: {value}`");
+            return habit(at, at + value.len(), "a field needs its `:`", "expected `:`", help);
+        }
+        None
+    }
+
+    /// `{1, 2}`, `if c { x } else { y }`.
     fn braces(&self) -> Option<Habit> {
         let at = match open_bracket(self.text, self.at) {
             _ if self.rest().starts_with('{') => self.at,
@@ -346,18 +391,8 @@ impl<'a> Stop<'a> {
                 _ => item,
             })
             .collect();
-        let is_record = values.iter().zip(&items).any(|(value, item)| value != item);
-        let message = if is_record {
-            "a record or dictionary cannot be written here"
-        } else {
-            "braces hold fields of a declaration"
-        };
-        let why = if is_record {
-            "give each value a declaration of its own, or set them side by side"
-        } else {
-            "values side by side are an array"
-        };
-        habit(at, at + 1, message, "not a value", format!("{why}: `[{}]`", values.join(", ")))
+        let help = format!("values side by side are an array: `[{}]`", values.join(", "));
+        habit(at, at + 1, "braces hold the fields of a record", "not a value", help)
     }
 
     /// `'text'`, `` `text` ``, `f"text"`.

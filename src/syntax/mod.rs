@@ -185,6 +185,10 @@ mod tests {
             ExprKind::Member { base, name } => format!("{}.{}", show(base), name.text),
             ExprKind::Index { base, index } => format!("{}[{}]", show(base), show(index)),
             ExprKind::Array(items) => format!("[{}]", items.iter().map(show).collect::<Vec<_>>().join(" ")),
+            ExprKind::Record(fields) => {
+                let field = |f: &ast::Field| format!("{}={}", f.name.text, show(&f.value));
+                format!("{{{}}}", fields.iter().map(field).collect::<Vec<_>>().join(" "))
+            }
             ExprKind::If { condition, then, otherwise } => {
                 format!("if({} {} {})", show(condition), show(then), show(otherwise))
             }

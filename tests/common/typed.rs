@@ -33,6 +33,15 @@ pub fn disagreement(ty: &Ty, value: &Value) -> Option<String> {
             }
             types.iter().zip(items.iter()).find_map(|(t, i)| disagreement(t, i))
         }
+        (Ty::Record(types), Value::Record(fields)) => {
+            if types.len() != fields.len() {
+                return Some(format!("it has {} fields", fields.len()));
+            }
+            types.iter().find_map(|(name, ty)| match fields.iter().find(|(n, _)| n == name) {
+                Some((_, value)) => disagreement(ty, value),
+                None => Some(format!("it has no field `{name}`")),
+            })
+        }
         (Ty::Camera { height, width, .. }, Value::Camera(camera)) => {
             let (w, h) = camera.film()?;
             shape_of(&[*height, *width], &[h, w])

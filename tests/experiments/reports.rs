@@ -107,6 +107,19 @@ fn a_report_says_in_which_space_a_param_moves() {
 }
 
 #[test]
+fn a_report_says_what_params_are() {
+    let place = Place::new();
+    let script = "/// How far the lamp\n/// stands off.\nparam far = 1\nparam near = 2\n\
+                  optimize far ^ 2 + near ^ 2 { using: adam(lr: 0.1), steps: 2 }";
+    place.write("a.dscene", script);
+    assert_code(&place.dsl(&["run", "a.dscene", "--out", "r", "--quiet"]), 0);
+    let data = data(&place, "r/report.html");
+    let params = data["optimizations"][0]["params"].as_array().unwrap();
+    let told: Vec<Value> = params.iter().map(|p| json!([p["name"], p["doc"]])).collect();
+    assert_eq!(json!(told), json!([["far", "How far the lamp\nstands off."], ["near", null]]));
+}
+
+#[test]
 fn a_report_renders_nothing() {
     on_large_stack(|| {
         let folder = tempfile::tempdir().unwrap();

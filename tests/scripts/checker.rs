@@ -388,6 +388,45 @@ fn imports_bring_declarations_and_no_actions() {
 }
 
 #[test]
+fn names_with_an_underscore_stay_in_their_file() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).expect("written");
+    write("deep.dscene", "let _n = 40\nlet deep = _n + 2\n");
+    write(
+        "lib.dscene",
+        "import \"deep.dscene\"\nlet _n = 2\nfn _twice(x) = _n * x\nfn four(x) = _twice(_twice(x)) + deep\n",
+    );
+    let main = |text: &str| {
+        write("main.dscene", text);
+        check::check(&folder.path().join("main.dscene"), &[], &Disk)
+    };
+    // It may have a name of its own that is the same.
+    let fine =
+        main("import \"lib.dscene\"\nlet _n = 1\nlet a = four(_n)\nimport \"lib.dscene\" as lib\nlet b = lib.four(2)");
+    assert!(fine.program.is_some(), "{:#?}", fine.diagnostics);
+    for (text, blamed) in [
+        ("import \"lib.dscene\"\nlet a = _twice(2)", "_twice"),
+        ("import \"lib.dscene\"\nlet a = _n + 1", "_n"),
+        ("import \"lib.dscene\" as lib\nlet a = lib._twice(2)", "_twice"),
+        ("import \"lib.dscene\" as lib\nlet a = lib.four(1) with { lib._n: 3 }", "_n"),
+    ] {
+        let Checked { diagnostics, sources, .. } = main(text);
+        let [told] = &diagnostics.iter().filter(|d| d.is_error()).collect::<Vec<_>>()[..] else {
+            panic!("{text}: {diagnostics:#?}")
+        };
+        assert_eq!((told.code, sources.text(told.labels[0].span)), ("dscene::name::private", blamed), "{text}");
+        assert!(
+            told.message.contains("lib.dscene") && told.helps[0].contains("`twice`") == (blamed == "_twice"),
+            "{told:#?}"
+        );
+        assert_eq!(sources.name(told.labels[1].span.source).rsplit('/').next(), Some("lib.dscene"), "{told:#?}");
+    }
+    // A misspelled name is not answered with one that is not to be seen.
+    let Checked { diagnostics, .. } = main("import \"lib.dscene\" as lib\nlet a = lib.twice(2)");
+    assert!(diagnostics[0].helps.iter().all(|help| !help.contains("_twice")), "{diagnostics:#?}");
+}
+
+#[test]
 fn what_fails_inside_the_library_is_shown_at_the_call() {
     // The sizes are known only when the sum is.
     let script =

@@ -2,6 +2,7 @@
 //! `UPDATE_EXPECT=1 cargo test --test scripts diagnostics::` rewrites the pictures in `tests/scripts/diagnostics/`.
 
 mod expectations;
+mod records;
 
 use std::path::Path;
 
@@ -29,7 +30,7 @@ struct Case {
 }
 
 fn cases() -> impl Iterator<Item = &'static Case> {
-    CASES.iter().chain(expectations::CASES)
+    CASES.iter().chain(expectations::CASES).chain(records::CASES)
 }
 
 const CASES: &[Case] = &[

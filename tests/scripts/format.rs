@@ -135,6 +135,11 @@ const LAYOUTS: &[(&str, &str)] = &[
         "sweep a in [1,2],seed in 0..3,{optimize l report{error:a,b,\nand,c}}",
         "sweep a in [1, 2], seed in 0..3 {\n  optimize l\n  report {\n    error: a\n    b,\n    and\n    c\n  }\n}\n",
     ),
+    (
+        "let r={a:1 ,b , c:{d:2},} fn f(v:{cam:camera,n:scalar ,})=v.n let g=x=>{y:x}",
+        "let r = { a: 1, b, c: { d: 2 } }\nfn f(v: { cam: camera, n: scalar }) = v.n\nlet g = x => { y: x }\n",
+    ),
+    ("let r = {\n a: 1\n b,\n c }", "let r = {\n  a: 1\n  b,\n  c\n}\n"),
     ("plot a,b over(c)to \"d\"{log:xy}", "plot a, b over (c) to \"d\" { log: xy }\n"),
     (
         "expect a≈b within 1% ,\n\"why\" expect -10%of x~=y within(2*of) test \"n\"{let x=9 expect x>1}",

@@ -269,10 +269,25 @@ impl Builder<'_> {
             Rule::ident => ExprKind::Name(pair.as_str().to_owned()),
             Rule::paren => return pair.into_inner().next().map_or(error(span), |p| Expr { span, ..self.expr(p) }),
             Rule::array => self.array(pair, span),
+            Rule::record => self.record(pair, span),
             Rule::numbers => ExprKind::Array(pair.into_inner().map(|p| self.signed(p)).collect()),
             _ => ExprKind::Error,
         };
         Expr { kind, span }
+    }
+
+    /// `{ cam: front, photo }`
+    fn record(&mut self, pair: P, span: Span) -> ExprKind {
+        let fields: Vec<ast::Field> = pair.into_inner().filter_map(|entry| self.named_value(entry)).collect();
+        if fields.is_empty() {
+            self.diagnostics.push(
+                Diagnostic::error("dscene::syntax::unexpected", "a record has at least one field")
+                    .label(span, "holds nothing")
+                    .help("write `{ name: value }`"),
+            );
+            return ExprKind::Error;
+        }
+        ExprKind::Record(fields)
     }
 
     /// `[a, b]` or `[e for x in xs]`.

@@ -215,7 +215,7 @@ impl Generator<'_, '_> {
             T::Scene,
             T::Estimate,
         ];
-        let n = self.tape.below(plain.len() + if depth > 0 { 6 } else { 0 });
+        let n = self.tape.below(plain.len() + if depth > 0 { 8 } else { 0 });
         if let Some(t) = plain.get(n) {
             return t.clone();
         }
@@ -226,10 +226,11 @@ impl Generator<'_, '_> {
                 T::List(Box::new(item), 1 + self.tape.below(3))
             }
             2 | 3 => T::Tuple(vec![T::Str, self.any_type(depth - 1), SCALAR]),
-            _ => {
+            4 | 5 => {
                 let params = (0..1 + self.tape.below(2)).map(|_| self.any_type(0)).collect();
                 T::Fn(params, Box::new(self.any_type(0)))
             }
+            _ => T::Record((0..1 + self.tape.below(FIELDS.len())).map(|_| self.any_type(0)).collect()),
         }
     }
 
@@ -278,7 +279,7 @@ impl Generator<'_, '_> {
     /// Ways that there are for any type.
     fn general(&mut self, t: &T, depth: usize) -> E {
         let callable: Vec<usize> = (0..self.functions.len()).filter(|i| self.functions[*i].result == *t).collect();
-        match self.tape.below(14) {
+        match self.tape.below(16) {
             0 => {
                 let condition = self.at(&T::Bool, depth);
                 let (a, b) = (self.expr(t, depth), self.expr(t, depth));
@@ -387,6 +388,25 @@ impl Generator<'_, '_> {
                 let (before, after) = *self.pick(&[("concat([", "])[1]"), ("minibatch(concat([", "]), 1)[0]")]);
                 self.form(&[before, "], [", after], vec![free(a), free(b)])
             }
+            13 => {
+                // A field of a record.
+                let other = self.any_type(0);
+                let (e, other) = (self.expr(t, depth), self.expr(&other, depth));
+                let name = Place { e: atom("glow"), wrong: &["glwo", "x", "vertices"] };
+                self.form(&["{ glow: ", ", first: ", " }.", ""], vec![free(e), free(other), name])
+            }
+            14 => {
+                // A field of each of several records.
+                let (a, b) = (self.expr(t, depth), self.expr(t, depth));
+                if matches!(t, T::Tuple(_) | T::Fn(..)) {
+                    return a;
+                }
+                let item = self.name("v");
+                let name = Place { e: atom("first"), wrong: &["frist", "glow"] };
+                let item = || free(atom(item.clone()));
+                let texts = &["[", ".", " for ", " in [{ first: ", " }, { first: ", " }]][1]"];
+                self.form(texts, vec![item(), name, item(), free(a), free(b)])
+            }
             _ => self.special(t, depth).unwrap_or_else(|| self.leaf(t)),
         }
     }
@@ -465,6 +485,11 @@ impl Generator<'_, '_> {
             T::Tuple(items) => {
                 let items: Vec<String> = items.iter().map(|t| self.leaf(t).to_string()).collect();
                 format!("[{}]", items.join(", "))
+            }
+            T::Record(fields) => {
+                let fields: Vec<String> =
+                    FIELDS.iter().zip(fields).map(|(name, t)| format!("{name}: {}", self.leaf(t))).collect();
+                format!("{{ {} }}", fields.join(", "))
             }
             T::Fn(params, result) => {
                 let params: Vec<String> = params.iter().map(|_| self.name("a")).collect();

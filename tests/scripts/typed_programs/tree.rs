@@ -26,9 +26,14 @@ pub enum T {
     /// Of things that are no numbers.
     List(Box<T>, usize),
     Tuple(Vec<T>),
+    /// Of these fields, named by [`FIELDS`].
+    Record(Vec<T>),
     Fn(Vec<T>, Box<T>),
     Estimate,
 }
+
+/// Names of the fields of records, in their order.
+pub const FIELDS: [&str; 3] = ["first", "glow", "param"];
 
 pub const SCALAR: T = T::Num(Vec::new());
 pub const ANGLE: T = T::Angle(None);
@@ -65,6 +70,11 @@ pub fn annotation(t: &T) -> Option<String> {
         T::Fn(params, result) => {
             let params: Option<Vec<String>> = params.iter().map(annotation).collect();
             format!("({}) => {}", params?.join(", "), annotation(result)?)
+        }
+        T::Record(fields) => {
+            let field = |(name, t): (&&str, &T)| Some(format!("{name}: {}", annotation(t)?));
+            let fields: Option<Vec<String>> = FIELDS.iter().zip(fields).map(field).collect();
+            format!("{{ {} }}", fields?.join(", "))
         }
         T::List(..) | T::Tuple(_) | T::Estimate => return None,
     })
@@ -149,6 +159,7 @@ pub fn wrong_for(t: &T) -> &'static [&'static str] {
         T::Str => STRINGS,
         T::Image(_) => IMAGES,
         T::Fn(..) => &["1", "\"a\"", "30deg", "eye"],
+        T::Record(_) => &["1", "[1, 2]", "eye", "{ other: 1 }", "{ first: 1, glow: 2, param: 3, other: 4 }"],
         // A number is as good.
         T::Texture => &["\"a\"", "30deg", "true", "sin", "eye"],
         _ => OTHER,

@@ -70,6 +70,11 @@ impl Generator<'_, '_> {
                 let places = items.iter().map(|t| free(self.expr(t, depth))).collect();
                 self.list(places)
             }
+            T::Record(fields) => {
+                const TEXTS: [&str; 3] = ["{ first: ", ", glow: ", ", param: "];
+                let places: Vec<Place> = fields.iter().map(|t| free(self.expr(t, depth))).collect();
+                E::Form(TEXTS[..places.len()].iter().copied().chain([" }"]).collect(), places)
+            }
             T::Fn(params, result) => self.lambda(params, result, depth),
             T::Estimate => {
                 let of = self.at(&SCALAR, depth);

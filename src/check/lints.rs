@@ -1,0 +1,244 @@
+//! Lints: what a script may mean, but hardly does; and `// allow(NAME)`, by which it says that it does.
+
+use super::flow::{below, dependencies, reaching_params, walk};
+use super::hir::*;
+use super::types::Ty;
+use crate::diag::{Diagnostic, did_you_mean};
+use crate::source::{SourceId, SourceMap, Span};
+use crate::syntax;
+
+/// Codes of the warnings that a script may allow. A name for `allow` is the last word of a code.
+pub const LINTS: [&str; 9] = [
+    "dscene::flow::unused_param",
+    "dscene::flow::constant_loss",
+    "dscene::flow::left_behind",
+    "dscene::import::hidden",
+    "dscene::type::elementwise",
+    "dscene::test::empty",
+    "dscene::lint::zero_derivative",
+    "dscene::lint::idle_stage",
+    "dscene::lint::no_boundary",
+];
+
+/// Warnings about a program without errors.
+pub fn check(program: &Program) -> Vec<Diagnostic> {
+    let roots = roots(program);
+    let mut out = Vec::new();
+    for root in &roots {
+        walk(root, &mut |e| {
+            if let ExprKind::Derivative(derivative) = &e.kind {
+                out.extend(zero_derivatives(program, derivative));
+            }
+        });
+    }
+    for action in &program.actions {
+        if let Action::Optimize(o) = action {
+            out.extend(idle_stages(o));
+        }
+    }
+    out.extend(no_boundary(program, &roots));
+    out
+}
+
+/// The expressions that the user wrote.
+fn roots(program: &Program) -> Vec<&Expr> {
+    let mut found: Vec<&Expr> = Vec::new();
+    for id in program.ids().filter(|id| program.decl(*id).user) {
+        let decl = program.decl(id);
+        found.extend(decl.body.as_deref());
+        if let DeclKind::Fn(f) = &decl.kind {
+            found.push(&f.body);
+        }
+    }
+    for action in &program.actions {
+        match action {
+            Action::Optimize(o) => {
+                found.push(&o.loss);
+                found.extend(o.every.iter().flat_map(|every| &every.actions).flat_map(Action::parts));
+            }
+            other => found.extend(other.parts()),
+        }
+    }
+    found.extend(program.tests.iter().flat_map(|test| &test.steps).flat_map(TestStep::parts));
+    found
+}
+
+/// Derivatives by what does not reach the expression.
+fn zero_derivatives(program: &Program, derivative: &Derivative) -> Vec<Diagnostic> {
+    // What a parameter of a function or a function value stands for is known only in a call.
+    let mut is_known = derivative.kind != DerivativeKind::Estimate;
+    walk(&derivative.of, &mut |e| {
+        let calls_value = matches!(&e.kind, ExprKind::Call(call) if matches!(call.callee, Callee::Value(_)));
+        is_known &= !calls_value && !matches!(e.kind, ExprKind::Local(_) | ExprKind::Lambda(_));
+    });
+    if !is_known || derivative.wrt.is_empty() {
+        return Vec::new();
+    }
+    let reached = dependencies(program, &derivative.of);
+    let lost = derivative.wrt.iter().filter(|(target, _)| !reached.contains(&target.decl));
+    let told = |(target, span): &(Target, Span)| {
+        let name = &program.decl(target.decl).name;
+        Diagnostic::warning("dscene::lint::zero_derivative", format!("this derivative is 0: `{name}` is not in it"))
+            .label(*span, "reaches nothing here")
+            .label(derivative.of.span, format!("does not depend on `{name}`"))
+            .help(format!("use `{name}` in what is differentiated, or leave it out"))
+    };
+    lost.map(told).collect()
+}
+
+/// Stages that go on as the one before did.
+fn idle_stages(o: &Optimize) -> Vec<Diagnostic> {
+    let is_plain = |stage: &Stage| stage.using.is_none() && stage.settings.is_empty() && stage.over.is_none();
+    let idle = o.stages.windows(2).filter(|pair| pair.iter().all(is_plain) && pair[0].then.is_none());
+    let told = |pair: &[Stage]| {
+        let (before, stage) = (&pair[0], &pair[1]);
+        let message = format!("the stage `{}` changes nothing: it goes on as `{}` did", stage.name, before.name);
+        Diagnostic::warning("dscene::lint::idle_stage", message)
+            .label(stage.span, "the same loss, params, solver and settings")
+            .help(format!(
+                "give its steps to `{}`, or say what changes: `over`, `using`, `spp`, `film_scale`, `then {{ … }}`",
+                before.name
+            ))
+    };
+    idle.map(told).collect()
+}
+
+/// `boundary: false` where a param moves geometry: what its edges do to the picture is left out of its derivative.
+fn no_boundary(program: &Program, roots: &[&Expr]) -> Vec<Diagnostic> {
+    let mut out: Vec<Diagnostic> = Vec::new();
+    for root in roots {
+        walk(root, &mut |e| {
+            let Some(place) = without_boundary(program, e) else { return };
+            if out.iter().any(|told| told.span() == Some(place)) {
+                return;
+            }
+            let Some(param) = moved_geometry(program, roots) else { return };
+            let decl = program.decl(param);
+            out.push(
+                Diagnostic::warning(
+                    "dscene::lint::no_boundary",
+                    format!("without boundary terms the derivative by `{}` is wrong at edges", decl.name),
+                )
+                .label(place, "silhouettes and shadow edges do not count")
+                .label(decl.name_span, "moves geometry")
+                .help("leave out `boundary: false`, or allow it where no edge is seen: `// allow(no_boundary)`"),
+            );
+        });
+    }
+    out
+}
+
+/// The place of `boundary: false` among the arguments of a call.
+fn without_boundary(program: &Program, e: &Expr) -> Option<Span> {
+    let ExprKind::Call(call) = &e.kind else { return None };
+    let Callee::Native(id) = call.callee else { return None };
+    let DeclKind::Native(native) = &program.decl(id).kind else { return None };
+    let at = native.params.iter().position(|param| param.name == "boundary")?;
+    let given = call.args.get(at)?.as_ref()?;
+    matches!(given.kind, ExprKind::Bool(false)).then_some(given.span)
+}
+
+/// A param that moves and that a mesh, a camera or a transform depends on.
+fn moved_geometry(program: &Program, roots: &[&Expr]) -> Option<DeclId> {
+    let mut waiting = roots.to_vec();
+    while let Some(e) = waiting.pop() {
+        if !matches!(e.ty, Ty::Mesh | Ty::Camera { .. } | Ty::Transform) {
+            waiting.extend(below(e));
+            continue;
+        }
+        let moves = |id: &DeclId| match &program.decl(*id).kind {
+            DeclKind::Param(param) => !super::whole::is_frozen(param),
+            _ => false,
+        };
+        if let Some(found) = reaching_params(program, e).into_iter().find(moves) {
+            return Some(found);
+        }
+    }
+    None
+}
+
+/// `// allow(NAME)`: a name, where it stands, and the line that it speaks of.
+struct Allow {
+    name: String,
+    span: Span,
+    line: usize,
+    is_used: bool,
+}
+
+/// Leaves out the warnings that a script allows: by a comment at the end of their line, or on the line above. An `allow` that allows
+/// nothing is told, so that none outlives its reason; but not if there are errors, which keep warnings from being found.
+pub fn without_allowed(found: Vec<Diagnostic>, sources: &SourceMap, main: Option<SourceId>) -> Vec<Diagnostic> {
+    let files = sources.iter().filter(|(id, file)| file.path.is_some() || Some(*id) == main);
+    let mut allows: Vec<Allow> = files.flat_map(|(id, file)| allows_of(sources, id, &file.text)).collect();
+    if allows.is_empty() {
+        return found;
+    }
+    let has_errors = found.iter().any(Diagnostic::is_error);
+    let is_allowed = |told: &Diagnostic, allows: &mut Vec<Allow>| {
+        let (false, Some(span)) = (told.is_error(), told.span()) else { return false };
+        let line = sources.position(span).line;
+        let mut allowed = false;
+        for allow in allows.iter_mut().filter(|a| a.span.source == span.source && a.line == line) {
+            if LINTS.contains(&told.code) && allow.name == name_of(told.code) {
+                (allow.is_used, allowed) = (true, true);
+            }
+        }
+        allowed
+    };
+    let mut kept: Vec<Diagnostic> = found.into_iter().filter(|told| !is_allowed(told, &mut allows)).collect();
+    if !has_errors {
+        kept.extend(allows.iter().filter(|allow| !allow.is_used).map(unused));
+    }
+    kept
+}
+
+fn name_of(code: &str) -> &str {
+    code.rsplit("::").next().unwrap_or(code)
+}
+
+fn unused(allow: &Allow) -> Diagnostic {
+    let names = || LINTS.iter().map(|code| name_of(code));
+    let code = "dscene::lint::unused_allow";
+    if names().any(|name| name == allow.name) {
+        return Diagnostic::warning(code, format!("nothing here needs `allow({})`", allow.name))
+            .label(allow.span, "allows nothing")
+            .help("leave it out");
+    }
+    Diagnostic::warning(code, format!("there is no lint `{}`", allow.name))
+        .label(allow.span, "unknown")
+        .help_opt(did_you_mean(&allow.name, "the lints are", names().collect::<Vec<&str>>()))
+}
+
+/// The comments of a text that allow something.
+fn allows_of(sources: &SourceMap, id: SourceId, text: &str) -> Vec<Allow> {
+    const WORD: &str = "allow(";
+    if !text.contains(WORD) {
+        return Vec::new();
+    }
+    let code = syntax::without_comments(text);
+    let mut found = Vec::new();
+    let mut start = 0;
+    for line in text.split_inclusive('\n') {
+        let end = start + line.len();
+        // Where a comment stands, the code is blank.
+        let comment = line.match_indices("//").map(|(at, _)| start + at).find(|at| code[*at..].starts_with("  "));
+        if let Some(comment) = comment {
+            let said = text[comment..end].trim_start_matches('/').trim_start();
+            let inside = said.strip_prefix(WORD).and_then(|rest| rest.split_once(')')).map_or("", |(inside, _)| inside);
+            let spoken_of = match code[start..end].trim().is_empty() {
+                false => start,
+                true => end + code[end..].len() - code[end..].trim_start().len(),
+            };
+            let line = sources.position(Span::new(id, spoken_of, spoken_of)).line;
+            let mut at = end - said.len() + WORD.len();
+            for part in inside.split(',').filter(|part| !part.trim().is_empty()) {
+                let (begin, name) = (at + part.len() - part.trim_start().len(), part.trim());
+                let span = Span::new(id, begin, begin + name.len());
+                found.push(Allow { name: name.to_owned(), span, line, is_used: false });
+                at += part.len() + 1;
+            }
+        }
+        start = end;
+    }
+    found
+}

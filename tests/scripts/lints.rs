@@ -1,0 +1,99 @@
+//! Lints, and the comments that allow what they warn of.
+
+use dscene::check::{Disk, LINTS, check_text};
+
+const SCENE: &str = "\
+camera eye { film: [8, 8] }
+light sky = constant(1)
+param size = 1
+shape ball { mesh: sphere(radius: size) }
+let target = render(eye) with { size: 2 }
+";
+
+/// The last words of the codes of all diagnostics, and the texts that they are about.
+fn told(script: &str) -> Vec<(String, String)> {
+    let checked = check_text("test.dscene", None, script, &[], &Disk);
+    let one = |d: &dscene::diag::Diagnostic| {
+        let name = d.code.rsplit("::").next().unwrap_or(d.code).to_owned();
+        (name, d.span().map_or_else(String::new, |span| checked.sources.text(span).to_owned()))
+    };
+    checked.diagnostics.iter().map(one).collect()
+}
+
+#[track_caller]
+fn tells(script: &str, wanted: &[(&str, &str)]) {
+    let found = told(script);
+    let found: Vec<(&str, &str)> = found.iter().map(|(name, text)| (name.as_str(), text.as_str())).collect();
+    assert_eq!(found, wanted, "{script}");
+}
+
+#[test]
+fn a_derivative_by_what_is_not_there_is_zero() {
+    let script = "param x = 1\nparam y = 2\nloss l = x ^ 2 + y\nlet far = x * 2\n";
+    tells(&format!("{script}print grad(far, y)"), &[("zero_derivative", "y")]);
+    tells(&format!("{script}print grad(l with {{ y: 3 }}, [x, y])"), &[("zero_derivative", "y")]);
+    tells(&format!("{script}print grad(l, [x, y]), fd(l, y), jvp(far, x, 1)"), &[]);
+    // What a parameter stands for is seen in calls only, and what renders sees the scene.
+    tells(&format!("{script}fn slope(f) = grad(f, y)\nprint slope(l)"), &[]);
+    tells(&format!("{SCENE}loss l = mse(render(eye), target)\nprint grad(l, size)"), &[]);
+}
+
+#[test]
+fn a_stage_that_goes_on_as_before_changes_nothing() {
+    let script = "param x = 1\nloss l = x ^ 2\noptimize l {\n  using: sgd(lr: 0.1)\n";
+    let idle = format!("{script}  stage first {{ steps: 5 }}\n  stage second {{ steps: 5 }}\n}}");
+    assert_eq!(told(&idle).iter().map(|(name, _)| name.as_str()).collect::<Vec<_>>(), ["idle_stage"]);
+    for stages in [
+        "stage first { steps: 5, clip: 1 } stage second { steps: 5 }",
+        "stage first { steps: 5 } stage second { steps: 5, using: sgd(lr: 0.01) }",
+        "stage first { steps: 5, then { param x = 2 } } stage second { steps: 5 }",
+        "stage only { steps: 5 }",
+    ] {
+        tells(&format!("{script}  {stages}\n}}"), &[]);
+    }
+}
+
+#[test]
+fn geometry_that_moves_needs_boundary_terms() {
+    let moved = format!("{SCENE}loss l = mse(render(eye, boundary: false), target)");
+    tells(&moved, &[("no_boundary", "false")]);
+    let of_all = format!("{SCENE}integrator fast {{ boundary: false }}\nloss l = mse(render(eye), target)");
+    tells(&of_all, &[("no_boundary", "false")]);
+    let still = "camera eye { film: [8, 8] }\nlight sky = constant(1)\nparam grey = 0.5\n\
+                 shape ball { mesh: sphere(), material: diffuse(reflectance: grey) }\n\
+                 loss l = mean(render(eye, boundary: false))";
+    tells(still, &[]);
+    tells(&moved.replace("param size = 1", "param size = 1 { frozen: true }"), &[]);
+}
+
+#[test]
+fn what_a_script_allows_is_not_told() {
+    let unused = [("unused_param", "y")];
+    let script = |above: &str, behind: &str| format!("param x = 1\n{above}param y = 2{behind}\nloss l = x ^ 2\n");
+    tells(&script("", ""), &unused);
+    tells(&script("", " // allow(unused_param)"), &[]);
+    tells(&script("// allow(unused_param): it is set from outside\n", ""), &[]);
+    tells(&script("// allow(unused_param)\n\n/// What it is.\n", ""), &[]);
+    tells(&script("", " // allow(unused_param, constant_loss)"), &[("unused_allow", "constant_loss")]);
+    // An error is not allowed away, and lines that are not meant stay.
+    tells(&script("", "\n// allow(unused_param)"), &[("unused_param", "y"), ("unused_allow", "unused_param")]);
+    tells("print z // allow(unknown)", &[("unknown", "z")]);
+}
+
+#[test]
+fn an_allow_that_allows_nothing_is_told() {
+    tells("let x = 1 // allow(unused_param)", &[("unused_allow", "unused_param")]);
+    tells("let x = 1 // allow(unused_parm)", &[("unused_allow", "unused_parm")]);
+    let checked = check_text("test.dscene", None, "let x = 1 // allow(unused_parm)", &[], &Disk);
+    assert!(checked.diagnostics[0].helps[0].contains("`unused_param`"), "{:?}", checked.diagnostics);
+    // Texts and prose are no comments that allow.
+    tells("let x = \"// allow(unused_param)\" // this would allow(unused_param)", &[]);
+}
+
+#[test]
+fn lints_are_named_apart() {
+    let mut names: Vec<&str> = LINTS.iter().map(|code| code.rsplit("::").next().unwrap()).collect();
+    names.sort_unstable();
+    names.dedup();
+    assert_eq!(names.len(), LINTS.len());
+}
