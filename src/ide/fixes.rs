@@ -295,9 +295,9 @@ fn import(analysis: &Analysis, offset: usize) -> Option<Fix> {
     let mut modules = crate::check::library_modules().filter(|(_, is_prelude)| !is_prelude).map(|(name, _)| name);
     let module = modules.find(declares)?;
     let statements = known.trees.get(&known.main)?;
-    let imports = statements.iter().filter(|s| matches!(s.kind, StatementKind::Import(_)));
+    let mut imports = statements.iter().filter(|s| matches!(s.kind, StatementKind::Import(_)));
     let line = format!("import std.{module}");
-    Some(match imports.last() {
+    Some(match imports.next_back() {
         Some(last) => {
             let at = last.span.end as usize;
             Fix::one(format!("Write `{line}`"), at, at, format!("\n{line}"))
@@ -342,10 +342,9 @@ fn extract(analysis: &Analysis, start: usize, end: usize) -> Option<Fix> {
             && o.span.end as usize <= end
             && match o.symbol {
                 Symbol::Local(place) => {
-                    place.source == known.main
-                        && !(start <= place.start as usize && (place.end as usize) <= end)
-                        && !o.declares
-                        && !is_argument_name(&file.text, o.span)
+                    let is_inside = start <= place.start as usize && place.end as usize <= end;
+                    let is_used = !o.declares && !is_argument_name(&file.text, o.span);
+                    place.source == known.main && !is_inside && is_used
                 }
                 Symbol::Running => true,
                 _ => false,

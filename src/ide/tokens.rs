@@ -127,10 +127,9 @@ fn unnamed(analysis: &Analysis, text: &str, all: &[Token], i: usize) -> Option<(
     if is_test || names_follow && (!settings::statement_doc(word).is_empty() || word == "over") {
         return Some((Class::Keyword, false));
     }
-    if before == ":" || before == "|" || behind == "[" || before == "(" {
-        if TYPE_NAMES.contains(&word) && !matches!(behind, "(" | ":") {
-            return Some((Class::Type, true));
-        }
+    let may_be_type = matches!(before, ":" | "|" | "(") || behind == "[";
+    if may_be_type && TYPE_NAMES.contains(&word) && !matches!(behind, "(" | ":") {
+        return Some((Class::Type, true));
     }
     if behind == ":" {
         return Some((Class::Property, false));

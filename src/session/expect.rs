@@ -93,13 +93,11 @@ fn failure(engine: &mut Engine, condition: &hir::Expr) -> Result<Option<Failure>
     }
 }
 
+/// What is shown of both sides of a comparison, and labels.
+type Sides = ([String; 2], Vec<(Span, String)>);
+
 /// Both sides as they are shown, and labels for those whose text does not say it. Sides that `differ` are told apart.
-fn sides(
-    engine: &mut Engine,
-    left: &hir::Expr,
-    right: &hir::Expr,
-    differ: bool,
-) -> Result<([String; 2], Vec<(Span, String)>), Diagnostic> {
+fn sides(engine: &mut Engine, left: &hir::Expr, right: &hir::Expr, differ: bool) -> Result<Sides, Diagnostic> {
     let (a, b) = (engine.eval(left)?, engine.eval(right)?);
     let mut shown = [(&a, &left.ty), (&b, &right.ty)].map(|(x, ty)| eval::brief(x, ty));
     // Numbers that only look the same are shown with all their digits.

@@ -41,6 +41,11 @@ impl Span {
     }
 }
 
+/// Whether a text has its key by its name, see [`Place::file`], not by how many came before.
+fn is_apart(name: &str, path: Option<&Path>) -> bool {
+    name.starts_with("--set ") || path.is_none() && name.starts_with("std/")
+}
+
 fn clamp_u32(n: usize) -> u32 {
     u32::try_from(n).unwrap_or(u32::MAX)
 }
@@ -145,8 +150,6 @@ impl SourceFile {
 #[derive(Clone, Debug, Default)]
 pub struct SourceMap {
     files: Vec<Arc<SourceFile>>,
-    /// How many of them get their keys by counting, see [`Place::file`].
-    ordinary: u64,
 }
 
 impl SourceMap {
@@ -158,9 +161,10 @@ impl SourceMap {
     pub fn add(&mut self, name: impl Into<String>, path: Option<&Path>, text: impl Into<String>) -> SourceId {
         let (name, text) = (name.into(), text.into());
         // Files of the library come as they are needed, and `--set` is not part of the experiment: neither moves the keys of the others.
-        let is_apart = name.starts_with("--set ") || path.is_none() && name.starts_with("std/");
-        let key = if is_apart { key(&name) } else { self.ordinary };
-        self.ordinary += u64::from(!is_apart);
+        let key = match is_apart(&name, path) {
+            true => key(&name),
+            false => self.files.iter().rev().find(|f| !is_apart(&f.name, f.path.as_deref())).map_or(0, |f| f.key + 1),
+        };
         let mut line_starts = vec![0];
         line_starts.extend(text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| clamp_u32(i + 1)));
         let id = SourceId(clamp_u32(self.files.len()));

@@ -136,7 +136,7 @@ impl Server {
             && method == "$/cancelRequest"
         {
             let id = params.get("id").unwrap_or(&Value::Null).to_string();
-            let is_waiting = |w: &Incoming| matches!(w, Incoming::Request { id: i, .. } if i.to_string() == id);
+            let is_waiting = |w: &Incoming| matches!(w, Incoming::Request { id: i, .. } if *i == id);
             if self.waiting.iter().any(is_waiting) {
                 self.cancelled.insert(id);
             }
