@@ -84,7 +84,6 @@ const ROWS: &[Row] = &[
     ("let a = `n is ${n}`", "`n is ${n}`", "\"n is {n}\"", "let a = \"n is {n}\""),
     ("let a = f\"n is {n}\"", "f", "\"n is {n}\"", "let a = \"n is {n}\""),
     ("let a = {\"a\": 1, \"b\": 2}", "{", "{ a: 1, b: 2 }", "let a = { a: 1, b: 2 }"),
-    ("print mean({\"a\": 1})", "{", "{ a: 1 }", "print { a: 1 }.a"),
     ("save { size n: 1 } to \"a.json\"", "n", "size: n", "save { size: n } to \"a.json\""),
     ("let a = dict(b: 1)", "dict", "{ … }", "let a = { b: 1 }"),
     ("let a = { a 1, b: 2 }", "1", "a: 1", "let a = { a: 1, b: 2 }"),
