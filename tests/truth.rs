@@ -1,6 +1,6 @@
-//! The long statistics, `cargo truth`: derivatives held to their differences and closed forms to a percent, over hundreds of scenes, and
-//! runs that are killed at many moments, and the examples to their ends. The groups are those of `derivatives` and `resume`, which draw more here (`common::LONG`), and
-//! some that are not drawn in brief.
+//! The long statistics, `cargo truth`: derivatives held to their differences and closed forms to a percent, over hundreds of scenes; runs
+//! that are killed at many moments; the examples to their ends. The groups are those of `derivatives` and `resume`, which draw more here
+//! (`common::LONG`), and some that are not drawn in brief.
 
 mod common;
 #[path = "common/dice.rs"]

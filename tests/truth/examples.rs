@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::time::Duration;
 
 use crate::place::Place;
 
@@ -20,7 +21,9 @@ fn examples_find_what_they_look_for() {
             continue;
         }
         let place = Place::new();
-        let output = place.dsl(&["run", script.to_str().unwrap(), "--out", "run", "--quiet"]);
+        let mut command = place.command(&["run", script.to_str().unwrap(), "--out", "run", "--quiet"]);
+        // Other tests have half of the processors meanwhile.
+        let output = command.timeout(Duration::from_secs(600)).output().unwrap();
         if !output.status.success() {
             wrong.push(format!("{}:\n{}", script.display(), String::from_utf8_lossy(&output.stderr)));
         }
