@@ -1,5 +1,6 @@
 //! Source files, spans of bytes in them, and the way from an offset to a line and a column.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, OnceLock};
 
@@ -41,7 +42,7 @@ impl Span {
     }
 }
 
-/// Whether a text has its key by its name, see [`Place::file`], not by how many came before.
+/// Whether a text is not the user's: one of the library, or of `--set`.
 fn is_apart(name: &str, path: Option<&Path>) -> bool {
     name.starts_with("--set ") || path.is_none() && name.starts_with("std/")
 }
@@ -61,9 +62,9 @@ pub struct Position {
 /// numbers follow from it, so that an experiment keeps its noise when a comment or a declaration is added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Place {
-    /// Of the library's files their name, of the user's how many of them came before.
+    /// Of the user's first file zero, of every other one its name.
     pub file: u64,
-    /// The name that the statement declares, or how many statements without a name come before it in the file.
+    /// The name that the statement declares, or the word that it begins with and how many such statements come before it in the file.
     pub statement: u64,
     /// How many words of the statement come before the expression, and before its end.
     pub words: (u32, u32),
@@ -111,12 +112,13 @@ impl SourceFile {
         Position { line, column }
     }
 
-    /// Tells where statements begin, in order, each with the name that it declares if it does. `text` has blanks for comments.
-    pub fn set_outline<'a>(&self, text: &str, statements: impl Iterator<Item = (Span, Option<&'a str>)>) {
-        let mut unnamed = 0;
-        let statements = statements.map(|(span, name)| {
-            unnamed += u64::from(name.is_none());
-            (span.start, name.map_or(unnamed, key))
+    /// Tells where statements begin, in order, each with its label: a name, or the word of an action. `text` has blanks for comments.
+    pub fn set_outline<'a>(&self, text: &str, statements: impl Iterator<Item = (Span, &'a str)>) {
+        let mut met: HashMap<&str, u64> = HashMap::new();
+        let statements = statements.map(|(span, label)| {
+            let before = met.entry(label).or_default();
+            *before += 1;
+            (span.start, key(label).wrapping_add(*before))
         });
         let is_word = |byte: &u8| byte.is_ascii_alphanumeric() || *byte == b'_' || *byte >= 0x80;
         let bytes = text.as_bytes();
@@ -160,11 +162,7 @@ impl SourceMap {
     /// Adds a text. Only the first 4 GiB can be addressed by spans, which no text that we read exceeds.
     pub fn add(&mut self, name: impl Into<String>, path: Option<&Path>, text: impl Into<String>) -> SourceId {
         let (name, text) = (name.into(), text.into());
-        // Files of the library come as they are needed, and `--set` is not part of the experiment: neither moves the keys of the others.
-        let key = match is_apart(&name, path) {
-            true => key(&name),
-            false => self.files.iter().rev().find(|f| !is_apart(&f.name, f.path.as_deref())).map_or(0, |f| f.key + 1),
-        };
+        let key = self.file_key(&name, path);
         let mut line_starts = vec![0];
         line_starts.extend(text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| clamp_u32(i + 1)));
         let id = SourceId(clamp_u32(self.files.len()));
@@ -177,6 +175,20 @@ impl SourceMap {
             outline: OnceLock::new(),
         }));
         id
+    }
+
+    /// See [`Place::file`]. The user's files are told apart by their names without folders, which change with where the program is
+    /// started; the first one has a key of its own, so that a script may be renamed. Another import moves no key.
+    fn file_key(&self, name: &str, path: Option<&Path>) -> u64 {
+        if is_apart(name, path) {
+            return key(name);
+        }
+        let mut users = self.files.iter().filter(|f| !is_apart(&f.name, f.path.as_deref()));
+        let last = |name: &str| name.rsplit(['/', '\\']).next().unwrap_or_default().to_owned();
+        match users.next() {
+            None => 0,
+            Some(_) => key(&last(name)).wrapping_add(users.filter(|f| last(&f.name) == last(name)).count() as u64),
+        }
     }
 
     pub fn get(&self, id: SourceId) -> Option<&Arc<SourceFile>> {
@@ -227,11 +239,19 @@ mod tests {
         assert_eq!(map.text(Span::new(id, 4, 500)), "");
     }
 
-    /// Files of the library come as they are needed, and `--set` is not part of the experiment: neither moves the keys of the others.
+    /// Neither another import, nor `--set`, nor the folder from which the program is started move a key.
     #[test]
     fn files_have_keys() {
         let mut map = SourceMap::new();
-        for (name, key) in [("main", 0), ("--set x", super::key("--set x")), ("std/a", super::key("std/a")), ("b", 1)] {
+        let key = super::key;
+        for (name, key) in [
+            ("main", 0),
+            ("--set x", key("--set x")),
+            ("std/a", key("std/a")),
+            ("lib/b", key("b")),
+            ("c", key("c")),
+            ("other/b", key("b") + 1),
+        ] {
             let id = map.add(name, None, "");
             assert_eq!(map.place(Span::new(id, 0, 0)).file, key, "{name}");
         }

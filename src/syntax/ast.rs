@@ -29,6 +29,16 @@ impl Statement {
             StatementKind::Import(_) | StatementKind::Action(_) | StatementKind::Test(_) => None,
         }
     }
+
+    /// What tells it from the other statements of its file: the name that it declares, or the word that it begins with.
+    pub fn label(&self) -> &str {
+        match &self.kind {
+            StatementKind::Import(_) => "import",
+            StatementKind::Action(action) => action.keyword(),
+            StatementKind::Test(test) => &test.name.text,
+            _ => self.declares().unwrap_or_default(),
+        }
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -160,6 +170,20 @@ pub enum Action {
     Expect { condition: Expr, why: Option<Expr>, span: Span },
     Report { columns: Vec<Field>, span: Span },
     Sweep(Box<Sweep>),
+}
+
+impl Action {
+    pub fn keyword(&self) -> &'static str {
+        match self {
+            Action::Optimize(_) => "optimize",
+            Action::Save { .. } => "save",
+            Action::Print { .. } => "print",
+            Action::Plot(_) => "plot",
+            Action::Expect { .. } => "expect",
+            Action::Report { .. } => "report",
+            Action::Sweep(_) => "sweep",
+        }
+    }
 }
 
 /// `plot a, b over xs to "x.svg" { log: "y" }`

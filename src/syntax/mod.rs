@@ -29,7 +29,7 @@ pub fn parse(sources: &SourceMap, source: SourceId) -> (ast::File, Vec<Diagnosti
     let Some(file) = sources.get(source) else { return (ast::File::default(), Vec::new()) };
     let scan = scan::scan(source, &file.text);
     let (tree, diagnostics) = read(source, &scan, &mut |_, _| ());
-    file.set_outline(&scan.text, tree.statements.iter().map(|s| (s.span, s.declares())));
+    file.set_outline(&scan.text, tree.statements.iter().map(|s| (s.span, s.label())));
     (tree, diagnostics)
 }
 

@@ -222,6 +222,28 @@ fn what_is_too_long_for_a_line_is_broken() {
     assert!(numbers.lines().all(|l| l.len() <= 100) && numbers.lines().count() == 6, "{numbers}");
 }
 
+/// The noise of an action is its own: another import, test or action of another kind before it leaves it as it is.
+#[test]
+fn other_statements_keep_the_noise_of_an_action() {
+    let place = Place::new();
+    place.write("lib.dscene", "let half = 0.5\n");
+    let scene = "camera eye { position: [0, 0, -4], look_at: [0, 0, 0], film: [8, 8] }
+        shape ball { mesh: sphere(), material: diffuse(reflectance: 0.5) }
+        light sky = constant(1)\n";
+    let print = "print \"noise {mean(render(eye, spp: 1)):.9}\"\n";
+    let run = |text: &str| {
+        let out = place.run(text);
+        out.lines().filter(|line| line.contains("noise")).map(str::to_owned).collect::<Vec<_>>()
+    };
+    let alone = run(&format!("{scene}{print}"));
+    assert_eq!(alone.len(), 1);
+    let more = "import \"lib.dscene\"\ntest \"one\" { expect 1 == 1 }\nexpect half == 0.5\n";
+    assert_eq!(alone, run(&format!("{more}{scene}{print}")));
+    let twice = run(&format!("{scene}{print}{print}"));
+    assert_eq!(alone[0], twice[0]);
+    assert_ne!(twice[0], twice[1]);
+}
+
 /// Random numbers follow from names and from the order within a declaration, not from columns and lines.
 #[test]
 fn a_new_layout_keeps_the_noise() {
