@@ -38,7 +38,7 @@ fn tree(text: &str) -> Option<String> {
 }
 
 /// Lays out a right script, which must not change what it says, and must change nothing a second time.
-fn settled(text: &str) -> String {
+pub fn settled(text: &str) -> String {
     let out = formatted(text);
     assert!(tree(&out) == tree(text), "another tree:\n{text}\nbecame\n{out}");
     let again = formatted(&out);

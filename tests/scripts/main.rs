@@ -10,6 +10,7 @@ mod place;
 mod typed;
 
 mod advice;
+mod book;
 mod checker;
 mod cli;
 mod commands;
