@@ -24,10 +24,10 @@ fn alternatives(pattern: &str) -> BTreeSet<String> {
 fn the_grammar_colours_every_word_of_the_language() {
     let grammar = file("syntaxes/dscene.tmLanguage.json");
     let patterns = |name: &str| grammar["repository"][name]["patterns"].as_array().unwrap().clone();
-    let coloured: BTreeSet<String> = [patterns("keywords"), patterns("declarations")]
+    let coloured: BTreeSet<String> = [patterns("keywords"), patterns("declarations"), patterns("heads")]
         .concat()
         .iter()
-        .flat_map(|p| alternatives(p["match"].as_str().unwrap()))
+        .flat_map(|p| alternatives(p["match"].as_str().or(p["begin"].as_str()).unwrap()))
         .collect();
     for word in statement_words().chain(["stage", "every"]) {
         assert!(coloured.contains(word), "{word}");
@@ -36,7 +36,7 @@ fn the_grammar_colours_every_word_of_the_language() {
     for word in &coloured {
         let known = is_reserved(word)
             || statement_words().any(|w| w == word)
-            || matches!(word.as_str(), "none" | "test" | "within" | "of");
+            || matches!(word.as_str(), "none" | "test" | "within" | "of" | "over");
         assert!(known, "{word}");
     }
     let types = alternatives(grammar["repository"]["types"]["match"].as_str().unwrap());

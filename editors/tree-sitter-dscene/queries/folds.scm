@@ -1,0 +1,17 @@
+[
+  (block)
+  (fields)
+  (optimize_body)
+  (stage)
+  (then)
+  (every)
+  (sweep)
+  (test)
+  (report)
+  (with)
+  (record)
+  (array)
+  (call)
+  (parameters)
+  (block_comment)
+] @fold
