@@ -58,18 +58,11 @@ pub enum Part {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BsdfSample {
     pub wo: Vec3,
+    /// Value times cosine; of a delta lobe the reflectance.
+    pub f: Vec3,
     /// Solid-angle density; 1 for a delta lobe.
     pub pdf: f32,
-    /// The reflectance of a delta lobe; `None` for other lobes.
-    pub mirror: Option<Vec3>,
-}
-
-impl BsdfSample {
-    /// A sample of a material whose only lobe is the cosine lobe.
-    #[inline(always)]
-    pub fn cosine(wo: Vec3) -> BsdfSample {
-        BsdfSample { wo, pdf: cosine_hemisphere_pdf(wo.z), mirror: None }
-    }
+    pub delta: bool,
 }
 
 /// Derivatives of a scalar in everything [`Bsdf::eval`] depends on.
@@ -225,11 +218,15 @@ impl Bsdf {
     /// [`Bsdf::eval`] and [`Bsdf::pdf`], which share most of their work.
     #[inline(never)]
     pub fn eval_and_pdf(&self, n: Vec3, wi: Vec3, wo: Vec3) -> (Vec3, f32) {
-        if n.dot(wo) <= 0.0 {
-            return (Vec3::ZERO, 0.0);
+        let co = n.dot(wo);
+        match *self {
+            _ if co <= 0.0 => (Vec3::ZERO, 0.0),
+            Bsdf::Diffuse { reflectance } => (lambertian(reflectance, co), cosine_hemisphere_pdf(co)),
+            _ => {
+                let angles = Angles::new(n, wi, wo);
+                (self.eval_at(&angles), self.pdf_of_lobes(&angles))
+            }
         }
-        let angles = Angles::new(n, wi, wo);
-        (self.eval_at(&angles), self.pdf_of_lobes(&angles))
     }
 
     /// One part of [`Bsdf::eval`].
@@ -386,17 +383,17 @@ impl Bsdf {
             Bsdf::Black => return None,
             Bsdf::Mirror { reflectance } => {
                 let wo = Vec3::new(-wi.x, -wi.y, wi.z);
-                return Some(BsdfSample { wo, pdf: 1.0, mirror: Some(reflectance) });
+                return Some(BsdfSample { wo, f: reflectance, pdf: 1.0, delta: true });
             }
-            Bsdf::Diffuse { .. } => return Some(BsdfSample::cosine(cosine_hemisphere(square))),
+            Bsdf::Diffuse { .. } => cosine_hemisphere(square),
             _ if u[2] < diffuse_share => cosine_hemisphere(square),
             Bsdf::Conductor { roughness, .. }
             | Bsdf::ConductorIor { roughness, .. }
             | Bsdf::Principled { roughness, .. } => reflect(wi, Ggx::new(roughness).sample(wi, square))?,
             Bsdf::Phong { roughness, .. } => reflect(wi, Phong::new(roughness).sample(wi, square))?,
         };
-        let pdf = self.pdf(Vec3::Z, wi, wo);
-        (pdf > 0.0 && pdf.is_finite()).then_some(BsdfSample { wo, pdf, mirror: None })
+        let (f, pdf) = self.eval_and_pdf(Vec3::Z, wi, wo);
+        (pdf > 0.0 && pdf.is_finite()).then_some(BsdfSample { wo, f, pdf, delta: false })
     }
 
     /// Solid-angle density of [`Bsdf::sample`], without delta lobes.

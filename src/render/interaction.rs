@@ -9,7 +9,7 @@ use super::material::{Input, MaterialKind};
 use super::scene::Environment;
 use super::texture::Texture;
 use super::world::Scene;
-use crate::math::{Frame, cosine_hemisphere, luminance};
+use crate::math::{Frame, luminance};
 
 /// A surface point seen from the direction `wi`.
 #[derive(Clone, Copy, Debug)]
@@ -262,18 +262,16 @@ impl SurfaceInteraction {
         self.bsdf.pdf(self.ns, self.wi, wo)
     }
 
-    /// [`Bsdf::sample`], given the frame of the shading normal.
-    #[inline(always)]
-    pub fn sample(&self, frame: &Frame, u: [f32; 3]) -> Option<BsdfSample> {
-        match self.bsdf {
-            Bsdf::Diffuse { .. } => Some(BsdfSample::cosine(cosine_hemisphere([u[0], u[1]]))),
-            _ => self.sample_lobes(u, *frame),
-        }
-    }
-
+    /// [`Bsdf::sample`] in the world's frame.
     #[inline(never)]
-    fn sample_lobes(&self, u: [f32; 3], frame: Frame) -> Option<BsdfSample> {
-        self.bsdf.sample(frame.to_local(self.wi), u)
+    pub fn sample(&self, u: [f32; 3]) -> Option<BsdfSample> {
+        let frame = Frame::from_normal(self.ns);
+        let sample = self.bsdf.sample(frame.to_local(self.wi), u)?;
+        if sample.delta {
+            return Some(BsdfSample { wo: self.mirrored(), ..sample });
+        }
+        let wo = frame.to_world(sample.wo);
+        Some(BsdfSample { wo, f: sample.f * self.terminator(wo), ..sample })
     }
 
     /// The direction in which a perfect mirror reflects `wi`. If the shading normal would reflect it below the surface, the direction is

@@ -110,10 +110,7 @@ impl GeneralScatter {
 
 /// A sampled direction in which a path may continue.
 struct DirectionSample {
-    dir: Vec3,
-    pdf: f32,
-    /// The reflectance of a perfect mirror.
-    mirror: Option<Vec3>,
+    sample: BsdfSample,
     /// The primitive aimed at, if the direction was sampled by area.
     target: Option<PrimId>,
 }
@@ -472,7 +469,7 @@ impl<const N: usize> Paths<N> {
             let (cosine, normal) = (cosine_hemisphere([u.x, u.y]), self.n.get(k));
             let dir = Frame::from_normal(normal).to_world(cosine);
             let co = normal.dot(dir);
-            let pdf = BsdfSample::cosine(cosine).pdf;
+            let pdf = cosine_hemisphere_pdf(cosine.z);
             scatter.dir.set(k, dir);
             scatter.f.set(k, lambertian(self.reflectance.get(k), co));
             scatter.pdf[k] = pdf;
@@ -488,12 +485,12 @@ impl<const N: usize> Paths<N> {
             let (si, sampler) = (&self.si[k], &mut samplers[k]);
             let choice = if possible { sample_direction(bounce, si, random.u.get(k), sampler) } else { None };
             scatter.on[k] = choice.is_some();
-            let Some(DirectionSample { dir, pdf, mirror, target }) = choice else { continue };
+            let Some(DirectionSample { sample, target }) = choice else { continue };
+            let BsdfSample { wo: dir, mut f, pdf, delta } = sample;
             if pdf <= 0.0 {
                 scatter.on[k] = false;
                 continue;
             }
-            let mut f = mirror.unwrap_or_else(|| si.eval(dir));
             let mut inv_pdf = 1.0 / pdf;
             let mut attached = false;
             if bounce.options.split_lobes && si.bsdf.is_attached() {
@@ -504,12 +501,8 @@ impl<const N: usize> Paths<N> {
             scatter.dir.set(k, dir);
             scatter.f.set(k, f);
             (scatter.pdf[k], scatter.inv_pdf[k]) = (pdf, inv_pdf);
-            scatter.general[k] = GeneralScatter {
-                delta: mirror.is_some(),
-                attached,
-                area_sampling_fraction: area_sampling_fraction(bounce, si),
-                target,
-            };
+            scatter.general[k] =
+                GeneralScatter { delta, attached, area_sampling_fraction: area_sampling_fraction(bounce, si), target };
             // Below the surface `eval` is zero.
             scatter.on[k] = si.ng.dot(dir) > 0.0;
         }
@@ -706,13 +699,11 @@ fn sample_direction(
         if which < area_sampling_fraction {
             let (prim, p) = bounce.scene.surface_point(which / area_sampling_fraction, [u.x, u.y]);
             let dir = (p - si.p).normalize_or_zero();
-            return Some(DirectionSample { dir, pdf: si.pdf(dir), mirror: None, target: Some(prim) });
+            let (f, pdf) = si.eval_and_pdf(dir);
+            return Some(DirectionSample { sample: BsdfSample { wo: dir, f, pdf, delta: false }, target: Some(prim) });
         }
     }
-    let frame = Frame::from_normal(si.ns);
-    let sample = si.sample(&frame, u.to_array())?;
-    let dir = if sample.mirror.is_some() { si.mirrored() } else { frame.to_world(sample.wo) };
-    Some(DirectionSample { dir, pdf: sample.pdf, mirror: sample.mirror, target: None })
+    Some(DirectionSample { sample: si.sample(u.to_array())?, target: None })
 }
 
 /// Primitives that a ray skips: those at its ends, and [`Options::first_skip`], which only single paths have.
