@@ -3,6 +3,7 @@
 //! A node's M is the one under which samples of the lobe are likeliest: the loss is the relative entropy of lobe and fit, which
 //! punishes light that the fit does not find, the error that costs an importance sampler most.
 
+use dscene::render::MaterialKind;
 use dscene::render::bsdf::{Bsdf, ggx_roughness_of};
 use dscene::render::ltc::{Lobe, Node, SIZE, node};
 use glam::Vec3;
@@ -20,7 +21,10 @@ pub struct Samples {
 
 impl Samples {
     pub fn new(cos: f32, alpha: f32) -> Samples {
-        let bsdf = Bsdf::Conductor { reflectance: Vec3::ONE, roughness: ggx_roughness_of(alpha) };
+        let bsdf = Bsdf::new(&MaterialKind::Conductor {
+            reflectance: Vec3::ONE,
+            roughness: Vec3::splat(ggx_roughness_of(alpha)),
+        });
         let wi = Vec3::new((1.0 - cos * cos).max(0.0).sqrt(), 0.0, cos);
         let (mut directions, mut values) = (Vec::new(), Vec::new());
         for i in 0..STRATA * STRATA {

@@ -27,6 +27,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("diffuse", |a| material(a, &MaterialKind::Diffuse { reflectance: () })),
     ("conductor", conductor),
     ("phong", |a| material(a, &MaterialKind::Phong { diffuse: (), specular: (), roughness: () })),
+    ("plastic", |a| material(a, &MaterialKind::Plastic { diffuse: (), ior: (), roughness: () })),
     ("mirror", |a| material(a, &MaterialKind::Mirror { reflectance: () })),
     ("principled", |a| {
         material(a, &MaterialKind::Principled { base_color: (), metallic: (), roughness: (), specular: () })
@@ -225,8 +226,12 @@ fn material_value(kind: MaterialKind<Input>) -> Value {
 fn material_input(a: &Args, field: InputField) -> Result<Input> {
     let (index, _) = a.need(field.name)?;
     let value = input(a, index, field.quantity == Quantity::Color)?;
-    let most = if field.quantity == Quantity::Fraction { 1.0 } else { LARGEST };
-    within(a, index, &value, 0.0..=most)?;
+    let range = match field.quantity {
+        Quantity::Fraction => 0.0..=1.0,
+        Quantity::Index => 1.0..=10.0,
+        Quantity::Color | Quantity::Number => 0.0..=LARGEST,
+    };
+    within(a, index, &value, range)?;
     Ok(value)
 }
 

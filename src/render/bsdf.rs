@@ -8,8 +8,13 @@
 //! the geometric normal. So the reflected radiance is continuous where n·wi changes its sign, and needs no boundary term there.
 
 mod angles;
+mod coat;
+mod conductor;
 mod fresnel;
 mod microfacet;
+mod model;
+mod phong;
+mod plastic;
 mod principled;
 
 use std::f32::consts::FRAC_1_PI;
@@ -18,12 +23,15 @@ use glam::Vec3;
 
 use crate::math::{cosine_hemisphere, cosine_hemisphere_pdf, luminance};
 
+use self::angles::Angles;
 pub use self::angles::DirectionsAdjoint;
-use self::angles::{Angles, AnglesAdjoint};
-use self::fresnel::{conductor, d_conductor, d_schlick, schlick};
-use self::microfacet::{Ggx, Microfacets, Phong};
-use self::principled::{MAX_SPECULAR, Principled, PrincipledAdjoint};
-use super::material::{Input, MAX_INPUTS, MaterialKind};
+use self::conductor::{Conductor, ConductorIor};
+use self::microfacet::{Ggx, Microfacets};
+use self::model::{Inputs, Model};
+use self::phong::Phong;
+use self::plastic::Plastic;
+use self::principled::{MAX_SPECULAR, Principled};
+use super::material::{Input, MaterialKind};
 
 /// Least roughness of a Phong lobe: an exponent of twenty million, α = 0.0003. In single precision a narrower lobe cannot be told from a
 /// mirror. The reflected light is linear in so small a roughness, so that the derivative at this value is the derivative at zero.
@@ -38,11 +46,26 @@ const MIN_LOBE_SHARE: f32 = 0.1;
 pub enum Bsdf {
     Black,
     Diffuse { reflectance: Vec3 },
-    Conductor { reflectance: Vec3, roughness: f32 },
-    ConductorIor { eta: Vec3, k: Vec3, roughness: f32 },
-    Phong { diffuse: Vec3, specular: Vec3, roughness: f32 },
     Mirror { reflectance: Vec3 },
-    Principled { base_color: Vec3, metallic: f32, roughness: f32, specular: f32 },
+    Conductor(Conductor),
+    ConductorIor(ConductorIor),
+    Phong(Phong),
+    Plastic(Plastic),
+    Principled(Principled),
+}
+
+/// Evaluates an expression in the [`Model`] of a BSDF; of the others, which are not made of lobes, another one.
+macro_rules! with_model {
+    ($bsdf:expr, $model:ident => $value:expr, _ => $other:expr) => {
+        match $bsdf {
+            Bsdf::Black | Bsdf::Diffuse { .. } | Bsdf::Mirror { .. } => $other,
+            Bsdf::Conductor($model) => $value,
+            Bsdf::ConductorIor($model) => $value,
+            Bsdf::Phong($model) => $value,
+            Bsdf::Plastic($model) => $value,
+            Bsdf::Principled($model) => $value,
+        }
+    };
 }
 
 /// A material's scattering is the sum of two parts.
@@ -70,16 +93,7 @@ pub struct BsdfSample {
 pub struct BsdfAdjoint {
     pub directions: DirectionsAdjoint,
     /// Derivatives in the inputs, in the order of [`MaterialKind::inputs`]. For a scalar input only `x` is used.
-    pub d_values: [Vec3; MAX_INPUTS],
-}
-
-impl BsdfAdjoint {
-    fn add_principled(&mut self, d: &PrincipledAdjoint) {
-        self.d_values[0] += d.base_color;
-        for (value, d) in self.d_values[1..].iter_mut().zip([d.metallic, d.roughness, d.specular]) {
-            value.x += d;
-        }
-    }
+    pub d_values: Inputs,
 }
 
 /// Samples the derivative of a GGX distribution in its roughness by pairs of directions: one from where the derivative is positive and one
@@ -110,6 +124,7 @@ impl MaterialKind {
         match *self {
             MaterialKind::Conductor { roughness, .. }
             | MaterialKind::ConductorIor { roughness, .. }
+            | MaterialKind::Plastic { roughness, .. }
             | MaterialKind::Principled { roughness, .. } => Some(roughness),
             _ => None,
         }
@@ -136,22 +151,27 @@ impl Bsdf {
             MaterialKind::Diffuse { reflectance } => Bsdf::Diffuse { reflectance },
             MaterialKind::Mirror { reflectance } => Bsdf::Mirror { reflectance },
             MaterialKind::Conductor { reflectance, roughness } => {
-                Bsdf::Conductor { reflectance, roughness: ggx_roughness(roughness) }
+                Bsdf::Conductor(Conductor { reflectance, roughness: ggx_roughness(roughness) })
             }
-            MaterialKind::ConductorIor { eta, k, roughness } => Bsdf::ConductorIor {
+            MaterialKind::ConductorIor { eta, k, roughness } => Bsdf::ConductorIor(ConductorIor {
                 eta: eta.max(Vec3::splat(1e-2)),
                 k: k.max(Vec3::ZERO),
                 roughness: ggx_roughness(roughness),
-            },
+            }),
             MaterialKind::Phong { diffuse, specular, roughness } => {
-                Bsdf::Phong { diffuse, specular, roughness: roughness.x.clamp(MIN_PHONG_ROUGHNESS, 1.0) }
+                Bsdf::Phong(Phong { diffuse, specular, roughness: roughness.x.clamp(MIN_PHONG_ROUGHNESS, 1.0) })
             }
-            MaterialKind::Principled { base_color, metallic, roughness, specular } => Bsdf::Principled {
+            MaterialKind::Plastic { diffuse, ior, roughness } => Bsdf::Plastic(Plastic {
+                diffuse: diffuse.clamp(Vec3::ZERO, Vec3::ONE),
+                ior: ior.x.clamp(plastic::INDICES[0], plastic::INDICES[1]),
+                roughness: ggx_roughness(roughness),
+            }),
+            MaterialKind::Principled { base_color, metallic, roughness, specular } => Bsdf::Principled(Principled {
                 base_color,
                 metallic: metallic.x.clamp(0.0, 1.0),
                 roughness: ggx_roughness(roughness),
                 specular: specular.x.clamp(0.0, MAX_SPECULAR),
-            },
+            }),
         }
     }
 
@@ -176,7 +196,16 @@ impl Bsdf {
     /// Whether it has a microfacet lobe.
     #[inline]
     fn has_lobe(&self) -> bool {
-        !matches!(self, Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Diffuse { .. })
+        with_model!(self, _m => true, _ => false)
+    }
+
+    /// Whether it has a microfacet lobe over a cosine lobe.
+    #[inline]
+    fn is_mixture(&self) -> bool {
+        fn of<M: Model>(_: &M) -> bool {
+            M::HAS_BASE
+        }
+        with_model!(self, m => of(m), _ => false)
     }
 
     /// Whether the specular lobe is so narrow that derivatives are taken with the half vector attached to the shading normal: sampled
@@ -189,7 +218,7 @@ impl Bsdf {
     /// is in proportion to them, but neither part gets less than `MIN_LOBE_SHARE`, so that a part that is black now still gets
     /// derivatives.
     pub fn specular_choice(&self, diffuse: f32, specular: f32) -> f32 {
-        if !matches!(self, Bsdf::Phong { .. } | Bsdf::Principled { .. }) {
+        if !self.is_mixture() {
             return 1.0;
         }
         let share = specular / (diffuse + specular);
@@ -243,33 +272,15 @@ impl Bsdf {
 
     /// The diffuse part, for cosines `ci` and `co` of directions above the surface.
     fn eval_diffuse(&self, ci: f32, co: f32) -> Vec3 {
-        match *self {
-            Bsdf::Diffuse { reflectance } | Bsdf::Phong { diffuse: reflectance, .. } => lambertian(reflectance, co),
-            Bsdf::Principled { base_color, metallic, roughness, specular } => {
-                let principled = Principled { base_color, metallic, roughness, specular };
-                lambertian(principled.base(ci, co), co)
-            }
-            _ => Vec3::ZERO,
+        match self {
+            Bsdf::Diffuse { reflectance } => lambertian(*reflectance, co),
+            _ => with_model!(self, m => lambertian(m.base(ci, co), co), _ => Vec3::ZERO),
         }
     }
 
     /// The specular part, for `wo` above the surface.
     fn eval_lobe(&self, angles: &Angles) -> Vec3 {
-        let half = angles.half;
-        match *self {
-            Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Diffuse { .. } => Vec3::ZERO,
-            Bsdf::Conductor { reflectance, roughness } => {
-                schlick(half, reflectance, 1.0) * Ggx::new(roughness).eval(angles)
-            }
-            Bsdf::ConductorIor { eta, k, roughness } => conductor(half, eta, k) * Ggx::new(roughness).eval(angles),
-            Bsdf::Phong { specular, roughness, .. } => {
-                schlick(half, specular, 1.0) * Phong::new(roughness).eval(angles)
-            }
-            Bsdf::Principled { base_color, metallic, roughness, specular } => {
-                let fresnel = Principled { base_color, metallic, roughness, specular }.schlick(half);
-                fresnel * Ggx::new(roughness).eval(angles)
-            }
-        }
+        with_model!(self, m => m.fresnel(angles.half) * m.facets().eval(angles), _ => Vec3::ZERO)
     }
 
     /// Adjoint of [`Bsdf::eval_part`]: `d_f` is the derivative in its RGB result.
@@ -291,71 +302,26 @@ impl Bsdf {
 
     fn d_eval_diffuse(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
         let mut out = BsdfAdjoint::default();
-        let d_reflectance = d_f * (FRAC_1_PI * n.dot(wo));
-        let d_co = match *self {
-            Bsdf::Diffuse { reflectance } | Bsdf::Phong { diffuse: reflectance, .. } => {
-                out.d_values[0] = d_reflectance;
-                d_f.dot(reflectance) * FRAC_1_PI
+        let (ci, co) = (n.dot(wi), n.dot(wo));
+        let d_base = d_f * (FRAC_1_PI * co);
+        let (base, d_cosines) = match self {
+            Bsdf::Diffuse { reflectance } => {
+                out.d_values[0] = d_base;
+                (*reflectance, [0.0; 2])
             }
-            Bsdf::Principled { base_color, metallic, roughness, specular } => {
-                let principled = Principled { base_color, metallic, roughness, specular };
-                let (ci, co) = (n.dot(wi), n.dot(wo));
-                let ([d_ci, d_co], d) = principled.d_base(ci.abs(), co, d_reflectance);
-                let d_ci = d_ci * ci.signum();
-                out.add_principled(&d);
-                out.directions.n = wi * d_ci;
-                out.directions.wi = n * d_ci;
-                d_co + d_f.dot(principled.base(ci.abs(), co)) * FRAC_1_PI
-            }
-            _ => 0.0,
+            _ => with_model!(self, m => {
+                let (d_cosines, d_values) = m.d_base(ci.abs(), co, d_base);
+                out.d_values = d_values;
+                (m.base(ci.abs(), co), d_cosines)
+            }, _ => return out),
         };
-        out.directions.n += wo * d_co;
-        out.directions.wo = n * d_co;
+        let [d_ci, d_co] = [d_cosines[0] * ci.signum(), d_cosines[1] + d_f.dot(base) * FRAC_1_PI];
+        out.directions = DirectionsAdjoint { n: wi * d_ci + wo * d_co, wi: n * d_ci, wo: n * d_co };
         out
     }
 
     fn d_eval_lobe(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
-        let mut out = BsdfAdjoint::default();
-        if !self.has_lobe() {
-            return out;
-        }
-        let angles = Angles::new(n, wi, wo);
-        let mut d = AnglesAdjoint::default();
-        match *self {
-            Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Diffuse { .. } => {}
-            Bsdf::Conductor { reflectance, roughness } => {
-                let (d_f0, d_roughness) =
-                    d_schlick_lobe(&Ggx::new(roughness), reflectance, &angles, half_fixed, d_f, &mut d);
-                out.d_values[0] = d_f0;
-                out.d_values[1].x = d_roughness;
-            }
-            Bsdf::ConductorIor { eta, k, roughness } => {
-                let lobe = Ggx::new(roughness).d_eval(&angles, half_fixed);
-                let (d_half, d_eta, d_k) = d_conductor(angles.half, eta, k, d_f * lobe.value);
-                let d_lobe = d_f.dot(conductor(angles.half, eta, k));
-                d = lobe.d_angles(d_lobe, d_half);
-                out.d_values[0] = d_eta;
-                out.d_values[1] = d_k;
-                out.d_values[2].x = d_lobe * lobe.d_roughness;
-            }
-            Bsdf::Phong { specular, roughness, .. } => {
-                let (d_f0, d_roughness) =
-                    d_schlick_lobe(&Phong::new(roughness), specular, &angles, half_fixed, d_f, &mut d);
-                out.d_values[1] = d_f0;
-                out.d_values[2].x = d_roughness;
-            }
-            Bsdf::Principled { base_color, metallic, roughness, specular } => {
-                let principled = Principled { base_color, metallic, roughness, specular };
-                let lobe = Ggx::new(roughness).d_eval(&angles, half_fixed);
-                let (d_half, mut d_inputs) = principled.d_schlick(angles.half, d_f * lobe.value);
-                let d_lobe = d_f.dot(principled.schlick(angles.half));
-                d = lobe.d_angles(d_lobe, d_half);
-                d_inputs.roughness = d_lobe * lobe.d_roughness;
-                out.add_principled(&d_inputs);
-            }
-        }
-        out.directions = angles.adjoint(n, wi, wo, &d);
-        out
+        with_model!(self, m => d_lobe(m, n, wi, wo, d_f, half_fixed), _ => BsdfAdjoint::default())
     }
 
     /// Adjoint of [`Bsdf::eval`].
@@ -378,19 +344,14 @@ impl Bsdf {
     pub fn sample(&self, wi: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
         let wi = Vec3::new(wi.x, wi.y, wi.z.abs());
         let square = [u[0], u[1]];
-        let diffuse_share = self.diffuse_share(wi.z);
-        let wo = match *self {
+        let wo = match self {
             Bsdf::Black => return None,
             Bsdf::Mirror { reflectance } => {
                 let wo = Vec3::new(-wi.x, -wi.y, wi.z);
-                return Some(BsdfSample { wo, f: reflectance, pdf: 1.0, delta: true });
+                return Some(BsdfSample { wo, f: *reflectance, pdf: 1.0, delta: true });
             }
-            Bsdf::Diffuse { .. } => cosine_hemisphere(square),
-            _ if u[2] < diffuse_share => cosine_hemisphere(square),
-            Bsdf::Conductor { roughness, .. }
-            | Bsdf::ConductorIor { roughness, .. }
-            | Bsdf::Principled { roughness, .. } => reflect(wi, Ggx::new(roughness).sample(wi, square))?,
-            Bsdf::Phong { roughness, .. } => reflect(wi, Phong::new(roughness).sample(wi, square))?,
+            _ if u[2] < self.diffuse_share(wi.z) => cosine_hemisphere(square),
+            _ => with_model!(self, m => reflect(wi, m.facets().sample(wi, square))?, _ => return None),
         };
         let (f, pdf) = self.eval_and_pdf(Vec3::Z, wi, wo);
         (pdf > 0.0 && pdf.is_finite()).then_some(BsdfSample { wo, f, pdf, delta: false })
@@ -411,25 +372,16 @@ impl Bsdf {
     fn pdf_of_lobes(&self, angles: &Angles) -> f32 {
         let diffuse_share = self.diffuse_share(angles.ci);
         let diffuse = diffuse_share * cosine_hemisphere_pdf(angles.co);
-        let specular_share = 1.0 - diffuse_share;
-        match *self {
-            Bsdf::Black | Bsdf::Mirror { .. } => 0.0,
-            Bsdf::Diffuse { .. } => diffuse,
-            Bsdf::Conductor { roughness, .. }
-            | Bsdf::ConductorIor { roughness, .. }
-            | Bsdf::Principled { roughness, .. } => diffuse + specular_share * Ggx::new(roughness).pdf(angles),
-            Bsdf::Phong { roughness, .. } => diffuse + specular_share * Phong::new(roughness).pdf(angles),
-        }
+        let specular = with_model!(self, m => m.facets().pdf(angles), _ => 0.0);
+        diffuse + (1.0 - diffuse_share) * specular
     }
 
     /// How to sample the derivative of the GGX lobe in its roughness; `None` without such a lobe.
     pub fn roughness_pair(&self) -> Option<RoughnessPair> {
-        let (input, roughness) = match *self {
-            Bsdf::Conductor { roughness, .. } => (1, roughness),
-            Bsdf::ConductorIor { roughness, .. } | Bsdf::Principled { roughness, .. } => (2, roughness),
-            _ => return None,
-        };
-        Some(RoughnessPair { input, ggx: Ggx::new(roughness) })
+        fn of<M: Model>(model: &M) -> Option<RoughnessPair> {
+            model.facets().as_ggx().map(|ggx| RoughnessPair { input: M::ROUGHNESS, ggx })
+        }
+        with_model!(self, m => of(m), _ => None)
     }
 
     /// Reflectance of a mirror, zero for everything else.
@@ -443,66 +395,43 @@ impl Bsdf {
     /// What the albedo channel shows: diffuse reflectance, base colour, or reflectance at normal incidence.
     pub fn albedo(&self) -> Vec3 {
         match *self {
-            Bsdf::Black => Vec3::ZERO,
-            Bsdf::Diffuse { reflectance } | Bsdf::Conductor { reflectance, .. } | Bsdf::Mirror { reflectance } => {
-                reflectance
-            }
-            Bsdf::ConductorIor { eta, k, .. } => conductor(1.0, eta, k),
-            Bsdf::Phong { diffuse, .. } => diffuse,
-            Bsdf::Principled { base_color, .. } => base_color,
+            Bsdf::Diffuse { reflectance } | Bsdf::Mirror { reflectance } => reflectance,
+            _ => with_model!(self, m => m.albedo(), _ => Vec3::ZERO),
         }
     }
 
     /// Adjoint of [`Bsdf::albedo`], by input.
-    pub fn d_albedo(&self, d_albedo: Vec3) -> [Vec3; MAX_INPUTS] {
-        let mut d_values = [Vec3::ZERO; MAX_INPUTS];
-        match *self {
-            Bsdf::Black => {}
-            Bsdf::ConductorIor { eta, k, .. } => {
-                let (_, d_eta, d_k) = d_conductor(1.0, eta, k, d_albedo);
-                d_values[0] = d_eta;
-                d_values[1] = d_k;
-            }
-            _ => d_values[0] = d_albedo,
+    pub fn d_albedo(&self, d_albedo: Vec3) -> Inputs {
+        match self {
+            Bsdf::Diffuse { .. } | Bsdf::Mirror { .. } => [d_albedo, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO],
+            _ => with_model!(self, m => m.d_albedo(d_albedo), _ => Inputs::default()),
         }
-        d_values
     }
 
     /// Width α of the specular lobe, comparable to that of a Beckmann distribution; 0 for a mirror, `None` without a specular lobe.
     pub fn roughness_alpha(&self) -> Option<f32> {
-        match *self {
-            Bsdf::Black | Bsdf::Diffuse { .. } => None,
-            Bsdf::Mirror { .. } => Some(0.0),
-            Bsdf::Conductor { roughness, .. }
-            | Bsdf::ConductorIor { roughness, .. }
-            | Bsdf::Principled { roughness, .. } => Some(Ggx::new(roughness).alpha()),
-            Bsdf::Phong { roughness, .. } => Some(roughness.sqrt()),
-        }
+        let other = self.is_delta().then_some(0.0);
+        with_model!(self, m => Some(m.facets().alpha()), _ => other)
     }
 
     /// Approximate albedos (as luminances) of the cosine lobe and of the specular lobe for light from a direction with cosine `ci`; the
     /// latter without shadowing. They decide how samples are split between the lobes.
     pub fn lobe_albedos(&self, ci: f32) -> [f32; 2] {
         let size = |rgb: Vec3| luminance(rgb.abs());
-        match *self {
-            Bsdf::Black | Bsdf::Mirror { .. } => [0.0; 2],
-            Bsdf::Diffuse { reflectance } => [size(reflectance), 0.0],
-            Bsdf::Conductor { reflectance, .. } => [0.0, size(schlick(ci.abs(), reflectance, 1.0))],
-            Bsdf::ConductorIor { eta, k, .. } => [0.0, size(conductor(ci.abs().max(1e-3), eta, k))],
-            Bsdf::Phong { diffuse, specular, .. } => [size(diffuse), size(schlick(ci.abs(), specular, 1.0))],
-            Bsdf::Principled { base_color, metallic, roughness, specular } => {
-                let principled = Principled { base_color, metallic, roughness, specular };
-                [size(principled.base_albedo(ci.abs())), size(principled.schlick(ci.abs()))]
-            }
+        let ci = ci.abs().max(1e-3);
+        match self {
+            Bsdf::Diffuse { reflectance } => [size(*reflectance), 0.0],
+            _ => with_model!(self, m => [size(m.base_albedo(ci)), size(m.fresnel(ci))], _ => [0.0; 2]),
         }
     }
 
     /// Share of the samples that go to the cosine lobe.
     fn diffuse_share(&self, ci: f32) -> f32 {
-        match self {
-            Bsdf::Diffuse { .. } => return 1.0,
-            Bsdf::Phong { .. } | Bsdf::Principled { .. } => {}
-            _ => return 0.0,
+        if self.is_diffuse() {
+            return 1.0;
+        }
+        if !self.is_mixture() {
+            return 0.0;
         }
         let [diffuse, specular] = self.lobe_albedos(ci);
         let share = diffuse / (diffuse + specular);
@@ -521,20 +450,14 @@ pub fn lambertian(reflectance: Vec3, co: f32) -> Vec3 {
     reflectance * (FRAC_1_PI * co.max(0.0))
 }
 
-/// Adjoint of `schlick(half, f0) * lobe`: writes the derivatives in the angles to `out`, returns those in `f0` and the roughness.
-fn d_schlick_lobe(
-    lobe: &impl Microfacets,
-    f0: Vec3,
-    angles: &Angles,
-    half_fixed: bool,
-    d_f: Vec3,
-    out: &mut AnglesAdjoint,
-) -> (Vec3, f32) {
-    let lobe = lobe.d_eval(angles, half_fixed);
-    let (d_half, d_f0, _) = d_schlick(angles.half, f0, 1.0, d_f * lobe.value);
-    let d_lobe = d_f.dot(schlick(angles.half, f0, 1.0));
-    *out = lobe.d_angles(d_lobe, d_half);
-    (d_f0, d_lobe * lobe.d_roughness)
+/// Adjoint of a model's microfacet lobe, see [`Bsdf::d_eval_part`] and, for `half_fixed`, [`Bsdf::d_eval_attached`].
+fn d_lobe<M: Model>(model: &M, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
+    let angles = Angles::new(n, wi, wo);
+    let lobe = model.facets().d_eval(&angles, half_fixed);
+    let (d_half, mut d_values) = model.d_fresnel(angles.half, d_f * lobe.value);
+    let d_lobe = d_f.dot(model.fresnel(angles.half));
+    d_values[M::ROUGHNESS].x += d_lobe * lobe.d_roughness;
+    BsdfAdjoint { directions: angles.adjoint(n, wi, wo, &lobe.d_angles(d_lobe, d_half)), d_values }
 }
 
 /// `wi` mirrored at the microfacet normal `h`; `None` below the surface.

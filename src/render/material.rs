@@ -54,6 +54,8 @@ pub enum Quantity {
     Fraction,
     /// At least 0, in the first channel.
     Number,
+    /// A refractive index relative to the air around, at least 1, in the first channel.
+    Index,
 }
 
 /// A surface material: the closed set of scattering models with their inputs. An input is what the stage of the program makes of it:
@@ -93,6 +95,16 @@ pub enum MaterialKind<I = Input> {
         /// r above; the smaller, the sharper the highlight.
         roughness: I,
     },
+    /// A Lambertian base under a clear coat: GGX with Schlick's Fresnel term of the index, and the light that the coat reflects back to the
+    /// base (Saunderson 1942).
+    Plastic {
+        /// The reflectance of the base without the coat, RGB in [0, 1].
+        diffuse: I,
+        /// The coat's refractive index, from 1 to 10: 1.5 for most plastics and varnishes.
+        ior: I,
+        /// Of the coat, from 0, polished, to 1; α = roughness².
+        roughness: I,
+    },
     /// Perfect specular reflection.
     Mirror {
         /// The share of the light that is reflected, the same at all angles, RGB in [0, 1].
@@ -119,6 +131,7 @@ impl<I> MaterialKind<I> {
             MaterialKind::Diffuse { .. } => "diffuse",
             MaterialKind::Conductor { .. } | MaterialKind::ConductorIor { .. } => "conductor",
             MaterialKind::Phong { .. } => "phong",
+            MaterialKind::Plastic { .. } => "plastic",
             MaterialKind::Mirror { .. } => "mirror",
             MaterialKind::Principled { .. } => "principled",
         }
@@ -131,7 +144,7 @@ impl<I> MaterialKind<I> {
         &'a self,
         mut make: impl FnMut(InputField, &'a I) -> Result<J, E>,
     ) -> Result<MaterialKind<J>, E> {
-        use Quantity::{Color, Fraction, Number};
+        use Quantity::{Color, Fraction, Index, Number};
         let mut make = |name, quantity, input| make(InputField { name, quantity }, input);
         Ok(match self {
             MaterialKind::Black => MaterialKind::Black,
@@ -150,6 +163,11 @@ impl<I> MaterialKind<I> {
             MaterialKind::Phong { diffuse, specular, roughness } => MaterialKind::Phong {
                 diffuse: make("diffuse", Color, diffuse)?,
                 specular: make("specular", Color, specular)?,
+                roughness: make("roughness", Fraction, roughness)?,
+            },
+            MaterialKind::Plastic { diffuse, ior, roughness } => MaterialKind::Plastic {
+                diffuse: make("diffuse", Color, diffuse)?,
+                ior: make("ior", Index, ior)?,
                 roughness: make("roughness", Fraction, roughness)?,
             },
             MaterialKind::Mirror { reflectance } => {

@@ -75,9 +75,11 @@ enum Moves {
     Tilt,
     Roughness,
     Colour,
+    /// That of refraction.
+    Index,
 }
 
-/// Between the roughnesses of the table in `principled`.
+/// Between the roughnesses of the table that `plastic` and `principled` have of their coat.
 const CELL: f32 = 0.05;
 
 #[derive(Clone, Copy, Debug)]
@@ -105,6 +107,10 @@ impl Row {
                 MaterialKind::ConductorIor { eta: colour, k, roughness }
             }
             "phong" => MaterialKind::Phong { diffuse: b.constant(Vec3::splat(0.2)), specular: colour, roughness },
+            "plastic" => {
+                let ior = b.scalar(1.5 + shift(matches!(self.moves, Moves::Index)));
+                MaterialKind::Plastic { diffuse: colour, ior, roughness }
+            }
             "principled" => MaterialKind::Principled {
                 base_color: colour,
                 metallic: b.scalar(0.5),
@@ -144,10 +150,10 @@ impl Row {
         (b.description, look_at(vec3(0.01, cos, -sin) * 4.0, Vec3::ZERO, 12.0, 8))
     }
 
-    /// Where derivatives are taken: what `principled` reads from its table is linear between rows, and has none at a row.
+    /// Where derivatives are taken: what is read from the coat's table is linear between rows, and has none at a row.
     fn roughness(&self) -> f32 {
         match (self.material, self.moves) {
-            ("principled", Moves::Roughness) => ((self.roughness / CELL).round() + 0.5) * CELL,
+            ("plastic" | "principled", Moves::Roughness) => ((self.roughness / CELL).round() + 0.5) * CELL,
             _ => self.roughness,
         }
     }
@@ -170,16 +176,16 @@ impl Row {
             // A lamp mirrored by a narrow lobe has outlines, which must not move as far as a pixel: weights are another in the next.
             Moves::Tilt if matches!(self.light, Light::Lamp) && self.roughness < 0.3 => 0.0025,
             Moves::Tilt => 0.01,
-            Moves::Roughness if self.material == "principled" => 0.2 * CELL,
+            Moves::Roughness if matches!(self.material, "plastic" | "principled") => 0.2 * CELL,
             Moves::Roughness => 0.2 * self.roughness.min(0.5),
-            Moves::Colour => 0.05,
+            Moves::Colour | Moves::Index => 0.05,
         };
         // A lobe that only sees light of one brightness is as bright however wide, and nothing is what its derivative may well be. But it
         // is a mean of scores of samples, some 4 / roughness each, of which any that is wrong shows in an eighth. So it is with a plate that
         // looks much the same from everywhere, and is turned.
         let least = match self.moves {
             Moves::Roughness => 0.5 * self.brightness() / f64::from(self.roughness),
-            Moves::Tilt | Moves::Colour => 0.25 * self.brightness(),
+            Moves::Tilt | Moves::Colour | Moves::Index => 0.25 * self.brightness(),
         };
         let plan = Plan { spp, fd_spp: 512, h, least, ..Plan::default() };
         agree(&format!("{self:?}"), &|t| self.build(t), &plan);
@@ -217,6 +223,18 @@ fn lobes_of_all_roughnesses_have_their_derivatives() {
                     }
                 }
             }
+        }
+    }
+    for (light, angle) in [(Light::Sky, 5.0), (Light::Lamp, 5.0), (Light::Sky, 80.0), (Light::Lamp, 80.0)] {
+        for (roughness, moves) in [
+            (0.02, Moves::Tilt),
+            (0.1, Moves::Roughness),
+            (0.3, Moves::Roughness),
+            (0.1, Moves::Index),
+            (0.6, Moves::Index),
+            (0.3, Moves::Colour),
+        ] {
+            rows.push(Row { material: "plastic", roughness, light, angle, moves });
         }
     }
     // The long statistics look at all of them; otherwise a sample that meets every value.

@@ -244,6 +244,7 @@ const NONE: &[(&str, &[&str])] = &[
             "diffuse",
             "conductor",
             "phong",
+            "plastic",
             "mirror",
             "principled",
             "one_sided",

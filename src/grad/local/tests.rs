@@ -59,7 +59,8 @@ fn attached_lobes_follow_their_surface() {
     let mut checked = 0;
     for i in 0..600 {
         let roughness = [0.44f32, 0.35, 0.2][i % 3];
-        let bsdf = Bsdf::Conductor { reflectance: Vec3::splat(0.8), roughness };
+        let bsdf =
+            Bsdf::new(&MaterialKind::Conductor { reflectance: Vec3::splat(0.8), roughness: Vec3::splat(roughness) });
         assert!(bsdf.is_attached());
         let (ns, wi, gradient) = (unit(), unit(), unit());
         let h = (ns + roughness * roughness * unit()).normalize();

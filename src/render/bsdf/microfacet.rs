@@ -14,6 +14,12 @@ pub trait Microfacets {
     fn sample(&self, wi: Vec3, u: [f32; 2]) -> Vec3;
     /// Solid-angle density of `wi` mirrored at a normal from [`Microfacets::sample`].
     fn pdf(&self, angles: &Angles) -> f32;
+    /// Width α, comparable to that of a Beckmann distribution.
+    fn alpha(&self) -> f32;
+    /// The distribution if it is GGX's, whose derivative in the roughness has samples of its own.
+    fn as_ggx(&self) -> Option<Ggx> {
+        None
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -60,11 +66,6 @@ impl Ggx {
     /// The roughness that has this α; 0 if α is less than any roughness has.
     pub fn roughness_of(alpha: f32) -> f32 {
         (alpha * alpha - MIN_ALPHA_SQUARED).max(0.0).sqrt().sqrt()
-    }
-
-    /// Width α of the GGX distribution.
-    pub fn alpha(&self) -> f32 {
-        self.alpha
     }
 
     /// ∂α²/∂ roughness
@@ -143,6 +144,14 @@ impl Microfacets for Ggx {
     fn pdf(&self, &Angles { ci, sin2, .. }: &Angles) -> f32 {
         self.distribution(sin2) / (2.0 * (ci + self.root(ci)))
     }
+
+    fn alpha(&self) -> f32 {
+        self.alpha
+    }
+
+    fn as_ggx(&self) -> Option<Ggx> {
+        Some(*self)
+    }
 }
 
 impl Ggx {
@@ -174,7 +183,7 @@ impl Ggx {
 /// Normalised Blinn-Phong distribution, D = cosᵉ / (π r) with exponent e = 2/r − 2 and α = √r for the roughness r, with the rational fit to
 /// Smith shadowing of Walter et al. 2007, "Microfacet Models for Refraction through Rough Surfaces".
 #[derive(Clone, Copy, Debug)]
-pub struct Phong {
+pub struct BlinnPhong {
     roughness: f32,
 }
 
@@ -185,9 +194,9 @@ struct Shadowing {
     d_alpha: f32,
 }
 
-impl Phong {
-    pub fn new(roughness: f32) -> Phong {
-        Phong { roughness }
+impl BlinnPhong {
+    pub fn new(roughness: f32) -> BlinnPhong {
+        BlinnPhong { roughness }
     }
 
     fn distribution(&self, sin2: f32) -> f32 {
@@ -219,7 +228,7 @@ impl Phong {
     }
 }
 
-impl Microfacets for Phong {
+impl Microfacets for BlinnPhong {
     fn eval(&self, &Angles { ci, co, sin2, .. }: &Angles) -> f32 {
         let d = self.distribution(sin2);
         0.25 * d * self.shadowing(ci).value * co * self.shadowing(co).value
@@ -252,5 +261,9 @@ impl Microfacets for Phong {
     /// D cos / (4 wi·h)
     fn pdf(&self, &Angles { half, sin2, .. }: &Angles) -> f32 {
         self.distribution(sin2) * (1.0 - sin2).sqrt() / (4.0 * half)
+    }
+
+    fn alpha(&self) -> f32 {
+        self.roughness.sqrt()
     }
 }

@@ -1,36 +1,19 @@
 //! The metallic-roughness model: `metallic` mixes a metal of the base colour with a diffuse base of that colour under a rough dielectric.
 //!
-//! Light that the dielectric reflects does not reach the base. Let E(c) be the directional albedo of the dielectric at cosine c. Then the
-//! base is weighted by
-//!
-//!   (1 − E(ci)) (1 − E(co)) / (1 − Ē),   Ē = 2 ∫ E(c) c dc,
-//!
-//! which is symmetric in ci and co and integrates to 1 − E(ci) (Kelemen & Szirmay-Kalos 2001). So a white base with its dielectric
-//! reflects all light, except what is lost to shadowing between microfacets. With Schlick's Fresnel term, and without that shadowing,
-//! E = F0 + (F90 − F0) P, where P is the directional albedo of a lobe with Fresnel term (1 − wi·h)⁵. P is tabulated by roughness and
-//! cosine, and where the table is not exact its values are too large, never too small, so that no energy is gained. The table is
-//! interpolated linearly, so that the derivative in the roughness jumps where the roughness is a multiple of 1 / 20.
+//! Light that the dielectric reflects does not reach the base, which is weighted by (1 − E(ci)) (1 − E(co)) / (1 − Ē), see
+//! [`Coat`]: this integrates to 1 − E(ci). So a white base with its dielectric reflects all light, except what is lost to shadowing between
+//! microfacets.
 
 use glam::Vec3;
 
+use super::coat::Coat;
 use super::fresnel::{d_schlick, schlick};
-
-/// Numbers of cells of the table along the cosine and along the roughness, both of which range from 0 to 1.
-const COSINES: usize = 24;
-const ROUGHNESSES: usize = 20;
+use super::microfacet::Ggx;
+use super::model::{Inputs, Model};
 
 /// The numbers of a `principled` material.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Principled {
-    pub base_color: Vec3,
-    pub metallic: f32,
-    pub roughness: f32,
-    pub specular: f32,
-}
-
-/// Derivatives in the fields of [`Principled`].
-#[derive(Clone, Copy, Debug, Default)]
-pub struct PrincipledAdjoint {
     pub base_color: Vec3,
     pub metallic: f32,
     pub roughness: f32,
@@ -47,208 +30,73 @@ const F90: f32 = 4.0;
 pub const MAX_SPECULAR: f32 = 12.0;
 
 impl Principled {
-    /// F0 and F90 of the mixture.
-    pub fn fresnel(&self) -> (Vec3, f32) {
-        let dielectric = 1.0 - self.metallic;
-        let f0 = Vec3::splat(F0 * self.specular * dielectric) + self.base_color * self.metallic;
-        (f0, (F90 * self.specular).min(1.0) * dielectric + self.metallic)
+    fn coat(&self) -> Coat {
+        Coat { f0: F0 * self.specular, f90: (F90 * self.specular).min(1.0), roughness: self.roughness }
     }
 
-    /// Fresnel term of the lobe at the cosine `half` = wi·h.
-    pub fn schlick(&self, half: f32) -> Vec3 {
-        let (f0, f90) = self.fresnel();
+    /// The derivative of the coat's F90 in `specular`.
+    fn f90_by_specular(&self) -> f32 {
+        if F90 * self.specular < 1.0 { F90 } else { 0.0 }
+    }
+
+    /// F0 and F90 of the mixture.
+    fn f0_and_f90(&self) -> (Vec3, f32) {
+        let (coat, dielectric) = (self.coat(), 1.0 - self.metallic);
+        let f0 = Vec3::splat(coat.f0 * dielectric) + self.base_color * self.metallic;
+        (f0, coat.f90 * dielectric + self.metallic)
+    }
+}
+
+/// Derivatives in the order of the inputs.
+fn inputs(base_color: Vec3, metallic: f32, roughness: f32, specular: f32) -> Inputs {
+    [base_color, Vec3::X * metallic, Vec3::X * roughness, Vec3::X * specular]
+}
+
+impl Model for Principled {
+    type Facets = Ggx;
+    const HAS_BASE: bool = true;
+    const ROUGHNESS: usize = 2;
+
+    fn facets(&self) -> Ggx {
+        Ggx::new(self.roughness)
+    }
+
+    fn fresnel(&self, half: f32) -> Vec3 {
+        let (f0, f90) = self.f0_and_f90();
         schlick(half, f0, f90)
     }
 
-    /// Adjoint of [`Principled::schlick`]: the derivative in `half`, and those in the inputs.
-    pub fn d_schlick(&self, half: f32, d_f: Vec3) -> (f32, PrincipledAdjoint) {
-        let (f0, f90) = self.fresnel();
+    fn d_fresnel(&self, half: f32, d_f: Vec3) -> (f32, Inputs) {
+        let (f0, f90) = self.f0_and_f90();
         let (d_half, d_f0, d_f90) = d_schlick(half, f0, f90, d_f);
-        let dielectric = 1.0 - self.metallic;
-        let f90_dielectric = (F90 * self.specular).min(1.0);
-        let by_f90 = if F90 * self.specular < 1.0 { F90 * d_f90 } else { 0.0 };
-        let d = PrincipledAdjoint {
-            base_color: d_f0 * self.metallic,
-            metallic: d_f0.dot(self.base_color - Vec3::splat(F0 * self.specular)) + d_f90 * (1.0 - f90_dielectric),
-            roughness: 0.0,
-            specular: dielectric * (F0 * d_f0.element_sum() + by_f90),
-        };
-        (d_half, d)
+        let (coat, dielectric) = (self.coat(), 1.0 - self.metallic);
+        let metallic = d_f0.dot(self.base_color - Vec3::splat(coat.f0)) + d_f90 * (1.0 - coat.f90);
+        let specular = dielectric * (F0 * d_f0.element_sum() + self.f90_by_specular() * d_f90);
+        (d_half, inputs(d_f0 * self.metallic, metallic, 0.0, specular))
     }
 
-    /// Directional albedo of the base under the dielectric, for light at cosine `ci`.
-    pub fn base_albedo(&self, ci: f32) -> Vec3 {
-        self.base_color
-            * ((1.0 - self.metallic)
-                * (1.0 - self.dielectric_albedo(SchlickAlbedo::directional(ci, self.roughness).value)))
+    fn base(&self, ci: f32, co: f32) -> Vec3 {
+        let passed = self.coat().passed(ci, co);
+        self.base_color * ((1.0 - self.metallic) * (passed.i * passed.o / passed.mean))
     }
 
-    /// The weight of the base for light from cosine `ci` to cosine `co` (see the top of this file), times its colour.
-    pub fn base(&self, ci: f32, co: f32) -> Vec3 {
-        let [i, o, mean] = self.schlick_albedos(ci, co).map(|r| 1.0 - self.dielectric_albedo(r.value));
-        self.base_color * ((1.0 - self.metallic) * (i * o / mean))
-    }
-
-    /// Adjoint of [`Principled::base`]: the derivatives in `ci` and `co`, and those in the inputs.
-    pub fn d_base(&self, ci: f32, co: f32, d_base: Vec3) -> ([f32; 2], PrincipledAdjoint) {
-        let albedos = self.schlick_albedos(ci, co);
-        let [i, o, mean] = albedos.map(|r| 1.0 - self.dielectric_albedo(r.value));
-        let share = i * o / mean;
+    fn d_base(&self, ci: f32, co: f32, d_base: Vec3) -> ([f32; 2], Inputs) {
+        let coat = self.coat();
+        let passed = coat.passed(ci, co);
+        let share = passed.i * passed.o / passed.mean;
         let d_share = d_base.dot(self.base_color) * (1.0 - self.metallic);
-        // Derivatives in E at ci, in E at co, and in the mean Ē.
-        let d_e = [-d_share * o / mean, -d_share * i / mean, d_share * share / mean];
-        let slope = self.dielectric_albedo(1.0) - self.dielectric_albedo(0.0);
-        let d_p = d_e.map(|d| d * slope);
-        let by_f90 = if F90 * self.specular < 1.0 { F90 } else { 0.0 };
-        let by_specular = |p: f32| F0 * (1.0 - p) + by_f90 * p;
-        let sum = |of: &dyn Fn(usize) -> f32| (0..3).map(of).sum::<f32>();
-        let d = PrincipledAdjoint {
-            base_color: d_base * ((1.0 - self.metallic) * share),
-            metallic: -d_base.dot(self.base_color) * share,
-            roughness: sum(&|k| d_p[k] * albedos[k].by_roughness),
-            specular: sum(&|k| d_e[k] * by_specular(albedos[k].value)),
-        };
-        ([d_p[0] * albedos[0].by_c, d_p[1] * albedos[1].by_c], d)
+        let by_passed = [passed.o / passed.mean, passed.i / passed.mean, -share / passed.mean];
+        let d = coat.d_passed(&passed, by_passed.map(|by| d_share * by));
+        let base_color = d_base * ((1.0 - self.metallic) * share);
+        let metallic = -d_base.dot(self.base_color) * share;
+        (d.cosines, inputs(base_color, metallic, d.roughness, F0 * d.f0 + self.f90_by_specular() * d.f90))
     }
 
-    /// The albedo E of the dielectric where P is `p`.
-    fn dielectric_albedo(&self, p: f32) -> f32 {
-        let f0 = F0 * self.specular;
-        f0 + ((F90 * self.specular).min(1.0) - f0) * p
+    fn base_albedo(&self, ci: f32) -> Vec3 {
+        self.base_color * ((1.0 - self.metallic) * self.coat().passed_at(ci))
     }
 
-    /// P at both cosines, and its mean 2 ∫ P(c) c dc.
-    fn schlick_albedos(&self, ci: f32, co: f32) -> [SchlickAlbedo; 3] {
-        [
-            SchlickAlbedo::directional(ci, self.roughness),
-            SchlickAlbedo::directional(co, self.roughness),
-            SchlickAlbedo::mean(self.roughness),
-        ]
+    fn albedo(&self) -> Vec3 {
+        self.base_color
     }
 }
-
-/// P, the albedo of a lobe with the Fresnel term (1 − wi·h)⁵, and its derivatives.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct SchlickAlbedo {
-    pub value: f32,
-    pub by_c: f32,
-    pub by_roughness: f32,
-}
-
-impl SchlickAlbedo {
-    /// P at the cosine `c`.
-    pub fn directional(c: f32, roughness: f32) -> SchlickAlbedo {
-        let (i, x) = cell(roughness, ROUGHNESSES);
-        let (j, y) = cell(c, COSINES);
-        let [[a, b], [c, d]] = [i, i + 1].map(|i| [TABLE[i][j], TABLE[i][j + 1]]);
-        let (low, high) = (a + (b - a) * y, c + (d - c) * y);
-        SchlickAlbedo {
-            value: low + (high - low) * x,
-            by_c: ((b - a) * (1.0 - x) + (d - c) * x) * COSINES as f32,
-            by_roughness: (high - low) * ROUGHNESSES as f32,
-        }
-    }
-
-    /// The mean 2 ∫ P(c) c dc over the hemisphere.
-    pub fn mean(roughness: f32) -> SchlickAlbedo {
-        let (i, x) = cell(roughness, ROUGHNESSES);
-        let (low, high) = (MEANS[i], MEANS[i + 1]);
-        let by_roughness = (high - low) * ROUGHNESSES as f32;
-        SchlickAlbedo { value: low + (high - low) * x, by_c: 0.0, by_roughness }
-    }
-}
-
-/// The index of the cell of `x` in [0, 1] divided into `cells`, and the position of `x` within it as a fraction.
-fn cell(x: f32, cells: usize) -> (usize, f32) {
-    let x = (x * cells as f32).clamp(0.0, cells as f32);
-    let i = (x as usize).min(cells - 1);
-    (i, x - i as f32)
-}
-
-const MEANS: [f32; ROUGHNESSES + 1] = means();
-
-/// 2 ∫ P c dc for every row, exact for the linear interpolation between its nodes.
-const fn means() -> [f32; ROUGHNESSES + 1] {
-    let mut means = [0.0; ROUGHNESSES + 1];
-    let mut i = 0;
-    while i <= ROUGHNESSES {
-        let mut j = 0;
-        while j < COSINES {
-            let (c, h) = (j as f32 / COSINES as f32, 1.0 / COSINES as f32);
-            let (a, b) = (TABLE[i][j], TABLE[i][j + 1]);
-            means[i] += h * (c * (a + b) + h * (a + 2.0 * b) / 3.0);
-            j += 1;
-        }
-        i += 1;
-    }
-    means
-}
-
-/// P by roughness (rows) and cosine (columns), by quadrature over the visible normals. Nodes are raised where linear interpolation
-/// between them would be less than P: by at most 0.024, except in the first column, at a cosine of zero.
-#[rustfmt::skip]
-const TABLE: [[f32; COSINES + 1]; ROUGHNESSES + 1] = [
-    [
-        1.0, 0.809, 0.6473, 0.5129, 0.4019, 0.311, 0.2373, 0.1783, 0.1317, 0.0954, 0.0675, 0.0466, 0.0312, 0.0202, 0.0126, 0.0074, 0.0041, 0.0021, 0.001, 0.0004, 0.0001, 0.0, 0.0, 0.0, 0.0,
-    ],
-    [
-        0.9931, 0.8177, 0.6497, 0.5143, 0.4021, 0.3108, 0.2372, 0.1783, 0.1317, 0.0954, 0.0676, 0.0466, 0.0313, 0.0202, 0.0126, 0.0074, 0.0041, 0.0021, 0.001, 0.0004, 0.0001, 0.0, 0.0, 0.0, 0.0,
-    ],
-    [
-        0.9298, 0.7783, 0.6429, 0.5094, 0.3998, 0.3092, 0.2362, 0.1778, 0.1315, 0.0954, 0.0677, 0.0468, 0.0314, 0.0204, 0.0127, 0.0075, 0.0042, 0.0022, 0.001, 0.0004, 0.0001, 0.0, 0.0, 0.0, 0.0,
-    ],
-    [
-        0.7405, 0.6545, 0.5884, 0.484, 0.3871, 0.3027, 0.2324, 0.1756, 0.1305, 0.0951, 0.0678, 0.0471, 0.0318, 0.0207, 0.013, 0.0077, 0.0044, 0.0023, 0.0011, 0.0005, 0.0002, 0.0, 0.0, 0.0, 0.0,
-    ],
-    [
-        0.6132, 0.5365, 0.4963, 0.4305, 0.3556, 0.2851, 0.2227, 0.17, 0.1277, 0.0939, 0.0675, 0.0474, 0.0323, 0.0213, 0.0135, 0.0082, 0.0047, 0.0025, 0.0012, 0.0006, 0.0002, 0.0001, 0.0, 0.0, 0.0,
-    ],
-    [
-        0.5166, 0.4416, 0.4069, 0.3621, 0.3085, 0.2547, 0.2039, 0.159, 0.1215, 0.0908, 0.0663, 0.0471, 0.0326, 0.0219, 0.0142, 0.0088, 0.0052, 0.0029, 0.0015, 0.0007, 0.0003, 0.0001, 0.0, 0.0, 0.0,
-    ],
-    [
-        0.4241, 0.3593, 0.3303, 0.2955, 0.2567, 0.2167, 0.178, 0.1424, 0.1112, 0.0848, 0.0632, 0.0459, 0.0324, 0.0222, 0.0147, 0.0094, 0.0058, 0.0033, 0.0018, 0.0009, 0.0004, 0.0002, 0.0001, 0.0, 0.0,
-    ],
-    [
-        0.3421, 0.2888, 0.2654, 0.2377, 0.2085, 0.1788, 0.1496, 0.1223, 0.0976, 0.0762, 0.058, 0.0431, 0.0312, 0.0219, 0.015, 0.0099, 0.0062, 0.0038, 0.0022, 0.0012, 0.0006, 0.0003, 0.0001, 0.0, 0.0,
-    ],
-    [
-        0.274, 0.2303, 0.2116, 0.1897, 0.1671, 0.1444, 0.1224, 0.1016, 0.0827, 0.0658, 0.0512, 0.0389, 0.0289, 0.0209, 0.0146, 0.01, 0.0065, 0.0041, 0.0025, 0.0014, 0.0007, 0.0004, 0.0002, 0.0001, 0.0,
-    ],
-    [
-        0.2187, 0.1829, 0.1678, 0.1505, 0.1328, 0.1153, 0.0984, 0.0826, 0.0681, 0.0551, 0.0437, 0.0339, 0.0258, 0.0191, 0.0138, 0.0096, 0.0065, 0.0043, 0.0027, 0.0016, 0.0009, 0.0005, 0.0002, 0.0001, 0.0,
-    ],
-    [
-        0.1745, 0.1448, 0.1325, 0.1189, 0.105, 0.0914, 0.0784, 0.0662, 0.0551, 0.0451, 0.0363, 0.0287, 0.0222, 0.0168, 0.0124, 0.0089, 0.0062, 0.0042, 0.0027, 0.0017, 0.001, 0.0005, 0.0003, 0.0001, 0.0,
-    ],
-    [
-        0.1393, 0.115, 0.1048, 0.0938, 0.0828, 0.0721, 0.062, 0.0527, 0.0441, 0.0364, 0.0296, 0.0237, 0.0186, 0.0144, 0.0108, 0.008, 0.0057, 0.0039, 0.0026, 0.0017, 0.001, 0.0006, 0.0003, 0.0001, 0.0,
-    ],
-    [
-        0.1115, 0.0915, 0.0829, 0.074, 0.0652, 0.0568, 0.0489, 0.0417, 0.0351, 0.0291, 0.0239, 0.0193, 0.0153, 0.012, 0.0092, 0.0069, 0.005, 0.0036, 0.0024, 0.0016, 0.001, 0.0006, 0.0003, 0.0001, 0.0,
-    ],
-    [
-        0.0895, 0.0731, 0.0658, 0.0585, 0.0514, 0.0448, 0.0386, 0.0329, 0.0277, 0.0231, 0.0191, 0.0155, 0.0124, 0.0098, 0.0076, 0.0058, 0.0043, 0.0031, 0.0022, 0.0015, 0.0009, 0.0006, 0.0003, 0.0001, 0.0,
-    ],
-    [
-        0.072, 0.0585, 0.0523, 0.0463, 0.0406, 0.0353, 0.0304, 0.0259, 0.0219, 0.0183, 0.0151, 0.0124, 0.01, 0.008, 0.0062, 0.0048, 0.0036, 0.0027, 0.0019, 0.0013, 0.0009, 0.0005, 0.0003, 0.0001, 0.0,
-    ],
-    [
-        0.0582, 0.0471, 0.0418, 0.0368, 0.0322, 0.0278, 0.0239, 0.0204, 0.0172, 0.0144, 0.012, 0.0098, 0.008, 0.0064, 0.005, 0.0039, 0.003, 0.0022, 0.0016, 0.0011, 0.0008, 0.0005, 0.0003, 0.0001, 0.0,
-    ],
-    [
-        0.0473, 0.038, 0.0335, 0.0294, 0.0255, 0.022, 0.0189, 0.0161, 0.0136, 0.0114, 0.0094, 0.0078, 0.0063, 0.0051, 0.004, 0.0032, 0.0024, 0.0018, 0.0013, 0.0009, 0.0006, 0.0004, 0.0002, 0.0001, 0.0,
-    ],
-    [
-        0.0387, 0.0308, 0.027, 0.0235, 0.0203, 0.0175, 0.0149, 0.0127, 0.0107, 0.009, 0.0074, 0.0061, 0.005, 0.004, 0.0032, 0.0025, 0.002, 0.0015, 0.0011, 0.0008, 0.0005, 0.0004, 0.0002, 0.0001, 0.0,
-    ],
-    [
-        0.0317, 0.0251, 0.0218, 0.0189, 0.0162, 0.0139, 0.0118, 0.01, 0.0084, 0.0071, 0.0059, 0.0048, 0.004, 0.0032, 0.0026, 0.002, 0.0016, 0.0012, 0.0009, 0.0006, 0.0005, 0.0003, 0.0002, 0.0001, 0.0,
-    ],
-    [
-        0.0261, 0.0206, 0.0177, 0.0152, 0.013, 0.0111, 0.0094, 0.0079, 0.0067, 0.0056, 0.0046, 0.0038, 0.0031, 0.0025, 0.002, 0.0016, 0.0013, 0.001, 0.0007, 0.0005, 0.0004, 0.0003, 0.0002, 0.0001, 0.0,
-    ],
-    [
-        0.0217, 0.0169, 0.0144, 0.0123, 0.0105, 0.0089, 0.0075, 0.0063, 0.0053, 0.0044, 0.0036, 0.003, 0.0025, 0.002, 0.0016, 0.0013, 0.001, 0.0008, 0.0006, 0.0004, 0.0003, 0.0002, 0.0001, 0.0001, 0.0,
-    ],
-];

@@ -2,23 +2,25 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Quat};
 
-use super::principled::SchlickAlbedo;
+use super::coat::SchlickAlbedo;
 use super::*;
 use crate::math::{Dual, Pcg32};
 use crate::render::Quantity;
+use crate::render::material::MAX_INPUTS;
 
 /// Three cosines and four RGB inputs.
 type D = Dual<15>;
 
 const INPUT: Input = Input::VertexColor;
 
-fn kinds() -> [MaterialKind; 6] {
+fn kinds() -> [MaterialKind; 7] {
     [
         MaterialKind::Diffuse { reflectance: INPUT },
         MaterialKind::Conductor { reflectance: INPUT, roughness: INPUT },
         MaterialKind::ConductorIor { eta: INPUT, k: INPUT, roughness: INPUT },
         MaterialKind::Phong { diffuse: INPUT, specular: INPUT, roughness: INPUT },
         MaterialKind::Principled { base_color: INPUT, metallic: INPUT, roughness: INPUT, specular: INPUT },
+        MaterialKind::Plastic { diffuse: INPUT, ior: INPUT, roughness: INPUT },
         MaterialKind::Mirror { reflectance: INPUT },
     ]
 }
@@ -33,6 +35,7 @@ fn values(kind: &MaterialKind, roughness: f32) -> [Vec3; MAX_INPUTS] {
         MaterialKind::ConductorIor { .. } => [Vec3::new(0.27, 0.68, 1.3), Vec3::new(3.6, 2.6, 2.3), r, r],
         MaterialKind::Phong { .. } => [a, b, r, r],
         MaterialKind::Principled { .. } => [a, Vec3::splat(0.35), r, Vec3::splat(0.6)],
+        MaterialKind::Plastic { .. } => [a, Vec3::splat(1.45), r, r],
         _ => [a, a, a, a],
     }
 }
@@ -99,6 +102,16 @@ pub(crate) fn twins<const N: usize>(
             let share = passed(reflected(Some(ci))) * passed(reflected(Some(co))) / passed(reflected(None));
             let lobe = fresnel((1.0 - ih).powi(5)).1 * twin_ggx(v[2][0], nh, ci, co);
             [lambert((1.0 - metallic) * base * share), lobe]
+        }
+        MaterialKind::Plastic { .. } => {
+            let (rho, ior) = (v[0][c], v[1][0]);
+            let f0 = ((ior - 1.0) / (ior + 1.0)).powi(2);
+            let f90 = if f0.value < 0.02 { 50.0 * f0 } else { Dual::constant(1.0) };
+            let reflected = |cos: Option<Dual<N>>| f0 + (f90 - f0) * twin_reflected(cos, v[2][0]);
+            let inner = 1.0 - (1.0 - reflected(None)) / (ior * ior);
+            let enters_and_leaves = (1.0 - reflected(Some(ci))) * (1.0 - reflected(Some(co))) / (ior * ior);
+            let lobe = (f0 + (f90 - f0) * (1.0 - ih).powi(5)) * twin_ggx(v[2][0], nh, ci, co);
+            [lambert(enters_and_leaves * rho / (1.0 - rho * inner)), lobe]
         }
         MaterialKind::Black | MaterialKind::Mirror { .. } => [none; 2],
     });
@@ -239,7 +252,10 @@ fn value_and_adjoint_match_the_dual_number_twin() {
                 // Those in a roughness change sign where the lobe does not: measure errors against the score's size.
                 let roughness = j % 3 == 0
                     && kind.inputs().nth(j / 3).is_some_and(|(field, _)| field.quantity != Quantity::Color)
-                    && !matches!((&kind, j), (MaterialKind::Principled { .. }, 3 | 9));
+                    && !matches!(
+                        (&kind, j),
+                        (MaterialKind::Principled { .. }, 3 | 9) | (MaterialKind::Plastic { .. }, 3)
+                    );
                 let score = if roughness { 4.0 / f64::from(values[j / 3].x.max(0.02)).min(1.0) } else { 1.0 };
                 let tolerance = (4e-3 + 4.0 * rounding) * (b.abs() + score * expected.value.abs()) + 1e-5;
                 assert!((f64::from(a) - b).abs() < tolerance, "{bsdf:?} {vectors:?}, input {j}: {a} {b}");
@@ -371,7 +387,12 @@ fn no_lobe_reflects_more_than_it_receives() {
             let (metallic, specular) = (Vec3::splat(metallic), Vec3::splat(specular));
             (MaterialKind::Principled { base_color: white, metallic, roughness: r, specular }, 1.0)
         };
+        let plastic = |ior: f32| (MaterialKind::Plastic { diffuse: white, ior: Vec3::splat(ior), roughness: r }, 1.0);
         let lobes = [
+            plastic(1.0),
+            plastic(1.1),
+            plastic(1.5),
+            plastic(3.0),
             (MaterialKind::Diffuse { reflectance: white }, 1.0),
             (MaterialKind::Conductor { reflectance: white, roughness: r }, 1.0),
             (MaterialKind::ConductorIor { eta: white, k: white * 100.0, roughness: r }, 1.0),
@@ -411,7 +432,7 @@ fn no_lobe_reflects_more_than_it_receives() {
 fn the_dielectric_reflects_what_its_table_says() {
     for roughness in [0.0, 0.02, 0.04, 0.08, 0.12, 0.22, 0.37, 0.5, 0.61, 0.83, 0.99] {
         // Without F0 what is left of Schlick's term is (1 − wi·h)⁵.
-        let bsdf = Bsdf::Conductor { reflectance: Vec3::ZERO, roughness };
+        let bsdf = Bsdf::Conductor(Conductor { reflectance: Vec3::ZERO, roughness });
         for cos in [0.01, 0.02, 0.05, 0.11, 0.19, 0.27, 0.4, 0.6, 0.8, 1.0] {
             let (lobe, table) =
                 (furnace(&bsdf, direction(cos, 0.4), 128), f64::from(SchlickAlbedo::directional(cos, roughness).value));

@@ -123,7 +123,7 @@ impl Builder {
     pub fn material(&mut self, rng: &mut Pcg32) -> MaterialKind {
         let [a, b] = from_fn(|_| self.input(rng, false));
         let [c, d, roughness] = from_fn(|_| self.input(rng, true));
-        match rng.next_u32() % 5 {
+        match rng.next_u32() % 6 {
             0 => MaterialKind::Diffuse { reflectance: a },
             1 => MaterialKind::Conductor { reflectance: a, roughness },
             2 => MaterialKind::ConductorIor { eta: a, k: b, roughness },
@@ -132,6 +132,11 @@ impl Builder {
                 self.description.textures[narrow].data.iter_mut().for_each(|r| *r *= 0.05);
                 let roughness = if rng.next_f32() < 0.5 { Input::Texture(narrow) } else { roughness };
                 MaterialKind::Phong { diffuse: a, specular: b, roughness }
+            }
+            4 => {
+                let ior = self.texture(rng, [3, 4], 1);
+                self.description.textures[ior].data.iter_mut().for_each(|x| *x += 1.0);
+                MaterialKind::Plastic { diffuse: a, ior: Input::Texture(ior), roughness }
             }
             _ => MaterialKind::Principled { base_color: a, metallic: c, roughness, specular: d },
         }
