@@ -251,11 +251,12 @@ impl Bsdf {
         match *self {
             _ if co <= 0.0 => (Vec3::ZERO, 0.0),
             Bsdf::Diffuse { reflectance } => (lambertian(reflectance, co), cosine_hemisphere_pdf(co)),
-            _ => {
-                let angles = Angles::new(n, wi, wo);
-                (self.eval_at(&angles), self.pdf_of_lobes(&angles))
-            }
+            _ => self.eval_and_pdf_at(&Angles::new(n, wi, wo)),
         }
+    }
+
+    fn eval_and_pdf_at(&self, angles: &Angles) -> (Vec3, f32) {
+        (self.eval_at(angles), self.pdf_of_lobes(angles))
     }
 
     /// One part of [`Bsdf::eval`].
@@ -344,16 +345,22 @@ impl Bsdf {
     pub fn sample(&self, wi: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
         let wi = Vec3::new(wi.x, wi.y, wi.z.abs());
         let square = [u[0], u[1]];
-        let wo = match self {
+        let (wo, (f, pdf)) = match self {
             Bsdf::Black => return None,
             Bsdf::Mirror { reflectance } => {
                 let wo = Vec3::new(-wi.x, -wi.y, wi.z);
                 return Some(BsdfSample { wo, f: *reflectance, pdf: 1.0, delta: true });
             }
-            _ if u[2] < self.diffuse_share(wi.z) => cosine_hemisphere(square),
-            _ => with_model!(self, m => reflect(wi, m.facets().sample(wi, square))?, _ => return None),
+            _ if u[2] < self.diffuse_share(wi.z) => {
+                let wo = cosine_hemisphere(square);
+                (wo, self.eval_and_pdf(Vec3::Z, wi, wo))
+            }
+            _ => {
+                let h = with_model!(self, m => m.facets().sample(wi, square), _ => return None);
+                let wo = reflect(wi, h)?;
+                (wo, self.eval_and_pdf_at(&Angles::mirrored(wi, h, wo)))
+            }
         };
-        let (f, pdf) = self.eval_and_pdf(Vec3::Z, wi, wo);
         (pdf > 0.0 && pdf.is_finite()).then_some(BsdfSample { wo, f, pdf, delta: false })
     }
 

@@ -55,6 +55,14 @@ impl Angles {
         Angles { ci: signed_ci.abs(), co: n.dot(wo), half: (0.5 * length).min(1.0), sin2, h, across, signed_ci }
     }
 
+    /// The same for the normal +z and a direction `wo` that was made by mirroring `wi`, which is in front, at the unit half vector `h`.
+    #[inline]
+    pub fn mirrored(wi: Vec3, h: Vec3, wo: Vec3) -> Angles {
+        let across = h.with_z(0.0);
+        let half = wi.dot(h).clamp(5e-7, 1.0);
+        Angles { ci: wi.z, co: wo.z, half, sin2: across.length_squared().min(1.0), h, across, signed_ci: wi.z }
+    }
+
     /// Adjoint of [`Angles::new`].
     pub fn adjoint(&self, n: Vec3, wi: Vec3, wo: Vec3, d: &AnglesAdjoint) -> DirectionsAdjoint {
         let front = if self.signed_ci < 0.0 { wi - n * (2.0 * self.signed_ci) } else { wi };
