@@ -3,8 +3,8 @@
 use std::cell::LazyCell;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 
+use super::counts::is_frozen;
 use super::hir::*;
-use super::whole::is_frozen;
 use crate::diag::Diagnostic;
 use crate::source::Span;
 

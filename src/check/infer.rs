@@ -223,7 +223,7 @@ impl Checker<'_> {
             self.diagnostics.push(crate::diag::advice::unavailable(name, span));
             return;
         }
-        let foreign = self.foreign_name(name, span);
+        let foreign = self.name_in_other_languages(name, span);
         let help = match guess {
             _ if foreign.is_some() => foreign.unwrap_or_default(),
             Some(found) => format!("did you mean `{found}`?"),
@@ -237,7 +237,7 @@ impl Checker<'_> {
     }
 
     /// A help for a name of another language: what to write here instead, with the arguments if it is called.
-    fn foreign_name(&self, name: &str, span: Span) -> Option<String> {
+    fn name_in_other_languages(&self, name: &str, span: Span) -> Option<String> {
         use crate::diag::advice::{Around, Place, help, is_module};
         let text = &self.sources.get(span.source)?.text;
         let mut end = span.end as usize;

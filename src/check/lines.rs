@@ -111,11 +111,11 @@ impl Checker<'_> {
         }
         match &program.known.0 {
             Some(known) => {
-                self.take_up(known, program);
+                self.take_up_knowledge(known, program);
                 let statements = if is_statement { self.parse(line) } else { Vec::new() };
-                if statements.iter().all(|s| self.stays_apart(s, program)) {
+                if statements.iter().all(|s| self.is_independent(s, program)) {
                     self.origin = origin;
-                    self.go_on(program, statements, line);
+                    self.append_statements(program, statements, line);
                 } else {
                     *self = Checker::new(std::mem::take(&mut self.sources), self.loader);
                     self.quiet = true;
@@ -147,7 +147,7 @@ impl Checker<'_> {
         }
     }
 
-    pub(super) fn take_up(&mut self, known: &Knowledge, program: &Program) {
+    pub(super) fn take_up_knowledge(&mut self, known: &Knowledge, program: &Program) {
         self.modules = known.modules.clone();
         self.main = known.main;
         self.slots = known.slots.clone();
@@ -167,7 +167,7 @@ impl Checker<'_> {
     }
 
     /// Whether a statement does not change the meaning of any name that was in use before.
-    fn stays_apart(&self, statement: &ast::Statement, program: &Program) -> bool {
+    fn is_independent(&self, statement: &ast::Statement, program: &Program) -> bool {
         if let StatementKind::Action(action) = &statement.kind {
             return !renews(action);
         }
@@ -183,7 +183,7 @@ impl Checker<'_> {
     }
 
     /// Checks the statements of a line, and what depends on the declarations that they replace.
-    fn go_on(&mut self, program: &Program, statements: Vec<Arc<ast::Statement>>, line: SourceId) {
+    fn append_statements(&mut self, program: &Program, statements: Vec<Arc<ast::Statement>>, line: SourceId) {
         let before = self.slots.len();
         let declared = statements.iter().filter_map(|s| self.modules[self.main].names.get(s.declares()?));
         let again: Vec<DeclId> = declared.copied().collect();

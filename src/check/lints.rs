@@ -147,7 +147,7 @@ fn moved_geometry(program: &Program, roots: &[&Expr]) -> Option<DeclId> {
             continue;
         }
         let moves = |id: &DeclId| match &program.decl(*id).kind {
-            DeclKind::Param(param) => !super::whole::is_frozen(param),
+            DeclKind::Param(param) => !super::counts::is_frozen(param),
             _ => false,
         };
         if let Some(found) = reaching_params(program, e).into_iter().find(moves) {

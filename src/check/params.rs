@@ -52,7 +52,7 @@ impl Checker<'_> {
         }
         self.check_space(param, &typed, &decl);
         let whole = param.ty.as_ref().is_some_and(|t| matches!(self.sig(t), Sig::Int(_)));
-        if whole && !super::whole::is_frozen(&decl) {
+        if whole && !super::counts::is_frozen(&decl) {
             let name = &param.name.text;
             let value = self.sources.text(initial).to_owned();
             self.diagnostics.push(

@@ -119,7 +119,7 @@ impl Understanding {
         with_room(|| {
             let mut checker = Checker::new(sources, &Disk);
             checker.quiet = true;
-            checker.take_up(&self.knowledge, &self.program);
+            checker.take_up_knowledge(&self.knowledge, &self.program);
             checker.enter_main();
             for (name, ty) in locals {
                 checker.new_local(name, ty.clone(), None);

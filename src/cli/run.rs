@@ -62,7 +62,7 @@ fn run_script(args: &RunArgs, terminal: &mut Terminal) -> u8 {
     }
     let watch = Stopwatch::start();
     let begun = match resumed {
-        Some((folder, checkpoint)) => take_up(args, folder, checkpoint),
+        Some((folder, checkpoint)) => resume(args, folder, checkpoint),
         None => begin(args, &loaded),
     };
     let (mut folder, checkpoint) = match begun {
@@ -187,7 +187,7 @@ fn world_of<'w>(live: &'w mut Option<Live>, terminal: &'w mut Terminal) -> &'w m
 fn begin_live(args: &RunArgs, port: u16, stop: &Arc<AtomicBool>, loaded: &mut Loaded) -> Result<Live, Diagnostic> {
     let title = args.file.display().to_string();
     let mut live = Live::start(&args.common, port, PICTURE_SPP, &title, stop, true)?;
-    world::listening(|| loaded.engine.aside(|engine| live.introduce(engine)));
+    world::listening(|| loaded.engine.keeping_samples(|engine| live.introduce(engine)));
     Ok(live)
 }
 
@@ -250,7 +250,7 @@ fn begin(args: &RunArgs, loaded: &Loaded) -> Result<Begun, Diagnostic> {
 }
 
 /// A run that goes on, if the script and all that it read are the same.
-fn take_up(args: &RunArgs, mut folder: RunFolder, mut checkpoint: Checkpoint) -> Result<Begun, Diagnostic> {
+fn resume(args: &RunArgs, mut folder: RunFolder, mut checkpoint: Checkpoint) -> Result<Begun, Diagnostic> {
     if !args.force {
         checkpoint.assert_unchanged(args.file.parent().unwrap_or(Path::new("")))?;
     }

@@ -20,11 +20,11 @@ mod lower;
 mod origin;
 mod project;
 mod reach;
+mod recorded;
 mod render;
 mod renew;
 mod residuals;
 mod show;
-mod sight;
 mod state;
 mod target;
 mod warnings;
@@ -52,10 +52,10 @@ pub use derivative::Gradient;
 pub use error::{INTERRUPTED, NOT_A_NUMBER};
 pub use history::{History, StoredHistory};
 pub use origin::Origin;
+pub use recorded::RecordedImage;
 pub use render::RenderOverrides;
 pub use residuals::Residuals;
 pub use show::{brief, exact, is_angle, number_text, show, to_json};
-pub use sight::Seen;
 pub use state::{EngineState, Placed};
 
 pub type Result<T, E = Diagnostic> = std::result::Result<T, E>;
@@ -186,7 +186,7 @@ pub struct Engine {
     scenes: lower::SceneCache,
     warnings: Warnings,
     /// Set while somebody wants to see what losses see.
-    sight: Option<sight::Sight>,
+    image_log: Option<recorded::ImageLog>,
 }
 
 impl Engine {
@@ -221,7 +221,7 @@ impl Engine {
             depth: 0,
             scenes: lower::SceneCache::default(),
             warnings: Warnings::default(),
-            sight: None,
+            image_log: None,
         }
     }
 
@@ -424,7 +424,7 @@ impl Engine {
     }
 
     /// Does work that leaves nothing rendered behind: what comes after it draws the samples that it would have drawn without.
-    pub fn aside<T>(&mut self, work: impl FnOnce(&mut Engine) -> T) -> T {
+    pub fn keeping_samples<T>(&mut self, work: impl FnOnce(&mut Engine) -> T) -> T {
         let declarations = self.statistics.declarations;
         let done = work(self);
         self.forget_rendered_since(declarations);

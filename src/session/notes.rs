@@ -9,7 +9,7 @@ use super::picture::Picture;
 use super::run::Runner;
 use super::show::significant;
 use crate::diag::{Diagnostic, Severity};
-use crate::eval::Seen;
+use crate::eval::RecordedImage;
 use crate::files::fingerprint;
 use crate::optim::{Geometry, Law, Space};
 use crate::source::SourceMap;
@@ -31,7 +31,7 @@ pub type Targets = BTreeSet<u64>;
 pub struct Notes {
     pub(super) targets: Targets,
     /// What the last step saw, and its number.
-    last: Option<(u64, Vec<Seen>)>,
+    last: Option<(u64, Vec<RecordedImage>)>,
     since: Option<Stopwatch>,
     /// Seconds that files took since then.
     files: f64,
@@ -86,7 +86,7 @@ impl Runner<'_> {
         if self.folder.is_none() {
             return Vec::new();
         }
-        let seen = self.engine.seen();
+        let seen = self.engine.recorded_images();
         let moment = if report.step == 0 { Moment::Start } else { Moment::Between };
         let mut events = Vec::new();
         if report.step == 0 {
@@ -109,7 +109,7 @@ impl Runner<'_> {
 
     /// The end of an optimisation: the loss there, and what it saw: after the last step if it was looked at then, or else at that step.
     pub(super) fn end_notes(&mut self, optimization: &Optimization, loss: Option<(f64, f64)>) {
-        let after = self.engine.seen();
+        let after = self.engine.recorded_images();
         if self.folder.is_none() || optimization.done() == 0 {
             return;
         }
@@ -125,14 +125,14 @@ impl Runner<'_> {
         events.iter().for_each(|event| self.note(event));
     }
 
-    fn pictures(&mut self, of: &str, step: u64, moment: Moment, seen: &[Seen]) -> Vec<Event> {
+    fn pictures(&mut self, of: &str, step: u64, moment: Moment, seen: &[RecordedImage]) -> Vec<Event> {
         let side = match moment {
             Moment::Between => SMALL,
             _ if seen.len() > MANY.0 => MANY.1,
             _ => LARGE,
         };
         let mut events = Vec::new();
-        for (view, Seen { name, image, target }) in seen.iter().enumerate() {
+        for (view, RecordedImage { name, image, target }) in seen.iter().enumerate() {
             let Some(image) = Picture::of(image, side) else { continue };
             let target = target.as_ref().filter(|_| moment != Moment::Between).map(|target| {
                 let found = fingerprint_of(target);

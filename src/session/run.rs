@@ -248,7 +248,7 @@ impl<'a> Runner<'a> {
     /// The loss after the last update, as the mean over seeds that no step has used, with its error; `None` if
     /// Ctrl-C came first, or where it has no value any more. What it sees is kept.
     fn loss_now(&mut self, loss: &hir::Expr) -> Result<Option<(f64, f64)>, Diagnostic> {
-        self.engine.look();
+        self.engine.record_images();
         let Ok(moments) = loss_at(self.engine, loss) else { return Ok(None) };
         let (mean, error) = (moments.mean().first(), moments.std_error());
         Ok(mean.map(|mean| (*mean, error.first().copied().unwrap_or(0.0))))
@@ -260,7 +260,7 @@ impl<'a> Runner<'a> {
         let mut taken: u64 = 0;
         while optimization.done() < optimization.total() && taken < count {
             let world = &mut self.world;
-            let looks = self.engine.aside(|engine| world.look(engine, optimization));
+            let looks = self.engine.keeping_samples(|engine| world.look(engine, optimization));
             if self.world.interrupted() {
                 self.world.progress_done();
                 let (done, total) = (optimization.done(), optimization.total());
@@ -348,7 +348,7 @@ impl<'a> Runner<'a> {
         let targets = self.notes.targets.clone();
         let done = self.every(optimization).and_then(|()| {
             if self.folder.is_some() {
-                self.engine.look();
+                self.engine.record_images();
             }
             optimization.step(self.engine)
         });

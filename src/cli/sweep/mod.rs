@@ -38,7 +38,7 @@ const LOOK: Duration = Duration::from_millis(50);
 
 pub fn run(mut args: SweepArgs) -> u8 {
     let mut terminal = Terminal::new(&args.run.common);
-    if let Err(diagnostic) = take_up(&mut args) {
+    if let Err(diagnostic) = resume(&mut args) {
         terminal.diagnostic(&diagnostic, &SourceMap::default());
         return EXIT_WRONG;
     }
@@ -51,7 +51,7 @@ pub fn run(mut args: SweepArgs) -> u8 {
 }
 
 /// With `--resume`, the settings with which the sweep was begun.
-fn take_up(args: &mut SweepArgs) -> Result<(), Diagnostic> {
+fn resume(args: &mut SweepArgs) -> Result<(), Diagnostic> {
     let Some(folder) = args.run.resume.take() else { return Ok(()) };
     let record = Record::read(&folder)?.ok_or_else(|| {
         Diagnostic::error("dscene::sweep::folder", format!("`{}` is not the folder of a sweep", folder.display()))

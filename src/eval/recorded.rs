@@ -1,4 +1,4 @@
-//! What a loss sees: the images that it compares, kept as they were evaluated, so that showing them costs no rendering.
+//! The images that a loss compares, recorded as they were evaluated, so that showing them costs no rendering.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use super::Engine;
 
 /// An image that params reach, `[height, width, channels]`.
 #[derive(Clone, Debug)]
-pub struct Seen {
+pub struct RecordedImage {
     /// The expression.
     pub name: String,
     pub image: Arc<Tensor>,
@@ -20,36 +20,36 @@ pub struct Seen {
 }
 
 /// Most images that are kept.
-const MOST_SEEN: usize = 6;
+const MOST_RECORDED: usize = 6;
 
-/// What tells apart what was seen: the place in the program, and the way there.
+/// What tells recorded images apart: the place in the program, and the way there.
 type Key = (Span, u64);
 
 #[derive(Default)]
-pub(super) struct Sight {
-    compared: Vec<(Key, Seen)>,
-    rendered: Vec<(Key, Seen)>,
-    /// Within a function of `std/loss.dscene`, whose arguments have been seen: what it does with them is its own affair.
-    within: bool,
+pub(super) struct ImageLog {
+    compared: Vec<(Key, RecordedImage)>,
+    rendered: Vec<(Key, RecordedImage)>,
+    /// Within a function of `std/loss.dscene`, whose arguments have been recorded: what it does with them is its own affair.
+    within_loss: bool,
 }
 
 impl Engine {
-    /// From now on images are kept.
-    pub fn look(&mut self) {
-        self.sight = Some(Sight::default());
+    /// Begins to record images, until [`Engine::recorded_images`] is called.
+    pub fn record_images(&mut self) {
+        self.image_log = Some(ImageLog::default());
     }
 
-    /// What was seen since [`Engine::look`]: images that were compared with others, or else those that were rendered, each place as
+    /// The images since [`Engine::record_images`]: images that were compared with others, or else those that were rendered, each place as
     /// it was evaluated first.
-    pub fn seen(&mut self) -> Vec<Seen> {
-        let Sight { compared, rendered, .. } = self.sight.take().unwrap_or_default();
+    pub fn recorded_images(&mut self) -> Vec<RecordedImage> {
+        let ImageLog { compared, rendered, .. } = self.image_log.take().unwrap_or_default();
         let found = if compared.is_empty() { rendered } else { compared };
-        found.into_iter().map(|(_, seen)| seen).collect()
+        found.into_iter().map(|(_, image)| image).collect()
     }
 
     /// A call that may be that of a loss: its first two images are compared. Returns whether they are.
     pub(super) fn begin_loss(&mut self, function: DeclId, call: &Call, values: &[Option<Value>]) -> bool {
-        if self.sight.as_ref().is_none_or(|sight| sight.within) {
+        if self.image_log.as_ref().is_none_or(|log| log.within_loss) {
             return false;
         }
         let declared = self.program.decl(function).name_span.source;
@@ -58,22 +58,22 @@ impl Engine {
         let spans: Vec<Span> = call.args.iter().flatten().take(2).map(|arg| arg.span).collect();
         let &[left, right] = &spans[..] else { return false };
         let is_compared = is_loss && self.compared((a, left), (b, right));
-        if let Some(sight) = &mut self.sight {
-            sight.within = is_compared;
+        if let Some(log) = &mut self.image_log {
+            log.within_loss = is_compared;
         }
         is_compared
     }
 
     pub(super) fn end_loss(&mut self) {
-        if let Some(sight) = &mut self.sight {
-            sight.within = false;
+        if let Some(log) = &mut self.image_log {
+            log.within_loss = false;
         }
     }
 
     /// Two values that are compared. If they are images of one size, and params reach one of them, they are kept; returns whether.
     pub(super) fn compared(&mut self, left: (&Value, Span), right: (&Value, Span)) -> bool {
         let (Value::Image(a), Value::Image(b)) = (left.0, right.0) else { return false };
-        if self.sight.as_ref().is_none_or(|sight| sight.within) || a.shape() != b.shape() {
+        if self.image_log.as_ref().is_none_or(|log| log.within_loss) || a.shape() != b.shape() {
             return false;
         }
         let ((image, span), target) = match (a.is_live(), b.is_live()) {
@@ -81,21 +81,21 @@ impl Engine {
             (false, true) => ((b, right.1), a),
             (false, false) => return false,
         };
-        let seen = Seen { name: self.name_of(span), image: image.tensor(), target: Some(target.tensor()) };
+        let image = RecordedImage { name: self.name_of(span), image: image.tensor(), target: Some(target.tensor()) };
         let key = (span, self.path);
-        if let Some(sight) = &mut self.sight {
-            keep(&mut sight.compared, key, seen);
+        if let Some(log) = &mut self.image_log {
+            keep(&mut log.compared, key, image);
         }
         true
     }
 
     /// A rendering that params reach.
     pub(super) fn rendered(&mut self, value: &Value, span: Span) {
-        let (Some(_), Value::Image(image)) = (&self.sight, value) else { return };
-        let seen = Seen { name: self.name_of(span), image: image.tensor(), target: None };
+        let (Some(_), Value::Image(image)) = (&self.image_log, value) else { return };
+        let image = RecordedImage { name: self.name_of(span), image: image.tensor(), target: None };
         let key = (span, self.path);
-        if let Some(sight) = &mut self.sight {
-            keep(&mut sight.rendered, key, seen);
+        if let Some(log) = &mut self.image_log {
+            keep(&mut log.rendered, key, image);
         }
     }
 
@@ -104,8 +104,8 @@ impl Engine {
     }
 }
 
-fn keep(kept: &mut Vec<(Key, Seen)>, key: Key, seen: Seen) {
-    if kept.len() < MOST_SEEN && kept.iter().all(|(known, _)| *known != key) {
-        kept.push((key, seen));
+fn keep(kept: &mut Vec<(Key, RecordedImage)>, key: Key, image: RecordedImage) {
+    if kept.len() < MOST_RECORDED && kept.iter().all(|(known, _)| *known != key) {
+        kept.push((key, image));
     }
 }
