@@ -346,6 +346,9 @@ pub struct NewArgs {
 pub struct DocArgs {
     /// A name of the library, or one of its modules
     pub name: Option<String>,
+    /// Adds the pages of the library and of diagnostics to the book that mdBook gives on standard input
+    #[arg(long, num_args = 0.., hide = true, value_name = "QUESTION", conflicts_with = "name")]
+    pub book: Option<Vec<String>>,
     #[command(flatten)]
     pub common: Common,
 }

@@ -3,13 +3,16 @@
 use serde_json::{Value, json};
 
 use super::args::DocArgs;
-use super::{EXIT_USAGE, Terminal, out};
+use super::{EXIT_USAGE, Terminal, book, out};
 use crate::diag::{self, Diagnostic};
 use crate::ide::library::{Entry, Module, modules};
 use crate::session::World;
 use crate::source::SourceMap;
 
 pub fn run(args: &DocArgs) -> u8 {
+    if let Some(question) = &args.book {
+        return book::run(question, &mut Terminal::new(&args.common));
+    }
     let modules = modules();
     let found: Vec<(&Module, Vec<&Entry>)> = match &args.name {
         None => modules.iter().map(|module| (module, module.entries.iter().collect())).collect(),

@@ -1,6 +1,7 @@
 //! The command line.
 
 pub mod args;
+mod book;
 mod check;
 mod compare;
 mod completions;

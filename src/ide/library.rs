@@ -8,6 +8,8 @@ pub struct Module {
     pub name: &'static str,
     /// Its names are known everywhere; those of others by `import std.NAME`.
     pub is_prelude: bool,
+    /// What it is about: the comment that its file begins with.
+    pub about: String,
     pub entries: Vec<Entry>,
 }
 
@@ -24,6 +26,11 @@ pub struct Entry {
 }
 
 impl Entry {
+    /// The name without its module.
+    pub fn bare(&self) -> &str {
+        self.name.rsplit('.').next().unwrap_or(&self.name)
+    }
+
     /// The first sentence of the text.
     pub fn summary(&self) -> &str {
         let end = self.text.match_indices(". ").map(|(at, _)| at).find(|at| !self.text[..*at].ends_with("e.g"));
@@ -49,7 +56,9 @@ pub fn modules() -> Vec<Module> {
         let mut own: Vec<&hir::Decl> = own.collect();
         own.sort_by_key(|decl| decl.span.start);
         let entries = own.into_iter().map(|decl| entry(&program, decl, name, is_prelude)).collect();
-        Module { name, is_prelude, entries }
+        let lines = check::library_text(name).unwrap_or_default().lines();
+        let about: Vec<&str> = lines.map_while(|line| line.strip_prefix("// ")).collect();
+        Module { name, is_prelude, about: about.join(" "), entries }
     };
     names.into_iter().map(module).collect()
 }
@@ -73,7 +82,7 @@ mod tests {
         let modules = modules();
         assert_eq!(modules.iter().filter(|m| m.is_prelude).count(), 10);
         for module in &modules {
-            assert!(!module.entries.is_empty(), "{}", module.name);
+            assert!(!module.entries.is_empty() && module.about.ends_with('.'), "{}", module.name);
             for entry in &module.entries {
                 assert!(!entry.text.is_empty() && !entry.summary().is_empty(), "{}", entry.name);
             }

@@ -3,13 +3,18 @@
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Component, Path, PathBuf};
+use std::process::Output;
+use std::sync::OnceLock;
 
 use dscene::check::{Disk, check_text};
+use dscene::diag::explain::families;
 use dscene::diag::{RenderOptions, render_all};
-use serde_json::Value;
+use dscene::ide::library::modules;
+use serde_json::{Value, json};
 
+use crate::explain::files;
 use crate::format::settled;
-use crate::place::{Place, stderr};
+use crate::place::{Place, assert_code, assert_diagnosed, stderr, stdout};
 
 fn book() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/book")
@@ -18,19 +23,47 @@ fn book() -> PathBuf {
 /// All pages, by their paths below `src`: `tutorial/shape.md`.
 fn pages() -> BTreeMap<String, String> {
     let src = book().join("src");
+    let name = |path: &Path| path.strip_prefix(&src).unwrap().to_str().unwrap().replace('\\', "/");
+    files("docs/book/src", "md").iter().map(|path| (name(path), fs::read_to_string(path).unwrap())).collect()
+}
+
+/// What mdBook gets back from `dsl doc --book`, which adds the pages of the reference and of diagnostics.
+fn added_to(book: &Value) -> Output {
+    Place::new().command(&["doc", "--book"]).write_stdin(book.to_string()).output().unwrap()
+}
+
+/// The pages that are not written by hand, by their paths.
+fn generated() -> &'static BTreeMap<String, String> {
+    static MADE: OnceLock<BTreeMap<String, String>> = OnceLock::new();
+    MADE.get_or_init(generate)
+}
+
+fn generate() -> BTreeMap<String, String> {
+    let chapter = |name: &str| {
+        json!({ "Chapter": {
+            "name": name, "content": "", "number": null, "sub_items": [], "path": format!("{name}/README.md"),
+            "source_path": null, "parent_names": [],
+        }})
+    };
+    let settings = json!({ "root": book(), "renderer": "html" });
+    let items = ["start", "reference", "diagnostics"].map(chapter);
+    let output = added_to(&json!([settings, { "items": items }]));
+    assert_code(&output, 0);
+    let book: Value = serde_json::from_str(&stdout(&output)).unwrap();
     let mut found = BTreeMap::new();
-    let mut folders = vec![src.clone()];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if path.extension().is_some_and(|e| e == "md") {
-                let name = path.strip_prefix(&src).unwrap().to_str().unwrap().replace('\\', "/");
-                found.insert(name, fs::read_to_string(&path).unwrap());
-            }
-        }
+    let mut open = book["items"].as_array().unwrap().clone();
+    while let Some(item) = open.pop() {
+        let chapter = &item["Chapter"];
+        open.extend(chapter["sub_items"].as_array().unwrap().iter().cloned());
+        let path = chapter["path"].as_str().unwrap().to_owned();
+        let text = chapter["content"].as_str().unwrap().to_owned();
+        // A page is named after the pages that it stands beneath.
+        let parents = chapter["parent_names"].as_array().unwrap().len();
+        assert!(parents >= path.trim_end_matches("/README.md").matches('/').count(), "{path}");
+        assert!(found.insert(path.clone(), text).is_none(), "{path} is there twice");
     }
+    assert_eq!(found.remove("start/README.md"), Some(String::new()));
+    found.retain(|path, _| !["reference/README.md", "diagnostics/README.md"].contains(&path.as_str()));
     found
 }
 
@@ -232,7 +265,9 @@ fn resolved(page: &str, link: &str) -> Option<String> {
 
 #[test]
 fn links_of_the_book_lead_somewhere() {
-    let pages = pages();
+    let written = pages();
+    let mut pages = generated().clone();
+    pages.extend(written.clone());
     let mut failures = Vec::new();
     let mut listed = vec!["SUMMARY.md".to_owned()];
     for (page, text) in &pages {
@@ -254,7 +289,95 @@ fn links_of_the_book_lead_somewhere() {
             }
         }
     }
-    let forgotten = pages.keys().filter(|page| !listed.contains(page));
+    let forgotten = written.keys().filter(|page| !listed.contains(page));
     failures.extend(forgotten.map(|page| format!("docs/book/src/SUMMARY.md does not list {page}")));
     assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+#[test]
+fn every_name_and_every_diagnostic_has_a_page() {
+    let pages = generated();
+    let mut failures = Vec::new();
+    let mut entries = 0;
+    for module in modules() {
+        let list = &pages[&format!("reference/{}/README.md", module.name)];
+        for entry in &module.entries {
+            entries += 1;
+            let page = &pages[&format!("reference/{}/{}.md", module.name, entry.bare())];
+            assert!(list.contains(&format!("[`{}`]({}.md)", entry.name, entry.bare())), "{list}");
+            let head = page.split("```dscene\n").nth(1).unwrap().split("```").next().unwrap();
+            let unspaced =
+                |text: &str| text.replace("native ", "").replace(",)", ")").split_whitespace().collect::<String>();
+            assert!(unspaced(head).replace(",)", ")").ends_with(&unspaced(&entry.head)), "{head}\n{}", entry.head);
+            assert!(page.contains(&entry.example), "{page}");
+            // What can be seen is shown. What comes from files looks as these do.
+            let made = ["material", "texture", "light", "camera", "mesh"]
+                .iter()
+                .any(|ty| entry.head.ends_with(&format!("): {ty}")));
+            let is_seen = made
+                && !entry.head.contains("(mesh: mesh")
+                && !entry.head.contains("path: string")
+                && entry.name != "light";
+            if is_seen && !page.contains("\n![") {
+                failures.push(format!(
+                    "docs/book/scripts/reference/{}.dscene makes no {}.png",
+                    module.name,
+                    entry.bare()
+                ));
+            }
+        }
+    }
+    for page in families().iter().flat_map(|family| &family.pages) {
+        let path = format!("diagnostics/{}.md", page.code.trim_start_matches("dscene::").replace("::", "/"));
+        let text = &pages[&path];
+        assert!(text.starts_with(&format!("# {}\n\n{}\n\n{}\n", page.code, page.title, page.text)), "{text}");
+        assert!([page.wrong, page.right].iter().flatten().all(|example| text.contains(example.script)), "{text}");
+        // What is told of the wrong script stands beneath it.
+        let is_told = page.wrong.is_none_or(|wrong| wrong.runs || text.contains(&format!("```text\n{}", page.code)));
+        assert!(is_told, "{text}");
+    }
+    assert!(entries > 150, "{entries}");
+    assert!(failures.is_empty(), "{}", failures.join("\n"));
+}
+
+#[test]
+fn mdbook_gets_answers_and_strangers_are_told() {
+    let place = Place::new();
+    assert_code(&place.dsl(&["doc", "--book", "supports", "html"]), 0);
+    let rooted = json!({ "root": "." });
+    for stranger in [json!(1), json!([rooted]), json!([{}, { "items": [] }]), json!([rooted, { "items": 1 }])] {
+        let output = added_to(&stranger);
+        assert_diagnosed(&output);
+        assert!(stdout(&output).is_empty() && stderr(&output).contains("mdbook build"), "{}", stderr(&output));
+    }
+    assert_code(&place.dsl(&["doc", "--book", "--help"]), 0);
+    let hidden = stdout(&place.dsl(&["doc", "--help"]));
+    assert!(!hidden.contains("--book"), "{hidden}");
+}
+
+/// Scripts of the book check without a warning, and say what they show and what they expect of it. (`cargo truth` runs them.)
+#[test]
+fn scripts_of_the_book_check() {
+    let scripts = files("docs/book/scripts", "dscene");
+    for path in &scripts {
+        let text = fs::read_to_string(path).unwrap();
+        let (codes, shown) = checked(path, &text);
+        assert!(codes.is_empty(), "{}\n{shown}", path.display());
+        assert!(text.starts_with("///"), "{} does not begin with what it shows", path.display());
+    }
+}
+
+/// No more than a book should weigh, and nothing that no page shows.
+#[test]
+fn pictures_are_small_and_shown() {
+    let mut shown = String::new();
+    pages().values().chain(generated().values()).for_each(|text| shown += text);
+    let mut bytes = 0;
+    for path in files("docs/book/src", "png") {
+        bytes += fs::metadata(&path).unwrap().len();
+        let name = path.file_name().unwrap().to_str().unwrap();
+        let folder = path.parent().unwrap().file_name().unwrap().to_str().unwrap();
+        assert!(shown.contains(&format!("{folder}/{name})")), "no page shows {}", path.display());
+    }
+    assert!(bytes < 4_000_000, "the pictures take {bytes} bytes");
 }

@@ -16,7 +16,7 @@ fn pages() -> impl Iterator<Item = &'static Page> {
 }
 
 /// All files below a folder of the repository with an ending.
-fn files(folder: &str, ending: &str) -> Vec<PathBuf> {
+pub fn files(folder: &str, ending: &str) -> Vec<PathBuf> {
     let mut folders = vec![Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)];
     let mut found = Vec::new();
     while let Some(folder) = folders.pop() {

@@ -1,17 +1,33 @@
-//! The examples, run to their ends: what they expect holds, as their comments and the README's table promise.
+//! The examples and the scripts of the book, run to their ends: what they expect holds, as their comments and the README's table promise.
 
 use std::fs;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::place::Place;
 
+/// Below both folders, but those in `assets`, which make what the others read.
+fn scripts() -> Vec<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut folders = vec![root.join("docs/book/scripts"), root.join("examples")];
+    let mut found = Vec::new();
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(&folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() && !path.ends_with("assets") {
+                folders.push(path);
+            } else if path.extension().is_some_and(|extension| extension == "dscene") {
+                found.push(path);
+            }
+        }
+    }
+    found.sort();
+    found
+}
+
 #[test]
 fn examples_find_what_they_look_for() {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("examples");
-    let mut scripts: Vec<_> = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
-    scripts.retain(|path| path.extension().is_some_and(|extension| extension == "dscene"));
-    scripts.sort();
+    let scripts = scripts();
     let mut wrong = Vec::new();
     let mut done = 0;
     for script in &scripts {
@@ -29,6 +45,6 @@ fn examples_find_what_they_look_for() {
         }
         done += 1;
     }
-    assert!(done > 20, "{done} examples");
+    assert!(done > 30, "{done} scripts");
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
