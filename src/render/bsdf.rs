@@ -256,7 +256,13 @@ impl Bsdf {
     }
 
     fn eval_and_pdf_at(&self, angles: &Angles) -> (Vec3, f32) {
-        (self.eval_at(angles), self.pdf_of_lobes(angles))
+        fn of<M: Model>(model: &M, diffuse_share: f32, angles: &Angles) -> (Vec3, f32) {
+            let (lobe, pdf) = model.facets().eval_and_pdf(angles);
+            let base = lambertian(model.base(angles.ci, angles.co), angles.co);
+            let pdf = diffuse_share * cosine_hemisphere_pdf(angles.co) + (1.0 - diffuse_share) * pdf;
+            (base + model.fresnel(angles.half) * lobe, pdf)
+        }
+        with_model!(self, m => of(m, self.diffuse_share(angles.ci), angles), _ => (Vec3::ZERO, 0.0))
     }
 
     /// One part of [`Bsdf::eval`].

@@ -14,6 +14,10 @@ pub trait Microfacets {
     fn sample(&self, wi: Vec3, u: [f32; 2]) -> Vec3;
     /// Solid-angle density of `wi` mirrored at a normal from [`Microfacets::sample`].
     fn pdf(&self, angles: &Angles) -> f32;
+    /// [`Microfacets::eval`] and [`Microfacets::pdf`].
+    fn eval_and_pdf(&self, angles: &Angles) -> (f32, f32) {
+        (self.eval(angles), self.pdf(angles))
+    }
     /// Width α, comparable to that of a Beckmann distribution.
     fn alpha(&self) -> f32;
     /// The distribution if it is GGX's, whose derivative in the roughness has samples of its own.
@@ -143,6 +147,12 @@ impl Microfacets for Ggx {
     /// G1(ci) D / (4 ci)
     fn pdf(&self, &Angles { ci, sin2, .. }: &Angles) -> f32 {
         self.distribution(sin2) / (2.0 * (ci + self.root(ci)))
+    }
+
+    fn eval_and_pdf(&self, &Angles { ci, co, sin2, .. }: &Angles) -> (f32, f32) {
+        // D / (2 (ci + root)) is the density, and the value is that times the other direction's G1.
+        let pdf = self.distribution(sin2) / (2.0 * (ci + self.root(ci)));
+        (pdf * 2.0 * co / (co + self.root(co)), pdf)
     }
 
     fn alpha(&self) -> f32 {
