@@ -41,6 +41,7 @@ impl Checker<'_> {
                 );
             }
         }
+        self.check_intrinsics(args);
         self.check_lens(args, whole_turn);
         self.check_distortion(args);
         if let (Some(position), Some(target)) = (args.get("position"), args.get("look_at"))
@@ -52,6 +53,35 @@ impl Checker<'_> {
                     .label(target.expr.span, "the same point")
                     .label(position.expr.span, "as this"),
             );
+        }
+    }
+
+    /// Checks `focal`, `sensor_width` and `principal`.
+    fn check_intrinsics(&mut self, args: Arguments) {
+        let code = "dscene::value::focal";
+        let place = |name: &str| args.get(name).map(|given| given.expr.span);
+        let [focal, sensor, principal] = ["focal", "sensor_width", "principal"].map(place);
+        if let Some(span) =
+            focal.or(sensor).or(principal).filter(|_| args.word("kind").is_some_and(|k| k != "perspective"))
+        {
+            let message = "only perspective cameras have `focal`, `sensor_width` and `principal`";
+            self.fault(code, message, span, "this camera has none", "leave it out");
+        } else if let (Some(span), Some(_)) = (focal, place("fov").or(place("fov_x"))) {
+            let message = "a camera has a field of view or a focal length, not both";
+            self.fault(code, message, span, "each follows from the other and the film", "leave one of them out");
+        } else if let (Some(span), None) = (sensor, focal) {
+            let message = "`sensor_width` needs `focal`";
+            self.fault(
+                code,
+                message,
+                span,
+                "the unit of what?",
+                "give the focal length in the same unit: `focal: 35, sensor_width: 36`",
+            );
+        } else if let (Some(span), Some(_)) = (principal, place("distortion")) {
+            let message = "a camera with a `distortion` has its principal point in the middle of the film";
+            let help = "undistort the photographs, or crop them around the principal point";
+            self.fault(code, message, span, "cannot be told here", help);
         }
     }
 

@@ -126,10 +126,21 @@ impl Engine {
         let scale = self.overrides.film_scale?;
         let (width, height) = camera.film()?;
         let scaled = |n: usize| (n as f64 * scale).round().max(1.0);
-        let film = Value::tensor(Tensor::vector(vec![scaled(width), scaled(height)]));
-        let keep =
-            |(name, value): &(String, Value)| (name.clone(), if name == "film" { film.clone() } else { value.clone() });
-        let fields = camera.fields.iter().map(keep).collect();
+        let size = [scaled(width), scaled(height)];
+        let ratio = Tensor::vector(vec![size[0] / width as f64, size[1] / height as f64]);
+        // What is given in pixels is scaled with them; a focal length with a sensor is not.
+        let in_pixels = |name: &str| name == "principal" || name == "focal" && camera.field("sensor_width").is_none();
+        let scale = |(name, value): &(String, Value)| {
+            let value = match value {
+                _ if name == "film" => Value::tensor(Tensor::vector(size.to_vec())),
+                Value::Num(v) if in_pixels(name) => {
+                    v.mul(&crate::tape::Var::constant(ratio.clone())).map_or(value.clone(), Value::Num)
+                }
+                other => other.clone(),
+            };
+            (name.clone(), value)
+        };
+        let fields = camera.fields.iter().map(scale).collect();
         Some(Value::Camera(Arc::new(CameraValue { fields, ..camera.clone() })))
     }
 

@@ -346,7 +346,6 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
     if width == 0 || height == 0 || width.saturating_mul(height) > crate::image::MAX_FILM_PIXELS {
         return Err(bad(&format!("a film of {width}×{height} pixels")));
     }
-    let aspect = width as f64 / height as f64;
     let projection = match camera.field("kind") {
         Some(Value::Str(kind)) => match &**kind {
             "orthographic" => Projection::Orthographic,
@@ -362,7 +361,7 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
         has_lens |= number(camera, "aperture")?.is_some_and(|radius| radius.item() != Some(0.0));
         any_focus = any_focus.or(number(camera, "focus")?);
     }
-    let pose = |camera: &CameraValue| lower_pose(camera, projection, aspect, has_lens, &any_focus);
+    let pose = |camera: &CameraValue| lower_pose(camera, projection, [width, height], has_lens, &any_focus);
     let opening = pose(camera)?;
     let closing = camera.closing.as_deref().map(pose).transpose()?;
     let shutter = match camera.field("shutter") {
@@ -434,11 +433,82 @@ impl PoseVars {
     }
 }
 
+/// How much a camera sees from its film's middle to its right and to its upper border: tangents of angles, angles or lengths, see
+/// [`Camera::scale`].
+fn half_angles(camera: &CameraValue, projection: Projection, film: [usize; 2]) -> Result<Var, LowerError> {
+    let aspect = film[0] as f64 / film[1] as f64;
+    let angles = (number(camera, "fov")?, number(camera, "fov_x")?);
+    // Half the field of view in both directions: as an angle, or its tangent.
+    let halves = |tangent: bool, default: f64| {
+        let half = |angle: Var| if tangent { angle.scale(0.5).unary(Unary::Tan) } else { angle.scale(0.5) };
+        match angles.clone() {
+            (None, Some(fov_x)) => {
+                let x = half(fov_x);
+                Var::stack(&[x.clone(), x.scale(1.0 / aspect)])
+            }
+            (fov, _) => {
+                let y = half(fov.unwrap_or_else(|| Var::from(default)));
+                Var::stack(&[y.scale(aspect), y])
+            }
+        }
+    };
+    Ok(match projection {
+        Projection::Orthographic => {
+            let half = number(camera, "height")?.unwrap_or_else(|| Var::from(2.0)).scale(0.5);
+            Var::stack(&[half.scale(aspect), half])?
+        }
+        Projection::Fisheye => halves(false, PI)?,
+        Projection::Panorama if angles.0.is_none() && angles.1.is_none() => {
+            Var::stack(&[Var::from(PI), Var::from(0.5 * PI)])?
+        }
+        Projection::Panorama => halves(false, PI)?,
+        Projection::Perspective => match focal_lengths(camera, film)? {
+            Some(focal) => half_film(film).div(&focal)?,
+            None => halves(true, FRAC_PI_4)?,
+        },
+    })
+}
+
+fn half_film(film: [usize; 2]) -> Var {
+    Var::constant(Tensor::vector(film.map(|n| 0.5 * n as f64).to_vec()))
+}
+
+/// The focal lengths along both sides of the film in pixels, if they are given.
+fn focal_lengths(camera: &CameraValue, film: [usize; 2]) -> Result<Option<Var>, LowerError> {
+    let focal = match camera.field("focal") {
+        Some(Value::Num(v)) if v.len() == 1 => {
+            let v = v.reshape(vec![])?;
+            Var::stack(&[v.clone(), v])?
+        }
+        Some(Value::Num(v)) if v.shape() == [2] => v.clone(),
+        Some(_) => return Err(bad("`focal` of a camera must be a number or `[fx, fy]`")),
+        None => return Ok(None),
+    };
+    Ok(Some(match number(camera, "sensor_width")? {
+        Some(width) => focal.scale(film[0] as f64).div(&width)?,
+        None => focal,
+    }))
+}
+
+/// The frame of a camera whose axis meets the film at the pixel position `principal`. What the film's middle sees lies aside of the axis:
+/// `forward` is sheared along the film, while rays keep their distances from each other.
+fn around(principal: &Var, film: [usize; 2], frame: &Var, scale: &Var) -> Result<Var, LowerError> {
+    // From −1 to 1, y up; times half the film in units of the distance to it.
+    let half = half_film(film);
+    let up = Var::constant(Tensor::vector(vec![1.0, -1.0]));
+    let place = principal.sub(&half)?.div(&half)?.mul(&up)?.mul(scale)?;
+    let row = |i: i64| frame.slice(&[Slice::At(i)]);
+    let [right, up, forward] = [row(0)?, row(1)?, row(2)?];
+    let [x, y] = [0, 1].map(|i| place.slice(&[Slice::At(i)]));
+    let sheared = forward.sub(&right.mul(&x?)?)?.sub(&up.mul(&y?)?)?;
+    Ok(Var::stack(&[right, up, sheared])?)
+}
+
 /// One keyframe of a camera.
 fn lower_pose(
     camera: &CameraValue,
     projection: Projection,
-    aspect: f64,
+    film: [usize; 2],
     has_lens: bool,
     any_focus: &Option<Var>,
 ) -> Result<PoseVars, LowerError> {
@@ -473,32 +543,11 @@ fn lower_pose(
         }
     };
 
-    let angles = (number(camera, "fov")?, number(camera, "fov_x")?);
-    // Half the field of view in both directions: as an angle, or its tangent.
-    let halves = |tangent: bool, default: f64| {
-        let half = |angle: Var| if tangent { angle.scale(0.5).unary(Unary::Tan) } else { angle.scale(0.5) };
-        match angles.clone() {
-            (None, Some(fov_x)) => {
-                let x = half(fov_x);
-                Var::stack(&[x.clone(), x.scale(1.0 / aspect)])
-            }
-            (fov, _) => {
-                let y = half(fov.unwrap_or_else(|| Var::from(default)));
-                Var::stack(&[y.scale(aspect), y])
-            }
-        }
-    };
-    let scale = match projection {
-        Projection::Orthographic => {
-            let half = number(camera, "height")?.unwrap_or_else(|| Var::from(2.0)).scale(0.5);
-            Var::stack(&[half.scale(aspect), half])?
-        }
-        Projection::Fisheye => halves(false, PI)?,
-        Projection::Panorama if angles.0.is_none() && angles.1.is_none() => {
-            Var::stack(&[Var::from(PI), Var::from(0.5 * PI)])?
-        }
-        Projection::Panorama => halves(false, PI)?,
-        Projection::Perspective => halves(true, FRAC_PI_4)?,
+    let scale = half_angles(camera, projection, film)?;
+    let frame = match camera.field("principal") {
+        Some(Value::Num(principal)) if principal.shape() == [2] => around(principal, film, &frame, &scale)?,
+        Some(_) => return Err(bad("`principal` must be `[x, y]`")),
+        None => frame,
     };
     if scale.value().data.iter().any(|s| !(s.is_finite() && *s > 0.0 && *s < 1e6)) {
         return Err(bad("the field of view must lie between 0deg and 180deg"));

@@ -481,10 +481,10 @@ pub fn d_first_hit<S: Sink>(
     match output {
         Output::Radiance | Output::Alpha | Output::ShapeIndex => {}
         Output::Depth => {
-            let forward = camera.frame[2].normalize();
-            adj.p += forward * d.x;
-            out.camera.origin -= forward * d.x;
-            out.camera.frame[2] += crate::math::d_normalize(camera.frame[2], (si.p - camera.origin) * d.x);
+            let axis = camera.axis();
+            adj.p += axis * d.x;
+            out.camera.origin -= axis * d.x;
+            camera.d_axis((si.p - camera.origin) * d.x, &mut out.camera);
         }
         Output::Position => adj.p += d,
         Output::Normal => adj.ns += d,

@@ -468,6 +468,7 @@ fn camera(a: &Args) -> Result<Value> {
     if !["perspective", "orthographic", "fisheye", "panorama"].contains(&kind) {
         return Err(unknown(a, "kind", kind, "`perspective`, `orthographic`, `fisheye` or `panorama`"));
     }
+    intrinsics(a, kind)?;
     lens(a, whole_turn)?;
     distortion(a, kind)?;
     if let Some((i, _)) = a.named("shutter") {
@@ -495,6 +496,34 @@ fn camera(a: &Args) -> Result<Value> {
         }
     }
     Ok(Value::Camera(Arc::new(CameraValue { fields: fields(a), closing: None })))
+}
+
+/// Refuses focal lengths and principal points of cameras that have none, and those that other numbers contradict.
+fn intrinsics(a: &Args, kind: &str) -> Result<()> {
+    let given = ["focal", "sensor_width", "principal"].map(|name| a.named(name).map(|(i, _)| i));
+    if let (Some(i), true) = (given.into_iter().flatten().next(), kind != "perspective") {
+        return Err(NativeError::at(i, format!("only perspective cameras have a `{}`", a.names[i])));
+    }
+    let [focal, sensor, principal] = given;
+    if let (Some(focal), Some((i, _))) = (focal, a.named("fov").or(a.named("fov_x"))) {
+        let message = format!("a camera has `{}` or `{}`, not both", a.names[i], a.names[focal]);
+        return Err(NativeError::at(focal, message).help("each follows from the other and the film"));
+    }
+    if let (None, Some(i)) = (focal, sensor) {
+        return Err(NativeError::at(i, "`sensor_width` needs `focal`, the focal length in the same unit"));
+    }
+    for i in [focal, sensor].into_iter().flatten() {
+        if !a.var(i)?.value().data.iter().all(|x| x.is_finite() && *x > 0.0) {
+            return Err(NativeError::at(i, format!("`{}` must be positive", a.names[i])));
+        }
+    }
+    if let (Some(i), Some(_)) = (principal, a.named("distortion")) {
+        let message = "a camera with a `distortion` has its principal point in the middle of the film";
+        return Err(
+            NativeError::at(i, message).help("undistort the photographs, or crop them around the principal point")
+        );
+    }
+    Ok(())
 }
 
 /// Width and height in pixels.

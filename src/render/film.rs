@@ -208,7 +208,7 @@ impl Kernel for Row<'_> {
 pub(crate) fn first_hit(scene: &Scene, output: Output, camera: &Camera, si: &SurfaceInteraction) -> Vec3 {
     match output {
         Output::Radiance => Vec3::ZERO,
-        Output::Depth => Vec3::X * camera.frame[2].normalize().dot(si.p - camera.origin),
+        Output::Depth => Vec3::X * camera.axis().dot(si.p - camera.origin),
         Output::Alpha => Vec3::X,
         Output::Position => (si.p.as_dvec3() + scene.description.origin).as_vec3(),
         Output::Normal => si.ns,

@@ -37,6 +37,27 @@ impl Camera {
         self.lens.radius == 0.0
     }
 
+    /// The unit vector perpendicular to the plane of the film, towards the scene: the direction of `forward`, unless the film's middle is
+    /// not where the lens's axis meets it.
+    pub fn axis(&self) -> Vec3 {
+        self.across_film().normalize()
+    }
+
+    /// Adjoint of [`Camera::axis`].
+    pub fn d_axis(&self, d_axis: Vec3, adjoint: &mut CameraAdjoint) {
+        let [right, up, forward] = self.frame;
+        let d_cross = crate::math::d_normalize(self.across_film(), d_axis) * right.cross(up).dot(forward).signum();
+        adjoint.frame[0] += up.cross(d_cross);
+        adjoint.frame[1] += d_cross.cross(right);
+    }
+
+    /// [`Camera::axis`], not normalised.
+    fn across_film(&self) -> Vec3 {
+        let [right, up, forward] = self.frame;
+        let cross = right.cross(up);
+        cross * cross.dot(forward).signum()
+    }
+
     /// The numbers of the camera that may change while the shutter is open, at the opening keyframe.
     pub fn pose(&self) -> Pose {
         let Camera { origin, frame, scale, lens, .. } = *self;

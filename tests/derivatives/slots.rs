@@ -160,6 +160,18 @@ const CAMERAS: &[(&str, &str, &str, f64)] = &[
     ("aperture", "param p = 0.4", "position: [0.9, 0.6, 1.6], look_at: [0.3, 0.2, 0], aperture: p, focus: 3", 0.05),
     ("focus", "param p = 0.8", "position: [0.9, 0.6, 1.6], look_at: [0.3, 0.2, 0], aperture: 0.4, focus: p", 0.03),
     (
+        "focal length and principal point",
+        "param p = [15, 14, 9, 5]",
+        "position: [0, 1, 4], look_at: [0, 0, 0], focal: p.xy, principal: p.zw",
+        0.3,
+    ),
+    (
+        "focal length of a lens with an aperture, and its sensor",
+        "param p = [35, 36, 10]",
+        "position: [0.9, 0.6, 1.6], look_at: [0.3, 0.2, 0], aperture: 0.3, focus: 2, focal: p.x, sensor_width: p.y, principal: [p.z, 7]",
+        0.3,
+    ),
+    (
         "distortion",
         "param p = [-0.2, 0.05, 0.01, -0.02, 0.03]",
         "position: [0, 1, 4], look_at: [0, 0, 0], fov: 60deg, distortion: p",

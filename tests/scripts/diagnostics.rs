@@ -404,6 +404,18 @@ loss fit = mse(render(small), target)",
         wanted: &[("dscene::value::fov", "60deg", "leave one of them out")],
     },
     Case {
+        name: "focal_lengths",
+        prelude: "",
+        script: "camera a { fov: 45deg, focal: 50 }\ncamera b { sensor_width: 36 }\ncamera c { kind: fisheye, focal: 50 }\n\
+                 camera d { principal: [30, 20], distortion: [0.1] }",
+        wanted: &[
+            ("dscene::value::focal", "50", "leave one of them out"),
+            ("dscene::value::focal", "36", "focal: 35, sensor_width: 36"),
+            ("dscene::value::focal", "50", "leave it out"),
+            ("dscene::value::focal", "[30, 20]", "undistort"),
+        ],
+    },
+    Case {
         name: "lenses_and_shutters",
         prelude: "",
         script: "camera a { aperture: -0.1, focus: 0 }\ncamera b { kind: fisheye, aperture: 0.1 }\n\

@@ -312,3 +312,46 @@ fn fields_that_check_are_there() {
         assert!(there > 100, "{there}");
     });
 }
+
+/// Calibrated cameras: points come to lie where the pinhole model of OpenCV and COLMAP says.
+#[test]
+fn calibrated_cameras_project_as_their_matrix_says() {
+    let place = crate::place::Place::new();
+    let scene = |film: &str, focal: &str, principal: &str| {
+        format!(
+            "let m = matrix(translation([0.1, -0.2, 4]) @ euler(x: 195deg, y: 20deg, z: 8deg))
+            let eye = camera(film: {film}, transform: opencv_pose(m), focal: {focal}, principal: {principal})
+            fn pixel(p: vec3) {{
+              let q = m @ [p.x, p.y, p.z, 1]
+              [(70 * q.x / q.z + 30) / 64, (66 * q.y / q.z + 27) / 48]
+            }}
+            let points = [[0, 0, 0], [0.7, -0.3, 0.4], [-0.9, 0.5, -0.6]]
+            expect [project(eye, p) for p in points] ≈ [pixel(p) for p in points] within 1e-5
+            let flipped = inverse(m) @ [[1, 0, 0, 0], [0, -1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]]
+            let same = camera(film: {film}, transform: opengl_pose(flipped), focal: {focal}, principal: {principal})
+            expect project(same, points) ≈ project(eye, points) within 1e-6\n"
+        )
+    };
+    place.run(&scene("[64, 48]", "[70, 66]", "[30, 27]"));
+    // The same camera with twice the pixels, and by the width of its sensor.
+    place.run(&scene("[128, 96]", "[140, 132]", "[60, 54]"));
+    place.run(&scene("[64, 48]", "[35, 33]", "[30, 27]").replace("principal", "sensor_width: 32, principal"));
+}
+
+/// A stage's smaller film shows what the whole one does.
+#[test]
+fn a_scaled_film_keeps_the_calibration() {
+    let place = crate::place::Place::new();
+    let shown = place.run(
+        "param x = 0.3
+        camera eye { position: [0, 0, 4], look_at: [0, 0, 0], film: [32, 24], focal: 40, principal: [10, 15] }
+        loss off = sum((project(eye, [x, 0.2, 0]) - project(eye, [0.1, 0.2, 0])) ^ 2) + 0 * mean(render(eye, spp: 1))
+        shape ball { mesh: sphere() }
+        light sky = constant(1)
+        let scale = project(eye, [1, 0, 0]).x - project(eye, [0, 0, 0]).x
+        optimize off { using: sgd(lr: 0), stage half { steps: 2, film_scale: 0.5 }, every 1 { print \"scale {scale:.5}\" } }
+        print \"scale {scale:.5}\"",
+    );
+    let scales: Vec<&str> = shown.lines().filter(|line| line.contains("scale 0")).collect();
+    assert!(scales.len() >= 2 && scales.iter().all(|line| line.contains("0.3125")), "{shown}");
+}

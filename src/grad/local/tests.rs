@@ -520,19 +520,9 @@ fn first_hits_match_the_dual_number_twin() {
         let also = [true, !crossings.is_empty(), masked];
         checked[i % OUTPUTS.len()].iter_mut().zip(also).for_each(|(n, also)| *n += i32::from(also));
 
-        let camera = Camera {
-            projection: Projection::Perspective,
-            origin: 4.0 * anywhere(rng),
-            frame: from_fn(|_| anywhere(rng)),
-            scale: [1.0; 2],
-            width: 1,
-            height: 1,
-            lens: Lens::PINHOLE,
-            distortion: Distortion::default(),
-            shutter: Camera::WHOLE,
-            closing: None,
-        };
-        let moves: [Vec3; 2] = from_fn(|_| anywhere(rng));
+        let (origin, frame) = (4.0 * anywhere(rng), from_fn(|_| anywhere(rng)));
+        let camera = Camera { origin, frame, ..Camera::look_at(Vec3::ZERO, Vec3::Z, Vec3::Y, 1.0, [1, 1]) };
+        let moves: [Vec3; 3] = from_fn(|_| anywhere(rng));
         let d = anywhere(rng);
         let mut out = moving.adjoints();
         let (channel, ray) = if output == Output::Radiance {
@@ -549,11 +539,14 @@ fn first_hits_match_the_dual_number_twin() {
 
         let v = moving.vertex(&si, hit.line());
         let first_of = |x: Number| [x, Dual::constant(0.0), Dual::constant(0.0)];
-        let (forward, eye) = (vector(camera.frame[2], moves[1]), vector(camera.origin, moves[0]));
+        let [right, up, forward] = camera.frame;
+        let side = f64::from(right.cross(up).dot(forward).signum());
+        let axis = unit(times(cross(vector(right, moves[1]), vector(up, moves[2])), Dual::constant(side)));
+        let eye = vector(camera.origin, moves[0]);
         let emission = scene.description.shapes[si.prim as usize].emission.as_ref().unwrap();
         let twin = match output {
             Output::Radiance => moving.lookup(emission.radiance, si.prim, v.b),
-            Output::Depth => first_of(dot(unit(forward), minus(v.p, eye))),
+            Output::Depth => first_of(dot(axis, minus(v.p, eye))),
             Output::Position => v.p,
             Output::Normal => v.ns,
             Output::GeometricNormal => v.ng,
@@ -567,7 +560,13 @@ fn first_hits_match_the_dual_number_twin() {
         let stops = moving.opacity(si.prim, v.b) * f64::from(through.inv_choice);
         let twin = dot(twin, constants(d)) * stops * moving.pass(&crossings, hit.line());
         let [by_origin, by_dir] = hit.terms(ray);
-        let others = [by_origin, by_dir, (out.camera.origin, moves[0]), (out.camera.frame[2], moves[1])];
+        let others = [
+            by_origin,
+            by_dir,
+            (out.camera.origin, moves[0]),
+            (out.camera.frame[0], moves[1]),
+            (out.camera.frame[1], moves[2]),
+        ];
         let value = d.dot(channel) * through.weight;
         moving.assert_alike(&format!("{output:?}"), value, &mut out, &others, twin);
     }
