@@ -10,12 +10,11 @@ use crate::math::{Dual, Pcg32};
 use crate::mesh::Mesh;
 use crate::render::accel::{Hit, Ray};
 use crate::render::bsdf::Bsdf;
-use crate::render::distortion::Distortion;
 use crate::render::mask::MaskSampling;
 use crate::render::sampler::Sampler;
-use crate::render::scene::{Cone, Lens};
+use crate::render::scene::Cone;
 use crate::render::texture::Texture;
-use crate::render::{DeltaLight, Emission, Material, MaterialKind, Projection, Scene, SceneDescription, Shape, Slot};
+use crate::render::{DeltaLight, Emission, Material, MaterialKind, Scene, SceneDescription, Shape, Slot};
 use twin::*;
 
 fn vertex(ns: Vec3, wi: Vec3, bsdf: Bsdf) -> SurfaceInteraction {
