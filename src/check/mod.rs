@@ -48,7 +48,7 @@ pub use flow::{children, reaching_params, reaching_params_of};
 pub use lines::{Line, check_line};
 pub use lints::LINTS;
 use modules::Checker;
-pub use modules::{ModuleId, PRELUDE, library_modules, library_text, normal};
+pub use modules::{ModuleId, PRELUDE, is_private, library_modules, library_text, normal};
 pub use signature::TYPE_NAMES;
 pub use sweep::SEED;
 pub use understanding::{Understanding, understand};

@@ -16,7 +16,7 @@ use crate::syntax::ast::{self, StatementKind};
 use crate::syntax::{self};
 
 /// The standard library: module name and text. The `prelude` ones are visible everywhere, the others by `import std.NAME`.
-const LIBRARY: [(&str, bool, &str); 11] = [
+const LIBRARY: [(&str, bool, &str); 14] = [
     ("math", true, include_str!("../../stdlib/math.dscene")),
     ("mesh", true, include_str!("../../stdlib/mesh.dscene")),
     ("material", true, include_str!("../../stdlib/material.dscene")),
@@ -28,6 +28,9 @@ const LIBRARY: [(&str, bool, &str); 11] = [
     ("optimize", true, include_str!("../../stdlib/optimize.dscene")),
     ("derivative", true, include_str!("../../stdlib/derivative.dscene")),
     ("studio", false, include_str!("../../stdlib/studio.dscene")),
+    ("cornell", false, include_str!("../../stdlib/cornell.dscene")),
+    ("presets", false, include_str!("../../stdlib/presets.dscene")),
+    ("photo", false, include_str!("../../stdlib/photo.dscene")),
 ];
 
 /// The modules of the library, and whether their names are known everywhere.
@@ -557,7 +560,11 @@ impl<'l> Checker<'l> {
                 "leave it out: all functions of the library are there".to_owned()
             }
             Some(found) => format!("did you mean `{found}`?"),
-            None => format!("files are imported by path: `import \"{name}.dscene\"`; the library has `std.studio`"),
+            None => {
+                let modules = LIBRARY.iter().filter(|(_, prelude, _)| !prelude).map(|(n, ..)| format!("`std.{n}`"));
+                let modules = modules.collect::<Vec<String>>().join(", ");
+                format!("files are imported by path: `import \"{name}.dscene\"`; the library has {modules}")
+            }
         };
         self.diagnostics.push(
             Diagnostic::error("dscene::import::missing", format!("there is no module `{name}`"))

@@ -3,6 +3,9 @@
 use super::describe;
 use crate::check::{self, Disk, hir};
 
+/// What has a full stop and ends no sentence.
+const ABBREVIATIONS: [&str; 3] = ["e.g", "Rec", "et al"];
+
 /// A module of the library.
 pub struct Module {
     pub name: &'static str,
@@ -33,7 +36,8 @@ impl Entry {
 
     /// The first sentence of the text.
     pub fn summary(&self) -> &str {
-        let end = self.text.match_indices(". ").map(|(at, _)| at).find(|at| !self.text[..*at].ends_with("e.g"));
+        let is_abbreviated = |at: usize| ABBREVIATIONS.iter().any(|word| self.text[..at].ends_with(word));
+        let end = self.text.match_indices(". ").map(|(at, _)| at).find(|at| !is_abbreviated(*at));
         let sentence = end.map_or(self.text.as_str(), |at| &self.text[..at]);
         sentence.trim_end_matches(['.', '\n'])
     }
@@ -51,8 +55,10 @@ pub fn modules() -> Vec<Module> {
     let program = checked.program.unwrap_or_default();
     let module = |(name, is_prelude): (&'static str, bool)| {
         let file = format!("std/{name}.dscene");
+        let bare = |decl: &hir::Decl| decl.name.rsplit('.').next().unwrap_or_default().to_owned();
+        let is_own = |decl: &&hir::Decl| program.sources.name(decl.span.source) == file;
         let own =
-            program.ids().map(|id| program.decl(id)).filter(|decl| program.sources.name(decl.span.source) == file);
+            program.ids().map(|id| program.decl(id)).filter(is_own).filter(|decl| !check::is_private(&bare(decl)));
         let mut own: Vec<&hir::Decl> = own.collect();
         own.sort_by_key(|decl| decl.span.start);
         let entries = own.into_iter().map(|decl| entry(&program, decl, name, is_prelude)).collect();
@@ -93,6 +99,8 @@ mod tests {
         assert_eq!(blur.summary(), "Smoothed by a Gaussian of standard deviation `sigma` pixels");
         assert_eq!(blur.example, "blur(img, sigma: 1.5)");
         assert_eq!(find("load").example, "");
+        assert_eq!(find("luminance").summary(), "Luminance of a linear RGB image (one channel) or colour (Rec. 709)");
+        assert!(modules.iter().flat_map(|m| &m.entries).all(|e| !e.name.contains("._")), "what is private has no page");
         assert!(find("studio.three_point").head.starts_with("fn three_point("));
     }
 }

@@ -6,11 +6,15 @@ use dscene::diag::{RenderOptions, render, render_all};
 use dscene::eval::{Engine, EngineOptions, on_large_stack};
 use dscene::natives::fields_of;
 
+use crate::place::{Place, assert_code};
 use crate::typed::disagreement;
 
 /// What the examples may use.
 const FIXTURE: &str = "
 import std.studio as studio
+import std.cornell as cornell
+import std.presets as presets
+import std.photo as photo
 camera eye { position: [0, 0, 5], fov: 45deg, film: [16, 16] }
 param size = 1
 param turn = 10deg
@@ -354,4 +358,13 @@ fn a_scaled_film_keeps_the_calibration() {
     );
     let scales: Vec<&str> = shown.lines().filter(|line| line.contains("scale 0")).collect();
     assert!(scales.len() >= 2 && scales.iter().all(|line| line.contains("0.3125")), "{shown}");
+}
+
+/// What is written in the language has its values tested in the language.
+#[test]
+fn functions_of_the_library_give_what_is_known_otherwise() {
+    let place = Place::new();
+    let file = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/scripts/library.dscene");
+    let output = place.dsl(&["test", &file.display().to_string()]);
+    assert_code(&output, 0);
 }
