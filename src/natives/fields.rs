@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use crate::tape::{Tensor, Var};
+use crate::tape::{Slice, Tensor, Var};
 
-use super::scene::rotation_of;
+use super::scene::{rotation_of, transform_matrix};
 use super::value::{
     CameraValue, Input, LightValue, MeshValue, SettingsKind, SettingsValue, ShapeValue, TextureValue, Value,
 };
@@ -17,7 +17,7 @@ pub fn field(value: &Value, name: &str) -> Option<Value> {
     match value {
         Value::Num(v) if name.starts_with('[') => {
             let i = row(name, v.shape())?;
-            v.slice(&[crate::tape::Slice::At(i as i64)]).ok().map(Value::Num)
+            v.slice(&[Slice::At(i as i64)]).ok().map(Value::Num)
         }
         Value::Num(v) => swizzle(name, v.shape().last().copied()?).and_then(|which| pick(v, &which).map(Value::Num)),
         Value::Image(v) => match name {
@@ -41,6 +41,7 @@ pub fn field(value: &Value, name: &str) -> Option<Value> {
         },
         Value::Light(l) => light_field(l, name),
         Value::Camera(c) => match (c.field(name), name) {
+            (_, "position" | "look_at" | "up") if c.field("transform").is_some() => placed(c.field("transform")?, name),
             (Some(v), _) => Some(v.clone()),
             (None, "width") => c.film().map(|f| Value::scalar(f.0 as f64)),
             _ => None,
@@ -65,6 +66,18 @@ pub fn field(value: &Value, name: &str) -> Option<Value> {
         Value::Rotation(m) | Value::Transform(m) if name == "matrix" => Some(Value::Num(m.clone())),
         _ => None,
     }
+}
+
+/// Where a camera that is placed by a transform stands and looks: what `position`, `look_at` and `up` would be instead of it.
+fn placed(transform: &Value, name: &str) -> Option<Value> {
+    let matrix = transform_matrix(transform)?;
+    let column = |i: i64| matrix.slice(&[Slice::Range(0, 3), Slice::At(i)]).ok();
+    let place = match name {
+        "position" => column(3)?,
+        "look_at" => column(3)?.add(&column(2)?.normalize().ok()?).ok()?,
+        _ => column(1)?.normalize().ok()?,
+    };
+    Some(Value::Num(place))
 }
 
 /// Names of the fields that a value has.
@@ -162,6 +175,12 @@ pub fn set_field(value: &Value, path: &[String], new: Value) -> Result<Value> {
             _ => Err(refuse()),
         },
         Value::Light(l) => set_light_field(l, name, &new).ok_or_else(refuse),
+        Value::Camera(c)
+            if c.field("transform").is_some() && ["position", "look_at", "up"].contains(&name.as_str()) =>
+        {
+            Err(NativeError::new(format!("`{name}` of a camera that is placed by `transform` cannot be replaced"))
+                .help("replace its `transform`, for instance by `look_at(position, target)`"))
+        }
         Value::Camera(c) => {
             let closing = c.closing.clone();
             Ok(Value::Camera(Arc::new(CameraValue { fields: replaced(&c.fields, name, new), closing })))
