@@ -582,13 +582,14 @@ fn a_camera_that_is_placed_by_a_transform_tells_where_it_stands() {
 let eye = camera(transform: translation([x, 2, -4]) @ rotation(axis: [0, 1, 0], angle: 90deg))
 loss far = eye.position.x ^ 2",
     );
-    let close = |found: Vec<f64>, wanted: [f64; 3]| assert!(found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-9));
+    let close =
+        |found: Vec<f64>, wanted: [f64; 3]| assert!(found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-9));
     close(numbers(&mut e, "eye.position"), [1.0, 2.0, -4.0]);
     close(numbers(&mut e, "eye.look_at"), [2.0, 2.0, -4.0]);
     close(numbers(&mut e, "eye.up"), [0.0, 1.0, 0.0]);
     assert_eq!(numbers(&mut e, "grad(far, x)"), [2.0]);
     let error = try_eval(&mut e, "alpha(eye) with { eye.position: [0, 0, 0] }").err().expect("it has no effect");
-    assert!(error.help.unwrap_or_default().contains("`transform`"), "{}", error.message);
+    assert!(error.helps.concat().contains("`transform`"), "{}", error.message);
 }
 
 #[test]
