@@ -67,19 +67,29 @@ fn with_pages(text: &str) -> Result<Value, Diagnostic> {
         let list: Vec<String> = added.iter().map(|c| line(&c.title, &below(&c.path), &about(c))).collect();
         let text = chapter["content"].as_str().unwrap_or_default();
         chapter["content"] = json!(format!("{text}\n{}", list.concat()));
-        let parents = json!([chapter["name"]]);
+        let (number, parents) = (chapter["number"].clone(), json!([chapter["name"]]));
         let items = chapter.get_mut("sub_items").and_then(Value::as_array_mut).ok_or_else(stranger)?;
-        items.extend(added.into_iter().map(|added| as_json(added, &parents)));
+        for added in added {
+            items.push(as_json(added, &with(&number, items.len() + 1), &parents));
+        }
     }
     Ok(book.take())
 }
 
-fn as_json(chapter: Chapter, parents: &Value) -> Value {
-    let mut names = parents.clone();
-    names.as_array_mut().into_iter().for_each(|names| names.push(json!(chapter.title)));
-    let beneath: Vec<Value> = chapter.beneath.into_iter().map(|c| as_json(c, &names)).collect();
+/// A list with one thing more behind it; one of that thing, if there is no list.
+fn with(list: &Value, last: impl Into<Value>) -> Value {
+    let mut all = list.as_array().cloned().unwrap_or_default();
+    all.push(last.into());
+    Value::Array(all)
+}
+
+/// As mdBook has chapters. `number` is 2, 5, 1 for chapter 2.5.1: by its length mdBook knows how deep a chapter stands.
+fn as_json(chapter: Chapter, number: &Value, parents: &Value) -> Value {
+    let names = with(parents, chapter.title.as_str());
+    let beneath = chapter.beneath.into_iter().zip(1..).map(|(c, i)| as_json(c, &with(number, i), &names));
+    let beneath: Vec<Value> = beneath.collect();
     json!({ "Chapter": {
-        "name": chapter.title, "content": chapter.text, "number": null, "sub_items": beneath,
+        "name": chapter.title, "content": chapter.text, "number": number, "sub_items": beneath,
         "path": chapter.path, "source_path": null, "parent_names": parents,
     }})
 }

@@ -41,7 +41,7 @@ fn generated() -> &'static BTreeMap<String, String> {
 fn generate() -> BTreeMap<String, String> {
     let chapter = |name: &str| {
         json!({ "Chapter": {
-            "name": name, "content": "", "number": null, "sub_items": [], "path": format!("{name}/README.md"),
+            "name": name, "content": "", "number": [1], "sub_items": [], "path": format!("{name}/README.md"),
             "source_path": null, "parent_names": [],
         }})
     };
@@ -57,9 +57,10 @@ fn generate() -> BTreeMap<String, String> {
         open.extend(chapter["sub_items"].as_array().unwrap().iter().cloned());
         let path = chapter["path"].as_str().unwrap().to_owned();
         let text = chapter["content"].as_str().unwrap().to_owned();
-        // A page is named after the pages that it stands beneath.
+        // A page is named after the pages that it stands beneath, and numbered by its place among them.
         let parents = chapter["parent_names"].as_array().unwrap().len();
         assert!(parents >= path.trim_end_matches("/README.md").matches('/').count(), "{path}");
+        assert_eq!(chapter["number"].as_array().unwrap().len(), parents + 1, "{path}");
         assert!(found.insert(path.clone(), text).is_none(), "{path} is there twice");
     }
     assert_eq!(found.remove("start/README.md"), Some(String::new()));
@@ -168,7 +169,7 @@ fn blocks_that_are_to_run_do() {
     assert!(failures.is_empty(), "{}", failures.join("\n"));
 }
 
-/// Pages with a script show all of it, so that who types the page has the script.
+/// Pages with a script show all of it in its order, so that who types the page has the script.
 #[test]
 fn parts_are_the_lines_of_the_script_of_their_page() {
     let mut failures = Vec::new();
@@ -180,20 +181,23 @@ fn parts_are_the_lines_of_the_script_of_their_page() {
         let text = fs::read_to_string(&block.script)
             .unwrap_or_else(|e| panic!("{} is a part of {}: {e}", block.place, block.script.display()));
         let lines: Vec<&str> = text.lines().collect();
-        let shown = scripts.entry(block.script.clone()).or_insert_with(|| vec![false; lines.len()]);
-        let mut from = 0;
+        let (shown, from) = scripts.entry(block.script.clone()).or_insert_with(|| (vec![false; lines.len()], 0));
         for part in block.text.split("…\n").filter(|part| !part.trim().is_empty()) {
             let part: Vec<&str> = part.trim_end().lines().collect();
-            let found = (from..lines.len()).find(|&i| lines[i..].starts_with(&part));
+            let found = (*from..lines.len()).find(|&i| lines[i..].starts_with(&part));
             let Some(at) = found else {
-                failures.push(format!("{}: the script does not have\n{}", block.place, part.join("\n")));
+                failures.push(format!(
+                    "{}: what follows in the script does not have\n{}",
+                    block.place,
+                    part.join("\n")
+                ));
                 break;
             };
-            from = at + part.len();
-            shown[at..from].fill(true);
+            *from = at + part.len();
+            shown[at..*from].fill(true);
         }
     }
-    for (path, shown) in &scripts {
+    for (path, (shown, _)) in &scripts {
         let text = fs::read_to_string(path).unwrap();
         let hidden: Vec<&str> =
             text.lines().zip(shown).filter(|(l, s)| !**s && !l.is_empty()).map(|(l, _)| l).collect();

@@ -11,7 +11,6 @@
             type: "scalar int bool string angle vec2 vec3 vec4 color mat3 mat4 rotation transform image optimizer",
         },
         contains: [
-            { className: "doctag", begin: /\/\/\//, end: /$/ },
             hljs.C_LINE_COMMENT_MODE,
             hljs.COMMENT(/\/\*/, /\*\//, { contains: ["self"] }),
             { className: "string", begin: /"/, end: /"/, contains: [{ begin: /\\./ }, inserted] },
