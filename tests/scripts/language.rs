@@ -588,7 +588,8 @@ loss far = eye.position.x ^ 2",
     close(numbers(&mut e, "eye.look_at"), [2.0, 2.0, -4.0]);
     close(numbers(&mut e, "eye.up"), [0.0, 1.0, 0.0]);
     assert_eq!(numbers(&mut e, "grad(far, x)"), [2.0]);
-    let error = try_eval(&mut e, "alpha(eye) with { eye.position: [0, 0, 0] }").err().expect("it has no effect");
+    let error =
+        try_eval(&mut e, "project(eye, [3, 2, -4]) with { eye.position: [0, 0, 0] }").err().expect("it has no effect");
     assert!(error.helps.concat().contains("`transform`"), "{}", error.message);
 }
 
