@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use crate::place::Place;
 
-/// Below both folders, but those in `assets`, which make what the others read.
+/// Below both folders, but those that expect nothing: they make what others read (`assets`), or the pictures of the reference.
 fn scripts() -> Vec<PathBuf> {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut folders = vec![root.join("docs/book/scripts"), root.join("examples")];
@@ -14,7 +14,7 @@ fn scripts() -> Vec<PathBuf> {
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(&folder).unwrap() {
             let path = entry.unwrap().path();
-            if path.is_dir() && !path.ends_with("assets") {
+            if path.is_dir() && !path.ends_with("assets") && !path.ends_with("scripts/reference") {
                 folders.push(path);
             } else if path.extension().is_some_and(|extension| extension == "dscene") {
                 found.push(path);
