@@ -42,6 +42,9 @@
 // Only the kernel of the ray queries (`render::accel::avx2`) and products of matrices (`network::gemm`) are allowed to.
 #![deny(unsafe_code)]
 
+// What pest's derive makes without `std` names it.
+extern crate alloc;
+
 pub mod files;
 pub mod memory;
 pub mod source;
