@@ -103,6 +103,8 @@ const SCOPES = [
   ["let a: vec3[2] = f(spp: samples)", "spp", "variable.parameter"],
   ["fn f(g: (scalar) => vec3, v: { cam: camera }) = g", "scalar", "support.type"],
   ["fn f(g: (scalar) => vec3, v: { cam: camera }) = g", "camera", "support.type"],
+  ["fn f(g: (image, mesh) => vec3) = g", "mesh", "support.type"],
+  ["fn f(g: (image, mesh) => vec3) = g", "vec3", "support.type"],
   ["param size: scalar ~ normal(0, 1)", "scalar", "support.type"],
   ["let a = if b then c else not d", "then", "keyword.control"],
   ["let a = if b then c else not d", "not", "keyword.operator.word"],

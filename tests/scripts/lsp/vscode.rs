@@ -39,7 +39,7 @@ fn the_grammar_colours_every_word_of_the_language() {
             || matches!(word.as_str(), "none" | "test" | "within" | "of" | "over");
         assert!(known, "{word}");
     }
-    let types = alternatives(grammar["repository"]["types"]["match"].as_str().unwrap());
+    let types = alternatives(grammar["repository"]["types"]["patterns"][1]["match"].as_str().unwrap());
     for name in TYPE_NAMES {
         assert!(types.contains(name), "{name}");
     }
