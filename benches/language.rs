@@ -1,6 +1,8 @@
 //! What the language costs apart from rendering: checking generated scripts as they grow, what an editor waits for, lines of the REPL,
 //! comprehensions and their derivatives. Each group doubles as a table of growth: ten times the lines should take ten times as long.
 
+use std::io::{BufRead, BufReader, Read, Write};
+use std::process::{ChildStdin, ChildStdout, Command, Stdio};
 use std::sync::Arc;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
@@ -14,6 +16,7 @@ use dscene::ide::tokens::painted;
 use dscene::session::line::check_line;
 use dscene::source::SourceMap;
 use dscene::syntax;
+use serde_json::{Value, json};
 
 /// Checks a text, which may be wrong.
 fn check(text: &str) -> usize {
@@ -110,6 +113,80 @@ fn editing(c: &mut Criterion) {
     group.finish();
 }
 
+/// A client of `dsl lsp`.
+struct Client {
+    input: ChildStdin,
+    output: BufReader<ChildStdout>,
+}
+
+impl Client {
+    fn send(&mut self, message: &Value) {
+        let body = message.to_string();
+        let sent = write!(self.input, "Content-Length: {}\r\n\r\n{body}", body.len());
+        sent.and_then(|()| self.input.flush()).expect("the server reads");
+    }
+
+    /// Asks, and skips what comes before the answer.
+    fn ask(&mut self, method: &str, params: &Value) -> Value {
+        self.send(&json!({"jsonrpc": "2.0", "id": method, "method": method, "params": params}));
+        loop {
+            let mut head = String::new();
+            while !head.ends_with("\r\n\r\n") {
+                self.output.read_line(&mut head).expect("the server writes");
+            }
+            let length = head.trim_start_matches("Content-Length: ").trim().parse().expect("a length");
+            let mut body = vec![0; length];
+            self.output.read_exact(&mut body).expect("a message");
+            let message: Value = serde_json::from_slice(&body).expect("JSON");
+            if message["id"] == method {
+                return message;
+            }
+        }
+    }
+}
+
+/// A session of 200 edits with the server itself: a letter more or less in a script of 2,000 lines, and what editors ask after each.
+fn session(c: &mut Criterion) {
+    const EDITS: u64 = 200;
+    let mut server = Command::new(env!("CARGO_BIN_EXE_dsl"))
+        .arg("lsp")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("the server starts");
+    let (input, output) = (server.stdin.take().expect("piped"), server.stdout.take().expect("piped"));
+    let mut client = Client { input, output: BufReader::new(output) };
+    client.ask("initialize", &json!({"capabilities": {}}));
+    let about = json!({"uri": "file:///session.dscene"});
+    let text = lines(2_000, mixed);
+    let opened = json!({"uri": about["uri"], "languageId": "dscene", "version": 0, "text": text});
+    client.send(&json!({"jsonrpc": "2.0", "method": "textDocument/didOpen", "params": {"textDocument": opened}}));
+    // Behind the name of `let v1002`.
+    let (start, end) = (json!({"line": 1002, "character": 9}), json!({"line": 1002, "character": 10}));
+    let mut version = 0;
+    let mut edit = |client: &mut Client, method: &str| {
+        version += 1;
+        let (until, new) = if version % 2 == 1 { (&start, "a") } else { (&end, "") };
+        let document = json!({"uri": about["uri"], "version": version});
+        let params = json!({"textDocument": document, "contentChanges": [{"range": {"start": start, "end": until}, "text": new}]});
+        client.send(&json!({"jsonrpc": "2.0", "method": "textDocument/didChange", "params": params}));
+        client.ask(method, &json!({"textDocument": about, "position": start}))
+    };
+    let mut group = c.benchmark_group("server");
+    group.sample_size(10).throughput(Throughput::Elements(EDITS));
+    group.bench_function("session of 200 edits", |b| {
+        b.iter(|| {
+            for i in 0..EDITS {
+                let methods = ["completion", "hover", "semanticTokens/full", "documentSymbol"];
+                edit(&mut client, &format!("textDocument/{}", methods[i as usize % methods.len()]));
+            }
+        });
+    });
+    group.finish();
+    let _ = server.kill();
+    let _ = server.wait();
+}
+
 fn typing(c: &mut Criterion) {
     let mut group = c.benchmark_group("REPL declarations");
     group.sample_size(10);
@@ -152,5 +229,5 @@ fn comprehensions(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, checking, reading, editing, typing, comprehensions);
+criterion_group!(benches, checking, reading, editing, session, typing, comprehensions);
 criterion_main!(benches);

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
-use std::io::{self, Read, Write};
+use std::io::{self, Read, Seek, Write};
 use std::path::{Component, Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -16,6 +16,18 @@ pub const MAX_FILE_BYTES: u64 = 1 << 31;
 /// opened: some never end, and some never begin.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>, String> {
     read(path).map_err(|e| describe_io(&e))
+}
+
+/// At most so many bytes from the end of a file, and whether these are all.
+pub fn read_end(path: &Path, most: u64) -> io::Result<(Vec<u8>, bool)> {
+    let metadata = fs::metadata(path)?;
+    ordinary(&metadata)?;
+    let mut file = fs::File::open(path)?;
+    let start = metadata.len().saturating_sub(most);
+    file.seek(io::SeekFrom::Start(start))?;
+    let mut bytes = Vec::new();
+    file.take(most).read_to_end(&mut bytes)?;
+    Ok((bytes, start == 0))
 }
 
 /// The same with the kind of the error; [`describe_io`] has its words.

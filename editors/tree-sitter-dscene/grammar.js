@@ -315,6 +315,7 @@ module.exports = grammar({
     identifier: (_) => /[A-Za-z_][A-Za-z0-9_]*/,
 
     comment: (_) => token(seq("//", /[^\n]*/)),
-    doc_comment: (_) => token(prec(1, seq("///", optional(/[^\/\n][^\n]*/)))),
+    // Precedence counts before length: nothing that begins an ordinary comment may match, such as the first three of four slashes.
+    doc_comment: (_) => token(prec(1, seq("///", /[^\/\n][^\n]*/))),
   },
 });

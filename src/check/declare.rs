@@ -26,6 +26,13 @@ impl Checker<'_> {
     }
 
     fn declare_now(&mut self, id: DeclId) {
+        let source = self.slot(id).statement.span.source;
+        if let Some(ty) = self.origin.given.get(&source).cloned() {
+            // Its text says where the value came from, and may have lost its meaning since.
+            let slot = self.slot_mut(id);
+            (slot.hir.kind, slot.hir.ty, slot.hir.body, slot.state) = (DeclKind::Let, ty, None, State::Done);
+            return;
+        }
         self.slot_mut(id).state = State::Busy;
         self.stack.push(id);
         let locals = std::mem::take(&mut self.locals);

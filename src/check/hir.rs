@@ -1,5 +1,6 @@
 //! The typed program: names resolved, calls matched to parameters, kind blocks lowered to constructor calls.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::types::Ty;
@@ -45,6 +46,8 @@ pub struct Origin {
     pub overrides: Vec<(String, crate::source::SourceId)>,
     /// Lines typed in the REPL, in order.
     pub lines: Vec<crate::source::SourceId>,
+    /// Those among them whose declaration has a value that is given, not computed, with its type ([`super::check_given`]).
+    pub given: HashMap<crate::source::SourceId, Ty>,
 }
 
 impl Program {
@@ -426,6 +429,13 @@ pub struct Derivative {
     pub wrt: Vec<(Target, Span)>,
     /// `direction` of `jvp`, `step` of `fd`, `repeats` of `estimate`.
     pub argument: Option<Expr>,
+}
+
+impl Derivative {
+    /// Whether this is `grad(loss)`: by all params that reach the loss.
+    pub fn is_by_all(&self) -> bool {
+        self.kind == DerivativeKind::Grad && self.wrt.is_empty()
+    }
 }
 
 #[derive(Clone, Debug)]

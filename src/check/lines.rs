@@ -71,6 +71,22 @@ pub(super) struct Knowledge {
 /// Checks a line (a declaration, an action or an expression) against a program. Declarations of the same name are
 /// replaced and keep their id. The program is changed only if there are no errors, but it always gets the line's source.
 pub fn check_line(program: &mut Program, text: &str) -> (Option<Line>, Vec<Diagnostic>) {
+    check_line_as(program, text, None)
+}
+
+/// Adds `let name = text` with a value that is given, of type `ty`: the text is for readers only. `None` if it cannot be read, or if the name
+/// has a meaning already.
+pub fn check_given(program: &mut Program, name: &str, text: &str, ty: Ty) -> Option<DeclId> {
+    if program.find(name).is_some() {
+        return None;
+    }
+    match check_line_as(program, &format!("let {name} = {text}"), Some(ty)).0? {
+        Line::Statements { declared, .. } => declared.first().copied(),
+        Line::Expr(_) | Line::Empty => None,
+    }
+}
+
+fn check_line_as(program: &mut Program, text: &str, given: Option<Ty>) -> (Option<Line>, Vec<Diagnostic>) {
     let mut sources = program.sources.clone();
     let path = program.origin.main.and_then(|id| sources.get(id)).and_then(|f| f.path.clone());
     let line = sources.add("<line>", path.as_deref(), text);
@@ -78,7 +94,7 @@ pub fn check_line(program: &mut Program, text: &str) -> (Option<Line>, Vec<Diagn
     let (new_program, result, mut diagnostics) = with_room(|| {
         let mut checker = Checker::new(sources, &Disk);
         checker.quiet = true;
-        let result = checker.line(program, line, text);
+        let result = checker.line(program, line, text, given);
         let knowledge = checker.knowledge();
         let (mut new_program, diagnostics, _) = checker.finish();
         new_program.known = Known(Some(Arc::new(knowledge)));
@@ -103,8 +119,9 @@ pub fn check_line(program: &mut Program, text: &str) -> (Option<Line>, Vec<Diagn
 }
 
 impl Checker<'_> {
-    fn line(&mut self, program: &Program, line: SourceId, text: &str) -> Line {
+    fn line(&mut self, program: &Program, line: SourceId, text: &str, given: Option<Ty>) -> Line {
         let mut origin = program.origin.clone();
+        origin.given.extend(given.map(|ty| (line, ty)));
         let is_statement = syntax::is_statement(text);
         if is_statement {
             origin.lines.push(line);

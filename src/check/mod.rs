@@ -45,7 +45,7 @@ use crate::source::SourceMap;
 pub use domains::{Part, Reached, domain_of_field, domains};
 pub use fields::{field_type, fields_of, type_of};
 pub use flow::{children, reaching_params, reaching_params_of};
-pub use lines::{Line, check_line};
+pub use lines::{Line, check_given, check_line};
 pub use lints::LINTS;
 use modules::Checker;
 pub use modules::{ModuleId, PRELUDE, is_private, library_modules, library_text, normal};
@@ -119,7 +119,7 @@ pub fn check_text(
         .iter()
         .map(|(name, expr)| (name.clone(), sources.add(format!("--set {name}"), path, expr.as_str())))
         .collect();
-    let origin = hir::Origin { main: Some(main), overrides, lines: Vec::new() };
+    let origin = hir::Origin { main: Some(main), overrides, ..Default::default() };
     with_room(move || {
         let mut checker = Checker::new(sources, loader);
         checker.run(origin);

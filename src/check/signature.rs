@@ -90,6 +90,24 @@ impl Const {
         }
     }
 
+    /// As it would be written, to six digits; `None` for functions, for records (of which only a part may be known) and for what is long.
+    pub fn shown(&self) -> Option<String> {
+        const LONGEST: usize = 60;
+        let number = |x: &f64| format!("{x:.5e}").parse::<f64>().map_or_else(|_| x.to_string(), |x| x.to_string());
+        let text = match self {
+            Const::Num(x) => number(x),
+            Const::Angle(x) => format!("{}deg", number(&x.to_degrees())),
+            Const::Bool(b) => b.to_string(),
+            Const::Str(text) => format!("{text:?}"),
+            Const::List(items) if items.len() <= LONGEST => {
+                let items: Vec<String> = items.iter().map(Const::shown).collect::<Option<_>>()?;
+                format!("[{}]", items.join(", "))
+            }
+            Const::List(_) | Const::Record(_) | Const::Function(_) => return None,
+        };
+        (text.len() <= LONGEST).then_some(text)
+    }
+
     /// What is known about an item of a list: only functions are known, as one of them.
     pub fn some_item(&self) -> Option<Const> {
         let Const::List(items) = self else { return None };

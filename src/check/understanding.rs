@@ -103,6 +103,11 @@ impl Understanding {
         self.knowledge.slots.get(id.0 as usize).map(|slot| &*slot.statement)
     }
 
+    /// The value of a declaration as it would be written, if it follows from the text alone.
+    pub fn constant(&self, id: DeclId) -> Option<String> {
+        self.knowledge.slots.get(id.0 as usize)?.value.as_ref()?.shown()
+    }
+
     /// The type that an annotation names, such as `vec3[4]`; `None` if there is none of that name.
     pub fn type_named(&self, annotation: &str) -> Option<Ty> {
         let (name, lengths) = annotation.split_at(annotation.find('[').unwrap_or(annotation.len()));

@@ -162,8 +162,10 @@ The page needs no network. Runs may be going on.")]
 Examples:
   dsl repl scene.dscene
   echo 'grad(loss)' | dsl repl scene.dscene
+  dsl repl --json scene.dscene                       for programs: a JSON object on a line for each entry
 
-Type :help inside.")]
+Type :help inside. Images are drawn as the terminal knows it; DSCENE_IMAGES=kitty, iterm, sixel or blocks decides it. With --json an answer
+has value, type, unit and name (_1), or declared, printed and so on, and always entry, ok and diagnostics; --out DIR saves images there.")]
     Repl(ReplArgs),
     /// Shows a script in the browser as it is edited
     #[command(after_help = "\

@@ -167,7 +167,7 @@ fn linked(text: &str, own: &Entry, paths: &BTreeMap<&str, String>, up: &str) -> 
 
 /// A page for a family of codes, and beneath it one for each.
 fn family(family: &Family) -> Chapter {
-    let short = |code: &str| code.trim_start_matches("dscene::").replace("::", "/");
+    let short = |code: &str| code.split_once("::").map_or(code, |(_, rest)| rest).replace("::", "/");
     let path = |page: &Page| format!("diagnostics/{}.md", short(page.code));
     let list: Vec<String> =
         family.pages.iter().map(|page| line(page.code, &format!("../{}", below(&path(page))), &page.title)).collect();

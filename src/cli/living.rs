@@ -40,19 +40,20 @@ impl Living {
         }
     }
 
-    /// Replaces the program by a file's, unless the file is wrong: then the old one stays. Returns whether it was replaced.
-    pub fn load(&mut self, file: &Path, world: &mut dyn World) -> bool {
+    /// Replaces the program by a file's, unless the file is wrong: then the old one stays. Gives the engine that was replaced.
+    pub fn load(&mut self, file: &Path, world: &mut dyn World) -> Option<Engine> {
         self.begin(check_file(file, &self.common), file, world)
     }
 
     /// The same with a file that was checked.
-    pub fn begin(&mut self, checked: Checked, file: &Path, world: &mut dyn World) -> bool {
-        let Some(program) = told(checked, world) else { return false };
+    pub fn begin(&mut self, checked: Checked, file: &Path, world: &mut dyn World) -> Option<Engine> {
+        let program = told(checked, world)?;
         let interrupt = Some(self.interrupt.clone());
-        self.engine = Engine::new(program, EngineOptions { interrupt, ..engine_options(&self.common, file) });
+        let engine = Engine::new(program, EngineOptions { interrupt, ..engine_options(&self.common, file) });
+        let before = std::mem::replace(&mut self.engine, engine);
         self.file = Some(file.to_path_buf());
         self.forget_optimization();
-        true
+        Some(before)
     }
 
     /// Goes on with the file after an edit, which computes only what the edit reaches. Params stay where they are.

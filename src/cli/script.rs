@@ -3,11 +3,12 @@
 use crate::check::types::Ty;
 use crate::check::{Line, hir};
 use crate::diag::Diagnostic;
-use crate::eval::Engine;
+use crate::eval::{Engine, is_angle};
+use crate::natives::value::Value;
 use crate::session::Override;
 use crate::session::folder::nested;
 use crate::session::line::check_line;
-use crate::source::{SourceId, Span};
+use crate::source::{SourceId, SourceMap, Span};
 use crate::syntax::ast::{Expr, ExprKind, KindBody, StatementKind};
 use crate::tape::Tensor;
 
@@ -48,8 +49,8 @@ pub fn script_with_values(
     others: Vec<Edit>,
 ) -> Result<String, Diagnostic> {
     let sources = engine.program().sources.clone();
-    let mut pending: Vec<(Edit, bool)> =
-        others.into_iter().chain(moved_params(engine)?).map(|edit| (edit, false)).collect();
+    let edits = others.into_iter().chain(moved_params(engine)?).chain(given_values(engine, typed));
+    let mut pending: Vec<(Edit, bool)> = edits.map(|edit| (edit, false)).collect();
     let mut out = String::new();
     for source in root.into_iter().chain(typed.iter().copied()) {
         let Some(file) = sources.get(source) else { continue };
@@ -93,7 +94,33 @@ pub fn script_with_values(
     if !elsewhere.is_empty() {
         out.push_str(&format!("\n// Values of what is not written above:\n{elsewhere}"));
     }
-    Ok(out)
+    let mut sources = SourceMap::new();
+    let source = sources.add("script", None, out.as_str());
+    // What cannot be laid out is still the script.
+    Ok(crate::syntax::format(&sources, source).unwrap_or(out))
+}
+
+/// The most numbers of a given value that are written out.
+const MOST_NUMBERS: usize = 4096;
+
+/// What was given its value in the lines `typed`, as far as text can hold it; the rest stays the expression that it came from.
+fn given_values(engine: &Engine, typed: &[SourceId]) -> Vec<Edit> {
+    let program = engine.program();
+    let is_typed = |id: hir::DeclId| typed.contains(&program.decl(id).span.source);
+    let given = engine.given_values().into_iter().filter(|(id, _)| is_typed(*id));
+    let edit = |(id, value): (hir::DeclId, Value)| {
+        let decl = program.decl(id);
+        let text = match &value {
+            Value::Bool(b) => b.to_string(),
+            Value::Transform(_) | Value::Texture(_) => return None,
+            other => match other.var().filter(|v| v.len() <= MOST_NUMBERS && v.value().is_finite()) {
+                Some(var) => as_script(var.value(), &decl.ty),
+                None => return None,
+            },
+        };
+        Some(Edit { name: decl.name.clone(), path: Vec::new(), text })
+    };
+    given.filter_map(edit).collect()
 }
 
 impl Edit {
@@ -202,6 +229,8 @@ pub fn as_script(t: &Tensor, ty: &Ty) -> String {
                 format!("{}rad", nested(&[], &[x]))
             }
         }
+        // As an array of numbers it would have lost its unit.
+        (ty, None) if is_angle(ty) => format!("{} * 1rad", numbers()),
         (Ty::Rotation, _) => format!("rotation(matrix: {})", numbers()),
         (Ty::Image { .. }, _) => format!("image({})", numbers()),
         _ => numbers(),

@@ -24,6 +24,7 @@ impl Engine {
         let params = std::mem::take(&mut self.params).into_iter();
         self.params = params.filter_map(|(id, state)| Some((*new_ids.get(&id)?, state))).collect();
         self.worlds.truncate(1);
+        self.evaluated.clear();
         let cache = std::mem::take(&mut self.worlds[0].cache).into_iter();
         let kept = cache.filter(|(_, entry)| !holds_function(&entry.value)).filter_map(|(id, mut entry)| {
             entry.deps.params = entry.deps.params.renamed(&new_ids);

@@ -21,6 +21,7 @@ mod origin;
 mod project;
 mod reach;
 mod recorded;
+mod redeclared;
 mod render;
 mod renew;
 mod residuals;
@@ -29,7 +30,7 @@ mod state;
 mod target;
 mod warnings;
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -121,6 +122,9 @@ pub struct Statistics {
     /// Wall time of evaluating what is differentiated, and of its derivatives.
     pub values_took: Duration,
     pub derivatives_took: Duration,
+    /// Wall time of building scenes with their ray trees, and of rendering.
+    pub scenes_took: Duration,
+    pub renders_took: Duration,
 }
 
 struct Entry {
@@ -175,6 +179,10 @@ pub struct Engine {
     renewed: Vec<renew::Renewed>,
     /// Params that changed since the cache was last cleared of values that depend on them.
     moved: Params,
+    /// Declarations that were evaluated at least once.
+    evaluated: HashSet<DeclId>,
+    /// Those among them whose value the program's replacement by another has changed.
+    dropped: Vec<DeclId>,
     locals: Vec<(LocalId, Value)>,
     /// Names that every expression from outside sees beside the declarations: what a test has computed.
     scope: Vec<(LocalId, Value)>,
@@ -213,6 +221,8 @@ impl Engine {
             evaluating: Evaluating::default(),
             renewed: vec![],
             moved: Params::default(),
+            evaluated: HashSet::new(),
+            dropped: vec![],
             locals: vec![],
             scope: vec![],
             base: 0,
@@ -235,25 +245,6 @@ impl Engine {
 
     pub fn statistics(&self) -> Statistics {
         Statistics { samples: self.samples.load(Ordering::Relaxed), ..self.statistics }
-    }
-
-    /// Replaces the program by an edited one, in which declarations keep their ids. Params whose declaration did not change keep their
-    /// values, and all values that do not depend on the edit stay computed.
-    pub fn update(&mut self, program: hir::Program) {
-        let changed: Vec<DeclId> = program.ids().filter(|&id| !same_decl(&self.program, &program, id)).collect();
-        let same_scene = self.program.default_scene == program.default_scene;
-        let same_scene = same_scene && self.program.integrator == program.integrator;
-        let rendering = if same_scene { Vec::new() } else { self.reach.rendering() };
-        match Arc::get_mut(&mut self.reach) {
-            Some(reach) => reach.update(&program, changed.iter().copied().chain(rendering)),
-            None => self.reach = Arc::new(Reach::new(&program)),
-        }
-        let reach = self.reach.clone();
-        let touched = reach.reaching_any(&changed);
-        let stale = |id: DeclId| touched.contains(&id.0) || (!same_scene && reach.renders(id));
-        changed.iter().for_each(|id| drop(self.params.remove(id)));
-        self.worlds[0].cache.retain(|id, _| !stale(*id));
-        self.program = Arc::new(program);
     }
 
     /// Sets the values of `step` and `progress`. A new step draws new samples.
@@ -547,6 +538,9 @@ impl Engine {
         let value = value?;
         self.depends(|d| d.merge(&deps));
         let computed = self.statistics.declarations;
+        if home == 0 {
+            self.evaluated.insert(id);
+        }
         self.worlds[home].cache.insert(id, Entry { value: value.clone(), deps, computed });
         Ok(value)
     }
@@ -663,26 +657,6 @@ impl ParamState {
             }
         }
     }
-}
-
-/// Whether a declaration is the same in two versions of a program.
-fn same_decl(old: &hir::Program, new: &hir::Program, id: DeclId) -> bool {
-    let Some(a) = old.decls.get(id.0 as usize) else { return false };
-    let b = &new.decls[id.0 as usize];
-    if Arc::ptr_eq(a, b) {
-        return true;
-    }
-    let same_body = match (&a.body, &b.body) {
-        // After checking again, the syntax trees are new but the texts are the same.
-        (Some(x), Some(y)) => Arc::ptr_eq(x, y) || format!("{x:?}") == format!("{y:?}"),
-        (None, None) => true,
-        _ => false,
-    };
-    let same_kind = match (&a.kind, &b.kind) {
-        (DeclKind::Fn(x), DeclKind::Fn(y)) => Arc::ptr_eq(x, y) || format!("{x:?}") == format!("{y:?}"),
-        (x, y) => std::mem::discriminant(x) == std::mem::discriminant(y),
-    };
-    same_body && same_kind && a.name == b.name
 }
 
 impl Engine {

@@ -2,6 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
+use std::time::Instant;
 
 use crate::check::hir::{NativeDecl, Rendering};
 use crate::diag::Diagnostic;
@@ -354,7 +355,9 @@ impl Engine {
         self.statistics.renders += 1;
         let stop = self.options.interrupt.clone().unwrap_or_default();
         let failed = |engine: &Engine, e| engine.scene_error(LowerError::Scene(e), &scene, &origins, span);
+        let begun = Instant::now();
         let mut image = grad::render_until(&lowered.scene, &seen_by, &settings, &stop).map_err(|e| failed(self, e))?;
+        self.statistics.renders_took += begun.elapsed();
         stop::check();
         if settings.output == Output::Radiance && image.data.iter().all(|x| *x == 0.0) {
             let why = dark::reason(&lowered.scene, &seen_by);
@@ -399,8 +402,10 @@ impl Engine {
         }
         self.statistics.scenes += 1;
         let before = self.scenes.before(scene);
+        let begun = Instant::now();
         let lowered =
             lower::lower_scene(scene, before.as_deref()).map_err(|e| self.scene_error(e, scene, origins, span))?;
+        self.statistics.scenes_took += begun.elapsed();
         let lowered = Arc::new(lowered);
         self.scenes.insert(scene.clone(), lowered.clone());
         Ok(lowered)

@@ -66,19 +66,21 @@ pub fn fixes(analysis: &Analysis, diagnostic: &Diagnostic, loader: &(dyn Loader 
     found
 }
 
-/// A `let` in place of a param that no loss feels, if it is no more than a name and a value.
+/// A `let` in place of a param that no loss feels, without the bounds and settings that only a param has. A prior may be all that it has.
 fn settled(analysis: &Analysis, name: Span) -> Option<Fix> {
     let known = &analysis.known;
     let statement =
         known.trees.get(&known.main)?.iter().find(|s| s.span.start <= name.start && name.end <= s.span.end)?;
     let StatementKind::Param(param) = &statement.kind else { return None };
-    if param.bounds.is_some() || param.prior.is_some() || !param.settings.is_empty() {
-        return None;
-    }
-    let start = statement.span.start as usize;
+    let value_end = param.value.as_ref()?.span.end as usize;
+    let (start, statement_end) = (statement.span.start as usize, statement.span.end as usize);
     let end = start + "param".len();
     let title = format!("Make `{}` a `let`", param.name.text);
-    (analysis.file().text.get(start..end) == Some("param")).then(|| Fix::one(title, start, end, "let".to_owned()))
+    let mut edits = vec![(start, end, "let".to_owned())];
+    if value_end < statement_end {
+        edits.push((value_end, statement_end, String::new()));
+    }
+    (analysis.file().text.get(start..end) == Some("param")).then_some(Fix { title, edits })
 }
 
 /// What stands between backticks and can be typed as it is: behind `write` or a colon, if the help says why first.

@@ -1,6 +1,7 @@
 //! What is told of the name or literal under the mouse.
 
-use crate::check::hir::DeclId;
+use crate::check::hir::{DeclId, DeclKind};
+use crate::check::types::Ty;
 use crate::source::Span;
 use crate::syntax::ast::{ExprKind, StatementKind};
 use crate::syntax::snippet::expression_after;
@@ -46,6 +47,16 @@ fn of_name(analysis: &Analysis, name: &Occurrence) -> Option<String> {
             let of = known.types.get(base).map_or_else(String::new, |ty| format!("\nA field of {}.", ty.a()));
             Some(format!("{}{of}", code(&format!("{word}: {ty}"))))
         }
+        Symbol::Key(field) => {
+            let head = match type_of_field(analysis, name.span) {
+                Some(ty) => format!("{word}: {ty}"),
+                // In a type, where it is written.
+                None if name.declares => expression_after(&analysis.file().text, name.span.start as usize).to_owned(),
+                None => word.to_owned(),
+            };
+            let of = format!("A field of records with `{}`.", field.fields.join("`, `"));
+            Some(format!("{}\n{of}", code(&head)))
+        }
         Symbol::Module(place) => {
             let is_alias =
                 |import: &crate::syntax::ast::Import| import.alias.as_ref().is_some_and(|a| a.span == *place);
@@ -61,16 +72,31 @@ fn of_name(analysis: &Analysis, name: &Occurrence) -> Option<String> {
             _ => format!("{}\nThe loss at this step.", code("loss: scalar")),
         }),
         Symbol::Setting => super::settings::doc(word).map(|doc| format!("{}\n{doc}", code(word))),
-        Symbol::Word | Symbol::Unknown => None,
+        Symbol::Type | Symbol::Word | Symbol::Unknown => None,
     }
 }
 
-/// A declaration's head and documentation.
+/// The type of a record's field where it is written, or behind a dot.
+fn type_of_field(analysis: &Analysis, name: Span) -> Option<&Ty> {
+    let around = analysis.expressions_at(name.start as usize);
+    let value = around.iter().rev().find_map(|e| match &e.kind {
+        ExprKind::Record(fields) => fields.iter().find(|f| f.name.span == name).map(|f| f.value.span),
+        ExprKind::Member { name: n, .. } if n.span == name => Some(e.span),
+        _ => None,
+    });
+    analysis.known.types.get(&value?)
+}
+
+/// A declaration's head, its value if that is known without running anything, and its documentation.
 pub fn of_declaration(analysis: &Analysis, id: DeclId) -> String {
     let program = &analysis.known.program;
     let decl = program.decl(id);
     let docs = describe::docs(decl);
-    format!("{}\n{docs}", code(&describe::head(program, decl))).trim_end().to_owned()
+    let value = match decl.kind {
+        DeclKind::Let => analysis.known.constant(id).map_or_else(String::new, |value| format!(" = {value}")),
+        _ => String::new(),
+    };
+    format!("{}\n{docs}", code(&format!("{}{value}", describe::head(program, decl)))).trim_end().to_owned()
 }
 
 fn of_local(analysis: &Analysis, place: Span, word: &str) -> String {

@@ -116,6 +116,7 @@ impl Analysis {
         match symbol {
             Symbol::Decl(id) => Some(self.known.program.decl(*id).name_span),
             Symbol::Local(span) | Symbol::Module(span) => Some(*span),
+            Symbol::Key(field) => references::written(self, field).into_iter().next(),
             _ => None,
         }
     }

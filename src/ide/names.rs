@@ -1,6 +1,7 @@
 //! What every name of a file means: one walk over its statements, with the scopes of parameters, loops and blocks.
 
 use crate::check::hir::DeclId;
+use crate::check::types::Ty;
 use crate::check::{ModuleId, Understanding};
 use crate::source::{SourceId, Span};
 use crate::syntax::ast::{self, Expr, ExprKind, StatementKind, StrPart};
@@ -17,8 +18,12 @@ pub enum Symbol {
     Module(Span),
     /// A field behind a dot, with the place of the value that has it.
     Field(Span),
+    /// A field of a record, wherever it is written: in the record, in its type, behind a dot.
+    Key(Key),
     /// A field of `optimize`, of a param or of a plot.
     Setting,
+    /// The name of a type.
+    Type,
     /// One of the words that an argument may be: `kind: orthographic`.
     Word,
     /// `step`, `progress`, and `loss` in `stop_when`.
@@ -27,7 +32,30 @@ pub enum Symbol {
     Unknown,
 }
 
-/// A name at its place.
+/// A field of all records that have the same fields: records of one type, since no record stands for one with others.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Key {
+    pub name: String,
+    /// The names of all fields, in alphabetical order.
+    pub fields: Vec<String>,
+}
+
+impl Key {
+    fn new<'f>(name: &str, fields: impl Iterator<Item = &'f str>) -> Key {
+        let mut fields: Vec<String> = fields.map(str::to_owned).collect();
+        fields.sort_unstable();
+        fields.dedup();
+        Key { name: name.to_owned(), fields }
+    }
+
+    /// The field of a record's type.
+    fn of(ty: &Ty, name: &str) -> Option<Key> {
+        let fields = ty.record()?.iter().map(|(name, _)| name.as_str());
+        Some(Key::new(name, fields)).filter(|key| key.fields.contains(&key.name))
+    }
+}
+
+/// A name at its place. Where a name is two things, as in `{ photo }`, there are two, that of the value first.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Occurrence {
     pub span: Span,
@@ -84,6 +112,30 @@ impl Walk<'_> {
         self.found.push(Occurrence { span, symbol, declares });
     }
 
+    /// The names that a type is made of, and the fields of its records.
+    fn ty(&mut self, ty: Option<&ast::Type>) {
+        for atom in ty.iter().flat_map(|ty| &ty.choices) {
+            match &atom.kind {
+                ast::TypeKind::Record(fields) => {
+                    let names = || fields.iter().map(|(name, _)| name.text.as_str());
+                    for (name, ty) in fields {
+                        self.note(name.span, Symbol::Key(Key::new(&name.text, names())), true);
+                        self.ty(Some(ty));
+                    }
+                }
+                ast::TypeKind::Fn(parameters, result) => {
+                    parameters.iter().for_each(|ty| self.ty(Some(ty)));
+                    self.ty(Some(result));
+                }
+                ast::TypeKind::Named(name) => {
+                    let (source, start) = (atom.span.source, atom.span.start as usize);
+                    self.note(Span::new(source, start, start + name.len()), Symbol::Type, false);
+                }
+                ast::TypeKind::Word(_) => {}
+            }
+        }
+    }
+
     /// Names a local from here to the end of its scope.
     fn bind(&mut self, name: &ast::Name) {
         self.note(name.span, Symbol::Local(name.span), true);
@@ -110,7 +162,12 @@ impl Walk<'_> {
                     self.note(alias.span, Symbol::Module(alias.span), true);
                 }
             }
-            StatementKind::Let { name, value, .. } | StatementKind::Loss { name, value } => {
+            StatementKind::Let { name, ty, value } => {
+                self.declared(name);
+                self.ty(ty.as_ref());
+                self.expr(value);
+            }
+            StatementKind::Loss { name, value } => {
                 self.declared(name);
                 self.expr(value);
             }
@@ -120,14 +177,17 @@ impl Walk<'_> {
                 self.scoped(|walk| {
                     for param in &f.params {
                         // A default sees the parameters before it.
+                        walk.ty(param.ty.as_ref());
                         param.default.iter().for_each(|default| walk.expr(default));
                         walk.bind(&param.name);
                     }
+                    walk.ty(f.result.as_ref());
                     f.body.iter().for_each(|body| walk.expr(body));
                 });
             }
-            StatementKind::Kind { kind, name, body, .. } => {
+            StatementKind::Kind { kind, name, ty, body } => {
                 self.declared(name);
+                self.ty(ty.as_ref());
                 match body {
                     ast::KindBody::Value(value) => self.expr(value),
                     ast::KindBody::Fields(fields) => {
@@ -143,7 +203,8 @@ impl Walk<'_> {
             StatementKind::Test(test) => self.scoped(|walk| {
                 for step in &test.steps {
                     step.parts().for_each(|part| walk.expr(part));
-                    if let ast::TestStep::Let { name, .. } = step {
+                    if let ast::TestStep::Let { name, ty, .. } = step {
+                        walk.ty(ty.as_ref());
                         walk.bind(name);
                     }
                 }
@@ -153,6 +214,7 @@ impl Walk<'_> {
 
     fn param(&mut self, param: &ast::Param) {
         self.declared(&param.name);
+        self.ty(param.ty.as_ref());
         param.value.iter().chain(&param.prior).for_each(|e| self.expr(e));
         let bounds = param.bounds.iter().flat_map(|bounds| [&bounds.low, &bounds.high]);
         bounds.flatten().for_each(|e| self.expr(e));
@@ -208,11 +270,9 @@ impl Walk<'_> {
             }
             ast::Action::Report { columns, .. } => {
                 for column in columns {
-                    // `error` alone is `error: error`: the name is the value.
-                    if column.name.span != column.value.span {
-                        self.note(column.name.span, Symbol::Setting, false);
-                    }
+                    // `error` alone is `error: error`.
                     self.expr(&column.value);
+                    self.note(column.name.span, Symbol::Setting, false);
                 }
             }
             ast::Action::Sweep(sweep) => {
@@ -307,12 +367,11 @@ impl Walk<'_> {
                 }
             }
             ExprKind::Record(fields) => {
+                let names = || fields.iter().map(|field| field.name.text.as_str());
                 for field in fields {
-                    // `{ photo }` is `{ photo: photo }`: the name is the value.
-                    if field.name.span != field.value.span {
-                        self.note(field.name.span, Symbol::Word, false);
-                    }
+                    // `{ photo }` is `{ photo: photo }`.
                     self.expr(&field.value);
+                    self.note(field.name.span, Symbol::Key(Key::new(&field.name.text, names())), true);
                 }
             }
             ExprKind::Call { callee, args } => {
@@ -325,7 +384,10 @@ impl Walk<'_> {
             }
             ExprKind::Member { base, name } => {
                 self.expr(base);
-                let symbol = self.module_member(base, name).map_or(Symbol::Field(base.span), Symbol::Decl);
+                let symbol = match self.module_member(base, name) {
+                    Some(id) => Symbol::Decl(id),
+                    None => self.field(self.known.types.get(&base.span), base.span, &name.text),
+                };
                 self.note(name.span, symbol, false);
             }
             ExprKind::Comprehension { element, clauses } => self.scoped(|walk| {
@@ -341,7 +403,8 @@ impl Walk<'_> {
                 walk.expr(body);
             }),
             ExprKind::Block { lets, body } => self.scoped(|walk| {
-                for (name, _, value) in lets {
+                for (name, ty, value) in lets {
+                    walk.ty(ty.as_ref());
                     walk.expr(value);
                     walk.bind(name);
                 }
@@ -355,6 +418,11 @@ impl Walk<'_> {
         }
     }
 
+    /// A field of a value of a type that stands at `base`.
+    fn field(&self, ty: Option<&Ty>, base: Span, name: &str) -> Symbol {
+        ty.and_then(|ty| Key::of(ty, name)).map_or(Symbol::Field(base), Symbol::Key)
+    }
+
     /// `lamp.radiance: 2`, `lib.lamp.radiance: 2`, `points[0]: 1`.
     fn replacement(&mut self, replacement: &ast::Replacement) {
         let mut path = replacement.path.iter();
@@ -362,12 +430,22 @@ impl Walk<'_> {
         self.used(&first.text, first.span);
         let mut base = first.span;
         let mut of_module = self.found.last().is_some_and(|o| matches!(o.symbol, Symbol::Module(_)));
+        let mut ty = match self.found.last().map(|o| &o.symbol) {
+            Some(Symbol::Decl(id)) => Some(self.known.program.decl(*id).ty.clone()),
+            _ => None,
+        };
         for name in path {
             let module = self.known.module(self.module).and_then(|m| m.aliases.get(&first.text));
             let member = module.and_then(|m| self.known.module(*m)?.names.get(&name.text).copied());
             let symbol = match member.filter(|_| of_module) {
                 Some(id) => Symbol::Decl(id),
-                None => Symbol::Field(base),
+                None => self.field(ty.as_ref(), base, &name.text),
+            };
+            ty = match (&symbol, ty) {
+                (Symbol::Decl(id), _) => Some(self.known.program.decl(*id).ty.clone()),
+                (_, Some(Ty::Record(fields))) => fields.into_iter().find(|(n, _)| *n == name.text).map(|(_, ty)| ty),
+                (_, Some(Ty::Array(item, _))) if name.text.starts_with('[') => Some(*item),
+                _ => None,
             };
             self.note(name.span, symbol, false);
             of_module = false;

@@ -4,17 +4,26 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::Analysis;
-use super::names::{Occurrence, Symbol, occurrences};
+use super::names::{Key, Occurrence, Symbol, occurrences};
+use crate::check::types::Ty;
 use crate::check::{Understanding, normal};
 use crate::source::{SourceFile, SourceId, Span};
-use crate::syntax::ast::{Action, StatementKind};
 use crate::syntax::is_reserved;
 
-/// Where a name is given: a file, by its path or (the library's) by its name, and an offset. The same in all analyses.
+/// What gives a name its meaning, the same in all analyses.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Origin {
+    /// The file by its path or (the library's) by its name: where the name is given, or where a field was asked for.
     pub file: PathBuf,
-    pub start: u32,
+    pub given: Given,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Given {
+    /// By a place in the file.
+    At(u32),
+    /// By all records that have it.
+    Key(Key),
 }
 
 /// A place in a file.
@@ -41,9 +50,25 @@ pub fn key(file: &SourceFile) -> PathBuf {
 /// Where the name at an offset is given; `None` for what no text gives a name to.
 pub fn origin(analysis: &Analysis, offset: usize) -> Option<Origin> {
     let symbol = &analysis.name_at(offset)?.symbol;
+    if let Symbol::Key(field) = symbol {
+        return Some(Origin { file: key(&analysis.file()), given: Given::Key(field.clone()) });
+    }
     let place = analysis.declaration(symbol)?;
     let file = analysis.known.sources.get(place.source)?;
-    Some(Origin { file: key(file), start: place.start })
+    Some(Origin { file: key(file), given: Given::At(place.start) })
+}
+
+/// Where records that have a field are written, and their types: in the text and the files that it imports.
+pub fn written(analysis: &Analysis, field: &Key) -> Vec<Span> {
+    let names = user_sources(&analysis.known).into_iter().flat_map(|source| names_of(analysis, source));
+    let written = names.filter(|o| o.declares && matches!(&o.symbol, Symbol::Key(key) if key == field));
+    written.map(|o| o.span).collect()
+}
+
+/// The user's files in which a name stands.
+pub fn files(analysis: &Analysis, origin: &Origin) -> Vec<PathBuf> {
+    let sources = uses(analysis, origin).into_iter().filter_map(|(source, _)| analysis.known.sources.get(source));
+    sources.map(|file| key(file)).collect()
 }
 
 /// All places of a name in what these analyses read, each once: by file, in the order of its text.
@@ -89,9 +114,12 @@ fn user_sources(known: &Understanding) -> Vec<SourceId> {
 }
 
 fn is_from(analysis: &Analysis, symbol: &Symbol, origin: &Origin) -> bool {
+    let start = match (&origin.given, symbol) {
+        (Given::Key(origin), symbol) => return matches!(symbol, Symbol::Key(key) if key == origin),
+        (Given::At(start), _) => *start,
+    };
     analysis.declaration(symbol).is_some_and(|place| {
-        place.start == origin.start
-            && analysis.known.sources.get(place.source).is_some_and(|file| key(file) == origin.file)
+        place.start == start && analysis.known.sources.get(place.source).is_some_and(|file| key(file) == origin.file)
     })
 }
 
@@ -107,8 +135,11 @@ pub fn renamable(analysis: &Analysis, offset: usize) -> Result<(Span, String), S
         {
             return Err(format!("`{text}` is the library's"));
         }
-        Symbol::Decl(_) | Symbol::Local(_) | Symbol::Module(_) => {}
-        Symbol::Field(_) | Symbol::Setting | Symbol::Word | Symbol::Running => {
+        Symbol::Key(field) if written(analysis, field).is_empty() => {
+            return Err(format!("`{text}` comes from elsewhere: no script writes a record that has it"));
+        }
+        Symbol::Decl(_) | Symbol::Local(_) | Symbol::Module(_) | Symbol::Key(_) => {}
+        Symbol::Field(_) | Symbol::Type | Symbol::Setting | Symbol::Word | Symbol::Running => {
             return Err(format!("`{text}` is part of the language"));
         }
         Symbol::Unknown => return Err(format!("`{text}` is not declared")),
@@ -140,8 +171,12 @@ pub fn rename(analyses: &[Arc<Analysis>], offset: usize, new: &str) -> Result<Ve
     }
     let found = references(analyses, &origin);
     let replaced = |reference: Reference| {
-        let shorthand = analyses.iter().any(|a| is_shorthand(a, &reference));
-        let text = if shorthand { format!("{old}: {new}") } else { new.to_owned() };
+        let is_two = analyses.iter().any(|a| is_two_things(a, &reference));
+        let text = match &origin.given {
+            Given::Key(_) if is_two => format!("{new}: {old}"),
+            Given::At(_) if is_two => format!("{old}: {new}"),
+            _ => new.to_owned(),
+        };
         Replacement { file: reference.file, span: reference.span, text }
     };
     Ok(found.into_iter().map(replaced).collect())
@@ -150,6 +185,19 @@ pub fn rename(analyses: &[Arc<Analysis>], offset: usize, new: &str) -> Result<Ve
 /// Why a name cannot have another one.
 fn clash(analysis: &Analysis, origin: &Origin, new: &str) -> Option<String> {
     let known = &analysis.known;
+    if let Given::Key(field) = &origin.given {
+        if field.fields.iter().any(|name| name == new) {
+            return Some(format!("records that have `{}` have a field `{new}` too", field.name));
+        }
+        if let Some(doubtful) = doubtful(analysis, field) {
+            let (place, base) = (known.sources.position(doubtful), known.sources.text(doubtful));
+            let file = known.sources.name(doubtful.source);
+            return Some(format!(
+                "`.{}` of `{base}` in {file}, line {}, may be this field: of what type `{base}` is is not known",
+                field.name, place.line
+            ));
+        }
+    }
     for (source, places) in uses(analysis, origin) {
         let file = known.sources.name(source);
         let is_readable = !known.diagnostics.iter().any(|d| {
@@ -159,6 +207,10 @@ fn clash(analysis: &Analysis, origin: &Origin, new: &str) -> Option<String> {
             return Some(format!("{file} has statements that cannot be read: mend them first"));
         }
         let module = known.module_of(source);
+        // Fields and names do not get into each other's way.
+        if matches!(origin.given, Given::Key(_)) {
+            continue;
+        }
         let is_local = places.iter().any(|p| matches!(p.symbol, Symbol::Local(_)));
         let taken = known.lookup(module, new);
         if let Some(id) = taken.filter(|_| !is_local) {
@@ -176,7 +228,10 @@ fn clash(analysis: &Analysis, origin: &Origin, new: &str) -> Option<String> {
             let meant = all.iter().find(|o| {
                 within(o.span, statement.span)
                     && known.sources.text(o.span) == new
-                    && !matches!(o.symbol, Symbol::Field(_) | Symbol::Setting | Symbol::Unknown)
+                    && !matches!(
+                        o.symbol,
+                        Symbol::Field(_) | Symbol::Key(_) | Symbol::Type | Symbol::Setting | Symbol::Unknown
+                    )
             });
             if let Some(meant) = meant {
                 let line = known.sources.position(meant.span).line;
@@ -191,20 +246,21 @@ fn within(inner: Span, outer: Span) -> bool {
     inner.source == outer.source && outer.start <= inner.start && inner.end <= outer.end
 }
 
-/// Whether a name is a column of a report, `report { error }`, which is the column's name too.
-fn is_shorthand(analysis: &Analysis, reference: &Reference) -> bool {
+/// A value of unknown type whose field of that name is asked for.
+fn doubtful(analysis: &Analysis, field: &Key) -> Option<Span> {
+    let known = &analysis.known;
+    let names = user_sources(known).into_iter().flat_map(|source| names_of(analysis, source));
+    let bases = names.filter_map(|o| match o.symbol {
+        Symbol::Field(base) if known.sources.text(o.span) == field.name => Some(base),
+        _ => None,
+    });
+    bases.into_iter().find(|base| known.types.get(base).is_none_or(Ty::is_unknown))
+}
+
+/// Whether a name stands for two things: `{ photo }` is `{ photo: photo }`, and `report { error }` is `report { error: error }`.
+fn is_two_things(analysis: &Analysis, reference: &Reference) -> bool {
     let known = &analysis.known;
     let source = known.sources.iter().find(|(_, f)| Arc::ptr_eq(f, &reference.file)).map(|(id, _)| id);
-    let statements = source.and_then(|s| known.trees.get(&s)).into_iter().flatten();
-    let reports = |action: &Action| match action {
-        Action::Report { columns, .. } => {
-            columns.iter().any(|c| c.name.span == c.value.span && c.name.span == reference.span)
-        }
-        _ => false,
-    };
-    statements.into_iter().any(|s| match &s.kind {
-        StatementKind::Action(Action::Sweep(sweep)) => sweep.actions.iter().any(reports),
-        StatementKind::Action(action) => reports(action),
-        _ => false,
-    })
+    let names = source.map(|source| names_of(analysis, source)).unwrap_or_default();
+    names.iter().filter(|o| o.span == reference.span).count() > 1
 }

@@ -29,6 +29,7 @@ fn meanings(text: &str) -> Vec<String> {
             Symbol::Local(place) if place.source == analysis.known.main => format!("local@{}", place.start),
             Symbol::Local(_) => "argument".to_owned(),
             Symbol::Module(_) => "module".to_owned(),
+            Symbol::Key(key) => format!("{} of {{{}}}", key.name, key.fields.join(", ")),
             Symbol::Field(base) => format!("field of {}", analysis.known.sources.text(*base)),
             other => format!("{other:?}").to_lowercase(),
         };
@@ -142,4 +143,27 @@ fn selections_grow_and_folds_are_brackets() {
     assert_eq!(texts, ["2", "1 + 2", "f(1 + 2,\n  3)", "let a = f(1 + 2,\n  3)", text]);
     let folds: Vec<(&str, bool)> = folds(text).iter().map(|f| (&text[f.start..f.end], f.is_comment)).collect();
     assert_eq!(folds, [("(1 + 2,\n  3", false), ("/* one\n   two */", true)]);
+}
+
+#[test]
+fn words_of_the_language_are_keywords_only_where_they_are_meant() {
+    use super::tokens::{Class, painted};
+    for (text, word, wanted) in [
+        (
+            "texture t = none\nfn f(x: scalar | texture in 0..1) = x",
+            "texture",
+            [Class::Keyword, Class::Type].as_slice(),
+        ),
+        ("expect 1 ≈ 2 within 1%", "within", &[Class::Keyword]),
+        ("let a = 10% of 3", "of", &[Class::Keyword]),
+        ("fn f(of: scalar) = of\nlet a = f(of: 2)", "of", &[Class::Parameter; 3]),
+        ("let of = 3", "of", &[Class::Variable]),
+        ("param p = 1 in 0..\nshape s { mesh: sphere() }", "shape", &[Class::Keyword]),
+        ("fn f(g: (image, image) => scalar) = g", "image", &[Class::Type; 2]),
+        ("fn f(image) = image", "image", &[Class::Parameter; 2]),
+    ] {
+        let analysis = analysed(text);
+        let classes = painted(&analysis).into_iter().filter(|p| &text[p.start..p.end] == word).map(|p| p.class);
+        assert_eq!(classes.collect::<Vec<Class>>(), wanted, "{word} in {text}");
+    }
 }

@@ -90,6 +90,22 @@ pub fn painted(analysis: &Analysis) -> Vec<Painted> {
     found
 }
 
+/// The classes of the words of another text that sees the same names, such as a line of the REPL: by the words alone.
+pub fn words_painted(analysis: &Analysis, text: &str) -> Vec<Painted> {
+    let all = tokens(text);
+    let painted = |(i, token): (usize, &Token)| {
+        let (class, is_library) = match token.kind {
+            TokenKind::Comment => (Class::Comment, false),
+            TokenKind::String => (Class::String, false),
+            TokenKind::Number => (Class::Number, false),
+            TokenKind::Sign => return None,
+            TokenKind::Word => unnamed(analysis, text, &all, i)?,
+        };
+        Some(Painted { start: token.start, end: token.end, class, declares: false, is_library })
+    };
+    all.iter().enumerate().filter_map(painted).collect()
+}
+
 fn of_symbol(analysis: &Analysis, symbol: &Symbol) -> Option<(Class, bool)> {
     Some(match symbol {
         Symbol::Decl(id) => {
@@ -103,7 +119,8 @@ fn of_symbol(analysis: &Analysis, symbol: &Symbol) -> Option<(Class, bool)> {
         }
         Symbol::Local(_) => (Class::Parameter, false),
         Symbol::Module(_) => (Class::Module, false),
-        Symbol::Field(_) | Symbol::Setting => (Class::Property, false),
+        Symbol::Field(_) | Symbol::Key(_) | Symbol::Setting => (Class::Property, false),
+        Symbol::Type => (Class::Type, true),
         Symbol::Word => (Class::Word, false),
         Symbol::Running => (Class::Variable, true),
         Symbol::Unknown => return None,
@@ -118,18 +135,23 @@ fn unnamed(analysis: &Analysis, text: &str, all: &[Token], i: usize) -> Option<(
     if is_reserved(word) || matches!(word, "stage" | "every") {
         return Some((Class::Keyword, false));
     }
-    if before == "." {
+    // Two dots are an open range.
+    if before == "." && near(i.checked_sub(2)) != "." {
         return Some((Class::Property, false));
-    }
-    // `camera eye {`, `over xs`: words only where a name or value follows.
-    let names_follow = all.get(i + 1).is_some_and(|t| matches!(t.kind, TokenKind::Word | TokenKind::Number));
-    let is_test = word == "test" && behind.starts_with('"');
-    if is_test || names_follow && (!settings::statement_doc(word).is_empty() || word == "over") {
-        return Some((Class::Keyword, false));
     }
     let may_be_type = matches!(before, ":" | "|" | "(") || behind == "[";
     if may_be_type && TYPE_NAMES.contains(&word) && !matches!(behind, "(" | ":") {
         return Some((Class::Type, true));
+    }
+    // `camera eye {`, `over xs`: words only where a name or value follows.
+    let names_follow = all
+        .get(i + 1)
+        .is_some_and(|t| matches!(t.kind, TokenKind::Word | TokenKind::Number) && !is_reserved(t.text(text)));
+    let is_test = word == "test" && behind.starts_with('"');
+    // `a ≈ b within 1%`, `10% of b`: between two values.
+    let is_infix = matches!(word, "within" | "of") && !matches!(behind, "" | "=" | ":" | "," | ")");
+    if is_test || is_infix || names_follow && (!settings::statement_doc(word).is_empty() || word == "over") {
+        return Some((Class::Keyword, false));
     }
     if behind == ":" {
         return Some((Class::Property, false));

@@ -11,7 +11,7 @@ use super::checkpoint::Checkpoint;
 use super::events::{Ending, Event};
 use super::folder::{EVENTS, LOG, RECORD, RunInfo};
 use crate::diag::Diagnostic;
-use crate::files::{describe_io, is_leftover, is_run_file, read_own};
+use crate::files::{describe_io, is_leftover, is_run_file, read_end, read_own};
 use crate::optim::GradientSize;
 use crate::tape::Tensor;
 
@@ -127,6 +127,22 @@ impl Step {
     /// The lines of a run's log.
     pub fn all(folder: &Path) -> Result<Vec<Step>, Diagnostic> {
         lines(&folder.join(LOG), |line| Step::of(&line))
+    }
+
+    /// The last whole line of a run's log, without what stands before it.
+    pub fn last(folder: &Path) -> Option<Step> {
+        for most in [1 << 16, 1 << 24] {
+            let (bytes, is_all) = read_end(&folder.join(LOG), most).ok()?;
+            let text = String::from_utf8_lossy(&bytes);
+            let whole = text.rsplit_once('\n')?.0;
+            let line = match whole.rsplit_once('\n') {
+                Some((_, line)) => line,
+                None if is_all => whole,
+                None => continue,
+            };
+            return Step::of(&serde_json::from_str(line).ok()?);
+        }
+        None
     }
 
     fn of(line: &Value) -> Option<Step> {

@@ -39,7 +39,12 @@ pub struct Answer {
 impl Server {
     pub fn start(place: &Place, arguments: &[&str]) -> Server {
         let mut child = place.start(&[arguments, &["--threads", "2", "--quiet"]].concat());
-        let mut out = BufReader::new(child.stdout.take().unwrap());
+        let out = BufReader::new(child.stdout.take().unwrap());
+        Server::of(child, out)
+    }
+
+    /// A program that is about to say where its page is.
+    pub fn of(child: Child, mut out: BufReader<ChildStdout>) -> Server {
         let mut line = String::new();
         out.read_line(&mut line).unwrap();
         let address = line.trim().strip_prefix("live at http://127.0.0.1:").unwrap_or_else(|| panic!("{line:?}"));

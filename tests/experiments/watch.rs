@@ -1,7 +1,8 @@
 //! The live page from outside, over plain TCP: `dsl watch` and `dsl run --live`.
 
-use std::io::{Read, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{TcpListener, TcpStream};
+use std::process::{ChildStdout, Command, Stdio};
 use std::time::Duration;
 
 use serde_json::{Value, json};
@@ -538,4 +539,41 @@ fn the_page_follows_a_run() {
         assert_eq!(page.errors(), Vec::<String>::new());
         assert_eq!(page.overflow(), 0.0);
     }
+}
+
+/// `:watch` of the REPL: params that the page moves are the session's.
+#[test]
+fn the_repl_takes_up_what_its_page_has_moved() {
+    let place = Place::new();
+    place.write("t.dscene", TRIANGLE);
+    let mut child = Command::new(assert_cmd::cargo::cargo_bin!("dsl"))
+        .args(["repl", "t.dscene", "--threads", "2", "--quiet"])
+        .current_dir(place.path(""))
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut to = child.stdin.take().unwrap();
+    let mut out = BufReader::new(child.stdout.take().unwrap());
+    let answer = |out: &mut BufReader<ChildStdout>| {
+        let mut line = String::new();
+        out.read_line(&mut line).unwrap();
+        line.trim_end().to_owned()
+    };
+    writeln!(to, "glow / 2\n:watch eye").unwrap();
+    assert_eq!(answer(&mut out), "0.25   : scalar");
+    let mut server = Server::of(child, out);
+    let mut events = server.events();
+    events.until("picture", |picture| picture["width"] == 16);
+    server.order(json!({ "do": "set", "name": "glow", "values": [0.75] }));
+    events.until("params", |params| params.to_string().contains("0.75"));
+    assert!(send(&server.child, "-INT"));
+    writeln!(to, "glow / 2\n:undo\nglow / 2").unwrap();
+    assert_eq!([answer(&mut server.out), answer(&mut server.out)], ["0.375   : scalar", "0.25   : scalar"]);
+    // The page can be shown again, and by nothing but a camera.
+    writeln!(to, ":watch nobody\n:watch").unwrap();
+    assert!(answer(&mut server.out).starts_with("live at http://127.0.0.1:"));
+    drop(to);
+    assert!(send(&server.child, "-INT"));
+    assert_eq!(server.child.wait().unwrap().code(), Some(1));
 }

@@ -49,7 +49,7 @@ pub fn settled(text: &str) -> String {
 }
 
 /// All scripts of the repository.
-fn scripts() -> Vec<PathBuf> {
+pub fn scripts() -> Vec<PathBuf> {
     let mut found = Vec::new();
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let mut folders: Vec<PathBuf> =
@@ -86,7 +86,8 @@ fn scripts_of_the_repository_are_laid_out() {
     }
 }
 
-const LAYOUTS: &[(&str, &str)] = &[
+/// Scripts, and how they are laid out.
+pub const LAYOUTS: &[(&str, &str)] = &[
     ("", ""),
     ("\n\n  \n", ""),
     ("// only\n\n\n/* comments */", "// only\n\n/* comments */\n"),

@@ -3,6 +3,8 @@
 use std::fs;
 use std::process::Output;
 
+use serde_json::{Value, json};
+
 use crate::place::{BOWL, Place, TRIANGLE, assert_code, assert_diagnosed, stderr, stdout};
 
 fn repl(place: &Place, arguments: &[&str], input: &str) -> Output {
@@ -270,4 +272,301 @@ fn json_says_what_is_not_a_number() {
     };
     assert_eq!(value("[0 / 0, 1 / 0, -1 / 0, 2]"), serde_json::json!(["nan", "inf", "-inf", 2.0]));
     assert_eq!(value("x => x + 1"), serde_json::json!({"function": null}));
+}
+
+/// A session that a test talks to over a real pipe: each answer is read before the next entry is written, so that one that is kept back
+/// would be waited for for ever.
+struct Driven {
+    child: std::process::Child,
+    to: std::process::ChildStdin,
+    from: std::io::BufReader<std::process::ChildStdout>,
+}
+
+impl Driven {
+    fn start(place: &Place, arguments: &[&str]) -> Driven {
+        use std::process::{Command, Stdio};
+        let mut child = Command::new(assert_cmd::cargo::cargo_bin!("dsl"))
+            .args([&["repl", "--json", "--threads", "2"], arguments].concat())
+            .current_dir(place.path(""))
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let to = child.stdin.take().unwrap();
+        let from = std::io::BufReader::new(child.stdout.take().unwrap());
+        Driven { child, to, from }
+    }
+
+    #[track_caller]
+    fn answer(&mut self) -> Value {
+        let mut line = String::new();
+        std::io::BufRead::read_line(&mut self.from, &mut line).unwrap();
+        serde_json::from_str(&line).unwrap_or_else(|e| panic!("{e}: {line:?}"))
+    }
+
+    #[track_caller]
+    fn ask(&mut self, entry: &str) -> Value {
+        use std::io::Write;
+        writeln!(self.to, "{entry}").unwrap();
+        self.to.flush().unwrap();
+        self.answer()
+    }
+
+    fn end(mut self) -> i32 {
+        drop(self.to);
+        self.child.wait().unwrap().code().unwrap()
+    }
+}
+
+#[test]
+fn programs_get_an_object_for_each_entry() {
+    let place = Place::new();
+    place.write("t.dscene", TRIANGLE);
+    let mut repl = Driven::start(&place, &["t.dscene", "--out", "pictures"]);
+    let loaded = repl.answer();
+    assert_eq!((&loaded["entry"], &loaded["ok"]), (&json!(0), &json!(true)), "{loaded}");
+
+    let found = repl.ask("1 + 1");
+    assert_eq!((&found["entry"], &found["value"], &found["name"]), (&json!(1), &json!(2.0), &json!("_1")), "{found}");
+    assert_eq!(found["diagnostics"], json!([]));
+    let found = repl.ask("[30deg, 90deg]");
+    assert_eq!((&found["type"], &found["unit"]), (&json!("angle[2]"), &json!("rad")), "{found}");
+    assert!((found["value"][1].as_f64().unwrap() - std::f64::consts::FRAC_PI_2).abs() < 1e-15);
+    // An entry of two lines has one answer.
+    let found = repl.ask("let a = [1,\n 2]");
+    assert_eq!(found["declared"], json!([{ "name": "a", "type": "vec2" }]), "{found}");
+    let found = repl.ask("fit");
+    assert!(found["std_error"].as_f64().unwrap() > 0.0 && found["repeats"].as_u64().unwrap() > 1, "{found}");
+    let found = repl.ask("grad(fit)");
+    assert_eq!(found["gradient"]["wrt"]["corners"]["shape"], json!([3, 3]), "{found}");
+    let found = repl.ask("render(eye, spp: 2)");
+    let image = &found["image"];
+    assert_eq!((&image["width"], &image["height"], &image["channels"]), (&json!(16), &json!(16), &json!(3)), "{found}");
+    assert!(
+        image["min"].as_f64() < image["mean"].as_f64() && image["mean"].as_f64() < image["max"].as_f64(),
+        "{found}"
+    );
+    assert!(place.path(image["file"].as_str().unwrap()).is_file(), "{found}");
+    assert_eq!(repl.ask("print \"a is {a}\"")["printed"], json!(["a is [1, 2]"]));
+    assert_eq!(repl.ask(":set glow 0.25")["printed"], json!(["glow = 0.25"]));
+
+    // What is wrong is told in the same way, and nothing is lost.
+    for (entry, code) in [
+        ("nowhere + 1", "dscene::name::unknown"),
+        ("1 + * 2", "dscene::syntax::unexpected"),
+        (":nonsense", "dscene::repl::command"),
+        (":set glow 7", "dscene::type::bounds"),
+        ("load_json(\"none.json\")", "dscene::file::missing"),
+    ] {
+        let found = repl.ask(entry);
+        assert_eq!(found["ok"], json!(false), "{found}");
+        let first = &found["diagnostics"][0];
+        assert_eq!((&first["severity"], found.get("value")), (&json!("error"), None), "{found}");
+        let family = code.rsplit_once("::").unwrap().0;
+        assert!(first["code"].as_str().unwrap().starts_with(family), "{code}: {found}");
+    }
+    assert_eq!(repl.ask("glow")["value"], json!(0.25));
+    assert_eq!(repl.end(), 1);
+}
+
+#[test]
+fn ctrl_c_stops_an_evaluation_that_a_program_asked_for_and_not_the_session() {
+    use std::io::Write;
+    let place = Place::new();
+    place.write("t.dscene", TRIANGLE);
+    let mut repl = Driven::start(&place, &["t.dscene"]);
+    repl.answer();
+    writeln!(repl.to, "sum([mean(render(eye, spp: 100000, seed: i)) for i in 0..100000])").unwrap();
+    std::thread::sleep(std::time::Duration::from_millis(1000));
+    assert!(crate::place::send(&repl.child, "-INT"));
+    let found = repl.answer();
+    assert_eq!((&found["ok"], &found["interrupted"]), (&json!(false), &json!(true)), "{found}");
+    assert_eq!(repl.ask("1 + 1")["value"], json!(2.0));
+    assert_eq!(repl.end(), 1);
+}
+
+#[test]
+fn a_new_declaration_evaluates_what_depends_on_it_again_and_nothing_else() {
+    let place = Place::new();
+    let mut repl = Driven::start(&place, &[]);
+    for entry in ["let a = 2", "let b = 3 * a", "let c = b + 1", "let apart = 7", "let unseen = a", "param p = b"] {
+        assert_eq!(repl.ask(entry)["ok"], json!(true), "{entry}");
+    }
+    repl.ask("[c, apart, p]");
+    let found = repl.ask("let a = 5");
+    // What nobody has asked for is evaluated when somebody does.
+    assert_eq!(found["evaluated_again"], json!(["b", "c", "p"]), "{found}");
+    assert_eq!(repl.ask("[c, apart, unseen, p]")["value"], json!([16.0, 7.0, 5.0, 15.0]));
+    assert_eq!(repl.ask("let apart = 8").get("evaluated_again"), None);
+    assert_eq!(repl.ask("let fresh = a").get("evaluated_again"), None);
+    // What cannot be evaluated any more is an error, and the declaration stays.
+    repl.ask("let place = sum([0])");
+    repl.ask("let chosen = [4, 5][place]");
+    assert_eq!(repl.ask("chosen")["value"], json!(4.0));
+    let found = repl.ask("let place = sum([7])");
+    assert_eq!((&found["ok"], &found["diagnostics"][0]["severity"]), (&json!(false), &json!("error")), "{found}");
+    assert_eq!(repl.ask("place")["value"], json!(7.0));
+    drop(repl);
+    // People are told in a line.
+    let output = self::repl(&place, &[], "let a = 1\nlet b = a\nb\nlet a = 2\nb\n");
+    assert_code(&output, 0);
+    assert_eq!(stderr(&output), "evaluated again: b\n");
+    assert!(stdout(&output).ends_with("2   : scalar\n"), "{}", stdout(&output));
+}
+
+#[test]
+fn entries_are_undone_one_by_one() {
+    let place = Place::new();
+    place.write("bowl.dscene", BOWL);
+    let mut repl = Driven::start(&place, &["bowl.dscene"]);
+    repl.answer();
+    repl.ask("let a = 1");
+    repl.ask("let b = a + x");
+    assert_eq!(repl.ask("b")["value"], json!(4.0));
+    repl.ask("let a = 5");
+    repl.ask(":set x 10");
+    assert_eq!(repl.ask("b")["value"], json!(15.0));
+    repl.ask(":step 3");
+    repl.ask("param z = 4");
+    repl.ask("optimize bowl { steps: 2, using: sgd(lr: 0.1) }");
+    // What changes nothing is nothing to undo, and neither is what was refused.
+    repl.ask(":vars");
+    repl.ask("let broken = nowhere");
+    repl.ask(":set x nowhere");
+    let undone = |repl: &mut Driven| repl.ask(":undo")["undone"].as_str().unwrap_or_default().to_owned();
+    assert!(undone(&mut repl).starts_with("optimize bowl"));
+    assert_eq!(undone(&mut repl), "param z = 4");
+    assert_eq!(repl.ask("z")["diagnostics"][0]["code"], json!("dscene::name::unknown"));
+    assert_eq!(undone(&mut repl), ":step 3");
+    assert_eq!(repl.ask("x")["value"], json!(10.0));
+    assert_eq!(undone(&mut repl), ":set x 10");
+    assert_eq!(repl.ask("x")["value"], json!(3.0));
+    let found = repl.ask(":undo");
+    assert_eq!((&found["undone"], &found["evaluated_again"]), (&json!("let a = 5"), &json!(["a", "b"])), "{found}");
+    assert_eq!(repl.ask("b")["value"], json!(4.0));
+    // A script that was loaded gives way to the one before, with all that was typed to it.
+    place.write("other.dscene", "let other = 1\n");
+    repl.ask(":load other.dscene");
+    assert_eq!(repl.ask("b")["ok"], json!(false));
+    assert_eq!(undone(&mut repl), ":load other.dscene");
+    assert_eq!(repl.ask("b")["value"], json!(4.0));
+    assert_eq!((undone(&mut repl), undone(&mut repl)), ("let b = a + x".to_owned(), "let a = 1".to_owned()));
+    let last = repl.ask(":undo");
+    assert_eq!(last["notes"], json!(["there is nothing to undo"]), "{last}");
+    // Other declarations take the places of those that were undone.
+    repl.ask("let b = 2");
+    repl.ask("let a = b");
+    assert_eq!(repl.ask("a + b")["value"], json!(4.0));
+    assert_eq!(repl.ask("let b = 3")["evaluated_again"], json!(["a"]));
+    assert_eq!(repl.end(), 1);
+}
+
+#[test]
+fn values_that_were_shown_stay_as_they_were() {
+    let place = Place::new();
+    place.write("bowl.dscene", BOWL);
+    let mut repl = Driven::start(&place, &["bowl.dscene"]);
+    repl.answer();
+    // Before there is one, `_` is a name like any other.
+    assert_eq!(repl.ask("sum([1 for _ in 0..3])")["value"], json!(3.0));
+    assert_eq!(repl.ask("x")["name"], json!("_2"));
+    repl.ask(":set x 7");
+    assert_eq!(repl.ask("x - _")["value"], json!(4.0));
+    assert_eq!(repl.ask("_ + _2")["value"], json!(7.0));
+    repl.ask("let kept = 10 * _2");
+    repl.ask("let s = 2");
+    assert_eq!(repl.ask("s")["name"], json!("_5"));
+    repl.ask("let s = \"a text\"");
+    assert_eq!(repl.ask("\"{_5} {_2} {kept}\"")["value"], json!("2 3 30"));
+    // They are values of their own: nothing reaches them, and no later meaning of a name breaks them.
+    assert_eq!(repl.ask("grad(_2 * y.x, y).y")["ok"], json!(true));
+    assert_eq!(repl.ask("_99")["diagnostics"][0]["code"], json!("dscene::name::unknown"));
+    repl.ask("x => 1");
+    assert_eq!(repl.ask("_")["diagnostics"][0]["code"], json!("dscene::repl::value"));
+    repl.ask(":undo");
+    assert_eq!(repl.ask("_2")["value"], json!(3.0));
+    assert_eq!(repl.end(), 1);
+
+    // A script that is saved holds those that it mentions.
+    let session = "x\n:set x 5\nprint _\nlet twice = 2 * _\n[10deg, 20deg]\nlet turns = _\n";
+    let text = saved(&place, BOWL.split("optimize").next().unwrap(), session, &["twice", "\"{turns:.17e}\""]);
+    assert!(text.contains("let _1 = 3.0") && text.contains("let twice = 2 * _1"), "{text}");
+}
+
+#[test]
+fn commands_say_what_is_there_and_where_the_time_goes() {
+    let place = Place::new();
+    place.write("t.dscene", TRIANGLE);
+    let input = "glow\n:vars\n:doc sphere\n:doc :undo\n:profile grad(fit)\n:profile mean(render(eye, spp: 3))\n:profile\n:doc nowhere\n";
+    let output = repl(&place, &["t.dscene"], input);
+    assert_code(&output, 1);
+    let text = stdout(&output);
+    let row = |name: &str| text.lines().find(|l| l.trim_start().starts_with(name)).unwrap_or("").to_owned();
+    assert!(row("glow ").ends_with("0.5") && row("target ").ends_with("not evaluated yet"), "{text}");
+    assert!(row("_1 ").contains("scalar"), "{text}");
+    assert!(text.contains("fn sphere(") || text.contains("native fn sphere("), "{text}");
+    assert!(text.contains(":undo\n  takes back"), "{text}");
+    for part in ["parse", "check", "eval", "scene", "render", "derivative", "whole"] {
+        assert_eq!(
+            text.lines().filter(|l| l.trim_start().starts_with(&format!("{part} "))).count(),
+            2,
+            "{part}: {text}"
+        );
+    }
+    let renders: Vec<&str> = text.lines().filter(|l| l.trim_start().starts_with("render ")).collect();
+    assert!(renders[1].contains("1 rendered"), "{renders:?}");
+    assert!(stderr(&output).contains("there is no `nowhere`"), "{}", stderr(&output));
+    let mut driven = Driven::start(&place, &["t.dscene"]);
+    driven.answer();
+    let found = driven.ask(":profile fit");
+    assert!(found["profile"]["render"].as_f64().unwrap() > 0.0, "{found}");
+}
+
+#[test]
+fn an_editor_writes_the_next_entry() {
+    let place = Place::new();
+    // Replaces a word, as a person would.
+    let editor = place.write("editor", "#!/bin/sh\nsed -i 's/= 2/= 40/' \"$2\"\n");
+    let failing = place.write("failing", "#!/bin/sh\nexit 3\n");
+    for script in [&editor, &failing] {
+        std::process::Command::new("chmod").arg("+x").arg(script).status().unwrap();
+    }
+    let with = |editor: &str, input: &str| {
+        let mut command = place.command(&["repl"]);
+        command.env_remove("VISUAL").env("EDITOR", editor).write_stdin(input).output().unwrap()
+    };
+    let command = format!("{} --wait", editor.display());
+    let output = with(&command, "let a = 2\nlet b = a + 2\nb\n:edit a\nb\n:edit\n");
+    assert_code(&output, 0);
+    let text = stdout(&output);
+    assert!(text.contains("4   : scalar") && text.contains("42   : scalar"), "{text}");
+    assert!(stderr(&output).contains("nothing was changed"), "{}", stderr(&output));
+    for (editor, input, problem) in [
+        (failing.to_str().unwrap(), "let a = 2\n:edit a\n", "has ended with an error"),
+        ("/nowhere/editor", "let a = 2\n:edit a\n", "cannot be started"),
+        ("", ":edit a\n", "there is no `a`"),
+        ("", "let a = 2\n:edit a\n", "set $EDITOR"),
+    ] {
+        let output = with(editor, input);
+        assert_diagnosed(&output);
+        assert!(stderr(&output).contains(problem), "{}", stderr(&output));
+    }
+}
+
+#[test]
+fn saved_scripts_are_formatted() {
+    let place = Place::new();
+    place.write("s.dscene", "param   a=1\n// kept\nlet b = [1,2]\n");
+    let output = repl(&place, &["s.dscene"], ":set a 2\nlet t=[30deg,1rad]\nlet c={x:1,y:2}\n:save out.dscene\n");
+    assert_code(&output, 0);
+    assert_code(&place.dsl(&["fmt", "--check", "out.dscene"]), 0);
+    assert_code(&place.dsl(&["check", "out.dscene"]), 0);
+    let text = fs::read_to_string(place.path("out.dscene")).unwrap();
+    assert!(
+        text.contains("param a = 2") && text.contains("// kept") && text.contains("let c = { x: 1, y: 2 }"),
+        "{text}"
+    );
+    // An array of angles keeps its unit.
+    let value = place.dsl(&["eval", "out.dscene", "t"]);
+    assert_eq!(stdout(&value).trim(), "[30deg, 57.29578deg]");
 }

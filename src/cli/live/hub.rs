@@ -259,6 +259,10 @@ impl Hub {
         self.state().pages
     }
 
+    pub fn is_closed(&self) -> bool {
+        self.state().closed
+    }
+
     /// The end: pages get what they have not got yet, for a short while.
     pub fn close(&self) {
         self.state().closed = true;

@@ -49,6 +49,9 @@ pub fn start(first: u16, hub: &Arc<Hub>) -> Result<String, Diagnostic> {
     let site = Arc::new(Site { port, token, hub: hub.clone(), connections: AtomicUsize::new(0) });
     let accept = move || {
         for stream in listener.incoming().flatten() {
+            if site.hub.is_closed() {
+                return;
+            }
             admit(stream, &site);
         }
     };

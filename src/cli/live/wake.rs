@@ -25,6 +25,9 @@ pub fn start(hub: &Arc<Hub>) -> Result<(), Diagnostic> {
         let mut seen = Seen::default();
         loop {
             std::thread::sleep(PAUSE);
+            if hub.is_closed() {
+                return;
+            }
             if world::interrupted() {
                 hub.wake();
             }

@@ -13,12 +13,13 @@ use super::hub::Order;
 use super::wake::{Watched, stamp};
 use super::{Live, Obeyed};
 use crate::check::{Disk, Loader, hir};
-use crate::cli::args::WatchArgs;
+use crate::cli::args::{PICTURE_SPP, PORT, WatchArgs};
 use crate::cli::living::Living;
 use crate::cli::{EXIT_WRONG, Terminal, check_file_by};
+use crate::diag::Diagnostic;
 use crate::eval::INTERRUPTED;
 use crate::files;
-use crate::session::{Optimization, World};
+use crate::session::{Optimization, World, world};
 use crate::source::SourceMap;
 
 /// A file, what is known of it, and who sees it.
@@ -52,6 +53,29 @@ pub fn run(args: &WatchArgs) -> u8 {
     loop {
         watch.turn();
     }
+}
+
+/// `:watch` of the REPL: the page shows its program until Ctrl-C. What the page has moved stays where it is.
+pub fn session(living: &mut Living, camera: Option<&str>) -> Result<(), Diagnostic> {
+    let interrupt = Arc::new(AtomicBool::new(false));
+    let title = living.file.as_ref().map_or("the session".to_owned(), |file| file.display().to_string());
+    let mut live = Live::start(&living.common, PORT, PICTURE_SPP, &title, &interrupt, false)?;
+    camera.into_iter().for_each(|name| live.view.choose(name.to_owned()));
+    let stand_in = Living::new(living.common.clone(), interrupt.clone());
+    let mut own = std::mem::replace(living, stand_in);
+    let before = own.engine.stop_by(Some(interrupt));
+    let file = own.file.clone().unwrap_or_default();
+    let mut watch = Watch { file, living: own, live, is_right: true, files_have_changed: false, running: false };
+    watch.introduce();
+    watch.say_phase();
+    while !world::interrupted() {
+        watch.turn();
+    }
+    watch.living.engine.stop_by(before);
+    watch.living.optimization = None;
+    watch.live.end("ended", &mut watch.living.engine);
+    *living = watch.living;
+    Ok(())
 }
 
 impl Watch {
@@ -91,18 +115,22 @@ impl Watch {
         let checked = check_file_by(&self.file, &self.living.common, &noting);
         let own: Vec<PathBuf> = checked.sources.iter().filter_map(|(_, file)| file.path.clone()).collect();
         self.is_right = match self.living.file {
-            None => self.living.begin(checked, &self.file, &mut self.live),
+            None => self.living.begin(checked, &self.file, &mut self.live).is_some(),
             Some(_) => self.living.renew(checked, self.files_have_changed, &mut self.live),
         };
         self.live.tell_diagnostics();
         if self.is_right {
             self.files_have_changed = false;
-            self.live.introduce(&mut self.living.engine);
-            let names: Vec<&str> = self.living.optimizations().map(|o| o.name.as_str()).collect();
-            self.live.hub.tell("optimizations", &json!(names));
+            self.introduce();
         }
         self.watch_files(&own, noting);
         self.say_phase();
+    }
+
+    fn introduce(&mut self) {
+        self.live.introduce(&mut self.living.engine);
+        let names: Vec<&str> = self.living.optimizations().map(|o| o.name.as_str()).collect();
+        self.live.hub.tell("optimizations", &json!(names));
     }
 
     /// All that a change of is a change of what is shown: also files that are not there yet.

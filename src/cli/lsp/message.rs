@@ -44,7 +44,7 @@ pub enum Incoming {
         method: String,
         params: Value,
     },
-    /// The answer to a request of the server, which makes none that need an answer.
+    /// The answer to a request of the server, which makes none whose answer it needs.
     Response,
     /// What is no message, with the id that its answer has.
     Malformed {
@@ -141,6 +141,10 @@ pub fn response(id: &Value, result: Result<Value, Failure>) -> Value {
             json!({"jsonrpc": "2.0", "id": id, "error": {"code": failure.code, "message": failure.message}})
         }
     }
+}
+
+pub fn request(id: &str, method: &str, params: Value) -> Value {
+    json!({"jsonrpc": "2.0", "id": id, "method": method, "params": params})
 }
 
 pub fn notification(method: &str, params: Value) -> Value {

@@ -8,6 +8,7 @@ mod message;
 mod navigate;
 mod publish;
 mod requests;
+mod runs;
 mod show;
 mod text;
 mod workspace;
@@ -25,6 +26,9 @@ use serde_json::{Value, json};
 use documents::Documents;
 use message::{Failure, Incoming};
 use text::Encoding;
+
+use crate::image::file::READABLE;
+use crate::mesh::load::EXTENSIONS;
 
 /// A text is checked once nothing has arrived for so long.
 const QUIET: Duration = Duration::from_millis(30);
@@ -68,6 +72,8 @@ pub struct Server {
     encoding: Encoding,
     /// Whether the client wants to know what the server does.
     is_traced: bool,
+    /// Whether the client tells of files that change, once it is asked to.
+    can_watch: bool,
     documents: Documents,
     /// Those that the client has opened.
     folders: Vec<PathBuf>,
@@ -83,6 +89,7 @@ impl Server {
             phase: Phase::Started,
             encoding: Encoding::Utf16,
             is_traced: false,
+            can_watch: false,
             documents: Documents::default(),
             folders: Vec::new(),
         }
@@ -194,6 +201,8 @@ impl Server {
         let has_utf8 = offered.is_some_and(|all| all.iter().any(|e| e == "utf-8"));
         self.encoding = if has_utf8 { Encoding::Utf8 } else { Encoding::Utf16 };
         self.is_traced = params.get("trace").is_some_and(|t| t == "messages" || t == "verbose");
+        let watching = params.pointer("/capabilities/workspace/didChangeWatchedFiles/dynamicRegistration");
+        self.can_watch = watching == Some(&Value::Bool(true));
         self.note_folders(params);
         let mut capabilities = requests::capabilities();
         capabilities["positionEncoding"] = json!(if has_utf8 { "utf-8" } else { "utf-16" });
@@ -210,6 +219,16 @@ impl Server {
         let uri = params.pointer("/textDocument/uri").and_then(Value::as_str).unwrap_or("");
         let version = || params.pointer("/textDocument/version").cloned().unwrap_or(Value::Null);
         match method {
+            "initialized" if self.can_watch => {
+                // What scripts import and read: the client tells when others change it.
+                let others = ["dscene", "mtl", "bin", "npy", "npz", "csv", "txt", "json", "safetensors"];
+                let endings = [&others[..], &READABLE, &EXTENSIONS].concat().join(",");
+                let watchers = json!([{"globPattern": format!("**/*.{{{endings}}}")}]);
+                let method = "workspace/didChangeWatchedFiles";
+                let asked = json!({"id": method, "method": method, "registerOptions": {"watchers": watchers}});
+                let params = json!({"registrations": [asked]});
+                Server::send(&message::request(method, "client/registerCapability", params));
+            }
             "textDocument/didOpen" => {
                 if let Some(text) = params.pointer("/textDocument/text").and_then(Value::as_str) {
                     self.documents.open(uri, text.to_owned(), version());

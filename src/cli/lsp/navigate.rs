@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use serde_json::{Value, json};
 
@@ -10,7 +11,9 @@ use super::message::{Failure, INVALID_PARAMS, REQUEST_FAILED};
 use super::requests::Question;
 use super::text::{Lines, uri_of};
 use super::workspace::library_file;
-use crate::ide::references::{self, Reference};
+use crate::ide::Analysis;
+use crate::ide::names::Symbol;
+use crate::ide::references::{self, Given, Origin, Reference};
 use crate::ide::structure::{Outline, outline};
 use crate::source::{SourceFile, Span};
 use crate::syntax::ast::{ImportFrom, StatementKind};
@@ -19,6 +22,11 @@ impl Server {
     pub fn definition(&mut self, q: &Question) -> Result<Value, Failure> {
         let offset = self.offset(q)?;
         let known = &q.analysis.known;
+        // A record's field is declared wherever a record has it.
+        if let Some(Symbol::Key(field)) = q.analysis.name_at(offset).map(|name| &name.symbol) {
+            let places = references::written(&q.analysis, field);
+            return Ok(Value::Array(places.into_iter().map(|span| self.location(q, span)).collect()));
+        }
         if let Some(name) = q.analysis.name_at(offset)
             && let Some(span) = q.analysis.declaration(&name.symbol)
         {
@@ -88,8 +96,30 @@ impl Server {
 
     fn all_references(&mut self, q: &Question, offset: usize) -> Vec<Reference> {
         let Some(origin) = references::origin(&q.analysis, offset) else { return Vec::new() };
-        let analyses = self.readers(&q.uri, &origin.file);
-        references::references(&analyses, &origin)
+        references::references(&self.seeing(q, &origin), &origin)
+    }
+
+    /// Analyses of all scripts that see a name. Records go from file to file, also through one that both import: so those that read any file
+    /// in which a field stands are among them.
+    fn seeing(&mut self, q: &Question, origin: &Origin) -> Vec<Arc<Analysis>> {
+        let mut found = self.readers(&q.uri, &origin.file);
+        if !matches!(origin.given, Given::Key(_)) {
+            return found;
+        }
+        let mut asked = vec![origin.file.clone()];
+        loop {
+            let mut files = found.iter().flat_map(|a| references::files(a, origin));
+            let Some(file) = files.find(|file| !asked.contains(file)) else { break };
+            drop(files);
+            for analysis in self.readers(&q.uri, &file) {
+                let own = references::key(&analysis.file());
+                if found.iter().all(|a| references::key(&a.file()) != own) {
+                    found.push(analysis);
+                }
+            }
+            asked.push(file);
+        }
+        found
     }
 
     /// The address of a file: the client's own for the text that it asks about.
@@ -127,8 +157,9 @@ impl Server {
         let new = q.params.get("newName").and_then(Value::as_str);
         let new = new.ok_or_else(|| Failure::new(INVALID_PARAMS, "there is no newName"))?;
         references::renamable(&q.analysis, offset).map_err(refused)?;
-        let file = references::origin(&q.analysis, offset).map(|origin| origin.file).unwrap_or_default();
-        let analyses = self.readers(&q.uri, &file);
+        let origin = references::origin(&q.analysis, offset);
+        let origin = origin.ok_or_else(|| refused("there is no name here".to_owned()))?;
+        let analyses = self.seeing(q, &origin);
         let replacements = references::rename(&analyses, offset, new).map_err(refused)?;
         let mut changes: BTreeMap<String, Vec<Value>> = BTreeMap::new();
         for replacement in replacements {

@@ -92,7 +92,10 @@ impl Server {
 
     fn hover(&mut self, q: &Question) -> Result<Value, Failure> {
         let offset = self.offset(q)?;
-        let Some(found) = hover::hover(&q.analysis, offset) else { return Ok(Value::Null) };
+        let Some(mut found) = hover::hover(&q.analysis, offset) else { return Ok(Value::Null) };
+        if let Some(run) = q.analysis.name_at(offset).and_then(|name| self.last_run(q, &name.symbol)) {
+            found.text.push_str(&format!("\n\n{run}"));
+        }
         let file = q.analysis.file();
         let lines = Lines::new(&file.text, self.encoding);
         Ok(json!({

@@ -1,34 +1,39 @@
 //! The `:commands` of the REPL.
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use super::{Next, Repl};
-use crate::check::hir;
+use crate::cli::live::watch;
 use crate::cli::living::set_param;
 use crate::cli::script::script_with_values;
 use crate::diag::{self, Diagnostic};
-use crate::eval;
 use crate::files::write_atomically;
-use crate::ide::describe;
-use crate::session::clock::{Stopwatch, human_seconds};
 use crate::session::folder::{cannot_write, spare_inputs};
+use crate::session::world::clear_interrupt;
 use crate::session::{Optimization, show};
 use crate::tape::Tensor;
 
 /// Name, arguments and what it does, in the order of `:help`.
 pub const NAMES: &[(&str, &str, &str)] = &[
-    ("help", "[NAME]", "this list, or what is known of a name"),
+    ("help", "[NAME]", "this list, or what is known of a name or a command"),
+    ("doc", "NAME", "what a name is, with its documentation"),
+    ("vars", "", "what is declared, with values as far as they are known"),
     ("params", "", "every param: value, bounds, prior, space, rate"),
+    ("type", "EXPR", "the type of an expression, without evaluating it; the prior and the space of a param"),
+    ("time", "EXPR", "evaluates an expression and says how long it took"),
+    ("profile", "EXPR", "evaluates an expression and says where the time went"),
+    ("fd", "[EXPR]", "gradient of a scalar beside finite differences"),
+    ("render", "[CAMERA] [SPP]", "a picture from a camera"),
+    ("watch", "[CAMERA]", "shows the picture in a browser, params as sliders; Ctrl-C comes back with what was moved"),
     ("set", "NAME EXPR", "gives a param a value, or replaces a declaration"),
     ("step", "[N]", "N steps (default 1) of the script's first `optimize`"),
     ("reset", "", "params back to their initial values"),
-    ("render", "[CAMERA] [SPP]", "a picture from a camera"),
-    ("type", "EXPR", "the type of an expression, without evaluating it; the prior and the space of a param"),
-    ("time", "EXPR", "evaluates an expression and says how long it took"),
-    ("fd", "[EXPR]", "gradient of a scalar beside finite differences"),
+    ("undo", "", "takes back the last entry that changed something; again for the one before"),
+    ("edit", "[NAME]", "opens a declaration, or the last entry, in $VISUAL or $EDITOR"),
     ("load", "FILE", "starts over with a script"),
     ("reload", "", "reads the script again"),
-    ("save", "FILE", "writes the script with your declarations and the params' values"),
+    ("save", "FILE", "writes the script with your declarations and the params' values, formatted"),
     ("quit", "", "leaves (also Ctrl-D)"),
 ];
 
@@ -38,21 +43,24 @@ impl Repl<'_> {
         let rest = rest.trim();
         let outcome = match name {
             "quit" | "q" | "exit" => return Next::Quit,
-            "help" | "h" | "?" => self.help(rest),
+            "help" | "h" | "?" if rest.is_empty() => {
+                self.help();
+                Ok(())
+            }
+            "help" | "h" | "?" | "doc" => self.doc(rest),
+            "vars" => self.list_variables(),
             "params" => self.list_params(),
+            "type" | "t" => self.type_of(rest),
+            "time" => self.time(rest),
+            "profile" => self.profile(rest),
+            "fd" => self.finite_differences(rest),
+            "render" => self.render(rest),
+            "watch" => self.watch(rest),
             "set" => self.set(rest),
             "step" => self.step(rest),
             "reset" => self.reset(),
-            "render" => self.render(rest),
-            "type" | "t" => {
-                if let Some(expr) = self.expression(rest) {
-                    let text = format!("{}{}", expr.ty, self.space_of(&expr));
-                    self.world.print(&text);
-                }
-                Ok(())
-            }
-            "time" => self.time(rest),
-            "fd" => self.finite_differences(rest),
+            "undo" => self.undo(),
+            "edit" => self.edit(rest),
             "load" => self.load_file(rest),
             "reload" => match self.living.file.clone() {
                 Some(file) => {
@@ -74,73 +82,15 @@ impl Repl<'_> {
         Next::Read
     }
 
-    fn help(&mut self, name: &str) -> Result<(), Diagnostic> {
-        if name.is_empty() {
-            let rows: Vec<String> =
-                NAMES.iter().map(|(name, args, what)| format!("  {:<24} {what}", format!(":{name} {args}"))).collect();
-            let text = format!(
-                "Type an expression to see its value, a declaration to add or replace it, an action to run it.\n\
-                 `grad(loss)` shows the derivative with respect to every param.\n\n{}",
-                rows.join("\n")
-            );
-            self.world.print(&text);
-            return Ok(());
-        }
-        let program = self.living.engine.program();
-        let found = program.find(name);
-        // `:help render` is the function, `:help :render` the command.
-        let bare = name.trim_start_matches(':');
-        if let (None, Some((name, args, what))) = (found, NAMES.iter().find(|(n, ..)| *n == bare)) {
-            self.world.print(&format!(":{name} {args}\n  {what}"));
-            return Ok(());
-        }
-        let Some(id) = found else {
-            let names = program.ids().map(|id| program.decl(id).name.as_str());
-            return Err(Diagnostic::error("dscene::name::unknown", format!("there is no `{name}`"))
-                .help_opt(diag::suggest(name, names).map(|n| format!("did you mean `{n}`?"))));
-        };
-        let decl = program.decl(id);
-        let head = describe::head(program, decl);
-        let text = if decl.doc.trim().is_empty() { head } else { format!("{head}\n\n{}", decl.doc.trim_end()) };
+    fn help(&mut self) {
+        let rows: Vec<String> =
+            NAMES.iter().map(|(name, args, what)| format!("  {:<24} {what}", format!(":{name} {args}"))).collect();
+        let text = format!(
+            "Type an expression to see its value, a declaration to add or replace it, an action to run it.\n\
+             `grad(loss)` shows the derivative with respect to every param; `_` is the last value, `_1`, `_2`, … all of them.\n\n{}",
+            rows.join("\n")
+        );
         self.world.print(&text);
-        Ok(())
-    }
-
-    /// What a declaration says of a param beside its type.
-    fn space_of(&self, expr: &hir::Expr) -> String {
-        let hir::ExprKind::Decl(id) = expr.kind else { return String::new() };
-        let program = self.living.engine.program();
-        let hir::DeclKind::Param(param) = &program.decl(id).kind else { return String::new() };
-        describe::beside(program, param)
-    }
-
-    fn list_params(&mut self) -> Result<(), Diagnostic> {
-        let mut rows = vec![["param", "type", "bounds", "", "value"].map(str::to_owned).to_vec()];
-        for info in self.living.engine.params()? {
-            let value = self.living.engine.param_value(info.id)?;
-            let ty = self.living.engine.program().decl(info.id).ty.clone();
-            let shown = |t: &Tensor| show::with_unit(t, &ty);
-            let bounds = info.bounds.as_ref().map_or(String::new(), |bounds| show::bounds(bounds, &ty));
-            let mut notes = Vec::new();
-            notes.extend(info.prior.map(|(_, span)| format!("~ {}", self.living.engine.program().sources.text(span))));
-            notes.extend(info.space.map(|space| format!("space {}", space.word())));
-            notes.extend(info.frozen.then(|| "frozen".to_owned()));
-            notes.extend(info.lr.map(|lr| format!("lr × {}", show::digits(lr))));
-            notes.extend(info.scale.map(|scale| format!("scale {}", show::digits(scale))));
-            rows.push(vec![
-                info.name.clone(),
-                ty.to_string(),
-                bounds,
-                notes.join(", "),
-                crate::session::run::shortened(&shown(&value)),
-            ]);
-        }
-        if rows.len() == 1 {
-            self.world.note("no params: declare one with `param name = value`");
-        } else {
-            self.world.print(&show::table(&rows));
-        }
-        Ok(())
     }
 
     /// `:set NAME EXPR` or `:set NAME = EXPR`.
@@ -161,12 +111,10 @@ impl Repl<'_> {
                     .help(format!("a new value is declared: `let {name} = {value}`")));
             }
             // Anything else is replaced by a declaration of the same name.
-            self.line(&format!("let {name} = {value}"));
-            return Ok(());
+            return self.enter(&format!("let {name} = {value}"));
         };
-        let Some(expr) = self.expression(value) else {
-            return Ok(());
-        };
+        let before = self.before(&format!(":set {text}"));
+        let Some(expr) = self.expression(value)? else { return Ok(()) };
         let found = self.living.engine.eval(&expr)?;
         let current = self.living.engine.param_value(id)?;
         let tensor = found.var().map(|v| v.value().clone()).map(|t| match t.item() {
@@ -184,6 +132,7 @@ impl Repl<'_> {
             "dscene::type::bounds" => refused.label(expr.span, "out of its bounds"),
             _ => refused,
         })?;
+        self.can_undo(before, None);
         let value = self.living.engine.param_value(id)?;
         let text = show::with_unit(&value, &self.living.engine.program().decl(id).ty);
         self.world.print(&format!("{name} = {text}"));
@@ -208,7 +157,9 @@ impl Repl<'_> {
             self.world.note("the optimisation is complete; `:reset` starts it again");
             return Ok(());
         }
+        let before = self.before(format!(":step {text}").trim_end());
         let flow = self.living.advance(count, &mut *self.world);
+        self.can_undo(before, None);
         if let Some(optimization) = &self.living.optimization {
             let (done, total) = (optimization.done(), optimization.total());
             let loss = optimization.last_loss().map_or("–".to_owned(), show::digits);
@@ -218,7 +169,9 @@ impl Repl<'_> {
     }
 
     fn reset(&mut self) -> Result<(), Diagnostic> {
+        let before = self.before(":reset");
         self.living.reset();
+        self.can_undo(before, None);
         self.world.note("params are back at their initial values");
         Ok(())
     }
@@ -236,38 +189,51 @@ impl Repl<'_> {
             Some(Ok(spp)) if spp > 0 => format!("render({camera}, spp: {spp})"),
             Some(_) => return Err(usage("samples are a positive number", "type `:render eye 16`")),
         };
-        match self.expression(&call) {
+        match self.expression(&call)? {
             Some(expr) => self.show(&expr),
             None => Ok(()),
         }
     }
 
-    fn time(&mut self, text: &str) -> Result<(), Diagnostic> {
-        let Some(expr) = self.expression(text) else {
-            return Ok(());
-        };
-        let watch = Stopwatch::start();
-        let value = self.living.engine.eval(&expr)?;
-        let elapsed = watch.elapsed();
-        let text = eval::brief(&value, &expr.ty);
-        self.world.print(&format!("{text}\n{} (CPU {})", human_seconds(elapsed.wall), human_seconds(elapsed.cpu)));
+    /// Shows the program on a live page until Ctrl-C.
+    fn watch(&mut self, camera: &str) -> Result<(), Diagnostic> {
+        let camera = Some(camera).filter(|name| !name.is_empty());
+        super::choose_camera(self.living.engine.program(), camera)?;
+        let before = self.before(format!(":watch {}", camera.unwrap_or("")).trim_end());
+        watch::session(&mut self.living, camera)?;
+        // It ends in no other way.
+        clear_interrupt();
+        self.can_undo(before, None);
+        self.world.note("the page has ended; params are where it left them");
         Ok(())
     }
 
-    fn finite_differences(&mut self, text: &str) -> Result<(), Diagnostic> {
-        let text = if text.is_empty() {
-            let program = self.living.engine.program();
-            match program.losses().next() {
-                Some(id) => program.decl(id).name.clone(),
-                None => return Err(usage("the script has no loss", "type `:fd EXPR`")),
-            }
-        } else {
-            text.to_owned()
+    /// Opens a declaration, or else the last entry, in an editor; what it is then is the next entry.
+    fn edit(&mut self, name: &str) -> Result<(), Diagnostic> {
+        let program = self.living.engine.program();
+        let text = match name {
+            "" => self.last_entry.clone(),
+            name => match program.find(name) {
+                Some(id) if program.decl(id).user => program.sources.text(program.decl(id).span).to_owned(),
+                _ => return Err(self.unknown(name)),
+            },
         };
-        match self.expression(&text) {
-            Some(expr) => self.gradients(&text, &expr, Some(0.01)),
-            None => Ok(()),
+        let variable = |name: &str| std::env::var(name).ok().filter(|value| !value.trim().is_empty());
+        let Some(editor) = variable("VISUAL").or_else(|| variable("EDITOR")) else {
+            return Err(usage("`:edit` does not know your editor", "set $EDITOR, as in `EDITOR=nano dsl repl`"));
+        };
+        let path = std::env::temp_dir().join(format!("dscene-{}.dscene", std::process::id()));
+        write_atomically(&path, format!("{text}\n").as_bytes()).map_err(|e| cannot_write(&path, &e))?;
+        let edited = edited(&editor, &path);
+        // Nobody needs the file any more; that it cannot be removed is no reason to complain.
+        let _ = std::fs::remove_file(&path);
+        let edited = edited?;
+        if edited.trim().is_empty() || edited.trim() == text.trim() {
+            self.world.note("nothing was changed");
+            return Ok(());
         }
+        self.last_entry = edited.trim().to_owned();
+        self.enter(edited.trim())
     }
 
     fn load_file(&mut self, text: &str) -> Result<(), Diagnostic> {
@@ -300,6 +266,23 @@ impl Repl<'_> {
     }
 }
 
-fn usage(message: &str, help: &str) -> Diagnostic {
+pub(super) fn usage(message: &str, help: &str) -> Diagnostic {
     Diagnostic::error("dscene::repl::usage", message).help(help)
+}
+
+/// What is in a file once the editor has ended. Its command may have arguments, as in `code --wait`.
+fn edited(editor: &str, path: &Path) -> Result<String, Diagnostic> {
+    let failed = |why: String| {
+        Diagnostic::error("dscene::repl::editor", format!("the editor `{editor}` {why}"))
+            .help("set $EDITOR to a command that waits until the file is closed, as `code --wait` does")
+    };
+    let mut words = editor.split_whitespace();
+    let program = words.next().unwrap_or(editor);
+    match Command::new(program).args(words).arg(path).status() {
+        Err(error) => Err(failed(format!("cannot be started: {}", crate::files::describe_io(&error)))),
+        Ok(status) if !status.success() => {
+            Err(failed("has ended with an error: what was written is dropped".to_owned()))
+        }
+        Ok(_) => std::fs::read_to_string(path).map_err(|e| failed(format!("has left no text: {e}"))),
+    }
 }

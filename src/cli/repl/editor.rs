@@ -5,14 +5,16 @@ use std::path::{Path, PathBuf};
 
 use rustyline::completion::{Completer, Pair};
 use rustyline::error::ReadlineError;
-use rustyline::highlight::Highlighter;
+use rustyline::highlight::{CmdKind, Highlighter};
 use rustyline::hint::Hinter;
 use rustyline::history::DefaultHistory;
 use rustyline::validate::{ValidationContext, ValidationResult, Validator};
-use rustyline::{Config, Context, Editor, Helper};
+use rustyline::{CompletionType, Config, Context, Editor, Helper};
 
 use super::input::{Completeness, completeness};
+use crate::cli::out;
 use crate::ide::complete::{Completion, What, complete};
+use crate::ide::tokens::{Class, words_painted};
 use crate::ide::{Analysis, files};
 use crate::syntax;
 
@@ -21,8 +23,10 @@ use crate::syntax;
 pub struct Words {
     /// What the program sees.
     pub known: Option<Analysis>,
-    /// `:help` and its kin, with the colon.
-    pub commands: Vec<String>,
+    /// `:help` and its kin, without the colon: name, arguments and what it does.
+    pub commands: &'static [(&'static str, &'static str, &'static str)],
+    /// `_1`, `_2`, … with their types.
+    pub values: Vec<(String, String)>,
 }
 
 /// Reads lines from a terminal.
@@ -44,8 +48,13 @@ pub enum Input {
 impl LineEditor {
     /// With the history of earlier sessions, if there is a place for it.
     pub fn new() -> rustyline::Result<LineEditor> {
-        let config =
-            Config::builder().max_history_size(2000)?.history_ignore_dups(true)?.auto_add_history(true).build();
+        // All that may follow is listed, below the line.
+        let config = Config::builder()
+            .max_history_size(2000)?
+            .history_ignore_dups(true)?
+            .auto_add_history(true)
+            .completion_type(CompletionType::List)
+            .build();
         let mut editor: Editor<Assistant, DefaultHistory> = Editor::with_config(config)?;
         editor.set_helper(Some(Assistant::default()));
         let history = history_path();
@@ -57,8 +66,9 @@ impl LineEditor {
     }
 
     pub fn set_words(&mut self, words: Words) {
+        let columns = self.editor.dimensions().map_or(80, |(columns, _)| usize::from(columns));
         if let Some(assistant) = self.editor.helper_mut() {
-            assistant.words = words;
+            *assistant = Assistant { words, columns };
         }
     }
 
@@ -71,13 +81,13 @@ impl LineEditor {
         }
     }
 
-    /// Keeps the history for the next session; a read-only home is no reason to complain.
-    pub fn save_history(&mut self) {
+    /// Keeps what was typed since the last call for other sessions, also if this one is killed; a read-only home is no reason to complain.
+    pub fn keep_history(&mut self) {
         if let Some(path) = &self.history {
             if let Some(parent) = path.parent() {
                 let _ = std::fs::create_dir_all(parent);
             }
-            let _ = self.editor.save_history(path);
+            let _ = self.editor.append_history(path);
         }
     }
 }
@@ -98,6 +108,8 @@ fn history_path() -> Option<PathBuf> {
 #[derive(Default)]
 struct Assistant {
     words: Words,
+    /// Of the terminal.
+    columns: usize,
 }
 
 impl Helper for Assistant {}
@@ -108,8 +120,52 @@ impl Hinter for Assistant {
 
 impl Highlighter for Assistant {
     fn highlight_prompt<'b, 's: 'b, 'p: 'b>(&'s self, prompt: &'p str, _default: bool) -> Cow<'b, str> {
+        if !out::colors_on_stdout() {
+            return Cow::Borrowed(prompt);
+        }
         Cow::Owned(format!("\x1b[1;36m{prompt}\x1b[0m"))
     }
+
+    fn highlight<'l>(&self, line: &'l str, _position: usize) -> Cow<'l, str> {
+        match &self.words.known {
+            Some(known) if out::colors_on_stdout() => Cow::Owned(highlighted(known, line)),
+            _ => Cow::Borrowed(line),
+        }
+    }
+
+    /// A character may change what those before it are: all are drawn anew.
+    fn highlight_char(&self, _line: &str, _position: usize, _kind: CmdKind) -> bool {
+        out::colors_on_stdout()
+    }
+}
+
+/// The line with colours for what its words are.
+fn highlighted(known: &Analysis, line: &str) -> String {
+    // The name of a command is no word of the language.
+    let start = match line.starts_with(':') {
+        true => line.find(' ').unwrap_or(line.len()),
+        false => 0,
+    };
+    let (command, text) = line.split_at(start);
+    let mut out = if command.is_empty() { String::new() } else { format!("\x1b[36m{command}\x1b[0m") };
+    let mut copied = 0;
+    for piece in words_painted(known, text) {
+        let color = match piece.class {
+            Class::Comment => "2",
+            Class::String => "32",
+            Class::Number => "33",
+            Class::Keyword => "1;35",
+            Class::Function => "34",
+            Class::Type | Class::Module => "36",
+            Class::Param => "1",
+            Class::Variable | Class::Parameter | Class::Property | Class::Word => continue,
+        };
+        let (before, word) = (&text[copied..piece.start], &text[piece.start..piece.end]);
+        out.push_str(&format!("{before}\x1b[{color}m{word}\x1b[0m"));
+        copied = piece.end;
+    }
+    out.push_str(&text[copied..]);
+    out
 }
 
 impl Validator for Assistant {
@@ -125,21 +181,73 @@ impl Completer for Assistant {
     type Candidate = Pair;
 
     fn complete(&self, line: &str, position: usize, _: &Context<'_>) -> rustyline::Result<(usize, Vec<Pair>)> {
-        let (start, candidates) = candidates(&self.words, line, position);
-        let pair = |word: String| Pair { display: word.clone(), replacement: word };
+        let (start, mut candidates) = candidates(&self.words, line, position);
+        describe(&mut candidates, self.columns);
+        let pair = |c: Candidate| Pair { display: c.shown, replacement: c.text };
         Ok((start, candidates.into_iter().map(pair).collect()))
     }
 }
 
+/// Something that Tab may write.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+struct Candidate {
+    text: String,
+    /// What stands in the list.
+    shown: String,
+    /// Its type, and the first sentence of its documentation.
+    about: String,
+}
+
+/// More candidates than these are listed by their names alone, side by side.
+const DESCRIBED: usize = 24;
+
+/// Has the list say what the candidates are, each in a line that the terminal holds.
+fn describe(candidates: &mut [Candidate], columns: usize) {
+    if candidates.len() > DESCRIBED {
+        return;
+    }
+    let width = candidates.iter().map(|c| c.shown.chars().count()).max().unwrap_or(0).min(columns / 2);
+    for candidate in candidates.iter_mut().filter(|c| !c.about.is_empty()) {
+        let line = format!("{:width$}  {}", candidate.shown, candidate.about);
+        let most = columns.saturating_sub(2);
+        candidate.shown = match line.chars().count() > most {
+            true => line.chars().take(most.saturating_sub(1)).chain(['…']).collect(),
+            false => line,
+        };
+    }
+}
+
+impl Candidate {
+    fn new(text: impl Into<String>, about: impl Into<String>) -> Candidate {
+        let text = text.into();
+        Candidate { shown: text.trim_end_matches([' ', ':', '(']).to_owned(), text, about: about.into() }
+    }
+
+    fn of(item: Completion) -> Candidate {
+        // Up to the end of the first sentence: lists have one line for each.
+        let docs = item.docs.lines().next().unwrap_or("");
+        let sentence = docs.split_once(". ").map_or(docs, |(first, _)| first).trim_end_matches('.');
+        let parts: Vec<&str> = [item.detail.as_str(), sentence].into_iter().filter(|part| !part.is_empty()).collect();
+        let about = parts.join(" · ");
+        Candidate { text: item.text, shown: item.label, about }
+    }
+}
+
 /// Where the word at `position` begins and what it may become.
-fn candidates(words: &Words, line: &str, position: usize) -> (usize, Vec<String>) {
+fn candidates(words: &Words, line: &str, position: usize) -> (usize, Vec<Candidate>) {
     let before = line.get(..position).unwrap_or(line);
     if before.starts_with(':') && !before.contains(' ') {
-        return (0, words.commands.iter().filter(|c| c.starts_with(before)).cloned().collect());
+        let fits = words.commands.iter().filter(|(name, ..)| name.starts_with(&before[1..]));
+        let command = |(name, arguments, what): &(&str, &str, &str)| {
+            let about = if arguments.is_empty() { (*what).to_owned() } else { format!("{arguments} · {what}") };
+            Candidate::new(format!(":{name}"), about)
+        };
+        return (0, fits.map(command).collect());
     }
-    if let Some(path) = before.strip_prefix(":load ") {
+    if let Some((_, path)) = before.split_once(' ').filter(|(c, _)| [":load", ":save"].contains(c)) {
         let path = path.trim_start();
-        return (position - path.len(), files::paths(Path::new("."), path, &[".dscene"]));
+        let paths = files::paths(Path::new("."), path, &[".dscene"]).into_iter();
+        return (position - path.len(), paths.map(|path| Candidate::new(path, "")).collect());
     }
     let Some(known) = &words.known else { return (position, Vec::new()) };
     // What a command is given is an expression; a line is a statement or an expression.
@@ -161,11 +269,18 @@ fn candidates(words: &Words, line: &str, position: usize) -> (usize, Vec<String>
     }
     let prefix = before.get(found.start..).unwrap_or("");
     let is_bare = prefix.is_empty() && matches!(before.trim_end().chars().next_back(), None | Some(')' | ']' | '}'));
-    let fits = |item: &Completion| item.label.starts_with(prefix) && !is_bare;
-    let mut texts: Vec<String> = found.items.into_iter().filter(fits).map(|item| item.text).collect();
-    texts.sort();
-    texts.dedup();
-    (found.start, texts)
+    // Where a call's arguments begin these are what is asked for, not the hundreds of names that may stand there too.
+    let argues = prefix.is_empty() && found.items.iter().any(|item| item.what == What::Argument);
+    let fits =
+        |item: &Completion| item.label.starts_with(prefix) && !is_bare && (!argues || item.what == What::Argument);
+    let mut all: Vec<Candidate> = found.items.into_iter().filter(fits).map(Candidate::of).collect();
+    if prefix.starts_with('_') {
+        let values = words.values.iter().filter(|(name, _)| name.starts_with(prefix));
+        all.extend(values.map(|(name, ty)| Candidate::new(name, ty)));
+    }
+    all.sort_by(|a, b| a.text.cmp(&b.text));
+    all.dedup_by(|a, b| a.text == b.text);
+    (found.start, all)
 }
 
 #[cfg(test)]
@@ -177,8 +292,11 @@ mod tests {
     fn tab_completes_names_fields_arguments_and_commands() {
         let mut program = library();
         check_line(&mut program, "let corners = [[1, 2], [3, 4]]");
-        let commands = vec![":help".into(), ":params".into(), ":type".into()];
-        let words = Words { known: Analysis::of_program(&program), commands };
+        let words = Words {
+            known: Analysis::of_program(&program),
+            commands: &[("help", "[NAME]", "this list"), ("params", "", "every param"), ("type", "EXPR", "the type")],
+            values: vec![("_1".to_owned(), "scalar".to_owned())],
+        };
         for (line, start, wanted) in [
             (":he", 0, &[":help"][..]),
             ("mean(rect", 5, &["rectangle"]),
@@ -190,13 +308,52 @@ mod tests {
             ("camera eye { kind: ortho", 19, &["orthographic"]),
             ("opti", 0, &["optimize"]),
             ("", 0, &[]),
+            ("2 * _", 4, &["_1"]),
         ] {
             let (at, found) = candidates(&words, line, line.len());
             assert_eq!(
-                (at, found.iter().map(String::as_str).collect::<Vec<_>>().as_slice()),
+                (at, found.iter().map(|c| c.text.as_str()).collect::<Vec<_>>().as_slice()),
                 (start, wanted),
                 "{line}"
             );
         }
+    }
+
+    fn words(lines: &[&str]) -> Words {
+        let mut program = library();
+        lines.iter().for_each(|line| drop(check_line(&mut program, line)));
+        Words { known: Analysis::of_program(&program), commands: super::super::commands::NAMES, values: Vec::new() }
+    }
+
+    #[test]
+    fn lists_say_what_is_in_them() {
+        let words = words(&["/// How bright it is. Rarely more.\nparam glow = 0.5 in 0..1"]);
+        let shown = |line: &str, columns: usize| {
+            let (_, mut found) = candidates(&words, line, line.len());
+            describe(&mut found, columns);
+            found.into_iter().map(|c| c.shown).collect::<Vec<String>>()
+        };
+        assert_eq!(shown("2 * glo", 80), ["glow  scalar · How bright it is"]);
+        assert_eq!(
+            shown(":und", 80),
+            [":undo  takes back the last entry that changed something; again for the one be…"]
+        );
+        assert!(shown("sphere(rad", 80)[0].starts_with("radius  scalar"), "{:?}", shown("sphere(rad", 80));
+        // Where there are many, their names stand side by side.
+        assert!(shown("s", 80).contains(&"sphere".to_owned()), "{:?}", shown("s", 80));
+        assert!(shown("2 * glo", 20).iter().all(|line| line.chars().count() <= 18));
+    }
+
+    #[test]
+    fn words_have_the_colours_of_what_they_are() {
+        let words = words(&["param glow = 0.5 in 0..1"]);
+        let known = words.known.unwrap();
+        assert_eq!(
+            highlighted(&known, "let a = glow * sqrt(2) // why"),
+            "\x1b[1;35mlet\x1b[0m a = \x1b[1mglow\x1b[0m * \x1b[34msqrt\x1b[0m(\x1b[33m2\x1b[0m) \x1b[2m// why\x1b[0m"
+        );
+        assert_eq!(highlighted(&known, ":type glow"), "\x1b[36m:type\x1b[0m \x1b[1mglow\x1b[0m");
+        assert_eq!(highlighted(&known, ":quit"), "\x1b[36m:quit\x1b[0m");
+        assert_eq!(highlighted(&known, "print \"é"), "\x1b[1;35mprint\x1b[0m \x1b[32m\"é\x1b[0m");
     }
 }

@@ -1,28 +1,40 @@
 //! The REPL: declarations, expressions and actions against a living program.
 
+mod answer;
 mod commands;
 mod editor;
 pub mod input;
+mod inspect;
 pub mod picture;
+mod show;
+mod undo;
+mod values;
 
 use std::io::{BufRead, IsTerminal};
 use std::path::Path;
 
+use serde_json::json;
+
 use super::args::{Common, ReplArgs};
 use super::living::Living;
 use super::{EXIT_WRONG, Terminal, choose_camera, out};
+use crate::check::hir::{Action, DeclId};
 use crate::check::{Line, hir};
 use crate::diag::Diagnostic;
 use crate::eval;
 use crate::ide::Analysis;
 use crate::session::line::check_line;
 use crate::session::measure::repeat_seed;
-use crate::session::stats::Moments;
 use crate::session::world::{EXIT_INTERRUPTED, clear_interrupt, interrupt_flag, interrupted, listening};
-use crate::session::{MeasureOptions, Runner, World, measure, show};
+use crate::session::{Runner, World};
 use crate::source::SourceId;
+use crate::syntax;
 
+use answer::{Answering, Shared};
 use editor::{Input, LineEditor, Words};
+use picture::Protocol;
+use undo::Before;
+use values::Values;
 
 /// Repeats behind the standard errors of `grad(loss)` and of noisy numbers.
 const REPEATS: u32 = 8;
@@ -42,19 +54,48 @@ pub struct Repl<'w> {
     world: &'w mut dyn World,
     /// Lines with declarations, for `:save`.
     typed: Vec<SourceId>,
-    /// Draw images as characters.
-    pictures: bool,
+    /// What `_` and `_1` stand for.
+    values: Values,
+    /// The entries that can be undone, the last one last.
+    undone_by: Vec<Before>,
+    /// People look at the output: images are drawn, values have their names.
+    is_terminal: bool,
+    /// How the terminal wants its images.
+    protocol: Protocol,
+    /// What a program gets in place of text.
+    answer: Option<Shared>,
+    /// What was typed last, but for commands.
+    last_entry: String,
+    /// Entries so far.
+    entries: u64,
+    /// The present entry did not do what it was to do.
+    entry_failed: bool,
     failed: bool,
 }
 
 /// `dsl repl`
 pub fn run(args: &ReplArgs) -> u8 {
+    if args.common.json {
+        let answer = Shared::default();
+        let mut world = Answering(answer.clone());
+        let mut repl = Repl::new(args.common.clone(), &mut world);
+        repl.answer = Some(answer);
+        if let Some(file) = &args.file {
+            repl.load(file);
+            repl.undone_by.clear();
+            repl.end_entry();
+        }
+        return repl.read_piped();
+    }
     let mut terminal = Terminal::new(&args.common);
     let is_interactive = std::io::stdin().is_terminal();
     let mut repl = Repl::new(args.common.clone(), &mut terminal);
-    repl.pictures = std::io::stdout().is_terminal();
+    repl.is_terminal = std::io::stdout().is_terminal();
+    repl.protocol = Protocol::of_terminal(|name| std::env::var(name).ok());
     if let Some(file) = &args.file {
         repl.load(file);
+        // There is nothing before the script to go back to.
+        repl.undone_by.clear();
     }
     if is_interactive { repl.interact() } else { repl.read_piped() }
 }
@@ -62,8 +103,20 @@ pub fn run(args: &ReplArgs) -> u8 {
 impl<'w> Repl<'w> {
     /// An empty program: only the standard library.
     pub fn new(common: Common, world: &'w mut dyn World) -> Repl<'w> {
-        let living = Living::new(common, interrupt_flag());
-        Repl { living, world, typed: Vec::new(), pictures: false, failed: false }
+        Repl {
+            living: Living::new(common, interrupt_flag()),
+            world,
+            typed: Vec::new(),
+            values: Values::default(),
+            undone_by: Vec::new(),
+            is_terminal: false,
+            protocol: Protocol::Blocks,
+            answer: None,
+            last_entry: String::new(),
+            entries: 0,
+            entry_failed: false,
+            failed: false,
+        }
     }
 
     fn interact(&mut self) -> u8 {
@@ -80,7 +133,9 @@ impl<'w> Repl<'w> {
             match editor.read() {
                 Ok(Input::Text(text)) => {
                     clear_interrupt();
-                    if listening(|| self.line(&text)) == Next::Quit {
+                    let next = listening(|| self.line(&text));
+                    editor.keep_history();
+                    if next == Next::Quit {
                         break;
                     }
                 }
@@ -92,7 +147,6 @@ impl<'w> Repl<'w> {
                 }
             }
         }
-        editor.save_history();
         0
     }
 
@@ -116,14 +170,14 @@ impl<'w> Repl<'w> {
                 inputs.line(String::from_utf8_lossy(&bytes).trim_end_matches(['\n', '\r']))
             };
             let next = text.map_or(Next::Read, |text| listening(|| self.line(&text)));
-            if interrupted() {
+            if interrupted() && self.answer.is_none() {
                 return EXIT_INTERRUPTED;
             }
             if is_end || next == Next::Quit {
                 break;
             }
         }
-        if self.failed { EXIT_WRONG } else { 0 }
+        if self.failed || self.entry_failed { EXIT_WRONG } else { 0 }
     }
 
     fn words(&mut self) -> Words {
@@ -132,7 +186,8 @@ impl<'w> Repl<'w> {
             let _ = check_line(&mut self.living.engine, "");
         }
         let known = Analysis::of_program(self.living.engine.program());
-        Words { known, commands: commands::NAMES.iter().map(|(name, ..)| format!(":{name}")).collect() }
+        let values = self.values.all().map(|kept| (kept.name.clone(), kept.ty.to_string()));
+        Words { known, commands: commands::NAMES, values: values.collect() }
     }
 
     /// One complete input: a `:command`, declarations, actions or an expression.
@@ -141,15 +196,45 @@ impl<'w> Repl<'w> {
         if text.is_empty() {
             return Next::Read;
         }
-        if let Some(command) = text.strip_prefix(':') {
-            return self.command(command);
+        self.entries += 1;
+        let next = match text.strip_prefix(':') {
+            Some(command) => self.command(command),
+            None => {
+                self.last_entry = text.to_owned();
+                let outcome = self.enter(text);
+                self.report(outcome);
+                Next::Read
+            }
+        };
+        self.end_entry();
+        next
+    }
+
+    /// Answers the entry, if a program waits for it.
+    fn end_entry(&mut self) {
+        let failed = std::mem::take(&mut self.entry_failed);
+        self.failed |= failed;
+        if let Some(answer) = &self.answer {
+            out::line(&answer.borrow_mut().take_line(self.entries, !failed));
+            // Ctrl-C ends an evaluation, which its answer tells, and not the session.
+            clear_interrupt();
         }
-        if let Some(line) = self.check(text) {
-            let outcome = self.evaluate(line);
-            self.report(outcome);
-            self.name_the_loss();
+    }
+
+    /// Declarations, actions or an expression.
+    fn enter(&mut self, text: &str) -> Result<(), Diagnostic> {
+        let before = syntax::is_statement(text).then(|| self.before(text));
+        let text = self.spelled_out(text)?;
+        let Some(line) = self.check(&text) else { return Ok(()) };
+        if let (Line::Statements { declared, actions }, Some(before)) = (&line, before) {
+            let moves = |action: &Action| matches!(action, Action::Optimize(_));
+            if !declared.is_empty() || actions.is_empty() || actions.iter().any(moves) {
+                self.can_undo(before, None);
+            }
         }
-        Next::Read
+        let outcome = self.evaluate(line);
+        self.name_the_loss();
+        outcome
     }
 
     /// Makes `loss` mean the script's first loss, unless it means something else already.
@@ -165,13 +250,16 @@ impl<'w> Repl<'w> {
     fn report(&mut self, outcome: Result<(), Diagnostic>) {
         crate::session::run::tell_warnings(&mut self.living.engine, self.world);
         if let Err(diagnostic) = outcome {
+            self.world.progress_done();
             if diagnostic.code == eval::INTERRUPTED {
-                self.world.progress_done();
                 self.world.note("interrupted");
+                if let Some(answer) = &self.answer {
+                    self.entry_failed = true;
+                    answer.borrow_mut().add(json!({ "interrupted": true }));
+                }
                 return;
             }
-            self.failed = true;
-            self.world.progress_done();
+            self.entry_failed = true;
             let sources = self.living.engine.program().sources.clone();
             self.world.diagnostic(&diagnostic, &sources);
         }
@@ -184,18 +272,17 @@ impl<'w> Repl<'w> {
         for diagnostic in &diagnostics {
             self.world.diagnostic(diagnostic, &sources);
         }
-        self.failed |= line.is_none();
+        self.entry_failed |= line.is_none();
         line
     }
 
     /// The expression that a command's argument is.
-    fn expression(&mut self, text: &str) -> Option<hir::Expr> {
-        match self.check(text)? {
-            Line::Expr(expr) => Some(expr),
-            _ => {
-                self.report(Err(Diagnostic::error("dscene::repl::expression", "expected an expression")));
-                None
-            }
+    fn expression(&mut self, text: &str) -> Result<Option<hir::Expr>, Diagnostic> {
+        let text = self.spelled_out(text)?;
+        match self.check(&text) {
+            None => Ok(None),
+            Some(Line::Expr(expr)) => Ok(Some(expr)),
+            Some(_) => Err(Diagnostic::error("dscene::repl::expression", "expected an expression")),
         }
     }
 
@@ -208,16 +295,13 @@ impl<'w> Repl<'w> {
                     // What is being optimised may have changed its meaning.
                     self.living.optimization = None;
                 }
-                for id in declared {
-                    let decl = self.living.engine.program().decl(id);
-                    let text = format!("{} : {}", decl.name, decl.ty);
-                    self.world.print(&text);
-                }
+                self.tell_declared(&declared);
+                self.evaluate_again(&declared)?;
                 let mut runner = Runner::new(&mut self.living.engine, &mut *self.world);
                 runner.outputs = self.living.common.out.clone().unwrap_or_default();
                 runner.histories = std::mem::take(&mut self.living.histories);
                 let flow = runner.run(&actions);
-                self.failed |= !runner.report.is_success();
+                self.entry_failed |= !runner.report.is_success();
                 self.living.histories = std::mem::take(&mut runner.histories);
                 flow.map(|_| ())
             }
@@ -226,83 +310,48 @@ impl<'w> Repl<'w> {
         }
     }
 
-    /// Prints an expression's value and type.
-    fn show(&mut self, expr: &hir::Expr) -> Result<(), Diagnostic> {
-        if let hir::ExprKind::Derivative(derivative) = &expr.kind
-            && derivative.kind == hir::DerivativeKind::Grad
-            && derivative.wrt.is_empty()
-        {
-            let name = self.living.engine.program().sources.text(derivative.of.span).to_owned();
-            return self.gradients(&name, &derivative.of, None);
-        }
-        self.living.engine.set_sample_seed(repeat_seed(self.living.common.seed, 0));
-        let started = std::time::Instant::now();
-        let value = self.living.engine.eval(expr)?;
-        if self.pictures
-            && let Some(image) = crate::session::save::image_of(&value)
-            && matches!(value, crate::natives::value::Value::Image(_))
-        {
-            self.world.print(picture::half_blocks(&image, 64).trim_end());
-        }
-        let text = match value.number() {
-            Some(first) if expr.ty.is_scalar() => {
-                let seconds = started.elapsed().as_secs_f64();
-                self.noisy(expr, first, seconds)?.unwrap_or_else(|| eval::show(&value, &expr.ty))
-            }
-            _ => eval::show(&value, &expr.ty),
-        };
-        self.world.print(&format!("{text}   : {}", expr.ty));
-        Ok(())
-    }
-
-    /// A number that depends on the seed, as mean and standard error; `None` if it does not.
-    fn noisy(&mut self, expr: &hir::Expr, first: f64, seconds: f64) -> Result<Option<String>, Diagnostic> {
-        let affordable = (PATIENCE / seconds.max(1e-9)).min(f64::from(REPEATS)) as u64;
-        let mut moments = Moments::default();
-        moments.add(&[first]);
-        for repeat in 1..affordable.max(2) {
-            if interrupted() || (repeat == 1 && seconds > 2.0 * PATIENCE) {
-                break;
-            }
-            self.living.engine.set_sample_seed(repeat_seed(self.living.common.seed, repeat));
-            let Some(x) = self.living.engine.eval(expr)?.number() else {
-                break;
-            };
-            if repeat == 1 && x.to_bits() == first.to_bits() {
-                break;
-            }
-            moments.add(&[x]);
-        }
-        self.living.engine.set_sample_seed(repeat_seed(self.living.common.seed, 0));
-        let error = moments.std_error().first().copied().unwrap_or(0.0);
-        Ok((error > 0.0).then(|| show::plus_minus(moments.mean()[0], error)))
-    }
-
-    /// The table of all params that reach a scalar.
-    fn gradients(&mut self, name: &str, of: &hir::Expr, fd_step: Option<f64>) -> Result<(), Diagnostic> {
-        let ids = self.living.engine.reaching_params(of)?;
+    fn tell_declared(&mut self, declared: &[DeclId]) {
         let program = self.living.engine.program();
-        let target = |id: &hir::DeclId| hir::Target { decl: *id, path: Vec::new() };
-        let wrt: Vec<(String, hir::Target)> =
-            ids.iter().map(|id| (program.decl(*id).name.clone(), target(id))).collect();
-        if wrt.is_empty() {
-            return Err(Diagnostic::error("dscene::repl::gradient", format!("no param reaches `{name}`"))
-                .label(of.span, "does not depend on any param"));
+        let named = |id: &DeclId| (program.decl(*id).name.clone(), program.decl(*id).ty.to_string());
+        let declared: Vec<(String, String)> = declared.iter().map(named).collect();
+        if let (Some(answer), false) = (&self.answer, declared.is_empty()) {
+            let all: Vec<_> = declared.iter().map(|(name, ty)| json!({ "name": name, "type": ty })).collect();
+            return answer.borrow_mut().add(json!({ "declared": all }));
         }
-        let options = MeasureOptions { repeats: REPEATS, seed: self.living.common.seed, fd_step, warm: false };
-        match measure(&mut self.living.engine, of, &wrt, options, &interrupted)? {
-            Some(measurement) => self.world.print(&measurement.to_text(name, false)),
-            None => self.world.note("interrupted"),
+        declared.iter().for_each(|(name, ty)| self.world.print(&format!("{name} : {ty}")));
+    }
+
+    /// Evaluates what was known before and has changed with the program, and says so. The names in `declared` were told already.
+    fn evaluate_again(&mut self, declared: &[DeclId]) -> Result<(), Diagnostic> {
+        let changed = self.living.engine.take_dropped();
+        let program = self.living.engine.program();
+        let others = changed.iter().filter(|id| !declared.contains(id));
+        let names: Vec<String> = others.map(|id| program.decl(*id).name.clone()).collect();
+        if changed.is_empty() {
+            return Ok(());
+        }
+        self.living.engine.set_sample_seed(repeat_seed(self.living.common.seed, 0));
+        for id in changed {
+            self.living.engine.eval_decl(id)?;
+        }
+        if names.is_empty() {
+            return Ok(());
+        }
+        match &self.answer {
+            Some(answer) => answer.borrow_mut().add(json!({ "evaluated_again": names })),
+            None => self.world.note(&format!("evaluated again: {}", names.join(", "))),
         }
         Ok(())
     }
 
     /// Replaces the program by a file's; keeps the old one if the file is wrong.
     fn load(&mut self, file: &Path) -> bool {
-        if !self.living.load(file, &mut *self.world) {
-            self.failed = true;
+        let before = self.before(&format!(":load {}", file.display()));
+        let Some(engine) = self.living.load(file, &mut *self.world) else {
+            self.entry_failed = true;
             return false;
-        }
+        };
+        self.can_undo(before, Some(engine));
         self.typed.clear();
         self.name_the_loss();
         let program = self.living.engine.program();
@@ -317,4 +366,9 @@ impl<'w> Repl<'w> {
         ));
         true
     }
+}
+
+/// What stands beside the answer: grey, if the terminal has colours.
+fn dim(text: &str) -> String {
+    if out::colors_on_stdout() { format!("\x1b[2m{text}\x1b[0m") } else { text.to_owned() }
 }

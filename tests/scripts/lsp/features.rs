@@ -6,7 +6,7 @@ use super::client::{Editor, address, cursor, marker};
 use crate::place::Place;
 
 /// An editor in a folder with a library.
-fn editor() -> (Place, Editor) {
+pub fn editor() -> (Place, Editor) {
     let place = Place::new();
     place.write("lib.dscene", "/// How large it is.\nlet size = 2\nfn twice(x: scalar) = 2 * x\n");
     let folder = format!("file://{}", place.folder.path().display());
@@ -22,12 +22,12 @@ fn shown(position: &Value) -> String {
     format!("{}:{}", position["line"], position["character"])
 }
 
-fn range(range: &Value) -> String {
+pub fn range(range: &Value) -> String {
     format!("{}-{}", shown(&range["start"]), shown(&range["end"]))
 }
 
 /// A text with the edits of a response made.
-fn edited(text: &str, edits: &Value) -> String {
+pub fn edited(text: &str, edits: &Value) -> String {
     let offset = |position: &Value| {
         let line = position["line"].as_u64().unwrap() as usize;
         let start: usize = text.split_inclusive('\n').take(line).map(str::len).sum();
@@ -434,6 +434,11 @@ fn actions_mend_and_offer() {
             "let value = [1, 2]\n/// Doc.\nlet a = mean(value) + 1",
         ),
         ("param q = 1\nparam |r = 2\nloss l = q", "Make `r` a `let`", "param q = 1\nlet r = 2\nloss l = q"),
+        (
+            "param q = 1\nparam |r = 2 in 0..3 { lr: 0.1 } // why\nloss l = q",
+            "Make `r` a `let`",
+            "param q = 1\nlet r = 2 // why\nloss l = q",
+        ),
     ] {
         let found = actions(&place, &mut editor, marked);
         assert!(found.iter().any(|(t, r)| t == title && r == result), "{marked}: {found:?}");

@@ -2,6 +2,8 @@
 
 mod client;
 mod features;
+mod records;
+mod sessions;
 mod vscode;
 
 use serde_json::{Value, json};
@@ -227,7 +229,7 @@ fn hover_tells_types_units_and_documentation() {
         ("fn f(size: scalar in 0.. = 2) = si|ze", "size: scalar in 0.. = 2\n```\nA parameter of `f`."),
         ("let a = [p|oint.x for point in [[1, 2], [3, 4]]]", "point: vec2"),
         ("fn f(x: vec3) {\n  let long = norm(x)\n  lo|ng\n}", "long: scalar"),
-        ("import \"lib.dscene\" as lib\nlet a = lib.si|ze", "let size: scalar\n```\nHow large it is."),
+        ("import \"lib.dscene\" as lib\nlet a = lib.si|ze", "let size: scalar = 2\n```\nHow large it is."),
         ("import \"lib.dscene\" as li|b", "import \"lib.dscene\" as lib"),
         ("import \"lib.dscene\"\nlet a = twi|ce(2)", "fn twice(x: scalar)\n```"),
         ("param x = 1\nloss l = x ^ 2\noptimize l { ste|ps: 3 }", "The number of steps."),
