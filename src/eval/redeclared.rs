@@ -92,7 +92,8 @@ impl Engine {
 
     /// The declarations with given values.
     pub fn given_values(&self) -> Vec<(DeclId, Value)> {
-        self.parted_overrides().0.into_iter().map(|(target, value)| (target.decl, value)).collect()
+        let [given, _] = self.parted_overrides();
+        given.into_iter().map(|(target, value)| (target.decl, value)).collect()
     }
 
     /// What a declaration has been found to be, if that is known without computing anything.
@@ -109,10 +110,11 @@ impl Engine {
     }
 
     /// Given values, and what an optimisation put in the place of declarations and fields.
-    pub(super) fn parted_overrides(&self) -> (Vec<(Target, Value)>, Vec<(Target, Value)>) {
+    pub(super) fn parted_overrides(&self) -> [Vec<(Target, Value)>; 2] {
         let is_given =
             |(target, _): &(Target, Value)| target.path.is_empty() && is_given(self.program.decl(target.decl));
-        self.worlds[0].overrides.iter().cloned().partition(is_given)
+        let (given, placed) = self.worlds[0].overrides.iter().cloned().partition(is_given);
+        [given, placed]
     }
 }
 

@@ -79,7 +79,7 @@ impl Engine {
         for decl in std::mem::take(&mut self.renewed).into_iter().flat_map(|renewed| renewed.decls) {
             self.reset_param(DeclId(decl));
         }
-        let (given, replaced) = self.parted_overrides();
+        let [given, replaced] = self.parted_overrides();
         self.worlds[0].overrides = given;
         self.forget_users_of(replaced.into_iter().map(|(target, _)| target.decl).collect());
     }
@@ -98,7 +98,7 @@ impl Engine {
 
     /// The declarations, other than params, that stages declared anew, with their values.
     pub fn renewed_values(&self) -> Vec<(DeclId, Value)> {
-        let (_, replaced) = self.parted_overrides();
+        let [_, replaced] = self.parted_overrides();
         let whole = replaced.into_iter().filter(|(target, _)| target.path.is_empty());
         whole.map(|(target, value)| (target.decl, value)).collect()
     }
