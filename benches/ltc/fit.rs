@@ -30,7 +30,7 @@ impl Samples {
         for i in 0..STRATA * STRATA {
             let u = [i % STRATA, i / STRATA].map(|k| (k as f32 + 0.5) / STRATA as f32);
             if let Some(s) = bsdf.sample(wi, [u[0], u[1], 0.5]) {
-                let value = bsdf.eval(Vec3::Z, wi, s.wo).x;
+                let value = s.f.x;
                 directions.push((s.wo, f64::from(value / s.pdf) / (STRATA * STRATA) as f64));
                 values.push(f64::from(value));
             }
