@@ -22,6 +22,8 @@ mod edges;
 mod examples;
 #[path = "derivatives/finite_differences.rs"]
 mod finite_differences;
+#[path = "derivatives/glass.rs"]
+mod glass;
 #[path = "derivatives/ltc.rs"]
 mod ltc;
 #[path = "derivatives/masks.rs"]

@@ -160,11 +160,12 @@ pub const TABLE: &[Row] = &[
         "$1",
         "every material has two sides; `one_sided(…)` takes one away",
     ),
+    row(Place::Call, "glass", "dielectric(ior: 1.5)", ""),
     row(
         Place::Call,
-        "roughdielectric glass thindielectric",
-        "mirror()",
-        "light does not pass through bodies in this version",
+        "roughdielectric thindielectric",
+        "dielectric()",
+        "clear bodies have smooth surfaces and a thickness in this version",
     ),
     row(Place::Name, "True TRUE yes on", "true", ""),
     row(Place::Name, "False FALSE no off", "false", ""),
@@ -442,10 +443,8 @@ pub fn type_name(name: &str) -> Option<&'static str> {
 
 /// What the language will have and this version has not.
 pub fn is_planned(name: &str) -> bool {
-    const FUNCTIONS: &str = "dielectric plastic emissive blend normal_map bump decimate unwrap lbfgs classifier \
-                             laplacian medium";
-    const FIELDS: &str = "focal sensor_width";
-    FUNCTIONS.split_whitespace().chain(FIELDS.split_whitespace()).any(|planned| planned == name)
+    const FUNCTIONS: &str = "thin_dielectric emissive blend normal_map bump decimate unwrap medium";
+    FUNCTIONS.split_whitespace().any(|planned| planned == name)
 }
 
 /// Something that is planned was used.

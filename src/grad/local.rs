@@ -7,7 +7,7 @@ use glam::Vec3;
 use crate::grad::environment::MovingEnvironment;
 use crate::grad::sink::{Adjoints, Sink};
 use crate::render::accel::PrimId;
-use crate::render::bsdf::{BsdfAdjoint, Part};
+use crate::render::bsdf::{Bsdf, BsdfAdjoint, Lobe, Part, d_fresnel, d_refract, fresnel, refract};
 use crate::render::film::first_hit;
 use crate::render::interaction::{SurfaceInteraction, d_terminator, terminator};
 use crate::render::light::{LightKind, LightSample};
@@ -105,6 +105,70 @@ pub fn d_mirrored(si: &SurfaceInteraction, mut d_dir: Vec3, adj: &mut VertexAdjo
     }
     adj.ns += (si.wi * si.ns.dot(d_dir) + d_dir * n_wi) * 2.0;
     adj.wi += si.ns * (2.0 * si.ns.dot(d_dir)) - d_dir;
+}
+
+/// Adjoint of [`SurfaceInteraction::refracted`]: adds to that of the vertex, and returns that of `eta`.
+fn d_refracted(si: &SurfaceInteraction, eta: f32, mut d_dir: Vec3, adj: &mut VertexAdjoint) -> f32 {
+    let n = si.normal_to_wi();
+    let Some(dir) = refract(n, si.wi, eta) else { return 0.0 };
+    let height = si.ng.dot(dir);
+    if height > 0.0 {
+        adj.ng -= (d_dir * height + dir * si.ng.dot(d_dir)) * 2.0;
+        d_dir -= si.ng * (2.0 * si.ng.dot(d_dir));
+    }
+    let d = d_refract(n, si.wi, eta, d_dir);
+    adj.ns += d.n * n.dot(si.ns).signum();
+    adj.wi += d.wi;
+    d.eta
+}
+
+/// Adjoint of a delta lobe, [`SurfaceInteraction::specular_sample`]: `d_f` is that of the factor on radiance, `d_dir` that of the direction,
+/// which follows the normal and `wi`. Adds to the adjoint of the vertex, and returns those of the material's inputs.
+pub fn d_specular(
+    si: &SurfaceInteraction,
+    lobe: Lobe,
+    d_f: Vec3,
+    d_dir: Vec3,
+    adj: &mut VertexAdjoint,
+) -> [Vec3; MAX_INPUTS] {
+    let mut d_values = [Vec3::ZERO; MAX_INPUTS];
+    let Bsdf::Dielectric(dielectric) = si.bsdf else {
+        d_mirrored(si, d_dir, adj);
+        d_values[0] = d_f;
+        return d_values;
+    };
+    let outside = si.flip > 0.0;
+    let (c, eta) = (si.ns.dot(si.wi), dielectric.eta(outside));
+    let [by_c, by_eta] = d_fresnel(c.abs(), eta);
+    let d_share = d_f.element_sum();
+    let (d_reflectance, d_eta) = if lobe.transmits() {
+        // The factor on radiance is (1 − F)/η².
+        let by_index = -2.0 * (1.0 - fresnel(c.abs(), eta)) / (eta * eta * eta);
+        (-d_share / (eta * eta), d_share * by_index + d_refracted(si, eta, d_dir, adj))
+    } else {
+        d_mirrored(si, d_dir, adj);
+        (d_share, 0.0)
+    };
+    let d_c = d_reflectance * by_c * c.signum();
+    adj.ns += si.wi * d_c;
+    adj.wi += si.ns * d_c;
+    d_values[0].x = dielectric.d_eta(outside, d_eta + d_reflectance * by_eta);
+    d_values
+}
+
+/// Adjoint of a ray that leaves a vertex in the direction of a delta lobe; returns the adjoint of the ray that hit the vertex at distance
+/// `t`.
+pub fn d_specular_ray<S: Sink>(
+    out: &mut Adjoints<S>,
+    si: &SurfaceInteraction,
+    t: f32,
+    lobe: Lobe,
+    ray: RayAdjoint,
+) -> RayAdjoint {
+    let mut adj = VertexAdjoint { p: ray.origin, ..Default::default() };
+    let d_values = d_specular(si, lobe, Vec3::ZERO, ray.dir, &mut adj);
+    d_inputs(out, si, &d_values, &mut adj);
+    d_intersection(out, si, t, adj)
 }
 
 /// `wi` mirrored to the front of the shading normal, as the BSDF uses it.
@@ -283,13 +347,14 @@ pub fn emission_input<S: Sink>(out: &Adjoints<S>, prim: PrimId) -> Option<Input>
     out.scene.description.shapes[shape].emission.as_ref().map(|e| e.radiance)
 }
 
-/// Adjoint of light that arrives at a vertex: with the light's point fixed on its surface or, where surfaces touch or through an attached
-/// lobe, with a point that slides.
+/// Adjoint of light that arrives at a vertex: with the light's point fixed on its surface or, if it `slides`, where surfaces touch or
+/// through an attached lobe, with a point that slides.
 pub fn d_incident<S: Sink>(
     out: &mut Adjoints<S>,
     si: &SurfaceInteraction,
     c: &IncidentLight,
     a: Vec3,
+    slides: bool,
     environment: MovingEnvironment,
     adj: &mut VertexAdjoint,
 ) -> [Vec3; MAX_INPUTS] {
@@ -299,13 +364,13 @@ pub fn d_incident<S: Sink>(
     let [fixed, attached] = si.eval_split(c.dir);
     let part = si.bsdf.is_attached().then_some(Part::Diffuse);
     let scattering = Scattering { f: fixed, part, a };
-    let touches = c.light.kind == LightKind::Area && out.scene.touch(si.prim, c.light.prim);
+    let slides = slides || c.light.kind == LightKind::Area && out.scene.touch(si.prim, c.light.prim);
     let splits = c.light.kind == LightKind::Environment
         && environment != MovingEnvironment::Whole
         && out.layout.turns_environment();
-    let mut d_values = if splits {
+    let mut d_values = if splits && !slides {
         d_environment_light(out, si, c, scattering, environment, adj)
-    } else if !touches {
+    } else if !slides {
         d_material_fixed(out, si, c, scattering, adj)
     } else {
         let d_f = a * c.light.power * (c.geometry * c.weight);

@@ -7,7 +7,8 @@
 //! Parametrisation (the table in `docs/derivatives.md`): camera rays and reflected radiance
 //! are direction-fixed (a hit point slides over its surface as things move), emission is material-fixed (a point of a
 //! light keeps its barycentric coordinates, one of the environment, or of its peak, turns with it), perfect mirrors and narrow lobes are
-//! attached (their directions follow the normal). What is seen through an attached direction slides, emission included. Sampling
+//! attached (their directions follow the normal). What is seen through an attached direction slides, emission included. So does all
+//! light at a vertex that the camera sees by way of glass: from a light no path leads back to the camera. Sampling
 //! densities, MIS weights and Russian roulette are constants.
 
 use glam::Vec3;
@@ -15,11 +16,11 @@ use glam::Vec3;
 use crate::grad::environment::MovingEnvironment;
 use crate::grad::local::{
     IncidentLight, Masks, RayAdjoint, Scattering, VertexAdjoint, d_attached_direction, d_emission_sliding, d_eval,
-    d_eval_attached, d_incident, d_inputs, d_intersection, d_masks, d_material_fixed, d_mirrored, d_opacity,
+    d_eval_attached, d_incident, d_inputs, d_intersection, d_masks, d_material_fixed, d_opacity, d_specular,
+    d_specular_ray,
 };
-use crate::grad::mirrors::viewpoint::d_reflected_ray;
 use crate::grad::sink::{Adjoints, Layout, Sink};
-use crate::render::bsdf::{Part, RoughnessPair};
+use crate::render::bsdf::{Bsdf, Part, RoughnessPair};
 use crate::render::integrator::{Connection, Continuation, Recorder};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::mask::{MaskCrossing, MaskWeight};
@@ -63,6 +64,11 @@ impl Path {
 
     fn crossings(&self, (from, to): Span) -> &[MaskCrossing] {
         &self.crossings[from as usize..to as usize]
+    }
+
+    /// Whether a path passes glass before its vertex `k`.
+    pub fn is_behind_glass(&self, k: usize) -> bool {
+        self.vertices[..k].iter().any(|v| matches!(v.si.bsdf, Bsdf::Dielectric(_)))
     }
 
     /// Takes the masks of the latest segment.
@@ -114,11 +120,12 @@ impl Recorder for Path {
 }
 
 /// The weight with which the emission of a vertex slides over its surface: seen by the camera, through an attached direction, or from a
-/// surface that it touches. `None` where the emitting point is fixed to its surface.
+/// surface that it touches or that is seen by way of glass. `None` where the emitting point is fixed to its surface.
 fn sliding_emission(scene: &Scene, path: &Path, k: usize) -> Option<f32> {
     let Some(before) = k.checked_sub(1).map(|i| &path.vertices[i]) else { return Some(1.0) };
+    let behind_glass = scene.has_glass && path.is_behind_glass(k - 1);
     let (c, here) = (before.continuation.as_ref()?, path.vertices.get(k)?);
-    let slides = c.delta || c.attached || scene.touch(before.si.prim, here.si.prim);
+    let slides = behind_glass || c.lobe.is_delta() || c.attached || scene.touch(before.si.prim, here.si.prim);
     slides.then_some(c.emission_weight)
 }
 
@@ -142,8 +149,8 @@ pub fn inject<S: Sink>(out: &mut Adjoints<S>, path: &Path, injection: &Injection
             if injection.d_dir != Vec3::ZERO {
                 d_attached_direction(&v.si, injection.dir, injection.d_dir, &mut adj);
             }
-        } else if v.si.bsdf.is_delta() {
-            ray = d_reflected_ray(out, &v.si, v.t, ray);
+        } else if let Some(c) = v.continuation.as_ref().filter(|c| c.lobe.is_delta()) {
+            ray = d_specular_ray(out, &v.si, v.t, c.lobe, ray);
             continue;
         } else {
             adj.p = ray.origin;
@@ -232,6 +239,12 @@ impl<S: Sink> VertexSweep<'_, '_, S> {
         }
     }
 
+    /// Whether the camera sees the vertex by way of glass.
+    #[inline(always)]
+    fn is_behind_glass(&self) -> bool {
+        self.out.scene.has_glass && self.path.is_behind_glass(self.index)
+    }
+
     /// Differentiates the radiance that the continuation finds, of which the next vertex reflects `reflected`; `d_dir` is the adjoint of
     /// the direction so far. Returns that radiance.
     #[inline(always)]
@@ -245,17 +258,18 @@ impl<S: Sink> VertexSweep<'_, '_, S> {
         let found = emission + sky + reflected;
         if c.escaped.is_some() {
             let d_sky = self.a * (c.f * c.inv_pdf) * (c.emission_weight * c.through.weight);
-            if c.delta || c.attached {
+            if c.lobe.is_delta() || c.attached {
                 d_dir += self.out.environment(c.dir, d_sky);
+            } else if self.is_behind_glass() {
+                self.out.environment(c.dir, d_sky);
             } else {
                 self.out.environment_point(c.dir, d_sky);
             }
         }
         let d_f = self.a * c.inv_pdf;
-        if c.delta {
-            // The direction is attached: it depends on the normal and the incoming direction.
-            self.add_values([d_f * found, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO]);
-            d_mirrored(si, d_dir, &mut self.adj);
+        if c.lobe.is_delta() {
+            let d_values = d_specular(si, c.lobe, d_f * found, d_dir, &mut self.adj);
+            self.add_values(d_values);
         } else if c.attached {
             let d_values = d_eval_attached(si, c.dir, d_f * found, d_dir, &mut self.adj);
             self.add_values(d_values);
@@ -276,7 +290,7 @@ impl<S: Sink> VertexSweep<'_, '_, S> {
             let d_f = self.a * c.inv_pdf;
             let d_values = d_eval(si, c.dir, part, d_f * direction_fixed, &mut self.adj).1;
             self.add_values(d_values);
-            if c.escaped.is_some() && self.out.layout.turns_environment() {
+            if c.escaped.is_some() && self.out.layout.turns_environment() && !self.is_behind_glass() {
                 self.turn_environment(c, part, found.sky, d_dir);
             }
         }
@@ -327,7 +341,8 @@ impl<S: Sink> VertexSweep<'_, '_, S> {
             masks: Masks { crossings: self.path.crossings(self.v.to_light), weight: c.weight },
         };
         let environment = self.detached.environment;
-        let d_values = d_incident(self.out, &self.v.si, &incident, self.a, environment, &mut self.adj);
+        let slides = self.is_behind_glass();
+        let d_values = d_incident(self.out, &self.v.si, &incident, self.a, slides, environment, &mut self.adj);
         self.add_values(d_values);
         c.f * c.light.power * (c.geometry * weight)
     }

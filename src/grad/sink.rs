@@ -8,7 +8,7 @@ use crate::render::edges::Edge;
 use crate::render::environment::{d_environment_uv, environment_uv};
 use crate::render::sensor::CameraAdjoint;
 use crate::render::texture::{Footprint, Texture};
-use crate::render::{Environment, Input, Scene, Slot};
+use crate::render::{Environment, Input, MaterialKind, Scene, Shape, Slot};
 
 /// The position of a slot that was not requested.
 const NONE: u32 = u32::MAX;
@@ -34,15 +34,24 @@ pub struct Layout {
     camera_scale: u32,
     camera_lens: u32,
     camera_distortion: u32,
-    /// No requested slot moves anything or turns a normal, so that paths do not depend on the slots.
+    /// No requested slot moves anything, turns a normal or changes a refractive index, so that paths do not depend on the slots.
     pub is_static: bool,
-    /// A requested slot turns the normals of a mirror or of a surface with narrow lobes, and so moves what it reflects.
+    /// By shape: a requested slot is its refractive index, which turns what it refracts.
+    refracts: Vec<bool>,
+    /// A requested slot turns the normals of a mirror or of a surface with narrow lobes, or changes a refractive index, and so moves what
+    /// is seen by way of the surface.
     turns_reflections: bool,
 }
 
 impl Layout {
     pub fn new(scene: &Scene, slots: &[Slot]) -> Layout {
         let d = &scene.description;
+        let refracts = |(i, shape): (usize, &Shape)| match shape.material.kind {
+            MaterialKind::Dielectric { ior } => slots.iter().any(|slot| slot.is_read_by(ior, i)),
+            _ => false,
+        };
+        let refracts: Vec<bool> = d.shapes.iter().enumerate().map(refracts).collect();
+        let refracts_any = refracts.contains(&true);
         let shapes = vec![NONE; d.shapes.len()];
         let lights = vec![NONE; d.delta_lights.len()];
         let mut layout = Layout {
@@ -63,11 +72,14 @@ impl Layout {
             camera_scale: NONE,
             camera_lens: NONE,
             camera_distortion: NONE,
-            is_static: !slots.iter().any(|s| s.moves_things() || matches!(s.opening(), Slot::Normals(_))),
-            turns_reflections: slots.iter().any(|s| {
-                let shape = if let Slot::Normals(i) = s.opening() { d.shapes.get(i) } else { None };
-                shape.is_some_and(|shape| shape.material.kind.may_follow_normals())
-            }),
+            is_static: !refracts_any
+                && !slots.iter().any(|s| s.moves_things() || matches!(s.opening(), Slot::Normals(_))),
+            refracts,
+            turns_reflections: refracts_any
+                || slots.iter().any(|s| {
+                    let shape = if let Slot::Normals(i) = s.opening() { d.shapes.get(i) } else { None };
+                    shape.is_some_and(|shape| shape.material.kind.may_follow_normals())
+                }),
         };
         let mut start = 0;
         for slot in slots {
@@ -129,10 +141,10 @@ impl Layout {
         self.starts.last().copied().unwrap_or(0)
     }
 
-    /// Whether a requested slot moves a shape's vertices or turns its normals.
+    /// Whether a requested slot moves a shape's vertices, or turns its normals or what it refracts.
     pub fn moves(&self, shape: u32) -> bool {
         let asked = |slots: &[u32]| slots.get(shape as usize).is_some_and(|&start| start != NONE);
-        asked(&self.vertices) || asked(&self.normals)
+        asked(&self.vertices) || asked(&self.normals) || self.refracts.get(shape as usize) == Some(&true)
     }
 
     /// Whether a requested slot moves camera rays or turns the environment.

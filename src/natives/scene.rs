@@ -29,6 +29,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("phong", |a| material(a, &MaterialKind::Phong { diffuse: (), specular: (), roughness: () })),
     ("plastic", |a| material(a, &MaterialKind::Plastic { diffuse: (), ior: (), roughness: () })),
     ("mirror", |a| material(a, &MaterialKind::Mirror { reflectance: () })),
+    ("dielectric", |a| material(a, &MaterialKind::Dielectric { ior: () })),
     ("principled", |a| {
         material(a, &MaterialKind::Principled { base_color: (), metallic: (), roughness: (), specular: () })
     }),

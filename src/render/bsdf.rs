@@ -10,6 +10,7 @@
 mod angles;
 mod coat;
 mod conductor;
+mod dielectric;
 mod fresnel;
 mod microfacet;
 mod model;
@@ -26,6 +27,7 @@ use crate::math::{cosine_hemisphere, cosine_hemisphere_pdf, luminance};
 use self::angles::Angles;
 pub use self::angles::DirectionsAdjoint;
 use self::conductor::{Conductor, ConductorIor};
+pub use self::dielectric::{Dielectric, d_fresnel, d_refract, fresnel, refract};
 use self::microfacet::{Ggx, Microfacets};
 use self::model::{Inputs, Model};
 use self::phong::Phong;
@@ -39,7 +41,7 @@ const MIN_PHONG_ROUGHNESS: f32 = 1e-7;
 /// Microfacet lobes with an α below this are attached ([`Bsdf::is_attached`]).
 const ATTACHED_ALPHA: f32 = 0.2;
 /// Each lobe of a mixture gets at least this share of the samples, so that a lobe that is black now still gets derivatives.
-const MIN_LOBE_SHARE: f32 = 0.1;
+pub const MIN_LOBE_SHARE: f32 = 0.1;
 
 /// A material at a point of a surface, with its inputs looked up.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,6 +49,7 @@ pub enum Bsdf {
     Black,
     Diffuse { reflectance: Vec3 },
     Mirror { reflectance: Vec3 },
+    Dielectric(Dielectric),
     Conductor(Conductor),
     ConductorIor(ConductorIor),
     Phong(Phong),
@@ -58,7 +61,7 @@ pub enum Bsdf {
 macro_rules! with_model {
     ($bsdf:expr, $model:ident => $value:expr, _ => $other:expr) => {
         match $bsdf {
-            Bsdf::Black | Bsdf::Diffuse { .. } | Bsdf::Mirror { .. } => $other,
+            Bsdf::Black | Bsdf::Diffuse { .. } | Bsdf::Mirror { .. } | Bsdf::Dielectric(_) => $other,
             Bsdf::Conductor($model) => $value,
             Bsdf::ConductorIor($model) => $value,
             Bsdf::Phong($model) => $value,
@@ -77,15 +80,63 @@ pub enum Part {
     Specular,
 }
 
+/// How wide the range of directions is into which a lobe scatters light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Width {
+    /// All of a hemisphere.
+    Diffuse,
+    /// Those around one direction.
+    Glossy,
+    /// One direction.
+    Delta,
+}
+
+/// Where a lobe scatters light, as seen from `wi`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Side {
+    /// Back, on the same side of the surface.
+    Reflect,
+    /// Through the surface.
+    Transmit,
+}
+
+/// The lobe that a direction was sampled from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Lobe {
+    pub width: Width,
+    pub side: Side,
+}
+
+impl Lobe {
+    pub const DIFFUSE: Lobe = Lobe { width: Width::Diffuse, side: Side::Reflect };
+    pub const GLOSSY: Lobe = Lobe { width: Width::Glossy, side: Side::Reflect };
+    /// A mirror's reflection.
+    pub const SPECULAR: Lobe = Lobe { width: Width::Delta, side: Side::Reflect };
+    /// What a smooth interface lets through.
+    pub const REFRACTED: Lobe = Lobe { width: Width::Delta, side: Side::Transmit };
+
+    #[inline(always)]
+    pub fn is_delta(self) -> bool {
+        self.width == Width::Delta
+    }
+
+    #[inline(always)]
+    pub fn transmits(self) -> bool {
+        self.side == Side::Transmit
+    }
+}
+
 /// A sampled direction in the frame of the shading normal.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BsdfSample {
     pub wo: Vec3,
-    /// Value times cosine; of a delta lobe the reflectance.
+    /// Value times |cosine|; of a delta lobe the factor on radiance.
     pub f: Vec3,
-    /// Solid-angle density; 1 for a delta lobe.
+    /// Solid-angle density; of a delta lobe the probability with which it was chosen.
     pub pdf: f32,
-    pub delta: bool,
+    pub lobe: Lobe,
+    /// The refractive index on the side of `wo` over that on the side of `wi`; 1 for a reflection.
+    pub eta: f32,
 }
 
 /// Derivatives of a scalar in everything [`Bsdf::eval`] depends on.
@@ -132,12 +183,17 @@ impl MaterialKind {
 
     /// Whether a point of such a material can have an attached lobe (see [`Bsdf::is_attached`]).
     pub fn may_be_attached(&self) -> bool {
-        !matches!(self, MaterialKind::Black | MaterialKind::Diffuse { .. } | MaterialKind::Mirror { .. })
+        !matches!(self, MaterialKind::Black | MaterialKind::Diffuse { .. }) && !self.is_delta()
     }
 
     /// Whether a point of such a material may reflect along directions that turn with its normal: a mirror or an attached lobe.
     pub fn may_follow_normals(&self) -> bool {
-        self.may_be_attached() || matches!(self, MaterialKind::Mirror { .. })
+        self.may_be_attached() || self.is_delta()
+    }
+
+    /// Whether such a material scatters light in single directions only.
+    pub fn is_delta(&self) -> bool {
+        matches!(self, MaterialKind::Mirror { .. } | MaterialKind::Dielectric { .. })
     }
 }
 
@@ -150,6 +206,9 @@ impl Bsdf {
             MaterialKind::Black => Bsdf::Black,
             MaterialKind::Diffuse { reflectance } => Bsdf::Diffuse { reflectance },
             MaterialKind::Mirror { reflectance } => Bsdf::Mirror { reflectance },
+            MaterialKind::Dielectric { ior } => {
+                Bsdf::Dielectric(Dielectric { ior: ior.x.clamp(dielectric::INDICES[0], dielectric::INDICES[1]) })
+            }
             MaterialKind::Conductor { reflectance, roughness } => {
                 Bsdf::Conductor(Conductor { reflectance, roughness: ggx_roughness(roughness) })
             }
@@ -175,9 +234,15 @@ impl Bsdf {
         }
     }
 
-    /// Whether it reflects in one direction only. Then `eval` and `pdf` are zero, and only `sample` finds the direction.
+    /// Whether it scatters light in single directions only. Then `eval` and `pdf` are zero, and only sampling finds the directions.
     #[inline]
     pub fn is_delta(&self) -> bool {
+        matches!(self, Bsdf::Mirror { .. } | Bsdf::Dielectric(_))
+    }
+
+    /// Whether it reflects in one direction only, and lets nothing through.
+    #[inline]
+    pub fn is_mirror(&self) -> bool {
         matches!(self, Bsdf::Mirror { .. })
     }
 
@@ -347,18 +412,17 @@ impl Bsdf {
         out
     }
 
-    /// Samples a direction in the frame of the shading normal (+z). `u[2]` chooses the lobe of a mixture.
+    /// Samples a direction in the frame of the shading normal (+z). `u[2]` chooses the lobe of a mixture. Delta lobes have no samples here:
+    /// [`SurfaceInteraction::sample`](super::interaction::SurfaceInteraction::sample) knows their directions.
     pub fn sample(&self, wi: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
         let wi = Vec3::new(wi.x, wi.y, wi.z.abs());
         let square = [u[0], u[1]];
+        let mut lobe = Lobe::GLOSSY;
         let (wo, (f, pdf)) = match self {
-            Bsdf::Black => return None,
-            Bsdf::Mirror { reflectance } => {
-                let wo = Vec3::new(-wi.x, -wi.y, wi.z);
-                return Some(BsdfSample { wo, f: *reflectance, pdf: 1.0, delta: true });
-            }
+            Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Dielectric(_) => return None,
             _ if u[2] < self.diffuse_share(wi.z) => {
                 let wo = cosine_hemisphere(square);
+                lobe = Lobe::DIFFUSE;
                 (wo, self.eval_and_pdf(Vec3::Z, wi, wo))
             }
             _ => {
@@ -367,7 +431,7 @@ impl Bsdf {
                 (wo, self.eval_and_pdf_at(&Angles::mirrored(wi, h, wo)))
             }
         };
-        (pdf > 0.0 && pdf.is_finite()).then_some(BsdfSample { wo, f, pdf, delta: false })
+        (pdf > 0.0 && pdf.is_finite()).then_some(BsdfSample { wo, f, pdf, lobe, eta: 1.0 })
     }
 
     /// Solid-angle density of [`Bsdf::sample`], without delta lobes.
@@ -405,10 +469,11 @@ impl Bsdf {
         }
     }
 
-    /// What the albedo channel shows: diffuse reflectance, base colour, or reflectance at normal incidence.
+    /// What the albedo channel shows: diffuse reflectance, base colour, or reflectance at normal incidence; white for what is clear.
     pub fn albedo(&self) -> Vec3 {
         match *self {
             Bsdf::Diffuse { reflectance } | Bsdf::Mirror { reflectance } => reflectance,
+            Bsdf::Dielectric(_) => Vec3::ONE,
             _ => with_model!(self, m => m.albedo(), _ => Vec3::ZERO),
         }
     }
@@ -421,7 +486,7 @@ impl Bsdf {
         }
     }
 
-    /// Width α of the specular lobe, comparable to that of a Beckmann distribution; 0 for a mirror, `None` without a specular lobe.
+    /// Width α of the specular lobe, comparable to that of a Beckmann distribution; 0 for delta lobes, `None` without a specular lobe.
     pub fn roughness_alpha(&self) -> Option<f32> {
         let other = self.is_delta().then_some(0.0);
         with_model!(self, m => Some(m.facets().alpha()), _ => other)

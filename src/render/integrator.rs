@@ -12,6 +12,7 @@ use std::array;
 use glam::Vec3;
 
 use super::accel::{PrimId, Ray};
+use super::bsdf::Lobe;
 use super::interaction::SurfaceInteraction;
 use super::light::LightSample;
 use super::mask::{MaskCrossing, MaskSampling, MaskWeight};
@@ -44,7 +45,7 @@ pub struct Options<'a> {
     /// Continue paths with a throughput of zero: a black albedo has derivatives too.
     pub keep_black: bool,
     /// Choose one part of the BSDF, by its value, for each continuation, where the parts are differentiated with different
-    /// parametrisations.
+    /// parametrisations. Neither of the directions of a smooth interface is rare then.
     pub split_lobes: bool,
     /// Sample the lights at each vertex. Without this, only the vertices of the path are used.
     pub next_event: bool,
@@ -101,11 +102,11 @@ pub struct Connection {
 #[derive(Clone, Copy, Debug)]
 pub struct Continuation {
     pub dir: Vec3,
-    /// 1 / (solid-angle density · survival probability); for a delta lobe 1 / survival.
+    /// 1 / (solid-angle density · survival probability); for a delta lobe, with the probability of the lobe as density.
     pub inv_pdf: f32,
-    /// f·cos (of the chosen part), or a delta lobe's reflectance.
+    /// f·cos (of the chosen part), or a delta lobe's factor on radiance.
     pub f: Vec3,
-    pub delta: bool,
+    pub lobe: Lobe,
     /// The chosen part is a narrow lobe, whose direction is attached to the surface.
     pub attached: bool,
     /// Distance travelled, infinite if nothing was hit.

@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use super::accel::{NO_PRIM, PrimId, Ray};
-use super::bsdf::{Bsdf, BsdfSample, Part};
+use super::bsdf::{Bsdf, BsdfSample, Dielectric, Lobe, Part, fresnel, refract};
 use super::environment::environment_uv;
 use super::material::{Input, MaterialKind};
 use super::scene::Environment;
@@ -262,16 +262,80 @@ impl SurfaceInteraction {
         self.bsdf.pdf(self.ns, self.wi, wo)
     }
 
-    /// [`Bsdf::sample`] in the world's frame.
+    /// Samples a direction, in the world's frame: [`Bsdf::sample`], and the directions of delta lobes. Where a surface has two of these,
+    /// neither is chosen with a probability below `least`: for derivatives, which grow beyond all bounds where the share of refracted light
+    /// goes to zero, at the angle of total reflection.
     #[inline(never)]
-    pub fn sample(&self, u: [f32; 3]) -> Option<BsdfSample> {
-        let frame = Frame::from_normal(self.ns);
-        let sample = self.bsdf.sample(frame.to_local(self.wi), u)?;
-        if sample.delta {
-            return Some(BsdfSample { wo: self.mirrored(), ..sample });
+    pub fn sample(&self, u: [f32; 3], least: f32) -> Option<BsdfSample> {
+        match self.bsdf {
+            Bsdf::Mirror { .. } => self.specular_sample(Lobe::SPECULAR),
+            Bsdf::Dielectric(dielectric) => {
+                let reflected = self.interface_reflectance(&dielectric);
+                let p = if reflected < 1.0 { reflected.clamp(least, 1.0 - least) } else { 1.0 };
+                let (lobe, pdf) = if u[2] < p { (Lobe::SPECULAR, p) } else { (Lobe::REFRACTED, 1.0 - p) };
+                self.specular_sample(lobe).map(|sample| BsdfSample { pdf, ..sample })
+            }
+            _ => {
+                let frame = Frame::from_normal(self.ns);
+                let sample = self.bsdf.sample(frame.to_local(self.wi), u)?;
+                let wo = frame.to_world(sample.wo);
+                Some(BsdfSample { wo, f: sample.f * self.terminator(wo), ..sample })
+            }
         }
-        let wo = frame.to_world(sample.wo);
-        Some(BsdfSample { wo, f: sample.f * self.terminator(wo), ..sample })
+    }
+
+    /// The Fresnel reflectance of a smooth interface.
+    fn interface_reflectance(&self, dielectric: &Dielectric) -> f32 {
+        fresnel(self.ns.dot(self.wi).abs(), dielectric.eta(self.flip > 0.0))
+    }
+
+    /// The sample of a delta lobe, with its share of the light as probability; `None` if the surface has no such lobe or all light goes
+    /// into the other. Radiance is in proportion to the square of the index around it, and that changes as it is refracted.
+    pub fn specular_sample(&self, lobe: Lobe) -> Option<BsdfSample> {
+        match self.bsdf {
+            Bsdf::Mirror { reflectance } => (lobe == Lobe::SPECULAR).then(|| BsdfSample {
+                wo: self.mirrored(),
+                f: reflectance,
+                pdf: 1.0,
+                lobe,
+                eta: 1.0,
+            }),
+            Bsdf::Dielectric(dielectric) => {
+                let reflected = self.interface_reflectance(&dielectric);
+                let (share, eta) = match lobe.transmits() {
+                    false => (reflected, 1.0),
+                    true => (1.0 - reflected, dielectric.eta(self.flip > 0.0)),
+                };
+                let wo = if lobe.transmits() { self.refracted(eta)? } else { self.mirrored() };
+                let f = Vec3::splat(share / (eta * eta));
+                (share > 0.0).then_some(BsdfSample { wo, f, pdf: share, lobe, eta })
+            }
+            _ => None,
+        }
+    }
+
+    /// The direction in which a smooth interface refracts light from `wi`, with the index `eta` on the far side over that on the near side;
+    /// `None` if all light is reflected. If the shading normal would send it back to the near side, it is folded down as
+    /// [`SurfaceInteraction::mirrored`] is folded up.
+    pub fn refracted(&self, eta: f32) -> Option<Vec3> {
+        let dir = refract(self.normal_to_wi(), self.wi, eta)?;
+        let height = self.ng.dot(dir);
+        Some((if height > 0.0 { dir - self.ng * (2.0 * height) } else { dir }).normalize())
+    }
+
+    /// The shading normal, or its opposite where it is turned away from `wi`.
+    pub fn normal_to_wi(&self) -> Vec3 {
+        if self.ns.dot(self.wi) < 0.0 { -self.ns } else { self.ns }
+    }
+
+    /// Whether the direction of a delta lobe is folded to the side of the surface on which it belongs.
+    pub fn folds(&self) -> bool {
+        let mirrored = self.ns * (2.0 * self.ns.dot(self.wi)) - self.wi;
+        let refracted = match self.bsdf {
+            Bsdf::Dielectric(d) => refract(self.normal_to_wi(), self.wi, d.eta(self.flip > 0.0)),
+            _ => None,
+        };
+        self.ng.dot(mirrored) <= 0.0 || refracted.is_some_and(|dir| self.ng.dot(dir) >= 0.0)
     }
 
     /// The direction in which a perfect mirror reflects `wi`. If the shading normal would reflect it below the surface, the direction is

@@ -110,6 +110,12 @@ pub enum MaterialKind<I = Input> {
         /// The share of the light that is reflected, the same at all angles, RGB in [0, 1].
         reflectance: I,
     },
+    /// A smooth interface of glass, water or another clear body: reflects and refracts by the exact Fresnel equations. Its meshes are closed, or
+    /// reach beyond everything else; normals by the right-hand rule point out of the body.
+    Dielectric {
+        /// The refractive index of the inside relative to the outside, from 1 to 10: 1.5 for glass, 1.33 for water.
+        ior: I,
+    },
     /// Metallic-roughness: (1−metallic)·base/π diffuse plus GGX with F0 = mix(0.08·specular, base, metallic).
     Principled {
         /// Reflectance of what is not metal, and F0 of what is, RGB in [0, 1].
@@ -133,6 +139,7 @@ impl<I> MaterialKind<I> {
             MaterialKind::Phong { .. } => "phong",
             MaterialKind::Plastic { .. } => "plastic",
             MaterialKind::Mirror { .. } => "mirror",
+            MaterialKind::Dielectric { .. } => "dielectric",
             MaterialKind::Principled { .. } => "principled",
         }
     }
@@ -173,6 +180,7 @@ impl<I> MaterialKind<I> {
             MaterialKind::Mirror { reflectance } => {
                 MaterialKind::Mirror { reflectance: make("reflectance", Color, reflectance)? }
             }
+            MaterialKind::Dielectric { ior } => MaterialKind::Dielectric { ior: make("ior", Index, ior)? },
             MaterialKind::Principled { base_color, metallic, roughness, specular } => MaterialKind::Principled {
                 base_color: make("base_color", Color, base_color)?,
                 metallic: make("metallic", Fraction, metallic)?,

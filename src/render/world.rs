@@ -12,6 +12,7 @@ use super::edges::table::EdgeTable;
 use super::environment::{EnvironmentPeak, EnvironmentTable};
 use super::facets::{Facet, Prim, ShapeShading};
 use super::light::table::LightTable;
+use super::material::MaterialKind;
 use super::sampler::Discrete;
 use super::scene::{SceneDescription, Shape};
 use super::validate::{SceneError, validate};
@@ -35,6 +36,8 @@ pub struct Scene {
     pub(crate) radius: f32,
     /// Whether some material has a mask.
     pub(crate) masked: bool,
+    /// Whether some material is clear.
+    pub(crate) has_glass: bool,
     /// Built when it is first used; rendering without derivatives does not need it.
     pub(super) edge_table: OnceLock<EdgeTable>,
     pub(super) edge_table_with_seams: OnceLock<EdgeTable>,
@@ -85,6 +88,7 @@ impl Scene {
             facets,
             shape_shading,
             masked: description.shapes.iter().any(|s| s.material.opacity.is_some()),
+            has_glass: description.shapes.iter().any(|s| matches!(s.material.kind, MaterialKind::Dielectric { .. })),
             accel,
             description,
             prims,

@@ -11,6 +11,7 @@ mod cameras;
 mod curved_mirrors;
 mod edge_on;
 mod edges;
+mod glass;
 mod ltc;
 mod masks;
 mod materials;

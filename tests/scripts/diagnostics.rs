@@ -543,10 +543,10 @@ loss fit = mse(render(small), target)",
     Case {
         name: "not_available_yet",
         prelude: SCENE,
-        script: "material glass = dielectric(ior: 1.5)\n\
+        script: "material glass = thin_dielectric(ior: 1.5)\n\
                  optimize fit { correlated: true }\noptimize fit { correlated: false }",
         wanted: &[
-            ("dscene::feature::unavailable", "dielectric", ""),
+            ("dscene::feature::unavailable", "thin_dielectric", ""),
             ("dscene::feature::unavailable", "correlated", "independent samples"),
         ],
     },

@@ -393,7 +393,7 @@ light sky = constant(1)"
     }
 }
 
-/// What is seen in a mirror has derivatives; what is seen in one by way of another has not, and that is said.
+/// What the camera sees in mirrors has derivatives; what surfaces see in one mirror by way of another has not, and that is said.
 #[test]
 fn what_mirrors_lack_is_reported() {
     let [lamp, card] = ["light b = area(MESH)", "shape b { mesh: MESH }"]
@@ -403,8 +403,10 @@ fn what_mirrors_lack_is_reported() {
         ("sphere()", &lamp, "", 2, None),
         ("sphere()", &card, "", 2, None),
         ("sphere()", &lamp, wall, 1, None),
-        ("sphere()", &lamp, wall, 2, Some("by way of another")),
-        ("torus()", &lamp, "", 2, Some("by way of another")),
+        ("sphere()", &lamp, wall, 3, None),
+        ("sphere()", &card, wall, 2, None),
+        ("sphere()", &card, wall, 3, Some("by way of another")),
+        ("torus()", &card, "", 3, Some("by way of another")),
         ("sphere(subdivisions: 6)", &lamp, "", 2, None),
         ("sphere(subdivisions: 6)", &lamp, "", 3, Some("so coarse")),
         ("sphere()", &lamp, "", 3, None),
@@ -422,6 +424,37 @@ light sky = constant(1)"
         let gap = warnings.iter().find(|w| w.code == "dscene::gradient::incomplete");
         let said = |text: &str| gap.is_some_and(|w| w.message.contains(text));
         assert!(expected.map_or(gap.is_none(), said), "{ball}, {other}, {more}, {bounces}: {gap:?}");
+    }
+}
+
+/// What the camera sees through glass has derivatives; what reaches other surfaces through it has not, nor where there are masks.
+#[test]
+fn what_glass_lacks_is_reported() {
+    let lamp = "light b = area(rectangle() |> translate([p, 2, 2]))";
+    let card = "shape b { mesh: rectangle() |> translate([p, 2, 2]) }";
+    let net = "shape net { mesh: rectangle(), material: mask(diffuse(), 0.5) }";
+    let sun = "light sun = directional(direction: [0, -1, 0])";
+    for (other, more, bounces, expected) in [
+        (lamp, "", 4, &[][..]),
+        (card, "", 1, &[]),
+        (card, "", 4, &["other surfaces than the camera see through glass"]),
+        (card, sun, 4, &["through glass", "shadows of `point`"]),
+        (lamp, net, 1, &["masks"]),
+    ] {
+        let mut e = engine(&format!(
+            "param p = 0.5
+camera eye {{ position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }}
+shape a {{ mesh: sphere(), material: dielectric() }}
+{other}
+{more}
+light sky = constant(1)"
+        ));
+        eval(&mut e, &format!("grad(mean(render(eye, spp: 1, max_bounces: {bounces})), p)"));
+        let warnings = e.take_warnings();
+        let said: Vec<_> = warnings.iter().filter(|w| w.code == "dscene::gradient::incomplete").collect();
+        let all: String = said.iter().map(|w| w.message.as_str()).collect();
+        assert!(expected.iter().all(|text| all.contains(text)), "{other}, {more}, {bounces}: {said:#?}");
+        assert_eq!(said.is_empty(), expected.is_empty(), "{other}, {more}, {bounces}: {said:#?}");
     }
 }
 

@@ -246,6 +246,7 @@ const NONE: &[(&str, &[&str])] = &[
             "phong",
             "plastic",
             "mirror",
+            "dielectric",
             "principled",
             "one_sided",
             "mask",

@@ -383,7 +383,7 @@ fn reflected_light_matches_the_dual_number_twin() {
         };
         let environment = if kind == 6 { MovingEnvironment::Peak } else { MovingEnvironment::Whole };
         let (mut out, mut adj) = (moving.adjoints(), VertexAdjoint::default());
-        let d_values = d_incident(&mut out, si, &incident, a, environment, &mut adj);
+        let d_values = d_incident(&mut out, si, &incident, a, false, environment, &mut adj);
         d_inputs(&mut out, si, &d_values, &mut adj);
         let ray = d_intersection(&mut out, si, hit.t, adj);
         let value = a.dot(si.eval(dir) * light.power) * (arrival.geometry * w * pass);

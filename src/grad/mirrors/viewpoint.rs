@@ -8,10 +8,11 @@ use std::ops::Range;
 
 use glam::{Vec2, Vec3};
 
-use crate::grad::local::{RayAdjoint, VertexAdjoint, d_intersection, d_mirrored};
+use crate::grad::local::{RayAdjoint, d_specular_ray};
 use crate::grad::sink::{Adjoints, Layout, Sink};
 use crate::math::position_key;
 use crate::render::accel::{PrimId, Ray};
+use crate::render::bsdf::Lobe;
 use crate::render::edges::{Edge, EdgeOn, EdgeView};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::sensor::Projected;
@@ -60,18 +61,6 @@ pub fn d_mirror_image<S: Sink>(out: &mut Adjoints<S>, mirror: &SurfaceInteractio
     d_image - n * (2.0 * n.dot(d_image))
 }
 
-/// Adjoint of a ray that is reflected at a mirror vertex; returns the adjoint of the ray that hit the vertex at distance `t`.
-pub fn d_reflected_ray<S: Sink>(
-    out: &mut Adjoints<S>,
-    mirror: &SurfaceInteraction,
-    t: f32,
-    ray: RayAdjoint,
-) -> RayAdjoint {
-    let mut adj = VertexAdjoint { p: ray.origin, ..Default::default() };
-    d_mirrored(mirror, ray.dir, &mut adj);
-    d_intersection(out, mirror, t, adj)
-}
-
 /// The mirrors of a scene.
 #[derive(Default)]
 pub struct Mirrors {
@@ -90,6 +79,15 @@ pub struct CurvedMirror {
 }
 
 impl Mirrors {
+    /// Whether no mirror can be seen in a mirror: there is one plane, or one convex body.
+    pub fn show_no_mirror(&self) -> bool {
+        match self.curved.as_slice() {
+            [] => self.planes.len() < 2,
+            [one] => one.convex && self.planes.is_empty(),
+            _ => false,
+        }
+    }
+
     pub fn new(scene: &Scene, layout: &Layout) -> Mirrors {
         let mut mirrors = Mirrors::default();
         let mut first = 0;
@@ -318,7 +316,7 @@ impl<'a> Viewpoint<'a> {
     /// of masks.
     fn mirror_hit(&self, pixel: Vec2) -> Option<(SurfaceInteraction, f32, Vec3)> {
         let plane = self.mirror?;
-        let ours = |si: &SurfaceInteraction| si.bsdf.is_delta() && plane.contains(si.ng, si.p, self.scene.radius);
+        let ours = |si: &SurfaceInteraction| si.bsdf.is_mirror() && plane.contains(si.ng, si.p, self.scene.radius);
         let (si, t, through) = self.scene.first_wanted(&self.camera.ray(pixel), &[], ours)?;
         Some((si, t, si.bsdf.mirror_reflectance() * through))
     }
@@ -369,7 +367,7 @@ impl<'a> Viewpoint<'a> {
     pub fn d_ray<S: Sink>(&self, out: &mut Adjoints<S>, connection: &CameraConnection, ray: RayAdjoint) {
         let ray = match &connection.mirror {
             None => ray,
-            Some((si, t)) => d_reflected_ray(out, si, *t, ray),
+            Some((si, t)) => d_specular_ray(out, si, *t, Lobe::SPECULAR, ray),
         };
         self.camera.d_ray(connection.projected.pixel, ray.origin, ray.dir, &mut out.camera);
     }

@@ -12,7 +12,7 @@ use crate::memory::bounded;
 use crate::render::accel::PrimId;
 use crate::render::edges::Edge;
 use crate::render::texture::Filter;
-use crate::render::{Camera, Input, Output, Projection, Scene, Settings, Shape, Slot, TextureId};
+use crate::render::{Camera, Input, MaterialKind, Output, Projection, Scene, Settings, Shape, Slot, TextureId};
 use crate::stop::{self, paced};
 
 /// The missing terms of the derivatives with respect to `wrt`, in words; empty if they are complete.
@@ -44,6 +44,7 @@ fn gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &[Slot]) -> Ve
         gaps.push("`boundary: false` leaves out silhouettes and shadow edges, which a param moves");
     } else if settings.output == Output::Radiance && settings.max_bounces > 0 {
         gaps.extend(mirror_gaps(scene, settings, &layout));
+        gaps.extend(glass_gaps(scene, settings));
     }
     gaps
 }
@@ -87,13 +88,14 @@ fn mirror_gaps(scene: &Scene, settings: &Settings, layout: &Layout) -> Vec<&'sta
     if settings.max_bounces < 2 {
         return gaps;
     }
-    let alone = match mirrors.curved.as_slice() {
-        [] => mirrors.planes.len() < 2,
-        [one] => one.convex && mirrors.planes.is_empty(),
-        _ => false,
-    };
-    if !alone {
-        gaps.push("silhouettes seen in one mirror by way of another have no derivative");
+    if !mirrors.show_no_mirror() {
+        if scene.masked {
+            gaps.push(
+                "in a scene with masks (`opacity`) silhouettes seen in one mirror by way of another have no derivative",
+            );
+        } else if settings.max_bounces > 2 && scatters(scene) {
+            gaps.push("silhouettes that a surface sees in one mirror by way of another have no derivative");
+        }
     }
     let stop = stop::flag();
     let coarse = |e: &Edge| {
@@ -108,6 +110,34 @@ fn mirror_gaps(scene: &Scene, settings: &Settings, layout: &Layout) -> Vec<&'sta
             "a mirror with smooth normals is so coarse that its rim would reflect into itself; shadows that other surfaces see by way of \
              such a rim have no derivative (finer triangles make rims narrow)",
         );
+    }
+    gaps
+}
+
+/// Whether some surface scatters light in more directions than one.
+fn scatters(scene: &Scene) -> bool {
+    let scatters = |s: &Shape| !s.material.kind.is_delta() && s.material.kind != MaterialKind::Black;
+    scene.description.shapes.iter().any(scatters)
+}
+
+/// Missing terms of what is seen through glass.
+fn glass_gaps(scene: &Scene, settings: &Settings) -> Vec<&'static str> {
+    let mut gaps = Vec::new();
+    if !scene.has_glass {
+        return gaps;
+    }
+    if scene.masked {
+        gaps.push("in a scene with masks (`opacity`) edges seen through glass have no derivative");
+    }
+    if settings.max_bounces < 2 || !scatters(scene) {
+        return gaps;
+    }
+    gaps.push(
+        "edges that other surfaces than the camera see through glass, and the rims of the light that glass throws on them (caustics), \
+         have no derivative",
+    );
+    if !scene.description.delta_lights.is_empty() {
+        gaps.push("shadows of `point`, `spot` and `directional` lights that are seen through glass have no derivative");
     }
     gaps
 }

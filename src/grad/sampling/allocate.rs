@@ -61,13 +61,22 @@ pub struct Terms<T> {
     pub shadow: T,
     pub secondary: T,
     pub reflections: T,
+    pub seen_through: T,
     pub roughness: T,
 }
 
 impl<T> Terms<T> {
     /// All values in the order of the fields, which is the order of sums over terms.
-    fn in_order(&self) -> [&T; 6] {
-        [&self.primary, &self.interior, &self.shadow, &self.secondary, &self.reflections, &self.roughness]
+    fn in_order(&self) -> [&T; 7] {
+        [
+            &self.primary,
+            &self.interior,
+            &self.shadow,
+            &self.secondary,
+            &self.reflections,
+            &self.seen_through,
+            &self.roughness,
+        ]
     }
 }
 
@@ -151,8 +160,9 @@ impl Terms<Moments> {
 
     /// The number of samples for each estimator. Their total cost is that of the estimators' own numbers.
     pub fn split(&self) -> Terms<usize> {
-        let [primary, interior, shadow, secondary, reflections, roughness] = split(&self.in_order(), self.features());
-        Terms { primary, interior, shadow, secondary, reflections, roughness }
+        let [primary, interior, shadow, secondary, reflections, seen_through, roughness] =
+            split(&self.in_order(), self.features());
+        Terms { primary, interior, shadow, secondary, reflections, seen_through, roughness }
     }
 
     fn features(&self) -> usize {

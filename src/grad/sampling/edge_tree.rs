@@ -402,7 +402,7 @@ fn crease(scene: &Scene, edge: &Edge) -> f32 {
         let shape = &scene.description.shapes[scene.prims[f.prim as usize].shape as usize];
         shape.emission.is_some() || shape.material.opacity.is_some() || shape.material.kind != MaterialKind::Black
     };
-    let smooth = if edge.sharp || edge.is_mirror(scene) { 1.0 } else { SMOOTH_CREASE };
+    let smooth = if edge.sharp || edge.is_specular(scene) { 1.0 } else { SMOOTH_CREASE };
     if edge.faces.iter().any(shows) { CREASE * smooth * edge.weight } else { 0.0 }
 }
 

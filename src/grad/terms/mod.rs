@@ -6,6 +6,7 @@ pub mod primary;
 pub mod reflections;
 pub mod roughness;
 pub mod secondary;
+pub mod seen_through;
 pub mod shadow;
 
 use std::sync::atomic::AtomicBool;
@@ -29,6 +30,7 @@ use self::primary::PrimaryEdges;
 use self::reflections::Reflections;
 use self::roughness::RoughnessPairs;
 use self::secondary::Secondary;
+use self::seen_through::SeenThrough;
 use self::shadow::Shadows;
 
 /// Most samples of one sequence over the image. More are drawn in rounds, each with its own sequence.
@@ -110,6 +112,8 @@ pub fn run_estimators(request: &Request, accumulator: &mut Accumulator) {
     }
     let reflections = curved.and_then(|tree| Reflections::new(scene, camera, tree, settings, adjoint, seed));
 
+    let seen_through = SeenThrough::new(scene, camera, &mirrors, settings, layout, adjoint);
+
     let training = GuideTraining { scene, layout, adjoint, guides, effort: 1.0, seed };
     let light_estimators = |environment: MovingEnvironment| {
         let mut interior = interior.clone();
@@ -122,8 +126,12 @@ pub fn run_estimators(request: &Request, accumulator: &mut Accumulator) {
         let secondary = tree.as_ref().and_then(|tree| {
             Secondary::new(environment, camera, tree, &mirrors.planes, all_curved.as_ref(), settings, &training)
         });
-        let total =
-            expense(&primary) + expense(&interior) + expense(&shadows) + expense(&secondary) + expense(&reflections);
+        let total = expense(&primary)
+            + expense(&interior)
+            + expense(&shadows)
+            + expense(&secondary)
+            + expense(&reflections)
+            + expense(&seen_through);
         let bounces = if lights { typical_bounces(settings.max_bounces) } else { 0.0 };
         let effort = affordable(total, settings.spp, camera.width * camera.height, bounces);
         let training = GuideTraining { effort, ..training };
@@ -152,12 +160,14 @@ pub fn run_estimators(request: &Request, accumulator: &mut Accumulator) {
     }
     let (interior, shadows, secondary) = estimators;
     moments.reflections = runs.of(&reflections);
+    moments.seen_through = runs.of(&seen_through);
     let counts = moments.split();
     draw(&primary, counts.primary, request, seed, accumulator);
     draw(&interior, counts.interior, request, seed, accumulator);
     draw(&shadows, counts.shadow, request, seed, accumulator);
     draw(&secondary, counts.secondary, request, seed, accumulator);
     draw(&reflections, counts.reflections, request, seed, accumulator);
+    draw(&seen_through, counts.seen_through, request, seed, accumulator);
 }
 
 /// The interior term alone, with pairs of directions for derivatives in roughness if these have less noise than scores of the paths' own

@@ -14,14 +14,15 @@ use rayon::prelude::*;
 
 use crate::grad::estimate::{Draw, Estimate, Pass, Sequence};
 use crate::grad::layers::Sides;
-use crate::grad::local::RayAdjoint;
+use crate::grad::local::{RayAdjoint, d_specular_ray};
 use crate::grad::mirrors::curved::{Barycentric, Eye, MirrorPatch, MirrorTree, MirrorTriangle, SegmentImage, quarters};
-use crate::grad::mirrors::viewpoint::{CameraConnection, d_reflected_ray};
+use crate::grad::mirrors::viewpoint::CameraConnection;
 use crate::grad::sampling::allocate::{Estimator, typical_bounces};
 use crate::grad::sampling::contrast::{contrasts, pilots};
 use crate::grad::terms::primary::pieces::MAX_PIECE_LENGTH;
 use crate::image::Image;
 use crate::render::accel::{PrimId, Ray};
+use crate::render::bsdf::Lobe;
 use crate::render::edges::{Edge, EdgeView, SMOOTH_CREASE};
 use crate::render::integrator::{NoRecord, Options, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
@@ -338,7 +339,7 @@ fn connect_to_mirror(scene: &Scene, camera: &Camera, prim: PrimId, b: [f32; 3]) 
     let mirror = scene.interaction(prim, b, back);
     let ray = Ray { t_max: before * (1.0 - 2e-5), ..Ray::new(p + back * before, -back) };
     let through = scene.transmittance(&ray, &[prim]) * scene.opacity(prim, b).unwrap_or(1.0);
-    (through > 0.0 && mirror.bsdf.is_delta()).then_some(MirrorConnection { mirror, projected, before, through })
+    (through > 0.0 && mirror.bsdf.is_mirror()).then_some(MirrorConnection { mirror, projected, before, through })
 }
 
 /// Connects the camera to a point of a primitive by all specular paths over curved mirrors. Returns each with the pixels per area
@@ -407,7 +408,7 @@ impl Draw for Reflections<'_> {
                 let d_p = b.view.normal * d.dot(jump);
                 out.edge_point(b.edge, b.view.foreground, b.s, d_p);
                 let ray = RayAdjoint { origin: -d_p, dir: d_p * -b.after };
-                let ray = d_reflected_ray(out, &b.mirror, b.before, ray);
+                let ray = d_specular_ray(out, &b.mirror, b.before, Lobe::SPECULAR, ray);
                 self.camera.d_ray(b.film, ray.origin, ray.dir, &mut out.camera);
             });
         });

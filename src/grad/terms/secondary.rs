@@ -13,9 +13,9 @@ use glam::{Vec2, Vec3};
 use crate::grad::environment::MovingEnvironment;
 use crate::grad::estimate::{Draw, Estimate, Pass, Sequence};
 use crate::grad::layers::Sides;
-use crate::grad::local::RayAdjoint;
+use crate::grad::local::{RayAdjoint, d_specular_ray};
 use crate::grad::mirrors::curved::MirrorTree;
-use crate::grad::mirrors::viewpoint::{MirrorPlane, d_mirror_image, d_reflected_ray};
+use crate::grad::mirrors::viewpoint::{MirrorPlane, d_mirror_image};
 use crate::grad::path::{Injection, Path, PathVertex, area_sampling_fraction, inject};
 use crate::grad::sampling::allocate::{Estimator, typical_bounces};
 use crate::grad::sampling::edge_tree::{EdgePoint, EdgeTree, Query};
@@ -23,6 +23,7 @@ use crate::grad::sampling::guide::{Guide, GuideKey, GuideTraining};
 use crate::grad::sampling::pixels::{self, FilmDensity};
 use crate::grad::sink::{Adjoints, Layout, Sink};
 use crate::render::accel::{PrimId, Ray};
+use crate::render::bsdf::Lobe;
 use crate::render::edges::{Edge, EdgeTable, EdgeView};
 use crate::render::integrator::{Options, Recorder, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
@@ -120,7 +121,7 @@ impl<'a> Secondary<'a> {
     ) -> Option<Secondary<'a>> {
         let GuideTraining { scene, layout, adjoint, .. } = *training;
         let sees_environment = scene.environment.is_some() && environment != MovingEnvironment::Whole;
-        let direct = sees_environment || !scene.contacts().is_empty() || has_attached_lobes(scene);
+        let direct = sees_environment || scene.has_glass || !scene.contacts().is_empty() || has_attached_lobes(scene);
         let reach = if direct { 1 } else { 2 };
         let table = scene.edges();
         let film = FilmDensity::new(adjoint);
@@ -203,13 +204,14 @@ impl<'a> Secondary<'a> {
     fn sample(&self, path: &Path, u: Vec2, sampler: &mut Sampler) -> Option<SecondarySample> {
         let chosen = self.choose_vertex(path, sampler.next_1d())?;
         let vertex = &path.vertices[chosen.index];
+        let behind_glass = self.is_behind_glass(path, chosen.index);
         let (route, routes) = self.choose_route(chosen.index, sampler);
-        if matches!(route, Route::Direct) && self.events_left(chosen.index) < self.least_events(vertex) {
+        if matches!(route, Route::Direct) && self.events_left(chosen.index) < self.least_events(path, chosen.index) {
             return None;
         }
         let point = self.choose_edge_point(&path.vertices[..=chosen.index], route, u, sampler)?;
         let at = self.connect_by_route(&vertex.si, route, point, sampler)?;
-        let jump = self.jump(&at, self.events_left(chosen.index), sampler)?;
+        let jump = self.jump(&at, behind_glass, self.events_left(chosen.index), sampler)?;
         let Shading { edge, connection, dir, area, .. } = at;
         let sin_phi = edge.direction().cross(connection.dir).length();
         let pdf = point.pdf * chosen.weight / (chosen.total * routes as f32);
@@ -236,10 +238,16 @@ impl<'a> Secondary<'a> {
     }
 
     /// Number of events that must be left for a vertex to see directly anything that is sampled here: none if it sees lights.
-    fn least_events(&self, v: &PathVertex) -> u32 {
+    fn least_events(&self, path: &Path, k: usize) -> u32 {
+        let v = &path.vertices[k];
         let sees_environment = self.scene.environment.is_some() && self.environment != MovingEnvironment::Whole;
         let sees_light = sees_environment || !self.scene.contacts().is_empty() || v.si.bsdf.is_attached();
-        u32::from(!sees_light)
+        u32::from(!(sees_light || self.is_behind_glass(path, k)))
+    }
+
+    /// Whether the camera sees a path's vertex `k` by way of glass. Then lights are seen with fixed directions, as all else.
+    fn is_behind_glass(&self, path: &Path, k: usize) -> bool {
+        self.scene.has_glass && path.is_behind_glass(k)
     }
 
     /// Chooses a vertex with probability in proportion to its throughput.
@@ -247,7 +255,7 @@ impl<'a> Secondary<'a> {
         let weight = |k: usize| {
             let v = &path.vertices[k];
             let useless = v.si.bsdf.is_black() || v.si.bsdf.is_delta() || k as u32 >= self.max_bounces;
-            if useless || self.events_left(k) < self.least_events(v) {
+            if useless || self.events_left(k) < self.least_events(path, k) {
                 0.0
             } else {
                 v.throughput.max_element().max(1e-3)
@@ -325,10 +333,11 @@ impl<'a> Secondary<'a> {
     }
 
     /// The jump of reflected radiance across an edge, with `events` scattering events left after the shading point.
-    fn jump(&self, at: &Shading, events: u32, sampler: &mut Sampler) -> Option<Jump> {
+    fn jump(&self, at: &Shading, behind_glass: bool, events: u32, sampler: &mut Sampler) -> Option<Jump> {
         let &Shading { si, edge, point, connection, .. } = at;
         let view = edge.view(connection.dir)?;
-        let alike = || !self.tree.shows_creases(point.edge) || edge.mirrors_alike(self.scene, point.s, -connection.dir);
+        let alike =
+            || !self.tree.shows_creases(point.edge) || edge.specular_alike(self.scene, point.s, -connection.dir);
         if view.background.is_some() && alike() {
             return None;
         }
@@ -347,11 +356,11 @@ impl<'a> Secondary<'a> {
             None => self.radiance_past(at, at.route.mirrored(view.normal), &skip, events, sampler),
         };
         let (foreground, background) = (side(sides.near), side(sides.far));
-        // Emission is differentiated with a fixed direction, and counts here, behind a mirror and where surfaces touch. Elsewhere it is
+        // Emission is differentiated with a fixed direction, and counts here, behind a mirror or glass and where surfaces touch. Elsewhere it is
         // fixed to its surface. Part of the environment is left to the edge-first estimator.
         let all = |side: &SideRadiance| side.radiance + side.emission;
         let sliding = |side: &SideRadiance| match side.first {
-            _ if connection.mirror.is_some() => all(side),
+            _ if connection.mirror.is_some() || behind_glass => all(side),
             Some(emitter) if self.scene.contacts().contains(si.prim, emitter) => all(side),
             Some(_) => side.radiance,
             None => side.radiance * self.environment.direction_fixed_share(self.scene, connection.dir),
@@ -420,7 +429,7 @@ impl<'a> Secondary<'a> {
         if here * there <= 0.0 || here.abs() < least || there.abs() < least {
             return None;
         }
-        let ours = |hit: &SurfaceInteraction| hit.bsdf.is_delta() && plane.contains(hit.ng, hit.p, self.scene.radius);
+        let ours = |hit: &SurfaceInteraction| hit.bsdf.is_mirror() && plane.contains(hit.ng, hit.p, self.scene.radius);
         let (hit, t, through) = self.scene.first_wanted(&ray, &[si.prim], ours)?;
         if t >= distance {
             return None;
@@ -467,7 +476,7 @@ impl<'a> Secondary<'a> {
         let distance = q.length();
         let dir = q / distance;
         let least = 1e-5 * scene.radius;
-        if !mirror_si.bsdf.is_delta() || before < least || distance < least {
+        if !mirror_si.bsdf.is_mirror() || before < least || distance < least {
             return None;
         }
         let opacity = scene.opacity(prim, b).unwrap_or(1.0);
@@ -488,7 +497,7 @@ impl<'a> Secondary<'a> {
             // The direction at the vertex is fixed, except for the attached fraction.
             let mut back = |share: Vec3| {
                 let m = sample.normal * -d.dot(share);
-                d_reflected_ray(out, si, *before, RayAdjoint { origin: m, dir: m * *after })
+                d_specular_ray(out, si, *before, Lobe::SPECULAR, RayAdjoint { origin: m, dir: m * *after })
             };
             let (fixed, attached) = (back(sample.weight - sample.attached), back(sample.attached));
             let d_p = fixed.origin + attached.origin;

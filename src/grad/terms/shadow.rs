@@ -22,9 +22,11 @@ use glam::{Vec2, Vec3};
 use crate::grad::environment::MovingEnvironment;
 use crate::grad::estimate::{Draw, Estimate, Pass, Sequence};
 use crate::grad::layers::contrast;
-use crate::grad::local::{RayAdjoint, VertexAdjoint, d_attached_direction, d_direction, d_intersection};
+use crate::grad::local::{
+    RayAdjoint, VertexAdjoint, d_attached_direction, d_direction, d_intersection, d_specular_ray,
+};
 use crate::grad::mirrors::curved::{Eye, MirrorPatch, MirrorTree};
-use crate::grad::mirrors::viewpoint::{CameraConnection, Viewpoint, d_reflected_ray};
+use crate::grad::mirrors::viewpoint::{CameraConnection, Viewpoint};
 use crate::grad::sampling::allocate::{Estimator, typical_bounces};
 use crate::grad::sampling::edge_tree::{EdgeTree, Query};
 use crate::grad::sampling::guide::{Guide, GuideKey, GuideTraining};
@@ -32,7 +34,7 @@ use crate::grad::sink::{Adjoints, Sink};
 use crate::grad::terms::reflections::connect_by_curved_mirrors;
 use crate::math::{Frame, cosine_hemisphere, uniform_sphere};
 use crate::render::accel::{Hit, PrimId, Ray};
-use crate::render::bsdf::Bsdf;
+use crate::render::bsdf::{Bsdf, Lobe};
 use crate::render::edges::{Edge, EdgeOn};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::light::{LightKind, LightSample};
@@ -292,9 +294,13 @@ impl<'a> Shadows<'a> {
             if si.bsdf.is_black() {
                 break;
             }
-            let (si, away, scattered, weight) = if si.bsdf.is_delta() {
+            // What the camera sees by way of glass belongs to the receiver-first estimator.
+            if matches!(si.bsdf, Bsdf::Dielectric(_)) {
+                break;
+            }
+            let (si, away, scattered, weight) = if si.bsdf.is_mirror() {
                 // Paths over two mirrors are followed only if both are planar.
-                let before = walk.vertices.last().map(|step| &step.si).filter(|si| si.bsdf.is_delta());
+                let before = walk.vertices.last().map(|step| &step.si).filter(|si| si.bsdf.is_mirror());
                 let planar = |prim: PrimId| self.curved.is_none_or(|mirrors| !mirrors.contains(prim));
                 if bounce == 1 || before.is_some_and(|si| !(planar(si.prim) && planar(prim))) {
                     break;
@@ -436,8 +442,8 @@ impl Shadows<'_> {
             // The receiver slides along the chain of direction-fixed segments that ends at the camera.
             let mut ray = RayAdjoint { origin: normal * (-(1.0 - tau) * m), dir: Vec3::ZERO };
             for step in &walk.vertices {
-                ray = if step.si.bsdf.is_delta() {
-                    d_reflected_ray(out, &step.si, step.t, ray)
+                ray = if step.si.bsdf.is_mirror() {
+                    d_specular_ray(out, &step.si, step.t, Lobe::SPECULAR, ray)
                 } else {
                     d_step(out, &step.si, step.t, &step.scattered, ray)
                 };

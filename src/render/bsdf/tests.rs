@@ -6,6 +6,7 @@ use super::coat::SchlickAlbedo;
 use super::*;
 use crate::math::{Dual, Pcg32};
 use crate::render::Quantity;
+use crate::render::interaction::SurfaceInteraction;
 use crate::render::material::MAX_INPUTS;
 
 /// Three cosines and four RGB inputs.
@@ -113,7 +114,7 @@ pub(crate) fn twins<const N: usize>(
             let lobe = (f0 + (f90 - f0) * (1.0 - ih).powi(5)) * twin_ggx(v[2][0], nh, ci, co);
             [lambert(enters_and_leaves * rho / (1.0 - rho * inner)), lobe]
         }
-        MaterialKind::Black | MaterialKind::Mirror { .. } => [none; 2],
+        MaterialKind::Black | MaterialKind::Mirror { .. } | MaterialKind::Dielectric { .. } => [none; 2],
     });
     std::array::from_fn(|part| channels.map(|c| c[part]))
 }
@@ -320,7 +321,7 @@ fn samples_follow_the_density() {
                     None => found[ROWS * COLUMNS] += 1.0,
                     Some(s) => {
                         found[bin(s.wo)] += 1.0;
-                        assert!((s.pdf - bsdf.pdf(Vec3::Z, wi, s.wo)).abs() <= 1e-4 * s.pdf && !s.delta);
+                        assert!((s.pdf - bsdf.pdf(Vec3::Z, wi, s.wo)).abs() <= 1e-4 * s.pdf && !s.lobe.is_delta());
                         assert!(s.f.abs_diff_eq(bsdf.eval(Vec3::Z, wi, s.wo), 1e-4 * s.f.max_element()));
                     }
                 }
@@ -465,8 +466,10 @@ fn values_are_reciprocal() {
 fn the_mirror_reflects_in_one_direction() {
     let tint = Vec3::new(0.9, 0.5, 0.1);
     let mirror = Bsdf::new(&MaterialKind::Mirror { reflectance: tint });
-    let sample = mirror.sample(Vec3::new(0.6, 0.0, 0.8), [0.3, 0.4, 0.5]).unwrap();
-    assert!(sample.delta && sample.f == tint && mirror.is_delta());
+    let wi = Vec3::new(0.6, 0.0, 0.8);
+    let si = SurfaceInteraction { bsdf: mirror, wi, ng: Vec3::Z, ns: Vec3::Z, ..SurfaceInteraction::NOWHERE };
+    let sample = si.sample([0.3, 0.4, 0.5], 0.0).unwrap();
+    assert!(sample.lobe == Lobe::SPECULAR && sample.f == tint && mirror.is_delta());
     assert!((sample.wo - Vec3::new(-0.6, 0.0, 0.8)).length() < 1e-6);
     assert_eq!(mirror.pdf(Vec3::Z, Vec3::Z, Vec3::Z), 0.0);
     assert_eq!(mirror.eval(Vec3::Z, Vec3::Z, Vec3::Z), Vec3::ZERO);

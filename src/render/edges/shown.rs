@@ -5,31 +5,30 @@ use glam::Vec3;
 use super::table::{Edge, EdgeFace, INSIDE};
 use crate::render::accel::PrimId;
 use crate::render::interaction::SurfaceInteraction;
-use crate::render::material::MaterialKind;
 use crate::render::world::Scene;
 
 impl Edge {
-    /// Whether all faces are perfect mirrors.
-    pub fn is_mirror(&self, scene: &Scene) -> bool {
+    /// Whether all faces scatter light in single directions only.
+    pub fn is_specular(&self, scene: &Scene) -> bool {
         let kind = |prim: PrimId| &scene.description.shapes[scene.prims[prim as usize].shape as usize].material.kind;
-        self.faces.iter().all(|f| matches!(kind(f.prim), MaterialKind::Mirror { .. }))
+        self.faces.iter().all(|f| kind(f.prim).is_delta())
     }
 
     /// Whether the reflection is continuous across an edge between smoothly shaded mirrors, at its point `s` and seen from the direction
     /// `back`: the mirrored direction is not folded up on either side ([`SurfaceInteraction::mirrored`]).
-    pub fn mirrors_alike(&self, scene: &Scene, s: f32, back: Vec3) -> bool {
+    pub fn specular_alike(&self, scene: &Scene, s: f32, back: Vec3) -> bool {
         !self.sharp
             && (0..self.faces.len()).all(|i| {
                 let si = scene.interaction(self.faces[i].prim, self.barycentric(i, s, 0.0), back);
-                si.bsdf.is_delta() && si.ng.dot(si.ns * (2.0 * si.ns.dot(back)) - back) > 0.0
+                si.bsdf.is_delta() && !si.folds()
             })
     }
 
     /// Sine of the elevation above a face of the edge, up to which a viewer may see a jump at the edge as a crease; infinite except for
-    /// smooth mirrors. Reflections of smooth mirrors jump only where directions are folded ([`Edge::mirrors_alike`]), which happens at
+    /// smooth mirrors. Reflections of smooth mirrors jump only where directions are folded ([`Edge::specular_alike`]), which happens at
     /// elevations up to twice the angle between the face and its shading normals.
     pub fn folding(&self, scene: &Scene) -> f32 {
-        if self.sharp || !self.is_mirror(scene) || !self.is_wound_consistently() {
+        if self.sharp || !self.is_specular(scene) || !self.is_wound_consistently() {
             return f32::INFINITY;
         }
         let reach = |(i, face): (usize, &EdgeFace)| {

@@ -11,7 +11,7 @@ use super::lanes::{PathSet, Vectors};
 use super::{Connection, Continuation, Options, Recorder};
 use crate::math::{Frame, cosine_hemisphere, cosine_hemisphere_pdf};
 use crate::render::accel::{Hit, NO_PRIM, PrimId, Ray, RootHits};
-use crate::render::bsdf::{Bsdf, BsdfSample, lambertian};
+use crate::render::bsdf::{Bsdf, BsdfSample, Lobe, MIN_LOBE_SHARE, lambertian};
 use crate::render::interaction::{SurfaceInteraction, end_before, offset};
 use crate::render::light::{Arrival, LightKind, LightSample};
 use crate::render::mask::MaskWeight;
@@ -96,7 +96,7 @@ struct Scatter<const N: usize> {
 /// Further results of [`sample_direction`], which diffuse surfaces without area sampling do not have.
 #[derive(Clone, Copy)]
 struct GeneralScatter {
-    delta: bool,
+    lobe: Lobe,
     attached: bool,
     /// [`Options::area_sampling_fraction`] at this vertex, and the primitive aimed at if this direction was sampled by area.
     area_sampling_fraction: f32,
@@ -105,7 +105,7 @@ struct GeneralScatter {
 
 impl GeneralScatter {
     const NONE: GeneralScatter =
-        GeneralScatter { delta: false, attached: false, area_sampling_fraction: 0.0, target: None };
+        GeneralScatter { lobe: Lobe::DIFFUSE, attached: false, area_sampling_fraction: 0.0, target: None };
 }
 
 /// A sampled direction in which a path may continue.
@@ -120,6 +120,9 @@ pub struct Paths<const N: usize> {
     alive: PathSet<N>,
     radiance: Vectors<N>,
     throughput: Vectors<N>,
+    /// The square of the refractive index around the path over that around its start: radiance is larger by this, and Russian roulette
+    /// looks at the radiance without it.
+    radiance_scale: [f32; N],
     prim: [PrimId; N],
     p: Vectors<N>,
     /// Distance at which rays from the vertex begin: [`offset`].
@@ -214,6 +217,7 @@ impl<const N: usize> Paths<N> {
             alive: PathSet::NONE,
             radiance: Vectors::ZERO,
             throughput: Vectors::ZERO,
+            radiance_scale: [1.0; N],
             prim: [NO_PRIM; N],
             p: Vectors::ZERO,
             offset: [0.0; N],
@@ -331,6 +335,7 @@ impl<const N: usize> Paths<N> {
         rec.vertex(&si, Vec3::ONE, t, through);
         let throughput = Vec3::splat(through.weight);
         self.throughput.set(k, throughput);
+        self.radiance_scale[k] = 1.0;
         self.radiance.set(k, if options.first_emission { throughput * si.emission } else { Vec3::ZERO });
         self.contributes[k] = options.is_required(si.shape);
         self.alive.add_if(!si.bsdf.is_black(), k);
@@ -486,7 +491,7 @@ impl<const N: usize> Paths<N> {
             let choice = if possible { sample_direction(bounce, si, random.u.get(k), sampler) } else { None };
             scatter.on[k] = choice.is_some();
             let Some(DirectionSample { sample, target }) = choice else { continue };
-            let BsdfSample { wo: dir, mut f, pdf, delta } = sample;
+            let BsdfSample { wo: dir, mut f, pdf, lobe, eta } = sample;
             if pdf <= 0.0 {
                 scatter.on[k] = false;
                 continue;
@@ -502,16 +507,18 @@ impl<const N: usize> Paths<N> {
             scatter.f.set(k, f);
             (scatter.pdf[k], scatter.inv_pdf[k]) = (pdf, inv_pdf);
             scatter.general[k] =
-                GeneralScatter { delta, attached, area_sampling_fraction: area_sampling_fraction(bounce, si), target };
-            // Below the surface `eval` is zero.
-            scatter.on[k] = si.ng.dot(dir) > 0.0;
+                GeneralScatter { lobe, attached, area_sampling_fraction: area_sampling_fraction(bounce, si), target };
+            // On the other side of the surface `eval` is zero.
+            scatter.on[k] = (si.ng.dot(dir) > 0.0) != lobe.transmits();
+            self.radiance_scale[k] *= eta * eta;
         }
         let (keep_black, roulette) = (bounce.options.keep_black, bounce.number >= ROULETTE_START);
         for k in 0..N {
             let (f, throughput) = (scatter.f.get(k), self.throughput.get(k));
             let all = bounce.scatter_probability(self.contributes[k], self.diffuse[k]);
             let inv_pdf = scatter.inv_pdf[k];
-            let share = (throughput * f * inv_pdf).max_element().clamp(0.05, 1.0);
+            let energy = throughput * f * (inv_pdf * self.radiance_scale[k]);
+            let share = energy.max_element().clamp(0.05, 1.0);
             let survival = if roulette { all * share } else { all };
             let inv_pdf = inv_pdf / survival;
             scatter.on[k] &= (random.roulette[k] < survival) & (keep_black | !is_zero(f)) & is_finite(f);
@@ -602,7 +609,7 @@ impl<const N: usize> Paths<N> {
             let (rec, scatter) = (&mut recs[k], &self.scatter);
             let (hit, through) = (self.hits.get(k), &self.hits.through[k]);
             let own = self.matte[k] && bounce.area_sampling_fraction == 0.0;
-            let GeneralScatter { delta, attached, area_sampling_fraction, target } =
+            let GeneralScatter { lobe, attached, area_sampling_fraction, target } =
                 if own { GeneralScatter::NONE } else { scatter.general[k] };
             let (dir, f) = (scatter.dir.get(k), scatter.f.get(k));
             let (mut pdf, mut inv_pdf) = (scatter.pdf[k], scatter.inv_pdf[k]);
@@ -625,7 +632,7 @@ impl<const N: usize> Paths<N> {
                 dir,
                 inv_pdf,
                 f,
-                delta,
+                lobe,
                 attached,
                 t: f32::INFINITY,
                 through: *through,
@@ -636,7 +643,7 @@ impl<const N: usize> Paths<N> {
             let Some(hit) = hit else {
                 if scene.environment.is_some() {
                     let sky = scene.environment_radiance(dir);
-                    if !delta {
+                    if !lobe.is_delta() {
                         continuation.emission_weight = balance(pdf, scene.environment_pdf(dir));
                     }
                     continuation.escaped = Some(sky);
@@ -652,7 +659,7 @@ impl<const N: usize> Paths<N> {
                 let cos = si.ng.dot(si.wi);
                 // Solid angle to area: this technique's density as if it had chosen the emitter's point.
                 let to_area = cos / (hit.t * hit.t);
-                if !delta {
+                if !lobe.is_delta() {
                     let other = scene.lights.area_pdf(hit.prim) / to_area;
                     continuation.emission_weight = balance(pdf, other);
                 }
@@ -700,10 +707,14 @@ fn sample_direction(
             let (prim, p) = bounce.scene.surface_point(which / area_sampling_fraction, [u.x, u.y]);
             let dir = (p - si.p).normalize_or_zero();
             let (f, pdf) = si.eval_and_pdf(dir);
-            return Some(DirectionSample { sample: BsdfSample { wo: dir, f, pdf, delta: false }, target: Some(prim) });
+            return Some(DirectionSample {
+                sample: BsdfSample { wo: dir, f, pdf, lobe: Lobe::DIFFUSE, eta: 1.0 },
+                target: Some(prim),
+            });
         }
     }
-    Some(DirectionSample { sample: si.sample(u.to_array())?, target: None })
+    let least = if bounce.options.split_lobes { MIN_LOBE_SHARE } else { 0.0 };
+    Some(DirectionSample { sample: si.sample(u.to_array(), least)?, target: None })
 }
 
 /// Primitives that a ray skips: those at its ends, and [`Options::first_skip`], which only single paths have.

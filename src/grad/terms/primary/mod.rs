@@ -205,7 +205,7 @@ impl<'a> PrimaryEdges<'a> {
         let normal_2d = if side < 0.0 { -normal_2d } else { normal_2d };
 
         let radiance = self.settings.output == Output::Radiance;
-        if radiance && view.background.is_some() && edge.mirrors_alike(viewpoint.scene, s, -connection.dir) {
+        if radiance && view.background.is_some() && edge.specular_alike(viewpoint.scene, s, -connection.dir) {
             return None;
         }
 

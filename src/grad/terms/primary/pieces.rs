@@ -54,7 +54,7 @@ pub fn classify(viewpoint: &Viewpoint, edge: &Edge, settings: &Settings) -> Opti
     if contour || edge.sharp {
         return Some(class(1.0));
     }
-    if settings.output == Output::Radiance && edge.is_mirror(viewpoint.scene) {
+    if settings.output == Output::Radiance && edge.is_specular(viewpoint.scene) {
         // What a smooth mirror shows is continuous, except where it is seen at a grazing angle, and there it may jump a lot.
         return may_be_folded(viewpoint, edge).then(|| class(1.0));
     }
