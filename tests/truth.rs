@@ -32,6 +32,8 @@ mod masks;
 mod materials;
 #[path = "derivatives/modes.rs"]
 mod modes;
+#[path = "derivatives/pixel_filters.rs"]
+mod pixel_filters;
 #[path = "derivatives/random_scenes.rs"]
 mod random_scenes;
 mod resume;

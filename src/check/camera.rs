@@ -3,7 +3,7 @@
 use super::arguments::Arguments;
 use super::modules::Checker;
 use super::signature::Const;
-use super::types::Ty;
+use super::types::{Made, Ty};
 use crate::diag::Diagnostic;
 use crate::source::Span;
 
@@ -17,9 +17,46 @@ pub fn camera_film(args: Arguments) -> Option<(usize, usize, Span)> {
     }
 }
 
+/// Width and height of the part of the film that a camera shows, if known, and its place in the source.
+pub fn camera_crop(args: Arguments) -> Option<(usize, usize, Span)> {
+    let crop = args.get("crop")?;
+    let [x0, y0, x1, y1] = corners(crop.value.as_ref()?)?;
+    (x0 < x1 && y0 < y1).then(|| (x1 - x0, y1 - y0, crop.expr.span))
+}
+
+/// The four numbers of a `crop`.
+pub fn corners(crop: &Const) -> Option<[usize; 4]> {
+    let Const::List(items) = crop else { return None };
+    let numbers: Vec<usize> = items.iter().map_while(Const::count).collect();
+    numbers.try_into().ok()
+}
+
+/// The type of a camera whose `film` or `crop` is replaced, if it is another one: with a crop its images have the size of that, whatever the
+/// film's is.
+pub fn resized(camera: &Ty, field: &str, value: Option<&Const>, span: Span) -> Option<Ty> {
+    let &Ty::Camera { cropped, .. } = camera else { return None };
+    let size = match value {
+        Some(value) if field == "crop" => corners(value)
+            .map_or([None; 2], |[x0, y0, x1, y1]| [x1.saturating_sub(x0), y1.saturating_sub(y0)].map(Some)),
+        Some(Const::List(items)) => match items.as_slice() {
+            [width, height] => [width.count(), height.count()],
+            _ => return None,
+        },
+        _ => [None; 2],
+    };
+    let [width, height] = size;
+    (field == "crop" || !cropped).then_some(Ty::Camera {
+        height,
+        width,
+        cropped: field == "crop",
+        made: Made(Some(span)),
+    })
+}
+
 impl Checker<'_> {
     pub(super) fn check_camera(&mut self, args: Arguments) {
         self.check_film(args);
+        self.check_camera_crop(args);
         let whole_turn = matches!(args.word("kind"), Some("fisheye" | "panorama"));
         if let (Some(fov), Some(fov_x)) = (args.get("fov"), args.get("fov_x")) {
             self.diagnostics.push(
@@ -44,6 +81,7 @@ impl Checker<'_> {
         self.check_intrinsics(args);
         self.check_lens(args, whole_turn);
         self.check_distortion(args);
+        self.check_filter(args);
         if let (Some(position), Some(target)) = (args.get("position"), args.get("look_at"))
             && position.value.is_some()
             && position.value == target.value
@@ -101,6 +139,34 @@ impl Checker<'_> {
         );
     }
 
+    /// A crop is a part of the film, and not empty.
+    fn check_camera_crop(&mut self, args: Arguments) {
+        let Some(given) = args.get("crop") else { return };
+        let Some([x0, y0, x1, y1]) = given.value.as_ref().and_then(corners) else { return };
+        let (code, span) = ("dscene::value::crop", given.expr.span);
+        if x0 >= x1 || y0 >= y1 {
+            let help =
+                "it is first column, first row, and those after the last: `[x0, y0, x1, y1]` with x0 < x1 and y0 < y1";
+            self.fault(code, "this `crop` has no pixels", span, "ends before it begins", help);
+            return;
+        }
+        let film = match camera_film(args) {
+            Some((w, h, _)) => (w, h),
+            None if args.get("film").is_none() => (256, 256),
+            None => return,
+        };
+        if x1 > film.0 || y1 > film.1 {
+            let message = format!("this `crop` reaches beyond the film of {}×{} pixels", film.0, film.1);
+            self.fault(
+                code,
+                &message,
+                span,
+                "beyond the film",
+                "columns and rows are counted from the film's upper left corner",
+            );
+        }
+    }
+
     /// Checks `aperture`, `focus` and `shutter`.
     fn check_lens(&mut self, args: Arguments, whole_turn: bool) {
         let number = |name: &str| Some((args.number(name)?, args.get(name)?.expr.span));
@@ -149,6 +215,17 @@ impl Checker<'_> {
             let message = "a camera has a `distortion` or an `aperture`, not both";
             let help = "leave one of them out: derivatives through both are not available";
             self.fault(code, message, span, "the aperture makes this impossible", help);
+        }
+    }
+
+    /// A filter that is wider than a pixel would see, at the borders of a panorama, what is at the other end of its film.
+    fn check_filter(&mut self, args: Arguments) {
+        if let (Some(filter), Some("panorama")) = (args.get("filter"), args.word("kind"))
+            && args.word("filter").is_some_and(|f| f != "box")
+        {
+            let message = "a panorama has the filter `box`";
+            let help = "leave it out, or render a larger film and scale the image down";
+            self.fault("dscene::value::filter", message, filter.expr.span, "reaches over the panorama's seam", help);
         }
     }
 

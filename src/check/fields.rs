@@ -217,7 +217,7 @@ pub fn fields_of(ty: &Ty) -> Vec<&str> {
         Ty::Image { .. } => vec!["width", "height", "channels", "r", "g", "b", "a", "x", "y", "z"],
         Ty::Mesh => vec!["vertices", "faces", "normals", "uvs", "colors"],
         Ty::Camera { .. } => {
-            let fields = "position look_at up fov fov_x film kind height transform aperture focus distortion shutter";
+            let fields = "position look_at up fov fov_x film crop kind filter height transform aperture focus distortion shutter";
             fields.split(' ').collect()
         }
         Ty::Shape => vec!["mesh", "material"],
@@ -272,7 +272,8 @@ pub fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
         (Ty::Camera { .. }, "height" | "aperture" | "focus" | "sensor_width") => Ty::SCALAR,
         (Ty::Camera { .. }, "focal") => Ty::Any,
         (Ty::Camera { .. }, "distortion") => Ty::Num(vec![None]),
-        (Ty::Camera { .. }, "kind") => Ty::Str,
+        (Ty::Camera { .. }, "crop") => Ty::vector(4),
+        (Ty::Camera { .. }, "kind" | "filter") => Ty::Str,
         (Ty::Camera { .. }, "transform") => Ty::Any,
         (Ty::Shape | Ty::Light, "mesh") => Ty::Mesh,
         (Ty::Shape | Ty::Light, "material") => Ty::Material,

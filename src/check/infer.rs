@@ -414,21 +414,17 @@ impl Checker<'_> {
             }
             let spread = value.expr.ty.is_scalar();
             let whole = self.slot(target.decl).hir.ty.clone();
-            // `eye.film`, or `view.cam.film` of a camera in a record.
+            // `eye.film` or `eye.crop`, or `view.cam.film` of a camera in a record.
             let film = target.path.split_last().filter(|(field, camera)| {
-                *field == "film" && matches!(part_of(&whole, camera), Some(Ty::Camera { .. }))
+                matches!(field.as_str(), "film" | "crop") && matches!(part_of(&whole, camera), Some(Ty::Camera { .. }))
             });
-            if let Some((_, camera)) = film {
-                let size = match &value.value {
-                    Some(Const::List(items)) => items.iter().map(Const::count).collect(),
-                    _ => vec![None, None],
-                };
-                if let [width, height] = size[..] {
-                    let made = super::types::Made(Some(value.expr.span));
-                    let ty = whole.with_field(camera, Ty::Camera { height, width, made });
-                    changes.extend(ty.map(|ty| Change { decl: target.decl, ty, value: None }));
-                }
+            if let Some((field, camera)) = film {
+                let camera_after = part_of(&whole, camera)
+                    .and_then(|ty| super::camera::resized(ty, field, value.value.as_ref(), value.expr.span));
+                let ty = camera_after.and_then(|ty| whole.with_field(camera, ty));
+                changes.extend(ty.map(|ty| Change { decl: target.decl, ty, value: None }));
                 if let Some(Const::List(items)) = &value.value
+                    && field == "film"
                     && items.iter().filter_map(Const::number).any(|x| x < 1.0 || x.fract() != 0.0)
                 {
                     self.diagnostics.push(
@@ -632,8 +628,8 @@ pub fn join(a: &Ty, b: &Ty) -> Option<Ty> {
         (Ty::Image { height, width, channels, made }, Ty::Image { height: h, width: w, channels: c, .. }) => {
             Ty::Image { height: dims(height, h), width: dims(width, w), channels: dims(channels, c), made: *made }
         }
-        (Ty::Camera { height, width, made }, Ty::Camera { height: h, width: w, .. }) => {
-            Ty::Camera { height: dims(height, h), width: dims(width, w), made: *made }
+        (Ty::Camera { height, width, cropped, made }, Ty::Camera { height: h, width: w, cropped: c, .. }) => {
+            Ty::Camera { height: dims(height, h), width: dims(width, w), cropped: *cropped || *c, made: *made }
         }
         // An empty list is compatible with a list of any type.
         (Ty::Array(x, Some(0)), list @ Ty::Array(..)) | (list @ Ty::Array(..), Ty::Array(x, Some(0)))
@@ -702,7 +698,9 @@ fn blur(ty: &Ty) -> Ty {
         Ty::Image { channels, .. } => {
             Ty::Image { height: None, width: None, channels: *channels, made: Default::default() }
         }
-        Ty::Camera { .. } => Ty::Camera { height: None, width: None, made: Default::default() },
+        Ty::Camera { cropped, .. } => {
+            Ty::Camera { height: None, width: None, cropped: *cropped, made: Default::default() }
+        }
         Ty::Num(shape) => Ty::Num(
             shape.iter().enumerate().map(|(i, d)| if i + 1 == shape.len() && i > 0 { *d } else { None }).collect(),
         ),

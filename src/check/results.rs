@@ -2,7 +2,7 @@
 
 use super::arguments::Arguments;
 use super::arith::{broadcast, together};
-use super::camera::camera_film;
+use super::camera::{camera_crop, camera_film};
 use super::hir::Rendering;
 use super::infer::{MAX_CONST, MAX_PARTS, Typed, item_of, join, join_all, stack};
 use super::signature::{Const, Sig, any_image};
@@ -31,12 +31,14 @@ fn image(height: Dim, width: Dim, channels: Dim, made: Made) -> Ty {
 fn of_scenes(name: &str, args: Arguments) -> Option<Ty> {
     let channels = match name {
         "camera" => {
-            let (height, width, made) = match camera_film(args) {
+            let cropped = args.get("crop").is_some();
+            let known = if cropped { camera_crop(args) } else { camera_film(args) };
+            let (height, width, made) = match known {
                 Some((w, h, span)) => (Some(h), Some(w), Made(Some(span))),
-                None if args.get("film").is_none() => (Some(256), Some(256), Made(None)),
+                None if args.get("film").is_none() && !cropped => (Some(256), Some(256), Made(None)),
                 None => (None, None, Made(None)),
             };
-            return Some(Ty::Camera { height, width, made });
+            return Some(Ty::Camera { height, width, cropped, made });
         }
         "moving" => {
             let (opening, closing) = (args.ty("opening")?, args.ty("closing"));
@@ -53,7 +55,7 @@ fn of_scenes(name: &str, args: Arguments) -> Option<Ty> {
         _ => Rendering::named(name)?.channels(),
     };
     match args.ty("camera") {
-        Some(Ty::Camera { height, width, made }) => Some(image(*height, *width, Some(channels), *made)),
+        Some(Ty::Camera { height, width, made, .. }) => Some(image(*height, *width, Some(channels), *made)),
         _ => Some(image(None, None, Some(channels), Made(None))),
     }
 }

@@ -354,7 +354,7 @@ pub fn named(name: &str) -> Option<Sig> {
         "shape" => is(Ty::Shape),
         "light" => is(Ty::Light),
         "medium" => is(Ty::Medium),
-        "camera" => is(Ty::Camera { height: None, width: None, made: Default::default() }),
+        "camera" => is(Ty::Camera { height: None, width: None, cropped: false, made: Default::default() }),
         "scene" => is(Ty::Scene),
         "integrator" => is(Ty::Integrator),
         "optimizer" => is(Ty::Optimizer),

@@ -202,7 +202,7 @@ fn resizable(ty: Ty) -> Ty {
             Ty::Num(shape.iter().enumerate().map(|(i, dim)| if i == last { components(dim) } else { None }).collect())
         }
         Ty::Image { channels, made, .. } => Ty::Image { height: None, width: None, channels, made },
-        Ty::Camera { made, .. } => Ty::Camera { height: None, width: None, made },
+        Ty::Camera { made, cropped, .. } => Ty::Camera { height: None, width: None, cropped, made },
         Ty::Array(item, _) => Ty::Array(Box::new(resizable(*item)), None),
         Ty::Record(fields) => Ty::Record(fields.into_iter().map(|(name, ty)| (name, resizable(ty))).collect()),
         other => other,

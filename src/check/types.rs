@@ -37,9 +37,11 @@ pub enum Ty {
         channels: Dim,
         made: Made,
     },
+    /// Height and width of its images; `cropped` if these are not its film's.
     Camera {
         height: Dim,
         width: Dim,
+        cropped: bool,
         made: Made,
     },
     /// Items that are not numbers, or numbers of different shapes.

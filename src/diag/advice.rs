@@ -287,6 +287,8 @@ pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
         "geometry" | "shape" | "primitive" | "model" => &["mesh"],
         "lookat" | "target" | "center" | "at" | "focus_point" => &["look_at"],
         "origin" | "eye" | "pos" | "location" | "from" => &["position"],
+        "window" | "region" | "crop_window" | "viewport" | "roi" => &["crop"],
+        "rfilter" | "pixel_filter" | "reconstruction_filter" => &["filter"],
         "sensor" | "resolution" | "size" | "pixels" | "image_size" => &["film", "camera"],
         "fovy" | "field_of_view" | "angle" | "fov_y" => &["fov"],
         "fovx" => &["fov_x"],

@@ -130,9 +130,19 @@ impl Engine {
         let ratio = Tensor::vector(vec![size[0] / width as f64, size[1] / height as f64]);
         // What is given in pixels is scaled with them; a focal length with a sensor is not.
         let in_pixels = |name: &str| name == "principal" || name == "focal" && camera.field("sensor_width").is_none();
+        let crop = camera.crop().map(|[x0, y0, x1, y1]| {
+            // At least one pixel of each row and column stays.
+            let side = |first: usize, end: usize, ratio: f64, size: f64| {
+                let first = (first as f64 * ratio).round().min(size - 1.0);
+                [first, (end as f64 * ratio).round().clamp(first + 1.0, size)]
+            };
+            let [x, y] = [side(x0, x1, ratio.data[0], size[0]), side(y0, y1, ratio.data[1], size[1])];
+            Value::tensor(Tensor::vector(vec![x[0], y[0], x[1], y[1]]))
+        });
         let scale = |(name, value): &(String, Value)| {
             let value = match value {
                 _ if name == "film" => Value::tensor(Tensor::vector(size.to_vec())),
+                _ if name == "crop" && crop.is_some() => crop.clone().unwrap_or_else(|| value.clone()),
                 Value::Num(v) if in_pixels(name) => {
                     v.mul(&crate::tape::Var::constant(ratio.clone())).map_or(value.clone(), Value::Num)
                 }

@@ -49,9 +49,11 @@ pub(super) fn reason(scene: &Scene, camera: &Camera) -> Darkness {
     }
     const GRID: usize = 32;
     let step = |size: usize| size.div_ceil(GRID).max(1);
-    let mut pixels = (0..camera.height)
-        .step_by(step(camera.height))
-        .flat_map(|y| (0..camera.width).step_by(step(camera.width)).map(move |x| Vec2::new(x as f32, y as f32) + 0.5));
+    let mut pixels = (0..camera.height).step_by(step(camera.height)).flat_map(|y| {
+        (0..camera.width)
+            .step_by(step(camera.width))
+            .map(move |x| camera.corner() + Vec2::new(x as f32, y as f32) + 0.5)
+    });
     match pixels.any(|p| scene.intersect(&camera.ray(p), &[]).is_some()) {
         true => Darkness::Unlit,
         false => Darkness::NothingInView,

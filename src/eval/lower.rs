@@ -15,8 +15,8 @@ use crate::natives::value::{
 use crate::natives::{NEEDS_FOCUS, transform_matrix};
 use crate::render::texture::{Filter, Texture, Wrap};
 use crate::render::{
-    Camera, Cone, DeltaLight, Distortion, Emission, Environment, Input as RenderInput, Lens, LightMotion, Material,
-    MaterialKind, Motion, Pose, Projection, Quantity, SceneDescription, Shape, Slot, TextureId,
+    Camera, Cone, Crop, DeltaLight, Distortion, Emission, Environment, Input as RenderInput, Lens, LightMotion,
+    Material, MaterialKind, Motion, PixelFilter, Pose, Projection, Quantity, SceneDescription, Shape, Slot, TextureId,
 };
 use crate::stop::paced;
 use crate::tape::{Slice, TapeError, Tensor, Unary, Var};
@@ -346,6 +346,11 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
     if width == 0 || height == 0 || width.saturating_mul(height) > crate::image::MAX_FILM_PIXELS {
         return Err(bad(&format!("a film of {width}×{height} pixels")));
     }
+    let (crop, image) = match (camera.crop(), camera.image_size()) {
+        (Some([x, y, ..]), Some((w, h))) => (Some(Crop { corner: [x, y], film: [width, height] }), [w, h]),
+        (None, _) if camera.field("crop").is_some() => return Err(bad("`crop` must be `[x0, y0, x1, y1]`")),
+        _ => (None, [width, height]),
+    };
     let projection = match camera.field("kind") {
         Some(Value::Str(kind)) => match &**kind {
             "orthographic" => Projection::Orthographic,
@@ -354,6 +359,10 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
             _ => Projection::Perspective,
         },
         _ => Projection::Perspective,
+    };
+    let filter = match camera.field("filter") {
+        Some(Value::Str(name)) => PixelFilter::named(name).ok_or_else(|| bad("an unknown `filter`"))?,
+        _ => PixelFilter::Box,
     };
     // Distances of focus count as soon as one keyframe has a lens, and may be given once.
     let (mut has_lens, mut any_focus) = (false, None);
@@ -387,8 +396,10 @@ pub(super) fn lower_camera(camera: &CameraValue) -> Result<LoweredCamera, LowerE
         origin,
         frame,
         scale,
-        width,
-        height,
+        width: image[0],
+        height: image[1],
+        crop,
+        filter,
         lens: Lens { radius, focus, ..Lens::PINHOLE },
         distortion: Distortion { coefficients },
         shutter: [open, close],

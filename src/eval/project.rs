@@ -23,8 +23,7 @@ struct ProjectOp {
 impl ProjectOp {
     /// Adjoints of a point and of the camera's numbers, from the adjoint of the point's film position.
     fn adjoint(&self, projected: &Projected, d_place: Vec2, camera: &mut CameraAdjoint) -> Vec3 {
-        let size = Vec2::new(self.camera.width as f32, self.camera.height as f32);
-        self.camera.d_project(projected, d_place / size, camera)
+        self.camera.d_project(projected, d_place / self.camera.film_size(), camera)
     }
 }
 
@@ -101,7 +100,7 @@ impl Engine {
         // Points are projected through the centre of the lens, at the opening keyframe.
         let around = lowered.camera.origin.as_dvec3();
         let pinhole = lowered.relative_to(around).at(0.0);
-        let size = [f64::from(pinhole.width as f32), f64::from(pinhole.height as f32)];
+        let size = pinhole.film_size().to_array().map(f64::from);
         let (mut projected, mut places) = (Vec::new(), Vec::new());
         for (k, p) in points.value().data.chunks_exact(3).enumerate() {
             let point = (DVec3::new(p[0], p[1], p[2]) - around).as_vec3();

@@ -342,7 +342,7 @@ impl Engine {
         let lowered = self.lowered(&scene, &origins, span)?;
 
         // Sums and weights of the pixels, the image, and its numbers as a value.
-        let film = camera_value.film().map_or(0, |(w, h)| w.saturating_mul(h));
+        let film = camera_value.image_size().map_or(0, |(w, h)| w.saturating_mul(h));
         memory::ask((film as u64).saturating_mul(64)).map_err(|e| error::memory(e, call.at("camera")))?;
 
         let seen_by = camera.relative_to(lowered.scene.description.origin);

@@ -69,16 +69,22 @@ impl<D: Draw> Pass for Sequence<'_, D> {
     }
 }
 
-/// Receives samples of derivatives of single pixels.
+/// Receives samples of derivatives of pixels.
 pub trait Estimate {
     type S: Sink;
 
-    /// Calls `f` with an adjoint of the pixel's channels and the adjoints to which it adds the derivatives that follow: once in reverse
-    /// mode, once per channel in forward mode.
-    fn pixel(&mut self, pixel: usize, f: impl FnMut(Vec3, &mut Adjoints<Self::S>));
+    /// Calls `f` with an adjoint of the channels at a place of the film, which counts for these pixels with these weights, and the adjoints
+    /// to which it adds the derivatives that follow: in reverse mode once, in forward mode for each channel (and, where a matrix is
+    /// recorded, for each pixel).
+    fn pixels(&mut self, pixels: &[(u32, f32)], f: impl FnMut(Vec3, &mut Adjoints<Self::S>));
 
-    /// Whether samples of a pixel contribute nothing, so that they need not be drawn.
-    fn skips(&self, pixel: usize) -> bool;
+    /// [`Estimate::pixels`] of a sample that belongs to one pixel.
+    fn pixel(&mut self, pixel: usize, f: impl FnMut(Vec3, &mut Adjoints<Self::S>)) {
+        self.pixels(&[(pixel as u32, 1.0)], f);
+    }
+
+    /// Whether samples that count for these pixels contribute nothing, so that they need not be drawn.
+    fn skips(&self, pixels: &[(u32, f32)]) -> bool;
 }
 
 /// A pixel of an adjoint image; missing channels are zero.
@@ -103,22 +109,24 @@ impl<'a, S: Sink> Reverse<'a, S> {
         self.out.sink
     }
 
-    fn adjoint(&self, pixel: usize) -> Vec3 {
-        adjoint_of(self.d_image, pixel)
+    /// The adjoint image seen through the pixels' filters.
+    fn adjoint(&self, pixels: &[(u32, f32)]) -> Vec3 {
+        let of_pixel = |(pixel, weight): &(u32, f32)| adjoint_of(self.d_image, *pixel as usize) * *weight;
+        pixels.iter().map(of_pixel).reduce(|sum, d| sum + d).unwrap_or_default()
     }
 }
 
 impl<S: Sink> Estimate for Reverse<'_, S> {
     type S = S;
 
-    fn pixel(&mut self, pixel: usize, mut f: impl FnMut(Vec3, &mut Adjoints<S>)) {
-        let d = self.adjoint(pixel);
+    fn pixels(&mut self, pixels: &[(u32, f32)], mut f: impl FnMut(Vec3, &mut Adjoints<S>)) {
+        let d = self.adjoint(pixels);
         f(d, &mut self.out);
         self.out.flush_camera();
     }
 
-    fn skips(&self, pixel: usize) -> bool {
-        self.adjoint(pixel) == Vec3::ZERO
+    fn skips(&self, pixels: &[(u32, f32)]) -> bool {
+        self.adjoint(pixels) == Vec3::ZERO
     }
 }
 
@@ -136,21 +144,27 @@ pub struct Forward<'a, S: ForwardSink> {
 impl<S: ForwardSink> Estimate for Forward<'_, S> {
     type S = S;
 
-    fn pixel(&mut self, pixel: usize, mut f: impl FnMut(Vec3, &mut Adjoints<S>)) {
-        if self.pixels.last() != Some(&pixel) {
-            self.pixels.push(pixel);
-            self.sums.resize(self.sums.len() + self.directions, DVec3::ZERO);
+    fn pixels(&mut self, pixels: &[(u32, f32)], mut f: impl FnMut(Vec3, &mut Adjoints<S>)) {
+        let again = matches!((pixels, self.pixels.last()), ([(pixel, _)], Some(last)) if *last == *pixel as usize);
+        if !again {
+            self.pixels.extend(pixels.iter().map(|(pixel, _)| *pixel as usize));
+            self.sums.resize(self.pixels.len() * self.directions, DVec3::ZERO);
         }
-        let run = self.sums.len() - self.directions;
+        let first = self.sums.len() - pixels.len() * self.directions;
         for c in 0..self.channels {
             f(Vec3::AXES[c], &mut self.out);
             self.out.flush_camera();
-            let sums = &mut self.sums[run..];
-            self.out.sink.take(|direction, sum| sums[direction][c] += sum);
+            let runs = &mut self.sums[first..];
+            self.out.sink.take(|direction, sum| {
+                let of_direction = runs[direction..].iter_mut().step_by(self.directions);
+                for (to, (_, weight)) in of_direction.zip(pixels) {
+                    to[c] += sum * f64::from(*weight);
+                }
+            });
         }
     }
 
-    fn skips(&self, _pixel: usize) -> bool {
+    fn skips(&self, _: &[(u32, f32)]) -> bool {
         false
     }
 }
@@ -241,19 +255,21 @@ pub struct Images {
     pub data: Vec<f64>,
 }
 
-/// Runs a pass in forward mode and adds the derivatives to `images`; `sink` makes a sink for each chunk. `stop` is as in [`reverse`].
+/// Runs a pass in forward mode and adds the derivatives to `images`; `sink` makes a sink for each chunk, and a sample counts for at most
+/// `reach` pixels. `stop` is as in [`reverse`].
 pub fn forward<S: ForwardSink>(
     scene: &Scene,
     layout: &Layout,
     sink: impl Fn() -> S + Sync,
     pass: &impl Pass,
+    reach: usize,
     images: &mut Images,
     stop: &AtomicBool,
 ) {
     let (directions, channels, items) = (images.directions, images.channels, pass.items());
     // Chunks do not depend on the number of directions, so that each direction gets the same bits that it would get alone.
     let len = items.div_ceil(64).clamp(1, FORWARD_CHUNK);
-    let round = (FORWARD_KEPT / (FORWARD_CHUNK * directions.max(1))).max(1) * len;
+    let round = (FORWARD_KEPT / (FORWARD_CHUNK * directions.max(1) * reach)).max(1) * len;
     for start in (0..items).step_by(round) {
         let end = (start + round).min(items);
         let parts: Vec<(Vec<usize>, Vec<DVec3>)> = (start..end)

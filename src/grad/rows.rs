@@ -217,20 +217,22 @@ impl<'a> Record<'a> {
 impl Estimate for Record<'_> {
     type S = Entries;
 
-    fn pixel(&mut self, pixel: usize, mut f: impl FnMut(Vec3, &mut Adjoints<Entries>)) {
-        if self.pixel != pixel {
-            self.finish();
-            self.pixel = pixel;
-        }
-        for channel in 0..self.channels {
-            std::mem::swap(&mut self.out.sink, &mut self.entries[channel]);
-            f(Vec3::AXES[channel], &mut self.out);
-            self.out.flush_camera();
-            std::mem::swap(&mut self.out.sink, &mut self.entries[channel]);
+    fn pixels(&mut self, pixels: &[(u32, f32)], mut f: impl FnMut(Vec3, &mut Adjoints<Entries>)) {
+        for &(pixel, weight) in pixels {
+            if self.pixel != pixel as usize {
+                self.finish();
+                self.pixel = pixel as usize;
+            }
+            for channel in 0..self.channels {
+                std::mem::swap(&mut self.out.sink, &mut self.entries[channel]);
+                f(Vec3::AXES[channel] * weight, &mut self.out);
+                self.out.flush_camera();
+                std::mem::swap(&mut self.out.sink, &mut self.entries[channel]);
+            }
         }
     }
 
-    fn skips(&self, _pixel: usize) -> bool {
+    fn skips(&self, _: &[(u32, f32)]) -> bool {
         false
     }
 }

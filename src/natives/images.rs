@@ -123,9 +123,13 @@ fn downsampled(x: &Var, factor: usize) -> Result<Var> {
 }
 
 fn pixels(a: &Args) -> Result<Value> {
-    let (width, height) = match a.value(0)? {
-        Value::Camera(c) => c.film().ok_or_else(|| NativeError::at(0, "the camera has no film"))?,
-        Value::Image(v) => (v.shape()[1], v.shape()[0]),
+    let ((width, height), corner, film) = match a.value(0)? {
+        Value::Camera(c) => {
+            let no_film = || NativeError::at(0, "the camera has no film");
+            let corner = c.crop().map_or([0, 0], |[x, y, ..]| [x, y]);
+            (c.image_size().ok_or_else(no_film)?, corner, c.film().ok_or_else(no_film)?)
+        }
+        Value::Image(v) => ((v.shape()[1], v.shape()[0]), [0, 0], (v.shape()[1], v.shape()[0])),
         _ => return Err(a.wrong(0, "a camera")),
     };
     if width == 0 || height == 0 || width.saturating_mul(height) > crate::image::MAX_FILM_PIXELS {
@@ -135,7 +139,8 @@ fn pixels(a: &Args) -> Result<Value> {
     let mut data = Vec::with_capacity(width * height * 2);
     for y in 0..height {
         for x in 0..width {
-            data.extend([(x as f64 + 0.5) / width as f64, (y as f64 + 0.5) / height as f64]);
+            let [x, y] = [(corner[0] + x) as f64 + 0.5, (corner[1] + y) as f64 + 0.5];
+            data.extend([x / film.0 as f64, y / film.1 as f64]);
         }
     }
     Ok(Value::Image(Var::constant(Tensor::new(vec![height, width, 2], data))))

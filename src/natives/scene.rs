@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::optim::Rule;
 use crate::render::texture::{Filter, Wrap};
-use crate::render::{InputField, MaterialKind, OPACITY, Quantity};
+use crate::render::{InputField, MaterialKind, OPACITY, PixelFilter, Quantity};
 use crate::tape::{Slice, Tensor, Var};
 
 use super::images::read_image;
@@ -459,6 +459,7 @@ fn camera(a: &Args) -> Result<Value> {
     if let Some((i, _)) = a.named("film") {
         film(a, i)?;
     }
+    crop(a)?;
     if let Some((i, _)) = a.named("height") {
         let h = a.number(i)?;
         if !(h.is_finite() && h > 0.0) {
@@ -472,6 +473,7 @@ fn camera(a: &Args) -> Result<Value> {
     intrinsics(a, kind)?;
     lens(a, whole_turn)?;
     distortion(a, kind)?;
+    filter(a, kind)?;
     if let Some((i, _)) = a.named("shutter") {
         let shutter = a.vector(i, 2, false)?;
         if !matches!(shutter.value().data[..], [open, close] if 0.0 <= open && open <= close && close <= 1.0) {
@@ -543,6 +545,28 @@ pub(super) fn film(a: &Args, i: usize) -> Result<Var> {
     Ok(film)
 }
 
+/// A part of the film: within it, and not empty.
+fn crop(a: &Args) -> Result<()> {
+    let Some((i, _)) = a.named("crop") else { return Ok(()) };
+    let crop = a.vector(i, 4, false)?;
+    let size = match a.named("film") {
+        Some((film, _)) => a.vector(film, 2, false)?.value().data.clone(),
+        None => vec![256.0; 2],
+    };
+    let help = "it is first column, first row, and those after the last: for instance `crop: [0, 0, 32, 32]`";
+    match crop.value().data[..] {
+        [x0, y0, x1, y1] if [x0, y0, x1, y1].iter().any(|x| x.fract() != 0.0 || *x < 0.0) || x0 >= x1 || y0 >= y1 => {
+            let message = format!("`crop` [{x0}, {y0}, {x1}, {y1}] is no part of a film");
+            Err(NativeError::at(i, message).help(help))
+        }
+        [_, _, x1, y1] if x1 > size[0] || y1 > size[1] => {
+            let message = format!("`crop` reaches beyond the film of {}×{} pixels", size[0], size[1]);
+            Err(NativeError::at(i, message).help(help))
+        }
+        _ => Ok(()),
+    }
+}
+
 fn distortion(a: &Args, kind: &str) -> Result<()> {
     let Some((i, _)) = a.named("distortion") else { return Ok(()) };
     let v = a.var(i)?;
@@ -563,6 +587,19 @@ fn distortion(a: &Args, kind: &str) -> Result<()> {
     Ok(())
 }
 
+fn filter(a: &Args, kind: &str) -> Result<()> {
+    let Some((i, _)) = a.named("filter") else { return Ok(()) };
+    let name = a.named_string("filter")?.unwrap_or_default();
+    match PixelFilter::named(name) {
+        None => Err(unknown(a, "filter", name, "`box`, `tent`, `gaussian` or `mitchell`")),
+        Some(filter) if filter != PixelFilter::Box && kind == "panorama" => {
+            Err(NativeError::at(i, "a panorama has the filter `box`: others reach over its seam")
+                .help("leave it out, or render a larger film and scale the image down"))
+        }
+        Some(_) => Ok(()),
+    }
+}
+
 /// What [`moving`] says of things that move already.
 pub(super) fn moves_already(a: &Args, i: usize, what: &str) -> NativeError {
     NativeError::at(i, format!("`{}` is moving already", a.names[i])).help(format!("give two {what} that stand still"))
@@ -578,21 +615,23 @@ fn moving(a: &Args) -> Result<Value> {
                     return Err(moves_already(a, i, "cameras"));
                 }
             }
-            let word = |c: &CameraValue| match c.field("kind") {
-                Some(Value::Str(kind)) => kind.to_string(),
-                _ => "perspective".to_owned(),
-            };
-            if word(opening) != word(closing) {
-                let message =
-                    format!("the keyframes are cameras of two kinds, `{}` and `{}`", word(opening), word(closing));
-                return Err(NativeError::at(1, message).help("write the same `kind` in both"));
+            for (name, usual) in [("kind", "perspective"), ("filter", "box")] {
+                let word = |c: &CameraValue| match c.field(name) {
+                    Some(Value::Str(word)) => word.to_string(),
+                    _ => usual.to_owned(),
+                };
+                let (from, to) = (word(opening), word(closing));
+                if from != to {
+                    let message = format!("the keyframes are cameras of two {name}s, `{from}` and `{to}`");
+                    return Err(NativeError::at(1, message).help(format!("write the same `{name}` in both")));
+                }
             }
             // The same numbers, and live in both or in neither: half of a derivative is none.
             let numbers = |c: &CameraValue, name: &str| match c.field(name) {
                 Some(Value::Num(v)) => Some((v.value().data.clone(), v.is_live())),
                 _ => None,
             };
-            for name in ["film", "shutter", "distortion"] {
+            for name in ["film", "crop", "shutter", "distortion"] {
                 if numbers(opening, name) != numbers(closing, name) {
                     let message = format!("the keyframes differ in `{name}`, which cannot move");
                     return Err(NativeError::at(1, message).help(format!("write the same `{name}` in both")));

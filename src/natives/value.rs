@@ -148,15 +148,28 @@ impl CameraValue {
         self.fields.iter().find(|(n, _)| n == name).map(|(_, v)| v)
     }
 
-    /// Width and height in pixels.
+    /// Width and height of the whole film in pixels.
     pub fn film(&self) -> Option<(usize, usize)> {
-        match self.field("film") {
-            Some(Value::Num(film)) => match film.value().data[..] {
-                [w, h] if w >= 0.0 && h >= 0.0 => Some((w as usize, h as usize)),
-                _ => None,
-            },
-            _ => None,
+        self.counts("film").map(|[w, h]| (w, h))
+    }
+
+    /// The part of the film that is rendered, if it is not the whole: first column and row, and those after the last.
+    pub fn crop(&self) -> Option<[usize; 4]> {
+        self.counts("crop")
+    }
+
+    /// Width and height of what is rendered, in pixels.
+    pub fn image_size(&self) -> Option<(usize, usize)> {
+        match self.crop() {
+            Some([x0, y0, x1, y1]) => Some((x1.saturating_sub(x0), y1.saturating_sub(y0))),
+            None => self.film(),
         }
+    }
+
+    fn counts<const N: usize>(&self, name: &str) -> Option<[usize; N]> {
+        let Some(Value::Num(numbers)) = self.field(name) else { return None };
+        let numbers: [f64; N] = numbers.value().data.as_slice().try_into().ok()?;
+        numbers.iter().all(|n| *n >= 0.0).then(|| numbers.map(|n| n as usize))
     }
 }
 

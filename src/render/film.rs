@@ -1,4 +1,4 @@
-//! Images from scenes: radiance, or a property of the first hit, averaged over each pixel (box filter).
+//! Images from scenes: radiance, or a property of the first hit, weighed around each pixel by the camera's filter.
 
 #![deny(missing_docs)]
 
@@ -11,8 +11,9 @@ use rayon::prelude::*;
 use super::accel::{Kernel, Ray};
 use super::integrator::{BATCH, NoRecord, Options, Paths};
 use super::interaction::SurfaceInteraction;
+use super::pixel_filter::PixelSamples;
 use super::sampler::{Sampler, Sequence, hash};
-use super::scene::Camera;
+use super::scene::{Camera, Crop};
 use super::world::Scene;
 use crate::image::Image;
 
@@ -92,10 +93,12 @@ pub(super) fn add_samples(
     let channels = settings.output.channels();
     let seed = hash(settings.seed, 0x7072_696d_616c);
     let options = Options::new(settings.max_bounces);
-    let (mut ranks, mut rank) = (vec![0; camera.width * camera.height], 0u32);
-    hilbert_curve(camera.width, camera.height, |x, y| {
-        ranks[y * camera.width + x] = rank;
-        rank += 1;
+    let mut ranks = vec![0; camera.width * camera.height];
+    // The pixels of a part of the film have the samples that they have in the whole.
+    let Crop { corner: [left, top], film } =
+        camera.crop.unwrap_or(Crop { corner: [0, 0], film: [camera.width, camera.height] });
+    hilbert_curve(film, [left..left + camera.width, top..top + camera.height], |x, y, rank| {
+        ranks[(y - top) * camera.width + x - left] = rank;
     });
     image.data.par_chunks_mut(camera.width * channels).enumerate().for_each(|(y, pixels)| {
         scene.accel.run(Row {
@@ -107,6 +110,7 @@ pub(super) fn add_samples(
             stride: settings.spp.max(1).next_power_of_two(),
             ranks: &ranks[y * camera.width..][..camera.width],
             samples: &samples,
+            within: PixelSamples::new(camera.filter, settings.spp.max(1)),
             count,
             stop,
             y,
@@ -127,6 +131,8 @@ struct Row<'a> {
     /// By column: the position of the pixel along the Hilbert curve.
     ranks: &'a [u32],
     samples: &'a Range<u32>,
+    /// Where the samples of a pixel lie around it.
+    within: PixelSamples,
     count: f32,
     stop: &'a AtomicBool,
     y: usize,
@@ -145,10 +151,11 @@ impl Kernel for Row<'_> {
         let index = |x: usize, i: usize| {
             u64::from(self.ranks[x]) * u64::from(self.stride) + self.samples.start as u64 + i as u64
         };
+        let turn = |x: usize| move || hash(self.seed, u64::from(self.ranks[x]));
         let mut sequence = Sequence::new(self.seed, 0);
         let mut rays = [Ray::new(Vec3::ZERO, Vec3::ZERO); BATCH];
-        let (mut columns, mut indices) = ([0; BATCH], [0; BATCH]);
-        let pinhole = camera.is_pinhole();
+        let (mut columns, mut indices, mut weights) = ([(0, 0); BATCH], [0; BATCH], [1.0; BATCH]);
+        let (pinhole, corner) = (camera.is_pinhole(), camera.corner());
         let (mut paths, mut found) = (Paths::<BATCH>::new(), [Vec3::ZERO; BATCH]);
         // Sums are in double precision: in single precision, rounding makes the sum of many equal samples too small.
         let mut sum = DVec3::ZERO;
@@ -168,13 +175,16 @@ impl Kernel for Row<'_> {
                 if !sequence.has(index) {
                     break;
                 }
-                (columns[count], indices[count]) = (next.0, index);
+                (columns[count], indices[count]) = (next, index);
                 next = advance(next);
                 count += 1;
             }
             let mut samplers: [Sampler; BATCH] = std::array::from_fn(|k| sequence.sampler(indices[k]));
-            for ((ray, sampler), x) in rays.iter_mut().zip(&mut samplers).zip(&columns[..count]) {
-                let position = Vec2::new(*x as f32, self.y as f32) + sampler.next_2d();
+            let kept = rays.iter_mut().zip(&mut samplers).zip(&mut weights);
+            for (((ray, sampler), weight), &(x, i)) in kept.zip(&columns[..count]) {
+                let (within, own) = self.within.place(self.samples.start + i as u32, turn(x), sampler.next_2d());
+                let position = corner + Vec2::new(x as f32, self.y as f32) + within;
+                *weight = own;
                 *ray = if pinhole { camera.ray(position) } else { camera.sample_lens(sampler).ray(position) };
             }
             if output == Output::Radiance {
@@ -188,8 +198,8 @@ impl Kernel for Row<'_> {
                     *found = hit.map_or(Vec3::ZERO, |(si, _)| first_hit(scene, output, camera, &si));
                 }
             }
-            for found in &found[..count] {
-                sum += found.as_dvec3();
+            for (found, weight) in found[..count].iter().zip(&weights) {
+                sum += found.as_dvec3() * *weight;
                 let x = done.0;
                 done = advance(done);
                 if done.1 == 0 {
@@ -219,25 +229,44 @@ pub(crate) fn first_hit(scene: &Scene, output: Output, camera: &Camera, si: &Sur
     }
 }
 
-/// Visits the pixels of a film along a Hilbert curve over the smallest square that holds it.
-pub(crate) fn hilbert_curve(width: usize, height: usize, mut visit: impl FnMut(usize, usize)) {
-    /// Visits one square, given by its first corner and by its sides along and across the curve.
-    fn square(corner: IVec2, along: IVec2, across: IVec2, film: IVec2, visit: &mut impl FnMut(usize, usize)) {
-        let (low, high) = (corner.min(corner + along + across), corner.max(corner + along + across));
-        if low.cmpge(film).any() {
-            return;
-        }
-        if high - low == IVec2::ONE {
-            return visit(low.x as usize, low.y as usize);
-        }
-        let (a, b) = (along / 2, across / 2);
-        square(corner, b, a, film, visit);
-        square(corner + a, a, b, film, visit);
-        square(corner + a + b, a, b, film, visit);
-        square(corner + a + across, -b, -a, film, visit);
+/// Visits the pixels of a part of a film along a Hilbert curve over the smallest square that holds the film, each with its number along
+/// the curve through the whole film. What is not in the part takes no time.
+pub(crate) fn hilbert_curve(film: [usize; 2], part: [Range<usize>; 2], visit: impl FnMut(usize, usize, u32)) {
+    struct Curve<F> {
+        film: IVec2,
+        low: IVec2,
+        high: IVec2,
+        rank: u32,
+        visit: F,
     }
-    let side = width.max(height).next_power_of_two() as i32;
-    square(IVec2::ZERO, IVec2::X * side, IVec2::Y * side, IVec2::new(width as i32, height as i32), &mut visit);
+
+    impl<F: FnMut(usize, usize, u32)> Curve<F> {
+        /// Visits one square, given by its first corner and by its sides along and across the curve.
+        fn square(&mut self, corner: IVec2, along: IVec2, across: IVec2) {
+            let (low, high) = (corner.min(corner + along + across), corner.max(corner + along + across));
+            if low.cmpge(self.high).any() || high.cmple(self.low).any() {
+                self.rank += (high.min(self.film) - low).max(IVec2::ZERO).element_product() as u32;
+                return;
+            }
+            if high - low == IVec2::ONE {
+                (self.visit)(low.x as usize, low.y as usize, self.rank);
+                self.rank += 1;
+                return;
+            }
+            let (a, b) = (along / 2, across / 2);
+            self.square(corner, b, a);
+            self.square(corner + a, a, b);
+            self.square(corner + a + b, a, b);
+            self.square(corner + a + across, -b, -a);
+        }
+    }
+
+    let pair = |x: usize, y: usize| IVec2::new(x as i32, y as i32);
+    let side = film[0].max(film[1]).next_power_of_two() as i32;
+    let [x, y] = part;
+    let (low, high) = (pair(x.start, y.start), pair(x.end, y.end));
+    let mut curve = Curve { film: pair(film[0], film[1]), low, high, rank: 0, visit };
+    curve.square(IVec2::ZERO, IVec2::X * side, IVec2::Y * side);
 }
 
 #[cfg(test)]
@@ -249,13 +278,24 @@ mod tests {
         for (width, height) in [(1, 1), (37, 23), (5, 64), (32, 32)] {
             let mut seen = vec![false; width * height];
             let mut last: Option<(usize, usize)> = None;
-            hilbert_curve(width, height, |x, y| {
+            let mut ranks = Vec::new();
+            hilbert_curve([width, height], [0..width, 0..height], |x, y, rank| {
                 assert!(!std::mem::replace(&mut seen[y * width + x], true));
+                assert_eq!(rank as usize, ranks.len());
+                ranks.push([x, y]);
                 if let Some((a, b)) = last.replace((x, y)).filter(|_| width == height) {
                     assert_eq!(x.abs_diff(a) + y.abs_diff(b), 1);
                 }
             });
             assert!(seen.iter().all(|s| *s), "{width}x{height}");
+            // A part of it has the same numbers.
+            let (columns, rows) = (width / 3..width, height / 4..height.div_ceil(2));
+            let mut count = 0;
+            hilbert_curve([width, height], [columns.clone(), rows.clone()], |x, y, rank| {
+                assert_eq!(ranks[rank as usize], [x, y]);
+                count += 1;
+            });
+            assert_eq!(count, columns.len() * rows.len());
         }
     }
 }

@@ -8,6 +8,7 @@ use crate::mesh::Mesh;
 
 use super::distortion::Distortion;
 use super::material::{Input, Material, TextureId};
+use super::pixel_filter::PixelFilter;
 use super::texture::Texture;
 
 /// Emission of an area light.
@@ -202,10 +203,14 @@ pub struct Camera {
     /// Perspective: tangents of the half angles (x, y); orthographic: half width and half height of the view;
     /// fisheye, panorama: half angles in radians.
     pub scale: [f32; 2],
-    /// Pixels from left to right.
+    /// Pixels of the image from left to right.
     pub width: usize,
-    /// Pixels from top to bottom.
+    /// Pixels of the image from top to bottom.
     pub height: usize,
+    /// Where on a larger film the image lies, if it is not the whole of it.
+    pub crop: Option<Crop>,
+    /// How much of what a pixel is surrounded by counts for it.
+    pub filter: PixelFilter,
     /// What makes things out of focus blurred.
     pub lens: Lens,
     /// Of perspective and fisheye cameras without an aperture: the film sees at (x·scale.x, y·scale.y) what an ideal one would see
@@ -235,12 +240,23 @@ impl Camera {
             scale: [tangent * width as f32 / height.max(1) as f32, tangent],
             width,
             height,
+            crop: None,
+            filter: PixelFilter::Box,
             lens: Lens::PINHOLE,
             distortion: Distortion::NONE,
             shutter: Camera::WHOLE,
             closing: None,
         }
     }
+}
+
+/// The film of which an image shows a part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Crop {
+    /// The pixel of the film, from the left and from the top, that is the image's first.
+    pub corner: [usize; 2],
+    /// Pixels of the film from left to right and from top to bottom.
+    pub film: [usize; 2],
 }
 
 /// Where a camera is, which way it looks, how wide and how sharp: what may move, each number in proportion to time (so that the rows of

@@ -133,15 +133,30 @@ impl Camera {
         f64::from(self.lens.radius * pixels.max_element()) * spread.abs()
     }
 
+    /// Pixels of the whole film from left to right and from top to bottom. Positions on film are told in these pixels, also where the
+    /// image shows a part of it.
+    #[inline(always)]
+    pub fn film_size(&self) -> Vec2 {
+        let [width, height] = self.crop.map_or([self.width, self.height], |crop| crop.film);
+        Vec2::new(width as f32, height as f32)
+    }
+
+    /// The film position of the image's upper left corner.
+    #[inline(always)]
+    pub fn corner(&self) -> Vec2 {
+        self.crop.map_or(Vec2::ZERO, |crop| Vec2::new(crop.corner[0] as f32, crop.corner[1] as f32))
+    }
+
     /// Film coordinates in [−1, 1]² (y up) of a pixel position.
     #[inline(always)]
-    fn film(&self, pixel: Vec2) -> Vec2 {
-        Vec2::new(2.0 * pixel.x / self.width as f32 - 1.0, 1.0 - 2.0 * pixel.y / self.height as f32)
+    pub fn film(&self, pixel: Vec2) -> Vec2 {
+        let size = self.film_size();
+        Vec2::new(2.0 * pixel.x / size.x - 1.0, 1.0 - 2.0 * pixel.y / size.y)
     }
 
     /// ∂pixel/∂film.
     fn film_to_pixel(&self) -> Vec2 {
-        Vec2::new(0.5 * self.width as f32, -0.5 * self.height as f32)
+        Vec2::new(0.5, -0.5) * self.film_size()
     }
 
     /// Whether this is a central projection: all rays of the pinhole camera start at one point.
@@ -165,9 +180,11 @@ impl Camera {
         if self.distortion.is_none() { seen } else { self.distortion.invert(seen) }
     }
 
-    /// The largest distance from the optical axis of an undistorted position whose image lies on film, and 5 % more.
+    /// The largest distance from the optical axis of an undistorted position that a pixel sees, and 5 % more.
     pub fn max_ideal_radius(&self) -> f32 {
-        let corners = [-1.0, 0.0, 1.0].map(|x| [-1.0, 0.0, 1.0].map(|y| Vec2::new(x, y)));
+        let [low, high] = self.seen_film().map(|corner| self.film(corner));
+        let middle = 0.5 * (low + high);
+        let corners = [low.x, middle.x, high.x].map(|x| [low.y, middle.y, high.y].map(|y| Vec2::new(x, y)));
         let farther = |most: f32, film: &Vec2| most.max(self.undistort(*film * Vec2::from_array(self.scale)).length());
         1.05 * corners.iter().flatten().fold(0.0, farther)
     }
@@ -260,7 +277,8 @@ impl Camera {
     pub fn distorted_pixel(&self, ideal: Vec2) -> Vec2 {
         let seen = if self.distortion.is_none() { ideal } else { self.distortion.apply(ideal) };
         let (x, y) = (seen.x / self.scale[0], seen.y / self.scale[1]);
-        Vec2::new((x + 1.0) * 0.5 * self.width as f32, (1.0 - y) * 0.5 * self.height as f32)
+        let size = self.film_size();
+        Vec2::new((x + 1.0) * 0.5 * size.x, (1.0 - y) * 0.5 * size.y)
     }
 
     /// Undistorted position, in scaled film coordinates, of a point given in the camera's frame.
@@ -276,11 +294,6 @@ impl Camera {
             Projection::Panorama => (local.x.atan2(local.z), local.y.atan2(local.x.hypot(local.z))),
         };
         Vec2::new(x, y)
-    }
-
-    /// Whether a pixel position lies on the film.
-    pub fn on_film(&self, pixel: Vec2) -> bool {
-        pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < self.width as f32 && pixel.y < self.height as f32
     }
 
     /// Gradients of the pixel coordinates (x, y) in the projected point.
@@ -387,6 +400,7 @@ mod tests {
     use super::*;
     use crate::math::Pcg32;
     use crate::render::Distortion;
+    use crate::render::PixelFilter;
 
     fn camera(projection: Projection, v: &[f32; 21]) -> Camera {
         let vec = |i: usize| Vec3::new(v[i], v[i + 1], v[i + 2]);
@@ -397,6 +411,8 @@ mod tests {
             scale: [v[12], v[13]],
             width: 40,
             height: 30,
+            crop: None,
+            filter: PixelFilter::Box,
             shutter: Camera::WHOLE,
             closing: None,
             lens: Lens { radius: v[14], focus: v[15], point: Vec2::new(0.4, -0.7) },

@@ -5,7 +5,8 @@
 use glam::{Vec2, Vec3};
 
 use super::material::Input;
-use super::scene::{Camera, Cone, DeltaLight, Motion, Projection, SceneDescription, Shape};
+use super::pixel_filter::PixelFilter;
+use super::scene::{Camera, Cone, Crop, DeltaLight, Motion, Projection, SceneDescription, Shape};
 use super::texture::Texture;
 use crate::memory::Shortage;
 use crate::mesh::Mesh;
@@ -70,6 +71,15 @@ pub fn validate_camera(camera: &Camera) -> Result<(), SceneError> {
     if camera.width.saturating_mul(camera.height) > crate::image::MAX_FILM_PIXELS {
         return fail(format!("a film of {}×{} pixels is larger than 67 million pixels", camera.width, camera.height));
     }
+    if let Some(Crop { corner, film }) = camera.crop {
+        let beyond = [camera.width, camera.height].into_iter().zip(corner).zip(film);
+        if beyond.into_iter().any(|((size, corner), film)| corner.saturating_add(size) > film) {
+            return fail(format!("the crop reaches beyond the film of {}×{} pixels", film[0], film[1]));
+        }
+        if film[0].saturating_mul(film[1]) > crate::image::MAX_FILM_PIXELS {
+            return fail(format!("a film of {}×{} pixels is larger than 67 million pixels", film[0], film[1]));
+        }
+    }
     let frame = glam::Mat3::from_cols(camera.frame[0], camera.frame[1], camera.frame[2]);
     if !camera.origin.is_finite() || !frame.is_finite() || frame.determinant().abs() < 1e-12 {
         return fail("the camera's position and orientation do not make a frame (does it look along `up`, or at its own position?)".into());
@@ -89,6 +99,11 @@ pub fn validate_camera(camera: &Camera) -> Result<(), SceneError> {
     }
     if lens.radius > 0.0 && !matches!(camera.projection, Projection::Perspective | Projection::Orthographic) {
         return fail("only perspective and orthographic cameras have an aperture".into());
+    }
+    if camera.projection == Projection::Panorama && camera.filter != PixelFilter::Box {
+        return fail(
+            "panoramas have the box filter: others reach over the seam, to what the other end of the film shows".into(),
+        );
     }
     validate_distortion(camera).map_err(|what| SceneError::Camera { what })?;
     let [open, close] = camera.shutter;
@@ -237,8 +252,9 @@ fn validate_distortion(camera: &Camera) -> Result<(), String> {
         return Err("only perspective and fisheye cameras have a distortion, and no aperture beside it".into());
     }
     const STEPS: usize = 32;
-    let places = |size: usize| (0..=STEPS).map(move |i| size as f32 * i as f32 / STEPS as f32);
-    for (x, y) in places(camera.height).flat_map(|y| places(camera.width).map(move |x| (x, y))) {
+    let [first, last] = camera.seen_film();
+    let places = |from: f32, to: f32| (0..=STEPS).map(move |i| from + (to - from) * i as f32 / STEPS as f32);
+    for (x, y) in places(first.y, last.y).flat_map(|y| places(first.x, last.x).map(move |x| (x, y))) {
         if !camera.ray(Vec2::new(x, y)).dir.is_finite() {
             return Err(format!(
                 "the camera's distortion folds the image: nothing is seen at pixel ({x:.0}, {y:.0}); with a smaller field of view, or smaller coefficients, every pixel has a ray"

@@ -43,7 +43,7 @@ pub fn disagreement(ty: &Ty, value: &Value) -> Option<String> {
             })
         }
         (Ty::Camera { height, width, .. }, Value::Camera(camera)) => {
-            let (w, h) = camera.film()?;
+            let (w, h) = camera.image_size()?;
             shape_of(&[*height, *width], &[h, w])
         }
         (Ty::Num(_), Value::List(items)) if items.is_empty() => None,

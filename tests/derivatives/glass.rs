@@ -246,6 +246,21 @@ fn edges_behind_a_plate_have_their_derivatives() {
     check_all(Body::Plate);
 }
 
+/// In a part of the film, so small that most of what a wide filter sees lies around it.
+#[test]
+fn edges_under_water_have_their_derivatives_under_filters() {
+    let row = Row { body: Body::Water, moves: Moves::Behind };
+    let plan = Plan { h: 0.01, spp: 64, fd_spp: 1024, max_bounces: 4, ..Plan::default() };
+    for filter in [PixelFilter::Box, PixelFilter::Tent, PixelFilter::Gaussian] {
+        let build = |t: f32| {
+            let (description, camera) = row.build(t);
+            let crop = Some(Crop { corner: [6, 5], film: [12, 12] });
+            (description, Camera { width: 3, height: 2, crop, filter, ..camera })
+        };
+        agree(&format!("{row:?}, {filter:?}"), &build, &plan);
+    }
+}
+
 #[test]
 fn edges_under_water_have_their_derivatives() {
     check_all(Body::Water);

@@ -35,11 +35,12 @@ fn scene() -> (SceneDescription, Camera) {
     (b.description, look_at(vec3(0.5, 2., -4.), vec3(0., 0.4, 0.), 45., 24))
 }
 
-/// As above, through a pinhole, through a lens, through one that distorts, with a box that moves, with masks on box, wall and light,
+/// As above, through a pinhole, in part and under a filter with two signs, through a lens, through one that distorts, with a box that moves, with masks on box, wall and light,
 /// with a ball of mirror, and under a sky with a sun.
-fn scenes() -> [(SceneDescription, Camera); 7] {
+fn scenes() -> [(SceneDescription, Camera); 8] {
     let (description, camera) = scene();
     let lens = Lens { radius: 0.3, focus: 3.0, ..Lens::PINHOLE };
+    let crop = Some(Crop { corner: [5, 0], film: [24, 24] });
     let mut moving = description.clone();
     let vertices = cuboid(vec3(0.5, 0.7, 0.0), vec3(0.4, 0.3, 0.5), 0.7).vertices;
     moving.motions.push(Motion { shape: 1, vertices, normals: None });
@@ -61,6 +62,7 @@ fn scenes() -> [(SceneDescription, Camera); 7] {
     sunny.environment = Some(Environment { radiance: sunny.textures.len() - 1, rotation });
     [
         (description.clone(), camera),
+        (description.clone(), Camera { filter: PixelFilter::Mitchell, width: 17, crop, ..camera }),
         (description.clone(), Camera { lens, ..camera }),
         (description, Camera { distortion, ..camera }),
         (moving, Camera { shutter, ..camera }),
@@ -195,7 +197,7 @@ fn rows_of_the_jacobian_make_the_gradient_of_any_adjoint() {
     let tangents = Tangents::new(&dense, layout.size());
     let data = vec![0.0; even.data.len() * dense.len()];
     let mut rows = Images { directions: dense.len(), channels: 3, data };
-    forward(&scene, &layout, || DirectionalDerivatives::new(&tangents), &pass, &mut rows, &NEVER);
+    forward(&scene, &layout, || DirectionalDerivatives::new(&tangents), &pass, 1, &mut rows, &NEVER);
     for (k, tangent) in dense.iter().enumerate() {
         let row = rows.data.chunks_exact(3).skip(k).step_by(dense.len()).flatten();
         let terms: Vec<f64> = row.zip(&residual.data).map(|(j, r)| j * f64::from(*r)).collect();

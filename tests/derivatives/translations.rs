@@ -50,8 +50,9 @@ struct Samples<'a> {
 impl Estimate for Samples<'_> {
     type S = Balance;
 
-    fn pixel(&mut self, pixel: usize, mut f: impl FnMut(Vec3, &mut Adjoints<Balance>)) {
-        f(adjoint_of(self.weights, pixel), &mut self.out);
+    fn pixels(&mut self, pixels: &[(u32, f32)], mut f: impl FnMut(Vec3, &mut Adjoints<Balance>)) {
+        let of_pixel = |(pixel, weight): &(u32, f32)| adjoint_of(self.weights, *pixel as usize) * *weight;
+        f(pixels.iter().map(of_pixel).sum(), &mut self.out);
         self.out.flush_camera();
         let Balance { sum, size } = std::mem::take(&mut self.out.sink);
         assert!(sum.iter().chain(&size).all(|x| x.is_finite()));
@@ -63,7 +64,7 @@ impl Estimate for Samples<'_> {
         self.found += usize::from(size != [0.0; 3]);
     }
 
-    fn skips(&self, _pixel: usize) -> bool {
+    fn skips(&self, _: &[(u32, f32)]) -> bool {
         false
     }
 }

@@ -169,6 +169,15 @@ fn a_checked_program_fails_only_for_values() {
             "dscene::type::shape",
         ),
         ("let x = shot with { eye.film: [0, 4] }", "dscene::value::film"),
+        // A part of the film has its own size, whatever the film's is.
+        (
+            "camera part { film: [16, 8], crop: [0, 0, 8, 8] }\nlet x = mse(alpha(part) with { part.crop: [0, 0, 4, 4] }, alpha(part))",
+            "dscene::type::shape",
+        ),
+        (
+            "camera part { position: [0, 1, -4], film: [16, 8], crop: [2, 1, 6, 5] }\nlet x = mse(render(part), image([[1]]))",
+            "dscene::type::shape",
+        ),
     ];
     refused_for(&in_scene.map(|(script, code)| (format!("{SCENE}{script}"), code)));
 }

@@ -416,6 +416,23 @@ loss fit = mse(render(small), target)",
         ],
     },
     Case {
+        name: "filters",
+        prelude: "",
+        script: "camera a { filter: lanczos }\ncamera b { kind: panorama, filter: tent }\ncamera c { kind: panorama, filter: box }",
+        wanted: &[("dscene::name::unknown", "lanczos", "mitchell"), ("dscene::value::filter", "tent", "larger film")],
+    },
+    Case {
+        name: "crops",
+        prelude: "",
+        script: "camera a { film: [64, 64], crop: [32, 32, 96, 64] }\ncamera b { crop: [9, 9, 9, 12] }\n\
+                 camera c { film: [64, 64], window: [0, 0, 9, 9] }",
+        wanted: &[
+            ("dscene::value::crop", "[32, 32, 96, 64]", "upper left corner"),
+            ("dscene::value::crop", "[9, 9, 9, 12]", "x0 < x1"),
+            ("dscene::name::field", "window", "did you mean `crop`?"),
+        ],
+    },
+    Case {
         name: "lenses_and_shutters",
         prelude: "",
         script: "camera a { aperture: -0.1, focus: 0 }\ncamera b { kind: fisheye, aperture: 0.1 }\n\

@@ -758,6 +758,10 @@ let still = lamp(0)",
             "seen(moving(eye(0), camera(position: [1, 0, 5], look_at: [0, 0, 0], film: [12, 12], distortion: [0.1])))",
             "differ in `distortion`",
         ),
+        (
+            "seen(moving(eye(0), camera(position: [1, 0, 5], look_at: [0, 0, 0], film: [12, 12], filter: \"tent\")))",
+            "cameras of two filters, `box` and `tent`",
+        ),
         ("moving(area(sphere()), area(sphere()))", "moves as its mesh does"),
         (
             "seen(moving(eye(0), camera(position: [0, 0, 5], look_at: [0, 0, 9], film: [12, 12])))",

@@ -290,7 +290,7 @@ fn fields_that_check_are_there() {
     let things = "eye; sky; lamp; ball; img; [1, 2, 3]; diffuse(); mirror(); conductor(reflectance: 1); conductor(eta: 1, k: 2); \
         phong(); plastic(); dielectric(); principled(); mask(diffuse(), 0.5); one_sided(mask(mirror(), 0.5)); point(position: [0, 0, 0]); \
         spot(position: [0, 1, 0], direction: [0, -1, 0]); directional(direction: [0, -1, 0]); environment([1, 1, 1]); constant(1); \
-        area(disk(), material: diffuse()); camera(); camera(fov_x: 40deg, focus: 2, distortion: [0.1]); texture([[1]]); checkerboard(); \
+        area(disk(), material: diffuse()); camera(); camera(fov_x: 40deg, focus: 2, distortion: [0.1]); camera(filter: \"tent\", crop: [1, 2, 3, 4]); texture([[1]]); checkerboard(); \
         scene(shapes: [ball], lights: [sky]); estimate(fit, repeats: 2); estimate(img, repeats: 2)";
     // Of meshes not: which of theirs there are depends on the file or function that made them.
     let fields = "x y z w r g b a xy bgr width height channels texels position look_at up fov fov_x film kind transform aperture focus \
@@ -348,7 +348,7 @@ fn a_scaled_film_keeps_the_calibration() {
     let place = crate::place::Place::new();
     let shown = place.run(
         "param x = 0.3
-        camera eye { position: [0, 0, 4], look_at: [0, 0, 0], film: [32, 24], focal: 40, principal: [10, 15] }
+        camera eye { position: [0, 0, 4], look_at: [0, 0, 0], film: [32, 24], focal: 40, principal: [10, 15], crop: [3, 2, 20, 17] }
         loss off = sum((project(eye, [x, 0.2, 0]) - project(eye, [0.1, 0.2, 0])) ^ 2) + 0 * mean(render(eye, spp: 1))
         shape ball { mesh: sphere() }
         light sky = constant(1)

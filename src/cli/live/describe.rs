@@ -74,7 +74,7 @@ pub fn camera(engine: &mut Engine, name: &str, camera: &Arc<CameraValue>, moved:
     let names = cameras(program);
     let own = pose_of(camera);
     let pose = moved.or(own);
-    let (width, height) = camera.film().unwrap_or((256, 256));
+    let (width, height) = camera.image_size().unwrap_or((256, 256));
     // Both keyframes of a moving camera would have to move.
     let movable = camera.closing.is_none() && own.is_some();
     json!({

@@ -167,14 +167,14 @@ impl View {
 
     fn try_pass(&mut self, engine: &mut Engine, hub: &Hub) -> Result<(), Wrong> {
         let (name, camera) = self.camera(engine)?;
-        let (width, height) = camera.film().unwrap_or((256, 256));
+        let (width, height) = camera.image_size().unwrap_or((256, 256));
         let of_change = self.picture.spp > 0 && self.wants_change() && self.change.spp <= self.picture.spp;
         let done = if of_change { self.change.spp } else { self.picture.spp };
         let pixels = (width * height) as f64;
         // Views that follow quickly must not starve the first look.
         let is_first = done == 0 && !of_change && !self.bridged;
         hub.begin(if is_first { Weight::Ends } else { Weight::Looks });
-        let shrink = if is_first { shrinking(pixels, self.rate * FIRST_LOOK) } else { 1 };
+        let shrink = if is_first && camera.crop().is_none() { shrinking(pixels, self.rate * FIRST_LOOK) } else { 1 };
         let film = [(width / shrink).max(1), (height / shrink).max(1)];
         let affordable = (self.rate * PASS / pixels).clamp(1.0, f64::from(self.enough)) as u32;
         let spp = done.clamp(1, affordable).min(self.enough.saturating_sub(done).max(1));

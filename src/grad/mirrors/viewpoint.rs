@@ -207,13 +207,6 @@ pub struct CameraConnection {
     pub throughput: Vec3,
 }
 
-impl CameraConnection {
-    /// Index of the pixel.
-    pub fn pixel_index(&self, camera: &Camera) -> usize {
-        self.projected.pixel.y as usize * camera.width + self.projected.pixel.x as usize
-    }
-}
-
 impl<'a> Viewpoint<'a> {
     /// All viewpoints of a camera.
     pub fn all(scene: &'a Scene, camera: &'a Camera, mirrors: &[MirrorPlane]) -> Vec<Viewpoint<'a>> {

@@ -53,7 +53,8 @@ fn gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &[Slot]) -> Ve
 fn film_cuts_surfaces(scene: &Scene, camera: &Camera) -> bool {
     let cuts = |origin: Vec3, frame: [Vec3; 3], scale: [f32; 2], lens: f32| {
         let to_film = Mat3::from_cols(frame[0] * scale[0], frame[1] * scale[1], frame[2]).inverse();
-        let half = Vec2::ONE + Vec2::splat(lens) / Vec2::from_array(scale);
+        let [a, b] = camera.seen_film().map(|corner| camera.film(corner));
+        let (middle, half) = (0.5 * (a + b), 0.5 * (b - a).abs() + Vec2::splat(lens) / Vec2::from_array(scale));
         let cuts = |prim: usize| {
             let corners = scene.corners(prim as PrimId).map(|p| to_film * (p - origin));
             let at_film = |i: usize| {
@@ -61,7 +62,7 @@ fn film_cuts_surfaces(scene: &Scene, camera: &Camera) -> bool {
                 (a.z * b.z < 0.0).then(|| a.lerp(b, a.z / (a.z - b.z)).truncate())
             };
             let ends: Vec<Vec2> = (0..3).filter_map(at_film).collect();
-            matches!(ends[..], [a, b] if meets_box(a, b, half))
+            matches!(ends[..], [a, b] if meets_box(a - middle, b - middle, half))
         };
         paced(0..scene.prims.len(), 16).any(cuts)
     };

@@ -9,9 +9,13 @@ use glam::Vec2;
 use crate::image::Image;
 use crate::render::film::hilbert_curve;
 use crate::render::sampler::Discrete;
+use crate::render::{Camera, PixelFilter};
 
 /// Fraction of the samples that is uniform over the pixels with a non-zero adjoint.
 const EVEN: f64 = 0.2;
+
+/// What random numbers are kept below, so that added to a pixel's corner they do not become its neighbour's.
+const ALMOST_ONE: f32 = 0.999_999;
 
 /// A point on film.
 #[derive(Clone, Copy, Debug)]
@@ -19,12 +23,14 @@ pub struct FilmSample {
     pub pixel: usize,
     /// Film position, in pixels from the top left corner.
     pub position: Vec2,
-    /// Weight of the pixel's adjoint for this sample: 1 / probability of the pixel.
+    /// Weight of the pixel's adjoint for this sample: 1 / probability of the pixel, negative where its filter is.
     pub weight: f64,
 }
 
 /// A distribution over the film.
 pub struct FilmDensity {
+    filter: PixelFilter,
+    corner: Vec2,
     width: usize,
     rows: Discrete,
     columns: Vec<Discrete>,
@@ -32,10 +38,11 @@ pub struct FilmDensity {
 
 impl FilmDensity {
     /// In proportion to the magnitude of an adjoint image; zero where that is zero.
-    pub fn new(adjoint: &Image) -> FilmDensity {
+    pub fn new(camera: &Camera, adjoint: &Image) -> FilmDensity {
         let columns: Vec<Discrete> =
             weights(adjoint).chunks_exact(adjoint.width).map(|row| Discrete::new(row.iter().copied())).collect();
-        FilmDensity { width: adjoint.width, rows: Discrete::new(columns.iter().map(Discrete::total)), columns }
+        let rows = Discrete::new(columns.iter().map(Discrete::total));
+        FilmDensity { filter: camera.filter, corner: camera.corner(), width: adjoint.width, rows, columns }
     }
 
     /// Whether there is nothing to sample.
@@ -47,8 +54,9 @@ impl FilmDensity {
     pub fn place(&self, u: [f64; 2]) -> FilmSample {
         let (y, row, v) = self.rows.sample(u[1]);
         let (x, column, u) = self.columns[y].sample(u[0]);
-        let position = Vec2::new(x as f32 + (u as f32).min(0.999_999), y as f32 + (v as f32).min(0.999_999));
-        FilmSample { pixel: y * self.width + x, position, weight: 1.0 / (row * column) }
+        let (within, sign) = self.filter.sample(Vec2::new(u as f32, v as f32).min(Vec2::splat(ALMOST_ONE)));
+        let position = self.corner + Vec2::new(x as f32, y as f32) + within;
+        FilmSample { pixel: y * self.width + x, position, weight: sign / (row * column) }
     }
 }
 
@@ -59,6 +67,8 @@ impl FilmDensity {
 /// each pixel and around it (as in Ahmed and Wonka 2020, who order pixels by a Z-curve), and consecutive rays are close to each other.
 #[derive(Clone)]
 pub struct FilmCurve {
+    filter: PixelFilter,
+    corner: Vec2,
     width: usize,
     pixels: Vec<u32>,
     density: Discrete,
@@ -66,26 +76,28 @@ pub struct FilmCurve {
 
 impl FilmCurve {
     /// In proportion to the magnitude of an adjoint image; zero where that is zero.
-    pub fn new(adjoint: &Image) -> FilmCurve {
+    pub fn new(camera: &Camera, adjoint: &Image) -> FilmCurve {
         let weights = weights(adjoint);
         let mut pixels = Vec::with_capacity(weights.len());
-        hilbert_curve(adjoint.width, adjoint.height, |x, y| {
+        hilbert_curve([adjoint.width, adjoint.height], [0..adjoint.width, 0..adjoint.height], |x, y, _| {
             let pixel = y * adjoint.width + x;
             if weights[pixel] > 0.0 {
                 pixels.push(pixel as u32);
             }
         });
         let density = Discrete::new(pixels.iter().map(|&p| weights[p as usize]));
-        FilmCurve { width: adjoint.width, pixels, density }
+        FilmCurve { filter: camera.filter, corner: camera.corner(), width: adjoint.width, pixels, density }
     }
 
-    /// The film sample at a position along the curve, from 0 to 1; `within` is the point in the pixel.
+    /// The film sample at a position along the curve, from 0 to 1; `within` chooses the place around the pixel. Consecutive samples of a
+    /// pixel take turns at being negative.
     pub fn place(&self, along: f64, within: Vec2) -> FilmSample {
-        let (i, probability, _) = self.density.sample(along);
+        let (i, probability, rest) = self.density.sample(along);
         let pixel = self.pixels[i] as usize;
-        let corner = Vec2::new((pixel % self.width) as f32, (pixel / self.width) as f32);
-        let position = corner + within.min(Vec2::splat(0.999_999));
-        FilmSample { pixel, position, weight: 1.0 / probability }
+        let corner = self.corner + Vec2::new((pixel % self.width) as f32, (pixel / self.width) as f32);
+        let negative = rest < self.filter.negative_share();
+        let position = corner + self.filter.place(negative, within.min(Vec2::splat(ALMOST_ONE)));
+        FilmSample { pixel, position, weight: self.filter.signed_weight(negative) / probability }
     }
 }
 
@@ -102,6 +114,19 @@ pub fn active(adjoint: &Image) -> usize {
     magnitudes(adjoint).filter(|&m| m > 0.0).count()
 }
 
+/// The magnitude of the adjoint of what is seen at a film position, or at the nearest one on film: not less than a fraction of that of any
+/// pixel whose filter covers the position, so that it is a weight for what lies around there too.
+pub fn magnitude_at(camera: &Camera, adjoint: &Image, position: Vec2) -> f64 {
+    const LEAST: f32 = 0.05;
+    let [first, last] = camera.seen_film();
+    let footprint = camera.footprint(position.clamp(first, last - 1e-3));
+    let of_pixel = |&(pixel, weight): &(u32, f32)| {
+        let channels = &adjoint.data[pixel as usize * adjoint.channels..][..adjoint.channels];
+        f64::from(weight.abs().max(LEAST)) * channels.iter().map(|v| f64::from(v.abs())).sum::<f64>()
+    };
+    footprint.pixels().iter().map(of_pixel).sum()
+}
+
 fn magnitudes(adjoint: &Image) -> impl Iterator<Item = f64> + '_ {
     adjoint.data.chunks_exact(adjoint.channels).map(|p| p.iter().map(|v| f64::from(v.abs())).sum())
 }
@@ -110,32 +135,42 @@ fn magnitudes(adjoint: &Image) -> impl Iterator<Item = f64> + '_ {
 mod tests {
     use super::*;
     use crate::render::sampler::{Sampler, progress};
+    use glam::Vec3;
 
+    /// Σ over pixels of adjoint · ∫ filter(x − centre) x·y dx, whose integral is the product of the centre's coordinates for every filter.
     #[test]
     fn estimates_a_sum_over_the_image_without_bias_and_never_visits_dark_pixels() {
         let mut adjoint = Image::new(37, 23, 1);
         for (i, v) in adjoint.data.iter_mut().enumerate() {
             *v = if i % 5 == 0 { 0.0 } else { (i as f32 * 0.37).sin() };
         }
-        // Σ adjoint · ∫ x·y over the pixel.
         let exact: f64 =
             (0..37 * 23).map(|i| f64::from(adjoint.data[i]) * ((i % 37) as f64 + 0.5) * ((i / 37) as f64 + 0.5)).sum();
-        let curve = FilmCurve::new(&adjoint);
-        let estimates: Vec<f64> = (0..64)
-            .map(|seed| {
-                let sample = |i: usize| {
-                    let film = curve.place(progress(seed, i, 4096), Sampler::new(seed, i as u64).next_2d());
-                    let d = f64::from(adjoint.data[film.pixel]);
-                    assert_ne!(d, 0.0);
-                    d * f64::from(film.position.x * film.position.y) * film.weight / 4096.0
-                };
-                (0..4096).map(sample).sum()
-            })
-            .collect();
-        let mean = estimates.iter().sum::<f64>() / 64.0;
-        let error = (estimates.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / 63.0 / 64.0).sqrt();
-        assert!((mean - exact).abs() < 3.0 * error, "{mean} ± {error}, {exact}");
-        let magnitude: f64 = adjoint.data.iter().map(|v| f64::from(v.abs()) * 200.0).sum();
-        assert!(error < 1e-3 * magnitude, "{error}");
+        for (name, filter) in PixelFilter::NAMES {
+            let camera = Camera { filter, ..Camera::look_at(Vec3::ZERO, Vec3::Z, Vec3::Y, 1.0, [37, 23]) };
+            let (curve, density) = (FilmCurve::new(&camera, &adjoint), FilmDensity::new(&camera, &adjoint));
+            let places: [&dyn Fn(u64, usize) -> FilmSample; 2] = [
+                &|seed, i| curve.place(progress(seed, i, 4096), Sampler::new(seed, i as u64).next_2d()),
+                &|seed, i| density.place(Sampler::new(seed, i as u64).next_2d().to_array().map(f64::from)),
+            ];
+            for (place, tolerance) in places.into_iter().zip([2e-3, 1e-2]) {
+                let estimates: Vec<f64> = (0..64)
+                    .map(|seed| {
+                        let sample = |i: usize| {
+                            let film = place(seed, i);
+                            let d = f64::from(adjoint.data[film.pixel]);
+                            assert_ne!(d, 0.0);
+                            d * f64::from(film.position.x * film.position.y) * film.weight / 4096.0
+                        };
+                        (0..4096).map(sample).sum()
+                    })
+                    .collect();
+                let mean = estimates.iter().sum::<f64>() / 64.0;
+                let error = (estimates.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / 63.0 / 64.0).sqrt();
+                assert!((mean - exact).abs() < 3.0 * error, "{name}: {mean} ± {error}, {exact}");
+                let magnitude: f64 = adjoint.data.iter().map(|v| f64::from(v.abs()) * 200.0).sum();
+                assert!(error < tolerance * magnitude, "{name}: {error} of {magnitude}");
+            }
+        }
     }
 }

@@ -47,7 +47,7 @@ impl<'a> Interior<'a> {
             scene,
             camera,
             settings,
-            film: FilmCurve::new(adjoint),
+            film: FilmCurve::new(camera, adjoint),
             count,
             mask_sampling: mask_sampling(scene, layout),
             area_sampling_fraction: area_sampling_fraction(layout),

@@ -52,17 +52,19 @@ pub enum Accumulator<'a> {
 
 impl Accumulator<'_> {
     fn pass(&mut self, request: &Request, pass: &impl Pass) {
-        let &Request { scene, layout, adjoint, stop, .. } = request;
+        let &Request { scene, camera, layout, adjoint, stop, .. } = request;
+        let reach = camera.filter.most_pixels();
         match self {
             Accumulator::Slots(total) => estimate::reverse(scene, layout, adjoint, pass, total, stop),
             Accumulator::Weighted(d_image, total) => estimate::reverse(scene, layout, d_image, pass, total, stop),
             Accumulator::Rows(rows) => rows.add(scene, layout, pass, stop),
             Accumulator::Direction(tangent, images) => {
                 let sink = || DirectionalDerivative { tangent, sum: 0.0 };
-                estimate::forward(scene, layout, sink, pass, images, stop);
+                estimate::forward(scene, layout, sink, pass, reach, images, stop);
             }
             Accumulator::Directions(tangents, images) => {
-                estimate::forward(scene, layout, || DirectionalDerivatives::new(tangents), pass, images, stop);
+                let sink = || DirectionalDerivatives::new(tangents);
+                estimate::forward(scene, layout, sink, pass, reach, images, stop);
             }
         }
     }

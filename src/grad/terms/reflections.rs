@@ -19,6 +19,7 @@ use crate::grad::mirrors::curved::{Barycentric, Eye, MirrorPatch, MirrorTree, Mi
 use crate::grad::mirrors::viewpoint::CameraConnection;
 use crate::grad::sampling::allocate::{Estimator, typical_bounces};
 use crate::grad::sampling::contrast::{contrasts, pilots};
+use crate::grad::sampling::pixels::magnitude_at;
 use crate::grad::terms::primary::pieces::MAX_PIECE_LENGTH;
 use crate::image::Image;
 use crate::render::accel::{PrimId, Ray};
@@ -69,7 +70,6 @@ struct Boundary<'a> {
     before: f32,
     after: f32,
     film: Vec2,
-    pixel: usize,
     /// The jump of radiance times pixels of film over the density of lines there.
     jump: Vec3,
 }
@@ -161,8 +161,8 @@ impl<'a> Reflections<'a> {
         let film = a.zip(b).zip(c).map(|((a, b), c)| [a, b, c]);
         if let Some([a, b, c]) = film.filter(|_| self.camera.is_pinhole() && self.camera.is_rectilinear()) {
             let (low, high) = (a.min(b).min(c), a.max(b).max(c));
-            let size = Vec2::new(self.camera.width as f32, self.camera.height as f32);
-            if high.cmplt(Vec2::splat(-1.0)).any() || low.cmpgt(size + 1.0).any() {
+            let [first, last] = self.camera.seen_film();
+            if high.cmplt(first - 1.0).any() || low.cmpgt(last + 1.0).any() {
                 return None;
             }
         }
@@ -212,7 +212,7 @@ impl<'a> Reflections<'a> {
         let mut seen = 0.0;
         for (g, factor) in factors.into_iter().enumerate() {
             for piece in &self.pieces[range(g)] {
-                let importance = piece.adjoint(adjoint).unwrap_or(mean) + 0.1 * mean;
+                let importance = piece.adjoint(self.camera, adjoint).unwrap_or(mean) + 0.1 * mean;
                 weights.push(f64::from(piece.weight) * importance * factor.weight);
                 seen += f64::from(piece.weight) * if factor.seen { 1.0 } else { 0.1 };
             }
@@ -303,7 +303,6 @@ impl<'a> Reflections<'a> {
             trace(scene, start, &mut sampler, &options, &mut NoRecord)
         };
         let jump = (side(sides.near) - side(sides.far)) * reflectance * (sides.scale * through * pixels / density);
-        let pixel = film.y as usize * camera.width + film.x as usize;
         (jump != Vec3::ZERO && jump.is_finite()).then_some(Boundary {
             edge,
             s,
@@ -312,7 +311,6 @@ impl<'a> Reflections<'a> {
             before,
             after,
             film,
-            pixel,
             jump,
         })
     }
@@ -378,15 +376,16 @@ pub fn connect_by_curved_mirrors(
 
 impl Piece {
     /// Mean magnitude of an image over the piece's bounding box.
-    fn adjoint(&self, image: &Image) -> Option<f64> {
+    fn adjoint(&self, camera: &Camera, image: &Image) -> Option<f64> {
         let [a, b, c] = self.film?;
         let size = Vec2::new(image.width as f32, image.height as f32);
         let on_film = |p: Vec2| p.max(Vec2::ZERO).min(size - 1.0).as_uvec2();
+        let [a, b, c] = [a, b, c].map(|p| p - camera.corner());
         let (low, high) = (on_film(a.min(b).min(c)), on_film(a.max(b).max(c)));
         let (mut sum, mut count) = (0.0, 0);
         for y in (low.y..=high.y).step_by(1 + (high.y - low.y) as usize / 8) {
             for x in (low.x..=high.x).step_by(1 + (high.x - low.x) as usize / 8) {
-                sum += image.pixel(x as usize, y as usize).iter().map(|v| f64::from(v.abs())).sum::<f64>();
+                sum += magnitude_at(camera, image, camera.corner() + Vec2::new(x as f32, y as f32) + 0.5);
                 count += 1;
             }
         }
@@ -400,11 +399,12 @@ impl Draw for Reflections<'_> {
     fn draw(&self, first: f64, mut sampler: Sampler, weight: f64, _: &mut (), out: &mut impl Estimate) {
         let (piece, p, rest) = self.pmf.sample(first);
         self.visit(&self.pieces[piece], rest, &mut sampler, |b| {
-            if out.skips(b.pixel) {
+            let footprint = self.camera.footprint(b.film);
+            if out.skips(footprint.pixels()) {
                 return;
             }
             let jump = b.jump * (weight / p) as f32;
-            out.pixel(b.pixel, |d, out| {
+            out.pixels(footprint.pixels(), |d, out| {
                 let d_p = b.view.normal * d.dot(jump);
                 out.edge_point(b.edge, b.view.foreground, b.s, d_p);
                 let ray = RayAdjoint { origin: -d_p, dir: d_p * -b.after };

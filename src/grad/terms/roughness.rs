@@ -69,7 +69,7 @@ impl<'a> RoughnessPairs<'a> {
             })
             .collect();
         let count = (pixels::active(adjoint) * settings.spp.max(1) as usize).div_ceil(2);
-        let pairs = RoughnessPairs { scene, camera, settings, film: FilmCurve::new(adjoint), count, requested };
+        let pairs = RoughnessPairs { scene, camera, settings, film: FilmCurve::new(camera, adjoint), count, requested };
         pairs.requested.contains(&true).then_some(pairs)
     }
 
@@ -189,9 +189,7 @@ impl Estimator for RoughnessPairs<'_> {
 mod tests {
     use super::*;
     use crate::render::texture::Texture;
-    use crate::render::{
-        Distortion, Environment, Input, Lens, Material, MaterialKind, Projection, SceneDescription, Shape,
-    };
+    use crate::render::{Environment, Input, Material, MaterialKind, SceneDescription, Shape};
 
     /// A single sample of a single pixel is not rounded down to none.
     #[test]
@@ -203,18 +201,7 @@ mod tests {
         let environment = Some(Environment { radiance: 0, rotation: glam::Mat3::IDENTITY });
         let shapes = vec![Shape { mesh, material, emission: None }];
         let scene = Scene::new(SceneDescription { shapes, textures, environment, ..Default::default() }).unwrap();
-        let camera = Camera {
-            projection: Projection::Perspective,
-            origin: Vec3::Z,
-            frame: [Vec3::X, Vec3::Y, Vec3::NEG_Z],
-            scale: [0.5; 2],
-            width: 1,
-            height: 1,
-            lens: Lens::PINHOLE,
-            distortion: Distortion::NONE,
-            shutter: Camera::WHOLE,
-            closing: None,
-        };
+        let camera = Camera { scale: [0.5; 2], ..Camera::look_at(Vec3::Z, Vec3::ZERO, Vec3::Y, 1.0, [1, 1]) };
         let settings = Settings { output: Output::Radiance, spp: 1, max_bounces: 1, seed: 1, boundary: true };
         let layout = Layout::new(&scene, &[Slot::Texels(1)]);
         let mut adjoint = Image::new(1, 1, 3);

@@ -124,7 +124,7 @@ impl<'a> Secondary<'a> {
         let direct = sees_environment || scene.has_glass || !scene.contacts().is_empty() || has_attached_lobes(scene);
         let reach = if direct { 1 } else { 2 };
         let table = scene.edges();
-        let film = FilmDensity::new(adjoint);
+        let film = FilmDensity::new(camera, adjoint);
         if settings.max_bounces < reach || table.edges.is_empty() || film.is_empty() {
             return None;
         }
@@ -174,7 +174,7 @@ impl<'a> Secondary<'a> {
         out: &mut impl Estimate,
     ) {
         let film = self.film.place(at);
-        if out.skips(film.pixel) {
+        if out.skips(&[(film.pixel as u32, 1.0)]) {
             return;
         }
         let camera = self.camera.sample_lens(sampler);

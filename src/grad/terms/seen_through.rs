@@ -26,7 +26,7 @@ use crate::render::edges::{Edge, EdgeTable};
 use crate::render::integrator::{NoRecord, Options, Start, trace};
 use crate::render::interaction::SurfaceInteraction;
 use crate::render::sampler::{Sampler, hash};
-use crate::render::{Camera, Output, Scene, Settings};
+use crate::render::{Camera, Output, PixelFilter, Scene, Settings};
 
 /// Steps along a line, which is as long as a pixel.
 const STEPS: usize = 8;
@@ -110,6 +110,8 @@ impl<'a> SeenThrough<'a> {
         for (i, edge) in table.edges.iter().enumerate() {
             edge.prims().into_iter().for_each(|prim| edges[prim as usize].push(i as u32));
         }
+        // Lines are drawn over squares of the film, whatever the filter.
+        let cells = Camera { filter: PixelFilter::Box, ..*camera };
         let mut seen = SeenThrough {
             scene,
             camera,
@@ -117,13 +119,13 @@ impl<'a> SeenThrough<'a> {
             max_bounces: settings.max_bounces,
             table,
             edges,
-            film: FilmDensity::new(adjoint),
+            film: FilmDensity::new(&cells, adjoint),
             count: 0,
         };
         if table.edges.is_empty() || seen.film.is_empty() {
             return None;
         }
-        let (film, shown) = seen.where_chains_are(adjoint);
+        let (film, shown) = seen.where_chains_are(&cells, adjoint);
         seen.film = film;
         let spp = settings.spp.max(1) as usize;
         seen.count = (shown * spp / 2).max(active(adjoint) / 8).max(64);
@@ -132,7 +134,7 @@ impl<'a> SeenThrough<'a> {
 
     /// The density of lines on film, which is small in pixels whose corners and middle show nothing specular; and the number of the
     /// others.
-    fn where_chains_are(&self, adjoint: &Image) -> (FilmDensity, usize) {
+    fn where_chains_are(&self, cells: &Camera, adjoint: &Image) -> (FilmDensity, usize) {
         const ELSEWHERE: f32 = 0.02;
         let mut weights = adjoint.clone();
         let mut shown = 0;
@@ -147,15 +149,16 @@ impl<'a> SeenThrough<'a> {
             if values.iter().all(|v| *v == 0.0) {
                 continue;
             }
-            let corner = Vec2::new((i % adjoint.width) as f32, (i / adjoint.width) as f32);
-            let places = [[0.5, 0.5], [0.01, 0.01], [0.99, 0.01], [0.01, 0.99], [0.99, 0.99]];
-            if places.into_iter().any(|place| specular(corner + Vec2::from_array(place))) {
+            let centre = self.camera.corner() + Vec2::new((i % adjoint.width) as f32, (i / adjoint.width) as f32) + 0.5;
+            let reach = 0.98 * self.camera.filter.radius();
+            let places = [[0.0, 0.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
+            if places.into_iter().any(|place| specular(centre + reach * Vec2::from_array(place))) {
                 shown += 1;
             } else {
                 values.iter_mut().for_each(|v| *v *= ELSEWHERE);
             }
         }
-        (FilmDensity::new(&weights), shown)
+        (FilmDensity::new(cells, &weights), shown)
     }
 
     /// The chain that the camera sees at a point of its film.
@@ -316,13 +319,18 @@ impl Draw for SeenThrough<'_> {
 
     fn draw(&self, first: f64, mut sampler: Sampler, weight: f64, _: &mut (), out: &mut impl Estimate) {
         let film = self.film.place([first, f64::from(sampler.next_1d())]);
-        if out.skips(film.pixel) {
+        if out.skips(&[(film.pixel as u32, 1.0)]) {
             return;
         }
         let camera = self.camera.sample_lens(&mut sampler);
         let [which, offset] = sampler.next_2d().into();
         let corner = film.position.floor();
-        let within = film.position - corner;
+        let (within, centre) = (film.position - corner, corner + 0.5);
+        // One of the squares that the pixel's filter covers, each as likely as the others.
+        let reach = self.camera.margin().ceil();
+        let squares = 2.0 * reach + 1.0;
+        let beside = if reach > 0.0 { (sampler.next_2d() * squares).floor() - reach } else { Vec2::ZERO };
+        let corner = corner + beside;
         let vertical = which < 0.5;
         // Not below what single precision can tell apart on film.
         let narrow = NARROW.max(8.0 * f32::EPSILON * corner.max_element());
@@ -330,11 +338,12 @@ impl Draw for SeenThrough<'_> {
         choices.iter_mut().for_each(|choice| *choice = sampler.next_1d());
         let line = Line { corner, across: if vertical { within.x } else { within.y }, vertical, narrow, choices };
         // One of both directions was chosen.
-        let weight = 2.0 * (film.weight * weight) as f32;
+        let weight = 2.0 * squares * squares * (film.weight * weight) as f32;
         let mut add = |jump: Jump, chain: &Chain, k: usize| {
             let slope = self.on_film(&camera, &jump, chain, k);
             let along = if vertical { slope.y } else { slope.x };
-            let m = jump.jump * (-weight * along / slope.length_squared());
+            let filter = if reach > 0.0 { self.camera.filter.weight(jump.pixel - centre) } else { 1.0 };
+            let m = jump.jump * (-weight * filter * along / slope.length_squared());
             if !m.is_finite() {
                 return;
             }

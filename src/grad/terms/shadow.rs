@@ -420,8 +420,8 @@ impl Shadows<'_> {
         out: &mut impl Estimate,
     ) {
         let &ShadowSample { edge, face, s, normal, light, dir, hit, tau, .. } = shadow;
-        let pixel = connection.pixel_index(&viewpoint.camera);
-        if out.skips(pixel) {
+        let footprint = viewpoint.camera.footprint(connection.projected.pixel);
+        if out.skips(footprint.pixels()) {
             return;
         }
         let si = self.scene.interaction(end.prim, end.b, -connection.dir);
@@ -430,7 +430,7 @@ impl Shadows<'_> {
         if !m.is_finite() || m == Vec3::ZERO {
             return;
         }
-        out.pixel(pixel, |d, out| {
+        out.pixels(footprint.pixels(), |d, out| {
             let m = d.dot(m);
             out.edge_point(edge, face, s, normal * m);
             match light.kind {

@@ -7,9 +7,10 @@ use glam::{DVec2, Vec2};
 
 use super::pieces::{EdgeClass, MAX_PIECE_LENGTH, Piece, classify, clip_to_front};
 use crate::grad::mirrors::viewpoint::Viewpoint;
+use crate::grad::sampling::pixels::magnitude_at;
 use crate::image::Image;
 use crate::render::edges::Edge;
-use crate::render::{Lens, Projection, Settings};
+use crate::render::{Camera, Lens, Projection, Settings};
 
 /// Corners of a square around the lens, in radii.
 const CORNERS: [Vec2; 4] = [Vec2::new(-1.0, -1.0), Vec2::new(1.0, -1.0), Vec2::new(1.0, 1.0), Vec2::new(-1.0, 1.0)];
@@ -39,14 +40,13 @@ pub fn blurred(viewpoint: &Viewpoint, edge: &Edge) -> Vec<Piece> {
     let perspective = camera.projection == Projection::Perspective;
     // With perspective, 1/depth is linear along the edge's image (and so is the blur, up to its sign). Without perspective the depth is.
     let depth = |t: f64| if perspective { 1.0 / ((1.0 - t) / z0 + t / z1) } else { (1.0 - t) * z0 + t * z1 };
-    let size = DVec2::new(camera.width as f64, camera.height as f64);
     let mut pieces = Vec::new();
     let mut rest = vec![(0.0, 1.0)];
     while let Some((from, to)) = rest.pop() {
         let part = whole.part(from, to);
         let blur = camera.blur_radius(depth(from)).max(camera.blur_radius(depth(to))) + 1.0;
         let piece = Piece { sa: whole.parameter(from), sb: whole.parameter(to), ta: 0.0, tb: 1.0, blur, ..part };
-        if piece.share_on_film(size) <= 0.0 {
+        if piece.share_on_film(camera) <= 0.0 {
             continue;
         }
         if piece.a.distance(piece.b) > blur.max(MAX_PIECE_LENGTH) && to - from > LEAST {
@@ -66,29 +66,29 @@ impl Piece {
     }
 
     /// The fraction of the piece's bounding box that lies on the film; 1 without blur.
-    pub fn share_on_film(&self, size: DVec2) -> f64 {
+    pub fn share_on_film(&self, camera: &Camera) -> f64 {
         if self.blur == 0.0 {
             return 1.0;
         }
         let [lo, hi] = self.reach();
-        let shared = (hi.min(size) - lo.max(DVec2::ZERO)).max(DVec2::ZERO);
+        let [first, last] = camera.seen_film().map(Vec2::as_dvec2);
+        let shared = (hi.min(last) - lo.max(first)).max(DVec2::ZERO);
         let share = shared / (hi - lo);
         share.x * share.y
     }
 
     /// Mean magnitude of the adjoint image over the part of a blurred piece's bounding box that lies on the film.
-    pub fn blurred_weight(&self, image: &Image) -> f64 {
+    pub fn blurred_weight(&self, camera: &Camera, image: &Image) -> f64 {
         const MOST: f64 = 16.0;
-        let size = DVec2::new(image.width as f64, image.height as f64);
         let [lo, hi] = self.reach();
-        let (lo, hi) = (lo.max(DVec2::ZERO), hi.min(size));
+        let [first, last] = camera.seen_film().map(Vec2::as_dvec2);
+        let (lo, hi) = (lo.max(first), hi.min(last));
         let [columns, rows] = (hi - lo).ceil().clamp(DVec2::ONE, DVec2::splat(MOST)).to_array().map(|n| n as usize);
         let mut sum = 0.0;
         for i in 0..rows * columns {
             let at = DVec2::new((i % columns) as f64 + 0.5, (i / columns) as f64 + 0.5);
             let p = lo + (hi - lo) * at / DVec2::new(columns as f64, rows as f64);
-            let (x, y) = ((p.x as usize).min(image.width - 1), (p.y as usize).min(image.height - 1));
-            sum += image.pixel(x, y).iter().map(|v| f64::from(v.abs())).sum::<f64>();
+            sum += magnitude_at(camera, image, p.as_vec2());
         }
         sum / (rows * columns) as f64
     }

@@ -8,7 +8,7 @@
 mod lens;
 pub mod pieces;
 
-use glam::{DVec2, Vec2, Vec3};
+use glam::{Vec2, Vec3};
 
 use self::lens::{blurred, classify_through_lens};
 use self::pieces::{Piece, classify, clip, curved_pieces, even_cuts, is_straight, ordered_edges, pixel_cuts};
@@ -17,13 +17,15 @@ use crate::grad::layers::Sides;
 use crate::grad::mirrors::viewpoint::{CameraConnection, Viewpoint};
 use crate::grad::sampling::allocate::{Estimator, typical_bounces};
 use crate::grad::sampling::contrast::contrasts;
+use crate::grad::sampling::pixels::magnitude_at;
 use crate::image::Image;
 use crate::render::accel::PrimId;
 use crate::render::edges::Edge;
 use crate::render::film::first_hit;
+use crate::render::footprint::Footprint;
 use crate::render::integrator::{NoRecord, Options, Start, trace};
 use crate::render::sampler::{Discrete, Sampler, hash};
-use crate::render::{Output, Scene, Settings};
+use crate::render::{Camera, Output, PixelFilter, Scene, Settings};
 
 /// Distance between an edge and the ray past it: in pixels, and as a fraction of the film's width, whichever is less. Narrower features
 /// are missed, such as the shadow right behind the foot of something that hangs a little above a floor.
@@ -41,7 +43,7 @@ pub struct PrimaryEdges<'a> {
 
 /// How edge points are sampled.
 enum Plan {
-    /// Antithetic pairs on every piece, for radiance without noise and pieces within one pixel. There the jump and the adjoint are
+    /// Antithetic pairs on every piece, for radiance without noise and pieces within one pixel of the box filter. There the jump and the adjoint are
     /// constant and the velocity is linear, so a pair integrates exactly. If an occluder begins within the pixel, the estimate is still
     /// unbiased.
     Enumerate,
@@ -64,7 +66,7 @@ struct Boundary<'a> {
     p: Vec3,
     foreground: usize,
     connection: CameraConnection,
-    pixel: usize,
+    footprint: Footprint,
     /// Image normal from the covering to the uncovered side.
     normal_2d: Vec2,
     /// Pixels of film per unit of the edge parameter.
@@ -84,8 +86,8 @@ impl<'a> PrimaryEdges<'a> {
     ) -> PrimaryEdges<'a> {
         let straight = viewpoints.first().is_some_and(|v| is_straight(&v.camera));
         let lens = viewpoints.first().is_some_and(|v| !v.camera.is_pinhole());
-        let enumerate = straight && viewpoints.first().is_some_and(|v| is_noise_free(v.scene, settings));
-        let size = DVec2::new(adjoint.width as f64, adjoint.height as f64);
+        let within_pixels = |v: &Viewpoint| v.camera.filter == PixelFilter::Box && is_noise_free(v.scene, settings);
+        let enumerate = straight && viewpoints.first().is_some_and(within_pixels);
         let mut pieces = Vec::new();
         let mut lengths = Vec::new();
         for (v, viewpoint) in viewpoints.iter().enumerate() {
@@ -116,7 +118,9 @@ impl<'a> PrimaryEdges<'a> {
                     own.iter_mut().for_each(|piece| *piece = piece.reversed());
                 }
                 // Never zero: the ends of a curved piece may coincide on film although its middle lies elsewhere.
-                let length = |p: &Piece| f64::from(line.weight) * (p.a.distance(p.b) + 1e-3) * p.share_on_film(size);
+                let length = |p: &Piece| {
+                    f64::from(line.weight) * (p.a.distance(p.b) + 1e-3) * p.share_on_film(&viewpoint.camera)
+                };
                 lengths.extend(own.iter().map(length));
             }
         }
@@ -145,19 +149,19 @@ impl<'a> PrimaryEdges<'a> {
         });
         let mean_adjoint = adjoint.data.iter().map(|v| f64::from(v.abs())).sum::<f64>()
             / (adjoint.width * adjoint.height).max(1) as f64;
+        let camera = &self.viewpoints[0].camera;
         let mut weights = Vec::with_capacity(self.pieces.len());
         let mut seen = 0.0;
         for (g, factor) in factors.into_iter().enumerate() {
             for i in range(g) {
                 let piece = &self.pieces[i];
-                let importance = local_weight(adjoint, piece) + 0.1 * mean_adjoint;
+                let importance = local_weight(camera, adjoint, piece) + 0.1 * mean_adjoint;
                 weights.push(lengths[i] * importance * factor.weight);
                 seen += lengths[i] * if factor.seen { 1.0 } else { 0.1 };
             }
         }
         // As many samples per pixel of visible edge as the image has per pixel, but at least one for four of the image's: an edge is as
         // noisy as a surface, and matters more.
-        let camera = &self.viewpoints[0].camera;
         let least = (camera.width * camera.height) as f64 * spp / 4.0;
         let count = (seen * spp).max(least).clamp(1024.0, 1e7) as u32;
         Plan::Sample { pmf: Discrete::new(weights), count }
@@ -176,20 +180,20 @@ impl<'a> PrimaryEdges<'a> {
         (piece.a != piece.b).then_some(EdgeSample { edge, viewpoint, s })
     }
 
-    /// Evaluates a sampled point; `None` if its pixel is skipped, or if it is occluded or has no jump.
+    /// Evaluates a sampled point; `None` if its pixels are skipped, or if it is occluded or has no jump.
     fn evaluate(
         &self,
         sample: &EdgeSample<'a>,
         sampler: &mut Sampler,
-        skips: impl Fn(usize) -> bool,
+        skips: impl Fn(&[(u32, f32)]) -> bool,
     ) -> Option<Boundary<'a>> {
         let &EdgeSample { edge, viewpoint, s } = sample;
         let p = edge.point(s);
         let prims = edge.prims();
         let (view, aside) = viewpoint.view(edge, p)?;
         let connection = viewpoint.connect_aside(p, aside, &prims)?;
-        let pixel = connection.pixel_index(&viewpoint.camera);
-        if skips(pixel) {
+        let footprint = viewpoint.camera.footprint(connection.projected.pixel);
+        if skips(footprint.pixels()) {
             return None;
         }
         let [gx, gy] = viewpoint.projection_gradient(&connection);
@@ -213,7 +217,7 @@ impl<'a> PrimaryEdges<'a> {
         let scene = viewpoint.scene;
         let sides = Sides::choose(scene, edge, connection.dir, &view, s, sampler)?;
         let settings = self.settings;
-        let nudge = NUDGE[0].min(NUDGE[1] * viewpoint.camera.width.max(viewpoint.camera.height) as f32);
+        let nudge = NUDGE[0].min(NUDGE[1] * viewpoint.camera.film_size().max_element());
         let value = SideRadiance {
             scene,
             settings,
@@ -237,7 +241,7 @@ impl<'a> PrimaryEdges<'a> {
             p,
             foreground,
             connection,
-            pixel,
+            footprint,
             normal_2d,
             speed,
             jump,
@@ -252,7 +256,7 @@ impl<'a> PrimaryEdges<'a> {
     /// Draws one boundary sample on a piece, at the fraction `rest` of it; `weight` is the inverse of the fraction's density.
     fn sample(&self, piece: &Piece, rest: f64, weight: f64, sampler: &mut Sampler, out: &mut impl Estimate) {
         let Some(sample) = self.edge_sample(piece, rest, sampler) else { return };
-        let Some(b) = self.evaluate(&sample, sampler, |pixel| out.skips(pixel)) else { return };
+        let Some(b) = self.evaluate(&sample, sampler, |pixels| out.skips(pixels)) else { return };
         // Converts the density from per fraction of the piece to per pixel of arc length on film.
         let pixels = if is_straight(&b.viewpoint.camera) {
             piece.a.distance(piece.b)
@@ -260,7 +264,7 @@ impl<'a> PrimaryEdges<'a> {
             (piece.sb - piece.sa).abs() * f64::from(b.speed)
         };
         let scale = (pixels * weight) as f32;
-        out.pixel(b.pixel, |d, out| {
+        out.pixels(b.footprint.pixels(), |d, out| {
             let d_pixel = b.normal_2d * (d.dot(b.jump) * scale);
             let d_p = b.viewpoint.d_position(out, b.p, &b.connection, d_pixel);
             out.edge_point(b.edge, b.foreground, b.s, d_p);
@@ -387,18 +391,17 @@ fn is_noise_free(scene: &Scene, settings: &Settings) -> bool {
             || (settings.max_bounces == 1 && scene.lights.is_single_delta()))
 }
 
-fn local_weight(image: &Image, piece: &Piece) -> f64 {
+/// Mean magnitude of the adjoint image along a piece.
+fn local_weight(camera: &Camera, image: &Image, piece: &Piece) -> f64 {
     if piece.blur > 0.0 {
-        return piece.blurred_weight(image);
+        return piece.blurred_weight(camera, image);
     }
     let (a, b) = (piece.a, piece.b);
     let steps = a.distance(b).ceil().max(1.0) as usize;
     let mut sum = 0.0;
     for i in 0..steps {
         let p = a.lerp(b, (i as f64 + 0.5) / steps as f64);
-        let x = (p.x.max(0.0) as usize).min(image.width - 1);
-        let y = (p.y.max(0.0) as usize).min(image.height - 1);
-        sum += image.pixel(x, y).iter().map(|v| f64::from(v.abs())).sum::<f64>();
+        sum += magnitude_at(camera, image, p.as_vec2());
     }
     sum / steps as f64
 }

@@ -152,7 +152,7 @@ pub fn curved_pieces(viewpoint: &Viewpoint, edge: &Edge, max_radius: f64) -> Vec
     let share = |i: usize| i as f64 / STEPS as f64;
     let places: Vec<Option<(f64, DVec2)>> = if camera.projection == Projection::Perspective {
         let Some((line, _)) = clip_to_front(viewpoint, edge) else { return Vec::new() };
-        let half = DVec2::new(0.5 * camera.width as f64, -0.5 * camera.height as f64);
+        let half = DVec2::new(0.5, -0.5) * camera.film_size().as_dvec2();
         let ideal = |p: DVec2| (p / half + DVec2::new(-1.0, 1.0)) * Vec2::from_array(camera.scale).as_dvec2();
         let (a, b) = (ideal(line.a), ideal(line.b));
         let Some([from, to]) = clip_to_disk(a, b, max_radius) else { return Vec::new() };
@@ -165,7 +165,7 @@ pub fn curved_pieces(viewpoint: &Viewpoint, edge: &Edge, max_radius: f64) -> Vec
         let film = |s: f64| camera.project_folded(viewpoint.image(edge.point(s as f32))).map(|q| q.pixel.as_dvec2());
         (0..=STEPS).map(|i| Some((share(i), film(share(i))?))).collect()
     };
-    let size = DVec2::new(camera.width as f64, camera.height as f64);
+    let [first, last] = camera.seen_film().map(Vec2::as_dvec2);
     places
         .windows(2)
         .filter_map(|ends| {
@@ -173,7 +173,7 @@ pub fn curved_pieces(viewpoint: &Viewpoint, edge: &Edge, max_radius: f64) -> Vec
             // Dropped if both ends are farther off film than the piece is long. (A step across the seam of a panorama is kept: it is about
             // as long as the film is wide.)
             let reach = DVec2::splat(a.distance(b) + 4.0);
-            let outside = |p: DVec2| p.cmplt(-reach).any() || p.cmpgt(size + reach).any();
+            let outside = |p: DVec2| p.cmplt(first - reach).any() || p.cmpgt(last + reach).any();
             let piece = Piece { edge: 0, viewpoint: 0, a, b, za: 1.0, zb: 1.0, sa, sb, ta: 0.0, tb: 1.0, blur: 0.0 };
             (!(outside(a) && outside(b))).then_some(piece)
         })
@@ -192,13 +192,13 @@ fn clip_to_disk(a: DVec2, b: DVec2, radius: f64) -> Option<[f64; 2]> {
 
 /// Projects an edge, clipped to the space in front of the camera (and of the mirror) and to the film.
 pub fn clip(viewpoint: &Viewpoint, edge: &Edge) -> Option<Piece> {
-    let (width, height) = (viewpoint.camera.width as f64, viewpoint.camera.height as f64);
+    let [first, last] = viewpoint.camera.seen_film().map(Vec2::as_dvec2);
     let (whole, _) = clip_to_front(viewpoint, edge)?;
     let (a, b) = (whole.a, whole.b);
     // Liang-Barsky against the film.
     let (mut t0, mut t1) = (0.0f64, 1.0f64);
     let d = b - a;
-    for (p, q) in [(-d.x, a.x), (d.x, width - a.x), (-d.y, a.y), (d.y, height - a.y)] {
+    for (p, q) in [(-d.x, a.x - first.x), (d.x, last.x - a.x), (-d.y, a.y - first.y), (d.y, last.y - a.y)] {
         if p == 0.0 {
             if q < 0.0 {
                 return None;
@@ -251,7 +251,8 @@ pub fn clip_to_front(viewpoint: &Viewpoint, edge: &Edge) -> Option<(Piece, [f64;
         let w = if perspective { q.z } else { 1.0 };
         let x = q.x / (w * f64::from(camera.scale[0]));
         let y = q.y / (w * f64::from(camera.scale[1]));
-        DVec2::new((x + 1.0) * 0.5 * camera.width as f64, (1.0 - y) * 0.5 * camera.height as f64)
+        let size = camera.film_size().as_dvec2();
+        DVec2::new((x + 1.0) * 0.5 * size.x, (1.0 - y) * 0.5 * size.y)
     };
     let (a, b) = (to_film(q0), to_film(q1));
     if !a.is_finite() || !b.is_finite() {
