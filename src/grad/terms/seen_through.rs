@@ -12,6 +12,7 @@
 //! missed twice is lost; the steps' random offset makes sure that nothing is always missed that is wider than a small part of a step.
 
 use glam::{Vec2, Vec3};
+use rayon::prelude::*;
 
 use crate::grad::estimate::{Draw, Estimate, Pass, Sequence};
 use crate::grad::local::{RayAdjoint, d_specular_ray};
@@ -136,8 +137,6 @@ impl<'a> SeenThrough<'a> {
     /// others.
     fn where_chains_are(&self, cells: &Camera, adjoint: &Image) -> (FilmDensity, usize) {
         const ELSEWHERE: f32 = 0.02;
-        let mut weights = adjoint.clone();
-        let mut shown = 0;
         let specular = |pixel: Vec2| {
             let hit = self.scene.accel.closest(&self.camera.ray(pixel), &[]);
             hit.is_some_and(|hit| {
@@ -145,19 +144,24 @@ impl<'a> SeenThrough<'a> {
                 self.scene.description.shapes[shape].material.kind.is_delta()
             })
         };
-        for (i, values) in weights.data.chunks_exact_mut(adjoint.channels).enumerate() {
-            if values.iter().all(|v| *v == 0.0) {
-                continue;
-            }
-            let centre = self.camera.corner() + Vec2::new((i % adjoint.width) as f32, (i / adjoint.width) as f32) + 0.5;
-            let reach = 0.98 * self.camera.filter.radius();
+        let reach = 0.98 * self.camera.filter.radius();
+        let shows = |i: usize| {
+            let corner = Vec2::new((i % adjoint.width) as f32, (i / adjoint.width) as f32);
+            let centre = self.camera.corner() + corner + 0.5;
             let places = [[0.0, 0.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]];
-            if places.into_iter().any(|place| specular(centre + reach * Vec2::from_array(place))) {
-                shown += 1;
-            } else {
-                values.iter_mut().for_each(|v| *v *= ELSEWHERE);
-            }
-        }
+            places.into_iter().any(|place| specular(centre + reach * Vec2::from_array(place)))
+        };
+        let mut weights = adjoint.clone();
+        let pixels = weights.data.par_chunks_exact_mut(adjoint.channels).enumerate();
+        let shown = pixels
+            .filter_map(|(i, values)| {
+                let shown = values.iter().any(|v| *v != 0.0) && shows(i);
+                if !shown {
+                    values.iter_mut().for_each(|v| *v *= ELSEWHERE);
+                }
+                shown.then_some(())
+            })
+            .count();
         (FilmDensity::new(cells, &weights), shown)
     }
 
