@@ -245,6 +245,10 @@ pub fn describe_io(error: &io::Error) -> String {
         ErrorKind::QuotaExceeded => "your share of the disk is used up".to_string(),
         ErrorKind::ReadOnlyFilesystem => "the disk can only be read".to_string(),
         ErrorKind::IsADirectory => "this is a folder, not a file".to_string(),
+        ErrorKind::NotADirectory => "a part of the path is a file, not a folder".to_string(),
+        ErrorKind::InvalidFilename => {
+            "the name is too long, or has characters that no file's name may have".to_string()
+        }
         _ => error.to_string(),
     }
 }

@@ -27,7 +27,9 @@ impl Checker<'_> {
         if let ast::Action::Sweep(sweep) = action {
             return self.sweep(sweep);
         }
-        self.no_step = !matches!(action, ast::Action::Optimize(_));
+        // Behind an `optimize`, `step` and `progress` keep their last values; what the REPL has run is not known here.
+        let has_run = self.quiet || self.actions.iter().any(|action| matches!(action, hir::Action::Optimize(_)));
+        self.no_step = !has_run && !matches!(action, ast::Action::Optimize(_));
         let action = self.action(action);
         self.no_step = false;
         self.actions.push(action);
@@ -113,12 +115,16 @@ impl Checker<'_> {
             Ty::Num(shape) if shape.len() < 2 => &["json", "csv", "npy", "txt"],
             Ty::Num(_) => &["png", "exr", "hdr", "json", "csv", "npy", "txt"],
             Ty::Image { .. } | Ty::Texture => &["png", "exr", "hdr", "npy", "json", "txt"],
+            // Several images are an animation.
+            Ty::Array(item, _) if matches!(**item, Ty::Image { .. }) => &["apng", "json", "txt"],
             Ty::Angle | Ty::Rotation | Ty::Transform => &["json", "csv", "npy", "txt"],
+            // Pictures of angles are made by dividing by a unit.
+            Ty::AngleImage(_) => &["npy", "json", "txt"],
             Ty::Bool | Ty::Str | Ty::Array(..) | Ty::Tuple(_) | Ty::Estimate(_) | Ty::Gradients => &["json", "txt"],
             // Columns make a table.
             Ty::Record(_) => &["json", "csv", "txt"],
             Ty::Mesh => &["obj", "ply", "glb", "json", "txt"],
-            _ => &["png", "exr", "hdr", "obj", "ply", "glb", "json", "csv", "npy", "txt"],
+            _ => &["png", "apng", "exr", "hdr", "obj", "ply", "glb", "json", "csv", "npy", "txt"],
         };
         self.path(path, &saved.a(), known)
     }
@@ -165,10 +171,10 @@ impl Checker<'_> {
         let shown = shown.join(", ");
         match file.rsplit_once('.') {
             Some((_, ending)) if known.contains(&ending.to_lowercase().as_str()) => {}
-            Some((_, ending)) => self.diagnostics.push(
+            Some((stem, ending)) => self.diagnostics.push(
                 Diagnostic::error("dscene::file::format", format!("{what} cannot be saved as `.{ending}`"))
                     .label(path.span, "unknown ending")
-                    .help(format!("the endings are: {shown}")),
+                    .help(animation(stem, ending, known).unwrap_or(format!("the endings are: {shown}"))),
             ),
             // A name that ends with an interpolation may have any extension.
             None if whole || !file.is_empty() => self.diagnostics.push(
@@ -310,5 +316,23 @@ impl Checker<'_> {
             _ => std::slice::from_ref(value),
         };
         items.iter().filter_map(|item| self.wrt(item).map(|(target, _)| (target, item.span))).collect()
+    }
+}
+
+/// The help for a file that would be an animation, or one image of several: what is written as one.
+fn animation(stem: &str, ending: &str, known: &[&str]) -> Option<String> {
+    const MOVING: [&str; 8] = ["gif", "apng", "webp", "mp4", "webm", "mov", "avi", "mkv"];
+    let (is_moving, is_list) = (MOVING.contains(&ending.to_lowercase().as_str()), known.contains(&"apng"));
+    if is_moving && is_list {
+        Some(format!("an animation is written as `\"{stem}.apng\"`, which browsers play and ffmpeg turns into others"))
+    } else if is_moving && known.contains(&"png") {
+        Some(format!(
+            "a list of images is an animation, `save [a, b] to \"{stem}.apng\"`; the steps of an optimisation are numbered images, \
+             `\"{stem}/{{step:04}}.png\"`, which `report.html` plays"
+        ))
+    } else if is_list && known.len() < 4 && crate::image::file::WRITABLE.contains(&ending) {
+        Some(format!("`montage(…)` makes one image of several; shown in turn they are `\"{stem}.apng\"`"))
+    } else {
+        None
     }
 }

@@ -4,6 +4,7 @@ use super::declare::broken;
 use super::hir::{BinaryOp, Callee, Expr, ExprKind, UnaryOp};
 use super::infer::{Typed, typed};
 use super::modules::Checker;
+use super::operands::numbers_of;
 use super::signature::{Const, dims_agree};
 use super::types::{Dim, Ty};
 use crate::diag::Diagnostic;
@@ -22,7 +23,10 @@ impl Checker<'_> {
         if !fine {
             let (sign, wanted) = if op == UnaryOp::Neg { ("-", "a number or an angle") } else { ("not", "a `bool`") };
             let text = self.sources.text(operand.expr.span);
-            let help = (op == UnaryOp::Not && ty.is_scalar()).then(|| format!("compare it: `{text} == 0`"));
+            let help = match op {
+                UnaryOp::Not => ty.is_scalar().then(|| format!("compare it: `{text} == 0`")),
+                UnaryOp::Neg => numbers_of(&ty, text),
+            };
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::mismatch", format!("`{sign}` needs {wanted}, not `{ty}`"))
                     .label(operand.expr.span, format!("this is `{ty}`"))
@@ -99,42 +103,6 @@ impl Checker<'_> {
             }
         }
     }
-
-    /// Operands that do not go together: what to write instead.
-    fn operand_help(&self, op: BinaryOp, left: &Typed, right: &Typed) -> Option<String> {
-        let text = |of: &Typed| self.sources.text(of.expr.span);
-        // A string within a string gives its characters.
-        let part = |of: &Typed| match (&of.expr.kind, text(of)) {
-            (ExprKind::Str(_), quoted) => quoted.trim_matches('"').to_owned(),
-            (_, other) => format!("{{{other}}}"),
-        };
-        match (&left.expr.ty, &right.expr.ty) {
-            (Ty::Str, _) | (_, Ty::Str) if op == BinaryOp::Add => {
-                Some(format!("join texts by interpolation: `\"{}{}\"`", part(left), part(right)))
-            }
-            (Ty::Num(a), Ty::Num(b)) if a.len() == 1 && b.len() == 1 => {
-                Some("both need as many elements; a part is `x[a..b]`, and more come by `concat(x, y)`".to_owned())
-            }
-            _ => self.unit_help(op, left, right),
-        }
-    }
-
-    /// A number beside an angle: propose the unit.
-    fn unit_help(&self, op: BinaryOp, left: &Typed, right: &Typed) -> Option<String> {
-        let number = match (&left.expr.ty, &right.expr.ty) {
-            (Ty::Angle, Ty::Num(_)) => right,
-            (Ty::Num(_), Ty::Angle) => left,
-            _ => return None,
-        };
-        if matches!(op, BinaryOp::Mul | BinaryOp::Div | BinaryOp::Pow) {
-            return Some("divide an angle by `1rad` (or `1deg`) to get a number".to_owned());
-        }
-        let text = self.sources.text(number.expr.span);
-        Some(match number.expr.kind {
-            ExprKind::Number(_) => format!("give it a unit: `{text}deg` or `{text}rad`"),
-            _ => format!("multiply the number by a unit: `({text}) * 1deg`"),
-        })
-    }
 }
 
 fn sign(op: BinaryOp) -> &'static str {
@@ -160,6 +128,7 @@ fn sign(op: BinaryOp) -> &'static str {
 pub fn image_sizes(ty: &Ty) -> Option<String> {
     match ty {
         Ty::Image { height: Some(h), width: Some(w), .. } => Some(format!("{w}×{h}")),
+        Ty::AngleImage(image) => image_sizes(image),
         _ => None,
     }
 }
@@ -224,21 +193,21 @@ pub fn result_type(op: BinaryOp, a: &Ty, b: &Ty) -> Result<Ty, String> {
     }
 }
 
-/// The type of `a op b` where one side is an angle or an array of angles and the other is one of these or numbers.
+/// The type of `a op b` where one side is made of angles and the other of angles or numbers.
 fn with_units(op: BinaryOp, a: &Ty, b: &Ty) -> Option<Result<Ty, String>> {
     use BinaryOp::*;
-    let ((x, left), (y, right)) = (a.quantity()?, b.quantity()?);
+    let ((x, left), (y, right)) = (a.without_unit()?, b.without_unit()?);
     if !left && !right {
         return None;
     }
-    let Some(Ty::Num(shape)) = broadcast(&Ty::Num(x), &Ty::Num(y)) else { return Some(Err(String::new())) };
+    let Some(both) = broadcast(&x, &y) else { return Some(Err(String::new())) };
     Some(match (op, left, right) {
         (Add | Sub, true, true) | (Mul, true, false) | (Mul, false, true) | (Div, true, false) => {
-            Ok(Ty::of_quantity(shape, true))
+            Ok(both.with_unit(true))
         }
-        (Div, true, true) => Ok(Ty::Num(shape)),
-        (Eq | Ne, true, true) => Ok(Ty::Bool),
-        (Lt | Le | Gt | Ge, true, true) => Ok(if shape.is_empty() { Ty::Bool } else { Ty::Num(shape) }),
+        (Div, true, true) => Ok(both),
+        (Eq | Ne, true, true) if matches!(both, Ty::Num(_)) => Ok(Ty::Bool),
+        (Lt | Le | Gt | Ge, true, true) => Ok(if both.is_scalar() { Ty::Bool } else { both }),
         _ => Err(String::new()),
     })
 }
@@ -274,11 +243,8 @@ fn comparable(a: &Ty, b: &Ty) -> bool {
 
 /// The type of an element-wise operation on two values of one unit: numbers with numbers or images, or angles with angles.
 pub fn together(a: &Ty, b: &Ty) -> Option<Ty> {
-    match (a.quantity(), b.quantity()) {
-        (Some((x, true)), Some((y, true))) => match broadcast(&Ty::Num(x), &Ty::Num(y))? {
-            Ty::Num(shape) => Some(Ty::of_quantity(shape, true)),
-            _ => None,
-        },
+    match (a.without_unit(), b.without_unit()) {
+        (Some((x, true)), Some((y, true))) => Some(broadcast(&x, &y)?.with_unit(true)),
         (Some((_, left)), Some((_, right))) if left != right => None,
         _ => broadcast(a, b),
     }

@@ -226,22 +226,75 @@ impl Checker<'_> {
         names.iter().enumerate().map(|(i, n)| self.new_local(&n.text, part(i), None)).collect()
     }
 
-    /// Checks an index, or an end of a slice.
-    fn index_number(&mut self, number: &ast::Expr) -> Typed {
+    /// Checks an index of `base`, or an end of a slice.
+    fn index_number(&mut self, number: &ast::Expr, base: Span) -> Typed {
         let typed = self.expr(number, None);
         let ty = &typed.expr.ty;
         if !ty.is_unknown() && !ty.is_scalar() {
+            let (of, at) = (self.sources.text(base), self.sources.text(number.span));
+            let several = matches!(ty, Ty::Num(shape) if shape.len() == 1) && !of.is_empty();
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::mismatch", format!("an index is a whole number, not `{ty}`"))
-                    .label(typed.expr.span, format!("this is `{ty}`")),
+                    .label(typed.expr.span, format!("this is `{ty}`"))
+                    .help_opt(several.then(|| format!("take them one by one: `[{of}[i] for i in {at}]`"))),
             );
         }
         typed
     }
 
+    /// Reports that a value has no elements to `verb`; `span` is the whole, with the brackets.
+    fn no_elements(&mut self, verb: &str, base: &Typed, span: Span) -> Typed {
+        let (ty, of) = (&base.expr.ty, self.sources.text(base.expr.span));
+        let brackets = self.sources.text(Span { start: base.expr.span.end, ..span });
+        let brackets = if brackets.starts_with('[') && brackets.len() <= 40 { brackets } else { "[…]" };
+        let of = if of.is_empty() || of.len() > 40 { "…" } else { of };
+        let named = brackets.trim_matches(['[', ']', '"']);
+        let help = match ty {
+            Ty::Image { .. } | Ty::AngleImage(_) => {
+                Some(format!("a part of an image is `crop({of}, x: …, y: …, width: …, height: …)`"))
+            }
+            Ty::Texture if verb == "slice" => {
+                Some(format!("a part of an image is `crop({of}.texels, x: …, y: …, width: …, height: …)`"))
+            }
+            Ty::Texture => Some(format!("a texture has texels: `{of}.texels{brackets}`")),
+            Ty::Mesh => Some(format!("a mesh has vertices: `{of}.vertices{brackets}`")),
+            Ty::Shape => Some(format!("a shape has a mesh with vertices: `{of}.mesh.vertices{brackets}`")),
+            Ty::Scene => Some(format!("a scene has shapes and lights: `{of}.shapes{brackets}`")),
+            Ty::Rotation | Ty::Transform => Some(format!("a {ty} has a matrix: `matrix({of}){brackets}`")),
+            Ty::Estimate(_) => Some(format!("take its mean: `{of}.mean{brackets}`")),
+            Ty::Fn(..) => Some(format!("a function is called: `{of}({named})`")),
+            Ty::Record(fields) => {
+                let names = || fields.iter().map(|(name, _)| name.as_str());
+                let field = names().find(|name| *name == named).or(names().next());
+                field.map(|field| format!("a record has fields: `{of}.{field}`"))
+            }
+            Ty::Camera { .. } | Ty::Light | Ty::Material => {
+                super::fields::fields_of(ty).first().map(|field| format!("its parts are fields: `{of}.{field}`"))
+            }
+            _ => None,
+        };
+        self.diagnostics.push(
+            Diagnostic::error("dscene::type::mismatch", format!("{} has no elements to {verb}", ty.a()))
+                .label(base.expr.span, format!("this is `{ty}`"))
+                .help_opt(help),
+        );
+        broken(span)
+    }
+
     pub(super) fn index(&mut self, base: &ast::Expr, index: &ast::Expr, span: Span) -> Typed {
         let base = self.expr(base, None);
-        let index = self.index_number(index);
+        let rows = match base.expr.ty.without_unit() {
+            // An index into an image gives a row of pixels.
+            Some((Ty::Image { height, width, channels, .. }, angle)) => {
+                Some((Ty::Num(vec![width, channels]).with_unit(angle), height))
+            }
+            _ => item_of(&base.expr.ty),
+        };
+        let Some(rows) = rows else {
+            self.expr(index, None);
+            return self.no_elements("index", &base, span);
+        };
+        let index = self.index_number(index, base.expr.span);
         let at = index.value.as_ref().and_then(Const::number);
         if let Some(x) = at.filter(|x| x.fract() != 0.0) {
             self.diagnostics.push(
@@ -249,8 +302,8 @@ impl Checker<'_> {
                     .label(index.expr.span, "not a whole number"),
             );
         }
-        let (item, n) = match (&base.expr.ty, item_of(&base.expr.ty)) {
-            (Ty::Tuple(parts), _) => {
+        let (item, n) = match &base.expr.ty {
+            Ty::Tuple(parts) => {
                 match at.and_then(|x| position(x, parts.len())) {
                     Some(i) => (parts[i].clone(), Some(parts.len())),
                     None if at.is_some() => (Ty::Error, Some(parts.len())),
@@ -268,16 +321,7 @@ impl Checker<'_> {
                     }
                 }
             }
-            (_, Some(found)) => found,
-            // An index into an image gives a row of pixels.
-            (Ty::Image { height, width, channels, .. }, None) => (Ty::Num(vec![*width, *channels]), *height),
-            (ty, None) => {
-                self.diagnostics.push(
-                    Diagnostic::error("dscene::type::mismatch", format!("{} has no elements to index", ty.a()))
-                        .label(base.expr.span, format!("this is `{ty}`")),
-                );
-                return broken(span);
-            }
+            _ => rows,
         };
         if let (Some(x), Some(n)) = (at, n)
             && x.fract() == 0.0
@@ -308,7 +352,7 @@ impl Checker<'_> {
         span: Span,
     ) -> Typed {
         let base = self.expr(base, None);
-        let ends = [start, end].map(|e| e.map(|e| self.index_number(e)));
+        let ends = [start, end].map(|e| e.map(|e| self.index_number(e, base.expr.span)));
         let known = |i: usize, n: usize, default: usize| match &ends[i] {
             None => Some(default),
             Some(t) => t.value.as_ref().and_then(Const::number).map(|x| {
@@ -316,13 +360,7 @@ impl Checker<'_> {
                 x.clamp(0.0, n as f64) as usize
             }),
         };
-        let Some((item, n)) = item_of(&base.expr.ty) else {
-            self.diagnostics.push(
-                Diagnostic::error("dscene::type::mismatch", format!("{} has no elements to slice", base.expr.ty.a()))
-                    .label(base.expr.span, format!("this is `{}`", base.expr.ty)),
-            );
-            return broken(span);
-        };
+        let Some((item, n)) = item_of(&base.expr.ty) else { return self.no_elements("slice", &base, span) };
         for (i, n) in n.iter().flat_map(|n| [(0, *n), (1, *n)]) {
             let at = ends[i].as_ref().and_then(|t| Some((t.value.as_ref()?.number()?, t.expr.span)));
             let Some((x, place)) = at else { continue };

@@ -5,6 +5,7 @@ use super::arith::{image_sizes, together};
 use super::declare::broken;
 use super::hir::{self, Callee, DeclId, DerivativeKind, ExprKind};
 use super::infer::{Typed, typed};
+use super::kinds::with_article;
 use super::modules::{Checker, SigParam, Signature, State};
 use super::results;
 use super::signature::{Const, Sig, fits};
@@ -202,7 +203,7 @@ impl Checker<'_> {
         let mut named = false;
         // Parameters that misspelled names were probably meant for.
         let mut meant: Vec<usize> = Vec::new();
-        if self.is_other_light(given, site, params) {
+        if site.is_kind && (self.is_typed(given, site, params) || self.is_other_light(given, site, params)) {
             return out;
         }
         let mut disordered = false;
@@ -293,7 +294,7 @@ impl Checker<'_> {
             None => did_you_mean(&name.text, &what, known),
         };
         let (code, message) = if site.is_kind {
-            ("dscene::name::field", format!("a {} has no field `{}`", site.name, name.text))
+            ("dscene::name::field", format!("{} has no field `{}`", with_article(site.name), name.text))
         } else {
             ("dscene::call::unknown_argument", format!("`{}` has no argument `{}`", site.name, name.text))
         };
@@ -321,34 +322,6 @@ impl Checker<'_> {
             .label(site.span, format!("missing {}", names.join(", ")))
             .help(help),
         );
-    }
-
-    /// Reports fields that a light does not have, such as those of another light in `light NAME { position: …, intensity: … }`, once.
-    fn is_other_light(&mut self, given: &[Given], site: Site, params: &[SigParam]) -> bool {
-        if !(site.is_kind && site.name == "light") {
-            return false;
-        }
-        let foreign = given.iter().filter_map(|g| g.name.as_ref()).find_map(|name| {
-            let known = params.iter().any(|p| p.name == name.text);
-            Some((name, crate::diag::advice::light_with(&name.text).filter(|_| !known)?))
-        });
-        let Some((name, light)) = foreign else { return false };
-        let name = name.clone();
-        let arguments: Vec<String> = given
-            .iter()
-            .filter_map(|g| Some(format!("{}: {}", g.name.as_ref()?.text, self.sources.text(g.value.span))))
-            .collect();
-        let declared = self.stack.last().map_or("NAME".to_owned(), |id| self.slot(*id).name.text.clone());
-        let help = format!("an area light has fields; write `light {declared} = {light}({})`", arguments.join(", "));
-        self.diagnostics.push(
-            Diagnostic::error("dscene::name::field", format!("a light has no field `{}`", name.text))
-                .label(name.span, "unknown field")
-                .help(help),
-        );
-        for given in given {
-            self.expr(given.value, None);
-        }
-        true
     }
 
     /// `area(mesh: mesh, radiance: color | texture = …)`
@@ -442,6 +415,7 @@ impl Checker<'_> {
         }
         let whole = matches!(sig, Sig::Int(_)) && matches!(ty, Ty::Num(_)) && fits(&sig.ty(), ty);
         let unit = matches!((sig, ty), (Sig::Is(Ty::Angle), Ty::Num(_)) | (Sig::Is(Ty::Num(_)), Ty::Angle))
+            || matches!((sig, ty), (Sig::Angles, Ty::Num(_) | Ty::Image { .. }))
             || matches!(sig, Sig::Number | Sig::Var('N')) && ty.is_angle();
         let (code, message, label) = if whole {
             let message = format!("the {noun} `{param}` of `{}` is a whole number", site.name);
@@ -469,22 +443,24 @@ impl Checker<'_> {
         if let Some(call) = self.named_value(wanted, found) {
             return Some(format!("what has settings is a function: `{call}`"));
         }
+        let is_bracketed = short.starts_with(['[', '(']) && short.ends_with([']', ')']);
+        let compound = !is_bracketed && (short.contains(['+', '-', '/', '<', '>', '=']) || short.contains(" if "));
+        let factor = if compound { format!("({short})") } else { short.to_owned() };
         Some(match &found.expr.ty {
-            Ty::Num(shape) if is(Ty::Angle) && shape.is_empty() => {
-                if literal {
+            Ty::Num(shape) if is(Ty::Angle) && shape.is_empty() || *wanted == Sig::Angles => {
+                if literal && shape.is_empty() {
                     format!("write `{short}deg` or `{short}rad`")
                 } else {
                     // Someone who writes `pi / 4` means radians.
-                    let bracketed = short.contains(['+', '-', '/', '<', '>', '=']) || short.contains(" if ");
                     let unit = if short.contains("pi") || short.contains("tau") { "rad" } else { "deg" };
-                    if bracketed {
-                        format!("angles have a unit: `({short}) * 1{unit}`")
-                    } else {
-                        format!("angles have a unit: `{short} * 1{unit}`")
-                    }
+                    format!("angles have a unit: `{factor} * 1{unit}`")
                 }
             }
-            Ty::Angle if accepts(Ty::SCALAR) => format!("divide by a unit to get a number: `{short} / 1deg`"),
+            Ty::Image { .. } if *wanted == Sig::Angles => format!("angles have a unit: `{factor} * 1rad`"),
+            found if found.is_angle() && found.without_unit().is_some_and(|(numbers, _)| accepts(numbers)) => {
+                let what = if *found == Ty::Angle { "a number" } else { "numbers" };
+                format!("divide by a unit to get {what}: `{factor} / 1deg`")
+            }
             Ty::Angle if is(Ty::Rotation) => format!("write `rotation(angle: {short})`"),
             Ty::Num(shape) if shape.is_empty() && matches!(wanted, Sig::Int(s) if s.as_slice() == [Some(2)]) => {
                 format!("write `[{short}, {short}]`")

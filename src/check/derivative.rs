@@ -62,8 +62,8 @@ impl Checker<'_> {
 
     /// Checks that the differentiated expression is made of numbers, and a single number where that is required.
     fn check_differentiable(&mut self, kind: DerivativeKind, name: &str, of: &hir::Expr) {
-        let numbers = of.ty.quantity().is_some()
-            || matches!(of.ty, Ty::Image { .. } | Ty::Rotation | Ty::Transform | Ty::Texture)
+        let numbers = of.ty.without_unit().is_some()
+            || matches!(of.ty, Ty::Rotation | Ty::Transform | Ty::Texture)
             || of.ty.may_be_numbers();
         let scalar = matches!(kind, DerivativeKind::Grad | DerivativeKind::FiniteDifference);
         if numbers && (!scalar || of.ty.is_unknown() || of.ty.is_scalar()) {

@@ -55,7 +55,8 @@ impl Checker<'_> {
                 let known: Vec<&str> = fields_of(ty).into_iter().filter(|f| field_type(ty, f).is_some()).collect();
                 let foreign = crate::diag::advice::field(&name.text, &known).map(|f| format!("did you mean `{f}`?"));
                 let near = suggest(&name.text, known.iter().copied()).map(|f| format!("did you mean `{f}`?"));
-                let help = foreign
+                let help = sizes(ty, &name.text, self.sources.text(base.expr.span))
+                    .or(foreign)
                     .or(near)
                     .or_else(|| self.as_function(&base, name))
                     .or_else(|| did_you_mean(&name.text, "the fields are", known));
@@ -165,6 +166,21 @@ impl Checker<'_> {
     }
 }
 
+/// Where the sizes are that are called `name` elsewhere.
+fn sizes(ty: &Ty, name: &str, text: &str) -> Option<String> {
+    let is_size = matches!(name, "shape" | "size" | "dims" | "resolution" | "length" | "len" | "count" | "ndim");
+    let text = if text.len() > 40 || text.contains('\n') { "…" } else { text };
+    match ty {
+        _ if !is_size => None,
+        Ty::Image { .. } | Ty::AngleImage(_) => {
+            Some(format!("an image has sizes: `{text}.width`, `{text}.height`, `{text}.channels`"))
+        }
+        Ty::Texture => Some(format!("a texture has sizes: `{text}.width`, `{text}.height`")),
+        Ty::Mesh => Some(format!("count its parts: `len({text}.vertices)`, `len({text}.faces)`")),
+        _ => None,
+    }
+}
+
 /// The type of a declaration or of a part of its value.
 pub fn type_of(program: &Program, target: &Target) -> Ty {
     let part = |ty: Ty, name: &String| match name.starts_with('[') {
@@ -215,6 +231,7 @@ pub fn fields_of(ty: &Ty) -> Vec<&str> {
             [&["x", "y", "z", "w"][..n], &["r", "g", "b", "a"][..n]].concat()
         }
         Ty::Image { .. } => vec!["width", "height", "channels", "r", "g", "b", "a", "x", "y", "z"],
+        Ty::AngleImage(image) => fields_of(image),
         Ty::Mesh => vec!["vertices", "faces", "normals", "uvs", "colors"],
         Ty::Camera { .. } => {
             let fields = "position look_at up fov fov_x film crop kind filter height transform aperture focus distortion shutter";
@@ -264,6 +281,8 @@ pub fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
             let count = swizzle(name, *channels)?;
             Ty::Image { height: *height, width: *width, channels: Some(count), made: *made }
         }
+        (Ty::AngleImage(_), "width" | "height" | "channels") => Ty::SCALAR,
+        (Ty::AngleImage(image), _) => field_type(image, name)?.with_unit(true),
         (Ty::Mesh, "vertices" | "faces" | "normals" | "colors") => vec3s(),
         (Ty::Mesh, "uvs") => Ty::Num(vec![None, Some(2)]),
         (Ty::Camera { .. }, "position" | "look_at" | "up") => Ty::vector(3),

@@ -158,10 +158,10 @@ impl Checker<'_> {
                     self.diagnostics.push(
                         Diagnostic::error(
                             "dscene::name::step",
-                            format!("`{name}` has a value only while an `optimize` runs"),
+                            format!("`{name}` has a value from the first step of an `optimize` on"),
                         )
-                        .label(span, "no step is being made here")
-                        .help("use it in the fields of `optimize`, in `every N { … }` or in what a loss is made of"),
+                        .label(span, "no `optimize` runs before this")
+                        .help("use it behind the `optimize`, in its fields, in `every N { … }` or in what a loss is made of"),
                     );
                     return broken(span);
                 }
@@ -628,6 +628,7 @@ pub fn join(a: &Ty, b: &Ty) -> Option<Ty> {
         (Ty::Image { height, width, channels, made }, Ty::Image { height: h, width: w, channels: c, .. }) => {
             Ty::Image { height: dims(height, h), width: dims(width, w), channels: dims(channels, c), made: *made }
         }
+        (Ty::AngleImage(x), Ty::AngleImage(y)) => join(x, y)?.with_unit(true),
         (Ty::Camera { height, width, cropped, made }, Ty::Camera { height: h, width: w, cropped: c, .. }) => {
             Ty::Camera { height: dims(height, h), width: dims(width, w), cropped: *cropped || *c, made: *made }
         }
@@ -669,7 +670,7 @@ pub fn join_all(types: &[Ty]) -> Option<Ty> {
 /// Whether a value of type `new` may replace one of type `old` in a `with`.
 pub fn replaces(old: &Ty, new: &Ty) -> bool {
     match (old, new) {
-        (Ty::Image { .. }, Ty::Image { .. }) => true,
+        (Ty::Image { .. }, Ty::Image { .. }) | (Ty::AngleImage(_), Ty::AngleImage(_)) => true,
         (Ty::Num(_), Ty::Num(shape)) if shape.is_empty() => true,
         (Ty::Num(a), Ty::Num(b)) => {
             a.len() == b.len()
@@ -687,6 +688,7 @@ fn part_of<'t>(ty: &'t Ty, path: &[String]) -> Option<&'t Ty> {
 fn size_of(ty: &Ty) -> (Dim, Dim) {
     match ty {
         Ty::Image { height, width, .. } | Ty::Camera { height, width, .. } => (*height, *width),
+        Ty::AngleImage(image) => size_of(image),
         Ty::Num(shape) => (shape.first().copied().flatten(), None),
         _ => (None, None),
     }
@@ -698,6 +700,7 @@ fn blur(ty: &Ty) -> Ty {
         Ty::Image { channels, .. } => {
             Ty::Image { height: None, width: None, channels: *channels, made: Default::default() }
         }
+        Ty::AngleImage(image) => blur(image).with_unit(true),
         Ty::Camera { cropped, .. } => {
             Ty::Camera { height: None, width: None, cropped: *cropped, made: Default::default() }
         }

@@ -5,6 +5,7 @@ use super::call::Site;
 use super::hir::{DeclId, ExprKind, Rendering, StrPart};
 use super::infer::Typed;
 use super::modules::{Checker, Signature};
+use super::paths;
 use super::signature::Const;
 use super::types::Ty;
 use crate::diag::Diagnostic;
@@ -88,13 +89,24 @@ impl Checker<'_> {
         } else if !self.loader.exists(&full) {
             self.diagnostics.push(
                 Diagnostic::error("dscene::file::missing", format!("there is no file `{path}`"))
-                    .label(expr.span, format!("looked for {}", full.display()))
+                    .label(expr.span, format!("looked for {}", full.display()).trim_end().to_owned())
                     .help(match callee {
                         "load_network" => "weights do not come with dscene: `examples/networks/fetch` brings those of \
                             EfficientNet-lite0 to that folder"
                             .to_owned(),
-                        _ => format!("paths start from the folder of the script; check the spelling of {written}"),
+                        _ => paths::missing(path, &folder).unwrap_or_else(|| {
+                            format!("paths start from the folder of the script; check the spelling of {written}")
+                        }),
                     }),
+            );
+        } else if full.is_dir() {
+            self.diagnostics.push(
+                Diagnostic::error(
+                    "dscene::file::missing",
+                    format!("`{path}` is a folder, and `{callee}` reads a file"),
+                )
+                .label(expr.span, "a folder")
+                .help(paths::within(path, &folder)),
             );
         } else if folder != self.main_folder()
             && let Ok(absolute) = std::path::absolute(&full)

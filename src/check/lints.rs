@@ -17,8 +17,11 @@ pub const LINTS: [&str; 9] = [
     "dscene::test::empty",
     "dscene::lint::zero_derivative",
     "dscene::lint::idle_stage",
-    "dscene::lint::no_boundary",
+    NO_BOUNDARY,
 ];
+
+/// The lint about renderings without boundary terms.
+pub const NO_BOUNDARY: &str = "dscene::lint::no_boundary";
 
 /// Warnings about a program without errors.
 pub fn check(program: &Program) -> Vec<Diagnostic> {
@@ -116,7 +119,7 @@ fn no_boundary(program: &Program, roots: &[&Expr]) -> Vec<Diagnostic> {
             let decl = program.decl(param);
             out.push(
                 Diagnostic::warning(
-                    "dscene::lint::no_boundary",
+                    NO_BOUNDARY,
                     format!("without boundary terms the derivative by `{}` is wrong at edges", decl.name),
                 )
                 .label(place, "silhouettes and shadow edges do not count")
@@ -129,7 +132,7 @@ fn no_boundary(program: &Program, roots: &[&Expr]) -> Vec<Diagnostic> {
 }
 
 /// The place of `boundary: false` among the arguments of a call.
-fn without_boundary(program: &Program, e: &Expr) -> Option<Span> {
+pub fn without_boundary(program: &Program, e: &Expr) -> Option<Span> {
     let ExprKind::Call(call) = &e.kind else { return None };
     let Callee::Native(id) = call.callee else { return None };
     let DeclKind::Native(native) = &program.decl(id).kind else { return None };
@@ -163,6 +166,13 @@ struct Allow {
     span: Span,
     line: usize,
     is_used: bool,
+}
+
+/// Whether the script allows what the lint of that code says of a place. A run warns of some things that `check` warns of.
+pub fn is_allowed(sources: &SourceMap, code: &str, place: Span) -> bool {
+    let Some(file) = sources.get(place.source) else { return false };
+    let line = sources.position(place).line;
+    allows_of(sources, place.source, &file.text).iter().any(|allow| allow.line == line && allow.name == name_of(code))
 }
 
 /// Leaves out the warnings that a script allows: by a comment at the end of their line, or on the line above. An `allow` that allows

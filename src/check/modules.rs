@@ -175,7 +175,7 @@ pub struct Checker<'l> {
     pub in_stop_when: bool,
     /// Names whose declarations could not be read: their uses are not reported.
     pub unread: HashSet<String>,
-    /// Whether an action outside of `optimize` is checked, where there is no step.
+    /// Whether an action before any `optimize`, or a test, is checked, where there is no step.
     pub no_step: bool,
     /// Whether dataflow warnings are off (for lines of the REPL).
     pub quiet: bool,
@@ -593,10 +593,12 @@ impl<'l> Checker<'l> {
                     } else {
                         crate::files::describe_io(&error)
                     };
+                    let help = super::paths::missing(path, &folder)
+                        .unwrap_or_else(|| "paths start from the folder of the file that imports".to_owned());
                     self.diagnostics.push(
                         Diagnostic::error("dscene::import::missing", format!("cannot import `{path}`: {reason}"))
-                            .label(span, format!("looked for {}", full.display()))
-                            .help("paths start from the folder of the file that imports"),
+                            .label(span, format!("looked for {}", full.display()).trim_end().to_owned())
+                            .help(help),
                     );
                     return None;
                 }

@@ -5,6 +5,7 @@ use super::declare::broken;
 use super::hir::{BinaryOp, ExprKind};
 use super::infer::{Typed, typed};
 use super::modules::Checker;
+use super::operands::nearness;
 use super::signature::Const;
 use super::types::Ty;
 use crate::diag::Diagnostic;
@@ -49,8 +50,15 @@ impl Checker<'_> {
             Err(_) => {
                 let help = match (a, b) {
                     (Ty::Estimate(_), _) | (_, Ty::Estimate(_)) => Some("take the estimate's `.mean`".to_owned()),
-                    _ if a == b => Some("numbers, arrays, images, angles and rotations have a distance".to_owned()),
-                    _ => None,
+                    _ => {
+                        let parts =
+                            nearness(a, self.sources.text(left.expr.span), b, self.sources.text(right.expr.span));
+                        let general = match (a.without_unit(), b.without_unit()) {
+                            (Some(_), Some(_)) => "both must have the same shape",
+                            _ => "numbers, arrays, images, angles and rotations have a distance",
+                        };
+                        Some(parts.map_or(general.to_owned(), |parts| format!("write `{parts}`")))
+                    }
                 };
                 self.diagnostics.push(
                     Diagnostic::error("dscene::type::mismatch", format!("`≈` does not go with `{a}` and `{b}`"))

@@ -138,7 +138,7 @@ fn of_reductions(name: &str, args: Arguments) -> Option<Ty> {
             reduced(of, args.get("axis"))
         }
         "argmin" | "argmax" => match (args.get("axis"), rank(of)) {
-            (Some(axis), _) => match reduced(of, Some(axis)) {
+            (Some(axis), _) => match reduced(&of.without_unit().map_or(Ty::Any, |(numbers, _)| numbers), Some(axis)) {
                 // A position is a number, not a pixel.
                 Ty::Image { height, width, .. } => Ty::Num(vec![height, width]),
                 other => other,
@@ -148,11 +148,11 @@ fn of_reductions(name: &str, args: Arguments) -> Option<Ty> {
         },
         "sort" | "normalize" | "flip" => of.clone(),
         "where" => chosen(Some(of), args.ty("yes"), args.ty("no")),
-        "mod" => match (of, args.ty("divisor")) {
-            (Ty::Angle, Some(Ty::Angle)) => Ty::Angle,
-            (a, Some(b)) => broadcast(a, b).unwrap_or(Ty::Any),
-            _ => Ty::Any,
-        },
+        "mod" => together(of, args.ty("divisor")?).unwrap_or(Ty::Any),
+        "pow" => broadcast(of, args.ty("exponent")?).unwrap_or(Ty::Any),
+        "sin" | "cos" | "tan" | "sign" => of.without_unit()?.0,
+        "asin" | "acos" | "atan" => of.clone().with_unit(true),
+        "atan2" => broadcast(of, args.ty("x")?).unwrap_or(Ty::Any).with_unit(true),
         _ => return None,
     })
 }
@@ -211,7 +211,8 @@ fn of_lists(name: &str, args: Arguments) -> Option<Ty> {
             Some((Ty::Image { height, width, channels, .. }, n)) => Ty::Num(vec![n, height, width, channels]),
             _ => Ty::Any,
         },
-        "reshape" | "noise" | "uniform" => shape_of(args.get("shape")),
+        "reshape" => shape_of(args.get("shape")).with_unit(first.is_angle()),
+        "noise" | "uniform" => shape_of(args.get("shape")),
         "minibatch" => match item_of(first)? {
             _ if is_mixed(first) => Ty::Array(Box::new(Ty::Any), args.count("count")),
             (item, _) => stack(item, args.count("count")),
@@ -246,18 +247,15 @@ pub fn is_mixed(ty: &Ty) -> bool {
 pub fn rank(ty: &Ty) -> Option<usize> {
     match ty {
         Ty::Num(shape) => Some(shape.len()),
-        Ty::Image { .. } => Some(3),
+        Ty::Image { .. } | Ty::AngleImage(_) => Some(3),
         other => other.quantity().map(|(shape, _)| shape.len()),
     }
 }
 
 /// The type of an array or image after a reduction along axes; of all axes if `axis` is missing.
 fn reduced(of: &Ty, axis: Option<&Typed>) -> Ty {
-    if let Some((shape, true)) = of.quantity() {
-        return match reduced(&Ty::Num(shape), axis) {
-            Ty::Num(shape) => Ty::of_quantity(shape, true),
-            other => other,
-        };
+    if let Some((numbers, true)) = of.without_unit() {
+        return reduced(&numbers, axis).with_unit(true);
     }
     let Some(axis) = axis else { return if of.may_be_numbers() { Ty::Any } else { Ty::SCALAR } };
     let Some(rank) = rank(of) else { return Ty::Any };
@@ -368,11 +366,14 @@ fn image_without_size(of: &Ty, along: Option<i64>) -> Ty {
 /// The type of a selection: one of two values by a bool, or their elements by a mask.
 fn chosen(condition: Option<&Ty>, yes: Option<&Ty>, no: Option<&Ty>) -> Ty {
     let (Some(condition), Some(yes), Some(no)) = (condition, yes, no) else { return Ty::Any };
-    match join(yes, no).or_else(|| together(yes, no)) {
-        Some(both @ (Ty::Num(_) | Ty::Image { .. } | Ty::Any)) => match condition {
-            Ty::Bool => broadcast(yes, no).unwrap_or(both),
-            mask => broadcast(mask, &broadcast(yes, no).unwrap_or(both)).unwrap_or(Ty::Any),
-        },
+    if let Some(both) = together(yes, no) {
+        return match (condition, both.without_unit()) {
+            (Ty::Bool, _) => both,
+            (mask, Some((numbers, angle))) => broadcast(mask, &numbers).map_or(Ty::Any, |ty| ty.with_unit(angle)),
+            (mask, None) => broadcast(mask, &both).unwrap_or(Ty::Any),
+        };
+    }
+    match join(yes, no) {
         Some(other) if *condition == Ty::Bool => other,
         _ => Ty::Any,
     }
@@ -390,8 +391,8 @@ pub fn plain(ty: &Ty) -> Ty {
 
 /// The type of a value's derivative along a direction.
 pub fn tangent(of: &Ty) -> Ty {
-    match of.quantity() {
-        Some((shape, true)) => Ty::Num(shape),
+    match of.without_unit() {
+        Some((numbers, true)) => numbers,
         _ => plain(of),
     }
 }

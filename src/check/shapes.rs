@@ -1,7 +1,7 @@
 //! Checks shapes of arguments that natives require and that are known before the program runs: axes, squares, masks.
 
 use super::arguments::Arguments;
-use super::arith::{broadcast, image_sizes};
+use super::arith::{broadcast, image_sizes, together};
 use super::infer::{Typed, item_of};
 use super::modules::Checker;
 use super::results::rank;
@@ -23,6 +23,8 @@ impl Checker<'_> {
         self.check_axis(name, args);
         match name {
             "min" | "max" => self.check_pair(name, args.get("a"), args.get("b")),
+            "pow" => self.check_pair(name, args.get("x"), args.get("exponent")),
+            "atan2" => self.check_pair(name, args.get("y"), args.get("x")),
             "mod" => {
                 self.check_pair(name, args.get("x"), args.get("divisor"));
                 self.check_remainder(args);
@@ -88,7 +90,7 @@ impl Checker<'_> {
     /// Checks that an argument is an array of numbers, not a single one.
     fn check_not_one(&mut self, name: &str, x: Option<&Typed>) {
         let Some(x) = x else { return };
-        if x.expr.ty.is_scalar() || x.expr.ty == Ty::Angle {
+        if x.expr.ty.without_unit().is_some_and(|(numbers, _)| numbers.is_scalar()) {
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::shape", format!("`{name}` takes several numbers"))
                     .label(x.expr.span, format!("this is `{}`", x.expr.ty)),
@@ -172,7 +174,8 @@ impl Checker<'_> {
 
     fn check_remainder(&mut self, args: Arguments) {
         let (Some(x), Some(divisor)) = (args.get("x"), args.get("divisor")) else { return };
-        if matches!((&x.expr.ty, &divisor.expr.ty), (Ty::Angle, Ty::Num(_)) | (Ty::Num(_), Ty::Angle)) {
+        let units = x.expr.ty.without_unit().zip(divisor.expr.ty.without_unit());
+        if units.is_some_and(|((_, left), (_, right))| left != right) {
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::unit", "an angle and a number have no remainder")
                     .label(divisor.expr.span, format!("this is `{}`", divisor.expr.ty))
@@ -262,8 +265,8 @@ impl Checker<'_> {
     /// Two arrays or images that are taken element by element.
     fn check_pair(&mut self, name: &str, a: Option<&Typed>, b: Option<&Typed>) {
         let (Some(a), Some(b)) = (a, b) else { return };
-        let numbers = |t: &Typed| matches!(t.expr.ty, Ty::Num(_) | Ty::Image { .. });
-        if !numbers(a) || !numbers(b) || broadcast(&a.expr.ty, &b.expr.ty).is_some() {
+        let (Some((x, _)), Some((y, _))) = (a.expr.ty.without_unit(), b.expr.ty.without_unit()) else { return };
+        if broadcast(&x, &y).is_some() {
             return;
         }
         let size = |ty: &Ty| image_sizes(ty).unwrap_or_else(|| format!("`{ty}`"));
@@ -444,8 +447,7 @@ impl Checker<'_> {
         if *mask == Ty::Bool || mask.is_unknown() || a.is_unknown() || b.is_unknown() {
             return;
         }
-        let numbers = |ty: &Ty| matches!(ty, Ty::Num(_) | Ty::Image { .. });
-        if let Some(other) = [yes, no].into_iter().find(|t| !numbers(&t.expr.ty)) {
+        if let Some(other) = [yes, no].into_iter().find(|t| t.expr.ty.without_unit().is_none()) {
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::mismatch", "only numbers are chosen element by element")
                     .label(other.expr.span, format!("this is `{}`", other.expr.ty))
@@ -454,7 +456,7 @@ impl Checker<'_> {
             );
             return;
         }
-        let Some(both) = broadcast(a, b) else { return };
+        let Some((both, _)) = together(a, b).and_then(|both| both.without_unit()) else { return };
         if broadcast(mask, &both).is_none() {
             let size = |ty: &Ty| image_sizes(ty).unwrap_or_else(|| format!("`{ty}`"));
             self.diagnostics.push(

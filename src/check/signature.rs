@@ -17,6 +17,8 @@ pub enum Sig {
     Color,
     /// Any number, array of numbers, or image.
     Number,
+    /// Any angle, array of angles, or image of angles.
+    Angles,
     Any,
     /// A type variable, which stands for the same type wherever it occurs: `N` for numbers, `Q` for numbers or angles, any other letter
     /// for anything.
@@ -169,7 +171,7 @@ impl Sig {
             Sig::List(item, n) => Ty::Array(Box::new(item.ty()), *n),
             Sig::Fn(params, result) => Ty::Fn(params.iter().map(Sig::ty).collect(), Box::new(result.ty())),
             Sig::Record(fields) => Ty::Record(fields.iter().map(|(name, sig)| (name.clone(), sig.ty())).collect()),
-            Sig::Number | Sig::Any | Sig::Var(_) => Ty::Any,
+            Sig::Number | Sig::Angles | Sig::Any | Sig::Var(_) => Ty::Any,
             Sig::Union(choices) => match choices.as_slice() {
                 [one] => one.ty(),
                 all if all.iter().all(|c| matches!(c, Sig::Word(_))) => Ty::Str,
@@ -199,6 +201,7 @@ impl Sig {
             Sig::Int(shape) => fits(&Ty::Num(shape.clone()), ty) && value.is_none_or(Const::is_whole),
             Sig::Color => ty.is_scalar() || fits(&Ty::vector(3), ty),
             Sig::Number => matches!(ty, Ty::Num(_) | Ty::Image { .. }) || is_empty_list(ty) || ty.may_be_numbers(),
+            Sig::Angles => ty.is_angle() || is_empty_list(ty) || ty.may_be_numbers(),
             Sig::Word(word) => match value {
                 Some(Const::Str(s)) => s == word,
                 _ => *ty == Ty::Str,
@@ -241,6 +244,7 @@ pub fn fits(wanted: &Ty, found: &Ty) -> bool {
         (Ty::Image { height, width, channels, .. }, Ty::Image { height: h, width: w, channels: c, .. }) => {
             dims_agree(*height, *h) && dims_agree(*width, *w) && dims_agree(*channels, *c)
         }
+        (Ty::AngleImage(a), Ty::AngleImage(b)) => fits(a, b),
         (Ty::Camera { .. }, Ty::Camera { .. }) => true,
         (Ty::Array(a, n), Ty::Array(b, m)) => dims_agree(*n, *m) && (fits(a, b) || *m == Some(0)),
         (Ty::Tuple(a), Ty::Tuple(b)) => a.len() == b.len() && a.iter().zip(b).all(|(a, b)| fits(a, b)),
@@ -276,6 +280,7 @@ impl fmt::Display for Sig {
             }
             Sig::Color => f.write_str("color"),
             Sig::Number => f.write_str("number"),
+            Sig::Angles => f.write_str("angles"),
             Sig::Any => f.write_str("any"),
             Sig::Var('N') => f.write_str("number"),
             Sig::Var('Q') => f.write_str("number | angle"),
@@ -299,7 +304,7 @@ impl fmt::Display for Sig {
 }
 
 /// The names of types that annotations may use.
-pub const TYPE_NAMES: [&str; 28] = [
+pub const TYPE_NAMES: [&str; 29] = [
     "scalar",
     "int",
     "bool",
@@ -327,6 +332,7 @@ pub const TYPE_NAMES: [&str; 28] = [
     "preconditioner",
     "distribution",
     "number",
+    "angles",
     "any",
 ];
 
@@ -363,6 +369,7 @@ pub fn named(name: &str) -> Option<Sig> {
         "network" => is(Ty::Network),
         "samples" => is(Ty::Samples),
         "number" => Some(Sig::Number),
+        "angles" => Some(Sig::Angles),
         "any" => Some(Sig::Any),
         _ => {
             let mut chars = name.chars();

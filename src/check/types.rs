@@ -37,6 +37,8 @@ pub enum Ty {
         channels: Dim,
         made: Made,
     },
+    /// An image whose numbers are angles; what it is without their unit, an image.
+    AngleImage(Box<Ty>),
     /// Height and width of its images; `cropped` if these are not its film's.
     Camera {
         height: Dim,
@@ -108,9 +110,27 @@ impl Ty {
         }
     }
 
-    /// An angle, or an array of them.
+    /// The type of the same numbers without their unit, and whether these are angles; `None` if it is not made of numbers.
+    pub fn without_unit(&self) -> Option<(Ty, bool)> {
+        match self {
+            Ty::Image { .. } => Some((self.clone(), false)),
+            Ty::AngleImage(image) => Some(((**image).clone(), true)),
+            _ => self.quantity().map(|(shape, angle)| (Ty::Num(shape), angle)),
+        }
+    }
+
+    /// Numbers, or an image of numbers, as angles if `angle`.
+    pub fn with_unit(self, angle: bool) -> Ty {
+        match self {
+            Ty::Num(shape) => Ty::of_quantity(shape, angle),
+            Ty::Image { .. } if angle => Ty::AngleImage(Box::new(self)),
+            other => other,
+        }
+    }
+
+    /// An angle, or an array or image of them.
     pub fn is_angle(&self) -> bool {
-        matches!(self.quantity(), Some((_, true)))
+        matches!(self.without_unit(), Some((_, true)))
     }
 
     /// With its article: a `mesh`, an `angle`.
@@ -198,9 +218,10 @@ impl fmt::Display for Ty {
                     _ => Ok(()),
                 }
             }
+            Ty::AngleImage(image) => write!(f, "{image} of angles"),
             Ty::Camera { .. } => f.write_str("camera"),
             Ty::Array(item, n) => match **item {
-                Ty::Fn(..) => write!(f, "({item})[{}]", dim(n)),
+                Ty::Fn(..) | Ty::AngleImage(_) => write!(f, "({item})[{}]", dim(n)),
                 _ => write!(f, "{item}[{}]", dim(n)),
             },
             Ty::Tuple(items) => {

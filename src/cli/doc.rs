@@ -36,15 +36,30 @@ pub fn run(args: &DocArgs) -> u8 {
         return EXIT_USAGE;
     }
     for (module, entries) in found {
+        // What is asked for whole begins with what it is about.
+        let is_whole = args.name.is_none() || entries.len() == module.entries.len();
         if args.common.json {
+            if is_whole {
+                out::line(&about(module).to_string());
+            }
             entries.iter().for_each(|entry| out::line(&object(module, entry).to_string()));
         } else if args.name.is_none() {
             out::line(&list(module, &entries));
         } else {
+            if is_whole {
+                out::line(&format!("std.{}\n\n{}\n", module.name, textwrap::fill(&module.about, out::width())));
+            }
             entries.iter().for_each(|entry| out::line(&page(module, entry)));
         }
     }
     0
+}
+
+/// A module as an entry of its own.
+fn about(module: &Module) -> Value {
+    let name = format!("std.{}", module.name);
+    let head = if module.is_prelude { String::new() } else { format!("import {name} as {}", module.name) };
+    json!({ "name": name, "module": module.name, "head": head, "text": module.about, "example": "" })
 }
 
 fn object(module: &Module, entry: &Entry) -> Value {
@@ -58,7 +73,11 @@ fn list(module: &Module, entries: &[&Entry]) -> String {
     let how = if module.is_prelude { String::new() } else { format!(", by `import std.{} as {0}`", module.name) };
     let width = entries.iter().map(|e| e.name.len()).max().unwrap_or(0);
     let room = out::width().saturating_sub(width + 4).max(20);
-    let mut text = format!("{}{how}\n", module.name);
+    let about = textwrap::fill(
+        &module.about,
+        textwrap::Options::new(out::width()).initial_indent("  ").subsequent_indent("  "),
+    );
+    let mut text = format!("{}{how}\n{about}\n\n", module.name);
     for entry in entries {
         let mut summary: String = entry.summary().chars().take(room).collect();
         if summary.len() < entry.summary().len() {

@@ -96,6 +96,7 @@ pub const TABLE: &[Row] = &[
     row(Place::Statement, "assert check require", "expect $>", ""),
     row(Place::Statement, "echo log println puts", "print $>", ""),
     row(Place::Statement, "write store export dump", "save $>", ""),
+    row(Place::Statement, "imshow imsave show display", "save $> to \"image.png\"", "pictures are files"),
     row(
         Place::Statement,
         "LookAt lookAt Perspective Film",
@@ -317,6 +318,7 @@ pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
         "texcoords" | "uv" | "st" => &["uvs"],
         "filename" | "file" => &["path", "source", "image"],
         "r" => &["radius"],
+        "radius" => &["distance"],
         "w" => &["width"],
         "h" => &["height"],
         "width" | "height" => &["film"],

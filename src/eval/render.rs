@@ -4,6 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
+use crate::check;
 use crate::check::hir::{NativeDecl, Rendering};
 use crate::diag::Diagnostic;
 use crate::grad::{self, Direction, GuideCache, Output, Rows, SceneError, Settings};
@@ -46,6 +47,8 @@ struct RenderOp {
     stop: Arc<AtomicBool>,
     /// Where it is called.
     span: Span,
+    /// Whether the script allows that boundary terms are left out: `check` has an answer then, and the run asks no more.
+    may_lack_boundary: bool,
     warnings: Warnings,
     /// Samples drawn so far.
     drawn: Arc<AtomicU64>,
@@ -133,6 +136,9 @@ impl RenderOp {
     /// Says what the derivatives in these slots lack.
     fn warn(&self, wrt: &[Slot]) {
         for gap in grad::coverage_gaps(&self.scene.scene, &self.camera, &self.settings, wrt) {
+            if gap == grad::NO_BOUNDARY && self.may_lack_boundary {
+                continue;
+            }
             self.warnings.say(self.span, gap, || {
                 let message = format!("a term of the derivative is missing: {gap}");
                 Diagnostic::warning("dscene::gradient::incomplete", message).label(self.span, "this rendering")
@@ -260,9 +266,12 @@ impl RenderCall<'_> {
         self.place(name).and_then(|i| self.values.get(i)).filter(|v| !matches!(v, Value::None))
     }
 
+    fn is_given(&self, name: &str) -> bool {
+        self.place(name).is_some_and(|i| self.given.get(i) == Some(&true))
+    }
+
     fn setting(&self, name: &str) -> Option<Value> {
-        let is_given = self.place(name).is_some_and(|i| self.given.get(i) == Some(&true));
-        let default = self.defaults.as_ref().filter(|_| !is_given).and_then(|d| d.field(name).cloned());
+        let default = self.defaults.as_ref().filter(|_| !self.is_given(name)).and_then(|d| d.field(name).cloned());
         default.or_else(|| self.argument(name).cloned())
     }
 
@@ -307,6 +316,17 @@ fn output(rendering: Rendering) -> Output {
 }
 
 impl Engine {
+    /// Whether the script allows the `boundary: false` of a call, or of the `integrator` that decides for it.
+    fn may_lack_boundary(&self, call: &RenderCall) -> bool {
+        let own = call.argument("boundary").is_some().then(|| call.at("boundary"));
+        let integrator = || {
+            let body = self.program.decl(self.program.integrator?).body.as_ref()?;
+            check::without_boundary(&self.program, body)
+        };
+        let place = if call.is_given("boundary") { own } else { integrator().or(own) };
+        place.is_some_and(|at| check::is_allowed(&self.program.sources, check::NO_BOUNDARY, at))
+    }
+
     /// `render(camera, scene, spp, …)` and its kin.
     pub(super) fn render(
         &mut self,
@@ -327,6 +347,7 @@ impl Engine {
         };
         let call = RenderCall { native, values, given, spans, span, defaults };
         let (mut settings, own_seed) = call.settings(rendering)?;
+        let may_lack_boundary = !settings.boundary && self.may_lack_boundary(&call);
 
         self.depends(|d| d.settings = true);
         let Some(Value::Camera(camera_value)) = call.argument("camera") else {
@@ -385,8 +406,9 @@ impl Engine {
         let value = Tensor::from_image(&image);
         let (warnings, drawn) = (self.warnings.clone(), self.samples.clone());
         let fixed = OnceLock::new();
+        let (scene, camera) = (lowered, seen_by);
         let op =
-            RenderOp { scene: lowered, camera: seen_by, settings, slots, guides, stop, span, warnings, drawn, fixed };
+            RenderOp { scene, camera, settings, slots, guides, stop, span, may_lack_boundary, warnings, drawn, fixed };
         (0..images).for_each(|_| op.draw(&value));
         let value = Value::Image(Var::custom(Arc::new(op), inputs, value));
         if is_live {

@@ -48,10 +48,10 @@ pub(super) fn numbers(t: &Tensor, one: &impl Fn(f64) -> String) -> String {
     format!("[{}]", items.join(", "))
 }
 
-/// Whether numbers of that type are angles: one, or an array of them.
+/// Whether numbers of that type are angles: one, or an array or image of them.
 pub fn is_angle(ty: &Ty) -> bool {
     match ty {
-        Ty::Angle => true,
+        Ty::Angle | Ty::AngleImage(_) => true,
         Ty::Array(item, _) => is_angle(item),
         _ => false,
     }
@@ -92,8 +92,9 @@ fn brief_within(value: &Value, ty: &Ty, depth: usize) -> String {
         Value::Num(v) if v.len() <= SHOWN => numbers(v.value(), &number_text),
         Value::Num(v) => format!("array {} ({})", sizes(v.shape()), spread(v.value())),
         Value::Image(v) => {
-            let [h, w, c] = v.shape() else { return format!("image ({})", spread(v.value())) };
-            format!("image {w}×{h}, {c} channel{} ({})", if *c == 1 { "" } else { "s" }, spread(v.value()))
+            let spread = if is_angle(ty) { spread_of(v.value(), &angle_text) } else { spread(v.value()) };
+            let [h, w, c] = v.shape() else { return format!("image ({spread})") };
+            format!("image {w}×{h}, {c} channel{} ({spread})", if *c == 1 { "" } else { "s" })
         }
         Value::Rotation(v) => format!("rotation {}", numbers(v.value(), &number_text)),
         Value::Transform(v) => format!("transform {}", numbers(v.value(), &number_text)),

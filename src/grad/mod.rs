@@ -29,8 +29,8 @@ pub mod sink;
 pub mod terms;
 
 pub use self::modes::{
-    Direction, MAX_DIRECTIONS, Sampling, coverage_gaps, render_backward, render_backward_until, render_forward,
-    render_jacobian, render_jacobian_until, render_rows_until,
+    Direction, MAX_DIRECTIONS, NO_BOUNDARY, Sampling, coverage_gaps, render_backward, render_backward_until,
+    render_forward, render_jacobian, render_jacobian_until, render_rows_until,
 };
 pub use self::rows::Rows;
 pub use self::sampling::guide::GuideCache;

@@ -3,7 +3,7 @@
 use std::collections::HashSet;
 use std::path::Path;
 
-use super::context::{Block, Call, Context, Owner, Place, context};
+use super::context::{Block, Call, Context, Owner, Place, Record, context};
 use super::locals::{Given, local_names};
 use super::names::{parameter, parameters, words};
 use super::settings::{self, fields};
@@ -85,6 +85,7 @@ pub fn complete(analysis: &Analysis, text: &str, offset: usize) -> Completions {
         Place::Type => found.items.extend(TYPE_NAMES.iter().map(|name| Completion::new(*name, What::Type))),
         Place::Argument(call) => found.argument(call),
         Place::Block(block) => found.block(block),
+        Place::Record(record) => found.record(record),
         Place::Value => found.values(),
     }
     let mut seen = HashSet::new();
@@ -149,7 +150,12 @@ impl<'a> Finder<'a> {
 
     /// Names of the scopes around, declarations, modules, and words that an expression may begin with.
     fn values(&mut self) {
-        for (name, ty) in self.locals() {
+        // The REPL's values are many, and asked for by their `_`.
+        let wants_shown = self.context.prefix.starts_with('_');
+        let is_shown = |name: &str| self.analysis.shown.iter().any(|(shown, _)| shown == name);
+        let locals: Vec<(String, Ty)> =
+            self.locals().into_iter().filter(|(name, _)| wants_shown || !is_shown(name)).collect();
+        for (name, ty) in locals {
             self.add(&name, What::Local, ty.to_string(), "");
         }
         self.declarations(|_| true);
@@ -261,6 +267,18 @@ impl<'a> Finder<'a> {
         }
     }
 
+    /// Fields that the record has not got yet, and values: `{ photo }` is short for `{ photo: photo }`.
+    fn record(&mut self, record: &Record) {
+        if record.named.is_none() {
+            let fields = record.wanted.fields(self.analysis, &self.locals());
+            for (name, detail) in fields.into_iter().filter(|(name, _)| !record.given.contains(&name.as_str())) {
+                let text = format!("{name}: ");
+                self.items.push(Completion { text, detail, ..Completion::new(name, What::Argument) });
+            }
+        }
+        self.values();
+    }
+
     fn block(&mut self, block: &Block) {
         match (block.owner, block.named) {
             (Owner::Kind(kind), named) => {
@@ -328,7 +346,7 @@ impl<'a> Finder<'a> {
     fn locals(&self) -> Vec<(String, Ty)> {
         let statement = self.text.get(self.context.statement..).unwrap_or("");
         let before = self.context.start.saturating_sub(self.context.statement);
-        let mut found: Vec<(String, Ty)> = Vec::new();
+        let mut found = self.analysis.shown.clone();
         for local in local_names(statement, before) {
             let written = || match local.given {
                 Given::Type(annotation) => self.known.type_named(annotation),

@@ -2,6 +2,7 @@
 //! being written can seldom be read.
 
 use super::lexical::{Token, TokenKind, tokens};
+use super::wanted::Wanted;
 use crate::syntax::snippet::operand_before;
 use crate::syntax::{KINDS, is_reserved, statement_ranges, statement_words};
 
@@ -42,6 +43,8 @@ pub enum Place<'t> {
     Argument(Call<'t>),
     /// In the braces of a block.
     Block(Block<'t>),
+    /// In the braces of a record of which something is known.
+    Record(Record<'t>),
     Value,
 }
 
@@ -58,6 +61,15 @@ pub struct Call<'t> {
     pub named: Option<&'t str>,
     /// Whether nothing of the argument is written but the word at the cursor: it may become a name.
     pub is_fresh: bool,
+}
+
+/// A record that the cursor stands in.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Record<'t> {
+    pub wanted: Wanted<'t>,
+    /// The field whose value is being written.
+    pub named: Option<&'t str>,
+    pub given: Vec<&'t str>,
 }
 
 /// Braces that the cursor stands in.
@@ -122,6 +134,7 @@ fn is_closed(piece: &str, at: usize) -> bool {
 }
 
 /// What stands before the word at the cursor.
+#[derive(Clone, Copy)]
 struct Reader<'t, 'a> {
     text: &'t str,
     /// From the first word of the statement to the end of the text.
@@ -179,7 +192,13 @@ impl<'t> Reader<'t, '_> {
                 None => Place::Nothing,
             },
             "(" => self.call(bracket).map_or(Place::Value, Place::Argument),
-            "{" => self.block(bracket),
+            "{" => {
+                let (named, given) = (self.field(bracket), self.given(bracket));
+                match self.wanted(bracket) {
+                    Some(wanted) => Place::Record(Record { wanted, named, given }),
+                    None => Place::Block(Block { owner: self.owner(bracket), named, given }),
+                }
+            }
             _ => Place::Value,
         }
     }
@@ -281,9 +300,50 @@ impl<'t> Reader<'t, '_> {
         })
     }
 
-    fn block(&self, bracket: usize) -> Place<'t> {
-        let owner = self.owner(bracket);
-        // The last `name:` before the cursor, unless its value is complete.
+    /// What is known of the value that begins with a brace or a bracket.
+    fn wanted(&self, at: usize) -> Option<Wanted<'t>> {
+        let before = Reader { end: at, ..*self };
+        let previous = self.word(at.checked_sub(1)?);
+        let open = before.open().last().copied();
+        match (previous, open.map(|open| self.word(open))) {
+            ("(" | "," | ":", Some("(")) if open.is_none_or(|open| !self.is_head(open)) => {
+                before.call(open?).map(Wanted::Argument)
+            }
+            ("[" | ",", Some("[")) => {
+                let first = before.first_item(open?).map(Wanted::Like);
+                match self.wanted(open?) {
+                    Some(list) => Some(Wanted::Item(Box::new(list), first.map(Box::new))),
+                    None => first,
+                }
+            }
+            (":", Some("{")) => match self.owner(open?) {
+                Owner::With => Some(Wanted::Like(self.word(at - 2))),
+                _ => Some(Wanted::Field(Box::new(self.wanted(open?)?), self.word(at - 2))),
+            },
+            ("=", _) if matches!(self.word(at.wrapping_sub(2)), "=" | "!") => {
+                Some(Wanted::Like(operand_before(self.text, self.tokens[at - 2].start)))
+            }
+            ("=", _) => before.annotation_before(at - 1).map(Wanted::Annotation),
+            _ => None,
+        }
+    }
+
+    /// The first item of a list, if the cursor is behind it.
+    fn first_item(&self, bracket: usize) -> Option<&'t str> {
+        let second = *self.parts(bracket).get(1)?;
+        self.text.get(self.tokens[bracket].end..self.tokens[second - 1].start)
+    }
+
+    /// The type between a new name and its `=`.
+    fn annotation_before(&self, equals: usize) -> Option<&'t str> {
+        let named = (0..equals).rev().find(|i| matches!(self.word(*i), "let" | "param"))?;
+        let colon = named + 2;
+        let text = (self.word(colon) == ":").then(|| self.text.get(self.tokens[colon].end..self.tokens[equals].start));
+        text?.map(str::trim)
+    }
+
+    /// The last `name:` in braces before the cursor, unless its value is complete.
+    fn field(&self, bracket: usize) -> Option<&'t str> {
         let mut depth = 0_usize;
         let mut named = None;
         for i in bracket + 1..self.end {
@@ -296,8 +356,7 @@ impl<'t> Reader<'t, '_> {
             }
         }
         let is_open = |colon: usize| colon + 1 == self.end || !self.is_complete(self.word(self.end - 1));
-        let named = named.filter(|(colon, _)| is_open(*colon)).map(|(_, name)| name);
-        Place::Block(Block { owner, named, given: self.given(bracket) })
+        named.filter(|(colon, _)| is_open(*colon)).map(|(_, name)| name)
     }
 
     /// Whose braces begin at a token: the nearest word before them that may have some.
@@ -346,6 +405,10 @@ mod tests {
                 if call.is_fresh { " fresh" } else { "" }
             ),
             Place::Block(block) => format!("block {:?} named {:?} given {:?}", block.owner, block.named, block.given),
+            Place::Record(record) => {
+                let wanted = shown_record(&record.wanted);
+                format!("record {wanted} named {:?} given {:?}", record.named, record.given)
+            }
             Place::Field { base } => format!("field of {base}"),
             Place::Number { digits } => format!("number {digits}"),
             Place::Text { is_import, call } => {
@@ -354,6 +417,22 @@ mod tests {
             other => format!("{other:?}"),
         };
         (found.prefix.to_owned(), shown)
+    }
+
+    fn shown_record(wanted: &Wanted) -> String {
+        match wanted {
+            Wanted::Argument(call) => {
+                let which = call.named.map_or(call.before.to_string(), str::to_owned);
+                format!("Argument {which} of {}", call.callee)
+            }
+            Wanted::Annotation(text) => (*text).to_owned(),
+            Wanted::Like(value) => format!("like {value}"),
+            Wanted::Field(of, name) => format!("{name} of {}", shown_record(of)),
+            Wanted::Item(list, first) => {
+                let first = first.as_ref().map_or(String::new(), |first| format!(" or {}", shown_record(first)));
+                format!("item of {}{first}", shown_record(list))
+            }
+        }
     }
 
     #[test]
@@ -405,6 +484,19 @@ mod tests {
             ("let b = render(eye) with { a: f(1), b: |", "", "block With named Some(\"b\") given [\"a\", \"b\"]"),
             ("fn f(x) {\n  let a = 1\n  |", "", "block Body named None given []"),
             ("plot a { |", "", "block Plot named None given []"),
+            ("let a = far({ c|", "c", "record Argument 0 of far named None given []"),
+            ("let a = far(2, view: { cam: eye, |", "", "record Argument view of far named None given [\"cam\"]"),
+            ("let a = far({ cam: ey|", "ey", "record Argument 0 of far named Some(\"cam\") given [\"cam\"]"),
+            ("let a = far([{ a: 1 }, { |", "", "record item of Argument 0 of far or like { a: 1 } named None given []"),
+            ("let a: { x: scalar, y: vec3 } = { |", "", "record { x: scalar, y: vec3 } named None given []"),
+            ("fn f(x) {\n  let a: { x: scalar } = { |", "", "record { x: scalar } named None given []"),
+            ("let a = [{ x: 1, y: [2, 3] }, { |", "", "record like { x: 1, y: [2, 3] } named None given []"),
+            ("let a = far({ pose: { |", "", "record pose of Argument 0 of far named None given []"),
+            ("let b = s with { view: { |", "", "record like view named None given []"),
+            ("expect view == { |", "", "record like view named None given []"),
+            ("let a = { |", "", "block Body named None given []"),
+            ("let a = x => { |", "", "block Body named None given []"),
+            ("fn far(view: { |", "", "block Body named None given []"),
         ] {
             assert_eq!(at(marked), (prefix.to_owned(), place.to_owned()), "{marked}");
         }

@@ -19,6 +19,7 @@ pub mod settings;
 pub mod signature;
 pub mod structure;
 pub mod tokens;
+mod wanted;
 
 use std::path::Path;
 use std::sync::Arc;
@@ -40,6 +41,8 @@ pub struct Analysis {
     /// The last text of which all could be read, if this one is not: what is being written is often broken, and the rest of the
     /// statement still means what it meant.
     pub earlier: Option<Arc<Analysis>>,
+    /// Names that no text declares, with their types: the values that the REPL has shown. Their names begin with `_`.
+    pub shown: Vec<(String, Ty)>,
 }
 
 impl Analysis {
@@ -53,7 +56,7 @@ impl Analysis {
     ) -> Analysis {
         let known = understand(name, path, text, loader);
         let names = names::occurrences(&known, known.main);
-        let mut analysis = Analysis { known, names, earlier: None };
+        let mut analysis = Analysis { known, names, earlier: None, shown: Vec::new() };
         if !analysis.is_readable() {
             analysis.earlier = before.and_then(|b| if b.is_readable() { Some(b) } else { b.earlier.clone() });
         }
@@ -62,7 +65,7 @@ impl Analysis {
 
     /// What the REPL's program sees; `None` before a line was checked against it.
     pub fn of_program(program: &Program) -> Option<Analysis> {
-        Some(Analysis { known: Understanding::of(program)?, names: Vec::new(), earlier: None })
+        Some(Analysis { known: Understanding::of(program)?, names: Vec::new(), earlier: None, shown: Vec::new() })
     }
 
     /// Whether every statement could be read.

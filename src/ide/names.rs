@@ -109,7 +109,10 @@ struct Walk<'k> {
 
 impl Walk<'_> {
     fn note(&mut self, span: Span, symbol: Symbol, declares: bool) {
-        self.found.push(Occurrence { span, symbol, declares });
+        // What the parser names, `ast::ROW`, stands nowhere.
+        if span.start < span.end {
+            self.found.push(Occurrence { span, symbol, declares });
+        }
     }
 
     /// The names that a type is made of, and the fields of its records.

@@ -65,6 +65,13 @@ pub fn save(path: &Path, image: &Image) -> Result<(), ImageError> {
     write_atomically(path, &bytes).map_err(|e| failed(describe_io(&e)))
 }
 
+/// Writes images of one size as an animation, an animated PNG file.
+pub fn save_animation(path: &Path, frames: &[Image]) -> Result<(), ImageError> {
+    let failed = |message: String| ImageError::File { path: path.display().to_string(), message };
+    let bytes = png::encode_animation(frames).map_err(|e| failed(e.to_string()))?;
+    write_atomically(path, &bytes).map_err(|e| failed(describe_io(&e)))
+}
+
 /// Decodes the bytes of an image file; the format is recognised by its first bytes.
 pub fn decode(bytes: &[u8], encoding: Encoding, layer: Option<&str>) -> Result<Decoded, ImageError> {
     let is = |magic: &[u8]| bytes.starts_with(magic);

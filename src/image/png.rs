@@ -152,18 +152,45 @@ impl Clipped {
 
 /// The PNG file of an image of 1 to 4 channels, in 8 bits, sRGB-encoded; two become red and green.
 pub(super) fn encode(image: &Image) -> Result<Vec<u8>, ImageError> {
-    image.check()?;
-    let color = match image.channels {
-        1 => ColorType::Grayscale,
-        2 | 3 => ColorType::Rgb,
-        4 => ColorType::Rgba,
-        n => {
-            return Err(ImageError::Argument(format!(
-                "a PNG file holds 1 to 4 channels, not {n}; save as .exr instead"
-            )));
-        }
+    let color = color_of(image)?;
+    written([image.width, image.height], color, png::Compression::Fast, &[bytes_of(image)])
+}
+
+/// Frames of an animation that are shown in a second.
+const FRAMES_A_SECOND: u16 = 12;
+
+/// An animated PNG file that shows images of one size and as many channels one after the other, for ever; programs that know nothing of
+/// animations show the first.
+pub(super) fn encode_animation(frames: &[Image]) -> Result<Vec<u8>, ImageError> {
+    let Some(first) = frames.first() else {
+        return Err(ImageError::Argument("an animation has at least one image".to_owned()));
     };
-    // Values are clipped to 0..1, and NaN becomes black.
+    let size = |image: &Image| format!("{}×{} with {} channels", image.width, image.height, image.channels);
+    if let Some(other) = frames.iter().find(|frame| size(frame) != size(first)) {
+        return Err(ImageError::Argument(format!(
+            "the images of an animation have one size, and these are {} and {}",
+            size(first),
+            size(other)
+        )));
+    }
+    let color = color_of(first)?;
+    memory::ask((frames.len() as u64).saturating_mul(4 * (first.width * first.height) as u64))?;
+    let frames: Vec<Vec<u8>> = frames.iter().map(bytes_of).collect();
+    written([first.width, first.height], color, png::Compression::Fast, &frames)
+}
+
+fn color_of(image: &Image) -> Result<ColorType, ImageError> {
+    image.check()?;
+    match image.channels {
+        1 => Ok(ColorType::Grayscale),
+        2 | 3 => Ok(ColorType::Rgb),
+        4 => Ok(ColorType::Rgba),
+        n => Err(ImageError::Argument(format!("a PNG file holds 1 to 4 channels, not {n}; save as .exr instead"))),
+    }
+}
+
+/// The pixels of an image as a file of its [`color_of`] has them. Values are clipped to 0..1, and NaN becomes black.
+fn bytes_of(image: &Image) -> Vec<u8> {
     let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
     let mut pixels: Vec<u8> = Vec::with_capacity(image.width * image.height * 4);
     for pixel in image.data.chunks_exact(image.channels) {
@@ -171,21 +198,21 @@ pub(super) fn encode(image: &Image) -> Result<Vec<u8>, ImageError> {
         pixels.extend((pixel.len() == 2).then_some(0));
         pixels.extend(pixel.get(3).map(|&a| byte(a)));
     }
-    written(image.width, image.height, color, png::Compression::Fast, &pixels)
+    pixels
 }
 
 /// A PNG file of 8 bits with these bytes, of one channel or three, as small as it gets.
 pub(super) fn encode_bytes(width: usize, height: usize, channels: usize, bytes: &[u8]) -> Result<Vec<u8>, ImageError> {
     let color = if channels == 1 { ColorType::Grayscale } else { ColorType::Rgb };
-    written(width, height, color, png::Compression::High, bytes)
+    written([width, height], color, png::Compression::High, &[bytes])
 }
 
+/// Several frames are an animation.
 fn written(
-    width: usize,
-    height: usize,
+    [width, height]: [usize; 2],
     color: ColorType,
     compression: png::Compression,
-    pixels: &[u8],
+    frames: &[impl AsRef<[u8]>],
 ) -> Result<Vec<u8>, ImageError> {
     let cannot = |e: png::EncodingError| ImageError::Argument(format!("the PNG file cannot be made: {e}"));
     let mut bytes = Vec::new();
@@ -193,8 +220,12 @@ fn written(
     encoder.set_color(color);
     encoder.set_depth(BitDepth::Eight);
     encoder.set_compression(compression);
+    if frames.len() > 1 {
+        encoder.set_animated(frames.len() as u32, 0).map_err(cannot)?;
+        encoder.set_frame_delay(1, FRAMES_A_SECOND).map_err(cannot)?;
+    }
     let mut writer = encoder.write_header().map_err(cannot)?;
-    writer.write_image_data(pixels).map_err(cannot)?;
+    frames.iter().try_for_each(|frame| writer.write_image_data(frame.as_ref())).map_err(cannot)?;
     writer.finish().map_err(cannot)?;
     Ok(bytes)
 }
@@ -205,6 +236,26 @@ mod tests {
 
     fn grey(data: Vec<f32>) -> Image {
         Image { width: data.len(), height: 1, channels: 1, data }
+    }
+
+    #[test]
+    fn an_animation_shows_its_images_in_turn() {
+        let frames = [0.0, 1.0, 0.5].map(|x| grey(vec![x, 1.0 - x]));
+        let bytes = encode_animation(&frames).unwrap();
+        let mut reader = png::Decoder::new(Cursor::new(&bytes)).read_info().unwrap();
+        assert_eq!(reader.info().animation_control().map(|c| (c.num_frames, c.num_plays)), Some((3, 0)));
+        let mut shown = vec![0; 2];
+        for frame in &frames {
+            reader.next_frame(&mut shown).unwrap();
+            assert_eq!(shown, bytes_of(frame));
+            assert_eq!(reader.info().frame_control().map(|c| (c.delay_num, c.delay_den)), Some((1, FRAMES_A_SECOND)));
+        }
+        // A viewer of single pictures shows the first.
+        assert_eq!(decode(&bytes, Encoding::AsFile).unwrap().image.data, frames[0].data);
+        assert_eq!(encode_animation(&frames[..1]).unwrap(), encode(&frames[0]).unwrap());
+        let other = encode_animation(&[grey(vec![0.0]), grey(vec![0.0, 1.0])]).unwrap_err();
+        assert!(other.to_string().contains("1×1 with 1 channels and 2×1"), "{other}");
+        assert!(encode_animation(&[]).is_err());
     }
 
     #[test]

@@ -20,7 +20,8 @@ pub enum SaveError {
     Other { message: String, help: String },
 }
 
-/// Writes a value by its file's extension: images as PNG, EXR or HDR, meshes as OBJ, PLY or GLB; anything as JSON or text.
+/// Writes a value by its file's extension: images as PNG, EXR or HDR, lists of them as animated PNG, meshes as OBJ, PLY or GLB;
+/// anything as JSON or text.
 /// What a PNG file does not hold of an image is told.
 pub fn save_value(value: &Value, ty: &Ty, path: &Path) -> Result<Option<Clipped>, SaveError> {
     let (value, ty, path) = (value.clone(), ty.clone(), path.to_path_buf());
@@ -49,14 +50,20 @@ fn write_value(value: &Value, ty: &Ty, path: &Path) -> Result<Option<Clipped>, S
                 message: format!("an image file holds an image, this is {}", value.kind()),
                 help: "save a `render(…)`, or give the file the extension .json".to_owned(),
             })?;
-            crate::image::file::save(path, &image).map_err(|e| SaveError::Other {
-                message: match e {
-                    ImageError::File { message, .. } => format!("cannot write `{}`: {message}", path.display()),
-                    other => format!("cannot write `{}`: {other}", path.display()),
-                },
-                help: "check the folder, the space on the disk and the extension".to_owned(),
-            })?;
+            crate::image::file::save(path, &image).map_err(|e| unwritten(e, path))?;
             return Ok(if extension == "png" { Clipped::of(&image) } else { None });
+        }
+        "apng" => {
+            let frames = match value {
+                Value::List(items) => items.iter().map(image_of).collect::<Option<Vec<Image>>>(),
+                _ => None,
+            };
+            let frames = frames.filter(|frames| !frames.is_empty()).ok_or_else(|| SaveError::Other {
+                message: format!("an animation is a list of images, this is {}", value.kind()),
+                help: "write `save [a, b] to …`, or `save [render(view) for view in views] to …`".to_owned(),
+            })?;
+            crate::image::file::save_animation(path, &frames).map_err(|e| unwritten(e, path))?;
+            return Ok(frames.iter().find_map(Clipped::of));
         }
         "obj" | "ply" | "glb" => {
             let Value::Mesh(mesh) = value else {
@@ -74,10 +81,21 @@ fn write_value(value: &Value, ty: &Ty, path: &Path) -> Result<Option<Clipped>, S
             } else {
                 format!("`.{other}` is not a format that can be written")
             },
-            help: "use .png, .exr or .hdr for images, .obj, .ply or .glb for meshes, .npy or .csv for numbers, .json or .txt for any value".to_owned(),
+            help: "use .png, .exr or .hdr for images, .apng for animations, .obj, .ply or .glb for meshes, .npy or .csv for numbers, .json or .txt for any value".to_owned(),
         }),
     };
     written.map(|()| None)
+}
+
+fn unwritten(error: ImageError, path: &Path) -> SaveError {
+    let why = match error {
+        ImageError::File { message, .. } => message,
+        other => other.to_string(),
+    };
+    SaveError::Other {
+        message: format!("cannot write `{}`: {why}", path.display()),
+        help: "check the folder, the space on the disk and the extension".to_owned(),
+    }
 }
 
 /// The warning that a PNG file lacks what is brighter than white or darker than black, about the expression whose text is `of`.

@@ -1,5 +1,7 @@
 //! Formats numbers with their errors, and tables of gradients.
 
+use textwrap::core::display_width;
+
 use super::stats::{Agreement, agreement};
 use crate::check::types::Ty;
 use crate::tape::Tensor;
@@ -235,15 +237,24 @@ fn entry_name(name: &str, shape: &[usize], index: usize) -> String {
     format!("{name}{brackets}{letter}")
 }
 
-/// Aligns the columns of a table: the first to the left, the others to the right.
+/// Aligns the columns of a table of numbers: the first to the left, the others to the right.
 pub fn table(rows: &[Vec<String>]) -> String {
+    aligned(rows, 1)
+}
+
+/// Aligns the columns of a table of words to the left.
+pub fn list(rows: &[Vec<String>]) -> String {
+    aligned(rows, usize::MAX)
+}
+
+fn aligned(rows: &[Vec<String>], to_the_left: usize) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let width = |c: usize| rows.iter().filter_map(|r| r.get(c)).map(|t| t.chars().count()).max().unwrap_or(0);
+    let width = |c: usize| rows.iter().filter_map(|r| r.get(c)).map(|t| display_width(t)).max().unwrap_or(0);
     let widths: Vec<usize> = (0..columns).map(width).collect();
     let line = |row: &Vec<String>| {
         let cells = row.iter().enumerate().map(|(c, cell)| {
-            let pad = " ".repeat(widths[c].saturating_sub(cell.chars().count()));
-            if c == 0 { format!("{cell}{pad}") } else { format!("{pad}{cell}") }
+            let pad = " ".repeat(widths[c].saturating_sub(display_width(cell)));
+            if c < to_the_left { format!("{cell}{pad}") } else { format!("{pad}{cell}") }
         });
         cells.collect::<Vec<String>>().join("   ").trim_end().to_owned()
     };
@@ -253,6 +264,19 @@ pub fn table(rows: &[Vec<String>]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn lists_are_aligned_as_terminals_show_them() {
+        let rows = [["name", "type", "value"], ["a_long_name", "vec3", "[1, 2, 3]"], ["x", "string[2]", "\"é\""]];
+        let rows = rows.map(|row| row.map(str::to_owned).to_vec());
+        assert_eq!(
+            list(&rows),
+            "name          type        value\na_long_name   vec3        [1, 2, 3]\nx             string[2]   \"é\""
+        );
+        // A wide character takes two columns.
+        let rows = [["\"色\"", "1"], ["\"ab\"", "12"]].map(|row| row.map(str::to_owned).to_vec());
+        assert_eq!(table(&rows), "\"色\"    1\n\"ab\"   12");
+    }
 
     #[test]
     fn numbers_are_short_and_true() {

@@ -485,6 +485,9 @@ pub struct Argument {
     pub value: Expr,
 }
 
+/// What the rows of `a[0..2, j]` are called, at an empty place before `a`: no user can write this name.
+pub const ROW: &str = "(row)";
+
 #[derive(Clone, Debug)]
 pub struct ForClause {
     pub names: Vec<Name>,

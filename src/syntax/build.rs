@@ -221,11 +221,10 @@ impl Builder<'_> {
     pub fn expr(&mut self, pair: P) -> Expr {
         let span = self.span(&pair);
         let mut parts = pair.into_inner();
+        let Some(level) = self.deeper(parts.len().max(1), span) else { return error(span) };
         let Some(first) = parts.next() else { return error(span) };
-        let rest: Vec<P> = parts.collect();
-        let Some(level) = self.deeper(1 + rest.len(), span) else { return error(span) };
         let mut body = self.pipe(first);
-        for with in rest {
+        for with in parts {
             let span = body.span.to(self.span(&with));
             let replacements = with.into_inner().filter_map(|r| self.replacement(r)).collect();
             body = Expr { kind: ExprKind::With { body: Box::new(body), replacements }, span };

@@ -112,6 +112,8 @@ fn head(text: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Option<Dia
         "let" | "loss" => "= …",
         "param" => "= …",
         "fn" => "(…) = …",
+        // Materials have several models, each a function.
+        "material" => "= …",
         w if super::KINDS.contains(&w) => "{ … }",
         _ => return None,
     };
@@ -123,6 +125,12 @@ fn head(text: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Option<Dia
         }
         let shown = match word.as_str() {
             "loss" if is_name(&name) => format!("loss NAME = {name}…"),
+            // `mesh = load("a.obj")`
+            _ if name == "=" && !text[name_at..].starts_with("==") => {
+                let value = text[name_at + 1..].trim();
+                let value = if value.is_empty() || value.len() > 60 || value.contains('\n') { "…" } else { value };
+                format!("{word} NAME = {value}")
+            }
             _ => format!("{word} NAME{spaced}{form}"),
         };
         let diagnostic = Diagnostic::error("dscene::syntax::unexpected", format!("this `{word}` has no name"))
@@ -151,7 +159,14 @@ fn head(text: &str, span: &dyn std::ops::Fn(usize, usize) -> Span) -> Option<Dia
     }
     let help =
         (next == "{" && word == "let").then_some("`let` has `=`; braces belong to `camera`, `shape`, `light`, …");
-    let help = help.map_or_else(|| format!("write `{word} {name}{spaced}{form}`"), str::to_owned);
+    // `camera eye(position: p)`
+    let called = || {
+        let inside = text.get(next_at + 1..super::snippet::closing(text, next_at)?)?.trim();
+        let is_short = inside.contains(':') && inside.len() <= 80 && !inside.contains('\n');
+        (next == "(" && form == "{ … }" && is_short).then(|| format!("write `{word} {name} {{ {inside} }}`"))
+    };
+    let help = help.map(str::to_owned).or_else(called);
+    let help = help.unwrap_or_else(|| format!("write `{word} {name}{spaced}{form}`"));
     let diagnostic = if next.is_empty() {
         ends_early(text, "the statement", wanted, span)
     } else {
@@ -309,11 +324,11 @@ fn rename(rule: Rule) -> &'static str {
         | Rule::pipe
         | Rule::logic
         | Rule::operand
-        | Rule::primary
+        | Rule::glance
         | Rule::number
         | Rule::color
-        | Rule::string => "an expression",
-        Rule::if_
+        | Rule::string
+        | Rule::if_
         | Rule::lambda
         | Rule::numbers
         | Rule::array

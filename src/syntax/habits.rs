@@ -503,8 +503,12 @@ impl<'a> Stop<'a> {
     fn brackets(&self) -> Option<Habit> {
         let rest = self.rest();
         let open = open_bracket(self.text, self.at);
-        if let Some((open, b'(')) = open
-            && rest.starts_with(',')
+        // Where a comma stands that is too much; what looks like the parameters of a function is read beyond it.
+        let comma = match rest.starts_with(',') {
+            true => Some(self.at),
+            false => self.before().trim_end().strip_suffix(',').map(str::len),
+        };
+        if let (Some((open, b'(')), Some(comma)) = (open, comma)
             && self.text.get(..open)?.trim() == self.first()
             && matches!(self.first(), "print" | "plot" | "save" | "expect")
         {
@@ -514,22 +518,21 @@ impl<'a> Stop<'a> {
                 (first, items) => format!("{first} {}", items.join(", ")),
             };
             return habit(
-                self.at,
-                self.at + 1,
+                comma,
+                comma + 1,
                 format!("`{}` is a statement, not a function", self.first()),
                 "no arguments here",
                 format!("write `{typed}`"),
             );
         }
-        if let Some((open, b'(')) = open
-            && rest.starts_with(',')
+        if let (Some((open, b'(')), Some(comma)) = (open, comma)
             && !self.text[..open].ends_with(|c: char| c.is_ascii_alphanumeric() || "_)]".contains(c))
         {
             let close = closing(self.text, open)?;
             let typed = format!("[{}]", self.text.get(open + 1..close)?.trim().trim_end_matches(','));
             return habit(
-                self.at,
-                self.at + 1,
+                comma,
+                comma + 1,
                 "round brackets hold one value",
                 "a second value",
                 format!("values side by side are an array: `{typed}`"),

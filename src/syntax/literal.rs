@@ -117,7 +117,9 @@ pub fn escape(text: &str) -> Result<char, Wrong> {
             .and_then(char::from_u32),
     };
     found.ok_or_else(|| {
-        let help = Some("the escapes are: `\\n`, `\\t`, `\\\"`, `\\\\`, `\\u{1F600}`".to_owned());
+        let escapes =
+            "the escapes are: `\\n`, `\\t`, `\\\"`, `\\\\`, `\\u{1F600}`; in paths, folders are told apart by `/`";
+        let help = Some(escapes.to_owned());
         wrong("dscene::syntax::escape", format!("`{text}` is no escape"), "unknown escape", help)
     })
 }

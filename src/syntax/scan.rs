@@ -59,12 +59,14 @@ pub fn scan(source: SourceId, text: &str) -> Scan {
         tokens: Vec::new(),
         comments: Vec::new(),
         docs: Vec::new(),
+        marks: Vec::new(),
+        has_control: false,
         diagnostics: Vec::new(),
     };
     lexer.run();
-    let Lexer { tokens, comments, docs, mut diagnostics, .. } = lexer;
+    let Lexer { tokens, comments, docs, marks, mut diagnostics, .. } = lexer;
     let mut blanked = text.as_bytes().to_vec();
-    for &(start, end) in &comments {
+    for &(start, end) in comments.iter().chain(&marks) {
         for byte in &mut blanked[start..end] {
             if *byte != b'\n' {
                 *byte = b' ';
@@ -153,6 +155,10 @@ struct Lexer<'a> {
     tokens: Vec<Token>,
     comments: Vec<(usize, usize)>,
     docs: Vec<(usize, usize, String)>,
+    /// Byte order marks, which stand for nothing, wherever they are.
+    marks: Vec<(usize, usize)>,
+    /// Whether a control character was found.
+    has_control: bool,
     diagnostics: Vec<Diagnostic>,
 }
 
@@ -185,7 +191,12 @@ impl Lexer<'_> {
                     self.word();
                     self.push(TokenKind::Other, start);
                 }
-                b if b.is_ascii_whitespace() => self.at += 1,
+                b if b.is_ascii_whitespace() || b == b'\x0b' => self.at += 1,
+                b if b.is_ascii_control() => self.control_character(),
+                _ if self.text[start..].starts_with('\u{feff}') => {
+                    self.at += '\u{feff}'.len_utf8();
+                    self.marks.push((start, self.at));
+                }
                 _ => {
                     self.at += 1;
                     while !self.text.is_char_boundary(self.at) {
@@ -233,6 +244,20 @@ impl Lexer<'_> {
         let is_color = matches!(word.len(), 3 | 4 | 6 | 8) && word.bytes().all(|b| b.is_ascii_hexdigit());
         let begins_line = begins_line(self.text, self.at);
         word.is_empty() || (begins_line && !is_color)
+    }
+
+    /// Said once for a file, which is no text if it has many.
+    fn control_character(&mut self) {
+        let start = self.at;
+        self.at += 1;
+        if !std::mem::replace(&mut self.has_control, true) {
+            let code = u32::from(self.bytes[start]);
+            self.diagnostics.push(
+                Diagnostic::error("dscene::syntax::unexpected", "a character that nobody sees stands here")
+                    .label(Span::new(self.source, start, self.at), format!("the control character U+{code:04X}"))
+                    .help("delete it; in a text it is written `\\u{…}`"),
+            );
+        }
     }
 
     /// Said once for a file, and then read as the comment that it is meant to be.

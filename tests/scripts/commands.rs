@@ -123,6 +123,72 @@ fn misspelt_commands_and_options_are_guessed() {
     }
 }
 
+/// Blanks, letters of any alphabet and bytes that are none in the names of scripts, folders and what they read and write.
+#[test]
+fn files_may_have_any_name() {
+    let place = Place::new();
+    fs::create_dir(place.path("my dir")).unwrap();
+    place.write("my dir/a b.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    place.write(
+        "a script é.dscene",
+        "let m = load(\"my dir/a b.obj\")\nsave m to \"out dir/x y.ply\"\nsave image([[1]]) to \"色 1.png\"\n",
+    );
+    let run = place.dsl(&["run", "a script é.dscene", "--out", "run dir/no 1"]);
+    assert_code(&run, 0);
+    for saved in ["run dir/no 1/out dir/x y.ply", "run dir/no 1/色 1.png"] {
+        assert!(place.path(saved).exists(), "{saved}: {}", stdout(&run));
+    }
+    // A folder is no file: `check` says so, and what is in it.
+    place.write("folder.dscene", "let a = load(\"my dir\")\nlet b = load(\"my dir/a c.obj\")");
+    let told = place.dsl(&["check", "folder.dscene"]);
+    assert_code(&told, 1);
+    for help in ["`my dir` is a folder", "`\"my dir/a b.obj\"`", "did you mean `\"my dir/a b.obj\"`?"] {
+        assert!(stderr(&told).contains(help), "{help}: {}", stderr(&told));
+    }
+    place.write("in the way.dscene", "save image([[1]]) to \"a.png\"\nsave image([[1]]) to \"a.png/b.png\"");
+    assert_refused(
+        &place.dsl(&["run", "in the way.dscene", "--out", "w"]),
+        "dscene::run::save",
+        "a part of the path is a file",
+    );
+    #[cfg(target_os = "linux")]
+    {
+        use std::ffi::OsStr;
+        use std::os::unix::ffi::OsStrExt;
+        let (script, run) = (OsStr::from_bytes(b"caf\xe9.dscene"), OsStr::from_bytes(b"r\xe9"));
+        fs::write(place.path("").join(script), "print 42\nsave 1 to \"a.json\"").unwrap();
+        let output = place.command(&["run", "--out"]).arg(run).arg(script).output().unwrap();
+        assert_code(&output, 0);
+        assert!(place.path("").join(run).join("a.json").exists());
+        assert_code(&place.command(&["report"]).arg(run).output().unwrap(), 0);
+    }
+}
+
+/// Behind an `optimize`, what follows its steps keeps the values of the last one; `step` itself does too.
+#[test]
+fn steps_have_a_number_behind_an_optimisation_too() {
+    let place = Place::new();
+    let script = "param x = 1\nlet soft = exponential(4, 1)\nloss fit = x ^ 2\n\
+                  optimize fit { using: adam(lr: 0.1), steps: 10 }\nprint step, progress, soft\n";
+    place.write("s.dscene", script);
+    let run = place.dsl(&["run", "s.dscene", "--out", "r"]);
+    assert_code(&run, 0);
+    assert!(stdout(&run).lines().any(|line| line == "9 1 1"), "{}", stdout(&run));
+}
+
+#[test]
+fn a_list_of_images_is_an_animation() {
+    let place = Place::new();
+    place.write("s.dscene", "let frames = [image([[i / 2, 1]]) for i in 0..3]\nsave frames to \"a.apng\"\n");
+    assert_code(&place.dsl(&["run", "s.dscene", "--out", "r"]), 0);
+    let bytes = fs::read(place.path("r/a.apng")).unwrap();
+    let reader = png::Decoder::new(std::io::Cursor::new(bytes)).read_info().unwrap();
+    assert_eq!(reader.info().animation_control().map(|c| (c.num_frames, c.num_plays)), Some((3, 0)));
+    // What only a run knows is told there.
+    place.write("t.dscene", "save [image([[1]]), image([[1, 2]])] to \"a.apng\"\n");
+    assert_refused(&place.dsl(&["run", "t.dscene", "--out", "t"]), "dscene::run::save", "have one size");
+}
+
 #[test]
 fn the_library_is_documented_in_the_terminal() {
     let place = Place::new();
@@ -140,6 +206,14 @@ fn the_library_is_documented_in_the_terminal() {
     // A function and a module.
     assert_eq!(stdout(&place.dsl(&["doc", "image"])).matches("fn ").count(), 1);
     assert!(stdout(&place.dsl(&["doc", "std.image"])).matches("fn ").count() > 15);
+    // A module says what it is about before it lists its names.
+    let photo = stdout(&place.dsl(&["doc", "std.photo"]));
+    assert!(photo.starts_with("std.photo\n\nHow photographs come about, as cameras name it:"), "{photo}");
+    assert!(text.contains("\n\nmesh\n  Triangle meshes and what can be done to them."), "{text}");
+    let json = stdout(&place.dsl(&["doc", "--json", "std.photo"]));
+    let told: Value = serde_json::from_str(json.lines().next().unwrap()).unwrap();
+    assert_eq!((&told["name"], &told["head"]), (&"std.photo".into(), &"import std.photo as photo".into()));
+    assert!(told["text"].as_str().unwrap().starts_with("How photographs come about"), "{told}");
     assert!(stdout(&place.dsl(&["doc", "three_point"])).starts_with("import std.studio as studio\nfn three_point("));
     let json = stdout(&place.dsl(&["doc", "--json", "blur"]));
     let told: Value = serde_json::from_str(json.trim()).unwrap();

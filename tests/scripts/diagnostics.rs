@@ -2,6 +2,7 @@
 //! `UPDATE_EXPECT=1 cargo test --test scripts diagnostics::` rewrites the pictures in `tests/scripts/diagnostics/`.
 
 mod expectations;
+mod kinds;
 mod records;
 
 use std::path::Path;
@@ -30,7 +31,7 @@ struct Case {
 }
 
 fn cases() -> impl Iterator<Item = &'static Case> {
-    CASES.iter().chain(expectations::CASES).chain(records::CASES)
+    CASES.iter().chain(expectations::CASES).chain(kinds::CASES).chain(records::CASES)
 }
 
 const CASES: &[Case] = &[
@@ -467,8 +468,8 @@ loss fit = mse(render(small), target)",
     Case {
         name: "index_by_a_colon",
         prelude: "",
-        script: "let rows = [[1, 2], [3, 4]]\nlet a = rows[0, 1]\nlet b = rows[0:1]\nlet c = rows[0..1, 1]",
-        wanted: &[("dscene::syntax::unexpected", ":", "`rows[1..4]`"), ("dscene::syntax::index", "0..1", "`crop(")],
+        script: "let rows = [[1, 2], [3, 4]]\nlet a = rows[0, 1]\nlet b = rows[0:1]\nlet c = rows[0..1, 2]",
+        wanted: &[("dscene::syntax::unexpected", ":", "`rows[1..4]`"), ("dscene::type::index", "2", "count from 0")],
     },
     Case {
         name: "keyframes_of_different_things",

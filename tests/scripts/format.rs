@@ -268,6 +268,24 @@ fn a_new_layout_keeps_the_noise() {
     assert_ne!(value(text), value(&out.replace("mean(seen(1))", "mean(seen(1)) + 0 * pi")));
 }
 
+/// Lines end as most of them did: a file that comes from Windows goes back there.
+#[test]
+fn ends_of_lines_stay_what_they_are() {
+    for (text, laid_out) in [
+        (
+            "let a=1\r\n\r\n/* two\r\nlines */\r\nlet b =  [1,\r\n2]\r\n",
+            "let a = 1\r\n\r\n/* two\r\nlines */\r\nlet b = [1, 2]\r\n",
+        ),
+        ("let a=1\r\nlet b=2\r\nlet c=3\n", "let a = 1\r\nlet b = 2\r\nlet c = 3\r\n"),
+        ("let a=1\r\nlet b=2\nlet c=3\n", "let a = 1\nlet b = 2\nlet c = 3\n"),
+        ("let a=1\r\nlet b=2\n", "let a = 1\nlet b = 2\n"),
+        ("/// doc\r\nlet a=1 // c  \r\n", "/// doc\r\nlet a = 1 // c\r\n"),
+    ] {
+        assert_eq!(format(text).unwrap(), laid_out, "{text:?}");
+        assert_eq!(format(laid_out).unwrap(), laid_out, "{text:?}");
+    }
+}
+
 #[test]
 fn a_script_with_a_mistake_is_refused() {
     for (text, code) in [

@@ -1,6 +1,7 @@
 //! Lints, and the comments that allow what they warn of.
 
 use dscene::check::{Disk, LINTS, check_text};
+use dscene::eval::{Engine, EngineOptions, on_large_stack};
 
 const SCENE: &str = "\
 camera eye { film: [8, 8] }
@@ -64,6 +65,40 @@ fn geometry_that_moves_needs_boundary_terms() {
                  loss l = mean(render(eye, boundary: false))";
     tells(still, &[]);
     tells(&moved.replace("param size = 1", "param size = 1 { frozen: true }"), &[]);
+}
+
+/// A run that differentiates without boundary terms asks no more what the script has answered, but tells of all else that is missing.
+#[test]
+fn one_comment_allows_what_check_and_run_say_of_missing_boundary_terms() {
+    let warned = |script: &str| {
+        let program = check_text("test.dscene", None, script, &[], &Disk).program.expect("a program");
+        on_large_stack(move || {
+            let mut engine = Engine::new(program, EngineOptions::default());
+            let slope = engine.program().find("slope").expect("declared");
+            engine.eval_decl(slope).expect("a value");
+            engine.take_warnings().iter().map(|w| w.message.clone()).collect::<Vec<String>>()
+        })
+    };
+    let script = |integrator: &str, material: &str, boundary: &str| {
+        format!(
+            "camera eye {{ position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }}\nlight sky = constant(1)\n\
+             param size = 0.5\nshape card {{ mesh: rectangle(width: size) |> rotate(x: 90deg), material: {material} }}\n\
+             {integrator}\nlet slope = grad(mean(render(\n  eye,\n  spp: 1,\n  {boundary}\n)), size)\n"
+        )
+    };
+    let (smooth, tiled) = ("diffuse()", "diffuse(reflectance: checkerboard())");
+    let allowed = "boundary: false, // allow(no_boundary): seen from above";
+    assert_eq!(warned(&script("", smooth, "boundary: false")).len(), 1);
+    assert_eq!(warned(&script("", smooth, allowed)), [""; 0]);
+    let tiled = warned(&script("", tiled, allowed));
+    assert!(tiled.len() == 1 && tiled[0].contains("nearest"), "{tiled:?}");
+    let integrator = |comment: &str| format!("{comment}\nintegrator fast {{ boundary: false }}");
+    assert_eq!(warned(&script(&integrator(""), smooth, "")).len(), 1);
+    assert_eq!(warned(&script(&integrator("// allow(no_boundary)"), smooth, "")), [""; 0]);
+    // What the integrator may is not what the call says.
+    assert_eq!(warned(&script(&integrator("// allow(no_boundary)"), smooth, "boundary: false")).len(), 1);
+    // Another lint's answer is none.
+    assert_eq!(warned(&script("", smooth, "boundary: false // allow(unused_param)")).len(), 1);
 }
 
 #[test]

@@ -25,8 +25,6 @@ pub struct Words {
     pub known: Option<Analysis>,
     /// `:help` and its kin, without the colon: name, arguments and what it does.
     pub commands: &'static [(&'static str, &'static str, &'static str)],
-    /// `_1`, `_2`, … with their types.
-    pub values: Vec<(String, String)>,
 }
 
 /// Reads lines from a terminal.
@@ -274,10 +272,6 @@ fn candidates(words: &Words, line: &str, position: usize) -> (usize, Vec<Candida
     let fits =
         |item: &Completion| item.label.starts_with(prefix) && !is_bare && (!argues || item.what == What::Argument);
     let mut all: Vec<Candidate> = found.items.into_iter().filter(fits).map(Candidate::of).collect();
-    if prefix.starts_with('_') {
-        let values = words.values.iter().filter(|(name, _)| name.starts_with(prefix));
-        all.extend(values.map(|(name, ty)| Candidate::new(name, ty)));
-    }
     all.sort_by(|a, b| a.text.cmp(&b.text));
     all.dedup_by(|a, b| a.text == b.text);
     (found.start, all)
@@ -286,16 +280,19 @@ fn candidates(words: &Words, line: &str, position: usize) -> (usize, Vec<Candida
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::check::types::Ty;
     use crate::check::{check_line, library};
 
     #[test]
     fn tab_completes_names_fields_arguments_and_commands() {
         let mut program = library();
         check_line(&mut program, "let corners = [[1, 2], [3, 4]]");
+        check_line(&mut program, "fn far(view: { place: vec3, glow: scalar }) = view.glow");
+        let view = Ty::Record(vec![("place".to_owned(), Ty::vector(3)), ("glow".to_owned(), Ty::SCALAR)]);
+        let shown = vec![("_1".to_owned(), Ty::SCALAR), ("_2".to_owned(), view.clone()), ("_".to_owned(), view)];
         let words = Words {
-            known: Analysis::of_program(&program),
+            known: Analysis::of_program(&program).map(|known| Analysis { shown, ..known }),
             commands: &[("help", "[NAME]", "this list"), ("params", "", "every param"), ("type", "EXPR", "the type")],
-            values: vec![("_1".to_owned(), "scalar".to_owned())],
         };
         for (line, start, wanted) in [
             (":he", 0, &[":help"][..]),
@@ -308,7 +305,13 @@ mod tests {
             ("camera eye { kind: ortho", 19, &["orthographic"]),
             ("opti", 0, &["optimize"]),
             ("", 0, &[]),
-            ("2 * _", 4, &["_1"]),
+            ("2 * _", 4, &["_", "_1", "_2"]),
+            ("_.", 2, &["glow", "place"]),
+            ("_2.place.", 9, &["b", "g", "r", "x", "y", "z"]),
+            (":type _.gl", 8, &["glow"]),
+            ("print _1 + _.pl", 13, &["place"]),
+            ("far({ ", 6, &["glow: ", "place: "]),
+            ("let v: { x: scalar, y: vec3 } = { x: 1, ", 40, &["y: "]),
         ] {
             let (at, found) = candidates(&words, line, line.len());
             assert_eq!(
@@ -322,7 +325,7 @@ mod tests {
     fn words(lines: &[&str]) -> Words {
         let mut program = library();
         lines.iter().for_each(|line| drop(check_line(&mut program, line)));
-        Words { known: Analysis::of_program(&program), commands: super::super::commands::NAMES, values: Vec::new() }
+        Words { known: Analysis::of_program(&program), commands: super::super::commands::NAMES }
     }
 
     #[test]

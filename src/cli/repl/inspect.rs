@@ -74,7 +74,7 @@ impl Repl<'_> {
         if rows.len() == 1 {
             self.world.note("nothing is declared: type `let name = value`, or `:load FILE`");
         } else {
-            self.world.print(&show::table(&rows));
+            self.world.print(&show::list(&rows));
         }
         Ok(())
     }
@@ -115,7 +115,7 @@ impl Repl<'_> {
         if rows.len() == 1 {
             self.world.note("no params: declare one with `param name = value`");
         } else {
-            self.world.print(&show::table(&rows));
+            self.world.print(&show::list(&rows));
         }
         Ok(())
     }

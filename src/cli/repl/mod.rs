@@ -185,9 +185,13 @@ impl<'w> Repl<'w> {
             // Nothing was typed yet: what the program sees is found out by an empty line.
             let _ = check_line(&mut self.living.engine, "");
         }
-        let known = Analysis::of_program(self.living.engine.program());
-        let values = self.values.all().map(|kept| (kept.name.clone(), kept.ty.to_string()));
-        Words { known, commands: commands::NAMES, values: values.collect() }
+        let mut known = Analysis::of_program(self.living.engine.program());
+        if let Some(known) = &mut known {
+            let shown = self.values.all().map(|kept| (kept.name.clone(), kept.ty.clone()));
+            let last = self.values.all().last().map(|kept| ("_".to_owned(), kept.ty.clone()));
+            known.shown = shown.chain(last).collect();
+        }
+        Words { known, commands: commands::NAMES }
     }
 
     /// One complete input: a `:command`, declarations, actions or an expression.

@@ -41,13 +41,16 @@ fn gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &[Slot]) -> Ve
         );
     }
     if !settings.boundary {
-        gaps.push("`boundary: false` leaves out silhouettes and shadow edges, which a param moves");
+        gaps.push(NO_BOUNDARY);
     } else if settings.output == Output::Radiance && settings.max_bounces > 0 {
         gaps.extend(mirror_gaps(scene, settings, &layout));
         gaps.extend(glass_gaps(scene, settings));
     }
     gaps
 }
+
+/// The gap of renderings without boundary terms.
+pub const NO_BOUNDARY: &str = "`boundary: false` leaves out silhouettes and shadow edges, which a param moves";
 
 /// Whether triangles intersect the film of an orthographic camera, which sees only what is in front of it.
 fn film_cuts_surfaces(scene: &Scene, camera: &Camera) -> bool {

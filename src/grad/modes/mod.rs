@@ -13,7 +13,7 @@ use crate::memory::bounded;
 use crate::render::{Camera, NEVER, Scene, SceneError, Settings, Slot, validate_camera};
 
 pub use self::backward::Sampling;
-pub use self::coverage::coverage_gaps;
+pub use self::coverage::{NO_BOUNDARY, coverage_gaps};
 pub use self::forward::{Direction, MAX_DIRECTIONS};
 
 /// Reverse mode: Σ d_image · ∂image/∂slot for every slot of `wrt`, in the slot's own layout; NaN if `d_image` is not finite.

@@ -1,6 +1,6 @@
 //! Expressions: precedence of operators, literals and units.
 
-use super::{Builder, P, Parts};
+use super::{Builder, P, Pairs, Parts};
 use crate::diag::Diagnostic;
 use crate::source::Span;
 use crate::syntax::ast::{self, BinaryOp, Expr, ExprKind, UnaryOp};
@@ -24,9 +24,8 @@ impl Builder<'_> {
     /// `x |> f(y)` is `f(x, y)`, and `x |> f` is `f(x)`.
     pub(super) fn pipe(&mut self, pair: P) -> Expr {
         let span = self.span(&pair);
-        let parts: Vec<P> = pair.into_inner().collect();
+        let mut parts = pair.into_inner();
         let Some(level) = self.deeper(parts.len().saturating_sub(1), span) else { return error(span) };
-        let mut parts = parts.into_iter();
         let Some(first) = parts.next() else { return error(span) };
         let mut value = self.choice(first);
         for part in parts {
@@ -88,15 +87,14 @@ impl Builder<'_> {
     /// A flat run of prefixes, operands and infix operators, ordered by precedence climbing.
     pub(super) fn logic(&mut self, pair: P) -> Expr {
         let span = self.span(&pair);
-        let items: Vec<P> = pair.into_inner().collect();
+        let mut items = pair.into_inner();
         let Some(level) = self.deeper(items.len().saturating_sub(1), span) else { return error(span) };
-        let mut items = items.into_iter().peekable();
         let expr = self.climb(&mut items, 0).unwrap_or(error(span));
         self.level = level;
         expr
     }
 
-    fn climb<'i>(&mut self, items: &mut std::iter::Peekable<impl Iterator<Item = P<'i>>>, min: u8) -> Option<Expr> {
+    fn climb(&mut self, items: &mut Pairs<Rule>, min: u8) -> Option<Expr> {
         let first = items.next()?;
         let mut left = if first.as_rule() == Rule::prefix {
             let start = self.span(&first);
@@ -116,8 +114,7 @@ impl Builder<'_> {
             if power < min {
                 break;
             }
-            let op_span = self.span(infix);
-            let op = infix.as_str().to_owned();
+            let (op_span, op) = (self.span(&infix), infix.as_str());
             items.next();
             let right = self.climb(items, right_power)?;
             let span = left.span.to(right.span);
@@ -133,7 +130,7 @@ impl Builder<'_> {
                 }
                 compared = Some(op_span);
             }
-            left = Expr { kind: self.joined(left, &op, op_span, right), span };
+            left = Expr { kind: self.joined(left, op, op_span, right), span };
         }
         Some(left)
     }
@@ -186,12 +183,9 @@ impl Builder<'_> {
 
     fn operand(&mut self, pair: P) -> Expr {
         let span = self.span(&pair);
-        let mut parts: Vec<P> = pair.into_inner().collect();
+        let mut parts = pair.into_inner();
         let Some(level) = self.deeper(parts.len().saturating_sub(1), span) else { return error(span) };
-        if parts.is_empty() {
-            return error(span);
-        }
-        let first = parts.remove(0);
+        let Some(first) = parts.next() else { return error(span) };
         let mut value = self.primary(first);
         for part in parts {
             let span = value.span.to(self.span(&part));
@@ -220,7 +214,18 @@ impl Builder<'_> {
     }
 
     fn index(&mut self, base: Box<Expr>, pair: P) -> ExprKind {
-        let mut parts = pair.into_inner().peekable();
+        let span = self.span(&pair);
+        let parts = pair.into_inner();
+        // Each index is a level of the tree.
+        let Some(level) = self.deeper(parts.clone().count(), span) else { return ExprKind::Error };
+        let kind = self.index_by(base, &mut parts.peekable());
+        self.level = level;
+        kind
+    }
+
+    /// `a[i, j]` is `a[i][j]`, and `a[0..2, j]` is the `[row[j] for row in a[0..2]]` that a user would write, whose rows have a name that
+    /// no user can.
+    fn index_by(&mut self, base: Box<Expr>, parts: &mut std::iter::Peekable<Pairs<Rule>>) -> ExprKind {
         let Some(mut first) = parts.next() else { return ExprKind::Error };
         let mut base = base;
         // All but the last index.
@@ -228,13 +233,15 @@ impl Builder<'_> {
             let start = base.span;
             let index = self.expr(first);
             let span = start.to(index.span);
-            if let ExprKind::Range { .. } = index.kind {
-                self.diagnostics.push(
-                    Diagnostic::error("dscene::syntax::index", "only the last of several indices may be a range")
-                        .label(index.span, "a range of rows")
-                        .help("take the part of an image by `crop(img, x: …, y: …, width: …, height: …)`"),
-                );
-                return ExprKind::Error;
+            if let ExprKind::Range { start: from, end, inclusive } = index.kind {
+                let here = Span { end: start.start, ..start };
+                let slice = ExprKind::Slice { base, start: Some(from), end: Some(end), inclusive };
+                let row = || ast::ROW.to_owned();
+                let names = vec![ast::Name { text: row(), span: here }];
+                let clause = ast::ForClause { names, items: Expr { kind: slice, span }, condition: None };
+                let row = Box::new(Expr { kind: ExprKind::Name(row()), span: here });
+                let element = Box::new(Expr { kind: self.index_by(row, parts), span: index.span });
+                return ExprKind::Comprehension { element, clauses: vec![clause] };
             }
             base = Box::new(Expr { kind: ExprKind::Index { base, index: Box::new(index) }, span });
             let Some(next) = parts.next() else { return ExprKind::Error };
@@ -257,14 +264,18 @@ impl Builder<'_> {
         }
     }
 
+    /// What an operand begins with.
     fn primary(&mut self, pair: P) -> Expr {
-        let span = self.span(&pair);
-        let Some(pair) = pair.into_inner().next() else { return error(span) };
         let span = self.span(&pair);
         let kind = match pair.as_rule() {
             Rule::number => self.number(pair.as_str(), span),
             Rule::color => self.literal(literal::color(pair.as_str()), span),
-            Rule::string => ExprKind::Str(self.string(pair)),
+            Rule::string => {
+                // What a text says that cannot be read is not known.
+                let before = self.diagnostics.len();
+                let parts = self.string(pair);
+                if self.diagnostics.len() > before { ExprKind::Error } else { ExprKind::Str(parts) }
+            }
             Rule::boolean => ExprKind::Bool(pair.as_str() == "true"),
             Rule::ident => ExprKind::Name(pair.as_str().to_owned()),
             Rule::paren => return pair.into_inner().next().map_or(error(span), |p| Expr { span, ..self.expr(p) }),

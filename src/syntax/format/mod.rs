@@ -16,18 +16,20 @@ use layout::{Doc, Printer};
 use pest::iterators::Pair;
 use rules::Layout;
 
-/// The text of a source, laid out anew; or why it cannot be read.
+/// The text of a source, laid out anew; or why it cannot be read. All lines end as most lines of the file do.
 pub fn format(sources: &SourceMap, source: SourceId) -> Result<String, Vec<Diagnostic>> {
     let Some(file) = sources.get(source) else { return Ok(String::new()) };
     if file.text.contains("\r\n") {
-        // Errors are told at their places in the file; all lines of what is written end alike.
+        // Errors are told at their places in the file.
         let errors = errors(parse(sources, source).1);
         if !errors.is_empty() {
             return Err(errors);
         }
         let mut normal = SourceMap::new();
         let source = normal.add(file.name.as_str(), None, file.text.replace("\r\n", "\n"));
-        return format(&normal, source);
+        let out = format(&normal, source)?;
+        let (pairs, lines) = (file.text.matches("\r\n").count(), file.text.matches('\n').count());
+        return Ok(if 2 * pairs > lines { out.replace('\n', "\r\n") } else { out });
     }
     let scan = scan::scan(source, &file.text);
     let mut printer = Printer::new(file.text.len());

@@ -138,7 +138,7 @@ impl Generator<'_, '_> {
 
     pub(super) fn scalar(&mut self, depth: usize) -> E {
         const TEXTS: &[&str] = &["\"a\"", "true", "sphere()", "eye"];
-        match self.tape.below(52) {
+        match self.tape.below(54) {
             0 => self.both(" + ", &SCALAR, &SCALAR, depth),
             1 => self.both(" - ", &SCALAR, &SCALAR, depth),
             2 => self.both(" * ", &SCALAR, &SCALAR, depth).loosely(),
@@ -318,6 +318,12 @@ impl Generator<'_, '_> {
                 self.form(&["mean(", ".vertices)"], vec![Place { e, wrong: &["1", "true", "sin", "img"] }])
             }
             50 => self.form_of("(", SCALAR, " |> min(level))", depth).loosely(),
+            51 => {
+                let e = self.expr(&T::Angle(Some(2)), depth);
+                let before = *self.pick(&["sum(sin(", "mean(cos(", "max(tan("]);
+                self.form(&[before, "))"], vec![Place { e, wrong: &["1", "[1, 2]", "img", "true"] }])
+            }
+            52 => self.form_of("mean(cos(1rad * ", T::Image([3, 4, 3]), "))", depth).loosely(),
             _ => self.call("total_variation", &[T::Image([3, 4, 3])], depth),
         }
     }

@@ -20,9 +20,9 @@ impl Generator<'_, '_> {
             }
             4 => {
                 let f = *self.pick(&["asin", "acos", "atan"]);
-                self.call(f, &[SCALAR], depth)
+                self.open(f, &SCALAR, depth).loosely()
             }
-            5 => self.call("atan2", &[SCALAR, SCALAR], depth),
+            5 => self.pair("atan2", &SCALAR, &["30deg", "\"a\"", "true"], depth),
             6 => {
                 let f = *self.pick(&["min", "max", "mod"]);
                 self.pair(f, &ANGLE, &["1", "\"a\"", "true"], depth).any_left_out(1)
@@ -65,7 +65,7 @@ impl Generator<'_, '_> {
 
     pub(super) fn angles(&mut self, n: usize, depth: usize) -> E {
         let t = T::Angle(Some(n));
-        match self.tape.below(6) {
+        match self.tape.below(8) {
             0 => self.both(" + ", &t, &ANGLE, depth),
             1 => {
                 let (a, b) = (self.expr(&t, depth), self.expr(&SCALAR, depth));
@@ -87,9 +87,15 @@ impl Generator<'_, '_> {
                     vec![beside(a, &ANGLE), beside(b, &ANGLE), free(atom(n.to_string()))],
                 )
             }
+            5 => {
+                let f = *self.pick(&["asin", "acos", "atan"]);
+                self.open(f, &vector(n), depth).loosely()
+            }
+            6 => self.pair("atan2", &vector(n), &["30deg", "\"a\"", "true"], depth),
             _ => {
                 let (a, b) = (self.expr(&t, depth), self.expr(&t, depth));
-                self.form(&["max(", ", ", ")"], vec![beside(a, &t), beside(b, &t)])
+                let f = *self.pick(&["max(", "mod("]);
+                self.form(&[f, ", ", ")"], vec![beside(a, &t), beside(b, &t)])
             }
         }
     }
@@ -135,7 +141,7 @@ impl Generator<'_, '_> {
             }
             8 => {
                 let e = self.expr(&SCALAR, depth);
-                self.form(&["is_nan(", ")"], vec![Place { e, wrong: &["\"a\"", "30deg", "true"] }])
+                self.form(&["is_nan(", ")"], vec![Place { e, wrong: &["\"a\"", "true"] }])
             }
             9 => {
                 let t = T::List(Box::new(T::Str), 2);
