@@ -247,7 +247,7 @@ loss fit = mse(render(small), target)",
         name: "too_many_arguments",
         prelude: "",
         script: "let a = sin(1deg, 2deg)",
-        wanted: &[("dscene::call::count", "2deg", "sin(x: angle)")],
+        wanted: &[("dscene::call::count", "2deg", "sin(x: angles)")],
     },
     Case {
         name: "duplicate_argument",

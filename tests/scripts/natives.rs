@@ -513,7 +513,7 @@ const REFUSED: &[(&str, bool, &str)] = &[
     ("pad(image(im), left: -1)", false, "from 0"),
     ("sample(image(im), [1, 2, 3])", true, "two coordinates"),
     ("image(im)[2, 0]", true, "index 2"),
-    ("image(im)[0..1, 0]", true, "only the last"),
+    ("image(im)[0..1, 0]", true, "no elements to slice"),
     ("montage([photo, mask])", false, "do not go together"),
     ("montage([])", false, "no images"),
     ("colormap(photo)", true, "one channel"),
