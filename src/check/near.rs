@@ -54,6 +54,9 @@ impl Checker<'_> {
                         let parts =
                             nearness(a, self.sources.text(left.expr.span), b, self.sources.text(right.expr.span));
                         let general = match (a.without_unit(), b.without_unit()) {
+                            (Some((x, _)), Some((y, _))) if result_type(BinaryOp::Sub, &x, &y).is_ok() => {
+                                "an angle is near an angle, a number near a number"
+                            }
                             (Some(_), Some(_)) => "both must have the same shape",
                             _ => "numbers, arrays, images, angles and rotations have a distance",
                         };

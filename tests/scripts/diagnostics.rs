@@ -606,7 +606,7 @@ let count = double(1, 2)",
         script: "camera { fov: 45deg }\nparam = 3\nloss mse(render(eye), target)\nlet z = 1\nfor i in 0..3 { print i }\nlet x\nlet y {\nfov: 3 }",
         wanted: &[
             ("dscene::syntax::unexpected", "camera", "camera NAME { … }"),
-            ("dscene::syntax::unexpected", "param", "param NAME = …"),
+            ("dscene::syntax::unexpected", "param", "param NAME = 3"),
             ("dscene::syntax::unexpected", "loss", "loss NAME = mse"),
             ("dscene::syntax::unexpected", "for", "`[… for i in 0..n]`"),
             ("dscene::syntax::unexpected", "x", "let x = …"),

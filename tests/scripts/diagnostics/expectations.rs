@@ -27,8 +27,8 @@ expect 1 ≈ 1deg within 1
 expect \"a\" ≈ \"b\" within 1%
 expect estimate(fit, repeats: 4) ≈ 1 within 1%",
         wanted: &[
-            ("dscene::type::mismatch", "≈", "have a distance"),
-            ("dscene::type::mismatch", "≈", ""),
+            ("dscene::type::mismatch", "≈", "eye.position ≈ eye.position within 1%"),
+            ("dscene::type::mismatch", "≈", "an angle is near an angle"),
             ("dscene::type::mismatch", "≈", "have a distance"),
             ("dscene::type::mismatch", "≈", "`.mean`"),
         ],
