@@ -221,6 +221,9 @@ impl Row {
         let far = matches!(self.body, Body::Ball) || matches!((self.body, self.moves), (Body::TwoMirrors, Moves::Turn));
         let h = if far { 0.0025 } else { 0.01 };
         let plan = Plan { h, spp: 64, fd_spp: 1024, max_bounces: 4, ..Plan::default() };
+        // Little moves on film as a plate turns, and less in a mirror: these take long to say something.
+        let faint = matches!(self.body, Body::PlateInAMirror) && !matches!(self.moves, Moves::Index);
+        let agree = if faint { agree_in_long } else { agree };
         agree(&format!("{self:?}"), &|t| self.build(t), &plan);
     }
 }
@@ -286,7 +289,7 @@ fn edges_by_way_of_two_mirrors_have_their_derivatives() {
     check_all(Body::TwoMirrors);
 }
 
-/// A smooth ball of glass in the sky, and a glossy one behind it: nothing jumps that is seen through the glass.
+/// The middle of a smooth body of glass in the sky: nothing jumps that is seen through it.
 #[test]
 fn what_glass_shows_of_a_sky_moves_with_it() {
     let plan = Plan { h: 0.02, spp: 64, fd_spp: 1024, max_bounces: 4, ..Plan::default() };
@@ -296,7 +299,7 @@ fn what_glass_shows_of_a_sky_moves_with_it() {
             let mut b = Builder::default();
             glass(&mut b, at(sphere(1.0, 24).unwrap(), |v| v * vec3(radius, 0.6, 0.7)), ior);
             sky(&mut b);
-            (b.description, look_at(eye, Vec3::ZERO, 20.0, 12))
+            (b.description, look_at(eye, Vec3::ZERO, 10.0, 12))
         }
     };
     agree_in_long("index of a glass ball in the sky", &scene(|t| (1.5 + t, 0.6, EYE)), &plan);
@@ -338,6 +341,7 @@ fn shadow_behind_a_plate(moves: ShadowMoves, lit_by_sky: bool) -> impl Fn(f32) -
 fn shadows_behind_a_plate_have_their_derivatives() {
     let plan = Plan { h: 0.02, spp: 64, fd_spp: 1024, max_bounces: 3, ..Plan::default() };
     for moves in [ShadowMoves::Blocker, ShadowMoves::Lamp, ShadowMoves::Plate, ShadowMoves::Eye] {
+        let agree = if matches!(moves, ShadowMoves::Plate) { agree_in_long } else { agree };
         agree(&format!("shadow of a lamp behind a plate, {moves:?}"), &shadow_behind_a_plate(moves, false), &plan);
     }
     agree("shadow of a sky behind a plate", &shadow_behind_a_plate(ShadowMoves::Blocker, true), &plan);
@@ -351,7 +355,8 @@ fn ball_over_a_floor(f: impl Fn(f32) -> (f32, Vec3, Vec3)) -> impl Fn(f32) -> (S
         pattern(&mut b, floor(Vec3::ZERO, 3.0));
         glass(&mut b, at(sphere(0.6, 20).unwrap(), |v| v + place), ior);
         sky(&mut b);
-        (b.description, look_at(eye, vec3(0.0, 0.6, 0.0), 45.0, 12))
+        // The middle of the ball: at its rim the brightness has a root's slope, and derivatives have a heavy tail.
+        (b.description, look_at(eye, PLACE, 12.0, 12))
     }
 }
 
