@@ -2,8 +2,8 @@
 //! seen in a mirror. (What one mirror alone shows is found exactly, by [`super::primary`] and [`super::reflections`].)
 //!
 //! The radiance of a pixel is an integral over its film. It jumps where the chain of specular surfaces that leads from the camera hits
-//! another surface on one side than on the other. Along a line on film in the direction x, such a place x* contributes [L] ∂x*/∂θ, where
-//! [L] is the radiance before x* minus that after it. Lines in both directions are drawn, and a place where the jump's normal on film is
+//! another surface on one side than on the other. Along a line on film in the direction x, such a place x* contributes ΔL ∂x*/∂θ, where
+//! ΔL is the radiance before x* minus that after it. Lines in both directions are drawn, and a place where the jump's normal on film is
 //! (n_x, n_y) counts n_x² on lines along x and n_y² on those along y, so that none counts twice and none has a weight that grows beyond
 //! bounds. The chain leaves its last vertex along the ray (p, d) and passes the edge's point e at the distance t: h = N·(e − p − t d) = 0
 //! with N perpendicular to ray and edge, and ∂x*/∂θ = −h_θ / h_x. Both derivatives of h come from the adjoints of the chain's vertices.
