@@ -221,9 +221,13 @@ impl Row {
         let far = matches!(self.body, Body::Ball) || matches!((self.body, self.moves), (Body::TwoMirrors, Moves::Turn));
         let h = if far { 0.0025 } else { 0.01 };
         let plan = Plan { h, spp: 64, fd_spp: 1024, max_bounces: 4, ..Plan::default() };
-        // Little moves on film as a plate turns, and less in a mirror: these take long to say something.
-        let faint = matches!(self.body, Body::PlateInAMirror) && !matches!(self.moves, Moves::Index);
-        let agree = if faint { agree_in_long } else { agree };
+        // What moves little on film, as behind a plate in a mirror, takes long to say something.
+        let quick = match self.body {
+            Body::PlateInAMirror | Body::Plate => matches!(self.moves, Moves::Index),
+            Body::Ball | Body::Facets => matches!(self.moves, Moves::Behind | Moves::Index),
+            Body::Water | Body::TwoMirrors => true,
+        };
+        let agree = if quick { agree } else { agree_in_long };
         agree(&format!("{self:?}"), &|t| self.build(t), &plan);
     }
 }
