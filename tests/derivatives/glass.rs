@@ -219,7 +219,9 @@ impl Row {
     fn check(&self) {
         // A ball is a lens, and what is near its focus moves a long way on film; so does what facets and two mirrors show.
         let h = if matches!(self.body, Body::Ball | Body::Facets | Body::TwoMirrors) { 0.0025 } else { 0.01 };
-        let plan = Plan { h, spp: 64, fd_spp: 1024, max_bounces: 4, ..Plan::default() };
+        // A plate that turns shifts what is behind it by little, beside what other movements do.
+        let least = if matches!((self.body, self.moves), (Body::PlateInAMirror, Moves::Turn)) { 50.0 } else { 0.0 };
+        let plan = Plan { h, spp: 64, fd_spp: 1024, max_bounces: 4, least, ..Plan::default() };
         // What moves little on film, as behind a plate in a mirror, takes long to say something.
         let quick = match self.body {
             Body::PlateInAMirror | Body::Plate => matches!(self.moves, Moves::Index),
