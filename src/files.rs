@@ -72,6 +72,11 @@ pub fn fingerprint(bytes: &[u8]) -> u64 {
     hash ^ (hash >> 32)
 }
 
+/// Whether there is an ordinary file of at most so many bytes.
+pub fn is_ordinary_up_to(path: &Path, most: u64) -> bool {
+    fs::metadata(path).is_ok_and(|metadata| metadata.is_file() && metadata.len() <= most)
+}
+
 fn ordinary(metadata: &fs::Metadata) -> io::Result<()> {
     if metadata.is_dir() {
         return Err(io::Error::new(io::ErrorKind::IsADirectory, "this is a folder, not a file"));

@@ -12,7 +12,7 @@ use crate::diag::Diagnostic;
 use crate::source::Span;
 
 /// Natives whose first argument may be a path to a file that they read.
-const READERS: [&str; 12] = [
+pub const READERS: [&str; 12] = [
     "load",
     "load_scene",
     "load_shapes",

@@ -1,14 +1,16 @@
 //! Lints: what a script may mean, but hardly does; and `// allow(NAME)`, by which it says that it does.
 
+use super::Loader;
 use super::flow::{below, dependencies, reaching_params, walk};
 use super::hir::*;
 use super::types::Ty;
+use super::{loaded, targets};
 use crate::diag::{Diagnostic, did_you_mean};
 use crate::source::{SourceId, SourceMap, Span};
 use crate::syntax;
 
 /// Codes of the warnings that a script may allow. A name for `allow` is the last word of a code.
-pub const LINTS: [&str; 9] = [
+pub const LINTS: [&str; 13] = [
     "dscene::flow::unused_param",
     "dscene::flow::constant_loss",
     "dscene::flow::left_behind",
@@ -17,14 +19,21 @@ pub const LINTS: [&str; 9] = [
     "dscene::test::empty",
     "dscene::lint::zero_derivative",
     "dscene::lint::idle_stage",
+    "dscene::lint::noisy_target",
+    "dscene::lint::clipped_target",
+    "dscene::lint::missing_field",
     NO_BOUNDARY,
+    FACING_AWAY,
 ];
 
 /// The lint about renderings without boundary terms.
 pub const NO_BOUNDARY: &str = "dscene::lint::no_boundary";
 
+/// The lint about lights that shine on nothing. Where lights and meshes are is known when they are rendered, so that only a run tells it.
+pub const FACING_AWAY: &str = "dscene::lint::facing_away";
+
 /// Warnings about a program without errors.
-pub fn check(program: &Program) -> Vec<Diagnostic> {
+pub fn check(program: &Program, loader: &dyn Loader) -> Vec<Diagnostic> {
     let roots = roots(program);
     let mut out = Vec::new();
     for root in &roots {
@@ -40,6 +49,8 @@ pub fn check(program: &Program) -> Vec<Diagnostic> {
         }
     }
     out.extend(no_boundary(program, &roots));
+    out.extend(targets::check(program));
+    out.extend(loaded::check(program, &roots, loader));
     out
 }
 
@@ -197,7 +208,7 @@ pub fn without_allowed(found: Vec<Diagnostic>, sources: &SourceMap, main: Option
     };
     let mut kept: Vec<Diagnostic> = found.into_iter().filter(|told| !is_allowed(told, &mut allows)).collect();
     if !has_errors {
-        kept.extend(allows.iter().filter(|allow| !allow.is_used).map(unused));
+        kept.extend(allows.iter().filter(|allow| !allow.is_used && allow.name != name_of(FACING_AWAY)).map(unused));
     }
     kept
 }

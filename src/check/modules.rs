@@ -297,7 +297,7 @@ impl<'l> Checker<'l> {
             return (program, self.diagnostics.into_all(), self.sources);
         }
         if self.diagnostics.errors() == 0 {
-            self.diagnostics.extend(lints::check(&program));
+            self.diagnostics.extend(lints::check(&program, self.loader));
         }
         let found = lints::without_allowed(self.diagnostics.into_all(), &self.sources, program.origin.main);
         (program, found, self.sources)

@@ -14,6 +14,7 @@ mod derivative;
 mod edited;
 mod error;
 mod expr;
+mod facing;
 mod history;
 mod lanes;
 mod lower;

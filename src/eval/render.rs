@@ -20,6 +20,7 @@ use crate::stop;
 use crate::tape::{CustomOp, Tensor, Var};
 
 use super::dark::{self, Darkness};
+use super::facing::{self, Facing};
 use super::lower::{self, LowerError, Lowered};
 use super::warnings::Warnings;
 use super::{Engine, Result, error, history, mix};
@@ -338,13 +339,7 @@ impl Engine {
         span: Span,
     ) -> Result<Value> {
         stop::check();
-        let defaults = match self.shared().integrator {
-            Some(id) => match self.decl(id)? {
-                Value::Settings(s) => Some(s),
-                _ => None,
-            },
-            None => None,
-        };
+        let defaults = self.integrator()?;
         let call = RenderCall { native, values, given, spans, span, defaults };
         let (mut settings, own_seed) = call.settings(rendering)?;
         let may_lack_boundary = !settings.boundary && self.may_lack_boundary(&call);
@@ -355,11 +350,8 @@ impl Engine {
         };
         let camera = lower::lower_camera(camera_value)
             .map_err(|e| self.scene_error(e, &SceneValue::default(), &[], call.at("camera")))?;
-        let (scene, origins) = match call.argument("scene") {
-            Some(Value::Scene(s)) => ((**s).clone(), vec![]),
-            Some(_) => return Err(error::kind("`scene` must be a scene", call.at("scene"))),
-            None => self.default_scene(span)?,
-        };
+        let (scene, origins) = self.scene_of(&call)?;
+        let is_new = self.scenes.before(&scene).is_none();
         let lowered = self.lowered(&scene, &origins, span)?;
 
         // Sums and weights of the pixels, the image, and its numbers as a value.
@@ -373,16 +365,15 @@ impl Engine {
         settings.spp = self.overrides.spp.filter(|_| is_live).unwrap_or(settings.spp);
         settings.max_bounces = self.overrides.max_bounces.unwrap_or(settings.max_bounces);
 
-        self.statistics.renders += 1;
         let stop = self.options.interrupt.clone().unwrap_or_default();
         let failed = |engine: &Engine, e| engine.scene_error(LowerError::Scene(e), &scene, &origins, span);
+        self.statistics.renders += 1;
         let begun = Instant::now();
         let mut image = grad::render_until(&lowered.scene, &seen_by, &settings, &stop).map_err(|e| failed(self, e))?;
         self.statistics.renders_took += begun.elapsed();
         stop::check();
-        if settings.output == Output::Radiance && image.data.iter().all(|x| *x == 0.0) {
-            let why = dark::reason(&lowered.scene, &seen_by);
-            self.warnings.say(span, "black", || black(why, &scene, &origins, span));
+        if settings.output == Output::Radiance {
+            self.tell_of_light(&image, (&lowered.scene, &seen_by), is_new, (&scene, &origins), span);
         }
         let (mut guides, mut images) = (None, u32::from(is_live));
         let place = self.path_at(span);
@@ -415,6 +406,43 @@ impl Engine {
             self.rendered(&value, span);
         }
         Ok(value)
+    }
+
+    /// The settings of the file's `integrator`.
+    fn integrator(&mut self) -> Result<Option<Arc<SettingsValue>>> {
+        let Some(id) = self.shared().integrator else { return Ok(None) };
+        Ok(match self.decl(id)? {
+            Value::Settings(settings) => Some(settings),
+            _ => None,
+        })
+    }
+
+    /// The scene that a call renders, with the places of its declarations if it is the file's.
+    fn scene_of(&mut self, call: &RenderCall) -> Result<(SceneValue, Vec<Origin>)> {
+        match call.argument("scene") {
+            Some(Value::Scene(scene)) => Ok(((**scene).clone(), Vec::new())),
+            Some(_) => Err(error::kind("`scene` must be a scene", call.at("scene"))),
+            None => self.default_scene(call.span),
+        }
+    }
+
+    /// Says why an image is black, or else which lights shine on nothing in a scene that was not rendered before.
+    fn tell_of_light(
+        &self,
+        image: &Image,
+        (lowered, camera): (&grad::Scene, &Camera),
+        is_new: bool,
+        (scene, origins): (&SceneValue, &[Origin]),
+        span: Span,
+    ) {
+        if image.data.iter().all(|x| *x == 0.0) {
+            let why = dark::reason(lowered, camera);
+            self.warnings.say(span, "black", || black(why, scene, origins, span));
+        } else if is_new {
+            for light in facing::facing_away(lowered, camera) {
+                self.tell_facing(light, scene, origins, span);
+            }
+        }
     }
 
     /// The scene with its ray tree; what was built before is used again.
@@ -471,6 +499,38 @@ impl Engine {
             .help("add for instance `shape ball { mesh: sphere() }` and `light sky = constant(1)`"));
         }
         Ok((scene, origins))
+    }
+
+    /// Says that a light shines on nothing, unless the script allows it.
+    fn tell_facing(&self, light: Facing, scene: &SceneValue, origins: &[Origin], span: Span) {
+        let (index, help) = match light {
+            Facing::Area(shape) => (
+                lower::area_light(scene, shape),
+                "a light shines on the side of its right-hand-rule normal: turn it round by `|> flip()`, or write `two_sided: true`",
+            ),
+            Facing::Spot(light) => (
+                lower::delta_light(scene, light),
+                "a spot light shines along its `direction`, up to the angle `cutoff` on all sides",
+            ),
+        };
+        let origin = index.and_then(|index| origins.iter().filter(|o| o.is_light).nth(index));
+        let place = origin.map_or(span, |origin| origin.span);
+        if check::is_allowed(&self.program.sources, check::FACING_AWAY, place) {
+            return;
+        }
+        let name = match (origin, index) {
+            (Some(origin), _) => format!("`{}`", origin.name),
+            (None, Some(index)) => format!("the scene's light {index}"),
+            (None, None) => "a light of the scene".to_owned(),
+        };
+        self.warnings.say(place, name.clone(), || {
+            let message = format!("{name} shines on nothing: all of the scene lies on its dark side");
+            let told = Diagnostic::warning(check::FACING_AWAY, message).help(help);
+            match origin {
+                Some(origin) => told.label(origin.span, "faces away").label(span, "rendered here"),
+                None => told.label(span, "rendered here"),
+            }
+        });
     }
 
     pub(super) fn scene_error(&self, e: LowerError, scene: &SceneValue, origins: &[Origin], span: Span) -> Diagnostic {

@@ -3,6 +3,7 @@
 
 mod expectations;
 mod kinds;
+mod lints;
 mod records;
 
 use std::path::Path;
@@ -31,7 +32,7 @@ struct Case {
 }
 
 fn cases() -> impl Iterator<Item = &'static Case> {
-    CASES.iter().chain(expectations::CASES).chain(kinds::CASES).chain(records::CASES)
+    CASES.iter().chain(expectations::CASES).chain(kinds::CASES).chain(lints::CASES).chain(records::CASES)
 }
 
 const CASES: &[Case] = &[

@@ -102,6 +102,124 @@ fn one_comment_allows_what_check_and_run_say_of_missing_boundary_terms() {
 }
 
 #[test]
+fn targets_need_more_samples_than_what_is_to_match_them() {
+    let script = |target: &str, own: &str, more: &str| {
+        format!(
+            "camera eye {{ film: [8, 8] }}\nlight sky = constant(1)\nparam grey = 0.5\n\
+             shape ball {{ mesh: sphere(), material: diffuse(reflectance: grey) }}\nfn shot(n) = render(eye, spp: n)\n\
+             let target = {target}\nloss l = {own}\n{more}"
+        )
+    };
+    let replaced = "with { grey: 0.8 }";
+    let noisy = |target: &str, own: &str, more: &str| {
+        let found = told(&script(target, own, more));
+        assert!(found.iter().all(|(name, _)| name == "noisy_target"), "{found:?}");
+        found.len()
+    };
+    let (few, many) = (format!("render(eye, spp: 4) {replaced}"), format!("render(eye, spp: 64) {replaced}"));
+    assert_eq!(noisy(&few, "mse(render(eye, spp: 8), target)", ""), 1);
+    assert_eq!(noisy(&few, "mse(render(eye, spp: 4), target)", ""), 0);
+    assert_eq!(noisy(&few, "mse(render(eye, spp: 2), target)", ""), 0);
+    assert_eq!(noisy(&many, "mse(render(eye, spp: 64), target)", ""), 0);
+    assert_eq!(noisy(&format!("render(eye) {replaced}"), "mse(render(eye), target)", ""), 0);
+    assert_eq!(noisy(&format!("render(eye) {replaced}"), "mse(render(eye, spp: 17), target)", ""), 1);
+    // By any way: names, functions, filters, differences, the integrator's samples, those of a stage.
+    assert_eq!(noisy(&format!("shot(4) {replaced}"), "mean((blur(shot(8), 2) - blur(target, 2)) ^ 2)", ""), 1);
+    assert_eq!(
+        noisy(&format!("render(eye) {replaced}"), "mse(render(eye, spp: 8), target)", "integrator i { spp: 2 }"),
+        1
+    );
+    let stages = |spp: &str| format!("optimize l {{ using: sgd(lr: 1), stage a {{ steps: 2, spp: {spp} }} }}");
+    assert_eq!(noisy(&many, "mse(render(eye, spp: 8), target)", &stages("128")), 1);
+    assert_eq!(noisy(&many, "mse(render(eye, spp: 128), target)", &stages("8")), 0);
+    // Averages, other pictures than renderings, and what moves itself are not judged.
+    assert_eq!(
+        noisy(
+            &format!("(render(eye, spp: 1, seed: 1) + render(eye, spp: 1, seed: 2)) / 2 {replaced}"),
+            "mse(render(eye, spp: 8), target)",
+            ""
+        ),
+        0
+    );
+    assert_eq!(noisy("render(eye, spp: 1)", "mse(render(eye, spp: 8), target)", ""), 0);
+}
+
+#[test]
+fn fields_are_looked_for_in_files_that_are_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    write("a.json", r#"{"views": [{"fov": 30, "at": [0, 1]}, {"fov": 40, "name": "b"}], "size": {"w": 3}}"#);
+    write("t.csv", "wave length,n\n400,1.5\n");
+    write("broken.json", "{\"a\": ");
+    let found = |script: &str| {
+        let path = folder.path().join("s.dscene");
+        let text = format!("let d = load_json(\"a.json\")\nlet t = load_table(\"t.csv\")\n{script}\n");
+        let checked = check_text("s.dscene", Some(&path), text, &[], &Disk);
+        let one = |d: &dscene::diag::Diagnostic| {
+            assert_eq!(d.code, "dscene::lint::missing_field", "{d:?}");
+            checked.sources.text(d.span().unwrap()).to_owned()
+        };
+        checked.diagnostics.iter().map(one).collect::<Vec<String>>()
+    };
+    assert_eq!(
+        found("print d.size.h, d.sizes, d.views[0].name, d.views[-1].name, d.views[1].at"),
+        ["h", "sizes", "name", "at"]
+    );
+    assert_eq!(found("print [v.foc for v in d.views], [v.fov + i.n for v, i in zip(d.views, d.views)]"), ["foc", "n"]);
+    assert_eq!(found("print t.wave_length, t.wavelength"), ["wavelength"]);
+    // One of the records has it; what is no record, and what cannot be read, is the run's affair.
+    assert_eq!(found("print [v.name for v in d.views], d.views[0].at.x, load_json(\"broken.json\").b"), [""; 0]);
+    assert_eq!(found("print d.sizes // allow(missing_field): written by the scanner"), [""; 0]);
+}
+
+/// What a run of a script warns of.
+fn run_warnings(script: &str) -> Vec<String> {
+    let program = check_text("test.dscene", None, script, &[], &Disk).program.expect("a program");
+    on_large_stack(move || {
+        let mut engine = Engine::new(program, EngineOptions::default());
+        let picture = engine.program().find("picture").expect("declared");
+        engine.eval_decl(picture).expect("a value");
+        engine.take_warnings().iter().map(|w| w.code.rsplit("::").next().unwrap_or_default().to_owned()).collect()
+    })
+}
+
+#[test]
+fn lights_that_shine_on_nothing_are_told_by_the_run() {
+    let script = |light: &str| {
+        format!(
+            "camera eye {{ position: [0, 1, -4], look_at: [0, 0, 0], fov: 45deg, film: [4, 4] }}\nlight sky = constant(0.1)\n\
+             shape ball {{ mesh: icosphere() }}\n{light}\nlet picture = render(eye, spp: 1)\n"
+        )
+    };
+    let told = |light: &str| run_warnings(&script(light));
+    let up = "light lamp = area(rectangle() |> translate([0, 3, 0]), radiance: 10)";
+    assert_eq!(told(up), ["facing_away"]);
+    assert_eq!(told(&up.replace("rectangle()", "rectangle() |> flip()")), [""; 0]);
+    assert_eq!(told(&up.replace("radiance: 10", "radiance: 10, two_sided: true")), [""; 0]);
+    assert_eq!(told(&format!("{up} // allow(facing_away)")), [""; 0]);
+    // It shines on the ball's upper half, or into the camera.
+    assert_eq!(told(&up.replace("[0, 3, 0]", "[0, 0.5, 0]")), [""; 0]);
+    assert_eq!(told(&up.replace("[0, 3, 0]", "[0, -2, 0]")), [""; 0]);
+    let spot = "light lamp = spot(position: [0, 3, 0], direction: [0, 1, 0], intensity: 10, cutoff: 20deg)";
+    assert_eq!(told(spot), ["facing_away"]);
+    assert_eq!(told(&spot.replace("[0, 1, 0]", "[0, -1, 0]")), [""; 0]);
+    assert_eq!(told(&spot.replace("20deg", "170deg")), [""; 0]);
+    // `check` does not know which lights face away, nor which allowances a run needs.
+    tells(&script(&format!("{up} // allow(facing_away)")), &[]);
+}
+
+/// No lint is told of a script that people are to learn from.
+#[test]
+fn the_scripts_of_the_repository_give_no_lint() {
+    let folders = ["examples", "docs", "src/cli/new", "stdlib"];
+    for path in folders.into_iter().flat_map(|folder| crate::explain::files(folder, "dscene")) {
+        let checked = dscene::check::check(&path, &[], &Disk);
+        let lints: Vec<_> = checked.diagnostics.iter().filter(|d| LINTS.contains(&d.code)).collect();
+        assert!(lints.is_empty(), "{}: {lints:?}", path.display());
+    }
+}
+
+#[test]
 fn what_a_script_allows_is_not_told() {
     let unused = [("unused_param", "y")];
     let script = |above: &str, behind: &str| format!("param x = 1\n{above}param y = 2{behind}\nloss l = x ^ 2\n");

@@ -1,0 +1,235 @@
+//! The lint about fields that a file of data does not have, as far as the file can be read before the program runs.
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::rc::Rc;
+
+use serde_json::Value as Json;
+
+use super::Loader;
+use super::flow::below;
+use super::hir::*;
+use super::targets::native_call;
+use crate::data::table;
+use crate::diag::{Diagnostic, did_you_mean};
+use crate::files;
+use crate::source::Span;
+
+/// Larger files are not read for it: editors check with every key.
+const MAX_BYTES: u64 = 1 << 20;
+/// Items of lists that are looked at, and records whose fields are compared.
+const MOST: usize = 4096;
+/// How deeply declarations are followed.
+const DEPTH: usize = 32;
+
+/// Warnings about fields of `load_json` and `load_table` in these expressions.
+pub fn check(program: &Program, roots: &[&Expr], loader: &dyn Loader) -> Vec<Diagnostic> {
+    let mut reader = Reader { program, loader, files: HashMap::new(), told: Vec::new() };
+    roots.iter().for_each(|root| reader.look(root, &Names::new()));
+    reader.told
+}
+
+/// What an expression may be: one of these parts of the file that is read at a place.
+#[derive(Clone)]
+struct Part {
+    file: Rc<File>,
+    /// Ways from the top of the file to its parts: the indices of lists and of a record's fields.
+    ways: Vec<Vec<usize>>,
+}
+
+struct File {
+    name: String,
+    place: Span,
+    content: Json,
+}
+
+type Names = HashMap<LocalId, Part>;
+
+struct Reader<'p> {
+    program: &'p Program,
+    loader: &'p dyn Loader,
+    /// By the place of their names; `None` if they cannot be read.
+    files: HashMap<Span, Option<Rc<File>>>,
+    told: Vec<Diagnostic>,
+}
+
+impl Part {
+    fn values(&self) -> impl Iterator<Item = &Json> {
+        self.ways.iter().filter_map(|way| self.file.at(way))
+    }
+
+    /// The items of what must be lists; all of them, or the one of an index.
+    fn items(&self, index: Option<f64>) -> Option<Part> {
+        let mut ways = Vec::new();
+        for way in &self.ways {
+            let Json::Array(items) = self.file.at(way)? else { return None };
+            let of = |i: usize| [&way[..], &[i]].concat();
+            match index {
+                None => ways.extend((0..items.len().min(MOST)).map(of)),
+                Some(i) => {
+                    let at = if i < 0.0 { i + items.len() as f64 } else { i };
+                    ways.extend((at >= 0.0 && at < items.len() as f64).then(|| of(at as usize)));
+                }
+            }
+        }
+        (!ways.is_empty() && ways.len() <= MOST).then(|| Part { file: self.file.clone(), ways })
+    }
+
+    /// The values of a field, where it is.
+    fn field(&self, name: &str) -> Option<Part> {
+        let of = |way: &Vec<usize>| match self.file.at(way)? {
+            Json::Object(fields) => Some([&way[..], &[fields.keys().position(|key| key == name)?]].concat()),
+            _ => None,
+        };
+        let ways: Vec<Vec<usize>> = self.ways.iter().filter_map(of).collect();
+        (!ways.is_empty()).then(|| Part { file: self.file.clone(), ways })
+    }
+}
+
+impl File {
+    fn at(&self, way: &[usize]) -> Option<&Json> {
+        way.iter().try_fold(&self.content, |json, &i| match json {
+            Json::Array(items) => items.get(i),
+            Json::Object(fields) => fields.values().nth(i),
+            _ => None,
+        })
+    }
+}
+
+impl Reader<'_> {
+    /// Looks at all fields in an expression.
+    fn look(&mut self, e: &Expr, names: &Names) {
+        match &e.kind {
+            ExprKind::Field { base, name } => {
+                self.look(base, names);
+                if let Some(part) = self.part(base, names, DEPTH) {
+                    self.compare(&part, e, name);
+                }
+            }
+            ExprKind::Comprehension(c) => {
+                let mut inner = names.clone();
+                for clause in &c.clauses {
+                    self.look(&clause.items, &inner);
+                    self.bind(clause, &mut inner);
+                    clause.condition.iter().for_each(|condition| self.look(condition, &inner));
+                }
+                self.look(&c.element, &inner);
+            }
+            ExprKind::Let { local, value, body } => {
+                self.look(value, names);
+                let mut inner = names.clone();
+                inner.extend(self.part(value, names, DEPTH).map(|part| (*local, part)));
+                self.look(body, &inner);
+            }
+            _ => below(e).into_iter().for_each(|child| self.look(child, names)),
+        }
+    }
+
+    /// Notes what the names of a clause stand for: one name takes an item, several take those of zipped lists.
+    fn bind(&mut self, clause: &ForClause, names: &mut Names) {
+        let lists: Vec<&Expr> = match (&clause.locals[..], native_call(self.program, &clause.items, "zip")) {
+            ([_], _) => vec![&clause.items],
+            (_, Some(call)) => call.args.iter().flatten().collect(),
+            _ => Vec::new(),
+        };
+        for (local, list) in clause.locals.iter().zip(lists) {
+            if let Some(part) = self.part(list, names, DEPTH).and_then(|part| part.items(None)) {
+                names.insert(*local, part);
+            }
+        }
+    }
+
+    /// The part of a file that an expression is.
+    fn part(&mut self, e: &Expr, names: &Names, depth: usize) -> Option<Part> {
+        let depth = depth.checked_sub(1)?;
+        match &e.kind {
+            ExprKind::Local(local) => names.get(local).cloned(),
+            ExprKind::Decl(id) => {
+                let program = self.program;
+                let decl = program.decl(*id);
+                let body = decl.body.as_deref().filter(|_| matches!(decl.kind, DeclKind::Let))?;
+                self.part(body, &Names::new(), depth)
+            }
+            ExprKind::Field { base, name } => self.part(base, names, depth)?.field(name),
+            ExprKind::Slice { base, .. } => {
+                let part = self.part(base, names, depth)?;
+                let are_lists = part.values().all(Json::is_array);
+                are_lists.then_some(part)
+            }
+            ExprKind::Index { base, index } => {
+                let at = match &index.kind {
+                    ExprKind::Number(x) => Some(*x),
+                    ExprKind::Unary { op: UnaryOp::Neg, operand } => match operand.kind {
+                        ExprKind::Number(x) => Some(-x),
+                        _ => None,
+                    },
+                    _ => None,
+                };
+                self.part(base, names, depth)?.items(at)
+            }
+            ExprKind::Call(call) => {
+                let reads_json = native_call(self.program, e, "load_json").is_some();
+                if !reads_json && native_call(self.program, e, "load_table").is_none() {
+                    return None;
+                }
+                let path = call.args.first()?.as_ref()?;
+                let ExprKind::Str(parts) = &path.kind else { return None };
+                let [StrPart::Text(name)] = &parts[..] else { return None };
+                if !self.files.contains_key(&path.span) {
+                    let content = self.read(name, reads_json);
+                    let file = content.map(|content| Rc::new(File { name: name.clone(), place: path.span, content }));
+                    self.files.insert(path.span, file);
+                }
+                let file = self.files.get(&path.span)?.clone()?;
+                Some(Part { file, ways: vec![Vec::new()] })
+            }
+            _ => None,
+        }
+    }
+
+    /// What a file holds; of a table its columns' names.
+    fn read(&self, name: &str, is_json: bool) -> Option<Json> {
+        let main = self.program.origin.main?;
+        let folder = self.program.sources.get(main)?.path.as_deref().and_then(Path::parent).unwrap_or(Path::new(""));
+        let path = folder.join(name);
+        if !files::is_ordinary_up_to(&path, MAX_BYTES) {
+            return None;
+        }
+        let text = self.loader.read(&path).ok()?;
+        if is_json {
+            return serde_json::from_str(&text).ok();
+        }
+        match table::decode(text.as_bytes()).ok()? {
+            table::Table::Rows(_) => None,
+            table::Table::Columns(columns) => {
+                Some(Json::Object(columns.into_iter().map(|(name, _)| (name, Json::Null)).collect()))
+            }
+        }
+    }
+
+    /// Tells of a field that none of the records has.
+    fn compare(&mut self, part: &Part, e: &Expr, name: &str) {
+        let mut known: Vec<&str> = Vec::new();
+        for value in part.values() {
+            let Json::Object(fields) = value else { return };
+            if fields.contains_key(name) {
+                return;
+            }
+            known.extend(fields.keys().map(String::as_str).filter(|key| !known.contains(key)).collect::<Vec<_>>());
+        }
+        let length = u32::try_from(name.len()).unwrap_or(0);
+        let own = Span { start: e.span.end.saturating_sub(length), ..e.span };
+        let place = if self.program.sources.text(own) == name { own } else { e.span };
+        if self.told.iter().any(|told| told.span() == Some(place)) {
+            return;
+        }
+        let file = &part.file;
+        let what = if file.name.to_lowercase().ends_with(".json") { "has no field" } else { "has no column" };
+        self.told.push(
+            Diagnostic::warning("dscene::lint::missing_field", format!("`{}` {what} `{name}` here", file.name))
+                .label(place, "not in the file")
+                .label(file.place, "read from this file")
+                .help_opt(did_you_mean(name, "it has", known)),
+        );
+    }
+}
