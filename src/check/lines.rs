@@ -14,9 +14,12 @@ use super::modules::{Checker, Instance, Module, ModuleId, PRELUDE, Slot, State};
 use super::types::Ty;
 use super::{Disk, flow, with_room};
 use crate::diag::{self, Diagnostic};
-use crate::source::SourceId;
+use crate::source::{SourceId, SourceMap};
 use crate::syntax;
 use crate::syntax::ast::{self, StatementKind};
+
+/// The name of lines among the sources.
+pub const LINE: &str = "<line>";
 
 /// The result of checking a line of the REPL.
 #[derive(Clone, Debug)]
@@ -71,7 +74,28 @@ pub(super) struct Knowledge {
 /// Checks a line (a declaration, an action or an expression) against a program. Declarations of the same name are
 /// replaced and keep their id. The program is changed only if there are no errors, but it always gets the line's source.
 pub fn check_line(program: &mut Program, text: &str) -> (Option<Line>, Vec<Diagnostic>) {
-    check_line_as(program, text, None)
+    check_line_as(program, text, None, false)
+}
+
+/// Checks an expression against a program, to which nothing is added but its source. The random numbers of its renderings are those that
+/// it has as the first line, whatever was asked before it.
+pub fn check_expression(program: &mut Program, text: &str) -> (Option<Expr>, Vec<Diagnostic>) {
+    let mut tried = program.clone();
+    let (line, mut diagnostics) = check_line_as(&mut tried, text, None, true);
+    program.sources = tried.sources;
+    match line {
+        Some(Line::Expr(expr)) => {
+            program.known = tried.known;
+            (Some(expr), diagnostics)
+        }
+        Some(_) => {
+            let told = Diagnostic::error("dscene::cli::expression", "this must be an expression")
+                .help("statements belong into the script, or into `dsl repl`");
+            diagnostics.push(told);
+            (None, diagnostics)
+        }
+        None => (None, diagnostics),
+    }
 }
 
 /// Adds `let name = text` with a value that is given, of type `ty`: the text is for readers only. `None` if it cannot be read, or if the name
@@ -80,16 +104,18 @@ pub fn check_given(program: &mut Program, name: &str, text: &str, ty: Ty) -> Opt
     if program.find(name).is_some() {
         return None;
     }
-    match check_line_as(program, &format!("let {name} = {text}"), Some(ty)).0? {
+    match check_line_as(program, &format!("let {name} = {text}"), Some(ty), false).0? {
         Line::Statements { declared, .. } => declared.first().copied(),
         Line::Expr(_) | Line::Empty => None,
     }
 }
 
-fn check_line_as(program: &mut Program, text: &str, given: Option<Ty>) -> (Option<Line>, Vec<Diagnostic>) {
+/// `alone`: whatever other lines there were, the line has the random numbers of the first one.
+fn check_line_as(program: &mut Program, text: &str, given: Option<Ty>, alone: bool) -> (Option<Line>, Vec<Diagnostic>) {
     let mut sources = program.sources.clone();
     let path = program.origin.main.and_then(|id| sources.get(id)).and_then(|f| f.path.clone());
-    let line = sources.add("<line>", path.as_deref(), text);
+    let add = if alone { SourceMap::add_alone } else { SourceMap::add };
+    let line = add(&mut sources, LINE, path.as_deref(), text);
     program.sources = sources.clone();
     let (new_program, result, mut diagnostics) = with_room(|| {
         let mut checker = Checker::new(sources, &Disk);

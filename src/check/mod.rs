@@ -51,7 +51,7 @@ pub use domains::{Part, Reached, domain_of_field, domains};
 pub use fields::{field_type, fields_of, type_of};
 pub use flow::{children, reaching_params, reaching_params_of, walk};
 pub use known::READERS;
-pub use lines::{Line, check_given, check_line};
+pub use lines::{LINE, Line, check_expression, check_given, check_line};
 pub use lints::{FACING_AWAY, LINTS, NO_BOUNDARY, is_allowed, without_boundary};
 use modules::Checker;
 pub use modules::{ModuleId, PRELUDE, is_private, library_modules, library_text, normal};

@@ -445,6 +445,9 @@ pub struct GradArgs {
     /// Write the image of the camera's derivative along all the params instead of a scalar's gradient
     #[arg(long, value_name = "FILE")]
     pub image: Option<PathBuf>,
+    /// Answer questions, a line of JSON each, from standard input: values and derivatives at params that they give
+    #[arg(long, conflicts_with_all = ["image", "fd", "repeats", "warm"])]
+    pub serve: bool,
     #[command(flatten)]
     pub common: Common,
 }

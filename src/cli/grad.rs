@@ -5,14 +5,16 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use super::args::GradArgs;
+use super::grad_server::serve;
 use super::render::{cannot_save, choose_camera, in_folder, interrupted};
 use super::{EXIT_WRONG, Loaded, Terminal, load, out};
 use crate::check::hir;
 use crate::check::types::Ty;
-use crate::diag::{self, Diagnostic};
+use crate::diag::Diagnostic;
 use crate::session::clock::Stopwatch;
 use crate::session::run::tell_warnings;
 use crate::session::save::{clipped_warning, save_value};
+use crate::session::script::{Targets, find_target, losses, reaching_targets};
 use crate::session::{MeasureOptions, World, measure, world};
 
 pub fn run(args: &GradArgs) -> u8 {
@@ -20,6 +22,9 @@ pub fn run(args: &GradArgs) -> u8 {
     let Some(mut loaded) = load(&args.file, &args.common, &mut terminal) else {
         return EXIT_WRONG;
     };
+    if args.serve {
+        return serve(args, loaded, &mut terminal);
+    }
     let result = world::listening(|| match &args.image {
         Some(path) => gradient_images(args, path, &mut loaded, &mut terminal),
         None => gradients(args, &mut loaded, &mut terminal),
@@ -88,8 +93,7 @@ fn gradients(args: &GradArgs, loaded: &mut Loaded, terminal: &mut Terminal) -> R
 
 /// The only loss, or the first with a note.
 fn default_loss(loaded: &Loaded, terminal: &mut Terminal) -> Result<String, Diagnostic> {
-    let program = loaded.engine.program();
-    let losses: Vec<String> = program.losses().map(|id| program.decl(id).name.clone()).collect();
+    let losses = losses(loaded.engine.program());
     match losses.as_slice() {
         [] => Err(Diagnostic::error("dscene::cli::of", "the script declares no loss")
             .help("say what to differentiate: --of 'mean(render(eye))'")),
@@ -101,9 +105,6 @@ fn default_loss(loaded: &Loaded, terminal: &mut Terminal) -> Result<String, Diag
     }
 }
 
-/// Names with what they stand for.
-type Targets = Vec<(String, hir::Target)>;
-
 /// The `--wrt` names; by default every param that reaches the expression. `None` if a name is wrong, which is reported.
 fn targets(
     args: &GradArgs,
@@ -112,10 +113,7 @@ fn targets(
     terminal: &mut Terminal,
 ) -> Result<Option<Targets>, Diagnostic> {
     if args.wrt.is_empty() {
-        let reaching = loaded.engine.reaching_params(of)?;
-        let program = loaded.engine.program();
-        let target = |id: &hir::DeclId| hir::Target { decl: *id, path: Vec::new() };
-        return Ok(Some(reaching.iter().map(|id| (program.decl(*id).name.clone(), target(id))).collect()));
+        return reaching_targets(&mut loaded.engine, of).map(Some);
     }
     let mut found = Vec::new();
     for name in &args.wrt {
@@ -126,19 +124,6 @@ fn targets(
         found.push((name.trim().to_owned(), find_target(loaded.engine.program(), name)?));
     }
     Ok(Some(found))
-}
-
-/// `NAME` or `NAME.FIELD…`.
-pub fn find_target(program: &hir::Program, text: &str) -> Result<hir::Target, Diagnostic> {
-    let mut parts = text.trim().split('.').map(str::to_owned);
-    let name = parts.next().unwrap_or_default();
-    let found = program.ids().find(|&id| program.decl(id).user && program.decl(id).name == name);
-    let Some(decl) = found else {
-        let names = program.ids().filter(|&id| program.decl(id).user).map(|id| program.decl(id).name.as_str());
-        return Err(Diagnostic::error("dscene::name::unknown", format!("there is no `{name}`"))
-            .help_opt(diag::did_you_mean(&name, "the script declares", names.collect::<Vec<&str>>())));
-    };
-    Ok(hir::Target { decl, path: parts.collect() })
 }
 
 /// `--image`: ∂image/∂param for each param, forward mode. Several params make several files.

@@ -11,6 +11,7 @@ mod explain;
 mod export;
 mod fmt;
 mod grad;
+mod grad_server;
 mod info;
 mod live;
 mod living;
@@ -112,6 +113,7 @@ fn dispatch(cli: Cli) -> u8 {
     let read_again = match &cli.command {
         Command::Run(args) if args.resume.is_some() || args.live.is_some() => Some(&args.file),
         Command::Sweep(args) => Some(&args.run.file),
+        Command::Grad(args) if args.serve => Some(&args.file),
         Command::Watch(args) => Some(&args.file),
         Command::Repl(args) => args.file.as_ref(),
         _ => None,

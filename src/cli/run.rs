@@ -13,12 +13,13 @@ use super::script::found_script;
 use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load_stopped_by, out};
 use crate::diag::{Diagnostic, Severity};
 use crate::report::report;
-use crate::session::clock::{Date, Stopwatch, human_seconds};
+use crate::session::begin::Begin;
+use crate::session::clock::{Stopwatch, human_seconds};
 use crate::session::events::{Ending, Event};
-use crate::session::folder::{REPORT, SourceText};
+use crate::session::folder::REPORT;
 use crate::session::notes::told;
 use crate::session::sweep::{Judge, Record};
-use crate::session::{Checkpoint, Flow, Run, RunFolder, RunInfo, RunReport, RunSettings, Runner, World, world};
+use crate::session::{Checkpoint, Flow, Run, RunFolder, RunReport, RunSettings, Runner, World, world};
 use crate::source::SourceMap;
 
 pub fn run(args: RunArgs) -> u8 {
@@ -226,16 +227,7 @@ fn end_with_input() {
 /// A run, and where it goes on.
 type Begun = (RunFolder, Checkpoint);
 
-/// A new run, with a checkpoint of its beginning: however early it is killed, what has a record can be resumed.
 fn begin(args: &RunArgs, loaded: &Loaded) -> Result<Begun, Diagnostic> {
-    let info = run_info(args, loaded);
-    let mut folder = match &args.common.out {
-        Some(path) => RunFolder::at(path, args.force)?,
-        None => RunFolder::fresh(&info.name, Date::now())?,
-    };
-    if args.tensorboard {
-        folder.begin_events()?;
-    }
     let settings = RunSettings {
         file: args.file.display().to_string(),
         seed: args.common.seed,
@@ -243,10 +235,16 @@ fn begin(args: &RunArgs, loaded: &Loaded) -> Result<Begun, Diagnostic> {
         steps: args.steps,
         checkpoint: args.checkpoint,
     };
-    let checkpoint = Checkpoint::first(&loaded.engine, settings, &mut folder)?;
-    checkpoint.write(folder.path())?;
-    folder.record(&info)?;
-    Ok((folder, checkpoint))
+    let begin = Begin {
+        name: name_of(&args.file),
+        command: std::env::args_os().map(|a| a.to_string_lossy().into_owned()).collect(),
+        threads: rayon::current_num_threads(),
+        settings,
+        out: args.common.out.clone(),
+        force: args.force,
+        tensorboard: args.tensorboard,
+    };
+    begin.run(&loaded.engine)
 }
 
 /// A run that goes on, if the script and all that it read are the same.
@@ -259,33 +257,10 @@ fn resume(args: &RunArgs, mut folder: RunFolder, mut checkpoint: Checkpoint) -> 
     Ok((folder, checkpoint))
 }
 
-fn run_info(args: &RunArgs, loaded: &Loaded) -> RunInfo {
-    RunInfo {
-        version: env!("CARGO_PKG_VERSION").to_owned(),
-        name: name_of(&args.file),
-        file: args.file.display().to_string(),
-        command: std::env::args_os().map(|a| a.to_string_lossy().into_owned()).collect(),
-        seed: args.common.seed,
-        threads: rayon::current_num_threads(),
-        started: Date::now().iso(),
-        overrides: args.common.set.clone(),
-        steps: args.steps,
-        sources: source_texts(loaded),
-    }
-}
-
 /// A script's name without folder and extension.
 pub fn name_of(file: &Path) -> String {
     if file == Path::new(STDIN) {
         return "stdin".to_owned();
     }
     file.file_stem().map_or("run".into(), |s| s.to_string_lossy().into_owned())
-}
-
-/// The script and its imports.
-pub fn source_texts(loaded: &Loaded) -> Vec<SourceText> {
-    let program = loaded.engine.program();
-    let is_set = |id| program.origin.overrides.iter().any(|(_, source)| *source == id);
-    let scripts = program.sources.iter().filter(|(id, file)| file.path.is_some() && !is_set(*id));
-    scripts.map(|(_, f)| SourceText { file: f.name.clone(), text: f.text.clone() }).collect()
 }

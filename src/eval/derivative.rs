@@ -326,7 +326,7 @@ impl Engine {
         let targets: Vec<Target> = d.wrt.iter().map(|(t, _)| t.clone()).collect();
         let found: Vec<Value> = self.with_leaves(&targets, e.span, |engine, leaves| {
             let (value, output) = engine.numbers(&d.of)?;
-            let mut rows = engine.rows(&output, leaves, e.span)?.into_iter();
+            let mut rows = rows(&output, leaves, e.span)?.into_iter();
             let of_leaf = |leaf: &Var| {
                 let rows = rows.by_ref().take(leaf.len());
                 if matches!(value, Value::Image(_)) {
@@ -347,36 +347,6 @@ impl Engine {
             Ok([one]) => one,
             Err(several) => Value::list(several),
         })
-    }
-
-    /// The derivatives of `output` with respect to each number of each leaf.
-    fn rows(&mut self, output: &Var, leaves: &[Var], span: Span) -> Result<Vec<Tensor>> {
-        let failed = |e: tape::TapeError| error::gradient(e.0, span);
-        if output.len() == 1 {
-            // For a single output, one pass of reverse mode gives all derivatives.
-            let grads = tape::backward(output, leaves);
-            stop::check();
-            let grads = grads.map_err(failed)?;
-            let one = |x: f64| Tensor::full(output.shape(), x);
-            return Ok(grads.iter().flat_map(|g| g.data.iter().map(|x| one(*x))).collect());
-        }
-        let elements: Vec<(&Var, usize)> = leaves.iter().flat_map(|l| (0..l.len()).map(move |i| (l, i))).collect();
-        let numbers = elements.len().saturating_mul(output.len());
-        if numbers > MAX_JACOBIAN {
-            let (m, n) = (output.len(), elements.len());
-            let message = format!("this Jacobian has {m} × {n} numbers, more than the {MAX_JACOBIAN} that are allowed");
-            return Err(error::gradient(message, span).help(
-                "`grad` of a scalar and `jvp` along one direction have no such limit; or render a smaller film",
-            ));
-        }
-        let mut rows = Vec::with_capacity(elements.len());
-        for group in elements.chunks(MAX_DIRECTIONS) {
-            let directions: Vec<_> = group.iter().map(|(leaf, i)| tape::unit(leaf, *i)).collect();
-            let found = tape::jacobian(std::slice::from_ref(output), &directions);
-            stop::check();
-            rows.extend(found.map_err(failed)?.into_iter().flatten());
-        }
-        Ok(rows)
     }
 
     /// Central differences (e(p + h) − e(p − h)) / 2h for each element of p. If p is one number, e may be anything made of numbers.
@@ -474,6 +444,35 @@ impl Engine {
     }
 }
 
+/// The derivatives of `output` with respect to each number of each leaf.
+pub(super) fn rows(output: &Var, leaves: &[Var], span: Span) -> Result<Vec<Tensor>> {
+    let failed = |e: tape::TapeError| error::gradient(e.0, span);
+    if output.len() == 1 {
+        // For a single output, one pass of reverse mode gives all derivatives.
+        let grads = tape::backward(output, leaves);
+        stop::check();
+        let grads = grads.map_err(failed)?;
+        let one = |x: f64| Tensor::full(output.shape(), x);
+        return Ok(grads.iter().flat_map(|g| g.data.iter().map(|x| one(*x))).collect());
+    }
+    let elements: Vec<(&Var, usize)> = leaves.iter().flat_map(|l| (0..l.len()).map(move |i| (l, i))).collect();
+    let numbers = elements.len().saturating_mul(output.len());
+    if numbers > MAX_JACOBIAN {
+        let (m, n) = (output.len(), elements.len());
+        let message = format!("this Jacobian has {m} × {n} numbers, more than the {MAX_JACOBIAN} that are allowed");
+        return Err(error::gradient(message, span)
+            .help("`grad` of a scalar and `jvp` along one direction have no such limit; or render a smaller film"));
+    }
+    let mut rows = Vec::with_capacity(elements.len());
+    for group in elements.chunks(MAX_DIRECTIONS) {
+        let directions: Vec<_> = group.iter().map(|(leaf, i)| tape::unit(leaf, *i)).collect();
+        let found = tape::jacobian(std::slice::from_ref(output), &directions);
+        stop::check();
+        rows.extend(found.map_err(failed)?.into_iter().flatten());
+    }
+    Ok(rows)
+}
+
 /// A new leaf for the numbers of `value` (for a rotation, for its tangent), and a value of the same kind that depends on this leaf.
 fn temporary(value: &Value, node: impl Fn(&Var) -> Var, span: Span) -> Result<(Var, Value), Diagnostic> {
     match value {
@@ -502,7 +501,7 @@ fn nested(images: &mut impl Iterator<Item = Var>, shape: &[usize]) -> Value {
 
 /// Stacks the derivatives with respect to each number of a param into one array, whose shape is that of the value followed by that of the
 /// param.
-fn columns(rows: &[Tensor], value: &[usize], param: &[usize]) -> Tensor {
+pub(super) fn columns(rows: &[Tensor], value: &[usize], param: &[usize]) -> Tensor {
     let len = value.iter().product();
     let data = (0..len).flat_map(|i| rows.iter().map(move |row| row.data[i])).collect();
     Tensor { shape: value.iter().chain(param).copied().collect(), data }

@@ -17,6 +17,7 @@ mod expr;
 mod facing;
 mod history;
 mod lanes;
+mod linear;
 mod lower;
 mod origin;
 mod project;
@@ -53,6 +54,7 @@ pub use crate::natives::value;
 pub use derivative::Gradient;
 pub use error::{INTERRUPTED, NOT_A_NUMBER};
 pub use history::{History, StoredHistory};
+pub use linear::Linear;
 pub use origin::Origin;
 pub use recorded::RecordedImage;
 pub use render::RenderOverrides;
@@ -162,6 +164,8 @@ pub struct Engine {
     step: u64,
     total: u64,
     sample_seed: u64,
+    /// That of derivatives, if it is another.
+    derivative_seed: Option<u64>,
     loss: f64,
     losses: Arc<Vec<f64>>,
     /// Estimates of the squared gradient, step by step as the losses.
@@ -210,6 +214,7 @@ impl Engine {
             step: 0,
             total: 0,
             sample_seed: 0,
+            derivative_seed: None,
             loss: f64::NAN,
             losses: Arc::default(),
             squares: Arc::default(),

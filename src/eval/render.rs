@@ -361,7 +361,8 @@ impl Engine {
         let seen_by = camera.relative_to(lowered.scene.description.origin);
         let (slots, inputs): (Vec<Slot>, Vec<Var>) = lowered.slots.iter().chain(&camera.slots).cloned().unzip();
         let is_live = !slots.is_empty();
-        settings.seed = self.render_seed(own_seed, is_live, span);
+        settings.seed = self.render_seed(own_seed, is_live, span, self.sample_seed);
+        let derivative_seed = self.derivative_seed.map(|seed| self.render_seed(own_seed, is_live, span, seed));
         settings.spp = self.overrides.spp.filter(|_| is_live).unwrap_or(settings.spp);
         settings.max_bounces = self.overrides.max_bounces.unwrap_or(settings.max_bounces);
 
@@ -397,6 +398,7 @@ impl Engine {
         let value = Tensor::from_image(&image);
         let (warnings, drawn) = (self.warnings.clone(), self.samples.clone());
         let fixed = OnceLock::new();
+        settings.seed = derivative_seed.unwrap_or(settings.seed);
         let (scene, camera) = (lowered, seen_by);
         let op =
             RenderOp { scene, camera, settings, slots, guides, stop, span, may_lack_boundary, warnings, drawn, fixed };
@@ -462,14 +464,14 @@ impl Engine {
     }
 
     /// The seed of a render at this place. What params reach is seen with fresh samples at every step; the rest is rendered once.
-    fn render_seed(&mut self, own_seed: Option<f64>, is_live: bool, span: Span) -> u64 {
+    fn render_seed(&mut self, own_seed: Option<f64>, is_live: bool, span: Span, sample_seed: u64) -> u64 {
         let mut seed = mix(self.options.seed, own_seed.map_or(0, |s| s.to_bits()));
         if own_seed.is_none() {
             seed = mix(seed, self.path_at(span));
         }
         if is_live || self.is_fresh() {
             self.depends(|d| d.sample = true);
-            seed = mix(mix(seed, self.sample_seed), self.step);
+            seed = mix(mix(seed, sample_seed), self.step);
         }
         seed
     }

@@ -1,5 +1,6 @@
 //! A session: a checked program, run against the outside world.
 
+pub mod begin;
 pub mod checkpoint;
 pub mod clock;
 pub mod events;
@@ -20,11 +21,13 @@ mod replay;
 mod retreat;
 pub mod run;
 pub mod save;
+pub mod script;
 pub mod show;
 pub mod solver;
 mod stages;
 mod starts;
 pub mod stats;
+mod steps;
 pub mod sweep;
 pub mod tensorboard;
 pub mod test;
@@ -37,4 +40,6 @@ pub use optimization::Optimization;
 pub use record::Run;
 pub use replay::StepOfRun;
 pub use run::{Flow, RunReport, Runner};
+pub use script::Script;
+pub use steps::{Optimized, Ran, Steps};
 pub use world::{Progress, Recorder, World};

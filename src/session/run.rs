@@ -85,6 +85,8 @@ pub struct Runner<'a> {
     pub histories: Histories,
     /// Gives the run up if others of its sweep were much better at the same step.
     pub judge: Option<Judge>,
+    /// The last optimisation ended before its last step.
+    pub ended: bool,
     /// The step of the `every` that is under way: a plot shows its value there.
     pub(super) in_every: Option<u64>,
     /// Since when `report.seconds` does not count.
@@ -120,6 +122,7 @@ impl<'a> Runner<'a> {
             curves,
             histories,
             judge: None,
+            ended: false,
             in_every: None,
             since: Stopwatch::start(),
             notes: Notes::default(),
@@ -256,6 +259,7 @@ impl<'a> Runner<'a> {
 
     /// Up to `count` more steps of an optimisation.
     pub fn advance(&mut self, optimization: &mut Optimization, count: u64) -> Result<Flow, Diagnostic> {
+        self.ended = false;
         let mut seconds = 0.0;
         let mut taken: u64 = 0;
         while optimization.done() < optimization.total() && taken < count {
@@ -286,6 +290,7 @@ impl<'a> Runner<'a> {
                         }
                     };
                     self.report.failed_optimizations += 1;
+                    self.ended = true;
                     self.world.progress_done();
                     self.tell(&told);
                     break;
@@ -322,6 +327,7 @@ impl<'a> Runner<'a> {
                 return Ok(Flow::Pruned);
             }
             if report.stop {
+                self.ended = true;
                 self.world.progress_done();
                 let name = optimization.name();
                 self.remark(format!("`stop_when` holds: `{name}` stops after step {}", report.step));

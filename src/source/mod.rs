@@ -161,8 +161,20 @@ impl SourceMap {
 
     /// Adds a text. Only the first 4 GiB can be addressed by spans, which no text that we read exceeds.
     pub fn add(&mut self, name: impl Into<String>, path: Option<&Path>, text: impl Into<String>) -> SourceId {
-        let (name, text) = (name.into(), text.into());
+        let name = name.into();
         let key = self.file_key(&name, path);
+        self.add_with_key(name, path, text.into(), key)
+    }
+
+    /// Adds a text that has the key of the first one of its name, however many were added: what is drawn at random in it does not depend on
+    /// what was asked before.
+    pub fn add_alone(&mut self, name: impl Into<String>, path: Option<&Path>, text: impl Into<String>) -> SourceId {
+        let name = name.into();
+        let key = key(&name);
+        self.add_with_key(name, path, text.into(), key)
+    }
+
+    fn add_with_key(&mut self, name: String, path: Option<&Path>, text: String, key: u64) -> SourceId {
         let mut line_starts = vec![0];
         line_starts.extend(text.bytes().enumerate().filter(|(_, b)| *b == b'\n').map(|(i, _)| clamp_u32(i + 1)));
         let id = SourceId(clamp_u32(self.files.len()));

@@ -20,6 +20,7 @@ mod editor_grammar;
 mod expectations;
 mod explain;
 mod format;
+mod grad_server;
 mod growth;
 mod hostile_values;
 mod image_files;

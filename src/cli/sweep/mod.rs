@@ -11,12 +11,13 @@ use serde_json::json;
 
 use super::args::SweepArgs;
 use super::load::require_file;
-use super::run::{name_of, source_texts};
+use super::run::name_of;
 use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load, out};
 use crate::diag::Diagnostic;
 use crate::files::write_atomically;
 use crate::memory;
 use crate::report::comparison;
+use crate::session::begin::source_texts;
 use crate::session::clock::{Date, Stopwatch, human_seconds};
 use crate::session::folder::{SourceText, cannot_write, number};
 use crate::session::show::significant;
@@ -72,7 +73,7 @@ pub fn run_loaded(args: SweepArgs, mut loaded: Loaded, terminal: &mut Terminal) 
     }
     let watch = Stopwatch::start();
     // Before expressions of the command line are added to them.
-    let sources = source_texts(&loaded);
+    let sources = source_texts(loaded.engine.program());
     let Some(plan) = Plan::new(&args, &mut loaded, terminal) else { return EXIT_WRONG };
     let Some(runs) = combinations(&plan.axes, &plan.seeds) else {
         let told = Diagnostic::error("dscene::sweep::size", "these are more than 100,000 runs")
