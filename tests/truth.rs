@@ -32,6 +32,8 @@ mod masks;
 mod materials;
 #[path = "derivatives/modes.rs"]
 mod modes;
+#[path = "derivatives/normal_maps.rs"]
+mod normal_maps;
 #[path = "derivatives/pixel_filters.rs"]
 mod pixel_filters;
 #[path = "derivatives/random_scenes.rs"]

@@ -99,8 +99,8 @@ impl Checker<'_> {
         };
         let Callee::Native(id) = call.callee else { return false };
         let native = self.slot(id).name.text.clone();
-        if matches!(native.as_str(), "one_sided" | "mask" | "moving") {
-            let own = native == "mask" && name.text == "opacity";
+        if matches!(native.as_str(), "one_sided" | "mask" | "normal_map" | "moving") {
+            let own = matches!((native.as_str(), name.text.as_str()), ("mask", "opacity") | ("normal_map", "normals"));
             return match &call.args[0] {
                 Some(inner) if !own => self.lacks(inner, name, depth - 1),
                 _ => false,
@@ -239,7 +239,7 @@ pub fn fields_of(ty: &Ty) -> Vec<&str> {
         }
         Ty::Shape => vec!["mesh", "material"],
         Ty::Light => all_parts(lights()),
-        Ty::Material => [all_parts(materials()), vec!["opacity"]].concat(),
+        Ty::Material => [all_parts(materials()), vec!["opacity", "normals"]].concat(),
         Ty::Texture => vec!["texels", "width", "height"],
         Ty::Scene => vec!["shapes", "lights"],
         Ty::Estimate(_) => vec!["mean", "std_error"],

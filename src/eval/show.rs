@@ -194,6 +194,10 @@ fn material(m: &MaterialValue) -> String {
     let inputs: Vec<String> = m.kind.inputs().map(|(field, i)| format!("{}: {}", field.name, input(i))).collect();
     let inner = format!("{}({})", m.kind.name(), inputs.join(", "));
     let inner = if m.one_sided { format!("one_sided({inner})") } else { inner };
+    let inner = match &m.normals {
+        Some(normals) => format!("normal_map({inner}, normals: {})", input(normals)),
+        None => inner,
+    };
     match &m.opacity {
         Some(opacity) => format!("mask({inner}, opacity: {})", input(opacity)),
         None => inner,

@@ -73,7 +73,7 @@ fn d_eval_with(
     let co = si.ns.dot(wo);
     let mut d_wo = Vec3::ZERO;
     let mut d_brdf = d_f;
-    if si.shading_flip != 0.0 {
+    if si.bends() {
         let (ng_wo, ng_ns) = (si.ng.dot(wo), si.ng.dot(si.ns));
         let g = terminator(ng_wo, co, ng_ns);
         d_brdf = d_f * g;
@@ -233,6 +233,15 @@ pub fn d_intersection<S: Sink>(
     t: f32,
     mut adj: VertexAdjoint,
 ) -> RayAdjoint {
+    let mut base = si.ns;
+    if let Some(mapped) = out.scene.mapped_normal_of(si).filter(|_| adj.ns != Vec3::ZERO) {
+        let d = mapped.adjoint(adj.ns);
+        let d_b = out.input(mapped.input, si.prim, si.b, d.value, true);
+        adj.add_b(d_b);
+        let d_b = out.tangent(si.prim, si.b, d.tangent);
+        adj.add_b(d_b);
+        (adj.ns, base) = (d.base, mapped.base);
+    }
     if si.shading_flip == 0.0 {
         adj.ng += adj.ns;
     } else if adj.ns != Vec3::ZERO {
@@ -242,7 +251,7 @@ pub fn d_intersection<S: Sink>(
         if let Some(normals) = &mesh.normals {
             let face = mesh.faces[id.face as usize];
             let m: Vec3 = face.iter().zip(si.b).map(|(&v, b)| normals[v as usize] * b).sum();
-            let d_m = (adj.ns - si.ns * si.ns.dot(adj.ns)) * (si.shading_flip / m.length());
+            let d_m = (adj.ns - base * base.dot(adj.ns)) * (si.shading_flip / m.length());
             let d_b = out.interpolated_normal(si.prim, si.b, d_m);
             adj.add_b(d_b);
         }

@@ -36,8 +36,8 @@ pub struct Layout {
     camera_distortion: u32,
     /// No requested slot moves anything, turns a normal or changes a refractive index, so that paths do not depend on the slots.
     pub is_static: bool,
-    /// By shape: a requested slot is its refractive index, which turns what it refracts.
-    refracts: Vec<bool>,
+    /// By shape: a requested slot is its refractive index, which turns what it refracts, or changes what its normal map tilts.
+    turns: Vec<bool>,
     /// A requested slot turns the normals of a mirror or of a surface with narrow lobes, or changes a refractive index, and so moves what
     /// is seen by way of the surface.
     turns_reflections: bool,
@@ -50,8 +50,12 @@ impl Layout {
             MaterialKind::Dielectric { ior } => slots.iter().any(|slot| slot.is_read_by(ior, i)),
             _ => false,
         };
-        let refracts: Vec<bool> = d.shapes.iter().enumerate().map(refracts).collect();
-        let refracts_any = refracts.contains(&true);
+        let tilts = |(i, shape): (usize, &Shape)| {
+            let by = |slot: &Slot, map| slot.is_read_by(map, i) || *slot == Slot::Uvs(i);
+            shape.material.normals.is_some_and(|map| slots.iter().any(|slot| by(slot, map)))
+        };
+        let turns: Vec<bool> = d.shapes.iter().enumerate().map(|shape| refracts(shape) || tilts(shape)).collect();
+        let turns_normals = |i: usize| slots.iter().any(|slot| slot.opening() == Slot::Normals(i));
         let shapes = vec![NONE; d.shapes.len()];
         let lights = vec![NONE; d.delta_lights.len()];
         let mut layout = Layout {
@@ -72,14 +76,14 @@ impl Layout {
             camera_scale: NONE,
             camera_lens: NONE,
             camera_distortion: NONE,
-            is_static: !refracts_any
+            is_static: !turns.contains(&true)
                 && !slots.iter().any(|s| s.moves_things() || matches!(s.opening(), Slot::Normals(_))),
-            refracts,
-            turns_reflections: refracts_any
-                || slots.iter().any(|s| {
-                    let shape = if let Slot::Normals(i) = s.opening() { d.shapes.get(i) } else { None };
-                    shape.is_some_and(|shape| shape.material.kind.may_follow_normals())
-                }),
+            turns_reflections: d
+                .shapes
+                .iter()
+                .enumerate()
+                .any(|(i, shape)| (turns[i] || turns_normals(i)) && shape.material.kind.may_follow_normals()),
+            turns,
         };
         let mut start = 0;
         for slot in slots {
@@ -144,7 +148,7 @@ impl Layout {
     /// Whether a requested slot moves a shape's vertices, or turns its normals or what it refracts.
     pub fn moves(&self, shape: u32) -> bool {
         let asked = |slots: &[u32]| slots.get(shape as usize).is_some_and(|&start| start != NONE);
-        asked(&self.vertices) || asked(&self.normals) || self.refracts.get(shape as usize) == Some(&true)
+        asked(&self.vertices) || asked(&self.normals) || self.turns.get(shape as usize) == Some(&true)
     }
 
     /// Whether a requested slot moves camera rays or turns the environment.
@@ -475,6 +479,27 @@ impl<'a, S: Sink> Adjoints<'a, S> {
             self.add3(start, v as usize, d * b);
         }
         face.map(|v| normals[v as usize].dot(d))
+    }
+
+    /// Adjoint of the interpolated tangent of a shape with a normal map; returns the adjoint of b.
+    pub fn tangent(&mut self, prim: PrimId, b: [f32; 3], d: Vec3) -> [f32; 3] {
+        let scene = self.scene;
+        let id = scene.prims[prim as usize];
+        let Some(tangents) = &scene.tangents[id.shape as usize] else { return [0.0; 3] };
+        let mesh = &scene.description.shapes[id.shape as usize].mesh;
+        let face = mesh.faces[id.face as usize];
+        let start = self.layout.uvs[id.shape as usize];
+        if self.wants_vertices(id.shape) || start != NONE {
+            for (v, b) in face.into_iter().zip(b) {
+                tangents.scatter(mesh, v, d * b, |v, d_p, d_v| {
+                    self.vertex(id.shape, v, d_p);
+                    if start != NONE {
+                        self.sink.add(start as usize + 2 * v as usize + 1, d_v);
+                    }
+                });
+            }
+        }
+        face.map(|v| tangents.by_vertex[v as usize].dot(d))
     }
 
     /// Adjoint of the interpolated texture coordinates; returns the adjoint of b.

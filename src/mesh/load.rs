@@ -166,6 +166,10 @@ pub struct LoadedMaterial {
     /// Opacity in one channel, from 0 to 1; `None` is opaque. An alpha cutoff of the file was applied to each texel; interpolation makes
     /// a slope between texels.
     pub opacity: Option<LoadedImage>,
+    /// The refractive index of a clear body: then nothing of the other numbers counts.
+    pub clear: Option<f32>,
+    /// A normal map as glTF has it, in three channels; y is upwards in the picture.
+    pub normals: Option<LoadedImage>,
 }
 
 impl Default for LoadedMaterial {
@@ -183,6 +187,8 @@ impl Default for LoadedMaterial {
             emissive_image: None,
             double_sided: true,
             opacity: None,
+            clear: None,
+            normals: None,
         }
     }
 }

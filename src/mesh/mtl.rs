@@ -2,8 +2,8 @@
 //!
 //! `Kd` and `map_Kd` are the base colour, `Ke` and `map_Ke` the emission. `Pr` is the roughness (if it is missing, the exponent `Ns`) and
 //! `Pm` the metallicity, with their maps. `specular` of `principled` follows from the mean of `Ks` or, if that is missing, from the index
-//! of refraction `Ni`. `d` (or 1 − `Tr`) and `map_d` are the opacity. `illum` 0 and 1 have no highlight. Other statements are reported as
-//! not supported.
+//! of refraction `Ni`. `d` (or 1 − `Tr`) and `map_d` are the opacity, `norm` is a normal map. `illum` 0 and 1 have no highlight; 4, 6, 7
+//! and 9 are clear glass of the index `Ni`. Other statements are reported as not supported.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -70,7 +70,7 @@ pub(super) struct Library {
 }
 
 /// Maps that are used.
-const MAPS: [&str; 5] = ["map_Kd", "map_Ke", "map_Pr", "map_Pm", "map_d"];
+const MAPS: [&str; 6] = ["map_Kd", "map_Ke", "map_Pr", "map_Pm", "map_d", "norm"];
 
 impl Library {
     /// Reads the material libraries that a `mtllib` statement names: one file, whose name may contain blanks, or several.
@@ -182,7 +182,7 @@ impl Mtl {
                 }
                 self.illumination = Some(model as i32);
             }
-            "map_kd" | "map_ke" | "map_pr" | "map_pm" | "map_d" => {
+            "map_kd" | "map_ke" | "map_pr" | "map_pm" | "map_d" | "norm" => {
                 let map = self.map(word, rest)?;
                 let name = MAPS.into_iter().find(|m| m.eq_ignore_ascii_case(word)).ok_or(Fault::Unknown)?;
                 self.maps.insert(name, map);
@@ -196,9 +196,8 @@ impl Mtl {
                     self.left_out.push(word.to_string());
                 }
             }
-            "map_ks" | "map_ns" | "map_tr" | "map_bump" | "bump" | "norm" | "map_norm" | "disp" | "map_disp"
-            | "decal" | "refl" | "map_refl" | "map_ps" | "map_pc" | "map_pcr" | "map_ni" | "map_tf" | "map_rma"
-            | "map_orm" => {
+            "map_ks" | "map_ns" | "map_tr" | "map_bump" | "bump" | "map_norm" | "disp" | "map_disp" | "decal"
+            | "refl" | "map_refl" | "map_ps" | "map_pc" | "map_pcr" | "map_ni" | "map_tf" | "map_rma" | "map_orm" => {
                 self.left_out.push(word.to_string());
             }
             _ => return Err(Fault::Unknown),
@@ -265,10 +264,13 @@ impl Mtl {
             for what in &self.left_out {
                 reading.notes.about("parts of materials are left out", format!("{what} of “{name}”"));
             }
-            if matches!(self.illumination, Some(4 | 6 | 7 | 9)) {
-                reading
-                    .notes
-                    .about("glass (`illum` 4, 6, 7 and 9) is rendered as an opaque surface", format!("“{name}”"));
+            if self.clear().is_some() {
+                let sentence =
+                    "glass (`illum` 4, 6, 7 and 9) is smooth and clear: its colour, roughness and images are left out";
+                reading.notes.about(sentence, format!("“{name}”"));
+            } else if matches!(self.illumination, Some(4 | 6 | 7 | 9)) {
+                let sentence = "glass (`illum` 4, 6, 7 and 9) without a refractive index (`Ni`) above 1 is rendered as an opaque surface";
+                reading.notes.about(sentence, format!("“{name}”"));
             }
         }
         // A material has one transformation of texture coordinates: that of its first image.
@@ -296,6 +298,7 @@ impl Mtl {
         let roughness_image = single(image("map_Pr", Encoding::Linear));
         let metallic_image = single(image("map_Pm", Encoding::Linear));
         let mask = single(image("map_d", Encoding::Linear));
+        let normals = color(image("norm", Encoding::Linear));
         // Some exporters write a black colour together with an image; then the image alone counts.
         let beside = |image: &Option<LoadedImage>, color: Option<Vec3>, or: Vec3| match (image, color) {
             (Some(_), None | Some(Vec3::ZERO)) => Vec3::ONE,
@@ -307,7 +310,11 @@ impl Mtl {
             (_, x) => unit(x.unwrap_or(or)),
         };
         let from_exponent = |ns: f32| (2.0 / (ns.clamp(0.0, 1e8) + 2.0)).powf(0.25);
-        let opacity = unit(self.opacity.or(self.transparency.map(|t| 1.0 - t)).unwrap_or(1.0));
+        let clear = self.clear();
+        let mask = mask.filter(|_| clear.is_none());
+        let normals = normals.filter(|_| clear.is_none());
+        let opacity = if clear.is_some() { Some(1.0) } else { self.opacity };
+        let opacity = unit(opacity.or(self.transparency.map(|t| 1.0 - t)).unwrap_or(1.0));
         let material = LoadedMaterial {
             name: name.to_string(),
             base_color: beside(&base_color_image, self.diffuse, Vec3::ONE),
@@ -328,9 +335,17 @@ impl Mtl {
             metallic_image,
             roughness_image,
             emissive_image,
+            clear,
+            normals,
             ..LoadedMaterial::default()
         };
         (material, placement)
+    }
+
+    /// The refractive index of a body of glass.
+    fn clear(&self) -> Option<f32> {
+        let is_glass = matches!(self.illumination, Some(4 | 6 | 7 | 9));
+        self.index.filter(|index| is_glass && *index > 1.0).map(|index| index.min(10.0))
     }
 
     /// The factor on the usual reflectance of 4 % at normal incidence.

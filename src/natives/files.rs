@@ -109,7 +109,12 @@ impl Converter {
                 Arc::new(appearance)
             }
         };
-        let (mesh, material) = (Arc::new(mesh), appearance.material.clone());
+        let mut material = appearance.material.clone();
+        if mesh.uvs.is_none() && material.normals.is_some() {
+            // Like other images, a normal map has no place on a mesh without texture coordinates.
+            material = Arc::new(MaterialValue { normals: None, ..(*material).clone() });
+        }
+        let mesh = Arc::new(mesh);
         match &appearance.radiance {
             Some(radiance) => {
                 let (radiance, two_sided) = (radiance.clone(), appearance.two_sided);
@@ -142,6 +147,11 @@ fn plain(material: MaterialValue) -> Appearance {
 }
 
 fn appearance(loaded: &LoadedMaterial) -> Appearance {
+    if let Some(ior) = loaded.clear {
+        let ior = Input::Number(Var::from(f64::from(ior)));
+        let material = MaterialKind::Dielectric { ior }.into();
+        return Appearance { radiance: loaded.emissive_texels().map(texels), two_sided: true, ..plain(material) };
+    }
     let kind = MaterialKind::Principled {
         base_color: texels(loaded.base_color_texels()),
         metallic: texels(loaded.metallic_texels()),
@@ -149,7 +159,8 @@ fn appearance(loaded: &LoadedMaterial) -> Appearance {
         specular: Input::Number(Var::from(0.5 * f64::from(loaded.specular))),
     };
     let opacity = loaded.opacity.clone().map(texels);
-    let material = Arc::new(MaterialValue { kind, one_sided: !loaded.double_sided, opacity });
+    let normals = loaded.normals.clone().map(texels);
+    let material = Arc::new(MaterialValue { kind, one_sided: !loaded.double_sided, opacity, normals });
     Appearance { material, radiance: loaded.emissive_texels().map(texels), two_sided: loaded.double_sided }
 }
 

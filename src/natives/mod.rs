@@ -18,6 +18,7 @@ mod pictures;
 mod priors;
 mod reduce;
 mod scene;
+mod sky;
 pub mod value;
 
 use std::cell::RefCell;
@@ -99,7 +100,7 @@ pub struct Args<'a> {
 
 pub type Native = fn(&Args) -> Result<Value>;
 
-const TABLES: [&[(&str, Native)]; 13] = [
+const TABLES: [&[(&str, Native)]; 14] = [
     numbers::TABLE,
     reduce::TABLE,
     linear::TABLE,
@@ -113,6 +114,7 @@ const TABLES: [&[(&str, Native)]; 13] = [
     files::TABLE,
     scene::TABLE,
     priors::TABLE,
+    sky::TABLE,
 ];
 
 /// The implementation of the native with a name.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::optim::Rule;
 use crate::render::texture::{Filter, Wrap};
-use crate::render::{InputField, MaterialKind, OPACITY, PixelFilter, Quantity};
+use crate::render::{InputField, MaterialKind, NORMALS, OPACITY, PixelFilter, Quantity};
 use crate::tape::{Slice, Tensor, Var};
 
 use super::images::read_image;
@@ -38,6 +38,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
         Ok(Value::Material(Arc::new(MaterialValue { one_sided: true, ..(*inner).clone() })))
     }),
     ("mask", mask),
+    ("normal_map", normal_map),
     ("shape", |a| {
         let (m, _) = a.need("mesh")?;
         let material = match a.named("material") {
@@ -265,6 +266,26 @@ fn mask(a: &Args) -> Result<Value> {
     }
     let opacity = Some(material_input(a, OPACITY)?);
     Ok(Value::Material(Arc::new(MaterialValue { opacity, ..(*inner).clone() })))
+}
+
+/// The material with a normal map.
+fn normal_map(a: &Args) -> Result<Value> {
+    let inner = material_of(a, 0)?;
+    if inner.normals.is_some() {
+        return Err(NativeError::at(0, "this material has a normal map already"));
+    }
+    if inner.kind.is_delta() {
+        let message =
+            format!("`{}` scatters light in single directions, which normal maps do not tilt", inner.kind.name());
+        return Err(NativeError::at(0, message).help("`conductor(roughness: 0.05, …)` has a lobe that they do"));
+    }
+    let normals = material_input(a, NORMALS)?;
+    if let Input::Texture(t) = &normals
+        && t.texels.shape()[2] != 3
+    {
+        return Err(NativeError::at(1, "a normal map has three channels, this texture has one"));
+    }
+    Ok(Value::Material(Arc::new(MaterialValue { normals: Some(normals), ..(*inner).clone() })))
 }
 
 fn material_of(a: &Args, index: usize) -> Result<Arc<MaterialValue>> {

@@ -180,7 +180,9 @@ impl MaterialKind {
             _ => None,
         }
     }
+}
 
+impl<I> MaterialKind<I> {
     /// Whether a point of such a material can have an attached lobe (see [`Bsdf::is_attached`]).
     pub fn may_be_attached(&self) -> bool {
         !matches!(self, MaterialKind::Black | MaterialKind::Diffuse { .. }) && !self.is_delta()

@@ -52,6 +52,8 @@ pub(crate) struct ShapeShading {
     pub one_sided: bool,
     /// The shape has vertex normals.
     pub smooth: bool,
+    /// The material has a normal map.
+    pub mapped: bool,
 }
 
 impl ShapeShading {
@@ -69,6 +71,7 @@ impl ShapeShading {
             two_sided: emission.is_some_and(|e| e.two_sided),
             one_sided: shape.material.one_sided,
             smooth: shape.mesh.normals.is_some(),
+            mapped: shape.material.normals.is_some(),
         }
     }
 }

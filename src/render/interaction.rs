@@ -25,8 +25,10 @@ pub struct SurfaceInteraction {
     pub ns: Vec3,
     /// The right-hand-rule normal is `ng · flip`.
     pub flip: f32,
-    /// The interpolated vertex normal is `ns · shading_flip` (before normalisation); 0 for flat shading.
+    /// The interpolated vertex normal is `ns · shading_flip` (before normalisation, and without a normal map); 0 for flat shading.
     pub shading_flip: f32,
+    /// A normal map has tilted the shading normal.
+    pub mapped: bool,
     /// Unit direction towards the previous vertex.
     pub wi: Vec3,
     pub bsdf: Bsdf,
@@ -87,6 +89,8 @@ impl Scene {
         let flip = if facet.normal.dot(wi) < 0.0 { -1.0 } else { 1.0 };
         let ng = facet.normal * flip;
         let (ns, shading_flip) = if shading.smooth { self.shading_normal(prim, b, ng) } else { (ng, 0.0) };
+        let mapped = if shading.mapped { self.mapped_normal(prim, b, ns, flip) } else { None };
+        let (ns, mapped) = mapped.map_or((ns, false), |mapped| (mapped.normal, true));
         let bsdf = match shading.bsdf {
             _ if shading.one_sided && flip < 0.0 => Bsdf::Black,
             Some(bsdf) => bsdf,
@@ -103,6 +107,7 @@ impl Scene {
             ns,
             flip,
             shading_flip,
+            mapped,
             wi,
             bsdf,
             emission,
@@ -110,7 +115,7 @@ impl Scene {
     }
 
     /// The shading normal on the side of `ng`, and its sign relative to the interpolated normal; `ng` and 0 without vertex normals.
-    fn shading_normal(&self, prim: PrimId, b: [f32; 3], ng: Vec3) -> (Vec3, f32) {
+    pub(super) fn shading_normal(&self, prim: PrimId, b: [f32; 3], ng: Vec3) -> (Vec3, f32) {
         let id = self.prims[prim as usize];
         let mesh = &self.description.shapes[id.shape as usize].mesh;
         let Some(normals) = &mesh.normals else { return (ng, 0.0) };
@@ -194,6 +199,7 @@ impl SurfaceInteraction {
         ns: Vec3::ZERO,
         flip: 1.0,
         shading_flip: 0.0,
+        mapped: false,
         wi: Vec3::ZERO,
         bsdf: Bsdf::Black,
         emission: Vec3::ZERO,
@@ -216,14 +222,20 @@ impl SurfaceInteraction {
     #[inline(always)]
     pub fn eval(&self, wo: Vec3) -> Vec3 {
         let f = self.bsdf.eval(self.ns, self.wi, wo);
-        if self.shading_flip == 0.0 { f } else { f * self.terminator(wo) }
+        if self.bends() { f * self.terminator(wo) } else { f }
+    }
+
+    /// Whether the shading normal may differ from the geometric one; where a normal map is flat, it does not.
+    #[inline(always)]
+    pub fn bends(&self) -> bool {
+        self.shading_flip != 0.0 || self.mapped && self.ns != self.ng
     }
 
     /// [`SurfaceInteraction::eval`] and [`SurfaceInteraction::pdf`].
     #[inline]
     pub fn eval_and_pdf(&self, wo: Vec3) -> (Vec3, f32) {
         let (f, pdf) = self.bsdf.eval_and_pdf(self.ns, self.wi, wo);
-        (if self.shading_flip == 0.0 { f } else { f * self.terminator(wo) }, pdf)
+        (if self.bends() { f * self.terminator(wo) } else { f }, pdf)
     }
 
     /// One part of [`SurfaceInteraction::eval`].
@@ -349,7 +361,7 @@ impl SurfaceInteraction {
 
     #[inline]
     fn terminator(&self, wo: Vec3) -> f32 {
-        if self.shading_flip == 0.0 { 1.0 } else { terminator(self.ng.dot(wo), self.ns.dot(wo), self.ng.dot(self.ns)) }
+        if self.bends() { terminator(self.ng.dot(wo), self.ns.dot(wo), self.ng.dot(self.ns)) } else { 1.0 }
     }
 }
 

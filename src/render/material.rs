@@ -218,10 +218,14 @@ pub struct Material<I = Input> {
     pub one_sided: bool,
     /// In [0, 1], the first channel: how much of the surface there is, the rest is a hole. `None` is opaque.
     pub opacity: Option<I>,
+    /// A normal map: the shading normal (x, y, z) as (½ + x/2, ½ + y/2, ½ + z/2), RGB in [0, 1], in the frame of the texture coordinates.
+    pub normals: Option<I>,
 }
 
-/// The input that all materials may have.
+/// The opacity, which all materials may have.
 pub const OPACITY: InputField = InputField { name: "opacity", quantity: Quantity::Fraction };
+/// The normal map, which all materials may have whose lobes have a width.
+pub const NORMALS: InputField = InputField { name: "normals", quantity: Quantity::Color };
 
 impl<I> Material<I> {
     /// The same material with something made of every input, one after the other.
@@ -231,7 +235,8 @@ impl<I> Material<I> {
     ) -> Result<Material<J>, E> {
         let kind = self.kind.try_map(&mut make)?;
         let opacity = self.opacity.as_ref().map(|opacity| make(OPACITY, opacity)).transpose()?;
-        Ok(Material { kind, one_sided: self.one_sided, opacity })
+        let normals = self.normals.as_ref().map(|normals| make(NORMALS, normals)).transpose()?;
+        Ok(Material { kind, one_sided: self.one_sided, opacity, normals })
     }
 
     /// As [`Material::try_map`], of what cannot fail.
@@ -240,15 +245,17 @@ impl<I> Material<I> {
         material
     }
 
-    /// The inputs of the model, then the opacity of a material with holes.
+    /// The inputs of the model, then the opacity of a material with holes, then the normal map.
     pub fn inputs(&self) -> impl Iterator<Item = (InputField, &I)> {
-        self.kind.inputs().chain(self.opacity.as_ref().map(|opacity| (OPACITY, opacity)))
+        let opacity = self.opacity.as_ref().map(|opacity| (OPACITY, opacity));
+        let normals = self.normals.as_ref().map(|normals| (NORMALS, normals));
+        self.kind.inputs().chain(opacity).chain(normals)
     }
 }
 
 impl<I> From<MaterialKind<I>> for Material<I> {
-    /// Opaque, and the same on both sides.
+    /// Opaque, without a normal map, and the same on both sides.
     fn from(kind: MaterialKind<I>) -> Material<I> {
-        Material { kind, one_sided: false, opacity: None }
+        Material { kind, one_sided: false, opacity: None, normals: None }
     }
 }

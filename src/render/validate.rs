@@ -178,7 +178,8 @@ fn validate_mesh(mesh: &Mesh, origin: Vec3) -> Result<(), String> {
     Ok(())
 }
 
-/// Checks that the inputs of a shape's material and emission exist, and that opacities are between 0 and 1.
+/// Checks that the inputs of a shape's material and emission exist, that opacities are between 0 and 1, and that the mesh has what a normal map
+/// needs.
 fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
     let mesh = &shape.mesh;
     let inputs = shape.material.inputs().map(|(_, input)| *input);
@@ -190,6 +191,21 @@ fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
         }
         if let Some(t) = input.texture().filter(|&t| t >= textures.len()) {
             return Err(format!("texture {t} does not exist"));
+        }
+    }
+    if let Some(normals) = shape.material.normals {
+        if shape.material.kind.is_delta() {
+            return Err(format!(
+                "a normal map tilts lobes that have a width, and `{}` has none",
+                shape.material.kind.name()
+            ));
+        }
+        if mesh.uvs.is_none() {
+            return Err("the material has a normal map, but the mesh has no texture coordinates".into());
+        }
+        let texels = normals.texture().map(|t| &textures[t]);
+        if texels.is_some_and(|t| t.channels != 3) {
+            return Err("a normal map has three channels".into());
         }
     }
     let texels = opacity.and_then(Input::texture).map(|t| &textures[t]);

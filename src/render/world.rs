@@ -15,6 +15,7 @@ use super::light::table::LightTable;
 use super::material::MaterialKind;
 use super::sampler::Discrete;
 use super::scene::{SceneDescription, Shape};
+use super::tangents::Tangents;
 use super::validate::{SceneError, validate};
 use crate::math::uniform_triangle;
 use crate::memory;
@@ -29,6 +30,8 @@ pub struct Scene {
     pub(crate) facets: Vec<Facet>,
     /// By shape.
     pub(crate) shape_shading: Vec<ShapeShading>,
+    /// By shape, of those with normal maps.
+    pub(crate) tangents: Vec<Option<Tangents>>,
     pub(crate) lights: LightTable,
     pub(crate) environment: Option<EnvironmentTable>,
     pub(crate) environment_peak: Option<EnvironmentPeak>,
@@ -87,6 +90,7 @@ impl Scene {
         Scene {
             facets,
             shape_shading,
+            tangents: description.shapes.iter().map(Tangents::new).collect(),
             masked: description.shapes.iter().any(|s| s.material.opacity.is_some()),
             has_glass: description.shapes.iter().any(|s| matches!(s.material.kind, MaterialKind::Dielectric { .. })),
             accel,
@@ -110,6 +114,7 @@ impl Scene {
         for (facet, corners) in self.facets.iter_mut().zip(&corners) {
             *facet = Facet::new(facet.shape, *corners);
         }
+        self.tangents = self.description.shapes.iter().map(Tangents::new).collect();
         self.radius = radius(&corners);
         self.relight();
         self.edge_table = OnceLock::new();

@@ -16,6 +16,7 @@ mod ltc;
 mod masks;
 mod materials;
 mod modes;
+mod normal_maps;
 mod pixel_filters;
 mod random_scenes;
 mod shared_edges;

@@ -90,18 +90,26 @@ fn materials_mean_what_their_letters_say() {
     assert_eq!((m.roughness, m.metallic, m.specular), (0.3, 0.2, 0.5));
     assert!((of("Ni 2\n").0.specular - 1.0 / 9.0 / 0.04).abs() < 1e-5);
     assert_eq!(of("Ks 1 1 1\nillum 1\n").0.specular, 0.0);
+    let (m, loaded) = of("norm half.png\n");
+    assert_eq!(loaded.warnings, Vec::<String>::new());
+    let normals = &m.normals.as_ref().unwrap().image;
+    assert!(normals.channels == 3 && normals.data.iter().all(|x| (x - 188.0 / 255.0).abs() < 1e-3), "no colours");
+    // Of glass only the index counts.
+    let (m, loaded) = of("illum 7\nNi 1.33\nd 0.1\nnorm half.png\n");
+    assert!(m.clear == Some(1.33) && m.opacity.is_none() && m.normals.is_none(), "{m:?}");
+    let told = "glass (`illum` 4, 6, 7 and 9) is smooth and clear: its colour, roughness and images are left out: “m”";
+    assert_eq!(loaded.warnings, [told]);
 }
 
 #[test]
 fn what_a_material_asks_for_in_vain_is_told_by_name() {
     let place = Place::new();
     place.write("dot.png", dot(&[1.0, 0.0, 0.0]));
-    let mtl =
-        "newmtl m\nmap_Bump -bm 2 dot.png\nnorm dot.png\nillum 7\nmap_Kd -mm 0 2 dot.png\nmap_Ke gone.png\nPc 0.5\n";
+    let mtl = "newmtl m\nmap_Bump -bm 2 dot.png\nillum 7\nmap_Kd -mm 0 2 dot.png\nmap_Ke gone.png\nPc 0.5\n";
     let (_, loaded) = material(&place, mtl);
     let expected = [
-        "parts of materials are left out: map_Bump of “m”, norm of “m”, `-mm` of map_Kd of “m”, Pc of “m”",
-        "glass (`illum` 4, 6, 7 and 9) is rendered as an opaque surface: “m”",
+        "parts of materials are left out: map_Bump of “m”, `-mm` of map_Kd of “m”, Pc of “m”",
+        "glass (`illum` 4, 6, 7 and 9) without a refractive index (`Ni`) above 1 is rendered as an opaque surface: “m”",
         "image “gone.png” of material “m”: there is no such file or folder",
     ];
     assert_eq!(loaded.warnings, expected);
@@ -473,6 +481,44 @@ fn lights_and_emitters_of_gltf() {
     assert!((lit - 4.0 / std::f64::consts::PI).abs() < 1e-3, "{lit}");
 }
 
+/// A normal map with its scale, and a body of glass; what else glass has is told.
+#[test]
+fn normal_maps_and_glass_of_gltf() {
+    let place = Place::new();
+    place.write("lean.png", dot(&[0.75, 0.5, 1.0]));
+    let mut file = Builder::new();
+    file.add("images", json!({"uri": "lean.png"}));
+    file.add("textures", json!({"source": 0}));
+    let glass = |name: &str, pbr: serde_json::Value, thickness: f64| {
+        json!({"name": name, "pbrMetallicRoughness": pbr, "extensions": {
+            "KHR_materials_transmission": {"transmissionFactor": 1}, "KHR_materials_ior": {"ior": 1.4},
+            "KHR_materials_volume": {"thicknessFactor": thickness}}})
+    };
+    file.add("materials", json!({"name": "leather", "normalTexture": {"index": 0, "scale": 2}}));
+    file.add("materials", glass("ball", json!({"roughnessFactor": 0}), 1.0));
+    file.add("materials", glass("bottle", json!({"roughnessFactor": 0.2}), 1.0));
+    file.add("materials", glass("pane", json!({"roughnessFactor": 0}), 0.0));
+    for material in 0..4 {
+        let mesh = file.triangle(json!({}), json!({"material": material}));
+        file.add("nodes", json!({"mesh": mesh}));
+    }
+    file.json["scenes"] = json!([{"nodes": [0, 1, 2, 3]}]);
+    place.write("a.gltf", file.text());
+    let loaded = read(&place, "a.gltf");
+    let told = [
+        "glass is smooth and clear: its colour, roughness and images are left out: “bottle”",
+        "extensions of materials are left out: KHR_materials_transmission of “pane”, KHR_materials_volume of “pane”",
+    ];
+    assert_eq!(loaded.warnings, told);
+    let material = |i: usize| loaded.parts[i].material.clone().unwrap();
+    let normals = material(0).normals.clone().unwrap().image.data.clone();
+    // The file's numbers are 225, 188 and 255 (of the colours 0.75, 0.5 and 1), and the normal is inclined twice as much.
+    let normal = (vec3(225.0, 188.0, 255.0) / 255.0 * 2.0 - 1.0) * vec3(2.0, 2.0, 1.0);
+    let expected = 0.5 + 0.5 * normal.normalize();
+    assert!(Vec3::from_slice(&normals).distance(expected) < 0.005, "{normals:?} instead of {expected}");
+    assert_eq!([0, 1, 2, 3].map(|i| material(i).clear), [None, Some(1.4), Some(1.4), None]);
+}
+
 #[test]
 fn what_gltf_asks_for_in_vain_is_told_by_name() {
     let place = Place::new();
@@ -497,7 +543,6 @@ fn what_gltf_asks_for_in_vain_is_told_by_name() {
     let expected = [
         "animations are left out: everything is as it stands without them: “walk”",
         "extensions of nodes are left out: EXT_mesh_gpu_instancing of “n”",
-        "normal maps are left out: “glass”",
         "extensions of materials are left out: KHR_materials_transmission of “glass”, \
          KHR_materials_pbrSpecularGlossiness of “glass”",
         "image “gone.png” of “glass”: there is no such file or folder",

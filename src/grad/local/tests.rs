@@ -27,6 +27,7 @@ fn vertex(ns: Vec3, wi: Vec3, bsdf: Bsdf) -> SurfaceInteraction {
         ns,
         flip: 1.0,
         shading_flip: 0.0,
+        mapped: false,
         wi,
         bsdf,
         emission: Vec3::ZERO,

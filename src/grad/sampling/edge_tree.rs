@@ -533,7 +533,7 @@ mod tests {
     fn creases_are_found_as_often_as_they_are_worth() {
         let mesh = Mesh { normals: None, uvs: None, ..crate::mesh::shapes::sphere(0.5, 96).unwrap() };
         let matte = MaterialKind::Diffuse { reflectance: Input::Texture(0) };
-        let material = Material { kind: matte, one_sided: false, opacity: None };
+        let material = Material { kind: matte, one_sided: false, opacity: None, normals: None };
         let shapes = vec![Shape { mesh, material, emission: None }];
         let textures = vec![Texture::constant(Vec3::ONE)];
         let scene = Scene::new(SceneDescription { shapes, textures, ..Default::default() }).unwrap();
@@ -571,7 +571,7 @@ mod tests {
         let floor = Mesh { normals: None, uvs: None, ..floor };
         let shape = |mesh: Mesh| Shape {
             mesh,
-            material: Material { kind: MaterialKind::Black, one_sided: false, opacity: None },
+            material: Material { kind: MaterialKind::Black, one_sided: false, opacity: None, normals: None },
             emission: None,
         };
         let emission = Some(crate::render::Emission { radiance: Input::Texture(0), two_sided: false });
@@ -613,7 +613,7 @@ mod tests {
         let mesh = Mesh { normals: None, uvs: None, ..mesh };
         let shape = Shape {
             mesh,
-            material: Material { kind: MaterialKind::Black, one_sided: false, opacity: None },
+            material: Material { kind: MaterialKind::Black, one_sided: false, opacity: None, normals: None },
             emission: None,
         };
         let scene = Scene::new(SceneDescription { shapes: vec![shape], ..Default::default() }).unwrap();

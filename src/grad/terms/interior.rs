@@ -201,7 +201,7 @@ fn required_shapes(scene: &Scene, layout: &Layout) -> Option<Vec<bool>> {
         let changes = layout.moves(i as u32) || layout.slots.contains(&Slot::Uvs(i));
         match &shape.emission {
             Some(emission) if changes || asked(i, emission.radiance) => None,
-            _ => Some(changes || shape.material.kind.inputs().any(|(_, input)| asked(i, *input))),
+            _ => Some(changes || shape.material.inputs().any(|(_, input)| asked(i, *input))),
         }
     };
     shapes.iter().enumerate().map(of_shape).collect()

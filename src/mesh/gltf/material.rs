@@ -27,7 +27,8 @@ pub(super) struct Materials {
 pub(super) fn placement(material: &gltf::Material) -> (u32, UvTransform) {
     let pbr = material.pbr_metallic_roughness();
     let first = pbr.base_color_texture().or(pbr.metallic_roughness_texture()).or(material.emissive_texture());
-    first.map_or((0, UvTransform::IDENTITY), |info| (uv_set(&info), UvTransform::of(&info)))
+    let normals = material.normal_texture().map_or(0, |map| map.tex_coord());
+    first.map_or((normals, UvTransform::IDENTITY), |info| (uv_set(&info), UvTransform::of(&info)))
 }
 
 impl Materials {
@@ -57,6 +58,7 @@ impl Materials {
         let base_color = image(pbr.base_color_texture(), Encoding::Srgb);
         let metallic_roughness = image(pbr.metallic_roughness_texture(), Encoding::Linear);
         let emissive = image(material.emissive_texture(), Encoding::Srgb);
+        let normals = self.normals(material, at, &name, accessors, reading);
         let [r, g, b, alpha] = pbr.base_color_factor();
         let ior = material.ior().unwrap_or(1.5);
         let reflectance = if ior > 0.0 { ((ior - 1.0) / (ior + 1.0)).powi(2) } else { 1.0 };
@@ -74,11 +76,16 @@ impl Materials {
             emissive_image: channels(&emissive, 0, 3),
             double_sided: material.double_sided(),
             opacity: opacity(material, base_color.as_ref(), alpha),
+            clear: clear(material, &name, reading),
+            normals,
         };
         if material.unlit() {
             // An unlit material shows its colour whatever the light: it emits that colour and reflects nothing.
             (made.emissive, made.emissive_image) = (made.base_color, made.base_color_image.take());
             (made.base_color, made.metallic, made.specular) = (Vec3::ZERO, 0.0, 0.0);
+        }
+        if made.clear.is_some() {
+            (made.normals, made.opacity) = (None, None);
         }
         let numbers = [made.metallic, made.roughness, made.specular];
         if !(made.base_color.is_finite() && made.emissive.is_finite() && numbers.iter().all(|n| n.is_finite())) {
@@ -87,6 +94,26 @@ impl Materials {
         let made = Arc::new(made);
         self.made.insert(index, made.clone());
         Ok(Some(made))
+    }
+
+    /// The normal map, with its scale.
+    fn normals(
+        &mut self,
+        material: &gltf::Material,
+        at: (u32, UvTransform),
+        whose: &str,
+        accessors: &Accessors,
+        reading: &mut Reading,
+    ) -> Option<LoadedImage> {
+        let map = material.normal_texture()?;
+        if reading.materials() {
+            let moves = map.extensions().into_iter().flat_map(|e| e.keys()).any(|name| name == "KHR_texture_transform");
+            if map.tex_coord() != at.0 || moves != (at.1 != UvTransform::IDENTITY) {
+                reading.notes.about("all images of a material are placed as its first one is", whose);
+            }
+        }
+        let image = self.image(&map.texture(), Encoding::Linear, whose, accessors, reading)?;
+        Some(scaled_normals(&image.channels(0, 3), map.scale()))
     }
 
     fn image(
@@ -152,9 +179,6 @@ fn sampler(texture: &gltf::Texture, whose: &str, reading: &mut Reading) -> (bool
 /// Reports features of a material that are not supported.
 fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
     let notes = &mut reading.notes;
-    if material.normal_texture().is_some() {
-        notes.about("normal maps are left out", name);
-    }
     if material.unlit() {
         notes.about("unlit materials (KHR_materials_unlit) shine with their colour", name);
     }
@@ -164,9 +188,52 @@ fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
             notes.about("colours and images of KHR_materials_specular are left out", name);
         }
     }
-    for extension in material.extensions().into_iter().flat_map(|e| e.keys()) {
+    let known = |name: &str| matches!(name, TRANSMISSION | VOLUME) && transmission(material).is_some();
+    for extension in material.extensions().into_iter().flat_map(|e| e.keys()).filter(|name| !known(name)) {
         notes.about("extensions of materials are left out", format!("{extension} of {name}"));
     }
+}
+
+const TRANSMISSION: &str = "KHR_materials_transmission";
+const VOLUME: &str = "KHR_materials_volume";
+
+/// Of a body that lets most of the light through its surface, how much: KHR_materials_transmission with a KHR_materials_volume that has a
+/// thickness. (Without one glTF means a thin wall, which does not refract.)
+fn transmission(material: &gltf::Material) -> Option<f64> {
+    let number = |extension: &str, name: &str| material.extension_value(extension)?.get(name)?.as_f64();
+    let share = number(TRANSMISSION, "transmissionFactor").filter(|share| *share >= 0.5)?;
+    number(VOLUME, "thicknessFactor").filter(|thickness| *thickness > 0.0).map(|_| share)
+}
+
+/// The refractive index of a clear body. What it has beside that is reported.
+fn clear(material: &gltf::Material, name: &str, reading: &mut Reading) -> Option<f32> {
+    let share = transmission(material)?;
+    let pbr = material.pbr_metallic_roughness();
+    let has = |extension: &str, name: &str| material.extension_value(extension).is_some_and(|e| e.get(name).is_some());
+    let is_plain = share == 1.0
+        && pbr.roughness_factor() == 0.0
+        && pbr.base_color_factor()[..3] == [1.0; 3]
+        && pbr.base_color_texture().is_none()
+        && material.normal_texture().is_none()
+        && !has(TRANSMISSION, "transmissionTexture")
+        && !has(VOLUME, "attenuationDistance");
+    if !is_plain && reading.materials() {
+        reading.notes.about("glass is smooth and clear: its colour, roughness and images are left out", name);
+    }
+    Some(material.ior().unwrap_or(1.5).clamp(1.0, 10.0)).filter(|ior| ior.is_finite())
+}
+
+/// A normal map whose normals are inclined `scale` times as much.
+fn scaled_normals(map: &LoadedImage, scale: f32) -> LoadedImage {
+    if scale == 1.0 {
+        return map.clone();
+    }
+    let scaled = |texel: &[f32]| {
+        let n = Vec3::from_slice(texel) * 2.0 - Vec3::ONE;
+        let n = (n * Vec3::new(scale, scale, 1.0)).normalize_or(Vec3::Z);
+        ((n + Vec3::ONE) * 0.5).to_array()
+    };
+    map.with(Image { data: map.image.data.chunks_exact(3).flat_map(scaled).collect(), ..*map.image })
 }
 
 /// Opacity as a texture; `None` is opaque.

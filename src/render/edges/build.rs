@@ -339,7 +339,11 @@ fn is_sharp(scene: &Scene, edge: &Edge, seams: Seams) -> bool {
     } else if differ(&|m, v| m.normals.as_ref().map(|n| n[v as usize].normalize_or_zero())) {
         return true;
     }
-    let reads = |m: &Material, test: &dyn Fn(Input) -> bool| m.kind.inputs().any(|(_, i)| test(*i));
+    if sa.material.normals.is_some() && tangents_differ(scene, [a, b]) {
+        return true;
+    }
+    let tilts = sa.material.normals;
+    let reads = |m: &Material, test: &dyn Fn(Input) -> bool| m.kind.inputs().map(|(_, i)| *i).chain(tilts).any(test);
     let textured = |i: Input| i.texture().is_some_and(|t| !scene.description.textures[t].is_constant());
     let emission = sa.emission.as_ref().map(|e| e.radiance);
     let opacity = sa.material.opacity;
@@ -351,4 +355,23 @@ fn is_sharp(scene: &Scene, edge: &Edge, seams: Seams) -> bool {
     let coloured = Input::reads_colors;
     (reads(&sa.material, &coloured) || emission.is_some_and(coloured) || opacity.is_some_and(coloured))
         && differ(&|m, v| m.colors.as_ref().map(|c| c[v as usize]))
+}
+
+/// Whether two faces of shapes with normal maps have other tangents at their common edge.
+fn tangents_differ(scene: &Scene, faces: [&EdgeFace; 2]) -> bool {
+    let at = |f: &EdgeFace, end: usize| {
+        let id = scene.prims[f.prim as usize];
+        let face = scene.description.shapes[id.shape as usize].mesh.faces[id.face as usize];
+        let tangents = scene.tangents[id.shape as usize].as_ref()?;
+        let parts = face.into_iter().zip(f.ends[end]).filter(|(_, b)| *b != 0.0);
+        Some((
+            parts.map(|(v, b)| tangents.by_vertex[v as usize] * b).sum::<Vec3>().normalize_or_zero(),
+            tangents.turns[id.face as usize],
+        ))
+    };
+    let [a, b] = faces;
+    (0..2).any(|end| match (at(a, end), at(b, end)) {
+        (Some((x, turn)), Some((y, other))) => x.distance(y) > 1e-5 || turn != other,
+        _ => true,
+    })
 }

@@ -350,7 +350,7 @@ impl<const N: usize> Paths<N> {
         self.offset[k] = offset(si.p) * self.offset_scale;
         self.n.set(k, si.ns);
         self.diffuse[k] = si.bsdf.is_diffuse();
-        self.matte[k] = self.diffuse[k] && si.shading_flip == 0.0;
+        self.matte[k] = self.diffuse[k] && !si.bends();
         if let Bsdf::Diffuse { reflectance } = si.bsdf {
             self.reflectance.set(k, reflectance);
         }

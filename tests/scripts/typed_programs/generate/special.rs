@@ -29,13 +29,14 @@ impl Generator<'_, '_> {
                 _ => self.call("look_at", &[vector(3), vector(3), vector(3)], depth).any_left_out(2),
             },
             T::Mesh => self.mesh(depth),
-            T::Material => match self.tape.below(7) {
+            T::Material => match self.tape.below(8) {
                 0 => self.named("diffuse", &[("reflectance", T::Texture)], depth),
                 1 => self.call("one_sided", &[T::Material], depth),
                 2 => self.call("mask", &[T::Material, T::Texture], depth),
                 3 => self.named("plastic", &[("diffuse", T::Texture), ("roughness", T::Texture)], depth),
                 4 => self.named("dielectric", &[("ior", T::Texture)], depth),
-                5 => self.named("principled", &[("roughness", T::Texture), ("base_color", T::Texture)], depth),
+                5 => self.call("normal_map", &[T::Material, T::Texture], depth).loosely(),
+                6 => self.named("principled", &[("roughness", T::Texture), ("base_color", T::Texture)], depth),
                 _ => self.field("", T::Shape, ".material", depth),
             },
             T::Texture => match self.tape.below(4) {
