@@ -260,28 +260,36 @@ fn what_is_even_stays_even() {
 /// Whole renderings on a film so small that its borders matter, against differences.
 #[test]
 fn filters_against_differences() {
-    let scene = |t: f32, eye: Vec3, filter: PixelFilter| {
+    let scene = |t: f32, eye: Vec3, filter: PixelFilter, mirror: bool| {
         let mut b = Builder::default();
         let grey = b.diffuse(Vec3::splat(0.6));
         b.add(floor(Vec3::ZERO, 2.0), grey.clone());
         b.add(cuboid(vec3(0.1 + t, 0.7, -0.1), vec3(0.4, 0.3, 0.5), 0.4), grey);
+        if mirror {
+            b.ball(vec3(-0.7, 0.6, 0.4), 0.5);
+        }
         b.lamp(ceiling(vec3(0.3, 3.0, -0.5), 0.4), Vec3::splat(20.0));
         (b.description, Camera { filter, ..look_at(eye, vec3(0.0, 0.4, 0.0), 30.0, FILM) })
     };
     let at = vec3(0.5, 2.0, -4.0);
     let plan = Plan { h: 0.06, ..Plan::default() };
     for (name, filter) in &PixelFilter::NAMES[1..] {
-        agree(&format!("{name}: box x"), &|t| scene(t, at, *filter), &plan);
-        agree(&format!("{name}: camera y"), &|t| scene(0.0, at + t * Vec3::Y, *filter), &plan);
+        agree(&format!("{name}: box x"), &|t| scene(t, at, *filter, false), &plan);
+        agree(&format!("{name}: camera y"), &|t| scene(0.0, at + t * Vec3::Y, *filter, false), &plan);
     }
+    // What the mirror shows moves fast: the differences take small steps.
+    let mirror = Plan { h: 0.02, spp: 128, fd_spp: 2048, max_bounces: 2, ..plan };
+    agree_in_long("mitchell: box x beside a mirror", &|t| scene(t, at, PixelFilter::Mitchell, true), &mirror);
+    let depth = Plan { output: Output::Depth, h: 0.02, spp: 64, fd_spp: 4096, ..plan };
+    agree_in_long("tent: box x, its depth", &|t| scene(t, at, PixelFilter::Tent, false), &depth);
     let distortion = Distortion { coefficients: [-0.2, 0.05, 0.01, 0.02, 0.0] };
     let bent = |t: f32| {
-        let (description, camera) = scene(t, at, PixelFilter::Gaussian);
+        let (description, camera) = scene(t, at, PixelFilter::Gaussian, false);
         (description, Camera { distortion, ..camera })
     };
     agree("gaussian: box x through a lens that distorts", &bent, &plan);
     let crop = |t: f32| {
-        let (description, camera) = scene(0.0, at + t * Vec3::Y, PixelFilter::Box);
+        let (description, camera) = scene(0.0, at + t * Vec3::Y, PixelFilter::Box, false);
         (description, Camera { width: 4, height: 3, crop: Some(Crop { corner: [1, 2], film: [6, 6] }), ..camera })
     };
     agree("camera y, of a part of the film", &crop, &plan);
