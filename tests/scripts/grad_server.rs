@@ -85,6 +85,19 @@ fn questions_say_where_params_are() {
     assert_eq!((&found[0]["value"], &found[0]["wrt"]), (&json!([-2.0, 1.0, 3.0]), &json!({"r": [0.0, 3.0, -1.0]})));
 }
 
+#[test]
+fn answers_do_not_depend_on_earlier_ones() {
+    let place = shadow();
+    let question = json!({"of": "mean(render(eye, spp: 1)) * 2", "seed": 4});
+    let alone = &answers(&place, &[], std::slice::from_ref(&question))[0];
+    let before = json!({"of": "mean(render(eye, spp: 1))", "params": {"glow": 3, "lamp.radiance": 2}, "seed": 9});
+    let found = answers(&place, &[], &[json!({"of": "x + 1"}), before, question]);
+    for part in ["value", "wrt"] {
+        assert_eq!(found[2][part], alone[part], "{part}");
+    }
+    assert_ne!(found[1]["value"], alone["value"]);
+}
+
 /// The adjoint of a mean, as an image file and as numbers, gives the mean's derivative: by `glow`, in which the image is linear, it is known.
 #[test]
 fn adjoints_come_from_outside() {
