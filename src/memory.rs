@@ -106,6 +106,14 @@ pub fn held() -> u64 {
     memory_stats::memory_stats().map_or(0, |m| m.physical_mem as u64)
 }
 
+/// The most bytes that this process has held so far; what it holds if the operating system does not report that.
+pub fn most_held() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"));
+    let kilobytes = line.and_then(|line| line.trim().strip_suffix("kB")?.trim().parse::<u64>().ok());
+    kilobytes.map_or_else(held, |k| 1024 * k)
+}
+
 /// Parses a size: `512 MB`, `8GB`, `1.5 GiB`, or bytes without a unit.
 pub fn parse_size(text: &str) -> Result<u64, String> {
     let expected = || "expected a size such as 8GB or 500MB".to_owned();

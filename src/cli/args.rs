@@ -35,6 +35,7 @@ Examples:
   dsl run scene.dscene --set spp=16 --steps 20       override a declaration, shorten the optimisation
   dsl run scene.dscene --resume result               go on with what was interrupted or killed
   dsl run scene.dscene --live                        with a page that shows it: pictures, losses, pause and stop
+  dsl run scene.dscene --timings                     and where the time went: load, build, render, gradient, loss, save
 
 The run folder holds run.json (script, imports, overrides, version, seed), log.jsonl (one object per step), checkpoint.bin
 (what --resume goes on from), report.html (a page about the run, from report.jsonl and the others) and what the script saves. A line of
@@ -65,8 +66,14 @@ step, by more than the noise of both (median stopping rule, Golovin et al. 2017)
 Examples:
   dsl check scene.dscene other.dscene
   dsl check --json scene.dscene                      one JSON object per diagnostic
+  dsl check --estimate scene.dscene                  how long each action will take, and how much memory
+  dsl check --deps scene.dscene                      what it reads, as a rule for Make: runs/scene: scene.dscene lib.dscene …
 
-Exits with 1 if there are errors; warnings alone are no failure.")]
+Exits with 1 if there are errors; warnings alone are no failure. --estimate rehearses the script: everything is evaluated, but renderings
+see a small film with few samples, from which is reckoned what film, samples, bounces, triangles and steps will take; a range says how far
+off that may be, and an action that fails makes it exit with 1. With --json it is {\"file\": …, \"estimate\": {\"seconds\": {\"low\", \"expected\",
+\"high\"}, \"bytes\": …, \"actions\": […]}}, and --deps is {\"file\": …, \"target\": …, \"deps\": [FILE], \"unknown\": [TEXT]}: what names files only
+when it runs. The target is --out, or else runs/NAME.")]
     Check(CheckArgs),
     /// Runs the tests that scripts hold: `test "name" { let … expect … }`
     #[command(after_help = "\
@@ -274,6 +281,9 @@ pub struct RunArgs {
     /// Write what TensorBoard shows beside the log: `tensorboard --logdir RUN`
     #[arg(long, conflicts_with = "resume")]
     pub tensorboard: bool,
+    /// Tell where the time went, statement by statement; with =FILE as trace events too, which ui.perfetto.dev draws
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
+    pub timings: Option<Option<PathBuf>>,
     /// Run the actions once as a part of a sweep, until standard input ends; sweeps begin their runs so
     #[arg(long, hide = true)]
     pub part: bool,
@@ -323,6 +333,12 @@ pub struct CheckArgs {
     /// The scripts
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
+    /// Tell how long, and how much memory, each action of a script will take
+    #[arg(long)]
+    pub estimate: bool,
+    /// Tell which files a script reads: imports, pictures, meshes, data
+    #[arg(long, conflicts_with = "estimate")]
+    pub deps: bool,
     #[command(flatten)]
     pub common: Common,
 }

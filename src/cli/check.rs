@@ -3,23 +3,27 @@
 use super::args::{CheckArgs, Common};
 use super::load::check_file;
 use super::world::{diagnostic_text, pointer};
-use super::{EXIT_WRONG, out};
+use super::{EXIT_WRONG, deps, estimate, out};
 use crate::diag::{self, Diagnostic};
 use crate::source::SourceMap;
 
 /// One file after the other; errors in any of them fail the command.
 pub fn run(args: &CheckArgs) -> u8 {
     let (mut errors, mut warnings) = (0_usize, 0_usize);
+    let mut unknown: usize = 0;
     let mut first_error = None;
     for file in &args.files {
-        let checked = check_file(file, &args.common);
+        let checked = if args.deps { deps::run(file, &args.common) } else { check_file(file, &args.common) };
         for diagnostic in &checked.diagnostics {
             *(if diagnostic.is_error() { &mut errors } else { &mut warnings }) += 1;
             first_error = first_error.or(diagnostic.is_error().then_some(diagnostic.code));
             tell(diagnostic, &checked.sources, &args.common);
         }
+        if let Some(program) = checked.program.filter(|_| args.estimate) {
+            unknown += usize::from(!estimate::run(file, program, &args.common));
+        }
     }
-    if !args.common.json && !args.common.quiet {
+    if !args.common.json && !args.common.quiet && !args.deps {
         let count = |n: usize, what: &str| format!("{n} {what}{}", if n == 1 { "" } else { "s" });
         let files = count(args.files.len(), "file");
         match (errors, warnings) {
@@ -28,7 +32,7 @@ pub fn run(args: &CheckArgs) -> u8 {
         }
         first_error.and_then(pointer).iter().for_each(|line| out::error_line(line));
     }
-    if errors > 0 { EXIT_WRONG } else { 0 }
+    if errors + unknown > 0 { EXIT_WRONG } else { 0 }
 }
 
 /// Tells a diagnostic: as an object on standard output, or to people.

@@ -5,7 +5,9 @@ mod book;
 mod check;
 mod compare;
 mod completions;
+mod deps;
 mod doc;
+mod estimate;
 mod eval;
 mod explain;
 mod export;
@@ -26,6 +28,7 @@ mod run;
 mod script;
 mod sweep;
 mod test;
+mod timings;
 mod world;
 
 use std::panic::AssertUnwindSafe;

@@ -10,6 +10,7 @@ use super::args::{Common, PICTURE_SPP, RunArgs};
 use super::live::Live;
 use super::load::STDIN;
 use super::script::found_script;
+use super::timings::Timings;
 use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load_stopped_by, out};
 use crate::diag::{Diagnostic, Severity};
 use crate::report::report;
@@ -19,6 +20,7 @@ use crate::session::events::{Ending, Event};
 use crate::session::folder::REPORT;
 use crate::session::notes::told;
 use crate::session::sweep::{Judge, Record};
+use crate::session::timings::Timed;
 use crate::session::{Checkpoint, Flow, Run, RunFolder, RunReport, RunSettings, Runner, World, world};
 use crate::source::SourceMap;
 
@@ -49,9 +51,11 @@ fn run_script(args: &RunArgs, terminal: &mut Terminal) -> u8 {
     }
     // A page has evaluations end early for a look; without one only Ctrl-C ends them.
     let stop = if args.live.is_some() { Arc::new(AtomicBool::new(false)) } else { world::interrupt_flag() };
+    let checking = Stopwatch::start();
     let Some(mut loaded) = load_stopped_by(stop.clone(), &args.file, &common, terminal) else {
         return EXIT_WRONG;
     };
+    let check = checking.elapsed().wall;
     if !args.part && args.resume.is_none() && loaded.engine.program().sweep.is_some() {
         if args.live.is_some() {
             terminal.note("a sweep has no live page");
@@ -96,6 +100,7 @@ fn run_script(args: &RunArgs, terminal: &mut Terminal) -> u8 {
     runner.folder = Some(&mut folder);
     let outcome = world::listening(|| runner.resume(&actions, checkpoint));
     let (report, (seconds_since, files)) = (runner.report.clone(), runner.since_last_step());
+    let timings = std::mem::take(&mut runner.timings);
     if matches!(outcome, Ok(Flow::Continue)) {
         folder.sweep(&report.saved);
     }
@@ -114,7 +119,9 @@ fn run_script(args: &RunArgs, terminal: &mut Terminal) -> u8 {
         Ok(Flow::Continue) => (0, Ending::Finished),
     };
     let _ = folder.note(&Event::End { how, seconds: seconds_since, files });
+    let writing = Stopwatch::start();
     let page = write_report(&mut loaded, &common, &folder, terminal);
+    tell_timings(args, [check, writing.elapsed().wall], &timings, &loaded, terminal);
     conclude(args, &report, &path, code, watch.elapsed().wall, terminal);
     if let Some(page) = page {
         terminal.note(&format!("report: {}", page.display()));
@@ -128,6 +135,23 @@ fn run_script(args: &RunArgs, terminal: &mut Terminal) -> u8 {
         live.end(how, &mut loaded.engine);
     }
     code
+}
+
+/// Where the time went, if that is asked for; `check` and `report` are what came before and after the actions.
+fn tell_timings(
+    args: &RunArgs,
+    [check, report]: [f64; 2],
+    actions: &[Timed],
+    loaded: &Loaded,
+    terminal: &mut Terminal,
+) {
+    let Some(file) = &args.timings else { return };
+    let sources = &loaded.engine.program().sources;
+    let timings = Timings { check, actions, report, sources };
+    timings.tell(args.common.json);
+    if let Some(Err(diagnostic)) = file.as_deref().map(|file| timings.write(file)) {
+        terminal.diagnostic(&diagnostic, sources);
+    }
 }
 
 /// What became of the run, on a line.

@@ -1,7 +1,9 @@
 //! Calls: natives, functions of the language, function values.
 
 use std::sync::Arc;
+use std::time::{Duration, Instant};
 
+use crate::check;
 use crate::check::hir::{Call, Callee, DeclId, DeclKind, Expr, FnDecl, Lambda, LocalId, NativeDecl, Rendering};
 use crate::diag::Diagnostic;
 use crate::memory;
@@ -108,7 +110,10 @@ impl Engine {
         let numbers: usize = values.iter().map(Value::numbers).sum();
         memory::ask_for::<f64>(numbers).map_err(|e| error::memory(e, span))?;
         let args = Args { names: &names, values, context: &context };
+        let reads = matches!(values.first(), Some(Value::Str(_))) && check::READERS.contains(&&*native.name);
+        let begun = reads.then(Instant::now);
         let value = f(&args).map_err(|e| error::native(&e, span, spans, &native.name));
+        self.statistics.loads_took += begun.map_or_else(Duration::default, |begun| begun.elapsed());
         for warning in context.warnings.take() {
             let what = warning.message.clone();
             self.warnings.say(span, what, || error::native_warning(&warning, span, spans, &native.name));

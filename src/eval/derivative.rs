@@ -14,7 +14,7 @@ use crate::source::Span;
 use crate::stop;
 use crate::tape::{self, Tensor, Var};
 
-use super::{Deps, Engine, History, Result, error, mix};
+use super::{Deps, Engine, History, Result, Statistics, error, mix};
 
 /// A scalar with its derivatives.
 #[derive(Clone, Debug)]
@@ -103,11 +103,18 @@ impl Engine {
         })
     }
 
+    /// Notes that a value was computed since a moment.
+    pub(super) fn valued(&mut self, begun: Instant, before: Statistics) {
+        let (took, parts) = (begun.elapsed(), self.statistics.parts_took() - before.parts_took());
+        self.statistics.values_took += took;
+        self.statistics.losses_took += took.saturating_sub(parts);
+    }
+
     /// A scalar and its derivatives with respect to nodes that it was computed from.
     fn gradient_in(&mut self, of: &Expr, leaves: &[Var], evenly: bool) -> Result<(Var, Vec<Tensor>)> {
-        let begun = Instant::now();
+        let (begun, before) = (Instant::now(), self.statistics);
         let (_, loss) = self.numbers(of)?;
-        self.statistics.values_took += begun.elapsed();
+        self.valued(begun, before);
         if loss.len() != 1 {
             let found = Tensor::shape_text(loss.shape());
             return Err(error::gradient(format!("only a number has a gradient, this is a {found}"), of.span)

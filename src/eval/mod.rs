@@ -24,6 +24,7 @@ mod project;
 mod reach;
 mod recorded;
 mod redeclared;
+mod rehearsal;
 mod render;
 mod renew;
 mod residuals;
@@ -57,6 +58,7 @@ pub use history::{History, StoredHistory};
 pub use linear::Linear;
 pub use origin::Origin;
 pub use recorded::RecordedImage;
+pub use rehearsal::{Rehearsal, Rehearsed, Work};
 pub use render::RenderOverrides;
 pub use residuals::Residuals;
 pub use show::{brief, exact, is_angle, number_text, show, to_json};
@@ -125,9 +127,19 @@ pub struct Statistics {
     /// Wall time of evaluating what is differentiated, and of its derivatives.
     pub values_took: Duration,
     pub derivatives_took: Duration,
-    /// Wall time of building scenes with their ray trees, and of rendering.
+    /// Of the time of values, what was none of the following.
+    pub losses_took: Duration,
+    /// Wall time of reading files, of building scenes with their ray trees, and of rendering.
+    pub loads_took: Duration,
     pub scenes_took: Duration,
     pub renders_took: Duration,
+}
+
+impl Statistics {
+    /// Wall time of what takes long beside losses.
+    fn parts_took(&self) -> Duration {
+        self.loads_took + self.scenes_took + self.renders_took
+    }
 }
 
 struct Entry {
@@ -198,6 +210,8 @@ pub struct Engine {
     depth: usize,
     scenes: lower::SceneCache,
     warnings: Warnings,
+    /// Set while nothing is rendered in full.
+    rehearsal: Option<Arc<Rehearsal>>,
     /// Set while somebody wants to see what losses see.
     image_log: Option<recorded::ImageLog>,
 }
@@ -237,6 +251,7 @@ impl Engine {
             depth: 0,
             scenes: lower::SceneCache::default(),
             warnings: Warnings::default(),
+            rehearsal: None,
             image_log: None,
         }
     }
@@ -389,6 +404,11 @@ impl Engine {
         if self.params.remove(&id).is_some() {
             self.moved.insert(id);
         }
+    }
+
+    /// From now on renderings are rehearsed.
+    pub fn rehearse(&mut self) -> Arc<Rehearsal> {
+        self.rehearsal.get_or_insert_default().clone()
     }
 
     /// Warnings since the last call, for instance about derivatives that lack a term or images that are black.

@@ -22,6 +22,7 @@ use crate::tape::{CustomOp, Tensor, Var};
 use super::dark::{self, Darkness};
 use super::facing::{self, Facing};
 use super::lower::{self, LowerError, Lowered};
+use super::rehearsal::{Rehearsal, Task};
 use super::warnings::Warnings;
 use super::{Engine, Result, error, history, mix};
 
@@ -55,6 +56,10 @@ struct RenderOp {
     drawn: Arc<AtomicU64>,
     /// The derivative in some of the slots, once it is that of one matrix.
     fixed: OnceLock<Fixed>,
+    /// Set if it is not rendered in full.
+    rehearsal: Option<Arc<Rehearsal>>,
+    /// Whether the derivative would be stored by now, were it no rehearsal.
+    is_stored: AtomicBool,
 }
 
 /// A derivative in slots of these indices, all of whose products are with one matrix or its transpose.
@@ -69,6 +74,20 @@ impl RenderOp {
     fn draw(&self, image: &Tensor) {
         let pixels = image.shape.iter().take(2).product::<usize>() as u64;
         self.drawn.fetch_add(pixels * u64::from(self.settings.spp), Ordering::Relaxed);
+    }
+
+    /// The rehearsal, and what it is asked for.
+    fn rehearsed(&self) -> Option<(&Rehearsal, Task<'_>)> {
+        let rehearsal = self.rehearsal.as_deref()?;
+        let task = Task {
+            scene: &self.scene.scene,
+            camera: &self.camera,
+            settings: &self.settings,
+            stop: &self.stop,
+            place: self.span,
+            is_stored: self.is_stored.load(Ordering::Relaxed),
+        };
+        Some((rehearsal, task))
     }
 
     fn wanted(&self, wants: &[bool]) -> Vec<Slot> {
@@ -171,10 +190,14 @@ impl CustomOp for RenderOp {
         memory::ask_for::<f64>(g.len() + 2 * slots).map_err(|e| e.to_string())?;
         let d_image = adjoint_image(output, g);
         let (scene, sampling) = (&self.scene.scene, grad::Sampling::ByAdjoint(self.guides.as_deref()));
-        let found =
-            grad::render_backward_until(scene, &self.camera, &self.settings, &d_image, &wanted, sampling, &self.stop)
-                .map_err(|e| e.to_string())?;
-        let mut found = found.into_iter();
+        let found = match self.rehearsed() {
+            Some((rehearsal, task)) => rehearsal.gradient(task, &d_image, &wanted, sampling),
+            None => {
+                let (camera, settings) = (&self.camera, &self.settings);
+                grad::render_backward_until(scene, camera, settings, &d_image, &wanted, sampling, &self.stop)
+            }
+        };
+        let mut found = found.map_err(|e| e.to_string())?.into_iter();
         wants
             .iter()
             .zip(inputs)
@@ -197,6 +220,12 @@ impl CustomOp for RenderOp {
         let wanted = self.wanted(wants);
         self.warn(&wanted);
         let (scene, settings) = (&self.scene.scene, &self.settings);
+        if let Some((rehearsal, task)) = self.rehearsed()
+            && rehearsal.matrix(task, &wanted, *room).map_err(|e| e.to_string())?
+        {
+            self.is_stored.store(*room > 0, Ordering::Relaxed);
+            return Ok(());
+        }
         let rows = if *room > 0 {
             let pixels = (self.camera.width * self.camera.height) as u64;
             self.drawn.fetch_add(pixels * u64::from(settings.spp), Ordering::Relaxed);
@@ -231,7 +260,10 @@ impl CustomOp for RenderOp {
         moved.dedup();
         self.warn(&moved);
         self.draw(output);
-        let images = grad::render_jacobian_until(&self.scene.scene, &self.camera, &self.settings, &along, &self.stop);
+        let images = match self.rehearsed() {
+            Some((rehearsal, task)) => rehearsal.tangents(task, &along),
+            None => grad::render_jacobian_until(&self.scene.scene, &self.camera, &self.settings, &along, &self.stop),
+        };
         Ok(images.map_err(|e| e.to_string())?.iter().map(Tensor::from_image).collect())
     }
 }
@@ -368,17 +400,23 @@ impl Engine {
 
         let stop = self.options.interrupt.clone().unwrap_or_default();
         let failed = |engine: &Engine, e| engine.scene_error(LowerError::Scene(e), &scene, &origins, span);
-        self.statistics.renders += 1;
-        let begun = Instant::now();
-        let mut image = grad::render_until(&lowered.scene, &seen_by, &settings, &stop).map_err(|e| failed(self, e))?;
-        self.statistics.renders_took += begun.elapsed();
+        let task = Task {
+            scene: &lowered.scene,
+            camera: &seen_by,
+            settings: &settings,
+            stop: &stop,
+            place: span,
+            is_stored: false,
+        };
+        let mut image = self.image(task, is_live).map_err(|e| failed(self, e))?;
         stop::check();
         if settings.output == Output::Radiance {
-            self.tell_of_light(&image, (&lowered.scene, &seen_by), is_new, (&scene, &origins), span);
+            self.tell_of_light(&image, task, is_new, &scene, &origins);
         }
         let (mut guides, mut images) = (None, u32::from(is_live));
         let place = self.path_at(span);
-        if is_live && let Some(history) = &mut self.history {
+        let rehearsal = self.rehearsal.clone();
+        if is_live && let Some(history) = self.history.as_mut().filter(|_| rehearsal.is_none()) {
             let standing = camera.slots.is_empty().then_some(camera.camera);
             let key = history::site_key(place, standing);
             if history.is_revisiting() {
@@ -400,8 +438,21 @@ impl Engine {
         let fixed = OnceLock::new();
         settings.seed = derivative_seed.unwrap_or(settings.seed);
         let (scene, camera) = (lowered, seen_by);
-        let op =
-            RenderOp { scene, camera, settings, slots, guides, stop, span, may_lack_boundary, warnings, drawn, fixed };
+        let op = RenderOp {
+            scene,
+            camera,
+            settings,
+            slots,
+            guides,
+            stop,
+            span,
+            may_lack_boundary,
+            warnings,
+            drawn,
+            fixed,
+            rehearsal,
+            is_stored: AtomicBool::new(false),
+        };
         (0..images).for_each(|_| op.draw(&value));
         let value = Value::Image(Var::custom(Arc::new(op), inputs, value));
         if is_live {
@@ -428,21 +479,33 @@ impl Engine {
         }
     }
 
+    /// The image, or what a rehearsal has in its place.
+    fn image(&mut self, task: Task, is_live: bool) -> std::result::Result<Image, SceneError> {
+        self.statistics.renders += 1;
+        let begun = Instant::now();
+        let Task { scene, camera, settings, stop, .. } = task;
+        let image = match &self.rehearsal {
+            None => grad::render_until(scene, camera, settings, stop),
+            Some(rehearsal) => {
+                if self.overrides.control_variates && is_live && self.step > 0 {
+                    // The scene of the step before is seen with the same samples.
+                    rehearsal.image(task)?;
+                }
+                rehearsal.image(task)
+            }
+        };
+        self.statistics.renders_took += begun.elapsed();
+        image
+    }
+
     /// Says why an image is black, or else which lights shine on nothing in a scene that was not rendered before.
-    fn tell_of_light(
-        &self,
-        image: &Image,
-        (lowered, camera): (&grad::Scene, &Camera),
-        is_new: bool,
-        (scene, origins): (&SceneValue, &[Origin]),
-        span: Span,
-    ) {
+    fn tell_of_light(&self, image: &Image, task: Task, is_new: bool, scene: &SceneValue, origins: &[Origin]) {
         if image.data.iter().all(|x| *x == 0.0) {
-            let why = dark::reason(lowered, camera);
-            self.warnings.say(span, "black", || black(why, scene, origins, span));
+            let why = dark::reason(task.scene, task.camera);
+            self.warnings.say(task.place, "black", || black(why, scene, origins, task.place));
         } else if is_new {
-            for light in facing::facing_away(lowered, camera) {
-                self.tell_facing(light, scene, origins, span);
+            for light in facing::facing_away(task.scene, task.camera) {
+                self.tell_facing(light, scene, origins, task.place);
             }
         }
     }

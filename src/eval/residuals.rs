@@ -117,9 +117,9 @@ impl Engine {
 
     fn residuals_here(&mut self, of: &Expr, wrt: &[Target]) -> Result<Residuals> {
         self.with_leaves(wrt, of.span, |engine, leaves| {
-            let begun = Instant::now();
+            let (begun, before) = (Instant::now(), engine.statistics);
             let (_, loss) = engine.numbers(of)?;
-            engine.statistics.values_took += begun.elapsed();
+            engine.valued(begun, before);
             stop::check();
             if loss.len() != 1 {
                 let found = Tensor::shape_text(loss.shape());

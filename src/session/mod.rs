@@ -3,6 +3,7 @@
 pub mod begin;
 pub mod checkpoint;
 pub mod clock;
+pub mod estimate;
 pub mod events;
 pub mod expect;
 pub mod folder;
@@ -31,6 +32,7 @@ mod steps;
 pub mod sweep;
 pub mod tensorboard;
 pub mod test;
+pub mod timings;
 pub mod world;
 
 pub use checkpoint::{Checkpoint, RunSettings};

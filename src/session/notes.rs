@@ -35,6 +35,8 @@ pub struct Notes {
     since: Option<Stopwatch>,
     /// Seconds that files took since then.
     files: f64,
+    /// Seconds that files took in all.
+    pub(super) saved: f64,
 }
 
 impl Runner<'_> {
@@ -74,7 +76,9 @@ impl Runner<'_> {
     pub(super) fn with_files<T>(&mut self, work: impl FnOnce(&mut Self) -> T) -> T {
         let watch = Stopwatch::start();
         let done = work(self);
-        self.notes.files += watch.elapsed().wall;
+        let seconds = watch.elapsed().wall;
+        self.notes.files += seconds;
+        self.notes.saved += seconds;
         done
     }
 

@@ -292,6 +292,11 @@ impl Optimization {
         &self.optimize.name
     }
 
+    /// Leaves out the steps up to this one: a rehearsal has taken enough of the stage that they belong to.
+    pub(super) fn pass_to(&mut self, step: u64) {
+        self.done = self.done.max(step);
+    }
+
     /// What is known of the params beyond what the script says: one sentence each.
     pub fn notes(&self) -> &[String] {
         &self.notes

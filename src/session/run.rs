@@ -17,6 +17,7 @@ use super::save::{SaveError, clipped_warning, save_value};
 use super::show::{plus_minus, significant};
 use super::stages::whole_number;
 use super::sweep::Judge;
+use super::timings::{Timed, Timing};
 use super::world::{Progress, World};
 use crate::check::hir;
 use crate::check::types::Ty;
@@ -92,6 +93,8 @@ pub struct Runner<'a> {
     /// Since when `report.seconds` does not count.
     pub(super) since: Stopwatch,
     pub(super) notes: Notes,
+    /// What each action has taken.
+    pub timings: Vec<Timed>,
 }
 
 /// The losses at every step, by the text of what was optimised.
@@ -126,6 +129,7 @@ impl<'a> Runner<'a> {
             in_every: None,
             since: Stopwatch::start(),
             notes: Notes::default(),
+            timings: Vec::new(),
         }
     }
 
@@ -149,11 +153,13 @@ impl<'a> Runner<'a> {
             } else if is_optimize(index) || is_optimize(index - 1) || self.has_waited() {
                 self.begin_action(index, false)?;
             }
+            let timing = Timing::start(self);
             let flow = match action {
                 _ if self.world.interrupted() => Ok(Flow::Interrupted),
                 hir::Action::Optimize(optimize) => self.optimize(optimize, within.take()),
                 other => self.action(other),
             };
+            self.timings.push(timing.stop(self, action.span()));
             self.tell_warnings();
             match flow {
                 Ok(Flow::Continue) => {}
@@ -170,7 +176,7 @@ impl<'a> Runner<'a> {
         Ok(Flow::Continue)
     }
 
-    fn action(&mut self, action: &hir::Action) -> Result<Flow, Diagnostic> {
+    pub(super) fn action(&mut self, action: &hir::Action) -> Result<Flow, Diagnostic> {
         match action {
             hir::Action::Optimize(optimize) => return self.optimize(optimize, None),
             hir::Action::Save { value, path, .. } => self.save(value, path)?,
@@ -348,7 +354,7 @@ impl<'a> Runner<'a> {
     }
 
     /// What is due before a step, the step, and its record. What Ctrl-C or an error ends half-way is forgotten: it may be done again.
-    fn turn(&mut self, optimization: &mut Optimization) -> Result<StepReport, Diagnostic> {
+    pub(super) fn turn(&mut self, optimization: &mut Optimization) -> Result<StepReport, Diagnostic> {
         self.enter_stage(optimization)?;
         let before = (!optimization.every().is_empty()).then(|| (self.report.clone(), self.curves.clone()));
         let targets = self.notes.targets.clone();

@@ -14,6 +14,7 @@ mod book;
 mod checker;
 mod cli;
 mod commands;
+mod costs;
 mod data_files;
 mod diagnostics;
 mod editor_grammar;
