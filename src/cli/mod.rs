@@ -18,7 +18,7 @@ mod info;
 mod live;
 mod living;
 mod load;
-mod lsp;
+pub mod lsp;
 mod new;
 pub mod out;
 mod render;

@@ -86,6 +86,16 @@ fn scripts_of_the_repository_are_laid_out() {
     }
 }
 
+/// What is white space and no new line joins a bracket to what stands before it, as it does where it is laid out.
+#[test]
+fn odd_white_space_is_a_blank() {
+    for blank in ["\t", "\u{b}", "\u{c}", "\r", " \u{b}\t"] {
+        assert_eq!(formatted(&format!("let a = k{blank}[0]\nlet b = f{blank}(1)\n")), "let a = k[0]\nlet b = f(1)\n");
+    }
+    let block = |blank: &str| format!("fn f(k) {{ let b = k{blank} [k] }}\n");
+    assert!(format(&block("\u{b}")).is_err() && settled(&block("\n")).contains("k\n"));
+}
+
 /// Scripts, and how they are laid out.
 pub const LAYOUTS: &[(&str, &str)] = &[
     ("", ""),

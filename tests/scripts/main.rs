@@ -1,11 +1,15 @@
 //! Scripts from text to values: the language, its library, files that it reads, the command line and the REPL.
 
+#[path = "../common/cpu.rs"]
+mod cpu;
 #[path = "../common/dice.rs"]
 mod dice;
 #[path = "../common/gltf.rs"]
 mod gltf;
 #[path = "../common/place.rs"]
 mod place;
+#[path = "../common/properties.rs"]
+mod properties;
 #[path = "../common/typed.rs"]
 mod typed;
 
@@ -21,6 +25,7 @@ mod editor_grammar;
 mod expectations;
 mod explain;
 mod format;
+mod fuzzed;
 mod grad_server;
 mod growth;
 mod hostile_values;

@@ -81,7 +81,8 @@ const SCRAPS: &[&str] = &[
     "{x:.3}",
 ];
 
-fn scripts() -> Vec<String> {
+/// A script with a little of everything, and those of the repository.
+pub fn scripts() -> Vec<String> {
     let mut scripts = vec![
         "param a = 1\ncamera c { film: [4, 4] }\nfn f(x, k = 2) { let b = x * k\n [b, a] }\nloss l = mean(f(a)) + if a > 1 then a else 0\n\
          print \"{a:.2} {f(3)}\", [i for i in 0..3 if i > 1]\nlet m = render(c) with { a: 2 }\noptimize l { every 2 { print l } }\n"
@@ -98,7 +99,8 @@ fn scripts() -> Vec<String> {
     scripts
 }
 
-fn damage(text: &str, random: &mut Dice) -> String {
+/// A text with up to four damages.
+pub fn damage(text: &str, random: &mut Dice) -> String {
     let mut chars: Vec<char> = text.chars().collect();
     for _ in 0..=random.below(4) {
         let at = random.below(chars.len() + 1);

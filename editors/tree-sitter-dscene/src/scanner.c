@@ -66,7 +66,7 @@ bool tree_sitter_dscene_external_scanner_scan(void *scanner, TSLexer *lexer, con
   bool is_lost = valid[NEVER];
   if (valid[STRING_TEXT] && !is_lost) return string_text(lexer);
   bool is_same_line = true;
-  while (lexer->lookahead == ' ' || lexer->lookahead == '\t' || lexer->lookahead == '\r' || lexer->lookahead == '\n') {
+  while (lexer->lookahead == ' ' || (lexer->lookahead >= '\t' && lexer->lookahead <= '\r')) {
     if (lexer->lookahead == '\n') is_same_line = false;
     lexer->advance(lexer, true);
   }

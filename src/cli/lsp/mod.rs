@@ -19,6 +19,7 @@ use std::io::{self, BufReader};
 use std::panic::AssertUnwindSafe;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError, channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use serde_json::{Value, json};
@@ -36,6 +37,9 @@ const QUIET: Duration = Duration::from_millis(30);
 /// Ended by `exit` without `shutdown`, or because the client went away.
 const EXIT_UNASKED: u8 = 1;
 
+/// Where messages go, each as a whole, from whichever thread.
+type Output = Arc<dyn Fn(&Value) + Send + Sync>;
+
 pub fn run() -> u8 {
     let (sender, receiver) = channel();
     let reader = std::thread::Builder::new().name("reader".to_owned()).spawn(move || {
@@ -50,8 +54,34 @@ pub fn run() -> u8 {
         super::out::error_line(&format!("cannot start a thread: {error}"));
         return EXIT_UNASKED;
     }
-    let mut server = Server::new(receiver);
-    server.serve()
+    let output = |message: &Value| {
+        let mut bytes = Vec::new();
+        // Writing to memory does not fail, and a client that went away is noticed by the reader.
+        let _ = message::write(&mut bytes, message);
+        super::out::print(&String::from_utf8_lossy(&bytes));
+    };
+    Server { starts_programs: true, ..Server::new(receiver, Arc::new(output)) }.serve()
+}
+
+/// A whole session over these bytes, as if all of them had arrived at once: what the server sends, in order. It starts no programs.
+pub fn session(mut input: &[u8]) -> Vec<Value> {
+    let (sender, receiver) = channel();
+    while let Some(incoming) = message::read(&mut input) {
+        // The receiver is still there.
+        let _ = sender.send(incoming);
+    }
+    drop(sender);
+    let sent = Arc::new(Mutex::new(Vec::new()));
+    let collected = sent.clone();
+    let output = move |message: &Value| collected.lock().unwrap_or_else(PoisonError::into_inner).push(message.clone());
+    let mut server = Server::new(receiver, Arc::new(output));
+    server.serve();
+    // What nobody waits for any more is told all the same, so that every text is looked at.
+    while let Some(uri) = server.documents.untold() {
+        server.publish(&uri);
+    }
+    let mut sent = sent.lock().unwrap_or_else(PoisonError::into_inner);
+    std::mem::take(&mut *sent)
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,6 +93,9 @@ enum Phase {
 
 pub struct Server {
     receiver: Receiver<Incoming>,
+    output: Output,
+    /// Whether `dscene.run` and its like are carried out.
+    starts_programs: bool,
     /// What has arrived and is not answered yet.
     waiting: VecDeque<Incoming>,
     /// Requests among them that the client does not want answered any more.
@@ -80,9 +113,11 @@ pub struct Server {
 }
 
 impl Server {
-    fn new(receiver: Receiver<Incoming>) -> Server {
+    fn new(receiver: Receiver<Incoming>, output: Output) -> Server {
         Server {
             receiver,
+            output,
+            starts_programs: false,
             waiting: VecDeque::new(),
             cancelled: HashSet::new(),
             is_input_over: false,
@@ -116,9 +151,9 @@ impl Server {
                         true => Err(Failure::new(message::REQUEST_CANCELLED, "cancelled by the client")),
                         false => self.answer(&method, &params),
                     };
-                    Server::send(&message::response(&id, result));
+                    self.send(&message::response(&id, result));
                 }
-                Incoming::Malformed { id, failure } => Server::send(&message::response(&id, Err(failure))),
+                Incoming::Malformed { id, failure } => self.send(&message::response(&id, Err(failure))),
                 Incoming::Response => {}
             }
         }
@@ -168,12 +203,8 @@ impl Server {
         }
     }
 
-    /// Writes a message as a whole, whichever thread it comes from.
-    fn send(message: &Value) {
-        let mut bytes = Vec::new();
-        // Writing to memory does not fail, and a client that went away is noticed by the reader.
-        let _ = message::write(&mut bytes, message);
-        super::out::print(&String::from_utf8_lossy(&bytes));
+    fn send(&self, message: &Value) {
+        (self.output)(message);
     }
 
     fn answer(&mut self, method: &str, params: &Value) -> Result<Value, Failure> {
@@ -227,7 +258,7 @@ impl Server {
                 let method = "workspace/didChangeWatchedFiles";
                 let asked = json!({"id": method, "method": method, "registerOptions": {"watchers": watchers}});
                 let params = json!({"registrations": [asked]});
-                Server::send(&message::request(method, "client/registerCapability", params));
+                self.send(&message::request(method, "client/registerCapability", params));
             }
             "textDocument/didOpen" => {
                 if let Some(text) = params.pointer("/textDocument/text").and_then(Value::as_str) {
@@ -238,13 +269,13 @@ impl Server {
                 let changes = params.get("contentChanges").and_then(Value::as_array);
                 let changes = changes.map_or(&[][..], Vec::as_slice);
                 if let Err(why) = self.documents.change(uri, version(), changes, self.encoding) {
-                    Server::send(&message::notification("window/logMessage", json!({"type": 1, "message": why})));
+                    self.send(&message::notification("window/logMessage", json!({"type": 1, "message": why})));
                 }
             }
             "textDocument/didClose" => {
                 self.documents.close(uri);
                 let nothing = json!({"uri": uri, "diagnostics": []});
-                Server::send(&message::notification("textDocument/publishDiagnostics", nothing));
+                self.send(&message::notification("textDocument/publishDiagnostics", nothing));
             }
             "textDocument/didSave" | "workspace/didChangeWatchedFiles" => self.documents.touched_all(),
             "$/setTrace" => self.is_traced = params.get("value").is_some_and(|t| t == "messages" || t == "verbose"),

@@ -25,7 +25,7 @@ impl Server {
         let version = self.documents.get(uri).map_or(Value::Null, |d| d.version.clone());
         if self.is_traced && self.documents.analysed > analysed {
             let told = json!({"message": format!("checked {uri}, version {version}")});
-            Server::send(&notification("$/logTrace", told));
+            self.send(&notification("$/logTrace", told));
         }
         // The library's own files may declare what others may not.
         let is_library = super::text::path_of(uri).is_some_and(|path| super::workspace::is_library(&path));
@@ -34,7 +34,7 @@ impl Server {
         if version.is_number() {
             params["version"] = version;
         }
-        Server::send(&notification("textDocument/publishDiagnostics", params));
+        self.send(&notification("textDocument/publishDiagnostics", params));
     }
 }
 

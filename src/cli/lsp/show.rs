@@ -125,7 +125,12 @@ impl Server {
         let [Some(red), Some(green), Some(blue), Some(alpha)] = rgba else {
             return Err(Failure::new(INVALID_PARAMS, "there is no color"));
         };
-        let range = q.params.get("range").cloned().unwrap_or(Value::Null);
+        // The client's range may be any, and what is replaced must be a part of the text.
+        let file = q.analysis.file();
+        let lines = Lines::new(&file.text, self.encoding);
+        let range = q.params.get("range").and_then(|range| lines.offsets(range));
+        let (start, end) = range.ok_or_else(|| Failure::new(INVALID_PARAMS, "there is no range"))?;
+        let range = lines.range(start, end);
         let shown = |text: String| json!({"label": text, "textEdit": {"range": range, "newText": text}});
         Ok(Value::Array(presentations([red, green, blue, alpha]).into_iter().map(shown).collect()))
     }

@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use serde_json::{Value, json};
 
-use super::Server;
 use super::message::{Failure, INVALID_PARAMS, notification};
 use super::text::path_of;
+use super::{Output, Server};
 use crate::check::{library_text, normal};
 use crate::ide::Analysis;
 use crate::source::SourceFile;
@@ -85,13 +85,16 @@ impl Server {
             GRAD => arguments.extend(["grad", "--of", name()?, &path.display().to_string()].map(str::to_owned)),
             other => return Err(invalid(&format!("there is no command `{other}`"))),
         }
-        start(arguments, path.parent().unwrap_or(Path::new("."))).map_err(|why| invalid(&why))?;
+        if !self.starts_programs {
+            return Err(invalid("this server starts no programs"));
+        }
+        start(arguments, path.parent().unwrap_or(Path::new(".")), self.output.clone()).map_err(|why| invalid(&why))?;
         Ok(Value::Null)
     }
 }
 
 /// Runs this program and tells the client how it ended.
-fn start(arguments: Vec<String>, folder: &Path) -> Result<(), String> {
+fn start(arguments: Vec<String>, folder: &Path, tell: Output) -> Result<(), String> {
     let program = std::env::current_exe().map_err(|e| format!("cannot find dsl: {e}"))?;
     let child = Command::new(program)
         .args(&arguments)
@@ -108,10 +111,10 @@ fn start(arguments: Vec<String>, folder: &Path) -> Result<(), String> {
         let text = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).trim().to_owned());
         let text = text.join("\n");
         let message = format!("dsl {}\n{}", arguments.join(" "), text.trim());
-        Server::send(&notification("window/logMessage", json!({"type": 3, "message": message})));
+        tell(&notification("window/logMessage", json!({"type": 3, "message": message})));
         let last = text.trim().lines().last().unwrap_or("").trim();
         let kind = if is_fine { 3 } else { 1 };
-        Server::send(&notification("window/showMessage", json!({"type": kind, "message": last})));
+        tell(&notification("window/showMessage", json!({"type": kind, "message": last})));
     };
     let thread = std::thread::Builder::new().name("command".to_owned()).spawn(wait);
     thread.map(|_| ()).map_err(|e| format!("cannot start a thread: {e}"))
