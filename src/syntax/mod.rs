@@ -16,7 +16,7 @@ pub use scan::{KINDS, declared_name, is_blank, is_incomplete, is_reserved, state
 use pest::Parser;
 use pest::iterators::Pair;
 
-use crate::diag::{self, Diagnostic};
+use crate::diag::{self, Diagnostic, Severity};
 use crate::source::{SourceId, SourceMap, Span};
 use build::Builder;
 use grammar::{Grammar, Rule};
@@ -46,8 +46,8 @@ fn read(source: SourceId, scan: &scan::Scan, visit: &mut dyn FnMut(usize, Pair<R
             continue;
         }
         let span = Span::new(source, piece.start, piece.end);
-        let has_lexical_error =
-            diagnostics.iter().any(|d| d.span().is_some_and(|s| span.start <= s.start && s.start < span.end));
+        let is_within = |d: &Diagnostic| d.span().is_some_and(|s| span.start <= s.start && s.start < span.end);
+        let was_told = diagnostics.iter().any(is_within);
         match Grammar::parse(Rule::statement, text) {
             Ok(mut pairs) => {
                 let unread = &mut tree.unread;
@@ -61,7 +61,10 @@ fn read(source: SourceId, scan: &scan::Scan, visit: &mut dyn FnMut(usize, Pair<R
                     }
                 }
             }
-            Err(_) if has_lexical_error => {}
+            // It is the cause. A comment that was meant to divide is no mere warning where it cuts a statement short.
+            Err(_) if was_told => {
+                diagnostics.iter_mut().filter(|d| is_within(d)).for_each(|d| d.severity = Severity::Error);
+            }
             Err(error) => {
                 let declared = |name: &str| {
                     tree.unread.iter().any(|n| n == name) || tree.statements.iter().any(|s| s.declares() == Some(name))

@@ -56,6 +56,9 @@ pub fn parser(text: &str) {
         assert!(end <= statement.span.start, "two statements overlap at {end}: {:?}", statement.kind);
         end = statement.span.end;
     }
+    if !diagnostics.iter().any(Diagnostic::is_error) {
+        assert_eq!(tree.statements.len(), syntax::statement_ranges(text).len(), "statements vanish without an error");
+    }
     let _ = syntax::parse_expr(&sources, source);
 }
 

@@ -96,6 +96,19 @@ fn odd_white_space_is_a_blank() {
     assert!(format(&block("\u{b}")).is_err() && settled(&block("\n")).contains("k\n"));
 }
 
+/// What a comment cuts short is not read: that must not go by as a warning about the comment, with the statement gone.
+#[test]
+fn a_comment_that_cuts_a_statement_short_is_an_error() {
+    let text = "fn half(\n  a: scalar//b,\n  c: color = 1,\n) = 1\nprint 1\n";
+    let errors = format(text).expect_err("it is not laid out");
+    assert!(errors.len() == 1 && errors[0].is_error() && errors[0].code == "dscene::syntax::comment", "{errors:?}");
+    let checked = check_text("test.dscene", None, text, &[], &Disk);
+    assert!(checked.program.is_none() && checked.diagnostics.len() == 1, "{:?}", checked.diagnostics);
+    // Where all can be read it may be meant, and stays a warning.
+    let checked = check_text("test.dscene", None, "let a = 7 // 2\nprint a\n", &[], &Disk);
+    assert!(checked.program.is_some() && !checked.diagnostics[0].is_error());
+}
+
 /// Scripts, and how they are laid out.
 pub const LAYOUTS: &[(&str, &str)] = &[
     ("", ""),
