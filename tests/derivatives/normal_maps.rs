@@ -130,10 +130,6 @@ fn movements_against_differences() {
     let ball = |kind| Made { ball: true, ..Made::of(kind) };
     row("diffuse ball, the eye moves", ball(Kind::Diffuse), &PLAN(), |t, made| made.eye += t);
     row("diffuse ball squeezed", ball(Kind::Diffuse), &PLAN(), squeeze);
-    if LONG {
-        row("metal floor, the eye moves", Made::of(Kind::Metal(0.3)), &PLAN(), |t, made| made.eye += t);
-        row("metal ball squeezed", ball(Kind::Metal(0.3)), &PLAN(), squeeze);
-    }
     for (name, made) in [("floor", Made::of(Kind::Diffuse)), ("ball", ball(Kind::Diffuse))] {
         let plan = Plan { output: Output::Normal, h: 0.01, ..PLAN() };
         row(&format!("{name} squeezed, its normals"), made, &plan, squeeze);
