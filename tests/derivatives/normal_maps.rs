@@ -128,7 +128,6 @@ fn texels_against_differences() {
 fn movements_against_differences() {
     let squeeze: fn(f32, &mut Made) = |t, made| made.squeeze += t;
     let ball = |kind| Made { ball: true, ..Made::of(kind) };
-    row("diffuse ball, the eye moves", ball(Kind::Diffuse), &PLAN(), |t, made| made.eye += t);
     row("diffuse ball squeezed", ball(Kind::Diffuse), &PLAN(), squeeze);
     for (name, made) in [("floor", Made::of(Kind::Diffuse)), ("ball", ball(Kind::Diffuse))] {
         let plan = Plan { output: Output::Normal, h: 0.01, ..PLAN() };
