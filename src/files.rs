@@ -30,6 +30,19 @@ pub fn read_end(path: &Path, most: u64) -> io::Result<(Vec<u8>, bool)> {
     Ok((bytes, start == 0))
 }
 
+/// By which a file is the same as before; `None` if there is none.
+pub type Stamp = Option<(u64, Option<std::time::SystemTime>, u64)>;
+
+/// That of a file as it is now.
+pub fn stamp(path: &Path) -> Stamp {
+    let metadata = fs::metadata(path).ok()?;
+    #[cfg(unix)]
+    let number = std::os::unix::fs::MetadataExt::ino(&metadata);
+    #[cfg(not(unix))]
+    let number = 0;
+    Some((metadata.len(), metadata.modified().ok(), number))
+}
+
 /// The same with the kind of the error; [`describe_io`] has its words.
 pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     ordinary(&fs::metadata(path)?)?;

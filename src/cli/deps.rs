@@ -1,46 +1,18 @@
 //! `dsl check --deps`: the files that a script reads.
 
+use std::fs;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
-use std::{fs, io};
 
 use serde_json::json;
 
 use super::args::Common;
-use super::load::{STDIN, check_file_by};
+use super::load::{Noting, STDIN, check_file_by};
 use super::out;
 use super::run::name_of;
 use crate::check::hir::{Callee, DeclKind, Expr, ExprKind, Program, StrPart};
-use crate::check::{Checked, Disk, Loader, READERS, walk};
+use crate::check::{Checked, READERS, walk};
 use crate::files;
 use crate::mesh::load::{EXTENSIONS, Wanted, load};
-
-/// The disk, and what was asked of it.
-#[derive(Default)]
-pub struct Noting {
-    asked: Mutex<Vec<PathBuf>>,
-}
-
-impl Noting {
-    fn note(&self, path: &Path) {
-        let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
-        if !asked.iter().any(|known| known == path) {
-            asked.push(path.to_path_buf());
-        }
-    }
-}
-
-impl Loader for Noting {
-    fn read(&self, path: &Path) -> io::Result<String> {
-        self.note(path);
-        Disk.read(path)
-    }
-
-    fn exists(&self, path: &Path) -> bool {
-        self.note(path);
-        Disk.exists(path)
-    }
-}
 
 /// Checks a file and tells what it reads: its imports, the files that it names, and those that these name. Whether it has no errors is for
 /// the caller to see.
@@ -48,8 +20,7 @@ pub fn run(file: &Path, common: &Common) -> Checked {
     let noting = Noting::default();
     let checked = check_file_by(file, common, &noting);
     let Some(program) = &checked.program else { return checked };
-    let asked = noting.asked.lock().unwrap_or_else(PoisonError::into_inner).clone();
-    let mut found: Vec<PathBuf> = asked.into_iter().filter(|path| path.is_file()).collect();
+    let mut found: Vec<PathBuf> = noting.asked().into_iter().map(|(path, _)| path).filter(|path| path.is_file()).collect();
     let meshes: Vec<PathBuf> = found.iter().filter(|path| is_mesh(path)).cloned().collect();
     for mesh in meshes {
         found.extend(parts(&mesh));

@@ -1,14 +1,16 @@
 //! From a file on the command line to an engine.
 
+use std::io;
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use super::args::Common;
-use crate::check::{self, Checked, Line, hir};
+use crate::check::{self, Checked, Disk, Line, Loader, hir};
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, EngineOptions};
+use crate::files::{Stamp, stamp};
 use crate::session::line::check_line;
 use crate::session::{World, world};
 use crate::source::SourceMap;
@@ -26,11 +28,11 @@ pub const STDIN: &str = "-";
 
 /// Reads and checks a file with the `--set` overrides.
 pub fn check_file(file: &Path, common: &Common) -> Checked {
-    check_file_by(file, common, &check::Disk)
+    check_file_by(file, common, &Disk)
 }
 
 /// The same with another way to read files.
-pub fn check_file_by(file: &Path, common: &Common, loader: &(dyn check::Loader + Sync)) -> Checked {
+pub fn check_file_by(file: &Path, common: &Common, loader: &(dyn Loader + Sync)) -> Checked {
     let overrides: Vec<(String, String)> = common.set.iter().map(|o| (o.name.clone(), o.value.clone())).collect();
     if file != Path::new(STDIN) {
         return check::check(file, &overrides, loader);
@@ -40,6 +42,36 @@ pub fn check_file_by(file: &Path, common: &Common, loader: &(dyn check::Loader +
     match read_stdin() {
         Ok(text) => check::check_text(name, Some(Path::new(name)), text, &overrides, loader),
         Err(diagnostic) => Checked { program: None, diagnostics: vec![diagnostic], sources: SourceMap::new() },
+    }
+}
+
+/// The disk, which remembers what it was asked for, and how that was then.
+#[derive(Default)]
+pub struct Noting(Mutex<Vec<(PathBuf, Stamp)>>);
+
+impl Noting {
+    /// All of it, each once.
+    pub fn asked(self) -> Vec<(PathBuf, Stamp)> {
+        self.0.into_inner().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn note(&self, path: &Path) {
+        let mut asked = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if !asked.iter().any(|(known, _)| known == path) {
+            asked.push((path.to_path_buf(), stamp(path)));
+        }
+    }
+}
+
+impl Loader for Noting {
+    fn read(&self, path: &Path) -> io::Result<String> {
+        self.note(path);
+        Disk.read(path)
+    }
+
+    fn exists(&self, path: &Path) -> bool {
+        self.note(path);
+        Disk.exists(path)
     }
 }
 

@@ -194,6 +194,19 @@ impl Default for LoadedMaterial {
 }
 
 impl LoadedMaterial {
+    /// Whether texture coordinates mean something to it.
+    fn has_images(&self) -> bool {
+        let images = [
+            &self.base_color_image,
+            &self.metallic_image,
+            &self.roughness_image,
+            &self.emissive_image,
+            &self.opacity,
+        ];
+        let varies = |loaded: &LoadedImage| loaded.image.width * loaded.image.height > 1;
+        self.normals.is_some() || images.into_iter().flatten().any(varies)
+    }
+
     /// Base colour as a texture of three channels, already multiplied by the number; of size 1×1 if the file has no image.
     pub fn base_color_texels(&self) -> LoadedImage {
         texels(self.base_color_image.as_ref(), &self.base_color.to_array())
@@ -319,6 +332,10 @@ pub fn decode_mesh(bytes: &[u8], extension: &str, folder: &Path, name: &str, wan
             reading.notes.about("normals that are not finite are replaced by those of the faces", &part.name);
         }
         part.mesh.validate().map_err(|e| e.to_string())?;
+        if part.mesh.uvs.is_none() && reading.materials() && part.material.as_ref().is_some_and(|m| m.has_images()) {
+            let sentence = "without texture coordinates an image is shown on every face anew, and a normal map is left out";
+            reading.notes.about(sentence, &part.name);
+        }
     }
     if loaded.parts.iter().all(|p| p.mesh.faces.is_empty()) {
         reading.notes.say("the file holds no triangle");

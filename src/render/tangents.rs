@@ -3,6 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use super::scene::Shape;
+use crate::memory;
 use crate::mesh::Mesh;
 use crate::stop::paced;
 
@@ -50,6 +51,8 @@ impl Tangents {
         shape.material.normals?;
         let mesh = &shape.mesh;
         let uvs = mesh.uvs.as_ref()?;
+        memory::need((size_of::<Vec3>() + 2 * size_of::<u32>()) as u64 * mesh.vertices.len() as u64);
+        memory::need(4 * size_of::<u32>() as u64 * mesh.faces.len() as u64);
         let mut starts = vec![0; mesh.vertices.len() + 1];
         for v in paced(mesh.faces.iter().flatten(), 1) {
             starts[*v as usize + 1] += 1;

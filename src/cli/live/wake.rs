@@ -7,10 +7,11 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, SystemTime};
+use std::time::Duration;
 
 use super::hub::{Hub, Order};
 use crate::diag::Diagnostic;
+use crate::files::{Stamp, stamp};
 use crate::session::world;
 
 const PAUSE: Duration = Duration::from_millis(25);
@@ -53,18 +54,6 @@ pub struct Watched {
     pub is_read: bool,
     /// As it was before it was read: what has changed since is a change.
     pub known: Stamp,
-}
-
-/// By which a file is the same as before; `None` if there is none.
-pub type Stamp = Option<(u64, Option<SystemTime>, u64)>;
-
-pub fn stamp(path: &Path) -> Stamp {
-    let metadata = std::fs::metadata(path).ok()?;
-    #[cfg(unix)]
-    let number = std::os::unix::fs::MetadataExt::ino(&metadata);
-    #[cfg(not(unix))]
-    let number = 0;
-    Some((metadata.len(), metadata.modified().ok(), number))
 }
 
 /// The files as they were when they were last looked at.

@@ -1,24 +1,24 @@
 //! `dsl watch`: a script as it is edited.
 
 use std::collections::HashSet;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use serde_json::json;
 
 use super::hub::Order;
-use super::wake::{Watched, stamp};
+use super::wake::Watched;
 use super::{Live, Obeyed};
-use crate::check::{Disk, Loader, hir};
+use crate::check::hir;
 use crate::cli::args::{PICTURE_SPP, PORT, WatchArgs};
 use crate::cli::living::Living;
+use crate::cli::load::Noting;
 use crate::cli::{EXIT_WRONG, Terminal, check_file_by};
 use crate::diag::Diagnostic;
 use crate::eval::INTERRUPTED;
-use crate::files;
+use crate::files::{self, Stamp, stamp};
 use crate::session::{Optimization, World, world};
 use crate::source::SourceMap;
 
@@ -137,10 +137,8 @@ impl Watch {
     fn watch_files(&self, own: &[PathBuf], noting: Noting) {
         let full = |path: &Path| path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
         let is_own = |path: &Path| path == self.file || own.iter().any(|known| full(known) == full(path));
-        let mut all: Vec<Watched> = noting.0.into_inner().unwrap_or_else(PoisonError::into_inner);
-        let mut paths = HashSet::new();
-        all.retain(|file| paths.insert(file.path.clone()));
-        all.iter_mut().for_each(|file| file.is_read = !is_own(&file.path));
+        let watched = |(path, known): (PathBuf, Stamp)| Watched { is_read: !is_own(&path), path, known };
+        let mut all: Vec<Watched> = noting.asked().into_iter().map(watched).collect();
         let known: HashSet<PathBuf> = all.iter().map(|file| full(&file.path)).collect();
         let read = files::inputs().into_iter().map(|(path, _)| path).filter(|path| !known.contains(path));
         all.extend(read.map(|path| Watched { known: stamp(&path), path, is_read: true }));
@@ -212,28 +210,5 @@ impl Watch {
         self.live.view.restart();
         self.live.show_params(&mut self.living.engine);
         self.say_phase();
-    }
-}
-
-/// The disk, which remembers what it was asked for, and how that was then.
-#[derive(Default)]
-struct Noting(Mutex<Vec<Watched>>);
-
-impl Noting {
-    fn note(&self, path: &Path) {
-        let file = Watched { path: path.to_path_buf(), is_read: true, known: stamp(path) };
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(file);
-    }
-}
-
-impl Loader for Noting {
-    fn read(&self, path: &Path) -> io::Result<String> {
-        self.note(path);
-        Disk.read(path)
-    }
-
-    fn exists(&self, path: &Path) -> bool {
-        self.note(path);
-        Disk.exists(path)
     }
 }

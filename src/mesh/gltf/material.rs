@@ -6,6 +6,7 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3, vec2};
 use gltf::material::AlphaMode;
 use gltf::texture::{Info, MagFilter, WrappingMode};
+use serde_json::Value;
 
 use crate::image::Image;
 use crate::image::file::Encoding;
@@ -107,8 +108,9 @@ impl Materials {
     ) -> Option<LoadedImage> {
         let map = material.normal_texture()?;
         if reading.materials() {
-            let moves = map.extensions().into_iter().flat_map(|e| e.keys()).any(|name| name == "KHR_texture_transform");
-            if map.tex_coord() != at.0 || moves != (at.1 != UvTransform::IDENTITY) {
+            let transform = map.extensions().and_then(|all| all.get("KHR_texture_transform"));
+            let set = transform.and_then(|t| t["texCoord"].as_u64()).unwrap_or(map.tex_coord().into());
+            if set != at.0.into() || UvTransform::written(transform) != at.1 {
                 reading.notes.about("all images of a material are placed as its first one is", whose);
             }
         }
@@ -277,6 +279,20 @@ impl UvTransform {
             rotation: t.rotation(),
             scale: t.scale().into(),
         })
+    }
+
+    /// That of an extension which the glTF crate does not read, as it is written.
+    fn written(extension: Option<&Value>) -> Self {
+        let Some(extension) = extension else { return Self::IDENTITY };
+        let pair = |name: &str, default: Vec2| {
+            let number = |i: usize| extension[name][i].as_f64().map(|x| x as f32);
+            number(0).zip(number(1)).map_or(default, Vec2::from)
+        };
+        UvTransform {
+            offset: pair("offset", Vec2::ZERO),
+            rotation: extension["rotation"].as_f64().unwrap_or(0.0) as f32,
+            scale: pair("scale", Vec2::ONE),
+        }
     }
 
     pub fn apply(self, uv: Vec2) -> Vec2 {
