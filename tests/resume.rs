@@ -1,6 +1,8 @@
 //! Runs that are killed or interrupted and go on: what they leave is what an undisturbed run leaves, to the byte.
 #![cfg(unix)]
 
+#[path = "common/long.rs"]
+mod long;
 #[path = "common/place.rs"]
 mod place;
 
@@ -14,6 +16,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
+use long::long;
 use place::{BOWL, Place, TRIANGLE, assert_code, assert_diagnosed, send, stderr, stdout};
 
 /// Optimises twice, with all that actions leave for one another; `USING` is what the second of them has in its braces.
@@ -30,9 +33,6 @@ fn script(using: &str) -> String {
          save corners to \"corners.npy\""
     )
 }
-
-/// Some kills of a few runs; many of more of them in `cargo truth`.
-const LONG: bool = cfg!(feature = "truth") || matches!(env!("CARGO_CRATE_NAME").as_bytes(), b"truth");
 
 /// Waits until the log has so many lines or the run has ended, then sends a signal. Returns whether the run was still going on.
 fn stop_after(place: &Place, child: &mut Child, run: &str, lines: usize, signal: &str) -> bool {
@@ -107,7 +107,7 @@ fn assert_same(found: &BTreeMap<String, Vec<u8>>, expected: &BTreeMap<String, Ve
 }
 
 /// Stopped at the given numbers of steps (of 15, the first 3 by another solver), on one and on two threads.
-pub fn survives(using: &str, moments: &[usize]) {
+fn survives(using: &str, moments: &[usize]) {
     survives_script(&script(using), 15, moments);
 }
 
@@ -192,6 +192,22 @@ fn spaces_and_priors_of_params_are_kept() {
     survives_script(script, 14, &[3, 6, 9, 12]);
 }
 
+/// Some of the solvers; all of them in `cargo truth`.
+#[test]
+fn every_solver_goes_on_as_if_nothing_had_happened() {
+    let solvers: &[(&str, &[usize])] = &[
+        ("using: adam(lr: 0.02), steps: 12", &[1, 7, 10]),
+        ("using: sgd(lr: 0.05, momentum: 0.8), steps: 12", &[5, 9, 13]),
+        ("using: sgd(lr: 0.05, momentum: 0.8, nesterov: true), steps: 12", &[4, 12]),
+        ("using: adam_uniform(lr: 0.02), steps: 12", &[6, 8]),
+        ("using: gauss_newton(lr: 0.5), steps: 12", &[6, 11]),
+        ("using: adam(lr: 0.02), control_variates: true, steps: 12", &[5, 8, 10]),
+    ];
+    for (using, moments) in solvers.iter().step_by(if long() { 1 } else { 4 }) {
+        survives(using, moments);
+    }
+}
+
 /// In the first optimisation, which is over when most of the kills come, and in the second.
 #[test]
 fn what_stages_declare_anew_is_kept() {
@@ -208,7 +224,8 @@ fn what_stages_declare_anew_is_kept() {
 /// Examples that are killed at moments that nobody chose.
 #[test]
 fn examples_survive_kills_at_random_moments() {
-    let (examples, kills, steps) = if LONG {
+    // Some kills of a few runs; many of more of them in `cargo truth`.
+    let (examples, kills, steps) = if long() {
         (&["03_shadow_blocker", "12_cornell_box", "14_pose_in_ten_steps"][..], 20, "12")
     } else {
         (&["16_pose_from_points"][..], 6, "30")

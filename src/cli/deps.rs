@@ -20,7 +20,8 @@ pub fn run(file: &Path, common: &Common) -> Checked {
     let noting = Noting::default();
     let checked = check_file_by(file, common, &noting);
     let Some(program) = &checked.program else { return checked };
-    let mut found: Vec<PathBuf> = noting.asked().into_iter().map(|(path, _)| path).filter(|path| path.is_file()).collect();
+    let mut found: Vec<PathBuf> =
+        noting.asked().into_iter().map(|(path, _)| path).filter(|path| path.is_file()).collect();
     let meshes: Vec<PathBuf> = found.iter().filter(|path| is_mesh(path)).cloned().collect();
     for mesh in meshes {
         found.extend(parts(&mesh));

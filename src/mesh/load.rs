@@ -196,13 +196,8 @@ impl Default for LoadedMaterial {
 impl LoadedMaterial {
     /// Whether texture coordinates mean something to it.
     fn has_images(&self) -> bool {
-        let images = [
-            &self.base_color_image,
-            &self.metallic_image,
-            &self.roughness_image,
-            &self.emissive_image,
-            &self.opacity,
-        ];
+        let images =
+            [&self.base_color_image, &self.metallic_image, &self.roughness_image, &self.emissive_image, &self.opacity];
         let varies = |loaded: &LoadedImage| loaded.image.width * loaded.image.height > 1;
         self.normals.is_some() || images.into_iter().flatten().any(varies)
     }
@@ -333,7 +328,8 @@ pub fn decode_mesh(bytes: &[u8], extension: &str, folder: &Path, name: &str, wan
         }
         part.mesh.validate().map_err(|e| e.to_string())?;
         if part.mesh.uvs.is_none() && reading.materials() && part.material.as_ref().is_some_and(|m| m.has_images()) {
-            let sentence = "without texture coordinates an image is shown on every face anew, and a normal map is left out";
+            let sentence =
+                "without texture coordinates an image is shown on every face anew, and a normal map is left out";
             reading.notes.about(sentence, &part.name);
         }
     }

@@ -1,6 +1,8 @@
 //! Scenes of one number θ, and the comparison of their derivatives with finite differences.
 #![allow(dead_code)]
 
+mod long;
+
 use std::ops::Range;
 
 use dscene::check::{self, Checked, Disk, Line, hir};
@@ -15,6 +17,7 @@ use dscene::session::optimization::StepReport;
 use glam::{Mat3, Vec3, vec3};
 
 pub use dscene::SceneBuilder as Builder;
+pub use long::long;
 
 /// What tests add to a scene, without names.
 pub trait Pieces {
@@ -393,7 +396,7 @@ pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan
     let more: Option<u64> = std::env::var("DSCENE_SEEDS").ok().and_then(|s| s.parse().ok());
     let step: f32 = std::env::var("DSCENE_STEP").ok().and_then(|s| s.parse().ok()).unwrap_or(1.0);
     let plan = Plan { h: plan.h * step, ..*plan };
-    let plan = if LONG { plan } else { brief(plan) };
+    let plan = if long() { plan } else { brief(plan) };
     let more = more.unwrap_or(1);
     let plan = Plan { seeds: plan.seeds * more, fd_seeds: plan.fd_seeds * more, ..plan };
     let mut found = compare(name, build, &plan, if more > 1 { plan.seeds } else { 8 });
@@ -403,27 +406,30 @@ pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan
     }
     let (z, relative) = (found.z(), found.relative());
     assert!(z.abs() < 3.0, "{name}: gradient and finite differences are {z:.2} standard errors apart");
-    assert!(relative < ENOUGH, "{name}: combined error {:.2} % says nothing", 100.0 * relative);
+    assert!(relative < enough(), "{name}: combined error {:.2} % says nothing", 100.0 * relative);
 }
 
 /// [`agree`], in the long statistics only: for a costly variant of a row that is compared anyway.
 pub fn agree_in_long(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) {
-    if LONG {
+    if long() {
         agree(name, build, plan);
     }
 }
 
-/// Whether the long statistics are asked for: `cargo truth`. Without it every comparison is made all the same,
-/// from a fraction of the samples: what is wrong by a tenth fails, what is wrong by a hundredth fails in the long ones. (A few costly
-/// variants are left to these: [`agree_in_long`].)
-pub const LONG: bool = cfg!(feature = "truth") || matches!(env!("CARGO_CRATE_NAME").as_bytes(), b"truth");
+/// The combined error, over the finite difference, with which a comparison says something.
+fn enough() -> f64 {
+    if long() { 0.02 } else { 0.08 }
+}
 
-/// The combined error, over the finite difference, with which a comparison says something, and the one that is always enough.
-const ENOUGH: f64 = if LONG { 0.02 } else { 0.08 };
-const PRECISE: f64 = if LONG { 0.01 } else { 0.04 };
+/// The combined error that is always enough.
+fn precise() -> f64 {
+    if long() { 0.01 } else { 0.04 }
+}
 
 /// How many times its plan a comparison may draw while it says nothing. Brief plans are so short that some rows need much of this.
-const BEYOND: u64 = if LONG { 30 } else { 120 };
+fn beyond() -> u64 {
+    if long() { 30 } else { 120 }
+}
 
 /// A sample of a gradient takes about as long as twenty of an image.
 const GRADIENT_PRICE: f64 = 20.0;
@@ -504,11 +510,11 @@ fn compare(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: 
         |fd: &mut Side| fd.add(plan.from, portion(plan.fd_seeds), |seeds| finite_differences(build, plan, seeds));
     more_gradients(&mut found.gradients);
     more_differences(&mut found.differences);
-    while found.relative() >= PRECISE {
+    while found.relative() >= precise() {
         let (g, fd) = (&mut found.gradients, &mut found.differences);
         let worth = g.gain() > fd.gain();
         let (drawn, planned) = if worth { (g.drawn(), plan.seeds) } else { (fd.drawn(), plan.fd_seeds) };
-        let most = if found.relative() < ENOUGH { planned } else { BEYOND * planned };
+        let most = if found.relative() < enough() { planned } else { beyond() * planned };
         if drawn >= most {
             break;
         }

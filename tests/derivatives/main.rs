@@ -23,9 +23,3 @@ mod shared_edges;
 mod slots;
 mod spots_and_distortion;
 mod translations;
-
-// These are not drawn in brief.
-#[cfg(feature = "truth")]
-mod closed_forms;
-#[cfg(feature = "truth")]
-mod finite_differences;

@@ -116,7 +116,7 @@ fn texels_against_differences() {
     // Seen at a grazing angle, normals turn away from the eye.
     let grazing = |kind| Made { eye: 0.35, ..Made::of(kind) };
     row("waves on diffuse, grazing", grazing(Kind::Diffuse), &PLAN(), amplitude);
-    if LONG {
+    if long() {
         row("waves on metal of 0.6", Made::of(Kind::Metal(0.6)), &PLAN(), amplitude);
         row("waves on plastic", Made::of(Kind::Plastic), &PLAN(), amplitude);
         row("waves on metal, grazing", grazing(Kind::Metal(0.5)), &Plan { least: 10.0, ..PLAN() }, amplitude);
@@ -136,7 +136,7 @@ fn movements_against_differences() {
     }
     // Its image in the waves, and its shadow on them.
     for (kind, always) in [(Kind::Metal(0.3), true), (Kind::Metal(0.6), false)] {
-        if always || LONG {
+        if always || long() {
             let made = Made { amplitude: 0.15, ..Made::of(kind) };
             row("a box before it", made, &PLAN(), |t, made| made.box_at += t);
         }

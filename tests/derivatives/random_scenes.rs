@@ -334,7 +334,7 @@ fn typical((scene, camera): (SceneDescription, Camera), max_bounces: u32) -> f64
 
 #[test]
 fn scenes_that_nobody_chose() {
-    for number in numbers(if LONG { 0..18 } else { 0..9 }) {
+    for number in numbers(if long() { 0..18 } else { 0..9 }) {
         let (.., family, max_bounces) = drawn(number, 0.0);
         let build = moving(number);
         let least = typical(build(0.0), max_bounces);
@@ -461,11 +461,10 @@ fn mean_nothing(
     scenes: impl Iterator<Item = u64>,
     made: impl Fn((SceneDescription, Camera)) -> (SceneDescription, Camera) + Sync,
 ) {
-    /// Of what is typical of the scene: an error that says something, and one with which no more is drawn.
+    /// Of what is typical of the scene: an error that says something.
     const TELLING: f64 = 0.05;
-    const PRECISE: f64 = if LONG { 0.004 } else { 0.02 };
     const PORTION: u64 = 12;
-    const MOST: u64 = if LONG { 240 } else { 48 };
+    let (precise, most) = if long() { (0.004, 240) } else { (0.02, 48) };
     let (mut scenes_seen, mut dark, mut mute) = (0, 0, 0);
     for number in scenes {
         let (.., family, max_bounces) = drawn(number, 0.0);
@@ -483,7 +482,7 @@ fn mean_nothing(
             // Few values do not know their own error: what looks doubtful is drawn on.
             let z = (found.mean - expected.mean) / error.hypot(1e-6 * typical);
             let drawn = from + 2 * PORTION;
-            if drawn >= MOST || drawn >= 2 * PORTION && error < PRECISE * typical && z.abs() < 2.5 {
+            if drawn >= most || drawn >= 2 * PORTION && error < precise * typical && z.abs() < 2.5 {
                 break;
             }
         }
@@ -503,12 +502,12 @@ fn mean_nothing(
 /// What a surface is cut into means nothing.
 #[test]
 fn triangles_may_be_split() {
-    mean_nothing(numbers(if LONG { 0..14 } else { 0..5 }), split);
+    mean_nothing(numbers(if long() { 0..14 } else { 0..5 }), split);
 }
 
 /// Nor do directions, places and the order of things. (In 126 plates cross at acute angles: light beside the crossing went through them, the
 /// more the further away from the origin.)
 #[test]
 fn scenes_may_be_rearranged() {
-    mean_nothing(numbers(if LONG { 0..14 } else { 0..5 }).chain([126]), rearranged);
+    mean_nothing(numbers(if long() { 0..14 } else { 0..5 }).chain([126]), rearranged);
 }

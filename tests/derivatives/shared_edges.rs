@@ -317,7 +317,7 @@ fn what_stands_on_something_has_the_derivative_of_what_reaches_into_it() {
     {
         for (what, f) in motions {
             let plan = Plan { spp: 32, max_bounces: 2, ..Plan::default() };
-            let (seeds, telling) = if LONG { (seeds, 0.02) } else { (seeds / 3, 0.04) };
+            let (seeds, telling) = if long() { (seeds, 0.02) } else { (seeds / 3, 0.04) };
             let of = |depth: f32| {
                 let build = room(ground, block, move |t, s| {
                     s.depth = depth;

@@ -1,7 +1,7 @@
 //! Every array of a scene that can carry derivatives, reached from the language: reverse mode against central
 //! differences of the same expression, over independent seeds.
 
-use crate::common::{LONG, Measured, statistics, value_and_param};
+use crate::common::{Measured, long, statistics, value_and_param};
 
 /// Repeats of one portion, and of all that are drawn until the error is small.
 const PORTION: u64 = 10;
@@ -12,7 +12,9 @@ const TELLING: f64 = 0.08;
 /// Standard errors that a difference may have: few repeats do not know their own error well.
 const ALLOWED: f64 = 3.5;
 /// The long statistics look at every case; otherwise at one in twenty.
-const EVERY: usize = if LONG { 1 } else { 20 };
+fn every() -> usize {
+    if long() { 1 } else { 20 }
+}
 
 struct Case {
     name: &'static str,
@@ -286,7 +288,7 @@ fn agree(name: &str, text: &str, step: f64) {
 
 #[test]
 fn every_slot_of_a_scene() {
-    for case in CASES.iter().step_by(EVERY) {
+    for case in CASES.iter().step_by(every()) {
         let camera = "camera eye { position: [0, 0, 5], look_at: [0, 0, 0], fov: 40deg, film: [16, 12] }";
         agree(case.name, &format!("{}\n{}\n{camera}\n{LOSS}", case.param, case.scene), case.step);
     }
@@ -298,7 +300,7 @@ fn every_slot_of_a_camera() {
 shape ground { mesh: rectangle(width: 9, depth: 9) |> translate([0, -1, 0]), material: diffuse(reflectance: texture([[0.1, 0.8], [0.4, 0.2]])) }
 shape box { mesh: cube() |> rotate(y: 30deg), material: diffuse(reflectance: 0.9) }
 light l = directional(direction: [0.3, -1, -0.5], irradiance: 3)";
-    for (name, param, fields, step) in CAMERAS.iter().step_by(EVERY) {
+    for (name, param, fields, step) in CAMERAS.iter().step_by(every()) {
         let keyframes: Vec<String> = fields.split(" => ").map(|k| format!("camera({k}, film: [16, 12])")).collect();
         let camera = match &keyframes[..] {
             [opening, closing] => format!("let eye = moving({opening}, {closing})"),
