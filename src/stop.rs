@@ -6,9 +6,9 @@
 
 use std::cell::{Cell, RefCell};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 /// The error of work that was ended early.
@@ -31,6 +31,12 @@ thread_local! {
 
 /// Does `work`, which ends early if it checks after `flag` was set. Data that it modifies must remain valid if it is left half done.
 pub fn until<T>(flag: &Arc<AtomicBool>, work: impl FnOnce() -> T) -> Result<T, Stopped> {
+    let (mut work, mut result) = (Some(work), None);
+    until_done(flag, &mut || result = work.take().map(|work| work()))?;
+    result.ok_or(Stopped)
+}
+
+fn until_done(flag: &Arc<AtomicBool>, work: &mut dyn FnMut()) -> Result<(), Stopped> {
     /// Restores the flag of the surrounding work, also when unwinding.
     struct Outer(Option<Arc<AtomicBool>>);
     impl Drop for Outer {
@@ -92,6 +98,17 @@ pub fn flag() -> Arc<AtomicBool> {
 /// work is done here.
 pub fn apart<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T {
     let Some(flag) = FLAG.with_borrow(Option::clone) else { return work() };
+    let result = Arc::new(Mutex::new(None));
+    let to = result.clone();
+    done_apart(&flag, Box::new(move || *to.lock().unwrap_or_else(PoisonError::into_inner) = Some(work())));
+    let done = result.lock().unwrap_or_else(PoisonError::into_inner).take();
+    match done {
+        Some(value) => value,
+        None => resume_unwind(Box::new("a thread was lost")),
+    }
+}
+
+fn done_apart(flag: &Arc<AtomicBool>, work: Box<dyn FnOnce() + Send>) {
     let (sender, receiver) = sync_channel(1);
     let inner = flag.clone();
     let body = move || {
@@ -107,7 +124,7 @@ pub fn apart<T: Send + 'static>(work: impl FnOnce() -> T + Send + 'static) -> T 
     loop {
         check();
         match receiver.recv_timeout(LOOK) {
-            Ok(Ok(Ok(value))) => return value,
+            Ok(Ok(Ok(()))) => return,
             Ok(Ok(Err(stopped))) => resume_unwind(Box::new(stopped)),
             Ok(Err(payload)) => resume_unwind(payload),
             Err(RecvTimeoutError::Timeout) => {}

@@ -718,21 +718,25 @@ pub fn on_large_stack<T: Send>(f: impl FnOnce() -> T + Send) -> T {
     if is_large_stack() || rayon::current_thread_index().is_some() {
         return f();
     }
-    let run = std::sync::Mutex::new(Some(f));
-    let take = || run.lock().ok().and_then(|mut f| f.take());
-    let body = || {
-        LARGE_STACK.with(|l| l.set(true));
-        take().map(|f| f())
-    };
-    let result = std::thread::scope(|scope| {
-        match std::thread::Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, body) {
-            Ok(handle) => handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)),
-            // If no thread can be started, `f` runs on this stack with the smaller limit.
-            Err(_) => take().map(|f| f()),
-        }
-    });
+    let (mut f, mut result) = (Some(f), None);
+    on_thread(&mut || result = f.take().map(|f| f()));
     match result {
         Some(value) => value,
         None => unreachable!("the closure runs exactly once"),
     }
+}
+
+/// Runs `f` once, on a thread with a large stack. (Threads are compiled once, and not for each type of a result.)
+fn on_thread(f: &mut (dyn FnMut() + Send)) {
+    let run = std::sync::Mutex::new(f);
+    let call = || run.lock().unwrap_or_else(std::sync::PoisonError::into_inner)();
+    let body = || {
+        LARGE_STACK.with(|l| l.set(true));
+        call();
+    };
+    std::thread::scope(|scope| match std::thread::Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, body) {
+        Ok(handle) => handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)),
+        // If no thread can be started, `f` runs on this stack with the smaller limit.
+        Err(_) => call(),
+    });
 }

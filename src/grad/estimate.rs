@@ -226,20 +226,34 @@ pub fn reverse(
     total: &mut DenseSums,
     stop: &AtomicBool,
 ) {
-    let chunks = chunks(pass.items(), layout.size());
+    in_chunks(pass.items(), layout.size(), total, &|range, sums| {
+        let mut mode = Reverse::new(scene, layout, d_image, sums);
+        run(pass, range, &mut mode, stop);
+        mode.into_sink()
+    });
+}
+
+/// Has all chunks of the items `done` in parallel, each into sums that are zero, and adds them to the total. (What does not depend on
+/// the pass is written, and compiled, once.)
+fn in_chunks(
+    items: usize,
+    len: usize,
+    total: &mut DenseSums,
+    done: &(dyn Fn(Range<usize>, SparseSums) -> SparseSums + Sync),
+) {
+    let chunks = chunks(items, len);
     let next = AtomicUsize::new(0);
     let ordered = Mutex::new(OrderedSum { total, next: 0, waiting: BTreeMap::new(), spare: Vec::new() });
     let ordered = || ordered.lock().unwrap_or_else(PoisonError::into_inner);
     // Chunks are begun in order, so that few have to wait for their turn.
-    let at_once = (MOST_SUMS / layout.size().max(1)).max(4).min(rayon::current_num_threads());
+    let at_once = (MOST_SUMS / len.max(1)).max(4).min(rayon::current_num_threads());
     (0..at_once).into_par_iter().for_each(|_| {
         while let chunk = next.fetch_add(1, Ordering::Relaxed)
             && let Some(range) = chunks.get(chunk)
         {
             let sums = ordered().lend();
-            let mut mode = Reverse::new(scene, layout, d_image, sums);
-            run(pass, range.clone(), &mut mode, stop);
-            ordered().add(chunk, mode.into_sink());
+            let sums = done(range.clone(), sums);
+            ordered().add(chunk, sums);
         }
     });
 }
@@ -266,23 +280,32 @@ pub fn forward<S: ForwardSink>(
     images: &mut Images,
     stop: &AtomicBool,
 ) {
-    let (directions, channels, items) = (images.directions, images.channels, pass.items());
+    let (directions, channels) = (images.directions, images.channels);
+    in_rounds(pass.items(), reach, images, &|range| {
+        let out = Adjoints::new(scene, layout, sink());
+        let mut mode = Forward { out, directions, channels, pixels: Vec::new(), sums: Vec::new() };
+        run(pass, range, &mut mode, stop);
+        Runs { pixels: mode.pixels, sums: mode.sums }
+    });
+}
+
+/// The pixels of runs of consecutive samples, and the sums of each run, by direction.
+struct Runs {
+    pixels: Vec<usize>,
+    sums: Vec<DVec3>,
+}
+
+/// Has all chunks of the items `done` in parallel, so many at a time that what is kept of them is bounded, and adds their runs to the images.
+fn in_rounds(items: usize, reach: usize, images: &mut Images, done: &(dyn Fn(Range<usize>) -> Runs + Sync)) {
+    let (directions, channels) = (images.directions, images.channels);
     // Chunks do not depend on the number of directions, so that each direction gets the same bits that it would get alone.
     let len = items.div_ceil(64).clamp(1, FORWARD_CHUNK);
     let round = (FORWARD_KEPT / (FORWARD_CHUNK * directions.max(1) * reach)).max(1) * len;
     for start in (0..items).step_by(round) {
         let end = (start + round).min(items);
-        let parts: Vec<(Vec<usize>, Vec<DVec3>)> = (start..end)
-            .into_par_iter()
-            .step_by(len)
-            .map(|first| {
-                let out = Adjoints::new(scene, layout, sink());
-                let mut mode = Forward { out, directions, channels, pixels: Vec::new(), sums: Vec::new() };
-                run(pass, first..(first + len).min(end), &mut mode, stop);
-                (mode.pixels, mode.sums)
-            })
-            .collect();
-        for (pixels, sums) in parts {
+        let parts: Vec<Runs> =
+            (start..end).into_par_iter().step_by(len).map(|first| done(first..(first + len).min(end))).collect();
+        for Runs { pixels, sums } in parts {
             for (pixel, sums) in pixels.into_iter().zip(sums.chunks_exact(directions)) {
                 let to = &mut images.data[pixel * directions * channels..(pixel + 1) * directions * channels];
                 for (to, sum) in to.chunks_exact_mut(channels).zip(sums) {

@@ -102,23 +102,25 @@ impl Rows {
 
     /// Draws the samples of a pass and adds their derivatives, until `stop` is set or there is no room.
     pub(super) fn add(&mut self, scene: &Scene, layout: &Layout, pass: &impl Pass, stop: &AtomicBool) {
-        let (items, channels) = (pass.items(), self.channels);
+        let channels = self.channels;
+        self.add_parts(pass.items(), &|range| {
+            let mut record = Record::new(scene, layout, channels);
+            run(pass, range, &mut record, stop);
+            record.finish();
+            record.part
+        });
+    }
+
+    /// Has all chunks of the items recorded in parallel and adds their entries, until there is no room.
+    fn add_parts(&mut self, items: usize, recorded: &(dyn Fn(Range<usize>) -> Part + Sync)) {
         let len = items.div_ceil(TOGETHER).clamp(1, CHUNK);
         for start in (0..items).step_by(TOGETHER * len) {
             if self.is_full() {
                 return;
             }
             let end = (start + TOGETHER * len).min(items);
-            let parts: Vec<Part> = (start..end)
-                .into_par_iter()
-                .step_by(len)
-                .map(|first| {
-                    let mut record = Record::new(scene, layout, channels);
-                    run(pass, first..(first + len).min(end), &mut record, stop);
-                    record.finish();
-                    record.part
-                })
-                .collect();
+            let chunk = |first: usize| recorded(first..(first + len).min(end));
+            let parts: Vec<Part> = (start..end).into_par_iter().step_by(len).map(chunk).collect();
             // Arrays that grow are twice as large for a moment.
             need(16 * parts.iter().map(|part| part.values.len() as u64).sum::<u64>());
             for part in parts {

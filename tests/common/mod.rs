@@ -17,7 +17,7 @@ use dscene::session::optimization::StepReport;
 use glam::{Mat3, Vec3, vec3};
 
 pub use dscene::SceneBuilder as Builder;
-pub use long::long;
+pub use long::{long, percent};
 
 /// What tests add to a scene, without names.
 pub trait Pieces {
@@ -416,14 +416,14 @@ pub fn agree_in_long(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camer
     }
 }
 
-/// The combined error, over the finite difference, with which a comparison says something.
-fn enough() -> f64 {
-    if long() { 0.02 } else { 0.08 }
+/// The combined error, over the finite difference, that is always enough.
+fn precise() -> f64 {
+    percent().map_or(0.04, |percent| 0.01 * percent)
 }
 
-/// The combined error that is always enough.
-fn precise() -> f64 {
-    if long() { 0.01 } else { 0.04 }
+/// The combined error with which a comparison says something.
+fn enough() -> f64 {
+    if long() { 1.5 * precise() } else { 2.0 * precise() }
 }
 
 /// How many times its plan a comparison may draw while it says nothing. Brief plans are so short that some rows need much of this.

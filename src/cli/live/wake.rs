@@ -5,7 +5,7 @@
 //! one's name, after which a notification would still be about the old file. A script has few files, and looking at one takes a microsecond.
 
 use std::collections::HashMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 

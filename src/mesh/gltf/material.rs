@@ -110,7 +110,7 @@ impl Materials {
         if reading.materials() {
             let transform = map.extensions().and_then(|all| all.get("KHR_texture_transform"));
             let set = transform.and_then(|t| t["texCoord"].as_u64()).unwrap_or(map.tex_coord().into());
-            if set != at.0.into() || UvTransform::written(transform) != at.1 {
+            if set != u64::from(at.0) || UvTransform::written(transform) != at.1 {
                 reading.notes.about("all images of a material are placed as its first one is", whose);
             }
         }
