@@ -366,6 +366,10 @@ fn along_turns(parts: &[Mesh], gradients: &[Vec<f64>]) -> Vec<f64> {
     [Vec3::X, Vec3::Y, Vec3::new(0.3, -0.5, 0.8)].map(along).to_vec()
 }
 
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |m: f64, x| m.max(x.abs()))
+}
+
 /// T18: cutting a mesh along seams (as those of texture coordinates), or dealing it out to two shapes, changes no derivative.
 #[test]
 fn welded_and_split_meshes_agree() {
@@ -388,10 +392,11 @@ fn welded_and_split_meshes_agree() {
             let scene = b.scene();
             let camera = camera(Projection::Perspective, Vec3::new(0.0, 1.0, 3.0), Vec3::new(0.0, -0.4, -1.0), 0.5, 12);
             let measured = Measured { scene: &scene, camera: &camera, settings: settings(spp, max_bounces) };
-            estimate(100, |seed| along_turns(parts, &measured.gradient(seed, &slots)))
+            let limit = |mean: &[f64]| 0.007 * largest(mean);
+            estimate_until(100, limit, |seed| along_turns(parts, &measured.gradient(seed, &slots)))
         };
         let whole = run(&ways[0]);
-        let scale = whole.mean.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+        let scale = largest(&whole.mean);
         for cut in ways[1..].iter().map(|parts| run(parts)) {
             for i in 0..whole.mean.len() {
                 let error = whole.error[i].hypot(cut.error[i]);
@@ -416,7 +421,7 @@ fn welded_and_split_outlines_are_the_same() {
         along_turns(parts, &measured.gradient(0, &slots))
     };
     let [whole, cut @ ..] = ways.each_ref().map(|parts| run(parts));
-    let scale = whole.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
+    let scale = largest(&whole);
     assert!(scale > 0.1);
     for cut in cut {
         for (a, b) in whole.iter().zip(&cut) {

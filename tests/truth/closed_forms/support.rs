@@ -51,17 +51,35 @@ pub fn estimate(seeds: u64, sample: impl FnMut(u64) -> Vec<f64>) -> Estimate {
     estimate_over(1..=seeds, sample)
 }
 
+/// Eight seeds at a time until all errors are below `limit` of the means, or `most` are drawn.
+pub fn estimate_until(most: u64, limit: impl Fn(&[f64]) -> f64, mut sample: impl FnMut(u64) -> Vec<f64>) -> Estimate {
+    let mut runs = Vec::new();
+    loop {
+        let from = runs.len() as u64;
+        runs.extend((from + 1..=(from + 8).min(most)).map(&mut sample));
+        let found = Estimate::of(&runs);
+        // Errors of few seeds are not known well.
+        let is_enough = runs.len() >= 16 && found.error.iter().all(|error| *error <= limit(&found.mean));
+        if is_enough || runs.len() as u64 >= most {
+            return found;
+        }
+    }
+}
+
 pub fn estimate_over(seeds: RangeInclusive<u64>, sample: impl FnMut(u64) -> Vec<f64>) -> Estimate {
-    let runs: Vec<Vec<f64>> = seeds.map(sample).collect();
-    let n = runs.len() as f64;
-    let mean: Vec<f64> = (0..runs[0].len()).map(|i| runs.iter().map(|r| r[i]).sum::<f64>() / n).collect();
-    let error = (0..mean.len())
-        .map(|i| (runs.iter().map(|r| (r[i] - mean[i]).powi(2)).sum::<f64>() / (n * (n - 1.0))).sqrt())
-        .collect();
-    Estimate { mean, error }
+    Estimate::of(&seeds.map(sample).collect::<Vec<_>>())
 }
 
 impl Estimate {
+    fn of(runs: &[Vec<f64>]) -> Estimate {
+        let n = runs.len() as f64;
+        let mean: Vec<f64> = (0..runs[0].len()).map(|i| runs.iter().map(|r| r[i]).sum::<f64>() / n).collect();
+        let error = (0..mean.len())
+            .map(|i| (runs.iter().map(|r| (r[i] - mean[i]).powi(2)).sum::<f64>() / (n * (n - 1.0))).sqrt())
+            .collect();
+        Estimate { mean, error }
+    }
+
     /// Every mean lies within four standard errors of `exact`, and these are below `relative` of `scale`.
     pub fn check_scaled(&self, name: &str, exact: &[f64], relative: f64, scale: f64) {
         self.check_by(name, exact, relative, |_| scale);
