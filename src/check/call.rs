@@ -109,7 +109,7 @@ impl Checker<'_> {
         let given: Vec<Given> = fields.iter().map(|f| Given { name: Some(f.name.clone()), value: &f.value }).collect();
         let Some(id) = self.builtin(&kind.text) else {
             let help = match kind.text.as_str() {
-                "material" => "materials have several models: `material NAME = diffuse(…)`, `conductor(…)`, `phong(…)`, `plastic(…)`, `principled(…)`, `mirror(…)`, `dielectric(…)`".to_owned(),
+                "material" => "materials have several models: `material NAME = diffuse(…)`, `conductor(…)`, `phong(…)`, `plastic(…)`, `principled(…)`, `mirror(…)`, `dielectric(…)`, `thin_dielectric(…)`".to_owned(),
                 other => format!("write `{other} NAME = …`"),
             };
             self.diagnostics.push(

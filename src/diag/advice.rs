@@ -164,10 +164,11 @@ pub const TABLE: &[Row] = &[
     row(Place::Call, "glass", "dielectric(ior: 1.5)", ""),
     row(
         Place::Call,
-        "roughdielectric thindielectric",
+        "roughdielectric rough_dielectric",
         "dielectric()",
-        "clear bodies have smooth surfaces and a thickness in this version",
+        "clear bodies have smooth surfaces in this version",
     ),
+    row(Place::Call, "thindielectric window", "thin_dielectric()", ""),
     row(Place::Name, "True TRUE yes on", "true", ""),
     row(Place::Name, "False FALSE no off", "false", ""),
     row(Place::Name, "None null nil undefined NULL nullptr Null", "none", ""),
@@ -451,7 +452,7 @@ pub fn type_name(name: &str) -> Option<&'static str> {
 
 /// What the language will have and this version has not.
 pub fn is_planned(name: &str) -> bool {
-    const FUNCTIONS: &str = "thin_dielectric emissive blend normal_map bump decimate unwrap medium";
+    const FUNCTIONS: &str = "emissive blend decimate unwrap medium";
     FUNCTIONS.split_whitespace().any(|planned| planned == name)
 }
 

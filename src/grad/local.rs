@@ -7,7 +7,7 @@ use glam::Vec3;
 use crate::grad::environment::MovingEnvironment;
 use crate::grad::sink::{Adjoints, Sink};
 use crate::render::accel::PrimId;
-use crate::render::bsdf::{Bsdf, BsdfAdjoint, Lobe, Part, d_fresnel, d_refract, fresnel, refract};
+use crate::render::bsdf::{Bsdf, BsdfAdjoint, Lobe, Part, d_refract, refract};
 use crate::render::film::first_hit;
 use crate::render::interaction::{SurfaceInteraction, d_terminator, terminator};
 use crate::render::light::{LightKind, LightSample};
@@ -139,20 +139,24 @@ pub fn d_specular(
     };
     let outside = si.flip > 0.0;
     let (c, eta) = (si.ns.dot(si.wi), dielectric.eta(outside));
-    let [by_c, by_eta] = d_fresnel(c.abs(), eta);
-    let d_share = d_f.element_sum();
+    let [by_c, by_ior] = dielectric.d_reflectance(c.abs(), outside);
     let (d_reflectance, d_eta) = if lobe.transmits() {
-        // The factor on radiance is (1 − F)/η².
-        let by_index = -2.0 * (1.0 - fresnel(c.abs(), eta)) / (eta * eta * eta);
+        // The factor on radiance is τ (1 − F)/η² with the tint τ.
+        let share = 1.0 - dielectric.reflectance(c.abs(), outside);
+        let d_share = d_f.dot(dielectric.tint);
+        if dielectric.is_pane {
+            d_values[1] = d_f * share;
+        }
+        let by_index = -2.0 * share / (eta * eta * eta);
         (-d_share / (eta * eta), d_share * by_index + d_refracted(si, eta, d_dir, adj))
     } else {
         d_mirrored(si, d_dir, adj);
-        (d_share, 0.0)
+        (d_f.element_sum(), 0.0)
     };
     let d_c = d_reflectance * by_c * c.signum();
     adj.ns += si.wi * d_c;
     adj.wi += si.ns * d_c;
-    d_values[0].x = dielectric.d_eta(outside, d_eta + d_reflectance * by_eta);
+    d_values[0].x = dielectric.d_eta(outside, d_eta) + d_reflectance * by_ior;
     d_values
 }
 

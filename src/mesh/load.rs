@@ -138,6 +138,15 @@ impl LoadedImage {
     }
 }
 
+/// What light passes, with its refractive index from 1 to 10.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Clear {
+    /// A body that bends light.
+    Body(f32),
+    /// A wall so thin that it does not, and whose base colour tints the light.
+    Pane(f32),
+}
+
 /// A metallic-roughness material. If an input has a texture, the texture multiplies the number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedMaterial {
@@ -166,8 +175,8 @@ pub struct LoadedMaterial {
     /// Opacity in one channel, from 0 to 1; `None` is opaque. An alpha cutoff of the file was applied to each texel; interpolation makes
     /// a slope between texels.
     pub opacity: Option<LoadedImage>,
-    /// The refractive index of a clear body: then nothing of the other numbers counts.
-    pub clear: Option<f32>,
+    /// If light passes it: then of the other numbers only what is emitted and the base colour of a pane count.
+    pub clear: Option<Clear>,
     /// A normal map as glTF has it, in three channels; y is upwards in the picture.
     pub normals: Option<LoadedImage>,
 }

@@ -14,7 +14,7 @@ use glam::{Vec2, Vec3, vec2};
 use crate::image::Image;
 use crate::image::file::{Encoding, read_bytes};
 
-use super::load::{LoadedImage, LoadedMaterial};
+use super::load::{Clear, LoadedImage, LoadedMaterial};
 use super::reading::{Reading, lines, text_of, without_mark};
 
 /// Transformation of a material's texture coordinates: they are scaled, then translated.
@@ -343,9 +343,9 @@ impl Mtl {
     }
 
     /// The refractive index of a body of glass.
-    fn clear(&self) -> Option<f32> {
+    fn clear(&self) -> Option<Clear> {
         let is_glass = matches!(self.illumination, Some(4 | 6 | 7 | 9));
-        self.index.filter(|index| is_glass && *index > 1.0).map(|index| index.min(10.0))
+        self.index.filter(|index| is_glass && *index > 1.0).map(|index| Clear::Body(index.min(10.0)))
     }
 
     /// The factor on the usual reflectance of 4 % at normal incidence.

@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use crate::image::Image;
 use crate::mesh::load::{
-    Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart, LoadedProjection,
-    Wanted, load, load_cameras,
+    Clear, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
+    LoadedProjection, Wanted, load, load_cameras,
 };
 use crate::mesh::{Mesh, MeshError};
 use crate::render::MaterialKind;
@@ -147,9 +147,14 @@ fn plain(material: MaterialValue) -> Appearance {
 }
 
 fn appearance(loaded: &LoadedMaterial) -> Appearance {
-    if let Some(ior) = loaded.clear {
-        let ior = Input::Number(Var::from(f64::from(ior)));
-        let material = MaterialKind::Dielectric { ior }.into();
+    if let Some(clear) = loaded.clear {
+        let number = |ior: f32| Input::Number(Var::from(f64::from(ior)));
+        let material = match clear {
+            Clear::Body(ior) => MaterialKind::Dielectric { ior: number(ior) }.into(),
+            Clear::Pane(ior) => {
+                MaterialKind::ThinDielectric { ior: number(ior), tint: texels(loaded.base_color_texels()) }.into()
+            }
+        };
         return Appearance { radiance: loaded.emissive_texels().map(texels), two_sided: true, ..plain(material) };
     }
     let kind = MaterialKind::Principled {

@@ -30,6 +30,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("plastic", |a| material(a, &MaterialKind::Plastic { diffuse: (), ior: (), roughness: () })),
     ("mirror", |a| material(a, &MaterialKind::Mirror { reflectance: () })),
     ("dielectric", |a| material(a, &MaterialKind::Dielectric { ior: () })),
+    ("thin_dielectric", |a| material(a, &MaterialKind::ThinDielectric { ior: (), tint: () })),
     ("principled", |a| {
         material(a, &MaterialKind::Principled { base_color: (), metallic: (), roughness: (), specular: () })
     }),

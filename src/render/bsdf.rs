@@ -27,7 +27,7 @@ use crate::math::{cosine_hemisphere, cosine_hemisphere_pdf, luminance};
 use self::angles::Angles;
 pub use self::angles::DirectionsAdjoint;
 use self::conductor::{Conductor, ConductorIor};
-pub use self::dielectric::{Dielectric, d_fresnel, d_refract, fresnel, refract};
+pub use self::dielectric::{Dielectric, d_refract, refract};
 use self::microfacet::{Ggx, Microfacets};
 use self::model::{Inputs, Model};
 use self::phong::Phong;
@@ -195,7 +195,12 @@ impl<I> MaterialKind<I> {
 
     /// Whether such a material scatters light in single directions only.
     pub fn is_delta(&self) -> bool {
-        matches!(self, MaterialKind::Mirror { .. } | MaterialKind::Dielectric { .. })
+        matches!(self, MaterialKind::Mirror { .. }) || self.is_clear()
+    }
+
+    /// Whether such a material lets light through.
+    pub fn is_clear(&self) -> bool {
+        matches!(self, MaterialKind::Dielectric { .. } | MaterialKind::ThinDielectric { .. })
     }
 }
 
@@ -204,12 +209,16 @@ impl Bsdf {
     /// ignores the clamp, so that an optimiser can bring such a value back into the domain.
     pub fn new(values: &MaterialKind<Vec3>) -> Bsdf {
         let ggx_roughness = |v: Vec3| v.x.clamp(0.0, 1.0);
+        let index = |v: Vec3| v.x.clamp(dielectric::INDICES[0], dielectric::INDICES[1]);
         match *values {
             MaterialKind::Black => Bsdf::Black,
             MaterialKind::Diffuse { reflectance } => Bsdf::Diffuse { reflectance },
             MaterialKind::Mirror { reflectance } => Bsdf::Mirror { reflectance },
             MaterialKind::Dielectric { ior } => {
-                Bsdf::Dielectric(Dielectric { ior: ior.x.clamp(dielectric::INDICES[0], dielectric::INDICES[1]) })
+                Bsdf::Dielectric(Dielectric { ior: index(ior), tint: Vec3::ONE, is_pane: false })
+            }
+            MaterialKind::ThinDielectric { ior, tint } => {
+                Bsdf::Dielectric(Dielectric { ior: index(ior), tint, is_pane: true })
             }
             MaterialKind::Conductor { reflectance, roughness } => {
                 Bsdf::Conductor(Conductor { reflectance, roughness: ggx_roughness(roughness) })

@@ -3,7 +3,7 @@
 use glam::{Vec2, Vec3};
 
 use super::accel::{NO_PRIM, PrimId, Ray};
-use super::bsdf::{Bsdf, BsdfSample, Dielectric, Lobe, Part, fresnel, refract};
+use super::bsdf::{Bsdf, BsdfSample, Dielectric, Lobe, Part, refract};
 use super::environment::environment_uv;
 use super::material::{Input, MaterialKind};
 use super::scene::Environment;
@@ -296,9 +296,9 @@ impl SurfaceInteraction {
         }
     }
 
-    /// The Fresnel reflectance of a smooth interface.
+    /// The share of the light that a smooth interface reflects.
     fn interface_reflectance(&self, dielectric: &Dielectric) -> f32 {
-        fresnel(self.ns.dot(self.wi).abs(), dielectric.eta(self.flip > 0.0))
+        dielectric.reflectance(self.ns.dot(self.wi).abs(), self.flip > 0.0)
     }
 
     /// The sample of a delta lobe, with its share of the light as probability; `None` if the surface has no such lobe or all light goes
@@ -314,12 +314,12 @@ impl SurfaceInteraction {
             }),
             Bsdf::Dielectric(dielectric) => {
                 let reflected = self.interface_reflectance(&dielectric);
-                let (share, eta) = match lobe.transmits() {
-                    false => (reflected, 1.0),
-                    true => (1.0 - reflected, dielectric.eta(self.flip > 0.0)),
+                let (share, eta, tint) = match lobe.transmits() {
+                    false => (reflected, 1.0, Vec3::ONE),
+                    true => (1.0 - reflected, dielectric.eta(self.flip > 0.0), dielectric.tint),
                 };
                 let wo = if lobe.transmits() { self.refracted(eta)? } else { self.mirrored() };
-                let f = Vec3::splat(share / (eta * eta));
+                let f = tint * (share / (eta * eta));
                 (share > 0.0).then_some(BsdfSample { wo, f, pdf: share, lobe, eta })
             }
             _ => None,

@@ -116,6 +116,13 @@ pub enum MaterialKind<I = Input> {
         /// The refractive index of the inside relative to the outside, from 1 to 10: 1.5 for glass, 1.33 for water.
         ior: I,
     },
+    /// A pane: a clear plate so thin that it shifts nothing. It reflects what its two faces do together, and lets the rest pass straight on.
+    ThinDielectric {
+        /// The refractive index, from 1 to 10: 1.5 for glass.
+        ior: I,
+        /// The share of the light that passes, of what is not reflected, RGB in [0, 1].
+        tint: I,
+    },
     /// Metallic-roughness: (1−metallic)·base/π diffuse plus GGX with F0 = mix(0.08·specular, base, metallic).
     Principled {
         /// Reflectance of what is not metal, and F0 of what is, RGB in [0, 1].
@@ -140,6 +147,7 @@ impl<I> MaterialKind<I> {
             MaterialKind::Plastic { .. } => "plastic",
             MaterialKind::Mirror { .. } => "mirror",
             MaterialKind::Dielectric { .. } => "dielectric",
+            MaterialKind::ThinDielectric { .. } => "thin_dielectric",
             MaterialKind::Principled { .. } => "principled",
         }
     }
@@ -181,6 +189,9 @@ impl<I> MaterialKind<I> {
                 MaterialKind::Mirror { reflectance: make("reflectance", Color, reflectance)? }
             }
             MaterialKind::Dielectric { ior } => MaterialKind::Dielectric { ior: make("ior", Index, ior)? },
+            MaterialKind::ThinDielectric { ior, tint } => {
+                MaterialKind::ThinDielectric { ior: make("ior", Index, ior)?, tint: make("tint", Color, tint)? }
+            }
             MaterialKind::Principled { base_color, metallic, roughness, specular } => MaterialKind::Principled {
                 base_color: make("base_color", Color, base_color)?,
                 metallic: make("metallic", Fraction, metallic)?,

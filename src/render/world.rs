@@ -92,7 +92,7 @@ impl Scene {
             shape_shading,
             tangents: description.shapes.iter().map(Tangents::new).collect(),
             masked: description.shapes.iter().any(|s| s.material.opacity.is_some()),
-            has_glass: description.shapes.iter().any(|s| matches!(s.material.kind, MaterialKind::Dielectric { .. })),
+            has_glass: description.shapes.iter().any(|s| s.material.kind.is_clear()),
             accel,
             description,
             prims,

@@ -16,6 +16,16 @@ fn glass(b: &mut Builder, mesh: Mesh, ior: f32) -> usize {
     b.add(mesh, MaterialKind::Dielectric { ior })
 }
 
+/// A pane, tinted by a smooth pattern that is `darker`.
+fn pane(b: &mut Builder, mut mesh: Mesh, ior: f32, darker: f32) -> usize {
+    mesh.uvs = Some([[0., 0.], [1., 0.], [1., 1.], [0., 1.]].map(Vec2::from_array).to_vec());
+    let data = [0.9, 0.5, 0.7, 0.3, 0.8, 0.6].iter().flat_map(|x| [*x, 1.0 - 0.5 * x, 0.6]).map(|x| x - darker);
+    b.description.textures.push(Texture::new(3, 2, 3, data.collect(), Wrap::Clamp, Filter::Bilinear).unwrap());
+    let tint = Input::Texture(b.description.textures.len() - 1);
+    let ior = b.scalar(ior);
+    b.add(mesh, MaterialKind::ThinDielectric { ior, tint })
+}
+
 /// The same light from everywhere.
 fn even_sky(b: &mut Builder) {
     b.description.textures.push(Texture::constant(Vec3::ONE));
@@ -75,6 +85,51 @@ fn clear_bodies_cannot_be_seen_under_an_even_sky() {
             // Some paths are within for more than 64 bounces, above all where most light is reflected totally.
             let least = if ior > 2.0 { 0.99 } else { 0.999 };
             assert!(mean > least && most < 1.0001, "{name} of index {ior}: {mean} on average, {most} at most");
+        }
+    }
+}
+
+/// A pane lets through what it does not reflect, straight on, times its tint: in values and derivatives, from both sides.
+#[test]
+fn a_pane_dims_what_is_behind_it() {
+    const TINT: f32 = 0.6;
+    let exact = |ior: f64, a: f64| {
+        let (c, s) = (a.cos(), (1.0 - (a.sin() / ior).powi(2)).sqrt());
+        let (rs, rp) = ((c - ior * s) / (c + ior * s), (ior * c - s) / (ior * c + s));
+        let face = 0.5 * (rs * rs + rp * rp);
+        2.0 * face / (1.0 + face)
+    };
+    for a in [0.0f32, 0.7, 1.3] {
+        for (ior, side) in [(1.0f32, 1.0f32), (1.5, 1.0), (1.5, -1.0), (2.2, 1.0)] {
+            let mut b = Builder::default();
+            let (ior_input, tint) = (b.scalar(ior), b.grey(TINT));
+            b.add(floor(Vec3::ZERO, 1.0), MaterialKind::ThinDielectric { ior: ior_input, tint });
+            // Half as bright on the side of the eye as behind.
+            b.glowing(floor(vec3(0.0, -side, 0.0), 40.0), 2.0);
+            b.glowing(floor(vec3(0.0, 9.0 * side, 0.0), 400.0), 1.0);
+            let dir = vec3(a.sin(), -side * a.cos(), 0.0);
+            let mut camera = look_at(-4.0 * dir, Vec3::ZERO, 30.0, 1);
+            camera.projection = Projection::Orthographic;
+            camera.scale = [1e-3; 2];
+            let scene = b.scene();
+            let settings =
+                Settings { output: Output::Radiance, spp: 1 << 14, max_bounces: 1, seed: 5, boundary: false };
+            let reflected = exact(f64::from(ior), f64::from(a));
+            let through = 2.0 * f64::from(TINT);
+            let expected = reflected + (1.0 - reflected) * through;
+            let found = f64::from(render(&scene, &camera, &settings).unwrap().data[1]);
+            let name = format!("index {ior}, {a} rad, side {side}");
+            assert!((found - expected).abs() < 0.01 * expected, "{name}: {found} instead of {expected}");
+            let mut d_image = Image::new(1, 1, 3);
+            d_image.data[1] = 1.0;
+            let slots = [ior_input, tint].map(|input| Slot::Texels(input.texture().unwrap()));
+            let g = render_backward(&scene, &camera, &settings, &d_image, &slots).unwrap();
+            let h = 1e-4;
+            let slope = (exact(f64::from(ior) + h, f64::from(a)) - exact(f64::from(ior) - h, f64::from(a))) / (2.0 * h);
+            for (found, expected) in [(g[0][0], slope * (1.0 - through)), (g[1].iter().sum(), 2.0 * (1.0 - reflected))]
+            {
+                assert!((found - expected).abs() < 0.02 * (0.1 + expected.abs()), "{name}: {found}, not {expected}");
+            }
         }
     }
 }
@@ -143,6 +198,7 @@ enum Moves {
     Turn,
     Eye,
     Index,
+    Tint,
 }
 
 /// What is between the eye and a glowing square.
@@ -150,6 +206,8 @@ enum Moves {
 enum Body {
     /// A plate, turned aside.
     Plate,
+    /// A small pane, turned aside.
+    Pane,
     /// The middle of a smooth ball.
     Ball,
     /// A ball of flat facets, the edges of which are seen too.
@@ -185,6 +243,10 @@ impl Row {
         let mut camera = look_at(eye, eye - vec3(0.0, 4.0, 0.02), 14.0, 12);
         match self.body {
             Body::Plate => drop(glass(&mut b, body(cuboid(Vec3::ZERO, vec3(2.0, 0.3, 2.0), 0.0)), ior)),
+            Body::Pane => {
+                let darker = shift(|m| matches!(m, Moves::Tint));
+                pane(&mut b, body(floor(Vec3::ZERO, 0.25)), ior, darker);
+            }
             Body::Ball => drop(glass(&mut b, body(sphere(0.8, 32).unwrap()), ior)),
             Body::Facets => {
                 let mut facets = icosphere(0.8, 1).unwrap();
@@ -226,7 +288,7 @@ impl Row {
         let quick = match self.body {
             Body::PlateInAMirror | Body::Plate => matches!(self.moves, Moves::Index),
             Body::Ball | Body::Facets => matches!(self.moves, Moves::Behind | Moves::Index),
-            Body::Water | Body::TwoMirrors => true,
+            Body::Water | Body::TwoMirrors | Body::Pane => true,
         };
         let agree = if quick { agree } else { agree_in_long };
         agree(&format!("{self:?}"), &|t| self.build(t), &plan);
@@ -235,13 +297,14 @@ impl Row {
 
 /// Whatever moves, but for what changes nothing.
 fn check_all(body: Body) {
-    for moves in [Moves::Behind, Moves::Glass, Moves::Turn, Moves::Eye, Moves::Index] {
+    for moves in [Moves::Behind, Moves::Glass, Moves::Turn, Moves::Eye, Moves::Index, Moves::Tint] {
         let still = match body {
             // It shifts what is behind it by the same wherever it is.
-            Body::Plate | Body::PlateInAMirror => matches!(moves, Moves::Glass),
-            Body::Water => false,
-            Body::Ball | Body::Facets => matches!(moves, Moves::Turn),
-            Body::TwoMirrors => matches!(moves, Moves::Glass | Moves::Index),
+            Body::Plate | Body::PlateInAMirror => matches!(moves, Moves::Glass | Moves::Tint),
+            Body::Pane => false,
+            Body::Water => matches!(moves, Moves::Tint),
+            Body::Ball | Body::Facets => matches!(moves, Moves::Turn | Moves::Tint),
+            Body::TwoMirrors => matches!(moves, Moves::Glass | Moves::Index | Moves::Tint),
         };
         if !still {
             Row { body, moves }.check();
@@ -252,6 +315,11 @@ fn check_all(body: Body) {
 #[test]
 fn edges_behind_a_plate_have_their_derivatives() {
     check_all(Body::Plate);
+}
+
+#[test]
+fn edges_behind_a_pane_have_their_derivatives() {
+    check_all(Body::Pane);
 }
 
 /// In a part of the film, so small that most of what a wide filter sees lies around it.

@@ -562,10 +562,10 @@ loss fit = mse(render(small), target)",
     Case {
         name: "not_available_yet",
         prelude: SCENE,
-        script: "material glass = thin_dielectric(ior: 1.5)\n\
+        script: "material glass = blend(diffuse(), mirror())\n\
                  optimize fit { correlated: true }\noptimize fit { correlated: false }",
         wanted: &[
-            ("dscene::feature::unavailable", "thin_dielectric", ""),
+            ("dscene::feature::unavailable", "blend", ""),
             ("dscene::feature::unavailable", "correlated", "independent samples"),
         ],
     },

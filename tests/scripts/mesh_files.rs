@@ -6,7 +6,7 @@ use dscene::image::Image;
 use dscene::image::file::encode_png;
 use dscene::mesh::Mesh;
 use dscene::mesh::load::{
-    Loaded, LoadedLightKind, LoadedMaterial, LoadedPart, LoadedProjection, Wanted, load, load_cameras,
+    Clear, Loaded, LoadedLightKind, LoadedMaterial, LoadedPart, LoadedProjection, Wanted, load, load_cameras,
 };
 use glam::{DVec3, Vec3, vec2, vec3};
 use serde_json::{Value, json};
@@ -96,7 +96,7 @@ fn materials_mean_what_their_letters_say() {
     assert!(normals.channels == 3 && normals.data.iter().all(|x| (x - 188.0 / 255.0).abs() < 1e-3), "no colours");
     // Of glass only the index counts.
     let (m, loaded) = of("illum 7\nNi 1.33\nd 0.1\nnorm half.png\n");
-    assert!(m.clear == Some(1.33) && m.opacity.is_none() && m.normals.is_none(), "{m:?}");
+    assert!(m.clear == Some(Clear::Body(1.33)) && m.opacity.is_none() && m.normals.is_none(), "{m:?}");
     let told = "glass (`illum` 4, 6, 7 and 9) is smooth and clear: its colour, roughness and images are left out: “m”";
     assert_eq!(loaded.warnings, [told]);
 }
@@ -507,7 +507,6 @@ fn normal_maps_and_glass_of_gltf() {
     let loaded = read(&place, "a.gltf");
     let told = [
         "glass is smooth and clear: its colour, roughness and images are left out: “bottle”",
-        "extensions of materials are left out: KHR_materials_transmission of “pane”, KHR_materials_volume of “pane”",
         "without texture coordinates an image is shown on every face anew, and a normal map is left out: “a”",
     ];
     assert_eq!(loaded.warnings, told);
@@ -517,7 +516,10 @@ fn normal_maps_and_glass_of_gltf() {
     let normal = (vec3(225.0, 188.0, 255.0) / 255.0 * 2.0 - 1.0) * vec3(2.0, 2.0, 1.0);
     let expected = 0.5 + 0.5 * normal.normalize();
     assert!(Vec3::from_slice(&normals).distance(expected) < 0.005, "{normals:?} instead of {expected}");
-    assert_eq!([0, 1, 2, 3].map(|i| material(i).clear), [None, Some(1.4), Some(1.4), None]);
+    assert_eq!(
+        [0, 1, 2, 3].map(|i| material(i).clear),
+        [None, Some(Clear::Body(1.4)), Some(Clear::Body(1.4)), Some(Clear::Pane(1.4))]
+    );
 }
 
 #[test]
@@ -544,10 +546,10 @@ fn what_gltf_asks_for_in_vain_is_told_by_name() {
     let expected = [
         "animations are left out: everything is as it stands without them: “walk”",
         "extensions of nodes are left out: EXT_mesh_gpu_instancing of “n”",
-        "extensions of materials are left out: KHR_materials_transmission of “glass”, \
-         KHR_materials_pbrSpecularGlossiness of “glass”",
+        "extensions of materials are left out: KHR_materials_pbrSpecularGlossiness of “glass”",
         "image “gone.png” of “glass”: there is no such file or folder",
         "images in formats that are not supported are left out: KHR_texture_basisu of “glass”",
+        "panes are smooth and let all light through but for their colour: what they have beside it is left out: “glass”",
     ];
     assert_eq!(read(&place, "a.gltf").warnings, expected);
     // A mesh alone has no material to be told of, but for files that are not there.

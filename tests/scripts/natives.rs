@@ -263,6 +263,7 @@ const NONE: &[(&str, &[&str])] = &[
             "plastic",
             "mirror",
             "dielectric",
+            "thin_dielectric",
             "principled",
             "one_sided",
             "mask",

@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use crate::image::Image;
 use crate::image::file::Encoding;
-use crate::mesh::load::{LoadedImage, LoadedMaterial};
+use crate::mesh::load::{Clear, LoadedImage, LoadedMaterial};
 use crate::mesh::reading::Reading;
 
 use super::accessor::Accessors;
@@ -199,30 +199,36 @@ fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
 const TRANSMISSION: &str = "KHR_materials_transmission";
 const VOLUME: &str = "KHR_materials_volume";
 
-/// Of a body that lets most of the light through its surface, how much: KHR_materials_transmission with a KHR_materials_volume that has a
-/// thickness. (Without one glTF means a thin wall, which does not refract.)
-fn transmission(material: &gltf::Material) -> Option<f64> {
+/// Of a surface that lets most of the light through (KHR_materials_transmission), how much, and whether a body is behind it: its
+/// KHR_materials_volume then has a thickness. (Without one glTF means a thin wall, which does not refract.)
+fn transmission(material: &gltf::Material) -> Option<(f64, bool)> {
     let number = |extension: &str, name: &str| material.extension_value(extension)?.get(name)?.as_f64();
     let share = number(TRANSMISSION, "transmissionFactor").filter(|share| *share >= 0.5)?;
-    number(VOLUME, "thicknessFactor").filter(|thickness| *thickness > 0.0).map(|_| share)
+    Some((share, number(VOLUME, "thicknessFactor").is_some_and(|thickness| thickness > 0.0)))
 }
 
-/// The refractive index of a clear body. What it has beside that is reported.
-fn clear(material: &gltf::Material, name: &str, reading: &mut Reading) -> Option<f32> {
-    let share = transmission(material)?;
+/// Whether and how light passes a material. What it has beside that is reported.
+fn clear(material: &gltf::Material, name: &str, reading: &mut Reading) -> Option<Clear> {
+    let (share, is_body) = transmission(material)?;
     let pbr = material.pbr_metallic_roughness();
     let has = |extension: &str, name: &str| material.extension_value(extension).is_some_and(|e| e.get(name).is_some());
     let is_plain = share == 1.0
         && pbr.roughness_factor() == 0.0
-        && pbr.base_color_factor()[..3] == [1.0; 3]
-        && pbr.base_color_texture().is_none()
+        && (!is_body || pbr.base_color_factor()[..3] == [1.0; 3] && pbr.base_color_texture().is_none())
         && material.normal_texture().is_none()
         && !has(TRANSMISSION, "transmissionTexture")
         && !has(VOLUME, "attenuationDistance");
     if !is_plain && reading.materials() {
-        reading.notes.about("glass is smooth and clear: its colour, roughness and images are left out", name);
+        let sentence = match is_body {
+            true => "glass is smooth and clear: its colour, roughness and images are left out",
+            false => {
+                "panes are smooth and let all light through but for their colour: what they have beside it is left out"
+            }
+        };
+        reading.notes.about(sentence, name);
     }
-    Some(material.ior().unwrap_or(1.5).clamp(1.0, 10.0)).filter(|ior| ior.is_finite())
+    let ior = Some(material.ior().unwrap_or(1.5).clamp(1.0, 10.0)).filter(|ior| ior.is_finite())?;
+    Some(if is_body { Clear::Body(ior) } else { Clear::Pane(ior) })
 }
 
 /// A normal map whose normals are inclined `scale` times as much.

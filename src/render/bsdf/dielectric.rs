@@ -3,27 +3,60 @@
 //! Light is either reflected as by a mirror or refracted by Snell's law, with the shares F and 1 − F of the exact Fresnel equations. Here
 //! `eta` is the refractive index on the far side of the interface over that on the side of `wi`, `c` the cosine of `wi` with the normal `n`
 //! on its side, and s = √(1 − (1 − c²)/η²) the cosine on the far side. Where the root has no value all light is reflected.
+//!
+//! A pane is a plate of such a body so thin that its two faces are one surface. Light passes it straight on, and what is reflected to and fro
+//! between the faces adds up to F + (1 − F)² F (1 + F² + F⁴ + …) = 2F/(1 + F), with F of either face.
 
 use glam::Vec3;
 
-/// The interface of a body with the refractive index `ior`, relative to what is around it.
+/// The interface of a body with the refractive index `ior`, relative to what is around it, or a pane of it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Dielectric {
     pub ior: f32,
+    /// The share of the transmitted light that is not absorbed.
+    pub tint: Vec3,
+    pub is_pane: bool,
 }
 
 /// The range of refractive indices.
 pub const INDICES: [f32; 2] = [1.0, 10.0];
 
 impl Dielectric {
-    /// The index on the far side over that on the near side, for light that comes from outside of the body or from inside.
+    /// The index on the far side over that on the near side, for light that comes from outside of the body or from inside. Light bends by it.
     pub fn eta(&self, outside: bool) -> f32 {
-        if outside { self.ior } else { 1.0 / self.ior }
+        match () {
+            () if self.is_pane => 1.0,
+            () if outside => self.ior,
+            () => 1.0 / self.ior,
+        }
     }
 
-    /// Adjoint of [`Dielectric::eta`].
+    /// Adjoint of [`Dielectric::eta`]: the derivative in `ior`.
     pub fn d_eta(&self, outside: bool, d_eta: f32) -> f32 {
-        if outside { d_eta } else { -d_eta / (self.ior * self.ior) }
+        match () {
+            () if self.is_pane => 0.0,
+            () if outside => d_eta,
+            () => -d_eta / (self.ior * self.ior),
+        }
+    }
+
+    /// The share of the light that is reflected.
+    pub fn reflectance(&self, c: f32, outside: bool) -> f32 {
+        if self.is_pane {
+            let face = fresnel(c, self.ior);
+            return 2.0 * face / (1.0 + face);
+        }
+        fresnel(c, self.eta(outside))
+    }
+
+    /// Derivatives of [`Dielectric::reflectance`] in `c` and in `ior`.
+    pub fn d_reflectance(&self, c: f32, outside: bool) -> [f32; 2] {
+        if self.is_pane {
+            let face = 1.0 + fresnel(c, self.ior);
+            return d_fresnel(c, self.ior).map(|d| 2.0 * d / (face * face));
+        }
+        let [by_c, by_eta] = d_fresnel(c, self.eta(outside));
+        [by_c, self.d_eta(outside, by_eta)]
     }
 }
 
@@ -130,6 +163,33 @@ mod tests {
         let wo = refract(n, wi, 1.5).unwrap();
         assert!((refract(-n, wo, 1.0 / 1.5).unwrap() - wi).length() < 1e-6);
         assert!((fresnel(0.8, 1.5) - fresnel(-wo.z, 1.0 / 1.5)).abs() < 1e-6);
+    }
+
+    /// A pane reflects what its two faces do, one after the other to and fro.
+    #[test]
+    fn a_pane_is_two_faces() {
+        let pane = Dielectric { ior: 1.5, tint: Vec3::ONE, is_pane: true };
+        for c in [0.05f32, 0.3, 0.7, 1.0] {
+            let face = fresnel(c, 1.5);
+            let (mut reflected, mut inside) = (face, 1.0 - face);
+            for _ in 0..200 {
+                inside *= face;
+                reflected += inside * (1.0 - face);
+                inside *= face;
+            }
+            assert!((pane.reflectance(c, true) - reflected).abs() < 1e-5, "{c}");
+            assert_eq!(pane.reflectance(c, false), pane.reflectance(c, true));
+            let h = 1e-3;
+            let other = |by: f32| Dielectric { ior: 1.5 + by, ..pane }.reflectance(c, true);
+            let fd = [
+                (pane.reflectance(c + h, true) - pane.reflectance(c - h, true)) / (2.0 * h),
+                (other(h) - other(-h)) / (2.0 * h),
+            ];
+            for (by, fd) in pane.d_reflectance(c, true).into_iter().zip(fd) {
+                assert!((by - fd).abs() < 5e-3 * (1.0 + fd.abs()), "c {c}: {by} and {fd}");
+            }
+        }
+        assert_eq!((pane.eta(true), pane.eta(false), pane.d_eta(true, 1.0)), (1.0, 1.0, 0.0));
     }
 
     #[test]
