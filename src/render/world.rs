@@ -12,7 +12,6 @@ use super::edges::table::EdgeTable;
 use super::environment::{EnvironmentPeak, EnvironmentTable};
 use super::facets::{Facet, Prim, ShapeShading};
 use super::light::table::LightTable;
-use super::material::MaterialKind;
 use super::sampler::Discrete;
 use super::scene::{SceneDescription, Shape};
 use super::tangents::Tangents;

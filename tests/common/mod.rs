@@ -385,7 +385,7 @@ fn central_differences(
 /// Compares and prints; fails if they differ by more than three combined standard errors, or if the errors are too large
 /// (relative to the value) for the comparison to mean anything.
 ///
-/// A quarter of what is planned comes first. Then, each time, more of that one of the two from which more is to be had for its price: up
+/// An eighth of what is planned comes first. Then, each time, more of that one of the two from which more is to be had for its price: up
 /// to the plan while the comparison could be more precise, beyond it while it says nothing. And an error estimated from few values is
 /// itself uncertain: of hundreds of rows some would fail by chance. What looks doubtful is measured afresh, with other seeds, at least 32
 /// of each and up to four times as many as planned, and that decides.
@@ -396,7 +396,7 @@ pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan
     let more: Option<u64> = std::env::var("DSCENE_SEEDS").ok().and_then(|s| s.parse().ok());
     let step: f32 = std::env::var("DSCENE_STEP").ok().and_then(|s| s.parse().ok()).unwrap_or(1.0);
     let plan = Plan { h: plan.h * step, ..*plan };
-    let plan = if long() { plan } else { brief(plan) };
+    let plan = percent().map_or(brief(plan), |percent| coarse(plan, percent));
     let more = more.unwrap_or(1);
     let plan = Plan { seeds: plan.seeds * more, fd_seeds: plan.fd_seeds * more, ..plan };
     let mut found = compare(name, build, &plan, if more > 1 { plan.seeds } else { 8 });
@@ -464,6 +464,18 @@ impl Side {
     }
 }
 
+/// A plan, which is made for errors of one percent, for errors of so many: as many samples in smaller portions, so that few need be drawn.
+fn coarse(plan: Plan, percent: f64) -> Plan {
+    let times = percent.max(1.0).round() as u32;
+    Plan {
+        spp: (plan.spp / times).max(4),
+        seeds: plan.seeds * u64::from(times),
+        fd_spp: (plan.fd_spp / (times * times)).max(16),
+        fd_seeds: plan.fd_seeds * u64::from(times * times),
+        ..plan
+    }
+}
+
 /// A plan of a thirty-second of the samples, of no fewer than a few values.
 fn brief(plan: Plan) -> Plan {
     Plan {
@@ -496,7 +508,7 @@ impl Comparison {
     }
 }
 
-/// At first `least` of each, or a quarter of the plan; then more as [`agree`] says.
+/// At first `least` of each, or an eighth of the plan; then more as [`agree`] says.
 fn compare(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan, least: u64) -> Comparison {
     let price = f64::from(plan.spp) * GRADIENT_PRICE;
     let mut found = Comparison {
@@ -504,7 +516,7 @@ fn compare(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: 
         gradients: Side::new(price),
         differences: Side::new(4.0 * f64::from(plan.fd_spp)),
     };
-    let portion = |planned: u64| (planned / 4).max(least);
+    let portion = |planned: u64| (planned / 8).max(least);
     let more_gradients = |g: &mut Side| g.add(plan.from, portion(plan.seeds), |seeds| gradients(build, plan, seeds));
     let more_differences =
         |fd: &mut Side| fd.add(plan.from, portion(plan.fd_seeds), |seeds| finite_differences(build, plan, seeds));

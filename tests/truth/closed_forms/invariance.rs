@@ -79,7 +79,7 @@ impl Furnace {
 fn furnace_of_random_geometry() {
     for (seed, bounces) in [(1, 1), (2, 2), (3, 3)] {
         let furnace = Furnace::new(seed, bounces);
-        let measured = Measured { scene: &furnace.scene, camera: &furnace.camera, settings: settings(512, bounces) };
+        let measured = Measured { scene: &furnace.scene, camera: &furnace.camera, settings: settings(128, bounces) };
         let rho = f64::from(Furnace::RHO);
         let value: f64 = (0..=bounces as i32).map(|i| rho.powi(i)).sum();
         let slope: f64 = (1..=bounces as i32).map(|i| f64::from(i) * rho.powi(i - 1)).sum();
@@ -102,7 +102,7 @@ fn scores_of_furnaces(rooms: u64, boundary: bool) -> (Vec<f64>, Vec<f64>) {
     for seed in 0..rooms {
         let bounces = 1 + (seed % 3) as u32;
         let furnace = Furnace::new(100 + seed, bounces);
-        let settings = Settings { boundary, ..settings(128, bounces) };
+        let settings = Settings { boundary, ..settings(48, bounces) };
         let measured = Measured { scene: &furnace.scene, camera: &furnace.camera, settings };
         let geometry = furnace.geometry(&measured, 1..=8);
         assert!(geometry.mean.iter().chain(&geometry.error).all(|x| x.is_finite()));
@@ -190,7 +190,7 @@ fn white_furnace() {
     b.environment(Texture::constant(Vec3::ONE));
     let scene = b.scene();
     let camera = camera(Projection::Perspective, Vec3::new(0.5, 1.0, 3.0), Vec3::new(-0.15, -0.3, -1.0), 0.6, 4);
-    let measured = Measured { scene: &scene, camera: &camera, settings: settings(1024, 2) };
+    let measured = Measured { scene: &scene, camera: &camera, settings: settings(384, 2) };
     measured.values(64).check("T9 value", &[16.0], 2e-4);
     let motions: Vec<Vec<Vec3>> = (0..4).map(|_| (0..count).map(|_| random_vector(&mut rng)).collect()).collect();
     measured.along(48, Slot::Vertices(shape), &motions).check_zero("T9", 0.05);

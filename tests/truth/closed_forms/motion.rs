@@ -157,7 +157,7 @@ fn light_that_rises_and_fades() {
     // One pixel that sees the foot of the light alone.
     let mut camera = camera(Projection::Orthographic, Vec3::new(0.0, 5.0, 0.0), -Vec3::Y, 1e-3, 1);
     camera.shutter = shutter.map(|t| t as f32);
-    let measured = Measured { scene: &scene, camera: &camera, settings: settings(256, 1) };
+    let measured = Measured { scene: &scene, camera: &camera, settings: settings(16, 1) };
     measured.values(12).check("fading light, value", &[value(heights, powers, shutter)], 0.01);
     let by_height = by_each(heights, |heights| value(heights, powers, shutter));
     for (slot, exact) in [Slot::LightPlacement(0), Slot::ClosingLightPlacement(0)].into_iter().zip(by_height) {

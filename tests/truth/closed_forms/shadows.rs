@@ -217,7 +217,7 @@ fn penumbra(exact: &Penumbra, masked: bool) {
     let forward = Vec3::new(0.3, -1.0, -1.2).normalize();
     let mut camera = probe(exact.x.as_vec3(), forward, 1.0);
     camera.scale = [0.25; 2];
-    let measured = Measured { scene: &scene, camera: &camera, settings: settings(SPP, 1) };
+    let measured = Measured { scene: &scene, camera: &camera, settings: settings(SPP / 4, 1) };
     let scale = RHO / PI;
     values(&measured).check("T7 value", &[scale * exact.patch_irradiance(&camera)], 0.003);
 
