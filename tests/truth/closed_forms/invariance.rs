@@ -96,13 +96,13 @@ fn furnace_of_random_geometry() {
 }
 
 /// Derivatives of rooms over their errors, a number for each shape that is seen, from few samples; and the errors.
-fn scores_of_furnaces(rooms: u64, boundary: bool) -> (Vec<f64>, Vec<f64>) {
+fn scores_of_furnaces(rooms: u64, spp: u32, boundary: bool) -> (Vec<f64>, Vec<f64>) {
     let mut scores = Vec::new();
     let mut errors = Vec::new();
     for seed in 0..rooms {
         let bounces = 1 + (seed % 3) as u32;
         let furnace = Furnace::new(100 + seed, bounces);
-        let settings = Settings { boundary, ..settings(48, bounces) };
+        let settings = Settings { boundary, ..settings(spp, bounces) };
         let measured = Measured { scene: &furnace.scene, camera: &furnace.camera, settings };
         let geometry = furnace.geometry(&measured, 1..=8);
         assert!(geometry.mean.iter().chain(&geometry.error).all(|x| x.is_finite()));
@@ -121,7 +121,7 @@ fn mean_square(scores: &[f64]) -> f64 {
 #[test]
 fn many_furnaces() {
     let rooms = if percent().is_some_and(|percent| percent <= 1.0) { 100 } else { 40 };
-    let (scores, mut errors) = scores_of_furnaces(rooms, true);
+    let (scores, mut errors) = scores_of_furnaces(rooms, 48, true);
     let n = scores.len() as f64;
     let mean = scores.iter().sum::<f64>() / n;
     let square = mean_square(&scores);
@@ -140,7 +140,7 @@ fn many_furnaces() {
 /// That furnaces are zero says something: without what passes behind edges they are not.
 #[test]
 fn furnaces_notice_missing_edges() {
-    let square = mean_square(&scores_of_furnaces(20, false).0);
+    let square = mean_square(&scores_of_furnaces(20, 128, false).0);
     println!("mean square {square:.1}");
     assert!(square > 4.0, "without boundary terms the mean square of the scores is {square}");
 }
