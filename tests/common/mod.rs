@@ -423,7 +423,7 @@ fn precise() -> f64 {
 
 /// The combined error with which a comparison says something.
 fn enough() -> f64 {
-    if long() { 1.5 * precise() } else { 2.0 * precise() }
+    2.0 * precise()
 }
 
 /// How many times its plan a comparison may draw while it says nothing. Brief plans are so short that some rows need much of this.
