@@ -333,13 +333,15 @@ pub fn decode_mesh(bytes: &[u8], extension: &str, folder: &Path, name: &str, wan
         }
         drop_unused(&mut part.mesh);
         if repair_normals(&mut part.mesh) {
-            reading.notes.about("normals that are not finite are replaced by those of the faces", &part.name);
+            reading
+                .notes
+                .about("normals that are not finite are replaced by those of the faces", format!("“{}”", part.name));
         }
         part.mesh.validate().map_err(|e| e.to_string())?;
         if part.mesh.uvs.is_none() && reading.materials() && part.material.as_ref().is_some_and(|m| m.has_images()) {
             let sentence =
                 "without texture coordinates an image is shown on every face anew, and a normal map is left out";
-            reading.notes.about(sentence, &part.name);
+            reading.notes.about(sentence, format!("“{}”", part.name));
         }
     }
     if loaded.parts.iter().all(|p| p.mesh.faces.is_empty()) {
