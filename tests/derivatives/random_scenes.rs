@@ -464,7 +464,7 @@ fn mean_nothing(
     /// Of what is typical of the scene: an error that says something.
     const TELLING: f64 = 0.05;
     const PORTION: u64 = 12;
-    let (precise, most) = if long() { (0.004, 240) } else { (0.02, 48) };
+    let (precise, most) = percent().map_or((0.02, 48), |percent| (0.005 * percent, 240));
     let (mut scenes_seen, mut dark, mut mute) = (0, 0, 0);
     for number in scenes {
         let (.., family, max_bounces) = drawn(number, 0.0);
