@@ -4,7 +4,9 @@
 /// `DSCENE_TRUTH=1 cargo truth` takes up to four times as long. `None` in brief: every comparison is made all the same, from a fraction of
 /// the samples, and costly variants are left out.
 pub fn percent() -> Option<f64> {
-    std::env::var("DSCENE_TRUTH").ok()?.parse().ok()
+    let percent = std::env::var("DSCENE_TRUTH").ok()?;
+    let number: Option<f64> = percent.parse().ok().filter(|percent| *percent > 0.0);
+    Some(number.unwrap_or_else(|| panic!("DSCENE_TRUTH is an error in percent, as 2, and not `{percent}`")))
 }
 
 pub fn long() -> bool {

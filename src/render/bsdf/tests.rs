@@ -114,7 +114,10 @@ pub(crate) fn twins<const N: usize>(
             let lobe = (f0 + (f90 - f0) * (1.0 - ih).powi(5)) * twin_ggx(v[2][0], nh, ci, co);
             [lambert(enters_and_leaves * rho / (1.0 - rho * inner)), lobe]
         }
-        _ => [none; 2],
+        MaterialKind::Black
+        | MaterialKind::Mirror { .. }
+        | MaterialKind::Dielectric { .. }
+        | MaterialKind::ThinDielectric { .. } => [none; 2],
     });
     std::array::from_fn(|part| channels.map(|c| c[part]))
 }
