@@ -60,6 +60,10 @@ def register(shell: Any) -> None:
             return None
 
     shell.register_magic_function(dscene, magic_kind="cell", magic_name="dscene")
+    # IPython brings Pygments.
+    from ._highlight import color_cells
+
+    color_cells(shell)
 
 
 def _parted(text: str) -> tuple[str, str]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import struct
 import zlib
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -49,3 +51,53 @@ def test_cells_are_scripts(capsys: pytest.CaptureFixture[str]) -> None:
     assert "wrong" not in shell.user_ns
     shell.run_cell_magic("dscene", "--no-such", "let a = 1")
     assert "usage: %%dscene" in capsys.readouterr().err
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_scripts_have_colours() -> None:
+    pygments = pytest.importorskip("pygments")
+    from pygments.lexers import get_lexer_by_name, get_lexer_for_filename
+    from pygments.token import Comment, Error, Keyword, Name, Number, String
+
+    # It is found by name and by extension, as Sphinx and nbconvert look for it.
+    lexer = get_lexer_by_name("dscene")
+    assert type(get_lexer_for_filename("a.dscene")) is type(lexer)
+    scripts = [*ROOT.glob("examples/*.dscene"), *ROOT.glob("stdlib/*.dscene"), *ROOT.glob("docs/book/scripts/**/*.dscene")]
+    assert len(scripts) > 40
+    for script in scripts:
+        text = script.read_text()
+        tokens = list(pygments.lex(text, lexer))
+        wrong = [value for kind, value in tokens if kind in Error]
+        assert not wrong, f"{script}: {wrong}"
+        assert "".join(value for _, value in tokens).strip() == text.strip()
+    text = 'param glow = 45deg in 0..1 // why\nprint "x is {glow:.3}", eye.camera, mean(a)'
+    kinds = {value: kind for kind, value in pygments.lex(text, lexer)}
+    expected = {
+        "param": Keyword.Declaration,
+        "glow": Name.Variable,
+        "45": Number,
+        "deg": Keyword.Type,
+        "in": Keyword,
+        "// why": Comment.Single,
+        "x is ": String.Double,
+        "{glow:.3}": String.Interpol,
+        "camera": Name.Attribute,
+        "mean": Name.Function,
+    }
+    assert {word: kinds[word] for word in expected} == expected
+
+
+def test_cells_in_the_terminal_have_colours() -> None:
+    ptutils = pytest.importorskip("IPython.terminal.ptutils")
+    from dscene._highlight import color_cells
+
+    lexer = ptutils.IPythonPTLexer()
+    shell = SimpleNamespace(pt_app=SimpleNamespace(lexer=SimpleNamespace(lexer=lexer)))
+    color_cells(shell)
+    document = pytest.importorskip("prompt_toolkit.document").Document("%%dscene\nparam glow = 0.5 in 0..1")
+    line = lexer.lex_document(document)(1)
+    assert ("class:pygments.keyword.declaration", "param") in [fragment[:2] for fragment in line]
+    # A shell without a terminal is left as it is.
+    color_cells(SimpleNamespace())

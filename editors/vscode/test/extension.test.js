@@ -131,6 +131,20 @@ test("each kind of token has its scope", async () => {
   }
 });
 
+test("cells of notebooks that are scripts have the colours of scripts", async () => {
+  const read = await grammar("source.python");
+  const lines = scopes(read, "%%dscene bowl --seed 3\nparam x = 3 in 0..1\nloss l = x ^ 2\n\nprint l");
+  const found = (line, word) => lines[line].find((token) => token.text.trim() === word)?.scopes ?? [];
+  assert.ok(found(0, "%%dscene").includes("support.function.magic.dscene"));
+  assert.ok(found(1, "param").includes("keyword.declaration.dscene"));
+  assert.ok(found(1, "param").includes("meta.embedded.block.dscene"));
+  assert.ok(found(4, "print").includes("keyword.control.dscene"), "a blank line is not the end");
+  // Other cells are Python's.
+  const other = scopes(read, "import dscene\nfor x in y:").flat();
+  assert.deepStrictEqual(other.filter((token) => token.scopes.join().includes("dscene")), []);
+  assert.ok(other.some((token) => token.scopes.includes("keyword.control.python")));
+});
+
 // What a scope and a semantic token have in common.
 function family(scopes) {
   const inner = scopes.at(-1) ?? "";

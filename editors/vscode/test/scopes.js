@@ -6,9 +6,22 @@ const oniguruma = require("vscode-oniguruma");
 const textmate = require("vscode-textmate");
 const { contents } = require("./vsix");
 
-async function grammar() {
+// A little of Python, into which the extension brings its cells.
+const PYTHON = {
+  scopeName: "source.python",
+  patterns: [{ match: "\\b(import|for|in)\\b", name: "keyword.control.python" }],
+};
+
+/// The grammar of a scope: the language's, or Python's with what the extension adds to it.
+async function grammar(scope = "source.dscene") {
   const files = await contents();
-  const name = "extension/syntaxes/dscene.tmLanguage.json";
+  const { contributes } = JSON.parse(files.get("extension/package.json"));
+  const given = new Map(contributes.grammars.map((grammar) => [grammar.scopeName, grammar]));
+  const into = (name) => contributes.grammars.filter((grammar) => grammar.injectTo?.includes(name));
+  const read = (name) => {
+    const file = path.posix.join("extension", given.get(name).path);
+    return textmate.parseRawGrammar(files.get(file).toString("utf8"), file);
+  };
   const wasm = fs.readFileSync(path.join(path.dirname(require.resolve("vscode-oniguruma")), "onig.wasm"));
   await oniguruma.loadWASM(wasm);
   const registry = new textmate.Registry({
@@ -16,9 +29,10 @@ async function grammar() {
       createOnigScanner: (patterns) => new oniguruma.OnigScanner(patterns),
       createOnigString: (text) => new oniguruma.OnigString(text),
     }),
-    loadGrammar: async () => textmate.parseRawGrammar(files.get(name).toString("utf8"), name),
+    loadGrammar: async (name) => (name === PYTHON.scopeName ? PYTHON : read(name)),
+    getInjections: (name) => into(name).map((grammar) => grammar.scopeName),
   });
-  return registry.loadGrammar("source.dscene");
+  return registry.loadGrammar(scope);
 }
 
 /// For each line its tokens: `{ start, end, text, scopes }`, the innermost scope last, without the language's own.
