@@ -74,7 +74,8 @@ fn area_of_a_triangle_in_every_camera() {
         (Projection::Fisheye, [0.05, -0.01, 0.01, 0.01, 0.002]),
     ];
     for (projection, coefficients) in lenses {
-        for z in [2.0, 5.0, 10.0] {
+        let distances = if long() { &[2.0, 5.0, 10.0][..] } else { &[5.0] };
+        for &z in distances {
             let v = [vec3(-1.0, -0.8, 0.2), vec3(1.1, -0.5, -0.3), vec3(0.1, 1.0, 0.4)];
             let mut camera = look_at(vec3(0.3, 0.2, -z), vec3(0.1, 0., 0.), 60., 48);
             camera.projection = projection;

@@ -391,7 +391,7 @@ fn enriched((mut scene, camera): (SceneDescription, Camera), number: u64) -> (Sc
 /// Nothing is near or far but by comparison. By powers of two not even rounding is different.
 #[test]
 fn the_unit_of_length_means_nothing() {
-    for number in numbers(0..28) {
+    for number in numbers(if long() { 0..28 } else { 0..12 }) {
         let (.., family, max_bounces) = drawn(number, 0.0);
         let plan = Plan { max_bounces, spp: 8, h: 0.008, ..Plan::default() };
         let of = |unit: f32| {
