@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
 use crate::memory;
+use crate::ranks;
 
 /// The largest file that is read.
 pub const MAX_FILE_BYTES: u64 = 1 << 31;
@@ -16,6 +17,22 @@ pub const MAX_FILE_BYTES: u64 = 1 << 31;
 /// opened: some never end, and some never begin.
 pub fn read_bytes(path: &Path) -> Result<Vec<u8>, String> {
     read(path).map_err(|e| describe_io(&e))
+}
+
+/// Whether there is something at a path.
+pub fn exists(path: &Path) -> bool {
+    asked(path, |path| path.exists())
+}
+
+/// Whether there is a file at a path.
+pub fn is_file(path: &Path) -> bool {
+    asked(path, |path| path.is_file())
+}
+
+/// A question about an input: asked by whoever reads it, so that all ranks have the same answer.
+fn asked(path: &Path, question: impl Fn(&Path) -> bool) -> bool {
+    let answer = |path: &Path| if question(path) { Ok(Vec::new()) } else { Err(io::ErrorKind::NotFound.into()) };
+    ranks::read_input(path, answer).is_ok()
 }
 
 /// At most so many bytes from the end of a file, and whether these are all.
@@ -45,6 +62,12 @@ pub fn stamp(path: &Path) -> Stamp {
 
 /// The same with the kind of the error; [`describe_io`] has its words.
 pub fn read(path: &Path) -> io::Result<Vec<u8>> {
+    let bytes = ranks::read_input(path, read_here)?;
+    note(path, Some(fingerprint(&bytes)));
+    Ok(bytes)
+}
+
+fn read_here(path: &Path) -> io::Result<Vec<u8>> {
     ordinary(&fs::metadata(path)?)?;
     let file = fs::File::open(path)?;
     // Once more: between the two the path may have come to mean another file.
@@ -58,7 +81,6 @@ pub fn read(path: &Path) -> io::Result<Vec<u8>> {
     if bytes.len() as u64 > MAX_FILE_BYTES {
         return Err(too_large(bytes.len() as u64));
     }
-    note(path, Some(fingerprint(&bytes)));
     Ok(bytes)
 }
 
@@ -87,7 +109,7 @@ pub fn fingerprint(bytes: &[u8]) -> u64 {
 
 /// Whether there is an ordinary file of at most so many bytes.
 pub fn is_ordinary_up_to(path: &Path, most: u64) -> bool {
-    fs::metadata(path).is_ok_and(|metadata| metadata.is_file() && metadata.len() <= most)
+    asked(path, |path| fs::metadata(path).is_ok_and(|metadata| metadata.is_file() && metadata.len() <= most))
 }
 
 fn ordinary(metadata: &fs::Metadata) -> io::Result<()> {
@@ -220,6 +242,9 @@ pub fn is_leftover(name: &str) -> bool {
 pub fn rewrite(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let name = path.file_name().ok_or_else(|| io::Error::other("the path names no file"))?;
     let part = path.with_file_name(format!("{}.part", name.to_string_lossy()));
+    if !ranks::is_first() {
+        return Ok(());
+    }
     match fs::remove_file(&part) {
         Err(e) if e.kind() != io::ErrorKind::NotFound => Err(e),
         _ => write_through(&part, path, bytes),
@@ -240,7 +265,11 @@ pub fn replace(path: &Path, bytes: &[u8]) -> io::Result<()> {
     fs::set_permissions(path, metadata.permissions())
 }
 
+/// Of several ranks only the first one writes.
 fn write_through(temporary: &Path, path: &Path, bytes: &[u8]) -> io::Result<()> {
+    if !ranks::is_first() {
+        return Ok(());
+    }
     // Made anew: what already has the name, a link for instance, is not written through.
     let mut file = fs::File::create_new(temporary)?;
     let written = file.write_all(bytes).and_then(|()| file.sync_all());

@@ -47,6 +47,7 @@ extern crate alloc;
 
 pub mod files;
 pub mod memory;
+pub mod ranks;
 pub mod source;
 pub mod stop;
 

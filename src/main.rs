@@ -1,3 +1,3 @@
 fn main() -> std::process::ExitCode {
-    dscene::cli::main()
+    dscene::cli::main(dscene::cli::Program::default())
 }

@@ -56,9 +56,19 @@ fn until_done(flag: &Arc<AtomicBool>, work: &mut dyn FnMut()) -> Result<(), Stop
 pub fn check() {
     CHECKS.set(CHECKS.get() + 1);
     if FLAG.with_borrow(|flag| flag.as_ref().is_some_and(|f| f.load(Ordering::Relaxed))) {
-        // This unwinds without calling the panic hook, so that no message is printed.
-        resume_unwind(Box::new(Stopped));
+        unwind();
     }
+}
+
+/// Ends the work of this thread because it cannot go on, as if its flag had been set.
+pub fn end() -> ! {
+    FLAG.with_borrow(|flag| flag.iter().for_each(|f| f.store(true, Ordering::Relaxed)));
+    unwind()
+}
+
+fn unwind() -> ! {
+    // This does not call the panic hook, so that no message is printed.
+    resume_unwind(Box::new(Stopped))
 }
 
 /// Number of checks that this thread has made, by which tests count work.

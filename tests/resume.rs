@@ -1,12 +1,13 @@
 //! Runs that are killed or interrupted and go on: what they leave is what an undisturbed run leaves, to the byte.
 #![cfg(unix)]
 
+#[path = "common/left_behind.rs"]
+mod left_behind;
 #[path = "common/long.rs"]
 mod long;
 #[path = "common/place.rs"]
 mod place;
 
-use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::fs;
 use std::os::unix::ffi::OsStrExt;
@@ -16,6 +17,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
+use left_behind::{assert_same, left_behind};
 use long::long;
 use place::{BOWL, Place, TRIANGLE, assert_code, assert_diagnosed, send, stderr, stdout};
 
@@ -50,62 +52,6 @@ fn stop_after(place: &Place, child: &mut Child, run: &str, lines: usize, signal:
     sent
 }
 
-/// All that a run leaves, but for what differs from run to run: seconds, and the record of who ran it where.
-fn left_behind(place: &Place, run: &str) -> BTreeMap<String, Vec<u8>> {
-    let mut found = BTreeMap::new();
-    let mut folders = vec![place.path(run)];
-    while let Some(folder) = folders.pop() {
-        for entry in fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                folders.push(path);
-                continue;
-            }
-            let name = path.strip_prefix(place.path(run)).unwrap().display().to_string();
-            let bytes = match name.as_str() {
-                "run.json" | "checkpoint.bin" | "report.html" | ".lock" => continue,
-                "report.jsonl" => without_end(&fs::read_to_string(&path).unwrap()).into_bytes(),
-                "log.jsonl" => without_measurements(&fs::read_to_string(&path).unwrap()).into_bytes(),
-                // Each record has the time and the measurements; the test of `tests/export.rs` looks into them.
-                "events.out.tfevents" => fs::metadata(&path).unwrap().len().to_string().into_bytes(),
-                _ => fs::read(&path).unwrap(),
-            };
-            found.insert(name, bytes);
-        }
-    }
-    found
-}
-
-fn without_measurements(log: &str) -> String {
-    let line = |line: &str| {
-        let mut value: Value = serde_json::from_str(line).unwrap();
-        for measured in ["seconds", "phases", "bytes"] {
-            assert!(value.as_object_mut().unwrap().shift_remove(measured).is_some());
-        }
-        format!("{value}\n")
-    };
-    log.lines().map(line).collect()
-}
-
-/// What the report shows beside the log: the last line, how it ended, has seconds.
-fn without_end(events: &str) -> String {
-    let (rest, last) = events.trim_end().rsplit_once('\n').unwrap();
-    let last: Value = serde_json::from_str(last).unwrap();
-    assert_eq!((&last["event"], last["seconds"].is_number()), (&Value::from("end"), true), "{last}");
-    format!("{rest}\n{}\n", last["how"])
-}
-
-#[track_caller]
-fn assert_same(found: &BTreeMap<String, Vec<u8>>, expected: &BTreeMap<String, Vec<u8>>, what: &str) {
-    let names = |all: &BTreeMap<String, Vec<u8>>| all.keys().cloned().collect::<Vec<_>>();
-    assert_eq!(names(found), names(expected), "{what}");
-    for (name, bytes) in found {
-        let (now, then) = (String::from_utf8_lossy(bytes), String::from_utf8_lossy(&expected[name]));
-        let first = now.lines().zip(then.lines()).find(|(a, b)| a != b);
-        assert!(*bytes == expected[name], "{what}: {name}: {first:?}");
-    }
-}
-
 /// Stopped at the given numbers of steps (of 15, the first 3 by another solver), on one and on two threads.
 fn survives(using: &str, moments: &[usize]) {
     survives_script(&script(using), 15, moments);
@@ -116,7 +62,7 @@ fn survives_script(script: &str, steps: usize, moments: &[usize]) {
     let place = Place::new();
     place.write("a.dscene", script);
     assert_code(&place.dsl(&["run", "a.dscene", "--out", "whole", "--seed", "5", "--threads", "1", "--quiet"]), 1);
-    let expected = left_behind(&place, "whole");
+    let expected = left_behind(&place.path("whole"));
     assert_eq!(expected["log.jsonl"].iter().filter(|b| **b == b'\n').count(), steps);
     for threads in ["1", "2"] {
         let run = format!("killed-{threads}");
@@ -134,7 +80,7 @@ fn survives_script(script: &str, steps: usize, moments: &[usize]) {
         let mut all = arguments.clone();
         all.extend(["--threads", threads, "--quiet"]);
         assert_code(&place.dsl(&all), 1);
-        assert_same(&left_behind(&place, &run), &expected, script);
+        assert_same(&left_behind(&place.path(&run)), &expected, script);
     }
 }
 
@@ -237,7 +183,7 @@ fn examples_survive_kills_at_random_moments() {
         // Small pictures: what is killed, and when, is as various.
         let shared = ["run", &script, "--steps", steps, "--set", "eye.film=[96, 96]"];
         let whole = place.dsl(&[&shared[..], &["--out", "whole", "--threads", "1", "--quiet"]].concat());
-        let (time, code, expected) = (begun.elapsed(), whole.status.code(), left_behind(&place, "whole"));
+        let (time, code, expected) = (begun.elapsed(), whole.status.code(), left_behind(&place.path("whole")));
         assert!(!expected["log.jsonl"].is_empty(), "{}", stderr(&whole));
         for threads in ["1", "2"] {
             let mut random = 0x9E37_79B9_u64 ^ begun.elapsed().as_nanos() as u64;
@@ -264,7 +210,7 @@ fn examples_survive_kills_at_random_moments() {
             }
             let last = place.dsl(&[next(), &["--quiet"]].concat());
             assert_eq!(last.status.code(), code, "{}", stderr(&last));
-            assert_same(&left_behind(&place, threads), &expected, example);
+            assert_same(&left_behind(&place.path(threads)), &expected, example);
         }
     }
 }
@@ -289,7 +235,7 @@ fn a_run_goes_on_when_the_disk_has_room_again() {
         assert!((20..199).contains(&lines), "{lines}");
         let done: Value = serde_json::from_str(stdout(&output).lines().last().unwrap()).unwrap();
         assert_eq!(done["steps"], 200);
-        assert_same(&left_behind(&place, &full), &left_behind(&place, &whole), "a full disk");
+        assert_same(&left_behind(&place.path(&full)), &left_behind(&place.path(&whole)), "a full disk");
     }
 }
 
@@ -314,7 +260,7 @@ fn an_error_half_way_leaves_a_run_that_goes_on() {
     let done: Value = serde_json::from_str(stdout(&output).lines().last().unwrap()).unwrap();
     let saved = ["moved/r/at/0.json", "moved/r/at/10.json", "moved/r/at/20.json"];
     assert_eq!((&done["steps"], &done["saved"]), (&Value::from(30), &Value::from(saved.to_vec())));
-    assert_same(&left_behind(&place, "moved/r"), &left_behind(&place, "whole"), "an error");
+    assert_same(&left_behind(&place.path("moved/r")), &left_behind(&place.path("whole")), "an error");
 }
 
 #[test]
@@ -415,11 +361,11 @@ fn a_finished_run_says_so_and_what_is_no_run_too() {
     let place = Place::new();
     place.write("bowl.dscene", BOWL);
     assert_code(&place.dsl(&["run", "bowl.dscene", "--out", "r"]), 0);
-    let before = left_behind(&place, "r");
+    let before = left_behind(&place.path("r"));
     let output = place.dsl(&["run", "bowl.dscene", "--resume", "r"]);
     assert_code(&output, 0);
     assert!(stderr(&output).contains("r is finished: there is nothing to resume"), "{}", stderr(&output));
-    assert_same(&left_behind(&place, "r"), &before, "a finished run");
+    assert_same(&left_behind(&place.path("r")), &before, "a finished run");
     fs::create_dir(place.path("empty")).unwrap();
     for name in ["empty", "none"] {
         let output = place.dsl(&["run", "bowl.dscene", "--resume", name]);

@@ -81,7 +81,7 @@ impl Loader for Disk {
     fn exists(&self, path: &Path) -> bool {
         // Files that a script names are read when their values are needed.
         crate::files::note_input(path);
-        path.exists()
+        crate::files::exists(path)
     }
 }
 

@@ -11,6 +11,7 @@ use super::flow::{below, reaching_params, walk};
 use super::hir::*;
 use super::types::Ty;
 use crate::diag::Diagnostic;
+use crate::files;
 use crate::image::Image;
 use crate::image::file::{Encoding, load};
 use crate::source::Span;
@@ -427,11 +428,11 @@ fn clipped_share(path: &Path) -> Option<f64> {
     type Known = HashMap<PathBuf, (u64, Option<SystemTime>, Option<f64>)>;
     static KNOWN: Mutex<Option<Known>> = Mutex::new(None);
     let ending = path.extension()?.to_string_lossy().to_lowercase();
-    let metadata = std::fs::metadata(path).ok().filter(|m| m.len() <= MAX_BYTES)?;
-    if !["png", "jpg", "jpeg"].contains(&ending.as_str()) {
+    if !["png", "jpg", "jpeg"].contains(&ending.as_str()) || !files::is_ordinary_up_to(path, MAX_BYTES) {
         return None;
     }
-    let (size, time) = (metadata.len(), metadata.modified().ok());
+    // The file of another process may not be here: then nothing tells whether it has changed, and nobody edits.
+    let (size, time) = std::fs::metadata(path).map_or((0, None), |m| (m.len(), m.modified().ok()));
     let known = || KNOWN.lock().unwrap_or_else(PoisonError::into_inner);
     if let Some((s, t, share)) = known().get_or_insert_default().get(path)
         && (*s, *t) == (size, time)

@@ -245,6 +245,9 @@ pub struct Common {
     /// Worker threads (default: one per core); results do not depend on it
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     pub threads: Option<u16>,
+    /// Of several processes (`mpirun dsl-mpi`), only the first reads files; it gives them to the others
+    #[arg(long, hide_short_help = true)]
+    pub broadcast: bool,
     /// Memory it may take, such as 8GB (default: half of the machine's); what needs more ends with a diagnostic
     #[arg(long, value_name = "SIZE", value_parser = crate::memory::parse_size)]
     pub memory: Option<u64>,

@@ -35,6 +35,15 @@ pub fn run(args: &InfoArgs) -> u8 {
     0
 }
 
+/// What `--version` says: the version, and what this program can.
+pub fn version(processes: Option<&str>) -> String {
+    let build = if cfg!(debug_assertions) { "debug" } else { "release" };
+    let system = format!("{} {}", std::env::consts::OS, std::env::consts::ARCH);
+    let processes = processes.map_or_else(|| "one".to_owned(), |by| format!("any number, by {by}"));
+    let (version, instructions) = (env!("CARGO_PKG_VERSION"), accel::instructions());
+    format!("{version}\nbuild:       {build}, {system}\nray tracing: {instructions}\nprocesses:   {processes}")
+}
+
 /// The processor's name, where the system tells it.
 fn processor() -> Option<String> {
     let text = std::fs::read_to_string("/proc/cpuinfo").ok()?;

@@ -1,6 +1,6 @@
 //! From a file on the command line to an engine.
 
-use std::io;
+use std::io::{self, Read};
 use std::mem::ManuallyDrop;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -11,6 +11,7 @@ use crate::check::{self, Checked, Disk, Line, Loader, hir};
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, EngineOptions};
 use crate::files::{Stamp, stamp};
+use crate::ranks;
 use crate::session::line::check_line;
 use crate::session::{World, world};
 use crate::source::SourceMap;
@@ -77,7 +78,12 @@ impl Loader for Noting {
 
 /// The script that comes from standard input.
 pub fn read_stdin() -> Result<String, Diagnostic> {
-    std::io::read_to_string(std::io::stdin()).map_err(|error| {
+    let read = |_: &Path| {
+        let mut bytes = Vec::new();
+        std::io::stdin().read_to_end(&mut bytes).map(|_| bytes)
+    };
+    let bytes = ranks::read_by_first(Path::new(STDIN), read);
+    bytes.and_then(|bytes| String::from_utf8(bytes).map_err(io::Error::other)).map_err(|error| {
         let message = format!("cannot read standard input: {}", crate::files::describe_io(&error));
         Diagnostic::error("dscene::file::unreadable", message)
     })

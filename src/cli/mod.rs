@@ -29,19 +29,23 @@ mod script;
 mod sweep;
 mod test;
 mod timings;
+mod together;
 mod world;
 
 use std::panic::AssertUnwindSafe;
 use std::process::ExitCode;
+use std::sync::Arc;
 
-use clap::Parser;
+use clap::{CommandFactory, FromArgMatches};
 
+use crate::ranks::{self, Link};
 use crate::session::World;
 use crate::source::SourceMap;
 use args::{Cli, Command, Common};
 
 pub use load::{Loaded, check_file, check_file_by, engine_options, load, load_stopped_by};
 pub use render::{cameras, choose_camera};
+pub use together::tell_lost;
 pub use world::Terminal;
 
 /// The script is wrong, or an `expect` failed.
@@ -51,11 +55,28 @@ pub const EXIT_USAGE: u8 = 2;
 /// Ended by Ctrl-C.
 pub const EXIT_INTERRUPTED: u8 = crate::session::world::EXIT_INTERRUPTED;
 
+/// The program that a command line belongs to: `dsl`, unless it says more.
+#[derive(Default)]
+pub struct Program {
+    /// By what it divides its work among processes, if it can.
+    pub processes: Option<&'static str>,
+    /// The other processes, if there are any.
+    pub ranks: Option<Arc<dyn Link>>,
+}
+
 /// Parses the process's arguments and does what they say.
-pub fn main() -> ExitCode {
-    let cli = match Cli::try_parse() {
+pub fn main(program: Program) -> ExitCode {
+    let Program { processes, ranks } = program;
+    if let Some(link) = &ranks {
+        ranks::assign(link);
+    }
+    // Once a process, and so short a text, is no leak to speak of: clap keeps what lives as long as the program.
+    let command = Cli::command().long_version(info::version(processes).leak() as &'static str);
+    let cli = match command.try_get_matches().and_then(|matches| Cli::from_arg_matches(&matches)) {
         Ok(cli) => cli,
         Err(error) => {
+            // All processes have the same arguments.
+            ranks.iter().for_each(|link| _ = link.end());
             // Help and version are errors to clap; they go to standard output and are a success.
             let is_help = !error.use_stderr();
             if is_help {
@@ -68,7 +89,12 @@ pub fn main() -> ExitCode {
     };
     install_panic_hook();
     // Evaluations nest as deeply as scripts do: one large stack for all of them.
-    let work = AssertUnwindSafe(|| crate::eval::on_large_stack(move || dispatch(cli)));
+    let work = AssertUnwindSafe(|| {
+        crate::eval::on_large_stack(move || match ranks {
+            Some(link) => together::dispatch(cli, link),
+            None => dispatch(cli),
+        })
+    });
     // The hook has told about it.
     ended(std::panic::catch_unwind(work).unwrap_or(EXIT_WRONG))
 }
@@ -84,9 +110,9 @@ fn ended(code: u8) -> ExitCode {
     }
 }
 
-fn dispatch(cli: Cli) -> u8 {
-    crate::session::world::catch_interrupts();
-    let common = match &cli.command {
+/// What all commands have; the language server, which editors start, has nothing.
+fn common(command: &Command) -> Option<&Common> {
+    Some(match command {
         Command::Run(a) => &a.common,
         Command::Sweep(a) => &a.run.common,
         Command::Check(a) => &a.common,
@@ -101,13 +127,18 @@ fn dispatch(cli: Cli) -> u8 {
         Command::Repl(a) => &a.common,
         Command::Watch(a) => &a.common,
         Command::Explain(a) => &a.common,
-        Command::Lsp => return lsp::run(),
+        Command::Lsp => return None,
         Command::New(a) => &a.common,
         Command::Doc(a) => &a.common,
         Command::Info(a) => &a.common,
         Command::Completions(a) => &a.common,
         Command::Man(a) => &a.common,
-    };
+    })
+}
+
+fn dispatch(cli: Cli) -> u8 {
+    crate::session::world::catch_interrupts();
+    let Some(common) = common(&cli.command) else { return lsp::run() };
     world::set_diagnostic_format(common.diagnostic_format);
     if let Some(bytes) = common.memory {
         crate::memory::set_limit(bytes);
@@ -151,7 +182,7 @@ fn dispatch(cli: Cli) -> u8 {
 
 /// Worker threads have large stacks too: nothing a script can nest may overflow them.
 fn start_threads(common: &Common) {
-    let threads = common.threads.map_or(0, usize::from);
+    let threads = common.threads.map_or_else(together::threads, usize::from);
     // The pool exists already only if something ran before, which nothing does.
     let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).stack_size(16 << 20).build_global();
 }

@@ -4,12 +4,17 @@ use std::io::{self, IsTerminal, Write};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use crate::ranks;
+
 static CLOSED: AtomicBool = AtomicBool::new(false);
 static FAILURE: OnceLock<String> = OnceLock::new();
 
 /// Writes to standard output. A reader that went away is not an error: nothing more is written to it. Any other
 /// failure (a full disk) is kept for [`failure`].
 pub fn print(text: &str) {
+    if !ranks::is_first() {
+        return;
+    }
     if CLOSED.load(Ordering::Relaxed) {
         return;
     }
@@ -38,6 +43,9 @@ pub fn line(text: &str) {
 
 /// A line on standard error; if that is gone, nobody listens.
 pub fn error_line(text: &str) {
+    if !ranks::is_first() {
+        return ranks::keep_untold(text);
+    }
     let mut err = io::stderr().lock();
     let _ = writeln!(err, "{text}");
 }

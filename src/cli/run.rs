@@ -11,8 +11,10 @@ use super::live::Live;
 use super::load::STDIN;
 use super::script::found_script;
 use super::timings::Timings;
+use super::together::refused_sweep;
 use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load_stopped_by, out};
 use crate::diag::{Diagnostic, Severity};
+use crate::ranks;
 use crate::report::report;
 use crate::session::begin::Begin;
 use crate::session::clock::{Stopwatch, human_seconds};
@@ -57,10 +59,7 @@ fn run_script(args: &RunArgs, terminal: &mut Terminal) -> u8 {
     };
     let check = checking.elapsed().wall;
     if !args.part && args.resume.is_none() && loaded.engine.program().sweep.is_some() {
-        if args.live.is_some() {
-            terminal.note("a sweep has no live page");
-        }
-        return super::sweep::run_loaded(args.clone().into(), loaded, terminal);
+        return run_as_sweep(args, loaded, terminal);
     }
     if args.part {
         end_with_input();
@@ -137,6 +136,20 @@ fn run_script(args: &RunArgs, terminal: &mut Terminal) -> u8 {
     code
 }
 
+/// A script that sweeps over something is run once for each combination.
+fn run_as_sweep(args: &RunArgs, loaded: Loaded, terminal: &mut Terminal) -> u8 {
+    if args.live.is_some() {
+        terminal.note("a sweep has no live page");
+    }
+    match refused_sweep() {
+        Some(diagnostic) => {
+            terminal.diagnostic(&diagnostic, &SourceMap::default());
+            EXIT_WRONG
+        }
+        None => super::sweep::run_loaded(args.clone().into(), loaded, terminal),
+    }
+}
+
 /// Where the time went, if that is asked for; `check` and `report` are what came before and after the actions.
 fn tell_timings(
     args: &RunArgs,
@@ -189,6 +202,9 @@ fn conclude(args: &RunArgs, report: &RunReport, path: &Path, code: u8, seconds: 
 /// The page about the run. What it cannot have is left out; what has been computed is not worth less for it.
 fn write_report(loaded: &mut Loaded, common: &Common, folder: &RunFolder, terminal: &mut Terminal) -> Option<PathBuf> {
     let script = loaded.engine.unstopped(|engine| found_script(engine, &common.set)).ok();
+    if !ranks::is_first() {
+        return None;
+    }
     let written = Run::read(folder.path()).and_then(|run| folder.write_report(&report(&run, script.as_deref())));
     match written {
         Ok(path) => Some(path),
@@ -218,13 +234,16 @@ fn begin_live(args: &RunArgs, port: u16, stop: &Arc<AtomicBool>, loaded: &mut Lo
 
 /// The run in a folder, or the exit code if there is nothing to go on with.
 fn reopen(path: &Path, terminal: &mut Terminal) -> Result<Begun, u8> {
-    let found = RunFolder::reopen(path).and_then(|folder| Ok((folder, Checkpoint::read(path)?)));
+    let found = RunFolder::reopen(path).and_then(|folder| Ok((folder, Checkpoint::read_by_first(path)?)));
     let (folder, checkpoint) = found.map_err(|diagnostic| {
         terminal.diagnostic(&diagnostic, &SourceMap::default());
         EXIT_WRONG
     })?;
     if checkpoint.finished {
         terminal.note(&format!("{} is finished: there is nothing to resume", path.display()));
+        if !ranks::is_first() {
+            return Err(0);
+        }
         // One that was killed as it wrote its page has none, or half of one.
         let page = path.join(REPORT);
         if !page.is_file() || page.with_extension("html.part").exists() {

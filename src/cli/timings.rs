@@ -1,5 +1,6 @@
 //! `dsl run --timings`: where the time of a run went.
 
+use std::fmt::Write as _;
 use std::path::Path;
 
 use serde_json::{Map, Value, json};
@@ -7,6 +8,8 @@ use serde_json::{Map, Value, json};
 use super::out;
 use crate::diag::Diagnostic;
 use crate::files::write_atomically;
+use crate::memory::size_text;
+use crate::ranks::{self, Traffic};
 use crate::session::clock::human_seconds;
 use crate::session::folder::cannot_write;
 use crate::session::show;
@@ -55,7 +58,17 @@ impl Timings<'_> {
         let mut last = plain("the whole run", self.whole());
         last.extend(sums.into_iter().map(blank));
         rows.push(last);
-        show::list(&rows)
+        let mut text = show::list(&rows);
+        let place = ranks::place();
+        if !place.is_alone() {
+            let Traffic { exchanges, received, seconds } = ranks::traffic();
+            let (count, size, waited) = (place.count, size_text(received), human_seconds(seconds));
+            let _ = write!(
+                text,
+                "\n{exchanges} exchanges between {count} processes brought this one {size}; it waited {waited} for them"
+            );
+        }
+        text
     }
 
     fn to_json(&self) -> Value {
@@ -69,8 +82,11 @@ impl Timings<'_> {
             object.extend(parts.map(|(name, seconds)| (name.to_owned(), json!(seconds))));
             Value::Object(object)
         };
+        let Traffic { exchanges, received, seconds } = ranks::traffic();
         json!({
             "event": "timings", "seconds": self.whole(), "check": self.check, "report": self.report,
+            "processes": ranks::place().count,
+            "messages": {"exchanges": exchanges, "bytes": received, "seconds": seconds},
             "actions": self.actions.iter().map(action).collect::<Vec<Value>>(),
         })
     }

@@ -10,6 +10,7 @@ use super::args::{Common, DiagnosticFormat};
 use super::out;
 use crate::diag::{self, Diagnostic, RenderOptions};
 use crate::eval::INTERRUPTED;
+use crate::ranks;
 use crate::session::clock::human_seconds;
 use crate::session::show::significant;
 use crate::session::{Progress, World, expect, world};
@@ -31,7 +32,7 @@ impl Terminal {
 
     /// Draws a progress bar, if anybody looks.
     pub fn show_bar(&mut self, name: &str, done: u64, total: u64, message: String) {
-        if self.quiet || self.json || !std::io::stderr().is_terminal() {
+        if self.quiet || self.json || !ranks::is_first() || !std::io::stderr().is_terminal() {
             return;
         }
         let bar = self.bar.get_or_insert_with(|| {

@@ -1,6 +1,6 @@
 //! Modes of differentiation. The same samples are multiplied with an adjoint image (reverse mode) or with tangents (forward mode).
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -8,8 +8,9 @@ use std::sync::{Mutex, PoisonError};
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::grad::sink::{Adjoints, DenseSums, ForwardSink, Layout, Sink, SparseSums};
+use crate::grad::sink::{Adjoints, Blocks, DenseSums, ForwardSink, Layout, Sink, SparseSums};
 use crate::image::Image;
+use crate::ranks::{self, Packed};
 use crate::render::Scene;
 use crate::render::sampler::{self, Sampler, progress};
 
@@ -242,6 +243,9 @@ fn in_chunks(
     done: &(dyn Fn(Range<usize>, SparseSums) -> SparseSums + Sync),
 ) {
     let chunks = chunks(items, len);
+    if !ranks::place().is_alone() {
+        return among_ranks(&chunks, total, done);
+    }
     let next = AtomicUsize::new(0);
     let ordered = Mutex::new(OrderedSum { total, next: 0, waiting: BTreeMap::new(), spare: Vec::new() });
     let ordered = || ordered.lock().unwrap_or_else(PoisonError::into_inner);
@@ -256,6 +260,37 @@ fn in_chunks(
             ordered().add(chunk, sums);
         }
     });
+}
+
+/// The same for several ranks, among which the chunks are dealt. Each rank adds up some blocks of the sums, all chunks in order, and gives
+/// them to the others: so messages are as long as the sums, and not as long as the sums of all chunks.
+fn among_ranks(
+    chunks: &[Range<usize>],
+    total: &mut DenseSums,
+    done: &(dyn Fn(Range<usize>, SparseSums) -> SparseSums + Sync),
+) {
+    let place = ranks::place();
+    let len = total.size();
+    let own = (place.rank..chunks.len()).into_par_iter().step_by(place.count);
+    let parts: Vec<Vec<Blocks>> =
+        own.map(|chunk| done(chunks[chunk].clone(), SparseSums::new(len)).deal(place.count)).collect();
+    let mut messages = vec![Vec::new(); place.count];
+    for part in parts {
+        messages.iter_mut().zip(&part).for_each(|(message, blocks)| blocks.pack(message));
+    }
+    let received = ranks::exchange(messages);
+    let mut rests: Vec<&[u8]> = received.iter().map(Vec::as_slice).collect();
+    let mut added = BTreeSet::new();
+    for chunk in 0..chunks.len() {
+        let blocks = Blocks::unpack(&mut rests[chunk % place.count]).unwrap_or_else(|| ranks::come_apart());
+        total.add_blocks(&blocks);
+        added.extend(blocks.0);
+    }
+    let mut message = Vec::new();
+    total.blocks(added).pack(&mut message);
+    for message in ranks::share(message) {
+        total.set_blocks(&Blocks::unpack(&mut message.as_slice()).unwrap_or_else(|| ranks::come_apart()));
+    }
 }
 
 /// Items of a chunk in forward mode, and most runs of samples times directions that are kept at a time (24 bytes each).
@@ -295,6 +330,17 @@ struct Runs {
     sums: Vec<DVec3>,
 }
 
+impl Packed for Runs {
+    fn pack(&self, to: &mut Vec<u8>) {
+        self.pixels.pack(to);
+        self.sums.pack(to);
+    }
+
+    fn unpack(from: &mut &[u8]) -> Option<Runs> {
+        Some(Runs { pixels: Vec::unpack(from)?, sums: Vec::unpack(from)? })
+    }
+}
+
 /// Has all chunks of the items `done` in parallel, so many at a time that what is kept of them is bounded, and adds their runs to the images.
 fn in_rounds(items: usize, reach: usize, images: &mut Images, done: &(dyn Fn(Range<usize>) -> Runs + Sync)) {
     let (directions, channels) = (images.directions, images.channels);
@@ -303,8 +349,11 @@ fn in_rounds(items: usize, reach: usize, images: &mut Images, done: &(dyn Fn(Ran
     let round = (FORWARD_KEPT / (FORWARD_CHUNK * directions.max(1) * reach)).max(1) * len;
     for start in (0..items).step_by(round) {
         let end = (start + round).min(items);
-        let parts: Vec<Runs> =
-            (start..end).into_par_iter().step_by(len).map(|first| done(first..(first + len).min(end))).collect();
+        let chunk = |chunk: usize| {
+            let first = start + chunk * len;
+            done(first..(first + len).min(end))
+        };
+        let parts: Vec<Runs> = ranks::map((end - start).div_ceil(len), &chunk);
         for Runs { pixels, sums } in parts {
             for (pixel, sums) in pixels.into_iter().zip(sums.chunks_exact(directions)) {
                 let to = &mut images.data[pixel * directions * channels..(pixel + 1) * directions * channels];

@@ -7,11 +7,11 @@ use std::ops::Range;
 use std::sync::atomic::AtomicBool;
 
 use glam::Vec3;
-use rayon::prelude::*;
 
 use crate::grad::estimate::{Estimate, Pass, run};
 use crate::grad::sink::{Adjoints, Layout, Sink};
 use crate::memory::need;
+use crate::ranks::{self, Packed};
 use crate::render::Scene;
 use crate::stop::Pace;
 
@@ -119,8 +119,11 @@ impl Rows {
                 return;
             }
             let end = (start + TOGETHER * len).min(items);
-            let chunk = |first: usize| recorded(first..(first + len).min(end));
-            let parts: Vec<Part> = (start..end).into_par_iter().step_by(len).map(chunk).collect();
+            let chunk = |chunk: usize| {
+                let first = start + chunk * len;
+                recorded(first..(first + len).min(end))
+            };
+            let parts: Vec<Part> = ranks::map((end - start).div_ceil(len), &chunk);
             // Arrays that grow are twice as large for a moment.
             need(16 * parts.iter().map(|part| part.values.len() as u64).sum::<u64>());
             for part in parts {
@@ -142,6 +145,20 @@ struct Part {
     runs: Vec<Run>,
     columns: Vec<u32>,
     values: Vec<f32>,
+}
+
+impl Packed for Part {
+    fn pack(&self, to: &mut Vec<u8>) {
+        self.runs.iter().map(|run| [run.row, run.rows, run.end]).collect::<Vec<[u32; 3]>>().pack(to);
+        self.columns.pack(to);
+        self.values.pack(to);
+    }
+
+    fn unpack(from: &mut &[u8]) -> Option<Part> {
+        let runs = Vec::<[u32; 3]>::unpack(from)?;
+        let runs = runs.into_iter().map(|[row, rows, end]| Run { row, rows, end }).collect();
+        Some(Part { runs, columns: Vec::unpack(from)?, values: Vec::unpack(from)? })
+    }
 }
 
 /// Takes derivatives one by one, with the numbers that they are derivatives in.

@@ -3,6 +3,7 @@
 
 use glam::{DVec3, Vec2, Vec3};
 
+use crate::ranks::Packed;
 use crate::render::accel::PrimId;
 use crate::render::edges::Edge;
 use crate::render::environment::{d_environment_uv, environment_uv};
@@ -220,6 +221,17 @@ impl SparseSums {
         self.sums.clear();
     }
 
+    /// Its blocks, dealt to so many owners: block i goes to owner i modulo their number.
+    pub fn deal(&self, owners: usize) -> Vec<Blocks> {
+        let mut dealt = vec![Blocks::default(); owners];
+        for (&block, sums) in self.blocks.iter().zip(self.sums.chunks_exact(BLOCK)) {
+            let to = &mut dealt[block as usize % owners];
+            to.0.push(block);
+            to.1.extend(sums);
+        }
+        dealt
+    }
+
     /// Gives memory to a block. Returns where it starts.
     #[cold]
     fn open(&mut self, block: usize) -> usize {
@@ -228,6 +240,21 @@ impl SparseSums {
         self.blocks.push(block as u32);
         self.sums.resize(start + BLOCK, 0.0);
         start
+    }
+}
+
+/// Blocks of sums on their way to another process: their numbers, and the sums of each.
+#[derive(Clone, Default)]
+pub struct Blocks(pub Vec<u32>, Vec<f64>);
+
+impl Packed for Blocks {
+    fn pack(&self, to: &mut Vec<u8>) {
+        self.0.pack(to);
+        self.1.pack(to);
+    }
+
+    fn unpack(from: &mut &[u8]) -> Option<Blocks> {
+        Some(Blocks(Vec::unpack(from)?, Vec::unpack(from)?))
     }
 }
 
@@ -251,6 +278,33 @@ impl DenseSums {
 
     pub fn into_vec(self) -> Vec<f64> {
         self.data
+    }
+
+    /// Adds some blocks of sums.
+    pub fn add_blocks(&mut self, Blocks(blocks, sums): &Blocks) {
+        blocks.iter().zip(sums.chunks_exact(BLOCK)).for_each(|(block, sums)| self.add(*block as usize, sums));
+    }
+
+    /// Some of its blocks. What the last one has beyond the end is zero.
+    pub fn blocks(&self, blocks: impl IntoIterator<Item = u32>) -> Blocks {
+        let mut found = Blocks::default();
+        for block in blocks {
+            let from = &self.data[block as usize * BLOCK..];
+            found.0.push(block);
+            found.1.extend(&from[..from.len().min(BLOCK)]);
+            found.1.resize(found.0.len() * BLOCK, 0.0);
+        }
+        found
+    }
+
+    /// Puts blocks in place of those that are there.
+    pub fn set_blocks(&mut self, Blocks(blocks, sums): &Blocks) {
+        for (&block, sums) in blocks.iter().zip(sums.chunks_exact(BLOCK)) {
+            let to = &mut self.data[block as usize * BLOCK..];
+            let len = to.len().min(BLOCK);
+            to[..len].copy_from_slice(&sums[..len]);
+            self.reached[block as usize] = true;
+        }
     }
 
     fn add(&mut self, block: usize, sums: &[f64]) {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use image::metadata::Orientation;
 
-pub use crate::files::{describe_io, read_bytes, write_atomically};
+pub use crate::files::{describe_io, is_file, read_bytes, write_atomically};
 
 pub use super::png::Clipped;
 

@@ -12,7 +12,7 @@ use std::sync::Arc;
 use glam::{Vec2, Vec3, vec2};
 
 use crate::image::Image;
-use crate::image::file::{Encoding, read_bytes};
+use crate::image::file::{Encoding, is_file, read_bytes};
 
 use super::load::{Clear, LoadedImage, LoadedMaterial};
 use super::reading::{Reading, lines, text_of, without_mark};
@@ -76,8 +76,8 @@ impl Library {
     /// Reads the material libraries that a `mtllib` statement names: one file, whose name may contain blanks, or several.
     pub fn read(&mut self, names: &str, reading: &mut Reading) {
         let whole = names.replace('\\', "/");
-        let is_file = |name: &str| reading.folder.join(name).is_file();
-        let names = match is_file(&whole) || !whole.contains(char::is_whitespace) {
+        let is_there = |name: &str| is_file(&reading.folder.join(name));
+        let names = match is_there(&whole) || !whole.contains(char::is_whitespace) {
             true => vec![whole],
             false => whole.split_whitespace().map(str::to_string).collect(),
         };
@@ -284,8 +284,8 @@ impl Mtl {
             let here = reading.folder;
             // Absolute paths are those of the machine on which the file was made, so only the name of the file counts.
             let beside = Path::new(&map.file).file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-            let found = [self.folder.as_path(), here].iter().any(|f| f.join(&map.file).is_file());
-            let file = if found || !self.folder.join(&beside).is_file() { &map.file } else { &beside };
+            let found = [self.folder.as_path(), here].iter().any(|f| is_file(&f.join(&map.file)));
+            let file = if found || !is_file(&self.folder.join(&beside)) { &map.file } else { &beside };
             let image = reading.image(&[&self.folder, here], file, encoding, &whose)?;
             Some((LoadedImage { image, clamp: map.clamp, nearest: false }, map.channel))
         };

@@ -6,7 +6,7 @@ use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use crate::image::file::{Decoded, Encoding, decode, read_bytes};
+use crate::image::file::{Decoded, Encoding, decode, is_file, read_bytes};
 use crate::image::{Image, ImageError};
 
 use crate::memory;
@@ -99,10 +99,10 @@ impl<'a> Reading<'a> {
     /// Reads an image from the first of `folders` that has it. If it cannot be read, that is reported about `whose` and there is none;
     /// nor is there if materials are not read.
     pub fn image(&mut self, folders: &[&Path], name: &str, encoding: Encoding, whose: &str) -> Option<Arc<Image>> {
-        let found = folders.iter().map(|f| f.join(name)).find(|p| p.is_file());
+        let found = folders.iter().map(|f| f.join(name)).find(|p| is_file(p));
         let path = found.unwrap_or_else(|| folders.first().unwrap_or(&self.folder).join(name));
         if !self.materials() {
-            if !path.is_file() {
+            if !is_file(&path) {
                 self.notes.about("images are missing", format!("“{name}” of {whose}"));
             }
             return None;

@@ -16,6 +16,7 @@ use super::sampler::{Sampler, Sequence, hash};
 use super::scene::{Camera, Crop};
 use super::world::Scene;
 use crate::image::Image;
+use crate::ranks::{self, Packed, Place};
 
 /// The quantity in an image: radiance, or a property of the first hit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -100,7 +101,9 @@ pub(super) fn add_samples(
     hilbert_curve(film, [left..left + camera.width, top..top + camera.height], |x, y, rank| {
         ranks[(y - top) * camera.width + x - left] = rank;
     });
-    image.data.par_chunks_mut(camera.width * channels).enumerate().for_each(|(y, pixels)| {
+    let place = ranks::place();
+    let rows = image.data.par_chunks_mut(camera.width * channels).enumerate();
+    rows.filter(|(y, _)| place.has(*y)).for_each(|(y, pixels)| {
         scene.accel.run(Row {
             scene,
             camera,
@@ -117,6 +120,27 @@ pub(super) fn add_samples(
             pixels,
         });
     });
+    if !place.is_alone() {
+        share_rows(place, camera.width * channels, &mut image.data);
+    }
+}
+
+/// Fills in the rows of an image, `length` numbers each, that other ranks have rendered.
+fn share_rows(place: Place, length: usize, data: &mut [f32]) {
+    let own: Vec<f32> = data
+        .chunks_exact(length)
+        .enumerate()
+        .filter(|(y, _)| place.has(*y))
+        .flat_map(|(_, row)| row)
+        .copied()
+        .collect();
+    let mut message = Vec::new();
+    own.pack(&mut message);
+    for (rank, message) in ranks::share(message).iter().enumerate() {
+        let found = Vec::<f32>::unpack(&mut message.as_slice()).unwrap_or_else(|| ranks::come_apart());
+        let rows = data.chunks_exact_mut(length).skip(rank).step_by(place.count);
+        rows.zip(found.chunks_exact(length)).for_each(|(row, found)| row.copy_from_slice(found));
+    }
 }
 
 /// A row of an image during rendering.

@@ -21,6 +21,7 @@ use crate::check::hir;
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, EngineState};
 use crate::files::{fingerprint, inputs, read, read_own, rewrite};
+use crate::ranks;
 
 /// The name of the file in the run folder.
 const FILE: &str = "checkpoint.bin";
@@ -135,7 +136,17 @@ impl Checkpoint {
     /// The last checkpoint of a run folder.
     pub fn read(folder: &Path) -> Result<Checkpoint, Diagnostic> {
         let path = folder.join(FILE);
-        let bytes = read_own(&path).map_err(|e| match e.kind() {
+        Checkpoint::decoded(folder, &path, read_own(&path))
+    }
+
+    /// The same for all of several ranks: the first of them, which writes checkpoints, reads it and gives it to the others.
+    pub fn read_by_first(folder: &Path) -> Result<Checkpoint, Diagnostic> {
+        let path = folder.join(FILE);
+        Checkpoint::decoded(folder, &path, ranks::read_by_first(&path, read_own))
+    }
+
+    fn decoded(folder: &Path, path: &Path, bytes: std::io::Result<Vec<u8>>) -> Result<Checkpoint, Diagnostic> {
+        let bytes = bytes.map_err(|e| match e.kind() {
             std::io::ErrorKind::NotFound => refused(format!("`{}` holds no run with a checkpoint", folder.display()))
                 .help("name the folder that a run has written, such as `runs/scene-20261121-093312`"),
             _ => refused(format!("cannot read `{}`: {}", path.display(), crate::files::describe_io(&e))),

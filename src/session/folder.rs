@@ -18,6 +18,7 @@ use crate::files::{
     RUN_LOCK, describe_io, fingerprint, is_input, is_leftover, is_run_file, read_own, refused_output, rewrite,
     write_atomically,
 };
+use crate::ranks;
 
 /// What `run.json` says.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -77,14 +78,15 @@ pub fn nested(shape: &[usize], data: &[f64]) -> Value {
 #[derive(Debug)]
 pub struct RunFolder {
     path: PathBuf,
-    log: Whole<File>,
+    log: Whole<Records>,
     /// What the report shows beside the log, and the lines of it that are not to be repeated.
-    report: Whole<File>,
+    report: Whole<Records>,
     told: HashSet<u64>,
     /// The same for TensorBoard, if it is asked for.
-    events: Option<Whole<File>>,
-    /// Held until the run ends, however it ends: the system unlocks the files of a process that died.
-    _lock: File,
+    events: Option<Whole<Records>>,
+    /// Held until the run ends, however it ends: the system unlocks the files of a process that died. Only the first of several ranks
+    /// writes, and holds it.
+    _lock: Option<File>,
 }
 
 /// Lengths in bytes of the files that grow with every step.
@@ -107,6 +109,9 @@ impl RunFolder {
     /// A new folder `runs/NAME-TIMESTAMP` below the current one; further runs of the same second get a number.
     pub fn fresh(name: &str, date: Date) -> Result<RunFolder, Diagnostic> {
         let base = Path::new("runs").join(format!("{name}-{}", date.stamp()));
+        if !ranks::is_first() {
+            return Ok(RunFolder::unwritten(base));
+        }
         fs::create_dir_all("runs").map_err(|e| no_folder(Path::new("runs"), &e))?;
         let numbered = (2_u64..).map(|n| PathBuf::from(format!("{}-{n}", base.display())));
         for path in std::iter::once(base.clone()).chain(numbered) {
@@ -126,6 +131,9 @@ impl RunFolder {
     /// The folder of that name, made if it is not there. One with files in it is only taken if `force` says so, and one that
     /// another run writes into is not taken at all.
     pub fn at(path: &Path, force: bool) -> Result<RunFolder, Diagnostic> {
+        if !ranks::is_first() {
+            return Ok(RunFolder::unwritten(path.to_path_buf()));
+        }
         fs::create_dir_all(path).map_err(|e| no_folder(path, &e))?;
         let free = || if force { Ok(()) } else { assert_empty(path) };
         // In a folder that is refused nothing is left behind, not even a lock.
@@ -149,7 +157,13 @@ impl RunFolder {
         }
         let log = Whole::new(&path.join(LOG))?;
         let report = Whole::new(&path.join(EVENTS))?;
-        Ok(RunFolder { path, log, report, told: HashSet::new(), events: None, _lock: lock })
+        Ok(RunFolder { path, log, report, told: HashSet::new(), events: None, _lock: Some(lock) })
+    }
+
+    /// The folder that the first of several ranks writes into, as others see it.
+    fn unwritten(path: PathBuf) -> RunFolder {
+        let (log, report) = (Whole::unwritten(), Whole::unwritten());
+        RunFolder { path, log, report, told: HashSet::new(), events: None, _lock: None }
     }
 
     /// Writes `run.json`. From then on the folder is that of a run and can be resumed.
@@ -160,6 +174,9 @@ impl RunFolder {
 
     /// Starts a file of TensorBoard's events beside the log.
     pub fn begin_events(&mut self) -> Result<(), Diagnostic> {
+        if !ranks::is_first() {
+            return Ok(());
+        }
         let path = self.path.join(tensorboard::FILE);
         let mut events = Whole::new(&path)?;
         events.add(&tensorboard::first(now())).map_err(|e| cannot_write(&path, &e))?;
@@ -169,6 +186,9 @@ impl RunFolder {
 
     /// The folder of an earlier run, whose log is kept.
     pub fn reopen(path: &Path) -> Result<RunFolder, Diagnostic> {
+        if !ranks::is_first() {
+            return Ok(RunFolder::unwritten(path.to_path_buf()));
+        }
         if !path.join(RECORD).is_file() {
             let message = format!("`{}` is not the folder of a run", path.display());
             return Err(Diagnostic::error("dscene::run::resume", message)
@@ -177,11 +197,14 @@ impl RunFolder {
         let lock = lock(path)?;
         let log = Whole::again(&path.join(LOG))?;
         let report = Whole::again(&path.join(EVENTS))?;
-        Ok(RunFolder { path: path.to_path_buf(), log, report, told: HashSet::new(), events: None, _lock: lock })
+        Ok(RunFolder { path: path.to_path_buf(), log, report, told: HashSet::new(), events: None, _lock: Some(lock) })
     }
 
     /// Removes log entries that were written after a checkpoint.
     pub fn shorten(&mut self, to: Logged) -> Result<(), Diagnostic> {
+        if !ranks::is_first() {
+            return Ok(());
+        }
         if to.events > 0 {
             self.events = Some(Whole::again(&self.path.join(tensorboard::FILE))?);
         }
@@ -211,7 +234,7 @@ impl RunFolder {
         let events = self.events.as_ref().map_or(0, |events| events.whole);
         let logged = Logged { log: self.log.whole, report: self.report.whole, events };
         for file in [Some(&self.log), Some(&self.report), self.events.as_ref()].into_iter().flatten() {
-            file.file.sync_data().map_err(|e| cannot_write(&self.path.join(LOG), &e))?;
+            file.file.sync().map_err(|e| cannot_write(&self.path.join(LOG), &e))?;
         }
         Ok(logged)
     }
@@ -260,6 +283,9 @@ impl RunFolder {
 
     /// Removes temporary files of killed processes, from the run folder and from the folders of `saved` files.
     pub fn sweep(&self, saved: &[PathBuf]) {
+        if !ranks::is_first() {
+            return;
+        }
         let folders: BTreeSet<&Path> = saved.iter().filter_map(|p| p.parent()).chain([self.path.as_path()]).collect();
         for entry in folders.into_iter().filter_map(|folder| fs::read_dir(folder).ok()).flatten().flatten() {
             if is_leftover(&entry.file_name().to_string_lossy()) {
@@ -337,6 +363,9 @@ pub fn output_path(folder: &Path, name: &str) -> Result<PathBuf, Diagnostic> {
         return Err(Diagnostic::error("dscene::run::write", format!("cannot write `{name}`: {why}")).help(help));
     }
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    if !ranks::is_first() {
+        return Ok(folder.join(name));
+    }
     fs::create_dir_all(folder).map_err(|e| cannot_write(folder, &e))?;
     let root = folder.canonicalize().map_err(|e| cannot_write(folder, &e))?;
     let relative: PathBuf = Path::new(name).components().filter(|c| matches!(c, Component::Normal(_))).collect();
@@ -393,21 +422,26 @@ impl<F: Shorten> Whole<F> {
     }
 }
 
-impl Whole<File> {
+impl Whole<Records> {
+    /// No file at all.
+    fn unwritten() -> Whole<Records> {
+        Whole { file: Records(None), whole: 0 }
+    }
+
     /// A new file.
-    fn new(path: &Path) -> Result<Whole<File>, Diagnostic> {
+    fn new(path: &Path) -> Result<Whole<Records>, Diagnostic> {
         let file = OpenOptions::new().append(true).create_new(true).open(path).map_err(|e| cannot_write(path, &e))?;
-        Ok(Whole { file, whole: 0 })
+        Ok(Whole { file: Records(Some(file)), whole: 0 })
     }
 
     /// The file of an earlier run, which is added to. Where there is none any more an empty one is found wanting.
-    fn again(path: &Path) -> Result<Whole<File>, Diagnostic> {
+    fn again(path: &Path) -> Result<Whole<Records>, Diagnostic> {
         if path.symlink_metadata().is_ok_and(|m| !m.is_file()) {
             return Err(cannot_write(path, &io::Error::other("it is not an ordinary file")));
         }
         let file = OpenOptions::new().append(true).create(true).open(path).map_err(|e| cannot_write(path, &e))?;
         let whole = file.metadata().map_err(|e| cannot_write(path, &e))?.len();
-        Ok(Whole { file, whole })
+        Ok(Whole { file: Records(Some(file)), whole })
     }
 }
 
@@ -416,9 +450,30 @@ trait Shorten: Write {
     fn shorten(&mut self, length: u64) -> io::Result<()>;
 }
 
-impl Shorten for File {
+/// A file of a run folder; `None` takes all and keeps nothing.
+#[derive(Debug)]
+struct Records(Option<File>);
+
+impl Records {
+    /// Waits until all is on the disk.
+    fn sync(&self) -> io::Result<()> {
+        self.0.as_ref().map_or(Ok(()), File::sync_data)
+    }
+}
+
+impl Write for Records {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0.as_mut().map_or(Ok(bytes.len()), |file| file.write(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.as_mut().map_or(Ok(()), File::flush)
+    }
+}
+
+impl Shorten for Records {
     fn shorten(&mut self, length: u64) -> io::Result<()> {
-        self.set_len(length)
+        self.0.as_ref().map_or(Ok(()), |file| file.set_len(length))
     }
 }
 

@@ -1,4 +1,4 @@
-//! Forward and reverse mode agree; results do not depend on the number of threads.
+//! Forward and reverse mode agree; results do not depend on the number of threads, nor on that of processes.
 
 use crate::common::*;
 use dscene::grad::estimate::{Images, forward, reverse};
@@ -10,9 +10,11 @@ use dscene::grad::{
     render_rows_until,
 };
 use dscene::image::Image;
+use dscene::ranks::{self, Link, Lost};
 use dscene::render::texture::{Filter, Texture, Wrap};
 use dscene::render::*;
 use glam::{Mat3, Vec3, vec3};
+use std::sync::{Arc, Barrier, Mutex};
 
 fn scene() -> (SceneDescription, Camera) {
     let mut b = Builder::default();
@@ -223,36 +225,95 @@ fn an_adjoint_that_is_not_finite_gives_no_numbers() {
     }
 }
 
+/// Ranks that are threads of this process: a table of messages, by sender and receiver.
+struct Threads {
+    rank: usize,
+    table: Arc<(Barrier, Mutex<Vec<Messages>>)>,
+}
+
+/// A message for each rank.
+type Messages = Vec<Vec<u8>>;
+
+impl Link for Threads {
+    fn rank(&self) -> usize {
+        self.rank
+    }
+
+    fn count(&self) -> usize {
+        self.table.1.lock().unwrap().len()
+    }
+
+    fn neighbours(&self) -> usize {
+        self.count()
+    }
+
+    fn exchange(&self, messages: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>, Lost> {
+        let (barrier, table) = &*self.table;
+        table.lock().unwrap()[self.rank] = messages;
+        barrier.wait();
+        let found = table.lock().unwrap().iter().map(|messages| messages[self.rank].clone()).collect();
+        barrier.wait();
+        Ok(found)
+    }
+
+    fn share(&self, message: Vec<u8>) -> Result<Vec<Vec<u8>>, Lost> {
+        self.exchange(vec![message; self.count()])
+    }
+
+    fn end(&self) -> bool {
+        true
+    }
+}
+
+/// What each of so many ranks finds, with so many threads each.
+fn by_ranks<T: Send>(count: usize, threads: usize, work: impl Fn() -> T + Sync) -> Vec<T> {
+    let table = Arc::new((Barrier::new(count), Mutex::new(vec![Vec::new(); count])));
+    let rank = |rank| {
+        // Threads of a pool are no ranks, and what runs in one is alone: the work is done on this thread, with the pool's help.
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).use_current_thread().build().unwrap();
+        let link = Arc::new(Threads { rank, table: table.clone() });
+        pool.install(|| ranks::within(link, &work))
+    };
+    std::thread::scope(|scope| {
+        let ranks: Vec<_> = (0..count).map(|number| scope.spawn(move || rank(number))).collect();
+        ranks.into_iter().map(|rank| rank.join().unwrap()).collect()
+    })
+}
+
 #[test]
-fn any_number_of_threads_gives_the_same_bits() {
-    let run = |threads: usize| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| {
-            scenes().map(|(description, camera)| {
-                let wrt: Vec<Slot> = all_slots(&description, &camera).into_iter().map(|s| s.0).collect();
-                let directions = directions(&description, &camera);
-                let scene = Scene::new(description).unwrap();
-                let settings = settings(Output::Radiance, 2, 9);
-                let image = render(&scene, &camera, &settings).unwrap();
-                let gradient = render_backward(&scene, &camera, &settings, &image, &wrt).unwrap();
-                let jacobian = render_jacobian(&scene, &camera, &settings, &directions).unwrap();
-                // Those of an optimisation's steps, which learn from one another.
-                let memory = GuideCache::default();
-                let steps = (0..3).map(|seed| {
-                    let (settings, sampling) = (Settings { seed, ..settings }, Sampling::ByAdjoint(Some(&memory)));
-                    render_backward_until(&scene, &camera, &settings, &image, &wrt, sampling, &NEVER).unwrap()
-                });
-                let steps: Vec<_> = steps.collect();
-                assert!(
-                    steps[1]
-                        != render_backward(&scene, &camera, &Settings { seed: 1, ..settings }, &image, &wrt).unwrap()
-                );
-                (image, gradient, jacobian, steps)
-            })
+fn any_number_of_threads_and_of_ranks_gives_the_same_bits() {
+    let work = || {
+        scenes().map(|(description, camera)| {
+            let wrt: Vec<Slot> = all_slots(&description, &camera).into_iter().map(|s| s.0).collect();
+            let directions = directions(&description, &camera);
+            let scene = Scene::new(description).unwrap();
+            let settings = settings(Output::Radiance, 2, 9);
+            let image = render(&scene, &camera, &settings).unwrap();
+            let gradient = render_backward(&scene, &camera, &settings, &image, &wrt).unwrap();
+            let jacobian = render_jacobian(&scene, &camera, &settings, &directions).unwrap();
+            // Those of an optimisation's steps, which learn from one another.
+            let memory = GuideCache::default();
+            let steps = (0..3).map(|seed| {
+                let (settings, sampling) = (Settings { seed, ..settings }, Sampling::ByAdjoint(Some(&memory)));
+                render_backward_until(&scene, &camera, &settings, &image, &wrt, sampling, &NEVER).unwrap()
+            });
+            let steps: Vec<_> = steps.collect();
+            assert!(
+                steps[1] != render_backward(&scene, &camera, &Settings { seed: 1, ..settings }, &image, &wrt).unwrap()
+            );
+            let rows = render_rows_until(&scene, &camera, &settings, &wrt, 1 << 22, &NEVER).unwrap();
+            // There are none of a scene that moves.
+            let weights: Vec<f64> = image.data.iter().map(|x| f64::from(*x)).collect();
+            let product = rows.map(|rows| rows.transposed_times(&weights));
+            (image, gradient, jacobian, steps, product)
         })
     };
-    let (one, three) = (run(1), run(3));
-    assert!(one == three);
+    let one = by_ranks(1, 1, work).remove(0);
+    for (ranks, threads) in [(1, 3), (3, 2)] {
+        for found in by_ranks(ranks, threads, work) {
+            assert!(one == found, "{ranks} ranks with {threads} threads each");
+        }
+    }
     assert!(one.iter().all(|(_, gradient, ..)| gradient.iter().flatten().any(|g| *g != 0.0)));
 }
 

@@ -506,6 +506,11 @@ fn bad_usage_is_exit_code_2_and_help_is_a_success() {
         assert_code(&output, 0);
         assert!(!output.stdout.is_empty());
     }
+    let version = stdout(&place.dsl(&["--version"]));
+    let lines: Vec<&str> = version.lines().collect();
+    assert_eq!(lines[0], concat!("dsl ", env!("CARGO_PKG_VERSION")));
+    assert!(lines[1..].join(" ").contains("ray tracing: ") && lines[3] == "processes:   one", "{version}");
+    assert_eq!(stdout(&place.dsl(&["-V"])).trim(), lines[0]);
     for command in ["run", "check", "render", "grad", "eval", "repl"] {
         let help = stdout(&place.dsl(&[command, "--help"]));
         assert!(help.contains("Examples:") && help.contains("--set <NAME=EXPR>"), "{help}");

@@ -5,11 +5,10 @@
 //! the least variance that each could have at unit cost, so that all count whatever their scale: a noisy vertical derivative does not
 //! decide for the horizontal one. The numbers are fixed before the samples proper are drawn, so there is no bias.
 
-use rayon::prelude::*;
-
 use crate::grad::estimate::{Pass, Reverse};
 use crate::grad::sink::{Layout, Sink};
 use crate::image::Image;
+use crate::ranks;
 use crate::render::Scene;
 use crate::render::sampler::hash;
 
@@ -116,7 +115,7 @@ impl<'a> PilotRuns<'a> {
             pass.run(0..pass.items(), &mut mode);
             mode.into_sink().sums
         };
-        let runs: Vec<Vec<[f64; FEATURES]>> = (0..RUNS).into_par_iter().map(sketch).collect();
+        let runs: Vec<Vec<[f64; FEATURES]>> = ranks::map(RUNS, &sketch);
         let variance = |i: usize| {
             let values = || runs.iter().map(|r| r[i / FEATURES][i % FEATURES]);
             let mean = values().sum::<f64>() / RUNS as f64;

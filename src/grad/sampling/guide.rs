@@ -9,13 +9,13 @@
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 
-use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::grad::environment::MovingEnvironment;
 use crate::grad::estimate::Reverse;
 use crate::grad::sink::{Layout, Sink};
 use crate::image::Image;
+use crate::ranks;
 use crate::render::sampler::{Discrete, Sampler, hash};
 use crate::render::{DeltaLight, Scene, Slot};
 
@@ -134,22 +134,18 @@ impl Guide {
         let units: Vec<f64> = layout.slots.iter().map(|slot| unit(scene, *slot)).collect();
         // With a cache, pilots have other positions within their cells at each step.
         let shift = if guides.is_some() { hash(seed, 0) as f64 / u64::MAX as f64 } else { 0.0 };
-        let moments: Vec<f64> = (0..rows * columns)
-            .into_par_iter()
-            .map(|cell| {
-                let mut pilot = Pilot::new(scene, layout, adjoint, SquaredNorm::new(layout, &units));
-                for i in 0..pilots {
-                    let number = cell * pilots + i;
-                    // The middle of a stratum of the first number; the second one moves with the golden ratio.
-                    let along = (i as f64 + 0.5) / pilots as f64;
-                    let [x, y] = [(along + shift).fract(), (shift + number as f64 * 0.618_033_988_749).fract()];
-                    let at =
-                        [((cell / columns) as f64 + x) / rows as f64, ((cell % columns) as f64 + y) / columns as f64];
-                    sample(Sampler::new(hash(seed, number as u64), 0), at, &mut pilot);
-                }
-                pilot.into_sink().squares
-            })
-            .collect();
+        let moments: Vec<f64> = ranks::map(rows * columns, &|cell| {
+            let mut pilot = Pilot::new(scene, layout, adjoint, SquaredNorm::new(layout, &units));
+            for i in 0..pilots {
+                let number = cell * pilots + i;
+                // The middle of a stratum of the first number; the second one moves with the golden ratio.
+                let along = (i as f64 + 0.5) / pilots as f64;
+                let [x, y] = [(along + shift).fract(), (shift + number as f64 * 0.618_033_988_749).fract()];
+                let at = [((cell / columns) as f64 + x) / rows as f64, ((cell % columns) as f64 + y) / columns as f64];
+                sample(Sampler::new(hash(seed, number as u64), 0), at, &mut pilot);
+            }
+            pilot.into_sink().squares
+        });
         let moments = match guides {
             Some(cache) => cache.update(key, [rows, columns], moments),
             None => moments,
