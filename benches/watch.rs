@@ -16,7 +16,10 @@ use place::Place;
 const EDITS: usize = 15;
 
 fn main() {
-    let example = include_str!("../examples/03_shadow_blocker.dscene").replace("[256, 256]", "[128, 128]");
+    // One blank between words, however the example is laid out; comments and strings have no others.
+    let example = include_str!("../examples/03_shadow_blocker.dscene");
+    let words = |line: &str| line.split_whitespace().collect::<Vec<&str>>().join(" ");
+    let example = example.lines().map(words).collect::<Vec<String>>().join("\n").replace("[256, 256]", "[128, 128]");
     let place = Place::new();
     place.write("blocker.dscene", &example);
     let server = Server::start(&place, &["watch", "blocker.dscene", "--spp", "16"]);
@@ -28,7 +31,7 @@ fn main() {
         ("a light", "radiance: 1000", "radiance: N00"),
         ("a material", "reflectance: 0.5", "reflectance: 0.N"),
         ("a mesh", "width: 4", "width: N"),
-        ("the camera", "fov:      45deg", "fov: 4Ndeg"),
+        ("the camera", "fov: 45deg", "fov: 4Ndeg"),
         ("a comment", "/// Recovers", "/// N Recovers"),
     ] {
         let (mut first, mut whole) = (Vec::new(), Vec::new());

@@ -39,37 +39,23 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-// Only the kernel of the ray queries (`render::accel::avx2`) and products of matrices (`network::gemm`) are allowed to.
-#![deny(unsafe_code)]
+#![forbid(unsafe_code)]
 
 // What pest's derive makes without `std` names it.
 extern crate alloc;
 
-pub mod files;
-pub mod memory;
-pub mod ranks;
-pub mod source;
-pub mod stop;
+pub use dscene_engine::{
+    data, embed, figure, files, grad, image, math, memory, mesh, natives, network, optim, ranks, render, stop, tape,
+    work,
+};
 
-pub mod math;
+pub mod source;
 
 pub mod diag;
-pub mod image;
-pub mod mesh;
 
-pub mod figure;
-pub mod render;
 pub mod syntax;
-pub mod tape;
 
 pub mod check;
-pub mod grad;
-pub mod optim;
-
-pub mod data;
-pub mod network;
-
-pub mod natives;
 
 pub mod eval;
 
@@ -80,8 +66,6 @@ pub mod session;
 pub mod report;
 
 pub mod cli;
-
-pub mod embed;
 
 pub use embed::{RenderContext, SceneBuilder};
 pub use glam;

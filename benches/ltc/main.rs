@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! cargo bench --bench ltc                  how far the lobe is from the committed table, at and between its nodes
-//! cargo bench --bench ltc -- --write       fits it again: src/render/ltc_table.rs
+//! cargo bench --bench ltc -- --write       fits it again: engine/src/render/ltc_table.rs
 //! ```
 
 mod fit;
@@ -15,7 +15,7 @@ use glam::Vec3;
 
 fn main() -> std::io::Result<()> {
     if std::env::args().any(|a| a == "--write") {
-        let path: PathBuf = [env!("CARGO_MANIFEST_DIR"), "src", "render", "ltc_table.rs"].iter().collect();
+        let path: PathBuf = [env!("CARGO_MANIFEST_DIR"), "engine", "src", "render", "ltc_table.rs"].iter().collect();
         std::fs::write(path, text(&fit::table()))?;
         println!("written; build again and see how close it comes");
         return Ok(());

@@ -203,7 +203,7 @@ class Script:
     ) -> dict[str, np.ndarray]:
         """Central finite differences, by name, to hold derivatives against. Both sides draw the same samples.
 
-        Of a scalar by anything; of an image or an array by params that are one number.
+        Their shapes are those of :meth:`jacobian`: the value's followed by the param's.
         """
         return self._script.differences(expression, _arrays(params), _wrt(wrt, params), step, seed)
 

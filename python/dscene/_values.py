@@ -47,6 +47,9 @@ class Estimate(NamedTuple):
     repeats: int
 
 
+_TOLD = ("name", "doc", "unit", "bounds", "type", "kind", "frozen")
+
+
 class Param(_Array):
     """The value of a param, with what the script says of it."""
 
@@ -64,10 +67,16 @@ class Param(_Array):
     frozen: bool
     """Whether ``optimize`` leaves it where it is."""
 
+    def __array_finalize__(self, whole: Any) -> None:
+        # A copy is of the same param; a part of it is in the same unit.
+        if isinstance(whole, Param):
+            kept = _TOLD if whole.shape == self.shape else ("unit",)
+            self.__dict__.update((name, getattr(whole, name)) for name in kept if hasattr(whole, name))
+
     @staticmethod
     def _of(told: dict[str, Any]) -> Param:
         param: Param = told["value"].view(Param)
-        for name in ("name", "doc", "unit", "bounds", "type", "kind", "frozen"):
+        for name in _TOLD:
             setattr(param, name, told[name])
         return param
 
@@ -221,7 +230,10 @@ def _table(head: tuple[str, ...], rows: list[tuple[str, ...]], caption: str = ""
 
 def _array(value: Any) -> np.ndarray:
     """The numbers of anything that NumPy understands, as the engine reads them."""
-    return np.asarray(value, dtype=np.float64, order="C").view(np.ndarray)
+    # A tensor of PyTorch that requires a gradient is no array; its numbers are one.
+    detach = getattr(value, "detach", None)
+    numbers = detach().to("cpu") if callable(detach) else value
+    return np.asarray(numbers, dtype=np.float64, order="C").view(np.ndarray)
 
 
 def _arrays(values: Mapping[str, Any] | None) -> dict[str, np.ndarray]:

@@ -15,6 +15,7 @@ import torch
 
 from ._rotations import slopes
 from ._script import Script
+from ._values import _array
 
 __all__ = ["render"]
 
@@ -41,18 +42,33 @@ class _Expression(torch.autograd.Function):
             # The same samples as if something moved.
             value = script.eval(expression, constant | values, seed=script.seed if seed is None else seed)
         ctx.names, ctx.values, ctx.likes = names, values, [(t.dtype, t.device, t.requires_grad) for t in tensors]
+        ctx.save_for_backward(*tensors)
         like = next((t for t in tensors if t.is_floating_point()), torch.empty(()))
         return torch.as_tensor(np.array(value, np.float64), dtype=like.dtype, device=like.device)
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
     def backward(ctx: Any, adjoint: torch.Tensor) -> tuple[Any, ...]:
         found = slopes(ctx.vjp(_numbers(adjoint)), ctx.values)
         gradients = [
             torch.as_tensor(found[name], dtype=dtype, device=device) if moves else None
             for name, (dtype, device, moves) in zip(ctx.names, ctx.likes)
         ]
+        # Gradients are calculated with a graph of their own where somebody wants to differentiate them in turn (`create_graph=True`).
+        if torch.is_grad_enabled():
+            gradients = [None if one is None else _Once.apply(one, adjoint, *ctx.saved_tensors) for one in gradients]
         return (None, None, None, None, None, *gradients)
+
+
+class _Once(torch.autograd.Function):
+    """A gradient that depends on tensors as nobody here can tell: to differentiate it is an error, where a constant would be a wrong answer."""
+
+    @staticmethod
+    def forward(ctx: Any, gradient: torch.Tensor, *tensors: torch.Tensor) -> torch.Tensor:
+        return gradient.clone()
+
+    @staticmethod
+    def backward(ctx: Any, adjoint: torch.Tensor) -> tuple[Any, ...]:
+        raise RuntimeError("dscene has first derivatives only: a gradient of dscene.torch.render cannot be differentiated again")
 
 
 def render(
@@ -66,14 +82,15 @@ def render(
     """The value of an expression made of numbers, such as ``"render(eye)"``, as a tensor that can be differentiated by ``params``.
 
     Tensors among the params that require a gradient get one; everything else is a constant. The tensor has the type and the device of the
-    first tensor among the params; the engine computes on the CPU, positions and sums in double precision.
+    first tensor of floating-point numbers among the params; the engine computes on the CPU, positions and sums in double precision.
 
     ``seed`` chooses the samples of the value: give each step of an optimisation its own, ``seed=step``. The derivative draws samples
     that the value has not, from the same seed or from ``grad_seed``, so that the gradient of any differentiable loss is unbiased but for the
     noise of the image in a loss that is not linear. The gradient by a rotation matrix ``R`` is the one along rotations, ``½ [g]× R``.
+    It cannot be differentiated again: that is an error.
     """
     tensors = {name: value for name, value in params.items() if isinstance(value, torch.Tensor)}
-    constant = {name: np.asarray(value, np.float64) for name, value in params.items() if name not in tensors}
+    constant = {name: _array(value) for name, value in params.items() if name not in tensors}
     return _Expression.apply(script, expression, tuple(tensors), constant, (seed, grad_seed), *tensors.values())
 
 

@@ -40,6 +40,22 @@ impl Array<'_> {
     }
 }
 
+/// What all that is drawn at random follows from.
+#[derive(Clone, Copy)]
+pub struct Seed(pub u64);
+
+impl<'a, 'py> FromPyObject<'a, 'py> for Seed {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'a, 'py, PyAny>) -> PyResult<Seed> {
+        let seed = object.extract::<u64>();
+        seed.map(Seed).map_err(|_| {
+            let given = object.repr().map_or_else(|_| String::new(), |repr| format!(", not {repr}"));
+            PyValueError::new_err(format!("a seed is a whole number from 0 to 2**64 - 1{given}"))
+        })
+    }
+}
+
 /// Values by name.
 pub fn values(given: BTreeMap<String, Array<'_>>) -> PyResult<Values> {
     given.into_iter().map(|(name, array)| Ok((name, array.tensor()?.into()))).collect()

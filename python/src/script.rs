@@ -15,7 +15,7 @@ use ::dscene::session::script::{Seeds, losses};
 use ::dscene::session::{MeasureOptions, Override, RunSettings, Script as Inner};
 use ::dscene::tape::Tensor;
 
-use super::convert::{self, Numbers};
+use super::convert::{self, Numbers, Seed};
 use super::linear::Linear;
 use super::session::{self, Asked, Steps};
 use super::work::{Failure, Shared, Told, objects};
@@ -78,6 +78,10 @@ pub fn check_source<'py>(
     objects(py, &told)
 }
 
+fn number(seed: Option<Seed>) -> Option<u64> {
+    seed.map(|Seed(seed)| seed)
+}
+
 #[pymethods]
 impl Script {
     #[new]
@@ -88,9 +92,9 @@ impl Script {
         text: Option<String>,
         base: Option<PathBuf>,
         overrides: Vec<(String, String)>,
-        seed: u64,
+        seed: Seed,
     ) -> PyResult<Script> {
-        let source = Source { file, text, base, overrides };
+        let (source, Seed(seed)) = (Source { file, text, base, overrides }, seed);
         let checked = py.detach(|| source.check());
         let told: Vec<Told> = checked.diagnostics.iter().map(|d| Told::new(d, &checked.sources)).collect();
         let Some(program) = checked.program else {
@@ -174,10 +178,10 @@ impl Script {
         py: Python<'py>,
         text: &str,
         at: BTreeMap<String, Numbers<'py>>,
-        seed: Option<u64>,
+        seed: Option<Seed>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let at = convert::values(at)?;
-        let value = self.shared.ask(py, |script| Ok(Some(script.eval(text, &at, seed)?)))?;
+        let value = self.shared.ask(py, |script| Ok(Some(script.eval(text, &at, number(seed))?)))?;
         convert::value(py, &value)
     }
 
@@ -188,11 +192,11 @@ impl Script {
         text: &str,
         at: BTreeMap<String, Numbers<'py>>,
         wrt: Vec<String>,
-        seed: Option<u64>,
-        grad_seed: Option<u64>,
+        seed: Option<Seed>,
+        grad_seed: Option<Seed>,
     ) -> PyResult<Linear> {
         let at = convert::values(at)?;
-        let seeds = Seeds { value: seed, derivative: grad_seed };
+        let seeds = Seeds { value: number(seed), derivative: number(grad_seed) };
         let (linear, targets) = self.shared.ask(py, |script| Ok(Some(script.linear(text, &at, &wrt, seeds)?)))?;
         let names = targets.into_iter().map(|(name, _)| name).collect();
         Ok(Linear::new(self.shared.clone(), linear, names))
@@ -206,10 +210,11 @@ impl Script {
         at: BTreeMap<String, Numbers<'py>>,
         wrt: Vec<String>,
         step: f64,
-        seed: Option<u64>,
+        seed: Option<Seed>,
     ) -> PyResult<Bound<'py, PyDict>> {
         let at = convert::values(at)?;
-        let found = self.shared.ask(py, |script| Ok(Some(script.differences(text, &at, &wrt, step, seed)?)))?;
+        let found =
+            self.shared.ask(py, |script| Ok(Some(script.differences(text, &at, &wrt, step, number(seed))?)))?;
         let dict = PyDict::new(py);
         for (name, tensor) in found {
             dict.set_item(name, convert::own_array(py, tensor)?)?;
@@ -255,12 +260,12 @@ impl Script {
         at: BTreeMap<String, Numbers<'py>>,
         wrt: Vec<String>,
         repeats: u32,
-        seed: Option<u64>,
+        seed: Option<Seed>,
         fd_step: Option<f64>,
         warm: bool,
     ) -> PyResult<Bound<'py, PyDict>> {
         let at = convert::values(at)?;
-        let seed = seed.unwrap_or(self.seed);
+        let seed = number(seed).unwrap_or(self.seed);
         let options = MeasureOptions { repeats: repeats.max(1), seed, fd_step, warm };
         let flag = self.shared.flag();
         let found = self.shared.ask(py, |script| {

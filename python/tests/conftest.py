@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -49,3 +52,25 @@ def dsl() -> str:
     if program is None:
         pytest.skip("there is no dsl to compare with: DSL=PROGRAM names one")
     return program
+
+
+@pytest.fixture
+def optional() -> Callable[[str], Any]:
+    """Imports a module that the package does not need: where it is not installed, the test is left out.
+
+    That must not hide what failed to be installed: ``DSCENE_WITHOUT`` in the environment names the modules that may be missing (``python/ci``
+    sets it), and tests of all others then fail.
+    """
+
+    def found(name: str) -> Any:
+        try:
+            return importlib.import_module(name)
+        except ModuleNotFoundError as missing:
+            # What is there but lacks something that it needs itself is broken.
+            is_absent = missing.name is not None and f"{name}.".startswith(f"{missing.name}.")
+            may_be_absent = os.environ.get("DSCENE_WITHOUT")
+            if not is_absent or may_be_absent is not None and name.partition(".")[0] not in may_be_absent.split():
+                raise
+            pytest.skip(f"{name} is not installed")
+
+    return found

@@ -125,6 +125,14 @@ def test_forward_and_reverse_mode_agree(shadow: dscene.Script) -> None:
     assert abs(np.mean(forward) - np.mean(reverse)) < 5 * error
 
 
+def test_differences_have_the_shape_of_jacobians() -> None:
+    s = dscene.parse("param v = [1, 2]\nparam m = [[1, 2, 3], [4, 5, 6]]\nlet z = [v[0] * m[1][2], v[1] ^ 2, sin(v[0] * 1rad)]")
+    exact, found = s.jacobian("z"), s.fd("z", wrt=["v", "m"], step=1e-4)
+    for name in ("v", "m"):
+        assert found[name].shape == exact[name].shape
+        np.testing.assert_allclose(found[name], exact[name], atol=1e-6)
+
+
 def test_jacobians_of_images(shadow: dscene.Script) -> None:
     found = shadow.jacobian("render(eye, spp: 4)", wrt=["glow", "corners"], seed=1)
     assert found["glow"].shape == (12, 16, 3)

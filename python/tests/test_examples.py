@@ -5,7 +5,9 @@ from __future__ import annotations
 import doctest
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -21,13 +23,11 @@ def test_there_are_notebooks() -> None:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_notebooks_run(path: Path, tmp_path: Path) -> None:
-    nbformat = pytest.importorskip("nbformat")
-    nbclient = pytest.importorskip("nbclient")
-    pytest.importorskip("ipykernel")
+def test_notebooks_run(path: Path, tmp_path: Path, optional: Callable[[str], Any]) -> None:
+    nbformat, nbclient, _ = optional("nbformat"), optional("nbclient"), optional("ipykernel")
     notebook = nbformat.read(path, as_version=4)
     for module in NEEDS.findall("\n".join(cell.source for cell in notebook.cells)):
-        pytest.importorskip(module)
+        optional(module)
     client = nbclient.NotebookClient(notebook, timeout=300, resources={"metadata": {"path": str(tmp_path)}})
     client.execute()
     pictures = [o for cell in notebook.cells for o in cell.get("outputs", ()) if "image/png" in o.get("data", {})]

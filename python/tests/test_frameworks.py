@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -12,8 +15,8 @@ POLYNOMIAL = "param x = [1, 2, 3]\nparam y = 2\nparam r: rotation = euler(y: 20d
 
 class TestTorch:
     @pytest.fixture(autouse=True)
-    def torch(self) -> object:
-        torch = pytest.importorskip("torch")
+    def torch(self, optional: Callable[[str], Any]) -> object:
+        torch = optional("torch")
         import dscene.torch
 
         self.torch = torch
@@ -36,6 +39,17 @@ class TestTorch:
         y = torch.tensor(3.0, dtype=torch.float64, requires_grad=True)
         assert torch.autograd.gradcheck(lambda x, y: dscene.torch.render(s, "z", {"x": x, "y": y}), (x, y))
 
+    def test_second_derivatives_are_refused(self) -> None:
+        torch, s = self.torch, dscene.parse(POLYNOMIAL)
+        y = torch.tensor(3.0, dtype=torch.float64, requires_grad=True)
+        # The first derivatives are what they are without a graph of their own, whatever adjoint they have.
+        linear = dscene.torch.render(s, "z[0]", {"y": y})
+        assert torch.autograd.grad(linear, y, create_graph=True)[0].item() == pytest.approx(6)
+        for value in (linear, linear**2, linear + y**3):
+            (slope,) = torch.autograd.grad(value, y, create_graph=True)
+            with pytest.raises(RuntimeError, match="first derivatives only"):
+                torch.autograd.grad(slope, y)
+
     def test_rotations(self) -> None:
         torch, s = self.torch, dscene.parse(POLYNOMIAL)
         matrix = torch.tensor(np.array(s.params["r"]), requires_grad=True)
@@ -46,6 +60,13 @@ class TestTorch:
             cross = np.cross(omega, np.array(s.params["r"]).T).T
             expected = g @ np.cross(omega, turned.detach().numpy())
             assert (matrix.grad.numpy() * cross).sum() == pytest.approx(expected)
+
+    def test_tensors_are_numbers_to_any_question(self) -> None:
+        s = dscene.parse(POLYNOMIAL)
+        y = self.torch.tensor(3.0, requires_grad=True)
+        assert np.array_equal(s.eval("z", {"y": y}), s.eval("z", {"y": 3}))
+        s.params.update({"y": y})
+        assert float(s.params["y"]) == 3
 
     def test_a_loss_of_an_image(self, shadow: dscene.Script) -> None:
         torch = self.torch
@@ -66,8 +87,8 @@ class TestTorch:
 
 class TestJax:
     @pytest.fixture(autouse=True)
-    def jax(self) -> object:
-        jax = pytest.importorskip("jax")
+    def jax(self, optional: Callable[[str], Any]) -> object:
+        jax = optional("jax")
         import dscene.jax
 
         self.jax, self.jnp = jax, jax.numpy

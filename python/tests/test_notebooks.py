@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -37,8 +40,8 @@ def test_params_and_gradients_are_tables(shadow: dscene.Script) -> None:
     assert found["glow"].std_error >= 0
 
 
-def test_cells_are_scripts(capsys: pytest.CaptureFixture[str]) -> None:
-    interactive = pytest.importorskip("IPython.core.interactiveshell")
+def test_cells_are_scripts(capsys: pytest.CaptureFixture[str], optional: Callable[[str], Any]) -> None:
+    interactive = optional("IPython.core.interactiveshell")
     shell = interactive.InteractiveShell.instance()
     shell.run_line_magic("load_ext", "dscene")
     shell.run_cell_magic("dscene", "bowl --set x=5", "param x = 3\nloss l = x ^ 2\noptimize l { steps: 5 }")
@@ -56,8 +59,8 @@ def test_cells_are_scripts(capsys: pytest.CaptureFixture[str]) -> None:
 ROOT = Path(__file__).parents[2]
 
 
-def test_scripts_have_colours() -> None:
-    pygments = pytest.importorskip("pygments")
+def test_scripts_have_colours(optional: Callable[[str], Any]) -> None:
+    pygments = optional("pygments")
     from pygments.lexers import get_lexer_by_name, get_lexer_for_filename
     from pygments.token import Comment, Error, Keyword, Name, Number, String
 
@@ -89,14 +92,67 @@ def test_scripts_have_colours() -> None:
     assert {word: kinds[word] for word in expected} == expected
 
 
-def test_cells_in_the_terminal_have_colours() -> None:
-    ptutils = pytest.importorskip("IPython.terminal.ptutils")
+def words_of_the_language() -> set[str]:
+    """All words that the grammar reads as more than names: in its rules they end where no letter follows, and names exclude those reserved."""
+    rules = dict(re.findall(r"^(\w+) *= *(.+(?:\n +.+)*)", (ROOT / "grammar" / "dscene.pest").read_text(), re.MULTILINE))
+    assert {"reserved", "kind", "infix", "kw_let"} <= set(rules)
+    ends = [rule for rule in rules.values() if "!word_char" in rule]
+    words = {word for rule in ends for word in re.findall(r'"([a-z]{2,})"', rule)}
+    # By their first letters: `"a" ~ ("nd" | "s")`.
+    for first, rest in re.findall(r'"(\w+)"(?: ~ \(([^)]*)\))?', rules["reserved"]):
+        words |= {first + end for end in re.findall(r'"(\w+)"', rest)} or {first}
+    return words
+
+
+def test_colours_know_every_word_of_the_language(optional: Callable[[str], Any]) -> None:
+    pygments = optional("pygments")
+    from pygments.token import Keyword, Operator
+
+    from dscene import _highlight
+
+    lexer = _highlight.DsceneLexer()
+
+    def is_word(word: str) -> bool:
+        """Whether it has the colour of a word of the language before a name or, as `test` has, before a text."""
+        found = [next(iter(pygments.lex(f"{word} {behind}", lexer))) for behind in ("a", '"a"')]
+        return any(value == word and (kind in Keyword or kind in Operator.Word) for kind, value in found)
+
+    words = words_of_the_language()
+    assert {"as", "let", "true", "camera", "within", "test", "over", "sweep"} <= words
+    assert not {word for word in words if not is_word(word)}
+    # What looks like one is a name.
+    assert not {word for word in words if is_word(f"{word}s")} - {"as"}
+    # The lexer has no words of its own but `none`, which is a name of the library.
+    known = set(re.findall(r"[a-z_]+", Path(_highlight.__file__).read_text()))
+    assert {word for word in known if is_word(word)} - words == {"none"}
+
+
+def test_colours_know_every_type(optional: Callable[[str], Any]) -> None:
+    pygments = optional("pygments")
+    from pygments.token import Keyword
+
+    from dscene import _highlight
+
+    (body,) = re.findall(r"pub fn named\(.*?\n}", (ROOT / "src" / "check" / "signature.rs").read_text(), re.DOTALL)
+    types = set(re.findall(r'^ +"(\w+)" =>', body, re.MULTILINE))
+    assert {"scalar", "vec3", "camera", "any"} <= types
+
+    def is_type(word: str) -> bool:
+        return (Keyword.Type, word) in list(pygments.lex(f"fn f(a: {word}) = 1", _highlight.DsceneLexer()))
+
+    assert not {word for word in types if not is_type(word)}
+    known = set(re.findall(r"[a-z_0-9]+", Path(_highlight.__file__).read_text()))
+    assert {word for word in known if is_type(word)} == types
+
+
+def test_cells_in_the_terminal_have_colours(optional: Callable[[str], Any]) -> None:
+    ptutils = optional("IPython.terminal.ptutils")
     from dscene._highlight import color_cells
 
     lexer = ptutils.IPythonPTLexer()
     shell = SimpleNamespace(pt_app=SimpleNamespace(lexer=SimpleNamespace(lexer=lexer)))
     color_cells(shell)
-    document = pytest.importorskip("prompt_toolkit.document").Document("%%dscene\nparam glow = 0.5 in 0..1")
+    document = optional("prompt_toolkit.document").Document("%%dscene\nparam glow = 0.5 in 0..1")
     line = lexer.lex_document(document)(1)
     assert ("class:pygments.keyword.declaration", "param") in [fragment[:2] for fragment in line]
     # A shell without a terminal is left as it is.

@@ -51,6 +51,11 @@ def test_params_tell_what_the_script_says(shadow: dscene.Script) -> None:
     # What is computed from a param is an array as any other.
     assert type(corners * 2) is np.ndarray
     assert isinstance(corners.sum(), float)
+    # A copy is of the same param, and a part of one in the same unit.
+    copied = corners.copy()
+    assert (copied.name, copied.type, copied.doc) == ("corners", "vec3[4]", corners.doc)
+    assert (turn.copy().unit, turn.reshape(1).unit) == ("rad", "rad")
+    assert "corners" in copied._repr_html_() and "<pre>" in corners[0]._repr_html_()
 
 
 def test_values_of_a_question_are_gone_with_it() -> None:
@@ -124,7 +129,6 @@ def test_a_file_that_is_not_there() -> None:
         (lambda s: s.eval("x", {"z": 1}), "dscene::name::unknown"),
         (lambda s: s.eval("r @ [1, 2, 3]", {"r": np.ones((3, 3))}), "dscene::run::value"),
         (lambda s: s.vjp("eye")[1](), "dscene::run::gradient"),
-        (lambda s: s.fd("[x, x]", wrt=["v"]), "dscene::run::gradient"),
         (lambda s: s.fd("x", step=-1), "dscene::run::out_of_range"),
         (lambda s: s.grad("[x, x]"), "dscene::run::gradient"),
         (lambda s: s.jvp("x", {}, {"x": [1, 2]}), "dscene::run::shape"),
@@ -140,6 +144,21 @@ def test_questions_that_have_no_answer(ask: object, code: str) -> None:
     assert raised.value.code == code, str(raised.value)
     # The script goes on as if it had not been asked.
     assert s.eval("x") == 1
+
+
+@pytest.mark.parametrize("seed", [-1, 2**64, 1.5, "one"])
+def test_seeds_are_whole_numbers(seed: object) -> None:
+    s = dscene.parse("param x = 1\nloss l = x ^ 2")
+    for ask in (
+        lambda: dscene.parse("let a = 1", seed=seed),  # type: ignore[arg-type]
+        lambda: s.eval("x", seed=seed),  # type: ignore[arg-type]
+        lambda: s.vjp("x", seed=seed),  # type: ignore[arg-type]
+        lambda: s.vjp("x", grad_seed=seed),  # type: ignore[arg-type]
+        lambda: s.grad("l", seed=seed),  # type: ignore[arg-type]
+    ):
+        with pytest.raises(ValueError, match=r"a seed is a whole number from 0 to 2\*\*64 - 1, not"):
+            ask()
+    assert s.eval("x", seed=np.int64(3)) == 1
 
 
 def test_warnings_are_python_warnings() -> None:

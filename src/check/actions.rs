@@ -8,7 +8,7 @@ use crate::diag::{Diagnostic, did_you_mean};
 use crate::syntax::ast;
 
 /// Fields of `optimize`.
-pub const OPTIMIZE: [&str; 11] = [
+pub const OPTIMIZE: [&str; 12] = [
     "over",
     "using",
     "steps",
@@ -18,9 +18,13 @@ pub const OPTIMIZE: [&str; 11] = [
     "clip",
     "spp",
     "film_scale",
+    "blur",
     "max_bounces",
     "control_variates",
 ];
+
+/// The largest `blur` in pixels, as for the function of that name.
+pub const MOST_BLUR: f64 = 1e4;
 
 impl Checker<'_> {
     pub fn top_action(&mut self, action: &ast::Action) {
@@ -231,11 +235,7 @@ impl Checker<'_> {
                             .push(crate::diag::advice::unavailable("correlated", field.name.span).help(help));
                     }
                 }
-                "stop_when" => {
-                    self.in_stop_when = true;
-                    out.stop_when = Some(self.condition(&field.value));
-                    self.in_stop_when = false;
-                }
+                "stop_when" => out.stop_when = Some(self.stop_when(field)),
                 _ => out.settings.extend(self.setting(field, "optimize", &OPTIMIZE)),
             }
         }
@@ -254,6 +254,14 @@ impl Checker<'_> {
             out.every.push(hir::Every { steps: steps.expr, actions, span: every.span });
         }
         out
+    }
+
+    /// A condition in which `loss` is the loss of the step.
+    pub fn stop_when(&mut self, field: &ast::Field) -> hir::Expr {
+        self.in_stop_when = true;
+        let condition = self.condition(&field.value);
+        self.in_stop_when = false;
+        condition
     }
 
     pub fn steps(&mut self, field: &ast::Field) -> hir::Expr {
@@ -282,13 +290,14 @@ impl Checker<'_> {
             "spp" => Sig::Union(vec![Sig::Int(Vec::new()), Sig::Is(Ty::Samples)]),
             "max_bounces" => Sig::Int(Vec::new()),
             "starts" | "heat" if known.contains(&"starts") => Sig::Int(Vec::new()),
-            "film_scale" | "clip" => Sig::Is(Ty::SCALAR),
+            "film_scale" | "blur" | "clip" => Sig::Is(Ty::SCALAR),
             "control_variates" => Sig::Is(Ty::Bool),
             _ => {
                 let value = self.sources.text(field.value.span);
                 let foreign = crate::diag::advice::solver_setting(name)
                     .filter(|_| known.contains(&"using"))
                     .map(|(solver, setting)| format!("it belongs to the solver: `using: {solver}({setting}: {value})`"))
+                    .or_else(|| crate::diag::advice::standing_still(name).map(str::to_owned))
                     .or_else(|| crate::diag::advice::field(name, known).map(|f| format!("did you mean `{f}`?")));
                 let help = foreign.or_else(|| did_you_mean(name, "its fields are", known.iter().copied()));
                 self.diagnostics.push(
@@ -304,6 +313,7 @@ impl Checker<'_> {
             "spp" | "starts" | "heat" => self.ranged_field(field, &wanted, 1.0, f64::INFINITY),
             "max_bounces" => self.ranged_field(field, &wanted, 0.0, f64::INFINITY),
             "film_scale" => self.ranged_field(field, &wanted, f64::MIN_POSITIVE, 16.0),
+            "blur" => self.ranged_field(field, &wanted, 0.0, MOST_BLUR),
             "clip" => self.ranged_field(field, &wanted, f64::MIN_POSITIVE, f64::INFINITY),
             _ => self.checked_field(field, &wanted),
         };

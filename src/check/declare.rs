@@ -195,7 +195,19 @@ impl Checker<'_> {
     pub fn checked_value(&mut self, field: &ast::Field, wanted: &Sig) -> Typed {
         let typed = self.expr(&field.value, Some(wanted));
         if !wanted.accepts(&typed.expr.ty, typed.value.as_ref()) {
-            let help = self.conversion_help(wanted, &typed, field.value.span);
+            let solver = match &typed.expr.ty {
+                Ty::Optimizer => true,
+                Ty::Fn(_, result) => **result == Ty::Optimizer,
+                _ => false,
+            };
+            let help = if solver && field.name.text == "lr" {
+                let name = self.sources.text(field.value.span).split('(').next().unwrap_or_default().trim_end();
+                let text =
+                    format!("`using: {name}(…)` belongs to `optimize`; the `lr` of a param is a factor of its rate");
+                Some(format!("{text}: `2`"))
+            } else {
+                self.conversion_help(wanted, &typed, field.value.span)
+            };
             self.diagnostics.push(
                 Diagnostic::error(
                     "dscene::type::mismatch",

@@ -109,10 +109,9 @@ pub fn used_by_actions(program: &Program) -> BTreeSet<DeclId> {
             Action::Optimize(o) => {
                 waiting.extend(o.every.iter().flat_map(|every| &every.actions));
                 found.decls.extend(o.over.iter().flatten().map(|(target, _)| target.decl));
-                let stages = o
-                    .stages
-                    .iter()
-                    .flat_map(|s| s.steps.iter().chain(&s.using).chain(s.settings.iter().map(|(_, e)| e)));
+                let stages = o.stages.iter().flat_map(|s| {
+                    s.steps.iter().chain(&s.using).chain(&s.stop_when).chain(s.settings.iter().map(|(_, e)| e))
+                });
                 let thens = o.stages.iter().filter_map(|s| s.then.as_ref());
                 let renewed = thens.flat_map(|then| &then.renewals).map(|renewal| &renewal.value);
                 let own = [&o.using, &o.steps, &o.stop_when].into_iter().flatten();

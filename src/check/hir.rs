@@ -1,6 +1,6 @@
 //! The typed program: names resolved, calls matched to parameters, kind blocks lowered to constructor calls.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use super::types::Ty;
@@ -32,6 +32,8 @@ pub struct Program {
     pub default_scene: Vec<DeclId>,
     /// The file's one `integrator` declaration: defaults of every `render`.
     pub integrator: Option<DeclId>,
+    /// Where it was warned that boundary terms are left out: a run does not say it again.
+    pub told_boundary: Vec<Span>,
     /// The source texts that it was checked from, to check further lines against it ([`super::check_line`]).
     pub origin: Origin,
     /// The state of the checker after the last line.
@@ -70,6 +72,14 @@ impl Program {
         self.ids().filter(|&id| matches!(self.decl(id).kind, DeclKind::Param(_)))
     }
 
+    /// Whether a function of the library compares two pictures, its first two arguments.
+    pub fn compares(&self, id: DeclId) -> bool {
+        let decl = self.decl(id);
+        let DeclKind::Fn(f) = &decl.kind else { return false };
+        let is_loss = self.sources.get(decl.name_span.source).is_some_and(|file| file.name == "std/loss.dscene");
+        is_loss && matches!(f.params.get(1), Some(second) if ["b", "reference"].contains(&second.name.as_str()))
+    }
+
     /// What stages declare anew where they end.
     pub fn thens(&self) -> impl Iterator<Item = &Then> + '_ {
         let optimize = self.actions.iter().filter_map(|action| match action {
@@ -82,6 +92,15 @@ impl Program {
     /// Losses in declaration order.
     pub fn losses(&self) -> impl Iterator<Item = DeclId> + '_ {
         self.ids().filter(|&id| self.decl(id).user && matches!(self.decl(id).kind, DeclKind::Loss))
+    }
+
+    /// The columns of a sweep's table of which the largest value is the best one.
+    pub fn maximized(&self) -> HashSet<String> {
+        let columns = self.actions.iter().flat_map(|action| match action {
+            Action::Report { columns, .. } => columns.as_slice(),
+            _ => &[],
+        });
+        columns.filter(|column| column.maximized).map(|column| column.name.clone()).collect()
     }
 }
 
@@ -552,6 +571,8 @@ pub struct Column {
     pub span: Span,
     /// `None`: the seconds that the run took.
     pub value: Option<Expr>,
+    /// `maximize(…)`: the largest value is the best one, and not the smallest.
+    pub maximized: bool,
 }
 
 /// `sweep lr in [0.01, 0.1], seed in 0..5 { … }`
@@ -588,9 +609,10 @@ pub struct Optimize {
     pub using: Option<Expr>,
     pub steps: Option<Expr>,
     pub stages: Vec<Stage>,
+    /// Ends the stage in which it holds.
     pub stop_when: Option<Expr>,
     pub every: Vec<Every>,
-    /// Other settings, for all stages: `starts`, `heat`, `clip`, `spp`, `film_scale`, `max_bounces`, `control_variates`.
+    /// Other settings, for all stages: `starts`, `heat`, `clip`, `spp`, `film_scale`, `blur`, `max_bounces`, `control_variates`.
     pub settings: Vec<(String, Expr)>,
     pub span: Span,
 }
@@ -600,7 +622,9 @@ pub struct Stage {
     pub name: String,
     pub steps: Option<Expr>,
     pub using: Option<Expr>,
-    /// `spp`, `film_scale`, `max_bounces`: replace these arguments of every render of the loss; `clip`, `control_variates`.
+    /// In place of the optimisation's.
+    pub stop_when: Option<Expr>,
+    /// `spp`, `film_scale`, `max_bounces`: replace these arguments of every render of the loss; `blur`, `clip`, `control_variates`.
     pub settings: Vec<(String, Expr)>,
     /// What moves in this stage, if not what moves in the others.
     pub over: Option<Vec<(Target, Span)>>,

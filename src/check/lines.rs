@@ -117,7 +117,7 @@ fn check_line_as(program: &mut Program, text: &str, given: Option<Ty>, alone: bo
     let add = if alone { SourceMap::add_alone } else { SourceMap::add };
     let line = add(&mut sources, LINE, path.as_deref(), text);
     program.sources = sources.clone();
-    let (new_program, result, mut diagnostics) = with_room(|| {
+    let (mut new_program, result, mut diagnostics) = with_room(|| {
         let mut checker = Checker::new(sources, &Disk);
         checker.quiet = true;
         let result = checker.line(program, line, text, given);
@@ -137,6 +137,7 @@ fn check_line_as(program: &mut Program, text: &str, given: Option<Ty>, alone: bo
         |action: &hir::Action| matches!(action, hir::Action::Optimize(o) if o.stages.iter().any(|s| s.then.is_some()));
     if matches!(&result, Line::Statements { declared, actions } if !declared.is_empty() || actions.is_empty() || actions.iter().any(renews))
     {
+        new_program.told_boundary = std::mem::take(&mut program.told_boundary);
         *program = new_program;
     } else if program.known.0.is_none() {
         program.known = new_program.known;

@@ -1,5 +1,7 @@
 //! Lints: what a script may mean, but hardly does; and `// allow(NAME)`, by which it says that it does.
 
+use std::collections::BTreeMap;
+
 use super::Loader;
 use super::flow::{below, dependencies, reaching_params, walk};
 use super::hir::*;
@@ -10,7 +12,7 @@ use crate::source::{SourceId, SourceMap, Span};
 use crate::syntax;
 
 /// Codes of the warnings that a script may allow. A name for `allow` is the last word of a code.
-pub const LINTS: [&str; 13] = [
+pub const LINTS: [&str; 15] = [
     "dscene::flow::unused_param",
     "dscene::flow::constant_loss",
     "dscene::flow::left_behind",
@@ -19,6 +21,8 @@ pub const LINTS: [&str; 13] = [
     "dscene::test::empty",
     "dscene::lint::zero_derivative",
     "dscene::lint::idle_stage",
+    "dscene::lint::ignored_rate",
+    "dscene::lint::ignored_blur",
     "dscene::lint::noisy_target",
     "dscene::lint::clipped_target",
     "dscene::lint::missing_field",
@@ -46,8 +50,10 @@ pub fn check(program: &Program, loader: &dyn Loader) -> Vec<Diagnostic> {
     for action in &program.actions {
         if let Action::Optimize(o) = action {
             out.extend(idle_stages(o));
+            out.extend(ignored_blurs(program, o));
         }
     }
+    out.extend(ignored_rates(program));
     out.extend(no_boundary(program, &roots));
     out.extend(targets::check(program));
     out.extend(loaded::check(program, &roots, loader));
@@ -102,7 +108,10 @@ fn zero_derivatives(program: &Program, derivative: &Derivative) -> Vec<Diagnosti
 
 /// Stages that go on as the one before did.
 fn idle_stages(o: &Optimize) -> Vec<Diagnostic> {
-    let is_plain = |stage: &Stage| stage.using.is_none() && stage.settings.is_empty() && stage.over.is_none();
+    let is_plain = |stage: &Stage| {
+        let own = [&stage.using, &stage.stop_when].into_iter().flatten();
+        own.count() == 0 && stage.settings.is_empty() && stage.over.is_none()
+    };
     let idle = o.stages.windows(2).filter(|pair| pair.iter().all(is_plain) && pair[0].then.is_none());
     let told = |pair: &[Stage]| {
         let (before, stage) = (&pair[0], &pair[1]);
@@ -110,11 +119,77 @@ fn idle_stages(o: &Optimize) -> Vec<Diagnostic> {
         Diagnostic::warning("dscene::lint::idle_stage", message)
             .label(stage.span, "the same loss, params, solver and settings")
             .help(format!(
-                "give its steps to `{}`, or say what changes: `over`, `using`, `spp`, `film_scale`, `then {{ … }}`",
+                "give its steps to `{}`, or say what changes: `over`, `using`, `spp`, `film_scale`, `blur`, `then {{ … }}`",
                 before.name
             ))
     };
     idle.map(told).collect()
+}
+
+/// The `blur` of a loss that compares no pictures by a function of the library.
+fn ignored_blurs(program: &Program, o: &Optimize) -> Vec<Diagnostic> {
+    let of_stages = o.stages.iter().flat_map(|stage| &stage.settings);
+    let blurs: Vec<&Expr> = of_stages.chain(&o.settings).filter(|(name, _)| name == "blur").map(|(_, e)| e).collect();
+    if blurs.is_empty() || dependencies(program, &o.loss).into_iter().any(|id| program.compares(id)) {
+        return Vec::new();
+    }
+    let told = |blur: &Expr| {
+        Diagnostic::warning("dscene::lint::ignored_blur", "there is nothing that this `blur` blurs")
+            .label(blur.span, "for what `mse`, `l1` and other losses of two pictures compare")
+            .label(o.loss.span, "compares no pictures by one of them")
+            .help("write `mse(render(eye), photo)` for `mean((render(eye) - photo) ^ 2)`, or call `blur` in the loss")
+    };
+    blurs.into_iter().map(told).collect()
+}
+
+/// The `lr` of params that only solvers of least squares move, whose steps have no rate. (0 is one: the param stands still.)
+fn ignored_rates(program: &Program) -> Vec<Diagnostic> {
+    // By param: the solvers that move it, if they are of least squares.
+    let mut movers: BTreeMap<DeclId, Vec<Option<(&str, Span)>>> = BTreeMap::new();
+    for action in &program.actions {
+        let Action::Optimize(o) = action else { continue };
+        let mut parts: Vec<_> = o.stages.iter().map(|stage| (stage.using.as_ref(), stage.over.as_ref())).collect();
+        if parts.is_empty() {
+            parts.push((None, None));
+        }
+        for (using, over) in parts {
+            let solver =
+                using.or(o.using.as_ref()).and_then(|using| Some((least_squares(program, using)?, using.span)));
+            let moved: Vec<DeclId> = match over.or(o.over.as_ref()) {
+                Some(over) => over.iter().filter(|(target, _)| target.path.is_empty()).map(|(t, _)| t.decl).collect(),
+                None => reaching_params(program, &o.loss).into_iter().filter(|id| may_move(program, *id)).collect(),
+            };
+            moved.into_iter().for_each(|id| movers.entry(id).or_default().push(solver));
+        }
+    }
+    let told = |(id, solvers): (DeclId, Vec<Option<(&str, Span)>>)| {
+        let decl = program.decl(id);
+        let DeclKind::Param(param) = &decl.kind else { return None };
+        let rate = param.lr.as_ref().filter(|rate| !matches!(rate.kind, ExprKind::Number(x) if x == 0.0))?;
+        let [(solver, place), ..] = solvers.into_iter().collect::<Option<Vec<_>>>()?[..] else { return None };
+        let message = format!("`{solver}` has no rate: the `lr` of `{}` changes nothing", decl.name);
+        Some(
+            Diagnostic::warning("dscene::lint::ignored_rate", message)
+                .label(rate.span, "a factor of no rate")
+                .label(place, "finds by itself how far each param goes")
+                .help("remove it, or let a solver move the param that has a rate"),
+        )
+    };
+    movers.into_iter().filter_map(told).collect()
+}
+
+/// The name of the solver that an expression is, if it is one of least squares.
+fn least_squares<'p>(program: &'p Program, using: &Expr) -> Option<&'p str> {
+    let id = match &using.kind {
+        ExprKind::Decl(id) => return least_squares(program, program.decl(*id).body.as_deref()?),
+        ExprKind::Call(call) => match call.callee {
+            Callee::Native(id) => id,
+            _ => return None,
+        },
+        _ => return None,
+    };
+    let name = program.decl(id).name.as_str();
+    ["levenberg_marquardt", "gauss_newton"].contains(&name).then_some(name)
 }
 
 /// `boundary: false` where a param moves geometry: what its edges do to the picture is left out of its derivative.
@@ -160,15 +235,16 @@ fn moved_geometry(program: &Program, roots: &[&Expr]) -> Option<DeclId> {
             waiting.extend(below(e));
             continue;
         }
-        let moves = |id: &DeclId| match &program.decl(*id).kind {
-            DeclKind::Param(param) => !super::counts::is_frozen(param),
-            _ => false,
-        };
-        if let Some(found) = reaching_params(program, e).into_iter().find(moves) {
+        if let Some(found) = reaching_params(program, e).into_iter().find(|id| may_move(program, *id)) {
             return Some(found);
         }
     }
     None
+}
+
+/// Whether it is a param that moves by itself.
+fn may_move(program: &Program, id: DeclId) -> bool {
+    matches!(&program.decl(id).kind, DeclKind::Param(param) if !super::counts::is_frozen(param))
 }
 
 /// `// allow(NAME)`: a name, where it stands, and the line that it speaks of.

@@ -279,7 +279,7 @@ impl<'l> Checker<'l> {
         let unchanged = self.unchanged.into_iter().chain(std::iter::repeat(None));
         let own = |slot: Arc<Slot>| Arc::new(Arc::try_unwrap(slot).map_or_else(|s| s.hir.clone(), |s| s.hir));
         let decls = self.slots.into_iter().zip(unchanged).map(|(slot, old)| old.unwrap_or_else(|| own(slot))).collect();
-        let program = Program {
+        let mut program = Program {
             decls,
             actions: self.actions,
             tests: self.tests,
@@ -287,6 +287,7 @@ impl<'l> Checker<'l> {
             sources: self.sources.clone(),
             default_scene: self.default_scene,
             integrator: self.integrator,
+            told_boundary: Vec::new(),
             origin: self.origin,
             known: Default::default(),
         };
@@ -300,6 +301,8 @@ impl<'l> Checker<'l> {
             self.diagnostics.extend(lints::check(&program, self.loader));
         }
         let found = lints::without_allowed(self.diagnostics.into_all(), &self.sources, program.origin.main);
+        let told = found.iter().filter(|told| told.code == lints::NO_BOUNDARY);
+        program.told_boundary = told.filter_map(Diagnostic::span).collect();
         (program, found, self.sources)
     }
 
@@ -670,10 +673,10 @@ impl<'l> Checker<'l> {
     }
 }
 
-/// The declaration that a name means in a module: one of its own, or the prelude's.
+/// The declaration that a name means in a module: one of its own, or one of the prelude's that is seen outside of it.
 pub fn lookup_in(modules: &[Module], module: ModuleId, name: &str) -> Option<DeclId> {
     let own = modules.get(module)?.names.get(name);
-    own.or_else(|| modules[PRELUDE].names.get(name)).copied()
+    own.or_else(|| modules[PRELUDE].names.get(name).filter(|_| !is_private(name))).copied()
 }
 
 /// The expression of a declaration, unless it is a list of fields.

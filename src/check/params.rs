@@ -29,7 +29,7 @@ impl Checker<'_> {
         let may_move = matches!(ty, Ty::Num(_) | Ty::Angle | Ty::Rotation | Ty::Image { .. }) || ty.may_be_numbers();
         if !may_move {
             self.diagnostics.push(
-                Diagnostic::error("dscene::type::param", format!("a param cannot be a {ty}"))
+                Diagnostic::error("dscene::type::param", format!("a param cannot be of type `{ty}`"))
                     .label(initial, format!("this is `{ty}`"))
                     .help(
                         "params are numbers, arrays of numbers, angles, rotations or images; build the rest from them",

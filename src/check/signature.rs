@@ -304,7 +304,7 @@ impl fmt::Display for Sig {
 }
 
 /// The names of types that annotations may use.
-pub const TYPE_NAMES: [&str; 29] = [
+pub const TYPE_NAMES: [&str; 31] = [
     "scalar",
     "int",
     "bool",
@@ -331,6 +331,8 @@ pub const TYPE_NAMES: [&str; 29] = [
     "optimizer",
     "preconditioner",
     "distribution",
+    "network",
+    "samples",
     "number",
     "angles",
     "any",

@@ -9,7 +9,8 @@ use crate::diag::{Diagnostic, did_you_mean};
 use crate::syntax::ast::{self, StatementKind};
 
 /// Fields of a `stage`.
-pub const STAGE: [&str; 8] = ["over", "steps", "using", "clip", "spp", "film_scale", "max_bounces", "control_variates"];
+pub const STAGE: [&str; 10] =
+    ["over", "steps", "using", "stop_when", "clip", "spp", "film_scale", "blur", "max_bounces", "control_variates"];
 
 /// Numbers of components that a size belongs to: a vector, a colour, a matrix of 4 × 4. Larger sizes count items.
 const MOST_COMPONENTS: usize = 4;
@@ -20,6 +21,7 @@ impl Checker<'_> {
             name: stage.name.text.clone(),
             steps: None,
             using: None,
+            stop_when: None,
             settings: Vec::new(),
             over: None,
             then: None,
@@ -36,6 +38,7 @@ impl Checker<'_> {
                 "over" => lowered.over = Some(self.over(&field.value)),
                 "using" => lowered.using = Some(self.checked_field(field, &Sig::Is(Ty::Optimizer))),
                 "steps" => lowered.steps = Some(self.steps(field)),
+                "stop_when" => lowered.stop_when = Some(self.stop_when(field)),
                 _ => lowered.settings.extend(self.setting(field, "a stage", &STAGE)),
             }
         }

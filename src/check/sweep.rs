@@ -22,6 +22,9 @@ pub const SEED: &str = "seed";
 /// The column of a report that is the run's time.
 const SECONDS: &str = "seconds";
 
+/// The function that says of a column that its largest value is the best one.
+const MAXIMIZE: &str = "maximize";
+
 impl Checker<'_> {
     /// Declares the variables of a sweep that the module does not declare itself; all of its own declarations are known.
     pub fn declare_variables(&mut self, module: ModuleId, statement: &Arc<ast::Statement>, lines: &[SourceId]) {
@@ -229,9 +232,15 @@ impl Checker<'_> {
             }
             let is_time = matches!(&column.value.kind, ast::ExprKind::Name(text) if text == SECONDS);
             let value = (!is_time || self.lookup(SECONDS).is_some()).then(|| self.column(&column.value));
-            out.push(hir::Column { name, span: column.name.span, value });
+            let maximized = value.as_ref().is_some_and(|value| self.is_maximized(value));
+            out.push(hir::Column { name, span: column.name.span, value, maximized });
         }
         hir::Action::Report { columns: out, span }
+    }
+
+    fn is_maximized(&self, value: &hir::Expr) -> bool {
+        let hir::ExprKind::Call(call) = &value.kind else { return false };
+        matches!(call.callee, hir::Callee::Decl(id) if Some(id) == self.builtin(MAXIMIZE))
     }
 
     fn column(&mut self, value: &ast::Expr) -> hir::Expr {

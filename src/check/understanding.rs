@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use super::hir::{DeclId, Program};
 use super::lines::{Knowledge, Known};
-use super::modules::{Checker, Module, ModuleId, lookup_in, normal};
+use super::modules::{Checker, Module, ModuleId, PRELUDE, is_private, lookup_in, normal};
 use super::signature;
 use super::types::Ty;
 use super::{Disk, Loader, with_room};
@@ -94,8 +94,9 @@ impl Understanding {
 
     /// All names that a module sees, its own ones first.
     pub fn visible(&self, module: ModuleId) -> impl Iterator<Item = (&str, DeclId)> {
-        let own = self.module(module).into_iter().chain(self.module(super::modules::PRELUDE));
-        own.flat_map(|m| m.names.iter().map(|(name, id)| (name.as_str(), *id)))
+        let names = |module: ModuleId| self.module(module).into_iter().flat_map(|m| &m.names);
+        let library = names(PRELUDE).filter(move |(name, _)| module == PRELUDE || !is_private(name));
+        names(module).chain(library).map(|(name, id)| (name.as_str(), *id))
     }
 
     /// How a declaration is written.

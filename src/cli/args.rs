@@ -1,5 +1,6 @@
 //! The command line's grammar (clap) and its help.
 
+use std::ops::Deref;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -39,9 +40,9 @@ Examples:
 
 The run folder holds run.json (script, imports, overrides, version, seed), log.jsonl (one object per step), checkpoint.bin
 (what --resume goes on from), report.html (a page about the run, from report.jsonl and the others) and what the script saves. A line of
-the log has step, of (the loss), stage, loss, lr, grad_norm, gradients (by param: norm, and standard error as steps differ),
-skipped_steps, samples, bytes (of memory), seconds, phases (where they went), and the params of up to 64 numbers; all but bytes,
-seconds and phases follow from the seed. With --json, each line of standard output is one object: {\"event\": \"print\", \"text\": …}, and at the end
+the log has step, of (the loss), stage, loss, loss_error (where a solver measures it), lr, grad_norm, gradients (by param: norm, and
+standard error as steps differ), skipped_steps, samples, bytes (of memory), seconds, phases (where they went), the params of up to 64
+numbers, and of larger ones mean, least and most (ranges); all but bytes, seconds and phases follow from the seed. With --json, each line of standard output is one object: {\"event\": \"print\", \"text\": …}, and at the end
 {\"event\": \"done\", \"exit\": …, \"out\": …, \"steps\": …, \"saved\": […], …}. Ctrl-C ends after the current step with exit code 130; a second one ends at once.")]
     Run(RunArgs),
     /// Runs a script under every combination of values and seeds; makes a table
@@ -56,9 +57,10 @@ The values of --set are what stands between the brackets of a list, or a range. 
 the values of a variable of its own `sweep`. Each run has a folder below runs/NAME-sweep (or --out), named by its values. The same command
 goes on where it was interrupted or killed: what has finished is not run again, more values and seeds may be added, and the result is the
 same to the bit. journal.jsonl has a line for each run that begins or ends; table.csv and table.json have the means over seeds with their
-standard errors, and compare.html shows the curves of up to 60 runs. In the table, * marks the least of a column. Its columns are what the script says (`report { error: …, seconds }`), else
-the losses at the end and the seconds. --prune stops runs whose loss is worse than the median of at least three finished ones at the same
-step, by more than the noise of both (median stopping rule, Golovin et al. 2017). Exits with 1 if a run diverged, failed or has a failed
+standard errors, and compare.html shows the curves of up to 60 runs. In the table, * marks the least of a column, or the largest of one that is reported by `maximize(…)`. Its columns are what the script says (`report { error: …, seconds }`), else
+the losses at the end and the seconds. --prune stops runs whose loss is worse than the median of at least three finished ones after the
+same share of their steps, by more than the noise of both (median stopping rule, Golovin et al. 2017): not before a third of the steps, not
+if another seed has ended among the better half, and compared with runs that begin with the same loss alone. Exits with 1 if a run diverged, failed or has a failed
 `expect`; all others are run all the same. With --json, standard output gets one object for each run that ends, and one at the end.")]
     Sweep(SweepArgs),
     /// Reports all errors and warnings without running anything
@@ -233,24 +235,9 @@ pub enum DiagnosticFormat {
     Json,
 }
 
-/// What every command takes.
+/// What every command takes: how it speaks.
 #[derive(Clone, Debug, Default, Args)]
-pub struct Common {
-    /// Override a declaration, or a field of one (`eye.fov=30deg`); may be repeated
-    #[arg(long = "set", value_name = "NAME=EXPR", value_parser = parse_override)]
-    pub set: Vec<Override>,
-    /// Seed of all random samples
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    pub seed: u64,
-    /// Worker threads (default: one per core); results do not depend on it
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub threads: Option<u16>,
-    /// Of several processes (`mpirun dsl-mpi`), only the first reads files; it gives them to the others
-    #[arg(long, hide_short_help = true)]
-    pub broadcast: bool,
-    /// Memory it may take, such as 8GB (default: half of the machine's); what needs more ends with a diagnostic
-    #[arg(long, value_name = "SIZE", value_parser = crate::memory::parse_size)]
-    pub memory: Option<u64>,
+pub struct Output {
     /// No progress bar, no notes
     #[arg(long, short)]
     pub quiet: bool,
@@ -260,9 +247,54 @@ pub struct Common {
     /// How errors and warnings are shown: with the lines that they are about, on a line each, or as JSON objects
     #[arg(long, value_enum, value_name = "FORMAT", default_value_t)]
     pub diagnostic_format: DiagnosticFormat,
+}
+
+/// What commands take too that compute: how much of the machine they may have.
+#[derive(Clone, Debug, Default, Args)]
+pub struct Machine {
+    /// Worker threads (default: one per core); results do not depend on it
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads: Option<u16>,
+    /// Memory it may take, such as 8GB (default: half of the machine's); what needs more ends with a diagnostic
+    #[arg(long, value_name = "SIZE", value_parser = crate::memory::parse_size)]
+    pub memory: Option<u64>,
+    #[command(flatten)]
+    pub output: Output,
+}
+
+/// What commands take too that evaluate a script. The options of all commands are read as if they were its own.
+#[derive(Clone, Debug, Default, Args)]
+pub struct Common {
+    /// Override a declaration, or a field of one (`eye.fov=30deg`); may be repeated
+    #[arg(long = "set", value_name = "NAME=EXPR", value_parser = parse_override)]
+    pub set: Vec<Override>,
+    /// Seed of all random samples
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub seed: u64,
+    /// Of several processes (`mpirun dsl-mpi`), only the first reads files; it gives them to the others
+    #[arg(long, hide_short_help = true)]
+    pub broadcast: bool,
     /// Folder for what is written
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    #[command(flatten)]
+    pub machine: Machine,
+}
+
+impl Deref for Common {
+    type Target = Machine;
+
+    fn deref(&self) -> &Machine {
+        &self.machine
+    }
+}
+
+impl Deref for Machine {
+    type Target = Output;
+
+    fn deref(&self) -> &Output {
+        &self.output
+    }
 }
 
 #[derive(Clone, Debug, Args)]
@@ -351,7 +383,7 @@ pub struct ExplainArgs {
     /// The code, as a diagnostic shows it
     pub code: Option<String>,
     #[command(flatten)]
-    pub common: Common,
+    pub common: Output,
 }
 
 #[derive(Debug, Args)]
@@ -360,7 +392,7 @@ pub struct NewArgs {
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
     #[command(flatten)]
-    pub common: Common,
+    pub common: Output,
 }
 
 #[derive(Debug, Args)]
@@ -371,13 +403,13 @@ pub struct DocArgs {
     #[arg(long, num_args = 0.., hide = true, value_name = "QUESTION", conflicts_with = "name")]
     pub book: Option<Vec<String>>,
     #[command(flatten)]
-    pub common: Common,
+    pub common: Output,
 }
 
 #[derive(Debug, Args)]
 pub struct InfoArgs {
     #[command(flatten)]
-    pub common: Common,
+    pub common: Machine,
 }
 
 #[derive(Debug, Args)]
@@ -386,7 +418,7 @@ pub struct CompletionsArgs {
     #[arg(value_enum)]
     pub shell: clap_complete::Shell,
     #[command(flatten)]
-    pub common: Common,
+    pub common: Output,
 }
 
 #[derive(Debug, Args)]
@@ -395,7 +427,7 @@ pub struct ManArgs {
     #[arg(value_name = "DIR")]
     pub folder: PathBuf,
     #[command(flatten)]
-    pub common: Common,
+    pub common: Output,
 }
 
 #[derive(Debug, Args)]
@@ -419,7 +451,7 @@ pub struct FmtArgs {
     #[arg(long)]
     pub check: bool,
     #[command(flatten)]
-    pub common: Common,
+    pub common: Output,
 }
 
 #[derive(Debug, Args)]
@@ -484,8 +516,11 @@ pub struct ExportArgs {
     /// The script itself, with the params' values as its initial ones
     #[arg(long, conflicts_with = "format")]
     pub script: bool,
+    /// Folder for what is written
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
     #[command(flatten)]
-    pub common: Common,
+    pub common: Machine,
 }
 
 #[derive(Debug, Args)]
@@ -495,8 +530,11 @@ pub struct ReportArgs {
     /// Where the page goes (default: RUN/report.html)
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
+    /// Folder for what is written
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
     #[command(flatten)]
-    pub common: Common,
+    pub common: Output,
 }
 
 #[derive(Debug, Args)]
@@ -507,8 +545,11 @@ pub struct CompareArgs {
     /// Where the page goes (default: compare.html)
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
+    /// Folder for what is written
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
     #[command(flatten)]
-    pub common: Common,
+    pub common: Output,
 }
 
 /// What `dsl export` writes.
@@ -629,26 +670,39 @@ mod tests {
         }
     }
 
+    /// An option that would mean nothing is refused, and not listed by `--help`.
     #[test]
-    fn every_command_takes_the_common_options() {
-        for command in [
-            "run f",
-            "sweep f",
-            "check f",
-            "test f",
-            "fmt f",
-            "render f",
-            "grad f",
-            "eval f x",
-            "export r",
-            "compare r",
-            "report r",
-            "repl",
-            "watch f",
+    fn commands_take_the_options_that_mean_something_to_them() {
+        let evaluating = "--set a=1 --set b=2 --seed 3 --out d --broadcast";
+        let computing = "--threads 2 --memory 4GB";
+        let all = "--quiet --json --diagnostic-format short";
+        let takes = |command: &str, options: &str| {
+            let line = format!("dsl {command} {options}");
+            Cli::try_parse_from(line.split(' ')).is_ok()
+        };
+        for command in ["run f", "sweep f", "check f", "test f", "render f", "grad f", "eval f x", "repl", "watch f"] {
+            assert!(takes(command, &format!("{evaluating} {computing} {all}")), "{command}");
+        }
+        for (command, computes, writes) in [
+            ("export r", true, true),
+            ("info", true, false),
+            ("compare r", false, true),
+            ("report r", false, true),
+            ("fmt f", false, false),
+            ("explain", false, false),
+            ("doc", false, false),
+            ("new d", false, false),
+            ("man d", false, false),
+            ("completions zsh", false, false),
         ] {
-            let line =
-                format!("dsl {command} --set a=1 --set b=2 --seed 3 --threads 2 --memory 4GB --quiet --json --out d");
-            assert!(Cli::try_parse_from(line.split(' ')).is_ok(), "{line}");
+            assert!(takes(command, all), "{command}");
+            for option in ["--set a=1", "--seed 3", "--broadcast"] {
+                assert!(!takes(command, option), "{command} {option}");
+            }
+            for option in ["--threads 2", "--memory 4GB"] {
+                assert_eq!(takes(command, option), computes, "{command} {option}");
+            }
+            assert_eq!(takes(command, "--out d"), writes, "{command}");
         }
         assert!(Cli::try_parse_from(["dsl", "run"]).is_err());
         assert!(Cli::try_parse_from(["dsl", "run", "f", "--threads", "0"]).is_err());

@@ -1,6 +1,6 @@
 //! `dsl check`
 
-use super::args::{CheckArgs, Common};
+use super::args::{CheckArgs, Output};
 use super::load::check_file;
 use super::world::{diagnostic_text, pointer};
 use super::{EXIT_WRONG, deps, estimate, out};
@@ -36,10 +36,10 @@ pub fn run(args: &CheckArgs) -> u8 {
 }
 
 /// Tells a diagnostic: as an object on standard output, or to people.
-pub fn tell(diagnostic: &Diagnostic, sources: &SourceMap, common: &Common) {
-    if common.json {
+pub fn tell(diagnostic: &Diagnostic, sources: &SourceMap, output: &Output) {
+    if output.json {
         out::line(&diag::to_json(diagnostic, sources).to_string());
-    } else if diagnostic.is_always_told() || !common.quiet {
+    } else if diagnostic.is_always_told() || !output.quiet {
         out::error_line(&diagnostic_text(diagnostic, sources));
     }
 }

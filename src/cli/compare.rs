@@ -28,7 +28,7 @@ pub fn run(args: &CompareArgs) -> u8 {
 fn compare(args: &CompareArgs, terminal: &mut Terminal) -> Result<(), Diagnostic> {
     let runs: Vec<Run> = args.runs.iter().map(|folder| Run::read(folder)).collect::<Result<_, _>>()?;
     let comparison = Comparison::new(&runs);
-    let path = in_folder(args.common.out.as_deref(), args.output.as_deref().unwrap_or(Path::new("compare.html")))?;
+    let path = in_folder(args.out.as_deref(), args.output.as_deref().unwrap_or(Path::new("compare.html")))?;
     let page = comparison.page("Comparison of runs");
     write_atomically(&path, page.as_bytes()).map_err(|e| cannot_write(&path, &e))?;
     if args.common.json {

@@ -4,11 +4,12 @@ use std::collections::HashMap;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use serde_json::{Map, Value, json};
+use serde::{Serialize, Serializer};
+use serde_json::json;
 
 use super::args::{ExportArgs, ExportFormat};
 use super::render::{cannot_save, in_folder, interrupted};
-use super::script::found_script;
+use super::script::{found_script, script_of_report};
 use super::{EXIT_WRONG, Terminal, out};
 use crate::check::types::Ty;
 use crate::check::{self, Disk, Loader};
@@ -17,7 +18,7 @@ use crate::diag::Diagnostic;
 use crate::eval::{Engine, EngineOptions, INTERRUPTED};
 use crate::files::write_atomically;
 use crate::natives::value::{LightValue, MeshValue, Value as Made};
-use crate::session::folder::{cannot_write, nested};
+use crate::session::folder::{Nested, cannot_write};
 use crate::session::record::Step;
 use crate::session::save::{image_of, save_value};
 use crate::session::show::digits;
@@ -27,6 +28,15 @@ use crate::tape::{Tensor, Var};
 
 /// Params by the names that the script has for them.
 type Params = Vec<(String, Tensor)>;
+
+/// Their numbers, in the order of their declarations.
+struct InOrder<'a>(&'a Params);
+
+impl Serialize for InOrder<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_map(self.0.iter().map(|(name, t)| (name, Nested { shape: &t.shape, data: &t.data })))
+    }
+}
 
 pub fn run(args: &ExportArgs) -> u8 {
     let mut terminal = Terminal::new(&args.common);
@@ -41,12 +51,12 @@ pub fn run(args: &ExportArgs) -> u8 {
     }
 }
 
-/// The script of a run with the values at its last checkpoint as initial ones.
-pub fn script_of(run: &Path) -> Result<String, Told> {
+/// The script of a run with the values at its last checkpoint as initial ones, for its report.
+pub fn script_of(run: &Path) -> Result<Option<String>, Told> {
     let checkpoint = Checkpoint::read(run).map_err(plain)?;
     let params = checkpoint.state().params();
     let mut engine = resumed(None, run, &checkpoint, &params)?;
-    let text = found_script(&mut engine, &checkpoint.settings.overrides);
+    let text = script_of_report(&mut engine, &checkpoint.settings.overrides);
     text.map_err(|told| Box::new((told, engine.program().sources.clone())))
 }
 
@@ -72,9 +82,8 @@ fn export(args: &ExportArgs, terminal: &mut Terminal) -> Result<(), Told> {
     }
     match args.format {
         ExportFormat::Json => {
-            let values: Map<String, Value> =
-                params.into_iter().map(|(name, t)| (name, nested(&t.shape, &t.data))).collect();
-            deliver(args, "params.json", format!("{}\n", Value::Object(values)).as_bytes(), terminal).map_err(plain)
+            let text = serde_json::to_string(&InOrder(&params)).unwrap_or_default();
+            deliver(args, "params.json", format!("{text}\n").as_bytes(), terminal).map_err(plain)
         }
         ExportFormat::Safetensors => {
             let bytes = safetensors::encode(params.iter().map(|(name, tensor)| (name.as_str(), tensor)));
@@ -100,7 +109,7 @@ fn export(args: &ExportArgs, terminal: &mut Terminal) -> Result<(), Told> {
 
 /// To standard output, or into the folder that was asked for.
 fn deliver(args: &ExportArgs, name: &str, text: &[u8], terminal: &mut Terminal) -> Result<(), Diagnostic> {
-    match &args.common.out {
+    match &args.out {
         None => out::print(&String::from_utf8_lossy(text)),
         Some(folder) => write(folder, name, text, terminal)?,
     }
@@ -108,7 +117,7 @@ fn deliver(args: &ExportArgs, name: &str, text: &[u8], terminal: &mut Terminal) 
 }
 
 fn folder<'a>(args: &'a ExportArgs, what: &str) -> Result<&'a Path, Diagnostic> {
-    args.common.out.as_deref().ok_or_else(|| {
+    args.out.as_deref().ok_or_else(|| {
         Diagnostic::error("dscene::export::folder", format!("this format becomes {what}"))
             .help("say where it goes: `--out DIR`")
     })

@@ -8,10 +8,9 @@ use crate::memory;
 use crate::render::accel;
 
 pub fn run(args: &InfoArgs) -> u8 {
-    let (version, system) = (env!("CARGO_PKG_VERSION"), format!("{} {}", std::env::consts::OS, std::env::consts::ARCH));
+    let [version, build, system] = program();
     let (processor, instructions) = (processor(), accel::instructions());
     let (threads, limit, machine) = (rayon::current_num_threads(), memory::limit(), memory::machine());
-    let build = if cfg!(debug_assertions) { "debug" } else { "release" };
     if args.common.json {
         let object = json!({
             "version": version, "build": build, "system": system, "processor": processor, "instructions": instructions,
@@ -35,12 +34,17 @@ pub fn run(args: &InfoArgs) -> u8 {
     0
 }
 
-/// What `--version` says: the version, and what this program can.
-pub fn version(processes: Option<&str>) -> String {
+/// The version, how it was built, and for which system.
+fn program() -> [String; 3] {
     let build = if cfg!(debug_assertions) { "debug" } else { "release" };
     let system = format!("{} {}", std::env::consts::OS, std::env::consts::ARCH);
+    [env!("CARGO_PKG_VERSION").to_owned(), build.to_owned(), system]
+}
+
+/// What `--version` says: the version, and what this program can.
+pub fn version(processes: Option<&str>) -> String {
     let processes = processes.map_or_else(|| "one".to_owned(), |by| format!("any number, by {by}"));
-    let (version, instructions) = (env!("CARGO_PKG_VERSION"), accel::instructions());
+    let ([version, build, system], instructions) = (program(), accel::instructions());
     format!("{version}\nbuild:       {build}, {system}\nray tracing: {instructions}\nprocesses:   {processes}")
 }
 

@@ -1,6 +1,7 @@
 //! The command line.
 
 pub mod args;
+mod bars;
 mod book;
 mod check;
 mod compare;
@@ -41,7 +42,7 @@ use clap::{CommandFactory, FromArgMatches};
 use crate::ranks::{self, Link};
 use crate::session::World;
 use crate::source::SourceMap;
-use args::{Cli, Command, Common};
+use args::{Cli, Command, Common, Machine, Output};
 
 pub use load::{Loaded, check_file, check_file_by, engine_options, load, load_stopped_by};
 pub use render::{cameras, choose_camera};
@@ -101,6 +102,7 @@ pub fn main(program: Program) -> ExitCode {
 
 /// The exit code, unless what was to be printed could not be.
 fn ended(code: u8) -> ExitCode {
+    bars::clear();
     match out::failure() {
         Some(why) => {
             out::error_line(&format!("error: cannot write to standard output: {why}"));
@@ -111,39 +113,56 @@ fn ended(code: u8) -> ExitCode {
 }
 
 /// What all commands have; the language server, which editors start, has nothing.
-fn common(command: &Command) -> Option<&Common> {
-    Some(match command {
-        Command::Run(a) => &a.common,
-        Command::Sweep(a) => &a.run.common,
-        Command::Check(a) => &a.common,
-        Command::Test(a) => &a.common,
-        Command::Fmt(a) => &a.common,
-        Command::Render(a) => &a.common,
-        Command::Grad(a) => &a.common,
-        Command::Eval(a) => &a.common,
-        Command::Export(a) => &a.common,
+fn output(command: &Command) -> Option<&Output> {
+    let found: &Output = match command {
         Command::Report(a) => &a.common,
         Command::Compare(a) => &a.common,
-        Command::Repl(a) => &a.common,
-        Command::Watch(a) => &a.common,
+        Command::Fmt(a) => &a.common,
         Command::Explain(a) => &a.common,
-        Command::Lsp => return None,
         Command::New(a) => &a.common,
         Command::Doc(a) => &a.common,
-        Command::Info(a) => &a.common,
         Command::Completions(a) => &a.common,
         Command::Man(a) => &a.common,
-    })
+        computing => machine(computing)?,
+    };
+    Some(found)
+}
+
+/// What those have that compute.
+fn machine(command: &Command) -> Option<&Machine> {
+    let found: &Machine = match command {
+        Command::Export(a) => &a.common,
+        Command::Info(a) => &a.common,
+        evaluating => common(evaluating)?,
+    };
+    Some(found)
+}
+
+/// What those have that evaluate a script.
+fn common(command: &Command) -> Option<&Common> {
+    match command {
+        Command::Run(a) => Some(&a.common),
+        Command::Sweep(a) => Some(&a.run.common),
+        Command::Check(a) => Some(&a.common),
+        Command::Test(a) => Some(&a.common),
+        Command::Render(a) => Some(&a.common),
+        Command::Grad(a) => Some(&a.common),
+        Command::Eval(a) => Some(&a.common),
+        Command::Repl(a) => Some(&a.common),
+        Command::Watch(a) => Some(&a.common),
+        _ => None,
+    }
 }
 
 fn dispatch(cli: Cli) -> u8 {
     crate::session::world::catch_interrupts();
-    let Some(common) = common(&cli.command) else { return lsp::run() };
-    world::set_diagnostic_format(common.diagnostic_format);
-    if let Some(bytes) = common.memory {
+    let Some(output) = output(&cli.command) else { return lsp::run() };
+    world::set_diagnostic_format(output.diagnostic_format);
+    let machine = machine(&cli.command);
+    if let Some(bytes) = machine.and_then(|machine| machine.memory) {
         crate::memory::set_limit(bytes);
     }
-    start_threads(common);
+    start_threads(machine.and_then(|machine| machine.threads));
     let read_again = match &cli.command {
         Command::Run(args) if args.resume.is_some() || args.live.is_some() => Some(&args.file),
         Command::Sweep(args) => Some(&args.run.file),
@@ -153,7 +172,7 @@ fn dispatch(cli: Cli) -> u8 {
         _ => None,
     };
     if let Some(Err(diagnostic)) = read_again.map(|file| load::require_file(file)) {
-        Terminal::new(common).diagnostic(&diagnostic, &SourceMap::default());
+        Terminal::new(output).diagnostic(&diagnostic, &SourceMap::default());
         return EXIT_WRONG;
     }
     match cli.command {
@@ -181,8 +200,8 @@ fn dispatch(cli: Cli) -> u8 {
 }
 
 /// Worker threads have large stacks too: nothing a script can nest may overflow them.
-fn start_threads(common: &Common) {
-    let threads = common.threads.map_or_else(together::threads, usize::from);
+fn start_threads(wanted: Option<u16>) {
+    let threads = wanted.map_or_else(together::threads, usize::from);
     // The pool exists already only if something ran before, which nothing does.
     let _ = rayon::ThreadPoolBuilder::new().num_threads(threads).stack_size(16 << 20).build_global();
 }

@@ -1,9 +1,10 @@
-//! Standard output and error that survive a closed pipe (`dsl … | head`).
+//! Standard output and error that survive a closed pipe (`dsl … | head`), above the progress bars.
 
 use std::io::{self, IsTerminal, Write};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use super::bars;
 use crate::ranks;
 
 static CLOSED: AtomicBool = AtomicBool::new(false);
@@ -18,6 +19,10 @@ pub fn print(text: &str) {
     if CLOSED.load(Ordering::Relaxed) {
         return;
     }
+    bars::above(|| print_here(text));
+}
+
+fn print_here(text: &str) {
     let mut out = io::stdout().lock();
     if let Err(error) = out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
         if error.kind() != io::ErrorKind::BrokenPipe {
@@ -46,8 +51,10 @@ pub fn error_line(text: &str) {
     if !ranks::is_first() {
         return ranks::keep_untold(text);
     }
-    let mut err = io::stderr().lock();
-    let _ = writeln!(err, "{text}");
+    bars::above(|| {
+        let mut err = io::stderr().lock();
+        let _ = writeln!(err, "{text}");
+    });
 }
 
 /// Colours for standard error: a terminal that did not ask for none (`NO_COLOR`).

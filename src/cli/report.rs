@@ -30,7 +30,7 @@ fn write(args: &ReportArgs, terminal: &mut Terminal) -> Result<(), Diagnostic> {
     let path = match &args.output {
         Some(file) => {
             let page = page_of(&args.run, terminal)?;
-            let path = in_folder(args.common.out.as_deref(), file)?;
+            let path = in_folder(args.out.as_deref(), file)?;
             write_atomically(&path, page.as_bytes()).map_err(|e| cannot_write(&path, &e))?;
             path
         }
@@ -55,7 +55,7 @@ pub fn make_again(run: &Path, terminal: &mut Terminal) -> Result<PathBuf, Diagno
 fn page_of(folder: &Path, terminal: &mut Terminal) -> Result<String, Diagnostic> {
     let run = Run::read(folder)?;
     let script = match script_of(folder) {
-        Ok(script) => Some(script),
+        Ok(script) => script,
         Err(told) => {
             terminal.note(&format!("without the script with the found values: {}", told.0.message));
             None

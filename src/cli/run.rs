@@ -9,7 +9,7 @@ use serde_json::json;
 use super::args::{Common, PICTURE_SPP, RunArgs};
 use super::live::Live;
 use super::load::STDIN;
-use super::script::found_script;
+use super::script::script_of_report;
 use super::timings::Timings;
 use super::together::refused_sweep;
 use super::{EXIT_INTERRUPTED, EXIT_WRONG, Loaded, Terminal, load_stopped_by, out};
@@ -201,7 +201,7 @@ fn conclude(args: &RunArgs, report: &RunReport, path: &Path, code: u8, seconds: 
 
 /// The page about the run. What it cannot have is left out; what has been computed is not worth less for it.
 fn write_report(loaded: &mut Loaded, common: &Common, folder: &RunFolder, terminal: &mut Terminal) -> Option<PathBuf> {
-    let script = loaded.engine.unstopped(|engine| found_script(engine, &common.set)).ok();
+    let script = loaded.engine.unstopped(|engine| script_of_report(engine, &common.set)).ok().flatten();
     if !ranks::is_first() {
         return None;
     }

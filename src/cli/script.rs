@@ -4,13 +4,15 @@ use crate::check::types::Ty;
 use crate::check::{Line, hir};
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, is_angle};
+use crate::memory;
 use crate::natives::value::Value;
+use crate::report::LONGEST_SCRIPT;
 use crate::session::Override;
-use crate::session::folder::nested;
+use crate::session::folder::Nested;
 use crate::session::line::check_line;
 use crate::source::{SourceId, SourceMap, Span};
 use crate::syntax::ast::{Expr, ExprKind, KindBody, StatementKind};
-use crate::tape::Tensor;
+use crate::tape::{Tensor, Var};
 
 /// A value for a declaration, or for a field of one, as text of the language.
 pub struct Edit {
@@ -28,7 +30,7 @@ pub fn found_script(engine: &mut Engine, overrides: &[Override]) -> Result<Strin
         let name = names.next().unwrap_or_default();
         edits.push(Edit { name, path: names.collect(), text: set.value.clone() });
     }
-    let fields: Vec<_> = engine.state().moved.into_iter().filter(|p| !p.path.is_empty()).collect();
+    let fields: Vec<_> = engine.placed_fields().collect();
     for field in fields {
         let ty = match check_line(engine, &field.shown).0 {
             Some(Line::Expr(hir::Expr { ty, .. })) => ty,
@@ -38,6 +40,16 @@ pub fn found_script(engine: &mut Engine, overrides: &[Override]) -> Result<Strin
         edits.push(Edit { name: field.name, path: field.path, text });
     }
     script_with_values(engine, root, &[], edits)
+}
+
+/// The same for a report, unless it is too long for one: then nothing is written that nobody would see.
+pub fn script_of_report(engine: &mut Engine, overrides: &[Override]) -> Result<Option<String>, Diagnostic> {
+    let params = moved(engine)?.iter().map(|(_, tensor)| tensor.data.len()).sum::<usize>();
+    let fields = engine.placed_fields().map(|field| field.data.len()).sum::<usize>();
+    let others = engine.renewed_values().iter().filter_map(|(_, value)| value.var()).map(Var::len).sum::<usize>();
+    // Each number takes at least three bytes: `0, `.
+    let is_short = params + fields + others <= LONGEST_SCRIPT / 3;
+    if is_short { found_script(engine, overrides).map(Some) } else { Ok(None) }
 }
 
 /// The file `root` and the lines `typed` since, each with only what still holds. Params that moved have their present values, and what
@@ -96,9 +108,18 @@ pub fn script_with_values(
     }
     let mut sources = SourceMap::new();
     let source = sources.add("script", None, out.as_str());
-    // What cannot be laid out is still the script.
+    // What cannot be laid out is still the script, and what is mostly numbers is not read for its layout.
+    if out.len() > LONGEST_LAID_OUT {
+        return Ok(out);
+    }
     Ok(crate::syntax::format(&sources, source).unwrap_or(out))
 }
+
+/// Bytes of the longest script that is laid out, which takes many times its length of memory.
+const LONGEST_LAID_OUT: usize = 1 << 20;
+
+/// Memory that a number takes on its way into a script: some 20 bytes in each of the texts that it passes through.
+const BYTES_OF_NUMBER: u64 = 100;
 
 /// The most numbers of a given value that are written out.
 const MOST_NUMBERS: usize = 4096;
@@ -130,20 +151,30 @@ impl Edit {
     }
 }
 
-/// The present values of the params that have left their initial ones.
-fn moved_params(engine: &mut Engine) -> Result<Vec<Edit>, Diagnostic> {
+/// The params that have left their initial values, and where they are.
+fn moved(engine: &mut Engine) -> Result<Vec<(hir::DeclId, Tensor)>, Diagnostic> {
     let mut found = Vec::new();
     for id in engine.program().params().collect::<Vec<_>>() {
         let present = engine.param_value(id)?;
-        let (ty, name, body) = {
-            let decl = engine.program().decl(id);
-            let Some(body) = &decl.body else { continue };
-            (decl.ty.clone(), decl.name.clone(), body.clone())
-        };
+        let Some(body) = engine.program().decl(id).body.clone() else { continue };
         let initial = engine.eval(&body)?;
         if !initial.var().is_some_and(|v| same_bits(v.value(), &present)) {
-            found.push(Edit { name, path: Vec::new(), text: as_script(&present, &ty) });
+            found.push((id, present));
         }
+    }
+    Ok(found)
+}
+
+/// The values of what has moved, as texts.
+fn moved_params(engine: &mut Engine) -> Result<Vec<Edit>, Diagnostic> {
+    let mut found = Vec::new();
+    for (id, present) in moved(engine)? {
+        memory::ask(present.data.len() as u64 * BYTES_OF_NUMBER).map_err(|e| {
+            let help = "`dsl export RUN --format npy` writes params as arrays, `--format safetensors` as one file";
+            Diagnostic::error("dscene::run::memory", e.to_string()).help(help)
+        })?;
+        let decl = engine.program().decl(id);
+        found.push(Edit { name: decl.name.clone(), path: Vec::new(), text: as_script(&present, &decl.ty) });
     }
     for (id, value) in engine.renewed_values() {
         let decl = engine.program().decl(id);
@@ -213,7 +244,8 @@ fn same_bits(a: &Tensor, b: &Tensor) -> bool {
 
 /// Numbers to their last bit, nested by their shape.
 pub fn numbers(shape: &[usize], data: &[f64]) -> String {
-    nested(shape, data).to_string().replace(',', ", ").replace('"', "")
+    let text = serde_json::to_string(&Nested { shape, data }).unwrap_or_default();
+    text.replace(',', ", ").replace('"', "")
 }
 
 /// A param's value to its last bit, as an expression of its type.
@@ -226,7 +258,7 @@ pub fn as_script(t: &Tensor, ty: &Ty) -> String {
             if (degrees * std::f64::consts::PI / 180.0).to_bits() == x.to_bits() {
                 format!("{degrees}deg")
             } else {
-                format!("{}rad", nested(&[], &[x]))
+                format!("{}rad", self::numbers(&[], &[x]))
             }
         }
         // As an array of numbers it would have lost its unit.

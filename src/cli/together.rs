@@ -13,8 +13,9 @@ use crate::source::SourceMap;
 pub fn dispatch(cli: Cli, link: Arc<dyn Link>) -> u8 {
     let code = match refused(&cli.command) {
         Some(diagnostic) => {
-            super::common(&cli.command).into_iter().for_each(|common| {
-                Terminal::new(common).diagnostic(&diagnostic, &SourceMap::default());
+            super::output(&cli.command).into_iter().for_each(|output| {
+                super::world::set_diagnostic_format(output.diagnostic_format);
+                Terminal::new(output).diagnostic(&diagnostic, &SourceMap::default());
             });
             EXIT_WRONG
         }
@@ -58,7 +59,6 @@ fn refused(command: &Command) -> Option<Diagnostic> {
         Command::Grad(args) if args.serve => ("`grad --serve`", PAGE),
         Command::Repl(_) => ("`repl`", PAGE),
         Command::Watch(_) => ("`watch`", PAGE),
-        Command::Lsp => ("`lsp`", PAGE),
         _ => return None,
     };
     Some(alone(what, help))

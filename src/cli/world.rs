@@ -1,13 +1,12 @@
-//! The command line's world: standard output, notes and a progress bar on standard error.
+//! The command line's world: standard output, notes and progress bars on standard error.
 
 use std::io::IsTerminal;
 use std::sync::OnceLock;
 
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::json;
 
-use super::args::{Common, DiagnosticFormat};
-use super::out;
+use super::args::{DiagnosticFormat, Output};
+use super::{bars, out};
 use crate::diag::{self, Diagnostic, RenderOptions};
 use crate::eval::INTERRUPTED;
 use crate::ranks;
@@ -20,47 +19,32 @@ use crate::source::SourceMap;
 pub struct Terminal {
     quiet: bool,
     json: bool,
-    bar: Option<ProgressBar>,
+    /// Whether somebody looks at bars.
+    is_seen: bool,
     /// The code of the first error that was told and has more to say than its message.
     first_error: Option<&'static str>,
 }
 
 impl Terminal {
-    pub fn new(common: &Common) -> Terminal {
-        Terminal { quiet: common.quiet, json: common.json, bar: None, first_error: None }
+    pub fn new(output: &Output) -> Terminal {
+        let is_seen = !output.quiet && !output.json && ranks::is_first() && std::io::stderr().is_terminal();
+        if is_seen {
+            bars::start();
+        }
+        Terminal { quiet: output.quiet, json: output.json, is_seen, first_error: None }
     }
 
-    /// Draws a progress bar, if anybody looks.
+    /// Draws a progress bar of steps or of runs, if anybody looks.
     pub fn show_bar(&mut self, name: &str, done: u64, total: u64, message: String) {
-        if self.quiet || self.json || !ranks::is_first() || !std::io::stderr().is_terminal() {
-            return;
+        if self.is_seen {
+            bars::steps(name, done, total, message);
         }
-        let bar = self.bar.get_or_insert_with(|| {
-            let bar = ProgressBar::with_draw_target(Some(total), ProgressDrawTarget::stderr_with_hz(8));
-            let template = "{prefix} {bar:28.cyan/blue} {pos}/{len}  {msg}";
-            // A template that does not parse costs the looks, not the run.
-            let style = ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar());
-            bar.set_style(style.progress_chars("━╸─"));
-            bar
-        });
-        bar.set_length(total);
-        bar.set_prefix(name.to_owned());
-        bar.set_message(message);
-        bar.set_position(done);
     }
 
     /// Says where there is more about the first error that was told, if there was one.
     pub fn point_to_page(&mut self) {
         if let Some(line) = self.first_error.take().and_then(pointer) {
             self.note(&line);
-        }
-    }
-
-    /// Writes a line to standard error, above the progress bar if there is one.
-    pub fn above_bar(&self, text: &str) {
-        match &self.bar {
-            Some(bar) => bar.suspend(|| out::error_line(text)),
-            None => out::error_line(text),
         }
     }
 }
@@ -91,22 +75,16 @@ pub fn diagnostic_text(diagnostic: &Diagnostic, sources: &SourceMap) -> String {
 
 impl World for Terminal {
     fn print(&mut self, text: &str) {
-        let print = || {
-            if self.json {
-                out::line(&json!({"event": "print", "text": text}).to_string());
-            } else {
-                out::line(text);
-            }
-        };
-        match &self.bar {
-            Some(bar) => bar.suspend(print),
-            None => print(),
+        if self.json {
+            out::line(&json!({"event": "print", "text": text}).to_string());
+        } else {
+            out::line(text);
         }
     }
 
     fn note(&mut self, text: &str) {
         if !self.quiet && !self.json {
-            self.above_bar(text);
+            out::error_line(text);
         }
     }
 
@@ -119,9 +97,9 @@ impl World for Terminal {
             self.first_error.get_or_insert(diagnostic.code);
         }
         if self.json {
-            self.above_bar(&diag::to_json(diagnostic, sources).to_string());
+            out::error_line(&diag::to_json(diagnostic, sources).to_string());
         } else {
-            self.above_bar(&diagnostic_text(diagnostic, sources));
+            out::error_line(&diagnostic_text(diagnostic, sources));
         }
     }
 
@@ -139,9 +117,7 @@ impl World for Terminal {
     }
 
     fn progress_done(&mut self) {
-        if let Some(bar) = self.bar.take() {
-            bar.abandon();
-        }
+        bars::steps_done();
     }
 
     fn interrupted(&self) -> bool {

@@ -315,6 +315,7 @@ pub fn field(name: &str, known: &[&str]) -> Option<&'static str> {
         "optimizer" | "optimiser" | "with" | "solver" | "method" => &["using"],
         "iterations" | "epochs" | "iters" | "max_steps" => &["steps"],
         "params" | "parameters" | "wrt" | "variables" => &["over"],
+        "freeze" | "fixed" | "locked" => &["frozen"],
         "indices" | "triangles" | "tris" => &["faces"],
         "points" | "positions" | "verts" => &["vertices"],
         "texcoords" | "uv" | "st" => &["uvs"],
@@ -344,6 +345,12 @@ pub fn solver_setting(name: &str) -> Option<(&'static str, &'static str)> {
         "damping" => ("levenberg_marquardt", "damping"),
         _ => return None,
     })
+}
+
+/// What to write in a stage or in `optimize` in place of a list of what stands still.
+pub fn standing_still(name: &str) -> Option<&'static str> {
+    let is_list = ["freeze", "frozen", "fixed", "locked", "except"].contains(&name.to_lowercase().as_str());
+    is_list.then_some("say what moves, all else stands still: `over: […]`")
 }
 
 /// The light that has such an argument, which the fields of `light NAME { … }` (an area light) have not.
@@ -406,6 +413,14 @@ pub fn function(name: &str) -> Option<&'static str> {
         "arctan2" => "atan2",
         "l2_loss" | "mean_squared_error" => "mse",
         "l1_loss" | "mae" => "l1",
+        "iou" | "jaccard" | "dice" | "iou_loss" | "dice_loss" => "silhouette_iou",
+        "lpips" | "lpips_loss" | "perceptual_loss" => "perceptual_error",
+        "flip_loss" | "nvflip" => "flip_error",
+        "bce" | "binary_cross_entropy" => "cross_entropy",
+        "tv" | "tv_loss" => "total_variation",
+        "edge_energy" | "edge_loss" | "mesh_edge_loss" => "edge_length_energy",
+        "mesh_laplacian_smoothing" | "laplacian_loss" => "laplacian_energy",
+        "mesh_normal_consistency" => "normal_consistency",
         "gradient_descent" => "sgd",
         "backward" | "gradients" => "grad",
         "move" | "shift" => "translate",

@@ -65,9 +65,10 @@ impl Diagnostic {
         self.severity == Severity::Error
     }
 
-    /// Even the quiet are told what is wrong, and what a derivative lacks: results look the same without.
+    /// Even the quiet are told what is wrong, what a derivative lacks, and that a search has led away: results look the same without.
     pub fn is_always_told(&self) -> bool {
-        self.is_error() || self.code.starts_with("dscene::gradient::")
+        let others = ["dscene::lint::no_boundary", "dscene::run::risen"];
+        self.is_error() || self.code.starts_with("dscene::gradient::") || others.contains(&self.code)
     }
 
     /// Where it is wrong.

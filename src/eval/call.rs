@@ -54,7 +54,7 @@ impl Engine {
                     });
                 }
                 let is_seen = self.begin_loss(*id, call, &values);
-                let value = self.language_function(f, values, e.span);
+                let value = self.declared_function(*id, f, values, e.span);
                 if is_seen {
                     self.end_loss();
                 }
@@ -127,7 +127,7 @@ impl Engine {
 
     /// The camera with its film scaled by a stage's `film_scale`.
     fn scaled_film(&mut self, camera: &CameraValue) -> Option<Value> {
-        self.depends(|d| d.settings = true);
+        self.depends(|d| d.settings.film_scale = true);
         let scale = self.overrides.film_scale?;
         let (width, height) = camera.film()?;
         let scaled = |n: usize| (n as f64 * scale).round().max(1.0);
@@ -159,6 +159,11 @@ impl Engine {
         Some(Value::Camera(Arc::new(CameraValue { fields, ..camera.clone() })))
     }
 
+    fn declared_function(&mut self, id: DeclId, f: &FnDecl, mut args: Vec<Option<Value>>, span: Span) -> Result<Value> {
+        self.blur_compared(id, f, &mut args, span)?;
+        self.language_function(f, args, span)
+    }
+
     fn language_function(&mut self, f: &FnDecl, args: Vec<Option<Value>>, span: Span) -> Result<Value> {
         stop::check();
         let saved = (self.base, self.locals.len(), self.path);
@@ -170,12 +175,15 @@ impl Engine {
         result.map_err(|e| self.outside_of_library(e, span))
     }
 
+    /// Whether a place is in the standard library.
+    pub(super) fn is_library(&self, span: Span) -> bool {
+        let file = self.program.sources.get(span.source);
+        file.is_some_and(|f| f.path.is_none() && f.name.starts_with("std/"))
+    }
+
     /// An error inside of the standard library is shown at the user's call that led to it.
     fn outside_of_library(&self, mut error: Diagnostic, call: Span) -> Diagnostic {
-        let library = |span: Span| {
-            let file = self.program.sources.get(span.source);
-            file.is_some_and(|f| f.path.is_none() && f.name.starts_with("std/"))
-        };
+        let library = |span: Span| self.is_library(span);
         if library(call) || !error.labels.iter().any(|l| library(l.span)) {
             return error;
         }
@@ -223,7 +231,7 @@ impl Engine {
                         if args.len() > f.params.len() {
                             return Err(error::kind(format!("{} arguments for {}", args.len(), f.params.len()), span));
                         }
-                        self.language_function(f, args.into_iter().map(Some).collect(), span)
+                        self.declared_function(*id, f, args.into_iter().map(Some).collect(), span)
                     }
                     DeclKind::Native(native) => {
                         if args.len() > native.params.len() {

@@ -13,8 +13,37 @@ pub(super) struct Deps {
     pub step: bool,
     /// The seed of random samples, which changes from step to step.
     pub sample: bool,
-    /// Render settings that a stage replaces.
-    pub settings: bool,
+    /// What a stage replaces.
+    pub settings: Settings,
+}
+
+/// Settings of a stage: those on which a value depends, or those in which two stages differ.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Settings {
+    /// Of renderings that params reach: their samples.
+    pub samples: bool,
+    /// Of all renderings.
+    pub max_bounces: bool,
+    /// Of cameras.
+    pub film_scale: bool,
+    /// Of comparisons.
+    pub blur: bool,
+}
+
+impl Settings {
+    pub fn merge(&mut self, other: Settings) {
+        self.samples |= other.samples;
+        self.max_bounces |= other.max_bounces;
+        self.film_scale |= other.film_scale;
+        self.blur |= other.blur;
+    }
+
+    pub fn intersects(self, other: Settings) -> bool {
+        self.samples && other.samples
+            || self.max_bounces && other.max_bounces
+            || self.film_scale && other.film_scale
+            || self.blur && other.blur
+    }
 }
 
 impl Deps {
@@ -22,7 +51,7 @@ impl Deps {
         self.params.merge(&other.params);
         self.step |= other.step;
         self.sample |= other.sample;
-        self.settings |= other.settings;
+        self.settings.merge(other.settings);
     }
 
     pub fn param(&mut self, id: DeclId) {

@@ -6,6 +6,7 @@ use std::time::Instant;
 use crate::check::hir::{DeclId, DeclKind, Derivative, DerivativeKind, Expr, Target};
 use crate::diag::Diagnostic;
 use crate::grad::MAX_DIRECTIONS;
+use crate::memory;
 use crate::natives::{
     self,
     value::{EstimateValue, GradientEntry, Value},
@@ -76,7 +77,7 @@ impl Engine {
 
     /// Central differences of a scalar, one element after the other. Both sides use the same random numbers.
     pub fn finite_difference(&mut self, of: &Expr, wrt: &Target, step: f64) -> Result<Tensor> {
-        let found = self.on_stack(|e| e.fresh_frame(|e| e.differences(of, wrt, step, of.span)))?;
+        let found = self.on_stack(|e| e.fresh_frame(|e| e.differences(of, wrt, step, true, of.span)))?;
         Ok(found.value().clone())
     }
 
@@ -244,7 +245,7 @@ impl Engine {
                 let [(target, span)] = &d.wrt[..] else {
                     return Err(error::gradient("`fd` needs one param", e.span));
                 };
-                let result = self.differences(&d.of, target, step, *span)?;
+                let result = self.differences(&d.of, target, step, false, *span)?;
                 Ok(slope(&self.target_value(target, *span)?, result))
             }
             DerivativeKind::Estimate => self.estimate(d),
@@ -356,12 +357,13 @@ impl Engine {
         })
     }
 
-    /// Central differences (e(p + h) − e(p − h)) / 2h for each element of p. If p is one number, e may be anything made of numbers.
-    fn differences(&mut self, of: &Expr, target: &Target, step: f64, span: Span) -> Result<Var> {
+    /// Central differences (e(p + h) − e(p − h)) / 2h for each element of p. If p is one number, e may be anything made of numbers. Of an array or
+    /// an image by several numbers there are some only if `of_all`: they have the shape of e followed by that of p.
+    fn differences(&mut self, of: &Expr, target: &Target, step: f64, of_all: bool, span: Span) -> Result<Var> {
         let value = self.target_value(target, span)?;
         let (leaf, _) = temporary(&value, Var::alias, span)?;
         let n = leaf.len();
-        let mut result: Option<Tensor> = None;
+        let mut slopes: Vec<Tensor> = Vec::new();
         // The node remembers what the differences depend on, so that differentiating them is an error and not zero.
         let mut from: Vec<Var> = value.var().into_iter().cloned().collect();
         for k in 0..n {
@@ -378,23 +380,29 @@ impl Engine {
             };
             let (above, below) = (side(step)?, side(-step)?);
             let (up, down) = (above.value(), below.value());
-            if up.shape != down.shape {
+            if up.shape != down.shape || slopes.last().is_some_and(|slope| slope.shape != up.shape) {
                 return Err(error::gradient("the expression changes its size with the param", of.span));
             }
+            if !of_all && up.data.len() != 1 && !leaf.shape().is_empty() {
+                return Err(error::gradient("`fd` of an image or array needs a param that is one number", of.span));
+            }
+            if k == 0 {
+                memory::ask_for::<f64>(up.data.len().saturating_mul(n).saturating_mul(2))
+                    .map_err(|e| error::memory(e, span))?;
+            }
             let data = up.data.iter().zip(&down.data).map(|(u, d)| (u - d) / (2.0 * step)).collect();
-            let slope = Tensor { shape: up.shape.clone(), data };
+            slopes.push(Tensor { shape: up.shape.clone(), data });
             if k == 0 {
                 from.extend([above, below]);
             }
-            if n == 1 && leaf.shape().is_empty() {
-                return Ok(Var::measured("fd", from, slope));
-            }
-            let Some(x) = slope.item() else {
-                return Err(error::gradient("`fd` of an image or array needs a param that is one number", of.span));
-            };
-            result.get_or_insert_with(|| Tensor::zeros(leaf.shape())).data[k] = x;
         }
-        Ok(Var::measured("fd", from, result.unwrap_or_else(|| Tensor::zeros(leaf.shape()))))
+        // The numbers of the param are those that vary fastest.
+        let of_numbers = slopes.first().filter(|_| of_all || leaf.shape().is_empty());
+        let mut shape = of_numbers.map_or_else(Vec::new, |slope| slope.shape.clone());
+        shape.extend(leaf.shape());
+        let count = slopes.first().map_or(0, |slope| slope.data.len());
+        let data = (0..count).flat_map(|i| slopes.iter().map(move |slope| slope.data[i])).collect();
+        Ok(Var::measured("fd", from, Tensor { shape, data }))
     }
 
     /// Mean and standard error over independent samples.

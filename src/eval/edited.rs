@@ -16,10 +16,13 @@ impl Engine {
     /// unless steps or stages had changed its samples. What was read from files is read again if they have changed.
     pub fn take_edit(&mut self, program: Program, files_have_changed: bool) {
         self.reset_renewed();
+        self.carried_out.clear();
         let moved = std::mem::take(&mut self.moved);
-        let had_settings = self.overrides != RenderOverrides::default();
+        let settings = self.overrides.differences(&RenderOverrides::default());
         let had_steps = (self.step, self.total, self.sample_seed) != (0, 0, 0) || !self.losses.is_empty();
-        self.forget(|d| d.settings && had_settings || (d.sample || d.step) && had_steps || d.params.intersects(&moved));
+        self.forget(|d| {
+            d.settings.intersects(settings) || (d.sample || d.step) && had_steps || d.params.intersects(&moved)
+        });
         let new_ids = same_declarations(&self.program, &program, files_have_changed);
         let params = std::mem::take(&mut self.params).into_iter();
         self.params = params.filter_map(|(id, state)| Some((*new_ids.get(&id)?, state))).collect();

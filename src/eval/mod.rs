@@ -6,6 +6,7 @@
 //!   layer below.
 //! * `lower` is where values become a scene with slots; rendering is one operation of the tape.
 
+mod blurred;
 mod call;
 mod comprehensions;
 mod dark;
@@ -194,6 +195,8 @@ pub struct Engine {
     evaluating: Evaluating,
     /// What stages declared anew, in order.
     renewed: Vec<renew::Renewed>,
+    /// All that were ever carried out, to be carried out again where an earlier state is taken up.
+    carried_out: Vec<(renew::Renewed, crate::check::hir::Then)>,
     /// Params that changed since the cache was last cleared of values that depend on them.
     moved: Params,
     /// Declarations that were evaluated at least once.
@@ -240,6 +243,7 @@ impl Engine {
             frames: vec![],
             evaluating: Evaluating::default(),
             renewed: vec![],
+            carried_out: vec![],
             moved: Params::default(),
             evaluated: HashSet::new(),
             dropped: vec![],
@@ -307,10 +311,9 @@ impl Engine {
 
     /// Sets the settings of a stage, which replace arguments of renders.
     pub fn set_render_overrides(&mut self, overrides: RenderOverrides) {
-        if overrides != self.overrides {
-            self.overrides = overrides;
-            self.forget(|d| d.settings);
-        }
+        let others = overrides.differences(&self.overrides);
+        self.overrides = overrides;
+        self.forget(|d| d.settings.intersects(others));
     }
 
     /// All params in the order of their declarations. Evaluates their initial values.

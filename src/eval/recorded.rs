@@ -52,12 +52,10 @@ impl Engine {
         if self.image_log.as_ref().is_none_or(|log| log.within_loss) {
             return false;
         }
-        let declared = self.program.decl(function).name_span.source;
-        let is_loss = self.program.sources.get(declared).is_some_and(|file| file.name == "std/loss.dscene");
         let (Some(Some(a)), Some(Some(b))) = (values.first(), values.get(1)) else { return false };
         let spans: Vec<Span> = call.args.iter().flatten().take(2).map(|arg| arg.span).collect();
         let &[left, right] = &spans[..] else { return false };
-        let is_compared = is_loss && self.compared((a, left), (b, right));
+        let is_compared = self.program.compares(function) && self.compared((a, left), (b, right));
         if let Some(log) = &mut self.image_log {
             log.within_loss = is_compared;
         }

@@ -24,7 +24,7 @@ use super::facing::{self, Facing};
 use super::lower::{self, LowerError, Lowered};
 use super::rehearsal::{Rehearsal, Task};
 use super::warnings::Warnings;
-use super::{Engine, Result, error, history, mix};
+use super::{Engine, Result, deps, error, history, mix};
 
 /// Settings of a stage, in place of the arguments of every render. What no param reaches keeps its own `spp`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -33,8 +33,22 @@ pub struct RenderOverrides {
     pub max_bounces: Option<u32>,
     /// Factor on the film's width and height.
     pub film_scale: Option<f64>,
+    /// Standard deviation in pixels of the Gaussian that smooths what a loss compares.
+    pub blur: Option<f64>,
     /// Let images of earlier steps make that of a step less noisy.
     pub control_variates: bool,
+}
+
+impl RenderOverrides {
+    /// In what two stages differ.
+    pub(super) fn differences(&self, other: &RenderOverrides) -> deps::Settings {
+        deps::Settings {
+            samples: self.spp != other.spp || self.control_variates != other.control_variates,
+            max_bounces: self.max_bounces != other.max_bounces,
+            film_scale: self.film_scale != other.film_scale,
+            blur: self.blur != other.blur,
+        }
+    }
 }
 
 /// One render call: inputs are the nodes of the slots that a leaf reaches.
@@ -349,7 +363,7 @@ fn output(rendering: Rendering) -> Output {
 }
 
 impl Engine {
-    /// Whether the script allows the `boundary: false` of a call, or of the `integrator` that decides for it.
+    /// Whether the script allows the `boundary: false` of a call, or of the `integrator` that decides for it, or was warned of it already.
     fn may_lack_boundary(&self, call: &RenderCall) -> bool {
         let own = call.argument("boundary").is_some().then(|| call.at("boundary"));
         let integrator = || {
@@ -357,7 +371,10 @@ impl Engine {
             check::without_boundary(&self.program, body)
         };
         let place = if call.is_given("boundary") { own } else { integrator().or(own) };
-        place.is_some_and(|at| check::is_allowed(&self.program.sources, check::NO_BOUNDARY, at))
+        let program = &self.program;
+        place.is_some_and(|at| {
+            program.told_boundary.contains(&at) || check::is_allowed(&program.sources, check::NO_BOUNDARY, at)
+        })
     }
 
     /// `render(camera, scene, spp, …)` and its kin.
@@ -376,7 +393,7 @@ impl Engine {
         let (mut settings, own_seed) = call.settings(rendering)?;
         let may_lack_boundary = !settings.boundary && self.may_lack_boundary(&call);
 
-        self.depends(|d| d.settings = true);
+        self.depends(|d| d.settings.max_bounces = true);
         let Some(Value::Camera(camera_value)) = call.argument("camera") else {
             return Err(error::kind("the first argument must be a camera", call.at("camera")));
         };
@@ -393,6 +410,7 @@ impl Engine {
         let seen_by = camera.relative_to(lowered.scene.description.origin);
         let (slots, inputs): (Vec<Slot>, Vec<Var>) = lowered.slots.iter().chain(&camera.slots).cloned().unzip();
         let is_live = !slots.is_empty();
+        self.depends(|d| d.settings.samples |= is_live);
         settings.seed = self.render_seed(own_seed, is_live, span, self.sample_seed);
         let derivative_seed = self.derivative_seed.map(|seed| self.render_seed(own_seed, is_live, span, seed));
         settings.spp = self.overrides.spp.filter(|_| is_live).unwrap_or(settings.spp);

@@ -55,6 +55,9 @@ impl Engine {
         self.worlds[0].overrides.retain(|(target, _)| !decls.contains(&target.decl));
         self.worlds[0].overrides.extend(others);
         self.forget_users_of(decls);
+        if self.carried_out.iter().all(|(known, _)| *known != record) {
+            self.carried_out.push((record.clone(), then.clone()));
+        }
         self.renewed.push(record);
         Ok(())
     }
@@ -87,11 +90,13 @@ impl Engine {
     /// Carries out what an engine of the same program did. `false` if the program has no such `then` any more.
     pub(super) fn renew_again(&mut self, renewed: &[Renewed]) -> Result<bool> {
         for one in renewed {
-            let program = self.program.clone();
-            let Some(then) = program.thens().find(|then| then.index == one.index) else { return Ok(false) };
+            // One of a line that was typed is not in the program.
+            let known = self.carried_out.iter().find(|(known, _)| known == one).map(|(_, then)| then.clone());
+            let found = known.or_else(|| self.program.thens().find(|then| then.index == one.index).cloned());
+            let Some(then) = found else { return Ok(false) };
             self.put_placed(&one.moved)?;
             self.set_step(one.step, one.total);
-            self.renew(then)?;
+            self.renew(&then)?;
         }
         Ok(true)
     }

@@ -1,6 +1,7 @@
 //! Losses that are sums of squares, for the solvers that use it.
 
-use std::time::Instant;
+use std::cell::Cell;
+use std::time::{Duration, Instant};
 
 use crate::check::hir::{Expr, Target};
 use crate::diag::Diagnostic;
@@ -22,6 +23,8 @@ pub struct Residuals {
     /// Roots of weights.
     roots: Vec<Vec<f64>>,
     leaves: Vec<Var>,
+    /// Wall time of products that the engine has not counted yet.
+    took: Cell<Duration>,
 }
 
 impl Residuals {
@@ -32,6 +35,22 @@ impl Residuals {
 
     /// J `direction`, which has a number for each number of each param; a rotation has 3.
     pub fn along(&self, direction: &[f64]) -> Result<Vec<f64>, TapeError> {
+        self.timed(|| self.product_along(direction))
+    }
+
+    /// Jᵀ `weights`, which has a number for each residual.
+    pub fn against(&self, weights: &[f64]) -> Result<Vec<f64>, TapeError> {
+        self.timed(|| self.product_against(weights))
+    }
+
+    fn timed<T>(&self, work: impl FnOnce() -> T) -> T {
+        let begun = Instant::now();
+        let done = work();
+        self.took.set(self.took.get() + begun.elapsed());
+        done
+    }
+
+    fn product_along(&self, direction: &[f64]) -> Result<Vec<f64>, TapeError> {
         let mut rest = direction;
         let mut tangents = Vec::with_capacity(self.leaves.len());
         for leaf in &self.leaves {
@@ -45,8 +64,7 @@ impl Residuals {
         Ok(parts.flat_map(|(along, roots)| along.data.iter().zip(roots).map(|(x, root)| x * root)).collect())
     }
 
-    /// Jᵀ `weights`, which has a number for each residual.
-    pub fn against(&self, weights: &[f64]) -> Result<Vec<f64>, TapeError> {
+    fn product_against(&self, weights: &[f64]) -> Result<Vec<f64>, TapeError> {
         let mut rest = weights;
         let mut seeds = Vec::with_capacity(self.nodes.len());
         for (node, roots) in self.nodes.iter().zip(&self.roots) {
@@ -108,11 +126,18 @@ impl Engine {
     /// Makes the derivatives of residuals those of one matrix, J: their samples are drawn here, and [`Residuals::along`] and
     /// [`Residuals::against`] compute products with it and with its transpose.
     pub fn fix(&mut self, of: &Expr, residuals: &Residuals) -> Result<()> {
-        self.fresh_frame(|_| {
+        self.fresh_frame(|engine| {
+            let begun = Instant::now();
             let fixed = tape::fix(&residuals.nodes, &residuals.leaves, ROOM);
+            engine.statistics.derivatives_took += begun.elapsed();
             stop::check();
             fixed.map_err(|e| error::gradient(e.0, of.span))
         })
+    }
+
+    /// Counts the time that products with the derivatives of residuals took since they were counted last.
+    pub fn count_products(&mut self, residuals: &[Residuals]) {
+        self.statistics.derivatives_took += residuals.iter().map(|residuals| residuals.took.take()).sum::<Duration>();
     }
 
     fn residuals_here(&mut self, of: &Expr, wrt: &[Target]) -> Result<Residuals> {
@@ -133,7 +158,7 @@ impl Engine {
                 weighted.flat_map(|(s, r)| s.residual.value().data.iter().zip(r).map(|(x, r)| x * r)).collect();
             let nodes = squares.iter().map(|s| s.residual.clone()).collect();
             let loss = loss.item().unwrap_or(f64::NAN);
-            Ok(Residuals { loss, values, nodes, roots, leaves: leaves.to_vec() })
+            Ok(Residuals { loss, values, nodes, roots, leaves: leaves.to_vec(), took: Cell::default() })
         })
     }
 }

@@ -37,6 +37,11 @@ pub struct Placed {
 }
 
 impl EngineState {
+    /// The same params, at the step of another state.
+    pub fn at_step_of(&self, other: &EngineState) -> EngineState {
+        EngineState { step: other.step, total: other.total, ..self.clone() }
+    }
+
     /// What has moved, by the names that the script has for it.
     pub fn params(&self) -> Vec<(String, Tensor)> {
         let tensor = |p: &Placed| Tensor { shape: p.shape.clone(), data: p.data.clone() };
@@ -59,19 +64,26 @@ impl Engine {
 
     /// Params and fields, where they are.
     pub(super) fn placed(&self) -> Vec<Placed> {
-        let placed = |target: Target, value: &Tensor| Placed {
+        let params = self.program.params().filter_map(|id| Some((id, self.params.get(&id)?)));
+        let params = params.map(|(decl, state)| self.placed_at(Target { decl, path: Vec::new() }, &state.value));
+        params.chain(self.placed_fields()).collect()
+    }
+
+    /// Fields that an optimiser has moved.
+    pub fn placed_fields(&self) -> impl Iterator<Item = Placed> + '_ {
+        let fields = self.worlds[0].overrides.iter().filter(|(target, _)| !target.path.is_empty());
+        fields.filter_map(|(target, value)| Some(self.placed_at(target.clone(), value.var()?.value())))
+    }
+
+    fn placed_at(&self, target: Target, value: &Tensor) -> Placed {
+        Placed {
             decl: target.decl.0,
             name: self.program.decl(target.decl).name.clone(),
             shown: self.target_name(&target),
             path: target.path,
             shape: value.shape.clone(),
             data: value.data.clone(),
-        };
-        let params = self.program.params().filter_map(|id| Some((id, self.params.get(&id)?)));
-        let params = params.map(|(decl, state)| placed(Target { decl, path: Vec::new() }, &state.value));
-        let fields = self.worlds[0].overrides.iter().filter(|(target, _)| !target.path.is_empty());
-        let fields = fields.filter_map(|(target, value)| Some(placed(target.clone(), value.var()?.value())));
-        params.chain(fields).collect()
+        }
     }
 
     /// Takes up a state that an engine of the same program had. What the program has no place for is an error.

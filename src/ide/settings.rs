@@ -10,7 +10,7 @@ pub enum Place {
 }
 
 /// Where a field stands, its name and what it is.
-const TABLE: [(&[Place], &str, &str); 23] = [
+const TABLE: [(&[Place], &str, &str); 24] = [
     (
         &[Place::Optimize, Place::Stage],
         "over",
@@ -18,7 +18,11 @@ const TABLE: [(&[Place], &str, &str); 23] = [
     ),
     (&[Place::Optimize, Place::Stage], "using", "The solver and its settings: `adam(lr: 0.02)`."),
     (&[Place::Optimize, Place::Stage], "steps", "The number of steps."),
-    (&[Place::Optimize], "stop_when", "Ends before the last step once this is true: `loss < 1e-4`, `converged()`."),
+    (
+        &[Place::Optimize, Place::Stage],
+        "stop_when",
+        "Ends a stage before its last step once this is true: `loss < 1e-4`, `converged()`. The next one follows; the last one ends the whole.",
+    ),
     (&[Place::Optimize], "starts", "Draws the params this many times within their bounds, and goes on with the best."),
     (&[Place::Optimize], "heat", "Steps that each of the `starts` takes before they are compared."),
     (&[Place::Optimize, Place::Stage], "clip", "Gradients that are longer than this are shortened to it."),
@@ -32,13 +36,18 @@ const TABLE: [(&[Place], &str, &str); 23] = [
         "film_scale",
         "Scales the images that are rendered: 0.5 halves their width and height.",
     ),
+    (
+        &[Place::Optimize, Place::Stage],
+        "blur",
+        "Smooths what losses such as `mse` compare: the standard deviation of a Gaussian, in pixels, which may be a schedule.",
+    ),
     (&[Place::Optimize, Place::Stage], "max_bounces", "The number of scattering events of every render of the loss."),
     (
         &[Place::Optimize, Place::Stage],
         "control_variates",
         "Whether steps learn from one another, where noise would bias a loss.",
     ),
-    (&[Place::Param], "lr", "A factor of the solver's rate, for this param."),
+    (&[Place::Param], "lr", "A factor of the solver's rate, for this param. Solvers of least squares have none."),
     (&[Place::Param], "scale", "The length of a typical change of this param: steps are counted in it."),
     (
         &[Place::Param],

@@ -7,7 +7,7 @@
   const section = (title, ...children) => main.append(make("section", {}, make("h2", {}, title), children));
 
   // Runs that differ in nothing but their seed have one colour.
-  const seedless = (run) => run.label.replace(/(, )?seed = \d+/, "") || "all seeds";
+  const seedless = (run) => run.kind ?? (run.label.replace(/(, )?seed = \d+/, "") || "all seeds");
   const kinds = [...new Set(runs.map(seedless))];
   const hasKinds = kinds.length > 1 && kinds.length < runs.length;
   const look = runs.map((run, at) => {
@@ -23,8 +23,24 @@
   const losses = [...new Set(runs.flatMap((run) => run.optimizations.map((o) => o.of)))];
   const last = (run, of) => run.optimizations.filter((o) => o.of === of).pop();
 
+  // ---- a sweep's table ----
+  if (data.table) {
+    const { names, columns, largest, rows, left } = data.table;
+    const key = (kind) => (hasKinds && kinds.includes(kind) ? make("span", { class: "key", style: `background:${colour(kinds.indexOf(kind))}` }) : null);
+    const isTold = rows.some((row) => row.notes);
+    const best = (at) => (largest[at] ? "the largest" : "the least");
+    const body = rows.map((row) => [
+      ...row.set.map((value, at) => make("td", {}, at === 0 ? key(row.kind) : null, value)),
+      row.seeds, ...row.means.map(([text, isBest], at) => (isBest ? make("b", { class: "good", title: best(at) }, text) : text)),
+      ...(isTold ? [make("td", { class: "text" }, row.notes)] : []),
+    ]);
+    const more = left ? make("p", { class: "soft small" }, `and ${count(left)} more rows, which table.csv has`) : null;
+    section("Means over seeds", table([...names, "seeds", ...columns, ...(isTold ? [""] : [])], body), more);
+  }
+
   // ---- final values ----
   {
+    const reported = [...new Set(runs.flatMap((run) => run.reported.map(([name]) => name)))].filter((name) => !losses.includes(name) && name !== "seconds");
     const values = [...new Set(runs.flatMap((run) => run.found.map(([name]) => name)))].slice(0, 64);
     const after = runs.map((run) => losses.map((of) => last(run, of)?.after?.map((x) => (x === null ? NaN : number(x)))));
     const best = losses.map((_, k) => Math.min(...after.map((row) => row[k]?.[0]).filter(Number.isFinite)));
@@ -35,15 +51,17 @@
     };
     const rows = runs.map((run, at) => {
       const found = new Map(run.found);
+      const said = new Map(run.reported);
+      const numberIn = (map) => (name) => (map.has(name) ? shown(number(map.get(name)), 5) : "–");
       const key = make("span", { class: "key", style: `background:${look[at].colour}` });
       const ended = make("span", { class: run.head.isGood ? "" : "bad", title: run.head.ended }, run.head.word);
       return [
         make("td", { title: run.head.folder }, key, run.label),
         ended, String(run.head.steps), seconds(number(run.head.seconds)),
-        ...after[at].map(cell), ...values.map((name) => (found.has(name) ? shown(number(found.get(name)), 5) : "–")),
+        ...after[at].map(cell), ...reported.map(numberIn(said)), ...values.map(numberIn(found)),
       ];
     });
-    section("Final values", table(["run", "ended", "steps", "time", ...losses, ...values], rows));
+    section("Final values", table(["run", "ended", "steps", "time", ...losses, ...reported, ...values], rows));
   }
 
   // ---- curves ----

@@ -14,6 +14,7 @@ use crate::session::Run;
 use crate::session::events::{Event, Moment};
 use crate::session::picture::Picture;
 use crate::session::show::{plus_minus, significant};
+use crate::session::sweep::Table;
 
 /// Runs side by side.
 pub struct Comparison<'a> {
@@ -22,14 +23,16 @@ pub struct Comparison<'a> {
     labels: Vec<String>,
     /// Settings that are not the same in all, with a value for each run.
     settings: Vec<(String, Vec<String>)>,
+    /// The sweep that they are of.
+    table: Option<&'a Table>,
 }
 
 /// A loss and its standard error.
 type Measured = (f64, Option<f64>);
 
-/// The page that compares runs.
-pub fn comparison(title: &str, runs: &[Run]) -> String {
-    Comparison::new(runs).page(title)
+/// The page that compares runs of a sweep.
+pub fn comparison(title: &str, runs: &[Run], table: &Table) -> String {
+    Comparison { table: Some(table), ..Comparison::new(runs) }.page(title)
 }
 
 /// Most images by one name that are shown, and the bytes that all of them may take.
@@ -53,16 +56,23 @@ impl<'a> Comparison<'a> {
         if !labels.iter().all(|label| !label.is_empty() && seen.insert(label.clone())) {
             labels = runs.iter().map(|run| run.folder.display().to_string()).collect();
         }
-        Comparison { runs, labels, settings }
+        Comparison { runs, labels, settings, table: None }
     }
 
     pub fn page(&self, title: &str) -> String {
+        let named = |values: &[(String, f64)]| values.iter().map(|(n, x)| json!([n, short(*x)])).collect::<Value>();
+        let of_sweep = self.table.map(Table::by_run).unwrap_or_default();
         let runs = self.runs.iter().zip(&self.labels).map(|(run, label)| {
-            let values = found(&run.found).into_iter().map(|(name, x)| json!([name, short(x)])).collect::<Value>();
-            json!({ "label": label, "head": head(run), "optimizations": optimizations(run, false), "found": values })
+            let name = run.folder.file_name().unwrap_or_default().to_string_lossy();
+            let (kind, reported) = of_sweep.get(&*name).cloned().unzip();
+            json!({
+                "label": label, "head": head(run), "optimizations": optimizations(run, false),
+                "found": named(&found(&run.found)), "kind": kind, "reported": named(&reported.unwrap_or_default()),
+            })
         });
         let data = json!({
             "title": title,
+            "table": self.table.map(Table::for_page),
             "runs": runs.collect::<Value>(),
             "settings": self.settings,
             "diffs": self.diffs(),
@@ -209,6 +219,10 @@ fn differing(runs: &[Run]) -> Vec<(String, Vec<String>)> {
     for name in names {
         // The last of several by that name is the one that counts.
         let of = |run: &Run| run.info.overrides.iter().rfind(|set| set.name == name).map(|set| set.value.clone());
+        // A sweep's variable `seed` is the seed of the run, which has a row of its own.
+        if name == "seed" && runs.iter().all(|run| of(run).is_none_or(|value| value == run.info.seed.to_string())) {
+            continue;
+        }
         row(name, &|run| of(run).unwrap_or_default());
     }
     row("steps", &|run| run.info.steps.map(|steps| steps.to_string()).unwrap_or_default());

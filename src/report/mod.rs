@@ -9,7 +9,7 @@ mod table;
 use serde_json::Value;
 
 pub use comparison::{Comparison, comparison};
-pub use run::report;
+pub use run::{LONGEST_SCRIPT, report};
 pub use table::text_table;
 
 /// A page: the data in JSON, and the scripts that draw them.

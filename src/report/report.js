@@ -184,20 +184,24 @@
     const noise = numbers(o.noise);
     const x = o.step;
     const main = { name: "loss", x, y: loss, error: noise, colour: "var(--c0)", low: loss.map((v, i) => v - noise[i]), high: loss.map((v, i) => v + noise[i]) };
-    const noted = `The band is the standard error of a step's loss, as neighbouring steps differ.${o.every > 1 ? ` Every ${o.every}th step is shown.` : ""}`;
+    const twice = "as its two measurements differ, averaged over neighbouring steps";
+    const known = !o.measured ? "as neighbouring steps differ" : o.measured === o.count ? twice : `as neighbouring steps differ or, where a solver measures twice, ${twice}`;
+    const noted = `The band is the standard error of a step's loss, ${known}.${o.every > 1 ? ` Every ${o.every}th step is shown.` : ""}`;
     section(`Loss: ${nameOf(o, at)}`,
       chart({ series: [main], x: steps, y: { label: "loss", log: loss.every((v) => !(v <= 0)) }, marks: marksOf(o), height: 300, switchable: true }),
       make("p", { class: "soft small", style: "margin:8px 0 0" }, noted));
 
     if (o.params.length || o.unlogged.length) {
       const one = (param) => {
-        const series = param.entries.map((entry, k) => ({ name: param.name + entry.index, x, y: numbers(entry.values), colour: colour(k), dash: dash(k), width: param.entries.length > 16 ? 1 : null }));
+        const range = (entry) => (entry.least ? { low: numbers(entry.least), high: numbers(entry.most) } : {});
+        const series = param.entries.map((entry, k) => ({ name: param.name + entry.index, x, y: numbers(entry.values), colour: colour(k), dash: dash(k), width: param.entries.length > 16 ? 1 : null, ...range(entry) }));
         const bounds = param.entries.flatMap((entry, k) => [entry.lower, entry.upper].filter((b) => b !== null).map((b) => ({ y: number(b), colour: param.entries.length > 1 ? colour(k) : null })));
         const title = param.space ? `${param.name} (${param.space})` : param.name;
         const drawn = chart({ title, series, x: steps, y: { label: param.name }, marks: marksOf(o).map(({ x }) => ({ x })), bounds, height: 240 });
-        return param.doc ? make("figure", {}, drawn, make("figcaption", {}, param.doc)) : drawn;
+        const told = [param.doc, param.count ? `The mean of its ${count(param.count)} numbers; the band is from the least to the largest.` : null].filter(Boolean);
+        return told.length ? make("figure", {}, drawn, told.map((text) => make("figcaption", {}, text))) : drawn;
       };
-      const left = o.unlogged.length ? make("p", { class: "soft small", style: "margin:10px 0 0" }, `Not in the log, for they are many numbers: ${o.unlogged.join(", ")}.`) : null;
+      const left = o.unlogged.length ? make("p", { class: "soft small", style: "margin:10px 0 0" }, `Not in the log, for they have many numbers: ${o.unlogged.join(", ")}.`) : null;
       section(`Params: ${nameOf(o, at)}`, make("div", { class: "tiles" }, o.params.map(one)), left);
     }
 

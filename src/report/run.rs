@@ -12,7 +12,7 @@ use crate::session::events::{Event, Moment};
 use crate::session::picture::Picture;
 
 /// Scripts of more bytes are left out: a mesh of some thousand vertices written as text is nothing to read.
-const LONGEST_SCRIPT: usize = 64 << 10;
+pub const LONGEST_SCRIPT: usize = 64 << 10;
 
 /// Most images of one loss that are shown.
 const MOST_VIEWS: usize = 64;

@@ -16,7 +16,9 @@ use super::folder::{Logged, Override, RunFolder, cannot_write};
 use super::notes::Targets;
 use super::optimization::{Optimization, OptimizationState};
 use super::plot::Curves;
+use super::record::no_run;
 use super::run::{Histories, RunReport, Runner};
+use super::sweep::is_sweep;
 use crate::check::hir;
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, EngineState};
@@ -147,6 +149,7 @@ impl Checkpoint {
 
     fn decoded(folder: &Path, path: &Path, bytes: std::io::Result<Vec<u8>>) -> Result<Checkpoint, Diagnostic> {
         let bytes = bytes.map_err(|e| match e.kind() {
+            std::io::ErrorKind::NotFound if is_sweep(folder) => no_run("dscene::run::resume", folder),
             std::io::ErrorKind::NotFound => refused(format!("`{}` holds no run with a checkpoint", folder.display()))
                 .help("name the folder that a run has written, such as `runs/scene-20261121-093312`"),
             _ => refused(format!("cannot read `{}`: {}", path.display(), crate::files::describe_io(&e))),

@@ -53,7 +53,7 @@ pub struct Steps {
     pub count: u64,
     /// Mean of all.
     pub seconds: f64,
-    /// It may end before all are taken: `stop_when`.
+    /// It, or a stage of it, may end before all are taken: `stop_when`.
     pub may_stop: bool,
 }
 
@@ -151,7 +151,7 @@ impl Rehearser<'_> {
             r.runner.end_notes(&optimization, None);
             Ok(())
         })?;
-        let may_stop = optimize.stop_when.is_some();
+        let may_stop = optimize.stop_when.is_some() || optimize.stages.iter().any(|stage| stage.stop_when.is_some());
         let steps = Steps { count: total, seconds: steps / total.max(1) as f64, may_stop };
         Ok(Cost { seconds, steps: Some(steps), ..Cost::default() })
     }

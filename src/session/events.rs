@@ -9,6 +9,8 @@ use super::picture::Picture;
 pub enum Event {
     /// An optimisation begins.
     Begin { of: String, total: u64, stages: Vec<Stage>, params: Vec<Bounds> },
+    /// Another stage begins, which moves these params.
+    Moves { params: Vec<Bounds> },
     /// An image of the loss at a step.
     Picture(Shown),
     /// What images are compared with, before the first one that is.
@@ -37,7 +39,8 @@ pub struct Stage {
     pub until: u64,
 }
 
-/// A param that moves, and where it may: a number for each of its own, or none where there is no bound. `space` says in which coordinates
+/// A param that moves, and where it may: a number for each of its own or one for all, none where there is no bound, nor where each of many
+/// numbers has another. `space` says in which coordinates
 /// it moves and what is believed of it beforehand, if that was said.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Bounds {

@@ -6,12 +6,13 @@ use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, Write};
 use std::path::{Component, Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 use serde_json::{Value, json};
 
 use super::clock::{Date, now};
 use super::events::Event;
 use super::optimization::StepReport;
+use super::record::no_run;
 use super::{log, tensorboard};
 use crate::diag::Diagnostic;
 use crate::files::{
@@ -66,12 +67,28 @@ pub fn number(x: f64) -> Value {
 
 /// Row-major numbers as nested arrays; a scalar (`[]`) is a bare number.
 pub fn nested(shape: &[usize], data: &[f64]) -> Value {
-    let Some((first, rest)) = shape.split_first() else {
-        return data.first().map_or(Value::Null, |x| number(*x));
-    };
-    let stride: usize = rest.iter().product();
-    let row = |i: usize| nested(rest, data.get(i * stride..(i + 1) * stride).unwrap_or(&[]));
-    Value::Array((0..*first).map(row).collect())
+    json!(Nested { shape, data })
+}
+
+/// The same to be written at once: as a [`Value`] each number takes 32 bytes.
+pub struct Nested<'a> {
+    pub shape: &'a [usize],
+    pub data: &'a [f64],
+}
+
+impl Serialize for Nested<'_> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let Some((first, rest)) = self.shape.split_first() else {
+            return match self.data.first() {
+                Some(x) if x.is_finite() => serializer.serialize_f64(*x),
+                Some(x) => number(*x).serialize(serializer),
+                None => serializer.serialize_unit(),
+            };
+        };
+        let stride: usize = rest.iter().product();
+        let row = |i: usize| Nested { shape: rest, data: self.data.get(i * stride..(i + 1) * stride).unwrap_or(&[]) };
+        serializer.collect_seq((0..*first).map(row))
+    }
 }
 
 /// An existing folder that this run, and no other, writes into.
@@ -190,9 +207,7 @@ impl RunFolder {
             return Ok(RunFolder::unwritten(path.to_path_buf()));
         }
         if !path.join(RECORD).is_file() {
-            let message = format!("`{}` is not the folder of a run", path.display());
-            return Err(Diagnostic::error("dscene::run::resume", message)
-                .help("name the folder that a run has written, such as `runs/scene-20261121-093312`"));
+            return Err(no_run("dscene::run::resume", path));
         }
         let lock = lock(path)?;
         let log = Whole::again(&path.join(LOG))?;

@@ -15,7 +15,7 @@ const FEW: usize = 256;
 /// A solver with its memory, for one stage.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct Squares {
-    stage: u64,
+    stage: usize,
     /// Goes back where the loss has risen; else every step counts.
     careful: bool,
     solver: Solver,
@@ -32,7 +32,7 @@ enum Solver {
 
 impl Squares {
     /// A solver for params that have such values.
-    pub fn new(stage: u64, spaces: &[Space], values: &[Vec<f64>], damping: f64, careful: bool) -> Squares {
+    pub fn new(stage: usize, spaces: &[Space], values: &[Vec<f64>], damping: f64, careful: bool) -> Squares {
         let unknowns: usize = spaces.iter().zip(values).map(|(space, v)| space.unknowns(v.len())).sum();
         let solver = if unknowns <= FEW {
             Solver::Dense(LeastSquares::new(of_elements(spaces), damping))
@@ -51,7 +51,7 @@ impl Squares {
         Squares { solver, ..self }
     }
 
-    pub fn is_for(&self, stage: u64, careful: bool) -> bool {
+    pub fn is_for(&self, stage: usize, careful: bool) -> bool {
         (self.stage, self.careful) == (stage, careful)
     }
 
@@ -79,8 +79,8 @@ impl Squares {
         if base.is_none() || found.as_ref().is_err_and(|e| e.code == INTERRUPTED) {
             found = Ok(found?);
         }
-        let mean = |at: &[Residuals; 2]| 0.5 * (at[0].loss + at[1].loss);
-        let mut mean_loss = found.as_ref().map_or(f64::NAN, mean);
+        let mean = |at: &[Residuals; 2]| Measured::of(at[0].loss, at[1].loss);
+        let mut mean_loss = found.as_ref().map_or(Measured::of(f64::NAN, f64::NAN), mean);
         if let Some(base) = base {
             put(engine, targets, base.clone())?;
             let there = measure(engine, loss, targets)?;
@@ -154,8 +154,10 @@ impl Squares {
             }
             Solver::MatrixFree(solver) => {
                 at.iter().try_for_each(|residuals| engine.fix(loss, residuals))?;
-                let measured = Measured { at, loss };
-                let next = engine.stoppable(|| solver.step(place, both(at), &measured, lr))??;
+                let fixed = Fixed { at, loss };
+                let next = engine.stoppable(|| solver.step(place, both(at), &fixed, lr));
+                engine.count_products(at);
+                let next = next??;
                 for (felt, size) in self.felt.iter_mut().zip(solver.gradient_sizes().into_iter().flatten()) {
                     *felt |= size.norm != 0.0 || size.error.is_some_and(|e| e != 0.0);
                 }
@@ -164,7 +166,7 @@ impl Squares {
         }
     }
 
-    fn moved(&self, loss: f64, values: Vec<Vec<f64>>, outcome: Result<StepOutcome, GaveUp>) -> Move {
+    fn moved(&self, loss: Measured, values: Vec<Vec<f64>>, outcome: Result<StepOutcome, GaveUp>) -> Move {
         let known = match &self.solver {
             Solver::Dense(solver) => solver.gradient_sizes(),
             Solver::MatrixFree(solver) => solver.gradient_sizes(),
@@ -173,13 +175,27 @@ impl Squares {
         let unknown = || vec![GradientSize { norm: f64::NAN, error: None }; values.len()];
         let gradients = known.unwrap_or_else(unknown);
         Move {
-            loss,
+            loss: loss.mean,
+            loss_error: Some(loss.error),
             square: GradientSize::square_of_all(&gradients),
             gradients,
             values,
             outcome,
             felt: self.felt.clone(),
         }
+    }
+}
+
+/// A loss that was measured twice, with its standard error.
+#[derive(Clone, Copy)]
+struct Measured {
+    mean: f64,
+    error: f64,
+}
+
+impl Measured {
+    fn of(a: f64, b: f64) -> Measured {
+        Measured { mean: 0.5 * (a + b), error: 0.5 * (a - b).abs() }
     }
 }
 
@@ -205,18 +221,18 @@ fn feel(felt: &mut [bool], residuals: &Residuals, rows: &[Vec<Vec<f64>>; 2]) -> 
 }
 
 /// Two measurements whose derivatives are fixed.
-struct Measured<'a> {
+struct Fixed<'a> {
     at: &'a [Residuals; 2],
     loss: &'a hir::Expr,
 }
 
-impl Measured<'_> {
+impl Fixed<'_> {
     fn failed(&self, e: TapeError) -> Diagnostic {
         Diagnostic::error("dscene::run::gradient", e.0).label(self.loss.span, "the derivative of this")
     }
 }
 
-impl Jacobians for Measured<'_> {
+impl Jacobians for Fixed<'_> {
     type Error = Diagnostic;
 
     fn along(&self, direction: &[f64]) -> Result<[Vec<f64>; 2], Diagnostic> {

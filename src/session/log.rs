@@ -8,6 +8,22 @@ use super::optimization::StepReport;
 /// Params with more numbers than this are left out of the log.
 pub const LOGGED_NUMBERS: usize = 64;
 
+/// What is told of a param of many numbers.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
+    pub mean: f64,
+    pub least: f64,
+    pub most: f64,
+}
+
+impl Range {
+    pub fn of(numbers: &[f64]) -> Range {
+        let least = numbers.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        Range { mean: numbers.iter().sum::<f64>() / numbers.len() as f64, least, most }
+    }
+}
+
 /// The log line of a step of the optimisation of loss `of`. Runs with the same seed have the same lines, except for `seconds`, `phases`
 /// and `bytes`.
 pub fn line(of: &str, report: &StepReport) -> Value {
@@ -18,6 +34,9 @@ pub fn line(of: &str, report: &StepReport) -> Value {
         line.insert("stage".into(), json!(stage));
     }
     line.insert("loss".into(), number(report.loss));
+    if let Some(error) = report.loss_error {
+        line.insert("loss_error".into(), number(error));
+    }
     line.insert("lr".into(), number(report.lr));
     line.insert("grad_norm".into(), number(report.grad_norm));
     let gradients = report.gradients.iter().map(|(name, size)| {
@@ -45,6 +64,11 @@ pub fn line(of: &str, report: &StepReport) -> Value {
     let params: Map<String, Value> =
         report.params.iter().map(|(name, shape, data)| (name.clone(), nested(shape, data))).collect();
     line.insert("params".into(), Value::Object(params));
+    if !report.ranges.is_empty() {
+        let range = |Range { mean, least, most }: &Range| json!({ "mean": number(*mean), "least": number(*least), "most": number(*most) });
+        let ranges = report.ranges.iter().map(|(name, found)| (name.clone(), range(found)));
+        line.insert("ranges".into(), Value::Object(ranges.collect()));
+    }
     Value::Object(line)
 }
 
@@ -67,6 +91,11 @@ pub fn scalars(of: &str, report: &StepReport) -> Vec<(String, f64)> {
     for (name, shape, data) in &report.params {
         let entry = |(i, x): (usize, &f64)| (format!("param/{name}{}", index(shape, i)), *x);
         found.extend(data.iter().enumerate().map(entry));
+    }
+    for (name, Range { mean, least, most }) in &report.ranges {
+        found.extend(
+            [("mean", mean), ("least", least), ("most", most)].map(|(of, x)| (format!("param/{name}/{of}"), *x)),
+        );
     }
     found
 }
@@ -93,6 +122,7 @@ mod tests {
             step: 3,
             stage: None,
             loss: 0.25,
+            loss_error: None,
             lr: 0.01,
             grad_norm: 2.0,
             gradients: vec![
@@ -107,6 +137,7 @@ mod tests {
             seconds: 0.5,
             phases: Phases { render: 0.25, gradient: 0.125, ..Phases::default() },
             params: vec![("x".to_owned(), vec![2, 1], vec![1.5, 2.5])],
+            ranges: Vec::new(),
             stop: false,
             chosen: None,
         }
@@ -116,6 +147,10 @@ mod tests {
     fn a_line_has_the_promised_fields_in_order() {
         let expected = r#"{"step":3,"of":"fit","loss":0.25,"lr":0.01,"grad_norm":2.0,"gradients":{"x":{"norm":2.0,"error":0.5},"texels":{"norm":0.0,"error":null}},"skipped_steps":1,"samples":4096,"bytes":7,"seconds":0.5,"phases":{"render":0.25,"gradient":0.125,"solver":0.0,"files":0.0,"actions":0.0},"params":{"x":[[1.5],[2.5]]}}"#;
         assert_eq!(line("fit", &report()).to_string(), expected);
+        let ranges = vec![("texels".to_owned(), Range::of(&[1.0, 4.0, 2.5]))];
+        let line = line("fit", &StepReport { ranges, loss_error: Some(0.125), ..report() }).to_string();
+        assert!(line.contains(r#""loss":0.25,"loss_error":0.125,"lr""#), "{line}");
+        assert!(line.ends_with(r#","ranges":{"texels":{"mean":2.5,"least":1.0,"most":4.0}}}"#), "{line}");
     }
 
     #[test]

@@ -163,19 +163,19 @@ impl Measurement {
     /// The object that `dsl grad --json` prints, whose format is stable. With one repeat `std` and `std_error` are null.
     pub fn to_json(&self, file: &str, of: &str, seed: u64, threads: usize) -> Json {
         let first = |data: &[f64]| data.first().map_or(Json::Null, |x| number(*x));
-        let known = |spread: Json| if self.repeats < 2 { Json::Null } else { spread };
+        let known = |spread: &dyn Fn() -> Json| if self.repeats < 2 { Json::Null } else { spread() };
         let mut wrt = Map::new();
         for param in &self.wrt {
             let figures = |data: &[f64]| nested(&param.shape, data);
             let mut object = Map::new();
             object.insert("shape".into(), json!(param.shape));
             object.insert("mean".into(), figures(param.gradient.mean()));
-            object.insert("std_error".into(), known(figures(&param.gradient.std_error())));
-            object.insert("std".into(), known(figures(&param.gradient.std())));
+            object.insert("std_error".into(), known(&|| figures(&param.gradient.std_error())));
+            object.insert("std".into(), known(&|| figures(&param.gradient.std())));
             if let Some((difference, step)) = &param.difference {
                 let fd = json!({
                     "mean": figures(difference.mean()),
-                    "std_error": known(figures(&difference.std_error())),
+                    "std_error": known(&|| figures(&difference.std_error())),
                     "step": step,
                 });
                 object.insert("fd".into(), fd);
@@ -188,7 +188,7 @@ impl Measurement {
             "repeats": self.repeats,
             "seed": seed,
             "threads": threads,
-            "value": {"mean": first(self.value.mean()), "std_error": known(first(&self.value.std_error()))},
+            "value": {"mean": first(self.value.mean()), "std_error": known(&|| first(&self.value.std_error()))},
             "seconds": {"primal": self.primal.wall, "gradient": self.gradient.wall},
             "cpu_seconds": {"primal": self.primal.cpu, "gradient": self.gradient.cpu},
             "wrt": wrt,

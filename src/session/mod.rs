@@ -20,6 +20,7 @@ mod quasi_newton;
 pub mod record;
 mod replay;
 mod retreat;
+mod risen;
 pub mod run;
 pub mod save;
 pub mod script;

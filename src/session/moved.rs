@@ -94,7 +94,7 @@ fn kept_inside(space: &mut Space, reached: &Reached, value: &Tensor, name: &str)
     if (&new_low, &new_high) == (&old_low, &old_high) {
         return None;
     }
-    (space.lower, space.upper) = (Some(new_low), Some(new_high));
+    (space.lower, space.upper) = (Some(one_if_equal(new_low)), Some(one_if_equal(new_high)));
     let (argument, function) = (&reached.argument, &reached.function);
     Some(format!("`{name}` stays {domain}: it is the `{argument}` of `{function}`"))
 }
@@ -112,6 +112,15 @@ fn cannot_start(engine: &Engine, info: &ParamInfo, space: &Space) -> Diagnostic 
     let place = engine.program().decl(info.id).name_span;
     let label = if info.shape.is_empty() { "its value" } else { "one of its values" };
     Diagnostic::error("dscene::type::space", format!("`{}` {what}", info.name)).label(place, label).help(help)
+}
+
+/// Bounds that are the same for all numbers are one number: those of a large texture take no memory.
+fn one_if_equal(mut bounds: Vec<f64>) -> Vec<f64> {
+    if bounds.windows(2).all(|pair| pair[0].to_bits() == pair[1].to_bits()) {
+        bounds.truncate(1);
+        bounds.shrink_to_fit();
+    }
+    bounds
 }
 
 fn space_of(info: &ParamInfo) -> Result<Space, Diagnostic> {
@@ -150,8 +159,8 @@ fn space_of(info: &ParamInfo) -> Result<Space, Diagnostic> {
     };
     Ok(Space {
         geometry,
-        lower,
-        upper,
+        lower: lower.map(one_if_equal),
+        upper: upper.map(one_if_equal),
         prior,
         scale: info.scale.unwrap_or(1.0),
         lr: info.lr.unwrap_or(1.0),

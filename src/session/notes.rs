@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use super::clock::Stopwatch;
 use super::events::{Bounds, Event, Moment, Shown, Stage};
+use super::log::LOGGED_NUMBERS;
 use super::optimization::{Optimization, StepReport};
 use super::picture::Picture;
 use super::run::Runner;
@@ -94,21 +95,39 @@ impl Runner<'_> {
         let moment = if report.step == 0 { Moment::Start } else { Moment::Between };
         let mut events = Vec::new();
         if report.step == 0 {
-            let program = self.engine.program();
-            // `lamp.radiance` is documented where `lamp` is.
-            let doc = |name: &str| {
-                let id = program.find(name.split(['.', '[']).next()?)?;
-                Some(program.decl(id).doc.trim().to_owned()).filter(|doc| !doc.is_empty())
-            };
-            let (stages, params) = optimization.plan(&doc);
+            let stages = optimization.stages().map(|(name, until)| Stage { name: name.map(str::to_owned), until });
             let (of, total) = (optimization.name().to_owned(), optimization.total());
-            events.push(Event::Begin { of, total, stages, params });
+            events.push(Event::Begin { of, total, stages: stages.collect(), params: self.bounds(optimization) });
+        } else if optimization.moves_others_from(report.step) {
+            events.push(Event::Moves { params: self.bounds(optimization) });
         }
         if is_due(report.step, optimization.total()) {
             events.extend(self.with_files(|runner| runner.pictures(optimization.name(), report.step, moment, &seen)));
         }
         self.notes.last = Some((report.step, seen));
         events
+    }
+
+    /// The params that move in the stage that goes on, with their bounds and documentation.
+    fn bounds(&self, optimization: &Optimization) -> Vec<Bounds> {
+        let program = self.engine.program();
+        // `lamp.radiance` is documented where `lamp` is.
+        let doc = |name: &str| {
+            let id = program.find(name.split(['.', '[']).next()?)?;
+            Some(program.decl(id).doc.trim().to_owned()).filter(|doc| !doc.is_empty())
+        };
+        // The curves of a large param show a bound that all of its numbers have, and no others.
+        let shown = |side: &&Vec<f64>| side.len() <= LOGGED_NUMBERS;
+        let finite = |side: &Vec<f64>| side.iter().map(|x| Some(*x).filter(|x| x.is_finite())).collect();
+        let bounds = optimization.bounded().map(|(name, shape, space)| Bounds {
+            name: name.to_owned(),
+            shape: shape.to_vec(),
+            lower: space.lower.as_ref().filter(shown).map(finite),
+            upper: space.upper.as_ref().filter(shown).map(finite),
+            space: space_text(space),
+            doc: doc(name),
+        });
+        bounds.collect()
     }
 
     /// The end of an optimisation: the loss there, and what it saw: after the last step if it was looked at then, or else at that step.
@@ -156,23 +175,6 @@ impl Runner<'_> {
     /// Wall time since the last line of the log, and what files took of it, in seconds.
     pub fn since_last_step(&self) -> (f64, f64) {
         (self.notes.since.map_or(0.0, |watch| watch.elapsed().wall), self.notes.files)
-    }
-}
-
-impl Optimization {
-    /// The stages, and the params with their bounds and documentation.
-    fn plan(&self, doc: &dyn Fn(&str) -> Option<String>) -> (Vec<Stage>, Vec<Bounds>) {
-        let stages = self.stages().map(|(name, until)| Stage { name: name.map(str::to_owned), until }).collect();
-        let finite = |side: &Vec<f64>| side.iter().map(|x| Some(*x).filter(|x| x.is_finite())).collect();
-        let bounds = self.bounded().map(|(name, shape, space)| Bounds {
-            name: name.to_owned(),
-            shape: shape.to_vec(),
-            lower: space.lower.as_ref().map(finite),
-            upper: space.upper.as_ref().map(finite),
-            space: space_text(space),
-            doc: doc(name),
-        });
-        (stages, bounds.collect())
     }
 }
 

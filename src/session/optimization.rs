@@ -6,13 +6,13 @@ use serde::{Deserialize, Serialize};
 
 use super::clock::{Phases, Stopwatch};
 use super::least_squares::{Squares, put};
-use super::log::LOGGED_NUMBERS;
+use super::log::{LOGGED_NUMBERS, Range};
 use super::moved::{Moved, moved_params};
 use super::quasi_newton::QuasiNewton;
 use super::retreat::{Footing, NOT_FINITE};
 use super::show::digits;
 use super::solver::{Method, solver_from};
-use super::stages::{Auto, Plan, plan, starts, with_heats};
+use super::stages::{Auto, Plan, blur, plan, starts, with_heats};
 use super::starts::{Chosen, Ended, Starts, assert_drawable};
 use crate::check::hir;
 use crate::diag::Diagnostic;
@@ -26,13 +26,17 @@ use crate::tape::Tensor;
 /// An optimisation that can be advanced a step at a time; the params themselves live in the engine.
 pub struct Optimization {
     optimize: hir::Optimize,
-    stages: Vec<Plan>,
-    total: u64,
+    pub(super) stages: Vec<Plan>,
+    pub(super) total: u64,
     done: u64,
+    /// Stages that have ended before their last step, and after how many steps of all.
+    pub(super) stopped: Vec<(usize, u64)>,
     /// The index of the stage for which everything is set up.
     entered: usize,
     /// Where the params were when it was, if that was not at the start.
     entrance: Option<EngineState>,
+    /// Where they were at the start.
+    pub(super) begun: EngineState,
     params: Vec<Moved>,
     pub(super) spaces: Vec<Space>,
     pub(super) starts: Option<Starts>,
@@ -59,7 +63,7 @@ pub(super) struct Memory {
     quasi_newton: Option<QuasiNewton>,
     /// What first-order steps leave for the next one.
     #[serde(skip)]
-    history: History,
+    pub(super) history: History,
     /// Of each param's gradient, in first-order steps of one stage.
     noise: Vec<GradientNoise>,
     /// For each param that has moved, whether its derivative was ever anything but 0.
@@ -80,6 +84,7 @@ pub(super) struct Memory {
 #[derive(Serialize, Deserialize)]
 pub struct OptimizationState {
     done: u64,
+    stopped: Vec<(usize, u64)>,
     entered: usize,
     entrance: Option<EngineState>,
     losses: Vec<f64>,
@@ -120,6 +125,8 @@ struct Before {
 pub(super) struct Move {
     /// At the params before.
     pub loss: f64,
+    /// Its standard error, if it was measured.
+    pub loss_error: Option<f64>,
     /// By param.
     pub gradients: Vec<GradientSize>,
     /// The params after it.
@@ -138,6 +145,8 @@ pub struct StepReport {
     pub step: u64,
     pub stage: Option<String>,
     pub loss: f64,
+    /// Its standard error, if the solver measured it.
+    pub loss_error: Option<f64>,
     pub lr: f64,
     pub grad_norm: f64,
     /// By param's name.
@@ -157,7 +166,9 @@ pub struct StepReport {
     pub phases: Phases,
     /// The small params at which the loss was taken ([`LOGGED_NUMBERS`]): name, shape, numbers.
     pub params: Vec<(String, Vec<usize>, Vec<f64>)>,
-    /// The script's `stop_when` holds.
+    /// What the log has of the others: by name.
+    pub ranges: Vec<(String, Range)>,
+    /// The `stop_when` of the stage holds.
     pub stop: bool,
     /// After this step, the best of several starts was taken up.
     pub chosen: Option<Chosen>,
@@ -177,8 +188,10 @@ impl Optimization {
             total: stages.last().map_or(0, |s| s.until),
             stages,
             done: 0,
+            stopped: Vec::new(),
             entered: 0,
             entrance: None,
+            begun: EngineState::default(),
             params: Vec::new(),
             memory: Memory::new(&[]),
             spaces: Vec::new(),
@@ -191,6 +204,8 @@ impl Optimization {
             notes: Vec::new(),
         };
         optimization.set_out(engine)?;
+        // By now every param has its value.
+        optimization.begun = engine.state();
         if starts.is_some() {
             assert_drawable(&optimization.spaces, optimize)?;
             let targets = optimization.targets();
@@ -230,6 +245,8 @@ impl Optimization {
             let over = stage.over.clone();
             self.entered += 1;
             let Some(next) = self.stages.get(self.entered) else { break };
+            // What stops a stage looks at its own losses only: those of another may be of other samples, of another picture.
+            engine.clear_losses();
             if then.is_some() || next.over != over {
                 self.entrance = Some(engine.state());
                 self.set_out(engine)?;
@@ -243,7 +260,7 @@ impl Optimization {
         let history = self.memory.history.store();
         let (losses, memory) = (self.losses.clone(), self.memory.clone());
         let (entered, entrance) = (self.entered, self.entrance.clone());
-        OptimizationState { done: self.done, entered, entrance, losses, memory, history }
+        OptimizationState { done: self.done, stopped: self.stopped.clone(), entered, entrance, losses, memory, history }
     }
 
     /// Takes up a state of the same optimisation; `now` is that of the engine at that time.
@@ -253,8 +270,11 @@ impl Optimization {
         now: &EngineState,
         state: OptimizationState,
     ) -> Result<(), Diagnostic> {
-        let OptimizationState { done, entered, entrance, losses, memory, history } = state;
-        self.entered = entered;
+        let OptimizationState { done, stopped, entered, entrance, losses, memory, history } = state;
+        for (stage, step) in &stopped {
+            self.leave_out(*stage, *step);
+        }
+        (self.entered, self.stopped) = (entered, stopped);
         if let Some(entrance) = &entrance {
             engine.restore(entrance)?;
             self.set_out(engine)?;
@@ -281,7 +301,7 @@ impl Optimization {
         let targets = self.targets();
         for (step, values) in history.places() {
             put(engine, &targets, values)?;
-            self.enter(engine, step);
+            self.enter(engine, step)?;
             engine.revisit(history, step, &self.optimize.loss, &targets)?;
         }
         history.end_revisits();
@@ -403,11 +423,11 @@ impl Optimization {
     }
 
     /// Makes `step` and `progress` those of the next step and applies its stage's settings.
-    pub fn enter_step(&self, engine: &mut Engine) {
-        self.enter(engine, self.done);
+    pub fn enter_step(&self, engine: &mut Engine) -> Result<(), Diagnostic> {
+        self.enter(engine, self.done)
     }
 
-    pub(super) fn enter(&self, engine: &mut Engine, step: u64) {
+    pub(super) fn enter(&self, engine: &mut Engine, step: u64) -> Result<(), Diagnostic> {
         match &self.starts {
             // Schedules begin anew with each start, and once more with the one that goes on. Samples are different ones.
             Some(starts) => {
@@ -422,7 +442,11 @@ impl Optimization {
         if let Some(auto) = stage.and_then(|s| s.auto) {
             overrides.spp = Some(self.spp(step, &auto));
         }
+        if let Some(expr) = stage.and_then(|s| s.blur.as_ref()) {
+            overrides.blur = Some(blur(engine, expr)?);
+        }
         engine.set_render_overrides(overrides);
+        Ok(())
     }
 
     /// The samples of a step whose stage chooses them by noise.
@@ -431,6 +455,14 @@ impl Optimization {
         // Another stage draws other samples, of other pixels.
         let begins = self.begins_stage(step);
         self.memory.samples.as_ref().filter(|_| !begins).map_or(least, |samples| samples.samples.clamp(least, most))
+    }
+
+    /// Whether a stage begins with this step that moves other params than the one before, or has some of them anew.
+    pub fn moves_others_from(&self, step: u64) -> bool {
+        let ends = |stage: &Plan| stage.until == step;
+        let Some(before) = self.stages.iter().rposition(ends) else { return false };
+        let others = self.stages.get(before + 1).is_some_and(|next| next.over != self.stages[before].over);
+        others || self.stages.iter().any(|stage| ends(stage) && stage.then.is_some())
     }
 
     /// Whether a stage begins with this step.
@@ -449,13 +481,13 @@ impl Optimization {
     }
 
     fn stage_at(&self, step: u64) -> Option<&Plan> {
-        self.stages.iter().find(|s| step < s.until).or(self.stages.last())
+        self.stages.get(self.index_at(step))
     }
 
     /// One step. Beyond the last one the schedule stands still at its end. A step that Ctrl-C stops half-way is taken back.
     pub fn step(&mut self, engine: &mut Engine) -> Result<StepReport, Diagnostic> {
         self.enter_stage(engine)?;
-        self.enter_step(engine);
+        self.enter_step(engine)?;
         let targets = self.targets();
         let before: Vec<Tensor> = targets.iter().map(|t| engine.target_tensor(t)).collect::<Result<_, _>>()?;
         self.before = Some(Before {
@@ -507,6 +539,8 @@ impl Optimization {
         let small = |(_, t): &(&Moved, &Tensor)| t.len() <= LOGGED_NUMBERS;
         let logged = self.params.iter().zip(&before).filter(small);
         let logged = logged.map(|(p, t)| (p.name.clone(), t.shape.clone(), t.data.clone())).collect();
+        let large = self.params.iter().zip(&before).filter(|pair| !small(pair));
+        let ranges = large.map(|(p, t)| (p.name.clone(), Range::of(&t.data))).collect();
         let here: Vec<Vec<f64>> = before.into_iter().map(|t| t.data).collect();
         let moved = self.follow(engine, method, lr, &using, targets, here.clone())?;
         let spp = self.learn_samples(&moved);
@@ -552,6 +586,7 @@ impl Optimization {
             step: self.done,
             stage: stage_name,
             loss: moved.loss,
+            loss_error: moved.loss_error,
             lr,
             grad_norm: GradientSize::norm_of_all(&moved.gradients),
             gradients: self.params.iter().map(|p| p.name.clone()).zip(moved.gradients).collect(),
@@ -563,6 +598,7 @@ impl Optimization {
             seconds,
             phases: phases(seconds, &before_it, &spent),
             params: logged,
+            ranges,
             stop,
             chosen: None,
         };
@@ -590,7 +626,7 @@ impl Optimization {
                 self.assert_plain(using)?;
                 self.memory.squares = None;
                 // The curvature of one stage's loss is not that of another's.
-                let stage = self.stage().map_or(0, |s| s.until);
+                let stage = self.index_at(self.done);
                 let old = self.memory.quasi_newton.take().filter(|s| s.is_for(stage));
                 let mut solver = old.unwrap_or_else(|| QuasiNewton::new(stage, &self.spaces, memory, first));
                 let moved = solver.step(engine, &self.optimize.loss, targets, values, lr);
@@ -601,7 +637,7 @@ impl Optimization {
                 self.assert_plain(using)?;
                 self.memory.quasi_newton = None;
                 // The losses of different stages do not compare.
-                let stage = self.stage().map_or(0, |s| s.until);
+                let stage = self.index_at(self.done);
                 let old = self.memory.squares.take().filter(|s| s.is_for(stage, careful));
                 let new = || Squares::new(stage, &self.spaces, &values, damping, careful);
                 let mut squares = old.unwrap_or_else(new);
@@ -647,7 +683,7 @@ impl Optimization {
         let (gradients, square) = self.sizes(&values, &grads, gradient.is_noisy);
         let clip = self.stage().and_then(|stage| stage.clip);
         let outcome = self.memory.optimizer.step(&mut values, &grads, lr, clip);
-        Ok(Move { loss: gradient.value, gradients, values, outcome, felt, square })
+        Ok(Move { loss: gradient.value, loss_error: None, gradients, values, outcome, felt, square })
     }
 
     /// How large gradients are, with their errors, and the square of all of them together.
@@ -688,7 +724,7 @@ impl Optimization {
     }
 
     fn should_stop(&self, engine: &mut Engine, loss: f64, square: f64) -> Result<bool, Diagnostic> {
-        let Some(condition) = &self.optimize.stop_when else {
+        let Some(condition) = self.stage().and_then(|stage| stage.stop_when.as_ref()) else {
             return Ok(false);
         };
         engine.set_loss(loss, square);

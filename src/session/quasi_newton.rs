@@ -12,14 +12,14 @@ use crate::optim::{GradientSize, Lbfgs, Space, StepOutcome, Twice, skip};
 /// A solver with its memory, for one stage.
 #[derive(Clone, Serialize, Deserialize)]
 pub struct QuasiNewton {
-    stage: u64,
+    stage: usize,
     lbfgs: Lbfgs,
     felt: Vec<bool>,
     in_a_row: u64,
 }
 
 impl QuasiNewton {
-    pub fn new(stage: u64, spaces: &[Space], memory: usize, first: f64) -> QuasiNewton {
+    pub fn new(stage: usize, spaces: &[Space], memory: usize, first: f64) -> QuasiNewton {
         let lbfgs = Lbfgs::new(spaces.to_vec(), memory, first);
         QuasiNewton { stage, lbfgs, felt: vec![false; spaces.len()], in_a_row: 0 }
     }
@@ -29,7 +29,7 @@ impl QuasiNewton {
         QuasiNewton { lbfgs: self.lbfgs.within(spaces.to_vec()), ..self }
     }
 
-    pub fn is_for(&self, stage: u64) -> bool {
+    pub fn is_for(&self, stage: usize) -> bool {
         self.stage == stage
     }
 
@@ -67,7 +67,8 @@ impl QuasiNewton {
                 self.in_a_row = 0;
                 let (loss, gradients) = (searched.loss, searched.sizes);
                 let square = GradientSize::square_of_all(&gradients);
-                Ok(Move { loss, gradients, values: searched.values, outcome: Ok(StepOutcome::Moved), felt, square })
+                let (values, outcome) = (searched.values, Ok(StepOutcome::Moved));
+                Ok(Move { loss, loss_error: None, gradients, values, outcome, felt, square })
             }
             found => {
                 let unknown = vec![GradientSize { norm: f64::NAN, error: None }; values.len()];
@@ -78,7 +79,8 @@ impl QuasiNewton {
                     Err(params) => params,
                 };
                 let outcome = skip(&mut self.in_a_row, params);
-                Ok(Move { loss: f64::NAN, gradients: unknown, values, outcome, felt, square: f64::NAN })
+                let (loss, gradients, square) = (f64::NAN, unknown, f64::NAN);
+                Ok(Move { loss, loss_error: None, gradients, values, outcome, felt, square })
             }
         }
     }

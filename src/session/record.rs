@@ -10,6 +10,8 @@ use serde_json::{Map, Value};
 use super::checkpoint::Checkpoint;
 use super::events::{Ending, Event};
 use super::folder::{EVENTS, LOG, RECORD, RunInfo};
+use super::log::Range;
+use super::sweep::is_sweep;
 use crate::diag::Diagnostic;
 use crate::files::{describe_io, is_leftover, is_run_file, read_end, read_own};
 use crate::optim::GradientSize;
@@ -38,6 +40,8 @@ pub struct Step {
     pub of: String,
     pub stage: Option<String>,
     pub loss: f64,
+    /// Its standard error, if the solver measured it.
+    pub loss_error: Option<f64>,
     pub lr: f64,
     pub grad_norm: f64,
     /// By param.
@@ -50,6 +54,8 @@ pub struct Step {
     pub phases: BTreeMap<String, f64>,
     /// The small params before the step.
     pub params: Vec<(String, Tensor)>,
+    /// What is told of the others.
+    pub ranges: Vec<(String, Range)>,
 }
 
 /// Most files and folders of a run folder that are looked at.
@@ -115,8 +121,7 @@ impl RunInfo {
     pub fn read(folder: &Path) -> Result<RunInfo, Diagnostic> {
         let path = folder.join(RECORD);
         if !path.is_file() {
-            return Err(wrong(format!("`{}` is not the folder of a run", folder.display()))
-                .help("name the folder that a run has written, such as `runs/scene-20261121-093312`"));
+            return Err(no_run("dscene::run::record", folder));
         }
         serde_json::from_str(&text(&path)?)
             .map_err(|e| wrong(format!("`{}` is not the record of a run: {e}", path.display())))
@@ -154,11 +159,16 @@ impl Step {
             let norm = size.get("norm").and_then(number_in)?;
             Some((name, GradientSize { norm, error: size.get("error").and_then(number_in) }))
         };
+        let range = |(name, range): (String, Value)| {
+            let x = |of: &str| range.get(of).and_then(number_in);
+            Some((name, Range { mean: x("mean")?, least: x("least")?, most: x("most")? }))
+        };
         Some(Step {
             step: line.get("step")?.as_u64()?,
             of: text("of")?,
             stage: text("stage"),
             loss: x("loss"),
+            loss_error: line.get("loss_error").and_then(number_in),
             lr: x("lr"),
             grad_norm: x("grad_norm"),
             gradients: object("gradients").into_iter().filter_map(size).collect(),
@@ -168,6 +178,7 @@ impl Step {
             seconds: x("seconds"),
             phases: object("phases").iter().filter_map(|(name, s)| Some((name.clone(), number_in(s)?))).collect(),
             params: tensors(&object("params"))?,
+            ranges: object("ranges").into_iter().filter_map(range).collect(),
         })
     }
 }
@@ -197,6 +208,28 @@ fn tensor(value: &Value) -> Option<Tensor> {
     let mut shape = vec![rows.len()];
     shape.extend(rows.first().map_or(&[][..], |row| &row.shape[..]));
     Some(Tensor { shape, data: rows.into_iter().flat_map(|row| row.data).collect() })
+}
+
+/// A folder is not that of a run. One of a sweep has those of its runs in it.
+pub fn no_run(code: &'static str, folder: &Path) -> Diagnostic {
+    // Without what a shell's completion has left at its end.
+    let folder = folder.components().as_path();
+    let shown = folder.display();
+    if !is_sweep(folder) {
+        return Diagnostic::error(code, format!("`{shown}` is not the folder of a run"))
+            .help("name the folder that a run has written, such as `runs/scene-20261121-093312`");
+    }
+    let is_run = |entry: &fs::DirEntry| entry.path().join(RECORD).is_file();
+    let runs = fs::read_dir(folder).into_iter().flatten().flatten().filter(is_run);
+    let first = runs.map(|entry| entry.path()).min();
+    let help = match first {
+        Some(first) => format!(
+            "name its runs: `{shown}/*/` is all of them, as in `dsl compare {shown}/*/`, and `{}` is one",
+            first.display()
+        ),
+        None => "none of its runs has begun".to_owned(),
+    };
+    Diagnostic::error(code, format!("`{shown}` is the folder of a sweep, not of a run")).help(help)
 }
 
 fn wrong(message: String) -> Diagnostic {

@@ -42,6 +42,10 @@ impl Optimization {
         let told = match self.culprit(engine, &footing, &error) {
             Some(moved) => {
                 let mut told = error;
+                if told.code == NOT_FINITE {
+                    // Its help is what is said here in more detail.
+                    told.helps.clear();
+                }
                 let (name, step, rate) = (self.name(), footing.step, digits(footing.rate));
                 told.message = format!("step {step} of `{name}` moved {moved} at rate {rate}: {}", told.message);
                 told.help(format!(

@@ -84,7 +84,7 @@ pub struct Runner<'a> {
     pub(super) curves: Curves,
     /// The losses of what was optimised, step by step.
     pub histories: Histories,
-    /// Gives the run up if others of its sweep were much better at the same step.
+    /// Gives the run up if others of its sweep were much better at the same share of their steps.
     pub judge: Option<Judge>,
     /// The last optimisation ended before its last step.
     pub ended: bool,
@@ -251,6 +251,12 @@ impl<'a> Runner<'a> {
         if let (Ok(Flow::Continue), Some(warning)) = (&flow, optimization.unfelt()) {
             self.tell(&warning);
         }
+        // An error that ended the steps has told where they led.
+        if let Some(after) = after.filter(|_| self.report.failed_optimizations == failed_before)
+            && let Some(warning) = optimization.risen(self.engine, after)?
+        {
+            self.tell(&warning);
+        }
         flow
     }
 
@@ -333,11 +339,15 @@ impl<'a> Runner<'a> {
                 return Ok(Flow::Pruned);
             }
             if report.stop {
-                self.ended = true;
+                let (ended, name) = (optimization.end_stage(), optimization.name());
                 self.world.progress_done();
-                let name = optimization.name();
-                self.remark(format!("`stop_when` holds: `{name}` stops after step {}", report.step));
-                break;
+                let Some((stage, next)) = ended else {
+                    self.ended = true;
+                    self.remark(format!("`stop_when` holds: `{name}` stops after step {}", report.step));
+                    break;
+                };
+                let told = format!("the stage `{stage}` of `{name}` ends after step {}, `{next}` follows", report.step);
+                self.remark(format!("`stop_when` holds: {told}"));
             }
         }
         if optimization.done() == optimization.total() {
@@ -350,7 +360,7 @@ impl<'a> Runner<'a> {
     fn hopeless(&mut self, optimization: &Optimization) -> Option<String> {
         let name = optimization.name();
         let losses = &self.histories.get(name)?.of_steps;
-        self.judge.as_mut()?.verdict(name, losses)
+        self.judge.as_mut()?.verdict(name, losses, optimization.total())
     }
 
     /// What is due before a step, the step, and its record. What Ctrl-C or an error ends half-way is forgotten: it may be done again.
@@ -411,7 +421,7 @@ impl<'a> Runner<'a> {
         // Heats of several starts are nobody's steps yet.
         let Some(done) = optimization.done_since_start() else { return Ok(()) };
         for every in optimization.every() {
-            optimization.enter_step(self.engine);
+            optimization.enter_step(self.engine)?;
             let period = whole_number(self.engine, &every.steps, "the period of `every`")?;
             if period == 0 {
                 return Err(Diagnostic::error("dscene::run::out_of_range", "the period of `every` must be at least 1")

@@ -75,11 +75,21 @@ pub fn z_score(a: f64, a_error: f64, b: f64, b_error: f64) -> f64 {
     if difference == 0.0 { 0.0 } else { difference / error }
 }
 
+/// Steps to either side over which errors of steps are averaged.
+const REACH: usize = 5;
+
 /// The standard errors of numbers that follow one another on a smooth way, from how much neighbours differ beyond a straight line: of three
 /// numbers in a row with independent errors, `x[i − 1] − 2 x[i] + x[i + 1]` has six times the variance of one. It is averaged over a
-/// window; a way that bends counts as noise. Three in a row count from `i` on if `are_alike(i)`.
+/// window; a way that bends counts as noise. What falls by factors bends and its logarithm does not, so that both are tried, and the way
+/// counts as the straighter of them. Three in a row count from `i` on if `are_alike(i)`.
 pub fn scatter(numbers: &[f64], are_alike: impl Fn(usize) -> bool) -> Vec<f64> {
-    const REACH: usize = 5;
+    let logarithms: Vec<f64> = numbers.iter().map(|x| if *x > 0.0 { x.ln() } else { f64::NAN }).collect();
+    let (plain, relative) = (beyond_a_line(numbers, &are_alike), beyond_a_line(&logarithms, &are_alike));
+    let one = |at: usize| if numbers[at] > 0.0 { plain[at].min(relative[at] * numbers[at]) } else { plain[at] };
+    (0..numbers.len()).map(one).collect()
+}
+
+fn beyond_a_line(numbers: &[f64], are_alike: &impl Fn(usize) -> bool) -> Vec<f64> {
     let bend = |(at, w): (usize, &[f64])| {
         let bend = (w[0] - 2.0 * w[1] + w[2]).powi(2) / 6.0;
         (bend.is_finite() && are_alike(at)).then_some(bend)
@@ -87,10 +97,31 @@ pub fn scatter(numbers: &[f64], are_alike: impl Fn(usize) -> bool) -> Vec<f64> {
     let bends: Vec<Option<f64>> = numbers.windows(3).enumerate().map(bend).collect();
     let error = |at: usize| {
         let near = at.saturating_sub(REACH + 1)..(at + REACH).min(bends.len());
-        let near: Vec<f64> = bends.get(near).unwrap_or_default().iter().flatten().copied().collect();
-        if near.is_empty() { f64::NAN } else { (near.iter().sum::<f64>() / near.len() as f64).sqrt() }
+        root_mean(bends.get(near).unwrap_or_default())
     };
     (0..numbers.len()).map(error).collect()
+}
+
+/// Standard errors that were measured of single numbers, averaged over a window of them: of two measurements alone it is hardly known how much
+/// they scatter. Errors may be alike in themselves or as parts of their numbers; of both averages the smaller one counts. Those are averaged that
+/// are alike by `are_alike(i, j)`.
+pub fn averaged_errors(numbers: &[f64], errors: &[Option<f64>], are_alike: impl Fn(usize, usize) -> bool) -> Vec<f64> {
+    let error = |at: usize| {
+        let near = at.saturating_sub(REACH)..(at + REACH + 1).min(numbers.len());
+        let near: Vec<usize> = near.filter(|other| are_alike(at, *other)).collect();
+        let squares = |of: &dyn Fn(usize) -> f64| -> f64 {
+            let own = |other: &usize| Some(errors[*other]?.powi(2) / of(*other).powi(2)).filter(|x| x.is_finite());
+            root_mean(&near.iter().map(own).collect::<Vec<_>>())
+        };
+        squares(&|_| 1.0).min(squares(&|other| numbers[other]) * numbers[at].abs())
+    };
+    (0..numbers.len()).map(error).collect()
+}
+
+/// The root of the mean of those that there are; NaN of none.
+fn root_mean(squares: &[Option<f64>]) -> f64 {
+    let there: Vec<f64> = squares.iter().flatten().copied().collect();
+    if there.is_empty() { f64::NAN } else { (there.iter().sum::<f64>() / there.len() as f64).sqrt() }
 }
 
 #[cfg(test)]
@@ -115,6 +146,29 @@ mod tests {
         let mut moments = Moments::default();
         moments.add(&[3.0]);
         assert_eq!((moments.std(), moments.std_error()), (vec![0.0], vec![0.0]));
+    }
+
+    #[test]
+    fn what_falls_by_factors_has_no_noise_of_its_way() {
+        let falling: Vec<f64> = (0..12).map(|step| 0.1_f64.powi(step)).collect();
+        assert!(scatter(&falling, |_| true).iter().zip(&falling).all(|(error, x)| *error < 1e-9 * x));
+        // Of what scatters by a tenth while it falls, a tenth is found at either end.
+        let noisy: Vec<f64> = falling.iter().enumerate().map(|(i, x)| x * if i % 3 == 0 { 1.1 } else { 0.9 }).collect();
+        let errors = scatter(&noisy, |_| true);
+        assert!(errors.iter().zip(&noisy).all(|(error, x)| (0.03..0.3).contains(&(error / x))), "{errors:?}");
+    }
+
+    #[test]
+    fn measured_errors_are_averaged() {
+        let numbers = [100.0, 10.0, 1.0, 1.0, 5.0];
+        let errors = [Some(10.0), Some(1.0), Some(0.2), Some(0.0), Some(3.0)];
+        let found = averaged_errors(&numbers, &errors, |a, b| (a < 4) == (b < 4));
+        let part = ((0.01 + 0.01 + 0.04 + 0.0) / 4.0_f64).sqrt();
+        let whole = ((100.0 + 1.0 + 0.04 + 0.0) / 4.0_f64).sqrt();
+        for (at, expected) in [(0, whole.min(100.0 * part)), (1, 10.0 * part), (3, part), (4, 3.0)] {
+            assert!((found[at] - expected).abs() < 1e-12 * expected, "{at}: {found:?}");
+        }
+        assert!(averaged_errors(&[1.0], &[None], |_, _| true)[0].is_nan());
     }
 
     #[test]

@@ -110,6 +110,13 @@ impl Script {
         if let Some(warning) = steps.optimization.unfelt() {
             world.diagnostic(&warning, &sources);
         }
+        let first = |numbers: &[f64], or: f64| numbers.first().copied().unwrap_or(or);
+        let after = (first(loss.mean(), f64::NAN), first(&loss.std_error(), 0.0));
+        if steps.report.failed_optimizations == 0
+            && let Some(warning) = steps.optimization.risen(self.engine_mut()?, after)?
+        {
+            world.diagnostic(&warning, &sources);
+        }
         steps.report.skipped_steps += steps.optimization.skipped();
         let name = steps.optimization.name().to_owned();
         steps.report.losses.push((name.clone(), loss.mean().first().copied().unwrap_or(f64::NAN)));

@@ -6,6 +6,7 @@ use std::sync::{Arc, OnceLock};
 use super::Optimization;
 use crate::diag::Diagnostic;
 use crate::eval::Engine;
+use crate::ranks;
 use crate::source::SourceMap;
 
 /// Progress of an optimisation.
@@ -95,8 +96,10 @@ pub fn catch_interrupts() {
     let flag = interrupt_flag();
     // If the handler cannot be installed, Ctrl-C simply ends the process.
     let _ = ctrlc::set_handler(move || {
-        let was_pressed = flag.swap(true, Ordering::SeqCst);
-        if was_pressed || !LISTENING.load(Ordering::SeqCst) {
+        let (was_pressed, listens) = (flag.swap(true, Ordering::SeqCst), LISTENING.load(Ordering::SeqCst));
+        // `mpirun` asks several times, also when another rank was lost, and does not wait for long: what is being ended uses that time.
+        let ends = if ranks::is_rank() { !was_pressed && !listens } else { was_pressed || !listens };
+        if ends {
             std::process::exit(i32::from(EXIT_INTERRUPTED));
         }
     });

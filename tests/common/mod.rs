@@ -421,9 +421,9 @@ fn precise() -> f64 {
     percent().map_or(0.04, |percent| 0.01 * percent)
 }
 
-/// The combined error with which a comparison says something.
+/// The combined error with which a comparison says something: in the long statistics at most four percent, in brief eight.
 fn enough() -> f64 {
-    2.0 * precise()
+    percent().map_or(0.08, |percent| 0.02 * percent.min(2.0))
 }
 
 /// How many times its plan a comparison may draw while it says nothing. Brief plans are so short that some rows need much of this.
@@ -466,7 +466,7 @@ impl Side {
 
 /// A plan, which is made for errors of one percent, for errors of so many: as many samples in smaller portions, so that few need be drawn.
 fn coarse(plan: Plan, percent: f64) -> Plan {
-    let times = percent.max(1.0).round() as u32;
+    let times = percent.clamp(1.0, 2.0).round() as u32;
     Plan {
         spp: (plan.spp / times).max(4),
         seeds: plan.seeds * u64::from(times),

@@ -179,7 +179,7 @@ fn part_of_a_film(camera: Camera) -> Camera {
 /// Every pixel of the image of an edge, its derivative in forward mode, and sums over pixels with any weights in reverse mode.
 #[test]
 fn the_image_of_an_edge_is_an_integral_of_the_filter() {
-    let parts = VIEWS.into_iter().map(|view| (view, true));
+    let parts = VIEWS.into_iter().take(if long() { VIEWS.len() } else { 1 }).map(|view| (view, true));
     let views = VIEWS.into_iter().map(|view| (view, false)).chain(parts);
     for (view, is_part) in views {
         for (name, filter) in PixelFilter::NAMES.into_iter().filter(|(name, _)| !is_part || *name != "gaussian") {

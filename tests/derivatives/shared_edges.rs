@@ -258,7 +258,8 @@ fn a_wall_slides_alike_at_any_depth() {
             };
             let expected = of(1e-3);
             println!("{what}, opacity {opacity}: {expected:?}");
-            for depth in [-1e-3, -4e-5, -3e-6, 0.0, 3e-6, 2e-5, 1e-4] {
+            let depths = [-3e-6, 0.0, 2e-5, -1e-3, -4e-5, 3e-6, 1e-4];
+            for &depth in if long() { &depths[..] } else { &depths[..4] } {
                 let found = of(depth);
                 let allowed = 0.02 * expected.mean.abs() + 4.0 * found.error.hypot(expected.error);
                 assert!(

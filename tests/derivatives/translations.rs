@@ -40,21 +40,22 @@ impl Sink for Balance {
 
 /// Looks at one sample after the other.
 struct Samples<'a> {
+    scene: &'a Scene,
+    layout: &'a Layout,
     weights: &'a Image,
-    out: Adjoints<'a, Balance>,
     /// How many moved anything, and the largest share of one that is left over.
     found: usize,
     worst: f64,
 }
 
 impl Estimate for Samples<'_> {
-    type S = Balance;
-
-    fn pixels(&mut self, pixels: &[(u32, f32)], mut f: impl FnMut(Vec3, &mut Adjoints<Balance>)) {
+    fn pixels(&mut self, pixels: &[(u32, f32)], f: &mut dyn FnMut(Vec3, &mut Adjoints)) {
         let of_pixel = |(pixel, weight): &(u32, f32)| adjoint_of(self.weights, *pixel as usize) * *weight;
-        f(pixels.iter().map(of_pixel).sum(), &mut self.out);
-        self.out.flush_camera();
-        let Balance { sum, size } = std::mem::take(&mut self.out.sink);
+        let mut balance = Balance::default();
+        let mut out = Adjoints::new(self.scene, self.layout, &mut balance);
+        f(pixels.iter().map(of_pixel).sum(), &mut out);
+        out.flush_camera();
+        let Balance { sum, size } = balance;
         assert!(sum.iter().chain(&size).all(|x| x.is_finite()));
         // A coordinate in which hardly anything happens is rounded as the others are.
         let least = 1e-2 * size.into_iter().fold(0.0, f64::max);
@@ -84,8 +85,7 @@ fn samples(description: &SceneDescription, camera: &Camera, max_bounces: u32) ->
     let weights = &weights(camera, 3);
     let mut found = BTreeMap::new();
     let mut look = |name: &'static str, pass: &dyn Fn(&mut Samples)| {
-        let out = Adjoints::new(scene, layout, Balance::default());
-        let mut samples = Samples { weights, out, found: 0, worst: 0.0 };
+        let mut samples = Samples { scene, layout, weights, found: 0, worst: 0.0 };
         pass(&mut samples);
         let (count, worst): &mut (usize, f64) = found.entry(name).or_default();
         *count += samples.found;

@@ -35,6 +35,31 @@ optimize fit { using: gauss_newton(), steps: 9 }";
     assert!((optimized(turn).unwrap().0[8] + 5.0).abs() < 1e-12);
 }
 
+/// Where the model is least there is no rate; only 0 says something of a param, that it stands still.
+#[test]
+fn rates_of_params_change_no_step() {
+    let script = |lr: f64, using: &str| {
+        let param =
+            format!("param x = 3 {{ lr: {lr} }}\nparam many = [3 for i in 0..COUNT] {{ lr: {lr} }}\nparam y = 2\n");
+        format!(
+            "{param}loss f = (x - 1) ^ 2 + sum((many - 1) ^ 2) + (y - 1) ^ 2\noptimize f {{ using: {using}, steps: 15 }}"
+        )
+    };
+    for using in ["gauss_newton()", "levenberg_marquardt()"] {
+        // Solved exactly, and by conjugate gradients.
+        for count in ["2", "300"] {
+            for lr in [0.5, 1.0, 2.0, 3.0] {
+                let (_, params) = optimized(&script(lr, using).replace("COUNT", count)).unwrap();
+                let near = params.iter().flatten().all(|x| (x - 1.0).abs() < 1e-6);
+                assert!(near, "{using} {count} {lr}: {:?}", [&params[0], &params[2]]);
+            }
+            let (_, params) = optimized(&script(0.0, using).replace("COUNT", count)).unwrap();
+            let stands = params[0] == [3.0] && params[1].iter().all(|x| *x == 3.0);
+            assert!(stands && (params[2][0] - 1.0).abs() < 1e-6, "{using} {count}: {:?}", [&params[0], &params[2]]);
+        }
+    }
+}
+
 #[test]
 fn what_is_no_sum_of_squares_is_said_to_be_none() {
     let error = |text: &str| optimized(text).err().unwrap_or_else(|| panic!("{text}"));

@@ -74,6 +74,48 @@ fn runs_are_compared_side_by_side() {
     });
 }
 
+#[test]
+fn a_sweep_shows_its_table_and_a_colour_for_all_seeds() {
+    let Some(mut browser) = Browser::wanted() else { return };
+    let place = Place::new();
+    let sweep = "sweep rate in [0.01, 0.05], samples in [1, 2], seed in 0..3 {
+                   optimize fit { using: adam(lr: rate), steps: 12 / samples }
+                   report { error: abs(glow - 0.8), likeness: maximize(psnr(render(eye, spp: 16), target)), seconds }
+                 }";
+    place.write("a.dscene", TRIANGLE.replace("spp: 2", "spp: samples") + sweep);
+    assert_code(&place.dsl(&["run", "a.dscene", "--out", "r", "--quiet"]), 0);
+    seen(&mut browser, "sweep", &place.path("r/compare.html"), |page| {
+        let part = |title: &str| {
+            format!("[...document.querySelectorAll('section')].find((s) => s.innerText.startsWith('{title}'))")
+        };
+        // A row for each combination, the best of each column marked once.
+        let cells = |title: &str, which: &str| {
+            format!("[...{}.querySelectorAll('{which}')].map((c) => c.innerText)", part(title))
+        };
+        assert_eq!(
+            page.eval(&cells("Means", "th")),
+            json!(["rate", "samples", "seeds", "error", "likeness", "seconds"])
+        );
+        assert_eq!(page.number(&format!("{}.querySelectorAll('tbody tr').length", part("Means"))), 4.0);
+        assert_eq!(page.eval(&cells("Means", "b.good")).as_array().unwrap().len(), 3);
+        assert!(page.eval(&cells("Means", "td")).to_string().contains(" ± "));
+        // Twelve runs, with what they report, and their seeds once.
+        assert_eq!(page.number(&format!("{}.querySelectorAll('tbody tr').length", part("Final"))), 12.0);
+        let head = page.eval(&cells("Final", "th"));
+        assert!(head.as_array().unwrap().contains(&json!("likeness")), "{head}");
+        assert_eq!(page.eval(&cells("Settings", "th")), json!(["run", "rate", "samples", "seed"]));
+        // Curves of all runs, with four colours and four entries.
+        page.wait_for("document.querySelectorAll('path.curve').length === 24");
+        assert_eq!(page.number("document.querySelector('.legend').children.length"), 4.0);
+        let colours = "new Set([...document.querySelector('.chart').querySelectorAll('path.curve')].map((c) => c.getAttribute('stroke'))).size";
+        assert_eq!(page.number(colours), 4.0);
+        page.click(".legend button");
+        page.wait_for("document.querySelectorAll('path.curve').length === 21");
+        page.click(".legend button");
+        page.wait_for("document.querySelectorAll('path.curve').length === 24");
+    });
+}
+
 /// A run with stages, bounds, warnings, an `every` and an `expect` that fails.
 const STAGED: &str = "
 optimize fit {

@@ -106,6 +106,104 @@ fn a_report_says_in_which_space_a_param_moves() {
     assert_eq!(json!(told), expected);
 }
 
+/// What is found of many numbers is no text that anybody reads: the page says how it is had, and does not become as large.
+#[test]
+fn a_large_param_is_not_written_into_the_report() {
+    let place = Place::new();
+    let script = "param a = 1 { frozen: true }
+                  param still = [0.25 for i in 0..30000] { frozen: true }
+                  param c = [0.5 for i in 0..30000] in 0..1
+                  loss l = mean((c - 0.25) ^ 2)
+                  optimize l { using: sgd(lr: 0.1), steps: 2 }";
+    place.write("a.dscene", script);
+    assert_code(&place.dsl(&["run", "a.dscene", "--out", "r", "--quiet"]), 0);
+    let size = |name: &str| std::fs::metadata(place.path("r").join(name)).unwrap().len();
+    assert!(
+        size("report.html") < 200_000 && size("report.jsonl") < 20_000,
+        "{} {}",
+        size("report.html"),
+        size("report.jsonl")
+    );
+    let data = data(&place, "r/report.html");
+    assert_eq!(data["script"], Value::Null);
+    let entry = &data["optimizations"][0]["params"][0]["entries"][0];
+    assert_eq!((&entry["lower"], &entry["upper"]), (&json!(0.0), &json!(1.0)));
+    // The script has them all the same, if there is memory for it.
+    let output = place.dsl(&["export", "r", "--script"]);
+    assert_code(&output, 0);
+    place.write("found.dscene", &output.stdout);
+    assert!(output.stdout.len() > 200_000);
+    assert_code(&place.dsl(&["check", "found.dscene"]), 0);
+    // What has not moved is no part of it, however much that is. The order is that of the script.
+    let shown = format!(
+        "param b = 2\n{}\nloss m = (a * b - 1) ^ 2\noptimize m {{ over: [b], steps: 2 }}",
+        script.split("optimize").next().unwrap()
+    );
+    place.write("b.dscene", shown);
+    assert_code(&place.dsl(&["run", "b.dscene", "--out", "s", "--quiet"]), 0);
+    assert!(self::data(&place, "s/report.html")["script"]["text"].as_str().unwrap().contains("param b = "));
+    let exported = place.dsl(&["export", "s"]).stdout;
+    let at = |name: &str| exported.windows(name.len()).position(|w| w == name.as_bytes()).unwrap();
+    assert!(at("\"b\"") < at("\"a\"") && at("\"a\"") < at("\"still\""));
+}
+
+#[test]
+fn a_report_knows_the_params_of_all_stages() {
+    let place = Place::new();
+    let script = "param a = 1
+                  /// How rough it is.
+                  param b = 0.5 in 0..1
+                  param c = [0.01 * i for i in 0..100]
+                  loss l = a ^ 2 + b ^ 2 + sum(c ^ 2)
+                  optimize l {
+                      using: sgd(lr: 0.1)
+                      stage one { steps: 2, over: [a] }
+                      stage two { steps: 3, over: [b, c] }
+                      stage three { steps: 1, over: [a] }
+                  }";
+    place.write("a.dscene", script);
+    assert_code(&place.dsl(&["run", "a.dscene", "--out", "r", "--quiet"]), 0);
+    let data = data(&place, "r/report.html");
+    let found = &data["optimizations"][0];
+    let names = |of: &str| found[of].as_array().unwrap().iter().map(|one| one["name"].clone()).collect::<Vec<_>>();
+    assert_eq!((names("gradients"), names("params")), (vec![json!("a"), json!("b"), json!("c")], names("gradients")));
+    let b = &found["params"][1];
+    assert_eq!(
+        (&b["doc"], &b["entries"][0]["lower"], &b["entries"][0]["upper"]),
+        (&json!("How rough it is."), &json!(0.0), &json!(1.0))
+    );
+    // Of many numbers there are the mean and the range, while they move.
+    let c = &found["params"][2];
+    assert_eq!((&c["count"], &found["unlogged"]), (&json!(100), &json!([])));
+    let at = |of: &str, step: usize| c["entries"][0][of][step].as_f64();
+    assert_eq!(
+        [at("values", 1), at("values", 2), at("least", 2), at("most", 2)],
+        [None, Some(0.495), Some(0.0), Some(0.99)]
+    );
+    assert_eq!((at("most", 3), at("most", 5)), (Some(0.792), None));
+}
+
+/// Beyond 256 unknowns products with the derivatives are what most of the time goes into.
+#[test]
+fn the_time_of_products_with_derivatives_is_that_of_derivatives() {
+    let place = Place::new();
+    let script = "param a = [0.1 * i for i in 0..300]
+                  let goal = [sin(i * 1rad) for i in 0..300]
+                  loss l = mse(a, goal)
+                  optimize l { using: levenberg_marquardt(), steps: 3 }";
+    place.write("a.dscene", script);
+    let output = place.dsl(&["run", "a.dscene", "--out", "r", "--timings", "--json"]);
+    assert_code(&output, 0);
+    let objects = stdout(&output);
+    let told = objects.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
+    let timings = told.into_iter().find(|line| line["event"] == "timings").unwrap();
+    assert!(timings["actions"][0]["gradient"].as_f64().unwrap() > 0.0, "{timings}");
+    let found = &data(&place, "r/report.html")["optimizations"][0];
+    assert!(found["phases"]["gradient"][0].as_f64().unwrap() > 0.0, "{}", found["phases"]);
+    // It measures the loss twice, here without noise.
+    assert_eq!((&found["measured"], &found["noise"]), (&json!(3), &json!([0.0, 0.0, 0.0])));
+}
+
 #[test]
 fn a_report_says_what_params_are() {
     let place = Place::new();

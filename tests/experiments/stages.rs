@@ -59,7 +59,7 @@ fn a_param_gets_another_size_where_a_stage_ends() {
     );
 }
 
-/// What follows sees what the last stage made, and a loop that ends early makes nothing.
+/// What follows sees what the last stage made, whether it took all its steps or was stopped.
 #[test]
 fn what_the_last_stage_declares_anew_is_seen_after_it() {
     let script = |stop: &str| {
@@ -77,7 +77,72 @@ fn what_the_last_stage_declares_anew_is_seen_after_it() {
     };
     let place = Place::new();
     assert_eq!(place.run(&script("0")).trim(), "10 3");
-    assert_eq!(place.run(&script("100")).trim(), "3.2 1.6");
+    assert_eq!(place.run(&script("100")).trim(), "10 1");
+}
+
+/// `stop_when` ends the stage in which it holds; the next one begins, with a window of its own.
+#[test]
+fn what_stops_a_stage_lets_the_next_one_begin() {
+    let place = Place::new();
+    place.write(
+        "script.dscene",
+        "param x = 4
+         param y = 4
+         loss fit = x ^ 2 + y ^ 2
+         optimize fit {
+           using: sgd(lr: linear(0.25, 0.25))
+           stop_when: plateau(window: 2, tolerance: 1e9)
+           stage first { steps: 50, over: x, then { param y = 3 } }
+           stage second { steps: 50, over: y, stop_when: loss < 1 }
+           stage third { steps: 20 }
+         }
+         expect abs(y - 0.375 / 16) < 1e-9 and abs(x - 4 / 256) < 1e-9",
+    );
+    let output = place.dsl(&["run", "script.dscene", "--out", "run"]);
+    assert_code(&output, 0);
+    let log = fs::read_to_string(place.path("run/log.jsonl")).unwrap();
+    let lines: Vec<Value> = log.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let of = |stage: &str| -> Vec<usize> { (0..lines.len()).filter(|at| lines[*at]["stage"] == *stage).collect() };
+    // Any four losses are such a plateau. In the second stage y is 3, 1.5 and 0.75.
+    assert_eq!(of("first"), [0, 1, 2, 3]);
+    assert_eq!(of("second"), [4, 5, 6]);
+    assert_eq!(of("third"), [7, 8, 9, 10]);
+    assert_eq!(lines.len(), 11);
+    assert!((0..11).all(|at| lines[at]["step"] == at));
+    let told = stderr(&output);
+    for part in [
+        "`stop_when` holds: the stage `first` of `fit` ends after step 3, `second` follows",
+        "`stop_when` holds: the stage `second` of `fit` ends after step 6, `third` follows",
+        "`stop_when` holds: `fit` stops after step 10",
+        "11 steps",
+    ] {
+        assert!(told.contains(part), "{part}: {told}");
+    }
+    // The report draws stages where they were.
+    let page = fs::read_to_string(place.path("run/report.html")).unwrap();
+    assert!(page.contains(r#"["first",4],["second",7],["third",27]"#));
+}
+
+/// Schedules go on to their end over the steps that are left.
+#[test]
+fn schedules_end_with_the_last_stage_although_one_was_stopped() {
+    let place = Place::new();
+    place.run(
+        "param x = 4
+         loss fit = x ^ 2
+         optimize fit {
+           using: sgd(lr: linear(0.2, 0.1))
+           stage first { steps: 60, stop_when: step >= 1 }
+           stage second { steps: 8 }
+         }",
+    );
+    let log = fs::read_to_string(place.path("run/log.jsonl")).unwrap();
+    let rates: Vec<f64> =
+        log.lines().map(|line| serde_json::from_str::<Value>(line).unwrap()["lr"].as_f64().unwrap()).collect();
+    assert_eq!(rates.len(), 10);
+    // `progress` at step k of n is k / (n − 1), where n is 68 and then 10.
+    let near = |at: usize, progress: f64| (rates[at] - (0.2 - 0.1 * progress)).abs() < 1e-9;
+    assert!(near(1, 1.0 / 67.0) && near(2, 2.0 / 9.0) && near(9, 1.0), "{rates:?}");
 }
 
 /// A stage moves what it names; the others stand still, and what it learns of them is told to be nothing only if no stage moves them.
@@ -197,5 +262,92 @@ fn the_repl_goes_on_with_what_a_stage_declared_anew() {
         numbers.iter().map(|line| line.split_whitespace().next().unwrap()).collect::<Vec<_>>(),
         ["3", "7", "2"],
         "{printed}"
+    );
+}
+
+/// A ball that is pushed to where a photograph has it, by a loss of `now` and `photo`.
+fn pushed(loss: &str, settings: &str) -> String {
+    format!(
+        "camera eye {{ position: [0, 0, -4], look_at: [0, 0, 0], fov: 45deg, film: [16, 16] }}
+         light sky = constant(1)
+         param x = 0.4
+         shape ball {{ mesh: sphere(radius: 0.5) |> translate([x, 0, 0]), material: diffuse(reflectance: 0.2) }}
+         let photo = render(eye, spp: 16) with {{ x: -0.4 }}
+         let now = render(eye, spp: 2)
+         let left = stop_gradient(pixels(eye).x < 0.7) * 1
+         fn mine(a: image, b: image): scalar = mse(a, b)
+         let same = mse
+         loss fit = {loss}
+         optimize fit {{ {settings} }}"
+    )
+}
+
+/// `blur` gives what the loss of blurred pictures gives, to the bit.
+#[test]
+fn the_blur_of_a_stage_is_that_of_both_pictures() {
+    let place = Place::new();
+    let losses = |loss: &str, settings: &str| {
+        place.run(&pushed(loss, settings));
+        let log = fs::read_to_string(place.path("run/log.jsonl")).unwrap();
+        let loss = |line: &str| serde_json::from_str::<Value>(line).unwrap()["loss"].as_f64().unwrap();
+        log.lines().map(loss).collect::<Vec<f64>>()
+    };
+    let three = "using: adam(lr: 0.02), steps: 3";
+    let by_hand = losses("mse(blur(now, 2), blur(photo, 2))", three);
+    let sharp = losses("mse(now, photo)", three);
+    assert!(by_hand[0] < 0.7 * sharp[0], "{by_hand:?} {sharp:?}");
+    for loss in ["mse(now, photo)", "mine(now, photo)", "same(now, photo)"] {
+        assert_eq!(losses(loss, &format!("{three}, blur: 2")), by_hand, "{loss}");
+    }
+    // What a loss of the library does with its pictures is done with blurred ones, once.
+    let pyramids = losses("pyramid_loss(blur(now, 2), blur(photo, 2), loss: mse)", three);
+    assert_eq!(losses("pyramid_loss(now, photo, loss: mse)", &format!("{three}, blur: 2")), pyramids);
+    // A stage has its own, and may have none; a schedule has one for each step.
+    let stages = losses(
+        "mse(now, photo)",
+        "using: adam(lr: 0.02), blur: 2 stage far { steps: 2 } stage near { blur: 0, steps: 1 }",
+    );
+    let faded = losses("mse(now, photo)", &format!("{three}, blur: if step < 2 then 2 else 0"));
+    assert_eq!(stages, faded);
+    assert_eq!(stages[..2], by_hand[..2]);
+    assert!(stages[2] > by_hand[2] / 0.7, "{stages:?} {by_hand:?}");
+    // Pixels that count for nothing are not smeared over those that count.
+    let masked = losses("mse(now, photo, weight: left)", &format!("{three}, blur: 2"));
+    let dirty = losses("mse(now, photo + 100 * (1 - left), weight: left)", &format!("{three}, blur: 2"));
+    assert_eq!(dirty, masked);
+    let weighted = "mse(blur(now * left, 2) / (blur(left, 2) + 1e-12), blur(photo * left, 2) / (blur(left, 2) + 1e-12), weight: left)";
+    assert_eq!(losses(weighted, three), masked);
+}
+
+/// Pictures that do not overlap say which way to go once they are blurred, and steps of least squares are long ones.
+#[test]
+fn a_blur_that_fades_finds_what_is_far_away() {
+    let place = Place::new();
+    let found = |settings: &str| {
+        let script = pushed("mse(now, photo)", &format!("using: levenberg_marquardt(), steps: 12{settings}"));
+        let script = script
+            .replace("x = 0.4\n", "x = 0.6\n")
+            .replace("x: -0.4", "x: -0.6")
+            .replace("radius: 0.5", "radius: 0.25");
+        place.run(&format!("{script}\nprint x")).trim().parse::<f64>().unwrap()
+    };
+    let (sharp, blurred) = (found(""), found(", blur: fade(4)"));
+    assert!((blurred + 0.6).abs() < 0.05 && (sharp + 0.6).abs() > 0.2, "{blurred} {sharp}");
+}
+
+#[test]
+fn a_blur_is_a_number_of_pixels() {
+    refused(&pushed("mse(now, photo)", "blur: -1"), &["`blur` must be", "this is -1"]);
+    refused(&pushed("mse(now, photo)", "blur: 3deg"), &["3deg"]);
+    refused(
+        &pushed("mse(now, photo)", "stage a { blurs: 3 }"),
+        &["a stage has no field `blurs`", "did you mean `blur`?"],
+    );
+    let place = Place::new();
+    place.write("script.dscene", pushed("mse(now, photo)", "steps: 9, blur: 3 - 2 * step"));
+    let output = place.dsl(&["run", "script.dscene", "--out", "run"]);
+    assert_code(&output, 1);
+    assert!(
+        stderr(&output).contains("`blur` must be from 0 to 10000 pixels") && stderr(&output).contains("this is -1")
     );
 }

@@ -139,6 +139,18 @@ fn any_script_is_swept_over_from_the_command_line() {
 }
 
 #[test]
+fn where_more_is_better_the_largest_mean_is_marked() {
+    let place = Place::new();
+    let report = "report { gap: (x - 1) ^ 2, likeness: maximize(-(x - 1) ^ 2), unlikeness: -(x - 1) ^ 2 }";
+    let actions = "optimize valley { using: sgd(lr: rate), steps: 20 }";
+    let swept = format!("sweep rate in [0.01, 0.1] {{ {actions} {report} }}");
+    place.write("valley.dscene", VALLEY.replace("let rate = 0.1\n", "").replace(actions, &swept));
+    assert_code(&place.dsl(&["run", "valley.dscene", "--out", "s"]), 0);
+    let table: Value = serde_json::from_str(&table(&place, "s")[1]).unwrap();
+    assert_eq!(table["best"], serde_json::json!({ "gap": 1, "likeness": 1, "unlikeness": 0 }));
+}
+
+#[test]
 fn what_is_wrong_is_told_before_anything_runs() {
     let place = Place::new();
     place.write("a.dscene", VALLEY);
@@ -208,16 +220,75 @@ fn a_run_that_fails_is_told_and_stops_no_other() {
 #[test]
 fn hopeless_runs_are_given_up() {
     let place = Place::new();
-    let script = "param x = start\nloss l = x ^ 2\n
-                  sweep start in [1, 1.1, 1.2, 50, 0.9] { optimize l { using: sgd(lr: 0.001), steps: 40 } }";
+    let script = "param x = 1\nloss l = x ^ 2\n
+                  sweep rate in [0.01, 0.011, 0.012, 0.0001, 0.02] { optimize l { using: sgd(lr: rate), steps: 40 } }";
     place.write("a.dscene", script);
     let output = place.dsl(&["sweep", "a.dscene", "--prune", "--out", "r"]);
     assert_code(&output, 0);
     let text = stdout(&output);
     assert_eq!(text.matches("1 pruned").count(), 1, "{text}");
     let pruned = lines(&place, "r", "ended").into_iter().find(|line| line["end"] == "pruned").unwrap();
-    assert_eq!((&pruned["run"], &pruned["steps"]), (&Value::from("start=50,seed=0"), &Value::from(10)));
-    assert!(pruned["why"].as_str().unwrap().contains("after step 9"), "{pruned}");
+    // Not after ten steps, which are a quarter of its way.
+    assert_eq!((&pruned["run"], &pruned["steps"]), (&Value::from("rate=0.0001,seed=0"), &Value::from(20)));
+    assert!(pruned["why"].as_str().unwrap().contains("after step 19"), "{pruned}");
+    // Where another loss is measured, or from elsewhere, a larger one says nothing.
+    let elsewhere = script
+        .replace("= 1", "= start")
+        .replace("rate in [0.01, 0.011, 0.012, 0.0001, 0.02]", "start in [1, 1.1, 1.2, 50]");
+    place.write("b.dscene", elsewhere.replace("lr: rate", "lr: 0.001"));
+    assert_code(&place.dsl(&["sweep", "b.dscene", "--prune", "--out", "b"]), 0);
+    assert!(lines(&place, "b", "ended").iter().all(|line| line["end"] == "finished"));
+}
+
+/// What the page of a sweep holds; `pages.rs` looks at it in a browser.
+#[test]
+fn the_page_of_a_sweep_has_its_table_and_one_name_for_all_seeds() {
+    let place = Place::new();
+    let actions = "optimize valley { using: sgd(lr: rate), steps: 20 }";
+    let report = "report { gap: (x - 1) ^ 2, likeness: maximize(-(x - 1) ^ 2), seed }";
+    let swept = format!("sweep rate in [0.01, 0.1], start in [3], seed in 0..3 {{ {actions} {report} }}");
+    let script = VALLEY.replace("let rate = 0.1\n", "").replace("let start = 3\n", "").replace(actions, &swept);
+    place.write("a.dscene", script);
+    assert_code(&place.dsl(&["run", "a.dscene", "--out", "r", "--quiet"]), 0);
+    let page = fs::read_to_string(place.path("r/compare.html")).unwrap();
+    let (_, rest) = page.split_once("type=\"application/json\">").unwrap();
+    let data: Value = serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap();
+    let runs = data["runs"].as_array().unwrap();
+    let labels: Vec<&str> = runs.iter().map(|run| run["label"].as_str().unwrap()).collect();
+    assert_eq!((labels.len(), labels[0], labels[5]), (6, "rate = 0.01, seed = 0", "rate = 0.1, seed = 2"));
+    assert_eq!((&runs[0]["kind"], &runs[0]["kind"]), (&runs[2]["kind"], &runs[4]["kind"]));
+    assert_eq!(
+        (&runs[1]["kind"], &runs[1]["reported"][2]),
+        (&Value::from("rate = 0.1, start = 3"), &serde_json::json!(["seed", 0.0]))
+    );
+    let settings: Vec<&Value> = data["settings"].as_array().unwrap().iter().map(|row| &row[0]).collect();
+    assert_eq!(settings, ["rate", "seed"]);
+    let means = |row: usize| {
+        data["table"]["rows"][row]["means"].as_array().unwrap().iter().map(|mean| mean[1] == true).collect::<Vec<_>>()
+    };
+    assert_eq!(data["table"]["columns"], serde_json::json!(["gap", "likeness", "seed"]));
+    assert_eq!((means(0), means(1)), (vec![false, false, true], vec![true, true, false]));
+}
+
+#[test]
+fn the_folder_of_a_sweep_is_told_from_that_of_a_run() {
+    let place = Place::new();
+    place.write("a.dscene", VALLEY);
+    assert_code(&place.dsl(&["sweep", "a.dscene", "--set", "rate=0.1,0.2", "--out", "r", "--quiet"]), 0);
+    for arguments in
+        [&["compare", "r"][..], &["report", "r/"], &["export", "r"], &["compare", "r/rate=0.1,seed=0", "r"]]
+    {
+        let output = place.dsl(arguments);
+        assert_diagnosed(&output);
+        let told = stderr(&output).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(told.contains("`r` is the folder of a sweep, not of a run"), "{arguments:?}: {told}");
+        assert!(
+            told.contains("`dsl compare r/*/`") && told.contains("`r/rate=0.1,seed=0` is one"),
+            "{arguments:?}: {told}"
+        );
+    }
+    // What is proposed works.
+    assert_code(&place.dsl(&["compare", "r/rate=0.1,seed=0/", "r/rate=0.2,seed=0/"]), 0);
 }
 
 #[test]

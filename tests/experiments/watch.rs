@@ -239,6 +239,30 @@ fn a_long_step_keeps_no_page_waiting() {
     events.phase("ready");
 }
 
+/// Examples look at things from all sides by a list of cameras.
+#[test]
+fn cameras_in_a_list_are_looked_through_and_chosen() {
+    let place = Place::new();
+    let list = "let eyes = [camera(position: [0, 0, -4 - 9 * k], look_at: [0, 0, 0], fov: 45deg, film: [16, 16]) for k in 0..2]\n";
+    let camera = TRIANGLE.lines().find(|line| line.starts_with("camera eye")).unwrap();
+    place.write("t.dscene", TRIANGLE.replace(camera, list).replace("render(eye", "render(eyes[0]"));
+    let server = watch(&place, "t.dscene");
+    let mut events = server.events();
+    let camera = events.until("camera", |_| true);
+    assert_eq!((&camera["names"], &camera["name"]), (&json!(["eyes[0]", "eyes[1]"]), &json!("eyes[0]")));
+    assert_eq!((&camera["movable"], &camera["line"]), (&json!(false), &Value::Null));
+    events.until("picture", |p| p["spp"] == 4);
+    events.phase("ready");
+    let near = server.get("/picture").body;
+    server.order(json!({"do": "camera", "name": "eyes[1]"}));
+    events.until("camera", |camera| camera["name"] == "eyes[1]");
+    events.until("picture", |p| p["spp"] == 4);
+    let far = server.get("/picture").body;
+    assert!(brightest(&near) > 200 && near != far);
+    server.order(json!({"do": "derivative", "name": "glow", "element": 0}));
+    events.until("derivative", |d| d["param"] == "glow");
+}
+
 #[test]
 fn a_script_without_a_camera_has_no_picture_and_no_errors() {
     let place = Place::new();
@@ -357,6 +381,31 @@ fn control_c_ends_it() {
     let mut server = watch(&place, "t.dscene");
     server.events().phase("ready");
     assert!(send(&server.child, "-INT"));
+    assert_eq!(server.child.wait().unwrap().code(), Some(130));
+}
+
+/// The last picture is fetched after the run has ended: nobody is cut off in the middle of a question, or waited for forever.
+#[test]
+fn the_end_waits_for_pages_to_say_goodbye() {
+    let place = Place::new();
+    place.write("t.dscene", format!("{TRIANGLE}\noptimize fit {{ using: adam(lr: 0.001), steps: 100000 }}\n"));
+    let start = |out: &str| Server::start(&place, &["run", "t.dscene", "--out", out, "--live"]);
+    let mut server = start("a");
+    let mut events = server.events();
+    events.until("picture", |_| true);
+    server.order(json!({"do": "stop"}));
+    events.until("end", |_| true);
+    for path in ["/picture", "/"] {
+        assert_eq!(server.get(path).status, 200, "{path}");
+    }
+    assert_eq!(server.child.try_wait().unwrap(), None);
+    drop(events);
+    assert_eq!(server.child.wait().unwrap().code(), Some(130));
+    // One that neither reads on nor leaves.
+    let mut server = start("b");
+    let mut deaf = server.events();
+    deaf.until("picture", |_| true);
+    server.order(json!({"do": "stop"}));
     assert_eq!(server.child.wait().unwrap().code(), Some(130));
 }
 
@@ -511,10 +560,22 @@ fn the_page_shows_turns_sets_and_follows() {
 fn the_page_follows_a_run() {
     let Some(mut browser) = Browser::wanted() else { return };
     let place = Place::new();
-    place.write("seen.dscene", format!("{TRIANGLE}\noptimize fit {{ using: adam(lr: 0.001), steps: 100000 }}\n"));
-    place.write("blind.dscene", BOWL.replace("steps: 60", "steps: 1000000"));
-    for (file, (width, scheme)) in [("seen", (390, Scheme::Light)), ("blind", (1280, Scheme::Dark))] {
-        let mut server = Server::start(&place, &["run", &format!("{file}.dscene"), "--out", file, "--live"]);
+    // More numbers than there are sliders for.
+    let many = |script: &str, loss: &str| {
+        let more = format!("param many = [0.1 * i for i in 0..100]\nloss {loss} = 0 * sum(many) + ");
+        script.replace(&format!("loss {loss} = "), &more)
+    };
+    let seen = format!("{}\noptimize fit {{ using: adam(lr: 0.001), steps: 100000 }}\n", many(TRIANGLE, "fit"));
+    place.write("seen.dscene", seen);
+    place.write("blind.dscene", many(BOWL, "bowl").replace("steps: 60", "steps: 1000000"));
+    for (file, (width, scheme)) in [
+        ("seen", (390, Scheme::Light)),
+        ("seen", (1280, Scheme::Dark)),
+        ("blind", (390, Scheme::Dark)),
+        ("blind", (1280, Scheme::Light)),
+    ] {
+        let out = format!("{file}-{width}");
+        let mut server = Server::start(&place, &["run", &format!("{file}.dscene"), "--out", &out, "--live"]);
         let mut page = browser.open(&format!("http://127.0.0.1:{}{}/", server.port, server.root), (width, 900), scheme);
         page.wait_for("document.querySelector('#phase').textContent === 'optimising'");
         page.wait_for("document.querySelector('#curve').getBoundingClientRect().height > 50");
@@ -525,12 +586,19 @@ fn the_page_follows_a_run() {
             page.wait_for("document.querySelector('#picture').naturalWidth === 16");
         }
         assert_eq!(is_shown(&mut page, "#stage"), file == "seen");
+        // Where there is no picture, or no slider, the page says why.
+        assert_eq!(is_shown(&mut page, "#unseen"), file != "seen");
+        let told = page.text("document.querySelector('[data-param=many]').innerText");
+        assert!(told.contains("100 numbers have no sliders"), "{told}");
+        assert_eq!((told.contains("first 3 of 100"), is_shown(&mut page, ".pick")), (file == "seen", file == "seen"));
         assert!(!is_shown(&mut page, "#start") && !is_shown(&mut page, "#reset") && is_shown(&mut page, "#unknowns"));
         assert_eq!(page.number("document.querySelectorAll('.param input:enabled').length"), 0.0);
         page.click("#pause");
         page.wait_for("document.querySelector('#phase').textContent === 'paused'");
         if let Some(folder) = std::env::var_os("DSCENE_SCREENSHOTS") {
-            page.screenshot(&std::path::Path::new(&folder).join(format!("live-run-{file}.png")));
+            page.screenshot(
+                &std::path::Path::new(&folder).join(format!("live-run-{out}-{scheme:?}.png").to_lowercase()),
+            );
         }
         page.click("#stop");
         page.wait_for("document.querySelector('#phase').textContent === 'stopped'");

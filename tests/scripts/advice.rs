@@ -239,6 +239,27 @@ const ROWS: &[Row] = &[
     ("optimize fit { epochs: 3 }", "epochs", "steps", "optimize fit { steps: 3 }"),
     ("minimize fit { steps: 3 }", "minimize", "optimize fit { steps: 3 }", "optimize fit { steps: 3 }"),
     ("optimize fit { using: SGD(lr: 0.1) }", "SGD", "sgd", "optimize fit { using: sgd(lr: 0.1) }"),
+    ("param w = 1 { lr: adam }", "adam", "2", "param w = 1 { lr: 2 }"),
+    ("param w = 1 { lr: adam(lr: 0.1) }", "adam(lr: 0.1)", "2", "param w = 1 { lr: 2 }"),
+    ("param w = 1 { freeze: true }", "freeze", "frozen", "param w = 1 { frozen: true }"),
+    ("optimize fit { freeze: [n] }", "freeze", "over: […]", "optimize fit { over: [size] }"),
+    (
+        "optimize fit { stage pose { frozen: n } }",
+        "frozen",
+        "over: […]",
+        "optimize fit { stage pose { over: [size] } }",
+    ),
+    // Losses.
+    ("let a = iou(alpha(eye), alpha(eye))", "iou", "silhouette_iou", "let a = silhouette_iou(alpha(eye), alpha(eye))"),
+    (
+        "let a = dice(alpha(eye), alpha(eye))",
+        "dice",
+        "silhouette_iou",
+        "let a = silhouette_iou(alpha(eye), alpha(eye))",
+    ),
+    ("let f = lpips", "lpips", "perceptual_error", "let f = perceptual_error"),
+    ("let a = edge_energy(ball.mesh)", "edge_energy", "edge_length_energy", "let a = edge_length_energy(ball.mesh)"),
+    ("let a = tv_loss(render(eye))", "tv_loss", "total_variation", "let a = total_variation(render(eye))"),
     // One cause, one error.
     ("let a = mix(a: 1, 2, 0.5)", "2", "b: 2", "let a = mix(a: 1, b: 2, t: 0.5)"),
     (

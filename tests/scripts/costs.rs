@@ -1,9 +1,14 @@
-//! What a run will take, what it took, and what it reads: `check --estimate`, `run --timings`, `check --deps`.
+//! What a run will take, what it took, what it reads, and what it does once only: `check --estimate`, `run --timings`, `check --deps`.
 
 use std::fs;
 
+use dscene::check::hir;
+use dscene::eval::on_large_stack;
+use dscene::session::{Recorder, Runner};
+use dscene::tape::Tensor;
 use serde_json::Value;
 
+use crate::language::{engine, expr};
 use crate::place::{Place, assert_code, stderr, stdout};
 
 const SCENE: &str = "\
@@ -48,6 +53,9 @@ fn an_estimate_has_a_range_for_every_action_and_leaves_nothing_behind() {
     assert_eq!(picture["film"], serde_json::json!([96, 96]));
     assert_eq!((&picture["spp"], &picture["max_bounces"], &picture["what"]), (&256.into(), &8.into(), &"image".into()));
     assert_eq!((&actions[1]["steps"], &actions[1]["may_stop_early"]), (&30.into(), &true.into()));
+    let staged = "param x = 4\nloss l = x ^ 2\noptimize l { stage a { steps: 40, stop_when: loss < 99 } stage b { steps: 2 } }\n";
+    let own = &estimated(&Place::new(), staged)["actions"][0];
+    assert_eq!((&own["steps"], &own["may_stop_early"]), (&42.into(), &true.into()));
     let kinds = actions[1]["renderings"].as_array().unwrap().iter().map(|r| r["what"].as_str().unwrap());
     assert!(kinds.clone().any(|what| what == "gradient") && kinds.clone().any(|what| what == "image"));
     // It was not run.
@@ -177,4 +185,58 @@ fn what_a_script_reads_is_a_rule_for_make() {
     assert_eq!(told["deps"].as_array().unwrap().len(), 6);
     assert_eq!(told["unknown"][0], "load_image(\"wall_{i}.png\")");
     assert_code(&place.dsl(&["check", "--deps", "--estimate", "scene.dscene"]), 2);
+}
+
+/// Views of one scene have its ray tree and its edges in common, in values and in derivatives.
+#[test]
+fn many_views_share_what_is_built() {
+    let text = "
+        param place = 0.1
+        let eyes = [camera(position: [3 * sin(k * 5.625deg), 1, 3 * cos(k * 5.625deg)], film: [4, 4]) for k in 0..64]
+        shape ball { mesh: icosphere(subdivisions: 2) |> translate([place, 0, 0]) }
+        light sky = constant(radiance: 1)
+        loss seen = mean([mean(render(eye, spp: 1)) for eye in eyes])
+    ";
+    on_large_stack(|| {
+        let mut engine = engine(text);
+        let seen = expr(&engine, "seen");
+        let place = hir::Target { decl: engine.program().find("place").unwrap(), path: vec![] };
+        for step in 1..=3 {
+            engine.set_param(place.decl, Tensor::scalar(0.1 * f64::from(step))).unwrap();
+            let found = engine.gradient(&seen, std::slice::from_ref(&place)).unwrap();
+            assert!(found.value > 0.0 && found.grads[0].data[0].is_finite());
+            let statistics = engine.statistics();
+            assert_eq!((statistics.renders, statistics.scenes), (64 * step as u64, step as u64));
+        }
+    });
+}
+
+/// Targets, which no param reaches, are rendered once, whatever stages change of the samples and the blur of steps.
+#[test]
+fn other_samples_render_no_target_again() {
+    let renders = |settings: &str| {
+        let text = format!(
+            "camera eye {{ position: [0, 0, 4], film: [8, 8] }}
+             light sky = constant(radiance: 1)
+             param place = 0.1
+             shape ball {{ mesh: icosphere(subdivisions: 1) |> translate([place, 0, 0]) }}
+             let photos = [render(eye, spp: 8, seed: k) for k in 0..5] with {{ place: 0.3 }}
+             loss off = mean([mse(render(eye, spp: 1), photo) for photo in photos])
+             optimize off {{ using: sgd(lr: 0.01), {settings} }}"
+        );
+        let mut engine = engine(&text);
+        let mut world = Recorder::default();
+        let actions = engine.program().actions.clone();
+        let _ = Runner::new(&mut engine, &mut world).run(&actions).unwrap();
+        engine.statistics().renders
+    };
+    on_large_stack(|| {
+        // Of four steps more, so that what is looked at in the end does not count.
+        let more = |settings: &str| renders(&format!("steps: 8{settings}")) - renders(&format!("steps: 4{settings}"));
+        assert_eq!([more(""), more(", blur: fade(3)"), more(", spp: auto(error: 5%, most: 64)")], [4 * 5; 3]);
+        let plain = renders("steps: 4");
+        assert_eq!(renders("stage a { steps: 2, spp: 2 } stage b { steps: 2, spp: 3 }"), plain);
+        // The film of a target follows that of the steps.
+        assert!(renders("stage a { steps: 2, film_scale: 0.5 } stage b { steps: 2 }") > plain);
+    });
 }

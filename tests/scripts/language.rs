@@ -9,14 +9,14 @@ use dscene::tape::Tensor;
 use serde_json::json;
 
 /// A checked program, ready to evaluate.
-fn engine(text: &str) -> Engine {
+pub fn engine(text: &str) -> Engine {
     let Checked { program, diagnostics, .. } = check::check_text("test.dscene", None, text, &[], &Disk);
     let errors: Vec<&Diagnostic> = diagnostics.iter().filter(|d| d.is_error()).collect();
     assert!(errors.is_empty(), "{text}\n{errors:#?}");
     Engine::new(program.expect("a program"), EngineOptions { base_dir: ".".into(), ..Default::default() })
 }
 
-fn expr(engine: &Engine, text: &str) -> hir::Expr {
+pub fn expr(engine: &Engine, text: &str) -> hir::Expr {
     let mut program = engine.program().clone();
     match check::check_line(&mut program, text) {
         (Some(Line::Expr(e)), _) => e,

@@ -54,6 +54,55 @@ fn a_stage_that_goes_on_as_before_changes_nothing() {
     }
 }
 
+/// Solvers of least squares find how far each param goes; a rate counts if any other solver moves the param too.
+#[test]
+fn a_rate_of_a_param_is_nothing_to_solvers_without_one() {
+    let script = |lr: &str, optimize: &str| {
+        format!(
+            "param x = 3 {{ {lr} }}\nparam y = 2\nlet exact = gauss_newton()\nloss l = (x - 1) ^ 2 + y ^ 2\noptimize l {{ {optimize} }}\n"
+        )
+    };
+    for optimize in [
+        "using: gauss_newton(), steps: 5",
+        "using: levenberg_marquardt(damping: 0.2)",
+        "over: x, using: exact",
+        "using: gauss_newton() stage a { steps: 2 } stage b { steps: 3, clip: 1 }",
+        "using: exact stage a { over: x, steps: 2 } stage b { over: y, using: adam() }",
+    ] {
+        tells(&script("lr: 2", optimize), &[("ignored_rate", "2")]);
+        tells(&script("lr: 0", optimize), &[]);
+        tells(&script("scale: 2", optimize), &[]);
+    }
+    for optimize in [
+        "using: adam()",
+        "steps: 5",
+        "using: lbfgs()",
+        "over: y, using: gauss_newton()",
+        "using: exact stage a { steps: 2, using: adam() } stage b { steps: 3 }",
+    ] {
+        tells(&script("lr: 2", optimize), &[]);
+    }
+}
+
+#[test]
+fn a_blur_wants_a_loss_of_two_pictures() {
+    let script = |loss: &str| {
+        format!("{SCENE}loss l = {loss}\noptimize l {{ stage far {{ blur: 4, steps: 5 }} stage near {{ steps: 5 }} }}")
+    };
+    for compared in ["mse(render(eye), target)", "0.1 * ssim(render(eye), target)", "pyramid_loss(render(eye), target)"]
+    {
+        tells(&script(compared), &[]);
+    }
+    for other in
+        ["mean((render(eye) - target) ^ 2)", "mean(render(eye))", "total_variation(render(eye), weight: target)"]
+    {
+        tells(&script(other), &[("ignored_blur", "4")]);
+    }
+    // In a function, or handed to one.
+    tells(&script("mine(render(eye))").replace("loss l", "fn mine(x: image) = l1(x, target)\nloss l"), &[]);
+    tells(&script("sum([f(render(eye), target) for f in [l1]])"), &[]);
+}
+
 #[test]
 fn geometry_that_moves_needs_boundary_terms() {
     let moved = format!("{SCENE}loss l = mse(render(eye, boundary: false), target)");
@@ -67,17 +116,22 @@ fn geometry_that_moves_needs_boundary_terms() {
     tells(&moved.replace("param size = 1", "param size = 1 { frozen: true }"), &[]);
 }
 
-/// A run that differentiates without boundary terms asks no more what the script has answered, but tells of all else that is missing.
+/// What `check` says of missing boundary terms a run does not say again, nor what the script has answered; it tells of all else that is missing.
 #[test]
 fn one_comment_allows_what_check_and_run_say_of_missing_boundary_terms() {
     let warned = |script: &str| {
-        let program = check_text("test.dscene", None, script, &[], &Disk).program.expect("a program");
-        on_large_stack(move || {
+        let checked = check_text("test.dscene", None, script, &[], &Disk);
+        let program = checked.program.expect("a program");
+        // These two are the same to a user, and are told even with `--quiet`.
+        let lints = checked.diagnostics.iter().filter(|d| d.code == "dscene::lint::no_boundary" && d.is_always_told());
+        let mut all: Vec<String> = lints.map(|d| d.message.clone()).collect();
+        all.extend(on_large_stack(move || {
             let mut engine = Engine::new(program, EngineOptions::default());
             let slope = engine.program().find("slope").expect("declared");
             engine.eval_decl(slope).expect("a value");
             engine.take_warnings().iter().map(|w| w.message.clone()).collect::<Vec<String>>()
-        })
+        }));
+        all
     };
     let script = |integrator: &str, material: &str, boundary: &str| {
         format!(

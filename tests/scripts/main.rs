@@ -39,7 +39,7 @@ mod mutated_scripts;
 mod natives;
 mod records;
 mod repl;
-mod repl_terminal;
 mod script_tests;
+mod terminal;
 mod tidy;
 mod typed_programs;

@@ -181,7 +181,29 @@ const DERIVATIVES: &[(&str, &str, &str)] = &[
         "ms_ssim(resize(image(im), 32, 20), 0.1 * resize(photo, 32, 20) + 0.7 * resize(image(im) ^ 2, 32, 20))",
         "im",
     ),
+    (
+        "ms_ssim",
+        "ms_ssim(resize(image(im), 32, 20), 0.1 * resize(photo, 32, 20) + 0.7 * resize(image(im) ^ 2, 32, 20), weight: resize(mask, 32, 20))",
+        "im",
+    ),
     ("silhouette_iou", "silhouette_iou(image(im), photo, weight: mask)", "im"),
+    ("charbonnier", "charbonnier(image(im), photo, epsilon: 0.1, weight: mask)", "im"),
+    ("log_mse", "log_mse(image(im), photo, weight: mask)", "im"),
+    ("scaled_mse", "scaled_mse(image(im), photo, weight: mask)", "im"),
+    ("angle_error", "angle_error(points, [v, w, v, w], weight: [1, 0, 0.5, 2])", "points"),
+    ("cross_entropy", "cross_entropy(image(im), photo, weight: mask)", "im"),
+    ("pyramid_loss", "pyramid_loss(image(im), photo, levels: 2, loss: l1)", "im"),
+    ("pyramid_loss", "pyramid_loss(image(im), photo, levels: 2, weight: mask)", "im"),
+    ("pyramid_loss", "pyramid_loss(3 * photo, photo ^ 2, levels: 2, weight: image(im))", "im"),
+    ("gradient_l1", "gradient_l1(image(im), photo)", "im"),
+    ("gradient_l1", "gradient_l1(image(im), photo, weight: mask + 0.3)", "im"),
+    ("total_variation", "total_variation(image(im))", "im"),
+    ("total_variation", "total_variation(photo, weight: image(im))", "im"),
+    ("smoothness", "smoothness(image(im), weight: mask + 0.3)", "im"),
+    ("guided_variation", "guided_variation(image(im), photo, sharpness: 2, weight: mask + 0.1)", "im"),
+    ("guided_variation", "guided_variation(photo, image(im), sharpness: 2)", "im"),
+    ("beyond", "beyond(image(im), 0.25, 0.7, weight: mask)", "im"),
+    ("indecision", "indecision(image(im), weight: mask)", "im"),
     ("project", "project(eye, points)", "points"),
     ("project", "project(eye, points)", "v"),
     ("project", "project(eye, points)", "turn"),
@@ -233,7 +255,7 @@ const NONE: &[(&str, &[&str])] = &[
         ],
     ),
     ("in single precision, which has too few digits for these differences: `networks` tests it", &["classifier"]),
-    ("to report, not to follow", &["flip_error", "perceptual_error"]),
+    ("to report, not to follow", &["flip_map", "perceptual_error"]),
     ("derivatives themselves", &["grad", "jvp", "jacobian", "fd", "estimate"]),
     (
         "settings",
@@ -383,7 +405,26 @@ const VALUES: &[(&str, &[f64])] = &[
     ("mse(photo, 0 * photo, weight: mask)", &[(0.34 / 2.0 + 0.5 * 0.53 / 2.0 + 0.2 * 1.17 / 2.0 + 0.2225 / 2.0) / 2.7]),
     ("l1([1, 2], [2, 4], weight: 0)", &[0.0]),
     ("ms_ssim(resize(photo, 40, 40), resize(photo, 40, 40))", &[1.0]),
-    ("silhouette_iou(mask, mask)", &[1.0 - (1.0 + 0.25 + 0.04 + 1.0) / (1.0 + 0.75 + 0.36 + 1.0)]),
+    ("ms_ssim(resize(photo, 40, 40), resize(photo, 40, 40), weight: resize(mask, 40, 40))", &[1.0]),
+    // Equal silhouettes are best, whatever their edges; without edges it is intersection over union.
+    ("silhouette_iou(mask, mask)", &[0.0]),
+    ("silhouette_iou(0 * mask, 0 * mask)", &[0.0]),
+    ("silhouette_iou(image([[1, 1, 0]]), image([[0, 1, 1]]))", &[2.0 / 3.0]),
+    ("silhouette_iou(image([[0.5, 1]]), image([[1, 1]]))", &[1.0 / 7.0]),
+    ("silhouette_iou(image([[0.5, 1, 0.3]]), image([[1, 1, 0.9]]), weight: image([[1, 1, 0]]))", &[1.0 / 7.0]),
+    // The hidden third pixel has no part in any difference, although the last pixels of rows and columns count as differences of nothing.
+    ("total_variation(image([[0, 2, 5]]), weight: image([[1, 1, 0]]))", &[2.0 / 3.0]),
+    ("smoothness(image([[0, 2, 5]]), weight: image([[1, 1, 0]]))", &[4.0 / 3.0]),
+    ("gradient_l1(image([[0, 1, 5]]), image([[0, 3, 9]]), weight: image([[1, 1, 0]]))", &[2.0 / 3.0]),
+    ("guided_variation(image([[0, 1, 5]]), 0 * image([[0, 1, 5]]), weight: image([[1, 1, 0]]))", &[1.0]),
+    ("beyond([-1, 5], 0, 1, weight: [1, 0])", &[1.0]),
+    ("indecision([0, 0.5], weight: [3, 1])", &[0.25]),
+    // Neither does it reach the coarse level, where the pixel is the mean of what counts.
+    (
+        "pyramid_loss(image([[1, 9], [1, 9]]), image([[3, 0], [3, 5]]), levels: 2, weight: image([[1, 0], [1, 0]]))",
+        &[4.0],
+    ),
+    ("pyramid_loss(photo, photo ^ 2, levels: 2, weight: 3) - pyramid_loss(photo, photo ^ 2, levels: 2)", &[0.0]),
     // A cube's edges bend by a right angle: 12 of length 1 between faces of area 1/2 each, and 6 diagonals that do not bend.
     ("bending_energy(cube())", &[72.0]),
     ("bending_energy(cube() |> scale(7))", &[72.0]),
@@ -615,5 +656,11 @@ fn flip_error_is_that_of_its_authors() {
             assert!((found - wanted).abs() < 1e-4, "{found} {wanted}");
         }
         assert_eq!(numbers(&mut engine, &format!("flip_error({0}, {0})", waves[0])), [0.0]);
+        let [a, b] = &noise;
+        let map = numbers(&mut engine, &format!("flip_map({b}, {a})"));
+        let left = "image([[[if x < 12 then 1 else 0] for x in 0..24] for y in 0..20])";
+        let found = numbers(&mut engine, &format!("flip_error({b}, {a}, weight: {left})"))[0];
+        let wanted = (0..480).filter(|i| i % 24 < 12).map(|i| map[i]).sum::<f64>() / 240.0;
+        assert!(map.len() == 480 && (found - wanted).abs() < 1e-9, "{found} {wanted}");
     });
 }

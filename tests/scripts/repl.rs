@@ -238,6 +238,21 @@ fn angles_keep_their_unit() {
     assert!(text.contains("0deg..90deg") && text.contains("t = 60deg"), "{text}");
 }
 
+/// What a stage of a typed `optimize` has declared anew stays, although its beginning is looked at once more where the loss has risen.
+#[test]
+fn what_a_stage_declares_anew_stays_after_a_look_back() {
+    let place = Place::new();
+    place.write("t.dscene", "param row: scalar[] = [0, 5]\nloss off = sum([(x - 3) ^ 2 for x in row])\n");
+    let optimize = "optimize off { using: sgd(lr: 1.2) \
+                    stage a { steps: 4, then { param row = [row[0], 1, row[1]] } } stage b { steps: 6 } }";
+    let output = repl(&place, &["t.dscene"], &format!("{optimize}\nlen(row)\n:reset\nlen(row)\n"));
+    assert_code(&output, 0);
+    assert!(stderr(&output).contains("the loss `off` has risen from 13"), "{}", stderr(&output));
+    let text = stdout(&output);
+    let lengths: Vec<&str> = text.lines().filter_map(|line| line.strip_suffix("   : scalar")).collect();
+    assert_eq!(lengths, ["3", "2"], "{text}");
+}
+
 #[test]
 fn a_plot_after_optimize_draws_the_way_there() {
     let place = Place::new();

@@ -21,12 +21,25 @@ fn files(folder: &str, extension: &str) -> Vec<PathBuf> {
     found
 }
 
+/// Where the crates' sources are: the engine's and the language's.
+const SOURCES: [&str; 2] = ["engine/src", "src"];
+
+fn sources() -> Vec<PathBuf> {
+    SOURCES.iter().flat_map(|folder| files(folder, "rs")).collect()
+}
+
+/// A file's path within its crate's sources.
+fn within_crate(path: &Path) -> &Path {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    SOURCES.iter().find_map(|folder| path.strip_prefix(root.join(folder)).ok()).unwrap()
+}
+
 #[test]
 fn no_file_is_too_long_to_take_in() {
     const LONGEST: usize = 800;
-    let long: Vec<String> = ["src", "tests"]
-        .iter()
-        .flat_map(|folder| files(folder, "rs"))
+    let long: Vec<String> = sources()
+        .into_iter()
+        .chain(files("tests", "rs"))
         .map(|path| (fs::read_to_string(&path).unwrap().lines().count(), path))
         .filter(|(lines, _)| *lines > LONGEST)
         .map(|(lines, path)| format!("{} has {lines} lines", path.display()))
@@ -37,7 +50,7 @@ fn no_file_is_too_long_to_take_in() {
 #[test]
 fn nothing_is_left_undone() {
     let words = ["todo!", "unimplemented!", "dbg!"].map(|w| format!("{w}("));
-    for path in files("src", "rs") {
+    for path in sources() {
         let text = fs::read_to_string(&path).unwrap();
         for word in &words {
             assert!(!text.contains(word), "{word}) in {}", path.display());
@@ -48,7 +61,8 @@ fn nothing_is_left_undone() {
 /// What is not inlined there is compiled without the instructions of the queries: it happened, and gradients took twice their time.
 #[test]
 fn walks_through_the_ray_tree_have_no_closures() {
-    let text = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("src/render/accel/traverse.rs")).unwrap();
+    let text =
+        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("engine/src/render/accel/traverse.rs")).unwrap();
     let walk = text.lines().take_while(|l| !l.starts_with("#[cfg(test)]"));
     for line in walk.filter(|l| !l.trim_start().starts_with("//")) {
         // `a || b` and `a | b` are no closures: these begin an argument, or what something is.
@@ -93,10 +107,9 @@ fn following<'t>(text: &'t str, before: &'t str) -> impl Iterator<Item = &'t str
     text.split(before).skip(1).map(word)
 }
 
-/// Where a file of `src/` belongs: `src/check/call.rs` to `check`, `src/memory.rs` to `memory`.
+/// Where a file belongs: `src/check/call.rs` to `check`, `engine/src/memory.rs` to `memory`.
 fn module_of(path: &Path) -> String {
-    let below = path.strip_prefix(Path::new(env!("CARGO_MANIFEST_DIR")).join("src")).unwrap();
-    below.iter().next().unwrap().to_str().unwrap().trim_end_matches(".rs").to_owned()
+    within_crate(path).iter().next().unwrap().to_str().unwrap().trim_end_matches(".rs").to_owned()
 }
 
 /// Every module uses what the table of floors says, and nothing above itself.
@@ -110,7 +123,7 @@ fn modules_use_what_their_floor_may() {
         }
         seen.push(&floor.module);
     }
-    for path in files("src", "rs") {
+    for path in sources() {
         let module = module_of(&path);
         if module == "lib" || module == "main" {
             continue;
@@ -162,7 +175,7 @@ struct File {
 }
 
 fn file_of(path: &Path) -> File {
-    let below = path.strip_prefix(Path::new(env!("CARGO_MANIFEST_DIR")).join("src")).unwrap().with_extension("");
+    let below = within_crate(path).with_extension("");
     let mut module: Vec<String> = below.iter().map(|s| s.to_str().unwrap().to_owned()).collect();
     module.pop_if(|last| last == "mod");
     let code = code(path);
@@ -226,7 +239,7 @@ const KNOWN: [[&str; 2]; 0] = [];
 #[test]
 fn files_of_the_renderer_go_in_no_circle() {
     for root in ["render", "grad"] {
-        let files: Vec<File> = files(&format!("src/{root}"), "rs").iter().map(|p| file_of(p)).collect();
+        let files: Vec<File> = files(&format!("engine/src/{root}"), "rs").iter().map(|p| file_of(p)).collect();
         let name = |i: usize| files[i].module.join("::");
         let mut uses: Vec<Vec<usize>> = Vec::new();
         for (i, file) in files.iter().enumerate() {
@@ -253,22 +266,10 @@ fn files_of_the_renderer_go_in_no_circle() {
     }
 }
 
-/// Lower floors know nothing of scripts: no spans, no diagnostics.
-#[test]
-fn lower_floors_know_no_scripts() {
-    let low = ["math", "image", "mesh", "render", "grad", "tape", "optim", "natives"];
-    for floor in floors().iter().filter(|f| low.contains(&f.module.as_str())) {
-        for used in floor.may_use.iter().flatten() {
-            let upper = ["diag", "source", "syntax", "check", "eval", "session", "cli"].contains(&used.as_str());
-            assert!(!upper, "`{}` may use `{used}`", floor.module);
-        }
-    }
-}
-
 #[test]
 fn functions_are_short() {
     const LONGEST: usize = 100;
-    for path in files("src", "rs") {
+    for path in sources() {
         let text = fs::read_to_string(&path).unwrap();
         let lines: Vec<&str> = text.lines().collect();
         for (i, line) in lines.iter().enumerate() {
@@ -306,6 +307,7 @@ fn the_long_statistics_hold_what_draws_more() {
 
 #[test]
 fn examples_are_short_and_say_what_they_show() {
+    let readme = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md")).unwrap();
     for path in files("examples", "dscene") {
         let text = fs::read_to_string(&path).unwrap();
         let name = path.display();
@@ -315,6 +317,8 @@ fn examples_are_short_and_say_what_they_show() {
         assert!(text.starts_with("///"), "{name} does not begin with what it shows");
         let expects = text.lines().any(|line| line.trim_start().starts_with("expect "));
         assert!(expects, "{name} does not expect anything");
+        let row = format!("| `{}` |", path.file_stem().unwrap().display());
+        assert!(readme.matches(&row).count() == 2, "README.md says of {name} what it recovers, and how long it takes");
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::place::Place;
 
@@ -36,10 +36,11 @@ fn examples_find_what_they_look_for() {
         if text.contains("load_network(") && std::env::var_os("DSCENE_NETWORKS").is_none() {
             continue;
         }
-        let place = Place::new();
+        let (place, begun) = (Place::new(), Instant::now());
         let mut command = place.command(&["run", script.to_str().unwrap(), "--out", "run", "--quiet"]);
         // Other tests have half of the processors meanwhile.
         let output = command.timeout(Duration::from_secs(600)).output().unwrap();
+        println!("{:6.1} s {}", begun.elapsed().as_secs_f64(), script.display());
         if !output.status.success() {
             wrong.push(format!("{}:\n{}", script.display(), String::from_utf8_lossy(&output.stderr)));
         }

@@ -32,6 +32,7 @@ test("the package holds what it names, and starts `dsl lsp`", async () => {
 
   // The editor and its client are stood in for; what the extension asks of them is what it is about.
   const started = [];
+  let stops = true;
   class LanguageClient {
     constructor(...all) {
       this.all = all;
@@ -40,27 +41,72 @@ test("the package holds what it names, and starts `dsl lsp`", async () => {
       started.push(this.all);
     }
     stop() {
+      if (!stops) return Promise.reject(new Error("it does not run"));
       started.push("stopped");
+      return Promise.resolve();
     }
   }
-  const settings = { get: (name) => (name === "path" ? "/opt/dsl" : undefined) };
+  // Any program that is there will do, and one that is not.
+  let program = process.execPath;
+  let changed;
+  const messages = [];
+  const opened = [];
+  const settings = { get: (name) => (name === "path" ? program : undefined) };
   const standIns = {
-    vscode: { workspace: { getConfiguration: (name) => (name === "dscene" ? settings : undefined) } },
+    vscode: {
+      Uri: { parse: (uri) => `parsed ${uri}` },
+      ViewColumn: { Beside: -2 },
+      commands: { executeCommand: (...all) => opened.push(all) },
+      window: {
+        showErrorMessage: async (message, button) => {
+          messages.push(message);
+          return button;
+        },
+      },
+      workspace: {
+        getConfiguration: (name) => (name === "dscene" ? settings : undefined),
+        onDidChangeConfiguration: (listener) => {
+          changed = listener;
+          return { dispose() {} };
+        },
+      },
+    },
     "vscode-languageclient/node": { LanguageClient },
   };
   const load = Module._load;
   Module._load = (name, ...rest) => standIns[name] ?? load(name, ...rest);
   try {
     const { activate, deactivate } = require(path.join(extension, main));
-    activate();
+    const context = { subscriptions: [] };
+    program = "/opt/dsl";
+    await activate(context);
+    assert.strictEqual(context.subscriptions.length, 1);
+    assert.deepStrictEqual(started, []);
+    assert.match(messages.join(), /“\/opt\/dsl” is not there.*dscene\.path/);
+    await new Promise((soon) => setImmediate(soon));
+    assert.deepStrictEqual(opened, [["workbench.action.openSettings", "dscene.path"]]);
+    // Named rightly, it is started without the window being opened anew.
+    program = process.execPath;
+    const named = { affectsConfiguration: (name) => name === "dscene.path" };
+    await changed(named);
+    // A server that has not come up cannot be stopped, and is no reason to start no other.
+    stops = false;
+    await changed(named);
+    assert.strictEqual(started.length, 2);
+    started.shift();
+    stops = true;
     deactivate();
   } finally {
     Module._load = load;
   }
   const [[, , server, options], last] = started;
-  assert.deepStrictEqual(server, { command: "/opt/dsl", args: ["lsp"] });
+  assert.deepStrictEqual(server, { command: process.execPath, args: ["lsp"] });
   assert.deepStrictEqual(options.documentSelector, [{ language: "dscene" }]);
   assert.strictEqual(last, "stopped");
+  // Pictures are opened as what they are.
+  opened.length = 0;
+  assert.deepStrictEqual(await options.middleware.window.showDocument({ uri: "file:///eye.png" }), { success: true });
+  assert.deepStrictEqual(opened[0].slice(0, 2), ["vscode.open", "parsed file:///eye.png"]);
   // The client itself is in the package.
   assert.ok(require.resolve("vscode-languageclient/node", { paths: [extension] }).startsWith(fs.realpathSync(folder)));
   fs.rmSync(folder, { recursive: true });

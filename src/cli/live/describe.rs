@@ -5,9 +5,9 @@ use std::sync::Arc;
 use serde_json::{Value as Json, json};
 
 use super::hub::Pose;
+use super::view::{item_of, viewpoints};
 use crate::check::hir::Program;
 use crate::check::{Part, Reached, domains};
-use crate::cli::cameras;
 use crate::diag::Diagnostic;
 use crate::eval::{self, Engine, ParamInfo, ParamKind, is_angle};
 use crate::natives::transform_matrix;
@@ -33,8 +33,7 @@ pub fn params(engine: &mut Engine) -> Result<Json, Diagnostic> {
         };
         let is_small = value.len() <= SET_BY_HAND && info.kind != ParamKind::Rotation;
         let reached = reached.get(&info.id).map_or(&[][..], Vec::as_slice);
-        let bounds = info.bounds.as_ref().filter(|_| is_small).map(|(lo, hi)| (unit(lo), unit(hi)));
-        let bounds = bounds.or_else(|| bounds_of_use(reached, &value));
+        let bounds = is_small.then(|| bounds(&info, reached, &value)).map(|(low, high)| (unit(&low), unit(&high)));
         all.push(json!({
             "name": info.name,
             "type": ty.to_string(),
@@ -45,6 +44,7 @@ pub fn params(engine: &mut Engine) -> Result<Json, Diagnostic> {
             "values": is_small.then(|| unit(&value)),
             "low": bounds.as_ref().map(|(low, _)| low),
             "high": bounds.as_ref().map(|(_, high)| high),
+            "unset": (!is_small).then(|| why_unset(&info, value.len())),
             "color": is_small && is_color(&info, reached),
             "text": crate::session::run::shortened(&show::with_unit(&value, &ty)),
         }));
@@ -52,12 +52,36 @@ pub fn params(engine: &mut Engine) -> Result<Json, Diagnostic> {
     Ok(Json::Array(all))
 }
 
-/// The finite range of the input that a whole param goes to: what is a reflectance lies within 0..1 although the script does not say so.
-fn bounds_of_use(reached: &[Reached], value: &Tensor) -> Option<(Vec<f64>, Vec<f64>)> {
-    let whole = reached.iter().find(|r| r.part == Part::Whole && !r.domain.angle)?;
-    let domain = &whole.domain;
-    let is_finite = domain.low.is_finite() && domain.high.is_finite();
-    (is_finite && value.len() <= SET_BY_HAND).then(|| (vec![domain.low; value.len()], vec![domain.high; value.len()]))
+/// Between what each number may be set: its bounds, and within them what the input takes that it goes to: what is a reflectance lies within
+/// 0..1 although the script does not say so. Infinite where a side is open.
+fn bounds(info: &ParamInfo, reached: &[Reached], value: &Tensor) -> (Tensor, Tensor) {
+    let free = |end: f64| Tensor { shape: value.shape.clone(), data: vec![end; value.len()] };
+    let (mut low, mut high) = info.bounds.clone().unwrap_or_else(|| (free(f64::NEG_INFINITY), free(f64::INFINITY)));
+    for reached in reached {
+        let domain = &reached.domain;
+        // An end that does not belong to it is come near to.
+        let margin = if domain.angle { 0.1f64.to_radians() } else { 1e-9 };
+        let least = domain.low + if domain.above_low { margin } else { 0.0 };
+        let most = domain.high - if domain.below_high { margin } else { 0.0 };
+        // What lies outside as it is (and is told where it is used) must be able to stay where it is.
+        let inside = |at: usize| reached.part.contains(&value.shape, at);
+        if (0..value.len()).any(|at| inside(at) && !(least..=most).contains(&value.data[at])) {
+            continue;
+        }
+        for at in (0..value.len()).filter(|at| inside(*at)) {
+            low.data[at] = low.data[at].max(least);
+            high.data[at] = high.data[at].min(most);
+        }
+    }
+    (low, high)
+}
+
+/// Why a param has no sliders.
+fn why_unset(info: &ParamInfo, numbers: usize) -> String {
+    match info.kind {
+        ParamKind::Rotation => "A rotation has no sliders: set it in the script.".to_owned(),
+        _ => format!("{numbers} numbers have no sliders, up to {SET_BY_HAND} would: set them in the script."),
+    }
 }
 
 /// The language has colours as vectors of three numbers: they are told from others by what they are for.
@@ -71,12 +95,12 @@ fn is_color(info: &ParamInfo, reached: &[Reached]) -> bool {
 /// The cameras of the script, where the chosen one is, and the line that puts it there.
 pub fn camera(engine: &mut Engine, name: &str, camera: &Arc<CameraValue>, moved: Option<Pose>) -> Json {
     let program = engine.program();
-    let names = cameras(program);
+    let names = viewpoints(program);
     let own = pose_of(camera);
     let pose = moved.or(own);
     let (width, height) = camera.image_size().unwrap_or((256, 256));
-    // Both keyframes of a moving camera would have to move.
-    let movable = camera.closing.is_none() && own.is_some();
+    // Both keyframes of a moving camera would have to move, and a camera of a list has no statement of its own.
+    let movable = camera.closing.is_none() && own.is_some() && item_of(name).is_none();
     json!({
         "names": names,
         "name": name,
@@ -218,6 +242,47 @@ mod tests {
         assert_eq!((&found["pose"], &found["movable"]), (&pose, &json!(true)));
     }
 
+    /// Nothing that a slider offers is refused.
+    #[test]
+    fn sliders_end_where_bounds_and_inputs_do() {
+        let mut engine = engine(
+            "param grey = 0.5 in 0..\nparam power = [1, 2, 3]\nparam bright = 0.5 in ..0.8\nparam free = 7 in 1..\n\
+             let m = diffuse(reflectance: [grey, bright, 0])\nlet n = diffuse(reflectance: grey)\nlet o = diffuse(reflectance: bright)\n\
+             light sky = constant(radiance: power)",
+        );
+        let all = params(&mut engine).unwrap();
+        let bounds = |at: usize| json!([all[at]["low"], all[at]["high"]]);
+        assert_eq!(bounds(0), json!([[0.0], [1.0]]));
+        assert_eq!(bounds(1), json!([[0.0, 0.0, 0.0], [null, null, null]]));
+        assert_eq!(bounds(2), json!([[0.0], [0.8]]));
+        assert_eq!(bounds(3), json!([[1.0], [null]]));
+    }
+
+    #[test]
+    fn cameras_in_lists_are_looked_through() {
+        let told = |text: &str| {
+            let mut engine = engine(text);
+            viewpoints(engine.program())
+                .into_iter()
+                .map(|name| {
+                    let mut view = crate::cli::live::view::View::new(4);
+                    view.of(engine.program());
+                    view.choose(name.clone());
+                    let Ok((chosen, value)) = view.camera(&mut engine) else { panic!("{name}") };
+                    let told = camera(&mut engine, &chosen, &value, None);
+                    json!([told["name"], told["film"], told["movable"]])
+                })
+                .collect::<Json>()
+        };
+        let list = "let eyes = [camera(position: [0, 0, k + 3], film: [4, 2 + k]) for k in 0..3]";
+        let item = |k: usize| json!([format!("eyes[{k}]"), [4, 2 + k], false]);
+        assert_eq!(told(list), json!([item(0), item(1), item(2)]));
+        assert_eq!(told("let eye = camera(film: [4, 2])"), json!([["eye", [4, 2], true]]));
+        // Where a camera is declared as one, it is what the script wants to be looked through.
+        assert_eq!(told(&format!("{list}\ncamera front {{ film: [8, 8] }}")), json!([["front", [8, 8], true]]));
+        assert_eq!(told("let n = 1"), json!([]));
+    }
+
     #[test]
     fn params_say_how_they_may_be_set() {
         let mut engine = engine(
@@ -232,6 +297,9 @@ mod tests {
             (&json!(true), &json!([0.0, 0.0, 0.0]), &json!([1.0, 1.0, 1.0]))
         );
         assert_eq!((&all[2]["values"], &all[2]["elements"]), (&Json::Null, &json!(100)));
-        assert_eq!((&all[3]["frozen"], &all[3]["low"], &all[3]["color"]), (&json!(true), &Json::Null, &json!(false)));
+        assert_eq!((&all[2]["low"], &all[0]["unset"]), (&Json::Null, &Json::Null));
+        assert!(all[2]["unset"].as_str().unwrap().starts_with("100 numbers have no sliders"), "{all}");
+        let open = json!([null]);
+        assert_eq!((&all[3]["frozen"], &all[3]["low"], &all[3]["color"]), (&json!(true), &open, &json!(false)));
     }
 }

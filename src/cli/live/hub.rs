@@ -16,6 +16,8 @@ use crate::session::world;
 
 /// Most orders that wait. Newer ones of a kind replace older ones, so that few ever do.
 const MOST_ORDERS: usize = 64;
+/// How long the end of the program waits for pages that have not said goodbye.
+pub const FAREWELL: Duration = Duration::from_secs(5);
 
 /// What a page asks for, or the disk.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
@@ -111,6 +113,8 @@ pub struct Hub {
     asked: Condvar,
     /// A topic is new, or it is time to end.
     told: Condvar,
+    /// A connection has ended.
+    left: Condvar,
     /// Ends the engine's work.
     interrupt: Arc<AtomicBool>,
     /// A run is shown, which a page may stop as Ctrl-C does, and not change.
@@ -125,7 +129,9 @@ struct State {
     pngs: BTreeMap<&'static str, Png>,
     version: u64,
     pages: usize,
+    connections: usize,
     closed: bool,
+    over: bool,
     /// Files to look at for changes.
     files: Vec<Watched>,
 }
@@ -139,10 +145,19 @@ impl Hub {
             pngs: BTreeMap::new(),
             version: 0,
             pages: 0,
+            connections: 0,
             closed: false,
+            over: false,
             files: Vec::new(),
         };
-        Arc::new(Hub { state: Mutex::new(state), asked: Condvar::new(), told: Condvar::new(), interrupt, is_run })
+        Arc::new(Hub {
+            state: Mutex::new(state),
+            asked: Condvar::new(),
+            told: Condvar::new(),
+            left: Condvar::new(),
+            interrupt,
+            is_run,
+        })
     }
 
     fn state(&self) -> MutexGuard<'_, State> {
@@ -259,20 +274,46 @@ impl Hub {
         self.state().pages
     }
 
+    /// Counts a connection until it is dropped; `None` where there are as many as there may be.
+    pub fn connect(self: &Arc<Hub>, most: usize) -> Option<Connection> {
+        let mut state = self.state();
+        if state.connections >= most {
+            return None;
+        }
+        state.connections += 1;
+        Some(Connection(self.clone()))
+    }
+
+    /// Nothing new will be shown.
     pub fn is_closed(&self) -> bool {
         self.state().closed
     }
 
-    /// The end: pages get what they have not got yet, for a short while.
+    /// Nobody is answered any more.
+    pub fn is_over(&self) -> bool {
+        self.state().over
+    }
+
+    /// The end. Pages are told what they have not been told yet, fetch the last pictures and say goodbye; who does not is waited for only
+    /// so long.
     pub fn close(&self) {
-        self.state().closed = true;
+        let mut state = self.state();
+        state.closed = true;
         self.told.notify_all();
-        for _ in 0..20 {
-            if self.pages() == 0 {
-                break;
-            }
-            std::thread::sleep(Duration::from_millis(25));
-        }
+        let is_left = |state: &mut State| state.connections > 0;
+        let (mut state, _) =
+            self.left.wait_timeout_while(state, FAREWELL, is_left).unwrap_or_else(PoisonError::into_inner);
+        state.over = true;
+    }
+}
+
+/// Something that is connected.
+pub struct Connection(Arc<Hub>);
+
+impl Drop for Connection {
+    fn drop(&mut self) {
+        self.0.state().connections -= 1;
+        self.0.left.notify_all();
     }
 }
 

@@ -6,10 +6,9 @@
 use std::io::{self, Read, Write};
 use std::net::{Ipv4Addr, Shutdown, TcpListener, TcpStream};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
-use super::hub::{Hub, Order};
+use super::hub::{FAREWELL, Hub, Order};
 use super::request::{Refused, Request};
 use crate::diag::Diagnostic;
 
@@ -38,7 +37,6 @@ struct Site {
     port: u16,
     token: String,
     hub: Arc<Hub>,
-    connections: AtomicUsize,
 }
 
 /// Starts the server at the first free port from `first` on; returns the address of the page.
@@ -46,10 +44,10 @@ pub fn start(first: u16, hub: &Arc<Hub>) -> Result<String, Diagnostic> {
     let (listener, port) = listen(first)?;
     let token = token()?;
     let address = format!("http://127.0.0.1:{port}/{token}/");
-    let site = Arc::new(Site { port, token, hub: hub.clone(), connections: AtomicUsize::new(0) });
+    let site = Arc::new(Site { port, token, hub: hub.clone() });
     let accept = move || {
         for stream in listener.incoming().flatten() {
-            if site.hub.is_closed() {
+            if site.hub.is_over() {
                 return;
             }
             admit(stream, &site);
@@ -88,24 +86,15 @@ fn token() -> Result<String, Diagnostic> {
 }
 
 fn admit(stream: TcpStream, site: &Arc<Site>) {
-    /// Counts a connection until it ends, however it does.
-    struct Counted(Arc<Site>);
-    impl Drop for Counted {
-        fn drop(&mut self) {
-            self.0.connections.fetch_sub(1, Ordering::SeqCst);
-        }
-    }
-    if site.connections.fetch_add(1, Ordering::SeqCst) >= MOST_CONNECTIONS {
-        site.connections.fetch_sub(1, Ordering::SeqCst);
-        return;
-    }
-    let counted = Counted(site.clone());
+    let Some(connection) = site.hub.connect(MOST_CONNECTIONS) else { return };
+    let site = site.clone();
     // Without a thread the connection is closed, and its count goes with it.
     let _ = std::thread::Builder::new().name("connection".into()).stack_size(256 << 10).spawn(move || {
+        let _counted = connection;
         let mut stream = stream;
         let _ = stream.set_write_timeout(Some(PATIENCE));
         let _ = stream.set_nodelay(true);
-        let served = serve(&mut stream, &counted.0);
+        let served = serve(&mut stream, &site);
         if let Ok(Err(Refused(status))) = served {
             let _ = answer(&mut stream, status, "", &[]);
         }
@@ -180,7 +169,10 @@ fn events(stream: &mut TcpStream, hub: &Arc<Hub>) -> io::Result<()> {
         let sign = if events.is_empty() { ": still here\n\n" } else { &events };
         write(stream, sign.as_bytes())?;
     }
-    write(stream, b"event: end\ndata: {}\n\n")
+    write(stream, b"event: end\ndata: {}\n\n")?;
+    // The page closes the connection once it has fetched what it was told of.
+    drain(stream, FAREWELL);
+    Ok(())
 }
 
 /// Writes all of it, unless that takes too long.
@@ -200,14 +192,25 @@ fn write(stream: &mut TcpStream, mut bytes: &[u8]) -> io::Result<()> {
     Ok(())
 }
 
-/// Closes a connection so that the answer arrives even if the client is still sending: what it sends is read for a moment, and dropped.
+/// Closes a connection so that the answer arrives even if the client is still sending.
 fn finish(stream: &mut TcpStream) {
     let _ = stream.shutdown(Shutdown::Write);
-    let deadline = Instant::now() + Duration::from_millis(500);
+    drain(stream, Duration::from_millis(500));
+}
+
+/// Reads and drops what a client still sends, until it closes the connection or the time is over.
+fn drain(stream: &mut TcpStream, patience: Duration) {
+    let deadline = Instant::now() + patience;
     let mut buffer = [0; 4096];
-    while Instant::now() < deadline && stream.set_read_timeout(Some(Duration::from_millis(100))).is_ok() {
-        if !matches!(stream.read(&mut buffer), Ok(n) if n > 0) {
-            break;
+    loop {
+        let left = deadline.saturating_duration_since(Instant::now());
+        if left.is_zero() || stream.set_read_timeout(Some(left)).is_err() {
+            return;
+        }
+        match stream.read(&mut buffer) {
+            Ok(n) if n > 0 => {}
+            Err(e) if e.kind() == io::ErrorKind::Interrupted => {}
+            _ => return,
         }
     }
 }

@@ -5,9 +5,10 @@ use std::time::Instant;
 use serde_json::json;
 
 use super::hub::{Hub, Pose, Weight};
+use crate::check::types::Ty;
 use crate::check::{self, Line, hir};
+use crate::cli::cameras;
 use crate::cli::script::numbers;
-use crate::cli::{cameras, choose_camera};
 use crate::diag::Diagnostic;
 use crate::eval::{Engine, INTERRUPTED};
 use crate::image::colormap::Colormap;
@@ -84,7 +85,7 @@ impl View {
         self.checked = program.clone();
         // An empty line is never wrong.
         let _ = check::check_line(&mut self.checked, "");
-        self.has_camera = !cameras(program).is_empty();
+        self.has_camera = !viewpoints(program).is_empty();
         self.restart();
     }
 
@@ -137,14 +138,24 @@ impl View {
         self.derivative.is_some() && self.change.spp < self.enough
     }
 
-    /// The name of the camera that is looked through, with its value.
+    /// The name of the camera that is looked through, or an expression for it, with its value.
     pub fn camera(&self, engine: &mut Engine) -> Result<(String, std::sync::Arc<CameraValue>), Wrong> {
         let wrong = |e: Diagnostic, engine: &Engine| Wrong(e, engine.program().sources.clone());
-        let chosen =
-            choose_camera(engine.program(), self.camera.as_deref()).or_else(|_| choose_camera(engine.program(), None));
-        let name = chosen.map_err(|e| wrong(e, engine))?;
-        let id = engine.program().find(&name).unwrap_or(hir::DeclId(0));
-        match engine.eval_decl(id).map_err(|e| wrong(e, engine))? {
+        let mut names = viewpoints(engine.program());
+        let chosen = names.iter().position(|name| Some(name) == self.camera.as_ref()).unwrap_or(0);
+        if names.is_empty() {
+            let none = Diagnostic::error("dscene::live::camera", "the script declares no camera");
+            return Err(wrong(none, engine));
+        }
+        let name = names.swap_remove(chosen);
+        let (list, item) = item_of(&name).map_or((&*name, None), |(list, item)| (list, Some(item)));
+        let id = engine.program().find(list).unwrap_or(hir::DeclId(0));
+        let value = engine.eval_decl(id).map_err(|e| wrong(e, engine))?;
+        let value = match item {
+            Some(item) => value.items().and_then(|items| items.into_iter().nth(item)).unwrap_or(value),
+            None => value,
+        };
+        match value {
             Value::Camera(camera) => Ok((name, camera)),
             other => {
                 let message = format!("`{name}` is {}, not a camera", other.kind());
@@ -174,12 +185,16 @@ impl View {
         // Views that follow quickly must not starve the first look.
         let is_first = done == 0 && !of_change && !self.bridged;
         hub.begin(if is_first { Weight::Ends } else { Weight::Looks });
-        let shrink = if is_first && camera.crop().is_none() { shrinking(pixels, self.rate * FIRST_LOOK) } else { 1 };
+        // Fields of an item of a list cannot be replaced.
+        let is_named = item_of(&name).is_none();
+        let may_shrink = is_first && is_named && camera.crop().is_none();
+        let shrink = if may_shrink { shrinking(pixels, self.rate * FIRST_LOOK) } else { 1 };
         let film = [(width / shrink).max(1), (height / shrink).max(1)];
         let affordable = (self.rate * PASS / pixels).clamp(1.0, f64::from(self.enough)) as u32;
         let spp = done.clamp(1, affordable).min(self.enough.saturating_sub(done).max(1));
 
-        let mut replaced = self.pose.map_or(String::new(), |pose| replaced_pose(&name, &camera, &pose));
+        let mut replaced =
+            self.pose.filter(|_| is_named).map_or(String::new(), |pose| replaced_pose(&name, &camera, &pose));
         if shrink > 1 {
             replaced.push_str(&format!("{name}.film: [{}, {}]", film[0], film[1]));
         }
@@ -247,6 +262,35 @@ impl Mean {
             _ => (self.image, self.spp) = (Some(new), spp),
         }
     }
+}
+
+/// Items of a list of cameras among which a page chooses.
+const MOST_ITEMS: usize = 32;
+
+/// What can be looked through: the script's cameras or, if it declares none, those that it names otherwise and those that stand in its lists,
+/// as `eyes[2]`.
+pub fn viewpoints(program: &hir::Program) -> Vec<String> {
+    let declared = cameras(program);
+    if !declared.is_empty() {
+        return declared;
+    }
+    let own = program.ids().map(|id| program.decl(id)).filter(|decl| decl.user);
+    let of = |decl: &hir::Decl| match &decl.ty {
+        Ty::Camera { .. } => vec![decl.name.clone()],
+        Ty::Array(item, length) if matches!(**item, Ty::Camera { .. }) => {
+            // Of a list whose length is known only when it is there, there is the first.
+            let count = length.unwrap_or(1).min(MOST_ITEMS);
+            (0..count).map(|item| format!("{}[{item}]", decl.name)).collect()
+        }
+        _ => Vec::new(),
+    };
+    own.flat_map(of).collect()
+}
+
+/// The list and the index of a camera that stands in one.
+pub fn item_of(name: &str) -> Option<(&str, usize)> {
+    let (list, index) = name.strip_suffix(']')?.split_once('[')?;
+    Some((list, index.parse().ok()?))
 }
 
 /// The power of two by which width and height are divided so that there are few enough pixels.

@@ -107,6 +107,8 @@ pub struct Server {
     is_traced: bool,
     /// Whether the client tells of files that change, once it is asked to.
     can_watch: bool,
+    /// Whether the client opens a file that it is asked to show.
+    can_show: bool,
     documents: Documents,
     /// Those that the client has opened.
     folders: Vec<PathBuf>,
@@ -125,6 +127,7 @@ impl Server {
             encoding: Encoding::Utf16,
             is_traced: false,
             can_watch: false,
+            can_show: false,
             documents: Documents::default(),
             folders: Vec::new(),
         }
@@ -234,6 +237,7 @@ impl Server {
         self.is_traced = params.get("trace").is_some_and(|t| t == "messages" || t == "verbose");
         let watching = params.pointer("/capabilities/workspace/didChangeWatchedFiles/dynamicRegistration");
         self.can_watch = watching == Some(&Value::Bool(true));
+        self.can_show = params.pointer("/capabilities/window/showDocument/support") == Some(&Value::Bool(true));
         self.note_folders(params);
         let mut capabilities = requests::capabilities();
         capabilities["positionEncoding"] = json!(if has_utf8 { "utf-8" } else { "utf-16" });

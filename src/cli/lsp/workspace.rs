@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use serde_json::{Value, json};
 
-use super::message::{Failure, INVALID_PARAMS, notification};
-use super::text::path_of;
+use super::message::{Failure, INVALID_PARAMS, notification, request};
+use super::text::{path_of, uri_of};
 use super::{Output, Server};
 use crate::check::{library_text, normal};
 use crate::ide::Analysis;
@@ -17,6 +18,9 @@ use crate::source::SourceFile;
 const MOST_FILES: usize = 500;
 /// Folders deeper below the workspace are not looked at.
 const DEEPEST: usize = 6;
+
+/// Pictures that clients were asked to show.
+static SHOWN: AtomicUsize = AtomicUsize::new(0);
 
 pub const RUN: &str = "dscene.run";
 pub const RENDER: &str = "dscene.render";
@@ -66,13 +70,15 @@ impl Server {
         found
     }
 
-    /// `dscene.run`, `dscene.render` and `dscene.grad` start this program with a file; what it has to say is shown when it ends.
+    /// `dscene.run`, `dscene.render` and `dscene.grad` start this program with a file; what it has to say is shown when it ends, and so is the
+    /// picture.
     pub fn execute(&mut self, params: &Value) -> Result<Value, Failure> {
         let invalid = |what: &str| Failure::new(INVALID_PARAMS, what);
         let argument = |i: usize| params.pointer(&format!("/arguments/{i}")).and_then(Value::as_str);
         let path = argument(0).and_then(path_of).ok_or_else(|| invalid("the first argument is the file's address"))?;
         let name = || argument(1).ok_or_else(|| invalid("the second argument is a name"));
         let mut arguments: Vec<String> = Vec::new();
+        let mut picture = None;
         match params.get("command").and_then(Value::as_str).unwrap_or("") {
             RUN => arguments.extend(["run".to_owned(), path.display().to_string()]),
             RENDER => {
@@ -81,20 +87,27 @@ impl Server {
                 let words = ["render", "--camera", camera, "-o", &output.display().to_string()];
                 arguments.extend(words.map(str::to_owned));
                 arguments.push(path.display().to_string());
+                picture = Some(output).filter(|_| self.can_show);
             }
-            GRAD => arguments.extend(["grad", "--of", name()?, &path.display().to_string()].map(str::to_owned)),
+            // As often as errors of the gradient need to be known.
+            GRAD => {
+                let words = ["grad", "--repeats", "8", "--of", name()?, &path.display().to_string()];
+                arguments.extend(words.map(str::to_owned));
+            }
             other => return Err(invalid(&format!("there is no command `{other}`"))),
         }
         if !self.starts_programs {
             return Err(invalid("this server starts no programs"));
         }
-        start(arguments, path.parent().unwrap_or(Path::new(".")), self.output.clone()).map_err(|why| invalid(&why))?;
+        let folder = path.parent().unwrap_or(Path::new("."));
+        start(arguments, folder, picture, self.output.clone()).map_err(|why| invalid(&why))?;
         Ok(Value::Null)
     }
 }
 
-/// Runs this program and tells the client how it ended.
-fn start(arguments: Vec<String>, folder: &Path, tell: Output) -> Result<(), String> {
+/// Runs this program and tells the client how it ended: all that it has said goes to the log. A message, of which editors show one line, has the last
+/// of it (where a picture is, why a run ended), or the value of the loss that was differentiated.
+fn start(arguments: Vec<String>, folder: &Path, picture: Option<PathBuf>, tell: Output) -> Result<(), String> {
     let program = std::env::current_exe().map_err(|e| format!("cannot find dsl: {e}"))?;
     let child = Command::new(program)
         .args(&arguments)
@@ -108,13 +121,23 @@ fn start(arguments: Vec<String>, folder: &Path, tell: Output) -> Result<(), Stri
     let wait = move || {
         let Ok(output) = child.wait_with_output() else { return };
         let is_fine = output.status.success();
-        let text = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).trim().to_owned());
-        let text = text.join("\n");
+        let [found, said] =
+            [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).trim().to_owned());
+        let text = format!("{found}\n{said}");
         let message = format!("dsl {}\n{}", arguments.join(" "), text.trim());
         tell(&notification("window/logMessage", json!({"type": 3, "message": message})));
         let last = text.trim().lines().last().unwrap_or("").trim();
+        let line = match found.lines().next() {
+            Some(first) if is_fine && arguments[0] == "grad" => format!("{first}, gradient in the output"),
+            _ => last.to_owned(),
+        };
         let kind = if is_fine { 3 } else { 1 };
-        tell(&notification("window/showMessage", json!({"type": kind, "message": last})));
+        tell(&notification("window/showMessage", json!({"type": kind, "message": line})));
+        if let Some(picture) = picture.filter(|_| is_fine) {
+            let params = json!({"uri": uri_of(&picture), "takeFocus": false});
+            let id = format!("picture {}", SHOWN.fetch_add(1, Ordering::Relaxed));
+            tell(&request(&id, "window/showDocument", params));
+        }
     };
     let thread = std::thread::Builder::new().name("command".to_owned()).spawn(wait);
     thread.map(|_| ()).map_err(|e| format!("cannot start a thread: {e}"))

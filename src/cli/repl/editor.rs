@@ -12,6 +12,7 @@ use rustyline::validate::{ValidationContext, ValidationResult, Validator};
 use rustyline::{CompletionType, Config, Context, Editor, Helper};
 
 use super::input::{Completeness, completeness};
+use crate::cli::bars;
 use crate::cli::out;
 use crate::ide::complete::{Completion, What, complete};
 use crate::ide::tokens::{Class, words_painted};
@@ -71,6 +72,7 @@ impl LineEditor {
     }
 
     pub fn read(&mut self) -> rustyline::Result<Input> {
+        bars::clear();
         match self.editor.readline("dsl> ") {
             Ok(text) => Ok(Input::Text(text)),
             Err(ReadlineError::Interrupted) => Ok(Input::Interrupted),

@@ -81,6 +81,7 @@ pub fn run_loaded(args: SweepArgs, mut loaded: Loaded, terminal: &mut Terminal) 
         terminal.diagnostic(&told, &SourceMap::default());
         return EXIT_WRONG;
     };
+    let maximized = loaded.engine.program().maximized();
     let done = open(&args, sources).and_then(|folder| {
         let mut sweep = Sweep {
             jobs: Jobs::new(&args, plan.declares_seed)?,
@@ -92,8 +93,8 @@ pub fn run_loaded(args: SweepArgs, mut loaded: Loaded, terminal: &mut Terminal) 
             told: HashSet::new(),
         };
         let interrupted = world::listening(|| sweep.run_all())?;
-        let table = sweep.folder.write_table(&sweep.runs)?;
-        sweep.write_page()?;
+        let table = sweep.folder.write_table(&sweep.runs, &maximized)?;
+        sweep.write_page(&table)?;
         Ok((interrupted, table, sweep.folder.path().to_path_buf()))
     });
     terminal.progress_done();
@@ -168,17 +169,22 @@ impl Sweep<'_> {
             } else {
                 self.begin_some(&mut waiting)?;
             }
-            self.terminal.show_bar(
-                "sweep",
-                self.ended as u64,
-                total as u64,
-                format!("{} running", self.jobs.running()),
-            );
+            self.show_bar(total);
             if let Some(ended) = self.jobs.wait(LOOK) {
                 self.end(ended)?;
             }
         }
+        // As it is left standing above the table.
+        self.show_bar(total);
         Ok(!waiting.is_empty() || self.ended < total)
+    }
+
+    fn show_bar(&mut self, total: usize) {
+        let running = match self.jobs.running() {
+            0 => String::new(),
+            n => format!("{n} running"),
+        };
+        self.terminal.show_bar("sweep", self.ended as u64, total as u64, running);
     }
 
     fn begin_some(&mut self, waiting: &mut Vec<Combination>) -> Result<(), Diagnostic> {
@@ -193,13 +199,13 @@ impl Sweep<'_> {
     }
 
     /// Writes the page with the curves of the runs, of the first seeds if there are too many. What cannot be read is left out.
-    fn write_page(&self) -> Result<(), Diagnostic> {
+    fn write_page(&self, table: &Table) -> Result<(), Diagnostic> {
         let path = self.folder.path().join(PAGE);
         let title = format!("Sweep of {}", name_of(&self.args.run.file));
         let write = |_: &mut std::fs::File| {
             let folders = self.runs.iter().map(|run| self.folder.run(run)).filter(|folder| folder.is_dir());
             let runs: Vec<Run> = folders.filter_map(|folder| Run::read(&folder).ok()).take(MOST_CURVES).collect();
-            if runs.is_empty() { Ok(()) } else { write_atomically(&path, comparison(&title, &runs).as_bytes()) }
+            if runs.is_empty() { Ok(()) } else { write_atomically(&path, comparison(&title, &runs, table).as_bytes()) }
         };
         self.folder.journal.locked(write).map_err(|e| cannot_write(&path, &e))
     }
@@ -224,7 +230,7 @@ impl Sweep<'_> {
         // What several runs say is told once.
         let errors = errors.trim_end();
         if !errors.is_empty() && self.told.insert(errors.to_owned()) {
-            self.terminal.above_bar(errors);
+            out::error_line(errors);
         }
         self.terminal.note(&format!("{name}: {}", told(&entry)));
         Ok(())

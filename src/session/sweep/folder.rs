@@ -1,5 +1,6 @@
 //! The folder that all runs of a sweep share.
 
+use std::collections::HashSet;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -13,6 +14,11 @@ use crate::session::Override;
 use crate::session::folder::{SourceText, cannot_write, lock_file};
 
 const RECORD: &str = "sweep.json";
+
+/// Whether a folder is that of a sweep.
+pub fn is_sweep(folder: &Path) -> bool {
+    folder.join(RECORD).is_file()
+}
 
 /// What `sweep.json` says: what was swept over, and the scripts as they were.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -81,14 +87,14 @@ impl SweepFolder {
         self.path.join(run.name())
     }
 
-    /// Makes the table of what has ended so far, and writes it. Of several processes, the last one to do so knows all.
-    pub fn write_table(&self, runs: &[Combination]) -> Result<Table, Diagnostic> {
-        let written = self.journal.locked(|_| Ok(self.table_files(runs)));
+    /// Makes the table of what has ended so far, and writes it. Of several processes, the last one to do so knows all. Of columns named by `maximized` the largest mean is the best one.
+    pub fn write_table(&self, runs: &[Combination], maximized: &HashSet<String>) -> Result<Table, Diagnostic> {
+        let written = self.journal.locked(|_| Ok(self.table_files(runs, maximized)));
         written.map_err(|e| cannot_write(&self.path, &e))?
     }
 
-    fn table_files(&self, runs: &[Combination]) -> Result<Table, Diagnostic> {
-        let table = Table::new(runs, &self.journal.read()?);
+    fn table_files(&self, runs: &[Combination], maximized: &HashSet<String>) -> Result<Table, Diagnostic> {
+        let table = Table::new(runs, &self.journal.read()?, maximized);
         for (name, bytes) in [("table.csv", table.csv()?), ("table.json", table.json().into_bytes())] {
             let target = self.path.join(name);
             write_atomically(&target, &bytes).map_err(|e| cannot_write(&target, &e))?;

@@ -1,6 +1,6 @@
 //! The table of a sweep: a row for each combination of values, a column for each reported number, means with standard errors over seeds.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use serde_json::{Map, Value, json};
 
@@ -13,10 +13,15 @@ use crate::session::folder::number;
 use crate::session::show::{self, plus_minus};
 use crate::session::stats::Moments;
 
+/// Most rows that a page shows.
+const MOST_ROWS: usize = 500;
+
 /// A sweep, as far as it has been run.
 #[derive(Clone, Debug)]
 pub struct Table {
     columns: Vec<String>,
+    /// Columns of which the largest mean is the best one, and not the smallest.
+    maximized: HashSet<String>,
     rows: Vec<Row>,
 }
 
@@ -30,8 +35,8 @@ struct Row {
 }
 
 impl Table {
-    /// Of the planned `runs`, with the ends of those that have ended.
-    pub fn new(runs: &[Combination], ended: &HashMap<String, Entry>) -> Table {
+    /// Of the planned `runs`, with the ends of those that have ended. Of columns named by `maximized` the largest mean is the best one.
+    pub fn new(runs: &[Combination], ended: &HashMap<String, Entry>, maximized: &HashSet<String>) -> Table {
         let mut rows: Vec<Row> = Vec::new();
         let mut places: HashMap<Vec<&str>, usize> = HashMap::new();
         let mut columns: Vec<String> = Vec::new();
@@ -51,7 +56,7 @@ impl Table {
         for row in &mut rows {
             row.moments = columns.iter().map(|column| row.moments_of(column)).collect();
         }
-        Table { columns, rows }
+        Table { columns, maximized: maximized.clone(), rows }
     }
 
     /// Whether every run has finished as the script wants it, or was pruned.
@@ -73,22 +78,22 @@ impl Table {
         self.rows.iter().flat_map(|row| &row.runs)
     }
 
-    /// By column, the row with the least mean.
+    /// By column, the row with the best mean.
     fn best(&self) -> Vec<Option<usize>> {
-        let mean = |row: &Row, column: usize| row.moments[column].mean().first().copied();
-        let least = |column: usize| {
-            let means = self.rows.iter().enumerate().filter_map(|(i, row)| Some((i, mean(row, column)?)));
+        let best = |(column, name): (usize, &String)| {
+            let sign = if self.maximized.contains(name) { -1.0 } else { 1.0 };
+            let mean = |row: &Row| row.moments[column].mean().first().map(|mean| sign * mean);
+            let means = self.rows.iter().enumerate().filter_map(|(i, row)| Some((i, mean(row)?)));
             means.min_by(|a, b| a.1.total_cmp(&b.1)).map(|(i, _)| i)
         };
-        (0..self.columns.len()).map(least).collect()
+        self.columns.iter().enumerate().map(best).collect()
     }
 
     /// For a terminal.
     pub fn text(&self) -> String {
-        let names = self.rows.first().map_or(Vec::new(), |row| row.set.iter().map(|o| o.name.clone()).collect());
-        let seeds = self.rows.iter().map(|row| row.runs.len()).max().unwrap_or(0);
+        let seeds = self.seeds();
         let is_told = self.rows.iter().any(|row| !row.notes().is_empty());
-        let mut head: Vec<String> = names;
+        let mut head = self.names();
         head.push("seeds".to_owned());
         head.extend(self.columns.iter().map(|c| format!("{}  ", show_name(c))));
         head.extend(is_told.then(String::new));
@@ -96,11 +101,7 @@ impl Table {
         let best = self.best();
         for (i, row) in self.rows.iter().enumerate() {
             let mut line: Vec<String> = row.set.iter().map(|o| show_name(&o.value)).collect();
-            line.push(if row.finished() == seeds {
-                seeds.to_string()
-            } else {
-                format!("{} of {seeds}", row.finished())
-            });
+            line.push(row.finished_of(seeds));
             for (column, moments) in row.moments.iter().enumerate() {
                 let is_best = self.rows.len() > 1 && best[column] == Some(i);
                 line.push(format!("{} {}", shown(moments), if is_best { "*" } else { " " }));
@@ -111,10 +112,53 @@ impl Table {
         show::table(&lines)
     }
 
+    /// For a page: the same of the first rows, and how many rows these leave out.
+    pub fn for_page(&self) -> Value {
+        let (seeds, best) = (self.seeds(), self.best());
+        let row = |(i, row): (usize, &Row)| {
+            let mean = |(column, moments): (usize, &Moments)| {
+                json!([shown(moments), self.rows.len() > 1 && best[column] == Some(i)])
+            };
+            json!({
+                "kind": row.kind(), "set": row.set.iter().map(|o| show_name(&o.value)).collect::<Vec<_>>(),
+                "seeds": row.finished_of(seeds), "notes": row.notes(),
+                "means": row.moments.iter().enumerate().map(mean).collect::<Value>(),
+            })
+        };
+        let rows: Value = self.rows.iter().enumerate().take(MOST_ROWS).map(row).collect();
+        let is_largest: Vec<bool> = self.columns.iter().map(|name| self.maximized.contains(name)).collect();
+        json!({
+            "names": self.names(), "columns": self.columns, "largest": is_largest, "rows": rows,
+            "left": self.rows.len().saturating_sub(MOST_ROWS),
+        })
+    }
+
+    /// By the name of a run, its settings without the seed in words, and its numbers.
+    pub fn by_run(&self) -> HashMap<String, (String, Vec<(String, f64)>)> {
+        let of = |row: &Row| {
+            let kind = row.kind();
+            let one = move |(run, entry): &(Combination, Option<Entry>)| {
+                let values = entry.as_ref().map(|entry| entry.values.clone()).unwrap_or_default();
+                (run.name(), (kind.clone(), values))
+            };
+            row.runs.iter().map(one).collect::<Vec<_>>()
+        };
+        self.rows.iter().flat_map(of).collect()
+    }
+
+    /// What is swept over.
+    fn names(&self) -> Vec<String> {
+        self.rows.first().map_or(Vec::new(), |row| row.set.iter().map(|o| o.name.clone()).collect())
+    }
+
+    /// Most runs of a row.
+    fn seeds(&self) -> usize {
+        self.rows.iter().map(|row| row.runs.len()).max().unwrap_or(0)
+    }
+
     /// For other programs: a line for each row, with the numbers to their last digit.
     pub fn csv(&self) -> Result<Vec<u8>, Diagnostic> {
-        let names = self.rows.first().map_or(Vec::new(), |row| row.set.iter().map(|o| o.name.clone()).collect());
-        let mut head: Vec<String> = names;
+        let mut head = self.names();
         head.extend(["finished", "diverged", "pruned", "error"].map(|end| format!("runs_{end}")));
         for column in &self.columns {
             head.extend([column.clone(), format!("{column}_error")]);
@@ -159,8 +203,18 @@ impl Row {
         self.runs.iter().filter(|(_, entry)| entry.as_ref().is_some_and(|entry| entry.end == end)).count()
     }
 
-    fn finished(&self) -> usize {
-        self.count(End::Finished)
+    /// How many runs have finished of those that most rows have, in words.
+    fn finished_of(&self, seeds: usize) -> String {
+        match self.count(End::Finished) {
+            all if all == seeds => seeds.to_string(),
+            some => format!("{some} of {seeds}"),
+        }
+    }
+
+    /// What tells it from other rows, in words.
+    fn kind(&self) -> String {
+        let parts: Vec<String> = self.set.iter().map(|o| format!("{} = {}", o.name, show_name(&o.value))).collect();
+        if parts.is_empty() { "all seeds".to_owned() } else { parts.join(", ") }
     }
 
     /// What is to be said of its runs beside their numbers.
@@ -227,16 +281,17 @@ mod tests {
         Entry { end, values, steps: 1, failed_expects: 0, why: None }
     }
 
-    fn table(ends: &[(usize, Entry)]) -> Table {
+    fn table(ends: &[(usize, Entry)], maximized: &[&str]) -> Table {
         let axes = [Axis { name: "lr".into(), values: vec!["0.1".into(), "0.2".into()] }];
         let runs = combinations(&axes, &[0, 1]).unwrap();
-        Table::new(&runs, &ends.iter().map(|(i, entry)| (runs[*i].name(), entry.clone())).collect())
+        let ended = ends.iter().map(|(i, entry)| (runs[*i].name(), entry.clone())).collect();
+        Table::new(&runs, &ended, &maximized.iter().map(|name| (*name).to_owned()).collect())
     }
 
     #[test]
     fn a_row_has_the_mean_over_seeds_and_its_error() {
         let all = [(0, 1.0), (1, 4.0), (2, 2.0), (3, 5.0)].map(|(i, x)| (i, entry(End::Finished, x)));
-        let found = table(&all);
+        let found = table(&all, &[]);
         assert!(found.is_success() && found.missing() == 0);
         let text = found.text();
         let words: Vec<&str> = text.split_whitespace().collect();
@@ -253,22 +308,34 @@ mod tests {
             (&json["best"]["error"], &json["rows"][1]["runs"][0]["folder"]),
             (&json!(0), &json!("lr=0.2,seed=0"))
         );
+        // A page says the same.
+        let page = found.for_page();
+        let first = json!({
+            "kind": "lr = 0.1", "set": ["0.1"], "seeds": "2", "notes": "",
+            "means": [["1.50 ± 0.50", true], ["2", true]],
+        });
+        assert_eq!((&page["rows"][0], &page["left"]), (&first, &json!(0)), "{page}");
+        assert_eq!(found.by_run()["lr=0.2,seed=1"].0, "lr = 0.2");
+        // Where more is better, the larger mean is marked.
+        let json: Value = serde_json::from_str(&table(&all, &["error"]).json()).unwrap();
+        assert_eq!(json["best"], json!({ "error": 1, "seconds": 0 }));
     }
 
     #[test]
     fn what_has_no_value_is_told_and_spoils_no_mean() {
-        let found = table(&[
+        let ends = [
             (0, entry(End::Diverged, 1e9)),
             (1, entry(End::Finished, 4.0)),
             (2, entry(End::Finished, 2.0)),
             (3, Entry { failed_expects: 1, ..entry(End::Finished, f64::NAN) }),
-        ]);
+        ];
+        let found = table(&ends, &[]);
         assert!(!found.is_success());
         let text = found.text();
         assert!(text.contains("1 of 2       2 *") && text.contains("1 diverged"), "{text}");
         assert!(text.contains("an `expect` failed in 1, 1 with values that are not finite"), "{text}");
-        let part = table(&[(0, entry(End::Pruned, 1.0))]);
+        let part = table(&[(0, entry(End::Pruned, 1.0))], &[]);
         assert!(part.is_success() && part.missing() == 3 && part.text().contains("1 pruned"), "{}", part.text());
-        assert_eq!(table(&[]).text().lines().count(), 3);
+        assert_eq!(table(&[], &[]).text().lines().count(), 3);
     }
 }

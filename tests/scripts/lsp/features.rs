@@ -476,9 +476,9 @@ fn colours_are_picked_in_both_spellings() {
 #[test]
 fn lenses_run_what_they_stand_at() {
     let (place, mut editor) = editor();
-    let text = "param x = 3\nloss bowl = (x - 1) ^ 2\noptimize bowl { using: sgd(lr: 0.2), steps: 2 }\ncamera eye { film: [4, 4] }\n";
-    place.write("a.dscene", text);
-    let uri = editor.open(&place, "a.dscene", text);
+    let script = "param x = 3\nloss bowl = (x - 1) ^ 2\noptimize bowl { using: sgd(lr: 0.2), steps: 2 }\ncamera eye { film: [4, 4] }\nlight sky = constant(1)\n";
+    place.write("a.dscene", script);
+    let uri = editor.open(&place, "a.dscene", script);
     let found = editor.result("textDocument/codeLens", json!({"textDocument": {"uri": uri}}));
     let found = found.as_array().unwrap();
     let shown_lens = |l: &Value| format!("{} {}", l["command"]["title"].as_str().unwrap(), shown(&l["range"]["start"]));
@@ -489,7 +489,21 @@ fn lenses_run_what_they_stand_at() {
     let told = editor.next("the gradient", |m| m["method"] == "window/logMessage");
     let text = told["params"]["message"].as_str().unwrap();
     // d/dx (x - 1)² at 3.
-    assert!(text.contains("grad --of bowl") && text.contains("  4"), "{text}");
+    assert!(text.contains("--of bowl") && text.contains("  4"), "{text}");
+    let told = editor.next("the loss", |m| m["method"] == "window/showMessage");
+    let line = told["params"]["message"].as_str().unwrap();
+    assert!(line.starts_with("bowl = 4") && line.ends_with("gradient in the output"), "{line}");
+    // A client that can is asked to show the picture.
+    let mut able = Editor::initialized(&place, json!({"window": {"showDocument": {"support": true}}}));
+    let uri = able.open(&place, "a.dscene", script);
+    for _ in 0..2 {
+        able.result("workspace/executeCommand", json!({"command": "dscene.render", "arguments": [uri, "eye"]}));
+    }
+    let asked: Vec<Value> = (0..2).map(|_| able.next("a picture", |m| m["method"] == "window/showDocument")).collect();
+    assert!(asked.iter().all(|m| m["params"]["uri"].as_str().unwrap().ends_with("/eye.png")), "{asked:?}");
+    assert_ne!(asked[0]["id"], asked[1]["id"]);
+    able.send(&json!({"jsonrpc": "2.0", "id": asked[0]["id"], "result": {"success": true}}));
+    assert!(place.path("eye.png").is_file());
     for wrong in [json!({"command": "rm"}), json!({"command": "dscene.grad", "arguments": [uri]}), json!(3)] {
         assert_eq!(editor.refused("workspace/executeCommand", wrong).0, -32602);
     }

@@ -6,13 +6,24 @@ const $ = (id) => document.getElementById(id);
 
 // ---- orders --------------------------------------------------------------------------------------------------------
 
+// What the program is asked for and has not answered yet. When it ends, it stays until the page says goodbye, which is when this is none.
+let unanswered = 0;
+let ended = false;
+
+function awaits(count) {
+  unanswered += count;
+  if (ended && unanswered === 0) events.close();
+}
+
 async function order(body) {
   const headers = { "Content-Type": "application/json" };
+  awaits(1);
   try {
     await fetch("do", { method: "POST", headers, body: JSON.stringify(body) });
   } catch {
     say("no connection", true);
   }
+  awaits(-1);
 }
 
 // Sends the latest of what changes quickly, one at a time.
@@ -76,7 +87,10 @@ const events = new EventSource("events");
 for (const [topic, hear] of Object.entries(heard)) {
   events.addEventListener(topic, (event) => hear(JSON.parse(event.data)));
 }
-events.addEventListener("end", () => events.close());
+events.addEventListener("end", () => {
+  ended = true;
+  awaits(0);
+});
 events.onerror = () => say("no connection", true);
 events.onopen = () => phase && heard.phase(phase);
 
@@ -90,11 +104,13 @@ function series(image, path) {
     if (loading || !wanted) return;
     loading = wanted;
     wanted = 0;
+    awaits(1);
     image.src = `${path}?${loading}`;
   };
   const done = () => {
     loading = 0;
     load();
+    awaits(-1);
   };
   image.addEventListener("load", done);
   image.addEventListener("error", done);
@@ -158,6 +174,7 @@ let viewTimer = 0;
 
 function showCamera(told) {
   document.body.classList.toggle("blind", told === null);
+  $("unseen").hidden = told !== null;
   if (told === null) return;
   film = told.film;
   movable = told.movable;
@@ -369,10 +386,13 @@ function makeParam(param) {
   } else {
     whole = element("p", "whole", param.text);
     box.append(whole);
-    const pick = element("div", "head");
-    // A rotation turns about three axes; of a large param any number may be asked for.
-    for (let index = 0; index < Math.min(param.elements, 3); index += 1) {
-      const one = element("label", "head", param.elements === 3 ? "xyz"[index] : `[${index}]`);
+    box.append(element("p", "quiet", param.unset));
+    const pick = element("div", "head pick");
+    // A rotation turns about three axes; a large param has more numbers than there is room for buttons.
+    const count = Math.min(param.elements, 3);
+    if (count < param.elements) pick.append(element("span", "quiet", `first ${count} of ${param.elements}:`));
+    for (let index = 0; index < count; index += 1) {
+      const one = element("label", "head", param.elements === 3 ? "xyz"[index] : label(param.shape, index));
       one.append(derivativeButton(param, index));
       pick.append(one);
     }

@@ -1,0 +1,245 @@
+//! Mesh and scene files: their meshes, shapes, lights and cameras as values, and warnings about features that are not supported.
+
+use std::collections::HashMap;
+use std::path::Path;
+use std::sync::Arc;
+
+use crate::image::Image;
+use crate::mesh::load::{
+    Clear, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
+    LoadedProjection, Wanted, load, load_cameras,
+};
+use crate::mesh::{Mesh, MeshError};
+use crate::render::MaterialKind;
+use crate::render::texture::{Filter, Wrap};
+use crate::stop;
+use crate::tape::{Tensor, Var};
+use crate::work;
+
+use super::scene::{add_to_scene, grey};
+use super::value::{
+    CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, SceneValue, ShapeValue,
+    TextureValue, Value,
+};
+use super::{Args, Native, NativeError, Result};
+
+pub(super) const TABLE: &[(&str, Native)] = &[
+    ("load", |a| {
+        let path = a.path(0)?;
+        let from = path.clone();
+        let _work = reading(&path);
+        let merged = stop::apart(move || load(&from, Wanted::Mesh).and_then(Loaded::merged));
+        let (mesh, warnings) = merged.map_err(refused)?;
+        tell(a, &path, warnings);
+        if mesh.faces.is_empty() {
+            return Err(NativeError::at(0, "the file has no triangles"));
+        }
+        Ok(Value::Mesh(Arc::new((&mesh).into())))
+    }),
+    ("load_scene", |a| Ok(Value::Scene(Arc::new(load_scene(a)?)))),
+    ("load_shapes", |a| Ok(Value::list(load_scene(a)?.shapes.into_iter().map(Value::Shape).collect()))),
+    ("load_lights", |a| Ok(Value::list(load_scene(a)?.lights.into_iter().map(Value::Light).collect()))),
+    ("load_cameras", cameras),
+];
+
+/// Says that a file is being read, to whoever looks.
+pub(super) fn reading(path: &Path) -> work::Work {
+    work::begin(format!("reading {}", path.file_name().unwrap_or(path.as_os_str()).display()), 0)
+}
+
+fn refused(e: MeshError) -> NativeError {
+    NativeError::at(0, e.to_string())
+}
+
+/// Warns about features of a file that are not supported.
+fn tell(a: &Args, path: &Path, warnings: Vec<String>) {
+    let file = path.file_name().map(|n| n.to_string_lossy()).unwrap_or_default();
+    for warning in warnings {
+        a.warn(NativeError::at(0, format!("{file}: {warning}")));
+    }
+}
+
+/// The parts of a file as shapes; parts that emit light as lights.
+fn load_scene(a: &Args) -> Result<SceneValue> {
+    let path = a.path(0)?;
+    let from = path.clone();
+    let _work = reading(&path);
+    let Loaded { parts, lights, warnings } = stop::apart(move || load(&from, Wanted::Scene)).map_err(refused)?;
+    let mut scene = SceneValue::default();
+    let mut converter = Converter::default();
+    for part in parts.iter().filter(|p| !p.mesh.faces.is_empty()) {
+        // Every part becomes a shape or a light.
+        let _ = add_to_scene(&mut scene, &converter.part(part));
+    }
+    scene.lights.extend(lights.iter().map(|l| Arc::new(light(l))));
+    tell(a, &path, warnings);
+    if scene.shapes.is_empty() && scene.lights.is_empty() {
+        return Err(NativeError::at(0, "the file has no triangles and no lights"));
+    }
+    Ok(scene)
+}
+
+/// Converts materials of a file to values, each once, so that parts share their textures.
+#[derive(Default)]
+struct Converter {
+    made: HashMap<*const LoadedMaterial, Arc<Appearance>>,
+}
+
+/// The material and the emission of a part.
+#[derive(Clone)]
+struct Appearance {
+    material: Arc<MaterialValue>,
+    radiance: Option<Input>,
+    two_sided: bool,
+}
+
+impl Converter {
+    fn part(&mut self, part: &LoadedPart) -> Value {
+        let mesh = MeshValue::from(&part.mesh);
+        let appearance = match (&part.material, tint(&part.mesh)) {
+            (None, None) => Arc::new(plain(grey())),
+            // Vertex colours without a material are the reflectance.
+            (None, Some(_)) => Arc::new(plain(MaterialKind::Diffuse { reflectance: Input::VertexColor }.into())),
+            (Some(loaded), None) => self.appearance(loaded),
+            (Some(loaded), Some(Tint::Constant(tint))) => {
+                let tinted = LoadedMaterial { base_color: loaded.base_color * tint, ..(**loaded).clone() };
+                Arc::new(appearance(&tinted))
+            }
+            (Some(loaded), Some(Tint::Varying)) => {
+                let mut appearance = (*self.appearance(loaded)).clone();
+                let mut material = (*appearance.material).clone();
+                if let MaterialKind::Principled { base_color, .. } = &mut material.kind
+                    && let Input::Texture(texels) = base_color
+                {
+                    *base_color = Input::Tinted(texels.clone());
+                }
+                appearance.material = Arc::new(material);
+                Arc::new(appearance)
+            }
+        };
+        let mut material = appearance.material.clone();
+        if mesh.uvs.is_none() && material.normals.is_some() {
+            // Like other images, a normal map has no place on a mesh without texture coordinates.
+            material = Arc::new(MaterialValue { normals: None, ..(*material).clone() });
+        }
+        let mesh = Arc::new(mesh);
+        match &appearance.radiance {
+            Some(radiance) => {
+                let (radiance, two_sided) = (radiance.clone(), appearance.two_sided);
+                Value::Light(Arc::new(LightValue::Area { mesh, radiance, two_sided, material: Some(material) }))
+            }
+            None => Value::Shape(Arc::new(ShapeValue { mesh, material })),
+        }
+    }
+
+    fn appearance(&mut self, loaded: &Arc<LoadedMaterial>) -> Arc<Appearance> {
+        self.made.entry(Arc::as_ptr(loaded)).or_insert_with(|| Arc::new(appearance(loaded))).clone()
+    }
+}
+
+/// The vertex colours of a part.
+enum Tint {
+    /// The same colour at every vertex.
+    Constant(glam::Vec3),
+    Varying,
+}
+
+fn tint(mesh: &Mesh) -> Option<Tint> {
+    let colors = mesh.colors.as_ref()?;
+    let first = *colors.first()?;
+    Some(if colors.iter().all(|c| *c == first) { Tint::Constant(first) } else { Tint::Varying })
+}
+
+fn plain(material: MaterialValue) -> Appearance {
+    Appearance { material: Arc::new(material), radiance: None, two_sided: false }
+}
+
+fn appearance(loaded: &LoadedMaterial) -> Appearance {
+    if let Some(clear) = loaded.clear {
+        let number = |ior: f32| Input::Number(Var::from(f64::from(ior)));
+        let material = match clear {
+            Clear::Body(ior) => MaterialKind::Dielectric { ior: number(ior) }.into(),
+            Clear::Pane(ior) => {
+                MaterialKind::ThinDielectric { ior: number(ior), tint: texels(loaded.base_color_texels()) }.into()
+            }
+        };
+        return Appearance { radiance: loaded.emissive_texels().map(texels), two_sided: true, ..plain(material) };
+    }
+    let kind = MaterialKind::Principled {
+        base_color: texels(loaded.base_color_texels()),
+        metallic: texels(loaded.metallic_texels()),
+        roughness: texels(loaded.roughness_texels()),
+        specular: Input::Number(Var::from(0.5 * f64::from(loaded.specular))),
+    };
+    let opacity = loaded.opacity.clone().map(texels);
+    let normals = loaded.normals.clone().map(texels);
+    let material = Arc::new(MaterialValue { kind, one_sided: !loaded.double_sided, opacity, normals });
+    Appearance { material, radiance: loaded.emissive_texels().map(texels), two_sided: loaded.double_sided }
+}
+
+fn texels(loaded: LoadedImage) -> Input {
+    let image: &Image = &loaded.image;
+    let texels = Var::constant(Tensor::from_image(image));
+    let wrap = if loaded.clamp { Wrap::Clamp } else { Wrap::Repeat };
+    let filter = if loaded.nearest { Filter::Nearest } else { Filter::Bilinear };
+    Input::Texture(Arc::new(TextureValue { texels, wrap, filter }))
+}
+
+fn light(loaded: &LoadedLight) -> LightValue {
+    let vector = |v: [f64; 3]| Var::constant(Tensor::vector(v.to_vec()));
+    let position = ("position", vector(loaded.position.to_array()));
+    let direction = ("direction", vector(loaded.direction.to_array()));
+    let intensity = vector(loaded.intensity.to_array().map(f64::from));
+    let (model, numbers) = match loaded.kind {
+        LoadedLightKind::Point => (DeltaModel::Point, vec![position, ("intensity", intensity)]),
+        LoadedLightKind::Directional => (DeltaModel::Directional, vec![direction, ("irradiance", intensity)]),
+        LoadedLightKind::Spot { beam, cutoff } => {
+            let (cutoff, beam) = (("cutoff", Var::from(cutoff)), ("beam", Var::from(beam)));
+            (DeltaModel::Spot, vec![position, direction, ("intensity", intensity), cutoff, beam])
+        }
+    };
+    LightValue::Delta(DeltaLightValue { model, numbers, closing: None })
+}
+
+fn cameras(a: &Args) -> Result<Value> {
+    let path = a.path(0)?;
+    let from = path.clone();
+    let _work = reading(&path);
+    let (cameras, warnings) = stop::apart(move || load_cameras(&from)).map_err(refused)?;
+    tell(a, &path, warnings);
+    if cameras.is_empty() {
+        return Err(NativeError::at(0, "the file has no cameras"));
+    }
+    let film = match a.named("film") {
+        Some((i, _)) => Some(super::scene::film(a, i)?),
+        None => None,
+    };
+    Ok(Value::list(cameras.iter().map(|c| Value::Camera(Arc::new(camera(c, film.as_ref())))).collect()))
+}
+
+/// Height in pixels of a camera's film if the call does not give one.
+const ROWS: f64 = 256.0;
+
+fn camera(loaded: &LoadedCamera, film: Option<&Var>) -> CameraValue {
+    let vector = |v: Vec<f64>| Value::Num(Var::constant(Tensor::vector(v)));
+    let film = match film {
+        Some(film) => Value::Num(film.clone()),
+        None => vector(vec![(ROWS * loaded.aspect.unwrap_or(1.0)).round().clamp(1.0, 16.0 * ROWS), ROWS]),
+    };
+    let (kind, extent) = match loaded.projection {
+        LoadedProjection::Perspective { fov } => ("perspective", ("fov", fov)),
+        LoadedProjection::Orthographic { height } => ("orthographic", ("height", height)),
+    };
+    let fields = [
+        ("position", vector(loaded.position.to_array().to_vec())),
+        ("look_at", vector((loaded.position + loaded.forward).to_array().to_vec())),
+        ("up", vector(loaded.up.to_array().to_vec())),
+        (extent.0, Value::scalar(extent.1)),
+        ("film", film),
+        ("kind", Value::Str(kind.into())),
+        ("aperture", Value::scalar(0.0)),
+        ("shutter", vector(vec![0.0, 1.0])),
+    ];
+    let fields = fields.into_iter().map(|(name, value)| (name.to_string(), value)).collect();
+    CameraValue { fields, closing: None }
+}
