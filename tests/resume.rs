@@ -15,6 +15,7 @@ use std::path::Path;
 use std::process::Child;
 use std::time::{Duration, Instant};
 
+use dscene::session::{Checkpoint, RunFolder};
 use serde_json::Value;
 
 use left_behind::{assert_same, left_behind};
@@ -383,6 +384,25 @@ fn a_run_that_was_killed_as_it_wrote_its_page_gets_one() {
         assert_code(&place.dsl(&["run", "a.dscene", "--resume", "r"]), 0);
         assert!(!place.path("r/report.html.part").exists());
         assert!(fs::read_to_string(&page).unwrap().ends_with("</html>\n"));
+    }
+}
+
+/// Whoever kills a run before its last checkpoint has it do the rest again, so that no run is held for finished that lacks a line.
+#[test]
+fn the_last_checkpoint_of_a_run_comes_after_all_lines() {
+    let place = Place::new();
+    for (name, expectation, code, how) in
+        [("kept", "bowl < 1e-6", 0, "finished"), ("broken", "bowl > 1", 1, "unsuccessful")]
+    {
+        place.write("a.dscene", BOWL.replace("bowl < 1e-6", expectation));
+        assert_code(&place.dsl(&["run", "a.dscene", "--out", name]), code);
+        let folder = place.path(name);
+        let checkpoint = Checkpoint::read(&folder).unwrap();
+        assert!(checkpoint.finished);
+        assert_eq!(checkpoint.logged, RunFolder::reopen(&folder).unwrap().logged().unwrap());
+        let events = fs::read_to_string(folder.join("report.jsonl")).unwrap();
+        let last: Value = serde_json::from_str(events.lines().last().unwrap()).unwrap();
+        assert_eq!((&last["event"], &last["how"]), (&Value::from("end"), &Value::from(how)));
     }
 }
 

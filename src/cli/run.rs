@@ -18,7 +18,6 @@ use crate::ranks;
 use crate::report::report;
 use crate::session::begin::Begin;
 use crate::session::clock::{Stopwatch, human_seconds};
-use crate::session::events::{Ending, Event};
 use crate::session::folder::REPORT;
 use crate::session::notes::told;
 use crate::session::sweep::{Judge, Record};
@@ -98,26 +97,20 @@ fn run_script(args: &RunArgs, terminal: &mut Terminal) -> u8 {
     runner.judge = args.compared.as_ref().map(|sweep| Judge::new(sweep, &path));
     runner.folder = Some(&mut folder);
     let outcome = world::listening(|| runner.resume(&actions, checkpoint));
-    let (report, (seconds_since, files)) = (runner.report.clone(), runner.since_last_step());
+    let report = runner.report.clone();
     let timings = std::mem::take(&mut runner.timings);
-    if matches!(outcome, Ok(Flow::Continue)) {
-        folder.sweep(&report.saved);
-    }
     let world = world_of(&mut live, terminal);
     world.progress_done();
 
-    let (code, how) = match &outcome {
+    let code = match &outcome {
         Err(diagnostic) => {
             world.diagnostic(diagnostic, &loaded.engine.program().sources.clone());
-            let _ = folder.note(&told(diagnostic, &loaded.engine.program().sources));
-            (EXIT_WRONG, Ending::Failed)
+            EXIT_WRONG
         }
-        Ok(Flow::Interrupted) => (EXIT_INTERRUPTED, Ending::Interrupted),
-        Ok(Flow::Continue | Flow::Pruned) if !report.is_success() => (EXIT_WRONG, Ending::Unsuccessful),
-        Ok(Flow::Pruned) => (0, Ending::Pruned),
-        Ok(Flow::Continue) => (0, Ending::Finished),
+        Ok(Flow::Interrupted) => EXIT_INTERRUPTED,
+        Ok(Flow::Continue | Flow::Pruned) if !report.is_success() => EXIT_WRONG,
+        Ok(Flow::Continue | Flow::Pruned) => 0,
     };
-    let _ = folder.note(&Event::End { how, seconds: seconds_since, files });
     let writing = Stopwatch::start();
     let page = write_report(&mut loaded, &common, &folder, terminal);
     tell_timings(args, [check, writing.elapsed().wall], &timings, &loaded, terminal);

@@ -17,7 +17,8 @@ use super::notes::Targets;
 use super::optimization::{Optimization, OptimizationState};
 use super::plot::Curves;
 use super::record::no_run;
-use super::run::{Histories, RunReport, Runner};
+use super::events::Ending;
+use super::run::{Flow, Histories, RunReport, Runner};
 use super::sweep::is_sweep;
 use crate::check::hir;
 use crate::diag::Diagnostic;
@@ -229,7 +230,7 @@ fn full(folder: &Path) -> PathBuf {
 
 impl Runner<'_> {
     /// Goes on where a checkpoint was written.
-    pub fn resume(&mut self, actions: &[hir::Action], checkpoint: Checkpoint) -> Result<super::Flow, Diagnostic> {
+    pub fn resume(&mut self, actions: &[hir::Action], checkpoint: Checkpoint) -> Result<Flow, Diagnostic> {
         let Checkpoint { settings, action, start, optimizing, mut report, curves, histories, targets, .. } = checkpoint;
         // With `--force` the script may have changed, so that the checkpoint's action is missing.
         let is_there = match optimizing {
@@ -250,7 +251,26 @@ impl Runner<'_> {
         (self.report, self.curves, self.histories) = (report, curves, histories);
         self.since = Stopwatch::start();
         self.notes.targets = targets;
-        self.run_from(actions, action, optimizing)
+        let outcome = self.run_from(actions, action, optimizing).and_then(|flow| match flow {
+            Flow::Interrupted => Ok(flow),
+            _ => self.finish(actions.len()).map(|()| flow),
+        });
+        match &outcome {
+            Err(diagnostic) => self.note_failure(diagnostic),
+            Ok(Flow::Interrupted) => self.note_end(Ending::Interrupted),
+            Ok(_) => {}
+        }
+        outcome
+    }
+
+    /// After all actions. The checkpoint that says so is the last thing written: a run that is killed before it does the rest once more, and
+    /// leaves the same.
+    fn finish(&mut self, actions: usize) -> Result<(), Diagnostic> {
+        if let Some(folder) = &self.folder {
+            folder.sweep(&self.report.saved);
+        }
+        self.note_end(self.report.ending());
+        self.begin_action(actions, true)
     }
 
     /// Sets an optimisation up and, if it was in progress at the checkpoint, restores its state.

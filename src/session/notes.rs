@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::clock::Stopwatch;
-use super::events::{Bounds, Event, Moment, Shown, Stage};
+use super::events::{Bounds, Ending, Event, Moment, Shown, Stage};
 use super::log::LOGGED_NUMBERS;
 use super::optimization::{Optimization, StepReport};
 use super::picture::Picture;
@@ -172,9 +172,16 @@ impl Runner<'_> {
         events
     }
 
-    /// Wall time since the last line of the log, and what files took of it, in seconds.
-    pub fn since_last_step(&self) -> (f64, f64) {
-        (self.notes.since.map_or(0.0, |watch| watch.elapsed().wall), self.notes.files)
+    /// The last line of the report's events.
+    pub(super) fn note_end(&mut self, how: Ending) {
+        let seconds = self.notes.since.map_or(0.0, |watch| watch.elapsed().wall);
+        self.note(&Event::End { how, seconds, files: self.notes.files });
+    }
+
+    /// The same where an error has ended the run.
+    pub(super) fn note_failure(&mut self, diagnostic: &Diagnostic) {
+        self.note(&told(diagnostic, &self.engine.program().sources));
+        self.note_end(Ending::Failed);
     }
 }
 

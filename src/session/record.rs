@@ -109,9 +109,9 @@ impl Run {
     pub fn seconds(&self) -> f64 {
         let of = |step: &Step, phase: &str| step.phases.get(phase).copied().unwrap_or_default();
         let between = |step: &Step| of(step, "files") + of(step, "actions");
-        let after = self.events.iter().map(|event| match event {
-            Event::End { seconds, .. } => *seconds,
-            _ => 0.0,
+        let after = self.events.iter().rev().find_map(|event| match event {
+            Event::End { seconds, .. } => Some(*seconds),
+            _ => None,
         });
         self.steps.iter().map(|step| step.seconds + between(step)).chain(after).filter(|x| x.is_finite()).sum()
     }

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::checkpoint::{Optimizing, Schedule};
 use super::clock::{Stopwatch, human_seconds};
+use super::events::Ending;
 use super::expect;
 use super::folder::{RunFolder, cannot_write, output_path};
 use super::measure::loss_at;
@@ -62,6 +63,15 @@ impl RunReport {
     /// Whether all went as the script wants it.
     pub fn is_success(&self) -> bool {
         self.failed_expects == 0 && self.failed_optimizations == 0
+    }
+
+    /// How a run has ended that came to its end.
+    pub(super) fn ending(&self) -> Ending {
+        match self.pruned {
+            _ if !self.is_success() => Ending::Unsuccessful,
+            Some(_) => Ending::Pruned,
+            None => Ending::Finished,
+        }
     }
 }
 
@@ -163,7 +173,7 @@ impl<'a> Runner<'a> {
             self.tell_warnings();
             match flow {
                 Ok(Flow::Continue) => {}
-                Ok(Flow::Pruned) => break,
+                Ok(Flow::Pruned) => return Ok(Flow::Pruned),
                 // An evaluation that Ctrl-C stopped half-way.
                 Err(diagnostic) if diagnostic.code != eval::INTERRUPTED => return Err(diagnostic),
                 Ok(Flow::Interrupted) | Err(_) => {
@@ -172,7 +182,6 @@ impl<'a> Runner<'a> {
                 }
             }
         }
-        self.begin_action(actions.len(), true)?;
         Ok(Flow::Continue)
     }
 

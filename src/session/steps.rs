@@ -3,9 +3,7 @@
 use std::path::PathBuf;
 
 use super::begin::Begin;
-use super::events::{Ending, Event};
 use super::measure::loss_at;
-use super::notes::told;
 use super::optimization::Optimization;
 use super::run::{Flow, RunReport, Runner};
 use super::script::{Result, Script};
@@ -148,20 +146,7 @@ impl Script {
         let mut runner = Runner::new(engine, world);
         runner.folder = Some(&mut folder);
         let outcome = runner.resume(&actions, checkpoint);
-        let (report, (seconds, files)) = (runner.report.clone(), runner.since_last_step());
-        let how = match &outcome {
-            Err(_) => Ending::Failed,
-            Ok(Flow::Interrupted) => Ending::Interrupted,
-            Ok(Flow::Continue | Flow::Pruned) if !report.is_success() => Ending::Unsuccessful,
-            Ok(Flow::Continue | Flow::Pruned) => Ending::Finished,
-        };
-        if matches!(outcome, Ok(Flow::Continue)) {
-            folder.sweep(&report.saved);
-        }
-        if let Err(diagnostic) = &outcome {
-            let _ = folder.note(&told(diagnostic, &self.engine().program().sources));
-        }
-        let _ = folder.note(&Event::End { how, seconds, files });
+        let report = runner.report.clone();
         self.keep_moved();
         Ok(Ran { folder: folder.path().to_path_buf(), report, failed: outcome.err() })
     }
