@@ -4,7 +4,8 @@ use std::sync::LazyLock;
 
 use super::hir::{Callee, Expr, ExprKind, Program, Target};
 use super::infer::{Typed, item_of, typed};
-use super::modules::{Checker, constructors, is_private};
+use super::library::constructors;
+use super::modules::{Checker, is_private};
 use super::types::{Dim, Ty};
 use crate::diag::{Diagnostic, did_you_mean, suggest};
 use crate::source::Span;

@@ -20,6 +20,7 @@ pub mod hir;
 mod infer;
 mod kinds;
 mod known;
+mod library;
 mod lines;
 mod lints;
 mod loaded;
@@ -45,16 +46,17 @@ use std::io;
 use std::path::Path;
 
 use crate::diag::{self, Diagnostic};
-use crate::source::SourceMap;
+use crate::source::{SourceId, SourceMap};
 
 pub use domains::{Part, Reached, domain_of_field, domains};
 pub use fields::{field_type, fields_of, type_of};
 pub use flow::{children, reaching_params, reaching_params_of, walk};
 pub use known::READERS;
+pub use library::{library_modules, library_text};
 pub use lines::{LINE, Line, check_expression, check_given, check_line};
 pub use lints::{FACING_AWAY, LINTS, NO_BOUNDARY, is_allowed, without_boundary};
 use modules::Checker;
-pub use modules::{ModuleId, PRELUDE, is_private, library_modules, library_text, normal};
+pub use modules::{ModuleId, PRELUDE, is_private, normal};
 pub use signature::TYPE_NAMES;
 pub use sweep::SEED;
 pub use understanding::{Understanding, understand};
@@ -90,13 +92,24 @@ pub struct Checked {
     pub program: Option<hir::Program>,
     pub diagnostics: Vec<Diagnostic>,
     pub sources: SourceMap,
+    /// The file or text itself: other sources are of the library, and imported ones.
+    pub main: SourceId,
+}
+
+impl Checked {
+    /// Of a text that could not be read.
+    pub fn unread(why: Diagnostic) -> Checked {
+        let mut sources = library::sources();
+        let main = sources.add("", None, "");
+        Checked { program: None, diagnostics: vec![why], sources, main }
+    }
 }
 
 /// Checks a file. `overrides` are `--set NAME=EXPR`: they replace the values of declarations of the file.
 pub fn check(path: &Path, overrides: &[(String, String)], loader: &(dyn Loader + Sync)) -> Checked {
     match loader.read(path) {
         Ok(text) => check_text(&path.display().to_string(), Some(path), text, overrides, loader),
-        Err(error) => Checked { program: None, diagnostics: vec![unreadable(path, &error)], sources: SourceMap::new() },
+        Err(error) => Checked::unread(unreadable(path, &error)),
     }
 }
 
@@ -119,7 +132,7 @@ pub fn check_text(
     overrides: &[(String, String)],
     loader: &(dyn Loader + Sync),
 ) -> Checked {
-    let mut sources = SourceMap::new();
+    let mut sources = library::sources();
     let main = sources.add(name, path, text);
     let overrides = overrides
         .iter()
@@ -132,7 +145,7 @@ pub fn check_text(
         let (program, mut diagnostics, sources) = checker.finish();
         diag::sort(&mut diagnostics);
         let failed = diagnostics.iter().any(Diagnostic::is_error);
-        Checked { program: (!failed).then_some(program), diagnostics, sources }
+        Checked { program: (!failed).then_some(program), diagnostics, sources, main }
     })
 }
 

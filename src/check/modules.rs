@@ -1,4 +1,4 @@
-//! Files as modules: the standard library, imports, and who sees which names.
+//! Files as modules: imports, and who sees which names.
 
 use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
@@ -6,58 +6,15 @@ use std::sync::Arc;
 
 use super::Loader;
 use super::hir::{self, DeclId, LocalId, Origin, Program};
+use super::library::{self, LIBRARY};
 use super::lints;
 use super::log::DiagnosticLog;
 use super::signature::{Const, FunctionKey, Sig};
 use super::types::Ty;
 use crate::diag::{Diagnostic, Names, did_you_mean, suggest};
 use crate::source::{SourceId, SourceMap, Span};
+use crate::syntax;
 use crate::syntax::ast::{self, StatementKind};
-use crate::syntax::{self};
-
-/// The standard library: module name and text. The `prelude` ones are visible everywhere, the others by `import std.NAME`.
-const LIBRARY: [(&str, bool, &str); 14] = [
-    ("math", true, include_str!("../../stdlib/math.dscene")),
-    ("mesh", true, include_str!("../../stdlib/mesh.dscene")),
-    ("material", true, include_str!("../../stdlib/material.dscene")),
-    ("scene", true, include_str!("../../stdlib/scene.dscene")),
-    ("image", true, include_str!("../../stdlib/image.dscene")),
-    ("data", true, include_str!("../../stdlib/data.dscene")),
-    ("loss", true, include_str!("../../stdlib/loss.dscene")),
-    ("network", true, include_str!("../../stdlib/network.dscene")),
-    ("optimize", true, include_str!("../../stdlib/optimize.dscene")),
-    ("derivative", true, include_str!("../../stdlib/derivative.dscene")),
-    ("studio", false, include_str!("../../stdlib/studio.dscene")),
-    ("cornell", false, include_str!("../../stdlib/cornell.dscene")),
-    ("presets", false, include_str!("../../stdlib/presets.dscene")),
-    ("photo", false, include_str!("../../stdlib/photo.dscene")),
-];
-
-/// The modules of the library, and whether their names are known everywhere.
-pub fn library_modules() -> impl Iterator<Item = (&'static str, bool)> {
-    LIBRARY.iter().map(|(name, is_prelude, _)| (*name, *is_prelude))
-}
-
-/// The text of a module of the library.
-pub fn library_text(module: &str) -> Option<&'static str> {
-    LIBRARY.iter().find(|(name, ..)| *name == module).map(|(.., text)| *text)
-}
-
-/// The natives of a module of the library that make a thing of some type out of others, with the names of their arguments.
-pub fn constructors(module: &str, ty: &str) -> Vec<(String, Vec<String>)> {
-    let mut sources = SourceMap::new();
-    let text = LIBRARY.iter().find(|(name, ..)| *name == module).map_or("", |(.., text)| text);
-    let source = sources.add(module, None, text);
-    let named = |kind: &ast::TypeKind| matches!(kind, ast::TypeKind::Named(name) if name == ty);
-    let is = |ty: &Option<ast::Type>| ty.iter().flat_map(|ty| &ty.choices).any(|atom| named(&atom.kind));
-    let native = |f: &ast::Fn| f.body.is_none() && is(&f.result) && !f.params.iter().any(|p| is(&p.ty));
-    let statements = syntax::parse(&sources, source).0.statements.into_iter();
-    let constructor = |statement: ast::Statement| match statement.kind {
-        StatementKind::Fn(f) if native(&f) => Some((f.name.text, f.params.into_iter().map(|p| p.name.text).collect())),
-        _ => None,
-    };
-    statements.filter_map(constructor).collect()
-}
 
 /// Most names that are compared in one check to find suggestions for unknown names; about a tenth of a second.
 const SPELLING_BUDGET: usize = 1 << 24;
@@ -190,7 +147,7 @@ pub struct Checker<'l> {
     /// Statements of actions and tests, in order.
     pub action_statements: Vec<Arc<ast::Statement>>,
     pub files: HashMap<PathBuf, ModuleId>,
-    parsed: HashMap<SourceId, Vec<Arc<ast::Statement>>>,
+    pub parsed: HashMap<SourceId, Vec<Arc<ast::Statement>>>,
     pub library: HashMap<&'static str, ModuleId>,
 }
 
@@ -238,7 +195,7 @@ impl<'l> Checker<'l> {
     /// Reads and checks everything.
     pub fn run(&mut self, origin: Origin) {
         self.origin = origin.clone();
-        self.load_library();
+        self.begin_with_library();
         let Some(main) = origin.main else { return };
         let path = self.sources.get(main).and_then(|f| f.path.clone());
         self.main = self.new_module(path.clone(), true);
@@ -277,7 +234,10 @@ impl<'l> Checker<'l> {
     /// The program (which must not be used if there are errors), the diagnostics and the sources.
     pub fn finish(mut self) -> (Program, Vec<Diagnostic>, SourceMap) {
         let unchanged = self.unchanged.into_iter().chain(std::iter::repeat(None));
-        let own = |slot: Arc<Slot>| Arc::new(Arc::try_unwrap(slot).map_or_else(|s| s.hir.clone(), |s| s.hir));
+        let own = |slot: Arc<Slot>| {
+            let librarys = library::decl(&slot).cloned();
+            librarys.unwrap_or_else(|| Arc::new(Arc::try_unwrap(slot).map_or_else(|s| s.hir.clone(), |s| s.hir)))
+        };
         let decls = self.slots.into_iter().zip(unchanged).map(|(slot, old)| old.unwrap_or_else(|| own(slot))).collect();
         let mut program = Program {
             decls,
@@ -372,22 +332,7 @@ impl<'l> Checker<'l> {
         self.modules[module].path.as_deref().and_then(Path::parent).map(Path::to_path_buf).unwrap_or_default()
     }
 
-    fn load_library(&mut self) {
-        for (name, prelude, text) in LIBRARY {
-            let shown = format!("std/{name}.dscene");
-            // A program that is checked again (REPL) already has these sources.
-            let known = self.sources.iter().find(|(_, f)| f.name == shown && f.path.is_none()).map(|(id, _)| id);
-            let source = known.unwrap_or_else(|| self.sources.add(shown, None, text));
-            let module = if prelude { PRELUDE } else { self.new_module(None, false) };
-            if !prelude {
-                self.library.insert(name, module);
-            }
-            let statements = self.parse(source);
-            self.add_statements(module, statements, &[]);
-        }
-    }
-
-    fn new_module(&mut self, path: Option<PathBuf>, user: bool) -> ModuleId {
+    pub fn new_module(&mut self, path: Option<PathBuf>, user: bool) -> ModuleId {
         self.modules.push(Module { path, user, ..Module::default() });
         self.modules.len() - 1
     }

@@ -10,7 +10,7 @@ use super::lines::{Knowledge, Known};
 use super::modules::{Checker, Module, ModuleId, PRELUDE, is_private, lookup_in, normal};
 use super::signature;
 use super::types::Ty;
-use super::{Disk, Loader, with_room};
+use super::{Disk, Loader, library, with_room};
 use crate::diag::{self, Diagnostic};
 use crate::source::{SourceId, SourceMap, Span};
 use crate::syntax::{self, ast};
@@ -38,7 +38,7 @@ pub fn understand(
     text: impl Into<String>,
     loader: &(dyn Loader + Sync),
 ) -> Understanding {
-    let mut sources = SourceMap::new();
+    let mut sources = library::sources();
     let main = sources.add(name, path, text);
     let origin = super::hir::Origin { main: Some(main), ..Default::default() };
     with_room(move || {

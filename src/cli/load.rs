@@ -14,7 +14,6 @@ use crate::files::{Stamp, stamp};
 use crate::ranks;
 use crate::session::line::check_line;
 use crate::session::{World, world};
-use crate::source::SourceMap;
 
 /// A script that may run.
 pub struct Loaded {
@@ -42,7 +41,7 @@ pub fn check_file_by(file: &Path, common: &Common, loader: &(dyn Loader + Sync))
     let name = "<stdin>";
     match read_stdin() {
         Ok(text) => check::check_text(name, Some(Path::new(name)), text, &overrides, loader),
-        Err(diagnostic) => Checked { program: None, diagnostics: vec![diagnostic], sources: SourceMap::new() },
+        Err(diagnostic) => Checked::unread(diagnostic),
     }
 }
 

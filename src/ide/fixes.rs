@@ -10,7 +10,7 @@ use crate::check::hir::DeclKind;
 use crate::check::types::Ty;
 use crate::check::{Loader, check_text, domains};
 use crate::diag::Diagnostic;
-use crate::source::{SourceId, SourceMap, Span};
+use crate::source::{SourceMap, Span};
 use crate::syntax::ast::{Expr, ExprKind, StatementKind};
 use crate::syntax::{self, statement_ranges};
 
@@ -221,10 +221,9 @@ fn mends(
 ) -> bool {
     let file = analysis.file();
     let checked = check_text(&file.name, file.path.as_deref(), changed, &[], loader);
-    let main = SourceId(0);
     let is_same = |d: &Diagnostic| d.code == diagnostic.code && d.message == diagnostic.message;
     let is_still_there = |d: &Diagnostic| {
-        let start = d.span().filter(|s| s.source == main).map_or(0, |s| s.start as usize);
+        let start = d.span().filter(|s| s.source == checked.main).map_or(0, |s| s.start as usize);
         is_same(d) && written.0 <= start && start <= written.1
     };
     // Warnings are only told where there are no errors.

@@ -12,12 +12,12 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 
 use super::clock::Stopwatch;
+use super::events::Ending;
 use super::folder::{Logged, Override, RunFolder, cannot_write};
 use super::notes::Targets;
 use super::optimization::{Optimization, OptimizationState};
 use super::plot::Curves;
 use super::record::no_run;
-use super::events::Ending;
 use super::run::{Flow, Histories, RunReport, Runner};
 use super::sweep::is_sweep;
 use crate::check::hir;

@@ -5,5 +5,5 @@
 use pest_derive::Parser;
 
 #[derive(Parser)]
-#[grammar = "grammar/dscene.pest"]
+#[grammar = "../grammar/dscene.pest"]
 pub struct Grammar;

@@ -1,6 +1,7 @@
 //! Scenes of one number θ, and the comparison of their derivatives with finite differences.
 #![allow(dead_code)]
 
+mod kept;
 mod long;
 
 use std::ops::Range;
@@ -357,6 +358,23 @@ pub fn finite_differences(
     fine.iter().zip(coarse).map(|(f, c)| (4.0 * f - c) / 3.0).collect()
 }
 
+/// The difference of a comparison that is not made by [`agree`]: as for its rows, one that is kept in place of one that is drawn.
+pub fn difference(
+    name: &str,
+    build: &dyn Fn(f32) -> (SceneDescription, Camera),
+    plan: &Plan,
+    seeds: Range<u64>,
+) -> Measured {
+    let scenes = Scenes::new(build, plan);
+    let drawn = |seeds| statistics(&finite_differences(build, plan, seeds));
+    if long() {
+        let found = drawn(seeds.clone());
+        kept::record_or_compare(name, &scenes, found, || drawn(2_000_000..2_000_000 + 2 * seeds.end));
+        return found;
+    }
+    kept::difference(name, &scenes).unwrap_or_else(|| drawn(seeds))
+}
+
 fn central_differences(
     build: &dyn Fn(f32) -> (SceneDescription, Camera),
     plan: &Plan,
@@ -399,10 +417,16 @@ pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan
     let plan = percent().map_or(brief(plan), |percent| coarse(plan, percent));
     let more = more.unwrap_or(1);
     let plan = Plan { seeds: plan.seeds * more, fd_seeds: plan.fd_seeds * more, ..plan };
-    let mut found = compare(name, build, &plan, if more > 1 { plan.seeds } else { 8 });
+    let is_as_recorded = more == 1 && step == 1.0;
+    let kept = if is_as_recorded && !draws_all() { kept::difference(name, &Scenes::new(build, &plan)) } else { None };
+    let mut found = compare(name, build, &plan, if more > 1 { plan.seeds } else { 8 }, kept);
     if found.z().abs() >= DOUBT {
         let afresh = Plan { seeds: 4 * plan.seeds, fd_seeds: 4 * plan.fd_seeds, from: 1_000_000, ..plan };
-        found = compare(name, build, &afresh, 32);
+        found = compare(name, build, &afresh, 32, None);
+    }
+    if long() && is_as_recorded {
+        let more = || statistics(&finite_differences(build, &plan, 2_000_000..2_000_000 + plan.fd_seeds.max(32)));
+        kept::record_or_compare(name, &Scenes::new(build, &plan), statistics(&found.differences.values), more);
     }
     let (z, relative) = (found.z(), found.relative());
     assert!(z.abs() < 3.0, "{name}: gradient and finite differences are {z:.2} standard errors apart");
@@ -414,6 +438,11 @@ pub fn agree_in_long(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camer
     if long() {
         agree(name, build, plan);
     }
+}
+
+/// Whether no difference that is kept takes the place of one that is drawn.
+fn draws_all() -> bool {
+    percent().is_some_and(|percent| percent < 3.0) || kept::is_recording()
 }
 
 /// The combined error, over the finite difference, that is always enough.
@@ -431,12 +460,31 @@ fn beyond() -> u64 {
     if long() { 30 } else { 120 }
 }
 
+/// All that the difference of a row depends on but its samples.
+#[derive(Debug)]
+struct Scenes {
+    up: (SceneDescription, Camera),
+    down: (SceneDescription, Camera),
+    output: Output,
+    max_bounces: u32,
+    h: f32,
+}
+
+impl Scenes {
+    fn new(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) -> Scenes {
+        let Plan { output, max_bounces, h, .. } = *plan;
+        Scenes { up: build(h), down: build(-h), output, max_bounces, h }
+    }
+}
+
 /// A sample of a gradient takes about as long as twenty of an image.
 const GRADIENT_PRICE: f64 = 20.0;
 
 /// One of the two numbers that are compared, as it becomes known.
 struct Side {
     values: Vec<f64>,
+    /// In place of all values.
+    kept: Option<Measured>,
     /// Of one value, in samples of an image: what is drawn does not depend on the machine.
     price: f64,
     seconds: f64,
@@ -444,7 +492,11 @@ struct Side {
 
 impl Side {
     fn new(price: f64) -> Side {
-        Side { values: Vec::new(), price, seconds: 0.0 }
+        Side { values: Vec::new(), kept: None, price, seconds: 0.0 }
+    }
+
+    fn measured(&self) -> Measured {
+        self.kept.unwrap_or_else(|| statistics(&self.values))
     }
 
     fn drawn(&self) -> u64 {
@@ -460,7 +512,10 @@ impl Side {
 
     /// By how much the square of its error falls for a sample more.
     fn gain(&self) -> f64 {
-        statistics(&self.values).error.powi(2) / (self.drawn() as f64 * self.price)
+        match self.kept {
+            Some(_) => 0.0,
+            None => statistics(&self.values).error.powi(2) / (self.drawn() as f64 * self.price),
+        }
     }
 }
 
@@ -495,21 +550,33 @@ struct Comparison {
 
 impl Comparison {
     fn error(&self) -> f64 {
-        statistics(&self.gradients.values).error.hypot(statistics(&self.differences.values).error)
+        self.gradients.measured().error.hypot(self.differences.measured().error)
     }
 
     fn z(&self) -> f64 {
-        let difference = statistics(&self.gradients.values).mean - statistics(&self.differences.values).mean;
+        let difference = self.gradients.measured().mean - self.differences.measured().mean;
         if difference == 0.0 { 0.0 } else { difference / self.error() }
     }
 
     fn relative(&self) -> f64 {
-        self.error() / statistics(&self.differences.values).mean.abs().max(self.least)
+        self.error() / self.differences.measured().mean.abs().max(self.least)
+    }
+
+    /// Whether gradients can make the comparison more precise: not where the error is all of the difference that is kept.
+    fn can_gain(&self) -> bool {
+        self.differences.kept.is_none_or(|kept| self.gradients.measured().error > 0.5 * kept.error)
     }
 }
 
-/// At first `least` of each, or an eighth of the plan; then more as [`agree`] says.
-fn compare(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan, least: u64) -> Comparison {
+/// At first `least` of each, or an eighth of the plan; then more as [`agree`] says. Where a difference is kept that one counts,
+/// and none is drawn in brief.
+fn compare(
+    name: &str,
+    build: &dyn Fn(f32) -> (SceneDescription, Camera),
+    plan: &Plan,
+    least: u64,
+    kept: Option<Measured>,
+) -> Comparison {
     let price = f64::from(plan.spp) * GRADIENT_PRICE;
     let mut found = Comparison {
         least: plan.least,
@@ -521,8 +588,11 @@ fn compare(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: 
     let more_differences =
         |fd: &mut Side| fd.add(plan.from, portion(plan.fd_seeds), |seeds| finite_differences(build, plan, seeds));
     more_gradients(&mut found.gradients);
-    more_differences(&mut found.differences);
-    while found.relative() >= precise() {
+    if kept.is_none() || long() {
+        more_differences(&mut found.differences);
+    }
+    found.differences.kept = kept;
+    while found.relative() >= precise() && found.can_gain() {
         let (g, fd) = (&mut found.gradients, &mut found.differences);
         let worth = g.gain() > fd.gain();
         let (drawn, planned) = if worth { (g.drawn(), plan.seeds) } else { (fd.drawn(), plan.fd_seeds) };
@@ -533,7 +603,7 @@ fn compare(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: 
         if worth { more_gradients(&mut found.gradients) } else { more_differences(&mut found.differences) }
     }
     let line = |side: &Side| {
-        let Measured { mean, error } = statistics(&side.values);
+        let Measured { mean, error } = side.measured();
         format!("{mean:11.4} ± {error:8.4} ({:3} in {:5.2} s)", side.drawn(), side.seconds)
     };
     println!(

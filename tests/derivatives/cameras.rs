@@ -73,6 +73,8 @@ fn area_of_a_triangle_in_every_camera() {
         (Projection::Perspective, [-0.1, 0.01, 0.01, -0.02, 0.005]),
         (Projection::Fisheye, [0.05, -0.01, 0.01, 0.01, 0.002]),
     ];
+    // Where images of edges are curved they are sampled, which takes long: in brief by one lens of each kind.
+    let lenses = lenses.into_iter().filter(|(projection, _)| long() || *projection != Projection::Fisheye);
     for (projection, coefficients) in lenses {
         let distances = if long() { &[2.0, 5.0, 10.0][..] } else { &[5.0] };
         for &z in distances {

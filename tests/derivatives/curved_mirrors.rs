@@ -233,7 +233,7 @@ fn contours_of_a_smooth_body_that_a_surface_sees_in_a_ball() {
     let plan = Plan { max_bounces: 2, h: 0.02, spp: 512, fd_spp: 4096, ..Plan::default() };
     let (seeds, fd_seeds, telling) = if long() { (12, 32, 0.1) } else { (4, 8, 0.25) };
     let found = statistics(&gradients(&black_ball_in_a_ball, &plan, 0..seeds));
-    let expected = statistics(&finite_differences(&black_ball_in_a_ball, &plan, 0..fd_seeds));
+    let expected = difference("black ball seen in a ball", &black_ball_in_a_ball, &plan, 0..fd_seeds);
     let error = found.error.hypot(expected.error);
     assert!((found.mean - expected.mean).abs() < 3.0 * error, "{found:?} {expected:?}");
     println!("{found:?} {expected:?}");

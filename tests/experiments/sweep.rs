@@ -231,7 +231,8 @@ fn hopeless_runs_are_given_up() {
     // Not after ten steps, which are a quarter of its way.
     assert_eq!((&pruned["run"], &pruned["steps"]), (&Value::from("rate=0.0001,seed=0"), &Value::from(20)));
     assert!(pruned["why"].as_str().unwrap().contains("after step 19"), "{pruned}");
-    let events = fs::read_to_string(place.path("r").join(pruned["run"].as_str().unwrap()).join("report.jsonl")).unwrap();
+    let events =
+        fs::read_to_string(place.path("r").join(pruned["run"].as_str().unwrap()).join("report.jsonl")).unwrap();
     let last: Value = serde_json::from_str(events.lines().last().unwrap()).unwrap();
     assert_eq!((&last["event"], &last["how"]), (&Value::from("end"), &Value::from("pruned")));
     // Where another loss is measured, or from elsewhere, a larger one says nothing.

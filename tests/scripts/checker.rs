@@ -487,7 +487,7 @@ fn what_fails_inside_the_library_is_shown_at_the_call() {
     // The sizes are known only when the sum is.
     let script =
         "let n = floor(sum([1, 1]))\nlet a = [i for i in 0..n]\nlet b = [i for i in 0..n + 1]\nlet x = mse(a, b)";
-    let Checked { program, diagnostics, sources } = checked(script);
+    let Checked { program, diagnostics, sources, .. } = checked(script);
     let program = program.unwrap_or_else(|| panic!("{diagnostics:#?}"));
     let mut line = program.clone();
     let (Some(Line::Expr(e)), _) = check::check_line(&mut line, "x") else { panic!("an expression") };

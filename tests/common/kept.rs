@@ -1,0 +1,70 @@
+//! Finite differences that are kept: to draw them is most of what a comparison takes, and they change only where a scene does.
+//!
+//! `differences.csv` has one for each row of `derivatives`, as the long statistics draw them. In brief a derivative is compared with the one that is
+//! kept, which is more precise than what could be drawn in that time; where scene, film, step or kind of output are others than those it was
+//! drawn for, it is drawn. `cargo truth` draws some samples of each, and fails where the renderer does not give the differences that are kept any
+//! more; `DSCENE_TRUTH=2 cargo truth` draws all, as if none were kept. CONTRIBUTING.md says how they are recorded.
+
+use std::collections::HashMap;
+use std::fs;
+use std::io::Write;
+use std::path::PathBuf;
+use std::sync::LazyLock;
+
+use dscene::files::fingerprint;
+
+use super::{Measured, Scenes};
+
+struct Kept {
+    /// What it was drawn for.
+    of: u64,
+    difference: Measured,
+}
+
+fn path() -> PathBuf {
+    PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/derivatives/differences.csv"))
+}
+
+/// By the name of the row; a line that was recorded later takes the place of one before.
+static ALL: LazyLock<HashMap<String, Kept>> = LazyLock::new(|| {
+    let text = fs::read_to_string(path()).unwrap_or_default();
+    let line = |line: &str| -> Option<(String, Kept)> {
+        let mut fields = line.rsplitn(4, ',');
+        let (error, mean) = (fields.next()?.parse().ok()?, fields.next()?.parse().ok()?);
+        let of = u64::from_str_radix(fields.next()?, 16).ok()?;
+        Some((fields.next()?.to_owned(), Kept { of, difference: Measured { mean, error } }))
+    };
+    text.lines().map(|text| line(text).unwrap_or_else(|| panic!("differences.csv: {text}"))).collect()
+});
+
+/// What the difference of a row is of: the scenes on both sides, how they are rendered, and the step.
+fn of(scenes: &Scenes) -> u64 {
+    fingerprint(format!("{scenes:?}").as_bytes())
+}
+
+/// The difference that is kept, if it is of these scenes.
+pub fn difference(name: &str, scenes: &Scenes) -> Option<Measured> {
+    ALL.get(name).filter(|kept| kept.of == of(scenes)).map(|kept| kept.difference)
+}
+
+/// Whether differences are drawn to be kept.
+pub fn is_recording() -> bool {
+    std::env::var_os("DSCENE_RECORD").is_some()
+}
+
+/// Records the difference that was drawn, or else fails if it is another than the one that is kept: where it looks so, `more` decides, since
+/// few values leave their error uncertain.
+pub fn record_or_compare(name: &str, scenes: &Scenes, drawn: Measured, more: impl FnOnce() -> Measured) {
+    if is_recording() {
+        let line = format!("{name},{:016x},{},{}\n", of(scenes), drawn.mean, drawn.error);
+        let mut file = fs::OpenOptions::new().create(true).append(true).open(path()).unwrap();
+        file.write_all(line.as_bytes()).unwrap();
+    } else if let Some(kept) = difference(name, scenes) {
+        let is_apart =
+            |drawn: Measured, most: f64| (drawn.mean - kept.mean).abs() > most * drawn.error.hypot(kept.error);
+        if is_apart(drawn, 3.0) {
+            let drawn = more();
+            assert!(!is_apart(drawn, 4.0), "{name}: the difference is {drawn:?}, and {kept:?} was recorded");
+        }
+    }
+}
