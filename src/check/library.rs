@@ -8,6 +8,7 @@ use super::lines::Knowledge;
 use super::modules::{Checker, PRELUDE, Slot};
 use super::signature::FunctionKey;
 use super::{Disk, with_room};
+use crate::diag::Diagnostic;
 use crate::source::{SourceId, SourceMap};
 use crate::syntax;
 use crate::syntax::ast::{self, StatementKind};
@@ -64,6 +65,8 @@ struct Known {
     specialised: HashMap<FunctionKey, u32>,
     /// By id.
     decls: Vec<Arc<hir::Decl>>,
+    /// For whoever edits the library: there are none in one that was released.
+    diagnostics: Vec<Diagnostic>,
 }
 
 /// Read and checked once: that takes ten milliseconds, and an editor asks for a check at every key.
@@ -88,6 +91,7 @@ static KNOWN: LazyLock<Known> = LazyLock::new(|| {
             knowledge: checker.knowledge(),
             specialised: std::mem::take(&mut checker.specialised),
             decls: checker.slots.iter().map(|slot| Arc::new(slot.hir.clone())).collect(),
+            diagnostics: std::mem::take(&mut checker.diagnostics).into_all(),
             sources: checker.sources,
         }
     })
@@ -111,5 +115,6 @@ impl Checker<'_> {
         self.take_up_knowledge(&KNOWN.knowledge, &program);
         self.parsed.clone_from(&KNOWN.trees);
         self.specialised.clone_from(&KNOWN.specialised);
+        self.diagnostics.extend(KNOWN.diagnostics.iter().cloned());
     }
 }

@@ -234,9 +234,9 @@ impl<'l> Checker<'l> {
     /// The program (which must not be used if there are errors), the diagnostics and the sources.
     pub fn finish(mut self) -> (Program, Vec<Diagnostic>, SourceMap) {
         let unchanged = self.unchanged.into_iter().chain(std::iter::repeat(None));
-        let own = |slot: Arc<Slot>| {
-            let librarys = library::decl(&slot).cloned();
-            librarys.unwrap_or_else(|| Arc::new(Arc::try_unwrap(slot).map_or_else(|s| s.hir.clone(), |s| s.hir)))
+        let own = |slot: Arc<Slot>| match library::decl(&slot) {
+            Some(known) => known.clone(),
+            None => Arc::new(Arc::try_unwrap(slot).map_or_else(|slot| slot.hir.clone(), |slot| slot.hir)),
         };
         let decls = self.slots.into_iter().zip(unchanged).map(|(slot, old)| old.unwrap_or_else(|| own(slot))).collect();
         let mut program = Program {
