@@ -592,7 +592,7 @@ fn compare(
         more_differences(&mut found.differences);
     }
     found.differences.kept = kept;
-    while found.relative() >= precise() && found.can_gain() {
+    while found.relative() >= precise() && (found.relative() >= enough() || found.can_gain()) {
         let (g, fd) = (&mut found.gradients, &mut found.differences);
         let worth = g.gain() > fd.gain();
         let (drawn, planned) = if worth { (g.drawn(), plan.seeds) } else { (fd.drawn(), plan.fd_seeds) };
