@@ -41,7 +41,8 @@ pub fn library_text(module: &str) -> Option<&'static str> {
     LIBRARY.iter().find(|(name, ..)| *name == module).map(|(.., text)| *text)
 }
 
-/// The natives of a module of the library that make a thing of some type out of others, with the names of their arguments.
+/// The natives of a module of the library that make a thing of some type out of others, with the names of their arguments. They are read
+/// from the text, because this is asked while the library itself is being checked.
 pub fn constructors(module: &str, ty: &str) -> Vec<(String, Vec<String>)> {
     let mut sources = SourceMap::new();
     let text = LIBRARY.iter().find(|(name, ..)| *name == module).map_or("", |(.., text)| text);
