@@ -135,7 +135,7 @@ fn textures(scene: &SceneDescription, words: &mut Words) -> Vec<Value> {
             json!({
                 "width": t.width, "height": t.height, "channels": t.channels,
                 "data": words.floats(t.data.iter().copied()),
-                "wrap": if t.wrap == Wrap::Repeat { "repeat" } else { "clamp" },
+                "wrap": match t.wrap { Wrap::Repeat => "repeat", Wrap::Clamp => "clamp", Wrap::Mirror => "mirror" },
                 "filter": if t.filter == Filter::Bilinear { "bilinear" } else { "nearest" },
             })
         })

@@ -92,7 +92,7 @@ impl SceneCache {
 struct Builder {
     description: SceneDescription,
     slots: Vec<(Slot, Var)>,
-    textures: HashMap<(u64, usize, bool, bool), TextureId>,
+    textures: HashMap<(u64, usize, Wrap, bool), TextureId>,
 }
 
 /// Shapes first, then area lights; delta lights in order. `before` is a scene that may be much like this one.
@@ -298,7 +298,7 @@ impl Builder {
             _ => &[1, 1, if color { 3 } else { 1 }],
         };
         let &[height, width, channels] = shape else { return Err(LowerError::Tape("a texture of no size".into())) };
-        let key = (var.id(), channels, wrap == Wrap::Repeat, filter == Filter::Bilinear);
+        let key = (var.id(), channels, wrap, filter == Filter::Bilinear);
         if let Some(&id) = self.textures.get(&key) {
             return Ok(RenderInput::Texture(id));
         }

@@ -100,6 +100,12 @@ const CASES: &[Case] = &[
         step: 0.02,
     },
     Case {
+        name: "uvs of a texture that is mirrored",
+        param: "param p = [-0.8, 1.3]",
+        scene: "let t = texture([[0.1, 0.9], [0.3, 0.5]], wrap: mirror)\nshape s { mesh: mesh(vertices: [[-3,-3,0],[3,-3,0],[0,4,0]], faces: [[0,1,2]], uvs: [p, [1.6, 0.4], [0.5, -0.7]]), material: diffuse(reflectance: t) }\nlight l = constant(1)",
+        step: 0.02,
+    },
+    Case {
         name: "vertex colours",
         param: "param p = [0.2, 0.5, 0.7]",
         scene: "shape s { mesh: mesh(vertices: [[-3,-3,0],[3,-3,0],[0,4,0]], faces: [[0,1,2]], colors: [p, [1,0,0], [0,1,0]]), material: diffuse(reflectance: vertex_color()) }\nlight l = constant(1)",

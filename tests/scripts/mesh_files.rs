@@ -8,6 +8,7 @@ use dscene::mesh::Mesh;
 use dscene::mesh::load::{
     Clear, Loaded, LoadedLightKind, LoadedMaterial, LoadedPart, LoadedProjection, Wanted, load, load_cameras,
 };
+use dscene::render::texture::Wrap;
 use glam::{DVec3, Vec3, vec2, vec3};
 use serde_json::{Value, json};
 
@@ -76,7 +77,7 @@ fn materials_mean_what_their_letters_say() {
     let (m, loaded) = of("Kd 0 0 0\nmap_Kd -s 2 3 -o 0.5 0.25 -clamp on red dot.png\n");
     assert_eq!(loaded.warnings, Vec::<String>::new());
     assert_eq!(m.base_color_texels().image.data, [1.0, 0.0, 0.0]);
-    assert!(m.base_color_image.as_ref().unwrap().clamp);
+    assert!(m.base_color_image.as_ref().unwrap().wrap == Wrap::Clamp);
     // (1, 1) in the file is (2.5, 3.25), which counted downwards is (2.5, −2.25).
     assert_eq!(only(&loaded).mesh.uvs.as_ref().unwrap()[2], vec2(2.5, -2.25));
     let opacity = |m: &LoadedMaterial| m.opacity.as_ref().map(|o| o.image.data[0]);
@@ -397,16 +398,15 @@ fn samplers_are_honoured_or_told() {
         place.write("a.gltf", file.text());
         let loaded = read(&place, "a.gltf");
         let image = only(&loaded).material.as_ref().unwrap().base_color_image.clone().unwrap();
-        (image.clamp, image.nearest, loaded.warnings)
+        (image.wrap, image.nearest, loaded.warnings)
     };
-    assert_eq!(look(json!({})), (false, false, vec![]));
-    assert_eq!(look(json!({"wrapS": 33071, "wrapT": 33071, "magFilter": 9728})), (true, true, vec![]));
-    let (clamp, _, told) = look(json!({"wrapS": 33648, "wrapT": 10497, "minFilter": 9984}));
-    assert_eq!(
-        (clamp, told),
-        (false, vec!["images that are mirrored beyond their border are repeated instead: “m”".into()])
-    );
-    assert_eq!(look(json!({"wrapS": 33071, "wrapT": 10497})).2.len(), 1);
+    assert_eq!(look(json!({})), (Wrap::Repeat, false, vec![]));
+    assert_eq!(look(json!({"wrapS": 33071, "wrapT": 33071, "magFilter": 9728})), (Wrap::Clamp, true, vec![]));
+    assert_eq!(look(json!({"wrapS": 33648, "wrapT": 33648, "minFilter": 9984})), (Wrap::Mirror, false, vec![]));
+    let told = "images that go on along one side in another way than along the other are repeated along both: “m”";
+    for (s, t) in [(33648, 10497), (33071, 10497), (33071, 33648)] {
+        assert_eq!(look(json!({"wrapS": s, "wrapT": t})), (Wrap::Repeat, false, vec![told.into()]));
+    }
 }
 
 #[test]

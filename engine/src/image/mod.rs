@@ -16,6 +16,17 @@ use thiserror::Error;
 
 use crate::memory::Shortage;
 
+/// How the texture that an image is continues outside of [0, 1]².
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Wrap {
+    /// The bitmap is repeated.
+    Repeat,
+    /// Coordinates are clamped, so that the nearest texel of the border is used.
+    Clamp,
+    /// The bitmap is repeated, every other time mirrored, so that it has no seams.
+    Mirror,
+}
+
 /// A `height × width × channels` array of linear values; row 0 is the top row.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Image {

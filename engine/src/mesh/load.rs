@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use glam::{DVec3, Vec2, Vec3, vec2};
 
-use crate::image::Image;
 use crate::image::file::read_bytes;
+use crate::image::{Image, Wrap};
 
 use super::reading::Reading;
 use super::{MAX_ELEMENTS, Mesh, MeshError, gltf, obj, ops, ply, polygon, stl};
@@ -115,8 +115,8 @@ pub enum LoadedProjection {
 pub struct LoadedImage {
     /// Linear values; row 0 is the top, at v = 0.
     pub image: Arc<Image>,
-    /// Beyond its border the nearest border texel is used; otherwise the image is repeated.
-    pub clamp: bool,
+    /// What is beyond its border.
+    pub wrap: Wrap,
     /// The nearest texel is used; otherwise texels are interpolated.
     pub nearest: bool,
 }
@@ -134,7 +134,7 @@ impl LoadedImage {
 
     fn constant(values: &[f32]) -> LoadedImage {
         let image = Image { width: 1, height: 1, channels: values.len(), data: values.to_vec() };
-        LoadedImage { image: Arc::new(image), clamp: false, nearest: false }
+        LoadedImage { image: Arc::new(image), wrap: Wrap::Repeat, nearest: false }
     }
 }
 

@@ -11,8 +11,8 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3, vec2};
 
-use crate::image::Image;
 use crate::image::file::{Encoding, is_file, read_bytes};
+use crate::image::{Image, Wrap};
 
 use super::load::{Clear, LoadedImage, LoadedMaterial};
 use super::reading::{Reading, lines, text_of, without_mark};
@@ -287,7 +287,10 @@ impl Mtl {
             let found = [self.folder.as_path(), here].iter().any(|f| is_file(&f.join(&map.file)));
             let file = if found || !is_file(&self.folder.join(&beside)) { &map.file } else { &beside };
             let image = reading.image(&[&self.folder, here], file, encoding, &whose)?;
-            Some((LoadedImage { image, clamp: map.clamp, nearest: false }, map.channel))
+            Some((
+                LoadedImage { image, wrap: if map.clamp { Wrap::Clamp } else { Wrap::Repeat }, nearest: false },
+                map.channel,
+            ))
         };
         let color = |found: Option<(LoadedImage, Option<char>)>| found.map(|(image, _)| image.channels(0, 3));
         let single = |found: Option<(LoadedImage, Option<char>)>| {
@@ -327,7 +330,7 @@ impl Mtl {
                 Some(mask) => Some(mask.with(scaled(&mask.image, if opacity == 0.0 { 1.0 } else { opacity }))),
                 None if opacity < 1.0 => {
                     let image = Image { width: 1, height: 1, channels: 1, data: vec![opacity] };
-                    Some(LoadedImage { image: Arc::new(image), clamp: false, nearest: false })
+                    Some(LoadedImage { image: Arc::new(image), wrap: Wrap::Repeat, nearest: false })
                 }
                 None => None,
             },

@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use glam::{Vec2, Vec3, vec3};
 
+use crate::image::Wrap;
 use crate::image::file::Encoding;
 use crate::image::filter::srgb_to_linear;
 
@@ -130,7 +131,7 @@ pub(super) fn decode(bytes: &[u8], reading: &mut Reading) -> Result<Loaded, Stri
             let image = reading.image(&[reading.folder], name, Encoding::Srgb, "the surface");
             // Vertex colours of a scan are a diffuse colour without a highlight.
             image.map(|image| {
-                let image = LoadedImage { image, clamp: false, nearest: false };
+                let image = LoadedImage { image, wrap: Wrap::Repeat, nearest: false };
                 let base_color_image = Some(image.channels(0, 3));
                 Arc::new(LoadedMaterial { base_color_image, specular: 0.0, ..LoadedMaterial::default() })
             })

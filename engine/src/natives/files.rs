@@ -11,7 +11,7 @@ use crate::mesh::load::{
 };
 use crate::mesh::{Mesh, MeshError};
 use crate::render::MaterialKind;
-use crate::render::texture::{Filter, Wrap};
+use crate::render::texture::Filter;
 use crate::stop;
 use crate::tape::{Tensor, Var};
 use crate::work;
@@ -180,9 +180,8 @@ fn appearance(loaded: &LoadedMaterial) -> Appearance {
 fn texels(loaded: LoadedImage) -> Input {
     let image: &Image = &loaded.image;
     let texels = Var::constant(Tensor::from_image(image));
-    let wrap = if loaded.clamp { Wrap::Clamp } else { Wrap::Repeat };
     let filter = if loaded.nearest { Filter::Nearest } else { Filter::Bilinear };
-    Input::Texture(Arc::new(TextureValue { texels, wrap, filter }))
+    Input::Texture(Arc::new(TextureValue { texels, wrap: loaded.wrap, filter }))
 }
 
 fn light(loaded: &LoadedLight) -> LightValue {

@@ -114,10 +114,11 @@ fn texture(a: &Args) -> Result<Value> {
         "nearest" => Filter::Nearest,
         other => return Err(unknown(a, "filter", other, "`bilinear` or `nearest`")),
     };
-    let (texels, wrap) = match a.named_string("wrap")?.unwrap_or("repeat") {
-        "repeat" => (texels, Wrap::Repeat),
-        "clamp" => (texels, Wrap::Clamp),
-        other => return Err(unknown(a, "wrap", other, "`repeat` or `clamp`")),
+    let wrap = match a.named_string("wrap")?.unwrap_or("repeat") {
+        "repeat" => Wrap::Repeat,
+        "clamp" => Wrap::Clamp,
+        "mirror" => Wrap::Mirror,
+        other => return Err(unknown(a, "wrap", other, "`repeat`, `clamp` or `mirror`")),
     };
     Ok(Value::Texture(Arc::new(TextureValue { texels, wrap, filter })))
 }

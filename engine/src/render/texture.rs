@@ -4,14 +4,7 @@
 
 use glam::{Vec2, Vec3};
 
-/// How a texture continues outside of [0, 1]².
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Wrap {
-    /// The bitmap is repeated.
-    Repeat,
-    /// Coordinates are clamped, so that the nearest texel of the border is used.
-    Clamp,
-}
+pub use crate::image::Wrap;
 
 /// How a texture is interpolated between the centres of its texels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -235,32 +228,44 @@ impl Texture {
     }
 }
 
-/// The coordinate `t`, wrapped or clamped to [0, 1].
-fn into_unit(t: f32, wrap: Wrap) -> f32 {
+/// The coordinate `t`, moved by whole periods or clamped: to [0, 1], and to [0, 2] where the second half is the mirrored bitmap.
+fn into_period(t: f32, wrap: Wrap) -> f32 {
     if !t.is_finite() {
         return 0.0;
     }
     match wrap {
         Wrap::Repeat => t - t.floor(),
         Wrap::Clamp => t.clamp(0.0, 1.0),
+        Wrap::Mirror => t - 2.0 * (0.5 * t).floor(),
     }
 }
 
+/// The texel, of `n` along one axis, that stands at place `i` of the row that goes on in both directions.
+fn texel_at(i: i64, n: usize, wrap: Wrap) -> usize {
+    let n = n as i64;
+    let texel = match wrap {
+        Wrap::Repeat => i.rem_euclid(n),
+        Wrap::Clamp => i.clamp(0, n - 1),
+        Wrap::Mirror => {
+            let place = i.rem_euclid(2 * n);
+            place.min(2 * n - 1 - place)
+        }
+    };
+    texel as usize
+}
+
 fn nearest(t: f32, n: usize, wrap: Wrap) -> usize {
-    ((into_unit(t, wrap) * n as f32) as usize).min(n - 1)
+    let x = into_period(t, wrap) * n as f32;
+    // Rounding may bring a coordinate just below a whole period onto it.
+    texel_at((x as i64).min(if wrap == Wrap::Mirror { 2 * n as i64 } else { n as i64 } - 1), n, wrap)
 }
 
 /// The two texels around `t` along one axis, the weight of the second, and that weight's derivative in `t`.
 fn neighbours(t: f32, n: usize, wrap: Wrap) -> ([usize; 2], f32, f32) {
-    let x = into_unit(t, wrap) * n as f32 - 0.5;
+    let x = into_period(t, wrap) * n as f32 - 0.5;
     let floor = x.floor();
     let (i, f) = (floor as i64, x - floor);
-    let last = n as i64 - 1;
-    let texel = |i: i64| match wrap {
-        Wrap::Repeat => i.rem_euclid(n as i64) as usize,
-        Wrap::Clamp => i.clamp(0, last) as usize,
-    };
-    ([texel(i), texel(i + 1)], f, n as f32)
+    ([texel_at(i, n, wrap), texel_at(i + 1, n, wrap)], f, n as f32)
 }
 
 #[cfg(test)]
@@ -301,7 +306,7 @@ mod tests {
     fn clamped_lookups_stay_inside_and_bad_numbers_do_not_panic() {
         let texture = random_texture(1, Wrap::Clamp, Filter::Bilinear);
         assert_eq!(texture.eval(Vec2::new(-9.0, 7.0)), Vec3::splat(texture.data[15]));
-        for wrap in [Wrap::Repeat, Wrap::Clamp] {
+        for wrap in [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror] {
             for bad in [f32::NAN, f32::INFINITY, -1e30, 1e30, 1.0, 0.99999997] {
                 for filter in [Filter::Bilinear, Filter::Nearest] {
                     assert!(random_texture(1, wrap, filter).eval(Vec2::splat(bad)).is_finite());
@@ -311,8 +316,30 @@ mod tests {
     }
 
     #[test]
+    fn mirrored_bitmaps_go_there_and_back() {
+        for filter in [Filter::Bilinear, Filter::Nearest] {
+            let texture = random_texture(3, Wrap::Mirror, filter);
+            let mut rng = Pcg32::new(7);
+            for _ in 0..200 {
+                let inside = Vec2::from(rng.next_2d());
+                let expected = texture.eval(inside);
+                for (u, v) in [(-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)] {
+                    for (across, down) in [(0.0, 0.0), (2.0, -4.0), (-2.0, 2.0)] {
+                        let mirrored = inside * Vec2::new(u, v) + Vec2::new(across, down);
+                        assert!((texture.eval(mirrored) - expected).length() < 1e-4, "{inside} {mirrored}");
+                    }
+                }
+            }
+        }
+        // Between the border and its mirrored self there is nothing to interpolate.
+        let texture = random_texture(1, Wrap::Mirror, Filter::Bilinear);
+        let (value, gradient) = texture.eval_with_uv_gradient(Vec2::new(1.02, 0.125));
+        assert_eq!((value, gradient[0]), (Vec3::splat(texture.data[4]), Vec3::ZERO));
+    }
+
+    #[test]
     fn uv_gradient_matches_differences() {
-        for (channels, wrap) in [(3, Wrap::Repeat), (1, Wrap::Repeat), (3, Wrap::Clamp)] {
+        for (channels, wrap) in [(3, Wrap::Repeat), (1, Wrap::Repeat), (3, Wrap::Clamp), (3, Wrap::Mirror)] {
             let texture = random_texture(channels, wrap, Filter::Bilinear);
             let mut rng = Pcg32::new(9);
             for _ in 0..200 {

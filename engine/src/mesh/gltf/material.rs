@@ -8,8 +8,8 @@ use gltf::material::AlphaMode;
 use gltf::texture::{Info, MagFilter, WrappingMode};
 use serde_json::Value;
 
-use crate::image::Image;
 use crate::image::file::Encoding;
+use crate::image::{Image, Wrap};
 use crate::mesh::load::{Clear, LoadedImage, LoadedMaterial};
 use crate::mesh::reading::Reading;
 
@@ -134,17 +134,17 @@ impl Materials {
             }
             return None;
         };
-        let (clamp, nearest) = sampler(texture, whose, reading);
+        let (wrap, nearest) = sampler(texture, whose, reading);
         let (index, key) = (source.index(), (source.index(), encoding == Encoding::Srgb));
         if let Some(known) = self.images.get(&key) {
-            return known.clone().map(|image| LoadedImage { image, clamp, nearest });
+            return known.clone().map(|image| LoadedImage { image, wrap, nearest });
         }
         let json = accessors.document.as_json().images.get(index)?;
         let read = match (&json.buffer_view, &json.uri) {
             (None, Some(uri)) if !uri.starts_with("data:") => {
                 let image = reading.image(&[reading.folder], &file_name(uri), encoding, whose);
                 self.images.insert(key, image.clone());
-                return image.map(|image| LoadedImage { image, clamp, nearest });
+                return image.map(|image| LoadedImage { image, wrap, nearest });
             }
             _ if !reading.materials() => return None,
             (Some(view), _) => accessors.view(view.value()).and_then(|bytes| reading.decoded(bytes, encoding)),
@@ -154,28 +154,25 @@ impl Materials {
         // If a texture is missing, the number that it would multiply remains.
         let image = read.map_err(|e| reading.notes.say(format!("image {index} of {whose}: {e}"))).ok();
         self.images.insert(key, image.clone());
-        image.map(|image| LoadedImage { image, clamp, nearest })
+        image.map(|image| LoadedImage { image, wrap, nearest })
     }
 }
 
-/// Whether texture coordinates are clamped, and whether the nearest texel is used.
-fn sampler(texture: &gltf::Texture, whose: &str, reading: &mut Reading) -> (bool, bool) {
+/// What is beyond the border of an image, and whether its nearest texel is used.
+fn sampler(texture: &gltf::Texture, whose: &str, reading: &mut Reading) -> (Wrap, bool) {
     let sampler = texture.sampler();
     let (s, t) = (sampler.wrap_s(), sampler.wrap_t());
-    let is_mirrored = s == WrappingMode::MirroredRepeat || t == WrappingMode::MirroredRepeat;
-    if reading.materials() {
-        if is_mirrored {
-            reading.notes.about("images that are mirrored beyond their border are repeated instead", whose);
-        } else if s != t {
-            reading.notes.about(
-                "images that end along one side and are repeated along the other are repeated along both",
-                whose,
-            );
-        }
+    if reading.materials() && s != t {
+        let what = "images that go on along one side in another way than along the other are repeated along both";
+        reading.notes.about(what, whose);
     }
-    let clamp = s == WrappingMode::ClampToEdge && t == WrappingMode::ClampToEdge;
+    let wrap = match (s, t) {
+        (WrappingMode::ClampToEdge, WrappingMode::ClampToEdge) => Wrap::Clamp,
+        (WrappingMode::MirroredRepeat, WrappingMode::MirroredRepeat) => Wrap::Mirror,
+        _ => Wrap::Repeat,
+    };
     // Filters for minification do not matter: the renderer averages many samples per pixel.
-    (clamp, sampler.mag_filter() == Some(MagFilter::Nearest))
+    (wrap, sampler.mag_filter() == Some(MagFilter::Nearest))
 }
 
 /// Reports features of a material that are not supported.
@@ -251,7 +248,7 @@ fn opacity(material: &gltf::Material, image: Option<&LoadedImage>, alpha: f32) -
             Some(image) => image.channels(3, 1),
             None => {
                 let one = Image { width: 1, height: 1, channels: 1, data: vec![1.0] };
-                LoadedImage { image: Arc::new(one), clamp: false, nearest: false }
+                LoadedImage { image: Arc::new(one), wrap: Wrap::Repeat, nearest: false }
             }
         };
         let bounded = |v: &f32| Some(opacity(*v)).filter(|o| !o.is_nan()).unwrap_or(1.0).clamp(0.0, 1.0);

@@ -103,7 +103,7 @@ pub struct Builder {
 impl Builder {
     pub fn texture(&mut self, rng: &mut Pcg32, [width, height]: [usize; 2], channels: usize) -> usize {
         let data = (0..width * height * channels).map(|_| 0.3 + 0.5 * rng.next_f32()).collect();
-        let wrap = if rng.next_f32() < 0.5 { Wrap::Repeat } else { Wrap::Clamp };
+        let wrap = [Wrap::Repeat, Wrap::Clamp, Wrap::Mirror][(3.0 * rng.next_f32()) as usize];
         self.description.textures.push(Texture::new(width, height, channels, data, wrap, Filter::Bilinear).unwrap());
         self.description.textures.len() - 1
     }
@@ -428,6 +428,11 @@ fn bilinear(texture: &Texture, uv: [Number; 2], wrap: [Wrap; 2], texel: impl Fn(
     let place = |axis: usize, i: f64| match wrap[axis] {
         Wrap::Repeat => i.rem_euclid(size[axis] as f64) as usize,
         Wrap::Clamp => i.clamp(0.0, (size[axis] - 1) as f64) as usize,
+        Wrap::Mirror => {
+            let (last, odd) = (size[axis] as f64 - 1.0, (i / size[axis] as f64).floor().rem_euclid(2.0) == 1.0);
+            let i = i.rem_euclid(size[axis] as f64);
+            (if odd { last - i } else { i }) as usize
+        }
     };
     let mut sum = [Dual::constant(0.0); 3];
     for k in 0..4 {
