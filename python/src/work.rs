@@ -10,7 +10,7 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
 use ::dscene::diag::{self, Diagnostic, RenderOptions};
-use ::dscene::eval::on_large_stack;
+use ::dscene::eval::spawn_on_large_stack;
 use ::dscene::session::script::Refusal;
 use ::dscene::session::{self};
 use ::dscene::source::SourceMap;
@@ -200,12 +200,12 @@ pub fn listening<T: Send>(
         std::thread::scope(|scope| {
             let (done, is_done) = sync_channel::<()>(1);
             let body = move || {
-                let found = on_large_stack(job);
+                let found = job();
                 drop(done);
                 found
             };
-            let thread = std::thread::Builder::new().spawn_scoped(scope, body);
-            let thread = thread.map_err(|e| PyRuntimeError::new_err(format!("no thread can be started: {e}")))?;
+            let thread = spawn_on_large_stack(scope, body)
+                .map_err(|e| PyRuntimeError::new_err(format!("no thread can be started: {e}")))?;
             let mut signal = Ok(());
             while let Err(RecvTimeoutError::Timeout) = is_done.recv_timeout(LOOK) {
                 if signal.is_ok() {

@@ -173,10 +173,11 @@ def test_targets_are_rendered_once() -> None:
     loss fit = mse(render(eye, spp: 1), target)
     """
     s = dscene.parse(text)
-    begun = time.perf_counter()
+    # The work of the processor, of all threads: the target has 2,000 times the samples of the others.
+    begun = time.process_time()
     s.vjp("fit", seed=0)[1]()
-    first = time.perf_counter() - begun
-    begun = time.perf_counter()
+    first = time.process_time() - begun
+    begun = time.process_time()
     for seed in range(1, 5):
         s.vjp("fit", {"glow": 1 + seed / 10}, seed=seed)[1]()
-    assert (time.perf_counter() - begun) / 4 < first / 3
+    assert (time.process_time() - begun) / 4 < first / 3

@@ -38,6 +38,7 @@ use std::collections::{HashMap, HashSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::thread::{Scope, ScopedJoinHandle};
 use std::time::Duration;
 
 use crate::check::hir::{self, Decl, DeclId, DeclKind, LocalId, Target};
@@ -729,15 +730,23 @@ pub fn on_large_stack<T: Send>(f: impl FnOnce() -> T + Send) -> T {
     }
 }
 
+/// Starts a thread with a large stack, on which `on_large_stack` has nothing to start.
+pub fn spawn_on_large_stack<'scope, T: Send + 'scope>(
+    scope: &'scope Scope<'scope, '_>,
+    f: impl FnOnce() -> T + Send + 'scope,
+) -> std::io::Result<ScopedJoinHandle<'scope, T>> {
+    let body = move || {
+        LARGE_STACK.with(|l| l.set(true));
+        f()
+    };
+    std::thread::Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, body)
+}
+
 /// Runs `f` once, on a thread with a large stack. (Threads are compiled once, and not for each type of a result.)
 fn on_thread(f: &mut (dyn FnMut() + Send)) {
     let run = std::sync::Mutex::new(f);
     let call = || run.lock().unwrap_or_else(std::sync::PoisonError::into_inner)();
-    let body = || {
-        LARGE_STACK.with(|l| l.set(true));
-        call();
-    };
-    std::thread::scope(|scope| match std::thread::Builder::new().stack_size(STACK_BYTES).spawn_scoped(scope, body) {
+    std::thread::scope(|scope| match spawn_on_large_stack(scope, call) {
         Ok(handle) => handle.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic)),
         // If no thread can be started, `f` runs on this stack with the smaller limit.
         Err(_) => call(),

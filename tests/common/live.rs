@@ -11,7 +11,7 @@ use serde_json::Value;
 use crate::place::Place;
 
 /// No wait is as long as this, unless something is wrong.
-const LONG: Duration = Duration::from_secs(30);
+const LONG: Duration = Duration::from_secs(120);
 
 /// A program with a page.
 pub struct Server {

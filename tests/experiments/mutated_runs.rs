@@ -139,7 +139,7 @@ fn damaged_scripts_end_in_values_or_diagnostics() {
             Ok(has_run) => ran += usize::from(has_run),
             Err(_) => panic!("mutant {number} panicked:\n{text}"),
         }
-        assert!(begun.elapsed() < Duration::from_secs(30), "mutant {number} took {:?}:\n{text}", begun.elapsed());
+        assert!(begun.elapsed() < Duration::from_secs(60), "mutant {number} took {:?}:\n{text}", begun.elapsed());
     }
     println!("{ran} of {MUTANTS} mutants ran, in {:?}", started.elapsed());
     assert!(ran > MUTANTS / 5, "only {ran} mutants could be run: the mutations are too rough to test anything");

@@ -15,11 +15,11 @@ use crate::place::{BOWL, Place, TRIANGLE, assert_code, assert_diagnosed, send, s
 const ENDLESS: &str =
     "param x = 1\nloss l = x ^ 2\noptimize l { using: sgd(lr: 0.000001), steps: 1000000000 }\nprint \"end\"\n";
 
-/// Waits for something that a child does; half a minute is for machines that are busy.
+/// Waits for something that a child does; two minutes are for machines that are busy.
 fn wait_for(what: impl Fn() -> bool) {
     let begun = Instant::now();
     while !what() {
-        assert!(begun.elapsed() < Duration::from_secs(30), "it takes too long");
+        assert!(begun.elapsed() < Duration::from_secs(120), "it takes too long");
         std::thread::sleep(Duration::from_millis(20));
     }
 }
@@ -187,7 +187,7 @@ fn interrupted(place: &Place, script: &str) -> Output {
     assert!(send(&child, "-INT"));
     let begun = Instant::now();
     let output = child.wait_with_output().unwrap();
-    assert!(begun.elapsed() < Duration::from_secs(5), "{script}: it took {:?}", begun.elapsed());
+    assert!(begun.elapsed() < Duration::from_secs(60), "{script}: it took {:?}", begun.elapsed());
     output
 }
 

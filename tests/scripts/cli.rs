@@ -767,7 +767,7 @@ fn a_long_rendering_is_interrupted_half_way() {
         let output = child.wait_with_output().unwrap();
         assert_code(&output, 130);
         assert!(stderr(&output).contains("interrupted"), "{}", stderr(&output));
-        assert!(begun.elapsed() < Duration::from_secs(20), "it took {:?}", begun.elapsed());
+        assert!(begun.elapsed() < Duration::from_secs(60), "it took {:?}", begun.elapsed());
     }
 }
 

@@ -14,7 +14,7 @@ use rustix::termios::{Winsize, tcsetwinsize};
 use crate::place::{Place, TRIANGLE};
 
 /// No wait is as long as this, unless something is wrong.
-const PATIENCE: Duration = Duration::from_secs(60);
+const PATIENCE: Duration = Duration::from_secs(120);
 
 /// A session in a terminal of 100 columns.
 struct Session {

@@ -1,4 +1,4 @@
-//! A small editor: it speaks the protocol with the built program, and fails if an answer does not come within half a minute.
+//! A small editor: it speaks the protocol with the built program, and fails if an answer does not come within two minutes.
 
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, Write};
@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 use crate::place::Place;
 
-const PATIENCE: Duration = Duration::from_secs(30);
+const PATIENCE: Duration = Duration::from_secs(120);
 
 pub struct Editor {
     child: Child,
@@ -115,7 +115,7 @@ impl Editor {
             match self.messages.recv_timeout(PATIENCE.saturating_sub(start.elapsed())) {
                 Ok(message) if fits(&message) => return message,
                 Ok(message) => self.kept.push_back(message),
-                Err(RecvTimeoutError::Timeout) => panic!("no {what} within half a minute; came: {:?}", self.kept),
+                Err(RecvTimeoutError::Timeout) => panic!("no {what} within two minutes; came: {:?}", self.kept),
                 Err(RecvTimeoutError::Disconnected) => panic!("the server has ended without {what}: {:?}", self.kept),
             }
         }
