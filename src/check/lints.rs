@@ -12,7 +12,7 @@ use crate::source::{SourceId, SourceMap, Span};
 use crate::syntax;
 
 /// Codes of the warnings that a script may allow. A name for `allow` is the last word of a code.
-pub const LINTS: [&str; 15] = [
+pub const LINTS: [&str; 17] = [
     "dscene::flow::unused_param",
     "dscene::flow::constant_loss",
     "dscene::flow::left_behind",
@@ -28,6 +28,8 @@ pub const LINTS: [&str; 15] = [
     "dscene::lint::missing_field",
     NO_BOUNDARY,
     FACING_AWAY,
+    OPEN_BODY,
+    INSIDE_OUT,
 ];
 
 /// The lint about renderings without boundary terms.
@@ -35,6 +37,15 @@ pub const NO_BOUNDARY: &str = "dscene::lint::no_boundary";
 
 /// The lint about lights that shine on nothing. Where lights and meshes are is known when they are rendered, so that only a run tells it.
 pub const FACING_AWAY: &str = "dscene::lint::facing_away";
+
+/// The lint about bodies of glass with holes; a run tells it too.
+pub const OPEN_BODY: &str = "dscene::lint::open_body";
+
+/// The lint about bodies of glass with faces that turn inwards; a run tells it too.
+pub const INSIDE_OUT: &str = "dscene::lint::inside_out";
+
+/// The lints that only a run tells: a check does not know which allowances a run needs.
+const OF_RUNS: [&str; 3] = [FACING_AWAY, OPEN_BODY, INSIDE_OUT];
 
 /// Warnings about a program without errors.
 pub fn check(program: &Program, loader: &dyn Loader) -> Vec<Diagnostic> {
@@ -284,7 +295,8 @@ pub fn without_allowed(found: Vec<Diagnostic>, sources: &SourceMap, main: Option
     };
     let mut kept: Vec<Diagnostic> = found.into_iter().filter(|told| !is_allowed(told, &mut allows)).collect();
     if !has_errors {
-        kept.extend(allows.iter().filter(|allow| !allow.is_used && allow.name != name_of(FACING_AWAY)).map(unused));
+        let may_be_used = |allow: &Allow| allow.is_used || OF_RUNS.iter().any(|code| name_of(code) == allow.name);
+        kept.extend(allows.iter().filter(|allow| !may_be_used(allow)).map(unused));
     }
     kept
 }

@@ -7,6 +7,7 @@
 //! * `lower` is where values become a scene with slots; rendering is one operation of the tape.
 
 mod blurred;
+mod bodies;
 mod call;
 mod comprehensions;
 mod dark;

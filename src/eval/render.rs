@@ -19,6 +19,7 @@ use crate::source::Span;
 use crate::stop;
 use crate::tape::{CustomOp, Tensor, Var};
 
+use super::bodies::{self, Flaw};
 use super::dark::{self, Darkness};
 use super::facing::{self, Facing};
 use super::lower::{self, LowerError, Lowered};
@@ -429,7 +430,7 @@ impl Engine {
         let mut image = self.image(task, is_live).map_err(|e| failed(self, e))?;
         stop::check();
         if settings.output == Output::Radiance {
-            self.tell_of_light(&image, task, is_new, &scene, &origins);
+            self.tell_of_scene(&image, task, is_new, &scene, &origins);
         }
         let (mut guides, mut images) = (None, u32::from(is_live));
         let place = self.path_at(span);
@@ -516,14 +517,17 @@ impl Engine {
         image
     }
 
-    /// Says why an image is black, or else which lights shine on nothing in a scene that was not rendered before.
-    fn tell_of_light(&self, image: &Image, task: Task, is_new: bool, scene: &SceneValue, origins: &[Origin]) {
+    /// Says why an image is black, or else which lights shine on nothing and which bodies of glass are none, in a scene that was not rendered before.
+    fn tell_of_scene(&self, image: &Image, task: Task, is_new: bool, scene: &SceneValue, origins: &[Origin]) {
         if image.data.iter().all(|x| *x == 0.0) {
             let why = dark::reason(task.scene, task.camera);
             self.warnings.say(task.place, "black", || black(why, scene, origins, task.place));
         } else if is_new {
             for light in facing::facing_away(task.scene, task.camera) {
                 self.tell_facing(light, scene, origins, task.place);
+            }
+            for (shape, flaw) in bodies::flawed(&task.scene.description) {
+                self.tell_flaw(shape, flaw, scene, origins, task.place);
             }
         }
     }
@@ -616,6 +620,43 @@ impl Engine {
         });
     }
 
+    /// Says what is wrong with a body of glass, unless the script allows it.
+    fn tell_flaw(&self, shape: usize, flaw: Flaw, scene: &SceneValue, origins: &[Origin], span: Span) {
+        let origin = origin_of(shape, scene, origins);
+        let place = origin.map_or(span, |origin| origin.span);
+        let (code, what, label, help) = match flaw {
+            Flaw::Open => (
+                check::OPEN_BODY,
+                "is a body of glass with a hole: light that goes in there never comes out",
+                "is not closed",
+                "close its mesh (with its caps, its lid, its floor), or make it of `thin_dielectric()`: panes and films are surfaces, not bodies",
+            ),
+            Flaw::InsideOut => (
+                check::INSIDE_OUT,
+                "is glass turned inside out: there is glass around it and air within",
+                "its faces turn inwards",
+                "faces are anticlockwise as seen from outside: turn the mesh round by `|> flip()`",
+            ),
+            Flaw::Mixed => (
+                check::INSIDE_OUT,
+                "is glass of which some faces turn outwards and others inwards",
+                "its faces disagree",
+                "make all faces anticlockwise as seen from outside, where the mesh was made (“recalculate normals” in modelling programs)",
+            ),
+        };
+        if check::is_allowed(&self.program.sources, code, place) {
+            return;
+        }
+        let name = origin.map_or("a shape of the scene".to_owned(), |origin| format!("`{}`", origin.name));
+        self.warnings.say(place, format!("{name} {flaw:?}"), || {
+            let told = Diagnostic::warning(code, format!("{name} {what}")).help(help);
+            match origin {
+                Some(origin) => told.label(origin.span, label).label(span, "rendered here"),
+                None => told.label(span, "rendered here"),
+            }
+        });
+    }
+
     pub(super) fn scene_error(&self, e: LowerError, scene: &SceneValue, origins: &[Origin], span: Span) -> Diagnostic {
         let find = |is_light: bool, index: usize| origins.iter().filter(|o| o.is_light == is_light).nth(index);
         let (what, origin) = match e {
@@ -626,13 +667,7 @@ impl Engine {
             LowerError::Scene(SceneError::Light { light, what }) => {
                 (what, find(true, lower::delta_light(scene, light).unwrap_or(light)))
             }
-            LowerError::Scene(SceneError::Shape { shape, what }) => {
-                let origin = match lower::area_light(scene, shape) {
-                    Some(light) => find(true, light),
-                    None => find(false, shape),
-                };
-                (what, origin)
-            }
+            LowerError::Scene(SceneError::Shape { shape, what }) => (what, origin_of(shape, scene, origins)),
         };
         match origin {
             Some(o) => {
@@ -641,6 +676,15 @@ impl Engine {
             None => error::scene(what, span, "while rendering this"),
         }
     }
+}
+
+/// Where the shape was declared that has this index in the renderer, in which the meshes of area lights follow the scene's shapes.
+fn origin_of<'a>(shape: usize, scene: &SceneValue, origins: &'a [Origin]) -> Option<&'a Origin> {
+    let (is_light, index) = match lower::area_light(scene, shape) {
+        Some(light) => (true, light),
+        None => (false, shape),
+    };
+    origins.iter().filter(|o| o.is_light == is_light).nth(index)
 }
 
 /// A black picture is rarely what was meant.
@@ -654,11 +698,7 @@ fn black(why: Darkness, scene: &SceneValue, origins: &[Origin], span: Span) -> D
             ("every light of the scene has zero power".to_owned(), "give one of them a `radiance` above 0")
         }
         Darkness::Inside(shape) => {
-            let (is_light, index) = match lower::area_light(scene, shape) {
-                Some(light) => (true, light),
-                None => (false, shape),
-            };
-            place = origins.iter().filter(|o| o.is_light == is_light).nth(index);
+            place = origin_of(shape, scene, origins);
             let name = place.map_or("a mesh".to_owned(), |o| format!("`{}`", o.name));
             (format!("the camera is inside {name}"), "move the camera or the mesh, or put a light inside too")
         }

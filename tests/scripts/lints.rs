@@ -262,6 +262,79 @@ fn lights_that_shine_on_nothing_are_told_by_the_run() {
     tells(&script(&format!("{up} // allow(facing_away)")), &[]);
 }
 
+/// A scene with those statements.
+fn glass(statements: &str) -> String {
+    format!(
+        "camera eye {{ position: [0, 1, -6], look_at: [0, 0, 0], fov: 45deg, film: [4, 4] }}\nlight sky = constant(1)\n\
+         shape floor {{ mesh: rectangle(width: 9, depth: 9) |> translate([0, -3, 0]) }}\n{statements}\n\
+         let picture = render(eye, spp: 1)\n"
+    )
+}
+
+#[test]
+fn bodies_of_glass_that_are_open_or_inside_out_are_told_by_the_run() {
+    let told = |mesh: &str| run_warnings(&glass(&format!("shape body {{ mesh: {mesh}, material: dielectric() }}")));
+    // Every closed mesh of the library is one, wherever it lies; its inside is told from its outside.
+    let closed = ["sphere()", "sphere(subdivisions: 7)", "icosphere()", "cube()", "cylinder()", "cone()", "torus()"];
+    for mesh in closed {
+        let moved = format!(
+            "{mesh} |> rotate(axis: [1, 2, 3], angle: 40deg) |> scale([0.7, 1.3, 0.4]) |> translate([0.1, 0.2, 0.3])"
+        );
+        for mesh in [mesh.to_owned(), moved, format!("{mesh} |> subdivide()"), format!("{mesh} |> smooth_normals()")] {
+            assert_eq!(told(&mesh), [""; 0], "{mesh}");
+            assert_eq!(told(&format!("{mesh} |> flip()")), ["inside_out"], "{mesh}");
+        }
+    }
+    assert_eq!(told("cylinder(caps: false)"), ["open_body"]);
+    assert_eq!(told("cone(height: 20, caps: false)"), ["open_body"]);
+    // Two balls, the second of which is turned, beside the first or as a bubble in it; a ball that has lost a face, and one with a turned face.
+    assert_eq!(told("merge(sphere(), sphere() |> flip() |> translate([3, 0, 0]))"), ["inside_out"]);
+    assert_eq!(told("merge(sphere(), sphere(radius: 0.5) |> flip())"), [""; 0]);
+    let ball = "let ball = icosphere(subdivisions: 2)\n";
+    let of = |faces: &str| {
+        let mesh = format!("mesh(vertices: ball.vertices, faces: {faces})");
+        run_warnings(&glass(&format!("{ball}shape body {{ mesh: {mesh}, material: dielectric() }}")))
+    };
+    assert_eq!(of("ball.faces"), [""; 0]);
+    assert_eq!(of("[ball.faces[i] for i in 1..len(ball.faces)]"), ["open_body"]);
+    assert_eq!(
+        of(
+            "[if i == 5 then [ball.faces[5][0], ball.faces[5][2], ball.faces[5][1]] else ball.faces[i] for i in 0..len(ball.faces)]"
+        ),
+        ["inside_out"]
+    );
+}
+
+#[test]
+fn surfaces_of_glass_that_need_not_be_closed_are_not_told() {
+    let told = |statements: &str| run_warnings(&glass(statements));
+    let water = "heightfield([[0.3 * sin((x + y) * 1rad) for x in 0..9] for y in 0..9])";
+    for sheet in ["rectangle()", water] {
+        assert_eq!(told(&format!("shape water {{ mesh: {sheet}, material: dielectric() }}")), [""; 0], "{sheet}");
+    }
+    let tube = "shape tube { mesh: cylinder(caps: false), material: dielectric() }";
+    assert_eq!(told(tube), ["open_body"]);
+    assert_eq!(told(&tube.replace("dielectric", "thin_dielectric")), [""; 0]);
+    assert_eq!(told(&format!("{tube} // allow(open_body)")), [""; 0]);
+    // A check does not know what a run will need.
+    tells(&glass(&format!("{tube} // allow(open_body)")), &[]);
+    // Two halves of a box, each of them a shape.
+    let half = |name: &str, faces: &str, material: &str| {
+        format!("shape {name} {{ mesh: mesh(vertices: cube().vertices, faces: {faces}), material: {material} }}\n")
+    };
+    let halves = |other: &str| {
+        half("a", "[cube().faces[i] for i in 0..7]", "dielectric()")
+            + &half("b", "[cube().faces[i] for i in 7..12]", other)
+    };
+    assert_eq!(told(&halves("dielectric()")), [""; 0]);
+    assert_eq!(told(&halves("diffuse()")), ["open_body"]);
+    // A bubble of air.
+    let ball = "shape ball { mesh: sphere(), material: dielectric() }\n";
+    let bubble = "shape bubble { mesh: sphere(radius: 0.5) |> flip(), material: dielectric() }\n";
+    assert_eq!(told(&format!("{ball}{bubble}")), [""; 0]);
+    assert_eq!(told(bubble), ["inside_out"]);
+}
+
 /// No lint is told of a script that people are to learn from.
 #[test]
 fn the_scripts_of_the_repository_give_no_lint() {
