@@ -105,18 +105,17 @@ impl Surface {
         let (sheets, mut pieces) = (self.sheets(), self.pieces());
         let mut flaws = vec![None; self.bodies];
         let mut ends = Vec::new();
-        let places: Vec<u32> = (0..self.positions.len() as u32).collect();
-        let corners: Vec<[u32; 3]> = self.faces.iter().map(|face| face.corners).collect();
-        for (edge, around) in ops::edges(&places, &corners) {
+        for around in self.edges().chunk_by(|a, b| a.0 == b.0) {
+            let edge = around[0].0;
             let is_along = |face: u32| self.faces[face as usize].is_along(edge);
-            let body = self.faces[around[0] as usize].body;
+            let body = self.faces[around[0].1 as usize].body;
             let is_closed = match around[..] {
                 [_] if sheets[body] => false,
-                [face] => {
-                    ends.push((edge, face));
+                [end] => {
+                    ends.push(end);
                     false
                 }
-                [a, b] if is_along(a) == is_along(b) => {
+                [(_, a), (_, b)] if is_along(a) == is_along(b) => {
                     flaws[body] = Some(Flaw::Mixed);
                     false
                 }
@@ -138,14 +137,26 @@ impl Surface {
         flaws
     }
 
+    /// The edges of all faces, sorted, with the face of each. (Unlike `ops::edges` this has no list for each edge, which took most of the time.)
+    fn edges(&self) -> Vec<([u32; 2], u32)> {
+        let mut edges = Vec::with_capacity(3 * self.faces.len());
+        for (i, face) in self.faces.iter().enumerate() {
+            let [a, b, c] = face.corners;
+            edges.extend([[a, b], [b, c], [c, a]].map(|[a, b]| ([a.min(b), a.max(b)], i as u32)));
+        }
+        edges.sort_unstable();
+        edges
+    }
+
     /// The pieces of which the surfaces consist.
     fn pieces(&self) -> Pieces {
-        let mut connected = Connected::default();
+        let count = self.positions.len();
+        let mut connected = Connected::new(count);
         for [a, b, c] in self.faces.iter().map(|face| face.corners) {
             connected.join([a, b]);
             connected.join([b, c]);
         }
-        let mut pieces = Pieces { connected, index: HashMap::new(), found: Vec::new() };
+        let mut pieces = Pieces { connected, index: vec![NONE; count], found: Vec::new() };
         for face in &self.faces {
             let corners = face.corners.map(|i| self.positions[i as usize]);
             let piece = pieces.of_or(face.corners[0], || Piece {
@@ -186,7 +197,7 @@ impl Surface {
     fn holes(&self, ends: &[([u32; 2], u32)]) -> Vec<usize> {
         let mut areas = vec![0.0; self.bodies];
         self.faces.iter().for_each(|face| areas[face.body] += face.area.length());
-        let mut rims = Connected::default();
+        let mut rims = Connected::new(self.positions.len());
         ends.iter().for_each(|(edge, _)| rims.join(*edge));
         let mut found: HashMap<u32, (DVec3, usize)> = HashMap::new();
         // How many edges go out of a position more than into it: rims that do not go round are left.
@@ -214,53 +225,55 @@ impl Surface {
     }
 }
 
-/// Which positions hang together by edges.
-#[derive(Default)]
-struct Connected(HashMap<u32, u32>);
+/// Which positions hang together by edges: for each one that it hangs together with, at last the one that stands for all of them.
+struct Connected(Vec<u32>);
 
 impl Connected {
+    fn new(positions: usize) -> Connected {
+        Connected((0..positions as u32).collect())
+    }
+
     /// The position that stands for all that hang together with this one.
     fn of(&mut self, position: u32) -> u32 {
-        let mut at = position;
-        while let Some(&next) = self.0.get(&at) {
-            // Each second step is shortened, so that ways stay short.
-            if let Some(&after) = self.0.get(&next) {
-                self.0.insert(at, after);
-            }
-            at = next;
+        let mut at = position as usize;
+        while self.0[at] as usize != at {
+            // Each way is halved when it is gone, so that none is long.
+            self.0[at] = self.0[self.0[at] as usize];
+            at = self.0[at] as usize;
         }
-        at
+        at as u32
     }
 
     fn join(&mut self, edge: [u32; 2]) {
         let [a, b] = edge.map(|position| self.of(position));
-        if a != b {
-            self.0.insert(a.max(b), a.min(b));
-        }
+        self.0[a.max(b) as usize] = a.min(b);
     }
 }
+
+/// No piece yet.
+const NONE: u32 = u32::MAX;
 
 /// Pieces by the position that stands for all of theirs.
 struct Pieces {
     connected: Connected,
-    index: HashMap<u32, usize>,
+    index: Vec<u32>,
     found: Vec<Piece>,
 }
 
 impl Pieces {
     /// The piece with that position, or a new one.
     fn of_or(&mut self, position: u32, new: impl FnOnce() -> Piece) -> &mut Piece {
-        let next = self.found.len();
-        let at = *self.index.entry(self.connected.of(position)).or_insert(next);
-        if at == next {
+        let at = &mut self.index[self.connected.of(position) as usize];
+        if *at == NONE {
+            *at = self.found.len() as u32;
             self.found.push(new());
         }
-        &mut self.found[at]
+        &mut self.found[*at as usize]
     }
 
     /// The piece with that position, which is there.
     fn of(&mut self, position: u32) -> &mut Piece {
-        let at = self.index[&self.connected.of(position)];
-        &mut self.found[at]
+        let at = self.index[self.connected.of(position) as usize];
+        &mut self.found[at as usize]
     }
 }
