@@ -7,7 +7,9 @@ use serde_json::{Value as Json, json};
 use super::hub::Pose;
 use super::view::{item_of, viewpoints};
 use crate::check::hir::Program;
+use crate::check::types::Ty;
 use crate::check::{Part, Reached, domains};
+use crate::cli::script::{as_script, numbers};
 use crate::diag::Diagnostic;
 use crate::eval::{self, Engine, ParamInfo, ParamKind, is_angle};
 use crate::natives::transform_matrix;
@@ -99,8 +101,13 @@ pub fn camera(engine: &mut Engine, name: &str, camera: &Arc<CameraValue>, moved:
     let own = pose_of(camera);
     let pose = moved.or(own);
     let (width, height) = camera.image_size().unwrap_or((256, 256));
-    // Both keyframes of a moving camera would have to move, and a camera of a list has no statement of its own.
-    let movable = camera.closing.is_none() && own.is_some() && item_of(name).is_none();
+    // Both keyframes of a moving camera would have to move.
+    let movable = camera.closing.is_none() && own.is_some();
+    let line = |pose: Pose| match item_of(name) {
+        // A camera of a list has no statement of its own, but an expression in it.
+        Some(_) => elsewhere(camera, &rounded(pose), None),
+        None => line(program, name, camera, &pose),
+    };
     json!({
         "names": names,
         "name": name,
@@ -108,7 +115,7 @@ pub fn camera(engine: &mut Engine, name: &str, camera: &Arc<CameraValue>, moved:
         "movable": movable,
         "moved": moved.is_some(),
         "pose": pose.map(|Pose { position, look_at, up }| json!({"position": position, "look_at": look_at, "up": up})),
-        "line": pose.filter(|_| movable).map(|pose| line(program, name, camera, &pose)),
+        "line": pose.filter(|_| movable).map(line),
     })
 }
 
@@ -130,6 +137,41 @@ fn pose_of(camera: &CameraValue) -> Option<Pose> {
     let distance = if distance > 1e-3 { distance } else { 1.0 };
     let pose = [position, position + distance * forward, up].map(|v| v.to_array());
     Some(Pose { position: pose[0], look_at: pose[1], up: pose[2] })
+}
+
+/// Five digits of its numbers: more than a hand places a camera by.
+fn rounded(pose: Pose) -> Pose {
+    let rounded = |v: [f64; 3]| v.map(|x| significant(x, 5).parse().unwrap_or(x));
+    Pose { position: rounded(pose.position), look_at: rounded(pose.look_at), up: rounded(pose.up) }
+}
+
+/// An expression for a camera made of what this one is made of that stands elsewhere, and perhaps has another film.
+pub fn elsewhere(camera: &CameraValue, pose: &Pose, film: Option<[usize; 2]>) -> String {
+    // Whole numbers without a point.
+    let plain = |shape: &[usize], data: &[f64]| {
+        let text = numbers(shape, data).replace(".0,", ",").replace(".0]", "]");
+        text.strip_suffix(".0").map(str::to_owned).unwrap_or(text)
+    };
+    let Pose { position, look_at, up } = pose;
+    let mut arguments: Vec<String> =
+        [("position", position), ("look_at", look_at)].map(|(field, v)| format!("{field}: {}", plain(&[3], v))).into();
+    if *up != [0.0, 1.0, 0.0] {
+        arguments.push(format!("up: {}", plain(&[3], up)));
+    }
+    arguments.extend(film.map(|film| format!("film: {film:?}")));
+    let kept = |field: &str| !is_place(field) && (film.is_none() || field != "film");
+    arguments.extend(camera.fields.iter().filter(|(field, _)| kept(field)).map(|(field, value)| match value {
+        Value::Num(v) if field.starts_with("fov") => format!("{field}: {}", as_script(&v.value(), &Ty::Angle)),
+        Value::Num(v) => format!("{field}: {}", plain(v.shape(), &v.value().data)),
+        Value::Str(text) => format!("{field}: \"{text}\""),
+        other => format!("{field}: {}", eval::show(other, &Ty::Any)),
+    }));
+    format!("camera({})", arguments.join(", "))
+}
+
+/// Whether a field of a camera says where it is.
+fn is_place(field: &str) -> bool {
+    ["position", "look_at", "up", "transform"].contains(&field)
 }
 
 /// The camera's statement, with the fields that place it.
@@ -173,13 +215,12 @@ fn line(program: &Program, name: &str, camera: &CameraValue, pose: &Pose) -> Str
         return text;
     }
     // A camera that some call made: what it is made of is written out.
-    let placed = |field: &str| ["position", "look_at", "up", "transform"].contains(&field);
-    let others = camera.fields.iter().filter(|(field, _)| !placed(field)).map(|(field, value)| match value {
+    let others = camera.fields.iter().filter(|(field, _)| !is_place(field)).map(|(field, value)| match value {
         Value::Num(v) if field.starts_with("fov") => {
             format!("{field}: {}deg", significant(v.item().unwrap_or_default().to_degrees(), 6))
         }
         Value::Str(text) => format!("{field}: {text}"),
-        other => format!("{field}: {}", eval::show(other, &crate::check::types::Ty::Any)),
+        other => format!("{field}: {}", eval::show(other, &Ty::Any)),
     });
     let fields: Vec<String> = places.iter().map(|(field, value)| format!("{field}: {value}")).chain(others).collect();
     format!("camera {name} {{ {} }}", fields.join(", "))
@@ -235,6 +276,45 @@ mod tests {
         }
     }
 
+    /// What is told of an item of a list is an expression that may stand in its place.
+    #[test]
+    fn cameras_of_lists_are_turned_with_all_that_they_are_made_of() {
+        let moved = Pose { position: [1.0, 2.0, 1.0 / 3.0], look_at: [0.0, 0.5, 0.0], up: [0.0, 1.0, 0.0] };
+        for (item, expected) in [
+            ("camera(film: [8, 4])", "camera(position: [1, 2, 0.33333], look_at: [0, 0.5, 0], film: [8, 4], "),
+            ("camera(transform: translation([0, 0, -4]), fov: 30deg, film: [8, 4])", ""),
+            (
+                "camera(kind: \"fisheye\", distortion: [0.1, 0.02], film: [8, 4], filter: \"tent\", crop: [0, 0, 4, 4])",
+                "",
+            ),
+            (
+                "camera(position: [0, 0, 9], film: [8, 4], focal: [9, 8], principal: [4, 2], aperture: 0.1, focus: 3)",
+                "",
+            ),
+        ] {
+            let found = |text: &str, moved: Option<Pose>| {
+                let mut engine = engine(text);
+                let id = engine.program().find("eyes").unwrap();
+                let Value::Camera(value) = engine.eval_decl(id).unwrap().items().unwrap().swap_remove(0) else {
+                    panic!("{text}")
+                };
+                camera(&mut engine, "eyes[0]", &value, moved)
+            };
+            let told = found(&format!("let eyes = [{item}]"), Some(moved));
+            let line = told["line"].as_str().unwrap();
+            assert!(line.starts_with(expected), "{line}");
+            let again = found(&format!("let eyes = [{line}]"), None);
+            assert_eq!(again["pose"]["position"], json!([1.0, 2.0, 0.33333]), "{line}");
+            assert_eq!(
+                (&again["pose"]["look_at"], &again["film"]),
+                (&told["pose"]["look_at"], &told["film"]),
+                "{line}"
+            );
+            let words = |text: &str| text.matches(": ").count();
+            assert!(words(line) >= words(item), "{line}");
+        }
+    }
+
     #[test]
     fn cameras_by_transform_look_along_z() {
         let found = told("camera eye { transform: translation([0, 1, -4]), film: [8, 8] }", None);
@@ -275,7 +355,7 @@ mod tests {
                 .collect::<Json>()
         };
         let list = "let eyes = [camera(position: [0, 0, k + 3], film: [4, 2 + k]) for k in 0..3]";
-        let item = |k: usize| json!([format!("eyes[{k}]"), [4, 2 + k], false]);
+        let item = |k: usize| json!([format!("eyes[{k}]"), [4, 2 + k], true]);
         assert_eq!(told(list), json!([item(0), item(1), item(2)]));
         assert_eq!(told("let eye = camera(film: [4, 2])"), json!([["eye", [4, 2], true]]));
         // Where a camera is declared as one, it is what the script wants to be looked through.

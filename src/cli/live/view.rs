@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use serde_json::json;
 
+use super::describe::elsewhere;
 use super::hub::{Hub, Pose, Weight};
 use crate::check::types::Ty;
 use crate::check::{self, Line, hir};
@@ -185,9 +186,11 @@ impl View {
         // Views that follow quickly must not starve the first look.
         let is_first = done == 0 && !of_change && !self.bridged;
         hub.begin(if is_first { Weight::Ends } else { Weight::Looks });
-        // Fields of an item of a list cannot be replaced.
+        // Fields of an item of a list cannot be replaced: where it is moved, a camera that is made like it takes its place. (Params that reach its fields do
+        // not reach those of the other one.)
         let is_named = item_of(&name).is_none();
-        let may_shrink = is_first && is_named && camera.crop().is_none();
+        let in_its_place = self.pose.filter(|_| !is_named);
+        let may_shrink = is_first && (is_named || in_its_place.is_some()) && !counts_pixels(&camera);
         let shrink = if may_shrink { shrinking(pixels, self.rate * FIRST_LOOK) } else { 1 };
         let film = [(width / shrink).max(1), (height / shrink).max(1)];
         let affordable = (self.rate * PASS / pixels).clamp(1.0, f64::from(self.enough)) as u32;
@@ -195,11 +198,15 @@ impl View {
 
         let mut replaced =
             self.pose.filter(|_| is_named).map_or(String::new(), |pose| replaced_pose(&name, &camera, &pose));
-        if shrink > 1 {
+        let eye = match in_its_place {
+            Some(pose) => elsewhere(&camera, &pose, (shrink > 1).then_some(film)),
+            None => name.clone(),
+        };
+        if shrink > 1 && is_named {
             replaced.push_str(&format!("{name}.film: [{}, {}]", film[0], film[1]));
         }
         let with = if replaced.is_empty() { String::new() } else { format!(" with {{ {replaced} }}") };
-        let seen = format!("render({name}, spp: {spp}, seed: {done}){with}");
+        let seen = format!("render({eye}, spp: {spp}, seed: {done}){with}");
         let text = match &self.derivative {
             Some((param, element)) if of_change => {
                 let direction = direction(engine, param, *element)?;
@@ -291,6 +298,12 @@ pub fn viewpoints(program: &hir::Program) -> Vec<String> {
 pub fn item_of(name: &str) -> Option<(&str, usize)> {
     let (list, index) = name.strip_suffix(']')?.split_once('[')?;
     Some((list, index.parse().ok()?))
+}
+
+/// Whether a camera has fields in pixels, so that with fewer of them on its film it would see something else.
+fn counts_pixels(camera: &CameraValue) -> bool {
+    let has = |field: &str| camera.field(field).is_some();
+    has("crop") || has("principal") || has("focal") && !has("sensor_width")
 }
 
 /// The power of two by which width and height are divided so that there are few enough pixels.
@@ -422,6 +435,24 @@ mod tests {
         mean.spp = 0;
         mean.add(image(7.0), 1);
         assert_eq!((mean.image.unwrap().data[0], mean.spp), (7.0, 1));
+    }
+
+    #[test]
+    fn films_are_not_smaller_where_something_is_measured_in_pixels() {
+        for (fields, expected) in [
+            ("", false),
+            ("crop: [0, 0, 4, 4]", true),
+            ("principal: [4, 4]", true),
+            ("focal: 12", true),
+            ("focal: 50, sensor_width: 36", false),
+        ] {
+            let text = format!("let eye = camera({fields})");
+            let checked = check::check_text("t.dscene", None, &text, &[], &check::Disk);
+            let mut engine = Engine::new(checked.program.unwrap(), crate::eval::EngineOptions::default());
+            let id = engine.program().find("eye").unwrap();
+            let Value::Camera(camera) = engine.eval_decl(id).unwrap() else { panic!("{text}") };
+            assert_eq!(counts_pixels(&camera), expected, "{text}");
+        }
     }
 
     #[test]
