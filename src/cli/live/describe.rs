@@ -161,7 +161,7 @@ pub fn elsewhere(camera: &CameraValue, pose: &Pose, film: Option<[usize; 2]>) ->
     arguments.extend(film.map(|film| format!("film: {film:?}")));
     let kept = |field: &str| !is_place(field) && (film.is_none() || field != "film");
     arguments.extend(camera.fields.iter().filter(|(field, _)| kept(field)).map(|(field, value)| match value {
-        Value::Num(v) if field.starts_with("fov") => format!("{field}: {}", as_script(&v.value(), &Ty::Angle)),
+        Value::Num(v) if field.starts_with("fov") => format!("{field}: {}", as_script(v.value(), &Ty::Angle)),
         Value::Num(v) => format!("{field}: {}", plain(v.shape(), &v.value().data)),
         Value::Str(text) => format!("{field}: \"{text}\""),
         other => format!("{field}: {}", eval::show(other, &Ty::Any)),
