@@ -188,61 +188,67 @@ fn stages_that_were_stopped_are_kept() {
 /// Examples that are killed at moments that nobody chose.
 #[test]
 fn examples_survive_kills_at_random_moments() {
-    // Some kills of a few runs; many of more of them in `cargo truth`.
+    // Some kills of a few runs; many of more of them in `cargo truth`, which go on side by side.
     let (examples, kills, steps) = if long() {
         (&["03_shadow_blocker", "12_cornell_box", "14_pose_in_ten_steps"][..], 20, "6")
     } else {
         (&["16_pose_from_points"][..], 6, "30")
     };
-    for example in examples {
-        let place = Place::new();
-        let script = format!("{}/examples/{example}.dscene", env!("CARGO_MANIFEST_DIR"));
-        let begun = Instant::now();
-        // Small pictures: what is killed, and when, is as various.
-        let shared = ["run", &script, "--steps", steps, "--set", "eye.film=[48, 48]"];
-        let whole = place.dsl(&[&shared[..], &["--out", "whole", "--threads", "1", "--quiet"]].concat());
-        let (time, code, expected) = (begun.elapsed(), whole.status.code(), left_behind(&place.path("whole")));
-        assert!(!expected["log.jsonl"].is_empty(), "{}", stderr(&whole));
-        for threads in ["1", "2"] {
-            let mut random = 0x9E37_79B9_u64 ^ begun.elapsed().as_nanos() as u64;
-            let new = [&shared[..], &["--out", threads, "--checkpoint", "1", "--threads", threads]].concat();
-            let on = ["run", &script, "--resume", threads, "--threads", threads];
-            let log = place.path(threads).join("log.jsonl");
-            let length = || fs::metadata(&log).map_or(0, |log| log.len());
-            // A run that was killed before it was one begins once more.
-            let next = || if place.path(threads).join("run.json").exists() { &on[..] } else { &new[..] };
-            // A run that has come to its end before it could be killed is one that nothing has disturbed since, and another is begun.
-            let mut kill = 0;
-            while kill < kills {
-                random = random.wrapping_mul(0x5851_F42D_4C95_7F2D).wrapping_add(0x1405_7B7E_F767_814F);
-                let mut wait = time.mul_f64((random >> 40) as f64 / f64::from(1 << 24));
-                let (mut child, before) = (place.start(next()), length());
-                // Every second time it takes a step or two, so that the end comes nearer but not too soon.
-                if kill % 2 == 1 {
-                    wait = wait.mul_f64(2.0 / f64::from(kills));
-                    while length() == before && child.try_wait().unwrap().is_none() {
-                        std::thread::sleep(Duration::from_millis(1));
-                    }
-                }
-                let (waiting, mut ended) = (Instant::now(), None);
-                while waiting.elapsed() < wait && ended.is_none() {
+    std::thread::scope(|scope| {
+        for example in examples {
+            scope.spawn(move || survives_kills(example, kills, steps));
+        }
+    });
+}
+
+fn survives_kills(example: &str, kills: u32, steps: &str) {
+    let place = Place::new();
+    let script = format!("{}/examples/{example}.dscene", env!("CARGO_MANIFEST_DIR"));
+    let begun = Instant::now();
+    // Small pictures: what is killed, and when, is as various.
+    let shared = ["run", &script, "--steps", steps, "--set", "eye.film=[48, 48]"];
+    let whole = place.dsl(&[&shared[..], &["--out", "whole", "--threads", "1", "--quiet"]].concat());
+    let (time, code, expected) = (begun.elapsed(), whole.status.code(), left_behind(&place.path("whole")));
+    assert!(!expected["log.jsonl"].is_empty(), "{}", stderr(&whole));
+    for threads in ["1", "2"] {
+        let mut random = 0x9E37_79B9_u64 ^ begun.elapsed().as_nanos() as u64;
+        let new = [&shared[..], &["--out", threads, "--checkpoint", "1", "--threads", threads]].concat();
+        let on = ["run", &script, "--resume", threads, "--threads", threads];
+        let log = place.path(threads).join("log.jsonl");
+        let length = || fs::metadata(&log).map_or(0, |log| log.len());
+        // A run that was killed before it was one begins once more.
+        let next = || if place.path(threads).join("run.json").exists() { &on[..] } else { &new[..] };
+        // A run that has come to its end before it could be killed is one that nothing has disturbed since, and another is begun.
+        let mut kill = 0;
+        while kill < kills {
+            random = random.wrapping_mul(0x5851_F42D_4C95_7F2D).wrapping_add(0x1405_7B7E_F767_814F);
+            let mut wait = time.mul_f64((random >> 40) as f64 / f64::from(1 << 24));
+            let (mut child, before) = (place.start(next()), length());
+            // Every second time it takes a step or two, so that the end comes nearer but not too soon.
+            if kill % 2 == 1 {
+                wait = wait.mul_f64(2.0 / f64::from(kills));
+                while length() == before && child.try_wait().unwrap().is_none() {
                     std::thread::sleep(Duration::from_millis(1));
-                    ended = child.try_wait().unwrap();
-                }
-                if let Some(ended) = ended {
-                    assert_eq!(ended.code(), code, "{example} after {kill} kills");
-                    assert_same(&left_behind(&place.path(threads)), &expected, example);
-                    fs::remove_dir_all(place.path(threads)).unwrap();
-                } else {
-                    let _ = child.kill();
-                    child.wait().unwrap();
-                    kill += 1;
                 }
             }
-            let last = place.dsl(&[next(), &["--quiet"]].concat());
-            assert_eq!(last.status.code(), code, "{}", stderr(&last));
-            assert_same(&left_behind(&place.path(threads)), &expected, example);
+            let (waiting, mut ended) = (Instant::now(), None);
+            while waiting.elapsed() < wait && ended.is_none() {
+                std::thread::sleep(Duration::from_millis(1));
+                ended = child.try_wait().unwrap();
+            }
+            if let Some(ended) = ended {
+                assert_eq!(ended.code(), code, "{example} after {kill} kills");
+                assert_same(&left_behind(&place.path(threads)), &expected, example);
+                fs::remove_dir_all(place.path(threads)).unwrap();
+            } else {
+                let _ = child.kill();
+                child.wait().unwrap();
+                kill += 1;
+            }
         }
+        let last = place.dsl(&[next(), &["--quiet"]].concat());
+        assert_eq!(last.status.code(), code, "{}", stderr(&last));
+        assert_same(&left_behind(&place.path(threads)), &expected, example);
     }
 }
 

@@ -46,13 +46,9 @@ impl Checker<'_> {
                 let value = self.expr(value, None).expr;
                 let savable = !matches!(
                     value.ty,
-                    Ty::Camera { .. }
-                        | Ty::Fn(..)
-                        | Ty::Shape
-                        | Ty::Light
+                    Ty::Fn(..)
                         | Ty::Material
                         | Ty::Medium
-                        | Ty::Scene
                         | Ty::Integrator
                         | Ty::Optimizer
                         | Ty::Preconditioner
@@ -61,17 +57,13 @@ impl Checker<'_> {
                         | Ty::Samples
                 );
                 if !savable {
-                    let help = matches!(value.ty, Ty::Camera { .. })
-                        .then(|| format!("render it: `save render({}) to …`", self.sources.text(value.span)));
                     self.diagnostics.push(
                         Diagnostic::error("dscene::type::mismatch", format!("{} cannot be saved", value.ty.a()))
                             .label(value.span, format!("this is `{}`", value.ty))
-                            .help(
-                                help.unwrap_or_else(|| "images, meshes and arrays of numbers can be saved".to_owned()),
-                            ),
+                            .help("images, meshes, scenes and arrays of numbers can be saved"),
                     );
                 }
-                hir::Action::Save { path: self.saved_to(path, &value.ty), value, span: *span }
+                hir::Action::Save { path: self.saved_to(path, &value), value, span: *span }
             }
             ast::Action::Print { values, span } => {
                 hir::Action::Print { values: values.iter().map(|v| self.expr(v, None).expr).collect(), span: *span }
@@ -114,11 +106,14 @@ impl Checker<'_> {
     }
 
     /// Checks the name of the file that a value is saved to.
-    fn saved_to(&mut self, path: &ast::Expr, saved: &Ty) -> hir::Expr {
+    fn saved_to(&mut self, path: &ast::Expr, value: &hir::Expr) -> hir::Expr {
+        let saved = &value.ty;
         let known: &[&str] = match saved {
             Ty::Num(shape) if shape.len() < 2 => &["json", "csv", "npy", "txt"],
             Ty::Num(_) => &["png", "exr", "hdr", "json", "csv", "npy", "txt"],
             Ty::Image { .. } | Ty::Texture => &["png", "exr", "hdr", "npy", "json", "txt"],
+            Ty::Array(item, _) if **item == Ty::Mesh => &["glb", "json", "txt"],
+            other if is_of_a_scene(other) && *other != Ty::Mesh => &["glb"],
             // Several images are an animation.
             Ty::Array(item, _) if matches!(**item, Ty::Image { .. }) => &["apng", "json", "txt"],
             Ty::Angle | Ty::Rotation | Ty::Transform => &["json", "csv", "npy", "txt"],
@@ -130,11 +125,12 @@ impl Checker<'_> {
             Ty::Mesh => &["obj", "ply", "glb", "json", "txt"],
             _ => &["png", "apng", "exr", "hdr", "obj", "ply", "glb", "json", "csv", "npy", "txt"],
         };
-        self.path(path, &saved.a(), known)
+        let camera = matches!(saved, Ty::Camera { .. }).then(|| self.sources.text(value.span).to_owned());
+        self.path(path, &saved.a(), known, camera.as_deref())
     }
 
     /// Checks the name of an output file, whose ending is one of those `known` for `what`.
-    pub fn path(&mut self, path: &ast::Expr, what: &str, known: &[&str]) -> hir::Expr {
+    pub fn path(&mut self, path: &ast::Expr, what: &str, known: &[&str], camera: Option<&str>) -> hir::Expr {
         if let Some(name) = self.unquoted(path) {
             self.diagnostics.push(
                 Diagnostic::error("dscene::type::mismatch", "a path is a string")
@@ -178,7 +174,7 @@ impl Checker<'_> {
             Some((stem, ending)) => self.diagnostics.push(
                 Diagnostic::error("dscene::file::format", format!("{what} cannot be saved as `.{ending}`"))
                     .label(path.span, "unknown ending")
-                    .help(animation(stem, ending, known).unwrap_or(format!("the endings are: {shown}"))),
+                    .help(other_way(stem, ending, known, camera).unwrap_or(format!("the endings are: {shown}"))),
             ),
             // A name that ends with an interpolation may have any extension.
             None if whole || !file.is_empty() => self.diagnostics.push(
@@ -329,8 +325,18 @@ impl Checker<'_> {
     }
 }
 
-/// The help for a file that would be an animation, or one image of several: what is written as one.
-fn animation(stem: &str, ending: &str, known: &[&str]) -> Option<String> {
+/// Whether a scene file holds it: a mesh, a shape, a light, a camera, a scene, or a list of such.
+fn is_of_a_scene(ty: &Ty) -> bool {
+    match ty {
+        Ty::Mesh | Ty::Shape | Ty::Light | Ty::Camera { .. } | Ty::Scene => true,
+        Ty::Array(item, _) => is_of_a_scene(item),
+        Ty::Tuple(items) => !items.is_empty() && items.iter().all(is_of_a_scene),
+        _ => false,
+    }
+}
+
+/// The help for a file that would be an animation, one image of several, or a picture of what is seen: what is written as one.
+fn other_way(stem: &str, ending: &str, known: &[&str], camera: Option<&str>) -> Option<String> {
     const MOVING: [&str; 8] = ["gif", "apng", "webp", "mp4", "webm", "mov", "avi", "mkv"];
     let (is_moving, is_list) = (MOVING.contains(&ending.to_lowercase().as_str()), known.contains(&"apng"));
     if is_moving && is_list {
@@ -339,6 +345,11 @@ fn animation(stem: &str, ending: &str, known: &[&str]) -> Option<String> {
         Some(format!(
             "a list of images is an animation, `save [a, b] to \"{stem}.apng\"`; the steps of an optimisation are numbered images, \
              `\"{stem}/{{step:04}}.png\"`, which `report.html` plays"
+        ))
+    } else if known == ["glb"] && crate::image::file::WRITABLE.contains(&ending) {
+        let camera = camera.unwrap_or("eye");
+        Some(format!(
+            "a picture is `save render({camera}) to \"{stem}.{ending}\"`; for other programs, `\"{stem}.glb\"` is a scene file"
         ))
     } else if is_list && known.len() < 4 && crate::image::file::WRITABLE.contains(&ending) {
         Some(format!("`montage(…)` makes one image of several; shown in turn they are `\"{stem}.apng\"`"))

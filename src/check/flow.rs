@@ -343,7 +343,7 @@ fn unused_param(
     ))
 }
 
-/// A shape or light whose value needs a render of the scene that holds it.
+/// A shape or light whose value needs the scene that holds it, or a render of it.
 fn scene_cycles(program: &Program) -> Vec<Diagnostic> {
     let mut out = Vec::new();
     // Parts share declarations, so those that were found to render nothing are not searched again.
@@ -363,10 +363,10 @@ fn scene_cycles(program: &Program) -> Vec<Diagnostic> {
             out.push(
                 Diagnostic::error(
                     "dscene::name::cycle",
-                    format!("`{}` depends on itself: it needs a render of the scene that it is part of", decl.name),
+                    format!("`{}` depends on itself: it needs the scene that it is part of", decl.name),
                 )
                 .label(decl.name_span, "part of the default scene")
-                .help("give that render a scene of its own: `render(eye, scene: scene(shapes: […], lights: […]))`"),
+                .help("take a scene of its own: `render(eye, scene: scene(shapes: […], lights: […]))`"),
             );
         }
     }
@@ -523,10 +523,13 @@ impl<'p> Flow<'p> {
     }
 }
 
-/// Whether a call renders the scene that the file declares, because it names no other.
+/// Whether a call renders the scene that the file declares, because it names no other, or is that scene.
 fn renders_file(program: &Program, native: DeclId, call: &Call) -> bool {
     let decl = program.decl(native);
     let DeclKind::Native(signature) = &decl.kind else { return false };
+    if decl.name == FILE_SCENE {
+        return true;
+    }
     let scene = signature.params.iter().position(|p| p.name == "scene");
     Rendering::named(&decl.name).is_some() && scene.is_some_and(|i| matches!(call.args.get(i), Some(None)))
 }

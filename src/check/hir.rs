@@ -403,6 +403,9 @@ impl DerivativeKind {
     }
 }
 
+/// The native that the name `scene` means by itself: it gives the scene that the file declares.
+pub const FILE_SCENE: &str = "_file_scene";
+
 /// The output of a native that renders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Rendering {

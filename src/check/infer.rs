@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use super::arrays::position;
 use super::declare::broken;
-use super::hir::{self, Builtin, ExprKind};
-use super::modules::{Checker, State};
+use super::hir::{self, Builtin, Callee, ExprKind, FILE_SCENE};
+use super::modules::{Checker, PRELUDE, State, lookup_in};
 use super::signature::{Const, Function, Sig, fits};
 use super::types::{Dim, Ty};
 use crate::diag::{Diagnostic, did_you_mean, suggest};
@@ -169,12 +169,21 @@ impl Checker<'_> {
             }
         }
         match id {
+            Some(id) if name == "scene" && !self.is_user(id) => self.file_scene(span),
             Some(id) => self.decl_value(id, span),
             None => {
                 self.report_unknown(name, span, wanted);
                 broken(span)
             }
         }
+    }
+
+    /// The scene of the file that is run: what renderings show if they name no other.
+    fn file_scene(&mut self, span: Span) -> Typed {
+        let Some(id) = lookup_in(&self.modules, PRELUDE, FILE_SCENE) else { return broken(span) };
+        self.declare(id);
+        let call = hir::Call { callee: Callee::Native(id), args: Vec::new(), given: Vec::new() };
+        typed(ExprKind::Call(Box::new(call)), span, Ty::Scene)
     }
 
     /// Refers to a declaration, which is checked first if necessary.

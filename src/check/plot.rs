@@ -21,7 +21,7 @@ impl Checker<'_> {
     pub fn plot(&mut self, plot: &ast::Plot) -> hir::Action {
         let values: Vec<hir::Expr> = plot.values.iter().map(|v| self.plotted(v)).collect();
         let over = plot.over.as_ref().map(|over| self.along(over, &values));
-        let path = plot.path.as_ref().map(|path| self.path(path, "a plot", &ENDINGS));
+        let path = plot.path.as_ref().map(|path| self.path(path, "a plot", &ENDINGS, None));
         let mut settings: Vec<(String, hir::Expr)> = Vec::new();
         let mut seen: Vec<&ast::Name> = Vec::new();
         for field in &plot.fields {

@@ -13,7 +13,7 @@ use crate::files::is_run_file;
 use crate::session::clock::{Stopwatch, human_seconds};
 use crate::session::folder::{cannot_write, spare_inputs};
 use crate::session::run::tell_warnings;
-use crate::session::save::{SaveError, clipped_warning, save_value};
+use crate::session::save::{SaveError, lost_warning, save_value};
 use crate::session::{World, world};
 
 pub fn run(args: &RenderArgs) -> u8 {
@@ -40,10 +40,10 @@ pub fn run(args: &RenderArgs) -> u8 {
         // Only now all files are known that the script reads.
         writable(&path)?;
         let saved = loaded.engine.stoppable(|| save_value(&value, &expr.ty, &path))?;
-        let clipped = saved.map_err(|e| cannot_save(&path, e))?;
-        if let Some(clipped) = clipped {
+        let lost = saved.map_err(|e| cannot_save(&path, e))?;
+        if let Some(lost) = lost {
             let text = loaded.engine.program().sources.text(expr.span);
-            loaded.engine.warn_once(expr.span, "clipped", clipped_warning(&clipped, &path, text));
+            loaded.engine.warn_once(expr.span, "lost", lost_warning(&lost, &path, text));
         }
         Ok::<_, Diagnostic>((value, path))
     });

@@ -4,7 +4,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crate::check;
-use crate::check::hir::{Call, Callee, DeclId, DeclKind, Expr, FnDecl, Lambda, LocalId, NativeDecl, Rendering};
+use crate::check::hir::{
+    Call, Callee, DeclId, DeclKind, Expr, FILE_SCENE, FnDecl, Lambda, LocalId, NativeDecl, Rendering,
+};
 use crate::diag::Diagnostic;
 use crate::memory;
 use crate::natives::{
@@ -97,6 +99,9 @@ impl Engine {
         }
         if native.name == natives::PROJECT {
             return self.project(values, spans, span);
+        }
+        if native.name == FILE_SCENE {
+            return Ok(Value::Scene(Arc::new(self.default_scene(span)?.0)));
         }
         let Some(f) = natives::find(&native.name) else {
             return Err(error::internal(format!("`{}` is declared but not implemented", native.name), span));

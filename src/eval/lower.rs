@@ -49,6 +49,11 @@ pub(super) struct LoweredCamera {
 }
 
 impl LoweredCamera {
+    /// Where it is at its opening keyframe.
+    pub(super) fn position(&self) -> DVec3 {
+        self.origins[0]
+    }
+
     /// The camera among positions that are relative to `origin`.
     pub(super) fn relative_to(&self, origin: DVec3) -> Camera {
         let [opening, closing] = self.origins.map(|o| (o - origin).as_vec3());

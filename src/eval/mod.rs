@@ -30,6 +30,7 @@ mod rehearsal;
 mod render;
 mod renew;
 mod residuals;
+mod scene_file;
 mod show;
 mod state;
 mod target;
@@ -64,6 +65,7 @@ pub use recorded::RecordedImage;
 pub use rehearsal::{Rehearsal, Rehearsed, Work};
 pub use render::RenderOverrides;
 pub use residuals::Residuals;
+pub use scene_file::{Names, SceneFile, scene_file};
 pub use show::{brief, exact, is_angle, number_text, show, to_json};
 pub use state::{EngineState, Placed};
 

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use crate::check::children;
-use crate::check::hir::{Callee, DeclId, DeclKind, Expr, ExprKind, FnDecl, Program, Rendering};
+use crate::check::hir::{Callee, DeclId, DeclKind, Expr, ExprKind, FILE_SCENE, FnDecl, Program, Rendering};
 
 /// The graph of declarations that mention one another, and its transitive closure. A declaration "reaches" another if it may depend on
 /// it, and every declaration reaches itself. What reaches a declaration is computed when it is first asked for, and cached.
@@ -14,7 +14,7 @@ pub(super) struct Reach {
     users: Vec<Vec<u32>>,
     /// By declaration: those that it mentions.
     uses: Vec<Vec<u32>>,
-    /// Natives that may render the default scene.
+    /// Natives that may render the default scene, or give it.
     rendering: Vec<u32>,
     renders: OnceLock<HashSet<u32>>,
     known: Mutex<HashMap<DeclId, Arc<HashSet<u32>>>>,
@@ -86,7 +86,7 @@ impl Reach {
 
 fn is_rendering(program: &Program, id: DeclId) -> bool {
     let decl = program.decl(id);
-    matches!(decl.kind, DeclKind::Native(_)) && Rendering::named(&decl.name).is_some()
+    matches!(decl.kind, DeclKind::Native(_)) && (Rendering::named(&decl.name).is_some() || decl.name == FILE_SCENE)
 }
 
 fn direct(program: &Program, id: DeclId) -> Vec<u32> {

@@ -562,7 +562,7 @@ impl Engine {
     }
 
     /// The shapes and lights that the file declares, with the places of their declarations.
-    fn default_scene(&mut self, span: Span) -> Result<(SceneValue, Vec<Origin>)> {
+    pub(super) fn default_scene(&mut self, span: Span) -> Result<(SceneValue, Vec<Origin>)> {
         let program = self.shared();
         let mut scene = SceneValue::default();
         let mut origins = Vec::new();
@@ -601,60 +601,49 @@ impl Engine {
             ),
         };
         let origin = index.and_then(|index| origins.iter().filter(|o| o.is_light).nth(index));
-        let place = origin.map_or(span, |origin| origin.span);
-        if check::is_allowed(&self.program.sources, check::FACING_AWAY, place) {
+        let unnamed = index.map_or("a light of the scene".to_owned(), |index| format!("the scene's light {index}"));
+        let what = "shines on nothing: all of the scene lies on its dark side";
+        self.tell_of_part(origin, unnamed, span, [check::FACING_AWAY, what, "faces away", help]);
+    }
+
+    /// Warns of a shape or a light, unless the script allows it.
+    fn tell_of_part(&self, part: Option<&Origin>, unnamed: String, span: Span, text: [&'static str; 4]) {
+        let [code, what, label, help] = text;
+        let place = part.map_or(span, |part| part.span);
+        if check::is_allowed(&self.program.sources, code, place) {
             return;
         }
-        let name = match (origin, index) {
-            (Some(origin), _) => format!("`{}`", origin.name),
-            (None, Some(index)) => format!("the scene's light {index}"),
-            (None, None) => "a light of the scene".to_owned(),
-        };
-        self.warnings.say(place, name.clone(), || {
-            let message = format!("{name} shines on nothing: all of the scene lies on its dark side");
-            let told = Diagnostic::warning(check::FACING_AWAY, message).help(help);
-            match origin {
-                Some(origin) => told.label(origin.span, "faces away").label(span, "rendered here"),
-                None => told.label(span, "rendered here"),
-            }
+        let name = part.map_or(unnamed, |part| format!("`{}`", part.name));
+        self.warnings.say(place, format!("{name} {what}"), || {
+            let told = Diagnostic::warning(code, format!("{name} {what}")).help(help);
+            let told = if part.is_some() { told.label(place, label) } else { told };
+            told.label(span, "rendered here")
         });
     }
 
     /// Says what is wrong with a body of glass, unless the script allows it.
     fn tell_flaw(&self, shape: usize, flaw: Flaw, scene: &SceneValue, origins: &[Origin], span: Span) {
-        let origin = origin_of(shape, scene, origins);
-        let place = origin.map_or(span, |origin| origin.span);
-        let (code, what, label, help) = match flaw {
-            Flaw::Open => (
+        let text = match flaw {
+            Flaw::Open => [
                 check::OPEN_BODY,
                 "is a body of glass with a hole: light that goes in there never comes out",
                 "is not closed",
                 "close its mesh (with its caps, its lid, its floor), or make it of `thin_dielectric()`: panes and films are surfaces, not bodies",
-            ),
-            Flaw::InsideOut => (
+            ],
+            Flaw::InsideOut => [
                 check::INSIDE_OUT,
                 "is glass turned inside out: there is glass around it and air within",
                 "its faces turn inwards",
                 "faces are anticlockwise as seen from outside: turn the mesh round by `|> flip()`",
-            ),
-            Flaw::Mixed => (
+            ],
+            Flaw::Mixed => [
                 check::INSIDE_OUT,
                 "is glass of which some faces turn outwards and others inwards",
                 "its faces disagree",
                 "make all faces anticlockwise as seen from outside, where the mesh was made (“recalculate normals” in modelling programs)",
-            ),
+            ],
         };
-        if check::is_allowed(&self.program.sources, code, place) {
-            return;
-        }
-        let name = origin.map_or("a shape of the scene".to_owned(), |origin| format!("`{}`", origin.name));
-        self.warnings.say(place, format!("{name} {flaw:?}"), || {
-            let told = Diagnostic::warning(code, format!("{name} {what}")).help(help);
-            match origin {
-                Some(origin) => told.label(origin.span, label).label(span, "rendered here"),
-                None => told.label(span, "rendered here"),
-            }
-        });
+        self.tell_of_part(origin_of(shape, scene, origins), "a shape of the scene".to_owned(), span, text);
     }
 
     pub(super) fn scene_error(&self, e: LowerError, scene: &SceneValue, origins: &[Origin], span: Span) -> Diagnostic {

@@ -14,7 +14,7 @@ use super::measure::loss_at;
 use super::notes::Notes;
 use super::optimization::{Optimization, StepReport};
 use super::plot::Curves;
-use super::save::{SaveError, clipped_warning, save_value};
+use super::save::{Lost, SaveError, lost_warning, save_named};
 use super::show::{plus_minus, significant};
 use super::stages::whole_number;
 use super::sweep::Judge;
@@ -456,17 +456,22 @@ impl<'a> Runner<'a> {
         let target = self.output_path(&name, path.span)?;
         let (ty, place) = (&value.ty, value.span);
         let value = self.engine.eval(value)?;
-        let saved = self.with_files(|runner| runner.engine.stoppable(|| save_value(&value, ty, &target)))?;
-        let clipped = saved.map_err(|problem| match problem {
+        let names = self.engine.names();
+        let saved = self.with_files(|runner| runner.engine.stoppable(|| save_named(&value, ty, names, &target)))?;
+        let lost = saved.map_err(|problem| match problem {
             SaveError::Io(e) => cannot_write(&target, &e).label(path.span, "this file"),
             SaveError::Other { message, help } => {
                 Diagnostic::error("dscene::run::save", message).label(place, "cannot be saved so").help(help)
             }
         })?;
-        if let Some(clipped) = clipped {
+        if let Some(lost) = lost {
             let text = self.engine.program().sources.text(place);
-            let warning = clipped_warning(&clipped, &target, text).label(place, "goes beyond black or white");
-            self.engine.warn_once(place, "clipped", warning);
+            let label = match &lost {
+                Lost::Colors(_) => "goes beyond black or white",
+                Lost::OfScene(_) => "saved here",
+            };
+            let warning = lost_warning(&lost, &target, text).label(place, label);
+            self.engine.warn_once(place, "lost", warning);
         }
         self.saved(target);
         Ok(())

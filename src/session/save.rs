@@ -6,7 +6,7 @@ use super::show::significant;
 use crate::check::types::Ty;
 use crate::data::{npy, table};
 use crate::diag::Diagnostic;
-use crate::eval;
+use crate::eval::{self, Names, SceneFile};
 use crate::files::write_atomically;
 use crate::image::file::Clipped;
 use crate::image::{Image, ImageError};
@@ -20,16 +20,29 @@ pub enum SaveError {
     Other { message: String, help: String },
 }
 
-/// Writes a value by its file's extension: images as PNG, EXR or HDR, lists of them as animated PNG, meshes as OBJ, PLY or GLB;
-/// anything as JSON or text.
-/// What a PNG file does not hold of an image is told.
-pub fn save_value(value: &Value, ty: &Ty, path: &Path) -> Result<Option<Clipped>, SaveError> {
-    let (value, ty, path) = (value.clone(), ty.clone(), path.to_path_buf());
-    // To compress a large image takes seconds.
-    stop::apart(move || write_value(&value, &ty, &path))
+/// Writes a value by its file's extension: images as PNG, EXR or HDR, lists of them as animated PNG, meshes as OBJ, PLY or GLB, scenes and
+/// their parts as GLB; anything as JSON or text.
+/// What the file does not hold is told.
+pub fn save_value(value: &Value, ty: &Ty, path: &Path) -> Result<Option<Lost>, SaveError> {
+    save_named(value, ty, Names::default(), path)
 }
 
-fn write_value(value: &Value, ty: &Ty, path: &Path) -> Result<Option<Clipped>, SaveError> {
+/// As [`save_value`], with names for the parts of a scene.
+pub fn save_named(value: &Value, ty: &Ty, names: Names, path: &Path) -> Result<Option<Lost>, SaveError> {
+    let (value, ty, path) = (value.clone(), ty.clone(), path.to_path_buf());
+    // To compress a large image takes seconds.
+    stop::apart(move || write_value(&value, &ty, &names, &path))
+}
+
+/// What a file does not hold of what was saved to it.
+pub enum Lost {
+    /// Colours beyond black and white.
+    Colors(Clipped),
+    /// What glTF does not have, in sentences.
+    OfScene(Vec<String>),
+}
+
+fn write_value(value: &Value, ty: &Ty, names: &Names, path: &Path) -> Result<Option<Lost>, SaveError> {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("").to_ascii_lowercase();
     let written = match extension.as_str() {
         "json" => {
@@ -51,7 +64,7 @@ fn write_value(value: &Value, ty: &Ty, path: &Path) -> Result<Option<Clipped>, S
                 help: "save a `render(…)`, or give the file the extension .json".to_owned(),
             })?;
             crate::image::file::save(path, &image).map_err(|e| unwritten(e, path))?;
-            return Ok(if extension == "png" { Clipped::of(&image) } else { None });
+            return Ok(if extension == "png" { Clipped::of(&image).map(Lost::Colors) } else { None });
         }
         "apng" => {
             let frames = match value {
@@ -63,8 +76,9 @@ fn write_value(value: &Value, ty: &Ty, path: &Path) -> Result<Option<Clipped>, S
                 help: "write `save [a, b] to …`, or `save [render(view) for view in views] to …`".to_owned(),
             })?;
             crate::image::file::save_animation(path, &frames).map_err(|e| unwritten(e, path))?;
-            return Ok(frames.iter().find_map(Clipped::of));
+            return Ok(frames.iter().find_map(Clipped::of).map(Lost::Colors));
         }
+        "glb" if !matches!(value, Value::Mesh(_)) => return write_scene(value, names, path),
         "obj" | "ply" | "glb" => {
             let Value::Mesh(mesh) = value else {
                 return Err(SaveError::Other {
@@ -81,10 +95,25 @@ fn write_value(value: &Value, ty: &Ty, path: &Path) -> Result<Option<Clipped>, S
             } else {
                 format!("`.{other}` is not a format that can be written")
             },
-            help: "use .png, .exr or .hdr for images, .apng for animations, .obj, .ply or .glb for meshes, .npy or .csv for numbers, .json or .txt for any value".to_owned(),
+            help: "use .png, .exr or .hdr for images, .apng for animations, .obj, .ply or .glb for meshes, .glb for scenes, .npy or .csv for numbers, .json or .txt for any value".to_owned(),
         }),
     };
     written.map(|()| None)
+}
+
+/// A mesh, shape, light, camera, scene or list of such.
+fn write_scene(value: &Value, names: &Names, path: &Path) -> Result<Option<Lost>, SaveError> {
+    let Some(SceneFile { scene, cameras, mut told }) = eval::scene_file(value, names) else {
+        return Err(SaveError::Other {
+            message: format!("a .glb file holds meshes, shapes, lights and cameras, this is {}", value.kind()),
+            help: "save for instance `scene`, `[scene, eye]` or `ball.mesh`, or give the file another extension"
+                .to_owned(),
+        });
+    };
+    let (bytes, more) = crate::mesh::save::encode_scene(&scene, &cameras).map_err(|e| unwritten(e, path))?;
+    write_atomically(path, &bytes).map_err(SaveError::Io)?;
+    told.extend(more);
+    Ok((!told.is_empty()).then_some(Lost::OfScene(told)))
 }
 
 fn unwritten(error: ImageError, path: &Path) -> SaveError {
@@ -98,8 +127,20 @@ fn unwritten(error: ImageError, path: &Path) -> SaveError {
     }
 }
 
-/// The warning that a PNG file lacks what is brighter than white or darker than black, about the expression whose text is `of`.
-pub fn clipped_warning(clipped: &Clipped, path: &Path, of: &str) -> Diagnostic {
+/// The warning about what a file does not hold of the expression whose text is `of`.
+pub fn lost_warning(lost: &Lost, path: &Path, of: &str) -> Diagnostic {
+    match lost {
+        Lost::Colors(clipped) => clipped_warning(clipped, path, of),
+        Lost::OfScene(told) => {
+            let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+            let told = told.join("\n  ");
+            Diagnostic::warning("dscene::file::simplified", format!("`{name}` does not hold all of it:\n  {told}"))
+        }
+    }
+}
+
+/// That a PNG file lacks what is brighter than white or darker than black.
+fn clipped_warning(clipped: &Clipped, path: &Path, of: &str) -> Diagnostic {
     let Clipped { share, least, largest, mostly_below, channels } = *clipped;
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
     let of = if of.len() > 40 { "…" } else { of.trim() };

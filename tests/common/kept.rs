@@ -1,6 +1,7 @@
 //! Finite differences that are kept: to draw them is most of what a comparison takes, and they change only where a scene does.
 //!
-//! `differences.csv` has one for each row of `derivatives` and of `truth/finite_differences.rs`, as the long statistics draw them. In brief a
+//! `differences.csv` has one for each row of `derivatives` and of `truth/finite_differences.rs`, and for each element of a case of
+//! `derivatives/slots.rs`, as the long statistics draw them. In brief a
 //! derivative is compared with the one that is kept, which is more precise than what could be drawn in that time; where scene, film, step or
 //! kind of output are others than those it was drawn for, it is drawn. `cargo truth` draws some samples of each, and fails where the renderer
 //! does not give the differences that are kept any more; `DSCENE_TRUTH=2 cargo truth` draws all, as if none were kept. CONTRIBUTING.md says
@@ -14,7 +15,7 @@ use std::sync::LazyLock;
 
 use dscene::files::fingerprint;
 
-use super::{Measured, Scenes};
+use super::{Measured, percent};
 
 struct Kept {
     /// What it was drawn for.
@@ -38,14 +39,14 @@ static ALL: LazyLock<HashMap<String, Kept>> = LazyLock::new(|| {
     text.lines().map(|text| line(text).unwrap_or_else(|| panic!("differences.csv: {text}"))).collect()
 });
 
-/// What the difference of a row is of: the scenes on both sides, how they are rendered, and the step.
-fn of(scenes: &Scenes) -> u64 {
-    fingerprint(format!("{scenes:?}").as_bytes())
+/// The difference that is kept, if it is of this: the scenes on both sides, how they are rendered, and the step.
+pub fn difference(name: &str, of: &str) -> Option<Measured> {
+    ALL.get(name).filter(|kept| kept.of == fingerprint(of.as_bytes())).map(|kept| kept.difference)
 }
 
-/// The difference that is kept, if it is of these scenes.
-pub fn difference(name: &str, scenes: &Scenes) -> Option<Measured> {
-    ALL.get(name).filter(|kept| kept.of == of(scenes)).map(|kept| kept.difference)
+/// Whether no difference that is kept takes the place of one that is drawn.
+pub fn draws_all() -> bool {
+    percent().is_some_and(|percent| percent < 3.0) || is_recording()
 }
 
 /// Whether differences are drawn to be kept.
@@ -55,12 +56,12 @@ pub fn is_recording() -> bool {
 
 /// Records the difference that was drawn, or else fails if it is another than the one that is kept: where it looks so, `more` decides, since
 /// few values leave their error uncertain.
-pub fn record_or_compare(name: &str, scenes: &Scenes, drawn: Measured, more: impl FnOnce() -> Measured) {
+pub fn record_or_compare(name: &str, of: &str, drawn: Measured, more: impl FnOnce() -> Measured) {
     if is_recording() {
-        let line = format!("{name},{:016x},{},{}\n", of(scenes), drawn.mean, drawn.error);
+        let line = format!("{name},{:016x},{},{}\n", fingerprint(of.as_bytes()), drawn.mean, drawn.error);
         let mut file = fs::OpenOptions::new().create(true).append(true).open(path()).unwrap();
         file.write_all(line.as_bytes()).unwrap();
-    } else if let Some(kept) = difference(name, scenes) {
+    } else if let Some(kept) = difference(name, of) {
         let is_apart =
             |drawn: Measured, most: f64| (drawn.mean - kept.mean).abs() > most * drawn.error.hypot(kept.error);
         if is_apart(drawn, 3.0) {

@@ -1,7 +1,7 @@
 //! Scenes of one number θ, and the comparison of their derivatives with finite differences.
 #![allow(dead_code)]
 
-mod kept;
+pub mod kept;
 mod long;
 
 use std::ops::Range;
@@ -369,10 +369,10 @@ pub fn difference(
     let drawn = |seeds| statistics(&finite_differences(build, plan, seeds));
     if long() {
         let found = drawn(seeds.clone());
-        kept::record_or_compare(name, &scenes, found, || drawn(2_000_000..2_000_000 + 2 * seeds.end));
+        kept::record_or_compare(name, &scenes.text(), found, || drawn(2_000_000..2_000_000 + 2 * seeds.end));
         return found;
     }
-    kept::difference(name, &scenes).unwrap_or_else(|| drawn(seeds))
+    kept::difference(name, &scenes.text()).unwrap_or_else(|| drawn(seeds))
 }
 
 fn central_differences(
@@ -418,7 +418,11 @@ pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan
     let more = more.unwrap_or(1);
     let plan = Plan { seeds: plan.seeds * more, fd_seeds: plan.fd_seeds * more, ..plan };
     let is_as_recorded = more == 1 && step == 1.0;
-    let kept = if is_as_recorded && !draws_all() { kept::difference(name, &Scenes::new(build, &plan)) } else { None };
+    let kept = if is_as_recorded && !kept::draws_all() {
+        kept::difference(name, &Scenes::new(build, &plan).text())
+    } else {
+        None
+    };
     let mut found = compare(name, build, &plan, if more > 1 { plan.seeds } else { 8 }, kept);
     if found.z().abs() >= DOUBT {
         let afresh = Plan { seeds: 4 * plan.seeds, fd_seeds: 4 * plan.fd_seeds, from: 1_000_000, ..plan };
@@ -426,7 +430,7 @@ pub fn agree(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camera), plan
     }
     if long() && is_as_recorded {
         let more = || statistics(&finite_differences(build, &plan, 2_000_000..2_000_000 + plan.fd_seeds.max(32)));
-        kept::record_or_compare(name, &Scenes::new(build, &plan), statistics(&found.differences.values), more);
+        kept::record_or_compare(name, &Scenes::new(build, &plan).text(), statistics(&found.differences.values), more);
     }
     let (z, relative) = (found.z(), found.relative());
     assert!(z.abs() < 3.0, "{name}: gradient and finite differences are {z:.2} standard errors apart");
@@ -440,19 +444,14 @@ pub fn agree_in_long(name: &str, build: &dyn Fn(f32) -> (SceneDescription, Camer
     }
 }
 
-/// Whether no difference that is kept takes the place of one that is drawn.
-fn draws_all() -> bool {
-    percent().is_some_and(|percent| percent < 3.0) || kept::is_recording()
-}
-
 /// The combined error, over the finite difference, that is always enough.
 fn precise() -> f64 {
     percent().map_or(0.04, |percent| 0.01 * percent)
 }
 
-/// The combined error with which a comparison says something: in the long statistics at most four percent, in brief eight.
+/// The combined error with which a comparison says something where it takes more than was planned to make it precise: twice as much.
 fn enough() -> f64 {
-    percent().map_or(0.08, |percent| 0.02 * percent.min(2.0))
+    2.0 * precise()
 }
 
 /// How many times its plan a comparison may draw while it says nothing. Brief plans are so short that some rows need much of this.
@@ -474,6 +473,10 @@ impl Scenes {
     fn new(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) -> Scenes {
         let Plan { output, max_bounces, h, .. } = *plan;
         Scenes { up: build(h), down: build(-h), output, max_bounces, h }
+    }
+
+    fn text(&self) -> String {
+        format!("{self:?}")
     }
 }
 

@@ -1,7 +1,9 @@
 //! Every array of a scene that can carry derivatives, reached from the language: reverse mode against central
 //! differences of the same expression, over independent seeds.
 
-use crate::common::{Measured, long, percent, statistics, value_and_param};
+use dscene::eval::Engine;
+
+use crate::common::{Measured, kept, long, percent, statistics, value_and_param};
 
 /// Repeats of one portion, and of all that are drawn until the error is small.
 const PORTION: u64 = 10;
@@ -10,13 +12,13 @@ const MOST: u64 = 640;
 const TELLING: f64 = 0.08;
 /// The error with which no more is drawn.
 fn precise() -> f64 {
-    0.03 * percent().map_or(1.0, |percent| percent.min(2.0))
+    if kept::is_recording() { 0.05 } else { 0.03 * percent().map_or(1.0, |percent| percent.min(2.0)) }
 }
 /// Standard errors that a difference may have: few repeats do not know their own error well.
 const ALLOWED: f64 = 3.5;
-/// The long statistics look at every case; otherwise at one in twenty.
+/// The long statistics look at every case; otherwise at one in five.
 fn every() -> usize {
-    if long() { 1 } else { 20 }
+    if long() { 1 } else { 5 }
 }
 
 struct Case {
@@ -250,48 +252,94 @@ const CAMERAS: &[(&str, &str, &str, f64)] = &[
 const LOSS: &str =
     "let y = mean(render(eye, spp: 8, max_bounces: 1) * (pixels(eye).x + 2 * pixels(eye).y) * [1, 0.5, 0.25])\n";
 
-/// Means agree within 3.5 combined standard errors, which are a few per cent of the largest element.
+/// Means agree within 3.5 combined standard errors, which are a few per cent of the largest element. Differences that are kept count in place of
+/// those that are drawn.
 fn agree(name: &str, text: &str, step: f64) {
     let (mut engine, y, target) = value_and_param(name, text);
-    let mut drawn: Vec<[Vec<f64>; 2]> = Vec::new();
+    let of = format!("{text}\n{step}");
+    let row = |k: usize| format!("slot of {}, element {k}", name.replace(',', " and"));
+    let mut gradient = |seed: u64, engine: &mut Engine| {
+        engine.set_sample_seed(seed);
+        let found = engine.gradient(&y, std::slice::from_ref(&target)).unwrap_or_else(|e| panic!("{name}: {e:#?}"));
+        found.grads[0].data.clone()
+    };
+    let difference = |seed: u64, engine: &mut Engine| -> Vec<f64> {
+        engine.set_sample_seed(seed);
+        // A step alone is off by its curvature; two are extrapolated to none (Richardson), which has more noise.
+        let mut at =
+            |step: f64| engine.finite_difference(&y, &target, step).unwrap_or_else(|e| panic!("{name}: {e:#?}")).data;
+        let coarse = at(step);
+        at(0.5 * step).iter().zip(&coarse).map(|(f, c)| (4.0 * f - c) / 3.0).collect()
+    };
+    let mut gradients = Draws::default();
+    let mut differences = Draws::default();
+    gradients.add(&mut engine, PORTION, &mut gradient);
+    let known: Option<Vec<Measured>> = (0..gradients.values.len()).map(|k| kept::difference(&row(k), &of)).collect();
+    let known = known.filter(|_| !kept::draws_all());
     let found = loop {
-        let start = drawn.first().map_or(0, |d| d[0].len() as u64);
-        for r in start..start + PORTION {
-            engine.set_sample_seed(r + 1);
-            let found = engine.gradient(&y, std::slice::from_ref(&target)).unwrap_or_else(|e| panic!("{name}: {e:#?}"));
-            // A step alone is off by its curvature; two are extrapolated to none (Richardson), which has more noise.
-            let mut at = |step: f64| {
-                engine.finite_difference(&y, &target, step).unwrap_or_else(|e| panic!("{name}: {e:#?}")).data
-            };
-            let coarse = at(step);
-            let differences: Vec<f64> = at(0.5 * step).iter().zip(&coarse).map(|(f, c)| (4.0 * f - c) / 3.0).collect();
-            assert_eq!(found.grads[0].len(), differences.len(), "{name}");
-            drawn.resize(differences.len(), [Vec::new(), Vec::new()]);
-            for ((d, g), fd) in drawn.iter_mut().zip(&found.grads[0].data).zip(&differences) {
-                d[0].push(*g);
-                d[1].push(*fd);
-            }
+        // Of those that are kept some are drawn in the long statistics, to be compared.
+        if known.is_none() || long() && differences.drawn == 0 {
+            differences.add(&mut engine, PORTION, &difference);
         }
-        let found: Vec<[Measured; 2]> = drawn.iter().map(|d| [statistics(&d[0]), statistics(&d[1])]).collect();
+        assert!(known.is_some() || gradients.values.len() == differences.values.len(), "{name}");
+        let of_differences = known.clone().unwrap_or_else(|| differences.measured());
+        let found: Vec<[Measured; 2]> =
+            gradients.measured().into_iter().zip(of_differences).map(|(g, fd)| [g, fd]).collect();
         let largest = found.iter().map(|f| f[1].mean.abs()).fold(0.0, f64::max);
         assert!(largest > 0.0, "{name}: nothing moves");
-        let precise = |f: &[Measured; 2]| f[0].error.hypot(f[1].error) < precise() * largest;
+        // What is kept has its error, however much is drawn of the other.
+        let precise = |f: &[Measured; 2]| {
+            f[0].error.hypot(f[1].error) < precise() * largest || known.is_some() && f[0].error < 0.5 * f[1].error
+        };
         // Few values do not know their own error: what looks doubtful is drawn on.
         let doubtful =
             |f: &[Measured; 2]| (f[0].mean - f[1].mean).abs() > 2.5 * f[0].error.hypot(f[1].error) + 0.01 * largest;
-        let settled = start >= PORTION && found.iter().all(precise) && !found.iter().any(doubtful);
-        if settled || start + PORTION >= MOST {
+        let settled = gradients.drawn > PORTION && found.iter().all(precise) && !found.iter().any(doubtful);
+        if settled || gradients.drawn >= MOST {
             break found;
         }
+        gradients.add(&mut engine, PORTION, &mut gradient);
     };
     let largest = found.iter().map(|f| f[1].mean.abs()).fold(0.0, f64::max);
-    for (k, [gradient, differences]) in found.iter().enumerate() {
-        let error = gradient.error.hypot(differences.error);
+    for (k, [gradient, difference]) in found.iter().enumerate() {
+        let error = gradient.error.hypot(difference.error);
         // A little for the curvature of differences.
         let allowed = ALLOWED * error + 0.01 * largest;
-        let off = (gradient.mean - differences.mean).abs();
-        assert!(off <= allowed, "{name}, element {k}: gradient {gradient:?}, differences {differences:?}");
-        assert!(error < TELLING * largest, "{name}, element {k}: too noisy to tell ({gradient:?}, {differences:?})");
+        let off = (gradient.mean - difference.mean).abs();
+        assert!(off <= allowed, "{name}, element {k}: gradient {gradient:?}, differences {difference:?}");
+        assert!(error < TELLING * largest, "{name}, element {k}: too noisy to tell ({gradient:?}, {difference:?})");
+    }
+    if long() {
+        for (k, drawn) in differences.measured().into_iter().enumerate() {
+            kept::record_or_compare(&row(k), &of, drawn, || {
+                let mut more = Draws { from: 1_000_000, ..Draws::default() };
+                more.add(&mut engine, 8 * PORTION, &difference);
+                more.measured()[k]
+            });
+        }
+    }
+}
+
+/// Values of independent seeds, element by element.
+#[derive(Default)]
+struct Draws {
+    from: u64,
+    drawn: u64,
+    values: Vec<Vec<f64>>,
+}
+
+impl Draws {
+    fn add(&mut self, engine: &mut Engine, count: u64, mut draw: impl FnMut(u64, &mut Engine) -> Vec<f64>) {
+        for seed in self.from + self.drawn..self.from + self.drawn + count {
+            let found = draw(seed + 1, engine);
+            self.values.resize(found.len(), Vec::new());
+            self.values.iter_mut().zip(found).for_each(|(values, x)| values.push(x));
+        }
+        self.drawn += count;
+    }
+
+    fn measured(&self) -> Vec<Measured> {
+        self.values.iter().map(|values| statistics(values)).collect()
     }
 }
 

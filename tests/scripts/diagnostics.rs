@@ -391,7 +391,7 @@ loss fit = mse(render(small), target)",
         script: "save eye to \"a.png\"\nsave render(eye) to \"a.bmp\"\nsave render(eye) to 3\n\
                  save ball.mesh to \"a.stl\"\nsave size to \"a.png\"\nplot fit, target",
         wanted: &[
-            ("dscene::type::mismatch", "eye", "save render(eye)"),
+            ("dscene::file::format", "\"a.png\"", "save render(eye)"),
             ("dscene::file::format", "\"a.bmp\"", "`.png`"),
             ("dscene::type::mismatch", "3", ""),
             ("dscene::file::format", "\"a.stl\"", "`.ply`"),

@@ -542,7 +542,7 @@ fn every_native_is_declared_and_every_declaration_implemented() {
     let rendering = hir::Rendering::ALL
         .iter()
         .map(|r| r.0)
-        .chain([dscene::natives::PROJECT])
+        .chain([dscene::natives::PROJECT, dscene::check::hir::FILE_SCENE])
         .chain(hir::DerivativeKind::ALL.map(|k| k.0));
     let missing: Vec<&&str> = declared
         .iter()

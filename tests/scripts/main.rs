@@ -39,6 +39,7 @@ mod mutated_scripts;
 mod natives;
 mod records;
 mod repl;
+mod scene_files;
 mod script_tests;
 mod terminal;
 mod tidy;

@@ -309,6 +309,7 @@ const NONE: &[(&str, &[&str])] = &[
         "renderings: `finite_differences`, `slots`, `random_scenes` and others test these",
         &["render", "depth", "alpha", "position", "normal", "geometric_normal", "albedo", "uv", "shape_index"],
     ),
+    ("the scene that renderings show, in `scene_files`", &["_file_scene"]),
 ];
 
 fn engine() -> Engine {

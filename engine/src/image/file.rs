@@ -114,6 +114,11 @@ pub fn encode_png(image: &Image) -> Result<Vec<u8>, ImageError> {
     png::encode(image)
 }
 
+/// As [`encode_png`], in 16 bits, with colours that are sRGB-encoded or linear.
+pub fn encode_wide_png(image: &Image, encoding: Encoding) -> Result<Vec<u8>, ImageError> {
+    png::encode_wide(image, encoding)
+}
+
 /// A PNG file whose samples are these bytes, rows of one channel or three.
 pub fn encode_bytes(width: usize, height: usize, channels: usize, bytes: &[u8]) -> Result<Vec<u8>, ImageError> {
     png::encode_bytes(width, height, channels, bytes)

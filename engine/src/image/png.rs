@@ -153,7 +153,20 @@ impl Clipped {
 /// The PNG file of an image of 1 to 4 channels, in 8 bits, sRGB-encoded; two become red and green.
 pub(super) fn encode(image: &Image) -> Result<Vec<u8>, ImageError> {
     let color = color_of(image)?;
-    written([image.width, image.height], color, png::Compression::Fast, &[bytes_of(image)])
+    written([image.width, image.height], color, BitDepth::Eight, png::Compression::Fast, &[bytes_of(image)])
+}
+
+/// As [`encode`], in 16 bits, so that next to nothing is lost of a texture; colours are sRGB-encoded, or nothing is.
+pub(super) fn encode_wide(image: &Image, encoding: Encoding) -> Result<Vec<u8>, ImageError> {
+    let color = color_of(image)?;
+    memory::ask(8 * (image.width * image.height) as u64)?;
+    let encoded = |v: f32| match encoding {
+        Encoding::Linear => v,
+        Encoding::Srgb | Encoding::AsFile => linear_to_srgb(f64::from(v)) as f32,
+    };
+    let wide = |v: f32| (v.clamp(0.0, 1.0) * 65535.0 + 0.5) as u16;
+    let samples: Vec<u8> = samples(image, encoded).flat_map(|v| wide(v).to_be_bytes()).collect();
+    written([image.width, image.height], color, BitDepth::Sixteen, png::Compression::Balanced, &[samples])
 }
 
 /// Frames of an animation that are shown in a second.
@@ -176,7 +189,7 @@ pub(super) fn encode_animation(frames: &[Image]) -> Result<Vec<u8>, ImageError> 
     let color = color_of(first)?;
     memory::ask((frames.len() as u64).saturating_mul(4 * (first.width * first.height) as u64))?;
     let frames: Vec<Vec<u8>> = frames.iter().map(bytes_of).collect();
-    written([first.width, first.height], color, png::Compression::Fast, &frames)
+    written([first.width, first.height], color, BitDepth::Eight, png::Compression::Fast, &frames)
 }
 
 fn color_of(image: &Image) -> Result<ColorType, ImageError> {
@@ -189,28 +202,32 @@ fn color_of(image: &Image) -> Result<ColorType, ImageError> {
     }
 }
 
-/// The pixels of an image as a file of its [`color_of`] has them. Values are clipped to 0..1, and NaN becomes black.
+/// The samples of an image as a file of its [`color_of`] has them, its colours by `encoded`.
+fn samples(image: &Image, encoded: impl Fn(f32) -> f32) -> impl Iterator<Item = f32> {
+    image.data.chunks_exact(image.channels).flat_map(move |pixel| {
+        let blue = (pixel.len() == 2).then_some(0.0);
+        let colors = [0, 1, 2].map(|c| pixel.get(c).map(|v| encoded(*v)));
+        colors.into_iter().flatten().chain(blue).chain(pixel.get(3).copied())
+    })
+}
+
+/// These samples in 8 bits. Values are clipped to 0..1, and NaN becomes black.
 fn bytes_of(image: &Image) -> Vec<u8> {
     let byte = |v: f32| (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
-    let mut pixels: Vec<u8> = Vec::with_capacity(image.width * image.height * 4);
-    for pixel in image.data.chunks_exact(image.channels) {
-        pixels.extend(pixel.iter().take(3).map(|&v| byte(linear_to_srgb(f64::from(v)) as f32)));
-        pixels.extend((pixel.len() == 2).then_some(0));
-        pixels.extend(pixel.get(3).map(|&a| byte(a)));
-    }
-    pixels
+    samples(image, |v| linear_to_srgb(f64::from(v)) as f32).map(byte).collect()
 }
 
 /// A PNG file of 8 bits with these bytes, of one channel or three, as small as it gets.
 pub(super) fn encode_bytes(width: usize, height: usize, channels: usize, bytes: &[u8]) -> Result<Vec<u8>, ImageError> {
     let color = if channels == 1 { ColorType::Grayscale } else { ColorType::Rgb };
-    written([width, height], color, png::Compression::High, &[bytes])
+    written([width, height], color, BitDepth::Eight, png::Compression::High, &[bytes])
 }
 
 /// Several frames are an animation.
 fn written(
     [width, height]: [usize; 2],
     color: ColorType,
+    depth: BitDepth,
     compression: png::Compression,
     frames: &[impl AsRef<[u8]>],
 ) -> Result<Vec<u8>, ImageError> {
@@ -218,7 +235,7 @@ fn written(
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, width as u32, height as u32);
     encoder.set_color(color);
-    encoder.set_depth(BitDepth::Eight);
+    encoder.set_depth(depth);
     encoder.set_compression(compression);
     if frames.len() > 1 {
         encoder.set_animated(frames.len() as u32, 0).map_err(cannot)?;

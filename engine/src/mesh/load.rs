@@ -132,7 +132,8 @@ impl LoadedImage {
         LoadedImage { image: Arc::new(image), ..*self }
     }
 
-    fn constant(values: &[f32]) -> LoadedImage {
+    /// One texel.
+    pub fn constant(values: &[f32]) -> LoadedImage {
         let image = Image { width: 1, height: 1, channels: values.len(), data: values.to_vec() };
         LoadedImage { image: Arc::new(image), wrap: Wrap::Repeat, nearest: false }
     }

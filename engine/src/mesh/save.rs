@@ -3,9 +3,10 @@
 
 use std::fmt::Write;
 
-use serde_json::{Value, json};
+use crate::image::ImageError;
 
-use super::Mesh;
+use super::load::{Loaded, LoadedCamera, LoadedPart};
+use super::{Mesh, gltf};
 
 /// Extensions of the files that [`encode`] writes.
 pub const WRITABLE: [&str; 3] = ["obj", "ply", "glb"];
@@ -15,7 +16,7 @@ pub fn encode(mesh: &Mesh, extension: &str) -> Option<Vec<u8>> {
     match extension {
         "obj" => Some(obj(mesh).into_bytes()),
         "ply" => Some(ply(mesh)),
-        "glb" => Some(glb(mesh)),
+        "glb" => glb(mesh),
         _ => None,
     }
 }
@@ -75,80 +76,17 @@ fn ply(mesh: &Mesh) -> Vec<u8> {
     out
 }
 
-/// The buffer of a glTF file, and the JSON that tells what is where in it.
-#[derive(Default)]
-struct Buffer {
-    bytes: Vec<u8>,
-    views: Vec<Value>,
-    accessors: Vec<Value>,
+/// The bytes of a `.glb` file with these parts, lights and cameras, and sentences about what it does not hold of them. Fails where an image
+/// or the file is too large.
+pub fn encode_scene(scene: &Loaded, cameras: &[LoadedCamera]) -> Result<(Vec<u8>, Vec<String>), ImageError> {
+    gltf::write::encode(scene, cameras)
 }
 
-/// Where the numbers are of: corners of triangles, or vertices.
-const INDICES: u32 = 34963;
-const VERTICES: u32 = 34962;
-/// What they are.
-const UINT: u32 = 5125;
-const FLOAT: u32 = 5126;
-
-impl Buffer {
-    /// Adds numbers of four bytes each; gives the number of their accessor.
-    fn add(&mut self, numbers: impl Iterator<Item = [u8; 4]>, target: u32, accessor: Value) -> usize {
-        let begin = self.bytes.len();
-        self.bytes.extend(numbers.flatten());
-        let length = self.bytes.len() - begin;
-        self.views.push(json!({ "buffer": 0, "byteOffset": begin, "byteLength": length, "target": target }));
-        let mut accessor = accessor;
-        accessor["bufferView"] = json!(self.views.len() - 1);
-        self.accessors.push(accessor);
-        self.accessors.len() - 1
-    }
-
-    fn add_floats<const N: usize>(&mut self, kind: &str, rows: Vec<[f32; N]>) -> usize {
-        let limit = |f: fn(f32, f32) -> f32, from: f32| -> Vec<f32> {
-            (0..N).map(|k| rows.iter().map(|row| row[k]).fold(from, f)).collect()
-        };
-        let accessor = json!({
-            "componentType": FLOAT, "count": rows.len(), "type": kind,
-            "min": limit(f32::min, f32::INFINITY), "max": limit(f32::max, f32::NEG_INFINITY),
-        });
-        self.add(rows.iter().flatten().map(|x| x.to_le_bytes()), VERTICES, accessor)
-    }
-}
-
-fn glb(mesh: &Mesh) -> Vec<u8> {
-    let mut buffer = Buffer::default();
-    let corners = json!({ "componentType": UINT, "count": 3 * mesh.faces.len(), "type": "SCALAR" });
-    let indices = buffer.add(mesh.faces.iter().flatten().map(|i| i.to_le_bytes()), INDICES, corners);
-    let positions = buffer.add_floats("VEC3", mesh.vertices.iter().map(|v| v.to_array()).collect());
-    let mut attributes = json!({ "POSITION": positions });
-    for (name, rows) in [("NORMAL", &mesh.normals), ("COLOR_0", &mesh.colors)] {
-        if let Some(rows) = rows {
-            attributes[name] = json!(buffer.add_floats("VEC3", rows.iter().map(|v| v.to_array()).collect()));
-        }
-    }
-    if let Some(uvs) = &mesh.uvs {
-        let uvs = uvs.iter().map(|uv| uv.to_array()).collect();
-        attributes["TEXCOORD_0"] = json!(buffer.add_floats("VEC2", uvs));
-    }
-    let Buffer { bytes, views, accessors } = buffer;
-    let header = json!({
-        "asset": { "version": "2.0", "generator": "dscene" },
-        "scene": 0, "scenes": [{ "nodes": [0] }], "nodes": [{ "mesh": 0 }],
-        "meshes": [{ "primitives": [{ "attributes": attributes, "indices": indices }] }],
-        "buffers": [{ "byteLength": bytes.len() }], "bufferViews": views, "accessors": accessors,
-    });
-    let mut header = header.to_string().into_bytes();
-    // Chunks have multiples of 4 bytes; those of the buffer have them as it is.
-    header.resize(header.len().next_multiple_of(4), b' ');
-    let mut out = b"glTF".to_vec();
-    let length = |n: usize| (n as u32).to_le_bytes();
-    out.extend([length(2), length(12 + 8 + header.len() + 8 + bytes.len())].as_flattened());
-    for (kind, chunk) in [(b"JSON", header), (b"BIN\0", bytes)] {
-        out.extend(length(chunk.len()));
-        out.extend(kind);
-        out.extend(chunk);
-    }
-    out
+/// Nothing fails, or is lost, of a mesh alone.
+fn glb(mesh: &Mesh) -> Option<Vec<u8>> {
+    let part = LoadedPart { mesh: mesh.clone(), ..LoadedPart::default() };
+    let scene = Loaded { parts: vec![part], ..Loaded::default() };
+    encode_scene(&scene, &[]).ok().map(|(bytes, _)| bytes)
 }
 
 #[cfg(test)]

@@ -1,10 +1,12 @@
 //! Reads glTF 2.0 and GLB: the default scene in world space, without animation. Triangles with metallic-roughness materials, morph
 //! targets with their default weights, skins with their joints at rest, lights without area, and cameras. Animations are not read.
+//! `write` writes what is read.
 
 mod accessor;
 mod material;
 mod parse;
 mod skin;
+pub(super) mod write;
 
 use std::collections::HashMap;
 

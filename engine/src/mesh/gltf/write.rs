@@ -1,0 +1,730 @@
+//! Writes scenes as binary glTF (`.glb`): parts with their materials, lights without area, and cameras. What is written is read again as the
+//! same scene; what glTF does not have is told.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use glam::{DMat3, DQuat, DVec3, Vec3};
+use serde_json::{Value, json};
+
+use crate::image::file::{Encoding, encode_wide_png};
+use crate::image::{Image, ImageError, Wrap};
+use crate::mesh::load::{
+    Clear, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
+    LoadedProjection,
+};
+use crate::mesh::reading::Notes;
+
+/// Where the numbers are of: corners of triangles, or vertices.
+const INDICES: u32 = 34963;
+const VERTICES: u32 = 34962;
+/// What they are.
+const UINT: u32 = 5125;
+const FLOAT: u32 = 5126;
+
+/// Lengths have four bytes; some are for the frame around both chunks.
+const MOST_BYTES: usize = u32::MAX as usize - 64;
+
+/// The bytes of a `.glb` file, and sentences about what it does not hold. Fails where an image is too large.
+pub fn encode(scene: &Loaded, cameras: &[LoadedCamera]) -> Result<(Vec<u8>, Vec<String>), ImageError> {
+    let mut writer = Writer::default();
+    for part in &scene.parts {
+        writer.part(part)?;
+    }
+    scene.lights.iter().for_each(|light| writer.light(light));
+    cameras.iter().for_each(|camera| writer.camera(camera));
+    writer.finished()
+}
+
+/// The lists of the file, and what is in their entries.
+#[derive(Default)]
+struct Writer {
+    bytes: Vec<u8>,
+    views: Vec<Value>,
+    accessors: Vec<Value>,
+    images: Vec<Value>,
+    /// Images by their bytes: several materials may have the same.
+    known_images: HashMap<Vec<u8>, usize>,
+    samplers: Vec<Value>,
+    textures: Vec<Value>,
+    materials: Vec<Value>,
+    known_materials: HashMap<*const LoadedMaterial, usize>,
+    meshes: Vec<Value>,
+    lights: Vec<Value>,
+    cameras: Vec<Value>,
+    nodes: Vec<Value>,
+    /// Extensions that the file uses, in the order of their first use.
+    extensions: Vec<&'static str>,
+    notes: Notes,
+}
+
+impl Writer {
+    /// Adds bytes; gives the number of their view.
+    fn view(&mut self, bytes: impl Iterator<Item = u8>) -> usize {
+        let begin = self.bytes.len();
+        self.bytes.extend(bytes);
+        self.views.push(json!({ "buffer": 0, "byteOffset": begin, "byteLength": self.bytes.len() - begin }));
+        // Numbers begin at multiples of their size.
+        self.bytes.resize(self.bytes.len().next_multiple_of(4), 0);
+        self.views.len() - 1
+    }
+
+    /// Adds numbers of four bytes each; gives the number of their accessor.
+    fn numbers(&mut self, numbers: impl Iterator<Item = [u8; 4]>, target: u32, mut accessor: Value) -> usize {
+        let view = self.view(numbers.flatten());
+        self.views[view]["target"] = json!(target);
+        accessor["bufferView"] = json!(view);
+        self.accessors.push(accessor);
+        self.accessors.len() - 1
+    }
+
+    fn floats<const N: usize>(&mut self, kind: &str, rows: impl Iterator<Item = [f32; N]> + Clone) -> usize {
+        let limit = |f: fn(f32, f32) -> f32, from: f32| -> Vec<f32> {
+            (0..N).map(|k| rows.clone().map(|row| row[k]).fold(from, f)).collect()
+        };
+        let accessor = json!({
+            "componentType": FLOAT, "count": rows.clone().count(), "type": kind,
+            "min": limit(f32::min, f32::INFINITY), "max": limit(f32::max, f32::NEG_INFINITY),
+        });
+        self.numbers(rows.flatten().map(f32::to_le_bytes), VERTICES, accessor)
+    }
+
+    fn uses(&mut self, extension: &'static str) -> &'static str {
+        if !self.extensions.contains(&extension) {
+            self.extensions.push(extension);
+        }
+        extension
+    }
+
+    fn node(&mut self, name: &str, mut node: Value) {
+        if !name.is_empty() {
+            node["name"] = json!(name);
+        }
+        self.nodes.push(node);
+    }
+
+    fn part(&mut self, part: &LoadedPart) -> Result<(), ImageError> {
+        let mesh = &part.mesh;
+        let corners = json!({ "componentType": UINT, "count": 3 * mesh.faces.len(), "type": "SCALAR" });
+        let indices = self.numbers(mesh.faces.iter().flatten().map(|i| i.to_le_bytes()), INDICES, corners);
+        let mut attributes = json!({ "POSITION": self.floats("VEC3", mesh.vertices.iter().map(|v| v.to_array())) });
+        for (name, rows) in [("NORMAL", &mesh.normals), ("COLOR_0", &mesh.colors)] {
+            if let Some(rows) = rows {
+                attributes[name] = json!(self.floats("VEC3", rows.iter().map(|v| v.to_array())));
+            }
+        }
+        if let Some(uvs) = &mesh.uvs {
+            attributes["TEXCOORD_0"] = json!(self.floats("VEC2", uvs.iter().map(|uv| uv.to_array())));
+        }
+        let mut primitive = json!({ "attributes": attributes, "indices": indices });
+        if let Some(material) = &part.material {
+            primitive["material"] = json!(self.material(material)?);
+        }
+        self.meshes.push(json!({ "primitives": [primitive] }));
+        self.node(&part.name, json!({ "mesh": self.meshes.len() - 1 }));
+        Ok(())
+    }
+
+    fn material(&mut self, material: &Arc<LoadedMaterial>) -> Result<usize, ImageError> {
+        if let Some(&known) = self.known_materials.get(&Arc::as_ptr(material)) {
+            return Ok(known);
+        }
+        let written = self.written_material(material)?;
+        self.materials.push(written);
+        self.known_materials.insert(Arc::as_ptr(material), self.materials.len() - 1);
+        Ok(self.materials.len() - 1)
+    }
+
+    fn written_material(&mut self, material: &LoadedMaterial) -> Result<Value, ImageError> {
+        let mut pbr = json!({});
+        let (base, alpha) = self.base_color(material)?;
+        let color = base.factor;
+        pbr["baseColorFactor"] = json!([color.x, color.y, color.z, alpha]);
+        if let Some(texture) = base.texture {
+            pbr["baseColorTexture"] = json!({ "index": texture });
+        }
+        let (metallic, roughness, texture) = self.metallic_roughness(material)?;
+        pbr["metallicFactor"] = json!(metallic);
+        pbr["roughnessFactor"] = json!(roughness);
+        if let Some(texture) = texture {
+            pbr["metallicRoughnessTexture"] = json!({ "index": texture });
+        }
+        let mut out = json!({ "pbrMetallicRoughness": pbr, "doubleSided": material.double_sided });
+        if !material.name.is_empty() {
+            out["name"] = json!(material.name);
+        }
+        if let Some(opacity) = &material.opacity {
+            // A mask that has holes and nothing between is drawn without sorting.
+            let is_cut = opacity.image.data.iter().all(|x| *x == 0.0 || *x == 1.0);
+            out["alphaMode"] = json!(if is_cut { "MASK" } else { "BLEND" });
+        }
+        if let Some(normals) = &material.normals {
+            out["normalTexture"] = json!({ "index": self.texture(normals, Encoding::Linear)? });
+        }
+        let mut extensions = json!({});
+        self.emission(material, &mut out, &mut extensions)?;
+        self.surface(material, &mut extensions);
+        if extensions.as_object().is_some_and(|all| !all.is_empty()) {
+            out["extensions"] = extensions;
+        }
+        Ok(out)
+    }
+
+    /// The base colour with the opacity as alpha: glTF has both in one image.
+    fn base_color(&mut self, material: &LoadedMaterial) -> Result<(Scaled, f32), ImageError> {
+        let color = material.base_color_texels();
+        let constant = |image: &LoadedImage| image.image.data.len() == image.image.channels;
+        let (opacity, alpha) = match &material.opacity {
+            Some(opacity) if constant(opacity) => (None, opacity.image.data[0]),
+            other => (other.as_ref(), 1.0),
+        };
+        if opacity.is_none() && constant(&color) {
+            let factor = Vec3::from_slice(&color.image.data);
+            return Ok((Scaled { factor: self.fraction(factor, material), texture: None }, alpha));
+        }
+        let factor = Vec3::splat(1.0).min(largest(&color.image));
+        self.fraction(largest(&color.image), material);
+        let mut columns: Vec<&LoadedImage> = vec![&color];
+        columns.extend(opacity);
+        let joined = self.joined(&columns, material);
+        let texels = scaled(&joined, factor);
+        Ok((Scaled { factor, texture: Some(self.texture(&texels, Encoding::Srgb)?) }, alpha))
+    }
+
+    /// The numbers of metallicity and roughness, and the image that multiplies them: the blue and the green channel.
+    fn metallic_roughness(&mut self, material: &LoadedMaterial) -> Result<(f32, f32, Option<usize>), ImageError> {
+        if material.metallic_image.is_none() && material.roughness_image.is_none() {
+            return Ok((material.metallic, material.roughness, None));
+        }
+        let one = LoadedImage::constant(&[1.0]);
+        let roughness = material.roughness_image.as_ref().unwrap_or(&one);
+        let metallic = material.metallic_image.as_ref().unwrap_or(&one);
+        let joined = self.joined(&[&one, roughness, metallic], material);
+        Ok((material.metallic, material.roughness, Some(self.texture(&joined, Encoding::Linear)?)))
+    }
+
+    fn emission(
+        &mut self,
+        material: &LoadedMaterial,
+        out: &mut Value,
+        extensions: &mut Value,
+    ) -> Result<(), ImageError> {
+        let Some(texels) = material.emissive_texels() else { return Ok(()) };
+        let most = largest(&texels.image);
+        let strength = most.max_element().max(1.0);
+        out["emissiveFactor"] = json!((most / strength).to_array());
+        if texels.image.data.len() > 3 {
+            let texels = scaled(&texels, most);
+            out["emissiveTexture"] = json!({ "index": self.texture(&texels, Encoding::Srgb)? });
+        }
+        if strength > 1.0 {
+            extensions[self.uses("KHR_materials_emissive_strength")] = json!({ "emissiveStrength": strength });
+        }
+        Ok(())
+    }
+
+    /// How the surface reflects what its base does not, and what passes it.
+    fn surface(&mut self, material: &LoadedMaterial, extensions: &mut Value) {
+        if let Some(clear) = material.clear {
+            let (Clear::Body(ior) | Clear::Pane(ior)) = clear;
+            extensions[self.uses("KHR_materials_transmission")] = json!({ "transmissionFactor": 1.0 });
+            extensions[self.uses("KHR_materials_ior")] = json!({ "ior": ior });
+            if let Clear::Body(_) = clear {
+                // Ray tracers find the thickness themselves; that there is one says that this is a body.
+                extensions[self.uses("KHR_materials_volume")] = json!({ "thicknessFactor": 1.0 });
+            }
+        } else if material.specular > 1.0 {
+            let root = (0.04 * material.specular).min(0.99).sqrt();
+            extensions[self.uses("KHR_materials_ior")] = json!({ "ior": (1.0 + root) / (1.0 - root) });
+        } else if material.specular < 1.0 {
+            extensions[self.uses("KHR_materials_specular")] = json!({ "specularFactor": material.specular });
+        }
+    }
+
+    /// A number of glTF that is at most 1.
+    fn fraction(&mut self, factor: Vec3, material: &LoadedMaterial) -> Vec3 {
+        if factor.max_element() > 1.0 {
+            self.notes.about("glTF has no base colours beyond 1", whose(material));
+        }
+        factor.min(Vec3::ONE)
+    }
+
+    /// One image with the channels of several. Where they differ in size, the largest decides, and others are interpolated.
+    fn joined(&mut self, parts: &[&LoadedImage], material: &LoadedMaterial) -> LoadedImage {
+        let size = |part: &LoadedImage| (part.image.width, part.image.height);
+        let varying: Vec<&&LoadedImage> = parts.iter().filter(|part| size(part) != (1, 1)).collect();
+        let Some(first) = varying.iter().max_by_key(|part| part.image.width * part.image.height) else {
+            return parts[0].clone();
+        };
+        let alike = |part: &&&LoadedImage| (part.wrap, part.nearest) == (first.wrap, first.nearest);
+        if !varying.iter().all(alike) {
+            let sentence = "glTF has one image for colour and opacity, and one for metallicity and roughness: both of a pair are \
+                            continued and interpolated as the larger one is";
+            self.notes.about(sentence, whose(material));
+        }
+        let (width, height) = size(first);
+        if varying.iter().any(|part| size(part) != (width, height)) {
+            let sentence = "images of a pair get one size, the larger one: the smaller is interpolated";
+            self.notes.about(sentence, whose(material));
+        }
+        let channels = parts.iter().map(|part| part.image.channels).sum();
+        let mut data = Vec::with_capacity(width * height * channels);
+        for y in 0..height {
+            for x in 0..width {
+                for part in parts {
+                    let uv = [(x as f32 + 0.5) / width as f32, (y as f32 + 0.5) / height as f32];
+                    data.extend((0..part.image.channels).map(|c| looked_up(part, uv, c)));
+                }
+            }
+        }
+        first.with(Image { width, height, channels, data })
+    }
+
+    fn texture(&mut self, loaded: &LoadedImage, encoding: Encoding) -> Result<usize, ImageError> {
+        let png = encode_wide_png(&loaded.image, encoding)?;
+        let image = match self.known_images.get(&png) {
+            Some(&known) => known,
+            None => {
+                let view = self.view(png.iter().copied());
+                self.images.push(json!({ "bufferView": view, "mimeType": "image/png" }));
+                self.known_images.insert(png, self.images.len() - 1);
+                self.images.len() - 1
+            }
+        };
+        let filter = if loaded.nearest { 9728 } else { 9729 };
+        let wrap = match loaded.wrap {
+            Wrap::Repeat => 10497,
+            Wrap::Clamp => 33071,
+            Wrap::Mirror => 33648,
+        };
+        let sampler = json!({ "magFilter": filter, "minFilter": filter, "wrapS": wrap, "wrapT": wrap });
+        let sampler = place(&mut self.samplers, sampler);
+        Ok(place(&mut self.textures, json!({ "sampler": sampler, "source": image })))
+    }
+
+    fn light(&mut self, light: &LoadedLight) {
+        let most = light.intensity.max_element();
+        let color = if most > 0.0 { light.intensity / most } else { Vec3::ONE };
+        let mut out = json!({ "color": color.to_array(), "intensity": most });
+        let kind = match light.kind {
+            LoadedLightKind::Point => "point",
+            LoadedLightKind::Directional => "directional",
+            LoadedLightKind::Spot { beam, cutoff } => {
+                let most = std::f64::consts::FRAC_PI_2;
+                if cutoff > most {
+                    self.notes
+                        .about("cones of light in glTF end at 90° from their axis", named(&light.name, "a spot light"));
+                }
+                out["spot"] = json!({ "innerConeAngle": beam.min(most), "outerConeAngle": cutoff.min(most) });
+                "spot"
+            }
+        };
+        out["type"] = json!(kind);
+        if !light.name.is_empty() {
+            out["name"] = json!(light.name);
+        }
+        self.lights.push(out);
+        let extension = self.uses("KHR_lights_punctual");
+        let mut node = json!({ "extensions": { extension: { "light": self.lights.len() - 1 } } });
+        if light.kind != LoadedLightKind::Directional {
+            node["translation"] = json!(light.position.to_array());
+        }
+        if light.kind != LoadedLightKind::Point {
+            node["rotation"] = json!(DQuat::from_rotation_arc(DVec3::NEG_Z, light.direction).to_array());
+        }
+        self.node(&light.name, node);
+    }
+
+    fn camera(&mut self, camera: &LoadedCamera) {
+        let aspect = camera.aspect.unwrap_or(1.0);
+        // Clipping planes are part of a camera in glTF, and of no camera here: they are put where they cut nothing of most scenes.
+        self.cameras.push(match camera.projection {
+            LoadedProjection::Perspective { fov } => json!({
+                "type": "perspective", "perspective": { "yfov": fov, "aspectRatio": aspect, "znear": 1e-3 },
+            }),
+            LoadedProjection::Orthographic { height } => json!({
+                "type": "orthographic",
+                "orthographic": { "xmag": 0.5 * height * aspect, "ymag": 0.5 * height, "znear": 0.0, "zfar": 1e6 },
+            }),
+        });
+        let axes = DMat3::from_cols(camera.forward.cross(camera.up), camera.up, -camera.forward);
+        let node = json!({
+            "camera": self.cameras.len() - 1, "translation": camera.position.to_array(),
+            "rotation": DQuat::from_mat3(&axes).normalize().to_array(),
+        });
+        self.node(&camera.name, node);
+    }
+
+    fn finished(mut self) -> Result<(Vec<u8>, Vec<String>), ImageError> {
+        let mut root = json!({
+            "asset": { "version": "2.0", "generator": "dscene" },
+            "scene": 0, "scenes": [{ "nodes": (0..self.nodes.len()).collect::<Vec<usize>>() }],
+        });
+        let lights = std::mem::take(&mut self.lights);
+        if !lights.is_empty() {
+            root["extensions"] = json!({ "KHR_lights_punctual": { "lights": lights } });
+        }
+        if !self.extensions.is_empty() {
+            root["extensionsUsed"] = json!(self.extensions);
+        }
+        if !self.bytes.is_empty() {
+            root["buffers"] = json!([{ "byteLength": self.bytes.len() }]);
+        }
+        let lists = [
+            ("nodes", self.nodes),
+            ("meshes", self.meshes),
+            ("materials", self.materials),
+            ("textures", self.textures),
+            ("samplers", self.samplers),
+            ("images", self.images),
+            ("cameras", self.cameras),
+            ("accessors", self.accessors),
+            ("bufferViews", self.views),
+        ];
+        // Lists that are empty are left out, as glTF has it.
+        for (name, list) in lists.into_iter().filter(|(_, list)| !list.is_empty()) {
+            root[name] = Value::Array(list);
+        }
+        let header = root.to_string().into_bytes();
+        if header.len() + self.bytes.len() > MOST_BYTES {
+            return Err(ImageError::Argument("a .glb file holds 4 GB at most".to_owned()));
+        }
+        Ok((file(header, self.bytes), self.notes.sentences()))
+    }
+}
+
+/// The chunks of a `.glb` file.
+fn file(mut header: Vec<u8>, bytes: Vec<u8>) -> Vec<u8> {
+    // Chunks have multiples of 4 bytes; those of the buffer have them as it is.
+    header.resize(header.len().next_multiple_of(4), b' ');
+    let chunks = [(b"JSON", header), (b"BIN\0", bytes)];
+    let chunks = chunks.iter().filter(|(_, chunk)| !chunk.is_empty());
+    let length = |n: usize| (n as u32).to_le_bytes();
+    let mut out = b"glTF".to_vec();
+    out.extend(length(2));
+    out.extend(length(12 + chunks.clone().map(|(_, chunk)| 8 + chunk.len()).sum::<usize>()));
+    for (kind, chunk) in chunks {
+        out.extend(length(chunk.len()));
+        out.extend(*kind);
+        out.extend(chunk);
+    }
+    out
+}
+
+/// A color that an image multiplies.
+struct Scaled {
+    factor: Vec3,
+    texture: Option<usize>,
+}
+
+/// The largest value of each of the first three channels; 1 where that is not positive.
+fn largest(image: &Image) -> Vec3 {
+    let colors = image.data.chunks_exact(image.channels).map(Vec3::from_slice);
+    let most = colors.fold(Vec3::ZERO, Vec3::max);
+    Vec3::select(most.cmpgt(Vec3::ZERO), most, Vec3::ONE)
+}
+
+/// The image that, multiplied by `factor`, is this one; a fourth channel stays.
+fn scaled(loaded: &LoadedImage, factor: Vec3) -> LoadedImage {
+    let image = &loaded.image;
+    let by = |channel: usize| if channel < 3 { factor[channel] } else { 1.0 };
+    let data = image.data.iter().enumerate().map(|(i, x)| x / by(i % image.channels)).collect();
+    loaded.with(Image { data, ..**image })
+}
+
+/// The value of a channel at texture coordinates within [0, 1].
+fn looked_up(loaded: &LoadedImage, [u, v]: [f32; 2], channel: usize) -> f32 {
+    let image = &loaded.image;
+    let (x, y) = (u * image.width as f32 - 0.5, v * image.height as f32 - 0.5);
+    if loaded.nearest {
+        let at = |x: f32, n: usize| (x.round().max(0.0) as usize).min(n - 1);
+        return image.pixel(at(x, image.width), at(y, image.height))[channel];
+    }
+    let continued = |i: i64, n: usize| {
+        let n = n as i64;
+        let at = match loaded.wrap {
+            Wrap::Repeat => i.rem_euclid(n),
+            // Half a texel beyond the border, a mirrored image is its border.
+            Wrap::Clamp | Wrap::Mirror => i.clamp(0, n - 1),
+        };
+        at as usize
+    };
+    let (left, top) = (x.floor(), y.floor());
+    let (right_share, lower_share) = (x - left, y - top);
+    let texel = |dx: i64, dy: i64| {
+        let (x, y) = (continued(left as i64 + dx, image.width), continued(top as i64 + dy, image.height));
+        image.pixel(x, y)[channel]
+    };
+    let row = |dy: i64| texel(0, dy) * (1.0 - right_share) + texel(1, dy) * right_share;
+    row(0) * (1.0 - lower_share) + row(1) * lower_share
+}
+
+/// The place of an entry in a list, to which it is added if it is new.
+fn place(list: &mut Vec<Value>, entry: Value) -> usize {
+    list.iter().position(|known| *known == entry).unwrap_or_else(|| {
+        list.push(entry);
+        list.len() - 1
+    })
+}
+
+fn whose(material: &LoadedMaterial) -> String {
+    named(&material.name, "a material")
+}
+
+fn named(name: &str, or: &str) -> String {
+    if name.is_empty() { or.to_owned() } else { format!("“{name}”") }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use glam::vec3;
+
+    use super::*;
+    use crate::mesh::load::{Wanted, decode_mesh};
+    use crate::mesh::{gltf, shapes};
+
+    fn image(width: usize, height: usize, channels: usize, of: impl Fn(usize, usize) -> f32) -> LoadedImage {
+        let data =
+            (0..width * height).flat_map(|i| (0..channels).map(move |c| (i, c))).map(|(i, c)| of(i, c)).collect();
+        let image = Image { width, height, channels, data };
+        LoadedImage { image: Arc::new(image), wrap: Wrap::Repeat, nearest: false }
+    }
+
+    fn written(materials: Vec<LoadedMaterial>) -> (Loaded, Vec<String>) {
+        let mesh = shapes::cube(1.0).unwrap();
+        let part = |material: LoadedMaterial| LoadedPart {
+            name: format!("{} box", material.name),
+            mesh: mesh.clone(),
+            material: Some(Arc::new(material)),
+        };
+        let scene = Loaded { parts: materials.into_iter().map(part).collect(), ..Loaded::default() };
+        let (bytes, told) = encode(&scene, &[]).unwrap();
+        let read = decode_mesh(&bytes, "glb", Path::new(""), "x", Wanted::Scene).unwrap();
+        assert_eq!(read.warnings, Vec::<String>::new());
+        assert_eq!(read.parts.len(), scene.parts.len());
+        for (read, part) in read.parts.iter().zip(&scene.parts) {
+            assert_eq!(read.name, part.name);
+            compare(read.material.as_ref().unwrap(), part.material.as_ref().unwrap());
+        }
+        (read, told)
+    }
+
+    /// What both look like, to the rounding of 16 bits.
+    fn compare(read: &LoadedMaterial, written: &LoadedMaterial) {
+        let name = &written.name;
+        let same = |a: &LoadedImage, b: &LoadedImage, what: &str| {
+            let (x, y) = (&a.image, &b.image);
+            let is_one = |image: &Image| image.width * image.height == 1;
+            assert!(
+                is_one(y) || (a.wrap, a.nearest) == (b.wrap, b.nearest),
+                "{name}: {what} is looked up in another way"
+            );
+            // What the larger image of a pair decides is looked at where both have texels.
+            for v in 0..x.height {
+                for u in 0..x.width {
+                    let at = (v * y.height / x.height, u * y.width / x.width);
+                    for c in 0..x.channels {
+                        let (p, q) = (x.pixel(u, v)[c], y.pixel(at.1, at.0)[c]);
+                        assert!((p - q).abs() < 1e-4 * (1.0 + q), "{name}: {what} at {u}, {v}: {p} instead of {q}");
+                    }
+                }
+            }
+        };
+        same(&read.base_color_texels(), &written.base_color_texels(), "colour");
+        same(&read.metallic_texels(), &written.metallic_texels(), "metallicity");
+        same(&read.roughness_texels(), &written.roughness_texels(), "roughness");
+        let optional = |a: &Option<LoadedImage>, b: &Option<LoadedImage>, what: &str| match (a, b) {
+            (Some(a), Some(b)) => same(a, b, what),
+            (a, b) => assert_eq!(a, b, "{name}: {what}"),
+        };
+        optional(&read.emissive_texels(), &written.emissive_texels(), "emission");
+        optional(&read.opacity, &written.opacity, "opacity");
+        optional(&read.normals, &written.normals, "normals");
+        assert!(
+            (read.specular - written.specular).abs() < 1e-4 * written.specular.max(1.0) || read.clear.is_some(),
+            "{name}"
+        );
+        assert_eq!((read.clear, read.double_sided, &read.name), (written.clear, written.double_sided, name));
+    }
+
+    fn named(name: &str) -> LoadedMaterial {
+        LoadedMaterial { name: name.to_owned(), ..LoadedMaterial::default() }
+    }
+
+    #[test]
+    fn materials_are_read_as_they_were_written() {
+        let colors = image(3, 2, 3, |i, c| 0.1 + 0.13 * i as f32 + 0.05 * c as f32);
+        let grey = |n| image(n, n, 1, |i, _| (0.15 + 0.17 * i as f32).fract());
+        let nearest = LoadedImage { wrap: Wrap::Clamp, nearest: true, ..grey(2) };
+        let mirrored = |image: LoadedImage| LoadedImage { wrap: Wrap::Mirror, ..image };
+        let cut = image(2, 2, 1, |i, _| (i % 2) as f32);
+        let materials = vec![
+            LoadedMaterial {
+                base_color: vec3(0.2, 0.5, 1.0),
+                metallic: 0.3,
+                roughness: 0.7,
+                specular: 0.4,
+                ..named("a")
+            },
+            LoadedMaterial { base_color_image: Some(colors.clone()), specular: 3.0, double_sided: false, ..named("b") },
+            LoadedMaterial { roughness_image: Some(nearest), metallic: 0.5, ..named("c") },
+            LoadedMaterial { metallic_image: Some(mirrored(grey(3))), metallic: 1.0, roughness: 0.4, ..named("d") },
+            LoadedMaterial {
+                metallic_image: Some(grey(3)),
+                roughness_image: Some(grey(3)),
+                metallic: 1.0,
+                normals: Some(image(2, 1, 3, |i, c| [0.5, 0.4 + 0.1 * i as f32, 0.95][c])),
+                ..named("e")
+            },
+            LoadedMaterial { emissive: vec3(0.5, 12.0, 3.0), ..named("f") },
+            LoadedMaterial { emissive: vec3(4.0, 2.0, 0.5), emissive_image: Some(colors.clone()), ..named("g") },
+            LoadedMaterial { opacity: Some(cut.clone()), base_color: vec3(0.9, 0.1, 0.4), ..named("h") },
+            LoadedMaterial {
+                opacity: Some(grey(3)),
+                base_color_image: Some(image(3, 3, 3, |i, _| 0.1 * i as f32)),
+                ..named("i")
+            },
+            LoadedMaterial { opacity: Some(LoadedImage::constant(&[0.25])), ..named("j") },
+            LoadedMaterial { clear: Some(Clear::Body(1.33)), roughness: 0.0, double_sided: false, ..named("k") },
+            LoadedMaterial {
+                clear: Some(Clear::Pane(1.5)),
+                base_color: vec3(0.3, 0.9, 0.5),
+                roughness: 0.0,
+                ..named("l")
+            },
+        ];
+        let (_, told) = written(materials);
+        assert_eq!(told, Vec::<String>::new());
+    }
+
+    #[test]
+    fn what_does_not_fit_is_told_by_name() {
+        let small = image(2, 2, 1, |i, _| 0.25 * i as f32);
+        let large = image(4, 4, 1, |i, _| 0.5 + 0.25 * (i % 2) as f32);
+        let nearest = |image: LoadedImage| LoadedImage { nearest: true, ..image };
+        let pair = LoadedMaterial {
+            metallic_image: Some(nearest(small.clone())),
+            roughness_image: Some(nearest(large.clone())),
+            metallic: 1.0,
+            ..named("pair")
+        };
+        let (_, told) = written(vec![pair]);
+        assert_eq!(told, ["images of a pair get one size, the larger one: the smaller is interpolated: “pair”"]);
+
+        let bright = LoadedMaterial { base_color: vec3(2.0, 0.5, 0.5), ..named("bright") };
+        let mixed = LoadedMaterial {
+            metallic_image: Some(nearest(large.clone())),
+            roughness_image: Some(large),
+            ..named("mixed")
+        };
+        let part = |material| LoadedPart {
+            material: Some(Arc::new(material)),
+            mesh: shapes::cube(1.0).unwrap(),
+            ..LoadedPart::default()
+        };
+        let wide = LoadedLight {
+            name: String::new(),
+            kind: LoadedLightKind::Spot { beam: 1.0, cutoff: 2.0 },
+            position: DVec3::ZERO,
+            direction: DVec3::X,
+            intensity: Vec3::ONE,
+        };
+        let scene = Loaded { parts: vec![part(bright), part(mixed)], lights: vec![wide], ..Loaded::default() };
+        let (_, told) = encode(&scene, &[]).unwrap();
+        assert_eq!(told.len(), 3, "{told:?}");
+        assert!(told[0].ends_with("beyond 1: “bright”") && told[1].ends_with(": “mixed”"), "{told:?}");
+        assert!(told[2].ends_with("90° from their axis: a spot light"), "{told:?}");
+    }
+
+    #[test]
+    fn lights_and_cameras_stand_where_they_stood() {
+        let tilted = DVec3::new(0.3, -0.8, 0.5).normalize();
+        let light = |name: &str, kind, intensity| LoadedLight {
+            name: name.to_owned(),
+            kind,
+            position: DVec3::new(1.0, 2.0, -3.5),
+            direction: tilted,
+            intensity,
+        };
+        let lights = vec![
+            light("lamp", LoadedLightKind::Point, vec3(20.0, 10.0, 5.0)),
+            light("sun", LoadedLightKind::Directional, vec3(0.0, 0.5, 0.25)),
+            light("cone", LoadedLightKind::Spot { beam: 0.3, cutoff: 0.5 }, Vec3::splat(3.0)),
+            light("dark", LoadedLightKind::Point, Vec3::ZERO),
+        ];
+        let up = (DVec3::Y - tilted * tilted.y).normalize();
+        let camera = |name: &str, projection| LoadedCamera {
+            name: name.to_owned(),
+            position: DVec3::new(-1.0, 4.0, 2.0),
+            forward: tilted,
+            up,
+            projection,
+            aspect: Some(1.5),
+        };
+        let cameras = [
+            camera("eye", LoadedProjection::Perspective { fov: 0.7 }),
+            camera("plan", LoadedProjection::Orthographic { height: 3.0 }),
+        ];
+        let (bytes, told) = encode(&Loaded { lights: lights.clone(), ..Loaded::default() }, &cameras).unwrap();
+        assert_eq!(told, Vec::<String>::new());
+        let read = decode_mesh(&bytes, "glb", Path::new(""), "x", Wanted::Scene).unwrap();
+        assert_eq!(read.warnings, ["the file holds no triangle"]);
+        assert_eq!(read.lights.len(), 4);
+        for (read, light) in read.lights.iter().zip(&lights) {
+            assert_eq!(read.name, light.name);
+            assert!((read.intensity - light.intensity).abs().max_element() < 1e-5, "{read:?}");
+            if light.kind != LoadedLightKind::Directional {
+                assert!((read.position - light.position).length() < 1e-6, "{read:?}");
+            }
+            if light.kind != LoadedLightKind::Point {
+                assert!((read.direction - light.direction).length() < 1e-6, "{read:?}");
+            }
+            match (read.kind, light.kind) {
+                (LoadedLightKind::Spot { beam, cutoff }, LoadedLightKind::Spot { beam: b, cutoff: c }) => {
+                    assert!((beam - b).abs() < 1e-6 && (cutoff - c).abs() < 1e-6, "{read:?}");
+                }
+                (found, kind) => assert_eq!(found, kind),
+            }
+        }
+        let (read, told) = gltf::cameras(&bytes).unwrap();
+        assert_eq!((read.len(), told), (2, Vec::new()));
+        for (read, camera) in read.iter().zip(&cameras) {
+            assert_eq!(read.name, camera.name);
+            let apart = [read.position - camera.position, read.forward - camera.forward, read.up - camera.up];
+            assert!(apart.iter().all(|d| d.length() < 1e-6), "{read:?}");
+            assert!((read.aspect.unwrap() - 1.5).abs() < 1e-6);
+            match (read.projection, camera.projection) {
+                (LoadedProjection::Perspective { fov }, LoadedProjection::Perspective { fov: f }) => {
+                    assert!((fov - f).abs() < 1e-6)
+                }
+                (LoadedProjection::Orthographic { height }, LoadedProjection::Orthographic { height: h }) => {
+                    assert!((height - h).abs() < 1e-6)
+                }
+                (found, projection) => panic!("{found:?} instead of {projection:?}"),
+            }
+        }
+    }
+
+    /// Several materials with one image, and several parts with one material, have it once.
+    #[test]
+    fn what_is_shared_is_written_once() {
+        let colors = image(16, 16, 3, |i, c| (0.37 * (i * 3 + c) as f32).fract());
+        let [a, b] =
+            ["a", "b"].map(|name| Arc::new(LoadedMaterial { base_color_image: Some(colors.clone()), ..named(name) }));
+        let part = |material: &Arc<LoadedMaterial>| LoadedPart {
+            material: Some(material.clone()),
+            mesh: shapes::cube(1.0).unwrap(),
+            ..LoadedPart::default()
+        };
+        let scene = Loaded { parts: vec![part(&a), part(&b), part(&a)], ..Loaded::default() };
+        let (bytes, _) = encode(&scene, &[]).unwrap();
+        let length = u32::from_le_bytes(bytes[12..16].try_into().unwrap()) as usize;
+        let root: Value = serde_json::from_slice(&bytes[20..20 + length]).unwrap();
+        let count = |list: &str| root[list].as_array().unwrap().len();
+        let counts = ["meshes", "materials", "textures", "images", "samplers"].map(count);
+        assert_eq!(counts, [3, 2, 1, 1, 1]);
+        assert_eq!(bytes.len() % 4, 0);
+    }
+}

@@ -1,0 +1,219 @@
+//! Scenes that a script saves for other programs, and what is told of what a file does not hold.
+
+use crate::place::{Place, assert_code, assert_diagnosed, stderr};
+use dscene::mesh::load::{Loaded, LoadedLightKind, Wanted, load, load_cameras};
+
+fn read(place: &Place, name: &str) -> Loaded {
+    load(&place.path(name), Wanted::Scene).unwrap_or_else(|e| panic!("{e}"))
+}
+
+/// A room with all that glTF has.
+const ROOM: &str = r#"
+camera eye { position: [1, 3, 7], look_at: [0, 0.5, 0], fov: 40deg, film: [48, 32] }
+camera plan { kind: orthographic, position: [0, 6, 0], look_at: [0, 0, 0], up: [0, 0, -1], height: 6, film: [32, 32] }
+
+shape floor {
+  mesh: rectangle(width: 8, depth: 8)
+  material: normal_map(diffuse(checkerboard(tiles: 6)), normals: texture([[[0.4 + 0.05 * x, 0.55 - 0.04 * y, 0.95] for x in 0..4] for y in 0..3], wrap: mirror))
+}
+shape balls = [
+  shape(
+    mesh: sphere(radius: 0.5) |> translate([x, 0.5, 0]),
+    material: principled(base_color: [0.8, 0.3, 0.1], metallic: 0.5 + x / 3, roughness: 0.4, specular: 0.7),
+  )
+  for x in [-1, 0.2, 1.4]
+]
+shape painted {
+  mesh: mesh(vertices: [[-3, 0, -2], [-1, 0, -2], [-2, 2, -2]], faces: [[0, 1, 2]], colors: [[1, 0, 0], [0, 1, 0], [0, 0, 1]])
+  material: principled(base_color: vertex_color(), metallic: 0, roughness: 0.5, specular: 0.5)
+}
+shape drop { mesh: icosphere(radius: 0.4) |> translate([0.3, 0.5, 2]), material: dielectric(ior: 1.4) }
+shape window { mesh: rectangle() |> rotate(x: 90deg) |> translate([2.5, 1, 0.5]), material: thin_dielectric(tint: [0.4, 0.9, 0.6]) }
+shape leaf {
+  mesh: rectangle() |> rotate(x: 60deg) |> translate([-2, 1, 1])
+  material: one_sided(mask(diffuse([0.2, 0.6, 0.1]), opacity: texture([[0, 1, 1], [1, 0.3, 1]])))
+}
+shape rail {
+  mesh: cylinder(radius: 0.2) |> translate([1.8, 1, -2])
+  material: conductor(reflectance: [0.9, 0.7, 0.3], roughness: texture([[0.2, 0.6], [0.4, 0.3]], filter: nearest))
+}
+light lamp = area(rectangle() |> flip() |> translate([0, 4, 0]), radiance: [6, 5, 3])
+light strip = light(
+  mesh: rectangle(width: 1, depth: 0.3) |> rotate(x: 90deg) |> translate([0, 2, -2.5]),
+  radiance: texture([[[1, 3, 0.5], [4, 1, 2]]], wrap: clamp),
+  two_sided: true,
+  material: diffuse(0.3),
+)
+light spark = point(position: [-2, 3, 2], intensity: [3, 4, 5])
+light cone = spot(position: [3, 4, 3], direction: [-1, -2, -1], intensity: 20, cutoff: 30deg, beam: 20deg)
+light sun = directional(direction: [1, -3, -1], irradiance: [0.2, 0.15, 0.1])
+"#;
+
+/// What is saved looks the same when it is loaded, from its own cameras.
+#[test]
+fn a_scene_that_was_saved_looks_the_same() {
+    let place = Place::new();
+    let shown = |scene: &str| {
+        format!(
+            "[render(eye, {scene}spp: 64, seed: 3), render(plan, {scene}spp: 64, seed: 4), depth(eye, {scene}spp: 16, seed: 5), \
+             albedo(eye, {scene}spp: 16, seed: 6), normal(plan, {scene}spp: 16, seed: 7)]"
+        )
+    };
+    let saves: String = (0..5).map(|i| format!("save shown[{i}] to \"{i}.exr\"\n")).collect();
+    let script = format!("{ROOM}\nlet shown = {}\n{saves}save [scene, [eye, plan]] to \"room.glb\"\n", shown(""));
+    place.write("a.dscene", script);
+    let output = place.dsl(&["run", "a.dscene", "--out", "run"]);
+    assert_code(&output, 0);
+    assert!(!stderr(&output).contains("simplified"), "{}", stderr(&output));
+
+    // The first two are noisy, and materials of the file are sampled in another way; the others are the same but for rounding.
+    let expected: String = [(0.004, 0.08), (0.005, 0.12), (1e-4, 1e-3), (1e-4, 2e-3), (1e-3, 1e-2)]
+        .iter()
+        .enumerate()
+        .map(|(i, (of_all, of_pixels))| {
+            format!(
+                "let apart{i} = shown[{i}] - load_image(\"run/{i}.exr\")\nlet size{i} = mean(abs(load_image(\"run/{i}.exr\")))\n\
+                 expect abs(mean(apart{i})) < {of_all} * size{i}, \"{i}: {{mean(apart{i})}} of {{size{i}}}\"\n\
+                 expect sqrt(mean(apart{i} * apart{i})) < {of_pixels} * size{i}, \"{i}: {{sqrt(mean(apart{i} * apart{i}))}} of {{size{i}}}\"\n"
+            )
+        })
+        .collect();
+    place.write(
+        "b.dscene",
+        format!(
+            "let room = load_scene(\"run/room.glb\")\n\
+             camera eye = load_cameras(\"run/room.glb\", film: [48, 32])[0]\ncamera plan = load_cameras(\"run/room.glb\", film: [32, 32])[1]\n\
+             let shown = {}\n{expected}",
+            shown("scene: room, ")
+        ),
+    );
+    let output = place.dsl(&["run", "b.dscene", "--out", "again"]);
+    assert_code(&output, 0);
+    assert!(!stderr(&output).contains("warning"), "{}", stderr(&output));
+    let names: Vec<String> = read(&place, "run/room.glb").parts.into_iter().map(|part| part.name).collect();
+    assert_eq!(
+        names,
+        ["floor", "balls 0", "balls 1", "balls 2", "painted", "drop", "window", "leaf", "rail", "lamp", "strip"]
+    );
+    let cameras = load_cameras(&place.path("run/room.glb")).unwrap().0;
+    assert_eq!(cameras.iter().map(|c| &*c.name).collect::<Vec<_>>(), ["eye", "plan"]);
+}
+
+/// Materials that glTF does not have are told with their declarations; what can be kept of them is.
+#[test]
+fn what_a_scene_file_does_not_hold_is_told() {
+    let place = Place::new();
+    place.write(
+        "a.dscene",
+        r#"
+camera eye { position: [0, 1, 5], fov: 40deg, film: [16, 16], aperture: 0.1, focus: 5 }
+camera around { kind: panorama, film: [16, 8] }
+shape pot { mesh: sphere(), material: phong(diffuse: [0.5, 0.2, 0.1], specular: 0.08, roughness: 0.0625) }
+shape cup { mesh: cube() |> translate([3, 0, 0]), material: plastic(diffuse: 0.4, ior: 1.5, roughness: 0.3) }
+shape glossy { mesh: cube() |> translate([6, 0, 0]), material: mirror(0.8) }
+shape gold { mesh: cube() |> translate([9, 0, 0]), material: conductor(eta: 1, k: [1, 2, 3], roughness: 0.2) }
+shape mover { mesh: moving(cube(), cube() |> translate([0, 1, 0])) }
+light sky = constant(1)
+light lamp = area(rectangle() |> translate([0, 5, 0]), radiance: 2, material: diffuse(0.5))
+save [scene, eye, around] to "a.glb"
+"#,
+    );
+    let output = place.dsl(&["run", "a.dscene", "--out", "run"]);
+    assert_code(&output, 0);
+    // Without the frame, and where its lines end.
+    let told = stderr(&output).replace('│', "").split_whitespace().collect::<Vec<_>>().join(" ");
+    let like = |kind: &str| format!("its `{kind}` becomes a metallic-roughness material");
+    for (name, sentence) in [
+        ("pot", &*like("phong")),
+        ("cup", &like("plastic")),
+        ("glossy", &like("mirror")),
+        ("gold", &like("conductor")),
+        ("mover", "what moves stands"),
+        ("sky", "glTF has no environments"),
+        ("lamp", "a material of glTF emits on the sides"),
+        ("eye", "a camera of glTF has no lens"),
+        ("around", "glTF has perspective and orthographic cameras only"),
+    ] {
+        assert!(told.contains(&format!("`{name}`: {sentence}")), "{name}: {told}");
+    }
+    assert_eq!(told.matches("dscene::file::simplified").count(), 1, "{told}");
+    let loaded = read(&place, "run/a.glb");
+    let material = |name: &str| loaded.parts.iter().find(|p| p.name == name).unwrap().material.clone().unwrap();
+    let near = |a: f32, b: f32| (a - b).abs() < 1e-4;
+    let pot = material("pot");
+    assert!(near(pot.roughness, 0.5) && near(pot.specular, 2.0) && near(pot.base_color.x, 0.5), "{pot:?}");
+    let cup = material("cup");
+    assert!(near(cup.specular, 1.0) && near(cup.roughness, 0.3), "{cup:?}");
+    let glossy = material("glossy");
+    assert!(near(glossy.metallic, 1.0) && near(glossy.roughness, 0.0) && near(glossy.base_color.y, 0.8), "{glossy:?}");
+    // |(n − 1 + ik) / (n + 1 + ik)|² with n = 1 is k² / (4 + k²).
+    let gold = material("gold");
+    assert!((gold.base_color - glam::vec3(0.2, 0.5, 9.0 / 13.0)).abs().max_element() < 1e-5, "{gold:?}");
+    assert_eq!(loaded.lights.len(), 0);
+}
+
+/// Parts, and lists of them, are saved by themselves; the scene is that which renderings show, with what libraries declare and the params' values.
+#[test]
+fn parts_of_a_scene_are_saved_too() {
+    let place = Place::new();
+    place.write("things.dscene", "shape stool { mesh: cube() }\nfn two(): scene = scene(shapes: [stool])\n");
+    place.write(
+        "a.dscene",
+        r#"
+import "things.dscene" as things
+param size: scalar = 2
+shape ball { mesh: sphere(radius: size) }
+light lamp = point(position: [0, 5, 0])
+camera eye { film: [8, 8] }
+save ball to "ball.glb"
+save [ball, ball] to "balls.glb"
+save lamp to "lamp.glb"
+save eye to "eye.glb"
+save [sphere(), cube()] to "meshes.glb"
+save scene to "all.glb"
+save scene with { size: 3 } to "large.glb"
+save things.two() to "two.glb"
+expect sum([1 for part in scene.shapes]) == 2
+let extent = mean(scene.shapes[0].mesh.vertices ^ 2)
+expect grad(extent, size) ≈ 2 * extent / size within 0.001%
+expect max(abs(render(eye, scene: scene, seed: 1) - render(eye, seed: 1))) == 0
+"#,
+    );
+    let output = place.dsl(&["run", "a.dscene", "--out", "run"]);
+    assert_code(&output, 0);
+    let parts = |name: &str| read(&place, &format!("run/{name}.glb")).parts;
+    let radius = |name: &str| {
+        let part = parts(name).into_iter().find(|p| p.name == "ball").unwrap();
+        part.mesh.vertices.iter().map(|v| v.length()).fold(0.0, f32::max)
+    };
+    assert!((radius("all") - 2.0).abs() < 1e-5 && (radius("ball") - 2.0).abs() < 1e-5);
+    assert_eq!((parts("balls").len(), parts("meshes").len(), parts("two").len(), parts("all").len()), (2, 2, 1, 2));
+    let largest = parts("large").iter().flat_map(|p| p.mesh.vertices.clone()).map(|v| v.length()).fold(0.0, f32::max);
+    assert!((largest - 3.0).abs() < 1e-5);
+    let lamp = read(&place, "run/lamp.glb");
+    assert_eq!((lamp.parts.len(), lamp.lights.len(), lamp.lights[0].kind), (0, 1, LoadedLightKind::Point));
+    assert_eq!(load_cameras(&place.path("run/eye.glb")).unwrap().0.len(), 1);
+}
+
+#[test]
+fn what_is_no_scene_is_refused() {
+    for (text, code, help) in [
+        ("camera eye { film: [4, 4] }\nsave eye to \"eye.png\"\n", "dscene::file::format", "`save render(eye) to"),
+        ("shape a { mesh: cube() }\nsave a to \"a.obj\"\n", "dscene::file::format", "the endings are: `.glb`"),
+        ("save diffuse() to \"a.glb\"\n", "dscene::type::mismatch", "images, meshes, scenes"),
+        ("save [cube(), 3] to \"a.glb\"\n", "dscene::file::format", "the endings are: `.json`"),
+        ("save scene to \"a.glb\"\n", "dscene::run::scene", "add for instance `shape ball"),
+        (
+            "shape a { mesh: cube() |> scale(sum([1 for part in scene.shapes])) }\nsave scene to \"a.glb\"\n",
+            "dscene::name::cycle",
+            "",
+        ),
+    ] {
+        let place = Place::new();
+        place.write("a.dscene", text);
+        let output = place.dsl(&["run", "a.dscene", "--out", "run"]);
+        assert_diagnosed(&output);
+        let told = stderr(&output);
+        assert!(told.contains(code) && told.contains(help), "{text}: {told}");
+    }
+}
