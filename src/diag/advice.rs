@@ -369,6 +369,7 @@ pub fn function(name: &str) -> Option<&'static str> {
     Some(match name.to_lowercase().as_str() {
         "lambertian" | "lambert" | "matte" => "diffuse",
         "metal" | "roughconductor" | "ggx" => "conductor",
+        "sheen" | "velvet" | "fabric" | "charlie" => "cloth",
         "normalmap" | "normal_texture" | "normals_map" => "normal_map",
         "bumpmap" | "bump_map" | "height_map" => "bump",
         "sun_sky" | "daylight" | "hosek" | "preetham" | "nishita" => "sunsky",

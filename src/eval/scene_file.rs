@@ -10,12 +10,13 @@ use crate::check::hir::DeclId;
 use crate::image::Image;
 use crate::mesh::Mesh;
 use crate::mesh::load::{
-    Clear, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
+    Clear, Fibres, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
     LoadedProjection,
 };
 use crate::natives::value::{
     CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, ShapeValue, Value,
 };
+use crate::render::bsdf::sheen_alpha_of;
 use crate::render::texture::Filter;
 use crate::render::{MaterialKind, Projection};
 use crate::tape::Var;
@@ -275,6 +276,14 @@ impl Writer<'_> {
                 rough(self, &mut out, roughness, |r| r);
                 let ior = self.look(ior, false, name).mean().x;
                 out.specular = ((ior - 1.0) / (ior + 1.0)).powi(2) / 0.04;
+            }
+            MaterialKind::Cloth { diffuse, sheen, roughness } => {
+                colour(self, &mut out, diffuse);
+                let (sheen, roughness) = (self.look(sheen, true, name), self.look(roughness, false, name));
+                if sheen.image.is_some() || roughness.image.is_some() {
+                    self.tell("the means of its `sheen` and its `roughness` are written, and not the images", name);
+                }
+                out.fibres = Some(Fibres { color: sheen.mean(), roughness: sheen_alpha_of(roughness.mean().x).sqrt() });
             }
             MaterialKind::Mirror { reflectance } => {
                 self.tell(&like, name);

@@ -79,7 +79,7 @@ enum Moves {
     Index,
 }
 
-/// Between the roughnesses of the table that `plastic` and `principled` have of their coat.
+/// Between the roughnesses of the tables that `plastic` and `principled` have of their coat, and `cloth` of its sheen.
 const CELL: f32 = 0.05;
 
 #[derive(Clone, Copy, Debug)]
@@ -111,6 +111,7 @@ impl Row {
                 let ior = b.scalar(1.5 + shift(matches!(self.moves, Moves::Index)));
                 MaterialKind::Plastic { diffuse: colour, ior, roughness }
             }
+            "cloth" => MaterialKind::Cloth { diffuse: b.constant(vec3(0.6, 0.3, 0.4)), sheen: colour, roughness },
             "principled" => MaterialKind::Principled {
                 base_color: colour,
                 metallic: b.scalar(0.5),
@@ -153,7 +154,7 @@ impl Row {
     /// Where derivatives are taken: what is read from the coat's table is linear between rows, and has none at a row.
     fn roughness(&self) -> f32 {
         match (self.material, self.moves) {
-            ("plastic" | "principled", Moves::Roughness) => ((self.roughness / CELL).round() + 0.5) * CELL,
+            ("plastic" | "principled" | "cloth", Moves::Roughness) => ((self.roughness / CELL).round() + 0.5) * CELL,
             _ => self.roughness,
         }
     }
@@ -176,7 +177,7 @@ impl Row {
             // A lamp mirrored by a narrow lobe has outlines, which must not move as far as a pixel: weights are another in the next.
             Moves::Tilt if matches!(self.light, Light::Lamp) && self.roughness < 0.3 => 0.0025,
             Moves::Tilt => 0.01,
-            Moves::Roughness if matches!(self.material, "plastic" | "principled") => 0.2 * CELL,
+            Moves::Roughness if matches!(self.material, "plastic" | "principled" | "cloth") => 0.2 * CELL,
             Moves::Roughness => 0.2 * self.roughness.min(0.5),
             Moves::Colour | Moves::Index => 0.05,
         };
@@ -241,4 +242,18 @@ fn lobes_of_all_roughnesses_have_their_derivatives() {
     // factor with the lengths of the lists above).
     let every = percent().map_or(19, |percent| if percent > 1.0 { 5 } else { 1 });
     rows.iter().step_by(every).for_each(Row::check);
+}
+
+/// The sheen over its base: narrow at grazing angles, and all over.
+#[test]
+fn cloth_has_its_derivatives() {
+    let mut rows = Vec::new();
+    for roughness in [0.1, 0.35, 0.8] {
+        for (light, angle) in [(Light::Sky, 5.0), (Light::Lamp, 5.0), (Light::Sky, 80.0), (Light::Lamp, 80.0)] {
+            for moves in [Moves::Tilt, Moves::Roughness, Moves::Colour] {
+                rows.push(Row { material: "cloth", roughness, light, angle, moves });
+            }
+        }
+    }
+    rows.iter().step_by(percent().map_or(5, |_| 1)).for_each(Row::check);
 }

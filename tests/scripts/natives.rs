@@ -283,6 +283,7 @@ const NONE: &[(&str, &[&str])] = &[
             "conductor",
             "phong",
             "plastic",
+            "cloth",
             "mirror",
             "dielectric",
             "thin_dielectric",

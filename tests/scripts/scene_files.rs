@@ -37,6 +37,7 @@ shape rail {
   mesh: cylinder(radius: 0.2) |> translate([1.8, 1, -2])
   material: conductor(reflectance: [0.9, 0.7, 0.3], roughness: texture([[0.2, 0.6], [0.4, 0.3]], filter: nearest))
 }
+shape cushion { mesh: sphere(radius: 0.3) |> translate([-0.5, 0.3, 1.5]), material: cloth(diffuse: [0.3, 0.02, 0.1], sheen: [0.9, 0.6, 0.5], roughness: 0.3) }
 light lamp = area(rectangle() |> flip() |> translate([0, 4, 0]), radiance: [6, 5, 3])
 light strip = light(
   mesh: rectangle(width: 1, depth: 0.3) |> rotate(x: 90deg) |> translate([0, 2, -2.5]),
@@ -93,7 +94,10 @@ fn a_scene_that_was_saved_looks_the_same() {
     let names: Vec<String> = read(&place, "run/room.glb").parts.into_iter().map(|part| part.name).collect();
     assert_eq!(
         names,
-        ["floor", "balls 0", "balls 1", "balls 2", "painted", "drop", "window", "leaf", "rail", "lamp", "strip"]
+        [
+            "floor", "balls 0", "balls 1", "balls 2", "painted", "drop", "window", "leaf", "rail", "cushion", "lamp",
+            "strip"
+        ]
     );
     let cameras = load_cameras(&place.path("run/room.glb")).unwrap().0;
     assert_eq!(cameras.iter().map(|c| &*c.name).collect::<Vec<_>>(), ["eye", "plan"]);

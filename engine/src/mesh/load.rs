@@ -148,6 +148,15 @@ pub enum Clear {
     Pane(f32),
 }
 
+/// The sheen of cloth, as KHR_materials_sheen has it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fibres {
+    /// Linear RGB, from 0 to 1.
+    pub color: Vec3,
+    /// From 0 to 1; the α of the fibres' distribution is its square.
+    pub roughness: f32,
+}
+
 /// A metallic-roughness material. If an input has a texture, the texture multiplies the number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedMaterial {
@@ -178,6 +187,8 @@ pub struct LoadedMaterial {
     pub opacity: Option<LoadedImage>,
     /// If light passes it: then of the other numbers only what is emitted and the base colour of a pane count.
     pub clear: Option<Clear>,
+    /// If it is cloth: then nothing is metallic, and nothing else mirrors.
+    pub fibres: Option<Fibres>,
     /// A normal map as glTF has it, in three channels; y is upwards in the picture.
     pub normals: Option<LoadedImage>,
 }
@@ -198,6 +209,7 @@ impl Default for LoadedMaterial {
             double_sided: true,
             opacity: None,
             clear: None,
+            fibres: None,
             normals: None,
         }
     }

@@ -6,11 +6,12 @@ use std::sync::Arc;
 
 use crate::image::Image;
 use crate::mesh::load::{
-    Clear, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
+    Clear, Fibres, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
     LoadedProjection, Wanted, load, load_cameras,
 };
 use crate::mesh::{Mesh, MeshError};
 use crate::render::MaterialKind;
+use crate::render::bsdf::sheen_roughness_of;
 use crate::render::texture::Filter;
 use crate::stop;
 use crate::tape::{Tensor, Var};
@@ -108,7 +109,8 @@ impl Converter {
             (Some(loaded), Some(Tint::Varying)) => {
                 let mut appearance = (*self.appearance(loaded)).clone();
                 let mut material = (*appearance.material).clone();
-                if let MaterialKind::Principled { base_color, .. } = &mut material.kind
+                if let MaterialKind::Principled { base_color, .. } | MaterialKind::Cloth { diffuse: base_color, .. } =
+                    &mut material.kind
                     && let Input::Texture(texels) = base_color
                 {
                     *base_color = Input::Tinted(texels.clone());
@@ -165,11 +167,19 @@ fn appearance(loaded: &LoadedMaterial) -> Appearance {
         };
         return Appearance { radiance: loaded.emissive_texels().map(texels), two_sided: true, ..plain(material) };
     }
-    let kind = MaterialKind::Principled {
-        base_color: texels(loaded.base_color_texels()),
-        metallic: texels(loaded.metallic_texels()),
-        roughness: texels(loaded.roughness_texels()),
-        specular: Input::Number(Var::from(0.5 * f64::from(loaded.specular))),
+    let base_color = texels(loaded.base_color_texels());
+    let kind = match loaded.fibres {
+        Some(Fibres { color, roughness }) => MaterialKind::Cloth {
+            diffuse: base_color,
+            sheen: Input::Number(Var::constant(Tensor::vector(color.to_array().map(f64::from).to_vec()))),
+            roughness: Input::Number(Var::from(f64::from(sheen_roughness_of(roughness * roughness)))),
+        },
+        None => MaterialKind::Principled {
+            base_color,
+            metallic: texels(loaded.metallic_texels()),
+            roughness: texels(loaded.roughness_texels()),
+            specular: Input::Number(Var::from(0.5 * f64::from(loaded.specular))),
+        },
     };
     let opacity = loaded.opacity.clone().map(texels);
     let normals = loaded.normals.clone().map(texels);

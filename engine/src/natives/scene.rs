@@ -28,6 +28,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("conductor", conductor),
     ("phong", |a| material(a, &MaterialKind::Phong { diffuse: (), specular: (), roughness: () })),
     ("plastic", |a| material(a, &MaterialKind::Plastic { diffuse: (), ior: (), roughness: () })),
+    ("cloth", |a| material(a, &MaterialKind::Cloth { diffuse: (), sheen: (), roughness: () })),
     ("mirror", |a| material(a, &MaterialKind::Mirror { reflectance: () })),
     ("dielectric", |a| material(a, &MaterialKind::Dielectric { ior: () })),
     ("thin_dielectric", |a| material(a, &MaterialKind::ThinDielectric { ior: (), tint: () })),

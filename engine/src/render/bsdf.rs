@@ -7,7 +7,9 @@
 //! Where a shading normal turns away from `wi` (n·wi < 0), `wi` is mirrored at the tangent plane, and no model tests directions against
 //! the geometric normal. So the reflected radiance is continuous where n·wi changes its sign, and needs no boundary term there.
 
+mod albedo;
 mod angles;
+mod cloth;
 mod coat;
 mod conductor;
 mod dielectric;
@@ -17,6 +19,7 @@ mod model;
 mod phong;
 mod plastic;
 mod principled;
+mod sheen;
 
 use std::f32::consts::FRAC_1_PI;
 
@@ -26,6 +29,7 @@ use crate::math::{cosine_hemisphere, cosine_hemisphere_pdf, luminance};
 
 use self::angles::Angles;
 pub use self::angles::DirectionsAdjoint;
+use self::cloth::Cloth;
 use self::conductor::{Conductor, ConductorIor};
 pub use self::dielectric::{Dielectric, d_refract, refract};
 use self::microfacet::{Ggx, Microfacets};
@@ -33,6 +37,7 @@ use self::model::{Inputs, Model};
 use self::phong::Phong;
 use self::plastic::Plastic;
 use self::principled::{MAX_SPECULAR, Principled};
+use self::sheen::Sheen;
 use super::material::{Input, MaterialKind};
 
 /// Least roughness of a Phong lobe: an exponent of twenty million, α = 0.0003. In single precision a narrower lobe cannot be told from a
@@ -54,6 +59,7 @@ pub enum Bsdf {
     ConductorIor(ConductorIor),
     Phong(Phong),
     Plastic(Plastic),
+    Cloth(Cloth),
     Principled(Principled),
 }
 
@@ -66,6 +72,7 @@ macro_rules! with_model {
             Bsdf::ConductorIor($model) => $value,
             Bsdf::Phong($model) => $value,
             Bsdf::Plastic($model) => $value,
+            Bsdf::Cloth($model) => $value,
             Bsdf::Principled($model) => $value,
         }
     };
@@ -185,7 +192,8 @@ impl MaterialKind {
 impl<I> MaterialKind<I> {
     /// Whether a point of such a material can have an attached lobe (see [`Bsdf::is_attached`]).
     pub fn may_be_attached(&self) -> bool {
-        !matches!(self, MaterialKind::Black | MaterialKind::Diffuse { .. }) && !self.is_delta()
+        !matches!(self, MaterialKind::Black | MaterialKind::Diffuse { .. } | MaterialKind::Cloth { .. })
+            && !self.is_delta()
     }
 
     /// Whether a point of such a material may reflect along directions that turn with its normal: a mirror or an attached lobe.
@@ -234,6 +242,11 @@ impl Bsdf {
             MaterialKind::Plastic { diffuse, ior, roughness } => Bsdf::Plastic(Plastic {
                 diffuse: diffuse.clamp(Vec3::ZERO, Vec3::ONE),
                 ior: ior.x.clamp(plastic::INDICES[0], plastic::INDICES[1]),
+                roughness: ggx_roughness(roughness),
+            }),
+            MaterialKind::Cloth { diffuse, sheen, roughness } => Bsdf::Cloth(Cloth {
+                diffuse,
+                sheen: sheen.clamp(Vec3::ZERO, Vec3::ONE),
                 roughness: ggx_roughness(roughness),
             }),
             MaterialKind::Principled { base_color, metallic, roughness, specular } => Bsdf::Principled(Principled {
@@ -510,7 +523,7 @@ impl Bsdf {
         let ci = ci.abs().max(1e-3);
         match self {
             Bsdf::Diffuse { reflectance } => [size(*reflectance), 0.0],
-            _ => with_model!(self, m => [size(m.base_albedo(ci)), size(m.fresnel(ci))], _ => [0.0; 2]),
+            _ => with_model!(self, m => [size(m.base_albedo(ci)), size(m.lobe_albedo(ci))], _ => [0.0; 2]),
         }
     }
 
@@ -531,6 +544,16 @@ impl Bsdf {
 /// The roughness of a GGX lobe with this α.
 pub fn ggx_roughness_of(alpha: f32) -> f32 {
     Ggx::roughness_of(alpha)
+}
+
+/// The α of a sheen of this roughness.
+pub fn sheen_alpha_of(roughness: f32) -> f32 {
+    Sheen::new(roughness).width()
+}
+
+/// The roughness of a sheen with this α.
+pub fn sheen_roughness_of(alpha: f32) -> f32 {
+    Sheen::roughness_of(alpha)
 }
 
 /// A Lambertian BSDF times |cos θo|, at the cosine `co` = n·wo; zero below the surface.

@@ -105,6 +105,15 @@ pub enum MaterialKind<I = Input> {
         /// Of the coat, from 0, polished, to 1; α = roughness².
         roughness: I,
     },
+    /// A Lambertian base under the sheen of upright fibres (Estevez & Kulla 2017), α = 0.07 + 0.93 roughness².
+    Cloth {
+        /// The reflectance of the base without the sheen, RGB in [0, 1].
+        diffuse: I,
+        /// The colour of the sheen, RGB in [0, 1].
+        sheen: I,
+        /// From 0, a sheen at grazing angles only, to 1, at all.
+        roughness: I,
+    },
     /// Perfect specular reflection.
     Mirror {
         /// The share of the light that is reflected, the same at all angles, RGB in [0, 1].
@@ -145,6 +154,7 @@ impl<I> MaterialKind<I> {
             MaterialKind::Conductor { .. } | MaterialKind::ConductorIor { .. } => "conductor",
             MaterialKind::Phong { .. } => "phong",
             MaterialKind::Plastic { .. } => "plastic",
+            MaterialKind::Cloth { .. } => "cloth",
             MaterialKind::Mirror { .. } => "mirror",
             MaterialKind::Dielectric { .. } => "dielectric",
             MaterialKind::ThinDielectric { .. } => "thin_dielectric",
@@ -183,6 +193,11 @@ impl<I> MaterialKind<I> {
             MaterialKind::Plastic { diffuse, ior, roughness } => MaterialKind::Plastic {
                 diffuse: make("diffuse", Color, diffuse)?,
                 ior: make("ior", Index, ior)?,
+                roughness: make("roughness", Fraction, roughness)?,
+            },
+            MaterialKind::Cloth { diffuse, sheen, roughness } => MaterialKind::Cloth {
+                diffuse: make("diffuse", Color, diffuse)?,
+                sheen: make("sheen", Color, sheen)?,
                 roughness: make("roughness", Fraction, roughness)?,
             },
             MaterialKind::Mirror { reflectance } => {

@@ -417,7 +417,8 @@ fn reflected_light_matches_the_dual_number_twin() {
             let found = moving.found(&light, [v.p, turning]);
             twin = twin + through(Some(Part::Specular), turning, found) * density * now;
         }
-        moving.assert_alike(KINDS[kind], value, sums, &hit.terms(ray), twin);
+        let what = || format!("{}, {:?}", KINDS[kind], si.bsdf);
+        moving.assert_alike(&what, value, sums, &hit.terms(ray), twin);
     }
     let ordinary = |kind: usize| matches!(KINDS[kind], "area" | "point");
     let enough = |kind: usize| checked[kind][..4 - usize::from(ordinary(kind))].iter().all(|n| *n > 30);
@@ -477,7 +478,13 @@ fn directions_that_turn_with_a_normal_match_the_dual_number_twin() {
         let ray = d_intersection(&mut out, si, hit.t, adj);
         let seen = moving.radiance(moving.in_map(turning.0));
         let twin = dot(seen, constants(a)) * moving.pass(&crossings, [v.p, turning.0]);
-        moving.assert_alike(["mirrored", "attached"][i % 2], a.dot(radiance) * pass, sums, &hit.terms(ray), twin);
+        moving.assert_alike(
+            &|| ["mirrored", "attached"][i % 2].to_owned(),
+            a.dot(radiance) * pass,
+            sums,
+            &hit.terms(ray),
+            twin,
+        );
     }
     assert!([folded, mirrored, attached, masked].iter().all(|n| *n > 40), "{folded} {mirrored} {attached} {masked}");
 }
@@ -573,7 +580,7 @@ fn first_hits_match_the_dual_number_twin() {
             (out.camera.frame[1], moves[2]),
         ];
         let value = d.dot(channel) * through.weight;
-        moving.assert_alike(&format!("{output:?}"), value, sums, &others, twin);
+        moving.assert_alike(&|| format!("{output:?}"), value, sums, &others, twin);
     }
     assert!(checked.iter().flatten().all(|n| *n > 30), "{checked:?}");
 }

@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use crate::image::file::Encoding;
 use crate::image::{Image, Wrap};
-use crate::mesh::load::{Clear, LoadedImage, LoadedMaterial};
+use crate::mesh::load::{Clear, Fibres, LoadedImage, LoadedMaterial};
 use crate::mesh::reading::Reading;
 
 use super::accessor::Accessors;
@@ -78,6 +78,7 @@ impl Materials {
             double_sided: material.double_sided(),
             opacity: opacity(material, base_color.as_ref(), alpha),
             clear: clear(material, &name, reading),
+            fibres: fibres(material, &name, reading),
             normals,
         };
         if material.unlit() {
@@ -86,7 +87,7 @@ impl Materials {
             (made.base_color, made.metallic, made.specular) = (Vec3::ZERO, 0.0, 0.0);
         }
         if made.clear.is_some() {
-            (made.normals, made.opacity) = (None, None);
+            (made.normals, made.opacity, made.fibres) = (None, None, None);
         }
         let numbers = [made.metallic, made.roughness, made.specular];
         if !(made.base_color.is_finite() && made.emissive.is_finite() && numbers.iter().all(|n| n.is_finite())) {
@@ -187,7 +188,7 @@ fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
             notes.about("colours and images of KHR_materials_specular are left out", name);
         }
     }
-    let known = |name: &str| matches!(name, TRANSMISSION | VOLUME) && transmission(material).is_some();
+    let known = |name: &str| matches!(name, TRANSMISSION | VOLUME) && transmission(material).is_some() || name == SHEEN;
     for extension in material.extensions().into_iter().flat_map(|e| e.keys()).filter(|name| !known(name)) {
         notes.about("extensions of materials are left out", format!("{extension} of {name}"));
     }
@@ -195,6 +196,7 @@ fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
 
 const TRANSMISSION: &str = "KHR_materials_transmission";
 const VOLUME: &str = "KHR_materials_volume";
+const SHEEN: &str = "KHR_materials_sheen";
 
 /// Of a surface that lets most of the light through (KHR_materials_transmission), how much, and whether a body is behind it: its
 /// KHR_materials_volume then has a thickness. (Without one glTF means a thin wall, which does not refract.)
@@ -226,6 +228,33 @@ fn clear(material: &gltf::Material, name: &str, reading: &mut Reading) -> Option
     }
     let ior = Some(material.ior().unwrap_or(1.5).clamp(1.0, 10.0)).filter(|ior| ior.is_finite())?;
     Some(if is_body { Clear::Body(ior) } else { Clear::Pane(ior) })
+}
+
+/// The sheen of cloth, where there is any. What goes with it is reported.
+fn fibres(material: &gltf::Material, name: &str, reading: &mut Reading) -> Option<Fibres> {
+    let sheen = material.extension_value(SHEEN)?;
+    let number = |value: &Value| value.as_f64().map(|x| x.clamp(0.0, 1.0) as f32);
+    let channel = |i: usize| number(&sheen["sheenColorFactor"][i]).unwrap_or(0.0);
+    let color = Vec3::new(channel(0), channel(1), channel(2));
+    if color == Vec3::ZERO {
+        return None;
+    }
+    let mut about = |sentence: &str| {
+        if reading.materials() {
+            reading.notes.about(sentence, name);
+        }
+    };
+    if material.pbr_metallic_roughness().metallic_factor() > 0.0 {
+        about("the sheen of cloth over metal is left out");
+        return None;
+    }
+    if ["sheenColorTexture", "sheenRoughnessTexture"].iter().any(|image| sheen.get(image).is_some()) {
+        about("images of KHR_materials_sheen are left out");
+    }
+    if material.specular().is_none_or(|specular| specular.specular_factor() > 0.0) {
+        about("cloth (KHR_materials_sheen) is matte under its sheen");
+    }
+    Some(Fibres { color, roughness: number(&sheen["sheenRoughnessFactor"]).unwrap_or(0.0) })
 }
 
 /// A normal map whose normals are inclined `scale` times as much.

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use crate::image::file::{Encoding, encode_wide_png};
 use crate::image::{Image, ImageError, Wrap};
 use crate::mesh::load::{
-    Clear, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
+    Clear, Fibres, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
     LoadedProjection,
 };
 use crate::mesh::reading::Notes;
@@ -233,6 +233,10 @@ impl Writer {
                 // Ray tracers find the thickness themselves; that there is one says that this is a body.
                 extensions[self.uses("KHR_materials_volume")] = json!({ "thicknessFactor": 1.0 });
             }
+        } else if let Some(Fibres { color, roughness }) = material.fibres {
+            let sheen = json!({ "sheenColorFactor": color.to_array(), "sheenRoughnessFactor": roughness });
+            extensions[self.uses("KHR_materials_sheen")] = sheen;
+            extensions[self.uses("KHR_materials_specular")] = json!({ "specularFactor": 0.0 });
         } else if material.specular > 1.0 {
             let root = (0.04 * material.specular).min(0.99).sqrt();
             extensions[self.uses("KHR_materials_ior")] = json!({ "ior": (1.0 + root) / (1.0 - root) });
@@ -542,6 +546,7 @@ mod tests {
         optional(&read.emissive_texels(), &written.emissive_texels(), "emission");
         optional(&read.opacity, &written.opacity, "opacity");
         optional(&read.normals, &written.normals, "normals");
+        assert_eq!(read.fibres, written.fibres, "{name}");
         assert!(
             (read.specular - written.specular).abs() < 1e-4 * written.specular.max(1.0) || read.clear.is_some(),
             "{name}"
@@ -595,7 +600,9 @@ mod tests {
                 ..named("l")
             },
         ];
-        let (_, told) = written(materials);
+        let fibres = Some(Fibres { color: vec3(0.9, 0.5, 0.25), roughness: 0.6 });
+        let cloth = LoadedMaterial { fibres, specular: 0.0, base_color: vec3(0.3, 0.02, 0.05), ..named("m") };
+        let (_, told) = written(materials.into_iter().chain([cloth]).collect());
         assert_eq!(told, Vec::<String>::new());
     }
 

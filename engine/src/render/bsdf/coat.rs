@@ -4,12 +4,9 @@
 //! is E(c) = F0 + (F90 − F0) P(c), where P is the directional albedo of a lobe with Fresnel term (1 − wi·h)⁵. What enters at ci and leaves
 //! at co has the weight (1 − E(ci)) (1 − E(co)), which is symmetric, so that the base is reciprocal (Kelemen & Szirmay-Kalos 2001, "A
 //! Microfacet Based Coupled Specular-Matte BRDF Model with Importance Sampling"). P is tabulated by roughness and cosine, and where the
-//! table is not exact its values are too large, never too small, so that no energy is gained. The table is interpolated linearly, so that the
-//! derivative in the roughness jumps where the roughness is a multiple of 1 / 20.
+//! table is not exact its values are too large, never too small, so that no energy is gained.
 
-/// Numbers of cells of the table along the cosine and along the roughness, both of which range from 0 to 1.
-const COSINES: usize = 24;
-const ROUGHNESSES: usize = 20;
+use super::albedo::{Albedo, AlbedoTable};
 
 /// Reflectance of a dielectric at normal incidence and at grazing angles, and its roughness.
 #[derive(Clone, Copy, Debug)]
@@ -25,7 +22,7 @@ pub struct Passed {
     pub i: f32,
     pub o: f32,
     pub mean: f32,
-    albedos: [SchlickAlbedo; 3],
+    albedos: [Albedo; 3],
 }
 
 /// Derivatives in the cosines ci and co, and in the fields of [`Coat`].
@@ -44,14 +41,14 @@ impl Coat {
 
     /// The share of light from the cosine `ci` that passes.
     pub fn passed_at(&self, ci: f32) -> f32 {
-        1.0 - self.albedo(SchlickAlbedo::directional(ci, self.roughness).value)
+        1.0 - self.albedo(SCHLICK.directional(ci, self.roughness).value)
     }
 
     pub fn passed(&self, ci: f32, co: f32) -> Passed {
         let albedos = [
-            SchlickAlbedo::directional(ci, self.roughness),
-            SchlickAlbedo::directional(co, self.roughness),
-            SchlickAlbedo::mean(self.roughness),
+            SCHLICK.directional(ci, self.roughness),
+            SCHLICK.directional(co, self.roughness),
+            SCHLICK.mean(self.roughness),
         ];
         let [i, o, mean] = albedos.map(|p| 1.0 - self.albedo(p.value));
         Passed { i, o, mean, albedos }
@@ -71,67 +68,10 @@ impl Coat {
     }
 }
 
-/// P, the albedo of a lobe with the Fresnel term (1 − wi·h)⁵, and its derivatives.
-#[derive(Clone, Copy, Debug)]
-pub struct SchlickAlbedo {
-    pub value: f32,
-    pub by_c: f32,
-    pub by_roughness: f32,
-}
-
-impl SchlickAlbedo {
-    /// P at the cosine `c`.
-    pub fn directional(c: f32, roughness: f32) -> SchlickAlbedo {
-        let (i, x) = cell(roughness, ROUGHNESSES);
-        let (j, y) = cell(c, COSINES);
-        let [[a, b], [c, d]] = [i, i + 1].map(|i| [TABLE[i][j], TABLE[i][j + 1]]);
-        let (low, high) = (a + (b - a) * y, c + (d - c) * y);
-        SchlickAlbedo {
-            value: low + (high - low) * x,
-            by_c: ((b - a) * (1.0 - x) + (d - c) * x) * COSINES as f32,
-            by_roughness: (high - low) * ROUGHNESSES as f32,
-        }
-    }
-
-    /// The mean 2 ∫ P(c) c dc over the hemisphere.
-    pub fn mean(roughness: f32) -> SchlickAlbedo {
-        let (i, x) = cell(roughness, ROUGHNESSES);
-        let (low, high) = (MEANS[i], MEANS[i + 1]);
-        let by_roughness = (high - low) * ROUGHNESSES as f32;
-        SchlickAlbedo { value: low + (high - low) * x, by_c: 0.0, by_roughness }
-    }
-}
-
-/// The index of the cell of `x` in [0, 1] divided into `cells`, and the position of `x` within it as a fraction.
-fn cell(x: f32, cells: usize) -> (usize, f32) {
-    let x = (x * cells as f32).clamp(0.0, cells as f32);
-    let i = (x as usize).min(cells - 1);
-    (i, x - i as f32)
-}
-
-const MEANS: [f32; ROUGHNESSES + 1] = means();
-
-/// 2 ∫ P c dc for every row, exact for the linear interpolation between its nodes.
-const fn means() -> [f32; ROUGHNESSES + 1] {
-    let mut means = [0.0; ROUGHNESSES + 1];
-    let mut i = 0;
-    while i <= ROUGHNESSES {
-        let mut j = 0;
-        while j < COSINES {
-            let (c, h) = (j as f32 / COSINES as f32, 1.0 / COSINES as f32);
-            let (a, b) = (TABLE[i][j], TABLE[i][j + 1]);
-            means[i] += h * (c * (a + b) + h * (a + 2.0 * b) / 3.0);
-            j += 1;
-        }
-        i += 1;
-    }
-    means
-}
-
-/// P by roughness (rows) and cosine (columns), by quadrature over the visible normals. Nodes are raised where linear interpolation
+/// P, the albedo of a lobe with the Fresnel term (1 − wi·h)⁵, by quadrature over the visible normals. Nodes are raised where linear interpolation
 /// between them would be less than P: by at most 0.024, except in the first column, at a cosine of zero.
 #[rustfmt::skip]
-const TABLE: [[f32; COSINES + 1]; ROUGHNESSES + 1] = [
+pub static SCHLICK: AlbedoTable = AlbedoTable::new([
     [
         1.0, 0.809, 0.6473, 0.5129, 0.4019, 0.311, 0.2373, 0.1783, 0.1317, 0.0954, 0.0675, 0.0466, 0.0312, 0.0202, 0.0126, 0.0074, 0.0041, 0.0021, 0.001, 0.0004, 0.0001, 0.0, 0.0, 0.0, 0.0,
     ],
@@ -195,4 +135,4 @@ const TABLE: [[f32; COSINES + 1]; ROUGHNESSES + 1] = [
     [
         0.0217, 0.0169, 0.0144, 0.0123, 0.0105, 0.0089, 0.0075, 0.0063, 0.0053, 0.0044, 0.0036, 0.003, 0.0025, 0.002, 0.0016, 0.0013, 0.001, 0.0008, 0.0006, 0.0004, 0.0003, 0.0002, 0.0001, 0.0001, 0.0,
     ],
-];
+]);

@@ -34,6 +34,11 @@ pub trait Model: Copy {
         Default::default()
     }
 
+    /// What the microfacets reflect of light from cosine `ci`, about, which decides how samples are split between both parts.
+    fn lobe_albedo(&self, ci: f32) -> Vec3 {
+        self.fresnel(ci)
+    }
+
     /// What the base reflects of light from cosine `ci` into all directions, which decides how samples are split between both parts.
     fn base_albedo(&self, _ci: f32) -> Vec3 {
         Vec3::ZERO

@@ -123,7 +123,8 @@ impl Builder {
     pub fn material(&mut self, rng: &mut Pcg32) -> MaterialKind {
         let [a, b] = from_fn(|_| self.input(rng, false));
         let [c, d, roughness] = from_fn(|_| self.input(rng, true));
-        match rng.next_u32() % 6 {
+        let choice = rng.next_u32();
+        match choice % 6 {
             0 => MaterialKind::Diffuse { reflectance: a },
             1 => MaterialKind::Conductor { reflectance: a, roughness },
             2 => MaterialKind::ConductorIor { eta: a, k: b, roughness },
@@ -138,6 +139,7 @@ impl Builder {
                 self.description.textures[ior].data.iter_mut().for_each(|x| *x += 1.0);
                 MaterialKind::Plastic { diffuse: a, ior: Input::Texture(ior), roughness }
             }
+            _ if (choice / 6).is_multiple_of(2) => MaterialKind::Cloth { diffuse: a, sheen: b, roughness },
             _ => MaterialKind::Principled { base_color: a, metallic: c, roughness, specular: d },
         }
     }
@@ -234,15 +236,22 @@ impl Moving {
     /// Asserts that the adjoints of the scene (`sums`), and others with the directions in which these move, say what the twin does.
     /// All but the twin is in single precision: errors are some 1e-7 of the largest terms, divided by cosines, by distances and by
     /// how narrow a lobe is (its 1 − cos² against α²), which makes up to 3e-5 of them.
-    pub fn assert_alike(&self, what: &str, value: f32, sums: SparseSums, others: &[(Vec3, Vec3)], twin: Number) {
+    pub fn assert_alike(
+        &self,
+        what: &dyn Fn() -> String,
+        value: f32,
+        sums: SparseSums,
+        others: &[(Vec3, Vec3)],
+        twin: Number,
+    ) {
         let of_scene = dense(sums, self.layout.size()).into_iter().zip(&self.tangents).map(|(d, t)| d * t);
         let of_others = others.iter().flat_map(|(d, t)| d.to_array().into_iter().zip(t.to_array()));
         let terms: Vec<f64> = of_scene.chain(of_others.map(|(d, t)| f64::from(d) * f64::from(t))).collect();
         let (found, expected) = (terms.iter().sum::<f64>(), twin.partials[0]);
         let scale = terms.iter().map(|t| t.abs()).sum::<f64>().max(expected.abs());
         let difference = (f64::from(value) - twin.value).abs();
-        assert!(difference <= 1e-4 * twin.value.abs() + 1e-6, "{what}: {value} for {}", twin.value);
-        assert!((found - expected).abs() <= 1e-4 * scale, "{what}: {found} for {expected} of {scale}");
+        assert!(difference <= 1e-4 * twin.value.abs() + 1e-6, "{}: {value} for {}", what(), twin.value);
+        assert!((found - expected).abs() <= 1e-4 * scale, "{}: {found} for {expected} of {scale}", what());
     }
 
     fn number(&self, slot: Slot, i: usize, value: f32) -> Number {
