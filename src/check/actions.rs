@@ -112,8 +112,8 @@ impl Checker<'_> {
             Ty::Num(shape) if shape.len() < 2 => &["json", "csv", "npy", "txt"],
             Ty::Num(_) => &["png", "exr", "hdr", "json", "csv", "npy", "txt"],
             Ty::Image { .. } | Ty::Texture => &["png", "exr", "hdr", "npy", "json", "txt"],
-            Ty::Array(item, _) if **item == Ty::Mesh => &["glb", "json", "txt"],
-            other if is_of_a_scene(other) && *other != Ty::Mesh => &["glb"],
+            Ty::Shape | Ty::Light | Ty::Camera { .. } | Ty::Scene => &["glb"],
+            Ty::Array(..) | Ty::Tuple(_) if is_of_a_scene(saved) => &["glb", "json", "txt"],
             // Several images are an animation.
             Ty::Array(item, _) if matches!(**item, Ty::Image { .. }) => &["apng", "json", "txt"],
             Ty::Angle | Ty::Rotation | Ty::Transform => &["json", "csv", "npy", "txt"],

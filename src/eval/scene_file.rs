@@ -8,11 +8,11 @@ use glam::{DVec3, Vec2, Vec3};
 
 use crate::check::hir::DeclId;
 use crate::image::Image;
-use crate::mesh::Mesh;
 use crate::mesh::load::{
-    Clear, Fibres, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
-    LoadedProjection,
+    Clear, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
+    LoadedProjection, Sheen,
 };
+use crate::mesh::{Mesh, ops};
 use crate::natives::value::{
     CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, ShapeValue, Value,
 };
@@ -283,7 +283,7 @@ impl Writer<'_> {
                 if sheen.image.is_some() || roughness.image.is_some() {
                     self.tell("the means of its `sheen` and its `roughness` are written, and not the images", name);
                 }
-                out.fibres = Some(Fibres { color: sheen.mean(), roughness: sheen_alpha_of(roughness.mean().x).sqrt() });
+                out.sheen = Some(Sheen { color: sheen.mean(), roughness: sheen_alpha_of(roughness.mean().x).sqrt() });
             }
             MaterialKind::Mirror { reflectance } => {
                 self.tell(&like, name);
@@ -426,15 +426,5 @@ fn has_images(material: &LoadedMaterial) -> bool {
 
 /// A mesh without texture coordinates is textured by the barycentric ones of each triangle, which a file can hold for corners of its own.
 fn with_own_coordinates(mesh: &Mesh) -> Mesh {
-    fn corners<T: Copy>(of: &[T], faces: &[[u32; 3]]) -> Vec<T> {
-        faces.iter().flatten().map(|&i| of[i as usize]).collect()
-    }
-    let faces = &mesh.faces;
-    Mesh {
-        vertices: corners(&mesh.vertices, faces),
-        faces: (0..faces.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
-        normals: mesh.normals.as_ref().map(|normals| corners(normals, faces)),
-        uvs: Some([Vec2::ZERO, Vec2::X, Vec2::Y].repeat(faces.len())),
-        colors: mesh.colors.as_ref().map(|colors| corners(colors, faces)),
-    }
+    Mesh { uvs: Some([Vec2::ZERO, Vec2::X, Vec2::Y].repeat(mesh.faces.len())), ..ops::apart(mesh) }
 }

@@ -110,6 +110,12 @@ fn write_scene(value: &Value, names: &Names, path: &Path) -> Result<Option<Lost>
                 .to_owned(),
         });
     };
+    if scene.parts.is_empty() && scene.lights.is_empty() && cameras.is_empty() {
+        return Err(SaveError::Other {
+            message: "there is nothing to save: no mesh, no light that glTF has, and no camera".to_owned(),
+            help: "the file's own scene is `scene`, without parentheses".to_owned(),
+        });
+    }
     let (bytes, more) = crate::mesh::save::encode_scene(&scene, &cameras).map_err(|e| unwritten(e, path))?;
     write_atomically(path, &bytes).map_err(SaveError::Io)?;
     told.extend(more);

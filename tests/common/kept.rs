@@ -1,11 +1,10 @@
 //! Finite differences that are kept: to draw them is most of what a comparison takes, and they change only where a scene does.
 //!
 //! `differences.csv` has one for each row of `derivatives` and of `truth/finite_differences.rs`, and for each element of a case of
-//! `derivatives/slots.rs`, as the long statistics draw them. In brief a
-//! derivative is compared with the one that is kept, which is more precise than what could be drawn in that time; where scene, film, step or
-//! kind of output are others than those it was drawn for, it is drawn. `cargo truth` draws some samples of each, and fails where the renderer
-//! does not give the differences that are kept any more; `DSCENE_TRUTH=2 cargo truth` draws all, as if none were kept. CONTRIBUTING.md says
-//! how they are recorded.
+//! `derivatives/slots.rs`, as the long statistics draw them. In brief a derivative is compared with the one that is kept, which is more precise
+//! than what could be drawn in that time; where scene, film, step or kind of output are others than those it was drawn for, it is drawn.
+//! `cargo truth` draws some samples of each, and fails where the renderer does not give the differences that are kept any more;
+//! `DSCENE_TRUTH=2 cargo truth` draws all, as if none were kept. CONTRIBUTING.md says how they are recorded.
 
 use std::collections::HashMap;
 use std::fs;

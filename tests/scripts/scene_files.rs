@@ -1,7 +1,10 @@
 //! Scenes that a script saves for other programs, and what is told of what a file does not hold.
 
+use dscene::mesh::load::{Loaded, LoadedLightKind, Sheen, Wanted, load, load_cameras};
+use serde_json::json;
+
+use crate::gltf::Builder;
 use crate::place::{Place, assert_code, assert_diagnosed, stderr};
-use dscene::mesh::load::{Loaded, LoadedLightKind, Wanted, load, load_cameras};
 
 fn read(place: &Place, name: &str) -> Loaded {
     load(&place.path(name), Wanted::Scene).unwrap_or_else(|e| panic!("{e}"))
@@ -174,6 +177,7 @@ save [ball, ball] to "balls.glb"
 save lamp to "lamp.glb"
 save eye to "eye.glb"
 save [sphere(), cube()] to "meshes.glb"
+save [eye, eye] to "eyes.json"
 save scene to "all.glb"
 save scene with { size: 3 } to "large.glb"
 save things.two() to "two.glb"
@@ -206,6 +210,8 @@ fn what_is_no_scene_is_refused() {
         ("shape a { mesh: cube() }\nsave a to \"a.obj\"\n", "dscene::file::format", "the endings are: `.glb`"),
         ("save diffuse() to \"a.glb\"\n", "dscene::type::mismatch", "images, meshes, scenes"),
         ("save [cube(), 3] to \"a.glb\"\n", "dscene::file::format", "the endings are: `.json`"),
+        ("shape a { mesh: cube() }\nsave scene() to \"a.glb\"\n", "dscene::run::save", "without parentheses"),
+        ("light sky = constant(1)\nsave scene to \"a.glb\"\n", "dscene::run::save", "there is nothing to save"),
         ("save scene to \"a.glb\"\n", "dscene::run::scene", "add for instance `shape ball"),
         (
             "shape a { mesh: cube() |> scale(sum([1 for part in scene.shapes])) }\nsave scene to \"a.glb\"\n",
@@ -220,4 +226,45 @@ fn what_is_no_scene_is_refused() {
         let told = stderr(&output);
         assert!(told.contains(code) && told.contains(help), "{text}: {told}");
     }
+}
+
+/// The sheen of a file's cloth is read; what goes with it and is not done is told by name.
+#[test]
+fn cloth_of_gltf() {
+    let place = Place::new();
+    let mut file = Builder::new();
+    let pbr = |metallic: f32| json!({"baseColorFactor": [0.2, 0.1, 0.3, 1], "metallicFactor": metallic, "roughnessFactor": 0.9});
+    let cloth = |name: &str, metallic: f32, specular: f32, sheen: serde_json::Value| {
+        json!({"name": name, "pbrMetallicRoughness": pbr(metallic), "extensions": {
+            "KHR_materials_sheen": sheen, "KHR_materials_specular": {"specularFactor": specular}}})
+    };
+    let red = json!({"sheenColorFactor": [0.9, 0.2, 0.1], "sheenRoughnessFactor": 0.5});
+    let mut woven = red.clone();
+    woven["sheenColorTexture"] = json!({"index": 0});
+    file.add("materials", cloth("felt", 0.0, 0.0, red.clone()));
+    file.add("materials", cloth("satin", 0.0, 1.0, red.clone()));
+    file.add("materials", cloth("woven", 0.0, 0.0, woven));
+    file.add("materials", cloth("foil", 1.0, 1.0, red));
+    file.add("materials", cloth("none", 0.0, 0.0, json!({"sheenColorFactor": [0, 0, 0]})));
+    for material in 0..5 {
+        let mesh = file.triangle(json!({}), json!({"material": material}));
+        file.add("nodes", json!({"mesh": mesh, "name": format!("part {material}")}));
+    }
+    file.json["scenes"] = json!([{"nodes": [0, 1, 2, 3, 4]}]);
+    file.json["extensionsRequired"] = json!(["KHR_materials_sheen"]);
+    place.write("a.gltf", file.text());
+    let loaded = read(&place, "a.gltf");
+    let told = [
+        "cloth (KHR_materials_sheen) is matte under its sheen: “satin”",
+        "images of KHR_materials_sheen are left out: “woven”",
+        "the sheen of cloth over metal is left out: “foil”",
+    ];
+    assert_eq!(loaded.warnings, told);
+    let sheen = |i: usize| loaded.parts[i].material.clone().unwrap().sheen;
+    let red = Sheen { color: glam::vec3(0.9, 0.2, 0.1), roughness: 0.5 };
+    assert_eq!([0, 1, 2, 3, 4].map(sheen), [Some(red), Some(red), Some(red), None, None]);
+    // α is 0.25 in the file, and 0.07 + 0.93 roughness² here.
+    place.write("a.dscene", "let felt = load_shapes(\"a.gltf\")[0].material\nprint felt.diffuse, felt.sheen\nexpect felt.roughness ≈ sqrt(0.18 / 0.93) within 0.01%\n");
+    let output = place.dsl(&["run", "a.dscene", "--out", "run"]);
+    assert_code(&output, 0);
 }

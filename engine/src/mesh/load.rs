@@ -150,7 +150,7 @@ pub enum Clear {
 
 /// The sheen of cloth, as KHR_materials_sheen has it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fibres {
+pub struct Sheen {
     /// Linear RGB, from 0 to 1.
     pub color: Vec3,
     /// From 0 to 1; the α of the fibres' distribution is its square.
@@ -188,7 +188,7 @@ pub struct LoadedMaterial {
     /// If light passes it: then of the other numbers only what is emitted and the base colour of a pane count.
     pub clear: Option<Clear>,
     /// If it is cloth: then nothing is metallic, and nothing else mirrors.
-    pub fibres: Option<Fibres>,
+    pub sheen: Option<Sheen>,
     /// A normal map as glTF has it, in three channels; y is upwards in the picture.
     pub normals: Option<LoadedImage>,
 }
@@ -209,7 +209,7 @@ impl Default for LoadedMaterial {
             double_sided: true,
             opacity: None,
             clear: None,
-            fibres: None,
+            sheen: None,
             normals: None,
         }
     }
@@ -286,14 +286,7 @@ impl Loaded {
 
 /// Gives each face its own three vertices with the face's normal, so that a mesh without normals keeps its flat shading.
 fn flatten(mesh: &mut Mesh) {
-    fn gather<T: Copy>(values: &[T], faces: &[[u32; 3]]) -> Vec<T> {
-        faces.iter().flatten().map(|&i| values[i as usize]).collect()
-    }
-    let faces = std::mem::take(&mut mesh.faces);
-    mesh.vertices = gather(&mesh.vertices, &faces);
-    mesh.uvs = mesh.uvs.as_ref().map(|v| gather(v, &faces));
-    mesh.colors = mesh.colors.as_ref().map(|v| gather(v, &faces));
-    mesh.faces = (0..faces.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
+    *mesh = ops::apart(mesh);
     let normal = |c: &[Vec3]| polygon::normal(c).normalize_or(DVec3::Y).as_vec3();
     mesh.normals = Some(mesh.vertices.chunks_exact(3).flat_map(|c| [normal(c); 3]).collect());
 }

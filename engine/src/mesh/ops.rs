@@ -44,6 +44,21 @@ pub fn merge<'a>(parts: impl IntoIterator<Item = &'a Mesh>) -> Result<Mesh, Mesh
     Ok(mesh)
 }
 
+/// The same mesh, each face with three vertices of its own.
+pub fn apart(mesh: &Mesh) -> Mesh {
+    fn corners<T: Copy>(of: &[T], faces: &[[u32; 3]]) -> Vec<T> {
+        faces.iter().flatten().map(|&i| of[i as usize]).collect()
+    }
+    let faces = &mesh.faces;
+    Mesh {
+        vertices: corners(&mesh.vertices, faces),
+        faces: (0..faces.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+        normals: mesh.normals.as_ref().map(|normals| corners(normals, faces)),
+        uvs: mesh.uvs.as_ref().map(|uvs| corners(uvs, faces)),
+        colors: mesh.colors.as_ref().map(|colors| corners(colors, faces)),
+    }
+}
+
 /// Bounding box of the vertices; `None` for a mesh without vertices.
 pub fn bounds(vertices: &[Vec3]) -> Option<(Vec3, Vec3)> {
     let first = *vertices.first()?;

@@ -6,8 +6,8 @@ use std::sync::Arc;
 
 use crate::image::Image;
 use crate::mesh::load::{
-    Clear, Fibres, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
-    LoadedProjection, Wanted, load, load_cameras,
+    Clear, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
+    LoadedProjection, Sheen, Wanted, load, load_cameras,
 };
 use crate::mesh::{Mesh, MeshError};
 use crate::render::MaterialKind;
@@ -168,8 +168,8 @@ fn appearance(loaded: &LoadedMaterial) -> Appearance {
         return Appearance { radiance: loaded.emissive_texels().map(texels), two_sided: true, ..plain(material) };
     }
     let base_color = texels(loaded.base_color_texels());
-    let kind = match loaded.fibres {
-        Some(Fibres { color, roughness }) => MaterialKind::Cloth {
+    let kind = match loaded.sheen {
+        Some(Sheen { color, roughness }) => MaterialKind::Cloth {
             diffuse: base_color,
             sheen: Input::Number(Var::constant(Tensor::vector(color.to_array().map(f64::from).to_vec()))),
             roughness: Input::Number(Var::from(f64::from(sheen_roughness_of(roughness * roughness)))),

@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use crate::image::file::Encoding;
 use crate::image::{Image, Wrap};
-use crate::mesh::load::{Clear, Fibres, LoadedImage, LoadedMaterial};
+use crate::mesh::load::{Clear, LoadedImage, LoadedMaterial, Sheen};
 use crate::mesh::reading::Reading;
 
 use super::accessor::Accessors;
@@ -78,7 +78,7 @@ impl Materials {
             double_sided: material.double_sided(),
             opacity: opacity(material, base_color.as_ref(), alpha),
             clear: clear(material, &name, reading),
-            fibres: fibres(material, &name, reading),
+            sheen: sheen(material, &name, reading),
             normals,
         };
         if material.unlit() {
@@ -87,7 +87,7 @@ impl Materials {
             (made.base_color, made.metallic, made.specular) = (Vec3::ZERO, 0.0, 0.0);
         }
         if made.clear.is_some() {
-            (made.normals, made.opacity, made.fibres) = (None, None, None);
+            (made.normals, made.opacity, made.sheen) = (None, None, None);
         }
         let numbers = [made.metallic, made.roughness, made.specular];
         if !(made.base_color.is_finite() && made.emissive.is_finite() && numbers.iter().all(|n| n.is_finite())) {
@@ -231,7 +231,7 @@ fn clear(material: &gltf::Material, name: &str, reading: &mut Reading) -> Option
 }
 
 /// The sheen of cloth, where there is any. What goes with it is reported.
-fn fibres(material: &gltf::Material, name: &str, reading: &mut Reading) -> Option<Fibres> {
+fn sheen(material: &gltf::Material, name: &str, reading: &mut Reading) -> Option<Sheen> {
     let sheen = material.extension_value(SHEEN)?;
     let number = |value: &Value| value.as_f64().map(|x| x.clamp(0.0, 1.0) as f32);
     let channel = |i: usize| number(&sheen["sheenColorFactor"][i]).unwrap_or(0.0);
@@ -254,7 +254,7 @@ fn fibres(material: &gltf::Material, name: &str, reading: &mut Reading) -> Optio
     if material.specular().is_none_or(|specular| specular.specular_factor() > 0.0) {
         about("cloth (KHR_materials_sheen) is matte under its sheen");
     }
-    Some(Fibres { color, roughness: number(&sheen["sheenRoughnessFactor"]).unwrap_or(0.0) })
+    Some(Sheen { color, roughness: number(&sheen["sheenRoughnessFactor"]).unwrap_or(0.0) })
 }
 
 /// A normal map whose normals are inclined `scale` times as much.

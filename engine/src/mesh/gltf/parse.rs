@@ -11,7 +11,7 @@ use crate::image::file::read_bytes;
 use crate::mesh::reading::{Notes, Reading, without_mark};
 
 /// Supported extensions. Where support is partial, the missing features are reported where they occur.
-const DONE: [&str; 10] = [
+const DONE: [&str; 11] = [
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
@@ -21,6 +21,7 @@ const DONE: [&str; 10] = [
     "KHR_mesh_quantization",
     // These are reported for each material.
     "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_sheen",
     "KHR_materials_transmission",
     "KHR_materials_volume",
 ];

@@ -8,10 +8,11 @@ use glam::{DMat3, DQuat, DVec3, Vec3};
 use serde_json::{Value, json};
 
 use crate::image::file::{Encoding, encode_wide_png};
+use crate::image::filter::resize;
 use crate::image::{Image, ImageError, Wrap};
 use crate::mesh::load::{
-    Clear, Fibres, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
-    LoadedProjection,
+    Clear, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
+    LoadedProjection, Sheen,
 };
 use crate::mesh::reading::Notes;
 
@@ -182,11 +183,10 @@ impl Writer {
             let factor = Vec3::from_slice(&color.image.data);
             return Ok((Scaled { factor: self.fraction(factor, material), texture: None }, alpha));
         }
-        let factor = Vec3::splat(1.0).min(largest(&color.image));
-        self.fraction(largest(&color.image), material);
+        let factor = self.fraction(largest(&color.image), material);
         let mut columns: Vec<&LoadedImage> = vec![&color];
         columns.extend(opacity);
-        let joined = self.joined(&columns, material);
+        let joined = self.joined(&columns, material)?;
         let texels = scaled(&joined, factor);
         Ok((Scaled { factor, texture: Some(self.texture(&texels, Encoding::Srgb)?) }, alpha))
     }
@@ -199,7 +199,7 @@ impl Writer {
         let one = LoadedImage::constant(&[1.0]);
         let roughness = material.roughness_image.as_ref().unwrap_or(&one);
         let metallic = material.metallic_image.as_ref().unwrap_or(&one);
-        let joined = self.joined(&[&one, roughness, metallic], material);
+        let joined = self.joined(&[&one, roughness, metallic], material)?;
         Ok((material.metallic, material.roughness, Some(self.texture(&joined, Encoding::Linear)?)))
     }
 
@@ -233,7 +233,7 @@ impl Writer {
                 // Ray tracers find the thickness themselves; that there is one says that this is a body.
                 extensions[self.uses("KHR_materials_volume")] = json!({ "thicknessFactor": 1.0 });
             }
-        } else if let Some(Fibres { color, roughness }) = material.fibres {
+        } else if let Some(Sheen { color, roughness }) = material.sheen {
             let sheen = json!({ "sheenColorFactor": color.to_array(), "sheenRoughnessFactor": roughness });
             extensions[self.uses("KHR_materials_sheen")] = sheen;
             extensions[self.uses("KHR_materials_specular")] = json!({ "specularFactor": 0.0 });
@@ -253,35 +253,31 @@ impl Writer {
         factor.min(Vec3::ONE)
     }
 
-    /// One image with the channels of several. Where they differ in size, the largest decides, and others are interpolated.
-    fn joined(&mut self, parts: &[&LoadedImage], material: &LoadedMaterial) -> LoadedImage {
+    /// One image with the channels of several. Where they differ in size, the largest decides, and others are enlarged.
+    fn joined(&mut self, parts: &[&LoadedImage], material: &LoadedMaterial) -> Result<LoadedImage, ImageError> {
         let size = |part: &LoadedImage| (part.image.width, part.image.height);
-        let varying: Vec<&&LoadedImage> = parts.iter().filter(|part| size(part) != (1, 1)).collect();
-        let Some(first) = varying.iter().max_by_key(|part| part.image.width * part.image.height) else {
-            return parts[0].clone();
-        };
-        let alike = |part: &&&LoadedImage| (part.wrap, part.nearest) == (first.wrap, first.nearest);
-        if !varying.iter().all(alike) {
+        let first = parts.iter().max_by_key(|part| part.image.width * part.image.height).unwrap_or(&parts[0]);
+        let (width, height) = size(first);
+        // Of what is the same everywhere neither matters.
+        let varying = || parts.iter().filter(|part| size(part) != (1, 1));
+        if !varying().all(|part| (part.wrap, part.nearest) == (first.wrap, first.nearest)) {
             let sentence = "glTF has one image for colour and opacity, and one for metallicity and roughness: both of a pair are \
                             continued and interpolated as the larger one is";
             self.notes.about(sentence, whose(material));
         }
-        let (width, height) = size(first);
-        if varying.iter().any(|part| size(part) != (width, height)) {
+        if varying().any(|part| size(part) != (width, height)) {
             let sentence = "images of a pair get one size, the larger one: the smaller is interpolated";
             self.notes.about(sentence, whose(material));
         }
-        let channels = parts.iter().map(|part| part.image.channels).sum();
-        let mut data = Vec::with_capacity(width * height * channels);
-        for y in 0..height {
-            for x in 0..width {
-                for part in parts {
-                    let uv = [(x as f32 + 0.5) / width as f32, (y as f32 + 0.5) / height as f32];
-                    data.extend((0..part.image.channels).map(|c| looked_up(part, uv, c)));
-                }
-            }
-        }
-        first.with(Image { width, height, channels, data })
+        let enlarged = parts.iter().map(|part| match part.nearest {
+            true => Ok(repeated(&part.image, width, height)),
+            false => resize(&part.image, width, height),
+        });
+        let enlarged = enlarged.collect::<Result<Vec<Image>, ImageError>>()?;
+        let pixels = (0..width * height).flat_map(|i| enlarged.iter().map(move |image| (i, image)));
+        let data = pixels.flat_map(|(i, image)| &image.data[i * image.channels..(i + 1) * image.channels]).copied();
+        let channels = enlarged.iter().map(|image| image.channels).sum();
+        Ok(first.with(Image { width, height, channels, data: data.collect() }))
     }
 
     fn texture(&mut self, loaded: &LoadedImage, encoding: Encoding) -> Result<usize, ImageError> {
@@ -436,31 +432,15 @@ fn scaled(loaded: &LoadedImage, factor: Vec3) -> LoadedImage {
     loaded.with(Image { data, ..**image })
 }
 
-/// The value of a channel at texture coordinates within [0, 1].
-fn looked_up(loaded: &LoadedImage, [u, v]: [f32; 2], channel: usize) -> f32 {
-    let image = &loaded.image;
-    let (x, y) = (u * image.width as f32 - 0.5, v * image.height as f32 - 0.5);
-    if loaded.nearest {
-        let at = |x: f32, n: usize| (x.round().max(0.0) as usize).min(n - 1);
-        return image.pixel(at(x, image.width), at(y, image.height))[channel];
+/// An image of this size in which each pixel is the nearest of another.
+fn repeated(image: &Image, width: usize, height: usize) -> Image {
+    let mut out = Image::new(width, height, image.channels);
+    for y in 0..height {
+        for x in 0..width {
+            out.pixel_mut(x, y).copy_from_slice(image.pixel(x * image.width / width, y * image.height / height));
+        }
     }
-    let continued = |i: i64, n: usize| {
-        let n = n as i64;
-        let at = match loaded.wrap {
-            Wrap::Repeat => i.rem_euclid(n),
-            // Half a texel beyond the border, a mirrored image is its border.
-            Wrap::Clamp | Wrap::Mirror => i.clamp(0, n - 1),
-        };
-        at as usize
-    };
-    let (left, top) = (x.floor(), y.floor());
-    let (right_share, lower_share) = (x - left, y - top);
-    let texel = |dx: i64, dy: i64| {
-        let (x, y) = (continued(left as i64 + dx, image.width), continued(top as i64 + dy, image.height));
-        image.pixel(x, y)[channel]
-    };
-    let row = |dy: i64| texel(0, dy) * (1.0 - right_share) + texel(1, dy) * right_share;
-    row(0) * (1.0 - lower_share) + row(1) * lower_share
+    out
 }
 
 /// The place of an entry in a list, to which it is added if it is new.
@@ -546,7 +526,7 @@ mod tests {
         optional(&read.emissive_texels(), &written.emissive_texels(), "emission");
         optional(&read.opacity, &written.opacity, "opacity");
         optional(&read.normals, &written.normals, "normals");
-        assert_eq!(read.fibres, written.fibres, "{name}");
+        assert_eq!(read.sheen, written.sheen, "{name}");
         assert!(
             (read.specular - written.specular).abs() < 1e-4 * written.specular.max(1.0) || read.clear.is_some(),
             "{name}"
@@ -583,6 +563,7 @@ mod tests {
                 normals: Some(image(2, 1, 3, |i, c| [0.5, 0.4 + 0.1 * i as f32, 0.95][c])),
                 ..named("e")
             },
+            LoadedMaterial { metallic_image: Some(LoadedImage::constant(&[0.3])), metallic: 1.0, ..named("one texel") },
             LoadedMaterial { emissive: vec3(0.5, 12.0, 3.0), ..named("f") },
             LoadedMaterial { emissive: vec3(4.0, 2.0, 0.5), emissive_image: Some(colors.clone()), ..named("g") },
             LoadedMaterial { opacity: Some(cut.clone()), base_color: vec3(0.9, 0.1, 0.4), ..named("h") },
@@ -600,8 +581,8 @@ mod tests {
                 ..named("l")
             },
         ];
-        let fibres = Some(Fibres { color: vec3(0.9, 0.5, 0.25), roughness: 0.6 });
-        let cloth = LoadedMaterial { fibres, specular: 0.0, base_color: vec3(0.3, 0.02, 0.05), ..named("m") };
+        let sheen = Some(Sheen { color: vec3(0.9, 0.5, 0.25), roughness: 0.6 });
+        let cloth = LoadedMaterial { sheen, specular: 0.0, base_color: vec3(0.3, 0.02, 0.05), ..named("m") };
         let (_, told) = written(materials.into_iter().chain([cloth]).collect());
         assert_eq!(told, Vec::<String>::new());
     }
