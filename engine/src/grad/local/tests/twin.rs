@@ -123,8 +123,7 @@ impl Builder {
     pub fn material(&mut self, rng: &mut Pcg32) -> MaterialKind {
         let [a, b] = from_fn(|_| self.input(rng, false));
         let [c, d, roughness] = from_fn(|_| self.input(rng, true));
-        let choice = rng.next_u32();
-        match choice % 6 {
+        match rng.next_u32() % 7 {
             0 => MaterialKind::Diffuse { reflectance: a },
             1 => MaterialKind::Conductor { reflectance: a, roughness },
             2 => MaterialKind::ConductorIor { eta: a, k: b, roughness },
@@ -139,7 +138,7 @@ impl Builder {
                 self.description.textures[ior].data.iter_mut().for_each(|x| *x += 1.0);
                 MaterialKind::Plastic { diffuse: a, ior: Input::Texture(ior), roughness }
             }
-            _ if (choice / 6).is_multiple_of(2) => MaterialKind::Cloth { diffuse: a, sheen: b, roughness },
+            5 => MaterialKind::Cloth { diffuse: a, sheen: b, roughness },
             _ => MaterialKind::Principled { base_color: a, metallic: c, roughness, specular: d },
         }
     }
@@ -480,7 +479,9 @@ impl Vertex {
 
     /// BSDF times cosine towards `wo`, of one part or both.
     pub fn scattered(&self, kind: &MaterialKind, part: Option<Part>, wo: Vector) -> Vector {
-        let cosines = [dot(self.ns, self.wi), dot(self.ns, wo), dot(self.wi, wo)];
+        // Lengths in single precision are off by 1e-7, which makes the half vector of nearly opposite directions wrong by 1e-5.
+        let (wi, unit_wo) = (unit(self.wi), unit(wo));
+        let cosines = [dot(self.ns, wi), dot(self.ns, unit_wo), dot(wi, unit_wo)];
         let [matte, lobe] = twins(kind, cosines, &self.inputs);
         let f = match part {
             Some(Part::Diffuse) => matte,
