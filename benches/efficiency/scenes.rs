@@ -510,10 +510,7 @@ fn mirrors(cases: &mut Vec<Case>) {
                 let mut b = Builder::default();
                 let (reflectance, roughness) = (b.constant(Vec3::ONE), b.scalar(alpha.sqrt()));
                 let glossy = MaterialKind::Conductor { reflectance, roughness };
-                b.add(
-                    floor(Vec3::ZERO, 3.0),
-                    Material { kind: glossy, one_sided: false, opacity: None, normals: None },
-                );
+                b.add(floor(Vec3::ZERO, 3.0), Material::from(glossy));
                 b.add(turned(&shape, Mat3::IDENTITY, vec3(0.2 + t, 1.1, 0.5)), black());
                 let (x, z) = (3.0, 2.9);
                 b.lamp(quad(vec3(x, 0.1, z), vec3(-x, 0.1, z), vec3(-x, 4.0, z), vec3(x, 4.0, z)), WARM);

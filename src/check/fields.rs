@@ -100,8 +100,11 @@ impl Checker<'_> {
         };
         let Callee::Native(id) = call.callee else { return false };
         let native = self.slot(id).name.text.clone();
-        if matches!(native.as_str(), "one_sided" | "mask" | "normal_map" | "moving") {
-            let own = matches!((native.as_str(), name.text.as_str()), ("mask", "opacity") | ("normal_map", "normals"));
+        if matches!(native.as_str(), "one_sided" | "mask" | "normal_map" | "coated" | "moving") {
+            let own = matches!(
+                (native.as_str(), name.text.as_str()),
+                ("mask", "opacity") | ("normal_map", "normals") | ("coated", "coat" | "coat_roughness")
+            );
             return match &call.args[0] {
                 Some(inner) if !own => self.lacks(inner, name, depth - 1),
                 _ => false,
@@ -240,7 +243,7 @@ pub fn fields_of(ty: &Ty) -> Vec<&str> {
         }
         Ty::Shape => vec!["mesh", "material"],
         Ty::Light => all_parts(lights()),
-        Ty::Material => [all_parts(materials()), vec!["opacity", "normals"]].concat(),
+        Ty::Material => [all_parts(materials()), vec!["coat", "coat_roughness", "opacity", "normals"]].concat(),
         Ty::Texture => vec!["texels", "width", "height"],
         Ty::Scene => vec!["shapes", "lights"],
         Ty::Estimate(_) => vec!["mean", "std_error"],

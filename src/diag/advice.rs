@@ -370,6 +370,7 @@ pub fn function(name: &str) -> Option<&'static str> {
         "lambertian" | "lambert" | "matte" => "diffuse",
         "metal" | "roughconductor" | "ggx" => "conductor",
         "sheen" | "velvet" | "fabric" | "charlie" => "cloth",
+        "clearcoat" | "clear_coat" | "coat" | "varnish" | "lacquer" => "coated",
         "normalmap" | "normal_texture" | "normals_map" => "normal_map",
         "bumpmap" | "bump_map" | "height_map" => "bump",
         "sun_sky" | "daylight" | "hosek" | "preetham" | "nishita" => "sunsky",

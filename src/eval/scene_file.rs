@@ -9,7 +9,7 @@ use glam::{DVec3, Vec2, Vec3};
 use crate::check::hir::DeclId;
 use crate::image::Image;
 use crate::mesh::load::{
-    Clear, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
+    Clear, Coat, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
     LoadedProjection, Sheen,
 };
 use crate::mesh::{Mesh, ops};
@@ -150,7 +150,7 @@ impl Writer<'_> {
             // glTF multiplies the base colour by them wherever they are.
             mesh.colors = None;
         }
-        if mesh.uvs.is_none() && has_images(&material) {
+        if mesh.uvs.is_none() && material.has_images() {
             mesh = with_own_coordinates(&mesh);
         }
         self.out.scene.parts.push(LoadedPart { name, mesh, material: Some(material) });
@@ -314,6 +314,15 @@ impl Writer<'_> {
         }
         let opacity = material.opacity.as_ref().map(|opacity| self.look(opacity, false, name).image_of(1));
         let normals = material.normals.as_ref().map(|normals| self.look(normals, true, name).image_of(3));
+        out.coat = material.coat.as_ref().map(|coat| {
+            let (weight, roughness) = (self.look(&coat.weight, false, name), self.look(&coat.roughness, false, name));
+            Coat {
+                weight: weight.constant.x,
+                weight_image: weight.image,
+                roughness: roughness.constant.x,
+                roughness_image: roughness.image,
+            }
+        });
         if out.clear.is_none() {
             (out.opacity, out.normals) = (opacity, normals);
         } else if opacity.is_some() {
@@ -409,19 +418,6 @@ fn is_base(input: &str) -> bool {
 fn reads_colors(material: &MaterialValue) -> bool {
     let reads = |input: &Input| matches!(input, Input::VertexColor | Input::Tinted(_));
     material.inputs().any(|(field, input)| is_base(field.name) && reads(input))
-}
-
-fn has_images(material: &LoadedMaterial) -> bool {
-    let varies = |image: &LoadedImage| image.image.width * image.image.height > 1;
-    let images = [
-        &material.base_color_image,
-        &material.metallic_image,
-        &material.roughness_image,
-        &material.emissive_image,
-        &material.opacity,
-        &material.normals,
-    ];
-    images.into_iter().flatten().any(varies)
 }
 
 /// A mesh without texture coordinates is textured by the barycentric ones of each triangle, which a file can hold for corners of its own.

@@ -5,6 +5,7 @@ use serde_json::{Map, Value as Json, json};
 use crate::check::types::Ty;
 use crate::natives::value::{DeltaLightValue, GradientEntry, Input, LightValue, MaterialValue, MeshValue, Value};
 use crate::natives::{field, fields_of};
+use crate::render::ClearCoat;
 use crate::tape::{Tensor, Var};
 
 /// Elements of an array that are written out.
@@ -194,6 +195,12 @@ fn material(m: &MaterialValue) -> String {
     let inputs: Vec<String> = m.kind.inputs().map(|(field, i)| format!("{}: {}", field.name, input(i))).collect();
     let inner = format!("{}({})", m.kind.name(), inputs.join(", "));
     let inner = if m.one_sided { format!("one_sided({inner})") } else { inner };
+    let inner = match &m.coat {
+        Some(ClearCoat { weight, roughness }) => {
+            format!("coated({inner}, coat: {}, coat_roughness: {})", input(weight), input(roughness))
+        }
+        None => inner,
+    };
     let inner = match &m.normals {
         Some(normals) => format!("normal_map({inner}, normals: {})", input(normals)),
         None => inner,

@@ -179,7 +179,7 @@ fn bent_mirror(
         let strip = dscene::mesh::Mesh { normals: Some(normals), ..mesh(vertices, faces) };
         let reflectance = b.constant(vec3(0.9, 0.8, 0.7));
         let opacity = opacity.map(|opacity| b.scalar(opacity));
-        b.add(strip, Material { kind: MaterialKind::Mirror { reflectance }, one_sided: false, opacity, normals: None });
+        b.add(strip, Material { opacity, ..MaterialKind::Mirror { reflectance }.into() });
         let grey = b.diffuse(vec3(0.6, 0.7, 0.5));
         b.add(floor(Vec3::ZERO, 0.05), grey);
         sky(&mut b, |elevation| 4.0 * ((elevation + 2.0) / 12.0).clamp(0.0, 1.0));
@@ -252,7 +252,7 @@ fn plate_with_normals(
         f(t, &mut vertices, &mut normals);
         let faces = vec![[0, 1, 2], [0, 2, 3]];
         let plate = dscene::mesh::Mesh { normals: Some(normals.to_vec()), ..mesh(vertices.to_vec(), faces) };
-        let material = Material { kind: kind(&mut b), one_sided: false, opacity: None, normals: None };
+        let material = Material::from(kind(&mut b));
         b.add(plate, material);
         let mut ball = dscene::mesh::shapes::icosphere(0.27, 1).unwrap();
         ball.vertices.iter_mut().for_each(|v| *v += vec3(0.5, -0.1, 0.6));

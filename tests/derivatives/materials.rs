@@ -77,9 +77,11 @@ enum Moves {
     Colour,
     /// That of refraction.
     Index,
+    /// The share that a coat covers.
+    Coat,
 }
 
-/// Between the roughnesses of the tables that `plastic` and `principled` have of their coat, and `cloth` of its sheen.
+/// Between the roughnesses of the tables that `plastic`, `principled` and coats have of what they reflect, and `cloth` of its sheen.
 const CELL: f32 = 0.05;
 
 #[derive(Clone, Copy, Debug)]
@@ -118,14 +120,25 @@ impl Row {
                 roughness,
                 specular: b.scalar(0.6),
             },
+            // The roughness is the coat's.
+            "lacquer" => MaterialKind::Principled {
+                base_color: colour,
+                metallic: b.scalar(0.7),
+                roughness: b.scalar(0.42),
+                specular: b.scalar(0.5),
+            },
+            "coated paint" => MaterialKind::Diffuse { reflectance: colour },
+            "coated metal" => MaterialKind::Conductor { reflectance: colour, roughness: b.scalar(0.12) },
             other => panic!("{other}"),
         };
+        let weight = b.scalar(0.6 + shift(matches!(self.moves, Moves::Coat)));
+        let coat = self.is_coated().then_some(ClearCoat { weight, roughness });
         let tilt = shift(matches!(self.moves, Moves::Tilt));
         let mut plate = floor(Vec3::ZERO, 3.0);
         for v in &mut plate.vertices {
             *v = glam::Quat::from_rotation_x(tilt) * *v;
         }
-        b.add(plate, Material::from(kind));
+        b.add(plate, Material { coat, ..Material::from(kind) });
         let (sin, cos) = self.angle.to_radians().sin_cos();
         match self.light {
             Light::Sky => {
@@ -151,10 +164,19 @@ impl Row {
         (b.description, look_at(vec3(0.01, cos, -sin) * 4.0, Vec3::ZERO, 12.0, 8))
     }
 
+    fn is_coated(&self) -> bool {
+        ["lacquer", "coated paint", "coated metal"].contains(&self.material)
+    }
+
+    /// Whether derivatives in the roughness jump where it is that of a row of a table.
+    fn has_table(&self) -> bool {
+        self.is_coated() || ["plastic", "principled", "cloth"].contains(&self.material)
+    }
+
     /// Where derivatives are taken: what is read from the coat's table is linear between rows, and has none at a row.
     fn roughness(&self) -> f32 {
-        match (self.material, self.moves) {
-            ("plastic" | "principled" | "cloth", Moves::Roughness) => ((self.roughness / CELL).round() + 0.5) * CELL,
+        match self.moves {
+            Moves::Roughness if self.has_table() => ((self.roughness / CELL).round() + 0.5) * CELL,
             _ => self.roughness,
         }
     }
@@ -177,16 +199,16 @@ impl Row {
             // A lamp mirrored by a narrow lobe has outlines, which must not move as far as a pixel: weights are another in the next.
             Moves::Tilt if matches!(self.light, Light::Lamp) && self.roughness < 0.3 => 0.0025,
             Moves::Tilt => 0.01,
-            Moves::Roughness if matches!(self.material, "plastic" | "principled" | "cloth") => 0.2 * CELL,
+            Moves::Roughness if self.has_table() => 0.2 * CELL,
             Moves::Roughness => 0.2 * self.roughness.min(0.5),
-            Moves::Colour | Moves::Index => 0.05,
+            Moves::Colour | Moves::Index | Moves::Coat => 0.05,
         };
         // A lobe that only sees light of one brightness is as bright however wide, and nothing is what its derivative may well be. But it
         // is a mean of scores of samples, some 4 / roughness each, of which any that is wrong shows in an eighth. So it is with a plate that
         // looks much the same from everywhere, and is turned.
         let least = match self.moves {
             Moves::Roughness => 0.5 * self.brightness() / f64::from(self.roughness),
-            Moves::Tilt | Moves::Colour | Moves::Index => 0.25 * self.brightness(),
+            Moves::Tilt | Moves::Colour | Moves::Index | Moves::Coat => 0.25 * self.brightness(),
         };
         let plan = Plan { spp, fd_spp: 512, h, least, ..Plan::default() };
         agree(&format!("{self:?}"), &|t| self.build(t), &plan);
@@ -252,6 +274,20 @@ fn cloth_has_its_derivatives() {
         for (light, angle) in [(Light::Sky, 5.0), (Light::Lamp, 5.0), (Light::Sky, 80.0), (Light::Lamp, 80.0)] {
             for moves in [Moves::Tilt, Moves::Roughness, Moves::Colour] {
                 rows.push(Row { material: "cloth", roughness, light, angle, moves });
+            }
+        }
+    }
+    rows.iter().step_by(percent().map_or(5, |_| 1)).for_each(Row::check);
+}
+
+/// A coat over lobes that are wider and narrower than its own, and over none.
+#[test]
+fn coats_have_their_derivatives() {
+    let mut rows = Vec::new();
+    for (material, roughness) in [("lacquer", 0.05), ("coated paint", 0.3), ("coated metal", 0.6)] {
+        for (light, angle) in [(Light::Sky, 5.0), (Light::Lamp, 5.0), (Light::Sky, 75.0), (Light::Lamp, 75.0)] {
+            for moves in [Moves::Tilt, Moves::Roughness, Moves::Colour, Moves::Coat] {
+                rows.push(Row { material, roughness, light, angle, moves });
             }
         }
     }

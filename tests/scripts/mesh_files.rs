@@ -95,6 +95,10 @@ fn materials_mean_what_their_letters_say() {
     assert_eq!(loaded.warnings, Vec::<String>::new());
     let normals = &m.normals.as_ref().unwrap().image;
     assert!(normals.channels == 3 && normals.data.iter().all(|x| (x - 188.0 / 255.0).abs() < 1e-3), "no colours");
+    let (m, loaded) = of("Pc 0.5\nPcr 0.2\n");
+    assert_eq!(loaded.warnings, Vec::<String>::new());
+    assert_eq!(m.coat.map(|coat| (coat.weight, coat.roughness)), Some((0.5, 0.2)));
+    assert_eq!(of("Pc 0\nPcr 0.2\n").0.coat, None);
     // Of glass only the index counts.
     let (m, loaded) = of("illum 7\nNi 1.33\nd 0.1\nnorm half.png\n");
     assert!(m.clear == Some(Clear::Body(1.33)) && m.opacity.is_none() && m.normals.is_none(), "{m:?}");
@@ -106,10 +110,10 @@ fn materials_mean_what_their_letters_say() {
 fn what_a_material_asks_for_in_vain_is_told_by_name() {
     let place = Place::new();
     place.write("dot.png", dot(&[1.0, 0.0, 0.0]));
-    let mtl = "newmtl m\nmap_Bump -bm 2 dot.png\nillum 7\nmap_Kd -mm 0 2 dot.png\nmap_Ke gone.png\nPc 0.5\n";
+    let mtl = "newmtl m\nmap_Bump -bm 2 dot.png\nillum 7\nmap_Kd -mm 0 2 dot.png\nmap_Ke gone.png\nPs 0.5\n";
     let (_, loaded) = material(&place, mtl);
     let expected = [
-        "parts of materials are left out: map_Bump of “m”, `-mm` of map_Kd of “m”, Pc of “m”",
+        "parts of materials are left out: map_Bump of “m”, `-mm` of map_Kd of “m”, Ps of “m”",
         "glass (`illum` 4, 6, 7 and 9) without a refractive index (`Ni`) above 1 is rendered as an opaque surface: “m”",
         "image “gone.png” of material “m”: there is no such file or folder",
     ];

@@ -1,6 +1,7 @@
 //! Scenes that a script saves for other programs, and what is told of what a file does not hold.
 
-use dscene::mesh::load::{Loaded, LoadedLightKind, Sheen, Wanted, load, load_cameras};
+use dscene::image::file::encode_bytes;
+use dscene::mesh::load::{Coat, Loaded, LoadedLightKind, Sheen, Wanted, load, load_cameras};
 use serde_json::json;
 
 use crate::gltf::Builder;
@@ -41,6 +42,10 @@ shape rail {
   material: conductor(reflectance: [0.9, 0.7, 0.3], roughness: texture([[0.2, 0.6], [0.4, 0.3]], filter: nearest))
 }
 shape cushion { mesh: sphere(radius: 0.3) |> translate([-0.5, 0.3, 1.5]), material: cloth(diffuse: [0.3, 0.02, 0.1], sheen: [0.9, 0.6, 0.5], roughness: 0.3) }
+shape lacquered {
+  mesh: sphere(radius: 0.3) |> translate([0.9, 0.3, 1.4])
+  material: coated(principled(base_color: [0.5, 0.02, 0.05], metallic: 0.8, roughness: 0.5), coat: texture([[1, 0.4], [0.6, 0.8]]), coat_roughness: 0.3)
+}
 light lamp = area(rectangle() |> flip() |> translate([0, 4, 0]), radiance: [6, 5, 3])
 light strip = light(
   mesh: rectangle(width: 1, depth: 0.3) |> rotate(x: 90deg) |> translate([0, 2, -2.5]),
@@ -98,7 +103,18 @@ fn a_scene_that_was_saved_looks_the_same() {
     assert_eq!(
         names,
         [
-            "floor", "balls 0", "balls 1", "balls 2", "painted", "drop", "window", "leaf", "rail", "cushion", "lamp",
+            "floor",
+            "balls 0",
+            "balls 1",
+            "balls 2",
+            "painted",
+            "drop",
+            "window",
+            "leaf",
+            "rail",
+            "cushion",
+            "lacquered",
+            "lamp",
             "strip"
         ]
     );
@@ -265,6 +281,60 @@ fn cloth_of_gltf() {
     assert_eq!([0, 1, 2, 3, 4].map(sheen), [Some(red), Some(red), Some(red), None, None]);
     // α is 0.25 in the file, and 0.07 + 0.93 roughness² here.
     place.write("a.dscene", "let felt = load_shapes(\"a.gltf\")[0].material\nprint felt.diffuse, felt.sheen\nexpect felt.roughness ≈ sqrt(0.18 / 0.93) within 0.01%\n");
+    let output = place.dsl(&["run", "a.dscene", "--out", "run"]);
+    assert_code(&output, 0);
+}
+
+/// The clear coat of a file's material is read with its images; its own normals are told by name.
+#[test]
+fn coats_of_gltf() {
+    let place = Place::new();
+    let mut file = Builder::new();
+    // Red says where the coat is, green how rough it is.
+    place.write("worn.png", encode_bytes(2, 1, 3, &[255, 51, 230, 102, 255, 25]).unwrap());
+    file.add("images", json!({"uri": "worn.png"}));
+    file.add("textures", json!({"source": 0}));
+    let coat = |name: &str, metallic: f32, coat: serde_json::Value| {
+        json!({"name": name, "pbrMetallicRoughness": {"metallicFactor": metallic, "roughnessFactor": 0.4},
+               "extensions": {"KHR_materials_clearcoat": coat}})
+    };
+    let image = json!({"index": 0});
+    file.add("materials", coat("lacquer", 1.0, json!({"clearcoatFactor": 0.8, "clearcoatRoughnessFactor": 0.1})));
+    file.add(
+        "materials",
+        coat(
+            "worn",
+            0.0,
+            json!({"clearcoatFactor": 0.5, "clearcoatTexture": image.clone(),
+        "clearcoatRoughnessFactor": 1, "clearcoatRoughnessTexture": image.clone()}),
+        ),
+    );
+    file.add("materials", coat("orange", 0.0, json!({"clearcoatFactor": 1, "clearcoatNormalTexture": image})));
+    file.add("materials", coat("none", 0.0, json!({"clearcoatRoughnessFactor": 0.3})));
+    for material in 0..4 {
+        let uvs = file.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
+        let mesh = file.triangle(json!({"TEXCOORD_0": uvs}), json!({"material": material}));
+        file.add("nodes", json!({"mesh": mesh, "name": format!("part {material}")}));
+    }
+    file.json["scenes"] = json!([{"nodes": [0, 1, 2, 3]}]);
+    file.json["extensionsRequired"] = json!(["KHR_materials_clearcoat"]);
+    place.write("a.gltf", file.text());
+    let loaded = read(&place, "a.gltf");
+    let told =
+        "a clear coat has the normals of what is under it: its own (clearcoatNormalTexture) are left out: “orange”";
+    assert_eq!(loaded.warnings, [told]);
+    let coat = |i: usize| loaded.parts[i].material.as_ref().unwrap().coat.clone();
+    let plain = |weight, roughness| Some(Coat { weight, weight_image: None, roughness, roughness_image: None });
+    assert_eq!([0, 2, 3].map(coat), [plain(0.8, 0.1), plain(1.0, 0.0), None]);
+    let worn = coat(1).unwrap();
+    let near = |image: &[f32], expected: [f32; 2]| image.iter().zip(expected).all(|(a, b)| (a - b).abs() < 0.003);
+    assert!(near(&worn.weight_texels().image.data, [0.5, 0.2]), "{worn:?}");
+    assert!(near(&worn.roughness_texels().image.data, [0.2, 1.0]), "{worn:?}");
+    place.write(
+        "a.dscene",
+        "let parts = load_shapes(\"a.gltf\")\nlet lacquer = parts[0].material\nexpect lacquer.coat ≈ 0.8 within 0.01%\n\
+         expect lacquer.coat_roughness ≈ 0.1 within 0.01%\nprint lacquer, parts[1].material.coat\n",
+    );
     let output = place.dsl(&["run", "a.dscene", "--out", "run"]);
     assert_code(&output, 0);
 }

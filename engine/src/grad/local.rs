@@ -12,7 +12,7 @@ use crate::render::film::first_hit;
 use crate::render::interaction::{SurfaceInteraction, d_terminator, terminator};
 use crate::render::light::{LightKind, LightSample};
 use crate::render::mask::{MaskCrossing, MaskWeight};
-use crate::render::{Camera, Input, MAX_INPUTS, Output, Quantity};
+use crate::render::{Camera, Input, InputField, MAX_INPUTS, MODEL_INPUTS, Output, Quantity};
 
 /// Adjoints of the numbers of one surface interaction.
 #[derive(Clone, Copy, Debug, Default)]
@@ -277,17 +277,21 @@ fn barycentric_gradient(out: &Adjoints, prim: PrimId, d_b: [f32; 3]) -> Vec3 {
 
 /// Adjoint of a material's inputs at a vertex.
 pub fn d_inputs(out: &mut Adjoints, si: &SurfaceInteraction, d: &[Vec3; MAX_INPUTS], adj: &mut VertexAdjoint) {
-    let kind = &out.scene.description.shapes[si.shape as usize].material.kind;
-    let mut d = d.iter();
-    // This runs for every vertex of every path: `inputs` would write down all fields first.
-    kind.map(|field, input| {
-        let d = d.next().copied().unwrap_or_default();
+    let material = &out.scene.description.shapes[si.shape as usize].material;
+    let mut add = |field: InputField, input: Input, d: Vec3| {
         let d = if field.quantity == Quantity::Color { d } else { Vec3::X * d.x };
         if d != Vec3::ZERO {
-            let d_b = out.input(*input, si.prim, si.b, d, true);
+            let d_b = out.input(input, si.prim, si.b, d, true);
             adj.add_b(d_b);
         }
-    });
+    };
+    // This runs for every vertex of every path: `inputs` would write down all fields first.
+    let mut of_model = d.iter();
+    material.kind.map(|field, input| add(field, *input, of_model.next().copied().unwrap_or_default()));
+    if let Some(coat) = &material.coat {
+        let mut of_coat = d[MODEL_INPUTS..].iter();
+        coat.map(|field, input| add(field, *input, of_coat.next().copied().unwrap_or_default()));
+    }
 }
 
 /// Adjoint of emission at the hit of a ray with a fixed direction (camera rays, mirrors).

@@ -83,7 +83,7 @@ impl Layout {
                 .shapes
                 .iter()
                 .enumerate()
-                .any(|(i, shape)| (turns[i] || turns_normals(i)) && shape.material.kind.may_follow_normals()),
+                .any(|(i, shape)| (turns[i] || turns_normals(i)) && shape.material.may_follow_normals()),
             turns,
         };
         let mut start = 0;

@@ -157,6 +157,31 @@ pub struct Sheen {
     pub roughness: f32,
 }
 
+/// A clear coat over a material, as KHR_materials_clearcoat has it. If a number has a texture, the texture multiplies it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Coat {
+    /// How much of the surface it covers, from 0 to 1.
+    pub weight: f32,
+    /// One channel.
+    pub weight_image: Option<LoadedImage>,
+    /// From 0 (smooth) to 1. The α of the microfacet distribution is its square.
+    pub roughness: f32,
+    /// One channel.
+    pub roughness_image: Option<LoadedImage>,
+}
+
+impl Coat {
+    /// How much it covers as a texture of one channel, already multiplied by the number.
+    pub fn weight_texels(&self) -> LoadedImage {
+        texels(self.weight_image.as_ref(), &[self.weight])
+    }
+
+    /// Roughness as a texture of one channel.
+    pub fn roughness_texels(&self) -> LoadedImage {
+        texels(self.roughness_image.as_ref(), &[self.roughness])
+    }
+}
+
 /// A metallic-roughness material. If an input has a texture, the texture multiplies the number.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedMaterial {
@@ -189,6 +214,8 @@ pub struct LoadedMaterial {
     pub clear: Option<Clear>,
     /// If it is cloth: then nothing is metallic, and nothing else mirrors.
     pub sheen: Option<Sheen>,
+    /// What lies over it; over what light passes nothing does.
+    pub coat: Option<Coat>,
     /// A normal map as glTF has it, in three channels; y is upwards in the picture.
     pub normals: Option<LoadedImage>,
 }
@@ -210,6 +237,7 @@ impl Default for LoadedMaterial {
             opacity: None,
             clear: None,
             sheen: None,
+            coat: None,
             normals: None,
         }
     }
@@ -217,11 +245,12 @@ impl Default for LoadedMaterial {
 
 impl LoadedMaterial {
     /// Whether texture coordinates mean something to it.
-    fn has_images(&self) -> bool {
+    pub fn has_images(&self) -> bool {
         let images =
             [&self.base_color_image, &self.metallic_image, &self.roughness_image, &self.emissive_image, &self.opacity];
         let varies = |loaded: &LoadedImage| loaded.image.width * loaded.image.height > 1;
-        self.normals.is_some() || images.into_iter().flatten().any(varies)
+        let of_coat = self.coat.iter().flat_map(|coat| [&coat.weight_image, &coat.roughness_image]);
+        self.normals.is_some() || images.into_iter().chain(of_coat).flatten().any(varies)
     }
 
     /// Base colour as a texture of three channels, already multiplied by the number; of size 1×1 if the file has no image.

@@ -14,7 +14,7 @@ use glam::{Vec2, Vec3, vec2};
 use crate::image::file::{Encoding, is_file, read_bytes};
 use crate::image::{Image, Wrap};
 
-use super::load::{Clear, LoadedImage, LoadedMaterial};
+use super::load::{Clear, Coat, LoadedImage, LoadedMaterial};
 use super::reading::{Reading, lines, text_of, without_mark};
 
 /// Transformation of a material's texture coordinates: they are scaled, then translated.
@@ -53,6 +53,8 @@ struct Mtl {
     roughness: Option<f32>,
     metallic: Option<f32>,
     index: Option<f32>,
+    coat: Option<f32>,
+    coat_roughness: Option<f32>,
     opacity: Option<f32>,
     transparency: Option<f32>,
     illumination: Option<i32>,
@@ -191,7 +193,9 @@ impl Mtl {
             "ka" | "map_ka" | "map_aat" | "sharpness" => {}
             // These matter only for transparent materials, which `illum` reports.
             "tf" => drop(color(rest)?),
-            "ps" | "pc" | "pcr" | "aniso" | "anisor" => {
+            "pc" => self.coat = Some(number(rest)?),
+            "pcr" => self.coat_roughness = Some(number(rest)?),
+            "ps" | "aniso" | "anisor" => {
                 if number(rest)? != 0.0 {
                     self.left_out.push(word.to_string());
                 }
@@ -314,6 +318,12 @@ impl Mtl {
         };
         let from_exponent = |ns: f32| (2.0 / (ns.clamp(0.0, 1e8) + 2.0)).powf(0.25);
         let clear = self.clear();
+        let coat = self.coat.map(unit).filter(|weight| clear.is_none() && *weight > 0.0).map(|weight| Coat {
+            weight,
+            weight_image: None,
+            roughness: unit(self.coat_roughness.unwrap_or(0.0)),
+            roughness_image: None,
+        });
         let mask = mask.filter(|_| clear.is_none());
         let normals = normals.filter(|_| clear.is_none());
         let opacity = if clear.is_some() { Some(1.0) } else { self.opacity };
@@ -339,6 +349,7 @@ impl Mtl {
             roughness_image,
             emissive_image,
             clear,
+            coat,
             normals,
             ..LoadedMaterial::default()
         };

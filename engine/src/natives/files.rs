@@ -10,9 +10,9 @@ use crate::mesh::load::{
     LoadedProjection, Sheen, Wanted, load, load_cameras,
 };
 use crate::mesh::{Mesh, MeshError};
-use crate::render::MaterialKind;
 use crate::render::bsdf::sheen_roughness_of;
 use crate::render::texture::Filter;
+use crate::render::{ClearCoat, MaterialKind};
 use crate::stop;
 use crate::tape::{Tensor, Var};
 use crate::work;
@@ -183,7 +183,11 @@ fn appearance(loaded: &LoadedMaterial) -> Appearance {
     };
     let opacity = loaded.opacity.clone().map(texels);
     let normals = loaded.normals.clone().map(texels);
-    let material = Arc::new(MaterialValue { kind, one_sided: !loaded.double_sided, opacity, normals });
+    let coat = loaded.coat.as_ref().map(|coat| {
+        let [weight, roughness] = [coat.weight_texels(), coat.roughness_texels()].map(texels);
+        ClearCoat { weight, roughness }
+    });
+    let material = Arc::new(MaterialValue { kind, coat, one_sided: !loaded.double_sided, opacity, normals });
     Appearance { material, radiance: loaded.emissive_texels().map(texels), two_sided: loaded.double_sided }
 }
 

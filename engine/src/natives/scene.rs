@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use crate::optim::Rule;
 use crate::render::texture::{Filter, Wrap};
-use crate::render::{InputField, MaterialKind, NORMALS, OPACITY, PixelFilter, Quantity};
+use crate::render::{
+    COAT, COAT_ROUGHNESS, ClearCoat, InputField, MaterialKind, NORMALS, OPACITY, PixelFilter, Quantity,
+};
 use crate::tape::{Slice, Tensor, Var};
 
 use super::images::read_image;
@@ -41,6 +43,7 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     }),
     ("mask", mask),
     ("normal_map", normal_map),
+    ("coated", coated),
     ("shape", |a| {
         let (m, _) = a.need("mesh")?;
         let material = match a.named("material") {
@@ -289,6 +292,20 @@ fn normal_map(a: &Args) -> Result<Value> {
         return Err(NativeError::at(1, "a normal map has three channels, this texture has one"));
     }
     Ok(Value::Material(Arc::new(MaterialValue { normals: Some(normals), ..(*inner).clone() })))
+}
+
+/// The material under a clear coat.
+fn coated(a: &Args) -> Result<Value> {
+    let inner = material_of(a, 0)?;
+    if inner.coat.is_some() {
+        return Err(NativeError::at(0, "this material has a coat already"));
+    }
+    if inner.kind.is_delta() {
+        let message = format!("`{}` scatters light in single directions, which no coat covers", inner.kind.name());
+        return Err(NativeError::at(0, message).help("`conductor(roughness: 0, …)` has a lobe that a coat can cover"));
+    }
+    let coat = ClearCoat { weight: material_input(a, COAT)?, roughness: material_input(a, COAT_ROUGHNESS)? };
+    Ok(Value::Material(Arc::new(MaterialValue { coat: Some(coat), ..(*inner).clone() })))
 }
 
 fn material_of(a: &Args, index: usize) -> Result<Arc<MaterialValue>> {

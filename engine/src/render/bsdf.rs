@@ -11,9 +11,12 @@ mod albedo;
 mod angles;
 mod cloth;
 mod coat;
+mod coated;
 mod conductor;
 mod dielectric;
 mod fresnel;
+mod lobes;
+mod matte;
 mod microfacet;
 mod model;
 mod phong;
@@ -30,15 +33,17 @@ use crate::math::{cosine_hemisphere, cosine_hemisphere_pdf, luminance};
 use self::angles::Angles;
 pub use self::angles::DirectionsAdjoint;
 use self::cloth::Cloth;
+use self::coated::Coated;
 use self::conductor::{Conductor, ConductorIor};
 pub use self::dielectric::{Dielectric, d_refract, refract};
-use self::microfacet::{Ggx, Microfacets};
-use self::model::{Inputs, Model};
+use self::lobes::{Lobes, share};
+use self::matte::Matte;
+use self::microfacet::Ggx;
 use self::phong::Phong;
 use self::plastic::Plastic;
 use self::principled::{MAX_SPECULAR, Principled};
 use self::sheen::Sheen;
-use super::material::{Input, MaterialKind};
+use super::material::{ClearCoat, Input, MAX_INPUTS, Material, MaterialKind};
 
 /// Least roughness of a Phong lobe: an exponent of twenty million, α = 0.0003. In single precision a narrower lobe cannot be told from a
 /// mirror. The reflected light is linear in so small a roughness, so that the derivative at this value is the derivative at zero.
@@ -55,35 +60,16 @@ pub enum Bsdf {
     Diffuse { reflectance: Vec3 },
     Mirror { reflectance: Vec3 },
     Dielectric(Dielectric),
-    Conductor(Conductor),
-    ConductorIor(ConductorIor),
-    Phong(Phong),
-    Plastic(Plastic),
-    Cloth(Cloth),
-    Principled(Principled),
-}
-
-/// Evaluates an expression in the [`Model`] of a BSDF; of the others, which are not made of lobes, another one.
-macro_rules! with_model {
-    ($bsdf:expr, $model:ident => $value:expr, _ => $other:expr) => {
-        match $bsdf {
-            Bsdf::Black | Bsdf::Diffuse { .. } | Bsdf::Mirror { .. } | Bsdf::Dielectric(_) => $other,
-            Bsdf::Conductor($model) => $value,
-            Bsdf::ConductorIor($model) => $value,
-            Bsdf::Phong($model) => $value,
-            Bsdf::Plastic($model) => $value,
-            Bsdf::Cloth($model) => $value,
-            Bsdf::Principled($model) => $value,
-        }
-    };
+    Lobes(Lobes),
+    Coated(Coated),
 }
 
 /// A material's scattering is the sum of two parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// The cosine lobe.
+    /// The cosine lobe, and under or of a coat microfacet lobes that are not attached, if another one is.
     Diffuse,
-    /// The microfacet lobe.
+    /// The microfacet lobe, and under a coat all others that are attached as it is.
     Specular,
 }
 
@@ -150,8 +136,18 @@ pub struct BsdfSample {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BsdfAdjoint {
     pub directions: DirectionsAdjoint,
-    /// Derivatives in the inputs, in the order of [`MaterialKind::inputs`]. For a scalar input only `x` is used.
-    pub d_values: Inputs,
+    /// Derivatives in the inputs of the model, in the order of [`MaterialKind::inputs`], and then in those of the coat. For a scalar input
+    /// only `x` is used.
+    pub d_values: [Vec3; MAX_INPUTS],
+}
+
+impl BsdfAdjoint {
+    fn add(&mut self, other: &BsdfAdjoint) {
+        self.directions.add(&other.directions);
+        for (a, b) in self.d_values.iter_mut().zip(other.d_values) {
+            *a += b;
+        }
+    }
 }
 
 /// Samples the derivative of a GGX distribution in its roughness by pairs of directions: one from where the derivative is positive and one
@@ -176,10 +172,11 @@ impl RoughnessPair {
     }
 }
 
-impl MaterialKind {
-    /// The input of a GGX lobe's roughness; `None` for materials without such a lobe.
+impl Material {
+    /// The input of a GGX lobe's roughness; `None` for materials without such a lobe or with a coat over it.
     pub fn ggx_roughness(&self) -> Option<Input> {
-        match *self {
+        match self.kind {
+            _ if self.coat.is_some() => None,
             MaterialKind::Conductor { roughness, .. }
             | MaterialKind::ConductorIor { roughness, .. }
             | MaterialKind::Plastic { roughness, .. }
@@ -189,18 +186,21 @@ impl MaterialKind {
     }
 }
 
-impl<I> MaterialKind<I> {
+impl<I> Material<I> {
     /// Whether a point of such a material can have an attached lobe (see [`Bsdf::is_attached`]).
     pub fn may_be_attached(&self) -> bool {
-        !matches!(self, MaterialKind::Black | MaterialKind::Diffuse { .. } | MaterialKind::Cloth { .. })
-            && !self.is_delta()
+        use MaterialKind::{Black, Cloth, Diffuse};
+        let is_wide = matches!(self.kind, Black | Diffuse { .. } | Cloth { .. });
+        self.coat.is_some() || !is_wide && !self.kind.is_delta()
     }
 
     /// Whether a point of such a material may reflect along directions that turn with its normal: a mirror or an attached lobe.
     pub fn may_follow_normals(&self) -> bool {
-        self.may_be_attached() || self.is_delta()
+        self.may_be_attached() || self.kind.is_delta()
     }
+}
 
+impl<I> MaterialKind<I> {
     /// Whether such a material scatters light in single directions only.
     pub fn is_delta(&self) -> bool {
         matches!(self, MaterialKind::Mirror { .. }) || self.is_clear()
@@ -229,33 +229,48 @@ impl Bsdf {
                 Bsdf::Dielectric(Dielectric { ior: index(ior), tint, is_pane: true })
             }
             MaterialKind::Conductor { reflectance, roughness } => {
-                Bsdf::Conductor(Conductor { reflectance, roughness: ggx_roughness(roughness) })
+                Bsdf::Lobes(Lobes::Conductor(Conductor { reflectance, roughness: ggx_roughness(roughness) }))
             }
-            MaterialKind::ConductorIor { eta, k, roughness } => Bsdf::ConductorIor(ConductorIor {
+            MaterialKind::ConductorIor { eta, k, roughness } => Bsdf::Lobes(Lobes::ConductorIor(ConductorIor {
                 eta: eta.max(Vec3::splat(1e-2)),
                 k: k.max(Vec3::ZERO),
                 roughness: ggx_roughness(roughness),
-            }),
-            MaterialKind::Phong { diffuse, specular, roughness } => {
-                Bsdf::Phong(Phong { diffuse, specular, roughness: roughness.x.clamp(MIN_PHONG_ROUGHNESS, 1.0) })
-            }
-            MaterialKind::Plastic { diffuse, ior, roughness } => Bsdf::Plastic(Plastic {
+            })),
+            MaterialKind::Phong { diffuse, specular, roughness } => Bsdf::Lobes(Lobes::Phong(Phong {
+                diffuse,
+                specular,
+                roughness: roughness.x.clamp(MIN_PHONG_ROUGHNESS, 1.0),
+            })),
+            MaterialKind::Plastic { diffuse, ior, roughness } => Bsdf::Lobes(Lobes::Plastic(Plastic {
                 diffuse: diffuse.clamp(Vec3::ZERO, Vec3::ONE),
                 ior: ior.x.clamp(plastic::INDICES[0], plastic::INDICES[1]),
                 roughness: ggx_roughness(roughness),
-            }),
-            MaterialKind::Cloth { diffuse, sheen, roughness } => Bsdf::Cloth(Cloth {
+            })),
+            MaterialKind::Cloth { diffuse, sheen, roughness } => Bsdf::Lobes(Lobes::Cloth(Cloth {
                 diffuse,
                 sheen: sheen.clamp(Vec3::ZERO, Vec3::ONE),
                 roughness: ggx_roughness(roughness),
-            }),
-            MaterialKind::Principled { base_color, metallic, roughness, specular } => Bsdf::Principled(Principled {
-                base_color,
-                metallic: metallic.x.clamp(0.0, 1.0),
-                roughness: ggx_roughness(roughness),
-                specular: specular.x.clamp(0.0, MAX_SPECULAR),
-            }),
+            })),
+            MaterialKind::Principled { base_color, metallic, roughness, specular } => {
+                Bsdf::Lobes(Lobes::Principled(Principled {
+                    base_color,
+                    metallic: metallic.x.clamp(0.0, 1.0),
+                    roughness: ggx_roughness(roughness),
+                    specular: specular.x.clamp(0.0, MAX_SPECULAR),
+                }))
+            }
         }
+    }
+
+    /// The same under a clear coat, of which the inputs have these values. What scatters no light, or in single directions, has no coat.
+    pub fn coated(self, coat: &ClearCoat<Vec3>) -> Bsdf {
+        let under = match self {
+            Bsdf::Diffuse { reflectance } => Lobes::Matte(Matte { reflectance }),
+            Bsdf::Lobes(lobes) => lobes,
+            other => return other,
+        };
+        let [weight, roughness] = [coat.weight.x, coat.roughness.x].map(|x| x.clamp(0.0, 1.0));
+        Bsdf::Coated(Coated { weight, roughness, under })
     }
 
     /// Whether it scatters light in single directions only. Then `eval` and `pdf` are zero, and only sampling finds the directions.
@@ -282,21 +297,6 @@ impl Bsdf {
         matches!(self, Bsdf::Diffuse { .. })
     }
 
-    /// Whether it has a microfacet lobe.
-    #[inline]
-    fn has_lobe(&self) -> bool {
-        with_model!(self, _m => true, _ => false)
-    }
-
-    /// Whether it has a microfacet lobe over a cosine lobe.
-    #[inline]
-    fn is_mixture(&self) -> bool {
-        fn of<M: Model>(_: &M) -> bool {
-            M::HAS_BASE
-        }
-        with_model!(self, m => of(m), _ => false)
-    }
-
     /// Whether the specular lobe is so narrow that derivatives are taken with the half vector attached to the shading normal: sampled
     /// directions turn with the surface. With α < 0.2 this has less variance than fixed directions, with larger α more.
     pub fn is_attached(&self) -> bool {
@@ -307,11 +307,11 @@ impl Bsdf {
     /// is in proportion to them, but neither part gets less than `MIN_LOBE_SHARE`, so that a part that is black now still gets
     /// derivatives.
     pub fn specular_choice(&self, diffuse: f32, specular: f32) -> f32 {
-        if !self.is_mixture() {
-            return 1.0;
+        match self {
+            Bsdf::Lobes(lobes) if lobes.has_base() => share(specular, diffuse),
+            Bsdf::Coated(coated) if !coated.is_specular() => share(specular, diffuse),
+            _ => 1.0,
         }
-        let share = specular / (diffuse + specular);
-        if share.is_nan() { 0.5 } else { share.clamp(MIN_LOBE_SHARE, 1.0 - MIN_LOBE_SHARE) }
     }
 
     /// The value of the BSDF times |cos θo|. Zero for `wo` below the surface.
@@ -325,12 +325,12 @@ impl Bsdf {
 
     #[inline(never)]
     fn eval_parts(&self, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
-        if n.dot(wo) <= 0.0 { Vec3::ZERO } else { self.eval_at(&Angles::new(n, wi, wo)) }
-    }
-
-    /// Both parts, for `wo` above the surface.
-    fn eval_at(&self, angles: &Angles) -> Vec3 {
-        self.eval_diffuse(angles.ci, angles.co) + self.eval_lobe(angles)
+        match self {
+            _ if n.dot(wo) <= 0.0 => Vec3::ZERO,
+            Bsdf::Lobes(lobes) => lobes.eval(&Angles::new(n, wi, wo)),
+            Bsdf::Coated(coated) => coated.eval(&Angles::new(n, wi, wo)),
+            _ => Vec3::ZERO,
+        }
     }
 
     /// [`Bsdf::eval`] and [`Bsdf::pdf`], which share most of their work.
@@ -345,93 +345,54 @@ impl Bsdf {
     }
 
     fn eval_and_pdf_at(&self, angles: &Angles) -> (Vec3, f32) {
-        fn of<M: Model>(model: &M, diffuse_share: f32, angles: &Angles) -> (Vec3, f32) {
-            let (lobe, pdf) = model.facets().eval_and_pdf(angles);
-            let base = lambertian(model.base(angles.ci, angles.co), angles.co);
-            let pdf = diffuse_share * cosine_hemisphere_pdf(angles.co) + (1.0 - diffuse_share) * pdf;
-            (base + model.fresnel(angles.half) * lobe, pdf)
+        match self {
+            Bsdf::Lobes(lobes) => lobes.eval_and_pdf(angles),
+            Bsdf::Coated(coated) => coated.eval_and_pdf(angles),
+            _ => (Vec3::ZERO, 0.0),
         }
-        with_model!(self, m => of(m, self.diffuse_share(angles.ci), angles), _ => (Vec3::ZERO, 0.0))
     }
 
     /// One part of [`Bsdf::eval`].
     pub fn eval_part(&self, part: Part, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
         let co = n.dot(wo);
-        if co <= 0.0 {
-            return Vec3::ZERO;
+        match (self, part) {
+            _ if co <= 0.0 => Vec3::ZERO,
+            (Bsdf::Diffuse { reflectance }, Part::Diffuse) => lambertian(*reflectance, co),
+            (Bsdf::Lobes(lobes), Part::Diffuse) => lobes.eval_base(n.dot(wi).abs(), co),
+            (Bsdf::Lobes(lobes), Part::Specular) => lobes.eval_lobe(&Angles::new(n, wi, wo)),
+            (Bsdf::Coated(coated), _) => coated.eval_part(part, &Angles::new(n, wi, wo)),
+            _ => Vec3::ZERO,
         }
-        match part {
-            Part::Diffuse => self.eval_diffuse(n.dot(wi).abs(), co),
-            Part::Specular => self.eval_lobe(&Angles::new(n, wi, wo)),
-        }
-    }
-
-    /// The diffuse part, for cosines `ci` and `co` of directions above the surface.
-    fn eval_diffuse(&self, ci: f32, co: f32) -> Vec3 {
-        match self {
-            Bsdf::Diffuse { reflectance } => lambertian(*reflectance, co),
-            _ => with_model!(self, m => lambertian(m.base(ci, co), co), _ => Vec3::ZERO),
-        }
-    }
-
-    /// The specular part, for `wo` above the surface.
-    fn eval_lobe(&self, angles: &Angles) -> Vec3 {
-        with_model!(self, m => m.fresnel(angles.half) * m.facets().eval(angles), _ => Vec3::ZERO)
     }
 
     /// Adjoint of [`Bsdf::eval_part`]: `d_f` is the derivative in its RGB result.
     pub fn d_eval_part(&self, part: Part, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
-        if n.dot(wo) <= 0.0 {
-            return BsdfAdjoint::default();
-        }
-        match part {
-            Part::Diffuse => self.d_eval_diffuse(n, wi, wo, d_f),
-            Part::Specular => self.d_eval_lobe(n, wi, wo, d_f, false),
+        match (self, part) {
+            _ if n.dot(wo) <= 0.0 => BsdfAdjoint::default(),
+            (Bsdf::Diffuse { reflectance }, Part::Diffuse) => d_lambertian(*reflectance, n, wo, d_f),
+            (Bsdf::Lobes(lobes), Part::Diffuse) => lobes.d_eval_base(n, wi, wo, d_f),
+            (Bsdf::Lobes(lobes), Part::Specular) => lobes.d_eval_lobe(n, wi, wo, d_f, false),
+            (Bsdf::Coated(coated), _) => coated.d_eval_part(part, n, wi, wo, d_f, false),
+            _ => BsdfAdjoint::default(),
         }
     }
 
     /// [`Bsdf::d_eval_part`] of the specular part for an attached half vector: it turns with the surface, so that the normal
     /// distribution is constant.
     pub fn d_eval_attached(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
-        if n.dot(wo) <= 0.0 { BsdfAdjoint::default() } else { self.d_eval_lobe(n, wi, wo, d_f, true) }
-    }
-
-    fn d_eval_diffuse(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
-        let mut out = BsdfAdjoint::default();
-        let (ci, co) = (n.dot(wi), n.dot(wo));
-        let d_base = d_f * (FRAC_1_PI * co);
-        let (base, d_cosines) = match self {
-            Bsdf::Diffuse { reflectance } => {
-                out.d_values[0] = d_base;
-                (*reflectance, [0.0; 2])
-            }
-            _ => with_model!(self, m => {
-                let (d_cosines, d_values) = m.d_base(ci.abs(), co, d_base);
-                out.d_values = d_values;
-                (m.base(ci.abs(), co), d_cosines)
-            }, _ => return out),
-        };
-        let [d_ci, d_co] = [d_cosines[0] * ci.signum(), d_cosines[1] + d_f.dot(base) * FRAC_1_PI];
-        out.directions = DirectionsAdjoint { n: wi * d_ci + wo * d_co, wi: n * d_ci, wo: n * d_co };
-        out
-    }
-
-    fn d_eval_lobe(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
-        with_model!(self, m => d_lobe(m, n, wi, wo, d_f, half_fixed), _ => BsdfAdjoint::default())
+        match self {
+            _ if n.dot(wo) <= 0.0 => BsdfAdjoint::default(),
+            Bsdf::Lobes(lobes) => lobes.d_eval_lobe(n, wi, wo, d_f, true),
+            Bsdf::Coated(coated) => coated.d_eval_part(Part::Specular, n, wi, wo, d_f, true),
+            _ => BsdfAdjoint::default(),
+        }
     }
 
     /// Adjoint of [`Bsdf::eval`].
     pub fn d_eval(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
         let mut out = self.d_eval_part(Part::Diffuse, n, wi, wo, d_f);
-        if !self.has_lobe() {
-            return out;
-        }
-        let specular = self.d_eval_part(Part::Specular, n, wi, wo, d_f);
-        out.directions.n += specular.directions.n;
-        out.directions.wi += specular.directions.wi;
-        out.directions.wo += specular.directions.wo;
-        for (a, b) in out.d_values.iter_mut().zip(specular.d_values) {
-            *a += b;
+        if matches!(self, Bsdf::Lobes(_) | Bsdf::Coated(_)) {
+            out.add(&self.d_eval_part(Part::Specular, n, wi, wo, d_f));
         }
         out
     }
@@ -441,18 +402,31 @@ impl Bsdf {
     pub fn sample(&self, wi: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
         let wi = Vec3::new(wi.x, wi.y, wi.z.abs());
         let square = [u[0], u[1]];
-        let mut lobe = Lobe::GLOSSY;
-        let (wo, (f, pdf)) = match self {
+        // A normal of the microfacets, or a direction.
+        let from_base = |base_share: f32, u: f32| u < base_share;
+        let facet = match self {
             Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Dielectric(_) => return None,
-            _ if u[2] < self.diffuse_share(wi.z) => {
-                let wo = cosine_hemisphere(square);
-                lobe = Lobe::DIFFUSE;
-                (wo, self.eval_and_pdf(Vec3::Z, wi, wo))
+            Bsdf::Diffuse { .. } => None,
+            Bsdf::Lobes(lobes) if from_base(lobes.base_share(wi.z), u[2]) => None,
+            Bsdf::Lobes(lobes) => Some(lobes.sample_facet(wi, square)),
+            Bsdf::Coated(coated) => {
+                let share = coated.coat_share(wi.z);
+                let rest = (u[2] - share) / (1.0 - share);
+                match () {
+                    () if u[2] < share => Some(coated.sample_facet(wi, square)),
+                    () if from_base(coated.under.base_share(wi.z), rest) => None,
+                    () => Some(coated.under.sample_facet(wi, square)),
+                }
             }
-            _ => {
-                let h = with_model!(self, m => m.facets().sample(wi, square), _ => return None);
+        };
+        let (wo, (f, pdf), lobe) = match facet {
+            Some(h) => {
                 let wo = reflect(wi, h)?;
-                (wo, self.eval_and_pdf_at(&Angles::mirrored(wi, h, wo)))
+                (wo, self.eval_and_pdf_at(&Angles::mirrored(wi, h, wo)), Lobe::GLOSSY)
+            }
+            None => {
+                let wo = cosine_hemisphere(square);
+                (wo, self.eval_and_pdf(Vec3::Z, wi, wo), Lobe::DIFFUSE)
             }
         };
         (pdf > 0.0 && pdf.is_finite()).then_some(BsdfSample { wo, f, pdf, lobe, eta: 1.0 })
@@ -471,18 +445,19 @@ impl Bsdf {
 
     #[inline(never)]
     fn pdf_of_lobes(&self, angles: &Angles) -> f32 {
-        let diffuse_share = self.diffuse_share(angles.ci);
-        let diffuse = diffuse_share * cosine_hemisphere_pdf(angles.co);
-        let specular = with_model!(self, m => m.facets().pdf(angles), _ => 0.0);
-        diffuse + (1.0 - diffuse_share) * specular
+        match self {
+            Bsdf::Lobes(lobes) => lobes.pdf(angles),
+            Bsdf::Coated(coated) => coated.pdf(angles),
+            _ => 0.0,
+        }
     }
 
-    /// How to sample the derivative of the GGX lobe in its roughness; `None` without such a lobe.
+    /// How to sample the derivative of the GGX lobe in its roughness; `None` without such a lobe, or with a coat over it.
     pub fn roughness_pair(&self) -> Option<RoughnessPair> {
-        fn of<M: Model>(model: &M) -> Option<RoughnessPair> {
-            model.facets().as_ggx().map(|ggx| RoughnessPair { input: M::ROUGHNESS, ggx })
+        match self {
+            Bsdf::Lobes(lobes) => lobes.roughness_pair(),
+            _ => None,
         }
-        with_model!(self, m => of(m), _ => None)
     }
 
     /// Reflectance of a mirror, zero for everything else.
@@ -498,46 +473,45 @@ impl Bsdf {
         match *self {
             Bsdf::Diffuse { reflectance } | Bsdf::Mirror { reflectance } => reflectance,
             Bsdf::Dielectric(_) => Vec3::ONE,
-            _ => with_model!(self, m => m.albedo(), _ => Vec3::ZERO),
+            Bsdf::Lobes(lobes) => lobes.albedo(),
+            Bsdf::Coated(coated) => coated.albedo(),
+            Bsdf::Black => Vec3::ZERO,
         }
     }
 
     /// Adjoint of [`Bsdf::albedo`], by input.
-    pub fn d_albedo(&self, d_albedo: Vec3) -> Inputs {
+    pub fn d_albedo(&self, d_albedo: Vec3) -> [Vec3; MAX_INPUTS] {
+        let mut d = [Vec3::ZERO; MAX_INPUTS];
         match self {
-            Bsdf::Diffuse { .. } | Bsdf::Mirror { .. } => [d_albedo, Vec3::ZERO, Vec3::ZERO, Vec3::ZERO],
-            _ => with_model!(self, m => m.d_albedo(d_albedo), _ => Inputs::default()),
+            Bsdf::Diffuse { .. } | Bsdf::Mirror { .. } => d[0] = d_albedo,
+            Bsdf::Lobes(lobes) => d = lobes.d_albedo(d_albedo),
+            Bsdf::Coated(coated) => d = coated.d_albedo(d_albedo),
+            Bsdf::Black | Bsdf::Dielectric(_) => {}
+        }
+        d
+    }
+
+    /// Width α of the specular lobe, comparable to that of a Beckmann distribution, or of the narrowest one under and of a coat; 0 for delta
+    /// lobes, `None` without a specular lobe.
+    pub fn roughness_alpha(&self) -> Option<f32> {
+        match self {
+            Bsdf::Black | Bsdf::Diffuse { .. } => None,
+            Bsdf::Mirror { .. } | Bsdf::Dielectric(_) => Some(0.0),
+            Bsdf::Lobes(lobes) => Some(lobes.alpha()),
+            Bsdf::Coated(coated) => Some(coated.alpha()),
         }
     }
 
-    /// Width α of the specular lobe, comparable to that of a Beckmann distribution; 0 for delta lobes, `None` without a specular lobe.
-    pub fn roughness_alpha(&self) -> Option<f32> {
-        let other = self.is_delta().then_some(0.0);
-        with_model!(self, m => Some(m.facets().alpha()), _ => other)
-    }
-
-    /// Approximate albedos (as luminances) of the cosine lobe and of the specular lobe for light from a direction with cosine `ci`; the
-    /// latter without shadowing. They decide how samples are split between the lobes.
+    /// Approximate albedos (as luminances) for light from a direction with cosine `ci`: of the lobe whose width is
+    /// [`Bsdf::roughness_alpha`], in second place and without shadowing, and of the others. They decide how samples are split.
     pub fn lobe_albedos(&self, ci: f32) -> [f32; 2] {
-        let size = |rgb: Vec3| luminance(rgb.abs());
         let ci = ci.abs().max(1e-3);
         match self {
-            Bsdf::Diffuse { reflectance } => [size(*reflectance), 0.0],
-            _ => with_model!(self, m => [size(m.base_albedo(ci)), size(m.lobe_albedo(ci))], _ => [0.0; 2]),
+            Bsdf::Diffuse { reflectance } => [luminance(reflectance.abs()), 0.0],
+            Bsdf::Lobes(lobes) => lobes.albedos(ci),
+            Bsdf::Coated(coated) => coated.lobe_albedos(ci),
+            Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Dielectric(_) => [0.0; 2],
         }
-    }
-
-    /// Share of the samples that go to the cosine lobe.
-    fn diffuse_share(&self, ci: f32) -> f32 {
-        if self.is_diffuse() {
-            return 1.0;
-        }
-        if !self.is_mixture() {
-            return 0.0;
-        }
-        let [diffuse, specular] = self.lobe_albedos(ci);
-        let share = diffuse / (diffuse + specular);
-        if share.is_nan() { 0.5 } else { share.clamp(MIN_LOBE_SHARE, 1.0 - MIN_LOBE_SHARE) }
     }
 }
 
@@ -562,14 +536,13 @@ pub fn lambertian(reflectance: Vec3, co: f32) -> Vec3 {
     reflectance * (FRAC_1_PI * co.max(0.0))
 }
 
-/// Adjoint of a model's microfacet lobe, see [`Bsdf::d_eval_part`] and, for `half_fixed`, [`Bsdf::d_eval_attached`].
-fn d_lobe<M: Model>(model: &M, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
-    let angles = Angles::new(n, wi, wo);
-    let lobe = model.facets().d_eval(&angles, half_fixed);
-    let (d_half, mut d_values) = model.d_fresnel(angles.half, d_f * lobe.value);
-    let d_lobe = d_f.dot(model.fresnel(angles.half));
-    d_values[M::ROUGHNESS].x += d_lobe * lobe.d_roughness;
-    BsdfAdjoint { directions: angles.adjoint(n, wi, wo, &lobe.d_angles(d_lobe, d_half)), d_values }
+/// Adjoint of [`lambertian`].
+fn d_lambertian(reflectance: Vec3, n: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
+    let mut out = BsdfAdjoint::default();
+    let d_co = d_f.dot(reflectance) * FRAC_1_PI;
+    out.directions = DirectionsAdjoint { n: wo * d_co, wi: Vec3::ZERO, wo: n * d_co };
+    out.d_values[0] = d_f * (FRAC_1_PI * n.dot(wo));
+    out
 }
 
 /// `wi` mirrored at the microfacet normal `h`; `None` below the surface.

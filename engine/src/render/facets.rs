@@ -63,9 +63,14 @@ impl ShapeShading {
             Input::VertexColor | Input::Tinted(_) => None,
         };
         let values = shape.material.kind.try_map(|_, input| constant(*input).ok_or(()));
+        let bsdf = values.ok().map(|values| Bsdf::new(&values));
+        let coat = shape.material.coat.as_ref().map(|coat| coat.try_map(|_, input| constant(*input).ok_or(())));
         let emission = shape.emission.as_ref();
         ShapeShading {
-            bsdf: values.ok().map(|values| Bsdf::new(&values)),
+            bsdf: match coat {
+                None => bsdf,
+                Some(coat) => bsdf.zip(coat.ok()).map(|(bsdf, coat)| bsdf.coated(&coat)),
+            },
             radiance: emission.and_then(|e| constant(e.radiance)),
             emits: emission.is_some(),
             two_sided: emission.is_some_and(|e| e.two_sided),

@@ -5,7 +5,7 @@ use glam::{Vec2, Vec3};
 use super::accel::{NO_PRIM, PrimId, Ray};
 use super::bsdf::{Bsdf, BsdfSample, Dielectric, Lobe, Part, refract};
 use super::environment::environment_uv;
-use super::material::{Input, MaterialKind};
+use super::material::{Input, Material};
 use super::scene::Environment;
 use super::texture::Texture;
 use super::world::Scene;
@@ -94,7 +94,7 @@ impl Scene {
         let bsdf = match shading.bsdf {
             _ if shading.one_sided && flip < 0.0 => Bsdf::Black,
             Some(bsdf) => bsdf,
-            None => self.bsdf(&self.description.shapes[facet.shape as usize].material.kind, prim, b),
+            None => self.bsdf(&self.description.shapes[facet.shape as usize].material, prim, b),
         };
         let emission =
             if shading.emits && (shading.two_sided || flip > 0.0) { self.emitted(prim, b) } else { Vec3::ZERO };
@@ -141,8 +141,12 @@ impl Scene {
         emission.map_or(Vec3::ZERO, |e| self.lookup(e.radiance, prim, b))
     }
 
-    fn bsdf(&self, kind: &MaterialKind, prim: PrimId, b: [f32; 3]) -> Bsdf {
-        Bsdf::new(&kind.map(|_, input| self.lookup(*input, prim, b)))
+    fn bsdf(&self, material: &Material, prim: PrimId, b: [f32; 3]) -> Bsdf {
+        let bsdf = Bsdf::new(&material.kind.map(|_, input| self.lookup(*input, prim, b)));
+        match &material.coat {
+            None => bsdf,
+            Some(coat) => bsdf.coated(&coat.map(|_, input| self.lookup(*input, prim, b))),
+        }
     }
 
     /// The closest surface along a ray.

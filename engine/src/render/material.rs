@@ -8,7 +8,9 @@ use std::convert::Infallible;
 pub type TextureId = usize;
 
 /// The most inputs a scattering model has.
-pub const MAX_INPUTS: usize = 4;
+pub const MODEL_INPUTS: usize = 4;
+/// The most inputs that say how a surface scatters light: those of its model, and from [`MODEL_INPUTS`] on those of its coat.
+pub const MAX_INPUTS: usize = MODEL_INPUTS + 2;
 
 /// Where a material reads one of its inputs from. Constants are 1×1 textures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -226,7 +228,7 @@ impl<I> MaterialKind<I> {
     /// The inputs in the order of their declaration.
     #[inline]
     pub fn inputs(&self) -> impl Iterator<Item = (InputField, &I)> {
-        let (mut inputs, mut count) = ([None; MAX_INPUTS], 0);
+        let (mut inputs, mut count) = ([None; MODEL_INPUTS], 0);
         self.map(|field, input| {
             inputs[count] = Some((field, input));
             count += 1;
@@ -235,11 +237,43 @@ impl<I> MaterialKind<I> {
     }
 }
 
+/// A clear coat over whatever else a surface is made of: varnish over wood, lacquer over metallic paint. GGX of a refractive index of 1.5.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ClearCoat<I = Input> {
+    /// How much of the surface it covers, from 0, none, to 1, all.
+    pub weight: I,
+    /// From 0, polished, to 1; α = roughness².
+    pub roughness: I,
+}
+
+/// How much of a surface its coat covers.
+pub const COAT: InputField = InputField { name: "coat", quantity: Quantity::Fraction };
+/// The roughness of the coat.
+pub const COAT_ROUGHNESS: InputField = InputField { name: "coat_roughness", quantity: Quantity::Fraction };
+
+impl<I> ClearCoat<I> {
+    /// The same coat with something made of both inputs, one after the other.
+    pub fn try_map<'a, J, E>(
+        &'a self,
+        mut make: impl FnMut(InputField, &'a I) -> Result<J, E>,
+    ) -> Result<ClearCoat<J>, E> {
+        Ok(ClearCoat { weight: make(COAT, &self.weight)?, roughness: make(COAT_ROUGHNESS, &self.roughness)? })
+    }
+
+    /// As [`ClearCoat::try_map`], of what cannot fail.
+    pub fn map<'a, J>(&'a self, mut make: impl FnMut(InputField, &'a I) -> J) -> ClearCoat<J> {
+        let Ok(coat) = self.try_map(|field, input| Ok::<J, Infallible>(make(field, input)));
+        coat
+    }
+}
+
 /// How a surface scatters light, on which sides, and where it has holes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material<I = Input> {
     /// The scattering model and its inputs.
     pub kind: MaterialKind<I>,
+    /// The coat over it, of models whose lobes have a width.
+    pub coat: Option<ClearCoat<I>>,
     /// Reflects (and is seen) only on the side of the right-hand-rule normal; the back is black.
     pub one_sided: bool,
     /// In [0, 1], the first channel: how much of the surface there is, the rest is a hole. `None` is opaque.
@@ -260,9 +294,10 @@ impl<I> Material<I> {
         mut make: impl FnMut(InputField, &'a I) -> Result<J, E>,
     ) -> Result<Material<J>, E> {
         let kind = self.kind.try_map(&mut make)?;
+        let coat = self.coat.as_ref().map(|coat| coat.try_map(&mut make)).transpose()?;
         let opacity = self.opacity.as_ref().map(|opacity| make(OPACITY, opacity)).transpose()?;
         let normals = self.normals.as_ref().map(|normals| make(NORMALS, normals)).transpose()?;
-        Ok(Material { kind, one_sided: self.one_sided, opacity, normals })
+        Ok(Material { kind, coat, one_sided: self.one_sided, opacity, normals })
     }
 
     /// As [`Material::try_map`], of what cannot fail.
@@ -271,17 +306,23 @@ impl<I> Material<I> {
         material
     }
 
-    /// The inputs of the model, then the opacity of a material with holes, then the normal map.
+    /// The inputs that say how the surface scatters light: those of the model, then those of the coat.
+    pub fn scattering_inputs(&self) -> impl Iterator<Item = (InputField, &I)> {
+        let coat = self.coat.iter().flat_map(|coat| [(COAT, &coat.weight), (COAT_ROUGHNESS, &coat.roughness)]);
+        self.kind.inputs().chain(coat)
+    }
+
+    /// [`Material::scattering_inputs`], then the opacity of a material with holes, then the normal map.
     pub fn inputs(&self) -> impl Iterator<Item = (InputField, &I)> {
         let opacity = self.opacity.as_ref().map(|opacity| (OPACITY, opacity));
         let normals = self.normals.as_ref().map(|normals| (NORMALS, normals));
-        self.kind.inputs().chain(opacity).chain(normals)
+        self.scattering_inputs().chain(opacity).chain(normals)
     }
 }
 
 impl<I> From<MaterialKind<I>> for Material<I> {
-    /// Opaque, without a normal map, and the same on both sides.
+    /// Opaque, without a coat or a normal map, and the same on both sides.
     fn from(kind: MaterialKind<I>) -> Material<I> {
-        Material { kind, one_sided: false, opacity: None, normals: None }
+        Material { kind, coat: None, one_sided: false, opacity: None, normals: None }
     }
 }

@@ -193,6 +193,9 @@ fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
             return Err(format!("texture {t} does not exist"));
         }
     }
+    if shape.material.coat.is_some() && shape.material.kind.is_delta() {
+        return Err(format!("a coat covers lobes that have a width, and `{}` has none", shape.material.kind.name()));
+    }
     if let Some(normals) = shape.material.normals {
         if shape.material.kind.is_delta() {
             return Err(format!(

@@ -310,7 +310,7 @@ fn add_light(rng: &mut Pcg32, builder: &mut Builder, i: usize, (corners, at): ([
             if kind == 1 {
                 vertices[0] = corners[i % 3];
             }
-            builder.light(rng, vertices, MaterialKind::Black);
+            builder.light(rng, vertices, MaterialKind::Black.into());
         }
         5 | 6 => builder.sky(rng, !i.is_multiple_of(3)),
         _ => {
@@ -435,7 +435,7 @@ fn directions_that_turn_with_a_normal_match_the_dual_number_twin() {
     for i in 0..4000 {
         let mut builder = Builder::default();
         let corners = from_fn(|_| anywhere(rng));
-        builder.shape(rng, corners, MaterialKind::Mirror { reflectance: Input::VertexColor });
+        builder.shape(rng, corners, MaterialKind::Mirror { reflectance: Input::VertexColor }.into());
         builder.sky(rng, false);
         for _ in 0..rng.next_u32() % 3 {
             let vertices = from_fn(|_| 4.0 * anywhere(rng));

@@ -177,7 +177,8 @@ fn slides_over_steps(scene: &Scene, settings: &Settings, layout: &Layout) -> boo
     };
     let sky = d.environment.as_ref().is_some_and(|e| steps(e.radiance));
     let shape = |(i, s): (usize, &Shape)| {
-        let scatters = (lit || settings.output == Output::Albedo) && s.material.kind.inputs().any(|(_, i)| reads(*i));
+        let scatters =
+            (lit || settings.output == Output::Albedo) && s.material.scattering_inputs().any(|(_, i)| reads(*i));
         let tilts = (lit || settings.output == Output::Normal) && s.material.normals.is_some_and(reads);
         let emits = radiance && s.emission.as_ref().is_some_and(|e| reads(e.radiance));
         let mask = s.material.opacity.is_some_and(reads);

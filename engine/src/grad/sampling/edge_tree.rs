@@ -533,7 +533,7 @@ mod tests {
     fn creases_are_found_as_often_as_they_are_worth() {
         let mesh = Mesh { normals: None, uvs: None, ..crate::mesh::shapes::sphere(0.5, 96).unwrap() };
         let matte = MaterialKind::Diffuse { reflectance: Input::Texture(0) };
-        let material = Material { kind: matte, one_sided: false, opacity: None, normals: None };
+        let material = Material::from(matte);
         let shapes = vec![Shape { mesh, material, emission: None }];
         let textures = vec![Texture::constant(Vec3::ONE)];
         let scene = Scene::new(SceneDescription { shapes, textures, ..Default::default() }).unwrap();
@@ -569,11 +569,7 @@ mod tests {
         let lamp = Mesh { vertices, faces: ball.faces, ..Default::default() };
         let floor = crate::mesh::shapes::rectangle(5.0, 5.0).unwrap();
         let floor = Mesh { normals: None, uvs: None, ..floor };
-        let shape = |mesh: Mesh| Shape {
-            mesh,
-            material: Material { kind: MaterialKind::Black, one_sided: false, opacity: None, normals: None },
-            emission: None,
-        };
+        let shape = |mesh: Mesh| Shape { mesh, material: MaterialKind::Black.into(), emission: None };
         let emission = Some(crate::render::Emission { radiance: Input::Texture(0), two_sided: false });
         let shapes = vec![Shape { emission, ..shape(lamp) }, shape(floor)];
         let textures = vec![Texture::constant(Vec3::splat(8.0))];
@@ -611,11 +607,7 @@ mod tests {
     fn points_found_from_lights_cover_contours_evenly() {
         let mesh = crate::mesh::shapes::sphere(0.35, 48).unwrap();
         let mesh = Mesh { normals: None, uvs: None, ..mesh };
-        let shape = Shape {
-            mesh,
-            material: Material { kind: MaterialKind::Black, one_sided: false, opacity: None, normals: None },
-            emission: None,
-        };
+        let shape = Shape { mesh, material: MaterialKind::Black.into(), emission: None };
         let scene = Scene::new(SceneDescription { shapes: vec![shape], ..Default::default() }).unwrap();
         let (table, tree) = (scene.edges(), EdgeTree::new(&scene));
         let towards = Vec3::new(0.5, 0.8, -0.4).normalize();

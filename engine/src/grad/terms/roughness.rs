@@ -64,7 +64,7 @@ impl<'a> RoughnessPairs<'a> {
             .iter()
             .enumerate()
             .map(|(i, shape)| {
-                let roughness = shape.material.kind.ggx_roughness();
+                let roughness = shape.material.ggx_roughness();
                 roughness.is_some_and(|input| layout.slots.iter().any(|slot| slot.is_read_by(input, i)))
             })
             .collect();
@@ -101,7 +101,7 @@ impl<'a> RoughnessPairs<'a> {
         let radiance = by_light + self.directions(&v.si, &pair, self.settings.max_bounces - k as u32, sampler);
         let weight = v.throughput * v.through.weight * (film.weight as f32 * total / strength(v));
         let d_roughness = radiance * weight;
-        let input = self.scene.description.shapes[v.si.shape as usize].material.kind.ggx_roughness();
+        let input = self.scene.description.shapes[v.si.shape as usize].material.ggx_roughness();
         if let Some(input) = input.filter(|_| d_roughness != Vec3::ZERO && d_roughness.is_finite()) {
             out.pixel(film.pixel, &mut |d, out| {
                 out.input(input, v.si.prim, v.si.b, Vec3::X * d.dot(d_roughness), false);

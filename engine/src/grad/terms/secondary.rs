@@ -618,5 +618,5 @@ struct CurvedConnection {
 
 /// Whether any surface has a narrow lobe.
 fn has_attached_lobes(scene: &Scene) -> bool {
-    scene.description.shapes.iter().any(|s| s.material.kind.may_be_attached())
+    scene.description.shapes.iter().any(|s| s.material.may_be_attached())
 }

@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use crate::image::file::Encoding;
 use crate::image::{Image, Wrap};
-use crate::mesh::load::{Clear, LoadedImage, LoadedMaterial, Sheen};
+use crate::mesh::load::{Clear, Coat, LoadedImage, LoadedMaterial, Sheen};
 use crate::mesh::reading::Reading;
 
 use super::accessor::Accessors;
@@ -60,6 +60,7 @@ impl Materials {
         let metallic_roughness = image(pbr.metallic_roughness_texture(), Encoding::Linear);
         let emissive = image(material.emissive_texture(), Encoding::Srgb);
         let normals = self.normals(material, at, &name, accessors, reading);
+        let coat = self.coat(material, at, &name, accessors, reading);
         let [r, g, b, alpha] = pbr.base_color_factor();
         let ior = material.ior().unwrap_or(1.5);
         let reflectance = if ior > 0.0 { ((ior - 1.0) / (ior + 1.0)).powi(2) } else { 1.0 };
@@ -79,15 +80,16 @@ impl Materials {
             opacity: opacity(material, base_color.as_ref(), alpha),
             clear: clear(material, &name, reading),
             sheen: sheen(material, &name, reading),
+            coat,
             normals,
         };
         if material.unlit() {
             // An unlit material shows its colour whatever the light: it emits that colour and reflects nothing.
             (made.emissive, made.emissive_image) = (made.base_color, made.base_color_image.take());
-            (made.base_color, made.metallic, made.specular) = (Vec3::ZERO, 0.0, 0.0);
+            (made.base_color, made.metallic, made.specular, made.coat) = (Vec3::ZERO, 0.0, 0.0, None);
         }
         if made.clear.is_some() {
-            (made.normals, made.opacity, made.sheen) = (None, None, None);
+            (made.normals, made.opacity, made.sheen, made.coat) = (None, None, None, None);
         }
         let numbers = [made.metallic, made.roughness, made.specular];
         if !(made.base_color.is_finite() && made.emissive.is_finite() && numbers.iter().all(|n| n.is_finite())) {
@@ -117,6 +119,43 @@ impl Materials {
         }
         let image = self.image(&map.texture(), Encoding::Linear, whose, accessors, reading)?;
         Some(scaled_normals(&image.channels(0, 3), map.scale()))
+    }
+
+    /// The clear coat, with its images: the red channel of one, the green one of the other.
+    fn coat(
+        &mut self,
+        material: &gltf::Material,
+        at: (u32, UvTransform),
+        whose: &str,
+        accessors: &Accessors,
+        reading: &mut Reading,
+    ) -> Option<Coat> {
+        let written = material.extension_value(CLEARCOAT)?;
+        let number = |name: &str| written[name].as_f64().map_or(0.0, |x| x.clamp(0.0, 1.0) as f32);
+        let (weight, roughness) = (number("clearcoatFactor"), number("clearcoatRoughnessFactor"));
+        if weight == 0.0 {
+            return None;
+        }
+        if written.get("clearcoatNormalTexture").is_some() && reading.materials() {
+            let sentence =
+                "a clear coat has the normals of what is under it: its own (clearcoatNormalTexture) are left out";
+            reading.notes.about(sentence, whose);
+        }
+        let mut image = |name: &str, channel: usize| -> Option<LoadedImage> {
+            let map = written.get(name)?;
+            let texture = accessors.document.textures().nth(usize::try_from(map["index"].as_u64()?).ok()?)?;
+            if reading.materials() {
+                let transform = map.get("extensions").and_then(|all| all.get("KHR_texture_transform"));
+                let own = transform.and_then(|t| t["texCoord"].as_u64()).or(map["texCoord"].as_u64()).unwrap_or(0);
+                if own != u64::from(at.0) || UvTransform::written(transform) != at.1 {
+                    reading.notes.about("all images of a material are placed as its first one is", whose);
+                }
+            }
+            Some(self.image(&texture, Encoding::Linear, whose, accessors, reading)?.channels(channel, 1))
+        };
+        let weight_image = image("clearcoatTexture", 0);
+        let roughness_image = image("clearcoatRoughnessTexture", 1);
+        Some(Coat { weight, weight_image, roughness, roughness_image })
     }
 
     fn image(
@@ -188,7 +227,9 @@ fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
             notes.about("colours and images of KHR_materials_specular are left out", name);
         }
     }
-    let known = |name: &str| matches!(name, TRANSMISSION | VOLUME) && transmission(material).is_some() || name == SHEEN;
+    let known = |name: &str| {
+        matches!(name, TRANSMISSION | VOLUME) && transmission(material).is_some() || [SHEEN, CLEARCOAT].contains(&name)
+    };
     for extension in material.extensions().into_iter().flat_map(|e| e.keys()).filter(|name| !known(name)) {
         notes.about("extensions of materials are left out", format!("{extension} of {name}"));
     }
@@ -197,6 +238,7 @@ fn tell(material: &gltf::Material, name: &str, reading: &mut Reading) {
 const TRANSMISSION: &str = "KHR_materials_transmission";
 const VOLUME: &str = "KHR_materials_volume";
 const SHEEN: &str = "KHR_materials_sheen";
+const CLEARCOAT: &str = "KHR_materials_clearcoat";
 
 /// Of a surface that lets most of the light through (KHR_materials_transmission), how much, and whether a body is behind it: its
 /// KHR_materials_volume then has a thickness. (Without one glTF means a thin wall, which does not refract.)

@@ -11,7 +11,7 @@ use crate::image::file::read_bytes;
 use crate::mesh::reading::{Notes, Reading, without_mark};
 
 /// Supported extensions. Where support is partial, the missing features are reported where they occur.
-const DONE: [&str; 11] = [
+const DONE: [&str; 12] = [
     "KHR_lights_punctual",
     "KHR_materials_emissive_strength",
     "KHR_materials_ior",
@@ -22,6 +22,7 @@ const DONE: [&str; 11] = [
     // These are reported for each material.
     "KHR_materials_pbrSpecularGlossiness",
     "KHR_materials_sheen",
+    "KHR_materials_clearcoat",
     "KHR_materials_transmission",
     "KHR_materials_volume",
 ];

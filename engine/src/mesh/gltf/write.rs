@@ -11,7 +11,7 @@ use crate::image::file::{Encoding, encode_wide_png};
 use crate::image::filter::resize;
 use crate::image::{Image, ImageError, Wrap};
 use crate::mesh::load::{
-    Clear, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
+    Clear, Coat, Loaded, LoadedCamera, LoadedImage, LoadedLight, LoadedLightKind, LoadedMaterial, LoadedPart,
     LoadedProjection, Sheen,
 };
 use crate::mesh::reading::Notes;
@@ -165,6 +165,9 @@ impl Writer {
         let mut extensions = json!({});
         self.emission(material, &mut out, &mut extensions)?;
         self.surface(material, &mut extensions);
+        if let Some(coat) = &material.coat {
+            extensions[self.uses("KHR_materials_clearcoat")] = self.coat(coat, material)?;
+        }
         if extensions.as_object().is_some_and(|all| !all.is_empty()) {
             out["extensions"] = extensions;
         }
@@ -243,6 +246,20 @@ impl Writer {
         } else if material.specular < 1.0 {
             extensions[self.uses("KHR_materials_specular")] = json!({ "specularFactor": material.specular });
         }
+    }
+
+    /// The clear coat: its images are the red and the green channel of one.
+    fn coat(&mut self, coat: &Coat, material: &LoadedMaterial) -> Result<Value, ImageError> {
+        let mut out = json!({ "clearcoatFactor": coat.weight, "clearcoatRoughnessFactor": coat.roughness });
+        if coat.weight_image.is_some() || coat.roughness_image.is_some() {
+            let one = LoadedImage::constant(&[1.0]);
+            let [weight, roughness] = [&coat.weight_image, &coat.roughness_image].map(|i| i.as_ref().unwrap_or(&one));
+            let joined = self.joined(&[weight, roughness, &one], material)?;
+            let texture = json!({ "index": self.texture(&joined, Encoding::Linear)? });
+            out["clearcoatTexture"] = texture.clone();
+            out["clearcoatRoughnessTexture"] = texture;
+        }
+        Ok(out)
     }
 
     /// A number of glTF that is at most 1.
@@ -527,6 +544,10 @@ mod tests {
         optional(&read.opacity, &written.opacity, "opacity");
         optional(&read.normals, &written.normals, "normals");
         assert_eq!(read.sheen, written.sheen, "{name}");
+        let of_coat = |m: &LoadedMaterial, texels: fn(&Coat) -> LoadedImage| m.coat.as_ref().map(texels);
+        optional(&of_coat(read, Coat::weight_texels), &of_coat(written, Coat::weight_texels), "coat");
+        let roughness = [read, written].map(|m| of_coat(m, Coat::roughness_texels));
+        optional(&roughness[0], &roughness[1], "roughness of the coat");
         assert!(
             (read.specular - written.specular).abs() < 1e-4 * written.specular.max(1.0) || read.clear.is_some(),
             "{name}"
@@ -538,10 +559,15 @@ mod tests {
         LoadedMaterial { name: name.to_owned(), ..LoadedMaterial::default() }
     }
 
+    fn coat(weight: f32, image: Option<LoadedImage>, roughness: f32, rough: Option<LoadedImage>) -> Coat {
+        Coat { weight, weight_image: image, roughness, roughness_image: rough }
+    }
+
     #[test]
     fn materials_are_read_as_they_were_written() {
         let colors = image(3, 2, 3, |i, c| 0.1 + 0.13 * i as f32 + 0.05 * c as f32);
         let grey = |n| image(n, n, 1, |i, _| (0.15 + 0.17 * i as f32).fract());
+        let fine = image(3, 3, 1, |i, _| 0.9 - 0.1 * i as f32);
         let nearest = LoadedImage { wrap: Wrap::Clamp, nearest: true, ..grey(2) };
         let mirrored = |image: LoadedImage| LoadedImage { wrap: Wrap::Mirror, ..image };
         let cut = image(2, 2, 1, |i, _| (i % 2) as f32);
@@ -573,6 +599,9 @@ mod tests {
                 ..named("i")
             },
             LoadedMaterial { opacity: Some(LoadedImage::constant(&[0.25])), ..named("j") },
+            LoadedMaterial { coat: Some(coat(0.8, None, 0.1, None)), metallic: 1.0, ..named("lacquer") },
+            LoadedMaterial { coat: Some(coat(0.8, Some(grey(3)), 0.1, None)), ..named("worn") },
+            LoadedMaterial { coat: Some(coat(1.0, Some(grey(3)), 0.5, Some(fine))), ..named("worn and rough") },
             LoadedMaterial { clear: Some(Clear::Body(1.33)), roughness: 0.0, double_sided: false, ..named("k") },
             LoadedMaterial {
                 clear: Some(Clear::Pane(1.5)),

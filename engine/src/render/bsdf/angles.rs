@@ -42,6 +42,23 @@ pub struct DirectionsAdjoint {
     pub wo: Vec3,
 }
 
+impl std::ops::Add for AnglesAdjoint {
+    type Output = AnglesAdjoint;
+
+    fn add(self, other: AnglesAdjoint) -> AnglesAdjoint {
+        let (ci, co) = (self.ci + other.ci, self.co + other.co);
+        AnglesAdjoint { ci, co, half: self.half + other.half, sin2: self.sin2 + other.sin2 }
+    }
+}
+
+impl DirectionsAdjoint {
+    pub fn add(&mut self, other: &DirectionsAdjoint) {
+        self.n += other.n;
+        self.wi += other.wi;
+        self.wo += other.wo;
+    }
+}
+
 impl Angles {
     #[inline]
     pub fn new(n: Vec3, wi: Vec3, wo: Vec3) -> Angles {

@@ -1,11 +1,11 @@
 use glam::Vec3;
 
 use super::microfacet::Microfacets;
-use crate::render::material::MAX_INPUTS;
+use crate::render::material::MODEL_INPUTS;
 
 /// Derivatives in the inputs of a model, in the order of [`MaterialKind::inputs`](crate::render::MaterialKind::inputs). For a scalar input
 /// only `x` is used.
-pub type Inputs = [Vec3; MAX_INPUTS];
+pub type Inputs = [Vec3; MODEL_INPUTS];
 
 /// A scattering model of up to two parts: a cosine lobe, called base, and a microfacet lobe, whose Fresnel term depends on the angle between
 /// `wi` and the half vector. This says how much each reflects; [`Bsdf`](super::Bsdf) evaluates, samples and differentiates both.
@@ -13,6 +13,8 @@ pub trait Model: Copy {
     type Facets: Microfacets;
     /// Whether there is a base.
     const HAS_BASE: bool;
+    /// Whether there is a microfacet lobe.
+    const HAS_LOBE: bool = true;
     /// Which input is the roughness of the microfacets.
     const ROUGHNESS: usize;
 

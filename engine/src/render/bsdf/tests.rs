@@ -7,17 +7,17 @@ use super::coat::SCHLICK;
 use super::sheen::REFLECTED;
 use super::*;
 use crate::math::{Dual, Pcg32};
-use crate::render::Quantity;
 use crate::render::interaction::SurfaceInteraction;
-use crate::render::material::MAX_INPUTS;
+use crate::render::material::{COAT, COAT_ROUGHNESS, InputField, MAX_INPUTS, MODEL_INPUTS};
 
-/// Three cosines and four RGB inputs.
-type D = Dual<15>;
+/// Three cosines and six RGB inputs.
+type D = Dual<21>;
 
 const INPUT: Input = Input::VertexColor;
 
-fn kinds() -> [MaterialKind; 8] {
-    [
+/// Every model, and some of them under a coat.
+fn kinds() -> Vec<Material> {
+    let models = [
         MaterialKind::Diffuse { reflectance: INPUT },
         MaterialKind::Conductor { reflectance: INPUT, roughness: INPUT },
         MaterialKind::ConductorIor { eta: INPUT, k: INPUT, roughness: INPUT },
@@ -26,14 +26,24 @@ fn kinds() -> [MaterialKind; 8] {
         MaterialKind::Plastic { diffuse: INPUT, ior: INPUT, roughness: INPUT },
         MaterialKind::Cloth { diffuse: INPUT, sheen: INPUT, roughness: INPUT },
         MaterialKind::Mirror { reflectance: INPUT },
-    ]
+    ];
+    let coated = [0, 1, 3, 4].map(|i| Material {
+        coat: Some(ClearCoat { weight: INPUT, roughness: INPUT }),
+        ..Material::from(models[i].clone())
+    });
+    models.into_iter().map(Material::from).chain(coated).collect()
 }
 
-/// Plausible values of a material's inputs, with the given roughness.
-fn values(kind: &MaterialKind, roughness: f32) -> [Vec3; MAX_INPUTS] {
+/// Plausible values of a material's inputs, with the given roughness; that of a coat is the same, another one, or always a third.
+fn values(material: &Material, roughness: f32) -> [Vec3; MAX_INPUTS] {
     let (a, b) = (Vec3::new(0.8, 0.45, 0.2), Vec3::new(0.1, 0.3, 0.15));
     let r = Vec3::splat(roughness);
-    match kind {
+    let of_coat = match material.kind {
+        MaterialKind::Diffuse { .. } => r,
+        MaterialKind::Conductor { .. } => Vec3::splat((1.35 - roughness).min(1.0)),
+        _ => Vec3::splat(0.35),
+    };
+    let [x, y, z, w] = match material.kind {
         MaterialKind::Conductor { .. } => [a, r, r, r],
         // Copper.
         MaterialKind::ConductorIor { .. } => [Vec3::new(0.27, 0.68, 1.3), Vec3::new(3.6, 2.6, 2.3), r, r],
@@ -42,17 +52,30 @@ fn values(kind: &MaterialKind, roughness: f32) -> [Vec3; MAX_INPUTS] {
         MaterialKind::Plastic { .. } => [a, Vec3::splat(1.45), r, r],
         MaterialKind::Cloth { .. } => [a, Vec3::new(0.9, 0.6, 0.3), r, r],
         _ => [a, a, a, a],
-    }
+    };
+    [x, y, z, w, Vec3::splat(0.7), of_coat]
 }
 
 /// A material whose inputs have these values, in their order.
-fn looked_up(kind: &MaterialKind, values: &[Vec3; MAX_INPUTS]) -> Bsdf {
-    let mut values = values.iter();
-    Bsdf::new(&kind.map(|_, _| *values.next().unwrap()))
+fn looked_up(material: &Material, values: &[Vec3; MAX_INPUTS]) -> Bsdf {
+    let mut of_model = values.iter();
+    let bsdf = Bsdf::new(&material.kind.map(|_, _| *of_model.next().unwrap()));
+    let mut of_coat = values[MODEL_INPUTS..].iter();
+    material.coat.as_ref().map_or(bsdf, |coat| bsdf.coated(&coat.map(|_, _| *of_coat.next().unwrap())))
+}
+
+/// What the numbers of an input mean; `None` if the material has no such input.
+fn field(material: &Material, i: usize) -> Option<InputField> {
+    let inputs = || material.scattering_inputs().map(|(field, _)| field);
+    if i < MODEL_INPUTS {
+        inputs().filter(|field| ![COAT, COAT_ROUGHNESS].contains(field)).nth(i)
+    } else {
+        inputs().filter(|field| [COAT, COAT_ROUGHNESS].contains(field)).nth(i - MODEL_INPUTS)
+    }
 }
 
 /// All non-delta materials over several roughnesses.
-fn bsdfs(roughnesses: &[f32]) -> Vec<(MaterialKind, [Vec3; MAX_INPUTS], Bsdf)> {
+fn bsdfs(roughnesses: &[f32]) -> Vec<(Material, [Vec3; MAX_INPUTS], Bsdf)> {
     let mut all = Vec::new();
     for kind in kinds() {
         for &roughness in roughnesses {
@@ -73,17 +96,52 @@ fn direction(cos_theta: f32, phi: f32) -> Vec3 {
 
 // ---- The twin: the formulas as the documentation states them, in dual numbers ----
 
-/// The matte part and the lobe.
+/// The matte part and the lobe, with what a coat does to them and adds.
 pub(crate) fn twins<const N: usize>(
-    kind: &MaterialKind,
+    material: &Material,
     cosines: [Dual<N>; 3],
-    v: &[[Dual<N>; 3]; 4],
+    v: &[[Dual<N>; 3]; MAX_INPUTS],
 ) -> [[Dual<N>; 3]; 2] {
     let [ci, co, io] = cosines;
     // Mirror wi at the tangent plane where it lies behind it.
     let (ci, io) = if ci.value < 0.0 { (-ci, io - 2.0 * ci * co) } else { (ci, io) };
     let length = (2.0 + 2.0 * io).sqrt();
     let (nh, ih) = ((ci + co) / length, length / 2.0);
+    let parts @ [matte, lobe] = model_twins(&material.kind, [ci, co, nh, ih], v);
+    if material.coat.is_none() {
+        return parts;
+    }
+    let (weight, roughness) = (v[4][0], v[5][0]);
+    let grazing = if ci.value < co.value { ci } else { co };
+    let passed = 1.0 - weight * (0.04 + 0.96 * twin_reflected(Some(grazing), roughness));
+    let coat = weight * (0.04 + 0.96 * (1.0 - ih).powi(5)) * twin_ggx(roughness, nh, ci, co);
+    // Lobes below a width of 0.2 turn with the surface, the others stay with the matte part; but if all are wide, they stand together.
+    let is_narrow = |alpha2: f64| alpha2 + 1e-7 < 0.04;
+    let coat_is_narrow = is_narrow(roughness.value.powi(4));
+    let lobe_is_narrow = match material.kind {
+        MaterialKind::Diffuse { .. } | MaterialKind::Cloth { .. } => false,
+        MaterialKind::Phong { .. } => v[2][0].value < 0.04,
+        MaterialKind::Conductor { .. } => is_narrow(v[1][0].value.powi(4)),
+        _ => is_narrow(v[2][0].value.powi(4)),
+    };
+    let all = !(coat_is_narrow || lobe_is_narrow);
+    std::array::from_fn(|part| {
+        let is_lobe = part == 1;
+        std::array::from_fn(|c| {
+            let own = if is_lobe { Dual::constant(0.0) } else { matte[c] };
+            let under = if (lobe_is_narrow || all) == is_lobe { own + lobe[c] } else { own };
+            under * passed + if (coat_is_narrow || all) == is_lobe { coat } else { Dual::constant(0.0) }
+        })
+    })
+}
+
+/// The matte part and the lobe of a model, by the cosines of both directions and of the half vector with the normal, and of half the angle
+/// between the directions.
+fn model_twins<const N: usize>(
+    kind: &MaterialKind,
+    [ci, co, nh, ih]: [Dual<N>; 4],
+    v: &[[Dual<N>; 3]; MAX_INPUTS],
+) -> [[Dual<N>; 3]; 2] {
     let schlick = |f0: Dual<N>| f0 + (1.0 - f0) * (1.0 - ih).powi(5);
     let lambert = |rho: Dual<N>| rho * co / PI;
     let none = Dual::constant(0.0);
@@ -132,8 +190,8 @@ pub(crate) fn twins<const N: usize>(
     std::array::from_fn(|part| channels.map(|c| c[part]))
 }
 
-fn twin(kind: &MaterialKind, ci: D, co: D, io: D, v: &[[D; 3]; 4]) -> [D; 3] {
-    let [matte, lobe] = twins(kind, [ci, co, io], v);
+fn twin(material: &Material, ci: D, co: D, io: D, v: &[[D; 3]; MAX_INPUTS]) -> [D; 3] {
+    let [matte, lobe] = twins(material, [ci, co, io], v);
     std::array::from_fn(|c| matte[c] + lobe[c])
 }
 
@@ -239,8 +297,8 @@ fn directions(i: usize, width: f32, least: f32, rng: &mut Pcg32) -> [Vec3; 3] {
 #[test]
 fn value_and_adjoint_match_the_dual_number_twin() {
     let mut rng = Pcg32::new(21);
-    for (kind, values, bsdf) in bsdfs(&[0.0, 0.02, 0.05, 0.08, 0.2, 0.45, 0.9, 1.0]) {
-        if matches!(kind, MaterialKind::Phong { .. }) && values[2].x == 1.0 {
+    for (material, values, bsdf) in bsdfs(&[0.0, 0.02, 0.05, 0.08, 0.2, 0.45, 0.9, 1.0]) {
+        if matches!(material.kind, MaterialKind::Phong { .. }) && values[2].x == 1.0 {
             continue; // Its exponent is zero, where the twin's power has no derivative.
         }
         let alpha = bsdf.roughness_alpha().unwrap_or(1.0);
@@ -256,14 +314,14 @@ fn value_and_adjoint_match_the_dual_number_twin() {
             }
             let variable = |x: f32, index: usize| D::variable(f64::from(x), index);
             let inputs = std::array::from_fn(|i| {
-                std::array::from_fn(|c| match (&kind, i) {
+                std::array::from_fn(|c| match (&material.kind, i) {
                     // The least that a lobe has.
                     (MaterialKind::Phong { .. }, 2) => variable(values[i][c].max(1e-7), 3 + 3 * i + c),
                     _ => variable(values[i][c], 3 + 3 * i + c),
                 })
             });
             let [ci, co, io] = std::array::from_fn(|i| D::variable(cosines[i], i));
-            let f = twin(&kind, ci, co, io, &inputs);
+            let f = twin(&material, ci, co, io, &inputs);
             let expected = f[0] * f64::from(d_f.x) + f[1] * f64::from(d_f.y) + f[2] * f64::from(d_f.z);
             // The sine of the half vector, some α, is known to the rounding of the directions.
             let half = (0.5 + 0.5 * cosines[2]).sqrt().min(1.0).max(cosines[0].abs().min(cosines[1]));
@@ -286,13 +344,12 @@ fn value_and_adjoint_match_the_dual_number_twin() {
             let derivatives = adjoint.d_values.iter().flat_map(|v| v.to_array());
             for (j, (a, &b)) in derivatives.zip(&expected.partials[3..]).enumerate() {
                 // Those in a roughness change sign where the lobe does not: measure errors against the score's size.
-                let roughness = j % 3 == 0
-                    && kind.inputs().nth(j / 3).is_some_and(|(field, _)| field.quantity != Quantity::Color)
-                    && !matches!(
-                        (&kind, j),
-                        (MaterialKind::Principled { .. }, 3 | 9) | (MaterialKind::Plastic { .. }, 3)
-                    );
-                let score = if roughness { 4.0 / f64::from(values[j / 3].x.max(0.02)).min(1.0) } else { 1.0 };
+                let roughness =
+                    j % 3 == 0 && field(&material, j / 3).is_some_and(|field| field.name.ends_with("roughness"));
+                // ∂ ln D is up to 4 over the roughness; only Phong's lobes go on narrowing where it is 0.
+                let least =
+                    if matches!(material.kind, MaterialKind::Phong { .. }) { MIN_PHONG_ROUGHNESS } else { 0.02 };
+                let score = if roughness { 4.0 / f64::from(values[j / 3].x.max(least)).min(1.0) } else { 1.0 };
                 let tolerance = (4e-3 + 4.0 * rounding) * (b.abs() + score * expected.value.abs()) + 1e-5;
                 assert!((f64::from(a) - b).abs() < tolerance, "{bsdf:?} {vectors:?}, input {j}: {a} {b}");
             }
@@ -448,7 +505,7 @@ fn no_lobe_reflects_more_than_it_receives() {
                 let energy = furnace(&bsdf, direction(cos, 0.4), 128);
                 assert!(energy < limit + 4e-3, "{bsdf:?} at {cos}: {energy}");
                 // Single scattering loses energy between rough facets, but not most of it; without roughness there is no between.
-                let least = if matches!(bsdf, Bsdf::Phong { .. }) {
+                let least = if matches!(bsdf, Bsdf::Lobes(Lobes::Phong(_))) {
                     0.3
                 } else if roughness <= 0.05 && cos >= 0.1 {
                     0.99
@@ -456,7 +513,7 @@ fn no_lobe_reflects_more_than_it_receives() {
                     0.3
                 };
                 assert!(energy > least, "{bsdf:?} at {cos}: {energy}");
-                if matches!(bsdf, Bsdf::Phong { .. }) {
+                if matches!(bsdf, Bsdf::Lobes(Lobes::Phong(_))) {
                     most_of_phong = most_of_phong.max(energy);
                 }
             }
@@ -484,12 +541,41 @@ fn the_sheen_reflects_what_its_table_says() {
     }
 }
 
+/// What a coat takes from the material under it is what it reflects, or a little more: white metal and white paint stay white, but for what the
+/// facets of a rough coat lose and what goes to and fro under it.
+#[test]
+fn a_coat_takes_what_it_reflects() {
+    let white = Vec3::ONE;
+    for (under, least) in [
+        (MaterialKind::Conductor { reflectance: white, roughness: Vec3::ZERO }, 0.97),
+        (MaterialKind::Conductor { reflectance: white, roughness: Vec3::splat(0.4) }, 0.92),
+        (MaterialKind::Diffuse { reflectance: white }, 0.93),
+    ] {
+        for roughness in [0.0, 0.05, 0.2, 0.45, 1.0] {
+            for weight in [0.0, 0.5, 1.0] {
+                let coat = ClearCoat { weight: Vec3::splat(weight), roughness: Vec3::splat(roughness) };
+                let bsdf = Bsdf::new(&under).coated(&coat);
+                let bare = Bsdf::new(&under);
+                for cos in [1.0, 0.7, 0.3, 0.1, 0.02] {
+                    let wi = direction(cos, 0.4);
+                    let energy = furnace(&bsdf, wi, 256);
+                    assert!(energy < 1.004, "{bsdf:?} at {cos}: {energy}");
+                    assert!(energy > least || cos < 0.5 || roughness > 0.3, "{bsdf:?} at {cos}: {energy}");
+                    if weight == 0.0 {
+                        assert!((energy - furnace(&bare, wi, 256)).abs() < 0.01, "{bsdf:?} at {cos}: {energy}");
+                    }
+                }
+            }
+        }
+    }
+}
+
 /// The table of what the dielectric reflects never has less than its lobe, so that no energy is gained, and little more.
 #[test]
 fn the_dielectric_reflects_what_its_table_says() {
     for roughness in [0.0, 0.02, 0.04, 0.08, 0.12, 0.22, 0.37, 0.5, 0.61, 0.83, 0.99] {
         // Without F0 what is left of Schlick's term is (1 − wi·h)⁵.
-        let bsdf = Bsdf::Conductor(Conductor { reflectance: Vec3::ZERO, roughness });
+        let bsdf = Bsdf::new(&MaterialKind::Conductor { reflectance: Vec3::ZERO, roughness: Vec3::splat(roughness) });
         for cos in [0.01, 0.02, 0.05, 0.11, 0.19, 0.27, 0.4, 0.6, 0.8, 1.0] {
             let (lobe, table) =
                 (furnace(&bsdf, direction(cos, 0.4), 128), f64::from(SCHLICK.directional(cos, roughness).value));
@@ -539,7 +625,7 @@ fn absurd_inputs_give_numbers() {
     for kind in kinds() {
         for a in absurd {
             for b in absurd {
-                let bsdf = looked_up(&kind, &[a, b, a, b].map(Vec3::splat));
+                let bsdf = looked_up(&kind, &[a, b, a, b, a, b].map(Vec3::splat));
                 for cos in [1.0, 0.5, 1e-6, 0.0, -1.0] {
                     let wi = direction(f32::abs(cos), 0.0) * Vec3::new(1.0, 1.0, 1f32.copysign(cos));
                     if let Some(s) = bsdf.sample(wi, rng.next_3d()) {

@@ -16,7 +16,7 @@ use crate::render::light::{LightKind, LightSample};
 use crate::render::mask::MaskCrossing;
 use crate::render::texture::{Filter, Texture, Wrap};
 use crate::render::{
-    Emission, Environment, Input, MAX_INPUTS, Material, MaterialKind, Scene, SceneDescription, Shape, Slot,
+    ClearCoat, Emission, Environment, Input, MAX_INPUTS, Material, MaterialKind, Scene, SceneDescription, Shape, Slot,
 };
 
 /// Numbers in three coordinates, with their derivatives.
@@ -120,10 +120,10 @@ impl Builder {
     }
 
     /// Of any kind but a mirror; lobes may be narrow enough to be attached.
-    pub fn material(&mut self, rng: &mut Pcg32) -> MaterialKind {
+    pub fn material(&mut self, rng: &mut Pcg32) -> Material {
         let [a, b] = from_fn(|_| self.input(rng, false));
         let [c, d, roughness] = from_fn(|_| self.input(rng, true));
-        match rng.next_u32() % 7 {
+        let kind = match rng.next_u32() % 7 {
             0 => MaterialKind::Diffuse { reflectance: a },
             1 => MaterialKind::Conductor { reflectance: a, roughness },
             2 => MaterialKind::ConductorIor { eta: a, k: b, roughness },
@@ -140,10 +140,13 @@ impl Builder {
             }
             5 => MaterialKind::Cloth { diffuse: a, sheen: b, roughness },
             _ => MaterialKind::Principled { base_color: a, metallic: c, roughness, specular: d },
-        }
+        };
+        let coat = (rng.next_f32() < 0.4)
+            .then(|| ClearCoat { weight: self.input(rng, true), roughness: self.input(rng, true) });
+        Material { coat, ..Material::from(kind) }
     }
 
-    pub fn shape(&mut self, rng: &mut Pcg32, vertices: [Vec3; 3], kind: MaterialKind) -> &mut Shape {
+    pub fn shape(&mut self, rng: &mut Pcg32, vertices: [Vec3; 3], material: Material) -> &mut Shape {
         let face = (vertices[1] - vertices[0]).cross(vertices[2] - vertices[0]).normalize();
         let side = if rng.next_f32() < 0.5 { -1.0 } else { 1.0 };
         let normals = vertices.map(|_| side * (face + 0.6 * anywhere(rng)) * (1.0 + rng.next_f32()));
@@ -156,21 +159,20 @@ impl Builder {
             uvs: (rng.next_f32() < 0.7).then(|| uvs.to_vec()),
             colors: Some(colors.to_vec()),
         };
-        let material = Material::from(kind);
         self.description.shapes.push(Shape { mesh, material, emission: None });
         self.description.shapes.last_mut().unwrap()
     }
 
     pub fn mask(&mut self, rng: &mut Pcg32, vertices: [Vec3; 3]) {
         let opacity = Some(self.input(rng, true));
-        self.shape(rng, vertices, MaterialKind::Black).material.opacity = opacity;
+        self.shape(rng, vertices, MaterialKind::Black.into()).material.opacity = opacity;
     }
 
     /// A light, of which every other one has a mask.
-    pub fn light(&mut self, rng: &mut Pcg32, vertices: [Vec3; 3], kind: MaterialKind) {
+    pub fn light(&mut self, rng: &mut Pcg32, vertices: [Vec3; 3], material: Material) {
         let emission = Some(Emission { radiance: self.input(rng, false), two_sided: true });
         let opacity = (rng.next_f32() < 0.5).then(|| self.input(rng, true));
-        let shape = self.shape(rng, vertices, kind);
+        let shape = self.shape(rng, vertices, material);
         (shape.emission, shape.material.opacity) = (emission, opacity);
     }
 
@@ -293,10 +295,13 @@ impl Moving {
             let n = unit(mix(b, from_fn(|i| self.vector(Slot::Normals(si.prim as usize), i, normals[i]))));
             if dot(n, ng).value < 0.0 { n.map(|x| -x) } else { n }
         });
-        let kind = &self.scene.description.shapes[si.prim as usize].material.kind;
+        let material = &self.scene.description.shapes[si.prim as usize].material;
         let mut inputs = [constants(Vec3::ZERO); MAX_INPUTS];
-        for (value, (_, input)) in inputs.iter_mut().zip(kind.inputs()) {
+        for (value, (_, input)) in inputs.iter_mut().zip(material.kind.inputs()) {
             *value = self.lookup(*input, si.prim, b);
+        }
+        if let Some(coat) = &material.coat {
+            inputs[4..].copy_from_slice(&[coat.weight, coat.roughness].map(|input| self.lookup(input, si.prim, b)));
         }
         Vertex { p, b, ng, ns: smooth.unwrap_or(ng), wi: line[1].map(|x| -x), smooth: smooth.is_some(), inputs }
     }
@@ -467,7 +472,7 @@ pub struct Vertex {
     pub ns: Vector,
     pub wi: Vector,
     pub smooth: bool,
-    pub inputs: [Vector; 4],
+    pub inputs: [Vector; MAX_INPUTS],
 }
 
 impl Vertex {
@@ -478,11 +483,11 @@ impl Vertex {
     }
 
     /// BSDF times cosine towards `wo`, of one part or both.
-    pub fn scattered(&self, kind: &MaterialKind, part: Option<Part>, wo: Vector) -> Vector {
+    pub fn scattered(&self, material: &Material, part: Option<Part>, wo: Vector) -> Vector {
         // Lengths in single precision are off by 1e-7, which makes the half vector of nearly opposite directions wrong by 1e-5.
         let (wi, unit_wo) = (unit(self.wi), unit(wo));
         let cosines = [dot(self.ns, wi), dot(self.ns, unit_wo), dot(wi, unit_wo)];
-        let [matte, lobe] = twins(kind, cosines, &self.inputs);
+        let [matte, lobe] = twins(material, cosines, &self.inputs);
         let f = match part {
             Some(Part::Diffuse) => matte,
             Some(Part::Specular) => lobe,

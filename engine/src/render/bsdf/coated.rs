@@ -1,0 +1,186 @@
+//! A clear coat over another material: varnish, lacquer, a layer of ice.
+//!
+//! The coat is a rough dielectric with a refractive index of 1.5, as glTF has it, that covers a share of the surface (`weight`). What it
+//! reflects does not reach the material under it: that has the factor
+//!
+//!   1 − weight · E(min(ci, co))
+//!
+//! with the coat's albedo E ([`Coat`]), which is largest at grazing angles. It is reciprocal, and never more than 1 − weight · E(ci), so that no
+//! energy is gained; what is lost is the light that goes to and fro between coat and material. (glTF has 1 − weight · F(ci), which is not
+//! reciprocal.)
+
+use glam::Vec3;
+
+use super::angles::{Angles, AnglesAdjoint};
+use super::coat::{Coat, SCHLICK};
+use super::fresnel::{d_schlick, schlick};
+use super::lobes::{Lobes, share};
+use super::microfacet::{Ggx, Microfacets};
+use super::{ATTACHED_ALPHA, BsdfAdjoint, Part};
+use crate::render::material::{MAX_INPUTS, MODEL_INPUTS};
+
+/// The numbers of a coat, and the model under it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Coated {
+    /// The share of the surface that the coat covers, from 0 to 1.
+    pub weight: f32,
+    /// From 0 to 1.
+    pub roughness: f32,
+    pub under: Lobes,
+}
+
+/// Reflectance at normal incidence of a refractive index of 1.5.
+const F0: f32 = 0.04;
+const F90: f32 = 1.0;
+
+/// Which lobes belong to a part: the cosine lobe and the microfacet lobe under the coat, and the coat.
+#[derive(Clone, Copy)]
+struct Chosen {
+    base: bool,
+    lobe: bool,
+    coat: bool,
+}
+
+impl Coated {
+    fn facets(&self) -> Ggx {
+        Ggx::new(self.roughness)
+    }
+
+    fn fresnel(&self, half: f32) -> f32 {
+        schlick(half, Vec3::splat(F0), F90).x
+    }
+
+    /// The coat's lobe.
+    fn eval_coat(&self, angles: &Angles) -> f32 {
+        self.weight * self.fresnel(angles.half) * self.facets().eval(angles)
+    }
+
+    /// What of the light passes the coat on its way to the material under it and back.
+    fn passed(&self, ci: f32, co: f32) -> f32 {
+        let coat = Coat { f0: F0, f90: F90, roughness: self.roughness };
+        1.0 - self.weight * (1.0 - coat.passed_at(ci.min(co)))
+    }
+
+    /// The lobes of a part. The specular one has those that are attached ([`Bsdf::is_attached`](super::Bsdf::is_attached)), or, if none is, all
+    /// microfacet lobes.
+    fn chosen(&self, part: Part) -> Chosen {
+        let lobe = self.under.has_lobe() && self.under.alpha() < ATTACHED_ALPHA;
+        let coat = self.facets().alpha() < ATTACHED_ALPHA;
+        let specular = Chosen { base: false, lobe: lobe || !coat, coat: coat || !lobe };
+        match part {
+            Part::Specular => specular,
+            Part::Diffuse => Chosen { base: true, lobe: !specular.lobe, coat: !specular.coat },
+        }
+    }
+
+    /// Whether all light belongs to the specular part.
+    pub fn is_specular(&self) -> bool {
+        let rest = self.chosen(Part::Diffuse);
+        !(self.under.has_base() || rest.lobe || rest.coat)
+    }
+
+    pub fn eval(&self, angles: &Angles) -> Vec3 {
+        self.under.eval(angles) * self.passed(angles.ci, angles.co) + self.eval_coat(angles)
+    }
+
+    /// Everything, and the density of [`Bsdf::sample`](super::Bsdf::sample).
+    pub fn eval_and_pdf(&self, angles: &Angles) -> (Vec3, f32) {
+        let (under, pdf) = self.under.eval_and_pdf(angles);
+        let (lobe, coat_pdf) = self.facets().eval_and_pdf(angles);
+        let share = self.coat_share(angles.ci);
+        let value = under * self.passed(angles.ci, angles.co) + self.weight * self.fresnel(angles.half) * lobe;
+        (value, (1.0 - share) * pdf + share * coat_pdf)
+    }
+
+    /// What is under the coat, without what the coat does to it.
+    fn eval_under(&self, chosen: Chosen, angles: &Angles) -> Vec3 {
+        let base = if chosen.base { self.under.eval_base(angles.ci, angles.co) } else { Vec3::ZERO };
+        base + if chosen.lobe { self.under.eval_lobe(angles) } else { Vec3::ZERO }
+    }
+
+    pub fn eval_part(&self, part: Part, angles: &Angles) -> Vec3 {
+        let chosen = self.chosen(part);
+        let coat = if chosen.coat { self.eval_coat(angles) } else { 0.0 };
+        self.eval_under(chosen, angles) * self.passed(angles.ci, angles.co) + coat
+    }
+
+    /// Adjoint of [`Coated::eval_part`]. `half_fixed` is as in [`Microfacets::d_eval`].
+    pub fn d_eval_part(&self, part: Part, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
+        let (chosen, angles) = (self.chosen(part), Angles::new(n, wi, wo));
+        let d_under = d_f * self.passed(angles.ci, angles.co);
+        let mut out = BsdfAdjoint::default();
+        if chosen.base {
+            out.add(&self.under.d_eval_base(n, wi, wo, d_under));
+        }
+        if chosen.lobe {
+            out.add(&self.under.d_eval_lobe(n, wi, wo, d_under, half_fixed));
+        }
+        // The factor 1 − weight · E, with E = F0 + (F90 − F0) P.
+        let nearest = angles.ci.min(angles.co);
+        let p = SCHLICK.directional(nearest, self.roughness);
+        let d_passed = d_f.dot(self.eval_under(chosen, &angles));
+        let mut d_weight = -d_passed * (F0 + (F90 - F0) * p.value);
+        let d_p = -d_passed * self.weight * (F90 - F0);
+        let mut d_roughness = d_p * p.by_roughness;
+        let mut d_angles = AnglesAdjoint::default();
+        *(if angles.ci < angles.co { &mut d_angles.ci } else { &mut d_angles.co }) += d_p * p.by_c;
+        if chosen.coat {
+            let (lobe, fresnel) = (self.facets().d_eval(&angles, half_fixed), self.fresnel(angles.half));
+            let d_coat = d_f.element_sum();
+            let d_fresnel = Vec3::X * (d_coat * self.weight * lobe.value);
+            let d_half = d_schlick(angles.half, Vec3::splat(F0), F90, d_fresnel).0;
+            let d_lobe = d_coat * self.weight * fresnel;
+            d_weight += d_coat * fresnel * lobe.value;
+            d_roughness += d_lobe * lobe.d_roughness;
+            d_angles = d_angles + lobe.d_angles(d_lobe, d_half);
+        }
+        out.directions.add(&angles.adjoint(n, wi, wo, &d_angles));
+        out.d_values[MODEL_INPUTS].x += d_weight;
+        out.d_values[MODEL_INPUTS + 1].x += d_roughness;
+        out
+    }
+
+    /// A microfacet normal of the coat.
+    pub fn sample_facet(&self, wi: Vec3, u: [f32; 2]) -> Vec3 {
+        self.facets().sample(wi, u)
+    }
+
+    pub fn pdf(&self, angles: &Angles) -> f32 {
+        let share = self.coat_share(angles.ci);
+        (1.0 - share) * self.under.pdf(angles) + share * self.facets().pdf(angles)
+    }
+
+    /// Approximate albedos (as luminances) of both lobes under the coat and of the coat.
+    fn albedos(&self, ci: f32) -> [f32; 3] {
+        let ci = ci.abs().max(1e-3);
+        let passed = self.passed(ci, ci);
+        let [base, lobe] = self.under.albedos(ci);
+        [base * passed, lobe * passed, 1.0 - passed]
+    }
+
+    /// Share of the samples that go to the coat.
+    pub fn coat_share(&self, ci: f32) -> f32 {
+        let [base, lobe, coat] = self.albedos(ci);
+        share(coat, base + lobe)
+    }
+
+    /// The width α of the narrowest lobe.
+    pub fn alpha(&self) -> f32 {
+        self.facets().alpha().min(self.under.alpha())
+    }
+
+    /// The albedos of the narrowest lobe and of the others together.
+    pub fn lobe_albedos(&self, ci: f32) -> [f32; 2] {
+        let [base, lobe, coat] = self.albedos(ci);
+        if self.facets().alpha() <= self.under.alpha() { [base + lobe, coat] } else { [base + coat, lobe] }
+    }
+
+    /// What the albedo channel shows: that of the material under the coat.
+    pub fn albedo(&self) -> Vec3 {
+        self.under.albedo()
+    }
+
+    pub fn d_albedo(&self, d_albedo: Vec3) -> [Vec3; MAX_INPUTS] {
+        self.under.d_albedo(d_albedo)
+    }
+}
