@@ -290,8 +290,9 @@ impl Writer<'_> {
                 colour(self, &mut out, reflectance);
                 (out.metallic, out.specular, out.roughness) = (1.0, 1.0, 0.0);
             }
-            MaterialKind::Dielectric { ior } => {
-                out.clear = Some(Clear::Body(self.index(ior, name)));
+            MaterialKind::Dielectric { ior, absorption } => {
+                let absorption = absorption.as_ref().map_or(Vec3::ZERO, |input| self.look(input, true, name).mean());
+                out.clear = Some(Clear::Body { ior: self.index(ior, name), absorption });
                 // What has an inside is not seen from there: so glTF has it of volumes.
                 (out.roughness, out.double_sided) = (0.0, false);
             }

@@ -7,6 +7,7 @@ mod dice;
 #[path = "../common/place.rs"]
 mod place;
 
+mod absorption;
 mod cameras;
 mod curved_mirrors;
 mod edge_on;

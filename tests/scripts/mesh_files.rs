@@ -101,7 +101,12 @@ fn materials_mean_what_their_letters_say() {
     assert_eq!(of("Pc 0\nPcr 0.2\n").0.coat, None);
     // Of glass only the index counts.
     let (m, loaded) = of("illum 7\nNi 1.33\nd 0.1\nnorm half.png\n");
-    assert!(m.clear == Some(Clear::Body(1.33)) && m.opacity.is_none() && m.normals.is_none(), "{m:?}");
+    assert!(
+        m.clear == Some(Clear::Body { ior: 1.33, absorption: Vec3::ZERO })
+            && m.opacity.is_none()
+            && m.normals.is_none(),
+        "{m:?}"
+    );
     let told = "glass (`illum` 4, 6, 7 and 9) is smooth and clear: its colour, roughness and images are left out: “m”";
     assert_eq!(loaded.warnings, [told]);
 }
@@ -500,7 +505,10 @@ fn normal_maps_and_glass_of_gltf() {
     };
     file.add("materials", json!({"name": "leather", "normalTexture": {"index": 0, "scale": 2}}));
     file.add("materials", glass("ball", json!({"roughnessFactor": 0}), 1.0));
-    file.add("materials", glass("bottle", json!({"roughnessFactor": 0.2}), 1.0));
+    let mut bottle = glass("bottle", json!({"roughnessFactor": 0.2}), 1.0);
+    let volume = &mut bottle["extensions"]["KHR_materials_volume"];
+    (volume["attenuationDistance"], volume["attenuationColor"]) = (json!(0.5), json!([0.25, 0.5, 1]));
+    file.add("materials", bottle);
     file.add("materials", glass("pane", json!({"roughnessFactor": 0}), 0.0));
     for material in 0..4 {
         let mesh = file.triangle(json!({}), json!({"material": material}));
@@ -510,7 +518,7 @@ fn normal_maps_and_glass_of_gltf() {
     place.write("a.gltf", file.text());
     let loaded = read(&place, "a.gltf");
     let told = [
-        "glass is smooth and clear: its colour, roughness and images are left out: “bottle”",
+        "the surface of glass is smooth and clear: its colour, roughness and images are left out: “bottle”",
         "without texture coordinates an image is shown on every face anew, and a normal map is left out: “a”",
     ];
     assert_eq!(loaded.warnings, told);
@@ -520,10 +528,12 @@ fn normal_maps_and_glass_of_gltf() {
     let normal = (vec3(225.0, 188.0, 255.0) / 255.0 * 2.0 - 1.0) * vec3(2.0, 2.0, 1.0);
     let expected = 0.5 + 0.5 * normal.normalize();
     assert!(Vec3::from_slice(&normals).distance(expected) < 0.005, "{normals:?} instead of {expected}");
-    assert_eq!(
-        [0, 1, 2, 3].map(|i| material(i).clear),
-        [None, Some(Clear::Body(1.4)), Some(Clear::Body(1.4)), Some(Clear::Pane(1.4))]
-    );
+    let body = |absorption| Some(Clear::Body { ior: 1.4, absorption });
+    let clear = [0, 1, 3].map(|i| material(i).clear);
+    assert_eq!(clear, [None, body(Vec3::ZERO), Some(Clear::Pane(1.4))]);
+    // Of light that has gone 0.5 far, a quarter of the red, half of the green and all of the blue are left.
+    let Some(Clear::Body { absorption, .. }) = material(2).clear else { panic!("no body") };
+    assert!((absorption - vec3(4f32.ln() / 0.5, 2f32.ln() / 0.5, 0.0)).length() < 1e-5, "{absorption}");
 }
 
 #[test]

@@ -31,7 +31,7 @@ shape painted {
   mesh: mesh(vertices: [[-3, 0, -2], [-1, 0, -2], [-2, 2, -2]], faces: [[0, 1, 2]], colors: [[1, 0, 0], [0, 1, 0], [0, 0, 1]])
   material: principled(base_color: vertex_color(), metallic: 0, roughness: 0.5, specular: 0.5)
 }
-shape drop { mesh: icosphere(radius: 0.4) |> translate([0.3, 0.5, 2]), material: dielectric(ior: 1.4) }
+shape drop { mesh: icosphere(radius: 0.4) |> translate([0.3, 0.5, 2]), material: dielectric(ior: 1.4, absorption: [0.2, 1.5, 0.7]) }
 shape window { mesh: rectangle() |> rotate(x: 90deg) |> translate([2.5, 1, 0.5]), material: thin_dielectric(tint: [0.4, 0.9, 0.6]) }
 shape leaf {
   mesh: rectangle() |> rotate(x: 60deg) |> translate([-2, 1, 1])

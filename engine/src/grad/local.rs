@@ -12,7 +12,7 @@ use crate::render::film::first_hit;
 use crate::render::interaction::{SurfaceInteraction, d_terminator, terminator};
 use crate::render::light::{LightKind, LightSample};
 use crate::render::mask::{MaskCrossing, MaskWeight};
-use crate::render::{Camera, Input, InputField, MAX_INPUTS, MODEL_INPUTS, Output, Quantity};
+use crate::render::{Camera, Input, InputField, MAX_INPUTS, MODEL_INPUTS, MaterialKind, Output, Quantity};
 
 /// Adjoints of the numbers of one surface interaction.
 #[derive(Clone, Copy, Debug, Default)]
@@ -292,6 +292,59 @@ pub fn d_inputs(out: &mut Adjoints, si: &SurfaceInteraction, d: &[Vec3; MAX_INPU
         let mut of_coat = d[MODEL_INPUTS..].iter();
         coat.map(|field, input| add(field, *input, of_coat.next().copied().unwrap_or_default()));
     }
+}
+
+/// Adjoint of what a body does not absorb on a way of length `t` ([`attenuation`](crate::render::bodies::attenuation)), given that of its
+/// logarithm. Adds to the adjoint of the absorption, and returns that of the length.
+pub fn d_attenuation(out: &mut Adjoints, si: &SurfaceInteraction, body: u32, t: f32, d_log: Vec3) -> f32 {
+    let scene = out.scene;
+    let MaterialKind::Dielectric { absorption: Some(input), .. } =
+        scene.description.shapes[body as usize].material.kind
+    else {
+        return 0.0;
+    };
+    if !t.is_finite() {
+        return 0.0; // nothing is left, or nothing is absorbed
+    }
+    // The same everywhere in the body, so that the place does not matter.
+    out.input(input, si.prim, si.b, d_log * -t, false);
+    -d_log.dot(scene.lookup(input, si.prim, si.b))
+}
+
+/// [`d_attenuation`] on the way to a point of a light that is fixed to it.
+pub fn d_attenuation_fixed(
+    out: &mut Adjoints,
+    si: &SurfaceInteraction,
+    body: u32,
+    c: &IncidentLight,
+    d_log: Vec3,
+    adj: &mut VertexAdjoint,
+) {
+    let d_end = c.dir * d_attenuation(out, si, body, c.distance, d_log);
+    adj.p -= d_end;
+    match c.light.kind {
+        LightKind::Area => out.material_point(c.light.prim, c.light.b, d_end),
+        LightKind::Point(i) => out.light_placement(i, d_end),
+        LightKind::Directional(_) | LightKind::Environment => {}
+    }
+}
+
+/// [`d_attenuation`] on the way to a point of a light that slides over it.
+pub fn d_attenuation_sliding(
+    out: &mut Adjoints,
+    si: &SurfaceInteraction,
+    body: u32,
+    c: &IncidentLight,
+    d_log: Vec3,
+    adj: &mut VertexAdjoint,
+) {
+    if c.light.kind != LightKind::Area {
+        return d_attenuation_fixed(out, si, body, c, d_log, adj);
+    }
+    let d_end = c.dir * d_attenuation(out, si, body, c.distance, d_log);
+    let there = out.scene.interaction(c.light.prim, c.light.b, -c.dir);
+    let ray = d_intersection(out, &there, c.distance, VertexAdjoint { p: d_end, ..Default::default() });
+    adj.p += ray.origin - d_end;
 }
 
 /// Adjoint of emission at the hit of a ray with a fixed direction (camera rays, mirrors).

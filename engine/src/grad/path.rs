@@ -15,9 +15,9 @@ use glam::Vec3;
 
 use crate::grad::environment::MovingEnvironment;
 use crate::grad::local::{
-    IncidentLight, Masks, RayAdjoint, Scattering, VertexAdjoint, d_attached_direction, d_emission_sliding, d_eval,
-    d_eval_attached, d_incident, d_inputs, d_intersection, d_masks, d_material_fixed, d_opacity, d_specular,
-    d_specular_ray,
+    IncidentLight, Masks, RayAdjoint, Scattering, VertexAdjoint, d_attached_direction, d_attenuation,
+    d_attenuation_fixed, d_attenuation_sliding, d_emission_sliding, d_eval, d_eval_attached, d_incident, d_inputs,
+    d_intersection, d_masks, d_material_fixed, d_opacity, d_specular, d_specular_ray,
 };
 use crate::grad::sink::{Adjoints, Layout};
 use crate::render::bsdf::{Bsdf, Part, RoughnessPair};
@@ -30,9 +30,12 @@ use crate::render::{MAX_INPUTS, Scene};
 #[derive(Clone, Debug)]
 pub struct PathVertex {
     pub si: SurfaceInteraction,
-    /// Product of f·cos/pdf and of masks' weights up to this vertex, without the vertex itself and the segment that leads to it.
+    /// Product of f·cos/pdf, of masks' weights and of what bodies do not absorb up to this vertex, without the vertex itself and the masks on the
+    /// segment that leads to it.
     pub throughput: Vec3,
     pub through: MaskWeight,
+    /// The body that absorbs light on the segment that leads to it.
+    pub body: Option<u32>,
     /// Distance from the previous vertex.
     pub t: f32,
     pub connection: Option<Connection>,
@@ -85,6 +88,7 @@ impl Recorder for Path {
             si: *si,
             throughput,
             through: *through,
+            body: None,
             t,
             connection: None,
             continuation: None,
@@ -92,6 +96,12 @@ impl Recorder for Path {
             to_light: (0, 0),
             out: (0, 0),
         });
+    }
+
+    fn absorbed(&mut self, body: u32) {
+        if let Some(v) = self.vertices.last_mut() {
+            v.body = Some(body);
+        }
     }
 
     fn segment(&mut self) {
@@ -180,7 +190,7 @@ pub fn sweep(out: &mut Adjoints, path: &Path, a: Vec3, detached: Detached) -> Ra
         let a_in = a * v.throughput;
         let a_vertex = a_in * v.through.weight;
         if let Some((sky, c)) = v.continuation.as_ref().and_then(|c| Some((c.escaped?, c))) {
-            let d = a_vertex.dot(c.f * sky) * (c.inv_pdf * c.emission_weight);
+            let d = a_vertex.dot(c.f * sky * c.attenuation) * (c.inv_pdf * c.emission_weight);
             ray = d_masks(out, c.dir, path.crossings(v.out), d);
         }
         let mut vertex = VertexSweep {
@@ -252,12 +262,12 @@ impl VertexSweep<'_, '_> {
         let si = &self.v.si;
         // A light's power already includes the opacity of its mask.
         let power = c.hit_light.as_ref().map_or(Vec3::ZERO, |light| light.power);
-        let emission = power * (c.emission_weight * c.through.pass * c.through.inv_choice);
-        let sky = c.escaped.map_or(Vec3::ZERO, |sky| sky * (c.emission_weight * c.through.weight));
-        let reflected = reflected * c.through.weight;
+        let emission = power * c.attenuation * (c.emission_weight * c.through.pass * c.through.inv_choice);
+        let sky = c.escaped.map_or(Vec3::ZERO, |sky| sky * c.attenuation * (c.emission_weight * c.through.weight));
+        let reflected = reflected * c.attenuation * c.through.weight;
         let found = emission + sky + reflected;
         if c.escaped.is_some() {
-            let d_sky = self.a * (c.f * c.inv_pdf) * (c.emission_weight * c.through.weight);
+            let d_sky = self.a * (c.f * c.inv_pdf) * c.attenuation * (c.emission_weight * c.through.weight);
             if c.lobe.is_delta() || c.attached {
                 d_dir += self.out.environment(c.dir, d_sky);
             } else if self.is_behind_glass() {
@@ -308,9 +318,13 @@ impl VertexSweep<'_, '_> {
                 weight: weight * c.through.pass,
                 masks: Masks { crossings, weight },
             };
-            let scattering = Scattering { f: c.f, part, a: self.a };
+            let scattering = Scattering { f: c.f, part, a: self.a * c.attenuation };
             let d_values = d_material_fixed(self.out, si, &incident, scattering, &mut self.adj);
             self.add_values(d_values);
+            if let Some(body) = next.and_then(|next| next.body) {
+                let d_log = self.a * c.f * found.emission * c.inv_pdf;
+                d_attenuation_fixed(self.out, si, body, &incident, d_log, &mut self.adj);
+            }
         }
     }
 
@@ -319,7 +333,7 @@ impl VertexSweep<'_, '_> {
         let step = c.f * c.inv_pdf;
         let rest = self.detached.environment.direction_fixed_share(self.out.scene, c.dir);
         if self.detached.environment != MovingEnvironment::Whole {
-            self.out.environment_base(c.dir, self.a * step * (c.emission_weight * c.through.weight));
+            self.out.environment_base(c.dir, self.a * step * c.attenuation * (c.emission_weight * c.through.weight));
         }
         let turning = sky * (Vec3::ONE - rest);
         let d_f = self.a * c.inv_pdf;
@@ -342,9 +356,18 @@ impl VertexSweep<'_, '_> {
         };
         let environment = self.detached.environment;
         let slides = self.is_behind_glass();
-        let d_values = d_incident(self.out, &self.v.si, &incident, self.a, slides, environment, &mut self.adj);
+        let a = self.a * c.attenuation;
+        let d_values = d_incident(self.out, &self.v.si, &incident, a, slides, environment, &mut self.adj);
         self.add_values(d_values);
-        c.f * c.light.power * (c.geometry * weight)
+        let light = c.f * c.light.power * c.attenuation * (c.geometry * weight);
+        if let Some(body) = c.body {
+            if slides {
+                d_attenuation_sliding(self.out, &self.v.si, body, &incident, self.a * light, &mut self.adj);
+            } else {
+                d_attenuation_fixed(self.out, &self.v.si, body, &incident, self.a * light, &mut self.adj);
+            }
+        }
+        light
     }
 
     /// Differentiates the vertex's own emission, if it slides.
@@ -370,6 +393,14 @@ impl VertexSweep<'_, '_> {
         }
         d_inputs(self.out, si, &self.d_values, &mut self.adj);
         let mut ray = RayAdjoint::default();
+        let mut d_start = Vec3::ZERO;
+        if let Some(body) = v.body {
+            // The way ends at the vertex, which slides, and what it brings is what leaves the vertex.
+            let found = outgoing + si.emission * sliding_emission(self.out.scene, self.path, self.index).unwrap_or(0.0);
+            let d_t = d_attenuation(self.out, si, body, v.t, a * found * v.through.weight);
+            self.adj.p -= si.wi * d_t;
+            d_start = si.wi * d_t;
+        }
         if self.out.scene.masked {
             // The vertex's own mask and those in front of it, for the part of the radiance that slides over the surface.
             let found = outgoing + si.emission * sliding_emission(self.out.scene, self.path, self.index).unwrap_or(0.0);
@@ -380,6 +411,7 @@ impl VertexSweep<'_, '_> {
         }
         if !self.out.layout.is_static {
             ray = ray + d_intersection(self.out, si, v.t, self.adj);
+            ray.origin += d_start;
         }
         ray
     }

@@ -48,7 +48,7 @@ impl Layout {
     pub fn new(scene: &Scene, slots: &[Slot]) -> Layout {
         let d = &scene.description;
         let refracts = |(i, shape): (usize, &Shape)| match shape.material.kind {
-            MaterialKind::Dielectric { ior } => slots.iter().any(|slot| slot.is_read_by(ior, i)),
+            MaterialKind::Dielectric { ior, .. } => slots.iter().any(|slot| slot.is_read_by(ior, i)),
             _ => false,
         };
         let tilts = |(i, shape): (usize, &Shape)| {

@@ -143,7 +143,12 @@ impl LoadedImage {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Clear {
     /// A body that bends light.
-    Body(f32),
+    Body {
+        /// The refractive index.
+        ior: f32,
+        /// Per unit length, RGB of at least 0.
+        absorption: Vec3,
+    },
     /// A wall so thin that it does not, and whose base colour tints the light.
     Pane(f32),
 }

@@ -359,7 +359,9 @@ impl Mtl {
     /// The refractive index of a body of glass.
     fn clear(&self) -> Option<Clear> {
         let is_glass = matches!(self.illumination, Some(4 | 6 | 7 | 9));
-        self.index.filter(|index| is_glass && *index > 1.0).map(|index| Clear::Body(index.min(10.0)))
+        self.index
+            .filter(|index| is_glass && *index > 1.0)
+            .map(|index| Clear::Body { ior: index.min(10.0), absorption: Vec3::ZERO })
     }
 
     /// The factor on the usual reflectance of 4 % at normal incidence.

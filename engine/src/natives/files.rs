@@ -160,7 +160,10 @@ fn appearance(loaded: &LoadedMaterial) -> Appearance {
     if let Some(clear) = loaded.clear {
         let number = |ior: f32| Input::Number(Var::from(f64::from(ior)));
         let material = match clear {
-            Clear::Body(ior) => MaterialKind::Dielectric { ior: number(ior) }.into(),
+            Clear::Body { ior, absorption } => {
+                let absorption = (absorption != glam::Vec3::ZERO).then(|| color(absorption));
+                MaterialKind::Dielectric { ior: number(ior), absorption }.into()
+            }
             Clear::Pane(ior) => {
                 MaterialKind::ThinDielectric { ior: number(ior), tint: texels(loaded.base_color_texels()) }.into()
             }
@@ -171,7 +174,7 @@ fn appearance(loaded: &LoadedMaterial) -> Appearance {
     let kind = match loaded.sheen {
         Some(Sheen { color, roughness }) => MaterialKind::Cloth {
             diffuse: base_color,
-            sheen: Input::Number(Var::constant(Tensor::vector(color.to_array().map(f64::from).to_vec()))),
+            sheen: self::color(color),
             roughness: Input::Number(Var::from(f64::from(sheen_roughness_of(roughness * roughness)))),
         },
         None => MaterialKind::Principled {
@@ -189,6 +192,10 @@ fn appearance(loaded: &LoadedMaterial) -> Appearance {
     });
     let material = Arc::new(MaterialValue { kind, coat, one_sided: !loaded.double_sided, opacity, normals });
     Appearance { material, radiance: loaded.emissive_texels().map(texels), two_sided: loaded.double_sided }
+}
+
+fn color(color: glam::Vec3) -> Input {
+    Input::Number(Var::constant(Tensor::vector(color.to_array().map(f64::from).to_vec())))
 }
 
 fn texels(loaded: LoadedImage) -> Input {

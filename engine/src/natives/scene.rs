@@ -32,7 +32,10 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("plastic", |a| material(a, &MaterialKind::Plastic { diffuse: (), ior: (), roughness: () })),
     ("cloth", |a| material(a, &MaterialKind::Cloth { diffuse: (), sheen: (), roughness: () })),
     ("mirror", |a| material(a, &MaterialKind::Mirror { reflectance: () })),
-    ("dielectric", |a| material(a, &MaterialKind::Dielectric { ior: () })),
+    ("dielectric", |a| {
+        let absorption = a.named("absorption").map(|_| ());
+        material(a, &MaterialKind::Dielectric { ior: (), absorption })
+    }),
     ("thin_dielectric", |a| material(a, &MaterialKind::ThinDielectric { ior: (), tint: () })),
     ("principled", |a| {
         material(a, &MaterialKind::Principled { base_color: (), metallic: (), roughness: (), specular: () })

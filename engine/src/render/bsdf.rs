@@ -222,7 +222,7 @@ impl Bsdf {
             MaterialKind::Black => Bsdf::Black,
             MaterialKind::Diffuse { reflectance } => Bsdf::Diffuse { reflectance },
             MaterialKind::Mirror { reflectance } => Bsdf::Mirror { reflectance },
-            MaterialKind::Dielectric { ior } => {
+            MaterialKind::Dielectric { ior, .. } => {
                 Bsdf::Dielectric(Dielectric { ior: index(ior), tint: Vec3::ONE, is_pane: false })
             }
             MaterialKind::ThinDielectric { ior, tint } => {

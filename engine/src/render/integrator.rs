@@ -12,6 +12,7 @@ use std::array;
 use glam::Vec3;
 
 use super::accel::{PrimId, Ray};
+use super::bodies::Inside;
 use super::bsdf::Lobe;
 use super::interaction::SurfaceInteraction;
 use super::light::LightSample;
@@ -19,7 +20,7 @@ use super::mask::{MaskCrossing, MaskSampling, MaskWeight};
 use super::sampler::Sampler;
 use super::world::Scene;
 
-pub use paths::Paths;
+pub use self::paths::Paths;
 
 /// Paths are never longer than this, whatever `max_bounces` says.
 pub const MAX_DEPTH: u32 = 64;
@@ -59,6 +60,8 @@ pub struct Options<'a> {
     pub required_shapes: Option<&'a [bool]>,
     /// Primitives that rays from the first vertex skip.
     pub first_skip: &'a [PrimId],
+    /// The bodies that the path starts in, where it starts on a surface of one; `None` finds those around its start.
+    pub inside: Option<Inside>,
 }
 
 impl<'a> Options<'a> {
@@ -74,6 +77,7 @@ impl<'a> Options<'a> {
             area_sampling_fraction: 0.0,
             required_shapes: None,
             first_skip: &[],
+            inside: None,
         }
     }
 
@@ -90,10 +94,13 @@ pub struct Connection {
     pub dir: Vec3,
     pub distance: f32,
     pub geometry: f32,
-    /// MIS weight over density: the contribution is f·cos · power · geometry · weight · transmittance.
+    /// MIS weight over density: the contribution is f·cos · power · geometry · weight · transmittance · attenuation.
     pub weight: f32,
     /// Transmittance of the masks on the way.
     pub transmittance: f32,
+    /// What the body on the way does not absorb, and the body's shape.
+    pub attenuation: Vec3,
+    pub body: Option<u32>,
     /// f·cos of the vertex towards the light.
     pub f: Vec3,
 }
@@ -113,6 +120,8 @@ pub struct Continuation {
     pub t: f32,
     /// Weight of the masks on the way.
     pub through: MaskWeight,
+    /// What the body on the way does not absorb.
+    pub attenuation: Vec3,
     /// MIS weight of emission found at the end of this segment.
     pub emission_weight: f32,
     /// If the segment ends on an emitter: the point as a light sample, with the density of this technique as its pdf.
@@ -128,6 +137,8 @@ pub trait Recorder {
 
     /// A vertex reached with `throughput · through.weight` (before scattering), at distance `t` from the previous one.
     fn vertex(&mut self, _si: &SurfaceInteraction, _throughput: Vec3, _t: f32, _through: &MaskWeight) {}
+    /// The body on the way to the latest vertex, whose absorption the throughput includes.
+    fn absorbed(&mut self, _body: u32) {}
     /// Begins a new segment. The masks on it follow, and then the vertex or connection that it leads to, if there is one.
     fn segment(&mut self) {}
     /// A mask that was passed. Not called if masks are sampled by opacity ([`MaskSampling::Opacity`]).
@@ -146,21 +157,42 @@ impl Recorder for NoRecord {
     const RECORDS: bool = false;
 }
 
+/// The way to the first vertex of a path.
+struct FirstSegment {
+    t: f32,
+    through: MaskWeight,
+    inside: Inside,
+    /// What the body on the way does not absorb.
+    attenuation: Vec3,
+}
+
+impl FirstSegment {
+    /// Of a path that starts at its first vertex.
+    const NONE: FirstSegment =
+        FirstSegment { t: 0.0, through: MaskWeight::CLEAR, inside: Inside::NOTHING, attenuation: Vec3::ONE };
+}
+
 /// One-sample estimate of the radiance along a path's first segment, towards its start.
 #[inline(always)]
 pub fn trace<R: Recorder>(scene: &Scene, start: Start, sampler: &mut Sampler, options: &Options, rec: &mut R) -> Vec3 {
     let mut paths = Paths::<1>::new();
     let (samplers, recs) = (array::from_mut(sampler), array::from_mut(rec));
     let mut options = *options;
+    let mut way = FirstSegment::NONE;
+    if let Start::Surface(si) | Start::BesideEdge(si, _) = &start
+        && scene.absorbs()
+    {
+        way.inside = scene.in_front_of(si);
+    }
     match start {
-        Start::Surface(si) => paths.start_at(0, si, 0.0, &MaskWeight::CLEAR, &options, &mut recs[0]),
+        Start::Surface(si) => paths.start_at(0, si, &way, &options, &mut recs[0]),
         Start::BesideEdge(si, skip) => {
             /// In an acute corner, light is reflected between surfaces at distances that are smaller than those at which rays of other
             /// paths begin.
             const NEAR: f32 = 1.0 / 16.0;
             options.first_skip = skip;
             paths.offset_scale = NEAR;
-            paths.start_at(0, si, 0.0, &MaskWeight::CLEAR, &options, &mut recs[0]);
+            paths.start_at(0, si, &way, &options, &mut recs[0]);
         }
         Start::Ray(ray, skip) => paths.start(scene, &[ray], skip, samplers, &options, recs),
     }

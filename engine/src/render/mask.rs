@@ -229,7 +229,7 @@ impl Scene {
     }
 
     /// The first hit along a ray that `is_end` accepts. It is called for the hits in order of their distance.
-    fn walk(&self, ray: &Ray, skip: &[PrimId], mut is_end: impl FnMut(&Hit) -> bool) -> Option<Hit> {
+    pub(super) fn walk(&self, ray: &Ray, skip: &[PrimId], mut is_end: impl FnMut(&Hit) -> bool) -> Option<Hit> {
         let first = self.accel.closest(ray, skip)?;
         if is_end(&first) {
             return Some(first);

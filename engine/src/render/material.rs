@@ -126,6 +126,8 @@ pub enum MaterialKind<I = Input> {
     Dielectric {
         /// The refractive index of the inside relative to the outside, from 1 to 10: 1.5 for glass, 1.33 for water.
         ior: I,
+        /// The absorption of the inside per unit length, RGB of at least 0, the same everywhere; `None` for a body that absorbs nothing.
+        absorption: Option<I>,
     },
     /// A pane: a clear plate so thin that it shifts nothing. It reflects what its two faces do together, and lets the rest pass straight on.
     ThinDielectric {
@@ -205,7 +207,10 @@ impl<I> MaterialKind<I> {
             MaterialKind::Mirror { reflectance } => {
                 MaterialKind::Mirror { reflectance: make("reflectance", Color, reflectance)? }
             }
-            MaterialKind::Dielectric { ior } => MaterialKind::Dielectric { ior: make("ior", Index, ior)? },
+            MaterialKind::Dielectric { ior, absorption } => MaterialKind::Dielectric {
+                ior: make("ior", Index, ior)?,
+                absorption: absorption.as_ref().map(|absorption| make("absorption", Color, absorption)).transpose()?,
+            },
             MaterialKind::ThinDielectric { ior, tint } => {
                 MaterialKind::ThinDielectric { ior: make("ior", Index, ior)?, tint: make("tint", Color, tint)? }
             }

@@ -1,6 +1,8 @@
 //! The primal path tracer: scene description, ray queries, materials, lights, cameras, integrator.
 
+mod absorption;
 pub mod accel;
+pub mod bodies;
 pub mod bsdf;
 pub mod contacts;
 pub mod distortion;

@@ -4,7 +4,7 @@
 
 use glam::{Vec2, Vec3};
 
-use super::material::Input;
+use super::material::{Input, MaterialKind};
 use super::pixel_filter::PixelFilter;
 use super::scene::{Camera, Cone, Crop, DeltaLight, Motion, Projection, SceneDescription, Shape};
 use super::texture::Texture;
@@ -191,6 +191,13 @@ fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
         }
         if let Some(t) = input.texture().filter(|&t| t >= textures.len()) {
             return Err(format!("texture {t} does not exist"));
+        }
+    }
+    if let MaterialKind::Dielectric { absorption: Some(absorption), .. } = shape.material.kind {
+        let texture = absorption.texture().filter(|_| !absorption.reads_colors());
+        let numbers = texture.map(|t| &textures[t]).filter(|t| t.is_constant()).map(Texture::color);
+        if !numbers.is_some_and(|numbers| numbers.cmpge(Vec3::ZERO).all()) {
+            return Err("the absorption of a body is the same everywhere, and at least 0".into());
         }
     }
     if shape.material.coat.is_some() && shape.material.kind.is_delta() {

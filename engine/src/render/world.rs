@@ -7,6 +7,7 @@ use std::sync::OnceLock;
 use glam::Vec3;
 
 use super::accel::{Accel, PrimId};
+use super::bodies::{Body, bodies};
 use super::contacts::table::Contacts;
 use super::edges::table::EdgeTable;
 use super::environment::{EnvironmentPeak, EnvironmentTable};
@@ -40,6 +41,8 @@ pub struct Scene {
     pub(crate) masked: bool,
     /// Whether some material is clear.
     pub(crate) has_glass: bool,
+    /// The bodies of glass, if some of them absorb light.
+    pub(super) bodies: Vec<Body>,
     /// Built when it is first used; rendering without derivatives does not need it.
     pub(super) edge_table: OnceLock<EdgeTable>,
     pub(super) edge_table_with_seams: OnceLock<EdgeTable>,
@@ -92,6 +95,7 @@ impl Scene {
             tangents: description.shapes.iter().map(Tangents::new).collect(),
             masked: description.shapes.iter().any(|s| s.material.opacity.is_some()),
             has_glass: description.shapes.iter().any(|s| s.material.kind.is_clear()),
+            bodies: bodies(&description),
             accel,
             description,
             prims,
@@ -114,6 +118,7 @@ impl Scene {
             *facet = Facet::new(facet.shape, *corners);
         }
         self.tangents = self.description.shapes.iter().map(Tangents::new).collect();
+        self.bodies = bodies(&self.description);
         self.radius = radius(&corners);
         self.relight();
         self.edge_table = OnceLock::new();

@@ -203,7 +203,7 @@ pub struct CameraConnection {
     pub origin: Vec3,
     pub dir: Vec3,
     pub distance: f32,
-    /// Reflectance of the mirror times the transmittance of masks.
+    /// Reflectance of the mirror times the transmittance of masks, and times what a body leaves of light on the way to the mirror.
     pub throughput: Vec3,
 }
 
@@ -305,13 +305,13 @@ impl<'a> Viewpoint<'a> {
         Ray { t_min, t_max: distance * (1.0 - 4e-6), ..Ray::new(origin, dir) }
     }
 
-    /// The mirror vertex at a pixel position, if a surface of this mirror is visible there, and its reflectance times the transmittance
-    /// of masks.
+    /// The mirror vertex at a pixel position, if a surface of this mirror is visible there, and its reflectance times what masks and bodies leave
+    /// on the way to it.
     fn mirror_hit(&self, pixel: Vec2) -> Option<(SurfaceInteraction, f32, Vec3)> {
         let plane = self.mirror?;
         let ours = |si: &SurfaceInteraction| si.bsdf.is_mirror() && plane.contains(si.ng, si.p, self.scene.radius);
         let (si, t, through) = self.scene.first_wanted(&self.camera.ray(pixel), &[], ours)?;
-        Some((si, t, si.bsdf.mirror_reflectance() * through))
+        Some((si, t, si.bsdf.mirror_reflectance() * through * self.scene.attenuation_from(si.p, t)))
     }
 
     /// The ray from the mirror (or directly from the camera) through a pixel position, with the primitive that it starts on and the

@@ -17,7 +17,7 @@ use crate::render::film::first_hit;
 use crate::render::integrator::{self, BATCH, Options, Recorder};
 use crate::render::mask::{MaskCrossing, MaskSampling};
 use crate::render::sampler::Sampler;
-use crate::render::{Camera, Input, Output, Scene, Settings, Shape, Slot};
+use crate::render::{Camera, Input, MaterialKind, Output, Scene, Settings, Shape, Slot};
 
 /// The interior term: camera paths, swept backwards.
 #[derive(Clone)]
@@ -185,7 +185,7 @@ impl Estimator for Interior<'_> {
 }
 
 /// [`Options::required_shapes`]: light has a derivative only if its path has hit a shape that moves, or whose material is requested.
-/// `None` if a light itself, a mask or the camera has a derivative.
+/// `None` if a light itself, a mask, what a body absorbs or the camera has a derivative.
 fn required_shapes(scene: &Scene, layout: &Layout) -> Option<Vec<bool>> {
     let shapes = &scene.description.shapes;
     let asked = |i: usize, input: Input| layout.slots.iter().any(|slot| slot.is_read_by(input, i));
@@ -199,6 +199,11 @@ fn required_shapes(scene: &Scene, layout: &Layout) -> Option<Vec<bool>> {
     }
     let of_shape = |(i, shape): (usize, &Shape)| {
         let changes = layout.moves(i as u32) || layout.slots.contains(&Slot::Uvs(i));
+        if let MaterialKind::Dielectric { absorption: Some(absorption), .. } = shape.material.kind
+            && asked(i, absorption)
+        {
+            return None; // light within a body is absorbed wherever it comes from and goes to
+        }
         match &shape.emission {
             Some(emission) if changes || asked(i, emission.radiance) => None,
             _ => Some(changes || shape.material.inputs().any(|(_, input)| asked(i, *input))),

@@ -223,6 +223,7 @@ fn interior_vanishes(scene: &Scene, settings: &Settings, layout: &Layout) -> boo
     let mut emitters = d.shapes.iter().filter_map(|s| s.emission.as_ref());
     settings.output == Output::Radiance
         && settings.max_bounces == 0
+        && !scene.absorbs()
         && !layout.slots.iter().any(|s| matches!(s, Slot::Texels(_) | Slot::Colors(_)))
         && emitters.all(|e| matches!(e.radiance, Input::Texture(t) if constant(t)))
         && d.environment.as_ref().is_none_or(|e| constant(e.radiance))

@@ -289,8 +289,10 @@ impl<'a> Reflections<'a> {
         let side = |face: Option<usize>| {
             let mut sampler = sampler.clone();
             let below;
+            let mut way = Vec3::ONE;
             let start = match face {
                 Some(face) => {
+                    way = scene.attenuation_from(mirror.p, after);
                     let [_, beside] = edge.beside(scene, face, s, after, -dir);
                     below = edge.below(face, beside.ng);
                     Start::BesideEdge(beside, &below)
@@ -300,8 +302,9 @@ impl<'a> Reflections<'a> {
                     Start::Ray(past, &skip)
                 }
             };
-            trace(scene, start, &mut sampler, &options, &mut NoRecord)
+            way * trace(scene, start, &mut sampler, &options, &mut NoRecord)
         };
+        let reflectance = reflectance * scene.attenuation_from(mirror.p, before);
         let jump = (side(sides.near) - side(sides.far)) * reflectance * (sides.scale * through * pixels / density);
         (jump != Vec3::ZERO && jump.is_finite()).then_some(Boundary {
             edge,
@@ -363,7 +366,8 @@ pub fn connect_by_curved_mirrors(
             return;
         }
         let ray = Ray { t_min: 1e-5 * scene.radius, t_max: distance * (1.0 - 2e-5), ..Ray::new(mirror.p, dir) };
-        let throughput = mirror.bsdf.mirror_reflectance() * (through * scene.transmittance(&ray, &[own, prim]));
+        let reflectance = mirror.bsdf.mirror_reflectance() * scene.attenuation_from(mirror.p, before);
+        let throughput = reflectance * (through * scene.transmittance(&ray, &[own, prim]));
         let pixels = camera.pixels_per_area(&projected, mirror.ng)
             / patch.area_magnification([u, t], f64::from(distance)) as f32;
         if throughput != Vec3::ZERO && pixels.is_finite() {

@@ -130,9 +130,13 @@ impl<'a> RoughnessPairs<'a> {
                     let to_area = next.ng.dot(next.wi) / (t * t);
                     let direct = next.emission * balance(pdf, self.scene.lights.area_pdf(next.prim) / to_area);
                     let options = Options { first_emission: false, ..Options::new(events - 1) };
-                    direct + trace(self.scene, Start::Surface(next), &mut sampler, &options, &mut NoRecord)
+                    let found = direct + trace(self.scene, Start::Surface(next), &mut sampler, &options, &mut NoRecord);
+                    self.scene.attenuation_from(si.p, t) * found
                 }
-                None => self.scene.environment_radiance(dir) * balance(pdf, self.scene.environment_pdf(dir)),
+                None => {
+                    let sky = self.scene.environment_radiance(dir) * balance(pdf, self.scene.environment_pdf(dir));
+                    self.scene.attenuation_from(si.p, f32::INFINITY) * sky
+                }
             };
             sum += f * found * (score / pdf);
         }
@@ -154,7 +158,8 @@ impl<'a> RoughnessPairs<'a> {
             weight *= balance(per_angle, pdf);
         }
         let ray = si.spawn_ray_to(arrival.dir, arrival.distance);
-        f * light.power * (score * weight * self.scene.transmittance(&ray, &[si.prim, light.prim]))
+        let through = self.scene.transmittance(&ray, &[si.prim, light.prim]);
+        f * light.power * self.scene.attenuation_from(si.p, arrival.distance) * (score * weight * through)
     }
 }
 

@@ -100,10 +100,10 @@ struct SideRadiance {
 }
 
 impl Recorder for SideRadiance {
-    fn vertex(&mut self, si: &SurfaceInteraction, _throughput: Vec3, _t: f32, _through: &MaskWeight) {
+    fn vertex(&mut self, si: &SurfaceInteraction, throughput: Vec3, _t: f32, _through: &MaskWeight) {
         if self.first.is_none() {
             self.first = Some(si.prim);
-            self.emission = si.emission;
+            self.emission = si.emission * throughput;
         }
     }
 }
@@ -376,9 +376,13 @@ impl<'a> Secondary<'a> {
 
     /// The radiance from a face of the edge at the shading point. Both sides use the same random numbers.
     fn radiance_on_face(&self, at: &Shading, face: usize, events: u32, sampler: &Sampler) -> SideRadiance {
-        let &Shading { edge, point, connection, .. } = at;
+        let &Shading { si, edge, point, connection, .. } = at;
         let [_, beside] = edge.beside(self.scene, face, point.s, connection.whole, -connection.dir);
-        self.trace_side(Start::BesideEdge(beside, &edge.below(face, beside.ng)), events, sampler)
+        let mut side = self.trace_side(Start::BesideEdge(beside, &edge.below(face, beside.ng)), events, sampler);
+        let attenuation = self.scene.attenuation_from(si.p, connection.distance);
+        side.radiance *= attenuation;
+        side.emission *= attenuation;
+        side
     }
 
     /// The radiance past the edge: from a ray right beside it, on the side to which `normal` points.
@@ -441,7 +445,7 @@ impl<'a> Secondary<'a> {
             distance: distance - t,
             whole: distance,
             prim: hit.prim,
-            reflectance: hit.bsdf.mirror_reflectance() * through,
+            reflectance: hit.bsdf.mirror_reflectance() * through * self.scene.attenuation_from(si.p, t),
             mirror: Some(MirrorVertex { si: hit, curved: None }),
         })
     }
@@ -481,7 +485,8 @@ impl<'a> Secondary<'a> {
         }
         let opacity = scene.opacity(prim, b).unwrap_or(1.0);
         let through = opacity * scene.transmittance(&si.spawn_ray_to(first, before), &[si.prim, prim]);
-        let reflectance = mirror_si.bsdf.mirror_reflectance() * (through * specular_paths.len() as f32);
+        let through = scene.attenuation_from(si.p, before) * through;
+        let reflectance = mirror_si.bsdf.mirror_reflectance() * through * specular_paths.len() as f32;
         let area = patch.area_per_solid_angle(place, f64::from(before), f64::from(distance)) as f32;
         let mirror = Some(MirrorVertex { si: mirror_si, curved: Some([before, distance]) });
         let ray = mirror_si.spawn_ray(dir);

@@ -22,6 +22,7 @@ use crate::grad::sampling::pixels::{FilmDensity, active};
 use crate::grad::sink::{Adjoints, Layout, Sink};
 use crate::image::Image;
 use crate::render::accel::{NO_PRIM, PrimId, Ray};
+use crate::render::bodies::Inside;
 use crate::render::bsdf::{Bsdf, Lobe};
 use crate::render::edges::{Edge, EdgeTable};
 use crate::render::integrator::{NoRecord, Options, Start, trace};
@@ -65,8 +66,10 @@ struct Link {
     si: SurfaceInteraction,
     t: f32,
     lobe: Lobe,
-    /// The factor on radiance over the probability of the lobe, of this link and those before.
+    /// The factor on radiance over the probability of the lobe and what bodies do not absorb on the way here, of this link and those before.
     weight: Vec3,
+    /// The bodies that the chain is in after it.
+    inside: Inside,
 }
 
 /// Random numbers that choose between reflection and refraction, one for each link. They are the same all along a line.
@@ -169,6 +172,7 @@ impl<'a> SeenThrough<'a> {
     fn chain(&self, camera: &Camera, pixel: Vec2, choices: &Choices) -> Chain {
         let mut chain = Chain { links: Vec::new(), end: NO_PRIM, rays: vec![camera.ray(pixel)] };
         let (mut skip, mut weight) = (NO_PRIM, Vec3::ONE);
+        let mut inside = self.scene.around(chain.rays[0].origin);
         while let Some(ray) = chain.rays.last()
             && let Some((si, t)) = self.scene.intersect(ray, &[skip])
         {
@@ -184,10 +188,13 @@ impl<'a> SeenThrough<'a> {
                 _ => (Lobe::SPECULAR, 1.0),
             };
             let Some(sample) = si.specular_sample(lobe) else { break };
-            weight *= sample.f / p;
+            weight *= self.scene.attenuated(&inside, t) * sample.f / p;
+            if lobe.transmits() {
+                self.scene.pass(&mut inside, &si);
+            }
             skip = si.prim;
             chain.rays.push(si.spawn_ray(sample.wo));
-            chain.links.push(Link { si, t, lobe, weight });
+            chain.links.push(Link { si, t, lobe, weight, inside });
             chain.end = NO_PRIM;
         }
         chain
@@ -277,7 +284,7 @@ impl<'a> SeenThrough<'a> {
     /// The radiance that a chain brings to the camera from beyond its first `k` links.
     fn radiance(&self, chain: &Chain, k: usize, sampler: &Sampler) -> Vec3 {
         let link = &chain.links[k - 1];
-        let options = Options::new(self.max_bounces - k as u32);
+        let options = Options { inside: Some(link.inside), ..Options::new(self.max_bounces - k as u32) };
         let start = Start::Ray(chain.rays[k], &[link.si.prim]);
         link.weight * trace(self.scene, start, &mut sampler.clone(), &options, &mut NoRecord)
     }

@@ -34,6 +34,7 @@ use crate::grad::sink::Adjoints;
 use crate::grad::terms::reflections::connect_by_curved_mirrors;
 use crate::math::{Frame, cosine_hemisphere, uniform_sphere};
 use crate::render::accel::{Hit, PrimId, Ray};
+use crate::render::bodies::Inside;
 use crate::render::bsdf::{Bsdf, Lobe};
 use crate::render::edges::{Edge, EdgeOn};
 use crate::render::interaction::SurfaceInteraction;
@@ -261,7 +262,14 @@ impl<'a> Shadows<'a> {
         let scene = self.scene;
         let &ShadowSample { light, dir, hit, power, .. } = shadow;
         let lens = self.viewpoints[0].camera.sample_lens(sampler).lens;
-        let mut walk = Walk { vertices: Vec::with_capacity(4), weight: power * weight };
+        let receiver = scene.interaction(hit.prim, hit.b, dir);
+        let inside = if scene.absorbs() { scene.in_front_of(&receiver) } else { Inside::NOTHING };
+        let way = match light.kind {
+            LightKind::Area | LightKind::Point(_) => light.y.distance(receiver.p),
+            LightKind::Directional(_) | LightKind::Environment => f32::INFINITY,
+        };
+        let weight = scene.attenuated(&inside, way) * weight;
+        let mut walk = Walk { vertices: Vec::with_capacity(4), weight: power * weight, inside };
         let mut towards = dir; // direction in which the light leaves backwards: from the surface towards where it came
         let (mut prim, mut b) = (hit.prim, hit.b);
         for bounce in 1..=self.max_bounces {
@@ -332,7 +340,7 @@ impl<'a> Shadows<'a> {
             }
             let Some(next) = scene.random_hit(&si.spawn_ray(away), &[prim], sampler) else { break };
             let weight = weight * self.solid_angles(&si, &walk, next.t * away);
-            walk.weight *= weight / survival;
+            walk.weight *= scene.attenuated(&walk.inside, next.t) * weight / survival;
             walk.vertices.push(WalkVertex { si, t: next.t, scattered });
             (prim, b) = (next.prim, next.b);
             towards = -away;
@@ -371,6 +379,8 @@ struct ShadowSample<'a> {
 struct Walk {
     vertices: Vec<WalkVertex>,
     weight: Vec3,
+    /// The bodies in which all of it is: no walk passes glass.
+    inside: Inside,
 }
 
 /// One vertex of a walk.
@@ -426,7 +436,8 @@ impl Shadows<'_> {
         }
         let si = self.scene.interaction(end.prim, end.b, -connection.dir);
         let Some(scattered) = self.scatter(&si, end.towards, end.bounce, &light, sampler) else { return };
-        let m = walk.weight * connection.throughput * scattered.ratio * pixels(si.ng);
+        let seen = connection.throughput * self.scene.attenuated(&walk.inside, connection.distance);
+        let m = walk.weight * seen * scattered.ratio * pixels(si.ng);
         if !m.is_finite() || m == Vec3::ZERO {
             return;
         }

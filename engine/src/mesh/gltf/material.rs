@@ -257,11 +257,10 @@ fn clear(material: &gltf::Material, name: &str, reading: &mut Reading) -> Option
         && pbr.roughness_factor() == 0.0
         && (!is_body || pbr.base_color_factor()[..3] == [1.0; 3] && pbr.base_color_texture().is_none())
         && material.normal_texture().is_none()
-        && !has(TRANSMISSION, "transmissionTexture")
-        && !has(VOLUME, "attenuationDistance");
+        && !has(TRANSMISSION, "transmissionTexture");
     if !is_plain && reading.materials() {
         let sentence = match is_body {
-            true => "glass is smooth and clear: its colour, roughness and images are left out",
+            true => "the surface of glass is smooth and clear: its colour, roughness and images are left out",
             false => {
                 "panes are smooth and let all light through but for their colour: what they have beside it is left out"
             }
@@ -269,7 +268,19 @@ fn clear(material: &gltf::Material, name: &str, reading: &mut Reading) -> Option
         reading.notes.about(sentence, name);
     }
     let ior = Some(material.ior().unwrap_or(1.5).clamp(1.0, 10.0)).filter(|ior| ior.is_finite())?;
-    Some(if is_body { Clear::Body(ior) } else { Clear::Pane(ior) })
+    Some(if is_body { Clear::Body { ior, absorption: absorption(material) } } else { Clear::Pane(ior) })
+}
+
+/// What a body absorbs per unit length: of light the `attenuationColor` is left after the `attenuationDistance`.
+fn absorption(material: &gltf::Material) -> Vec3 {
+    let Some(volume) = material.extension_value(VOLUME) else { return Vec3::ZERO };
+    let Some(distance) = volume["attenuationDistance"].as_f64().filter(|d| *d > 0.0) else { return Vec3::ZERO };
+    // Black after any distance is no number; this is.
+    const LEAST: f64 = 1e-6;
+    let left = |i: usize| volume["attenuationColor"][i].as_f64().unwrap_or(1.0).clamp(LEAST, 1.0);
+    let absorbed = |i: usize| (-left(i).ln() / distance) as f32;
+    let absorption = Vec3::new(absorbed(0), absorbed(1), absorbed(2));
+    if absorption.is_finite() { absorption } else { Vec3::ZERO }
 }
 
 /// The sheen of cloth, where there is any. What goes with it is reported.

@@ -229,12 +229,18 @@ impl Writer {
     /// How the surface reflects what its base does not, and what passes it.
     fn surface(&mut self, material: &LoadedMaterial, extensions: &mut Value) {
         if let Some(clear) = material.clear {
-            let (Clear::Body(ior) | Clear::Pane(ior)) = clear;
+            let (Clear::Body { ior, .. } | Clear::Pane(ior)) = clear;
             extensions[self.uses("KHR_materials_transmission")] = json!({ "transmissionFactor": 1.0 });
             extensions[self.uses("KHR_materials_ior")] = json!({ "ior": ior });
-            if let Clear::Body(_) = clear {
+            if let Clear::Body { absorption, .. } = clear {
                 // Ray tracers find the thickness themselves; that there is one says that this is a body.
-                extensions[self.uses("KHR_materials_volume")] = json!({ "thicknessFactor": 1.0 });
+                let mut volume = json!({ "thicknessFactor": 1.0 });
+                let most = absorption.max_element();
+                if most > 0.0 {
+                    volume["attenuationDistance"] = json!(1.0 / most);
+                    volume["attenuationColor"] = json!((-absorption / most).exp().to_array());
+                }
+                extensions[self.uses("KHR_materials_volume")] = volume;
             }
         } else if let Some(Sheen { color, roughness }) = material.sheen {
             let sheen = json!({ "sheenColorFactor": color.to_array(), "sheenRoughnessFactor": roughness });
@@ -552,11 +558,27 @@ mod tests {
             (read.specular - written.specular).abs() < 1e-4 * written.specular.max(1.0) || read.clear.is_some(),
             "{name}"
         );
-        assert_eq!((read.clear, read.double_sided, &read.name), (written.clear, written.double_sided, name));
+        let absorbed = |m: &LoadedMaterial| match m.clear {
+            Some(Clear::Body { absorption, .. }) => absorption,
+            _ => Vec3::ZERO,
+        };
+        let (found, expected) = (absorbed(read), absorbed(written));
+        assert!((found - expected).length() < 1e-4 * (1.0 + expected.length()), "{name}: {found} {expected}");
+        let index = |m: &LoadedMaterial| {
+            m.clear.map(|clear| match clear {
+                Clear::Body { ior, .. } => (true, ior),
+                Clear::Pane(ior) => (false, ior),
+            })
+        };
+        assert_eq!((index(read), read.double_sided, &read.name), (index(written), written.double_sided, name));
     }
 
     fn named(name: &str) -> LoadedMaterial {
         LoadedMaterial { name: name.to_owned(), ..LoadedMaterial::default() }
+    }
+
+    fn body(ior: f32, absorption: Vec3) -> Clear {
+        Clear::Body { ior, absorption }
     }
 
     fn coat(weight: f32, image: Option<LoadedImage>, roughness: f32, rough: Option<LoadedImage>) -> Coat {
@@ -602,7 +624,13 @@ mod tests {
             LoadedMaterial { coat: Some(coat(0.8, None, 0.1, None)), metallic: 1.0, ..named("lacquer") },
             LoadedMaterial { coat: Some(coat(0.8, Some(grey(3)), 0.1, None)), ..named("worn") },
             LoadedMaterial { coat: Some(coat(1.0, Some(grey(3)), 0.5, Some(fine))), ..named("worn and rough") },
-            LoadedMaterial { clear: Some(Clear::Body(1.33)), roughness: 0.0, double_sided: false, ..named("k") },
+            LoadedMaterial { clear: Some(body(1.33, Vec3::ZERO)), roughness: 0.0, double_sided: false, ..named("k") },
+            LoadedMaterial {
+                clear: Some(body(1.5, vec3(0.0, 0.4, 6.0))),
+                roughness: 0.0,
+                double_sided: false,
+                ..named("green glass")
+            },
             LoadedMaterial {
                 clear: Some(Clear::Pane(1.5)),
                 base_color: vec3(0.3, 0.9, 0.5),

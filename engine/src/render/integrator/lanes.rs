@@ -52,3 +52,14 @@ impl<const N: usize> PathSet<N> {
         left
     }
 }
+
+/// Computes both values and selects one, without a branch.
+#[inline(always)]
+pub fn is_zero(v: Vec3) -> bool {
+    (v.x == 0.0) & (v.y == 0.0) & (v.z == 0.0)
+}
+
+#[inline(always)]
+pub fn is_finite(v: Vec3) -> bool {
+    v.x.is_finite() & v.y.is_finite() & v.z.is_finite()
+}

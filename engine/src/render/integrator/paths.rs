@@ -7,10 +7,11 @@
 
 use glam::Vec3;
 
-use super::lanes::{PathSet, Vectors};
-use super::{Connection, Continuation, Options, Recorder};
+use super::lanes::{PathSet, Vectors, is_finite, is_zero};
+use super::{Connection, Continuation, FirstSegment, Options, Recorder};
 use crate::math::{Frame, cosine_hemisphere, cosine_hemisphere_pdf};
 use crate::render::accel::{Hit, NO_PRIM, PrimId, Ray, RootHits};
+use crate::render::bodies::Inside;
 use crate::render::bsdf::{Bsdf, BsdfSample, Lobe, MIN_LOBE_SHARE, lambertian};
 use crate::render::interaction::{SurfaceInteraction, end_before, offset};
 use crate::render::light::{Arrival, LightKind, LightSample};
@@ -135,6 +136,8 @@ pub struct Paths<const N: usize> {
     diffuse: [bool; N],
     /// Reflectance of flat diffuse surfaces.
     reflectance: Vectors<N>,
+    /// The bodies that the path is in, of scenes where some absorb light.
+    inside: [Inside; N],
     /// The path has hit one of [`Options::required_shapes`], so that light contributes from here on.
     contributes: [bool; N],
     /// The whole interaction; for flat diffuse surfaces only if it is needed ([`needs_all`]).
@@ -226,6 +229,7 @@ impl<const N: usize> Paths<N> {
             matte: [true; N],
             diffuse: [true; N],
             reflectance: Vectors::ZERO,
+            inside: [Inside::NOTHING; N],
             contributes: [false; N],
             si: [SurfaceInteraction::NOWHERE; N],
             lights: LightSamples {
@@ -310,14 +314,18 @@ impl<const N: usize> Paths<N> {
             intersect(scene, (ray, root, skip), &mut samplers[k], options, &mut recs[k], &mut self.hits, k);
         }
         for (k, ray) in rays.iter().enumerate().take(N) {
-            let (hit, through) = (self.hits.get(k), self.hits.through[k]);
-            if let Some(hit) = hit {
+            let mut way = FirstSegment { t: self.hits.t[k], through: self.hits.through[k], ..FirstSegment::NONE };
+            if scene.absorbs() {
+                way.inside = options.inside.unwrap_or_else(|| scene.around(ray.origin));
+                way.attenuation = scene.attenuated(&way.inside, way.t);
+            }
+            if let Some(hit) = self.hits.get(k) {
                 let si = scene.interaction(hit.prim, hit.b, -ray.dir);
-                self.start_at(k, si, hit.t, &through, options, &mut recs[k]);
+                self.start_at(k, si, &way, options, &mut recs[k]);
             } else {
                 let seen = options.first_environment && scene.environment.is_some();
-                let sky = if seen { scene.environment_radiance(ray.dir) * through.weight } else { Vec3::ZERO };
-                self.radiance.set(k, sky);
+                let sky = if seen { scene.environment_radiance(ray.dir) * way.through.weight } else { Vec3::ZERO };
+                self.radiance.set(k, sky * way.attenuation);
             }
         }
     }
@@ -327,13 +335,16 @@ impl<const N: usize> Paths<N> {
         &mut self,
         k: usize,
         si: SurfaceInteraction,
-        t: f32,
-        through: &MaskWeight,
+        way: &FirstSegment,
         options: &Options,
         rec: &mut R,
     ) {
-        rec.vertex(&si, Vec3::ONE, t, through);
-        let throughput = Vec3::splat(through.weight);
+        rec.vertex(&si, way.attenuation, way.t, &way.through);
+        if let Some(body) = way.inside.body() {
+            rec.absorbed(body);
+        }
+        self.inside[k] = way.inside;
+        let throughput = way.attenuation * way.through.weight;
         self.throughput.set(k, throughput);
         self.radiance_scale[k] = 1.0;
         self.radiance.set(k, if options.first_emission { throughput * si.emission } else { Vec3::ZERO });
@@ -511,6 +522,9 @@ impl<const N: usize> Paths<N> {
             // On the other side of the surface `eval` is zero.
             scatter.on[k] = (si.ng.dot(dir) > 0.0) != lobe.transmits();
             self.radiance_scale[k] *= eta * eta;
+            if lobe.transmits() && bounce.scene.absorbs() {
+                bounce.scene.pass(&mut self.inside[k], si);
+            }
         }
         let (keep_black, roulette) = (bounce.options.keep_black, bounce.number >= ROULETTE_START);
         for k in 0..N {
@@ -545,10 +559,15 @@ impl<const N: usize> Paths<N> {
             let mut more = Vec::new();
             let skip = skipped::<N>(bounce, &ends, &mut more);
             let through = scene.unoccluded(&ray, root, skip, masks, |c| rec.cross(&c));
-            let Paths { shadows, lights, .. } = self;
+            let Paths { shadows, lights, inside, .. } = self;
             shadows.open[k] = through.is_some();
             let Some(transmittance) = through else { continue };
             shadows.transmittance[k] = transmittance;
+            let body = if scene.absorbs() { inside[k].body() } else { None };
+            let attenuation = match body {
+                Some(_) => scene.attenuated(&inside[k], shadows.distance[k]),
+                None => Vec3::ONE,
+            };
             if R::RECORDS {
                 rec.connect(&Connection {
                     light: lights.sample[k],
@@ -557,8 +576,13 @@ impl<const N: usize> Paths<N> {
                     geometry: shadows.geometry[k],
                     weight: shadows.weight[k],
                     transmittance,
+                    attenuation,
+                    body,
                     f: shadows.f.get(k),
                 });
+            }
+            if body.is_some() {
+                lights.power.set(k, lights.power.get(k) * attenuation);
             }
         }
         let Paths { shadows, lights, .. } = self;
@@ -628,6 +652,12 @@ impl<const N: usize> Paths<N> {
                 pdf = both;
                 throughput = self.throughput.get(k) * (f * inv_pdf);
             }
+            let (mut attenuation, mut body) = (Vec3::ONE, None);
+            if scene.absorbs() {
+                body = self.inside[k].body();
+                attenuation = scene.attenuated(&self.inside[k], hit.map_or(f32::INFINITY, |hit| hit.t));
+                throughput *= attenuation;
+            }
             let mut continuation = Continuation {
                 dir,
                 inv_pdf,
@@ -636,6 +666,7 @@ impl<const N: usize> Paths<N> {
                 attached,
                 t: f32::INFINITY,
                 through: *through,
+                attenuation,
                 emission_weight: 1.0,
                 hit_light: None,
                 escaped: None,
@@ -671,6 +702,9 @@ impl<const N: usize> Paths<N> {
             }
             rec.advance(&continuation);
             rec.vertex(&si, throughput, hit.t, through);
+            if let Some(body) = body {
+                rec.absorbed(body);
+            }
             self.throughput.set(k, throughput * through.weight);
             self.contributes[k] |= options.is_required(si.shape);
             left.add_if(!si.bsdf.is_black(), k);
@@ -756,15 +790,4 @@ fn emits(scene: &Scene, si: &SurfaceInteraction) -> bool {
 
 fn balance(a: f32, b: f32) -> f32 {
     a / (a + b)
-}
-
-/// Computes both values and selects one, without a branch.
-#[inline(always)]
-fn is_zero(v: Vec3) -> bool {
-    (v.x == 0.0) & (v.y == 0.0) & (v.z == 0.0)
-}
-
-#[inline(always)]
-fn is_finite(v: Vec3) -> bool {
-    v.x.is_finite() & v.y.is_finite() & v.z.is_finite()
 }

@@ -350,7 +350,8 @@ impl SideRadiance<'_> {
                 let options = Options::new(self.settings.max_bounces.saturating_sub(self.viewpoint.bounces()));
                 let below = self.edge.below(face, beside.ng);
                 let start = Start::BesideEdge(beside, &below);
-                self.connection.throughput * trace(self.scene, start, sampler, &options, &mut NoRecord)
+                let way = self.scene.attenuation_from(self.connection.origin, self.connection.distance);
+                self.connection.throughput * way * trace(self.scene, start, sampler, &options, &mut NoRecord)
             }
             output => self.connection.throughput * first_hit(self.scene, output, &self.viewpoint.camera, &at_edge),
         }
