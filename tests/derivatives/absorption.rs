@@ -245,10 +245,10 @@ impl Row {
         };
         let plan = Plan { h, spp: 64, fd_spp: 1024, max_bounces, least, ..Plan::default() };
         let quick = match self.view {
-            View::Within | View::WithinMirror | View::WithinBall => self.moves != Moves::Eye,
+            View::Within | View::WithinMirror => self.moves != Moves::Eye,
             View::Above => matches!(self.moves, Moves::Absorption | Moves::Blocker),
             View::AbovePoint => matches!(self.moves, Moves::Absorption | Moves::Lamp),
-            View::Ball | View::Block => self.moves == Moves::Absorption,
+            View::WithinBall | View::Ball | View::Block => self.moves == Moves::Absorption,
         };
         let agree = if quick { agree } else { agree_in_long };
         agree(&format!("{self:?}"), &|t| self.build(t), &plan);
