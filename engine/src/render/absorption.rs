@@ -55,7 +55,7 @@ impl Scene {
     /// A body is around a point if a ray from there to its surface meets this from inside first, whatever else the ray passes.
     fn around_but(&self, p: Vec3, own: Option<u32>) -> Inside {
         let mut inside = Inside::NOTHING;
-        for body in self.bodies.iter().filter(|body| Some(body.shape) != own) {
+        for body in self.bodies.iter().filter(|body| Some(body.shape) != own && body.may_hold(p)) {
             let dir = (body.point - p).normalize_or_zero();
             let ray = Ray { origin: p, dir, t_min: offset(p), t_max: f32::INFINITY };
             let hit = self.walk(&ray, &[], |hit| self.prims[hit.prim as usize].shape == body.shape);

@@ -4,6 +4,7 @@ use glam::Vec3;
 
 use super::material::{Input, MaterialKind};
 use super::scene::SceneDescription;
+use crate::mesh::Mesh;
 
 /// Bodies that lie within one another, at most.
 const DEPTH: usize = 4;
@@ -45,9 +46,24 @@ pub(super) struct Body {
     pub shape: u32,
     /// A point of its surface.
     pub point: Vec3,
-    /// The diagonal of its bounding box: of bodies within one another the inner one is the smaller.
-    size: f32,
+    /// Its bounding box.
+    bounds: [Vec3; 2],
+    is_closed: bool,
     pub absorption: Vec3,
+}
+
+impl Body {
+    /// The diagonal of its bounding box: of bodies within one another the inner one is the smaller.
+    fn size(&self) -> f32 {
+        self.bounds[0].distance(self.bounds[1])
+    }
+
+    /// Whether a point may be within the body, as far as its bounding box tells. (An open one, such as the plane of a sea, has its inside where
+    /// its box is not.)
+    pub fn may_hold(&self, p: Vec3) -> bool {
+        let [low, high] = self.bounds;
+        !self.is_closed || p.cmpge(low).all() && p.cmple(high).all()
+    }
 }
 
 /// All bodies of glass of a scene, the largest first; none if none absorbs light.
@@ -58,18 +74,22 @@ pub(super) fn bodies(description: &SceneDescription) -> Vec<Body> {
         .filter_map(|(i, shape)| {
             let MaterialKind::Dielectric { absorption, .. } = shape.material.kind else { return None };
             absorbs |= absorption.is_some();
-            let [a, b, c] = shape.mesh.faces.first()?.map(|v| shape.mesh.vertices[v as usize]);
-            let corners = shape
-                .mesh
-                .vertices
+            let Mesh { vertices, faces, .. } = &shape.mesh;
+            let corners = |face: &[u32; 3]| face.map(|v| vertices[v as usize]);
+            let [a, b, c] = corners(faces.first()?);
+            let bounds = vertices
                 .iter()
                 .fold([Vec3::INFINITY, Vec3::NEG_INFINITY], |[low, high], v| [low.min(*v), high.max(*v)]);
+            // The areas of a closed surface, as vectors along its normals, sum to zero.
+            let areas = faces.iter().map(corners).map(|[a, b, c]| (b - a).cross(c - a));
+            let (sum, all) = areas.fold((Vec3::ZERO, 0.0), |(sum, all), area| (sum + area, all + area.length()));
             let absorption =
                 absorption.and_then(Input::texture).map_or(Vec3::ZERO, |t| description.textures[t].color());
-            Some(Body { shape: i as u32, point: (a + b + c) / 3.0, size: corners[0].distance(corners[1]), absorption })
+            let is_closed = sum.length() <= 1e-3 * all;
+            Some(Body { shape: i as u32, point: (a + b + c) / 3.0, bounds, is_closed, absorption })
         })
         .collect();
-    bodies.sort_by(|a, b| b.size.total_cmp(&a.size));
+    bodies.sort_by(|a, b| b.size().total_cmp(&a.size()));
     if absorbs { bodies } else { Vec::new() }
 }
 
@@ -81,6 +101,8 @@ pub fn attenuation(absorption: Vec3, distance: f32) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::render::scene::Shape;
+    use crate::render::texture::Texture;
 
     #[test]
     fn bodies_are_entered_and_left_in_any_order() {
@@ -111,5 +133,21 @@ mod tests {
         let left = attenuation(Vec3::new(0.0, 0.5, 2.0), f32::INFINITY);
         assert_eq!(left, Vec3::X);
         assert!((attenuation(Vec3::splat(0.5), 2.0) - Vec3::splat((-1f32).exp())).length() < 1e-7);
+    }
+
+    /// A closed body holds what is in its box; of a sea only its surface is known.
+    #[test]
+    fn boxes_tell_of_closed_bodies_only() {
+        let body = |mesh: Mesh| {
+            let absorption = Some(Input::Texture(0));
+            let material = MaterialKind::Dielectric { ior: Input::Texture(0), absorption }.into();
+            let shapes = vec![Shape { mesh, material, emission: None }];
+            let textures = vec![Texture::constant(Vec3::ONE)];
+            bodies(&SceneDescription { shapes, textures, ..Default::default() })[0]
+        };
+        let ball = body(crate::mesh::shapes::sphere(1.0, 16).unwrap());
+        assert!(ball.is_closed && ball.may_hold(Vec3::ZERO) && !ball.may_hold(2.0 * Vec3::Y));
+        let sea = body(crate::mesh::shapes::rectangle(9.0, 9.0).unwrap());
+        assert!(!sea.is_closed && sea.may_hold(-2.0 * Vec3::Y));
     }
 }
