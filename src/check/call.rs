@@ -289,9 +289,14 @@ impl Checker<'_> {
         let near = foreign.or_else(|| crate::diag::suggest(&name.text, known.iter().copied()));
         let meant = params.iter().position(|p| Some(p.name.as_str()) == near);
         let what = format!("its {}s are", site.noun());
-        let help = match foreign {
-            Some(field) => Some(format!("did you mean `{field}`?")),
-            None => did_you_mean(&name.text, &what, known),
+        let around = crate::diag::advice::around_material(&name.text);
+        let around = around.filter(|_| super::fields::materials().any(|(constructor, _)| constructor == site.name));
+        let help = match (foreign, around) {
+            (Some(field), _) => Some(format!("did you mean `{field}`?")),
+            (None, Some(function)) => {
+                Some(format!("`{function}` is put around a material: `{function}({}(…), …)`", site.name))
+            }
+            (None, None) => did_you_mean(&name.text, &what, known),
         };
         let (code, message) = if site.is_kind {
             ("dscene::name::field", format!("{} has no field `{}`", with_article(site.name), name.text))

@@ -208,7 +208,7 @@ const LIGHTS: [(&str, &[&str]); 7] = [
 /// Materials by constructor, with their inputs: the arguments that the library declares.
 static MATERIALS: LazyLock<Vec<(String, Vec<String>)>> = LazyLock::new(|| constructors("material", "material"));
 
-fn materials() -> impl Iterator<Item = (&'static str, Vec<&'static str>)> {
+pub(super) fn materials() -> impl Iterator<Item = (&'static str, Vec<&'static str>)> {
     MATERIALS.iter().map(|(name, inputs)| (name.as_str(), inputs.iter().map(String::as_str).collect()))
 }
 

@@ -364,6 +364,20 @@ pub fn light_with(argument: &str) -> Option<&'static str> {
     })
 }
 
+/// The function around a material that says what elsewhere an argument of the material does.
+pub fn around_material(argument: &str) -> Option<&'static str> {
+    Some(match argument.to_lowercase().as_str() {
+        "clearcoat" | "clearcoat_weight" | "clearcoat_roughness" | "coat" | "coat_weight" | "coat_roughness" => {
+            "coated"
+        }
+        "normal" | "normals" | "normal_map" | "normal_texture" => "normal_map",
+        "bump" | "bump_map" | "height_map" => "bump",
+        "opacity" | "opacity_map" | "mask" | "cutout" => "mask",
+        "one_sided" => "one_sided",
+        _ => return None,
+    })
+}
+
 /// The function that `name` is called here.
 pub fn function(name: &str) -> Option<&'static str> {
     Some(match name.to_lowercase().as_str() {

@@ -3,7 +3,7 @@
 use pest::error::{Error, ErrorVariant, InputLocation};
 
 use super::grammar::Rule;
-use super::scan::{is_reserved, statement_words};
+use super::scan::{declares, is_reserved, statement_words};
 use super::{habits, snippet};
 use crate::diag::advice::{self, Around, Place};
 use crate::diag::{Diagnostic, suggest};
@@ -259,6 +259,9 @@ fn help(text: &str, at: usize, found: &str) -> Option<String> {
         return Some(help.to_owned());
     }
     let help = match found {
+        word if is_reserved(word) && declares(before.trim_start()) => {
+            return Some(format!("`{word}` is a word of the language and cannot be a name"));
+        }
         "," if before.contains('(') => "values side by side are an array, in square brackets: `[a, b]`",
         "=" if before.ends_with(|c: char| c.is_ascii_alphanumeric() || c == '_') => {
             "fields and named arguments have a colon: `name: value`"

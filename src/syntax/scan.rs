@@ -45,6 +45,11 @@ pub fn is_reserved(word: &str) -> bool {
     RESERVED.contains(&word)
 }
 
+/// Whether a word begins a statement that declares the name after it.
+pub fn declares(word: &str) -> bool {
+    KINDS.contains(&word) || matches!(word, "let" | "param" | "fn")
+}
+
 pub fn statement_words() -> impl Iterator<Item = &'static str> + Clone {
     STATEMENTS.into_iter().chain(KINDS).chain(["test"])
 }
@@ -517,7 +522,10 @@ fn begins_statement<'a>(
     // Nothing that a colon leads to is a statement: `for i in range(3): print(i)`.
     let after_colon = i > 0 && &text[tokens[i - 1].start..tokens[i - 1].end] == ":";
     if STATEMENTS.contains(&first) {
-        return !after_colon;
+        // `let print = 3`: meant as a name, which is told as such.
+        let declared = previous.is_some_and(declares);
+        let is_name = declared && !begins_line(text, tokens[i].start) && matches!(next, "=" | "{" | ":" | "(");
+        return !after_colon && !is_name;
     }
     if is_reserved(first) {
         return false;
@@ -527,7 +535,9 @@ fn begins_statement<'a>(
         return false;
     }
     let Some(second) = word(i + 1) else { return nameless(tokens, i, text) };
-    if is_reserved(second)
+    // `camera report { … }` is a declaration whose name is told, but `scene with { … }` a value.
+    let takes_a_word = KINDS.contains(&first) && STATEMENTS.contains(&second) && begins_line(text, tokens[i].start);
+    if is_reserved(second) && !takes_a_word
         || goes_on(second)
         || previous.is_some_and(|p| STATEMENTS.contains(&p) && p != "save" && p != "print")
     {

@@ -34,7 +34,7 @@ fn even_sky(b: &mut Builder) {
 }
 
 /// A smooth sky of a few texels, which differs from one to the next.
-fn sky(b: &mut Builder) {
+pub fn sky(b: &mut Builder) {
     let texels = [0.3, 1.4, 0.5, 2.0, 0.7, 0.2, 1.6, 0.4];
     let data = texels.iter().flat_map(|x| [*x, 0.8 * x + 0.1, 1.2 - 0.4 * x]).collect();
     b.description.textures.push(Texture::new(4, 2, 3, data, Wrap::Repeat, Filter::Bilinear).unwrap());
@@ -43,7 +43,7 @@ fn sky(b: &mut Builder) {
 }
 
 /// A floor with a smooth pattern, with light from everywhere.
-fn pattern(b: &mut Builder, mut mesh: Mesh) -> usize {
+pub fn pattern(b: &mut Builder, mut mesh: Mesh) -> usize {
     mesh.uvs = Some([[0., 0.], [1., 0.], [1., 1.], [0., 1.]].map(Vec2::from_array).to_vec());
     let data = (0..36).map(|i| 0.15 + 0.7 * ((i * 7 % 11) as f32 / 11.0)).collect();
     b.description.textures.push(Texture::new(6, 6, 1, data, Wrap::Clamp, Filter::Bilinear).unwrap());
@@ -51,7 +51,8 @@ fn pattern(b: &mut Builder, mut mesh: Mesh) -> usize {
     b.add(mesh, MaterialKind::Diffuse { reflectance })
 }
 
-fn at(mut mesh: Mesh, place: impl Fn(Vec3) -> Vec3) -> Mesh {
+/// A mesh whose vertices are elsewhere.
+pub fn at(mut mesh: Mesh, place: impl Fn(Vec3) -> Vec3) -> Mesh {
     mesh.vertices.iter_mut().for_each(|v| *v = place(*v));
     mesh
 }

@@ -4,6 +4,7 @@
 mod expectations;
 mod kinds;
 mod lints;
+mod materials;
 mod records;
 
 use std::path::Path;
@@ -32,7 +33,13 @@ struct Case {
 }
 
 fn cases() -> impl Iterator<Item = &'static Case> {
-    CASES.iter().chain(expectations::CASES).chain(kinds::CASES).chain(lints::CASES).chain(records::CASES)
+    CASES
+        .iter()
+        .chain(expectations::CASES)
+        .chain(kinds::CASES)
+        .chain(lints::CASES)
+        .chain(materials::CASES)
+        .chain(records::CASES)
 }
 
 const CASES: &[Case] = &[
@@ -59,20 +66,15 @@ const CASES: &[Case] = &[
         ],
     },
     Case {
-        name: "masks_by_other_names",
+        name: "words_as_names",
         prelude: "",
-        script: "\
-material a = mask(diffuse(reflectance: 0.5), alpha: 0.5)
-material b = cutout(diffuse(), opacity: 0.5)
-material c = mask(diffuse())
-material d = mask(0.5, opacity: 0.5)
-material e = mask(diffuse(), opacity: image([[0.5]]))",
+        script: "shape print { mesh: cube() }\nlet save = 3\nparam for = 3\nfn if(x) = x\ncamera report { film: [4, 4] }",
         wanted: &[
-            ("dscene::call::unknown_argument", "alpha", "did you mean `opacity`?"),
-            ("dscene::name::unknown", "cutout", "did you mean `mask`?"),
-            ("dscene::call::missing", "mask", ""),
-            ("dscene::type::mismatch", "0.5", "diffuse(reflectance: 0.5)"),
-            ("dscene::type::mismatch", "image([[0.5]])", "texture(image([[0.5]]))"),
+            ("dscene::syntax::unexpected", "print", "cannot be a name"),
+            ("dscene::syntax::unexpected", "save", "cannot be a name"),
+            ("dscene::syntax::unexpected", "for", "cannot be a name"),
+            ("dscene::syntax::unexpected", "if", "cannot be a name"),
+            ("dscene::syntax::unexpected", "report", "cannot be a name"),
         ],
     },
     Case {

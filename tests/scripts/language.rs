@@ -29,11 +29,11 @@ fn try_eval(engine: &mut Engine, text: &str) -> Result<Value, Diagnostic> {
     engine.eval(&e)
 }
 
-fn eval(engine: &mut Engine, text: &str) -> Value {
+pub fn eval(engine: &mut Engine, text: &str) -> Value {
     try_eval(engine, text).unwrap_or_else(|e| panic!("{text}: {e:#?}"))
 }
 
-fn numbers(engine: &mut Engine, text: &str) -> Vec<f64> {
+pub fn numbers(engine: &mut Engine, text: &str) -> Vec<f64> {
     match eval(engine, text).var() {
         Some(v) => v.value().data.clone(),
         None => panic!("{text} is not made of numbers"),
@@ -334,124 +334,15 @@ fn errors_point_at_the_argument() {
         ("diffuse(reflectance: -p.x)", "-p.x", "dscene::run::value"),
         ("mask(diffuse(), opacity: p.y)", "p.y", "dscene::run::value"),
         ("mask(mask(diffuse(), opacity: 0.5), opacity: 0.5)", "mask(diffuse(), opacity: 0.5)", "dscene::run::value"),
+        ("normal_map(mirror(), [0.5, 0.5, 1])", "mirror()", "dscene::run::value"),
+        ("coated(dielectric())", "dielectric()", "dscene::run::value"),
+        ("coated(coated(diffuse()), coat: 0.5)", "coated(diffuse())", "dscene::run::value"),
+        ("coated(diffuse(), coat: p.y)", "p.y", "dscene::run::value"),
+        ("dielectric(absorption: -p.x)", "-p.x", "dscene::run::value"),
         ("camera(position: [1, p.x, 1], look_at: [1, p.x, 1])", "[1, p.x, 1]", "dscene::run::value"),
     ] {
         let d = try_eval(&mut e, text).err().unwrap_or_else(|| panic!("{text} should fail"));
         assert_eq!((d.code, span_text(&e, text, &d).as_str()), (code, at), "{text}: {d:#?}");
-    }
-}
-
-/// A mask shows its opacity's share; its opacity can be read and replaced; an image brings its alpha channel.
-#[test]
-fn masks_show_what_is_behind() {
-    let mut e = engine(
-        "camera eye { position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }
-material glass = mask(one_sided(diffuse(reflectance: 0.5)), opacity: 0.25)
-shape screen { mesh: rectangle(width: 9, depth: 9) |> rotate(x: 90deg), material: glass }
-light wall = area(rectangle(width: 20, depth: 20) |> rotate(x: 90deg) |> translate([0, 0, -2]), radiance: 4)
-let picture = image([[[1, 1, 1, 0.75]]])",
-    );
-    for (text, expected, allowed) in [
-        ("mean(render(eye, spp: 4096, max_bounces: 0))", 3.0, 0.03),
-        (
-            "mean(render(eye, spp: 4096, max_bounces: 0)) with { glass: mask(diffuse(), opacity: texture(picture.a)) }",
-            1.0,
-            0.03,
-        ),
-        ("mean(render(eye, spp: 4096, max_bounces: 0)) with { glass.opacity: 1 }", 0.0, 0.0),
-        ("mean(alpha(eye, spp: 4096)) with { wall: constant(1) }", 0.25, 0.005),
-        ("glass.opacity", 0.25, 0.0),
-    ] {
-        let found = numbers(&mut e, text)[0];
-        assert!((found - expected).abs() <= allowed, "{text} is {found}, not {expected}");
-    }
-    let x = expr(&e, "glass");
-    let shown = brief(&eval(&mut e, "glass"), &x.ty);
-    assert_eq!(shown, "mask(one_sided(diffuse(reflectance: 0.5)), opacity: 0.25)");
-}
-
-/// A step in a texture under a surface that moves has no derivative, and that is said; a smooth one has.
-#[test]
-fn steps_between_texels_are_reported() {
-    let texture = |filter: &str| format!("opacity: texture([[0, 1], [1, 0]], filter: {filter})");
-    let [nearest, bilinear] = ["nearest", "bilinear"].map(texture);
-    for (mesh, grey, opacity, expected) in [
-        ("rectangle(width: p)", "0.5", &nearest, true),
-        ("rectangle(width: p)", "0.5", &bilinear, false),
-        ("rectangle()", "p", &nearest, false),
-        ("rectangle(width: p)", "checkerboard()", &bilinear, true),
-    ] {
-        let mut e = engine(&format!(
-            "param p = 0.5
-camera eye {{ position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }}
-shape a {{ mesh: {mesh} |> rotate(x: 90deg), material: mask(diffuse(reflectance: {grey}), {opacity}) }}
-light sky = constant(1)"
-        ));
-        eval(&mut e, "grad(mean(render(eye, spp: 1, max_bounces: 1)), p)");
-        let is_step = |w: &Diagnostic| w.code == "dscene::gradient::incomplete" && w.message.contains("nearest");
-        assert_eq!(e.take_warnings().iter().any(is_step), expected, "{mesh}, {grey}, {opacity}");
-    }
-}
-
-/// What the camera sees in mirrors has derivatives; what surfaces see in one mirror by way of another has not, and that is said.
-#[test]
-fn what_mirrors_lack_is_reported() {
-    let [lamp, card] = ["light b = area(MESH)", "shape b { mesh: MESH }"]
-        .map(|text| text.replace("MESH", "rectangle() |> translate([p, 2, 2])"));
-    let wall = "shape wall { mesh: rectangle(), material: mirror() }";
-    for (ball, other, more, bounces, expected) in [
-        ("sphere()", &lamp, "", 2, None),
-        ("sphere()", &card, "", 2, None),
-        ("sphere()", &lamp, wall, 1, None),
-        ("sphere()", &lamp, wall, 3, None),
-        ("sphere()", &card, wall, 2, None),
-        ("sphere()", &card, wall, 3, Some("by way of another")),
-        ("torus()", &card, "", 3, Some("by way of another")),
-        ("sphere(subdivisions: 6)", &lamp, "", 2, None),
-        ("sphere(subdivisions: 6)", &lamp, "", 3, Some("so coarse")),
-        ("sphere()", &lamp, "", 3, None),
-    ] {
-        let mut e = engine(&format!(
-            "param p = 0.5
-camera eye {{ position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }}
-shape a {{ mesh: {ball}, material: mirror() }}
-{other}
-{more}
-light sky = constant(1)"
-        ));
-        eval(&mut e, &format!("grad(mean(render(eye, spp: 1, max_bounces: {bounces})), p)"));
-        let warnings = e.take_warnings();
-        let gap = warnings.iter().find(|w| w.code == "dscene::gradient::incomplete");
-        let said = |text: &str| gap.is_some_and(|w| w.message.contains(text));
-        assert!(expected.map_or(gap.is_none(), said), "{ball}, {other}, {more}, {bounces}: {gap:?}");
-    }
-}
-
-/// What the camera sees through glass has derivatives; what reaches other surfaces through it has not, nor where there are masks.
-#[test]
-fn what_glass_lacks_is_reported() {
-    let lamp = "light b = area(rectangle() |> translate([p, 2, 2]))";
-    let card = "shape b { mesh: rectangle() |> translate([p, 2, 2]) }";
-    let net = "shape net { mesh: rectangle(), material: mask(diffuse(), 0.5) }";
-    let sun = "light sun = directional(direction: [0, -1, 0])";
-    for (other, more, bounces, expected) in [
-        (lamp, "", 4, &[][..]),
-        (card, "", 1, &[]),
-        (card, "", 4, &["other surfaces than the camera see through glass"]),
-        (card, sun, 4, &["through glass", "shadows of `point`"]),
-        (lamp, net, 1, &["masks"]),
-    ] {
-        let mut e = engine(&format!(
-            "param p = 0.5
-camera eye {{ position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }}
-shape a {{ mesh: sphere(), material: dielectric() }}\n{other}\n{more}\nlight sky = constant(1)"
-        ));
-        eval(&mut e, &format!("grad(mean(render(eye, spp: 1, max_bounces: {bounces})), p)"));
-        let warnings = e.take_warnings();
-        let gaps = warnings.iter().filter(|w| w.code == "dscene::gradient::incomplete");
-        let said: String = gaps.map(|w| w.message.as_str()).collect();
-        let right = expected.iter().all(|text| said.contains(text)) && said.is_empty() == expected.is_empty();
-        assert!(right, "{other}, {more}, {bounces}: {said}");
     }
 }
 

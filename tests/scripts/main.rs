@@ -34,6 +34,7 @@ mod language;
 mod library;
 mod lints;
 mod lsp;
+mod materials;
 mod mesh_files;
 mod mutated_scripts;
 mod natives;

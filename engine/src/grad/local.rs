@@ -311,40 +311,28 @@ pub fn d_attenuation(out: &mut Adjoints, si: &SurfaceInteraction, body: u32, t: 
     -d_log.dot(scene.lookup(input, si.prim, si.b))
 }
 
-/// [`d_attenuation`] on the way to a point of a light that is fixed to it.
-pub fn d_attenuation_fixed(
+/// [`d_attenuation`] on the way to a light, whose point is fixed to it or `slides` over it.
+pub fn d_attenuation_to(
     out: &mut Adjoints,
     si: &SurfaceInteraction,
     body: u32,
     c: &IncidentLight,
     d_log: Vec3,
+    slides: bool,
     adj: &mut VertexAdjoint,
 ) {
     let d_end = c.dir * d_attenuation(out, si, body, c.distance, d_log);
     adj.p -= d_end;
     match c.light.kind {
+        LightKind::Area if slides => {
+            let there = out.scene.interaction(c.light.prim, c.light.b, -c.dir);
+            let at_light = VertexAdjoint { p: d_end, ..Default::default() };
+            adj.p += d_intersection(out, &there, c.distance, at_light).origin;
+        }
         LightKind::Area => out.material_point(c.light.prim, c.light.b, d_end),
         LightKind::Point(i) => out.light_placement(i, d_end),
         LightKind::Directional(_) | LightKind::Environment => {}
     }
-}
-
-/// [`d_attenuation`] on the way to a point of a light that slides over it.
-pub fn d_attenuation_sliding(
-    out: &mut Adjoints,
-    si: &SurfaceInteraction,
-    body: u32,
-    c: &IncidentLight,
-    d_log: Vec3,
-    adj: &mut VertexAdjoint,
-) {
-    if c.light.kind != LightKind::Area {
-        return d_attenuation_fixed(out, si, body, c, d_log, adj);
-    }
-    let d_end = c.dir * d_attenuation(out, si, body, c.distance, d_log);
-    let there = out.scene.interaction(c.light.prim, c.light.b, -c.dir);
-    let ray = d_intersection(out, &there, c.distance, VertexAdjoint { p: d_end, ..Default::default() });
-    adj.p += ray.origin - d_end;
 }
 
 /// Adjoint of emission at the hit of a ray with a fixed direction (camera rays, mirrors).

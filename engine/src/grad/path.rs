@@ -15,9 +15,9 @@ use glam::Vec3;
 
 use crate::grad::environment::MovingEnvironment;
 use crate::grad::local::{
-    IncidentLight, Masks, RayAdjoint, Scattering, VertexAdjoint, d_attached_direction, d_attenuation,
-    d_attenuation_fixed, d_attenuation_sliding, d_emission_sliding, d_eval, d_eval_attached, d_incident, d_inputs,
-    d_intersection, d_masks, d_material_fixed, d_opacity, d_specular, d_specular_ray,
+    IncidentLight, Masks, RayAdjoint, Scattering, VertexAdjoint, d_attached_direction, d_attenuation, d_attenuation_to,
+    d_emission_sliding, d_eval, d_eval_attached, d_incident, d_inputs, d_intersection, d_masks, d_material_fixed,
+    d_opacity, d_specular, d_specular_ray,
 };
 use crate::grad::sink::{Adjoints, Layout};
 use crate::render::bsdf::{Bsdf, Part, RoughnessPair};
@@ -323,7 +323,7 @@ impl VertexSweep<'_, '_> {
             self.add_values(d_values);
             if let Some(body) = next.and_then(|next| next.body) {
                 let d_log = self.a * c.f * found.emission * c.inv_pdf;
-                d_attenuation_fixed(self.out, si, body, &incident, d_log, &mut self.adj);
+                d_attenuation_to(self.out, si, body, &incident, d_log, false, &mut self.adj);
             }
         }
     }
@@ -361,11 +361,7 @@ impl VertexSweep<'_, '_> {
         self.add_values(d_values);
         let light = c.f * c.light.power * c.attenuation * (c.geometry * weight);
         if let Some(body) = c.body {
-            if slides {
-                d_attenuation_sliding(self.out, &self.v.si, body, &incident, self.a * light, &mut self.adj);
-            } else {
-                d_attenuation_fixed(self.out, &self.v.si, body, &incident, self.a * light, &mut self.adj);
-            }
+            d_attenuation_to(self.out, &self.v.si, body, &incident, self.a * light, slides, &mut self.adj);
         }
         light
     }
@@ -395,7 +391,7 @@ impl VertexSweep<'_, '_> {
         let mut ray = RayAdjoint::default();
         let mut d_start = Vec3::ZERO;
         if let Some(body) = v.body {
-            // The way ends at the vertex, which slides, and what it brings is what leaves the vertex.
+            // The way ends at the vertex, and brings what leaves the vertex towards it and slides.
             let found = outgoing + si.emission * sliding_emission(self.out.scene, self.path, self.index).unwrap_or(0.0);
             let d_t = d_attenuation(self.out, si, body, v.t, a * found * v.through.weight);
             self.adj.p -= si.wi * d_t;

@@ -1,8 +1,8 @@
 //! Bodies that absorb light on its way through them: by Beer and Lambert's law exp(−σ t) remains after a distance t, with σ the body's
 //! absorption per unit length.
 //!
-//! Light passes the surface of such a body ([`MaterialKind::Dielectric`](super::material::MaterialKind::Dielectric)) only by being refracted, so that a path knows which bodies it is in
-//! from those that it has entered and not left ([`Inside`]). Where paths start, [`Scene::around`] finds them.
+//! Light passes the surface of such a body (a `dielectric`) only by being refracted, so that a path knows which bodies it is in from those that
+//! it has entered and not left ([`Inside`]). Where paths start, [`Scene::around`] finds them.
 
 use glam::Vec3;
 
@@ -22,14 +22,10 @@ impl Scene {
         self.bodies.iter().find(|body| body.shape == shape)
     }
 
-    /// The absorption per unit length within the innermost body.
-    pub(crate) fn absorption(&self, inside: &Inside) -> Vec3 {
-        inside.body().and_then(|shape| self.body(shape)).map_or(Vec3::ZERO, |body| body.absorption)
-    }
-
-    /// What remains of light on its way between two points in these bodies.
+    /// What the innermost of these bodies leaves of light that goes as far in it.
     pub(crate) fn attenuated(&self, inside: &Inside, distance: f32) -> Vec3 {
-        attenuation(self.absorption(inside), distance)
+        let body = inside.body().and_then(|shape| self.body(shape));
+        body.map_or(Vec3::ONE, |body| attenuation(body.absorption, distance))
     }
 
     /// [`Scene::attenuated`] on a way that begins at a point, which lies on no surface of glass.

@@ -67,9 +67,9 @@ pub enum Bsdf {
 /// A material's scattering is the sum of two parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// The cosine lobe, and under or of a coat microfacet lobes that are not attached, if another one is.
+    /// The cosine lobe; of a coated material also the wide microfacet lobes, if it has a narrow one.
     Diffuse,
-    /// The microfacet lobe, and under a coat all others that are attached as it is.
+    /// The microfacet lobe; of a coated material all narrow ones ([`Bsdf::is_attached`]), or all, if none is narrow.
     Specular,
 }
 

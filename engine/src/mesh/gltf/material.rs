@@ -52,7 +52,7 @@ impl Materials {
         let mut image = |info: Option<Info>, encoding| -> Option<LoadedImage> {
             let info = info?;
             if reading.materials() && (uv_set(&info), UvTransform::of(&info)) != at {
-                reading.notes.about("all images of a material are placed as its first one is", &name);
+                reading.notes.about(PLACEMENT, &name);
             }
             self.image(&info.texture(), encoding, &name, accessors, reading)
         };
@@ -110,13 +110,8 @@ impl Materials {
         reading: &mut Reading,
     ) -> Option<LoadedImage> {
         let map = material.normal_texture()?;
-        if reading.materials() {
-            let transform = map.extensions().and_then(|all| all.get("KHR_texture_transform"));
-            let set = transform.and_then(|t| t["texCoord"].as_u64()).unwrap_or(map.tex_coord().into());
-            if set != u64::from(at.0) || UvTransform::written(transform) != at.1 {
-                reading.notes.about("all images of a material are placed as its first one is", whose);
-            }
-        }
+        let transform = map.extensions().and_then(|all| all.get("KHR_texture_transform"));
+        tell_of_placement(Some(map.tex_coord().into()), transform, at, whose, reading);
         let image = self.image(&map.texture(), Encoding::Linear, whose, accessors, reading)?;
         Some(scaled_normals(&image.channels(0, 3), map.scale()))
     }
@@ -144,13 +139,8 @@ impl Materials {
         let mut image = |name: &str, channel: usize| -> Option<LoadedImage> {
             let map = written.get(name)?;
             let texture = accessors.document.textures().nth(usize::try_from(map["index"].as_u64()?).ok()?)?;
-            if reading.materials() {
-                let transform = map.get("extensions").and_then(|all| all.get("KHR_texture_transform"));
-                let own = transform.and_then(|t| t["texCoord"].as_u64()).or(map["texCoord"].as_u64()).unwrap_or(0);
-                if own != u64::from(at.0) || UvTransform::written(transform) != at.1 {
-                    reading.notes.about("all images of a material are placed as its first one is", whose);
-                }
-            }
+            let transform = map.get("extensions").and_then(|all| all.get("KHR_texture_transform"));
+            tell_of_placement(map["texCoord"].as_u64(), transform, at, whose, reading);
             Some(self.image(&texture, Encoding::Linear, whose, accessors, reading)?.channels(channel, 1))
         };
         let weight_image = image("clearcoatTexture", 0);
@@ -308,6 +298,23 @@ fn sheen(material: &gltf::Material, name: &str, reading: &mut Reading) -> Option
         about("cloth (KHR_materials_sheen) is matte under its sheen");
     }
     Some(Sheen { color, roughness: number(&sheen["sheenRoughnessFactor"]).unwrap_or(0.0) })
+}
+
+const PLACEMENT: &str = "all images of a material are placed as its first one is";
+
+/// Reports an image that the glTF crate does not read, if it is placed in another way than the first one of its material (`at`): by its set of
+/// texture coordinates, and by the extension that moves these.
+fn tell_of_placement(
+    set: Option<u64>,
+    transform: Option<&Value>,
+    at: (u32, UvTransform),
+    whose: &str,
+    reading: &mut Reading,
+) {
+    let set = transform.and_then(|t| t["texCoord"].as_u64()).or(set).unwrap_or(0);
+    if reading.materials() && (set != u64::from(at.0) || UvTransform::written(transform) != at.1) {
+        reading.notes.about(PLACEMENT, whose);
+    }
 }
 
 /// A normal map whose normals are inclined `scale` times as much.

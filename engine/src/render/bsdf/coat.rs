@@ -39,6 +39,12 @@ impl Coat {
         self.f0 + (self.f90 - self.f0) * p
     }
 
+    /// The share E of light from the cosine `c` that does not pass.
+    pub fn reflected(&self, c: f32) -> Albedo {
+        let (p, slope) = (SCHLICK.directional(c, self.roughness), self.f90 - self.f0);
+        Albedo { value: self.albedo(p.value), by_c: slope * p.by_c, by_roughness: slope * p.by_roughness }
+    }
+
     /// The share of light from the cosine `ci` that passes.
     pub fn passed_at(&self, ci: f32) -> f32 {
         1.0 - self.albedo(SCHLICK.directional(ci, self.roughness).value)

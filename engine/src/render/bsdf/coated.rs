@@ -11,8 +11,9 @@
 
 use glam::Vec3;
 
+use super::albedo::Albedo;
 use super::angles::{Angles, AnglesAdjoint};
-use super::coat::{Coat, SCHLICK};
+use super::coat::Coat;
 use super::fresnel::{d_schlick, schlick};
 use super::lobes::{Lobes, share};
 use super::microfacet::{Ggx, Microfacets};
@@ -55,10 +56,14 @@ impl Coated {
         self.weight * self.fresnel(angles.half) * self.facets().eval(angles)
     }
 
+    /// What the coat, if it covered all, would reflect at the more grazing of both cosines.
+    fn reflected(&self, ci: f32, co: f32) -> Albedo {
+        Coat { f0: F0, f90: F90, roughness: self.roughness }.reflected(ci.min(co))
+    }
+
     /// What of the light passes the coat on its way to the material under it and back.
     fn passed(&self, ci: f32, co: f32) -> f32 {
-        let coat = Coat { f0: F0, f90: F90, roughness: self.roughness };
-        1.0 - self.weight * (1.0 - coat.passed_at(ci.min(co)))
+        1.0 - self.weight * self.reflected(ci, co).value
     }
 
     /// The lobes of a part. The specular one has those that are attached ([`Bsdf::is_attached`](super::Bsdf::is_attached)), or, if none is, all
@@ -107,7 +112,8 @@ impl Coated {
     /// Adjoint of [`Coated::eval_part`]. `half_fixed` is as in [`Microfacets::d_eval`].
     pub fn d_eval_part(&self, part: Part, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
         let (chosen, angles) = (self.chosen(part), Angles::new(n, wi, wo));
-        let d_under = d_f * self.passed(angles.ci, angles.co);
+        let reflected = self.reflected(angles.ci, angles.co);
+        let d_under = d_f * (1.0 - self.weight * reflected.value);
         let mut out = BsdfAdjoint::default();
         if chosen.base {
             out.add(&self.under.d_eval_base(n, wi, wo, d_under));
@@ -115,15 +121,13 @@ impl Coated {
         if chosen.lobe {
             out.add(&self.under.d_eval_lobe(n, wi, wo, d_under, half_fixed));
         }
-        // The factor 1 − weight · E, with E = F0 + (F90 − F0) P.
-        let nearest = angles.ci.min(angles.co);
-        let p = SCHLICK.directional(nearest, self.roughness);
+        // The factor 1 − weight · E.
         let d_passed = d_f.dot(self.eval_under(chosen, &angles));
-        let mut d_weight = -d_passed * (F0 + (F90 - F0) * p.value);
-        let d_p = -d_passed * self.weight * (F90 - F0);
-        let mut d_roughness = d_p * p.by_roughness;
+        let mut d_weight = -d_passed * reflected.value;
+        let d_reflected = -d_passed * self.weight;
+        let mut d_roughness = d_reflected * reflected.by_roughness;
         let mut d_angles = AnglesAdjoint::default();
-        *(if angles.ci < angles.co { &mut d_angles.ci } else { &mut d_angles.co }) += d_p * p.by_c;
+        *(if angles.ci < angles.co { &mut d_angles.ci } else { &mut d_angles.co }) += d_reflected * reflected.by_c;
         if chosen.coat {
             let (lobe, fresnel) = (self.facets().d_eval(&angles, half_fixed), self.fresnel(angles.half));
             let d_coat = d_f.element_sum();

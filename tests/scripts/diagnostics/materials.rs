@@ -1,0 +1,36 @@
+//! Materials by the names and in the places that other tools have for them.
+
+use super::Case;
+
+pub const CASES: &[Case] = &[
+    Case {
+        name: "around_materials",
+        prelude: "",
+        script: "\
+material a = principled(base_color: 0.5, clearcoat: 1)
+material b = plastic(diffuse: 0.5, bump: image([[0, 1]]))
+material c = diffuse(opacity: 0.5)",
+        wanted: &[
+            ("dscene::call::unknown_argument", "clearcoat", "`coated(principled(…), …)`"),
+            ("dscene::call::unknown_argument", "bump", "`bump(plastic(…), …)`"),
+            ("dscene::call::unknown_argument", "opacity", "`mask(diffuse(…), …)`"),
+        ],
+    },
+    Case {
+        name: "masks_by_other_names",
+        prelude: "",
+        script: "\
+material a = mask(diffuse(reflectance: 0.5), alpha: 0.5)
+material b = cutout(diffuse(), opacity: 0.5)
+material c = mask(diffuse())
+material d = mask(0.5, opacity: 0.5)
+material e = mask(diffuse(), opacity: image([[0.5]]))",
+        wanted: &[
+            ("dscene::call::unknown_argument", "alpha", "did you mean `opacity`?"),
+            ("dscene::name::unknown", "cutout", "did you mean `mask`?"),
+            ("dscene::call::missing", "mask", ""),
+            ("dscene::type::mismatch", "0.5", "diffuse(reflectance: 0.5)"),
+            ("dscene::type::mismatch", "image([[0.5]])", "texture(image([[0.5]]))"),
+        ],
+    },
+];

@@ -1,0 +1,149 @@
+//! Materials through text: what their numbers do, and what derivatives they lack.
+
+use dscene::diag::Diagnostic;
+use dscene::eval::brief;
+
+use super::language::{engine, eval, expr, numbers};
+
+/// A coat's numbers can be read, replaced and differentiated, beside those of what is under it.
+#[test]
+fn coats_lie_over_materials() {
+    let mut e = engine(
+        "camera eye { position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }
+param cover = 0.5
+material paint = coated(diffuse(reflectance: 0), coat: cover, coat_roughness: 0.4)
+shape plate { mesh: rectangle(width: 9, depth: 9) |> rotate(x: 90deg), material: paint }
+light sky = constant(1)
+let seen = mean(render(eye, spp: 4096, max_bounces: 1))",
+    );
+    let whole = numbers(&mut e, "seen with { cover: 1 }")[0];
+    // A black plate shows its coat alone, which reflects 4 % head on, less what is lost between facets.
+    assert!((0.036..0.0405).contains(&whole), "{whole}");
+    for (text, expected, allowed) in [
+        ("seen", 0.5 * whole, 0.001),
+        ("seen with { paint.coat: 0 }", 0.0, 0.0),
+        ("grad(seen, cover)", whole, 0.002),
+        ("paint.coat_roughness", 0.4, 1e-9),
+        ("paint.reflectance", 0.0, 0.0),
+    ] {
+        let found = numbers(&mut e, text)[0];
+        assert!((found - expected).abs() <= allowed, "{text} is {found}, not {expected}");
+    }
+    let x = expr(&e, "paint");
+    let shown = brief(&eval(&mut e, "paint"), &x.ty);
+    assert_eq!(shown, "coated(diffuse(reflectance: 0), coat: 0.5, coat_roughness: 0.4)");
+}
+
+/// A mask shows its opacity's share; its opacity can be read and replaced; an image brings its alpha channel.
+#[test]
+fn masks_show_what_is_behind() {
+    let mut e = engine(
+        "camera eye { position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }
+material glass = mask(one_sided(diffuse(reflectance: 0.5)), opacity: 0.25)
+shape screen { mesh: rectangle(width: 9, depth: 9) |> rotate(x: 90deg), material: glass }
+light wall = area(rectangle(width: 20, depth: 20) |> rotate(x: 90deg) |> translate([0, 0, -2]), radiance: 4)
+let picture = image([[[1, 1, 1, 0.75]]])",
+    );
+    for (text, expected, allowed) in [
+        ("mean(render(eye, spp: 4096, max_bounces: 0))", 3.0, 0.03),
+        (
+            "mean(render(eye, spp: 4096, max_bounces: 0)) with { glass: mask(diffuse(), opacity: texture(picture.a)) }",
+            1.0,
+            0.03,
+        ),
+        ("mean(render(eye, spp: 4096, max_bounces: 0)) with { glass.opacity: 1 }", 0.0, 0.0),
+        ("mean(alpha(eye, spp: 4096)) with { wall: constant(1) }", 0.25, 0.005),
+        ("glass.opacity", 0.25, 0.0),
+    ] {
+        let found = numbers(&mut e, text)[0];
+        assert!((found - expected).abs() <= allowed, "{text} is {found}, not {expected}");
+    }
+    let x = expr(&e, "glass");
+    let shown = brief(&eval(&mut e, "glass"), &x.ty);
+    assert_eq!(shown, "mask(one_sided(diffuse(reflectance: 0.5)), opacity: 0.25)");
+}
+
+/// A step in a texture under a surface that moves has no derivative, and that is said; a smooth one has.
+#[test]
+fn steps_between_texels_are_reported() {
+    let texture = |filter: &str| format!("opacity: texture([[0, 1], [1, 0]], filter: {filter})");
+    let [nearest, bilinear] = ["nearest", "bilinear"].map(texture);
+    for (mesh, grey, opacity, expected) in [
+        ("rectangle(width: p)", "0.5", &nearest, true),
+        ("rectangle(width: p)", "0.5", &bilinear, false),
+        ("rectangle()", "p", &nearest, false),
+        ("rectangle(width: p)", "checkerboard()", &bilinear, true),
+    ] {
+        let mut e = engine(&format!(
+            "param p = 0.5
+camera eye {{ position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }}
+shape a {{ mesh: {mesh} |> rotate(x: 90deg), material: mask(diffuse(reflectance: {grey}), {opacity}) }}
+light sky = constant(1)"
+        ));
+        eval(&mut e, "grad(mean(render(eye, spp: 1, max_bounces: 1)), p)");
+        let is_step = |w: &Diagnostic| w.code == "dscene::gradient::incomplete" && w.message.contains("nearest");
+        assert_eq!(e.take_warnings().iter().any(is_step), expected, "{mesh}, {grey}, {opacity}");
+    }
+}
+
+/// What the camera sees in mirrors has derivatives; what surfaces see in one mirror by way of another has not, and that is said.
+#[test]
+fn what_mirrors_lack_is_reported() {
+    let [lamp, card] = ["light b = area(MESH)", "shape b { mesh: MESH }"]
+        .map(|text| text.replace("MESH", "rectangle() |> translate([p, 2, 2])"));
+    let wall = "shape wall { mesh: rectangle(), material: mirror() }";
+    for (ball, other, more, bounces, expected) in [
+        ("sphere()", &lamp, "", 2, None),
+        ("sphere()", &card, "", 2, None),
+        ("sphere()", &lamp, wall, 1, None),
+        ("sphere()", &lamp, wall, 3, None),
+        ("sphere()", &card, wall, 2, None),
+        ("sphere()", &card, wall, 3, Some("by way of another")),
+        ("torus()", &card, "", 3, Some("by way of another")),
+        ("sphere(subdivisions: 6)", &lamp, "", 2, None),
+        ("sphere(subdivisions: 6)", &lamp, "", 3, Some("so coarse")),
+        ("sphere()", &lamp, "", 3, None),
+    ] {
+        let mut e = engine(&format!(
+            "param p = 0.5
+camera eye {{ position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }}
+shape a {{ mesh: {ball}, material: mirror() }}
+{other}
+{more}
+light sky = constant(1)"
+        ));
+        eval(&mut e, &format!("grad(mean(render(eye, spp: 1, max_bounces: {bounces})), p)"));
+        let warnings = e.take_warnings();
+        let gap = warnings.iter().find(|w| w.code == "dscene::gradient::incomplete");
+        let said = |text: &str| gap.is_some_and(|w| w.message.contains(text));
+        assert!(expected.map_or(gap.is_none(), said), "{ball}, {other}, {more}, {bounces}: {gap:?}");
+    }
+}
+
+/// What the camera sees through glass has derivatives; what reaches other surfaces through it has not, nor where there are masks.
+#[test]
+fn what_glass_lacks_is_reported() {
+    let lamp = "light b = area(rectangle() |> translate([p, 2, 2]))";
+    let card = "shape b { mesh: rectangle() |> translate([p, 2, 2]) }";
+    let net = "shape net { mesh: rectangle(), material: mask(diffuse(), 0.5) }";
+    let sun = "light sun = directional(direction: [0, -1, 0])";
+    for (other, more, bounces, expected) in [
+        (lamp, "", 4, &[][..]),
+        (card, "", 1, &[]),
+        (card, "", 4, &["other surfaces than the camera see through glass"]),
+        (card, sun, 4, &["through glass", "shadows of `point`"]),
+        (lamp, net, 1, &["masks"]),
+    ] {
+        let mut e = engine(&format!(
+            "param p = 0.5
+camera eye {{ position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }}
+shape a {{ mesh: sphere(), material: dielectric() }}\n{other}\n{more}\nlight sky = constant(1)"
+        ));
+        eval(&mut e, &format!("grad(mean(render(eye, spp: 1, max_bounces: {bounces})), p)"));
+        let warnings = e.take_warnings();
+        let gaps = warnings.iter().filter(|w| w.code == "dscene::gradient::incomplete");
+        let said: String = gaps.map(|w| w.message.as_str()).collect();
+        let right = expected.iter().all(|text| said.contains(text)) && said.is_empty() == expected.is_empty();
+        assert!(right, "{other}, {more}, {bounces}: {said}");
+    }
+}
