@@ -14,7 +14,7 @@ use std::sync::LazyLock;
 
 use dscene::files::fingerprint;
 
-use super::{Measured, percent};
+use super::{Measured, long, percent};
 
 struct Kept {
     /// What it was drawn for.
@@ -38,9 +38,17 @@ static ALL: LazyLock<HashMap<String, Kept>> = LazyLock::new(|| {
     text.lines().map(|text| line(text).unwrap_or_else(|| panic!("differences.csv: {text}"))).collect()
 });
 
-/// The difference that is kept, if it is of this: the scenes on both sides, how they are rendered, and the step.
+/// The difference that is kept, if it is of this: the scenes on both sides, how they are rendered, and the step. One that is kept of something
+/// else would go out of use unnoticed, and all would take several times as long: the long statistics fail there.
 pub fn difference(name: &str, of: &str) -> Option<Measured> {
-    ALL.get(name).filter(|kept| kept.of == fingerprint(of.as_bytes())).map(|kept| kept.difference)
+    let kept = ALL.get(name)?;
+    let is_of_this = kept.of == fingerprint(of.as_bytes());
+    assert!(
+        is_of_this || !long() || draws_all(),
+        "{name}: what is kept is the difference of another scene, step or kind of output, or of a row with the same name; \
+         CONTRIBUTING.md says how it is recorded anew"
+    );
+    is_of_this.then_some(kept.difference)
 }
 
 /// Whether no difference that is kept takes the place of one that is drawn.

@@ -137,10 +137,10 @@ fn movements_against_differences() {
         row(&format!("{name}, the picture turned, its normals"), made, &plan, |t, made| made.turn += t);
     }
     // Its image in the waves, and its shadow on them.
-    for (kind, always) in [(Kind::Metal(0.3), true), (Kind::Metal(0.6), false)] {
+    for (roughness, always) in [(0.3, true), (0.6, false)] {
         if always || long() {
-            let made = Made { amplitude: 0.15, ..Made::of(kind) };
-            row("a box before it", made, &PLAN(), |t, made| made.box_at += t);
+            let made = Made { amplitude: 0.15, ..Made::of(Kind::Metal(roughness)) };
+            row(&format!("a box before metal {roughness}"), made, &PLAN(), |t, made| made.box_at += t);
         }
     }
 }
