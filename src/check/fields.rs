@@ -110,7 +110,11 @@ impl Checker<'_> {
                 _ => false,
             };
         }
-        let parts = lights().chain(materials()).find(|(n, _)| *n == native).map(|(_, parts)| parts);
+        let parts = lights()
+            .chain(materials())
+            .chain([("blend", vec!["a", "b", "weight"])])
+            .find(|(n, _)| *n == native)
+            .map(|(_, parts)| parts);
         let Some(signature) = self.signature(id) else { return false };
         let at = signature.params.iter().position(|p| p.name == name.text);
         let left_out = at.is_some_and(|i| call.args.get(i).is_some_and(Option::is_none));
@@ -243,7 +247,9 @@ pub fn fields_of(ty: &Ty) -> Vec<&str> {
         }
         Ty::Shape => vec!["mesh", "material"],
         Ty::Light => all_parts(lights()),
-        Ty::Material => [all_parts(materials()), vec!["coat", "coat_roughness", "opacity", "normals"]].concat(),
+        Ty::Material => {
+            [all_parts(materials()), vec!["coat", "coat_roughness", "a", "b", "weight", "opacity", "normals"]].concat()
+        }
         Ty::Texture => vec!["texels", "width", "height"],
         Ty::Scene => vec!["shapes", "lights"],
         Ty::Estimate(_) => vec!["mean", "std_error"],
@@ -300,6 +306,7 @@ pub fn field_type(ty: &Ty, name: &str) -> Option<Ty> {
         (Ty::Camera { .. }, "transform") => Ty::Any,
         (Ty::Shape | Ty::Light, "mesh") => Ty::Mesh,
         (Ty::Shape | Ty::Light, "material") => Ty::Material,
+        (Ty::Material, "a" | "b") => Ty::Material,
         (Ty::Light, "rotation") => Ty::Rotation,
         (Ty::Texture, "texels") => super::signature::any_image(),
         (Ty::Texture, "width" | "height") => Ty::SCALAR,

@@ -386,6 +386,7 @@ pub fn function(name: &str) -> Option<&'static str> {
         "sheen" | "velvet" | "fabric" | "charlie" => "cloth",
         "clearcoat" | "clear_coat" | "coat" | "varnish" | "lacquer" => "coated",
         "normalmap" | "normal_texture" | "normals_map" => "normal_map",
+        "blendbsdf" | "blend_bsdf" | "mix_shader" | "mix_material" | "mixture" => "blend",
         "bumpmap" | "bump_map" | "height_map" => "bump",
         "sun_sky" | "daylight" | "hosek" | "preetham" | "nishita" => "sunsky",
         "cutout" | "alpha_mask" | "opacity_mask" => "mask",
@@ -483,7 +484,7 @@ pub fn type_name(name: &str) -> Option<&'static str> {
 
 /// What the language will have and this version has not.
 pub fn is_planned(name: &str) -> bool {
-    const FUNCTIONS: &str = "emissive blend decimate unwrap medium";
+    const FUNCTIONS: &str = "emissive decimate unwrap medium";
     FUNCTIONS.split_whitespace().any(|planned| planned == name)
 }
 

@@ -13,6 +13,7 @@ use crate::mesh::load::{
     LoadedProjection, Sheen,
 };
 use crate::mesh::{Mesh, ops};
+use crate::natives::of_blend;
 use crate::natives::value::{
     CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, ShapeValue, Value,
 };
@@ -237,6 +238,18 @@ impl Writer<'_> {
     }
 
     fn material(&mut self, material: &MaterialValue, name: &str) -> LoadedMaterial {
+        if let Some(blend) = &material.blend {
+            self.tell("glTF has no blends: of the two materials that of the larger share is written", name);
+            let second = self.look(&blend.weight, false, name).mean().x > 0.5;
+            let (opacity, normals) = (material.opacity.clone(), material.normals.clone());
+            if let Some(one) = of_blend(material, usize::from(second)) {
+                return self.one_material(&MaterialValue { opacity, normals, ..one }, name);
+            }
+        }
+        self.one_material(material, name)
+    }
+
+    fn one_material(&mut self, material: &MaterialValue, name: &str) -> LoadedMaterial {
         let mut out = LoadedMaterial { specular: 0.0, double_sided: !material.one_sided, ..LoadedMaterial::default() };
         let like = format!("its `{}` becomes a metallic-roughness material that is like it", material.kind.name());
         let colour = |writer: &mut Self, out: &mut LoadedMaterial, input: &Input| {

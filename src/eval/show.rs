@@ -4,7 +4,7 @@ use serde_json::{Map, Value as Json, json};
 
 use crate::check::types::Ty;
 use crate::natives::value::{DeltaLightValue, GradientEntry, Input, LightValue, MaterialValue, MeshValue, Value};
-use crate::natives::{field, fields_of};
+use crate::natives::{field, fields_of, of_blend};
 use crate::render::ClearCoat;
 use crate::tape::{Tensor, Var};
 
@@ -191,15 +191,24 @@ fn mesh(m: &MeshValue) -> String {
     text
 }
 
-fn material(m: &MaterialValue) -> String {
+fn one_material(m: &MaterialValue) -> String {
     let inputs: Vec<String> = m.kind.inputs().map(|(field, i)| format!("{}: {}", field.name, input(i))).collect();
     let inner = format!("{}({})", m.kind.name(), inputs.join(", "));
     let inner = if m.one_sided { format!("one_sided({inner})") } else { inner };
-    let inner = match &m.coat {
+    match &m.coat {
         Some(ClearCoat { weight, roughness }) => {
             format!("coated({inner}, coat: {}, coat_roughness: {})", input(weight), input(roughness))
         }
         None => inner,
+    }
+}
+
+fn material(m: &MaterialValue) -> String {
+    let inner = match (&m.blend, of_blend(m, 0), of_blend(m, 1)) {
+        (Some(blend), Some(a), Some(b)) => {
+            format!("blend({}, {}, weight: {})", material(&a), material(&b), input(&blend.weight))
+        }
+        _ => one_material(m),
     };
     let inner = match &m.normals {
         Some(normals) => format!("normal_map({inner}, normals: {})", input(normals)),

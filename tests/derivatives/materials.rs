@@ -79,6 +79,8 @@ enum Moves {
     Index,
     /// The share that a coat covers.
     Coat,
+    /// The share of the second material of a blend.
+    Weight,
 }
 
 /// Between the roughnesses of the tables that `plastic`, `principled` and coats have of what they reflect, and `cloth` of its sheen.
@@ -129,16 +131,31 @@ impl Row {
             },
             "coated paint" => MaterialKind::Diffuse { reflectance: colour },
             "coated metal" => MaterialKind::Conductor { reflectance: colour, roughness: b.scalar(0.12) },
+            "worn metal" => MaterialKind::Conductor { reflectance: colour, roughness },
+            "rusty lacquer" => MaterialKind::Principled {
+                base_color: b.constant(vec3(0.2, 0.5, 0.3)),
+                metallic: b.scalar(0.4),
+                roughness: b.scalar(0.42),
+                specular: b.scalar(0.5),
+            },
             other => panic!("{other}"),
         };
-        let weight = b.scalar(0.6 + shift(matches!(self.moves, Moves::Coat)));
-        let coat = self.is_coated().then_some(ClearCoat { weight, roughness });
+        let under = match self.material {
+            "worn metal" => Some(MaterialKind::Diffuse { reflectance: b.constant(vec3(0.3, 0.2, 0.1)) }),
+            // A lobe narrower than that of what it is blended with.
+            "rusty lacquer" => Some(MaterialKind::Conductor { reflectance: colour, roughness: b.scalar(0.25) }),
+            _ => None,
+        };
+        let share = 0.4 + shift(matches!(self.moves, Moves::Weight));
+        let blend = under.map(|kind| Blend { kind, coat: None, weight: b.scalar(share) });
+        let weight = 0.6 + shift(matches!(self.moves, Moves::Coat));
+        let coat = self.is_coated().then(|| ClearCoat { weight: b.scalar(weight), roughness });
         let tilt = shift(matches!(self.moves, Moves::Tilt));
         let mut plate = floor(Vec3::ZERO, 3.0);
         for v in &mut plate.vertices {
             *v = glam::Quat::from_rotation_x(tilt) * *v;
         }
-        b.add(plate, Material { coat, ..Material::from(kind) });
+        b.add(plate, Material { coat, blend, ..Material::from(kind) });
         let (sin, cos) = self.angle.to_radians().sin_cos();
         match self.light {
             Light::Sky => {
@@ -165,7 +182,7 @@ impl Row {
     }
 
     fn is_coated(&self) -> bool {
-        ["lacquer", "coated paint", "coated metal"].contains(&self.material)
+        ["lacquer", "coated paint", "coated metal", "rusty lacquer"].contains(&self.material)
     }
 
     /// Whether derivatives in the roughness jump where it is that of a row of a table.
@@ -200,15 +217,17 @@ impl Row {
             Moves::Tilt if matches!(self.light, Light::Lamp) && self.roughness < 0.3 => 0.0025,
             Moves::Tilt => 0.01,
             Moves::Roughness if self.has_table() => 0.2 * CELL,
+            // A half-rough metal beside a matte one under a lamp: the derivative bends.
+            Moves::Roughness if self.material == "worn metal" => 0.08 * self.roughness,
             Moves::Roughness => 0.2 * self.roughness.min(0.5),
-            Moves::Colour | Moves::Index | Moves::Coat => 0.05,
+            Moves::Colour | Moves::Index | Moves::Coat | Moves::Weight => 0.05,
         };
         // A lobe that only sees light of one brightness is as bright however wide, and nothing is what its derivative may well be. But it
         // is a mean of scores of samples, some 4 / roughness each, of which any that is wrong shows in an eighth. So it is with a plate that
         // looks much the same from everywhere, and is turned.
         let least = match self.moves {
             Moves::Roughness => 0.5 * self.brightness() / f64::from(self.roughness),
-            Moves::Tilt | Moves::Colour | Moves::Index | Moves::Coat => 0.25 * self.brightness(),
+            Moves::Tilt | Moves::Colour | Moves::Index | Moves::Coat | Moves::Weight => 0.25 * self.brightness(),
         };
         let plan = Plan { spp, fd_spp: 512, h, least, ..Plan::default() };
         agree(&format!("{self:?}"), &|t| self.build(t), &plan);
@@ -287,6 +306,20 @@ fn coats_have_their_derivatives() {
     for (material, roughness) in [("lacquer", 0.05), ("coated paint", 0.3), ("coated metal", 0.6)] {
         for (light, angle) in [(Light::Sky, 5.0), (Light::Lamp, 5.0), (Light::Sky, 75.0), (Light::Lamp, 75.0)] {
             for moves in [Moves::Tilt, Moves::Roughness, Moves::Colour, Moves::Coat] {
+                rows.push(Row { material, roughness, light, angle, moves });
+            }
+        }
+    }
+    rows.iter().step_by(percent().map_or(5, |_| 1)).for_each(Row::check);
+}
+
+/// A narrow lobe beside a matte surface, and a coated material beside a lobe that is narrower than its own.
+#[test]
+fn blends_have_their_derivatives() {
+    let mut rows = Vec::new();
+    for (material, roughness) in [("worn metal", 0.1), ("worn metal", 0.5), ("rusty lacquer", 0.6)] {
+        for (light, angle) in [(Light::Sky, 5.0), (Light::Lamp, 5.0), (Light::Sky, 75.0), (Light::Lamp, 75.0)] {
+            for moves in [Moves::Tilt, Moves::Roughness, Moves::Colour, Moves::Weight] {
                 rows.push(Row { material, roughness, light, angle, moves });
             }
         }

@@ -564,10 +564,10 @@ loss fit = mse(render(small), target)",
     Case {
         name: "not_available_yet",
         prelude: SCENE,
-        script: "material glass = blend(diffuse(), mirror())\n\
+        script: "mesh coarse = decimate(sphere())\n\
                  optimize fit { correlated: true }\noptimize fit { correlated: false }",
         wanted: &[
-            ("dscene::feature::unavailable", "blend", ""),
+            ("dscene::feature::unavailable", "decimate", ""),
             ("dscene::feature::unavailable", "correlated", "independent samples"),
         ],
     },

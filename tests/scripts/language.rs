@@ -338,6 +338,12 @@ fn errors_point_at_the_argument() {
         ("coated(dielectric())", "dielectric()", "dscene::run::value"),
         ("coated(coated(diffuse()), coat: 0.5)", "coated(diffuse())", "dscene::run::value"),
         ("coated(diffuse(), coat: p.y)", "p.y", "dscene::run::value"),
+        ("coated(blend(diffuse(), plastic()))", "blend(diffuse(), plastic())", "dscene::run::value"),
+        ("blend(diffuse(), mirror())", "mirror()", "dscene::run::value"),
+        ("blend(blend(diffuse(), plastic()), cloth())", "blend(diffuse(), plastic())", "dscene::run::value"),
+        ("blend(mask(diffuse(), 0.5), plastic())", "mask(diffuse(), 0.5)", "dscene::run::value"),
+        ("blend(plastic(), one_sided(diffuse()))", "one_sided(diffuse())", "dscene::run::value"),
+        ("blend(plastic(), diffuse(), weight: p.y)", "p.y", "dscene::run::value"),
         ("dielectric(absorption: -p.x)", "-p.x", "dscene::run::value"),
         ("camera(position: [1, p.x, 1], look_at: [1, p.x, 1])", "[1, p.x, 1]", "dscene::run::value"),
     ] {

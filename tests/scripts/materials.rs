@@ -34,6 +34,46 @@ let seen = mean(render(eye, spp: 4096, max_bounces: 1))",
     assert_eq!(shown, "coated(diffuse(reflectance: 0), coat: 0.5, coat_roughness: 0.4)");
 }
 
+/// A blend is between its materials, in proportion to the weight; their numbers can be read, replaced and differentiated through it.
+#[test]
+fn blends_are_between_their_materials() {
+    let mut e = engine(
+        "camera eye { position: [0, 0, 5], look_at: [0, 0, 0], fov: 20deg, film: [4, 4] }
+param rust = 0.25
+param grey = 0.5
+material soot = diffuse(reflectance: 0)
+material paint = blend(soot, diffuse(reflectance: grey), weight: rust)
+shape plate { mesh: rectangle(width: 9, depth: 9) |> rotate(x: 90deg), material: paint }
+light sky = constant(1)
+let seen = mean(render(eye, spp: 1024, max_bounces: 1))",
+    );
+    for (text, expected) in [
+        ("seen", 0.125),
+        ("seen with { rust: 1 }", 0.5),
+        ("seen with { paint.weight: 0 }", 0.0),
+        ("seen with { paint.b.reflectance: 0.8 }", 0.2),
+        ("seen with { soot.reflectance: 1 }", 0.875),
+        ("seen with { paint.a: diffuse(reflectance: 1) }", 0.875),
+        ("seen with { plate.material: mask(one_sided(paint), opacity: 0.5) }", 0.5625),
+        ("seen with { paint: blend(soot, coated(diffuse(reflectance: 0.4), coat: 0), weight: 0.5) }", 0.2),
+        ("seen with { paint.weight: texture([[0, 1]]) }", 0.25),
+        ("grad(seen, rust)", 0.5),
+        ("grad(seen, grey)", 0.25),
+        ("paint.a.reflectance", 0.0),
+        ("paint.weight", 0.25),
+        ("mask(paint, opacity: 0.75).opacity", 0.75),
+        ("mask(paint, opacity: 0.75).b.reflectance", 0.5),
+    ] {
+        let found = numbers(&mut e, text)[0];
+        assert!((found - expected).abs() <= 0.004, "{text} is {found}, not {expected}");
+    }
+    let x = expr(&e, "paint");
+    let mut shown = |text: &str| brief(&eval(&mut e, text), &x.ty);
+    let paint = "blend(diffuse(reflectance: 0), diffuse(reflectance: 0.5), weight: 0.25)";
+    assert_eq!(shown("paint"), paint);
+    assert_eq!(shown("mask(paint, opacity: 0.5)"), format!("mask({paint}, opacity: 0.5)"));
+}
+
 /// A mask shows its opacity's share; its opacity can be read and replaced; an image brings its alpha channel.
 #[test]
 fn masks_show_what_is_behind() {

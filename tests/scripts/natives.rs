@@ -292,6 +292,7 @@ const NONE: &[(&str, &[&str])] = &[
             "mask",
             "normal_map",
             "coated",
+            "blend",
             "texture",
             "vertex_color",
             "shape",

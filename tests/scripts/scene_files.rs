@@ -135,6 +135,7 @@ shape pot { mesh: sphere(), material: phong(diffuse: [0.5, 0.2, 0.1], specular: 
 shape cup { mesh: cube() |> translate([3, 0, 0]), material: plastic(diffuse: 0.4, ior: 1.5, roughness: 0.3) }
 shape glossy { mesh: cube() |> translate([6, 0, 0]), material: mirror(0.8) }
 shape gold { mesh: cube() |> translate([9, 0, 0]), material: conductor(eta: 1, k: [1, 2, 3], roughness: 0.2) }
+shape worn { mesh: cube() |> translate([12, 0, 0]), material: blend(diffuse(0.5), conductor(reflectance: 0.7), weight: 0.8) }
 shape mover { mesh: moving(cube(), cube() |> translate([0, 1, 0])) }
 light sky = constant(1)
 light lamp = area(rectangle() |> translate([0, 5, 0]), radiance: 2, material: diffuse(0.5))
@@ -151,6 +152,7 @@ save [scene, eye, around] to "a.glb"
         ("cup", &like("plastic")),
         ("glossy", &like("mirror")),
         ("gold", &like("conductor")),
+        ("worn", "glTF has no blends: of the two materials that of the larger share is written"),
         ("mover", "what moves stands"),
         ("sky", "glTF has no environments"),
         ("lamp", "a material of glTF emits on the sides"),
@@ -172,6 +174,8 @@ save [scene, eye, around] to "a.glb"
     // |(n − 1 + ik) / (n + 1 + ik)|² with n = 1 is k² / (4 + k²).
     let gold = material("gold");
     assert!((gold.base_color - glam::vec3(0.2, 0.5, 9.0 / 13.0)).abs().max_element() < 1e-5, "{gold:?}");
+    let worn = material("worn");
+    assert!(near(worn.metallic, 1.0) && near(worn.base_color.x, 0.7), "{worn:?}");
     assert_eq!(loaded.lights.len(), 0);
 }
 

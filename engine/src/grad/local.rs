@@ -12,7 +12,10 @@ use crate::render::film::first_hit;
 use crate::render::interaction::{SurfaceInteraction, d_terminator, terminator};
 use crate::render::light::{LightKind, LightSample};
 use crate::render::mask::{MaskCrossing, MaskWeight};
-use crate::render::{Camera, Input, InputField, MAX_INPUTS, MODEL_INPUTS, MaterialKind, Output, Quantity};
+use crate::render::{
+    BLEND_WEIGHT, COAT, COAT_ROUGHNESS, Camera, ClearCoat, Input, InputField, LAYER_INPUTS, MAX_INPUTS, MODEL_INPUTS,
+    MaterialKind, Output, Quantity, WEIGHT,
+};
 
 /// Adjoints of the numbers of one surface interaction.
 #[derive(Clone, Copy, Debug, Default)]
@@ -286,11 +289,19 @@ pub fn d_inputs(out: &mut Adjoints, si: &SurfaceInteraction, d: &[Vec3; MAX_INPU
         }
     };
     // This runs for every vertex of every path: `inputs` would write down all fields first.
-    let mut of_model = d.iter();
-    material.kind.map(|field, input| add(field, *input, of_model.next().copied().unwrap_or_default()));
-    if let Some(coat) = &material.coat {
-        let mut of_coat = d[MODEL_INPUTS..].iter();
-        coat.map(|field, input| add(field, *input, of_coat.next().copied().unwrap_or_default()));
+    let mut of_layer = |kind: &MaterialKind, coat: &Option<ClearCoat>, d: &[Vec3]| {
+        let mut of_model = d.iter();
+        kind.map(|field, input| add(field, *input, of_model.next().copied().unwrap_or_default()));
+        if let Some(coat) = coat {
+            let d = d[MODEL_INPUTS];
+            add(COAT, coat.weight, d);
+            add(COAT_ROUGHNESS, coat.roughness, Vec3::X * d.y);
+        }
+    };
+    of_layer(&material.kind, &material.coat, &d[..LAYER_INPUTS]);
+    if let Some(blend) = &material.blend {
+        of_layer(&blend.kind, &blend.coat, &d[LAYER_INPUTS..BLEND_WEIGHT]);
+        add(WEIGHT, blend.weight, d[BLEND_WEIGHT]);
     }
 }
 
@@ -422,9 +433,8 @@ pub fn d_incident(
     if si.bsdf.is_attached() {
         let d_f = a * c.light.power * (c.geometry * c.weight);
         let d_dir = d_direction_fixed(out, c, a * attached, adj);
-        for (d, e) in d_values.iter_mut().zip(d_eval_attached(si, c.dir, d_f, d_dir, adj)) {
-            *d += e;
-        }
+        let more = d_eval_attached(si, c.dir, d_f, d_dir, adj);
+        si.bsdf.add_values(&mut d_values, &more);
     }
     d_values
 }
@@ -446,9 +456,8 @@ fn d_environment_light(
     let scale = c.geometry * c.weight;
     out.environment_base(c.dir, a * f * scale);
     adj.p += d_masks(out, c.dir, c.masks.crossings, a.dot(f * rest) * c.geometry * c.masks.weight).origin;
-    for (d, e) in d_values.iter_mut().zip(d_eval(si, c.dir, part, a * rest * scale, adj).1) {
-        *d += e;
-    }
+    let more = d_eval(si, c.dir, part, a * rest * scale, adj).1;
+    si.bsdf.add_values(&mut d_values, &more);
     d_values
 }
 

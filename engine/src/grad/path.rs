@@ -244,9 +244,7 @@ struct Found {
 impl VertexSweep<'_, '_> {
     #[inline(always)]
     fn add_values(&mut self, d: [Vec3; MAX_INPUTS]) {
-        for (s, d) in self.d_values.iter_mut().zip(d) {
-            *s += d;
-        }
+        self.v.si.bsdf.add_values(&mut self.d_values, &d);
     }
 
     /// Whether the camera sees the vertex by way of glass.

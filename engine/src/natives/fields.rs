@@ -4,9 +4,11 @@ use std::sync::Arc;
 
 use crate::tape::{Slice, Tensor, Var};
 
+use super::blends::{blended, of_blend};
 use super::scene::{rotation_of, transform_matrix};
 use super::value::{
-    CameraValue, Input, LightValue, MeshValue, SettingsKind, SettingsValue, ShapeValue, TextureValue, Value,
+    CameraValue, Input, LightValue, MaterialValue, MeshValue, SettingsKind, SettingsValue, ShapeValue, TextureValue,
+    Value,
 };
 use super::{NativeError, Result};
 
@@ -33,7 +35,7 @@ pub fn field(value: &Value, name: &str) -> Option<Value> {
             _ => None,
         },
         Value::Mesh(m) => mesh_field(m, name),
-        Value::Material(m) => m.inputs().find(|(f, _)| f.name == name).map(|(_, input)| input_value(input)),
+        Value::Material(m) => material_field(m, name),
         Value::Shape(s) => match name {
             "mesh" => Some(Value::Mesh(s.mesh.clone())),
             "material" => Some(Value::Material(s.material.clone())),
@@ -90,6 +92,10 @@ pub fn fields_of(value: &Value) -> Vec<String> {
             .into_iter()
             .filter(|n| mesh_field(m, n).is_some())
             .collect(),
+        Value::Material(m) if m.blend.is_some() => {
+            let all = ["a", "b", "weight", "opacity", "normals"].into_iter();
+            all.filter(|name| material_field(m, name).is_some()).map(str::to_owned).collect()
+        }
         Value::Material(m) => m.inputs().map(|(f, _)| f.name.to_owned()).collect(),
         Value::Shape(_) => words(&["mesh", "material"]),
         Value::Light(l) => match &**l {
@@ -160,6 +166,15 @@ pub fn set_field(value: &Value, path: &[String], new: Value) -> Result<Value> {
             }
             Ok(Value::Mesh(Arc::new(m)))
         }
+        Value::Material(m) if matches!((&m.blend, name.as_str()), (Some(_), "a" | "b")) => {
+            let Value::Material(new) = &new else { return Err(refuse()) };
+            let [Some(a), Some(b)] = [0, 1].map(|i| of_blend(m, i)) else { return Err(refuse()) };
+            let (a, b) = if name == "a" { (&**new, &b) } else { (&a, &**new) };
+            let weight = m.blend.as_ref().map(|blend| blend.weight.clone()).ok_or_else(refuse)?;
+            let blend = blended(a, b, weight)?;
+            let (opacity, normals) = (m.opacity.clone(), m.normals.clone());
+            Ok(Value::Material(Arc::new(MaterialValue { opacity, normals, ..blend })))
+        }
         Value::Material(m) => {
             let input = as_input(&new).ok_or_else(refuse)?;
             let material = m.map(|field, old| if field.name == name { input.clone() } else { old.clone() });
@@ -223,6 +238,20 @@ fn mesh_field(m: &MeshValue, name: &str) -> Option<Value> {
         "uvs" => m.uvs.clone().map(Value::Num),
         "colors" => m.colors.clone().map(Value::Num),
         _ => None,
+    }
+}
+
+/// An input; of a blend its materials `a` and `b`, its weight, and what both have in common.
+fn material_field(m: &MaterialValue, name: &str) -> Option<Value> {
+    let of_blend = |i| of_blend(m, i).map(|material| Value::Material(Arc::new(material)));
+    match (&m.blend, name) {
+        (Some(_), "a") => of_blend(0),
+        (Some(_), "b") => of_blend(1),
+        (Some(blend), "weight") => Some(input_value(&blend.weight)),
+        (Some(_), "opacity") => m.opacity.as_ref().map(input_value),
+        (Some(_), "normals") => m.normals.as_ref().map(input_value),
+        (Some(_), _) => None,
+        (None, _) => m.inputs().find(|(f, _)| f.name == name).map(|(_, input)| input_value(input)),
     }
 }
 

@@ -190,7 +190,7 @@ fn appearance(loaded: &LoadedMaterial) -> Appearance {
         let [weight, roughness] = [coat.weight_texels(), coat.roughness_texels()].map(texels);
         ClearCoat { weight, roughness }
     });
-    let material = Arc::new(MaterialValue { kind, coat, one_sided: !loaded.double_sided, opacity, normals });
+    let material = Arc::new(MaterialValue { coat, one_sided: !loaded.double_sided, opacity, normals, ..kind.into() });
     Appearance { material, radiance: loaded.emissive_texels().map(texels), two_sided: loaded.double_sided }
 }
 

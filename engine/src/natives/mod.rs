@@ -3,6 +3,7 @@
 //! There are no spans and no diagnostics here: an error blames an argument by its index, and the evaluator knows that argument's place in
 //! the source.
 
+mod blends;
 mod data;
 mod fields;
 mod files;
@@ -31,6 +32,7 @@ use crate::tape::{TapeError, Tensor, Var};
 pub use priors::distribution_of;
 use value::{MeshValue, Value};
 
+pub use blends::of_blend;
 pub use fields::{field, fields_of, set_field};
 pub use linear::apply;
 pub use near::{Deviation, deviation};

@@ -5,10 +5,11 @@ use std::sync::Arc;
 use crate::optim::Rule;
 use crate::render::texture::{Filter, Wrap};
 use crate::render::{
-    COAT, COAT_ROUGHNESS, ClearCoat, InputField, MaterialKind, NORMALS, OPACITY, PixelFilter, Quantity,
+    COAT, COAT_ROUGHNESS, ClearCoat, InputField, MaterialKind, NORMALS, OPACITY, PixelFilter, Quantity, WEIGHT,
 };
 use crate::tape::{Slice, Tensor, Var};
 
+use super::blends::blended;
 use super::images::read_image;
 use super::value::{
     CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, SceneValue, SettingsKind,
@@ -47,6 +48,10 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("mask", mask),
     ("normal_map", normal_map),
     ("coated", coated),
+    ("blend", |a| {
+        let [first, second] = [material_of(a, 0)?, material_of(a, 1)?];
+        Ok(Value::Material(Arc::new(blended(&first, &second, material_input(a, WEIGHT)?)?)))
+    }),
     ("shape", |a| {
         let (m, _) = a.need("mesh")?;
         let material = match a.named("material") {
@@ -302,6 +307,10 @@ fn coated(a: &Args) -> Result<Value> {
     let inner = material_of(a, 0)?;
     if inner.coat.is_some() {
         return Err(NativeError::at(0, "this material has a coat already"));
+    }
+    if inner.blend.is_some() {
+        return Err(NativeError::at(0, "a coat lies over one material, and this is a blend of two")
+            .help("coat both: `blend(coated(a), coated(b), weight: …)`"));
     }
     if inner.kind.is_delta() {
         let message = format!("`{}` scatters light in single directions, which no coat covers", inner.kind.name());

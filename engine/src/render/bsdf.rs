@@ -9,12 +9,14 @@
 
 mod albedo;
 mod angles;
+mod blended;
 mod cloth;
 mod coat;
 mod coated;
 mod conductor;
 mod dielectric;
 mod fresnel;
+mod layer;
 mod lobes;
 mod matte;
 mod microfacet;
@@ -24,6 +26,7 @@ mod plastic;
 mod principled;
 mod sheen;
 
+use std::convert::Infallible;
 use std::f32::consts::FRAC_1_PI;
 
 use glam::Vec3;
@@ -32,10 +35,12 @@ use crate::math::{cosine_hemisphere, cosine_hemisphere_pdf, luminance};
 
 use self::angles::Angles;
 pub use self::angles::DirectionsAdjoint;
+use self::blended::Blended;
 use self::cloth::Cloth;
 use self::coated::Coated;
 use self::conductor::{Conductor, ConductorIor};
 pub use self::dielectric::{Dielectric, d_refract, refract};
+use self::layer::Layer;
 use self::lobes::{Lobes, share};
 use self::matte::Matte;
 use self::microfacet::Ggx;
@@ -43,7 +48,7 @@ use self::phong::Phong;
 use self::plastic::Plastic;
 use self::principled::{MAX_SPECULAR, Principled};
 use self::sheen::Sheen;
-use super::material::{ClearCoat, Input, MAX_INPUTS, Material, MaterialKind};
+use super::material::{Blend, ClearCoat, Input, InputField, MAX_INPUTS, MODEL_INPUTS, Material, MaterialKind};
 
 /// Least roughness of a Phong lobe: an exponent of twenty million, α = 0.0003. In single precision a narrower lobe cannot be told from a
 /// mirror. The reflected light is linear in so small a roughness, so that the derivative at this value is the derivative at zero.
@@ -60,16 +65,16 @@ pub enum Bsdf {
     Diffuse { reflectance: Vec3 },
     Mirror { reflectance: Vec3 },
     Dielectric(Dielectric),
-    Lobes(Lobes),
-    Coated(Coated),
+    Layer(Layer),
+    Blended(Blended),
 }
 
 /// A material's scattering is the sum of two parts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Part {
-    /// The cosine lobe; of a coated material also the wide microfacet lobes, if it has a narrow one.
+    /// The cosine lobe; of a coated material or a blend also the wide microfacet lobes, if it has a narrow one.
     Diffuse,
-    /// The microfacet lobe; of a coated material all narrow ones ([`Bsdf::is_attached`]), or all, if none is narrow.
+    /// The microfacet lobe; of a coated material or a blend all narrow ones ([`Bsdf::is_attached`]), or all, if none is narrow.
     Specular,
 }
 
@@ -136,17 +141,24 @@ pub struct BsdfSample {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct BsdfAdjoint {
     pub directions: DirectionsAdjoint,
-    /// Derivatives in the inputs of the model, in the order of [`MaterialKind::inputs`], and then in those of the coat. For a scalar input
+    /// Derivatives in the inputs by their places ([`MAX_INPUTS`]), of a model in the order of [`MaterialKind::inputs`]. For a scalar input
     /// only `x` is used.
     pub d_values: [Vec3; MAX_INPUTS],
 }
 
 impl BsdfAdjoint {
-    fn add(&mut self, other: &BsdfAdjoint) {
+    /// Adds derivatives of lobes of one model.
+    fn add_lobe(&mut self, other: &BsdfAdjoint) {
         self.directions.add(&other.directions);
-        for (a, b) in self.d_values.iter_mut().zip(other.d_values) {
-            *a += b;
-        }
+        add_first(&mut self.d_values, &other.d_values);
+    }
+}
+
+/// Adds derivatives in the inputs of the first model.
+#[inline(always)]
+fn add_first(d: &mut [Vec3; MAX_INPUTS], more: &[Vec3; MAX_INPUTS]) {
+    for (a, b) in d[..MODEL_INPUTS].iter_mut().zip(&more[..MODEL_INPUTS]) {
+        *a += *b;
     }
 }
 
@@ -173,10 +185,10 @@ impl RoughnessPair {
 }
 
 impl Material {
-    /// The input of a GGX lobe's roughness; `None` for materials without such a lobe or with a coat over it.
+    /// The input of a GGX lobe's roughness; `None` for materials without such a lobe, with a coat over it, or blended with another.
     pub fn ggx_roughness(&self) -> Option<Input> {
         match self.kind {
-            _ if self.coat.is_some() => None,
+            _ if self.coat.is_some() || self.blend.is_some() => None,
             MaterialKind::Conductor { roughness, .. }
             | MaterialKind::ConductorIor { roughness, .. }
             | MaterialKind::Plastic { roughness, .. }
@@ -187,11 +199,33 @@ impl Material {
 }
 
 impl<I> Material<I> {
+    /// What it does at a point where `value` gives its inputs.
+    #[inline(always)]
+    pub fn try_bsdf<E>(&self, mut value: impl FnMut(InputField, &I) -> Result<Vec3, E>) -> Result<Bsdf, E> {
+        let mut bsdf = Bsdf::new(&self.kind.try_map(&mut value)?);
+        if let Some(coat) = &self.coat {
+            bsdf = bsdf.coated(&coat.try_map(&mut value)?);
+        }
+        if let Some(blend) = &self.blend {
+            bsdf = bsdf.blended(&blend.try_map(&mut value)?);
+        }
+        Ok(bsdf)
+    }
+
+    /// As [`Material::try_bsdf`], of what cannot fail.
+    #[inline(always)]
+    pub fn bsdf(&self, mut value: impl FnMut(InputField, &I) -> Vec3) -> Bsdf {
+        let Ok(bsdf) = self.try_bsdf(|field, input| Ok::<Vec3, Infallible>(value(field, input)));
+        bsdf
+    }
+
     /// Whether a point of such a material can have an attached lobe (see [`Bsdf::is_attached`]).
     pub fn may_be_attached(&self) -> bool {
         use MaterialKind::{Black, Cloth, Diffuse};
-        let is_wide = matches!(self.kind, Black | Diffuse { .. } | Cloth { .. });
-        self.coat.is_some() || !is_wide && !self.kind.is_delta()
+        let has_narrow =
+            |kind: &MaterialKind<I>| !matches!(kind, Black | Diffuse { .. } | Cloth { .. }) && !kind.is_delta();
+        let of_blend = |blend: &Blend<I>| blend.coat.is_some() || has_narrow(&blend.kind);
+        self.coat.is_some() || has_narrow(&self.kind) || self.blend.as_ref().is_some_and(of_blend)
     }
 
     /// Whether a point of such a material may reflect along directions that turn with its normal: a mirror or an attached lobe.
@@ -229,30 +263,30 @@ impl Bsdf {
                 Bsdf::Dielectric(Dielectric { ior: index(ior), tint, is_pane: true })
             }
             MaterialKind::Conductor { reflectance, roughness } => {
-                Bsdf::Lobes(Lobes::Conductor(Conductor { reflectance, roughness: ggx_roughness(roughness) }))
+                Bsdf::bare(Lobes::Conductor(Conductor { reflectance, roughness: ggx_roughness(roughness) }))
             }
-            MaterialKind::ConductorIor { eta, k, roughness } => Bsdf::Lobes(Lobes::ConductorIor(ConductorIor {
+            MaterialKind::ConductorIor { eta, k, roughness } => Bsdf::bare(Lobes::ConductorIor(ConductorIor {
                 eta: eta.max(Vec3::splat(1e-2)),
                 k: k.max(Vec3::ZERO),
                 roughness: ggx_roughness(roughness),
             })),
-            MaterialKind::Phong { diffuse, specular, roughness } => Bsdf::Lobes(Lobes::Phong(Phong {
+            MaterialKind::Phong { diffuse, specular, roughness } => Bsdf::bare(Lobes::Phong(Phong {
                 diffuse,
                 specular,
                 roughness: roughness.x.clamp(MIN_PHONG_ROUGHNESS, 1.0),
             })),
-            MaterialKind::Plastic { diffuse, ior, roughness } => Bsdf::Lobes(Lobes::Plastic(Plastic {
+            MaterialKind::Plastic { diffuse, ior, roughness } => Bsdf::bare(Lobes::Plastic(Plastic {
                 diffuse: diffuse.clamp(Vec3::ZERO, Vec3::ONE),
                 ior: ior.x.clamp(plastic::INDICES[0], plastic::INDICES[1]),
                 roughness: ggx_roughness(roughness),
             })),
-            MaterialKind::Cloth { diffuse, sheen, roughness } => Bsdf::Lobes(Lobes::Cloth(Cloth {
+            MaterialKind::Cloth { diffuse, sheen, roughness } => Bsdf::bare(Lobes::Cloth(Cloth {
                 diffuse,
                 sheen: sheen.clamp(Vec3::ZERO, Vec3::ONE),
                 roughness: ggx_roughness(roughness),
             })),
             MaterialKind::Principled { base_color, metallic, roughness, specular } => {
-                Bsdf::Lobes(Lobes::Principled(Principled {
+                Bsdf::bare(Lobes::Principled(Principled {
                     base_color,
                     metallic: metallic.x.clamp(0.0, 1.0),
                     roughness: ggx_roughness(roughness),
@@ -262,15 +296,37 @@ impl Bsdf {
         }
     }
 
-    /// The same under a clear coat, of which the inputs have these values. What scatters no light, or in single directions, has no coat.
-    pub fn coated(self, coat: &ClearCoat<Vec3>) -> Bsdf {
+    fn bare(lobes: Lobes) -> Bsdf {
+        Bsdf::Layer(Layer::Bare(lobes))
+    }
+
+    /// The lobes of a model and of the coat over it; `None` of what scatters no light, or in single directions.
+    fn layer(self, coat: Option<&ClearCoat<Vec3>>) -> Option<Layer> {
         let under = match self {
             Bsdf::Diffuse { reflectance } => Lobes::Matte(Matte { reflectance }),
-            Bsdf::Lobes(lobes) => lobes,
-            other => return other,
+            Bsdf::Layer(Layer::Bare(lobes)) => lobes,
+            _ => return None,
         };
+        let Some(coat) = coat else { return Some(Layer::Bare(under)) };
         let [weight, roughness] = [coat.weight.x, coat.roughness.x].map(|x| x.clamp(0.0, 1.0));
-        Bsdf::Coated(Coated { weight, roughness, under })
+        Some(Layer::Coated(Coated { weight, roughness, under }))
+    }
+
+    /// The same under a clear coat, of which the inputs have these values. What scatters no light, or in single directions, has no coat.
+    pub fn coated(self, coat: &ClearCoat<Vec3>) -> Bsdf {
+        self.layer(Some(coat)).map_or(self, Bsdf::Layer)
+    }
+
+    /// The same blended with another material, of which the inputs have these values. What scatters no light, or in single directions, is not.
+    pub fn blended(self, blend: &Blend<Vec3>) -> Bsdf {
+        let own = match self {
+            Bsdf::Layer(layer) => Some(layer),
+            other => other.layer(None),
+        };
+        match own.zip(Bsdf::new(&blend.kind).layer(blend.coat.as_ref())) {
+            Some((a, b)) => Bsdf::Blended(Blended { layers: [a, b], weight: blend.weight.x.clamp(0.0, 1.0) }),
+            None => self,
+        }
     }
 
     /// Whether it scatters light in single directions only. Then `eval` and `pdf` are zero, and only sampling finds the directions.
@@ -308,8 +364,8 @@ impl Bsdf {
     /// derivatives.
     pub fn specular_choice(&self, diffuse: f32, specular: f32) -> f32 {
         match self {
-            Bsdf::Lobes(lobes) if lobes.has_base() => share(specular, diffuse),
-            Bsdf::Coated(coated) if !coated.is_specular() => share(specular, diffuse),
+            Bsdf::Layer(layer) if !layer.is_specular(layer.is_narrow()) => share(specular, diffuse),
+            Bsdf::Blended(blended) if !blended.is_specular() => share(specular, diffuse),
             _ => 1.0,
         }
     }
@@ -327,8 +383,8 @@ impl Bsdf {
     fn eval_parts(&self, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
         match self {
             _ if n.dot(wo) <= 0.0 => Vec3::ZERO,
-            Bsdf::Lobes(lobes) => lobes.eval(&Angles::new(n, wi, wo)),
-            Bsdf::Coated(coated) => coated.eval(&Angles::new(n, wi, wo)),
+            Bsdf::Layer(layer) => layer.eval(&Angles::new(n, wi, wo)),
+            Bsdf::Blended(blended) => blended.eval(&Angles::new(n, wi, wo)),
             _ => Vec3::ZERO,
         }
     }
@@ -346,8 +402,8 @@ impl Bsdf {
 
     fn eval_and_pdf_at(&self, angles: &Angles) -> (Vec3, f32) {
         match self {
-            Bsdf::Lobes(lobes) => lobes.eval_and_pdf(angles),
-            Bsdf::Coated(coated) => coated.eval_and_pdf(angles),
+            Bsdf::Layer(layer) => layer.eval_and_pdf(angles),
+            Bsdf::Blended(blended) => blended.eval_and_pdf(angles),
             _ => (Vec3::ZERO, 0.0),
         }
     }
@@ -358,9 +414,12 @@ impl Bsdf {
         match (self, part) {
             _ if co <= 0.0 => Vec3::ZERO,
             (Bsdf::Diffuse { reflectance }, Part::Diffuse) => lambertian(*reflectance, co),
-            (Bsdf::Lobes(lobes), Part::Diffuse) => lobes.eval_base(n.dot(wi).abs(), co),
-            (Bsdf::Lobes(lobes), Part::Specular) => lobes.eval_lobe(&Angles::new(n, wi, wo)),
-            (Bsdf::Coated(coated), _) => coated.eval_part(part, &Angles::new(n, wi, wo)),
+            (Bsdf::Layer(Layer::Bare(lobes)), Part::Diffuse) => lobes.eval_base(n.dot(wi).abs(), co),
+            (Bsdf::Layer(Layer::Bare(lobes)), Part::Specular) => lobes.eval_lobe(&Angles::new(n, wi, wo)),
+            (Bsdf::Layer(layer), _) => {
+                layer.eval_chosen(layer.chosen(part, layer.is_narrow()), &Angles::new(n, wi, wo))
+            }
+            (Bsdf::Blended(blended), _) => blended.eval_part(part, &Angles::new(n, wi, wo)),
             _ => Vec3::ZERO,
         }
     }
@@ -370,9 +429,18 @@ impl Bsdf {
         match (self, part) {
             _ if n.dot(wo) <= 0.0 => BsdfAdjoint::default(),
             (Bsdf::Diffuse { reflectance }, Part::Diffuse) => d_lambertian(*reflectance, n, wo, d_f),
-            (Bsdf::Lobes(lobes), Part::Diffuse) => lobes.d_eval_base(n, wi, wo, d_f),
-            (Bsdf::Lobes(lobes), Part::Specular) => lobes.d_eval_lobe(n, wi, wo, d_f, false),
-            (Bsdf::Coated(coated), _) => coated.d_eval_part(part, n, wi, wo, d_f, false),
+            _ => self.d_eval_lobes(part, n, wi, wo, d_f, false),
+        }
+    }
+
+    fn d_eval_lobes(&self, part: Part, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
+        match (self, part) {
+            (Bsdf::Layer(Layer::Bare(lobes)), Part::Diffuse) => lobes.d_eval_base(n, wi, wo, d_f),
+            (Bsdf::Layer(Layer::Bare(lobes)), Part::Specular) => lobes.d_eval_lobe(n, wi, wo, d_f, half_fixed),
+            (Bsdf::Layer(layer), _) => {
+                layer.d_eval_chosen(layer.chosen(part, layer.is_narrow()), n, wi, wo, d_f, half_fixed)
+            }
+            (Bsdf::Blended(blended), _) => blended.d_eval_part(part, n, wi, wo, d_f, half_fixed),
             _ => BsdfAdjoint::default(),
         }
     }
@@ -382,19 +450,30 @@ impl Bsdf {
     pub fn d_eval_attached(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
         match self {
             _ if n.dot(wo) <= 0.0 => BsdfAdjoint::default(),
-            Bsdf::Lobes(lobes) => lobes.d_eval_lobe(n, wi, wo, d_f, true),
-            Bsdf::Coated(coated) => coated.d_eval_part(Part::Specular, n, wi, wo, d_f, true),
-            _ => BsdfAdjoint::default(),
+            _ => self.d_eval_lobes(Part::Specular, n, wi, wo, d_f, true),
         }
     }
 
     /// Adjoint of [`Bsdf::eval`].
     pub fn d_eval(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
         let mut out = self.d_eval_part(Part::Diffuse, n, wi, wo, d_f);
-        if matches!(self, Bsdf::Lobes(_) | Bsdf::Coated(_)) {
-            out.add(&self.d_eval_part(Part::Specular, n, wi, wo, d_f));
+        if matches!(self, Bsdf::Layer(_) | Bsdf::Blended(_)) {
+            let specular = self.d_eval_part(Part::Specular, n, wi, wo, d_f);
+            out.directions.add(&specular.directions);
+            self.add_values(&mut out.d_values, &specular.d_values);
         }
         out
+    }
+
+    /// Adds derivatives in the inputs. Most materials have a model and no more, and this runs for every vertex of every path.
+    #[inline(always)]
+    pub fn add_values(&self, d: &mut [Vec3; MAX_INPUTS], more: &[Vec3; MAX_INPUTS]) {
+        add_first(d, more);
+        if matches!(self, Bsdf::Layer(Layer::Coated(_)) | Bsdf::Blended(_)) {
+            for (a, b) in d[MODEL_INPUTS..].iter_mut().zip(&more[MODEL_INPUTS..]) {
+                *a += *b;
+            }
+        }
     }
 
     /// Samples a direction in the frame of the shading normal (+z). `u[2]` chooses the lobe of a mixture. Delta lobes have no samples here:
@@ -403,21 +482,12 @@ impl Bsdf {
         let wi = Vec3::new(wi.x, wi.y, wi.z.abs());
         let square = [u[0], u[1]];
         // A normal of the microfacets, or a direction.
-        let from_base = |base_share: f32, u: f32| u < base_share;
         let facet = match self {
             Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Dielectric(_) => return None,
             Bsdf::Diffuse { .. } => None,
-            Bsdf::Lobes(lobes) if from_base(lobes.base_share(wi.z), u[2]) => None,
-            Bsdf::Lobes(lobes) => Some(lobes.sample_facet(wi, square)),
-            Bsdf::Coated(coated) => {
-                let share = coated.coat_share(wi.z);
-                let rest = (u[2] - share) / (1.0 - share);
-                match () {
-                    () if u[2] < share => Some(coated.sample_facet(wi, square)),
-                    () if from_base(coated.under.base_share(wi.z), rest) => None,
-                    () => Some(coated.under.sample_facet(wi, square)),
-                }
-            }
+            Bsdf::Layer(Layer::Bare(lobes)) => return sample_lobes(lobes, wi, square, u[2]),
+            Bsdf::Layer(Layer::Coated(coated)) => coated.sample_facet(wi, square, u[2]),
+            Bsdf::Blended(blended) => blended.sample_facet(wi, square, u[2]),
         };
         let (wo, (f, pdf), lobe) = match facet {
             Some(h) => {
@@ -446,16 +516,16 @@ impl Bsdf {
     #[inline(never)]
     fn pdf_of_lobes(&self, angles: &Angles) -> f32 {
         match self {
-            Bsdf::Lobes(lobes) => lobes.pdf(angles),
-            Bsdf::Coated(coated) => coated.pdf(angles),
+            Bsdf::Layer(layer) => layer.pdf(angles),
+            Bsdf::Blended(blended) => blended.pdf(angles),
             _ => 0.0,
         }
     }
 
-    /// How to sample the derivative of the GGX lobe in its roughness; `None` without such a lobe, or with a coat over it.
+    /// How to sample the derivative of the GGX lobe in its roughness; `None` without such a lobe, with a coat over it, or in a blend.
     pub fn roughness_pair(&self) -> Option<RoughnessPair> {
         match self {
-            Bsdf::Lobes(lobes) => lobes.roughness_pair(),
+            Bsdf::Layer(Layer::Bare(lobes)) => lobes.roughness_pair(),
             _ => None,
         }
     }
@@ -473,8 +543,8 @@ impl Bsdf {
         match *self {
             Bsdf::Diffuse { reflectance } | Bsdf::Mirror { reflectance } => reflectance,
             Bsdf::Dielectric(_) => Vec3::ONE,
-            Bsdf::Lobes(lobes) => lobes.albedo(),
-            Bsdf::Coated(coated) => coated.albedo(),
+            Bsdf::Layer(layer) => layer.albedo(),
+            Bsdf::Blended(blended) => blended.albedo(),
             Bsdf::Black => Vec3::ZERO,
         }
     }
@@ -484,8 +554,8 @@ impl Bsdf {
         let mut d = [Vec3::ZERO; MAX_INPUTS];
         match self {
             Bsdf::Diffuse { .. } | Bsdf::Mirror { .. } => d[0] = d_albedo,
-            Bsdf::Lobes(lobes) => d = lobes.d_albedo(d_albedo),
-            Bsdf::Coated(coated) => d = coated.d_albedo(d_albedo),
+            Bsdf::Layer(layer) => d = layer.d_albedo(d_albedo),
+            Bsdf::Blended(blended) => d = blended.d_albedo(d_albedo),
             Bsdf::Black | Bsdf::Dielectric(_) => {}
         }
         d
@@ -497,8 +567,8 @@ impl Bsdf {
         match self {
             Bsdf::Black | Bsdf::Diffuse { .. } => None,
             Bsdf::Mirror { .. } | Bsdf::Dielectric(_) => Some(0.0),
-            Bsdf::Lobes(lobes) => Some(lobes.alpha()),
-            Bsdf::Coated(coated) => Some(coated.alpha()),
+            Bsdf::Layer(layer) => Some(layer.alpha()),
+            Bsdf::Blended(blended) => Some(blended.alpha()),
         }
     }
 
@@ -508,11 +578,29 @@ impl Bsdf {
         let ci = ci.abs().max(1e-3);
         match self {
             Bsdf::Diffuse { reflectance } => [luminance(reflectance.abs()), 0.0],
-            Bsdf::Lobes(lobes) => lobes.albedos(ci),
-            Bsdf::Coated(coated) => coated.lobe_albedos(ci),
+            Bsdf::Layer(layer) => layer.lobe_albedos(ci),
+            Bsdf::Blended(blended) => blended.lobe_albedos(ci),
             Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Dielectric(_) => [0.0; 2],
         }
     }
+}
+
+/// [`Bsdf::sample`] of a bare model, whose share of samples for the cosine lobe is looked up once.
+fn sample_lobes(lobes: &Lobes, wi: Vec3, square: [f32; 2], u: f32) -> Option<BsdfSample> {
+    let base_share = lobes.base_share(wi.z);
+    let (wo, angles, lobe) = if u < base_share {
+        let wo = cosine_hemisphere(square);
+        (wo, Angles::new(Vec3::Z, wi, wo), Lobe::DIFFUSE)
+    } else {
+        let h = lobes.sample_facet(wi, square);
+        let wo = reflect(wi, h)?;
+        (wo, Angles::mirrored(wi, h, wo), Lobe::GLOSSY)
+    };
+    if wo.z <= 0.0 {
+        return None;
+    }
+    let (f, pdf) = lobes.eval_and_pdf_by(base_share, &angles);
+    (pdf > 0.0 && pdf.is_finite()).then_some(BsdfSample { wo, f, pdf, lobe, eta: 1.0 })
 }
 
 /// The roughness of a GGX lobe with this α.

@@ -62,15 +62,10 @@ impl ShapeShading {
             Input::Texture(t) => Some(&description.textures[t]).filter(|t| t.is_constant()).map(Texture::color),
             Input::VertexColor | Input::Tinted(_) => None,
         };
-        let values = shape.material.kind.try_map(|_, input| constant(*input).ok_or(()));
-        let bsdf = values.ok().map(|values| Bsdf::new(&values));
-        let coat = shape.material.coat.as_ref().map(|coat| coat.try_map(|_, input| constant(*input).ok_or(())));
+        let bsdf = shape.material.try_bsdf(|_, input| constant(*input).ok_or(())).ok();
         let emission = shape.emission.as_ref();
         ShapeShading {
-            bsdf: match coat {
-                None => bsdf,
-                Some(coat) => bsdf.zip(coat.ok()).map(|(bsdf, coat)| bsdf.coated(&coat)),
-            },
+            bsdf,
             radiance: emission.and_then(|e| constant(e.radiance)),
             emits: emission.is_some(),
             two_sided: emission.is_some_and(|e| e.two_sided),

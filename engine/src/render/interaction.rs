@@ -142,11 +142,7 @@ impl Scene {
     }
 
     fn bsdf(&self, material: &Material, prim: PrimId, b: [f32; 3]) -> Bsdf {
-        let bsdf = Bsdf::new(&material.kind.map(|_, input| self.lookup(*input, prim, b)));
-        match &material.coat {
-            None => bsdf,
-            Some(coat) => bsdf.coated(&coat.map(|_, input| self.lookup(*input, prim, b))),
-        }
+        material.bsdf(|_, input| self.lookup(*input, prim, b))
     }
 
     /// The closest surface along a ray.

@@ -9,8 +9,14 @@ pub type TextureId = usize;
 
 /// The most inputs a scattering model has.
 pub const MODEL_INPUTS: usize = 4;
-/// The most inputs that say how a surface scatters light: those of its model, and from [`MODEL_INPUTS`] on those of its coat.
-pub const MAX_INPUTS: usize = MODEL_INPUTS + 2;
+/// The places that a model and the coat over it have among derivatives: one for each input of the model, then one for the coat, with its weight
+/// in the first channel and its roughness in the second.
+pub const LAYER_INPUTS: usize = MODEL_INPUTS + 1;
+/// The places of all inputs that say how a surface scatters light: those of its layer, of the one that it is blended with, and of the weight
+/// of that.
+pub const MAX_INPUTS: usize = 2 * LAYER_INPUTS + 1;
+/// The place of the weight of a blend.
+pub const BLEND_WEIGHT: usize = 2 * LAYER_INPUTS;
 
 /// Where a material reads one of its inputs from. Constants are 1×1 textures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -272,6 +278,35 @@ impl<I> ClearCoat<I> {
     }
 }
 
+/// The inputs of a coat, if there is one.
+fn of_coat<I>(coat: &Option<ClearCoat<I>>) -> impl Iterator<Item = (InputField, &I)> {
+    coat.iter().flat_map(|coat| [(COAT, &coat.weight), (COAT_ROUGHNESS, &coat.roughness)])
+}
+
+/// What a surface is made of beside its own model: rust in paint, moss on stone, the dirt of a street. Both reflect light in proportion to
+/// their shares, as if they lay side by side in spots too small to be seen.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Blend<I = Input> {
+    /// The other model, whose lobes have a width as those of the surface's own.
+    pub kind: MaterialKind<I>,
+    /// The coat over the other model.
+    pub coat: Option<ClearCoat<I>>,
+    /// The share of the other model, from 0, none of it, to 1, nothing else.
+    pub weight: I,
+}
+
+/// The share of the second material of a blend.
+pub const WEIGHT: InputField = InputField { name: "weight", quantity: Quantity::Fraction };
+
+impl<I> Blend<I> {
+    /// The same blend with something made of every input, one after the other.
+    pub fn try_map<'a, J, E>(&'a self, mut make: impl FnMut(InputField, &'a I) -> Result<J, E>) -> Result<Blend<J>, E> {
+        let kind = self.kind.try_map(&mut make)?;
+        let coat = self.coat.as_ref().map(|coat| coat.try_map(&mut make)).transpose()?;
+        Ok(Blend { kind, coat, weight: make(WEIGHT, &self.weight)? })
+    }
+}
+
 /// How a surface scatters light, on which sides, and where it has holes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material<I = Input> {
@@ -279,6 +314,8 @@ pub struct Material<I = Input> {
     pub kind: MaterialKind<I>,
     /// The coat over it, of models whose lobes have a width.
     pub coat: Option<ClearCoat<I>>,
+    /// What it is blended with, of models whose lobes have a width.
+    pub blend: Option<Blend<I>>,
     /// Reflects (and is seen) only on the side of the right-hand-rule normal; the back is black.
     pub one_sided: bool,
     /// In [0, 1], the first channel: how much of the surface there is, the rest is a hole. `None` is opaque.
@@ -300,9 +337,10 @@ impl<I> Material<I> {
     ) -> Result<Material<J>, E> {
         let kind = self.kind.try_map(&mut make)?;
         let coat = self.coat.as_ref().map(|coat| coat.try_map(&mut make)).transpose()?;
+        let blend = self.blend.as_ref().map(|blend| blend.try_map(&mut make)).transpose()?;
         let opacity = self.opacity.as_ref().map(|opacity| make(OPACITY, opacity)).transpose()?;
         let normals = self.normals.as_ref().map(|normals| make(NORMALS, normals)).transpose()?;
-        Ok(Material { kind, coat, one_sided: self.one_sided, opacity, normals })
+        Ok(Material { kind, coat, blend, one_sided: self.one_sided, opacity, normals })
     }
 
     /// As [`Material::try_map`], of what cannot fail.
@@ -311,10 +349,13 @@ impl<I> Material<I> {
         material
     }
 
-    /// The inputs that say how the surface scatters light: those of the model, then those of the coat.
+    /// The inputs that say how the surface scatters light: those of the model and of the coat, then those of what it is blended with.
     pub fn scattering_inputs(&self) -> impl Iterator<Item = (InputField, &I)> {
-        let coat = self.coat.iter().flat_map(|coat| [(COAT, &coat.weight), (COAT_ROUGHNESS, &coat.roughness)]);
-        self.kind.inputs().chain(coat)
+        let other = self
+            .blend
+            .iter()
+            .flat_map(|blend| blend.kind.inputs().chain(of_coat(&blend.coat)).chain([(WEIGHT, &blend.weight)]));
+        self.kind.inputs().chain(of_coat(&self.coat)).chain(other)
     }
 
     /// [`Material::scattering_inputs`], then the opacity of a material with holes, then the normal map.
@@ -326,8 +367,8 @@ impl<I> Material<I> {
 }
 
 impl<I> From<MaterialKind<I>> for Material<I> {
-    /// Opaque, without a coat or a normal map, and the same on both sides.
+    /// Opaque, without a coat or a normal map, not blended with another, and the same on both sides.
     fn from(kind: MaterialKind<I>) -> Material<I> {
-        Material { kind, coat: None, one_sided: false, opacity: None, normals: None }
+        Material { kind, coat: None, blend: None, one_sided: false, opacity: None, normals: None }
     }
 }

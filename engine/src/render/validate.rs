@@ -203,6 +203,13 @@ fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
     if shape.material.coat.is_some() && shape.material.kind.is_delta() {
         return Err(format!("a coat covers lobes that have a width, and `{}` has none", shape.material.kind.name()));
     }
+    if let Some(blend) = &shape.material.blend {
+        for kind in [&shape.material.kind, &blend.kind] {
+            if kind.is_delta() || *kind == MaterialKind::Black {
+                return Err(format!("a blend is of lobes that have a width, and `{}` has none", kind.name()));
+            }
+        }
+    }
     if let Some(normals) = shape.material.normals {
         if shape.material.kind.is_delta() {
             return Err(format!(

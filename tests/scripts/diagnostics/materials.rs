@@ -17,6 +17,22 @@ material c = diffuse(opacity: 0.5)",
         ],
     },
     Case {
+        name: "blends",
+        prelude: "",
+        script: "\
+let rusty = blend(conductor(), diffuse(), weight: 0.5)
+print rusty.reflectance, rusty.b.reflectance
+material a = mix_shader(conductor(), diffuse())
+material b = blend(conductor(), 0.5)
+material c = blend(conductor(), diffuse(), weight: 2)",
+        wanted: &[
+            ("dscene::name::field", "reflectance", "it has: `a`, `b`, `weight`"),
+            ("dscene::name::unknown", "mix_shader", "did you mean `blend`?"),
+            ("dscene::type::mismatch", "0.5", "diffuse(reflectance: 0.5)"),
+            ("dscene::value::range", "2", ""),
+        ],
+    },
+    Case {
         name: "masks_by_other_names",
         prelude: "",
         script: "\

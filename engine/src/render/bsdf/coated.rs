@@ -11,14 +11,14 @@
 
 use glam::Vec3;
 
+use super::BsdfAdjoint;
 use super::albedo::Albedo;
 use super::angles::{Angles, AnglesAdjoint};
 use super::coat::Coat;
 use super::fresnel::{d_schlick, schlick};
-use super::lobes::{Lobes, share};
+use super::lobes::{Chosen, Lobes, share};
 use super::microfacet::{Ggx, Microfacets};
-use super::{ATTACHED_ALPHA, BsdfAdjoint, Part};
-use crate::render::material::{MAX_INPUTS, MODEL_INPUTS};
+use crate::render::material::MODEL_INPUTS;
 
 /// The numbers of a coat, and the model under it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,14 +33,6 @@ pub struct Coated {
 /// Reflectance at normal incidence of a refractive index of 1.5.
 const F0: f32 = 0.04;
 const F90: f32 = 1.0;
-
-/// Which lobes belong to a part: the cosine lobe and the microfacet lobe under the coat, and the coat.
-#[derive(Clone, Copy)]
-struct Chosen {
-    base: bool,
-    lobe: bool,
-    coat: bool,
-}
 
 impl Coated {
     fn facets(&self) -> Ggx {
@@ -66,24 +58,6 @@ impl Coated {
         1.0 - self.weight * self.reflected(ci, co).value
     }
 
-    /// The lobes of a part. The specular one has those that are attached ([`Bsdf::is_attached`](super::Bsdf::is_attached)), or, if none is, all
-    /// microfacet lobes.
-    fn chosen(&self, part: Part) -> Chosen {
-        let lobe = self.under.has_lobe() && self.under.alpha() < ATTACHED_ALPHA;
-        let coat = self.facets().alpha() < ATTACHED_ALPHA;
-        let specular = Chosen { base: false, lobe: lobe || !coat, coat: coat || !lobe };
-        match part {
-            Part::Specular => specular,
-            Part::Diffuse => Chosen { base: true, lobe: !specular.lobe, coat: !specular.coat },
-        }
-    }
-
-    /// Whether all light belongs to the specular part.
-    pub fn is_specular(&self) -> bool {
-        let rest = self.chosen(Part::Diffuse);
-        !(self.under.has_base() || rest.lobe || rest.coat)
-    }
-
     pub fn eval(&self, angles: &Angles) -> Vec3 {
         self.under.eval(angles) * self.passed(angles.ci, angles.co) + self.eval_coat(angles)
     }
@@ -97,32 +71,28 @@ impl Coated {
         (value, (1.0 - share) * pdf + share * coat_pdf)
     }
 
-    /// What is under the coat, without what the coat does to it.
-    fn eval_under(&self, chosen: Chosen, angles: &Angles) -> Vec3 {
-        let base = if chosen.base { self.under.eval_base(angles.ci, angles.co) } else { Vec3::ZERO };
-        base + if chosen.lobe { self.under.eval_lobe(angles) } else { Vec3::ZERO }
-    }
-
-    pub fn eval_part(&self, part: Part, angles: &Angles) -> Vec3 {
-        let chosen = self.chosen(part);
+    /// Some of the lobes.
+    pub fn eval_chosen(&self, chosen: Chosen, angles: &Angles) -> Vec3 {
         let coat = if chosen.coat { self.eval_coat(angles) } else { 0.0 };
-        self.eval_under(chosen, angles) * self.passed(angles.ci, angles.co) + coat
+        self.under.eval_chosen(chosen, angles) * self.passed(angles.ci, angles.co) + coat
     }
 
-    /// Adjoint of [`Coated::eval_part`]. `half_fixed` is as in [`Microfacets::d_eval`].
-    pub fn d_eval_part(&self, part: Part, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
-        let (chosen, angles) = (self.chosen(part), Angles::new(n, wi, wo));
+    /// Adjoint of [`Coated::eval_chosen`]. `half_fixed` is as in [`Microfacets::d_eval`].
+    pub fn d_eval_chosen(
+        &self,
+        chosen: Chosen,
+        n: Vec3,
+        wi: Vec3,
+        wo: Vec3,
+        d_f: Vec3,
+        half_fixed: bool,
+    ) -> BsdfAdjoint {
+        let angles = Angles::new(n, wi, wo);
         let reflected = self.reflected(angles.ci, angles.co);
         let d_under = d_f * (1.0 - self.weight * reflected.value);
-        let mut out = BsdfAdjoint::default();
-        if chosen.base {
-            out.add(&self.under.d_eval_base(n, wi, wo, d_under));
-        }
-        if chosen.lobe {
-            out.add(&self.under.d_eval_lobe(n, wi, wo, d_under, half_fixed));
-        }
+        let mut out = self.under.d_eval_chosen(chosen, n, wi, wo, d_under, half_fixed);
         // The factor 1 − weight · E.
-        let d_passed = d_f.dot(self.eval_under(chosen, &angles));
+        let d_passed = d_f.dot(self.under.eval_chosen(chosen, &angles));
         let mut d_weight = -d_passed * reflected.value;
         let d_reflected = -d_passed * self.weight;
         let mut d_roughness = d_reflected * reflected.by_roughness;
@@ -139,14 +109,18 @@ impl Coated {
             d_angles = d_angles + lobe.d_angles(d_lobe, d_half);
         }
         out.directions.add(&angles.adjoint(n, wi, wo, &d_angles));
-        out.d_values[MODEL_INPUTS].x += d_weight;
-        out.d_values[MODEL_INPUTS + 1].x += d_roughness;
+        out.d_values[MODEL_INPUTS] = Vec3::new(d_weight, d_roughness, 0.0);
         out
     }
 
-    /// A microfacet normal of the coat.
-    pub fn sample_facet(&self, wi: Vec3, u: [f32; 2]) -> Vec3 {
-        self.facets().sample(wi, u)
+    /// A normal of the microfacets, of the coat or under it, or `None` where the direction is the cosine lobe's. `u` chooses.
+    pub fn sample_facet(&self, wi: Vec3, square: [f32; 2], u: f32) -> Option<Vec3> {
+        let share = self.coat_share(wi.z);
+        if u < share {
+            return Some(self.facets().sample(wi, square));
+        }
+        let u = (u - share) / (1.0 - share);
+        (u >= self.under.base_share(wi.z)).then(|| self.under.sample_facet(wi, square))
     }
 
     pub fn pdf(&self, angles: &Angles) -> f32 {
@@ -168,23 +142,19 @@ impl Coated {
         share(coat, base + lobe)
     }
 
+    /// The width α of the coat's lobe.
+    pub fn coat_alpha(&self) -> f32 {
+        self.facets().alpha()
+    }
+
     /// The width α of the narrowest lobe.
     pub fn alpha(&self) -> f32 {
-        self.facets().alpha().min(self.under.alpha())
+        self.coat_alpha().min(self.under.alpha())
     }
 
     /// The albedos of the narrowest lobe and of the others together.
     pub fn lobe_albedos(&self, ci: f32) -> [f32; 2] {
         let [base, lobe, coat] = self.albedos(ci);
-        if self.facets().alpha() <= self.under.alpha() { [base + lobe, coat] } else { [base + coat, lobe] }
-    }
-
-    /// What the albedo channel shows: that of the material under the coat.
-    pub fn albedo(&self) -> Vec3 {
-        self.under.albedo()
-    }
-
-    pub fn d_albedo(&self, d_albedo: Vec3) -> [Vec3; MAX_INPUTS] {
-        self.under.d_albedo(d_albedo)
+        if self.coat_alpha() <= self.under.alpha() { [base + lobe, coat] } else { [base + coat, lobe] }
     }
 }

@@ -30,6 +30,14 @@ pub enum Lobes {
     Principled(Principled),
 }
 
+/// Which lobes belong to a part of a material: the model's cosine lobe and its microfacet lobe, and the coat over it, if there is one.
+#[derive(Clone, Copy)]
+pub struct Chosen {
+    pub base: bool,
+    pub lobe: bool,
+    pub coat: bool,
+}
+
 /// Evaluates an expression in the [`Model`] of the lobes.
 macro_rules! with_model {
     ($lobes:expr, $model:ident => $value:expr) => {
@@ -71,13 +79,18 @@ impl Lobes {
 
     /// Both lobes, and the density of [`Lobes::sample`](super::Bsdf::sample).
     pub fn eval_and_pdf(&self, angles: &Angles) -> (Vec3, f32) {
+        self.eval_and_pdf_by(self.base_share(angles.ci), angles)
+    }
+
+    /// [`Lobes::eval_and_pdf`] where the share of samples that go to the cosine lobe is known.
+    pub fn eval_and_pdf_by(&self, base_share: f32, angles: &Angles) -> (Vec3, f32) {
         fn of<M: Model>(model: &M, base_share: f32, angles: &Angles) -> (Vec3, f32) {
             let (lobe, pdf) = model.facets().eval_and_pdf(angles);
             let base = lambertian(model.base(angles.ci, angles.co), angles.co);
             let pdf = base_share * cosine_hemisphere_pdf(angles.co) + (1.0 - base_share) * pdf;
             (base + model.fresnel(angles.half) * lobe, pdf)
         }
-        with_model!(self, m => of(m, self.base_share(angles.ci), angles))
+        with_model!(self, m => of(m, base_share, angles))
     }
 
     /// The cosine lobe, for cosines `ci` and `co`.
@@ -90,6 +103,32 @@ impl Lobes {
         with_model!(self, m => m.fresnel(angles.half) * m.facets().eval(angles))
     }
 
+    /// Some of both lobes.
+    pub fn eval_chosen(&self, chosen: Chosen, angles: &Angles) -> Vec3 {
+        let base = if chosen.base { self.eval_base(angles.ci, angles.co) } else { Vec3::ZERO };
+        base + if chosen.lobe { self.eval_lobe(angles) } else { Vec3::ZERO }
+    }
+
+    /// Adjoint of [`Lobes::eval_chosen`]. `half_fixed` is as in [`Microfacets::d_eval`].
+    pub fn d_eval_chosen(
+        &self,
+        chosen: Chosen,
+        n: Vec3,
+        wi: Vec3,
+        wo: Vec3,
+        d_f: Vec3,
+        half_fixed: bool,
+    ) -> BsdfAdjoint {
+        let mut out = BsdfAdjoint::default();
+        if chosen.base {
+            out = self.d_eval_base(n, wi, wo, d_f);
+        }
+        if chosen.lobe {
+            out.add_lobe(&self.d_eval_lobe(n, wi, wo, d_f, half_fixed));
+        }
+        out
+    }
+
     /// Adjoint of [`Lobes::eval_base`].
     pub fn d_eval_base(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
         let (ci, co) = (n.dot(wi), n.dot(wo));
@@ -100,7 +139,7 @@ impl Lobes {
         });
         let [d_ci, d_co] = [d_cosines[0] * ci.signum(), d_cosines[1] + d_f.dot(base) * FRAC_1_PI];
         let directions = DirectionsAdjoint { n: wi * d_ci + wo * d_co, wi: n * d_ci, wo: n * d_co };
-        BsdfAdjoint { directions, d_values: without_coat(d_values) }
+        BsdfAdjoint { directions, d_values: of_first_model(d_values) }
     }
 
     /// Adjoint of [`Lobes::eval_lobe`]. `half_fixed` is as in [`Microfacets::d_eval`].
@@ -113,7 +152,7 @@ impl Lobes {
             let d_lobe = d_f.dot(model.fresnel(angles.half));
             d_values[M::ROUGHNESS].x += d_lobe * lobe.d_roughness;
             let directions = angles.adjoint(n, wi, wo, &lobe.d_angles(d_lobe, d_half));
-            BsdfAdjoint { directions, d_values: without_coat(d_values) }
+            BsdfAdjoint { directions, d_values: of_first_model(d_values) }
         }
         with_model!(self, m => of(m, [n, wi, wo], d_f, half_fixed))
     }
@@ -145,7 +184,7 @@ impl Lobes {
 
     /// Adjoint of [`Lobes::albedo`], by input.
     pub fn d_albedo(&self, d_albedo: Vec3) -> [Vec3; MAX_INPUTS] {
-        without_coat(with_model!(self, m => m.d_albedo(d_albedo)))
+        of_first_model(with_model!(self, m => m.d_albedo(d_albedo)))
     }
 
     /// Width α of the microfacet lobe, comparable to that of a Beckmann distribution.
@@ -178,9 +217,9 @@ pub fn share(one: f32, other: f32) -> f32 {
     if share.is_nan() { 0.5 } else { share.clamp(MIN_LOBE_SHARE, 1.0 - MIN_LOBE_SHARE) }
 }
 
-/// Derivatives in the inputs of a model, and none in those of a coat.
+/// Derivatives in the inputs of a model, and none in those of a coat or of what it is blended with.
 #[inline(always)]
-pub fn without_coat(inputs: Inputs) -> [Vec3; MAX_INPUTS] {
+pub fn of_first_model(inputs: Inputs) -> [Vec3; MAX_INPUTS] {
     let mut all = [Vec3::ZERO; MAX_INPUTS];
     all[..MODEL_INPUTS].copy_from_slice(&inputs);
     all

@@ -8,14 +8,16 @@ use super::sheen::REFLECTED;
 use super::*;
 use crate::math::{Dual, Pcg32};
 use crate::render::interaction::SurfaceInteraction;
-use crate::render::material::{COAT, COAT_ROUGHNESS, InputField, MAX_INPUTS, MODEL_INPUTS};
+use crate::render::material::{
+    BLEND_WEIGHT, COAT, COAT_ROUGHNESS, InputField, LAYER_INPUTS, MAX_INPUTS, MODEL_INPUTS, WEIGHT,
+};
 
-/// Three cosines and six RGB inputs.
-type D = Dual<21>;
+/// Three cosines and the RGB inputs.
+type D = Dual<{ 3 + 3 * MAX_INPUTS }>;
 
 const INPUT: Input = Input::VertexColor;
 
-/// Every model, and some of them under a coat.
+/// Every model, some of them under a coat, and blends of bare and coated ones.
 fn kinds() -> Vec<Material> {
     let models = [
         MaterialKind::Diffuse { reflectance: INPUT },
@@ -31,19 +33,35 @@ fn kinds() -> Vec<Material> {
         coat: Some(ClearCoat { weight: INPUT, roughness: INPUT }),
         ..Material::from(models[i].clone())
     });
-    models.into_iter().map(Material::from).chain(coated).collect()
+    let blended = [(0, 1), (1, 4), (3, 0), (6, 5), (2, 1)].into_iter().enumerate().map(|(i, (a, b))| {
+        let coat = |wanted: bool| wanted.then_some(ClearCoat { weight: INPUT, roughness: INPUT });
+        let blend = Blend { kind: models[b].clone(), coat: coat(i % 3 == 1), weight: INPUT };
+        Material { coat: coat(i >= 3), blend: Some(blend), ..Material::from(models[a].clone()) }
+    });
+    models.iter().cloned().map(Material::from).chain(coated).chain(blended).collect()
 }
 
-/// Plausible values of a material's inputs, with the given roughness; that of a coat is the same, another one, or always a third.
+/// Plausible values of a material's inputs, with the given roughness; that of a coat is the same, another one, or always a third. The second
+/// material of a blend is rougher.
 fn values(material: &Material, roughness: f32) -> [Vec3; MAX_INPUTS] {
+    let mut all = [Vec3::splat(0.3); MAX_INPUTS];
+    all[..LAYER_INPUTS].copy_from_slice(&layer_values(&material.kind, roughness));
+    if let Some(blend) = &material.blend {
+        let rougher = (roughness + 0.3).min(0.95);
+        all[LAYER_INPUTS..BLEND_WEIGHT].copy_from_slice(&layer_values(&blend.kind, rougher));
+    }
+    all
+}
+
+fn layer_values(kind: &MaterialKind, roughness: f32) -> [Vec3; LAYER_INPUTS] {
     let (a, b) = (Vec3::new(0.8, 0.45, 0.2), Vec3::new(0.1, 0.3, 0.15));
     let r = Vec3::splat(roughness);
-    let of_coat = match material.kind {
-        MaterialKind::Diffuse { .. } => r,
-        MaterialKind::Conductor { .. } => Vec3::splat((1.35 - roughness).min(1.0)),
-        _ => Vec3::splat(0.35),
+    let of_coat = match kind {
+        MaterialKind::Diffuse { .. } => roughness,
+        MaterialKind::Conductor { .. } => (1.35 - roughness).min(1.0),
+        _ => 0.35,
     };
-    let [x, y, z, w] = match material.kind {
+    let [x, y, z, w] = match kind {
         MaterialKind::Conductor { .. } => [a, r, r, r],
         // Copper.
         MaterialKind::ConductorIor { .. } => [Vec3::new(0.27, 0.68, 1.3), Vec3::new(3.6, 2.6, 2.3), r, r],
@@ -53,25 +71,37 @@ fn values(material: &Material, roughness: f32) -> [Vec3; MAX_INPUTS] {
         MaterialKind::Cloth { .. } => [a, Vec3::new(0.9, 0.6, 0.3), r, r],
         _ => [a, a, a, a],
     };
-    [x, y, z, w, Vec3::splat(0.7), of_coat]
+    [x, y, z, w, Vec3::new(0.7, of_coat, 0.0)]
 }
 
-/// A material whose inputs have these values, in their order.
+/// A material whose inputs have these values, by their places.
 fn looked_up(material: &Material, values: &[Vec3; MAX_INPUTS]) -> Bsdf {
-    let mut of_model = values.iter();
-    let bsdf = Bsdf::new(&material.kind.map(|_, _| *of_model.next().unwrap()));
-    let mut of_coat = values[MODEL_INPUTS..].iter();
-    material.coat.as_ref().map_or(bsdf, |coat| bsdf.coated(&coat.map(|_, _| *of_coat.next().unwrap())))
+    let mut places = places(material).into_iter();
+    material.bsdf(|_, _| {
+        let (_, place, channel) = places.next().unwrap();
+        channel.map_or(values[place], |c| Vec3::splat(values[place][c]))
+    })
+}
+
+/// All inputs with their places, and of those of coats, which share one, the channel.
+fn places(material: &Material) -> Vec<(InputField, usize, Option<usize>)> {
+    let of_layer = |kind: &MaterialKind, coat: bool, from: usize| {
+        let of_coat = [(COAT, from + MODEL_INPUTS, Some(0)), (COAT_ROUGHNESS, from + MODEL_INPUTS, Some(1))];
+        let of_model: Vec<_> = kind.inputs().enumerate().map(|(i, (field, _))| (field, from + i, None)).collect();
+        of_model.into_iter().chain(of_coat.into_iter().filter(move |_| coat))
+    };
+    let mut all: Vec<_> = of_layer(&material.kind, material.coat.is_some(), 0).collect();
+    if let Some(blend) = &material.blend {
+        all.extend(of_layer(&blend.kind, blend.coat.is_some(), LAYER_INPUTS));
+        all.push((WEIGHT, BLEND_WEIGHT, None));
+    }
+    all
 }
 
 /// What the numbers of an input mean; `None` if the material has no such input.
-fn field(material: &Material, i: usize) -> Option<InputField> {
-    let inputs = || material.scattering_inputs().map(|(field, _)| field);
-    if i < MODEL_INPUTS {
-        inputs().filter(|field| ![COAT, COAT_ROUGHNESS].contains(field)).nth(i)
-    } else {
-        inputs().filter(|field| [COAT, COAT_ROUGHNESS].contains(field)).nth(i - MODEL_INPUTS)
-    }
+fn field(material: &Material, place: usize, channel: usize) -> Option<InputField> {
+    let is_it = |of: &Option<usize>| of.is_none_or(|c| c == channel);
+    places(material).into_iter().find(|(_, p, c)| *p == place && is_it(c)).map(|(field, ..)| field)
 }
 
 /// All non-delta materials over several roughnesses.
@@ -96,7 +126,8 @@ fn direction(cos_theta: f32, phi: f32) -> Vec3 {
 
 // ---- The twin: the formulas as the documentation states them, in dual numbers ----
 
-/// The matte part and the lobe, with what a coat does to them and adds.
+/// Both parts of a material: lobes below a width of 0.2 turn with the surface, the others stay with the matte part; but if all are wide, they
+/// stand together.
 pub(crate) fn twins<const N: usize>(
     material: &Material,
     cosines: [Dual<N>; 3],
@@ -106,33 +137,55 @@ pub(crate) fn twins<const N: usize>(
     // Mirror wi at the tangent plane where it lies behind it.
     let (ci, io) = if ci.value < 0.0 { (-ci, io - 2.0 * ci * co) } else { (ci, io) };
     let length = (2.0 + 2.0 * io).sqrt();
-    let (nh, ih) = ((ci + co) / length, length / 2.0);
-    let parts @ [matte, lobe] = model_twins(&material.kind, [ci, co, nh, ih], v);
-    if material.coat.is_none() {
-        return parts;
+    let cosines = [ci, co, (ci + co) / length, length / 2.0];
+    let (mut lobes, one) = (Vec::new(), Dual::constant(1.0));
+    let weight = v[BLEND_WEIGHT][0];
+    let share = if material.blend.is_some() { 1.0 - weight } else { one };
+    lobes.extend(layer_twins(&material.kind, material.coat.is_some(), cosines, &v[..LAYER_INPUTS], share));
+    if let Some(blend) = &material.blend {
+        let v = &v[LAYER_INPUTS..BLEND_WEIGHT];
+        lobes.extend(layer_twins(&blend.kind, blend.coat.is_some(), cosines, v, weight));
     }
-    let (weight, roughness) = (v[4][0], v[5][0]);
-    let grazing = if ci.value < co.value { ci } else { co };
-    let passed = 1.0 - weight * (0.04 + 0.96 * twin_reflected(Some(grazing), roughness));
-    let coat = weight * (0.04 + 0.96 * (1.0 - ih).powi(5)) * twin_ggx(roughness, nh, ci, co);
-    // Lobes below a width of 0.2 turn with the surface, the others stay with the matte part; but if all are wide, they stand together.
+    let all_wide = !lobes.iter().any(|(is_narrow, _)| *is_narrow == Some(true));
+    std::array::from_fn(|part| {
+        std::array::from_fn(|c| {
+            let belongs = |is_narrow: Option<bool>| is_narrow.is_some_and(|narrow| narrow || all_wide) == (part == 1);
+            let of_part = lobes.iter().filter(|(is_narrow, _)| belongs(*is_narrow));
+            of_part.fold(Dual::constant(0.0), |sum, (_, lobe)| sum + lobe[c])
+        })
+    })
+}
+
+/// The lobes of a layer that covers a share of the surface: the matte one, the model's, and the coat's, with what a coat does to the others. Of
+/// each that is not matte it is said whether it is narrow.
+#[allow(clippy::type_complexity)]
+fn layer_twins<const N: usize>(
+    kind: &MaterialKind,
+    is_coated: bool,
+    [ci, co, nh, ih]: [Dual<N>; 4],
+    v: &[[Dual<N>; 3]],
+    share: Dual<N>,
+) -> Vec<(Option<bool>, [Dual<N>; 3])> {
+    let [matte, lobe] = model_twins(kind, [ci, co, nh, ih], v);
     let is_narrow = |alpha2: f64| alpha2 + 1e-7 < 0.04;
-    let coat_is_narrow = is_narrow(roughness.value.powi(4));
-    let lobe_is_narrow = match material.kind {
+    let lobe_is_narrow = match kind {
         MaterialKind::Diffuse { .. } | MaterialKind::Cloth { .. } => false,
         MaterialKind::Phong { .. } => v[2][0].value < 0.04,
         MaterialKind::Conductor { .. } => is_narrow(v[1][0].value.powi(4)),
         _ => is_narrow(v[2][0].value.powi(4)),
     };
-    let all = !(coat_is_narrow || lobe_is_narrow);
-    std::array::from_fn(|part| {
-        let is_lobe = part == 1;
-        std::array::from_fn(|c| {
-            let own = if is_lobe { Dual::constant(0.0) } else { matte[c] };
-            let under = if (lobe_is_narrow || all) == is_lobe { own + lobe[c] } else { own };
-            under * passed + if (coat_is_narrow || all) == is_lobe { coat } else { Dual::constant(0.0) }
-        })
-    })
+    let (weight, roughness) = (v[MODEL_INPUTS][0], v[MODEL_INPUTS][1]);
+    let grazing = if ci.value < co.value { ci } else { co };
+    let passed = match is_coated {
+        true => share * (1.0 - weight * (0.04 + 0.96 * twin_reflected(Some(grazing), roughness))),
+        false => share,
+    };
+    let mut lobes = vec![(None, matte.map(|x| x * passed)), (Some(lobe_is_narrow), lobe.map(|x| x * passed))];
+    if is_coated {
+        let coat = share * weight * (0.04 + 0.96 * (1.0 - ih).powi(5)) * twin_ggx(roughness, nh, ci, co);
+        lobes.push((Some(is_narrow(roughness.value.powi(4))), [coat; 3]));
+    }
+    lobes
 }
 
 /// The matte part and the lobe of a model, by the cosines of both directions and of the half vector with the normal, and of half the angle
@@ -140,7 +193,7 @@ pub(crate) fn twins<const N: usize>(
 fn model_twins<const N: usize>(
     kind: &MaterialKind,
     [ci, co, nh, ih]: [Dual<N>; 4],
-    v: &[[Dual<N>; 3]; MAX_INPUTS],
+    v: &[[Dual<N>; 3]],
 ) -> [[Dual<N>; 3]; 2] {
     let schlick = |f0: Dual<N>| f0 + (1.0 - f0) * (1.0 - ih).powi(5);
     let lambert = |rho: Dual<N>| rho * co / PI;
@@ -344,12 +397,11 @@ fn value_and_adjoint_match_the_dual_number_twin() {
             let derivatives = adjoint.d_values.iter().flat_map(|v| v.to_array());
             for (j, (a, &b)) in derivatives.zip(&expected.partials[3..]).enumerate() {
                 // Those in a roughness change sign where the lobe does not: measure errors against the score's size.
-                let roughness =
-                    j % 3 == 0 && field(&material, j / 3).is_some_and(|field| field.name.ends_with("roughness"));
+                let roughness = field(&material, j / 3, j % 3).is_some_and(|field| field.name.ends_with("roughness"));
                 // ∂ ln D is up to 4 over the roughness; only Phong's lobes go on narrowing where it is 0.
                 let least =
                     if matches!(material.kind, MaterialKind::Phong { .. }) { MIN_PHONG_ROUGHNESS } else { 0.02 };
-                let score = if roughness { 4.0 / f64::from(values[j / 3].x.max(least)).min(1.0) } else { 1.0 };
+                let score = if roughness { 4.0 / f64::from(values[j / 3][j % 3].max(least)).min(1.0) } else { 1.0 };
                 let tolerance = (4e-3 + 4.0 * rounding) * (b.abs() + score * expected.value.abs()) + 1e-5;
                 assert!((f64::from(a) - b).abs() < tolerance, "{bsdf:?} {vectors:?}, input {j}: {a} {b}");
             }
@@ -505,7 +557,7 @@ fn no_lobe_reflects_more_than_it_receives() {
                 let energy = furnace(&bsdf, direction(cos, 0.4), 128);
                 assert!(energy < limit + 4e-3, "{bsdf:?} at {cos}: {energy}");
                 // Single scattering loses energy between rough facets, but not most of it; without roughness there is no between.
-                let least = if matches!(bsdf, Bsdf::Lobes(Lobes::Phong(_))) {
+                let least = if matches!(bsdf, Bsdf::Layer(Layer::Bare(Lobes::Phong(_)))) {
                     0.3
                 } else if roughness <= 0.05 && cos >= 0.1 {
                     0.99
@@ -513,7 +565,7 @@ fn no_lobe_reflects_more_than_it_receives() {
                     0.3
                 };
                 assert!(energy > least, "{bsdf:?} at {cos}: {energy}");
-                if matches!(bsdf, Bsdf::Lobes(Lobes::Phong(_))) {
+                if matches!(bsdf, Bsdf::Layer(Layer::Bare(Lobes::Phong(_)))) {
                     most_of_phong = most_of_phong.max(energy);
                 }
             }
@@ -625,7 +677,7 @@ fn absurd_inputs_give_numbers() {
     for kind in kinds() {
         for a in absurd {
             for b in absurd {
-                let bsdf = looked_up(&kind, &[a, b, a, b, a, b].map(Vec3::splat));
+                let bsdf = looked_up(&kind, &std::array::from_fn(|i| Vec3::new([a, b][i % 2], b, a)));
                 for cos in [1.0, 0.5, 1e-6, 0.0, -1.0] {
                     let wi = direction(f32::abs(cos), 0.0) * Vec3::new(1.0, 1.0, 1f32.copysign(cos));
                     if let Some(s) = bsdf.sample(wi, rng.next_3d()) {

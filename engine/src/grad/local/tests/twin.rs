@@ -16,7 +16,8 @@ use crate::render::light::{LightKind, LightSample};
 use crate::render::mask::MaskCrossing;
 use crate::render::texture::{Filter, Texture, Wrap};
 use crate::render::{
-    ClearCoat, Emission, Environment, Input, MAX_INPUTS, Material, MaterialKind, Scene, SceneDescription, Shape, Slot,
+    BLEND_WEIGHT, Blend, ClearCoat, Emission, Environment, Input, LAYER_INPUTS, MAX_INPUTS, MODEL_INPUTS, Material,
+    MaterialKind, Scene, SceneDescription, Shape, Slot,
 };
 
 /// Numbers in three coordinates, with their derivatives.
@@ -141,9 +142,22 @@ impl Builder {
             5 => MaterialKind::Cloth { diffuse: a, sheen: b, roughness },
             _ => MaterialKind::Principled { base_color: a, metallic: c, roughness, specular: d },
         };
-        let coat = (rng.next_f32() < 0.4)
-            .then(|| ClearCoat { weight: self.input(rng, true), roughness: self.input(rng, true) });
+        let coat = self.coat(rng);
         Material { coat, ..Material::from(kind) }
+    }
+
+    fn coat(&mut self, rng: &mut Pcg32) -> Option<ClearCoat> {
+        (rng.next_f32() < 0.4).then(|| ClearCoat { weight: self.input(rng, true), roughness: self.input(rng, true) })
+    }
+
+    /// A material, or a blend of two.
+    pub fn material_or_blend(&mut self, rng: &mut Pcg32) -> Material {
+        let own = self.material(rng);
+        let blend = (rng.next_f32() < 0.3).then(|| {
+            let Material { kind, coat, .. } = self.material(rng);
+            Blend { kind, coat, weight: self.input(rng, true) }
+        });
+        Material { blend, ..own }
     }
 
     pub fn shape(&mut self, rng: &mut Pcg32, vertices: [Vec3; 3], material: Material) -> &mut Shape {
@@ -236,7 +250,8 @@ impl Moving {
 
     /// Asserts that the adjoints of the scene (`sums`), and others with the directions in which these move, say what the twin does.
     /// All but the twin is in single precision: errors are some 1e-7 of the largest terms, divided by cosines, by distances and by
-    /// how narrow a lobe is (its 1 − cos² against α²), which makes up to 3e-5 of them.
+    /// how narrow a lobe is (its 1 − cos² against α²), which makes up to 3e-5 of them; in four of 448,000 cases of reflected light, by 16 seeds and
+    /// for all sorts of materials, it made more than 1e-4 and at most 2e-4. The seeds of the tests have none of these.
     pub fn assert_alike(
         &self,
         what: &dyn Fn() -> String,
@@ -297,11 +312,19 @@ impl Moving {
         });
         let material = &self.scene.description.shapes[si.prim as usize].material;
         let mut inputs = [constants(Vec3::ZERO); MAX_INPUTS];
-        for (value, (_, input)) in inputs.iter_mut().zip(material.kind.inputs()) {
-            *value = self.lookup(*input, si.prim, b);
-        }
-        if let Some(coat) = &material.coat {
-            inputs[4..].copy_from_slice(&[coat.weight, coat.roughness].map(|input| self.lookup(input, si.prim, b)));
+        let mut of_layer = |kind: &MaterialKind, coat: &Option<ClearCoat>, from: usize| {
+            for (value, (_, input)) in inputs[from..].iter_mut().zip(kind.inputs()) {
+                *value = self.lookup(*input, si.prim, b);
+            }
+            if let Some(coat) = coat {
+                let [weight, roughness] = [coat.weight, coat.roughness].map(|input| self.lookup(input, si.prim, b)[0]);
+                inputs[from + MODEL_INPUTS] = [weight, roughness, number(0.0, 0.0)];
+            }
+        };
+        of_layer(&material.kind, &material.coat, 0);
+        if let Some(blend) = &material.blend {
+            of_layer(&blend.kind, &blend.coat, LAYER_INPUTS);
+            inputs[BLEND_WEIGHT] = self.lookup(blend.weight, si.prim, b);
         }
         Vertex { p, b, ng, ns: smooth.unwrap_or(ng), wi: line[1].map(|x| -x), smooth: smooth.is_some(), inputs }
     }
@@ -496,12 +519,16 @@ impl Vertex {
         if self.smooth { times(f, self.terminator(wo)) } else { f }
     }
 
-    pub fn albedo(&self, kind: &MaterialKind) -> Vector {
-        let [a, b, ..] = self.inputs;
-        match kind {
+    pub fn albedo(&self, material: &Material) -> Vector {
+        let of = |kind: &MaterialKind, a: Vector, b: Vector| match kind {
             MaterialKind::ConductorIor { .. } => from_fn(|c| twin_conductor(Dual::constant(1.0), a[c], b[c])),
             _ => a,
-        }
+        };
+        let v = &self.inputs;
+        let own = of(&material.kind, v[0], v[1]);
+        let Some(blend) = &material.blend else { return own };
+        let weight = v[BLEND_WEIGHT][0];
+        plus(times(own, 1.0 - weight), times(of(&blend.kind, v[LAYER_INPUTS], v[LAYER_INPUTS + 1]), weight))
     }
 
     /// Light fades out towards the horizon of the face.

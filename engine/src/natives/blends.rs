@@ -1,0 +1,43 @@
+//! Blends: two materials in one.
+
+use crate::render::Blend;
+
+use super::value::{Input, MaterialValue};
+use super::{NativeError, Result};
+
+/// Two materials in one: `weight` is the share of the second. An error is at the place of the material that cannot be blended.
+pub fn blended(first: &MaterialValue, second: &MaterialValue, weight: Input) -> Result<MaterialValue> {
+    for (i, material) in [first, second].into_iter().enumerate() {
+        let name = material.kind.name();
+        let (message, help) = if material.blend.is_some() {
+            ("this material is a blend already, and a blend has two materials".to_owned(), None)
+        } else if material.kind.is_delta() {
+            let message = format!("`{name}` scatters light in single directions, which cannot be blended");
+            (message, Some("`conductor(roughness: 0, …)` has a lobe, however narrow"))
+        } else if material.opacity.is_some() {
+            ("this material has a mask".to_owned(), Some("give the blend the mask: `mask(blend(…), opacity: …)`"))
+        } else if material.normals.is_some() {
+            let help = "give the blend the normal map: `normal_map(blend(…), normals: …)`";
+            ("this material has a normal map".to_owned(), Some(help))
+        } else if material.one_sided != first.one_sided {
+            ("one of both materials is one-sided".to_owned(), Some("all of a blend is: `one_sided(blend(…))`"))
+        } else {
+            continue;
+        };
+        let error = NativeError::at(i, message);
+        return Err(match help {
+            Some(help) => error.help(help),
+            None => error,
+        });
+    }
+    let other = second.clone();
+    let blend = Some(Blend { kind: other.kind, coat: other.coat, weight });
+    Ok(MaterialValue { blend, ..first.clone() })
+}
+
+/// One of the two materials of a blend.
+pub fn of_blend(m: &MaterialValue, which: usize) -> Option<MaterialValue> {
+    let blend = m.blend.as_ref()?;
+    let (kind, coat) = if which == 0 { (&m.kind, &m.coat) } else { (&blend.kind, &blend.coat) };
+    Some(MaterialValue { coat: coat.clone(), one_sided: m.one_sided, ..kind.clone().into() })
+}
