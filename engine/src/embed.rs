@@ -18,8 +18,8 @@ use crate::memory::{self, Shortage};
 use crate::mesh::Mesh;
 use crate::render::texture::Texture;
 use crate::render::{
-    Camera, DeltaLight, Emission, Environment, Input, Material, MaterialKind, Scene, SceneDescription, SceneError,
-    Settings, Shape, Slot, TextureId, render_until,
+    Camera, DeltaLight, Emission, Environment, Input, Material, MaterialKind, NORMALS, OPACITY, Scene,
+    SceneDescription, SceneError, Settings, Shape, Slot, TextureId, WEIGHT, render_until,
 };
 use crate::stop;
 
@@ -168,9 +168,16 @@ impl SceneBuilder {
     }
 
     fn name_inputs(&mut self, name: &str, material: &Material) {
-        for (field, input) in material.inputs() {
-            self.name_input(name, field.name, *input);
-        }
+        let Some([a, b]) = material.parts() else {
+            return material.inputs().for_each(|(field, input)| self.name_input(name, field.name, *input));
+        };
+        // The materials of a blend have names as in the language: `NAME.a.reflectance`.
+        self.name_inputs(&format!("{name}.a"), &a);
+        self.name_inputs(&format!("{name}.b"), &b);
+        let blend = material.blend.iter().map(|blend| (WEIGHT, blend.weight));
+        let opacity = material.opacity.iter().map(|opacity| (OPACITY, *opacity));
+        let normals = material.normals.iter().map(|normals| (NORMALS, *normals));
+        blend.chain(opacity).chain(normals).for_each(|(field, input)| self.name_input(name, field.name, input));
     }
 
     fn name_input(&mut self, name: &str, field: &str, input: Input) {
@@ -307,6 +314,7 @@ fn image_numbers(camera: &Camera, settings: &Settings) -> u64 {
 mod tests {
     use super::*;
     use crate::mesh::shapes::rectangle;
+    use crate::render::Blend;
 
     fn floor_under_a_sky() -> (NamedScene, Camera, Settings) {
         let mut scene = SceneBuilder::new();
@@ -332,6 +340,22 @@ mod tests {
     #[test]
     fn a_context_renders_and_differentiates() {
         assert_eq!(outcomes(&RenderContext::default()), [Ok(()), Ok(()), Ok(())]);
+    }
+
+    /// The inputs of both materials of a blend, and what it has in common, have names of their own.
+    #[test]
+    fn inputs_of_blends_have_names() {
+        let mut scene = SceneBuilder::new();
+        let [dark, light] = [0.1, 0.9].map(|grey| scene.diffuse(Vec3::splat(grey)));
+        let [weight, opacity] = [0.25, 0.5].map(|x| scene.scalar(x));
+        let blend = Some(Blend { kind: light.kind, coat: None, weight });
+        scene.shape("floor", rectangle(4.0, 4.0).unwrap(), Material { blend, opacity: Some(opacity), ..dark });
+        let scene = scene.build().unwrap();
+        let slot = |field: &str| scene.slot(&format!("floor.{field}")).ok();
+        let fields = ["a.reflectance", "b.reflectance", "weight", "opacity", "reflectance"];
+        let expected = [0, 1, 2, 3].map(|i| Some(Slot::Texels(i)));
+        assert_eq!(fields.map(slot)[..4], expected);
+        assert_eq!(slot("reflectance"), None);
     }
 
     #[test]

@@ -13,7 +13,6 @@ use crate::mesh::load::{
     LoadedProjection, Sheen,
 };
 use crate::mesh::{Mesh, ops};
-use crate::natives::of_blend;
 use crate::natives::value::{
     CameraValue, DeltaLightValue, DeltaModel, Input, LightValue, MaterialValue, MeshValue, ShapeValue, Value,
 };
@@ -242,7 +241,7 @@ impl Writer<'_> {
             self.tell("glTF has no blends: of the two materials that of the larger share is written", name);
             let second = self.look(&blend.weight, false, name).mean().x > 0.5;
             let (opacity, normals) = (material.opacity.clone(), material.normals.clone());
-            if let Some(one) = of_blend(material, usize::from(second)) {
+            if let Some(one) = material.parts().map(|[a, b]| if second { b } else { a }) {
                 return self.one_material(&MaterialValue { opacity, normals, ..one }, name);
             }
         }

@@ -4,7 +4,7 @@ use serde_json::{Map, Value as Json, json};
 
 use crate::check::types::Ty;
 use crate::natives::value::{DeltaLightValue, GradientEntry, Input, LightValue, MaterialValue, MeshValue, Value};
-use crate::natives::{field, fields_of, of_blend};
+use crate::natives::{field, fields_of};
 use crate::render::ClearCoat;
 use crate::tape::{Tensor, Var};
 
@@ -204,8 +204,8 @@ fn one_material(m: &MaterialValue) -> String {
 }
 
 fn material(m: &MaterialValue) -> String {
-    let inner = match (&m.blend, of_blend(m, 0), of_blend(m, 1)) {
-        (Some(blend), Some(a), Some(b)) => {
+    let inner = match (&m.blend, m.parts()) {
+        (Some(blend), Some([a, b])) => {
             format!("blend({}, {}, weight: {})", material(&a), material(&b), input(&blend.weight))
         }
         _ => one_material(m),

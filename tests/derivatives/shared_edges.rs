@@ -2,6 +2,7 @@
 
 use crate::common::*;
 use dscene::mesh::shapes;
+use dscene::render::texture::{Filter, Texture, Wrap};
 use dscene::render::*;
 use glam::{Mat3, Vec3, vec3};
 
@@ -194,6 +195,96 @@ fn seams_in_first_hit_channels() {
     agree("uvs of a ball", &ball, &Plan { output: Output::Uv, ..plan });
     agree("uvs of squares", &squares, &Plan { output: Output::Uv, ..plan });
     agree("indices of squares", &squares, &Plan { output: Output::ShapeIndex, ..plan });
+}
+
+/// What a texture changes at the seam of its coordinates.
+#[derive(Clone, Copy, Debug)]
+enum AtSeam {
+    Coat,
+    Weight,
+    /// Of the second material of a blend.
+    Reflectance,
+    /// The weight, by vertex colours in place of a texture.
+    Colours,
+}
+
+/// A plate of two halves with texture coordinates of their own: what jumps where they meet moves with the plate.
+fn halves(at: AtSeam) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut b = Builder::default();
+        let half =
+            |from: f32, to: f32| [(from, -2.0), (from, 2.0), (to, 2.0), (to, -2.0)].map(|(x, z)| vec3(x + t, 0.0, z));
+        let mut plate =
+            mesh([half(-2.0, 0.1), half(0.1, 2.0)].concat(), vec![[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]);
+        let of_halves = [[0.0; 4], [1.0; 4]].concat();
+        plate.uvs = Some(of_halves.iter().map(|u| glam::vec2(0.25 + 0.5 * u, 0.5)).collect());
+        plate.colors = Some(of_halves.iter().map(|u| Vec3::splat(0.2 + 0.6 * u)).collect());
+        b.description.textures.push(Texture::new(2, 1, 1, vec![0.2, 0.8], Wrap::Clamp, Filter::Bilinear).unwrap());
+        let texture = Input::Texture(b.description.textures.len() - 1);
+        let dark = MaterialKind::Diffuse { reflectance: b.grey(0.1) };
+        let grey = b.grey(0.5);
+        let blend = |reflectance: Input, weight: Input| {
+            Some(Blend { kind: MaterialKind::Diffuse { reflectance }, coat: None, weight })
+        };
+        let material = Material::from(dark);
+        let material = match at {
+            AtSeam::Coat => {
+                let coat = Some(ClearCoat { weight: texture, roughness: grey });
+                Material { coat, ..material }
+            }
+            AtSeam::Weight => Material { blend: blend(b.grey(0.9), texture), ..material },
+            AtSeam::Reflectance => Material { blend: blend(texture, grey), ..material },
+            AtSeam::Colours => Material { blend: blend(b.grey(0.9), Input::VertexColor), ..material },
+        };
+        b.add(plate, material);
+        let Input::Texture(radiance) = b.grey(1.0) else { panic!("a constant") };
+        b.description.environment = Some(Environment { radiance, rotation: Mat3::IDENTITY });
+        (b.description, look_at(vec3(0.3, 0.8, -2.0), Vec3::ZERO, 20.0, 12))
+    }
+}
+
+/// ∂/∂t of Σ w·I for [`halves`] whose radiance jumps by one at the seam: ∫ w |v × l| along the picture of the seam, v how fast it moves there
+/// and l along it. (Differences are off by percents where it comes into other pixels, whose weights are others.)
+fn integral_along_the_seam() -> f64 {
+    let (_, camera) = halves(AtSeam::Weight)(0.0);
+    let weights = weights(&camera, 3);
+    let eye = glam::dvec3(0.3, 0.8, -2.0);
+    let forward = (-eye).normalize();
+    let right = forward.cross(glam::dvec3(0.35, 1.0, 0.1)).normalize();
+    let down = forward.cross(right);
+    let pixels = |x: f64, z: f64| {
+        let d = glam::dvec3(x, 0.0, z) - eye;
+        let on_film = glam::dvec2(d.dot(right), d.dot(down)) / d.dot(forward) / 10f64.to_radians().tan();
+        (on_film * 0.5 + 0.5) * camera.width as f64
+    };
+    let steps = 200_000;
+    let dz = 4.0 / f64::from(steps);
+    let piece = |i: i32| {
+        let (x, z, e) = (0.1f32 as f64, -2.0 + (f64::from(i) + 0.5) * dz, 1e-5);
+        let at = pixels(x, z);
+        if at.min_element() < 0.0 || at.max_element() >= camera.width as f64 {
+            return 0.0;
+        }
+        let [moves, along] = [pixels(x + e, z) - at, pixels(x, z + e) - at].map(|d| d / e);
+        let w: f32 = weights.pixel(at.x as usize, at.y as usize).iter().sum();
+        f64::from(w) * (moves.perp_dot(along) * dz).abs()
+    };
+    (0..steps).map(piece).sum()
+}
+
+/// Every texture that a material reads makes an edge of a seam: those of coats and of blends as well.
+#[test]
+fn seams_of_coats_and_blends() {
+    let plan = Plan { h: 0.004, fd_spp: 4096, ..Plan::default() };
+    agree("a seam, Coat", &halves(AtSeam::Coat), &plan);
+    let of_one = integral_along_the_seam();
+    for (at, jump) in [(AtSeam::Weight, 0.48), (AtSeam::Reflectance, 0.3), (AtSeam::Colours, 0.48)] {
+        let found = statistics(&gradients(&halves(at), &plan, 0..64));
+        // It is darker where the plate goes.
+        let expected = -jump * of_one;
+        assert!((found.mean - expected).abs() < 3.5 * found.error, "{at:?}: {found:?}, not {expected}");
+        assert!(found.error < 2e-3 * expected.abs(), "{at:?}: {found:?} says nothing of {expected}");
+    }
 }
 
 /// By how much things reach into what they stand on, how high floor and box are, where a wall and the eye are, and how much of the wall

@@ -34,10 +34,3 @@ pub fn blended(first: &MaterialValue, second: &MaterialValue, weight: Input) -> 
     let blend = Some(Blend { kind: other.kind, coat: other.coat, weight });
     Ok(MaterialValue { blend, ..first.clone() })
 }
-
-/// One of the two materials of a blend.
-pub fn of_blend(m: &MaterialValue, which: usize) -> Option<MaterialValue> {
-    let blend = m.blend.as_ref()?;
-    let (kind, coat) = if which == 0 { (&m.kind, &m.coat) } else { (&blend.kind, &blend.coat) };
-    Some(MaterialValue { coat: coat.clone(), one_sided: m.one_sided, ..kind.clone().into() })
-}

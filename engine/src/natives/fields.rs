@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crate::tape::{Slice, Tensor, Var};
 
-use super::blends::{blended, of_blend};
+use super::blends::blended;
 use super::scene::{rotation_of, transform_matrix};
 use super::value::{
     CameraValue, Input, LightValue, MaterialValue, MeshValue, SettingsKind, SettingsValue, ShapeValue, TextureValue,
@@ -168,10 +168,9 @@ pub fn set_field(value: &Value, path: &[String], new: Value) -> Result<Value> {
         }
         Value::Material(m) if matches!((&m.blend, name.as_str()), (Some(_), "a" | "b")) => {
             let Value::Material(new) = &new else { return Err(refuse()) };
-            let [Some(a), Some(b)] = [0, 1].map(|i| of_blend(m, i)) else { return Err(refuse()) };
+            let (Some([a, b]), Some(blend)) = (m.parts(), &m.blend) else { return Err(refuse()) };
             let (a, b) = if name == "a" { (&**new, &b) } else { (&a, &**new) };
-            let weight = m.blend.as_ref().map(|blend| blend.weight.clone()).ok_or_else(refuse)?;
-            let blend = blended(a, b, weight)?;
+            let blend = blended(a, b, blend.weight.clone())?;
             let (opacity, normals) = (m.opacity.clone(), m.normals.clone());
             Ok(Value::Material(Arc::new(MaterialValue { opacity, normals, ..blend })))
         }
@@ -243,10 +242,10 @@ fn mesh_field(m: &MeshValue, name: &str) -> Option<Value> {
 
 /// An input; of a blend its materials `a` and `b`, its weight, and what both have in common.
 fn material_field(m: &MaterialValue, name: &str) -> Option<Value> {
-    let of_blend = |i| of_blend(m, i).map(|material| Value::Material(Arc::new(material)));
+    let material = |material: MaterialValue| Value::Material(Arc::new(material));
     match (&m.blend, name) {
-        (Some(_), "a") => of_blend(0),
-        (Some(_), "b") => of_blend(1),
+        (Some(_), "a") => m.parts().map(|[a, _]| material(a)),
+        (Some(_), "b") => m.parts().map(|[_, b]| material(b)),
         (Some(blend), "weight") => Some(input_value(&blend.weight)),
         (Some(_), "opacity") => m.opacity.as_ref().map(input_value),
         (Some(_), "normals") => m.normals.as_ref().map(input_value),

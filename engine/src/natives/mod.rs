@@ -32,7 +32,6 @@ use crate::tape::{TapeError, Tensor, Var};
 pub use priors::distribution_of;
 use value::{MeshValue, Value};
 
-pub use blends::of_blend;
 pub use fields::{field, fields_of, set_field};
 pub use linear::apply;
 pub use near::{Deviation, deviation};

@@ -366,6 +366,19 @@ impl<I> Material<I> {
     }
 }
 
+impl<I: Clone> Material<I> {
+    /// The two materials of a blend as they are by themselves: on the same sides, without its holes and its normal map.
+    pub fn parts(&self) -> Option<[Material<I>; 2]> {
+        let blend = self.blend.as_ref()?;
+        let layers = [(&self.kind, &self.coat), (&blend.kind, &blend.coat)];
+        Some(layers.map(|(kind, coat)| Material {
+            coat: coat.clone(),
+            one_sided: self.one_sided,
+            ..kind.clone().into()
+        }))
+    }
+}
+
 impl<I> From<MaterialKind<I>> for Material<I> {
     /// Opaque, without a coat or a normal map, not blended with another, and the same on both sides.
     fn from(kind: MaterialKind<I>) -> Material<I> {

@@ -11,7 +11,7 @@ use crate::mesh::Mesh;
 use crate::render::accel::PrimId;
 use crate::render::film::Output;
 use crate::render::intersections::{Crossing, EdgeOverlap, crossings_and_overlaps};
-use crate::render::material::{Input, Material};
+use crate::render::material::Input;
 use crate::render::world::Scene;
 use crate::stop::Pace;
 
@@ -342,19 +342,13 @@ fn is_sharp(scene: &Scene, edge: &Edge, seams: Seams) -> bool {
     if sa.material.normals.is_some() && tangents_differ(scene, [a, b]) {
         return true;
     }
-    let tilts = sa.material.normals;
-    let reads = |m: &Material, test: &dyn Fn(Input) -> bool| m.kind.inputs().map(|(_, i)| *i).chain(tilts).any(test);
-    let textured = |i: Input| i.texture().is_some_and(|t| !scene.description.textures[t].is_constant());
     let emission = sa.emission.as_ref().map(|e| e.radiance);
-    let opacity = sa.material.opacity;
-    if (all || reads(&sa.material, &textured) || emission.is_some_and(textured) || opacity.is_some_and(textured))
-        && differ(&|m, v| m.uvs.as_ref().map(|u| u[v as usize].extend(0.0)))
-    {
+    let reads = |test: &dyn Fn(Input) -> bool| sa.material.inputs().map(|(_, input)| *input).chain(emission).any(test);
+    let textured = |i: Input| i.texture().is_some_and(|t| !scene.description.textures[t].is_constant());
+    if (all || reads(&textured)) && differ(&|m, v| m.uvs.as_ref().map(|u| u[v as usize].extend(0.0))) {
         return true;
     }
-    let coloured = Input::reads_colors;
-    (reads(&sa.material, &coloured) || emission.is_some_and(coloured) || opacity.is_some_and(coloured))
-        && differ(&|m, v| m.colors.as_ref().map(|c| c[v as usize]))
+    reads(&Input::reads_colors) && differ(&|m, v| m.colors.as_ref().map(|c| c[v as usize]))
 }
 
 /// Whether two faces of shapes with normal maps have other tangents at their common edge.
