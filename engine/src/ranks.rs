@@ -188,6 +188,8 @@ pub fn share(message: Vec<u8>) -> Vec<Vec<u8>> {
 }
 
 fn answered(rank: usize, ask: impl FnOnce() -> Result<Vec<Vec<u8>>, Lost>) -> Vec<Vec<u8>> {
+    // Where this process is to stop, threads that help have returned early: what they have done is given to no one, who would take it for whole.
+    stop::check();
     let begun = Instant::now();
     let Ok(messages) = ask() else { leave() };
     let lengths =
@@ -310,5 +312,61 @@ impl<T: Pod> Packed for Vec<T> {
         let (bytes, rest) = rest.split_at_checked(bytes)?;
         *from = rest;
         Some(bytemuck::pod_collect_to_vec(bytes))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::AtomicUsize;
+
+    use super::*;
+
+    /// One of two ranks, whose messages are counted.
+    struct Counted(AtomicUsize);
+
+    impl Link for Counted {
+        fn rank(&self) -> usize {
+            1
+        }
+
+        fn count(&self) -> usize {
+            2
+        }
+
+        fn neighbours(&self) -> usize {
+            2
+        }
+
+        fn exchange(&self, messages: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>, Lost> {
+            self.0.fetch_add(1, Ordering::Relaxed);
+            Ok(messages)
+        }
+
+        fn share(&self, message: Vec<u8>) -> Result<Vec<Vec<u8>>, Lost> {
+            self.0.fetch_add(1, Ordering::Relaxed);
+            Ok(vec![message.clone(), message])
+        }
+
+        fn end(&self) -> bool {
+            true
+        }
+    }
+
+    /// A step that was ended in its midst is told to no other rank, which would take its parts for whole.
+    #[test]
+    fn what_is_half_done_is_given_to_no_one() {
+        let link = Arc::new(Counted(AtomicUsize::new(0)));
+        let flag = Arc::new(AtomicBool::new(false));
+        let work = |stops: bool| {
+            let part = |part: usize| {
+                flag.store(stops, Ordering::Relaxed);
+                part as f64
+            };
+            within(link.clone(), || stop::until(&flag, || map(2, &part)))
+        };
+        assert_eq!(work(false), Ok(vec![1.0, 1.0]));
+        assert_eq!(link.0.load(Ordering::Relaxed), 1);
+        assert_eq!(work(true), Err(stop::Stopped));
+        assert_eq!(link.0.load(Ordering::Relaxed), 1);
     }
 }
