@@ -1,4 +1,4 @@
-//! A cosine lobe alone, as what a coat may lie over. (Without a coat it is [`Bsdf::Diffuse`](super::Bsdf::Diffuse).)
+//! A cosine lobe alone, as what a coat may lie over or a blend may have. (By itself it is [`Bsdf::Diffuse`](super::Bsdf::Diffuse).)
 
 use glam::Vec3;
 
@@ -6,7 +6,7 @@ use super::angles::Angles;
 use super::microfacet::{Lobe, Microfacets};
 use super::model::{Inputs, Model};
 
-/// The number of a `diffuse` material under a coat.
+/// The number of a `diffuse` material under a coat or in a blend.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Matte {
     pub reflectance: Vec3,
