@@ -102,6 +102,9 @@ fn mpirun() -> Command {
     let mut command = Command::new("mpirun");
     command.arg("--oversubscribe");
     command.env("OMPI_ALLOW_RUN_AS_ROOT", "1").env("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1").env("NO_COLOR", "1");
+    // Processes that are asked to end are killed after two seconds, not after one: disks of machines that are busy are slow. (`mpirun` waits as
+    // long before it asks.)
+    command.env("OMPI_MCA_odls_base_sigkill_timeout", "2");
     command
 }
 
@@ -194,7 +197,7 @@ fn send(signal: &str, process: u32) {
 #[test]
 fn a_run_that_loses_a_process_goes_on_with_another_number_of_them() {
     let place = Place::new();
-    place.write("a.dscene", &POSE.replace("steps: 12", "steps: 60"));
+    place.write("a.dscene", &POSE.replace("steps: 12", "steps: 160"));
     assert_code(&place.alone(&["run", "a.dscene", "--out", "alone", "--threads", "2", "--quiet"]), 0);
     let expected = left_behind(&place.path("alone"));
     let mut last_words = 0;
@@ -221,15 +224,14 @@ fn a_run_that_loses_a_process_goes_on_with_another_number_of_them() {
         }
         last_words += usize::from(written() > before);
         let steps = fs::read_to_string(place.path(&run).join("log.jsonl")).unwrap().lines().count();
-        assert!((10..60).contains(&steps), "{steps} steps");
+        assert!((10..160).contains(&steps), "{steps} steps");
         let resume = ["run", "a.dscene", "--resume", &run, "--threads", "1", "--quiet"];
         let output = if number % 2 == 0 { place.together(2, &resume) } else { place.alone(&resume) };
         assert_code(&output, 0);
         assert_same(&left_behind(&place.path(&run)), &expected, &format!("{lost:?} {signal}"));
     }
-    // The first process, where it lives, writes a checkpoint at the end; the next one by time would be due after half a minute. It has a second
-    // for that, which one of the three may miss on a machine that is very busy.
-    assert!(last_words >= 2, "{last_words} of 3 have left a checkpoint at their ends");
+    // The first process, where it lives, writes a checkpoint at the end; the next one by time would be due after half a minute.
+    assert_eq!(last_words, 3, "three of four runs have left a checkpoint at their ends");
 }
 
 #[test]
