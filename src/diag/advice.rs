@@ -162,12 +162,7 @@ pub const TABLE: &[Row] = &[
         "every material has two sides; `one_sided(…)` takes one away",
     ),
     row(Place::Call, "glass", "dielectric(ior: 1.5)", ""),
-    row(
-        Place::Call,
-        "roughdielectric rough_dielectric",
-        "dielectric()",
-        "clear bodies have smooth surfaces in this version",
-    ),
+    row(Place::Call, "roughdielectric rough_dielectric", "dielectric(ior: 1.5, roughness: 0.3)", ""),
     row(Place::Call, "thindielectric window", "thin_dielectric()", ""),
     row(Place::Name, "True TRUE yes on", "true", ""),
     row(Place::Name, "False FALSE no off", "false", ""),

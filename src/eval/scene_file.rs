@@ -302,11 +302,12 @@ impl Writer<'_> {
                 colour(self, &mut out, reflectance);
                 (out.metallic, out.specular, out.roughness) = (1.0, 1.0, 0.0);
             }
-            MaterialKind::Dielectric { ior, absorption } => {
+            MaterialKind::Dielectric { ior, roughness, absorption } => {
                 let absorption = absorption.as_ref().map_or(Vec3::ZERO, |input| self.look(input, true, name).mean());
                 out.clear = Some(Clear::Body { ior: self.index(ior, name), absorption });
                 // What has an inside is not seen from there: so glTF has it of volumes.
                 (out.roughness, out.double_sided) = (0.0, false);
+                roughness.iter().for_each(|roughness| rough(self, &mut out, roughness, |r| r));
             }
             MaterialKind::ThinDielectric { ior, tint } => {
                 colour(self, &mut out, tint);

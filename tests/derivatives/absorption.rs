@@ -12,7 +12,7 @@ use glam::{Mat3, Vec3, vec3};
 /// A body of glass of this index and absorption. Returns the texture of the absorption.
 fn body(b: &mut Builder, mesh: Mesh, ior: f32, absorption: Vec3) -> Input {
     let (ior, absorption) = (b.scalar(ior), b.constant(absorption));
-    b.add(mesh, MaterialKind::Dielectric { ior, absorption: Some(absorption) });
+    b.add(mesh, MaterialKind::Dielectric { ior, roughness: None, absorption: Some(absorption) });
     absorption
 }
 
@@ -119,7 +119,10 @@ fn no_absorption_changes_no_bit() {
         b.matte(floor(Vec3::ZERO, 3.0), 0.6);
         let (ior, place) = (b.scalar(1.5), vec3(0.0, 0.8, 0.0));
         let absorption = absorption.map(|absorption| b.constant(absorption));
-        b.add(at(sphere(0.6, 16).unwrap(), |v| v + place), MaterialKind::Dielectric { ior, absorption });
+        b.add(
+            at(sphere(0.6, 16).unwrap(), |v| v + place),
+            MaterialKind::Dielectric { ior, roughness: None, absorption },
+        );
         b.lamp(ceiling(vec3(0.5, 3.0, 0.0), 0.5), Vec3::splat(9.0));
         let settings = Settings { output: Output::Radiance, spp: 16, max_bounces: 6, seed: 3, boundary: true };
         render(&b.scene(), &look_at(vec3(0.3, 1.4, 3.0), place, 30.0, 12), &settings).unwrap().data
@@ -228,7 +231,7 @@ impl Row {
                 body(&mut b, cuboid(Vec3::ZERO, vec3(3.0, 0.6, 3.0), 0.0), 1.3, absorption);
                 let block = cuboid(vec3(0.05, 0.05, 0.1), vec3(0.6, 0.2 + shift(Moves::Body), 0.5), 0.3);
                 let ior = b.scalar(1.2);
-                b.add(block, MaterialKind::Dielectric { ior, absorption: None });
+                b.add(block, MaterialKind::Dielectric { ior, roughness: None, absorption: None });
                 sky(&mut b);
                 (b.description, look_at(vec3(0.2, 4.0, 0.3) + eye, vec3(0.1, 0.0, 0.2), 9.0, 12))
             }

@@ -13,7 +13,7 @@ use glam::{Mat3, Vec2, Vec3, vec3};
 /// A body of glass with this index.
 fn glass(b: &mut Builder, mesh: Mesh, ior: f32) -> usize {
     let ior = b.scalar(ior);
-    b.add(mesh, MaterialKind::Dielectric { ior, absorption: None })
+    b.add(mesh, MaterialKind::Dielectric { ior, roughness: None, absorption: None })
 }
 
 /// A pane, tinted by a smooth pattern that is `darker`.

@@ -20,6 +20,7 @@ mod modes;
 mod normal_maps;
 mod pixel_filters;
 mod random_scenes;
+mod rough_glass;
 mod shared_edges;
 mod slots;
 mod spots_and_distortion;

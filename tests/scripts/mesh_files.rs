@@ -505,7 +505,7 @@ fn normal_maps_and_glass_of_gltf() {
     };
     file.add("materials", json!({"name": "leather", "normalTexture": {"index": 0, "scale": 2}}));
     file.add("materials", glass("ball", json!({"roughnessFactor": 0}), 1.0));
-    let mut bottle = glass("bottle", json!({"roughnessFactor": 0.2}), 1.0);
+    let mut bottle = glass("bottle", json!({"roughnessFactor": 0.2, "baseColorFactor": [0.5, 1, 1, 1]}), 1.0);
     let volume = &mut bottle["extensions"]["KHR_materials_volume"];
     (volume["attenuationDistance"], volume["attenuationColor"]) = (json!(0.5), json!([0.25, 0.5, 1]));
     file.add("materials", bottle);
@@ -518,7 +518,7 @@ fn normal_maps_and_glass_of_gltf() {
     place.write("a.gltf", file.text());
     let loaded = read(&place, "a.gltf");
     let told = [
-        "the surface of glass is smooth and clear: its colour, roughness and images are left out: “bottle”",
+        "the surface of glass is clear: its colour and the images beside that of its roughness are left out: “bottle”",
         "without texture coordinates an image is shown on every face anew, and a normal map is left out: “a”",
     ];
     assert_eq!(loaded.warnings, told);
@@ -533,6 +533,7 @@ fn normal_maps_and_glass_of_gltf() {
     assert_eq!(clear, [None, body(Vec3::ZERO), Some(Clear::Pane(1.4))]);
     // Of light that has gone 0.5 far, a quarter of the red, half of the green and all of the blue are left.
     let Some(Clear::Body { absorption, .. }) = material(2).clear else { panic!("no body") };
+    assert_eq!([1, 2].map(|i| material(i).roughness), [0.0, 0.2]);
     assert!((absorption - vec3(4f32.ln() / 0.5, 2f32.ln() / 0.5, 0.0)).length() < 1e-5, "{absorption}");
 }
 

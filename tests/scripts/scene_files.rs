@@ -32,6 +32,7 @@ shape painted {
   material: principled(base_color: vertex_color(), metallic: 0, roughness: 0.5, specular: 0.5)
 }
 shape drop { mesh: icosphere(radius: 0.4) |> translate([0.3, 0.5, 2]), material: dielectric(ior: 1.4, absorption: [0.2, 1.5, 0.7]) }
+shape ice { mesh: icosphere(radius: 0.3) |> translate([-1.3, 0.3, 2]), material: dielectric(ior: 1.31, roughness: texture([[0.4, 0.5], [0.6, 0.4]])) }
 shape window { mesh: rectangle() |> rotate(x: 90deg) |> translate([2.5, 1, 0.5]), material: thin_dielectric(tint: [0.4, 0.9, 0.6]) }
 shape leaf {
   mesh: rectangle() |> rotate(x: 60deg) |> translate([-2, 1, 1])
@@ -109,6 +110,7 @@ fn a_scene_that_was_saved_looks_the_same() {
             "balls 2",
             "painted",
             "drop",
+            "ice",
             "window",
             "leaf",
             "rail",

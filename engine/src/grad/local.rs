@@ -7,7 +7,7 @@ use glam::Vec3;
 use crate::grad::environment::MovingEnvironment;
 use crate::grad::sink::Adjoints;
 use crate::render::accel::PrimId;
-use crate::render::bsdf::{Bsdf, BsdfAdjoint, Lobe, Part, d_refract, refract};
+use crate::render::bsdf::{Bsdf, BsdfAdjoint, FollowedAdjoint, Lobe, Part, RoughDielectric, d_refract, refract};
 use crate::render::film::first_hit;
 use crate::render::interaction::{SurfaceInteraction, d_terminator, terminator};
 use crate::render::light::{LightKind, LightSample};
@@ -77,15 +77,17 @@ fn d_eval_with(
     let mut d_wo = Vec3::ZERO;
     let mut d_brdf = d_f;
     if si.bends() {
+        let side = si.side(wo);
         let (ng_wo, ng_ns) = (si.ng.dot(wo), si.ng.dot(si.ns));
-        let g = terminator(ng_wo, co, ng_ns);
+        let g = terminator(ng_wo * side, co * side, ng_ns);
         d_brdf = d_f * g;
         if g < 1.0 {
             let f = match part {
                 Some(part) => si.bsdf.eval_part(part, si.ns, si.wi, wo),
                 None => si.bsdf.eval(si.ns, si.wi, wo),
             };
-            let (a, b, c) = d_terminator(ng_wo, co, ng_ns, d_f.dot(f));
+            let (a, b, c) = d_terminator(ng_wo * side, co * side, ng_ns, d_f.dot(f));
+            let (a, b) = (a * side, b * side);
             adj.ng += wo * a + si.ns * c;
             adj.ns += wo * b + si.ng * c;
             d_wo += si.ng * a + si.ns * b;
@@ -173,19 +175,62 @@ pub fn d_specular_ray(out: &mut Adjoints, si: &SurfaceInteraction, t: f32, lobe:
 }
 
 /// `wi` mirrored to the front of the shading normal, as the BSDF uses it.
-fn front(si: &SurfaceInteraction) -> (Vec3, f32) {
+fn front(si: &SurfaceInteraction) -> Vec3 {
     let ci = si.ns.dot(si.wi);
-    if ci < 0.0 { (si.wi - si.ns * (2.0 * ci), ci) } else { (si.wi, ci) }
+    if ci < 0.0 { si.wi - si.ns * (2.0 * ci) } else { si.wi }
 }
 
 /// Adjoint of an attached direction: `wo` is `wi` mirrored at a half vector h that turns with the shading normal, by the smallest
 /// rotation between the old and the new normal. `d_wo` is passed on to the normal and `wi`; `d_h` is a further adjoint of h.
 fn d_attached(si: &SurfaceInteraction, h: Vec3, mut d_h: Vec3, d_wo: Vec3, mut d_wi: Vec3, adj: &mut VertexAdjoint) {
-    let (wi, ci) = front(si);
+    let wi = front(si);
     let (h_wi, h_d) = (h.dot(wi), h.dot(d_wo));
     d_h += (wi * h_d + d_wo * h_wi) * 2.0;
     d_wi += h * (2.0 * h_d) - d_wo;
     adj.ns += h.cross(d_h).cross(si.ns);
+    d_front(si, d_wi, adj);
+}
+
+/// Adjoint of the direction `wo` of an attached lobe: adds to that of the vertex, and to that of the index of what lets it through.
+pub fn d_attached_direction(
+    out: &mut Adjoints,
+    si: &SurfaceInteraction,
+    wo: Vec3,
+    d_wo: Vec3,
+    adj: &mut VertexAdjoint,
+) {
+    let wi = front(si);
+    if let Some(rough) = passed(si, wo) {
+        if let Some(h) = rough.facet(si.ns, wi, wo) {
+            let d_values = d_followed(si, h, &rough.d_direction(h, wi, d_wo), adj);
+            d_inputs(out, si, &d_values, adj);
+        }
+        return;
+    }
+    let h = (wi + wo).normalize_or_zero();
+    d_attached(si, h, Vec3::ZERO, d_wo, Vec3::ZERO, adj);
+}
+
+/// The rough interface that light passes towards `wo`; `None` where it does not pass.
+fn passed(si: &SurfaceInteraction, wo: Vec3) -> Option<RoughDielectric> {
+    match si.bsdf {
+        Bsdf::RoughDielectric(rough) if si.ns.dot(wo) < 0.0 => Some(rough),
+        _ => None,
+    }
+}
+
+/// Passes the adjoint of a facet `h` that lets light through on to the vertex, with whose normal it turns; returns that of the inputs.
+fn d_followed(si: &SurfaceInteraction, h: Vec3, d: &FollowedAdjoint, adj: &mut VertexAdjoint) -> [Vec3; MAX_INPUTS] {
+    adj.ns += d.n + h.cross(d.h).cross(si.ns);
+    d_front(si, d.wi, adj);
+    let mut d_values = [Vec3::ZERO; MAX_INPUTS];
+    (d_values[0].x, d_values[1].x) = (d.ior, d.roughness);
+    d_values
+}
+
+/// Adjoint of [`front`].
+fn d_front(si: &SurfaceInteraction, mut d_wi: Vec3, adj: &mut VertexAdjoint) {
+    let ci = si.ns.dot(si.wi);
     if ci < 0.0 {
         // Here `wi` was mirrored at the tangent plane.
         let along = si.ns.dot(d_wi);
@@ -193,12 +238,6 @@ fn d_attached(si: &SurfaceInteraction, h: Vec3, mut d_h: Vec3, d_wo: Vec3, mut d
         d_wi -= si.ns * (2.0 * along);
     }
     adj.wi += d_wi;
-}
-
-/// Adjoint of the direction `wo` of an attached lobe.
-pub fn d_attached_direction(si: &SurfaceInteraction, wo: Vec3, d_wo: Vec3, adj: &mut VertexAdjoint) {
-    let h = (front(si).0 + wo).normalize_or_zero();
-    d_attached(si, h, Vec3::ZERO, d_wo, Vec3::ZERO, adj);
 }
 
 /// Adjoint of the specular part of [`SurfaceInteraction::eval`] for an attached direction. The half vector is sampled and turns with the
@@ -213,7 +252,13 @@ pub fn d_eval_attached(
 ) -> [Vec3; MAX_INPUTS] {
     let (d_direction, d_values) =
         d_eval_with(si, wo, Some(Part::Specular), d_f, adj, |d| si.bsdf.d_eval_attached(si.ns, si.wi, wo, d));
-    let wi = front(si).0;
+    let wi = front(si);
+    if let Some(rough) = passed(si, wo) {
+        // What `d_eval_attached` leaves to be done here: facets that let light through.
+        let Some(h) = rough.facet(si.ns, wi, wo) else { return d_values };
+        let d_log = d_f.dot(si.eval_part(Part::Specular, wo));
+        return d_followed(si, h, &rough.d_followed(si.ns, wi, wo, d_log, d_wo + d_direction), adj);
+    }
     let h = (wi + wo).normalize_or_zero();
     let h_wi = h.dot(wi);
     if h_wi <= 0.0 {

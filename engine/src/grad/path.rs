@@ -8,7 +8,7 @@
 //! are direction-fixed (a hit point slides over its surface as things move), emission is material-fixed (a point of a
 //! light keeps its barycentric coordinates, one of the environment, or of its peak, turns with it), perfect mirrors and narrow lobes are
 //! attached (their directions follow the normal). What is seen through an attached direction slides, emission included. So does all
-//! light at a vertex that the camera sees by way of glass: from a light no path leads back to the camera. Sampling
+//! light at a vertex that the camera sees by way of smooth glass: from a light no path leads back to the camera. Sampling
 //! densities, MIS weights and Russian roulette are constants.
 
 use glam::Vec3;
@@ -69,7 +69,7 @@ impl Path {
         &self.crossings[from as usize..to as usize]
     }
 
-    /// Whether a path passes glass before its vertex `k`.
+    /// Whether a path passes smooth glass before its vertex `k`.
     pub fn is_behind_glass(&self, k: usize) -> bool {
         self.vertices[..k].iter().any(|v| matches!(v.si.bsdf, Bsdf::Dielectric(_)))
     }
@@ -157,7 +157,7 @@ pub fn inject(out: &mut Adjoints, path: &Path, injection: &Injection) -> RayAdjo
         if k == injection.vertex {
             adj.p = injection.d_p;
             if injection.d_dir != Vec3::ZERO {
-                d_attached_direction(&v.si, injection.dir, injection.d_dir, &mut adj);
+                d_attached_direction(out, &v.si, injection.dir, injection.d_dir, &mut adj);
             }
         } else if let Some(c) = v.continuation.as_ref().filter(|c| c.lobe.is_delta()) {
             ray = d_specular_ray(out, &v.si, v.t, c.lobe, ray);
@@ -165,7 +165,7 @@ pub fn inject(out: &mut Adjoints, path: &Path, injection: &Injection) -> RayAdjo
         } else {
             adj.p = ray.origin;
             if let Some(c) = v.continuation.as_ref().filter(|c| c.attached) {
-                d_attached_direction(&v.si, c.dir, ray.dir, &mut adj);
+                d_attached_direction(out, &v.si, c.dir, ray.dir, &mut adj);
             }
         }
         ray = d_intersection(out, &v.si, v.t, adj);

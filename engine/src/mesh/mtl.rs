@@ -326,14 +326,18 @@ impl Mtl {
         });
         let mask = mask.filter(|_| clear.is_none());
         let normals = normals.filter(|_| clear.is_none());
+        // Converts a Blinn-Phong exponent to the roughness of a lobe of the same width: α² = 2/(Ns + 2), α = roughness². Glass is smooth.
+        let roughness = match clear {
+            Some(_) => 0.0,
+            None => number(&roughness_image, self.roughness.or(self.exponent.map(from_exponent)), 1.0),
+        };
         let opacity = if clear.is_some() { Some(1.0) } else { self.opacity };
         let opacity = unit(opacity.or(self.transparency.map(|t| 1.0 - t)).unwrap_or(1.0));
         let material = LoadedMaterial {
             name: name.to_string(),
             base_color: beside(&base_color_image, self.diffuse, Vec3::ONE),
             metallic: number(&metallic_image, self.metallic, 0.0),
-            // Converts a Blinn-Phong exponent to the roughness of a lobe of the same width: α² = 2/(Ns + 2), α = roughness².
-            roughness: number(&roughness_image, self.roughness.or(self.exponent.map(from_exponent)), 1.0),
+            roughness,
             specular: self.reflectance(),
             emissive: beside(&emissive_image, self.emissive, Vec3::ZERO),
             opacity: match mask {
@@ -346,7 +350,7 @@ impl Mtl {
             },
             base_color_image,
             metallic_image,
-            roughness_image,
+            roughness_image: roughness_image.filter(|_| clear.is_none()),
             emissive_image,
             clear,
             coat,

@@ -2,17 +2,17 @@
 
 use crate::render::Blend;
 
+use super::scene::no_layer;
 use super::value::{Input, MaterialValue};
 use super::{NativeError, Result};
 
 /// Two materials in one: `weight` is the share of the second. An error is at the place of the material that cannot be blended.
 pub fn blended(first: &MaterialValue, second: &MaterialValue, weight: Input) -> Result<MaterialValue> {
     for (i, material) in [first, second].into_iter().enumerate() {
-        let name = material.kind.name();
         let (message, help) = if material.blend.is_some() {
             ("this material is a blend already, and a blend has two materials".to_owned(), None)
-        } else if material.kind.is_delta() {
-            let message = format!("`{name}` scatters light in single directions, which cannot be blended");
+        } else if !material.kind.is_layer() {
+            let message = format!("{}, which cannot be blended", no_layer(material));
             (message, Some("`conductor(roughness: 0, …)` has a lobe, however narrow"))
         } else if material.opacity.is_some() {
             ("this material has a mask".to_owned(), Some("give the blend the mask: `mask(blend(…), opacity: …)`"))

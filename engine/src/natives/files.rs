@@ -162,7 +162,8 @@ fn appearance(loaded: &LoadedMaterial) -> Appearance {
         let material = match clear {
             Clear::Body { ior, absorption } => {
                 let absorption = (absorption != glam::Vec3::ZERO).then(|| color(absorption));
-                MaterialKind::Dielectric { ior: number(ior), absorption }.into()
+                let roughness = (loaded.roughness > 0.0).then(|| texels(loaded.roughness_texels()));
+                MaterialKind::Dielectric { ior: number(ior), roughness, absorption }.into()
             }
             Clear::Pane(ior) => {
                 MaterialKind::ThinDielectric { ior: number(ior), tint: texels(loaded.base_color_texels()) }.into()

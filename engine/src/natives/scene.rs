@@ -34,8 +34,8 @@ pub(super) const TABLE: &[(&str, Native)] = &[
     ("cloth", |a| material(a, &MaterialKind::Cloth { diffuse: (), sheen: (), roughness: () })),
     ("mirror", |a| material(a, &MaterialKind::Mirror { reflectance: () })),
     ("dielectric", |a| {
-        let absorption = a.named("absorption").map(|_| ());
-        material(a, &MaterialKind::Dielectric { ior: (), absorption })
+        let [roughness, absorption] = ["roughness", "absorption"].map(|name| a.named(name).map(|_| ()));
+        material(a, &MaterialKind::Dielectric { ior: (), roughness, absorption })
     }),
     ("thin_dielectric", |a| material(a, &MaterialKind::ThinDielectric { ior: (), tint: () })),
     ("principled", |a| {
@@ -288,9 +288,8 @@ fn normal_map(a: &Args) -> Result<Value> {
     if inner.normals.is_some() {
         return Err(NativeError::at(0, "this material has a normal map already"));
     }
-    if inner.kind.is_delta() {
-        let message =
-            format!("`{}` scatters light in single directions, which normal maps do not tilt", inner.kind.name());
+    if !inner.kind.is_layer() {
+        let message = format!("{}, which normal maps do not tilt", no_layer(&inner));
         return Err(NativeError::at(0, message).help("`conductor(roughness: 0.05, …)` has a lobe that they do"));
     }
     let normals = material_input(a, NORMALS)?;
@@ -312,12 +311,18 @@ fn coated(a: &Args) -> Result<Value> {
         return Err(NativeError::at(0, "a coat lies over one material, and this is a blend of two")
             .help("coat both: `blend(coated(a), coated(b), weight: …)`"));
     }
-    if inner.kind.is_delta() {
-        let message = format!("`{}` scatters light in single directions, which no coat covers", inner.kind.name());
+    if !inner.kind.is_layer() {
+        let message = format!("{}, which no coat covers", no_layer(&inner));
         return Err(NativeError::at(0, message).help("`conductor(roughness: 0, …)` has a lobe that a coat can cover"));
     }
     let coat = ClearCoat { weight: material_input(a, COAT)?, roughness: material_input(a, COAT_ROUGHNESS)? };
     Ok(Value::Material(Arc::new(MaterialValue { coat: Some(coat), ..(*inner).clone() })))
+}
+
+/// Why a material has no coat, no normal map and no place in a blend.
+pub(super) fn no_layer(material: &MaterialValue) -> String {
+    let does = if material.kind.is_delta() { "scatters light in single directions" } else { "lets light through" };
+    format!("`{}` {does}", material.kind.name())
 }
 
 fn material_of(a: &Args, index: usize) -> Result<Arc<MaterialValue>> {

@@ -33,6 +33,22 @@ impl Scene {
         if self.absorbs() { self.attenuated(&self.around(p), distance) } else { Vec3::ONE }
     }
 
+    /// [`Scene::attenuated`] on a way that begins at a surface, which may be that of rough glass.
+    pub(crate) fn attenuation_after(&self, si: &SurfaceInteraction, dir: Vec3, distance: f32) -> Vec3 {
+        self.inside_after(si, dir).map_or(Vec3::ONE, |inside| self.attenuated(&inside, distance))
+    }
+
+    /// The bodies in which light is that leaves a surface in a direction, by a lobe; `None` where no body absorbs any.
+    pub(crate) fn inside_after(&self, si: &SurfaceInteraction, dir: Vec3) -> Option<Inside> {
+        self.absorbs().then(|| {
+            let mut inside = self.in_front_of(si);
+            if si.bsdf.is_rough_dielectric() && si.side(dir) < 0.0 {
+                self.pass(&mut inside, si);
+            }
+            inside
+        })
+    }
+
     /// The bodies around a point that lies on no surface of glass.
     pub(crate) fn around(&self, p: Vec3) -> Inside {
         self.around_but(p, None)

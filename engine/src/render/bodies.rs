@@ -140,7 +140,7 @@ mod tests {
     fn boxes_tell_of_closed_bodies_only() {
         let body = |mesh: Mesh| {
             let absorption = Some(Input::Texture(0));
-            let material = MaterialKind::Dielectric { ior: Input::Texture(0), absorption }.into();
+            let material = MaterialKind::Dielectric { ior: Input::Texture(0), roughness: None, absorption }.into();
             let shapes = vec![Shape { mesh, material, emission: None }];
             let textures = vec![Texture::constant(Vec3::ONE)];
             bodies(&SceneDescription { shapes, textures, ..Default::default() })[0]

@@ -24,6 +24,7 @@ mod model;
 mod phong;
 mod plastic;
 mod principled;
+mod rough_dielectric;
 mod sheen;
 
 use std::convert::Infallible;
@@ -47,6 +48,7 @@ use self::microfacet::Ggx;
 use self::phong::Phong;
 use self::plastic::Plastic;
 use self::principled::{MAX_SPECULAR, Principled};
+pub use self::rough_dielectric::{FollowedAdjoint, RoughDielectric};
 use self::sheen::Sheen;
 use super::material::{Blend, ClearCoat, Input, InputField, MAX_INPUTS, MODEL_INPUTS, Material, MaterialKind};
 
@@ -65,6 +67,7 @@ pub enum Bsdf {
     Diffuse { reflectance: Vec3 },
     Mirror { reflectance: Vec3 },
     Dielectric(Dielectric),
+    RoughDielectric(RoughDielectric),
     Layer(Layer),
     Blended(Blended),
 }
@@ -108,6 +111,8 @@ pub struct Lobe {
 impl Lobe {
     pub const DIFFUSE: Lobe = Lobe { width: Width::Diffuse, side: Side::Reflect };
     pub const GLOSSY: Lobe = Lobe { width: Width::Glossy, side: Side::Reflect };
+    /// What a rough interface lets through.
+    pub const GLOSSY_REFRACTED: Lobe = Lobe { width: Width::Glossy, side: Side::Transmit };
     /// A mirror's reflection.
     pub const SPECULAR: Lobe = Lobe { width: Width::Delta, side: Side::Reflect };
     /// What a smooth interface lets through.
@@ -237,7 +242,19 @@ impl<I> Material<I> {
 impl<I> MaterialKind<I> {
     /// Whether such a material scatters light in single directions only.
     pub fn is_delta(&self) -> bool {
-        matches!(self, MaterialKind::Mirror { .. }) || self.is_clear()
+        use MaterialKind::{Dielectric, Mirror, ThinDielectric};
+        matches!(self, Mirror { .. } | Dielectric { roughness: None, .. } | ThinDielectric { .. })
+    }
+
+    /// Whether a coat may cover such a material, another be blended with it and a normal map tilt it: its lobes have a width, and lie on one
+    /// side of the surface.
+    pub fn is_layer(&self) -> bool {
+        !self.is_delta() && !self.is_clear()
+    }
+
+    /// Whether such a material is glass with a smooth surface, which lets light through in single directions.
+    pub fn is_smooth_glass(&self) -> bool {
+        self.is_clear() && self.is_delta()
     }
 
     /// Whether such a material lets light through.
@@ -256,8 +273,11 @@ impl Bsdf {
             MaterialKind::Black => Bsdf::Black,
             MaterialKind::Diffuse { reflectance } => Bsdf::Diffuse { reflectance },
             MaterialKind::Mirror { reflectance } => Bsdf::Mirror { reflectance },
-            MaterialKind::Dielectric { ior, .. } => {
+            MaterialKind::Dielectric { ior, roughness: None, .. } => {
                 Bsdf::Dielectric(Dielectric { ior: index(ior), tint: Vec3::ONE, is_pane: false })
+            }
+            MaterialKind::Dielectric { ior, roughness: Some(roughness), .. } => {
+                Bsdf::RoughDielectric(RoughDielectric::new(index(ior), ggx_roughness(roughness)))
             }
             MaterialKind::ThinDielectric { ior, tint } => {
                 Bsdf::Dielectric(Dielectric { ior: index(ior), tint, is_pane: true })
@@ -355,8 +375,33 @@ impl Bsdf {
 
     /// Whether the specular lobe is so narrow that derivatives are taken with the half vector attached to the shading normal: sampled
     /// directions turn with the surface. With α < 0.2 this has less variance than fixed directions, with larger α more.
+    ///
+    /// Those of a rough dielectric always do: what is seen through it moves with its index and its normals, as through a smooth one.
     pub fn is_attached(&self) -> bool {
-        !self.is_delta() && self.roughness_alpha().is_some_and(|alpha| alpha < ATTACHED_ALPHA)
+        self.is_rough_dielectric()
+            || !self.is_delta() && self.roughness_alpha().is_some_and(|alpha| alpha < ATTACHED_ALPHA)
+    }
+
+    /// The same for light that comes from outside of a body, or from inside.
+    #[inline(always)]
+    pub fn seen_from(self, outside: bool) -> Bsdf {
+        match self {
+            Bsdf::RoughDielectric(rough) => Bsdf::RoughDielectric(rough.seen_from(outside)),
+            other => other,
+        }
+    }
+
+    #[inline]
+    pub fn is_rough_dielectric(&self) -> bool {
+        matches!(self, Bsdf::RoughDielectric(_))
+    }
+
+    /// The index on the side of `wo` over that on the side of `wi`, of a surface that has let light through.
+    pub fn eta(&self) -> f32 {
+        match self {
+            Bsdf::RoughDielectric(rough) => rough.eta(),
+            _ => 1.0,
+        }
     }
 
     /// The probability with which a path chooses the specular part of the BSDF, given the values `diffuse` and `specular` of both parts. It
@@ -370,7 +415,7 @@ impl Bsdf {
         }
     }
 
-    /// The value of the BSDF times |cos θo|. Zero for `wo` below the surface.
+    /// The value of the BSDF times |cos θo|. Zero for `wo` below the surface, but for that of a rough dielectric.
     #[inline(always)]
     pub fn eval(&self, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
         match *self {
@@ -382,6 +427,7 @@ impl Bsdf {
     #[inline(never)]
     fn eval_parts(&self, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
         match self {
+            Bsdf::RoughDielectric(rough) => rough.eval_and_pdf(n, wi, wo).0,
             _ if n.dot(wo) <= 0.0 => Vec3::ZERO,
             Bsdf::Layer(layer) => layer.eval(&Angles::new(n, wi, wo)),
             Bsdf::Blended(blended) => blended.eval(&Angles::new(n, wi, wo)),
@@ -394,6 +440,7 @@ impl Bsdf {
     pub fn eval_and_pdf(&self, n: Vec3, wi: Vec3, wo: Vec3) -> (Vec3, f32) {
         let co = n.dot(wo);
         match *self {
+            Bsdf::RoughDielectric(rough) => rough.eval_and_pdf(n, wi, wo),
             _ if co <= 0.0 => (Vec3::ZERO, 0.0),
             Bsdf::Diffuse { reflectance } => (lambertian(reflectance, co), cosine_hemisphere_pdf(co)),
             _ => self.eval_and_pdf_at(&Angles::new(n, wi, wo)),
@@ -412,6 +459,7 @@ impl Bsdf {
     pub fn eval_part(&self, part: Part, n: Vec3, wi: Vec3, wo: Vec3) -> Vec3 {
         let co = n.dot(wo);
         match (self, part) {
+            (Bsdf::RoughDielectric(rough), Part::Specular) => rough.eval_and_pdf(n, wi, wo).0,
             _ if co <= 0.0 => Vec3::ZERO,
             (Bsdf::Diffuse { reflectance }, Part::Diffuse) => lambertian(*reflectance, co),
             (Bsdf::Layer(Layer::Bare(lobes)), Part::Diffuse) => lobes.eval_base(n.dot(wi).abs(), co),
@@ -427,6 +475,7 @@ impl Bsdf {
     /// Adjoint of [`Bsdf::eval_part`]: `d_f` is the derivative in its RGB result.
     pub fn d_eval_part(&self, part: Part, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
         match (self, part) {
+            (Bsdf::RoughDielectric(rough), Part::Specular) => rough.d_eval(n, wi, wo, d_f),
             _ if n.dot(wo) <= 0.0 => BsdfAdjoint::default(),
             (Bsdf::Diffuse { reflectance }, Part::Diffuse) => d_lambertian(*reflectance, n, wo, d_f),
             _ => self.d_eval_lobes(part, n, wi, wo, d_f, false),
@@ -449,6 +498,7 @@ impl Bsdf {
     /// distribution is constant.
     pub fn d_eval_attached(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
         match self {
+            Bsdf::RoughDielectric(rough) => rough.d_reflected(n, wi, wo, d_f, true),
             _ if n.dot(wo) <= 0.0 => BsdfAdjoint::default(),
             _ => self.d_eval_lobes(Part::Specular, n, wi, wo, d_f, true),
         }
@@ -456,6 +506,9 @@ impl Bsdf {
 
     /// Adjoint of [`Bsdf::eval`].
     pub fn d_eval(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3) -> BsdfAdjoint {
+        if let Bsdf::RoughDielectric(rough) = self {
+            return rough.d_eval(n, wi, wo, d_f);
+        }
         let mut out = self.d_eval_part(Part::Diffuse, n, wi, wo, d_f);
         if matches!(self, Bsdf::Layer(_) | Bsdf::Blended(_)) {
             let specular = self.d_eval_part(Part::Specular, n, wi, wo, d_f);
@@ -484,6 +537,7 @@ impl Bsdf {
         // A normal of the microfacets, or a direction.
         let facet = match self {
             Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Dielectric(_) => return None,
+            Bsdf::RoughDielectric(rough) => return rough.sample(wi, u),
             Bsdf::Diffuse { .. } => None,
             Bsdf::Layer(Layer::Bare(lobes)) => return sample_lobes(lobes, wi, square, u[2]),
             Bsdf::Layer(Layer::Coated(coated)) => coated.sample_facet(wi, square, u[2]),
@@ -507,6 +561,7 @@ impl Bsdf {
     pub fn pdf(&self, n: Vec3, wi: Vec3, wo: Vec3) -> f32 {
         let co = n.dot(wo);
         match self {
+            Bsdf::RoughDielectric(rough) => rough.eval_and_pdf(n, wi, wo).1,
             _ if co <= 0.0 => 0.0,
             Bsdf::Diffuse { .. } => cosine_hemisphere_pdf(co),
             _ => self.pdf_of_lobes(&Angles::new(n, wi, wo)),
@@ -542,7 +597,7 @@ impl Bsdf {
     pub fn albedo(&self) -> Vec3 {
         match *self {
             Bsdf::Diffuse { reflectance } | Bsdf::Mirror { reflectance } => reflectance,
-            Bsdf::Dielectric(_) => Vec3::ONE,
+            Bsdf::Dielectric(_) | Bsdf::RoughDielectric(_) => Vec3::ONE,
             Bsdf::Layer(layer) => layer.albedo(),
             Bsdf::Blended(blended) => blended.albedo(),
             Bsdf::Black => Vec3::ZERO,
@@ -556,7 +611,7 @@ impl Bsdf {
             Bsdf::Diffuse { .. } | Bsdf::Mirror { .. } => d[0] = d_albedo,
             Bsdf::Layer(layer) => d = layer.d_albedo(d_albedo),
             Bsdf::Blended(blended) => d = blended.d_albedo(d_albedo),
-            Bsdf::Black | Bsdf::Dielectric(_) => {}
+            Bsdf::Black | Bsdf::Dielectric(_) | Bsdf::RoughDielectric(_) => {}
         }
         d
     }
@@ -567,6 +622,7 @@ impl Bsdf {
         match self {
             Bsdf::Black | Bsdf::Diffuse { .. } => None,
             Bsdf::Mirror { .. } | Bsdf::Dielectric(_) => Some(0.0),
+            Bsdf::RoughDielectric(rough) => Some(rough.alpha()),
             Bsdf::Layer(layer) => Some(layer.alpha()),
             Bsdf::Blended(blended) => Some(blended.alpha()),
         }
@@ -580,6 +636,7 @@ impl Bsdf {
             Bsdf::Diffuse { reflectance } => [luminance(reflectance.abs()), 0.0],
             Bsdf::Layer(layer) => layer.lobe_albedos(ci),
             Bsdf::Blended(blended) => blended.lobe_albedos(ci),
+            Bsdf::RoughDielectric(_) => [0.0, 1.0],
             Bsdf::Black | Bsdf::Mirror { .. } | Bsdf::Dielectric(_) => [0.0; 2],
         }
     }

@@ -96,6 +96,7 @@ impl Scene {
             Some(bsdf) => bsdf,
             None => self.bsdf(&self.description.shapes[facet.shape as usize].material, prim, b),
         };
+        let bsdf = if self.has_glass { bsdf.seen_from(flip > 0.0) } else { bsdf };
         let emission =
             if shading.emits && (shading.two_sided || flip > 0.0) { self.emitted(prim, b) } else { Vec3::ZERO };
         SurfaceInteraction {
@@ -241,10 +242,8 @@ impl SurfaceInteraction {
     /// One part of [`SurfaceInteraction::eval`].
     #[inline]
     pub fn eval_part(&self, part: Part, wo: Vec3) -> Vec3 {
-        if self.ns.dot(wo) <= 0.0 {
-            return Vec3::ZERO;
-        }
-        self.bsdf.eval_part(part, self.ns, self.wi, wo) * self.terminator(wo)
+        let f = self.bsdf.eval_part(part, self.ns, self.wi, wo);
+        if self.bends() { f * self.terminator(wo) } else { f }
     }
 
     /// The value towards `wo` split into the part that is differentiated with a fixed direction and the part with an attached one.
@@ -335,6 +334,20 @@ impl SurfaceInteraction {
         Some((if height > 0.0 { dir - self.ng * (2.0 * height) } else { dir }).normalize())
     }
 
+    /// Of rough glass, the direction in which a smooth one would refract `wi`, and the width α of a reflecting lobe as wide as that around this
+    /// direction. Where the facets that lie flat reflect all light there is none.
+    pub fn refracted_lobe(&self) -> Option<(f32, Vec3)> {
+        let Bsdf::RoughDielectric(rough) = self.bsdf else { return None };
+        let (n, eta) = (self.normal_to_wi(), rough.eta());
+        let dir = refract(n, self.wi, eta)?;
+        // A facet that turns by an angle turns a reflection by twice that, or 2c across the plane of incidence, and what passes by |1 − c/(ηs)| or
+        // |c/η − s|. Tails are longer than those of a reflection.
+        const TAILS: f32 = 1.3;
+        let (c, s) = (n.dot(self.wi).max(1e-3), n.dot(dir).abs().max(1e-3));
+        let width = 0.5 * (1.0 - c / (eta * s)).abs().max((c / eta - s).abs() / c);
+        Some((rough.alpha() * (TAILS * width).clamp(0.05, 1.0), dir))
+    }
+
     /// The shading normal, or its opposite where it is turned away from `wi`.
     pub fn normal_to_wi(&self) -> Vec3 {
         if self.ns.dot(self.wi) < 0.0 { -self.ns } else { self.ns }
@@ -361,7 +374,24 @@ impl SurfaceInteraction {
 
     #[inline]
     fn terminator(&self, wo: Vec3) -> f32 {
-        if self.bends() { terminator(self.ng.dot(wo), self.ns.dot(wo), self.ng.dot(self.ns)) } else { 1.0 }
+        let side = self.side(wo);
+        if self.bends() {
+            terminator(self.ng.dot(wo) * side, self.ns.dot(wo) * side, self.ng.dot(self.ns))
+        } else {
+            1.0
+        }
+    }
+
+    /// 1 for a direction on the side of the shading normal, −1 for one on the other side, where only what is clear has lobes.
+    #[inline(always)]
+    pub fn side(&self, wo: Vec3) -> f32 {
+        if self.ns.dot(wo) < 0.0 { -1.0 } else { 1.0 }
+    }
+
+    /// Whether a direction is on the same side of the surface by both normals, the geometric one and that of shading.
+    #[inline(always)]
+    pub fn sides_agree(&self, wo: Vec3) -> bool {
+        self.ng.dot(wo) * self.side(wo) > 0.0
     }
 }
 

@@ -127,11 +127,13 @@ pub enum MaterialKind<I = Input> {
         /// The share of the light that is reflected, the same at all angles, RGB in [0, 1].
         reflectance: I,
     },
-    /// A smooth interface of glass, water or another clear body: reflects and refracts by the exact Fresnel equations. Its meshes are closed, or
+    /// The interface of glass, water or another clear body: reflects and refracts by the exact Fresnel equations. Its meshes are closed, or
     /// reach beyond everything else; normals by the right-hand rule point out of the body.
     Dielectric {
         /// The refractive index of the inside relative to the outside, from 1 to 10: 1.5 for glass, 1.33 for water.
         ior: I,
+        /// Of ground glass, from 0, polished, to 1; α = roughness². `None` for a smooth interface, which has single directions instead of lobes.
+        roughness: Option<I>,
         /// The absorption of the inside per unit length, RGB of at least 0, the same everywhere; `None` for a body that absorbs nothing.
         absorption: Option<I>,
     },
@@ -213,8 +215,9 @@ impl<I> MaterialKind<I> {
             MaterialKind::Mirror { reflectance } => {
                 MaterialKind::Mirror { reflectance: make("reflectance", Color, reflectance)? }
             }
-            MaterialKind::Dielectric { ior, absorption } => MaterialKind::Dielectric {
+            MaterialKind::Dielectric { ior, roughness, absorption } => MaterialKind::Dielectric {
                 ior: make("ior", Index, ior)?,
+                roughness: roughness.as_ref().map(|roughness| make("roughness", Fraction, roughness)).transpose()?,
                 absorption: absorption.as_ref().map(|absorption| make("absorption", Color, absorption)).transpose()?,
             },
             MaterialKind::ThinDielectric { ior, tint } => {

@@ -200,18 +200,18 @@ fn validate_inputs(shape: &Shape, textures: &[Texture]) -> Result<(), String> {
             return Err("the absorption of a body is the same everywhere, and at least 0".into());
         }
     }
-    if shape.material.coat.is_some() && shape.material.kind.is_delta() {
+    if shape.material.coat.is_some() && !shape.material.kind.is_layer() {
         return Err(format!("a coat covers lobes that have a width, and `{}` has none", shape.material.kind.name()));
     }
     if let Some(blend) = &shape.material.blend {
         for kind in [&shape.material.kind, &blend.kind] {
-            if kind.is_delta() || *kind == MaterialKind::Black {
+            if !kind.is_layer() || *kind == MaterialKind::Black {
                 return Err(format!("a blend is of lobes that have a width, and `{}` has none", kind.name()));
             }
         }
     }
     if let Some(normals) = shape.material.normals {
-        if shape.material.kind.is_delta() {
+        if !shape.material.kind.is_layer() {
             return Err(format!(
                 "a normal map tilts lobes that have a width, and `{}` has none",
                 shape.material.kind.name()

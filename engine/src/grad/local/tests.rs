@@ -473,7 +473,7 @@ fn directions_that_turn_with_a_normal_match_the_dual_number_twin() {
         if i % 2 == 0 {
             d_mirrored(si, d_dir, &mut adj);
         } else {
-            d_attached_direction(si, dir, d_dir, &mut adj);
+            d_attached_direction(&mut out, si, dir, d_dir, &mut adj);
         }
         let ray = d_intersection(&mut out, si, hit.t, adj);
         let seen = moving.radiance(moving.in_map(turning.0));

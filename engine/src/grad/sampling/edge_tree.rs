@@ -124,6 +124,18 @@ impl Query {
         Query { prim: si.prim, ng: si.ng, diffuse, glossy, sees_emission, ..Query::around(si.p) }
     }
 
+    /// What a point of rough glass sees through it, rather than by reflection.
+    pub fn through(si: &SurfaceInteraction) -> Query {
+        let reflected = Query::new(si);
+        let lobe = si.refracted_lobe().map(|(alpha, dir)| {
+            let mirrored = si.ns * (2.0 * si.ns.dot(dir)) - dir;
+            Lobe::new(alpha, -si.ns, mirrored)
+        });
+        let glossy = lobe.map(|lobe| (lobe, lobe.albedo)).filter(|g| g.1 > 0.0);
+        let diffuse = glossy.map_or(1.0, |g| DEFENSIVE * g.1);
+        Query { ng: -si.ng, diffuse, glossy, ..reflected }
+    }
+
     /// A point of a light that shines past edges.
     pub fn from_light(light: &LightSample) -> Query {
         let distant = !matches!(light.kind, LightKind::Area | LightKind::Point(_));

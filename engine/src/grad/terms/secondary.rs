@@ -23,6 +23,7 @@ use crate::grad::sampling::guide::{Guide, GuideKey, GuideTraining};
 use crate::grad::sampling::pixels::{self, FilmDensity};
 use crate::grad::sink::{Adjoints, Layout};
 use crate::render::accel::{PrimId, Ray};
+use crate::render::bodies::Inside;
 use crate::render::bsdf::Lobe;
 use crate::render::edges::{Edge, EdgeTable, EdgeView};
 use crate::render::integrator::{Options, Recorder, Start, trace};
@@ -107,6 +108,9 @@ impl Recorder for SideRadiance {
         }
     }
 }
+
+/// How often edges are looked for through rough glass rather than in its reflections.
+const PASSES: f32 = 0.75;
 
 impl<'a> Secondary<'a> {
     /// `None` if path vertices can see nothing but lights.
@@ -294,16 +298,30 @@ impl<'a> Secondary<'a> {
         sampler: &mut Sampler,
     ) -> Option<EdgePoint> {
         let si = &vertices.last()?.si;
+        // Rough glass sees edges on both of its sides, each with a query of its own.
+        let side = (si.bsdf.is_rough_dielectric() && !matches!(route, Route::Curved(_))).then(|| {
+            let passes = sampler.next_1d() < PASSES;
+            (passes, if passes { PASSES } else { 1.0 - PASSES })
+        });
+        let of_surface = || if side.is_some_and(|(passes, _)| passes) { Query::through(si) } else { Query::new(si) };
         let query = match route {
-            Route::Direct => Query::new(si),
-            Route::Flat(mirror) => Query::new(si).reflected(mirror),
+            Route::Direct => of_surface(),
+            Route::Flat(mirror) => of_surface().reflected(mirror),
             Route::Curved(tree) => Query::around_mirror(tree.sample(f64::from(sampler.next_1d())), si.p),
         };
         // As seen from a vertex that does not move, only edges that move have a derivative.
         let moves = |prim: PrimId| self.layout.moves(self.scene.prims[prim as usize].shape);
         let still = matches!(route, Route::Direct) && !vertices.iter().any(|v| moves(v.si.prim));
         let tree = self.moving.as_ref().filter(|_| still).unwrap_or(self.tree);
-        tree.sample(self.table, &query, u.to_array(), sampler.next_1d())
+        let mut point = tree.sample(self.table, &query, u.to_array(), sampler.next_1d())?;
+        if let Some((passes, probability)) = side {
+            let p = self.table.edges[point.edge].point(point.s);
+            if (si.side(route.image(p) - si.p) < 0.0) != passes {
+                return None; // the other query finds it
+            }
+            point.pdf *= probability;
+        }
+        Some(point)
     }
 
     /// Connects a shading point to an edge point, if the shading point reflects light from that direction.
@@ -318,7 +336,7 @@ impl<'a> Secondary<'a> {
         let p = edge.point(point.s);
         let reflected = |dir: Vec3| {
             let f = si.eval_split(dir);
-            (f[0] + f[1] != Vec3::ZERO && si.ng.dot(dir) > 0.0).then_some(f)
+            (f[0] + f[1] != Vec3::ZERO && si.sides_agree(dir)).then_some(f)
         };
         if let Route::Curved(tree) = route {
             let CurvedConnection { last, first, area } = self.connect_by_curved_mirror(tree, si, edge, p, sampler)?;
@@ -376,10 +394,11 @@ impl<'a> Secondary<'a> {
 
     /// The radiance from a face of the edge at the shading point. Both sides use the same random numbers.
     fn radiance_on_face(&self, at: &Shading, face: usize, events: u32, sampler: &Sampler) -> SideRadiance {
-        let &Shading { si, edge, point, connection, .. } = at;
+        let &Shading { si, edge, point, connection, dir, .. } = at;
         let [_, beside] = edge.beside(self.scene, face, point.s, connection.whole, -connection.dir);
-        let mut side = self.trace_side(Start::BesideEdge(beside, &edge.below(face, beside.ng)), events, sampler);
-        let attenuation = self.scene.attenuation_from(si.p, connection.distance);
+        let start = Start::BesideEdge(beside, &edge.below(face, beside.ng));
+        let mut side = self.trace_side(start, None, events, sampler);
+        let attenuation = self.scene.attenuation_after(si, dir, connection.distance);
         side.radiance *= attenuation;
         side.emission *= attenuation;
         side
@@ -404,11 +423,13 @@ impl<'a> Secondary<'a> {
                 self.connect(si, route, edge.point(point.s), aside, connection.whole).map(|c| c.ray)
             }
         };
-        ray.map_or_else(SideRadiance::default, |ray| self.trace_side(Start::Ray(ray, skip), events, sampler))
+        let inside = if connection.mirror.is_none() { self.scene.inside_after(si, dir) } else { None };
+        ray.map_or_else(SideRadiance::default, |ray| self.trace_side(Start::Ray(ray, skip), inside, events, sampler))
     }
 
-    fn trace_side(&self, start: Start, events: u32, sampler: &Sampler) -> SideRadiance {
-        let options = Options { first_emission: false, ..Options::new(events) };
+    /// The light that a path finds, which begins within these bodies, if that is known.
+    fn trace_side(&self, start: Start, inside: Option<Inside>, events: u32, sampler: &Sampler) -> SideRadiance {
+        let options = Options { first_emission: false, inside, ..Options::new(events) };
         let mut side = SideRadiance::default();
         side.radiance = trace(self.scene, start, &mut sampler.clone(), &options, &mut side);
         side
@@ -438,6 +459,7 @@ impl<'a> Secondary<'a> {
         if t >= distance {
             return None;
         }
+        let attenuation = self.scene.attenuation_after(si, dir, t);
         let dir = plane.reflect(dir);
         Some(EdgeConnection {
             ray: hit.spawn_ray(dir),
@@ -445,7 +467,7 @@ impl<'a> Secondary<'a> {
             distance: distance - t,
             whole: distance,
             prim: hit.prim,
-            reflectance: hit.bsdf.mirror_reflectance() * through * self.scene.attenuation_from(si.p, t),
+            reflectance: hit.bsdf.mirror_reflectance() * through * attenuation,
             mirror: Some(MirrorVertex { si: hit, curved: None }),
         })
     }
@@ -485,7 +507,7 @@ impl<'a> Secondary<'a> {
         }
         let opacity = scene.opacity(prim, b).unwrap_or(1.0);
         let through = opacity * scene.transmittance(&si.spawn_ray_to(first, before), &[si.prim, prim]);
-        let through = scene.attenuation_from(si.p, before) * through;
+        let through = scene.attenuation_after(si, first, before) * through;
         let reflectance = mirror_si.bsdf.mirror_reflectance() * through * specular_paths.len() as f32;
         let area = patch.area_per_solid_angle(place, f64::from(before), f64::from(distance)) as f32;
         let mirror = Some(MirrorVertex { si: mirror_si, curved: Some([before, distance]) });

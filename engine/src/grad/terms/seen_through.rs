@@ -105,8 +105,8 @@ impl<'a> SeenThrough<'a> {
         layout: &'a Layout,
         adjoint: &Image,
     ) -> Option<SeenThrough<'a>> {
-        let table = scene.edges();
-        let chains = scene.has_glass || !mirrors.show_no_mirror();
+        let (table, shapes) = (scene.edges(), &scene.description.shapes);
+        let chains = shapes.iter().any(|s| s.material.kind.is_smooth_glass()) || !mirrors.show_no_mirror();
         if settings.output != Output::Radiance || settings.max_bounces == 0 || scene.masked || !chains {
             return None;
         }

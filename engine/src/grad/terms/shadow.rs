@@ -302,7 +302,7 @@ impl<'a> Shadows<'a> {
             if si.bsdf.is_black() {
                 break;
             }
-            // What the camera sees by way of glass belongs to the receiver-first estimator.
+            // What the camera sees by way of smooth glass belongs to the receiver-first estimator.
             if matches!(si.bsdf, Bsdf::Dielectric(_)) {
                 break;
             }
@@ -326,8 +326,11 @@ impl<'a> Shadows<'a> {
                 let local = Vec3::new(local.x, local.y, local.z.abs());
                 let Some((wo, pdf)) = sample_direction(&si.bsdf, local, sampler) else { break };
                 let away = frame.to_world(wo).normalize();
-                if si.ng.dot(away) <= 0.0 {
+                if !si.sides_agree(away) {
                     break;
+                }
+                if si.side(away) < 0.0 && scene.absorbs() {
+                    scene.pass(&mut walk.inside, &si);
                 }
                 let si = scene.interaction(prim, b, away);
                 let Some(scattered) = self.scatter(&si, towards, bounce, &light, sampler) else { break };
@@ -379,7 +382,7 @@ struct ShadowSample<'a> {
 struct Walk {
     vertices: Vec<WalkVertex>,
     weight: Vec3,
-    /// The bodies in which all of it is: no walk passes glass.
+    /// The bodies in which it is before its latest vertex; walks pass no other glass than rough one.
     inside: Inside,
 }
 
@@ -436,7 +439,12 @@ impl Shadows<'_> {
         }
         let si = self.scene.interaction(end.prim, end.b, -connection.dir);
         let Some(scattered) = self.scatter(&si, end.towards, end.bounce, &light, sampler) else { return };
-        let seen = connection.throughput * self.scene.attenuated(&walk.inside, connection.distance);
+        let mut inside = walk.inside;
+        if si.side(end.towards) < 0.0 && self.scene.absorbs() {
+            // Light comes from the other side of rough glass, on which the walk has been so far.
+            self.scene.pass(&mut inside, &self.scene.interaction(end.prim, end.b, end.towards));
+        }
+        let seen = connection.throughput * self.scene.attenuated(&inside, connection.distance);
         let m = walk.weight * seen * scattered.ratio * pixels(si.ng);
         if !m.is_finite() || m == Vec3::ZERO {
             return;
@@ -473,7 +481,7 @@ impl Shadows<'_> {
         light: &LightSample,
         sampler: &mut Sampler,
     ) -> Option<Scattered> {
-        let cos = si.ng.dot(towards);
+        let cos = si.ng.dot(towards) * si.side(towards);
         if cos <= 0.0 || si.bsdf.is_delta() {
             return None;
         }
@@ -498,11 +506,12 @@ fn sample_direction(bsdf: &Bsdf, wi: Vec3, sampler: &mut Sampler) -> Option<(Vec
     let u = sampler.next_3d();
     let wo = if sampler.next_1d() < UNIFORM_FRACTION {
         let dir = uniform_sphere([u[0], u[1]]);
-        dir.with_z(dir.z.abs())
+        if bsdf.is_rough_dielectric() { dir } else { dir.with_z(dir.z.abs()) }
     } else {
         bsdf.sample(wi, u)?.wo
     };
-    let pdf = (1.0 - UNIFORM_FRACTION) * bsdf.pdf(Vec3::Z, wi, wo) + UNIFORM_FRACTION * 0.5 * FRAC_1_PI;
+    let hemispheres = if bsdf.is_rough_dielectric() { 2.0 } else { 1.0 };
+    let pdf = (1.0 - UNIFORM_FRACTION) * bsdf.pdf(Vec3::Z, wi, wo) + UNIFORM_FRACTION * 0.5 * FRAC_1_PI / hemispheres;
     Some((wo, pdf))
 }
 
@@ -510,7 +519,7 @@ fn sample_direction(bsdf: &Bsdf, wi: Vec3, sampler: &mut Sampler) -> Option<(Vec
 fn d_step(out: &mut Adjoints, si: &SurfaceInteraction, t: f32, scattered: &Scattered, ray: RayAdjoint) -> RayAdjoint {
     let mut adj = VertexAdjoint { p: ray.origin, ..Default::default() };
     if scattered.attached {
-        d_attached_direction(si, scattered.towards, ray.dir, &mut adj);
+        d_attached_direction(out, si, scattered.towards, ray.dir, &mut adj);
     }
     d_intersection(out, si, t, adj)
 }

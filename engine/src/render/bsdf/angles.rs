@@ -10,9 +10,9 @@ use glam::Vec3;
 pub struct Angles {
     /// |n·wi|: where n·wi < 0, `wi` is mirrored at the tangent plane.
     pub ci: f32,
-    /// n·wo
+    /// n·wo; of light that is refracted to the other side −n·wo.
     pub co: f32,
-    /// wi·h with the half vector h. It equals |wi + wo| / 2.
+    /// wi·h with the half vector h. Of a reflection it equals |wi + wo| / 2.
     pub half: f32,
     /// sin² of the angle between n and h.
     pub sin2: f32,
@@ -80,6 +80,62 @@ impl Angles {
         Angles { ci: wi.z, co: wo.z, half, sin2: across.length_squared().min(1.0), h, across, signed_ci: wi.z }
     }
 
+    /// The same of light that is refracted to `wo`, below the surface, by the index `eta` of that side over that of `wi`: the half vector is the
+    /// normal of the facet that does so, ±(wi + η wo) made of unit length, on the side of `n`.
+    #[inline]
+    pub fn refracted(n: Vec3, wi: Vec3, wo: Vec3, eta: f32) -> Angles {
+        let signed_ci = n.dot(wi);
+        let front = if signed_ci < 0.0 { wi - n * (2.0 * signed_ci) } else { wi };
+        let h = ((front + wo * eta) * (1.0 - eta).signum()).normalize_or_zero();
+        Angles { signed_ci, ..Angles::by_facet(n, front, wo, h) }
+    }
+
+    /// The same where the normal `h` of the facet is known, and `wi` is in front.
+    #[inline]
+    pub fn by_facet(n: Vec3, wi: Vec3, wo: Vec3, h: Vec3) -> Angles {
+        let across = h - n * n.dot(h);
+        let ci = n.dot(wi);
+        let sin2 = across.length_squared().min(1.0);
+        Angles { ci, co: -n.dot(wo), half: wi.dot(h).min(1.0), sin2, h, across, signed_ci: ci }
+    }
+
+    /// The unit half vector.
+    pub fn facet(&self) -> Vec3 {
+        self.h
+    }
+
+    /// Adjoint of [`Angles::refracted`] and of −wo·h, of which `d_y` is the adjoint; also returns that of `eta`.
+    pub fn d_refracted(
+        &self,
+        [n, wi, wo]: [Vec3; 3],
+        eta: f32,
+        d: &AnglesAdjoint,
+        d_y: f32,
+    ) -> (DirectionsAdjoint, f32) {
+        let front = if self.signed_ci < 0.0 { wi - n * (2.0 * self.signed_ci) } else { wi };
+        let d_across = self.across * (2.0 * d.sin2);
+        let d_h = d_across + front * d.half - wo * d_y;
+        // h = ±sum / |sum| with sum = wi + η wo
+        let sum = front + wo * eta;
+        let d_sum = (d_h - self.h * self.h.dot(d_h)) * ((1.0 - eta).signum() / sum.length().max(1e-6));
+        let mut out = DirectionsAdjoint {
+            n: front * d.ci - wo * d.co - d_across * n.dot(self.h),
+            wi: n * d.ci + self.h * d.half + d_sum,
+            wo: d_sum * eta - n * d.co - self.h * d_y,
+        };
+        self.unmirror(n, wi, &mut out);
+        (out, wo.dot(d_sum))
+    }
+
+    /// Passes the adjoint of `wi` mirrored to the front on to `wi` and the normal.
+    fn unmirror(&self, n: Vec3, wi: Vec3, d: &mut DirectionsAdjoint) {
+        if self.signed_ci < 0.0 {
+            let along = n.dot(d.wi);
+            d.n -= (d.wi * self.signed_ci + wi * along) * 2.0;
+            d.wi -= n * (2.0 * along);
+        }
+    }
+
     /// Adjoint of [`Angles::new`].
     pub fn adjoint(&self, n: Vec3, wi: Vec3, wo: Vec3, d: &AnglesAdjoint) -> DirectionsAdjoint {
         let front = if self.signed_ci < 0.0 { wi - n * (2.0 * self.signed_ci) } else { wi };
@@ -92,11 +148,7 @@ impl Angles {
             wi: n * d.ci + d_sum,
             wo: n * d.co + d_sum,
         };
-        if self.signed_ci < 0.0 {
-            let along = n.dot(out.wi);
-            out.n -= (out.wi * self.signed_ci + wi * along) * 2.0;
-            out.wi -= n * (2.0 * along);
-        }
+        self.unmirror(n, wi, &mut out);
         out
     }
 }

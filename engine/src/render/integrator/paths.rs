@@ -446,7 +446,7 @@ impl<const N: usize> Paths<N> {
                 let (si, dir) = (&self.si[k], shadows.dir.get(k));
                 let (f, pdf) = si.eval_and_pdf(dir);
                 let seen = !is_zero(f) || keep_black && si.ns.dot(dir) > 0.0;
-                shadows.open[k] = seen && si.ng.dot(dir) > 0.0;
+                shadows.open[k] = seen && si.sides_agree(dir);
                 shadows.f.set(k, f);
                 shadows.pdf[k] = pdf;
             }
@@ -522,9 +522,6 @@ impl<const N: usize> Paths<N> {
             // On the other side of the surface `eval` is zero.
             scatter.on[k] = (si.ng.dot(dir) > 0.0) != lobe.transmits();
             self.radiance_scale[k] *= eta * eta;
-            if lobe.transmits() && bounce.scene.absorbs() {
-                bounce.scene.pass(&mut self.inside[k], si);
-            }
         }
         let (keep_black, roulette) = (bounce.options.keep_black, bounce.number >= ROULETTE_START);
         for k in 0..N {
@@ -559,15 +556,19 @@ impl<const N: usize> Paths<N> {
             let mut more = Vec::new();
             let skip = skipped::<N>(bounce, &ends, &mut more);
             let through = scene.unoccluded(&ray, root, skip, masks, |c| rec.cross(&c));
-            let Paths { shadows, lights, inside, .. } = self;
+            let Paths { shadows, lights, inside, si, .. } = self;
             shadows.open[k] = through.is_some();
             let Some(transmittance) = through else { continue };
             shadows.transmittance[k] = transmittance;
-            let body = if scene.absorbs() { inside[k].body() } else { None };
-            let attenuation = match body {
-                Some(_) => scene.attenuated(&inside[k], shadows.distance[k]),
-                None => Vec3::ONE,
-            };
+            let (mut body, mut attenuation) = (None, Vec3::ONE);
+            if scene.absorbs() {
+                let mut inside = inside[k];
+                if si[k].bsdf.is_rough_dielectric() && si[k].side(shadows.dir.get(k)) < 0.0 {
+                    scene.pass(&mut inside, &si[k]);
+                }
+                body = inside.body();
+                attenuation = scene.attenuated(&inside, shadows.distance[k]);
+            }
             if R::RECORDS {
                 rec.connect(&Connection {
                     light: lights.sample[k],
@@ -654,6 +655,9 @@ impl<const N: usize> Paths<N> {
             }
             let (mut attenuation, mut body) = (Vec3::ONE, None);
             if scene.absorbs() {
+                if lobe.transmits() {
+                    scene.pass(&mut self.inside[k], &self.si[k]);
+                }
                 body = self.inside[k].body();
                 attenuation = scene.attenuated(&self.inside[k], hit.map_or(f32::INFINITY, |hit| hit.t));
                 throughput *= attenuation;
@@ -741,10 +745,9 @@ fn sample_direction(
             let (prim, p) = bounce.scene.surface_point(which / area_sampling_fraction, [u.x, u.y]);
             let dir = (p - si.p).normalize_or_zero();
             let (f, pdf) = si.eval_and_pdf(dir);
-            return Some(DirectionSample {
-                sample: BsdfSample { wo: dir, f, pdf, lobe: Lobe::DIFFUSE, eta: 1.0 },
-                target: Some(prim),
-            });
+            let passes = si.bsdf.is_rough_dielectric() && si.side(dir) < 0.0;
+            let (lobe, eta) = if passes { (Lobe::GLOSSY_REFRACTED, si.bsdf.eta()) } else { (Lobe::DIFFUSE, 1.0) };
+            return Some(DirectionSample { sample: BsdfSample { wo: dir, f, pdf, lobe, eta }, target: Some(prim) });
         }
     }
     let least = if bounce.options.split_lobes { MIN_LOBE_SHARE } else { 0.0 };
