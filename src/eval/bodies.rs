@@ -45,7 +45,7 @@ impl Face {
     }
 }
 
-/// Shapes of smooth glass with what is wrong with them. Surfaces of several shapes may close each other. A body that is named here is wrong; others may be
+/// Shapes of glass with what is wrong with them. Surfaces of several shapes may close each other. A body that is named here is wrong; others may be
 /// so too: a sheet (water up to the horizon) is none that could be closed, and what lies within another body may be a bubble.
 pub(super) fn flawed(description: &SceneDescription) -> Vec<(usize, Flaw)> {
     let is_glass = |kind: &MaterialKind| matches!(kind, MaterialKind::Dielectric { .. });
