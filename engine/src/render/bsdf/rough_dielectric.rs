@@ -157,7 +157,7 @@ impl RoughDielectric {
         }
     }
 
-    /// Adjoint of what is reflected. `half_fixed` is as in [`Microfacets::d_eval`].
+    /// Adjoint of what is reflected. `half_fixed` is as in `Microfacets::d_eval`.
     pub fn d_reflected(&self, n: Vec3, wi: Vec3, wo: Vec3, d_f: Vec3, half_fixed: bool) -> BsdfAdjoint {
         let mut out = BsdfAdjoint::default();
         if n.dot(wo) <= 0.0 {
