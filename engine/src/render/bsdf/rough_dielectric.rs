@@ -240,6 +240,7 @@ mod tests {
 
     use super::*;
     use crate::math::{Dual, Pcg32};
+    use crate::render::bsdf::tests::assert_as_frequent;
 
     /// Three vectors, the index and the roughness.
     type D = Dual<11>;
@@ -485,21 +486,8 @@ mod tests {
                     assert!(s.lobe.transmits() == (s.wo.z < 0.0) && !s.lobe.is_delta());
                     assert_eq!(s.eta, if s.lobe.transmits() { rough.eta() } else { 1.0 });
                 }
-                let (mut chi2, mut freedom, mut pool) = (0.0, -1.0f64, (0.0, 0.0));
-                for (e, f) in expected.iter().map(|e| e * N as f64).zip(&found) {
-                    if e < 8.0 {
-                        pool = (pool.0 + e, pool.1 + f);
-                    } else {
-                        chi2 += (f - e).powi(2) / e;
-                        freedom += 1.0;
-                    }
-                }
-                if pool.0 > 1.0 {
-                    chi2 += (pool.1 - pool.0).powi(2) / pool.0;
-                    freedom += 1.0;
-                }
-                let limit = freedom + 5.0 * (2.0 * freedom).sqrt() + 5.0;
-                assert!(chi2 < limit, "{rough:?} at {cos}: chi² {chi2:.1} for {freedom} degrees of freedom");
+                let expected: Vec<f64> = expected.iter().map(|e| e * N as f64).collect();
+                assert_as_frequent(&expected, &found, &(rough, cos));
             }
         }
     }

@@ -436,6 +436,25 @@ fn integrate(rows: usize, columns: usize, mut visit: impl FnMut(Vec3, f64)) {
     }
 }
 
+/// Compares the numbers of samples in bins with those that a density expects, by chi². Bins with few expected samples are pooled.
+pub(super) fn assert_as_frequent(expected: &[f64], found: &[f64], whose: &dyn std::fmt::Debug) {
+    let (mut chi2, mut freedom, mut pool) = (0.0, -1.0f64, (0.0, 0.0));
+    for (e, f) in expected.iter().zip(found) {
+        if *e < 8.0 {
+            pool = (pool.0 + e, pool.1 + f);
+        } else {
+            chi2 += (f - e).powi(2) / e;
+            freedom += 1.0;
+        }
+    }
+    if pool.0 > 1.0 {
+        chi2 += (pool.1 - pool.0).powi(2) / pool.0;
+        freedom += 1.0;
+    }
+    let limit = freedom + 5.0 * (2.0 * freedom).sqrt() + 5.0;
+    assert!(chi2 < limit, "{whose:?}: chi² {chi2:.1} for {freedom} degrees of freedom");
+}
+
 #[test]
 fn samples_follow_the_density() {
     const ROWS: usize = 12;
@@ -470,22 +489,7 @@ fn samples_follow_the_density() {
                     }
                 }
             }
-            // Bins with few expected samples are pooled.
-            let (mut chi2, mut freedom, mut pool) = (0.0, -1.0f64, (0.0, 0.0));
-            for (e, f) in expected.iter().map(|e| e * N as f64).zip(&found) {
-                if e < 8.0 {
-                    pool = (pool.0 + e, pool.1 + f);
-                } else {
-                    chi2 += (f - e).powi(2) / e;
-                    freedom += 1.0;
-                }
-            }
-            if pool.0 > 1.0 {
-                chi2 += (pool.1 - pool.0).powi(2) / pool.0;
-                freedom += 1.0;
-            }
-            let limit = freedom + 5.0 * (2.0 * freedom).sqrt() + 5.0;
-            assert!(chi2 < limit, "{bsdf:?} at {cos}: chi² {chi2:.1} for {freedom} degrees of freedom");
+            assert_as_frequent(&expected.iter().map(|e| e * N as f64).collect::<Vec<_>>(), &found, &(bsdf, cos));
         }
     }
 }
