@@ -20,7 +20,8 @@ fn steps(c: &mut Criterion) {
         ("cornell, 4 bounces", cornell, cornell_camera, cornell_wrt, 4),
     ] {
         let scene = Scene::new(description).unwrap();
-        let settings = Settings { output: Output::Radiance, spp: 4, max_bounces, seed: 1, boundary: true };
+        let settings =
+            Settings { output: Output::Radiance, spp: 4, max_bounces, seed: 1, boundary: true, ..Settings::default() };
         let mut d_image = Image::new(camera.width, camera.height, 3);
         d_image.data.iter_mut().enumerate().for_each(|(i, d)| *d = if i % 7 < 3 { 1.0 } else { -0.5 });
         let mut group = c.benchmark_group(name);

@@ -110,7 +110,7 @@ pub fn velocities(case: &Case) -> Vec<(Slot, Vec<f32>)> {
 }
 
 fn settings(case: &Case, spp: u32, seed: u64) -> Settings {
-    Settings { output: case.output, spp, max_bounces: case.bounces, seed, boundary: true }
+    Settings { output: case.output, spp, max_bounces: case.bounces, seed, boundary: true, ..Settings::default() }
 }
 
 /// `seeds` gradients, or more if the derivative is to be precise.
@@ -242,6 +242,7 @@ pub fn forward(repeats: u32) -> Forward {
             max_bounces: 4,
             seed: u64::from(seed),
             boundary: false,
+            ..Settings::default()
         };
         let watch = Stopwatch::start();
         render(&scene, &camera, &settings).expect("the camera is sound");

@@ -88,7 +88,8 @@ pub fn row(row: &str) -> std::io::Result<()> {
         *to = Elapsed { wall: to.wall + more.wall / REPEATS as f64, cpu: to.cpu + more.cpu / REPEATS as f64 };
     };
     for seed in 0..=REPEATS {
-        let settings = Settings { output: Output::Radiance, spp: 4, max_bounces: 1, seed, boundary: true };
+        let settings =
+            Settings { output: Output::Radiance, spp: 4, max_bounces: 1, seed, boundary: true, ..Settings::default() };
         let watch = Stopwatch::start();
         render(&scene, &camera, &settings).map_err(std::io::Error::other)?;
         let first = watch.elapsed();

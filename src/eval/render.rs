@@ -14,7 +14,7 @@ use crate::natives::{
     add_to_scene,
     value::{SceneValue, SettingsValue, Value},
 };
-use crate::render::{Camera, Slot};
+use crate::render::{Camera, Method, Slot};
 use crate::source::Span;
 use crate::stop;
 use crate::tape::{CustomOp, Tensor, Var};
@@ -335,6 +335,15 @@ impl RenderCall<'_> {
         }
     }
 
+    /// Which paths an image of radiance holds.
+    fn method(&self, rendering: Rendering) -> Result<Method> {
+        let Some(v) = self.setting("method").filter(|_| rendering == Rendering::Radiance) else {
+            return Ok(Method::Path);
+        };
+        let known = if let Value::Str(name) = &v { Method::named(name) } else { None };
+        known.ok_or_else(|| error::kind("`method` must be \"path\", \"light\" or \"both\"", self.at("method")))
+    }
+
     /// The settings, with the seed that the call itself asks for.
     fn settings(&self, rendering: Rendering) -> Result<(Settings, Option<f64>)> {
         let settings = Settings {
@@ -342,6 +351,7 @@ impl RenderCall<'_> {
             spp: self.count("spp", 16, 1)?,
             max_bounces: self.count("max_bounces", 8, 0)?,
             boundary: !matches!(self.setting("boundary"), Some(Value::Bool(false))),
+            method: self.method(rendering)?,
             ..Settings::default()
         };
         Ok((settings, self.setting("seed").and_then(|v| v.number())))

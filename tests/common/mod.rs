@@ -303,6 +303,8 @@ pub struct Plan {
     /// Every second gradient is one by all that a scene has, though only some of it moves: what else is asked for changes how samples
     /// are drawn, and nothing more.
     pub jointly: bool,
+    /// Which paths the images hold.
+    pub method: Method,
 }
 
 impl Default for Plan {
@@ -318,6 +320,7 @@ impl Default for Plan {
             from: 0,
             least: 0.0,
             jointly: false,
+            method: Method::Path,
         }
     }
 }
@@ -339,6 +342,7 @@ pub fn gradients(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan,
             max_bounces: plan.max_bounces,
             seed: 1000 + seed,
             boundary: true,
+            method: plan.method,
         };
         let g = render_backward(&scene, &camera, &settings, &w, slots).unwrap();
         g.iter().zip(&tangents).flat_map(|(g, t)| g.iter().zip(&t.1)).map(|(g, t)| g * f64::from(*t)).sum()
@@ -392,6 +396,7 @@ fn central_differences(
                 max_bounces: plan.max_bounces,
                 seed: 77 + seed,
                 boundary: false,
+                method: plan.method,
             };
             let a = render(&up_scene, &up.1, &settings).unwrap();
             let b = render(&down_scene, &down.1, &settings).unwrap();
@@ -467,12 +472,14 @@ struct Scenes {
     output: Output,
     max_bounces: u32,
     h: f32,
+    method: Option<Method>,
 }
 
 impl Scenes {
     fn new(build: &dyn Fn(f32) -> (SceneDescription, Camera), plan: &Plan) -> Scenes {
         let Plan { output, max_bounces, h, .. } = *plan;
-        Scenes { up: build(h), down: build(-h), output, max_bounces, h }
+        let method = (plan.method != Method::Path).then_some(plan.method);
+        Scenes { up: build(h), down: build(-h), output, max_bounces, h, method }
     }
 
     /// Without what is not there, so that a difference outlives a field that scenes come to have and that this one makes no use of.

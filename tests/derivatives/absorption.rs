@@ -44,8 +44,14 @@ fn a_plate_dims_by_its_thickness() {
             let absorption = body(&mut b, cuboid(Vec3::ZERO, vec3(9.0, 0.5 * THICKNESS, 9.0), 0.0), ior, ABSORPTION);
             b.glowing(floor(vec3(0.0, -2.0, 0.0), 40.0), 1.0);
             let (scene, camera) = (b.scene(), straight_down(a));
-            let settings =
-                Settings { output: Output::Radiance, spp: 1 << 14, max_bounces: 12, seed: 5, boundary: false };
+            let settings = Settings {
+                output: Output::Radiance,
+                spp: 1 << 14,
+                max_bounces: 12,
+                seed: 5,
+                boundary: false,
+                ..Settings::default()
+            };
             let found = render(&scene, &camera, &settings).unwrap();
             let slots = [Slot::Texels(absorption.texture().unwrap()), Slot::Vertices(0)];
             for c in 0..3 {
@@ -83,7 +89,8 @@ fn both_ways_within_a_body_count() {
     let mut camera = look_at(eye, Vec3::ZERO, 30.0, 1);
     camera.scale = [1e-3; 2];
     let scene = b.scene();
-    let settings = Settings { output: Output::Radiance, spp: 64, max_bounces: 1, seed: 5, boundary: false };
+    let settings =
+        Settings { output: Output::Radiance, spp: 64, max_bounces: 1, seed: 5, boundary: false, ..Settings::default() };
     let found = render(&scene, &camera, &settings).unwrap();
     let exact = |lamp: Vec3, eye: Vec3, absorption: Vec3| {
         let (to_lamp, to_eye) = (lamp.length(), eye.y);
@@ -124,7 +131,14 @@ fn no_absorption_changes_no_bit() {
             MaterialKind::Dielectric { ior, roughness: None, absorption },
         );
         b.lamp(ceiling(vec3(0.5, 3.0, 0.0), 0.5), Vec3::splat(9.0));
-        let settings = Settings { output: Output::Radiance, spp: 16, max_bounces: 6, seed: 3, boundary: true };
+        let settings = Settings {
+            output: Output::Radiance,
+            spp: 16,
+            max_bounces: 6,
+            seed: 3,
+            boundary: true,
+            ..Settings::default()
+        };
         render(&b.scene(), &look_at(vec3(0.3, 1.4, 3.0), place, 30.0, 12), &settings).unwrap().data
     };
     assert!(image(None) == image(Some(Vec3::ZERO)));

@@ -104,7 +104,14 @@ fn area_of_a_triangle_in_every_camera() {
             // What is integrated exactly needs few samples.
             let seeds = if long() || !camera.is_rectilinear() { 8 } else { 2 };
             for seed in 0..seeds {
-                let settings = Settings { output: Output::Radiance, spp: 512, max_bounces: 0, seed, boundary: true };
+                let settings = Settings {
+                    output: Output::Radiance,
+                    spp: 512,
+                    max_bounces: 0,
+                    seed,
+                    boundary: true,
+                    ..Settings::default()
+                };
                 let run = render_backward(&scene, &camera, &settings, &d_image, &wrt).unwrap();
                 for (sum, x) in g.iter_mut().flatten().zip(run.iter().flatten()) {
                     *sum += x / seeds as f64;
@@ -171,7 +178,8 @@ fn many_samples_add_up() {
     b.description.environment = Some(Environment { radiance, rotation: Mat3::IDENTITY });
     let scene = Scene::new(b.description).unwrap();
     for spp in [1, 1 << 20] {
-        let settings = Settings { output: Output::Radiance, spp, max_bounces: 0, seed: 0, boundary: false };
+        let settings =
+            Settings { output: Output::Radiance, spp, max_bounces: 0, seed: 0, boundary: false, ..Settings::default() };
         let image = render(&scene, &look_at(Vec3::Z, Vec3::ZERO, 45., 2), &settings).unwrap();
         assert!(image.data.iter().all(|x| (x - 0.3).abs() < 1e-7), "{:?}", image.data);
     }
@@ -188,7 +196,8 @@ fn a_film_that_cuts_through_something_is_reported() {
         let origin = camera.origin - back * camera.frame[2];
         let lens = Lens { radius: lens, ..Lens::PINHOLE };
         let camera = Camera { projection: Projection::Orthographic, scale: [1.0, 1.0], origin, lens, ..camera };
-        let settings = Settings { output: Output::Depth, spp: 1, max_bounces: 1, seed: 0, boundary: true };
+        let settings =
+            Settings { output: Output::Depth, spp: 1, max_bounces: 1, seed: 0, boundary: true, ..Settings::default() };
         coverage_gaps(&Scene::new(b.description).unwrap(), &camera, &settings, &[Slot::CameraOrigin]).len()
     };
     assert_eq!([gaps(0.0, 0.0), gaps(3.0, 0.0)], [1, 0]);

@@ -79,7 +79,14 @@ fn clear_bodies_cannot_be_seen_under_an_even_sky() {
             even_sky(&mut b);
             let scene = b.scene();
             let camera = look_at(vec3(0.3, 1.0, 3.0), Vec3::ZERO, 35.0, 8);
-            let settings = Settings { output: Output::Radiance, spp: 64, max_bounces: 64, seed: 3, boundary: true };
+            let settings = Settings {
+                output: Output::Radiance,
+                spp: 64,
+                max_bounces: 64,
+                seed: 3,
+                boundary: true,
+                ..Settings::default()
+            };
             let image = render(&scene, &camera, &settings).unwrap();
             let mean = image.data.iter().sum::<f32>() / image.data.len() as f32;
             let most = image.data.iter().fold(0.0, |most: f32, l| most.max(*l));
@@ -113,8 +120,14 @@ fn a_pane_dims_what_is_behind_it() {
             camera.projection = Projection::Orthographic;
             camera.scale = [1e-3; 2];
             let scene = b.scene();
-            let settings =
-                Settings { output: Output::Radiance, spp: 1 << 14, max_bounces: 1, seed: 5, boundary: false };
+            let settings = Settings {
+                output: Output::Radiance,
+                spp: 1 << 14,
+                max_bounces: 1,
+                seed: 5,
+                boundary: false,
+                ..Settings::default()
+            };
             let reflected = exact(f64::from(ior), f64::from(a));
             let through = 2.0 * f64::from(TINT);
             let expected = reflected + (1.0 - reflected) * through;
@@ -166,8 +179,14 @@ fn water_shifts_what_is_in_it() {
     for a in [0.0f32, 0.4, 1.1] {
         for ior in [1.0f32, 1.33, 1.7] {
             let (scene, camera, ground) = build(ior, DEPTH, a);
-            let settings =
-                Settings { output: Output::Radiance, spp: 1 << 14, max_bounces: 1, seed: 5, boundary: false };
+            let settings = Settings {
+                output: Output::Radiance,
+                spp: 1 << 14,
+                max_bounces: 1,
+                seed: 5,
+                boundary: false,
+                ..Settings::default()
+            };
             let value = |ior: f32, depth: f32| exact(f64::from(ior), f64::from(depth), f64::from(a));
             let expected = value(ior, DEPTH);
             let found = f64::from(render(&scene, &camera, &settings).unwrap().data[1]);

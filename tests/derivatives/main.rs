@@ -9,6 +9,7 @@ mod place;
 
 mod absorption;
 mod cameras;
+mod caustics;
 mod curved_mirrors;
 mod edge_on;
 mod edges;

@@ -201,7 +201,14 @@ impl Row {
     /// Σ |w·I|.
     fn brightness(&self) -> f64 {
         let (scene, camera) = self.build(0.0);
-        let settings = Settings { output: Output::Radiance, spp: 64, max_bounces: 1, seed: 1, boundary: false };
+        let settings = Settings {
+            output: Output::Radiance,
+            spp: 64,
+            max_bounces: 1,
+            seed: 1,
+            boundary: false,
+            ..Settings::default()
+        };
         let image = render(&Scene::new(scene).unwrap(), &camera, &settings).unwrap();
         image.data.iter().zip(&weights(&camera, 3).data).map(|(i, w)| f64::from((i * w).abs())).sum()
     }

@@ -75,7 +75,7 @@ fn scenes() -> [(SceneDescription, Camera); 8] {
 }
 
 fn settings(output: Output, spp: u32, seed: u64) -> Settings {
-    Settings { output, spp, max_bounces: 3, seed, boundary: true }
+    Settings { output, spp, max_bounces: 3, seed, boundary: true, ..Settings::default() }
 }
 
 /// ⟨Jv, w⟩ = ⟨v, Jᵀw⟩: with w = 1 both modes draw the same samples, so they agree to rounding.

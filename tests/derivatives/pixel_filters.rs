@@ -149,7 +149,7 @@ fn over_blur(blur: f64, f: impl Fn(DVec2) -> f64) -> f64 {
 }
 
 fn settings(spp: u32, bounces: u32, seed: u64) -> Settings {
-    Settings { output: Output::Radiance, spp, max_bounces: bounces, seed, boundary: true }
+    Settings { output: Output::Radiance, spp, max_bounces: bounces, seed, boundary: true, ..Settings::default() }
 }
 
 /// The mean of images, pixel by pixel, with its errors.

@@ -326,7 +326,8 @@ fn numbers(default: Range<u64>) -> Range<u64> {
 
 /// What something of half a unit's size may well make of the image when it moves by one; more than nothing even in the dark.
 fn typical((scene, camera): (SceneDescription, Camera), max_bounces: u32) -> f64 {
-    let settings = Settings { output: Output::Radiance, spp: 64, max_bounces, seed: 1, boundary: false };
+    let settings =
+        Settings { output: Output::Radiance, spp: 64, max_bounces, seed: 1, boundary: false, ..Settings::default() };
     let image = render(&Scene::new(scene).unwrap(), &camera, &settings).unwrap();
     let sum: f64 = image.data.iter().map(|v| f64::from(v.abs())).sum();
     (0.2 * sum).max(0.002 * image.data.len() as f64)

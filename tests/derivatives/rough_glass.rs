@@ -36,7 +36,14 @@ fn rough_bodies_are_hardly_seen_under_an_even_sky() {
             b.description.environment =
                 Some(Environment { radiance: b.description.textures.len() - 1, rotation: Mat3::IDENTITY });
             let camera = look_at(vec3(0.3, 1.0, 3.0), Vec3::ZERO, 35.0, 8);
-            let settings = Settings { output: Output::Radiance, spp: 256, max_bounces: 64, seed: 3, boundary: true };
+            let settings = Settings {
+                output: Output::Radiance,
+                spp: 256,
+                max_bounces: 64,
+                seed: 3,
+                boundary: true,
+                ..Settings::default()
+            };
             let image = render(&b.scene(), &camera, &settings).unwrap();
             let mean = image.data.iter().sum::<f32>() / image.data.len() as f32;
             let told = format!("{name} of index {ior}, roughness {roughness}: {mean}");
@@ -58,7 +65,14 @@ fn nearly_smooth_glass_is_smooth_glass() {
         } else {
             let _ = b.glowing(floor(vec3(0.2, -3.0, 0.1), 0.4), 1.0);
         }
-        let settings = Settings { output: Output::Radiance, spp: 4096, max_bounces: 6, seed: 3, boundary: true };
+        let settings = Settings {
+            output: Output::Radiance,
+            spp: 4096,
+            max_bounces: 6,
+            seed: 3,
+            boundary: true,
+            ..Settings::default()
+        };
         let image = render(&b.scene(), &look_at(vec3(0.3, 4.0, 0.5), Vec3::ZERO, 12.0, 2), &settings).unwrap();
         image.data.iter().sum::<f32>() / image.data.len() as f32
     };
@@ -86,7 +100,14 @@ fn a_small_lamp_behind_frosted_glass_is_a_point() {
             let turn = glam::Quat::from_rotation_arc(Vec3::Y, -light.normalize());
             b.lamp(at(floor(Vec3::ZERO, 0.5 * AREA.sqrt()), |v| turn * v + light), Vec3::ONE);
         }
-        let settings = Settings { output: Output::Radiance, spp: 1 << 16, max_bounces: 4, seed: 3, boundary: true };
+        let settings = Settings {
+            output: Output::Radiance,
+            spp: 1 << 16,
+            max_bounces: 4,
+            seed: 3,
+            boundary: true,
+            ..Settings::default()
+        };
         let image = render(&b.scene(), &look_at(vec3(0.0, 4.0, 0.01), Vec3::ZERO, 2.0, 2), &settings).unwrap();
         image.data.iter().sum::<f32>() / image.data.len() as f32
     };
@@ -107,7 +128,14 @@ fn a_point_lights_a_frosted_plane_from_behind() {
         let mut camera = look_at(vec3(0.0, 4.0, 0.0), Vec3::ZERO, 30.0, 1);
         camera.projection = Projection::Orthographic;
         camera.scale = [1e-3; 2];
-        let settings = Settings { output: Output::Radiance, spp: 64, max_bounces: 1, seed: 5, boundary: true };
+        let settings = Settings {
+            output: Output::Radiance,
+            spp: 64,
+            max_bounces: 1,
+            seed: 5,
+            boundary: true,
+            ..Settings::default()
+        };
         let found: Image = render(&b.scene(), &camera, &settings).unwrap();
         let (wi, wo, eta) = (glam::DVec3::Y, light.as_dvec3().normalize(), 1.5);
         let h = -(wi + eta * wo).normalize();

@@ -81,7 +81,8 @@ fn samples(description: &SceneDescription, camera: &Camera, max_bounces: u32) ->
     slots.push(Slot::CameraOrigin);
     let scene = &Scene::new(description.clone()).unwrap();
     let layout = &Layout::new(scene, &slots);
-    let settings = &Settings { output: Output::Radiance, spp: 1, max_bounces, seed: 1, boundary: true };
+    let settings =
+        &Settings { output: Output::Radiance, spp: 1, max_bounces, seed: 1, boundary: true, ..Settings::default() };
     let weights = &weights(camera, 3);
     let mut found = BTreeMap::new();
     let mut look = |name: &'static str, pass: &dyn Fn(&mut Samples)| {

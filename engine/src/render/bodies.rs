@@ -10,7 +10,7 @@ use crate::mesh::Mesh;
 const DEPTH: usize = 4;
 
 /// The bodies that a point is in, by their shapes; the innermost is the last.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Inside {
     bodies: [u32; DEPTH],
     count: u32,

@@ -53,6 +53,30 @@ impl Output {
     }
 }
 
+/// Which light a radiance image holds, by the way in which its paths are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Method {
+    /// Paths from the camera. They find no light that points, spots and suns send by mirrors or through smooth glass: no light without
+    /// area is ever hit.
+    #[default]
+    Path,
+    /// Paths from these lights alone, by way of mirrors and smooth glass to what the camera sees: caustics.
+    Light,
+    /// The sum of both, which have no path in common.
+    Both,
+}
+
+impl Method {
+    /// All methods, by the names that renderings give them.
+    pub const NAMES: [(&'static str, Method); 3] =
+        [("path", Method::Path), ("light", Method::Light), ("both", Method::Both)];
+
+    /// The method with this name.
+    pub fn named(name: &str) -> Option<Method> {
+        Method::NAMES.iter().find(|(known, _)| *known == name).map(|(_, method)| *method)
+    }
+}
+
 /// Settings of a rendering. The same settings give the same image, with any number of threads.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
@@ -66,12 +90,26 @@ pub struct Settings {
     pub seed: u64,
     /// Include the boundary (visibility) terms of derivatives.
     pub boundary: bool,
+    /// Which paths a radiance image holds; other quantities have none.
+    pub method: Method,
+}
+
+impl Settings {
+    /// Whether the image is made of paths, or other samples, from the camera.
+    pub fn has_paths(&self) -> bool {
+        self.output != Output::Radiance || self.method != Method::Light
+    }
+
+    /// Whether the image holds light whose paths start at lights.
+    pub fn has_caustics(&self) -> bool {
+        self.output == Output::Radiance && self.method != Method::Path && self.max_bounces > 1
+    }
 }
 
 impl Default for Settings {
     /// The defaults of `render(…)` in the language: radiance, 16 samples per pixel, 8 scattering events.
     fn default() -> Settings {
-        Settings { output: Output::Radiance, spp: 16, max_bounces: 8, seed: 0, boundary: true }
+        Settings { output: Output::Radiance, spp: 16, max_bounces: 8, seed: 0, boundary: true, method: Method::Path }
     }
 }
 

@@ -40,6 +40,12 @@ impl Camera {
         position.cmpge(low).all() && position.cmplt(high).all()
     }
 
+    /// How the weight of a pixel that sees a film position changes with the position.
+    pub fn slope(&self, pixel: u32, position: Vec2) -> Vec2 {
+        let (x, y) = (pixel as usize % self.width, pixel as usize / self.width);
+        self.filter.slope(position - self.corner() - Vec2::new(x as f32, y as f32) - 0.5)
+    }
+
     /// The pixels that see a film position.
     pub fn footprint(&self, position: Vec2) -> Footprint {
         let mut footprint = Footprint { pixels: [(0, 0.0); Footprint::MOST], len: 0 };

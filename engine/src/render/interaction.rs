@@ -280,10 +280,8 @@ impl SurfaceInteraction {
     pub fn sample(&self, u: [f32; 3], least: f32) -> Option<BsdfSample> {
         match self.bsdf {
             Bsdf::Mirror { .. } => self.specular_sample(Lobe::SPECULAR),
-            Bsdf::Dielectric(dielectric) => {
-                let reflected = self.interface_reflectance(&dielectric);
-                let p = if reflected < 1.0 { reflected.clamp(least, 1.0 - least) } else { 1.0 };
-                let (lobe, pdf) = if u[2] < p { (Lobe::SPECULAR, p) } else { (Lobe::REFRACTED, 1.0 - p) };
+            Bsdf::Dielectric(_) => {
+                let (lobe, pdf) = self.choose_delta_lobe(u[2], least);
                 self.specular_sample(lobe).map(|sample| BsdfSample { pdf, ..sample })
             }
             _ => {
@@ -293,6 +291,15 @@ impl SurfaceInteraction {
                 Some(BsdfSample { wo, f: sample.f * self.terminator(wo), ..sample })
             }
         }
+    }
+
+    /// Chooses one of a specular surface's lobes by the light that each gets, neither of two with a probability below `least`.
+    #[inline(always)]
+    pub fn choose_delta_lobe(&self, u: f32, least: f32) -> (Lobe, f32) {
+        let Bsdf::Dielectric(dielectric) = self.bsdf else { return (Lobe::SPECULAR, 1.0) };
+        let reflected = self.interface_reflectance(&dielectric);
+        let p = if reflected < 1.0 { reflected.clamp(least, 1.0 - least) } else { 1.0 };
+        if u < p { (Lobe::SPECULAR, p) } else { (Lobe::REFRACTED, 1.0 - p) }
     }
 
     /// The share of the light that a smooth interface reflects.

@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use glam::Vec3;
 
+use super::caustics::{add_caustics, validate_caustics};
 use super::film::{NEVER, Settings, add_samples};
 use super::sampler::hash;
 use super::scene::Camera;
@@ -136,17 +137,25 @@ pub fn render_until(
     stop: &AtomicBool,
 ) -> Result<Image, SceneError> {
     validate_camera(camera)?;
+    validate_caustics(scene, camera, settings)?;
     let mut image = Image::new(camera.width, camera.height, settings.output.channels());
+    let has_paths = settings.has_paths();
     if scene.moves_for(camera) {
         scene.slices(camera, settings, 0, stop, |slice| {
-            let samples = slice.samples.clone();
-            let count = samples.len() as f32 / slice.weight;
-            add_samples(slice.scene, &slice.camera, settings, samples, count, stop, &mut image);
+            if has_paths {
+                let samples = slice.samples.clone();
+                let count = samples.len() as f32 / slice.weight;
+                add_samples(slice.scene, &slice.camera, settings, samples, count, stop, &mut image);
+            }
+            add_caustics(slice.scene, &slice.camera, &slice.settings, slice.weight, stop, &mut image);
             Ok(())
         })?;
     } else {
         let spp = settings.spp.max(1);
-        add_samples(scene, camera, settings, 0..spp, spp as f32, stop, &mut image);
+        if has_paths {
+            add_samples(scene, camera, settings, 0..spp, spp as f32, stop, &mut image);
+        }
+        add_caustics(scene, camera, settings, 1.0, stop, &mut image);
     }
     Ok(image)
 }

@@ -83,6 +83,27 @@ impl PixelFilter {
         }
     }
 
+    /// Derivatives of [`PixelFilter::weight`] along x and y.
+    pub fn slope(self, from_centre: Vec2) -> Vec2 {
+        let (x, y) = (f64::from(from_centre.x), f64::from(from_centre.y));
+        Vec2::new((self.slope_along(x) * self.along(y)) as f32, (self.along(x) * self.slope_along(y)) as f32)
+    }
+
+    fn slope_along(self, from_centre: f64) -> f64 {
+        let x = from_centre.abs();
+        if x >= f64::from(self.radius()) {
+            return 0.0;
+        }
+        let slope = match self {
+            PixelFilter::Box => 0.0,
+            PixelFilter::Tent => -1.0,
+            PixelFilter::Gaussian => -x / (SIGMA * SIGMA) * self.along(x),
+            PixelFilter::Mitchell if x < 1.0 => (3.5 * x - 4.0) * x,
+            PixelFilter::Mitchell => (2.0 - x) * (7.0 * x - 10.0) / 6.0,
+        };
+        slope * from_centre.signum()
+    }
+
     /// The integrals of what is positive of the filter and, without its sign, of what is negative.
     pub fn masses(self) -> [f64; 2] {
         match self {
@@ -281,6 +302,19 @@ mod tests {
                 assert!((found - expected).abs() < 1e-4, "{filter:?}: {found} instead of {expected}");
             }
             assert!((filter.masses()[0] - filter.masses()[1] - 1.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn slopes_are_differences() {
+        let h = 1e-3;
+        for filter in filters() {
+            for (x, y) in [(0.3, -0.4), (-0.7, 0.1), (0.45, 0.45), (1.3, -0.2), (-1.7, -1.2)] {
+                let at = Vec2::new(x, y);
+                let along = |step: Vec2| (filter.weight(at + step) - filter.weight(at - step)) / (2.0 * h);
+                let expected = Vec2::new(along(Vec2::X * h), along(Vec2::Y * h));
+                assert!((filter.slope(at) - expected).length() < 2e-4, "{filter:?} at {at}");
+            }
         }
     }
 

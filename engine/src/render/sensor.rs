@@ -359,6 +359,52 @@ impl Camera {
         gx.cross(gy).dot(n).abs()
     }
 
+    /// Adjoint of [`Camera::pixels_per_area`] of a camera without distortion: adds those of the camera to `adjoint`, and returns those of the
+    /// point and of the normal.
+    ///
+    /// With the point p = origin + M l in the camera's frame it is in proportion to |n·(p − origin)| κ(l) / |det M|, where |l|³ κ is the area
+    /// of the film per solid angle (because ∇x × ∇y in the frame is along l), and to |n·forward| / |det M| for orthographic cameras.
+    pub fn d_pixels_per_area(&self, projected: &Projected, n: Vec3, d: f32, adjoint: &mut CameraAdjoint) -> [Vec3; 2] {
+        let d_log = d * self.pixels_per_area(projected, n);
+        let l = projected.local;
+        let (_, frame) = self.pinhole();
+        let by_local = match self.projection {
+            Projection::Orthographic => Vec3::ZERO,
+            Projection::Perspective => Vec3::Z * (-3.0 / l.z),
+            Projection::Fisheye => {
+                // κ = θ / (ρ |l|²) with θ = atan2(ρ, z), and θ/ρ = (1 − ρ²/3z²) / z for small ρ.
+                let (rho, r2) = (l.x.hypot(l.y), l.length_squared());
+                let angle = rho.atan2(l.z);
+                let (across, along) = match rho > 1e-3 * l.z.abs() {
+                    true => ((l.z / (r2 * angle) - 1.0 / rho) / rho, -rho / (r2 * angle)),
+                    false => (-2.0 / (3.0 * l.z * l.z), -1.0 / l.z),
+                };
+                Vec3::new(across * l.x, across * l.y, along) - l * (2.0 / r2)
+            }
+            Projection::Panorama => {
+                // κ = 1 / (ρ |l|²) with ρ² = x² + z²
+                let rho2 = (l.x * l.x + l.z * l.z).max(1e-20);
+                Vec3::new(-l.x / rho2, 0.0, -l.z / rho2) - l * (2.0 / l.length_squared())
+            }
+        };
+        let transposed = self.inverse_frame().transpose();
+        let columns = [transposed.x_axis, transposed.y_axis, transposed.z_axis];
+        let mut d_p = transposed * (by_local * d_log);
+        let mut d_frame = [0, 1, 2].map(|i| -columns[i] * d_log - d_p * l[i]);
+        let towards = if self.is_central() { frame[0] * l.x + frame[1] * l.y + frame[2] * l.z } else { frame[2] };
+        let d_towards = n * (d_log / n.dot(towards));
+        if self.is_central() {
+            d_p += d_towards;
+        } else {
+            d_frame[2] += d_towards;
+        }
+        self.d_pinhole(-d_p, d_frame, adjoint);
+        for (d, scale) in adjoint.scale.iter_mut().zip(self.scale) {
+            *d -= d_log / scale;
+        }
+        [d_p, towards * (d_log / n.dot(towards))]
+    }
+
     /// Unit direction from a point towards the camera, and the distance along it to where the camera's ray to the point starts. Rays of an
     /// orthographic camera need not be perpendicular to the plane in which they start: its axes are interpolated between keyframes, and
     /// half-way through a turn they are not perpendicular to each other.
@@ -485,17 +531,35 @@ mod tests {
             let pixel = Vec2::new(11.0, 7.0);
             let p = Vec3::new(0.3, -0.2, 1.0);
             let mut random = || Vec3::new(rng.next_f32() - 0.5, rng.next_f32() - 0.5, rng.next_f32() - 0.5);
-            let (wo, wd, wp) = (random(), random(), random().truncate());
+            let (wo, wd, wp, n) = (random(), random(), random().truncate(), random().normalize());
             let value = |v: &[f32; 21]| {
                 let camera = camera(projection, v);
                 let ray = camera.ray(pixel);
-                (ray.origin.dot(wo) + ray.dir.dot(wd), camera.project(p).unwrap().pixel.dot(wp))
+                let projected = camera.project(p).unwrap();
+                let area = if camera.distortion.is_none() { camera.pixels_per_area(&projected, n).ln() } else { 0.0 };
+                (ray.origin.dot(wo) + ray.dir.dot(wd), projected.pixel.dot(wp), area)
             };
             let base = camera(projection, &numbers);
             let mut of_ray = CameraAdjoint::default();
             base.d_ray(pixel, wo, wd, &mut of_ray);
-            let mut of_projection = CameraAdjoint::default();
-            base.d_project(&base.project(p).unwrap(), wp, &mut of_projection);
+            let (mut of_projection, mut of_area) = (CameraAdjoint::default(), CameraAdjoint::default());
+            let projected = base.project(p).unwrap();
+            base.d_project(&projected, wp, &mut of_projection);
+            let d_log = 1.0 / base.pixels_per_area(&projected, n);
+            let has_area = base.distortion.is_none();
+            if has_area {
+                let by_point = base.d_pixels_per_area(&projected, n, d_log, &mut of_area);
+                for (by, of) in by_point.into_iter().zip([true, false]) {
+                    for axis in Vec3::AXES {
+                        let log = |h: f32| {
+                            let (p, n) = if of { (p + axis * h, n) } else { (p, n + axis * h) };
+                            base.pixels_per_area(&base.project(p).unwrap(), n).ln()
+                        };
+                        let fd = (log(1e-2) - log(-1e-2)) / 2e-2;
+                        assert!((fd - by.dot(axis)).abs() < 1e-2 * fd.abs().max(1.0), "{projection:?}: {fd} {by}");
+                    }
+                }
+            }
             let flat = |a: &CameraAdjoint| {
                 let mut v = a.origin.to_array().to_vec();
                 a.frame.iter().for_each(|r| v.extend(r.to_array()));
@@ -519,6 +583,10 @@ mod tests {
                 let fd = (u.1 - d.1) / (2.0 * h);
                 let ad = flat(&of_projection)[i];
                 assert!((fd - ad).abs() < 1e-2 * ad.abs().max(1.0), "projection {i}: {fd} {ad}");
+                if has_area {
+                    let (fd, ad) = ((u.2 - d.2) / (2.0 * h), flat(&of_area)[i]);
+                    assert!((fd - ad).abs() < 1e-2 * ad.abs().max(1.0), "{projection:?}, area {i}: {fd} {ad}");
+                }
             }
         }
     }

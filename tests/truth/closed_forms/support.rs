@@ -38,7 +38,7 @@ pub fn probe(target: Vec3, forward: Vec3, distance: f32) -> Camera {
 }
 
 pub fn settings(spp: u32, max_bounces: u32) -> Settings {
-    Settings { output: Output::Radiance, spp, max_bounces, seed: 0, boundary: true }
+    Settings { output: Output::Radiance, spp, max_bounces, seed: 0, boundary: true, ..Settings::default() }
 }
 
 /// Means over seeds with their standard errors.

@@ -42,7 +42,7 @@ fn gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &[Slot]) -> Ve
     }
     if !settings.boundary {
         gaps.push(NO_BOUNDARY);
-    } else if settings.output == Output::Radiance && settings.max_bounces > 0 {
+    } else if settings.output == Output::Radiance && settings.max_bounces > 0 && settings.has_paths() {
         gaps.extend(mirror_gaps(scene, settings, &layout));
         gaps.extend(glass_gaps(scene, settings));
     }

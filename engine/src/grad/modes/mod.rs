@@ -10,6 +10,7 @@ use std::sync::atomic::AtomicBool;
 use crate::grad::rows::Rows;
 use crate::image::Image;
 use crate::memory::bounded;
+use crate::render::caustics::validate_caustics;
 use crate::render::{Camera, NEVER, Scene, SceneError, Settings, Slot, validate_camera};
 
 pub use self::backward::Sampling;
@@ -39,6 +40,7 @@ pub fn render_backward_until(
     stop: &AtomicBool,
 ) -> Result<Vec<Vec<f64>>, SceneError> {
     check(camera, settings, d_image)?;
+    validate_caustics(scene, camera, settings)?;
     // Edges are collected when they are first used, and the memory for that is requested then. A shortage is returned as an error here.
     bounded(|| {
         if scene.moves_for(camera) {
@@ -61,6 +63,7 @@ pub fn render_rows_until(
     stop: &AtomicBool,
 ) -> Result<Option<Rows>, SceneError> {
     validate_camera(camera)?;
+    validate_caustics(scene, camera, settings)?;
     bounded(|| {
         if scene.moves_for(camera) {
             return None;
@@ -103,6 +106,7 @@ pub fn render_jacobian_until(
     stop: &AtomicBool,
 ) -> Result<Vec<Image>, SceneError> {
     validate_camera(camera)?;
+    validate_caustics(scene, camera, settings)?;
     bounded(|| {
         if scene.moves_for(camera) {
             return motion::forward(scene, camera, settings, directions, stop);

@@ -62,11 +62,14 @@ pub struct Terms<T> {
     pub reflections: T,
     pub seen_through: T,
     pub roughness: T,
+    pub caustics: T,
+    pub caustic_edges: T,
+    pub caustic_rims: T,
 }
 
 impl<T> Terms<T> {
     /// All values in the order of the fields, which is the order of sums over terms.
-    fn in_order(&self) -> [&T; 7] {
+    fn in_order(&self) -> [&T; 10] {
         [
             &self.primary,
             &self.interior,
@@ -75,6 +78,9 @@ impl<T> Terms<T> {
             &self.reflections,
             &self.seen_through,
             &self.roughness,
+            &self.caustics,
+            &self.caustic_edges,
+            &self.caustic_rims,
         ]
     }
 }
@@ -159,9 +165,30 @@ impl Terms<Moments> {
 
     /// The number of samples for each estimator. Their total cost is that of the estimators' own numbers.
     pub fn split(&self) -> Terms<usize> {
-        let [primary, interior, shadow, secondary, reflections, seen_through, roughness] =
-            split(&self.in_order(), self.features());
-        Terms { primary, interior, shadow, secondary, reflections, seen_through, roughness }
+        let [
+            primary,
+            interior,
+            shadow,
+            secondary,
+            reflections,
+            seen_through,
+            roughness,
+            caustics,
+            caustic_edges,
+            caustic_rims,
+        ] = split(&self.in_order(), self.features());
+        Terms {
+            primary,
+            interior,
+            shadow,
+            secondary,
+            reflections,
+            seen_through,
+            roughness,
+            caustics,
+            caustic_edges,
+            caustic_rims,
+        }
     }
 
     fn features(&self) -> usize {

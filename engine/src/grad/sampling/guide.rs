@@ -66,6 +66,9 @@ impl GuideTraining<'_> {
 pub enum GuideKey {
     Shadows(MovingEnvironment),
     Secondary(MovingEnvironment),
+    Caustics,
+    CausticEdges,
+    CausticRims,
 }
 
 /// Second moments that guides measured in earlier steps, for a scene that changes little from step to step. Most edges, lights and film

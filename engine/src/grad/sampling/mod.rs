@@ -5,4 +5,5 @@ pub mod chains;
 pub mod contrast;
 pub mod edge_tree;
 pub mod guide;
+pub mod jumps;
 pub mod pixels;

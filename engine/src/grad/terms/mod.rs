@@ -1,6 +1,8 @@
 //! The terms of a derivative: selects the estimators for the requested slots, decides how many samples each draws, and draws them in a
 //! fixed order.
 
+pub mod caustic_edges;
+pub mod caustics;
 pub mod interior;
 pub mod primary;
 pub mod reflections;
@@ -22,11 +24,14 @@ use crate::grad::sampling::guide::{GuideCache, GuideTraining};
 use crate::grad::sink::{DenseSums, DirectionalDerivative, DirectionalDerivatives, Layout, Tangents};
 use crate::image::Image;
 use crate::ranks;
+use crate::render::light_film::LightFilms;
 use crate::render::sampler::hash;
 use crate::render::texture::Filter;
 use crate::render::{Camera, Environment, Input, Output, Scene, Settings, Slot};
 use crate::work;
 
+use self::caustic_edges::{CausticEdges, CausticRims};
+use self::caustics::Caustics;
 use self::interior::Interior;
 use self::primary::PrimaryEdges;
 use self::reflections::Reflections;
@@ -92,15 +97,16 @@ pub fn run_estimators(request: &Request, accumulator: &mut Accumulator) {
         return;
     }
     let seed = hash(settings.seed, 0x61_646a_6f69_6e74);
-    let interior =
-        (!interior_vanishes(scene, settings, layout)).then(|| Interior::new(scene, camera, settings, layout, adjoint));
+    let has_paths = settings.has_paths();
+    let interior = (has_paths && !interior_vanishes(scene, settings, layout))
+        .then(|| Interior::new(scene, camera, settings, layout, adjoint));
+    let films = settings.has_caustics().then(|| LightFilms::new(scene)).flatten();
+    let caustics = Caustics::new(scene, camera, films.as_ref(), settings);
     if !settings.boundary || !layout.moves_visibility() {
-        let pairs = RoughnessPairs::new(scene, camera, settings, layout, adjoint);
-        let runs = PilotRuns::new(scene, layout, adjoint, 1.0, seed);
-        return without_boundary(interior, pairs, runs, request, seed, accumulator);
+        return without_boundary(interior, caustics, request, seed, accumulator);
     }
 
-    let lights = settings.output == Output::Radiance && settings.max_bounces > 0;
+    let lights = has_paths && settings.output == Output::Radiance && settings.max_bounces > 0;
     let mirrors = if lights { Mirrors::new(scene, layout) } else { Mirrors::default() };
     let tree = lights.then(|| EdgeTree::new(scene));
     let curved = (!mirrors.curved.is_empty()).then(|| MirrorTree::new(scene, camera, &mirrors.curved));
@@ -110,15 +116,20 @@ pub fn run_estimators(request: &Request, accumulator: &mut Accumulator) {
     let all_curved = all_curved.filter(|tree| !tree.is_empty());
     let viewpoints = Viewpoint::all(scene, camera, &mirrors.planes);
 
-    let primary = layout.moves_things().then(|| PrimaryEdges::new(&viewpoints, settings, adjoint, seed));
+    let primary = (has_paths && layout.moves_things()).then(|| PrimaryEdges::new(&viewpoints, settings, adjoint, seed));
     if let Some(pass) = primary.as_ref().and_then(PrimaryEdges::enumeration) {
         accumulator.pass(request, &pass);
     }
     let reflections = curved.and_then(|tree| Reflections::new(scene, camera, tree, settings, adjoint, seed));
 
-    let seen_through = SeenThrough::new(scene, camera, &mirrors, settings, layout, adjoint);
+    let seen_through = SeenThrough::new(scene, camera, &mirrors, settings, layout, adjoint).filter(|_| has_paths);
+    let common = caustic_edges::Common::new(scene, camera, films.as_ref(), settings, layout);
+    let (edges, rims) = (CausticEdges::new(common.as_ref()), CausticRims::new(common.as_ref()));
 
     let training = GuideTraining { scene, layout, adjoint, guides, effort: 1.0, seed };
+    let caustics = caustics.map(|c| c.guided(&training));
+    let (edges, rims) = (edges.map(|c| c.guided(&training)), rims.map(|c| c.guided(&training)));
+    let by_light = expense(&caustics) + expense(&edges) + expense(&rims);
     let light_estimators = |environment: MovingEnvironment| {
         let mut interior = interior.clone();
         interior.iter_mut().for_each(|i| i.detached.environment = environment);
@@ -135,8 +146,9 @@ pub fn run_estimators(request: &Request, accumulator: &mut Accumulator) {
             + expense(&shadows)
             + expense(&secondary)
             + expense(&reflections)
-            + expense(&seen_through);
-        let bounces = if lights { typical_bounces(settings.max_bounces) } else { 0.0 };
+            + expense(&seen_through)
+            + by_light;
+        let bounces = if lights || films.is_some() { typical_bounces(settings.max_bounces) } else { 0.0 };
         let effort = affordable(total, settings.spp, camera.width * camera.height, bounces);
         let training = GuideTraining { effort, ..training };
         let shadows = shadows.map(|s| s.guided(&training));
@@ -165,6 +177,9 @@ pub fn run_estimators(request: &Request, accumulator: &mut Accumulator) {
     let (interior, shadows, secondary) = estimators;
     moments.reflections = runs.of(&reflections);
     moments.seen_through = runs.of(&seen_through);
+    moments.caustics = runs.of(&caustics);
+    moments.caustic_edges = runs.of(&edges);
+    moments.caustic_rims = runs.of(&rims);
     let counts = moments.split();
     draw(&primary, counts.primary, request, seed, accumulator);
     draw(&interior, counts.interior, request, seed, accumulator);
@@ -172,18 +187,24 @@ pub fn run_estimators(request: &Request, accumulator: &mut Accumulator) {
     draw(&secondary, counts.secondary, request, seed, accumulator);
     draw(&reflections, counts.reflections, request, seed, accumulator);
     draw(&seen_through, counts.seen_through, request, seed, accumulator);
+    draw(&caustics, counts.caustics, request, seed, accumulator);
+    draw(&edges, counts.caustic_edges, request, seed, accumulator);
+    draw(&rims, counts.caustic_rims, request, seed, accumulator);
 }
 
 /// The interior term alone, with pairs of directions for derivatives in roughness if these have less noise than scores of the paths' own
 /// samples.
 fn without_boundary(
     mut interior: Option<Interior>,
-    pairs: Option<RoughnessPairs>,
-    runs: PilotRuns,
+    caustics: Option<Caustics>,
     request: &Request,
     seed: u64,
     accumulator: &mut Accumulator,
 ) {
+    let &Request { scene, camera, settings, layout, adjoint, .. } = request;
+    draw(&caustics, caustics.as_ref().map_or(0, Estimator::count), request, seed, accumulator);
+    let pairs = RoughnessPairs::new(scene, camera, settings, layout, adjoint).filter(|_| settings.has_paths());
+    let runs = PilotRuns::new(scene, layout, adjoint, 1.0, seed);
     if interior.is_some() && pairs.is_some() {
         let plain = Terms { interior: runs.of(&interior), ..Terms::<Moments>::default() };
         interior.iter_mut().for_each(|i| i.detached.distributions = true);

@@ -207,7 +207,14 @@ mod tests {
         let shapes = vec![Shape { mesh, material, emission: None }];
         let scene = Scene::new(SceneDescription { shapes, textures, environment, ..Default::default() }).unwrap();
         let camera = Camera { scale: [0.5; 2], ..Camera::look_at(Vec3::Z, Vec3::ZERO, Vec3::Y, 1.0, [1, 1]) };
-        let settings = Settings { output: Output::Radiance, spp: 1, max_bounces: 1, seed: 1, boundary: true };
+        let settings = Settings {
+            output: Output::Radiance,
+            spp: 1,
+            max_bounces: 1,
+            seed: 1,
+            boundary: true,
+            ..Settings::default()
+        };
         let layout = Layout::new(&scene, &[Slot::Texels(1)]);
         let mut adjoint = Image::new(1, 1, 3);
         adjoint.data.fill(1.0);
