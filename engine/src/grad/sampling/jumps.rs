@@ -127,7 +127,7 @@ impl<'a> Jumps<'a> {
     }
 }
 
-/// [`NARROW`], but not below what single precision can tell apart at this place of a film.
+/// The length at which bisection ends, but not below what single precision can tell apart at this place of a film.
 pub fn narrow(place: Vec2) -> f32 {
     NARROW.max(8.0 * f32::EPSILON * place.max_element())
 }
