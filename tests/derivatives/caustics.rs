@@ -167,6 +167,38 @@ fn what_light_tracing_does_not_know_is_told() {
     }
 }
 
+/// A lamp that is off has a derivative in its power: the image that it would give.
+#[test]
+fn lamps_that_are_off_have_derivatives() {
+    let build = |power: f32| {
+        let (mut description, camera) = Row { view: View::Facets, moves: Moves::Albedo }.build(0.0);
+        if let DeltaLight::Directional { irradiance, .. } = &mut description.delta_lights[0] {
+            *irradiance = Vec3::splat(power);
+        }
+        (Scene::new(description).unwrap(), camera)
+    };
+    let ((off, camera), (on, _)) = (build(0.0), build(1.0));
+    let image = render(&on, &camera, &settings(Method::Light, 256)).unwrap();
+    let (ones, slot) = (Image { data: vec![1.0; image.data.len()], ..image.clone() }, [Slot::LightPower(0)]);
+    let found = dscene::grad::render_backward(&off, &camera, &settings(Method::Light, 256), &ones, &slot).unwrap();
+    let (found, expected) = (found[0].iter().sum::<f64>(), f64::from(image.data.iter().sum::<f32>()));
+    assert!(expected > 1.0 && (found - expected).abs() < 0.01 * expected, "{found} {expected}");
+}
+
+#[test]
+fn gaps_of_caustics_are_told() {
+    let told = |subdivisions: usize| {
+        let mut b = Builder::default();
+        b.matte(floor(Vec3::ZERO, 2.0), 0.7);
+        glass(&mut b, at(sphere(0.5, subdivisions).unwrap(), |v| v + Vec3::Y), 1.5, None);
+        point(&mut b, vec3(0.2, 3.0, 0.1), Vec3::ONE);
+        let camera = Camera { filter: PixelFilter::Tent, ..look_at(vec3(0.0, 1.0, 3.0), Vec3::ZERO, 30.0, 4) };
+        dscene::grad::coverage_gaps(&b.scene(), &camera, &settings(Method::Light, 1), &[Slot::Vertices(1)])
+    };
+    assert_eq!(told(48), Vec::<&str>::new());
+    assert!(told(5).iter().any(|gap| gap.contains("so coarse")), "{:?}", told(5));
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Moves {
     /// The ball, the bowl, the sheet of glass.

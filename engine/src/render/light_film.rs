@@ -9,6 +9,7 @@ use glam::{USizeVec2, Vec2, Vec3};
 
 use super::accel::Ray;
 use super::film::hilbert_curve;
+use super::light::table::defensive;
 use super::pixel_filter::PixelFilter;
 use super::sampler::Discrete;
 use super::scene::{Camera, DeltaLight, Projection};
@@ -66,11 +67,13 @@ impl LightFilms {
         }
         let mut films = LightFilms { films: Vec::new(), pixels: Vec::new(), density: Discrete::default() };
         let mut weights = Vec::new();
-        for (light, source) in scene.description.delta_lights.iter().enumerate() {
+        let lights = &scene.description.delta_lights;
+        // A light that is dark now still has a derivative in its power.
+        let powers = defensive(&lights.iter().map(|l| f64::from(luminance(l.power().abs()))).collect::<Vec<_>>());
+        for (light, (source, power)) in lights.iter().zip(powers).enumerate() {
             for camera in cameras(scene, source, &specular) {
                 let covered = covered(&camera, &specular);
                 let film = Film { light: light as u32, camera, covered };
-                let power = f64::from(luminance(source.power().abs()));
                 // In the order of a curve, along which samples of neighbouring pixels follow one another.
                 let size = film.camera.width;
                 hilbert_curve([size; 2], [0..size, 0..size], |x, y, _| {

@@ -46,6 +46,12 @@ fn gaps(scene: &Scene, camera: &Camera, settings: &Settings, wrt: &[Slot]) -> Ve
         gaps.extend(mirror_gaps(scene, settings, &layout));
         gaps.extend(glass_gaps(scene, settings));
     }
+    if settings.boundary && settings.has_caustics() && !scene.description.delta_lights.is_empty() && folds(scene) {
+        gaps.push(
+            "a mirror or glass with smooth normals is so coarse that light which it throws jumps between its triangles; these jumps in \
+             caustics have no derivative (finer triangles make them small)",
+        );
+    }
     gaps
 }
 
@@ -101,14 +107,7 @@ fn mirror_gaps(scene: &Scene, settings: &Settings, layout: &Layout) -> Vec<&'sta
             gaps.push("silhouettes that a surface sees in one mirror by way of another have no derivative");
         }
     }
-    let stop = stop::flag();
-    let coarse = |e: &Edge| {
-        let folding = e.folding(scene);
-        // After an interruption the result does not matter.
-        (folding.is_finite() && folding >= COARSE) || stop.load(Ordering::Relaxed)
-    };
-    let coarse = settings.max_bounces > 2 && !mirrors.curved.is_empty() && scene.edges().edges.par_iter().any(coarse);
-    stop::check();
+    let coarse = settings.max_bounces > 2 && !mirrors.curved.is_empty() && folds(scene);
     if coarse {
         gaps.push(
             "a mirror with smooth normals is so coarse that its rim would reflect into itself; shadows that other surfaces see by way of \
@@ -116,6 +115,19 @@ fn mirror_gaps(scene: &Scene, settings: &Settings, layout: &Layout) -> Vec<&'sta
         );
     }
     gaps
+}
+
+/// Whether smooth specular surfaces are so coarse that light which they turn jumps between their triangles.
+fn folds(scene: &Scene) -> bool {
+    let stop = stop::flag();
+    let coarse = |e: &Edge| {
+        let folding = e.folding(scene);
+        // After an interruption the result does not matter.
+        (folding.is_finite() && folding >= COARSE) || stop.load(Ordering::Relaxed)
+    };
+    let folds = scene.edges().edges.par_iter().any(coarse);
+    stop::check();
+    folds
 }
 
 /// Whether some surface scatters light in more directions than one.

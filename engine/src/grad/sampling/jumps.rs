@@ -51,7 +51,7 @@ pub struct Line {
     corner: Vec2,
     /// Position across the line.
     across: f32,
-    pub vertical: bool,
+    vertical: bool,
     narrow: f32,
     /// Random numbers that choose between reflection and refraction, one for each link. They are the same all along the line.
     choices: [f32; LONGEST],
@@ -209,10 +209,10 @@ impl Passed<'_> {
         RayAdjoint { origin: -d, dir: d * -self.t }
     }
 
-    /// Adds the derivative of the edge's point, for an adjoint of h, as seen along a ray.
-    pub fn d_point(&self, out: &mut Adjoints, ray: &Ray, d_h: f32) {
+    /// Adds the derivative of the edge's point, for its adjoint, as seen along a ray.
+    pub fn d_point(&self, out: &mut Adjoints, ray: &Ray, d_point: Vec3) {
         let face = self.edge.view(ray.dir).map_or(0, |view| view.foreground);
-        out.edge_point(self.edge, face, self.s, self.normal * d_h);
+        out.edge_point(self.edge, face, self.s, d_point);
     }
 }
 

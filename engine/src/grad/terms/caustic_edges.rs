@@ -151,15 +151,13 @@ impl<'a> Common<'a> {
     fn d_jump(&self, out: &mut Adjoints, camera: &Camera, chain: &Chain, jump: &Jump, d_h: f32) -> RayAdjoint {
         match jump {
             Jump::Chain(passed, k) => {
-                passed.d_point(out, &chain.rays[*k], d_h);
+                passed.d_point(out, &chain.rays[*k], passed.normal * d_h);
                 d_links(out, &chain.links[..*k], passed.d_ray(d_h))
             }
             Jump::Sight(sight) => {
                 let d = sight.normal * d_h;
                 let d_edge = camera.d_project(&sight.edge, d, &mut out.camera);
-                let Passed { edge, s, .. } = sight.passed;
-                let face = edge.view(sight.view.dir).map_or(0, |view| view.foreground);
-                out.edge_point(edge, face, s, d_edge);
+                sight.passed.d_point(out, &sight.view, d_edge);
                 let p = camera.d_project(&sight.place, -d, &mut out.camera);
                 let Some((end, t)) = &chain.end else { return RayAdjoint::default() };
                 let ray = d_intersection(out, end, *t, VertexAdjoint { p, ..VertexAdjoint::default() });

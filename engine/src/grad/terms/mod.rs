@@ -122,7 +122,7 @@ pub fn run_estimators(request: &Request, accumulator: &mut Accumulator) {
     }
     let reflections = curved.and_then(|tree| Reflections::new(scene, camera, tree, settings, adjoint, seed));
 
-    let seen_through = SeenThrough::new(scene, camera, &mirrors, settings, layout, adjoint).filter(|_| has_paths);
+    let seen_through = SeenThrough::new(scene, camera, &mirrors, settings, layout, adjoint);
     let common = caustic_edges::Common::new(scene, camera, films.as_ref(), settings, layout);
     let (edges, rims) = (CausticEdges::new(common.as_ref()), CausticRims::new(common.as_ref()));
 
@@ -203,7 +203,7 @@ fn without_boundary(
 ) {
     let &Request { scene, camera, settings, layout, adjoint, .. } = request;
     draw(&caustics, caustics.as_ref().map_or(0, Estimator::count), request, seed, accumulator);
-    let pairs = RoughnessPairs::new(scene, camera, settings, layout, adjoint).filter(|_| settings.has_paths());
+    let pairs = RoughnessPairs::new(scene, camera, settings, layout, adjoint);
     let runs = PilotRuns::new(scene, layout, adjoint, 1.0, seed);
     if interior.is_some() && pairs.is_some() {
         let plain = Terms { interior: runs.of(&interior), ..Terms::<Moments>::default() };

@@ -53,6 +53,7 @@ impl<'a> RoughnessPairs<'a> {
         let outlined = scene.description.environment.is_none();
         if outlined
             || settings.output != Output::Radiance
+            || !settings.has_paths()
             || settings.max_bounces == 0
             || !layout.slots.iter().all(still)
         {

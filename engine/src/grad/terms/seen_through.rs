@@ -42,7 +42,12 @@ impl<'a> SeenThrough<'a> {
     ) -> Option<SeenThrough<'a>> {
         let shapes = &scene.description.shapes;
         let chains = shapes.iter().any(|s| s.material.kind.is_smooth_glass()) || !mirrors.show_no_mirror();
-        if settings.output != Output::Radiance || settings.max_bounces == 0 || scene.masked || !chains {
+        if !settings.has_paths()
+            || settings.output != Output::Radiance
+            || settings.max_bounces == 0
+            || scene.masked
+            || !chains
+        {
             return None;
         }
         // Lines are drawn over squares of the film, whatever the filter.
@@ -159,7 +164,7 @@ impl Draw for SeenThrough<'_> {
             }
             out.pixel(film.pixel, &mut |d, out| {
                 let d_h = d.dot(m);
-                passed.d_point(out, &a.rays[k], d_h);
+                passed.d_point(out, &a.rays[k], passed.normal * d_h);
                 let ray = d_links(out, links, passed.d_ray(d_h));
                 camera.d_ray(pixel, ray.origin, ray.dir, &mut out.camera);
             });

@@ -320,7 +320,7 @@ impl LightTable {
 
 /// Probabilities in proportion to power, with a tenth shared equally among all lights: a light that is estimated as dark (such as a black
 /// texture that is being optimised) is still sampled.
-fn defensive(weights: &[f64]) -> Vec<f64> {
+pub(in crate::render) fn defensive(weights: &[f64]) -> Vec<f64> {
     let total: f64 = weights.iter().filter(|w| w.is_finite()).sum();
     let share = if total > 0.0 { 0.1 * total / weights.len() as f64 } else { 1.0 };
     weights.iter().map(|w| w + share).collect()
