@@ -54,7 +54,9 @@ pub use flow::{children, reaching_params, reaching_params_of, walk};
 pub use known::READERS;
 pub use library::{library_modules, library_text};
 pub use lines::{LINE, Line, check_expression, check_given, check_line};
-pub use lints::{FACING_AWAY, INSIDE_OUT, LINTS, NO_BOUNDARY, OPEN_BODY, is_allowed, without_boundary};
+pub use lints::{
+    FACING_AWAY, INSIDE_OUT, LINTS, MISSING_CAUSTIC, NO_BOUNDARY, OPEN_BODY, is_allowed, without_boundary,
+};
 use modules::Checker;
 pub use modules::{ModuleId, PRELUDE, is_private, normal};
 pub use signature::TYPE_NAMES;

@@ -4,17 +4,20 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
+use glam::Vec3;
+
 use crate::check;
 use crate::check::hir::{NativeDecl, Rendering};
 use crate::diag::Diagnostic;
 use crate::grad::{self, Direction, GuideCache, Output, Rows, SceneError, Settings};
 use crate::image::Image;
+use crate::math::luminance;
 use crate::memory;
 use crate::natives::{
     add_to_scene,
     value::{SceneValue, SettingsValue, Value},
 };
-use crate::render::{Camera, Method, Slot};
+use crate::render::{Camera, Method, Slot, caustics};
 use crate::source::Span;
 use crate::stop;
 use crate::tape::{CustomOp, Tensor, Var};
@@ -527,7 +530,8 @@ impl Engine {
         image
     }
 
-    /// Says why an image is black, or else which lights shine on nothing and which bodies of glass are none, in a scene that was not rendered before.
+    /// Says why an image is black, or else which lights shine on nothing, which bodies of glass are none and whose caustics are left out, in a
+    /// scene that was not rendered before.
     fn tell_of_scene(&self, image: &Image, task: Task, is_new: bool, scene: &SceneValue, origins: &[Origin]) {
         if image.data.iter().all(|x| *x == 0.0) {
             let why = dark::reason(task.scene, task.camera);
@@ -539,6 +543,7 @@ impl Engine {
             for (shape, flaw) in bodies::flawed(&task.scene.description) {
                 self.tell_flaw(shape, flaw, scene, origins, task.place);
             }
+            self.tell_missing_caustics(image, task, scene, origins);
         }
     }
 
@@ -614,6 +619,32 @@ impl Engine {
         let unnamed = index.map_or("a light of the scene".to_owned(), |index| format!("the scene's light {index}"));
         let what = "shines on nothing: all of the scene lies on its dark side";
         self.tell_of_part(origin, unnamed, span, [check::FACING_AWAY, what, "faces away", help]);
+    }
+
+    /// Says by how much brighter an image would be by the caustics of a light, unless the script allows that they are left out.
+    fn tell_missing_caustics(&self, image: &Image, task: Task, scene: &SceneValue, origins: &[Origin]) {
+        /// Parts of the image's light below which nothing is said.
+        const LITTLE: f64 = 0.01;
+        if self.rehearsal.is_some() {
+            return; // its images are no images
+        }
+        let missing = caustics::left_out(task.scene, task.camera, task.settings);
+        let pixels = image.data.chunks_exact(3).map(|p| f64::from(luminance(Vec3::new(p[0], p[1], p[2]))));
+        let mean = pixels.sum::<f64>() / (image.data.len() / 3).max(1) as f64;
+        for (light, missing) in missing.into_iter().enumerate() {
+            if f64::from(missing) <= LITTLE * mean {
+                continue;
+            }
+            let part = lower::delta_light(scene, light)
+                .and_then(|light| origins.iter().filter(|origin| origin.is_light).nth(light));
+            let text = [
+                check::MISSING_CAUSTIC,
+                "lights surfaces by way of mirrors or glass too, which this rendering leaves out",
+                "its caustics are missing",
+                "`method: \"both\"` adds them (for which the camera wants `filter: tent`): no path from the camera meets a light without area",
+            ];
+            self.tell_of_part(part, format!("the scene's light {light}"), task.place, text);
+        }
     }
 
     /// Warns of a shape or a light, unless the script allows it.

@@ -13,6 +13,7 @@ mod caustics;
 mod curved_mirrors;
 mod edge_on;
 mod edges;
+mod gaps;
 mod glass;
 mod ltc;
 mod masks;

@@ -335,6 +335,45 @@ fn surfaces_of_glass_that_need_not_be_closed_are_not_told() {
     assert_eq!(told(bubble), ["inside_out"]);
 }
 
+#[test]
+fn light_that_reaches_a_picture_by_glass_and_mirrors_alone_is_missed_aloud() {
+    let script = |light: &str, body: &str, render: &str| {
+        format!(
+            "camera eye {{ position: [0, 4, -4], look_at: [0, -1, 0], fov: 60deg, film: [8, 8], filter: tent }}\n\
+             shape floor {{ mesh: rectangle(width: 9, depth: 9) |> translate([0, -2, 0]) }}\n\
+             shape body {{ {body} }}\n{light}\nlet picture = render(eye, spp: 8{render})\n"
+        )
+    };
+    let ball = "mesh: sphere() |> smooth_normals(), material: dielectric()";
+    let mirror = "mesh: rectangle(2, 2) |> rotate(z: -70deg) |> translate([-2, -1, 0]), material: mirror()";
+    let told = |light: &str, body: &str, render: &str| run_warnings(&script(light, body, render));
+    let lights = [
+        "light lamp = point(position: [0, 3, 0], intensity: 10)",
+        "light lamp = spot(position: [0, 3, 0], direction: [0, -1, 0], intensity: 10, cutoff: 40deg)",
+        "light lamp = directional(direction: [-0.5, -1, 0], irradiance: 2)",
+    ];
+    for light in lights {
+        for body in [ball, mirror] {
+            assert_eq!(told(light, body, ""), ["missing_caustic"], "{light} {body}");
+            assert_eq!(told(light, body, ", method: \"both\""), [""; 0], "{light} {body}");
+            assert_eq!(told(light, body, ", method: \"light\""), [""; 0], "{light} {body}");
+            assert_eq!(told(&format!("{light} // allow(missing_caustic)"), body, ""), [""; 0], "{light} {body}");
+            // One scattering event finds no caustic, whatever the method.
+            assert_eq!(told(light, body, ", max_bounces: 1"), [""; 0], "{light} {body}");
+        }
+        assert_eq!(told(light, "mesh: sphere()", ""), [""; 0]);
+        // What scatters its light sends it everywhere; nothing is missing.
+        assert_eq!(told(light, "mesh: sphere(), material: dielectric(roughness: 0.3)", ""), [""; 0]);
+    }
+    // Lights with area are met by paths from the camera, and a lamp beside a bright sky is no matter.
+    assert_eq!(told("light lamp = area(sphere(radius: 0.2) |> translate([0, 3, 0]), radiance: 90)", ball, ""), [""; 0]);
+    assert_eq!(told(&format!("{}\nlight sky = constant(9000)", lights[0]), ball, ""), [""; 0]);
+    // The one of two lamps is told that has caustics: the other is behind the mirror.
+    let two = format!("{}\nlight other = point(position: [-9, -1, 0], intensity: 1)", lights[0]);
+    tells(&script(&two, ball, ""), &[]);
+    assert_eq!(told(&two, mirror, "").len(), 1);
+}
+
 /// No lint is told of a script that people are to learn from.
 #[test]
 fn the_scripts_of_the_repository_give_no_lint() {

@@ -12,7 +12,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use glam::{DVec3, Vec2, Vec3};
 
 use super::accel::{PrimId, Ray};
-use super::film::Settings;
+use super::film::{Method, Settings};
 use super::interaction::SurfaceInteraction;
 use super::light_film::{LightFilmSample, LightFilms};
 use super::pixel_filter::PixelFilter;
@@ -193,6 +193,35 @@ pub(super) fn add_caustics(
             *pixel += x as f32;
         }
     }
+}
+
+/// The mean luminance over the image of what each light without area sends by way of mirrors and smooth glass, and [`Method::Path`] leaves
+/// out: from a few thousand paths, for a warning. Zeros where light tracing cannot render it, whatever the filter. What moves is taken at its
+/// opening keyframe.
+pub fn left_out(scene: &Scene, camera: &Camera, settings: &Settings) -> Vec<f32> {
+    const PATHS: usize = 1 << 15;
+    let mut means = vec![0.0; scene.description.delta_lights.len()];
+    let traced = Settings { method: Method::Light, ..*settings };
+    let continuous = Camera { filter: PixelFilter::Tent, ..*camera };
+    if settings.has_caustics() || !traced.has_caustics() || validate_caustics(scene, &continuous, &traced).is_err() {
+        return means;
+    }
+    let Some(films) = LightFilms::new(scene) else { return means };
+    let seed = hash(settings.seed, 0x6c65_6674_6f75_7400);
+    let most = settings.max_bounces as usize - 1;
+    let tracer = Tracer { scene, camera, films, count: PATHS, most, seed };
+    let mut chain = Chain::default();
+    let pixels = (camera.width * camera.height) as f32;
+    for i in 0..PATHS {
+        let mut sampler = Sampler::new(hash(seed, i as u64), 0);
+        let along = (i as f64 + 0.5) / PATHS as f64;
+        let start = tracer.films.place([along, f64::from(sampler.next_1d())]);
+        if let Some((value, _)) = tracer.path(&start, &mut sampler, &mut chain) {
+            let (light, _) = tracer.films.of(start.film);
+            means[light as usize] += luminance(value) / (PATHS as f32 * pixels);
+        }
+    }
+    means
 }
 
 struct Tracer<'a> {

@@ -10,7 +10,7 @@ use crate::grad::mirrors::viewpoint::Mirrors;
 use crate::grad::sink::Layout;
 use crate::memory::bounded;
 use crate::render::accel::PrimId;
-use crate::render::edges::Edge;
+use crate::render::edges::{Edge, EdgeFace};
 use crate::render::texture::Filter;
 use crate::render::{Camera, Input, MaterialKind, Output, Projection, Scene, Settings, Shape, Slot, TextureId};
 use crate::stop::{self, paced};
@@ -90,6 +90,10 @@ fn meets_box(a: Vec2, b: Vec2, half: Vec2) -> bool {
 /// A smooth mirror is coarse if it folds reflections for viewers at elevations up to this sine above a face: such as a ball of fewer than
 /// ten rings.
 const COARSE: f32 = 0.5;
+/// The same for smooth glass. What it lets pass is folded up at no more than the angle between a face and its shading normals, where a
+/// mirror folds up at twice that angle: so this is the sine of twice as many degrees, such as a ball of fewer than five rings. (What glass
+/// reflects is a twentieth of the light; `tests/derivatives/gaps.rs` measures what is missing beyond.)
+const COARSE_GLASS: f32 = 0.866;
 
 /// Missing terms of reflections in mirrors.
 fn mirror_gaps(scene: &Scene, settings: &Settings, layout: &Layout) -> Vec<&'static str> {
@@ -122,8 +126,13 @@ fn folds(scene: &Scene) -> bool {
     let stop = stop::flag();
     let coarse = |e: &Edge| {
         let folding = e.folding(scene);
+        let glass = |face: &EdgeFace| {
+            let shape = scene.prims[face.prim as usize].shape as usize;
+            scene.description.shapes[shape].material.kind.is_smooth_glass()
+        };
+        let coarse = if e.faces.iter().all(glass) { COARSE_GLASS } else { COARSE };
         // After an interruption the result does not matter.
-        (folding.is_finite() && folding >= COARSE) || stop.load(Ordering::Relaxed)
+        (folding.is_finite() && folding >= coarse) || stop.load(Ordering::Relaxed)
     };
     let folds = scene.edges().edges.par_iter().any(coarse);
     stop::check();
