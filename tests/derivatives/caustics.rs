@@ -390,3 +390,39 @@ fn light_from_within_glass_has_its_derivatives() {
     use Moves::*;
     check_all(View::Lantern, &[Zoom]);
 }
+
+/// What stands on a floor throws its light right to its foot, which moves with it: a strip of mirror of which the camera sees the front or the
+/// back, and a block of glass that reaches into the floor.
+fn standing(body: &'static str, f: impl Fn(f32, &mut Vec3)) -> impl Fn(f32) -> (SceneDescription, Camera) {
+    move |t| {
+        let mut b = Builder::default();
+        b.matte(floor(Vec3::ZERO, 2.0), 0.7);
+        let mut place = match body {
+            "front" => vec3(0.03, 0.0, -0.5),
+            "back" => vec3(0.03, 0.0, 0.5),
+            _ => vec3(0.05, 0.15, 0.1),
+        };
+        f(t, &mut place);
+        if body == "block" {
+            glass(&mut b, cuboid(place, vec3(0.3, 0.2, 0.25), 0.4), 1.5, None);
+        } else {
+            let [left, up] = [vec3(-0.5, 0.0, 0.1), Vec3::Y * 0.3];
+            let strip = quad(place + left, place - left, place - left + up, place + left + up);
+            let reflectance = b.grey(0.9);
+            b.add(strip, MaterialKind::Mirror { reflectance });
+        }
+        let direction = vec3(0.1, -0.5, -1.0).normalize();
+        b.description.delta_lights.push(DeltaLight::Directional { direction, irradiance: Vec3::splat(2.0) });
+        let camera = Camera { filter: PixelFilter::Tent, ..look_at(vec3(0.2, 3.0, 0.3), Vec3::ZERO, 45.0, 24) };
+        (b.description, camera)
+    }
+}
+
+#[test]
+fn the_caustic_at_the_foot_of_what_stands_has_its_derivatives() {
+    for (body, least) in [("front", 8.0), ("back", 8.0), ("block", 15.0)] {
+        let plan = Plan { max_bounces: 4, h: 0.01, least, method: Method::Light, ..Plan::default() };
+        agree(&format!("caustic at the foot, {body} z"), &standing(body, |t, p| p.z += t), &plan);
+        agree(&format!("caustic at the foot, {body} x"), &standing(body, |t, p| p.x += t), &plan);
+    }
+}

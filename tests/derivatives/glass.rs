@@ -465,3 +465,19 @@ fn a_ball_of_glass_has_its_derivatives() {
     agree_in_long("height of a glass ball", &ball_over_a_floor(|t| (1.5, PLACE + t * Vec3::Y, EYE)), &plan);
     agree_in_long("eye before a glass ball", &ball_over_a_floor(|t| (1.5, PLACE, EYE + t * Vec3::X)), &plan);
 }
+
+/// A block of glass that reaches into a glowing floor, seen close by: right at its foot the floor is seen through its side.
+#[test]
+fn the_foot_of_a_block_has_its_derivatives() {
+    let standing = |t: f32| {
+        let mut b = Builder::default();
+        b.lamp(floor(Vec3::ZERO, 20.0), Vec3::ONE);
+        let ior = b.scalar(1.5);
+        let block = cuboid(vec3(10.0 + t, 0.05, 0.0), vec3(0.1, 0.1, 0.1), 0.5);
+        b.add(block, MaterialKind::Dielectric { ior, roughness: None, absorption: None });
+        b.black(cuboid(vec3(10.3, 0.2, 0.4), vec3(0.1, 0.2, 0.1), 0.2));
+        (b.description, look_at(vec3(9.6, 0.5, -0.7), vec3(10.0, 0.03, 0.0), 12.0, 16))
+    };
+    let plan = Plan { max_bounces: 5, h: 0.002, ..Plan::default() };
+    agree("foot of a block of glass x", &standing, &plan);
+}

@@ -8,6 +8,9 @@
 //!
 //! Places are found by marching along the line and by bisection between steps whose chains differ. What lies between two steps and is
 //! missed twice is lost; the steps' random offset makes sure that nothing is always missed that is wider than a small part of a step.
+//!
+//! Mirrors and glass stand on things: light that leaves them right beside the line of contact lands at once, at a distance at which a ray from
+//! the surface does not see anything yet. What a chain brings there is taken from a little further aside ([`Jumps::aside`]).
 
 use glam::{Vec2, Vec3};
 
@@ -15,8 +18,8 @@ use crate::grad::local::{RayAdjoint, d_specular_ray};
 use crate::grad::sink::{Adjoints, Sink};
 use crate::render::accel::{NO_PRIM, PrimId, Ray};
 use crate::render::bsdf::{Bsdf, Lobe};
-use crate::render::edges::{Edge, EdgeTable};
-use crate::render::interaction::SurfaceInteraction;
+use crate::render::edges::{Edge, EdgeFace, EdgeTable};
+use crate::render::interaction::{SurfaceInteraction, offset};
 use crate::render::sampler::Sampler;
 use crate::render::specular::{Chain, LONGEST, Link};
 use crate::render::{Camera, Scene};
@@ -25,6 +28,12 @@ use crate::render::{Camera, Scene};
 const STEPS: usize = 8;
 /// Length in pixels at which bisection ends. What the radiance changes over this length counts as part of a jump.
 const NARROW: f32 = 1.0 / 4096.0;
+/// How far aside of a line of contact chains are followed, and how close to the vertex before it a ray passes such a line at the vertex
+/// itself: in multiples of the distance at which rays begin.
+const ASIDE: f32 = 64.0;
+const AT_VERTEX: f32 = 8.0;
+/// Chains are followed at most so many pixels aside.
+const MOST_ASIDE: f32 = 0.25;
 /// The probability with which a chain is reflected at a smooth interface, and not refracted.
 const REFLECTED: f32 = 0.25;
 
@@ -104,6 +113,22 @@ impl<'a> Jumps<'a> {
         self.passed_by([&a.rays[k], &b.rays[k]], [a.prim(k), b.prim(k)])
     }
 
+    /// The places on both sides of a jump from which chains land clear of the line of contact that they pass, where h has this slope on film and
+    /// `ahead` leads from one side to the other; `None` if nothing that scatters touches the edge.
+    pub fn aside(&self, passed: &Passed, place: Vec2, slope: Vec2, ahead: Vec2) -> Option<[Vec2; 2]> {
+        let scatters = |face: &EdgeFace| {
+            let shape = self.scene.prims[face.prim as usize].shape as usize;
+            !self.scene.description.shapes[shape].material.kind.is_delta()
+        };
+        let steepness = slope.length();
+        if !passed.edge.faces.iter().any(scatters) || !(steepness > 0.0 && steepness.is_finite()) {
+            return None;
+        }
+        let way = ASIDE * offset(passed.edge.point(passed.s)) / steepness;
+        let step = slope * (slope.dot(ahead).signum() * way.min(MOST_ASIDE) / steepness);
+        Some([place - step, place + step])
+    }
+
     /// The edge of one of these primitives that lies between two neighbouring rays.
     pub fn passed_by(&self, [ray, other]: [&Ray; 2], prims: [PrimId; 2]) -> Option<Passed<'a>> {
         let edges = prims.into_iter().filter(|&p| p != NO_PRIM).flat_map(|p| &self.edges[p as usize]);
@@ -143,6 +168,11 @@ impl Line {
     /// The film position at a part of the line's length.
     pub fn at(&self, x: f32) -> Vec2 {
         self.corner + if self.vertical { Vec2::new(self.across, x) } else { Vec2::new(x, self.across) }
+    }
+
+    /// The direction of the line on film.
+    pub fn ahead(&self) -> Vec2 {
+        if self.vertical { Vec2::Y } else { Vec2::X }
     }
 
     /// The lobe into which the line's chains are sent by their `k`-th surface, and its probability.
@@ -203,6 +233,19 @@ pub fn d_links(out: &mut Adjoints, links: &[Link], ray: RayAdjoint) -> RayAdjoin
 }
 
 impl Passed<'_> {
+    /// Whether a chain ends at a face of the edge by way of the specular surface that it meets after `k` links: where things touch, what stands
+    /// there throws its light on it.
+    pub fn is_foot_of(&self, chain: &Chain, k: usize) -> bool {
+        let is_face = |end: &SurfaceInteraction| self.edge.faces.iter().any(|face| face.prim == end.prim);
+        chain.links.len() > k && chain.end.as_ref().is_some_and(|(end, _)| is_face(end))
+    }
+
+    /// Whether the ray that passes the edge starts at it. The surface that it starts at has the same edge, at which the chain was found to
+    /// jump already.
+    pub fn is_at_start(&self, ray: &Ray) -> bool {
+        self.t <= AT_VERTEX * offset(ray.origin)
+    }
+
     /// Adjoint of the passing ray for one of h.
     pub fn d_ray(&self, d_h: f32) -> RayAdjoint {
         let d = self.normal * d_h;

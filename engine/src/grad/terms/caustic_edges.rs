@@ -134,12 +134,19 @@ impl<'a> Common<'a> {
     /// What the path passes between two neighbouring points of the film.
     fn jump(&self, camera: &Camera, a: &Seen, b: &Seen) -> Option<Jump<'a>> {
         if let Some(k) = self.jumps.parts(&a.chain, &b.chain) {
-            return Some(Jump::Chain(self.jumps.passed(&a.chain, &b.chain, k)?, k));
+            let passed = self.jumps.passed(&a.chain, &b.chain, k)?;
+            let again = k > 0 && passed.is_at_start(&a.chain.rays[k]);
+            return (!again).then_some(Jump::Chain(passed, k));
         }
         let (of_a, of_b) = (a.landing.as_ref()?, b.landing.as_ref()?);
         let hider = a.hidden_by.or(b.hidden_by)?;
         let view = of_a.view();
         let passed = self.jumps.passed_by([&view, &of_b.view()], [hider; 2])?;
+        // At the foot of what hides the place nothing is hidden by it, as rays to the place end a little before it: that is no jump.
+        const AT_FOOT: f32 = 8.0;
+        if of_a.distance - passed.t <= AT_FOOT * (of_a.distance - view.t_max) {
+            return None;
+        }
         let edge = camera.project(passed.edge.point(passed.s))?;
         let [x, y] = camera.projection_gradient(&edge);
         let along = passed.edge.p[1] - passed.edge.p[0];
@@ -176,18 +183,41 @@ impl Common<'_> {
         slope_on_film(self.films.of(film).1, pixel, ray)
     }
 
+    /// What paths see a little aside of a jump on either side, where they end at a foot of the edge: right beside it they do not find it.
+    fn aside(
+        &self,
+        place: Vec2,
+        slope: Vec2,
+        ahead: Vec2,
+        jump: &Jump,
+        seen: &impl Fn(Vec2) -> Seen,
+    ) -> [Option<Seen>; 2] {
+        let Jump::Chain(passed, k) = jump else { return [None, None] };
+        let Some(places) = self.jumps.aside(passed, place, slope, ahead) else { return [None, None] };
+        places.map(|place| Some(seen(place)).filter(|seen| passed.is_foot_of(&seen.chain, *k)))
+    }
+
     /// Adds what the paths on both sides of a jump bring, times the `motion` of the place where it is per h: of the side before it, less
     /// that of the side after it.
-    fn add(&self, film: u32, camera: &Camera, [a, b]: [&Seen; 2], jump: &Jump, motion: f32, out: &mut dyn Estimate) {
+    fn add(
+        &self,
+        film: u32,
+        camera: &Camera,
+        chain: &Chain,
+        sides: [&Seen; 2],
+        jump: &Jump,
+        motion: f32,
+        out: &mut dyn Estimate,
+    ) {
         if !motion.is_finite() {
             return;
         }
-        for (side, sign) in [(a, -1.0), (b, 1.0)] {
+        for (side, sign) in sides.into_iter().zip([-1.0, 1.0]) {
             let Some(landing) = side.landing.as_ref().filter(|_| side.value != Vec3::ZERO) else { continue };
             let m = side.value * (motion * sign);
             let footprint = camera.footprint(landing.projected.pixel);
             out.pixels(footprint.pixels(), &mut |d, out| {
-                let ray = self.d_jump(out, camera, &a.chain, jump, d.dot(m));
+                let ray = self.d_jump(out, camera, chain, jump, d.dot(m));
                 d_light_ray(out, self.films.of(film).0, ray);
             });
         }
@@ -223,15 +253,14 @@ impl CausticEdges<'_> {
         let differs =
             |a: &Seen, b: &Seen| Common::sight_differs(a, b) || common.jumps.parts(&a.chain, &b.chain).is_some();
         line.march(offset, &seen, &differs, &mut |pixel, a, b| {
-            if a.value == Vec3::ZERO && b.value == Vec3::ZERO {
-                return;
-            }
             let Some(jump) = common.jump(&camera, a, b) else { return };
             if matches!(jump, Jump::Chain(_, 0)) {
                 return; // a rim
             }
             let slope = common.slope(start.film, pixel, &camera, &a.chain, &jump);
-            common.add(start.film, &camera, [a, b], &jump, weight * line.motion(slope), out);
+            let [clear_a, clear_b] = common.aside(pixel, slope, line.ahead(), &jump, &seen);
+            let sides = [clear_a.as_ref().unwrap_or(a), clear_b.as_ref().unwrap_or(b)];
+            common.add(start.film, &camera, &a.chain, sides, &jump, weight * line.motion(slope), out);
         });
     }
 }
@@ -338,7 +367,7 @@ impl CausticRims<'_> {
         let choices: [f32; LONGEST] = std::array::from_fn(|_| sampler.next_1d());
         let seen = |pixel: Vec2| common.seen(&camera, film, pixel, |k, si| si.choose_delta_lobe(choices[k], LEAST));
         let (a, b) = (seen(place.pixel - aside), seen(place.pixel + aside));
-        if a.value == Vec3::ZERO && b.value == Vec3::ZERO || common.jumps.parts(&a.chain, &b.chain) != Some(0) {
+        if common.jumps.parts(&a.chain, &b.chain) != Some(0) {
             return;
         }
         let Some(passed) = common.jumps.passed(&a.chain, &b.chain, 0) else { return };
@@ -347,10 +376,13 @@ impl CausticRims<'_> {
         }
         let jump = Jump::Chain(passed, 0);
         let slope = common.slope(film, place.pixel, &camera, &a.chain, &jump);
+        let ahead = aside.normalize_or_zero();
+        let [clear_a, clear_b] = common.aside(place.pixel, slope, ahead, &jump, &seen);
+        let sides = [clear_a.as_ref().unwrap_or(&a), clear_b.as_ref().unwrap_or(&b)];
         // The place moves along the edge's normal, by −1/h_n per h.
-        let per_h = slope.dot(aside.normalize_or_zero()).recip();
+        let per_h = slope.dot(ahead).recip();
         let weight = (weight / probability) as f32 * along.length();
-        common.add(film, &camera, [&a, &b], &jump, weight * per_h, out);
+        common.add(film, &camera, &a.chain, sides, &jump, weight * per_h, out);
     }
 }
 

@@ -149,14 +149,24 @@ impl Draw for SeenThrough<'_> {
                 return;
             }
             let Some(passed) = self.jumps.passed(a, b, k) else { return };
-            let jump = self.radiance(a, k, &sampler) - self.radiance(b, k, &sampler);
-            if jump == Vec3::ZERO || !jump.is_finite() {
+            if passed.is_at_start(&a.rays[k]) {
                 return;
             }
             let links = &a.links[..k];
             let mut nowhere = Nowhere;
             let ray = d_links(&mut Adjoints::new(self.scene, self.layout, &mut nowhere), links, passed.d_ray(1.0));
-            let motion = line.motion(slope_on_film(&camera, pixel, ray));
+            let slope = slope_on_film(&camera, pixel, ray);
+            // What stands on something throws its light on it, which is found a little aside only.
+            let clear = self.jumps.aside(&passed, pixel, slope, line.ahead()).map(|places| places.map(seen));
+            let side = |i: usize, near: &Chain| {
+                let clear = clear.as_ref().map(|sides| &sides[i]).filter(|chain| passed.is_foot_of(chain, k));
+                self.radiance(clear.unwrap_or(near), k, &sampler)
+            };
+            let jump = side(0, a) - side(1, b);
+            if jump == Vec3::ZERO || !jump.is_finite() {
+                return;
+            }
+            let motion = line.motion(slope);
             let filter = if reach > 0.0 { self.camera.filter.weight(pixel - centre) } else { 1.0 };
             let m = jump * (-weight * filter * motion);
             if !m.is_finite() {
