@@ -4,14 +4,11 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Instant;
 
-use glam::Vec3;
-
 use crate::check;
 use crate::check::hir::{NativeDecl, Rendering};
 use crate::diag::Diagnostic;
 use crate::grad::{self, Direction, GuideCache, Output, Rows, SceneError, Settings};
 use crate::image::Image;
-use crate::math::luminance;
 use crate::memory;
 use crate::natives::{
     add_to_scene,
@@ -624,17 +621,12 @@ impl Engine {
     /// Says by how much brighter an image would be by the caustics of a light, unless the script allows that they are left out.
     fn tell_missing_caustics(&self, image: &Image, task: Task, scene: &SceneValue, origins: &[Origin]) {
         /// Parts of the image's light below which nothing is said.
-        const LITTLE: f64 = 0.01;
+        const LITTLE: f32 = 0.01;
         if self.rehearsal.is_some() {
             return; // its images are no images
         }
-        let missing = caustics::left_out(task.scene, task.camera, task.settings);
-        let pixels = image.data.chunks_exact(3).map(|p| f64::from(luminance(Vec3::new(p[0], p[1], p[2]))));
-        let mean = pixels.sum::<f64>() / (image.data.len() / 3).max(1) as f64;
-        for (light, missing) in missing.into_iter().enumerate() {
-            if f64::from(missing) <= LITTLE * mean {
-                continue;
-            }
+        let missing = caustics::left_out(task.scene, task.camera, task.settings, image);
+        for light in (0..missing.len()).filter(|light| missing[*light] > LITTLE) {
             let part = lower::delta_light(scene, light)
                 .and_then(|light| origins.iter().filter(|origin| origin.is_light).nth(light));
             let text = [

@@ -195,33 +195,33 @@ pub(super) fn add_caustics(
     }
 }
 
-/// The mean luminance over the image of what each light without area sends by way of mirrors and smooth glass, and [`Method::Path`] leaves
-/// out: from a few thousand paths, for a warning. Zeros where light tracing cannot render it, whatever the filter. What moves is taken at its
-/// opening keyframe.
-pub fn left_out(scene: &Scene, camera: &Camera, settings: &Settings) -> Vec<f32> {
+/// What each light without area sends by way of mirrors and smooth glass and [`Method::Path`] has left out of an image, over the light in
+/// that image: from some ten thousand paths, for a warning. Zeros where light tracing cannot render it, whatever the filter. What moves is
+/// taken at its opening keyframe.
+pub fn left_out(scene: &Scene, camera: &Camera, settings: &Settings, image: &Image) -> Vec<f32> {
     const PATHS: usize = 1 << 15;
-    let mut means = vec![0.0; scene.description.delta_lights.len()];
+    let mut shares = vec![0.0; scene.description.delta_lights.len()];
     let traced = Settings { method: Method::Light, ..*settings };
     let continuous = Camera { filter: PixelFilter::Tent, ..*camera };
     if settings.has_caustics() || !traced.has_caustics() || validate_caustics(scene, &continuous, &traced).is_err() {
-        return means;
+        return shares;
     }
-    let Some(films) = LightFilms::new(scene) else { return means };
+    let Some(films) = LightFilms::new(scene) else { return shares };
     let seed = hash(settings.seed, 0x6c65_6674_6f75_7400);
     let most = settings.max_bounces as usize - 1;
     let tracer = Tracer { scene, camera, films, count: PATHS, most, seed };
     let mut chain = Chain::default();
-    let pixels = (camera.width * camera.height) as f32;
+    let light: f32 = image.data.chunks_exact(3).map(|pixel| luminance(Vec3::from_slice(pixel))).sum();
     for i in 0..PATHS {
         let mut sampler = Sampler::new(hash(seed, i as u64), 0);
         let along = (i as f64 + 0.5) / PATHS as f64;
         let start = tracer.films.place([along, f64::from(sampler.next_1d())]);
         if let Some((value, _)) = tracer.path(&start, &mut sampler, &mut chain) {
-            let (light, _) = tracer.films.of(start.film);
-            means[light as usize] += luminance(value) / (PATHS as f32 * pixels);
+            let (source, _) = tracer.films.of(start.film);
+            shares[source as usize] += luminance(value) / (PATHS as f32 * light);
         }
     }
-    means
+    shares
 }
 
 struct Tracer<'a> {

@@ -121,12 +121,12 @@ impl<'a> Jumps<'a> {
             !self.scene.description.shapes[shape].material.kind.is_delta()
         };
         let steepness = slope.length();
-        if !passed.edge.faces.iter().any(scatters) || !(steepness > 0.0 && steepness.is_finite()) {
-            return None;
-        }
-        let way = ASIDE * offset(passed.edge.point(passed.s)) / steepness;
-        let step = slope * (slope.dot(ahead).signum() * way.min(MOST_ASIDE) / steepness);
-        Some([place - step, place + step])
+        let is_contact = passed.edge.faces.iter().any(scatters);
+        (is_contact && steepness > 0.0 && steepness.is_finite()).then(|| {
+            let way = ASIDE * offset(passed.edge.point(passed.s)) / steepness;
+            let step = slope * (slope.dot(ahead).signum() * way.min(MOST_ASIDE) / steepness);
+            [place - step, place + step]
+        })
     }
 
     /// The edge of one of these primitives that lies between two neighbouring rays.

@@ -69,6 +69,13 @@ struct Seen {
     value: Vec3,
 }
 
+/// The ends of a path: the light's film at which it starts, and the camera that sees it.
+#[derive(Clone, Copy)]
+struct Ends<'c> {
+    film: u32,
+    camera: &'c Camera,
+}
+
 /// What a path passes where it jumps.
 enum Jump<'a> {
     /// An edge, after so many links.
@@ -176,7 +183,7 @@ impl<'a> Common<'a> {
 
 impl Common<'_> {
     /// How h changes on a light's film, per pixel.
-    fn slope(&self, film: u32, pixel: Vec2, camera: &Camera, chain: &Chain, jump: &Jump) -> Vec2 {
+    fn slope(&self, Ends { film, camera }: Ends, pixel: Vec2, chain: &Chain, jump: &Jump) -> Vec2 {
         let mut nowhere = Nowhere;
         let mut unused = Adjoints::new(self.scene, self.layout, &mut nowhere);
         let ray = self.d_jump(&mut unused, camera, chain, jump, 1.0);
@@ -201,8 +208,7 @@ impl Common<'_> {
     /// that of the side after it.
     fn add(
         &self,
-        film: u32,
-        camera: &Camera,
+        Ends { film, camera }: Ends,
         chain: &Chain,
         sides: [&Seen; 2],
         jump: &Jump,
@@ -257,10 +263,11 @@ impl CausticEdges<'_> {
             if matches!(jump, Jump::Chain(_, 0)) {
                 return; // a rim
             }
-            let slope = common.slope(start.film, pixel, &camera, &a.chain, &jump);
+            let ends = Ends { film: start.film, camera: &camera };
+            let slope = common.slope(ends, pixel, &a.chain, &jump);
             let [clear_a, clear_b] = common.aside(pixel, slope, line.ahead(), &jump, &seen);
             let sides = [clear_a.as_ref().unwrap_or(a), clear_b.as_ref().unwrap_or(b)];
-            common.add(start.film, &camera, &a.chain, sides, &jump, weight * line.motion(slope), out);
+            common.add(ends, &a.chain, sides, &jump, weight * line.motion(slope), out);
         });
     }
 }
@@ -375,14 +382,15 @@ impl CausticRims<'_> {
             return; // something is in front of it
         }
         let jump = Jump::Chain(passed, 0);
-        let slope = common.slope(film, place.pixel, &camera, &a.chain, &jump);
+        let ends = Ends { film, camera: &camera };
+        let slope = common.slope(ends, place.pixel, &a.chain, &jump);
         let ahead = aside.normalize_or_zero();
         let [clear_a, clear_b] = common.aside(place.pixel, slope, ahead, &jump, &seen);
         let sides = [clear_a.as_ref().unwrap_or(&a), clear_b.as_ref().unwrap_or(&b)];
         // The place moves along the edge's normal, by −1/h_n per h.
         let per_h = slope.dot(ahead).recip();
         let weight = (weight / probability) as f32 * along.length();
-        common.add(film, &camera, &a.chain, sides, &jump, weight * per_h, out);
+        common.add(ends, &a.chain, sides, &jump, weight * per_h, out);
     }
 }
 
