@@ -196,7 +196,7 @@ pub(super) fn add_caustics(
 }
 
 /// What each light without area sends by way of mirrors and smooth glass and [`Method::Path`] has left out of an image, over the light in
-/// that image: from some ten thousand paths, for a warning. Zeros where light tracing cannot render it, whatever the filter. What moves is
+/// that image: from some thirty thousand paths, for a warning. Zeros where light tracing cannot render it, whatever the filter. What moves is
 /// taken at its opening keyframe.
 pub fn left_out(scene: &Scene, camera: &Camera, settings: &Settings, image: &Image) -> Vec<f32> {
     const PATHS: usize = 1 << 15;
