@@ -8,7 +8,6 @@ mod dice;
 mod gltf;
 
 use std::fs;
-use std::time::Duration;
 
 use dscene::image::Image;
 use dscene::image::file::{self, Encoding};
@@ -16,7 +15,7 @@ use dscene::memory;
 use dscene::mesh::load::{Wanted, load, load_cameras};
 use serde_json::json;
 
-use cpu::CpuTime;
+use cpu::{CpuTime, patience};
 use dice::Dice;
 use gltf::Builder;
 
@@ -140,7 +139,7 @@ fn damaged_assets_load_or_are_refused() {
             let begun = CpuTime::now();
             let outcome = std::panic::catch_unwind(read);
             let text = String::from_utf8_lossy(&bytes);
-            assert!(begun.elapsed() < Duration::from_secs(2), "mutant {number} of {name} is slow:\n{text}");
+            assert!(begun.elapsed() < patience(), "mutant {number} of {name} is slow:\n{text}");
             assert!(most_held() < 1 << 30, "mutant {number} of {name} takes much:\n{text}");
             match outcome {
                 Ok(Ok(())) => {}

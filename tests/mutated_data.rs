@@ -5,15 +5,13 @@ mod cpu;
 #[path = "common/dice.rs"]
 mod dice;
 
-use std::time::Duration;
-
 use dscene::data::{npy, safetensors, table};
 use dscene::image::Image;
 use dscene::image::file::{self, Encoding};
 use dscene::network::{Description, Network};
 use dscene::tape::Tensor;
 
-use cpu::CpuTime;
+use cpu::{CpuTime, patience};
 use dice::Dice;
 
 const MUTANTS: usize = 300;
@@ -56,7 +54,7 @@ fn survives(name: &str, whole: &[u8], read: impl Fn(&[u8]) -> Result<(), String>
         let begun = CpuTime::now();
         let outcome = std::panic::catch_unwind(|| read(&bytes));
         let outcome = outcome.unwrap_or_else(|_| panic!("mutant {number} of {name} panics: {bytes:?}"));
-        assert!(begun.elapsed() < Duration::from_secs(2), "mutant {number} of {name} is slow: {bytes:?}");
+        assert!(begun.elapsed() < patience(), "mutant {number} of {name} is slow: {bytes:?}");
         refused += usize::from(outcome.is_err_and(|message| !message.is_empty()));
     }
     assert!(refused > MUTANTS / 20, "{name}: only {refused} of {MUTANTS} were refused");

@@ -2,6 +2,12 @@
 
 use std::time::{Duration, Instant};
 
+/// The work of a thread on one small input beyond which it counts as hanging. Where inputs are looked for by `DSCENE_FUZZ`, on a machine that does
+/// nothing else, it is two seconds; the tests, which any machine runs beside anything, allow for one that is much slower.
+pub fn patience() -> Duration {
+    Duration::from_secs(if std::env::var_os("DSCENE_FUZZ").is_some() { 2 } else { 30 })
+}
+
 /// A moment of this thread; where the system does not tell its time, of the clock.
 pub struct CpuTime {
     wall: Instant,

@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::PathBuf;
 use std::process::{Child, Output, Stdio};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use assert_cmd::Command;
 use tempfile::TempDir;
@@ -33,6 +33,23 @@ print "x is {x:.3}"
 /// Sends a signal; whether the process was there to take it.
 pub fn send(child: &Child, signal: &str) -> bool {
     std::process::Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap().success()
+}
+
+/// How long a process may take that has next to nothing to do, on a machine that is slow and busy.
+const PATIENCE: Duration = Duration::from_secs(120);
+
+/// What a process leaves that is about to end, and prints little. One that does not end is killed, and fails the test.
+#[track_caller]
+pub fn ended(mut child: Child) -> Output {
+    let begun = Instant::now();
+    while child.try_wait().unwrap().is_none() {
+        if begun.elapsed() > PATIENCE {
+            let _ = child.kill();
+            panic!("it does not end");
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    child.wait_with_output().unwrap()
 }
 
 /// A folder of its own, in which the command line is run.
@@ -66,7 +83,7 @@ impl Place {
 
     pub fn command(&self, arguments: &[&str]) -> Command {
         let mut command = Command::new(assert_cmd::cargo::cargo_bin!("dsl"));
-        command.args(arguments).current_dir(self.folder.path()).env("NO_COLOR", "1").timeout(Duration::from_secs(120));
+        command.args(arguments).current_dir(self.folder.path()).env("NO_COLOR", "1").timeout(PATIENCE);
         command
     }
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::place::{BOWL, Place, TRIANGLE, assert_code, assert_diagnosed, stderr, stdout};
+use crate::place::{BOWL, Place, TRIANGLE, assert_code, assert_diagnosed, ended, stderr, stdout};
 
 // ---- run -----------------------------------------------------------------------------------------------------------
 
@@ -763,11 +763,9 @@ fn a_long_rendering_is_interrupted_half_way() {
         std::thread::sleep(Duration::from_millis(200));
         let kill = std::process::Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
         assert!(kill.success());
-        let begun = std::time::Instant::now();
-        let output = child.wait_with_output().unwrap();
+        let output = ended(child);
         assert_code(&output, 130);
         assert!(stderr(&output).contains("interrupted"), "{}", stderr(&output));
-        assert!(begun.elapsed() < Duration::from_secs(60), "it took {:?}", begun.elapsed());
     }
 }
 

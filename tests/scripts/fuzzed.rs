@@ -14,14 +14,11 @@ use dscene::image::file;
 use dscene::mesh::{save, shapes};
 use dscene::tape::Tensor;
 
-use crate::cpu::CpuTime;
+use crate::cpu::{CpuTime, patience};
 use crate::dice::Dice;
 use crate::gltf::Builder;
 use crate::mutated_scripts::{damage, scripts};
 use crate::properties;
-
-/// Nothing small takes longer.
-const LONGEST: Duration = Duration::from_secs(2);
 
 /// Draws inputs and hands them to `holds`, which panics if something does not hold; `seconds` of the processor, or as the environment says.
 fn fuzz<T>(
@@ -51,7 +48,7 @@ fn fuzz<T>(
         let outcome = catch_unwind(AssertUnwindSafe(|| holds(&input)));
         let took = working.elapsed();
         assert!(outcome.is_ok(), "{target}, round {rounds}, of the input\n{}", shown(&input));
-        assert!(took < LONGEST, "{target}, round {rounds}, takes {took:?} for the input\n{}", shown(&input));
+        assert!(took < patience(), "{target}, round {rounds}, takes {took:?} for the input\n{}", shown(&input));
         slowest = slowest.max(took);
         rounds += 1;
     }
