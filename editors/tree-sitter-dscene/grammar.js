@@ -109,7 +109,7 @@ module.exports = grammar({
         field("name", $.identifier),
         $.parameters,
         optional(seq(":", field("type", $._type))),
-        field("body", choice(seq("=", $._expression), $.block)),
+        field("body", choice(seq("=", choice($._expression, $.block)), $.block)),
       ),
     native_function: ($) =>
       prec.right(

@@ -314,6 +314,8 @@ fn what_is_valid_is_accepted_and_has_the_right_value() {
         // Blocks.
         ("let x = { let a = 2  a * 3 }", "x", json!(6)),
         ("let f = x => { let y = x + 1  y * y }", "f(2)", json!(9)),
+        ("fn f(n) = { let k = 2  k * n }", "f(3)", json!(6)),
+        ("fn f(n) = { n + 1 }", "f(3)", json!(4)),
         ("fn f(n) { let g = { let k = 2  k * n }  g + 1 }", "f(3)", json!(7)),
         // A function's body is all that follows.
         ("let f = x => x + 1 |> sqrt", "f(8)", json!(3)),

@@ -135,6 +135,7 @@ pub const LAYOUTS: &[(&str, &str)] = &[
     ),
     ("fn f (x) {let a=x let b=(u ,v)=>u\n a}", "fn f(x) {\n  let a = x\n  let b = (u, v) => u\n  a\n}\n"),
     ("fn f(x) { let a = x a }", "fn f(x) { let a = x a }\n"),
+    ("fn f(x)={ let a = x a }", "fn f(x) = { let a = x a }\n"),
     (
         "param a~normal( 0,1)in ..1{lr:2,} param b = 1 in 0..\nlet c = 1",
         "param a ~ normal(0, 1) in ..1 { lr: 2 }\nparam b = 1 in 0..\nlet c = 1\n",
